@@ -1,0 +1,58 @@
+//! Reading with a memory.
+
+use super::{Found, IVec3, Node, Tree, ValueAt};
+
+/// Reads voxels of a tree and remembers the leaf or tile of the last one, so that look-ups close to
+/// each other do not descend from the root each time.
+#[derive(Debug)]
+pub struct Accessor<'a, C: Node> {
+    tree: &'a Tree<C>,
+    last: Option<Last<'a, C::Leaf>>,
+}
+
+#[derive(Debug)]
+enum Last<'a, L: Node> {
+    Leaf(&'a L),
+    Tile(ValueAt<L::Value>),
+}
+
+impl<'a, C: Node> Accessor<'a, C> {
+    pub(super) fn new(tree: &'a Tree<C>) -> Self {
+        Self { tree, last: None }
+    }
+
+    /// The leaf or the tile at a voxel.
+    #[inline]
+    pub fn find(&mut self, ijk: IVec3) -> Found<'a, C::Leaf> {
+        match self.last {
+            Some(Last::Leaf(leaf)) if leaf.origin() == C::Leaf::origin_of(ijk) => {
+                return Found::Leaf(leaf);
+            }
+            Some(Last::Tile(tile)) if tile.origin == ijk & !((1 << tile.log2_dim) - 1) => {
+                return Found::Tile(tile);
+            }
+            _ => {}
+        }
+        let found = self.tree.find(ijk);
+        self.last = Some(match &found {
+            Found::Leaf(leaf) => Last::Leaf(leaf),
+            Found::Tile(tile) => Last::Tile(*tile),
+        });
+        found
+    }
+
+    /// The value at a voxel, and whether it is active.
+    #[inline]
+    pub fn probe(&mut self, ijk: IVec3) -> (C::Value, bool) {
+        match self.find(ijk) {
+            Found::Leaf(leaf) => leaf.probe(ijk),
+            Found::Tile(tile) => (tile.value, tile.active),
+        }
+    }
+
+    /// The value at a voxel.
+    #[inline]
+    pub fn get(&mut self, ijk: IVec3) -> C::Value {
+        self.probe(ijk).0
+    }
+}

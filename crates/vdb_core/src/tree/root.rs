@@ -1,0 +1,214 @@
+//! The top of the tree: a sorted map from node origin to child or tile.
+
+use std::collections::BTreeMap;
+
+use super::{Accessor, CoordBox, Found, IVec3, Node, TreeStats, Value, ValueAt};
+
+/// A VDB tree, which is its own root node: unbounded in index space, and as large in memory as
+/// what it holds.
+#[derive(Clone, Debug)]
+pub struct Tree<C: Node> {
+    background: C::Value,
+    /// By origin, x slowest; the order in which OpenVDB writes root children.
+    entries: BTreeMap<[i32; 3], RootEntry<C>>,
+}
+
+/// What the root holds at the origin of a child-sized cube.
+#[derive(Clone, Debug)]
+pub enum RootEntry<C: Node> {
+    /// A child node.
+    Child(Box<C>),
+    /// One value for the whole cube.
+    Tile {
+        /// The value.
+        value: C::Value,
+        /// Whether it is active.
+        active: bool,
+    },
+}
+
+impl<C: Node> Tree<C> {
+    /// An empty tree.
+    pub fn new(background: C::Value) -> Self {
+        Self { background, entries: BTreeMap::new() }
+    }
+
+    /// The value of every voxel that nothing covers.
+    #[inline]
+    pub fn background(&self) -> C::Value {
+        self.background
+    }
+
+    /// The entries of the root by ascending origin, with the origin of each.
+    pub fn entries(&self) -> impl ExactSizeIterator<Item = (IVec3, &RootEntry<C>)> + '_ {
+        self.entries.iter().map(|(key, entry)| (IVec3::from_array(*key), entry))
+    }
+
+    /// The children of the root by ascending origin, to change them.
+    pub fn children_mut(&mut self) -> impl Iterator<Item = &mut C> + '_ {
+        self.entries.values_mut().filter_map(|entry| match entry {
+            RootEntry::Child(child) => Some(&mut **child),
+            RootEntry::Tile { .. } => None,
+        })
+    }
+
+    /// Puts a child at its origin, in place of what was there.
+    pub fn insert_child(&mut self, child: Box<C>) {
+        self.entries.insert(child.origin().to_array(), RootEntry::Child(child));
+    }
+
+    /// Puts a tile over the child-sized cube that holds `ijk`, in place of what was there.
+    pub fn insert_tile(&mut self, ijk: IVec3, value: C::Value, active: bool) {
+        self.entries.insert(C::origin_of(ijk).to_array(), RootEntry::Tile { value, active });
+    }
+
+    fn entry(&self, ijk: IVec3) -> Option<&RootEntry<C>> {
+        self.entries.get(&C::origin_of(ijk).to_array())
+    }
+
+    /// The child of the root that holds a voxel.
+    pub(super) fn child_at(&self, ijk: IVec3) -> Option<&C> {
+        match self.entry(ijk)? {
+            RootEntry::Child(child) => Some(child),
+            RootEntry::Tile { .. } => None,
+        }
+    }
+
+    fn tile_at(&self, ijk: IVec3) -> ValueAt<C::Value> {
+        let (value, active) = match self.entry(ijk) {
+            Some(RootEntry::Tile { value, active }) => (*value, *active),
+            _ => (self.background, false),
+        };
+        ValueAt { origin: C::origin_of(ijk), log2_dim: C::TOTAL_LOG2_DIM, value, active }
+    }
+
+    /// The leaf or the tile at a voxel.
+    pub fn find(&self, ijk: IVec3) -> Found<'_, C::Leaf> {
+        match self.child_at(ijk) {
+            Some(child) => child.find(ijk),
+            None => Found::Tile(self.tile_at(ijk)),
+        }
+    }
+
+    /// The value at a voxel, and whether it is active.
+    pub fn probe(&self, ijk: IVec3) -> (C::Value, bool) {
+        match self.child_at(ijk) {
+            Some(child) => child.probe(ijk),
+            None => (self.tile_at(ijk).value, self.tile_at(ijk).active),
+        }
+    }
+
+    /// The value at a voxel.
+    pub fn get(&self, ijk: IVec3) -> C::Value {
+        self.probe(ijk).0
+    }
+
+    /// Sets a voxel and makes it active, adding nodes and splitting tiles as needed.
+    pub fn set(&mut self, ijk: IVec3, value: C::Value) {
+        self.set_state(ijk, value, true);
+    }
+
+    /// Sets a voxel and makes it inactive.
+    pub fn set_inactive(&mut self, ijk: IVec3, value: C::Value) {
+        self.set_state(ijk, value, false);
+    }
+
+    fn set_state(&mut self, ijk: IVec3, value: C::Value, active: bool) {
+        let outside = self.tile_at(ijk);
+        let unchanged = outside.value.same(value) && outside.active == active;
+        if self.child_at(ijk).is_none() && unchanged {
+            return;
+        }
+        let entry = self
+            .entries
+            .entry(C::origin_of(ijk).to_array())
+            .or_insert(RootEntry::Tile { value: outside.value, active: outside.active });
+        if let RootEntry::Tile { value, active } = *entry {
+            *entry = RootEntry::Child(C::filled(ijk, value, active));
+        }
+        if let RootEntry::Child(child) = entry {
+            child.set(ijk, value, active);
+        }
+    }
+
+    /// A reader that remembers where it was last; for many look-ups close to each other.
+    pub fn accessor(&self) -> Accessor<'_, C> {
+        Accessor::new(self)
+    }
+
+    /// Everything stored, active or not, voxel by voxel and tile by tile.
+    pub fn values(&self) -> impl Iterator<Item = ValueAt<C::Value>> + '_ {
+        self.entries().flat_map(|(origin, entry)| {
+            let (child, tile) = match entry {
+                RootEntry::Child(child) => (Some(child), None),
+                RootEntry::Tile { .. } => (None, Some(self.tile_at(origin))),
+            };
+            child.into_iter().flat_map(|child| child.values()).chain(tile)
+        })
+    }
+
+    /// The active values: voxels (`log2_dim` 0) and tiles.
+    pub fn active_values(&self) -> impl Iterator<Item = ValueAt<C::Value>> + '_ {
+        self.values().filter(|value| value.active)
+    }
+
+    /// The leaves, by ascending origin of root child and then by slot.
+    pub fn leaves(&self) -> impl Iterator<Item = &C::Leaf> + '_ {
+        self.entries()
+            .filter_map(|(_, entry)| match entry {
+                RootEntry::Child(child) => Some(child),
+                RootEntry::Tile { .. } => None,
+            })
+            .flat_map(|child| child.leaves())
+    }
+
+    /// The smallest box around all active values; `None` when there is none.
+    pub fn active_bbox(&self) -> Option<CoordBox> {
+        self.entries()
+            .filter_map(|(origin, entry)| match entry {
+                RootEntry::Child(child) => child.active_bbox(),
+                RootEntry::Tile { active, .. } => {
+                    active.then(|| CoordBox::cube(origin, C::TOTAL_LOG2_DIM))
+                }
+            })
+            .reduce(CoordBox::union)
+    }
+
+    /// Merges every node that holds one value in one state (bit for bit) into a tile, and drops
+    /// root tiles that are inactive background. No voxel changes its value or state.
+    pub fn prune(&mut self) {
+        let background = self.background;
+        self.entries.retain(|_, entry| {
+            if let RootEntry::Child(child) = entry {
+                child.prune();
+                if let Some((value, active)) = child.uniform() {
+                    *entry = RootEntry::Tile { value, active };
+                }
+            }
+            !matches!(entry, RootEntry::Tile { value, active: false } if value.same(background))
+        });
+    }
+
+    /// Nodes, tiles and bytes, level by level.
+    pub fn stats(&self) -> TreeStats {
+        let mut stats = TreeStats::new(C::LEVEL + 1);
+        stats.bytes = size_of::<Self>() as u64;
+        stats.level_mut(C::LEVEL + 1).nodes = 1;
+        for (_, entry) in self.entries() {
+            // A map entry takes its key, its value and about half as much again of empty room.
+            stats.bytes += (size_of::<([i32; 3], RootEntry<C>)>() * 3 / 2) as u64;
+            match entry {
+                RootEntry::Child(child) => child.add_stats(&mut stats),
+                RootEntry::Tile { active, .. } => {
+                    stats.level_mut(C::LEVEL + 1).active_values += u64::from(*active);
+                }
+            }
+        }
+        stats
+    }
+
+    /// Active voxels, those that active tiles cover counted in.
+    pub fn active_voxel_count(&self) -> u64 {
+        self.stats().active_voxels::<C>()
+    }
+}

@@ -1,0 +1,55 @@
+//! Counts over a tree.
+
+use super::Node;
+
+/// What one level of a tree holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LevelStats {
+    /// Nodes of the level.
+    pub nodes: u64,
+    /// Active voxels (leaf level) or active tiles (levels above).
+    pub active_values: u64,
+}
+
+/// Nodes, values and bytes of a tree.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TreeStats {
+    /// From the leaves (0) up to the root.
+    pub levels: Vec<LevelStats>,
+    /// Memory of the tree, in bytes.
+    pub bytes: u64,
+}
+
+impl TreeStats {
+    pub(super) fn new(root_level: u32) -> Self {
+        Self { levels: vec![LevelStats::default(); root_level as usize + 1], bytes: 0 }
+    }
+
+    pub(super) fn level_mut(&mut self, level: u32) -> &mut LevelStats {
+        &mut self.levels[level as usize]
+    }
+
+    /// Leaf nodes.
+    pub fn leaf_count(&self) -> u64 {
+        self.levels[0].nodes
+    }
+
+    /// Active voxels in leaves, tiles left out.
+    pub fn active_leaf_voxels(&self) -> u64 {
+        self.levels[0].active_values
+    }
+
+    /// Active tiles, of all levels.
+    pub fn active_tiles(&self) -> u64 {
+        self.levels[1..].iter().map(|level| level.active_values).sum()
+    }
+
+    /// Active voxels in a tree whose root has children of type `C`, with those under active tiles.
+    pub(super) fn active_voxels<C: Node>(&self) -> u64 {
+        self.levels
+            .iter()
+            .zip(C::value_log2_dims())
+            .map(|(level, log2_dim)| level.active_values.saturating_mul(1 << (3 * log2_dim)))
+            .fold(0, u64::saturating_add)
+    }
+}
