@@ -4,4 +4,5 @@
 //! Data flows one way: file bytes → [`format`] (with [`codec`]) → [`tree`] → `pack`; `reference`
 //! hangs off [`tree`] alone, so that it can judge everything built on `pack`.
 
+pub mod pack;
 pub mod tree;
