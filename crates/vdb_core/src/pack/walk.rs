@@ -139,36 +139,36 @@ pub struct Walk {
 }
 
 const FAR: f32 = 1e30;
+/// Direction components below this count as zero: their planes are never reached, and the distance
+/// between any two cells over any other component stays finite.
+const TINY: f32 = 1e-20;
 
-/// `1 / dir`, with a stand-in that is never the nearest where the ray runs along a plane.
-fn inverse(dir: Vec3) -> Vec3 {
-    Vec3::select(dir.cmpeq(Vec3::ZERO), Vec3::splat(FAR), dir.recip())
+fn is_parallel(dir: Vec3) -> BVec3 {
+    dir.abs().cmplt(Vec3::splat(TINY))
 }
 
-/// Where the ray crosses the low or the high side of a cube, per axis. The difference of the
-/// integers is exact; the ray's own numbers come in only at the end.
-fn plane_t(ray: &Ray, inverse_dir: Vec3, plane: IVec3) -> Vec3 {
-    let t = ((plane - ray.cell).as_vec3() - ray.frac) * inverse_dir;
-    Vec3::select(ray.dir.cmpeq(Vec3::ZERO), Vec3::splat(FAR), t)
+/// Where the ray crosses a plane on each axis. The difference of the integers is exact; the ray's
+/// own numbers come in only at the end.
+fn plane_t(ray: &Ray, plane: IVec3) -> Vec3 {
+    let parallel = is_parallel(ray.dir);
+    let dir = Vec3::select(parallel, Vec3::ONE, ray.dir);
+    let t = ((plane - ray.cell).as_vec3() - ray.frac) / dir;
+    Vec3::select(parallel, Vec3::splat(FAR), t)
 }
 
 /// The start of the walk: the first cell of the grid's box on the ray. `None` where it passes by.
 pub fn enter(grid: &PackedGrid, ray: &Ray) -> Option<Walk> {
     let bounds = grid.occupied?;
-    let inverse_dir = inverse(ray.dir);
     let forward = ray.dir.cmpgt(Vec3::ZERO);
     let (low, high) = (bounds.min, bounds.max + IVec3::ONE);
-    let parallel = ray.dir.cmpeq(Vec3::ZERO);
+    let parallel = is_parallel(ray.dir);
     let beside = ray.cell.cmplt(low) | ray.cell.cmpge(high);
     if (parallel & beside).any() {
         return None;
     }
-    let near = Vec3::select(
-        parallel,
-        Vec3::splat(-FAR),
-        plane_t(ray, inverse_dir, IVec3::select(forward, low, high)),
-    );
-    let far = plane_t(ray, inverse_dir, IVec3::select(forward, high, low));
+    let near =
+        Vec3::select(parallel, Vec3::splat(-FAR), plane_t(ray, IVec3::select(forward, low, high)));
+    let far = plane_t(ray, IVec3::select(forward, high, low));
     let t_near = near.max_element();
     let t = t_near.max(ray.t_min);
     let t_end = far.min_element().min(ray.t_max);
@@ -200,7 +200,7 @@ pub fn advance(ray: &Ray, walk: Walk, log2: u32) -> Walk {
     let low = walk.cell & !(size - 1);
     let last = low + (size - 1);
     let forward = ray.dir.cmpgt(Vec3::ZERO);
-    let exits = plane_t(ray, inverse(ray.dir), IVec3::select(forward, last + 1, low));
+    let exits = plane_t(ray, IVec3::select(forward, last + 1, low));
     let t_next = exits.min_element();
     let axis = first_axis(exits.cmpeq(Vec3::splat(t_next)));
     let t = t_next.max(walk.t);
