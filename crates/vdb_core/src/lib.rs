@@ -1,8 +1,24 @@
 //! OpenVDB trees in Rust: the `.vdb` file format, the tree, its packing for the GPU and an f64
 //! reference tracer. No Bevy and no GPU in here, so that it builds, tests and fuzzes in seconds.
 //!
-//! Data flows one way: file bytes → [`format`] (with [`codec`]) → [`tree`] → `pack`; `reference`
-//! hangs off [`tree`] alone, so that it can judge everything built on `pack`.
+//! Data flows one way: file bytes → [`VdbFile::read`] → [`tree`] → [`pack`]; `reference` hangs off
+//! [`tree`] alone, so that it can judge everything built on `pack`.
 
+mod codec;
+mod error;
+mod format;
+mod grid;
+mod limits;
+mod metadata;
 pub mod pack;
+mod transform;
 pub mod tree;
+
+pub use error::{Error, Place};
+pub use grid::{
+    AnyTree, Codec, Compression, Grid, GridClass, GridSelection, ProgressFn, ReadOptions,
+    SkippedGrid, VdbFile,
+};
+pub use limits::Limits;
+pub use metadata::{MetaValue, Metadata};
+pub use transform::Transform;

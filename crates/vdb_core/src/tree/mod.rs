@@ -10,6 +10,7 @@
 //! 32-bit integers, in all eight octants.
 
 mod accessor;
+mod bits;
 mod coords;
 mod internal;
 mod leaf;
@@ -20,6 +21,7 @@ mod stats;
 use std::fmt::Debug;
 
 pub use accessor::Accessor;
+pub use bits::{Active, BitLeaf, BitValues};
 pub use coords::CoordBox;
 pub use glam::IVec3;
 pub use internal::{InternalNode, Slot};
@@ -31,6 +33,12 @@ pub use stats::{LevelStats, TreeStats};
 /// OpenVDB's standard tree: a root over nodes of 32³ slots (4096³ voxels), over nodes of 16³ slots
 /// (128³ voxels), over leaves of 8³ voxels. OpenVDB calls it `Tree_…_5_4_3`.
 pub type Vdb543<T> = Tree<InternalNode<InternalNode<LeafNode<T, 3>, 4>, 5>>;
+
+/// OpenVDB's tree of truth values, `Tree_bool_5_4_3`: two bits a voxel, value and state.
+pub type BoolTree = Tree<InternalNode<InternalNode<BitLeaf<Mask<3>, 3>, 4>, 5>>;
+
+/// OpenVDB's tree of states alone, `Tree_mask_5_4_3`: one bit a voxel.
+pub type MaskTree = Tree<InternalNode<InternalNode<BitLeaf<Active, 3>, 4>, 5>>;
 
 /// What a voxel or a tile can hold.
 ///

@@ -1,0 +1,1 @@
+//! What packs the bytes of values: zlib, Blosc, 16-bit floats.

@@ -1,0 +1,132 @@
+//! Metadata: what a file says about itself and about each grid, by name.
+
+use std::collections::BTreeMap;
+
+/// Names with typed values, sorted by name (OpenVDB's `MetaMap`).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Metadata {
+    entries: BTreeMap<String, MetaValue>,
+}
+
+/// A metadata value: one of the types that OpenVDB registers, or the bytes of any other.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MetaValue {
+    /// `bool`
+    Bool(bool),
+    /// `int32`
+    Int32(i32),
+    /// `int64`
+    Int64(i64),
+    /// `float`
+    Float(f32),
+    /// `double`
+    Double(f64),
+    /// `string`
+    String(String),
+    /// `vec2i`
+    Vec2i([i32; 2]),
+    /// `vec2s`
+    Vec2s([f32; 2]),
+    /// `vec2d`
+    Vec2d([f64; 2]),
+    /// `vec3i`
+    Vec3i([i32; 3]),
+    /// `vec3s`
+    Vec3s([f32; 3]),
+    /// `vec3d`
+    Vec3d([f64; 3]),
+    /// `vec4i`
+    Vec4i([i32; 4]),
+    /// `vec4s`
+    Vec4s([f32; 4]),
+    /// `vec4d`
+    Vec4d([f64; 4]),
+    /// `mat4s`: row by row, as OpenVDB multiplies (row vectors from the left)
+    Mat4s([f32; 16]),
+    /// `mat4d`: row by row, as OpenVDB multiplies (row vectors from the left)
+    Mat4d([f64; 16]),
+    /// A type that is not registered, or a value whose length is not that of its type, or a string
+    /// that is no UTF-8: its bytes as they stand in the file.
+    Unknown {
+        /// The name of the type.
+        type_name: String,
+        /// The value.
+        bytes: Vec<u8>,
+    },
+}
+
+impl Metadata {
+    /// The value of this name.
+    pub fn get(&self, name: &str) -> Option<&MetaValue> {
+        self.entries.get(name)
+    }
+
+    /// The value of this name, when it is a string.
+    pub fn get_str(&self, name: &str) -> Option<&str> {
+        match self.get(name) {
+            Some(MetaValue::String(text)) => Some(text),
+            _ => None,
+        }
+    }
+
+    /// The truth of the value of this name, when it is a `bool` or an integer.
+    pub fn get_bool(&self, name: &str) -> Option<bool> {
+        match self.get(name) {
+            Some(MetaValue::Bool(value)) => Some(*value),
+            Some(MetaValue::Int32(value)) => Some(*value != 0),
+            Some(MetaValue::Int64(value)) => Some(*value != 0),
+            _ => None,
+        }
+    }
+
+    /// Sets a value, in place of the one of this name.
+    pub fn insert(&mut self, name: impl Into<String>, value: MetaValue) {
+        self.entries.insert(name.into(), value);
+    }
+
+    /// Takes the value of this name out.
+    pub fn remove(&mut self, name: &str) -> Option<MetaValue> {
+        self.entries.remove(name)
+    }
+
+    /// All names and values, by ascending name.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = (&str, &MetaValue)> + '_ {
+        self.entries.iter().map(|(name, value)| (name.as_str(), value))
+    }
+
+    /// How many values there are.
+    pub fn len(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Whether there is no value.
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+}
+
+impl MetaValue {
+    /// The name of the type, as OpenVDB spells it.
+    pub fn type_name(&self) -> &str {
+        match self {
+            Self::Bool(_) => "bool",
+            Self::Int32(_) => "int32",
+            Self::Int64(_) => "int64",
+            Self::Float(_) => "float",
+            Self::Double(_) => "double",
+            Self::String(_) => "string",
+            Self::Vec2i(_) => "vec2i",
+            Self::Vec2s(_) => "vec2s",
+            Self::Vec2d(_) => "vec2d",
+            Self::Vec3i(_) => "vec3i",
+            Self::Vec3s(_) => "vec3s",
+            Self::Vec3d(_) => "vec3d",
+            Self::Vec4i(_) => "vec4i",
+            Self::Vec4s(_) => "vec4s",
+            Self::Vec4d(_) => "vec4d",
+            Self::Mat4s(_) => "mat4s",
+            Self::Mat4d(_) => "mat4d",
+            Self::Unknown { type_name, .. } => type_name,
+        }
+    }
+}
