@@ -4,4 +4,6 @@
 //! Data flows one way: file bytes → [`format`] (with [`codec`]) → [`tree`] → `pack`; `reference`
 //! hangs off [`tree`] alone, so that it can judge everything built on `pack`.
 
+pub mod reference;
+pub mod synth;
 pub mod tree;
