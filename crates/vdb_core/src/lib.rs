@@ -4,6 +4,7 @@
 //! Data flows one way: file bytes → [`format`] (with [`codec`]) → [`tree`] → `pack`; `reference`
 //! hangs off [`tree`] alone, so that it can judge everything built on `pack`.
 
+pub mod pack;
 pub mod reference;
 pub mod synth;
 pub mod tree;
