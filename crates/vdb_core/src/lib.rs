@@ -11,6 +11,8 @@ mod grid;
 mod limits;
 mod metadata;
 pub mod pack;
+pub mod reference;
+pub mod synth;
 mod transform;
 pub mod tree;
 
