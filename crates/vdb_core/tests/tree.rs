@@ -54,8 +54,8 @@ fn voxels_agree_with_a_map() {
             _ => random.voxel(),
         };
         places.push(ijk);
-        let active = random.next() % 3 != 0;
-        let value = if random.next() % 8 == 0 { -1.0 } else { i as f32 };
+        let active = !random.next().is_multiple_of(3);
+        let value = if random.next().is_multiple_of(8) { -1.0 } else { i as f32 };
         if active {
             tree.set(ijk, value)
         } else {

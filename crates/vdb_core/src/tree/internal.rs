@@ -47,12 +47,13 @@ where
         children: Vec<Box<C>>,
         tiles: Box<[C::Value]>,
     ) -> Option<Box<Self>> {
-        let placed =
-            |(slot, child): (usize, &C)| child.origin() == origin + Self::slot_offset(slot);
         let fits = child_mask.count() == children.len()
             && tiles.len() == Self::SIZE
             && origin == Self::origin_of(origin)
-            && child_mask.iter_on().zip(children.iter().map(|child| &**child)).all(placed);
+            && child_mask
+                .iter_on()
+                .zip(&children)
+                .all(|(slot, child)| child.origin() == origin + Self::slot_offset(slot));
         for (value, child) in value_mask.words_mut().iter_mut().zip(child_mask.words()) {
             *value &= !child;
         }

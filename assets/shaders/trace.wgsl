@@ -1,0 +1,217 @@
+// One thread a pixel: the nearest surface of all volumes, then all fogs in front of it.
+// Writes radiance times exposure, premultiplied with coverage, and a depth for the composite.
+
+#import bevy_vdb::types::{Grid, Ray, View, Volume, KIND_FOG, KIND_SURFACE}
+#import bevy_vdb::bindings::grids
+#import bevy_vdb::hdda::{FAR, Walk, enter, first_hit}
+#import bevy_vdb::lights::{isotropic, lambert}
+#ifdef SURFACES
+#import bevy_vdb::surface::surface_normal
+#endif
+#ifdef FOGS
+#import bevy_vdb::fog::optical_length
+#endif
+#ifdef COUNT_STEPS
+#import bevy_vdb::hdda::steps
+#endif
+
+@group(0) @binding(4) var<uniform> view: View;
+@group(0) @binding(5) var<storage, read> volumes: array<Volume>;
+#ifdef MULTISAMPLED
+@group(0) @binding(6) var scene_depth: texture_depth_multisampled_2d;
+#else
+@group(0) @binding(6) var scene_depth: texture_depth_2d;
+#endif
+@group(0) @binding(7) var out_color: texture_storage_2d<rgba16float, write>;
+// A surface: its depth, 0 to 1. Fog alone: -1 - the depth where it begins. Nothing: -3.
+@group(0) @binding(8) var out_depth: texture_storage_2d<r32float, write>;
+
+const NOTHING: f32 = -3.0;
+
+// Optical depth from which on nothing behind is visible: e^-16 is below a 16-bit float's step
+// beside 1, by a factor of 4,000.
+const OPAQUE: f32 = 16.0;
+
+// The part of a ray that overlapping fogs share is cut into this many slabs; within one, they are
+// taken as evenly mixed.
+const OVERLAP_SLABS: u32 = 32u;
+
+// What a 16-bit float can hold.
+const MAX_COLOR: f32 = 65000.0;
+
+// The t of whatever opaque meshes show at a pixel; with several samples the farthest, because the
+// composite tests each sample's own depth again.
+fn scene_t(pixel: vec2<u32>) -> f32 {
+    let at = pixel + view.origin;
+#ifdef MULTISAMPLED
+    var depth = 1.0;
+    for (var i = 0u; i < textureNumSamples(scene_depth); i++) {
+        depth = min(depth, textureLoad(scene_depth, at, i32(i)));
+    }
+#else
+    let depth = textureLoad(scene_depth, at, 0);
+#endif
+    let m = view.t_from_depth;
+    let w = m.z * depth + m.w;
+    return select(-(m.x * depth + m.y) / w, FAR, abs(w) < 1e-30);
+}
+
+fn depth_at(t: f32) -> f32 {
+    let m = view.depth_from_t;
+    return saturate((m.x * t + m.y) / (m.z * t + m.w));
+}
+
+fn volume_ray(volume: Volume, ndc: vec2<f32>, t_min: f32, t_max: f32) -> Ray {
+    let from = volume.eye_frac + ndc.x * volume.eye_x + ndc.y * volume.eye_y;
+    let whole = floor(from);
+    let dir = volume.dir + ndc.x * volume.dir_x + ndc.y * volume.dir_y;
+    return Ray(volume.eye_cell + vec3<i32>(whole), from - whole, dir, t_min, t_max);
+}
+
+#ifdef FOGS
+struct Fog {
+    radiance: vec3<f32>,
+    optical_depth: f32,
+    t_first: f32,
+}
+
+// Optical depth of one fog over a part of the ray. `length` is world units per unit of t.
+fn optical_depth(volume: Volume, ndc: vec2<f32>, t_min: f32, t_max: f32, length: f32) -> f32 {
+    let scale = volume.density_scale * length;
+    let ray = volume_ray(volume, ndc, t_min, t_max);
+    return min(scale * optical_length(grids[volume.grid], ray, OPAQUE / max(scale, 1e-30)), 100.0);
+}
+
+// What a fog sends on per unit of optical depth.
+fn source(volume: Volume) -> vec3<f32> {
+    return volume.emissive + isotropic(view, volume.base_color);
+}
+
+// All fogs in front of `t_max`. Radiance of one fog with an even source S and optical depth τ is
+// S·(1 - e^-τ), exactly; where several overlap, the shared part is cut into slabs.
+fn trace_fogs(ndc: vec2<f32>, t_max: f32, length: f32) -> Fog {
+    var met = 0u;
+    var last_met = 0u;
+    var t_first = FAR;
+    var t_last = view.t_near;
+    for (var i = 0u; i < view.volume_count; i++) {
+        if volumes[i].kind != KIND_FOG {
+            continue;
+        }
+        let ray = volume_ray(volumes[i], ndc, view.t_near, t_max);
+        let walk = enter(grids[volumes[i].grid], ray);
+        if walk.inside && walk.t < walk.t_end {
+            met += 1u;
+            last_met = i;
+            t_first = min(t_first, walk.t);
+            t_last = max(t_last, walk.t_end);
+        }
+    }
+    var fog = Fog(vec3(0.0), 0.0, t_first);
+    if met == 1u {
+        fog.optical_depth = optical_depth(volumes[last_met], ndc, view.t_near, t_max, length);
+        fog.radiance = source(volumes[last_met]) * (1.0 - exp(-fog.optical_depth));
+    } else if met > 1u {
+        for (var slab = 0u; slab < OVERLAP_SLABS; slab++) {
+            let from = mix(t_first, t_last, f32(slab) / f32(OVERLAP_SLABS));
+            let to = mix(t_first, t_last, f32(slab + 1u) / f32(OVERLAP_SLABS));
+            var depth = 0.0;
+            var weighted = vec3(0.0);
+            for (var i = 0u; i < view.volume_count; i++) {
+                if volumes[i].kind == KIND_FOG {
+                    let part = optical_depth(volumes[i], ndc, from, to, length);
+                    depth += part;
+                    weighted += part * source(volumes[i]);
+                }
+            }
+            let mean_source = weighted / max(depth, 1e-30);
+            fog.radiance += exp(-fog.optical_depth) * (1.0 - exp(-depth)) * mean_source;
+            fog.optical_depth += depth;
+            if fog.optical_depth > OPAQUE {
+                break;
+            }
+        }
+    }
+    return fog;
+}
+#endif
+
+#ifdef COUNT_STEPS
+// Light blue to red.
+fn heat(x: f32) -> vec3<f32> {
+    return mix(vec3(0.55, 0.8, 1.0), vec3(1.0, 0.0, 0.0), saturate(x));
+}
+#endif
+
+@compute @workgroup_size(8, 8, 1)
+fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = id.xy;
+    if any(pixel >= view.size) {
+        return;
+    }
+    let uv = (vec2<f32>(pixel) + 0.5) / vec2<f32>(view.size);
+    let ndc = vec2(2.0 * uv.x - 1.0, 1.0 - 2.0 * uv.y);
+    let world_dir = view.dir + ndc.x * view.dir_x + ndc.y * view.dir_y;
+
+    var t_max = min(scene_t(pixel), view.t_far);
+    var color = vec3(0.0);
+    var coverage = 0.0;
+    var depth = NOTHING;
+
+#ifdef SURFACES
+    var nearest = view.volume_count;
+    var hit: Walk;
+    for (var i = 0u; i < view.volume_count; i++) {
+        if volumes[i].kind != KIND_SURFACE {
+            continue;
+        }
+        let found = first_hit(
+            grids[volumes[i].grid],
+            volume_ray(volumes[i], ndc, view.t_near, t_max),
+        );
+        if found.inside {
+            nearest = i;
+            hit = found;
+            t_max = found.t;
+        }
+    }
+    if nearest < view.volume_count {
+        let volume = volumes[nearest];
+        let ray = volume_ray(volume, ndc, view.t_near, t_max);
+        let normal = surface_normal(grids[volume.grid], volume, ray, hit);
+        depth = depth_at(hit.t);
+        coverage = 1.0;
+#ifdef SHOW_NORMALS
+        color = 0.5 + 0.5 * normal;
+#else ifdef SHOW_DEPTH
+        color = vec3(depth);
+#else
+        color = view.exposure * (volume.emissive + lambert(view, volume.base_color, normal));
+#endif
+    }
+#endif
+
+#ifdef FOGS
+    let fog = trace_fogs(ndc, t_max, length(world_dir));
+    if fog.optical_depth > 0.0 {
+        let transmittance = exp(-fog.optical_depth);
+#ifndef SHOW_NORMALS
+#ifndef SHOW_DEPTH
+        color = view.exposure * fog.radiance + transmittance * color;
+        coverage = 1.0 - transmittance * (1.0 - coverage);
+        depth = select(depth, -1.0 - depth_at(fog.t_first), depth < 0.0);
+#endif
+#endif
+    }
+#endif
+
+#ifdef COUNT_STEPS
+    if steps > 0u {
+        color = heat(f32(steps) / view.steps_scale);
+        coverage = 1.0;
+        depth = select(depth, -1.0 - depth_at(view.t_near), depth < 0.0);
+    }
+#endif
+    textureStore(out_color, pixel, vec4(min(color, vec3(MAX_COLOR)), coverage));
+    textureStore(out_depth, pixel, vec4(depth, 0.0, 0.0, 0.0));
+}

@@ -1,0 +1,81 @@
+// The structs that Rust writes; `src/render/gpu_data.rs` mirrors them field by field, and a test
+// compares the offsets.
+#define_import_path bevy_vdb::types
+
+// A packed grid in the pools. Offsets are in elements from the start of each pool.
+struct Grid {
+    crown_origin: vec3<i32>,    // local, in cells of 4096
+    crown_levels: u32,
+    occupied_min: vec3<i32>,    // local lattice cells that can stop or dim a ray, both included
+    nodes: u32,
+    occupied_max: vec3<i32>,
+    uppers: u32,
+    lowers: u32,
+    masks: u32,
+    values: u32,
+    palette: u32,
+}
+
+const KIND_SURFACE: u32 = 0u;
+const KIND_FOG: u32 = 1u;
+
+// One volume as one view sees it. The view's ray through `ndc` is, in local lattice coordinates,
+//   p(t) = eye_cell + eye_frac + ndc.x·eye_x + ndc.y·eye_y + t·(dir + ndc.x·dir_x + ndc.y·dir_y)
+// with t the depth along the view's axis, in world units, the same for every volume.
+struct Volume {
+    eye_cell: vec3<i32>,
+    grid: u32,
+    eye_frac: vec3<f32>,
+    kind: u32,
+    eye_x: vec3<f32>,           // not zero in orthographic views only
+    density_scale: f32,         // extinction per unit of density, per world unit
+    eye_y: vec3<f32>,
+    pad_0: f32,
+    dir: vec3<f32>,
+    pad_1: f32,
+    dir_x: vec3<f32>,
+    pad_2: f32,
+    dir_y: vec3<f32>,
+    pad_3: f32,
+    normal_x: vec3<f32>,        // columns of the matrix from index-space gradients to world normals
+    pad_4: f32,
+    normal_y: vec3<f32>,
+    pad_5: f32,
+    normal_z: vec3<f32>,
+    pad_6: f32,
+    base_color: vec3<f32>,      // linear
+    pad_7: f32,
+    emissive: vec3<f32>,        // linear, cd/m²
+    pad_8: f32,
+}
+
+// A view and its light.
+struct View {
+    // t = -(x·depth + y) / (z·depth + w), from the value in the depth buffer
+    t_from_depth: vec4<f32>,
+    // depth = (x·t + y) / (z·t + w)
+    depth_from_t: vec4<f32>,
+    dir: vec3<f32>,             // world space, per unit of t
+    t_near: f32,
+    dir_x: vec3<f32>,
+    t_far: f32,
+    dir_y: vec3<f32>,
+    exposure: f32,
+    sun_direction: vec3<f32>,   // world space, unit, towards the sun
+    volume_count: u32,
+    sun_illuminance: vec3<f32>, // lux on a surface that faces the sun
+    steps_scale: f32,           // steps shown as the hottest colour
+    ambient: vec3<f32>,         // cd/m²
+    pad_0: f32,
+    size: vec2<u32>,            // pixels of the viewport
+    origin: vec2<u32>,          // of the viewport in the target
+}
+
+// A ray in local lattice coordinates of one grid: p(t) = cell + frac + t·dir.
+struct Ray {
+    cell: vec3<i32>,
+    frac: vec3<f32>,
+    dir: vec3<f32>,
+    t_min: f32,
+    t_max: f32,
+}

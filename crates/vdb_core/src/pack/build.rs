@@ -1,0 +1,307 @@
+//! From tree to words.
+
+use std::collections::BTreeMap;
+
+use glam::IVec3;
+use rayon::prelude::*;
+
+use super::{PackError, PackKind, PackedGrid, crown, fog, layout::*};
+use crate::tree::{CoordBox, InternalNode, LeafNode, Node, RootEntry, Slot, Vdb543};
+
+type Leaf = LeafNode<f32, 3>;
+type Lower = InternalNode<Leaf, 4>;
+type Upper = InternalNode<Lower, 5>;
+
+/// The packed tree while it grows. All coordinates are in index space.
+#[derive(Default)]
+pub(super) struct Builder {
+    /// Cell words of the root, by origin.
+    root: BTreeMap<[i32; 3], u32>,
+    uppers: Vec<Box<[u32]>>,
+    lowers: Vec<Box<[u32]>>,
+    /// Distinct tile values by their bits, with their number.
+    palette: BTreeMap<u32, u32>,
+    tile_values: Vec<f32>,
+}
+
+impl Builder {
+    /// The word of a tile, not occupied.
+    pub(super) fn tile(&mut self, value: f32) -> u32 {
+        let next = self.tile_values.len() as u32;
+        let number = *self.palette.entry(value.to_bits()).or_insert(next);
+        if number == next {
+            self.tile_values.push(value);
+        }
+        number & PAYLOAD
+    }
+
+    /// The word over the node-sized cube of `2^log2` voxels per edge that holds `ijk` (3, 7 or 12),
+    /// with all nodes down to it made where they are missing.
+    pub(super) fn word_mut(&mut self, ijk: IVec3, log2: u32, background: u32) -> &mut u32 {
+        let root = self.root.entry(Upper::origin_of(ijk).to_array()).or_insert(background);
+        if log2 == UPPER_LOG2 {
+            return root;
+        }
+        let upper = descend(root, &mut self.uppers, UPPER_WORDS);
+        let word = &mut upper[upper_slot(ijk)];
+        if log2 == LOWER_LOG2 {
+            return word;
+        }
+        let lower = descend(word, &mut self.lowers, LOWER_WORDS);
+        &mut lower[lower_slot(ijk)]
+    }
+
+    /// Sets [`OCCUPIED`] wherever something below has it.
+    fn lift_occupied(&mut self) {
+        let occupied = |words: &[u32]| words.iter().any(|word| word & OCCUPIED != 0);
+        let lowers: Vec<bool> = self.lowers.par_iter().map(|node| occupied(node)).collect();
+        let lift = |word: &mut u32, below: &[bool]| {
+            if *word & CHILD != 0 && below[(*word & PAYLOAD) as usize] {
+                *word |= OCCUPIED;
+            }
+        };
+        for word in self.uppers.iter_mut().flat_map(|node| node.iter_mut()) {
+            lift(word, &lowers);
+        }
+        let uppers: Vec<bool> = self.uppers.iter().map(|node| occupied(node)).collect();
+        for word in self.root.values_mut() {
+            lift(word, &uppers);
+        }
+    }
+
+    /// The box of occupied cells, to the precision of leaf masks and mixed tiles.
+    fn occupied_box(&self, masks: &[u32]) -> Option<CoordBox> {
+        let cube = |origin, log2| Some(CoordBox::cube(origin, log2));
+        let below = |word: u32, origin: IVec3, log2| match word & (CHILD | OCCUPIED) {
+            0 | CHILD => None,
+            OCCUPIED => cube(origin, log2),
+            _ => Some(CoordBox::voxel(origin)), // replaced by the caller, who knows the level
+        };
+        let union = |a: Option<CoordBox>, b: Option<CoordBox>| match (a, b) {
+            (Some(a), Some(b)) => Some(a.union(b)),
+            (a, b) => a.or(b),
+        };
+        let in_lower = |number: u32, origin: IVec3| {
+            self.lowers[number as usize]
+                .iter()
+                .enumerate()
+                .map(|(slot, &word)| {
+                    let at = origin + Lower::slot_offset(slot);
+                    let found = below(word, at, LEAF_LOG2)?;
+                    if word & CHILD == 0 {
+                        return Some(found);
+                    }
+                    leaf_box(&masks[(word & PAYLOAD) as usize * LEAF_MASK_WORDS..], at)
+                })
+                .fold(None, union)
+        };
+        self.root
+            .iter()
+            .map(|(origin, &word)| {
+                let origin = IVec3::from_array(*origin);
+                let found = below(word, origin, UPPER_LOG2)?;
+                if word & CHILD == 0 {
+                    return Some(found);
+                }
+                self.uppers[(word & PAYLOAD) as usize]
+                    .par_iter()
+                    .enumerate()
+                    .map(|(slot, &word)| {
+                        let at = origin + Upper::slot_offset(slot);
+                        let found = below(word, at, LOWER_LOG2)?;
+                        if word & CHILD == 0 {
+                            return Some(found);
+                        }
+                        in_lower(word & PAYLOAD, at)
+                    })
+                    .reduce(|| None, union)
+            })
+            .fold(None, union)
+    }
+}
+
+/// The node that a word leads to; made from the word's tile when it is none yet.
+fn descend<'a>(word: &mut u32, nodes: &'a mut Vec<Box<[u32]>>, words: usize) -> &'a mut [u32] {
+    if *word & CHILD == 0 {
+        nodes.push(vec![*word; words].into_boxed_slice());
+        *word = CHILD | (nodes.len() - 1) as u32 & PAYLOAD;
+    }
+    &mut nodes[(*word & PAYLOAD) as usize]
+}
+
+fn leaf_box(mask: &[u32], origin: IVec3) -> Option<CoordBox> {
+    (0..LEAF_VALUES)
+        .map(Leaf::slot_offset)
+        .filter(|&offset| {
+            let (word, bit) = mask_bit(offset);
+            mask[word] >> bit & 1 == 1
+        })
+        .map(|offset| CoordBox::voxel(origin + offset))
+        .reduce(CoordBox::union)
+}
+
+/// Root cells per axis from which on local coordinates do not start at zero.
+const WIDE: u32 = 1 << 18;
+/// The lowest root cell of the index space.
+const ALL_FIRST: IVec3 = IVec3::splat(-1 << 19);
+/// Root cells per axis of the index space.
+const ALL_EXTENT: u32 = 1 << 20;
+
+pub(super) fn pack(tree: &Vdb543<f32>, kind: PackKind) -> Result<PackedGrid, PackError> {
+    let mut builder = Builder::default();
+    let background = builder.tile(tree.background());
+    let leaves = copy_topology(tree, kind, &mut builder);
+    check("leaves", leaves.len() as u64)?;
+
+    let masks: Vec<[u32; LEAF_MASK_WORDS]> = match kind {
+        PackKind::Surface { iso } => leaves.par_iter().map(|leaf| solid_mask(leaf, iso)).collect(),
+        PackKind::Fog => leaves.par_iter().map(|leaf| fog::cell_mask(tree, leaf)).collect(),
+    };
+    for (leaf, mask) in leaves.iter().zip(&masks) {
+        if mask.iter().any(|&word| word != 0) {
+            *builder.word_mut(leaf.origin(), LEAF_LOG2, background) |= OCCUPIED;
+        }
+    }
+    if kind == PackKind::Fog {
+        fog::mark_mixed_tiles(tree, &leaves, &mut builder, background);
+    }
+    builder.lift_occupied();
+    check("distinct tile values", builder.tile_values.len() as u64)?;
+    check("32³ nodes", builder.uppers.len() as u64)?;
+    check("16³ nodes", builder.lowers.len() as u64)?;
+
+    let masks = masks.into_flattened();
+    let occupied = builder.occupied_box(&masks);
+    Ok(assemble(kind, builder, occupied, &leaves, masks))
+}
+
+fn check(what: &'static str, count: u64) -> Result<(), PackError> {
+    let limit = u64::from(PAYLOAD);
+    if count > limit { Err(PackError::TooLarge { what, count, limit }) } else { Ok(()) }
+}
+
+/// Copies nodes and tiles, and returns the leaves in the order of their numbers.
+fn copy_topology<'a>(
+    tree: &'a Vdb543<f32>,
+    kind: PackKind,
+    builder: &mut Builder,
+) -> Vec<&'a Leaf> {
+    let mut leaves = Vec::new();
+    let tile = |builder: &mut Builder, value: f32| {
+        let solid = match kind {
+            PackKind::Surface { iso } => value < iso,
+            PackKind::Fog => value > 0.0,
+        };
+        builder.tile(value) | if solid { OCCUPIED } else { 0 }
+    };
+    for (origin, entry) in tree.entries() {
+        let upper = match entry {
+            RootEntry::Tile { value, .. } => {
+                let word = tile(builder, *value);
+                builder.root.insert(origin.to_array(), word);
+                continue;
+            }
+            RootEntry::Child(upper) => upper,
+        };
+        let mut upper_words = vec![0; UPPER_WORDS].into_boxed_slice();
+        for (slot, word) in upper_words.iter_mut().enumerate() {
+            let lower = match upper.slot_at(slot) {
+                Slot::Tile(value, _) => {
+                    *word = tile(builder, value);
+                    continue;
+                }
+                Slot::Child(lower) => lower,
+            };
+            let lower_words = (0..LOWER_WORDS).map(|slot| match lower.slot_at(slot) {
+                Slot::Tile(value, _) => tile(builder, value),
+                Slot::Child(leaf) => {
+                    leaves.push(leaf);
+                    CHILD | (leaves.len() - 1) as u32 & PAYLOAD
+                }
+            });
+            let lower_words = lower_words.collect();
+            builder.lowers.push(lower_words);
+            *word = CHILD | (builder.lowers.len() - 1) as u32 & PAYLOAD;
+        }
+        builder.uppers.push(upper_words);
+        let word = CHILD | (builder.uppers.len() - 1) as u32 & PAYLOAD;
+        builder.root.insert(origin.to_array(), word);
+    }
+    leaves
+}
+
+fn solid_mask(leaf: &Leaf, iso: f32) -> [u32; LEAF_MASK_WORDS] {
+    let mut mask = [0; LEAF_MASK_WORDS];
+    for (slot, &value) in leaf.values_slice().iter().enumerate() {
+        let (word, bit) = mask_bit(Leaf::slot_offset(slot));
+        mask[word] |= u32::from(value < iso) << bit;
+    }
+    mask
+}
+
+/// The largest density kept: along any ray that can be shown, it adds up to less than infinity.
+const MAX_DENSITY: f32 = 1e30;
+
+/// A value that a shader can compute with: WGSL may assume that there is no NaN and no infinity.
+fn safe(value: f32, kind: PackKind) -> f32 {
+    match kind {
+        PackKind::Fog if value > 0.0 => value.min(MAX_DENSITY),
+        PackKind::Fog => 0.0,
+        PackKind::Surface { iso } if value.is_nan() => iso,
+        PackKind::Surface { .. } => value.clamp(-MAX_DENSITY, MAX_DENSITY),
+    }
+}
+
+fn assemble(
+    kind: PackKind,
+    builder: Builder,
+    occupied: Option<CoordBox>,
+    leaves: &[&Leaf],
+    masks: Vec<u32>,
+) -> PackedGrid {
+    let keys = || builder.root.keys().map(|key| IVec3::from_array(*key) >> UPPER_LOG2 as i32);
+    let first = keys().reduce(IVec3::min).unwrap_or_default();
+    let last = keys().reduce(IVec3::max).unwrap_or_default();
+    let extent = (last - first).max_element() as u32 + 1;
+    // Local coordinates start at zero; in a grid so wide that they could overflow, the crown spans
+    // the whole index space instead. Either way its cells are aligned to their own size.
+    let (base, first) = if extent < WIDE { (first, first) } else { (IVec3::ZERO, ALL_FIRST) };
+    let crown_origin = first - base;
+    let crown_levels = crown::levels(if extent < WIDE { extent } else { ALL_EXTENT });
+    let cells = builder.root.iter().map(|(key, word)| {
+        let cell = (IVec3::from_array(*key) >> UPPER_LOG2 as i32) - first;
+        (cell.to_array(), *word)
+    });
+    let mut nodes = crown::build(&cells.collect(), crown_levels);
+    let base = base << UPPER_LOG2 as i32;
+    let uppers = nodes.len() as u32;
+    nodes.extend(builder.uppers.iter().flatten());
+    let lowers = nodes.len() as u32;
+    nodes.extend(builder.lowers.iter().flatten());
+
+    let mut values = vec![0.0; leaves.len() * LEAF_VALUES];
+    values.par_chunks_mut(LEAF_VALUES).zip(leaves).for_each(|(values, leaf)| {
+        for (packed, &value) in values.iter_mut().zip(leaf.values_slice()) {
+            *packed = safe(value, kind);
+        }
+    });
+    let palette = values.len() as u32;
+    values.extend(builder.tile_values.iter().map(|&value| safe(value, kind)));
+    let majorant = values.par_iter().copied().reduce(|| 0.0, f32::max);
+
+    let local = |b: CoordBox| CoordBox { min: b.min - base, max: b.max - base };
+    PackedGrid {
+        kind,
+        base,
+        occupied: occupied.map(local),
+        crown_levels,
+        crown_origin,
+        uppers,
+        lowers,
+        nodes,
+        masks,
+        values,
+        palette,
+        majorant,
+    }
+}

@@ -1,0 +1,225 @@
+//! Which trilinear cells of a fog have a density.
+//!
+//! A cell has its samples on its own voxel and on the next ones, so that the cells of a leaf or a
+//! tile also depend on the neighbours on the high side of each axis.
+
+use glam::IVec3;
+use rayon::prelude::*;
+
+use super::build::Builder;
+use super::layout::*;
+use crate::tree::{Found, LeafNode, Node, RootEntry, Slot, Vdb543};
+
+type Leaf = LeafNode<f32, 3>;
+
+/// The seven neighbours on the high side, in leaves.
+const HIGH_SIDE: [IVec3; 7] = [
+    IVec3::new(0, 0, 1),
+    IVec3::new(0, 1, 0),
+    IVec3::new(0, 1, 1),
+    IVec3::new(1, 0, 0),
+    IVec3::new(1, 0, 1),
+    IVec3::new(1, 1, 0),
+    IVec3::new(1, 1, 1),
+];
+
+/// For each (x, y) of 9 × 9, the samples along z above zero, from the leaf and its neighbours.
+type Rows = [[u16; 9]; 9];
+
+/// The cells of a leaf with a sample above zero at one of their corners.
+pub(super) fn cell_mask(tree: &Vdb543<f32>, leaf: &Leaf) -> [u32; LEAF_MASK_WORDS] {
+    let mut rows: Rows = [[0; 9]; 9];
+    add(&mut rows, IVec3::ZERO, leaf);
+    for side in HIGH_SIDE {
+        let Some(origin) = leaf.origin().checked_add(side * 8) else { continue };
+        match tree.find(origin) {
+            Found::Leaf(leaf) => add(&mut rows, side, leaf),
+            Found::Tile(tile) if tile.value > 0.0 => {
+                for_row(side, |x, y| rows[x][y] |= z_bits(side));
+            }
+            Found::Tile(_) => {}
+        }
+    }
+    let mut mask = [0; LEAF_MASK_WORDS];
+    for x in 0..8 {
+        for y in 0..8 {
+            let corners = rows[x][y] | rows[x + 1][y] | rows[x][y + 1] | rows[x + 1][y + 1];
+            let cells = corners | corners >> 1;
+            for z in (0..8).filter(|z| cells >> z & 1 == 1) {
+                let (word, bit) = mask_bit(IVec3::new(x as i32, y as i32, z));
+                mask[word] |= 1 << bit;
+            }
+        }
+    }
+    mask
+}
+
+/// Samples of the nine along z that belong to the leaf itself or to a neighbour.
+fn z_bits(side: IVec3) -> u16 {
+    if side.z == 0 { 0xff } else { 0x100 }
+}
+
+/// Calls `f` for every row of the 9 × 9 that belongs to the leaf itself or to a neighbour.
+fn for_row(side: IVec3, mut f: impl FnMut(usize, usize)) {
+    let range = |high: i32| if high == 0 { 0..8 } else { 8..9 };
+    for x in range(side.x) {
+        for y in range(side.y) {
+            f(x, y);
+        }
+    }
+}
+
+fn add(rows: &mut Rows, side: IVec3, leaf: &Leaf) {
+    let values = leaf.values_slice();
+    for_row(side, |x, y| {
+        let row = &values[(x & 7) << 6 | (y & 7) << 3..][..8];
+        let bits = (0..8).fold(0, |bits, z| bits | u16::from(row[z] > 0.0) << z);
+        rows[x][y] |= if side.z == 0 { bits } else { (bits & 1) << 8 };
+    });
+}
+
+/// Marks the tiles whose cells touch samples of another value: on the low side of every leaf and
+/// tile with a density, and along the high side of every tile with one.
+pub(super) fn mark_mixed_tiles(
+    tree: &Vdb543<f32>,
+    leaves: &[&Leaf],
+    builder: &mut Builder,
+    background: u32,
+) {
+    let mut mark = |origin: IVec3, log2: u32| {
+        let word = builder.word_mut(origin, log2, background);
+        if *word & CHILD == 0 {
+            *word |= MIXED | OCCUPIED;
+        }
+    };
+    let beside_leaves: Vec<IVec3> =
+        leaves.par_iter().flat_map_iter(|leaf| low_side_of(leaf)).collect();
+    for origin in beside_leaves {
+        mark(origin, LEAF_LOG2);
+    }
+    for tile in dense_tiles(tree) {
+        mark_around(tree, tile, &mut mark);
+    }
+}
+
+/// The leaf-sized cubes on the low side of a leaf whose cells touch a density in it.
+fn low_side_of(leaf: &Leaf) -> impl Iterator<Item = IVec3> + '_ {
+    HIGH_SIDE.into_iter().filter_map(|side| {
+        let on_face = |slot: usize| {
+            let at = Leaf::slot_offset(slot);
+            (0..3).all(|axis| side[axis] == 0 || at[axis] == 0)
+        };
+        let touches = (0..LEAF_VALUES).any(|slot| on_face(slot) && leaf.values_slice()[slot] > 0.0);
+        touches.then(|| leaf.origin().checked_sub(side * 8)).flatten()
+    })
+}
+
+/// A tile with a density.
+#[derive(Clone, Copy)]
+struct Tile {
+    origin: IVec3,
+    log2: u32,
+    value: f32,
+}
+
+fn dense_tiles(tree: &Vdb543<f32>) -> Vec<Tile> {
+    let mut tiles = Vec::new();
+    let mut add = |origin, log2, value| {
+        if value > 0.0 {
+            tiles.push(Tile { origin, log2, value });
+        }
+    };
+    for (origin, entry) in tree.entries() {
+        let upper = match entry {
+            RootEntry::Tile { value, .. } => {
+                add(origin, UPPER_LOG2, *value);
+                continue;
+            }
+            RootEntry::Child(upper) => upper,
+        };
+        for slot in 0..UPPER_WORDS {
+            let lower = match upper.slot_at(slot) {
+                Slot::Tile(value, _) => {
+                    add(origin + upper_offset(slot), LOWER_LOG2, value);
+                    continue;
+                }
+                Slot::Child(lower) => lower,
+            };
+            for slot in 0..LOWER_WORDS {
+                if let Slot::Tile(value, _) = lower.slot_at(slot) {
+                    add(lower.origin() + lower_offset(slot), LEAF_LOG2, value);
+                }
+            }
+        }
+    }
+    tiles
+}
+
+fn upper_offset(slot: usize) -> IVec3 {
+    IVec3::new(slot as i32 >> 10, slot as i32 >> 5 & 31, slot as i32 & 31) << LOWER_LOG2 as i32
+}
+
+fn lower_offset(slot: usize) -> IVec3 {
+    IVec3::new(slot as i32 >> 8, slot as i32 >> 4 & 15, slot as i32 & 15) << LEAF_LOG2 as i32
+}
+
+/// Marks what a dense tile makes mixed: cubes along its own high sides and those beyond its low
+/// sides, unless they lie beside a tile of the same value. The cubes are leaves, but 128³ nodes
+/// around a root tile: there a mixed cube costs the walk steps, and smaller ones would cost memory.
+fn mark_around(tree: &Vdb543<f32>, tile: Tile, mark: &mut impl FnMut(IVec3, u32)) {
+    let log2 = if tile.log2 == UPPER_LOG2 { LOWER_LOG2 } else { LEAF_LOG2 };
+    let (step, count) = (1_i32 << log2, 1_i32 << (tile.log2 - log2));
+    let same = |origin: IVec3| match tree.find(origin) {
+        Found::Leaf(_) => false,
+        Found::Tile(other) => other.log2_dim >= log2 && other.value == tile.value,
+    };
+    for side in HIGH_SIDE {
+        let range = |high: i32, at: i32| if high == 0 { 0..count } else { at..at + 1 };
+        let cubes = |at: i32| {
+            range(side.x, at).flat_map(move |x| {
+                range(side.y, at)
+                    .flat_map(move |y| range(side.z, at).map(move |z| IVec3::new(x, y, z)))
+            })
+        };
+        for cube in cubes(count - 1) {
+            let origin = tile.origin + cube * step;
+            if origin.checked_add(side * step).is_none_or(|beyond| !same(beyond)) {
+                mark(origin, log2);
+            }
+        }
+        for cube in cubes(0) {
+            let Some(beyond) = (tile.origin + cube * step).checked_sub(side * step) else {
+                continue;
+            };
+            if !same(beyond) {
+                mark_touching(tree, beyond, log2, side, mark);
+            }
+        }
+    }
+}
+
+/// Marks a cube, or, where a node stands in its place, the node's leaf-sized cubes on that side.
+fn mark_touching(
+    tree: &Vdb543<f32>,
+    origin: IVec3,
+    log2: u32,
+    side: IVec3,
+    mark: &mut impl FnMut(IVec3, u32),
+) {
+    let whole = match tree.find(origin) {
+        Found::Leaf(_) => log2 == LEAF_LOG2,
+        Found::Tile(tile) => tile.log2_dim >= log2,
+    };
+    if whole {
+        return mark(origin, log2);
+    }
+    let count = 1 << (log2 - LEAF_LOG2);
+    let range = |high: i32| if high == 0 { 0..count } else { count - 1..count };
+    for x in range(side.x) {
+        for y in range(side.y) {
+            for z in range(side.z) {
+                mark(origin + IVec3::new(x, y, z) * 8, LEAF_LOG2);
+            }
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! Tree → GPU words.
+//!
+//! A [`PackedGrid`] separates *where a ray can end* from *what is there*. The traversal structure
+//! is a tree of words and bits over the *lattice* of a grid, whose cells are
+//!
+//! - for a **surface** the voxels themselves: cell `ijk` is the cube of edge 1 centred on the
+//!   sample `ijk`, and it is *occupied* where the sample is below the iso-value;
+//! - for **fog** the cells of the trilinear interpolant: cell `ijk` has the samples `ijk` and
+//!   `ijk + 1` at its corners, and it is occupied where one of its eight samples is above zero.
+//!
+//! Values stand apart and are read only where a ray meets something. Everything is addressed by
+//! 32-bit indices from the start of the grid's own data, so that a grid can lie anywhere in a pool.
+//! [`layout`] is the contract that the shader module `bevy_vdb::tree` mirrors; [`walk`] is the
+//! shader's walk on the CPU, function by function, for tests and for reading side by side.
+
+mod build;
+mod crown;
+mod fog;
+pub mod layout;
+pub mod walk;
+
+use glam::IVec3;
+use thiserror::Error;
+
+use crate::tree::{CoordBox, Vdb543};
+
+/// How a grid meets a ray, and so which lattice is packed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PackKind {
+    /// The voxels below the iso-value are solid.
+    Surface {
+        /// In the units of the values; 0 for a level set.
+        iso: f32,
+    },
+    /// A density, trilinear between samples; what is not above zero is empty.
+    Fog,
+}
+
+impl PackKind {
+    /// Where lattice cell 0 begins, in index space, on each axis.
+    pub fn lattice_origin(self) -> f64 {
+        match self {
+            Self::Surface { .. } => -0.5,
+            Self::Fog => 0.0,
+        }
+    }
+}
+
+/// A grid in the words that the GPU walks.
+#[derive(Clone, Debug)]
+pub struct PackedGrid {
+    /// What was packed.
+    pub kind: PackKind,
+    /// Index-space cell that is *local* cell 0: all packed coordinates are relative to it. A
+    /// multiple of 4096.
+    pub base: IVec3,
+    /// The local lattice cells that can stop or dim a ray; `None` when there is none.
+    pub occupied: Option<CoordBox>,
+    /// How many levels of 64-ary nodes stand over the root's entries.
+    pub crown_levels: u32,
+    /// Local coordinate, in cells of 4096 voxels, of the crown's cell 0.
+    pub crown_origin: IVec3,
+    /// Word offset of the first 32³ node in `nodes`.
+    pub uppers: u32,
+    /// Word offset of the first 16³ node in `nodes`.
+    pub lowers: u32,
+    /// The crown, then 32³ nodes, then 16³ nodes; see [`layout`].
+    pub nodes: Vec<u32>,
+    /// [`layout::LEAF_MASK_WORDS`] a leaf: its occupied cells.
+    pub masks: Vec<u32>,
+    /// [`layout::LEAF_VALUES`] a leaf, z fastest; then one value a distinct tile value.
+    pub values: Vec<f32>,
+    /// Offset of the tile values in `values`.
+    pub palette: u32,
+    /// The largest value: an upper bound of the density anywhere in the grid.
+    pub majorant: f32,
+}
+
+impl PackedGrid {
+    /// Packs a grid. Costs a few passes over its leaves, in parallel.
+    ///
+    /// # Errors
+    /// When the grid has more nodes or distinct tile values than 29 bits can number.
+    pub fn new(tree: &Vdb543<f32>, kind: PackKind) -> Result<Self, PackError> {
+        build::pack(tree, kind)
+    }
+
+    /// Leaves with values of their own.
+    pub fn leaf_count(&self) -> usize {
+        self.masks.len() / layout::LEAF_MASK_WORDS
+    }
+
+    /// Bytes that the grid takes on the GPU.
+    pub fn bytes(&self) -> u64 {
+        4 * (self.nodes.len() + self.masks.len() + self.values.len()) as u64
+    }
+}
+
+/// Why a grid could not be packed.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum PackError {
+    /// More of something than 29 bits can number.
+    #[error(
+        "the grid has {count} {what}, more than the {limit} that a GPU grid can address; \
+         load it at a lower resolution or with a narrower band"
+    )]
+    TooLarge {
+        /// What there is too much of.
+        what: &'static str,
+        /// How much there is.
+        count: u64,
+        /// How much there may be.
+        limit: u64,
+    },
+}

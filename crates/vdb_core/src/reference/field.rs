@@ -1,0 +1,127 @@
+//! A tree as a field over all of space, in boxes that a walk may cross in one stride.
+
+use super::walk::Span;
+use crate::tree::{Accessor, Found, IVec3, Node, Tree};
+
+/// What a walk finds at a voxel.
+pub(super) enum Block<T> {
+    /// A box of voxels that share a value and a state (active or not).
+    Tile(Span, T, bool),
+    /// A single voxel of a leaf.
+    Voxel(T, bool),
+}
+
+/// A tree, with the places of its root's entries on each axis sorted, so that a ray crosses the
+/// void between far-away entries in one stride however far it is.
+///
+/// *Loop bounds.* On one axis let the root's entries lie in `k` different slots. Every plane at
+/// which a walk may stop on that axis is a face of a voxel or a cell in one of these slots (at most
+/// `4096 k` for `Vdb543`), or an end of one of the `k + 1` gaps around them (two planes each), or
+/// an end of the index space (two). A walk crosses every plane once at most, so that
+/// [`Field::max_steps`], the sum over the axes, bounds its number of strides, for any ray.
+#[derive(Debug)]
+pub(super) struct Field<'a, C: Node> {
+    tree: &'a Tree<C>,
+    /// The lowest voxels of the slots on each axis that hold an entry of the root, ascending.
+    slots: [Vec<i64>; 3],
+}
+
+/// Voxels per edge of a slot of the root.
+const fn edge<C: Node>() -> i64 {
+    1 << C::TOTAL_LOG2_DIM
+}
+
+impl<'a, C: Node> Field<'a, C> {
+    pub fn new(tree: &'a Tree<C>) -> Self {
+        let slots = [0, 1, 2].map(|axis| {
+            let mut slots: Vec<i64> =
+                tree.entries().map(|(origin, _)| i64::from(origin[axis])).collect();
+            slots.sort_unstable();
+            slots.dedup();
+            slots
+        });
+        Self { tree, slots }
+    }
+
+    pub fn tree(&self) -> &'a Tree<C> {
+        self.tree
+    }
+
+    /// The bound that is proven above.
+    pub fn max_steps(&self) -> u64 {
+        let planes = |slots: &Vec<i64>| (edge::<C>() as u64 + 2) * (slots.len() as u64 + 1) + 2;
+        self.slots.iter().map(planes).sum()
+    }
+
+    /// The gap between slots that holds a coordinate, if it lies in none; with `-FAR` and `FAR` for
+    /// the ends of the outermost gaps.
+    fn gap(&self, axis: usize, c: i64) -> Option<(i64, i64)> {
+        let slots = &self.slots[axis];
+        let next = slots.partition_point(|slot| *slot <= c);
+        let low = next.checked_sub(1).map_or(-super::planes::FAR, |i| slots[i] + edge::<C>());
+        let high = slots.get(next).map_or(super::planes::FAR, |slot| slot - 1);
+        (low <= c).then_some((low, high))
+    }
+
+    /// The largest box known to be alike around a voxel; outside of the index space, background.
+    pub fn block(&self, accessor: &mut Accessor<'a, C>, voxel: [i64; 3]) -> Block<C::Value> {
+        for (axis, c) in voxel.into_iter().enumerate() {
+            if let Some((low, high)) = self.gap(axis, c) {
+                return Block::Tile(Span::slab(axis, low, high), self.tree.background(), false);
+            }
+        }
+        // No gap: the voxel lies in a slot on every axis, so in the index space.
+        let ijk = IVec3::from_array(voxel.map(|c| c as i32));
+        match accessor.find(ijk) {
+            Found::Leaf(leaf) => {
+                let (value, active) = leaf.probe(ijk);
+                Block::Voxel(value, active)
+            }
+            Found::Tile(tile) => {
+                let low = tile.origin.to_array().map(i64::from);
+                let high = low.map(|c| c + (1 << tile.log2_dim) - 1);
+                Block::Tile(Span { low, high }, tile.value, tile.active)
+            }
+        }
+    }
+
+    /// The value of a voxel, background outside of the index space.
+    pub fn value(&self, accessor: &mut Accessor<'a, C>, voxel: [i64; 3]) -> C::Value {
+        let [x, y, z] = voxel.map(|c| i32::try_from(c).ok());
+        match (x, y, z) {
+            (Some(x), Some(y), Some(z)) => accessor.get(IVec3::new(x, y, z)),
+            _ => self.tree.background(),
+        }
+    }
+
+    /// The trilinear cells around a cell whose corners all lie in one box of equal voxels, and
+    /// their value; `None` where the cell's corners may differ.
+    pub fn even_cells(
+        &self,
+        accessor: &mut Accessor<'a, C>,
+        cell: [i64; 3],
+    ) -> Option<(Span, C::Value)> {
+        // A gap counts where it holds both layers of corners, even if a gap on an axis before it
+        // holds only one: else a ray along the rim of a gap would stop at every voxel of it.
+        let background = self.tree.background();
+        for (axis, c) in cell.into_iter().enumerate() {
+            if let Some((low, high)) = self.gap(axis, c)
+                && c < high
+            {
+                return Some((Span::slab(axis, low, high - 1), background));
+            }
+        }
+        match self.block(accessor, cell) {
+            Block::Tile(mut span, value, _) => {
+                for axis in 0..3 {
+                    // The last layer of cells has corners in the next box.
+                    if span.high[axis] < super::planes::FAR {
+                        span.high[axis] -= 1;
+                    }
+                }
+                (0..3).all(|axis| cell[axis] <= span.high[axis]).then_some((span, value))
+            }
+            Block::Voxel(..) => None,
+        }
+    }
+}

@@ -1,0 +1,25 @@
+//! The reference tracer: what a ray meets in a tree, on the CPU, slowly and right. It judges the
+//! shaders, so it shares nothing with `pack` or with them; it reads [`tree`](crate::tree) alone.
+//!
+//! # Conventions
+//!
+//! - *Index space*: the sample `ijk` of a grid sits at the point `(i, j, k)`.
+//! - The *voxel* `ijk`, as a box, is the cube centred there, half-open: `[ijk - 1/2, ijk + 1/2)`.
+//! - The trilinear *cell* `ijk` is the cube `[ijk, ijk + 1]` between the samples `ijk + {0, 1}³`.
+//! - A [`Ray`] is `p(t) = cell + frac + t · dir` in index space, in the very f32 numbers that a
+//!   shader gets; they are taken for exact.
+//! - Outside of the 32-bit index space there are no voxels; interpolation sees background there.
+//!
+//! # What there is
+//!
+//! - [`first_voxel`]: the first occupied voxel and the face entered, exact.
+
+mod blocky;
+mod field;
+mod planes;
+mod ray;
+mod walk;
+mod wide;
+
+pub use blocky::{Blocky, Face, Occupied, VoxelHit, first_voxel};
+pub use ray::Ray;

@@ -1,0 +1,19 @@
+//! Procedural grids for tests and benchmarks: shapes whose every voxel follows from a formula, so
+//! that a reader, a tracer or another program can be checked without a file.
+//!
+//! Lengths are voxels in index space: the sample `ijk` sits at the point `(i, j, k)`. A grid is made
+//! of one [`build`] over a box of voxels; what the formula says is uniform over a whole node becomes
+//! a tile of that node's level, at every level of the tree.
+//!
+//! - [`level_set`]: narrow-band signed distances, as OpenVDB leaves them after its signed flood fill.
+//! - [`fog`]: densities.
+//! - [`sparse`]: few voxels, thin walls and patterns that are hard on a traversal.
+
+mod build;
+pub mod fog;
+pub mod level_set;
+mod random;
+pub mod sparse;
+
+pub use build::{Uniform, build};
+pub use random::Random;

@@ -1,0 +1,148 @@
+//! From a formula to a tree, node by node and in parallel.
+
+use rayon::prelude::*;
+
+use crate::tree::{CoordBox, Cube, Dim, IVec3, InternalNode, LeafNode, Mask, Node, Tree, Vdb543};
+
+/// What a formula knows about a whole box of voxels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Uniform {
+    /// Every voxel has this value and this state (active or not).
+    Yes(f32, bool),
+    /// The voxels may differ: look closer.
+    No,
+}
+
+/// A tree over the voxels of `bbox`, background and inactive outside of it.
+///
+/// `voxel` gives the value of a voxel and whether it is active. `uniform` may answer for a whole
+/// cube at once (a node's extent, all of it inside `bbox`), and must agree with `voxel` where it
+/// does. A node whose values turn out alike becomes a tile, so the tree is pruned.
+pub fn build(
+    background: f32,
+    bbox: CoordBox,
+    uniform: impl Fn(CoordBox) -> Uniform + Sync,
+    voxel: impl Fn(IVec3) -> (f32, bool) + Sync,
+) -> Vdb543<f32> {
+    let formula = Formula { background, bbox, uniform, voxel };
+    let mut tree = Tree::new(background);
+    let edge = 1_i64 << <Upper as Node>::TOTAL_LOG2_DIM;
+    let (low, high) = (Upper::origin_of(bbox.min), Upper::origin_of(bbox.max));
+    let axis = |low: i32, high: i32| {
+        (i64::from(low)..=i64::from(high)).step_by(edge as usize).map(|c| c as i32)
+    };
+    for x in axis(low.x, high.x) {
+        for y in axis(low.y, high.y) {
+            for z in axis(low.z, high.z) {
+                match formula.upper(IVec3::new(x, y, z)) {
+                    Built::Tile(value, active) => {
+                        if active || value.to_bits() != background.to_bits() {
+                            tree.insert_tile(IVec3::new(x, y, z), value, active);
+                        }
+                    }
+                    Built::Node(node) => tree.insert_child(node),
+                }
+            }
+        }
+    }
+    tree
+}
+
+type Leaf = LeafNode<f32, 3>;
+type Middle = InternalNode<Leaf, 4>;
+type Upper = InternalNode<Middle, 5>;
+
+enum Built<N> {
+    Tile(f32, bool),
+    Node(Box<N>),
+}
+
+struct Formula<U, V> {
+    background: f32,
+    bbox: CoordBox,
+    uniform: U,
+    voxel: V,
+}
+
+impl<U: Fn(CoordBox) -> Uniform + Sync, V: Fn(IVec3) -> (f32, bool) + Sync> Formula<U, V> {
+    /// A tile for a cube that is known to be uniform.
+    fn tile<N>(&self, cube: CoordBox) -> Option<Built<N>> {
+        match self.bbox.intersection(cube) {
+            None => Some(Built::Tile(self.background, false)),
+            Some(both) if both == cube => match (self.uniform)(cube) {
+                Uniform::Yes(value, active) => Some(Built::Tile(value, active)),
+                Uniform::No => None,
+            },
+            Some(_) => None,
+        }
+    }
+
+    fn leaf(&self, origin: IVec3) -> Built<Leaf> {
+        if let Some(tile) = self.tile(CoordBox::cube(origin, Leaf::TOTAL_LOG2_DIM)) {
+            return tile;
+        }
+        let mut leaf = Leaf::filled(origin, self.background, false);
+        for slot in 0..Leaf::SIZE {
+            let ijk = origin + Leaf::slot_offset(slot);
+            if self.bbox.contains(ijk) {
+                let (value, active) = (self.voxel)(ijk);
+                leaf.values_slice_mut()[slot] = value;
+                leaf.value_mask_mut().set(slot, active);
+            }
+        }
+        built(leaf)
+    }
+
+    fn middle(&self, origin: IVec3) -> Built<Middle> {
+        self.tile(CoordBox::cube(origin, Middle::TOTAL_LOG2_DIM)).unwrap_or_else(|| {
+            let slots = (0..Middle::SIZE)
+                .map(|slot| self.leaf(origin + Middle::slot_offset(slot)))
+                .collect();
+            built(internal(origin, slots))
+        })
+    }
+
+    fn upper(&self, origin: IVec3) -> Built<Upper> {
+        self.tile(CoordBox::cube(origin, Upper::TOTAL_LOG2_DIM)).unwrap_or_else(|| {
+            let slots = (0..Upper::SIZE)
+                .into_par_iter()
+                .map(|slot| self.middle(origin + Upper::slot_offset(slot)))
+                .collect();
+            built(internal(origin, slots))
+        })
+    }
+}
+
+/// A node, or the tile that says as much.
+fn built<N: Node<Value = f32>>(node: Box<N>) -> Built<N> {
+    match node.uniform() {
+        Some((value, active)) => Built::Tile(value, active),
+        None => Built::Node(node),
+    }
+}
+
+fn internal<C: Node<Value = f32>, const LOG2: u32>(
+    origin: IVec3,
+    slots: Vec<Built<C>>,
+) -> Box<InternalNode<C, LOG2>>
+where
+    Dim<LOG2>: Cube,
+{
+    let (mut child_mask, mut value_mask) = (Mask::filled(false), Mask::filled(false));
+    let mut tiles = vec![0.0; slots.len()].into_boxed_slice();
+    let mut children = Vec::new();
+    for (slot, built) in slots.into_iter().enumerate() {
+        match built {
+            Built::Tile(value, active) => {
+                tiles[slot] = value;
+                value_mask.set(slot, active);
+            }
+            Built::Node(child) => {
+                child_mask.set(slot, true);
+                children.push(child);
+            }
+        }
+    }
+    InternalNode::from_parts(origin, child_mask, value_mask, children, tiles)
+        .expect("children stand in the slots that they were built for")
+}

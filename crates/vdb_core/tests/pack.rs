@@ -1,0 +1,177 @@
+//! Packed grids against the trees that they come from: every cell, every value.
+
+use vdb_core::pack::{PackKind, PackedGrid, walk};
+use vdb_core::tree::{CoordBox, IVec3, Vdb543};
+
+/// Every lattice cell of a box, compared with the definition on the tree; and every sample.
+fn check(tree: &Vdb543<f32>, kind: PackKind, boxes: &[CoordBox]) -> PackedGrid {
+    let grid = PackedGrid::new(tree, kind).unwrap();
+    let mut seen = 0;
+    for cube in boxes {
+        for x in cube.min.x..=cube.max.x {
+            for y in cube.min.y..=cube.max.y {
+                for z in cube.min.z..=cube.max.z {
+                    let ijk = IVec3::new(x, y, z);
+                    let local = ijk.wrapping_sub(grid.base);
+                    let expected = match kind {
+                        PackKind::Surface { iso } => tree.get(ijk) < iso,
+                        PackKind::Fog => (0..8).any(|i| {
+                            let corner = IVec3::new(i >> 2, i >> 1 & 1, i & 1);
+                            tree.get(ijk.wrapping_add(corner)) > 0.0
+                        }),
+                    };
+                    let span = walk::locate(&grid, local);
+                    let mixed_tile =
+                        span.occupied() && span.word & vdb_core::pack::layout::MIXED != 0;
+                    // A mixed tile may hold empty cells: it is exact in what it shows, not in what
+                    // it looks at. Everything else is occupied if and only if the tree says so.
+                    assert!(span.occupied() == expected || mixed_tile, "{ijk}: {span:?}");
+                    if span.occupied() && !mixed_tile {
+                        assert!(grid.occupied.unwrap().contains(local), "{ijk} is outside the box");
+                    }
+                    if kind == PackKind::Fog && span.constant() && span.occupied() {
+                        let far = local + IVec3::ONE;
+                        assert_eq!(walk::value_at(&grid, far), tree.get(ijk), "{ijk} is constant");
+                    }
+                    assert_eq!(walk::value_at(&grid, local), tree.get(ijk), "{ijk}");
+                    seen += i32::from(expected);
+                }
+            }
+        }
+    }
+    assert!(seen > 0, "nothing was occupied: the test tested nothing");
+    grid
+}
+
+fn around(center: IVec3, radius: i32) -> CoordBox {
+    CoordBox { min: center - radius, max: center + radius }
+}
+
+fn level_set_sphere(center: IVec3, radius: f32) -> Vdb543<f32> {
+    let mut tree = Vdb543::new(3.0);
+    let reach = radius as i32 + 4;
+    for x in -reach..=reach {
+        for y in -reach..=reach {
+            for z in -reach..=reach {
+                let distance = IVec3::new(x, y, z).as_vec3().length() - radius;
+                if distance.abs() < 3.0 {
+                    tree.set(center + IVec3::new(x, y, z), distance);
+                } else if distance < 0.0 {
+                    tree.set_inactive(center + IVec3::new(x, y, z), -3.0);
+                }
+            }
+        }
+    }
+    tree.prune();
+    tree
+}
+
+#[test]
+fn a_level_set_is_solid_inside() {
+    for center in [IVec3::ZERO, IVec3::new(4090, -4100, 130)] {
+        let tree = level_set_sphere(center, 20.0);
+        assert!(tree.stats().levels[1].nodes > 0);
+        let grid = check(&tree, PackKind::Surface { iso: 0.0 }, &[around(center, 26)]);
+        let occupied = grid.occupied.unwrap();
+        let expected = around(center - grid.base, 19);
+        assert!(
+            expected.intersection(occupied) == Some(expected),
+            "{occupied:?} does not hold {expected:?}"
+        );
+    }
+}
+
+#[test]
+fn interior_tiles_are_solid() {
+    let tree = level_set_sphere(IVec3::splat(40), 30.0);
+    let inside = tree.values().filter(|v| v.log2_dim == 3 && v.value < 0.0).count();
+    assert!(inside > 0, "the sphere has no interior tile");
+    check(&tree, PackKind::Surface { iso: 0.0 }, &[around(IVec3::splat(40), 35)]);
+}
+
+#[test]
+fn fog_cells_reach_over_the_borders_of_leaves_and_nodes() {
+    // One sample on each kind of low border: of a leaf, of a 16³ node, of a 32³ node, of octants.
+    for corner in [8, 128, 4096, 0, -8, -4096] {
+        let mut tree = Vdb543::new(0.0);
+        tree.set(IVec3::splat(corner), 1.0);
+        check(&tree, PackKind::Fog, &[around(IVec3::splat(corner), 3)]);
+    }
+}
+
+#[test]
+fn dense_tiles_of_every_level_are_mixed_at_their_borders_only() {
+    let mut tree = Vdb543::new(0.0);
+    for x in 0..8 {
+        for y in 0..8 {
+            for z in 0..8 {
+                tree.set(IVec3::new(x, y, z) + 200, 0.5);
+                tree.set(IVec3::new(x, y, z) + IVec3::new(208, 200, 200), 0.5);
+            }
+        }
+    }
+    tree.prune();
+    assert_eq!(tree.stats().active_tiles(), 2);
+    tree.insert_tile(IVec3::new(0, -4096, 0), 0.25, true);
+    let boxes = [
+        around(IVec3::splat(204), 12),
+        around(IVec3::new(0, 0, 100), 3),
+        around(IVec3::new(4096, -1, 4096), 3),
+        around(IVec3::new(1000, -2000, 1000), 2),
+    ];
+    let grid = check(&tree, PackKind::Fog, &boxes);
+    let inside = IVec3::new(1000, -2000, 1000) - grid.base;
+    assert_eq!(
+        walk::locate(&grid, inside).log2,
+        7,
+        "the middle of a root tile is taken cell by cell"
+    );
+}
+
+#[test]
+fn values_that_a_shader_cannot_hold_are_made_safe() {
+    let mut tree = Vdb543::new(0.0);
+    let values = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0, 1e38, 1e-40];
+    for (i, value) in values.into_iter().enumerate() {
+        tree.set(IVec3::new(i as i32, 0, 0), value);
+    }
+    let grid = PackedGrid::new(&tree, PackKind::Fog).unwrap();
+    assert!(grid.values.iter().all(|v| v.is_finite() && *v >= 0.0));
+    assert!(grid.majorant.is_finite());
+    let level_set = PackedGrid::new(&tree, PackKind::Surface { iso: 0.0 }).unwrap();
+    assert!(level_set.values.iter().all(|v| v.is_finite()));
+}
+
+#[test]
+fn coordinates_next_to_the_limits_and_far_apart() {
+    let corners = [IVec3::MIN + 1, IVec3::MAX - 1, IVec3::new(i32::MIN + 1, i32::MAX - 1, 0)];
+    let mut tree = Vdb543::new(0.0);
+    for (i, ijk) in corners.into_iter().enumerate() {
+        tree.set(ijk, 1.0 + i as f32);
+    }
+    let near = |ijk: IVec3| CoordBox { min: ijk - 1, max: ijk };
+    let boxes = corners.map(near);
+    let grid = check(&tree, PackKind::Fog, &boxes);
+    assert!(grid.bytes() < 1 << 20, "{} bytes for three voxels", grid.bytes());
+    let mut level_set = Vdb543::new(3.0);
+    corners.iter().for_each(|&ijk| level_set.set(ijk, -1.0));
+    let grid = check(&level_set, PackKind::Surface { iso: 0.0 }, &boxes);
+    assert!(grid.bytes() < 1 << 20);
+
+    // Each alone lies at a base of its own.
+    for ijk in corners {
+        let mut tree = Vdb543::new(0.0);
+        tree.set(ijk, 1.0);
+        let grid = check(&tree, PackKind::Fog, &[near(ijk)]);
+        assert!(grid.occupied.unwrap().max.max_element() < 8192);
+    }
+}
+
+#[test]
+fn an_empty_grid_packs_to_nothing() {
+    for kind in [PackKind::Fog, PackKind::Surface { iso: 0.0 }] {
+        let grid = PackedGrid::new(&Vdb543::new(1.0), kind).unwrap();
+        assert_eq!(grid.occupied, None);
+        assert_eq!(walk::value_at(&grid, IVec3::splat(7)), 1.0);
+    }
+}
