@@ -86,7 +86,8 @@ fn read_count(cursor: &mut Cursor<'_>, limits: &Limits) -> Result<usize, Error> 
     let count = count as usize;
     if count > cursor.remaining() / descriptor::SMALLEST {
         let there = cursor.remaining();
-        return Err(Error::invalid(format!("{there} bytes cannot hold {count} grids")).at(at));
+        let what = format!("the file is cut short: {there} bytes cannot hold {count} grids");
+        return Err(Error::invalid(what).at(at));
     }
     Ok(count)
 }
