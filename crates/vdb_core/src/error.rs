@@ -47,6 +47,14 @@ pub enum Error {
         /// Its value.
         limit: u64,
     },
+    /// A grid was asked for by a name that the file does not list.
+    #[error("{place}the file has no grid {name:?}")]
+    NoSuchGrid {
+        /// Where in the file.
+        place: Place,
+        /// The name asked for.
+        name: String,
+    },
     /// The progress callback asked to stop.
     #[error("{place}reading was cancelled")]
     Cancelled {
@@ -113,6 +121,7 @@ impl Error {
             | Self::Invalid { place, .. }
             | Self::NotSupported { place, .. }
             | Self::LimitExceeded { place, .. }
+            | Self::NoSuchGrid { place, .. }
             | Self::Cancelled { place } => place,
         }
     }
@@ -123,6 +132,7 @@ impl Error {
             | Self::Invalid { place, .. }
             | Self::NotSupported { place, .. }
             | Self::LimitExceeded { place, .. }
+            | Self::NoSuchGrid { place, .. }
             | Self::Cancelled { place } => place,
         }
     }

@@ -165,6 +165,7 @@ macro_rules! with_tree {
         }
     };
 }
+#[expect(unused_imports, reason = "writing will")]
 pub(crate) use with_tree;
 
 impl AnyTree {

@@ -44,8 +44,6 @@ pub(crate) struct Frustum {
     /// Distance of the planes over the near plane's width.
     pub(crate) depth: f64,
     pub(crate) second: Affine,
-    /// The name that the file has for the second map's kind; OpenVDB writes `AffineMap`.
-    pub(crate) second_name: &'static str,
 }
 
 impl Affine {
@@ -113,28 +111,23 @@ impl Default for Transform {
 impl Transform {
     /// Voxels of the same size along every axis, and where voxel (0, 0, 0) stands.
     ///
-    /// # Errors
-    /// When the size is zero or not finite, or the translation is not finite.
-    pub fn uniform(voxel_size: f64, translation: DVec3) -> Result<Self, Error> {
+    /// `None` when the size is zero or not finite, or the translation is not finite.
+    pub fn uniform(voxel_size: f64, translation: DVec3) -> Option<Self> {
         let scale = DVec3::splat(voxel_size);
         let map = if translation == DVec3::ZERO {
             Map::UniformScale(scale)
         } else {
             Map::UniformScaleTranslate { scale, translation }
         };
-        Self { map }.checked()
+        Self { map }.checked().ok()
     }
 
-    /// Any linear map.
-    ///
-    /// # Errors
-    /// When the map has no inverse or is not finite.
-    pub fn affine(world_from_index: DAffine3) -> Result<Self, Error> {
+    /// Any linear map; `None` when it has no inverse or is not finite.
+    pub fn affine(world_from_index: DAffine3) -> Option<Self> {
         let DAffine3 { matrix3: m, translation: t } = world_from_index;
         let row = |v: DVec3, w: f64| [v.x, v.y, v.z, w];
         let rows = [row(m.x_axis, 0.0), row(m.y_axis, 0.0), row(m.z_axis, 0.0), row(t, 1.0)];
-        let affine = Affine::new(rows).ok_or_else(|| Error::invalid("the map has no inverse"))?;
-        Ok(Self { map: Map::Affine(affine) })
+        Affine::new(rows).map(|affine| Self { map: Map::Affine(affine) })
     }
 
     /// The same transform, when it can be inverted.

@@ -1,7 +1,14 @@
-//! The `.vdb` format, one file per part.
+//! The `.vdb` format, one file per part. OpenVDB's own source is its only specification.
 
-use crate::{Error, ReadOptions, VdbFile};
+mod buffers;
+mod build;
+mod cursor;
+mod descriptor;
+mod file;
+mod header;
+mod metadata;
+mod topology;
+mod transform;
+mod values;
 
-pub(crate) fn read_file(_: &[u8], _: &ReadOptions) -> Result<VdbFile, Error> {
-    Err(Error::not_supported("reading is not built yet"))
-}
+pub(crate) use file::read as read_file;

@@ -1,0 +1,201 @@
+//! Blosc 1 frames.
+//!
+//! A frame is a header of 16 bytes (format version, codec version, flags, bytes a value, then
+//! three little-endian u32: unpacked bytes, bytes a block, packed bytes), the start of each block,
+//! and the blocks. A block is one stream, or one for each byte of a value ("split"); a stream is
+//! its packed length and its bytes, which stand as they are where that length is the unpacked one.
+
+use super::Scratch;
+use crate::Error;
+
+const HEADER: usize = 16;
+/// More bytes a value than this, and a block is never split.
+const MAX_SPLITS: usize = 16;
+/// Fewer values a block than this, and it is never split.
+const MIN_SPLIT_VALUES: usize = 128;
+
+const BYTE_SHUFFLE: u8 = 1;
+const STORED: u8 = 2;
+const BIT_SHUFFLE: u8 = 4;
+/// Set by versions of Blosc yet to come.
+const FUTURE: u8 = 8;
+const NOT_SPLIT: u8 = 16;
+
+/// What packs a stream: the three highest bits of the flags.
+#[derive(Clone, Copy)]
+enum Inner {
+    BloscLz,
+    Lz4,
+    Zlib,
+}
+
+fn u32_at(bytes: &[u8], at: usize) -> Option<usize> {
+    let word = bytes.get(at..)?.first_chunk::<4>()?;
+    Some(u32::from_le_bytes(*word) as usize)
+}
+
+fn cut_short() -> Error {
+    Error::invalid("a Blosc frame is cut short")
+}
+
+/// Unpacks a frame that must fill `out` exactly. Bytes after the frame do no harm.
+pub(crate) fn decode(frame: &[u8], out: &mut [u8], scratch: &mut Scratch) -> Result<(), Error> {
+    let (Some(header), Some(unpacked), Some(block)) =
+        (frame.first_chunk::<4>(), u32_at(frame, 4), u32_at(frame, 8))
+    else {
+        return Err(cut_short());
+    };
+    let [version, _, flags, value_bytes] = *header;
+    let packed = u32_at(frame, 12).ok_or_else(cut_short)?;
+    let frame = frame.get(..packed).ok_or_else(cut_short)?;
+    if version != 2 || flags & FUTURE != 0 {
+        return Err(Error::not_supported(format!("a Blosc frame of version {version}, not 2")));
+    }
+    if unpacked != out.len() {
+        let expected = out.len();
+        return Err(Error::invalid(format!(
+            "a Blosc frame holds {unpacked} bytes, not {expected}"
+        )));
+    }
+    if out.is_empty() {
+        return Ok(());
+    }
+    if flags & STORED != 0 {
+        let raw = frame.get(HEADER..HEADER + unpacked).ok_or_else(cut_short)?;
+        out.copy_from_slice(raw);
+        return Ok(());
+    }
+    let inner = match flags >> 5 {
+        0 => Inner::BloscLz,
+        1 => Inner::Lz4,
+        3 => Inner::Zlib,
+        2 => return Err(Error::not_supported("Blosc frames packed with Snappy")),
+        4 => return Err(Error::not_supported("Blosc frames packed with Zstandard")),
+        other => return Err(Error::invalid(format!("a Blosc frame names codec {other}"))),
+    };
+    if block == 0 || value_bytes == 0 {
+        return Err(Error::invalid("a Blosc frame has blocks or values of no bytes"));
+    }
+    let layout = Layout { flags, value_bytes: value_bytes.into(), block, inner };
+    for (index, out) in out.chunks_mut(block).enumerate() {
+        let start = u32_at(frame, HEADER + 4 * index).ok_or_else(cut_short)?;
+        let streams = frame.get(start..).ok_or_else(cut_short)?;
+        layout.decode_block(streams, out, scratch)?;
+    }
+    Ok(())
+}
+
+/// What the header says of every block.
+struct Layout {
+    flags: u8,
+    value_bytes: usize,
+    /// Unpacked bytes of every block but the last, which may have fewer.
+    block: usize,
+    inner: Inner,
+}
+
+impl Layout {
+    fn decode_block(
+        &self,
+        streams: &[u8],
+        out: &mut [u8],
+        scratch: &mut Scratch,
+    ) -> Result<(), Error> {
+        let whole = out.len() == self.block;
+        let bytes_shuffled = self.flags & BYTE_SHUFFLE != 0 && self.value_bytes > 1;
+        let bits_shuffled = self.flags & BIT_SHUFFLE != 0 && self.block >= self.value_bytes;
+        if !bytes_shuffled && !bits_shuffled {
+            return self.decode_streams(streams, out, whole, &mut scratch.zip);
+        }
+        let shuffled = Scratch::room(&mut scratch.shuffled, out.len());
+        self.decode_streams(streams, shuffled, whole, &mut scratch.zip)?;
+        if bytes_shuffled {
+            unshuffle_bytes(shuffled, out, self.value_bytes);
+        } else {
+            unshuffle_bits(shuffled, out, self.value_bytes);
+        }
+        Ok(())
+    }
+
+    fn decode_streams(
+        &self,
+        mut streams: &[u8],
+        out: &mut [u8],
+        whole: bool,
+        zip: &mut Option<flate2::Decompress>,
+    ) -> Result<(), Error> {
+        let split = self.flags & NOT_SPLIT == 0
+            && whole
+            && self.value_bytes <= MAX_SPLITS
+            && self.block / self.value_bytes >= MIN_SPLIT_VALUES;
+        let count = if split { self.value_bytes } else { 1 };
+        if !out.len().is_multiple_of(count) {
+            return Err(Error::invalid("a Blosc block does not hold whole values"));
+        }
+        let stream_bytes = out.len() / count;
+        for out in out.chunks_exact_mut(stream_bytes) {
+            let length = u32_at(streams, 0).ok_or_else(cut_short)?;
+            let stream = streams[4..].get(..length).ok_or_else(cut_short)?;
+            streams = &streams[4 + length..];
+            if length == out.len() {
+                out.copy_from_slice(stream);
+                continue;
+            }
+            let filled = match self.inner {
+                Inner::Lz4 => lz4_flex::block::decompress_into(stream, out).ok(),
+                Inner::BloscLz => super::blosclz::decode(stream, out),
+                Inner::Zlib => super::zip::decode(stream, out, zip).ok().map(|()| out.len()),
+            };
+            if filled != Some(out.len()) {
+                return Err(Error::invalid("a stream of a Blosc frame does not unpack"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Brings the bytes of each value together again: all first bytes stand first, then all second
+/// ones, and so on; bytes that make no whole value stand last.
+fn unshuffle_bytes(shuffled: &[u8], out: &mut [u8], value_bytes: usize) {
+    let values = out.len() / value_bytes;
+    let (whole, rest) = out.split_at_mut(values * value_bytes);
+    rest.copy_from_slice(&shuffled[whole.len()..]);
+    if value_bytes == 4 {
+        // What OpenVDB writes, for every type of value.
+        let (a, b) = shuffled.split_at(values);
+        let (b, c) = b.split_at(values);
+        let (c, d) = c.split_at(values);
+        for ((((out, a), b), c), d) in
+            whole.as_chunks_mut().0.iter_mut().zip(a).zip(b).zip(c).zip(d)
+        {
+            *out = [*a, *b, *c, *d];
+        }
+        return;
+    }
+    for (byte, plane) in shuffled[..whole.len()].chunks_exact(values.max(1)).enumerate() {
+        for (value, from) in whole.chunks_exact_mut(value_bytes).zip(plane) {
+            value[byte] = *from;
+        }
+    }
+}
+
+/// Brings the bits of each value together again: of the values, in eights, all lowest bits of the
+/// first byte stand first, and so on. Where the values make no whole eights, nothing was shuffled.
+fn unshuffle_bits(shuffled: &[u8], out: &mut [u8], value_bytes: usize) {
+    let values = out.len() / value_bytes;
+    if !values.is_multiple_of(8) {
+        out.copy_from_slice(shuffled);
+        return;
+    }
+    let (whole, rest) = out.split_at_mut(values * value_bytes);
+    rest.copy_from_slice(&shuffled[whole.len()..]);
+    whole.fill(0);
+    for (plane, bits) in shuffled[..whole.len()].chunks_exact((values / 8).max(1)).enumerate() {
+        let (byte, bit) = (plane / 8, plane % 8);
+        for (eight, from) in bits.iter().enumerate() {
+            for value in 0..8 {
+                whole[(eight * 8 + value) * value_bytes + byte] |= (from >> value & 1) << bit;
+            }
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! `BloscLZ` streams, the oldest of Blosc's inner codecs: OpenVDB never writes them, others may.
+
+/// Matches reach this far back with 13 bits of distance, and further with 16 more.
+const NEAR: usize = 8191;
+
+/// Unpacks a stream into `out`; how many bytes it filled, or `None` when the stream is damaged.
+pub(crate) fn decode(mut stream: &[u8], out: &mut [u8]) -> Option<usize> {
+    let mut filled = 0;
+    // The first three bits are the level of compression, which unpacking need not know.
+    let mut control = next(&mut stream)? & 31;
+    loop {
+        if control < 32 {
+            // So many bytes, and one more, as they are.
+            let (literal, rest) = stream.split_at_checked(control + 1)?;
+            out.get_mut(filled..filled + literal.len())?.copy_from_slice(literal);
+            filled += literal.len();
+            stream = rest;
+        } else {
+            // A match: bytes that stood before.
+            let mut length = (control >> 5) + 2;
+            if length == 9 {
+                loop {
+                    let more = next(&mut stream)?;
+                    length += more;
+                    if more != 255 {
+                        break;
+                    }
+                }
+            }
+            let mut distance = ((control & 31) << 8) + next(&mut stream)?;
+            if distance == NEAR {
+                distance += (next(&mut stream)? << 8) + next(&mut stream)?;
+            }
+            let from = filled.checked_sub(distance + 1)?;
+            if length > out.len() - filled {
+                return None;
+            }
+            // Byte by byte: the match may run into what it writes.
+            for at in 0..length {
+                out[filled + at] = out[from + at];
+            }
+            filled += length;
+        }
+        match next(&mut stream) {
+            Some(byte) => control = byte,
+            None => return Some(filled),
+        }
+    }
+}
+
+fn next(stream: &mut &[u8]) -> Option<usize> {
+    let (first, rest) = stream.split_first()?;
+    *stream = rest;
+    Some(usize::from(*first))
+}

@@ -1,0 +1,92 @@
+//! Inactive values that were left out, put back (OpenVDB's `COMPRESS_ACTIVE_MASK`).
+
+use crate::tree::Value;
+
+/// Which inactive values a node stored: a byte in front of its values.
+///
+/// "Background" is that of the tree; its negation stands for the inside of a level set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum InactiveCase {
+    /// None: there are none, or all are the background.
+    Background = 0,
+    /// None: all are the negated background.
+    MinusBackground = 1,
+    /// One, which all have.
+    One = 2,
+    /// A selection mask: background where its bit is set, else negated background.
+    MaskOfBackgrounds = 3,
+    /// One and a selection mask: background where its bit is set, else that value.
+    MaskOfBackgroundAndOne = 4,
+    /// Two and a selection mask: the second where its bit is set, else the first.
+    MaskOfTwo = 5,
+    /// All, among the active ones.
+    All = 6,
+}
+
+impl InactiveCase {
+    pub(crate) fn from_byte(byte: u8) -> Option<Self> {
+        use InactiveCase::*;
+        [
+            Background,
+            MinusBackground,
+            One,
+            MaskOfBackgrounds,
+            MaskOfBackgroundAndOne,
+            MaskOfTwo,
+            All,
+        ]
+        .into_iter()
+        .find(|case| *case as u8 == byte)
+    }
+
+    /// How many inactive values follow the byte.
+    pub(crate) fn stored_values(self) -> usize {
+        match self {
+            Self::One | Self::MaskOfBackgroundAndOne => 1,
+            Self::MaskOfTwo => 2,
+            _ => 0,
+        }
+    }
+
+    /// Whether a selection mask follows.
+    pub(crate) fn has_mask(self) -> bool {
+        matches!(self, Self::MaskOfBackgrounds | Self::MaskOfBackgroundAndOne | Self::MaskOfTwo)
+    }
+}
+
+/// Moves the active values, which stand at the start of `values`, to their slots, and puts the
+/// inactive ones between them: `inactive[1]` where `selection` has a bit set, else `inactive[0]`.
+///
+/// `active` and `selection` have one bit a slot; `packed` is the number of bits set in `active`.
+pub(crate) fn spread<T: Value>(
+    values: &mut [T],
+    packed: usize,
+    active: &[u64],
+    selection: impl Fn(usize) -> u64,
+    inactive: [T; 2],
+) {
+    // From the last slot to the first: a value never moves to a lower slot, so none is overwritten
+    // before it has moved.
+    let mut next = packed;
+    for (word, &bits) in active.iter().enumerate().rev() {
+        let first = word * 64;
+        let slots = 64.min(values.len() - first);
+        let chosen = selection(word);
+        if bits == 0 && chosen == 0 {
+            values[first..first + slots].fill(inactive[0]);
+        } else if bits == u64::MAX {
+            next -= 64;
+            values.copy_within(next..next + 64, first);
+        } else {
+            for slot in (0..slots).rev() {
+                values[first + slot] = if bits >> slot & 1 == 1 {
+                    next -= 1;
+                    values[next]
+                } else {
+                    inactive[(chosen >> slot & 1) as usize]
+                };
+            }
+        }
+    }
+}

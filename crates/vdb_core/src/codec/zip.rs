@@ -1,0 +1,25 @@
+//! zlib streams.
+
+use flate2::{Decompress, FlushDecompress, Status};
+
+use crate::Error;
+
+/// Unpacks a zlib stream that must fill `out` exactly.
+pub(crate) fn decode(
+    packed: &[u8],
+    out: &mut [u8],
+    state: &mut Option<Decompress>,
+) -> Result<(), Error> {
+    let decoder = state.get_or_insert_with(|| Decompress::new(true));
+    decoder.reset(true);
+    let expected = out.len();
+    match decoder.decompress(packed, out, FlushDecompress::Finish) {
+        // The checksum at the end was right, too.
+        Ok(Status::StreamEnd) if decoder.total_out() == expected as u64 => Ok(()),
+        Ok(_) => {
+            let got = decoder.total_out();
+            Err(Error::invalid(format!("a zip stream holds {got} bytes or more, not {expected}")))
+        }
+        Err(error) => Err(Error::invalid(format!("a zip stream does not unpack: {error}"))),
+    }
+}

@@ -1,0 +1,140 @@
+//! The values of leaves: a second copy of the mask, then the values.
+
+use super::cursor::Cursor;
+use super::header::NODE_MASK_COMPRESSION;
+use super::topology::{TreeContext, read_mask};
+use super::values::{FileValue, NodeValues};
+use crate::Error;
+use crate::codec::Scratch;
+use crate::tree::{Active, BitLeaf, IVec3, LeafNode, Mask, Node};
+
+/// A leaf of 8³ voxels that a file can hold.
+pub(crate) trait FileLeaf: Node<Leaf = Self, Value: FileValue> {
+    /// Reads past the values of a leaf.
+    fn pass(
+        cursor: &mut Cursor<'_>,
+        context: &TreeContext<Self::Value>,
+        origin: IVec3,
+        mask: &Mask<3>,
+    ) -> Result<(), Error>;
+
+    /// Reads the values of a leaf.
+    fn read(
+        cursor: &mut Cursor<'_>,
+        context: &TreeContext<Self::Value>,
+        origin: IVec3,
+        mask: Mask<3>,
+        scratch: &mut Scratch,
+    ) -> Result<Box<Self>, Error>;
+}
+
+/// Finds the values of a leaf: its mask as it counts for them, and the values.
+fn locate<'a, T: FileValue>(
+    cursor: &mut Cursor<'a>,
+    context: &TreeContext<T>,
+    origin: IVec3,
+    topology: &Mask<3>,
+) -> Result<(Mask<3>, NodeValues<'a, T>), Error> {
+    let encoding = &context.encoding;
+    let own = read_mask(cursor)?;
+    // Both masks are the same in a sound file. OpenVDB takes the first where the file has offsets,
+    // and the second in a stream.
+    let mask = if encoding.has_offsets { topology.clone() } else { own };
+    let mut buffers = 1;
+    if encoding.version < NODE_MASK_COMPRESSION {
+        check_origin(cursor, origin)?;
+        buffers = cursor.u8()? as i8;
+    }
+    let all = Mask::<3>::SIZE;
+    let values = NodeValues::locate(cursor, encoding, context.background, all, || mask.count())?;
+    // Copies for multi-threaded filters, which very old programs wrote along.
+    for _ in 1..buffers {
+        NodeValues::<T>::locate_packed(cursor, encoding, all)?;
+    }
+    Ok((mask, values))
+}
+
+/// Some leaves say where they stand, which the topology has said already.
+fn check_origin(cursor: &mut Cursor<'_>, origin: IVec3) -> Result<(), Error> {
+    let at = cursor.at();
+    let own = cursor.ivec3()?;
+    if own != origin {
+        let what = format!("the leaf at {origin} says that it stands at {own}");
+        return Err(Error::invalid(what).at(at));
+    }
+    Ok(())
+}
+
+impl<T: FileValue> FileLeaf for LeafNode<T, 3> {
+    fn pass(
+        cursor: &mut Cursor<'_>,
+        context: &TreeContext<T>,
+        origin: IVec3,
+        mask: &Mask<3>,
+    ) -> Result<(), Error> {
+        locate(cursor, context, origin, mask).map(|_| ())
+    }
+
+    fn read(
+        cursor: &mut Cursor<'_>,
+        context: &TreeContext<T>,
+        origin: IVec3,
+        mask: Mask<3>,
+        scratch: &mut Scratch,
+    ) -> Result<Box<Self>, Error> {
+        let (mask, values) = locate(cursor, context, origin, &mask)?;
+        let mut leaf = Self::filled(origin, context.background, false);
+        values.decode(&context.encoding, mask.words(), leaf.values_slice_mut(), scratch)?;
+        *leaf.value_mask_mut() = mask;
+        Ok(leaf)
+    }
+}
+
+impl FileLeaf for BitLeaf<Mask<3>, 3> {
+    fn pass(
+        cursor: &mut Cursor<'_>,
+        _: &TreeContext<bool>,
+        origin: IVec3,
+        _: &Mask<3>,
+    ) -> Result<(), Error> {
+        read_mask::<3>(cursor)?;
+        check_origin(cursor, origin)?;
+        read_mask::<3>(cursor).map(|_| ())
+    }
+
+    fn read(
+        cursor: &mut Cursor<'_>,
+        _: &TreeContext<bool>,
+        origin: IVec3,
+        _: Mask<3>,
+        _: &mut Scratch,
+    ) -> Result<Box<Self>, Error> {
+        let mask = read_mask(cursor)?;
+        check_origin(cursor, origin)?;
+        Ok(Self::from_parts(origin, mask, read_mask(cursor)?))
+    }
+}
+
+impl FileLeaf for BitLeaf<Active, 3> {
+    fn pass(
+        cursor: &mut Cursor<'_>,
+        _: &TreeContext<bool>,
+        origin: IVec3,
+        _: &Mask<3>,
+    ) -> Result<(), Error> {
+        read_mask::<3>(cursor)?;
+        check_origin(cursor, origin)
+    }
+
+    fn read(
+        cursor: &mut Cursor<'_>,
+        _: &TreeContext<bool>,
+        origin: IVec3,
+        _: Mask<3>,
+        _: &mut Scratch,
+    ) -> Result<Box<Self>, Error> {
+        let mask = read_mask(cursor)?;
+        check_origin(cursor, origin)?;
+        Ok(Self::from_parts(origin, mask, Active))
+    }
+}

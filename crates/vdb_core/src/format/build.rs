@@ -1,0 +1,155 @@
+//! The second pass over a tree: makes the nodes that the first has found, on all cores.
+
+use std::cell::RefCell;
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use rayon::prelude::*;
+
+use super::buffers::FileLeaf;
+use super::cursor::Cursor;
+use super::header::NODE_MASK_COMPRESSION;
+use super::topology::{
+    LEAF_MASK, Middle, MiddleScan, Scan, TreeContext, Upper, UpperScan, locate_tiles, read_mask,
+};
+use super::values::FileValue;
+use crate::codec::Scratch;
+use crate::codec::mask::spread;
+use crate::tree::{Cube, Dim, Mask, Node, Tree};
+use crate::{Error, ProgressFn};
+
+/// Leaves that one task makes: about 100 µs of work, so that cores share it out evenly and the
+/// sharing costs nothing.
+const LEAVES_PER_TASK: usize = 64;
+
+thread_local! {
+    static SCRATCH: RefCell<Scratch> = RefCell::default();
+}
+
+/// The children of an upper node, each in its own box as the node holds them.
+type Children<L> = Vec<Box<Middle<L>>>;
+
+/// Counts bytes as they are done.
+pub(crate) struct Progress<'a> {
+    done: AtomicU64,
+    all: u64,
+    tell: Option<&'a ProgressFn>,
+}
+
+impl<'a> Progress<'a> {
+    pub(crate) fn new(all: usize, tell: Option<&'a ProgressFn>) -> Self {
+        Self { done: AtomicU64::new(0), all: all as u64, tell }
+    }
+
+    /// So many bytes more are done.
+    pub(crate) fn add(&self, bytes: usize) -> Result<(), Error> {
+        let Some(tell) = self.tell else { return Ok(()) };
+        let done = self.done.fetch_add(bytes as u64, Ordering::Relaxed) + bytes as u64;
+        match tell(done.min(self.all), self.all) {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(Error::cancelled()),
+        }
+    }
+}
+
+impl<'a, L: FileLeaf> Scan<'a, L> {
+    /// Makes the tree.
+    pub(crate) fn build(self, progress: &Progress<'_>) -> Result<Tree<Upper<L>>, Error> {
+        let middles = self
+            .middles
+            .par_iter()
+            .map(|middle| self.build_middle(middle, progress).map(Some))
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut middles = middles.into_iter();
+        // Each upper node takes its own from the front, as the first pass pushed them.
+        let parts: Vec<(&UpperScan, Children<L>)> = self
+            .uppers
+            .iter()
+            .map(|upper| (upper, middles.by_ref().take(upper.middles.len()).flatten().collect()))
+            .collect();
+        let uppers = parts
+            .into_par_iter()
+            .map(|(upper, children)| self.build_upper(upper, children))
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut tree = Tree::new(self.context.background);
+        for &(origin, value, active) in &self.tiles {
+            tree.insert_tile(origin, value, active);
+        }
+        for upper in uppers {
+            tree.insert_child(upper);
+        }
+        Ok(tree)
+    }
+
+    fn build_upper(&self, scan: &UpperScan, children: Children<L>) -> Result<Box<Upper<L>>, Error> {
+        let mut cursor = self.cursor.moved_to(scan.at)?;
+        let (child_mask, value_mask, tiles) =
+            read_internal(&mut cursor, &self.context).map_err(|error| error.at(scan.at))?;
+        Upper::from_parts(scan.origin, child_mask, value_mask, children, tiles)
+            .ok_or_else(|| does_not_fit(scan.at))
+    }
+
+    fn build_middle(
+        &self,
+        scan: &MiddleScan,
+        progress: &Progress<'_>,
+    ) -> Result<Box<Middle<L>>, Error> {
+        let mut cursor = self.cursor.moved_to(scan.at)?;
+        let (child_mask, value_mask, tiles) =
+            read_internal(&mut cursor, &self.context).map_err(|error| error.at(scan.at))?;
+        let slots: Vec<usize> = child_mask.iter_on().collect();
+        let starts = &self.leaves[scan.leaves.clone()];
+        let children = slots
+            .par_iter()
+            .zip(starts)
+            .enumerate()
+            .with_min_len(LEAVES_PER_TASK)
+            .map(|(index, (&slot, &at))| {
+                let mask_at = scan.leaf_masks_at + index * LEAF_MASK;
+                let mask = read_mask(&mut self.cursor.moved_to(mask_at)?)?;
+                let mut values = self.cursor.moved_to(at)?;
+                let origin = scan.origin + Middle::<L>::slot_offset(slot);
+                SCRATCH.with_borrow_mut(|scratch| {
+                    L::read(&mut values, &self.context, origin, mask, scratch)
+                        .map_err(|error| error.at(at))
+                })
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        progress.add(starts.last().map_or(0, |last| last - starts[0]))?;
+        Middle::from_parts(scan.origin, child_mask, value_mask, children, tiles)
+            .ok_or_else(|| does_not_fit(scan.at))
+    }
+}
+
+/// Never seen: the first pass has counted the children by the same mask.
+fn does_not_fit(at: usize) -> Error {
+    Error::invalid("the children of a node do not fit its mask").at(at)
+}
+
+/// The masks and tiles of an internal node.
+type Internal<T, const LOG2: u32> = (Mask<LOG2>, Mask<LOG2>, Box<[T]>);
+
+fn read_internal<T: FileValue, const LOG2: u32>(
+    cursor: &mut Cursor<'_>,
+    context: &TreeContext<T>,
+) -> Result<Internal<T, LOG2>, Error>
+where
+    Dim<LOG2>: Cube,
+{
+    let child_mask: Mask<LOG2> = read_mask(cursor)?;
+    let value_mask: Mask<LOG2> = read_mask(cursor)?;
+    let values = locate_tiles(cursor, context, &child_mask, &value_mask)?;
+    let mut tiles = vec![context.background; Mask::<LOG2>::SIZE].into_boxed_slice();
+    let encoding = &context.encoding;
+    SCRATCH.with_borrow_mut(|scratch| {
+        if encoding.version < NODE_MASK_COMPRESSION {
+            let stored = tiles.len() - child_mask.count();
+            values.decode(encoding, &[], &mut tiles[..stored], scratch)?;
+            let tile_mask: Vec<u64> = child_mask.words().iter().map(|word| !word).collect();
+            spread(&mut tiles, stored, &tile_mask, |_| 0, [context.background; 2]);
+            return Ok(());
+        }
+        values.decode(encoding, value_mask.words(), &mut tiles, scratch)
+    })?;
+    Ok((child_mask, value_mask, tiles))
+}

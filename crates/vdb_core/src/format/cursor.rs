@@ -1,0 +1,106 @@
+//! A place in the bytes of a file, and reading onwards from it.
+
+use crate::{Error, Limits};
+
+/// Bytes of a file with a place in them. All numbers are little-endian.
+#[derive(Clone, Copy)]
+pub(crate) struct Cursor<'a> {
+    /// The file, from its first byte, up to where this cursor may read.
+    bytes: &'a [u8],
+    /// Never past the end of `bytes`.
+    at: usize,
+}
+
+impl<'a> Cursor<'a> {
+    pub(crate) fn new(bytes: &'a [u8]) -> Self {
+        Self { bytes, at: 0 }
+    }
+
+    /// Bytes from the start of the file.
+    pub(crate) fn at(&self) -> usize {
+        self.at
+    }
+
+    pub(crate) fn remaining(&self) -> usize {
+        self.bytes.len() - self.at
+    }
+
+    /// The same bytes from another place, which must not be past their end.
+    pub(crate) fn moved_to(&self, at: usize) -> Result<Self, Error> {
+        if at > self.bytes.len() {
+            let what = format!("a place past the end of the data at byte {}", self.bytes.len());
+            return Err(Error::invalid(what).at(at));
+        }
+        Ok(Self { bytes: self.bytes, at })
+    }
+
+    /// Where the bytes end.
+    pub(crate) fn end(&self) -> usize {
+        self.bytes.len()
+    }
+
+    /// The same bytes from their start, with nothing to be read from `end` on.
+    pub(crate) fn bounded(&self, end: usize) -> Self {
+        Self::new(&self.bytes[..end.min(self.bytes.len())])
+    }
+
+    pub(crate) fn take(&mut self, length: usize) -> Result<&'a [u8], Error> {
+        let Some(taken) = self.bytes[self.at..].get(..length) else {
+            let there = self.remaining();
+            let what = format!("{length} bytes are needed and only {there} are there");
+            return Err(Error::invalid(what).at(self.at));
+        };
+        self.at += length;
+        Ok(taken)
+    }
+
+    pub(crate) fn array<const N: usize>(&mut self) -> Result<[u8; N], Error> {
+        let taken = self.take(N)?;
+        // `take` gives exactly as many bytes as it was asked for.
+        taken.try_into().map_err(|_| Error::invalid("a value is cut short").at(self.at))
+    }
+
+    pub(crate) fn u8(&mut self) -> Result<u8, Error> {
+        Ok(self.array::<1>()?[0])
+    }
+
+    pub(crate) fn u32(&mut self) -> Result<u32, Error> {
+        Ok(u32::from_le_bytes(self.array()?))
+    }
+
+    pub(crate) fn i32(&mut self) -> Result<i32, Error> {
+        Ok(i32::from_le_bytes(self.array()?))
+    }
+
+    pub(crate) fn i64(&mut self) -> Result<i64, Error> {
+        Ok(i64::from_le_bytes(self.array()?))
+    }
+
+    pub(crate) fn f64(&mut self) -> Result<f64, Error> {
+        Ok(f64::from_le_bytes(self.array()?))
+    }
+
+    pub(crate) fn ivec3(&mut self) -> Result<glam::IVec3, Error> {
+        Ok(glam::IVec3::new(self.i32()?, self.i32()?, self.i32()?))
+    }
+
+    pub(crate) fn dvec3(&mut self) -> Result<glam::DVec3, Error> {
+        Ok(glam::DVec3::new(self.f64()?, self.f64()?, self.f64()?))
+    }
+
+    /// A length (u32) and that many bytes.
+    pub(crate) fn sized_bytes(&mut self, limits: &Limits) -> Result<&'a [u8], Error> {
+        let at = self.at;
+        let length = self.u32()?;
+        if u64::from(length) > limits.metadata_bytes {
+            let what = format!("{length} bytes of one string or metadata value");
+            return Err(Error::limit(what, "metadata_bytes", limits.metadata_bytes).at(at));
+        }
+        self.take(length as usize)
+    }
+
+    /// A length (u32) and that many bytes of text. Bytes that are no UTF-8 become U+FFFD.
+    pub(crate) fn string(&mut self, limits: &Limits) -> Result<String, Error> {
+        Ok(String::from_utf8_lossy(self.sized_bytes(limits)?).into_owned())
+    }
+}

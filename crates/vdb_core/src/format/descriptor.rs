@@ -1,0 +1,79 @@
+//! What the file lists of each grid: names, type and places.
+
+use super::cursor::Cursor;
+use crate::{Error, Limits};
+
+/// Stands between the name of a grid and the number that makes it unique.
+pub(crate) const SEPARATOR: u8 = 0x1e;
+/// Ends the type of a grid whose floating-point values have 16 bits.
+pub(crate) const HALF_SUFFIX: &str = "_HalfFloat";
+
+/// The least bytes that a grid can take: three lengths and three places.
+pub(crate) const SMALLEST: usize = 3 * 4 + 3 * 8;
+
+/// One grid, as the file lists it.
+#[derive(Clone)]
+pub(crate) struct Descriptor {
+    /// As it stands in the file; that is how an instance names its parent.
+    pub(crate) raw_name: Vec<u8>,
+    pub(crate) name: String,
+    pub(crate) unique_name: String,
+    /// Without the suffix for 16-bit floats.
+    pub(crate) type_name: String,
+    pub(crate) half_suffix: bool,
+    /// The `raw_name` of the grid whose tree this one shares; empty if it has its own.
+    pub(crate) parent: Vec<u8>,
+    /// Where the grid starts and where the next descriptor stands; without meaning in a stream.
+    pub(crate) grid_at: i64,
+    pub(crate) end_at: i64,
+    /// Where this descriptor starts and ends.
+    pub(crate) at: usize,
+    pub(crate) past: usize,
+}
+
+impl Descriptor {
+    pub(crate) fn is_instance(&self) -> bool {
+        !self.parent.is_empty()
+    }
+}
+
+pub(crate) fn read(cursor: &mut Cursor<'_>, limits: &Limits) -> Result<Descriptor, Error> {
+    let at = cursor.at();
+    let raw_name = cursor.sized_bytes(limits)?.to_owned();
+    let (name, unique_name) = names(&raw_name);
+    let full_type = cursor.string(limits)?;
+    let type_name = full_type.strip_suffix(HALF_SUFFIX);
+    let half_suffix = type_name.is_some();
+    let type_name = type_name.unwrap_or(&full_type).to_owned();
+    let parent = cursor.sized_bytes(limits)?.to_owned();
+    let grid_at = cursor.i64()?;
+    // Where the values start; reading on from the topology leads there, too.
+    let _block_at = cursor.i64()?;
+    let end_at = cursor.i64()?;
+    let past = cursor.at();
+    Ok(Descriptor {
+        raw_name,
+        name,
+        unique_name,
+        type_name,
+        half_suffix,
+        parent,
+        grid_at,
+        end_at,
+        at,
+        past,
+    })
+}
+
+/// The name, and the name with its number as OpenVDB shows it: `density` and `density[1]`.
+pub(crate) fn names(raw: &[u8]) -> (String, String) {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    match raw.iter().position(|byte| *byte == SEPARATOR) {
+        None => (text(raw), text(raw)),
+        Some(at) => {
+            let name = text(&raw[..at]);
+            let unique = format!("{name}[{}]", text(&raw[at + 1..]));
+            (name, unique)
+        }
+    }
+}

@@ -1,0 +1,389 @@
+//! A whole file: header, metadata, and grid after grid.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::build::Progress;
+use super::cursor::Cursor;
+use super::descriptor::{self, Descriptor};
+use super::header::{self, Header};
+use super::topology::{self, Budget};
+use super::values::Encoding;
+use super::{metadata, transform};
+use crate::{
+    AnyTree, Compression, Error, Grid, GridClass, GridSelection, Limits, Metadata, ReadOptions,
+    SkippedGrid, Transform, VdbFile,
+};
+
+/// Makes a tree that has been scanned.
+type Build<'a> = Box<dyn FnOnce(&Progress<'_>) -> Result<AnyTree, Error> + Send + 'a>;
+
+/// A grid of the file, its tree not yet made.
+struct Listed<'a> {
+    descriptor: Descriptor,
+    selected: bool,
+    /// What stands in front of the tree; or why it could not be read.
+    head: Result<Head, Error>,
+    tree: Source<'a>,
+}
+
+/// Where the tree of a grid comes from.
+enum Source<'a> {
+    Own(Build<'a>),
+    /// Another grid has it.
+    Instance,
+    /// It cannot be read, or need not.
+    None(Error),
+}
+
+/// What stands in front of the tree.
+struct Head {
+    compression: Compression,
+    metadata: Metadata,
+    transform: Transform,
+    half: bool,
+}
+
+pub(crate) fn read(bytes: &[u8], options: &ReadOptions) -> Result<VdbFile, Error> {
+    let limits = &options.limits;
+    if bytes.len() as u64 > limits.file_bytes {
+        let what = format!("{} bytes of file", bytes.len());
+        return Err(Error::limit(what, "file_bytes", limits.file_bytes));
+    }
+    let mut cursor = Cursor::new(bytes);
+    let header = header::read(&mut cursor)?;
+    let file_metadata = metadata::read(&mut cursor, limits)?;
+    let count = read_count(&mut cursor, limits)?;
+    let mut budget = Budget::new(limits);
+    let listed = if header.has_offsets {
+        list_with_offsets(cursor, &header, count, options, &mut budget)?
+    } else {
+        list_stream(cursor, &header, count, options, &mut budget)?
+    };
+    check_selection(&listed, &options.grids)?;
+    let progress = Progress::new(bytes.len(), options.progress.as_deref());
+    progress.add(0)?;
+    let (grids, skipped) = finish(listed, &progress)?;
+    progress.add(bytes.len())?;
+    Ok(VdbFile {
+        version: header.version,
+        library_version: header.library_version,
+        uuid: header.uuid,
+        metadata: file_metadata,
+        grids,
+        skipped,
+    })
+}
+
+fn read_count(cursor: &mut Cursor<'_>, limits: &Limits) -> Result<usize, Error> {
+    let at = cursor.at();
+    let count = cursor.u32()?;
+    if u64::from(count) > limits.grids {
+        return Err(Error::limit(format!("{count} grids"), "grids", limits.grids).at(at));
+    }
+    let count = count as usize;
+    if count > cursor.remaining() / descriptor::SMALLEST {
+        let there = cursor.remaining();
+        let what = format!("the file is cut short: {there} bytes cannot hold {count} grids");
+        return Err(Error::invalid(what).at(at));
+    }
+    Ok(count)
+}
+
+/// Grids that say where they end: from one to the next, whatever stands in them.
+fn list_with_offsets<'a>(
+    mut cursor: Cursor<'a>,
+    header: &Header,
+    count: usize,
+    options: &ReadOptions,
+    budget: &mut Budget<'_>,
+) -> Result<Vec<Listed<'a>>, Error> {
+    let limits = &options.limits;
+    let mut descriptors = Vec::new();
+    for _ in 0..count {
+        let descriptor = descriptor::read(&mut cursor, limits)?;
+        cursor = cursor.moved_to(check_places(&descriptor, &cursor)?.end)?;
+        descriptors.push(descriptor);
+    }
+    // An instance needs the tree of its parent, selected or not.
+    let parents: Vec<&[u8]> = descriptors
+        .iter()
+        .filter(|descriptor| is_selected(descriptor, &options.grids))
+        .map(|descriptor| &*descriptor.parent)
+        .collect();
+    let needed: Vec<bool> = descriptors
+        .iter()
+        .map(|descriptor| {
+            is_selected(descriptor, &options.grids) || parents.contains(&&*descriptor.raw_name)
+        })
+        .collect();
+    let mut listed = Vec::new();
+    for (descriptor, needed) in descriptors.into_iter().zip(needed) {
+        if !needed {
+            continue;
+        }
+        let places = check_places(&descriptor, &cursor)?;
+        let mut grid = cursor.bounded(places.end).moved_to(places.start)?;
+        listed.push(read_grid(&mut grid, header, descriptor, options, budget)?);
+    }
+    Ok(listed)
+}
+
+/// Where a grid starts and ends, when that makes sense.
+fn check_places(
+    descriptor: &Descriptor,
+    cursor: &Cursor<'_>,
+) -> Result<std::ops::Range<usize>, Error> {
+    let end_of_file = cursor.end();
+    let place = |place: i64| usize::try_from(place).ok();
+    let invalid =
+        |what: String| Err(Error::invalid(what).at(descriptor.at).in_grid(&descriptor.unique_name));
+    match (place(descriptor.grid_at), place(descriptor.end_at)) {
+        (Some(_), Some(end)) if end > end_of_file => invalid(format!(
+            "the file is cut short: the grid ends at byte {end}, the file at {end_of_file}"
+        )),
+        (Some(start), Some(end)) if descriptor.past <= start && start <= end => Ok(start..end),
+        _ => invalid(format!(
+            "the grid lies from byte {} to {}, which cannot be",
+            descriptor.grid_at, descriptor.end_at
+        )),
+    }
+}
+
+/// Grids one after the other, as in a stream: where one ends the next begins.
+fn list_stream<'a>(
+    mut cursor: Cursor<'a>,
+    header: &Header,
+    count: usize,
+    options: &ReadOptions,
+    budget: &mut Budget<'_>,
+) -> Result<Vec<Listed<'a>>, Error> {
+    let mut listed = Vec::new();
+    for index in 0..count {
+        let descriptor = descriptor::read(&mut cursor, &options.limits)?;
+        let mut grid = read_grid(&mut cursor, header, descriptor, options, budget)?;
+        let left = count - index - 1;
+        if let (Source::None(reason), true) = (&mut grid.tree, left > 0) {
+            // Nothing says how long the tree is, so that what follows is out of reach.
+            if let Error::NotSupported { what, .. } = reason {
+                *what += &format!(
+                    "; the {left} grids after it are out of reach, because the file was \
+                     written as a stream, without offsets"
+                );
+            }
+            listed.push(grid);
+            break;
+        }
+        listed.push(grid);
+    }
+    Ok(listed)
+}
+
+fn is_selected(descriptor: &Descriptor, selection: &GridSelection) -> bool {
+    match selection {
+        GridSelection::All => true,
+        GridSelection::Names(names) => {
+            names.iter().any(|name| *name == descriptor.name || *name == descriptor.unique_name)
+        }
+    }
+}
+
+fn check_selection(listed: &[Listed<'_>], selection: &GridSelection) -> Result<(), Error> {
+    let GridSelection::Names(names) = selection else { return Ok(()) };
+    for name in names {
+        let one = GridSelection::Names(vec![name.clone()]);
+        if !listed.iter().any(|grid| is_selected(&grid.descriptor, &one)) {
+            return Err(Error::NoSuchGrid { place: crate::Place::default(), name: name.clone() });
+        }
+    }
+    Ok(())
+}
+
+/// Reads past a grid. An error here is damage; what is merely not supported is noted in the result.
+fn read_grid<'a>(
+    cursor: &mut Cursor<'a>,
+    header: &Header,
+    descriptor: Descriptor,
+    options: &ReadOptions,
+    budget: &mut Budget<'_>,
+) -> Result<Listed<'a>, Error> {
+    let selected = is_selected(&descriptor, &options.grids);
+    let named = |error: Error| error.in_grid(&descriptor.unique_name);
+    let known = scanner(&descriptor.type_name);
+    let head = read_head(cursor, header, &descriptor, &options.limits).map_err(named);
+    let head = match head {
+        // Who knows what a type that is not known has there.
+        Err(error) if known.is_none() || matches!(error, Error::NotSupported { .. }) => Err(error),
+        Err(error) => return Err(error),
+        Ok(head) => Ok(head),
+    };
+    let tree = match (&head, known) {
+        (Err(error), _) => Source::None(error.clone()),
+        (Ok(_), None) => Source::None(named(Error::not_supported(format!(
+            "grids of type {} are not supported",
+            descriptor.type_name
+        )))),
+        (Ok(_), Some(_)) if descriptor.is_instance() => Source::Instance,
+        (Ok(head), Some(scan)) => {
+            let encoding = Encoding {
+                version: header.version,
+                compression: head.compression,
+                half: head.half,
+                has_offsets: header.has_offsets,
+            };
+            let build = scan(cursor, encoding, budget).map_err(named)?;
+            let name = descriptor.unique_name.clone();
+            Source::Own(Box::new(move |progress| {
+                build(progress).map_err(|error| error.in_grid(&name))
+            }))
+        }
+    };
+    Ok(Listed { descriptor, selected, head, tree })
+}
+
+fn read_head(
+    cursor: &mut Cursor<'_>,
+    header: &Header,
+    descriptor: &Descriptor,
+    limits: &Limits,
+) -> Result<Head, Error> {
+    let compression = header::read_compression(cursor, header)?;
+    let metadata = metadata::read(cursor, limits)?;
+    // OpenVDB believes the metadata; only files that others wrote lack it.
+    let half = metadata.get_bool("is_saved_as_half_float").unwrap_or(descriptor.half_suffix);
+    let transform = transform::read(cursor, header.version, limits)?;
+    Ok(Head { compression, metadata, transform, half })
+}
+
+/// Reads past a tree of one type, and leaves what makes it.
+type Scanner = for<'a> fn(&mut Cursor<'a>, Encoding, &mut Budget<'_>) -> Result<Build<'a>, Error>;
+
+/// What reads trees of this type.
+fn scanner(type_name: &str) -> Option<Scanner> {
+    macro_rules! scanner {
+        ($variant:ident) => {
+            Some(|cursor, encoding, budget| {
+                let scan = topology::scan(cursor, encoding, budget)?;
+                Ok(Box::new(move |progress| {
+                    scan.build(progress).map(|tree| AnyTree::$variant(Arc::new(tree)))
+                }))
+            })
+        };
+    }
+    match type_name.strip_prefix("Tree_")?.strip_suffix("_5_4_3")? {
+        "float" => scanner!(Float),
+        "double" => scanner!(Double),
+        "int32" => scanner!(Int32),
+        "int64" => scanner!(Int64),
+        "bool" => scanner!(Bool),
+        "mask" => scanner!(Mask),
+        "vec3s" => scanner!(Vec3s),
+        "vec3d" => scanner!(Vec3d),
+        "vec3i" => scanner!(Vec3i),
+        _ => None,
+    }
+}
+
+/// Makes the trees, hands them to their instances too, and sorts out what could not be read.
+fn finish(
+    listed: Vec<Listed<'_>>,
+    progress: &Progress<'_>,
+) -> Result<(Vec<Grid>, Vec<SkippedGrid>), Error> {
+    let (entries, sources): (Vec<_>, Vec<_>) =
+        listed.into_iter().map(|l| ((l.descriptor, l.selected, l.head), l.tree)).unzip();
+    let trees = sources
+        .into_par_iter()
+        .map(|source| match source {
+            Source::Own(build) => build(progress).map(|tree| Some(Ok(tree))),
+            Source::Instance => Ok(None),
+            Source::None(reason) => Ok(Some(Err(reason))),
+        })
+        .collect::<Result<Vec<_>, Error>>()?;
+    let by_name: HashMap<&[u8], usize> = entries
+        .iter()
+        .enumerate()
+        .map(|(index, (descriptor, ..))| (&*descriptor.raw_name, index))
+        .collect();
+    // Which grid has the tree of this one. More steps than grids go round in circles.
+    let owner = |start: usize| {
+        let mut index = start;
+        for _ in 0..entries.len() {
+            if trees[index].is_some() {
+                return Some(index);
+            }
+            index = *by_name.get(&*entries[index].0.parent)?;
+        }
+        None
+    };
+    let owners: Vec<Option<usize>> = (0..entries.len()).map(owner).collect();
+    let mut grids = Vec::new();
+    let mut skipped = Vec::new();
+    let unique_names: Vec<String> =
+        entries.iter().map(|(descriptor, ..)| descriptor.unique_name.clone()).collect();
+    for (index, ((descriptor, selected, head), owner)) in
+        entries.into_iter().zip(owners).enumerate()
+    {
+        if !selected {
+            continue;
+        }
+        let invalid = |what: String| Error::invalid(what).in_grid(&descriptor.unique_name);
+        let Some(owner) = owner else {
+            let (_, parent) = descriptor::names(&descriptor.parent);
+            return Err(invalid(format!(
+                "the grid shares the tree of {parent:?}, which the file does not have"
+            ))
+            .at(descriptor.at));
+        };
+        let tree = match &trees[owner] {
+            Some(Ok(tree)) => Ok(tree.clone()),
+            Some(Err(reason)) => Err(reason.clone()),
+            None => Err(invalid("the grid has no tree".into())),
+        };
+        match (head, tree) {
+            (Ok(head), Ok(tree)) => {
+                if tree.type_name() != descriptor.type_name {
+                    return Err(invalid(format!(
+                        "the grid is a {} and shares a {}",
+                        descriptor.type_name,
+                        tree.type_name()
+                    )));
+                }
+                let instance_of = (owner != index).then(|| unique_names[owner].clone());
+                grids.push(grid(descriptor, head, tree, instance_of));
+            }
+            (head, Err(reason)) => skipped.push(skip(descriptor, head.ok(), reason)),
+            (Err(reason), Ok(_)) => skipped.push(skip(descriptor, None, reason)),
+        }
+    }
+    Ok((grids, skipped))
+}
+
+fn grid(descriptor: Descriptor, head: Head, tree: AnyTree, instance_of: Option<String>) -> Grid {
+    Grid {
+        name: descriptor.name,
+        unique_name: descriptor.unique_name,
+        type_name: descriptor.type_name,
+        class: GridClass::from_metadata(&head.metadata),
+        saved_as_half: head.half,
+        compression: head.compression,
+        instance_of,
+        transform: head.transform,
+        metadata: head.metadata,
+        tree,
+    }
+}
+
+fn skip(descriptor: Descriptor, head: Option<Head>, reason: Error) -> SkippedGrid {
+    SkippedGrid {
+        name: descriptor.name,
+        unique_name: descriptor.unique_name,
+        type_name: descriptor.type_name,
+        class: head.as_ref().map(|h| GridClass::from_metadata(&h.metadata)).unwrap_or_default(),
+        saved_as_half: head.as_ref().map_or(descriptor.half_suffix, |head| head.half),
+        transform: head.as_ref().map(|head| head.transform.clone()),
+        metadata: head.map(|head| head.metadata),
+        reason,
+    }
+}

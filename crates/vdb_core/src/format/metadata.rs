@@ -1,0 +1,63 @@
+//! Metadata maps: a count, then name, type name, length and value of each.
+
+use super::cursor::Cursor;
+use crate::{Error, Limits, MetaValue, Metadata};
+
+pub(crate) fn read(cursor: &mut Cursor<'_>, limits: &Limits) -> Result<Metadata, Error> {
+    let at = cursor.at();
+    let count = cursor.u32()?;
+    if u64::from(count) > limits.metadata_entries {
+        let what = format!("{count} metadata entries");
+        return Err(Error::limit(what, "metadata_entries", limits.metadata_entries).at(at));
+    }
+    let mut metadata = Metadata::default();
+    for _ in 0..count {
+        let name = cursor.string(limits)?;
+        let type_name = cursor.string(limits)?;
+        let value = cursor.sized_bytes(limits)?;
+        // Types with two underscores are notes of OpenVDB to itself, such as the sizes of packed
+        // leaves; they would be wrong as soon as the tree changed.
+        if !type_name.starts_with("__") {
+            metadata.insert(name, parse(&type_name, value));
+        }
+    }
+    Ok(metadata)
+}
+
+/// The value of a type that is known, when its length is right; else its bytes.
+fn parse(type_name: &str, bytes: &[u8]) -> MetaValue {
+    let value = match type_name {
+        "bool" => <[u8; 1]>::try_from(bytes).ok().map(|[byte]| MetaValue::Bool(byte != 0)),
+        "int32" => numbers(bytes, i32::from_le_bytes).map(|[n]| MetaValue::Int32(n)),
+        "int64" => numbers(bytes, i64::from_le_bytes).map(|[n]| MetaValue::Int64(n)),
+        "float" => numbers(bytes, f32::from_le_bytes).map(|[n]| MetaValue::Float(n)),
+        "double" => numbers(bytes, f64::from_le_bytes).map(|[n]| MetaValue::Double(n)),
+        "string" => str::from_utf8(bytes).ok().map(|text| MetaValue::String(text.to_owned())),
+        "vec2i" => numbers(bytes, i32::from_le_bytes).map(MetaValue::Vec2i),
+        "vec2s" => numbers(bytes, f32::from_le_bytes).map(MetaValue::Vec2s),
+        "vec2d" => numbers(bytes, f64::from_le_bytes).map(MetaValue::Vec2d),
+        "vec3i" => numbers(bytes, i32::from_le_bytes).map(MetaValue::Vec3i),
+        "vec3s" => numbers(bytes, f32::from_le_bytes).map(MetaValue::Vec3s),
+        "vec3d" => numbers(bytes, f64::from_le_bytes).map(MetaValue::Vec3d),
+        "vec4i" => numbers(bytes, i32::from_le_bytes).map(MetaValue::Vec4i),
+        "vec4s" => numbers(bytes, f32::from_le_bytes).map(MetaValue::Vec4s),
+        "vec4d" => numbers(bytes, f64::from_le_bytes).map(MetaValue::Vec4d),
+        "mat4s" => numbers(bytes, f32::from_le_bytes).map(MetaValue::Mat4s),
+        "mat4d" => numbers(bytes, f64::from_le_bytes).map(MetaValue::Mat4d),
+        _ => None,
+    };
+    value.unwrap_or_else(|| MetaValue::Unknown {
+        type_name: type_name.to_owned(),
+        bytes: bytes.to_owned(),
+    })
+}
+
+/// `N` numbers of `SIZE` bytes, when that is what the bytes are.
+fn numbers<T, const SIZE: usize, const N: usize>(
+    bytes: &[u8],
+    from: fn([u8; SIZE]) -> T,
+) -> Option<[T; N]> {
+    let (whole, rest) = bytes.as_chunks::<SIZE>();
+    let whole: &[[u8; SIZE]; N] = whole.try_into().ok()?;
+    rest.is_empty().then(|| whole.map(from))
+}

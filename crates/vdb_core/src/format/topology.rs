@@ -1,0 +1,250 @@
+//! The tree of a grid: nodes, masks and tiles first, then the values of all leaves.
+//!
+//! Reading has two passes. The first, here, goes over the bytes once, from length to length, and
+//! notes where each node stands; it unpacks nothing, and what it notes is smaller than what it has
+//! seen. The second, in [`super::build`], makes the nodes, on all cores.
+
+use std::ops::Range;
+
+use super::buffers::FileLeaf;
+use super::cursor::Cursor;
+use super::header::NODE_MASK_COMPRESSION;
+use super::values::{Encoding, FileValue, NodeValues};
+use crate::tree::{Cube, Dim, IVec3, InternalNode, Mask, Node};
+use crate::{Error, Limits};
+
+/// The nodes above the leaves, 128³ voxels each.
+pub(crate) type Middle<L> = InternalNode<L, 4>;
+/// The nodes below the root, 4096³ voxels each.
+pub(crate) type Upper<L> = InternalNode<Middle<L>, 5>;
+
+/// What a file has asked for so far, against what it may.
+pub(crate) struct Budget<'a> {
+    pub(crate) limits: &'a Limits,
+    nodes: u64,
+    voxels: u64,
+    bytes: u64,
+}
+
+impl<'a> Budget<'a> {
+    pub(crate) fn new(limits: &'a Limits) -> Self {
+        Self { limits, nodes: 0, voxels: 0, bytes: 0 }
+    }
+
+    /// Takes in `count` nodes of `bytes` each, every one with `voxels` voxels of its own.
+    fn add(&mut self, count: usize, bytes: usize, voxels: usize) -> Result<(), Error> {
+        let add = |sum: &mut u64, each: usize| {
+            *sum = sum.saturating_add((count as u64).saturating_mul(each as u64));
+            *sum
+        };
+        let limits = self.limits;
+        for (sum, limit, name) in [
+            (add(&mut self.nodes, 1), limits.nodes, "nodes"),
+            (add(&mut self.voxels, voxels), limits.voxels, "voxels"),
+            (add(&mut self.bytes, bytes), limits.tree_bytes, "tree_bytes"),
+        ] {
+            if sum > limit {
+                let unit = if name == "tree_bytes" { "bytes of memory for trees" } else { name };
+                return Err(Error::limit(format!("{sum} {unit}"), name, limit));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What every node of a tree needs to know.
+pub(crate) struct TreeContext<T> {
+    pub(crate) encoding: Encoding,
+    pub(crate) background: T,
+}
+
+/// Where the nodes of a tree stand.
+pub(crate) struct Scan<'a, L: FileLeaf> {
+    pub(crate) context: TreeContext<L::Value>,
+    /// The bytes of the file, up to the end of the grid.
+    pub(crate) cursor: Cursor<'a>,
+    pub(crate) tiles: Vec<(IVec3, L::Value, bool)>,
+    pub(crate) uppers: Vec<UpperScan>,
+    pub(crate) middles: Vec<MiddleScan>,
+    /// Where the values of each leaf start; leaves in the order of the topology.
+    pub(crate) leaves: Vec<usize>,
+}
+
+pub(crate) struct UpperScan {
+    pub(crate) origin: IVec3,
+    /// Where its masks start.
+    pub(crate) at: usize,
+    pub(crate) middles: Range<usize>,
+}
+
+pub(crate) struct MiddleScan {
+    pub(crate) origin: IVec3,
+    /// Where its masks start.
+    pub(crate) at: usize,
+    /// Where the masks of its leaves start, [`LEAF_MASK`] bytes each.
+    pub(crate) leaf_masks_at: usize,
+    pub(crate) leaves: Range<usize>,
+}
+
+/// Bytes of the mask of a leaf.
+pub(crate) const LEAF_MASK: usize = 64;
+
+/// Reads past the tree of a grid.
+pub(crate) fn scan<'a, L: FileLeaf>(
+    cursor: &mut Cursor<'a>,
+    encoding: Encoding,
+    budget: &mut Budget<'_>,
+) -> Result<Scan<'a, L>, Error> {
+    // Once the number of buffers of each leaf; always 1 now, and nothing depends on it.
+    let _buffers = cursor.u32()?;
+    let background = L::Value::read(cursor)?;
+    let context = TreeContext { encoding, background };
+    let (tile_count, child_count) = (cursor.u32()?, cursor.u32()?);
+    let mut scan = Scan {
+        context,
+        cursor: *cursor,
+        tiles: Vec::new(),
+        uppers: Vec::new(),
+        middles: Vec::new(),
+        leaves: Vec::new(),
+    };
+    for _ in 0..tile_count {
+        let at = cursor.at();
+        let origin = root_origin::<L>(cursor)?;
+        let tile = (origin, L::Value::read(cursor)?, cursor.u8()? != 0);
+        // A map entry: the key, the value, and about as much again.
+        budget.add(1, 2 * size_of_val(&tile), 0).map_err(|error| error.at(at))?;
+        scan.tiles.push(tile);
+    }
+    for _ in 0..child_count {
+        let origin = root_origin::<L>(cursor)?;
+        scan.upper(cursor, origin, budget)?;
+    }
+    scan.find_buffers(cursor)?;
+    scan.cursor = *cursor;
+    Ok(scan)
+}
+
+/// The key of an entry of the root.
+fn root_origin<L: FileLeaf>(cursor: &mut Cursor<'_>) -> Result<IVec3, Error> {
+    let at = cursor.at();
+    let origin = cursor.ivec3()?;
+    if origin != Upper::<L>::origin_of(origin) {
+        let what = format!("a node of the root stands at {origin}, no multiple of 4096 voxels");
+        return Err(Error::invalid(what).at(at));
+    }
+    Ok(origin)
+}
+
+impl<L: FileLeaf> Scan<'_, L> {
+    fn upper(
+        &mut self,
+        cursor: &mut Cursor<'_>,
+        origin: IVec3,
+        budget: &mut Budget<'_>,
+    ) -> Result<(), Error> {
+        let at = cursor.at();
+        let child_mask = self.pass_internal::<5>(cursor)?;
+        let bytes = internal_bytes::<L::Value, 5>(child_mask.count());
+        budget.add(1, bytes, 0).map_err(|error| error.at(at))?;
+        let first = self.middles.len();
+        for slot in child_mask.iter_on() {
+            let origin = origin + Upper::<L>::slot_offset(slot);
+            self.middle(cursor, origin, budget)?;
+        }
+        self.uppers.push(UpperScan { origin, at, middles: first..self.middles.len() });
+        Ok(())
+    }
+
+    fn middle(
+        &mut self,
+        cursor: &mut Cursor<'_>,
+        origin: IVec3,
+        budget: &mut Budget<'_>,
+    ) -> Result<(), Error> {
+        let at = cursor.at();
+        let leaf_count = self.pass_internal::<4>(cursor)?.count();
+        let bytes = internal_bytes::<L::Value, 4>(leaf_count);
+        let leaf_masks_at = cursor.at();
+        cursor.take(leaf_count * LEAF_MASK)?;
+        budget
+            .add(1, bytes, 0)
+            .and_then(|()| budget.add(leaf_count, size_of::<L>(), L::SIZE))
+            .map_err(|error| error.at(at))?;
+        let first = self.leaves.len();
+        self.leaves.resize(first + leaf_count, 0);
+        let leaves = first..self.leaves.len();
+        self.middles.push(MiddleScan { origin, at, leaf_masks_at, leaves });
+        Ok(())
+    }
+
+    /// Reads past the masks and tiles of an internal node.
+    fn pass_internal<const LOG2: u32>(&self, cursor: &mut Cursor<'_>) -> Result<Mask<LOG2>, Error>
+    where
+        Dim<LOG2>: Cube,
+    {
+        let child_mask = read_mask(cursor)?;
+        let value_mask = read_mask(cursor)?;
+        locate_tiles(cursor, &self.context, &child_mask, &value_mask)?;
+        Ok(child_mask)
+    }
+
+    /// Goes over the values of all leaves and notes where each one's start. They stand by ascending
+    /// origin of the root's children, in whatever order those stand.
+    fn find_buffers(&mut self, cursor: &mut Cursor<'_>) -> Result<(), Error> {
+        let mut order: Vec<&UpperScan> = self.uppers.iter().collect();
+        order.sort_by_key(|upper| upper.origin.to_array());
+        if let Some(pair) = order.windows(2).find(|pair| pair[0].origin == pair[1].origin) {
+            let what = format!("two nodes stand at {}", pair[0].origin);
+            return Err(Error::invalid(what).at(pair[1].at));
+        }
+        for middle in order.into_iter().flat_map(|upper| &self.middles[upper.middles.clone()]) {
+            let child_mask: Mask<4> = read_mask(&mut cursor.moved_to(middle.at)?)?;
+            let mut masks = cursor.moved_to(middle.leaf_masks_at)?;
+            for (leaf, slot) in middle.leaves.clone().zip(child_mask.iter_on()) {
+                let mask = read_mask(&mut masks)?;
+                let origin = middle.origin + Middle::<L>::slot_offset(slot);
+                self.leaves[leaf] = cursor.at();
+                L::pass(cursor, &self.context, origin, &mask)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The memory of an internal node, without its children's.
+fn internal_bytes<T, const LOG2: u32>(children: usize) -> usize {
+    let slots = 1usize << (3 * LOG2);
+    slots * size_of::<T>() + slots / 8 * 2 + slots / 64 * 4 + children * 8 + 128
+}
+
+/// A mask, one bit a slot, lowest slot in the lowest bit of the first byte.
+pub(crate) fn read_mask<const LOG2: u32>(cursor: &mut Cursor<'_>) -> Result<Mask<LOG2>, Error>
+where
+    Dim<LOG2>: Cube,
+{
+    let mut mask = Mask::filled(false);
+    let bytes = cursor.take(Mask::<LOG2>::SIZE / 8)?;
+    for (word, bytes) in mask.words_mut().iter_mut().zip(bytes.as_chunks().0) {
+        *word = u64::from_le_bytes(*bytes);
+    }
+    Ok(mask)
+}
+
+/// Reads past the tiles of an internal node.
+pub(crate) fn locate_tiles<'a, T: FileValue, const LOG2: u32>(
+    cursor: &mut Cursor<'a>,
+    context: &TreeContext<T>,
+    child_mask: &Mask<LOG2>,
+    value_mask: &Mask<LOG2>,
+) -> Result<NodeValues<'a, T>, Error>
+where
+    Dim<LOG2>: Cube,
+{
+    let encoding = &context.encoding;
+    let size = Mask::<LOG2>::SIZE;
+    // Old files leave out the slots of children; newer ones have a value there, without meaning.
+    let old = encoding.version < NODE_MASK_COMPRESSION;
+    let stored = if old { size - child_mask.count() } else { size };
+    NodeValues::locate(cursor, encoding, context.background, stored, || value_mask.count())
+}

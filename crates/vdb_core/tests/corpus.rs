@@ -1,0 +1,90 @@
+//! Every figure that OpenVDB itself reads from every file of a corpus, and that damaged files are
+//! refused or read without harm.
+//!
+//! The corpus is large and not part of the crate: `shared/corpus` beside the repository, or under
+//! the folder that `VDB_SHARED` names. `tests/basic.rs` runs without it.
+
+mod figures;
+
+use std::path::{Path, PathBuf};
+
+use figures::Check;
+use vdb_core::{Error, VdbFile};
+
+/// The corpus, or `None` with a line that says so.
+fn corpus() -> Option<PathBuf> {
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
+    let shared = std::env::var_os("VDB_SHARED").map_or(beside, PathBuf::from);
+    let corpus = shared.join("corpus");
+    if !corpus.is_dir() {
+        eprintln!(
+            "SKIPPED: no corpus of .vdb files at {} (set VDB_SHARED to the folder that has it)",
+            corpus.display()
+        );
+        return None;
+    }
+    Some(corpus)
+}
+
+/// The files of a folder that end so, sorted.
+fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|e| e == extension))
+        .collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn every_figure_of_the_corpus() {
+    let Some(corpus) = corpus() else { return };
+    let mut check = Check::default();
+    for path in ["openvdb-written", "real"].iter().flat_map(|f| files(&corpus.join(f), "json")) {
+        let path = path.with_extension("vdb");
+        check.file(&path, &VdbFile::open(&path).unwrap());
+    }
+    check.finish();
+}
+
+#[test]
+fn damaged_files_do_no_harm() {
+    let Some(corpus) = corpus() else { return };
+    let mut count = 0;
+    for path in files(&corpus.join("damaged"), "vdb") {
+        let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+        count += 1;
+        match VdbFile::open(&path) {
+            Err(error) => {
+                println!("{name}: {error}");
+                assert!(name.starts_with("truncated"), "{error}");
+                assert!(matches!(error, Error::Invalid { .. }), "{error:?}");
+                let shown = error.to_string();
+                assert!(shown.contains("cut short") && shown.contains(".vdb, byte "), "{shown}");
+            }
+            // The box in the metadata lies; the tree is empty, sound, and does not know the box.
+            Ok(file) => {
+                assert!(name.starts_with("bad-bbox"), "{name} was read");
+                let [grid] = &file.grids[..] else { panic!("{name}: {:?}", file.grids) };
+                assert_eq!(grid.tree.active_bbox(), None, "{name}");
+                assert_eq!(grid.tree.stats().levels.last().unwrap().nodes, 1, "{name}");
+                assert!(grid.tree.stats().bytes < 1000, "{name}");
+                println!("{name}: read, its metadata kept: {:?}", grid.metadata);
+            }
+        }
+    }
+    assert_eq!(count, 14);
+}
+
+#[test]
+fn nanovdb_files_are_named_as_such() {
+    let Some(corpus) = corpus() else { return };
+    let nanovdb = files(&corpus.join("real"), "nvdb");
+    assert!(!nanovdb.is_empty());
+    for path in nanovdb {
+        let error = VdbFile::open(&path).unwrap_err();
+        assert!(matches!(error, Error::NotSupported { .. }), "{error:?}");
+        assert!(error.to_string().contains("NanoVDB"), "{error}");
+    }
+}
