@@ -91,10 +91,9 @@ impl<'a, C: Node<Value = f32>> Blocky<'a, C> {
                         Block::Voxel(value, active) => (Span::cell(cell), value, active),
                     };
                     if self.occupied.holds(value, active) {
-                        let face = walk.entered().map(|(axis, step)| Face {
-                            axis: axis as u8,
-                            sign: -step as i8,
-                        });
+                        let face = walk
+                            .entered()
+                            .map(|(axis, step)| Face { axis: axis as u8, sign: -step as i8 });
                         let ijk = IVec3::from_array(cell.map(|c| c as i32));
                         return Some(VoxelHit { ijk, face, t: walk.t() });
                     }

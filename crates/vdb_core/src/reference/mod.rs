@@ -13,13 +13,22 @@
 //! # What there is
 //!
 //! - [`first_voxel`]: the first occupied voxel and the face entered, exact.
+//! - [`first_root`], [`trace_surface`]: the first root of the trilinear interpolant, certified.
+//! - [`optical_depth`], [`transmittance`]: through the trilinear density, integrated exactly cell by
+//!   cell; [`optical_depth_nearest`] through voxels of constant density.
 
 mod blocky;
+mod cells;
+mod cubic;
 mod field;
+mod fog;
 mod planes;
 mod ray;
+mod smooth;
 mod walk;
 mod wide;
 
 pub use blocky::{Blocky, Face, Occupied, VoxelHit, first_voxel};
+pub use fog::{Estimate, Fog, density, optical_depth, optical_depth_nearest, transmittance};
 pub use ray::Ray;
+pub use smooth::{Graze, Smooth, SurfaceHit, SurfaceTrace, first_root, trace_surface};

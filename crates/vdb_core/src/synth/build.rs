@@ -2,9 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::tree::{
-    CoordBox, Cube, Dim, IVec3, InternalNode, LeafNode, Mask, Node, Tree, Vdb543,
-};
+use crate::tree::{CoordBox, Cube, Dim, IVec3, InternalNode, LeafNode, Mask, Node, Tree, Vdb543};
 
 /// What a formula knows about a whole box of voxels.
 #[derive(Clone, Copy, Debug, PartialEq)]
