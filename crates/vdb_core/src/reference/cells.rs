@@ -121,11 +121,7 @@ pub(super) fn visit_cells<C: Node, R>(
         if t[0] < t[1] {
             let samples = match even {
                 Some((_, value)) => Samples::Even(convert(value)),
-                None => Samples::Cell(Corners([0, 1, 2, 3, 4, 5, 6, 7].map(|corner: i64| {
-                    let [x, y, z] = cell;
-                    let voxel = [x + (corner >> 2), y + (corner >> 1 & 1), z + (corner & 1)];
-                    convert(field.value(&mut accessor, voxel))
-                }))),
+                None => Samples::Cell(Corners(field.corners(&mut accessor, cell).map(&convert))),
             };
             if let ControlFlow::Break(result) = visit(&Stretch { planes, cell, t, samples }) {
                 return Some(result);

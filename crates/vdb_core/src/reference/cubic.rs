@@ -44,6 +44,21 @@ impl Cubic {
         self.0.iter().sum::<f64>() / 4.0
     }
 
+    /// The integral from 0 to a parameter: a quartic, whose Bernstein coefficients are the running
+    /// sums of those of the cubic over 4.
+    pub fn integral_to(&self, s: f64) -> f64 {
+        let mut sums = [0.0; 5];
+        for (i, b) in self.0.iter().enumerate() {
+            sums[i + 1] = sums[i] + b / 4.0;
+        }
+        for level in (1..5).rev() {
+            for i in 0..level {
+                sums[i] = sums[i] * (1.0 - s) + sums[i + 1] * s;
+            }
+        }
+        sums[0]
+    }
+
     /// The first change of sign, from `sign` (the last one other than zero before the interval, or
     /// 0 if there was none). Coefficients of at most `noise` in magnitude count as zero.
     ///
@@ -151,6 +166,17 @@ mod tests {
         // Begins beyond the zero of the cell before.
         assert_eq!(first(Cubic([1.0, 2.0, 2.0, 1.0]), -1), Signs::Changed(0.0, 1));
         assert_eq!(first(Cubic([0.0; 4]), 1), Signs::Kept(1));
+    }
+
+    #[test]
+    fn the_integral_is_that_of_the_polynomial() {
+        // s³ - s, whose integral is s⁴/4 - s²/2.
+        let cubic = with_roots(1.0, -1.0, 0.0, 1.0);
+        for s in [0.0, 0.2, 0.5, 0.9, 1.0_f64] {
+            let expected = s.powi(4) / 4.0 - s * s / 2.0;
+            assert!((cubic.integral_to(s) - expected).abs() < 1e-15, "{s}");
+        }
+        assert!((cubic.mean() + 0.25).abs() < 1e-15);
     }
 
     #[test]

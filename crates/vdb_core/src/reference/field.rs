@@ -86,12 +86,21 @@ impl<'a, C: Node> Field<'a, C> {
     }
 
     /// The value of a voxel, background outside of the index space.
-    pub fn value(&self, accessor: &mut Accessor<'a, C>, voxel: [i64; 3]) -> C::Value {
+    fn value(&self, accessor: &mut Accessor<'a, C>, voxel: [i64; 3]) -> C::Value {
         let [x, y, z] = voxel.map(|c| i32::try_from(c).ok());
         match (x, y, z) {
             (Some(x), Some(y), Some(z)) => accessor.get(IVec3::new(x, y, z)),
             _ => self.tree.background(),
         }
+    }
+
+    /// The samples at the corners of a trilinear cell, at slot `x << 2 | y << 1 | z`.
+    pub fn corners(&self, accessor: &mut Accessor<'a, C>, cell: [i64; 3]) -> [C::Value; 8] {
+        [0, 1, 2, 3, 4, 5, 6, 7].map(|corner: i64| {
+            let [x, y, z] = cell;
+            let voxel = [x + (corner >> 2), y + (corner >> 1 & 1), z + (corner & 1)];
+            self.value(accessor, voxel)
+        })
     }
 
     /// The trilinear cells around a cell whose corners all lie in one box of equal voxels, and
