@@ -65,6 +65,23 @@ pub(super) enum Samples {
     Cell(Corners),
 }
 
+impl Samples {
+    /// The sign of all samples; 0 where they differ, or one is zero.
+    pub fn sign(&self) -> i8 {
+        let of = |v: &f64| i8::from(*v > 0.0) - i8::from(*v < 0.0);
+        match self {
+            Self::Even(value) => of(value),
+            Self::Cell(Corners(v)) => {
+                if v.iter().all(|w| of(w) == of(&v[0])) {
+                    of(&v[0])
+                } else {
+                    0
+                }
+            }
+        }
+    }
+}
+
 /// A stretch of a ray within one trilinear cell, or within a box of equal samples.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stretch {

@@ -73,7 +73,7 @@ pub struct SurfaceTrace {
 ///   less than 2⁻⁵⁰ of its length to there. `t` is then good to 2⁻⁵⁰ of the cell, plus
 ///   2⁻⁴⁶ `M` over the slope, plus 2⁻⁵² of itself.
 pub fn first_root<C: Node<Value = f32>>(tree: &Tree<C>, iso: f32, ray: &Ray) -> Option<SurfaceHit> {
-    trace_surface(tree, iso, ray).hit
+    Smooth::new(tree, iso).first_root(ray)
 }
 
 /// [`first_root`] together with how nearly it was another one: what an f32 tracer may be excused
@@ -97,12 +97,16 @@ impl<'a, C: Node<Value = f32>> Smooth<'a, C> {
 
     /// See [`first_root`].
     pub fn first_root(&self, ray: &Ray) -> Option<SurfaceHit> {
-        self.trace(ray).hit
+        self.scan(ray, false).hit
     }
 
     /// See [`trace_surface`].
     pub fn trace(&self, ray: &Ray) -> SurfaceTrace {
-        let mut scan = Scan::default();
+        self.scan(ray, true)
+    }
+
+    fn scan(&self, ray: &Ray, grazes: bool) -> SurfaceTrace {
+        let mut scan = Scan { grazes, ..Scan::default() };
         let convert = |value: f32| f64::from(value) - f64::from(self.iso);
         visit_cells(&self.field, ray, convert, |stretch| scan.stretch(ray, stretch));
         SurfaceTrace { hit: scan.hit.map(|(hit, _)| hit), graze: scan.graze }
@@ -117,6 +121,8 @@ struct Scan {
     /// The last distance from the iso-value, and whether it was closer than the one before.
     last: Option<(f64, f64, bool)>,
     graze: Option<Graze>,
+    /// Whether grazes are wanted.
+    grazes: bool,
     /// The hit, and how deep it has to become before it need not be followed.
     hit: Option<(SurfaceHit, f64)>,
 }
@@ -138,6 +144,12 @@ impl Scan {
             } else {
                 ControlFlow::Continue(())
             };
+        }
+        // Between samples of one sign there is no other sign.
+        let side = stretch.samples.sign();
+        if side != 0 && self.sign * side >= 0 && self.hit.is_none() && !self.grazes {
+            self.sign = side;
+            return ControlFlow::Continue(());
         }
         let cubic = stretch.cubic();
         match (cubic.first_change(self.sign, bound / (1_u64 << 46) as f64), &mut self.hit) {
@@ -177,6 +189,9 @@ impl Scan {
 
     /// Notes where, up to `end`, the interpolant comes close to the iso-value and turns away.
     fn approach(&mut self, stretch: &Stretch, cubic: &Cubic, end: f64) {
+        if !self.grazes {
+            return;
+        }
         let inner = cubic.extrema().filter(|s| *s < end);
         for s in std::iter::once(0.0).chain(inner).chain([end]) {
             let (t, value) = (stretch.t_at(s), cubic.at(s).abs());

@@ -19,6 +19,10 @@ use crate::tree::Node;
 /// no acne more than it wants the contact shadow of the last thousandth of a voxel.
 const SHADOW_BIAS: f64 = 1e-3;
 
+/// Voxels of fog along a view ray for which the sun's light is taken once: shadow rays are what a
+/// picture of a fog costs.
+const SHADOW_STEP: f64 = 4.0;
+
 /// A scene with its trees ready to be traced.
 pub(super) struct Prepared<'a, C: Node<Value = f32>> {
     scene: &'a Scene<'a, C>,
@@ -42,6 +46,8 @@ struct FogPiece<'a, C: Node<Value = f32>> {
     t: [f64; 2],
     density: Cubic,
     tracer: &'a Tracer<'a, C>,
+    /// World length of a voxel.
+    voxel: f64,
 }
 
 /// World to index space along a ray: `t` is world distance in both, as the map is affine.
@@ -139,17 +145,18 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
     /// Radiance and transmittance of the fogs up to a distance.
     ///
     /// The stretches of all fogs are cut at each other's ends; in a piece the depth of each is exact,
-    /// and the light that it sends is taken as constant (the sun's at the middle of the piece).
+    /// and the light that it sends is taken as constant, the sun's for [`SHADOW_STEP`] voxels.
     fn fog(&self, origin: DVec3, direction: DVec3, depth: f64) -> (Vec3, f64) {
         let mut pieces = Vec::new();
-        for (_, index_from_world, tracer) in &self.volumes {
+        for (world_from_index, index_from_world, tracer) in &self.volumes {
             if let Tracer::Fog { fog, .. } = tracer {
+                let voxel = world_from_index.matrix3.determinant().abs().cbrt();
                 let end = (depth as f32).min(f32::MAX);
                 let ray = to_index(index_from_world, origin, direction).with_span(0.0, end);
                 visit_cells(&fog.field, &ray, density, |stretch| {
                     if !matches!(stretch.samples, Samples::Even(0.0)) {
                         let density = stretch.cubic();
-                        pieces.push(FogPiece { t: stretch.t, density, tracer });
+                        pieces.push(FogPiece { t: stretch.t, density, tracer, voxel });
                     }
                     ControlFlow::<()>::Continue(())
                 });
@@ -160,6 +167,8 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
         ends.dedup();
         pieces.sort_by(|a, b| a.t[0].total_cmp(&b.t[0]));
         let (mut light, mut transmittance) = (Vec3::ZERO, 1.0);
+        let last = ends.last().copied().unwrap_or(0.0);
+        let (mut sun, mut lit_until) = (0.0, f64::NEG_INFINITY);
         let (mut next, mut open) = (0, Vec::<&FogPiece<'_, C>>::new());
         for t in ends.windows(2) {
             while next < pieces.len() && pieces[next].t[0] <= t[0] {
@@ -170,7 +179,12 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
             if open.is_empty() || transmittance == 0.0 {
                 continue;
             }
-            let sun = self.sunlight(origin + direction * 0.5 * (t[0] + t[1])) as f32;
+            if t[0] >= lit_until {
+                let voxel = open.iter().map(|piece| piece.voxel).fold(f64::INFINITY, f64::min);
+                let ahead = (0.5 * SHADOW_STEP * voxel).min(0.5 * (last - t[0]));
+                sun = self.sunlight(origin + direction * (t[0] + ahead)) as f32;
+                lit_until = t[0] + 2.0 * ahead;
+            }
             let incoming = self.scene.sun.radiance * sun / 4.0 + self.scene.ambient;
             let (mut total, mut source) = (0.0, Vec3::ZERO);
             for piece in &open {
