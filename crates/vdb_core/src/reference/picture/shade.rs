@@ -5,12 +5,7 @@ use std::ops::ControlFlow;
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 
 use super::{
-    super::{
-        Ray,
-        cells::{Samples, visit_cells},
-        cubic::Cubic,
-        fog::density,
-    },
+    super::{Ray, cells::visit_cells, cubic::Cubic, fog::density},
     Blocky, Fog, Scene, Smooth, Tracer, VolumeKind,
 };
 use crate::tree::Node;
@@ -154,8 +149,8 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
                 let end = (depth as f32).min(f32::MAX);
                 let ray = to_index(index_from_world, origin, direction).with_span(0.0, end);
                 visit_cells(&fog.field, &ray, density, |stretch| {
-                    if !matches!(stretch.samples, Samples::Even(0.0)) {
-                        let density = stretch.cubic();
+                    let density = stretch.cubic();
+                    if density.mean() > 0.0 {
                         pieces.push(FogPiece { t: stretch.t, density, tracer, voxel });
                     }
                     ControlFlow::<()>::Continue(())
