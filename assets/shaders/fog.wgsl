@@ -27,7 +27,7 @@ fn optical_length(grid: Grid, ray: Ray, enough: f32) -> f32 {
     var walk = enter(grid, ray);
     while walk.inside && sum < enough {
         let span = locate(grid, walk.cell);
-        let next = advance(grid, ray, walk, span.log2);
+        let next = advance(grid, ray, walk, span.log_dim);
         if span_occupied(span) {
             let t_to = min(next.t, walk.t_end);
             sum += (t_to - walk.t) * mean_density(grid, ray, walk.cell, span, walk.t, t_to);
