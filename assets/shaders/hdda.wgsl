@@ -20,8 +20,15 @@ const FAR: f32 = 1e30;
 const TINY: f32 = 1e-20;
 
 #ifdef COUNT_STEPS
+// Cells and larger cubes that the ray has looked at.
 var<private> steps: u32;
 #endif
+
+fn count_step() {
+#ifdef COUNT_STEPS
+    steps += 1u;
+#endif
+}
 
 fn is_parallel(dir: vec3<f32>) -> vec3<bool> {
     return abs(dir) < vec3(TINY);
@@ -79,9 +86,6 @@ fn enter(grid: Grid, ray: Ray) -> Walk {
 // so a walk takes at most as many steps as the box has cells along its three edges: the loops
 // around this end.
 fn advance(grid: Grid, ray: Ray, walk: Walk, log_dim: u32) -> Walk {
-#ifdef COUNT_STEPS
-    steps += 1u;
-#endif
     let size = 1i << log_dim;
     let low = walk.cell & vec3(-size);
     let last = low + (size - 1);
@@ -103,6 +107,7 @@ fn advance(grid: Grid, ray: Ray, walk: Walk, log_dim: u32) -> Walk {
 fn first_hit(grid: Grid, ray: Ray) -> Walk {
     var walk = enter(grid, ray);
     while walk.inside {
+        count_step();
         let span = locate(grid, walk.cell);
         if span_occupied(span) {
             break;
