@@ -112,9 +112,8 @@ fn a_level_set_is_where_the_reference_tracer_sees_it() {
             hits += 1;
             let gradient = oracle.gradient(origin + dir * hit.t);
             let normal = (index_from_world.matrix3.transpose() * gradient).normalize();
-            let expected = f64::from(illuminance) / std::f64::consts::PI
-                * normal.dot(sun).max(0.0)
-                + 0.25;
+            let expected =
+                f64::from(illuminance) / std::f64::consts::PI * normal.dot(sun).max(0.0) + 0.25;
             let error = (f64::from(pixel.x) - expected).abs() / expected;
             // Rays between two voxels may choose the other one; 16-bit floats hold 1 part in 2,048.
             if error > 2e-3 { wrong += 1 } else { worst = worst.max(error) }
@@ -229,10 +228,8 @@ fn fog_ends_at_meshes() {
     if !has_gpu() {
         return;
     }
-    let block = fog::block(
-        vdb_core::tree::CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) },
-        1.0,
-    );
+    let block =
+        fog::block(vdb_core::tree::CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) }, 1.0);
     for msaa in [Msaa::Off, Msaa::Sample4] {
         let mut stage = Stage::new();
         let target = stage.target(SIZE);
@@ -256,10 +253,8 @@ fn overlapping_fogs_mix() {
         return;
     }
     // The same block twice in the same place is a block of twice the density.
-    let block = fog::block(
-        vdb_core::tree::CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) },
-        1.0,
-    );
+    let block =
+        fog::block(vdb_core::tree::CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) }, 1.0);
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     stage.camera(&target, looking(Vec3::Z * 8.0));
@@ -466,11 +461,7 @@ fn a_volume_that_never_arrives_draws_nothing() {
     let missing = stage.world().resource::<AssetServer>().load("no/such/file.vdb#density");
     stage.world().spawn((VdbVolume(missing), glow(GREEN)));
     stage.world().spawn((VdbVolume::default(), glow(GREEN)));
-    stage.world().spawn((
-        VdbVolume::default(),
-        Transform::from_scale(Vec3::ZERO),
-        glow(GREEN),
-    ));
+    stage.world().spawn((VdbVolume::default(), Transform::from_scale(Vec3::ZERO), glow(GREEN)));
     let flat = stage.green_sphere(Transform::from_scale(Vec3::new(1.0, 0.0, 1.0)));
     assert_eq!(stage.picture(&target).count(|pixel| pixel.truncate() != Vec3::ZERO), 0);
     stage.world().entity_mut(flat).insert(Transform::default());
