@@ -68,8 +68,10 @@ fn depth_at(t: f32) -> f32 {
 fn volume_ray(volume: Volume, ndc: vec2<f32>, t_min: f32, t_max: f32) -> Ray {
     let eye = volume.eye_frac + ndc.x * volume.eye_x + ndc.y * volume.eye_y;
     let whole = floor(eye);
+    // 24 bits: the walk compares planes in units of 2^-24 cells.
+    let frac = floor((eye - whole) * 16777216.0) / 16777216.0;
     let dir = volume.dir + ndc.x * volume.dir_x + ndc.y * volume.dir_y;
-    return Ray(volume.eye_cell + vec3<i32>(whole), eye - whole, dir, t_min, t_max);
+    return Ray(volume.eye_cell + vec3<i32>(whole), frac, dir, t_min, t_max);
 }
 
 #ifdef FOGS

@@ -65,7 +65,7 @@ struct View {
 // A ray in local lattice coordinates of one grid: p(t) = cell + frac + t·dir.
 struct Ray {
     cell: vec3<i32>,
-    frac: vec3<f32>,
+    frac: vec3<f32>,    // a multiple of 2^-24, from 0 up to but not 1
     dir: vec3<f32>,
     t_min: f32,
     t_max: f32,

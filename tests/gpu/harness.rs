@@ -169,7 +169,8 @@ impl Gpu {
 }
 
 /// The modules of the crate that others import, in an order in which each finds those before it.
-const MODULES: [&str; 7] = ["types", "bindings", "tree", "hdda", "fog", "lights", "surface"];
+const MODULES: [&str; 8] =
+    ["types", "bindings", "tree", "exact", "hdda", "fog", "lights", "surface"];
 
 /// A shader of the crate.
 pub fn source(name: &str) -> String {
