@@ -20,8 +20,15 @@ const FAR: f32 = 1e30;
 const TINY: f32 = 1e-20;
 
 #ifdef COUNT_STEPS
+// Cells and larger cubes that the ray has looked at.
 var<private> steps: u32;
 #endif
+
+fn count_step() {
+#ifdef COUNT_STEPS
+    steps += 1u;
+#endif
+}
 
 fn is_parallel(dir: vec3<f32>) -> vec3<bool> {
     return abs(dir) < vec3(TINY);
@@ -73,16 +80,13 @@ fn enter(grid: Grid, ray: Ray) -> Walk {
     return Walk(clamp(cell_at(ray, t), low, grid.occupied_max), t, t_end, axis, true);
 }
 
-// Steps out of the cube of 2^log2 cells that holds the walk's cell, into the next cell.
+// Steps out of the cube of 2^log_dim cells that holds the walk's cell, into the next cell.
 //
 // The cell changes by at least one along the axis crossed and never turns back along the others,
 // so a walk takes at most as many steps as the box has cells along its three edges: the loops
 // around this end.
-fn advance(grid: Grid, ray: Ray, walk: Walk, log2: u32) -> Walk {
-#ifdef COUNT_STEPS
-    steps += 1u;
-#endif
-    let size = 1i << log2;
+fn advance(grid: Grid, ray: Ray, walk: Walk, log_dim: u32) -> Walk {
+    let size = 1i << log_dim;
     let low = walk.cell & vec3(-size);
     let last = low + (size - 1);
     let forward = ray.dir > vec3(0.0);
@@ -103,11 +107,12 @@ fn advance(grid: Grid, ray: Ray, walk: Walk, log2: u32) -> Walk {
 fn first_hit(grid: Grid, ray: Ray) -> Walk {
     var walk = enter(grid, ray);
     while walk.inside {
+        count_step();
         let span = locate(grid, walk.cell);
         if span_occupied(span) {
             break;
         }
-        walk = advance(grid, ray, walk, span.log2);
+        walk = advance(grid, ray, walk, span.log_dim);
     }
     return walk;
 }

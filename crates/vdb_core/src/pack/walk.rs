@@ -23,18 +23,18 @@ pub struct Ray {
     pub t_max: f32,
 }
 
-/// What covers a cell: everything alike over a cube of `2^log2` cells per edge.
+/// What covers a cell: everything alike over a cube of `2^log_dim` cells per edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
     /// log₂ of the edge, in cells.
-    pub log2: u32,
+    pub log_dim: u32,
     /// The cell word of a tile, the leaf's word of a cell in a leaf, 0 where nothing is.
     pub word: u32,
 }
 
 impl Span {
-    const fn empty(log2: u32) -> Self {
-        Self { log2, word: 0 }
+    const fn empty(log_dim: u32) -> Self {
+        Self { log_dim, word: 0 }
     }
 
     /// Whether a ray meets something here.
@@ -50,10 +50,10 @@ impl Span {
 
 /// The cell word over a local cell at the level of the root, and log₂ of what it covers.
 fn find_root(grid: &PackedGrid, cell: IVec3) -> Span {
-    let at = (cell >> UPPER_LOG2 as i32) - grid.crown_origin;
+    let at = (cell >> UPPER_BITS as i32) - grid.crown_origin;
     let outside = (at.x | at.y | at.z) >> (2 * grid.crown_levels) != 0;
     if outside {
-        return Span::empty(UPPER_LOG2);
+        return Span::empty(UPPER_BITS);
     }
     let mut node = 0;
     for level in (0..grid.crown_levels).rev() {
@@ -62,31 +62,31 @@ fn find_root(grid: &PackedGrid, cell: IVec3) -> Span {
         let (low, high) = (grid.nodes[node], grid.nodes[node + 1]);
         let word = if bit < 32 { low } else { high };
         if word >> (bit & 31) & 1 == 0 {
-            return Span::empty(UPPER_LOG2 + 2 * level);
+            return Span::empty(UPPER_BITS + 2 * level);
         }
         let below = (word & ((1 << (bit & 31)) - 1)).count_ones();
         let rank = if bit < 32 { below } else { below + low.count_ones() } as usize;
         let stride = if level == 0 { 1 } else { CROWN_WORDS };
         node = grid.nodes[node + 2] as usize + rank * stride;
     }
-    Span { log2: UPPER_LOG2, word: grid.nodes[node] }
+    Span { log_dim: UPPER_BITS, word: grid.nodes[node] }
 }
 
 /// What a ray meets at a local cell.
 pub fn locate(grid: &PackedGrid, cell: IVec3) -> Span {
     let root = find_root(grid, cell);
     if root.word & (OCCUPIED | CHILD) != OCCUPIED | CHILD {
-        return tile_span(root.word, root.log2);
+        return tile_span(root.word, root.log_dim);
     }
     let upper = grid.uppers as usize + (root.word & PAYLOAD) as usize * UPPER_WORDS;
     let word = grid.nodes[upper + upper_slot(cell)];
     if word & (OCCUPIED | CHILD) != OCCUPIED | CHILD {
-        return tile_span(word, LOWER_LOG2);
+        return tile_span(word, LOWER_BITS);
     }
     let lower = grid.lowers as usize + (word & PAYLOAD) as usize * LOWER_WORDS;
     let word = grid.nodes[lower + lower_slot(cell)];
     if word & (OCCUPIED | CHILD) != OCCUPIED | CHILD {
-        return tile_span(word, LEAF_LOG2);
+        return tile_span(word, LEAF_BITS);
     }
     let mask = (word & PAYLOAD) as usize * LEAF_MASK_WORDS;
     let (index, bit) = mask_bit(cell);
@@ -95,15 +95,15 @@ pub fn locate(grid: &PackedGrid, cell: IVec3) -> Span {
         return Span::empty(2);
     }
     let on = grid.masks[mask + index] >> bit & 1 == 1;
-    Span { log2: 0, word: if on { word } else { 0 } }
+    Span { log_dim: 0, word: if on { word } else { 0 } }
 }
 
 /// The span of a word that leads nowhere further.
-fn tile_span(word: u32, log2: u32) -> Span {
+fn tile_span(word: u32, log_dim: u32) -> Span {
     match word & (OCCUPIED | MIXED) {
-        OCCUPIED => Span { log2, word },
-        0 | MIXED => Span::empty(log2),
-        _ => Span { log2: 0, word },
+        OCCUPIED => Span { log_dim, word },
+        0 | MIXED => Span::empty(log_dim),
+        _ => Span { log_dim: 0, word },
     }
 }
 
@@ -191,12 +191,12 @@ fn first_axis(axes: BVec3) -> u32 {
     }
 }
 
-/// Steps out of the cube of `2^log2` cells that holds the walk's cell, into the next cell.
+/// Steps out of the cube of `2^log_dim` cells that holds the walk's cell, into the next cell.
 ///
 /// The cell changes by at least one along the axis crossed and never turns back along the others,
 /// so a walk takes at most as many steps as the box has cells along its three edges.
-pub fn advance(ray: &Ray, walk: Walk, log2: u32) -> Walk {
-    let size = 1 << log2;
+pub fn advance(ray: &Ray, walk: Walk, log_dim: u32) -> Walk {
+    let size = 1 << log_dim;
     let low = walk.cell & !(size - 1);
     let last = low + (size - 1);
     let forward = ray.dir.cmpgt(Vec3::ZERO);
@@ -223,7 +223,7 @@ pub fn first_hit(grid: &PackedGrid, ray: &Ray) -> Option<Walk> {
         if span.occupied() {
             return Some(walk);
         }
-        walk = advance(ray, walk, span.log2);
+        walk = advance(ray, walk, span.log_dim);
         if walk.t > walk.t_end || !bounds.contains(walk.cell) {
             return None;
         }
@@ -255,7 +255,7 @@ pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
     let mut sum = 0.0;
     loop {
         let span = locate(grid, walk.cell);
-        let next = advance(ray, walk, span.log2);
+        let next = advance(ray, walk, span.log_dim);
         if span.occupied() {
             let (from, to) = (walk.t, next.t.min(walk.t_end));
             sum += (to - from) * mean_density(grid, ray, &walk, span, from, to);

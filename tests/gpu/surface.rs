@@ -1,0 +1,164 @@
+//! First voxels.
+
+use bevy::math::{DVec3, IVec3, Vec3};
+use vdb_core::pack::{PackKind, PackedGrid};
+use vdb_core::reference::{Blocky, Occupied, Ray};
+use vdb_core::synth::Random;
+use vdb_core::synth::{level_set, sparse};
+use vdb_core::tree::Vdb543;
+
+use crate::harness::{Gpu, ProbeRay};
+
+/// A ray whose numbers are the same in lattice and in index coordinates, up to the half voxel
+/// between the two: the fraction has 20 bits, so that adding ½ to it is exact in f32.
+fn exact_ray(base: IVec3, origin: DVec3, dir: Vec3) -> (ProbeRay, Ray) {
+    let steps = f64::from(1 << 20);
+    let origin = (origin * steps).floor() / steps;
+    let cell = origin.floor();
+    let frac = (origin - cell).as_vec3();
+    let cell = cell.as_ivec3();
+    let probe = ProbeRay {
+        cell: cell.to_array(),
+        t_min: 0.0,
+        frac: frac.to_array(),
+        t_max: 1e30,
+        dir: dir.to_array(),
+        pad: 0.0,
+    };
+    // Voxel `ijk` is the lattice cell `ijk`, half a voxel towards lower coordinates in index space.
+    (probe, Ray::new(cell + base, frac - 0.5, dir))
+}
+
+/// How far beside an exact ray a voxel that the shader finds may lie, in voxels; also of `t`.
+const NEAR: f64 = 2e-3;
+/// Share of random rays that may find a voxel other than the exact one.
+const RANDOM: f64 = 1e-3;
+/// The same of rays that run exactly along axes and diagonals, many of them in faces and edges.
+const ADVERSARIAL: f64 = 1e-2;
+
+fn random_rays(grid: &PackedGrid, seed: u64, count: usize) -> Vec<(ProbeRay, Ray)> {
+    let mut random = Random::new(seed);
+    let bounds = grid.occupied.unwrap();
+    let center = (bounds.min + bounds.max).as_dvec3() * 0.5;
+    let radius = (bounds.max - bounds.min).as_dvec3().length() * 0.5 + 1.0;
+    let mut vector = || DVec3::from_array(std::array::from_fn(|_| random.range(-1.0, 1.0)));
+    (0..count)
+        .map(|_| {
+            let origin = center + vector() * radius * 3.0;
+            let target = center + vector() * radius * 0.6;
+            exact_ray(grid.base, origin, (target - origin).as_vec3())
+        })
+        .collect()
+}
+
+/// Compares each ray. Where the shader's f32 walk and the exact answer differ, the ray must pass
+/// within [`NEAR`] voxels of an edge between the two answers; and that may happen to no more than
+/// the share `rare` of them.
+fn check(gpu: &Gpu, tree: &Vdb543<f32>, rays: &[(ProbeRay, Ray)], grid: &PackedGrid, rare: f64) {
+    let probes: Vec<ProbeRay> = rays.iter().map(|(probe, _)| *probe).collect();
+    let hits = gpu.probe(grid, &probes, "probe_surface");
+    let oracle = Blocky::new(tree, Occupied::BelowIso(0.0));
+    let (mut met, mut other, mut worst_t) = (0, 0, 0.0_f64);
+    for ((_, ray), hit) in rays.iter().zip(&hits) {
+        let expected = oracle.first_voxel(ray);
+        let found = (hit.hit != 0).then(|| IVec3::from_array(hit.cell) + grid.base);
+        met += i32::from(expected.is_some());
+        let length = ray.dir.as_dvec3().length();
+        match (expected, found) {
+            (None, None) => {}
+            (Some(expected), Some(ijk)) if ijk == expected.ijk => {
+                worst_t = worst_t.max((f64::from(hit.t) - expected.t).abs() * length);
+                let axis = expected.face.map_or(3, |face| u32::from(face.axis));
+                if axis != hit.axis {
+                    other += 1;
+                }
+            }
+            _ => {
+                other += 1;
+                // The exact ray comes as close as this to the voxel that the shader found.
+                if let Some(ijk) = found {
+                    let t = f64::from(hit.t);
+                    let beside = (ray.at(t) - ijk.as_dvec3()).abs().max_element() - 0.5;
+                    assert!(beside < NEAR, "{ray:?} found {ijk}, {beside} voxels beside the ray");
+                }
+            }
+        }
+    }
+    println!("{} rays, {met} meet a voxel, {other} differ, t to {worst_t:.2e} voxels", rays.len());
+    assert!(met * 10 > rays.len() as i32, "hardly a ray met anything");
+    assert!(f64::from(other) <= rare * rays.len() as f64, "{other} of {} differ", rays.len());
+    assert!(worst_t < NEAR, "t is off by {worst_t} voxels");
+}
+
+#[test]
+fn level_sets_are_hit_where_the_reference_tracer_hits_them() {
+    let Some(gpu) = Gpu::find() else { return };
+    for (i, tree) in [
+        level_set::sphere(DVec3::new(3.3, -200.7, 40.1), 30.3),
+        level_set::torus(DVec3::splat(4096.0), 40.0, 12.5),
+        level_set::cuboid(DVec3::splat(-20.5), DVec3::new(30.0, 7.0, 15.0)),
+        level_set::gyroid(DVec3::ZERO, 40.0, 18.0),
+    ]
+    .iter()
+    .enumerate()
+    {
+        let grid = PackedGrid::new(tree, PackKind::Surface { iso: 0.0 }).unwrap();
+        check(&gpu, tree, &random_rays(&grid, 11 + i as u64, 20_000), &grid, RANDOM);
+    }
+}
+
+#[test]
+fn rays_along_axes_and_diagonals_end() {
+    let Some(gpu) = Gpu::find() else { return };
+    let tree = level_set::sphere(DVec3::ZERO, 20.0);
+    let grid = PackedGrid::new(&tree, PackKind::Surface { iso: 0.0 }).unwrap();
+    let mut rays = Vec::new();
+    for axis in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE, Vec3::new(1.0, -1.0, 0.0)] {
+        for dir in [axis, -axis] {
+            for x in -6..6 {
+                for y in -6..6 {
+                    let across = dir.as_dvec3().any_orthonormal_pair();
+                    let at = across.0 * f64::from(x) * 4.3 + across.1 * f64::from(y) * 4.3;
+                    let local = -grid.base.as_dvec3();
+                    rays.push(exact_ray(grid.base, local + at - dir.as_dvec3() * 50.0, dir));
+                }
+            }
+        }
+    }
+    check(&gpu, &tree, &rays, &grid, ADVERSARIAL);
+}
+
+#[test]
+fn the_crown_skips_two_million_voxels_in_a_few_steps() {
+    let Some(gpu) = Gpu::find() else { return };
+    let far = IVec3::new(2_000_000, 2_000_000, 2_000_000);
+    let mut tree = Vdb543::new(1.0);
+    tree.set(IVec3::ZERO, -1.0);
+    tree.set(far, -1.0);
+    let grid = PackedGrid::new(&tree, PackKind::Surface { iso: 0.0 }).unwrap();
+    let from = far.as_dvec3() - grid.base.as_dvec3() + DVec3::new(0.5, 0.5, -900.0);
+    let (probe, _) = exact_ray(grid.base, from, Vec3::Z);
+    let back = from + DVec3::new(0.0, 0.0, 2000.0);
+    let (reverse, _) = exact_ray(grid.base, back, Vec3::new(-1.0, -1.0, -1.0));
+    let hits = gpu.probe(&grid, &[probe, reverse], "probe_surface");
+    assert_eq!(IVec3::from_array(hits[0].cell) + grid.base, far);
+    assert_eq!(hits[0].hit, 1);
+    for hit in hits {
+        assert!(hit.steps < 200, "{} steps", hit.steps);
+    }
+}
+
+#[test]
+fn sparse_voxels_are_found() {
+    let Some(gpu) = Gpu::find() else { return };
+    // Occupied below zero: the voxels of the synthetic grids are above, so they are turned over.
+    let positive = sparse::random(
+        vdb_core::tree::CoordBox { min: IVec3::splat(-40), max: IVec3::splat(40) },
+        0.01,
+        5,
+    );
+    let mut tree = Vdb543::new(1.0);
+    positive.active_values().for_each(|voxel| tree.set(voxel.origin, -1.0));
+    let grid = PackedGrid::new(&tree, PackKind::Surface { iso: 0.0 }).unwrap();
+    check(&gpu, &tree, &random_rays(&grid, 3, 20_000), &grid, RANDOM);
+}
