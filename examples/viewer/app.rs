@@ -19,10 +19,10 @@ use crate::select;
 pub const SUN_ILLUMINANCE: f32 = 3_000.0;
 
 /// Luminance of the sky all around, cd/m²: what a surface in the shade has.
-pub const SKY_LUMINANCE: f32 = 200.0;
+pub const SKY_LUMINANCE: f32 = 130.0;
 
 /// Towards the sun: over the left shoulder of the camera where nobody moves it.
-pub const TO_SUN: DVec3 = DVec3::new(-0.35, 0.75, 0.65);
+pub const TO_SUN: DVec3 = DVec3::new(-0.6, 0.75, 0.5);
 
 /// Before tonemapping.
 pub const BACKGROUND: LinearRgba = LinearRgba::rgb(0.045, 0.052, 0.065);

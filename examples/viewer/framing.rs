@@ -1,15 +1,13 @@
 //! Where the camera stands.
 
 use bevy::math::DVec3;
+use bevy_vdb::VdbRenderMode;
 use bevy_vdb::vdb_core::reference::picture::{Camera, Projection};
 
 use crate::args::Args;
 
 /// From what is looked at to the camera, where nobody says.
 const DIRECTION: DVec3 = DVec3::new(0.45, 0.35, 0.82);
-
-/// Room around what is shown, as a factor on the distance.
-const MARGIN: f64 = 1.06;
 
 /// A camera and the world that it is for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,11 +29,16 @@ impl View {
         let target = args.target.unwrap_or(middle);
         let eye = args.eye.unwrap_or_else(|| {
             let direction = DIRECTION.normalize();
-            target + direction * MARGIN * fit(args, bounds, target, direction)
+            target + direction * fit(args, bounds, target, direction)
         });
         let radius = ((bounds.1 - bounds.0).length() / 2.0).max(f64::from(f32::MIN_POSITIVE));
         // An eye far outside gets a near plane to match: f32 resolves depth in proportion to it.
         let near = 1e-3 * radius.max(0.1 * eye.distance(middle));
+        // The mode shows the depth buffer, near / distance: black with a near plane this near.
+        let near = match args.mode {
+            VdbRenderMode::Depth => near.max(0.9 * (eye.distance(middle) - radius)),
+            _ => near,
+        };
         Self { eye, target, fov_y: args.fov_y, bounds, near }
     }
 

@@ -70,7 +70,8 @@ pub fn picture(args: Args, tracer: Tracer) -> Result<Pixels, String> {
 
 fn log_plugin() -> LogPlugin {
     // Failed files are told of here, once; that a driver is slow is no news to who has no other.
-    let filter = "warn,bevy_asset=off,bevy_render::renderer=error,wgpu_hal=error";
+    let filter = "warn,bevy_asset=off,bevy_render::renderer=error,\
+                  bevy_render::gpu_readback=error,wgpu_hal=error";
     LogPlugin { filter: filter.into(), ..default() }
 }
 
