@@ -81,7 +81,12 @@ fn refused(change: impl FnOnce(&mut Command)) -> String {
 fn on_gpu(output: &Output) -> bool {
     let cpu = stderr(output).contains("tracing on the CPU instead");
     if cpu {
-        eprintln!("SKIPPED: the viewer's pictures by the GPU: no adapter; see ./scripts/test");
+        assert!(
+            std::env::var_os("BEVY_VDB_SKIP_GPU").is_some(),
+            "no GPU adapter; install Mesa's software driver (Debian: mesa-vulkan-drivers), or set \
+             BEVY_VDB_SKIP_GPU=1 to leave out these tests"
+        );
+        eprintln!("SKIPPED, as BEVY_VDB_SKIP_GPU says: no GPU adapter");
     }
     !cpu
 }
@@ -137,7 +142,8 @@ fn the_camera_stands_where_it_is_put() {
     let (all, _) = picture("close.png", |c| {
         _ = c.args(["--eye", "0,1,4", "--target", "0,1,0", "--fov", "20"])
     });
-    assert!(drawn(&all) > all.len() * 9 / 10 || drawn(&all) == 0 && all[0] != nothing[0]);
+    let shown = all.iter().filter(|pixel| difference(pixel, &nothing[0]) > 16).count();
+    assert!(shown > all.len() * 9 / 10, "{shown} of {} pixels", all.len());
 }
 
 #[test]

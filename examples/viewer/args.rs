@@ -1,12 +1,12 @@
 //! The command line.
 
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::path::PathBuf;
 use std::str::FromStr;
 
 use bevy::math::{DVec3, UVec2};
 use bevy_vdb::VdbRenderMode;
-use lexopt::{Arg, ValueExt};
+use lexopt::Arg;
 
 pub const HELP: &str = "\
 Shows OpenVDB files: level sets as surfaces, fog volumes as fog.
@@ -53,10 +53,10 @@ pub struct Args {
 impl Args {
     /// `None`: help is asked for.
     pub fn from_command_line() -> Result<Option<Self>, String> {
-        Self::parse(lexopt::Parser::from_env()).map_err(|error| error.to_string())
+        Self::parse(lexopt::Parser::from_env())
     }
 
-    fn parse(mut parser: lexopt::Parser) -> Result<Option<Self>, lexopt::Error> {
+    fn parse(mut parser: lexopt::Parser) -> Result<Option<Self>, String> {
         let mut args = Self {
             files: Vec::new(),
             grid: None,
@@ -70,26 +70,21 @@ impl Args {
             ground: false,
             cpu: false,
         };
-        while let Some(arg) = parser.next()? {
+        while let Some(arg) = parser.next().map_err(|error| error.to_string())? {
             match arg {
                 Arg::Short('h') | Arg::Long("help") => return Ok(None),
-                Arg::Long("grid") => args.grid = Some(parser.value()?.string()?),
-                Arg::Long("out") => args.out = Some(picture_path(parser.value()?)?),
-                Arg::Long("size") => args.size = parser.value()?.parse_with(size)?,
-                Arg::Long("eye") => args.eye = Some(parser.value()?.parse_with(point)?),
-                Arg::Long("target") => args.target = Some(parser.value()?.parse_with(point)?),
-                Arg::Long("fov") => {
-                    let degrees = parser.value()?.parse_with(|s| number(s, 0.1, 175.0))?;
-                    args.fov_y = degrees.to_radians();
-                }
-                Arg::Long("mode") => args.mode = parser.value()?.parse_with(mode)?,
-                Arg::Long("density") => {
-                    args.density = parser.value()?.parse_with(|s| number(s, 0.0, 1e9))? as f32;
-                }
+                Arg::Long("grid") => args.grid = Some(value(&mut parser, "--grid", name)?),
+                Arg::Long("out") => args.out = Some(value(&mut parser, "--out", picture_path)?),
+                Arg::Long("size") => args.size = value(&mut parser, "--size", size)?,
+                Arg::Long("eye") => args.eye = Some(value(&mut parser, "--eye", point)?),
+                Arg::Long("target") => args.target = Some(value(&mut parser, "--target", point)?),
+                Arg::Long("fov") => args.fov_y = value(&mut parser, "--fov", fov)?,
+                Arg::Long("mode") => args.mode = value(&mut parser, "--mode", mode)?,
+                Arg::Long("density") => args.density = value(&mut parser, "--density", density)?,
                 Arg::Long("ground") => args.ground = true,
                 Arg::Long("cpu") => args.cpu = true,
                 Arg::Value(file) => args.files.push(absolute(file)?),
-                other => return Err(other.unexpected()),
+                other => return Err(other.unexpected().to_string()),
             }
         }
         if args.files.is_empty() {
@@ -111,19 +106,40 @@ pub const MODES: [(&str, VdbRenderMode); 4] = [
     ("steps", VdbRenderMode::Steps),
 ];
 
-fn mode(name: &str) -> Result<VdbRenderMode, String> {
+/// The value of an option; where it is wrong, the option and what it should be.
+fn value<T>(
+    parser: &mut lexopt::Parser,
+    option: &str,
+    parse: impl Fn(&OsStr) -> Result<T, String>,
+) -> Result<T, String> {
+    let value = parser.value().map_err(|error| error.to_string())?;
+    parse(&value).map_err(|why| format!("{option} {}: {why}", value.display()))
+}
+
+fn text(value: &OsStr) -> Result<&str, String> {
+    value.to_str().ok_or_else(|| "it is not UTF-8".into())
+}
+
+fn name(value: &OsStr) -> Result<String, String> {
+    Ok(text(value)?.to_owned())
+}
+
+fn mode(value: &OsStr) -> Result<VdbRenderMode, String> {
+    let name = text(value)?;
     let found = MODES.iter().find(|(known, _)| *known == name);
     found.map(|(_, mode)| *mode).ok_or_else(|| "it is one of lit, normals, depth, steps".into())
 }
 
-fn size(text: &str) -> Result<UVec2, String> {
+fn size(value: &OsStr) -> Result<UVec2, String> {
     let edge = |text| u32::from_str(text).ok().filter(|edge| (1..=MAX_EDGE).contains(edge));
-    text.split_once('x')
+    text(value)?
+        .split_once('x')
         .and_then(|(width, height)| Some(UVec2::new(edge(width)?, edge(height)?)))
         .ok_or_else(|| format!("a size is like 1280x720, each from 1 to {MAX_EDGE}"))
 }
 
-fn point(text: &str) -> Result<DVec3, String> {
+fn point(value: &OsStr) -> Result<DVec3, String> {
+    let text = text(value)?;
     let numbers: Vec<f64> =
         text.split(',').filter_map(|number| f64::from_str(number.trim()).ok()).collect();
     match numbers[..] {
@@ -134,18 +150,26 @@ fn point(text: &str) -> Result<DVec3, String> {
     }
 }
 
-fn number(text: &str, least: f64, most: f64) -> Result<f64, String> {
-    f64::from_str(text)
+fn fov(value: &OsStr) -> Result<f64, String> {
+    Ok(number(value, 0.1, 175.0)?.to_radians())
+}
+
+fn density(value: &OsStr) -> Result<f32, String> {
+    Ok(number(value, 0.0, 1e9)? as f32)
+}
+
+fn number(value: &OsStr, least: f64, most: f64) -> Result<f64, String> {
+    f64::from_str(text(value)?)
         .ok()
         .filter(|number| (least..=most).contains(number))
         .ok_or_else(|| format!("it is a number from {least} to {most}"))
 }
 
-fn picture_path(path: OsString) -> Result<PathBuf, String> {
-    let path = PathBuf::from(path);
+fn picture_path(value: &OsStr) -> Result<PathBuf, String> {
+    let path = PathBuf::from(value);
     match path.extension() {
         Some(extension) if extension.eq_ignore_ascii_case("png") => Ok(path),
-        _ => Err(format!("{}: only PNG is written; the name must end in .png", path.display())),
+        _ => Err("only PNG is written; the name must end in .png".into()),
     }
 }
 
