@@ -28,13 +28,16 @@ impl Plugin for VdbRenderPlugin {
             .register_type::<VdbMaterial>()
             .register_type::<VdbCamera>()
             .register_type::<VdbSun>()
-            .register_required_components::<Camera3d, VdbCamera>()
             .add_systems(
                 PostUpdate,
                 update_bounds
                     .in_set(VisibilitySystems::CalculateBounds)
                     .after(bevy::asset::AssetEventSystems),
             );
+        if let Err(error) = app.try_register_required_components::<Camera3d, VdbCamera>() {
+            // Bevy refuses once a camera has been spawned; one with a `VdbCamera` works all the same.
+            warn!("cameras get no `VdbCamera` by themselves, add it to each: {error}");
+        }
         if app.get_sub_app(bevy::render::RenderApp).is_some() {
             app.add_plugins(ExtractComponentPlugin::<VdbCamera>::default());
             render::build(app);

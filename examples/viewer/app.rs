@@ -1,0 +1,230 @@
+//! The scene, the same in a window and off-screen: files, volumes, light, ground, camera.
+
+use std::path::{Path, PathBuf};
+
+use bevy::asset::io::AssetReaderError;
+use bevy::asset::{AssetLoadError, AssetPath, LoadState, UnapprovedPathMode};
+use bevy::camera::Hdr;
+use bevy::core_pipeline::tonemapping::Tonemapping;
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy_vdb::prelude::*;
+use bevy_vdb::{VdbLoaderError, VdbLoaderSettings};
+
+use crate::args::Args;
+use crate::framing::View;
+use crate::select;
+
+/// With Bevy's default exposure, a white surface that faces this sun is just below white.
+pub const SUN_ILLUMINANCE: f32 = 3_000.0;
+
+/// Luminance of the sky all around, cd/m²: what a surface in the shade has.
+pub const SKY_LUMINANCE: f32 = 130.0;
+
+/// Towards the sun: over the left shoulder of the camera where nobody moves it.
+pub const TO_SUN: DVec3 = DVec3::new(-0.6, 0.75, 0.5);
+
+/// Before tonemapping.
+pub const BACKGROUND: LinearRgba = LinearRgba::rgb(0.045, 0.052, 0.065);
+
+/// Loads the files, and makes the scene once they are there.
+pub struct ViewerPlugin(pub Args);
+
+/// What is asked for.
+#[derive(Resource)]
+pub struct Settings(pub Args);
+
+/// How far it is.
+#[derive(Default, Resource)]
+pub struct Status {
+    waiting: Vec<(PathBuf, Handle<VdbFile>)>,
+    arrived: Vec<(PathBuf, Handle<VdbFile>)>,
+    /// Files that could not be loaded, with the reason.
+    pub errors: Vec<String>,
+    /// What is known of the grids, with what shows each.
+    pub grids: Vec<(String, Entity)>,
+    /// Set once everything is there that will be.
+    pub view: Option<View>,
+}
+
+/// Where the files are: `assets/` of this package, where edited models are loaded again at once,
+/// and anywhere else, by absolute path.
+pub fn asset_plugin() -> AssetPlugin {
+    AssetPlugin {
+        file_path: asset_root().display().to_string(),
+        unapproved_path_mode: UnapprovedPathMode::Allow,
+        ..default()
+    }
+}
+
+fn asset_root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets")
+}
+
+/// A camera as the viewer has it; `Camera` and where it stands are up to the caller.
+pub fn camera(args: &Args) -> impl Bundle {
+    (
+        Camera3d::default(),
+        Hdr,
+        Msaa::Sample4,
+        tonemapping(args.mode),
+        VdbCamera { mode: args.mode, ..default() },
+        AmbientLight { brightness: SKY_LUMINANCE, ..default() },
+    )
+}
+
+/// A curve that leaves colours alone up to where they would burn out; numbers are shown as they are.
+pub fn tonemapping(mode: VdbRenderMode) -> Tonemapping {
+    match mode {
+        VdbRenderMode::Lit => Tonemapping::KhronosPbrNeutral,
+        _ => Tonemapping::None,
+    }
+}
+
+impl Plugin for ViewerPlugin {
+    fn build(&self, app: &mut App) {
+        app.add_plugins(VdbRenderPlugin)
+            .insert_resource(ClearColor(BACKGROUND.into()))
+            .insert_resource(Settings(self.0.clone()))
+            .init_resource::<Status>()
+            .add_systems(Startup, (load, light))
+            .add_systems(Update, arrive.run_if(|status: Res<Status>| status.view.is_none()));
+    }
+}
+
+fn load(assets: Res<AssetServer>, settings: Res<Settings>, mut status: ResMut<Status>) {
+    for file in &settings.0.files {
+        let path = file.strip_prefix(asset_root()).unwrap_or(file).to_owned();
+        let only = settings.0.grid.clone();
+        let handle = assets
+            .load_builder()
+            .with_settings(move |settings: &mut VdbLoaderSettings| {
+                settings.grids = only.clone().map(|name| vec![name]);
+            })
+            .load(AssetPath::from_path_buf(path));
+        status.waiting.push((file.clone(), handle));
+    }
+}
+
+fn light(mut commands: Commands) {
+    let sun = DirectionalLight { illuminance: SUN_ILLUMINANCE, ..default() };
+    let transform = Transform::default().looking_to(-TO_SUN.as_vec3(), Vec3::Y);
+    commands.spawn((sun, VdbSun::default(), transform));
+}
+
+/// Waits for the files; then spawns the volumes and looks at them.
+fn arrive(
+    mut commands: Commands,
+    assets: Res<AssetServer>,
+    (files, grids): (Res<Assets<VdbFile>>, Res<Assets<VdbGrid>>),
+    settings: Res<Settings>,
+    mut status: ResMut<Status>,
+    meshes: Option<ResMut<Assets<Mesh>>>,
+    materials: Option<ResMut<Assets<StandardMaterial>>>,
+    cameras: Query<Entity, With<Camera3d>>,
+) {
+    let status = &mut *status;
+    for (path, handle) in std::mem::take(&mut status.waiting) {
+        match assets.load_state(&handle) {
+            LoadState::Failed(error) => {
+                status.errors.push(format!("{}: {}", path.display(), reason(&error)));
+            }
+            LoadState::Loaded => status.arrived.push((path, handle)),
+            _ => status.waiting.push((path, handle)),
+        }
+    }
+    if !status.waiting.is_empty() {
+        return;
+    }
+    let mut bounds: Option<(DVec3, DVec3)> = None;
+    for (path, handle) in &status.arrived {
+        let Some(file) = files.get(handle) else { continue };
+        let labelled: Vec<(String, &VdbGrid)> = file
+            .grids
+            .iter()
+            .filter_map(|grid| {
+                let label = file.named_grids.iter().find(|(_, named)| *named == grid)?.0;
+                Some((label.clone(), grids.get(grid)?))
+            })
+            .collect();
+        // A grid that was asked for by name is shown, whatever it is.
+        let shown = match settings.0.grid {
+            Some(_) => vec![true; labelled.len()],
+            None => select::shown(&labelled),
+        };
+        if labelled.is_empty() {
+            status.errors.push(format!("{}: the file has no grids", path.display()));
+        }
+        for ((label, grid), shown) in labelled.iter().zip(shown) {
+            let visibility = if shown { Visibility::Inherited } else { Visibility::Hidden };
+            let volume = VdbVolume(file.named_grids[label].clone());
+            let material = VdbMaterial { density_scale: settings.0.density, ..default() };
+            let entity = commands.spawn((volume, material, visibility)).id();
+            status.grids.push((select::describe(label, grid), entity));
+            let hidden = if shown { "" } else { " (hidden: --grid shows it)" };
+            eprintln!("{}: {}{hidden}", path.display(), select::describe(label, grid));
+            if let (true, Some(own)) = (shown, grid.world_bounds()) {
+                let all = bounds.get_or_insert(own);
+                *all = (all.0.min(own.0), all.1.max(own.1));
+            }
+        }
+    }
+    // With nothing to see, the view is of the origin.
+    let view = View::new(&settings.0, bounds.unwrap_or((DVec3::NEG_ONE, DVec3::ONE)));
+    for camera in &cameras {
+        let eye = Transform::from_translation(view.eye.as_vec3())
+            .looking_at(view.target.as_vec3(), view.up().as_vec3());
+        let projection = PerspectiveProjection {
+            fov: view.fov_y as f32,
+            near: view.near as f32,
+            far: (view.near * 1e7) as f32,
+            ..default()
+        };
+        commands.entity(camera).insert((eye, Projection::Perspective(projection)));
+    }
+    if let (true, Some(meshes), Some(materials)) = (settings.0.ground, meshes, materials) {
+        spawn_ground(&mut commands, meshes, materials, &view);
+    }
+    status.view = Some(view);
+}
+
+/// A plane below, and a ball that stands at the edge of the box around the volumes.
+fn spawn_ground(
+    commands: &mut Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+    view: &View,
+) {
+    let (low, high) = view.bounds;
+    let middle = (low + high) / 2.0;
+    let mut matte = |color| {
+        materials.add(StandardMaterial {
+            base_color: color,
+            perceptual_roughness: 0.9,
+            reflectance: 0.2,
+            ..default()
+        })
+    };
+    let plane = meshes.add(Plane3d::default().mesh().size(1.0, 1.0));
+    let below = Transform::from_translation(DVec3::new(middle.x, low.y, middle.z).as_vec3())
+        .with_scale(Vec3::splat(8.0 * view.radius() as f32));
+    commands.spawn((Mesh3d(plane), MeshMaterial3d(matte(Color::srgb(0.45, 0.46, 0.48))), below));
+    let radius = 0.22 * view.radius();
+    let ball = meshes.add(Sphere::new(1.0).mesh().uv(64, 32));
+    let beside = DVec3::new(high.x, low.y + radius, middle.z).as_vec3();
+    let beside = Transform::from_translation(beside).with_scale(Vec3::splat(radius as f32));
+    commands.spawn((Mesh3d(ball), MeshMaterial3d(matte(Color::srgb(0.85, 0.42, 0.12))), beside));
+}
+
+/// Why a file was not loaded, without what Bevy says around it.
+fn reason(error: &AssetLoadError) -> String {
+    match error {
+        AssetLoadError::AssetLoaderError(error) => match error.error().downcast_ref() {
+            Some(error) => VdbLoaderError::to_string(error),
+            None => error.error().to_string(),
+        },
+        AssetLoadError::AssetReaderError(AssetReaderError::NotFound(_)) => "no such file".into(),
+        AssetLoadError::AssetReaderError(AssetReaderError::Io(error)) => error.to_string(),
+        other => other.to_string(),
+    }
+}

@@ -1,0 +1,179 @@
+//! The command line.
+
+use std::ffi::{OsStr, OsString};
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use bevy::math::{DVec3, UVec2};
+use bevy_vdb::VdbRenderMode;
+use lexopt::Arg;
+
+pub const HELP: &str = "\
+Shows OpenVDB files: level sets as surfaces, fog volumes as fog.
+
+Usage: viewer [FILE.vdb …] [options]
+
+With a display, a window (drag to orbit, right button to pan, wheel to zoom); without one, or with
+--out, a PNG. Without FILE, the model that comes with bevy_vdb.
+
+  --grid NAME       show this grid; by default all level sets, and of the fogs `density`
+  --out FILE.png    write a picture (without a display: viewer.png) and print its path
+  --size WxH        of the picture or the window, in pixels [1280x720]
+  --eye X,Y,Z       where the camera stands, in the file's world [sees all]
+  --target X,Y,Z    what it looks at [the middle of all]
+  --fov DEGREES     vertical field of view [45]
+  --mode NAME       lit, normals, depth or steps (of the walk through the tree) [lit]
+  --density X       fog: extinction per unit of density and of world length [1]
+  --ground          a plane below and a ball beside the volumes, both meshes
+  --cpu             trace on the CPU, without a GPU: a picture, slowly
+  -h, --help        this
+";
+
+/// The largest edge of a picture; what all GPUs can do is less than this, and they are asked.
+const MAX_EDGE: u32 = 32_768;
+
+/// What to show, and how.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Args {
+    /// Absolute. At least one.
+    pub files: Vec<PathBuf>,
+    pub grid: Option<String>,
+    pub out: Option<PathBuf>,
+    pub size: UVec2,
+    pub eye: Option<DVec3>,
+    pub target: Option<DVec3>,
+    /// Vertical, radians.
+    pub fov_y: f64,
+    pub mode: VdbRenderMode,
+    pub density: f32,
+    pub ground: bool,
+    pub cpu: bool,
+}
+
+impl Args {
+    /// `None`: help is asked for.
+    pub fn from_command_line() -> Result<Option<Self>, String> {
+        Self::parse(lexopt::Parser::from_env())
+    }
+
+    fn parse(mut parser: lexopt::Parser) -> Result<Option<Self>, String> {
+        let mut args = Self {
+            files: Vec::new(),
+            grid: None,
+            out: None,
+            size: UVec2::new(1280, 720),
+            eye: None,
+            target: None,
+            fov_y: 45_f64.to_radians(),
+            mode: VdbRenderMode::Lit,
+            density: 1.0,
+            ground: false,
+            cpu: false,
+        };
+        while let Some(arg) = parser.next().map_err(|error| error.to_string())? {
+            match arg {
+                Arg::Short('h') | Arg::Long("help") => return Ok(None),
+                Arg::Long("grid") => args.grid = Some(value(&mut parser, "--grid", name)?),
+                Arg::Long("out") => args.out = Some(value(&mut parser, "--out", picture_path)?),
+                Arg::Long("size") => args.size = value(&mut parser, "--size", size)?,
+                Arg::Long("eye") => args.eye = Some(value(&mut parser, "--eye", point)?),
+                Arg::Long("target") => args.target = Some(value(&mut parser, "--target", point)?),
+                Arg::Long("fov") => args.fov_y = value(&mut parser, "--fov", fov)?,
+                Arg::Long("mode") => args.mode = value(&mut parser, "--mode", mode)?,
+                Arg::Long("density") => args.density = value(&mut parser, "--density", density)?,
+                Arg::Long("ground") => args.ground = true,
+                Arg::Long("cpu") => args.cpu = true,
+                Arg::Value(file) => args.files.push(absolute(file)?),
+                other => return Err(other.unexpected().to_string()),
+            }
+        }
+        if args.files.is_empty() {
+            args.files
+                .push([env!("CARGO_MANIFEST_DIR"), "assets/models/teapot.vdb"].iter().collect());
+        }
+        if args.eye.is_some() && args.eye == args.target {
+            return Err("--eye and --target are the same point".into());
+        }
+        Ok(Some(args))
+    }
+}
+
+/// Names as `--mode` has them.
+pub const MODES: [(&str, VdbRenderMode); 4] = [
+    ("lit", VdbRenderMode::Lit),
+    ("normals", VdbRenderMode::Normals),
+    ("depth", VdbRenderMode::Depth),
+    ("steps", VdbRenderMode::Steps),
+];
+
+/// The value of an option; where it is wrong, the option and what it should be.
+fn value<T>(
+    parser: &mut lexopt::Parser,
+    option: &str,
+    parse: impl Fn(&OsStr) -> Result<T, String>,
+) -> Result<T, String> {
+    let value = parser.value().map_err(|error| error.to_string())?;
+    parse(&value).map_err(|why| format!("{option} {}: {why}", value.display()))
+}
+
+fn text(value: &OsStr) -> Result<&str, String> {
+    value.to_str().ok_or_else(|| "it is not UTF-8".into())
+}
+
+fn name(value: &OsStr) -> Result<String, String> {
+    Ok(text(value)?.to_owned())
+}
+
+fn mode(value: &OsStr) -> Result<VdbRenderMode, String> {
+    let name = text(value)?;
+    let found = MODES.iter().find(|(known, _)| *known == name);
+    found.map(|(_, mode)| *mode).ok_or_else(|| "it is one of lit, normals, depth, steps".into())
+}
+
+fn size(value: &OsStr) -> Result<UVec2, String> {
+    let edge = |text| u32::from_str(text).ok().filter(|edge| (1..=MAX_EDGE).contains(edge));
+    text(value)?
+        .split_once('x')
+        .and_then(|(width, height)| Some(UVec2::new(edge(width)?, edge(height)?)))
+        .ok_or_else(|| format!("a size is like 1280x720, each from 1 to {MAX_EDGE}"))
+}
+
+fn point(value: &OsStr) -> Result<DVec3, String> {
+    let text = text(value)?;
+    let numbers: Vec<f64> =
+        text.split(',').filter_map(|number| f64::from_str(number.trim()).ok()).collect();
+    match numbers[..] {
+        [x, y, z] if text.split(',').count() == 3 && [x, y, z].iter().all(|x| x.is_finite()) => {
+            Ok(DVec3::new(x, y, z))
+        }
+        _ => Err("a point is three numbers like 0,1.5,-2".into()),
+    }
+}
+
+fn fov(value: &OsStr) -> Result<f64, String> {
+    Ok(number(value, 0.1, 175.0)?.to_radians())
+}
+
+fn density(value: &OsStr) -> Result<f32, String> {
+    Ok(number(value, 0.0, 1e9)? as f32)
+}
+
+fn number(value: &OsStr, least: f64, most: f64) -> Result<f64, String> {
+    f64::from_str(text(value)?)
+        .ok()
+        .filter(|number| (least..=most).contains(number))
+        .ok_or_else(|| format!("it is a number from {least} to {most}"))
+}
+
+fn picture_path(value: &OsStr) -> Result<PathBuf, String> {
+    let path = PathBuf::from(value);
+    match path.extension() {
+        Some(extension) if extension.eq_ignore_ascii_case("png") => Ok(path),
+        _ => Err("only PNG is written; the name must end in .png".into()),
+    }
+}
+
+/// Bevy takes relative paths for relative to the asset folder; a user means the current one.
+fn absolute(file: OsString) -> Result<PathBuf, String> {
+    std::path::absolute(&file).map_err(|error| format!("{}: {error}", file.display()))
+}

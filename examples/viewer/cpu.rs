@@ -1,0 +1,110 @@
+//! The same picture by the reference tracer, for machines without any GPU adapter.
+
+use bevy::prelude::*;
+use bevy_vdb::prelude::*;
+use bevy_vdb::vdb_core::pack::PackKind;
+use bevy_vdb::vdb_core::reference::Occupied;
+use bevy_vdb::vdb_core::reference::picture::{
+    Picture, Scene, SunLight, Volume, VolumeKind, render,
+};
+
+use crate::app::{BACKGROUND, SKY_LUMINANCE, SUN_ILLUMINANCE, Status, TO_SUN};
+use crate::args::Args;
+use crate::framing::View;
+
+/// Refuses what there is no reference for, before anything is loaded.
+pub fn check(args: &Args) -> Result<(), String> {
+    match args.mode {
+        VdbRenderMode::Lit | VdbRenderMode::Depth => {}
+        _ => return Err("on the CPU there are the modes lit and depth only".into()),
+    }
+    if args.ground {
+        eprintln!("viewer: the tracer on the CPU shows no meshes: no --ground");
+    }
+    Ok(())
+}
+
+/// Traces what the app has loaded.
+pub fn draw(app: &mut App, args: &Args) -> Result<Vec<[u8; 3]>, String> {
+    let view = app.world().resource::<Status>().view.ok_or("nothing is loaded")?;
+    let mut volumes = app.world_mut().query::<(&VdbVolume, &VdbMaterial, &Visibility)>();
+    let world = app.world();
+    let grids = world.resource::<Assets<VdbGrid>>();
+    let volumes = volumes
+        .iter(world)
+        .filter(|(.., visibility)| **visibility != Visibility::Hidden)
+        .filter_map(|(volume, material, _)| Some((grids.get(&volume.0)?, material)))
+        .map(|(grid, material)| Volume {
+            tree: &**grid.tree(),
+            world_from_index: grid.world_from_index(),
+            kind: kind(grid, material),
+        })
+        .collect();
+    let exposure = bevy::camera::Exposure::default().exposure();
+    let scene = Scene {
+        volumes,
+        sun: SunLight {
+            direction: TO_SUN,
+            radiance: Vec3::splat(exposure * SUN_ILLUMINANCE / std::f32::consts::PI),
+        },
+        ambient: Vec3::splat(exposure * SKY_LUMINANCE),
+        background: BACKGROUND.to_vec4(),
+        // As on the GPU.
+        shadows: false,
+    };
+    let picture = render(&scene, &view.camera(), args.size);
+    Ok(match args.mode {
+        VdbRenderMode::Depth => depth(&picture, &view, args.size),
+        _ => picture.color.iter().map(|color| encode(pbr_neutral(color.truncate()))).collect(),
+    })
+}
+
+fn kind(grid: &VdbGrid, material: &VdbMaterial) -> VolumeKind {
+    let albedo = material.base_color.to_linear().to_vec3();
+    match grid.kind() {
+        PackKind::Surface { iso } => {
+            VolumeKind::Blocky { occupied: Occupied::BelowIso(iso), albedo }
+        }
+        PackKind::Fog => VolumeKind::Fog {
+            extinction: f64::from(material.density_scale),
+            albedo,
+            emission: Vec3::ZERO,
+        },
+    }
+}
+
+/// What Bevy's depth buffer has: the near plane's distance over that of the surface, along the view.
+fn depth(picture: &Picture, view: &View, size: UVec2) -> Vec<[u8; 3]> {
+    let camera = view.camera();
+    let forward = (view.target - view.eye).normalize();
+    let pixels = picture.depth.iter().enumerate().map(|(i, distance)| {
+        if distance.is_infinite() {
+            return encode(BACKGROUND.to_vec3());
+        }
+        let pixel = UVec2::new(i as u32 % size.x, i as u32 / size.x);
+        let along = f64::from(*distance) * camera.ray(pixel, size).1.dot(forward);
+        encode(Vec3::splat((view.near / along) as f32))
+    });
+    pixels.collect()
+}
+
+/// Twin of Bevy's `tonemapping_pbr_neutral`.
+fn pbr_neutral(color: Vec3) -> Vec3 {
+    const START: f32 = 0.8 - 0.04;
+    const DESATURATION: f32 = 0.15;
+    let least = color.min_element();
+    let color = color - if least < 0.08 { least - 6.25 * least * least } else { 0.04 };
+    let peak = color.max_element();
+    if peak < START {
+        return color;
+    }
+    let room = 1.0 - START;
+    let new_peak = 1.0 - room * room / (peak + room - START);
+    let mix = 1.0 - 1.0 / (DESATURATION * (peak - new_peak) + 1.0);
+    (color * new_peak / peak).lerp(Vec3::splat(new_peak), mix)
+}
+
+/// Linear to sRGB, 8 bits.
+fn encode(color: Vec3) -> [u8; 3] {
+    Srgba::from(LinearRgba::from_vec3(color)).to_u8_array_no_alpha()
+}

@@ -1,0 +1,66 @@
+//! Shows `.vdb` files, in a window or as a PNG; `viewer --help` says how.
+
+mod adapter;
+mod app;
+mod args;
+mod cpu;
+mod framing;
+mod offscreen;
+mod png_file;
+mod select;
+mod window;
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use args::Args;
+
+/// Where the picture goes when nobody says where and there is no window to show it in.
+const DEFAULT_PICTURE: &str = "viewer.png";
+
+fn main() -> ExitCode {
+    let done = match Args::from_command_line() {
+        Ok(Some(args)) => show(args),
+        Ok(None) => {
+            print!("{}", args::HELP);
+            Ok(())
+        }
+        Err(error) => Err(format!("{error}\nTry: viewer --help")),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("viewer: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn show(args: Args) -> Result<(), String> {
+    if args.out.is_none() && !args.cpu && window::display() {
+        // Bevy panics without a GPU: look first.
+        adapter::find(None).map_err(|error| format!("{error}.\n{}", adapter::ADVICE))?;
+        match window::build(&args) {
+            Ok(app) => return window::run(app),
+            Err(error) => eprintln!("viewer: no window: {error}; writing a picture instead"),
+        }
+    }
+    let path = args.out.clone().unwrap_or_else(|| DEFAULT_PICTURE.into());
+    let tracer = if args.cpu {
+        offscreen::Tracer::Cpu
+    } else {
+        match adapter::find(Some(args.size)) {
+            Ok(()) => offscreen::Tracer::Gpu,
+            Err(error @ adapter::Error::TooLarge { .. }) => return Err(error.to_string()),
+            Err(error) => {
+                eprintln!("viewer: {error}: tracing on the CPU instead. {}", adapter::ADVICE);
+                offscreen::Tracer::Cpu
+            }
+        }
+    };
+    let size = args.size;
+    let pixels = offscreen::picture(args, tracer)?;
+    png_file::write(&path, size, &pixels)?;
+    println!("{}", std::path::absolute(&path).as_deref().unwrap_or(Path::new(&path)).display());
+    Ok(())
+}

@@ -1,0 +1,190 @@
+//! The viewer as people call it: pictures, exit codes and what it says.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const SIZE: (u32, u32) = (160, 120);
+
+/// `cargo test` builds the examples beside the tests: `target/debug/{deps/viewer-…,examples/viewer}`.
+fn viewer() -> Command {
+    let test = std::env::current_exe().expect("the path of this test");
+    let folder = test.parent().and_then(Path::parent).expect("tests are in target/…/deps");
+    let name = format!("examples/viewer{}", std::env::consts::EXE_SUFFIX);
+    let path = folder.join(name);
+    assert!(path.exists(), "{}: run `cargo build --example viewer` first", path.display());
+    let mut command = Command::new(path);
+    command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("RUST_LOG");
+    command.args(["--size", &format!("{}x{}", SIZE.0, SIZE.1)]);
+    command
+}
+
+fn model(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/models").join(name)
+}
+
+/// A file of this run of the tests.
+fn temporary(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("viewer");
+    std::fs::create_dir_all(&folder).expect("a folder for what the tests write");
+    folder.join(name)
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Runs the viewer into a picture: RGB pixels.
+fn picture(out: &str, change: impl FnOnce(&mut Command)) -> (Vec<[u8; 3]>, Output) {
+    let path = temporary(out);
+    // That of an earlier run proves nothing.
+    let _ = std::fs::remove_file(&path);
+    let mut command = viewer();
+    command.arg("--out").arg(&path);
+    change(&mut command);
+    let output = command.output().expect("the viewer starts");
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), path.display().to_string());
+    let file = std::io::BufReader::new(std::fs::File::open(&path).expect("the picture is there"));
+    let mut reader = png::Decoder::new(file).read_info().expect("a PNG");
+    let mut bytes = vec![0; reader.output_buffer_size().expect("a size")];
+    let info = reader.next_frame(&mut bytes).expect("pixels");
+    assert_eq!((info.width, info.height, info.color_type), (SIZE.0, SIZE.1, png::ColorType::Rgb));
+    let pixels = bytes[..info.buffer_size()].chunks_exact(3);
+    (pixels.map(|rgb| [rgb[0], rgb[1], rgb[2]]).collect(), output)
+}
+
+/// Pixels that are clearly not the background, which the corner has.
+fn drawn(pixels: &[[u8; 3]]) -> usize {
+    pixels.iter().filter(|pixel| difference(pixel, &pixels[0]) > 16).count()
+}
+
+fn difference(a: &[u8; 3], b: &[u8; 3]) -> u8 {
+    (0..3).map(|i| a[i].abs_diff(b[i])).max().unwrap_or(0)
+}
+
+/// Fails to show something: exit code 1, one line that starts with our name, no panic.
+fn refused(change: impl FnOnce(&mut Command)) -> String {
+    let mut command = viewer();
+    command.arg("--out").arg(temporary("refused.png"));
+    change(&mut command);
+    let output = command.output().expect("the viewer starts");
+    let text = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(!text.contains("panicked"), "{text}");
+    let ours = text.lines().filter(|line| line.starts_with("viewer: "));
+    let said: Vec<&str> = ours.filter(|line| !line.contains("instead")).collect();
+    assert_eq!(said.len(), 1, "{text}");
+    said[0].to_owned()
+}
+
+/// Whether pictures come from a GPU here, lavapipe counted in.
+fn on_gpu(output: &Output) -> bool {
+    let cpu = stderr(output).contains("tracing on the CPU instead");
+    if cpu {
+        assert!(
+            std::env::var_os("BEVY_VDB_SKIP_GPU").is_some(),
+            "no GPU adapter; install Mesa's software driver (Debian: mesa-vulkan-drivers), or set \
+             BEVY_VDB_SKIP_GPU=1 to leave out these tests"
+        );
+        eprintln!("SKIPPED, as BEVY_VDB_SKIP_GPU says: no GPU adapter");
+    }
+    !cpu
+}
+
+#[test]
+fn the_bundled_models_are_shown_and_the_cpu_agrees() {
+    for (name, fewest, most) in [("teapot.vdb", 2_000, 10_000), ("cloud.vdb", 1_000, 10_000)] {
+        let (gpu, output) = picture(&format!("gpu-{name}.png"), |c| _ = c.arg(model(name)));
+        assert!(stderr(&output).contains("active voxels"), "{}", stderr(&output));
+        let count = drawn(&gpu);
+        assert!((fewest..most).contains(&count), "{name}: {count} pixels");
+        if !on_gpu(&output) {
+            continue;
+        }
+        let (cpu, _) = picture(&format!("cpu-{name}.png"), |c| _ = c.arg("--cpu").arg(model(name)));
+        let pairs = gpu.iter().zip(&cpu);
+        // Rays that graze an edge may see either side of it.
+        let differ = pairs.filter(|(gpu, cpu)| difference(gpu, cpu) > 3).count();
+        assert!(differ * 200 < gpu.len(), "{name}: {differ} of {} pixels differ", gpu.len());
+    }
+}
+
+#[test]
+fn without_arguments_the_bundled_level_set_is_written_where_one_is() {
+    let folder = temporary("default");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let output = viewer().current_dir(&folder).output().expect("the viewer starts");
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stderr(&output).contains("teapot.vdb: surface"), "{}", stderr(&output));
+    assert!(folder.join("viewer.png").exists());
+}
+
+#[test]
+fn ground_and_modes_change_the_picture() {
+    let (lit, output) = picture("lit.png", |_| ());
+    if !on_gpu(&output) {
+        return;
+    }
+    let (ground, _) = picture("ground.png", |c| _ = c.arg("--ground"));
+    assert!(drawn(&ground) > drawn(&lit) + 2_000);
+    for mode in ["normals", "depth", "steps"] {
+        let (shown, _) = picture(&format!("{mode}.png"), |c| _ = c.args(["--mode", mode]));
+        assert!(drawn(&shown) > 2_000, "{mode}: {} pixels", drawn(&shown));
+    }
+}
+
+#[test]
+fn the_camera_stands_where_it_is_put() {
+    // The teapot's spout points along +x: from far off to the side, with a narrow view past it.
+    let past = ["--eye", "0,1,30", "--target", "8,1,0", "--fov", "10"];
+    let (nothing, _) = picture("past.png", |c| _ = c.args(past));
+    assert_eq!(drawn(&nothing), 0);
+    let (all, _) = picture("close.png", |c| {
+        _ = c.args(["--eye", "0,1,4", "--target", "0,1,0", "--fov", "20"])
+    });
+    let shown = all.iter().filter(|pixel| difference(pixel, &nothing[0]) > 16).count();
+    assert!(shown > all.len() * 9 / 10, "{shown} of {} pixels", all.len());
+}
+
+#[test]
+fn a_file_that_cannot_be_shown_is_one_clear_error() {
+    let missing = temporary("missing.vdb");
+    let said = refused(|c| _ = c.arg(&missing));
+    assert!(said.contains("missing.vdb") && said.contains("no such file"), "{said}");
+
+    let whole = std::fs::read(model("teapot.vdb")).expect("the bundled model");
+    let truncated = temporary("truncated.vdb");
+    std::fs::write(&truncated, &whole[..whole.len() / 2]).expect("written");
+    let said = refused(|c| _ = c.arg(&truncated));
+    assert!(said.contains("truncated.vdb") && said.contains("damaged"), "{said}");
+
+    let text = temporary("text.vdb");
+    std::fs::write(&text, "this is a text, not a volume, and long enough to be read")
+        .expect("written");
+    let said = refused(|c| _ = c.arg(&text));
+    assert!(said.contains("text.vdb") && said.contains("no VDB file"), "{said}");
+
+    let said = refused(|c| _ = c.arg(&text).arg("--cpu"));
+    assert!(said.contains("text.vdb"), "{said}");
+
+    let said = refused(|c| _ = c.arg(model("cloud.vdb")).args(["--grid", "smoke"]));
+    assert!(said.contains("cloud.vdb") && said.contains("smoke"), "{said}");
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    for (wrong, about) in [
+        (vec!["--size", "0x10"], "--size"),
+        (vec!["--mode", "pretty"], "--mode"),
+        (vec!["--eye", "1,2"], "--eye"),
+        (vec!["--nothing"], "--nothing"),
+        (vec!["--out", "picture.jpg"], "picture.jpg"),
+        (vec!["--mode", "steps", "--cpu"], "modes"),
+    ] {
+        let said = refused(|c| _ = c.args(&wrong));
+        assert!(said.contains(about), "{said}");
+    }
+    let help = viewer().arg("--help").output().expect("the viewer starts");
+    assert!(help.status.success());
+    assert!(String::from_utf8_lossy(&help.stdout).contains("--ground"));
+}
