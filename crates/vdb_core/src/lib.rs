@@ -7,6 +7,8 @@
 mod codec;
 mod error;
 mod format;
+#[cfg(fuzzing)]
+pub mod fuzzing;
 mod grid;
 mod limits;
 mod metadata;

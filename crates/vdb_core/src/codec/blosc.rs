@@ -199,3 +199,83 @@ fn unshuffle_bits(shuffled: &[u8], out: &mut [u8], value_bytes: usize) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::Read;
+
+    use super::*;
+
+    /// The bytes that were packed, by the same formulas as in the program that packed them.
+    fn original(kind: u8, length: usize) -> Vec<u8> {
+        let mut random = 12345_u32;
+        (0..length as u32)
+            .map(|i| {
+                random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                let steps = i / 4 % 7 * u32::from(i % 4 == 3) + i % 4 * (i / 64 % 5);
+                match kind {
+                    0 => steps as u8,
+                    1 => (random >> 24) as u8,
+                    _ if i / 512 % 2 == 1 => (random >> 31) as u8,
+                    _ => (i / 4) as u8,
+                }
+            })
+            .collect()
+    }
+
+    /// One frame: codec, shuffle, bytes a value and kind of data as numbers, then unpacked length,
+    /// block length and frame.
+    fn frames() -> Vec<([u8; 4], usize, Vec<u8>)> {
+        let packed: &[u8] = include_bytes!("../../tests/data/blosc_frames.gz");
+        let mut bytes = Vec::new();
+        flate2::read::GzDecoder::new(packed).read_to_end(&mut bytes).unwrap();
+        let mut rest = &bytes[..];
+        let mut frames = Vec::new();
+        while let Some((head, after)) = rest.split_first_chunk::<4>() {
+            let (length, frame) = (u32_at(after, 0).unwrap(), u32_at(after, 8).unwrap());
+            frames.push((*head, length, after[12..12 + frame].to_vec()));
+            rest = &after[12 + frame..];
+        }
+        frames
+    }
+
+    #[test]
+    fn frames_of_the_c_library_unpack() {
+        let mut scratch = Scratch::default();
+        let mut count = [0; 6];
+        for (head @ [codec, shuffle, value_bytes, kind], length, frame) in frames() {
+            let mut out = vec![0xaa; length];
+            let result = decode(&frame, &mut out, &mut scratch);
+            // What would not shrink is stored, whatever the codec, and so is readable.
+            let stored = frame[2] & STORED != 0 || length == 0;
+            if [3, 5].contains(&codec) && !stored {
+                assert!(matches!(result, Err(Error::NotSupported { .. })), "{head:?}");
+            } else {
+                result.unwrap_or_else(|error| panic!("{head:?}, {length} bytes: {error}"));
+                assert!(out == original(kind, length), "{head:?}, {length} bytes");
+            }
+            assert!(shuffle < 3 && value_bytes > 0);
+            count[usize::from(codec)] += 1;
+        }
+        assert!(count.iter().all(|count| *count > 0), "{count:?}");
+    }
+
+    #[test]
+    fn damaged_frames_do_no_harm() {
+        let mut scratch = Scratch::default();
+        for (_, length, frame) in frames() {
+            let mut out = vec![0; length];
+            for at in 0..frame.len().min(64) {
+                for value in [0, 1, 0x7f, 0x80, 0xff] {
+                    let mut damaged = frame.clone();
+                    damaged[at] = value;
+                    // Whether it unpacks is up to what was hit; that it ends and does not panic
+                    // is what is asked.
+                    let _ = decode(&damaged, &mut out, &mut scratch);
+                }
+                assert!(decode(&frame[..at], &mut out, &mut scratch).is_err() || at >= 16);
+            }
+            assert!(decode(&frame, &mut vec![0; length + 1], &mut scratch).is_err());
+        }
+    }
+}

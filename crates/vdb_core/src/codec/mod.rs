@@ -4,7 +4,7 @@
 //! packed bytes ask for.
 
 pub(crate) mod blosc;
-mod blosclz;
+pub(crate) mod blosclz;
 pub(crate) mod half_float;
 pub(crate) mod mask;
 pub(crate) mod zip;

@@ -1,6 +1,6 @@
 //! A whole file: header, metadata, and grid after grid.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -108,7 +108,7 @@ fn list_with_offsets<'a>(
         descriptors.push(descriptor);
     }
     // An instance needs the tree of its parent, selected or not.
-    let parents: Vec<&[u8]> = descriptors
+    let parents: HashSet<&[u8]> = descriptors
         .iter()
         .filter(|descriptor| is_selected(descriptor, &options.grids))
         .map(|descriptor| &*descriptor.parent)
@@ -116,7 +116,7 @@ fn list_with_offsets<'a>(
     let needed: Vec<bool> = descriptors
         .iter()
         .map(|descriptor| {
-            is_selected(descriptor, &options.grids) || parents.contains(&&*descriptor.raw_name)
+            is_selected(descriptor, &options.grids) || parents.contains(&*descriptor.raw_name)
         })
         .collect();
     let mut listed = Vec::new();
@@ -306,10 +306,11 @@ fn finish(
         .enumerate()
         .map(|(index, (descriptor, ..))| (&*descriptor.raw_name, index))
         .collect();
-    // Which grid has the tree of this one. More steps than grids go round in circles.
-    let owner = |start: usize| {
-        let mut index = start;
-        for _ in 0..entries.len() {
+    // OpenVDB never writes the instance of an instance, but nothing forbids it: two steps up are
+    // one more than can be needed.
+    let owner = |index: usize| {
+        let mut index = index;
+        for _ in 0..=2 {
             if trees[index].is_some() {
                 return Some(index);
             }
