@@ -56,6 +56,10 @@ fn scene_t(pixel: vec2<u32>) -> f32 {
     return select(-(m.x * depth + m.y) / w, FAR, abs(w) < 1e-30);
 }
 
+fn volume_end() -> u32 {
+    return view.volume_first + view.volume_count;
+}
+
 fn depth_at(t: f32) -> f32 {
     let m = view.depth_from_t;
     return saturate((m.x * t + m.y) / (m.z * t + m.w));
@@ -94,7 +98,7 @@ fn trace_fogs(ndc: vec2<f32>, t_max: f32, length: f32) -> Fog {
     var last_met = 0u;
     var t_first = FAR;
     var t_last = view.t_near;
-    for (var i = 0u; i < view.volume_count; i++) {
+    for (var i = view.volume_first; i < volume_end(); i++) {
         if volumes[i].kind != KIND_FOG {
             continue;
         }
@@ -117,7 +121,7 @@ fn trace_fogs(ndc: vec2<f32>, t_max: f32, length: f32) -> Fog {
             let to = mix(t_first, t_last, f32(slab + 1u) / f32(OVERLAP_SLABS));
             var depth = 0.0;
             var weighted = vec3(0.0);
-            for (var i = 0u; i < view.volume_count; i++) {
+            for (var i = view.volume_first; i < volume_end(); i++) {
                 if volumes[i].kind == KIND_FOG {
                     let part = optical_depth(volumes[i], ndc, from, to, length);
                     depth += part;
@@ -159,9 +163,9 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     var depth = NOTHING;
 
 #ifdef SURFACES
-    var nearest = view.volume_count;
+    var nearest = volume_end();
     var hit: Walk;
-    for (var i = 0u; i < view.volume_count; i++) {
+    for (var i = view.volume_first; i < volume_end(); i++) {
         if volumes[i].kind != KIND_SURFACE {
             continue;
         }
@@ -175,7 +179,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
             t_max = found.t;
         }
     }
-    if nearest < view.volume_count {
+    if nearest < volume_end() {
         let volume = volumes[nearest];
         let ray = volume_ray(volume, ndc, view.t_near, t_max);
         let normal = surface_normal(grids[volume.grid], volume, ray, hit);

@@ -62,11 +62,11 @@ struct View {
     dir_y: vec3<f32>,
     exposure: f32,
     sun_direction: vec3<f32>,   // world space, unit, towards the sun
-    volume_count: u32,
+    volume_first: u32,          // of this view, in the volumes of all views
     sun_illuminance: vec3<f32>, // lux on a surface that faces the sun
-    steps_scale: f32,           // steps shown as the hottest colour
+    volume_count: u32,
     ambient: vec3<f32>,         // cd/m²
-    pad_0: f32,
+    steps_scale: f32,           // steps shown as the hottest colour
     size: vec2<u32>,            // pixels of the viewport
     origin: vec2<u32>,          // of the viewport in the target
 }

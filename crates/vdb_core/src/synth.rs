@@ -5,9 +5,9 @@
 //! of one [`build`] over a box of voxels; what the formula says is uniform over a whole node becomes
 //! a tile of that node's level, at every level of the tree.
 //!
-//! - [`level_set`]: narrow-band signed distances, as OpenVDB leaves them after its signed flood fill.
-//! - [`fog`]: densities.
-//! - [`sparse`]: few voxels, thin walls and patterns that are hard on a traversal.
+//! - [`mod@level_set`], narrow-band signed distances, as OpenVDB leaves them after its signed flood fill.
+//! - [`mod@fog`], densities.
+//! - [`mod@sparse`], few voxels, thin walls and patterns that are hard on a traversal.
 
 mod build;
 pub mod fog;

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::{
     Ray,
+    cells::Corners,
     field::{Block, Field},
     planes::Planes,
     walk::{Span, Walk},
@@ -73,6 +74,15 @@ impl<'a, C: Node<Value = f32>> Blocky<'a, C> {
     /// Prepares a tree: sorts the places of its root's entries.
     pub fn new(tree: &'a Tree<C>, occupied: Occupied) -> Self {
         Self { field: Field::new(tree), occupied }
+    }
+
+    /// The gradient of the trilinear interpolant at a point in index space, per voxel; of the cell
+    /// above where the point lies in a face, and not finite where a sample is not.
+    pub fn gradient(&self, point: DVec3) -> DVec3 {
+        let cell = point.floor();
+        let mut accessor = self.field.tree().accessor();
+        let corners = self.field.corners(&mut accessor, cell.to_array().map(|c| c as i64));
+        Corners(corners.map(f64::from)).gradient(point - cell)
     }
 
     /// See [`first_voxel`].

@@ -86,12 +86,32 @@ impl<'a, C: Node> Field<'a, C> {
     }
 
     /// The value of a voxel, background outside of the index space.
-    pub fn value(&self, accessor: &mut Accessor<'a, C>, voxel: [i64; 3]) -> C::Value {
+    fn value(&self, accessor: &mut Accessor<'a, C>, voxel: [i64; 3]) -> C::Value {
         let [x, y, z] = voxel.map(|c| i32::try_from(c).ok());
         match (x, y, z) {
             (Some(x), Some(y), Some(z)) => accessor.get(IVec3::new(x, y, z)),
             _ => self.tree.background(),
         }
+    }
+
+    /// The samples at the corners of a trilinear cell, at slot `x << 2 | y << 1 | z`.
+    pub fn corners(&self, accessor: &mut Accessor<'a, C>, cell: [i64; 3]) -> [C::Value; 8] {
+        let offset = |corner: i64| [corner >> 2, corner >> 1 & 1, corner & 1];
+        let corners = [0, 1, 2, 3, 4, 5, 6, 7];
+        let last = (1 << <C::Leaf as Node>::TOTAL_LOG2_DIM) - 1;
+        let whole = cell.map(|c| i32::try_from(c).ok().filter(|c| c & last != last));
+        // Mostly all corners lie in one leaf: one look-up for the eight.
+        if let [Some(x), Some(y), Some(z)] = whole {
+            let ijk = IVec3::new(x, y, z);
+            if let Found::Leaf(leaf) = accessor.find(ijk) {
+                let at = |o: [i64; 3]| ijk + IVec3::from_array(o.map(|c| c as i32));
+                return corners.map(|corner| leaf.probe(at(offset(corner))).0);
+            }
+        }
+        corners.map(|corner| {
+            let [x, y, z] = offset(corner);
+            self.value(accessor, [cell[0] + x, cell[1] + y, cell[2] + z])
+        })
     }
 
     /// The trilinear cells around a cell whose corners all lie in one box of equal voxels, and

@@ -13,13 +13,27 @@
 //! # What there is
 //!
 //! - [`first_voxel`]: the first occupied voxel and the face entered, exact.
+//! - [`first_root`], [`trace_surface`]: the first root of the trilinear interpolant, certified.
+//! - [`optical_depth`], [`transmittance`]: through the trilinear density, integrated exactly cell by
+//!   cell; [`optical_depth_nearest`] through voxels of constant density.
+//! - [`radiance()`]: emitted light, and light of the sun scattered once, to a tolerance.
+//! - [`mod@picture`]: whole pictures of several volumes, for a machine without a GPU.
 
 mod blocky;
+mod cells;
+mod cubic;
 mod field;
+mod fog;
+pub mod picture;
 mod planes;
+mod radiance;
 mod ray;
+mod smooth;
 mod walk;
 mod wide;
 
 pub use blocky::{Blocky, Face, Occupied, VoxelHit, first_voxel};
+pub use fog::{Estimate, Fog, density, optical_depth, optical_depth_nearest, transmittance};
+pub use radiance::{Medium, Radiance, Sun, radiance};
 pub use ray::Ray;
+pub use smooth::{Graze, Smooth, SurfaceHit, SurfaceTrace, first_root, trace_surface};

@@ -10,6 +10,7 @@
 //! 32-bit integers, in all eight octants.
 
 mod accessor;
+mod band;
 mod bits;
 mod coords;
 mod internal;
@@ -21,6 +22,7 @@ mod stats;
 use std::fmt::Debug;
 
 pub use accessor::Accessor;
+pub use band::trim_narrow_band;
 pub use bits::{Active, BitLeaf, BitValues};
 pub use coords::CoordBox;
 pub use glam::IVec3;

@@ -1,0 +1,226 @@
+//! The first root of the trilinear interpolant along a ray.
+
+use std::ops::ControlFlow;
+
+use glam::DVec3;
+
+use super::{
+    Ray,
+    cells::{Samples, Stretch, visit_cells},
+    cubic::{Cubic, Signs},
+    field::Field,
+};
+use crate::tree::{IVec3, Node, Tree};
+
+/// A point where a ray passes through the surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceHit {
+    /// Where on the ray, in units of `t`.
+    pub t: f64,
+    /// The point in index space.
+    pub position: DVec3,
+    /// The trilinear cell: between the samples `cell + {0, 1}³`.
+    pub cell: IVec3,
+    /// The gradient of the interpolant in that cell at the point, per voxel, in index space. It
+    /// points to where values grow: outward, for a level set. It jumps from cell to cell.
+    pub gradient: DVec3,
+    /// Whether values go from above the iso-value to below: into a level set.
+    pub entering: bool,
+    /// How close to a double root this is: the greatest distance from the iso-value that the
+    /// interpolant reaches before it next changes sign or the ray ends, in units of the values;
+    /// no longer followed once it is an eighth of that of any corner of the cell. Where it is below
+    /// the error of an evaluation in f32, a tracer in f32 may well see no root here.
+    pub depth: f64,
+}
+
+impl SurfaceHit {
+    /// The unit normal in index space, along the gradient; `None` where the gradient is zero.
+    pub fn normal(&self) -> Option<DVec3> {
+        self.gradient.try_normalize()
+    }
+}
+
+/// Where a ray comes close to the surface and turns away.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Graze {
+    /// Where on the ray, in units of `t`.
+    pub t: f64,
+    /// The distance of the interpolant from the iso-value, in units of the values.
+    pub value: f64,
+}
+
+/// All that [`trace_surface`] finds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SurfaceTrace {
+    /// The first surface.
+    pub hit: Option<SurfaceHit>,
+    /// The closest graze before it. Where its value is below the error of an evaluation in f32, a
+    /// tracer in f32 may well see a root there.
+    pub graze: Option<Graze>,
+}
+
+/// The first root of the trilinear interpolant minus `iso` along a ray: where it changes its sign,
+/// in either direction. All eight corners of every cell passed are considered.
+///
+/// - Only a change of sign is a surface. A touch without one (a double root) is none, nor is a
+///   beginning on the surface; where the interpolant is zero for a while and then changes sign, the
+///   root is the end of that while.
+/// - Where a corner of a cell is NaN or infinite, the cell is a hole: no root lies in it, and
+///   the sign before it is forgotten.
+/// - Certainty: along the chord in a cell the interpolant is a cubic, whose roots are isolated by
+///   the signs of its Bernstein coefficients. With `M` the greatest distance of a corner from `iso`,
+///   no root is missed or invented where the interpolant exceeds 2⁻⁴⁶ `M`, for a ray displaced by
+///   less than 2⁻⁵⁰ of its length to there. `t` is then good to 2⁻⁵⁰ of the cell, plus
+///   2⁻⁴⁶ `M` over the slope, plus 2⁻⁵² of itself.
+pub fn first_root<C: Node<Value = f32>>(tree: &Tree<C>, iso: f32, ray: &Ray) -> Option<SurfaceHit> {
+    Smooth::new(tree, iso).first_root(ray)
+}
+
+/// [`first_root`] together with how nearly it was another one: what an f32 tracer may be excused
+/// for.
+pub fn trace_surface<C: Node<Value = f32>>(tree: &Tree<C>, iso: f32, ray: &Ray) -> SurfaceTrace {
+    Smooth::new(tree, iso).trace(ray)
+}
+
+/// Finds roots in one tree; see [`first_root`].
+#[derive(Debug)]
+pub struct Smooth<'a, C: Node<Value = f32>> {
+    field: Field<'a, C>,
+    iso: f32,
+}
+
+impl<'a, C: Node<Value = f32>> Smooth<'a, C> {
+    /// Prepares a tree: sorts the places of its root's entries.
+    pub fn new(tree: &'a Tree<C>, iso: f32) -> Self {
+        Self { field: Field::new(tree), iso }
+    }
+
+    /// See [`first_root`].
+    pub fn first_root(&self, ray: &Ray) -> Option<SurfaceHit> {
+        self.scan(ray, false).hit
+    }
+
+    /// See [`trace_surface`].
+    pub fn trace(&self, ray: &Ray) -> SurfaceTrace {
+        self.scan(ray, true)
+    }
+
+    fn scan(&self, ray: &Ray, grazes: bool) -> SurfaceTrace {
+        let mut scan = Scan { grazes, ..Scan::default() };
+        let convert = |value: f32| f64::from(value) - f64::from(self.iso);
+        visit_cells(&self.field, ray, convert, |stretch| scan.stretch(ray, stretch));
+        SurfaceTrace { hit: scan.hit.map(|(hit, _)| hit), graze: scan.graze }
+    }
+}
+
+/// What is known of the interpolant so far.
+#[derive(Debug, Default)]
+struct Scan {
+    /// The last sign other than zero; 0 when there was none, or a hole came after.
+    sign: i8,
+    /// The last distance from the iso-value, and whether it was closer than the one before.
+    last: Option<(f64, f64, bool)>,
+    graze: Option<Graze>,
+    /// Whether grazes are wanted.
+    grazes: bool,
+    /// The hit, and how deep it has to become before it need not be followed.
+    hit: Option<(SurfaceHit, f64)>,
+}
+
+impl Scan {
+    fn stretch(&mut self, ray: &Ray, stretch: &Stretch) -> ControlFlow<()> {
+        let bound = match &stretch.samples {
+            Samples::Even(value) => value.abs(),
+            // `max` would pass over a NaN.
+            Samples::Cell(corners) => corners
+                .0
+                .iter()
+                .fold(0.0, |m, v| if v.abs() > m || v.is_nan() { v.abs() } else { m }),
+        };
+        if !bound.is_finite() {
+            (self.sign, self.last) = (0, None);
+            return if self.hit.is_some() {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            };
+        }
+        // Between samples of one sign there is no other sign.
+        let side = stretch.samples.sign();
+        if side != 0 && self.sign * side >= 0 && self.hit.is_none() && !self.grazes {
+            self.sign = side;
+            return ControlFlow::Continue(());
+        }
+        let cubic = stretch.cubic();
+        match (cubic.first_change(self.sign, bound / (1_u64 << 46) as f64), &mut self.hit) {
+            (Signs::Kept(sign), None) => {
+                self.sign = sign;
+                self.approach(stretch, &cubic, 1.0);
+            }
+            (Signs::Changed(s, sign), None) => {
+                self.approach(stretch, &cubic, s);
+                let t = stretch.t_at(s);
+                let gradient = match &stretch.samples {
+                    Samples::Even(_) => DVec3::ZERO,
+                    Samples::Cell(corners) => corners.gradient(stretch.local(t)),
+                };
+                let hit = SurfaceHit {
+                    t,
+                    position: ray.at(t),
+                    cell: IVec3::from_array(stretch.cell.map(|c| c as i32)),
+                    gradient,
+                    entering: sign < 0,
+                    depth: 0.0,
+                };
+                self.sign = sign;
+                self.hit = Some((hit, bound / 8.0));
+                // What is left of the stretch, up to the next change of sign.
+                return self.deepen(&cubic, s);
+            }
+            (Signs::Kept(_), Some(_)) => return self.deepen(&cubic, 0.0),
+            (Signs::Changed(s, _), Some((hit, _))) => {
+                let before = cubic.extrema().filter(|e| *e < s).map(|e| cubic.at(e).abs());
+                hit.depth = before.fold(hit.depth, f64::max);
+                return ControlFlow::Break(());
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// Notes where, up to `end`, the interpolant comes close to the iso-value and turns away.
+    fn approach(&mut self, stretch: &Stretch, cubic: &Cubic, end: f64) {
+        if !self.grazes {
+            return;
+        }
+        let inner = cubic.extrema().filter(|s| *s < end);
+        for s in std::iter::once(0.0).chain(inner).chain([end]) {
+            let (t, value) = (stretch.t_at(s), cubic.at(s).abs());
+            let closer = match self.last {
+                None => false,
+                Some((_, last, closer)) if value == last => closer,
+                Some((t, last, closer)) => {
+                    let nearest = self.graze.is_none_or(|graze| last < graze.value);
+                    if closer && value > last && nearest {
+                        self.graze = Some(Graze { t, value: last });
+                    }
+                    value < last
+                }
+            };
+            self.last = Some((t, value, closer));
+        }
+    }
+
+    /// Follows the interpolant beyond the hit, from `start` on.
+    fn deepen(&mut self, cubic: &Cubic, start: f64) -> ControlFlow<()> {
+        let Some((hit, enough)) = &mut self.hit else { return ControlFlow::Continue(()) };
+        let sign = f64::from(self.sign);
+        for s in cubic.extrema().filter(|s| *s > start).chain([1.0]) {
+            match sign * cubic.at(s) {
+                // Back through the surface: between the last extremum and here.
+                value if value < 0.0 => return ControlFlow::Break(()),
+                value => hit.depth = hit.depth.max(value),
+            }
+        }
+        if hit.depth >= *enough { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+}

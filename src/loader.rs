@@ -1,0 +1,243 @@
+//! `.vdb` bytes → [`VdbFile`] with its [`VdbGrid`]s, off the main thread.
+
+use std::ops::ControlFlow;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use bevy::asset::io::Reader;
+use bevy::asset::{AssetLoader, AssetPath, LoadContext};
+use bevy::platform::collections::HashMap;
+use bevy::prelude::*;
+use bevy::tasks::AsyncComputeTaskPool;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+use vdb_core::pack::PackKind;
+use vdb_core::tree::{Vdb543, trim_narrow_band};
+use vdb_core::{AnyTree, Grid, GridClass, GridSelection, Limits, ReadOptions};
+
+use crate::{VdbFile, VdbGrid, VdbGridError};
+
+/// Loads `.vdb` files. Registered by [`VdbRenderPlugin`](crate::VdbRenderPlugin).
+#[derive(Clone, Default, TypePath)]
+pub struct VdbLoader {
+    progress: VdbLoadProgress,
+}
+
+/// How a `.vdb` file is loaded; for `asset_server.load_builder().with_settings(…)` or a `.meta`
+/// file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct VdbLoaderSettings {
+    /// Names of the grids to load; the others are not even decompressed. `None`: all.
+    pub grids: Option<Vec<String>>,
+    /// Level sets: how much of the narrow band to keep on each side of the surface, in voxels; the
+    /// rest costs memory and shows nothing. At least 2. `None`: all that the file has.
+    pub half_width: Option<f32>,
+    /// Whether grids are surfaces or fog.
+    pub render_as: VdbRenderAs,
+}
+
+/// Whether grids are shown as surfaces or as fog.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum VdbRenderAs {
+    /// As their class says: level sets are surfaces, fog volumes are fog. A grid without a class is
+    /// taken for a level set if its background is above zero and its values go below.
+    #[default]
+    Auto,
+    /// Surfaces at this iso-value: what is below it is solid.
+    Surface {
+        /// In the units of the values; 0 for a level set.
+        iso: f32,
+    },
+    /// Fog: the values are densities.
+    Fog,
+}
+
+/// Why a `.vdb` file could not be loaded. Bevy logs it with the path of the file.
+#[derive(Debug, Error)]
+pub enum VdbLoaderError {
+    /// The file could not be read.
+    #[error("reading the file failed: {0}")]
+    Io(#[from] std::io::Error),
+    /// The file is not what it should be.
+    #[error(transparent)]
+    File(#[from] vdb_core::Error),
+    /// The file has grids, but none that can be shown.
+    #[error("no grid of the file can be shown: {}", .0.join("; "))]
+    NothingToShow(Vec<String>),
+    /// The settings make no sense.
+    #[error("loader setting {0}")]
+    Settings(String),
+}
+
+/// How far the files are that are being loaded: a resource.
+#[derive(Clone, Debug, Default, Resource)]
+pub struct VdbLoadProgress {
+    files: Arc<Mutex<HashMap<AssetPath<'static>, (u64, u64)>>>,
+}
+
+impl VdbLoadProgress {
+    /// The files being loaded, with the bytes done and the bytes of all.
+    pub fn files(&self) -> Vec<(AssetPath<'static>, u64, u64)> {
+        let files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+        files.iter().map(|(path, (done, all))| (path.clone(), *done, *all)).collect()
+    }
+
+    fn set(&self, path: &AssetPath<'static>, done: u64, all: u64) {
+        let mut files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
+        // Reports of several threads may overtake each other.
+        let entry = files.entry(path.clone()).or_default();
+        *entry = (done.max(entry.0), all);
+    }
+
+    fn remove(&self, path: &AssetPath<'static>) {
+        self.files.lock().unwrap_or_else(PoisonError::into_inner).remove(path);
+    }
+}
+
+impl VdbLoader {
+    pub(crate) fn new(progress: VdbLoadProgress) -> Self {
+        Self { progress }
+    }
+}
+
+impl AssetLoader for VdbLoader {
+    type Asset = VdbFile;
+    type Settings = VdbLoaderSettings;
+    type Error = VdbLoaderError;
+
+    async fn load(
+        &self,
+        reader: &mut dyn Reader,
+        settings: &VdbLoaderSettings,
+        load_context: &mut LoadContext<'_>,
+    ) -> Result<VdbFile, VdbLoaderError> {
+        settings.check()?;
+        let mut bytes = Vec::new();
+        reader.read_to_end(&mut bytes).await?;
+        let path = load_context.path().clone_owned();
+        let progress = self.progress.clone();
+        progress.set(&path, 0, bytes.len() as u64);
+        let decoded = {
+            let (settings, path, progress) = (settings.clone(), path.clone(), progress.clone());
+            // Decoding and packing take all the cores there are; Bevy's IO threads are not for it.
+            AsyncComputeTaskPool::get()
+                .spawn(async move { decode(&bytes, &settings, &path, &progress) })
+                .await
+        };
+        progress.remove(&path);
+        let decoded = decoded?;
+        for problem in &decoded.problems {
+            warn!("{path}: {problem}");
+        }
+        let mut file = VdbFile {
+            grids: Vec::new(),
+            named_grids: HashMap::default(),
+            metadata: decoded.file.metadata,
+            skipped: decoded.file.skipped,
+        };
+        for (label, grid) in decoded.grids {
+            let handle = load_context.add_labeled_asset(label.clone(), grid);
+            file.grids.push(handle.clone());
+            file.named_grids.insert(label, handle);
+        }
+        Ok(file)
+    }
+
+    fn extensions(&self) -> &[&str] {
+        &["vdb"]
+    }
+}
+
+impl VdbLoaderSettings {
+    fn check(&self) -> Result<(), VdbLoaderError> {
+        match (self.half_width, self.render_as) {
+            (Some(width), _) if width.is_nan() || width < 2.0 => Err(VdbLoaderError::Settings(
+                format!("half_width is {width}; it must be 2 or more voxels"),
+            )),
+            (_, VdbRenderAs::Surface { iso }) if !iso.is_finite() => {
+                Err(VdbLoaderError::Settings(format!("iso is {iso}; it must be a finite number")))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+struct Decoded {
+    file: vdb_core::VdbFile,
+    grids: Vec<(String, VdbGrid)>,
+    /// Grids left out, with the reason.
+    problems: Vec<String>,
+}
+
+fn decode(
+    bytes: &[u8],
+    settings: &VdbLoaderSettings,
+    path: &AssetPath<'static>,
+    progress: &VdbLoadProgress,
+) -> Result<Decoded, VdbLoaderError> {
+    let report = {
+        let (path, progress) = (path.clone(), progress.clone());
+        move |done, all| {
+            progress.set(&path, done, all);
+            ControlFlow::Continue(())
+        }
+    };
+    let options = ReadOptions {
+        limits: Limits::default(),
+        grids: settings.grids.clone().map_or(GridSelection::All, GridSelection::Names),
+        progress: Some(Arc::new(report)),
+    };
+    let mut file = vdb_core::VdbFile::read(bytes, &options)?;
+    let skipped = file.skipped.iter();
+    let mut problems: Vec<String> = skipped
+        .map(|grid| format!("grid '{}' was skipped: {}", grid.unique_name, grid.reason))
+        .collect();
+    let mut grids = Vec::new();
+    for grid in std::mem::take(&mut file.grids) {
+        let label = grid.unique_name.clone();
+        match prepare(grid, settings) {
+            Ok(grid) => grids.push((label, grid)),
+            Err(reason) => problems.push(format!("grid '{label}' was skipped: {reason}")),
+        }
+    }
+    if grids.is_empty() && !problems.is_empty() {
+        return Err(VdbLoaderError::NothingToShow(problems));
+    }
+    Ok(Decoded { file, grids, problems })
+}
+
+fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<VdbGrid, VdbGridError> {
+    let AnyTree::Float(tree) = grid.tree else {
+        return Err(VdbGridError::Type(grid.type_name));
+    };
+    let world_from_index = grid.transform.linear().ok_or_else(|| {
+        VdbGridError::Transform(format!(
+            "a transform of type {} cannot be shown; export the grid with a linear transform",
+            grid.transform.map_type()
+        ))
+    })?;
+    let kind = match settings.render_as {
+        VdbRenderAs::Surface { iso } => PackKind::Surface { iso },
+        VdbRenderAs::Fog => PackKind::Fog,
+        VdbRenderAs::Auto => kind_of(grid.class, &tree),
+    };
+    let tree = match (settings.half_width, kind) {
+        (Some(half_width), PackKind::Surface { iso: 0.0 }) => {
+            let voxel = grid.transform.voxel_size().min_element() as f32;
+            Arc::new(trim_narrow_band(&tree, half_width * voxel))
+        }
+        _ => tree,
+    };
+    VdbGrid::from_parts(grid.name, grid.class, world_from_index, grid.metadata, tree, kind)
+}
+
+fn kind_of(class: GridClass, tree: &Vdb543<f32>) -> PackKind {
+    let level_set = match class {
+        GridClass::LevelSet => true,
+        GridClass::FogVolume => false,
+        GridClass::Unknown | GridClass::Staggered => {
+            tree.background() > 0.0 && tree.values().any(|value| value.value < 0.0)
+        }
+    };
+    if level_set { PackKind::Surface { iso: 0.0 } } else { PackKind::Fog }
+}

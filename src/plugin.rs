@@ -1,0 +1,43 @@
+//! The plugin.
+
+use bevy::camera::visibility::VisibilitySystems;
+use bevy::prelude::*;
+use bevy::render::extract_component::ExtractComponentPlugin;
+
+use crate::bounds::update_bounds;
+use crate::render;
+use crate::{
+    VdbCamera, VdbFile, VdbGrid, VdbLoadProgress, VdbLoader, VdbMaterial, VdbSun, VdbVolume,
+};
+
+/// Loads `.vdb` files and shows [`VdbVolume`]s in every `Camera3d`.
+///
+/// Without a renderer (a server, a test with `MinimalPlugins` and `AssetPlugin`) it still loads
+/// files and keeps their bounds.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct VdbRenderPlugin;
+
+impl Plugin for VdbRenderPlugin {
+    fn build(&self, app: &mut App) {
+        let progress = VdbLoadProgress::default();
+        app.init_asset::<VdbGrid>()
+            .init_asset::<VdbFile>()
+            .register_asset_loader(VdbLoader::new(progress.clone()))
+            .insert_resource(progress)
+            .register_type::<VdbVolume>()
+            .register_type::<VdbMaterial>()
+            .register_type::<VdbCamera>()
+            .register_type::<VdbSun>()
+            .register_required_components::<Camera3d, VdbCamera>()
+            .add_systems(
+                PostUpdate,
+                update_bounds
+                    .in_set(VisibilitySystems::CalculateBounds)
+                    .after(bevy::asset::AssetEventSystems),
+            );
+        if app.get_sub_app(bevy::render::RenderApp).is_some() {
+            app.add_plugins(ExtractComponentPlugin::<VdbCamera>::default());
+            render::build(app);
+        }
+    }
+}

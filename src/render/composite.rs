@@ -1,0 +1,66 @@
+//! The traced picture into the camera's target and depth.
+
+use bevy::camera::{MainPassResolutionOverride, Viewport};
+use bevy::prelude::*;
+use bevy::render::camera::ExtractedCamera;
+use bevy::render::diagnostic::RecordDiagnostics;
+use bevy::render::render_resource::{PipelineCache, RenderPassDescriptor, StoreOp};
+use bevy::render::renderer::{RenderContext, ViewQuery};
+use bevy::render::view::{ViewDepthTexture, ViewTarget, ViewUniformOffset};
+
+use super::pipeline::ViewPipelines;
+use super::prepare::{ViewBindGroups, ViewResources};
+
+/// Blends the picture over the opaque meshes, in the target's own linear colours, and writes the
+/// depth of surfaces, so that transparent meshes sort with them.
+pub(super) fn composite(
+    view: ViewQuery<(
+        &ExtractedCamera,
+        &ViewTarget,
+        &ViewDepthTexture,
+        &ViewUniformOffset,
+        &ViewResources,
+        &ViewPipelines,
+        &ViewBindGroups,
+        Option<&MainPassResolutionOverride>,
+    )>,
+    pipelines: Res<PipelineCache>,
+    mut context: RenderContext,
+) {
+    let (camera, target, depth, view_uniform, resources, view_pipelines, bind_groups, resolution) =
+        view.into_inner();
+    // Nothing has been traced before the trace's own pipeline is there.
+    if pipelines.get_compute_pipeline(view_pipelines.trace).is_none() {
+        return;
+    }
+    let draws = [view_pipelines.surface, view_pipelines.fog];
+    let draws: Vec<_> = draws.into_iter().flatten().collect();
+    let ready: Option<Vec<_>> = draws.iter().map(|id| pipelines.get_render_pipeline(*id)).collect();
+    let Some(ready) = ready else { return };
+
+    let diagnostics = context.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let mut pass = context.begin_tracked_render_pass(RenderPassDescriptor {
+        label: Some("vdb_composite"),
+        color_attachments: &[Some(target.get_color_attachment())],
+        depth_stencil_attachment: Some(depth.get_attachment(StoreOp::Store)),
+        timestamp_writes: None,
+        occlusion_query_set: None,
+        multiview_mask: None,
+    });
+    let span = diagnostics.pass_span(&mut pass, "vdb_composite");
+    if let Some(viewport) =
+        Viewport::from_viewport_and_override(camera.viewport.as_ref(), resolution)
+    {
+        pass.set_camera_viewport(&viewport);
+    }
+    let offset = [view_uniform.offset];
+    let offsets = if view_pipelines.tonemaps { &offset[..] } else { &[] };
+    for pipeline in ready {
+        pass.set_render_pipeline(pipeline);
+        pass.set_bind_group(0, &bind_groups.composite, offsets);
+        pass.draw(0..3, 0..1);
+    }
+    span.end(&mut pass);
+    debug_assert!(resources.size.min_element() > 0);
+}

@@ -1,0 +1,89 @@
+//! From the app's world to the picture, one stage a file: [`extract`] → [`gpu_tree`] → [`prepare`]
+//! → [`trace`] → [`composite`]; [`pipeline`] makes what they run.
+
+mod composite;
+mod extract;
+mod gpu_data;
+mod gpu_tree;
+mod pipeline;
+mod prepare;
+mod rays;
+mod shaders;
+mod trace;
+
+use bevy::core_pipeline::core_3d::{
+    main_opaque_pass_3d, main_transparent_pass_3d, prepare_core_3d_depth_textures,
+};
+use bevy::core_pipeline::schedule::{Core3d, Core3dSystems};
+use bevy::pbr::main_transmissive_pass_3d;
+use bevy::prelude::*;
+use bevy::render::render_resource::{SpecializedComputePipelines, SpecializedRenderPipelines};
+use bevy::render::{
+    ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems,
+};
+
+pub use gpu_tree::VdbGpuUsage;
+
+use gpu_tree::VdbTreePool;
+use pipeline::{CompositePipeline, TracePipeline};
+
+/// The steps that volumes add to Bevy's `Core3d` schedule, for each camera that sees one.
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum VdbSystems {
+    /// Walks the rays: after the opaque meshes, whose depth ends them.
+    Trace,
+    /// Puts the picture into the camera's target and depth: before transmissive and transparent
+    /// meshes.
+    Composite,
+}
+
+pub(crate) fn build(app: &mut App) {
+    shaders::embed(app);
+    let usage = VdbGpuUsage::default();
+    app.insert_resource(usage.clone());
+    let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
+    render_app
+        .insert_resource(usage)
+        .init_resource::<extract::ExtractedVolumes>()
+        .init_resource::<extract::ExtractedSun>()
+        .init_resource::<prepare::Warned>()
+        .init_gpu_resource::<VdbTreePool>()
+        .init_gpu_resource::<prepare::VolumeBuffer>()
+        .init_gpu_resource::<SpecializedComputePipelines<TracePipeline>>()
+        .init_gpu_resource::<SpecializedRenderPipelines<CompositePipeline>>()
+        .add_systems(RenderStartup, pipeline::init)
+        .add_systems(
+            ExtractSchedule,
+            (extract::extract_volumes, extract::extract_sun, extract::extract_ambient),
+        )
+        .add_systems(
+            Render,
+            (
+                gpu_tree::update_tree_pool.in_set(RenderSystems::PrepareAssets),
+                (prepare::find_views, prepare::make_depth_readable)
+                    .chain()
+                    .in_set(RenderSystems::PrepareResources)
+                    .before(prepare_core_3d_depth_textures),
+                prepare::prepare_views
+                    .in_set(RenderSystems::PrepareResources)
+                    .after(prepare::find_views),
+                prepare::prepare_bind_groups.in_set(RenderSystems::PrepareBindGroups),
+            ),
+        )
+        .configure_sets(
+            Core3d,
+            (VdbSystems::Trace, VdbSystems::Composite)
+                .chain()
+                .in_set(Core3dSystems::MainPass)
+                .after(main_opaque_pass_3d)
+                .before(main_transmissive_pass_3d)
+                .before(main_transparent_pass_3d),
+        )
+        .add_systems(
+            Core3d,
+            (
+                trace::trace.in_set(VdbSystems::Trace),
+                composite::composite.in_set(VdbSystems::Composite),
+            ),
+        );
+}

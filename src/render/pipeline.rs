@@ -1,0 +1,232 @@
+//! Pipelines, specialised on what the visible scene has.
+
+use bevy::core_pipeline::FullscreenShader;
+use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
+use bevy::core_pipeline::tonemapping::{Tonemapping, get_lut_bind_group_layout_entries};
+use bevy::prelude::*;
+use bevy::render::render_resource::binding_types::{
+    storage_buffer_read_only_sized, texture_2d, texture_depth_2d, texture_depth_2d_multisampled,
+    texture_storage_2d, uniform_buffer, uniform_buffer_sized,
+};
+use bevy::render::render_resource::{
+    BindGroupLayoutDescriptor, BindGroupLayoutEntries, BlendComponent, BlendFactor, BlendOperation,
+    BlendState, CachedComputePipelineId, CachedRenderPipelineId, ColorTargetState, ColorWrites,
+    CompareFunction, ComputePipelineDescriptor, DepthBiasState, DepthStencilState,
+    DynamicBindGroupLayoutEntries, FragmentState, MultisampleState, RenderPipelineDescriptor,
+    ShaderStages, SpecializedComputePipeline, SpecializedRenderPipeline, StencilState,
+    StorageTextureAccess, TextureFormat, TextureSampleType,
+};
+use bevy::render::view::ViewUniform;
+use bevy::shader::ShaderDefVal;
+
+use super::shaders::Shaders;
+use crate::VdbRenderMode;
+
+/// The pipelines of a view.
+#[derive(Component, Debug)]
+pub(super) struct ViewPipelines {
+    pub trace: CachedComputePipelineId,
+    /// Where the view sees a surface.
+    pub surface: Option<CachedRenderPipelineId>,
+    /// Where the view sees fog.
+    pub fog: Option<CachedRenderPipelineId>,
+    pub multisampled: bool,
+    pub tonemaps: bool,
+}
+
+/// Runs when the renderer starts, and again after a lost device.
+pub(super) fn init(
+    mut commands: Commands,
+    assets: Res<AssetServer>,
+    fullscreen: Res<FullscreenShader>,
+) {
+    let shaders = Shaders::load(&assets);
+    commands.insert_resource(TracePipeline::new(&shaders));
+    commands.insert_resource(CompositePipeline::new(&shaders, fullscreen.clone()));
+}
+
+#[derive(Debug, Resource)]
+pub(super) struct TracePipeline {
+    shaders: Shaders,
+    /// Without and with multisampling.
+    layouts: [BindGroupLayoutDescriptor; 2],
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct TraceKey {
+    pub multisampled: bool,
+    pub surfaces: bool,
+    pub fogs: bool,
+    pub mode: VdbRenderMode,
+}
+
+impl TracePipeline {
+    fn new(shaders: &Shaders) -> Self {
+        let layout = |multisampled: bool| {
+            let storage = || storage_buffer_read_only_sized(false, None);
+            let depth =
+                if multisampled { texture_depth_2d_multisampled() } else { texture_depth_2d() };
+            let write = |format| texture_storage_2d(format, StorageTextureAccess::WriteOnly);
+            BindGroupLayoutDescriptor::new(
+                "vdb_trace",
+                &BindGroupLayoutEntries::sequential(
+                    ShaderStages::COMPUTE,
+                    (
+                        storage(),
+                        storage(),
+                        storage(),
+                        storage(),
+                        uniform_buffer_sized(false, None),
+                        storage(),
+                        depth,
+                        write(TextureFormat::Rgba16Float),
+                        write(TextureFormat::R32Float),
+                    ),
+                ),
+            )
+        };
+        Self { shaders: shaders.clone(), layouts: [layout(false), layout(true)] }
+    }
+
+    pub fn layout(&self, multisampled: bool) -> &BindGroupLayoutDescriptor {
+        &self.layouts[usize::from(multisampled)]
+    }
+}
+
+impl SpecializedComputePipeline for TracePipeline {
+    type Key = TraceKey;
+
+    fn specialize(&self, key: TraceKey) -> ComputePipelineDescriptor {
+        let defs = [
+            (key.multisampled, "MULTISAMPLED"),
+            (key.surfaces, "SURFACES"),
+            (key.fogs, "FOGS"),
+            (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
+            (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),
+            (key.mode == VdbRenderMode::Steps, "COUNT_STEPS"),
+        ];
+        ComputePipelineDescriptor {
+            label: Some("vdb_trace".into()),
+            layout: vec![self.layout(key.multisampled).clone()],
+            shader: self.shaders.trace.clone(),
+            shader_defs: defs.into_iter().filter(|(on, _)| *on).map(|(_, d)| d.into()).collect(),
+            entry_point: Some("trace".into()),
+            ..default()
+        }
+    }
+}
+
+#[derive(Resource)]
+pub(super) struct CompositePipeline {
+    shaders: Shaders,
+    fullscreen: FullscreenShader,
+    /// Without and with tonemapping.
+    layouts: [BindGroupLayoutDescriptor; 2],
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct CompositeKey {
+    pub format: TextureFormat,
+    pub samples: u32,
+    /// Of cameras without HDR.
+    pub tone: Option<ToneKey>,
+    /// Draws fog that has no surface behind it, rather than surfaces.
+    pub fog_alone: bool,
+}
+
+/// How a camera without HDR tonemaps each thing that it draws.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct ToneKey {
+    pub tonemapping: Tonemapping,
+    pub dither: bool,
+}
+
+impl CompositePipeline {
+    fn new(shaders: &Shaders, fullscreen: FullscreenShader) -> Self {
+        let layout = |tonemaps: bool| {
+            let picture = || texture_2d(TextureSampleType::Float { filterable: false });
+            let mut entries = DynamicBindGroupLayoutEntries::sequential(
+                ShaderStages::FRAGMENT,
+                (picture(), picture(), uniform_buffer_sized(false, None)),
+            );
+            if tonemaps {
+                let [lut, sampler] = get_lut_bind_group_layout_entries();
+                entries =
+                    entries.extend_sequential((uniform_buffer::<ViewUniform>(true), lut, sampler));
+            }
+            BindGroupLayoutDescriptor::new("vdb_composite", &entries)
+        };
+        Self { shaders: shaders.clone(), fullscreen, layouts: [layout(false), layout(true)] }
+    }
+
+    pub fn layout(&self, tonemaps: bool) -> &BindGroupLayoutDescriptor {
+        &self.layouts[usize::from(tonemaps)]
+    }
+}
+
+impl SpecializedRenderPipeline for CompositePipeline {
+    type Key = CompositeKey;
+
+    fn specialize(&self, key: CompositeKey) -> RenderPipelineDescriptor {
+        let mut shader_defs = Vec::new();
+        if key.fog_alone {
+            shader_defs.push("FOG_ALONE".into());
+        }
+        if let Some(tone) = key.tone {
+            shader_defs.push("TONEMAP_IN_SHADER".into());
+            shader_defs.push(ShaderDefVal::UInt("TONEMAPPING_LUT_TEXTURE_BINDING_INDEX".into(), 4));
+            shader_defs.push(ShaderDefVal::UInt("TONEMAPPING_LUT_SAMPLER_BINDING_INDEX".into(), 5));
+            shader_defs.push(tonemap_method(tone.tonemapping).into());
+            if tone.dither {
+                shader_defs.push("DEBAND_DITHER".into());
+            }
+        }
+        // The colour is multiplied with coverage already.
+        let over = BlendComponent {
+            src_factor: BlendFactor::One,
+            dst_factor: BlendFactor::OneMinusSrcAlpha,
+            operation: BlendOperation::Add,
+        };
+        RenderPipelineDescriptor {
+            label: Some("vdb_composite".into()),
+            layout: vec![self.layout(key.tone.is_some()).clone()],
+            vertex: self.fullscreen.to_vertex_state(),
+            fragment: Some(FragmentState {
+                shader: self.shaders.composite.clone(),
+                shader_defs,
+                entry_point: Some("composite".into()),
+                targets: vec![Some(ColorTargetState {
+                    format: key.format,
+                    blend: Some(BlendState { color: over, alpha: over }),
+                    write_mask: ColorWrites::ALL,
+                })],
+            }),
+            depth_stencil: Some(DepthStencilState {
+                format: CORE_3D_DEPTH_FORMAT,
+                depth_write_enabled: Some(!key.fog_alone),
+                // Bevy's depth is 1 near and 0 far.
+                depth_compare: Some(CompareFunction::GreaterEqual),
+                stencil: StencilState::default(),
+                bias: DepthBiasState::default(),
+            }),
+            multisample: MultisampleState { count: key.samples, ..default() },
+            ..default()
+        }
+    }
+}
+
+fn tonemap_method(tonemapping: Tonemapping) -> &'static str {
+    match tonemapping {
+        Tonemapping::None => "TONEMAP_METHOD_NONE",
+        Tonemapping::Reinhard => "TONEMAP_METHOD_REINHARD",
+        Tonemapping::ReinhardLuminance => "TONEMAP_METHOD_REINHARD_LUMINANCE",
+        Tonemapping::AcesFitted => "TONEMAP_METHOD_ACES_FITTED",
+        Tonemapping::AgX => "TONEMAP_METHOD_AGX",
+        Tonemapping::SomewhatBoringDisplayTransform => {
+            "TONEMAP_METHOD_SOMEWHAT_BORING_DISPLAY_TRANSFORM"
+        }
+        Tonemapping::TonyMcMapface => "TONEMAP_METHOD_TONY_MC_MAPFACE",
+        Tonemapping::BlenderFilmic => "TONEMAP_METHOD_BLENDER_FILMIC",
+        Tonemapping::KhronosPbrNeutral => "TONEMAP_METHOD_PBR_NEUTRAL",
+    }
+}

@@ -1,0 +1,231 @@
+//! From cameras and transforms to the rays that a shader walks, in f64: what reaches the GPU is an
+//! integer cell, a fraction and directions, so that precision does not depend on where in the world
+//! or in index space a grid lies.
+
+use bevy::math::{DAffine3, DMat3, DMat4, DVec3, IVec3};
+use vdb_core::pack::PackedGrid;
+
+/// The rays of a view, in view space: through a point of the picture in normalised device
+/// coordinates, `p(t) = (eye + ndc.x·eye_x + ndc.y·eye_y) + t·(dir + ndc.x·dir_x + ndc.y·dir_y)`
+/// with `t` the depth along the view's axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ViewRays {
+    pub eye: DVec3,
+    pub eye_x: DVec3,
+    pub eye_y: DVec3,
+    pub dir: DVec3,
+    pub dir_x: DVec3,
+    pub dir_y: DVec3,
+    /// `t = -(x·depth + y) / (z·depth + w)`
+    pub t_from_depth: [f64; 4],
+    /// `depth = (x·t + y) / (z·t + w)`
+    pub depth_from_t: [f64; 4],
+    pub t_near: f64,
+    pub t_far: f64,
+}
+
+/// `t` of what is infinitely far away.
+const FAR: f64 = 1e30;
+
+impl ViewRays {
+    /// The rays of a projection; `None` if it cannot be inverted.
+    pub fn new(clip_from_view: DMat4) -> Option<Self> {
+        let view_from_clip = clip_from_view.inverse();
+        if !view_from_clip.is_finite() {
+            return None;
+        }
+        let m = &view_from_clip;
+        let orthographic = clip_from_view.z_axis.w == 0.0;
+        let t_from_depth = [m.z_axis.z, m.w_axis.z, m.z_axis.w, m.w_axis.w];
+        let t_of = |depth: f64| {
+            let [x, y, z, w] = t_from_depth;
+            if z * depth + w == 0.0 { FAR } else { -(x * depth + y) / (z * depth + w) }
+        };
+        let p = &clip_from_view;
+        // The unprojected point of the picture is linear in ndc up to its fourth coordinate, which
+        // scales a ray through the origin and leaves a parallel ray where it is.
+        let at = (m.z_axis * 0.5 + m.w_axis).truncate();
+        let (at_x, at_y) = (m.x_axis.truncate(), m.y_axis.truncate());
+        let flat = |v: DVec3| DVec3::new(v.x, v.y, 0.0);
+        let rays = if orthographic {
+            Self {
+                eye: flat(at),
+                eye_x: flat(at_x),
+                eye_y: flat(at_y),
+                dir: DVec3::NEG_Z,
+                dir_x: DVec3::ZERO,
+                dir_y: DVec3::ZERO,
+                t_from_depth,
+                depth_from_t: [-p.z_axis.z, p.w_axis.z, -p.z_axis.w, p.w_axis.w],
+                t_near: t_of(1.0),
+                t_far: t_of(0.0),
+            }
+        } else {
+            Self {
+                eye: DVec3::ZERO,
+                eye_x: DVec3::ZERO,
+                eye_y: DVec3::ZERO,
+                dir: at / -at.z,
+                dir_x: at_x / -at.z,
+                dir_y: at_y / -at.z,
+                t_from_depth,
+                depth_from_t: [-p.z_axis.z, p.w_axis.z, -p.z_axis.w, p.w_axis.w],
+                t_near: t_of(1.0),
+                t_far: t_of(0.0),
+            }
+        };
+        (rays.dir.is_finite() && rays.eye.is_finite()).then_some(rays)
+    }
+}
+
+/// The rays of a view in the local lattice coordinates of a grid.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LatticeRays {
+    pub eye_cell: IVec3,
+    pub eye_frac: DVec3,
+    pub eye_x: DVec3,
+    pub eye_y: DVec3,
+    pub dir: DVec3,
+    pub dir_x: DVec3,
+    pub dir_y: DVec3,
+    /// From gradients in index space to world-space normals, of any length.
+    pub normal: DMat3,
+}
+
+/// Why a volume cannot be shown meaningfully from a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum CannotShow {
+    /// The entity's transform is not finite or has no inverse.
+    Singular,
+    /// The camera is farther away than 2³⁰ voxels.
+    TooFar,
+}
+
+impl std::fmt::Display for CannotShow {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Singular => "its transform has a scale of zero or is not finite",
+            Self::TooFar => "the camera is more than 2³⁰ of its voxels away from it",
+        })
+    }
+}
+
+/// Farther than this, an eye has no integer cell.
+const MAX_CELL: f64 = (1 << 30) as f64;
+
+impl LatticeRays {
+    pub fn new(
+        rays: &ViewRays,
+        world_from_view: DAffine3,
+        world_from_index: DAffine3,
+        grid: &PackedGrid,
+    ) -> Result<Self, CannotShow> {
+        let index_from_world = world_from_index.inverse();
+        if !index_from_world.is_finite() || !world_from_index.is_finite() {
+            return Err(CannotShow::Singular);
+        }
+        let index_from_view = index_from_world * world_from_view;
+        let to_lattice = grid.base.as_dvec3() + grid.kind.lattice_origin();
+        let eye = index_from_view.transform_point3(rays.eye) - to_lattice;
+        if eye.is_nan() || eye.abs().max_element() > MAX_CELL {
+            return Err(CannotShow::TooFar);
+        }
+        let linear = |v: DVec3| index_from_view.transform_vector3(v);
+        let normal = index_from_world.matrix3.transpose();
+        let largest = normal.to_cols_array().into_iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+        Ok(Self {
+            eye_cell: eye.floor().as_ivec3(),
+            eye_frac: eye - eye.floor(),
+            eye_x: linear(rays.eye_x),
+            eye_y: linear(rays.eye_y),
+            dir: linear(rays.dir),
+            dir_x: linear(rays.dir_x),
+            dir_y: linear(rays.dir_y),
+            // Scaled, so that squares of what the shader computes stay within f32.
+            normal: normal * (1.0 / largest),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::math::{DVec2, Mat4};
+    use vdb_core::pack::PackKind;
+    use vdb_core::tree::Vdb543;
+
+    fn check(clip_from_view: Mat4) {
+        let clip_from_view = clip_from_view.as_dmat4();
+        let rays = ViewRays::new(clip_from_view).unwrap();
+        for ndc in [DVec2::ZERO, DVec2::new(0.7, -0.9), DVec2::new(-1.0, 1.0)] {
+            for t in [0.5, 3.0, 80.0] {
+                let at = rays.eye
+                    + rays.eye_x * ndc.x
+                    + rays.eye_y * ndc.y
+                    + (rays.dir + rays.dir_x * ndc.x + rays.dir_y * ndc.y) * t;
+                assert!((at.z + t).abs() < 1e-6 * t, "t is the depth: {at} at {t}");
+                let clip = clip_from_view * at.extend(1.0);
+                let back = clip.truncate() / clip.w;
+                assert!((back.truncate() - ndc).length() < 1e-5, "{back} for {ndc}");
+                let [x, y, z, w] = rays.depth_from_t;
+                let depth = (x * t + y) / (z * t + w);
+                assert!((depth - back.z).abs() < 1e-7, "{depth} for {}", back.z);
+                let [x, y, z, w] = rays.t_from_depth;
+                let again = -(x * back.z + y) / (z * back.z + w);
+                assert!((again - t).abs() < 1e-4 * t, "{again} for {t}");
+            }
+        }
+        assert!((rays.t_near - 0.1).abs() < 1e-6);
+    }
+
+    #[test]
+    fn perspective() {
+        check(Mat4::perspective_infinite_reverse_rh(0.8, 1.7, 0.1));
+        let rays =
+            ViewRays::new(Mat4::perspective_infinite_reverse_rh(0.8, 1.7, 0.1).as_dmat4()).unwrap();
+        assert_eq!(rays.t_far, FAR);
+    }
+
+    #[test]
+    fn perspective_with_a_far_plane_and_an_oblique_centre() {
+        let mut m = Mat4::perspective_rh(0.8, 1.7, 100.0, 0.1);
+        m.z_axis.x = 0.3;
+        m.z_axis.y = -0.2;
+        check(m);
+    }
+
+    #[test]
+    fn orthographic() {
+        check(Mat4::orthographic_rh(-3.0, 5.0, -2.0, 2.5, 100.0, 0.1));
+    }
+
+    #[test]
+    fn a_camera_far_out_keeps_its_fraction() {
+        let mut tree = Vdb543::new(0.0);
+        let far = IVec3::new(1 << 30, -(1 << 30), 12345);
+        tree.set(far, 1.0);
+        let grid = PackedGrid::new(&tree, PackKind::Fog).unwrap();
+        let rays =
+            ViewRays::new(Mat4::perspective_infinite_reverse_rh(0.8, 1.0, 0.1).as_dmat4()).unwrap();
+        let eye = far.as_dvec3() + DVec3::new(0.125, 100.25, -7.5);
+        let view = DAffine3::from_translation(eye);
+        let lattice = LatticeRays::new(&rays, view, DAffine3::IDENTITY, &grid).unwrap();
+        assert_eq!(lattice.eye_frac, DVec3::new(0.125, 0.25, 0.5));
+        assert_eq!(lattice.eye_cell + grid.base, far + IVec3::new(0, 100, -8));
+    }
+
+    #[test]
+    fn what_cannot_be_shown_says_why() {
+        let mut tree = Vdb543::new(0.0);
+        tree.set(IVec3::ZERO, 1.0);
+        let grid = PackedGrid::new(&tree, PackKind::Fog).unwrap();
+        let rays = ViewRays::new(DMat4::perspective_infinite_reverse_rh(0.8, 1.0, 0.1)).unwrap();
+        let show = |view: DAffine3, world: DAffine3| {
+            LatticeRays::new(&rays, view, world, &grid).map(|_| ()).unwrap_err()
+        };
+        let far = DAffine3::from_translation(DVec3::X * 3e9);
+        assert_eq!(show(far, DAffine3::IDENTITY), CannotShow::TooFar);
+        let flat = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
+        assert_eq!(show(DAffine3::IDENTITY, flat), CannotShow::Singular);
+    }
+}
