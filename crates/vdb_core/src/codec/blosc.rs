@@ -85,6 +85,55 @@ pub(crate) fn decode(frame: &[u8], out: &mut [u8], scratch: &mut Scratch) -> Res
     Ok(())
 }
 
+/// What OpenVDB packs everything as: values of four bytes.
+const VALUE_BYTES: usize = 4;
+
+/// Packs bytes into a frame of one block, LZ4 and byte shuffle, as OpenVDB does. `out` is emptied
+/// first; `false` when the frame would be no smaller than the bytes.
+pub(crate) fn encode(bytes: &[u8], out: &mut Vec<u8>, shuffled: &mut Vec<u8>) -> bool {
+    out.clear();
+    let values = bytes.len() / VALUE_BYTES;
+    let shuffled = Scratch::room(shuffled, bytes.len());
+    shuffle_bytes(bytes, shuffled);
+    // The rule by which readers that do not know the flag split.
+    let split = values >= MIN_SPLIT_VALUES && bytes.len().is_multiple_of(VALUE_BYTES);
+    let flags = BYTE_SHUFFLE | 1 << 5 | if split { 0 } else { NOT_SPLIT };
+    let length = |length: usize| (length as u32).to_le_bytes();
+    out.extend([2, 1, flags, VALUE_BYTES as u8]);
+    out.extend(length(bytes.len()));
+    out.extend(length(bytes.len()));
+    out.extend([0; 4]);
+    out.extend(length(HEADER + 4));
+    for stream in shuffled.chunks(if split { values } else { bytes.len() }.max(1)) {
+        let at = out.len();
+        out.resize(at + 4 + lz4_flex::block::get_maximum_output_size(stream.len()), 0);
+        let packed = match lz4_flex::block::compress_into(stream, &mut out[at + 4..]) {
+            Ok(packed) if packed < stream.len() => packed,
+            _ => {
+                out[at + 4..][..stream.len()].copy_from_slice(stream);
+                stream.len()
+            }
+        };
+        out[at..at + 4].copy_from_slice(&length(packed));
+        out.truncate(at + 4 + packed);
+    }
+    let frame = length(out.len());
+    out[12..HEADER].copy_from_slice(&frame);
+    out.len() < bytes.len()
+}
+
+/// Puts all first bytes of the values first, then all second ones, and so on.
+fn shuffle_bytes(bytes: &[u8], out: &mut [u8]) {
+    let (values, rest) = bytes.as_chunks::<VALUE_BYTES>();
+    let (planes, last) = out.split_at_mut(values.len() * VALUE_BYTES);
+    last.copy_from_slice(rest);
+    for (byte, plane) in planes.chunks_exact_mut(values.len().max(1)).enumerate() {
+        for (out, value) in plane.iter_mut().zip(values) {
+            *out = value[byte];
+        }
+    }
+}
+
 /// What the header says of every block.
 struct Layout {
     flags: u8,
@@ -258,6 +307,24 @@ mod tests {
             count[usize::from(codec)] += 1;
         }
         assert!(count.iter().all(|count| *count > 0), "{count:?}");
+    }
+
+    #[test]
+    fn what_is_packed_unpacks() {
+        let (mut scratch, mut packed) = (Scratch::default(), Vec::new());
+        let mut smaller = 0;
+        for kind in 0..3 {
+            for length in [0, 1, 3, 4, 7, 100, 508, 511, 512, 513, 2048, 3000, 131_072] {
+                let bytes = original(kind, length);
+                let shrank = encode(&bytes, &mut packed, &mut scratch.shuffled);
+                let mut out = vec![0; length];
+                decode(&packed, &mut out, &mut scratch).unwrap();
+                assert!(out == bytes, "kind {kind}, {length} bytes");
+                assert_eq!(shrank, packed.len() < length);
+                smaller += usize::from(shrank);
+            }
+        }
+        assert!(smaller >= 10, "{smaller} of 39 got smaller");
     }
 
     #[test]

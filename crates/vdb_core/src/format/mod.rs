@@ -10,8 +10,11 @@ mod metadata;
 mod topology;
 mod transform;
 mod values;
+mod write;
 
 pub(crate) use file::read as read_file;
+pub(crate) use header::WRITTEN_VERSION;
+pub(crate) use write::{save as save_file, write as write_file};
 
 /// Reads one part of a file and forgets it.
 #[cfg(fuzzing)]
