@@ -8,7 +8,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use vdb_core::{AnyTree, Error, Limits, ReadOptions, VdbFile};
+use vdb_core::{AnyTree, Codec, Compression, Error, Limits, ReadOptions, VdbFile, WriteOptions};
 
 /// A fixed sequence of numbers, so that a failure repeats (xorshift64*, Vigna 2014).
 struct Random(u64);
@@ -71,6 +71,7 @@ impl Walk<'_> {
                 self.field(8);
             }
             let end = self.field(8) as usize;
+            let stream = end == 0;
             self.field(4);
             self.metadata();
             let map = self.at + 4;
@@ -84,10 +85,15 @@ impl Walk<'_> {
             for _ in 0..numbers {
                 self.field(8);
             }
+            // In a stream nothing says where the next grid is.
+            let end = if stream { self.bytes.len() } else { end };
             if parent == 0 {
                 self.tree(end);
             }
             self.at = end;
+            if stream {
+                break;
+            }
         }
     }
 
@@ -208,10 +214,21 @@ fn changed_files_are_read_or_refused() {
     let count = number("VDB_MUTATIONS").unwrap_or(60_000);
     println!("seed {seed}, {count} changed files");
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
-    let originals: Vec<Vec<u8>> = ["kinds.vdb", "special_floats.vdb", "empty_and_one.vdb"]
+    let mut originals: Vec<Vec<u8>> = ["kinds.vdb", "special_floats.vdb", "empty_and_one.vdb"]
         .iter()
         .map(|name| std::fs::read(data.join(name)).unwrap())
         .collect();
+    // The same grids with other codecs, and as a stream.
+    let file = VdbFile::read(&originals[0], &ReadOptions::default()).unwrap();
+    for (codec, active_mask, stream) in [
+        (Codec::None, true, false),
+        (Codec::Zip, true, false),
+        (Codec::Zip, false, true),
+        (Codec::Blosc, true, true),
+    ] {
+        let compression = Some(Compression { codec, active_mask });
+        originals.push(file.write(&WriteOptions { compression, stream }).unwrap());
+    }
     let aims: Vec<_> = originals.iter().map(|bytes| fields(bytes)).collect();
     let mut random = Random(seed | 1);
     let (mut read, mut refused, mut limited) = (0, 0, 0);
@@ -241,4 +258,29 @@ fn changed_files_are_read_or_refused() {
     // Changes to values are read, changes to structure are not: both must have been tried.
     assert!(read > count / 20 && refused > count / 20, "{read} read, {refused} refused");
     assert!(slowest < Duration::from_secs(5), "one file took {slowest:?}");
+}
+
+/// Files that are short and ask for much.
+#[test]
+fn short_files_cannot_ask_for_much() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let bytes = std::fs::read(folder.join("empty_and_one.vdb")).unwrap();
+    let mut tried = 0;
+    // Every count and length of the file, at its largest, one by one.
+    for (at, length) in fields(&bytes) {
+        for value in [u64::MAX, i64::MAX as u64, u64::from(u32::MAX), 0x7fff_ffff, 0x00ff_ffff] {
+            let mut bytes = bytes.clone();
+            bytes[at..at + length].copy_from_slice(&value.to_le_bytes()[..length]);
+            let start = Instant::now();
+            // With the limits as they come: what is not there must not be paid for.
+            if let Ok(file) = VdbFile::read(&bytes, &ReadOptions::default()) {
+                let trees = file.grids.iter().map(|grid| grid.tree.stats().bytes).sum::<u64>();
+                assert!(trees < 100 * bytes.len() as u64, "field at {at}: {trees} bytes");
+            }
+            let taken = start.elapsed();
+            assert!(taken < Duration::from_secs(1), "field at {at}: {taken:?}");
+            tried += 1;
+        }
+    }
+    assert!(tried > 300, "{tried}");
 }
