@@ -40,6 +40,8 @@ pub struct Grid {
     pub saved_as_half: bool,
     /// How the values are compressed in the file.
     pub compression: Compression,
+    /// Bytes that the grid takes in the file that it was read from; 0 for one that was not read.
+    pub file_bytes: u64,
     /// The unique name of the grid whose tree this one shares.
     pub instance_of: Option<String>,
     /// World from index space.
@@ -62,6 +64,7 @@ impl Grid {
             class: GridClass::Unknown,
             saved_as_half: false,
             compression: Compression::default(),
+            file_bytes: 0,
             instance_of: None,
             transform: Transform::default(),
             metadata: Metadata::default(),

@@ -41,6 +41,8 @@ enum Source<'a> {
 /// What stands in front of the tree.
 struct Head {
     compression: Compression,
+    /// Of the grid, with all in front of the tree and the tree.
+    file_bytes: usize,
     metadata: Metadata,
     transform: Transform,
     half: bool,
@@ -212,8 +214,9 @@ fn read_grid<'a>(
     let selected = is_selected(&descriptor, &options.grids);
     let named = |error: Error| error.in_grid(&descriptor.unique_name);
     let known = scanner(&descriptor.type_name);
+    let start = cursor.at();
     let head = read_head(cursor, header, &descriptor, &options.limits).map_err(named);
-    let head = match head {
+    let mut head = match head {
         // Who knows what a type that is not known has there.
         Err(error) if known.is_none() || matches!(error, Error::NotSupported { .. }) => Err(error),
         Err(error) => return Err(error),
@@ -240,6 +243,9 @@ fn read_grid<'a>(
             }))
         }
     };
+    if let Ok(head) = &mut head {
+        head.file_bytes = cursor.at() - start;
+    }
     Ok(Listed { descriptor, selected, head, tree })
 }
 
@@ -254,7 +260,7 @@ fn read_head(
     // OpenVDB believes the metadata; only files that others wrote lack it.
     let half = metadata.get_bool("is_saved_as_half_float").unwrap_or(descriptor.half_suffix);
     let transform = transform::read(cursor, header.version, limits)?;
-    Ok(Head { compression, metadata, transform, half })
+    Ok(Head { compression, file_bytes: 0, metadata, transform, half })
 }
 
 /// Reads past a tree of one type, and leaves what makes it.
@@ -369,6 +375,7 @@ fn grid(descriptor: Descriptor, head: Head, tree: AnyTree, instance_of: Option<S
         class: GridClass::from_metadata(&head.metadata),
         saved_as_half: head.half,
         compression: head.compression,
+        file_bytes: head.file_bytes as u64,
         instance_of,
         transform: head.transform,
         metadata: head.metadata,
