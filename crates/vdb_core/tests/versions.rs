@@ -18,6 +18,7 @@ struct Kind {
     offsets: bool,
     /// Copies of the values of each leaf.
     buffers: u8,
+    map: &'static str,
 }
 
 const ORIGIN: IVec3 = IVec3::new(-4096, 0, 4096);
@@ -81,7 +82,7 @@ impl Maker {
     }
 
     fn transform(&mut self) {
-        let mut numbers = vec![0.5; 6];
+        let mut numbers;
         if self.kind.version < 219 {
             self.text("LinearTransform");
             self.origin(IVec3::ZERO);
@@ -101,13 +102,39 @@ impl Maker {
             ];
             numbers = matrices.concat();
         } else {
-            self.text("UniformScaleTranslateMap");
-            numbers[0] = 1.0;
-            (numbers[1], numbers[2]) = (0.0, 0.0);
-            numbers.extend([0.5; 3]);
-            numbers.extend([2.0; 3]);
-            numbers.extend([4.0; 3]);
-            numbers.extend([1.0; 3]);
+            self.text(self.kind.map);
+            let scale = |s: [f64; 3]| {
+                let inverse = s.map(f64::recip);
+                [s, s.map(f64::abs), inverse, inverse.map(|i| i * i), inverse.map(|i| i / 2.0)]
+                    .concat()
+            };
+            let rows = |x: [f64; 3], y: [f64; 3], z: [f64; 3], t: [f64; 3]| {
+                let row = |[a, b, c]: [f64; 3], d| [a, b, c, d];
+                [row(x, 0.0), row(y, 0.0), row(z, 0.0), row(t, 1.0)].concat()
+            };
+            numbers = match self.kind.map {
+                "UniformScaleMap" => scale([0.1; 3]),
+                "ScaleMap" => scale([0.1, -0.2, 0.3]),
+                "TranslationMap" => vec![0.1, 1e9, -3.0],
+                "UniformScaleTranslateMap" => [vec![1.0, 0.0, 0.0], scale([0.5; 3])].concat(),
+                "ScaleTranslateMap" => [vec![1.1, 2.2, 3.3], scale([0.1, 0.2, -0.3])].concat(),
+                "UnitaryMap" => rows([0.6, 0.8, 0.], [-0.8, 0.6, 0.], [0., 0., 1.], [0.; 3]),
+                "AffineMap" => rows([0.1, 0.2, 0.3], [0.5, -1., 0.], [0., 0.7, 9.], [1., 2., 3.]),
+                "NonlinearFrustumMap" if self.kind.version < 221 => Vec::new(),
+                "NonlinearFrustumMap" => vec![0.0, 0.0, 0.0, 100.0, 80.0, 60.0, 0.5, 2.0],
+                other => panic!("{other}"),
+            };
+            if self.kind.map == "NonlinearFrustumMap" {
+                if self.kind.version < 221 {
+                    // The box has corners in whole numbers.
+                    self.origin(IVec3::ZERO);
+                    self.origin(IVec3::new(100, 80, 60));
+                    numbers = vec![0.5, 2.0];
+                }
+                self.out.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+                self.text("UniformScaleTranslateMap");
+                numbers = [vec![1.0, 2.0, 3.0], scale([0.25; 3])].concat();
+            }
         }
         self.out.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
     }
@@ -189,7 +216,8 @@ fn versions_218_to_221() {
                 continue;
             }
             let buffers = if copies { 3 } else { 1 };
-            let kind = Kind { version, zip, half, offsets, buffers };
+            let map = "UniformScaleTranslateMap";
+            let kind = Kind { version, zip, half, offsets, buffers, map };
             let bytes = make(kind);
             let file = VdbFile::read(&bytes, &ReadOptions::default())
                 .unwrap_or_else(|error| panic!("{kind:?}: {error}"));
@@ -219,5 +247,46 @@ fn versions_218_to_221() {
     }
     assert_eq!(grids.len(), 48);
     // What OpenVDB reads from the old file and from ours of version 224 must be the same.
+    openvdb::compare(&grids);
+}
+
+#[test]
+fn every_map() {
+    let folder = openvdb::folder("maps");
+    let maps = [
+        "UniformScaleMap",
+        "ScaleMap",
+        "TranslationMap",
+        "UniformScaleTranslateMap",
+        "ScaleTranslateMap",
+        "UnitaryMap",
+        "AffineMap",
+        "NonlinearFrustumMap",
+    ];
+    let mut grids = Vec::new();
+    for (version, map) in [219, 221].into_iter().flat_map(|v| maps.map(|map| (v, map))) {
+        let kind = Kind { version, zip: true, half: false, offsets: true, buffers: 1, map };
+        let bytes = make(kind);
+        let file = VdbFile::read(&bytes, &ReadOptions::default()).unwrap();
+        let [grid] = &file.grids[..] else { panic!("{kind:?}") };
+        let transform = &grid.transform;
+        assert_eq!(transform.map_type(), map);
+        assert_eq!(transform.is_linear(), map != "NonlinearFrustumMap");
+        for index in [DVec3::ZERO, DVec3::new(1.0, 2.0, 3.0), DVec3::new(-70.0, 50.0, 41.0)] {
+            let world = transform.world_from_index(index);
+            let back = transform.index_from_world(world);
+            assert!(back.abs_diff_eq(index, 1e-6), "{kind:?}: {index} went to {back}");
+            if let Some(linear) = transform.linear() {
+                assert!(linear.transform_point3(index).abs_diff_eq(world, 1e-6), "{kind:?}");
+            }
+        }
+        let old = folder.join(format!("{map}-{version}.vdb"));
+        let new = folder.join(format!("{map}-{version}-as-224.vdb"));
+        std::fs::write(&old, &bytes).unwrap();
+        file.save(&new, &WriteOptions::default()).unwrap();
+        let again = VdbFile::open(&new).unwrap();
+        assert_eq!(&again.grids[0].transform, transform);
+        grids.push((old, new, "old".to_owned()));
+    }
     openvdb::compare(&grids);
 }

@@ -170,9 +170,10 @@ fn list_stream<'a>(
         if let (Source::None(reason), true) = (&mut grid.tree, left > 0) {
             // Nothing says how long the tree is, so that what follows is out of reach.
             if let Error::NotSupported { what, .. } = reason {
+                let rest = if left == 1 { "grid" } else { &format!("{left} grids") };
                 *what += &format!(
-                    "; the {left} grids after it are out of reach, because the file was \
-                     written as a stream, without offsets"
+                    "; the {rest} after it cannot be found, because the file was written as a \
+                     stream, without offsets"
                 );
             }
             listed.push(grid);
