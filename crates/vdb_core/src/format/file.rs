@@ -181,6 +181,17 @@ fn list_stream<'a>(
         }
         listed.push(grid);
     }
+    // Every grid had to be gone over; those that nobody asked for need not be made.
+    let parents: HashSet<Vec<u8>> = listed
+        .iter()
+        .filter(|grid| grid.selected)
+        .map(|grid| grid.descriptor.parent.clone())
+        .collect();
+    for grid in &mut listed {
+        if !grid.selected && !parents.contains(&grid.descriptor.raw_name) {
+            grid.tree = Source::None(Error::cancelled());
+        }
+    }
     Ok(listed)
 }
 
