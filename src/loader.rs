@@ -1,7 +1,8 @@
 //! `.vdb` bytes → [`VdbFile`] with its [`VdbGrid`]s, off the main thread.
 
 use std::ops::ControlFlow;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bevy::asset::io::Reader;
 use bevy::asset::{AssetLoader, AssetPath, LoadContext};
@@ -12,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 use vdb_core::pack::PackKind;
 use vdb_core::tree::{Vdb543, trim_narrow_band};
-use vdb_core::{AnyTree, Grid, GridClass, GridSelection, Limits, ReadOptions};
+use vdb_core::{AnyTree, Grid, GridClass, GridSelection, Limits, ProgressFn, ReadOptions};
 
 use crate::{VdbFile, VdbGrid, VdbGridError};
 
@@ -72,25 +73,59 @@ pub enum VdbLoaderError {
 /// How far the files are that are being loaded: a resource.
 #[derive(Clone, Debug, Default, Resource)]
 pub struct VdbLoadProgress {
-    files: Arc<Mutex<HashMap<AssetPath<'static>, (u64, u64)>>>,
+    files: Arc<Mutex<Files>>,
 }
+
+/// Bytes done and bytes of all, by path.
+type Files = HashMap<AssetPath<'static>, (u64, u64)>;
 
 impl VdbLoadProgress {
     /// The files being loaded, with the bytes done and the bytes of all.
     pub fn files(&self) -> Vec<(AssetPath<'static>, u64, u64)> {
-        let files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
-        files.iter().map(|(path, (done, all))| (path.clone(), *done, *all)).collect()
+        self.lock().iter().map(|(path, (done, all))| (path.clone(), *done, *all)).collect()
     }
 
-    fn set(&self, path: &AssetPath<'static>, done: u64, all: u64) {
-        let mut files = self.files.lock().unwrap_or_else(PoisonError::into_inner);
-        // Reports of several threads may overtake each other.
-        let entry = files.entry(path.clone()).or_default();
-        *entry = (done.max(entry.0), all);
+    fn lock(&self) -> MutexGuard<'_, Files> {
+        self.files.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A file being decoded. Bevy drops the task that loads an asset, and this with it, when the last
+/// handle to the asset goes: then the decoding stops too.
+struct Running {
+    progress: VdbLoadProgress,
+    path: AssetPath<'static>,
+    wanted: Arc<AtomicBool>,
+}
+
+impl Running {
+    fn new(progress: &VdbLoadProgress, path: &AssetPath<'static>, all: u64) -> Self {
+        progress.lock().insert(path.clone(), (0, all));
+        let wanted = Arc::new(AtomicBool::new(true));
+        Self { progress: progress.clone(), path: path.clone(), wanted }
     }
 
-    fn remove(&self, path: &AssetPath<'static>) {
-        self.files.lock().unwrap_or_else(PoisonError::into_inner).remove(path);
+    /// What the decoder calls as it goes on.
+    fn report(&self) -> Arc<ProgressFn> {
+        let (progress, path, wanted) =
+            (self.progress.clone(), self.path.clone(), self.wanted.clone());
+        Arc::new(move |done, all| {
+            if !wanted.load(Ordering::Relaxed) {
+                return ControlFlow::Break(());
+            }
+            // Reports of several threads may overtake each other.
+            if let Some(entry) = progress.lock().get_mut(&path) {
+                *entry = (done.max(entry.0), all);
+            }
+            ControlFlow::Continue(())
+        })
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.wanted.store(false, Ordering::Relaxed);
+        self.progress.lock().remove(&self.path);
     }
 }
 
@@ -115,17 +150,14 @@ impl AssetLoader for VdbLoader {
         let mut bytes = Vec::new();
         reader.read_to_end(&mut bytes).await?;
         let path = load_context.path().clone_owned();
-        let progress = self.progress.clone();
-        progress.set(&path, 0, bytes.len() as u64);
+        let running = Running::new(&self.progress, &path, bytes.len() as u64);
         let decoded = {
-            let (settings, path, progress) = (settings.clone(), path.clone(), progress.clone());
+            let (settings, report) = (settings.clone(), running.report());
             // Decoding and packing take all the cores there are; Bevy's IO threads are not for it.
             AsyncComputeTaskPool::get()
-                .spawn(async move { decode(&bytes, &settings, &path, &progress) })
-                .await
+                .spawn(async move { decode(&bytes, &settings, report) })
+                .await?
         };
-        progress.remove(&path);
-        let decoded = decoded?;
         for problem in &decoded.problems {
             warn!("{path}: {problem}");
         }
@@ -172,20 +204,12 @@ struct Decoded {
 fn decode(
     bytes: &[u8],
     settings: &VdbLoaderSettings,
-    path: &AssetPath<'static>,
-    progress: &VdbLoadProgress,
+    report: Arc<ProgressFn>,
 ) -> Result<Decoded, VdbLoaderError> {
-    let report = {
-        let (path, progress) = (path.clone(), progress.clone());
-        move |done, all| {
-            progress.set(&path, done, all);
-            ControlFlow::Continue(())
-        }
-    };
     let options = ReadOptions {
         limits: Limits::default(),
         grids: settings.grids.clone().map_or(GridSelection::All, GridSelection::Names),
-        progress: Some(Arc::new(report)),
+        progress: Some(report),
     };
     let mut file = vdb_core::VdbFile::read(bytes, &options)?;
     let skipped = file.skipped.iter();

@@ -3,7 +3,7 @@
 
 #import bevy_vdb::types::{Grid, Ray}
 #import bevy_vdb::tree::{Span, corners, locate, span_constant, span_occupied, tile_value, trilinear}
-#import bevy_vdb::hdda::{Walk, advance, enter}
+#import bevy_vdb::hdda::{Walk, advance, count_step, enter}
 
 // Half the distance between the two points of Gauss and Legendre on an interval of length 1.
 const GAUSS: f32 = 0.28867513;
@@ -26,8 +26,9 @@ fn optical_length(grid: Grid, ray: Ray, enough: f32) -> f32 {
     var sum = 0.0;
     var walk = enter(grid, ray);
     while walk.inside && sum < enough {
+        count_step();
         let span = locate(grid, walk.cell);
-        let next = advance(grid, ray, walk, span.log2);
+        let next = advance(grid, ray, walk, span.log_dim);
         if span_occupied(span) {
             let t_to = min(next.t, walk.t_end);
             sum += (t_to - walk.t) * mean_density(grid, ray, walk.cell, span, walk.t, t_to);

@@ -1,113 +1,200 @@
-// The hierarchical walk through a packed grid: cells are integers, and the ray parameter is always
-// measured from the ray's own origin, so that nothing accumulates. Twin: `pack/walk.rs`.
+// The hierarchical walk through a packed grid. Twin: `crates/vdb_core/src/pack/walk.rs`.
+//
+// Cells are integers, and the ray parameter is always measured from the ray's own origin, so that
+// nothing accumulates. Which plane is crossed first is decided in f32 where that is certain, and
+// exactly where it is not: the cells and faces of a walk are those of the ray's very numbers.
 #define_import_path bevy_vdb::hdda
 
 #import bevy_vdb::types::{Grid, Ray}
 #import bevy_vdb::tree::{locate, span_occupied}
+#import bevy_vdb::exact::{T_ERROR, component_f, component_i, is_zero, plane_before}
 
 // Where a ray is on its way through the lattice.
 struct Walk {
     cell: vec3<i32>,
     t: f32,             // where the ray enters the cell
-    t_end: f32,         // where it leaves the grid's box or ends
+    t_end: f32,         // where the ray ends
     axis: u32,          // of the face that it entered the cell by; 3: it started inside
-    inside: bool,       // false: the ray passes by, or the walk is over
+    inside: bool,       // whether the cell is in the grid's box and before the ray's end
 }
 
+// t of planes that are never reached.
 const FAR: f32 = 1e30;
-// Direction components below this count as zero: their planes are never reached, and 1/dir times
-// any distance between cells stays finite.
-const TINY: f32 = 1e-20;
+// How far from the grid's origin an eye may be, in cells.
+const MAX_CELLS: f32 = 1073741824.0;    // 2^30
+// Direction components smaller than this, relative to the largest, never reach another cell within
+// the index space, but on the spot; dividing by them could exceed what f32 holds.
+const IDLE: f32 = 8.673617379884035e-19;    // 2^-60
 
 #ifdef COUNT_STEPS
+// Cells and larger cubes that the ray has looked at.
 var<private> steps: u32;
 #endif
 
-fn is_parallel(dir: vec3<f32>) -> vec3<bool> {
-    return abs(dir) < vec3(TINY);
+fn count_step() {
+#ifdef COUNT_STEPS
+    steps += 1u;
+#endif
 }
 
-// Where the ray crosses a plane on each axis. The difference of the integers is exact; the ray's
-// own numbers come in only at the end.
+// Where the ray crosses planes ahead of it, one on each axis, to within T_ERROR. The difference of
+// the integers is exact; the ray's own numbers come in only at the end.
 fn plane_t(ray: Ray, plane: vec3<i32>) -> vec3<f32> {
-    let parallel = is_parallel(ray.dir);
-    let t = (vec3<f32>(plane - ray.cell) - ray.frac) / select(ray.dir, vec3(1.0), parallel);
-    return select(t, vec3(FAR), parallel);
+    let forward = ray.dir > vec3(0.0);
+    let speed = abs(ray.dir);
+    let cells = bitcast<vec3<u32>>(select(ray.cell - plane, plane - ray.cell, forward));
+    let distance = vec3<f32>(cells) + select(ray.frac, -ray.frac, forward);
+    let idle = speed < vec3(IDLE * max(max(speed.x, speed.y), speed.z));
+    let t = distance / select(speed, vec3(1.0), idle);
+    let never = is_zero(ray.dir) | (idle & (distance != vec3(0.0)));
+    return select(t, vec3(FAR), never);
 }
 
-// The first axis of those that are set: x before y before z, wherever planes are crossed at once.
-fn first_axis(axes: vec3<bool>) -> u32 {
-    return select(select(2u, 1u, axes.y), 0u, axes.x);
+// The axis of the plane that is crossed first of three, one on each axis. At once means x before y
+// before z.
+fn first_axis(ray: Ray, plane: vec3<i32>, t: vec3<f32>) -> u32 {
+    let first = select(select(2u, 1u, t.y <= t.z), 0u, t.x <= t.y && t.x <= t.z);
+    let least = component_f(t, first);
+    let in_doubt = t <= vec3(least * (1.0 + T_ERROR));
+    if countOneBits(dot(select(vec3(0u), vec3(1u, 2u, 4u), in_doubt), vec3(1u))) < 2u {
+        return first;
+    }
+    let of_two = select(1u, 0u, plane_before(ray, 0u, plane.x, 1u, plane.y));
+    return select(2u, of_two, plane_before(ray, of_two, component_i(plane, of_two), 2u, plane.z));
 }
 
-fn min_component(v: vec3<f32>) -> f32 {
-    return min(min(v.x, v.y), v.z);
+// A cell at a position relative to the ray's origin, kept to what an integer holds.
+fn cell_of(ray: Ray, at: vec3<f32>) -> vec3<i32> {
+    return vec3<i32>(clamp(floor(at), vec3(-MAX_CELLS), vec3(MAX_CELLS))) + ray.cell;
 }
 
-fn max_component(v: vec3<f32>) -> f32 {
-    return max(max(v.x, v.y), v.z);
+// The cells that the ray is in, on each axis, when it has crossed a plane of one of them at about
+// t; between `first` and `last`, which the ray passes in that order.
+fn cells_behind(
+    ray: Ray,
+    axis: u32,
+    plane: i32,
+    t: f32,
+    first: vec3<i32>,
+    last: vec3<i32>,
+) -> vec3<i32> {
+    let way = t * ray.dir;
+    let at = ray.frac + way;
+    let error = (abs(way) + 1.0) * T_ERROR;
+    let least = min(first, last);
+    let most = max(first, last);
+    let low = clamp(cell_of(ray, at - error), least, most);
+    let high = clamp(cell_of(ray, at + error), least, most);
+    let in_doubt = (low != high) & (vec3(0u, 1u, 2u) != vec3(axis));
+    if !any(in_doubt) {
+        return low;
+    }
+    var cell = low;
+    if in_doubt.x {
+        cell.x = cell_in_doubt(ray, 0u, axis, plane, low.x, high.x);
+    }
+    if in_doubt.y {
+        cell.y = cell_in_doubt(ray, 1u, axis, plane, low.y, high.y);
+    }
+    if in_doubt.z {
+        cell.z = cell_in_doubt(ray, 2u, axis, plane, low.z, high.z);
+    }
+    return cell;
 }
 
-// The cell of the ray at `t`.
-fn cell_at(ray: Ray, t: f32) -> vec3<i32> {
-    return vec3<i32>(floor(ray.frac + t * ray.dir)) + ray.cell;
+// Which of the planes between two cells are crossed before that of another axis? Those that are
+// come first. Halves the doubt each time: 32 times at most.
+fn cell_in_doubt(ray: Ray, own: u32, axis: u32, plane: i32, cell_low: i32, cell_high: i32) -> i32 {
+    let forward = component_f(ray.dir, own) > 0.0;
+    var low = cell_low;
+    var high = cell_high;
+    while low < high {
+        let middle = low + (high - low) / 2;
+        if plane_before(ray, own, middle + 1, axis, plane) == forward {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    return low;
+}
+
+fn in_box(grid: Grid, cell: vec3<i32>) -> bool {
+    return all(cell >= grid.occupied_min) && all(cell <= grid.occupied_max);
 }
 
 // The start of the walk: the first cell of the grid's box on the ray.
 fn enter(grid: Grid, ray: Ray) -> Walk {
-    let low = grid.occupied_min;
-    let high = grid.occupied_max + 1;
-    let parallel = is_parallel(ray.dir);
     let forward = ray.dir > vec3(0.0);
-    let beside = (ray.cell < low) | (ray.cell >= high);
-    let near = select(plane_t(ray, select(high, low, forward)), vec3(-FAR), parallel);
-    let far = plane_t(ray, select(low, high, forward));
-    let t_near = max_component(near);
-    let t = max(t_near, ray.t_min);
-    let t_end = min(min_component(far), ray.t_max);
-    let axis = select(first_axis(near == vec3(t_near)), 3u, t_near < ray.t_min);
-    let inside = !any(parallel & beside) && t <= t_end;
-    if !inside {
-        return Walk(low, t, t_end, axis, false);
+    let below = ray.cell < grid.occupied_min;
+    let above = ray.cell > grid.occupied_max;
+    // The planes by which the ray comes into the box, on the axes where it is before it.
+    let before = select(above, below, forward);
+    let beyond = select(below, above, forward);
+    let plane = select(grid.occupied_max + 1, grid.occupied_min, forward);
+    let near = select(vec3(-1.0), plane_t(ray, plane), before);
+    let t_near = max(max(near.x, near.y), near.z);
+    if any(beyond) || t_near >= FAR {
+        return Walk(ray.cell, 0.0, 0.0, 3u, false);
     }
-    return Walk(clamp(cell_at(ray, t), low, grid.occupied_max), t, t_end, axis, true);
+    if t_near < ray.t_min || !any(before) {
+        let cell = cell_of(ray, ray.frac + ray.t_min * ray.dir);
+        let inside = ray.t_min <= ray.t_max && in_box(grid, cell);
+        return Walk(cell, ray.t_min, ray.t_max, 3u, inside);
+    }
+    // The last of them; at once means x before y before z.
+    var axis = 3u;
+    if before.x {
+        axis = 0u;
+    }
+    if before.y && (axis == 3u || !plane_before(ray, 1u, plane.y, 0u, plane.x)) {
+        axis = 1u;
+    }
+    if before.z
+        && (axis == 3u || !plane_before(ray, 2u, plane.z, axis, component_i(plane, axis))) {
+        axis = 2u;
+    }
+    let first = clamp(ray.cell, grid.occupied_min, grid.occupied_max);
+    // One cell more: the ray may have left the box on another axis before it comes in on this one.
+    let last = select(grid.occupied_min - 1, grid.occupied_max + 1, forward);
+    let t = component_f(near, axis);
+    let across = vec3(0u, 1u, 2u) == vec3(axis);
+    let behind = cells_behind(ray, axis, component_i(plane, axis), t, first, last);
+    let cell = select(behind, first, across);
+    return Walk(cell, t, ray.t_max, axis, t <= ray.t_max && in_box(grid, cell));
 }
 
-// Steps out of the cube of 2^log2 cells that holds the walk's cell, into the next cell.
+// Steps out of the cube of 2^log_dim cells that holds the walk's cell, into the next cell.
 //
 // The cell changes by at least one along the axis crossed and never turns back along the others,
 // so a walk takes at most as many steps as the box has cells along its three edges: the loops
 // around this end.
-fn advance(grid: Grid, ray: Ray, walk: Walk, log2: u32) -> Walk {
-#ifdef COUNT_STEPS
-    steps += 1u;
-#endif
-    let size = 1i << log2;
+fn advance(grid: Grid, ray: Ray, walk: Walk, log_dim: u32) -> Walk {
+    let size = 1i << log_dim;
     let low = walk.cell & vec3(-size);
     let last = low + (size - 1);
     let forward = ray.dir > vec3(0.0);
-    let exits = plane_t(ray, select(low, last + 1, forward));
-    let t_next = min_component(exits);
-    let axis = first_axis(exits == vec3(t_next));
-    let t = max(t_next, walk.t);
-    // Along the other axes: where the ray is, but within the cube and not behind the cell.
-    let across = vec3(axis == 0u, axis == 1u, axis == 2u);
-    let along = clamp(cell_at(ray, t), select(low, walk.cell, forward), select(walk.cell, last, forward));
-    let cell = select(along, select(low - 1, last + 1, forward), across);
-    let inside = t <= walk.t_end
-        && all(cell >= grid.occupied_min) && all(cell <= grid.occupied_max);
-    return Walk(cell, t, walk.t_end, axis, inside);
+    let plane = select(low, last + 1, forward);
+    let exits = plane_t(ray, plane);
+    let axis = first_axis(ray, plane, exits);
+    let t = max(component_f(exits, axis), walk.t);
+    let across = vec3(0u, 1u, 2u) == vec3(axis);
+    let end = select(low, last, forward);
+    let behind = cells_behind(ray, axis, component_i(plane, axis), t, walk.cell, end);
+    let cell = select(behind, end + select(vec3(-1), vec3(1), forward), across);
+    return Walk(cell, t, walk.t_end, axis, t <= walk.t_end && in_box(grid, cell));
 }
 
 // The first occupied cell on a ray; `inside` is false where there is none.
 fn first_hit(grid: Grid, ray: Ray) -> Walk {
     var walk = enter(grid, ray);
     while walk.inside {
+        count_step();
         let span = locate(grid, walk.cell);
         if span_occupied(span) {
             break;
         }
-        walk = advance(grid, ray, walk, span.log2);
+        walk = advance(grid, ray, walk, span.log_dim);
     }
     return walk;
 }

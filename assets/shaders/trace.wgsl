@@ -66,10 +66,12 @@ fn depth_at(t: f32) -> f32 {
 }
 
 fn volume_ray(volume: Volume, ndc: vec2<f32>, t_min: f32, t_max: f32) -> Ray {
-    let from = volume.eye_frac + ndc.x * volume.eye_x + ndc.y * volume.eye_y;
-    let whole = floor(from);
+    let eye = volume.eye_frac + ndc.x * volume.eye_x + ndc.y * volume.eye_y;
+    let whole = floor(eye);
+    // 24 bits: the walk compares planes in units of 2^-24 cells.
+    let frac = floor((eye - whole) * 16777216.0) / 16777216.0;
     let dir = volume.dir + ndc.x * volume.dir_x + ndc.y * volume.dir_y;
-    return Ray(volume.eye_cell + vec3<i32>(whole), from - whole, dir, t_min, t_max);
+    return Ray(volume.eye_cell + vec3<i32>(whole), frac, dir, t_min, t_max);
 }
 
 #ifdef FOGS
@@ -117,13 +119,13 @@ fn trace_fogs(ndc: vec2<f32>, t_max: f32, length: f32) -> Fog {
         fog.radiance = source(volumes[last_met]) * (1.0 - exp(-fog.optical_depth));
     } else if met > 1u {
         for (var slab = 0u; slab < OVERLAP_SLABS; slab++) {
-            let from = mix(t_first, t_last, f32(slab) / f32(OVERLAP_SLABS));
-            let to = mix(t_first, t_last, f32(slab + 1u) / f32(OVERLAP_SLABS));
+            let t_low = mix(t_first, t_last, f32(slab) / f32(OVERLAP_SLABS));
+            let t_high = mix(t_first, t_last, f32(slab + 1u) / f32(OVERLAP_SLABS));
             var depth = 0.0;
             var weighted = vec3(0.0);
             for (var i = view.volume_first; i < volume_end(); i++) {
                 if volumes[i].kind == KIND_FOG {
-                    let part = optical_depth(volumes[i], ndc, from, to, length);
+                    let part = optical_depth(volumes[i], ndc, t_low, t_high, length);
                     depth += part;
                     weighted += part * source(volumes[i]);
                 }

@@ -13,13 +13,13 @@ const OCCUPIED: u32 = 0x40000000u;
 const MIXED: u32 = 0x20000000u;
 const PAYLOAD: u32 = 0x1fffffffu;
 
-const LEAF_LOG2: u32 = 3u;
-const LOWER_LOG2: u32 = 7u;
-const UPPER_LOG2: u32 = 12u;
+const LEAF_BITS: u32 = 3u;
+const LOWER_BITS: u32 = 7u;
+const UPPER_BITS: u32 = 12u;
 
-// What covers a cell: everything alike over a cube of 2^log2 cells per edge.
+// What covers a cell: everything alike over a cube of 2^log_dim cells per edge.
 struct Span {
-    log2: u32,
+    log_dim: u32,
     // The cell word of a tile, the leaf's word of a cell in a leaf, 0 where nothing is.
     word: u32,
 }
@@ -34,12 +34,12 @@ fn span_constant(span: Span) -> bool {
 }
 
 fn upper_slot(cell: vec3<i32>) -> u32 {
-    let c = vec3<u32>(cell >> vec3(LOWER_LOG2)) & vec3(31u);
+    let c = vec3<u32>(cell >> vec3(LOWER_BITS)) & vec3(31u);
     return (c.x << 10u) | (c.y << 5u) | c.z;
 }
 
 fn lower_slot(cell: vec3<i32>) -> u32 {
-    let c = vec3<u32>(cell >> vec3(LEAF_LOG2)) & vec3(15u);
+    let c = vec3<u32>(cell >> vec3(LEAF_BITS)) & vec3(15u);
     return (c.x << 8u) | (c.y << 4u) | c.z;
 }
 
@@ -50,9 +50,9 @@ fn leaf_slot(cell: vec3<i32>) -> u32 {
 
 // The word over a local cell at the level of the root, and what it covers.
 fn find_root(grid: Grid, cell: vec3<i32>) -> Span {
-    let at = (cell >> vec3(UPPER_LOG2)) - grid.crown_origin;
+    let at = (cell >> vec3(UPPER_BITS)) - grid.crown_origin;
     if ((at.x | at.y | at.z) >> (2u * grid.crown_levels)) != 0 {
-        return Span(UPPER_LOG2, 0u);
+        return Span(UPPER_BITS, 0u);
     }
     var node = grid.nodes;
     for (var level = grid.crown_levels; level > 0u;) {
@@ -62,21 +62,21 @@ fn find_root(grid: Grid, cell: vec3<i32>) -> Span {
         let low = nodes[node];
         let word = select(nodes[node + 1u], low, bit < 32u);
         if ((word >> (bit & 31u)) & 1u) == 0u {
-            return Span(UPPER_LOG2 + 2u * level, 0u);
+            return Span(UPPER_BITS + 2u * level, 0u);
         }
         let below = countOneBits(word & ((1u << (bit & 31u)) - 1u));
         let rank = below + select(countOneBits(low), 0u, bit < 32u);
         node = grid.nodes + nodes[node + 2u] + rank * select(3u, 1u, level == 0u);
     }
-    return Span(UPPER_LOG2, nodes[node]);
+    return Span(UPPER_BITS, nodes[node]);
 }
 
 // The span of a word that leads nowhere further.
-fn tile_span(word: u32, log2: u32) -> Span {
+fn tile_span(word: u32, log_dim: u32) -> Span {
     if (word & OCCUPIED) == 0u {
-        return Span(log2, 0u);
+        return Span(log_dim, 0u);
     }
-    return Span(select(log2, 0u, (word & MIXED) != 0u), word);
+    return Span(select(log_dim, 0u, (word & MIXED) != 0u), word);
 }
 
 fn leads_on(word: u32) -> bool {
@@ -87,15 +87,15 @@ fn leads_on(word: u32) -> bool {
 fn locate(grid: Grid, cell: vec3<i32>) -> Span {
     let root = find_root(grid, cell);
     if !leads_on(root.word) {
-        return tile_span(root.word, root.log2);
+        return tile_span(root.word, root.log_dim);
     }
     let upper = nodes[grid.uppers + ((root.word & PAYLOAD) << 15u) + upper_slot(cell)];
     if !leads_on(upper) {
-        return tile_span(upper, LOWER_LOG2);
+        return tile_span(upper, LOWER_BITS);
     }
     let lower = nodes[grid.lowers + ((upper & PAYLOAD) << 12u) + lower_slot(cell)];
     if !leads_on(lower) {
-        return tile_span(lower, LEAF_LOG2);
+        return tile_span(lower, LEAF_BITS);
     }
     let c = vec3<u32>(cell) & vec3(7u);
     let block = ((c.x >> 2u) << 2u) | ((c.y >> 2u) << 1u) | (c.z >> 2u);
@@ -130,11 +130,11 @@ fn value_at(grid: Grid, voxel: vec3<i32>) -> f32 {
     return tile_value(grid, word);
 }
 
-// The samples at the corners of a trilinear cell: (x0 y0 z0, x0 y0 z1, x0 y1 z0, x0 y1 z1), and
-// the same at x1.
+// The samples at the corners of a trilinear cell: at the lower x (y0 z0, y0 z1, y1 z0,
+// y1 z1), and the same at the higher.
 struct Corners {
-    x0: vec4<f32>,
-    x1: vec4<f32>,
+    low: vec4<f32>,
+    high: vec4<f32>,
 }
 
 fn corners(grid: Grid, cell: vec3<i32>) -> Corners {
@@ -176,16 +176,16 @@ fn corners(grid: Grid, cell: vec3<i32>) -> Corners {
 
 // The trilinear interpolant at `u`, 0 to 1 on each axis.
 fn trilinear(c: Corners, u: vec3<f32>) -> f32 {
-    let yz = mix(c.x0, c.x1, u.x);
+    let yz = mix(c.low, c.high, u.x);
     let z = mix(yz.xy, yz.zw, u.y);
     return mix(z.x, z.y, u.z);
 }
 
 // Its gradient, in value per voxel.
 fn trilinear_gradient(c: Corners, u: vec3<f32>) -> vec3<f32> {
-    let dx = c.x1 - c.x0;
+    let dx = c.high - c.low;
     let dx_z = mix(dx.xy, dx.zw, u.y);
-    let yz = mix(c.x0, c.x1, u.x);
+    let yz = mix(c.low, c.high, u.x);
     let dy = yz.zw - yz.xy;
     let z = mix(yz.xy, yz.zw, u.y);
     return vec3(mix(dx_z.x, dx_z.y, u.z), mix(dy.x, dy.y, u.z), z.y - z.x);

@@ -30,23 +30,14 @@ struct Volume {
     eye_x: vec3<f32>,           // not zero in orthographic views only
     density_scale: f32,         // extinction per unit of density, per world unit
     eye_y: vec3<f32>,
-    pad_0: f32,
     dir: vec3<f32>,
-    pad_1: f32,
     dir_x: vec3<f32>,
-    pad_2: f32,
     dir_y: vec3<f32>,
-    pad_3: f32,
     normal_x: vec3<f32>,        // columns of the matrix from index-space gradients to world normals
-    pad_4: f32,
     normal_y: vec3<f32>,
-    pad_5: f32,
     normal_z: vec3<f32>,
-    pad_6: f32,
     base_color: vec3<f32>,      // linear
-    pad_7: f32,
     emissive: vec3<f32>,        // linear, cd/m²
-    pad_8: f32,
 }
 
 // A view and its light.
@@ -74,7 +65,7 @@ struct View {
 // A ray in local lattice coordinates of one grid: p(t) = cell + frac + t·dir.
 struct Ray {
     cell: vec3<i32>,
-    frac: vec3<f32>,
+    frac: vec3<f32>,    // a multiple of 2^-24, from 0 up to but not 1
     dir: vec3<f32>,
     t_min: f32,
     t_max: f32,

@@ -9,7 +9,7 @@ use bevy::render::renderer::{RenderContext, ViewQuery};
 use bevy::render::view::{ViewDepthTexture, ViewTarget, ViewUniformOffset};
 
 use super::pipeline::ViewPipelines;
-use super::prepare::{ViewBindGroups, ViewResources};
+use super::prepare::ViewBindGroups;
 
 /// Blends the picture over the opaque meshes, in the target's own linear colours, and writes the
 /// depth of surfaces, so that transparent meshes sort with them.
@@ -19,7 +19,6 @@ pub(super) fn composite(
         &ViewTarget,
         &ViewDepthTexture,
         &ViewUniformOffset,
-        &ViewResources,
         &ViewPipelines,
         &ViewBindGroups,
         Option<&MainPassResolutionOverride>,
@@ -27,7 +26,7 @@ pub(super) fn composite(
     pipelines: Res<PipelineCache>,
     mut context: RenderContext,
 ) {
-    let (camera, target, depth, view_uniform, resources, view_pipelines, bind_groups, resolution) =
+    let (camera, target, depth, view_uniform, view_pipelines, bind_groups, resolution) =
         view.into_inner();
     // Nothing has been traced before the trace's own pipeline is there.
     if pipelines.get_compute_pipeline(view_pipelines.trace).is_none() {
@@ -62,5 +61,4 @@ pub(super) fn composite(
         pass.draw(0..3, 0..1);
     }
     span.end(&mut pass);
-    debug_assert!(resources.size.min_element() > 0);
 }

@@ -81,3 +81,73 @@ pub(crate) struct Placement {
     pub origin: [u32; 2],
     pub size: [u32; 2],
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use naga::{Module, TypeInner};
+    use naga_oil::compose::{
+        ComposableModuleDescriptor, Composer, NagaModuleDescriptor, ShaderLanguage,
+    };
+    use std::mem::offset_of;
+
+    /// A module that uses a struct of `types.wgsl`, so that it is not left out.
+    fn compose(text: &str) -> Module {
+        let mut composer = Composer::default();
+        let source = include_str!("../../assets/shaders/types.wgsl");
+        let types = ComposableModuleDescriptor {
+            source,
+            file_path: "types.wgsl",
+            language: ShaderLanguage::Wgsl,
+            ..Default::default()
+        };
+        composer.add_composable_module(types).map(drop).unwrap();
+        let using = NagaModuleDescriptor { source: text, file_path: "test", ..Default::default() };
+        composer.make_naga_module(using).unwrap()
+    }
+
+    fn check(module: &Module, name: &str, size: usize, fields: &[(&str, usize)]) {
+        let found = module.types.iter().find_map(|(_, ty)| match (&ty.name, &ty.inner) {
+            (Some(own), TypeInner::Struct { members, span }) if own.contains(name) => {
+                Some((members, *span))
+            }
+            _ => None,
+        });
+        let (members, span) = found.unwrap_or_else(|| panic!("no struct {name}"));
+        let theirs: Vec<(&str, usize)> = members
+            .iter()
+            .map(|member| (member.name.as_deref().unwrap(), member.offset as usize))
+            .collect();
+        assert_eq!(theirs, fields, "the fields of {name}");
+        assert_eq!(span as usize, size, "the size of {name}");
+    }
+
+    macro_rules! fields {
+        ($ty:ty: $($field:ident),*) => {
+            [$((stringify!($field), offset_of!($ty, $field))),*]
+        };
+    }
+
+    #[test]
+    fn structs_have_the_layout_of_the_shaders() {
+        let module = compose(
+            "#import bevy_vdb::types::{Grid, View, Volume}
+             @group(0) @binding(0) var<storage, read> grids: array<Grid>;
+             @group(0) @binding(1) var<storage, read> volumes: array<Volume>;
+             @group(0) @binding(2) var<uniform> view: View;
+             @compute @workgroup_size(1) fn main() {
+                 let sum = grids[0].nodes + volumes[0].grid + view.volume_count;
+             }",
+        );
+        let grid = fields!(Grid: crown_origin, crown_levels, occupied_min, nodes, occupied_max,
+            uppers, lowers, masks, values, palette);
+        check(&module, "Grid", size_of::<Grid>(), &grid);
+        let volume = fields!(Volume: eye_cell, grid, eye_frac, kind, eye_x, density_scale, eye_y,
+            dir, dir_x, dir_y, normal_x, normal_y, normal_z, base_color, emissive);
+        check(&module, "Volume", size_of::<Volume>(), &volume);
+        let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
+            exposure, sun_direction, volume_first, sun_illuminance, volume_count, ambient,
+            steps_scale, size, origin);
+        check(&module, "View", size_of::<View>(), &view);
+    }
+}

@@ -63,8 +63,6 @@ pub(super) struct ViewResources {
     color: CachedTexture,
     depth: CachedTexture,
     pub size: UVec2,
-    pub has_surfaces: bool,
-    pub has_fogs: bool,
 }
 
 /// On views that see at least one volume: what the passes bind.
@@ -238,8 +236,6 @@ pub(super) fn prepare_views(
             color: texture("vdb_color", TextureFormat::Rgba16Float),
             depth: texture("vdb_depth", TextureFormat::R32Float),
             size,
-            has_surfaces,
-            has_fogs,
         };
         let trace_key = TraceKey {
             multisampled: msaa.samples() > 1,

@@ -122,7 +122,7 @@ fn dense_tiles_of_every_level_are_mixed_at_their_borders_only() {
     let grid = check(&tree, PackKind::Fog, &boxes);
     let inside = IVec3::new(1000, -2000, 1000) - grid.base;
     assert_eq!(
-        walk::locate(&grid, inside).log2,
+        walk::locate(&grid, inside).log_dim,
         7,
         "the middle of a root tile is taken cell by cell"
     );

@@ -39,12 +39,12 @@ impl Builder {
     /// with all nodes down to it made where they are missing.
     pub(super) fn word_mut(&mut self, ijk: IVec3, log2: u32, background: u32) -> &mut u32 {
         let root = self.root.entry(Upper::origin_of(ijk).to_array()).or_insert(background);
-        if log2 == UPPER_LOG2 {
+        if log2 == UPPER_BITS {
             return root;
         }
         let upper = descend(root, &mut self.uppers, UPPER_WORDS);
         let word = &mut upper[upper_slot(ijk)];
-        if log2 == LOWER_LOG2 {
+        if log2 == LOWER_BITS {
             return word;
         }
         let lower = descend(word, &mut self.lowers, LOWER_WORDS);
@@ -87,7 +87,7 @@ impl Builder {
                 .enumerate()
                 .map(|(slot, &word)| {
                     let at = origin + Lower::slot_offset(slot);
-                    let found = below(word, at, LEAF_LOG2)?;
+                    let found = below(word, at, LEAF_BITS)?;
                     if word & CHILD == 0 {
                         return Some(found);
                     }
@@ -99,7 +99,7 @@ impl Builder {
             .iter()
             .map(|(origin, &word)| {
                 let origin = IVec3::from_array(*origin);
-                let found = below(word, origin, UPPER_LOG2)?;
+                let found = below(word, origin, UPPER_BITS)?;
                 if word & CHILD == 0 {
                     return Some(found);
                 }
@@ -108,7 +108,7 @@ impl Builder {
                     .enumerate()
                     .map(|(slot, &word)| {
                         let at = origin + Upper::slot_offset(slot);
-                        let found = below(word, at, LOWER_LOG2)?;
+                        let found = below(word, at, LOWER_BITS)?;
                         if word & CHILD == 0 {
                             return Some(found);
                         }
@@ -159,7 +159,7 @@ pub(super) fn pack(tree: &Vdb543<f32>, kind: PackKind) -> Result<PackedGrid, Pac
     };
     for (leaf, mask) in leaves.iter().zip(&masks) {
         if mask.iter().any(|&word| word != 0) {
-            *builder.word_mut(leaf.origin(), LEAF_LOG2, background) |= OCCUPIED;
+            *builder.word_mut(leaf.origin(), LEAF_BITS, background) |= OCCUPIED;
         }
     }
     if kind == PackKind::Fog {
@@ -259,7 +259,7 @@ fn assemble(
     leaves: &[&Leaf],
     masks: Vec<u32>,
 ) -> PackedGrid {
-    let keys = || builder.root.keys().map(|key| IVec3::from_array(*key) >> UPPER_LOG2 as i32);
+    let keys = || builder.root.keys().map(|key| IVec3::from_array(*key) >> UPPER_BITS as i32);
     let first = keys().reduce(IVec3::min).unwrap_or_default();
     let last = keys().reduce(IVec3::max).unwrap_or_default();
     let extent = (last - first).max_element() as u32 + 1;
@@ -269,11 +269,11 @@ fn assemble(
     let crown_origin = first - base;
     let crown_levels = crown::levels(if extent < WIDE { extent } else { ALL_EXTENT });
     let cells = builder.root.iter().map(|(key, word)| {
-        let cell = (IVec3::from_array(*key) >> UPPER_LOG2 as i32) - first;
+        let cell = (IVec3::from_array(*key) >> UPPER_BITS as i32) - first;
         (cell.to_array(), *word)
     });
     let mut nodes = crown::build(&cells.collect(), crown_levels);
-    let base = base << UPPER_LOG2 as i32;
+    let base = base << UPPER_BITS as i32;
     let uppers = nodes.len() as u32;
     nodes.extend(builder.uppers.iter().flatten());
     let lowers = nodes.len() as u32;

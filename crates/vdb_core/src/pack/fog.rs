@@ -95,7 +95,7 @@ pub(super) fn mark_mixed_tiles(
     let beside_leaves: Vec<IVec3> =
         leaves.par_iter().flat_map_iter(|leaf| low_side_of(leaf)).collect();
     for origin in beside_leaves {
-        mark(origin, LEAF_LOG2);
+        mark(origin, LEAF_BITS);
     }
     for tile in dense_tiles(tree) {
         mark_around(tree, tile, &mut mark);
@@ -132,7 +132,7 @@ fn dense_tiles(tree: &Vdb543<f32>) -> Vec<Tile> {
     for (origin, entry) in tree.entries() {
         let upper = match entry {
             RootEntry::Tile { value, .. } => {
-                add(origin, UPPER_LOG2, *value);
+                add(origin, UPPER_BITS, *value);
                 continue;
             }
             RootEntry::Child(upper) => upper,
@@ -140,14 +140,14 @@ fn dense_tiles(tree: &Vdb543<f32>) -> Vec<Tile> {
         for slot in 0..UPPER_WORDS {
             let lower = match upper.slot_at(slot) {
                 Slot::Tile(value, _) => {
-                    add(origin + upper_offset(slot), LOWER_LOG2, value);
+                    add(origin + upper_offset(slot), LOWER_BITS, value);
                     continue;
                 }
                 Slot::Child(lower) => lower,
             };
             for slot in 0..LOWER_WORDS {
                 if let Slot::Tile(value, _) = lower.slot_at(slot) {
-                    add(lower.origin() + lower_offset(slot), LEAF_LOG2, value);
+                    add(lower.origin() + lower_offset(slot), LEAF_BITS, value);
                 }
             }
         }
@@ -156,18 +156,18 @@ fn dense_tiles(tree: &Vdb543<f32>) -> Vec<Tile> {
 }
 
 fn upper_offset(slot: usize) -> IVec3 {
-    IVec3::new(slot as i32 >> 10, slot as i32 >> 5 & 31, slot as i32 & 31) << LOWER_LOG2 as i32
+    IVec3::new(slot as i32 >> 10, slot as i32 >> 5 & 31, slot as i32 & 31) << LOWER_BITS as i32
 }
 
 fn lower_offset(slot: usize) -> IVec3 {
-    IVec3::new(slot as i32 >> 8, slot as i32 >> 4 & 15, slot as i32 & 15) << LEAF_LOG2 as i32
+    IVec3::new(slot as i32 >> 8, slot as i32 >> 4 & 15, slot as i32 & 15) << LEAF_BITS as i32
 }
 
 /// Marks what a dense tile makes mixed: cubes along its own high sides and those beyond its low
 /// sides, unless they lie beside a tile of the same value. The cubes are leaves, but 128³ nodes
 /// around a root tile: there a mixed cube costs the walk steps, and smaller ones would cost memory.
 fn mark_around(tree: &Vdb543<f32>, tile: Tile, mark: &mut impl FnMut(IVec3, u32)) {
-    let log2 = if tile.log2 == UPPER_LOG2 { LOWER_LOG2 } else { LEAF_LOG2 };
+    let log2 = if tile.log2 == UPPER_BITS { LOWER_BITS } else { LEAF_BITS };
     let (step, count) = (1_i32 << log2, 1_i32 << (tile.log2 - log2));
     let same = |origin: IVec3| match tree.find(origin) {
         Found::Leaf(_) => false,
@@ -207,18 +207,18 @@ fn mark_touching(
     mark: &mut impl FnMut(IVec3, u32),
 ) {
     let whole = match tree.find(origin) {
-        Found::Leaf(_) => log2 == LEAF_LOG2,
+        Found::Leaf(_) => log2 == LEAF_BITS,
         Found::Tile(tile) => tile.log2_dim >= log2,
     };
     if whole {
         return mark(origin, log2);
     }
-    let count = 1 << (log2 - LEAF_LOG2);
+    let count = 1 << (log2 - LEAF_BITS);
     let range = |high: i32| if high == 0 { 0..count } else { count - 1..count };
     for x in range(side.x) {
         for y in range(side.y) {
             for z in range(side.z) {
-                mark(origin + IVec3::new(x, y, z) * 8, LEAF_LOG2);
+                mark(origin + IVec3::new(x, y, z) * 8, LEAF_BITS);
             }
         }
     }

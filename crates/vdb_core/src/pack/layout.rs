@@ -35,11 +35,11 @@ pub const MIXED: u32 = 1 << 29;
 pub const PAYLOAD: u32 = MIXED - 1;
 
 /// log₂ of the voxels per edge of a leaf.
-pub const LEAF_LOG2: u32 = 3;
+pub const LEAF_BITS: u32 = 3;
 /// log₂ of the voxels per edge of a 16³ node.
-pub const LOWER_LOG2: u32 = 7;
+pub const LOWER_BITS: u32 = 7;
 /// log₂ of the voxels per edge of a 32³ node.
-pub const UPPER_LOG2: u32 = 12;
+pub const UPPER_BITS: u32 = 12;
 
 /// Words of a 16³ node.
 pub const LOWER_WORDS: usize = 1 << 12;
@@ -55,14 +55,14 @@ pub const LEAF_VALUES: usize = 512;
 /// The slot of a local cell in the 32³ node that holds it.
 #[inline]
 pub fn upper_slot(cell: glam::IVec3) -> usize {
-    let part = |c: i32| (c >> LOWER_LOG2) as usize & 31;
+    let part = |c: i32| (c >> LOWER_BITS) as usize & 31;
     part(cell.x) << 10 | part(cell.y) << 5 | part(cell.z)
 }
 
 /// The slot of a local cell in the 16³ node that holds it.
 #[inline]
 pub fn lower_slot(cell: glam::IVec3) -> usize {
-    let part = |c: i32| (c >> LEAF_LOG2) as usize & 15;
+    let part = |c: i32| (c >> LEAF_BITS) as usize & 15;
     part(cell.x) << 8 | part(cell.y) << 4 | part(cell.z)
 }
 

@@ -15,6 +15,7 @@
 
 mod build;
 mod crown;
+pub mod exact;
 mod fog;
 pub mod layout;
 pub mod walk;

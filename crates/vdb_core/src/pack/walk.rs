@@ -6,6 +6,7 @@
 use glam::{BVec3, IVec3, Vec3};
 
 use super::PackedGrid;
+use super::exact::{T_ERROR, is_zero, plane_before};
 use super::layout::*;
 
 /// A ray in local lattice coordinates.
@@ -13,7 +14,7 @@ use super::layout::*;
 pub struct Ray {
     /// The cell of the origin.
     pub cell: IVec3,
-    /// Where in that cell the origin lies, 0 to 1 on each axis.
+    /// Where in that cell the origin lies: a multiple of 2⁻²⁴, from 0 up to but not 1.
     pub frac: Vec3,
     /// Cells per unit of `t`; any length but zero.
     pub dir: Vec3,
@@ -23,18 +24,18 @@ pub struct Ray {
     pub t_max: f32,
 }
 
-/// What covers a cell: everything alike over a cube of `2^log2` cells per edge.
+/// What covers a cell: everything alike over a cube of `2^log_dim` cells per edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
     /// log₂ of the edge, in cells.
-    pub log2: u32,
+    pub log_dim: u32,
     /// The cell word of a tile, the leaf's word of a cell in a leaf, 0 where nothing is.
     pub word: u32,
 }
 
 impl Span {
-    const fn empty(log2: u32) -> Self {
-        Self { log2, word: 0 }
+    const fn empty(log_dim: u32) -> Self {
+        Self { log_dim, word: 0 }
     }
 
     /// Whether a ray meets something here.
@@ -50,10 +51,10 @@ impl Span {
 
 /// The cell word over a local cell at the level of the root, and log₂ of what it covers.
 fn find_root(grid: &PackedGrid, cell: IVec3) -> Span {
-    let at = (cell >> UPPER_LOG2 as i32) - grid.crown_origin;
+    let at = (cell >> UPPER_BITS as i32) - grid.crown_origin;
     let outside = (at.x | at.y | at.z) >> (2 * grid.crown_levels) != 0;
     if outside {
-        return Span::empty(UPPER_LOG2);
+        return Span::empty(UPPER_BITS);
     }
     let mut node = 0;
     for level in (0..grid.crown_levels).rev() {
@@ -62,31 +63,31 @@ fn find_root(grid: &PackedGrid, cell: IVec3) -> Span {
         let (low, high) = (grid.nodes[node], grid.nodes[node + 1]);
         let word = if bit < 32 { low } else { high };
         if word >> (bit & 31) & 1 == 0 {
-            return Span::empty(UPPER_LOG2 + 2 * level);
+            return Span::empty(UPPER_BITS + 2 * level);
         }
         let below = (word & ((1 << (bit & 31)) - 1)).count_ones();
         let rank = if bit < 32 { below } else { below + low.count_ones() } as usize;
         let stride = if level == 0 { 1 } else { CROWN_WORDS };
         node = grid.nodes[node + 2] as usize + rank * stride;
     }
-    Span { log2: UPPER_LOG2, word: grid.nodes[node] }
+    Span { log_dim: UPPER_BITS, word: grid.nodes[node] }
 }
 
 /// What a ray meets at a local cell.
 pub fn locate(grid: &PackedGrid, cell: IVec3) -> Span {
     let root = find_root(grid, cell);
     if root.word & (OCCUPIED | CHILD) != OCCUPIED | CHILD {
-        return tile_span(root.word, root.log2);
+        return tile_span(root.word, root.log_dim);
     }
     let upper = grid.uppers as usize + (root.word & PAYLOAD) as usize * UPPER_WORDS;
     let word = grid.nodes[upper + upper_slot(cell)];
     if word & (OCCUPIED | CHILD) != OCCUPIED | CHILD {
-        return tile_span(word, LOWER_LOG2);
+        return tile_span(word, LOWER_BITS);
     }
     let lower = grid.lowers as usize + (word & PAYLOAD) as usize * LOWER_WORDS;
     let word = grid.nodes[lower + lower_slot(cell)];
     if word & (OCCUPIED | CHILD) != OCCUPIED | CHILD {
-        return tile_span(word, LEAF_LOG2);
+        return tile_span(word, LEAF_BITS);
     }
     let mask = (word & PAYLOAD) as usize * LEAF_MASK_WORDS;
     let (index, bit) = mask_bit(cell);
@@ -95,15 +96,15 @@ pub fn locate(grid: &PackedGrid, cell: IVec3) -> Span {
         return Span::empty(2);
     }
     let on = grid.masks[mask + index] >> bit & 1 == 1;
-    Span { log2: 0, word: if on { word } else { 0 } }
+    Span { log_dim: 0, word: if on { word } else { 0 } }
 }
 
 /// The span of a word that leads nowhere further.
-fn tile_span(word: u32, log2: u32) -> Span {
+fn tile_span(word: u32, log_dim: u32) -> Span {
     match word & (OCCUPIED | MIXED) {
-        OCCUPIED => Span { log2, word },
-        0 | MIXED => Span::empty(log2),
-        _ => Span { log2: 0, word },
+        OCCUPIED => Span { log_dim, word },
+        0 | MIXED => Span::empty(log_dim),
+        _ => Span { log_dim: 0, word },
     }
 }
 
@@ -132,102 +133,155 @@ pub struct Walk {
     pub cell: IVec3,
     /// Where the ray enters it.
     pub t: f32,
-    /// Where the ray leaves the grid's box or ends.
+    /// Where the ray ends.
     pub t_end: f32,
     /// The axis of the face that the ray entered by; 3 where it started inside.
     pub axis: u32,
+    /// Whether the cell is in the grid's box and before the ray's end.
+    pub inside: bool,
 }
 
+/// `t` of planes that are never reached.
 const FAR: f32 = 1e30;
-/// Direction components below this count as zero: their planes are never reached, and the distance
-/// between any two cells over any other component stays finite.
-const TINY: f32 = 1e-20;
+/// How far from the grid's origin, and from the cells it is asked about, an eye may be, in cells.
+const MAX_CELLS: f32 = (1 << 30) as f32;
+/// Direction components smaller than this, relative to the largest, never reach another cell within
+/// the index space, but on the spot; dividing by them could exceed what f32 holds.
+const IDLE: f32 = 1.0 / (1_u64 << 60) as f32;
 
-fn is_parallel(dir: Vec3) -> BVec3 {
-    dir.abs().cmplt(Vec3::splat(TINY))
+fn select(mask: BVec3, a: BVec3, b: BVec3) -> BVec3 {
+    mask & a | !mask & b
 }
 
-/// Where the ray crosses a plane on each axis. The difference of the integers is exact; the ray's
-/// own numbers come in only at the end.
+/// Where the ray crosses planes ahead of it, one on each axis, to within [`T_ERROR`]. The
+/// difference of the integers is exact; the ray's own numbers come in only at the end.
 fn plane_t(ray: &Ray, plane: IVec3) -> Vec3 {
-    let parallel = is_parallel(ray.dir);
-    let dir = Vec3::select(parallel, Vec3::ONE, ray.dir);
-    let t = ((plane - ray.cell).as_vec3() - ray.frac) / dir;
-    Vec3::select(parallel, Vec3::splat(FAR), t)
-}
-
-/// The start of the walk: the first cell of the grid's box on the ray. `None` where it passes by.
-pub fn enter(grid: &PackedGrid, ray: &Ray) -> Option<Walk> {
-    let bounds = grid.occupied?;
     let forward = ray.dir.cmpgt(Vec3::ZERO);
-    let (low, high) = (bounds.min, bounds.max + IVec3::ONE);
-    let parallel = is_parallel(ray.dir);
-    let beside = ray.cell.cmplt(low) | ray.cell.cmpge(high);
-    if (parallel & beside).any() {
-        return None;
-    }
-    let near =
-        Vec3::select(parallel, Vec3::splat(-FAR), plane_t(ray, IVec3::select(forward, low, high)));
-    let far = plane_t(ray, IVec3::select(forward, high, low));
-    let t_near = near.max_element();
-    let t = t_near.max(ray.t_min);
-    let t_end = far.min_element().min(ray.t_max);
-    if t > t_end {
-        return None;
-    }
-    let at = (ray.frac + t * ray.dir).floor().as_ivec3() + ray.cell;
-    let axis = if t_near < ray.t_min { 3 } else { first_axis(near.cmpeq(Vec3::splat(t_near))) };
-    Some(Walk { cell: at.clamp(bounds.min, bounds.max), t, t_end, axis })
+    let cells = IVec3::select(forward, plane.wrapping_sub(ray.cell), ray.cell.wrapping_sub(plane));
+    let distance = cells.as_uvec3().as_vec3() + Vec3::select(forward, -ray.frac, ray.frac);
+    let idle = ray.dir.abs().cmplt(Vec3::splat(IDLE * ray.dir.abs().max_element()));
+    let t = distance / Vec3::select(idle, Vec3::ONE, ray.dir.abs());
+    let zero = BVec3::from_array(ray.dir.to_array().map(is_zero));
+    let never = zero | (idle & distance.cmpne(Vec3::ZERO));
+    Vec3::select(never, Vec3::splat(FAR), t)
 }
 
-/// The first axis of those that are set: x before y before z, wherever planes are crossed at once.
-fn first_axis(axes: BVec3) -> u32 {
-    if axes.x {
+/// The axis of the plane that is crossed first of three, one on each axis. At once means x before y
+/// before z.
+fn first_axis(ray: &Ray, plane: IVec3, t: Vec3) -> usize {
+    let first = if t.x <= t.y && t.x <= t.z {
         0
-    } else if axes.y {
+    } else if t.y <= t.z {
         1
     } else {
         2
+    };
+    let others = t[(first + 1) % 3].min(t[(first + 2) % 3]);
+    if others > t[first] * (1.0 + T_ERROR) {
+        return first;
     }
+    let of_two = if plane_before(ray, (0, plane.x), (1, plane.y)) { 0 } else { 1 };
+    if plane_before(ray, (of_two, plane[of_two]), (2, plane.z)) { of_two } else { 2 }
 }
 
-/// Steps out of the cube of `2^log2` cells that holds the walk's cell, into the next cell.
+/// The cells that the ray is in, on each axis, when it has crossed a plane of one of them at about
+/// `t`; between `first` and `last`, which the ray passes in that order.
+fn cells_behind(ray: &Ray, crossed: (usize, i32), t: f32, first: IVec3, last: IVec3) -> IVec3 {
+    let way = t * ray.dir;
+    let at = ray.frac + way;
+    let error = (way.abs() + 1.0) * T_ERROR;
+    let cell = |x: Vec3| {
+        // Kept to what an integer holds; the eye is no farther away than that.
+        let cells = x.floor().clamp(Vec3::splat(-MAX_CELLS), Vec3::splat(MAX_CELLS));
+        cells.as_ivec3().wrapping_add(ray.cell).clamp(first.min(last), first.max(last))
+    };
+    let (mut low, mut high) = (cell(at - error), cell(at + error));
+    for axis in 0..3 {
+        let forward = ray.dir[axis] > 0.0;
+        // Which of the planes in doubt are crossed before? Those that are come first.
+        while low[axis] < high[axis] && axis != crossed.0 {
+            let middle = low[axis] + (high[axis] - low[axis]) / 2;
+            if plane_before(ray, (axis, middle + 1), crossed) == forward {
+                low[axis] = middle + 1;
+            } else {
+                high[axis] = middle;
+            }
+        }
+    }
+    low
+}
+
+/// The start of the walk: the first cell of the grid's box on the ray.
+pub fn enter(grid: &PackedGrid, ray: &Ray) -> Walk {
+    let nothing = Walk { cell: ray.cell, t: 0.0, t_end: 0.0, axis: 3, inside: false };
+    let Some(bounds) = grid.occupied else { return nothing };
+    let forward = ray.dir.cmpgt(Vec3::ZERO);
+    // The planes by which the ray comes into the box, on the axes where it is before it.
+    let before = select(forward, ray.cell.cmplt(bounds.min), ray.cell.cmpgt(bounds.max));
+    let beyond = select(forward, ray.cell.cmpgt(bounds.max), ray.cell.cmplt(bounds.min));
+    let plane = IVec3::select(forward, bounds.min, bounds.max + IVec3::ONE);
+    let near = Vec3::select(before, plane_t(ray, plane), Vec3::NEG_ONE);
+    if beyond.any() || near.max_element() >= FAR {
+        return nothing;
+    }
+    let mut walk = Walk { t: ray.t_min, t_end: ray.t_max, inside: true, ..nothing };
+    if near.max_element() < ray.t_min || !before.any() {
+        let at = (ray.frac + ray.t_min * ray.dir).floor();
+        walk.cell = ray.cell + at.as_ivec3();
+        walk.inside = ray.t_min <= ray.t_max && bounds.contains(walk.cell);
+        return walk;
+    }
+    // The last of them; at once means x before y before z.
+    let mut axis = usize::MAX;
+    for other in 0..3 {
+        if before.test(other)
+            && (axis == usize::MAX
+                || !plane_before(ray, (other, plane[other]), (axis, plane[axis])))
+        {
+            axis = other;
+        }
+    }
+    let first = ray.cell.clamp(bounds.min, bounds.max);
+    // One cell more: the ray may have left the box on another axis before it comes in on this one.
+    let last = IVec3::select(forward, bounds.max + IVec3::ONE, bounds.min - IVec3::ONE);
+    let t = near[axis];
+    let mut cell = cells_behind(ray, (axis, plane[axis]), t, first, last);
+    cell[axis] = first[axis];
+    let inside = t <= ray.t_max && bounds.contains(cell);
+    Walk { cell, t, axis: axis as u32, inside, ..walk }
+}
+
+/// Steps out of the cube of `2^log_dim` cells that holds the walk's cell, into the next cell.
 ///
 /// The cell changes by at least one along the axis crossed and never turns back along the others,
 /// so a walk takes at most as many steps as the box has cells along its three edges.
-pub fn advance(ray: &Ray, walk: Walk, log2: u32) -> Walk {
-    let size = 1 << log2;
-    let low = walk.cell & !(size - 1);
+pub fn advance(grid: &PackedGrid, ray: &Ray, walk: Walk, log_dim: u32) -> Walk {
+    let size = 1 << log_dim;
+    let low = walk.cell & -size;
     let last = low + (size - 1);
     let forward = ray.dir.cmpgt(Vec3::ZERO);
-    let exits = plane_t(ray, IVec3::select(forward, last + 1, low));
-    let t_next = exits.min_element();
-    let axis = first_axis(exits.cmpeq(Vec3::splat(t_next)));
-    let t = t_next.max(walk.t);
-    // Along the other axes: where the ray is, but within the cube and not behind the cell.
-    let at = (ray.frac + t * ray.dir).floor().as_ivec3() + ray.cell;
-    let from = IVec3::select(forward, walk.cell, low);
-    let to = IVec3::select(forward, last, walk.cell);
-    let mut cell = at.clamp(from, to);
-    cell[axis as usize] = if forward.test(axis as usize) { last } else { low }[axis as usize]
-        + if forward.test(axis as usize) { 1 } else { -1 };
-    Walk { cell, t, axis, ..walk }
+    let plane = IVec3::select(forward, last + 1, low);
+    let exits = plane_t(ray, plane);
+    let axis = first_axis(ray, plane, exits);
+    let t = exits[axis].max(walk.t);
+    let end = IVec3::select(forward, last, low);
+    let mut cell = cells_behind(ray, (axis, plane[axis]), t, walk.cell, end);
+    cell[axis] = end[axis] + if forward.test(axis) { 1 } else { -1 };
+    let inside = t <= walk.t_end && grid.occupied.is_some_and(|bounds| bounds.contains(cell));
+    Walk { cell, t, axis: axis as u32, inside, ..walk }
 }
 
 /// The first occupied cell on a ray.
 pub fn first_hit(grid: &PackedGrid, ray: &Ray) -> Option<Walk> {
-    let bounds = grid.occupied?;
-    let mut walk = enter(grid, ray)?;
-    loop {
+    let mut walk = enter(grid, ray);
+    while walk.inside {
         let span = locate(grid, walk.cell);
         if span.occupied() {
             return Some(walk);
         }
-        walk = advance(ray, walk, span.log2);
-        if walk.t > walk.t_end || !bounds.contains(walk.cell) {
-            return None;
-        }
+        walk = advance(grid, ray, walk, span.log_dim);
     }
+    None
 }
 
 /// The samples at the corners of a trilinear cell, `x·4 + y·2 + z`.
@@ -251,20 +305,18 @@ const GAUSS: f32 = 0.288_675_13;
 /// ∫ density dt along the ray. Within one trilinear cell the density is a cubic in `t`, which the
 /// two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
 pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
-    let (Some(bounds), Some(mut walk)) = (grid.occupied, enter(grid, ray)) else { return 0.0 };
+    let mut walk = enter(grid, ray);
     let mut sum = 0.0;
-    loop {
+    while walk.inside {
         let span = locate(grid, walk.cell);
-        let next = advance(ray, walk, span.log2);
+        let next = advance(grid, ray, walk, span.log_dim);
         if span.occupied() {
             let (from, to) = (walk.t, next.t.min(walk.t_end));
             sum += (to - from) * mean_density(grid, ray, &walk, span, from, to);
         }
         walk = next;
-        if walk.t >= walk.t_end || !bounds.contains(walk.cell) {
-            return sum;
-        }
     }
+    sum
 }
 
 fn mean_density(grid: &PackedGrid, ray: &Ray, walk: &Walk, span: Span, from: f32, to: f32) -> f32 {

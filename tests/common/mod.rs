@@ -1,0 +1,199 @@
+//! A Bevy app without a window that draws into images.
+
+#![allow(dead_code, reason = "each test program uses a part of it")]
+
+use std::sync::{Arc, Mutex};
+
+use bevy::app::{PluginsState, ScheduleRunnerPlugin};
+use bevy::asset::{AssetPlugin, RenderAssetUsages, UnapprovedPathMode};
+use bevy::camera::{Hdr, RenderTarget};
+use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
+use bevy::log::LogPlugin;
+use bevy::math::{DAffine3, DVec3};
+use bevy::prelude::*;
+use bevy::render::RenderPlugin;
+use bevy::render::gpu_readback::{Readback, ReadbackComplete};
+use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
+use bevy::render::render_resource::{TextureFormat, TextureUsages};
+use bevy::window::ExitCondition;
+use bevy::winit::WinitPlugin;
+use bevy_vdb::{VdbGrid, VdbRenderPlugin};
+use vdb_core::pack::PackKind;
+use vdb_core::tree::Vdb543;
+
+/// Whether there is a GPU; says aloud where a test is left out because there is none and the
+/// environment allows that.
+pub fn has_gpu() -> bool {
+    let instance = wgpu::Instance::default();
+    let found = bevy::tasks::block_on(instance.request_adapter(&Default::default())).is_ok();
+    if !found {
+        assert!(
+            std::env::var_os("BEVY_VDB_SKIP_GPU").is_some(),
+            "no GPU adapter; install Mesa's software driver (Debian: mesa-vulkan-drivers), or set \
+             BEVY_VDB_SKIP_GPU=1 to leave out these tests"
+        );
+        eprintln!("SKIPPED, as BEVY_VDB_SKIP_GPU says: no GPU adapter");
+    }
+    found
+}
+
+/// The app, and a place where pictures arrive.
+pub struct Stage {
+    pub app: App,
+    arrived: Arc<Mutex<Option<Vec<u8>>>>,
+}
+
+/// A picture in linear colours, row by row from the top left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    pub size: UVec2,
+    pub pixels: Vec<Vec4>,
+}
+
+impl Picture {
+    pub fn at(&self, x: u32, y: u32) -> Vec4 {
+        self.pixels[(y * self.size.x + x) as usize]
+    }
+
+    /// The pixel in the middle.
+    pub fn center(&self) -> Vec4 {
+        self.at(self.size.x / 2, self.size.y / 2)
+    }
+
+    /// How many pixels hold.
+    pub fn count(&self, holds: impl Fn(Vec4) -> bool) -> usize {
+        self.pixels.iter().filter(|pixel| holds(**pixel)).count()
+    }
+
+    /// For a look at it, where the environment names a folder: `VDB_TEST_PICTURES=/tmp/pictures`.
+    pub fn save(&self, name: &str) {
+        let Some(folder) = std::env::var_os("VDB_TEST_PICTURES") else { return };
+        let bytes = self.pixels.iter().flat_map(|pixel| {
+            let color = Srgba::from(LinearRgba::from_vec4(*pixel));
+            color.to_f32_array().map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8)
+        });
+        let image = Image::new(
+            bevy::render::render_resource::Extent3d {
+                width: self.size.x,
+                height: self.size.y,
+                depth_or_array_layers: 1,
+            },
+            bevy::render::render_resource::TextureDimension::D2,
+            bytes.collect(),
+            TextureFormat::Rgba8UnormSrgb,
+            RenderAssetUsages::MAIN_WORLD,
+        );
+        std::fs::create_dir_all(&folder).unwrap();
+        let path = std::path::Path::new(&folder).join(format!("{name}.png"));
+        image.try_into_dynamic().unwrap().to_rgb8().save(&path).unwrap();
+        println!("{}", path.display());
+    }
+}
+
+impl Stage {
+    pub fn new() -> Self {
+        let mut app = App::new();
+        app.add_plugins((
+            DefaultPlugins
+                .set(WindowPlugin {
+                    primary_window: None,
+                    exit_condition: ExitCondition::DontExit,
+                    ..default()
+                })
+                .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
+                .set(AssetPlugin {
+                    file_path: concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into(),
+                    unapproved_path_mode: UnapprovedPathMode::Allow,
+                    watch_for_changes_override: Some(false),
+                    ..default()
+                })
+                .disable::<WinitPlugin>()
+                .disable::<LogPlugin>()
+                .disable::<PipelinedRenderingPlugin>(),
+            ScheduleRunnerPlugin::default(),
+            VdbRenderPlugin,
+        ));
+        app.insert_resource(ClearColor(Color::BLACK));
+        app.insert_resource(GlobalAmbientLight::NONE);
+        while app.plugins_state() == PluginsState::Adding {
+            bevy::tasks::tick_global_task_pools_on_main_thread();
+        }
+        app.finish();
+        app.cleanup();
+        Self { app, arrived: Arc::default() }
+    }
+
+    pub fn world(&mut self) -> &mut World {
+        self.app.world_mut()
+    }
+
+    pub fn update(&mut self, frames: usize) {
+        (0..frames).for_each(|_| self.app.update());
+    }
+
+    /// An image to draw into.
+    pub fn target(&mut self, size: UVec2) -> Handle<Image> {
+        let mut image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba32Float, None);
+        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+        self.world().resource_mut::<Assets<Image>>().add(image)
+    }
+
+    /// A camera that draws linear colours as they are, without MSAA.
+    pub fn camera(&mut self, target: &Handle<Image>, transform: Transform) -> Entity {
+        self.world()
+            .spawn((
+                Camera3d::default(),
+                Camera::default(),
+                RenderTarget::Image(target.clone().into()),
+                Hdr,
+                Tonemapping::None,
+                DebandDither::Disabled,
+                Msaa::Off,
+                Projection::Perspective(PerspectiveProjection {
+                    fov: 45.0_f32.to_radians(),
+                    ..default()
+                }),
+                // One candela per square metre is one: no exposure.
+                bevy::camera::Exposure { ev100: -(1.2_f32.log2()) },
+                transform,
+            ))
+            .id()
+    }
+
+    /// A grid of the app, with voxels of the size of a world unit.
+    pub fn grid(&mut self, tree: Vdb543<f32>, kind: PackKind, voxel: f64) -> Handle<VdbGrid> {
+        let world_from_index = DAffine3::from_scale(DVec3::splat(voxel));
+        let grid = VdbGrid::new("test", tree, world_from_index, kind).unwrap();
+        self.world().resource_mut::<Assets<VdbGrid>>().add(grid)
+    }
+
+    /// What stands in an image after the next frames.
+    pub fn picture(&mut self, target: &Handle<Image>) -> Picture {
+        self.update(4);
+        *self.arrived.lock().unwrap() = None;
+        let arrived = self.arrived.clone();
+        let reader = self
+            .world()
+            .spawn(Readback::texture(target.clone()))
+            .observe(move |data: On<ReadbackComplete>| {
+                *arrived.lock().unwrap() = Some(data.data.clone());
+            })
+            .id();
+        for _ in 0..200 {
+            self.update(1);
+            let bytes = self.arrived.lock().unwrap().take();
+            if let Some(bytes) = bytes {
+                self.world().despawn(reader);
+                self.update(1);
+                let images = self.world().resource::<Assets<Image>>();
+                let size = images.get(target).unwrap().size();
+                let floats: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
+                let pixels: Vec<Vec4> = floats.chunks_exact(4).map(Vec4::from_slice).collect();
+                assert_eq!(pixels.len(), (size.x * size.y) as usize);
+                assert!(pixels.iter().all(|pixel| pixel.is_finite()), "a pixel is not finite");
+                return Picture { size, pixels };
+            }
+        }
+        panic!("no picture came back from the GPU");
+    }
+}

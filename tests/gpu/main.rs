@@ -1,0 +1,6 @@
+//! The shaders against the f64 reference tracer, ray by ray.
+
+mod fog;
+mod harness;
+mod surface;
+mod validity;

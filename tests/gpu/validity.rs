@@ -1,0 +1,26 @@
+//! Every variant of every shader passes naga's validator.
+
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+use crate::harness::{compose, source};
+
+#[test]
+fn every_variant_of_the_trace_is_valid() {
+    let trace = source("trace");
+    let modes = ["", "SHOW_NORMALS", "SHOW_DEPTH", "COUNT_STEPS"];
+    let mut variants = 0;
+    for bits in 0..8 {
+        for mode in modes {
+            let all = [(1, "MULTISAMPLED"), (2, "SURFACES"), (4, "FOGS")];
+            let mut defs: Vec<&str> =
+                all.iter().filter(|(bit, _)| bits & bit != 0).map(|(_, def)| *def).collect();
+            defs.extend(Some(mode).filter(|mode| !mode.is_empty()));
+            let module = compose(&trace, &defs);
+            Validator::new(ValidationFlags::all(), Capabilities::all())
+                .validate(&module)
+                .unwrap_or_else(|error| panic!("with {defs:?}: {}", error.emit_to_string(&trace)));
+            variants += 1;
+        }
+    }
+    assert_eq!(variants, 32);
+}

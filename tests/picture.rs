@@ -1,0 +1,469 @@
+//! Whole pictures: the plugin in a Bevy app, against the reference tracer and beside meshes.
+
+mod common;
+
+use bevy::camera::visibility::RenderLayers;
+use bevy::camera::{Hdr, ScalingMode, Viewport};
+use bevy::math::{DAffine3, DMat3, DVec3};
+use bevy::prelude::*;
+use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbMaterial, VdbRenderMode, VdbVolume};
+use vdb_core::pack::PackKind;
+use vdb_core::reference::{Blocky, Fog, Occupied, Ray};
+use vdb_core::synth::{fog, level_set};
+
+use common::{Picture, Stage, has_gpu};
+
+const SIZE: UVec2 = UVec2::new(96, 64);
+const SURFACE: PackKind = PackKind::Surface { iso: 0.0 };
+const GREEN: LinearRgba = LinearRgba { red: 0.0, green: 1.0, blue: 0.0, alpha: 1.0 };
+
+/// A material that shows itself, lit or not.
+fn glow(color: LinearRgba) -> VdbMaterial {
+    VdbMaterial { base_color: Color::BLACK, emissive: color, density_scale: 1.0 }
+}
+
+fn is_green(pixel: Vec4) -> bool {
+    pixel.y > 0.5 && pixel.x < 0.1 && pixel.z < 0.1
+}
+
+fn is_red(pixel: Vec4) -> bool {
+    pixel.x > 0.5 && pixel.y < 0.1 && pixel.z < 0.1
+}
+
+impl Stage {
+    /// A sphere of voxels, 2 world units in radius, that glows green.
+    fn green_sphere(&mut self, transform: Transform) -> Entity {
+        let grid = self.grid(level_set::sphere(DVec3::ZERO, 20.0), SURFACE, 0.1);
+        self.world().spawn((VdbVolume(grid), glow(GREEN), transform)).id()
+    }
+
+    /// A red cube of Bevy's own, seen without light.
+    fn red_cube(&mut self, edge: f32, transform: Transform) -> Entity {
+        let mesh = self.world().resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(edge));
+        let material = StandardMaterial {
+            base_color: Color::LinearRgba(LinearRgba::RED),
+            unlit: true,
+            ..default()
+        };
+        let material = self.world().resource_mut::<Assets<StandardMaterial>>().add(material);
+        self.world().spawn((Mesh3d(mesh), MeshMaterial3d(material), transform)).id()
+    }
+}
+
+fn looking(from: Vec3) -> Transform {
+    Transform::from_translation(from).looking_at(Vec3::ZERO, Vec3::Y)
+}
+
+/// The ray of a pixel of the stage's camera, in f64.
+fn pixel_ray(view: Transform, x: u32, y: u32) -> (DVec3, DVec3) {
+    let half = (45.0_f64.to_radians() * 0.5).tan();
+    let aspect = f64::from(SIZE.x) / f64::from(SIZE.y);
+    let ndc_x = (f64::from(x) + 0.5) / f64::from(SIZE.x) * 2.0 - 1.0;
+    let ndc_y = 1.0 - (f64::from(y) + 0.5) / f64::from(SIZE.y) * 2.0;
+    let dir = DVec3::new(ndc_x * half * aspect, ndc_y * half, -1.0);
+    let rotation = DMat3::from_quat(view.rotation.as_dquat());
+    (view.translation.as_dvec3(), rotation * dir)
+}
+
+#[test]
+fn a_level_set_is_where_the_reference_tracer_sees_it() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let view = looking(Vec3::new(3.0, 4.0, 6.0));
+    let camera = stage.camera(&target, view);
+    let placement = Transform {
+        translation: Vec3::new(0.3, -0.2, 0.4),
+        rotation: Quat::from_euler(EulerRot::XYZ, 0.5, 1.1, -0.3),
+        // Not even, and a mirror.
+        scale: Vec3::new(1.0, 0.6, -1.4),
+    };
+    let tree = level_set::torus(DVec3::ZERO, 14.0, 6.3);
+    let volume = VdbVolume(stage.grid(tree.clone(), SURFACE, 0.1));
+    stage.world().spawn((volume, VdbMaterial::default(), placement));
+    let light = Transform::default().looking_to(Vec3::new(-0.4, -1.0, -0.3), Vec3::Y);
+    let illuminance = 3.0;
+    stage.world().spawn((DirectionalLight { illuminance, ..default() }, light));
+    stage.world().entity_mut(camera).insert(AmbientLight { brightness: 0.25, ..default() });
+    let picture = stage.picture(&target);
+    picture.save("level_set");
+
+    let world_from_index = DAffine3::from_scale_rotation_translation(
+        placement.scale.as_dvec3(),
+        placement.rotation.as_dquat(),
+        placement.translation.as_dvec3(),
+    ) * DAffine3::from_scale(DVec3::splat(0.1));
+    let index_from_world = world_from_index.inverse();
+    let sun = -light.forward().as_dvec3();
+    let oracle = Blocky::new(&tree, Occupied::BelowIso(0.0));
+    let (mut hits, mut wrong, mut worst) = (0, 0, 0.0_f64);
+    for y in 0..SIZE.y {
+        for x in 0..SIZE.x {
+            let (origin, dir) = pixel_ray(view, x, y);
+            let origin = index_from_world.transform_point3(origin);
+            let dir = index_from_world.transform_vector3(dir);
+            let pixel = picture.at(x, y);
+            let Some(hit) = oracle.first_voxel(&Ray::from_f64(origin, dir)) else {
+                wrong += usize::from(pixel.w > 0.5 && pixel.truncate() != Vec3::ZERO);
+                continue;
+            };
+            hits += 1;
+            let gradient = oracle.gradient(origin + dir * hit.t);
+            let normal = (index_from_world.matrix3.transpose() * gradient).normalize();
+            let expected =
+                f64::from(illuminance) / std::f64::consts::PI * normal.dot(sun).max(0.0) + 0.25;
+            let error = (f64::from(pixel.x) - expected).abs() / expected;
+            // Rays between two voxels may choose the other one; 16-bit floats hold 1 part in 2,048.
+            if error > 2e-3 { wrong += 1 } else { worst = worst.max(error) }
+        }
+    }
+    println!("{hits} hits, {wrong} pixels differ, radiance to {worst:.2e}");
+    assert!(hits > 800, "{hits} hits");
+    assert!(wrong * 500 <= hits, "{wrong} of {hits} differ");
+}
+
+#[test]
+fn fog_dims_and_glows_as_the_reference_tracer_says() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let view = looking(Vec3::new(1.0, 2.0, 6.0));
+    stage.camera(&target, view);
+    let tree = fog::sphere(DVec3::new(0.2, 0.0, -3.0), 18.0, 9.0);
+    let volume = VdbVolume(stage.grid(tree.clone(), PackKind::Fog, 0.1));
+    let material = VdbMaterial {
+        base_color: Color::BLACK,
+        emissive: LinearRgba::rgb(0.8, 0.4, 0.2),
+        density_scale: 0.7,
+    };
+    stage.world().spawn((volume, material));
+    let picture = stage.picture(&target);
+    picture.save("fog");
+    let oracle = Fog::new(&tree);
+    let (mut met, mut worst) = (0, 0.0_f64);
+    for y in 0..SIZE.y {
+        for x in 0..SIZE.x {
+            let (origin, dir) = pixel_ray(view, x, y);
+            let ray = Ray::from_f64(origin * 10.0, dir * 10.0);
+            // Per unit of t, of which each is as long as `dir` in the world.
+            let depth = oracle.optical_depth(&ray).value * dir.length() * 0.7;
+            let expected = 0.8 * (1.0 - (-depth).exp());
+            met += usize::from(expected > 0.01);
+            worst = worst.max((f64::from(picture.at(x, y).x) - expected).abs());
+        }
+    }
+    println!("{met} pixels of fog, radiance to {worst:.2e}");
+    assert!(met > 1000, "{met} pixels of fog");
+    assert!(worst < 1e-3, "radiance is off by {worst}");
+}
+
+#[test]
+fn meshes_hide_and_are_hidden() {
+    if !has_gpu() {
+        return;
+    }
+    for msaa in [Msaa::Off, Msaa::Sample4] {
+        for hdr in [true, false] {
+            let mut stage = Stage::new();
+            let target = stage.target(SIZE);
+            let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
+            stage.world().entity_mut(camera).insert(msaa);
+            if !hdr {
+                stage.world().entity_mut(camera).remove::<Hdr>();
+            }
+            stage.green_sphere(Transform::default());
+            let cube = stage.red_cube(1.0, Transform::from_xyz(0.0, 0.0, 4.0));
+            let name = |place: &str| format!("{place}_{msaa:?}_hdr_{hdr}");
+
+            let front = stage.picture(&target);
+            front.save(&name("front"));
+            assert!(is_red(front.center()), "in front: {} {msaa:?} {hdr}", front.center());
+            assert!(front.count(is_green) > 100, "the sphere shows around the cube");
+
+            stage.world().entity_mut(cube).insert(Transform::from_xyz(0.0, 0.0, -4.0));
+            let behind = stage.picture(&target);
+            assert!(is_green(behind.center()), "behind: {}", behind.center());
+            assert_eq!(behind.count(is_red), 0, "the cube is hidden whole");
+
+            // A cube whose corners stand out of the sphere.
+            let rotated = Transform::from_rotation(Quat::from_rotation_y(0.7));
+            stage.world().entity_mut(cube).insert(rotated.with_scale(Vec3::splat(3.2)));
+            let inside = stage.picture(&target);
+            inside.save(&name("inside"));
+            assert!(inside.count(is_red) > 50, "corners of the cube stand out");
+            assert!(inside.count(is_green) > 50, "the sphere shows between them");
+        }
+    }
+}
+
+#[test]
+fn transparent_meshes_sort_with_surfaces() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    stage.camera(&target, looking(Vec3::Z * 8.0));
+    stage.green_sphere(Transform::default());
+    let cube = stage.red_cube(1.0, Transform::from_xyz(0.0, 0.0, -4.0));
+    let material = stage.world().get::<MeshMaterial3d<StandardMaterial>>(cube).unwrap().0.clone();
+    let mut materials = stage.world().resource_mut::<Assets<StandardMaterial>>();
+    let mut material = materials.get_mut(&material).unwrap();
+    material.alpha_mode = AlphaMode::Blend;
+    material.base_color = Color::LinearRgba(LinearRgba::new(1.0, 0.0, 0.0, 0.5));
+    drop(material);
+    let behind = stage.picture(&target);
+    assert!(is_green(behind.center()), "glass behind a surface is hidden: {}", behind.center());
+    stage.world().entity_mut(cube).insert(Transform::from_xyz(0.0, 0.0, 4.0));
+    let front = stage.picture(&target).center();
+    assert!((0.4..0.6).contains(&front.x) && (0.4..0.6).contains(&front.y), "{front}");
+}
+
+#[test]
+fn fog_ends_at_meshes() {
+    if !has_gpu() {
+        return;
+    }
+    let block =
+        fog::block(vdb_core::tree::CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) }, 1.0);
+    for msaa in [Msaa::Off, Msaa::Sample4] {
+        let mut stage = Stage::new();
+        let target = stage.target(SIZE);
+        let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
+        stage.world().entity_mut(camera).insert(msaa);
+        let grid = stage.grid(block.clone(), PackKind::Fog, 0.1);
+        let material = VdbMaterial { density_scale: 0.5, ..glow(GREEN) };
+        stage.world().spawn((VdbVolume(grid), material));
+        // Its front stands in the middle of the fog: 2.05 world units of fog before it.
+        stage.red_cube(1.0, Transform::from_xyz(0.0, 0.0, -0.5));
+        let pixel = stage.picture(&target).center();
+        let dimmed = (-0.5_f32 * 2.05).exp();
+        assert!((pixel.x - dimmed).abs() < 2e-3, "{msaa:?}: {pixel}, not {dimmed}");
+        assert!((pixel.y - (1.0 - dimmed)).abs() < 2e-3, "{msaa:?}: {pixel}");
+    }
+}
+
+#[test]
+fn overlapping_fogs_mix() {
+    if !has_gpu() {
+        return;
+    }
+    // The same block twice in the same place is a block of twice the density.
+    let block =
+        fog::block(vdb_core::tree::CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) }, 1.0);
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    stage.camera(&target, looking(Vec3::Z * 8.0));
+    let grid = stage.grid(block, PackKind::Fog, 0.1);
+    let material = |color| VdbMaterial { density_scale: 0.2, ..glow(color) };
+    stage.world().spawn((VdbVolume(grid.clone()), material(GREEN)));
+    stage.world().spawn((VdbVolume(grid), material(LinearRgba::RED)));
+    let pixel = stage.picture(&target).center();
+    let half = 0.5 * (1.0 - (-0.4_f32 * 4.1).exp());
+    assert!((pixel.x - half).abs() < 2e-3 && (pixel.y - half).abs() < 2e-3, "{pixel}, not {half}");
+}
+
+#[test]
+fn several_cameras_and_viewports_share_a_target() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let half = UVec2::new(SIZE.x / 2, SIZE.y);
+    for (i, from) in [Vec3::Z * 8.0, Vec3::X * 30.0].into_iter().enumerate() {
+        let camera = stage.camera(&target, looking(from));
+        let mut camera = stage.world().entity_mut(camera);
+        let mut settings = camera.get_mut::<Camera>().unwrap();
+        settings.order = i as isize;
+        settings.viewport = Some(Viewport {
+            physical_position: UVec2::new(i as u32 * half.x, 0),
+            physical_size: half,
+            ..default()
+        });
+        if i == 1 {
+            settings.clear_color = ClearColorConfig::None;
+        }
+    }
+    stage.green_sphere(Transform::default());
+    let picture = stage.picture(&target);
+    picture.save("viewports");
+    let count = |from: u32, to: u32| {
+        let at = |x: u32| (0..SIZE.y).filter(|&y| is_green(picture.at(x, y))).count();
+        (from..to).map(at).sum::<usize>()
+    };
+    let (near, far) = (count(0, half.x), count(half.x, SIZE.x));
+    assert!(is_green(picture.at(half.x / 2, half.y / 2)), "left, in its middle");
+    assert!(is_green(picture.at(half.x * 3 / 2, half.y / 2)), "right, in its middle");
+    assert!(near > 6 * far && far > 10, "{near} pixels near, {far} far");
+}
+
+#[test]
+fn orthographic_cameras_see_true_sizes() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::new(0.0, 5.0, 5.0)));
+    let projection = OrthographicProjection {
+        scaling_mode: ScalingMode::FixedVertical { viewport_height: 8.0 },
+        ..OrthographicProjection::default_3d()
+    };
+    stage.world().entity_mut(camera).insert(Projection::Orthographic(projection));
+    stage.green_sphere(Transform::default());
+    let cube = stage.red_cube(1.0, Transform::from_xyz(0.0, 2.2, 2.2));
+    let picture = stage.picture(&target);
+    picture.save("orthographic");
+    assert!(is_red(picture.center()));
+    stage.world().entity_mut(cube).insert(Transform::from_xyz(0.0, -2.2, -2.2));
+    let picture = stage.picture(&target);
+    let pixels = picture.count(is_green) as f32;
+    let expected = std::f32::consts::PI * 2.0 * 2.0 * (SIZE.y as f32 / 8.0).powi(2);
+    assert!((pixels / expected - 1.0).abs() < 0.05, "{pixels} pixels, not {expected}");
+    assert_eq!(picture.count(is_red), 0);
+}
+
+#[test]
+fn a_volume_comes_moves_hides_and_goes() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
+    let nothing = stage.picture(&target);
+    assert_eq!(nothing.count(is_green), 0);
+    let usage = stage.world().resource::<VdbGpuUsage>().clone();
+    assert_eq!((usage.grids(), usage.bytes()), (0, 0), "memory for nothing");
+
+    let one = stage.green_sphere(Transform::default());
+    let here = stage.picture(&target);
+    assert!(is_green(here.center()));
+    let bytes = usage.bytes();
+    assert_eq!(usage.grids(), 1);
+    assert!(bytes > 10_000, "{bytes} bytes");
+
+    // A second entity with the same grid costs nothing.
+    let grid = stage.world().get::<VdbVolume>(one).unwrap().clone();
+    let beside = Transform::from_xyz(4.5, 0.0, 0.0);
+    let two = stage.world().spawn((grid.clone(), glow(GREEN), beside)).id();
+    let both = stage.picture(&target);
+    assert!(both.count(is_green) > here.count(is_green) * 13 / 10);
+    assert_eq!((usage.grids(), usage.bytes()), (1, bytes));
+
+    stage.world().entity_mut(one).insert(Transform::from_xyz(0.0, 100.0, 0.0));
+    let moved = stage.picture(&target);
+    assert!(!is_green(moved.center()) && moved.count(is_green) > 0);
+    stage.world().entity_mut(one).insert(Transform::default());
+
+    stage.world().entity_mut(one).insert(Visibility::Hidden);
+    assert!(!is_green(stage.picture(&target).center()), "hidden");
+    stage.world().entity_mut(one).insert((Visibility::Visible, RenderLayers::layer(3)));
+    assert!(!is_green(stage.picture(&target).center()), "in another layer");
+    stage.world().entity_mut(camera).insert(RenderLayers::layer(3));
+    assert!(is_green(stage.picture(&target).center()), "in the camera's layer");
+    let settings = VdbCamera { enabled: false, ..default() };
+    stage.world().entity_mut(camera).insert(settings);
+    assert_eq!(stage.picture(&target).count(is_green), 0, "the camera shows no volumes");
+    stage.world().entity_mut(camera).insert(VdbCamera::default());
+
+    stage.world().despawn(one);
+    assert_eq!(stage.picture(&target).count(is_green), 0);
+    assert_eq!(usage.grids(), 1, "the other entity still has it");
+    stage.world().despawn(two);
+    stage.update(2);
+    assert_eq!((usage.grids(), usage.bytes()), (0, 0), "memory after the last one went");
+}
+
+#[test]
+fn grids_are_told_apart_when_others_come_and_go() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    stage.camera(&target, looking(Vec3::Z * 8.0));
+    let red = stage.grid(level_set::sphere(DVec3::ZERO, 8.0), SURFACE, 0.1);
+    let red_at = Transform::from_xyz(-3.0, 0.0, 0.0);
+    let first = stage.world().spawn((VdbVolume(red), glow(LinearRgba::RED), red_at)).id();
+    let alone = stage.picture(&target).count(is_red);
+    stage.green_sphere(Transform::from_xyz(1.5, 0.0, 0.0));
+    let both = stage.picture(&target);
+    assert_eq!(both.count(is_red), alone);
+    let green = both.count(is_green);
+    assert!(green > 100);
+    // The first one's place in the pool goes; the second one's data moves.
+    stage.world().despawn(first);
+    let left = stage.picture(&target);
+    assert_eq!((left.count(is_red), left.count(is_green)), (0, green));
+}
+
+#[test]
+fn a_target_may_change_its_size() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    stage.camera(&target, looking(Vec3::Z * 8.0));
+    stage.green_sphere(Transform::default());
+    let small = stage.picture(&target).count(is_green);
+    let mut larger = Image::new_target_texture(
+        SIZE.x * 2,
+        SIZE.y * 2,
+        bevy::render::render_resource::TextureFormat::Rgba32Float,
+        None,
+    );
+    larger.texture_descriptor.usage |= bevy::render::render_resource::TextureUsages::COPY_SRC;
+    stage.world().resource_mut::<Assets<Image>>().insert(&target, larger).unwrap();
+    let large = stage.picture(&target).count(is_green);
+    assert!((large as f32 / small as f32 / 4.0 - 1.0).abs() < 0.05, "{small} and {large} pixels");
+}
+
+#[test]
+fn modes_show_what_they_say() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
+    stage.green_sphere(Transform::default());
+    let mut show = |mode: VdbRenderMode| -> Picture {
+        stage.world().entity_mut(camera).insert(VdbCamera { mode, ..default() });
+        let picture = stage.picture(&target);
+        picture.save(&format!("mode_{mode:?}"));
+        picture
+    };
+    let normal = show(VdbRenderMode::Normals).center().truncate();
+    assert!((normal - Vec3::new(0.5, 0.5, 1.0)).abs().max_element() < 0.1, "{normal}");
+    let depth = show(VdbRenderMode::Depth).center().x;
+    let expected = 0.1 / 6.0;
+    assert!((depth / expected - 1.0).abs() < 0.02, "{depth}, not {expected}");
+    let steps = show(VdbRenderMode::Steps);
+    assert!(steps.center().x > 0.5, "{}", steps.center());
+    assert_eq!(steps.at(0, 0).truncate(), Vec3::ZERO, "no steps where there is no volume");
+}
+
+#[test]
+fn a_volume_that_never_arrives_draws_nothing() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    stage.camera(&target, looking(Vec3::Z * 8.0));
+    let missing = stage.world().resource::<AssetServer>().load("no/such/file.vdb#density");
+    stage.world().spawn((VdbVolume(missing), glow(GREEN)));
+    stage.world().spawn((VdbVolume::default(), glow(GREEN)));
+    stage.world().spawn((VdbVolume::default(), Transform::from_scale(Vec3::ZERO), glow(GREEN)));
+    let flat = stage.green_sphere(Transform::from_scale(Vec3::new(1.0, 0.0, 1.0)));
+    assert_eq!(stage.picture(&target).count(|pixel| pixel.truncate() != Vec3::ZERO), 0);
+    stage.world().entity_mut(flat).insert(Transform::default());
+    assert!(is_green(stage.picture(&target).center()), "the app goes on");
+}
