@@ -40,6 +40,8 @@ pub struct Grid {
     pub saved_as_half: bool,
     /// How the values are compressed in the file.
     pub compression: Compression,
+    /// Bytes that the grid takes in the file that it was read from; 0 for one that was not read.
+    pub file_bytes: u64,
     /// The unique name of the grid whose tree this one shares.
     pub instance_of: Option<String>,
     /// World from index space.
@@ -48,6 +50,27 @@ pub struct Grid {
     pub metadata: Metadata,
     /// The values.
     pub tree: AnyTree,
+}
+
+impl Grid {
+    /// A grid of this name and these values: nothing said of their meaning, one voxel a world unit,
+    /// saved in full and compressed as OpenVDB does it.
+    pub fn new(name: impl Into<String>, tree: AnyTree) -> Self {
+        let name = name.into();
+        Self {
+            unique_name: name.clone(),
+            name,
+            type_name: tree.type_name(),
+            class: GridClass::Unknown,
+            saved_as_half: false,
+            compression: Compression::default(),
+            file_bytes: 0,
+            instance_of: None,
+            transform: Transform::default(),
+            metadata: Metadata::default(),
+            tree,
+        }
+    }
 }
 
 /// A grid that the file lists and that was not read.
@@ -106,12 +129,19 @@ impl GridClass {
 }
 
 /// How the values of a grid are compressed in a file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Compression {
     /// What packs the bytes of the values.
     pub codec: Codec,
     /// Whether inactive values that are few and alike are left out.
     pub active_mask: bool,
+}
+
+impl Default for Compression {
+    /// What OpenVDB does unless told otherwise.
+    fn default() -> Self {
+        Self { codec: Codec::Blosc, active_mask: true }
+    }
 }
 
 /// What packs the bytes of the values.
@@ -165,7 +195,6 @@ macro_rules! with_tree {
         }
     };
 }
-#[expect(unused_imports, reason = "writing will")]
 pub(crate) use with_tree;
 
 impl AnyTree {
@@ -206,10 +235,7 @@ impl AnyTree {
 
     /// Whether both are one and the same tree in memory, as instances are.
     pub fn shares_with(&self, other: &Self) -> bool {
-        with_tree!(self, tree => {
-            let own = Arc::as_ptr(tree).cast::<u8>();
-            with_tree!(other, tree => std::ptr::addr_eq(own, Arc::as_ptr(tree)))
-        })
+        self.address() == other.address()
     }
 }
 
@@ -238,6 +264,16 @@ pub struct ReadOptions {
     pub grids: GridSelection,
     /// Is told of progress, and may cancel.
     pub progress: Option<Arc<ProgressFn>>,
+}
+
+/// How to write a file.
+#[derive(Clone, Debug, Default)]
+pub struct WriteOptions {
+    /// How to compress every grid; `None`: each as it says itself.
+    pub compression: Option<Compression>,
+    /// Leave out where each grid ends, as what is written to a pipe must. Such a file can only be
+    /// read as a whole.
+    pub stream: bool,
 }
 
 impl fmt::Debug for ReadOptions {
@@ -282,6 +318,39 @@ impl VdbFile {
             Self::read(&std::fs::read(&path).map_err(Error::io)?, options)
         };
         read().map_err(|error: Error| error.in_file(&path))
+    }
+
+    /// A file of these grids, without metadata.
+    pub fn new(grids: Vec<Grid>) -> Self {
+        Self {
+            version: crate::format::WRITTEN_VERSION,
+            library_version: (0, 0),
+            uuid: String::new(),
+            metadata: Metadata::default(),
+            grids,
+            skipped: Vec::new(),
+        }
+    }
+
+    /// The bytes of a file of version 224, which every OpenVDB since 3.2 reads.
+    ///
+    /// Grids whose tree is one and the same are written as instances. Of the rest of the struct the
+    /// metadata is written; versions and tag are those of the writing, and what stands in
+    /// [`VdbFile::skipped`] is not there to be written.
+    ///
+    /// # Errors
+    /// When a name or a value is longer than the format can say.
+    pub fn write(&self, options: &WriteOptions) -> Result<Vec<u8>, Error> {
+        crate::format::write_file(self, options)
+    }
+
+    /// Writes a file to disk, as [`VdbFile::write`] does. A crash or a full disk leaves what stood
+    /// there before.
+    ///
+    /// # Errors
+    /// Those of [`VdbFile::write`], and what the system says; each names the path.
+    pub fn save(&self, path: impl AsRef<Path>, options: &WriteOptions) -> Result<(), Error> {
+        crate::format::save_file(self, path.as_ref(), options).map_err(|error| error.in_file(&path))
     }
 
     /// The first grid of this name, or of this unique name.

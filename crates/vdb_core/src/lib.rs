@@ -7,6 +7,8 @@
 mod codec;
 mod error;
 mod format;
+#[cfg(fuzzing)]
+pub mod fuzzing;
 mod grid;
 mod limits;
 mod metadata;
@@ -19,7 +21,7 @@ pub mod tree;
 pub use error::{Error, Place};
 pub use grid::{
     AnyTree, Codec, Compression, Grid, GridClass, GridSelection, ProgressFn, ReadOptions,
-    SkippedGrid, VdbFile,
+    SkippedGrid, VdbFile, WriteOptions,
 };
 pub use limits::Limits;
 pub use metadata::{MetaValue, Metadata};

@@ -8,7 +8,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use glam::{DVec3, IVec3};
-use vdb_core::{AnyTree, Codec, Error, GridClass, GridSelection, MetaValue, ReadOptions, VdbFile};
+use vdb_core::{
+    AnyTree, Codec, Error, GridClass, GridSelection, MetaValue, ReadOptions, VdbFile, WriteOptions,
+};
 
 fn path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
@@ -177,5 +179,63 @@ fn a_file_cut_anywhere_is_refused() {
     for length in 0..bytes.len() {
         let error = VdbFile::read(&bytes[..length], &ReadOptions::default()).unwrap_err();
         assert!(matches!(error, Error::Invalid { .. }), "cut to {length}: {error:?}");
+    }
+}
+
+/// The file with one piece of text put for another of the same length.
+fn renamed(bytes: &[u8], from: &str, to: &str) -> Vec<u8> {
+    assert_eq!(from.len(), to.len());
+    let mut bytes = bytes.to_vec();
+    let at = bytes.windows(from.len()).position(|window| window == from.as_bytes()).unwrap();
+    bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
+    bytes
+}
+
+#[test]
+fn a_grid_of_unknown_type_harms_no_other() {
+    let original = bytes("kinds.vdb");
+    let read = |bytes: &[u8]| VdbFile::read(bytes, &ReadOptions::default()).unwrap();
+    // OpenVDB gives up on the whole of such a file.
+    let file = read(&renamed(&original, "Tree_bool_5_4_3", "Tree_what_5_4_3"));
+    let names: Vec<&str> = file.grids.iter().map(|grid| grid.name.as_str()).collect();
+    assert_eq!(names, ["density", "velocity", "surface"]);
+    let [skipped] = &file.skipped[..] else { panic!("{:?}", file.skipped) };
+    assert_eq!((&*skipped.name, &*skipped.type_name), ("flag", "Tree_what_5_4_3"));
+    assert_eq!(skipped.metadata.as_ref().unwrap().get_str("name"), Some("flag"));
+    assert_eq!(
+        skipped.reason.to_string(),
+        "grid \"flag\": grids of type Tree_what_5_4_3 are not supported"
+    );
+    // The same for a map that nobody knows.
+    let file = read(&renamed(&original, "AffineMap", "UnknowMap"));
+    assert_eq!((file.grids.len(), file.skipped.len()), (3, 1));
+    assert!(file.skipped[0].reason.to_string().contains("\"UnknowMap\""));
+    // In a stream nothing says where the next grid is.
+    let stream = WriteOptions { stream: true, ..WriteOptions::default() };
+    let stream = read(&original).write(&stream).unwrap();
+    let file = read(&renamed(&stream, "Tree_bool_5_4_3", "Tree_what_5_4_3"));
+    assert_eq!((file.grids.len(), file.skipped.len()), (2, 1));
+    let reason = file.skipped[0].reason.to_string();
+    assert!(reason.contains("the grid after it cannot be found"), "{reason}");
+}
+
+#[test]
+fn an_instance_brings_its_tree_along() {
+    let file = VdbFile::read(&bytes("kinds.vdb"), &ReadOptions::default()).unwrap();
+    let mut twin = file.grids[0].clone();
+    twin.name = "twin".into();
+    let both = VdbFile::new(vec![file.grids[0].clone(), twin]);
+    for stream in [false, true] {
+        let written = WriteOptions { stream, ..WriteOptions::default() };
+        let bytes = both.write(&written).unwrap();
+        assert!(bytes.len() < 20_000, "the tree stands in the file twice");
+        let read = VdbFile::read(&bytes, &options(&["twin"])).unwrap();
+        let [grid] = &read.grids[..] else { panic!("{:?}", read.grids) };
+        assert_eq!((&*grid.name, grid.instance_of.as_deref()), ("twin", Some("density")));
+        assert_eq!(grid.tree.active_voxel_count(), 515);
+        // A parent that is not there.
+        let orphan = renamed(&bytes, "density", "nowhere");
+        let error = VdbFile::read(&orphan, &ReadOptions::default()).unwrap_err().to_string();
+        assert!(error.contains("grid \"twin\"") && error.contains("\"density\""), "{error}");
     }
 }

@@ -24,3 +24,15 @@ pub(crate) fn to_f64(bytes: &[u8], out: &mut [f64]) {
         *out = f64::from(f16::from_le_bytes(*pair).to_f32());
     }
 }
+
+/// Appends values narrowed to 16 bits, rounded to the nearest, ties to even.
+pub(crate) fn extend_from_f32(values: impl IntoIterator<Item = f32>, out: &mut Vec<u8>) {
+    for value in values {
+        out.extend(f16::from_f32(value).to_le_bytes());
+    }
+}
+
+/// The value that is left of one saved with 16 bits.
+pub(crate) fn truncated(value: f32) -> f32 {
+    f16::from_f32(value).to_f32()
+}

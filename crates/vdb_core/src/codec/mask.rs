@@ -90,3 +90,41 @@ pub(crate) fn spread<T: Value>(
         }
     }
 }
+
+/// Which inactive values a node need store, and the two that its case chooses between.
+///
+/// `inactive` gives the values of its inactive slots (children left out). Values are compared bit
+/// for bit, so that `-0.0` and every NaN come back as they were.
+pub(crate) fn classify<T: Value>(
+    inactive: impl IntoIterator<Item = T>,
+    background: T,
+    minus_background: T,
+) -> (InactiveCase, [T; 2]) {
+    let mut seen: [Option<T>; 2] = [None, None];
+    for value in inactive {
+        match seen {
+            [Some(first), _] if first.same(value) => {}
+            [_, Some(second)] if second.same(value) => {}
+            [None, _] => seen[0] = Some(value),
+            [_, None] => seen[1] = Some(value),
+            _ => return (InactiveCase::All, [background; 2]),
+        }
+    }
+    match seen {
+        [Some(one), None] if one.same(minus_background) && !one.same(background) => {
+            (InactiveCase::MinusBackground, [one, background])
+        }
+        [Some(one), None] if !one.same(background) => (InactiveCase::One, [one, background]),
+        [Some(first), Some(second)] => {
+            // The background goes second: a bit of the selection mask stands for it.
+            let pair = if first.same(background) { [second, first] } else { [first, second] };
+            let case = match pair {
+                [_, second] if !second.same(background) => InactiveCase::MaskOfTwo,
+                [first, _] if first.same(minus_background) => InactiveCase::MaskOfBackgrounds,
+                _ => InactiveCase::MaskOfBackgroundAndOne,
+            };
+            (case, pair)
+        }
+        _ => (InactiveCase::Background, [background; 2]),
+    }
+}

@@ -4,7 +4,7 @@
 //! packed bytes ask for.
 
 pub(crate) mod blosc;
-mod blosclz;
+pub(crate) mod blosclz;
 pub(crate) mod half_float;
 pub(crate) mod mask;
 pub(crate) mod zip;
@@ -28,4 +28,17 @@ impl Scratch {
         }
         &mut buffer[..length]
     }
+}
+
+/// Room that encoders use again and again; one per thread.
+#[derive(Default)]
+pub(crate) struct PackScratch {
+    /// Values as bytes, not packed yet.
+    pub(crate) bytes: Vec<u8>,
+    /// The same, shuffled.
+    pub(crate) shuffled: Vec<u8>,
+    /// What came out.
+    pub(crate) packed: Vec<u8>,
+    /// The state of the zlib encoder, about 300 KB, made when the first zip stream is written.
+    pub(crate) zip: Option<flate2::Compress>,
 }

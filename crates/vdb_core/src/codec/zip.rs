@@ -1,6 +1,6 @@
 //! zlib streams.
 
-use flate2::{Decompress, FlushDecompress, Status};
+use flate2::{Compress, Decompress, FlushCompress, FlushDecompress, Status};
 
 use crate::Error;
 
@@ -21,5 +21,20 @@ pub(crate) fn decode(
             Err(Error::invalid(format!("a zip stream holds {got} bytes or more, not {expected}")))
         }
         Err(error) => Err(Error::invalid(format!("a zip stream does not unpack: {error}"))),
+    }
+}
+
+/// Packs bytes into `out`, which is emptied first; `false` when they would not get smaller.
+pub(crate) fn encode(bytes: &[u8], out: &mut Vec<u8>, state: &mut Option<Compress>) -> bool {
+    let encoder = state.get_or_insert_with(|| Compress::new(flate2::Compression::default(), true));
+    encoder.reset();
+    out.clear();
+    out.resize(bytes.len(), 0);
+    match encoder.compress(bytes, out, FlushCompress::Finish) {
+        Ok(Status::StreamEnd) if encoder.total_out() < bytes.len() as u64 => {
+            out.truncate(encoder.total_out() as usize);
+            true
+        }
+        _ => false,
     }
 }

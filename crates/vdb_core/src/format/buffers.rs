@@ -3,9 +3,9 @@
 use super::cursor::Cursor;
 use super::header::NODE_MASK_COMPRESSION;
 use super::topology::{TreeContext, read_mask};
-use super::values::{FileValue, NodeValues};
+use super::values::{self, FileValue, NodeValues};
 use crate::Error;
-use crate::codec::Scratch;
+use crate::codec::{PackScratch, Scratch};
 use crate::tree::{Active, BitLeaf, IVec3, LeafNode, Mask, Node};
 
 /// A leaf of 8³ voxels that a file can hold.
@@ -26,6 +26,26 @@ pub(crate) trait FileLeaf: Node<Leaf = Self, Value: FileValue> {
         mask: Mask<3>,
         scratch: &mut Scratch,
     ) -> Result<Box<Self>, Error>;
+
+    /// Which voxels are active.
+    fn mask(&self) -> &Mask<3>;
+
+    /// Writes the values of a leaf.
+    fn write(
+        &self,
+        out: &mut Vec<u8>,
+        context: &TreeContext<Self::Value>,
+        scratch: &mut PackScratch,
+    );
+}
+
+/// Appends a mask, as [`read_mask`] reads it.
+pub(crate) fn write_mask(out: &mut Vec<u8>, words: &[u64]) {
+    out.extend(words.iter().flat_map(|word| word.to_le_bytes()));
+}
+
+pub(crate) fn write_origin(out: &mut Vec<u8>, origin: IVec3) {
+    out.extend(origin.to_array().into_iter().flat_map(i32::to_le_bytes));
 }
 
 /// Finds the values of a leaf: its mask as it counts for them, and the values.
@@ -88,6 +108,17 @@ impl<T: FileValue> FileLeaf for LeafNode<T, 3> {
         *leaf.value_mask_mut() = mask;
         Ok(leaf)
     }
+
+    fn mask(&self) -> &Mask<3> {
+        self.value_mask()
+    }
+
+    fn write(&self, out: &mut Vec<u8>, context: &TreeContext<T>, scratch: &mut PackScratch) {
+        let (active, values) = (self.value_mask().words(), self.values_slice());
+        write_mask(out, active);
+        let (encoding, background) = (&context.encoding, context.background);
+        values::write(out, encoding, background, values, active, &[0; 8], scratch);
+    }
 }
 
 impl FileLeaf for BitLeaf<Mask<3>, 3> {
@@ -113,6 +144,16 @@ impl FileLeaf for BitLeaf<Mask<3>, 3> {
         check_origin(cursor, origin)?;
         Ok(Self::from_parts(origin, mask, read_mask(cursor)?))
     }
+
+    fn mask(&self) -> &Mask<3> {
+        self.value_mask()
+    }
+
+    fn write(&self, out: &mut Vec<u8>, _: &TreeContext<bool>, _: &mut PackScratch) {
+        write_mask(out, self.value_mask().words());
+        write_origin(out, self.origin());
+        write_mask(out, self.values_mask().words());
+    }
 }
 
 impl FileLeaf for BitLeaf<Active, 3> {
@@ -136,5 +177,14 @@ impl FileLeaf for BitLeaf<Active, 3> {
         let mask = read_mask(cursor)?;
         check_origin(cursor, origin)?;
         Ok(Self::from_parts(origin, mask, Active))
+    }
+
+    fn mask(&self) -> &Mask<3> {
+        self.value_mask()
+    }
+
+    fn write(&self, out: &mut Vec<u8>, _: &TreeContext<bool>, _: &mut PackScratch) {
+        write_mask(out, self.value_mask().words());
+        write_origin(out, self.origin());
     }
 }

@@ -1,6 +1,7 @@
 //! What the file lists of each grid: names, type and places.
 
 use super::cursor::Cursor;
+use super::metadata::write_sized;
 use crate::{Error, Limits};
 
 /// Stands between the name of a grid and the number that makes it unique.
@@ -76,4 +77,37 @@ pub(crate) fn names(raw: &[u8]) -> (String, String) {
             (name, unique)
         }
     }
+}
+
+/// Writes what is listed of a grid; where the three places stand, which
+/// [`write_places`] fills in once they are known.
+pub(crate) fn write(
+    out: &mut Vec<u8>,
+    raw_name: &[u8],
+    type_name: &str,
+    half: bool,
+    parent: &[u8],
+) -> Result<usize, Error> {
+    write_sized(out, raw_name)?;
+    let suffix = if half { HALF_SUFFIX } else { "" };
+    write_sized(out, format!("{type_name}{suffix}").as_bytes())?;
+    write_sized(out, parent)?;
+    let at = out.len();
+    out.extend([0; 3 * 8]);
+    Ok(at)
+}
+
+/// Fills in where a grid starts, where its values start and where it ends.
+pub(crate) fn write_places(out: &mut [u8], at: usize, places: [usize; 3]) {
+    for (out, place) in out[at..].as_chunks_mut::<8>().0.iter_mut().zip(places) {
+        *out = (place as i64).to_le_bytes();
+    }
+}
+
+/// The name of a grid with a number.
+pub(crate) fn numbered(name: &str, number: usize) -> Vec<u8> {
+    let mut raw = name.as_bytes().to_vec();
+    raw.push(SEPARATOR);
+    raw.extend(number.to_string().into_bytes());
+    raw
 }

@@ -1,6 +1,6 @@
 //! A whole file: header, metadata, and grid after grid.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -41,6 +41,8 @@ enum Source<'a> {
 /// What stands in front of the tree.
 struct Head {
     compression: Compression,
+    /// Of the grid, with all in front of the tree and the tree.
+    file_bytes: usize,
     metadata: Metadata,
     transform: Transform,
     half: bool,
@@ -108,7 +110,7 @@ fn list_with_offsets<'a>(
         descriptors.push(descriptor);
     }
     // An instance needs the tree of its parent, selected or not.
-    let parents: Vec<&[u8]> = descriptors
+    let parents: HashSet<&[u8]> = descriptors
         .iter()
         .filter(|descriptor| is_selected(descriptor, &options.grids))
         .map(|descriptor| &*descriptor.parent)
@@ -116,7 +118,7 @@ fn list_with_offsets<'a>(
     let needed: Vec<bool> = descriptors
         .iter()
         .map(|descriptor| {
-            is_selected(descriptor, &options.grids) || parents.contains(&&*descriptor.raw_name)
+            is_selected(descriptor, &options.grids) || parents.contains(&*descriptor.raw_name)
         })
         .collect();
     let mut listed = Vec::new();
@@ -168,15 +170,27 @@ fn list_stream<'a>(
         if let (Source::None(reason), true) = (&mut grid.tree, left > 0) {
             // Nothing says how long the tree is, so that what follows is out of reach.
             if let Error::NotSupported { what, .. } = reason {
+                let rest = if left == 1 { "grid" } else { &format!("{left} grids") };
                 *what += &format!(
-                    "; the {left} grids after it are out of reach, because the file was \
-                     written as a stream, without offsets"
+                    "; the {rest} after it cannot be found, because the file was written as a \
+                     stream, without offsets"
                 );
             }
             listed.push(grid);
             break;
         }
         listed.push(grid);
+    }
+    // Every grid had to be gone over; those that nobody asked for need not be made.
+    let parents: HashSet<Vec<u8>> = listed
+        .iter()
+        .filter(|grid| grid.selected)
+        .map(|grid| grid.descriptor.parent.clone())
+        .collect();
+    for grid in &mut listed {
+        if !grid.selected && !parents.contains(&grid.descriptor.raw_name) {
+            grid.tree = Source::None(Error::cancelled());
+        }
     }
     Ok(listed)
 }
@@ -212,8 +226,9 @@ fn read_grid<'a>(
     let selected = is_selected(&descriptor, &options.grids);
     let named = |error: Error| error.in_grid(&descriptor.unique_name);
     let known = scanner(&descriptor.type_name);
+    let start = cursor.at();
     let head = read_head(cursor, header, &descriptor, &options.limits).map_err(named);
-    let head = match head {
+    let mut head = match head {
         // Who knows what a type that is not known has there.
         Err(error) if known.is_none() || matches!(error, Error::NotSupported { .. }) => Err(error),
         Err(error) => return Err(error),
@@ -240,6 +255,9 @@ fn read_grid<'a>(
             }))
         }
     };
+    if let Ok(head) = &mut head {
+        head.file_bytes = cursor.at() - start;
+    }
     Ok(Listed { descriptor, selected, head, tree })
 }
 
@@ -254,7 +272,7 @@ fn read_head(
     // OpenVDB believes the metadata; only files that others wrote lack it.
     let half = metadata.get_bool("is_saved_as_half_float").unwrap_or(descriptor.half_suffix);
     let transform = transform::read(cursor, header.version, limits)?;
-    Ok(Head { compression, metadata, transform, half })
+    Ok(Head { compression, file_bytes: 0, metadata, transform, half })
 }
 
 /// Reads past a tree of one type, and leaves what makes it.
@@ -306,10 +324,11 @@ fn finish(
         .enumerate()
         .map(|(index, (descriptor, ..))| (&*descriptor.raw_name, index))
         .collect();
-    // Which grid has the tree of this one. More steps than grids go round in circles.
-    let owner = |start: usize| {
-        let mut index = start;
-        for _ in 0..entries.len() {
+    // OpenVDB never writes the instance of an instance, but nothing forbids it: two steps up are
+    // one more than can be needed.
+    let owner = |index: usize| {
+        let mut index = index;
+        for _ in 0..=2 {
             if trees[index].is_some() {
                 return Some(index);
             }
@@ -368,6 +387,7 @@ fn grid(descriptor: Descriptor, head: Head, tree: AnyTree, instance_of: Option<S
         class: GridClass::from_metadata(&head.metadata),
         saved_as_half: head.half,
         compression: head.compression,
+        file_bytes: head.file_bytes as u64,
         instance_of,
         transform: head.transform,
         metadata: head.metadata,

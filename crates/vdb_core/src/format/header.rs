@@ -1,5 +1,7 @@
 //! The start of a file: magic number, versions, whether grids have offsets, unique tag.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
+
 use super::cursor::Cursor;
 use crate::{Codec, Compression, Error};
 
@@ -89,4 +91,50 @@ pub(crate) fn read_compression(
         _ => Codec::None,
     };
     Ok(Compression { codec, active_mask: flags & ACTIVE_MASK != 0 })
+}
+
+/// Writes the start of a file, up to its metadata.
+pub(crate) fn write(out: &mut Vec<u8>, has_offsets: bool) {
+    out.extend(MAGIC);
+    out.extend(WRITTEN_VERSION.to_le_bytes());
+    for number in WRITTEN_LIBRARY {
+        out.extend(number.to_le_bytes());
+    }
+    out.push(has_offsets.into());
+    out.extend([b'0'; UUID_BYTES]);
+}
+
+/// The version of the format that is written: every OpenVDB since 3.2 reads it, and what 225 adds
+/// (a tree of 16-bit values) is not written.
+pub(crate) const WRITTEN_VERSION: u32 = 224;
+/// The version of OpenVDB whose files ours are like.
+const WRITTEN_LIBRARY: [u32; 2] = [10, 0];
+/// Characters of the unique tag.
+const UUID_BYTES: usize = 36;
+
+/// Puts the unique tag into a file that is complete but for it. It follows from the bytes, so that
+/// the same grids make the same file, and different ones are told apart.
+pub(crate) fn write_uuid(file: &mut [u8]) {
+    const START: usize = 8 + 4 + 8 + 1;
+    let mut hasher = DefaultHasher::new();
+    file.hash(&mut hasher);
+    let first = hasher.finish();
+    first.hash(&mut hasher);
+    let digits = format!("{first:016x}{:016x}", hasher.finish());
+    let mut digits = digits.bytes();
+    for (place, byte) in file[START..][..UUID_BYTES].iter_mut().enumerate() {
+        let hyphen = [8, 13, 18, 23].contains(&place);
+        *byte = if hyphen { b'-' } else { digits.next().unwrap_or(b'0') };
+    }
+}
+
+/// How one grid is compressed, which stands in front of its metadata.
+pub(crate) fn write_compression(out: &mut Vec<u8>, compression: Compression) {
+    let codec = match compression.codec {
+        Codec::None => 0,
+        Codec::Zip => ZIP,
+        Codec::Blosc => BLOSC,
+    };
+    let mask = if compression.active_mask { ACTIVE_MASK } else { 0 };
+    out.extend((codec | mask).to_le_bytes());
 }

@@ -61,3 +61,52 @@ fn numbers<T, const SIZE: usize, const N: usize>(
     let whole: &[[u8; SIZE]; N] = whole.try_into().ok()?;
     rest.is_empty().then(|| whole.map(from))
 }
+
+/// Writes a length (u32) and that many bytes.
+pub(crate) fn write_sized(out: &mut Vec<u8>, bytes: &[u8]) -> Result<(), Error> {
+    let length = u32::try_from(bytes.len()).map_err(|_| {
+        Error::not_supported(format!("{} bytes of one string or metadata value", bytes.len()))
+    })?;
+    out.extend(length.to_le_bytes());
+    out.extend_from_slice(bytes);
+    Ok(())
+}
+
+pub(crate) fn write(out: &mut Vec<u8>, metadata: &Metadata) -> Result<(), Error> {
+    let count = u32::try_from(metadata.len()).map_err(|_| {
+        Error::not_supported(format!("{} metadata entries in one map", metadata.len()))
+    })?;
+    out.extend(count.to_le_bytes());
+    for (name, value) in metadata.iter() {
+        write_sized(out, name.as_bytes())?;
+        write_sized(out, value.type_name().as_bytes())?;
+        write_sized(out, &value_bytes(value))?;
+    }
+    Ok(())
+}
+
+fn value_bytes(value: &MetaValue) -> Vec<u8> {
+    let ints = |numbers: &[i32]| numbers.iter().flat_map(|n| n.to_le_bytes()).collect();
+    let floats = |numbers: &[f32]| numbers.iter().flat_map(|n| n.to_le_bytes()).collect();
+    let doubles = |numbers: &[f64]| numbers.iter().flat_map(|n| n.to_le_bytes()).collect();
+    match value {
+        MetaValue::Bool(value) => vec![u8::from(*value)],
+        MetaValue::Int32(n) => ints(&[*n]),
+        MetaValue::Int64(n) => n.to_le_bytes().to_vec(),
+        MetaValue::Float(n) => floats(&[*n]),
+        MetaValue::Double(n) => doubles(&[*n]),
+        MetaValue::String(text) => text.as_bytes().to_vec(),
+        MetaValue::Vec2i(n) => ints(n),
+        MetaValue::Vec2s(n) => floats(n),
+        MetaValue::Vec2d(n) => doubles(n),
+        MetaValue::Vec3i(n) => ints(n),
+        MetaValue::Vec3s(n) => floats(n),
+        MetaValue::Vec3d(n) => doubles(n),
+        MetaValue::Vec4i(n) => ints(n),
+        MetaValue::Vec4s(n) => floats(n),
+        MetaValue::Vec4d(n) => doubles(n),
+        MetaValue::Mat4s(n) => floats(n),
+        MetaValue::Mat4d(n) => doubles(n),
+        MetaValue::Unknown { bytes, .. } => bytes.clone(),
+    }
+}

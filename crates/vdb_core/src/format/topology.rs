@@ -4,14 +4,22 @@
 //! notes where each node stands; it unpacks nothing, and what it notes is smaller than what it has
 //! seen. The second, in [`super::build`], makes the nodes, on all cores.
 
+use std::cell::RefCell;
 use std::ops::Range;
 
-use super::buffers::FileLeaf;
+use rayon::prelude::*;
+
+use super::buffers::{FileLeaf, write_mask, write_origin};
 use super::cursor::Cursor;
 use super::header::NODE_MASK_COMPRESSION;
-use super::values::{Encoding, FileValue, NodeValues};
-use crate::tree::{Cube, Dim, IVec3, InternalNode, Mask, Node};
+use super::values::{self, Encoding, FileValue, NodeValues};
+use crate::codec::PackScratch;
+use crate::tree::{Cube, Dim, IVec3, InternalNode, Mask, Node, RootEntry, Slot, Tree};
 use crate::{Error, Limits};
+
+thread_local! {
+    static SCRATCH: RefCell<PackScratch> = RefCell::default();
+}
 
 /// The nodes above the leaves, 128³ voxels each.
 pub(crate) type Middle<L> = InternalNode<L, 4>;
@@ -247,4 +255,96 @@ where
     let old = encoding.version < NODE_MASK_COMPRESSION;
     let stored = if old { size - child_mask.count() } else { size };
     NodeValues::locate(cursor, encoding, context.background, stored, || value_mask.count())
+}
+
+/// Writes a tree: topology, then values. The place between the two comes back.
+pub(crate) fn write<L: FileLeaf>(
+    out: &mut Vec<u8>,
+    tree: &Tree<Upper<L>>,
+    encoding: Encoding,
+) -> Result<usize, Error> {
+    let half = encoding.half && L::Value::HALF_BYTES.is_some();
+    let background = tree.background();
+    out.extend(1_u32.to_le_bytes());
+    L::Value::to_bytes(&[if half { background.truncated() } else { background }], out);
+    let mut tiles = Vec::new();
+    let mut uppers = Vec::new();
+    for (origin, entry) in tree.entries() {
+        match entry {
+            RootEntry::Tile { value, active } => tiles.push((origin, *value, *active)),
+            RootEntry::Child(upper) => uppers.push(&**upper),
+        }
+    }
+    for count in [tiles.len(), uppers.len()] {
+        // The root has 2^60 places; memory ends before.
+        let count = u32::try_from(count)
+            .map_err(|_| Error::not_supported(format!("{count} entries of one root")))?;
+        out.extend(count.to_le_bytes());
+    }
+    for (origin, value, active) in tiles {
+        write_origin(out, origin);
+        L::Value::to_bytes(&[value], out);
+        out.push(active.into());
+    }
+    let context = TreeContext { encoding, background };
+    for upper in &uppers {
+        write_origin(out, upper.origin());
+        write_internal(out, &context, *upper);
+        append(out, upper.children(), |part, middle| {
+            write_internal(part, &context, &**middle);
+            for leaf in middle.children() {
+                write_mask(part, leaf.mask().words());
+            }
+        });
+    }
+    let values_at = out.len();
+    for upper in &uppers {
+        append(out, upper.children(), |part, middle| {
+            SCRATCH.with_borrow_mut(|scratch| {
+                for leaf in middle.children() {
+                    leaf.write(part, &context, scratch);
+                }
+            });
+        });
+    }
+    Ok(values_at)
+}
+
+/// Writes the parts on all cores, and appends them in their order.
+fn append<T: Sync>(out: &mut Vec<u8>, parts: &[T], write: impl Fn(&mut Vec<u8>, &T) + Sync) {
+    let written: Vec<Vec<u8>> = parts
+        .par_iter()
+        .map(|part| {
+            let mut bytes = Vec::new();
+            write(&mut bytes, part);
+            bytes
+        })
+        .collect();
+    for bytes in written {
+        out.extend(bytes);
+    }
+}
+
+/// Writes the masks and tiles of an internal node.
+fn write_internal<C: Node, const LOG2: u32>(
+    out: &mut Vec<u8>,
+    context: &TreeContext<C::Value>,
+    node: &InternalNode<C, LOG2>,
+) where
+    Dim<LOG2>: Cube,
+    C::Value: FileValue,
+{
+    let (children, active) = (node.child_mask().words(), node.value_mask().words());
+    write_mask(out, children);
+    write_mask(out, active);
+    let tiles: Vec<C::Value> = (0..Mask::<LOG2>::SIZE)
+        .map(|slot| match node.slot_at(slot) {
+            Slot::Tile(value, _) => value,
+            Slot::Child(_) => C::Value::default(),
+        })
+        .collect();
+    SCRATCH.with_borrow_mut(|scratch| {
+        let TreeContext { encoding, background } = context;
+        values::write(out, encoding, *background, &tiles, active, children, scratch);
+    });
 }

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::cursor::Cursor;
 use super::header::{FLOAT_FRUSTUM_BBOX, NEW_TRANSFORM};
+use super::metadata::write_sized;
 use crate::transform::{Affine, Frustum, Map};
 use crate::{Error, Limits, Transform};
 
@@ -130,5 +131,47 @@ fn simplify(affine: Affine) -> Map {
         (false, true) => Map::Scale(scale),
         (true, false) => Map::UniformScaleTranslate { scale: DVec3::splat(scale.x), translation },
         (false, false) => Map::ScaleTranslate { scale, translation },
+    }
+}
+
+/// Writes a transform.
+pub(crate) fn write(out: &mut Vec<u8>, transform: &Transform) -> Result<(), Error> {
+    write_sized(out, transform.map_type().as_bytes())?;
+    match &transform.map {
+        Map::UniformScale(scale) | Map::Scale(scale) => write_scale(out, *scale),
+        Map::Translation(translation) => write_vec3(out, *translation),
+        Map::UniformScaleTranslate { scale, translation }
+        | Map::ScaleTranslate { scale, translation } => {
+            write_vec3(out, *translation);
+            write_scale(out, *scale);
+        }
+        Map::Unitary(affine) | Map::Affine(affine) => {
+            write_numbers(out, affine.rows.as_flattened())
+        }
+        Map::NonlinearFrustum(frustum) => {
+            write_vec3(out, frustum.min);
+            write_vec3(out, frustum.max);
+            write_numbers(out, &[frustum.taper, frustum.depth]);
+            write_sized(out, b"AffineMap")?;
+            write_numbers(out, frustum.second.rows.as_flattened());
+        }
+    }
+    Ok(())
+}
+
+fn write_numbers(out: &mut Vec<u8>, numbers: &[f64]) {
+    out.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+}
+
+fn write_vec3(out: &mut Vec<u8>, vector: DVec3) {
+    write_numbers(out, &vector.to_array());
+}
+
+/// The scale and what OpenVDB keeps beside it: voxel size, inverse, square of the inverse, and half
+/// of the inverse.
+fn write_scale(out: &mut Vec<u8>, scale: DVec3) {
+    let inverse = scale.recip();
+    for vector in [scale, scale.abs(), inverse, inverse * inverse, inverse / 2.0] {
+        write_vec3(out, vector);
     }
 }

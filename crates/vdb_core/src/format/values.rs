@@ -3,8 +3,8 @@
 
 use super::cursor::Cursor;
 use super::header::NODE_MASK_COMPRESSION;
-use crate::codec::mask::{InactiveCase, spread};
-use crate::codec::{Scratch, blosc, half_float, zip};
+use crate::codec::mask::{self, InactiveCase, spread};
+use crate::codec::{PackScratch, Scratch, blosc, half_float, zip};
 use crate::tree::Value;
 use crate::{Codec, Compression, Error};
 
@@ -21,6 +21,12 @@ pub(crate) trait FileValue: Value {
     fn from_bytes(bytes: &[u8], out: &mut [Self]);
     /// `bytes` holds [`Self::HALF_BYTES`] for each value.
     fn from_half_bytes(bytes: &[u8], out: &mut [Self]);
+    /// Appends [`Self::BYTES`] for each value.
+    fn to_bytes(values: &[Self], out: &mut Vec<u8>);
+    /// Appends [`Self::HALF_BYTES`] for each value.
+    fn to_half_bytes(values: &[Self], out: &mut Vec<u8>);
+    /// What is left of the value when it is saved with 16 bits.
+    fn truncated(self) -> Self;
     /// The memory of the values, where it is laid out as in a file.
     fn file_layout(values: &mut [Self]) -> Option<&mut [u8]>;
 
@@ -49,32 +55,131 @@ impl FileValue for bool {
         Self::from_bytes(bytes, out);
     }
 
+    fn to_bytes(values: &[Self], out: &mut Vec<u8>) {
+        out.extend(values.iter().map(|value| u8::from(*value)));
+    }
+
+    fn to_half_bytes(values: &[Self], out: &mut Vec<u8>) {
+        Self::to_bytes(values, out);
+    }
+
+    fn truncated(self) -> Self {
+        self
+    }
+
     fn file_layout(_: &mut [Self]) -> Option<&mut [u8]> {
         None
     }
 }
 
-/// Numbers, alone and in threes. `$flat` makes a slice of numbers of a slice of values.
-macro_rules! file_value {
-    ($value:ty, $number:ty, $flat:expr, $negated:expr, $half:expr, $from_half:expr) => {
-        impl FileValue for $value {
-            const BYTES: usize = size_of::<Self>();
-            const HALF_BYTES: Option<usize> = $half;
+/// Numbers that values are made of.
+trait Number: bytemuck::Pod {
+    const HALF: bool;
+    fn negated(self) -> Self;
+    fn from_bytes(bytes: &[u8], out: &mut [Self]);
+    fn from_half_bytes(bytes: &[u8], out: &mut [Self]);
+    fn to_bytes(values: &[Self], out: &mut Vec<u8>);
+    fn to_half_bytes(values: &[Self], out: &mut Vec<u8>);
+    fn truncated(self) -> Self;
+}
+
+macro_rules! number {
+    ($t:ty, $half:literal, $negated:expr, $from_half:expr, $to_half:expr, $truncated:expr) => {
+        impl Number for $t {
+            const HALF: bool = $half;
 
             fn negated(self) -> Self {
                 $negated(self)
             }
 
             fn from_bytes(bytes: &[u8], out: &mut [Self]) {
-                let numbers: &mut [$number] = $flat(out);
-                for (number, bytes) in numbers.iter_mut().zip(bytes.as_chunks().0) {
-                    *number = <$number>::from_le_bytes(*bytes);
+                for (number, bytes) in out.iter_mut().zip(bytes.as_chunks().0) {
+                    *number = <$t>::from_le_bytes(*bytes);
                 }
             }
 
             fn from_half_bytes(bytes: &[u8], out: &mut [Self]) {
-                let convert: fn(&[u8], &mut [$number]) = $from_half;
-                convert(bytes, $flat(out));
+                $from_half(bytes, out);
+            }
+
+            fn to_bytes(values: &[Self], out: &mut Vec<u8>) {
+                out.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+            }
+
+            fn to_half_bytes(values: &[Self], out: &mut Vec<u8>) {
+                $to_half(values, out);
+            }
+
+            fn truncated(self) -> Self {
+                $truncated(self)
+            }
+        }
+    };
+}
+number!(
+    f32,
+    true,
+    |v: f32| -v,
+    half_float::to_f32,
+    |values: &[f32], out| half_float::extend_from_f32(values.iter().copied(), out),
+    half_float::truncated
+);
+// OpenVDB, too, goes from 64 bits to 16 by way of 32.
+number!(
+    f64,
+    true,
+    |v: f64| -v,
+    half_float::to_f64,
+    |values: &[f64], out| half_float::extend_from_f32(values.iter().map(|v| *v as f32), out),
+    |v: f64| f64::from(half_float::truncated(v as f32))
+);
+number!(
+    i32,
+    false,
+    i32::wrapping_neg,
+    <i32 as Number>::from_bytes,
+    <i32 as Number>::to_bytes,
+    |v| v
+);
+number!(
+    i64,
+    false,
+    i64::wrapping_neg,
+    <i64 as Number>::from_bytes,
+    <i64 as Number>::to_bytes,
+    |v| v
+);
+
+/// Values of one number and of three. `$flat` and `$flat_mut` make numbers of a slice of values.
+macro_rules! file_value {
+    ($value:ty, $number:ty, $count:literal, $flat:expr, $flat_mut:expr, $map:expr) => {
+        impl FileValue for $value {
+            const BYTES: usize = size_of::<Self>();
+            const HALF_BYTES: Option<usize> =
+                if <$number as Number>::HALF { Some(2 * $count) } else { None };
+
+            fn negated(self) -> Self {
+                $map(self, Number::negated)
+            }
+
+            fn from_bytes(bytes: &[u8], out: &mut [Self]) {
+                <$number as Number>::from_bytes(bytes, $flat_mut(out));
+            }
+
+            fn from_half_bytes(bytes: &[u8], out: &mut [Self]) {
+                <$number as Number>::from_half_bytes(bytes, $flat_mut(out));
+            }
+
+            fn to_bytes(values: &[Self], out: &mut Vec<u8>) {
+                <$number as Number>::to_bytes($flat(values), out);
+            }
+
+            fn to_half_bytes(values: &[Self], out: &mut Vec<u8>) {
+                <$number as Number>::to_half_bytes($flat(values), out);
+            }
+
+            fn truncated(self) -> Self {
+                $map(self, Number::truncated)
             }
 
             fn file_layout(values: &mut [Self]) -> Option<&mut [u8]> {
@@ -83,21 +188,21 @@ macro_rules! file_value {
         }
     };
 }
-
-fn flat<T>(values: &mut [[T; 3]]) -> &mut [T] {
-    values.as_flattened_mut()
+macro_rules! file_values {
+    ($($number:ty),*) => {$(
+        file_value!($number, $number, 1, |v| v, |v| v, |v, f: fn($number) -> $number| f(v));
+        file_value!(
+            [$number; 3],
+            $number,
+            3,
+            <[[$number; 3]]>::as_flattened,
+            <[[$number; 3]]>::as_flattened_mut,
+            |v: [$number; 3], f: fn($number) -> $number| v.map(f)
+        );
+    )*};
 }
-
-/// Values without floats have no 16-bit form; [`FileValue::HALF_BYTES`] says so.
-fn no_half<T>(_: &[u8], _: &mut [T]) {}
-
-file_value!(f32, f32, |v| v, |v: f32| -v, Some(2), half_float::to_f32);
-file_value!(f64, f64, |v| v, |v: f64| -v, Some(2), half_float::to_f64);
-file_value!(i32, i32, |v| v, i32::wrapping_neg, None, no_half);
-file_value!(i64, i64, |v| v, i64::wrapping_neg, None, no_half);
-file_value!([f32; 3], f32, flat, |v: [f32; 3]| v.map(|c| -c), Some(6), half_float::to_f32);
-file_value!([f64; 3], f64, flat, |v: [f64; 3]| v.map(|c| -c), Some(6), half_float::to_f64);
-file_value!([i32; 3], i32, flat, |v: [i32; 3]| v.map(i32::wrapping_neg), None, no_half);
+file_values!(f32, f64, i32);
+file_value!(i64, i64, 1, |v| v, |v| v, |v, f: fn(i64) -> i64| f(v));
 
 /// How the values of a grid stand in its file.
 #[derive(Clone, Copy)]
@@ -248,4 +353,74 @@ fn unpack_bytes(packed: &Packed<'_>, out: &mut [u8], scratch: &mut Scratch) -> R
         Packed::Zip(bytes) => zip::decode(bytes, out, &mut scratch.zip),
         Packed::Blosc(bytes) => blosc::decode(bytes, out, scratch),
     }
+}
+
+/// Writes the values of a node: `values` has one a slot, `active` one bit a slot, and slots of
+/// `children` do not count.
+pub(crate) fn write<T: FileValue>(
+    out: &mut Vec<u8>,
+    encoding: &Encoding,
+    background: T,
+    values: &[T],
+    active: &[u64],
+    children: &[u64],
+    scratch: &mut PackScratch,
+) {
+    if !encoding.compression.active_mask {
+        out.push(InactiveCase::All as u8);
+        return pack(out, encoding, values, scratch);
+    }
+    let is_on = |mask: &[u64], slot: usize| mask[slot >> 6] >> (slot & 63) & 1 == 1;
+    let off = || (0..values.len()).filter(|slot| !is_on(active, *slot) && !is_on(children, *slot));
+    let inactive = off().map(|slot| values[slot]);
+    let (case, [first, second]) = mask::classify(inactive, background, background.negated());
+    out.push(case as u8);
+    for value in &[first, second][..case.stored_values()] {
+        // At its full width, but with the digits of 16 bits.
+        let half = encoding.half_bytes::<T>().is_some();
+        T::to_bytes(&[if half { value.truncated() } else { *value }], out);
+    }
+    if case.has_mask() {
+        let mut selection = vec![0_u64; active.len()];
+        for slot in off().filter(|slot| values[*slot].same(second)) {
+            selection[slot >> 6] |= 1 << (slot & 63);
+        }
+        out.extend(selection.iter().flat_map(|word| word.to_le_bytes()));
+    }
+    if case == InactiveCase::All {
+        return pack(out, encoding, values, scratch);
+    }
+    let kept: Vec<T> =
+        (0..values.len()).filter(|slot| is_on(active, *slot)).map(|slot| values[slot]).collect();
+    pack(out, encoding, &kept, scratch);
+}
+
+/// Writes one run of values.
+fn pack<T: FileValue>(
+    out: &mut Vec<u8>,
+    encoding: &Encoding,
+    values: &[T],
+    scratch: &mut PackScratch,
+) {
+    let half = encoding.half_bytes::<T>().is_some();
+    if half && values.is_empty() {
+        return;
+    }
+    let PackScratch { bytes, shuffled, packed, zip } = scratch;
+    bytes.clear();
+    if half {
+        T::to_half_bytes(values, bytes);
+    } else {
+        T::to_bytes(values, bytes);
+    }
+    let smaller = match encoding.compression.codec {
+        Codec::None => return out.extend_from_slice(bytes),
+        Codec::Zip => zip::encode(bytes, packed, zip),
+        Codec::Blosc => blosc::encode(bytes, packed, shuffled),
+    };
+    // A length with a minus says that the bytes stand as they are.
+    let (length, bytes) =
+        if smaller { (packed.len() as i64, packed) } else { (-(bytes.len() as i64), bytes) };
+    out.extend(length.to_le_bytes());
+    out.extend_from_slice(bytes);
 }

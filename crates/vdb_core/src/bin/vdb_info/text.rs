@@ -1,0 +1,146 @@
+//! A file for people to read.
+
+use std::fmt::Write;
+
+use vdb_core::{
+    AnyTree, Codec, Compression, Error, Grid, MetaValue, Metadata, VdbFile, WriteOptions,
+};
+
+pub fn file(path: &str, file: &VdbFile, with_sizes: bool) -> String {
+    let mut out = String::new();
+    let (major, minor) = file.library_version;
+    let _ = writeln!(
+        out,
+        "{path}: format {}, written by OpenVDB {major}.{minor}, {}",
+        file.version, file.uuid
+    );
+    metadata(&mut out, "  ", &file.metadata);
+    for grid in &file.grids {
+        self::grid(&mut out, grid);
+        if with_sizes {
+            sizes(&mut out, grid);
+        }
+    }
+    for grid in &file.skipped {
+        let _ = writeln!(out, "\n{:?}: {}, not read", grid.unique_name, grid.type_name);
+        let _ = writeln!(out, "  {}", grid.reason);
+        if let Some(entries) = &grid.metadata {
+            metadata(&mut out, "    ", entries);
+        }
+    }
+    out
+}
+
+fn grid(out: &mut String, grid: &Grid) {
+    let half = if grid.saved_as_half { ", saved as half" } else { "" };
+    let class = grid.class.name();
+    let _ = writeln!(out, "\n{:?}: {}, {class}{half}", grid.unique_name, grid.type_name);
+    if let Some(parent) = &grid.instance_of {
+        let _ = writeln!(out, "  shares the tree of {parent:?}");
+    }
+    let size = grid.transform.voxel_size();
+    let origin = grid.transform.world_from_index(glam::DVec3::ZERO);
+    let _ = writeln!(
+        out,
+        "  {}, voxel size {} {} {}, voxel 0 0 0 at {} {} {}",
+        grid.transform.map_type(),
+        size.x,
+        size.y,
+        size.z,
+        origin.x,
+        origin.y,
+        origin.z
+    );
+    let _ = writeln!(out, "  background {}", background(&grid.tree));
+    match grid.tree.active_bbox() {
+        Some(bbox) => {
+            let [x, y, z] = bbox.dim();
+            let _ = writeln!(out, "  active from {} to {}: {x} x {y} x {z}", bbox.min, bbox.max);
+        }
+        None => out.push_str("  nothing active\n"),
+    }
+    let stats = grid.tree.stats();
+    let _ = writeln!(
+        out,
+        "  {} active voxels, of them {} in leaves; {} active tiles",
+        grid.tree.active_voxel_count(),
+        stats.active_leaf_voxels(),
+        stats.active_tiles()
+    );
+    let names = ["leaves of 8^3", "nodes of 128^3", "nodes of 4096^3", "root"];
+    for (level, name) in stats.levels.iter().zip(names).rev() {
+        let what = if name == names[0] { "active voxels" } else { "active tiles" };
+        let _ = writeln!(out, "    {:>9} {name}, {} {what}", level.nodes, level.active_values);
+    }
+    let _ = writeln!(
+        out,
+        "  {} in memory, {} in the file ({})",
+        bytes(stats.bytes),
+        bytes(grid.file_bytes),
+        compression(grid.compression)
+    );
+    metadata(out, "    ", &grid.metadata);
+}
+
+fn sizes(out: &mut String, grid: &Grid) {
+    for codec in [Codec::None, Codec::Zip, Codec::Blosc] {
+        for active_mask in [false, true] {
+            let how = Compression { codec, active_mask };
+            let options = WriteOptions { compression: Some(how), stream: false };
+            let size = VdbFile::new(vec![grid.clone()]).write(&options).map(|b| b.len() as u64);
+            let size: Result<String, Error> = size.map(bytes);
+            let size = size.unwrap_or_else(|error| error.to_string());
+            let _ = writeln!(out, "    a file of its own with {}: {size}", compression(how));
+        }
+    }
+}
+
+fn compression(compression: Compression) -> &'static str {
+    match (compression.codec, compression.active_mask) {
+        (Codec::None, false) => "no compression",
+        (Codec::None, true) => "active values",
+        (Codec::Zip, false) => "zip",
+        (Codec::Zip, true) => "zip + active values",
+        (Codec::Blosc, false) => "blosc",
+        (Codec::Blosc, true) => "blosc + active values",
+    }
+}
+
+fn bytes(count: u64) -> String {
+    match count {
+        0..10_000 => format!("{count} bytes"),
+        10_000..10_000_000 => format!("{:.1} kB", count as f64 / 1e3),
+        _ => format!("{:.1} MB", count as f64 / 1e6),
+    }
+}
+
+fn background(tree: &AnyTree) -> String {
+    match tree {
+        AnyTree::Float(tree) => tree.background().to_string(),
+        AnyTree::Double(tree) => tree.background().to_string(),
+        AnyTree::Int32(tree) => tree.background().to_string(),
+        AnyTree::Int64(tree) => tree.background().to_string(),
+        AnyTree::Bool(tree) => tree.background().to_string(),
+        AnyTree::Mask(tree) => tree.background().to_string(),
+        AnyTree::Vec3s(tree) => format!("{:?}", tree.background()),
+        AnyTree::Vec3d(tree) => format!("{:?}", tree.background()),
+        AnyTree::Vec3i(tree) => format!("{:?}", tree.background()),
+    }
+}
+
+fn metadata(out: &mut String, indent: &str, metadata: &Metadata) {
+    for (name, value) in metadata.iter() {
+        let shown = match value {
+            MetaValue::String(text) => format!("{text:?}"),
+            MetaValue::Unknown { bytes, .. } => format!("{} bytes", bytes.len()),
+            value => {
+                // `Int32(4)` without its name, which stands in front.
+                let shown = format!("{value:?}");
+                shown
+                    .split_once('(')
+                    .map_or(shown.clone(), |(_, rest)| rest.trim_end_matches(')').to_owned())
+            }
+        };
+        let _ = writeln!(out, "{indent}{name} ({}): {shown}", value.type_name());
+    }
+}
