@@ -1,0 +1,84 @@
+//! Rays that are hard to decide.
+
+use vdb_core::{
+    reference::Ray,
+    synth::Random,
+    tree::{CoordBox, IVec3},
+};
+
+use glam::Vec3;
+
+fn pick<T: Copy>(random: &mut Random, from: &[T]) -> T {
+    from[random.below(from.len() as u64) as usize]
+}
+
+/// One step in the last place up or down, or none.
+fn nudge(random: &mut Random, x: f32) -> f32 {
+    match random.below(4) {
+        0 => x.next_up(),
+        1 => x.next_down(),
+        _ => x,
+    }
+}
+
+/// A fraction at, beside or far from a face, an edge or a corner.
+fn fraction(random: &mut Random) -> f32 {
+    let special = [0.0, -0.0, 0.5, 0.25, 0.75, 1.0, -0.5, 1e-45, 1e-40, f32::MIN_POSITIVE];
+    match random.below(3) {
+        0 => random.unit() as f32,
+        _ => {
+            let x = pick(random, &special);
+            nudge(random, x)
+        }
+    }
+}
+
+/// A component: zeros, denormals, powers of two, ones, huge and plain numbers.
+fn component(random: &mut Random) -> f32 {
+    let x = match random.below(8) {
+        0 => 0.0,
+        1 => pick(random, &[1e-45, 1e-40, f32::MIN_POSITIVE, 1e-30]),
+        2 => 2.0_f32.powi(random.below(24) as i32 - 20),
+        3 | 4 => pick(random, &[1.0, 0.5, 2.0, 3.0]),
+        5 => pick(random, &[f32::MAX, 1e30, 1e10]),
+        _ => random.unit() as f32,
+    };
+    let x = if random.below(4) == 0 { nudge(random, x).min(f32::MAX) } else { x };
+    if random.below(2) == 0 { -x } else { x }
+}
+
+/// A ray near a box: through it, along its faces, through its edges and corners, beside them by one
+/// step in the last place, with components of every kind.
+pub fn adversarial(random: &mut Random, bbox: CoordBox) -> Ray {
+    let voxel = |random: &mut Random, reach: i64| {
+        IVec3::from_array([0, 1, 2].map(|a| {
+            let (low, high) = (i64::from(bbox.min[a]), i64::from(bbox.max[a]));
+            let c = low - reach + random.below((high - low + 1 + 2 * reach) as u64) as i64;
+            c.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
+        }))
+    };
+    let (cell, target) = (voxel(random, 12), voxel(random, 0));
+    let aimed = random.below(4) != 0;
+    let mut three = |f: fn(&mut Random) -> f32| Vec3::new(f(random), f(random), f(random));
+    let frac = three(fraction);
+    let dir = if aimed {
+        // At a corner of a voxel, a point of its faces or its middle; then scaled, which powers of
+        // two do exactly.
+        let at = three(|random| pick(random, &[0.5, -0.5, 0.0, 0.25]));
+        let dir = (target - cell).as_vec3() + at - frac;
+        dir * pick(random, &[1.0, 0.125, 1e-3, 1024.0])
+    } else {
+        three(component)
+    };
+    let mut ray = Ray::new(cell, frac, dir);
+    // Moderate directions only, so that the ray still begins near the box.
+    if dir.abs().max_element() < 4.0 {
+        match random.below(4) {
+            0 => ray.t_min = pick(random, &[0.5, 1.0, 0.1, -0.5, -2.0, 3.0]),
+            1 => ray.t_max = pick(random, &[0.0, 0.5, 1.0, 1.5, 8.0, 10.1]),
+            2 => (ray.t_min, ray.t_max) = (0.25, 4.5),
+            _ => {}
+        }
+    }
+    ray
+}
