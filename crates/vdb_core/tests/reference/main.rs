@@ -6,6 +6,5 @@ mod fog;
 mod peers;
 mod picture;
 mod radiance;
-mod rays;
 mod smooth;
 mod synth;

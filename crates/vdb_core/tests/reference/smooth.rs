@@ -215,6 +215,21 @@ fn cells_with_nan_or_infinite_corners_are_holes() {
     }
 }
 
+/// Samples beside the surface so small that a cell's noise hides their sign: the change of sign is
+/// found in the next cell then, though all its corners agree.
+#[test]
+fn a_root_within_the_noise_of_a_face_is_found() {
+    let values = |x: i32| match x {
+        ..=0 => 1.0,
+        1 => -1e-20,
+        _ => -1.0,
+    };
+    let tree = synth::fog::from_values(cube(-5, 5), |ijk| values(ijk.x));
+    let ray = Ray::new(IVec3::new(-3, 0, 0), Vec3::splat(0.25), Vec3::X).with_span(0.0, 7.0);
+    let hit = first_root(&tree, 0.0, &ray).expect("a change of sign");
+    assert!((hit.position.x - 1.0).abs() <= 2.0_f64.powi(-46) && hit.entering, "{hit:?}");
+}
+
 #[test]
 fn tiles_of_opposite_sign_meet_in_a_surface() {
     let mut tree: Vdb543<f32> = Tree::new(1.0);

@@ -1,12 +1,13 @@
-//! Rays that are hard to decide.
-
-use vdb_core::{
-    reference::Ray,
-    synth::Random,
-    tree::{CoordBox, IVec3},
-};
+//! Rays that are hard to decide, for the reference tracer's own tests and for those that hold a GPU
+//! against it.
 
 use glam::Vec3;
+
+use super::Random;
+use crate::{
+    reference::Ray,
+    tree::{CoordBox, IVec3},
+};
 
 fn pick<T: Copy>(random: &mut Random, from: &[T]) -> T {
     from[random.below(from.len() as u64) as usize]
@@ -81,4 +82,28 @@ pub fn adversarial(random: &mut Random, bbox: CoordBox) -> Ray {
         }
     }
     ray
+}
+
+/// A ray from up to 2²⁷ voxels away that meets corners, edges and faces of a box's voxels exactly, or
+/// misses them by less than f64 resolves at that distance. It comes near the box at about `t = n`,
+/// which is given with it and exact as an f32; a ray at all is only made where its origin lies in
+/// the index space.
+pub fn far(random: &mut Random, bbox: CoordBox) -> Option<(Ray, f32)> {
+    let n = 1_i32 << (16 + random.below(8));
+    let voxel = |random: &mut Random, a: usize| {
+        // In the box or up to 8 voxels beside it.
+        let (low, high) = (bbox.min[a].saturating_sub(8), bbox.max[a].saturating_add(8));
+        low + random.below((i64::from(high) - i64::from(low) + 1) as u64) as i32
+    };
+    let target = IVec3::from_array([0, 1, 2].map(|a| voxel(random, a)));
+    // In eighths of a voxel: n of them are whole voxels.
+    let eighths = IVec3::from_array([0; 3].map(|_| random.below(129) as i32 - 64));
+    let cell = [0, 1, 2].map(|a| target[a].checked_sub(eighths[a] * (n / 8)));
+    let [Some(x), Some(y), Some(z)] = cell else { return None };
+    let mut half = || {
+        let c = pick(random, &[0.5, -0.5, 0.0, 0.25]);
+        if c == 0.0 { pick(random, &[0.0, 1e-45, -1e-45, 1e-20]) } else { nudge(random, c) }
+    };
+    let frac = Vec3::new(half(), half(), half());
+    Some((Ray::new(IVec3::new(x, y, z), frac, eighths.as_vec3() / 8.0), n as f32))
 }
