@@ -3,6 +3,7 @@
 mod blocky;
 mod brute;
 mod fog;
+mod judge;
 mod peers;
 mod picture;
 mod radiance;
