@@ -34,10 +34,9 @@ impl Plugin for VdbRenderPlugin {
                     .in_set(VisibilitySystems::CalculateBounds)
                     .after(bevy::asset::AssetEventSystems),
             );
-        if let Err(error) = app.try_register_required_components::<Camera3d, VdbCamera>() {
-            // Bevy refuses once a camera has been spawned; one with a `VdbCamera` works all the same.
-            warn!("cameras get no `VdbCamera` by themselves, add it to each: {error}");
-        }
+        // So that every camera shows its settings. Bevy refuses once a camera has been spawned; one
+        // without the component is treated as if it had the default.
+        app.try_register_required_components::<Camera3d, VdbCamera>().ok();
         if app.get_sub_app(bevy::render::RenderApp).is_some() {
             app.add_plugins(ExtractComponentPlugin::<VdbCamera>::default());
             render::build(app);

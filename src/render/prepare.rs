@@ -79,12 +79,12 @@ pub(super) fn find_views(
     pool: Res<VdbTreePool>,
     views: Query<
         (Entity, &RenderVisibleEntities, Option<&VdbCamera>, Has<ViewVolumes>),
-        With<ExtractedCamera>,
+        (With<ExtractedCamera>, With<Camera3d>),
     >,
 ) {
     for (view, visible, camera, had) in &views {
         let mut seen: Vec<MainEntity> = Vec::new();
-        if camera.is_some_and(|camera| camera.enabled)
+        if camera.is_none_or(|camera| camera.enabled)
             && let Some(class) = visible.classes.get(&TypeId::of::<VdbVolume>())
         {
             let shown = |entity: &MainEntity| {
@@ -118,7 +118,7 @@ type ViewData<'a> = (
     &'a ViewVolumes,
     &'a ExtractedView,
     &'a ExtractedCamera,
-    &'a VdbCamera,
+    Option<&'a VdbCamera>,
     &'a Msaa,
     Option<&'a ExtractedAmbient>,
     Option<&'a TemporalJitter>,
@@ -159,6 +159,7 @@ pub(super) fn prepare_views(
         dither,
     ) in &views
     {
+        let settings = settings.cloned().unwrap_or_default();
         let size = resolution.map_or(view.viewport.zw(), |size| size.0);
         let mut clip_from_view = view.clip_from_view;
         if let Some(jitter) = jitter {
@@ -201,7 +202,7 @@ pub(super) fn prepare_views(
             exposure: camera.exposure,
             volume_first: first,
             volume_count: count,
-            steps_scale: settings.steps_scale.max(1.0),
+            steps_scale: non_negative(settings.steps_scale).max(1.0),
             size: size.to_array(),
             origin: origin.to_array(),
             ..view_data(&rays, world_from_view)

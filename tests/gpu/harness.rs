@@ -168,6 +168,12 @@ impl Gpu {
     }
 }
 
+/// How many rays a test walks: `count`, times what `BEVY_VDB_RAYS` says, for a GPU with time.
+pub fn rays(count: usize) -> usize {
+    let times = std::env::var("BEVY_VDB_RAYS").ok();
+    count * times.map_or(1, |times| times.parse().expect("BEVY_VDB_RAYS is a number"))
+}
+
 /// The modules of the crate that others import, in an order in which each finds those before it.
 const MODULES: [&str; 8] =
     ["types", "bindings", "tree", "exact", "hdda", "fog", "lights", "surface"];

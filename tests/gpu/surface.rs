@@ -9,7 +9,7 @@ use vdb_core::synth::rays::hard_ray;
 use vdb_core::synth::{level_set, sparse};
 use vdb_core::tree::Vdb543;
 
-use crate::harness::{Gpu, ProbeRay};
+use crate::harness::{Gpu, ProbeRay, rays};
 
 /// A ray whose numbers are the same in lattice and in index coordinates, up to the half voxel
 /// between the two: the fraction has 20 bits, so that adding ½ to it is exact in f32.
@@ -56,10 +56,10 @@ fn hard_rays(
 ) -> Vec<(ProbeRay, Ray)> {
     let mut random = Random::new(seed);
     let solid: Vec<IVec3> = tree.values().filter(|v| v.value < 0.0).map(|v| v.origin).collect();
-    let mut rays = Vec::new();
-    while rays.len() < count {
+    let mut hard = Vec::new();
+    while hard.len() < count {
         let voxel = solid[random.below(solid.len() as u64) as usize] - grid.base;
-        let spread = if rays.len() % 2 == 0 { 0.6 } else { 30.0 };
+        let spread = if hard.len() % 2 == 0 { 0.6 } else { 30.0 };
         let beside = DVec3::from_array([0; 3].map(|_| random.range(-spread, spread)));
         let Some(ray) = hard_ray(&mut random, voxel.as_dvec3() + 0.5 + beside, far) else {
             continue;
@@ -73,9 +73,9 @@ fn hard_rays(
             dir: ray.dir.to_array(),
             pad: 0.0,
         };
-        rays.push((probe, Ray::new(index_cell, ray.frac - 0.5, ray.dir).flushed()));
+        hard.push((probe, Ray::new(index_cell, ray.frac - 0.5, ray.dir).flushed()));
     }
-    rays
+    hard
 }
 
 /// Compares each ray: the voxel and the face have to be the exact ones, without exception; `t` is
@@ -117,8 +117,8 @@ fn level_sets_are_hit_where_the_reference_tracer_hits_them() {
     .enumerate()
     {
         let grid = PackedGrid::new(tree, PackKind::Surface { iso: 0.0 }).unwrap();
-        check(&gpu, tree, &random_rays(&grid, 11 + i as u64, 20_000), &grid);
-        check(&gpu, tree, &hard_rays(tree, &grid, 21 + i as u64, 20_000, 200.0), &grid);
+        check(&gpu, tree, &random_rays(&grid, 11 + i as u64, rays(20_000)), &grid);
+        check(&gpu, tree, &hard_rays(tree, &grid, 21 + i as u64, rays(20_000), 200.0), &grid);
     }
 }
 
@@ -127,7 +127,7 @@ fn rays_along_axes_and_diagonals_end() {
     let Some(gpu) = Gpu::find() else { return };
     let tree = level_set::sphere(DVec3::ZERO, 20.0);
     let grid = PackedGrid::new(&tree, PackKind::Surface { iso: 0.0 }).unwrap();
-    let mut rays = Vec::new();
+    let mut along = Vec::new();
     for axis in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE, Vec3::new(1.0, -1.0, 0.0)] {
         for dir in [axis, -axis] {
             for x in -6..6 {
@@ -135,12 +135,12 @@ fn rays_along_axes_and_diagonals_end() {
                     let across = dir.as_dvec3().any_orthonormal_pair();
                     let at = across.0 * f64::from(x) * 4.3 + across.1 * f64::from(y) * 4.3;
                     let local = -grid.base.as_dvec3();
-                    rays.push(exact_ray(grid.base, local + at - dir.as_dvec3() * 50.0, dir));
+                    along.push(exact_ray(grid.base, local + at - dir.as_dvec3() * 50.0, dir));
                 }
             }
         }
     }
-    check(&gpu, &tree, &rays, &grid);
+    check(&gpu, &tree, &along, &grid);
 }
 
 #[test]
@@ -149,7 +149,7 @@ fn no_voxel_differs_from_far_away() {
     for (i, far) in [1e4, 1e5, 1e6, 1e7, 5e8].into_iter().enumerate() {
         let tree = level_set::torus(DVec3::splat(1e6 * i as f64), 40.0, 12.5);
         let grid = PackedGrid::new(&tree, PackKind::Surface { iso: 0.0 }).unwrap();
-        check(&gpu, &tree, &hard_rays(&tree, &grid, 31 + i as u64, 5_000, far), &grid);
+        check(&gpu, &tree, &hard_rays(&tree, &grid, 31 + i as u64, rays(5_000), far), &grid);
     }
 }
 
@@ -185,6 +185,6 @@ fn sparse_voxels_are_found() {
     let mut tree = Vdb543::new(1.0);
     positive.active_values().for_each(|voxel| tree.set(voxel.origin, -1.0));
     let grid = PackedGrid::new(&tree, PackKind::Surface { iso: 0.0 }).unwrap();
-    check(&gpu, &tree, &random_rays(&grid, 3, 20_000), &grid);
-    check(&gpu, &tree, &hard_rays(&tree, &grid, 4, 20_000, 100.0), &grid);
+    check(&gpu, &tree, &random_rays(&grid, 3, rays(20_000)), &grid);
+    check(&gpu, &tree, &hard_rays(&tree, &grid, 4, rays(20_000), 100.0), &grid);
 }
