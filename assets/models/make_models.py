@@ -142,7 +142,11 @@ def cloud(shape=(128, 80, 128), seed=11):
     grid = vdb.FloatGrid()
     grid.copyFromArray(density.astype(np.float32), tolerance=0.0)
     grid.gridClass = vdb.GridClass.FOG_VOLUME
-    grid.transform = vdb.createLinearTransform(voxelSize=10.0 / max(shape))
+    # Behind the teapot and above it: together they make a scene.
+    size = 10.0 / max(shape)
+    grid.transform = vdb.createLinearTransform(
+        [[size, 0, 0, 0], [0, size, 0, 0], [0, 0, size, 0], [-4.0, 1.2, -9.5, 1]]
+    )
     grid.prune()
     save("cloud.vdb", grid, "density")
 

@@ -2,6 +2,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 
+use bevy::log::LogPlugin;
 use bevy::prelude::*;
 use bevy::window::WindowResolution;
 use bevy_egui::{EguiContexts, EguiPlugin, EguiPrimaryContextPass, egui};
@@ -50,8 +51,11 @@ fn app(args: &Args) -> App {
     app.add_plugins(
         DefaultPlugins
             .set(WindowPlugin { primary_window: Some(window), ..default() })
-            .set(app::asset_plugin()),
+            .set(app::asset_plugin())
+            .disable::<LogPlugin>(),
     )
+    // After the window's plugin: where that fails, the app for a picture logs in its own way.
+    .add_plugins(LogPlugin::default())
     .add_plugins((EguiPlugin::default(), PanOrbitCameraPlugin, ViewerPlugin(args.clone())))
     .add_systems(Update, orbit.run_if(resource_changed::<Status>))
     .add_systems(EguiPrimaryContextPass, panel);
