@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::{PackError, PackKind, PackedGrid, crown, fog, layout::*};
+use super::{PackError, PackKind, PackedGrid, bits, crown, fog, layout::*};
 use crate::tree::{CoordBox, InternalNode, LeafNode, Node, RootEntry, Slot, Vdb543};
 
 type Leaf = LeafNode<f32, 3>;
@@ -22,17 +22,41 @@ pub(super) struct Builder {
     /// Distinct tile values by their bits, with their number.
     palette: BTreeMap<u32, u32>,
     tile_values: Vec<f32>,
+    /// The last one asked for, bits and number: tiles of one value stand side by side.
+    last_tile: Option<(u32, u32)>,
 }
 
 impl Builder {
     /// The word of a tile, not occupied.
     pub(super) fn tile(&mut self, value: f32) -> u32 {
+        let bits = value.to_bits();
+        if let Some((_, number)) = self.last_tile.filter(|last| last.0 == bits) {
+            return number;
+        }
         let next = self.tile_values.len() as u32;
-        let number = *self.palette.entry(value.to_bits()).or_insert(next);
+        let number = *self.palette.entry(bits).or_insert(next);
         if number == next {
             self.tile_values.push(value);
         }
+        self.last_tile = Some((bits, number & PAYLOAD));
         number & PAYLOAD
+    }
+
+    /// The word of the smallest cube that covers a voxel; `None` outside every node of the root.
+    pub(super) fn word_at(&self, ijk: IVec3) -> Option<u32> {
+        let mut word = *self.root.get(&Upper::origin_of(ijk).to_array())?;
+        if word & CHILD != 0 {
+            word = self.uppers[(word & PAYLOAD) as usize][upper_slot(ijk)];
+            if word & CHILD != 0 {
+                word = self.lowers[(word & PAYLOAD) as usize][lower_slot(ijk)];
+            }
+        }
+        Some(word)
+    }
+
+    /// The value of a tile.
+    pub(super) fn tile_value(&self, word: u32) -> f32 {
+        self.tile_values[(word & PAYLOAD) as usize]
     }
 
     /// The word over the node-sized cube of `2^log2` voxels per edge that holds `ijk` (3, 7 or 12),
@@ -91,7 +115,7 @@ impl Builder {
                     if word & CHILD == 0 {
                         return Some(found);
                     }
-                    leaf_box(&masks[(word & PAYLOAD) as usize * LEAF_MASK_WORDS..], at)
+                    bits::mask_box(&masks[(word & PAYLOAD) as usize * LEAF_MASK_WORDS..], at)
                 })
                 .fold(None, union)
         };
@@ -129,17 +153,6 @@ fn descend<'a>(word: &mut u32, nodes: &'a mut Vec<Box<[u32]>>, words: usize) -> 
     &mut nodes[(*word & PAYLOAD) as usize]
 }
 
-fn leaf_box(mask: &[u32], origin: IVec3) -> Option<CoordBox> {
-    (0..LEAF_VALUES)
-        .map(Leaf::slot_offset)
-        .filter(|&offset| {
-            let (word, bit) = mask_bit(offset);
-            mask[word] >> bit & 1 == 1
-        })
-        .map(|offset| CoordBox::voxel(origin + offset))
-        .reduce(CoordBox::union)
-}
-
 /// Root cells per axis from which on local coordinates do not start at zero.
 const WIDE: u32 = 1 << 18;
 /// The lowest root cell of the index space.
@@ -153,9 +166,20 @@ pub(super) fn pack(tree: &Vdb543<f32>, kind: PackKind) -> Result<PackedGrid, Pac
     let leaves = copy_topology(tree, kind, &mut builder);
     check("leaves", leaves.len() as u64)?;
 
+    let planes: Vec<bits::Planes> = match kind {
+        PackKind::Surface { iso } => {
+            leaves.par_iter().map(|leaf| bits::planes(leaf, |value| value < iso)).collect()
+        }
+        PackKind::Fog => {
+            leaves.par_iter().map(|leaf| bits::planes(leaf, |value| value > 0.0)).collect()
+        }
+    };
     let masks: Vec<[u32; LEAF_MASK_WORDS]> = match kind {
-        PackKind::Surface { iso } => leaves.par_iter().map(|leaf| solid_mask(leaf, iso)).collect(),
-        PackKind::Fog => leaves.par_iter().map(|leaf| fog::cell_mask(tree, leaf)).collect(),
+        PackKind::Surface { .. } => planes.par_iter().map(bits::mask).collect(),
+        PackKind::Fog => {
+            let cells = leaves.par_iter().zip(&planes);
+            cells.map(|(leaf, own)| fog::cell_mask(&builder, &planes, leaf, own)).collect()
+        }
     };
     for (leaf, mask) in leaves.iter().zip(&masks) {
         if mask.iter().any(|&word| word != 0) {
@@ -163,7 +187,7 @@ pub(super) fn pack(tree: &Vdb543<f32>, kind: PackKind) -> Result<PackedGrid, Pac
         }
     }
     if kind == PackKind::Fog {
-        fog::mark_mixed_tiles(tree, &leaves, &mut builder, background);
+        fog::mark_mixed_tiles(tree, &leaves, &planes, &mut builder, background);
     }
     builder.lift_occupied();
     check("distinct tile values", builder.tile_values.len() as u64)?;
@@ -230,25 +254,22 @@ fn copy_topology<'a>(
     leaves
 }
 
-fn solid_mask(leaf: &Leaf, iso: f32) -> [u32; LEAF_MASK_WORDS] {
-    let mut mask = [0; LEAF_MASK_WORDS];
-    for (slot, &value) in leaf.values_slice().iter().enumerate() {
-        let (word, bit) = mask_bit(Leaf::slot_offset(slot));
-        mask[word] |= u32::from(value < iso) << bit;
-    }
-    mask
-}
-
 /// The largest density kept: along any ray that can be shown, it adds up to less than infinity.
 const MAX_DENSITY: f32 = 1e30;
 
-/// A value that a shader can compute with: WGSL may assume that there is no NaN and no infinity.
-fn safe(value: f32, kind: PackKind) -> f32 {
-    match kind {
-        PackKind::Fog if value > 0.0 => value.min(MAX_DENSITY),
-        PackKind::Fog => 0.0,
-        PackKind::Surface { iso } if value.is_nan() => iso,
-        PackKind::Surface { .. } => value.clamp(-MAX_DENSITY, MAX_DENSITY),
+/// A density that a shader can compute with: WGSL may assume that there is no NaN and no infinity.
+fn density(value: f32) -> f32 {
+    if value > 0.0 { value.min(MAX_DENSITY) } else { 0.0 }
+}
+
+/// The same of a level set.
+fn distance(value: f32, iso: f32) -> f32 {
+    if value.is_nan() { iso } else { value.clamp(-MAX_DENSITY, MAX_DENSITY) }
+}
+
+fn copy_safe(out: &mut [f32], leaf: &Leaf, safe: impl Fn(f32) -> f32) {
+    for (packed, &value) in out.iter_mut().zip(leaf.values_slice()) {
+        *packed = safe(value);
     }
 }
 
@@ -280,13 +301,18 @@ fn assemble(
     nodes.extend(builder.lowers.iter().flatten());
 
     let mut values = vec![0.0; leaves.len() * LEAF_VALUES];
-    values.par_chunks_mut(LEAF_VALUES).zip(leaves).for_each(|(values, leaf)| {
-        for (packed, &value) in values.iter_mut().zip(leaf.values_slice()) {
-            *packed = safe(value, kind);
+    let packed = values.par_chunks_mut(LEAF_VALUES).zip(leaves);
+    match kind {
+        PackKind::Fog => packed.for_each(|(out, leaf)| copy_safe(out, leaf, density)),
+        PackKind::Surface { iso } => {
+            packed.for_each(|(out, leaf)| copy_safe(out, leaf, |value| distance(value, iso)));
         }
-    });
+    }
     let palette = values.len() as u32;
-    values.extend(builder.tile_values.iter().map(|&value| safe(value, kind)));
+    values.extend(builder.tile_values.iter().map(|&value| match kind {
+        PackKind::Fog => density(value),
+        PackKind::Surface { iso } => distance(value, iso),
+    }));
     let majorant = values.par_iter().copied().reduce(|| 0.0, f32::max);
 
     let local = |b: CoordBox| CoordBox { min: b.min - base, max: b.max - base };

@@ -6,6 +6,7 @@
 use glam::IVec3;
 use rayon::prelude::*;
 
+use super::bits::{self, Planes};
 use super::build::Builder;
 use super::layout::*;
 use crate::tree::{Found, LeafNode, Node, RootEntry, Slot, Vdb543};
@@ -26,56 +27,43 @@ const HIGH_SIDE: [IVec3; 7] = [
 /// For each (x, y) of 9 × 9, the samples along z above zero, from the leaf and its neighbours.
 type Rows = [[u16; 9]; 9];
 
-/// The cells of a leaf with a sample above zero at one of their corners.
-pub(super) fn cell_mask(tree: &Vdb543<f32>, leaf: &Leaf) -> [u32; LEAF_MASK_WORDS] {
+/// The cells of a leaf with a sample above zero at one of their corners. `planes` are the samples
+/// above zero of every leaf, by its number, `own` those of this one.
+pub(super) fn cell_mask(
+    builder: &Builder,
+    planes: &[Planes],
+    leaf: &Leaf,
+    own: &Planes,
+) -> [u32; LEAF_MASK_WORDS] {
     let mut rows: Rows = [[0; 9]; 9];
-    add(&mut rows, IVec3::ZERO, leaf);
+    add(&mut rows, IVec3::ZERO, own);
     for side in HIGH_SIDE {
-        let Some(origin) = leaf.origin().checked_add(side * 8) else { continue };
-        match tree.find(origin) {
-            Found::Leaf(leaf) => add(&mut rows, side, leaf),
-            Found::Tile(tile) if tile.value > 0.0 => {
-                for_row(side, |x, y| rows[x][y] |= z_bits(side));
-            }
-            Found::Tile(_) => {}
+        let origin = leaf.origin().checked_add(side * 8);
+        let Some(word) = origin.and_then(|origin| builder.word_at(origin)) else { continue };
+        if word & CHILD != 0 {
+            add(&mut rows, side, &planes[(word & PAYLOAD) as usize]);
+        } else if builder.tile_value(word) > 0.0 {
+            add(&mut rows, side, &[u64::MAX; 8]);
         }
     }
-    let mut mask = [0; LEAF_MASK_WORDS];
-    for x in 0..8 {
-        for y in 0..8 {
+    let cells = std::array::from_fn(|x| {
+        (0..8).fold(0, |plane, y| {
             let corners = rows[x][y] | rows[x + 1][y] | rows[x][y + 1] | rows[x + 1][y + 1];
-            let cells = corners | corners >> 1;
-            for z in (0..8).filter(|z| cells >> z & 1 == 1) {
-                let (word, bit) = mask_bit(IVec3::new(x as i32, y as i32, z));
-                mask[word] |= 1 << bit;
-            }
-        }
-    }
-    mask
+            plane | u64::from((corners | corners >> 1) & 0xff) << (8 * y)
+        })
+    });
+    bits::mask(&cells)
 }
 
-/// Samples of the nine along z that belong to the leaf itself or to a neighbour.
-fn z_bits(side: IVec3) -> u16 {
-    if side.z == 0 { 0xff } else { 0x100 }
-}
-
-/// Calls `f` for every row of the 9 × 9 that belongs to the leaf itself or to a neighbour.
-fn for_row(side: IVec3, mut f: impl FnMut(usize, usize)) {
+/// Adds the leaf itself, or what the nine samples per axis have of a neighbour.
+fn add(rows: &mut Rows, side: IVec3, planes: &Planes) {
     let range = |high: i32| if high == 0 { 0..8 } else { 8..9 };
     for x in range(side.x) {
         for y in range(side.y) {
-            f(x, y);
+            let row = (planes[x & 7] >> (8 * (y & 7)) & 0xff) as u16;
+            rows[x][y] |= if side.z == 0 { row } else { (row & 1) << 8 };
         }
     }
-}
-
-fn add(rows: &mut Rows, side: IVec3, leaf: &Leaf) {
-    let values = leaf.values_slice();
-    for_row(side, |x, y| {
-        let row = &values[(x & 7) << 6 | (y & 7) << 3..][..8];
-        let bits = (0..8).fold(0, |bits, z| bits | u16::from(row[z] > 0.0) << z);
-        rows[x][y] |= if side.z == 0 { bits } else { (bits & 1) << 8 };
-    });
 }
 
 /// Marks the tiles whose cells touch samples of another value: on the low side of every leaf and
@@ -83,6 +71,7 @@ fn add(rows: &mut Rows, side: IVec3, leaf: &Leaf) {
 pub(super) fn mark_mixed_tiles(
     tree: &Vdb543<f32>,
     leaves: &[&Leaf],
+    planes: &[Planes],
     builder: &mut Builder,
     background: u32,
 ) {
@@ -93,7 +82,7 @@ pub(super) fn mark_mixed_tiles(
         }
     };
     let beside_leaves: Vec<IVec3> =
-        leaves.par_iter().flat_map_iter(|leaf| low_side_of(leaf)).collect();
+        leaves.par_iter().zip(planes).flat_map_iter(|(leaf, own)| low_side_of(leaf, own)).collect();
     for origin in beside_leaves {
         mark(origin, LEAF_BITS);
     }
@@ -103,13 +92,13 @@ pub(super) fn mark_mixed_tiles(
 }
 
 /// The leaf-sized cubes on the low side of a leaf whose cells touch a density in it.
-fn low_side_of(leaf: &Leaf) -> impl Iterator<Item = IVec3> + '_ {
-    HIGH_SIDE.into_iter().filter_map(|side| {
-        let on_face = |slot: usize| {
-            let at = Leaf::slot_offset(slot);
-            (0..3).all(|axis| side[axis] == 0 || at[axis] == 0)
-        };
-        let touches = (0..LEAF_VALUES).any(|slot| on_face(slot) && leaf.values_slice()[slot] > 0.0);
+fn low_side_of<'a>(leaf: &'a Leaf, own: &'a Planes) -> impl Iterator<Item = IVec3> + 'a {
+    let any = own.iter().fold(0, |any, plane| any | plane);
+    HIGH_SIDE.into_iter().filter_map(move |side| {
+        let in_x = if side.x == 0 { any } else { own[0] };
+        let in_y = if side.y == 0 { u64::MAX } else { 0xff };
+        let in_z = if side.z == 0 { u64::MAX } else { 0x0101_0101_0101_0101 };
+        let touches = in_x & in_y & in_z != 0;
         touches.then(|| leaf.origin().checked_sub(side * 8)).flatten()
     })
 }
