@@ -24,7 +24,9 @@ const FAR: f32 = 1e30;
 const MAX_CELLS: f32 = 1073741824.0;    // 2^30
 // Direction components smaller than this, relative to the largest, never reach another cell within
 // the index space, but on the spot; dividing by them could exceed what f32 holds.
-const IDLE: f32 = 8.673617379884035e-19;    // 2^-60
+const IDLE: f32 = 3.469446951953614e-18;    // 2^-58
+// The largest component of a direction is not smaller than this.
+const SLOWEST: f32 = 9.313225746154785e-10; // 2^-30
 
 #ifdef COUNT_STEPS
 // Cells and larger cubes that the ray has looked at.
@@ -134,7 +136,8 @@ fn enter(grid: Grid, ray: Ray) -> Walk {
     let plane = select(grid.occupied_max + 1, grid.occupied_min, forward);
     let near = select(vec3(-1.0), plane_t(ray, plane), before);
     let t_near = max(max(near.x, near.y), near.z);
-    if any(beyond) || t_near >= FAR {
+    let slow = all(abs(ray.dir) < vec3(SLOWEST));
+    if slow || any(beyond) || t_near >= FAR {
         return Walk(ray.cell, 0.0, 0.0, 3u, false);
     }
     if t_near < ray.t_min || !any(before) {

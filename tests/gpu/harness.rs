@@ -169,7 +169,7 @@ impl Gpu {
 }
 
 /// How many rays a test walks: `count`, times what `BEVY_VDB_RAYS` says, for a GPU with time.
-pub fn rays(count: usize) -> usize {
+pub fn ray_count(count: usize) -> usize {
     let times = std::env::var("BEVY_VDB_RAYS").ok();
     count * times.map_or(1, |times| times.parse().expect("BEVY_VDB_RAYS is a number"))
 }

@@ -9,6 +9,43 @@ use crate::tree::{BoolTree, CoordBox, MaskTree, TreeStats, Vdb543};
 use crate::{Error, Limits, Metadata, Transform};
 
 /// A `.vdb` file in memory.
+///
+/// ```no_run
+/// use glam::{DVec3, IVec3};
+/// use vdb_core::{AnyTree, VdbFile};
+///
+/// let file = VdbFile::open("smoke.vdb")?;
+/// for skipped in &file.skipped {
+///     println!("{}", skipped.reason);
+/// }
+/// if let Some(grid) = file.grid("density")
+///     && let AnyTree::Float(tree) = &grid.tree
+/// {
+///     let voxel = grid.transform.index_from_world(DVec3::new(0.0, 1.5, 0.0)).round();
+///     println!("{}", tree.get(voxel.as_ivec3()));
+/// }
+/// # Ok::<(), vdb_core::Error>(())
+/// ```
+///
+/// And the other way:
+///
+/// ```
+/// use glam::{DVec3, IVec3};
+/// use vdb_core::tree::Vdb543;
+/// use vdb_core::{AnyTree, Grid, GridClass, ReadOptions, Transform, VdbFile, WriteOptions};
+///
+/// let mut tree = Vdb543::new(0.0_f32);
+/// tree.set(IVec3::new(1, 2, 3), 0.5);
+/// let mut grid = Grid::new("density", AnyTree::Float(tree.into()));
+/// grid.class = GridClass::FogVolume;
+/// if let Some(transform) = Transform::uniform(0.1, DVec3::ZERO) {
+///     grid.transform = transform;
+/// }
+/// let bytes = VdbFile::new(vec![grid]).write(&WriteOptions::default())?;
+/// let again = VdbFile::read(&bytes, &ReadOptions::default())?;
+/// assert_eq!(again.grids[0].tree.active_voxel_count(), 1);
+/// # Ok::<(), vdb_core::Error>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct VdbFile {
     /// Version of the file format, 218 to 225.

@@ -7,7 +7,7 @@
 //!
 //! - [`mod@level_set`], narrow-band signed distances, as OpenVDB leaves them after its signed flood fill.
 //! - [`mod@fog`], densities.
-//! - [`mod@rays`], rays that are hard on a traversal.
+//! - [`mod@rays`]: rays through all of these that are hard to decide.
 //! - [`mod@sparse`], few voxels, thin walls and patterns that are hard on a traversal.
 
 mod build;

@@ -3,7 +3,8 @@
 use super::cursor::Cursor;
 use super::header::NODE_MASK_COMPRESSION;
 use super::topology::{TreeContext, read_mask};
-use super::values::{self, FileValue, NodeValues};
+use super::value_types::FileValue;
+use super::values::{self, NodeValues};
 use crate::Error;
 use crate::codec::{PackScratch, Scratch};
 use crate::tree::{Active, BitLeaf, IVec3, LeafNode, Mask, Node};

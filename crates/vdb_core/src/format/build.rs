@@ -12,7 +12,7 @@ use super::header::NODE_MASK_COMPRESSION;
 use super::topology::{
     LEAF_MASK, Middle, MiddleScan, Scan, TreeContext, Upper, UpperScan, locate_tiles, read_mask,
 };
-use super::values::FileValue;
+use super::value_types::FileValue;
 use crate::codec::Scratch;
 use crate::codec::mask::spread;
 use crate::tree::{Cube, Dim, Mask, Node, Tree};

@@ -34,8 +34,10 @@ enum Source<'a> {
     Own(Build<'a>),
     /// Another grid has it.
     Instance,
-    /// It cannot be read, or need not.
+    /// It cannot be read.
     None(Error),
+    /// Nobody needs it.
+    NotAsked,
 }
 
 /// What stands in front of the tree.
@@ -189,7 +191,7 @@ fn list_stream<'a>(
         .collect();
     for grid in &mut listed {
         if !grid.selected && !parents.contains(&grid.descriptor.raw_name) {
-            grid.tree = Source::None(Error::cancelled());
+            grid.tree = Source::NotAsked;
         }
     }
     Ok(listed)
@@ -315,7 +317,7 @@ fn finish(
         .into_par_iter()
         .map(|source| match source {
             Source::Own(build) => build(progress).map(|tree| Some(Ok(tree))),
-            Source::Instance => Ok(None),
+            Source::Instance | Source::NotAsked => Ok(None),
             Source::None(reason) => Ok(Some(Err(reason))),
         })
         .collect::<Result<Vec<_>, Error>>()?;

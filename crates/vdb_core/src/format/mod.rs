@@ -9,6 +9,7 @@ mod header;
 mod metadata;
 mod topology;
 mod transform;
+mod value_types;
 mod values;
 mod write;
 

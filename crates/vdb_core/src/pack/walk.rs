@@ -6,7 +6,7 @@
 use glam::{BVec3, IVec3, Vec3};
 
 use super::PackedGrid;
-use super::exact::{T_ERROR, is_zero, plane_before};
+use super::exact::{FRAC_BITS, T_ERROR, is_zero, plane_before};
 use super::layout::*;
 
 /// A ray in local lattice coordinates.
@@ -16,12 +16,25 @@ pub struct Ray {
     pub cell: IVec3,
     /// Where in that cell the origin lies: a multiple of 2⁻²⁴, from 0 up to but not 1.
     pub frac: Vec3,
-    /// Cells per unit of `t`; any length but zero.
+    /// Cells per unit of `t`; the largest component must be of a size between 2⁻³⁰ and 2³⁰. A ray
+    /// that is slower meets nothing.
     pub dir: Vec3,
     /// Where the ray starts.
     pub t_min: f32,
     /// Where it ends.
     pub t_max: f32,
+}
+
+impl Ray {
+    /// The ray of a grid nearest to one in index space, `p(t) = cell + frac + t · dir`: the fraction
+    /// is rounded down to 24 bits, the direction is as it is. From `t = 0` on without an end.
+    pub fn from_index(grid: &PackedGrid, cell: IVec3, frac: Vec3, dir: Vec3) -> Self {
+        let from = frac.as_dvec3() - grid.kind.lattice_origin();
+        let units = f64::from(1 << FRAC_BITS);
+        let frac = ((from - from.floor()) * units).floor() / units;
+        let cell = cell.wrapping_add(from.floor().as_ivec3()).wrapping_sub(grid.base);
+        Self { cell, frac: frac.as_vec3(), dir, t_min: 0.0, t_max: FAR }
+    }
 }
 
 /// What covers a cell: everything alike over a cube of `2^log_dim` cells per edge.
@@ -147,7 +160,9 @@ const FAR: f32 = 1e30;
 const MAX_CELLS: f32 = (1 << 30) as f32;
 /// Direction components smaller than this, relative to the largest, never reach another cell within
 /// the index space, but on the spot; dividing by them could exceed what f32 holds.
-const IDLE: f32 = 1.0 / (1_u64 << 60) as f32;
+const IDLE: f32 = 1.0 / (1_u64 << 58) as f32;
+/// The largest component of a direction is not smaller than this.
+const SLOWEST: f32 = 1.0 / (1 << 30) as f32;
 
 fn select(mask: BVec3, a: BVec3, b: BVec3) -> BVec3 {
     mask & a | !mask & b
@@ -221,7 +236,8 @@ pub fn enter(grid: &PackedGrid, ray: &Ray) -> Walk {
     let beyond = select(forward, ray.cell.cmpgt(bounds.max), ray.cell.cmplt(bounds.min));
     let plane = IVec3::select(forward, bounds.min, bounds.max + IVec3::ONE);
     let near = Vec3::select(before, plane_t(ray, plane), Vec3::NEG_ONE);
-    if beyond.any() || near.max_element() >= FAR {
+    let slow = ray.dir.abs().max_element() < SLOWEST;
+    if slow || beyond.any() || near.max_element() >= FAR {
         return nothing;
     }
     let mut walk = Walk { t: ray.t_min, t_end: ray.t_max, inside: true, ..nothing };

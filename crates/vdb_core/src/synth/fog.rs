@@ -30,7 +30,8 @@ pub fn sphere(center: DVec3, radius: f64, soft: f64) -> Vdb543<f32> {
     )
 }
 
-/// One density over all voxels of a box, as tiles of every level that fits.
+/// One density over all voxels of a box, as tiles of every level that fits. (What does not fit
+/// costs leaves: a large box wants faces on multiples of 8, 128 or 4096.)
 pub fn block(bbox: CoordBox, density: f32) -> Vdb543<f32> {
     build(0.0, bbox, |_| Uniform::Yes(density, true), |_| (density, true))
 }

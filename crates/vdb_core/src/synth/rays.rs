@@ -1,66 +1,123 @@
-//! Rays made to be hard: along axes and diagonals, through edges and corners, with components that
-//! are zero, denormal or tiny, from anywhere.
+//! Rays that are hard to decide, for the reference tracer's own tests and for those that hold a GPU
+//! against it.
 
-use glam::{DVec3, IVec3, Vec3};
+use glam::Vec3;
 
 use super::Random;
+use crate::{
+    reference::Ray,
+    tree::{CoordBox, IVec3},
+};
 
-/// A ray as a shader gets it, `p(t) = cell + frac + t · dir`, in any lattice.
-#[derive(Clone, Copy, Debug)]
-pub struct HardRay {
-    /// The cell of the origin.
-    pub cell: IVec3,
-    /// Where in the cell: a multiple of 2⁻²⁴ from 0 up to but not 1.
-    pub frac: Vec3,
-    /// Not zero; not of unit length.
-    pub dir: Vec3,
+fn pick<T: Copy>(random: &mut Random, from: &[T]) -> T {
+    from[random.below(from.len() as u64) as usize]
 }
 
-/// A ray towards `target` (it passes within a few cells) from up to `far` cells away, mostly from
-/// closer by. `None` where the origin would lie farther out than 2³⁰.
-pub fn hard_ray(random: &mut Random, target: DVec3, far: f64) -> Option<HardRay> {
-    let dir = loop {
-        let dir = if random.below(3) == 0 {
-            // Exactly along an axis or a diagonal.
-            Vec3::from_array([0; 3].map(|_| random.below(3) as f32 - 1.0))
-        } else {
-            Vec3::from_array([0; 3].map(|_| component(random)))
-        };
-        if dir.abs().max_element() > 1e-3 {
-            break dir;
-        }
-    };
-    let away = random.range(0.0, 1.0).powi(4) * far;
-    let origin = target - dir.as_dvec3().normalize() * away;
-    let frac = Vec3::from_array([0; 3].map(|_| fraction(random)));
-    let near = origin.abs().max_element() < f64::from(1 << 30);
-    near.then(|| HardRay { cell: origin.floor().as_ivec3(), frac, dir })
-}
-
-/// One of the numbers that rays go wrong on.
-fn component(random: &mut Random) -> f32 {
-    match random.below(9) {
-        0 => 0.0,
-        1 => -0.0,
-        2 => 1.0,
-        3 => -1.0,
-        4 => 0.5,
-        // Denormal.
-        5 => f32::from_bits(random.bits() as u32 & 0x807f_ffff),
-        6 => random.range(-1.0, 1.0) as f32 * 1e-12,
-        7 => (random.below(7) as f32 - 3.0) * 0.25,
-        _ => random.range(-1.0, 1.0) as f32,
+/// One step in the last place up or down, or none.
+fn nudge(random: &mut Random, x: f32) -> f32 {
+    match random.below(4) {
+        0 => x.next_up(),
+        1 => x.next_down(),
+        _ => x,
     }
 }
 
-/// Often on an edge, or one unit beside it.
+/// A fraction at, beside or far from a face, an edge or a corner.
 fn fraction(random: &mut Random) -> f32 {
-    let unit = 1.0 / (1 << 24) as f32;
-    match random.below(5) {
-        0 => 0.0,
-        1 => 0.5,
-        2 => unit * random.below(3) as f32,
-        3 => 1.0 - unit * (1 + random.below(2)) as f32,
-        _ => unit * random.below(1 << 24) as f32,
+    let special = [0.0, -0.0, 0.5, 0.25, 0.75, 1.0, -0.5, 1e-45, 1e-40, f32::MIN_POSITIVE];
+    match random.below(3) {
+        0 => random.unit() as f32,
+        _ => {
+            let x = pick(random, &special);
+            nudge(random, x)
+        }
     }
+}
+
+/// A component: zeros, denormals, powers of two, ones, huge and plain numbers.
+fn component(random: &mut Random) -> f32 {
+    let x = match random.below(8) {
+        0 => 0.0,
+        1 => pick(random, &[1e-45, 1e-40, f32::MIN_POSITIVE, 1e-30]),
+        2 => 2.0_f32.powi(random.below(24) as i32 - 20),
+        3 | 4 => pick(random, &[1.0, 0.5, 2.0, 3.0]),
+        5 => pick(random, &[f32::MAX, 1e30, 1e10]),
+        _ => random.unit() as f32,
+    };
+    let x = if random.below(4) == 0 { nudge(random, x).min(f32::MAX) } else { x };
+    if random.below(2) == 0 { -x } else { x }
+}
+
+/// A ray near a box: through it, along its faces, through its edges and corners, beside them by one
+/// step in the last place, with components of every kind.
+pub fn adversarial(random: &mut Random, bbox: CoordBox) -> Ray {
+    let voxel = |random: &mut Random, reach: i64| {
+        IVec3::from_array([0, 1, 2].map(|a| {
+            let (low, high) = (i64::from(bbox.min[a]), i64::from(bbox.max[a]));
+            let c = low - reach + random.below((high - low + 1 + 2 * reach) as u64) as i64;
+            c.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
+        }))
+    };
+    let (cell, target) = (voxel(random, 12), voxel(random, 0));
+    let aimed = random.below(4) != 0;
+    let mut three = |f: fn(&mut Random) -> f32| Vec3::new(f(random), f(random), f(random));
+    let frac = three(fraction);
+    let dir = if aimed {
+        // At a corner of a voxel, a point of its faces or its middle; then scaled, which powers of
+        // two do exactly.
+        let at = three(|random| pick(random, &[0.5, -0.5, 0.0, 0.25]));
+        let dir = (target - cell).as_vec3() + at - frac;
+        dir * pick(random, &[1.0, 0.125, 1e-3, 1024.0])
+    } else {
+        three(component)
+    };
+    let mut ray = Ray::new(cell, frac, dir);
+    // Moderate directions only, so that the ray still begins near the box.
+    if dir.abs().max_element() < 4.0 {
+        match random.below(4) {
+            0 => ray.t_min = pick(random, &[0.5, 1.0, 0.1, -0.5, -2.0, 3.0]),
+            1 => ray.t_max = pick(random, &[0.0, 0.5, 1.0, 1.5, 8.0, 10.1]),
+            2 => (ray.t_min, ray.t_max) = (0.25, 4.5),
+            _ => {}
+        }
+    }
+    ray
+}
+
+/// A ray from up to 2²⁷ voxels away that meets corners, edges and faces of a box's voxels exactly, or
+/// misses them by less than f64 resolves at that distance. It comes near the box at about `t = n`,
+/// which is given with it and exact as an f32; a ray at all is only made where its origin lies in
+/// the index space.
+pub fn far(random: &mut Random, bbox: CoordBox) -> Option<(Ray, f32)> {
+    let n = 1_i32 << (16 + random.below(8));
+    let voxel = |random: &mut Random, a: usize| {
+        // In the box or up to 8 voxels beside it.
+        let (low, high) = (bbox.min[a].saturating_sub(8), bbox.max[a].saturating_add(8));
+        low + random.below((i64::from(high) - i64::from(low) + 1) as u64) as i32
+    };
+    let target = IVec3::from_array([0, 1, 2].map(|a| voxel(random, a)));
+    // In eighths of a voxel: n of them are whole voxels.
+    let eighths = IVec3::from_array([0; 3].map(|_| random.below(129) as i32 - 64));
+    let cell = [0, 1, 2].map(|a| target[a].checked_sub(eighths[a] * (n / 8)));
+    let [Some(x), Some(y), Some(z)] = cell else { return None };
+    let mut half = || {
+        let c = pick(random, &[0.5, -0.5, 0.0, 0.25]);
+        if c == 0.0 { pick(random, &[0.0, 1e-45, -1e-45, 1e-20]) } else { nudge(random, c) }
+    };
+    let frac = Vec3::new(half(), half(), half());
+    Some((Ray::new(IVec3::new(x, y, z), frac, eighths.as_vec3() / 8.0), n as f32))
+}
+
+/// A direction without denormal numbers (which shaders may take for zero), times a power of two
+/// that brings its largest component to between 1 and 2. `None` where nothing is left.
+pub fn normalized(dir: Vec3) -> Option<Vec3> {
+    let dir = dir.map(|c| if c.is_subnormal() { 0.0_f32.copysign(c) } else { c });
+    let largest = dir.abs().max_element();
+    if largest == 0.0 {
+        return None;
+    }
+    // In two steps, because 2¹²⁶ is the largest power of two with an inverse.
+    let exponent = largest.log2().floor() as i32;
+    let half = 2.0_f32.powi(-exponent / 2);
+    Some(dir * half * 2.0_f32.powi(-exponent - -exponent / 2))
 }

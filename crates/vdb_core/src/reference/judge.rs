@@ -1,0 +1,104 @@
+//! Answers of an f32 tracer, held against the reference.
+
+use super::{Blocky, Face, Ray, Smooth, SurfaceTrace};
+use crate::tree::{IVec3, Node};
+
+/// What an answer to "which voxel first, through which face" is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum VoxelVerdict {
+    /// Voxel and face are right.
+    Right,
+    /// Right for the ray with its denormal numbers flushed to zero ([`Ray::flushed`]), as hardware may.
+    RightWhenFlushed,
+    /// The right voxel, the wrong face.
+    WrongFace,
+    /// The wrong voxel, or one where there is none, or none where there is one.
+    WrongVoxel,
+}
+
+impl<C: Node<Value = f32>> Blocky<'_, C> {
+    /// Judges an answer: a voxel and the face entered (`None`: the ray begins inside), or nothing.
+    pub fn judge(&self, ray: &Ray, answer: Option<(IVec3, Option<Face>)>) -> VoxelVerdict {
+        let truth = |ray: &Ray| self.first_voxel(ray).map(|hit| (hit.ijk, hit.face));
+        let exact = truth(ray);
+        if answer == exact {
+            return VoxelVerdict::Right;
+        }
+        let flushed = ray.flushed();
+        if flushed != *ray && answer == truth(&flushed) {
+            return VoxelVerdict::RightWhenFlushed;
+        }
+        match (answer, exact) {
+            (Some((a, _)), Some((b, _))) if a == b => VoxelVerdict::WrongFace,
+            _ => VoxelVerdict::WrongVoxel,
+        }
+    }
+}
+
+/// What an answer to "where is the surface" is worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SurfaceVerdict {
+    /// Neither sees a surface.
+    BothMiss,
+    /// Both see one, so many voxels apart along the ray.
+    Off(f64),
+    /// One sees a surface where the other does not, or another one, and the interpolant comes within
+    /// the noise granted of a double root there. To be listed and counted.
+    NearDouble,
+    /// A surface was missed.
+    Missed,
+    /// A surface was seen where there is none.
+    Invented,
+}
+
+/// Voxels between two answers that are about the same root.
+const SAME_ROOT: f64 = 0.5;
+
+impl<C: Node<Value = f32>> Smooth<'_, C> {
+    /// Judges an answer: `t` of the first surface, or nothing. `noise` is the bound of the error of
+    /// the interpolant in the tracer that is judged, in units of the values; a dip or a graze that
+    /// is smaller excuses it.
+    pub fn judge(&self, ray: &Ray, answer: Option<f64>, noise: f64) -> SurfaceVerdict {
+        let voxels = ray.dir.as_dvec3().length();
+        let mut ray = *ray;
+        // The side on which a dip that may be overlooked began, until the ray has come back from it.
+        let mut overlooked = None;
+        let mut excused = false;
+        // A ray passes every root once, and moves on by at least one step of f32 each time.
+        loop {
+            let trace = self.trace(&ray);
+            let verdict = judge(&trace, answer, noise, voxels);
+            let excuse = |verdict| if excused { SurfaceVerdict::NearDouble } else { verdict };
+            let Some(hit) = trace.hit else {
+                let found = verdict == SurfaceVerdict::Invented;
+                return if found { verdict } else { excuse(verdict) };
+            };
+            let back = overlooked.is_some_and(|entering: bool| entering != hit.entering);
+            match verdict {
+                SurfaceVerdict::Missed if back => overlooked = None,
+                SurfaceVerdict::Missed if hit.depth <= noise => overlooked = Some(hit.entering),
+                SurfaceVerdict::Off(_) => return excuse(verdict),
+                _ => return verdict,
+            }
+            excused = true;
+            ray.t_min = (hit.t as f32).max(ray.t_min).next_up();
+        }
+    }
+}
+
+fn judge(trace: &SurfaceTrace, answer: Option<f64>, noise: f64, voxels: f64) -> SurfaceVerdict {
+    let at_graze = |t: f64| {
+        let near = |t0: f64| (t - t0).abs() * voxels <= SAME_ROOT;
+        trace.graze.is_some_and(|graze| graze.value <= noise && near(graze.t))
+    };
+    match (answer, trace.hit) {
+        (None, None) => SurfaceVerdict::BothMiss,
+        (None, Some(_)) => SurfaceVerdict::Missed,
+        (Some(t), Some(hit)) if (t - hit.t).abs() * voxels <= SAME_ROOT => {
+            SurfaceVerdict::Off((t - hit.t).abs() * voxels)
+        }
+        (Some(t), _) if at_graze(t) => SurfaceVerdict::NearDouble,
+        (Some(t), Some(hit)) if t > hit.t => SurfaceVerdict::Missed,
+        (Some(_), _) => SurfaceVerdict::Invented,
+    }
+}

@@ -1,0 +1,11 @@
+//! The reference tracer against closed forms, brute force and OpenVDB's own intersectors.
+
+mod blocky;
+mod brute;
+mod fog;
+mod judge;
+mod peers;
+mod picture;
+mod radiance;
+mod smooth;
+mod synth;
