@@ -1,4 +1,4 @@
-//! The shaders on whatever adapter there is, without Bevy: composed by naga_oil as Bevy does.
+//! The shaders on whatever adapter there is, without Bevy: composed by `naga_oil` as Bevy does.
 
 use std::borrow::Cow;
 
