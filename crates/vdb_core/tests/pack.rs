@@ -15,10 +15,11 @@ fn check(tree: &Vdb543<f32>, kind: PackKind, boxes: &[CoordBox]) -> PackedGrid {
                     let local = ijk.wrapping_sub(grid.base);
                     let expected = match kind {
                         PackKind::Surface { iso } => tree.get(ijk) < iso,
-                        PackKind::Fog => (0..8).any(|i| {
-                            let corner = IVec3::new(i >> 2, i >> 1 & 1, i & 1);
-                            tree.get(ijk.wrapping_add(corner)) > 0.0
-                        }),
+                        PackKind::Fog => corners(ijk).any(|corner| tree.get(corner) > 0.0),
+                        PackKind::Smooth { iso } => {
+                            let inside = |corner| tree.get(corner) < iso;
+                            corners(ijk).any(inside) && !corners(ijk).all(inside)
+                        }
                     };
                     let span = walk::locate(&grid, local);
                     let mixed_tile =
@@ -41,6 +42,10 @@ fn check(tree: &Vdb543<f32>, kind: PackKind, boxes: &[CoordBox]) -> PackedGrid {
     }
     assert!(seen > 0, "nothing was occupied: the test tested nothing");
     grid
+}
+
+fn corners(ijk: IVec3) -> impl Iterator<Item = IVec3> {
+    (0..8).map(move |i| ijk.wrapping_add(IVec3::new(i >> 2, i >> 1 & 1, i & 1)))
 }
 
 fn around(center: IVec3, radius: i32) -> CoordBox {
@@ -79,6 +84,29 @@ fn a_level_set_is_solid_inside() {
             "{occupied:?} does not hold {expected:?}"
         );
     }
+}
+
+#[test]
+fn a_smooth_surface_is_where_samples_change_their_sign() {
+    for center in [IVec3::ZERO, IVec3::new(4090, -4100, 130)] {
+        let tree = level_set_sphere(center, 20.0);
+        check(&tree, PackKind::Smooth { iso: 0.0 }, &[around(center, 26)]);
+    }
+    // Bands cut off, so that tiles of both signs touch leaves and each other.
+    let mut tree = Vdb543::new(1.0);
+    tree.insert_tile(IVec3::ZERO, -1.0, false);
+    for corner in [0, 8, 128, 4095] {
+        tree.set(IVec3::splat(corner), if corner == 4095 { -1.0 } else { 1.0 });
+    }
+    tree.set(IVec3::new(-3, 64, 64), -1.0);
+    let boxes = [
+        around(IVec3::splat(8), 10),
+        around(IVec3::splat(128), 3),
+        around(IVec3::splat(4095), 4),
+        around(IVec3::new(-3, 64, 64), 4),
+        around(IVec3::new(4095, 77, 900), 2),
+    ];
+    check(&tree, PackKind::Smooth { iso: 0.0 }, &boxes);
 }
 
 #[test]

@@ -5,12 +5,15 @@ use std::collections::BTreeMap;
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::{PackError, PackKind, PackedGrid, bits, crown, fog, layout::*};
+use super::{PackError, PackKind, PackedGrid, bits, cells, crown, layout::*};
 use crate::tree::{CoordBox, InternalNode, LeafNode, Node, RootEntry, Slot, Vdb543};
 
 type Leaf = LeafNode<f32, 3>;
 type Lower = InternalNode<Leaf, 4>;
 type Upper = InternalNode<Lower, 5>;
+
+/// The word of the background's tile, which is the first that is asked for.
+const BACKGROUND: u32 = 0;
 
 /// The packed tree while it grows. All coordinates are in index space.
 #[derive(Default)]
@@ -42,16 +45,17 @@ impl Builder {
         number & PAYLOAD
     }
 
-    /// The word of the smallest cube that covers a voxel; `None` outside every node of the root.
-    pub(super) fn word_at(&self, ijk: IVec3) -> Option<u32> {
-        let mut word = *self.root.get(&Upper::origin_of(ijk).to_array())?;
+    /// The word of the smallest cube that covers a voxel: a leaf's or a tile's.
+    pub(super) fn word_at(&self, ijk: IVec3) -> u32 {
+        let root = self.root.get(&Upper::origin_of(ijk).to_array());
+        let mut word = root.copied().unwrap_or(BACKGROUND);
         if word & CHILD != 0 {
             word = self.uppers[(word & PAYLOAD) as usize][upper_slot(ijk)];
             if word & CHILD != 0 {
                 word = self.lowers[(word & PAYLOAD) as usize][lower_slot(ijk)];
             }
         }
-        Some(word)
+        word
     }
 
     /// The value of a tile.
@@ -166,19 +170,25 @@ pub(super) fn pack(tree: &Vdb543<f32>, kind: PackKind) -> Result<PackedGrid, Pac
     let leaves = copy_topology(tree, kind, &mut builder);
     check("leaves", leaves.len() as u64)?;
 
+    debug_assert_eq!(background, BACKGROUND);
     let planes: Vec<bits::Planes> = match kind {
-        PackKind::Surface { iso } => {
+        PackKind::Surface { iso } | PackKind::Smooth { iso } => {
             leaves.par_iter().map(|leaf| bits::planes(leaf, |value| value < iso)).collect()
         }
         PackKind::Fog => {
             leaves.par_iter().map(|leaf| bits::planes(leaf, |value| value > 0.0)).collect()
         }
     };
-    let masks: Vec<[u32; LEAF_MASK_WORDS]> = match kind {
-        PackKind::Surface { .. } => planes.par_iter().map(bits::mask).collect(),
-        PackKind::Fog => {
-            let cells = leaves.par_iter().zip(&planes);
-            cells.map(|(leaf, own)| fog::cell_mask(&builder, &planes, leaf, own)).collect()
+    let rule = match kind {
+        PackKind::Surface { .. } => None,
+        PackKind::Smooth { iso } => Some(cells::Rule::Crossing(iso)),
+        PackKind::Fog => Some(cells::Rule::Density),
+    };
+    let masks: Vec<[u32; LEAF_MASK_WORDS]> = match rule {
+        None => planes.par_iter().map(bits::mask).collect(),
+        Some(rule) => {
+            let leaves = leaves.par_iter().zip(&planes);
+            leaves.map(|(leaf, own)| cells::cell_mask(&builder, rule, &planes, leaf, own)).collect()
         }
     };
     for (leaf, mask) in leaves.iter().zip(&masks) {
@@ -186,8 +196,8 @@ pub(super) fn pack(tree: &Vdb543<f32>, kind: PackKind) -> Result<PackedGrid, Pac
             *builder.word_mut(leaf.origin(), LEAF_BITS, background) |= OCCUPIED;
         }
     }
-    if kind == PackKind::Fog {
-        fog::mark_mixed_tiles(tree, &leaves, &planes, &mut builder, background);
+    if let Some(rule) = rule {
+        cells::mark_mixed_tiles(tree, rule, &leaves, &planes, &mut builder, background);
     }
     builder.lift_occupied();
     check("distinct tile values", builder.tile_values.len() as u64)?;
@@ -214,6 +224,8 @@ fn copy_topology<'a>(
     let tile = |builder: &mut Builder, value: f32| {
         let solid = match kind {
             PackKind::Surface { iso } => value < iso,
+            // Nothing is inside a solid but more of it: a surface is at changes of sign alone.
+            PackKind::Smooth { .. } => false,
             PackKind::Fog => value > 0.0,
         };
         builder.tile(value) | if solid { OCCUPIED } else { 0 }
@@ -304,14 +316,14 @@ fn assemble(
     let packed = values.par_chunks_mut(LEAF_VALUES).zip(leaves);
     match kind {
         PackKind::Fog => packed.for_each(|(out, leaf)| copy_safe(out, leaf, density)),
-        PackKind::Surface { iso } => {
+        PackKind::Surface { iso } | PackKind::Smooth { iso } => {
             packed.for_each(|(out, leaf)| copy_safe(out, leaf, |value| distance(value, iso)));
         }
     }
     let palette = values.len() as u32;
     values.extend(builder.tile_values.iter().map(|&value| match kind {
         PackKind::Fog => density(value),
-        PackKind::Surface { iso } => distance(value, iso),
+        PackKind::Surface { iso } | PackKind::Smooth { iso } => distance(value, iso),
     }));
     let majorant = values.par_iter().copied().reduce(|| 0.0, f32::max);
 

@@ -6,7 +6,9 @@
 //! - for a **surface** the voxels themselves: cell `ijk` is the cube of edge 1 centred on the
 //!   sample `ijk`, and it is *occupied* where the sample is below the iso-value;
 //! - for **fog** the cells of the trilinear interpolant: cell `ijk` has the samples `ijk` and
-//!   `ijk + 1` at its corners, and it is occupied where one of its eight samples is above zero.
+//!   `ijk + 1` at its corners, and it is occupied where one of its eight samples is above zero;
+//! - for a **smooth surface** the same cells, occupied where samples lie on both sides of the
+//!   iso-value.
 //!
 //! Values stand apart and are read only where a ray meets something. Everything is addressed by
 //! 32-bit indices from the start of the grid's own data, so that a grid can lie anywhere in a pool.
@@ -15,9 +17,9 @@
 
 mod bits;
 mod build;
+mod cells;
 mod crown;
 pub mod exact;
-mod fog;
 pub mod layout;
 pub mod walk;
 
@@ -34,6 +36,11 @@ pub enum PackKind {
         /// In the units of the values; 0 for a level set.
         iso: f32,
     },
+    /// The surface where the trilinear interpolant passes through the iso-value.
+    Smooth {
+        /// In the units of the values; 0 for a level set.
+        iso: f32,
+    },
     /// A density, trilinear between samples; what is not above zero is empty.
     Fog,
 }
@@ -43,7 +50,7 @@ impl PackKind {
     pub fn lattice_origin(self) -> f64 {
         match self {
             Self::Surface { .. } => -0.5,
-            Self::Fog => 0.0,
+            Self::Smooth { .. } | Self::Fog => 0.0,
         }
     }
 }
