@@ -66,7 +66,7 @@ impl VdbGrid {
         kind: PackKind,
     ) -> Result<Self, VdbGridError> {
         let class = match kind {
-            PackKind::Surface { .. } => GridClass::LevelSet,
+            PackKind::Surface { .. } | PackKind::Smooth { .. } => GridClass::LevelSet,
             PackKind::Fog => GridClass::FogVolume,
         };
         Self::from_parts(

@@ -35,6 +35,9 @@ pub struct VdbLoaderSettings {
     pub half_width: Option<f32>,
     /// Whether grids are surfaces or fog.
     pub render_as: VdbRenderAs,
+    /// Whether surfaces are smooth, where the trilinear interpolant passes through the iso-value,
+    /// rather than made of voxels. Off by default.
+    pub smooth: bool,
 }
 
 /// Whether grids are shown as surfaces or as fog.
@@ -245,8 +248,12 @@ fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<VdbGrid, VdbGridE
         VdbRenderAs::Fog => PackKind::Fog,
         VdbRenderAs::Auto => kind_of(grid.class, &tree),
     };
+    let kind = match kind {
+        PackKind::Surface { iso } if settings.smooth => PackKind::Smooth { iso },
+        kind => kind,
+    };
     let tree = match (settings.half_width, kind) {
-        (Some(half_width), PackKind::Surface { iso: 0.0 }) => {
+        (Some(half_width), PackKind::Surface { iso: 0.0 } | PackKind::Smooth { iso: 0.0 }) => {
             let voxel = grid.transform.voxel_size().min_element() as f32;
             Arc::new(trim_narrow_band(&tree, half_width * voxel))
         }

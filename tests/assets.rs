@@ -85,7 +85,7 @@ fn settings_choose_grids_and_how_they_are_shown() {
     let chosen = VdbLoaderSettings {
         grids: Some(vec!["surface".into()]),
         half_width: Some(2.0),
-        render_as: VdbRenderAs::Auto,
+        ..default()
     };
     let file = load(&app, chosen);
     let file = loaded(&mut app, &file);
@@ -108,6 +108,15 @@ fn settings_choose_grids_and_how_they_are_shown() {
     let file = loaded(&mut app, &file);
     let surface = loaded(&mut app, &file.named_grids["surface"]);
     assert_eq!(surface.kind(), PackKind::Fog);
+
+    let mut app = self::app();
+    let smooth = VdbLoaderSettings { smooth: true, ..default() };
+    let file = load(&app, smooth);
+    let file = loaded(&mut app, &file);
+    let surface = loaded(&mut app, &file.named_grids["surface"]);
+    assert_eq!(surface.kind(), PackKind::Smooth { iso: 0.0 });
+    let density = loaded(&mut app, &file.named_grids["density"]);
+    assert_eq!(density.kind(), PackKind::Fog);
 
     for (wrong, said) in [
         (VdbLoaderSettings { half_width: Some(f32::NAN), ..default() }, "half_width"),

@@ -3,7 +3,8 @@
 
 #import bevy_vdb::types::{Grid, Ray}
 #import bevy_vdb::tree::{Span, corners, locate, span_constant, span_occupied, tile_value, trilinear}
-#import bevy_vdb::hdda::{Walk, advance, count_step, enter}
+#import bevy_vdb::anchor::anchored
+#import bevy_vdb::hdda::{Walk, advance, count_step, enter, entry_t}
 
 // Half the distance between the two points of Gauss and Legendre on an interval of length 1.
 const GAUSS: f32 = 0.28867513;
@@ -20,20 +21,33 @@ fn mean_density(grid: Grid, ray: Ray, cell: vec3<i32>, span: Span, t_from: f32, 
     return 0.5 * (trilinear(c, saturate(first)) + trilinear(c, saturate(second)));
 }
 
+// Cells that a walk may be away from its anchor before it gets a new one.
+const ANCHOR_RANGE: i32 = 64;
+
 // ∫ density dt along the ray, up to `enough`. Within one trilinear cell the density is a cubic in
 // t, which the two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
 fn optical_length(grid: Grid, ray: Ray, enough: f32) -> f32 {
-    var sum = 0.0;
     var walk = enter(grid, ray);
+    var near = ray;
+    var anchored_yet = false;
+    var t_from = 0.0;
+    var sum = 0.0;
     while walk.inside && sum < enough {
         count_step();
+        if !anchored_yet || any(abs(walk.cell - near.cell) > vec3(ANCHOR_RANGE)) {
+            near = anchored(ray, walk.cell, walk.axis, walk.t).ray;
+            anchored_yet = true;
+            t_from = 0.0;
+        }
         let span = locate(grid, walk.cell);
         let next = advance(grid, ray, walk, span.log_dim);
+        let t_to = max(entry_t(near, next), t_from);
         if span_occupied(span) {
-            let t_to = min(next.t, walk.t_end);
-            sum += (t_to - walk.t) * mean_density(grid, ray, walk.cell, span, walk.t, t_to);
+            let t_end = min(t_to, near.t_max);
+            sum += (t_end - t_from) * mean_density(grid, near, walk.cell, span, t_from, t_end);
         }
         walk = next;
+        t_from = t_to;
     }
     return sum;
 }

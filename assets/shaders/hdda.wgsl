@@ -52,6 +52,12 @@ fn plane_t(ray: Ray, plane: vec3<i32>) -> vec3<f32> {
     return select(t, vec3(FAR), never);
 }
 
+// Where a ray crosses the plane by which a walk came into its cell.
+fn entry_t(ray: Ray, walk: Walk) -> f32 {
+    let forward = ray.dir > vec3(0.0);
+    return component_f(plane_t(ray, walk.cell + select(vec3(1), vec3(0), forward)), walk.axis);
+}
+
 // The axis of the plane that is crossed first of three, one on each axis. At once means x before y
 // before z.
 fn first_axis(ray: Ray, plane: vec3<i32>, t: vec3<f32>) -> u32 {
@@ -61,8 +67,26 @@ fn first_axis(ray: Ray, plane: vec3<i32>, t: vec3<f32>) -> u32 {
     if countOneBits(dot(select(vec3(0u), vec3(1u, 2u, 4u), in_doubt), vec3(1u))) < 2u {
         return first;
     }
-    let of_two = select(1u, 0u, plane_before(ray, 0u, plane.x, 1u, plane.y));
-    return select(2u, of_two, plane_before(ray, of_two, component_i(plane, of_two), 2u, plane.z));
+    return ordered(ray, plane, vec3(true), true);
+}
+
+// The first, or the last, of the planes of some axes that a ray crosses, one on each axis; 3 for no
+// axis at all. One loop with one comparison in it: compilers put functions in place of their calls,
+// and this one is long.
+fn ordered(ray: Ray, plane: vec3<i32>, axes: vec3<bool>, want_first: bool) -> u32 {
+    var best = 3u;
+    for (var axis = 0u; axis < 3u; axis++) {
+        let of_interest = select(select(axes.z, axes.y, axis == 1u), axes.x, axis == 0u);
+        if of_interest {
+            var better = best == 3u;
+            if !better {
+                let own = component_i(plane, axis);
+                better = plane_before(ray, best, component_i(plane, best), axis, own) != want_first;
+            }
+            best = select(best, axis, better);
+        }
+    }
+    return best;
 }
 
 // A cell at a position relative to the ray's origin, kept to what an integer holds.
@@ -92,33 +116,24 @@ fn cells_behind(
         return low;
     }
     var cell = low;
-    if in_doubt.x {
-        cell.x = cell_in_doubt(ray, 0u, axis, plane, low.x, high.x);
-    }
-    if in_doubt.y {
-        cell.y = cell_in_doubt(ray, 1u, axis, plane, low.y, high.y);
-    }
-    if in_doubt.z {
-        cell.z = cell_in_doubt(ray, 2u, axis, plane, low.z, high.z);
+    for (var own = 0u; own < 3u; own++) {
+        let here = vec3(0u, 1u, 2u) == vec3(own);
+        // Which of the planes between two cells are crossed before that of the other axis? Those
+        // that are come first. Halves the doubt each time: 32 times at most.
+        let forward = component_f(ray.dir, own) > 0.0;
+        var least_cell = component_i(low, own);
+        var most_cell = component_i(high, own);
+        while least_cell < most_cell && any(here & in_doubt) {
+            let middle = least_cell + (most_cell - least_cell) / 2;
+            if plane_before(ray, own, middle + 1, axis, plane) == forward {
+                least_cell = middle + 1;
+            } else {
+                most_cell = middle;
+            }
+        }
+        cell = select(cell, vec3(least_cell), here);
     }
     return cell;
-}
-
-// Which of the planes between two cells are crossed before that of another axis? Those that are
-// come first. Halves the doubt each time: 32 times at most.
-fn cell_in_doubt(ray: Ray, own: u32, axis: u32, plane: i32, cell_low: i32, cell_high: i32) -> i32 {
-    let forward = component_f(ray.dir, own) > 0.0;
-    var low = cell_low;
-    var high = cell_high;
-    while low < high {
-        let middle = low + (high - low) / 2;
-        if plane_before(ray, own, middle + 1, axis, plane) == forward {
-            low = middle + 1;
-        } else {
-            high = middle;
-        }
-    }
-    return low;
 }
 
 fn in_box(grid: Grid, cell: vec3<i32>) -> bool {
@@ -146,17 +161,7 @@ fn enter(grid: Grid, ray: Ray) -> Walk {
         return Walk(cell, ray.t_min, ray.t_max, 3u, inside);
     }
     // The last of them; at once means x before y before z.
-    var axis = 3u;
-    if before.x {
-        axis = 0u;
-    }
-    if before.y && (axis == 3u || !plane_before(ray, 1u, plane.y, 0u, plane.x)) {
-        axis = 1u;
-    }
-    if before.z
-        && (axis == 3u || !plane_before(ray, 2u, plane.z, axis, component_i(plane, axis))) {
-        axis = 2u;
-    }
+    let axis = ordered(ray, plane, before, false);
     let first = clamp(ray.cell, grid.occupied_min, grid.occupied_max);
     // One cell more: the ray may have left the box on another axis before it comes in on this one.
     let last = select(grid.occupied_min - 1, grid.occupied_max + 1, forward);

@@ -1,23 +1,27 @@
-// The look of a surface at the voxel that a ray enters.
+// The look of surfaces.
 #define_import_path bevy_vdb::surface
 
 #import bevy_vdb::types::{Grid, Ray, Volume}
+#import bevy_vdb::anchor::anchored
 #import bevy_vdb::tree::{corners, trilinear_gradient}
 #import bevy_vdb::hdda::Walk
 
-// World-space unit normal: the gradient of the trilinear interpolant where the ray enters the
-// voxel, or the face where there is no gradient.
-fn surface_normal(grid: Grid, volume: Volume, ray: Ray, hit: Walk) -> vec3<f32> {
-    // Cells of a surface are centred on their samples: half a cell back to sample coordinates.
-    let at = ray.frac + hit.t * ray.dir - 0.5;
+// Index-space gradient of the trilinear interpolant where a ray enters a voxel.
+fn voxel_gradient(grid: Grid, ray: Ray, hit: Walk) -> vec3<f32> {
+    // Voxels are centred on their samples: half a voxel back to sample coordinates.
+    let at = anchored(ray, hit.cell, hit.axis, hit.t).ray.frac - 0.5;
     let base = floor(at);
-    let c = corners(grid, vec3<i32>(base) + ray.cell);
-    let gradient = to_world(volume, trilinear_gradient(c, at - base));
+    return trilinear_gradient(corners(grid, hit.cell + vec3<i32>(base)), at - base);
+}
+
+// World-space unit normal: along a gradient, or the face by which the ray came where there is none.
+fn surface_normal(volume: Volume, ray: Ray, axis: u32, index_gradient: vec3<f32>) -> vec3<f32> {
+    let gradient = to_world(volume, index_gradient);
     let length_2 = dot(gradient, gradient);
     if length_2 > 1e-30 {
         return gradient * inverseSqrt(length_2);
     }
-    let across = vec3(hit.axis == 0u, hit.axis == 1u, hit.axis >= 2u);
+    let across = vec3(axis == 0u, axis == 1u, axis >= 2u);
     let face = to_world(volume, select(vec3(0.0), -sign(ray.dir), across));
     return face * inverseSqrt(max(dot(face, face), 1e-30));
 }

@@ -1,12 +1,13 @@
 // One thread a pixel: the nearest surface of all volumes, then all fogs in front of it.
 // Writes radiance times exposure, premultiplied with coverage, and a depth for the composite.
 
-#import bevy_vdb::types::{Grid, Ray, View, Volume, KIND_FOG, KIND_SURFACE}
+#import bevy_vdb::types::{Grid, Ray, View, Volume, KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::hdda::{FAR, Walk, enter, first_hit}
 #import bevy_vdb::lights::{isotropic, lambert}
-#ifdef SURFACES
-#import bevy_vdb::surface::surface_normal
+#import bevy_vdb::surface::{surface_normal, voxel_gradient}
+#ifdef SMOOTH
+#import bevy_vdb::smooth::first_root
 #endif
 #ifdef FOGS
 #import bevy_vdb::fog::optical_length
@@ -164,28 +165,45 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     var coverage = 0.0;
     var depth = NOTHING;
 
-#ifdef SURFACES
     var nearest = volume_end();
+    var normal = vec3(0.0);
+#ifdef SURFACES
     var hit: Walk;
     for (var i = view.volume_first; i < volume_end(); i++) {
-        if volumes[i].kind != KIND_SURFACE {
-            continue;
-        }
-        let found = first_hit(
-            grids[volumes[i].grid],
-            volume_ray(volumes[i], ndc, view.t_near, t_max),
-        );
-        if found.inside {
-            nearest = i;
-            hit = found;
-            t_max = found.t;
+        if volumes[i].kind == KIND_SURFACE {
+            let ray = volume_ray(volumes[i], ndc, view.t_near, t_max);
+            let found = first_hit(grids[volumes[i].grid], ray);
+            if found.inside {
+                nearest = i;
+                hit = found;
+                t_max = found.t;
+            }
         }
     }
     if nearest < volume_end() {
         let volume = volumes[nearest];
         let ray = volume_ray(volume, ndc, view.t_near, t_max);
-        let normal = surface_normal(grids[volume.grid], volume, ray, hit);
-        depth = depth_at(hit.t);
+        let gradient = voxel_gradient(grids[volume.grid], ray, hit);
+        normal = surface_normal(volume, ray, hit.axis, gradient);
+    }
+#endif
+#ifdef SMOOTH
+    for (var i = view.volume_first; i < volume_end(); i++) {
+        let volume = volumes[i];
+        if volume.kind == KIND_SMOOTH {
+            let ray = volume_ray(volume, ndc, view.t_near, t_max);
+            let found = first_root(grids[volume.grid], ray, volume.iso);
+            if found.found {
+                nearest = i;
+                t_max = found.t;
+                normal = surface_normal(volume, ray, found.axis, found.gradient);
+            }
+        }
+    }
+#endif
+    if nearest < volume_end() {
+        let volume = volumes[nearest];
+        depth = depth_at(t_max);
         coverage = 1.0;
 #ifdef SHOW_NORMALS
         color = 0.5 + 0.5 * normal;
@@ -195,7 +213,6 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
         color = view.exposure * (volume.emissive + lambert(view, volume.base_color, normal));
 #endif
     }
-#endif
 
 #ifdef FOGS
     let fog = trace_fogs(ndc, t_max, length(world_dir));

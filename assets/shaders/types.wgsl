@@ -18,6 +18,7 @@ struct Grid {
 
 const KIND_SURFACE: u32 = 0u;
 const KIND_FOG: u32 = 1u;
+const KIND_SMOOTH: u32 = 2u;
 
 // One volume as one view sees it. The view's ray through `ndc` is, in local lattice coordinates,
 //   p(t) = eye_cell + eye_frac + ndc.x·eye_x + ndc.y·eye_y + t·(dir + ndc.x·dir_x + ndc.y·dir_y)
@@ -30,6 +31,7 @@ struct Volume {
     eye_x: vec3<f32>,           // not zero in orthographic views only
     density_scale: f32,         // extinction per unit of density, per world unit
     eye_y: vec3<f32>,
+    iso: f32,                   // of a smooth surface
     dir: vec3<f32>,
     dir_x: vec3<f32>,
     dir_y: vec3<f32>,

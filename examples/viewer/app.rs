@@ -96,10 +96,12 @@ fn load(assets: Res<AssetServer>, settings: Res<Settings>, mut status: ResMut<St
     for file in &settings.0.files {
         let path = file.strip_prefix(asset_root()).unwrap_or(file).to_owned();
         let only = settings.0.grid.clone();
+        let smooth = settings.0.smooth;
         let handle = assets
             .load_builder()
             .with_settings(move |settings: &mut VdbLoaderSettings| {
                 settings.grids = only.clone().map(|name| vec![name]);
+                settings.smooth = smooth;
             })
             .load(AssetPath::from_path_buf(path));
         status.waiting.push((file.clone(), handle));

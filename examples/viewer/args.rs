@@ -24,6 +24,7 @@ With a display, a window (drag to orbit, right button to pan, wheel to zoom); wi
   --fov DEGREES     vertical field of view [45]
   --mode NAME       lit, normals, depth or steps (of the walk through the tree) [lit]
   --density X       fog: extinction per unit of density and of world length [1]
+  --smooth          level sets smooth, rather than voxel by voxel
   --ground          a plane below and a ball beside the volumes, both meshes
   --cpu             trace on the CPU, without a GPU: a picture, slowly
   -h, --help        this
@@ -46,6 +47,7 @@ pub struct Args {
     pub fov_y: f64,
     pub mode: VdbRenderMode,
     pub density: f32,
+    pub smooth: bool,
     pub ground: bool,
     pub cpu: bool,
 }
@@ -67,6 +69,7 @@ impl Args {
             fov_y: 45_f64.to_radians(),
             mode: VdbRenderMode::Lit,
             density: 1.0,
+            smooth: false,
             ground: false,
             cpu: false,
         };
@@ -82,6 +85,7 @@ impl Args {
                 Arg::Long("mode") => args.mode = value(&mut parser, "--mode", mode)?,
                 Arg::Long("density") => args.density = value(&mut parser, "--density", density)?,
                 Arg::Long("ground") => args.ground = true,
+                Arg::Long("smooth") => args.smooth = true,
                 Arg::Long("cpu") => args.cpu = true,
                 Arg::Value(file) => args.files.push(absolute(file)?),
                 other => return Err(other.unexpected().to_string()),

@@ -65,6 +65,7 @@ fn kind(grid: &VdbGrid, material: &VdbMaterial) -> VolumeKind {
         PackKind::Surface { iso } => {
             VolumeKind::Blocky { occupied: Occupied::BelowIso(iso), albedo }
         }
+        PackKind::Smooth { iso } => VolumeKind::Smooth { iso, albedo },
         PackKind::Fog => VolumeKind::Fog {
             extinction: f64::from(material.density_scale),
             albedo,

@@ -24,7 +24,7 @@ pub fn describe(label: &str, grid: &VdbGrid) -> String {
         },
     );
     let kind = match grid.kind() {
-        PackKind::Surface { .. } => "surface",
+        PackKind::Surface { .. } | PackKind::Smooth { .. } => "surface",
         PackKind::Fog => "fog",
     };
     format!("{label}: {kind}, {} active voxels, {bounds}", grid.tree().active_voxel_count())

@@ -21,6 +21,7 @@ pub(crate) struct Grid {
 
 pub(crate) const KIND_SURFACE: u32 = 0;
 pub(crate) const KIND_FOG: u32 = 1;
+pub(crate) const KIND_SMOOTH: u32 = 2;
 
 /// One volume as one view sees it.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -33,7 +34,7 @@ pub(crate) struct Volume {
     pub eye_x: [f32; 3],
     pub density_scale: f32,
     pub eye_y: [f32; 3],
-    pub pad_0: f32,
+    pub iso: f32,
     pub dir: [f32; 3],
     pub pad_1: f32,
     pub dir_x: [f32; 3],
@@ -143,7 +144,7 @@ mod tests {
             uppers, lowers, masks, values, palette);
         check(&module, "Grid", size_of::<Grid>(), &grid);
         let volume = fields!(Volume: eye_cell, grid, eye_frac, kind, eye_x, density_scale, eye_y,
-            dir, dir_x, dir_y, normal_x, normal_y, normal_z, base_color, emissive);
+            iso, dir, dir_x, dir_y, normal_x, normal_y, normal_z, base_color, emissive);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, sun_direction, volume_first, sun_illuminance, volume_count, ambient,

@@ -55,7 +55,10 @@ pub(super) struct TracePipeline {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct TraceKey {
     pub multisampled: bool,
+    /// Surfaces voxel by voxel.
     pub surfaces: bool,
+    /// Surfaces between samples.
+    pub smooth: bool,
     pub fogs: bool,
     pub mode: VdbRenderMode,
 }
@@ -100,6 +103,7 @@ impl SpecializedComputePipeline for TracePipeline {
         let defs = [
             (key.multisampled, "MULTISAMPLED"),
             (key.surfaces, "SURFACES"),
+            (key.smooth, "SMOOTH"),
             (key.fogs, "FOGS"),
             (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
             (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),

@@ -168,7 +168,7 @@ pub(super) fn prepare_views(
         let rays = ViewRays::new(clip_from_view.as_dmat4());
         let world_from_view = affine(view.world_from_view.affine());
         let first = volume_buffer.0.len() as u32;
-        let mut kinds = [false; 2];
+        let mut kinds = [false; 3];
         for entity in &seen.0 {
             let (Some(volume), Some(rays)) = (volumes.0.get(entity), &rays) else { continue };
             let Some(index) = pool.index(volume.grid) else { continue };
@@ -230,7 +230,7 @@ pub(super) fn prepare_views(
                 },
             )
         };
-        let [has_surfaces, has_fogs] = kinds;
+        let [has_voxels, has_fogs, has_smooth] = kinds;
         let resources = ViewResources {
             view: buffer("vdb_view", bytemuck::bytes_of(&data)),
             placement: buffer("vdb_placement", bytemuck::bytes_of(&placement)),
@@ -240,7 +240,8 @@ pub(super) fn prepare_views(
         };
         let trace_key = TraceKey {
             multisampled: msaa.samples() > 1,
-            surfaces: has_surfaces,
+            surfaces: has_voxels,
+            smooth: has_smooth,
             fogs: has_fogs,
             mode: settings.mode,
         };
@@ -265,7 +266,7 @@ pub(super) fn prepare_views(
         let alone = has_fogs || settings.mode == crate::VdbRenderMode::Steps;
         let pipelines = ViewPipelines {
             trace: trace_pipelines.specialize(&pipeline_cache, &trace_pipeline, trace_key),
-            surface: has_surfaces.then(|| composite(false)),
+            surface: (has_voxels || has_smooth).then(|| composite(false)),
             fog: alone.then(|| composite(true)),
             multisampled: trace_key.multisampled,
             tonemaps: composite_key(false).tone.is_some(),
@@ -318,6 +319,11 @@ fn volume_data(
         kind: match volume.packed.kind {
             PackKind::Surface { .. } => gpu_data::KIND_SURFACE,
             PackKind::Fog => gpu_data::KIND_FOG,
+            PackKind::Smooth { .. } => gpu_data::KIND_SMOOTH,
+        },
+        iso: match volume.packed.kind {
+            PackKind::Smooth { iso } => iso,
+            PackKind::Surface { .. } | PackKind::Fog => 0.0,
         },
         eye_x: rays.eye_x.as_vec3().to_array(),
         eye_y: rays.eye_y.as_vec3().to_array(),

@@ -8,19 +8,21 @@ use bevy::prelude::*;
 use bevy::shader::Shader;
 
 /// Modules that others import, and what runs.
-const IMPORTS: [&str; 8] =
-    ["types", "bindings", "tree", "exact", "hdda", "fog", "lights", "surface"];
+const IMPORTS: [&str; 10] =
+    ["types", "bindings", "tree", "exact", "hdda", "anchor", "smooth", "fog", "lights", "surface"];
 const TRACE: &str = "trace";
 const COMPOSITE: &str = "composite";
 
 pub(super) fn embed(app: &mut App) {
     let registry = app.world_mut().resource_mut::<EmbeddedAssetRegistry>();
-    let all: [(&str, &'static [u8]); 10] = [
+    let all: [(&str, &'static [u8]); 12] = [
         ("types", include_bytes!("../../assets/shaders/types.wgsl")),
         ("bindings", include_bytes!("../../assets/shaders/bindings.wgsl")),
         ("tree", include_bytes!("../../assets/shaders/tree.wgsl")),
         ("exact", include_bytes!("../../assets/shaders/exact.wgsl")),
         ("hdda", include_bytes!("../../assets/shaders/hdda.wgsl")),
+        ("anchor", include_bytes!("../../assets/shaders/anchor.wgsl")),
+        ("smooth", include_bytes!("../../assets/shaders/smooth.wgsl")),
         ("fog", include_bytes!("../../assets/shaders/fog.wgsl")),
         ("lights", include_bytes!("../../assets/shaders/lights.wgsl")),
         ("surface", include_bytes!("../../assets/shaders/surface.wgsl")),

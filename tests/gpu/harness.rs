@@ -34,6 +34,8 @@ pub struct ProbeHit {
     pub hit: u32,
     pub optical_length: f32,
     pub steps: u32,
+    pub gradient: [f32; 3],
+    pub pad: f32,
 }
 
 /// As in `types.wgsl`; the crate's own mirror of it is private and has a test of its own.
@@ -175,8 +177,8 @@ pub fn ray_count(count: usize) -> usize {
 }
 
 /// The modules of the crate that others import, in an order in which each finds those before it.
-const MODULES: [&str; 8] =
-    ["types", "bindings", "tree", "exact", "hdda", "fog", "lights", "surface"];
+const MODULES: [&str; 10] =
+    ["types", "bindings", "tree", "exact", "hdda", "anchor", "smooth", "fog", "lights", "surface"];
 
 /// A shader of the crate.
 pub fn source(name: &str) -> String {

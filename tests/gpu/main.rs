@@ -2,5 +2,6 @@
 
 mod fog;
 mod harness;
+mod smooth;
 mod surface;
 mod validity;

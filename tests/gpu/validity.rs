@@ -9,9 +9,9 @@ fn every_variant_of_the_trace_is_valid() {
     let trace = source("trace");
     let modes = ["", "SHOW_NORMALS", "SHOW_DEPTH", "COUNT_STEPS"];
     let mut variants = 0;
-    for bits in 0..8 {
+    for bits in 0..16 {
         for mode in modes {
-            let all = [(1, "MULTISAMPLED"), (2, "SURFACES"), (4, "FOGS")];
+            let all = [(1, "MULTISAMPLED"), (2, "SURFACES"), (4, "FOGS"), (8, "SMOOTH")];
             let mut defs: Vec<&str> =
                 all.iter().filter(|(bit, _)| bits & bit != 0).map(|(_, def)| *def).collect();
             defs.extend(Some(mode).filter(|mode| !mode.is_empty()));
@@ -22,5 +22,5 @@ fn every_variant_of_the_trace_is_valid() {
             variants += 1;
         }
     }
-    assert_eq!(variants, 32);
+    assert_eq!(variants, 64);
 }

@@ -15,6 +15,7 @@
 //! [`layout`] is the contract that the shader module `bevy_vdb::tree` mirrors; [`walk`] is the
 //! shader's walk on the CPU, function by function, for tests and for reading side by side.
 
+pub mod anchor;
 mod bits;
 mod build;
 mod cells;

@@ -6,6 +6,7 @@
 use glam::{BVec3, IVec3, Vec3};
 
 use super::PackedGrid;
+use super::anchor::anchored;
 use super::exact::{FRAC_BITS, T_ERROR, is_zero, plane_before};
 use super::layout::*;
 
@@ -318,29 +319,49 @@ fn trilinear(corners: &[f32; 8], u: Vec3) -> f32 {
 /// Half the distance between the two points of Gauss and Legendre on an interval of length 1.
 const GAUSS: f32 = 0.288_675_13;
 
+/// Cells that a walk may be away from its anchor before it gets a new one.
+const ANCHOR_RANGE: i32 = 64;
+
+/// Where a ray crosses the plane by which a walk came into its cell.
+fn entry_t(ray: &Ray, walk: &Walk) -> f32 {
+    let axis = walk.axis as usize;
+    let mut plane = walk.cell;
+    plane[axis] += i32::from(ray.dir[axis] <= 0.0);
+    plane_t(ray, plane)[axis]
+}
+
 /// ∫ density dt along the ray. Within one trilinear cell the density is a cubic in `t`, which the
 /// two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
 pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
     let mut walk = enter(grid, ray);
+    let mut near = anchored(ray, walk.cell, walk.axis, walk.t);
+    let mut from = 0.0;
     let mut sum = 0.0;
     while walk.inside {
         let span = locate(grid, walk.cell);
         let next = advance(grid, ray, walk, span.log_dim);
+        let to = entry_t(&near, &next).max(from);
         if span.occupied() {
-            let (from, to) = (walk.t, next.t.min(walk.t_end));
-            sum += (to - from) * mean_density(grid, ray, &walk, span, from, to);
+            let end = to.min(near.t_max);
+            sum += (end - from) * mean_density(grid, &near, walk.cell, span, from, end);
         }
         walk = next;
+        from = to;
+        if (walk.cell - near.cell).abs().max_element() > ANCHOR_RANGE {
+            near = anchored(ray, walk.cell, walk.axis, walk.t);
+            from = 0.0;
+        }
     }
     sum
 }
 
-fn mean_density(grid: &PackedGrid, ray: &Ray, walk: &Walk, span: Span, from: f32, to: f32) -> f32 {
+/// The mean density between two parameters within the cube of a span.
+fn mean_density(grid: &PackedGrid, ray: &Ray, cell: IVec3, span: Span, from: f32, to: f32) -> f32 {
     if span.constant() {
         return grid.values[grid.palette as usize + (span.word & PAYLOAD) as usize];
     }
-    let corners = corners(grid, walk.cell);
-    let origin = (ray.cell - walk.cell).as_vec3() + ray.frac;
+    let corners = corners(grid, cell);
+    let origin = (ray.cell - cell).as_vec3() + ray.frac;
     let at = |s: f32| {
         let t = from + (to - from) * s;
         trilinear(&corners, (origin + t * ray.dir).clamp(Vec3::ZERO, Vec3::ONE))

@@ -1,0 +1,142 @@
+// The first place where the trilinear interpolant passes through the iso-value.
+#define_import_path bevy_vdb::smooth
+
+#import bevy_vdb::types::{Grid, Ray}
+#import bevy_vdb::anchor::anchored
+#import bevy_vdb::tree::{Corners, corners, locate, span_occupied, trilinear, trilinear_gradient}
+#import bevy_vdb::hdda::{Walk, advance, count_step, enter, plane_t}
+
+struct SurfaceHit {
+    found: bool,
+    t: f32,
+    // In index space, not of unit length.
+    gradient: vec3<f32>,
+    // The face of the cell that the ray came in by; 3: it began inside.
+    axis: u32,
+}
+
+// A cubic by its coefficients, a.x + s·(a.y + s·(a.z + s·a.w)).
+fn cubic_at(a: vec4<f32>, s: f32) -> f32 {
+    return a.x + s * (a.y + s * (a.z + s * a.w));
+}
+
+// The root between two places where a cubic has different signs.
+fn bracketed(a: vec4<f32>, s_low: f32, s_high: f32) -> f32 {
+    var low = s_low;
+    var high = s_high;
+    let negative = cubic_at(a, low) < 0.0;
+    var s = 0.5 * (low + high);
+    // Newton's step where it stays between the two, else the middle.
+    for (var i = 0u; i < 16u; i++) {
+        let f = cubic_at(a, s);
+        if (f < 0.0) == negative {
+            low = s;
+        } else {
+            high = s;
+        }
+        let slope = a.y + s * (2.0 * a.z + s * 3.0 * a.w);
+        let newton = s - f / select(slope, 1.0, slope == 0.0);
+        let inside = newton > low && newton < high && slope != 0.0;
+        let next = select(0.5 * (low + high), newton, inside);
+        if next == s {
+            break;
+        }
+        s = next;
+    }
+    return s;
+}
+
+// The first change of sign between 0 and 1, or 2 if there is none. Between its extrema a cubic
+// changes its sign at most once.
+fn first_change(a: vec4<f32>) -> f32 {
+    // 3·a.w·s² + 2·a.z·s + a.y = 0, without the difference of near-equal numbers.
+    let b = a.z;
+    let root = b * b - 3.0 * a.w * a.y;
+    var first = 2.0;
+    var second = 2.0;
+    if root > 0.0 {
+        let q = -(b + select(-sqrt(root), sqrt(root), b >= 0.0));
+        let r_0 = select(2.0, q / (3.0 * a.w), abs(a.w) > 1e-30);
+        let r_1 = select(2.0, a.y / q, abs(q) > 1e-30);
+        first = min(r_0, r_1);
+        second = max(r_0, r_1);
+    }
+    var low = 0.0;
+    let negative = a.x < 0.0;
+    if first > 0.0 && first < 1.0 {
+        if (cubic_at(a, first) < 0.0) != negative {
+            return bracketed(a, low, first);
+        }
+        low = first;
+    }
+    if second > 0.0 && second < 1.0 {
+        if (cubic_at(a, second) < 0.0) != negative {
+            return bracketed(a, low, second);
+        }
+        low = second;
+    }
+    if (cubic_at(a, 1.0) < 0.0) != negative {
+        return bracketed(a, low, 1.0);
+    }
+    return 2.0;
+}
+
+fn nothing() -> SurfaceHit {
+    return SurfaceHit(false, 0.0, vec3(0.0), 3u);
+}
+
+// The first root of the interpolant minus `iso` on a ray.
+fn first_root(grid: Grid, ray: Ray, iso: f32) -> SurfaceHit {
+    var walk = enter(grid, ray);
+    // Whether the interpolant was negative at the end of the cell before: a sign that changes just
+    // between two cells is a root, too, and rounding must not lose it.
+    var known = false;
+    var was_negative = false;
+    while walk.inside {
+        count_step();
+        let span = locate(grid, walk.cell);
+        let here = walk;
+        walk = advance(grid, ray, walk, span.log_dim);
+        if !span_occupied(span) {
+            known = false;
+            continue;
+        }
+        let c = corners(grid, here.cell);
+        let near = anchored(ray, here.cell, here.axis, here.t);
+        let forward = ray.dir > vec3(0.0);
+        let exits = plane_t(near.ray, here.cell + select(vec3(0), vec3(1), forward));
+        let length = min(min(min(exits.x, exits.y), exits.z), near.ray.t_max);
+        let way = length * ray.dir;
+        // Four values of the cubic, then its coefficients.
+        let f_0 = trilinear(c, near.ray.frac) - iso;
+        let f_1 = trilinear(c, saturate(near.ray.frac + way / 3.0)) - iso;
+        let f_2 = trilinear(c, saturate(near.ray.frac + way * (2.0 / 3.0))) - iso;
+        let f_3 = trilinear(c, saturate(near.ray.frac + way)) - iso;
+        let d_1 = f_1 - f_0;
+        let d_2 = f_2 - 2.0 * f_1 + f_0;
+        let d_3 = f_3 - 3.0 * f_2 + 3.0 * f_1 - f_0;
+        let a = vec4(
+            f_0,
+            3.0 * d_1 - 1.5 * d_2 + d_3,
+            4.5 * (d_2 - d_3),
+            4.5 * d_3,
+        );
+        var s = 2.0;
+        if known && was_negative != (f_0 < 0.0) {
+            s = 0.0;
+        } else {
+            s = first_change(a);
+            // The cubic's own end may differ in the last place from the sample there.
+            if s > 1.0 && (f_3 < 0.0) != (f_0 < 0.0) {
+                s = 1.0;
+            }
+        }
+        if s <= 1.0 {
+            let at = saturate(near.ray.frac + s * way);
+            return SurfaceHit(true, here.t + s * length, trilinear_gradient(c, at), here.axis);
+        }
+        known = true;
+        was_negative = f_3 < 0.0;
+    }
+    return nothing();
+}
