@@ -31,7 +31,7 @@ pub struct VdbFile {
 /// One grid of floats, ready to be shown: what [`VdbVolume`](crate::VdbVolume) points to.
 #[derive(Asset, Clone, Debug, TypePath)]
 pub struct VdbGrid {
-    name: String,
+    name: Arc<str>,
     class: GridClass,
     world_from_index: DAffine3,
     metadata: Metadata,
@@ -60,7 +60,7 @@ impl VdbGrid {
     /// # Errors
     /// When the transform cannot be inverted, or the tree is larger than a GPU grid can be.
     pub fn new(
-        name: impl Into<String>,
+        name: impl Into<Arc<str>>,
         tree: Vdb543<f32>,
         world_from_index: DAffine3,
         kind: PackKind,
@@ -80,7 +80,7 @@ impl VdbGrid {
     }
 
     pub(crate) fn from_parts(
-        name: String,
+        name: Arc<str>,
         class: GridClass,
         world_from_index: DAffine3,
         metadata: Metadata,
@@ -100,6 +100,11 @@ impl VdbGrid {
     /// The grid's name in its file; may be empty.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// The name, shared: for messages about the grid elsewhere.
+    pub(crate) fn shared_name(&self) -> Arc<str> {
+        self.name.clone()
     }
 
     /// What the file says that the values mean.

@@ -259,7 +259,7 @@ fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<VdbGrid, VdbGridE
         }
         _ => tree,
     };
-    VdbGrid::from_parts(grid.name, grid.class, world_from_index, grid.metadata, tree, kind)
+    VdbGrid::from_parts(grid.name.into(), grid.class, world_from_index, grid.metadata, tree, kind)
 }
 
 fn kind_of(class: GridClass, tree: &Vdb543<f32>) -> PackKind {

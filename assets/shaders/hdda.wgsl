@@ -64,7 +64,7 @@ fn first_axis(ray: Ray, plane: vec3<i32>, t: vec3<f32>) -> u32 {
     let first = select(select(2u, 1u, t.y <= t.z), 0u, t.x <= t.y && t.x <= t.z);
     let least = component_f(t, first);
     let in_doubt = t <= vec3(least * (1.0 + T_ERROR));
-    if countOneBits(dot(select(vec3(0u), vec3(1u, 2u, 4u), in_doubt), vec3(1u))) < 2u {
+    if dot(vec3<u32>(in_doubt), vec3(1u)) < 2u {
         return first;
     }
     return ordered(ray, plane, vec3(true), true);

@@ -218,13 +218,9 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     let fog = trace_fogs(ndc, t_max, length(world_dir));
     if fog.optical_depth > 0.0 {
         let transmittance = exp(-fog.optical_depth);
-#ifndef SHOW_NORMALS
-#ifndef SHOW_DEPTH
         color = view.exposure * fog.radiance + transmittance * color;
         coverage = 1.0 - transmittance * (1.0 - coverage);
         depth = select(depth, -1.0 - depth_at(fog.t_first), depth < 0.0);
-#endif
-#endif
     }
 #endif
 

@@ -19,7 +19,7 @@ pub(super) struct ExtractedVolume {
     pub grid: AssetId<VdbGrid>,
     pub packed: Arc<PackedGrid>,
     /// For messages.
-    pub name: String,
+    pub name: Arc<str>,
     pub world_from_local: Affine3A,
     pub local_from_index: bevy::math::DAffine3,
     pub material: VdbMaterial,
@@ -36,7 +36,7 @@ pub(super) fn extract_volumes(
         let volume = ExtractedVolume {
             grid: volume.0.id(),
             packed: grid.packed().clone(),
-            name: grid.name().to_owned(),
+            name: grid.shared_name(),
             world_from_local: transform.affine(),
             local_from_index: grid.world_from_index(),
             material: material.clone(),
@@ -88,7 +88,8 @@ pub(super) fn extract_ambient(
     global: Extract<Option<Res<GlobalAmbientLight>>>,
     cameras: Extract<Query<(RenderEntity, Option<&AmbientLight>), With<Camera3d>>>,
 ) {
-    let luminance = |color: Color, brightness: f32| color.to_linear().to_vec3() * brightness;
+    let luminance =
+        |color: Color, brightness: f32| color.to_linear().to_vec3() * non_negative(brightness);
     let global =
         global.as_ref().map_or(Vec3::ZERO, |light| luminance(light.color, light.brightness));
     for (entity, own) in &cameras {

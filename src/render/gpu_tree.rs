@@ -102,8 +102,7 @@ pub(super) fn update_tree_pool(
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
 ) {
-    let mut wanted: HashMap<AssetId<VdbGrid>, (&MainEntity, &str, &Arc<PackedGrid>)> =
-        HashMap::default();
+    let mut wanted = Wanted::default();
     for (entity, volume) in &volumes.0 {
         wanted.entry(volume.grid).or_insert((entity, &volume.name, &volume.packed));
     }
@@ -128,6 +127,7 @@ pub(super) fn update_tree_pool(
     usage.0.bytes.store(bytes, Ordering::Relaxed);
 }
 
+/// The grids that entities show, each with one such entity and its name for messages.
 type Wanted<'a> = HashMap<AssetId<VdbGrid>, (&'a MainEntity, &'a str, &'a Arc<PackedGrid>)>;
 
 impl VdbTreePool {

@@ -34,7 +34,7 @@ use super::pipeline::{
     CompositeKey, CompositePipeline, ToneKey, TraceKey, TracePipeline, ViewPipelines,
 };
 use super::rays::{CannotShow, LatticeRays, ViewRays};
-use crate::{VdbCamera, VdbVolume};
+use crate::{VdbCamera, VdbRenderMode, VdbVolume};
 use vdb_core::pack::PackKind;
 
 /// What is told of once and not again while it lasts.
@@ -231,6 +231,9 @@ pub(super) fn prepare_views(
             )
         };
         let [has_voxels, has_fogs, has_smooth] = kinds;
+        // Normals and depth are those of surfaces: fog is neither traced nor compiled for them.
+        let no_fog = matches!(settings.mode, VdbRenderMode::Normals | VdbRenderMode::Depth);
+        let has_fogs = has_fogs && !no_fog;
         let resources = ViewResources {
             view: buffer("vdb_view", bytemuck::bytes_of(&data)),
             placement: buffer("vdb_placement", bytemuck::bytes_of(&placement)),
@@ -263,7 +266,7 @@ pub(super) fn prepare_views(
             )
         };
         // Steps are shown where no surface is, too.
-        let alone = has_fogs || settings.mode == crate::VdbRenderMode::Steps;
+        let alone = has_fogs || settings.mode == VdbRenderMode::Steps;
         let pipelines = ViewPipelines {
             trace: trace_pipelines.specialize(&pipeline_cache, &trace_pipeline, trace_key),
             surface: (has_voxels || has_smooth).then(|| composite(false)),
@@ -312,19 +315,18 @@ fn volume_data(
     let rays = LatticeRays::new(rays, world_from_view, world_from_index, &volume.packed)?;
     let emissive = volume.material.emissive.to_vec3().to_array().map(non_negative);
     let base_color = volume.material.base_color.to_linear().to_vec3().to_array();
+    let (kind, iso) = match volume.packed.kind {
+        // The packer has compared the voxels with the iso-value already.
+        PackKind::Surface { .. } => (gpu_data::KIND_SURFACE, 0.0),
+        PackKind::Smooth { iso } => (gpu_data::KIND_SMOOTH, iso),
+        PackKind::Fog => (gpu_data::KIND_FOG, 0.0),
+    };
     Ok(gpu_data::Volume {
         eye_cell: rays.eye_cell.to_array(),
         grid,
         eye_frac: rays.eye_frac.as_vec3().to_array(),
-        kind: match volume.packed.kind {
-            PackKind::Surface { .. } => gpu_data::KIND_SURFACE,
-            PackKind::Fog => gpu_data::KIND_FOG,
-            PackKind::Smooth { .. } => gpu_data::KIND_SMOOTH,
-        },
-        iso: match volume.packed.kind {
-            PackKind::Smooth { iso } => iso,
-            PackKind::Surface { .. } | PackKind::Fog => 0.0,
-        },
+        kind,
+        iso,
         eye_x: rays.eye_x.as_vec3().to_array(),
         eye_y: rays.eye_y.as_vec3().to_array(),
         density_scale: non_negative(volume.material.density_scale),

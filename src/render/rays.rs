@@ -47,32 +47,22 @@ impl ViewRays {
         let at = (m.z_axis * 0.5 + m.w_axis).truncate();
         let (at_x, at_y) = (m.x_axis.truncate(), m.y_axis.truncate());
         let flat = |v: DVec3| DVec3::new(v.x, v.y, 0.0);
-        let rays = if orthographic {
-            Self {
-                eye: flat(at),
-                eye_x: flat(at_x),
-                eye_y: flat(at_y),
-                dir: DVec3::NEG_Z,
-                dir_x: DVec3::ZERO,
-                dir_y: DVec3::ZERO,
-                t_from_depth,
-                depth_from_t: [-p.z_axis.z, p.w_axis.z, -p.z_axis.w, p.w_axis.w],
-                t_near: t_of(1.0),
-                t_far: t_of(0.0),
-            }
+        let ([eye, eye_x, eye_y], [dir, dir_x, dir_y]) = if orthographic {
+            ([at, at_x, at_y].map(flat), [DVec3::NEG_Z, DVec3::ZERO, DVec3::ZERO])
         } else {
-            Self {
-                eye: DVec3::ZERO,
-                eye_x: DVec3::ZERO,
-                eye_y: DVec3::ZERO,
-                dir: at / -at.z,
-                dir_x: at_x / -at.z,
-                dir_y: at_y / -at.z,
-                t_from_depth,
-                depth_from_t: [-p.z_axis.z, p.w_axis.z, -p.z_axis.w, p.w_axis.w],
-                t_near: t_of(1.0),
-                t_far: t_of(0.0),
-            }
+            ([DVec3::ZERO; 3], [at, at_x, at_y].map(|v| v / -at.z))
+        };
+        let rays = Self {
+            eye,
+            eye_x,
+            eye_y,
+            dir,
+            dir_x,
+            dir_y,
+            t_from_depth,
+            depth_from_t: [-p.z_axis.z, p.w_axis.z, -p.z_axis.w, p.w_axis.w],
+            t_near: t_of(1.0),
+            t_far: t_of(0.0),
         };
         (rays.dir.is_finite() && rays.eye.is_finite()).then_some(rays)
     }

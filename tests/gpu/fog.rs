@@ -1,7 +1,7 @@
 //! Optical depth.
 
 use bevy::math::{DVec3, IVec3};
-use vdb_core::pack::{PackKind, PackedGrid};
+use vdb_core::pack::{PackKind, PackedGrid, walk};
 use vdb_core::reference::{Fog, Ray};
 use vdb_core::synth::Random;
 use vdb_core::synth::{fog, sparse};
@@ -30,15 +30,8 @@ fn check(gpu: &Gpu, tree: &Vdb543<f32>, seed: u64, count: usize) {
             let cell = origin.floor().as_ivec3();
             let frac = (origin - origin.floor()).as_vec3();
             let dir = dir.as_vec3();
-            let probe = ProbeRay {
-                cell: cell.to_array(),
-                t_min: 0.0,
-                frac: frac.to_array(),
-                t_max: 1e30,
-                dir: dir.to_array(),
-                pad: 0.0,
-            };
-            (probe, Ray::new(cell + grid.base, frac, dir))
+            let probe = walk::Ray { cell, frac, dir, t_min: 0.0, t_max: 1e30 };
+            (probe.into(), Ray::new(cell + grid.base, frac, dir))
         })
         .collect();
     let probes: Vec<ProbeRay> = rays.iter().map(|(probe, _)| *probe).collect();

@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use naga_oil::compose::{
     ComposableModuleDescriptor, Composer, NagaModuleDescriptor, ShaderDefValue, ShaderLanguage,
 };
-use vdb_core::pack::PackedGrid;
+use vdb_core::pack::{PackedGrid, walk};
 use wgpu::util::DeviceExt;
 
 pub struct Gpu {
@@ -36,6 +36,19 @@ pub struct ProbeHit {
     pub steps: u32,
     pub gradient: [f32; 3],
     pub pad: f32,
+}
+
+impl From<walk::Ray> for ProbeRay {
+    fn from(ray: walk::Ray) -> Self {
+        Self {
+            cell: ray.cell.to_array(),
+            t_min: ray.t_min,
+            frac: ray.frac.to_array(),
+            t_max: ray.t_max,
+            dir: ray.dir.to_array(),
+            pad: 0.0,
+        }
+    }
 }
 
 /// As in `types.wgsl`; the crate's own mirror of it is private and has a test of its own.

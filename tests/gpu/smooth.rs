@@ -35,15 +35,7 @@ fn check(gpu: &Gpu, tree: &Vdb543<f32>, seed: u64, far: f64) {
                 t_min: 0.0,
                 t_max: 1e30,
             };
-            let probe = ProbeRay {
-                cell: ray.cell.to_array(),
-                t_min: 0.0,
-                frac: ray.frac.to_array(),
-                t_max: ray.t_max,
-                dir: dir.to_array(),
-                pad: 0.0,
-            };
-            (probe, Ray::new(ray.cell + grid.base, ray.frac, dir))
+            (ray.into(), Ray::new(ray.cell + grid.base, ray.frac, dir))
         })
         .collect();
     let probes: Vec<ProbeRay> = rays.iter().map(|(probe, _)| *probe).collect();

@@ -17,16 +17,9 @@ fn exact_ray(base: IVec3, origin: DVec3, dir: Vec3) -> (ProbeRay, Ray) {
     let cell = origin.floor();
     let frac = (origin - cell).as_vec3();
     let cell = cell.as_ivec3();
-    let probe = ProbeRay {
-        cell: cell.to_array(),
-        t_min: 0.0,
-        frac: frac.to_array(),
-        t_max: 1e30,
-        dir: dir.to_array(),
-        pad: 0.0,
-    };
+    let probe = walk::Ray { cell, frac, dir, t_min: 0.0, t_max: 1e30 };
     // Voxel `ijk` is the lattice cell `ijk`, half a voxel towards lower coordinates in index space.
-    (probe, Ray::new(cell + base, frac - 0.5, dir))
+    (probe.into(), Ray::new(cell + base, frac - 0.5, dir))
 }
 
 fn random_rays(grid: &PackedGrid, seed: u64, count: usize) -> Vec<(ProbeRay, Ray)> {
@@ -59,15 +52,7 @@ fn hard_rays(grid: &PackedGrid, seed: u64, count: usize) -> Vec<(ProbeRay, Ray)>
         let Some(dir) = rays::normalized(ray.dir) else { continue };
         let ray = walk::Ray::from_index(grid, ray.cell, ray.frac, dir);
         let Some(cell) = ray.cell.checked_add(grid.base) else { continue };
-        let probe = ProbeRay {
-            cell: ray.cell.to_array(),
-            t_min: 0.0,
-            frac: ray.frac.to_array(),
-            t_max: ray.t_max,
-            dir: ray.dir.to_array(),
-            pad: 0.0,
-        };
-        hard.push((probe, Ray::new(cell, ray.frac - 0.5, ray.dir).flushed()));
+        hard.push((ray.into(), Ray::new(cell, ray.frac - 0.5, ray.dir).flushed()));
     }
     hard
 }
