@@ -3,6 +3,7 @@
 
 #import bevy_vdb::types::{Grid, Ray, View, Volume, KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::bindings::grids
+#import bevy_vdb::rays::{ndc_of, ray_through}
 #import bevy_vdb::hdda::{FAR, Walk, enter, first_hit}
 #import bevy_vdb::lights::{isotropic, lambert}
 #import bevy_vdb::surface::{surface_normal, voxel_gradient}
@@ -66,15 +67,6 @@ fn depth_at(t: f32) -> f32 {
     return saturate((m.x * t + m.y) / (m.z * t + m.w));
 }
 
-fn volume_ray(volume: Volume, ndc: vec2<f32>, t_min: f32, t_max: f32) -> Ray {
-    let eye = volume.eye_frac + ndc.x * volume.eye_x + ndc.y * volume.eye_y;
-    let whole = floor(eye);
-    // 24 bits: the walk compares planes in units of 2^-24 cells.
-    let frac = floor((eye - whole) * 16777216.0) / 16777216.0;
-    let dir = volume.dir + ndc.x * volume.dir_x + ndc.y * volume.dir_y;
-    return Ray(volume.eye_cell + vec3<i32>(whole), frac, dir, t_min, t_max);
-}
-
 #ifdef FOGS
 struct Fog {
     radiance: vec3<f32>,
@@ -85,7 +77,7 @@ struct Fog {
 // Optical depth of one fog over a part of the ray. `length` is world units per unit of t.
 fn optical_depth(volume: Volume, ndc: vec2<f32>, t_min: f32, t_max: f32, length: f32) -> f32 {
     let scale = volume.density_scale * length;
-    let ray = volume_ray(volume, ndc, t_min, t_max);
+    let ray = ray_through(volume.rays, ndc, t_min, t_max);
     return min(scale * optical_length(grids[volume.grid], ray, OPAQUE / max(scale, 1e-30)), 100.0);
 }
 
@@ -105,7 +97,7 @@ fn trace_fogs(ndc: vec2<f32>, t_max: f32, length: f32) -> Fog {
         if volumes[i].kind != KIND_FOG {
             continue;
         }
-        let ray = volume_ray(volumes[i], ndc, view.t_near, t_max);
+        let ray = ray_through(volumes[i].rays, ndc, view.t_near, t_max);
         let walk = enter(grids[volumes[i].grid], ray);
         if walk.inside && walk.t < walk.t_end {
             met += 1u;
@@ -156,8 +148,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(pixel >= view.size) {
         return;
     }
-    let uv = (vec2<f32>(pixel) + 0.5) / vec2<f32>(view.size);
-    let ndc = vec2(2.0 * uv.x - 1.0, 1.0 - 2.0 * uv.y);
+    let ndc = ndc_of(pixel, view.size);
     let world_dir = view.dir + ndc.x * view.dir_x + ndc.y * view.dir_y;
 
     var t_max = min(scene_t(pixel), view.t_far);
@@ -171,7 +162,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     var hit: Walk;
     for (var i = view.volume_first; i < volume_end(); i++) {
         if volumes[i].kind == KIND_SURFACE {
-            let ray = volume_ray(volumes[i], ndc, view.t_near, t_max);
+            let ray = ray_through(volumes[i].rays, ndc, view.t_near, t_max);
             let found = first_hit(grids[volumes[i].grid], ray);
             if found.inside {
                 nearest = i;
@@ -182,7 +173,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     if nearest < volume_end() {
         let volume = volumes[nearest];
-        let ray = volume_ray(volume, ndc, view.t_near, t_max);
+        let ray = ray_through(volume.rays, ndc, view.t_near, t_max);
         let gradient = voxel_gradient(grids[volume.grid], ray, hit);
         normal = surface_normal(volume, ray, hit.axis, gradient);
     }
@@ -191,7 +182,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var i = view.volume_first; i < volume_end(); i++) {
         let volume = volumes[i];
         if volume.kind == KIND_SMOOTH {
-            let ray = volume_ray(volume, ndc, view.t_near, t_max);
+            let ray = ray_through(volume.rays, ndc, view.t_near, t_max);
             let found = first_root(grids[volume.grid], ray, volume.iso);
             if found.found {
                 nearest = i;

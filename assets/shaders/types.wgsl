@@ -20,25 +20,31 @@ const KIND_SURFACE: u32 = 0u;
 const KIND_FOG: u32 = 1u;
 const KIND_SMOOTH: u32 = 2u;
 
-// One volume as one view sees it. The view's ray through `ndc` is, in local lattice coordinates,
+// The rays of a view in local lattice coordinates of a grid. The one through `ndc` is
 //   p(t) = eye_cell + eye_frac + ndc.x·eye_x + ndc.y·eye_y + t·(dir + ndc.x·dir_x + ndc.y·dir_y)
 // with t the depth along the view's axis, in world units, the same for every volume.
-struct Volume {
+struct Rays {
     eye_cell: vec3<i32>,
-    grid: u32,
     eye_frac: vec3<f32>,
-    kind: u32,
     eye_x: vec3<f32>,           // not zero in orthographic views only
-    density_scale: f32,         // extinction per unit of density, per world unit
     eye_y: vec3<f32>,
-    iso: f32,                   // of a smooth surface
     dir: vec3<f32>,
+    dir_rest: vec3<f32>,        // what the rounding of dir left
     dir_x: vec3<f32>,
     dir_y: vec3<f32>,
+}
+
+// One volume as one view sees it.
+struct Volume {
+    rays: Rays,
     normal_x: vec3<f32>,        // columns of the matrix from index-space gradients to world normals
+    grid: u32,
     normal_y: vec3<f32>,
+    kind: u32,
     normal_z: vec3<f32>,
+    iso: f32,                   // of a smooth surface
     base_color: vec3<f32>,      // linear
+    density_scale: f32,         // extinction per unit of density, per world unit
     emissive: vec3<f32>,        // linear, cd/m²
 }
 

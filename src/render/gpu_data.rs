@@ -2,22 +2,7 @@
 //! each is followed by a scalar; a test compares the offsets with those that naga computes.
 
 use bytemuck::{Pod, Zeroable};
-
-/// A packed grid in the pools; offsets in elements from the start of each pool.
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-#[repr(C)]
-pub(crate) struct Grid {
-    pub crown_origin: [i32; 3],
-    pub crown_levels: u32,
-    pub occupied_min: [i32; 3],
-    pub nodes: u32,
-    pub occupied_max: [i32; 3],
-    pub uppers: u32,
-    pub lowers: u32,
-    pub masks: u32,
-    pub values: u32,
-    pub palette: u32,
-}
+use vdb_core::view::GpuRays;
 
 pub(crate) const KIND_SURFACE: u32 = 0;
 pub(crate) const KIND_FOG: u32 = 1;
@@ -27,30 +12,17 @@ pub(crate) const KIND_SMOOTH: u32 = 2;
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Volume {
-    pub eye_cell: [i32; 3],
-    pub grid: u32,
-    pub eye_frac: [f32; 3],
-    pub kind: u32,
-    pub eye_x: [f32; 3],
-    pub density_scale: f32,
-    pub eye_y: [f32; 3],
-    pub iso: f32,
-    pub dir: [f32; 3],
-    pub pad_1: f32,
-    pub dir_x: [f32; 3],
-    pub pad_2: f32,
-    pub dir_y: [f32; 3],
-    pub pad_3: f32,
+    pub rays: GpuRays,
     pub normal_x: [f32; 3],
-    pub pad_4: f32,
+    pub grid: u32,
     pub normal_y: [f32; 3],
-    pub pad_5: f32,
+    pub kind: u32,
     pub normal_z: [f32; 3],
-    pub pad_6: f32,
+    pub iso: f32,
     pub base_color: [f32; 3],
-    pub pad_7: f32,
+    pub density_scale: f32,
     pub emissive: [f32; 3],
-    pub pad_8: f32,
+    pub pad: f32,
 }
 
 /// A view and its light.
@@ -91,6 +63,7 @@ mod tests {
         ComposableModuleDescriptor, Composer, NagaModuleDescriptor, ShaderLanguage,
     };
     use std::mem::offset_of;
+    use vdb_core::pack::GridHeader;
 
     /// A module that uses a struct of `types.wgsl`, so that it is not left out.
     fn compose(text: &str) -> Module {
@@ -140,11 +113,13 @@ mod tests {
                  let sum = grids[0].nodes + volumes[0].grid + view.volume_count;
              }",
         );
-        let grid = fields!(Grid: crown_origin, crown_levels, occupied_min, nodes, occupied_max,
+        let grid = fields!(GridHeader: crown_origin, crown_levels, occupied_min, nodes, occupied_max,
             uppers, lowers, masks, values, palette);
-        check(&module, "Grid", size_of::<Grid>(), &grid);
-        let volume = fields!(Volume: eye_cell, grid, eye_frac, kind, eye_x, density_scale, eye_y,
-            iso, dir, dir_x, dir_y, normal_x, normal_y, normal_z, base_color, emissive);
+        check(&module, "Grid", size_of::<GridHeader>(), &grid);
+        let rays = fields!(GpuRays: eye_cell, eye_frac, eye_x, eye_y, dir, dir_rest, dir_x, dir_y);
+        check(&module, "Rays", size_of::<GpuRays>(), &rays);
+        let volume = fields!(Volume: rays, normal_x, grid, normal_y, kind, normal_z, iso,
+            base_color, density_scale, emissive);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, sun_direction, volume_first, sun_illuminance, volume_count, ambient,

@@ -12,10 +12,9 @@ use bevy::render::render_resource::{
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::sync_world::MainEntity;
 use bytemuck::Pod;
-use vdb_core::pack::PackedGrid;
+use vdb_core::pack::{GridHeader, PackedGrid};
 
 use super::extract::ExtractedVolumes;
-use super::gpu_data;
 use crate::VdbGrid;
 
 /// What volumes take on the GPU: a resource of the app's world.
@@ -177,7 +176,7 @@ impl VdbTreePool {
                 queue,
                 &buffers.grids,
                 Range { first: resident.index, count: 1 },
-                &[header(packed, to)],
+                &[packed.header(to.nodes.first, to.masks.first, to.values.first)],
             );
         }
         queue.submit([encoder.finish()]);
@@ -234,28 +233,11 @@ impl PoolBuffers {
             })
         };
         Self {
-            grids: make("vdb_grids", grids as u64, size_of::<gpu_data::Grid>() as u64),
+            grids: make("vdb_grids", grids as u64, size_of::<GridHeader>() as u64),
             nodes: make("vdb_nodes", layout.nodes.into(), 4),
             masks: make("vdb_masks", layout.masks.into(), 4),
             values: make("vdb_values", layout.values.into(), 4),
         }
-    }
-}
-
-fn header(packed: &PackedGrid, place: &Place) -> gpu_data::Grid {
-    // A grid without anything to see is never bound to a view; its box does not matter.
-    let (min, max) = packed.occupied.map_or((IVec3::ZERO, IVec3::NEG_ONE), |b| (b.min, b.max));
-    gpu_data::Grid {
-        crown_origin: packed.crown_origin.to_array(),
-        crown_levels: packed.crown_levels,
-        occupied_min: min.to_array(),
-        nodes: place.nodes.first,
-        occupied_max: max.to_array(),
-        uppers: place.nodes.first + packed.uppers,
-        lowers: place.nodes.first + packed.lowers,
-        masks: place.masks.first,
-        values: place.values.first,
-        palette: place.values.first + packed.palette,
     }
 }
 

@@ -7,7 +7,6 @@ mod gpu_data;
 mod gpu_tree;
 mod pipeline;
 mod prepare;
-mod rays;
 mod shaders;
 mod trace;
 

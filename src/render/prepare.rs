@@ -33,9 +33,9 @@ use super::gpu_tree::VdbTreePool;
 use super::pipeline::{
     CompositeKey, CompositePipeline, ToneKey, TraceKey, TracePipeline, ViewPipelines,
 };
-use super::rays::{CannotShow, LatticeRays, ViewRays};
 use crate::{VdbCamera, VdbRenderMode, VdbVolume};
 use vdb_core::pack::PackKind;
+use vdb_core::view::{CannotShow, GpuRays, LatticeRays, ViewRays};
 
 /// What is told of once and not again while it lasts.
 #[derive(Debug, Default, Resource)]
@@ -322,17 +322,11 @@ fn volume_data(
         PackKind::Fog => (gpu_data::KIND_FOG, 0.0),
     };
     Ok(gpu_data::Volume {
-        eye_cell: rays.eye_cell.to_array(),
+        rays: GpuRays::from(&rays),
         grid,
-        eye_frac: rays.eye_frac.as_vec3().to_array(),
         kind,
         iso,
-        eye_x: rays.eye_x.as_vec3().to_array(),
-        eye_y: rays.eye_y.as_vec3().to_array(),
         density_scale: non_negative(volume.material.density_scale),
-        dir: rays.dir.as_vec3().to_array(),
-        dir_x: rays.dir_x.as_vec3().to_array(),
-        dir_y: rays.dir_y.as_vec3().to_array(),
         normal_x: rays.normal.x_axis.as_vec3().to_array(),
         normal_y: rays.normal.y_axis.as_vec3().to_array(),
         normal_z: rays.normal.z_axis.as_vec3().to_array(),

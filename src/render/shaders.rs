@@ -8,16 +8,19 @@ use bevy::prelude::*;
 use bevy::shader::Shader;
 
 /// Modules that others import, and what runs.
-const IMPORTS: [&str; 10] =
-    ["types", "bindings", "tree", "exact", "hdda", "anchor", "smooth", "fog", "lights", "surface"];
+const IMPORTS: [&str; 11] = [
+    "types", "bindings", "rays", "tree", "exact", "hdda", "anchor", "smooth", "fog", "lights",
+    "surface",
+];
 const TRACE: &str = "trace";
 const COMPOSITE: &str = "composite";
 
 pub(super) fn embed(app: &mut App) {
     let registry = app.world_mut().resource_mut::<EmbeddedAssetRegistry>();
-    let all: [(&str, &'static [u8]); 12] = [
+    let all: [(&str, &'static [u8]); 13] = [
         ("types", include_bytes!("../../assets/shaders/types.wgsl")),
         ("bindings", include_bytes!("../../assets/shaders/bindings.wgsl")),
+        ("rays", include_bytes!("../../assets/shaders/rays.wgsl")),
         ("tree", include_bytes!("../../assets/shaders/tree.wgsl")),
         ("exact", include_bytes!("../../assets/shaders/exact.wgsl")),
         ("hdda", include_bytes!("../../assets/shaders/hdda.wgsl")),

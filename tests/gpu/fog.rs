@@ -1,13 +1,15 @@
 //! Optical depth.
 
-use bevy::math::{DVec3, IVec3};
+use glam::{DVec3, IVec3, Vec3};
 use vdb_core::pack::{PackKind, PackedGrid, walk};
 use vdb_core::reference::{Fog, Ray};
 use vdb_core::synth::Random;
 use vdb_core::synth::{fog, sparse};
 use vdb_core::tree::{CoordBox, Vdb543};
 
-use crate::harness::{Gpu, ProbeRay};
+use vdb_probe::{Gpu, ProbeKind, ProbeRay};
+
+use crate::probe;
 
 fn check(gpu: &Gpu, tree: &Vdb543<f32>, seed: u64, count: usize) {
     /// Of ∫ density dt, in voxels at density 1: relative to the largest depth the grid can have.
@@ -35,7 +37,7 @@ fn check(gpu: &Gpu, tree: &Vdb543<f32>, seed: u64, count: usize) {
         })
         .collect();
     let probes: Vec<ProbeRay> = rays.iter().map(|(probe, _)| *probe).collect();
-    let hits = gpu.probe(&grid, &probes, "probe_fog");
+    let hits = probe(gpu, ProbeKind::Fog, &grid, &probes);
     let oracle = Fog::new(tree);
     let (mut met, mut worst) = (0, 0.0_f64);
     let scale = f64::from(grid.majorant) * radius;
@@ -78,15 +80,8 @@ fn a_homogeneous_slab_dims_as_beer_and_lambert_say() {
     let tree = fog::block(CoordBox { min: IVec3::ZERO, max: IVec3::splat(63) }, 0.25);
     let grid = PackedGrid::new(&tree, PackKind::Fog).unwrap();
     let cell = IVec3::new(32, 32, -50) - grid.base;
-    let probe = ProbeRay {
-        cell: cell.to_array(),
-        t_min: 0.0,
-        frac: [0.25; 3],
-        t_max: 1e30,
-        dir: [0.0, 0.0, 1.0],
-        pad: 0.0,
-    };
-    let hit = gpu.probe(&grid, &[probe], "probe_fog")[0];
+    let ray = walk::Ray { cell, frac: Vec3::splat(0.25), dir: Vec3::Z, t_min: 0.0, t_max: 1e30 };
+    let hit = probe(&gpu, ProbeKind::Fog, &grid, &[ray.into()])[0];
     // 63 whole cells between 64 samples, and half a cell of ramp on either side.
     let expected = 0.25 * 64.0;
     assert!((hit.optical_length - expected).abs() < 1e-4, "{hit:?}, not {expected}");

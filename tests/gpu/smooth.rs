@@ -1,12 +1,14 @@
 //! Smooth surfaces.
 
-use bevy::math::{DVec3, Vec3};
+use glam::{DVec3, Vec3};
 use vdb_core::pack::{PackKind, PackedGrid, walk};
 use vdb_core::reference::{Ray, Smooth, SurfaceVerdict};
 use vdb_core::synth::{Random, level_set};
 use vdb_core::tree::{IVec3, Vdb543};
 
-use crate::harness::{Gpu, ProbeRay, ray_count};
+use vdb_probe::{Gpu, ProbeKind, ProbeRay};
+
+use crate::{probe, ray_count};
 
 /// A dip past the surface that is shallower than this (in voxels of a level set) may be overlooked:
 /// a few roundings of an f32 interpolant with values up to three.
@@ -39,7 +41,7 @@ fn check(gpu: &Gpu, tree: &Vdb543<f32>, seed: u64, far: f64) {
         })
         .collect();
     let probes: Vec<ProbeRay> = rays.iter().map(|(probe, _)| *probe).collect();
-    let hits = gpu.probe(&grid, &probes, "probe_smooth");
+    let hits = probe(gpu, ProbeKind::Smooth, &grid, &probes);
     let oracle = Smooth::new(tree, 0.0);
     let (mut errors, mut angles, mut doubles) = (Vec::new(), Vec::new(), 0);
     for ((_, ray), hit) in rays.iter().zip(&hits) {

@@ -1,13 +1,15 @@
 //! First voxels.
 
-use bevy::math::{DVec3, IVec3, Vec3};
+use glam::{DVec3, IVec3, Vec3};
 use vdb_core::pack::exact::T_ERROR;
 use vdb_core::pack::{PackKind, PackedGrid, walk};
 use vdb_core::reference::{Blocky, Occupied, Ray};
 use vdb_core::synth::{Random, level_set, rays, sparse};
 use vdb_core::tree::{CoordBox, Vdb543};
 
-use crate::harness::{Gpu, ProbeRay, ray_count};
+use vdb_probe::{Gpu, ProbeKind, ProbeRay};
+
+use crate::{probe, ray_count};
 
 /// A ray whose numbers are the same in lattice and in index coordinates, up to the half voxel
 /// between the two: the fraction has 20 bits, so that adding ½ to it is exact in f32.
@@ -61,7 +63,7 @@ fn hard_rays(grid: &PackedGrid, seed: u64, count: usize) -> Vec<(ProbeRay, Ray)>
 /// an f32 and may be off by what the walk says of it.
 fn check(gpu: &Gpu, tree: &Vdb543<f32>, rays: &[(ProbeRay, Ray)], grid: &PackedGrid) {
     let probes: Vec<ProbeRay> = rays.iter().map(|(probe, _)| *probe).collect();
-    let hits = gpu.probe(grid, &probes, "probe_surface");
+    let hits = probe(gpu, ProbeKind::Voxels, grid, &probes);
     let oracle = Blocky::new(tree, Occupied::BelowIso(0.0));
     let mut met = 0;
     for ((_, ray), hit) in rays.iter().zip(&hits) {
@@ -131,10 +133,10 @@ fn the_crown_skips_two_million_voxels_in_a_few_steps() {
     tree.set(far, -1.0);
     let grid = PackedGrid::new(&tree, PackKind::Surface { iso: 0.0 }).unwrap();
     let from = far.as_dvec3() - grid.base.as_dvec3() + DVec3::new(0.5, 0.5, -900.0);
-    let (probe, _) = exact_ray(grid.base, from, Vec3::Z);
+    let (forward, _) = exact_ray(grid.base, from, Vec3::Z);
     let back = from + DVec3::new(0.0, 0.0, 2000.0);
     let (reverse, _) = exact_ray(grid.base, back, Vec3::new(-1.0, -1.0, -1.0));
-    let hits = gpu.probe(&grid, &[probe, reverse], "probe_surface");
+    let hits = probe(&gpu, ProbeKind::Voxels, &grid, &[forward, reverse]);
     assert_eq!(IVec3::from_array(hits[0].cell) + grid.base, far);
     assert_eq!(hits[0].hit, 1);
     for hit in hits {

@@ -2,11 +2,11 @@
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
-use crate::harness::{compose, source};
+use vdb_probe::compose;
 
 #[test]
 fn every_variant_of_the_trace_is_valid() {
-    let trace = source("trace");
+    let trace = include_str!("../../assets/shaders/trace.wgsl");
     let modes = ["", "SHOW_NORMALS", "SHOW_DEPTH", "COUNT_STEPS"];
     let mut variants = 0;
     for bits in 0..16 {
@@ -15,10 +15,10 @@ fn every_variant_of_the_trace_is_valid() {
             let mut defs: Vec<&str> =
                 all.iter().filter(|(bit, _)| bits & bit != 0).map(|(_, def)| *def).collect();
             defs.extend(Some(mode).filter(|mode| !mode.is_empty()));
-            let module = compose(&trace, &defs);
+            let module = compose(trace, &defs);
             Validator::new(ValidationFlags::all(), Capabilities::all())
                 .validate(&module)
-                .unwrap_or_else(|error| panic!("with {defs:?}: {}", error.emit_to_string(&trace)));
+                .unwrap_or_else(|error| panic!("with {defs:?}: {}", error.emit_to_string(trace)));
             variants += 1;
         }
     }

@@ -17,6 +17,7 @@ pub mod reference;
 pub mod synth;
 mod transform;
 pub mod tree;
+pub mod view;
 
 pub use error::{Error, Place};
 pub use grid::{

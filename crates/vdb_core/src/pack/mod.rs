@@ -24,6 +24,7 @@ pub mod exact;
 pub mod layout;
 pub mod walk;
 
+use bytemuck::{Pod, Zeroable};
 use glam::IVec3;
 use thiserror::Error;
 
@@ -100,10 +101,57 @@ impl PackedGrid {
         self.masks.len() / layout::LEAF_MASK_WORDS
     }
 
+    /// What a shader knows of the grid when its words stand at these places in the pools, in
+    /// elements.
+    pub fn header(&self, nodes: u32, masks: u32, values: u32) -> GridHeader {
+        // A grid without anything to see is never shown; its box does not matter.
+        let empty = (IVec3::ZERO, IVec3::NEG_ONE);
+        let (min, max) = self.occupied.map_or(empty, |bounds| (bounds.min, bounds.max));
+        GridHeader {
+            crown_origin: self.crown_origin.to_array(),
+            crown_levels: self.crown_levels,
+            occupied_min: min.to_array(),
+            nodes,
+            occupied_max: max.to_array(),
+            uppers: nodes + self.uppers,
+            lowers: nodes + self.lowers,
+            masks,
+            values,
+            palette: values + self.palette,
+        }
+    }
+
     /// Bytes that the grid takes on the GPU.
     pub fn bytes(&self) -> u64 {
         4 * (self.nodes.len() + self.masks.len() + self.values.len()) as u64
     }
+}
+
+/// A packed grid in the pools: the struct `Grid` of `assets/shaders/types.wgsl`, field by field.
+/// Offsets in elements from the start of each pool.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GridHeader {
+    /// Local coordinate of the crown's cell 0, in cells of 4096.
+    pub crown_origin: [i32; 3],
+    /// Levels of the crown.
+    pub crown_levels: u32,
+    /// Lowest local cell that can stop or dim a ray.
+    pub occupied_min: [i32; 3],
+    /// The crown's top node.
+    pub nodes: u32,
+    /// Highest local cell that can stop or dim a ray.
+    pub occupied_max: [i32; 3],
+    /// The first 32³ node.
+    pub uppers: u32,
+    /// The first 16³ node.
+    pub lowers: u32,
+    /// The first leaf's mask.
+    pub masks: u32,
+    /// The first leaf's values.
+    pub values: u32,
+    /// The first tile value.
+    pub palette: u32,
 }
 
 /// Why a grid could not be packed.

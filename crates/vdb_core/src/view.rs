@@ -2,25 +2,35 @@
 //! integer cell, a fraction and directions, so that precision does not depend on where in the world
 //! or in index space a grid lies.
 
-use bevy::math::{DAffine3, DMat3, DMat4, DVec3, IVec3};
-use vdb_core::pack::PackedGrid;
+use bytemuck::{Pod, Zeroable};
+use glam::{DAffine3, DMat3, DMat4, DVec3, IVec3, Vec2, Vec3};
+
+use crate::pack::{PackedGrid, walk};
 
 /// The rays of a view, in view space: through a point of the picture in normalised device
 /// coordinates, `p(t) = (eye + ndc.x·eye_x + ndc.y·eye_y) + t·(dir + ndc.x·dir_x + ndc.y·dir_y)`
 /// with `t` the depth along the view's axis.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ViewRays {
+pub struct ViewRays {
+    /// Where the ray in the middle of the picture begins.
     pub eye: DVec3,
+    /// Its change with `ndc.x`; not zero in orthographic views only.
     pub eye_x: DVec3,
+    /// Its change with `ndc.y`.
     pub eye_y: DVec3,
+    /// The direction of the ray in the middle, per unit of `t`.
     pub dir: DVec3,
+    /// Its change with `ndc.x`.
     pub dir_x: DVec3,
+    /// Its change with `ndc.y`.
     pub dir_y: DVec3,
     /// `t = -(x·depth + y) / (z·depth + w)`
     pub t_from_depth: [f64; 4],
     /// `depth = (x·t + y) / (z·t + w)`
     pub depth_from_t: [f64; 4],
+    /// `t` of the near plane.
     pub t_near: f64,
+    /// `t` of the far plane; 10³⁰ where there is none.
     pub t_far: f64,
 }
 
@@ -68,15 +78,22 @@ impl ViewRays {
     }
 }
 
-/// The rays of a view in the local lattice coordinates of a grid.
+/// The rays of a view in the local lattice coordinates of a grid, as [`ViewRays`] has them.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LatticeRays {
+pub struct LatticeRays {
+    /// The cell of the eye.
     pub eye_cell: IVec3,
+    /// Where in that cell the eye is, from 0 up to but not 1.
     pub eye_frac: DVec3,
+    /// Change of the eye with `ndc.x`, in cells.
     pub eye_x: DVec3,
+    /// Change of the eye with `ndc.y`, in cells.
     pub eye_y: DVec3,
+    /// Direction in the middle of the picture, in cells per unit of `t`.
     pub dir: DVec3,
+    /// Change of the direction with `ndc.x`.
     pub dir_x: DVec3,
+    /// Change of the direction with `ndc.y`.
     pub dir_y: DVec3,
     /// From gradients in index space to world-space normals, of any length.
     pub normal: DMat3,
@@ -84,11 +101,15 @@ pub(super) struct LatticeRays {
 
 /// Why a volume cannot be shown meaningfully from a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum CannotShow {
+pub enum CannotShow {
     /// The entity's transform is not finite or has no inverse.
     Singular,
     /// The camera is farther away than 2³⁰ voxels.
     TooFar,
+    /// A unit of the view's depth is less than 2⁻³⁰ voxels.
+    TooLarge,
+    /// A unit of the view's depth is more than 2³⁰ voxels.
+    TooSmall,
 }
 
 impl std::fmt::Display for CannotShow {
@@ -96,14 +117,22 @@ impl std::fmt::Display for CannotShow {
         f.write_str(match self {
             Self::Singular => "its transform has a scale of zero or is not finite",
             Self::TooFar => "the camera is more than 2³⁰ of its voxels away from it",
+            Self::TooLarge => "its voxels are larger than 2³⁰ world units; scale it down",
+            Self::TooSmall => "its voxels are smaller than 2⁻³⁰ world units; scale it up",
         })
     }
 }
 
 /// Farther than this, an eye has no integer cell.
 const MAX_CELL: f64 = (1 << 30) as f64;
+/// Cells that a ray may come along per unit of `t`; the inverse is the least.
+const MAX_SPEED: f64 = (1 << 30) as f64;
 
 impl LatticeRays {
+    /// The rays of a view through a grid.
+    ///
+    /// # Errors
+    /// When the numbers are beyond what a shader can compute with.
     pub fn new(
         rays: &ViewRays,
         world_from_view: DAffine3,
@@ -117,13 +146,14 @@ impl LatticeRays {
         let index_from_view = index_from_world * world_from_view;
         let to_lattice = grid.base.as_dvec3() + grid.kind.lattice_origin();
         let eye = index_from_view.transform_point3(rays.eye) - to_lattice;
-        if eye.is_nan() || eye.abs().max_element() > MAX_CELL {
+        let linear = |v: DVec3| index_from_view.transform_vector3(v);
+        let farthest = eye.abs() + linear(rays.eye_x).abs() + linear(rays.eye_y).abs();
+        if eye.is_nan() || farthest.max_element() > MAX_CELL {
             return Err(CannotShow::TooFar);
         }
-        let linear = |v: DVec3| index_from_view.transform_vector3(v);
         let normal = index_from_world.matrix3.transpose();
         let largest = normal.to_cols_array().into_iter().fold(0.0, |a: f64, b| a.max(b.abs()));
-        Ok(Self {
+        let rays = Self {
             eye_cell: eye.floor().as_ivec3(),
             eye_frac: eye - eye.floor(),
             eye_x: linear(rays.eye_x),
@@ -133,16 +163,115 @@ impl LatticeRays {
             dir_y: linear(rays.dir_y),
             // Scaled, so that squares of what the shader computes stay within f32.
             normal: normal * (1.0 / largest),
-        })
+        };
+        let corners = [(0.0, 0.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
+        let speed = |(x, y)| rays.dir_at(x, y).abs().max_element();
+        let speeds = corners.map(speed);
+        if speeds.iter().any(|&speed| speed < 1.0 / MAX_SPEED) {
+            return Err(CannotShow::TooLarge);
+        }
+        if speeds.iter().any(|&speed| speed > MAX_SPEED) {
+            return Err(CannotShow::TooSmall);
+        }
+        Ok(rays)
+    }
+
+    /// The direction of the ray through a point of the picture, in cells per unit of `t`.
+    pub fn dir_at(&self, ndc_x: f64, ndc_y: f64) -> DVec3 {
+        self.dir + ndc_x * self.dir_x + ndc_y * self.dir_y
+    }
+
+    /// Where the ray through a point of the picture begins, relative to the cell of the eye.
+    pub fn start_at(&self, ndc_x: f64, ndc_y: f64) -> DVec3 {
+        self.eye_frac + ndc_x * self.eye_x + ndc_y * self.eye_y
+    }
+
+    /// Whether pixels of a picture so many pixels wide lie closer together than f32 tells directions
+    /// apart: the picture is right, but coarse.
+    pub fn is_coarse(&self, width: u32) -> bool {
+        let pixel = 2.0 * self.dir_x.length() / f64::from(width.max(1));
+        pixel > 0.0 && pixel < self.dir.length() / f64::from(1 << 24)
+    }
+}
+
+/// The struct `Rays` of `assets/shaders/types.wgsl`, field by field: [`LatticeRays`] in f32.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuRays {
+    /// The cell of the eye.
+    pub eye_cell: [i32; 3],
+    pad_0: f32,
+    /// Where in that cell the eye is, from 0 to 1.
+    pub eye_frac: [f32; 3],
+    pad_1: f32,
+    /// Change of the eye with `ndc.x`.
+    pub eye_x: [f32; 3],
+    pad_2: f32,
+    /// Change of the eye with `ndc.y`.
+    pub eye_y: [f32; 3],
+    pad_3: f32,
+    /// The direction in the middle of the picture.
+    pub dir: [f32; 3],
+    pad_4: f32,
+    /// What its rounding to f32 left.
+    pub dir_rest: [f32; 3],
+    pad_5: f32,
+    /// Change of the direction with `ndc.x`.
+    pub dir_x: [f32; 3],
+    pad_6: f32,
+    /// Change of the direction with `ndc.y`.
+    pub dir_y: [f32; 3],
+    pad_7: f32,
+}
+
+impl From<&LatticeRays> for GpuRays {
+    fn from(rays: &LatticeRays) -> Self {
+        let array = |v: DVec3| v.as_vec3().to_array();
+        Self {
+            eye_cell: rays.eye_cell.to_array(),
+            eye_frac: array(rays.eye_frac),
+            eye_x: array(rays.eye_x),
+            eye_y: array(rays.eye_y),
+            dir: array(rays.dir),
+            dir_rest: array(rays.dir - rays.dir.as_vec3().as_dvec3()),
+            dir_x: array(rays.dir_x),
+            dir_y: array(rays.dir_y),
+            ..Self::default()
+        }
+    }
+}
+
+impl GpuRays {
+    /// The ray through a point of the picture: the twin of `ray_through` in
+    /// `assets/shaders/rays.wgsl`.
+    ///
+    /// Each component of the direction is off by at most
+    /// `2⁻²⁴ |dir| + 2⁻²⁰ (|dir_x| + |dir_y|)`: the rounding of the sum, and, on the GPU, that of
+    /// `ndc` and of the products.
+    pub fn ray_through(&self, ndc: Vec2, t_min: f32, t_max: f32) -> walk::Ray {
+        let vector = Vec3::from_array;
+        let start = ndc.x * vector(self.eye_x) + ndc.y * vector(self.eye_y);
+        let eye = vector(self.eye_frac) + start;
+        let whole = eye.floor();
+        let units = (1 << 24) as f32;
+        let turn = vector(self.dir_rest) + ndc.x * vector(self.dir_x) + ndc.y * vector(self.dir_y);
+        walk::Ray {
+            cell: IVec3::from_array(self.eye_cell) + whole.as_ivec3(),
+            // 24 bits: the walk compares planes in units of 2⁻²⁴ cells.
+            frac: ((eye - whole) * units).floor() / units,
+            dir: vector(self.dir) + turn,
+            t_min,
+            t_max,
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bevy::math::{DVec2, Mat4};
-    use vdb_core::pack::PackKind;
-    use vdb_core::tree::Vdb543;
+    use crate::pack::PackKind;
+    use crate::tree::Vdb543;
+    use glam::{DVec2, Mat4};
 
     fn check(clip_from_view: Mat4) {
         let clip_from_view = clip_from_view.as_dmat4();
@@ -217,5 +346,8 @@ mod tests {
         assert_eq!(show(far, DAffine3::IDENTITY), CannotShow::TooFar);
         let flat = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
         assert_eq!(show(DAffine3::IDENTITY, flat), CannotShow::Singular);
+        let scaled = |scale| DAffine3::from_scale(DVec3::splat(scale));
+        assert_eq!(show(DAffine3::IDENTITY, scaled(2e9)), CannotShow::TooLarge);
+        assert_eq!(show(DAffine3::IDENTITY, scaled(1e-10)), CannotShow::TooSmall);
     }
 }

@@ -1,0 +1,279 @@
+//! An adapter, and kernels on it.
+
+use std::borrow::Cow;
+
+use naga::valid::{Capabilities, GlobalUse, ValidationFlags, Validator};
+use thiserror::Error;
+use wgpu::util::DeviceExt;
+
+use crate::shaders::{Defs, compose};
+
+/// A device without a window.
+#[derive(Debug)]
+pub struct Gpu {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    info: wgpu::AdapterInfo,
+    timestamps: bool,
+}
+
+/// There is no adapter, or it gives no device.
+#[derive(Debug, Error)]
+#[error(
+    "no GPU adapter ({0}); install Mesa's software driver (Debian: mesa-vulkan-drivers), or set \
+     BEVY_VDB_SKIP_GPU=1 to leave out what needs one"
+)]
+pub struct NoGpu(String);
+
+/// A compute pipeline with one bind group.
+#[derive(Debug)]
+pub struct Kernel {
+    pipeline: wgpu::ComputePipeline,
+    /// The bindings that its entry point uses.
+    bindings: Vec<u32>,
+}
+
+impl Gpu {
+    /// The adapter of this machine, with its own limits.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn new() -> Result<Self, NoGpu> {
+        let instance = wgpu::Instance::default();
+        let options = wgpu::RequestAdapterOptions {
+            power_preference: wgpu::PowerPreference::HighPerformance,
+            ..Default::default()
+        };
+        let no_gpu = |error: &dyn std::fmt::Display| NoGpu(error.to_string());
+        let adapter =
+            pollster::block_on(instance.request_adapter(&options)).map_err(|e| no_gpu(&e))?;
+        let wanted = wgpu::Features::TIMESTAMP_QUERY & adapter.features();
+        let request = wgpu::DeviceDescriptor {
+            required_features: wanted,
+            required_limits: adapter.limits(),
+            ..Default::default()
+        };
+        let (device, queue) =
+            pollster::block_on(adapter.request_device(&request)).map_err(|e| no_gpu(&e))?;
+        let timestamps = !wanted.is_empty();
+        Ok(Self { device, queue, info: adapter.get_info(), timestamps })
+    }
+
+    /// For tests: the adapter. `None`, said aloud, only where the environment asks for it
+    /// (`BEVY_VDB_SKIP_GPU`): elsewhere a missing adapter is a failure, or it would pass for a
+    /// success.
+    ///
+    /// # Panics
+    /// When there is no adapter and nothing allows that.
+    pub fn find() -> Option<Self> {
+        match Self::new() {
+            Ok(gpu) => Some(gpu),
+            Err(error) if std::env::var_os("BEVY_VDB_SKIP_GPU").is_some() => {
+                eprintln!("SKIPPED, as BEVY_VDB_SKIP_GPU says: {error}");
+                None
+            }
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    /// The name of the adapter and of its driver.
+    pub fn name(&self) -> String {
+        let info = &self.info;
+        match info.driver_info.as_str() {
+            "" => info.name.clone(),
+            driver => format!("{} ({} {driver})", info.name, info.driver),
+        }
+    }
+
+    /// Whether the adapter is a program, not a GPU.
+    pub fn is_software(&self) -> bool {
+        self.info.device_type == wgpu::DeviceType::Cpu
+    }
+
+    /// Whether [`Gpu::time`] can tell.
+    pub fn has_timestamps(&self) -> bool {
+        self.timestamps
+    }
+
+    /// The most bytes that a shader can read through one binding.
+    pub fn max_binding(&self) -> u64 {
+        self.device.limits().max_storage_buffer_binding_size
+    }
+
+    /// Compiles an entry point.
+    ///
+    /// # Panics
+    /// When the source is wrong, with naga's message.
+    pub fn kernel(&self, source: &str, entry: &str, defs: Defs) -> Kernel {
+        let module = compose(source, defs);
+        let info = Validator::new(ValidationFlags::all(), Capabilities::all())
+            .validate(&module)
+            .unwrap_or_else(|error| panic!("{}", error.emit_to_string(source)));
+        let number = module.entry_points.iter().position(|point| point.name == entry);
+        let number = number.unwrap_or_else(|| panic!("no entry point {entry}"));
+        let used = info.get_entry_point(number);
+        let globals = module.global_variables.iter();
+        let bindings = globals
+            .filter(|(handle, _)| used[*handle] != GlobalUse::empty())
+            .filter_map(|(_, global)| global.binding.as_ref().map(|binding| binding.binding))
+            .collect();
+        let descriptor = wgpu::ShaderModuleDescriptor {
+            label: Some(entry),
+            source: wgpu::ShaderSource::Naga(Cow::Owned(module)),
+        };
+        #[allow(unsafe_code)]
+        // SAFETY: as Bevy compiles the crate's shaders. Every index is in range by construction (the
+        // words come from the packer, pixels and rays are compared with their number), and every
+        // loop ends (`hdda.wgsl` tells why).
+        let module = unsafe {
+            let checks = wgpu::ShaderRuntimeChecks::unchecked();
+            self.device.create_shader_module_trusted(descriptor, checks)
+        };
+        let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(entry),
+            layout: None,
+            module: &module,
+            entry_point: Some(entry),
+            compilation_options: Default::default(),
+            cache: None,
+        });
+        Kernel { pipeline, bindings }
+    }
+
+    /// A buffer that shaders read.
+    pub fn storage(&self, bytes: &[u8]) -> wgpu::Buffer {
+        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: None,
+            // A binding must not be empty; a grid of tiles alone has no masks.
+            contents: if bytes.is_empty() { &[0; 16] } else { bytes },
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+        })
+    }
+
+    /// A small buffer of constants.
+    pub fn uniform(&self, bytes: &[u8]) -> wgpu::Buffer {
+        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: None,
+            contents: bytes,
+            usage: wgpu::BufferUsages::UNIFORM,
+        })
+    }
+
+    /// A buffer that shaders write.
+    pub fn output(&self, bytes: u64) -> wgpu::Buffer {
+        self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: bytes.max(16),
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        })
+    }
+
+    /// Writes to the start of a buffer.
+    pub fn write(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
+        self.queue.write_buffer(buffer, 0, bytes);
+    }
+
+    fn bind(&self, kernel: &Kernel, buffers: &[(u32, &wgpu::Buffer)]) -> wgpu::BindGroup {
+        let entries: Vec<_> = kernel
+            .bindings
+            .iter()
+            .map(|&binding| {
+                let buffer = buffers.iter().find(|(number, _)| *number == binding);
+                let (_, buffer) = buffer.unwrap_or_else(|| panic!("no buffer for {binding}"));
+                wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+            })
+            .collect();
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &kernel.pipeline.get_bind_group_layout(0),
+            entries: &entries,
+        })
+    }
+
+    /// Runs a kernel once.
+    pub fn run(&self, kernel: &Kernel, buffers: &[(u32, &wgpu::Buffer)], groups: [u32; 3]) {
+        let bind_group = self.bind(kernel, buffers);
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        dispatch(&mut encoder, &[(kernel, &bind_group, groups)], None);
+        self.queue.submit([encoder.finish()]);
+    }
+
+    /// What stands in a buffer made by [`Gpu::output`].
+    ///
+    /// # Panics
+    /// When the device is lost.
+    pub fn read(&self, buffer: &wgpu::Buffer, bytes: u64) -> Vec<u8> {
+        let back = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: bytes,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(buffer, 0, &back, 0, bytes);
+        self.queue.submit([encoder.finish()]);
+        back.slice(..).map_async(wgpu::MapMode::Read, |result| result.expect("mapping"));
+        self.device.poll(wgpu::PollType::wait_indefinitely()).expect("the GPU finishes");
+        back.slice(..).get_mapped_range().to_vec()
+    }
+
+    /// Milliseconds that kernels take one after the other, as the GPU's own clock has it: one time
+    /// for each of `runs`.
+    ///
+    /// # Panics
+    /// When the adapter has no timestamps.
+    pub fn time(
+        &self,
+        kernels: &[(&Kernel, &[(u32, &wgpu::Buffer)], [u32; 3])],
+        runs: u32,
+    ) -> Vec<f64> {
+        assert!(self.timestamps, "{} has no timestamps", self.info.name);
+        let queries = self.device.create_query_set(&wgpu::QuerySetDescriptor {
+            label: None,
+            ty: wgpu::QueryType::Timestamp,
+            count: 2,
+        });
+        let resolved = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: 16,
+            usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
+        let groups: Vec<_> =
+            kernels.iter().map(|(kernel, buffers, _)| self.bind(kernel, buffers)).collect();
+        let passes: Vec<_> =
+            kernels.iter().zip(&groups).map(|((k, _, n), group)| (*k, group, *n)).collect();
+        let period = f64::from(self.queue.get_timestamp_period());
+        (0..runs)
+            .map(|_| {
+                let mut encoder = self.device.create_command_encoder(&Default::default());
+                dispatch(&mut encoder, &passes, Some(&queries));
+                encoder.resolve_query_set(&queries, 0..2, &resolved, 0);
+                self.queue.submit([encoder.finish()]);
+                let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(&self.read(&resolved, 16));
+                (ticks[1] - ticks[0]) as f64 * period * 1e-6
+            })
+            .collect()
+    }
+}
+
+/// All kernels in one pass; wgpu keeps them in order where one reads what another wrote.
+fn dispatch(
+    encoder: &mut wgpu::CommandEncoder,
+    kernels: &[(&Kernel, &wgpu::BindGroup, [u32; 3])],
+    queries: Option<&wgpu::QuerySet>,
+) {
+    let timestamp_writes = queries.map(|query_set| wgpu::ComputePassTimestampWrites {
+        query_set,
+        beginning_of_pass_write_index: Some(0),
+        end_of_pass_write_index: Some(1),
+    });
+    let descriptor = wgpu::ComputePassDescriptor { label: None, timestamp_writes };
+    let mut pass = encoder.begin_compute_pass(&descriptor);
+    for (kernel, bind_group, [x, y, z]) in kernels {
+        pass.set_pipeline(&kernel.pipeline);
+        pass.set_bind_group(0, *bind_group, &[]);
+        pass.dispatch_workgroups(*x, *y, *z);
+    }
+}

@@ -1,0 +1,10 @@
+//! The shaders of `assets/shaders`, run ray by ray without Bevy: composed by `naga_oil` and compiled
+//! unchecked, as Bevy does, on whatever adapter there is. For tests and benchmarks.
+
+mod gpu;
+mod probe;
+mod shaders;
+
+pub use gpu::{Gpu, Kernel, NoGpu};
+pub use probe::{GpuGrid, Probe, ProbeHit, ProbeKind, ProbeRay, Setup};
+pub use shaders::{Defs, compose};

@@ -1,0 +1,188 @@
+//! Single rays: what goes in, what comes out.
+
+use bytemuck::{Pod, Zeroable};
+use vdb_core::pack::{PackedGrid, walk};
+use vdb_core::view::GpuRays;
+
+use crate::gpu::{Gpu, Kernel};
+
+/// A ray in local lattice coordinates of a grid.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ProbeRay {
+    /// The cell of the origin.
+    pub cell: [i32; 3],
+    /// Where the ray begins.
+    pub t_min: f32,
+    /// Where in the cell.
+    pub frac: [f32; 3],
+    /// Where the ray ends.
+    pub t_max: f32,
+    /// Cells per unit of `t`.
+    pub dir: [f32; 3],
+    pad: f32,
+}
+
+impl From<walk::Ray> for ProbeRay {
+    fn from(ray: walk::Ray) -> Self {
+        Self {
+            cell: ray.cell.to_array(),
+            t_min: ray.t_min,
+            frac: ray.frac.to_array(),
+            t_max: ray.t_max,
+            dir: ray.dir.to_array(),
+            pad: 0.0,
+        }
+    }
+}
+
+/// What a ray has met.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct ProbeHit {
+    /// The voxel.
+    pub cell: [i32; 3],
+    /// The axis of the face entered; 3: the ray began inside.
+    pub axis: u32,
+    /// Of a smooth surface, in index space, not of unit length.
+    pub gradient: [f32; 3],
+    /// 1 where there is a hit.
+    pub hit: u32,
+    /// Where.
+    pub t: f32,
+    /// ∫ density dt.
+    pub optical_length: f32,
+    /// Steps of the walk.
+    pub steps: u32,
+    pad: f32,
+}
+
+/// What is asked about a ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ProbeKind {
+    /// The first occupied voxel.
+    Voxels,
+    /// The first root of the interpolant.
+    Smooth,
+    /// The optical depth.
+    Fog,
+}
+
+/// Constants of a dispatch.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub struct Setup {
+    /// The iso-value of a smooth surface.
+    pub iso: f32,
+    /// Where the rays of a picture begin.
+    pub t_min: f32,
+    /// Where the rays of a picture end.
+    pub t_max: f32,
+    /// How many rays.
+    pub count: u32,
+    /// The picture, in pixels.
+    pub size: [u32; 2],
+    /// The first of its pixels.
+    pub first: u32,
+    /// Nothing.
+    pub pad: u32,
+}
+
+/// A packed grid on the GPU.
+#[derive(Debug)]
+pub struct GpuGrid {
+    /// Of the bindings 0 to 3.
+    buffers: [wgpu::Buffer; 4],
+}
+
+impl GpuGrid {
+    /// Uploads a grid.
+    pub fn new(gpu: &Gpu, grid: &PackedGrid) -> Self {
+        Self {
+            buffers: [
+                gpu.storage(bytemuck::bytes_of(&grid.header(0, 0, 0))),
+                gpu.storage(bytemuck::cast_slice(&grid.nodes)),
+                gpu.storage(bytemuck::cast_slice(&grid.masks)),
+                gpu.storage(bytemuck::cast_slice(&grid.values)),
+            ],
+        }
+    }
+
+    /// The buffers with their bindings.
+    pub fn bindings(&self) -> [(u32, &wgpu::Buffer); 4] {
+        std::array::from_fn(|i| (i as u32, &self.buffers[i]))
+    }
+}
+
+/// The kernel of one question.
+#[derive(Debug)]
+pub struct Probe<'a> {
+    gpu: &'a Gpu,
+    given: Kernel,
+    picture: Kernel,
+}
+
+/// Rays of a dispatch along x; as in `probe.wgsl`.
+const ROW: u32 = 64 * 32768;
+
+impl<'a> Probe<'a> {
+    /// Compiles the shaders.
+    pub fn new(gpu: &'a Gpu, kind: ProbeKind) -> Self {
+        let entry = match kind {
+            ProbeKind::Voxels => "probe_voxels",
+            ProbeKind::Smooth => "probe_smooth",
+            ProbeKind::Fog => "probe_fog",
+        };
+        let source = include_str!("probe.wgsl");
+        Self {
+            gpu,
+            given: gpu.kernel(source, entry, &["COUNT_STEPS"]),
+            picture: gpu.kernel(source, entry, &["COUNT_STEPS", "PICTURE"]),
+        }
+    }
+
+    /// Sends given rays through a grid.
+    pub fn send(&self, grid: &GpuGrid, iso: f32, rays: &[ProbeRay]) -> Vec<ProbeHit> {
+        let count = rays.len() as u32;
+        let setup = Setup { iso, count, ..Setup::zeroed() };
+        let rays = self.gpu.storage(bytemuck::cast_slice(rays));
+        self.run(&self.given, grid, setup, &[(4, &rays)])
+    }
+
+    /// Sends rays of a picture through a grid: `count` of its pixels, row by row, from the first one
+    /// given on, and the rays that the shader made of them.
+    pub fn picture(
+        &self,
+        grid: &GpuGrid,
+        view: &GpuRays,
+        setup: Setup,
+    ) -> (Vec<ProbeRay>, Vec<ProbeHit>) {
+        let view = self.gpu.storage(bytemuck::bytes_of(view));
+        let bytes = u64::from(setup.count) * size_of::<ProbeRay>() as u64;
+        let made = self.gpu.output(bytes);
+        let hits = self.run(&self.picture, grid, setup, &[(7, &view), (8, &made)]);
+        (bytemuck::pod_collect_to_vec(&self.gpu.read(&made, bytes)), hits)
+    }
+
+    fn run(
+        &self,
+        kernel: &Kernel,
+        grid: &GpuGrid,
+        setup: Setup,
+        more: &[(u32, &wgpu::Buffer)],
+    ) -> Vec<ProbeHit> {
+        let count = setup.count;
+        if count == 0 {
+            return Vec::new();
+        }
+        let bytes = u64::from(count) * size_of::<ProbeHit>() as u64;
+        let hits = self.gpu.output(bytes);
+        let setup = self.gpu.uniform(bytemuck::bytes_of(&setup));
+        let mut buffers = grid.bindings().to_vec();
+        buffers.extend([(5, &hits), (6, &setup)]);
+        buffers.extend_from_slice(more);
+        let groups = [count.min(ROW).div_ceil(64), count.div_ceil(ROW), 1];
+        self.gpu.run(kernel, &buffers, groups);
+        bytemuck::pod_collect_to_vec(&self.gpu.read(&hits, bytes))
+    }
+}
