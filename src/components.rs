@@ -46,6 +46,8 @@ pub struct VdbCamera {
     pub enabled: bool,
     /// What it shows of them.
     pub mode: VdbRenderMode,
+    /// How rays find what they meet.
+    pub traversal: VdbTraversal,
     /// [`VdbRenderMode::Steps`]: how many steps of the walk have the hottest colour. More than 0;
     /// 200 by default.
     pub steps_scale: f32,
@@ -53,7 +55,12 @@ pub struct VdbCamera {
 
 impl Default for VdbCamera {
     fn default() -> Self {
-        Self { enabled: true, mode: VdbRenderMode::Lit, steps_scale: 200.0 }
+        Self {
+            enabled: true,
+            mode: VdbRenderMode::Lit,
+            traversal: VdbTraversal::HddaSdf,
+            steps_scale: 200.0,
+        }
     }
 }
 
@@ -71,6 +78,24 @@ pub enum VdbRenderMode {
     Depth,
     /// Steps of the walk through the tree, light blue (none) to red ([`VdbCamera::steps_scale`]).
     Steps,
+}
+
+/// How rays find what they meet. All but [`March`](Self::March) show the same picture, to the last bit;
+/// what they cost is told in `docs/benchmarks.md`, and shown by [`VdbRenderMode::Steps`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
+#[reflect(Clone, Debug, Default, PartialEq, Hash)]
+pub enum VdbTraversal {
+    /// Samples at every half voxel, for comparison: passes over corners of voxels and finds surfaces
+    /// late. Surfaces that are shown smooth, and fog, are walked as with [`Dda`](Self::Dda).
+    March,
+    /// Voxel by voxel.
+    Dda,
+    /// In strides over the empty nodes of the tree.
+    Hdda,
+    /// In leaps over all that is known to be empty ahead, from a start that the rays of a tile of
+    /// 8×8 pixels share.
+    #[default]
+    HddaSdf,
 }
 
 /// Makes a `DirectionalLight` the sun of all volumes. Without one, the brightest directional light

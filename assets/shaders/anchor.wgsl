@@ -1,15 +1,38 @@
 // Where a ray is within a cell, however far it has come: the twin of `pack/anchor.rs`.
 #define_import_path bevy_vdb::anchor
 
-#import bevy_vdb::types::Ray
-#import bevy_vdb::exact::{component_f, component_i, plane_distance, product}
+#import bevy_vdb::exact::{Course, component_f, component_u, plane_distance}
 
-// A ray that begins where another one enters a cell. `t` counts from there, so that what is worked
-// out close by has the precision of what is close by.
+// Where a course enters a cell: what is worked out close by has the precision of what is close by.
 struct Anchor {
-    ray: Ray,
-    // The t of the other ray.
-    t: f32,
+    cell: vec3<u32>,    // counted from the course's own
+    frac: vec3<f32>,    // where in it, from 0 to 1, on the course's axes
+    t: f32,             // where on the course, to within f32
+}
+
+// Parameters, from the anchor on, of planes ahead of it, one on each axis.
+fn anchor_t(near: Anchor, course: Course, plane: vec3<u32>) -> vec3<f32> {
+    return (vec3<f32>(plane - near.cell) - near.frac) * course.inverse;
+}
+
+// x · m, for x of 64 bits and m of 24: digits of 16 bits, so that no product overflows a u32.
+fn product(x: vec2<u32>, m: u32) -> vec3<u32> {
+    let digits = vec4(x.x & 0xffffu, x.x >> 16u, x.y & 0xffffu, x.y >> 16u);
+    let m_low = m & 0xffffu;
+    let m_high = m >> 16u;
+    let low_0 = digits.x * m_low;
+    let low_1 = digits.y * m_low + (low_0 >> 16u);
+    let low_2 = digits.z * m_low + (low_1 >> 16u);
+    let low_3 = digits.w * m_low + (low_2 >> 16u);
+    let high_1 = digits.x * m_high + (low_1 & 0xffffu);
+    let high_2 = digits.y * m_high + (low_2 & 0xffffu) + (high_1 >> 16u);
+    let high_3 = digits.z * m_high + (low_3 & 0xffffu) + (high_2 >> 16u);
+    let high_4 = digits.w * m_high + (low_3 >> 16u) + (high_3 >> 16u);
+    return vec3(
+        (low_0 & 0xffffu) | (high_1 << 16u),
+        (high_2 & 0xffffu) | (high_3 << 16u),
+        high_4,
+    );
 }
 
 // One digit of 8 bits of a division by 24: the rest so far, and the quotient's low 32 bits.
@@ -47,44 +70,40 @@ fn shifted(x: vec3<u32>, shift: i32) -> vec3<u32> {
 }
 
 // Where in a cell the ray is along one axis when it crosses a plane of another, in units of 2^-24:
-// f + (distance / dir of the other) · dir, in integers.
-fn place(ray: Ray, own: u32, cell: i32, axis: u32, plane: i32) -> f32 {
-    let dir = component_f(ray.dir, own);
-    let bits_own = bitcast<u32>(dir);
-    let bits_axis = bitcast<u32>(component_f(ray.dir, axis));
-    let exponent_own = i32((bits_own >> 23u) & 0xffu);
-    let exponent_axis = i32((bits_axis >> 23u) & 0xffu);
+// frac + (distance / speed of the other) · speed, in integers.
+fn place(course: Course, own: u32, cell: u32, axis: u32, plane: u32) -> f32 {
+    let bits_own = bitcast<u32>(component_f(course.speed, own));
+    let bits_axis = bitcast<u32>(component_f(course.speed, axis));
+    let exponent_own = i32(bits_own >> 23u);
+    let exponent_axis = i32(bits_axis >> 23u);
     var way = 0u;
     if exponent_own > 0 {
-        let p = product(plane_distance(ray, axis, plane), (bits_own & 0x7fffffu) | 0x800000u);
+        let p = product(plane_distance(course, axis, plane), (bits_own & 0x7fffffu) | 0x800000u);
         let scaled = shifted(p, exponent_own - exponent_axis);
         way = quotient(scaled, (bits_axis & 0x7fffffu) | 0x800000u);
     }
-    let start = u32(component_f(ray.frac, own) * 16777216.0);
-    let cells = bitcast<u32>(cell - component_i(ray.cell, own)) << 24u;
-    let at = select(start - way, start + way, dir > 0.0) - cells;
+    let start = u32(component_f(course.frac, own) * 16777216.0);
+    // Modulo 2^32, which the cell's own place is well within.
+    let at = bitcast<i32>(start + way - (cell << 24u));
     // A rounding of 2^-24 may lead out of the cell.
-    return f32(clamp(bitcast<i32>(at), 0, 16777215)) / 16777216.0;
+    return f32(clamp(at, 0, 16777216)) / 16777216.0;
 }
 
-// The ray from where it enters a cell on: it came by a plane of `axis`, at about t; 3 means that it
-// began inside, at its own t_min.
-fn anchored(ray: Ray, cell: vec3<i32>, axis: u32, t: f32) -> Anchor {
+// Where a walk enters a cell: by a plane of `axis`, at about t; 3 means that it began inside.
+fn anchored(course: Course, rel: vec3<u32>, axis: u32, t: f32) -> Anchor {
     if axis > 2u {
         // A shader's rays begin close to the eye.
-        let at = ray.frac + t * ray.dir - vec3<f32>(cell - ray.cell);
-        let frac = floor(clamp(at, vec3(0.0), vec3(0.99999994)) * 16777216.0) / 16777216.0;
-        return Anchor(Ray(cell, frac, ray.dir, 0.0, ray.t_max - t), t);
+        let at = course.frac + t * course.speed - vec3<f32>(rel);
+        return Anchor(rel, saturate(at), t);
     }
-    let forward = component_f(ray.dir, axis) > 0.0;
-    let plane = component_i(cell, axis) + select(1, 0, forward);
-    var frac = vec3(select(0.99999994, 0.0, forward));
+    let plane = component_u(rel, axis);
+    var frac = vec3(0.0);
     // The other two axes.
     let second = (axis + 1u) % 3u;
     let third = (axis + 2u) % 3u;
-    let at_second = place(ray, second, component_i(cell, second), axis, plane);
-    let at_third = place(ray, third, component_i(cell, third), axis, plane);
+    let at_second = place(course, second, component_u(rel, second), axis, plane);
+    let at_third = place(course, third, component_u(rel, third), axis, plane);
     frac = select(frac, vec3(at_second), vec3(0u, 1u, 2u) == vec3(second));
     frac = select(frac, vec3(at_third), vec3(0u, 1u, 2u) == vec3(third));
-    return Anchor(Ray(cell, frac, ray.dir, 0.0, ray.t_max - t), t);
+    return Anchor(rel, frac, t);
 }

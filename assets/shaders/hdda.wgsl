@@ -6,25 +6,22 @@
 #define_import_path bevy_vdb::hdda
 
 #import bevy_vdb::types::{Grid, Ray}
-#import bevy_vdb::tree::{locate, span_occupied}
-#import bevy_vdb::exact::{T_ERROR, component_f, component_i, is_zero, plane_before}
+#import bevy_vdb::tree::{Span, locate, nowhere, span_occupied}
+#import bevy_vdb::exact::{T_ERROR, Course, component_f, component_u, is_zero, plane_before}
 
-// Where a ray is on its way through the lattice.
+// Where a course is on its way through the lattice.
 struct Walk {
-    cell: vec3<i32>,
-    t: f32,             // where the ray enters the cell
-    t_end: f32,         // where the ray ends
-    axis: u32,          // of the face that it entered the cell by; 3: it started inside
+    rel: vec3<u32>,     // the cell, counted from the course's own
+    t: f32,             // where the course enters it
+    axis: u32,          // of the face by which; 3: it started inside
     inside: bool,       // whether the cell is in the grid's box and before the ray's end
 }
 
 // t of planes that are never reached.
 const FAR: f32 = 1e30;
-// How far from the grid's origin an eye may be, in cells.
-const MAX_CELLS: f32 = 1073741824.0;    // 2^30
-// Direction components smaller than this, relative to the largest, never reach another cell within
-// the index space, but on the spot; dividing by them could exceed what f32 holds.
-const IDLE: f32 = 3.469446951953614e-18;    // 2^-58
+// Slower than this a ray reaches no other cell within the index space, but on the spot; dividing by
+// less could exceed what f32 holds.
+const IDLE: f32 = 3.2311742677852644e-27;   // 2^-88
 // The largest component of a direction is not smaller than this.
 const SLOWEST: f32 = 9.313225746154785e-10; // 2^-30
 
@@ -39,49 +36,73 @@ fn count_step() {
 #endif
 }
 
-// Where the ray crosses planes ahead of it, one on each axis, to within T_ERROR. The difference of
-// the integers is exact; the ray's own numbers come in only at the end.
-fn plane_t(ray: Ray, plane: vec3<i32>) -> vec3<f32> {
-    let forward = ray.dir > vec3(0.0);
-    let speed = abs(ray.dir);
-    let cells = bitcast<vec3<u32>>(select(ray.cell - plane, plane - ray.cell, forward));
-    let distance = vec3<f32>(cells) + select(ray.frac, -ray.frac, forward);
-    let idle = speed < vec3(IDLE * max(max(speed.x, speed.y), speed.z));
-    let t = distance / select(speed, vec3(1.0), idle);
-    let never = is_zero(ray.dir) | (idle & (distance != vec3(0.0)));
-    return select(t, vec3(FAR), never);
+// The course of a ray through a grid.
+fn course_of(grid: Grid, ray: Ray) -> Course {
+    let zero = is_zero(ray.dir);
+    let down = (ray.dir < vec3(0.0)) & !zero;
+    let flip = select(vec3(0), vec3(-1), down);
+    let cell = ray.cell ^ flip;
+    let low = select(grid.occupied_min, ~grid.occupied_max, down);
+    let high = select(grid.occupied_max, ~grid.occupied_min, down);
+    let speed = select(abs(ray.dir), vec3(0.0), zero);
+    let before = cell < low;
+    let octant = dot(vec3<u32>(down), vec3(4u, 2u, 1u));
+    return Course(
+        flip,
+        cell,
+        select(ray.frac, 1.0 - ray.frac, down),
+        speed,
+        1.0 / max(speed, vec3(IDLE)),
+        select(vec3(0u), bitcast<vec3<u32>>(low - cell), before),
+        bitcast<vec3<u32>>(high - cell),
+        before,
+        all(cell <= high) && any(speed >= vec3(SLOWEST)),
+        octant,
+        ray.t_min,
+        ray.t_max,
+    );
 }
 
-// Where a ray crosses the plane by which a walk came into its cell.
-fn entry_t(ray: Ray, walk: Walk) -> f32 {
-    let forward = ray.dir > vec3(0.0);
-    return component_f(plane_t(ray, walk.cell + select(vec3(1), vec3(0), forward)), walk.axis);
+// The local cell that is so many cells ahead.
+fn local_cell(course: Course, rel: vec3<u32>) -> vec3<i32> {
+    return (course.cell + bitcast<vec3<i32>>(rel)) ^ course.flip;
+}
+
+// A place within a cell, 0 to 1, as the lattice has it.
+fn unturned(course: Course, u: vec3<f32>) -> vec3<f32> {
+    return select(u, 1.0 - u, course.flip != vec3(0));
+}
+
+// Where the course crosses planes ahead of it, one on each axis, to within T_ERROR. The integers are
+// exact; the ray's own numbers come in only at the end.
+fn plane_t(course: Course, plane: vec3<u32>) -> vec3<f32> {
+    return (vec3<f32>(plane) - course.frac) * course.inverse;
 }
 
 // The axis of the plane that is crossed first of three, one on each axis. At once means x before y
 // before z.
-fn first_axis(ray: Ray, plane: vec3<i32>, t: vec3<f32>) -> u32 {
-    let first = select(select(2u, 1u, t.y <= t.z), 0u, t.x <= t.y && t.x <= t.z);
-    let least = component_f(t, first);
-    let in_doubt = t <= vec3(least * (1.0 + T_ERROR));
-    if dot(vec3<u32>(in_doubt), vec3(1u)) < 2u {
-        return first;
+fn first_axis(course: Course, plane: vec3<u32>, t: vec3<f32>) -> u32 {
+    let least = min(min(t.x, t.y), t.z);
+    let second = max(min(t.x, t.y), min(max(t.x, t.y), t.z));
+    if second > least * (1.0 + T_ERROR) {
+        return select(select(2u, 1u, t.y == least), 0u, t.x == least);
     }
-    return ordered(ray, plane, vec3(true), true);
+    return ordered(course, plane, vec3(true), true);
 }
 
-// The first, or the last, of the planes of some axes that a ray crosses, one on each axis; 3 for no
+// The first, or the last, of the planes of some axes that a course crosses, one on each axis; 3 for no
 // axis at all. One loop with one comparison in it: compilers put functions in place of their calls,
 // and this one is long.
-fn ordered(ray: Ray, plane: vec3<i32>, axes: vec3<bool>, want_first: bool) -> u32 {
+fn ordered(course: Course, plane: vec3<u32>, axes: vec3<bool>, want_first: bool) -> u32 {
     var best = 3u;
     for (var axis = 0u; axis < 3u; axis++) {
         let of_interest = select(select(axes.z, axes.y, axis == 1u), axes.x, axis == 0u);
         if of_interest {
             var better = best == 3u;
             if !better {
-                let own = component_i(plane, axis);
-                better = plane_before(ray, best, component_i(plane, best), axis, own) != want_first;
+                let own = component_u(plane, axis);
+                let best_plane = component_u(plane, best);
+                better = plane_before(course, best, best_plane, axis, own) != want_first;
             }
             best = select(best, axis, better);
         }
@@ -89,120 +110,156 @@ fn ordered(ray: Ray, plane: vec3<i32>, axes: vec3<bool>, want_first: bool) -> u3
     return best;
 }
 
-// A cell at a position relative to the ray's origin, kept to what an integer holds.
-fn cell_of(ray: Ray, at: vec3<f32>) -> vec3<i32> {
-    return vec3<i32>(clamp(floor(at), vec3(-MAX_CELLS), vec3(MAX_CELLS))) + ray.cell;
+// Cells that a course has come to for certain at about t, on each axis, from `low` up to `high`. It may
+// be a cell further: then the walk crosses that plane next.
+fn cells_reached(course: Course, t: f32, low: vec3<u32>, high: vec3<u32>) -> vec3<u32> {
+    // Less than it is by twice what f32 may get wrong of it. Conversions saturate.
+    let at = (course.frac - T_ERROR) + (t * (1.0 - T_ERROR)) * course.speed;
+    return clamp(vec3<u32>(at), low, high);
 }
 
-// The cells that the ray is in, on each axis, when it has crossed a plane of one of them at about
-// t; between `first` and `last`, which the ray passes in that order.
-fn cells_behind(
-    ray: Ray,
-    axis: u32,
-    plane: i32,
-    t: f32,
-    first: vec3<i32>,
-    last: vec3<i32>,
-) -> vec3<i32> {
-    let way = t * ray.dir;
-    let at = ray.frac + way;
-    let error = (abs(way) + 1.0) * T_ERROR;
-    let least = min(first, last);
-    let most = max(first, last);
-    let low = clamp(cell_of(ray, at - error), least, most);
-    let high = clamp(cell_of(ray, at + error), least, most);
-    let in_doubt = (low != high) & (vec3(0u, 1u, 2u) != vec3(axis));
-    if !any(in_doubt) {
-        return low;
+// The start of the walk: a cell of the grid's box on the course.
+fn enter(course: Course) -> Walk {
+    if !course.meets {
+        return Walk(vec3(0u), 0.0, 3u, false);
     }
-    var cell = low;
-    for (var own = 0u; own < 3u; own++) {
-        let here = vec3(0u, 1u, 2u) == vec3(own);
-        // Which of the planes between two cells are crossed before that of the other axis? Those
-        // that are come first. Halves the doubt each time: 32 times at most.
-        let forward = component_f(ray.dir, own) > 0.0;
-        var least_cell = component_i(low, own);
-        var most_cell = component_i(high, own);
-        while least_cell < most_cell && any(here & in_doubt) {
-            let middle = least_cell + (most_cell - least_cell) / 2;
-            if plane_before(ray, own, middle + 1, axis, plane) == forward {
-                least_cell = middle + 1;
-            } else {
-                most_cell = middle;
+    let near = select(vec3(-1.0), plane_t(course, course.first), course.before);
+    let t_near = max(max(near.x, near.y), near.z);
+    if t_near < course.t_min || !any(course.before) {
+        let at = course.frac + course.t_min * course.speed;
+        // A place in a plane belongs to the cell above it, which is the one behind where turned over.
+        let cell = select(floor(at), ceil(at) - 1.0, course.flip != vec3(0));
+        let rel = vec3<u32>(cell);
+        let in_box = all(rel >= course.first) && all(rel <= course.last);
+        return Walk(rel, course.t_min, 3u, course.t_min <= course.t_max && in_box);
+    }
+    // One cell more: the ray may have left the box on another axis before it comes in on this one.
+    let high = max(course.last, course.last + 1u);
+    let rel = cells_reached(course, t_near, course.first, high);
+    let axis = select(select(2u, 1u, near.y == t_near), 0u, near.x == t_near);
+    return Walk(rel, t_near, axis, t_near <= course.t_max && all(rel <= course.last));
+}
+
+// The start of the walk where it is known that nothing can stop the ray before `t_start`: there, if
+// that is in the box. Its cell is one that is empty, so that its precision does not matter.
+fn enter_at(course: Course, t_start: f32) -> Walk {
+    let rel = vec3<u32>(course.frac + t_start * course.speed);
+    if t_start <= course.t_min || any(rel < course.first) {
+        return enter(course);
+    }
+    let inside = course.meets && t_start <= course.t_max && all(rel <= course.last);
+    return Walk(rel, t_start, 0u, inside);
+}
+
+// The planes at the end of a span, one on each axis.
+fn planes_behind(course: Course, rel: vec3<u32>, span: Span) -> vec3<u32> {
+    let size = 1i << span.log_dim;
+    let low = (course.cell + bitcast<vec3<i32>>(rel)) & vec3(-size);
+    let ahead = low + (size + i32(span.reach << span.log_dim));
+    return bitcast<vec3<u32>>(ahead - course.cell);
+}
+
+// Steps out of the span that holds the walk's cell.
+//
+// Which plane is crossed next is exact; how many planes of the other axes have been crossed by then is
+// a lower bound. Where it is too low, the walk crosses those planes next, in cells beside the ray that
+// it does not touch: all that it does touch are visited. The course never turns back and passes at
+// least one plane, so a walk takes at most as many steps as the box has cells along its three edges:
+// the loops around this end.
+fn advance(course: Course, walk: Walk, span: Span) -> Walk {
+    let plane = planes_behind(course, walk.rel, span);
+    let exits = plane_t(course, plane);
+    let axis = first_axis(course, plane, exits);
+    let t = min(min(exits.x, exits.y), exits.z);
+    let across = vec3(0u, 1u, 2u) == vec3(axis);
+    let rel = select(cells_reached(course, t, walk.rel, plane - 1u), plane, across);
+    return Walk(rel, t, axis, t <= course.t_max && all(rel <= course.last));
+}
+
+// The cell in which a ray begins: there, it comes in by no face.
+fn begin_of(walk: Walk) -> vec3<u32> {
+    return select(vec3(0u), walk.rel, walk.axis == 3u);
+}
+
+// Whether the ray itself comes into the walk's cell, where and by which face: `begin` is the cell in
+// which the ray begins. The answer does not depend on the way by which the walk has come.
+fn confirm(course: Course, walk: Walk, begin: vec3<u32>) -> Walk {
+    let crossed = walk.rel > begin;
+    if !any(crossed) {
+        return walk;
+    }
+    let near = select(vec3(-1.0), plane_t(course, walk.rel), crossed);
+    let t = max(max(near.x, near.y), near.z);
+    let second = max(min(near.x, near.y), min(max(near.x, near.y), near.z));
+    let exits = plane_t(course, walk.rel + 1u);
+    var axis = select(select(2u, 1u, near.y == t), 0u, near.x == t);
+    var inside = true;
+    if second * (1.0 + T_ERROR) >= t || min(min(exits.x, exits.y), exits.z) <= t * (1.0 + T_ERROR) {
+        axis = ordered(course, walk.rel, crossed, false);
+        let plane = component_u(walk.rel, axis);
+        for (var own = 0u; own < 3u && inside; own++) {
+            if own != axis {
+                inside = !plane_before(course, own, component_u(walk.rel, own) + 1u, axis, plane);
             }
         }
-        cell = select(cell, vec3(least_cell), here);
     }
-    return cell;
+    return Walk(walk.rel, component_f(near, axis), axis, inside);
 }
 
-fn in_box(grid: Grid, cell: vec3<i32>) -> bool {
-    return all(cell >= grid.occupied_min) && all(cell <= grid.occupied_max);
+// The first occupied cell on a ray.
+struct Hit {
+    cell: vec3<i32>,
+    t: f32,             // where the ray enters it
+    axis: u32,          // of the face by which; 3: it started inside
+    found: bool,
 }
 
-// The start of the walk: the first cell of the grid's box on the ray.
-fn enter(grid: Grid, ray: Ray) -> Walk {
-    let forward = ray.dir > vec3(0.0);
-    let below = ray.cell < grid.occupied_min;
-    let above = ray.cell > grid.occupied_max;
-    // The planes by which the ray comes into the box, on the axes where it is before it.
-    let before = select(above, below, forward);
-    let beyond = select(below, above, forward);
-    let plane = select(grid.occupied_max + 1, grid.occupied_min, forward);
-    let near = select(vec3(-1.0), plane_t(ray, plane), before);
-    let t_near = max(max(near.x, near.y), near.z);
-    let slow = all(abs(ray.dir) < vec3(SLOWEST));
-    if slow || any(beyond) || t_near >= FAR {
-        return Walk(ray.cell, 0.0, 0.0, 3u, false);
-    }
-    if t_near < ray.t_min || !any(before) {
-        let cell = cell_of(ray, ray.frac + ray.t_min * ray.dir);
-        let inside = ray.t_min <= ray.t_max && in_box(grid, cell);
-        return Walk(cell, ray.t_min, ray.t_max, 3u, inside);
-    }
-    // The last of them; at once means x before y before z.
-    let axis = ordered(ray, plane, before, false);
-    let first = clamp(ray.cell, grid.occupied_min, grid.occupied_max);
-    // One cell more: the ray may have left the box on another axis before it comes in on this one.
-    let last = select(grid.occupied_min - 1, grid.occupied_max + 1, forward);
-    let t = component_f(near, axis);
-    let across = vec3(0u, 1u, 2u) == vec3(axis);
-    let behind = cells_behind(ray, axis, component_i(plane, axis), t, first, last);
-    let cell = select(behind, first, across);
-    return Walk(cell, t, ray.t_max, axis, t <= ray.t_max && in_box(grid, cell));
-}
-
-// Steps out of the cube of 2^log_dim cells that holds the walk's cell, into the next cell.
-//
-// The cell changes by at least one along the axis crossed and never turns back along the others,
-// so a walk takes at most as many steps as the box has cells along its three edges: the loops
-// around this end.
-fn advance(grid: Grid, ray: Ray, walk: Walk, log_dim: u32) -> Walk {
-    let size = 1i << log_dim;
-    let low = walk.cell & vec3(-size);
-    let last = low + (size - 1);
-    let forward = ray.dir > vec3(0.0);
-    let plane = select(low, last + 1, forward);
-    let exits = plane_t(ray, plane);
-    let axis = first_axis(ray, plane, exits);
-    let t = max(component_f(exits, axis), walk.t);
-    let across = vec3(0u, 1u, 2u) == vec3(axis);
-    let end = select(low, last, forward);
-    let behind = cells_behind(ray, axis, component_i(plane, axis), t, walk.cell, end);
-    let cell = select(behind, end + select(vec3(-1), vec3(1), forward), across);
-    return Walk(cell, t, walk.t_end, axis, t <= walk.t_end && in_box(grid, cell));
-}
-
-// The first occupied cell on a ray; `inside` is false where there is none.
-fn first_hit(grid: Grid, ray: Ray) -> Walk {
-    var walk = enter(grid, ray);
+fn first_hit(grid: Grid, course: Course, enters: Walk) -> Hit {
+#ifdef MARCH
+    return first_sample(grid, course, enters);
+#else
+    var walk = enters;
+    var place = nowhere(local_cell(course, walk.rel));
     while walk.inside {
         count_step();
-        let span = locate(grid, walk.cell);
+        let cell = local_cell(course, walk.rel);
+        var span = locate(grid, cell, course.octant, &place);
         if span_occupied(span) {
+            let hit = confirm(course, walk, begin_of(enters));
+            if hit.inside {
+                return Hit(cell, hit.t, hit.axis, hit.t <= course.t_max);
+            }
+            span = Span(0u, 0u, 0u);
+        }
+        walk = advance(course, walk, span);
+    }
+    return Hit(vec3(0), 0.0, 3u, false);
+#endif
+}
+
+#ifdef MARCH
+// Cells between two samples.
+const MARCH_STEP: f32 = 0.5;
+
+// The first occupied cell among samples at even distances: what others pass over and find late is what
+// the walk is measured by.
+fn first_sample(grid: Grid, course: Course, enters: Walk) -> Hit {
+    var place = nowhere(local_cell(course, enters.rel));
+    let step = MARCH_STEP / length(course.speed);
+    for (var i = 0u; enters.inside; i++) {
+        count_step();
+        let t = enters.t + f32(i) * step;
+        let rel = max(vec3<u32>(course.frac + t * course.speed), enters.rel);
+        if t > course.t_max || any(rel > course.last) {
             break;
         }
-        walk = advance(grid, ray, walk, span.log_dim);
+        let cell = local_cell(course, rel);
+        if span_occupied(locate(grid, cell, course.octant, &place)) {
+            let near = plane_t(course, rel);
+            let axis = select(select(2u, 1u, near.y > max(near.x, near.z)), 0u, near.x > max(near.y, near.z));
+            return Hit(cell, t, axis, true);
+        }
     }
-    return walk;
+    return Hit(vec3(0), 0.0, 3u, false);
 }
+#endif

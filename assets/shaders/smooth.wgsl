@@ -1,10 +1,11 @@
 // The first place where the trilinear interpolant passes through the iso-value.
 #define_import_path bevy_vdb::smooth
 
-#import bevy_vdb::types::{Grid, Ray}
-#import bevy_vdb::anchor::anchored
-#import bevy_vdb::tree::{Corners, corners, locate, span_occupied, trilinear, trilinear_gradient}
-#import bevy_vdb::hdda::{Walk, advance, count_step, enter, plane_t}
+#import bevy_vdb::types::Grid
+#import bevy_vdb::anchor::{anchor_t, anchored}
+#import bevy_vdb::exact::Course
+#import bevy_vdb::tree::{Span, corners, locate, nowhere, span_occupied, trilinear, trilinear_gradient}
+#import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, local_cell, unturned}
 
 struct SurfaceHit {
     found: bool,
@@ -85,33 +86,39 @@ fn nothing() -> SurfaceHit {
     return SurfaceHit(false, 0.0, vec3(0.0), 3u);
 }
 
-// The first root of the interpolant minus `iso` on a ray.
-fn first_root(grid: Grid, ray: Ray, iso: f32) -> SurfaceHit {
-    var walk = enter(grid, ray);
+// The first root of the interpolant minus `iso` on a course.
+fn first_root(grid: Grid, course: Course, enters: Walk, iso: f32) -> SurfaceHit {
+    var walk = enters;
+    var place = nowhere(local_cell(course, walk.rel));
     // Whether the interpolant was negative at the end of the cell before: a sign that changes just
     // between two cells is a root, too, and rounding must not lose it.
     var known = false;
     var was_negative = false;
     while walk.inside {
         count_step();
-        let span = locate(grid, walk.cell);
-        let here = walk;
-        walk = advance(grid, ray, walk, span.log_dim);
+        let cell = local_cell(course, walk.rel);
+        let span = locate(grid, cell, course.octant, &place);
         if !span_occupied(span) {
+            walk = advance(course, walk, span);
             known = false;
             continue;
         }
-        let c = corners(grid, here.cell);
-        let near = anchored(ray, here.cell, here.axis, here.t);
-        let forward = ray.dir > vec3(0.0);
-        let exits = plane_t(near.ray, here.cell + select(vec3(0), vec3(1), forward));
-        let length = min(min(min(exits.x, exits.y), exits.z), near.ray.t_max);
-        let way = length * ray.dir;
+        let here = confirm(course, walk, begin_of(enters));
+        walk = advance(course, walk, Span(0u, 0u, 0u));
+        if !here.inside {
+            continue;
+        }
+        let c = corners(grid, cell);
+        let near = anchored(course, here.rel, here.axis, here.t);
+        let exits = anchor_t(near, course, here.rel + 1u);
+        let length = min(min(min(exits.x, exits.y), exits.z), course.t_max - near.t);
+        let start = unturned(course, near.frac);
+        let way = length * select(course.speed, -course.speed, course.flip != vec3(0));
         // Four values of the cubic, then its coefficients.
-        let f_0 = trilinear(c, near.ray.frac) - iso;
-        let f_1 = trilinear(c, saturate(near.ray.frac + way / 3.0)) - iso;
-        let f_2 = trilinear(c, saturate(near.ray.frac + way * (2.0 / 3.0))) - iso;
-        let f_3 = trilinear(c, saturate(near.ray.frac + way)) - iso;
+        let f_0 = trilinear(c, start) - iso;
+        let f_1 = trilinear(c, saturate(start + way / 3.0)) - iso;
+        let f_2 = trilinear(c, saturate(start + way * (2.0 / 3.0))) - iso;
+        let f_3 = trilinear(c, saturate(start + way)) - iso;
         let d_1 = f_1 - f_0;
         let d_2 = f_2 - 2.0 * f_1 + f_0;
         let d_3 = f_3 - 3.0 * f_2 + 3.0 * f_1 - f_0;
@@ -132,7 +139,7 @@ fn first_root(grid: Grid, ray: Ray, iso: f32) -> SurfaceHit {
             }
         }
         if s <= 1.0 {
-            let at = saturate(near.ray.frac + s * way);
+            let at = saturate(start + s * way);
             return SurfaceHit(true, here.t + s * length, trilinear_gradient(c, at), here.axis);
         }
         known = true;

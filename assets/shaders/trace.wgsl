@@ -1,10 +1,11 @@
 // One thread a pixel: the nearest surface of all volumes, then all fogs in front of it.
 // Writes radiance times exposure, premultiplied with coverage, and a depth for the composite.
 
-#import bevy_vdb::types::{Grid, Ray, View, Volume, KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
+#import bevy_vdb::types::{View, Volume, KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::rays::{ndc_of, ray_through}
-#import bevy_vdb::hdda::{FAR, Walk, enter, first_hit}
+#import bevy_vdb::exact::Course
+#import bevy_vdb::hdda::{FAR, Hit, course_of, enter, enter_at, first_hit, plane_t}
 #import bevy_vdb::lights::{isotropic, lambert}
 #import bevy_vdb::surface::{surface_normal, voxel_gradient}
 #ifdef SMOOTH
@@ -58,6 +59,28 @@ fn scene_t(pixel: vec2<u32>) -> f32 {
     return select(-(m.x * depth + m.y) / w, FAR, abs(w) < 1e-30);
 }
 
+#ifdef BEAMS
+// For each volume of the view and each tile of 8×8 pixels, the t before which nothing can stop a ray; FAR
+// where nothing can at all.
+@group(0) @binding(9) var<storage, read> starts: array<f32>;
+#endif
+
+// The t before which nothing of a volume can stop the pixel's ray.
+fn start_of(volume: u32, pixel: vec2<u32>) -> f32 {
+#ifdef BEAMS
+    let tiles = (view.size + 7u) / 8u;
+    let row = (volume - view.volume_first) * tiles.y + pixel.y / 8u;
+    return starts[row * tiles.x + pixel.x / 8u];
+#else
+    return view.t_near;
+#endif
+}
+
+// The course of the view's ray through a volume.
+fn volume_course(volume: Volume, ndc: vec2<f32>, t_min: f32, t_max: f32) -> Course {
+    return course_of(grids[volume.grid], ray_through(volume.rays, ndc, t_min, t_max));
+}
+
 fn volume_end() -> u32 {
     return view.volume_first + view.volume_count;
 }
@@ -74,11 +97,13 @@ struct Fog {
     t_first: f32,
 }
 
-// Optical depth of one fog over a part of the ray. `length` is world units per unit of t.
-fn optical_depth(volume: Volume, ndc: vec2<f32>, t_min: f32, t_max: f32, length: f32) -> f32 {
+// Optical depth of one fog over a part of the ray, which nothing stops before `start`. `length` is world
+// units per unit of t.
+fn optical_depth(volume: Volume, ndc: vec2<f32>, start: f32, t_min: f32, t_max: f32, length: f32) -> f32 {
     let scale = volume.density_scale * length;
-    let ray = ray_through(volume.rays, ndc, t_min, t_max);
-    return min(scale * optical_length(grids[volume.grid], ray, OPAQUE / max(scale, 1e-30)), 100.0);
+    let course = volume_course(volume, ndc, t_min, t_max);
+    let enough = OPAQUE / max(scale, 1e-30);
+    return min(scale * optical_length(grids[volume.grid], course, enter_at(course, start), enough), 100.0);
 }
 
 // What a fog sends on per unit of optical depth.
@@ -88,27 +113,30 @@ fn source(volume: Volume) -> vec3<f32> {
 
 // All fogs in front of `t_max`. Radiance of one fog with an even source S and optical depth τ is
 // S·(1 - e^-τ), exactly; where several overlap, the shared part is cut into slabs.
-fn trace_fogs(ndc: vec2<f32>, t_max: f32, length: f32) -> Fog {
+fn trace_fogs(pixel: vec2<u32>, ndc: vec2<f32>, t_max: f32, length: f32) -> Fog {
     var met = 0u;
     var last_met = 0u;
     var t_first = FAR;
     var t_last = view.t_near;
     for (var i = view.volume_first; i < volume_end(); i++) {
-        if volumes[i].kind != KIND_FOG {
+        if volumes[i].kind != KIND_FOG || start_of(i, pixel) == FAR {
             continue;
         }
-        let ray = ray_through(volumes[i].rays, ndc, view.t_near, t_max);
-        let walk = enter(grids[volumes[i].grid], ray);
-        if walk.inside && walk.t < walk.t_end {
+        let course = volume_course(volumes[i], ndc, view.t_near, t_max);
+        let walk = enter(course);
+        if walk.inside && walk.t < t_max {
             met += 1u;
             last_met = i;
+            let exits = plane_t(course, course.last + 1u);
             t_first = min(t_first, walk.t);
-            t_last = max(t_last, walk.t_end);
+            t_last = max(t_last, min(min(min(exits.x, exits.y), exits.z), t_max));
         }
     }
     var fog = Fog(vec3(0.0), 0.0, t_first);
     if met == 1u {
-        fog.optical_depth = optical_depth(volumes[last_met], ndc, view.t_near, t_max, length);
+        let start = start_of(last_met, pixel);
+        fog.optical_depth =
+            optical_depth(volumes[last_met], ndc, start, view.t_near, t_max, length);
         fog.radiance = source(volumes[last_met]) * (1.0 - exp(-fog.optical_depth));
     } else if met > 1u {
         for (var slab = 0u; slab < OVERLAP_SLABS; slab++) {
@@ -118,7 +146,7 @@ fn trace_fogs(ndc: vec2<f32>, t_max: f32, length: f32) -> Fog {
             var weighted = vec3(0.0);
             for (var i = view.volume_first; i < volume_end(); i++) {
                 if volumes[i].kind == KIND_FOG {
-                    let part = optical_depth(volumes[i], ndc, t_low, t_high, length);
+                    let part = optical_depth(volumes[i], ndc, t_low, t_low, t_high, length);
                     depth += part;
                     weighted += part * source(volumes[i]);
                 }
@@ -159,12 +187,13 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     var nearest = volume_end();
     var normal = vec3(0.0);
 #ifdef SURFACES
-    var hit: Walk;
+    var hit: Hit;
     for (var i = view.volume_first; i < volume_end(); i++) {
-        if volumes[i].kind == KIND_SURFACE {
-            let ray = ray_through(volumes[i].rays, ndc, view.t_near, t_max);
-            let found = first_hit(grids[volumes[i].grid], ray);
-            if found.inside {
+        let start = start_of(i, pixel);
+        if volumes[i].kind == KIND_SURFACE && start < t_max {
+            let course = volume_course(volumes[i], ndc, view.t_near, t_max);
+            let found = first_hit(grids[volumes[i].grid], course, enter_at(course, start));
+            if found.found {
                 nearest = i;
                 hit = found;
                 t_max = found.t;
@@ -173,21 +202,23 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     if nearest < volume_end() {
         let volume = volumes[nearest];
-        let ray = ray_through(volume.rays, ndc, view.t_near, t_max);
-        let gradient = voxel_gradient(grids[volume.grid], ray, hit);
-        normal = surface_normal(volume, ray, hit.axis, gradient);
+        let course = volume_course(volume, ndc, view.t_near, t_max);
+        let gradient = voxel_gradient(grids[volume.grid], course, hit);
+        normal = surface_normal(volume, course, hit.axis, gradient);
     }
 #endif
 #ifdef SMOOTH
     for (var i = view.volume_first; i < volume_end(); i++) {
         let volume = volumes[i];
-        if volume.kind == KIND_SMOOTH {
-            let ray = ray_through(volume.rays, ndc, view.t_near, t_max);
-            let found = first_root(grids[volume.grid], ray, volume.iso);
+        let start = start_of(i, pixel);
+        if volume.kind == KIND_SMOOTH && start < t_max {
+            let course = volume_course(volume, ndc, view.t_near, t_max);
+            let enters = enter_at(course, start);
+            let found = first_root(grids[volume.grid], course, enters, volume.iso);
             if found.found {
                 nearest = i;
                 t_max = found.t;
-                normal = surface_normal(volume, ray, found.axis, found.gradient);
+                normal = surface_normal(volume, course, found.axis, found.gradient);
             }
         }
     }
@@ -206,7 +237,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 
 #ifdef FOGS
-    let fog = trace_fogs(ndc, t_max, length(world_dir));
+    let fog = trace_fogs(pixel, ndc, t_max, length(world_dir));
     if fog.optical_depth > 0.0 {
         let transmittance = exp(-fog.optical_depth);
         color = view.exposure * fog.radiance + transmittance * color;

@@ -1,8 +1,9 @@
 // Looking things up in a packed grid. The layout, and why it is so, is told in
 // `crates/vdb_core/src/pack/layout.rs`; the twin of this file is `pack/walk.rs` beside it.
 //
-// Every index is in range by construction: words come from the packer alone, and a cell outside
-// the crown is answered before anything is read.
+// Every index is in range by construction: words come from the packer alone; a ray looks at cells of
+// the grid's box only, which the crown covers; and values beyond the crown are answered before
+// anything is read.
 #define_import_path bevy_vdb::tree
 
 #import bevy_vdb::types::Grid
@@ -14,18 +15,21 @@ const MIXED: u32 = 0x20000000u;
 const PAYLOAD: u32 = 0x1fffffffu;
 
 const LEAF_BITS: u32 = 3u;
-const LOWER_BITS: u32 = 7u;
-const UPPER_BITS: u32 = 12u;
+const REGION_BITS: u32 = 7u;
+const LEAF_NUMBER_BITS: u32 = 12u;
+const LEAF_NUMBER: u32 = 0xfffu;
 
-// What covers a cell: everything alike over a cube of 2^log_dim cells per edge.
+// What covers a cell: everything alike over a cube of 2^log_dim cells per edge, and over `reach` more
+// such cubes ahead.
 struct Span {
     log_dim: u32,
-    // The cell word of a tile, the leaf's word of a cell in a leaf, 0 where nothing is.
+    reach: u32,
+    // The word of a tile or a leaf that a ray meets; 0 where nothing is.
     word: u32,
 }
 
 fn span_occupied(span: Span) -> bool {
-    return (span.word & OCCUPIED) != 0u;
+    return span.word != 0u;
 }
 
 // Whether the cube is occupied all over with one value.
@@ -33,12 +37,12 @@ fn span_constant(span: Span) -> bool {
     return (span.word & (CHILD | MIXED)) == 0u;
 }
 
-fn upper_slot(cell: vec3<i32>) -> u32 {
-    let c = vec3<u32>(cell >> vec3(LOWER_BITS)) & vec3(31u);
-    return (c.x << 10u) | (c.y << 5u) | c.z;
+fn crown_slot(region: vec3<i32>, level: u32) -> u32 {
+    let part = vec3<u32>(region >> vec3(2u * level)) & vec3(3u);
+    return (part.x << 4u) | (part.y << 2u) | part.z;
 }
 
-fn lower_slot(cell: vec3<i32>) -> u32 {
+fn region_slot(cell: vec3<i32>) -> u32 {
     let c = vec3<u32>(cell >> vec3(LEAF_BITS)) & vec3(15u);
     return (c.x << 8u) | (c.y << 4u) | c.z;
 }
@@ -48,66 +52,115 @@ fn leaf_slot(cell: vec3<i32>) -> u32 {
     return (c.x << 6u) | (c.y << 3u) | c.z;
 }
 
-// The word over a local cell at the level of the root, and what it covers.
-fn find_root(grid: Grid, cell: vec3<i32>) -> Span {
-    let at = (cell >> vec3(UPPER_BITS)) - grid.crown_origin;
-    if ((at.x | at.y | at.z) >> (2u * grid.crown_levels)) != 0 {
-        return Span(UPPER_BITS, 0u);
-    }
-    var node = grid.nodes;
-    for (var level = grid.crown_levels; level > 0u;) {
+// The word of a crown over a local cell, and its level.
+fn find_crown(grid: Grid, crown: u32, cell: vec3<i32>) -> vec2<u32> {
+    let at = (cell >> vec3(REGION_BITS)) - grid.crown_origin;
+    var level = grid.crown_levels - 1u;
+    var word = nodes[crown + crown_slot(at, level)];
+    while (word & CHILD) != 0u && level > 0u {
         level -= 1u;
-        let part = vec3<u32>(at >> vec3(2u * level)) & vec3(3u);
-        let bit = (part.x << 4u) | (part.y << 2u) | part.z;
-        let low = nodes[node];
-        let word = select(nodes[node + 1u], low, bit < 32u);
-        if ((word >> (bit & 31u)) & 1u) == 0u {
-            return Span(UPPER_BITS + 2u * level, 0u);
-        }
-        let below = countOneBits(word & ((1u << (bit & 31u)) - 1u));
-        let rank = below + select(countOneBits(low), 0u, bit < 32u);
-        node = grid.nodes + nodes[node + 2u] + rank * select(3u, 1u, level == 0u);
+        word = nodes[crown + ((word & PAYLOAD) << 6u) + crown_slot(at, level)];
     }
-    return Span(UPPER_BITS, nodes[node]);
+    return vec2(word, level);
 }
 
-// The span of a word that leads nowhere further.
-fn tile_span(word: u32, log_dim: u32) -> Span {
+// What has been found where a ray is; kept while the ray stays near.
+struct Place {
+    cell: vec3<i32>,
+    // The word of the smallest slot that covers the cell, and log₂ of that slot's edge.
+    word: u32,
+    log_dim: u32,
+    // Of a region: its first word, and the number of its first leaf.
+    region: u32,
+    head: u32,
+    // The block of 4³ cells around the cell, where the slot is a leaf.
+    block: vec2<u32>,
+}
+
+// Nowhere near the cell.
+fn nowhere(cell: vec3<i32>) -> Place {
+    return Place(~cell, 0u, 0u, 0u, 0u, vec2(0u));
+}
+
+// Slots beyond its own that a ray of an octant can leap over from an empty one.
+fn reach_of(word: u32, octant: u32) -> u32 {
+    let code = (word >> (3u * octant)) & 7u;
+    // Nibbles of the reach by code: 0, 1, 2, 3, 5, 7, 11, 15.
+    return (0xfb753210u >> (4u * code)) & 15u;
+}
+
+// The span of an empty cube. Without leaps, or without the tree's cubes, for comparison.
+fn empty_span(log_dim: u32, reach: u32) -> Span {
+#ifdef DDA
+    return Span(0u, 0u, 0u);
+#else ifdef HDDA
+    return Span(select(0u, log_dim, log_dim >= LEAF_BITS), 0u, 0u);
+#else
+    return Span(log_dim, reach, 0u);
+#endif
+}
+
+// The span of a tile of the traversal tree.
+fn tile_span(word: u32, log_dim: u32, octant: u32) -> Span {
     if (word & OCCUPIED) == 0u {
-        return Span(log_dim, 0u);
+        return empty_span(log_dim, reach_of(word, octant));
     }
-    return Span(select(log_dim, 0u, (word & MIXED) != 0u), word);
+    return Span(select(log_dim, 0u, (word & MIXED) != 0u), 0u, word);
 }
 
-fn leads_on(word: u32) -> bool {
-    return (word & (OCCUPIED | CHILD)) == (OCCUPIED | CHILD);
+// The word of the smallest slot over a local cell of the grid's box.
+fn locate_slot(grid: Grid, cell: vec3<i32>, place: ptr<function, Place>) -> u32 {
+    let apart = cell ^ (*place).cell;
+    let moved = bitcast<u32>(apart.x | apart.y | apart.z);
+    (*place).cell = cell;
+    if (moved >> REGION_BITS) != 0u {
+        let found = find_crown(grid, grid.crown, cell);
+        (*place).word = found.x;
+        (*place).log_dim = REGION_BITS + 2u * found.y;
+        if (found.x & CHILD) != 0u {
+            let number = found.x & PAYLOAD;
+            (*place).log_dim = LEAF_BITS;
+            (*place).region = grid.regions + (number << 12u);
+            (*place).head = nodes[grid.heads + number];
+        }
+    }
+    if (*place).log_dim == LEAF_BITS && (moved >> LEAF_BITS) != 0u {
+        (*place).word = nodes[(*place).region + region_slot(cell)];
+    }
+    return (*place).word;
 }
 
-// What a ray meets at a local cell.
-fn locate(grid: Grid, cell: vec3<i32>) -> Span {
-    let root = find_root(grid, cell);
-    if !leads_on(root.word) {
-        return tile_span(root.word, root.log_dim);
+// The block of 4³ cells around a local cell, in a leaf with this word: bits x·16 + y·4 + z, low word
+// first.
+fn block_at(grid: Grid, cell: vec3<i32>, word: u32, head: u32) -> vec2<u32> {
+    let c = vec3<u32>(cell) & vec3(4u);
+    let block = c.x | (c.y >> 1u) | (c.z >> 2u);
+    if ((word >> (LEAF_NUMBER_BITS + block)) & 1u) == 0u {
+        return vec2(0u);
     }
-    let upper = nodes[grid.uppers + ((root.word & PAYLOAD) << 15u) + upper_slot(cell)];
-    if !leads_on(upper) {
-        return tile_span(upper, LOWER_BITS);
-    }
-    let lower = nodes[grid.lowers + ((upper & PAYLOAD) << 12u) + lower_slot(cell)];
-    if !leads_on(lower) {
-        return tile_span(lower, LEAF_BITS);
+    let mask = grid.masks + ((head + (word & LEAF_NUMBER)) << 4u) + 2u * block;
+    return vec2(masks[mask], masks[mask + 1u]);
+}
+
+// What a ray of an octant meets at a local cell of the grid's box.
+fn locate(grid: Grid, cell: vec3<i32>, octant: u32, place: ptr<function, Place>) -> Span {
+    let apart = cell ^ (*place).cell;
+    let moved = bitcast<u32>(apart.x | apart.y | apart.z);
+    let word = locate_slot(grid, cell, place);
+    if (word & CHILD) == 0u {
+        return tile_span(word, (*place).log_dim, octant);
     }
     let c = vec3<u32>(cell) & vec3(7u);
-    let block = ((c.x >> 2u) << 2u) | ((c.y >> 2u) << 1u) | (c.z >> 2u);
-    let bit = ((c.x & 3u) << 4u) | ((c.y & 3u) << 2u) | (c.z & 3u);
-    let mask = grid.masks + ((lower & PAYLOAD) << 4u) + 2u * block;
-    let low = masks[mask];
-    let high = masks[mask + 1u];
-    if (low | high) == 0u {
-        return Span(2u, 0u);
+    if (moved >> 2u) != 0u {
+        (*place).block = block_at(grid, cell, word, (*place).head);
     }
-    let on = (select(high, low, bit < 32u) >> (bit & 31u)) & 1u;
-    return Span(0u, select(0u, lower, on == 1u));
+    let block = (*place).block;
+    if (block.x | block.y) == 0u {
+        return empty_span(2u, 0u);
+    }
+    let bit = ((c.x & 1u) << 4u) | ((c.y & 3u) << 2u) | (c.z & 3u);
+    let on = (select(block.y, block.x, (c.x & 2u) == 0u) >> bit) & 1u;
+    return Span(0u, 0u, select(0u, word, on == 1u));
 }
 
 // The value of a tile.
@@ -115,17 +168,25 @@ fn tile_value(grid: Grid, word: u32) -> f32 {
     return values[grid.palette + (word & PAYLOAD)];
 }
 
+// The word of the value tree over a local voxel: of a leaf, or of a tile.
+fn value_word(grid: Grid, voxel: vec3<i32>) -> u32 {
+    let at = (voxel >> vec3(REGION_BITS)) - grid.crown_origin;
+    if ((at.x | at.y | at.z) >> (2u * grid.crown_levels)) != 0 {
+        // Beyond the crown there is the background, tile value 0.
+        return 0u;
+    }
+    let word = find_crown(grid, grid.value_crown, voxel).x;
+    if (word & CHILD) == 0u {
+        return word;
+    }
+    return nodes[grid.value_regions + ((word & PAYLOAD) << 12u) + region_slot(voxel)];
+}
+
 // The value at a local voxel.
 fn value_at(grid: Grid, voxel: vec3<i32>) -> f32 {
-    var word = find_root(grid, voxel).word;
+    let word = value_word(grid, voxel);
     if (word & CHILD) != 0u {
-        word = nodes[grid.uppers + ((word & PAYLOAD) << 15u) + upper_slot(voxel)];
-        if (word & CHILD) != 0u {
-            word = nodes[grid.lowers + ((word & PAYLOAD) << 12u) + lower_slot(voxel)];
-            if (word & CHILD) != 0u {
-                return values[grid.values + ((word & PAYLOAD) << 9u) + leaf_slot(voxel)];
-            }
-        }
+        return values[grid.values + ((word & PAYLOAD) << 9u) + leaf_slot(voxel)];
     }
     return tile_value(grid, word);
 }
@@ -141,19 +202,13 @@ fn corners(grid: Grid, cell: vec3<i32>) -> Corners {
     let inside = all((cell & vec3(7)) < vec3(7));
     if inside {
         // All eight in one leaf or one tile: one descent.
-        var word = find_root(grid, cell).word;
+        let word = value_word(grid, cell);
         if (word & CHILD) != 0u {
-            word = nodes[grid.uppers + ((word & PAYLOAD) << 15u) + upper_slot(cell)];
-            if (word & CHILD) != 0u {
-                word = nodes[grid.lowers + ((word & PAYLOAD) << 12u) + lower_slot(cell)];
-                if (word & CHILD) != 0u {
-                    let v = grid.values + ((word & PAYLOAD) << 9u) + leaf_slot(cell);
-                    return Corners(
-                        vec4(values[v], values[v + 1u], values[v + 8u], values[v + 9u]),
-                        vec4(values[v + 64u], values[v + 65u], values[v + 72u], values[v + 73u]),
-                    );
-                }
-            }
+            let v = grid.values + ((word & PAYLOAD) << 9u) + leaf_slot(cell);
+            return Corners(
+                vec4(values[v], values[v + 1u], values[v + 8u], values[v + 9u]),
+                vec4(values[v + 64u], values[v + 65u], values[v + 72u], values[v + 73u]),
+            );
         }
         let value = vec4(tile_value(grid, word));
         return Corners(value, value);

@@ -4,14 +4,16 @@
 
 // A packed grid in the pools. Offsets are in elements from the start of each pool.
 struct Grid {
-    crown_origin: vec3<i32>,    // local, in cells of 4096
+    crown_origin: vec3<i32>,    // local, in regions of 128³ cells
     crown_levels: u32,
     occupied_min: vec3<i32>,    // local lattice cells that can stop or dim a ray, both included
-    nodes: u32,
+    crown: u32,
     occupied_max: vec3<i32>,
-    uppers: u32,
-    lowers: u32,
+    regions: u32,
+    heads: u32,
     masks: u32,
+    value_crown: u32,
+    value_regions: u32,
     values: u32,
     palette: u32,
 }

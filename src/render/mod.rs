@@ -24,7 +24,7 @@ use bevy::render::{
 pub use gpu_tree::VdbGpuUsage;
 
 use gpu_tree::VdbTreePool;
-use pipeline::{CompositePipeline, TracePipeline};
+use pipeline::{BeamsPipeline, CompositePipeline, TracePipeline};
 
 /// The steps that volumes add to Bevy's `Core3d` schedule, for each camera that sees one.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -48,6 +48,7 @@ pub(crate) fn build(app: &mut App) {
         .init_resource::<prepare::Warned>()
         .init_gpu_resource::<VdbTreePool>()
         .init_gpu_resource::<prepare::VolumeBuffer>()
+        .init_gpu_resource::<SpecializedComputePipelines<BeamsPipeline>>()
         .init_gpu_resource::<SpecializedComputePipelines<TracePipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<CompositePipeline>>()
         .add_systems(RenderStartup, pipeline::init)

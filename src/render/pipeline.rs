@@ -5,8 +5,8 @@ use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
 use bevy::core_pipeline::tonemapping::{Tonemapping, get_lut_bind_group_layout_entries};
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{
-    storage_buffer_read_only_sized, texture_2d, texture_depth_2d, texture_depth_2d_multisampled,
-    texture_storage_2d, uniform_buffer, uniform_buffer_sized,
+    storage_buffer_read_only_sized, storage_buffer_sized, texture_2d, texture_depth_2d,
+    texture_depth_2d_multisampled, texture_storage_2d, uniform_buffer, uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
     BindGroupLayoutDescriptor, BindGroupLayoutEntries, BlendComponent, BlendFactor, BlendOperation,
@@ -20,11 +20,13 @@ use bevy::render::view::ViewUniform;
 use bevy::shader::ShaderDefVal;
 
 use super::shaders::Shaders;
-use crate::VdbRenderMode;
+use crate::{VdbRenderMode, VdbTraversal};
 
 /// The pipelines of a view.
 #[derive(Component, Debug)]
 pub(super) struct ViewPipelines {
+    /// Where tiles of pixels share what they know.
+    pub beams: Option<CachedComputePipelineId>,
     pub trace: CachedComputePipelineId,
     /// Where the view sees a surface.
     pub surface: Option<CachedRenderPipelineId>,
@@ -41,15 +43,55 @@ pub(super) fn init(
     fullscreen: Res<FullscreenShader>,
 ) {
     let shaders = Shaders::load(&assets);
+    commands.insert_resource(BeamsPipeline::new(&shaders));
     commands.insert_resource(TracePipeline::new(&shaders));
     commands.insert_resource(CompositePipeline::new(&shaders, fullscreen.clone()));
+}
+
+/// Finds where the rays of each tile of pixels can begin.
+#[derive(Debug, Resource)]
+pub(super) struct BeamsPipeline {
+    shaders: Shaders,
+    pub layout: BindGroupLayoutDescriptor,
+}
+
+impl BeamsPipeline {
+    fn new(shaders: &Shaders) -> Self {
+        let read = || storage_buffer_read_only_sized(false, None);
+        let entries = BindGroupLayoutEntries::with_indices(
+            ShaderStages::COMPUTE,
+            (
+                (0, read()),
+                (1, read()),
+                (4, uniform_buffer_sized(false, None)),
+                (5, read()),
+                (9, storage_buffer_sized(false, None)),
+            ),
+        );
+        let layout = BindGroupLayoutDescriptor::new("vdb_beams", &entries);
+        Self { shaders: shaders.clone(), layout }
+    }
+}
+
+impl SpecializedComputePipeline for BeamsPipeline {
+    type Key = ();
+
+    fn specialize(&self, (): ()) -> ComputePipelineDescriptor {
+        ComputePipelineDescriptor {
+            label: Some("vdb_beams".into()),
+            layout: vec![self.layout.clone()],
+            shader: self.shaders.beams.clone(),
+            entry_point: Some("beams".into()),
+            ..default()
+        }
+    }
 }
 
 #[derive(Debug, Resource)]
 pub(super) struct TracePipeline {
     shaders: Shaders,
-    /// Without and with multisampling.
-    layouts: [BindGroupLayoutDescriptor; 2],
+    /// Without and with multisampling, each without and with beams.
+    layouts: [[BindGroupLayoutDescriptor; 2]; 2],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -60,39 +102,45 @@ pub(super) struct TraceKey {
     /// Surfaces between samples.
     pub smooth: bool,
     pub fogs: bool,
+    /// Whether the rays of a tile of pixels share a start.
+    pub beams: bool,
+    pub traversal: VdbTraversal,
     pub mode: VdbRenderMode,
 }
 
 impl TracePipeline {
     fn new(shaders: &Shaders) -> Self {
-        let layout = |multisampled: bool| {
+        let layout = |multisampled: bool, beams: bool| {
             let storage = || storage_buffer_read_only_sized(false, None);
             let depth =
                 if multisampled { texture_depth_2d_multisampled() } else { texture_depth_2d() };
             let write = |format| texture_storage_2d(format, StorageTextureAccess::WriteOnly);
-            BindGroupLayoutDescriptor::new(
-                "vdb_trace",
-                &BindGroupLayoutEntries::sequential(
-                    ShaderStages::COMPUTE,
-                    (
-                        storage(),
-                        storage(),
-                        storage(),
-                        storage(),
-                        uniform_buffer_sized(false, None),
-                        storage(),
-                        depth,
-                        write(TextureFormat::Rgba16Float),
-                        write(TextureFormat::R32Float),
-                    ),
+            let mut entries = DynamicBindGroupLayoutEntries::sequential(
+                ShaderStages::COMPUTE,
+                (
+                    storage(),
+                    storage(),
+                    storage(),
+                    storage(),
+                    uniform_buffer_sized(false, None),
+                    storage(),
+                    depth,
+                    write(TextureFormat::Rgba16Float),
+                    write(TextureFormat::R32Float),
                 ),
-            )
+            );
+            if beams {
+                entries = entries.extend_sequential((storage(),));
+            }
+            BindGroupLayoutDescriptor::new("vdb_trace", &entries)
         };
-        Self { shaders: shaders.clone(), layouts: [layout(false), layout(true)] }
+        let layouts =
+            [false, true].map(|samples| [false, true].map(|beams| layout(samples, beams)));
+        Self { shaders: shaders.clone(), layouts }
     }
 
-    pub fn layout(&self, multisampled: bool) -> &BindGroupLayoutDescriptor {
-        &self.layouts[usize::from(multisampled)]
+    pub fn layout(&self, multisampled: bool, beams: bool) -> &BindGroupLayoutDescriptor {
+        &self.layouts[usize::from(multisampled)][usize::from(beams)]
     }
 }
 
@@ -105,13 +153,17 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.surfaces, "SURFACES"),
             (key.smooth, "SMOOTH"),
             (key.fogs, "FOGS"),
+            (key.beams, "BEAMS"),
+            (key.traversal == VdbTraversal::March, "MARCH"),
+            (matches!(key.traversal, VdbTraversal::March | VdbTraversal::Dda), "DDA"),
+            (key.traversal == VdbTraversal::Hdda, "HDDA"),
             (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
             (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),
             (key.mode == VdbRenderMode::Steps, "COUNT_STEPS"),
         ];
         ComputePipelineDescriptor {
             label: Some("vdb_trace".into()),
-            layout: vec![self.layout(key.multisampled).clone()],
+            layout: vec![self.layout(key.multisampled, key.beams).clone()],
             shader: self.shaders.trace.clone(),
             shader_defs: defs.into_iter().filter(|(on, _)| *on).map(|(_, d)| d.into()).collect(),
             entry_point: Some("trace".into()),

@@ -14,7 +14,7 @@ use bevy::prelude::*;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::render_asset::RenderAssets;
 use bevy::render::render_resource::{
-    BindGroup, BindGroupEntries, Buffer, BufferInitDescriptor, BufferUsages,
+    BindGroup, BindGroupEntries, Buffer, BufferDescriptor, BufferInitDescriptor, BufferUsages,
     DynamicBindGroupEntries, PipelineCache, RawBufferVec, SpecializedComputePipelines,
     SpecializedRenderPipelines, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages,
 };
@@ -31,9 +31,9 @@ use super::extract::{
 use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
 use super::pipeline::{
-    CompositeKey, CompositePipeline, ToneKey, TraceKey, TracePipeline, ViewPipelines,
+    BeamsPipeline, CompositeKey, CompositePipeline, ToneKey, TraceKey, TracePipeline, ViewPipelines,
 };
-use crate::{VdbCamera, VdbRenderMode, VdbVolume};
+use crate::{VdbCamera, VdbRenderMode, VdbTraversal, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::view::{CannotShow, GpuRays, LatticeRays, ViewRays};
 
@@ -62,12 +62,30 @@ pub(super) struct ViewResources {
     placement: Buffer,
     color: CachedTexture,
     depth: CachedTexture,
-    pub size: UVec2,
+    /// Where the rays of each tile can begin, for each volume.
+    starts: Option<Buffer>,
+    pub volumes: u32,
+    size: UVec2,
+}
+
+/// Pixels per edge of a tile: of a workgroup of the trace, and of the rays that share a start.
+pub(super) const TILE: u32 = 8;
+
+/// The most starts of rays that a view keeps: 16 MiB. With more volumes than that, each ray finds its
+/// own.
+const MAX_STARTS: u64 = 1 << 22;
+
+impl ViewResources {
+    /// Tiles of the picture.
+    pub fn tiles(&self) -> UVec2 {
+        (self.size + TILE - 1) / TILE
+    }
 }
 
 /// On views that see at least one volume: what the passes bind.
 #[derive(Component, Debug)]
 pub(super) struct ViewBindGroups {
+    pub beams: Option<BindGroup>,
     pub trace: BindGroup,
     pub composite: BindGroup,
 }
@@ -125,6 +143,7 @@ type ViewData<'a> = (
     Option<&'a MainPassResolutionOverride>,
     Option<&'a Tonemapping>,
     Option<&'a DebandDither>,
+    Option<&'a ViewResources>,
 );
 
 /// Makes buffers, textures and pipelines for each view that sees a volume.
@@ -139,7 +158,12 @@ pub(super) fn prepare_views(
     (device, queue): (Res<RenderDevice>, Res<RenderQueue>),
     mut textures: ResMut<TextureCache>,
     pipeline_cache: Res<PipelineCache>,
-    (trace_pipeline, composite_pipeline): (Res<TracePipeline>, Res<CompositePipeline>),
+    (beams_pipeline, trace_pipeline, composite_pipeline): (
+        Res<BeamsPipeline>,
+        Res<TracePipeline>,
+        Res<CompositePipeline>,
+    ),
+    mut beams_pipelines: ResMut<SpecializedComputePipelines<BeamsPipeline>>,
     mut trace_pipelines: ResMut<SpecializedComputePipelines<TracePipeline>>,
     mut composite_pipelines: ResMut<SpecializedRenderPipelines<CompositePipeline>>,
 ) {
@@ -157,6 +181,7 @@ pub(super) fn prepare_views(
         resolution,
         tonemapping,
         dither,
+        before,
     ) in &views
     {
         let settings = settings.cloned().unwrap_or_default();
@@ -234,7 +259,23 @@ pub(super) fn prepare_views(
         // Normals and depth are those of surfaces: fog is neither traced nor compiled for them.
         let no_fog = matches!(settings.mode, VdbRenderMode::Normals | VdbRenderMode::Depth);
         let has_fogs = has_fogs && !no_fog;
+        let tiles = ((size + TILE - 1) / TILE).as_u64vec2().element_product();
+        let starts = tiles * u64::from(count);
+        let beams = settings.traversal == VdbTraversal::HddaSdf && starts <= MAX_STARTS;
+        let starts = beams.then(|| {
+            let kept = before.and_then(|before| before.starts.clone());
+            kept.filter(|buffer| buffer.size() == starts * 4).unwrap_or_else(|| {
+                device.create_buffer(&BufferDescriptor {
+                    label: Some("vdb_starts"),
+                    size: starts * 4,
+                    usage: BufferUsages::STORAGE,
+                    mapped_at_creation: false,
+                })
+            })
+        });
         let resources = ViewResources {
+            starts,
+            volumes: count,
             view: buffer("vdb_view", bytemuck::bytes_of(&data)),
             placement: buffer("vdb_placement", bytemuck::bytes_of(&placement)),
             color: texture("vdb_color", TextureFormat::Rgba16Float),
@@ -246,6 +287,8 @@ pub(super) fn prepare_views(
             surfaces: has_voxels,
             smooth: has_smooth,
             fogs: has_fogs,
+            beams,
+            traversal: settings.traversal,
             mode: settings.mode,
         };
         let tone = (!camera.hdr).then(|| ToneKey {
@@ -268,6 +311,7 @@ pub(super) fn prepare_views(
         // Steps are shown where no surface is, too.
         let alone = has_fogs || settings.mode == VdbRenderMode::Steps;
         let pipelines = ViewPipelines {
+            beams: beams.then(|| beams_pipelines.specialize(&pipeline_cache, &beams_pipeline, ())),
             trace: trace_pipelines.specialize(&pipeline_cache, &trace_pipeline, trace_key),
             surface: (has_voxels || has_smooth).then(|| composite(false)),
             fog: alone.then(|| composite(true)),
@@ -342,7 +386,7 @@ pub(super) fn prepare_bind_groups(
     views: Query<(Entity, &ViewResources, &ViewPipelines, &ViewDepthTexture, Option<&Tonemapping>)>,
     pool: Res<VdbTreePool>,
     volumes: Res<VolumeBuffer>,
-    (trace, composite): (Res<TracePipeline>, Res<CompositePipeline>),
+    (beams, trace, composite): (Res<BeamsPipeline>, Res<TracePipeline>, Res<CompositePipeline>),
     pipeline_cache: Res<PipelineCache>,
     device: Res<RenderDevice>,
     view_uniforms: Res<ViewUniforms>,
@@ -354,21 +398,39 @@ pub(super) fn prepare_bind_groups(
 ) {
     let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
     for (entity, resources, pipelines, depth, tonemapping) in &views {
+        let mut trace_entries = DynamicBindGroupEntries::sequential((
+            pool.grids.as_entire_binding(),
+            pool.nodes.as_entire_binding(),
+            pool.masks.as_entire_binding(),
+            pool.values.as_entire_binding(),
+            resources.view.as_entire_binding(),
+            volumes.as_entire_binding(),
+            depth.view(),
+            &resources.color.default_view,
+            &resources.depth.default_view,
+        ));
+        if let Some(starts) = &resources.starts {
+            trace_entries = trace_entries.extend_sequential((starts.as_entire_binding(),));
+        }
+        let layout = trace.layout(pipelines.multisampled, resources.starts.is_some());
         let trace = device.create_bind_group(
             "vdb_trace",
-            &pipeline_cache.get_bind_group_layout(trace.layout(pipelines.multisampled)),
-            &BindGroupEntries::sequential((
-                pool.grids.as_entire_binding(),
-                pool.nodes.as_entire_binding(),
-                pool.masks.as_entire_binding(),
-                pool.values.as_entire_binding(),
-                resources.view.as_entire_binding(),
-                volumes.as_entire_binding(),
-                depth.view(),
-                &resources.color.default_view,
-                &resources.depth.default_view,
-            )),
+            &pipeline_cache.get_bind_group_layout(layout),
+            &trace_entries,
         );
+        let beams = resources.starts.as_ref().map(|starts| {
+            device.create_bind_group(
+                "vdb_beams",
+                &pipeline_cache.get_bind_group_layout(&beams.layout),
+                &BindGroupEntries::with_indices((
+                    (0, pool.grids.as_entire_binding()),
+                    (1, pool.nodes.as_entire_binding()),
+                    (4, resources.view.as_entire_binding()),
+                    (5, volumes.as_entire_binding()),
+                    (9, starts.as_entire_binding()),
+                )),
+            )
+        });
         let mut entries = DynamicBindGroupEntries::sequential((
             &resources.color.default_view,
             &resources.depth.default_view,
@@ -385,6 +447,6 @@ pub(super) fn prepare_bind_groups(
             &pipeline_cache.get_bind_group_layout(composite.layout(pipelines.tonemaps)),
             &entries,
         );
-        commands.entity(entity).insert(ViewBindGroups { trace, composite });
+        commands.entity(entity).insert(ViewBindGroups { beams, trace, composite });
     }
 }

@@ -7,32 +7,23 @@ use bevy::asset::io::embedded::EmbeddedAssetRegistry;
 use bevy::prelude::*;
 use bevy::shader::Shader;
 
-/// Modules that others import, and what runs.
-const IMPORTS: [&str; 11] = [
-    "types", "bindings", "rays", "tree", "exact", "hdda", "anchor", "smooth", "fog", "lights",
-    "surface",
+macro_rules! shaders {
+    ($($name:literal),*) => {
+        [$(($name, include_bytes!(concat!("../../assets/shaders/", $name, ".wgsl")).as_slice())),*]
+    };
+}
+
+/// Modules that others import.
+const IMPORTS: [(&str, &[u8]); 12] = shaders![
+    "types", "bindings", "rays", "tree", "exact", "hdda", "beam", "anchor", "smooth", "fog",
+    "lights", "surface"
 ];
-const TRACE: &str = "trace";
-const COMPOSITE: &str = "composite";
+/// What runs.
+const PROGRAMS: [(&str, &[u8]); 3] = shaders!["beams", "trace", "composite"];
 
 pub(super) fn embed(app: &mut App) {
     let registry = app.world_mut().resource_mut::<EmbeddedAssetRegistry>();
-    let all: [(&str, &'static [u8]); 13] = [
-        ("types", include_bytes!("../../assets/shaders/types.wgsl")),
-        ("bindings", include_bytes!("../../assets/shaders/bindings.wgsl")),
-        ("rays", include_bytes!("../../assets/shaders/rays.wgsl")),
-        ("tree", include_bytes!("../../assets/shaders/tree.wgsl")),
-        ("exact", include_bytes!("../../assets/shaders/exact.wgsl")),
-        ("hdda", include_bytes!("../../assets/shaders/hdda.wgsl")),
-        ("anchor", include_bytes!("../../assets/shaders/anchor.wgsl")),
-        ("smooth", include_bytes!("../../assets/shaders/smooth.wgsl")),
-        ("fog", include_bytes!("../../assets/shaders/fog.wgsl")),
-        ("lights", include_bytes!("../../assets/shaders/lights.wgsl")),
-        ("surface", include_bytes!("../../assets/shaders/surface.wgsl")),
-        (TRACE, include_bytes!("../../assets/shaders/trace.wgsl")),
-        (COMPOSITE, include_bytes!("../../assets/shaders/composite.wgsl")),
-    ];
-    for (name, source) in all {
+    for (name, source) in IMPORTS.into_iter().chain(PROGRAMS) {
         let file = PathBuf::from(format!("assets/shaders/{name}.wgsl"));
         registry.insert_asset(file, Path::new(&format!("bevy_vdb/shaders/{name}.wgsl")), source);
     }
@@ -41,6 +32,7 @@ pub(super) fn embed(app: &mut App) {
 /// The shaders that pipelines are made of; keeps the modules that they import alive.
 #[derive(Clone, Debug)]
 pub(super) struct Shaders {
+    pub beams: Handle<Shader>,
     pub trace: Handle<Shader>,
     pub composite: Handle<Shader>,
     _imports: [Handle<Shader>; IMPORTS.len()],
@@ -48,7 +40,8 @@ pub(super) struct Shaders {
 
 impl Shaders {
     pub fn load(assets: &AssetServer) -> Self {
-        let load = |name: &str| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
-        Self { trace: load(TRACE), composite: load(COMPOSITE), _imports: IMPORTS.map(load) }
+        let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
+        let [beams, trace, composite] = PROGRAMS.map(load);
+        Self { beams, trace, composite, _imports: IMPORTS.map(load) }
     }
 }

@@ -169,6 +169,16 @@ impl Gpu {
         })
     }
 
+    /// A buffer that shaders write and that says how many workgroups are to run.
+    pub fn indirect(&self, bytes: u64) -> wgpu::Buffer {
+        self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: bytes.max(16),
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT,
+            mapped_at_creation: false,
+        })
+    }
+
     /// Writes to the start of a buffer.
     pub fn write(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
         self.queue.write_buffer(buffer, 0, bytes);
@@ -195,7 +205,8 @@ impl Gpu {
     pub fn run(&self, kernel: &Kernel, buffers: &[(u32, &wgpu::Buffer)], groups: [u32; 3]) {
         let bind_group = self.bind(kernel, buffers);
         let mut encoder = self.device.create_command_encoder(&Default::default());
-        dispatch(&mut encoder, &[(kernel, &bind_group, groups)], None);
+        let step = Step { kernel, buffers, groups: Groups::Given(groups) };
+        dispatch(&mut encoder, &[(&step, &bind_group)], None);
         self.queue.submit([encoder.finish()]);
     }
 
@@ -223,11 +234,7 @@ impl Gpu {
     ///
     /// # Panics
     /// When the adapter has no timestamps.
-    pub fn time(
-        &self,
-        kernels: &[(&Kernel, &[(u32, &wgpu::Buffer)], [u32; 3])],
-        runs: u32,
-    ) -> Vec<f64> {
+    pub fn time(&self, steps: &[Step], runs: u32) -> Vec<f64> {
         assert!(self.timestamps, "{} has no timestamps", self.info.name);
         let queries = self.device.create_query_set(&wgpu::QuerySetDescriptor {
             label: None,
@@ -241,9 +248,8 @@ impl Gpu {
             mapped_at_creation: false,
         });
         let groups: Vec<_> =
-            kernels.iter().map(|(kernel, buffers, _)| self.bind(kernel, buffers)).collect();
-        let passes: Vec<_> =
-            kernels.iter().zip(&groups).map(|((k, _, n), group)| (*k, group, *n)).collect();
+            steps.iter().map(|step| self.bind(step.kernel, step.buffers)).collect();
+        let passes: Vec<_> = steps.iter().zip(&groups).collect();
         let period = f64::from(self.queue.get_timestamp_period());
         (0..runs)
             .map(|_| {
@@ -258,10 +264,30 @@ impl Gpu {
     }
 }
 
+/// A kernel to run.
+#[derive(Clone, Copy, Debug)]
+pub struct Step<'a> {
+    /// The kernel.
+    pub kernel: &'a Kernel,
+    /// What it binds.
+    pub buffers: &'a [(u32, &'a wgpu::Buffer)],
+    /// How often it runs.
+    pub groups: Groups<'a>,
+}
+
+/// How many workgroups run.
+#[derive(Clone, Copy, Debug)]
+pub enum Groups<'a> {
+    /// So many.
+    Given([u32; 3]),
+    /// As many as the first three words of a buffer say.
+    Of(&'a wgpu::Buffer),
+}
+
 /// All kernels in one pass; wgpu keeps them in order where one reads what another wrote.
 fn dispatch(
     encoder: &mut wgpu::CommandEncoder,
-    kernels: &[(&Kernel, &wgpu::BindGroup, [u32; 3])],
+    steps: &[(&Step, &wgpu::BindGroup)],
     queries: Option<&wgpu::QuerySet>,
 ) {
     let timestamp_writes = queries.map(|query_set| wgpu::ComputePassTimestampWrites {
@@ -271,9 +297,12 @@ fn dispatch(
     });
     let descriptor = wgpu::ComputePassDescriptor { label: None, timestamp_writes };
     let mut pass = encoder.begin_compute_pass(&descriptor);
-    for (kernel, bind_group, [x, y, z]) in kernels {
-        pass.set_pipeline(&kernel.pipeline);
+    for (step, bind_group) in steps {
+        pass.set_pipeline(&step.kernel.pipeline);
         pass.set_bind_group(0, *bind_group, &[]);
-        pass.dispatch_workgroups(*x, *y, *z);
+        match step.groups {
+            Groups::Given([x, y, z]) => pass.dispatch_workgroups(x, y, z),
+            Groups::Of(buffer) => pass.dispatch_workgroups_indirect(buffer, 0),
+        }
     }
 }

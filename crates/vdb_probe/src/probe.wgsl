@@ -4,7 +4,7 @@
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::rays::{ndc_of, ray_through}
 #import bevy_vdb::fog::optical_length
-#import bevy_vdb::hdda::{first_hit, steps}
+#import bevy_vdb::hdda::{course_of, enter, first_hit, steps}
 #import bevy_vdb::smooth::first_root
 
 struct ProbeRay {
@@ -65,8 +65,9 @@ fn ray(i: u32) -> Ray {
 fn probe_voxels(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
-        let hit = first_hit(grids[0], ray(i));
-        hits[i] = ProbeHit(hit.cell, hit.axis, vec3(0.0), u32(hit.inside), hit.t, 0.0, steps);
+        let course = course_of(grids[0], ray(i));
+        let hit = first_hit(grids[0], course, enter(course));
+        hits[i] = ProbeHit(hit.cell, hit.axis, vec3(0.0), u32(hit.found), hit.t, 0.0, steps);
     }
 }
 
@@ -74,7 +75,8 @@ fn probe_voxels(@builtin(global_invocation_id) id: vec3<u32>) {
 fn probe_smooth(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
-        let hit = first_root(grids[0], ray(i), setup.iso);
+        let course = course_of(grids[0], ray(i));
+        let hit = first_root(grids[0], course, enter(course), setup.iso);
         hits[i] = ProbeHit(vec3(0), hit.axis, hit.gradient, u32(hit.found), hit.t, 0.0, steps);
     }
 }
@@ -83,7 +85,8 @@ fn probe_smooth(@builtin(global_invocation_id) id: vec3<u32>) {
 fn probe_fog(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
-        let length = optical_length(grids[0], ray(i), 1e30);
+        let course = course_of(grids[0], ray(i));
+        let length = optical_length(grids[0], course, enter(course), 3e38);
         hits[i] = ProbeHit(vec3(0), 3u, vec3(0.0), 0u, 0.0, length, steps);
     }
 }

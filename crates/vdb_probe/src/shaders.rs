@@ -8,13 +8,14 @@ use naga_oil::compose::{
 pub type Defs<'a> = &'a [&'a str];
 
 /// The modules that others import, in an order in which each finds those before it.
-const MODULES: [(&str, &str); 11] = [
+const MODULES: [(&str, &str); 12] = [
     ("types", include_str!("../../../assets/shaders/types.wgsl")),
     ("bindings", include_str!("../../../assets/shaders/bindings.wgsl")),
     ("rays", include_str!("../../../assets/shaders/rays.wgsl")),
     ("tree", include_str!("../../../assets/shaders/tree.wgsl")),
     ("exact", include_str!("../../../assets/shaders/exact.wgsl")),
     ("hdda", include_str!("../../../assets/shaders/hdda.wgsl")),
+    ("beam", include_str!("../../../assets/shaders/beam.wgsl")),
     ("anchor", include_str!("../../../assets/shaders/anchor.wgsl")),
     ("smooth", include_str!("../../../assets/shaders/smooth.wgsl")),
     ("fog", include_str!("../../../assets/shaders/fog.wgsl")),

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::{PackError, PackKind, PackedGrid, bits, cells, crown, layout::*};
+use super::{PackError, PackKind, PackedGrid, assemble, bits, cells, layout::*, values};
 use crate::tree::{CoordBox, InternalNode, LeafNode, Node, RootEntry, Slot, Vdb543};
 
 type Leaf = LeafNode<f32, 3>;
@@ -15,13 +15,18 @@ type Upper = InternalNode<Lower, 5>;
 /// The word of the background's tile, which is the first that is asked for.
 const BACKGROUND: u32 = 0;
 
-/// The packed tree while it grows. All coordinates are in index space.
+/// The tree as words while it grows: each slot is a [`CHILD`] with the number of a node of the next
+/// level or of a leaf, or else the number of a tile value; in both, [`OCCUPIED`] says that something
+/// there can stop or dim a ray, and [`MIXED`] marks tiles as in [`layout`](super::layout). All
+/// coordinates are in index space.
 #[derive(Default)]
 pub(super) struct Builder {
     /// Cell words of the root, by origin.
-    root: BTreeMap<[i32; 3], u32>,
-    uppers: Vec<Box<[u32]>>,
-    lowers: Vec<Box<[u32]>>,
+    pub root: BTreeMap<[i32; 3], u32>,
+    /// Slots of 32³ nodes.
+    pub uppers: Vec<Box<[u32]>>,
+    /// Slots of 16³ nodes.
+    pub lowers: Vec<Box<[u32]>>,
     /// Distinct tile values by their bits, with their number.
     palette: BTreeMap<u32, u32>,
     tile_values: Vec<f32>,
@@ -52,7 +57,7 @@ impl Builder {
         if word & CHILD != 0 {
             word = self.uppers[(word & PAYLOAD) as usize][upper_slot(ijk)];
             if word & CHILD != 0 {
-                word = self.lowers[(word & PAYLOAD) as usize][lower_slot(ijk)];
+                word = self.lowers[(word & PAYLOAD) as usize][region_slot(ijk)];
             }
         }
         word
@@ -70,13 +75,13 @@ impl Builder {
         if log2 == UPPER_BITS {
             return root;
         }
-        let upper = descend(root, &mut self.uppers, UPPER_WORDS);
+        let upper = descend(root, &mut self.uppers, UPPER_SLOTS);
         let word = &mut upper[upper_slot(ijk)];
-        if log2 == LOWER_BITS {
+        if log2 == REGION_BITS {
             return word;
         }
-        let lower = descend(word, &mut self.lowers, LOWER_WORDS);
-        &mut lower[lower_slot(ijk)]
+        let lower = descend(word, &mut self.lowers, REGION_WORDS);
+        &mut lower[region_slot(ijk)]
     }
 
     /// Sets [`OCCUPIED`] wherever something below has it.
@@ -136,7 +141,7 @@ impl Builder {
                     .enumerate()
                     .map(|(slot, &word)| {
                         let at = origin + Upper::slot_offset(slot);
-                        let found = below(word, at, LOWER_BITS)?;
+                        let found = below(word, at, REGION_BITS)?;
                         if word & CHILD == 0 {
                             return Some(found);
                         }
@@ -156,13 +161,6 @@ fn descend<'a>(word: &mut u32, nodes: &'a mut Vec<Box<[u32]>>, words: usize) -> 
     }
     &mut nodes[(*word & PAYLOAD) as usize]
 }
-
-/// Root cells per axis from which on local coordinates do not start at zero.
-const WIDE: u32 = 1 << 18;
-/// The lowest root cell of the index space.
-const ALL_FIRST: IVec3 = IVec3::splat(-1 << 19);
-/// Root cells per axis of the index space.
-const ALL_EXTENT: u32 = 1 << 20;
 
 pub(super) fn pack(tree: &Vdb543<f32>, kind: PackKind) -> Result<PackedGrid, PackError> {
     let mut builder = Builder::default();
@@ -204,9 +202,9 @@ pub(super) fn pack(tree: &Vdb543<f32>, kind: PackKind) -> Result<PackedGrid, Pac
     check("32³ nodes", builder.uppers.len() as u64)?;
     check("16³ nodes", builder.lowers.len() as u64)?;
 
-    let masks = masks.into_flattened();
-    let occupied = builder.occupied_box(&masks);
-    Ok(assemble(kind, builder, occupied, &leaves, masks))
+    let occupied = builder.occupied_box(masks.as_flattened());
+    let values = values::pack(kind, &leaves, &builder.tile_values);
+    Ok(assemble::assemble(kind, &builder, occupied, &masks, values, leaves.len()))
 }
 
 fn check(what: &'static str, count: u64) -> Result<(), PackError> {
@@ -239,7 +237,7 @@ fn copy_topology<'a>(
             }
             RootEntry::Child(upper) => upper,
         };
-        let mut upper_words = vec![0; UPPER_WORDS].into_boxed_slice();
+        let mut upper_words = vec![0; UPPER_SLOTS].into_boxed_slice();
         for (slot, word) in upper_words.iter_mut().enumerate() {
             let lower = match upper.slot_at(slot) {
                 Slot::Tile(value, _) => {
@@ -248,7 +246,7 @@ fn copy_topology<'a>(
                 }
                 Slot::Child(lower) => lower,
             };
-            let lower_words = (0..LOWER_WORDS).map(|slot| match lower.slot_at(slot) {
+            let lower_words = (0..REGION_WORDS).map(|slot| match lower.slot_at(slot) {
                 Slot::Tile(value, _) => tile(builder, value),
                 Slot::Child(leaf) => {
                     leaves.push(leaf);
@@ -264,82 +262,4 @@ fn copy_topology<'a>(
         builder.root.insert(origin.to_array(), word);
     }
     leaves
-}
-
-/// The largest density kept: along any ray that can be shown, it adds up to less than infinity.
-const MAX_DENSITY: f32 = 1e30;
-
-/// A density that a shader can compute with: WGSL may assume that there is no NaN and no infinity.
-fn density(value: f32) -> f32 {
-    if value > 0.0 { value.min(MAX_DENSITY) } else { 0.0 }
-}
-
-/// The same of a level set.
-fn distance(value: f32, iso: f32) -> f32 {
-    if value.is_nan() { iso } else { value.clamp(-MAX_DENSITY, MAX_DENSITY) }
-}
-
-fn copy_safe(out: &mut [f32], leaf: &Leaf, safe: impl Fn(f32) -> f32) {
-    for (packed, &value) in out.iter_mut().zip(leaf.values_slice()) {
-        *packed = safe(value);
-    }
-}
-
-fn assemble(
-    kind: PackKind,
-    builder: Builder,
-    occupied: Option<CoordBox>,
-    leaves: &[&Leaf],
-    masks: Vec<u32>,
-) -> PackedGrid {
-    let keys = || builder.root.keys().map(|key| IVec3::from_array(*key) >> UPPER_BITS as i32);
-    let first = keys().reduce(IVec3::min).unwrap_or_default();
-    let last = keys().reduce(IVec3::max).unwrap_or_default();
-    let extent = (last - first).max_element() as u32 + 1;
-    // Local coordinates start at zero; in a grid so wide that they could overflow, the crown spans
-    // the whole index space instead. Either way its cells are aligned to their own size.
-    let (base, first) = if extent < WIDE { (first, first) } else { (IVec3::ZERO, ALL_FIRST) };
-    let crown_origin = first - base;
-    let crown_levels = crown::levels(if extent < WIDE { extent } else { ALL_EXTENT });
-    let cells = builder.root.iter().map(|(key, word)| {
-        let cell = (IVec3::from_array(*key) >> UPPER_BITS as i32) - first;
-        (cell.to_array(), *word)
-    });
-    let mut nodes = crown::build(&cells.collect(), crown_levels);
-    let base = base << UPPER_BITS as i32;
-    let uppers = nodes.len() as u32;
-    nodes.extend(builder.uppers.iter().flatten());
-    let lowers = nodes.len() as u32;
-    nodes.extend(builder.lowers.iter().flatten());
-
-    let mut values = vec![0.0; leaves.len() * LEAF_VALUES];
-    let packed = values.par_chunks_mut(LEAF_VALUES).zip(leaves);
-    match kind {
-        PackKind::Fog => packed.for_each(|(out, leaf)| copy_safe(out, leaf, density)),
-        PackKind::Surface { iso } | PackKind::Smooth { iso } => {
-            packed.for_each(|(out, leaf)| copy_safe(out, leaf, |value| distance(value, iso)));
-        }
-    }
-    let palette = values.len() as u32;
-    values.extend(builder.tile_values.iter().map(|&value| match kind {
-        PackKind::Fog => density(value),
-        PackKind::Surface { iso } | PackKind::Smooth { iso } => distance(value, iso),
-    }));
-    let majorant = values.par_iter().copied().reduce(|| 0.0, f32::max);
-
-    let local = |b: CoordBox| CoordBox { min: b.min - base, max: b.max - base };
-    PackedGrid {
-        kind,
-        base,
-        occupied: occupied.map(local),
-        crown_levels,
-        crown_origin,
-        uppers,
-        lowers,
-        nodes,
-        masks,
-        values,
-        palette,
-        majorant,
-    }
 }

@@ -191,15 +191,15 @@ fn tiles_that_count(tree: &Vdb543<f32>, rule: Rule) -> Vec<Tile> {
             }
             RootEntry::Child(upper) => upper,
         };
-        for slot in 0..UPPER_WORDS {
+        for slot in 0..UPPER_SLOTS {
             let lower = match upper.slot_at(slot) {
                 Slot::Tile(value, _) => {
-                    add(origin + upper_offset(slot), LOWER_BITS, value);
+                    add(origin + upper_offset(slot), REGION_BITS, value);
                     continue;
                 }
                 Slot::Child(lower) => lower,
             };
-            for slot in 0..LOWER_WORDS {
+            for slot in 0..REGION_WORDS {
                 if let Slot::Tile(value, _) = lower.slot_at(slot) {
                     add(lower.origin() + lower_offset(slot), LEAF_BITS, value);
                 }
@@ -210,7 +210,7 @@ fn tiles_that_count(tree: &Vdb543<f32>, rule: Rule) -> Vec<Tile> {
 }
 
 fn upper_offset(slot: usize) -> IVec3 {
-    IVec3::new(slot as i32 >> 10, slot as i32 >> 5 & 31, slot as i32 & 31) << LOWER_BITS as i32
+    IVec3::new(slot as i32 >> 10, slot as i32 >> 5 & 31, slot as i32 & 31) << REGION_BITS as i32
 }
 
 fn lower_offset(slot: usize) -> IVec3 {
@@ -221,7 +221,7 @@ fn lower_offset(slot: usize) -> IVec3 {
 /// low sides, unless they lie beside samples of the same kind. The cubes are leaves, but 128³ nodes
 /// around a root tile: there a mixed cube costs the walk steps, and smaller ones would cost memory.
 fn mark_around(tree: &Vdb543<f32>, rule: Rule, tile: Tile, mark: &mut impl FnMut(IVec3, u32)) {
-    let log2 = if tile.log2 == UPPER_BITS { LOWER_BITS } else { LEAF_BITS };
+    let log2 = if tile.log2 == UPPER_BITS { REGION_BITS } else { LEAF_BITS };
     let (step, count) = (1_i32 << log2, 1_i32 << (tile.log2 - log2));
     let same = |origin: IVec3| match tree.find(origin) {
         // A change of sign at a leaf is found from the leaf.

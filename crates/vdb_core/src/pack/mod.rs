@@ -16,12 +16,15 @@
 //! shader's walk on the CPU, function by function, for tests and for reading side by side.
 
 pub mod anchor;
+mod assemble;
 mod bits;
 mod build;
 mod cells;
 mod crown;
 pub mod exact;
 pub mod layout;
+mod leaps;
+mod values;
 pub mod walk;
 
 use bytemuck::{Pod, Zeroable};
@@ -63,21 +66,26 @@ pub struct PackedGrid {
     /// What was packed.
     pub kind: PackKind,
     /// Index-space cell that is *local* cell 0: all packed coordinates are relative to it. A
-    /// multiple of 4096.
+    /// multiple of 128.
     pub base: IVec3,
     /// The local lattice cells that can stop or dim a ray; `None` when there is none.
     pub occupied: Option<CoordBox>,
-    /// How many levels of 64-ary nodes stand over the root's entries.
+    /// How many levels of 4³ nodes stand over the regions.
     pub crown_levels: u32,
-    /// Local coordinate, in cells of 4096 voxels, of the crown's cell 0.
+    /// Local coordinate, in regions of 128³ cells, of the crown's slot 0.
     pub crown_origin: IVec3,
-    /// Word offset of the first 32³ node in `nodes`.
-    pub uppers: u32,
-    /// Word offset of the first 16³ node in `nodes`.
-    pub lowers: u32,
-    /// The crown, then 32³ nodes, then 16³ nodes; see [`layout`].
+    /// Word offset in `nodes` of the number of the first leaf of each region.
+    pub heads: u32,
+    /// Word offset in `nodes` of the first region.
+    pub regions: u32,
+    /// Word offset in `nodes` of the value tree's crown.
+    pub value_crown: u32,
+    /// Word offset in `nodes` of the value tree's first region.
+    pub value_regions: u32,
+    /// The traversal tree (crown, heads, regions), then the value tree (crown, regions); see
+    /// [`layout`].
     pub nodes: Vec<u32>,
-    /// [`layout::LEAF_MASK_WORDS`] a leaf: its occupied cells.
+    /// [`layout::LEAF_MASK_WORDS`] for each leaf with an occupied cell.
     pub masks: Vec<u32>,
     /// [`layout::LEAF_VALUES`] a leaf, z fastest; then one value a distinct tile value.
     pub values: Vec<f32>,
@@ -98,7 +106,7 @@ impl PackedGrid {
 
     /// Leaves with values of their own.
     pub fn leaf_count(&self) -> usize {
-        self.masks.len() / layout::LEAF_MASK_WORDS
+        self.palette as usize / layout::LEAF_VALUES
     }
 
     /// What a shader knows of the grid when its words stand at these places in the pools, in
@@ -111,13 +119,16 @@ impl PackedGrid {
             crown_origin: self.crown_origin.to_array(),
             crown_levels: self.crown_levels,
             occupied_min: min.to_array(),
-            nodes,
+            crown: nodes,
             occupied_max: max.to_array(),
-            uppers: nodes + self.uppers,
-            lowers: nodes + self.lowers,
+            regions: nodes + self.regions,
+            heads: nodes + self.heads,
             masks,
+            value_crown: nodes + self.value_crown,
+            value_regions: nodes + self.value_regions,
             values,
             palette: values + self.palette,
+            ..GridHeader::default()
         }
     }
 
@@ -132,26 +143,31 @@ impl PackedGrid {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GridHeader {
-    /// Local coordinate of the crown's cell 0, in cells of 4096.
+    /// Local coordinate of the crown's slot 0, in regions.
     pub crown_origin: [i32; 3],
     /// Levels of the crown.
     pub crown_levels: u32,
     /// Lowest local cell that can stop or dim a ray.
     pub occupied_min: [i32; 3],
-    /// The crown's top node.
-    pub nodes: u32,
+    /// The traversal tree's crown.
+    pub crown: u32,
     /// Highest local cell that can stop or dim a ray.
     pub occupied_max: [i32; 3],
-    /// The first 32³ node.
-    pub uppers: u32,
-    /// The first 16³ node.
-    pub lowers: u32,
+    /// The traversal tree's regions.
+    pub regions: u32,
+    /// The number of the first leaf of each region.
+    pub heads: u32,
     /// The first leaf's mask.
     pub masks: u32,
+    /// The value tree's crown.
+    pub value_crown: u32,
+    /// The value tree's regions.
+    pub value_regions: u32,
     /// The first leaf's values.
     pub values: u32,
     /// The first tile value.
     pub palette: u32,
+    pad: [u32; 2],
 }
 
 /// Why a grid could not be packed.

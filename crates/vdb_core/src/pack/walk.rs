@@ -1,12 +1,13 @@
 //! The shader's walk on the CPU, function by function: the twin of `assets/shaders/tree.wgsl`,
 //! `hdda.wgsl` and `fog.wgsl`. Same names, same order of operations, f32; read them side by side.
 //!
-//! A ray is given in *local lattice* coordinates of one grid: `p(t) = cell + frac + t · dir`.
+//! A ray is given in *local lattice* coordinates of one grid: `p(t) = cell + frac + t · dir`. It is
+//! walked as a [`Course`], which runs upwards on every axis.
 
-use glam::{BVec3, IVec3, Vec3};
+use glam::{BVec3, DVec3, IVec3, UVec3, Vec3};
 
 use super::PackedGrid;
-use super::anchor::anchored;
+use super::anchor::{Anchor, anchored};
 use super::exact::{FRAC_BITS, T_ERROR, is_zero, plane_before};
 use super::layout::*;
 
@@ -32,29 +33,117 @@ impl Ray {
     pub fn from_index(grid: &PackedGrid, cell: IVec3, frac: Vec3, dir: Vec3) -> Self {
         let from = frac.as_dvec3() - grid.kind.lattice_origin();
         let units = f64::from(1 << FRAC_BITS);
-        let frac = ((from - from.floor()) * units).floor() / units;
+        // Just below a whole number, the difference rounds up to 1.
+        let frac = ((from - from.floor()) * units).floor().min(DVec3::splat(units - 1.0)) / units;
         let cell = cell.wrapping_add(from.floor().as_ivec3()).wrapping_sub(grid.base);
         Self { cell, frac: frac.as_vec3(), dir, t_min: 0.0, t_max: FAR }
     }
 }
 
-/// What covers a cell: everything alike over a cube of `2^log_dim` cells per edge.
+/// A ray turned over on the axes where it runs down, so that it runs up on all of them: cell `c`
+/// becomes `!c`, and all that is ahead has larger coordinates. Cells are counted from the ray's own.
+#[derive(Clone, Copy, Debug)]
+pub struct Course {
+    /// -1 on the axes that are turned over, else 0.
+    pub flip: IVec3,
+    /// The ray's own cell, turned over.
+    pub cell: IVec3,
+    /// Where in that cell the ray begins, from 0 to 1: a multiple of 2⁻²⁴.
+    pub frac: Vec3,
+    /// Cells per unit of `t`, 0 or more; what hardware may take for zero is zero.
+    pub speed: Vec3,
+    /// One over that, or over [`IDLE`] where it is less.
+    pub inverse: Vec3,
+    /// The grid's box: its first cells ahead (0 where the ray is in or beyond them) and its last.
+    pub first: UVec3,
+    /// The last cells of the box.
+    pub last: UVec3,
+    /// Whether the box is ahead of the ray on an axis.
+    before: BVec3,
+    /// Whether the ray can meet the box at all.
+    meets: bool,
+    /// The octant of its direction.
+    pub octant: u32,
+    t_min: f32,
+    t_max: f32,
+}
+
+/// Slower than this a ray reaches no other cell within the index space, but on the spot; dividing by
+/// less could exceed what f32 holds.
+const IDLE: f32 = 1.0 / (1_u128 << 88) as f32;
+/// `t` of planes that are never reached.
+const FAR: f32 = 1e30;
+/// The largest component of a direction is not smaller than this.
+const SLOWEST: f32 = 1.0 / (1 << 30) as f32;
+
+impl Course {
+    /// The course of a ray through a grid.
+    pub fn new(grid: &PackedGrid, ray: &Ray) -> Self {
+        let bounds = grid.occupied.unwrap_or(crate::tree::CoordBox::voxel(IVec3::ZERO));
+        let zero = BVec3::from_array(ray.dir.to_array().map(is_zero));
+        let down = ray.dir.cmplt(Vec3::ZERO) & !zero;
+        let flip = IVec3::select(down, IVec3::NEG_ONE, IVec3::ZERO);
+        let cell = ray.cell ^ flip;
+        let min = IVec3::select(down, !bounds.max, bounds.min);
+        let max = IVec3::select(down, !bounds.min, bounds.max);
+        let speed = Vec3::select(zero, Vec3::ZERO, ray.dir.abs());
+        let before = cell.cmplt(min);
+        let rel = |ahead: IVec3| ahead.wrapping_sub(cell).as_uvec3();
+        Self {
+            flip,
+            cell,
+            frac: Vec3::select(down, 1.0 - ray.frac, ray.frac),
+            speed,
+            inverse: 1.0 / speed.max(Vec3::splat(IDLE)),
+            first: UVec3::select(before, rel(min), UVec3::ZERO),
+            last: rel(max),
+            before,
+            meets: grid.occupied.is_some()
+                && cell.cmple(max).all()
+                && speed.max_element() >= SLOWEST,
+            octant: u32::from(down.x) << 2 | u32::from(down.y) << 1 | u32::from(down.z),
+            t_min: ray.t_min,
+            t_max: ray.t_max,
+        }
+    }
+
+    /// The local cell that is so many cells ahead.
+    pub fn local(&self, rel: UVec3) -> IVec3 {
+        self.cell.wrapping_add(rel.as_ivec3()) ^ self.flip
+    }
+
+    /// A place within a cell as the lattice has it.
+    fn unturned(&self, u: Vec3) -> Vec3 {
+        Vec3::select(self.flip.cmpne(IVec3::ZERO), 1.0 - u, u)
+    }
+
+    /// Where the course crosses planes ahead of it, one on each axis, to within [`T_ERROR`]. The
+    /// integers are exact; the ray's own numbers come in only at the end.
+    fn plane_t(&self, plane: UVec3) -> Vec3 {
+        (plane.as_vec3() - self.frac) * self.inverse
+    }
+}
+
+/// What covers a cell: everything alike over a cube of `2^log_dim` cells per edge, and over `reach`
+/// more such cubes ahead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
     /// log₂ of the edge, in cells.
     pub log_dim: u32,
-    /// The cell word of a tile, the leaf's word of a cell in a leaf, 0 where nothing is.
+    /// Cubes ahead on each axis that are empty, too.
+    pub reach: u32,
+    /// The word of a tile or a leaf that a ray meets; 0 where nothing is.
     pub word: u32,
 }
 
 impl Span {
-    const fn empty(log_dim: u32) -> Self {
-        Self { log_dim, word: 0 }
+    const fn empty(log_dim: u32, reach: u32) -> Self {
+        Self { log_dim, reach, word: 0 }
     }
 
     /// Whether a ray meets something here.
     pub fn occupied(&self) -> bool {
-        self.word & OCCUPIED != 0
+        self.word != 0
     }
 
     /// Whether the cube is occupied all over with one value.
@@ -63,240 +152,229 @@ impl Span {
     }
 }
 
-/// The cell word over a local cell at the level of the root, and log₂ of what it covers.
-fn find_root(grid: &PackedGrid, cell: IVec3) -> Span {
-    let at = (cell >> UPPER_BITS as i32) - grid.crown_origin;
-    let outside = (at.x | at.y | at.z) >> (2 * grid.crown_levels) != 0;
-    if outside {
-        return Span::empty(UPPER_BITS);
+/// The word of a crown over a local cell, and its level; `None` outside of the crown.
+fn find_crown(grid: &PackedGrid, crown: u32, cell: IVec3) -> Option<(u32, u32)> {
+    let at = (cell >> REGION_BITS as i32) - grid.crown_origin;
+    if (at.x | at.y | at.z) >> (2 * grid.crown_levels) != 0 {
+        return None;
     }
-    let mut node = 0;
-    for level in (0..grid.crown_levels).rev() {
-        let part = (at >> (2 * level) as i32) & 3;
-        let bit = (part.x << 4 | part.y << 2 | part.z) as u32;
-        let (low, high) = (grid.nodes[node], grid.nodes[node + 1]);
-        let word = if bit < 32 { low } else { high };
-        if word >> (bit & 31) & 1 == 0 {
-            return Span::empty(UPPER_BITS + 2 * level);
+    let mut level = grid.crown_levels - 1;
+    let mut node = crown as usize;
+    loop {
+        let word = grid.nodes[node + crown_slot(at, level)];
+        if word & CHILD == 0 || level == 0 {
+            return Some((word, level));
         }
-        let below = (word & ((1 << (bit & 31)) - 1)).count_ones();
-        let rank = if bit < 32 { below } else { below + low.count_ones() } as usize;
-        let stride = if level == 0 { 1 } else { CROWN_WORDS };
-        node = grid.nodes[node + 2] as usize + rank * stride;
+        node = crown as usize + (word & PAYLOAD) as usize * CROWN_WORDS;
+        level -= 1;
     }
-    Span { log_dim: UPPER_BITS, word: grid.nodes[node] }
 }
 
-/// What a ray meets at a local cell.
-pub fn locate(grid: &PackedGrid, cell: IVec3) -> Span {
-    let root = find_root(grid, cell);
-    if root.word & (OCCUPIED | CHILD) != OCCUPIED | CHILD {
-        return tile_span(root.word, root.log_dim);
-    }
-    let upper = grid.uppers as usize + (root.word & PAYLOAD) as usize * UPPER_WORDS;
-    let word = grid.nodes[upper + upper_slot(cell)];
-    if word & (OCCUPIED | CHILD) != OCCUPIED | CHILD {
-        return tile_span(word, LOWER_BITS);
-    }
-    let lower = grid.lowers as usize + (word & PAYLOAD) as usize * LOWER_WORDS;
-    let word = grid.nodes[lower + lower_slot(cell)];
-    if word & (OCCUPIED | CHILD) != OCCUPIED | CHILD {
-        return tile_span(word, LEAF_BITS);
-    }
-    let mask = (word & PAYLOAD) as usize * LEAF_MASK_WORDS;
-    let (index, bit) = mask_bit(cell);
-    let block = mask + (index & !1);
-    if grid.masks[block] | grid.masks[block + 1] == 0 {
-        return Span::empty(2);
-    }
-    let on = grid.masks[mask + index] >> bit & 1 == 1;
-    Span { log_dim: 0, word: if on { word } else { 0 } }
-}
-
-/// The span of a word that leads nowhere further.
-fn tile_span(word: u32, log_dim: u32) -> Span {
+/// The span of a tile of the traversal tree.
+fn tile_span(word: u32, log_dim: u32, octant: u32) -> Span {
     match word & (OCCUPIED | MIXED) {
-        OCCUPIED => Span { log_dim, word },
-        0 | MIXED => Span::empty(log_dim),
-        _ => Span { log_dim: 0, word },
+        OCCUPIED => Span { log_dim, reach: 0, word },
+        0 | MIXED => Span::empty(log_dim, reach(word, octant)),
+        _ => Span { log_dim: 0, reach: 0, word },
     }
+}
+
+/// What a ray meets at a local cell. (The shader keeps what it has found while the ray stays near.)
+pub fn locate(grid: &PackedGrid, cell: IVec3, octant: u32) -> Span {
+    // A ray looks at cells of the box only, which the crown covers.
+    let Some((word, level)) = find_crown(grid, 0, cell) else { return Span::empty(0, 0) };
+    if word & CHILD == 0 {
+        return tile_span(word, REGION_BITS + 2 * level, octant);
+    }
+    let region = (word & PAYLOAD) as usize;
+    let word = grid.nodes[grid.regions as usize + region * REGION_WORDS + region_slot(cell)];
+    if word & CHILD == 0 {
+        return tile_span(word, LEAF_BITS, octant);
+    }
+    let number = word & ((1 << LEAF_NUMBER_BITS) - 1);
+    let leaf = grid.nodes[grid.heads as usize + region] + number;
+    let (index, bit) = mask_bit(cell);
+    if word >> (LEAF_NUMBER_BITS + index as u32 / 2) & 1 == 0 {
+        return Span::empty(2, 0);
+    }
+    let on = grid.masks[leaf as usize * LEAF_MASK_WORDS + index] >> bit & 1 == 1;
+    if on { Span { log_dim: 0, reach: 0, word } } else { Span::empty(0, 0) }
 }
 
 /// The value at a local voxel.
 pub fn value_at(grid: &PackedGrid, voxel: IVec3) -> f32 {
-    let mut word = find_root(grid, voxel).word;
+    // Beyond the crown there is the background, tile value 0.
+    let mut word = find_crown(grid, grid.value_crown, voxel).map_or(0, |(word, _)| word);
     if word & CHILD != 0 {
-        let upper = grid.uppers as usize + (word & PAYLOAD) as usize * UPPER_WORDS;
-        word = grid.nodes[upper + upper_slot(voxel)];
+        let region = grid.value_regions as usize + (word & PAYLOAD) as usize * REGION_WORDS;
+        word = grid.nodes[region + region_slot(voxel)];
         if word & CHILD != 0 {
-            let lower = grid.lowers as usize + (word & PAYLOAD) as usize * LOWER_WORDS;
-            word = grid.nodes[lower + lower_slot(voxel)];
-            if word & CHILD != 0 {
-                let leaf = (word & PAYLOAD) as usize * LEAF_VALUES;
-                return grid.values[leaf + leaf_slot(voxel)];
-            }
+            return grid.values[(word & PAYLOAD) as usize * LEAF_VALUES + leaf_slot(voxel)];
         }
     }
+    tile_value(grid, word)
+}
+
+/// The value of a tile.
+fn tile_value(grid: &PackedGrid, word: u32) -> f32 {
     grid.values[grid.palette as usize + (word & PAYLOAD) as usize]
 }
 
-/// Where a ray is on its way through the lattice.
+/// Where a course is on its way through the lattice.
 #[derive(Clone, Copy, Debug)]
 pub struct Walk {
-    /// The cell.
-    pub cell: IVec3,
-    /// Where the ray enters it.
+    /// The cell, counted from the course's own.
+    pub rel: UVec3,
+    /// Where the course enters it.
     pub t: f32,
-    /// Where the ray ends.
-    pub t_end: f32,
-    /// The axis of the face that the ray entered by; 3 where it started inside.
+    /// The axis of the face by which; 3 where it started inside.
     pub axis: u32,
     /// Whether the cell is in the grid's box and before the ray's end.
     pub inside: bool,
 }
 
-/// `t` of planes that are never reached.
-const FAR: f32 = 1e30;
-/// How far from the grid's origin, and from the cells it is asked about, an eye may be, in cells.
-const MAX_CELLS: f32 = (1 << 30) as f32;
-/// Direction components smaller than this, relative to the largest, never reach another cell within
-/// the index space, but on the spot; dividing by them could exceed what f32 holds.
-const IDLE: f32 = 1.0 / (1_u64 << 58) as f32;
-/// The largest component of a direction is not smaller than this.
-const SLOWEST: f32 = 1.0 / (1 << 30) as f32;
-
-fn select(mask: BVec3, a: BVec3, b: BVec3) -> BVec3 {
-    mask & a | !mask & b
-}
-
-/// Where the ray crosses planes ahead of it, one on each axis, to within [`T_ERROR`]. The
-/// difference of the integers is exact; the ray's own numbers come in only at the end.
-fn plane_t(ray: &Ray, plane: IVec3) -> Vec3 {
-    let forward = ray.dir.cmpgt(Vec3::ZERO);
-    let cells = IVec3::select(forward, plane.wrapping_sub(ray.cell), ray.cell.wrapping_sub(plane));
-    let distance = cells.as_uvec3().as_vec3() + Vec3::select(forward, -ray.frac, ray.frac);
-    let idle = ray.dir.abs().cmplt(Vec3::splat(IDLE * ray.dir.abs().max_element()));
-    let t = distance / Vec3::select(idle, Vec3::ONE, ray.dir.abs());
-    let zero = BVec3::from_array(ray.dir.to_array().map(is_zero));
-    let never = zero | (idle & distance.cmpne(Vec3::ZERO));
-    Vec3::select(never, Vec3::splat(FAR), t)
-}
-
 /// The axis of the plane that is crossed first of three, one on each axis. At once means x before y
 /// before z.
-fn first_axis(ray: &Ray, plane: IVec3, t: Vec3) -> usize {
-    let first = if t.x <= t.y && t.x <= t.z {
+fn first_axis(course: &Course, plane: UVec3, t: Vec3) -> usize {
+    let least = t.min_element();
+    let first = axis_of(t, least);
+    let others = t[(first + 1) % 3].min(t[(first + 2) % 3]);
+    if others > least * (1.0 + T_ERROR) {
+        return first;
+    }
+    let of_two = if plane_before(course, (0, plane.x), (1, plane.y)) { 0 } else { 1 };
+    if plane_before(course, (of_two, plane[of_two]), (2, plane.z)) { of_two } else { 2 }
+}
+
+/// Cells that a course has come to for certain at about `t`, on each axis, from `low` up to `high`. It
+/// may be a cell further: then the walk crosses that plane next.
+fn cells_reached(course: &Course, t: f32, low: UVec3, high: UVec3) -> UVec3 {
+    // Less than it is by twice what f32 may get wrong of it. Conversions saturate.
+    let at = (course.frac - T_ERROR) + (t * (1.0 - T_ERROR)) * course.speed;
+    at.as_uvec3().clamp(low, high)
+}
+
+/// The axis of a component that equals `t`.
+fn axis_of(v: Vec3, t: f32) -> usize {
+    if v.x == t {
         0
-    } else if t.y <= t.z {
+    } else if v.y == t {
         1
     } else {
         2
-    };
-    let others = t[(first + 1) % 3].min(t[(first + 2) % 3]);
-    if others > t[first] * (1.0 + T_ERROR) {
-        return first;
     }
-    let of_two = if plane_before(ray, (0, plane.x), (1, plane.y)) { 0 } else { 1 };
-    if plane_before(ray, (of_two, plane[of_two]), (2, plane.z)) { of_two } else { 2 }
 }
 
-/// The cells that the ray is in, on each axis, when it has crossed a plane of one of them at about
-/// `t`; between `first` and `last`, which the ray passes in that order.
-fn cells_behind(ray: &Ray, crossed: (usize, i32), t: f32, first: IVec3, last: IVec3) -> IVec3 {
-    let way = t * ray.dir;
-    let at = ray.frac + way;
-    let error = (way.abs() + 1.0) * T_ERROR;
-    let cell = |x: Vec3| {
-        // Kept to what an integer holds; the eye is no farther away than that.
-        let cells = x.floor().clamp(Vec3::splat(-MAX_CELLS), Vec3::splat(MAX_CELLS));
-        cells.as_ivec3().wrapping_add(ray.cell).clamp(first.min(last), first.max(last))
-    };
-    let (mut low, mut high) = (cell(at - error), cell(at + error));
-    for axis in 0..3 {
-        let forward = ray.dir[axis] > 0.0;
-        // Which of the planes in doubt are crossed before? Those that are come first.
-        while low[axis] < high[axis] && axis != crossed.0 {
-            let middle = low[axis] + (high[axis] - low[axis]) / 2;
-            if plane_before(ray, (axis, middle + 1), crossed) == forward {
-                low[axis] = middle + 1;
-            } else {
-                high[axis] = middle;
-            }
-        }
-    }
-    low
-}
-
-/// The start of the walk: the first cell of the grid's box on the ray.
-pub fn enter(grid: &PackedGrid, ray: &Ray) -> Walk {
-    let nothing = Walk { cell: ray.cell, t: 0.0, t_end: 0.0, axis: 3, inside: false };
-    let Some(bounds) = grid.occupied else { return nothing };
-    let forward = ray.dir.cmpgt(Vec3::ZERO);
-    // The planes by which the ray comes into the box, on the axes where it is before it.
-    let before = select(forward, ray.cell.cmplt(bounds.min), ray.cell.cmpgt(bounds.max));
-    let beyond = select(forward, ray.cell.cmpgt(bounds.max), ray.cell.cmplt(bounds.min));
-    let plane = IVec3::select(forward, bounds.min, bounds.max + IVec3::ONE);
-    let near = Vec3::select(before, plane_t(ray, plane), Vec3::NEG_ONE);
-    let slow = ray.dir.abs().max_element() < SLOWEST;
-    if slow || beyond.any() || near.max_element() >= FAR {
+/// The start of the walk: a cell of the grid's box on the course.
+pub fn enter(course: &Course) -> Walk {
+    let nothing = Walk { rel: UVec3::ZERO, t: 0.0, axis: 3, inside: false };
+    if !course.meets {
         return nothing;
     }
-    let mut walk = Walk { t: ray.t_min, t_end: ray.t_max, inside: true, ..nothing };
-    if near.max_element() < ray.t_min || !before.any() {
-        let at = (ray.frac + ray.t_min * ray.dir).floor();
-        walk.cell = ray.cell + at.as_ivec3();
-        walk.inside = ray.t_min <= ray.t_max && bounds.contains(walk.cell);
-        return walk;
+    let near = Vec3::select(course.before, course.plane_t(course.first), Vec3::NEG_ONE);
+    let t = near.max_element();
+    if t < course.t_min || !course.before.any() {
+        let at = course.frac + course.t_min * course.speed;
+        // A place in a plane belongs to the cell above it, which is the one behind where turned over.
+        let down = course.flip.cmpne(IVec3::ZERO);
+        let cell = Vec3::select(down, at.ceil() - 1.0, at.floor());
+        let rel = cell.as_uvec3();
+        let in_box = rel.cmpge(course.first).all() && rel.cmple(course.last).all();
+        let inside = course.t_min <= course.t_max && in_box;
+        return Walk { rel, t: course.t_min, axis: 3, inside };
     }
-    // The last of them; at once means x before y before z.
-    let mut axis = usize::MAX;
-    for other in 0..3 {
-        if before.test(other)
-            && (axis == usize::MAX
-                || !plane_before(ray, (other, plane[other]), (axis, plane[axis])))
-        {
-            axis = other;
-        }
-    }
-    let first = ray.cell.clamp(bounds.min, bounds.max);
     // One cell more: the ray may have left the box on another axis before it comes in on this one.
-    let last = IVec3::select(forward, bounds.max + IVec3::ONE, bounds.min - IVec3::ONE);
-    let t = near[axis];
-    let mut cell = cells_behind(ray, (axis, plane[axis]), t, first, last);
-    cell[axis] = first[axis];
-    let inside = t <= ray.t_max && bounds.contains(cell);
-    Walk { cell, t, axis: axis as u32, inside, ..walk }
+    let high = course.last.saturating_add(UVec3::ONE);
+    let rel = cells_reached(course, t, course.first, high);
+    let inside = t <= course.t_max && rel.cmple(course.last).all();
+    Walk { rel, t, axis: axis_of(near, t) as u32, inside }
 }
 
-/// Steps out of the cube of `2^log_dim` cells that holds the walk's cell, into the next cell.
+/// The planes at the end of a span, one on each axis.
+fn planes_behind(course: &Course, rel: UVec3, span: Span) -> UVec3 {
+    let size = 1_i32.wrapping_shl(span.log_dim);
+    let low = course.cell.wrapping_add(rel.as_ivec3()) & size.wrapping_neg();
+    let ahead = low.wrapping_add(IVec3::splat(size.wrapping_mul(1 + span.reach as i32)));
+    ahead.wrapping_sub(course.cell).as_uvec3()
+}
+
+/// Steps out of the span that holds the walk's cell.
 ///
-/// The cell changes by at least one along the axis crossed and never turns back along the others,
-/// so a walk takes at most as many steps as the box has cells along its three edges.
-pub fn advance(grid: &PackedGrid, ray: &Ray, walk: Walk, log_dim: u32) -> Walk {
-    let size = 1 << log_dim;
-    let low = walk.cell & -size;
-    let last = low + (size - 1);
-    let forward = ray.dir.cmpgt(Vec3::ZERO);
-    let plane = IVec3::select(forward, last + 1, low);
-    let exits = plane_t(ray, plane);
-    let axis = first_axis(ray, plane, exits);
-    let t = exits[axis].max(walk.t);
-    let end = IVec3::select(forward, last, low);
-    let mut cell = cells_behind(ray, (axis, plane[axis]), t, walk.cell, end);
-    cell[axis] = end[axis] + if forward.test(axis) { 1 } else { -1 };
-    let inside = t <= walk.t_end && grid.occupied.is_some_and(|bounds| bounds.contains(cell));
-    Walk { cell, t, axis: axis as u32, inside, ..walk }
+/// Which plane is crossed next is exact; how many planes of the other axes have been crossed by then
+/// is a lower bound. Where it is too low, the walk crosses those planes next, in cells beside the ray
+/// that it does not touch: all that it does touch are visited. The course never turns back and passes
+/// at least one plane, so a walk takes at most as many steps as the box has cells along its three
+/// edges.
+pub fn advance(course: &Course, walk: &Walk, span: Span) -> Walk {
+    let plane = planes_behind(course, walk.rel, span);
+    let exits = course.plane_t(plane);
+    let axis = first_axis(course, plane, exits);
+    let t = exits[axis];
+    let mut rel = cells_reached(course, t, walk.rel, plane.wrapping_sub(UVec3::ONE));
+    rel[axis] = plane[axis];
+    let inside = t <= course.t_max && rel.cmple(course.last).all();
+    Walk { rel, t, axis: axis as u32, inside }
+}
+
+/// The cell in which a ray begins: there, it comes in by no face.
+fn begin_of(walk: &Walk) -> UVec3 {
+    if walk.axis == 3 { walk.rel } else { UVec3::ZERO }
+}
+
+/// Whether the ray itself comes into the walk's cell, where and by which face: `begin` is the cell in
+/// which the ray begins. The answer does not depend on the way by which the walk has come.
+fn confirm(course: &Course, walk: &Walk, begin: UVec3) -> Walk {
+    let crossed = walk.rel.cmpgt(begin);
+    if !crossed.any() {
+        return *walk;
+    }
+    let near = Vec3::select(crossed, course.plane_t(walk.rel), Vec3::NEG_ONE);
+    let t = near.max_element();
+    let mut axis = axis_of(near, t);
+    let second = near[(axis + 1) % 3].max(near[(axis + 2) % 3]);
+    let exits = course.plane_t(walk.rel.wrapping_add(UVec3::ONE));
+    let mut inside = true;
+    if second * (1.0 + T_ERROR) >= t || exits.min_element() <= t * (1.0 + T_ERROR) {
+        let plane = |own: usize| (own, walk.rel[own]);
+        let later = |last, own| last == 3 || !plane_before(course, plane(own), plane(last));
+        let crossed = (0..3).filter(|&own| crossed.test(own));
+        axis = crossed.fold(3, |last, own| if later(last, own) { own } else { last });
+        let left = |own| {
+            own != axis && plane_before(course, (own, walk.rel[own].wrapping_add(1)), plane(axis))
+        };
+        inside = !(0..3).any(left);
+    }
+    Walk { rel: walk.rel, t: near[axis], axis: axis as u32, inside }
 }
 
 /// The first occupied cell on a ray.
-pub fn first_hit(grid: &PackedGrid, ray: &Ray) -> Option<Walk> {
-    let mut walk = enter(grid, ray);
+#[derive(Clone, Copy, Debug)]
+pub struct Hit {
+    /// The local cell.
+    pub cell: IVec3,
+    /// Where the ray enters it.
+    pub t: f32,
+    /// The axis of the face that the ray entered by; 3 where it started inside.
+    pub axis: u32,
+}
+
+/// The first occupied cell on a ray.
+pub fn first_hit(grid: &PackedGrid, ray: &Ray) -> Option<Hit> {
+    let course = Course::new(grid, ray);
+    let mut walk = enter(&course);
+    let begin = begin_of(&walk);
     while walk.inside {
-        let span = locate(grid, walk.cell);
+        let cell = course.local(walk.rel);
+        let mut span = locate(grid, cell, course.octant);
         if span.occupied() {
-            return Some(walk);
+            let hit = confirm(&course, &walk, begin);
+            if hit.inside {
+                let found = Hit { cell, t: hit.t, axis: hit.axis };
+                return Some(found).filter(|hit| hit.t <= course.t_max);
+            }
+            span = Span::empty(0, 0);
         }
-        walk = advance(grid, ray, walk, span.log_dim);
+        walk = advance(&course, &walk, span);
     }
     None
 }
@@ -320,51 +398,71 @@ fn trilinear(corners: &[f32; 8], u: Vec3) -> f32 {
 const GAUSS: f32 = 0.288_675_13;
 
 /// Cells that a walk may be away from its anchor before it gets a new one.
-const ANCHOR_RANGE: i32 = 64;
-
-/// Where a ray crosses the plane by which a walk came into its cell.
-fn entry_t(ray: &Ray, walk: &Walk) -> f32 {
-    let axis = walk.axis as usize;
-    let mut plane = walk.cell;
-    plane[axis] += i32::from(ray.dir[axis] <= 0.0);
-    plane_t(ray, plane)[axis]
-}
+const ANCHOR_RANGE: u32 = 64;
 
 /// ∫ density dt along the ray. Within one trilinear cell the density is a cubic in `t`, which the
 /// two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
+///
+/// Anchors stand where a run of cells with a density begins: a place that does not depend on how the
+/// tree cuts the void into cubes, so that a grid looks the same, bit for bit, wherever it stands.
 pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
-    let mut walk = enter(grid, ray);
-    let mut near = anchored(ray, walk.cell, walk.axis, walk.t);
+    let course = Course::new(grid, ray);
+    let mut walk = enter(&course);
+    let begin = begin_of(&walk);
+    let mut near = Anchor { cell: UVec3::ZERO, frac: Vec3::ZERO, t: 0.0 };
+    let mut in_run = false;
     let mut from = 0.0;
     let mut sum = 0.0;
     while walk.inside {
-        let span = locate(grid, walk.cell);
-        let next = advance(grid, ray, walk, span.log_dim);
-        let to = entry_t(&near, &next).max(from);
-        if span.occupied() {
-            let end = to.min(near.t_max);
-            sum += (end - from) * mean_density(grid, &near, walk.cell, span, from, end);
+        let span = locate(grid, course.local(walk.rel), course.octant);
+        let here = walk;
+        if !span.occupied() {
+            walk = advance(&course, &here, span);
+            in_run = false;
+            continue;
         }
-        walk = next;
-        from = to;
-        if (walk.cell - near.cell).abs().max_element() > ANCHOR_RANGE {
-            near = anchored(ray, walk.cell, walk.axis, walk.t);
+        if !in_run || here.rel.wrapping_sub(near.cell).max_element() > ANCHOR_RANGE {
+            let own = confirm(&course, &here, begin);
+            if !own.inside {
+                walk = advance(&course, &here, Span::empty(0, 0));
+                continue;
+            }
+            near = anchored(&course, &own);
             from = 0.0;
         }
+        walk = advance(&course, &here, span);
+        // By whichever plane comes first for the anchor's own numbers: they are rounded, and where
+        // the ray hardly moves along the axis that the walk crosses, its plane can be far off.
+        let exits = near.plane_t(&course, planes_behind(&course, here.rel, span));
+        let to = exits.min_element().max(from);
+        let end = to.min(course.t_max - near.t);
+        let mean = mean_density(grid, &course, &near, &here, span, (from, end));
+        sum += (end - from) * mean;
+        from = to;
+        // Of a mixed tile, cells without density count as void.
+        in_run = mean > 0.0 && !span.constant();
     }
     sum
 }
 
-/// The mean density between two parameters within the cube of a span.
-fn mean_density(grid: &PackedGrid, ray: &Ray, cell: IVec3, span: Span, from: f32, to: f32) -> f32 {
+/// The mean density between two parameters from the anchor on, within the cube of a span.
+fn mean_density(
+    grid: &PackedGrid,
+    course: &Course,
+    near: &Anchor,
+    walk: &Walk,
+    span: Span,
+    (from, to): (f32, f32),
+) -> f32 {
     if span.constant() {
-        return grid.values[grid.palette as usize + (span.word & PAYLOAD) as usize];
+        return tile_value(grid, span.word);
     }
-    let corners = corners(grid, cell);
-    let origin = (ray.cell - cell).as_vec3() + ray.frac;
+    let corners = corners(grid, course.local(walk.rel));
+    let origin = near.frac - (walk.rel - near.cell).as_vec3();
     let at = |s: f32| {
         let t = from + (to - from) * s;
-        trilinear(&corners, (origin + t * ray.dir).clamp(Vec3::ZERO, Vec3::ONE))
+        let u = (origin + t * course.speed).clamp(Vec3::ZERO, Vec3::ONE);
+        trilinear(&corners, course.unturned(u))
     };
     0.5 * (at(0.5 - GAUSS) + at(0.5 + GAUSS))
 }

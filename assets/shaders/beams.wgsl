@@ -1,0 +1,31 @@
+// One thread a volume and a tile of 8×8 pixels: where its rays can begin.
+
+#import bevy_vdb::types::{View, Volume}
+#import bevy_vdb::bindings::grids
+#import bevy_vdb::beam::{beam_of, beam_start}
+
+@group(0) @binding(4) var<uniform> view: View;
+@group(0) @binding(5) var<storage, read> volumes: array<Volume>;
+// Rows of tiles, volume by volume.
+@group(0) @binding(9) var<storage, read_write> starts: array<f32>;
+
+@compute @workgroup_size(8, 8, 1)
+fn beams(@builtin(global_invocation_id) id: vec3<u32>) {
+    let tiles = (view.size + 7u) / 8u;
+    if any(id.xy >= tiles) || id.z >= view.volume_count {
+        return;
+    }
+    let volume = volumes[view.volume_first + id.z];
+    let pixel = 2.0 / vec2<f32>(view.size);
+    let middle = vec2<f32>(8u * id.xy + 4u) * pixel - 1.0;
+    // The middles of a tile's pixels are up to 3½ pixels from its own.
+    let beam = beam_of(
+        grids[volume.grid],
+        volume.rays,
+        vec2(middle.x, -middle.y),
+        3.6 * pixel,
+        view.t_near,
+    );
+    let row = id.z * tiles.y + id.y;
+    starts[row * tiles.x + id.x] = beam_start(grids[volume.grid], beam);
+}

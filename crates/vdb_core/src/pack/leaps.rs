@@ -1,0 +1,158 @@
+//! How far a ray can leap from an empty cell: the largest cube of empty cells that begins there, in
+//! each of the eight directions that a ray can take.
+//!
+//! A ray never turns back on any axis, so that only what lies in its own octant matters to it: the
+//! cube may be larger than one around the cell, and it costs three bits an octant. Sizes that three
+//! bits cannot tell are rounded down.
+
+use glam::IVec3;
+
+/// log₂ of the cells per edge of a chunk.
+pub(super) const CHUNK_BITS: i32 = 4;
+const EDGE: usize = 1 << CHUNK_BITS;
+
+/// The occupied cells of a chunk: for each x and y a row along z, bit z.
+pub(super) type Chunk = [[u16; EDGE]; EDGE];
+
+/// Edges of cubes, by the code that names them; `layout::leap` has the same.
+#[cfg(test)]
+pub(super) const SIZES: [usize; 8] = [1, 2, 3, 4, 6, 8, 12, 16];
+
+/// A chunk and those that follow it in one octant, turned over so that they follow upwards: rows of
+/// 32 cells along z.
+type Window = [[u32; 2 * EDGE]; 2 * EDGE];
+
+/// Whether a direction is negative on an axis: octant bits 4, 2, 1 for x, y, z.
+fn turned(octant: u32) -> [bool; 3] {
+    [octant & 4 != 0, octant & 2 != 0, octant & 1 != 0]
+}
+
+fn empty_cells<'a>(octant: u32, chunk_at: &impl Fn(IVec3) -> Option<&'a Chunk>) -> Window {
+    let turned = turned(octant);
+    let mut window = [[u32::MAX; 2 * EDGE]; 2 * EDGE];
+    for part in 0..8 {
+        let part = IVec3::new(part >> 2, part >> 1 & 1, part & 1);
+        let step = IVec3::from_array(turned.map(|turned| if turned { -1 } else { 1 }));
+        let Some(chunk) = chunk_at(part * step) else { continue };
+        for (x, plane) in chunk.iter().enumerate() {
+            let x = if turned[0] { EDGE - 1 - x } else { x } + EDGE * part.x as usize;
+            for (y, &row) in plane.iter().enumerate() {
+                let y = if turned[1] { EDGE - 1 - y } else { y } + EDGE * part.y as usize;
+                let row = if turned[2] { row.reverse_bits() } else { row };
+                window[x][y] &= !(u32::from(row) << (EDGE * part.z as usize));
+            }
+        }
+    }
+    window
+}
+
+/// From the cells where a cube of some size is empty to those where one larger by `shift` is:
+/// cubes of the first size at both ends of each axis cover it, as long as `shift` is not larger than
+/// that size.
+fn grown(cubes: &Window, shift: usize) -> Window {
+    let mut z = *cubes;
+    for row in z.iter_mut().flatten() {
+        // What lies beyond the window is never asked for: 15 + 16 cells are within it.
+        *row &= *row >> shift | !(u32::MAX >> shift);
+    }
+    let mut y = z;
+    for (plane, from) in y.iter_mut().zip(&z) {
+        for (row, ahead) in plane.iter_mut().zip(&from[shift..]) {
+            *row &= ahead;
+        }
+    }
+    let mut x = y;
+    for (plane, ahead) in x.iter_mut().zip(&y[shift..]) {
+        for (row, ahead) in plane.iter_mut().zip(ahead) {
+            *row &= ahead;
+        }
+    }
+    x
+}
+
+/// The codes of all cells of a chunk, three bits an octant, z fastest; of occupied cells they mean
+/// nothing. `chunk_at` gives the chunk itself for zero and its neighbours by their place beside it;
+/// where there is none, all is empty.
+pub(super) fn codes<'a>(chunk_at: impl Fn(IVec3) -> Option<&'a Chunk>) -> Vec<u32> {
+    let mut codes = vec![0; EDGE * EDGE * EDGE];
+    for octant in 0..8 {
+        let one = empty_cells(octant, &chunk_at);
+        let two = grown(&one, 1);
+        let three = grown(&two, 1);
+        let four = grown(&two, 2);
+        let six = grown(&four, 2);
+        let eight = grown(&four, 4);
+        let twelve = grown(&eight, 4);
+        let sixteen = grown(&eight, 8);
+        let larger = [two, three, four, six, eight, twelve, sixteen];
+        let turned = turned(octant);
+        let place = |c: usize, turned: bool| if turned { EDGE - 1 - c } else { c };
+        for x in 0..EDGE {
+            for y in 0..EDGE {
+                let first =
+                    place(x, turned[0]) << (2 * CHUNK_BITS) | place(y, turned[1]) << CHUNK_BITS;
+                let rows = larger.map(|window| window[x][y]);
+                for z in 0..EDGE {
+                    // A larger cube holds all smaller ones: how many there are is the code.
+                    let code: u32 = rows.iter().map(|row| row >> z & 1).sum();
+                    codes[first | place(z, turned[2])] |= code << (3 * octant);
+                }
+            }
+        }
+    }
+    codes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synth::Random;
+    use std::collections::HashMap;
+
+    #[test]
+    fn cubes_are_empty_and_could_not_be_larger() {
+        let mut random = Random::new(3);
+        for share in [2, 20, 300, 3000, 20_000] {
+            let mut chunks: HashMap<IVec3, Chunk> = HashMap::new();
+            for part in 0..27 {
+                let part = IVec3::new(part / 9, part / 3 % 3, part % 3) - 1;
+                if random.below(4) == 0 && part != IVec3::ZERO {
+                    continue;
+                }
+                let row =
+                    |_| (0..16).fold(0, |row, z| row | u16::from(random.below(share) == 0) << z);
+                let mut row = row;
+                chunks.insert(part, std::array::from_fn(|_| std::array::from_fn(&mut row)));
+            }
+            let occupied = |cell: IVec3| {
+                chunks.get(&(cell >> 4)).is_some_and(|chunk| {
+                    let at = cell & 15;
+                    chunk[at.x as usize][at.y as usize] >> at.z & 1 == 1
+                })
+            };
+            let codes = codes(|part| chunks.get(&part));
+            for _ in 0..2000 {
+                let slot = random.below(4096) as usize;
+                let cell = IVec3::new(slot as i32 >> 8, slot as i32 >> 4 & 15, slot as i32 & 15);
+                if occupied(cell) {
+                    continue;
+                }
+                for octant in 0..8 {
+                    let step = turned(octant).map(|turned| if turned { -1 } else { 1 });
+                    let is_empty = |size: usize| {
+                        (0..size * size * size).all(|i| {
+                            let at = [i / size / size, i / size % size, i % size];
+                            let at = at.map(|c| c as i32);
+                            !occupied(cell + IVec3::from_array(at) * IVec3::from_array(step))
+                        })
+                    };
+                    let code = (codes[slot] >> (3 * octant) & 7) as usize;
+                    assert!(is_empty(SIZES[code]), "{cell} octant {octant}: {code}");
+                    assert!(code == 7 || !is_empty(SIZES[code + 1]), "{cell} octant {octant}");
+                    let reach = super::super::layout::reach(codes[slot], octant);
+                    assert_eq!(reach as usize + 1, SIZES[code]);
+                }
+            }
+        }
+    }
+}

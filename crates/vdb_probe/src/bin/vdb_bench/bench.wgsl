@@ -1,0 +1,156 @@
+// One thread a pixel: primary rays of a picture, or the same in an order without neighbours.
+
+#import bevy_vdb::types::Rays
+#import bevy_vdb::bindings::grids
+#import bevy_vdb::rays::{ndc_of, ray_through}
+#import bevy_vdb::fog::optical_length
+#import bevy_vdb::exact::Course
+#import bevy_vdb::beam::{beam_of, beam_start}
+#import bevy_vdb::hdda::{FAR, course_of, enter_at, first_hit}
+#ifdef COUNT_STEPS
+#import bevy_vdb::hdda::steps
+#endif
+#import bevy_vdb::smooth::first_root
+
+struct Setup {
+    size: vec2<u32>,
+    // Of pixels' numbers, if they are shuffled.
+    bits: u32,
+    // Extinction per unit of density and of t.
+    density_scale: f32,
+}
+
+@group(0) @binding(4) var<uniform> setup: Setup;
+@group(0) @binding(5) var<uniform> view: Rays;
+@group(0) @binding(6) var<storage, read_write> out: array<f32>;
+@group(0) @binding(7) var<storage, read_write> normals: array<vec4<f32>>;
+
+// For each tile of 8×8 pixels, the t before which nothing can stop its rays.
+@group(0) @binding(8) var<storage, read_write> starts: array<f32>;
+
+@compute @workgroup_size(8, 8)
+fn beams(@builtin(global_invocation_id) id: vec3<u32>) {
+    let tiles = (setup.size + 7u) / 8u;
+    if any(id.xy >= tiles) {
+        return;
+    }
+    let pixel = 2.0 / vec2<f32>(setup.size);
+    let middle = vec2<f32>(8u * id.xy + 4u) * pixel - 1.0;
+    let beam = beam_of(grids[0], view, vec2(middle.x, -middle.y), 3.6 * pixel, 0.0);
+    starts[id.y * tiles.x + id.x] = beam_start(grids[0], beam);
+}
+
+#ifdef SHUFFLED
+// A permutation of the numbers below 2^bits: odd multiplications and shifts to the right, each of which
+// can be undone.
+fn mixed(x: u32) -> u32 {
+    let all = (1u << setup.bits) - 1u;
+    var y = (x * 0x9e3779b1u) & all;
+    y ^= y >> (setup.bits / 2u);
+    y = (y * 0x85ebca6bu) & all;
+    y ^= y >> (setup.bits / 2u);
+    return (y * 0xc2b2ae35u) & all;
+}
+#endif
+
+const NONE: u32 = 0xffffffffu;
+
+// The number of the pixel that a thread works on; too large where it has none.
+fn number_of(id: vec3<u32>) -> u32 {
+    if any(id.xy >= setup.size) {
+        return NONE;
+    }
+    let own = id.y * setup.size.x + id.x;
+#ifdef SHUFFLED
+    let count = setup.size.x * setup.size.y;
+    var number = mixed(own);
+    // The cycle that a number lies on comes back below the count.
+    while number >= count {
+        number = mixed(number);
+    }
+    return number;
+#else
+    return own;
+#endif
+}
+
+fn course_at(number: u32, id: vec3<u32>) -> Course {
+#ifdef SHUFFLED
+    let pixel = vec2(number % setup.size.x, number / setup.size.x);
+#else
+    let pixel = id.xy;
+#endif
+    return course_of(grids[0], ray_through(view, ndc_of(pixel, setup.size), 0.0, FAR));
+}
+
+// The t before which nothing can stop a pixel's ray; shuffled rays have no neighbours to share it with.
+fn start_of(id: vec3<u32>) -> f32 {
+#ifdef BEAMS
+    return starts[(id.y / 8u) * ((setup.size.x + 7u) / 8u) + id.x / 8u];
+#else
+    return 0.0;
+#endif
+}
+
+fn put(number: u32, value: f32) {
+#ifdef COUNT_STEPS
+    out[number] = f32(steps);
+#else
+    out[number] = value;
+#endif
+}
+
+@compute @workgroup_size(8, 8)
+fn voxels(@builtin(global_invocation_id) id: vec3<u32>) {
+    let number = number_of(id);
+    if number == NONE {
+        return;
+    }
+    let start = start_of(id);
+    if start == FAR {
+        put(number, -1.0);
+        return;
+    }
+    let course = course_at(number, id);
+    let hit = first_hit(grids[0], course, enter_at(course, start));
+    put(number, select(-1.0, hit.t, hit.found));
+}
+
+@compute @workgroup_size(8, 8)
+fn smooth_surface(@builtin(global_invocation_id) id: vec3<u32>) {
+    let number = number_of(id);
+    if number == NONE {
+        return;
+    }
+    let start = start_of(id);
+    if start == FAR {
+        put(number, -1.0);
+        return;
+    }
+    let course = course_at(number, id);
+    let hit = first_root(grids[0], course, enter_at(course, start), 0.0);
+    put(number, select(-1.0, hit.t, hit.found));
+#ifndef COUNT_STEPS
+    if hit.found {
+        normals[number] = vec4(normalize(hit.gradient), 0.0);
+    }
+#endif
+}
+
+@compute @workgroup_size(8, 8)
+fn fog(@builtin(global_invocation_id) id: vec3<u32>) {
+    let number = number_of(id);
+    if number == NONE {
+        return;
+    }
+    let start = start_of(id);
+    if start == FAR {
+        put(number, 1.0);
+        return;
+    }
+    let course = course_at(number, id);
+    // Beyond this, a transmittance is below that of 16 bits beside 1.
+    let enough = 16.0 / setup.density_scale;
+    let length = optical_length(grids[0], course, enter_at(course, start), enough);
+    put(number, exp(-setup.density_scale * length));
+}
