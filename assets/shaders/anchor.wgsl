@@ -89,12 +89,34 @@ fn place(course: Course, own: u32, cell: u32, axis: u32, plane: u32) -> f32 {
     return f32(clamp(at, 0, 16777216)) / 16777216.0;
 }
 
+// Cells from the ray's own within which f32 is good enough: to 2^-20 of a cell where fma rounds once, and
+// to 2^-11 where it does not, which WGSL leaves open.
+const NEAR: u32 = 4096u;
+
+// The same in f32, near the ray's own cell: way = distance · ratio, in terms of which the large ones are
+// exact, with what the rounding of the ratio and of the product has left.
+fn place_near(course: Course, rel: vec3<u32>, axis: u32) -> vec3<f32> {
+    let plane = f32(component_u(rel, axis));
+    let speed = component_f(course.speed, axis);
+    let inverse = component_f(course.inverse, axis);
+    let ratio = course.speed * inverse;
+    let ratio_rest = fma(-ratio, vec3(speed), course.speed) * inverse;
+    let way = plane * ratio;
+    let way_rest = fma(vec3(plane), ratio, -way) + plane * ratio_rest;
+    let at = (way - vec3<f32>(rel)) + (course.frac + (way_rest - component_f(course.frac, axis) * ratio));
+    return saturate(at);
+}
+
 // Where a walk enters a cell: by a plane of `axis`, at about t; 3 means that it began inside.
 fn anchored(course: Course, rel: vec3<u32>, axis: u32, t: f32) -> Anchor {
     if axis > 2u {
         // A shader's rays begin close to the eye.
         let at = course.frac + t * course.speed - vec3<f32>(rel);
         return Anchor(rel, saturate(at), t);
+    }
+    let across = vec3(0u, 1u, 2u) == vec3(axis);
+    if all(rel < vec3(NEAR)) {
+        return Anchor(rel, select(place_near(course, rel, axis), vec3(0.0), across), t);
     }
     let plane = component_u(rel, axis);
     var frac = vec3(0.0);

@@ -168,27 +168,36 @@ fn tile_value(grid: Grid, word: u32) -> f32 {
     return values[grid.palette + (word & PAYLOAD)];
 }
 
-// The word of the value tree over a local voxel: of a leaf, or of a tile.
-fn value_word(grid: Grid, voxel: vec3<i32>) -> u32 {
+// The word of the value tree's crown over a local voxel.
+fn value_crown_word(grid: Grid, voxel: vec3<i32>) -> u32 {
     let at = (voxel >> vec3(REGION_BITS)) - grid.crown_origin;
     if ((at.x | at.y | at.z) >> (2u * grid.crown_levels)) != 0 {
         // Beyond the crown there is the background, tile value 0.
         return 0u;
     }
-    let word = find_crown(grid, grid.value_crown, voxel).x;
-    if (word & CHILD) == 0u {
-        return word;
-    }
-    return nodes[grid.value_regions + ((word & PAYLOAD) << 12u) + region_slot(voxel)];
+    return find_crown(grid, grid.value_crown, voxel).x;
 }
 
-// The value at a local voxel.
-fn value_at(grid: Grid, voxel: vec3<i32>) -> f32 {
-    let word = value_word(grid, voxel);
+// The value at a local voxel under a word of the value tree's crown.
+fn value_under(grid: Grid, crown_word: u32, voxel: vec3<i32>) -> f32 {
+    var word = crown_word;
     if (word & CHILD) != 0u {
-        return values[grid.values + ((word & PAYLOAD) << 9u) + leaf_slot(voxel)];
+        word = nodes[grid.value_regions + ((word & PAYLOAD) << 12u) + region_slot(voxel)];
+        if (word & CHILD) != 0u {
+            return values[grid.values + ((word & PAYLOAD) << 9u) + leaf_slot(voxel)];
+        }
     }
     return tile_value(grid, word);
+}
+
+// The value beside a local voxel whose own word of the crown is known: nearly always in its region.
+fn value_beside(grid: Grid, crown_word: u32, voxel: vec3<i32>, step: vec3<i32>) -> f32 {
+    let beside = voxel + step;
+    var word = crown_word;
+    if any(((voxel ^ beside) >> vec3(REGION_BITS)) != vec3(0)) {
+        word = value_crown_word(grid, beside);
+    }
+    return value_under(grid, word, beside);
 }
 
 // The samples at the corners of a trilinear cell: at the lower x (y0 z0, y0 z1, y1 z0,
@@ -199,32 +208,35 @@ struct Corners {
 }
 
 fn corners(grid: Grid, cell: vec3<i32>) -> Corners {
-    let inside = all((cell & vec3(7)) < vec3(7));
-    if inside {
+    let crown_word = value_crown_word(grid, cell);
+    if all((cell & vec3(7)) < vec3(7)) {
         // All eight in one leaf or one tile: one descent.
-        let word = value_word(grid, cell);
+        var word = crown_word;
         if (word & CHILD) != 0u {
-            let v = grid.values + ((word & PAYLOAD) << 9u) + leaf_slot(cell);
-            return Corners(
-                vec4(values[v], values[v + 1u], values[v + 8u], values[v + 9u]),
-                vec4(values[v + 64u], values[v + 65u], values[v + 72u], values[v + 73u]),
-            );
+            word = nodes[grid.value_regions + ((word & PAYLOAD) << 12u) + region_slot(cell)];
+            if (word & CHILD) != 0u {
+                let v = grid.values + ((word & PAYLOAD) << 9u) + leaf_slot(cell);
+                return Corners(
+                    vec4(values[v], values[v + 1u], values[v + 8u], values[v + 9u]),
+                    vec4(values[v + 64u], values[v + 65u], values[v + 72u], values[v + 73u]),
+                );
+            }
         }
         let value = vec4(tile_value(grid, word));
         return Corners(value, value);
     }
     return Corners(
         vec4(
-            value_at(grid, cell),
-            value_at(grid, cell + vec3(0, 0, 1)),
-            value_at(grid, cell + vec3(0, 1, 0)),
-            value_at(grid, cell + vec3(0, 1, 1)),
+            value_under(grid, crown_word, cell),
+            value_beside(grid, crown_word, cell, vec3(0, 0, 1)),
+            value_beside(grid, crown_word, cell, vec3(0, 1, 0)),
+            value_beside(grid, crown_word, cell, vec3(0, 1, 1)),
         ),
         vec4(
-            value_at(grid, cell + vec3(1, 0, 0)),
-            value_at(grid, cell + vec3(1, 0, 1)),
-            value_at(grid, cell + vec3(1, 1, 0)),
-            value_at(grid, cell + vec3(1, 1, 1)),
+            value_beside(grid, crown_word, cell, vec3(1, 0, 0)),
+            value_beside(grid, crown_word, cell, vec3(1, 0, 1)),
+            value_beside(grid, crown_word, cell, vec3(1, 1, 0)),
+            value_beside(grid, crown_word, cell, vec3(1, 1, 1)),
         ),
     );
 }

@@ -46,6 +46,23 @@ fn place(course: &Course, own: usize, cell: u32, axis: usize, plane: u32) -> f32
     (at as i32).clamp(0, 1 << FRAC_BITS) as f32 / (1 << FRAC_BITS) as f32
 }
 
+/// Cells from the ray's own within which f32 is good enough: to 2⁻²⁰ of a cell where `fma` rounds once,
+/// and to 2⁻¹¹ where it does not, which WGSL leaves open.
+const NEAR: u32 = 4096;
+
+/// The same in f32, near the ray's own cell: way = distance · ratio, in terms of which the large ones
+/// are exact, with what the rounding of the ratio and of the product has left.
+fn place_near(course: &Course, rel: UVec3, axis: usize) -> Vec3 {
+    let plane = rel[axis] as f32;
+    let (speed, inverse) = (course.speed[axis], course.inverse[axis]);
+    let ratio = course.speed * inverse;
+    let ratio_rest = (-ratio).mul_add(Vec3::splat(speed), course.speed) * inverse;
+    let way = plane * ratio;
+    let way_rest = Vec3::splat(plane).mul_add(ratio, -way) + plane * ratio_rest;
+    let at = (way - rel.as_vec3()) + (course.frac + (way_rest - course.frac[axis] * ratio));
+    at.clamp(Vec3::ZERO, Vec3::ONE)
+}
+
 /// Where the walk enters its cell.
 pub fn anchored(course: &Course, walk: &Walk) -> Anchor {
     let axis = walk.axis as usize;
@@ -53,6 +70,10 @@ pub fn anchored(course: &Course, walk: &Walk) -> Anchor {
         // A shader's rays begin close to the eye.
         let at = course.frac + walk.t * course.speed - walk.rel.as_vec3();
         at.clamp(Vec3::ZERO, Vec3::ONE)
+    } else if walk.rel.max_element() < NEAR {
+        let mut frac = place_near(course, walk.rel, axis);
+        frac[axis] = 0.0;
+        frac
     } else {
         Vec3::from_array([0, 1, 2].map(|own| {
             if own == axis { 0.0 } else { place(course, own, walk.rel[own], axis, walk.rel[axis]) }
