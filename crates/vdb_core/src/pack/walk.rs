@@ -3,7 +3,7 @@
 //!
 //! A ray is given in *local lattice* coordinates of one grid: `p(t) = cell + frac + t · dir`.
 
-use glam::{BVec3, IVec3, Vec3};
+use glam::{BVec3, DVec3, IVec3, Vec3};
 
 use super::PackedGrid;
 use super::anchor::anchored;
@@ -32,7 +32,8 @@ impl Ray {
     pub fn from_index(grid: &PackedGrid, cell: IVec3, frac: Vec3, dir: Vec3) -> Self {
         let from = frac.as_dvec3() - grid.kind.lattice_origin();
         let units = f64::from(1 << FRAC_BITS);
-        let frac = ((from - from.floor()) * units).floor() / units;
+        // Just below a whole number, the difference rounds up to 1.
+        let frac = ((from - from.floor()) * units).floor().min(DVec3::splat(units - 1.0)) / units;
         let cell = cell.wrapping_add(from.floor().as_ivec3()).wrapping_sub(grid.base);
         Self { cell, frac: frac.as_vec3(), dir, t_min: 0.0, t_max: FAR }
     }
