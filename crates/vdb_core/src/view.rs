@@ -257,8 +257,9 @@ impl GpuRays {
         let turn = vector(self.dir_rest) + ndc.x * vector(self.dir_x) + ndc.y * vector(self.dir_y);
         walk::Ray {
             cell: IVec3::from_array(self.eye_cell) + whole.as_ivec3(),
-            // 24 bits: the walk compares planes in units of 2⁻²⁴ cells.
-            frac: ((eye - whole) * units).floor() / units,
+            // 24 bits: the walk compares planes in units of 2⁻²⁴ cells. Just below a whole number,
+            // the difference rounds up to 1.
+            frac: ((eye - whole) * units).floor().min(Vec3::splat(units - 1.0)) / units,
             dir: vector(self.dir) + turn,
             t_min,
             t_max,
@@ -331,6 +332,15 @@ mod tests {
         let lattice = LatticeRays::new(&rays, view, DAffine3::IDENTITY, &grid).unwrap();
         assert_eq!(lattice.eye_frac, DVec3::new(0.125, 0.25, 0.5));
         assert_eq!(lattice.eye_cell + grid.base, far + IVec3::new(0, 100, -8));
+    }
+
+    #[test]
+    fn a_fraction_stays_below_one() {
+        // Of an orthographic view: just left of a cell's face.
+        let rays = GpuRays { eye_x: [1e-12; 3], dir: [0.0, 0.0, -1.0], ..GpuRays::default() };
+        let ray = rays.ray_through(Vec2::NEG_X, 0.0, 1.0);
+        assert_eq!(ray.cell, IVec3::NEG_ONE);
+        assert_eq!(ray.frac, Vec3::splat(1.0 - 2.0_f32.powi(-24)));
     }
 
     #[test]
