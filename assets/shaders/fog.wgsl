@@ -4,7 +4,7 @@
 #import bevy_vdb::types::{Grid, Ray}
 #import bevy_vdb::tree::{Span, corners, locate, span_constant, span_occupied, tile_value, trilinear}
 #import bevy_vdb::anchor::anchored
-#import bevy_vdb::hdda::{Walk, advance, count_step, enter, entry_t}
+#import bevy_vdb::hdda::{Walk, advance, count_step, enter, plane_t}
 
 // Half the distance between the two points of Gauss and Legendre on an interval of length 1.
 const GAUSS: f32 = 0.28867513;
@@ -19,6 +19,16 @@ fn mean_density(grid: Grid, ray: Ray, cell: vec3<i32>, span: Span, t_from: f32, 
     let first = origin + mix(t_from, t_to, 0.5 - GAUSS) * ray.dir;
     let second = origin + mix(t_from, t_to, 0.5 + GAUSS) * ray.dir;
     return 0.5 * (trilinear(c, saturate(first)) + trilinear(c, saturate(second)));
+}
+
+// Where a ray that began before it leaves the cube of 2^log_dim cells that holds a cell. By
+// whichever plane comes first for its own numbers: those of an anchor are rounded, and where the
+// ray hardly moves along the axis that the walk crosses, its plane can be far off.
+fn exit_t(ray: Ray, cell: vec3<i32>, log_dim: u32) -> f32 {
+    let size = 1i << log_dim;
+    let low = cell & vec3(-size);
+    let exits = plane_t(ray, select(low, low + size, ray.dir > vec3(0.0)));
+    return min(min(exits.x, exits.y), exits.z);
 }
 
 // Cells that a walk may be away from its anchor before it gets a new one.
@@ -41,7 +51,7 @@ fn optical_length(grid: Grid, ray: Ray, enough: f32) -> f32 {
         }
         let span = locate(grid, walk.cell);
         let next = advance(grid, ray, walk, span.log_dim);
-        let t_to = max(entry_t(near, next), t_from);
+        let t_to = max(exit_t(near, walk.cell, span.log_dim), t_from);
         if span_occupied(span) {
             let t_end = min(t_to, near.t_max);
             sum += (t_end - t_from) * mean_density(grid, near, walk.cell, span, t_from, t_end);

@@ -52,12 +52,6 @@ fn plane_t(ray: Ray, plane: vec3<i32>) -> vec3<f32> {
     return select(t, vec3(FAR), never);
 }
 
-// Where a ray crosses the plane by which a walk came into its cell.
-fn entry_t(ray: Ray, walk: Walk) -> f32 {
-    let forward = ray.dir > vec3(0.0);
-    return component_f(plane_t(ray, walk.cell + select(vec3(1), vec3(0), forward)), walk.axis);
-}
-
 // The axis of the plane that is crossed first of three, one on each axis. At once means x before y
 // before z.
 fn first_axis(ray: Ray, plane: vec3<i32>, t: vec3<f32>) -> u32 {

@@ -37,6 +37,11 @@ impl Targets {
         self.0.is_empty()
     }
 
+    /// Voxels from end to end of the first.
+    pub fn reach(&self) -> f64 {
+        DVec3::from_array(self.0[0].dim().map(|edge| edge as f64)).length()
+    }
+
     pub fn pick(&self, random: &mut Random) -> CoordBox {
         self.0[random.below(self.0.len() as u64) as usize]
     }

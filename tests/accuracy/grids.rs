@@ -2,11 +2,10 @@
 
 use glam::{DVec3, IVec3};
 use vdb_core::synth::{Random, build, fog, level_set, sparse, Uniform};
-use vdb_core::tree::{CoordBox, InternalNode, LeafNode, Node, Vdb543};
+pub use vdb_core::reference::standard::Upper;
+use vdb_core::tree::{CoordBox, Node, RootEntry, Vdb543};
 
 pub type Tree = Vdb543<f32>;
-/// The nodes below the root.
-pub type Upper = InternalNode<InternalNode<LeafNode<f32, 3>, 4>, 5>;
 
 /// A grid by its name, made when it is its turn.
 pub struct Named {
@@ -54,14 +53,14 @@ pub fn solid(positive: &Tree) -> Tree {
 }
 
 /// Noise of both signs in a box: every cell crosses zero.
-pub fn noise(bbox: CoordBox, seed: u64) -> Tree {
+pub fn noise(bbox: CoordBox, background: f32, seed: u64) -> Tree {
     let value = move |ijk: IVec3| {
         let at = (ijk - bbox.min).as_uvec3();
         let key = u64::from(at.x) | u64::from(at.y) << 21 | u64::from(at.z) << 42;
         let mut random = Random::new(seed ^ key.wrapping_mul(0xa24b_aed4_963e_e407));
         (random.range(-1.0, 1.0) as f32, true)
     };
-    build(1.0, bbox, |_| Uniform::No, value)
+    build(background, bbox, |_| Uniform::No, value)
 }
 
 /// A tile of each level, leaves beside them, and a tile of the root, of a value.
@@ -69,18 +68,10 @@ pub fn tiles(value: f32, background: f32) -> Tree {
     let mut tree = Vdb543::new(background);
     // 4096³ voxels.
     tree.insert_tile(IVec3::new(-4096, 0, 0), value, true);
-    // 128³ and 8³, and the leaves of what does not fit.
-    let bbox = CoordBox { min: IVec3::new(-3, 200, -130), max: IVec3::new(261, 406, 141) };
-    let filled = |cube: CoordBox| Uniform::Yes(value, cube.min.x >= 0);
-    let blocks = build(background, bbox, filled, |_| (value, true));
-    let mut levels = [0; 13];
-    for found in blocks.active_values() {
-        levels[found.log2_dim as usize] += 1;
-    }
-    assert!(levels[0] > 0 && levels[3] > 0 && levels[7] > 0, "{levels:?}");
-    for (_, entry) in blocks.entries() {
-        if let vdb_core::tree::RootEntry::Child(child) = entry
-            && child.origin().x >= 0
+    // 128³ and 8³, and leaves.
+    for (_, entry) in blocks(value, background).entries() {
+        if let RootEntry::Child(child) = entry
+            && child.origin() != IVec3::new(-4096, 0, 0)
         {
             tree.insert_child(child.clone());
         }
@@ -118,8 +109,66 @@ pub fn level_sets() -> Vec<Named> {
         named("cuboid", || level_set::cuboid(DVec3::splat(-20.5), DVec3::new(30.2, 7.7, 15.1))),
         named("gyroid", || level_set::gyroid(DVec3::ZERO, 40.0, 18.0)),
         named("slab of one voxel", move || level_set::slab_x(3.2, 4.1, slab)),
-        named("noise of both signs", || noise(cube(-20, 20), 9)),
+        named("noise of both signs", || noise(cube(-20, 20), 1.0, 9)),
     ]
+}
+
+/// Where values change their sign.
+pub fn crossings() -> Vec<Named> {
+    let far = IVec3::splat(2_000_000);
+    let mut grids = level_sets();
+    grids.extend([
+        named("one voxel", || solid(&sparse::voxels(&[IVec3::new(7, 8, -9)]))),
+        named("two voxels two million apart", move || solid(&sparse::voxels(&[IVec3::ZERO, far]))),
+        named("checkerboard", || solid(&sparse::checkerboard(cube(-9, 10)))),
+        named("box one voxel thick", || solid(&sparse::box_shell(cube(-20, 13)))),
+        named("truss", || solid(&sparse::truss(cube(-30, 33), 9, 2))),
+        named("tiles of two levels", || blocks(-1.0, 1.0)),
+    ]);
+    grids
+}
+
+/// Densities.
+pub fn fogs() -> Vec<Named> {
+    let far = IVec3::splat(2_000_000);
+    let mut grids = vec![
+        named("homogeneous block", || fog::block(cube(-16, 31), 0.25)),
+        named("ball", || fog::sphere(DVec3::new(10.0, -30.0, 4090.0), 25.0, 6.0)),
+        named("ramp", || fog::ramp(cube(-20, 37), DVec3::new(0.01, 0.02, 0.005), 1.0)),
+        named("one voxel", || sparse::voxels(&[IVec3::new(7, 8, -9)])),
+        named("two voxels two million apart", move || sparse::voxels(&[IVec3::ZERO, far])),
+        named("checkerboard", || sparse::checkerboard(cube(-9, 10))),
+        named("random voxels, 5 %", || sparse::random(cube(-20, 20), 0.05, 9)),
+        named("noise of both signs", || noise(cube(-20, 20), 0.0, 9)),
+        named("tiles of two levels", || blocks(0.01, 0.0)),
+        named("densities of every kind", densities),
+    ];
+    grids.extend(OFFSETS.into_iter().map(|(name, at)| {
+        named(format!("offset {name}"), move || fog::sphere(at_offset(at), BALL, 5.0))
+    }));
+    grids
+}
+
+/// Tiles of 8³ and of 128³, and the leaves of what does not fit.
+pub fn blocks(value: f32, background: f32) -> Tree {
+    let bbox = CoordBox { min: IVec3::new(-3, 0, -130), max: IVec3::new(161, 143, 141) };
+    let blocks = build(background, bbox, |_| Uniform::Yes(value, true), |_| (value, true));
+    let has = |level| blocks.active_values().any(|found| found.log2_dim == level);
+    assert!(has(0) && has(3) && has(7));
+    blocks
+}
+
+/// Voxels whose densities are zero, denormal, small, huge, infinite, negative or no number.
+fn densities() -> Tree {
+    let kinds = [0.0, 1e-45, 1e-40, 1e-30, 0.5, 1.0, 1e30, f32::MAX, f32::INFINITY, f32::NAN, -1.0];
+    let value = move |ijk: IVec3| {
+        let at = ijk.as_uvec3() + 64;
+        let mut random = Random::new(u64::from(at.x) | u64::from(at.y) << 21 | u64::from(at.z) << 42);
+        // Mostly nothing, so that light comes through somewhere.
+        let kind = if random.below(8) == 0 { random.below(kinds.len() as u64) } else { 0 };
+        (kinds[kind as usize], true)
+    };
+    build(0.0, cube(-20, 20), |_| Uniform::No, value)
 }
 
 /// A ball at an offset on all three axes, within the index space.

@@ -10,9 +10,11 @@
 //! Arguments are parts of names of cases: those with one of them are run.
 
 mod case;
+mod fog;
 mod given;
 mod grids;
 mod report;
+mod smooth;
 mod tally;
 mod voxels;
 
@@ -53,6 +55,8 @@ fn main() -> ExitCode {
     println!("{}", suite.report.heading());
     println!("{:.1} s to compile", start.elapsed().as_secs_f64());
     voxels::run(&mut suite);
+    smooth::run(&mut suite);
+    fog::run(&mut suite);
     println!("{:.1} s", start.elapsed().as_secs_f64());
     match suite.report.broken() {
         0 => ExitCode::SUCCESS,

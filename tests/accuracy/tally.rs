@@ -81,7 +81,7 @@ pub struct Tally {
     pub errors: Errors,
     /// Of normals, in degrees; of smooth surfaces only.
     pub angles: Errors,
-    /// Normals that are right only within a thousandth of a voxel along the ray.
+    /// Normals that are right only close by, and edges of dense fog: excused by a stated rule.
     pub steep: u64,
     pub wrong_normals: u64,
     /// The first few wrong rays.

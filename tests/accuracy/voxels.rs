@@ -2,7 +2,7 @@
 
 use vdb_core::pack::PackKind;
 use vdb_core::pack::exact::T_ERROR;
-use vdb_core::reference::{Blocky, Face, Occupied};
+use vdb_core::reference::{Blocky, Face, Occupied, standard};
 use vdb_core::synth::Random;
 use vdb_core::tree::IVec3;
 use vdb_probe::{ProbeHit, ProbeRay};
@@ -27,7 +27,7 @@ pub fn judge(
     tally: &mut Tally,
 ) {
     let exact = scene.exact(ray);
-    let expected = oracle.first_voxel(&exact);
+    let expected = standard::first_voxel(oracle, &exact);
     let found = (hit.hit != 0).then(|| (IVec3::from_array(hit.cell).wrapping_add(scene.grid.base), hit.axis));
     let truth = expected.map(|hit| (hit.ijk, hit.face.map_or(3, |face: Face| face.axis.into())));
     tally.met += u64::from(expected.is_some());
@@ -53,10 +53,12 @@ pub fn judge(
 pub fn run(suite: &mut Suite) {
     for Named { name, make } in grids::solids() {
         if suite.wants(&format!("voxels: {name}")) {
-            let start = std::time::Instant::now();
-            let tree = make();
-            eprintln!("made in {:?}", start.elapsed());
-            given_rays(suite, &name, &tree);
+            given_rays(suite, &name, &make());
+        }
+    }
+    for (name, tree) in grids::offsets() {
+        if suite.wants(&format!("voxels: offset {name}")) {
+            given_rays(suite, &format!("offset {name}"), &tree);
         }
     }
 }
@@ -69,12 +71,10 @@ fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
     let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge(&scene, &oracle, ray, hit, tally);
     let count = RAYS * suite.times;
     for (kind, make) in [("random", given::plain as given::Make), ("hard", given::hard)] {
-        let start = std::time::Instant::now();
         let make = |random: &mut Random| make(random, &targets, &scene.grid);
         let seed = hash(name) ^ hash(kind);
         let tally = send(suite, &scene, seed, count, &make, &judge);
         let row = Row::new("voxels", format!("{name}, {kind}"), "of t", Bound::Max(f64::from(T_ERROR)), &tally);
         suite.report.add(row, &tally);
-        eprintln!("{:?}", start.elapsed());
     }
 }

@@ -323,12 +323,13 @@ const GAUSS: f32 = 0.288_675_13;
 /// Cells that a walk may be away from its anchor before it gets a new one.
 const ANCHOR_RANGE: i32 = 64;
 
-/// Where a ray crosses the plane by which a walk came into its cell.
-fn entry_t(ray: &Ray, walk: &Walk) -> f32 {
-    let axis = walk.axis as usize;
-    let mut plane = walk.cell;
-    plane[axis] += i32::from(ray.dir[axis] <= 0.0);
-    plane_t(ray, plane)[axis]
+/// Where a ray that began before it leaves the cube of `2^log_dim` cells that holds a cell. By
+/// whichever plane comes first for its own numbers: those of an anchor are rounded, and where the
+/// ray hardly moves along the axis that the walk crosses, its plane can be far off.
+fn exit_t(ray: &Ray, cell: IVec3, log_dim: u32) -> f32 {
+    let size = 1 << log_dim;
+    let low = cell & -size;
+    plane_t(ray, IVec3::select(ray.dir.cmpgt(Vec3::ZERO), low + size, low)).min_element()
 }
 
 /// ∫ density dt along the ray. Within one trilinear cell the density is a cubic in `t`, which the
@@ -341,7 +342,7 @@ pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
     while walk.inside {
         let span = locate(grid, walk.cell);
         let next = advance(grid, ray, walk, span.log_dim);
-        let to = entry_t(&near, &next).max(from);
+        let to = exit_t(&near, walk.cell, span.log_dim).max(from);
         if span.occupied() {
             let end = to.min(near.t_max);
             sum += (end - from) * mean_density(grid, &near, walk.cell, span, from, end);
