@@ -74,6 +74,14 @@ impl<'a> Judge<'a> {
     }
 }
 
+/// Says how many rays were excused.
+pub fn noted(row: Row, tally: &Tally) -> Row {
+    match tally.steep {
+        0 => row,
+        thin => row.note(format!("{thin} thin edges of dense fog")),
+    }
+}
+
 /// All rows of given rays.
 pub fn run(suite: &mut Suite) {
     for Named { name, make } in grids::fogs() {
@@ -94,10 +102,6 @@ fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
         let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
         let tally = send(suite, &scene, seed, RAYS * suite.times, &make, &judge);
         let row = Row::new("fog", format!("{name}, {kind}"), "transmittance", Bound::Max(bound), &tally);
-        let row = match tally.steep {
-            0 => row,
-            thin => row.note(format!("{thin} thin edges of dense fog")),
-        };
-        suite.report.add(row, &tally);
+        suite.report.add(noted(row, &tally), &tally);
     }
 }

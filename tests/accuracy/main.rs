@@ -9,13 +9,17 @@
 //!
 //! Arguments are parts of names of cases: those with one of them are run.
 
+mod cameras;
 mod case;
+mod corpus;
 mod fog;
 mod given;
 mod grids;
 mod report;
+mod shift;
 mod smooth;
 mod tally;
+mod views;
 mod voxels;
 
 use std::process::ExitCode;
@@ -57,6 +61,9 @@ fn main() -> ExitCode {
     voxels::run(&mut suite);
     smooth::run(&mut suite);
     fog::run(&mut suite);
+    cameras::run(&mut suite);
+    shift::run(&mut suite);
+    corpus::run(&mut suite);
     println!("{:.1} s", start.elapsed().as_secs_f64());
     match suite.report.broken() {
         0 => ExitCode::SUCCESS,
