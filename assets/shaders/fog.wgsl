@@ -36,28 +36,33 @@ const ANCHOR_RANGE: i32 = 64;
 
 // ∫ density dt along the ray, up to `enough`. Within one trilinear cell the density is a cubic in
 // t, which the two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
+//
+// Anchors stand where a run of occupied cells begins: a place that does not depend on how the tree
+// cuts the void into cubes, so that a grid looks the same, bit for bit, wherever it stands.
 fn optical_length(grid: Grid, ray: Ray, enough: f32) -> f32 {
     var walk = enter(grid, ray);
     var near = ray;
-    var anchored_yet = false;
+    var in_run = false;
     var t_from = 0.0;
     var sum = 0.0;
     while walk.inside && sum < enough {
         count_step();
-        if !anchored_yet || any(abs(walk.cell - near.cell) > vec3(ANCHOR_RANGE)) {
-            near = anchored(ray, walk.cell, walk.axis, walk.t).ray;
-            anchored_yet = true;
+        let span = locate(grid, walk.cell);
+        let here = walk;
+        walk = advance(grid, ray, walk, span.log_dim);
+        if !span_occupied(span) {
+            in_run = false;
+            continue;
+        }
+        if !in_run || any(abs(here.cell - near.cell) > vec3(ANCHOR_RANGE)) {
+            near = anchored(ray, here.cell, here.axis, here.t).ray;
             t_from = 0.0;
         }
-        let span = locate(grid, walk.cell);
-        let next = advance(grid, ray, walk, span.log_dim);
-        let t_to = max(exit_t(near, walk.cell, span.log_dim), t_from);
-        if span_occupied(span) {
-            let t_end = min(t_to, near.t_max);
-            sum += (t_end - t_from) * mean_density(grid, near, walk.cell, span, t_from, t_end);
-        }
-        walk = next;
+        let t_to = max(exit_t(near, here.cell, span.log_dim), t_from);
+        let t_end = min(t_to, near.t_max);
+        sum += (t_end - t_from) * mean_density(grid, near, here.cell, span, t_from, t_end);
         t_from = t_to;
+        in_run = !span_constant(span);
     }
     return sum;
 }

@@ -334,25 +334,32 @@ fn exit_t(ray: &Ray, cell: IVec3, log_dim: u32) -> f32 {
 
 /// ∫ density dt along the ray. Within one trilinear cell the density is a cubic in `t`, which the
 /// two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
+///
+/// Anchors stand where a run of occupied cells begins: a place that does not depend on how the tree
+/// cuts the void into cubes, so that a grid looks the same, bit for bit, wherever it stands.
 pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
     let mut walk = enter(grid, ray);
-    let mut near = anchored(ray, walk.cell, walk.axis, walk.t);
+    let mut near = *ray;
+    let mut in_run = false;
     let mut from = 0.0;
     let mut sum = 0.0;
     while walk.inside {
         let span = locate(grid, walk.cell);
-        let next = advance(grid, ray, walk, span.log_dim);
-        let to = exit_t(&near, walk.cell, span.log_dim).max(from);
-        if span.occupied() {
-            let end = to.min(near.t_max);
-            sum += (end - from) * mean_density(grid, &near, walk.cell, span, from, end);
+        let here = walk;
+        walk = advance(grid, ray, walk, span.log_dim);
+        if !span.occupied() {
+            in_run = false;
+            continue;
         }
-        walk = next;
-        from = to;
-        if (walk.cell - near.cell).abs().max_element() > ANCHOR_RANGE {
-            near = anchored(ray, walk.cell, walk.axis, walk.t);
+        if !in_run || (here.cell - near.cell).abs().max_element() > ANCHOR_RANGE {
+            near = anchored(ray, here.cell, here.axis, here.t);
             from = 0.0;
         }
+        let to = exit_t(&near, here.cell, span.log_dim).max(from);
+        let end = to.min(near.t_max);
+        sum += (end - from) * mean_density(grid, &near, here.cell, span, from, end);
+        from = to;
+        in_run = !span.constant();
     }
     sum
 }
