@@ -83,7 +83,7 @@ fn probe_smooth(@builtin(global_invocation_id) id: vec3<u32>) {
 fn probe_fog(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
-        let length = optical_length(grids[0], ray(i), 1e30);
+        let length = optical_length(grids[0], ray(i), 3e38);
         hits[i] = ProbeHit(vec3(0), 3u, vec3(0.0), 0u, 0.0, length, steps);
     }
 }
