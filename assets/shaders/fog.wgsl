@@ -37,7 +37,7 @@ const ANCHOR_RANGE: i32 = 64;
 // ∫ density dt along the ray, up to `enough`. Within one trilinear cell the density is a cubic in
 // t, which the two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
 //
-// Anchors stand where a run of occupied cells begins: a place that does not depend on how the tree
+// Anchors stand where a run of cells with a density begins: a place that does not depend on how the tree
 // cuts the void into cubes, so that a grid looks the same, bit for bit, wherever it stands.
 fn optical_length(grid: Grid, ray: Ray, enough: f32) -> f32 {
     var walk = enter(grid, ray);
@@ -60,9 +60,11 @@ fn optical_length(grid: Grid, ray: Ray, enough: f32) -> f32 {
         }
         let t_to = max(exit_t(near, here.cell, span.log_dim), t_from);
         let t_end = min(t_to, near.t_max);
-        sum += (t_end - t_from) * mean_density(grid, near, here.cell, span, t_from, t_end);
+        let mean = mean_density(grid, near, here.cell, span, t_from, t_end);
+        sum += (t_end - t_from) * mean;
         t_from = t_to;
-        in_run = !span_constant(span);
+        // Of a mixed tile, cells without density count as void.
+        in_run = mean > 0.0 && !span_constant(span);
     }
     return sum;
 }

@@ -68,6 +68,7 @@ pub fn run(suite: &mut Suite) {
     }
     let Some(corpus) = corpus() else { return };
     let mut sums: [Sum; 3] = Default::default();
+    let mut endless = 0;
     for path in ["openvdb-written", "real"].iter().flat_map(|folder| files(&corpus.join(folder))) {
         let file = match VdbFile::open(&path) {
             Ok(file) => file,
@@ -83,7 +84,11 @@ pub fn run(suite: &mut Suite) {
                 send_through(suite, &mut sums[0], &name, tree, voxels::KIND);
                 send_through(suite, &mut sums[1], &name, tree, smooth::KIND);
             } else {
-                send_through(suite, &mut sums[2], &name, tree, fog::KIND);
+                // A dense background would fill all of space; it is shown inside of nodes alone.
+                match tree.background() > 0.0 {
+                    true => endless += 1,
+                    false => send_through(suite, &mut sums[2], &name, tree, fog::KIND),
+                }
             }
         }
     }
@@ -93,7 +98,7 @@ pub fn run(suite: &mut Suite) {
     suite.report.add(Row::new("corpus", case, "of t", bound, &level_sets.tally), &level_sets.tally);
     let case = format!("{} level sets, smooth", surfaces.grids);
     smooth::add_rows(suite, "corpus", &case, &surfaces.tally, false);
-    let case = format!("{} fogs", fogs.grids);
+    let case = format!("{} fogs ({endless} without an end left out)", fogs.grids);
     let bound = Bound::Max(fog::TRANSMITTANCE);
     let row = fog::noted(Row::new("corpus", case, "transmittance", bound, &fogs.tally), &fogs.tally);
     suite.report.add(row, &fogs.tally);
@@ -101,6 +106,8 @@ pub fn run(suite: &mut Suite) {
 
 fn send_through(suite: &Suite, sum: &mut Sum, name: &str, tree: &Tree, kind: PackKind) {
     let Some(scene) = Scene::new(suite.gpu, tree, kind) else { return };
+    let capped = if kind == PackKind::Fog { fog::capped(tree) } else { None };
+    let scene = Scene { tree: capped.as_ref().unwrap_or(tree), ..scene };
     let targets = Targets::new(tree, &scene.grid);
     if targets.is_empty() {
         return;

@@ -3,6 +3,7 @@
 use vdb_core::pack::PackKind;
 use vdb_core::reference::{Fog, standard};
 use vdb_core::synth::Random;
+use vdb_core::tree::ValueAt;
 use vdb_probe::{ProbeHit, ProbeRay};
 
 use crate::case::{Scene, Suite, hash, reproduced, send};
@@ -82,6 +83,20 @@ pub fn noted(row: Row, tally: &Tally) -> Row {
     }
 }
 
+/// The greatest density that is shown: what is above counts as this.
+const GREATEST: f32 = 1e30;
+
+/// The grid as it is shown, if it has densities above the greatest.
+pub fn capped(tree: &Tree) -> Option<Tree> {
+    let above = |value: &ValueAt<f32>| value.value > GREATEST;
+    let mut capped: Option<Tree> = None;
+    for voxel in tree.values().filter(above) {
+        assert_eq!(voxel.log2_dim, 0, "a tile of infinite density");
+        capped.get_or_insert_with(|| tree.clone()).set(voxel.origin, GREATEST);
+    }
+    capped
+}
+
 /// All rows of given rays.
 pub fn run(suite: &mut Suite) {
     for Named { name, make } in grids::fogs() {
@@ -93,6 +108,8 @@ pub fn run(suite: &mut Suite) {
 
 fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
     let scene = Scene::new(suite.gpu, tree, KIND).expect("there is a density");
+    let capped = capped(tree);
+    let scene = Scene { tree: capped.as_ref().unwrap_or(tree), ..scene };
     let targets = Targets::new(tree, &scene.grid);
     let bound = if name.starts_with("homogeneous") { HOMOGENEOUS } else { TRANSMITTANCE };
     let judge = Judge::new(&scene, targets.reach(), bound);

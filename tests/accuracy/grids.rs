@@ -162,7 +162,7 @@ pub fn blocks(value: f32, background: f32) -> Tree {
 fn densities() -> Tree {
     let kinds = [0.0, 1e-45, 1e-40, 1e-30, 0.5, 1.0, 1e30, f32::MAX, f32::INFINITY, f32::NAN, -1.0];
     let value = move |ijk: IVec3| {
-        let at = ijk.as_uvec3() + 64;
+        let at = (ijk + 64).as_uvec3();
         let mut random = Random::new(u64::from(at.x) | u64::from(at.y) << 21 | u64::from(at.z) << 42);
         // Mostly nothing, so that light comes through somewhere.
         let kind = if random.below(8) == 0 { random.below(kinds.len() as u64) } else { 0 };

@@ -11,10 +11,12 @@
 
 mod cameras;
 mod case;
+mod chart;
 mod corpus;
 mod fog;
 mod given;
 mod grids;
+mod nudged;
 mod report;
 mod shift;
 mod smooth;
@@ -22,6 +24,7 @@ mod tally;
 mod views;
 mod voxels;
 
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -57,16 +60,30 @@ fn main() -> ExitCode {
         fog: Probe::new(&gpu, ProbeKind::Fog),
     };
     println!("{}", suite.report.heading());
-    println!("{:.1} s to compile", start.elapsed().as_secs_f64());
     voxels::run(&mut suite);
     smooth::run(&mut suite);
     fog::run(&mut suite);
     cameras::run(&mut suite);
     shift::run(&mut suite);
     corpus::run(&mut suite);
-    println!("{:.1} s", start.elapsed().as_secs_f64());
-    match suite.report.broken() {
+    nudged::run(&mut suite);
+    let report = &suite.report;
+    println!("\n{} {:.1} s", report.sum(), start.elapsed().as_secs_f64());
+    if let Some(folder) = std::env::var_os("BEVY_VDB_ACCURACY_OUT")
+        && let Err(error) = write(report, Path::new(&folder))
+    {
+        eprintln!("{}: {error}", Path::new(&folder).display());
+        return ExitCode::FAILURE;
+    }
+    match report.broken() {
         0 => ExitCode::SUCCESS,
         _ => ExitCode::FAILURE,
     }
+}
+
+fn write(report: &Report, folder: &Path) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    std::fs::write(folder.join("accuracy.txt"), report.table())?;
+    std::fs::write(folder.join("accuracy.csv"), report.csv())?;
+    std::fs::write(folder.join("accuracy.svg"), chart::svg(report))
 }

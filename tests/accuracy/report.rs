@@ -137,6 +137,15 @@ impl Report {
         self.rows.push(row);
     }
 
+    /// Takes a row of the table beside.
+    pub fn add_beside(&mut self, row: Row) {
+        if self.beside.is_empty() {
+            println!("\n{BESIDE}\n{}", beside_header());
+        }
+        println!("{}", beside_line(&row));
+        self.beside.push(row);
+    }
+
     pub fn broken(&self) -> usize {
         self.rows.iter().filter(|row| row.holds() == Some(false)).count()
     }
@@ -171,18 +180,59 @@ impl Report {
         csv
     }
 
-    /// The whole table as text.
+    /// Both tables as text.
     pub fn table(&self) -> String {
         let mut text = format!("{}\n{}\n", self.heading(), header());
         self.rows.iter().for_each(|row| {
             let _ = writeln!(text, "{}", line(row));
         });
+        if !self.beside.is_empty() {
+            let _ = writeln!(text, "\n{BESIDE}\n{}", beside_header());
+        }
+        self.beside.iter().for_each(|row| {
+            let _ = writeln!(text, "{}", beside_line(row));
+        });
+        let _ = writeln!(text, "\n{}", self.sum());
         text
+    }
+
+    /// What it comes to.
+    pub fn sum(&self) -> String {
+        let own = || self.rows.iter().filter(|row| !row.again);
+        let rays = |holds: &dyn Fn(&Row) -> bool| -> u64 {
+            own().filter(|row| holds(row)).map(|row| row.rays).sum()
+        };
+        let blocky = |row: &Row| row.unit == "of t";
+        let hard = |row: &Row| blocky(row) && row.case.ends_with(", hard");
+        let wrong: u64 = own().filter(|row| blocky(row)).map(|row| row.wrong).sum();
+        format!(
+            "{} rays to first voxels, {} of them made to be hard: {wrong} wrong. {} rays in all. {}",
+            rays(&blocky),
+            rays(&hard),
+            rays(&|row| row.group != "rays"),
+            match self.broken() {
+                0 => "Every bound holds.".to_owned(),
+                broken => format!("{broken} bounds are BROKEN."),
+            }
+        )
     }
 
     pub fn heading(&self) -> String {
         format!("{}, seed {}, {} times the rays of the short form", self.adapter, self.seed, self.times)
     }
+}
+
+/// Above the table beside.
+const BESIDE: &str = "The same questions to a walk that nudges its position by 4e-4 a step, 1000 steps at most:";
+
+fn beside_header() -> String {
+    format!("{:<52} {:>13} {:>13} {:>9}  {}", "case", "rays", "wrong voxels", "", "of which")
+}
+
+fn beside_line(row: &Row) -> String {
+    let name = format!("{}: {}", row.group, row.case);
+    let part = 100.0 * row.wrong as f64 / row.rays.max(1) as f64;
+    format!("{name:<52} {:>13} {:>13} {part:>7.2} %  {}", row.rays, row.wrong, row.note)
 }
 
 fn header() -> String {

@@ -335,7 +335,7 @@ fn exit_t(ray: &Ray, cell: IVec3, log_dim: u32) -> f32 {
 /// ∫ density dt along the ray. Within one trilinear cell the density is a cubic in `t`, which the
 /// two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
 ///
-/// Anchors stand where a run of occupied cells begins: a place that does not depend on how the tree
+/// Anchors stand where a run of cells with a density begins: a place that does not depend on how the tree
 /// cuts the void into cubes, so that a grid looks the same, bit for bit, wherever it stands.
 pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
     let mut walk = enter(grid, ray);
@@ -357,9 +357,11 @@ pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
         }
         let to = exit_t(&near, here.cell, span.log_dim).max(from);
         let end = to.min(near.t_max);
-        sum += (end - from) * mean_density(grid, &near, here.cell, span, from, end);
+        let mean = mean_density(grid, &near, here.cell, span, from, end);
+        sum += (end - from) * mean;
         from = to;
-        in_run = !span.constant();
+        // Of a mixed tile, cells without density count as void.
+        in_run = mean > 0.0 && !span.constant();
     }
     sum
 }
