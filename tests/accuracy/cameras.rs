@@ -18,8 +18,8 @@ use crate::{fog, smooth, voxels};
 /// Pixels along the edge of a picture in the short form.
 fn edge(kind: PackKind) -> f64 {
     match kind {
-        PackKind::Surface { .. } => 16.0,
-        PackKind::Smooth { .. } | PackKind::Fog => 5.0,
+        PackKind::Surface { .. } => 12.0,
+        PackKind::Smooth { .. } | PackKind::Fog => 4.0,
     }
 }
 
@@ -87,9 +87,7 @@ impl Rows {
 
 pub fn run(suite: &mut Suite) {
     let mut errors: Vec<RayErrors> = DISTANCES.iter().map(|_| RayErrors::default()).collect();
-    for (group, kind) in
-        [("voxels", voxels::KIND), ("smooth", smooth::KIND), ("fog", fog::KIND)]
-    {
+    for (group, kind) in [("voxels", voxels::KIND), ("smooth", smooth::KIND), ("fog", fog::KIND)] {
         if suite.wants(&format!("{group}: camera")) || suite.wants("rays: ") {
             pictures(suite, group, kind, &mut errors);
         }
@@ -109,10 +107,14 @@ fn pictures(suite: &mut Suite, group: &'static str, kind: PackKind, errors: &mut
     let judges: Vec<Judge> = scenes.iter().map(Judge::new).collect();
     let edge = (edge(kind) * (suite.times as f64).sqrt()).ceil() as u32;
     let named = |what: &str, name: &str| format!("{what} {name}");
-    let mut by_distance = Rows::new(DISTANCES.iter().map(|(d, _)| named("camera at", &format!("{d} voxels"))));
+    let mut by_distance =
+        Rows::new(DISTANCES.iter().map(|(d, _)| named("camera at", &format!("{d} voxels"))));
     let mut by_offset = Rows::new(OFFSETS.iter().map(|(o, _)| named("of these, index offset", o)));
-    let mut by_size = Rows::new(SIZES.iter().map(|s| named("of these, voxel size", &format!("{s:e}"))));
-    let mut by_shape = Rows::new(SHAPES.iter().map(|s| named("of these, transform", &format!("{s:?}").to_lowercase())));
+    let mut by_size =
+        Rows::new(SIZES.iter().map(|s| named("of these, voxel size", &format!("{s:e}"))));
+    let mut by_shape = Rows::new(
+        SHAPES.iter().map(|s| named("of these, transform", &format!("{s:?}").to_lowercase())),
+    );
     let mut by_field = Rows::new(FIELDS.iter().map(|f| match f {
         0.0 => "of these, orthographic".into(),
         f => format!("of these, field of view {f}°"),
@@ -172,7 +174,9 @@ fn pictures(suite: &mut Suite, group: &'static str, kind: PackKind, errors: &mut
     for (part, rows) in rows.into_iter().take(parts).enumerate() {
         for (row, (name, tally)) in rows.names.iter().zip(&rows.tallies).enumerate() {
             let note = match (part, row) {
-                (0, 0) if refused > 0 => format!("{refused} of all views too small for f32, refused"),
+                (0, 0) if refused > 0 => {
+                    format!("{refused} of all views too small for f32, refused")
+                }
                 _ => String::new(),
             };
             add_rows(suite, group, kind, name, tally, part > 0, note);
@@ -186,7 +190,15 @@ fn is_beyond(view: &View) -> bool {
     widest / (view.size * view.shape.least()) > f64::from(1 << 30)
 }
 
-fn add_rows(suite: &mut Suite, group: &'static str, kind: PackKind, name: &str, tally: &Tally, again: bool, note: String) {
+fn add_rows(
+    suite: &mut Suite,
+    group: &'static str,
+    kind: PackKind,
+    name: &str,
+    tally: &Tally,
+    again: bool,
+    note: String,
+) {
     match kind {
         PackKind::Smooth { .. } => smooth::add_rows(suite, group, name, tally, again),
         PackKind::Surface { .. } => {

@@ -7,7 +7,7 @@ use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::reference::Ray;
 use vdb_core::synth::Random;
 use vdb_core::tree::{IVec3, Vdb543};
-use vdb_probe::{Gpu, GpuGrid, Probe, ProbeHit, ProbeKind, ProbeRay};
+use vdb_probe::{Gpu, GpuGrid, Probe, ProbeHit, ProbeRay};
 
 use crate::report::Report;
 use crate::tally::Tally;
@@ -132,9 +132,9 @@ pub fn send(
                 }
             }
         });
-        receiver.into_iter().fold(Tally::default(), |tally, (rays, hits)| {
-            tally.merge(judged(&rays, &hits, judge))
-        })
+        receiver
+            .into_iter()
+            .fold(Tally::default(), |tally, (rays, hits)| tally.merge(judged(&rays, &hits, judge)))
     })
 }
 
@@ -171,13 +171,4 @@ pub fn judged<Q: Sync>(
             tally
         })
         .reduce(Tally::default, Tally::merge)
-}
-
-/// What a shader is asked, by what a grid is packed for.
-pub fn question(kind: PackKind) -> ProbeKind {
-    match kind {
-        PackKind::Surface { .. } => ProbeKind::Voxels,
-        PackKind::Smooth { .. } => ProbeKind::Smooth,
-        PackKind::Fog => ProbeKind::Fog,
-    }
 }

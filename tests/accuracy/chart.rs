@@ -54,28 +54,41 @@ impl Svg {
 }
 
 /// The whole picture: to the left first voxels, how many are wrong here and by the nudged walk, and
-/// below the rays themselves; to the right all other errors, in parts of their bounds.
+/// below the errors of the rays themselves and of fog, to the right those of smooth surfaces, all in
+/// parts of their bounds.
 pub fn svg(report: &Report) -> String {
     let own = || report.rows.iter().filter(|row| !row.again || row.unit == "degrees");
-    let blocky: Vec<&Row> = own().filter(|row| row.unit == "of t" && row.group == "voxels").collect();
+    let blocky: Vec<&Row> =
+        own().filter(|row| row.unit == "of t" && row.group == "voxels").collect();
     let rays: Vec<&Row> = own().filter(|row| row.group == "rays").collect();
-    let others: Vec<&Row> =
-        own().filter(|row| ["smooth", "fog", "corpus"].contains(&row.group) && row.unit != "of t").collect();
-    // A panel's head takes eight lines.
-    let left = blocky.len() + rays.len() + 8;
-    let height = TOP + LINE * left.max(others.len()) as f64 + 60.0;
+    let of = |groups: &[&str]| -> Vec<&Row> {
+        own().filter(|row| groups.contains(&row.group) && row.unit != "of t").collect()
+    };
+    let (fog, smooth) = (of(&["fog"]), of(&["smooth", "corpus"]));
+    // A panel's head and foot take eight lines.
+    let left = blocky.len() + rays.len() + fog.len() + 16;
+    let height = TOP + LINE * left.max(smooth.len()) as f64 + 60.0;
     let width = 2.0 * (LABEL + PLOT) + 3.0 * GAP;
     let mut svg = Svg(format!(
         r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" font-family="sans-serif" font-size="10" fill="{INK}">
 <rect width="{width}" height="{height}" fill="#ffffff"/>
 "##
     ));
-    svg.text(GAP / 2.0, 24.0, "start", r#"font-size="17" font-weight="bold""#, "Accuracy: the shaders against the f64 reference tracer");
+    svg.text(
+        GAP / 2.0,
+        24.0,
+        "start",
+        r#"font-size="17" font-weight="bold""#,
+        "Accuracy: the shaders against the f64 reference tracer",
+    );
     svg.text(GAP / 2.0, 42.0, "start", r#"font-size="11""#, &report.heading());
     wrong_voxels(&mut svg, report, &blocky, GAP / 2.0, TOP);
     let below = TOP + LINE * (blocky.len() + 8) as f64;
     errors(&mut svg, "Rays of cameras", &rays, GAP / 2.0, below);
-    errors(&mut svg, "Smooth surfaces, fog", &others, LABEL + PLOT + 2.0 * GAP, TOP);
+    let below_rays = below + LINE * (rays.len() + 8) as f64;
+    errors(&mut svg, "Fog", &fog, GAP / 2.0, below_rays);
+    let right = LABEL + PLOT + 2.0 * GAP;
+    errors(&mut svg, "Smooth surfaces", &smooth, right, TOP);
     svg.0.push_str("</svg>\n");
     svg.0
 }
@@ -85,8 +98,20 @@ fn wrong_voxels(svg: &mut Svg, report: &Report, rows: &[&Row], x: f64, y: f64) {
     /// Decades down from all rays.
     const DOWN: f64 = 5.0;
     let zero = x + LABEL;
-    svg.text(x, y - 26.0, "start", r#"font-size="13" font-weight="bold""#, "First voxels: rays with a wrong voxel or face");
-    svg.text(zero, y - 26.0 + LINE, "start", &format!(r#"fill="{BAD}""#), "bars: by a walk that nudges its position by 4e-4 a step");
+    svg.text(
+        x,
+        y - 26.0,
+        "start",
+        r#"font-size="13" font-weight="bold""#,
+        "First voxels: rays with a wrong voxel or face",
+    );
+    svg.text(
+        zero,
+        y - 26.0 + LINE,
+        "start",
+        &format!(r#"fill="{BAD}""#),
+        "bars: by a walk that nudges its position by 4e-4 a step",
+    );
     let bottom = y + LINE * rows.len() as f64;
     for decade in 0..=DOWN as i32 {
         let at = zero + PLOT * f64::from(decade) / DOWN;
@@ -100,7 +125,9 @@ fn wrong_voxels(svg: &mut Svg, report: &Report, rows: &[&Row], x: f64, y: f64) {
         let (color, weight) = if row.wrong == 0 { (GOOD, "normal") } else { (BAD, "bold") };
         let style = format!(r#"fill="{color}" font-weight="{weight}""#);
         svg.text(zero - 6.0, middle + 3.0, "end", &style, &row.wrong.to_string());
-        let Some(nudged) = report.beside.iter().find(|other| other.case == row.case) else { continue };
+        let Some(nudged) = report.beside.iter().find(|other| other.case == row.case) else {
+            continue;
+        };
         let part = nudged.wrong as f64 / nudged.rays.max(1) as f64;
         if part > 0.0 {
             let length = PLOT * (part.log10() + DOWN).max(0.0) / DOWN;
@@ -117,14 +144,21 @@ fn errors(svg: &mut Svg, title: &str, rows: &[&Row], x: f64, y: f64) {
         return;
     }
     let zero = x + LABEL;
-    svg.text(x, y - 26.0, "start", r#"font-size="13" font-weight="bold""#, &format!("{title}: errors in parts of their bounds"));
+    svg.text(
+        x,
+        y - 26.0,
+        "start",
+        r#"font-size="13" font-weight="bold""#,
+        &format!("{title}: errors in parts of their bounds"),
+    );
     for (i, (name, color)) in DOTS.iter().enumerate() {
         let at = zero + 60.0 * i as f64;
         svg.dot(at, y - 12.0, color);
         svg.text(at + 7.0, y - 8.5, "start", "", name);
     }
     let bottom = y + LINE * rows.len() as f64;
-    let place = |part: f64| zero + PLOT * ((part.log10() + DECADES - 1.0) / DECADES).clamp(0.0, 1.0);
+    let place =
+        |part: f64| zero + PLOT * ((part.log10() + DECADES - 1.0) / DECADES).clamp(0.0, 1.0);
     for decade in 0..=DECADES as i32 {
         let power = decade - DECADES as i32 + 1;
         let at = place(10.0_f64.powi(power));

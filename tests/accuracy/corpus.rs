@@ -100,7 +100,8 @@ pub fn run(suite: &mut Suite) {
     smooth::add_rows(suite, "corpus", &case, &surfaces.tally, false);
     let case = format!("{} fogs ({endless} without an end left out)", fogs.grids);
     let bound = Bound::Max(fog::TRANSMITTANCE);
-    let row = fog::noted(Row::new("corpus", case, "transmittance", bound, &fogs.tally), &fogs.tally);
+    let row =
+        fog::noted(Row::new("corpus", case, "transmittance", bound, &fogs.tally), &fogs.tally);
     suite.report.add(row, &fogs.tally);
 }
 
@@ -127,12 +128,14 @@ fn send_through(suite: &Suite, sum: &mut Sum, name: &str, tree: &Tree, kind: Pac
         }
         PackKind::Smooth { .. } => {
             let judge = smooth::Judge::new(&scene);
-            let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
+            let judge =
+                |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
             send(suite, &scene, seed, RAYS[1] * times, &make, &judge)
         }
         PackKind::Fog => {
             let judge = fog::Judge::new(&scene, targets.reach(), fog::TRANSMITTANCE);
-            let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
+            let judge =
+                |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
             send(suite, &scene, seed, RAYS[2] * times, &make, &judge)
         }
     };

@@ -116,9 +116,11 @@ fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
     for (kind, make) in [("random", given::plain as given::Make), ("hard", given::hard)] {
         let make = |random: &mut Random| make(random, &targets, &scene.grid);
         let seed = hash(name) ^ hash(kind);
-        let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
+        let judge =
+            |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
         let tally = send(suite, &scene, seed, RAYS * suite.times, &make, &judge);
-        let row = Row::new("fog", format!("{name}, {kind}"), "transmittance", Bound::Max(bound), &tally);
+        let row =
+            Row::new("fog", format!("{name}, {kind}"), "transmittance", Bound::Max(bound), &tally);
         suite.report.add(noted(row, &tally), &tally);
     }
 }

@@ -1,8 +1,8 @@
 //! The grids of the matrix.
 
 use glam::{DVec3, IVec3};
-use vdb_core::synth::{Random, build, fog, level_set, sparse, Uniform};
 pub use vdb_core::reference::standard::Upper;
+use vdb_core::synth::{Random, Uniform, build, fog, level_set, sparse};
 use vdb_core::tree::{CoordBox, Node, RootEntry, Vdb543};
 
 pub type Tree = Vdb543<f32>;
@@ -163,7 +163,8 @@ fn densities() -> Tree {
     let kinds = [0.0, 1e-45, 1e-40, 1e-30, 0.5, 1.0, 1e30, f32::MAX, f32::INFINITY, f32::NAN, -1.0];
     let value = move |ijk: IVec3| {
         let at = (ijk + 64).as_uvec3();
-        let mut random = Random::new(u64::from(at.x) | u64::from(at.y) << 21 | u64::from(at.z) << 42);
+        let mut random =
+            Random::new(u64::from(at.x) | u64::from(at.y) << 21 | u64::from(at.z) << 42);
         // Mostly nothing, so that light comes through somewhere.
         let kind = if random.below(8) == 0 { random.below(kinds.len() as u64) } else { 0 };
         (kinds[kind as usize], true)
@@ -184,5 +185,10 @@ pub const BALL: f64 = 17.3;
 
 /// The same ball at every offset.
 pub fn offsets() -> impl Iterator<Item = (&'static str, Tree)> {
-    OFFSETS.into_iter().map(|(name, at)| (name, level_set::sphere(at_offset(at), BALL)))
+    OFFSETS.into_iter().map(|(name, at)| (name, ball(at)))
+}
+
+/// The ball at one offset.
+pub fn ball(offset: i32) -> Tree {
+    level_set::sphere(at_offset(offset), BALL)
 }

@@ -1,7 +1,6 @@
 //! The same voxels by the walk of the thesis, which nudges its position: what the design buys. Shown
 //! beside the suite's table, held to nothing.
 
-use vdb_core::pack::PackKind;
 use vdb_core::reference::{Blocky, Occupied, standard};
 use vdb_core::synth::Random;
 use vdb_core::tree::IVec3;
@@ -10,7 +9,7 @@ use vdb_probe::{Kernel, ProbeHit, ProbeRay, Setup};
 
 use crate::case::{Scene, Suite, hash, judged};
 use crate::given::{self, Targets};
-use crate::grids::{self, Named, Tree, Upper};
+use crate::grids::{self, Named, OFFSETS, Upper};
 use crate::report::{Bound, Row};
 use crate::tally::Tally;
 use crate::views::{self, DISTANCES};
@@ -28,13 +27,20 @@ fn send(suite: &Suite, kernel: &Kernel, scene: &Scene, rays: &[ProbeRay]) -> Vec
     let given = gpu.storage(bytemuck::cast_slice(rays));
     let bytes = (rays.len() * size_of::<ProbeHit>()) as u64;
     let hits = gpu.output(bytes);
+    let base = gpu.uniform(bytemuck::bytes_of(&scene.grid.base.extend(0).to_array()));
     let mut buffers = scene.on_gpu.bindings().to_vec();
-    buffers.extend([(4, &given), (5, &hits)]);
+    buffers.extend([(4, &given), (5, &hits), (6, &base)]);
     gpu.run(kernel, &buffers, [(rays.len() as u32).div_ceil(64), 1, 1]);
     bytemuck::pod_collect_to_vec(&gpu.read(&hits, bytes))
 }
 
-fn judge(scene: &Scene, oracle: &Blocky<'_, Upper>, ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally) {
+fn judge(
+    scene: &Scene,
+    oracle: &Blocky<'_, Upper>,
+    ray: &ProbeRay,
+    hit: &ProbeHit,
+    tally: &mut Tally,
+) {
     let truth = standard::first_voxel(oracle, &scene.exact(ray));
     let truth = truth.map(|hit| (hit.ijk, hit.face.map_or(3, |face| face.axis.into())));
     let cell = IVec3::from_array(hit.cell).wrapping_add(scene.grid.base);
@@ -60,7 +66,9 @@ pub fn run(suite: &mut Suite) {
         let scene = Scene::new(suite.gpu, &tree, voxels::KIND).expect("there are voxels");
         let targets = Targets::new(&tree, &scene.grid);
         let oracle = Blocky::new(&tree, Occupied::BelowIso(0.0));
-        let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge(&scene, &oracle, ray, hit, tally);
+        let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| {
+            judge(&scene, &oracle, ray, hit, tally)
+        };
         for (kind, make) in [("random", given::plain as given::Make), ("hard", given::hard)] {
             let mut random = Random::new(suite.seed ^ hash(&name) ^ hash(kind));
             let rays: Vec<ProbeRay> =
@@ -80,26 +88,25 @@ fn row(case: String, tally: &Tally) -> Row {
     row.note(format!("{} faces alone, {} stood still", tally.wrong_faces, tally.stuck))
 }
 
-/// The views of the suite, with the very rays that its own walk gets.
+/// The views of the suite of the grid at the origin of index space, where this walk is at its best,
+/// with the very rays that the suite's own walk gets.
 fn cameras(suite: &Suite, kernel: &Kernel) -> Vec<Row> {
-    let trees: Vec<Tree> = grids::offsets().map(|(_, tree)| tree).collect();
-    let PackKind::Surface { iso } = voxels::KIND else { return Vec::new() };
-    let scenes: Vec<Scene> = trees
-        .iter()
-        .map(|tree| Scene::new(suite.gpu, tree, voxels::KIND).expect("there are voxels"))
-        .collect();
-    let oracles: Vec<_> =
-        trees.iter().map(|tree| Blocky::new(tree, Occupied::BelowIso(iso))).collect();
+    let tree = grids::ball(0);
+    let scene = Scene::new(suite.gpu, &tree, voxels::KIND).expect("there are voxels");
+    let oracle = Blocky::new(&tree, Occupied::BelowIso(scene.iso()));
     let mut tallies: Vec<Tally> = DISTANCES.iter().map(|_| Tally::default()).collect();
-    // Of a distance and an offset, every fifth view.
-    for (d, o, view) in views::all(suite.seed).step_by(5) {
-        let scene = &scenes[o];
-        let Some(Ok(lattice)) = view.camera().map(|camera| camera.lattice(&scene.grid)) else { continue };
+    for (d, _, view) in views::all(suite.seed).filter(|(_, o, _)| OFFSETS[*o].1 == 0) {
+        let Some(Ok(lattice)) = view.camera().map(|camera| camera.lattice(&scene.grid)) else {
+            continue;
+        };
         let (t_min, t_max, count, first, pad) = (0.0, 1e30, EDGE * EDGE, 0, 0);
+        let iso = scene.iso();
         let setup = Setup { iso, t_min, t_max, count, size: [EDGE; 2], first, pad };
         let (rays, _) = suite.voxels.picture(&scene.on_gpu, &GpuRays::from(&lattice), setup);
-        let hits = send(suite, kernel, scene, &rays);
-        let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge(scene, &oracles[o], ray, hit, tally);
+        let hits = send(suite, kernel, &scene, &rays);
+        let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| {
+            judge(&scene, &oracle, ray, hit, tally)
+        };
         tallies[d] = std::mem::take(&mut tallies[d]).merge(judged(&rays, &hits, &judge));
     }
     let rows = DISTANCES.iter().zip(&tallies);

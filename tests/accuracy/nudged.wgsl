@@ -3,8 +3,8 @@
 // and the position moved there and a little further, so that it lies in the next node. A thousand
 // steps at most.
 //
-// In its favour: the position counts from the grid's own origin, not from that of index space; a ray
-// from outside begins where it enters the grid's box; the look-ups are this project's.
+// In its favour: a ray from outside begins where it enters the grid's box, however far away its eye
+// is, and the look-ups are this project's.
 
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::tree::{locate, span_occupied}
@@ -29,6 +29,8 @@ struct ProbeHit {
 
 @group(0) @binding(4) var<storage, read> given: array<ProbeRay>;
 @group(0) @binding(5) var<storage, read_write> hits: array<ProbeHit>;
+// Index space → the cells that the look-ups count in.
+@group(0) @binding(6) var<uniform> base: vec4<i32>;
 
 const NUDGE: f32 = 4e-4;
 const MOST_STEPS: u32 = 1000u;
@@ -51,10 +53,10 @@ fn nudged(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let grid = grids[0];
-    let low = vec3<f32>(grid.occupied_min);
-    let high = vec3<f32>(grid.occupied_max + 1);
+    let low = vec3<f32>(grid.occupied_min + base.xyz);
+    let high = vec3<f32>(grid.occupied_max + base.xyz + 1);
     let dir = normalize(given[i].dir);
-    var at = vec3<f32>(given[i].cell) + given[i].frac;
+    var at = vec3<f32>(given[i].cell + base.xyz) + given[i].frac;
     var axis = 3u;
     var hit = 0u;
     var steps = 0u;
@@ -75,7 +77,7 @@ fn nudged(@builtin(global_invocation_id) id: vec3<u32>) {
     if !is_missed {
         stuck = 1u;
         for (; steps < MOST_STEPS; steps++) {
-            let cell = vec3<i32>(floor(at));
+            let cell = vec3<i32>(floor(at)) - base.xyz;
             if any(cell < grid.occupied_min) || any(cell > grid.occupied_max) {
                 stuck = 0u;
                 break;
@@ -87,7 +89,7 @@ fn nudged(@builtin(global_invocation_id) id: vec3<u32>) {
                 break;
             }
             let size = 1i << span.log_dim;
-            let corner = vec3<f32>(cell & vec3(-size));
+            let corner = vec3<f32>((cell & vec3(-size)) + base.xyz);
             let planes = select(corner, corner + f32(size), dir > vec3(0.0));
             let ahead = distances(at, dir, planes);
             let step = min(min(ahead.x, ahead.y), ahead.z);
@@ -96,5 +98,5 @@ fn nudged(@builtin(global_invocation_id) id: vec3<u32>) {
         }
     }
     let ended = select(steps, 0xffffffffu, stuck == 1u);
-    hits[i] = ProbeHit(vec3<i32>(floor(at)), axis, vec3(0.0), hit, 0.0, 0.0, ended);
+    hits[i] = ProbeHit(vec3<i32>(floor(at)) - base.xyz, axis, vec3(0.0), hit, 0.0, 0.0, ended);
 }

@@ -39,12 +39,24 @@ pub struct Row {
 }
 
 impl Row {
-    pub fn new(group: &'static str, case: impl Into<String>, unit: &'static str, bound: Bound, tally: &Tally) -> Self {
+    pub fn new(
+        group: &'static str,
+        case: impl Into<String>,
+        unit: &'static str,
+        bound: Bound,
+        tally: &Tally,
+    ) -> Self {
         Self::of_errors(group, case, unit, bound, &tally.errors).counts(tally)
     }
 
     /// A row of errors alone.
-    pub fn of_errors(group: &'static str, case: impl Into<String>, unit: &'static str, bound: Bound, errors: &Errors) -> Self {
+    pub fn of_errors(
+        group: &'static str,
+        case: impl Into<String>,
+        unit: &'static str,
+        bound: Bound,
+        errors: &Errors,
+    ) -> Self {
         Self {
             group,
             case: case.into(),
@@ -218,12 +230,16 @@ impl Report {
     }
 
     pub fn heading(&self) -> String {
-        format!("{}, seed {}, {} times the rays of the short form", self.adapter, self.seed, self.times)
+        format!(
+            "{}, seed {}, {} times the rays of the short form",
+            self.adapter, self.seed, self.times
+        )
     }
 }
 
 /// Above the table beside.
-const BESIDE: &str = "The same questions to a walk that nudges its position by 4e-4 a step, 1000 steps at most:";
+const BESIDE: &str =
+    "The same questions to a walk that nudges its position by 4e-4 a step, 1000 steps at most:";
 
 fn beside_header() -> String {
     format!("{:<52} {:>13} {:>13} {:>9}  {}", "case", "rays", "wrong voxels", "", "of which")

@@ -48,7 +48,8 @@ fn blob(shift: IVec3, kind: PackKind) -> Tree {
 
 /// What a ray is relative to the shift, and what it met: as bits.
 fn relative(kind: PackKind, ray: &ProbeRay, hit: &ProbeHit, base: IVec3) -> [u32; 15] {
-    let cell = |cell: [i32; 3]| IVec3::from_array(cell).wrapping_add(base).to_array().map(|c| c as u32);
+    let cell =
+        |cell: [i32; 3]| IVec3::from_array(cell).wrapping_add(base).to_array().map(|c| c as u32);
     let bits = |v: [f32; 3]| v.map(f32::to_bits);
     // Of what was met, what the question is about.
     let t = [hit.hit, hit.axis, hit.t.to_bits()];

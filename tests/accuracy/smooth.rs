@@ -111,7 +111,11 @@ impl<'a> Judge<'a> {
     fn normal_error(&self, ray: &Ray, root: &SurfaceHit, own: DVec3) -> Option<(f64, bool)> {
         let angle = angle(own, root.normal()?);
         let is_steep = angle > NORMAL;
-        let least = if is_steep { self.least_angle(ray, root.t, own, ROOT_REACH).min(angle) } else { angle };
+        let least = if is_steep {
+            self.least_angle(ray, root.t, own, ROOT_REACH).min(angle)
+        } else {
+            angle
+        };
         Some((least, is_steep && least <= NORMAL))
     }
 
@@ -194,7 +198,13 @@ pub fn add_rows(suite: &mut Suite, group: &'static str, case: &str, tally: &Tall
     }
     let row = Row::new(group, case, "voxels", POSITION, tally).note(note.join(", "));
     suite.report.add(Row { again, ..row }, tally);
-    let mut row = Row::of_errors(group, format!("{case}, normals"), "degrees", Bound::Max(NORMAL), &tally.angles);
+    let mut row = Row::of_errors(
+        group,
+        format!("{case}, normals"),
+        "degrees",
+        Bound::Max(NORMAL),
+        &tally.angles,
+    );
     row.wrong = tally.wrong_normals;
     if tally.steep > 0 {
         row = row.note(format!("{} within 1e-3 voxel", tally.steep));
@@ -220,7 +230,8 @@ fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
     for (kind, make) in [("random", given::plain as given::Make), ("hard", given::hard)] {
         let make = |random: &mut Random| make(random, &targets, &scene.grid);
         let seed = hash(name) ^ hash(kind);
-        let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
+        let judge =
+            |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
         let tally = send(suite, &scene, seed, RAYS * suite.times, &make, &judge);
         add_rows(suite, "smooth", &format!("{name}, {kind}"), &tally, false);
     }

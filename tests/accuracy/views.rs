@@ -48,7 +48,9 @@ impl Shape {
             Self::Plain => DMat3::IDENTITY,
             Self::Rotated => turn,
             Self::Mirrored => turn * DMat3::from_diagonal(DVec3::new(1.0, -1.0, 1.0)),
-            Self::Sheared => DMat3::from_cols(DVec3::X, DVec3::new(0.8, 1.0, 0.0), DVec3::new(-0.5, 0.3, 1.0)),
+            Self::Sheared => {
+                DMat3::from_cols(DVec3::X, DVec3::new(0.8, 1.0, 0.0), DVec3::new(-0.5, 0.3, 1.0))
+            }
             Self::Flat => turn * DMat3::from_diagonal(DVec3::new(1.0, 1e-3, 0.1)),
         }
     }

@@ -28,7 +28,8 @@ pub fn judge(
 ) {
     let exact = scene.exact(ray);
     let expected = standard::first_voxel(oracle, &exact);
-    let found = (hit.hit != 0).then(|| (IVec3::from_array(hit.cell).wrapping_add(scene.grid.base), hit.axis));
+    let found = (hit.hit != 0)
+        .then(|| (IVec3::from_array(hit.cell).wrapping_add(scene.grid.base), hit.axis));
     let truth = expected.map(|hit| (hit.ijk, hit.face.map_or(3, |face: Face| face.axis.into())));
     tally.met += u64::from(expected.is_some());
     let mut wrong = found != truth;
@@ -44,7 +45,12 @@ pub fn judge(
     if wrong || !scene.is_sound(hit) {
         tally.wrong += 1;
         tally.show(|| {
-            format!("{}: {found:?} at {} after {} steps, not {expected:?}", reproduced(ray), hit.t, hit.steps)
+            format!(
+                "{}: {found:?} at {} after {} steps, not {expected:?}",
+                reproduced(ray),
+                hit.t,
+                hit.steps
+            )
         });
     }
 }
@@ -68,13 +74,20 @@ fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
     let scene = Scene::new(suite.gpu, tree, KIND).expect("there are voxels");
     let targets = Targets::new(tree, &scene.grid);
     let oracle = Blocky::new(tree, Occupied::BelowIso(0.0));
-    let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge(&scene, &oracle, ray, hit, tally);
+    let judge =
+        |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge(&scene, &oracle, ray, hit, tally);
     let count = RAYS * suite.times;
     for (kind, make) in [("random", given::plain as given::Make), ("hard", given::hard)] {
         let make = |random: &mut Random| make(random, &targets, &scene.grid);
         let seed = hash(name) ^ hash(kind);
         let tally = send(suite, &scene, seed, count, &make, &judge);
-        let row = Row::new("voxels", format!("{name}, {kind}"), "of t", Bound::Max(f64::from(T_ERROR)), &tally);
+        let row = Row::new(
+            "voxels",
+            format!("{name}, {kind}"),
+            "of t",
+            Bound::Max(f64::from(T_ERROR)),
+            &tally,
+        );
         suite.report.add(row, &tally);
     }
 }
