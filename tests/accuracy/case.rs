@@ -108,6 +108,8 @@ pub fn hash(name: &str) -> u64 {
 const BATCH: usize = 1 << 20;
 /// Rays with a sequence of random numbers of their own.
 const CHUNK: usize = 4096;
+/// Rays that are judged by one thread at a time.
+const JUDGED: usize = 1024;
 
 /// Sends `count` rays through a grid and judges every one. The GPU and the judges work at the same
 /// time, in batches, so that memory does not grow with the number of rays.
@@ -160,8 +162,8 @@ pub fn judged<Q: Sync>(
     judge: &(dyn Fn(&Q, &ProbeHit, &mut Tally) + Sync),
 ) -> Tally {
     assert_eq!(rays.len(), hits.len(), "every ray has an answer");
-    rays.par_chunks(CHUNK)
-        .zip(hits.par_chunks(CHUNK))
+    rays.par_chunks(JUDGED)
+        .zip(hits.par_chunks(JUDGED))
         .map(|(rays, hits)| {
             let mut tally = Tally::default();
             for (ray, hit) in rays.iter().zip(hits) {

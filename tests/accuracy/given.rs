@@ -3,7 +3,7 @@
 use glam::{DVec3, IVec3};
 use vdb_core::pack::{PackedGrid, walk};
 use vdb_core::synth::{Random, rays};
-use vdb_core::tree::{CoordBox, Vdb543};
+use vdb_core::tree::{CoordBox, Node, Vdb543};
 use vdb_probe::ProbeRay;
 
 /// How far from a grid's own origin a ray may begin, in voxels: as far as cameras may be.
@@ -25,7 +25,7 @@ impl Targets {
             let bbox = CoordBox { min: bounds.min + grid.base, max: bounds.max + grid.base };
             return Self(vec![bbox]);
         }
-        let mut boxes: Vec<CoordBox> = tree.leaves().filter_map(|leaf| leaf_box(leaf)).collect();
+        let mut boxes: Vec<CoordBox> = tree.leaves().filter_map(Node::active_bbox).collect();
         boxes.extend(tree.active_values().filter(|v| v.log2_dim > 0).map(|v| v.bbox()));
         let step = boxes.len().div_ceil(SOME).max(1);
         // A ray cannot begin near what is farther away than that.
@@ -45,10 +45,6 @@ impl Targets {
     pub fn pick(&self, random: &mut Random) -> CoordBox {
         self.0[random.below(self.0.len() as u64) as usize]
     }
-}
-
-fn leaf_box<L: vdb_core::tree::Node>(leaf: &L) -> Option<CoordBox> {
-    leaf.active_bbox()
 }
 
 /// A source of rays.

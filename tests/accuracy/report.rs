@@ -94,7 +94,9 @@ impl Row {
             Bound::Max(max) => self.max <= max,
             Bound::Quantile(p9999, max) => self.p9999 <= p9999 && self.max <= max,
         };
-        Some(within && self.wrong == 0)
+        // Rays that meet nothing prove nothing.
+        let is_telling = self.met * 100 > self.rays;
+        Some(within && self.wrong == 0 && is_telling)
     }
 
     pub fn verdict(&self) -> &'static str {
@@ -253,16 +255,17 @@ fn beside_line(row: &Row) -> String {
 
 fn header() -> String {
     format!(
-        "{:<52} {:>13} {:>6}  {:>8} {:>8} {:>8}  {:<16} {:<14} {}",
-        "case", "rays", "wrong", "p50", "p99.99", "max", "bound", "unit", "verdict"
+        "{:<52} {:>11} {:>11} {:>6}  {:>8} {:>8} {:>8}  {:<16} {:<14} {}",
+        "case", "rays", "that met", "wrong", "p50", "p99.99", "max", "bound", "unit", "verdict"
     )
 }
 
 fn line(row: &Row) -> String {
     let name = format!("{}: {}", row.group, row.case);
     let mut text = format!(
-        "{name:<52} {:>13} {:>6}  {:>8} {:>8} {:>8}  {:<16} {:<14} {}",
+        "{name:<52} {:>11} {:>11} {:>6}  {:>8} {:>8} {:>8}  {:<16} {:<14} {}",
         row.rays,
+        row.met,
         row.wrong,
         number(row.p50),
         number(row.p9999),
