@@ -105,7 +105,8 @@ fn pictures(suite: &mut Suite, group: &'static str, kind: PackKind, errors: &mut
         .map(|tree| Scene::new(suite.gpu, tree, kind).expect("there is something to see"))
         .collect();
     let judges: Vec<Judge> = scenes.iter().map(Judge::new).collect();
-    let edge = (edge(kind) * (suite.times as f64).sqrt()).ceil() as u32;
+    let times = if kind == voxels::KIND { suite.times } else { suite.some_times() };
+    let edge = (edge(kind) * (times as f64).sqrt()).ceil() as u32;
     let named = |what: &str, name: &str| format!("{what} {name}");
     let mut by_distance =
         Rows::new(DISTANCES.iter().map(|(d, _)| named("camera at", &format!("{d} voxels"))));

@@ -27,6 +27,11 @@ pub struct Suite<'a> {
 }
 
 impl<'a> Suite<'a> {
+    /// The factor for what is slow to judge, smooth surfaces and fog: a hundred times will do.
+    pub fn some_times(&self) -> usize {
+        self.times.min(100)
+    }
+
     pub fn wants(&self, name: &str) -> bool {
         self.filters.is_empty() || self.filters.iter().any(|part| name.contains(part.as_str()))
     }

@@ -117,7 +117,7 @@ fn send_through(suite: &Suite, sum: &mut Sum, name: &str, tree: &Tree, kind: Pac
         0 => given::plain(random, &targets, &scene.grid),
         _ => given::hard(random, &targets, &scene.grid),
     };
-    let (seed, times) = (hash(name), suite.times.min(100));
+    let (seed, times) = (hash(name), suite.some_times());
     let mut tally = match kind {
         PackKind::Surface { .. } => {
             let oracle = Blocky::new(tree, Occupied::BelowIso(0.0));

@@ -118,7 +118,7 @@ fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
         let seed = hash(name) ^ hash(kind);
         let judge =
             |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
-        let tally = send(suite, &scene, seed, RAYS * suite.times, &make, &judge);
+        let tally = send(suite, &scene, seed, RAYS * suite.some_times(), &make, &judge);
         let row =
             Row::new("fog", format!("{name}, {kind}"), "transmittance", Bound::Max(bound), &tally);
         suite.report.add(noted(row, &tally), &tally);

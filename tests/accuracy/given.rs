@@ -23,7 +23,9 @@ impl Targets {
         let bounds = grid.occupied.expect("there is something to see");
         if bounds.dim().into_iter().all(|edge| edge <= SMALL) {
             let bbox = CoordBox { min: bounds.min + grid.base, max: bounds.max + grid.base };
-            return Self(vec![bbox]);
+            // The box of cells has whole leaves in it where tiles are mixed.
+            let active = tree.active_bbox().and_then(|active| active.intersection(bbox));
+            return Self(vec![active.unwrap_or(bbox)]);
         }
         let mut boxes: Vec<CoordBox> = tree.leaves().filter_map(Node::active_bbox).collect();
         boxes.extend(tree.active_values().filter(|v| v.log2_dim > 0).map(|v| v.bbox()));

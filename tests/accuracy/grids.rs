@@ -174,8 +174,8 @@ fn densities() -> Tree {
 
 /// A ball at an offset on all three axes, within the index space.
 pub fn at_offset(offset: i32) -> DVec3 {
-    /// Voxels from the centre of the ball to the end of its narrow band, and the leaves around it.
-    const ROOM: f64 = 24.0;
+    /// Voxels from the centre of the ball to the end of its narrow band.
+    const ROOM: f64 = 20.75;
     let limit = f64::from(LIMIT) - ROOM;
     DVec3::splat(f64::from(offset).clamp(-limit, limit)) + DVec3::new(0.375, -0.25, 0.125)
 }

@@ -99,7 +99,7 @@ pub fn run(suite: &mut Suite) {
         let here = picture(suite, kind, IVec3::ZERO);
         let mut random = Random::new(suite.seed);
         let mut tally = Tally::default();
-        for _ in 0..SHIFTS * suite.times.min(100) {
+        for _ in 0..SHIFTS * suite.some_times() {
             let shift = [0; 3].map(|_| random.below(1 << 31) as i64 - (1 << 30)).map(|c| c as i32);
             let there = picture(suite, kind, IVec3::from_array(shift));
             for (a, b) in here.iter().zip(&there) {

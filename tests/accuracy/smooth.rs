@@ -232,7 +232,7 @@ fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
         let seed = hash(name) ^ hash(kind);
         let judge =
             |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
-        let tally = send(suite, &scene, seed, RAYS * suite.times, &make, &judge);
+        let tally = send(suite, &scene, seed, RAYS * suite.some_times(), &make, &judge);
         add_rows(suite, "smooth", &format!("{name}, {kind}"), &tally, false);
     }
 }
