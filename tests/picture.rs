@@ -1,6 +1,8 @@
 //! Whole pictures: the plugin in a Bevy app, against the reference tracer and beside meshes.
 
 mod common;
+#[path = "picture/extremes.rs"]
+mod extremes;
 
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Hdr, ScalingMode, Viewport};

@@ -19,9 +19,10 @@ fn voxel_gradient(grid: Grid, course: Course, hit: Hit) -> vec3<f32> {
 // World-space unit normal: along a gradient, or the face by which the ray came where there is none.
 fn surface_normal(volume: Volume, course: Course, axis: u32, index_gradient: vec3<f32>) -> vec3<f32> {
     let gradient = to_world(volume, index_gradient);
-    let length_2 = dot(gradient, gradient);
-    if length_2 > 1e-30 {
-        return gradient * inverseSqrt(length_2);
+    // Scaled first: its square can be more, or less, than f32 holds.
+    let largest = max(max(abs(gradient.x), abs(gradient.y)), abs(gradient.z));
+    if largest > 1e-30 {
+        return normalize(gradient / largest);
     }
     let across = vec3(axis == 0u, axis == 1u, axis >= 2u);
     let outwards = select(vec3(-1.0), vec3(1.0), course.flip != vec3(0));

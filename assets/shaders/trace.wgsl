@@ -102,8 +102,10 @@ struct Fog {
 fn optical_depth(volume: Volume, ndc: vec2<f32>, start: f32, t_min: f32, t_max: f32, length: f32) -> f32 {
     let scale = volume.density_scale * length;
     let course = volume_course(volume, ndc, t_min, t_max);
-    let enough = OPAQUE / max(scale, 1e-30);
-    return min(scale * optical_length(grids[volume.grid], course, enter_at(course, start), enough), 100.0);
+    let thin = max(scale, 1e-30);
+    let fog = optical_length(grids[volume.grid], course, enter_at(course, start), OPAQUE / thin);
+    // At most 100, and not by way of a product that f32 does not hold.
+    return scale * min(fog, 100.0 / thin);
 }
 
 // What a fog sends on per unit of optical depth.

@@ -9,6 +9,7 @@ mod pipeline;
 mod prepare;
 mod shaders;
 mod trace;
+mod warnings;
 
 use bevy::core_pipeline::core_3d::{
     main_opaque_pass_3d, main_transparent_pass_3d, prepare_core_3d_depth_textures,
@@ -45,7 +46,7 @@ pub(crate) fn build(app: &mut App) {
         .insert_resource(usage)
         .init_resource::<extract::ExtractedVolumes>()
         .init_resource::<extract::ExtractedSun>()
-        .init_resource::<prepare::Warned>()
+        .init_resource::<warnings::Warned>()
         .init_gpu_resource::<VdbTreePool>()
         .init_gpu_resource::<prepare::VolumeBuffer>()
         .init_gpu_resource::<SpecializedComputePipelines<BeamsPipeline>>()

@@ -9,7 +9,6 @@ use bevy::core_pipeline::tonemapping::{
 };
 use bevy::image::ToExtents;
 use bevy::math::{DAffine3, DMat3};
-use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::render_asset::RenderAssets;
@@ -33,13 +32,10 @@ use super::gpu_tree::VdbTreePool;
 use super::pipeline::{
     BeamsPipeline, CompositeKey, CompositePipeline, ToneKey, TraceKey, TracePipeline, ViewPipelines,
 };
+use super::warnings::{Trouble, Warned};
 use crate::{VdbCamera, VdbRenderMode, VdbTraversal, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::view::{CannotShow, GpuRays, LatticeRays, ViewRays};
-
-/// What is told of once and not again while it lasts.
-#[derive(Debug, Default, Resource)]
-pub(super) struct Warned(HashSet<(MainEntity, CannotShow)>);
 
 /// The volumes of all views of the frame.
 #[derive(Resource)]
@@ -168,7 +164,6 @@ pub(super) fn prepare_views(
     mut composite_pipelines: ResMut<SpecializedRenderPipelines<CompositePipeline>>,
 ) {
     volume_buffer.0.clear();
-    let mut still_wrong = HashSet::default();
     for (
         entity,
         seen,
@@ -197,21 +192,20 @@ pub(super) fn prepare_views(
         for entity in &seen.0 {
             let (Some(volume), Some(rays)) = (volumes.0.get(entity), &rays) else { continue };
             let Some(index) = pool.index(volume.grid) else { continue };
-            match volume_data(volume, index, rays, world_from_view) {
-                Ok(data) => {
-                    kinds[data.kind as usize] = true;
-                    volume_buffer.0.push(data);
-                }
-                Err(why) => {
-                    if !warned.0.contains(&(*entity, why)) {
-                        warn!(
-                            "volume '{}' of entity {} is not shown: {why}",
-                            volume.name,
-                            entity.id()
-                        );
-                    }
-                    still_wrong.insert((*entity, why));
-                }
+            let lattice = lattice_rays(volume, rays, world_from_view);
+            let trouble = match &lattice {
+                Ok(rays) => rays.is_coarse(size.x).then_some(Trouble::Coarse),
+                Err(why) => Some(Trouble::NotShown(*why)),
+            };
+            if let Some(trouble) = trouble
+                && let Some(text) = warned.note(*entity, &volume.name, trouble)
+            {
+                warn!("{text}");
+            }
+            if let Ok(rays) = lattice {
+                let data = volume_data(volume, index, &rays);
+                kinds[data.kind as usize] = true;
+                volume_buffer.0.push(data);
             }
         }
         let count = volume_buffer.0.len() as u32 - first;
@@ -222,9 +216,9 @@ pub(super) fn prepare_views(
         let origin = view.viewport.xy();
         let data = gpu_data::View {
             sun_direction: sun.direction.to_array(),
-            sun_illuminance: sun.illuminance.to_array(),
-            ambient: ambient.map_or(Vec3::ZERO, |ambient| ambient.0).to_array(),
-            exposure: camera.exposure,
+            sun_illuminance: light(sun.illuminance),
+            ambient: light(ambient.map_or(Vec3::ZERO, |ambient| ambient.0)),
+            exposure: non_negative(camera.exposure).min(MOST_EXPOSURE),
             volume_first: first,
             volume_count: count,
             steps_scale: non_negative(settings.steps_scale).max(1.0),
@@ -320,7 +314,7 @@ pub(super) fn prepare_views(
         };
         commands.entity(entity).insert((resources, pipelines));
     }
-    warned.0 = still_wrong;
+    warned.end_frame();
     volume_buffer.0.write_buffer(&device, &queue);
 }
 
@@ -349,35 +343,53 @@ fn view_data(rays: &ViewRays, world_from_view: DAffine3) -> gpu_data::View {
     }
 }
 
-fn volume_data(
+fn lattice_rays(
     volume: &ExtractedVolume,
-    grid: u32,
     rays: &ViewRays,
     world_from_view: DAffine3,
-) -> Result<gpu_data::Volume, CannotShow> {
+) -> Result<LatticeRays, CannotShow> {
     let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
-    let rays = LatticeRays::new(rays, world_from_view, world_from_index, &volume.packed)?;
-    let emissive = volume.material.emissive.to_vec3().to_array().map(non_negative);
-    let base_color = volume.material.base_color.to_linear().to_vec3().to_array();
+    LatticeRays::new(rays, world_from_view, world_from_index, &volume.packed)
+}
+
+// What a shader computes with must not exceed f32, which it may assume: infinities are not for WGSL.
+// With these, albedo · light · exposure stays below 10³⁵. No picture shows the difference.
+
+/// Luminance and illuminance; the sun's surface has 2·10⁹ cd/m².
+const MOST_LIGHT: f32 = 1e15;
+/// Albedo: one above 1 is not physical, but Bevy's colours allow it.
+const MOST_ALBEDO: f32 = 1e6;
+/// What turns luminance into the camera's values.
+const MOST_EXPOSURE: f32 = 1e12;
+/// Extinction per unit of density.
+const MOST_EXTINCTION: f32 = 1e30;
+
+fn light(color: Vec3) -> [f32; 3] {
+    color.to_array().map(|c| non_negative(c).min(MOST_LIGHT))
+}
+
+fn volume_data(volume: &ExtractedVolume, grid: u32, rays: &LatticeRays) -> gpu_data::Volume {
+    let material = &volume.material;
+    let base_color = material.base_color.to_linear().to_vec3().to_array();
     let (kind, iso) = match volume.packed.kind {
         // The packer has compared the voxels with the iso-value already.
         PackKind::Surface { .. } => (gpu_data::KIND_SURFACE, 0.0),
         PackKind::Smooth { iso } => (gpu_data::KIND_SMOOTH, iso),
         PackKind::Fog => (gpu_data::KIND_FOG, 0.0),
     };
-    Ok(gpu_data::Volume {
-        rays: GpuRays::from(&rays),
+    gpu_data::Volume {
+        rays: GpuRays::from(rays),
         grid,
         kind,
         iso,
-        density_scale: non_negative(volume.material.density_scale),
+        density_scale: non_negative(material.density_scale).min(MOST_EXTINCTION),
         normal_x: rays.normal.x_axis.as_vec3().to_array(),
         normal_y: rays.normal.y_axis.as_vec3().to_array(),
         normal_z: rays.normal.z_axis.as_vec3().to_array(),
-        base_color: base_color.map(non_negative),
-        emissive,
+        base_color: base_color.map(|c| non_negative(c).min(MOST_ALBEDO)),
+        emissive: light(material.emissive.to_vec3()),
         ..default()
-    })
+    }
 }
 
 /// Binds what the passes read and write.

@@ -246,8 +246,10 @@ impl GpuRays {
     /// `assets/shaders/rays.wgsl`.
     ///
     /// Each component of the direction is off by at most
-    /// `2⁻²⁴ |dir| + 2⁻²⁰ (|dir_x| + |dir_y|)`: the rounding of the sum, and, on the GPU, that of
-    /// `ndc` and of the products.
+    /// `2⁻²⁴ |dir| + 2⁻²⁰ (|dir_x| + |dir_y|)`, component by component: the rounding of the sum, and,
+    /// on the GPU, that of `ndc` and of the products. Each component of the origin is off by at most
+    /// `1.5 · 2⁻²⁴ + 2⁻²⁰ (|eye_x| + |eye_y|)`: the rounding of the fraction to f32 and then down to
+    /// 24 bits, and, in orthographic views, that of `ndc` and of the products.
     pub fn ray_through(&self, ndc: Vec2, t_min: f32, t_max: f32) -> walk::Ray {
         let vector = Vec3::from_array;
         let start = ndc.x * vector(self.eye_x) + ndc.y * vector(self.eye_y);
@@ -257,8 +259,9 @@ impl GpuRays {
         let turn = vector(self.dir_rest) + ndc.x * vector(self.dir_x) + ndc.y * vector(self.dir_y);
         walk::Ray {
             cell: IVec3::from_array(self.eye_cell) + whole.as_ivec3(),
-            // 24 bits: the walk compares planes in units of 2⁻²⁴ cells.
-            frac: ((eye - whole) * units).floor() / units,
+            // 24 bits: the walk compares planes in units of 2⁻²⁴ cells. Just below a whole number,
+            // the difference rounds up to 1.
+            frac: ((eye - whole) * units).floor().min(Vec3::splat(units - 1.0)) / units,
             dir: vector(self.dir) + turn,
             t_min,
             t_max,
@@ -331,6 +334,35 @@ mod tests {
         let lattice = LatticeRays::new(&rays, view, DAffine3::IDENTITY, &grid).unwrap();
         assert_eq!(lattice.eye_frac, DVec3::new(0.125, 0.25, 0.5));
         assert_eq!(lattice.eye_cell + grid.base, far + IVec3::new(0, 100, -8));
+    }
+
+    #[test]
+    fn a_fraction_stays_below_one() {
+        // Of an orthographic view: just left of a cell's face.
+        let rays = GpuRays { eye_x: [1e-12; 3], dir: [0.0, 0.0, -1.0], ..GpuRays::default() };
+        let ray = rays.ray_through(Vec2::NEG_X, 0.0, 1.0);
+        assert_eq!(ray.cell, IVec3::NEG_ONE);
+        assert_eq!(ray.frac, Vec3::splat(1.0 - 2.0_f32.powi(-24)));
+    }
+
+    #[test]
+    fn narrow_views_are_coarse_from_some_width_on() {
+        let mut tree = Vdb543::new(0.0);
+        tree.set(IVec3::ZERO, 1.0);
+        let grid = PackedGrid::new(&tree, PackKind::Fog).unwrap();
+        let lattice = |clip_from_view: DMat4| {
+            let rays = ViewRays::new(clip_from_view).unwrap();
+            let view = DAffine3::from_translation(DVec3::Z * 1e5);
+            LatticeRays::new(&rays, view, DAffine3::IDENTITY, &grid).unwrap()
+        };
+        // 0.01° are 1.7e-4: 2,928 steps of 2⁻²⁴.
+        let narrow = DMat4::perspective_infinite_reverse_rh(0.01_f64.to_radians(), 1.0, 0.1);
+        assert!(!lattice(narrow).is_coarse(2_900));
+        assert!(lattice(narrow).is_coarse(2_950));
+        let wide = DMat4::perspective_infinite_reverse_rh(1.0_f64.to_radians(), 1.0, 0.1);
+        assert!(!lattice(wide).is_coarse(16_384));
+        let parallel = DMat4::orthographic_rh(-1e-3, 1e-3, -1e-3, 1e-3, 10.0, 0.1);
+        assert!(!lattice(parallel).is_coarse(16_384), "its rays differ in where they begin");
     }
 
     #[test]

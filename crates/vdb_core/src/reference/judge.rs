@@ -1,6 +1,6 @@
 //! Answers of an f32 tracer, held against the reference.
 
-use super::{Blocky, Face, Ray, Smooth, SurfaceTrace};
+use super::{Blocky, Face, Ray, Smooth, SurfaceHit, SurfaceTrace};
 use crate::tree::{IVec3, Node};
 
 /// What an answer to "which voxel first, through which face" is worth.
@@ -59,6 +59,19 @@ impl<C: Node<Value = f32>> Smooth<'_, C> {
     /// the interpolant in the tracer that is judged, in units of the values; a dip or a graze that
     /// is smaller excuses it.
     pub fn judge(&self, ray: &Ray, answer: Option<f64>, noise: f64) -> SurfaceVerdict {
+        self.judge_within(ray, answer, noise, SAME_ROOT).0
+    }
+
+    /// [`Smooth::judge`] for answers that are about the same root when they are up to `reach` voxels
+    /// apart, with the root that the answer was held against: from far away, an f32 has no room for
+    /// half a voxel.
+    pub fn judge_within(
+        &self,
+        ray: &Ray,
+        answer: Option<f64>,
+        noise: f64,
+        reach: f64,
+    ) -> (SurfaceVerdict, Option<SurfaceHit>) {
         let voxels = ray.dir.as_dvec3().length();
         let mut ray = *ray;
         // The side on which a dip that may be overlooked began, until the ray has come back from it.
@@ -67,18 +80,18 @@ impl<C: Node<Value = f32>> Smooth<'_, C> {
         // A ray passes every root once, and moves on by at least one step of f32 each time.
         loop {
             let trace = self.trace(&ray);
-            let verdict = judge(&trace, answer, noise, voxels);
+            let verdict = judge(&trace, answer, noise, voxels, reach);
             let excuse = |verdict| if excused { SurfaceVerdict::NearDouble } else { verdict };
             let Some(hit) = trace.hit else {
                 let found = verdict == SurfaceVerdict::Invented;
-                return if found { verdict } else { excuse(verdict) };
+                return (if found { verdict } else { excuse(verdict) }, None);
             };
             let back = overlooked.is_some_and(|entering: bool| entering != hit.entering);
             match verdict {
                 SurfaceVerdict::Missed if back => overlooked = None,
                 SurfaceVerdict::Missed if hit.depth <= noise => overlooked = Some(hit.entering),
-                SurfaceVerdict::Off(_) => return excuse(verdict),
-                _ => return verdict,
+                SurfaceVerdict::Off(_) => return (excuse(verdict), Some(hit)),
+                _ => return (verdict, Some(hit)),
             }
             excused = true;
             ray.t_min = (hit.t as f32).max(ray.t_min).next_up();
@@ -86,15 +99,21 @@ impl<C: Node<Value = f32>> Smooth<'_, C> {
     }
 }
 
-fn judge(trace: &SurfaceTrace, answer: Option<f64>, noise: f64, voxels: f64) -> SurfaceVerdict {
+fn judge(
+    trace: &SurfaceTrace,
+    answer: Option<f64>,
+    noise: f64,
+    voxels: f64,
+    reach: f64,
+) -> SurfaceVerdict {
     let at_graze = |t: f64| {
-        let near = |t0: f64| (t - t0).abs() * voxels <= SAME_ROOT;
+        let near = |t0: f64| (t - t0).abs() * voxels <= reach;
         trace.graze.is_some_and(|graze| graze.value <= noise && near(graze.t))
     };
     match (answer, trace.hit) {
         (None, None) => SurfaceVerdict::BothMiss,
         (None, Some(_)) => SurfaceVerdict::Missed,
-        (Some(t), Some(hit)) if (t - hit.t).abs() * voxels <= SAME_ROOT => {
+        (Some(t), Some(hit)) if (t - hit.t).abs() * voxels <= reach => {
             SurfaceVerdict::Off((t - hit.t).abs() * voxels)
         }
         (Some(t), _) if at_graze(t) => SurfaceVerdict::NearDouble,

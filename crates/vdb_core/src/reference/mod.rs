@@ -31,6 +31,7 @@ mod planes;
 mod radiance;
 mod ray;
 mod smooth;
+pub mod standard;
 mod walk;
 mod wide;
 

@@ -1,0 +1,73 @@
+//! What an app is told of volumes that cannot be shown as they should: once, while it lasts.
+
+use bevy::platform::collections::HashSet;
+use bevy::prelude::*;
+use bevy::render::sync_world::MainEntity;
+use vdb_core::view::CannotShow;
+
+/// What is wrong with a volume in a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Trouble {
+    /// The numbers are beyond what a shader can compute with.
+    NotShown(CannotShow),
+    /// It is shown, but pixels are closer together than f32 tells directions apart.
+    Coarse,
+}
+
+/// What has been told of, and what is wrong in this frame.
+#[derive(Debug, Default, Resource)]
+pub(super) struct Warned {
+    told: HashSet<(MainEntity, Trouble)>,
+    now: HashSet<(MainEntity, Trouble)>,
+}
+
+impl Warned {
+    /// Notes what is wrong in this frame; gives what to say of it if that is new.
+    pub fn note(&mut self, entity: MainEntity, name: &str, trouble: Trouble) -> Option<String> {
+        let is_new = self.now.insert((entity, trouble)) && !self.told.contains(&(entity, trouble));
+        is_new.then(|| {
+            let volume = format!("volume '{name}' of entity {}", entity.id());
+            match trouble {
+                Trouble::NotShown(why) => format!("{volume} is not shown: {why}"),
+                Trouble::Coarse => format!(
+                    "{volume} is shown coarsely: the camera's field of view is so narrow that a \
+                     pixel is finer than the directions of rays in f32; widen it, or bring the \
+                     camera closer"
+                ),
+            }
+        })
+    }
+
+    /// Forgets what is over.
+    pub fn end_frame(&mut self) {
+        self.told = std::mem::take(&mut self.now);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn trouble_is_told_once_while_it_lasts() {
+        let mut world = World::new();
+        let [one, two] = [(); 2].map(|()| MainEntity::from(world.spawn_empty().id()));
+        let far = Trouble::NotShown(CannotShow::TooFar);
+        let mut warned = Warned::default();
+        let text = warned.note(one, "smoke", far).unwrap();
+        assert!(text.contains("'smoke'") && text.contains(&one.id().to_string()), "{text}");
+        assert!(text.contains("not shown: the camera is more than"), "{text}");
+        assert!(warned.note(one, "smoke", far).is_none(), "a second view sees the same");
+        let text = warned.note(two, "smoke", Trouble::Coarse).unwrap();
+        assert!(text.contains(&two.id().to_string()) && text.contains("coarsely"), "{text}");
+        for _ in 0..3 {
+            warned.end_frame();
+            assert!(warned.note(one, "smoke", far).is_none());
+            assert!(warned.note(two, "smoke", Trouble::Coarse).is_none());
+        }
+        warned.end_frame();
+        assert!(warned.note(one, "smoke", Trouble::Coarse).is_some(), "that is another trouble");
+        warned.end_frame();
+        assert!(warned.note(one, "smoke", far).is_some(), "it was over, and is back");
+    }
+}

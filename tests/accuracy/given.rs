@@ -1,0 +1,98 @@
+//! Rays that are given: at random, and made to be hard.
+
+use glam::{DVec3, IVec3};
+use vdb_core::pack::{PackedGrid, walk};
+use vdb_core::synth::{Random, rays};
+use vdb_core::tree::{CoordBox, Node, Vdb543};
+use vdb_probe::ProbeRay;
+
+/// How far from a grid's own origin a ray may begin, in voxels: as far as cameras may be.
+const FARTHEST: i32 = 1 << 30;
+
+/// What rays are aimed at: one box around all there is, or, where that is mostly void, boxes around
+/// some of it. In index space.
+pub struct Targets(Vec<CoordBox>);
+
+impl Targets {
+    /// Of a grid with something to see.
+    pub fn new(tree: &Vdb543<f32>, grid: &PackedGrid) -> Self {
+        /// Voxels along an edge up to which a box is one target.
+        const SMALL: u64 = 6000;
+        /// Targets in the void.
+        const SOME: usize = 256;
+        let bounds = grid.occupied.expect("there is something to see");
+        if bounds.dim().into_iter().all(|edge| edge <= SMALL) {
+            let bbox = CoordBox { min: bounds.min + grid.base, max: bounds.max + grid.base };
+            // The box of cells has whole leaves in it where tiles are mixed.
+            let active = tree.active_bbox().and_then(|active| active.intersection(bbox));
+            return Self(vec![active.unwrap_or(bbox)]);
+        }
+        let mut boxes: Vec<CoordBox> = tree.leaves().filter_map(Node::active_bbox).collect();
+        boxes.extend(tree.active_values().filter(|v| v.log2_dim > 0).map(|v| v.bbox()));
+        let step = boxes.len().div_ceil(SOME).max(1);
+        // A ray cannot begin near what is farther away than that.
+        let near = |b: &CoordBox| (b.min - grid.base).abs().max_element() < FARTHEST - 100_000;
+        Self(boxes.into_iter().step_by(step).filter(near).collect())
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Voxels from end to end of the first.
+    pub fn reach(&self) -> f64 {
+        DVec3::from_array(self.0[0].dim().map(|edge| edge as f64)).length()
+    }
+
+    pub fn pick(&self, random: &mut Random) -> CoordBox {
+        self.0[random.below(self.0.len() as u64) as usize]
+    }
+}
+
+/// A source of rays.
+pub type Make = fn(&mut Random, &Targets, &PackedGrid) -> ProbeRay;
+
+/// A ray of the shader from one in index space, unless it begins where none can.
+fn made(grid: &PackedGrid, cell: IVec3, frac: glam::Vec3, dir: glam::Vec3) -> Option<ProbeRay> {
+    let dir = rays::normalized(dir)?;
+    let ray = walk::Ray::from_index(grid, cell, frac, dir);
+    let fits = ray.cell.checked_add(grid.base).is_some()
+        && ray.cell.to_array().iter().all(|c| c.unsigned_abs() <= FARTHEST as u32);
+    fits.then(|| ray.into())
+}
+
+/// Tries again until there is a ray.
+fn persist(mut attempt: impl FnMut() -> Option<ProbeRay>) -> ProbeRay {
+    (0..10_000).find_map(|_| attempt()).expect("some ray fits")
+}
+
+/// From outside a target and sometimes from inside, through it.
+pub fn plain(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> ProbeRay {
+    persist(|| {
+        let target = targets.pick(random);
+        let center = (target.min.as_dvec3() + target.max.as_dvec3()) * 0.5;
+        let radius = target.dim().map(|edge| edge as f64);
+        let radius = DVec3::from_array(radius).length() * 0.5 + 1.0;
+        let mut vector = || DVec3::from_array([0; 3].map(|_| random.range(-1.0, 1.0)));
+        let origin = center + vector() * radius * 3.0;
+        let dir = center + vector() * radius * 0.6 - origin;
+        let cell = origin.floor();
+        if cell.abs().max_element() >= f64::from(i32::MAX - 1) {
+            return None;
+        }
+        made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir.as_vec3())
+    })
+}
+
+/// Through, along and beside faces, edges and corners of a target's voxels, every fourth from up to
+/// 2²⁷ voxels away.
+pub fn hard(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> ProbeRay {
+    persist(|| {
+        let target = targets.pick(random);
+        let ray = match random.below(4) {
+            0 => rays::far(random, target)?.0,
+            _ => rays::adversarial(random, target),
+        };
+        made(grid, ray.cell, ray.frac, ray.dir)
+    })
+}

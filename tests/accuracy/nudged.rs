@@ -1,0 +1,114 @@
+//! The same voxels by the walk of the thesis, which nudges its position: what the design buys. Shown
+//! beside the suite's table, held to nothing.
+
+use vdb_core::reference::{Blocky, Occupied, standard};
+use vdb_core::synth::Random;
+use vdb_core::tree::IVec3;
+use vdb_core::view::GpuRays;
+use vdb_probe::{Kernel, ProbeHit, ProbeRay, Setup};
+
+use crate::case::{Scene, Suite, hash, judged};
+use crate::given::{self, Targets};
+use crate::grids::{self, Named, OFFSETS, Upper};
+use crate::report::{Bound, Row};
+use crate::tally::Tally;
+use crate::views::{self, DISTANCES};
+use crate::voxels;
+
+/// Rays of each case, however many the suite itself takes.
+const RAYS: usize = 10_000;
+/// Pixels along the edge of a picture.
+const EDGE: u32 = 8;
+/// What the shader says of a ray that used up its steps.
+const STUCK: u32 = u32::MAX;
+
+fn send(suite: &Suite, kernel: &Kernel, scene: &Scene, rays: &[ProbeRay]) -> Vec<ProbeHit> {
+    let gpu = suite.gpu;
+    let given = gpu.storage(bytemuck::cast_slice(rays));
+    let bytes = (rays.len() * size_of::<ProbeHit>()) as u64;
+    let hits = gpu.output(bytes);
+    let base = gpu.uniform(bytemuck::bytes_of(&scene.grid.base.extend(0).to_array()));
+    let mut buffers = scene.on_gpu.bindings().to_vec();
+    buffers.extend([(4, &given), (5, &hits), (6, &base)]);
+    gpu.run(kernel, &buffers, [(rays.len() as u32).div_ceil(64), 1, 1]);
+    bytemuck::pod_collect_to_vec(&gpu.read(&hits, bytes))
+}
+
+fn judge(
+    scene: &Scene,
+    oracle: &Blocky<'_, Upper>,
+    ray: &ProbeRay,
+    hit: &ProbeHit,
+    tally: &mut Tally,
+) {
+    let truth = standard::first_voxel(oracle, &scene.exact(ray));
+    let truth = truth.map(|hit| (hit.ijk, hit.face.map_or(3, |face| face.axis.into())));
+    let cell = IVec3::from_array(hit.cell).wrapping_add(scene.grid.base);
+    let found = (hit.hit != 0).then_some((cell, hit.axis));
+    tally.met += u64::from(truth.is_some());
+    tally.stuck += u64::from(hit.steps == STUCK);
+    if found != truth {
+        tally.wrong += 1;
+        let same = matches!((found, truth), (Some((a, _)), Some((b, _))) if a == b);
+        tally.wrong_faces += u64::from(same);
+    }
+}
+
+pub fn run(suite: &mut Suite) {
+    if !suite.wants("nudged: ") {
+        return;
+    }
+    let kernel = suite.gpu.kernel(include_str!("nudged.wgsl"), "nudged", &[]);
+    let mut rows = Vec::new();
+    let offsets = grids::offsets().map(|(name, tree)| (format!("offset {name}"), tree));
+    let solids = grids::solids().into_iter().map(|Named { name, make }| (name, make()));
+    for (name, tree) in solids.chain(offsets) {
+        let scene = Scene::new(suite.gpu, &tree, voxels::KIND).expect("there are voxels");
+        let targets = Targets::new(&tree, &scene.grid);
+        let oracle = Blocky::new(&tree, Occupied::BelowIso(0.0));
+        let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| {
+            judge(&scene, &oracle, ray, hit, tally)
+        };
+        for (kind, make) in [("random", given::plain as given::Make), ("hard", given::hard)] {
+            let mut random = Random::new(suite.seed ^ hash(&name) ^ hash(kind));
+            let rays: Vec<ProbeRay> =
+                (0..RAYS).map(|_| make(&mut random, &targets, &scene.grid)).collect();
+            let hits = send(suite, &kernel, &scene, &rays);
+            rows.push(row(format!("{name}, {kind}"), &judged(&rays, &hits, &judge)));
+        }
+    }
+    rows.extend(cameras(suite, &kernel));
+    for row in rows {
+        suite.report.add_beside(row);
+    }
+}
+
+fn row(case: String, tally: &Tally) -> Row {
+    let row = Row::new("nudged", case, "", Bound::None, tally);
+    row.note(format!("{} faces alone, {} stood still", tally.wrong_faces, tally.stuck))
+}
+
+/// The views of the suite of the grid at the origin of index space, where this walk is at its best,
+/// with the very rays that the suite's own walk gets.
+fn cameras(suite: &Suite, kernel: &Kernel) -> Vec<Row> {
+    let tree = grids::ball(0);
+    let scene = Scene::new(suite.gpu, &tree, voxels::KIND).expect("there are voxels");
+    let oracle = Blocky::new(&tree, Occupied::BelowIso(scene.iso()));
+    let mut tallies: Vec<Tally> = DISTANCES.iter().map(|_| Tally::default()).collect();
+    for (d, _, view) in views::all(suite.seed).filter(|(_, o, _)| OFFSETS[*o].1 == 0) {
+        let Some(Ok(lattice)) = view.camera().map(|camera| camera.lattice(&scene.grid)) else {
+            continue;
+        };
+        let (t_min, t_max, count, first, pad) = (0.0, 1e30, EDGE * EDGE, 0, 0);
+        let iso = scene.iso();
+        let setup = Setup { iso, t_min, t_max, count, size: [EDGE; 2], first, pad };
+        let (rays, _) = suite.voxels.picture(&scene.on_gpu, &GpuRays::from(&lattice), setup);
+        let hits = send(suite, kernel, &scene, &rays);
+        let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| {
+            judge(&scene, &oracle, ray, hit, tally)
+        };
+        tallies[d] = std::mem::take(&mut tallies[d]).merge(judged(&rays, &hits, &judge));
+    }
+    let rows = DISTANCES.iter().zip(&tallies);
+    rows.map(|((name, _), tally)| row(format!("camera at {name} voxels"), tally)).collect()
+}

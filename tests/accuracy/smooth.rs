@@ -1,0 +1,238 @@
+//! Where a smooth surface is, and its normals.
+
+use glam::{DVec3, Vec3};
+use vdb_core::pack::PackKind;
+use vdb_core::pack::exact::T_ERROR;
+use vdb_core::reference::{Blocky, Occupied, Ray, Smooth, SurfaceHit, SurfaceVerdict, standard};
+use vdb_core::synth::Random;
+use vdb_probe::{ProbeHit, ProbeRay};
+
+use crate::case::{Scene, Suite, hash, reproduced, send};
+use crate::given::{self, Targets};
+use crate::grids::{self, Named, Tree, Upper};
+use crate::report::{Bound, Row};
+use crate::tally::Tally;
+
+pub const KIND: PackKind = PackKind::Smooth { iso: 0.0 };
+
+/// Of a voxel: of 99.99 % of the positions, and of all.
+pub const POSITION: Bound = Bound::Quantile(1e-3, 1e-2);
+const FARTHEST_OFF: f64 = 1e-2;
+/// Degrees that a normal may be off.
+pub const NORMAL: f64 = 0.1;
+/// A normal is held to the true ones so near the root, in voxels along the ray: where a gradient is
+/// small or jumps from cell to cell, it turns by any angle within the error of a position. A place
+/// so near one where the interpolant is within its noise of the iso-value counts as near-double.
+const ROOT_REACH: f64 = 1e-3;
+/// Voxels across the ray within which it touches another cell.
+const TOUCHING: f64 = 1.0 / (1 << 20) as f64;
+/// A dip past the surface, or a distance from it, that may be overlooked or taken for a root, in
+/// units of the grid's background: a few roundings of an f32 interpolant.
+const NOISE: f64 = 1e-6;
+/// A gradient shorter than this, per voxel, has no direction.
+const NO_GRADIENT: f64 = 1e-5;
+/// Voxels from the eye up to which positions are held to their bound as they are. Farther away, an
+/// f32 has no room for it: 2⁻²⁰ of the way is taken off.
+const NEAR: f64 = 1000.0;
+
+/// Rays of each grid of the matrix in the short form, of either kind.
+const RAYS: usize = 6_000;
+
+/// What judges the answers about a grid.
+pub struct Judge<'a> {
+    scene: &'a Scene<'a>,
+    roots: Smooth<'a, Upper>,
+    gradients: Blocky<'a, Upper>,
+    noise: f64,
+}
+
+impl<'a> Judge<'a> {
+    pub fn new(scene: &'a Scene<'a>) -> Self {
+        let tree = scene.tree;
+        Self {
+            scene,
+            roots: Smooth::new(tree, scene.iso()),
+            gradients: Blocky::new(tree, Occupied::Active),
+            noise: NOISE * f64::from(tree.background().abs()),
+        }
+    }
+
+    /// Holds an answer against the reference tracer.
+    pub fn judge(&self, ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally) {
+        let exact = self.scene.exact(ray);
+        let speed = exact.dir.as_dvec3().length();
+        let found = (hit.hit != 0).then_some(f64::from(hit.t));
+        let granted = found.map_or(0.0, |t| match t * speed {
+            way if way <= NEAR => 0.0,
+            way => way * f64::from(T_ERROR),
+        });
+        let (verdict, root) =
+            standard::judge(&self.roots, &exact, found, self.noise, 0.5 + granted);
+        let own = Vec3::from_array(hit.gradient).as_dvec3();
+        let reach = ROOT_REACH + granted;
+        let is_near = || found.is_some_and(|t| self.is_near(&exact, t, reach, own));
+        let is_double = || root.is_some_and(|root| root.depth <= self.noise);
+        tally.met += u64::from(verdict != SurfaceVerdict::BothMiss);
+        let mut wrong = !self.scene.is_sound(hit);
+        match (verdict, root) {
+            (SurfaceVerdict::BothMiss, _) => {}
+            (SurfaceVerdict::NearDouble, _) => tally.near_double += 1,
+            (SurfaceVerdict::Missed, Some(root)) if self.is_near_until(&exact, root.t) => {
+                tally.near_double += 1;
+            }
+            (SurfaceVerdict::Invented, _) if is_near() => tally.near_double += 1,
+            (SurfaceVerdict::Missed | SurfaceVerdict::Invented, _) => wrong = true,
+            (SurfaceVerdict::Off(off), root) => {
+                let error = (off - granted).max(0.0);
+                let angle = root.and_then(|root| self.normal_error(&exact, &root, own));
+                let doubtful = error > ROOT_REACH || angle.is_some_and(|(angle, _)| angle > NORMAL);
+                if doubtful && (is_double() || is_near()) {
+                    tally.near_double += 1;
+                } else {
+                    tally.errors.add(error);
+                    wrong |= error > FARTHEST_OFF;
+                    if let Some((angle, is_steep)) = angle {
+                        tally.angles.add(angle);
+                        tally.steep += u64::from(is_steep);
+                        tally.wrong_normals += u64::from(angle > NORMAL);
+                        wrong |= angle > NORMAL;
+                    }
+                }
+            }
+        }
+        if wrong {
+            tally.wrong += 1;
+            tally.show(|| format!("{}: {verdict:?}, {hit:?}, not {root:?}", reproduced(ray)));
+        }
+    }
+
+    /// How far a normal is off, in degrees, and whether it is right only because one close by is
+    /// granted. `None`, where there is none.
+    fn normal_error(&self, ray: &Ray, root: &SurfaceHit, own: DVec3) -> Option<(f64, bool)> {
+        let angle = angle(own, root.normal()?);
+        let is_steep = angle > NORMAL;
+        let least = if is_steep {
+            self.least_angle(ray, root.t, own, ROOT_REACH).min(angle)
+        } else {
+            angle
+        };
+        Some((least, is_steep && least <= NORMAL))
+    }
+
+    /// Whether close to a place on a ray the interpolant comes within its noise of the iso-value,
+    /// with a gradient like the one that was found.
+    fn is_near(&self, ray: &Ray, t: f64, reach: f64, own: DVec3) -> bool {
+        let (start, speed) = (f64::from(ray.t_min), ray.dir.as_dvec3().length());
+        let steps = (reach * 256.0).ceil().max(64.0) as i32;
+        let step = reach / f64::from(steps) / speed;
+        let at = |i: i32| (t + f64::from(i) * step).max(start);
+        let off = |t: f64| self.roots.value(ray, t).abs();
+        // Each place that is closer than those beside it, and the closest around it.
+        (-steps..=steps).any(|i| {
+            let (before, here, after) = (at(i - 1), at(i), at(i + 1));
+            let is_within = |t: f64| {
+                off(t) <= self.noise && self.least_angle(ray, t, own, FARTHEST_OFF) <= NORMAL
+            };
+            let is_least = off(here) <= off(before) && off(here) <= off(after);
+            is_within(here) || is_least && is_within(least(before, after, off))
+        })
+    }
+
+    /// Whether the interpolant is within its noise all the way to a root, as far as a sample every
+    /// 256th of it tells: then nobody can say on which side the ray began.
+    fn is_near_until(&self, ray: &Ray, t: f64) -> bool {
+        let start = f64::from(ray.t_min);
+        let value = |i: i32| self.roots.value(ray, start + (t - start) * f64::from(i) / 256.0);
+        (0..256).all(|i| value(i).abs() <= self.noise)
+    }
+
+    /// The least angle, in degrees, between a gradient and the true ones within so many voxels of a
+    /// place on a ray.
+    fn least_angle(&self, ray: &Ray, t: f64, own: DVec3, reach: f64) -> f64 {
+        let reach = reach / ray.dir.as_dvec3().length();
+        let at = |t: f64| self.angle_at(ray, t, own);
+        // The best of a few places, then ever closer around it: between the faces of cells, a
+        // gradient turns steadily along a ray.
+        let places = (-16..=16).map(|i| t + reach * f64::from(i) / 16.0);
+        let best = places.min_by(|a, b| at(*a).total_cmp(&at(*b))).unwrap_or(t);
+        at(best).min(at(least(best - reach / 16.0, best + reach / 16.0, at)))
+    }
+
+    /// The angle between a gradient and the true one at a place on a ray, or in a cell that touches
+    /// it, in degrees.
+    fn angle_at(&self, ray: &Ray, t: f64, own: DVec3) -> f64 {
+        let point = ray.at(t);
+        let beside = (0..8).map(|i| {
+            let side = DVec3::from_array([0, 1, 2].map(|axis| f64::from(2 * (i >> axis & 1) - 1)));
+            let truth = self.gradients.gradient(point + side * TOUCHING);
+            let none = own.length().max(truth.length()) <= NO_GRADIENT;
+            if none { 0.0 } else { angle(own, truth) }
+        });
+        beside.fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// Where a function with one minimum between two places is least.
+fn least(low: f64, high: f64, of: impl Fn(f64) -> f64) -> f64 {
+    let (mut low, mut high) = (low, high);
+    for _ in 0..40 {
+        let third = (high - low) / 3.0;
+        let keep_low = of(low + third) <= of(high - third);
+        (low, high) = if keep_low { (low, high - third) } else { (low + third, high) };
+    }
+    (low + high) / 2.0
+}
+
+/// Between two directions, in degrees; infinite where one is none.
+fn angle(a: DVec3, b: DVec3) -> f64 {
+    // Exact for small angles, where the cosine is not.
+    let angle = a.cross(b).length().atan2(a.dot(b)).to_degrees();
+    if a == DVec3::ZERO || b == DVec3::ZERO || !angle.is_finite() { f64::INFINITY } else { angle }
+}
+
+/// The two rows of a case: positions, and normals.
+pub fn add_rows(suite: &mut Suite, group: &'static str, case: &str, tally: &Tally, again: bool) {
+    let mut note = Vec::new();
+    if tally.near_double > 0 {
+        note.push(format!("{} near-double", tally.near_double));
+    }
+    let row = Row::new(group, case, "voxels", POSITION, tally).note(note.join(", "));
+    suite.report.add(Row { again, ..row }, tally);
+    let mut row = Row::of_errors(
+        group,
+        format!("{case}, normals"),
+        "degrees",
+        Bound::Max(NORMAL),
+        &tally.angles,
+    );
+    row.wrong = tally.wrong_normals;
+    if tally.steep > 0 {
+        row = row.note(format!("{} within 1e-3 voxel", tally.steep));
+    }
+    suite.report.add(row.again(), tally);
+}
+
+/// All rows of given rays.
+pub fn run(suite: &mut Suite) {
+    let offsets = grids::offsets().map(|(name, tree)| (format!("offset {name}"), tree));
+    let named = grids::crossings().into_iter().map(|Named { name, make }| (name, make()));
+    for (name, tree) in named.chain(offsets) {
+        if suite.wants(&format!("smooth: {name}")) {
+            given_rays(suite, &name, &tree);
+        }
+    }
+}
+
+fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
+    let scene = Scene::new(suite.gpu, tree, KIND).expect("there is a surface");
+    let targets = Targets::new(tree, &scene.grid);
+    let judge = Judge::new(&scene);
+    for (kind, make) in [("random", given::plain as given::Make), ("hard", given::hard)] {
+        let make = |random: &mut Random| make(random, &targets, &scene.grid);
+        let seed = hash(name) ^ hash(kind);
+        let judge =
+            |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
+        let tally = send(suite, &scene, seed, RAYS * suite.some_times(), &make, &judge);
+        add_rows(suite, "smooth", &format!("{name}, {kind}"), &tally, false);
+    }
+}

@@ -1,0 +1,199 @@
+//! Numbers that no artist would type, and identities that hold for all of them.
+
+use bevy::camera::Exposure;
+use bevy::math::{DAffine3, DVec3};
+use bevy::prelude::*;
+use bevy_vdb::{VdbCamera, VdbGrid, VdbMaterial, VdbRenderMode, VdbVolume};
+use vdb_core::pack::PackKind;
+use vdb_core::synth::{Uniform, build, fog, level_set};
+use vdb_core::tree::{CoordBox, Vdb543};
+
+use super::common::{Picture, Stage, has_gpu};
+use super::{SIZE, SURFACE, looking};
+
+const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
+
+/// A grid and the look of it, alone before a camera, lit by a sun and the sky.
+fn shown(grid: VdbGrid, material: VdbMaterial, prepare: impl FnOnce(&mut World)) -> Picture {
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::new(3.1, 4.7, 6.3)));
+    let world = stage.world();
+    let grid = world.resource_mut::<Assets<VdbGrid>>().add(grid);
+    world.spawn((VdbVolume(grid), material));
+    let light = Transform::default().looking_to(Vec3::new(-0.4, -1.0, -0.3), Vec3::Y);
+    world.spawn((DirectionalLight { illuminance: 3.0, ..default() }, light));
+    world.entity_mut(camera).insert(AmbientLight { brightness: 0.25, ..default() });
+    prepare(world);
+    stage.picture(&target)
+}
+
+/// A ball or a torus at a place in index space, put back to the world's origin by its transform.
+fn shifted(kind: PackKind, shift: IVec3) -> VdbGrid {
+    // Powers of two, and an eye in f32, so that f64 can add any shift to a place without rounding.
+    const VOXEL: f64 = 0.125;
+    let center = shift.as_dvec3() + DVec3::new(0.25, -0.5, 0.125);
+    let tree = match kind {
+        PackKind::Fog => fog::sphere(center, 15.0, 6.0),
+        _ => level_set::torus(center, 12.0, 5.3),
+    };
+    let world_from_index =
+        DAffine3::from_scale(DVec3::splat(VOXEL)) * DAffine3::from_translation(-shift.as_dvec3());
+    VdbGrid::new("shifted", tree, world_from_index, kind).unwrap()
+}
+
+#[test]
+fn a_grid_looks_the_same_wherever_in_index_space_it_lies() {
+    if !has_gpu() {
+        return;
+    }
+    let shift = IVec3::new((1 << 30) - 12_345, -(1 << 29) - 77, 1_000_003);
+    for kind in [SURFACE, SMOOTH, PackKind::Fog] {
+        let picture = |shift| shown(shifted(kind, shift), VdbMaterial::default(), |_| {});
+        let (here, there) = (picture(IVec3::ZERO), picture(shift));
+        let seen = here.count(|pixel| pixel.x > 0.0);
+        assert!(seen > 500, "{seen} pixels of {kind:?}");
+        let differ = here.pixels.iter().zip(&there.pixels).filter(|(a, b)| a != b).count();
+        assert_eq!(differ, 0, "pixels of {kind:?} differ, of {seen}");
+    }
+}
+
+/// What shines evenly on a thing that loses no light is seen wherever one looks.
+#[test]
+fn a_white_furnace_keeps_its_light() {
+    if !has_gpu() {
+        return;
+    }
+    let ball = || level_set::sphere(DVec3::ZERO, 20.0);
+    let cloud = || fog::sphere(DVec3::ZERO, 25.0, 12.0);
+    // Numbers that 16-bit floats have, as radiance, coverage and the picture are made of them: each
+    // rounds by up to 0.025 % of 1.
+    for light in [0.75, 1.0, 6.5, 960.0] {
+        for (tree, kind) in [(ball(), SURFACE), (ball(), SMOOTH), (cloud(), PackKind::Fog)] {
+            let scale = DAffine3::from_scale(DVec3::splat(0.1));
+            let grid = VdbGrid::new("white", tree, scale, kind).unwrap();
+            let picture = shown(grid, VdbMaterial::default(), |world| {
+                world.insert_resource(ClearColor(Color::linear_rgb(light, light, light)));
+                world.query::<&mut AmbientLight>().single_mut(world).unwrap().brightness = light;
+                world.query::<&mut DirectionalLight>().single_mut(world).unwrap().illuminance = 0.0;
+            });
+            let colors = picture.pixels.iter().flat_map(|pixel| pixel.truncate().to_array());
+            let worst = colors.map(|c| (c / light - 1.0).abs()).fold(0.0, f32::max);
+            println!("white furnace of {light}, {kind:?}: {:.3} % off at most", 100.0 * worst);
+            assert!(worst <= 1e-3, "{kind:?}: {worst}");
+        }
+    }
+}
+
+/// Voxels whose densities are zero, denormal, huge, infinite, negative or no number.
+fn densities() -> Vdb543<f32> {
+    let kinds = [0.0, 1e-45, 0.5, 1e30, f32::MAX, f32::INFINITY, f32::NAN, -1.0, f32::NEG_INFINITY];
+    let bbox = CoordBox { min: IVec3::splat(-15), max: IVec3::splat(15) };
+    build(
+        0.0,
+        bbox,
+        |_| Uniform::No,
+        |ijk| {
+            let kind = (ijk.x * 31 + ijk.y * 17 + ijk.z * 7).rem_euclid(97) as usize;
+            kinds.get(kind).map_or((0.0, false), |density| (*density, true))
+        },
+    )
+}
+
+#[test]
+fn no_pixel_is_infinite_or_no_number() {
+    if !has_gpu() {
+        return;
+    }
+    let odd = [0.0, -1.0, f32::MAX, f32::INFINITY, f32::NAN];
+    let color = |x| LinearRgba::rgb(x, 1.0, 0.0);
+    let mut stage = Stage::new();
+    let target = stage.target(UVec2::new(32, 20));
+    let camera = stage.camera(&target, looking(Vec3::new(1.0, 2.0, 4.0)));
+    stage.world().entity_mut(camera).insert(AmbientLight { brightness: 0.25, ..default() });
+    let light = Transform::default().looking_to(Vec3::new(-0.4, -1.0, -0.3), Vec3::Y);
+    let sun = stage.world().spawn((DirectionalLight::default(), light)).id();
+    let normal = Exposure { ev100: -(1.2_f32.log2()) };
+    let mut huge = Vdb543::new(f32::MAX);
+    for value in level_set::sphere(DVec3::ZERO, 12.0).values().filter(|v| v.log2_dim == 0) {
+        huge.set(value.origin, value.value * 1e38);
+    }
+    let grids = [
+        (densities(), PackKind::Fog),
+        (level_set::sphere(DVec3::ZERO, 14.0), SURFACE),
+        (huge.clone(), SURFACE),
+        (huge, SMOOTH),
+    ];
+    let mut pictures = 0;
+    for (tree, kind) in grids {
+        let grid = stage.grid(tree, kind, 0.1);
+        let volume = stage.world().spawn((VdbVolume(grid), VdbMaterial::default())).id();
+        // Numbers as they are, then each of the material, the light and the camera on its own.
+        let mut show = |material: VdbMaterial, illuminance, brightness, exposure| {
+            let world = stage.world();
+            world.entity_mut(volume).insert(material);
+            world.entity_mut(sun).insert(DirectionalLight { illuminance, ..default() });
+            let ambient = AmbientLight { brightness, ..default() };
+            world.entity_mut(camera).insert((ambient, exposure));
+            // Asserts that every pixel is finite.
+            let picture = stage.picture(&target);
+            pictures += 1;
+            picture
+        };
+        let plain = VdbMaterial::default();
+        let seen = show(plain.clone(), 3.0, 0.25, normal).count(|pixel| pixel.x > 0.0);
+        assert!(seen > 50, "{seen} pixels of {kind:?}");
+        for x in odd {
+            let emissive = VdbMaterial { emissive: color(x), ..plain.clone() };
+            show(emissive, 3.0, 0.25, normal);
+            let albedo = VdbMaterial { base_color: color(x).into(), ..plain.clone() };
+            show(albedo, 3.0, 0.25, normal);
+            if kind == PackKind::Fog {
+                let density = VdbMaterial { density_scale: x, ..plain.clone() };
+                show(density, 3.0, 0.25, normal);
+            }
+            show(plain.clone(), x, 0.25, normal);
+            show(plain.clone(), 3.0, x, normal);
+        }
+        for ev100 in [-200.0, -60.0, 200.0] {
+            let all = VdbMaterial {
+                base_color: color(f32::MAX).into(),
+                emissive: color(f32::MAX),
+                density_scale: f32::MAX,
+            };
+            show(all, f32::MAX, f32::MAX, Exposure { ev100 });
+        }
+        stage.world().despawn(volume);
+    }
+    for mode in [VdbRenderMode::Normals, VdbRenderMode::Depth, VdbRenderMode::Steps] {
+        for steps_scale in odd {
+            stage.world().entity_mut(camera).insert(VdbCamera { mode, steps_scale, ..default() });
+            let grid = stage.grid(densities(), SMOOTH, 0.1);
+            let volume = stage.world().spawn(VdbVolume(grid)).id();
+            stage.picture(&target);
+            stage.world().despawn(volume);
+            pictures += 1;
+        }
+    }
+    println!("{pictures} pictures, every pixel finite");
+}
+
+/// However bright: nothing times infinity would be no number.
+#[test]
+fn opaque_fog_hides_what_is_behind() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
+    stage.world().entity_mut(camera).insert(Exposure { ev100: -60.0 });
+    let grid = stage.grid(level_set::sphere(DVec3::ZERO, 14.0), SURFACE, 0.1);
+    let bright = VdbMaterial { emissive: LinearRgba::rgb(f32::MAX, 1.0, 0.0), ..default() };
+    stage.world().spawn((VdbVolume(grid), bright, Transform::from_xyz(0.0, 0.0, -4.0)));
+    assert!(stage.picture(&target).center().x > 6e4, "the surface shines");
+    let grid = stage.grid(fog::sphere(DVec3::ZERO, 24.0, 6.0), PackKind::Fog, 0.1);
+    let black = VdbMaterial { base_color: Color::BLACK, density_scale: f32::MAX, ..default() };
+    stage.world().spawn((VdbVolume(grid), black));
+    assert_eq!(stage.picture(&target).center().truncate(), Vec3::ZERO);
+}
