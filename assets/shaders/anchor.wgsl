@@ -15,6 +15,21 @@ fn anchor_t(near: Anchor, course: Course, plane: vec3<u32>) -> vec3<f32> {
     return (vec3<f32>(plane - near.cell) - near.frac) * course.inverse;
 }
 
+// Slower than this, relative to the fastest, a ray creeps along an axis.
+const CREEP: f32 = 0.00390625;  // 2^-8
+
+// Where a course leaves a cube, from the anchor on: by the plane of the axis that the walk crosses. Where
+// the ray creeps along that axis, the anchor's own rounding can move the plane's t by far, but the
+// ray's place by next to nothing: then it leaves by whichever plane comes first, on either side of which
+// the values are alike.
+fn anchor_exit(near: Anchor, course: Course, plane: vec3<u32>, axis: u32) -> f32 {
+    let exits = anchor_t(near, course, plane);
+    let fastest = max(max(course.speed.x, course.speed.y), course.speed.z);
+    let first = min(min(exits.x, exits.y), exits.z);
+    let creeps = component_f(course.speed, axis) < CREEP * fastest;
+    return select(component_f(exits, axis), first, creeps);
+}
+
 // x · m, for x of 64 bits and m of 24: digits of 16 bits, so that no product overflows a u32.
 fn product(x: vec2<u32>, m: u32) -> vec3<u32> {
     let digits = vec4(x.x & 0xffffu, x.x >> 16u, x.y & 0xffffu, x.y >> 16u);

@@ -4,7 +4,7 @@
 #import bevy_vdb::types::Grid
 #import bevy_vdb::exact::Course
 #import bevy_vdb::tree::{Span, corners, locate, nowhere, span_constant, span_occupied, tile_value, trilinear}
-#import bevy_vdb::anchor::{Anchor, anchor_t, anchored}
+#import bevy_vdb::anchor::{Anchor, anchor_exit, anchored}
 #import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, local_cell, planes_behind, unturned}
 
 // Half the distance between the two points of Gauss and Legendre on an interval of length 1.
@@ -64,10 +64,8 @@ fn optical_length(grid: Grid, course: Course, enters: Walk, enough: f32) -> f32 
             t_from = 0.0;
         }
         walk = advance(course, here, span);
-        // By whichever plane comes first for the anchor's own numbers: they are rounded, and where the
-        // ray hardly moves along the axis that the walk crosses, its plane can be far off.
-        let exits = anchor_t(near, course, planes_behind(course, here.rel, span));
-        let t_to = max(min(min(exits.x, exits.y), exits.z), t_from);
+        let plane = planes_behind(course, here.rel, span);
+        let t_to = max(anchor_exit(near, course, plane, walk.axis), t_from);
         let t_end = min(t_to, course.t_max - near.t);
         let mean = mean_density(grid, course, near, here, span, t_from, t_end);
         sum += (t_end - t_from) * mean;

@@ -2,7 +2,7 @@
 #define_import_path bevy_vdb::smooth
 
 #import bevy_vdb::types::Grid
-#import bevy_vdb::anchor::{anchor_t, anchored}
+#import bevy_vdb::anchor::{anchor_exit, anchored}
 #import bevy_vdb::exact::Course
 #import bevy_vdb::tree::{Span, corners, locate, nowhere, span_occupied, trilinear, trilinear_gradient}
 #import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, local_cell, unturned}
@@ -110,8 +110,8 @@ fn first_root(grid: Grid, course: Course, enters: Walk, iso: f32) -> SurfaceHit 
         }
         let c = corners(grid, cell);
         let near = anchored(course, here.rel, here.axis, here.t);
-        let exits = anchor_t(near, course, here.rel + 1u);
-        let length = min(min(min(exits.x, exits.y), exits.z), course.t_max - near.t);
+        let exit = max(anchor_exit(near, course, here.rel + 1u, walk.axis), 0.0);
+        let length = min(exit, course.t_max - near.t);
         let start = unturned(course, near.frac);
         let way = length * select(course.speed, -course.speed, course.flip != vec3(0));
         // Four values of the cubic, then its coefficients.

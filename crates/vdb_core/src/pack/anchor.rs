@@ -23,6 +23,21 @@ impl Anchor {
     }
 }
 
+/// Slower than this, relative to the fastest, a ray creeps along an axis.
+const CREEP: f32 = 1.0 / 256.0;
+
+impl Anchor {
+    /// Where the course leaves a cube, from the anchor on: by the plane of the axis that the walk
+    /// crosses. Where the ray creeps along that axis, the anchor's own rounding can move the plane's
+    /// `t` by far, but the ray's place by next to nothing: then it leaves by whichever plane comes
+    /// first, on either side of which the values are alike.
+    pub fn exit(&self, course: &Course, plane: UVec3, axis: usize) -> f32 {
+        let exits = self.plane_t(course, plane);
+        let creeps = course.speed[axis] < CREEP * course.speed.max_element();
+        if creeps { exits.min_element() } else { exits[axis] }
+    }
+}
+
 /// Where in a cell the ray is along one axis when it crosses a plane of another, rounded to 2⁻²⁴:
 /// `frac + (distance / speed of the other) · speed`, in integers.
 fn place(course: &Course, own: usize, cell: u32, axis: usize, plane: u32) -> f32 {

@@ -431,10 +431,8 @@ pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
             from = 0.0;
         }
         walk = advance(&course, &here, span);
-        // By whichever plane comes first for the anchor's own numbers: they are rounded, and where
-        // the ray hardly moves along the axis that the walk crosses, its plane can be far off.
-        let exits = near.plane_t(&course, planes_behind(&course, here.rel, span));
-        let to = exits.min_element().max(from);
+        let plane = planes_behind(&course, here.rel, span);
+        let to = near.exit(&course, plane, walk.axis as usize).max(from);
         let end = to.min(course.t_max - near.t);
         let mean = mean_density(grid, &course, &near, &here, span, (from, end));
         sum += (end - from) * mean;
