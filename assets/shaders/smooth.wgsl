@@ -132,6 +132,12 @@ fn first_root(grid: Grid, ray: Ray, iso: f32) -> SurfaceHit {
             }
         }
         if s <= 1.0 {
+            // The cubic's coefficients have the rounding of four values, many times over; one step of
+            // Newton's on the interpolant itself takes most of that away.
+            let first = saturate(near.ray.frac + s * way);
+            let slope = dot(trilinear_gradient(c, first), way);
+            let off = (trilinear(c, first) - iso) / select(slope, 1.0, slope == 0.0);
+            s = saturate(s - select(0.0, off, slope != 0.0 && abs(off) < 0.01));
             let at = saturate(near.ray.frac + s * way);
             return SurfaceHit(true, here.t + s * length, trilinear_gradient(c, at), here.axis);
         }
