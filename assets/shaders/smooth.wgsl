@@ -110,8 +110,8 @@ fn first_root(grid: Grid, course: Course, enters: Walk, iso: f32) -> SurfaceHit 
         }
         let c = corners(grid, cell);
         let near = anchored(course, here.rel, here.axis, here.t);
-        let exit = max(anchor_exit(near, course, here.rel + 1u, walk.axis), 0.0);
-        let length = min(exit, course.t_max - near.t);
+        let exit = anchor_exit(near, course, here.rel + 1u, walk.axis);
+        let length = max(min(exit, course.t_max - near.t), 0.0);
         let start = unturned(course, near.frac);
         let way = length * select(course.speed, -course.speed, course.flip != vec3(0));
         // Four values of the cubic, then its coefficients.
@@ -139,6 +139,12 @@ fn first_root(grid: Grid, course: Course, enters: Walk, iso: f32) -> SurfaceHit 
             }
         }
         if s <= 1.0 {
+            // The cubic's coefficients have the rounding of four values, many times over; one step of
+            // Newton's on the interpolant itself takes most of that away.
+            let first = saturate(start + s * way);
+            let slope = dot(trilinear_gradient(c, first), way);
+            let off = (trilinear(c, first) - iso) / select(slope, 1.0, slope == 0.0);
+            s = saturate(s - select(0.0, off, slope != 0.0 && abs(off) < 0.01));
             let at = saturate(start + s * way);
             return SurfaceHit(true, here.t + s * length, trilinear_gradient(c, at), here.axis);
         }
