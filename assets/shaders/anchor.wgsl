@@ -24,10 +24,13 @@ const CREEP: f32 = 0.00390625;  // 2^-8
 // the values are alike.
 fn anchor_exit(near: Anchor, course: Course, plane: vec3<u32>, axis: u32) -> f32 {
     let exits = anchor_t(near, course, plane);
-    let fastest = max(max(course.speed.x, course.speed.y), course.speed.z);
     let first = min(min(exits.x, exits.y), exits.z);
-    let creeps = component_f(course.speed, axis) < CREEP * fastest;
-    return select(component_f(exits, axis), first, creeps);
+    return select(component_f(exits, axis), first, creeps(course, axis));
+}
+
+fn creeps(course: Course, axis: u32) -> bool {
+    let fastest = max(max(course.speed.x, course.speed.y), course.speed.z);
+    return component_f(course.speed, axis) < CREEP * fastest;
 }
 
 // x · m, for x of 64 bits and m of 24: digits of 16 bits, so that no product overflows a u32.
@@ -104,8 +107,8 @@ fn place(course: Course, own: u32, cell: u32, axis: u32, plane: u32) -> f32 {
     return f32(clamp(at, 0, 16777216)) / 16777216.0;
 }
 
-// Cells from the ray's own within which f32 is good enough: to 2^-20 of a cell where fma rounds once, and
-// to 2^-11 where it does not, which WGSL leaves open.
+// Cells from the ray's own within which f32 is good enough, if the ray does not creep: to 2^-16 of a cell
+// where fma rounds once, and to 2^-11 where it does not, which WGSL leaves open.
 const NEAR: u32 = 4096u;
 
 // The same in f32, near the ray's own cell: way = distance · ratio, in terms of which the large ones are
@@ -130,7 +133,7 @@ fn anchored(course: Course, rel: vec3<u32>, axis: u32, t: f32) -> Anchor {
         return Anchor(rel, saturate(at), t);
     }
     let across = vec3(0u, 1u, 2u) == vec3(axis);
-    if all(rel < vec3(NEAR)) {
+    if all(rel < vec3(NEAR)) && !creeps(course, axis) {
         return Anchor(rel, select(place_near(course, rel, axis), vec3(0.0), across), t);
     }
     let plane = component_u(rel, axis);

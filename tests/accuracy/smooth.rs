@@ -154,6 +154,11 @@ impl<'a> Judge<'a> {
         // The best of a few places, then ever closer around it: between the faces of cells, a
         // gradient turns steadily along a ray.
         let places = (-16..=16).map(|i| t + reach * f64::from(i) / 16.0);
+        // And where it comes to another cell, which it may touch only there.
+        let (point, dir) = (ray.at(t), ray.dir.as_dvec3());
+        let faces = (0..3).map(|axis| t + (point[axis].round() - point[axis]) / dir[axis]);
+        let faces = faces.filter(|place| (place - t).abs() <= reach);
+        let places = places.chain(faces);
         let best = places.min_by(|a, b| at(*a).total_cmp(&at(*b))).unwrap_or(t);
         at(best).min(at(least(best - reach / 16.0, best + reach / 16.0, at)))
     }

@@ -33,9 +33,12 @@ impl Anchor {
     /// first, on either side of which the values are alike.
     pub fn exit(&self, course: &Course, plane: UVec3, axis: usize) -> f32 {
         let exits = self.plane_t(course, plane);
-        let creeps = course.speed[axis] < CREEP * course.speed.max_element();
-        if creeps { exits.min_element() } else { exits[axis] }
+        if creeps(course, axis) { exits.min_element() } else { exits[axis] }
     }
+}
+
+fn creeps(course: &Course, axis: usize) -> bool {
+    course.speed[axis] < CREEP * course.speed.max_element()
 }
 
 /// Where in a cell the ray is along one axis when it crosses a plane of another, rounded to 2⁻²⁴:
@@ -61,8 +64,8 @@ fn place(course: &Course, own: usize, cell: u32, axis: usize, plane: u32) -> f32
     (at as i32).clamp(0, 1 << FRAC_BITS) as f32 / (1 << FRAC_BITS) as f32
 }
 
-/// Cells from the ray's own within which f32 is good enough: to 2⁻²⁰ of a cell where `fma` rounds once,
-/// and to 2⁻¹¹ where it does not, which WGSL leaves open.
+/// Cells from the ray's own within which f32 is good enough, if the ray does not creep: to 2⁻¹⁶ of a
+/// cell where `fma` rounds once, and to 2⁻¹¹ where it does not, which WGSL leaves open.
 const NEAR: u32 = 4096;
 
 /// The same in f32, near the ray's own cell: way = distance · ratio, in terms of which the large ones
@@ -85,7 +88,7 @@ pub fn anchored(course: &Course, walk: &Walk) -> Anchor {
         // A shader's rays begin close to the eye.
         let at = course.frac + walk.t * course.speed - walk.rel.as_vec3();
         at.clamp(Vec3::ZERO, Vec3::ONE)
-    } else if walk.rel.max_element() < NEAR {
+    } else if walk.rel.max_element() < NEAR && !creeps(course, axis) {
         let mut frac = place_near(course, walk.rel, axis);
         frac[axis] = 0.0;
         frac
