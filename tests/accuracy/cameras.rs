@@ -15,6 +15,9 @@ use crate::tally::{Errors, Tally};
 use crate::views::{self, DISTANCES, FIELDS, SHAPES, SIZES, View};
 use crate::{fog, smooth, voxels};
 
+/// Said beside the number of views that `LatticeRays` refuses.
+const REFUSED: &str = "of all views too small for f32, refused";
+
 /// Pixels along the edge of a picture in the short form.
 fn edge(kind: PackKind) -> f64 {
     match kind {
@@ -151,7 +154,7 @@ fn pictures(suite: &mut Suite, group: &'static str, kind: PackKind, errors: &mut
                 *example = format!("{view:?}: {example}");
             }
         };
-        let tally = judged(&made, &hits, &judge);
+        let tally = judged(suite.gpu, &made, &hits, &judge);
         let size = SIZES.iter().position(|size| *size == view.size);
         let shape = SHAPES.iter().position(|shape| *shape == view.shape);
         let field = FIELDS.iter().position(|field| *field == view.field);
@@ -174,13 +177,8 @@ fn pictures(suite: &mut Suite, group: &'static str, kind: PackKind, errors: &mut
     let rows = [by_distance, by_offset, by_size, by_shape, by_field];
     for (part, rows) in rows.into_iter().take(parts).enumerate() {
         for (row, (name, tally)) in rows.names.iter().zip(&rows.tallies).enumerate() {
-            let note = match (part, row) {
-                (0, 0) if refused > 0 => {
-                    format!("{refused} of all views too small for f32, refused")
-                }
-                _ => String::new(),
-            };
-            add_rows(suite, group, kind, name, tally, part > 0, note);
+            let refused = if (part, row) == (0, 0) { refused } else { 0 };
+            add_rows(suite, group, kind, name, tally, part > 0, refused);
         }
     }
 }
@@ -198,18 +196,17 @@ fn add_rows(
     name: &str,
     tally: &Tally,
     again: bool,
-    note: String,
+    refused: u64,
 ) {
     match kind {
         PackKind::Smooth { .. } => smooth::add_rows(suite, group, name, tally, again),
         PackKind::Surface { .. } => {
             let bound = Bound::Max(f64::from(T_ERROR));
-            let row = Row::new(group, name, "of t", bound, tally).note(note);
+            let row = Row::new(group, name, "of t", bound, tally).and(refused, REFUSED);
             suite.report.add(Row { again, ..row }, tally);
         }
         PackKind::Fog => {
-            let bound = Bound::Max(fog::TRANSMITTANCE);
-            let row = Row::new(group, name, "transmittance", bound, tally).note(note);
+            let row = fog::row(group, name, fog::TRANSMITTANCE, tally);
             suite.report.add(Row { again, ..row }, tally);
         }
     }

@@ -139,9 +139,9 @@ pub fn send(
                 }
             }
         });
-        receiver
-            .into_iter()
-            .fold(Tally::default(), |tally, (rays, hits)| tally.merge(judged(&rays, &hits, judge)))
+        receiver.into_iter().fold(Tally::default(), |tally, (rays, hits)| {
+            tally.merge(judged(suite.gpu, &rays, &hits, judge))
+        })
     })
 }
 
@@ -160,12 +160,18 @@ fn chunks(
     starts.into_par_iter().flat_map_iter(chunk).collect()
 }
 
+/// Mesa's llvmpipe ends a shader after 65,535 iterations of all its loops together. From so many
+/// steps of a walk on, its answers tell nothing; a GPU's do.
+const LLVMPIPE_STEPS: u32 = 2000;
+
 /// Judges the answers to rays.
-pub fn judged<Q: Sync>(
-    rays: &[Q],
+pub fn judged(
+    gpu: &Gpu,
+    rays: &[ProbeRay],
     hits: &[ProbeHit],
-    judge: &(dyn Fn(&Q, &ProbeHit, &mut Tally) + Sync),
+    judge: &(dyn Fn(&ProbeRay, &ProbeHit, &mut Tally) + Sync),
 ) -> Tally {
+    let most_steps = if gpu.is_software() { LLVMPIPE_STEPS } else { u32::MAX };
     assert_eq!(rays.len(), hits.len(), "every ray has an answer");
     rays.par_chunks(JUDGED)
         .zip(hits.par_chunks(JUDGED))
@@ -173,7 +179,11 @@ pub fn judged<Q: Sync>(
             let mut tally = Tally::default();
             for (ray, hit) in rays.iter().zip(hits) {
                 tally.rays += 1;
-                judge(ray, hit, &mut tally);
+                if hit.steps < most_steps {
+                    judge(ray, hit, &mut tally);
+                } else {
+                    tally.cut += 1;
+                }
             }
             tally
         })

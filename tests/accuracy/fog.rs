@@ -75,12 +75,10 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// Says how many rays were excused.
-pub fn noted(row: Row, tally: &Tally) -> Row {
-    match tally.steep {
-        0 => row,
-        thin => row.note(format!("{thin} thin edges of dense fog")),
-    }
+/// The row of a case.
+pub fn row(group: &'static str, case: &str, bound: f64, tally: &Tally) -> Row {
+    let row = Row::new(group, case, "transmittance", Bound::Max(bound), tally);
+    row.and(tally.steep, "thin edges of dense fog")
 }
 
 /// The greatest density that is shown: what is above counts as this.
@@ -119,8 +117,7 @@ fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
         let judge =
             |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
         let tally = send(suite, &scene, seed, RAYS * suite.some_times(), &make, &judge);
-        let row =
-            Row::new("fog", format!("{name}, {kind}"), "transmittance", Bound::Max(bound), &tally);
-        suite.report.add(noted(row, &tally), &tally);
+        let row = row("fog", &format!("{name}, {kind}"), bound, &tally);
+        suite.report.add(row, &tally);
     }
 }

@@ -19,8 +19,8 @@ use crate::voxels;
 const RAYS: usize = 10_000;
 /// Pixels along the edge of a picture.
 const EDGE: u32 = 8;
-/// What the shader says of a ray that used up its steps.
-const STUCK: u32 = u32::MAX;
+/// What the shader gives as `t` of a ray that used up its steps.
+const STUCK: f32 = -1.0;
 
 fn send(suite: &Suite, kernel: &Kernel, scene: &Scene, rays: &[ProbeRay]) -> Vec<ProbeHit> {
     let gpu = suite.gpu;
@@ -46,7 +46,7 @@ fn judge(
     let cell = IVec3::from_array(hit.cell).wrapping_add(scene.grid.base);
     let found = (hit.hit != 0).then_some((cell, hit.axis));
     tally.met += u64::from(truth.is_some());
-    tally.stuck += u64::from(hit.steps == STUCK);
+    tally.stuck += u64::from(hit.t == STUCK);
     if found != truth {
         tally.wrong += 1;
         let same = matches!((found, truth), (Some((a, _)), Some((b, _))) if a == b);
@@ -74,7 +74,7 @@ pub fn run(suite: &mut Suite) {
             let rays: Vec<ProbeRay> =
                 (0..RAYS).map(|_| make(&mut random, &targets, &scene.grid)).collect();
             let hits = send(suite, &kernel, &scene, &rays);
-            rows.push(row(format!("{name}, {kind}"), &judged(&rays, &hits, &judge)));
+            rows.push(row(format!("{name}, {kind}"), &judged(suite.gpu, &rays, &hits, &judge)));
         }
     }
     rows.extend(cameras(suite, &kernel));
@@ -85,7 +85,7 @@ pub fn run(suite: &mut Suite) {
 
 fn row(case: String, tally: &Tally) -> Row {
     let row = Row::new("nudged", case, "", Bound::None, tally);
-    row.note(format!("{} faces alone, {} stood still", tally.wrong_faces, tally.stuck))
+    row.and(tally.wrong_faces, "faces alone").and(tally.stuck, "stood still")
 }
 
 /// The views of the suite of the grid at the origin of index space, where this walk is at its best,
@@ -107,7 +107,7 @@ fn cameras(suite: &Suite, kernel: &Kernel) -> Vec<Row> {
         let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| {
             judge(&scene, &oracle, ray, hit, tally)
         };
-        tallies[d] = std::mem::take(&mut tallies[d]).merge(judged(&rays, &hits, &judge));
+        tallies[d] = std::mem::take(&mut tallies[d]).merge(judged(suite.gpu, &rays, &hits, &judge));
     }
     let rows = DISTANCES.iter().zip(&tallies);
     rows.map(|((name, _), tally)| row(format!("camera at {name} voxels"), tally)).collect()

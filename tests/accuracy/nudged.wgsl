@@ -99,6 +99,6 @@ fn nudged(@builtin(global_invocation_id) id: vec3<u32>) {
             at += dir * (step + NUDGE);
         }
     }
-    let ended = select(steps, 0xffffffffu, stuck == 1u);
-    hits[i] = ProbeHit(vec3<i32>(floor(at)) - base.xyz, axis, vec3(0.0), hit, 0.0, 0.0, ended);
+    let t = select(0.0, -1.0, stuck == 1u);
+    hits[i] = ProbeHit(vec3<i32>(floor(at)) - base.xyz, axis, vec3(0.0), hit, t, 0.0, steps);
 }

@@ -46,7 +46,19 @@ impl Row {
         bound: Bound,
         tally: &Tally,
     ) -> Self {
-        Self::of_errors(group, case, unit, bound, &tally.errors).counts(tally)
+        Self::of_errors(group, case, unit, bound, &tally.errors)
+            .counts(tally)
+            .and(tally.near_double, "near-double")
+            .and(tally.cut, "longer than llvmpipe's loops")
+    }
+
+    /// Adds to what else is to be said.
+    pub fn and(mut self, count: u64, what: &str) -> Self {
+        if count > 0 {
+            let comma = if self.note.is_empty() { "" } else { ", " };
+            let _ = write!(self.note, "{comma}{count} {what}");
+        }
+        self
     }
 
     /// A row of errors alone.
@@ -77,14 +89,6 @@ impl Row {
     fn counts(self, tally: &Tally) -> Self {
         let Tally { rays, met, wrong, wrong_faces, .. } = *tally;
         Self { rays, met, wrong, wrong_faces, ..self }
-    }
-
-    pub fn note(self, note: impl Into<String>) -> Self {
-        Self { note: note.into(), ..self }
-    }
-
-    pub fn again(self) -> Self {
-        Self { again: true, ..self }
     }
 
     /// `None`, where there is no bound.

@@ -27,10 +27,9 @@ const ROOT_REACH: f64 = 1e-3;
 /// Voxels across the ray within which it touches another cell.
 const TOUCHING: f64 = 1.0 / (1 << 20) as f64;
 /// A dip past the surface, or a distance from it, that may be overlooked or taken for a root, in
-/// units of the grid's background: a few roundings of an f32 interpolant.
+/// parts of the grid's background or of a cell's greatest corner: a few roundings of an f32
+/// interpolant.
 const NOISE: f64 = 1e-6;
-/// A gradient shorter than this, per voxel, has no direction.
-const NO_GRADIENT: f64 = 1e-5;
 /// Voxels from the eye up to which positions are held to their bound as they are. Farther away, an
 /// f32 has no room for it: 2⁻²⁰ of the way is taken off.
 const NEAR: f64 = 1000.0;
@@ -126,13 +125,12 @@ impl<'a> Judge<'a> {
         let steps = (reach * 256.0).ceil().max(64.0) as i32;
         let step = reach / f64::from(steps) / speed;
         let at = |i: i32| (t + f64::from(i) * step).max(start);
-        let off = |t: f64| self.roots.value(ray, t).abs();
+        let off = |t: f64| self.over_noise(ray, t);
         // Each place that is closer than those beside it, and the closest around it.
         (-steps..=steps).any(|i| {
             let (before, here, after) = (at(i - 1), at(i), at(i + 1));
-            let is_within = |t: f64| {
-                off(t) <= self.noise && self.least_angle(ray, t, own, FARTHEST_OFF) <= NORMAL
-            };
+            let is_within =
+                |t: f64| off(t) <= 1.0 && self.least_angle(ray, t, own, FARTHEST_OFF) <= NORMAL;
             let is_least = off(here) <= off(before) && off(here) <= off(after);
             is_within(here) || is_least && is_within(least(before, after, off))
         })
@@ -142,8 +140,13 @@ impl<'a> Judge<'a> {
     /// 256th of it tells: then nobody can say on which side the ray began.
     fn is_near_until(&self, ray: &Ray, t: f64) -> bool {
         let start = f64::from(ray.t_min);
-        let value = |i: i32| self.roots.value(ray, start + (t - start) * f64::from(i) / 256.0);
-        (0..256).all(|i| value(i).abs() <= self.noise)
+        (0..256).all(|i| self.over_noise(ray, start + (t - start) * f64::from(i) / 256.0) <= 1.0)
+    }
+
+    /// The distance of the interpolant from the iso-value, in parts of its noise.
+    fn over_noise(&self, ray: &Ray, t: f64) -> f64 {
+        let (value, largest) = self.roots.value(ray, t);
+        value.abs() / self.noise.max(NOISE * largest).max(f64::MIN_POSITIVE)
     }
 
     /// The least angle, in degrees, between a gradient and the true ones within so many voxels of a
@@ -170,7 +173,8 @@ impl<'a> Judge<'a> {
         let beside = (0..8).map(|i| {
             let side = DVec3::from_array([0, 1, 2].map(|axis| f64::from(2 * (i >> axis & 1) - 1)));
             let truth = self.gradients.gradient(point + side * TOUCHING);
-            let none = own.length().max(truth.length()) <= NO_GRADIENT;
+            // One that changes the value by less than its noise has no direction.
+            let none = own.length().max(truth.length()) <= self.noise / ROOT_REACH;
             if none { 0.0 } else { angle(own, truth) }
         });
         beside.fold(f64::INFINITY, f64::min)
@@ -197,11 +201,7 @@ fn angle(a: DVec3, b: DVec3) -> f64 {
 
 /// The two rows of a case: positions, and normals.
 pub fn add_rows(suite: &mut Suite, group: &'static str, case: &str, tally: &Tally, again: bool) {
-    let mut note = Vec::new();
-    if tally.near_double > 0 {
-        note.push(format!("{} near-double", tally.near_double));
-    }
-    let row = Row::new(group, case, "voxels", POSITION, tally).note(note.join(", "));
+    let row = Row::new(group, case, "voxels", POSITION, tally);
     suite.report.add(Row { again, ..row }, tally);
     let mut row = Row::of_errors(
         group,
@@ -210,11 +210,8 @@ pub fn add_rows(suite: &mut Suite, group: &'static str, case: &str, tally: &Tall
         Bound::Max(NORMAL),
         &tally.angles,
     );
-    row.wrong = tally.wrong_normals;
-    if tally.steep > 0 {
-        row = row.note(format!("{} within 1e-3 voxel", tally.steep));
-    }
-    suite.report.add(row.again(), tally);
+    (row.wrong, row.again) = (tally.wrong_normals, true);
+    suite.report.add(row.and(tally.steep, "within 1e-3 voxel"), tally);
 }
 
 /// All rows of given rays.

@@ -76,8 +76,10 @@ pub struct Tally {
     pub wrong_faces: u64,
     /// Roots missed or invented within the stated noise of a double root.
     pub near_double: u64,
-    /// Rays that ended without an answer.
+    /// Rays that used up the steps of the nudged walk.
     pub stuck: u64,
+    /// Rays through so many cells that llvmpipe ends their shader: not judged.
+    pub cut: u64,
     pub errors: Errors,
     /// Of normals, in degrees; of smooth surfaces only.
     pub angles: Errors,
@@ -99,6 +101,7 @@ impl Tally {
         self.wrong_faces += other.wrong_faces;
         self.near_double += other.near_double;
         self.stuck += other.stuck;
+        self.cut += other.cut;
         self.steep += other.steep;
         self.wrong_normals += other.wrong_normals;
         self.errors.merge(&other.errors);

@@ -105,14 +105,17 @@ impl<'a, C: Node<Value = f32>> Smooth<'a, C> {
         self.scan(ray, true)
     }
 
-    /// The interpolant minus the iso-value at a place on a ray; of the cell above where that lies in
-    /// a face. Good to 2⁻⁵⁰ of the corners, for a ray displaced by 2⁻⁵² of its length.
-    pub fn value(&self, ray: &Ray, t: f64) -> f64 {
+    /// The interpolant minus the iso-value at a place on a ray, and the greatest distance of a corner
+    /// of the cell from the iso-value; of the cell above where the place lies in a face. Good to 2⁻⁵⁰
+    /// of that distance, for a ray displaced by 2⁻⁵² of its length.
+    pub fn value(&self, ray: &Ray, t: f64) -> (f64, f64) {
         let at = ray.frac.as_dvec3() + t * ray.dir.as_dvec3();
         let cell = [0, 1, 2].map(|axis| i64::from(ray.cell[axis]) + at[axis].floor() as i64);
         let corners = self.field.corners(&mut self.field.tree().accessor(), cell);
         let convert = |value: f32| f64::from(value) - f64::from(self.iso);
-        Corners(corners.map(convert)).at(at - at.floor())
+        let corners = Corners(corners.map(convert));
+        let largest = corners.0.iter().fold(0.0, |most: f64, corner| most.max(corner.abs()));
+        (corners.at(at - at.floor()), largest)
     }
 
     fn scan(&self, ray: &Ray, grazes: bool) -> SurfaceTrace {
