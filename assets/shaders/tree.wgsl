@@ -73,13 +73,11 @@ struct Place {
     // Of a region: its first word, and the number of its first leaf.
     region: u32,
     head: u32,
-    // The block of 4³ cells around the cell, where the slot is a leaf.
-    block: vec2<u32>,
 }
 
 // Nowhere near the cell.
 fn nowhere(cell: vec3<i32>) -> Place {
-    return Place(~cell, 0u, 0u, 0u, 0u, vec2(0u));
+    return Place(~cell, 0u, 0u, 0u, 0u);
 }
 
 // Slots beyond its own that a ray of an octant can leap over from an empty one.
@@ -144,21 +142,17 @@ fn block_at(grid: Grid, cell: vec3<i32>, word: u32, head: u32) -> vec2<u32> {
 
 // What a ray of an octant meets at a local cell of the grid's box.
 fn locate(grid: Grid, cell: vec3<i32>, octant: u32, place: ptr<function, Place>) -> Span {
-    let apart = cell ^ (*place).cell;
-    let moved = bitcast<u32>(apart.x | apart.y | apart.z);
     let word = locate_slot(grid, cell, place);
     if (word & CHILD) == 0u {
         return tile_span(word, (*place).log_dim, octant);
     }
-    let c = vec3<u32>(cell) & vec3(7u);
-    if (moved >> 2u) != 0u {
-        (*place).block = block_at(grid, cell, word, (*place).head);
-    }
-    let block = (*place).block;
+    // Read anew for each cell of a block: it is close by, and two registers less to keep.
+    let block = block_at(grid, cell, word, (*place).head);
     if (block.x | block.y) == 0u {
         return empty_span(2u, 0u);
     }
-    let bit = ((c.x & 1u) << 4u) | ((c.y & 3u) << 2u) | (c.z & 3u);
+    let c = vec3<u32>(cell) & vec3(3u);
+    let bit = ((c.x & 1u) << 4u) | (c.y << 2u) | c.z;
     let on = (select(block.y, block.x, (c.x & 2u) == 0u) >> bit) & 1u;
     return Span(0u, 0u, select(0u, word, on == 1u));
 }

@@ -23,8 +23,8 @@ struct Setup {
 
 /// Extinction per unit of density and voxel, as the peers have it.
 const DENSITY_SCALE: f32 = 0.1;
-/// Runs before those that count.
-const WARM_UP: u32 = 10;
+/// Milliseconds of work before what counts: a GPU that was idle is slow at first.
+const WARM_UP: f64 = 500.0;
 
 struct Model {
     name: String,
@@ -174,11 +174,14 @@ impl Picture<'_> {
             let mut passes = Vec::new();
             passes.extend(beams.map(|beams| step(beams, Groups::Given(beam_groups))));
             passes.push(step(kernel, Groups::Given(groups)));
-            gpu.time(&passes, WARM_UP + args.runs)
+            let mut warm = 0.0;
+            while warm < WARM_UP {
+                warm += gpu.time(&passes, 20).iter().sum::<f64>();
+            }
+            gpu.time(&passes, args.runs)
         } else {
             return Err("the adapter has no timestamps".into());
         };
-        times.drain(..WARM_UP as usize);
         times.sort_by(f64::total_cmp);
         let values: Vec<f32> = bytemuck::pod_collect_to_vec(&gpu.read(&out, pixels * 4));
         let is_hit = |&&value: &&f32| if model.level_set { value >= 0.0 } else { value < 0.999 };
