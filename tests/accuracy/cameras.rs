@@ -45,7 +45,9 @@ impl RayErrors {
         let small = |a: DVec3, b: DVec3| (a.abs() + b.abs()) / f64::from(1 << 20);
         let truth = lattice.dir_at(x, y);
         let error = (Vec3::from_array(made.dir).as_dvec3() - truth).abs();
-        let bound = truth.abs() / f64::from(1 << 24) + small(lattice.dir_x, lattice.dir_y);
+        // What is left of the middle's rounding is rounded, too: 2⁻⁴⁸.
+        let half_ulp = (1.0 + 1.0 / f64::from(1 << 23)) / f64::from(1 << 24);
+        let bound = truth.abs() * half_ulp + small(lattice.dir_x, lattice.dir_y);
         let over = |error: DVec3, bound: DVec3| {
             let part = |axis| if error[axis] == 0.0 { 0.0 } else { error[axis] / bound[axis] };
             [0, 1, 2].map(part).into_iter().fold(0.0, f64::max)

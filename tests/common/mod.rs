@@ -14,7 +14,7 @@ use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
-use bevy::render::render_resource::{TextureFormat, TextureUsages};
+use bevy::render::render_resource::{PipelineCache, TextureFormat, TextureUsages};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use bevy_vdb::{VdbGrid, VdbRenderPlugin};
@@ -167,9 +167,23 @@ impl Stage {
         self.world().resource_mut::<Assets<VdbGrid>>().add(grid)
     }
 
+    /// Goes on until what is to be seen can be drawn: shaders are assets, which other threads load,
+    /// and a busy machine takes more than a few frames for them.
+    fn settle(&mut self) {
+        for _ in 0..2000 {
+            self.update(4);
+            let render = self.app.sub_app(bevy::render::RenderApp).world();
+            if render.resource::<PipelineCache>().waiting_pipelines().next().is_none() {
+                return;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        panic!("a pipeline is never made");
+    }
+
     /// What stands in an image after the next frames.
     pub fn picture(&mut self, target: &Handle<Image>) -> Picture {
-        self.update(4);
+        self.settle();
         *self.arrived.lock().unwrap() = None;
         let arrived = self.arrived.clone();
         let reader = self

@@ -72,11 +72,20 @@ fn a_white_furnace_keeps_its_light() {
         for (tree, kind) in [(ball(), SURFACE), (ball(), SMOOTH), (cloud(), PackKind::Fog)] {
             let scale = DAffine3::from_scale(DVec3::splat(0.1));
             let grid = VdbGrid::new("white", tree, scale, kind).unwrap();
-            let picture = shown(grid, VdbMaterial::default(), |world| {
-                world.insert_resource(ClearColor(Color::linear_rgb(light, light, light)));
-                world.query::<&mut AmbientLight>().single_mut(world).unwrap().brightness = light;
-                world.query::<&mut DirectionalLight>().single_mut(world).unwrap().illuminance = 0.0;
-            });
+            let furnace = |base_color| {
+                shown(grid.clone(), VdbMaterial { base_color, ..default() }, |world| {
+                    world.insert_resource(ClearColor(Color::linear_rgb(light, light, light)));
+                    let mut ambient = world.query::<&mut AmbientLight>();
+                    ambient.single_mut(world).unwrap().brightness = light;
+                    let mut sun = world.query::<&mut DirectionalLight>();
+                    sun.single_mut(world).unwrap().illuminance = 0.0;
+                })
+            };
+            if light == 1.0 {
+                let seen = furnace(Color::BLACK).count(|pixel| pixel.x < 0.9);
+                assert!(seen > 500, "in black, {seen} pixels of {kind:?} would be seen");
+            }
+            let picture = furnace(Color::WHITE);
             let colors = picture.pixels.iter().flat_map(|pixel| pixel.truncate().to_array());
             let worst = colors.map(|c| (c / light - 1.0).abs()).fold(0.0, f32::max);
             println!("white furnace of {light}, {kind:?}: {:.3} % off at most", 100.0 * worst);
