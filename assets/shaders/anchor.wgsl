@@ -18,14 +18,17 @@ fn anchor_t(near: Anchor, course: Course, plane: vec3<u32>) -> vec3<f32> {
 // Slower than this, relative to the fastest, a ray creeps along an axis.
 const CREEP: f32 = 0.00390625;  // 2^-8
 
-// Where a course leaves a cube, from the anchor on: by the plane of the axis that the walk crosses. Where
-// the ray creeps along that axis, the anchor's own rounding can move the plane's t by far, but the
-// ray's place by next to nothing: then it leaves by whichever plane comes first, on either side of which
-// the values are alike.
-fn anchor_exit(near: Anchor, course: Course, plane: vec3<u32>, axis: u32) -> f32 {
+// Where a course leaves a cube, from the anchor on: by the plane that the walk crosses next, at about
+// `t_next`. Where the ray creeps along that axis, the anchor's own rounding could move the plane's t by
+// far; what the walk has from the ray's own numbers is better.
+fn anchor_exit(near: Anchor, course: Course, plane: vec3<u32>, axis: u32, t_next: f32) -> f32 {
     let exits = anchor_t(near, course, plane);
-    let first = min(min(exits.x, exits.y), exits.z);
-    return select(component_f(exits, axis), first, creeps(course, axis));
+    if !creeps(course, axis) {
+        return component_f(exits, axis);
+    }
+    let fastest = max(max(course.speed.x, course.speed.y), course.speed.z);
+    let swift = select(select(exits.z, exits.y, course.speed.y == fastest), exits.x, course.speed.x == fastest);
+    return min(t_next - near.t, swift);
 }
 
 fn creeps(course: Course, axis: u32) -> bool {
@@ -107,22 +110,31 @@ fn place(course: Course, own: u32, cell: u32, axis: u32, plane: u32) -> f32 {
     return f32(clamp(at, 0, 16777216)) / 16777216.0;
 }
 
-// Cells from the ray's own within which f32 is good enough, if the ray does not creep: to 2^-16 of a cell
-// where fma rounds once, and to 2^-11 where it does not, which WGSL leaves open.
+// Cells from the ray's own within which f32 is good enough: integers below this have 12 bits.
 const NEAR: u32 = 4096u;
+// How much faster than along the axis crossed a ray may be along another one.
+const STEEPEST: f32 = 4.0;
 
-// The same in f32, near the ray's own cell: way = distance · ratio, in terms of which the large ones are
-// exact, with what the rounding of the ratio and of the product has left.
+// The first 12 bits of numbers; products of such halves are exact.
+fn upper_half(x: vec3<f32>) -> vec3<f32> {
+    return bitcast<vec3<f32>>(bitcast<vec3<u32>>(x) & vec3(0xfffff000u));
+}
+
+// The same in f32, near the ray's own cell, to 2^-21 of a cell: way = distance · ratio of speeds, with
+// what the rounding of the ratio has left, and all large terms exact.
 fn place_near(course: Course, rel: vec3<u32>, axis: u32) -> vec3<f32> {
     let plane = f32(component_u(rel, axis));
-    let speed = component_f(course.speed, axis);
+    let speed = vec3(component_f(course.speed, axis));
     let inverse = component_f(course.inverse, axis);
     let ratio = course.speed * inverse;
-    let ratio_rest = fma(-ratio, vec3(speed), course.speed) * inverse;
-    let way = plane * ratio;
-    let way_rest = fma(vec3(plane), ratio, -way) + plane * ratio_rest;
-    let at = (way - vec3<f32>(rel)) + (course.frac + (way_rest - component_f(course.frac, axis) * ratio));
-    return saturate(at);
+    let high = upper_half(ratio);
+    let low = ratio - high;
+    let speed_high = upper_half(speed);
+    let speed_low = speed - speed_high;
+    let left = ((course.speed - high * speed_high) - high * speed_low) - low * speed_high;
+    let ratio_rest = (left - low * speed_low) * inverse;
+    let small = plane * low + (plane * ratio_rest - component_f(course.frac, axis) * ratio);
+    return saturate((plane * high - vec3<f32>(rel)) + (course.frac + small));
 }
 
 // Where a walk enters a cell: by a plane of `axis`, at about t; 3 means that it began inside.
@@ -133,7 +145,8 @@ fn anchored(course: Course, rel: vec3<u32>, axis: u32, t: f32) -> Anchor {
         return Anchor(rel, saturate(at), t);
     }
     let across = vec3(0u, 1u, 2u) == vec3(axis);
-    if all(rel < vec3(NEAR)) && !creeps(course, axis) {
+    let swift = max(max(course.speed.x, course.speed.y), course.speed.z);
+    if all(rel < vec3(NEAR)) && swift <= STEEPEST * component_f(course.speed, axis) {
         return Anchor(rel, select(place_near(course, rel, axis), vec3(0.0), across), t);
     }
     let plane = component_u(rel, axis);

@@ -65,7 +65,7 @@ fn optical_length(grid: Grid, course: Course, enters: Walk, enough: f32) -> f32 
         }
         walk = advance(course, here, span);
         let plane = planes_behind(course, here.rel, span);
-        let t_to = max(anchor_exit(near, course, plane, walk.axis), t_from);
+        let t_to = max(anchor_exit(near, course, plane, walk.axis, walk.t), t_from);
         let t_end = min(t_to, course.t_max - near.t);
         let mean = mean_density(grid, course, near, here, span, t_from, t_end);
         sum += (t_end - t_from) * mean;

@@ -110,7 +110,7 @@ fn first_root(grid: Grid, course: Course, enters: Walk, iso: f32) -> SurfaceHit 
         }
         let c = corners(grid, cell);
         let near = anchored(course, here.rel, here.axis, here.t);
-        let exit = anchor_exit(near, course, here.rel + 1u, walk.axis);
+        let exit = anchor_exit(near, course, here.rel + 1u, walk.axis, walk.t);
         let length = max(min(exit, course.t_max - near.t), 0.0);
         let start = unturned(course, near.frac);
         let way = length * select(course.speed, -course.speed, course.flip != vec3(0));

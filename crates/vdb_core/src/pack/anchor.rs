@@ -27,13 +27,15 @@ impl Anchor {
 const CREEP: f32 = 1.0 / 256.0;
 
 impl Anchor {
-    /// Where the course leaves a cube, from the anchor on: by the plane of the axis that the walk
-    /// crosses. Where the ray creeps along that axis, the anchor's own rounding can move the plane's
-    /// `t` by far, but the ray's place by next to nothing: then it leaves by whichever plane comes
-    /// first, on either side of which the values are alike.
-    pub fn exit(&self, course: &Course, plane: UVec3, axis: usize) -> f32 {
+    /// Where the course leaves a cube, from the anchor on: by the plane that the walk crosses next, at
+    /// about `t_next`. Where the ray creeps along that axis, the anchor's own rounding could move the
+    /// plane's `t` by far; what the walk has from the ray's own numbers is better.
+    pub fn exit(&self, course: &Course, plane: UVec3, axis: usize, t_next: f32) -> f32 {
         let exits = self.plane_t(course, plane);
-        if creeps(course, axis) { exits.min_element() } else { exits[axis] }
+        if !creeps(course, axis) {
+            return exits[axis];
+        }
+        (t_next - self.t).min(exits[course.speed.max_position()])
     }
 }
 
@@ -64,21 +66,31 @@ fn place(course: &Course, own: usize, cell: u32, axis: usize, plane: u32) -> f32
     (at as i32).clamp(0, 1 << FRAC_BITS) as f32 / (1 << FRAC_BITS) as f32
 }
 
-/// Cells from the ray's own within which f32 is good enough, if the ray does not creep: to 2⁻¹⁶ of a
-/// cell where `fma` rounds once, and to 2⁻¹¹ where it does not, which WGSL leaves open.
+/// Cells from the ray's own within which f32 is good enough: integers below this have 12 bits.
 const NEAR: u32 = 4096;
+/// How much faster than along the axis crossed a ray may be along another one.
+const STEEPEST: f32 = 4.0;
 
-/// The same in f32, near the ray's own cell: way = distance · ratio, in terms of which the large ones
-/// are exact, with what the rounding of the ratio and of the product has left.
+/// The first 12 bits of numbers; products of such halves are exact.
+fn upper_half(x: Vec3) -> Vec3 {
+    x.map(|x| f32::from_bits(x.to_bits() & 0xffff_f000))
+}
+
+/// The same in f32, near the ray's own cell, to 2⁻²¹ of a cell: way = distance · ratio of speeds, with
+/// what the rounding of the ratio has left, and all large terms exact.
 fn place_near(course: &Course, rel: UVec3, axis: usize) -> Vec3 {
     let plane = rel[axis] as f32;
-    let (speed, inverse) = (course.speed[axis], course.inverse[axis]);
+    let speed = Vec3::splat(course.speed[axis]);
+    let inverse = course.inverse[axis];
     let ratio = course.speed * inverse;
-    let ratio_rest = (-ratio).mul_add(Vec3::splat(speed), course.speed) * inverse;
-    let way = plane * ratio;
-    let way_rest = Vec3::splat(plane).mul_add(ratio, -way) + plane * ratio_rest;
-    let at = (way - rel.as_vec3()) + (course.frac + (way_rest - course.frac[axis] * ratio));
-    at.clamp(Vec3::ZERO, Vec3::ONE)
+    let high = upper_half(ratio);
+    let low = ratio - high;
+    let speed_high = upper_half(speed);
+    let speed_low = speed - speed_high;
+    let left = ((course.speed - high * speed_high) - high * speed_low) - low * speed_high;
+    let ratio_rest = (left - low * speed_low) * inverse;
+    let small = plane * low + (plane * ratio_rest - course.frac[axis] * ratio);
+    ((plane * high - rel.as_vec3()) + (course.frac + small)).clamp(Vec3::ZERO, Vec3::ONE)
 }
 
 /// Where the walk enters its cell.
@@ -88,7 +100,9 @@ pub fn anchored(course: &Course, walk: &Walk) -> Anchor {
         // A shader's rays begin close to the eye.
         let at = course.frac + walk.t * course.speed - walk.rel.as_vec3();
         at.clamp(Vec3::ZERO, Vec3::ONE)
-    } else if walk.rel.max_element() < NEAR && !creeps(course, axis) {
+    } else if walk.rel.max_element() < NEAR
+        && course.speed.max_element() <= STEEPEST * course.speed[axis]
+    {
         let mut frac = place_near(course, walk.rel, axis);
         frac[axis] = 0.0;
         frac

@@ -432,7 +432,7 @@ pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
         }
         walk = advance(&course, &here, span);
         let plane = planes_behind(&course, here.rel, span);
-        let to = near.exit(&course, plane, walk.axis as usize).max(from);
+        let to = near.exit(&course, plane, walk.axis as usize, walk.t).max(from);
         let end = to.min(course.t_max - near.t);
         let mean = mean_density(grid, &course, &near, &here, span, (from, end));
         sum += (end - from) * mean;
