@@ -8,7 +8,7 @@ use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Hdr, ScalingMode, Viewport};
 use bevy::math::{DAffine3, DMat3, DVec3};
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbMaterial, VdbRenderMode, VdbVolume};
+use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbMaterial, VdbRenderMode, VdbTraversal, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::reference::{Blocky, Fog, Occupied, Ray, Smooth};
 use vdb_core::synth::{fog, level_set};
@@ -488,6 +488,41 @@ fn modes_show_what_they_say() {
     let steps = show(VdbRenderMode::Steps);
     assert!(steps.center().x > 0.5, "{}", steps.center());
     assert_eq!(steps.at(0, 0).truncate(), Vec3::ZERO, "no steps where there is no volume");
+}
+
+#[test]
+fn every_exact_traversal_shows_the_same() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::new(3.0, 4.0, 7.0)));
+    stage.world().spawn((DirectionalLight::default(), looking(Vec3::new(1.0, 2.0, 3.0))));
+    stage.green_sphere(Transform::from_xyz(-1.0, 0.0, 0.0));
+    let tree = level_set::gyroid(DVec3::ZERO, 18.0, 9.0);
+    let grid = stage.grid(tree, PackKind::Smooth { iso: 0.0 }, 0.1);
+    stage.world().spawn((VdbVolume(grid), Transform::from_xyz(1.5, 0.0, 0.0)));
+    let tree = fog::sphere(DVec3::ZERO, 15.0, 5.0);
+    let grid = stage.grid(tree, PackKind::Fog, 0.1);
+    stage.world().spawn((VdbVolume(grid), Transform::from_xyz(0.0, 0.5, 1.0)));
+    let mut show = |traversal: VdbTraversal| {
+        stage.world().entity_mut(camera).insert(VdbCamera { traversal, ..default() });
+        stage.picture(&target)
+    };
+    let leaps = show(VdbTraversal::HddaSdf);
+    assert!(leaps.count(|pixel| pixel.max_element() > 0.0) > 200, "hardly anything is seen");
+    for traversal in [VdbTraversal::Hdda, VdbTraversal::Dda] {
+        let other = show(traversal);
+        let pairs = leaps.pixels.iter().zip(&other.pixels);
+        let differ = pairs.filter(|(a, b)| a != b).count();
+        assert_eq!(differ, 0, "pixels of {traversal:?}");
+    }
+    // It passes over corners and finds surfaces late, but it is the same scene.
+    let marched = show(VdbTraversal::March);
+    let close = |(a, b): &(&Vec4, &Vec4)| (**a - **b).abs().max_element() < 0.05;
+    let alike = leaps.pixels.iter().zip(&marched.pixels).filter(close).count();
+    assert!(alike * 10 > leaps.pixels.len() * 9, "{alike} of {}", leaps.pixels.len());
 }
 
 #[test]

@@ -108,7 +108,7 @@ impl Crown {
                 }
                 let at = *place * 4 + offset_of(slot);
                 let shift = 2 * (of - level) as i32;
-                let (first, last) = (at << shift, (at + 1 << shift) - 1);
+                let (first, last) = (at << shift, ((at + 1) << shift) - 1);
                 mark_box(chunks, first, last);
             }
         }
