@@ -46,28 +46,28 @@ fn empty_cells<'a>(octant: u32, chunk_at: &impl Fn(IVec3) -> Option<&'a Chunk>) 
     window
 }
 
-/// From the cells where a cube of some size is empty to those where one larger by `shift` is:
-/// cubes of the first size at both ends of each axis cover it, as long as `shift` is not larger than
-/// that size.
-fn grown(cubes: &Window, shift: usize) -> Window {
-    let mut z = *cubes;
-    for row in z.iter_mut().flatten() {
-        // What lies beyond the window is never asked for: 15 + 16 cells are within it.
-        *row &= *row >> shift | !(u32::MAX >> shift);
+/// From the cells where a cube of some size is empty to those where one larger by `shift` is, for the
+/// first `edge` rows and planes: cubes of the first size at both ends of each axis cover it, as long as
+/// `shift` is not larger than that size. What lies beyond the window is never asked for: the last cell
+/// of a cube of 16 that begins in the chunk is its 31st.
+fn grown(cubes: &Window, shift: usize, edge: usize) -> Window {
+    let mut window = *cubes;
+    for plane in &mut window[..edge + shift] {
+        for row in &mut plane[..edge + shift] {
+            *row &= *row >> shift;
+        }
+        // Rows further on are as they were.
+        for y in 0..edge {
+            plane[y] &= plane[y + shift];
+        }
     }
-    let mut y = z;
-    for (plane, from) in y.iter_mut().zip(&z) {
-        for (row, ahead) in plane.iter_mut().zip(&from[shift..]) {
+    for x in 0..edge {
+        let (here, ahead) = window.split_at_mut(x + shift);
+        for (row, ahead) in here[x][..edge].iter_mut().zip(&ahead[0]) {
             *row &= ahead;
         }
     }
-    let mut x = y;
-    for (plane, ahead) in x.iter_mut().zip(&y[shift..]) {
-        for (row, ahead) in plane.iter_mut().zip(ahead) {
-            *row &= ahead;
-        }
-    }
-    x
+    window
 }
 
 /// The codes of all cells of a chunk, three bits an octant, z fastest; of occupied cells they mean
@@ -77,25 +77,34 @@ pub(super) fn codes<'a>(chunk_at: impl Fn(IVec3) -> Option<&'a Chunk>) -> Vec<u3
     let mut codes = vec![0; EDGE * EDGE * EDGE];
     for octant in 0..8 {
         let one = empty_cells(octant, &chunk_at);
-        let two = grown(&one, 1);
-        let three = grown(&two, 1);
-        let four = grown(&two, 2);
-        let six = grown(&four, 2);
-        let eight = grown(&four, 4);
-        let twelve = grown(&eight, 4);
-        let sixteen = grown(&eight, 8);
-        let larger = [two, three, four, six, eight, twelve, sixteen];
+        let two = grown(&one, 1, 30);
+        let three = grown(&two, 1, EDGE);
+        let four = grown(&two, 2, 28);
+        let six = grown(&four, 2, EDGE);
+        let eight = grown(&four, 4, 24);
+        let twelve = grown(&eight, 4, EDGE);
+        let sixteen = grown(&eight, 8, EDGE);
         let turned = turned(octant);
         let place = |c: usize, turned: bool| if turned { EDGE - 1 - c } else { c };
         for x in 0..EDGE {
             for y in 0..EDGE {
                 let first =
                     place(x, turned[0]) << (2 * CHUNK_BITS) | place(y, turned[1]) << CHUNK_BITS;
-                let rows = larger.map(|window| window[x][y]);
-                for z in 0..EDGE {
-                    // A larger cube holds all smaller ones: how many there are is the code.
-                    let code: u32 = rows.iter().map(|row| row >> z & 1).sum();
-                    codes[first | place(z, turned[2])] |= code << (3 * octant);
+                // A larger cube holds all smaller ones: how many there are is the code.
+                let at = |window: &Window| window[x][y];
+                let high = at(&six);
+                let middle = at(&three) & !high | at(&twelve);
+                let low = at(&two) & !at(&three)
+                    | at(&four) & !high
+                    | at(&eight) & !at(&twelve)
+                    | at(&sixteen);
+                if low | middle | high == 0 {
+                    continue;
+                }
+                for (z, code) in codes[first..first + EDGE].iter_mut().enumerate() {
+                    let z = place(z, turned[2]);
+                    let three_bits = low >> z & 1 | (middle >> z & 1) << 1 | (high >> z & 1) << 2;
+                    *code |= three_bits << (3 * octant);
                 }
             }
         }
