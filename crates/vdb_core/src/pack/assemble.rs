@@ -24,7 +24,8 @@ const ROOT_TILE_LEVEL: u32 = 2;
 /// Regions per edge of such a slot.
 const ROOT_TILE_REGIONS: i32 = 16;
 
-/// Regions and tiles over the regions that they stand for, in index space.
+/// Regions and tiles over the regions that they stand for, in index space, without tiles of the
+/// background that no ray meets.
 struct Parts<'a> {
     /// 16³ nodes: region, words.
     nodes: Vec<(IVec3, &'a [u32])>,
@@ -38,11 +39,17 @@ fn parts(builder: &Builder) -> Parts<'_> {
     let mut parts = Parts { nodes: Vec::new(), tiles: Vec::new(), root_tiles: Vec::new() };
     for (origin, &word) in &builder.root {
         let first = IVec3::from_array(*origin) >> REGION_BITS as i32;
+        if is_background(word) {
+            continue;
+        }
         if word & CHILD == 0 {
             parts.root_tiles.push((first, word));
             continue;
         }
         for (slot, &word) in builder.uppers[(word & PAYLOAD) as usize].iter().enumerate() {
+            if is_background(word) {
+                continue;
+            }
             let s = slot as i32;
             let region = first + IVec3::new(s >> 10, s >> 5 & 31, s & 31);
             if word & CHILD == 0 {
@@ -66,10 +73,8 @@ impl Frame {
     /// Everything but tiles of the background is somewhere in the frame.
     fn new(parts: &Parts) -> Self {
         let single = parts.nodes.iter().map(|(region, _)| *region);
-        let tiles = parts.tiles.iter().filter(|(_, word)| !is_background(*word));
-        let single = single.chain(tiles.map(|(region, _)| *region));
-        let wide = parts.root_tiles.iter().filter(|(_, word)| !is_background(*word));
-        let wide: Vec<IVec3> = wide.map(|(region, _)| *region).collect();
+        let single = single.chain(parts.tiles.iter().map(|(region, _)| *region));
+        let wide: Vec<IVec3> = parts.root_tiles.iter().map(|(region, _)| *region).collect();
         let ends = wide.iter().map(|first| *first + (2 * ROOT_TILE_REGIONS - 1));
         let all = single.chain(wide.iter().copied()).chain(ends);
         let bounds = all.fold(None, |bounds: Option<(IVec3, IVec3)>, region| {
