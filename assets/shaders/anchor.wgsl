@@ -26,14 +26,16 @@ fn anchor_exit(near: Anchor, course: Course, plane: vec3<u32>, axis: u32, t_next
     if !creeps(course, axis) {
         return component_f(exits, axis);
     }
-    let fastest = max(max(course.speed.x, course.speed.y), course.speed.z);
-    let swift = select(select(exits.z, exits.y, course.speed.y == fastest), exits.x, course.speed.x == fastest);
-    return min(t_next - near.t, swift);
+    let swift = select(2u, select(0u, 1u, course.speed.y > course.speed.x), course.speed.z < fastest(course));
+    return min(t_next - near.t, component_f(exits, swift));
+}
+
+fn fastest(course: Course) -> f32 {
+    return max(max(course.speed.x, course.speed.y), course.speed.z);
 }
 
 fn creeps(course: Course, axis: u32) -> bool {
-    let fastest = max(max(course.speed.x, course.speed.y), course.speed.z);
-    return component_f(course.speed, axis) < CREEP * fastest;
+    return component_f(course.speed, axis) < CREEP * fastest(course);
 }
 
 // x · m, for x of 64 bits and m of 24: digits of 16 bits, so that no product overflows a u32.
@@ -145,8 +147,7 @@ fn anchored(course: Course, rel: vec3<u32>, axis: u32, t: f32) -> Anchor {
         return Anchor(rel, saturate(at), t);
     }
     let across = vec3(0u, 1u, 2u) == vec3(axis);
-    let swift = max(max(course.speed.x, course.speed.y), course.speed.z);
-    if all(rel < vec3(NEAR)) && swift <= STEEPEST * component_f(course.speed, axis) {
+    if all(rel < vec3(NEAR)) && fastest(course) <= STEEPEST * component_f(course.speed, axis) {
         return Anchor(rel, select(place_near(course, rel, axis), vec3(0.0), across), t);
     }
     let plane = component_u(rel, axis);

@@ -24,9 +24,13 @@ struct Beam {
     one_octant: bool,       // if not, nothing can be said about them
 }
 
-// The beam through `ndc` and up to `half` beside it.
-fn beam_of(grid: Grid, rays: Rays, ndc: vec2<f32>, half: vec2<f32>, t_min: f32) -> Beam {
-    let course = course_of(grid, ray_through(rays, ndc, t_min, FAR));
+// The beam of a tile of 8×8 pixels of a picture.
+fn beam_of(grid: Grid, rays: Rays, tile: vec2<u32>, size: vec2<u32>, t_min: f32) -> Beam {
+    let pixel = 2.0 / vec2<f32>(size);
+    let middle = vec2<f32>(8u * tile + 4u) * pixel - 1.0;
+    // The middles of a tile's pixels are up to 3½ pixels from its own.
+    let half = 3.6 * pixel;
+    let course = course_of(grid, ray_through(rays, vec2(middle.x, -middle.y), t_min, FAR));
     let wide = half.x * abs(rays.eye_x) + half.y * abs(rays.eye_y) + MARGIN;
     let widening = half.x * abs(rays.dir_x) + half.y * abs(rays.dir_y) + RELATIVE * course.speed;
     let slowest = course.speed - widening;

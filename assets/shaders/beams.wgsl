@@ -16,16 +16,7 @@ fn beams(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let volume = volumes[view.volume_first + id.z];
-    let pixel = 2.0 / vec2<f32>(view.size);
-    let middle = vec2<f32>(8u * id.xy + 4u) * pixel - 1.0;
-    // The middles of a tile's pixels are up to 3½ pixels from its own.
-    let beam = beam_of(
-        grids[volume.grid],
-        volume.rays,
-        vec2(middle.x, -middle.y),
-        3.6 * pixel,
-        view.t_near,
-    );
+    let beam = beam_of(grids[volume.grid], volume.rays, id.xy, view.size, view.t_near);
     let row = id.z * tiles.y + id.y;
     starts[row * tiles.x + id.x] = beam_start(grids[volume.grid], beam);
 }

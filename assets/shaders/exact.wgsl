@@ -1,5 +1,5 @@
 // Which of two planes a ray crosses first, exactly. Twin: `crates/vdb_core/src/pack/exact.rs`,
-// where it is told why this is enough; here numbers of 64 and 96 bits are made of u32.
+// where it is told why this is enough; here numbers of 64 bits are made of u32.
 #define_import_path bevy_vdb::exact
 
 // Relative error of a t computed in f32, times two, because two of them are compared.

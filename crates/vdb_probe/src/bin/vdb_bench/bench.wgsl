@@ -34,9 +34,7 @@ fn beams(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(id.xy >= tiles) {
         return;
     }
-    let pixel = 2.0 / vec2<f32>(setup.size);
-    let middle = vec2<f32>(8u * id.xy + 4u) * pixel - 1.0;
-    let beam = beam_of(grids[0], view, vec2(middle.x, -middle.y), 3.6 * pixel, 0.0);
+    let beam = beam_of(grids[0], view, id.xy, setup.size, 0.0);
     starts[id.y * tiles.x + id.x] = beam_start(grids[0], beam);
 }
 
