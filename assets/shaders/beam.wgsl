@@ -9,6 +9,8 @@
 
 // Leaps of a beam; it may end anywhere, so that this bounds its cost alone.
 const LEAPS: u32 = 48u;
+// Cells behind its middle ray that no ray of a beam begins.
+const FURTHEST: i32 = 1073741824;
 // What f32 may get wrong of a place, relative to its distance, and in cells.
 const RELATIVE: f32 = 3.814697265625e-6;    // 2^-18
 const MARGIN: f32 = 0.0009765625;           // 2^-10
@@ -43,19 +45,24 @@ fn beam_of(grid: Grid, rays: Rays, tile: vec2<u32>, size: vec2<u32>, t_min: f32)
 // nothing can.
 fn beam_start(grid: Grid, beam: Beam) -> f32 {
     let course = beam.course;
-    if !beam.one_octant {
+    // Where the middle ray begins beyond the box, others may not.
+    if !beam.one_octant || !course.meets {
         return course.t_min;
     }
+    // The box begins here, from the middle ray's own cell: where that is within it, behind it.
+    let box_low = select(grid.occupied_min, ~grid.occupied_max, course.flip != vec3(0)) - course.cell;
+    // Further behind than 32 bits can say.
+    let lowest = select(box_low, vec3(-FURTHEST), !course.before & (box_low > vec3(0)));
     // Where the beam has come to touch the box on every axis.
     let first = vec3<f32>(course.first);
     let touch = select(vec3(course.t_min), (first - beam.ahead) / beam.fastest, course.before);
     var t = max(max(max(touch.x, touch.y), touch.z), course.t_min);
-    var place = nowhere(course.cell);
+    var place = nowhere(course.cell ^ course.flip);
     for (var leap = 0u; leap < LEAPS; leap++) {
         // The low corner of the beam; cells below the box are as empty as those in it.
         let corner = vec3<i32>(floor(beam.behind + t * beam.slowest));
-        let cell = max(corner, bitcast<vec3<i32>>(course.first));
-        if any(bitcast<vec3<u32>>(cell) > course.last) {
+        let cell = max(corner, lowest);
+        if any(vec3<u32>(max(cell, vec3(0))) > course.last) {
             return FAR;
         }
         let slot = locate_slot(grid, (course.cell + cell) ^ course.flip, &place);

@@ -1,9 +1,32 @@
-// The pools that hold every packed grid.
+// The pool that holds every packed grid.
 #define_import_path bevy_vdb::bindings
 
 #import bevy_vdb::types::Grid
 
 @group(0) @binding(0) var<storage, read> grids: array<Grid>;
-@group(0) @binding(1) var<storage, read> nodes: array<u32>;
-@group(0) @binding(2) var<storage, read> masks: array<u32>;
-@group(0) @binding(3) var<storage, read> values: array<f32>;
+@group(0) @binding(1) var<storage, read> page_a: array<u32>;
+#ifdef PAGED
+// More than one binding can hold: pages of 2^PAGE_BITS words.
+@group(0) @binding(2) var<storage, read> page_b: array<u32>;
+@group(0) @binding(3) var<storage, read> page_c: array<u32>;
+#endif
+
+// A word of the pool.
+fn word_at(i: u32) -> u32 {
+#ifdef PAGED
+    let rest = i & ((1u << #{PAGE_BITS}u) - 1u);
+    switch i >> #{PAGE_BITS}u {
+        case 0u: {
+            return page_a[rest];
+        }
+        case 1u: {
+            return page_b[rest];
+        }
+        default: {
+            return page_c[rest];
+        }
+    }
+#else
+    return page_a[i];
+#endif
+}

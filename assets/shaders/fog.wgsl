@@ -3,7 +3,8 @@
 
 #import bevy_vdb::types::Grid
 #import bevy_vdb::exact::Course
-#import bevy_vdb::tree::{Span, corners, locate, nowhere, span_constant, span_occupied, tile_value, trilinear}
+#import bevy_vdb::samples::{fog_corners, tile_value, trilinear}
+#import bevy_vdb::tree::{Span, empty_cell, locate, nowhere, span_constant, span_occupied}
 #import bevy_vdb::anchor::{Anchor, anchor_exit, anchored}
 #import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, local_cell, planes_behind, unturned}
 
@@ -23,7 +24,7 @@ fn mean_density(
     if span_constant(span) {
         return tile_value(grid, span.word);
     }
-    let c = corners(grid, local_cell(course, walk.rel));
+    let c = fog_corners(grid, span, local_cell(course, walk.rel));
     let origin = near.frac - vec3<f32>(walk.rel - near.cell);
     let first = saturate(origin + mix(t_from, t_to, 0.5 - GAUSS) * course.speed);
     let second = saturate(origin + mix(t_from, t_to, 0.5 + GAUSS) * course.speed);
@@ -57,7 +58,7 @@ fn optical_length(grid: Grid, course: Course, enters: Walk, enough: f32) -> f32 
         if !in_run || any(here.rel - near.cell > vec3(ANCHOR_RANGE)) {
             let own = confirm(course, here, begin_of(enters));
             if !own.inside {
-                walk = advance(course, here, Span(0u, 0u, 0u));
+                walk = advance(course, here, empty_cell());
                 continue;
             }
             near = anchored(course, own.rel, own.axis, own.t);

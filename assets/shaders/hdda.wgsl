@@ -6,7 +6,7 @@
 #define_import_path bevy_vdb::hdda
 
 #import bevy_vdb::types::{Grid, Ray}
-#import bevy_vdb::tree::{Span, locate, nowhere, span_occupied}
+#import bevy_vdb::tree::{Span, empty_cell, locate, nowhere, span_occupied}
 #import bevy_vdb::exact::{T_ERROR, Course, component_f, component_u, is_zero, plane_before}
 
 // Where a course is on its way through the lattice.
@@ -229,7 +229,7 @@ fn first_hit(grid: Grid, course: Course, enters: Walk) -> Hit {
             if hit.inside {
                 return Hit(cell, hit.t, hit.axis, hit.t <= course.t_max);
             }
-            span = Span(0u, 0u, 0u);
+            span = empty_cell();
         }
         walk = advance(course, walk, span);
     }

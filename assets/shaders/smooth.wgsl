@@ -4,7 +4,8 @@
 #import bevy_vdb::types::Grid
 #import bevy_vdb::anchor::{anchor_exit, anchored}
 #import bevy_vdb::exact::Course
-#import bevy_vdb::tree::{Span, corners, locate, nowhere, span_occupied, trilinear, trilinear_gradient}
+#import bevy_vdb::samples::{surface_corners, trilinear, trilinear_gradient}
+#import bevy_vdb::tree::{empty_cell, locate, nowhere, span_occupied}
 #import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, local_cell, unturned}
 
 struct SurfaceHit {
@@ -86,8 +87,8 @@ fn nothing() -> SurfaceHit {
     return SurfaceHit(false, 0.0, vec3(0.0), 3u);
 }
 
-// The first root of the interpolant minus `iso` on a course.
-fn first_root(grid: Grid, course: Course, enters: Walk, iso: f32) -> SurfaceHit {
+// The first root of the interpolant on a course; its values are counted from the iso-value.
+fn first_root(grid: Grid, course: Course, enters: Walk) -> SurfaceHit {
     var walk = enters;
     var place = nowhere(local_cell(course, walk.rel));
     // Whether the interpolant was negative at the end of the cell before: a sign that changes just
@@ -104,21 +105,21 @@ fn first_root(grid: Grid, course: Course, enters: Walk, iso: f32) -> SurfaceHit 
             continue;
         }
         let here = confirm(course, walk, begin_of(enters));
-        walk = advance(course, walk, Span(0u, 0u, 0u));
+        walk = advance(course, walk, empty_cell());
         if !here.inside {
             continue;
         }
-        let c = corners(grid, cell);
+        let c = surface_corners(grid, span, cell);
         let near = anchored(course, here.rel, here.axis, here.t);
         let exit = anchor_exit(near, course, here.rel + 1u, walk.axis, walk.t);
         let length = max(min(exit, course.t_max - near.t), 0.0);
         let start = unturned(course, near.frac);
         let way = length * select(course.speed, -course.speed, course.flip != vec3(0));
         // Four values of the cubic, then its coefficients.
-        let f_0 = trilinear(c, start) - iso;
-        let f_1 = trilinear(c, saturate(start + way / 3.0)) - iso;
-        let f_2 = trilinear(c, saturate(start + way * (2.0 / 3.0))) - iso;
-        let f_3 = trilinear(c, saturate(start + way)) - iso;
+        let f_0 = trilinear(c, start);
+        let f_1 = trilinear(c, saturate(start + way / 3.0));
+        let f_2 = trilinear(c, saturate(start + way * (2.0 / 3.0)));
+        let f_3 = trilinear(c, saturate(start + way));
         let d_1 = f_1 - f_0;
         let d_2 = f_2 - 2.0 * f_1 + f_0;
         let d_3 = f_3 - 3.0 * f_2 + 3.0 * f_1 - f_0;
@@ -143,7 +144,7 @@ fn first_root(grid: Grid, course: Course, enters: Walk, iso: f32) -> SurfaceHit 
             // Newton's on the interpolant itself takes most of that away.
             let first = saturate(start + s * way);
             let slope = dot(trilinear_gradient(c, first), way);
-            let off = (trilinear(c, first) - iso) / select(slope, 1.0, slope == 0.0);
+            let off = trilinear(c, first) / select(slope, 1.0, slope == 0.0);
             s = saturate(s - select(0.0, off, slope != 0.0 && abs(off) < 0.01));
             let at = saturate(start + s * way);
             return SurfaceHit(true, here.t + s * length, trilinear_gradient(c, at), here.axis);

@@ -1,20 +1,8 @@
 // The look of surfaces.
 #define_import_path bevy_vdb::surface
 
-#import bevy_vdb::types::{Grid, Volume}
+#import bevy_vdb::types::Volume
 #import bevy_vdb::exact::Course
-#import bevy_vdb::anchor::anchored
-#import bevy_vdb::tree::{corners, trilinear_gradient}
-#import bevy_vdb::hdda::{Hit, unturned}
-
-// Index-space gradient of the trilinear interpolant where a ray enters a voxel.
-fn voxel_gradient(grid: Grid, course: Course, hit: Hit) -> vec3<f32> {
-    let rel = bitcast<vec3<u32>>((hit.cell ^ course.flip) - course.cell);
-    // Voxels are centred on their samples: half a voxel back to sample coordinates.
-    let at = unturned(course, anchored(course, rel, hit.axis, hit.t).frac) - 0.5;
-    let base = min(floor(at), vec3(0.0));
-    return trilinear_gradient(corners(grid, hit.cell + vec3<i32>(base)), at - base);
-}
 
 // World-space unit normal: along a gradient, or the face by which the ray came where there is none.
 fn surface_normal(volume: Volume, course: Course, axis: u32, index_gradient: vec3<f32>) -> vec3<f32> {

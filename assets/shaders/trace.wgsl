@@ -7,7 +7,7 @@
 #import bevy_vdb::exact::Course
 #import bevy_vdb::hdda::{FAR, Hit, course_of, enter, enter_at, first_hit, plane_t}
 #import bevy_vdb::lights::{isotropic, lambert}
-#import bevy_vdb::surface::{surface_normal, voxel_gradient}
+#import bevy_vdb::surface::surface_normal
 #ifdef SMOOTH
 #import bevy_vdb::smooth::first_root
 #endif
@@ -205,8 +205,8 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     if nearest < volume_end() {
         let volume = volumes[nearest];
         let course = volume_course(volume, ndc, view.t_near, t_max);
-        let gradient = voxel_gradient(grids[volume.grid], course, hit);
-        normal = surface_normal(volume, course, hit.axis, gradient);
+        // Of a voxel, the face.
+        normal = surface_normal(volume, course, hit.axis, vec3(0.0));
     }
 #endif
 #ifdef SMOOTH
@@ -216,7 +216,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
         if volume.kind == KIND_SMOOTH && start < t_max {
             let course = volume_course(volume, ndc, view.t_near, t_max);
             let enters = enter_at(course, start);
-            let found = first_root(grids[volume.grid], course, enters, volume.iso);
+            let found = first_root(grids[volume.grid], course, enters);
             if found.found {
                 nearest = i;
                 t_max = found.t;

@@ -2,7 +2,7 @@
 // compares the offsets.
 #define_import_path bevy_vdb::types
 
-// A packed grid in the pools. Offsets are in elements from the start of each pool.
+// A packed grid in the pool. Places are numbers of words.
 struct Grid {
     crown_origin: vec3<i32>,    // local, in regions of 128³ cells
     crown_levels: u32,
@@ -12,10 +12,14 @@ struct Grid {
     regions: u32,
     heads: u32,
     masks: u32,
-    value_crown: u32,
-    value_regions: u32,
-    values: u32,
+    leaf_records: u32,
+    records: u32,
+    samples: u32,
     palette: u32,
+    format: u32,
+    brick_words: u32,
+    offset: f32,                // of a smooth surface in bytes: what 0 stands for
+    scale: f32,                 // and the step from byte to byte
 }
 
 const KIND_SURFACE: u32 = 0u;
@@ -44,9 +48,8 @@ struct Volume {
     normal_y: vec3<f32>,
     kind: u32,
     normal_z: vec3<f32>,
-    iso: f32,                   // of a smooth surface
-    base_color: vec3<f32>,      // linear
     density_scale: f32,         // extinction per unit of density, per world unit
+    base_color: vec3<f32>,      // linear
     emissive: vec3<f32>,        // linear, cd/m²
 }
 

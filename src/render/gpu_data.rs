@@ -18,11 +18,11 @@ pub(crate) struct Volume {
     pub normal_y: [f32; 3],
     pub kind: u32,
     pub normal_z: [f32; 3],
-    pub iso: f32,
-    pub base_color: [f32; 3],
     pub density_scale: f32,
-    pub emissive: [f32; 3],
+    pub base_color: [f32; 3],
     pub pad: f32,
+    pub emissive: [f32; 3],
+    pub pad_end: f32,
 }
 
 /// A view and its light.
@@ -114,12 +114,13 @@ mod tests {
              }",
         );
         let grid = fields!(GridHeader: crown_origin, crown_levels, occupied_min, crown,
-            occupied_max, regions, heads, masks, value_crown, value_regions, values, palette);
+            occupied_max, regions, heads, masks, leaf_records, records, samples, palette, format,
+            brick_words, offset, scale);
         check(&module, "Grid", size_of::<GridHeader>(), &grid);
         let rays = fields!(GpuRays: eye_cell, eye_frac, eye_x, eye_y, dir, dir_rest, dir_x, dir_y);
         check(&module, "Rays", size_of::<GpuRays>(), &rays);
-        let volume = fields!(Volume: rays, normal_x, grid, normal_y, kind, normal_z, iso,
-            base_color, density_scale, emissive);
+        let volume = fields!(Volume: rays, normal_x, grid, normal_y, kind, normal_z,
+            density_scale, base_color, emissive);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, sun_direction, volume_first, sun_illuminance, volume_count, ambient,

@@ -1,5 +1,7 @@
-//! The pools of packed grids on the GPU: one copy of each grid however many entities show it, freed
+//! The pool of packed grids on the GPU: one copy of each grid however many entities show it, freed
 //! with the last of them.
+//!
+//! The pool is one run of words. Where a shader cannot bind as much at once, it is cut into pages.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,7 +13,6 @@ use bevy::render::render_resource::{
 };
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::sync_world::MainEntity;
-use bytemuck::Pod;
 use vdb_core::pack::{GridHeader, PackedGrid};
 
 use super::extract::ExtractedVolumes;
@@ -39,14 +40,7 @@ impl VdbGpuUsage {
     }
 }
 
-/// Where a grid lies in the pools, in elements.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Place {
-    nodes: Range,
-    masks: Range,
-    values: Range,
-}
-
+/// Where a grid lies in the pool, in words.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Range {
     first: u32,
@@ -56,7 +50,7 @@ struct Range {
 #[derive(Debug)]
 struct Resident {
     packed: Arc<PackedGrid>,
-    place: Place,
+    place: Range,
     /// Index in the buffer of headers.
     index: u32,
 }
@@ -70,18 +64,75 @@ pub(super) struct VdbTreePool {
     buffers: Option<PoolBuffers>,
 }
 
+/// How many pages shaders bind: as many as `bindings.wgsl` has.
+pub(super) const PAGES: usize = 3;
+
 /// The buffers that shaders bind.
 #[derive(Debug)]
 pub(super) struct PoolBuffers {
     pub grids: Buffer,
-    pub nodes: Buffer,
-    pub masks: Buffer,
-    pub values: Buffer,
+    pages: Vec<Buffer>,
+    paging: Paging,
+}
+
+impl PoolBuffers {
+    /// A buffer for each binding; those beyond the last page are not read.
+    pub fn pages(&self) -> [&Buffer; PAGES] {
+        std::array::from_fn(|i| self.pages.get(i).unwrap_or(&self.pages[0]))
+    }
+}
+
+/// How the pool is cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Paging {
+    /// log₂ of the words of a page.
+    bits: u32,
+}
+
+impl Paging {
+    /// For pools of so many words, where a binding has `limit` bytes at most.
+    fn new(words: u64, limit: u64) -> Self {
+        let words_of_page = (limit / 4).max(1);
+        Self { bits: if words <= words_of_page { u32::BITS } else { words_of_page.ilog2() } }
+    }
+
+    /// Words that fit.
+    fn capacity(limit: u64) -> u64 {
+        let page = 1_u64 << (limit / 4).max(1).ilog2();
+        (page * PAGES as u64).max(limit / 4).min(u32::MAX.into())
+    }
+
+    /// The words of each page.
+    fn pages(self, words: u64) -> impl Iterator<Item = u64> {
+        let page = 1_u64 << self.bits;
+        (0..words.div_ceil(page)).map(move |i| page.min(words - i * page))
+    }
+
+    /// Pieces of a range, each in one page: the page, the word in it, and how many.
+    fn pieces(self, range: Range) -> impl Iterator<Item = (usize, u64, Range)> {
+        let (end, page) = (u64::from(range.first) + u64::from(range.count), 1_u64 << self.bits);
+        let mut at = u64::from(range.first);
+        std::iter::from_fn(move || {
+            (at < end).then(|| {
+                let next = end.min((at / page + 1) * page);
+                let piece = Range { first: at as u32, count: (next - at) as u32 };
+                let place = ((at / page) as usize, at % page, piece);
+                at = next;
+                place
+            })
+        })
+    }
 }
 
 impl VdbTreePool {
     pub fn buffers(&self) -> Option<&PoolBuffers> {
         self.buffers.as_ref()
+    }
+
+    /// log₂ of the words of a page, where there are several.
+    pub fn page_bits(&self) -> Option<u32> {
+        let buffers = self.buffers.as_ref()?;
+        (buffers.pages.len() > 1).then_some(buffers.paging.bits)
     }
 
     /// The index of a grid's header, if the grid is there.
@@ -92,7 +143,7 @@ impl VdbTreePool {
 
 /// Uploads grids that are new or have changed, and drops those that nothing shows any more.
 ///
-/// The pools have no holes: when the set of grids changes, buffers of the new size are made, and
+/// The pool has no holes: when the set of grids changes, buffers of the new size are made, and
 /// what stays is copied on the GPU.
 pub(super) fn update_tree_pool(
     volumes: Res<ExtractedVolumes>,
@@ -121,7 +172,7 @@ pub(super) fn update_tree_pool(
     pool.rebuild(&wanted, limit, &device, &queue);
     usage.0.grids.store(pool.resident.len() as u64, Ordering::Relaxed);
     let bytes = pool.buffers.as_ref().map_or(0, |buffers| {
-        buffers.grids.size() + buffers.nodes.size() + buffers.masks.size() + buffers.values.size()
+        buffers.grids.size() + buffers.pages.iter().map(|page| page.size()).sum::<u64>()
     });
     usage.0.bytes.store(bytes, Ordering::Relaxed);
 }
@@ -134,10 +185,10 @@ impl VdbTreePool {
         // What is there comes first, so that a grid too many never drives out one that is shown.
         let mut order: Vec<_> = wanted.iter().collect();
         order.sort_by_key(|(grid, _)| !self.resident.contains_key(*grid));
-        let mut layout = Layout::default();
+        let mut words = 0;
         let mut next = HashMap::default();
         for (grid, (entity, name, packed)) in order {
-            match layout.add(packed, limit) {
+            match place(&mut words, packed, limit) {
                 Ok(place) => {
                     let index = next.len() as u32;
                     next.insert(*grid, Resident { packed: Arc::clone(packed), place, index });
@@ -154,110 +205,81 @@ impl VdbTreePool {
         if self.resident.is_empty() {
             return;
         }
-        let buffers = PoolBuffers::new(device, &layout, self.resident.len());
+        let buffers = PoolBuffers::new(device, words, limit, self.resident.len());
         let mut encoder = device
             .create_command_encoder(&CommandEncoderDescriptor { label: Some("vdb_pool_move") });
         for (grid, resident) in &self.resident {
-            let (packed, to) = (&resident.packed, &resident.place);
-            let stays = old.get(grid).filter(|old| Arc::ptr_eq(&old.packed, packed));
+            let stays = old.get(grid).filter(|old| Arc::ptr_eq(&old.packed, &resident.packed));
             match (stays, &old_buffers) {
                 (Some(old), Some(from)) => {
-                    copy(&mut encoder, &from.nodes, old.place.nodes, &buffers.nodes, to.nodes);
-                    copy(&mut encoder, &from.masks, old.place.masks, &buffers.masks, to.masks);
-                    copy(&mut encoder, &from.values, old.place.values, &buffers.values, to.values);
+                    buffers.copy(&mut encoder, from, old.place, resident.place);
                 }
-                _ => {
-                    write(queue, &buffers.nodes, to.nodes, &packed.nodes);
-                    write(queue, &buffers.masks, to.masks, &packed.masks);
-                    write(queue, &buffers.values, to.values, &packed.values);
-                }
+                _ => buffers.write(queue, resident.place, &resident.packed.words),
             }
-            write(
-                queue,
-                &buffers.grids,
-                Range { first: resident.index, count: 1 },
-                &[packed.header(to.nodes.first, to.masks.first, to.values.first)],
-            );
+            let header = resident.packed.header(resident.place.first);
+            let offset = u64::from(resident.index) * size_of::<GridHeader>() as u64;
+            queue.write_buffer(&buffers.grids, offset, bytemuck::bytes_of(&header));
         }
         queue.submit([encoder.finish()]);
         self.buffers = Some(buffers);
     }
 }
 
-/// How much of each pool is spoken for, in elements.
-#[derive(Debug, Default)]
-struct Layout {
-    nodes: u32,
-    masks: u32,
-    values: u32,
-}
-
-impl Layout {
-    /// Puts a grid behind the others; `limit` is in bytes a pool.
-    fn add(&mut self, packed: &PackedGrid, limit: u64) -> Result<Place, String> {
-        let end = |what: &str, from: u32, count: usize| {
-            let end = u64::from(from) + count as u64;
-            if end * 4 > limit || end > u64::from(u32::MAX) {
-                Err(format!(
-                    "its {what} end at {} MiB, and this GPU reads at most {} MiB at once; show \
-                     fewer or smaller grids, or keep less of a level set with the loader setting \
-                     half_width",
-                    (end * 4) >> 20,
-                    limit >> 20
-                ))
-            } else {
-                Ok(Range { first: from, count: count as u32 })
-            }
-        };
-        let place = Place {
-            nodes: end("nodes", self.nodes, packed.nodes.len())?,
-            masks: end("masks", self.masks, packed.masks.len())?,
-            values: end("values", self.values, packed.values.len())?,
-        };
-        self.nodes = place.nodes.first + place.nodes.count;
-        self.masks = place.masks.first + place.masks.count;
-        self.values = place.values.first + place.values.count;
-        Ok(place)
+/// Puts a grid behind the words that are spoken for; a binding has `limit` bytes at most.
+fn place(words: &mut u64, packed: &PackedGrid, limit: u64) -> Result<Range, String> {
+    let end = *words + packed.words.len() as u64;
+    let capacity = Paging::capacity(limit);
+    if end > capacity {
+        return Err(format!(
+            "with it the grids take {} MiB, and shaders on this GPU read at most {} MiB; show fewer \
+             or smaller grids, keep values in fewer bits with the loader setting values, or keep \
+             less of a level set with half_width",
+            (end * 4) >> 20,
+            (capacity * 4) >> 20
+        ));
     }
+    let range = Range { first: *words as u32, count: packed.words.len() as u32 };
+    *words = end;
+    Ok(range)
 }
 
 impl PoolBuffers {
-    fn new(device: &RenderDevice, layout: &Layout, grids: usize) -> Self {
-        let make = |label, count: u64, size: u64| {
+    fn new(device: &RenderDevice, words: u64, limit: u64, grids: usize) -> Self {
+        let make = |label, size| {
             device.create_buffer(&BufferDescriptor {
                 label: Some(label),
-                // A binding must not be empty; a grid of tiles alone has no masks.
-                size: count.max(1) * size,
+                size,
                 usage: BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC,
                 mapped_at_creation: false,
             })
         };
+        let paging = Paging::new(words, limit);
         Self {
-            grids: make("vdb_grids", grids as u64, size_of::<GridHeader>() as u64),
-            nodes: make("vdb_nodes", layout.nodes.into(), 4),
-            masks: make("vdb_masks", layout.masks.into(), 4),
-            values: make("vdb_values", layout.values.into(), 4),
+            grids: make("vdb_grids", (grids * size_of::<GridHeader>()) as u64),
+            pages: paging.pages(words).map(|words| make("vdb_words", words * 4)).collect(),
+            paging,
         }
     }
-}
 
-fn write<T: Pod>(queue: &RenderQueue, buffer: &Buffer, range: Range, data: &[T]) {
-    if range.count > 0 {
-        let offset = u64::from(range.first) * size_of::<T>() as u64;
-        queue.write_buffer(buffer, offset, bytemuck::cast_slice(data));
+    fn write(&self, queue: &RenderQueue, range: Range, words: &[u32]) {
+        for (page, at, piece) in self.paging.pieces(range) {
+            let start = (piece.first - range.first) as usize;
+            let words = &words[start..start + piece.count as usize];
+            queue.write_buffer(&self.pages[page], at * 4, bytemuck::cast_slice(words));
+        }
     }
-}
 
-fn copy(encoder: &mut CommandEncoder, from: &Buffer, old: Range, to: &Buffer, new: Range) {
-    if old.count > 0 {
-        let bytes = |elements: u32| u64::from(elements) * 4;
-        encoder.copy_buffer_to_buffer(
-            from,
-            bytes(old.first),
-            to,
-            bytes(new.first),
-            bytes(old.count),
-        );
+    fn copy(&self, encoder: &mut CommandEncoder, from: &Self, old: Range, new: Range) {
+        for (page, at, piece) in self.paging.pieces(new) {
+            let source = Range { first: old.first + (piece.first - new.first), count: piece.count };
+            let mut to = at;
+            for (from_page, at, piece) in from.paging.pieces(source) {
+                let (source, target) = (&from.pages[from_page], &self.pages[page]);
+                let bytes = u64::from(piece.count) * 4;
+                encoder.copy_buffer_to_buffer(source, at * 4, target, to * 4, bytes);
+                to += u64::from(piece.count);
+            }
+        }
     }
 }
 
@@ -276,17 +298,28 @@ mod tests {
     #[test]
     fn grids_stand_side_by_side_and_a_full_pool_refuses() {
         let (one, two) = (packed(1), packed(2));
-        let mut layout = Layout::default();
-        let first = layout.add(&one, 1 << 30).unwrap();
-        let second = layout.add(&two, 1 << 30).unwrap();
-        assert_eq!(first.nodes.first, 0);
-        assert_eq!(second.nodes.first as usize, one.nodes.len());
-        assert_eq!(second.values.first as usize, one.values.len());
-        assert_eq!(layout.masks as usize, one.masks.len() + two.masks.len());
+        let (first, second) = (one.words.len() as u64, two.words.len() as u64);
+        let mut words = 0;
+        assert_eq!(place(&mut words, &one, 1 << 30).unwrap().first, 0);
+        assert_eq!(u64::from(place(&mut words, &two, 1 << 30).unwrap().first), first);
+        assert_eq!(words, first + second);
 
-        let before = layout.nodes;
-        let message = layout.add(&two, u64::from(before) * 4 + 8).unwrap_err();
-        assert!(message.contains("nodes") && message.contains("half_width"), "{message}");
-        assert_eq!(layout.nodes, before, "a refused grid left a gap");
+        let limit = 4 * (words + second).div_ceil(PAGES as u64) / 2;
+        let message = place(&mut words, &two, limit).unwrap_err();
+        assert!(message.contains("MiB") && message.contains("half_width"), "{message}");
+        assert_eq!(words, first + second, "a refused grid left a gap");
+    }
+
+    #[test]
+    fn ranges_are_cut_at_pages() {
+        let paging = Paging::new(100, 4 * 40);
+        assert_eq!(paging, Paging { bits: 5 });
+        assert_eq!(paging.pages(90).collect::<Vec<_>>(), [32, 32, 26]);
+        let pieces: Vec<_> = paging.pieces(Range { first: 30, count: 40 }).collect();
+        let piece = |first, count| Range { first, count };
+        assert_eq!(pieces, [(0, 30, piece(30, 2)), (1, 0, piece(32, 32)), (2, 0, piece(64, 6))]);
+        assert_eq!(Paging::capacity(4 * 40), 96);
+        // What one binding holds is one page, of whatever size.
+        assert_eq!(Paging::new(40, 4 * 40).pages(40).collect::<Vec<_>>(), [40]);
     }
 }

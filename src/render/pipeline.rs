@@ -63,6 +63,8 @@ impl BeamsPipeline {
             (
                 (0, read()),
                 (1, read()),
+                (2, read()),
+                (3, read()),
                 (4, uniform_buffer_sized(false, None)),
                 (5, read()),
                 (9, storage_buffer_sized(false, None)),
@@ -74,17 +76,25 @@ impl BeamsPipeline {
 }
 
 impl SpecializedComputePipeline for BeamsPipeline {
-    type Key = ();
+    /// As [`TraceKey::page_bits`].
+    type Key = Option<u32>;
 
-    fn specialize(&self, (): ()) -> ComputePipelineDescriptor {
+    fn specialize(&self, page_bits: Option<u32>) -> ComputePipelineDescriptor {
         ComputePipelineDescriptor {
             label: Some("vdb_beams".into()),
             layout: vec![self.layout.clone()],
             shader: self.shaders.beams.clone(),
+            shader_defs: page_defs(page_bits),
             entry_point: Some("beams".into()),
             ..default()
         }
     }
+}
+
+fn page_defs(bits: Option<u32>) -> Vec<ShaderDefVal> {
+    bits.map_or_else(Vec::new, |bits| {
+        vec!["PAGED".into(), ShaderDefVal::UInt("PAGE_BITS".into(), bits)]
+    })
 }
 
 #[derive(Debug, Resource)]
@@ -104,6 +114,8 @@ pub(super) struct TraceKey {
     pub fogs: bool,
     /// Whether the rays of a tile of pixels share a start.
     pub beams: bool,
+    /// log₂ of the words of a page, where the pool has several.
+    pub page_bits: Option<u32>,
     pub traversal: VdbTraversal,
     pub mode: VdbRenderMode,
 }
@@ -165,7 +177,10 @@ impl SpecializedComputePipeline for TracePipeline {
             label: Some("vdb_trace".into()),
             layout: vec![self.layout(key.multisampled, key.beams).clone()],
             shader: self.shaders.trace.clone(),
-            shader_defs: defs.into_iter().filter(|(on, _)| *on).map(|(_, d)| d.into()).collect(),
+            shader_defs: (defs.into_iter().filter(|(on, _)| *on))
+                .map(|(_, def)| def.into())
+                .chain(page_defs(key.page_bits))
+                .collect(),
             entry_point: Some("trace".into()),
             ..default()
         }

@@ -282,6 +282,7 @@ pub(super) fn prepare_views(
             smooth: has_smooth,
             fogs: has_fogs,
             beams,
+            page_bits: pool.page_bits(),
             traversal: settings.traversal,
             mode: settings.mode,
         };
@@ -305,7 +306,9 @@ pub(super) fn prepare_views(
         // Steps are shown where no surface is, too.
         let alone = has_fogs || settings.mode == VdbRenderMode::Steps;
         let pipelines = ViewPipelines {
-            beams: beams.then(|| beams_pipelines.specialize(&pipeline_cache, &beams_pipeline, ())),
+            beams: beams.then(|| {
+                beams_pipelines.specialize(&pipeline_cache, &beams_pipeline, pool.page_bits())
+            }),
             trace: trace_pipelines.specialize(&pipeline_cache, &trace_pipeline, trace_key),
             surface: (has_voxels || has_smooth).then(|| composite(false)),
             fog: alone.then(|| composite(true)),
@@ -371,17 +374,15 @@ fn light(color: Vec3) -> [f32; 3] {
 fn volume_data(volume: &ExtractedVolume, grid: u32, rays: &LatticeRays) -> gpu_data::Volume {
     let material = &volume.material;
     let base_color = material.base_color.to_linear().to_vec3().to_array();
-    let (kind, iso) = match volume.packed.kind {
-        // The packer has compared the voxels with the iso-value already.
-        PackKind::Surface { .. } => (gpu_data::KIND_SURFACE, 0.0),
-        PackKind::Smooth { iso } => (gpu_data::KIND_SMOOTH, iso),
-        PackKind::Fog => (gpu_data::KIND_FOG, 0.0),
+    let kind = match volume.packed.kind {
+        PackKind::Surface { .. } => gpu_data::KIND_SURFACE,
+        PackKind::Smooth { .. } => gpu_data::KIND_SMOOTH,
+        PackKind::Fog => gpu_data::KIND_FOG,
     };
     gpu_data::Volume {
         rays: GpuRays::from(rays),
         grid,
         kind,
-        iso,
         density_scale: non_negative(material.density_scale).min(MOST_EXTINCTION),
         normal_x: rays.normal.x_axis.as_vec3().to_array(),
         normal_y: rays.normal.y_axis.as_vec3().to_array(),
@@ -409,12 +410,13 @@ pub(super) fn prepare_bind_groups(
     ),
 ) {
     let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
+    let [page_a, page_b, page_c] = pool.pages();
     for (entity, resources, pipelines, depth, tonemapping) in &views {
         let mut trace_entries = DynamicBindGroupEntries::sequential((
             pool.grids.as_entire_binding(),
-            pool.nodes.as_entire_binding(),
-            pool.masks.as_entire_binding(),
-            pool.values.as_entire_binding(),
+            page_a.as_entire_binding(),
+            page_b.as_entire_binding(),
+            page_c.as_entire_binding(),
             resources.view.as_entire_binding(),
             volumes.as_entire_binding(),
             depth.view(),
@@ -436,7 +438,9 @@ pub(super) fn prepare_bind_groups(
                 &pipeline_cache.get_bind_group_layout(&beams.layout),
                 &BindGroupEntries::with_indices((
                     (0, pool.grids.as_entire_binding()),
-                    (1, pool.nodes.as_entire_binding()),
+                    (1, page_a.as_entire_binding()),
+                    (2, page_b.as_entire_binding()),
+                    (3, page_c.as_entire_binding()),
                     (4, resources.view.as_entire_binding()),
                     (5, volumes.as_entire_binding()),
                     (9, starts.as_entire_binding()),

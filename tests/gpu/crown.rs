@@ -17,7 +17,7 @@ fn the_crown_skips_two_million_voxels_in_a_few_steps() {
     let forward = ray(far - IVec3::new(0, 0, 900), Vec3::Z);
     let reverse = ray(far + IVec3::new(0, 0, 1100), Vec3::NEG_ONE);
     let probe = Probe::new(&gpu, ProbeKind::Voxels);
-    let hits = probe.send(&GpuGrid::new(&gpu, &grid), 0.0, &[forward, reverse]);
+    let hits = probe.send(&GpuGrid::new(&gpu, &grid), &[forward, reverse]);
     assert_eq!(IVec3::from_array(hits[0].cell) + grid.base, far);
     assert_eq!(hits[0].hit, 1);
     for hit in hits {

@@ -1,4 +1,4 @@
-//! The shaders without Bevy, apart from their accuracy, which `tests/accuracy` is about.
+//! The shaders without Bevy, apart from their accuracy, which the suite of `vdb_probe` is about.
 
 mod crown;
 mod validity;

@@ -5,6 +5,7 @@ use vdb_core::pack::{PackedGrid, walk};
 use vdb_core::view::GpuRays;
 
 use crate::gpu::{Gpu, Kernel};
+use crate::shaders::Defs;
 
 /// A ray in local lattice coordinates of a grid.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -71,46 +72,48 @@ pub enum ProbeKind {
 /// Constants of a dispatch.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
-pub struct Setup {
-    /// The iso-value of a smooth surface.
-    pub iso: f32,
-    /// Where the rays of a picture begin.
-    pub t_min: f32,
-    /// Where the rays of a picture end.
-    pub t_max: f32,
-    /// How many rays.
-    pub count: u32,
+struct Setup {
     /// The picture, in pixels.
-    pub size: [u32; 2],
-    /// The first of its pixels.
-    pub first: u32,
-    /// Nothing.
-    pub pad: u32,
+    size: [u32; 2],
+    /// How many rays.
+    count: u32,
+    pad: u32,
 }
 
 /// A packed grid on the GPU.
 #[derive(Debug)]
 pub struct GpuGrid {
-    /// Of the bindings 0 to 3.
-    buffers: [wgpu::Buffer; 4],
+    /// With their bindings.
+    buffers: Vec<(u32, wgpu::Buffer)>,
 }
+
+/// The bindings of the pages of words, as `bindings.wgsl` has them.
+const PAGES: [u32; 3] = [1, 2, 3];
 
 impl GpuGrid {
     /// Uploads a grid.
     pub fn new(gpu: &Gpu, grid: &PackedGrid) -> Self {
-        Self {
-            buffers: [
-                gpu.storage(bytemuck::bytes_of(&grid.header(0, 0, 0))),
-                gpu.storage(bytemuck::cast_slice(&grid.nodes)),
-                gpu.storage(bytemuck::cast_slice(&grid.masks)),
-                gpu.storage(bytemuck::cast_slice(&grid.values)),
-            ],
+        Self::paged(gpu, grid, u32::BITS)
+    }
+
+    /// Uploads a grid in pages of `2^bits` words, for kernels with the defs `PAGED` and
+    /// `PAGE_BITS=bits`.
+    ///
+    /// # Panics
+    /// When that makes more pages than there are bindings.
+    pub fn paged(gpu: &Gpu, grid: &PackedGrid, bits: u32) -> Self {
+        let mut buffers = vec![(0, gpu.storage(bytemuck::bytes_of(&grid.header(0))))];
+        let page = 1_usize << bits;
+        assert!(grid.words.len() <= PAGES.len() * page, "too many pages of 2^{bits} words");
+        for (words, binding) in grid.words.chunks(page).zip(PAGES) {
+            buffers.push((binding, gpu.storage(bytemuck::cast_slice(words))));
         }
+        Self { buffers }
     }
 
     /// The buffers with their bindings.
-    pub fn bindings(&self) -> [(u32, &wgpu::Buffer); 4] {
-        std::array::from_fn(|i| (i as u32, &self.buffers[i]))
+    pub fn bindings(&self) -> Vec<(u32, &wgpu::Buffer)> {
+        self.buffers.iter().map(|(binding, buffer)| (*binding, buffer)).collect()
     }
 }
 
@@ -128,35 +131,42 @@ const ROW: u32 = 64 * 32768;
 impl<'a> Probe<'a> {
     /// Compiles the shaders.
     pub fn new(gpu: &'a Gpu, kind: ProbeKind) -> Self {
+        Self::with_defs(gpu, kind, &[])
+    }
+
+    /// Compiles the shaders with more defs.
+    pub fn with_defs(gpu: &'a Gpu, kind: ProbeKind, defs: Defs) -> Self {
         let entry = match kind {
             ProbeKind::Voxels => "probe_voxels",
             ProbeKind::Smooth => "probe_smooth",
             ProbeKind::Fog => "probe_fog",
         };
         let source = include_str!("probe.wgsl");
+        let given: Vec<_> = defs.iter().copied().chain(["COUNT_STEPS"]).collect();
+        let picture: Vec<_> = given.iter().copied().chain(["PICTURE"]).collect();
         Self {
             gpu,
-            given: gpu.kernel(source, entry, &["COUNT_STEPS"]),
-            picture: gpu.kernel(source, entry, &["COUNT_STEPS", "PICTURE"]),
+            given: gpu.kernel(source, entry, &given),
+            picture: gpu.kernel(source, entry, &picture),
         }
     }
 
     /// Sends given rays through a grid.
-    pub fn send(&self, grid: &GpuGrid, iso: f32, rays: &[ProbeRay]) -> Vec<ProbeHit> {
-        let count = rays.len() as u32;
-        let setup = Setup { iso, count, ..Setup::zeroed() };
+    pub fn send(&self, grid: &GpuGrid, rays: &[ProbeRay]) -> Vec<ProbeHit> {
+        let setup = Setup { size: [0; 2], count: rays.len() as u32, pad: 0 };
         let rays = self.gpu.storage(bytemuck::cast_slice(rays));
         self.run(&self.given, grid, setup, &[(4, &rays)])
     }
 
-    /// Sends rays of a picture through a grid: `count` of its pixels, row by row, from the first one
-    /// given on, and the rays that the shader made of them.
+    /// Sends the rays of a picture of so many pixels through a grid, row by row, with the starts that
+    /// those of a tile share; and the rays that the shader made of them.
     pub fn picture(
         &self,
         grid: &GpuGrid,
         view: &GpuRays,
-        setup: Setup,
+        size: [u32; 2],
     ) -> (Vec<ProbeRay>, Vec<ProbeHit>) {
+        let setup = Setup { size, count: size[0] * size[1], pad: 0 };
         let view = self.gpu.storage(bytemuck::bytes_of(view));
         let bytes = u64::from(setup.count) * size_of::<ProbeRay>() as u64;
         let made = self.gpu.output(bytes);
@@ -178,7 +188,7 @@ impl<'a> Probe<'a> {
         let bytes = u64::from(count) * size_of::<ProbeHit>() as u64;
         let hits = self.gpu.output(bytes);
         let setup = self.gpu.uniform(bytemuck::bytes_of(&setup));
-        let mut buffers = grid.bindings().to_vec();
+        let mut buffers = grid.bindings();
         buffers.extend([(5, &hits), (6, &setup)]);
         buffers.extend_from_slice(more);
         let groups = [count.min(ROW).div_ceil(64), count.div_ceil(ROW), 1];

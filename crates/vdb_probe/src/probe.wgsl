@@ -4,35 +4,16 @@
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::rays::{ndc_of, ray_through}
 #import bevy_vdb::fog::optical_length
-#import bevy_vdb::hdda::{course_of, enter, first_hit, steps}
+#import bevy_vdb::beam::{beam_of, beam_start}
+#import bevy_vdb::hdda::{FAR, Walk, course_of, enter, enter_at, first_hit, steps}
+#import bevy_vdb::exact::Course
 #import bevy_vdb::smooth::first_root
-
-struct ProbeRay {
-    cell: vec3<i32>,
-    t_min: f32,
-    frac: vec3<f32>,
-    t_max: f32,
-    dir: vec3<f32>,
-}
-
-struct ProbeHit {
-    cell: vec3<i32>,
-    axis: u32,
-    gradient: vec3<f32>,
-    hit: u32,
-    t: f32,
-    optical_length: f32,
-    steps: u32,
-}
+#import vdb_probe::single_rays::{ProbeHit, ProbeRay}
 
 struct Setup {
-    iso: f32,
-    t_min: f32,
-    t_max: f32,
-    count: u32,
-    // Of the picture, in pixels; the rays are its rows, from the first one on.
+    // Of the picture, in pixels; the rays are its rows.
     size: vec2<u32>,
-    first: u32,
+    count: u32,
 }
 
 @group(0) @binding(4) var<storage, read> given: array<ProbeRay>;
@@ -48,11 +29,15 @@ fn number(id: vec3<u32>) -> u32 {
     return id.y * ROW + id.x;
 }
 
+#ifdef PICTURE
+fn pixel_of(i: u32) -> vec2<u32> {
+    return vec2(i % setup.size.x, i / setup.size.x);
+}
+#endif
+
 fn ray(i: u32) -> Ray {
 #ifdef PICTURE
-    let pixel = i + setup.first;
-    let ndc = ndc_of(vec2(pixel % setup.size.x, pixel / setup.size.x), setup.size);
-    let ray = ray_through(view, ndc, setup.t_min, setup.t_max);
+    let ray = ray_through(view, ndc_of(pixel_of(i), setup.size), 0.0, FAR);
     made[i] = ProbeRay(ray.cell, ray.t_min, ray.frac, ray.t_max, ray.dir);
     return ray;
 #else
@@ -61,12 +46,22 @@ fn ray(i: u32) -> Ray {
 #endif
 }
 
+// The rays of a picture begin where those of their tile can, as in the trace.
+fn enters(course: Course, i: u32) -> Walk {
+#ifdef PICTURE
+    let beam = beam_of(grids[0], view, pixel_of(i) / 8u, setup.size, 0.0);
+    return enter_at(course, beam_start(grids[0], beam));
+#else
+    return enter(course);
+#endif
+}
+
 @compute @workgroup_size(64)
 fn probe_voxels(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
         let course = course_of(grids[0], ray(i));
-        let hit = first_hit(grids[0], course, enter(course));
+        let hit = first_hit(grids[0], course, enters(course, i));
         hits[i] = ProbeHit(hit.cell, hit.axis, vec3(0.0), u32(hit.found), hit.t, 0.0, steps);
     }
 }
@@ -76,7 +71,7 @@ fn probe_smooth(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
         let course = course_of(grids[0], ray(i));
-        let hit = first_root(grids[0], course, enter(course), setup.iso);
+        let hit = first_root(grids[0], course, enters(course, i));
         hits[i] = ProbeHit(vec3(0), hit.axis, hit.gradient, u32(hit.found), hit.t, 0.0, steps);
     }
 }
@@ -86,7 +81,7 @@ fn probe_fog(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
         let course = course_of(grids[0], ray(i));
-        let length = optical_length(grids[0], course, enter(course), 3e38);
+        let length = optical_length(grids[0], course, enters(course, i), 3e38);
         hits[i] = ProbeHit(vec3(0), 3u, vec3(0.0), 0u, 0.0, length, steps);
     }
 }

@@ -1,15 +1,16 @@
-//! From the tree of words in index space to the traversal tree and the value tree.
+//! From the tree of words in index space to the words of a packed grid.
 
 use std::collections::HashMap;
 
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::build::Builder;
+use super::build::{self, Builder, Sources};
 use super::crown::{self, Crown};
 use super::layout::*;
 use super::leaps::{self, Chunk};
-use super::{PackKind, PackedGrid};
+use super::values::{self, Steps, Stored, ValueFormat};
+use super::{GridHeader, PackError, PackKind, PackedGrid, blocks, bricks};
 use crate::tree::CoordBox;
 
 /// Regions per axis from which on local coordinates do not start at zero.
@@ -114,10 +115,11 @@ fn set_root_tile(crown: &mut Crown, first: IVec3, word: u32) {
     }
 }
 
-/// A region of the traversal tree, with the masks of its leaves.
+/// A region, with the masks of its leaves and their numbers in the builder.
 struct Region {
     words: Vec<u32>,
     masks: Vec<u32>,
+    leaves: Vec<u32>,
 }
 
 fn occupied_leaves(words: &[u32]) -> Chunk {
@@ -129,17 +131,20 @@ fn occupied_leaves(words: &[u32]) -> Chunk {
 }
 
 fn region(words: &[u32], codes: &[u32], masks: &[[u32; LEAF_MASK_WORDS]]) -> Region {
-    let mut region = Region { words: Vec::with_capacity(REGION_WORDS), masks: Vec::new() };
+    let mut region =
+        Region { words: Vec::with_capacity(REGION_WORDS), masks: Vec::new(), leaves: Vec::new() };
     for (&word, &code) in words.iter().zip(codes) {
         region.words.push(match word & (CHILD | OCCUPIED) {
             OCCUPIED => word,
             0 | CHILD => code,
             _ => {
-                let mask = &masks[(word & PAYLOAD) as usize];
-                let number = (region.masks.len() / LEAF_MASK_WORDS) as u32;
+                let leaf = word & PAYLOAD;
+                let mask = &masks[leaf as usize];
+                let number = region.leaves.len() as u32;
                 let blocks = mask.chunks_exact(2).enumerate();
                 let blocks = blocks.map(|(i, pair)| u32::from(pair[0] | pair[1] != 0) << i);
                 region.masks.extend(mask);
+                region.leaves.push(leaf);
                 CHILD | blocks.sum::<u32>() << LEAF_NUMBER_BITS | number
             }
         });
@@ -147,14 +152,14 @@ fn region(words: &[u32], codes: &[u32], masks: &[[u32; LEAF_MASK_WORDS]]) -> Reg
     region
 }
 
-/// The traversal tree: crown, heads, regions, and the masks of the leaves.
+/// The crown, and the regions in its order.
 fn traversal(
     parts: &Parts,
     frame: &Frame,
     masks: &[[u32; LEAF_MASK_WORDS]],
-) -> (Vec<u32>, Vec<u32>, Vec<u32>, Vec<u32>) {
+) -> (Vec<u32>, Vec<Region>) {
     const SOLID: Chunk = [[u16::MAX; 16]; 16];
-    let mut crown = Crown::new(frame.levels, 0);
+    let mut crown = Crown::new(frame.levels);
     let mut chunks: HashMap<IVec3, Chunk> = HashMap::new();
     for &(first, word) in parts.root_tiles.iter().filter(|(_, word)| word & OCCUPIED != 0) {
         set_root_tile(&mut crown, frame.place(first), word);
@@ -176,74 +181,124 @@ fn traversal(
         let solid = || wide_tile().is_some_and(|word| word & OCCUPIED != 0).then_some(&SOLID);
         chunks.get(&region).or_else(solid)
     };
-    let regions: Vec<Region> = occupied
+    let regions = occupied
         .par_iter()
         .map(|(at, words)| region(words, &leaps::codes(|beside| chunk_at(*at + beside)), masks))
         .collect();
-    let mut leaves = 0;
-    let heads = regions.iter().map(|region| {
-        let head = leaves;
-        leaves += (region.masks.len() / LEAF_MASK_WORDS) as u32;
-        head
-    });
-    let heads = heads.collect();
-    let masks = regions.iter().flat_map(|region| &region.masks).copied().collect();
-    let words = regions.into_iter().flat_map(|region| region.words).collect();
-    (crown.into_words(), heads, words, masks)
+    (crown.into_words(), regions)
 }
 
-/// The value tree: crown, regions.
-fn value_tree(parts: &Parts, frame: &Frame) -> (Vec<u32>, Vec<u32>) {
-    let mut crown = Crown::new(frame.levels, 0);
-    for &(first, word) in parts.root_tiles.iter().filter(|(_, word)| word & PAYLOAD != 0) {
-        set_root_tile(&mut crown, frame.place(first), word & PAYLOAD);
-    }
-    for &(region, word) in parts.tiles.iter().filter(|(_, word)| word & PAYLOAD != 0) {
-        crown.set(frame.place(region), 0, word & PAYLOAD);
-    }
-    for (number, (region, _)) in parts.nodes.iter().enumerate() {
-        crown.set(frame.place(*region), 0, CHILD | number as u32);
-    }
-    let words = parts.nodes.iter().flat_map(|(_, words)| words.iter());
-    (crown.into_words(), words.map(|word| word & (CHILD | PAYLOAD)).collect())
+/// The number of the next word.
+fn end(words: &[u32]) -> Result<u32, PackError> {
+    build::check_at_most("words", words.len() as u64, u32::MAX.into())?;
+    Ok(words.len() as u32)
 }
 
 pub(super) fn assemble(
     kind: PackKind,
+    format: ValueFormat,
     builder: &Builder,
+    sources: &Sources,
     occupied: Option<CoordBox>,
     masks: &[[u32; LEAF_MASK_WORDS]],
-    values: Vec<f32>,
-    leaf_count: usize,
-) -> PackedGrid {
+) -> Result<PackedGrid, PackError> {
     let parts = parts(builder);
     let frame = Frame::new(&parts);
-    let (mut nodes, heads, regions, masks) = traversal(&parts, &frame, masks);
-    let heads_at = nodes.len() as u32;
-    nodes.extend(heads);
-    let regions_at = nodes.len() as u32;
-    nodes.extend(regions);
-    let (value_crown, value_regions) = value_tree(&parts, &frame);
-    let value_crown_at = nodes.len() as u32;
-    nodes.extend(value_crown);
-    let value_regions_at = nodes.len() as u32;
-    nodes.extend(value_regions);
-    let majorant = values.par_iter().copied().reduce(|| 0.0, f32::max);
     let base = frame.base << REGION_BITS as i32;
-    PackedGrid {
-        kind,
-        base,
-        occupied: occupied.map(|b| CoordBox { min: b.min - base, max: b.max - base }),
+    let occupied = occupied.map(|b| CoordBox { min: b.min - base, max: b.max - base });
+    // A grid without anything to see is never shown; its box does not matter.
+    let bounds = occupied.unwrap_or(CoordBox { min: IVec3::ZERO, max: IVec3::NEG_ONE });
+    let mut header = GridHeader {
+        crown_origin: frame.crown_origin.to_array(),
         crown_levels: frame.levels,
-        crown_origin: frame.crown_origin,
-        heads: heads_at,
-        regions: regions_at,
-        value_crown: value_crown_at,
-        value_regions: value_regions_at,
-        nodes,
-        masks,
-        palette: (leaf_count * LEAF_VALUES) as u32,
-        values,
-        majorant,
+        occupied_min: bounds.min.to_array(),
+        occupied_max: bounds.max.to_array(),
+        ..GridHeader::default()
+    };
+    let (mut words, regions) = traversal(&parts, &frame, masks);
+    header.heads = end(&words)?;
+    let mut leaves = Vec::new();
+    for region in &regions {
+        words.push(leaves.len() as u32);
+        leaves.extend(region.leaves.iter().map(|&leaf| sources.origin(leaf)));
     }
+    header.regions = end(&words)?;
+    regions.iter().for_each(|region| words.extend(&region.words));
+    header.masks = end(&words)?;
+    regions.iter().for_each(|region| words.extend(&region.masks));
+    drop(regions);
+    match kind {
+        PackKind::Surface { .. } => {}
+        PackKind::Smooth { .. } => {
+            add_blocks(kind, format, sources, &leaves, &mut words, &mut header)?
+        }
+        PackKind::Fog => add_bricks(format, sources, &leaves, &mut words, &mut header)?,
+    }
+    header.palette = end(&words)?;
+    let mut majorant = 0.0;
+    if !matches!(kind, PackKind::Surface { .. }) {
+        let tiles = sources.tile_values().iter().map(|&value| values::safe(kind, value));
+        words.extend(tiles.map(f32::to_bits));
+    }
+    if kind == PackKind::Fog {
+        let of = |values: &[f32]| {
+            values.iter().map(|&value| values::safe(kind, value)).fold(0.0, f32::max)
+        };
+        let leaves = sources.leaves().par_iter().map(|leaf| of(leaf.values_slice()));
+        majorant = leaves.reduce(|| 0.0, f32::max).max(of(sources.tile_values()));
+    }
+    end(&words)?;
+    Ok(PackedGrid { kind, base, occupied, words, header, majorant })
+}
+
+/// Samples of fog.
+fn add_bricks(
+    format: ValueFormat,
+    sources: &Sources,
+    leaves: &[IVec3],
+    words: &mut Vec<u32>,
+    header: &mut GridHeader,
+) -> Result<(), PackError> {
+    let stored = values::stored(format, || {
+        bricks::densities_fit_half(sources.leaves(), sources.tile_values())
+    });
+    let brick_words = bricks::brick_words(stored);
+    header.format = stored as u32;
+    header.brick_words = brick_words as u32;
+    header.samples = end(words)?;
+    let count = words.len() as u64 + leaves.len() as u64 * brick_words as u64;
+    build::check_at_most("words", count, u32::MAX.into())?;
+    words.resize(count as usize, 0);
+    bricks::write_bricks(sources, stored, leaves, &mut words[header.samples as usize..]);
+    Ok(())
+}
+
+/// Samples of a smooth surface.
+fn add_blocks(
+    kind: PackKind,
+    format: ValueFormat,
+    sources: &Sources,
+    leaves: &[IVec3],
+    words: &mut Vec<u32>,
+    header: &mut GridHeader,
+) -> Result<(), PackError> {
+    let blocks = blocks::blocks(sources, kind, leaves, &words[header.masks as usize..]);
+    build::check_at_most("samples", blocks.samples.len() as u64, u32::MAX.into())?;
+    header.leaf_records = end(words)?;
+    words.extend(&blocks.firsts);
+    header.records = end(words)?;
+    words.extend(&blocks.records);
+    header.samples = end(words)?;
+    let stored = values::stored(format, || values::all_fit_half(&blocks.samples));
+    header.format = stored as u32;
+    words.resize(words.len() + stored.words(blocks.samples.len()), 0);
+    let out = &mut words[header.samples as usize..];
+    if stored == Stored::Byte {
+        let steps = Steps::around_zero(&blocks.samples);
+        (header.offset, header.scale) = (steps.offset, steps.scale);
+        values::write_bytes(&blocks.samples, out, |value| steps.signed_code(value));
+    } else {
+        values::write_floats(stored, &blocks.samples, out);
+    }
+    Ok(())
 }

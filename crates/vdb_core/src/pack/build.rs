@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::{PackError, PackKind, PackedGrid, assemble, bits, cells, layout::*, values};
+use super::mixed::{self, Ghosts};
+use super::{PackError, PackKind, PackedGrid, ValueFormat, assemble, bits, cells, layout::*};
 use crate::tree::{CoordBox, InternalNode, LeafNode, Node, RootEntry, Slot, Vdb543};
 
-type Leaf = LeafNode<f32, 3>;
+pub(super) type Leaf = LeafNode<f32, 3>;
 type Lower = InternalNode<Leaf, 4>;
 type Upper = InternalNode<Lower, 5>;
 
@@ -16,9 +17,9 @@ type Upper = InternalNode<Lower, 5>;
 const BACKGROUND: u32 = 0;
 
 /// The tree as words while it grows: each slot is a [`CHILD`] with the number of a node of the next
-/// level or of a leaf, or else the number of a tile value; in both, [`OCCUPIED`] says that something
-/// there can stop or dim a ray, and [`MIXED`] marks tiles as in [`layout`](super::layout). All
-/// coordinates are in index space.
+/// level or of a leaf, or else a place in the palette of values; in both, [`OCCUPIED`] says that
+/// something there can stop or dim a ray, and [`MIXED`] marks tiles as in [`layout`](super::layout).
+/// All coordinates are in index space.
 #[derive(Default)]
 pub(super) struct Builder {
     /// Cell words of the root, by origin.
@@ -29,7 +30,8 @@ pub(super) struct Builder {
     pub lowers: Vec<Box<[u32]>>,
     /// Distinct tile values by their bits, with their number.
     palette: BTreeMap<u32, u32>,
-    tile_values: Vec<f32>,
+    /// Values of tiles, and, eight by eight, those that mixed tiles touch, their own first.
+    pub tile_values: Vec<f32>,
     /// The last one asked for, bits and number: tiles of one value stand side by side.
     last_tile: Option<(u32, u32)>,
 }
@@ -63,6 +65,47 @@ impl Builder {
         word
     }
 
+    /// The word of the tile that covers a cube of `2^log2` voxels per edge (3 or 7), if one does.
+    pub(super) fn tile_over(&self, ijk: IVec3, log2: u32) -> Option<u32> {
+        let root = self.root.get(&Upper::origin_of(ijk).to_array());
+        let mut word = root.copied().unwrap_or(BACKGROUND);
+        if word & CHILD != 0 {
+            word = self.uppers[(word & PAYLOAD) as usize][upper_slot(ijk)];
+            if word & CHILD != 0 && log2 == LEAF_BITS {
+                word = self.lowers[(word & PAYLOAD) as usize][region_slot(ijk)];
+            }
+        }
+        (word & CHILD == 0).then_some(word)
+    }
+
+    /// The origins of tiles of `2^log2` voxels per edge (3 or 7) that are marked as mixed.
+    pub(super) fn marked(&self, log2: u32) -> Vec<IVec3> {
+        let mut marked = Vec::new();
+        for (origin, &word) in self.root.iter().filter(|(_, word)| **word & CHILD != 0) {
+            let origin = IVec3::from_array(*origin);
+            for (slot, &word) in self.uppers[(word & PAYLOAD) as usize].iter().enumerate() {
+                let origin = origin + Upper::slot_offset(slot);
+                if word & CHILD == 0 {
+                    if log2 == REGION_BITS && word & MIXED != 0 {
+                        marked.push(origin);
+                    }
+                } else if log2 == LEAF_BITS {
+                    let words = self.lowers[(word & PAYLOAD) as usize].iter().enumerate();
+                    let words = words.filter(|(_, word)| *word & (CHILD | MIXED) == MIXED);
+                    marked.extend(words.map(|(slot, _)| origin + Lower::slot_offset(slot)));
+                }
+            }
+        }
+        marked
+    }
+
+    /// Appends values to the palette, and gives the place of the first.
+    pub(super) fn add_tuple(&mut self, values: &[f32; 8]) -> u32 {
+        let first = self.tile_values.len() as u32;
+        self.tile_values.extend(values);
+        first
+    }
+
     /// The value of a tile.
     pub(super) fn tile_value(&self, word: u32) -> f32 {
         self.tile_values[(word & PAYLOAD) as usize]
@@ -70,8 +113,8 @@ impl Builder {
 
     /// The word over the node-sized cube of `2^log2` voxels per edge that holds `ijk` (3, 7 or 12),
     /// with all nodes down to it made where they are missing.
-    pub(super) fn word_mut(&mut self, ijk: IVec3, log2: u32, background: u32) -> &mut u32 {
-        let root = self.root.entry(Upper::origin_of(ijk).to_array()).or_insert(background);
+    pub(super) fn word_mut(&mut self, ijk: IVec3, log2: u32) -> &mut u32 {
+        let root = self.root.entry(Upper::origin_of(ijk).to_array()).or_insert(BACKGROUND);
         if log2 == UPPER_BITS {
             return root;
         }
@@ -162,53 +205,105 @@ fn descend<'a>(word: &mut u32, nodes: &'a mut Vec<Box<[u32]>>, words: usize) -> 
     &mut nodes[(*word & PAYLOAD) as usize]
 }
 
-pub(super) fn pack(tree: &Vdb543<f32>, kind: PackKind) -> Result<PackedGrid, PackError> {
+/// What covers a leaf-sized cube.
+pub(super) enum Source<'a> {
+    Leaf(&'a Leaf),
+    Constant(f32),
+}
+
+/// Where the values of cubes come from.
+pub(super) struct Sources<'a> {
+    builder: &'a Builder,
+    leaves: &'a [&'a Leaf],
+    ghosts: &'a Ghosts,
+}
+
+impl Sources<'_> {
+    /// What covers the leaf-sized cube that holds a voxel.
+    pub fn at(&self, ijk: IVec3) -> Source<'_> {
+        let word = self.builder.word_at(ijk);
+        let number = (word & PAYLOAD) as usize;
+        if word & CHILD == 0 {
+            return Source::Constant(self.builder.tile_value(word));
+        }
+        match self.leaves.get(number) {
+            Some(leaf) => Source::Leaf(leaf),
+            None => Source::Constant(self.ghosts.values[number - self.leaves.len()]),
+        }
+    }
+
+    /// The origin of a leaf or a ghost.
+    pub fn origin(&self, number: u32) -> IVec3 {
+        let number = number as usize;
+        match self.leaves.get(number) {
+            Some(leaf) => leaf.origin(),
+            None => self.ghosts.origins[number - self.leaves.len()],
+        }
+    }
+
+    pub fn leaves(&self) -> &[&Leaf] {
+        self.leaves
+    }
+
+    /// The palette.
+    pub fn tile_values(&self) -> &[f32] {
+        &self.builder.tile_values
+    }
+}
+
+pub(super) fn pack(
+    tree: &Vdb543<f32>,
+    kind: PackKind,
+    format: ValueFormat,
+) -> Result<PackedGrid, PackError> {
     let mut builder = Builder::default();
     let background = builder.tile(tree.background());
+    debug_assert_eq!(background, BACKGROUND);
     let leaves = copy_topology(tree, kind, &mut builder);
     check("leaves", leaves.len() as u64)?;
 
-    debug_assert_eq!(background, BACKGROUND);
-    let planes: Vec<bits::Planes> = match kind {
-        PackKind::Surface { iso } | PackKind::Smooth { iso } => {
-            leaves.par_iter().map(|leaf| bits::planes(leaf, |value| value < iso)).collect()
-        }
-        PackKind::Fog => {
-            leaves.par_iter().map(|leaf| bits::planes(leaf, |value| value > 0.0)).collect()
-        }
-    };
     let rule = match kind {
-        PackKind::Surface { .. } => None,
-        PackKind::Smooth { iso } => Some(cells::Rule::Crossing(iso)),
-        PackKind::Fog => Some(cells::Rule::Density),
+        PackKind::Surface { iso } | PackKind::Smooth { iso } => cells::Rule::Crossing(iso),
+        PackKind::Fog => cells::Rule::Density,
     };
-    let masks: Vec<[u32; LEAF_MASK_WORDS]> = match rule {
-        None => planes.par_iter().map(bits::mask).collect(),
-        Some(rule) => {
-            let leaves = leaves.par_iter().zip(&planes);
-            leaves.map(|(leaf, own)| cells::cell_mask(&builder, rule, &planes, leaf, own)).collect()
-        }
+    let planes: Vec<bits::Planes> =
+        leaves.par_iter().map(|leaf| bits::planes(leaf, |value| rule.counts(value))).collect();
+    let solid = matches!(kind, PackKind::Surface { .. });
+    let mut masks: Vec<[u32; LEAF_MASK_WORDS]> = if solid {
+        planes.par_iter().map(bits::mask).collect()
+    } else {
+        let leaves = leaves.par_iter().zip(&planes);
+        leaves
+            .map(|(leaf, own)| cells::cell_mask(&builder, rule, &planes, leaf.origin(), own))
+            .collect()
     };
     for (leaf, mask) in leaves.iter().zip(&masks) {
         if mask.iter().any(|&word| word != 0) {
-            *builder.word_mut(leaf.origin(), LEAF_BITS, background) |= OCCUPIED;
+            *builder.word_mut(leaf.origin(), LEAF_BITS) |= OCCUPIED;
         }
     }
-    if let Some(rule) = rule {
-        cells::mark_mixed_tiles(tree, rule, &leaves, &planes, &mut builder, background);
+    let mut ghosts = Ghosts::default();
+    if !solid {
+        cells::mark_mixed_tiles(tree, rule, &leaves, &planes, &mut builder);
+        ghosts = mixed::resolve(&mut builder, rule, &planes);
+        masks.append(&mut ghosts.masks);
     }
     builder.lift_occupied();
+    check("leaves", masks.len() as u64)?;
     check("distinct tile values", builder.tile_values.len() as u64)?;
     check("32³ nodes", builder.uppers.len() as u64)?;
     check("16³ nodes", builder.lowers.len() as u64)?;
 
     let occupied = builder.occupied_box(masks.as_flattened());
-    let values = values::pack(kind, &leaves, &builder.tile_values);
-    Ok(assemble::assemble(kind, &builder, occupied, &masks, values, leaves.len()))
+    let sources = Sources { builder: &builder, leaves: &leaves, ghosts: &ghosts };
+    assemble::assemble(kind, format, &builder, &sources, occupied, &masks)
 }
 
 fn check(what: &'static str, count: u64) -> Result<(), PackError> {
-    let limit = u64::from(PAYLOAD);
+    check_at_most(what, count, PAYLOAD.into())
+}
+
+pub(super) fn check_at_most(what: &'static str, count: u64, limit: u64) -> Result<(), PackError> {
     if count > limit { Err(PackError::TooLarge { what, count, limit }) } else { Ok(()) }
 }
 

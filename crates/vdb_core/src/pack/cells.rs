@@ -31,8 +31,8 @@ impl Rule {
         }
     }
 
-    /// Whether a cell between these two values is one of them throughout.
-    fn same(self, a: f32, b: f32) -> bool {
+    /// Whether there is nothing to tell cells of these two values, and cells between them, apart.
+    pub fn same(self, a: f32, b: f32) -> bool {
         match self {
             Self::Density => a == b,
             Self::Crossing(_) => self.counts(a) == self.counts(b),
@@ -54,20 +54,20 @@ const HIGH_SIDE: [IVec3; 7] = [
 /// For each (x, y) of 9 × 9, the samples along z that count, from the leaf and its neighbours.
 type Rows = [[u16; 9]; 9];
 
-/// The occupied cells of a leaf. `planes` are the samples that count of every leaf, by its number,
-/// `own` those of this one.
+/// The occupied cells of a leaf-sized cube. `planes` are the samples that count of every leaf, by its
+/// number, `own` those of this cube.
 pub(super) fn cell_mask(
     builder: &Builder,
     rule: Rule,
     planes: &[Planes],
-    leaf: &Leaf,
+    origin: IVec3,
     own: &Planes,
 ) -> [u32; LEAF_MASK_WORDS] {
     let mut rows: Rows = [[0; 9]; 9];
     add(&mut rows, IVec3::ZERO, own);
     for side in HIGH_SIDE {
-        let Some(origin) = leaf.origin().checked_add(side * 8) else { continue };
-        let word = builder.word_at(origin);
+        let Some(beside) = origin.checked_add(side * 8) else { continue };
+        let word = builder.word_at(beside);
         if word & CHILD != 0 {
             add(&mut rows, side, &planes[(word & PAYLOAD) as usize]);
         } else if rule.counts(builder.tile_value(word)) {
@@ -108,10 +108,9 @@ pub(super) fn mark_mixed_tiles(
     leaves: &[&Leaf],
     planes: &[Planes],
     builder: &mut Builder,
-    background: u32,
 ) {
     let mark = |builder: &mut Builder, origin: IVec3, log2: u32| {
-        let word = builder.word_mut(origin, log2, background);
+        let word = builder.word_mut(origin, log2);
         if *word & CHILD == 0 {
             *word |= MIXED | OCCUPIED;
         }

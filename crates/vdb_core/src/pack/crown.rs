@@ -35,8 +35,8 @@ pub(super) struct Crown {
 }
 
 impl Crown {
-    pub fn new(levels: u32, empty: u32) -> Self {
-        let nodes = vec![[empty; CROWN_WORDS]];
+    pub fn new(levels: u32) -> Self {
+        let nodes = vec![[0; CROWN_WORDS]];
         Self { levels, nodes, places: vec![(levels - 1, IVec3::ZERO)] }
     }
 
@@ -161,7 +161,7 @@ mod tests {
         let regions = [[0, 0, 0], [0, 0, 1], [3, 3, 3], [4, 0, 0], [77, 1000, 5], [far, far, far]];
         let levels = levels(1 << 20);
         assert_eq!(levels, 10);
-        let mut crown = Crown::new(levels, 0);
+        let mut crown = Crown::new(levels);
         for (number, region) in regions.iter().enumerate() {
             crown.set(IVec3::from_array(*region), 0, CHILD | number as u32);
         }

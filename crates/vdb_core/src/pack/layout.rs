@@ -1,8 +1,8 @@
-//! The layout that `assets/shaders/tree.wgsl` mirrors.
+//! The layout that `assets/shaders/tree.wgsl` and `samples.wgsl` mirror.
 //!
-//! A packed grid is two trees of words over the same lattice: the *traversal tree* says where a ray
-//! can end, and how far it can leap where it cannot; the *value tree* says what is there. Each has
-//! three storeys:
+//! A packed grid is one run of words: a *traversal tree*, which says where a ray can end and how far
+//! it can leap where it cannot, and behind it the *samples* that a ray needs where it has come to
+//! something: none for a surface of voxels. The tree has three storeys:
 //!
 //! - the **crown**, a tree of nodes of 4³ slots over *regions* of 128³ cells, as many levels as the
 //!   grid's extent asks for (a voxel two million away costs some nodes, not a table). A node is
@@ -10,13 +10,13 @@
 //! - **regions**, [`REGION_WORDS`] words for the 16³ leaves in them, slot `x·256 + y·16 + z`;
 //! - **leaves** of 8³ cells.
 //!
-//! **Words of the traversal tree**, in crown and regions alike:
+//! **Words**, in crown and regions alike:
 //!
 //! | word | meaning | the other bits |
 //! |---|---|---|
 //! | [`CHILD`] | something below can stop or dim a ray | in the crown, the number of a node (higher levels) or of a region; in a region, a leaf: see below |
-//! | [`OCCUPIED`] | a tile that does so all over, with one value | number of the tile value |
-//! | [`OCCUPIED`] and [`MIXED`] | a tile of samples whose lattice cells also touch other samples, so that they differ: looked at cell by cell | number of the tile value |
+//! | [`OCCUPIED`] | a tile that does so all over, with one value | where its value is in the palette |
+//! | [`OCCUPIED`] and [`MIXED`] | a tile beside tiles of other values: looked at cell by cell | where the eight values of the tile and its neighbours on the high side are in the palette; [`WIDE`] if the tile has 128³ cells, else it has 8³ |
 //! | none of these | empty | for each octant of directions three bits: see [`reach`] |
 //!
 //! A leaf's word has the leaf's number within its region in the low [`LEAF_NUMBER_BITS`] bits, and
@@ -26,8 +26,20 @@
 //! **Leaf masks** are eight blocks of 4³ cells, 64 bits each: block `x/4·4 + y/4·2 + z/4`, bit
 //! `(x%4)·16 + (y%4)·4 + z%4`, low word first.
 //!
-//! **Words of the value tree** are a [`CHILD`] (of a region: the number of a leaf's values), or the
-//! number of a tile value. Where the crown has nothing, the grid's background is tile value 0.
+//! **Samples of fog** are a *brick* a leaf, [`BRICK_VALUES`] samples `x·81 + y·9 + z`: the leaf's own
+//! and the first of its neighbours on the high side, so that no cell looks further. Most of them are
+//! needed.
+//!
+//! **Samples of a smooth surface** are those at the corners of cells that it passes through, few of a
+//! leaf. For each leaf, in the order of the masks, there is the number of the first *record* among
+//! those of the grid; a leaf has one for each of its blocks that is not empty. A record is
+//! [`RECORD_WORDS`] words: for each of the five planes of samples across x 25 bits, `y·5 + z`, for
+//! those that are kept, and from bit [`RECORD_COUNT`] on how many the planes before have; then the
+//! number of the block's first sample.
+//!
+//! **Values** are f32, f16 or bytes ([`ValueFormat`](super::ValueFormat)), packed into words from the
+//! low end. Bytes of a brick are steps from its least value on: two words before them hold that value
+//! and the step. Bytes of a smooth surface are steps of the whole grid, in its header.
 //!
 //! **Octants** are numbered by the signs of a ray's direction, 4 for a negative x, 2 for y, 1 for z.
 
@@ -39,8 +51,10 @@ pub const CHILD: u32 = 1 << 31;
 pub const OCCUPIED: u32 = 1 << 30;
 /// A tile whose lattice cells differ.
 pub const MIXED: u32 = 1 << 29;
-/// The bits that number a child or a tile value.
-pub const PAYLOAD: u32 = MIXED - 1;
+/// A mixed tile of 128³ cells.
+pub const WIDE: u32 = 1 << 28;
+/// The bits that number a child or a value of the palette.
+pub const PAYLOAD: u32 = WIDE - 1;
 
 /// log₂ of the cells per edge of a leaf.
 pub const LEAF_BITS: u32 = 3;
@@ -57,8 +71,14 @@ pub const REGION_WORDS: usize = 1 << 12;
 pub const UPPER_SLOTS: usize = 1 << 15;
 /// Words of a leaf's mask.
 pub const LEAF_MASK_WORDS: usize = 16;
-/// Values of a leaf.
-pub const LEAF_VALUES: usize = 512;
+/// Values of a leaf of a tree.
+pub(super) const LEAF_VALUES: usize = 512;
+/// Samples of a brick.
+pub const BRICK_VALUES: usize = 9 * 9 * 9;
+/// Words of a record of a block.
+pub const RECORD_WORDS: usize = 6;
+/// The lowest bit of the count in a word of a record.
+pub const RECORD_COUNT: u32 = 25;
 /// Bits of a leaf's number within its region.
 pub const LEAF_NUMBER_BITS: u32 = 12;
 
@@ -92,11 +112,11 @@ pub fn region_slot(cell: IVec3) -> usize {
     part(cell.x) << 8 | part(cell.y) << 4 | part(cell.z)
 }
 
-/// The value of a local voxel in the leaf that holds it.
+/// The sample on the low corner of a local cell in the brick of the leaf that holds it.
 #[inline]
-pub fn leaf_slot(cell: IVec3) -> usize {
+pub fn brick_slot(cell: IVec3) -> usize {
     let part = |c: i32| c as usize & 7;
-    part(cell.x) << 6 | part(cell.y) << 3 | part(cell.z)
+    part(cell.x) * 81 + part(cell.y) * 9 + part(cell.z)
 }
 
 /// The word and the bit of a local cell in the mask of the leaf that holds it.

@@ -10,26 +10,32 @@
 //! - for a **smooth surface** the same cells, occupied where samples lie on both sides of the
 //!   iso-value.
 //!
-//! Values stand apart and are read only where a ray meets something. Everything is addressed by
-//! 32-bit indices from the start of the grid's own data, so that a grid can lie anywhere in a pool.
-//! [`layout`] is the contract that the shader module `bevy_vdb::tree` mirrors; [`walk`] is the
-//! shader's walk on the CPU, function by function, for tests and for reading side by side.
+//! Samples stand apart, only those of occupied cells, and are read only where a ray meets one; a
+//! surface of voxels has none. Everything is addressed by 32-bit indices from the start of the grid's
+//! own words, so that a grid can lie anywhere in a pool. [`layout`] is the contract that the shader
+//! modules mirror; [`walk`] is the shader's walk on the CPU, function by function, for tests and for
+//! reading side by side.
 
 pub mod anchor;
 mod assemble;
 mod bits;
+mod blocks;
+mod bricks;
 mod build;
 mod cells;
 mod crown;
 pub mod exact;
 pub mod layout;
 mod leaps;
+mod mixed;
 mod values;
 pub mod walk;
 
 use bytemuck::{Pod, Zeroable};
 use glam::IVec3;
 use thiserror::Error;
+
+pub use values::ValueFormat;
 
 use crate::tree::{CoordBox, Vdb543};
 
@@ -70,110 +76,102 @@ pub struct PackedGrid {
     pub base: IVec3,
     /// The local lattice cells that can stop or dim a ray; `None` when there is none.
     pub occupied: Option<CoordBox>,
-    /// How many levels of 4³ nodes stand over the regions.
-    pub crown_levels: u32,
-    /// Local coordinate, in regions of 128³ cells, of the crown's slot 0.
-    pub crown_origin: IVec3,
-    /// Word offset in `nodes` of the number of the first leaf of each region.
-    pub heads: u32,
-    /// Word offset in `nodes` of the first region.
-    pub regions: u32,
-    /// Word offset in `nodes` of the value tree's crown.
-    pub value_crown: u32,
-    /// Word offset in `nodes` of the value tree's first region.
-    pub value_regions: u32,
-    /// The traversal tree (crown, heads, regions), then the value tree (crown, regions); see
-    /// [`layout`].
-    pub nodes: Vec<u32>,
-    /// [`layout::LEAF_MASK_WORDS`] for each leaf with an occupied cell.
-    pub masks: Vec<u32>,
-    /// [`layout::LEAF_VALUES`] a leaf, z fastest; then one value a distinct tile value.
-    pub values: Vec<f32>,
-    /// Offset of the tile values in `values`.
-    pub palette: u32,
+    /// The traversal tree, then the samples; see [`layout`].
+    pub words: Vec<u32>,
+    /// Where in the words everything is.
+    header: GridHeader,
     /// The largest value: an upper bound of the density anywhere in the grid.
     pub majorant: f32,
 }
 
 impl PackedGrid {
-    /// Packs a grid. Costs a few passes over its leaves, in parallel.
+    /// Packs a grid with its samples as they are. Costs a few passes over its leaves, in parallel.
     ///
     /// # Errors
-    /// When the grid has more nodes or distinct tile values than 29 bits can number.
+    /// When the grid has more nodes or distinct tile values than 28 bits can number, or takes more
+    /// than 2³² words.
     pub fn new(tree: &Vdb543<f32>, kind: PackKind) -> Result<Self, PackError> {
-        build::pack(tree, kind)
+        Self::with_format(tree, kind, ValueFormat::Exact)
     }
 
-    /// Leaves with values of their own.
-    pub fn leaf_count(&self) -> usize {
-        self.palette as usize / layout::LEAF_VALUES
+    /// Packs a grid with its samples in a format.
+    ///
+    /// # Errors
+    /// As [`PackedGrid::new`].
+    pub fn with_format(
+        tree: &Vdb543<f32>,
+        kind: PackKind,
+        format: ValueFormat,
+    ) -> Result<Self, PackError> {
+        build::pack(tree, kind, format)
     }
 
-    /// What a shader knows of the grid when its words stand at these places in the pools, in
-    /// elements.
-    pub fn header(&self, nodes: u32, masks: u32, values: u32) -> GridHeader {
-        // A grid without anything to see is never shown; its box does not matter.
-        let empty = (IVec3::ZERO, IVec3::NEG_ONE);
-        let (min, max) = self.occupied.map_or(empty, |bounds| (bounds.min, bounds.max));
+    /// What a shader knows of the grid when its first word has this number in the pool.
+    pub fn header(&self, first: u32) -> GridHeader {
+        let own = &self.header;
         GridHeader {
-            crown_origin: self.crown_origin.to_array(),
-            crown_levels: self.crown_levels,
-            occupied_min: min.to_array(),
-            crown: nodes,
-            occupied_max: max.to_array(),
-            regions: nodes + self.regions,
-            heads: nodes + self.heads,
-            masks,
-            value_crown: nodes + self.value_crown,
-            value_regions: nodes + self.value_regions,
-            values,
-            palette: values + self.palette,
-            ..GridHeader::default()
+            crown: own.crown + first,
+            regions: own.regions + first,
+            heads: own.heads + first,
+            masks: own.masks + first,
+            leaf_records: own.leaf_records + first,
+            records: own.records + first,
+            samples: own.samples + first,
+            palette: own.palette + first,
+            ..*own
         }
     }
 
     /// Bytes that the grid takes on the GPU.
     pub fn bytes(&self) -> u64 {
-        4 * (self.nodes.len() + self.masks.len() + self.values.len()) as u64
+        4 * self.words.len() as u64
     }
 }
 
-/// A packed grid in the pools: the struct `Grid` of `assets/shaders/types.wgsl`, field by field.
-/// Offsets in elements from the start of each pool.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+/// A packed grid in the pool: the struct `Grid` of `assets/shaders/types.wgsl`, field by field.
+/// Places are numbers of words in the pool.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GridHeader {
     /// Local coordinate of the crown's slot 0, in regions.
     pub crown_origin: [i32; 3],
-    /// Levels of the crown.
+    /// How many levels of 4³ nodes stand over the regions.
     pub crown_levels: u32,
     /// Lowest local cell that can stop or dim a ray.
     pub occupied_min: [i32; 3],
-    /// The traversal tree's crown.
+    /// The crown.
     pub crown: u32,
     /// Highest local cell that can stop or dim a ray.
     pub occupied_max: [i32; 3],
-    /// The traversal tree's regions.
+    /// The first region.
     pub regions: u32,
-    /// The number of the first leaf of each region.
+    /// For each region, the number of its first leaf.
     pub heads: u32,
     /// The first leaf's mask.
     pub masks: u32,
-    /// The value tree's crown.
-    pub value_crown: u32,
-    /// The value tree's regions.
-    pub value_regions: u32,
-    /// The first leaf's values.
-    pub values: u32,
-    /// The first tile value.
+    /// Smooth surfaces: for each leaf, the number of its first record.
+    pub leaf_records: u32,
+    /// Smooth surfaces: the first record.
+    pub records: u32,
+    /// The first sample, or brick of samples.
+    pub samples: u32,
+    /// The first value of tiles.
     pub palette: u32,
+    /// How samples are kept: 0 in 32 bits, 1 in 16, 2 in bytes.
+    pub format: u32,
+    /// Words of a brick.
+    pub brick_words: u32,
+    /// Smooth surfaces in bytes: what byte 0 stands for.
+    pub offset: f32,
+    /// Smooth surfaces in bytes: the step from byte to byte.
+    pub scale: f32,
     pad: [u32; 2],
 }
 
 /// Why a grid could not be packed.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum PackError {
-    /// More of something than 29 bits can number.
+    /// More of something than can be numbered.
     #[error(
         "the grid has {count} {what}, more than the {limit} that a GPU grid can address; \
          load it at a lower resolution or with a narrower band"

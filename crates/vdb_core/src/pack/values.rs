@@ -1,43 +1,207 @@
-//! Values that a shader can compute with: WGSL may assume that there is no NaN and no infinity.
+//! How samples become words: safe values, in as few bits as asked for.
+//!
+//! WGSL may assume that there is no NaN and no infinity, and hardware may take denormal numbers for
+//! zero: neither is stored.
 
+use half::f16;
+use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
 use super::PackKind;
-use super::layout::LEAF_VALUES;
-use crate::tree::LeafNode;
 
-type Leaf = LeafNode<f32, 3>;
-
-/// The largest density kept: along any ray that can be shown, it adds up to less than infinity.
-const MAX_DENSITY: f32 = 1e30;
-
-fn density(value: f32) -> f32 {
-    if value > 0.0 { value.min(MAX_DENSITY) } else { 0.0 }
+/// In how many bits the samples of a grid are kept. What is lost by each is in `docs/benchmarks.md`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum ValueFormat {
+    /// As the tree has them: in 16 bits where that loses nothing (most files are saved so), else in
+    /// 32.
+    #[default]
+    Exact,
+    /// Floats of 16 bits: 11 bits of precision.
+    Half,
+    /// Bytes. Of fog, steps between the least and the largest density of each leaf; of a smooth surface,
+    /// steps between the largest distances, either way, that its cells have: the sign of every sample
+    /// is kept, so that no hole opens.
+    Byte,
 }
 
-fn distance(value: f32, iso: f32) -> f32 {
-    if value.is_nan() { iso } else { value.clamp(-MAX_DENSITY, MAX_DENSITY) }
+/// How samples are kept in words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub(super) enum Stored {
+    Float = 0,
+    Half = 1,
+    Byte = 2,
 }
 
-fn copy_safe(out: &mut [f32], leaf: &Leaf, safe: impl Fn(f32) -> f32) {
-    for (packed, &value) in out.iter_mut().zip(leaf.values_slice()) {
-        *packed = safe(value);
-    }
-}
-
-/// The values of the leaves, then those of the tiles.
-pub(super) fn pack(kind: PackKind, leaves: &[&Leaf], tiles: &[f32]) -> Vec<f32> {
-    let mut values = vec![0.0; leaves.len() * LEAF_VALUES];
-    let packed = values.par_chunks_mut(LEAF_VALUES).zip(leaves);
-    match kind {
-        PackKind::Fog => packed.for_each(|(out, leaf)| copy_safe(out, leaf, density)),
-        PackKind::Surface { iso } | PackKind::Smooth { iso } => {
-            packed.for_each(|(out, leaf)| copy_safe(out, leaf, |value| distance(value, iso)));
+impl Stored {
+    /// Words that so many values take.
+    pub fn words(self, values: usize) -> usize {
+        match self {
+            Self::Float => values,
+            Self::Half => values.div_ceil(2),
+            Self::Byte => values.div_ceil(4),
         }
     }
-    values.extend(tiles.iter().map(|&value| match kind {
-        PackKind::Fog => density(value),
-        PackKind::Surface { iso } | PackKind::Smooth { iso } => distance(value, iso),
-    }));
-    values
+}
+
+/// The largest value kept: along any ray that can be shown, a density adds up to less than infinity.
+const MAX_VALUE: f32 = 1e30;
+/// The largest value of 16 bits, and the least that is not denormal.
+const MAX_HALF: f32 = 65_504.0;
+const LEAST_HALF: f32 = 1.0 / 16_384.0;
+
+/// A sample as it is kept: of fog a density, of a smooth surface the value above the iso-value.
+pub(super) fn safe(kind: PackKind, value: f32) -> f32 {
+    match kind {
+        PackKind::Fog if value > 0.0 => value.min(MAX_VALUE),
+        PackKind::Fog => 0.0,
+        PackKind::Surface { iso } | PackKind::Smooth { iso } => {
+            if value.is_nan() {
+                0.0
+            } else {
+                (value - iso).clamp(-MAX_VALUE, MAX_VALUE)
+            }
+        }
+    }
+}
+
+/// Whether 16 bits hold a value as it is, and no hardware takes it for another.
+fn fits_half(value: f32) -> bool {
+    let size = value.abs();
+    value == 0.0 || (value.to_bits() & 0x1fff == 0 && (LEAST_HALF..=MAX_HALF).contains(&size))
+}
+
+/// How values are to be stored in a format.
+pub(super) fn stored(format: ValueFormat, mut all_fit_half: impl FnMut() -> bool) -> Stored {
+    match format {
+        ValueFormat::Byte => Stored::Byte,
+        ValueFormat::Half => Stored::Half,
+        ValueFormat::Exact if all_fit_half() => Stored::Half,
+        ValueFormat::Exact => Stored::Float,
+    }
+}
+
+/// Whether 16 bits hold all of some values as they are.
+pub(super) fn all_fit_half(values: &[f32]) -> bool {
+    values.iter().all(|&value| fits_half(value))
+}
+
+/// Writes values as floats of 32 or 16 bits. A negative value stays negative.
+pub(super) fn write_floats(stored: Stored, values: &[f32], out: &mut [u32]) {
+    if stored == Stored::Float {
+        for (word, value) in out.iter_mut().zip(values) {
+            *word = value.to_bits();
+        }
+        return;
+    }
+    const BLOCK: usize = 256;
+    let mut safe = [0.0; BLOCK];
+    let mut halves = [f16::ZERO; BLOCK];
+    for (values, out) in values.chunks(BLOCK).zip(out.chunks_mut(BLOCK / 2)) {
+        for (safe, &value) in safe.iter_mut().zip(values) {
+            let value = value.clamp(-MAX_HALF, MAX_HALF);
+            *safe = if value < 0.0 { value.min(-LEAST_HALF) } else { value };
+        }
+        halves[values.len()..].fill(f16::ZERO);
+        halves[..values.len()].convert_from_f32_slice(&safe[..values.len()]);
+        for (word, pair) in out.iter_mut().zip(halves.chunks_exact(2)) {
+            *word = u32::from(pair[0].to_bits()) | u32::from(pair[1].to_bits()) << 16;
+        }
+    }
+}
+
+/// Writes values as bytes: `code` makes them.
+pub(super) fn write_bytes(values: &[f32], out: &mut [u32], code: impl Fn(f32) -> u8) {
+    for (word, values) in out.iter_mut().zip(values.chunks(4)) {
+        let bytes = values.iter().enumerate();
+        *word = bytes.map(|(i, &value)| u32::from(code(value)) << (8 * i)).sum();
+    }
+}
+
+/// Steps of even size: what a byte stands for is `offset + byte · scale`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Steps {
+    pub offset: f32,
+    pub scale: f32,
+}
+
+impl Steps {
+    /// Between the least and the largest of some values, both of them exact.
+    pub fn between(values: &[f32]) -> Self {
+        let least = values.iter().copied().fold(f32::INFINITY, f32::min);
+        let largest = values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        Self { offset: least, scale: (largest - least) / 255.0 }
+    }
+
+    /// The byte of a value between them.
+    pub fn code(self, value: f32) -> u8 {
+        if self.scale > 0.0 { ((value - self.offset) / self.scale).round() as u8 } else { 0 }
+    }
+
+    /// Evenly on both sides of zero, which is none of them.
+    pub fn around_zero(values: &[f32]) -> Self {
+        let largest = values.par_iter().map(|value| value.abs()).reduce(|| 0.0, f32::max);
+        let scale = largest / 127.5;
+        Self { offset: -127.5 * scale, scale }
+    }
+
+    /// The byte of a value on the same side of zero: those below it are negative.
+    pub fn signed_code(self, value: f32) -> u8 {
+        let code = ((value / self.scale).floor() + 128.0) as u8;
+        if value < 0.0 { code.min(127) } else { code.max(128) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sixteen_bits_keep_what_fits_and_every_sign() {
+        let fit = [0.0, -0.0, 1.0, -0.5, 65_504.0, LEAST_HALF, 0.333_251_95];
+        assert!(all_fit_half(&fit));
+        for value in [0.1, 65_536.0, 1e-5, -3e-8, 1.000_1] {
+            assert!(!fits_half(value), "{value}");
+        }
+        let values = [0.1, -1e-30, 1e-30, -1e9, 3.0];
+        let mut words = [u32::MAX; 3];
+        write_floats(Stored::Half, &values, &mut words);
+        let half = |i: usize| f16::from_bits((words[i / 2] >> (16 * (i % 2))) as u16).to_f32();
+        for (i, value) in values.into_iter().enumerate() {
+            assert_eq!(half(i) < 0.0, value < 0.0, "{value} became {}", half(i));
+            assert!(half(i).is_finite());
+        }
+        assert!((half(0) - 0.1).abs() < 5e-5 && half(4) == 3.0);
+        assert_eq!(words[2] >> 16, 0, "what is beyond the last value is not zero");
+    }
+
+    #[test]
+    fn bytes_are_within_half_a_step_and_keep_signs() {
+        let values: Vec<f32> = (-700..=900).map(|i| i as f32 * 0.002).collect();
+        let steps = Steps::around_zero(&values);
+        for &value in &values {
+            let kept = steps.offset + f32::from(steps.signed_code(value)) * steps.scale;
+            assert!((kept - value).abs() <= 0.5001 * steps.scale, "{value} became {kept}");
+            assert_eq!(kept < 0.0, value < 0.0, "{value} became {kept}");
+        }
+        let least = -f32::MIN_POSITIVE;
+        assert_eq!(steps.signed_code(least), 127);
+        let steps = Steps::between(&values);
+        assert_eq!((steps.code(-1.4), steps.code(1.8)), (0, 255));
+        for &value in &values {
+            let kept = steps.offset + f32::from(steps.code(value)) * steps.scale;
+            assert!((kept - value).abs() <= 0.5001 * steps.scale);
+        }
+        assert_eq!(Steps::between(&[2.0; 3]).code(2.0), 0);
+    }
+
+    #[test]
+    fn no_value_is_too_much_for_a_shader() {
+        for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0, 1e38, 1e-40] {
+            for kind in [PackKind::Fog, PackKind::Smooth { iso: 0.5 }] {
+                assert!(safe(kind, value).is_finite());
+                assert!(safe(kind, value) >= 0.0 || kind != PackKind::Fog);
+            }
+        }
+    }
 }

@@ -1,5 +1,5 @@
 //! The shader's walk on the CPU, function by function: the twin of `assets/shaders/tree.wgsl`,
-//! `hdda.wgsl` and `fog.wgsl`. Same names, same order of operations, f32; read them side by side.
+//! `hdda.wgsl` and, for a grid's own values in full, of `fog.wgsl`. Same names, same order of operations, f32; read them side by side.
 //!
 //! A ray is given in *local lattice* coordinates of one grid: `p(t) = cell + frac + t · dir`. It is
 //! walked as a [`Course`], which runs upwards on every axis.
@@ -134,11 +134,13 @@ pub struct Span {
     pub reach: u32,
     /// The word of a tile or a leaf that a ray meets; 0 where nothing is.
     pub word: u32,
+    /// The number of the leaf.
+    pub leaf: u32,
 }
 
 impl Span {
     const fn empty(log_dim: u32, reach: u32) -> Self {
-        Self { log_dim, reach, word: 0 }
+        Self { log_dim, reach, word: 0, leaf: 0 }
     }
 
     /// Whether a ray meets something here.
@@ -152,72 +154,114 @@ impl Span {
     }
 }
 
-/// The word of a crown over a local cell, and its level; `None` outside of the crown.
-fn find_crown(grid: &PackedGrid, crown: u32, cell: IVec3) -> Option<(u32, u32)> {
-    let at = (cell >> REGION_BITS as i32) - grid.crown_origin;
-    if (at.x | at.y | at.z) >> (2 * grid.crown_levels) != 0 {
+/// The word of the crown over a local cell, and its level; `None` outside of the crown.
+fn find_crown(grid: &PackedGrid, cell: IVec3) -> Option<(u32, u32)> {
+    let header = grid.header(0);
+    let at = (cell >> REGION_BITS as i32) - IVec3::from_array(header.crown_origin);
+    if (at.x | at.y | at.z) >> (2 * header.crown_levels) != 0 {
         return None;
     }
-    let mut level = grid.crown_levels - 1;
-    let mut node = crown as usize;
+    let mut level = header.crown_levels - 1;
+    let mut node = header.crown as usize;
     loop {
-        let word = grid.nodes[node + crown_slot(at, level)];
+        let word = grid.words[node + crown_slot(at, level)];
         if word & CHILD == 0 || level == 0 {
             return Some((word, level));
         }
-        node = crown as usize + (word & PAYLOAD) as usize * CROWN_WORDS;
+        node = header.crown as usize + (word & PAYLOAD) as usize * CROWN_WORDS;
         level -= 1;
     }
 }
 
-/// The span of a tile of the traversal tree.
+/// The span of a tile.
 fn tile_span(word: u32, log_dim: u32, octant: u32) -> Span {
     match word & (OCCUPIED | MIXED) {
-        OCCUPIED => Span { log_dim, reach: 0, word },
+        OCCUPIED => Span { log_dim, reach: 0, word, leaf: 0 },
         0 | MIXED => Span::empty(log_dim, reach(word, octant)),
-        _ => Span { log_dim: 0, reach: 0, word },
+        _ => Span { log_dim: 0, reach: 0, word, leaf: 0 },
     }
 }
 
 /// What a ray meets at a local cell. (The shader keeps what it has found while the ray stays near.)
 pub fn locate(grid: &PackedGrid, cell: IVec3, octant: u32) -> Span {
+    let header = grid.header(0);
     // A ray looks at cells of the box only, which the crown covers.
-    let Some((word, level)) = find_crown(grid, 0, cell) else { return Span::empty(0, 0) };
+    let Some((word, level)) = find_crown(grid, cell) else { return Span::empty(0, 0) };
     if word & CHILD == 0 {
         return tile_span(word, REGION_BITS + 2 * level, octant);
     }
     let region = (word & PAYLOAD) as usize;
-    let word = grid.nodes[grid.regions as usize + region * REGION_WORDS + region_slot(cell)];
+    let word = grid.words[header.regions as usize + region * REGION_WORDS + region_slot(cell)];
     if word & CHILD == 0 {
         return tile_span(word, LEAF_BITS, octant);
     }
     let number = word & ((1 << LEAF_NUMBER_BITS) - 1);
-    let leaf = grid.nodes[grid.heads as usize + region] + number;
+    let leaf = grid.words[header.heads as usize + region] + number;
     let (index, bit) = mask_bit(cell);
     if word >> (LEAF_NUMBER_BITS + index as u32 / 2) & 1 == 0 {
         return Span::empty(2, 0);
     }
-    let on = grid.masks[leaf as usize * LEAF_MASK_WORDS + index] >> bit & 1 == 1;
-    if on { Span { log_dim: 0, reach: 0, word } } else { Span::empty(0, 0) }
+    let mask = header.masks as usize + leaf as usize * LEAF_MASK_WORDS;
+    let on = grid.words[mask + index] >> bit & 1 == 1;
+    if on { Span { log_dim: 0, reach: 0, word, leaf } } else { Span::empty(0, 0) }
 }
 
-/// The value at a local voxel.
-pub fn value_at(grid: &PackedGrid, voxel: IVec3) -> f32 {
-    // Beyond the crown there is the background, tile value 0.
-    let mut word = find_crown(grid, grid.value_crown, voxel).map_or(0, |(word, _)| word);
-    if word & CHILD != 0 {
-        let region = grid.value_regions as usize + (word & PAYLOAD) as usize * REGION_WORDS;
-        word = grid.nodes[region + region_slot(voxel)];
-        if word & CHILD != 0 {
-            return grid.values[(word & PAYLOAD) as usize * LEAF_VALUES + leaf_slot(voxel)];
-        }
+/// A value of the palette.
+fn palette(grid: &PackedGrid, index: u32) -> f32 {
+    f32::from_bits(grid.words[(grid.header(0).palette + index) as usize])
+}
+
+/// A value that is kept in 32 bits, in 16, or in a byte of steps.
+fn sample(grid: &PackedGrid, first: u32, index: u32, steps: (f32, f32)) -> f32 {
+    let word = |per_word: u32| grid.words[(first + index / per_word) as usize];
+    match grid.header(0).format {
+        0 => f32::from_bits(word(1)),
+        1 => half::f16::from_bits((word(2) >> (16 * (index & 1))) as u16).to_f32(),
+        _ => steps.0 + (word(4) >> (8 * (index & 3)) & 0xff) as f32 * steps.1,
     }
-    tile_value(grid, word)
 }
 
-/// The value of a tile.
-fn tile_value(grid: &PackedGrid, word: u32) -> f32 {
-    grid.values[grid.palette as usize + (word & PAYLOAD) as usize]
+/// The samples at the corners of an occupied cell that is no constant tile's, `x·4 + y·2 + z`: of fog
+/// the densities, of a smooth surface the values above the iso-value.
+pub fn corners(grid: &PackedGrid, span: Span, cell: IVec3) -> [f32; 8] {
+    let header = grid.header(0);
+    let corner = |i: usize| IVec3::new(i as i32 >> 2, i as i32 >> 1 & 1, i as i32 & 1);
+    if span.word & CHILD == 0 {
+        let last = if span.word & WIDE != 0 { 127 } else { 7 };
+        let high = cell.map(|c| i32::from(c & last == last));
+        return std::array::from_fn(|i| {
+            let side = corner(i) & high;
+            let index = (side.x << 2 | side.y << 1 | side.z) as u32;
+            palette(grid, (span.word & PAYLOAD) + index)
+        });
+    }
+    if grid.kind == super::PackKind::Fog {
+        let mut first = header.samples + span.leaf * header.brick_words;
+        let mut steps = (0.0, 0.0);
+        if header.format == 2 {
+            let step = |i: u32| f32::from_bits(grid.words[(first + i) as usize]);
+            steps = (step(0), step(1));
+            first += 2;
+        }
+        let slot = brick_slot(cell) as u32;
+        return std::array::from_fn(|i| {
+            let at = corner(i);
+            sample(grid, first, slot + (at.x * 81 + at.y * 9 + at.z) as u32, steps)
+        });
+    }
+    let block = mask_bit(cell).0 / 2;
+    let before = (span.word >> LEAF_NUMBER_BITS & ((1 << block) - 1)).count_ones();
+    let number = grid.words[(header.leaf_records + span.leaf) as usize] + before;
+    let record = header.records as usize + number as usize * RECORD_WORDS;
+    let record = &grid.words[record..record + RECORD_WORDS];
+    let low = cell & 3;
+    std::array::from_fn(|i| {
+        let at = low + corner(i);
+        let plane = record[at.x as usize];
+        let below = plane & ((1 << (at.y * 5 + at.z)) - 1);
+        let index = record[RECORD_WORDS - 1] + (plane >> RECORD_COUNT) + below.count_ones();
+        sample(grid, header.samples, index, (header.offset, header.scale))
+    })
 }
 
 /// Where a course is on its way through the lattice.
@@ -379,14 +423,6 @@ pub fn first_hit(grid: &PackedGrid, ray: &Ray) -> Option<Hit> {
     None
 }
 
-/// The samples at the corners of a trilinear cell, `x·4 + y·2 + z`.
-fn corners(grid: &PackedGrid, cell: IVec3) -> [f32; 8] {
-    std::array::from_fn(|i| {
-        let i = i as i32;
-        value_at(grid, cell + IVec3::new(i >> 2, i >> 1 & 1, i & 1))
-    })
-}
-
 fn trilinear(corners: &[f32; 8], u: Vec3) -> f32 {
     let mix = |a: f32, b: f32, u: f32| a + (b - a) * u;
     let z = |i: usize| mix(corners[i], corners[i + 1], u.z);
@@ -453,9 +489,9 @@ fn mean_density(
     (from, to): (f32, f32),
 ) -> f32 {
     if span.constant() {
-        return tile_value(grid, span.word);
+        return palette(grid, span.word & PAYLOAD);
     }
-    let corners = corners(grid, course.local(walk.rel));
+    let corners = corners(grid, span, course.local(walk.rel));
     let origin = near.frac - (walk.rel - near.cell).as_vec3();
     let at = |s: f32| {
         let t = from + (to - from) * s;

@@ -126,7 +126,7 @@ fn smooth_surface(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let course = course_at(number, id);
-    let hit = first_root(grids[0], course, enter_at(course, start), 0.0);
+    let hit = first_root(grids[0], course, enter_at(course, start));
     put(number, select(-1.0, hit.t, hit.found));
 #ifndef COUNT_STEPS
     if hit.found {

@@ -158,7 +158,7 @@ impl Picture<'_> {
         let view = gpu.uniform(bytemuck::bytes_of(&rays));
         let out = gpu.output(pixels * 4);
         let normals = gpu.output(pixels * 16);
-        let mut buffers = grid.bindings().to_vec();
+        let mut buffers = grid.bindings();
         let groups = [width.div_ceil(8), height.div_ceil(8), 1];
         let starts = gpu.output(u64::from(groups[0]) * u64::from(groups[1]) * 4);
         buffers.extend([(4, &setup), (5, &view), (6, &out), (7, &normals), (8, &starts)]);

@@ -6,7 +6,7 @@ use vdb_core::pack::PackKind;
 use vdb_core::synth::Random;
 use vdb_core::tree::{CoordBox, Vdb543};
 use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
-use vdb_probe::{ProbeHit, ProbeRay, Setup};
+use vdb_probe::{ProbeHit, ProbeRay};
 
 use crate::case::{Scene, Suite};
 use crate::grids::Tree;
@@ -75,17 +75,9 @@ fn picture(suite: &Suite, kind: PackKind, shift: IVec3) -> Vec<[u32; 15]> {
     let turn = DQuat::from_euler(EulerRot::YXZ, 0.83, 0.07, 0.3);
     let view = DAffine3::from_rotation_translation(turn, eye + shift.as_dvec3());
     let lattice = LatticeRays::new(&rays.expect("it can"), view, DAffine3::IDENTITY, &scene.grid);
-    let setup = Setup {
-        iso: scene.iso(),
-        t_min: 0.0,
-        t_max: 1e30,
-        count: EDGE * EDGE,
-        size: [EDGE; 2],
-        first: 0,
-        pad: 0,
-    };
     let lattice = lattice.expect("it can be shown");
-    let (rays, hits) = suite.probe(kind).picture(&scene.on_gpu, &GpuRays::from(&lattice), setup);
+    let rays = GpuRays::from(&lattice);
+    let (rays, hits) = suite.probe(kind).picture(&scene.on_gpu, &rays, [EDGE; 2]);
     let base = scene.grid.base.wrapping_sub(shift);
     rays.iter().zip(&hits).map(|(ray, hit)| relative(kind, ray, hit, base)).collect()
 }

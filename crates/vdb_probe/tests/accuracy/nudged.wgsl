@@ -8,24 +8,7 @@
 
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::tree::{locate, nowhere, span_occupied}
-
-struct ProbeRay {
-    cell: vec3<i32>,
-    t_min: f32,
-    frac: vec3<f32>,
-    t_max: f32,
-    dir: vec3<f32>,
-}
-
-struct ProbeHit {
-    cell: vec3<i32>,
-    axis: u32,
-    gradient: vec3<f32>,
-    hit: u32,
-    t: f32,
-    optical_length: f32,
-    steps: u32,
-}
+#import vdb_probe::single_rays::{ProbeHit, ProbeRay}
 
 @group(0) @binding(4) var<storage, read> given: array<ProbeRay>;
 @group(0) @binding(5) var<storage, read_write> hits: array<ProbeHit>;

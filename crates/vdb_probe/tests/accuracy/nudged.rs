@@ -5,7 +5,7 @@ use vdb_core::reference::{Blocky, Occupied, standard};
 use vdb_core::synth::Random;
 use vdb_core::tree::IVec3;
 use vdb_core::view::GpuRays;
-use vdb_probe::{Kernel, ProbeHit, ProbeRay, Setup};
+use vdb_probe::{Kernel, ProbeHit, ProbeRay};
 
 use crate::case::{Scene, Suite, hash, judged};
 use crate::given::{self, Targets};
@@ -28,7 +28,7 @@ fn send(suite: &Suite, kernel: &Kernel, scene: &Scene, rays: &[ProbeRay]) -> Vec
     let bytes = (rays.len() * size_of::<ProbeHit>()) as u64;
     let hits = gpu.output(bytes);
     let base = gpu.uniform(bytemuck::bytes_of(&scene.grid.base.extend(0).to_array()));
-    let mut buffers = scene.on_gpu.bindings().to_vec();
+    let mut buffers = scene.on_gpu.bindings();
     buffers.extend([(4, &given), (5, &hits), (6, &base)]);
     gpu.run(kernel, &buffers, [(rays.len() as u32).div_ceil(64), 1, 1]);
     bytemuck::pod_collect_to_vec(&gpu.read(&hits, bytes))
@@ -99,10 +99,8 @@ fn cameras(suite: &Suite, kernel: &Kernel) -> Vec<Row> {
         let Some(Ok(lattice)) = view.camera().map(|camera| camera.lattice(&scene.grid)) else {
             continue;
         };
-        let (t_min, t_max, count, first, pad) = (0.0, 1e30, EDGE * EDGE, 0, 0);
-        let iso = scene.iso();
-        let setup = Setup { iso, t_min, t_max, count, size: [EDGE; 2], first, pad };
-        let (rays, _) = suite.voxels.picture(&scene.on_gpu, &GpuRays::from(&lattice), setup);
+        let rays = GpuRays::from(&lattice);
+        let (rays, _) = suite.voxels.picture(&scene.on_gpu, &rays, [EDGE; 2]);
         let hits = send(suite, kernel, &scene, &rays);
         let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| {
             judge(&scene, &oracle, ray, hit, tally)

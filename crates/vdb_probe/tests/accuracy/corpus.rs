@@ -21,7 +21,7 @@ const RAYS: [usize; 3] = [2_000, 500, 300];
 
 /// The corpus, or `None` with a line that says so: it is large and not part of the repository.
 fn corpus() -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared");
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
     let shared = std::env::var_os("VDB_SHARED").map_or(beside, PathBuf::from);
     let corpus = shared.join("corpus");
     if !corpus.is_dir() {

@@ -133,7 +133,7 @@ pub fn send(
         scope.spawn(move || {
             for first in (0..count).step_by(BATCH) {
                 let rays = chunks(seed, first, (count - first).min(BATCH), make);
-                let hits = probe.send(&scene.on_gpu, scene.iso(), &rays);
+                let hits = probe.send(&scene.on_gpu, &rays);
                 if sender.send((rays, hits)).is_err() {
                     return;
                 }

@@ -6,7 +6,7 @@ use vdb_core::pack::exact::T_ERROR;
 use vdb_core::reference::{Blocky, Occupied};
 use vdb_core::synth::fog as densities;
 use vdb_core::view::{CannotShow, GpuRays, LatticeRays};
-use vdb_probe::{ProbeHit, ProbeRay, Setup};
+use vdb_probe::{ProbeHit, ProbeRay};
 
 use crate::case::{Scene, Suite, judged};
 use crate::grids::{BALL, OFFSETS, Tree, at_offset, offsets};
@@ -139,16 +139,7 @@ fn pictures(suite: &mut Suite, group: &'static str, kind: PackKind, errors: &mut
             Err(why) => panic!("{view:?} cannot be shown: {why}"),
         };
         let gpu_rays = GpuRays::from(&lattice);
-        let setup = Setup {
-            iso: scene.iso(),
-            t_min: 0.0,
-            t_max: 1e30,
-            count: edge * edge,
-            size: [edge; 2],
-            first: 0,
-            pad: 0,
-        };
-        let (made, hits) = suite.probe(kind).picture(&scene.on_gpu, &gpu_rays, setup);
+        let (made, hits) = suite.probe(kind).picture(&scene.on_gpu, &gpu_rays, [edge; 2]);
         let judge = |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| {
             let shown = tally.examples.len();
             judges[o].judge(ray, hit, tally);

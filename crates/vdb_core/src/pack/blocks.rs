@@ -1,0 +1,115 @@
+//! The samples of smooth surfaces: those at the corners of the cells that a surface passes through.
+
+use glam::IVec3;
+use rayon::prelude::*;
+
+use super::PackKind;
+use super::bricks::{self, Brick};
+use super::build::Sources;
+use super::layout::*;
+
+/// Records of blocks and their samples, of any number of leaves.
+#[derive(Default)]
+pub(super) struct Blocks {
+    /// Of each leaf, the number of its first record.
+    pub firsts: Vec<u32>,
+    /// [`RECORD_WORDS`] a block.
+    pub records: Vec<u32>,
+    /// Values above the iso-value.
+    pub samples: Vec<f32>,
+}
+
+/// Leaves that one thread takes at once.
+const LEAVES: usize = 256;
+
+/// The blocks of leaves with these origins and masks.
+pub(super) fn blocks(
+    sources: &Sources,
+    kind: PackKind,
+    origins: &[IVec3],
+    masks: &[u32],
+) -> Blocks {
+    let masks = masks.as_chunks::<LEAF_MASK_WORDS>().0;
+    let parts: Vec<Blocks> = origins
+        .par_chunks(LEAVES)
+        .zip(masks.par_chunks(LEAVES))
+        .map(|(origins, masks)| {
+            let mut part = Blocks::default();
+            let mut brick = [0.0; BRICK_VALUES];
+            for (origin, mask) in origins.iter().zip(masks) {
+                bricks::gather(sources, kind, *origin, &mut brick);
+                part.add_leaf(mask, &brick);
+            }
+            part
+        })
+        .collect();
+    let mut all = Blocks::default();
+    for part in parts {
+        let records = (all.records.len() / RECORD_WORDS) as u32;
+        let samples = all.samples.len() as u32;
+        all.firsts.extend(part.firsts.iter().map(|first| first + records));
+        for record in part.records.as_chunks::<RECORD_WORDS>().0 {
+            all.records.extend(&record[..RECORD_WORDS - 1]);
+            all.records.push(record[RECORD_WORDS - 1] + samples);
+        }
+        all.samples.extend(&part.samples);
+    }
+    all
+}
+
+impl Blocks {
+    fn add_leaf(&mut self, mask: &[u32; LEAF_MASK_WORDS], brick: &Brick) {
+        self.firsts.push((self.records.len() / RECORD_WORDS) as u32);
+        for (block, pair) in mask.chunks_exact(2).enumerate() {
+            let cells = u64::from(pair[0]) | u64::from(pair[1]) << 32;
+            if cells == 0 {
+                continue;
+            }
+            let first = self.samples.len() as u32;
+            let low = (block >> 2) * 4 * 81 + (block >> 1 & 1) * 4 * 9 + (block & 1) * 4;
+            for (x, plane) in corners(cells).into_iter().enumerate() {
+                let before = self.samples.len() as u32 - first;
+                self.records.push(plane | before << RECORD_COUNT);
+                let kept = (0..25).filter(|bit| plane >> bit & 1 == 1);
+                self.samples.extend(kept.map(|bit| brick[low + x * 81 + bit / 5 * 9 + bit % 5]));
+            }
+            self.records.push(first);
+        }
+    }
+}
+
+/// The samples at the corners of a block's cells: five planes across x, bit `y·5 + z`.
+fn corners(cells: u64) -> [u32; 5] {
+    let mut planes = [0; 5];
+    for x in 0..4 {
+        let mut plane = 0;
+        for y in 0..4 {
+            let row = (cells >> (16 * x + 4 * y) & 0xf) as u32;
+            let row = row | row << 1;
+            plane |= row << (5 * y) | row << (5 * y + 5);
+        }
+        planes[x] |= plane;
+        planes[x + 1] |= plane;
+    }
+    planes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cell_has_eight_corners_and_neighbours_share_them() {
+        for bit in 0..64 {
+            let planes = corners(1 << bit);
+            let (x, y, z) = (bit >> 4, bit >> 2 & 3, bit & 3);
+            for (i, plane) in planes.into_iter().enumerate() {
+                let own = i == x || i == x + 1;
+                let expected = 0b110_0011 << (5 * y + z);
+                assert_eq!(plane, if own { expected } else { 0 }, "bit {bit}, plane {i}");
+            }
+        }
+        assert_eq!(corners(u64::MAX), [(1 << 25) - 1; 5]);
+        assert_eq!(corners(0b11).map(u32::count_ones), [6, 6, 0, 0, 0]);
+    }
+}
