@@ -35,7 +35,8 @@ fn pair(grid: Grid, first: u32, index: u32, steps: vec2<f32>) -> vec2<f32> {
         let at = first + (index >> 1u);
         let low = word_at(at);
         let high = word_at(at + 1u);
-        return unpack2x16float(select(low, (low >> 16u) | (high << 16u), (index & 1u) == 1u));
+        let halves = select(low, (low >> 16u) | (high << 16u), (index & 1u) == 1u);
+        return grid.scale * unpack2x16float(halves);
     }
     let at = first + (index >> 2u);
     let low = word_at(at);

@@ -19,7 +19,7 @@ struct Grid {
     format: u32,
     brick_words: u32,
     offset: f32,                // of a smooth surface in bytes: what 0 stands for
-    scale: f32,                 // and the step from byte to byte
+    scale: f32,                 // the step from byte to byte; of samples in 16 bits: their factor
 }
 
 const KIND_SURFACE: u32 = 0u;

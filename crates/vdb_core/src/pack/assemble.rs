@@ -227,25 +227,21 @@ pub(super) fn assemble(
     header.masks = end(&words)?;
     regions.iter().for_each(|region| words.extend(&region.masks));
     drop(regions);
+    let mut majorant = 0.0;
     match kind {
         PackKind::Surface { .. } => {}
         PackKind::Smooth { .. } => {
-            add_blocks(kind, format, sources, &leaves, &mut words, &mut header)?
+            add_blocks(kind, format, sources, &leaves, &mut words, &mut header)?;
         }
-        PackKind::Fog => add_bricks(format, sources, &leaves, &mut words, &mut header)?,
+        PackKind::Fog => {
+            majorant = bricks::largest_density(sources.leaves(), sources.tile_values());
+            add_bricks(format, sources, &leaves, majorant, &mut words, &mut header)?;
+        }
     }
     header.palette = end(&words)?;
-    let mut majorant = 0.0;
     if !matches!(kind, PackKind::Surface { .. }) {
         let tiles = sources.tile_values().iter().map(|&value| values::safe(kind, value));
         words.extend(tiles.map(f32::to_bits));
-    }
-    if kind == PackKind::Fog {
-        let of = |values: &[f32]| {
-            values.iter().map(|&value| values::safe(kind, value)).fold(0.0, f32::max)
-        };
-        let leaves = sources.leaves().par_iter().map(|leaf| of(leaf.values_slice()));
-        majorant = leaves.reduce(|| 0.0, f32::max).max(of(sources.tile_values()));
     }
     end(&words)?;
     Ok(PackedGrid { kind, base, occupied, words, header, majorant })
@@ -256,12 +252,15 @@ fn add_bricks(
     format: ValueFormat,
     sources: &Sources,
     leaves: &[IVec3],
+    majorant: f32,
     words: &mut Vec<u32>,
     header: &mut GridHeader,
 ) -> Result<(), PackError> {
+    let factor = values::half_factor(majorant);
     let stored = values::stored(format, || {
-        bricks::densities_fit_half(sources.leaves(), sources.tile_values())
+        bricks::densities_fit_half(sources.leaves(), sources.tile_values(), factor)
     });
+    header.scale = 1.0 / factor;
     let brick_words = bricks::brick_words(stored);
     header.format = stored as u32;
     header.brick_words = brick_words as u32;
@@ -269,7 +268,7 @@ fn add_bricks(
     let count = words.len() as u64 + leaves.len() as u64 * brick_words as u64;
     build::check_at_most("words", count, u32::MAX.into())?;
     words.resize(count as usize, 0);
-    bricks::write_bricks(sources, stored, leaves, &mut words[header.samples as usize..]);
+    bricks::write_bricks(sources, stored, factor, leaves, &mut words[header.samples as usize..]);
     Ok(())
 }
 
@@ -289,16 +288,19 @@ fn add_blocks(
     header.records = end(words)?;
     words.extend(&blocks.records);
     header.samples = end(words)?;
-    let stored = values::stored(format, || values::all_fit_half(&blocks.samples));
+    let largest = blocks.samples.par_iter().map(|value| value.abs()).reduce(|| 0.0, f32::max);
+    let factor = values::half_factor(largest);
+    let stored = values::stored(format, || values::all_fit_half(&blocks.samples, factor));
     header.format = stored as u32;
     words.resize(words.len() + stored.words(blocks.samples.len()), 0);
     let out = &mut words[header.samples as usize..];
     if stored == Stored::Byte {
-        let steps = Steps::around_zero(&blocks.samples);
+        let steps = Steps::around_zero(largest);
         (header.offset, header.scale) = (steps.offset, steps.scale);
         values::write_bytes(&blocks.samples, out, |value| steps.signed_code(value));
     } else {
-        values::write_floats(stored, &blocks.samples, out);
+        header.scale = 1.0 / factor;
+        values::write_floats(stored, &blocks.samples, factor, out);
     }
     Ok(())
 }

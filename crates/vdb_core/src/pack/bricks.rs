@@ -44,8 +44,14 @@ pub(super) fn brick_words(stored: Stored) -> usize {
     stored.words(BRICK_VALUES) + if stored == Stored::Byte { 2 } else { 0 }
 }
 
-/// The bricks of leaves with these origins, one after the other.
-pub(super) fn write_bricks(sources: &Sources, stored: Stored, origins: &[IVec3], out: &mut [u32]) {
+/// The bricks of leaves with these origins, one after the other; `factor` is that of values in 16 bits.
+pub(super) fn write_bricks(
+    sources: &Sources,
+    stored: Stored,
+    factor: f32,
+    origins: &[IVec3],
+    out: &mut [u32],
+) {
     out.par_chunks_exact_mut(brick_words(stored)).zip(origins).for_each(|(out, origin)| {
         let mut brick = [0.0; BRICK_VALUES];
         gather(sources, PackKind::Fog, *origin, &mut brick);
@@ -54,15 +60,23 @@ pub(super) fn write_bricks(sources: &Sources, stored: Stored, origins: &[IVec3],
             out[..2].copy_from_slice(&[steps.offset.to_bits(), steps.scale.to_bits()]);
             values::write_bytes(&brick, &mut out[2..], |value| steps.code(value));
         } else {
-            values::write_floats(stored, &brick, out);
+            values::write_floats(stored, &brick, factor, out);
         }
     });
 }
 
-/// Whether 16 bits hold every density of some leaves and of all tiles.
-pub(super) fn densities_fit_half(leaves: &[&Leaf], tiles: &[f32]) -> bool {
+/// Whether 16 bits hold every density of some leaves and of all tiles, once multiplied by a factor.
+pub(super) fn densities_fit_half(leaves: &[&Leaf], tiles: &[f32], factor: f32) -> bool {
     let fit = |values: &[f32]| {
-        values.iter().all(|&value| values::all_fit_half(&[values::safe(PackKind::Fog, value)]))
+        values.iter().all(|&v| values::all_fit_half(&[values::safe(PackKind::Fog, v)], factor))
     };
     fit(tiles) && leaves.par_iter().all(|leaf| fit(leaf.values_slice()))
+}
+
+/// The largest density of some leaves and of all tiles.
+pub(super) fn largest_density(leaves: &[&Leaf], tiles: &[f32]) -> f32 {
+    let of = |values: &[f32]| {
+        values.iter().map(|&value| values::safe(PackKind::Fog, value)).fold(0.0, f32::max)
+    };
+    leaves.par_iter().map(|leaf| of(leaf.values_slice())).reduce(|| 0.0, f32::max).max(of(tiles))
 }

@@ -38,7 +38,8 @@
 //! number of the block's first sample.
 //!
 //! **Values** are f32, f16 or bytes ([`ValueFormat`](super::ValueFormat)), packed into words from the
-//! low end. Bytes of a brick are steps from its least value on: two words before them hold that value
+//! low end. Those of 16 bits have been multiplied by a power of two, so that none is denormal; its
+//! inverse is in the header. Bytes of a brick are steps from its least value on: two words before them hold that value
 //! and the step. Bytes of a smooth surface are steps of the whole grid, in its header.
 //!
 //! **Octants** are numbered by the signs of a ray's direction, 4 for a negative x, 2 for y, 1 for z.

@@ -163,7 +163,7 @@ pub struct GridHeader {
     pub brick_words: u32,
     /// Smooth surfaces in bytes: what byte 0 stands for.
     pub offset: f32,
-    /// Smooth surfaces in bytes: the step from byte to byte.
+    /// Samples in 16 bits: their factor. Smooth surfaces in bytes: the step from byte to byte.
     pub scale: f32,
     pad: [u32; 2],
 }

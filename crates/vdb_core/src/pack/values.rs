@@ -5,7 +5,6 @@
 
 use half::f16;
 use half::slice::HalfFloatSliceExt;
-use rayon::prelude::*;
 
 use super::PackKind;
 
@@ -65,6 +64,16 @@ pub(super) fn safe(kind: PackKind, value: f32) -> f32 {
     }
 }
 
+/// The power of two by which values of up to `largest` are multiplied before they are kept in 16 bits:
+/// that loses nothing, and small ones are not denormal.
+pub(super) fn half_factor(largest: f32) -> f32 {
+    if largest > 0.0 {
+        (MAX_HALF / largest).log2().floor().clamp(-100.0, 100.0).exp2()
+    } else {
+        1.0
+    }
+}
+
 /// Whether 16 bits hold a value as it is, and no hardware takes it for another.
 fn fits_half(value: f32) -> bool {
     let size = value.abs();
@@ -81,13 +90,14 @@ pub(super) fn stored(format: ValueFormat, mut all_fit_half: impl FnMut() -> bool
     }
 }
 
-/// Whether 16 bits hold all of some values as they are.
-pub(super) fn all_fit_half(values: &[f32]) -> bool {
-    values.iter().all(|&value| fits_half(value))
+/// Whether 16 bits hold all of some values as they are, once multiplied by a factor.
+pub(super) fn all_fit_half(values: &[f32], factor: f32) -> bool {
+    values.iter().all(|&value| fits_half(value * factor))
 }
 
-/// Writes values as floats of 32 or 16 bits. A negative value stays negative.
-pub(super) fn write_floats(stored: Stored, values: &[f32], out: &mut [u32]) {
+/// Writes values as floats of 32 bits, or, multiplied by a factor, of 16. A negative value stays
+/// negative.
+pub(super) fn write_floats(stored: Stored, values: &[f32], factor: f32, out: &mut [u32]) {
     if stored == Stored::Float {
         for (word, value) in out.iter_mut().zip(values) {
             *word = value.to_bits();
@@ -99,7 +109,7 @@ pub(super) fn write_floats(stored: Stored, values: &[f32], out: &mut [u32]) {
     let mut halves = [f16::ZERO; BLOCK];
     for (values, out) in values.chunks(BLOCK).zip(out.chunks_mut(BLOCK / 2)) {
         for (safe, &value) in safe.iter_mut().zip(values) {
-            let value = value.clamp(-MAX_HALF, MAX_HALF);
+            let value = (value * factor).clamp(-MAX_HALF, MAX_HALF);
             *safe = if value < 0.0 { value.min(-LEAST_HALF) } else { value };
         }
         halves[values.len()..].fill(f16::ZERO);
@@ -138,9 +148,8 @@ impl Steps {
         if self.scale > 0.0 { ((value - self.offset) / self.scale).round() as u8 } else { 0 }
     }
 
-    /// Evenly on both sides of zero, which is none of them.
-    pub fn around_zero(values: &[f32]) -> Self {
-        let largest = values.par_iter().map(|value| value.abs()).reduce(|| 0.0, f32::max);
+    /// Evenly on both sides of zero, which is none of them, as far as `largest`.
+    pub fn around_zero(largest: f32) -> Self {
         let scale = largest / 127.5;
         Self { offset: -127.5 * scale, scale }
     }
@@ -159,13 +168,21 @@ mod tests {
     #[test]
     fn sixteen_bits_keep_what_fits_and_every_sign() {
         let fit = [0.0, -0.0, 1.0, -0.5, 65_504.0, LEAST_HALF, 0.333_251_95];
-        assert!(all_fit_half(&fit));
+        assert!(all_fit_half(&fit, 1.0));
+        // A small half is denormal; its multiple is not.
+        let small = f16::from_f32(3e-6).to_f32();
+        assert!(!fits_half(small) && all_fit_half(&[small, 0.25], half_factor(0.25)));
+        for largest in [1e-20, 0.3, 1.0, 65_504.0, 1e30] {
+            let kept = largest * half_factor(largest);
+            assert!(kept <= MAX_HALF && kept > MAX_HALF / 4.0, "{largest} becomes {kept}");
+        }
+        assert_eq!(half_factor(0.0), 1.0);
         for value in [0.1, 65_536.0, 1e-5, -3e-8, 1.000_1] {
             assert!(!fits_half(value), "{value}");
         }
         let values = [0.1, -1e-30, 1e-30, -1e9, 3.0];
         let mut words = [u32::MAX; 3];
-        write_floats(Stored::Half, &values, &mut words);
+        write_floats(Stored::Half, &values, 1.0, &mut words);
         let half = |i: usize| f16::from_bits((words[i / 2] >> (16 * (i % 2))) as u16).to_f32();
         for (i, value) in values.into_iter().enumerate() {
             assert_eq!(half(i) < 0.0, value < 0.0, "{value} became {}", half(i));
@@ -178,7 +195,7 @@ mod tests {
     #[test]
     fn bytes_are_within_half_a_step_and_keep_signs() {
         let values: Vec<f32> = (-700..=900).map(|i| i as f32 * 0.002).collect();
-        let steps = Steps::around_zero(&values);
+        let steps = Steps::around_zero(1.8);
         for &value in &values {
             let kept = steps.offset + f32::from(steps.signed_code(value)) * steps.scale;
             assert!((kept - value).abs() <= 0.5001 * steps.scale, "{value} became {kept}");

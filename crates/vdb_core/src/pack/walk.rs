@@ -211,12 +211,16 @@ fn palette(grid: &PackedGrid, index: u32) -> f32 {
     f32::from_bits(grid.words[(grid.header(0).palette + index) as usize])
 }
 
+fn half(bits: u32) -> f32 {
+    half::f16::from_bits(bits as u16).to_f32()
+}
+
 /// A value that is kept in 32 bits, in 16, or in a byte of steps.
 fn sample(grid: &PackedGrid, first: u32, index: u32, steps: (f32, f32)) -> f32 {
     let word = |per_word: u32| grid.words[(first + index / per_word) as usize];
     match grid.header(0).format {
         0 => f32::from_bits(word(1)),
-        1 => half::f16::from_bits((word(2) >> (16 * (index & 1))) as u16).to_f32(),
+        1 => half(word(2) >> (16 * (index & 1))) * grid.header(0).scale,
         _ => steps.0 + (word(4) >> (8 * (index & 3)) & 0xff) as f32 * steps.1,
     }
 }
