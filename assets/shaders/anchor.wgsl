@@ -115,14 +115,14 @@ fn place(course: Course, own: u32, cell: u32, axis: u32, plane: u32) -> f32 {
 // Cells from the ray's own within which f32 is good enough: integers below this have 12 bits.
 const NEAR: u32 = 4096u;
 // How much faster than along the axis crossed a ray may be along another one.
-const STEEPEST: f32 = 4.0;
+const STEEPEST: f32 = 64.0;
 
 // The first 12 bits of numbers; products of such halves are exact.
 fn upper_half(x: vec3<f32>) -> vec3<f32> {
     return bitcast<vec3<f32>>(bitcast<vec3<u32>>(x) & vec3(0xfffff000u));
 }
 
-// The same in f32, near the ray's own cell, to 2^-21 of a cell: way = distance · ratio of speeds, with
+// The same in f32, near the ray's own cell, to 2^-23 of a cell times the ratio of speeds: way = distance · ratio of speeds, with
 // what the rounding of the ratio has left, and all large terms exact.
 fn place_near(course: Course, rel: vec3<u32>, axis: u32) -> vec3<f32> {
     let plane = f32(component_u(rel, axis));

@@ -17,18 +17,22 @@ struct SurfaceHit {
     axis: u32,
 }
 
+// A step of the root finder, as a part of the way through a cell, after which it need not go on: Newton's
+// steps become smaller by their square.
+const ROOT_STEP: f32 = 0.000003814697265625;    // 2^-18
+
 // A cubic by its coefficients, a.x + s·(a.y + s·(a.z + s·a.w)).
 fn cubic_at(a: vec4<f32>, s: f32) -> f32 {
     return a.x + s * (a.y + s * (a.z + s * a.w));
 }
 
-// The root between two places where a cubic has different signs.
-fn bracketed(a: vec4<f32>, s_low: f32, s_high: f32) -> f32 {
+// The root between two places where a cubic has the values f_low and f_high of different signs.
+fn bracketed(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32) -> f32 {
     var low = s_low;
     var high = s_high;
-    let negative = cubic_at(a, low) < 0.0;
-    var s = 0.5 * (low + high);
-    // Newton's step where it stays between the two, else the middle.
+    let negative = f_low < 0.0;
+    // As if it were a line; then Newton's step where it stays between the two, else the middle.
+    var s = clamp(low + (high - low) * (f_low / (f_low - f_high)), low, high);
     for (var i = 0u; i < 16u; i++) {
         let f = cubic_at(a, s);
         if (f < 0.0) == negative {
@@ -40,45 +44,57 @@ fn bracketed(a: vec4<f32>, s_low: f32, s_high: f32) -> f32 {
         let newton = s - f / select(slope, 1.0, slope == 0.0);
         let inside = newton > low && newton < high && slope != 0.0;
         let next = select(0.5 * (low + high), newton, inside);
-        if next == s {
+        let done = abs(next - s) <= ROOT_STEP;
+        s = next;
+        if done {
             break;
         }
-        s = next;
     }
     return s;
 }
 
-// The first change of sign between 0 and 1, or 2 if there is none. Between its extrema a cubic
-// changes its sign at most once.
-fn first_change(a: vec4<f32>) -> f32 {
+// The first change of sign between 0 and 1, or 2 if there is none, of a cubic with the values f_start and
+// f_end there.
+fn first_change(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
+    // Bézier's control points: the cubic changes its sign no more often than they do.
+    let second_point = f_start + a.y / 3.0;
+    let third_point = f_end - (a.y + 2.0 * a.z + 3.0 * a.w) / 3.0;
+    let is_negative = vec4(f_start, second_point, third_point, f_end) < vec4(0.0);
+    let changes = vec3<u32>(is_negative.xyz != is_negative.yzw);
+    let count = changes.x + changes.y + changes.z;
+    if count == 0u {
+        return 2.0;
+    }
+    if count == 1u {
+        return bracketed(a, 0.0, 1.0, f_start, f_end);
+    }
+    return first_of_several(a, f_start, f_end);
+}
+
+// The same where there may be several changes. Between its extrema a cubic has at most one.
+fn first_of_several(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
     // 3·a.w·s² + 2·a.z·s + a.y = 0, without the difference of near-equal numbers.
     let b = a.z;
     let root = b * b - 3.0 * a.w * a.y;
-    var first = 2.0;
-    var second = 2.0;
+    var ends = vec3(2.0, 2.0, 1.0);
     if root > 0.0 {
         let q = -(b + select(-sqrt(root), sqrt(root), b >= 0.0));
         let r_0 = select(2.0, q / (3.0 * a.w), abs(a.w) > 1e-30);
         let r_1 = select(2.0, a.y / q, abs(q) > 1e-30);
-        first = min(r_0, r_1);
-        second = max(r_0, r_1);
+        ends = vec3(min(r_0, r_1), max(r_0, r_1), 1.0);
     }
     var low = 0.0;
-    let negative = a.x < 0.0;
-    if first > 0.0 && first < 1.0 {
-        if (cubic_at(a, first) < 0.0) != negative {
-            return bracketed(a, low, first);
+    var f_low = f_start;
+    for (var i = 0u; i < 3u; i++) {
+        let high = select(select(ends.z, ends.y, i == 1u), ends.x, i == 0u);
+        if high > 0.0 && (high < 1.0 || i == 2u) {
+            let f_high = select(cubic_at(a, high), f_end, i == 2u);
+            if (f_high < 0.0) != (f_low < 0.0) {
+                return bracketed(a, low, high, f_low, f_high);
+            }
+            low = high;
+            f_low = f_high;
         }
-        low = first;
-    }
-    if second > 0.0 && second < 1.0 {
-        if (cubic_at(a, second) < 0.0) != negative {
-            return bracketed(a, low, second);
-        }
-        low = second;
-    }
-    if (cubic_at(a, 1.0) < 0.0) != negative {
-        return bracketed(a, low, 1.0);
     }
     return 2.0;
 }
@@ -133,11 +149,7 @@ fn first_root(grid: Grid, course: Course, enters: Walk) -> SurfaceHit {
         if known && was_negative != (f_0 < 0.0) {
             s = 0.0;
         } else {
-            s = first_change(a);
-            // The cubic's own end may differ in the last place from the sample there.
-            if s > 1.0 && (f_3 < 0.0) != (f_0 < 0.0) {
-                s = 1.0;
-            }
+            s = first_change(a, f_0, f_3);
         }
         if s <= 1.0 {
             // The cubic's coefficients have the rounding of four values, many times over; one step of

@@ -69,14 +69,14 @@ fn place(course: &Course, own: usize, cell: u32, axis: usize, plane: u32) -> f32
 /// Cells from the ray's own within which f32 is good enough: integers below this have 12 bits.
 const NEAR: u32 = 4096;
 /// How much faster than along the axis crossed a ray may be along another one.
-const STEEPEST: f32 = 4.0;
+const STEEPEST: f32 = 64.0;
 
 /// The first 12 bits of numbers; products of such halves are exact.
 fn upper_half(x: Vec3) -> Vec3 {
     x.map(|x| f32::from_bits(x.to_bits() & 0xffff_f000))
 }
 
-/// The same in f32, near the ray's own cell, to 2⁻²¹ of a cell: way = distance · ratio of speeds, with
+/// The same in f32, near the ray's own cell, to 2⁻²³ of a cell times the ratio of speeds: way = distance · ratio of speeds, with
 /// what the rounding of the ratio has left, and all large terms exact.
 fn place_near(course: &Course, rel: UVec3, axis: usize) -> Vec3 {
     let plane = rel[axis] as f32;
