@@ -27,6 +27,8 @@ mod leaps;
 mod values;
 pub mod walk;
 
+pub(crate) use values::{density, distance};
+
 use bytemuck::{Pod, Zeroable};
 use glam::IVec3;
 use thiserror::Error;

@@ -11,11 +11,11 @@ type Leaf = LeafNode<f32, 3>;
 /// The largest density kept: along any ray that can be shown, it adds up to less than infinity.
 const MAX_DENSITY: f32 = 1e30;
 
-fn density(value: f32) -> f32 {
+pub(crate) fn density(value: f32) -> f32 {
     if value > 0.0 { value.min(MAX_DENSITY) } else { 0.0 }
 }
 
-fn distance(value: f32, iso: f32) -> f32 {
+pub(crate) fn distance(value: f32, iso: f32) -> f32 {
     if value.is_nan() { iso } else { value.clamp(-MAX_DENSITY, MAX_DENSITY) }
 }
 
