@@ -176,10 +176,10 @@ impl VdbSpatialQuery<'_, '_> {
         self.placed(entity).is_some_and(|placed| placed.query().contains(placed.index(place)))
     }
 
-    /// Where a place in the world is in the index space of an entity's grid, whose voxel `ijk` is
-    /// around the point `(i, j, k)`; `None` where the entity shows no grid.
-    pub fn index_from_world(&self, entity: Entity, place: Vec3) -> Option<DVec3> {
-        self.placed(entity).map(|placed| placed.index(place))
+    /// From the index space of an entity's grid, whose voxel `ijk` is the cube of edge 1 around the
+    /// point `(i, j, k)`, to the world; `None` where the entity shows no grid.
+    pub fn world_from_index(&self, entity: Entity) -> Option<DAffine3> {
+        self.placed(entity).map(|placed| placed.world_from_index)
     }
 
     fn placed(&self, entity: Entity) -> Option<Placed<'_>> {
@@ -191,6 +191,7 @@ impl VdbSpatialQuery<'_, '_> {
 /// A grid where it stands in the world.
 struct Placed<'a> {
     grid: &'a VdbGrid,
+    world_from_index: DAffine3,
     index_from_world: DAffine3,
 }
 
@@ -198,7 +199,7 @@ impl<'a> Placed<'a> {
     fn new(grid: &'a VdbGrid, transform: &GlobalTransform) -> Option<Self> {
         let world_from_index = transform.affine().as_daffine3() * grid.world_from_index();
         let index_from_world = world_from_index.inverse();
-        index_from_world.is_finite().then_some(Self { grid, index_from_world })
+        index_from_world.is_finite().then_some(Self { grid, world_from_index, index_from_world })
     }
 
     fn query(&self) -> GridQuery<'a> {

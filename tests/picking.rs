@@ -2,7 +2,7 @@
 
 use bevy::app::PluginsState;
 use bevy::camera::visibility::RenderLayers;
-use bevy::camera::{NormalizedRenderTarget, RenderTarget, ScalingMode, Viewport};
+use bevy::camera::{NormalizedRenderTarget, ScalingMode, Viewport};
 use bevy::ecs::message::MessageCursor;
 use bevy::log::LogPlugin;
 use bevy::math::{DAffine3, DVec3};
@@ -93,8 +93,8 @@ impl Table {
         let mut found = Vec::new();
         for hits in self.cursor.read(messages) {
             assert_eq!(hits.pointer, PointerId::Mouse);
-            // Bevy itself reports the window.
-            let volumes = hits.picks.iter().filter(|(_, hit)| hit.position.is_some());
+            // Bevy itself reports the window, without a normal.
+            let volumes = hits.picks.iter().filter(|(_, hit)| hit.normal.is_some());
             found.extend(volumes.map(|(entity, hit)| (*entity, hit.clone(), hits.order)));
         }
         found
@@ -109,7 +109,7 @@ impl Table {
         self.point(position);
         let map = &self.app.world().resource::<HoverMap>().0;
         let volumes = map.get(&PointerId::Mouse).into_iter().flatten();
-        volumes.filter(|(_, hit)| hit.position.is_some()).map(|(entity, _)| *entity).collect()
+        volumes.filter(|(_, hit)| hit.normal.is_some()).map(|(entity, _)| *entity).collect()
     }
 }
 
@@ -148,9 +148,8 @@ fn the_nearer_one_is_hovered() {
     assert_eq!(table.hovered(MIDDLE), [front]);
     assert_eq!(table.point(MIDDLE).len(), 2);
     table.world().entity_mut(front).insert(Pickable { should_block_lower: false, ..default() });
-    let mut both = table.hovered(MIDDLE);
-    both.sort();
-    assert_eq!(both, [back, front]);
+    let both = table.hovered(MIDDLE);
+    assert!(both.len() == 2 && both.contains(&back) && both.contains(&front), "{both:?}");
     table.world().entity_mut(front).insert(Pickable::IGNORE);
     assert_eq!(table.hovered(MIDDLE), [back]);
     assert_eq!(table.picked(MIDDLE), [back]);
@@ -235,5 +234,4 @@ fn viewports_and_orthographic_views() {
     let ended = OrthographicProjection { far: 18.02, ..projection };
     table.world().entity_mut(camera).insert(Projection::Orthographic(ended));
     assert_eq!(table.picked(middle), []);
-    assert_eq!(table.world().get::<RenderTarget>(camera).is_some(), true);
 }

@@ -149,8 +149,9 @@ fn values_are_read_where_a_volume_stands() {
         assert!(near(volumes.trilinear(cube, outer), 1.0));
         let between = at.transform_point(Vec3::new(5.15, 0.0, 0.0));
         assert!(near(volumes.trilinear(cube, between), 0.3));
-        let index = volumes.index_from_world(cube, outer).unwrap();
-        assert!(index.distance(DVec3::new(11.0, 0.0, 0.0)) < 1e-4, "{index}");
+        let world_from_index = volumes.world_from_index(cube).unwrap();
+        let world = world_from_index.transform_point3(DVec3::new(11.0, 0.0, 0.0));
+        assert!(world.distance(outer.as_dvec3()) < 1e-5, "{world}");
         assert!(!volumes.contains(nobody, inner));
         assert_eq!(volumes.nearest(nobody, inner), None);
     });

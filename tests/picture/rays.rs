@@ -1,17 +1,25 @@
 //! Rays on the CPU against the picture.
 
+use bevy::camera::RenderTarget;
+use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::ecs::system::SystemState;
+use bevy::input::ButtonState;
+use bevy::input::mouse::MouseButtonInput;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{
-    VdbCamera, VdbMaterial, VdbRayCastSettings, VdbRayHit, VdbRenderMode, VdbSpatialQuery,
+    VdbCamera, VdbGrid, VdbMaterial, VdbRayCastSettings, VdbRayHit, VdbRenderMode, VdbSpatialQuery,
     VdbVolume,
 };
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 
-use super::common::{Stage, has_gpu};
+use super::common::{Picture, Stage, has_gpu};
 use super::{SIZE, SURFACE, glow, looking};
+
+#[path = "../../examples/ray_picking.rs"]
+#[expect(dead_code, reason = "its window is not opened")]
+mod ray_picking;
 
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
 
@@ -29,6 +37,22 @@ impl Stage {
         rays.map(|ray| ray.unwrap())
             .map(|ray| (ray, volumes.cast_ray_nearest(ray, &settings)))
             .collect()
+    }
+}
+
+impl Stage {
+    /// Puts the mouse somewhere, and clicks.
+    fn point(&mut self, cursor: Option<Vec2>) {
+        let mut windows = self.world().query::<(Entity, &mut Window)>();
+        let (window, mut settings) = windows.single_mut(self.app.world_mut()).unwrap();
+        settings.set_cursor_position(cursor);
+        for state in [ButtonState::Pressed, ButtonState::Released] {
+            self.world().write_message(MouseButtonInput {
+                button: MouseButton::Left,
+                state,
+                window,
+            });
+        }
     }
 }
 
@@ -107,6 +131,56 @@ fn rays_meet_what_the_picture_shows() {
     assert!(met.iter().all(|met| *met > 500), "{met:?}");
     // A ray that just passes an edge in one may meet it in the other.
     assert!(wrong * 500 <= met[0] + met[1], "{wrong} of {met:?} differ");
+}
+
+#[test]
+fn the_example_marks_what_the_mouse_points_at() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    ray_picking::scene(&mut stage.app);
+    let size = UVec2::new(320, 240);
+    let target = stage.target(size);
+    stage.world().spawn(Window { resolution: size.into(), ..default() });
+    stage.update(1);
+    let mut cameras = stage.world().query_filtered::<Entity, With<Camera3d>>();
+    let camera = cameras.single(stage.world()).unwrap();
+    let to = RenderTarget::Image(target.clone().into());
+    stage.world().entity_mut(camera).insert((to, Tonemapping::None, Msaa::Off));
+    let start = std::time::Instant::now();
+    while stage.world().resource::<Assets<VdbGrid>>().len() < 2 {
+        assert!(start.elapsed() < std::time::Duration::from_secs(60), "the models do not come");
+        stage.update(1);
+    }
+    let nowhere = stage.picture(&target);
+    let pink = |picture: &Picture, from: UVec2, to: UVec2| {
+        let at = |x, y| picture.at(x, y);
+        let pixels = (from.y..to.y).flat_map(|y| (from.x..to.x).map(move |x| at(x, y)));
+        pixels.filter(|pixel| pixel.x > 0.8 && pixel.y < 0.3 && pixel.z > 0.4).count()
+    };
+    assert_eq!(pink(&nowhere, UVec2::ZERO, size), 0);
+    // On the teapot's belly, in the cloud, and in the empty corner.
+    let places = [(Vec3::new(0.0, 1.5, 1.0), "teapot"), (Vec3::new(0.5, 5.0, -5.0), "cloud")];
+    for (place, name) in places {
+        let view = *stage.world().get::<GlobalTransform>(camera).unwrap();
+        let camera = stage.world().get::<Camera>(camera).unwrap();
+        let cursor = camera.world_to_viewport(&view, place).unwrap();
+        stage.point(Some(cursor));
+        let picture = stage.picture(&target);
+        picture.save(&format!("ray_picking_{name}"));
+        let hit = stage.world().resource::<ray_picking::Pointed>().0.clone().unwrap();
+        assert_eq!(stage.world().get::<Name>(hit.entity).unwrap().as_str(), name);
+        let middle = cursor.as_uvec2();
+        let marked = pink(&picture, middle - 15, middle + 15);
+        assert!(marked > 10, "{marked} pixels of a mark at {middle}");
+        let all = pink(&picture, UVec2::ZERO, size);
+        assert!(all < 1000, "{all} pixels of marks");
+    }
+    stage.point(Some(Vec2::ONE));
+    let corner = stage.picture(&target);
+    assert_eq!(pink(&corner, UVec2::ZERO, size), 0);
+    assert!(stage.world().resource::<ray_picking::Pointed>().0.is_none());
 }
 
 #[test]
