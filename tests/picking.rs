@@ -197,6 +197,15 @@ fn what_a_camera_does_not_show_is_not_picked() {
     assert_eq!(table.picked(MIDDLE), []);
     table.world().entity_mut(camera).insert(RenderLayers::layer(2));
     assert_eq!(table.picked(MIDDLE), [ball]);
+    // Seen, but by another camera.
+    table.world().entity_mut(camera).insert(RenderLayers::layer(0));
+    let other = table.camera(Camera { order: 1, ..default() }, perspective());
+    table.world().entity_mut(other).insert(RenderLayers::layer(2));
+    let cameras: Vec<Entity> = table.point(MIDDLE).iter().map(|(_, hit, _)| hit.camera).collect();
+    assert_eq!(cameras, [other]);
+    table.world().get_mut::<Camera>(other).unwrap().is_active = false;
+    table.world().entity_mut(camera).insert(RenderLayers::layer(2));
+    assert_eq!(table.picked(MIDDLE), [ball]);
     table.world().entity_mut(camera).insert(VdbCamera { enabled: false, ..default() });
     assert_eq!(table.picked(MIDDLE), []);
 }

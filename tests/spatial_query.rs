@@ -97,17 +97,18 @@ fn hits_come_nearest_first_and_as_asked() {
 #[test]
 fn normals_stand_upright_under_uneven_scale() {
     let mut app = app();
-    let at = Transform {
-        rotation: Quat::from_rotation_z(0.5),
-        scale: Vec3::new(3.0, 0.5, -1.0),
-        ..default()
-    };
-    cube(&mut app, at);
+    // Turned within a stretched parent: the cube is sheared, and a mirror of itself.
+    let parent = Transform::from_scale(Vec3::new(3.0, 0.5, -1.0));
+    let parent = app.world_mut().spawn((parent, Visibility::default())).id();
+    let cube = cube(&mut app, Transform::from_rotation(Quat::from_rotation_z(0.5)));
+    app.world_mut().entity_mut(cube).insert(ChildOf(parent));
     let hit = ask(&mut app, |volumes| volumes.cast_ray_nearest(DOWN_X, &default()).unwrap());
-    // Half as high as 5 and thrice as wide: the ray comes down on the side that faces down and right.
-    let side = at.rotation * Vec3::NEG_Y;
+    let at = *app.world().get::<GlobalTransform>(cube).unwrap();
+    assert_eq!(hit.voxel.x, 9, "{hit:?}");
+    let edge = |axis: Vec3| at.affine().transform_vector3(axis);
+    let side = edge(Vec3::Y).cross(edge(Vec3::Z)).normalize();
+    let side = side * side.x.signum();
     assert!(hit.normal.distance(side) < 1e-6, "{} is not {side}", hit.normal);
-    assert_eq!(hit.voxel.y, -9);
 }
 
 #[test]

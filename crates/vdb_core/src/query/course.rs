@@ -29,7 +29,8 @@ impl LocalRay {
         let low = bounds.min.as_dvec3() - MARGIN;
         let high = bounds.max.as_dvec3() + 1.0 + MARGIN;
         let speed = ray.dir.abs().max_element();
-        if !origin.is_finite() || !ray.dir.is_finite() || speed == 0.0 {
+        let finite = origin.is_finite() && ray.dir.is_finite();
+        if !finite || speed == 0.0 || ray.t_max.is_nan() {
             return None;
         }
         let (mut t_begin, mut t_end) = (0.0_f64, ray.t_max);
@@ -44,8 +45,7 @@ impl LocalRay {
             t_begin = t_begin.max(a.min(b));
             t_end = t_end.min(a.max(b));
         }
-        // A t_max that is NaN ends here, too.
-        if !(t_begin <= t_end) {
+        if t_begin > t_end {
             return None;
         }
         let from = origin + t_begin * ray.dir;
@@ -111,7 +111,7 @@ pub(super) struct Passage {
 impl Passage {
     /// `None` where the ray only comes near: a walk also looks at cells beside it.
     fn new(course: &Course, walk: &Walk, span: Span) -> Option<Self> {
-        let size = f64::from(1_u32 << span.log_dim);
+        let size = 2_f64.powi(span.log_dim as i32);
         let high: UVec3 = planes_behind(course, walk.rel, span);
         let (high, frac) = (high.as_dvec3(), course.frac.as_dvec3());
         let speed = course.speed.as_dvec3();
