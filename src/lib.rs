@@ -4,20 +4,28 @@ mod asset;
 mod bounds;
 mod components;
 mod loader;
+#[cfg(feature = "picking")]
+mod picking;
 mod plugin;
 mod render;
+mod spatial_query;
 
 pub use asset::{VdbFile, VdbGrid, VdbGridError};
 pub use components::{VdbCamera, VdbMaterial, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume};
 pub use loader::{VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs};
+#[cfg(feature = "picking")]
+pub use picking::{VdbPickingPlugin, VdbPickingSettings};
 pub use plugin::VdbRenderPlugin;
 pub use render::{VdbGpuUsage, VdbSystems};
+pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};
 pub use vdb_core;
 
 /// What a game usually needs: `use bevy_vdb::prelude::*;`
 pub mod prelude {
     pub use crate::{
-        VdbCamera, VdbFile, VdbGrid, VdbMaterial, VdbRenderMode, VdbRenderPlugin, VdbSun,
-        VdbTraversal, VdbVolume,
+        VdbCamera, VdbFile, VdbGrid, VdbMaterial, VdbRayCastSettings, VdbRayHit, VdbRenderMode,
+        VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVolume,
     };
+    #[cfg(feature = "picking")]
+    pub use crate::{VdbPickingPlugin, VdbPickingSettings};
 }

@@ -3,6 +3,8 @@
 mod common;
 #[path = "picture/extremes.rs"]
 mod extremes;
+#[path = "picture/rays.rs"]
+mod rays;
 
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Hdr, ScalingMode, Viewport};

@@ -1,8 +1,8 @@
 //! OpenVDB trees in Rust: the `.vdb` file format, the tree, its packing for the GPU and an f64
 //! reference tracer. No Bevy and no GPU in here, so that it builds, tests and fuzzes in seconds.
 //!
-//! Data flows one way: file bytes → [`VdbFile::read`] → [`tree`] → [`pack`]; `reference` hangs off
-//! [`tree`] alone, so that it can judge everything built on `pack`.
+//! Data flows one way: file bytes → [`VdbFile::read`] → [`tree`] → [`pack`] → [`query`]; `reference`
+//! hangs off [`tree`] alone, so that it can judge everything built on `pack`.
 
 mod codec;
 mod error;
@@ -13,6 +13,7 @@ mod grid;
 mod limits;
 mod metadata;
 pub mod pack;
+pub mod query;
 pub mod reference;
 pub mod synth;
 mod transform;

@@ -31,6 +31,8 @@ mod mixed;
 mod values;
 pub mod walk;
 
+pub(crate) use values::{density, distance};
+
 use bytemuck::{Pod, Zeroable};
 use glam::IVec3;
 use thiserror::Error;

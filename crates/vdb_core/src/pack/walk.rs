@@ -339,7 +339,7 @@ pub fn enter(course: &Course) -> Walk {
 }
 
 /// The planes at the end of a span, one on each axis.
-fn planes_behind(course: &Course, rel: UVec3, span: Span) -> UVec3 {
+pub(crate) fn planes_behind(course: &Course, rel: UVec3, span: Span) -> UVec3 {
     let size = 1_i32.wrapping_shl(span.log_dim);
     let low = course.cell.wrapping_add(rel.as_ivec3()) & size.wrapping_neg();
     let ahead = low.wrapping_add(IVec3::splat(size.wrapping_mul(1 + span.reach as i32)));

@@ -1,0 +1,148 @@
+//! A ray as the walk takes it, in f32 and integers, and where it is within cells, in f64.
+
+use glam::{DVec3, IVec3, UVec3};
+
+use super::IndexRay;
+use crate::pack::PackedGrid;
+use crate::pack::exact::FRAC_BITS;
+use crate::pack::walk::{Course, Ray, Span, Walk, advance, enter, locate, planes_behind};
+
+/// Cells before the grid's box at which a ray from farther away begins.
+const MARGIN: f64 = 1.0;
+
+/// A ray in local lattice coordinates, of which the fastest component is 1 cell per unit of the
+/// walk's `t`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LocalRay {
+    pub ray: Ray,
+    /// Where it begins, on the index ray,
+    t_begin: f64,
+    /// and how many units of the walk's `t` are one of the index ray's.
+    pub speed: f64,
+}
+
+impl LocalRay {
+    /// `None` where the ray passes the grid's box by, or is none.
+    pub fn new(grid: &PackedGrid, ray: &IndexRay) -> Option<Self> {
+        let bounds = grid.occupied?;
+        let origin = ray.origin - grid.base.as_dvec3() - grid.kind.lattice_origin();
+        let low = bounds.min.as_dvec3() - MARGIN;
+        let high = bounds.max.as_dvec3() + 1.0 + MARGIN;
+        let speed = ray.dir.abs().max_element();
+        let finite = origin.is_finite() && ray.dir.is_finite();
+        if !finite || speed == 0.0 || ray.t_max.is_nan() {
+            return None;
+        }
+        let (mut t_begin, mut t_end) = (0.0_f64, ray.t_max);
+        for axis in 0..3 {
+            if ray.dir[axis] == 0.0 {
+                if origin[axis] < low[axis] || origin[axis] > high[axis] {
+                    return None;
+                }
+                continue;
+            }
+            let [a, b] = [low, high].map(|plane| (plane[axis] - origin[axis]) / ray.dir[axis]);
+            t_begin = t_begin.max(a.min(b));
+            t_end = t_end.min(a.max(b));
+        }
+        if t_begin > t_end {
+            return None;
+        }
+        let from = origin + t_begin * ray.dir;
+        let units = f64::from(1 << FRAC_BITS);
+        // Just below a whole number, the difference rounds up to 1.
+        let frac = ((from - from.floor()) * units).floor().min(DVec3::splat(units - 1.0)) / units;
+        let ray = Ray {
+            cell: from.floor().as_ivec3(),
+            frac: frac.as_vec3(),
+            dir: (ray.dir / speed).as_vec3(),
+            t_min: 0.0,
+            // Ends where it should by the f64 that the walk's t is converted to.
+            t_max: (((t_end - t_begin) * speed) as f32).next_up().min(1e30),
+        };
+        Some(Self { ray, t_begin, speed })
+    }
+
+    /// The index ray's `t`.
+    pub fn t_from_walk(&self, t: f64) -> f64 {
+        self.t_begin + t / self.speed
+    }
+
+    /// The walk's `t` at which the ray comes into a cell by a face across an axis.
+    pub fn face_t(&self, cell: IVec3, axis: usize) -> f64 {
+        let up = self.ray.dir[axis] > 0.0;
+        let plane = i64::from(cell[axis]) + i64::from(!up) - i64::from(self.ray.cell[axis]);
+        let way = plane as f64 - f64::from(self.ray.frac[axis]);
+        way / f64::from(self.ray.dir[axis])
+    }
+
+    /// The spans of occupied cells that the ray passes through, in order.
+    pub fn spans<'a>(&self, grid: &'a PackedGrid) -> impl Iterator<Item = Passage> + use<'a> {
+        let course = Course::new(grid, &self.ray);
+        let mut walk = enter(&course);
+        std::iter::from_fn(move || {
+            while walk.inside {
+                let span = locate(grid, course.local(walk.rel), course.octant);
+                let here = walk;
+                walk = advance(&course, &here, span);
+                if span.occupied()
+                    && let Some(passage) = Passage::new(&course, &here, span)
+                {
+                    return Some(passage);
+                }
+            }
+            None
+        })
+    }
+}
+
+/// The part of a ray in the cube of a span.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Passage {
+    /// A local cell of it.
+    pub cell: IVec3,
+    /// Where the ray comes in and goes out, in units of the walk's `t`.
+    pub t: [f64; 2],
+    /// Where the ray begins, from the cell on, in cells.
+    from: DVec3,
+    dir: DVec3,
+}
+
+impl Passage {
+    /// `None` where the ray only comes near: a walk also looks at cells beside it.
+    fn new(course: &Course, walk: &Walk, span: Span) -> Option<Self> {
+        let size = 2_f64.powi(span.log_dim as i32);
+        let high: UVec3 = planes_behind(course, walk.rel, span);
+        let (high, frac) = (high.as_dvec3(), course.frac.as_dvec3());
+        let speed = course.speed.as_dvec3();
+        let mut t = [0.0, f64::INFINITY];
+        for axis in 0..3 {
+            if speed[axis] > 0.0 {
+                t[0] = t[0].max((high[axis] - size - frac[axis]) / speed[axis]);
+                t[1] = t[1].min((high[axis] - frac[axis]) / speed[axis]);
+            }
+        }
+        if t[0] >= t[1] {
+            return None;
+        }
+        let cell = course.local(walk.rel);
+        let (from, down) = (frac - walk.rel.as_dvec3(), course.flip.cmpne(IVec3::ZERO));
+        Some(Self {
+            cell,
+            t,
+            from: DVec3::select(down, 1.0 - from, from),
+            dir: DVec3::select(down, -speed, speed),
+        })
+    }
+
+    /// The place at `t` in the cell, 0 to 1 on each axis.
+    pub fn at(&self, t: f64) -> DVec3 {
+        (self.from + t * self.dir).clamp(DVec3::ZERO, DVec3::ONE)
+    }
+
+    /// The `t` of four places at even distances, from where the ray comes in to where it goes out.
+    pub fn thirds(&self) -> [f64; 4] {
+        let [low, high] = self.t;
+        [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0].map(|s| low + (high - low) * s)
+    }
+}

@@ -1,0 +1,44 @@
+//! Where a fog has taken its share of the light: the twin of `assets/shaders/fog.wgsl`, in f64.
+
+use glam::IVec3;
+
+use super::course::LocalRay;
+use super::cubic::Cubic;
+use super::samples::Samples;
+use super::{IndexHit, IndexRay, nearest_voxel};
+use crate::pack::PackedGrid;
+
+/// Where `∫ density dt` passes `enough`, in units of the index ray's `t`; where there is first any
+/// density, if that is zero. Along a ray the density is a cubic in each trilinear cell, so that there
+/// is no step to choose.
+pub(super) fn first_opaque(
+    grid: &PackedGrid,
+    samples: &mut Samples,
+    local: &LocalRay,
+    enough: f64,
+    ray: &IndexRay,
+) -> Option<IndexHit> {
+    let mut sum = 0.0;
+    for passage in local.spans(grid) {
+        let cell = passage.cell.wrapping_add(grid.base);
+        // Of a tile of one density, any cell has the samples of all.
+        let corners = samples.corners(cell.to_array().map(i64::from));
+        let [low, high] = passage.t;
+        let length = (high - low) / local.speed;
+        let cubic = Cubic::through(passage.thirds().map(|t| corners.at(passage.at(t))));
+        let part = length * cubic.integral();
+        if part > 0.0 && sum + part >= enough {
+            let s = cubic.integral_reaches((enough - sum) / length);
+            let at = low + (high - low) * s;
+            let t = local.t_from_walk(at);
+            return Some(IndexHit {
+                t,
+                ijk: IVec3::from_array(nearest_voxel(ray.at(t))),
+                normal: -corners.gradient(passage.at(at)),
+                begins_inside: false,
+            });
+        }
+        sum += part;
+    }
+    None
+}

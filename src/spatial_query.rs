@@ -1,0 +1,232 @@
+//! Rays and points against the volumes of an app, on the CPU.
+
+use bevy::ecs::system::SystemParam;
+use bevy::math::{DAffine3, DVec3};
+use bevy::prelude::*;
+use vdb_core::query::{GridQuery, IndexRay};
+
+use crate::{VdbGrid, VdbMaterial, VdbVolume};
+
+/// Casts rays against [`VdbVolume`]s and reads their values, with the answers of the picture: the
+/// voxel and the face that are seen, the root of the trilinear interpolant where a surface is smooth,
+/// and the place in a fog where it has taken its share of the light.
+///
+/// ```no_run
+/// # use bevy::prelude::*;
+/// # use bevy_vdb::{VdbRayCastSettings, VdbSpatialQuery};
+/// fn below(volumes: VdbSpatialQuery) {
+///     let ray = Ray3d::new(Vec3::new(0.0, 10.0, 0.0), Dir3::NEG_Y);
+///     let settings = VdbRayCastSettings { max_distance: 20.0, ..default() };
+///     if let Some(hit) = volumes.cast_ray_nearest(ray, &settings) {
+///         println!("voxel {} of {}, {} below", hit.voxel, hit.entity, hit.distance);
+///     }
+/// }
+/// ```
+///
+/// Volumes stand where their [`GlobalTransform`] says: that of the last frame, for systems before
+/// `TransformSystems::Propagate`. Volumes whose grid is not loaded, or whose transform cannot be
+/// inverted, are passed over, as in the picture.
+///
+/// A ray costs as many steps as the GPU's; a nearest hit among several volumes, one walk a volume
+/// whose box the ray passes. Answers come from what the asset holds anyway, [`VdbGrid::tree`] and
+/// [`VdbGrid::packed`]: nothing is kept for them.
+#[derive(SystemParam)]
+pub struct VdbSpatialQuery<'w, 's> {
+    grids: Res<'w, Assets<VdbGrid>>,
+    volumes: Query<
+        'w,
+        's,
+        (
+            Entity,
+            &'static VdbVolume,
+            &'static VdbMaterial,
+            &'static GlobalTransform,
+            &'static InheritedVisibility,
+            &'static ViewVisibility,
+        ),
+    >,
+}
+
+/// What a ray meets: see [`VdbSpatialQuery::cast_ray`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct VdbRayHit {
+    /// The volume.
+    pub entity: Entity,
+    /// Where, in the world.
+    pub position: Vec3,
+    /// Outwards, in the world, of unit length: of the face of the voxel that the ray comes in by; of
+    /// a smooth surface and of a fog along the gradient. Against the ray where there is none: where
+    /// the ray begins in a voxel, or the gradient is zero.
+    pub normal: Vec3,
+    /// From the ray's beginning, in world units.
+    pub distance: f32,
+    /// The voxel, in the grid's index space: the one that the ray comes into, or the one around the
+    /// place on a smooth surface or in a fog.
+    pub voxel: IVec3,
+    /// The value of that voxel.
+    pub value: f32,
+    /// Whether the ray begins in a solid voxel; `distance` is then 0.
+    pub begins_inside: bool,
+}
+
+/// What a ray is cast against.
+#[derive(Clone, Copy)]
+pub struct VdbRayCastSettings<'a> {
+    /// Where the ray ends, in world units from its beginning; 0 or more. Infinity by default.
+    pub max_distance: f32,
+    /// The optical depth, from the ray's beginning, at which a fog counts as met: 0 where it begins,
+    /// `-ln(transmittance)` elsewhere, infinity to pass through all fog. `ln 2` by default, where half
+    /// the light is left. Each fog counts alone.
+    pub optical_depth: f32,
+    /// Whether hidden volumes are met, too.
+    pub visibility: VdbRayVisibility,
+    /// Which volumes are met. All by default.
+    pub filter: &'a dyn Fn(Entity) -> bool,
+}
+
+impl Default for VdbRayCastSettings<'_> {
+    fn default() -> Self {
+        Self {
+            max_distance: f32::INFINITY,
+            optical_depth: std::f32::consts::LN_2,
+            visibility: VdbRayVisibility::default(),
+            filter: &|_| true,
+        }
+    }
+}
+
+/// Which volumes a ray is cast against, by their visibility.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
+#[reflect(Clone, Debug, Default, PartialEq, Hash)]
+pub enum VdbRayVisibility {
+    /// Hidden or not.
+    Any,
+    /// Those that [`Visibility`] does not hide, seen by a camera or not.
+    #[default]
+    Visible,
+    /// Those that a camera saw in the last frame.
+    VisibleInView,
+}
+
+impl VdbSpatialQuery<'_, '_> {
+    /// The first thing that a ray meets in each volume, nearest first. Volumes do not hide each other
+    /// from it.
+    pub fn cast_ray(&self, ray: Ray3d, settings: &VdbRayCastSettings) -> Vec<VdbRayHit> {
+        let mut hits: Vec<VdbRayHit> =
+            self.cast(ray, settings).filter_map(|cast| cast(settings.max_distance)).collect();
+        hits.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.entity.cmp(&b.entity)));
+        hits
+    }
+
+    /// The first thing that a ray meets in any volume.
+    pub fn cast_ray_nearest(&self, ray: Ray3d, settings: &VdbRayCastSettings) -> Option<VdbRayHit> {
+        let mut nearest: Option<VdbRayHit> = None;
+        for cast in self.cast(ray, settings) {
+            let most = nearest.as_ref().map_or(settings.max_distance, |hit| hit.distance);
+            let farther = |hit: &VdbRayHit| {
+                nearest.as_ref().is_some_and(|nearest| {
+                    (nearest.distance, nearest.entity) < (hit.distance, hit.entity)
+                })
+            };
+            if let Some(hit) = cast(most).filter(|hit| !farther(hit)) {
+                nearest = Some(hit);
+            }
+        }
+        nearest
+    }
+
+    /// For each volume that is asked about, what casts the ray up to a distance.
+    fn cast(
+        &self,
+        ray: Ray3d,
+        settings: &VdbRayCastSettings,
+    ) -> impl Iterator<Item = impl Fn(f32) -> Option<VdbRayHit>> {
+        self.volumes
+            .iter()
+            .filter(|(entity, .., inherited, in_view)| {
+                let visible = match settings.visibility {
+                    VdbRayVisibility::Any => true,
+                    VdbRayVisibility::Visible => inherited.get(),
+                    VdbRayVisibility::VisibleInView => in_view.get(),
+                };
+                visible && (settings.filter)(*entity)
+            })
+            .filter_map(move |(entity, volume, material, transform, ..)| {
+                let placed = Placed::new(self.grids.get(&volume.0)?, transform)?;
+                // Infinite where there is no fog to speak of.
+                let enough =
+                    f64::from(settings.optical_depth) / f64::from(material.density_scale.max(0.0));
+                Some(move |most| placed.cast(entity, ray, most, enough))
+            })
+    }
+
+    /// The value at the voxel around a place in the world; `None` where the entity shows no grid.
+    pub fn nearest(&self, entity: Entity, place: Vec3) -> Option<f32> {
+        self.placed(entity).map(|placed| placed.query().nearest(placed.index(place)))
+    }
+
+    /// The trilinear interpolant at a place in the world; `None` where the entity shows no grid.
+    pub fn trilinear(&self, entity: Entity, place: Vec3) -> Option<f32> {
+        self.placed(entity).map(|placed| placed.query().trilinear(placed.index(place)))
+    }
+
+    /// Whether a place in the world is in a solid voxel, on the inner side of a smooth surface, or in
+    /// fog; `false` where the entity shows no grid.
+    pub fn contains(&self, entity: Entity, place: Vec3) -> bool {
+        self.placed(entity).is_some_and(|placed| placed.query().contains(placed.index(place)))
+    }
+
+    /// From the index space of an entity's grid, whose voxel `ijk` is the cube of edge 1 around the
+    /// point `(i, j, k)`, to the world; `None` where the entity shows no grid.
+    pub fn world_from_index(&self, entity: Entity) -> Option<DAffine3> {
+        self.placed(entity).map(|placed| placed.world_from_index)
+    }
+
+    fn placed(&self, entity: Entity) -> Option<Placed<'_>> {
+        let (_, volume, _, transform, ..) = self.volumes.get(entity).ok()?;
+        Placed::new(self.grids.get(&volume.0)?, transform)
+    }
+}
+
+/// A grid where it stands in the world.
+struct Placed<'a> {
+    grid: &'a VdbGrid,
+    world_from_index: DAffine3,
+    index_from_world: DAffine3,
+}
+
+impl<'a> Placed<'a> {
+    fn new(grid: &'a VdbGrid, transform: &GlobalTransform) -> Option<Self> {
+        let world_from_index = transform.affine().as_daffine3() * grid.world_from_index();
+        let index_from_world = world_from_index.inverse();
+        index_from_world.is_finite().then_some(Self { grid, world_from_index, index_from_world })
+    }
+
+    fn query(&self) -> GridQuery<'a> {
+        GridQuery::new(self.grid.tree(), self.grid.packed())
+    }
+
+    fn index(&self, place: Vec3) -> DVec3 {
+        self.index_from_world.transform_point3(place.as_dvec3())
+    }
+
+    fn cast(&self, entity: Entity, ray: Ray3d, most: f32, enough: f64) -> Option<VdbRayHit> {
+        let (origin, dir) = (ray.origin.as_dvec3(), ray.direction.as_dvec3().normalize());
+        let index_ray = IndexRay {
+            origin: self.index_from_world.transform_point3(origin),
+            dir: self.index_from_world.transform_vector3(dir),
+            t_max: most.into(),
+        };
+        let hit = self.query().first_hit(&index_ray, enough)?;
+        let normal = self.index_from_world.matrix3.transpose() * hit.normal;
+        Some(VdbRayHit {
+            entity,
+            position: (origin + hit.t * dir).as_vec3(),
+            normal: normal.try_normalize().unwrap_or(-dir).as_vec3(),
+            distance: hit.t as f32,
+            voxel: hit.ijk,
+            value: self.grid.tree().get(hit.ijk),
+            begins_inside: hit.begins_inside,
+        })
+    }
+}
