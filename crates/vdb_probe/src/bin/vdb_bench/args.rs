@@ -15,7 +15,7 @@ the spot at a size from 256 to 4096 voxels: gyroid:1024, truss:4096.
 
   --out DIR           writes bench.csv, bench.json and bench.svg there as well
   --dump DIR          writes t (-1: none) or transmittance of each picture as f32, row by row from the top
-  --runs N            counted runs, at least 30; 40
+  --runs N            counted runs, at least 30; 40. With --dump fewer will do, for pictures, not figures
 
 What is measured, for each model; --then begins another set of these:
   --sizes WxH,…       pictures; 3840x2160
@@ -25,7 +25,8 @@ What is measured, for each model; --then begins another set of these:
   --rays KIND,…       primary, shuffled; primary
   --surface KIND,…    voxels, smooth: how level sets are shown; voxels
   --variants DEFS;…   shader defs of each variant, separated by +; one variant without any. BEAMS:
-                      starts shared by 8x8 rays; HDDA, DDA, MARCH: other walks
+                      starts shared by 8x8 rays; NORMALS: of voxels, too; HDDA, DDA, MARCH: other
+                      walks
 ";
 
 /// What is measured of every model.
@@ -160,6 +161,9 @@ impl Args {
         if args.models.is_empty() {
             return Err("no model; see --help".into());
         }
+        if args.runs < LEAST_RUNS && args.dump.is_none() {
+            return Err(format!("--runs wants a number from {LEAST_RUNS} on, or --dump beside it"));
+        }
         args.sets.push(set);
         args.sets.iter().try_for_each(Set::check)?;
         Ok(Some(args))
@@ -168,8 +172,8 @@ impl Args {
     fn take(&mut self, set: &mut Set, option: &str, value: &str) -> Result<(), String> {
         match option {
             "--runs" => {
-                let runs = value.parse().ok().filter(|runs| *runs >= LEAST_RUNS);
-                self.runs = runs.ok_or(format!("--runs wants a number from {LEAST_RUNS} on"))?;
+                let runs = value.parse().ok().filter(|runs| *runs > 0);
+                self.runs = runs.ok_or("--runs wants a number")?;
             }
             "--out" => self.out = Some(value.into()),
             "--dump" => self.dump = Some(value.into()),

@@ -10,6 +10,7 @@
 #endif
 #import bevy_vdb::smooth::first_root
 #import bevy_vdb::fog::optical_length
+#import bevy_vdb::surface::voxel_gradient
 
 struct Setup {
     size: vec2<u32>,
@@ -102,8 +103,8 @@ fn put(number: u32, value: f32) {
 #endif
 }
 
-// t of the first voxel, or with SMOOTH of the first root, and there its normal; with FOG the
-// transmittance.
+// t of the first voxel, with NORMALS the normal that it is shaded with as well; with SMOOTH t and normal of
+// the first root; with FOG the transmittance.
 @compute @workgroup_size(8, 8)
 fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     let number = number_of(id);
@@ -135,5 +136,10 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
 #else
     let hit = first_hit(grids[0], course, enter);
     put(number, select(MISS, hit.t, hit.found));
+#ifdef NORMALS
+    if hit.found {
+        normals[number] = vec4(normalize(voxel_gradient(grids[0], course, hit)), 0.0);
+    }
+#endif
 #endif
 }

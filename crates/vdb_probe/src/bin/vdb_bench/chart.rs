@@ -76,7 +76,9 @@ pub fn svg(rows: &[Row], heading: &str) -> String {
     let bold = r#"font-size="17" font-weight="bold""#;
     svg.text(GAP / 2.0, 24.0, "start", bold, "Millions of rays a second");
     svg.text(GAP / 2.0, 42.0, "start", r#"font-size="11""#, heading);
-    for (i, (dist, color)) in dists.iter().zip(DOTS).enumerate() {
+    let color_of = |rank: usize| DOTS[rank.min(DOTS.len() - 1)];
+    for (i, dist) in dists.iter().enumerate() {
+        let color = color_of(i);
         let at = GAP + 110.0 * i as f64;
         svg.dot(at, 58.0, color);
         svg.text(at + 7.0, 61.5, "start", "", &format!("distance {dist:.1}"));
@@ -85,7 +87,7 @@ pub fn svg(rows: &[Row], heading: &str) -> String {
         let y = TOP + LINE * (i as f64 + 0.5) + 3.0;
         svg.text(GAP / 2.0 + LABEL, y, "end", "", label);
     }
-    // Whole decades around all that was measured.
+    // Whole decades around all that was measured; without a row there is no panel to have an axis.
     let least = rows.iter().map(|row| row.mrays(row.times.max)).fold(f64::INFINITY, f64::min);
     let most = rows.iter().map(|row| row.mrays(row.times.min)).fold(0.0, f64::max);
     let (low, high) = (least.log10().floor(), (most.log10() + 1e-9).ceil());
@@ -106,7 +108,7 @@ pub fn svg(rows: &[Row], heading: &str) -> String {
         for row in rows.iter().filter(|row| row.size == size) {
             let Some(line) = labels.iter().position(|other| *other == label(row)) else { continue };
             let rank = dists.iter().position(|dist| *dist == row.dist).unwrap_or(0);
-            let color = DOTS[rank.min(DOTS.len() - 1)];
+            let color = color_of(rank);
             let y = TOP + LINE * (line as f64 + 0.5);
             let [slow, fast] = [row.times.max, row.times.min].map(|time| place(row.mrays(time)));
             svg.line((slow, y), (fast, y), color, 1.5);

@@ -8,7 +8,7 @@ use vdb_probe::{Gpu, GpuGrid, Kernel, Step};
 
 use crate::args::{Args, Set};
 use crate::camera::Camera;
-use crate::model::{Kind, Model};
+use crate::model::{Kind, Model, Source};
 use crate::report::{Report, Row};
 use crate::timing::Times;
 
@@ -34,22 +34,41 @@ pub fn run(args: &Args) -> Result<(), String> {
         ));
     }
     let mut report = Report::new(gpu.name(), args.out.as_deref())?;
+    // What does not fit must not cost what was measured, nor what still can be.
+    let mut failed = 0;
     for source in &args.models {
-        let model = Model::new(source)?;
-        let mut kinds: Vec<Kind> = Vec::new();
-        for kind in args.sets.iter().flat_map(|set| model.kinds(&set.smooth)) {
-            if !kinds.contains(&kind) {
-                kinds.push(kind);
-            }
-        }
-        for kind in kinds {
-            let subject = Subject::new(&gpu, &model, kind)?;
-            for set in args.sets.iter().filter(|set| model.kinds(&set.smooth).contains(&kind)) {
-                subject.measure_set(args, set, &mut report)?;
-            }
+        if let Err(message) = measure_model(&gpu, args, source, &mut report) {
+            eprintln!("vdb_bench: {message}");
+            failed += 1;
         }
     }
-    report.finish()
+    report.finish()?;
+    match failed {
+        0 => Ok(()),
+        _ => Err(format!("{failed} of {} models failed, see above", args.models.len())),
+    }
+}
+
+fn measure_model(
+    gpu: &Gpu,
+    args: &Args,
+    source: &Source,
+    report: &mut Report,
+) -> Result<(), String> {
+    let model = Model::new(source)?;
+    let mut kinds: Vec<Kind> = Vec::new();
+    for kind in args.sets.iter().flat_map(|set| model.kinds(&set.smooth)) {
+        if !kinds.contains(&kind) {
+            kinds.push(kind);
+        }
+    }
+    for kind in kinds {
+        let subject = Subject::new(gpu, &model, kind)?;
+        for set in args.sets.iter().filter(|set| model.kinds(&set.smooth).contains(&kind)) {
+            subject.measure_set(args, set, report)?;
+        }
+    }
+    Ok(())
 }
 
 /// A model on the GPU, packed for one way to show it.
@@ -64,6 +83,8 @@ struct Subject<'a> {
 
 /// The kernels of a variant.
 struct Kernels {
+    variant: String,
+    rays: &'static str,
     beams: Option<Kernel>,
     trace: Kernel,
     /// Writes the steps of each ray in place of what it met.
@@ -79,7 +100,9 @@ impl Kernels {
         let beams = defs.contains(&"BEAMS").then(|| gpu.kernel(source, "beams", &defs));
         let trace = gpu.kernel(source, "trace", &defs);
         defs.push("COUNT_STEPS");
-        Self { beams, trace, steps: gpu.kernel(source, "trace", &defs) }
+        let steps = gpu.kernel(source, "trace", &defs);
+        let rays = if shuffled { "shuffled" } else { "primary" };
+        Self { variant: variant.join("+"), rays, beams, trace, steps }
     }
 }
 
@@ -108,15 +131,13 @@ impl<'a> Subject<'a> {
         for (variant, &shuffled) in product(&set.variants, &set.shuffled) {
             let kernels = Kernels::new(self.gpu, self.kind, variant, shuffled);
             for (&size, camera) in product(&set.sizes, &set.cameras) {
-                let row = self.measure(args, &kernels, size, camera)?;
-                let rays = if shuffled { "shuffled" } else { "primary" };
-                report.add(Row { variant: variant.join("+"), rays, ..row })?;
+                report.add(self.measure(args, &kernels, size, camera)?)?;
             }
         }
         Ok(())
     }
 
-    /// One picture; what the kernels are is left for the caller to say.
+    /// One picture.
     fn measure(
         &self,
         args: &Args,
@@ -169,8 +190,8 @@ impl<'a> Subject<'a> {
         Ok(Row {
             model: model.name.clone(),
             kind: self.kind.name(),
-            variant: String::new(),
-            rays: "",
+            variant: kernels.variant.clone(),
+            rays: kernels.rays,
             size,
             dist,
             pixels,

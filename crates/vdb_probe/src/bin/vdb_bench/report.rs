@@ -1,5 +1,6 @@
 //! What was measured, for programs and for people.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -101,7 +102,9 @@ impl Report {
             text += &line(columns.iter().map(|(name, _)| (*name).to_owned()).collect());
         }
         text += &line(columns.into_iter().map(|(_, value)| cell(&value)).collect());
-        print!("{text}");
+        std::io::stdout()
+            .write_all(text.as_bytes())
+            .map_err(|error| format!("standard output: {error}"))?;
         self.csv += &text;
         self.rows.push(row);
         // A run of an hour that ends early leaves what it had.

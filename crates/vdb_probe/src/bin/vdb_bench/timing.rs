@@ -18,9 +18,9 @@ pub struct Times {
 }
 
 impl Times {
-    /// Runs passes until the GPU is warm, then counts.
+    /// Runs passes until the GPU is warm, then counts. For fewer runs than make a figure it need not be.
     pub fn measure(gpu: &Gpu, passes: &[Step], runs: u32) -> Self {
-        let mut warm = 0.0;
+        let mut warm = if runs < LEAST_RUNS { WARM_UP } else { 0.0 };
         while warm < WARM_UP {
             warm += gpu.time(passes, 5).iter().sum::<f64>();
         }
