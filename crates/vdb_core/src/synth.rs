@@ -7,12 +7,14 @@
 //!
 //! - [`mod@level_set`], narrow-band signed distances, as OpenVDB leaves them after its signed flood fill.
 //! - [`mod@fog`], densities.
+//! - [`mod@models`], objects that look the same at any size, for benchmarks.
 //! - [`mod@rays`]: rays through all of these that are hard to decide.
 //! - [`mod@sparse`], few voxels, thin walls and patterns that are hard on a traversal.
 
 mod build;
 pub mod fog;
 pub mod level_set;
+pub mod models;
 mod random;
 pub mod rays;
 pub mod sparse;

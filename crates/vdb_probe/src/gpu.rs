@@ -95,9 +95,10 @@ impl Gpu {
         self.timestamps
     }
 
-    /// The most bytes that a shader can read through one binding.
+    /// The most bytes that a buffer can have and a shader reach through one binding.
     pub fn max_binding(&self) -> u64 {
-        self.device.limits().max_storage_buffer_binding_size
+        let limits = self.device.limits();
+        limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
     }
 
     /// Compiles an entry point.
@@ -169,21 +170,6 @@ impl Gpu {
         })
     }
 
-    /// A buffer that shaders write and that says how many workgroups are to run.
-    pub fn indirect(&self, bytes: u64) -> wgpu::Buffer {
-        self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: None,
-            size: bytes.max(16),
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT,
-            mapped_at_creation: false,
-        })
-    }
-
-    /// Writes to the start of a buffer.
-    pub fn write(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
-        self.queue.write_buffer(buffer, 0, bytes);
-    }
-
     fn bind(&self, kernel: &Kernel, buffers: &[(u32, &wgpu::Buffer)]) -> wgpu::BindGroup {
         let entries: Vec<_> = kernel
             .bindings
@@ -205,7 +191,7 @@ impl Gpu {
     pub fn run(&self, kernel: &Kernel, buffers: &[(u32, &wgpu::Buffer)], groups: [u32; 3]) {
         let bind_group = self.bind(kernel, buffers);
         let mut encoder = self.device.create_command_encoder(&Default::default());
-        let step = Step { kernel, buffers, groups: Groups::Given(groups) };
+        let step = Step { kernel, buffers, groups };
         dispatch(&mut encoder, &[(&step, &bind_group)], None);
         self.queue.submit([encoder.finish()]);
     }
@@ -271,17 +257,8 @@ pub struct Step<'a> {
     pub kernel: &'a Kernel,
     /// What it binds.
     pub buffers: &'a [(u32, &'a wgpu::Buffer)],
-    /// How often it runs.
-    pub groups: Groups<'a>,
-}
-
-/// How many workgroups run.
-#[derive(Clone, Copy, Debug)]
-pub enum Groups<'a> {
-    /// So many.
-    Given([u32; 3]),
-    /// As many as the first three words of a buffer say.
-    Of(&'a wgpu::Buffer),
+    /// How many workgroups run.
+    pub groups: [u32; 3],
 }
 
 /// All kernels in one pass; wgpu keeps them in order where one reads what another wrote.
@@ -300,9 +277,7 @@ fn dispatch(
     for (step, bind_group) in steps {
         pass.set_pipeline(&step.kernel.pipeline);
         pass.set_bind_group(0, *bind_group, &[]);
-        match step.groups {
-            Groups::Given([x, y, z]) => pass.dispatch_workgroups(x, y, z),
-            Groups::Of(buffer) => pass.dispatch_workgroups_indirect(buffer, 0),
-        }
+        let [x, y, z] = step.groups;
+        pass.dispatch_workgroups(x, y, z);
     }
 }

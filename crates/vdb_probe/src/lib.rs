@@ -5,6 +5,6 @@ mod gpu;
 mod probe;
 mod shaders;
 
-pub use gpu::{Gpu, Groups, Kernel, NoGpu, Step};
+pub use gpu::{Gpu, Kernel, NoGpu, Step};
 pub use probe::{GpuGrid, Probe, ProbeHit, ProbeKind, ProbeRay};
 pub use shaders::{Defs, compose};

@@ -85,30 +85,59 @@ struct Setup {
 pub struct GpuGrid {
     /// With their bindings.
     buffers: Vec<(u32, wgpu::Buffer)>,
+    /// log₂ of the words of a page, where there are several.
+    bits: Option<u32>,
 }
 
 /// The bindings of the pages of words, as `bindings.wgsl` has them.
 const PAGES: [u32; 3] = [1, 2, 3];
 
 impl GpuGrid {
-    /// Uploads a grid.
+    /// Uploads a grid, in pages where a shader cannot bind as much at once; kernels need its
+    /// [`defs`](Self::defs).
+    ///
+    /// # Panics
+    /// When it is larger than [`Self::capacity`].
     pub fn new(gpu: &Gpu, grid: &PackedGrid) -> Self {
-        Self::paged(gpu, grid, u32::BITS)
+        let page = Self::page(gpu);
+        Self::paged(
+            gpu,
+            grid,
+            if grid.words.len() as u64 <= page { None } else { Some(page.ilog2()) },
+        )
     }
 
-    /// Uploads a grid in pages of `2^bits` words, for kernels with the defs `PAGED` and
-    /// `PAGE_BITS=bits`.
+    /// Words of a page at most.
+    fn page(gpu: &Gpu) -> u64 {
+        gpu.max_binding() / 4
+    }
+
+    /// Words that shaders reach.
+    pub fn capacity(gpu: &Gpu) -> u64 {
+        (PAGES.len() as u64) << Self::page(gpu).ilog2()
+    }
+
+    /// Uploads a grid in pages of `2^bits` words.
     ///
     /// # Panics
     /// When that makes more pages than there are bindings.
-    pub fn paged(gpu: &Gpu, grid: &PackedGrid, bits: u32) -> Self {
+    pub fn paged(gpu: &Gpu, grid: &PackedGrid, bits: Option<u32>) -> Self {
         let mut buffers = vec![(0, gpu.storage(bytemuck::bytes_of(&grid.header(0))))];
-        let page = 1_usize << bits;
-        assert!(grid.words.len() <= PAGES.len() * page, "too many pages of 2^{bits} words");
-        for (words, binding) in grid.words.chunks(page).zip(PAGES) {
+        let page = bits.map_or(usize::MAX, |bits| 1 << bits);
+        assert!(
+            grid.words.len().div_ceil(page) <= PAGES.len(),
+            "pages of {page} words are too small"
+        );
+        for (i, binding) in PAGES.into_iter().enumerate() {
+            let words = grid.words.chunks(page).nth(i).unwrap_or_default();
             buffers.push((binding, gpu.storage(bytemuck::cast_slice(words))));
         }
-        Self { buffers }
+        Self { buffers, bits }
+    }
+
+    /// What the shaders have to know of the pages.
+    pub fn defs(&self) -> Vec<String> {
+        self.bits.map_or_else(Vec::new, |bits| vec!["PAGED".into(), format!("PAGE_BITS={bits}")])
     }
 
     /// The buffers with their bindings.

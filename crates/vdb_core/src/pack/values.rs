@@ -49,18 +49,21 @@ const MAX_VALUE: f32 = 1e30;
 const MAX_HALF: f32 = 65_504.0;
 const LEAST_HALF: f32 = 1.0 / 16_384.0;
 
+/// A density that is one.
+pub(crate) fn density(value: f32) -> f32 {
+    if value > 0.0 { value.min(MAX_VALUE) } else { 0.0 }
+}
+
+/// A sample of a surface that is a number.
+pub(crate) fn distance(value: f32, iso: f32) -> f32 {
+    if value.is_nan() { iso } else { value.clamp(-MAX_VALUE, MAX_VALUE) }
+}
+
 /// A sample as it is kept: of fog a density, of a smooth surface the value above the iso-value.
 pub(super) fn safe(kind: PackKind, value: f32) -> f32 {
     match kind {
-        PackKind::Fog if value > 0.0 => value.min(MAX_VALUE),
-        PackKind::Fog => 0.0,
-        PackKind::Surface { iso } | PackKind::Smooth { iso } => {
-            if value.is_nan() {
-                0.0
-            } else {
-                (value - iso).clamp(-MAX_VALUE, MAX_VALUE)
-            }
-        }
+        PackKind::Fog => density(value),
+        PackKind::Surface { iso } | PackKind::Smooth { iso } => distance(value, iso) - iso,
     }
 }
 

@@ -3,20 +3,19 @@
 #import bevy_vdb::types::Rays
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::rays::{ndc_of, ray_through}
-#import bevy_vdb::fog::optical_length
-#import bevy_vdb::exact::Course
 #import bevy_vdb::beam::{beam_of, beam_start}
 #import bevy_vdb::hdda::{FAR, course_of, enter_at, first_hit}
 #ifdef COUNT_STEPS
 #import bevy_vdb::hdda::steps
 #endif
 #import bevy_vdb::smooth::first_root
+#import bevy_vdb::fog::{optical_length, stepped_length}
 
 struct Setup {
     size: vec2<u32>,
     // Of pixels' numbers, if they are shuffled.
     bits: u32,
-    // Extinction per unit of density and of t.
+    // Extinction per unit of density and voxel.
     density_scale: f32,
 }
 
@@ -72,13 +71,12 @@ fn number_of(id: vec3<u32>) -> u32 {
 #endif
 }
 
-fn course_at(number: u32, id: vec3<u32>) -> Course {
+fn pixel_of(number: u32, id: vec3<u32>) -> vec2<u32> {
 #ifdef SHUFFLED
-    let pixel = vec2(number % setup.size.x, number / setup.size.x);
+    return vec2(number % setup.size.x, number / setup.size.x);
 #else
-    let pixel = id.xy;
+    return id.xy;
 #endif
-    return course_of(grids[0], ray_through(view, ndc_of(pixel, setup.size), 0.0, FAR));
 }
 
 // The t before which nothing can stop a pixel's ray; shuffled rays have no neighbours to share it with.
@@ -90,6 +88,12 @@ fn start_of(id: vec3<u32>) -> f32 {
 #endif
 }
 
+#ifdef FOG
+const MISS: f32 = 1.0;
+#else
+const MISS: f32 = -1.0;
+#endif
+
 fn put(number: u32, value: f32) {
 #ifdef COUNT_STEPS
     out[number] = f32(steps);
@@ -98,57 +102,42 @@ fn put(number: u32, value: f32) {
 #endif
 }
 
+// t of the first voxel; with SMOOTH t and normal of the first root; with FOG the transmittance.
 @compute @workgroup_size(8, 8)
-fn voxels(@builtin(global_invocation_id) id: vec3<u32>) {
+fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     let number = number_of(id);
     if number == NONE {
         return;
     }
     let start = start_of(id);
     if start == FAR {
-        put(number, -1.0);
+        put(number, MISS);
         return;
     }
-    let course = course_at(number, id);
-    let hit = first_hit(grids[0], course, enter_at(course, start));
-    put(number, select(-1.0, hit.t, hit.found));
-}
-
-@compute @workgroup_size(8, 8)
-fn smooth_surface(@builtin(global_invocation_id) id: vec3<u32>) {
-    let number = number_of(id);
-    if number == NONE {
-        return;
-    }
-    let start = start_of(id);
-    if start == FAR {
-        put(number, -1.0);
-        return;
-    }
-    let course = course_at(number, id);
-    let hit = first_root(grids[0], course, enter_at(course, start));
-    put(number, select(-1.0, hit.t, hit.found));
+    let ray = ray_through(view, ndc_of(pixel_of(number, id), setup.size), 0.0, FAR);
+    let course = course_of(grids[0], ray);
+    let enter = enter_at(course, start);
+#ifdef FOG
+    // In voxels, not in t.
+    let scale = setup.density_scale * length(ray.dir);
+#ifdef STEP
+    // In quarters of a voxel. Beyond 9, less than a 8,000th of the light is left.
+    let depth = scale * stepped_length(grids[0], course, start, 9.0 / scale, 0.25 * f32(#{STEP}u));
+#else
+    // Beyond 16, a transmittance is below that of 16 bits beside 1.
+    let depth = scale * optical_length(grids[0], course, enter, 16.0 / scale);
+#endif
+    put(number, exp(-depth));
+#else ifdef SMOOTH
+    let hit = first_root(grids[0], course, enter);
+    put(number, select(MISS, hit.t, hit.found));
 #ifndef COUNT_STEPS
     if hit.found {
         normals[number] = vec4(normalize(hit.gradient), 0.0);
     }
 #endif
-}
-
-@compute @workgroup_size(8, 8)
-fn fog(@builtin(global_invocation_id) id: vec3<u32>) {
-    let number = number_of(id);
-    if number == NONE {
-        return;
-    }
-    let start = start_of(id);
-    if start == FAR {
-        put(number, 1.0);
-        return;
-    }
-    let course = course_at(number, id);
-    // Beyond this, a transmittance is below that of 16 bits beside 1.
-    let enough = 16.0 / setup.density_scale;
-    let length = optical_length(grids[0], course, enter_at(course, start), enough);
-    put(number, exp(-setup.density_scale * length));
+#else
+    let hit = first_hit(grids[0], course, enter);
+    put(number, select(MISS, hit.t, hit.found));
+#endif
 }

@@ -1,7 +1,12 @@
 //! Times the shaders, as `scripts/bench` calls it: `vdb_bench --help`.
 
 mod args;
+mod camera;
+mod chart;
 mod measure;
+mod model;
+mod report;
+mod timing;
 
 use std::process::ExitCode;
 

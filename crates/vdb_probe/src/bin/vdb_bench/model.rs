@@ -1,0 +1,133 @@
+//! What rays are sent through.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::sync::Arc;
+
+use vdb_core::pack::PackKind;
+use vdb_core::synth::models;
+use vdb_core::tree::{CoordBox, Vdb543};
+use vdb_core::{AnyTree, GridClass, ReadOptions, Transform, VdbFile};
+
+/// Where a model comes from.
+pub enum Source {
+    File(PathBuf),
+    Made { name: &'static str, edge: u32, make: fn(u32) -> Vdb543<f32> },
+}
+
+impl FromStr for Source {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let made = |name, make: fn(u32) -> Vdb543<f32>, edge: &str| {
+            let edge = edge.parse().ok().filter(|edge| models::EDGES.contains(edge));
+            let (least, most) = (models::EDGES.start(), models::EDGES.end());
+            let edge = edge.ok_or(format!("{text}: its size goes from {least} to {most}"))?;
+            Ok(Self::Made { name, edge, make })
+        };
+        match text.split_once(':') {
+            Some(("gyroid", edge)) => made("gyroid", models::gyroid, edge),
+            Some(("truss", edge)) => made("truss", models::truss_station, edge),
+            _ => Ok(Self::File(text.into())),
+        }
+    }
+}
+
+/// A grid of floats that has something to see.
+pub struct Model {
+    pub name: String,
+    pub tree: Arc<Vdb543<f32>>,
+    pub level_set: bool,
+    /// World from index space.
+    pub transform: Transform,
+    pub active: CoordBox,
+    pub active_voxels: u64,
+}
+
+impl Model {
+    /// Reads or makes a model.
+    pub fn new(source: &Source) -> Result<Self, String> {
+        match source {
+            Source::File(path) => {
+                Self::read(path).map_err(|error| format!("{}: {error}", path.display()))
+            }
+            Source::Made { name, edge, make } => {
+                eprintln!("making {name}:{edge}");
+                let tree = make(*edge).into();
+                Self::of(format!("{name}_{edge}"), tree, true, Transform::default())
+            }
+        }
+    }
+
+    fn read(path: &std::path::Path) -> Result<Self, String> {
+        let bytes = std::fs::read(path).map_err(|error| error.to_string())?;
+        let file = VdbFile::read(&bytes, &ReadOptions::default()).map_err(|e| e.to_string())?;
+        let name = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into());
+        let floats = file.grids.into_iter().find_map(|grid| match grid.tree {
+            AnyTree::Float(tree) => Some((tree, grid.class, grid.transform)),
+            _ => None,
+        });
+        let (tree, class, transform) = floats.ok_or("has no grid of floats")?;
+        Self::of(name, tree, class == GridClass::LevelSet, transform)
+    }
+
+    fn of(
+        name: String,
+        tree: Arc<Vdb543<f32>>,
+        level_set: bool,
+        transform: Transform,
+    ) -> Result<Self, String> {
+        let active = tree.active_bbox().ok_or("has no active voxel")?;
+        let active_voxels = tree.active_voxel_count();
+        Ok(Self { name, tree, level_set, transform, active, active_voxels })
+    }
+
+    /// The ways in which a set measures it; fog has but one.
+    pub fn kinds(&self, smooth: &[bool]) -> Vec<Kind> {
+        if !self.level_set {
+            return vec![Kind::Fog];
+        }
+        let of = |smooth: &bool| if *smooth { Kind::Smooth } else { Kind::Voxels };
+        smooth.iter().map(of).collect()
+    }
+}
+
+/// How a model is shown.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    Voxels,
+    Smooth,
+    Fog,
+}
+
+impl Kind {
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Voxels => "voxels",
+            Self::Smooth => "smooth",
+            Self::Fog => "fog",
+        }
+    }
+
+    pub fn pack(self) -> PackKind {
+        match self {
+            Self::Voxels => PackKind::Surface { iso: 0.0 },
+            Self::Smooth => PackKind::Smooth { iso: 0.0 },
+            Self::Fog => PackKind::Fog,
+        }
+    }
+
+    /// The shader def that says so.
+    pub fn def(self) -> Option<&'static str> {
+        match self {
+            Self::Voxels => None,
+            Self::Smooth => Some("SMOOTH"),
+            Self::Fog => Some("FOG"),
+        }
+    }
+
+    /// Whether what the shader writes of a ray means that it met something.
+    pub fn is_hit(self, value: f32) -> bool {
+        if self == Self::Fog { value < 0.999 } else { value >= 0.0 }
+    }
+}

@@ -1,0 +1,152 @@
+//! What was measured, for programs and for people.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use crate::chart;
+use crate::timing::Times;
+
+/// One picture.
+pub struct Row {
+    pub model: String,
+    pub kind: &'static str,
+    /// Of samples.
+    pub format: &'static str,
+    /// Shader defs.
+    pub variant: String,
+    pub rays: &'static str,
+    pub size: [u32; 2],
+    /// From the camera to the middle, in half diagonals.
+    pub dist: f64,
+    pub pixels: u64,
+    pub times: Times,
+    /// Part of the rays that meet something.
+    pub hits: f64,
+    /// Steps of a ray on average.
+    pub steps: f64,
+    /// Of the grid on the GPU.
+    pub bytes: u64,
+    pub active_voxels: u64,
+    pub pack_ms: f64,
+}
+
+impl Row {
+    /// Millions of rays a second where they take so many milliseconds.
+    pub fn mrays(&self, milliseconds: f64) -> f64 {
+        self.pixels as f64 / milliseconds / 1e3
+    }
+
+    /// The columns of a table.
+    fn columns(&self, adapter: &str) -> Vec<(&'static str, Value)> {
+        let round = |number: f64, digits: i32| {
+            let scale = 10.0_f64.powi(digits);
+            json!((number * scale).round() / scale)
+        };
+        let Times { median, min, max, spread, runs } = self.times;
+        vec![
+            ("model", json!(self.model)),
+            ("kind", json!(self.kind)),
+            ("format", json!(self.format)),
+            ("variant", json!(self.variant)),
+            ("rays", json!(self.rays)),
+            ("width", json!(self.size[0])),
+            ("height", json!(self.size[1])),
+            ("dist", round(self.dist, 2)),
+            ("median_ms", round(median, 4)),
+            ("min_ms", round(min, 4)),
+            ("max_ms", round(max, 4)),
+            ("spread_percent", round(100.0 * spread, 1)),
+            ("runs", json!(runs)),
+            ("mrays_per_s", round(self.mrays(median), 3)),
+            ("hit_percent", round(100.0 * self.hits, 1)),
+            ("steps_per_ray", round(self.steps, 2)),
+            ("bytes", json!(self.bytes)),
+            ("bytes_per_voxel", round(self.bytes as f64 / self.active_voxels as f64, 3)),
+            ("pack_ms", round(self.pack_ms, 1)),
+            ("adapter", json!(adapter)),
+        ]
+    }
+}
+
+/// All rows, as they come in.
+pub struct Report {
+    adapter: String,
+    /// Folder, where files are to be written.
+    out: Option<PathBuf>,
+    rows: Vec<Row>,
+    csv: String,
+}
+
+impl Report {
+    /// Says at once where it cannot write.
+    pub fn new(adapter: String, out: Option<&Path>) -> Result<Self, String> {
+        eprintln!("adapter: {adapter}");
+        let report =
+            Self { adapter, out: out.map(Path::to_owned), rows: Vec::new(), csv: String::new() };
+        report.write("bench.csv", "")?;
+        Ok(report)
+    }
+
+    fn write(&self, name: &str, text: &str) -> Result<(), String> {
+        let Some(dir) = &self.out else { return Ok(()) };
+        std::fs::create_dir_all(dir)
+            .and_then(|()| std::fs::write(dir.join(name), text))
+            .map_err(|error| format!("{}: {error}", dir.join(name).display()))
+    }
+
+    /// Adds a row and prints it.
+    pub fn add(&mut self, row: Row) -> Result<(), String> {
+        let columns = row.columns(&self.adapter);
+        let line = |cells: Vec<String>| cells.join(",") + "\n";
+        let mut text = String::new();
+        if self.rows.is_empty() {
+            text += &line(columns.iter().map(|(name, _)| (*name).to_owned()).collect());
+        }
+        text += &line(columns.into_iter().map(|(_, value)| cell(&value)).collect());
+        std::io::stdout()
+            .write_all(text.as_bytes())
+            .map_err(|error| format!("standard output: {error}"))?;
+        self.csv += &text;
+        self.rows.push(row);
+        // A run of an hour that ends early leaves what it had.
+        self.write("bench.csv", &self.csv)
+    }
+
+    /// Writes what is made of all rows.
+    pub fn finish(&self) -> Result<(), String> {
+        let (date, commit) = (date(), commit());
+        let rows = self.rows.iter().map(|row| Value::from_iter(row.columns(&self.adapter)));
+        let all = json!({
+            "adapter": self.adapter,
+            "date": date,
+            "commit": commit,
+            "rows": rows.collect::<Vec<_>>(),
+        });
+        self.write("bench.json", &format!("{all:#}\n"))?;
+        let heading = format!("{}, {date}, commit {commit}", self.adapter);
+        self.write("bench.svg", &chart::svg(&self.rows, &heading))
+    }
+}
+
+/// A value in CSV. Names of files and of GPUs may have commas and quotes in them.
+fn cell(value: &Value) -> String {
+    match value.as_str() {
+        Some(text) if text.contains([',', '"', '\n']) => {
+            format!("\"{}\"", text.replace('"', "\"\""))
+        }
+        Some(text) => text.to_owned(),
+        None => value.to_string(),
+    }
+}
+
+/// Now, in UTC.
+fn date() -> String {
+    humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string()
+}
+
+/// What was built, as `scripts/bench` tells the compiler.
+fn commit() -> &'static str {
+    option_env!("BEVY_VDB_COMMIT").unwrap_or("unknown")
+}
