@@ -8,7 +8,9 @@ mod plugin;
 mod render;
 
 pub use asset::{VdbFile, VdbGrid, VdbGridError};
-pub use components::{VdbCamera, VdbMaterial, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume};
+pub use components::{
+    VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
+};
 pub use loader::{VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs};
 pub use plugin::VdbRenderPlugin;
 pub use render::{VdbGpuUsage, VdbSystems};
@@ -17,7 +19,7 @@ pub use vdb_core;
 /// What a game usually needs: `use bevy_vdb::prelude::*;`
 pub mod prelude {
     pub use crate::{
-        VdbCamera, VdbFile, VdbGrid, VdbMaterial, VdbRenderMode, VdbRenderPlugin, VdbSun,
-        VdbTraversal, VdbVolume,
+        VdbCamera, VdbFile, VdbGrid, VdbMaterial, VdbOverlays, VdbRenderMode, VdbRenderPlugin,
+        VdbSun, VdbTraversal, VdbVolume,
     };
 }

@@ -14,9 +14,23 @@ macro_rules! shaders {
 }
 
 /// Modules that others import.
-const IMPORTS: [(&str, &[u8]); 12] = shaders![
-    "types", "bindings", "rays", "tree", "exact", "hdda", "beam", "anchor", "smooth", "fog",
-    "lights", "surface"
+const IMPORTS: [(&str, &[u8]); 16] = shaders![
+    "types",
+    "bindings",
+    "rays",
+    "tree",
+    "exact",
+    "hdda",
+    "beam",
+    "anchor",
+    "smooth",
+    "fog",
+    "scene",
+    "segment",
+    "surface",
+    "occlusion",
+    "lights",
+    "show"
 ];
 /// What runs.
 const PROGRAMS: [(&str, &[u8]); 3] = shaders!["beams", "trace", "composite"];

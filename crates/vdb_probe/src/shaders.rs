@@ -7,8 +7,9 @@ use naga_oil::compose::{
 /// Shader defs, all of them set to `true`.
 pub type Defs<'a> = &'a [&'a str];
 
-/// The modules that others import, in an order in which each finds those before it.
-const MODULES: [(&str, &str); 12] = [
+/// The modules that others import and that need nothing of Bevy's, in an order in which each finds
+/// those before it.
+const MODULES: [(&str, &str); 10] = [
     ("types", include_str!("../../../assets/shaders/types.wgsl")),
     ("bindings", include_str!("../../../assets/shaders/bindings.wgsl")),
     ("rays", include_str!("../../../assets/shaders/rays.wgsl")),
@@ -19,8 +20,6 @@ const MODULES: [(&str, &str); 12] = [
     ("anchor", include_str!("../../../assets/shaders/anchor.wgsl")),
     ("smooth", include_str!("../../../assets/shaders/smooth.wgsl")),
     ("fog", include_str!("../../../assets/shaders/fog.wgsl")),
-    ("lights", include_str!("../../../assets/shaders/lights.wgsl")),
-    ("surface", include_str!("../../../assets/shaders/surface.wgsl")),
 ];
 
 /// One module out of a source and all that it imports.
