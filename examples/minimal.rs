@@ -16,11 +16,7 @@ fn setup(mut commands: Commands, assets: Res<AssetServer>) {
     // Any 3D camera sees it,
     let eye = Transform::from_xyz(1.5, 2.0, 4.5).looking_at(Vec3::new(0.0, 0.7, 0.0), Vec3::Y);
     commands.spawn((Camera3d::default(), eye));
-    // lit by the directional light that is marked as the sun.
+    // lit by all lights that light meshes.
     let sun = DirectionalLight { illuminance: 3_000.0, ..default() };
-    commands.spawn((
-        sun,
-        VdbSun::default(),
-        Transform::from_xyz(-2.0, 4.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y),
-    ));
+    commands.spawn((sun, Transform::from_xyz(-2.0, 4.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y)));
 }

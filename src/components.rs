@@ -1,4 +1,4 @@
-//! What an app says about volumes, cameras and the sun.
+//! What an app says about volumes, cameras and suns.
 
 use bevy::camera::visibility::{VisibilityClass, add_visibility_class};
 use bevy::prelude::*;
@@ -18,15 +18,27 @@ use crate::VdbGrid;
 #[component(on_add = add_visibility_class::<VdbVolume>)]
 pub struct VdbVolume(pub Handle<VdbGrid>);
 
-/// The look of a volume.
+/// The look of a volume. Surfaces have the same terms and defaults as Bevy's `StandardMaterial`, and
+/// look the same under the same lights.
+///
+/// Values out of range, and such that are no numbers, are replaced by the nearest that make sense, and
+/// a warning says so.
 #[derive(Clone, Component, Debug, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbMaterial {
-    /// Surfaces: the diffuse albedo. Fog: the single-scattering albedo, the part of the light it
-    /// meets that it sends on. White by default.
+    /// Surfaces: the colour of what they reflect, diffusely or, of a metal, as a mirror. Fog: the
+    /// single-scattering albedo, the part of the light it meets that it sends on. White by default.
     pub base_color: Color,
     /// Luminance of its own, in cd/m²: of a surface; of fog, where it is opaque. Black by default.
     pub emissive: LinearRgba,
+    /// Surfaces: from 0, a mirror, to 1, with no highlights to speak of. 0.5 by default. Lights have no
+    /// highlights smaller than those of 0.089.
+    pub perceptual_roughness: f32,
+    /// Surfaces: from 0, not a metal, to 1, a metal. 0 by default.
+    pub metallic: f32,
+    /// Surfaces that are not of metal: how much they reflect when seen head on, from 0 to 1, of which
+    /// 0.5 is 4 % of the light. 0.5 by default.
+    pub reflectance: f32,
     /// Fog: extinction coefficient per unit of density, in 1 / world unit: light is dimmed to 1/e
     /// after `1 / (density · density_scale)`. 0 or more, 1 by default.
     pub density_scale: f32,
@@ -34,7 +46,14 @@ pub struct VdbMaterial {
 
 impl Default for VdbMaterial {
     fn default() -> Self {
-        Self { base_color: Color::WHITE, emissive: LinearRgba::BLACK, density_scale: 1.0 }
+        Self {
+            base_color: Color::WHITE,
+            emissive: LinearRgba::BLACK,
+            perceptual_roughness: 0.5,
+            metallic: 0.0,
+            reflectance: 0.5,
+            density_scale: 1.0,
+        }
     }
 }
 
@@ -46,6 +65,17 @@ pub struct VdbCamera {
     pub enabled: bool,
     /// What it shows of them.
     pub mode: VdbRenderMode,
+    /// Whether lights that throw shadows (`shadow_maps_enabled`) throw them on volumes: those of
+    /// volumes, by a ray to each such light from each pixel, and those of meshes, from Bevy's shadow
+    /// maps. On by default; without such a light it costs nothing.
+    pub shadows: bool,
+    /// How many times a ray goes on from a surface to what it reflects. With 0, the default, surfaces
+    /// reflect the camera's `EnvironmentMapLight` alone; with 1 volumes, too; with 2 volumes in
+    /// volumes. Rough surfaces reflect in one direction a pixel, by chance: that is for temporal
+    /// anti-aliasing to even out. At most 16.
+    pub reflections: u32,
+    /// Borders of the tree's nodes on surfaces, in any mode.
+    pub overlays: VdbOverlays,
     /// How rays find what they meet.
     pub traversal: VdbTraversal,
     /// [`VdbRenderMode::Steps`]: how many steps of the walk have the hottest colour. More than 0;
@@ -58,26 +88,62 @@ impl Default for VdbCamera {
         Self {
             enabled: true,
             mode: VdbRenderMode::Lit,
+            shadows: true,
+            reflections: 0,
+            overlays: VdbOverlays::default(),
             traversal: VdbTraversal::HddaSdf,
             steps_scale: 200.0,
         }
     }
 }
 
+/// Which nodes of the tree have their borders drawn on surfaces: lines as wide everywhere in the
+/// picture, left out where nodes are smaller than a few pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
+#[reflect(Clone, Debug, Default, PartialEq, Hash)]
+pub struct VdbOverlays {
+    /// Leaves, 8³ voxels: cyan.
+    pub leaves: bool,
+    /// The nodes above them, 128³ voxels: red.
+    pub lower: bool,
+    /// The nodes above those, 4,096³ voxels: blue.
+    pub upper: bool,
+}
+
 /// What a camera shows of volumes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 pub enum VdbRenderMode {
-    /// The picture: surfaces lit by the sun and the ambient light, fog that dims and glows.
+    /// The picture: surfaces and fog under all lights that reach them, with all that surfaces reflect.
+    /// It is the sum of [`Diffuse`](Self::Diffuse) and [`Glossy`](Self::Glossy).
     #[default]
     Lit,
-    /// World-space normals of surfaces, from -1…1 to 0…1. Fog is left out.
+    /// The part of the picture that does not change with the viewer's place: what surfaces scatter and
+    /// send by themselves, and fog. No highlights, no reflections.
+    Diffuse,
+    /// The other part: highlights of lights and reflections, on surfaces alone. Fog dims them.
+    Glossy,
+    /// Faces of voxels told apart in gray, without light: those above bright, those below dark. Fog
+    /// is left out here and below, but for [`Steps`](Self::Steps).
+    Gray,
+    /// The axes of the grid across which the surface lies: x red, y green, z blue.
+    Rgb,
+    /// World-space normals of surfaces, from -1…1 to 0…1.
     Normals,
-    /// Depth of surfaces as in the depth buffer: 1 at the near plane, 0 infinitely far away. Fog is
-    /// left out.
+    /// Depth of surfaces as in the depth buffer: 1 at the near plane, 0 infinitely far away.
     Depth,
+    /// A colour for each voxel, or for each cell between samples of a smooth surface, by its index
+    /// modulo 128.
+    HitVoxel,
     /// Steps of the walk through the tree, light blue (none) to red ([`VdbCamera::steps_scale`]).
     Steps,
+}
+
+impl VdbRenderMode {
+    /// Whether lights have a part in it.
+    pub(crate) fn is_lit(self) -> bool {
+        matches!(self, Self::Lit | Self::Diffuse | Self::Glossy)
+    }
 }
 
 /// How rays find what they meet. All but [`March`](Self::March) show the same picture, to the last bit;
@@ -98,8 +164,10 @@ pub enum VdbTraversal {
     HddaSdf,
 }
 
-/// Makes a `DirectionalLight` the sun of all volumes. Without one, the brightest directional light
-/// that is visible is taken.
+/// Makes a `DirectionalLight` shine on volumes otherwise than on meshes. Without it, every light shines
+/// on both alike.
+///
+/// Lights in the very same direction are told apart by nothing: the factor goes for all of them.
 #[derive(Clone, Component, Debug, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 #[require(DirectionalLight)]

@@ -11,7 +11,9 @@ mod render;
 mod spatial_query;
 
 pub use asset::{VdbFile, VdbGrid, VdbGridError};
-pub use components::{VdbCamera, VdbMaterial, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume};
+pub use components::{
+    VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
+};
 pub use loader::{VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs};
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
@@ -23,8 +25,8 @@ pub use vdb_core;
 /// What a game usually needs: `use bevy_vdb::prelude::*;`
 pub mod prelude {
     pub use crate::{
-        VdbCamera, VdbFile, VdbGrid, VdbMaterial, VdbRayCastSettings, VdbRayHit, VdbRenderMode,
-        VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVolume,
+        VdbCamera, VdbFile, VdbGrid, VdbMaterial, VdbOverlays, VdbRayCastSettings, VdbRayHit,
+        VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVolume,
     };
     #[cfg(feature = "picking")]
     pub use crate::{VdbPickingPlugin, VdbPickingSettings};

@@ -37,9 +37,17 @@ impl Plugin for VdbRenderPlugin {
         // So that every camera shows its settings. Bevy refuses once a camera has been spawned; one
         // without the component is treated as if it had the default.
         app.try_register_required_components::<Camera3d, VdbCamera>().ok();
-        if app.get_sub_app(bevy::render::RenderApp).is_some() {
+        if app.get_sub_app(bevy::render::RenderApp).is_none() {
+            return;
+        }
+        if app.is_plugin_added::<bevy::pbr::PbrPlugin>() {
             app.add_plugins(ExtractComponentPlugin::<VdbCamera>::default());
             render::build(app);
+        } else {
+            error!(
+                "volumes are not shown: VdbRenderPlugin takes lights from Bevy's PbrPlugin; add that, or \
+                 DefaultPlugins, before it"
+            );
         }
     }
 }

@@ -3,8 +3,16 @@
 mod common;
 #[path = "picture/extremes.rs"]
 mod extremes;
+#[path = "picture/lights.rs"]
+mod lights;
+#[path = "picture/modes.rs"]
+mod modes;
 #[path = "picture/rays.rs"]
 mod rays;
+#[path = "picture/reflections.rs"]
+mod reflections;
+#[path = "picture/shadows.rs"]
+mod shadows;
 
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Hdr, ScalingMode, Viewport};
@@ -23,7 +31,8 @@ const GREEN: LinearRgba = LinearRgba { red: 0.0, green: 1.0, blue: 0.0, alpha: 1
 
 /// A material that shows itself, lit or not.
 fn glow(color: LinearRgba) -> VdbMaterial {
-    VdbMaterial { base_color: Color::BLACK, emissive: color, density_scale: 1.0 }
+    let base_color = Color::BLACK;
+    VdbMaterial { base_color, emissive: color, reflectance: 0.0, ..default() }
 }
 
 fn is_green(pixel: Vec4) -> bool {
@@ -69,6 +78,14 @@ fn pixel_ray(view: Transform, x: u32, y: u32) -> (DVec3, DVec3) {
     (view.translation.as_dvec3(), rotation * dir)
 }
 
+/// Bevy's diffuse term, after Burley 2012, of a white surface.
+fn burley(normal: DVec3, to_viewer: DVec3, to_light: DVec3, roughness: f64) -> f64 {
+    let half = (to_viewer + to_light).normalize();
+    let grazing = 0.5 + 2.0 * roughness * to_light.dot(half).powi(2);
+    let scatter = |cosine: f64| 1.0 + (grazing - 1.0) * (1.0 - cosine.max(0.0)).powi(5);
+    scatter(normal.dot(to_light)) * scatter(normal.dot(to_viewer)) / std::f64::consts::PI
+}
+
 #[test]
 fn a_level_set_is_where_the_reference_tracer_sees_it() {
     if !has_gpu() {
@@ -77,7 +94,7 @@ fn a_level_set_is_where_the_reference_tracer_sees_it() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let view = looking(Vec3::new(3.0, 4.0, 6.0));
-    let camera = stage.camera(&target, view);
+    stage.camera(&target, view);
     let placement = Transform {
         translation: Vec3::new(0.3, -0.2, 0.4),
         rotation: Quat::from_euler(EulerRot::XYZ, 0.5, 1.1, -0.3),
@@ -86,11 +103,16 @@ fn a_level_set_is_where_the_reference_tracer_sees_it() {
     };
     let tree = level_set::torus(DVec3::ZERO, 14.0, 6.3);
     let volume = VdbVolume(stage.grid(tree.clone(), SURFACE, 0.1));
-    stage.world().spawn((volume, VdbMaterial::default(), placement));
+    let material = VdbMaterial {
+        perceptual_roughness: 0.6,
+        reflectance: 0.0,
+        emissive: LinearRgba::rgb(0.25, 0.25, 0.25),
+        ..default()
+    };
+    stage.world().spawn((volume, material, placement));
     let light = Transform::default().looking_to(Vec3::new(-0.4, -1.0, -0.3), Vec3::Y);
     let illuminance = 3.0;
     stage.world().spawn((DirectionalLight { illuminance, ..default() }, light));
-    stage.world().entity_mut(camera).insert(AmbientLight { brightness: 0.25, ..default() });
     let picture = stage.picture(&target);
     picture.save("level_set");
 
@@ -105,19 +127,19 @@ fn a_level_set_is_where_the_reference_tracer_sees_it() {
     let (mut hits, mut wrong, mut worst) = (0, 0, 0.0_f64);
     for y in 0..SIZE.y {
         for x in 0..SIZE.x {
-            let (origin, dir) = pixel_ray(view, x, y);
+            let (origin, ray) = pixel_ray(view, x, y);
             let origin = index_from_world.transform_point3(origin);
-            let dir = index_from_world.transform_vector3(dir);
+            let dir = index_from_world.transform_vector3(ray);
             let pixel = picture.at(x, y);
             let Some(hit) = oracle.first_voxel(&Ray::from_f64(origin, dir)) else {
                 wrong += usize::from(pixel.w > 0.5 && pixel.truncate() != Vec3::ZERO);
                 continue;
             };
             hits += 1;
-            let gradient = oracle.gradient(origin + dir * hit.t);
-            let normal = (index_from_world.matrix3.transpose() * gradient).normalize();
-            let expected =
-                f64::from(illuminance) / std::f64::consts::PI * normal.dot(sun).max(0.0) + 0.25;
+            let Some(face) = hit.face else { panic!("the camera is not in a voxel") };
+            let normal = (index_from_world.matrix3.transpose() * face.normal()).normalize();
+            let scattered = burley(normal, -ray.normalize(), sun, 0.6 * 0.6);
+            let expected = f64::from(illuminance) * normal.dot(sun).max(0.0) * scattered + 0.25;
             let error = (f64::from(pixel.x) - expected).abs() / expected;
             // Rays between two voxels may choose the other one; 16-bit floats hold 1 part in 2,048.
             if error > 2e-3 { wrong += 1 } else { worst = worst.max(error) }
@@ -181,6 +203,7 @@ fn fog_dims_and_glows_as_the_reference_tracer_says() {
         base_color: Color::BLACK,
         emissive: LinearRgba::rgb(0.8, 0.4, 0.2),
         density_scale: 0.7,
+        ..default()
     };
     stage.world().spawn((volume, material));
     let picture = stage.picture(&target);

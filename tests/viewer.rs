@@ -127,7 +127,7 @@ fn ground_and_modes_change_the_picture() {
     }
     let (ground, _) = picture("ground.png", |c| _ = c.arg("--ground"));
     assert!(drawn(&ground) > drawn(&lit) + 2_000);
-    for mode in ["normals", "depth", "steps"] {
+    for mode in ["diffuse", "gray", "rgb", "voxels", "normals", "depth", "steps"] {
         let (shown, _) = picture(&format!("{mode}.png"), |c| _ = c.args(["--mode", mode]));
         assert!(drawn(&shown) > 2_000, "{mode}: {} pixels", drawn(&shown));
     }

@@ -1,13 +1,11 @@
 // One thread a volume and a tile of 8×8 pixels: where its rays can begin.
 
-#import bevy_vdb::types::{View, Volume}
 #import bevy_vdb::bindings::grids
+#import bevy_vdb::scene::{view, volumes}
 #import bevy_vdb::beam::{beam_of, beam_start}
 
-@group(0) @binding(4) var<uniform> view: View;
-@group(0) @binding(5) var<storage, read> volumes: array<Volume>;
 // Rows of tiles, volume by volume.
-@group(0) @binding(9) var<storage, read_write> starts: array<f32>;
+@group(2) @binding(9) var<storage, read_write> starts: array<f32>;
 
 @compute @workgroup_size(8, 8, 1)
 fn beams(@builtin(global_invocation_id) id: vec3<u32>) {

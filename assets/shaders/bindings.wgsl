@@ -1,14 +1,14 @@
-// The pool that holds every packed grid.
+// The pool that holds every packed grid. Groups 0 and 1 are Bevy's own: lights and environment maps.
 #define_import_path bevy_vdb::bindings
 
 #import bevy_vdb::types::Grid
 
-@group(0) @binding(0) var<storage, read> grids: array<Grid>;
-@group(0) @binding(1) var<storage, read> page_a: array<u32>;
+@group(2) @binding(0) var<storage, read> grids: array<Grid>;
+@group(2) @binding(1) var<storage, read> page_a: array<u32>;
 #ifdef PAGED
 // More than one binding can hold: pages of 2^PAGE_BITS words.
-@group(0) @binding(2) var<storage, read> page_b: array<u32>;
-@group(0) @binding(3) var<storage, read> page_c: array<u32>;
+@group(2) @binding(2) var<storage, read> page_b: array<u32>;
+@group(2) @binding(3) var<storage, read> page_c: array<u32>;
 #endif
 
 // A word of the pool.

@@ -1,33 +1,44 @@
-// One thread a pixel: the nearest surface of all volumes, then all fogs in front of it.
+// One thread a pixel: the nearest surface of all volumes, then all fogs in front of it; and the same
+// again for what the surface reflects.
 // Writes radiance times exposure, premultiplied with coverage, and a depth for the composite.
 
-#import bevy_vdb::types::{View, Volume, KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
-#import bevy_vdb::bindings::grids
-#import bevy_vdb::rays::{ndc_of, ray_through}
-#import bevy_vdb::exact::Course
-#import bevy_vdb::hdda::{FAR, Hit, course_of, enter, enter_at, first_hit, plane_t}
-#import bevy_vdb::lights::{isotropic, lambert}
-#import bevy_vdb::surface::surface_normal
+#import bevy_vdb::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
+#import bevy_vdb::rays::ndc_of
+#import bevy_vdb::hdda::FAR
+#import bevy_vdb::scene::{scene_end, seen_end, view, volumes}
+#import bevy_vdb::segment::{Segment, along, ray_of, view_segment, world_position}
+#import bevy_vdb::surface::{Surface, leave, nearer, no_surface, normal_of}
+#ifdef SURFACES
+#import bevy_vdb::surface::meet_voxels
+#endif
 #ifdef SMOOTH
-#import bevy_vdb::smooth::first_root
+#import bevy_vdb::surface::meet_smooth
 #endif
 #ifdef FOGS
+#import bevy_vdb::bindings::grids
 #import bevy_vdb::fog::optical_length
+#import bevy_vdb::hdda::{course_of, enter, enter_at, plane_t}
+#endif
+#ifdef LIT
+#import bevy_vdb::lights::{Lit, reflected, roughness_seen, scattered, shade, surroundings}
+#else
+#import bevy_vdb::show::{axis_shares, gray, voxel_color}
+#endif
+#ifdef OVERLAYS
+#import bevy_vdb::show::overlaid
 #endif
 #ifdef COUNT_STEPS
 #import bevy_vdb::hdda::steps
 #endif
 
-@group(0) @binding(4) var<uniform> view: View;
-@group(0) @binding(5) var<storage, read> volumes: array<Volume>;
 #ifdef MULTISAMPLED
-@group(0) @binding(6) var scene_depth: texture_depth_multisampled_2d;
+@group(2) @binding(6) var scene_depth: texture_depth_multisampled_2d;
 #else
-@group(0) @binding(6) var scene_depth: texture_depth_2d;
+@group(2) @binding(6) var scene_depth: texture_depth_2d;
 #endif
-@group(0) @binding(7) var out_color: texture_storage_2d<rgba16float, write>;
+@group(2) @binding(7) var out_color: texture_storage_2d<rgba16float, write>;
 // A surface: its depth, 0 to 1. Fog alone: -1 - the depth where it begins. Nothing: -3.
-@group(0) @binding(8) var out_depth: texture_storage_2d<r32float, write>;
+@group(2) @binding(8) var out_depth: texture_storage_2d<r32float, write>;
 
 const NOTHING: f32 = -3.0;
 
@@ -35,9 +46,11 @@ const NOTHING: f32 = -3.0;
 // beside 1, by a factor of 4,000.
 const OPAQUE: f32 = 16.0;
 
-// The part of a ray that overlapping fogs share is cut into this many slabs; within one, they are
-// taken as evenly mixed.
-const OVERLAP_SLABS: u32 = 32u;
+// The part of a ray that overlapping fogs share, or along which light differs, is cut into this many
+// slabs; within one, they are taken as evenly mixed and evenly lit.
+const SLABS: u32 = 32u;
+// What is reflected, into fewer: each slab asks for the light of every lamp.
+const SLABS_REFLECTED: u32 = 8u;
 
 // What a 16-bit float can hold.
 const MAX_COLOR: f32 = 65000.0;
@@ -62,32 +75,55 @@ fn scene_t(pixel: vec2<u32>) -> f32 {
 #ifdef BEAMS
 // For each volume of the view and each tile of 8×8 pixels, the t before which nothing can stop a ray; FAR
 // where nothing can at all.
-@group(0) @binding(9) var<storage, read> starts: array<f32>;
+@group(2) @binding(9) var<storage, read> starts: array<f32>;
 #endif
 
-// The t before which nothing of a volume can stop the pixel's ray.
-fn start_of(volume: u32, pixel: vec2<u32>) -> f32 {
+// The t before which nothing of a volume can stop a ray.
+fn start_of(segment: Segment, volume: u32, pixel: vec2<u32>) -> f32 {
 #ifdef BEAMS
-    let tiles = (view.size + 7u) / 8u;
-    let row = (volume - view.volume_first) * tiles.y + pixel.y / 8u;
-    return starts[row * tiles.x + pixel.x / 8u];
-#else
-    return view.t_near;
+    // Other rays, and volumes that the view does not see, have no beams.
+    if segment.is_view {
+        let tiles = (view.size + 7u) / 8u;
+        let row = (volume - view.volume_first) * tiles.y + pixel.y / 8u;
+        return starts[row * tiles.x + pixel.x / 8u];
+    }
 #endif
+    return segment.t_min;
 }
 
-// The course of the view's ray through a volume.
-fn volume_course(volume: Volume, ndc: vec2<f32>, t_min: f32, t_max: f32) -> Course {
-    return course_of(grids[volume.grid], ray_through(volume.rays, ndc, t_min, t_max));
-}
-
-fn volume_end() -> u32 {
-    return view.volume_first + view.volume_count;
+// One past the volumes that a segment can meet.
+fn end_of(segment: Segment) -> u32 {
+    return select(scene_end(), seen_end(), segment.is_view);
 }
 
 fn depth_at(t: f32) -> f32 {
     let m = view.depth_from_t;
     return saturate((m.x * t + m.y) / (m.z * t + m.w));
+}
+
+// The nearest surface before `t_max`.
+fn nearest_surface(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Surface {
+    var nearest = no_surface();
+    var t_end = t_max;
+    for (var i = view.volume_first; i < end_of(segment); i++) {
+        let start = start_of(segment, i, pixel);
+        if volumes[i].kind == KIND_FOG || start >= t_end {
+            continue;
+        }
+        let ray = ray_of(segment, i, t_end);
+#ifdef SURFACES
+        if volumes[i].kind == KIND_SURFACE {
+            nearest = nearer(nearest, meet_voxels(i, ray, start));
+        }
+#endif
+#ifdef SMOOTH
+        if volumes[i].kind == KIND_SMOOTH {
+            nearest = nearer(nearest, meet_smooth(i, ray, start));
+        }
+#endif
+        t_end = select(t_end, nearest.t, nearest.found);
+    }
+    return nearest;
 }
 
 #ifdef FOGS
@@ -97,34 +133,32 @@ struct Fog {
     t_first: f32,
 }
 
-// Optical depth of one fog over a part of the ray, which nothing stops before `start`. `length` is world
-// units per unit of t.
-fn optical_depth(volume: Volume, ndc: vec2<f32>, start: f32, t_min: f32, t_max: f32, length: f32) -> f32 {
-    let scale = volume.density_scale * length;
-    let course = volume_course(volume, ndc, t_min, t_max);
+// Optical depth of one fog over a part of a segment, which nothing stops before `start`.
+fn optical_depth(segment: Segment, volume: u32, start: f32, t_min: f32, t_max: f32) -> f32 {
+    let scale = volumes[volume].density_scale * length(segment.dir);
+    var ray = ray_of(segment, volume, t_max);
+    ray.t_min = t_min;
+    let grid = grids[volumes[volume].grid];
+    let course = course_of(grid, ray);
     let thin = max(scale, 1e-30);
-    let fog = optical_length(grids[volume.grid], course, enter_at(course, start), OPAQUE / thin);
+    let fog = optical_length(grid, course, enter_at(course, start), OPAQUE / thin);
     // At most 100, and not by way of a product that f32 does not hold.
     return scale * min(fog, 100.0 / thin);
 }
 
-// What a fog sends on per unit of optical depth.
-fn source(volume: Volume) -> vec3<f32> {
-    return volume.emissive + isotropic(view, volume.base_color);
-}
-
-// All fogs in front of `t_max`. Radiance of one fog with an even source S and optical depth τ is
-// S·(1 - e^-τ), exactly; where several overlap, the shared part is cut into slabs.
-fn trace_fogs(pixel: vec2<u32>, ndc: vec2<f32>, t_max: f32, length: f32) -> Fog {
+// All fogs of a segment in front of `t_max`. Radiance of one fog with an even source S and optical depth
+// τ is S·(1 - e^-τ), exactly; where several overlap, or light differs from place to place, the
+// segment is cut into slabs.
+fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     var met = 0u;
     var last_met = 0u;
     var t_first = FAR;
-    var t_last = view.t_near;
-    for (var i = view.volume_first; i < volume_end(); i++) {
-        if volumes[i].kind != KIND_FOG || start_of(i, pixel) == FAR {
+    var t_last = segment.t_min;
+    for (var i = view.volume_first; i < end_of(segment); i++) {
+        if volumes[i].kind != KIND_FOG || start_of(segment, i, pixel) == FAR {
             continue;
         }
-        let course = volume_course(volumes[i], ndc, view.t_near, t_max);
+        let course = course_of(grids[volumes[i].grid], ray_of(segment, i, t_max));
         let walk = enter(course);
         if walk.inside && walk.t < t_max {
             met += 1u;
@@ -135,35 +169,186 @@ fn trace_fogs(pixel: vec2<u32>, ndc: vec2<f32>, t_max: f32, length: f32) -> Fog 
         }
     }
     var fog = Fog(vec3(0.0), 0.0, t_first);
-    if met == 1u {
-        let start = start_of(last_met, pixel);
-        fog.optical_depth =
-            optical_depth(volumes[last_met], ndc, start, view.t_near, t_max, length);
-        fog.radiance = source(volumes[last_met]) * (1.0 - exp(-fog.optical_depth));
-    } else if met > 1u {
-        for (var slab = 0u; slab < OVERLAP_SLABS; slab++) {
-            let t_low = mix(t_first, t_last, f32(slab) / f32(OVERLAP_SLABS));
-            let t_high = mix(t_first, t_last, f32(slab + 1u) / f32(OVERLAP_SLABS));
-            var depth = 0.0;
-            var weighted = vec3(0.0);
-            for (var i = view.volume_first; i < volume_end(); i++) {
-                if volumes[i].kind == KIND_FOG {
-                    let part = optical_depth(volumes[i], ndc, t_low, t_low, t_high, length);
-                    depth += part;
-                    weighted += part * source(volumes[i]);
-                }
+    if met == 0u {
+        return fog;
+    }
+#ifdef EVEN_LIGHT
+    let is_whole = met == 1u;
+#else
+    let is_whole = false;
+#endif
+    let slabs = select(select(SLABS_REFLECTED, SLABS, segment.is_view), 1u, is_whole);
+    let around = light_around();
+    for (var slab = 0u; slab < slabs && fog.optical_depth <= OPAQUE; slab++) {
+        var t_low = mix(t_first, t_last, f32(slab) / f32(slabs));
+        var t_high = mix(t_first, t_last, f32(slab + 1u) / f32(slabs));
+        var start = t_low;
+        if is_whole {
+            t_low = segment.t_min;
+            t_high = t_max;
+            start = start_of(segment, last_met, pixel);
+        }
+        var depth = 0.0;
+        var own = vec3(0.0);
+        var albedo = vec3(0.0);
+        for (var i = view.volume_first; i < end_of(segment); i++) {
+            if volumes[i].kind == KIND_FOG && (!is_whole || i == last_met) {
+                let part = optical_depth(segment, i, start, t_low, t_high);
+                depth += part;
+                own += part * volumes[i].emissive;
+                albedo += part * volumes[i].base_color;
             }
-            let mean_source = weighted / max(depth, 1e-30);
-            fog.radiance += exp(-fog.optical_depth) * (1.0 - exp(-depth)) * mean_source;
+        }
+        if depth > 0.0 {
+            let light = around + light_at(segment, pixel, 0.5 * (t_low + t_high));
+            let source = (own + albedo * light) / max(depth, 1e-30);
+            fog.radiance += exp(-fog.optical_depth) * (1.0 - exp(-depth)) * source;
             fog.optical_depth += depth;
-            if fog.optical_depth > OPAQUE {
-                break;
-            }
         }
     }
     return fog;
 }
+
+// The mean luminance of what surrounds everything.
+fn light_around() -> vec3<f32> {
+#ifdef LIT
+    return surroundings();
+#else
+    return vec3(0.0);
 #endif
+}
+
+// The mean luminance that lights make at a place on a segment.
+fn light_at(segment: Segment, pixel: vec2<u32>, t: f32) -> vec3<f32> {
+#ifdef LIT
+    let point = along(segment, t);
+    let coord = vec2<f32>(pixel + view.origin) + 0.5;
+    return scattered(Lit(world_position(point), vec3(0.0), coord, segment.is_view), point);
+#else
+    return vec3(0.0);
+#endif
+}
+#endif
+
+// What the view's ray finds.
+struct Found {
+    color: vec3<f32>,       // luminance, or what is shown instead
+    coverage: f32,
+    depth: f32,
+}
+
+#ifdef LIT
+#ifdef REFLECTIONS
+// Two numbers from 0 up to but not 1, of a pixel's own, that neighbours share evenly among them: the
+// fractional parts of multiples of the plastic number's powers, as Martin Roberts has it, on a noise of
+// Jorge Jimenez's.
+fn chance(pixel: vec2<u32>, bounce: u32) -> vec2<f32> {
+    let at = vec2<f32>(pixel) + 5.588238 * f32(bounce);
+    let noise = fract(52.9829189 * fract(dot(at, vec2(0.06711056, 0.00583715))));
+    return fract(noise + vec2(0.7548776662, 0.5698402910) * f32(bounce + 1u));
+}
+#endif
+
+// The light along the view's ray.
+fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
+    var found = Found(vec3(0.0), 0.0, NOTHING);
+    var segment = first;
+    var t_max = t_end;
+    // The part of what a segment brings that is seen, and what is seen if it meets nothing.
+    var part = vec3(1.0);
+    var if_nothing = vec3(0.0);
+    var seen = no_surface();
+    var roughness = 0.0;
+    for (var bounce = 0u; bounce <= view.reflections; bounce++) {
+        let surface = nearest_surface(segment, pixel, t_max);
+        t_max = select(t_max, surface.t, surface.found);
+        if surface.found && bounce == 0u {
+            seen = surface;
+            found.coverage = 1.0;
+            found.depth = depth_at(surface.t);
+        }
+#ifdef FOGS
+        let fog = trace_fogs(segment, pixel, t_max);
+        let transmittance = exp(-fog.optical_depth);
+#ifndef GLOSSY_ONLY
+        found.color += part * fog.radiance;
+#endif
+        part *= transmittance;
+        if_nothing *= transmittance;
+        if fog.optical_depth > 0.0 && bounce == 0u {
+            found.coverage = 1.0 - transmittance * (1.0 - found.coverage);
+            found.depth = select(found.depth, -1.0 - depth_at(fog.t_first), found.depth < 0.0);
+        }
+#endif
+        if !surface.found {
+            found.color += if_nothing;
+            break;
+        }
+        let point = leave(segment, surface);
+        let outwards = normal_of(surface);
+        let to_viewer = -normalize(segment.dir);
+        // Seen from within, a surface is lit from within.
+        let normal = select(outwards, -outwards, dot(outwards, to_viewer) < 0.0);
+        let coord = vec2<f32>(pixel + view.origin) + 0.5;
+        let at = Lit(world_position(along(segment, surface.t)), normal, coord, segment.is_view);
+        roughness = roughness_seen(surface.volume, roughness);
+        let shaded = shade(surface.volume, at, point, to_viewer, roughness);
+        found.color += part * shaded.light;
+        if_nothing = part * shaded.mirrored;
+        part *= shaded.mirror;
+#ifdef REFLECTIONS
+        // Less than a step of 16-bit floats beside 1.
+        if bounce < view.reflections && max(max(part.x, part.y), part.z) > 1.0 / 4096.0 {
+            let direction = reflected(roughness, normal, to_viewer, chance(pixel, bounce));
+            segment = Segment(point, direction, false, 0.0);
+            t_max = FAR;
+            continue;
+        }
+#endif
+        found.color += if_nothing;
+        break;
+    }
+    found.color = bordered(view.exposure * found.color, first, seen);
+    return found;
+}
+#else
+// What is shown of the surface that the view's ray meets.
+fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
+    var found = Found(vec3(0.0), 0.0, NOTHING);
+    let surface = nearest_surface(first, pixel, t_end);
+    if surface.found {
+        found.coverage = 1.0;
+        found.depth = depth_at(surface.t);
+#ifdef SHOW_NORMALS
+        found.color = 0.5 + 0.5 * normal_of(surface);
+#endif
+#ifdef SHOW_DEPTH
+        found.color = vec3(found.depth);
+#endif
+#ifdef SHOW_GRAY
+        found.color = vec3(gray(surface));
+#endif
+#ifdef SHOW_AXES
+        found.color = axis_shares(surface);
+#endif
+#ifdef SHOW_VOXELS
+        found.color = voxel_color(surface);
+#endif
+        found.color = bordered(found.color, first, surface);
+    }
+#ifdef COUNT_STEPS
+#ifdef FOGS
+    let t_max = select(t_end, surface.t, surface.found);
+    let fog = trace_fogs(first, pixel, t_max);
+#endif
+    if steps > 0u {
+        found.color = bordered(heat(f32(steps) / view.steps_scale), first, surface);
+        found.coverage = 1.0;
+        found.depth = select(found.depth, -1.0 - depth_at(view.t_near), found.depth < 0.0);
+    }
+#endif
+    return found;
+}
 
 #ifdef COUNT_STEPS
 // Light blue to red.
@@ -171,6 +356,26 @@ fn heat(x: f32) -> vec3<f32> {
     return mix(vec3(0.55, 0.8, 1.0), vec3(1.0, 0.0, 0.0), saturate(x));
 }
 #endif
+#endif
+
+// With the borders of the tree's nodes, where the camera shows them.
+fn bordered(color: vec3<f32>, segment: Segment, surface: Surface) -> vec3<f32> {
+#ifdef OVERLAYS
+    if surface.found {
+        return overlaid(color, segment, surface);
+    }
+#endif
+    return color;
+}
+
+// The same color with nothing infinite and no number that is none: lights may have them.
+fn finite(color: vec3<f32>) -> vec3<f32> {
+    let bits = bitcast<vec3<u32>>(color);
+    let is_finite = (bits & vec3(0x7f800000u)) != vec3(0x7f800000u);
+    let is_infinite = bits == vec3(0x7f800000u);
+    let whole = select(vec3(0.0), color, is_finite);
+    return clamp(select(whole, vec3(MAX_COLOR), is_infinite), vec3(0.0), vec3(MAX_COLOR));
+}
 
 @compute @workgroup_size(8, 8, 1)
 fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -178,83 +383,8 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(pixel >= view.size) {
         return;
     }
-    let ndc = ndc_of(pixel, view.size);
-    let world_dir = view.dir + ndc.x * view.dir_x + ndc.y * view.dir_y;
-
-    var t_max = min(scene_t(pixel), view.t_far);
-    var color = vec3(0.0);
-    var coverage = 0.0;
-    var depth = NOTHING;
-
-    var nearest = volume_end();
-    var normal = vec3(0.0);
-#ifdef SURFACES
-    var hit: Hit;
-    for (var i = view.volume_first; i < volume_end(); i++) {
-        let start = start_of(i, pixel);
-        if volumes[i].kind == KIND_SURFACE && start < t_max {
-            let course = volume_course(volumes[i], ndc, view.t_near, t_max);
-            let found = first_hit(grids[volumes[i].grid], course, enter_at(course, start));
-            if found.found {
-                nearest = i;
-                hit = found;
-                t_max = found.t;
-            }
-        }
-    }
-    if nearest < volume_end() {
-        let volume = volumes[nearest];
-        let course = volume_course(volume, ndc, view.t_near, t_max);
-        // Of a voxel, the face.
-        normal = surface_normal(volume, course, hit.axis, vec3(0.0));
-    }
-#endif
-#ifdef SMOOTH
-    for (var i = view.volume_first; i < volume_end(); i++) {
-        let volume = volumes[i];
-        let start = start_of(i, pixel);
-        if volume.kind == KIND_SMOOTH && start < t_max {
-            let course = volume_course(volume, ndc, view.t_near, t_max);
-            let enters = enter_at(course, start);
-            let found = first_root(grids[volume.grid], course, enters);
-            if found.found {
-                nearest = i;
-                t_max = found.t;
-                normal = surface_normal(volume, course, found.axis, found.gradient);
-            }
-        }
-    }
-#endif
-    if nearest < volume_end() {
-        let volume = volumes[nearest];
-        depth = depth_at(t_max);
-        coverage = 1.0;
-#ifdef SHOW_NORMALS
-        color = 0.5 + 0.5 * normal;
-#else ifdef SHOW_DEPTH
-        color = vec3(depth);
-#else
-        color = view.exposure * (volume.emissive + lambert(view, volume.base_color, normal));
-#endif
-    }
-
-#ifdef FOGS
-    let fog = trace_fogs(pixel, ndc, t_max, length(world_dir));
-    if fog.optical_depth > 0.0 {
-        let transmittance = exp(-fog.optical_depth);
-        color = view.exposure * fog.radiance + transmittance * color;
-        coverage = 1.0 - transmittance * (1.0 - coverage);
-        depth = select(depth, -1.0 - depth_at(fog.t_first), depth < 0.0);
-    }
-#endif
-
-#ifdef COUNT_STEPS
-    if steps > 0u {
-        color = heat(f32(steps) / view.steps_scale);
-        coverage = 1.0;
-        depth = select(depth, -1.0 - depth_at(view.t_near), depth < 0.0);
-    }
-#endif
-    textureStore(out_color, pixel, vec4(min(color, vec3(MAX_COLOR)), coverage));
-    textureStore(out_depth, pixel, vec4(depth, 0.0, 0.0, 0.0));
+    let first = view_segment(ndc_of(pixel, view.size));
+    let found = look(first, pixel, min(scene_t(pixel), view.t_far));
+    textureStore(out_color, pixel, vec4(finite(found.color), found.coverage));
+    textureStore(out_depth, pixel, vec4(found.depth, 0.0, 0.0, 0.0));
 }

@@ -49,11 +49,21 @@ struct Volume {
     kind: u32,
     normal_z: vec3<f32>,
     density_scale: f32,         // extinction per unit of density, per world unit
+    lattice_x: vec3<f32>,       // columns of the matrix from world directions to the lattice's
+    lattice_y: vec3<f32>,
+    perceptual_roughness: f32,
+    lattice_z: vec3<f32>,
+    metallic: f32,
     base_color: vec3<f32>,      // linear
+    reflectance: f32,
     emissive: vec3<f32>,        // linear, cd/m²
+    base: vec3<i32>,            // of local coordinates, modulo the 4,096 cells of the largest nodes
 }
 
-// A view and its light.
+// The most directional lights that a view has in Bevy.
+const MOST_SUNS: u32 = 10u;
+
+// A view.
 struct View {
     // t = -(x·depth + y) / (z·depth + w), from the value in the depth buffer
     t_from_depth: vec4<f32>,
@@ -65,14 +75,21 @@ struct View {
     t_far: f32,
     dir_y: vec3<f32>,
     exposure: f32,
-    sun_direction: vec3<f32>,   // world space, unit, towards the sun
+    eye: vec3<f32>,             // world space; where the rays begin, as in Rays
     volume_first: u32,          // of this view, in the volumes of all views
-    sun_illuminance: vec3<f32>, // lux on a surface that faces the sun
+    eye_x: vec3<f32>,
     volume_count: u32,
-    ambient: vec3<f32>,         // cd/m²
-    steps_scale: f32,           // steps shown as the hottest colour
+    eye_y: vec3<f32>,
+    volumes_beside: u32,        // after those, which the view does not see
     size: vec2<u32>,            // pixels of the viewport
     origin: vec2<u32>,          // of the viewport in the target
+    steps_scale: f32,           // steps shown as the hottest colour
+    reflections: u32,           // how many times a ray of the view is sent on
+    overlays: u32,              // bits: borders of leaves, and of the nodes above and above those
+    sun_count: u32,
+    // Directional lights that shine on volumes otherwise than on meshes: the direction to the light,
+    // as Bevy has it, and the factor.
+    suns: array<vec4<f32>, MOST_SUNS>,
 }
 
 // A ray in local lattice coordinates of one grid: p(t) = cell + frac + t·dir.

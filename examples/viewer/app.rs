@@ -18,7 +18,7 @@ use crate::select;
 /// With Bevy's default exposure, a white surface that faces this sun is just below white.
 pub const SUN_ILLUMINANCE: f32 = 3_000.0;
 
-/// Luminance of the sky all around, cd/m²: what a surface in the shade has.
+/// Luminance of the sky all around, cd/m².
 pub const SKY_LUMINANCE: f32 = 130.0;
 
 /// Towards the sun: over the left shoulder of the camera where nobody moves it.
@@ -76,7 +76,9 @@ pub fn camera(args: &Args) -> impl Bundle {
 /// A curve that leaves colours alone up to where they would burn out; numbers are shown as they are.
 pub fn tonemapping(mode: VdbRenderMode) -> Tonemapping {
     match mode {
-        VdbRenderMode::Lit => Tonemapping::KhronosPbrNeutral,
+        VdbRenderMode::Lit | VdbRenderMode::Diffuse | VdbRenderMode::Glossy => {
+            Tonemapping::KhronosPbrNeutral
+        }
         _ => Tonemapping::None,
     }
 }
@@ -111,7 +113,7 @@ fn load(assets: Res<AssetServer>, settings: Res<Settings>, mut status: ResMut<St
 fn light(mut commands: Commands) {
     let sun = DirectionalLight { illuminance: SUN_ILLUMINANCE, ..default() };
     let transform = Transform::default().looking_to(-TO_SUN.as_vec3(), Vec3::Y);
-    commands.spawn((sun, VdbSun::default(), transform));
+    commands.spawn((sun, transform));
 }
 
 /// Waits for the files; then spawns the volumes and looks at them.

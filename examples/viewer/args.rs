@@ -22,7 +22,8 @@ With a display, a window (drag to orbit, right button to pan, wheel to zoom); wi
   --eye X,Y,Z       where the camera stands, in the file's world [sees all]
   --target X,Y,Z    what it looks at [the middle of all]
   --fov DEGREES     vertical field of view [45]
-  --mode NAME       lit, normals, depth or steps (of the walk through the tree) [lit]
+  --mode NAME       lit, its parts diffuse and glossy, gray, rgb, voxels, normals, depth or steps (of
+                    the walk through the tree) [lit]
   --density X       fog: extinction per unit of density and of world length [1]
   --smooth          level sets smooth, rather than voxel by voxel
   --ground          a plane below and a ball beside the volumes, both meshes
@@ -103,8 +104,13 @@ impl Args {
 }
 
 /// Names as `--mode` has them.
-pub const MODES: [(&str, VdbRenderMode); 4] = [
+pub const MODES: [(&str, VdbRenderMode); 9] = [
     ("lit", VdbRenderMode::Lit),
+    ("diffuse", VdbRenderMode::Diffuse),
+    ("glossy", VdbRenderMode::Glossy),
+    ("gray", VdbRenderMode::Gray),
+    ("rgb", VdbRenderMode::Rgb),
+    ("voxels", VdbRenderMode::HitVoxel),
     ("normals", VdbRenderMode::Normals),
     ("depth", VdbRenderMode::Depth),
     ("steps", VdbRenderMode::Steps),
@@ -131,7 +137,8 @@ fn name(value: &OsStr) -> Result<String, String> {
 fn mode(value: &OsStr) -> Result<VdbRenderMode, String> {
     let name = text(value)?;
     let found = MODES.iter().find(|(known, _)| *known == name);
-    found.map(|(_, mode)| *mode).ok_or_else(|| "it is one of lit, normals, depth, steps".into())
+    let names = MODES.map(|(name, _)| name).join(", ");
+    found.map(|(_, mode)| *mode).ok_or_else(|| format!("it is one of {names}"))
 }
 
 fn size(value: &OsStr) -> Result<UVec2, String> {

@@ -5,7 +5,7 @@ use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::vdb_core::reference::Occupied;
 use bevy_vdb::vdb_core::reference::picture::{
-    Picture, Scene, SunLight, Volume, VolumeKind, render,
+    Look, Picture, Scene, SunLight, Volume, VolumeKind, render,
 };
 
 use crate::app::{BACKGROUND, SKY_LUMINANCE, SUN_ILLUMINANCE, Status, TO_SUN};
@@ -51,6 +51,10 @@ pub fn draw(app: &mut App, args: &Args) -> Result<Vec<[u8; 3]>, String> {
         background: BACKGROUND.to_vec4(),
         // As on the GPU.
         shadows: false,
+        look: Look::Standard {
+            perceptual_roughness: VdbMaterial::default().perceptual_roughness.into(),
+            reflectance: VdbMaterial::default().reflectance.into(),
+        },
     };
     let picture = render(&scene, &view.camera(), args.size);
     Ok(match args.mode {

@@ -1,6 +1,6 @@
 //! What the renderer takes from the app's world each frame.
 
-use bevy::camera::visibility::InheritedVisibility;
+use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::math::Affine3A;
 use bevy::prelude::*;
 use bevy::render::Extract;
@@ -14,6 +14,24 @@ use crate::{VdbGrid, VdbMaterial, VdbSun, VdbVolume};
 #[derive(Debug, Default, Resource)]
 pub(super) struct ExtractedVolumes(pub MainEntityHashMap<ExtractedVolume>);
 
+impl ExtractedVolumes {
+    /// The visible volumes of some layers that are not among those given, in an order of their own.
+    pub fn beside(&self, seen: &[MainEntity], layers: &RenderLayers) -> Vec<MainEntity> {
+        let all = self.0.iter();
+        let mut beside: Vec<_> = all
+            .filter(|(entity, volume)| {
+                volume.visible
+                    && volume.packed.occupied.is_some()
+                    && volume.layers.intersects(layers)
+                    && seen.binary_search(entity).is_err()
+            })
+            .map(|(entity, _)| *entity)
+            .collect();
+        beside.sort_unstable();
+        beside
+    }
+}
+
 #[derive(Clone, Debug)]
 pub(super) struct ExtractedVolume {
     pub grid: AssetId<VdbGrid>,
@@ -23,15 +41,27 @@ pub(super) struct ExtractedVolume {
     pub world_from_local: Affine3A,
     pub local_from_index: bevy::math::DAffine3,
     pub material: VdbMaterial,
+    /// Whether it is to be shown, in the picture or not.
+    pub visible: bool,
+    pub layers: RenderLayers,
 }
 
 pub(super) fn extract_volumes(
-    volumes: Extract<Query<(Entity, &VdbVolume, &GlobalTransform, &VdbMaterial)>>,
+    volumes: Extract<
+        Query<(
+            Entity,
+            &VdbVolume,
+            &GlobalTransform,
+            &VdbMaterial,
+            &InheritedVisibility,
+            Option<&RenderLayers>,
+        )>,
+    >,
     grids: Extract<Res<Assets<VdbGrid>>>,
     mut extracted: ResMut<ExtractedVolumes>,
 ) {
     extracted.0.clear();
-    for (entity, volume, transform, material) in &volumes {
+    for (entity, volume, transform, material, visible, layers) in &volumes {
         let Some(grid) = grids.get(&volume.0) else { continue };
         let volume = ExtractedVolume {
             grid: volume.0.id(),
@@ -40,61 +70,51 @@ pub(super) fn extract_volumes(
             world_from_local: transform.affine(),
             local_from_index: grid.world_from_index(),
             material: material.clone(),
+            visible: visible.get(),
+            layers: layers.cloned().unwrap_or_default(),
         };
         extracted.0.insert(MainEntity::from(entity), volume);
     }
 }
 
-/// The light that volumes are lit by.
-#[derive(Clone, Copy, Debug, Default, Resource)]
-pub(super) struct ExtractedSun {
-    /// World space, unit, towards the sun; zero without a sun.
-    pub direction: Vec3,
-    /// Linear colour times illuminance, in lux.
-    pub illuminance: Vec3,
-}
+/// The directional lights that shine on volumes otherwise than on meshes: the direction to each in world
+/// space, to the bit as Bevy has it, and the factor.
+#[derive(Clone, Debug, Default, Resource)]
+pub(super) struct ExtractedSuns(pub Vec<(Vec3, f32)>);
 
-pub(super) fn extract_sun(
+pub(super) fn extract_suns(
     lights: Extract<
-        Query<(&DirectionalLight, &GlobalTransform, Option<&VdbSun>, &InheritedVisibility)>,
+        Query<(&GlobalTransform, &VdbSun, &InheritedVisibility), With<DirectionalLight>>,
     >,
-    mut extracted: ResMut<ExtractedSun>,
+    mut extracted: ResMut<ExtractedSuns>,
 ) {
-    // A light marked as the sun comes before all others, then the brightest.
-    let sun = lights.iter().filter(|(.., visible)| visible.get()).max_by(|a, b| {
-        let rank = |(light, _, sun, _): &(&DirectionalLight, _, Option<&VdbSun>, _)| {
-            (sun.is_some(), light.illuminance)
-        };
-        let (a, b) = (rank(a), rank(b));
-        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
-    });
-    *extracted = sun.map_or_else(ExtractedSun::default, |(light, transform, sun, _)| {
-        let intensity = non_negative(sun.map_or(1.0, |sun| sun.intensity));
-        ExtractedSun {
-            direction: transform.back().as_vec3(),
-            illuminance: light.color.to_linear().to_vec3()
-                * non_negative(light.illuminance)
-                * intensity,
-        }
-    });
+    let suns = lights.iter().filter(|(_, sun, visible)| visible.get() && sun.intensity != 1.0);
+    extracted.0.clear();
+    extracted.0.extend(
+        suns.map(|(transform, sun, _)| (transform.back().into(), non_negative(sun.intensity))),
+    );
 }
 
-/// Ambient luminance that a camera's picture has, linear, in cd/m²: a component of render entities.
-#[derive(Clone, Copy, Component, Debug, Default)]
-pub(super) struct ExtractedAmbient(pub Vec3);
+/// The environment maps of a camera: a component of render entities.
+#[derive(Clone, Copy, Component, Debug, PartialEq)]
+pub(super) struct ExtractedEnvironment {
+    pub diffuse: AssetId<Image>,
+    pub specular: AssetId<Image>,
+}
 
-pub(super) fn extract_ambient(
+pub(super) fn extract_environments(
     mut commands: Commands,
-    global: Extract<Option<Res<GlobalAmbientLight>>>,
-    cameras: Extract<Query<(RenderEntity, Option<&AmbientLight>), With<Camera3d>>>,
+    cameras: Extract<Query<(RenderEntity, Option<&EnvironmentMapLight>), With<Camera3d>>>,
 ) {
-    let luminance =
-        |color: Color, brightness: f32| color.to_linear().to_vec3() * non_negative(brightness);
-    let global =
-        global.as_ref().map_or(Vec3::ZERO, |light| luminance(light.color, light.brightness));
-    for (entity, own) in &cameras {
-        let ambient = own.map_or(global, |light| luminance(light.color, light.brightness));
-        commands.entity(entity).insert(ExtractedAmbient(ambient));
+    for (entity, maps) in &cameras {
+        let mut entity = commands.entity(entity);
+        match maps {
+            Some(maps) => entity.insert(ExtractedEnvironment {
+                diffuse: maps.diffuse_map.id(),
+                specular: maps.specular_map.id(),
+            }),
+            None => entity.remove::<ExtractedEnvironment>(),
+        };
     }
 }
 

@@ -19,13 +19,24 @@ pub(crate) struct Volume {
     pub kind: u32,
     pub normal_z: [f32; 3],
     pub density_scale: f32,
+    pub lattice_x: [f32; 3],
+    pub pad_x: f32,
+    pub lattice_y: [f32; 3],
+    pub perceptual_roughness: f32,
+    pub lattice_z: [f32; 3],
+    pub metallic: f32,
     pub base_color: [f32; 3],
-    pub pad: f32,
+    pub reflectance: f32,
     pub emissive: [f32; 3],
-    pub pad_end: f32,
+    pub pad_0: f32,
+    pub base: [i32; 3],
+    pub pad_1: f32,
 }
 
-/// A view and its light.
+/// Directional lights that a view has at most, as Bevy has it.
+pub(crate) const MOST_SUNS: usize = 10;
+
+/// A view.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct View {
@@ -37,14 +48,19 @@ pub(crate) struct View {
     pub t_far: f32,
     pub dir_y: [f32; 3],
     pub exposure: f32,
-    pub sun_direction: [f32; 3],
+    pub eye: [f32; 3],
     pub volume_first: u32,
-    pub sun_illuminance: [f32; 3],
+    pub eye_x: [f32; 3],
     pub volume_count: u32,
-    pub ambient: [f32; 3],
-    pub steps_scale: f32,
+    pub eye_y: [f32; 3],
+    pub volumes_beside: u32,
     pub size: [u32; 2],
     pub origin: [u32; 2],
+    pub steps_scale: f32,
+    pub reflections: u32,
+    pub overlays: u32,
+    pub sun_count: u32,
+    pub suns: [[f32; 4]; MOST_SUNS],
 }
 
 /// Where the traced picture goes in the target.
@@ -120,11 +136,12 @@ mod tests {
         let rays = fields!(GpuRays: eye_cell, eye_frac, eye_x, eye_y, dir, dir_rest, dir_x, dir_y);
         check(&module, "Rays", size_of::<GpuRays>(), &rays);
         let volume = fields!(Volume: rays, normal_x, grid, normal_y, kind, normal_z,
-            density_scale, base_color, emissive);
+            density_scale, lattice_x, lattice_y, perceptual_roughness, lattice_z, metallic,
+            base_color, reflectance, emissive, base);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
-            exposure, sun_direction, volume_first, sun_illuminance, volume_count, ambient,
-            steps_scale, size, origin);
+            exposure, eye, volume_first, eye_x, volume_count, eye_y, volumes_beside, size, origin,
+            steps_scale, reflections, overlays, sun_count, suns);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

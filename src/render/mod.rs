@@ -5,17 +5,19 @@ mod composite;
 mod extract;
 mod gpu_data;
 mod gpu_tree;
+mod lights;
 mod pipeline;
 mod prepare;
 mod shaders;
 mod trace;
+mod volume;
 mod warnings;
 
 use bevy::core_pipeline::core_3d::{
     main_opaque_pass_3d, main_transparent_pass_3d, prepare_core_3d_depth_textures,
 };
 use bevy::core_pipeline::schedule::{Core3d, Core3dSystems};
-use bevy::pbr::main_transmissive_pass_3d;
+use bevy::pbr::{MeshPipelineSystems, main_transmissive_pass_3d};
 use bevy::prelude::*;
 use bevy::render::render_resource::{SpecializedComputePipelines, SpecializedRenderPipelines};
 use bevy::render::{
@@ -45,17 +47,17 @@ pub(crate) fn build(app: &mut App) {
     render_app
         .insert_resource(usage)
         .init_resource::<extract::ExtractedVolumes>()
-        .init_resource::<extract::ExtractedSun>()
+        .init_resource::<extract::ExtractedSuns>()
         .init_resource::<warnings::Warned>()
         .init_gpu_resource::<VdbTreePool>()
         .init_gpu_resource::<prepare::VolumeBuffer>()
         .init_gpu_resource::<SpecializedComputePipelines<BeamsPipeline>>()
         .init_gpu_resource::<SpecializedComputePipelines<TracePipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<CompositePipeline>>()
-        .add_systems(RenderStartup, pipeline::init)
+        .add_systems(RenderStartup, pipeline::init.after(MeshPipelineSystems))
         .add_systems(
             ExtractSchedule,
-            (extract::extract_volumes, extract::extract_sun, extract::extract_ambient),
+            (extract::extract_volumes, extract::extract_suns, extract::extract_environments),
         )
         .add_systems(
             Render,

@@ -3,6 +3,7 @@
 use bevy::core_pipeline::FullscreenShader;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
 use bevy::core_pipeline::tonemapping::{Tonemapping, get_lut_bind_group_layout_entries};
+use bevy::pbr::MeshPipeline;
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{
     storage_buffer_read_only_sized, storage_buffer_sized, texture_2d, texture_depth_2d,
@@ -19,6 +20,7 @@ use bevy::render::render_resource::{
 use bevy::render::view::ViewUniform;
 use bevy::shader::ShaderDefVal;
 
+use super::lights::{LightKey, LightLayouts};
 use super::shaders::Shaders;
 use crate::{VdbRenderMode, VdbTraversal};
 
@@ -33,6 +35,7 @@ pub(super) struct ViewPipelines {
     /// Where the view sees fog.
     pub fog: Option<CachedRenderPipelineId>,
     pub multisampled: bool,
+    pub lights: Option<LightKey>,
     pub tonemaps: bool,
 }
 
@@ -41,10 +44,12 @@ pub(super) fn init(
     mut commands: Commands,
     assets: Res<AssetServer>,
     fullscreen: Res<FullscreenShader>,
+    meshes: Res<MeshPipeline>,
 ) {
     let shaders = Shaders::load(&assets);
-    commands.insert_resource(BeamsPipeline::new(&shaders));
-    commands.insert_resource(TracePipeline::new(&shaders));
+    let lights = LightLayouts::new(&meshes);
+    commands.insert_resource(BeamsPipeline::new(&shaders, &lights));
+    commands.insert_resource(TracePipeline::new(&shaders, &lights));
     commands.insert_resource(CompositePipeline::new(&shaders, fullscreen.clone()));
 }
 
@@ -52,11 +57,12 @@ pub(super) fn init(
 #[derive(Debug, Resource)]
 pub(super) struct BeamsPipeline {
     shaders: Shaders,
+    lights: LightLayouts,
     pub layout: BindGroupLayoutDescriptor,
 }
 
 impl BeamsPipeline {
-    fn new(shaders: &Shaders) -> Self {
+    fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
         let read = || storage_buffer_read_only_sized(false, None);
         let entries = BindGroupLayoutEntries::with_indices(
             ShaderStages::COMPUTE,
@@ -71,7 +77,7 @@ impl BeamsPipeline {
             ),
         );
         let layout = BindGroupLayoutDescriptor::new("vdb_beams", &entries);
-        Self { shaders: shaders.clone(), layout }
+        Self { shaders: shaders.clone(), lights: lights.clone(), layout }
     }
 }
 
@@ -82,7 +88,7 @@ impl SpecializedComputePipeline for BeamsPipeline {
     fn specialize(&self, page_bits: Option<u32>) -> ComputePipelineDescriptor {
         ComputePipelineDescriptor {
             label: Some("vdb_beams".into()),
-            layout: vec![self.layout.clone()],
+            layout: layouts(&self.lights, None, &self.layout),
             shader: self.shaders.beams.clone(),
             shader_defs: page_defs(page_bits),
             entry_point: Some("beams".into()),
@@ -97,9 +103,22 @@ fn page_defs(bits: Option<u32>) -> Vec<ShaderDefVal> {
     })
 }
 
+/// Bevy's groups, then the crate's own, which is number [`GROUP`].
+fn layouts(
+    lights: &LightLayouts,
+    key: Option<LightKey>,
+    own: &BindGroupLayoutDescriptor,
+) -> Vec<BindGroupLayoutDescriptor> {
+    lights.groups(key).into_iter().chain([own]).cloned().collect()
+}
+
+/// The group of the crate's own bindings in compute shaders.
+pub(super) const GROUP: u32 = 2;
+
 #[derive(Debug, Resource)]
 pub(super) struct TracePipeline {
     shaders: Shaders,
+    pub lights: LightLayouts,
     /// Without and with multisampling, each without and with beams.
     layouts: [[BindGroupLayoutDescriptor; 2]; 2],
 }
@@ -118,10 +137,15 @@ pub(super) struct TraceKey {
     pub page_bits: Option<u32>,
     pub traversal: VdbTraversal,
     pub mode: VdbRenderMode,
+    /// Of modes that have light in them.
+    pub lights: Option<LightKey>,
+    pub reflections: bool,
+    /// Borders of nodes.
+    pub overlays: bool,
 }
 
 impl TracePipeline {
-    fn new(shaders: &Shaders) -> Self {
+    fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
         let layout = |multisampled: bool, beams: bool| {
             let storage = || storage_buffer_read_only_sized(false, None);
             let depth =
@@ -148,7 +172,7 @@ impl TracePipeline {
         };
         let layouts =
             [false, true].map(|samples| [false, true].map(|beams| layout(samples, beams)));
-        Self { shaders: shaders.clone(), layouts }
+        Self { shaders: shaders.clone(), lights: lights.clone(), layouts }
     }
 
     pub fn layout(&self, multisampled: bool, beams: bool) -> &BindGroupLayoutDescriptor {
@@ -169,18 +193,25 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.traversal == VdbTraversal::March, "MARCH"),
             (matches!(key.traversal, VdbTraversal::March | VdbTraversal::Dda), "DDA"),
             (key.traversal == VdbTraversal::Hdda, "HDDA"),
+            (key.mode.is_lit(), "LIT"),
+            (key.mode == VdbRenderMode::Diffuse, "DIFFUSE_ONLY"),
+            (key.mode == VdbRenderMode::Glossy, "GLOSSY_ONLY"),
+            (key.mode == VdbRenderMode::Gray, "SHOW_GRAY"),
+            (key.mode == VdbRenderMode::Rgb, "SHOW_AXES"),
+            (key.mode == VdbRenderMode::HitVoxel, "SHOW_VOXELS"),
+            (key.reflections, "REFLECTIONS"),
+            (key.overlays, "OVERLAYS"),
             (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
             (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),
             (key.mode == VdbRenderMode::Steps, "COUNT_STEPS"),
         ];
+        let own = defs.into_iter().filter(|(on, _)| *on).map(|(_, def)| def.into());
+        let lights = key.lights.into_iter().flat_map(|key| key.shader_defs(&self.lights));
         ComputePipelineDescriptor {
             label: Some("vdb_trace".into()),
-            layout: vec![self.layout(key.multisampled, key.beams).clone()],
+            layout: layouts(&self.lights, key.lights, self.layout(key.multisampled, key.beams)),
             shader: self.shaders.trace.clone(),
-            shader_defs: (defs.into_iter().filter(|(on, _)| *on))
-                .map(|(_, def)| def.into())
-                .chain(page_defs(key.page_bits))
-                .collect(),
+            shader_defs: own.chain(lights).chain(page_defs(key.page_bits)).collect(),
             entry_point: Some("trace".into()),
             ..default()
         }

@@ -4,11 +4,13 @@
 use std::any::TypeId;
 
 use bevy::camera::MainPassResolutionOverride;
+use bevy::camera::visibility::RenderLayers;
 use bevy::core_pipeline::tonemapping::{
     DebandDither, Tonemapping, TonemappingLuts, get_lut_bindings,
 };
 use bevy::image::ToExtents;
-use bevy::math::{DAffine3, DMat3};
+use bevy::light::ShadowFilteringMethod;
+use bevy::math::DAffine3;
 use bevy::prelude::*;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::render_asset::RenderAssets;
@@ -24,18 +26,17 @@ use bevy::render::view::{
     ExtractedView, Msaa, RenderVisibleEntities, ViewDepthTexture, ViewUniforms,
 };
 
-use super::extract::{
-    ExtractedAmbient, ExtractedSun, ExtractedVolume, ExtractedVolumes, non_negative,
-};
+use super::extract::{ExtractedEnvironment, ExtractedSuns, ExtractedVolumes, non_negative};
 use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
+use super::lights::{AllLights, LightBindGroups, Lights, ViewLights};
 use super::pipeline::{
     BeamsPipeline, CompositeKey, CompositePipeline, ToneKey, TraceKey, TracePipeline, ViewPipelines,
 };
-use super::warnings::{Trouble, Warned};
-use crate::{VdbCamera, VdbRenderMode, VdbTraversal, VdbVolume};
-use vdb_core::pack::PackKind;
-use vdb_core::view::{CannotShow, GpuRays, LatticeRays, ViewRays};
+use super::volume::{affine, volume_data};
+use super::warnings::Warned;
+use crate::{VdbCamera, VdbOverlays, VdbRenderMode, VdbTraversal, VdbVolume};
+use vdb_core::view::ViewRays;
 
 /// The volumes of all views of the frame.
 #[derive(Resource)]
@@ -78,10 +79,21 @@ impl ViewResources {
     }
 }
 
+/// How often a ray is sent on, at most.
+const MOST_REFLECTIONS: u32 = 16;
+/// What turns luminance into the camera's values. Infinities are not for WGSL: with this and what
+/// materials are capped to, products stay within f32.
+const MOST_EXPOSURE: f32 = 1e12;
+/// Of a sun's illuminance.
+const MOST_FACTOR: f32 = 1e6;
+
 /// On views that see at least one volume: what the passes bind.
 #[derive(Component, Debug)]
 pub(super) struct ViewBindGroups {
     pub beams: Option<BindGroup>,
+    /// Bevy's groups for the beams, which need nothing of it.
+    pub nothing: LightBindGroups,
+    pub lights: LightBindGroups,
     pub trace: BindGroup,
     pub composite: BindGroup,
 }
@@ -134,7 +146,8 @@ type ViewData<'a> = (
     &'a ExtractedCamera,
     Option<&'a VdbCamera>,
     &'a Msaa,
-    Option<&'a ExtractedAmbient>,
+    Option<&'a RenderLayers>,
+    (Option<&'a ShadowFilteringMethod>, Option<&'a ExtractedEnvironment>),
     Option<&'a TemporalJitter>,
     Option<&'a MainPassResolutionOverride>,
     Option<&'a Tonemapping>,
@@ -147,7 +160,8 @@ pub(super) fn prepare_views(
     mut commands: Commands,
     views: Query<ViewData>,
     volumes: Res<ExtractedVolumes>,
-    sun: Res<ExtractedSun>,
+    suns: Res<ExtractedSuns>,
+    lights: Lights,
     pool: Res<VdbTreePool>,
     mut volume_buffer: ResMut<VolumeBuffer>,
     mut warned: ResMut<Warned>,
@@ -171,7 +185,8 @@ pub(super) fn prepare_views(
         camera,
         settings,
         msaa,
-        ambient,
+        layers,
+        (shadow_filter, environment),
         jitter,
         resolution,
         tonemapping,
@@ -187,44 +202,51 @@ pub(super) fn prepare_views(
         }
         let rays = ViewRays::new(clip_from_view.as_dmat4());
         let world_from_view = affine(view.world_from_view.affine());
-        let first = volume_buffer.0.len() as u32;
-        let mut kinds = [false; 3];
+        let lights = settings
+            .mode
+            .is_lit()
+            .then(|| lights.key(settings.shadows, shadow_filter, environment));
+        // Of what is only diffuse, no ray sees a reflection.
+        let mirrors = matches!(settings.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
+        let reflections = if mirrors { settings.reflections.min(MOST_REFLECTIONS) } else { 0 };
+        let data = |entity: &MainEntity, warned: Option<&mut Warned>| {
+            let volume = volumes.0.get(entity)?;
+            let view = (rays.as_ref()?, world_from_view, size.x);
+            volume_data(*entity, volume, pool.index(volume.grid)?, view, warned)
+        };
+        let first = volume_buffer.0.len();
         for entity in &seen.0 {
-            let (Some(volume), Some(rays)) = (volumes.0.get(entity), &rays) else { continue };
-            let Some(index) = pool.index(volume.grid) else { continue };
-            let lattice = lattice_rays(volume, rays, world_from_view);
-            let trouble = match &lattice {
-                Ok(rays) => rays.is_coarse(size.x).then_some(Trouble::Coarse),
-                Err(why) => Some(Trouble::NotShown(*why)),
-            };
-            if let Some(trouble) = trouble
-                && let Some(text) = warned.note(*entity, &volume.name, trouble)
-            {
-                warn!("{text}");
-            }
-            if let Ok(rays) = lattice {
-                let data = volume_data(volume, index, &rays);
-                kinds[data.kind as usize] = true;
-                volume_buffer.0.push(data);
-            }
+            volume_buffer.0.extend(data(entity, Some(&mut warned)));
         }
-        let count = volume_buffer.0.len() as u32 - first;
-        let (Some(rays), true) = (rays, count > 0 && size.min_element() > 0) else {
+        let count = volume_buffer.0.len() - first;
+        let has = |kind| volume_buffer.0.values()[first..].iter().any(|volume| volume.kind == kind);
+        let shows = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(has);
+        let (Some(view_rays), true) = (&rays, count > 0 && size.min_element() > 0) else {
             commands.entity(entity).remove::<(ViewResources, ViewBindGroups, ViewPipelines)>();
             continue;
         };
+        // What the view does not see may throw shadows into the picture, or be reflected there.
+        if lights.is_some_and(|key| key.shadows.is_some()) || reflections > 0 {
+            let layers = layers.cloned().unwrap_or_default();
+            for entity in volumes.beside(&seen.0, &layers) {
+                volume_buffer.0.extend(data(&entity, None));
+            }
+        }
+        let beside = volume_buffer.0.len() - first - count;
+        let has = |kind| volume_buffer.0.values()[first..].iter().any(|volume| volume.kind == kind);
+        let traces = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(has);
         let origin = view.viewport.xy();
         let data = gpu_data::View {
-            sun_direction: sun.direction.to_array(),
-            sun_illuminance: light(sun.illuminance),
-            ambient: light(ambient.map_or(Vec3::ZERO, |ambient| ambient.0)),
             exposure: non_negative(camera.exposure).min(MOST_EXPOSURE),
-            volume_first: first,
-            volume_count: count,
-            steps_scale: non_negative(settings.steps_scale).max(1.0),
+            volume_first: first as u32,
+            volume_count: count as u32,
+            volumes_beside: beside as u32,
             size: size.to_array(),
             origin: origin.to_array(),
-            ..view_data(&rays, world_from_view)
+            steps_scale: non_negative(settings.steps_scale).max(1.0),
+            reflections,
+            overlays: overlay_bits(settings.overlays),
+            ..view_data(view_rays, world_from_view, &suns)
         };
         let buffer = |label, contents: &[u8]| {
             device.create_buffer_with_data(&BufferInitDescriptor {
@@ -249,12 +271,10 @@ pub(super) fn prepare_views(
                 },
             )
         };
-        let [has_voxels, has_fogs, has_smooth] = kinds;
-        // Normals and depth are those of surfaces: fog is neither traced nor compiled for them.
-        let no_fog = matches!(settings.mode, VdbRenderMode::Normals | VdbRenderMode::Depth);
-        let has_fogs = has_fogs && !no_fog;
+        // Other modes are about surfaces: fog is neither traced nor compiled for them.
+        let with_fog = settings.mode.is_lit() || settings.mode == VdbRenderMode::Steps;
         let tiles = ((size + TILE - 1) / TILE).as_u64vec2().element_product();
-        let starts = tiles * u64::from(count);
+        let starts = tiles * count as u64;
         let beams = settings.traversal == VdbTraversal::HddaSdf && starts <= MAX_STARTS;
         let starts = beams.then(|| {
             let kept = before.and_then(|before| before.starts.clone());
@@ -269,7 +289,7 @@ pub(super) fn prepare_views(
         });
         let resources = ViewResources {
             starts,
-            volumes: count,
+            volumes: count as u32,
             view: buffer("vdb_view", bytemuck::bytes_of(&data)),
             placement: buffer("vdb_placement", bytemuck::bytes_of(&placement)),
             color: texture("vdb_color", TextureFormat::Rgba16Float),
@@ -278,13 +298,16 @@ pub(super) fn prepare_views(
         };
         let trace_key = TraceKey {
             multisampled: msaa.samples() > 1,
-            surfaces: has_voxels,
-            smooth: has_smooth,
-            fogs: has_fogs,
+            surfaces: traces[0],
+            smooth: traces[1],
+            fogs: traces[2] && with_fog,
             beams,
             page_bits: pool.page_bits(),
             traversal: settings.traversal,
             mode: settings.mode,
+            lights,
+            reflections: reflections > 0,
+            overlays: settings.overlays != VdbOverlays::default(),
         };
         let tone = (!camera.hdr).then(|| ToneKey {
             tonemapping: tonemapping.copied().unwrap_or(Tonemapping::None),
@@ -304,15 +327,16 @@ pub(super) fn prepare_views(
             )
         };
         // Steps are shown where no surface is, too.
-        let alone = has_fogs || settings.mode == VdbRenderMode::Steps;
+        let alone = (shows[2] && with_fog) || settings.mode == VdbRenderMode::Steps;
         let pipelines = ViewPipelines {
             beams: beams.then(|| {
                 beams_pipelines.specialize(&pipeline_cache, &beams_pipeline, pool.page_bits())
             }),
             trace: trace_pipelines.specialize(&pipeline_cache, &trace_pipeline, trace_key),
-            surface: (has_voxels || has_smooth).then(|| composite(false)),
+            surface: (shows[0] || shows[1]).then(|| composite(false)),
             fog: alone.then(|| composite(true)),
             multisampled: trace_key.multisampled,
+            lights,
             tonemaps: composite_key(false).tone.is_some(),
         };
         commands.entity(entity).insert((resources, pipelines));
@@ -321,18 +345,11 @@ pub(super) fn prepare_views(
     volume_buffer.0.write_buffer(&device, &queue);
 }
 
-fn affine(m: bevy::math::Affine3A) -> DAffine3 {
-    DAffine3 {
-        matrix3: DMat3::from_cols(
-            m.matrix3.x_axis.as_dvec3(),
-            m.matrix3.y_axis.as_dvec3(),
-            m.matrix3.z_axis.as_dvec3(),
-        ),
-        translation: m.translation.as_dvec3(),
+fn view_data(rays: &ViewRays, world_from_view: DAffine3, suns: &ExtractedSuns) -> gpu_data::View {
+    let mut own = [[0.0; 4]; gpu_data::MOST_SUNS];
+    for (own, (direction, factor)) in own.iter_mut().zip(&suns.0) {
+        *own = direction.extend(factor.min(MOST_FACTOR)).to_array();
     }
-}
-
-fn view_data(rays: &ViewRays, world_from_view: DAffine3) -> gpu_data::View {
     let world = |v| world_from_view.transform_vector3(v).as_vec3().to_array();
     gpu_data::View {
         t_from_depth: rays.t_from_depth.map(|x| x as f32),
@@ -340,63 +357,33 @@ fn view_data(rays: &ViewRays, world_from_view: DAffine3) -> gpu_data::View {
         dir: world(rays.dir),
         dir_x: world(rays.dir_x),
         dir_y: world(rays.dir_y),
+        eye: world_from_view.transform_point3(rays.eye).as_vec3().to_array(),
+        eye_x: world(rays.eye_x),
+        eye_y: world(rays.eye_y),
         t_near: rays.t_near as f32,
         t_far: rays.t_far as f32,
+        suns: own,
+        sun_count: suns.0.len().min(gpu_data::MOST_SUNS) as u32,
         ..default()
     }
 }
 
-fn lattice_rays(
-    volume: &ExtractedVolume,
-    rays: &ViewRays,
-    world_from_view: DAffine3,
-) -> Result<LatticeRays, CannotShow> {
-    let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
-    LatticeRays::new(rays, world_from_view, world_from_index, &volume.packed)
-}
-
-// What a shader computes with must not exceed f32, which it may assume: infinities are not for WGSL.
-// With these, albedo · light · exposure stays below 10³⁵. No picture shows the difference.
-
-/// Luminance and illuminance; the sun's surface has 2·10⁹ cd/m².
-const MOST_LIGHT: f32 = 1e15;
-/// Albedo: one above 1 is not physical, but Bevy's colours allow it.
-const MOST_ALBEDO: f32 = 1e6;
-/// What turns luminance into the camera's values.
-const MOST_EXPOSURE: f32 = 1e12;
-/// Extinction per unit of density.
-const MOST_EXTINCTION: f32 = 1e30;
-
-fn light(color: Vec3) -> [f32; 3] {
-    color.to_array().map(|c| non_negative(c).min(MOST_LIGHT))
-}
-
-fn volume_data(volume: &ExtractedVolume, grid: u32, rays: &LatticeRays) -> gpu_data::Volume {
-    let material = &volume.material;
-    let base_color = material.base_color.to_linear().to_vec3().to_array();
-    let kind = match volume.packed.kind {
-        PackKind::Surface { .. } => gpu_data::KIND_SURFACE,
-        PackKind::Smooth { .. } => gpu_data::KIND_SMOOTH,
-        PackKind::Fog => gpu_data::KIND_FOG,
-    };
-    gpu_data::Volume {
-        rays: GpuRays::from(rays),
-        grid,
-        kind,
-        density_scale: non_negative(material.density_scale).min(MOST_EXTINCTION),
-        normal_x: rays.normal.x_axis.as_vec3().to_array(),
-        normal_y: rays.normal.y_axis.as_vec3().to_array(),
-        normal_z: rays.normal.z_axis.as_vec3().to_array(),
-        base_color: base_color.map(|c| non_negative(c).min(MOST_ALBEDO)),
-        emissive: light(material.emissive.to_vec3()),
-        ..default()
-    }
+fn overlay_bits(overlays: VdbOverlays) -> u32 {
+    u32::from(overlays.leaves) | u32::from(overlays.lower) << 1 | u32::from(overlays.upper) << 2
 }
 
 /// Binds what the passes read and write.
 pub(super) fn prepare_bind_groups(
     mut commands: Commands,
-    views: Query<(Entity, &ViewResources, &ViewPipelines, &ViewDepthTexture, Option<&Tonemapping>)>,
+    views: Query<(
+        Entity,
+        &ViewResources,
+        &ViewPipelines,
+        &ViewDepthTexture,
+        Option<&Tonemapping>,
+        Option<ViewLights>,
+    )>,
+    all_lights: AllLights,
     pool: Res<VdbTreePool>,
     volumes: Res<VolumeBuffer>,
     (beams, trace, composite): (Res<BeamsPipeline>, Res<TracePipeline>, Res<CompositePipeline>),
@@ -411,7 +398,12 @@ pub(super) fn prepare_bind_groups(
 ) {
     let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
     let [page_a, page_b, page_c] = pool.pages();
-    for (entity, resources, pipelines, depth, tonemapping) in &views {
+    for (entity, resources, pipelines, depth, tonemapping, view_lights) in &views {
+        let key = pipelines.lights;
+        let bind = |key, view| all_lights.bind(key, &trace.lights, view, &device, &pipeline_cache);
+        let (Some(lights), Some(nothing)) = (bind(key, view_lights), bind(None, None)) else {
+            continue;
+        };
         let mut trace_entries = DynamicBindGroupEntries::sequential((
             pool.grids.as_entire_binding(),
             page_a.as_entire_binding(),
@@ -463,6 +455,6 @@ pub(super) fn prepare_bind_groups(
             &pipeline_cache.get_bind_group_layout(composite.layout(pipelines.tonemaps)),
             &entries,
         );
-        commands.entity(entity).insert(ViewBindGroups { beams, trace, composite });
+        commands.entity(entity).insert(ViewBindGroups { beams, nothing, lights, trace, composite });
     }
 }

@@ -14,9 +14,24 @@ macro_rules! shaders {
 }
 
 /// Modules that others import.
-const IMPORTS: [(&str, &[u8]); 13] = shaders![
-    "types", "bindings", "rays", "tree", "samples", "exact", "hdda", "beam", "anchor", "smooth",
-    "fog", "lights", "surface"
+const IMPORTS: [(&str, &[u8]); 17] = shaders![
+    "types",
+    "bindings",
+    "rays",
+    "tree",
+    "samples",
+    "exact",
+    "hdda",
+    "beam",
+    "anchor",
+    "smooth",
+    "fog",
+    "scene",
+    "segment",
+    "surface",
+    "occlusion",
+    "lights",
+    "show"
 ];
 /// What runs.
 const PROGRAMS: [(&str, &[u8]); 3] = shaders!["beams", "trace", "composite"];

@@ -5,7 +5,7 @@ use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{ComputePassDescriptor, PipelineCache};
 use bevy::render::renderer::{RenderContext, ViewQuery};
 
-use super::pipeline::ViewPipelines;
+use super::pipeline::{GROUP, ViewPipelines};
 use super::prepare::{TILE, ViewBindGroups, ViewResources};
 
 /// Walks the rays of the view through its volumes.
@@ -31,11 +31,17 @@ pub(super) fn trace(
         if let (Some(beams), Some(bind_group)) = (beams.flatten(), &bind_groups.beams) {
             let groups = (tiles + TILE - 1) / TILE;
             pass.set_pipeline(beams);
-            pass.set_bind_group(0, bind_group, &[]);
+            let [nothing, none_either] = &bind_groups.nothing.groups;
+            pass.set_bind_group(0, nothing, &[]);
+            pass.set_bind_group(1, none_either, &[]);
+            pass.set_bind_group(GROUP, bind_group, &[]);
             pass.dispatch_workgroups(groups.x, groups.y, resources.volumes);
         }
         pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, &bind_groups.trace, &[]);
+        let [lights, environment] = &bind_groups.lights.groups;
+        pass.set_bind_group(0, lights, &bind_groups.lights.offsets);
+        pass.set_bind_group(1, environment, &[]);
+        pass.set_bind_group(GROUP, &bind_groups.trace, &[]);
         pass.dispatch_workgroups(tiles.x, tiles.y, 1);
     }
     span.end(context.command_encoder());

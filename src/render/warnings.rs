@@ -12,6 +12,33 @@ pub(super) enum Trouble {
     NotShown(CannotShow),
     /// It is shown, but pixels are closer together than f32 tells directions apart.
     Coarse,
+    /// It is shown, but with a value that makes sense instead of its material's.
+    Setting(Setting),
+}
+
+/// A setting of a material.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Setting {
+    BaseColor,
+    Emissive,
+    PerceptualRoughness,
+    Metallic,
+    Reflectance,
+    DensityScale,
+}
+
+impl Setting {
+    /// Its name, and what it has to be.
+    fn describe(self) -> (&'static str, &'static str) {
+        match self {
+            Self::BaseColor => ("base_color", "components that are finite and not negative"),
+            Self::Emissive => ("emissive", "components that are finite and not negative"),
+            Self::PerceptualRoughness => ("perceptual_roughness", "a value from 0 to 1"),
+            Self::Metallic => ("metallic", "a value from 0 to 1"),
+            Self::Reflectance => ("reflectance", "a value from 0 to 1"),
+            Self::DensityScale => ("density_scale", "a value that is finite and not negative"),
+        }
+    }
 }
 
 /// What has been told of, and what is wrong in this frame.
@@ -34,6 +61,13 @@ impl Warned {
                      pixel is finer than the directions of rays in f32; widen it, or bring the \
                      camera closer"
                 ),
+                Trouble::Setting(setting) => {
+                    let (name, wanted) = setting.describe();
+                    format!(
+                        "{volume} is shown with the nearest {name} that makes sense: give its \
+                         VdbMaterial {wanted}"
+                    )
+                }
             }
         })
     }
@@ -58,6 +92,8 @@ mod tests {
         assert!(text.contains("'smoke'") && text.contains(&one.id().to_string()), "{text}");
         assert!(text.contains("not shown: the camera is more than"), "{text}");
         assert!(warned.note(one, "smoke", far).is_none(), "a second view sees the same");
+        let text = warned.note(two, "smoke", Trouble::Setting(Setting::Metallic)).unwrap();
+        assert!(text.contains("metallic") && text.contains("from 0 to 1"), "{text}");
         let text = warned.note(two, "smoke", Trouble::Coarse).unwrap();
         assert!(text.contains(&two.id().to_string()) && text.contains("coarsely"), "{text}");
         for _ in 0..3 {

@@ -1,6 +1,7 @@
 //! Numbers that no artist would type, and identities that hold for all of them.
 
 use bevy::camera::Exposure;
+use bevy::light::EnvironmentMapLight;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbGrid, VdbMaterial, VdbRenderMode, VdbVolume};
@@ -75,8 +76,12 @@ fn a_white_furnace_keeps_its_light() {
             let furnace = |base_color| {
                 shown(grid.clone(), VdbMaterial { base_color, ..default() }, |world| {
                     world.insert_resource(ClearColor(Color::linear_rgb(light, light, light)));
-                    let mut ambient = world.query::<&mut AmbientLight>();
-                    ambient.single_mut(world).unwrap().brightness = light;
+                    let mut cameras = world.query_filtered::<Entity, With<Camera3d>>();
+                    let camera = cameras.single(world).unwrap();
+                    let mut images = world.resource_mut::<Assets<Image>>();
+                    let map = EnvironmentMapLight::solid_color(&mut images, Color::WHITE);
+                    let map = EnvironmentMapLight { intensity: light, ..map };
+                    world.entity_mut(camera).remove::<AmbientLight>().insert(map);
                     let mut sun = world.query::<&mut DirectionalLight>();
                     sun.single_mut(world).unwrap().illuminance = 0.0;
                 })
@@ -157,6 +162,9 @@ fn no_pixel_is_infinite_or_no_number() {
             show(emissive, 3.0, 0.25, normal);
             let albedo = VdbMaterial { base_color: color(x).into(), ..plain.clone() };
             show(albedo, 3.0, 0.25, normal);
+            let [perceptual_roughness, metallic, reflectance] = [x; 3];
+            let look = VdbMaterial { perceptual_roughness, metallic, reflectance, ..plain.clone() };
+            show(look, 3.0, 0.25, normal);
             if kind == PackKind::Fog {
                 let density = VdbMaterial { density_scale: x, ..plain.clone() };
                 show(density, 3.0, 0.25, normal);
@@ -169,12 +177,20 @@ fn no_pixel_is_infinite_or_no_number() {
                 base_color: color(f32::MAX).into(),
                 emissive: color(f32::MAX),
                 density_scale: f32::MAX,
+                ..plain.clone()
             };
             show(all, f32::MAX, f32::MAX, Exposure { ev100 });
         }
         stage.world().despawn(volume);
     }
-    for mode in [VdbRenderMode::Normals, VdbRenderMode::Depth, VdbRenderMode::Steps] {
+    for mode in [
+        VdbRenderMode::Gray,
+        VdbRenderMode::Rgb,
+        VdbRenderMode::Normals,
+        VdbRenderMode::Depth,
+        VdbRenderMode::HitVoxel,
+        VdbRenderMode::Steps,
+    ] {
         for steps_scale in odd {
             stage.world().entity_mut(camera).insert(VdbCamera { mode, steps_scale, ..default() });
             let grid = stage.grid(densities(), SMOOTH, 0.1);

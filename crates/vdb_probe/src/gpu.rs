@@ -25,6 +25,9 @@ pub struct Gpu {
 )]
 pub struct NoGpu(String);
 
+/// The bind group of everything: 0 and 1 are Bevy's own where the shaders run there.
+const GROUP: u32 = 2;
+
 /// A compute pipeline with one bind group.
 #[derive(Debug)]
 pub struct Kernel {
@@ -182,7 +185,7 @@ impl Gpu {
             .collect();
         self.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,
-            layout: &kernel.pipeline.get_bind_group_layout(0),
+            layout: &kernel.pipeline.get_bind_group_layout(GROUP),
             entries: &entries,
         })
     }
@@ -276,7 +279,7 @@ fn dispatch(
     let mut pass = encoder.begin_compute_pass(&descriptor);
     for (step, bind_group) in steps {
         pass.set_pipeline(&step.kernel.pipeline);
-        pass.set_bind_group(0, *bind_group, &[]);
+        pass.set_bind_group(GROUP, *bind_group, &[]);
         let [x, y, z] = step.groups;
         pass.dispatch_workgroups(x, y, z);
     }

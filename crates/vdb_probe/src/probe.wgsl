@@ -16,11 +16,11 @@ struct Setup {
     count: u32,
 }
 
-@group(0) @binding(4) var<storage, read> given: array<ProbeRay>;
-@group(0) @binding(5) var<storage, read_write> hits: array<ProbeHit>;
-@group(0) @binding(6) var<uniform> setup: Setup;
-@group(0) @binding(7) var<storage, read> view: Rays;
-@group(0) @binding(8) var<storage, read_write> made: array<ProbeRay>;
+@group(2) @binding(4) var<storage, read> given: array<ProbeRay>;
+@group(2) @binding(5) var<storage, read_write> hits: array<ProbeHit>;
+@group(2) @binding(6) var<uniform> setup: Setup;
+@group(2) @binding(7) var<storage, read> view: Rays;
+@group(2) @binding(8) var<storage, read_write> made: array<ProbeRay>;
 
 // Rays of a dispatch along x: 64 a workgroup, and at most this many workgroups.
 const ROW: u32 = 64u * 32768u;

@@ -8,8 +8,9 @@ use naga_oil::compose::{
 /// Shader defs: a name alone is set to `true`, `NAME=7` to a number.
 pub type Defs<'a> = &'a [&'a str];
 
-/// The modules that others import, in an order in which each finds those before it.
-const MODULES: [(&str, &str); 14] = [
+/// The modules that others import and that need nothing of Bevy's, in an order in which each finds
+/// those before it.
+const MODULES: [(&str, &str); 12] = [
     ("types", include_str!("../../../assets/shaders/types.wgsl")),
     ("bindings", include_str!("../../../assets/shaders/bindings.wgsl")),
     ("rays", include_str!("../../../assets/shaders/rays.wgsl")),
@@ -21,8 +22,6 @@ const MODULES: [(&str, &str); 14] = [
     ("anchor", include_str!("../../../assets/shaders/anchor.wgsl")),
     ("smooth", include_str!("../../../assets/shaders/smooth.wgsl")),
     ("fog", include_str!("../../../assets/shaders/fog.wgsl")),
-    ("lights", include_str!("../../../assets/shaders/lights.wgsl")),
-    ("surface", include_str!("../../../assets/shaders/surface.wgsl")),
     ("single_rays", include_str!("single_rays.wgsl")),
 ];
 

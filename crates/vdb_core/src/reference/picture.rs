@@ -1,12 +1,14 @@
 //! Pictures by the reference tracer: level sets and fogs, one sun, ambient light, no GPU.
 
 mod camera;
+mod look;
 mod shade;
 
 use glam::{DAffine3, DVec3, UVec2, Vec3, Vec4};
 use rayon::prelude::*;
 
 pub use camera::{Camera, Projection};
+pub use look::Look;
 use shade::Prepared;
 
 use super::{Blocky, Fog, Occupied, Smooth};
@@ -25,6 +27,8 @@ pub struct Scene<'a, C: Node<Value = f32>> {
     pub background: Vec4,
     /// Whether the sun throws shadows.
     pub shadows: bool,
+    /// How surfaces scatter light.
+    pub look: Look,
 }
 
 /// A light at infinity.
@@ -57,8 +61,7 @@ pub enum VolumeKind {
         /// Diffuse reflectance, linear RGB.
         albedo: Vec3,
     },
-    /// The voxels as boxes, shaded with the gradient of the interpolant at the point of entry (the
-    /// face's normal where there is no gradient).
+    /// The voxels as boxes.
     Blocky {
         /// Which voxels there are.
         occupied: Occupied,

@@ -4,7 +4,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3, UVec2, Vec3, Vec4};
 use vdb_core::{
     reference::{
         Occupied,
-        picture::{Camera, Projection, Scene, SunLight, Volume, VolumeKind, render},
+        picture::{Camera, Look, Projection, Scene, SunLight, Volume, VolumeKind, render},
     },
     synth,
     tree::{CoordBox, IVec3, Vdb543},
@@ -32,6 +32,7 @@ fn scene<'a>(
         ambient: Vec3::ZERO,
         background: Vec4::ZERO,
         shadows: false,
+        look: Look::Lambert,
     }
 }
 

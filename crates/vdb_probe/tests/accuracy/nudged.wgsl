@@ -10,10 +10,10 @@
 #import bevy_vdb::tree::{locate, nowhere, span_occupied}
 #import vdb_probe::single_rays::{ProbeHit, ProbeRay}
 
-@group(0) @binding(4) var<storage, read> given: array<ProbeRay>;
-@group(0) @binding(5) var<storage, read_write> hits: array<ProbeHit>;
+@group(2) @binding(4) var<storage, read> given: array<ProbeRay>;
+@group(2) @binding(5) var<storage, read_write> hits: array<ProbeHit>;
 // Index space → the cells that the look-ups count in.
-@group(0) @binding(6) var<uniform> base: vec4<i32>;
+@group(2) @binding(6) var<uniform> base: vec4<i32>;
 
 const NUDGE: f32 = 4e-4;
 const MOST_STEPS: u32 = 1000u;

@@ -79,11 +79,12 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
         let behind = match surface {
             Some(surface) => {
                 let point = origin + surface.t * direction;
-                let cosine = surface.normal.dot(self.sun).max(0.0);
-                let start = point + surface.normal * (SHADOW_BIAS * surface.voxel);
-                let lit = if cosine > 0.0 { cosine * self.sunlight(start) } else { 0.0 };
-                let light = self.scene.sun.radiance * lit as f32 + self.scene.ambient;
-                (surface.albedo * light).extend(1.0)
+                let (normal, albedo, look) = (surface.normal, surface.albedo, self.scene.look);
+                let start = point + normal * (SHADOW_BIAS * surface.voxel);
+                let lit = if normal.dot(self.sun) > 0.0 { self.sunlight(start) } else { 0.0 };
+                let direct = look.direct(albedo, normal, -direction, self.sun) * lit as f32;
+                let ambient = look.ambient(albedo, normal, -direction);
+                (direct * self.scene.sun.radiance + ambient * self.scene.ambient).extend(1.0)
             }
             None => self.scene.background,
         };
@@ -105,8 +106,7 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
                     Tracer::Blocky(blocky, albedo) => {
                         let hit = blocky.first_voxel(&ray)?;
                         let face = hit.face.map_or(-ray.dir.as_dvec3(), |face| face.normal());
-                        let gradient = blocky.gradient(ray.at(hit.t));
-                        (hit.t, if gradient == DVec3::ZERO { face } else { gradient }, *albedo)
+                        (hit.t, face, *albedo)
                     }
                     Tracer::Fog { .. } => return None,
                 };

@@ -19,13 +19,13 @@ struct Setup {
     density_scale: f32,
 }
 
-@group(0) @binding(4) var<uniform> setup: Setup;
-@group(0) @binding(5) var<uniform> view: Rays;
-@group(0) @binding(6) var<storage, read_write> out: array<f32>;
-@group(0) @binding(7) var<storage, read_write> normals: array<vec4<f32>>;
+@group(2) @binding(4) var<uniform> setup: Setup;
+@group(2) @binding(5) var<uniform> view: Rays;
+@group(2) @binding(6) var<storage, read_write> out: array<f32>;
+@group(2) @binding(7) var<storage, read_write> normals: array<vec4<f32>>;
 
 // For each tile of 8×8 pixels, the t before which nothing can stop its rays.
-@group(0) @binding(8) var<storage, read_write> starts: array<f32>;
+@group(2) @binding(8) var<storage, read_write> starts: array<f32>;
 
 @compute @workgroup_size(8, 8)
 fn beams(@builtin(global_invocation_id) id: vec3<u32>) {

@@ -1,0 +1,49 @@
+// Shadows that volumes throw, on themselves and on each other.
+#define_import_path bevy_vdb::occlusion
+
+#import bevy_vdb::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
+#import bevy_vdb::bindings::grids
+#import bevy_vdb::hdda::{course_of, enter, first_hit}
+#import bevy_vdb::scene::{scene_end, view, volumes}
+#import bevy_vdb::segment::{Point, Segment, ray_of}
+#ifdef SMOOTH
+#import bevy_vdb::smooth::first_root
+#endif
+#ifdef FOGS
+#import bevy_vdb::fog::optical_length
+#endif
+
+// Optical depth through which no light is seen: e^-16 is below a 16-bit float's step beside 1.
+const DARK: f32 = 16.0;
+
+// The part of the light from a direction (world space, unit) that comes to a place from a distance of
+// so many world units.
+fn transmittance(point: Point, to_light: vec3<f32>, distance: f32) -> f32 {
+    let segment = Segment(point, to_light, false, 0.0);
+    var depth = 0.0;
+    for (var i = view.volume_first; i < scene_end() && depth < DARK; i++) {
+        let grid = grids[volumes[i].grid];
+        let course = course_of(grid, ray_of(segment, i, distance));
+        let walk = enter(course);
+        if !walk.inside {
+            continue;
+        }
+#ifdef SURFACES
+        if volumes[i].kind == KIND_SURFACE && first_hit(grid, course, walk).found {
+            depth = DARK;
+        }
+#endif
+#ifdef SMOOTH
+        if volumes[i].kind == KIND_SMOOTH && first_root(grid, course, walk, volumes[i].iso).found {
+            depth = DARK;
+        }
+#endif
+#ifdef FOGS
+        if volumes[i].kind == KIND_FOG {
+            let scale = max(volumes[i].density_scale, 1e-30);
+            depth += scale * min(optical_length(grid, course, walk, DARK / scale), 100.0 / scale);
+        }
+#endif
+    }
+    return select(exp(-depth), 0.0, depth >= DARK);
+}

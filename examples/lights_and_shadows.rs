@@ -1,0 +1,225 @@
+//! Volumes under lights: a teapot of metal and one of clay, and a cloud above them, on a floor of voxels,
+//! beside a pillar that is a mesh, with a sun and a lamp that throw shadows, a bulb, and a sky to reflect.
+//!
+//! `cargo run --example lights_and_shadows` opens a window: S switches shadows, R how many times
+//! reflections go on, L the borders of leaves, and M goes through the modes.
+//! `cargo run --example lights_and_shadows picture.png` writes a picture, without a window.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use bevy::app::ScheduleRunnerPlugin;
+use bevy::camera::{Hdr, RenderTarget};
+use bevy::light::EnvironmentMapLight;
+use bevy::math::{DAffine3, DQuat, DVec3};
+use bevy::prelude::*;
+use bevy::render::RenderPlugin;
+use bevy::render::render_resource::TextureFormat;
+use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_disk};
+use bevy::window::ExitCondition;
+use bevy::winit::WinitPlugin;
+use bevy_vdb::VdbGpuUsage;
+use bevy_vdb::prelude::*;
+use bevy_vdb::vdb_core::pack::PackKind;
+use bevy_vdb::vdb_core::tree::Vdb543;
+
+/// Where the picture goes, if one is asked for.
+#[derive(Resource)]
+struct Out(PathBuf);
+
+fn main() {
+    let mut app = App::new();
+    match std::env::args_os().nth(1) {
+        None => {
+            app.add_plugins((DefaultPlugins, VdbRenderPlugin)).add_systems(Update, keys);
+        }
+        Some(path) => {
+            let no_window = WindowPlugin {
+                primary_window: None,
+                exit_condition: ExitCondition::DontExit,
+                ..default()
+            };
+            app.add_plugins((
+                DefaultPlugins
+                    .set(no_window)
+                    .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
+                    .disable::<WinitPlugin>(),
+                ScheduleRunnerPlugin::run_loop(Duration::from_millis(10)),
+                VdbRenderPlugin,
+            ))
+            .insert_resource(Out(path.into()))
+            .add_systems(Update, take_picture);
+        }
+    }
+    app.insert_resource(GlobalAmbientLight::NONE)
+        .add_systems(Startup, (volumes, floor, pillar, lights, camera));
+    app.run();
+}
+
+fn volumes(mut commands: Commands, assets: Res<AssetServer>) {
+    let smooth = |settings: &mut bevy_vdb::VdbLoaderSettings| settings.smooth = true;
+    let teapot: Handle<VdbGrid> =
+        assets.load_builder().with_settings(smooth).load("models/teapot.vdb#surface");
+    // The same terms as a StandardMaterial has.
+    commands.spawn((
+        VdbVolume(teapot.clone()),
+        VdbMaterial {
+            base_color: Color::srgb(0.95, 0.75, 0.4),
+            metallic: 1.0,
+            perceptual_roughness: 0.0,
+            ..default()
+        },
+        Transform::from_xyz(-1.6, 0.0, 0.0).with_scale(Vec3::splat(0.45)),
+    ));
+    commands.spawn((
+        VdbVolume(teapot),
+        VdbMaterial {
+            base_color: Color::srgb(0.75, 0.25, 0.15),
+            perceptual_roughness: 0.7,
+            ..default()
+        },
+        Transform::from_xyz(1.6, 0.0, 0.3)
+            .with_rotation(Quat::from_rotation_y(2.5))
+            .with_scale(Vec3::splat(0.45)),
+    ));
+    // Fog dims the light that goes through it, and shades itself.
+    commands.spawn((
+        VdbVolume(assets.load("models/cloud.vdb#density")),
+        VdbMaterial { density_scale: 6.0, ..default() },
+        Transform::from_xyz(0.2, 1.9, -0.6).with_scale(Vec3::splat(0.55)),
+    ));
+}
+
+/// A grid needs no file.
+fn floor(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
+    let mut tree = Vdb543::new(1.0);
+    for x in -60..60 {
+        for z in -40..40 {
+            tree.set(IVec3::new(x, -1, z), -1.0);
+        }
+    }
+    let kind = PackKind::Surface { iso: 0.0 };
+    // The upper faces of the voxels lie at y = 0.
+    let world_from_index = DAffine3::from_scale_rotation_translation(
+        DVec3::splat(0.1),
+        DQuat::IDENTITY,
+        DVec3::new(0.05, 0.05, 0.05),
+    );
+    match VdbGrid::new("floor", tree, world_from_index, kind) {
+        Ok(floor) => {
+            _ = commands.spawn((
+                VdbVolume(grids.add(floor)),
+                VdbMaterial {
+                    base_color: Color::srgb(0.5, 0.5, 0.5),
+                    reflectance: 0.1,
+                    ..default()
+                },
+            ))
+        }
+        Err(why) => error!("there is no floor: {why}"),
+    }
+}
+
+fn pillar(
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    // Its shadow falls on volumes; theirs do not fall on it.
+    commands.spawn((
+        Mesh3d(meshes.add(Cylinder::new(0.15, 2.5))),
+        MeshMaterial3d(materials.add(Color::srgb(0.5, 0.5, 0.5))),
+        Transform::from_xyz(3.3, 1.25, 0.9),
+    ));
+}
+
+fn lights(mut commands: Commands) {
+    commands.spawn((
+        DirectionalLight { illuminance: 6_000.0, shadow_maps_enabled: true, ..default() },
+        Transform::from_xyz(4.0, 4.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y),
+    ));
+    commands.spawn((
+        SpotLight {
+            color: Color::srgb(0.4, 0.6, 1.0),
+            intensity: 800_000.0,
+            outer_angle: 0.35,
+            inner_angle: 0.25,
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        Transform::from_xyz(-5.0, 4.0, 3.0).looking_at(Vec3::new(-1.4, 0.5, 0.0), Vec3::Y),
+    ));
+    commands.spawn((
+        PointLight { color: Color::srgb(1.0, 0.4, 0.2), intensity: 60_000.0, ..default() },
+        Transform::from_xyz(0.0, 0.5, 1.2),
+    ));
+}
+
+fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>, out: Option<Res<Out>>) {
+    let sky = EnvironmentMapLight {
+        intensity: 600.0,
+        ..EnvironmentMapLight::hemispherical_gradient(
+            &mut images,
+            Color::srgb(0.5, 0.7, 1.0),
+            Color::srgb(0.8, 0.8, 0.8),
+            Color::srgb(0.2, 0.2, 0.2),
+        )
+    };
+    let mut camera = commands.spawn((
+        Camera3d::default(),
+        Hdr,
+        sky,
+        // Shadows are on as they are on in the lights.
+        VdbCamera { reflections: 2, ..default() },
+        Transform::from_xyz(0.0, 3.2, 7.5).looking_at(Vec3::new(0.0, 1.4, 0.0), Vec3::Y),
+    ));
+    if out.is_some() {
+        let picture = Image::new_target_texture(640, 360, TextureFormat::Rgba8UnormSrgb, None);
+        camera.insert(RenderTarget::Image(images.add(picture).into()));
+    }
+}
+
+fn keys(keys: Res<ButtonInput<KeyCode>>, mut camera: Single<&mut VdbCamera>) {
+    use VdbRenderMode::{Depth, Diffuse, Glossy, Gray, HitVoxel, Lit, Normals, Rgb, Steps};
+    const MODES: [VdbRenderMode; 9] =
+        [Lit, Diffuse, Glossy, Gray, Rgb, Normals, Depth, HitVoxel, Steps];
+    if keys.just_pressed(KeyCode::KeyS) {
+        camera.shadows = !camera.shadows;
+    }
+    if keys.just_pressed(KeyCode::KeyR) {
+        camera.reflections = (camera.reflections + 1) % 3;
+    }
+    if keys.just_pressed(KeyCode::KeyL) {
+        camera.overlays.leaves = !camera.overlays.leaves;
+    }
+    if keys.just_pressed(KeyCode::KeyM) {
+        let now = MODES.iter().position(|mode| *mode == camera.mode).unwrap_or(0);
+        camera.mode = MODES[(now + 1) % MODES.len()];
+    }
+}
+
+/// Frames after the grids have come to the GPU until all pipelines have been made.
+const SETTLED: u32 = 4;
+
+fn take_picture(
+    mut commands: Commands,
+    usage: Res<VdbGpuUsage>,
+    camera: Single<&RenderTarget>,
+    out: Res<Out>,
+    mut frames: Local<u32>,
+) {
+    if usage.grids() < 3 {
+        return;
+    }
+    *frames += 1;
+    if *frames == SETTLED
+        && let RenderTarget::Image(picture) = *camera
+    {
+        commands
+            .spawn(Screenshot::image(picture.handle.clone()))
+            .observe(save_to_disk(out.0.clone()))
+            .observe(|_: On<ScreenshotCaptured>, mut exit: MessageWriter<AppExit>| {
+                exit.write(AppExit::Success);
+            });
+    }
+}

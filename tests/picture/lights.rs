@@ -1,0 +1,257 @@
+//! The same under all lights as a mesh of the same material.
+
+use bevy::light::EnvironmentMapLight;
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy_vdb::{VdbCamera, VdbMaterial, VdbRenderMode, VdbSun, VdbVolume};
+use vdb_core::pack::PackKind;
+use vdb_core::synth::{fog, level_set};
+use vdb_core::tree::CoordBox;
+
+use super::common::{Picture, Stage, has_gpu};
+use super::{SIZE, looking};
+
+const RADIUS: f32 = 2.0;
+
+/// A ball of a level set and a ball of triangles in the same place, of one material.
+struct Pair {
+    stage: Stage,
+    target: Handle<Image>,
+    camera: Entity,
+    volume: Entity,
+    mesh: Entity,
+}
+
+impl Pair {
+    fn new(material: VdbMaterial) -> Self {
+        let mut stage = Stage::new();
+        let target = stage.target(SIZE);
+        let camera = stage.camera(&target, looking(Vec3::new(1.0, 2.0, 6.0)));
+        // Fine, so that normals are off by less than sharp highlights show.
+        let voxel = 0.02;
+        let tree = level_set::sphere(DVec3::ZERO, f64::from(RADIUS) / voxel);
+        let grid = stage.grid(tree, PackKind::Smooth { iso: 0.0 }, voxel);
+        let world = stage.world();
+        let volume = world.spawn((VdbVolume(grid), material.clone())).id();
+        let mesh = Sphere::new(RADIUS).mesh().uv(256, 128);
+        let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
+        let material = StandardMaterial {
+            base_color: material.base_color,
+            perceptual_roughness: material.perceptual_roughness,
+            metallic: material.metallic,
+            reflectance: material.reflectance,
+            ..default()
+        };
+        let material = world.resource_mut::<Assets<StandardMaterial>>().add(material);
+        let mesh = world.spawn((Mesh3d(mesh), MeshMaterial3d(material))).id();
+        Self { stage, target, camera, volume, mesh }
+    }
+
+    fn show(&mut self, volume: bool) -> Picture {
+        let visible = |on| if on { Visibility::Visible } else { Visibility::Hidden };
+        self.stage.world().entity_mut(self.volume).insert(visible(volume));
+        self.stage.world().entity_mut(self.mesh).insert(visible(!volume));
+        self.stage.picture(&self.target)
+    }
+
+    /// Asserts that both look the same.
+    fn compare(&mut self, name: &str) {
+        // Bevy makes room for the lists of lights a few frames after it was short of it.
+        self.stage.update(8);
+        let (volume, mesh) = (self.show(true), self.show(false));
+        volume.save(&format!("light_{name}_volume"));
+        mesh.save(&format!("light_{name}_mesh"));
+        let brightest = mesh.pixels.iter().map(|p| p.truncate().max_element()).fold(0.0, f32::max);
+        assert!(brightest > 0.01, "{name}: the mesh is black");
+        // Not where only one of them covers the pixel.
+        let pairs: Vec<_> = volume
+            .pixels
+            .iter()
+            .zip(&mesh.pixels)
+            .map(|(a, b)| (a.truncate(), b.truncate()))
+            .filter(|(a, b)| *a != Vec3::ZERO && *b != Vec3::ZERO)
+            .collect();
+        assert!(pairs.len() > 200, "{name}: {} pixels", pairs.len());
+        let sum = |of: fn(&(Vec3, Vec3)) -> Vec3| pairs.iter().map(of).sum::<Vec3>();
+        let ratio = sum(|pair| pair.0) / sum(|pair| pair.1);
+        let off = |(a, b): &&(Vec3, Vec3)| (*a - *b).abs().max_element() > 0.02 * brightest;
+        let differ = pairs.iter().filter(off).count();
+        println!("{name}: {} pixels, brightness {ratio}, {differ} off by 2 %", pairs.len());
+        assert!((ratio - 1.0).abs().max_element() < 0.02, "{name}: {ratio} times as bright");
+        assert!(differ * 100 < pairs.len(), "{name}: {differ} of {} pixels", pairs.len());
+    }
+}
+
+fn sun() -> impl Bundle {
+    let light =
+        DirectionalLight { illuminance: 5.0, color: Color::linear_rgb(1.0, 0.9, 0.7), ..default() };
+    (light, looking(Vec3::new(3.0, 2.0, 2.0)))
+}
+
+fn point() -> impl Bundle {
+    let light = PointLight { intensity: 300.0, range: 15.0, radius: 0.2, ..default() };
+    (light, Transform::from_xyz(-3.0, 1.0, 3.0))
+}
+
+fn spot() -> impl Bundle {
+    // Its cone ends on the ball.
+    let light = SpotLight { intensity: 500.0, outer_angle: 0.3, inner_angle: 0.1, ..default() };
+    (light, looking(Vec3::new(1.0, -3.0, 4.0)))
+}
+
+fn sky(world: &mut World) -> EnvironmentMapLight {
+    let mut images = world.resource_mut::<Assets<Image>>();
+    let [top, middle, bottom] = [[0.3, 0.5, 1.0], [0.6, 0.6, 0.6], [0.4, 0.2, 0.1]]
+        .map(|[r, g, b]| Color::linear_rgb(r, g, b));
+    let map = EnvironmentMapLight::hemispherical_gradient(&mut images, top, middle, bottom);
+    EnvironmentMapLight { intensity: 0.8, ..map }
+}
+
+#[test]
+fn under_each_light_a_ball_looks_as_one_of_triangles_does() {
+    if !has_gpu() {
+        return;
+    }
+    let mut pair = Pair::new(VdbMaterial::default());
+    let mut under = |name: &str, spawn: &dyn Fn(&mut World) -> Entity| {
+        let light = spawn(pair.stage.world());
+        pair.compare(name);
+        pair.stage.world().despawn(light);
+    };
+    under("directional", &|world| world.spawn(sun()).id());
+    under("point", &|world| world.spawn(point()).id());
+    under("spot", &|world| world.spawn(spot()).id());
+    let ambient =
+        AmbientLight { brightness: 0.6, color: Color::linear_rgb(1.0, 0.5, 0.2), ..default() };
+    pair.stage.world().entity_mut(pair.camera).insert(ambient);
+    pair.compare("ambient");
+    let map = sky(pair.stage.world());
+    pair.stage.world().entity_mut(pair.camera).remove::<AmbientLight>().insert(map);
+    pair.compare("environment");
+}
+
+#[test]
+fn of_each_material_a_ball_looks_as_one_of_triangles_does() {
+    if !has_gpu() {
+        return;
+    }
+    let base_color = Color::linear_rgb(0.9, 0.6, 0.2);
+    for (perceptual_roughness, metallic, reflectance) in
+        [(0.3, 1.0, 0.5), (0.4, 0.4, 0.8), (1.0, 0.0, 0.0)]
+    {
+        let mut pair = Pair::new(VdbMaterial {
+            base_color,
+            perceptual_roughness,
+            metallic,
+            reflectance,
+            ..default()
+        });
+        let map = sky(pair.stage.world());
+        let camera = pair.camera;
+        let world = pair.stage.world();
+        world.spawn(sun());
+        world.spawn(sun()).insert(looking(Vec3::new(-1.0, 4.0, 0.0)));
+        world.spawn(point());
+        world.spawn(spot());
+        world.entity_mut(camera).insert((map, AmbientLight { brightness: 0.1, ..default() }));
+        pair.compare(&format!("all_{perceptual_roughness}_{metallic}_{reflectance}"));
+    }
+}
+
+/// The two parts of the picture are all of it, and a sun's factor goes for its light alone.
+#[test]
+fn parts_of_the_light_add_up() {
+    if !has_gpu() {
+        return;
+    }
+    let mut pair = Pair::new(VdbMaterial { metallic: 0.3, perceptual_roughness: 0.4, ..default() });
+    let (camera, map) = (pair.camera, sky(pair.stage.world()));
+    let world = pair.stage.world();
+    let light = world.spawn(sun()).id();
+    world.spawn(point());
+    world.entity_mut(camera).insert((map, AmbientLight { brightness: 0.1, ..default() }));
+    let mut show = |mode| {
+        pair.stage.world().entity_mut(camera).insert(VdbCamera { mode, ..default() });
+        let picture = pair.show(true);
+        picture.save(&format!("part_{mode:?}"));
+        picture
+    };
+    let parts = [VdbRenderMode::Diffuse, VdbRenderMode::Glossy].map(&mut show);
+    let lit = show(VdbRenderMode::Lit);
+    let [diffuse, glossy] = parts.each_ref().map(|part| part.count(|p| p.max_element() > 0.02));
+    assert!(diffuse > 500 && glossy > 500, "{diffuse} diffuse pixels, {glossy} glossy ones");
+    for ((lit, diffuse), glossy) in lit.pixels.iter().zip(&parts[0].pixels).zip(&parts[1].pixels) {
+        let sum = (diffuse + glossy).truncate();
+        // Three numbers of 16-bit floats.
+        assert!(
+            (lit.truncate() - sum).abs().max_element() <= 2e-3 * sum.max_element(),
+            "{lit} {sum}"
+        );
+    }
+
+    let mut sum_with = |intensity: f32| {
+        pair.stage.world().entity_mut(light).insert(VdbSun { intensity });
+        pair.show(true).pixels.iter().map(|p| p.truncate().as_dvec3()).sum::<DVec3>()
+    };
+    let [none, once, thrice] = [0.0, 1.0, 3.0].map(&mut sum_with);
+    let factor = (thrice - none) / (once - none);
+    assert!((factor - 3.0).abs().max_element() < 0.01, "three times the sun is {factor}");
+    assert!(none.min_element() > 0.1 * once.min_element(), "the other lights are left");
+}
+
+/// Fog that light reaches unhindered scatters it evenly: albedo · (E / 4π + what is around it).
+#[test]
+fn fog_scatters_what_lights_shed_on_it() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::Z * 2.0));
+    // Small and dense: no light comes through it, and all of it is as far from each light.
+    let block = CoordBox { min: IVec3::splat(-5), max: IVec3::splat(4) };
+    let grid = stage.grid(fog::block(block, 1.0), PackKind::Fog, 0.02);
+    let albedo = Vec3::new(1.0, 0.5, 0.25);
+    let base_color = Color::linear_rgb(albedo.x, albedo.y, albedo.z);
+    stage
+        .world()
+        .spawn((VdbVolume(grid), VdbMaterial { base_color, density_scale: 200.0, ..default() }));
+    let four_pi = 4.0 * std::f32::consts::PI;
+    let check = |stage: &mut Stage, name: &str, expected: f32| {
+        let pixel = stage.picture(&target).center().truncate();
+        println!("{name}: {pixel}, of {expected}");
+        let off = (pixel - expected * albedo).abs().max_element();
+        assert!(off < 0.02 * expected, "{name}: {pixel}, not {}", expected * albedo);
+    };
+    let sun = DirectionalLight { illuminance: 5.0, ..default() };
+    let light = stage.world().spawn((sun, looking(Vec3::ONE))).id();
+    check(&mut stage, "directional", 5.0 / four_pi);
+    stage.world().despawn(light);
+
+    // Lumens go into 4π; 100 units away, a 10,000th of them come per area.
+    let far = Vec3::new(60.0, 80.0, 0.0);
+    let expected = 4e5 / four_pi / 1e4 / four_pi;
+    let bulb = PointLight { intensity: 4e5, range: 2000.0, ..default() };
+    let light = stage.world().spawn((bulb, Transform::from_translation(far))).id();
+    check(&mut stage, "point", expected);
+    stage.world().despawn(light);
+    let lamp = SpotLight { intensity: 4e5, range: 2000.0, ..default() };
+    let light = stage.world().spawn((lamp, looking(far))).id();
+    check(&mut stage, "spot", expected);
+    // Turned away by half a radian: between the inner and the outer angle, it has less.
+    let turned = looking(far).rotation * Quat::from_rotation_y(0.5);
+    let at = Transform::from_translation(far).with_rotation(turned);
+    stage.world().entity_mut(light).insert(at);
+    let outer = lamp.outer_angle.cos();
+    let cone = (0.5_f32.cos() - outer) / (lamp.inner_angle.cos() - outer);
+    check(&mut stage, "spot, aside", expected * cone * cone);
+    stage.world().despawn(light);
+
+    stage.world().entity_mut(camera).insert(AmbientLight { brightness: 0.3, ..default() });
+    check(&mut stage, "ambient", 0.3);
+    let mut images = stage.world().resource_mut::<Assets<Image>>();
+    let map = EnvironmentMapLight::solid_color(&mut images, Color::WHITE);
+    let map = EnvironmentMapLight { intensity: 0.4, ..map };
+    stage.world().entity_mut(camera).remove::<AmbientLight>().insert(map);
+    check(&mut stage, "environment", 0.4);
+}

@@ -1,0 +1,160 @@
+//! What cameras show besides the picture.
+
+use bevy::camera::ScalingMode;
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy_vdb::{VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbVolume};
+use vdb_core::pack::PackKind;
+use vdb_core::synth::{fog, level_set};
+use vdb_core::tree::CoordBox;
+
+use super::common::{Picture, Stage, has_gpu};
+use super::{SIZE, SURFACE, looking};
+
+/// A parallel view of so many world units from bottom to top.
+fn parallel(viewport_height: f32) -> Projection {
+    Projection::Orthographic(OrthographicProjection {
+        scaling_mode: ScalingMode::FixedVertical { viewport_height },
+        ..OrthographicProjection::default_3d()
+    })
+}
+
+#[test]
+fn faces_and_voxels_are_told_apart() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    // Three faces of a cube, seen from a corner.
+    let camera = stage.camera(&target, looking(Vec3::new(3.0, 4.0, 5.0)));
+    let bbox = CoordBox { min: IVec3::splat(-10), max: IVec3::splat(9) };
+    let grid = stage.grid(fog::block(bbox, -1.0), SURFACE, 0.1);
+    stage.world().spawn((VdbVolume(grid), VdbMaterial::default()));
+    let mut show = |mode: VdbRenderMode| {
+        stage.world().entity_mut(camera).insert(VdbCamera { mode, ..default() });
+        let picture = stage.picture(&target);
+        picture.save(&format!("mode_{mode:?}"));
+        picture
+    };
+    let axes = show(VdbRenderMode::Rgb);
+    let faces = [Vec3::X, Vec3::Y, Vec3::Z];
+    let counts = faces.map(|face| axes.count(|p| p.truncate() == face));
+    assert!(counts.iter().all(|&count| count > 100), "{counts:?}");
+    let all = axes.count(|p| p.truncate() != Vec3::ZERO);
+    assert_eq!(counts.iter().sum::<usize>(), all, "each pixel is on one face");
+
+    let gray = show(VdbRenderMode::Gray);
+    let brightness = faces.map(|face| {
+        let pairs = axes.pixels.iter().zip(&gray.pixels);
+        let on_face: Vec<f32> =
+            pairs.filter(|(a, _)| a.truncate() == face).map(|(_, gray)| gray.x).collect();
+        assert!(on_face.iter().all(|&x| x == on_face[0]), "a face is of one gray");
+        on_face[0]
+    });
+    let [x, y, z] = brightness;
+    assert!(y > x + 0.1 && x > z + 0.1, "{brightness:?}");
+
+    // Each voxel's face has a colour of its own: about 400 on each of three sides.
+    let voxels = show(VdbRenderMode::HitVoxel);
+    let mut colors: Vec<[u32; 3]> = voxels
+        .pixels
+        .iter()
+        .map(|p| p.truncate().to_array().map(f32::to_bits))
+        .filter(|color| *color != [0; 3])
+        .collect();
+    colors.sort_unstable();
+    colors.dedup();
+    assert!((600..=1200).contains(&colors.len()), "{} colours of {all} pixels", colors.len());
+}
+
+/// Lines at every eighth voxel, 1.5 pixels wide, however large voxels are in the picture.
+#[test]
+fn borders_of_nodes_are_where_they_are_and_evenly_wide() {
+    if !has_gpu() {
+        return;
+    }
+    let bbox = CoordBox { min: IVec3::new(-160, -160, -8), max: IVec3::new(159, 159, -1) };
+    for (height, tilt) in [(2.0, 0.0), (1.0, 0.0), (2.0, 0.8), (8.0, 0.0)] {
+        let mut stage = Stage::new();
+        let target = stage.target(SIZE);
+        let from = Quat::from_rotation_y(tilt) * (Vec3::Z * 8.0);
+        let camera = stage.camera(&target, looking(from));
+        stage.world().entity_mut(camera).insert(parallel(height));
+        let grid = stage.grid(fog::block(bbox, -1.0), SURFACE, 0.05);
+        // A column of voxels begins at its lower face: half a voxel before its sample.
+        let shifted = Transform::from_xyz(0.025, 0.025, 0.025);
+        stage.world().spawn((VdbVolume(grid), VdbMaterial::default(), shifted));
+        let mut show = |overlays: VdbOverlays| {
+            let mode = VdbRenderMode::Depth;
+            stage.world().entity_mut(camera).insert(VdbCamera { mode, overlays, ..default() });
+            let picture = stage.picture(&target);
+            picture.save(&format!("overlay_{height}_{tilt}_{}", overlays.lower));
+            picture
+        };
+        let plain = show(VdbOverlays::default());
+        let leaves = show(VdbOverlays { leaves: true, ..default() });
+        let lower = show(VdbOverlays { lower: true, ..default() });
+
+        // Along a row in the middle of leaves, how much of it lines cover: 1.5 pixels for each.
+        let cover = |picture: &Picture, row: u32, toward: Vec3| {
+            let at = |x: u32| {
+                let (a, b) = (plain.at(x, row).truncate(), picture.at(x, row).truncate());
+                (b - a).dot(toward - a) / (toward - a).length_squared()
+            };
+            (0..SIZE.x).map(at).sum::<f32>()
+        };
+        let width = height * SIZE.x as f32 / SIZE.y as f32 / tilt.cos();
+        let row = (0..SIZE.y)
+            .min_by_key(|&row| {
+                let y = height * (0.5 - (row as f32 + 0.5) / SIZE.y as f32);
+                ((y / 0.4).rem_euclid(1.0) * 1000.0 - 500.0).abs() as u32
+            })
+            .unwrap();
+        // One in the middle, and so many to either side.
+        let lines = if height > 4.0 { 0.0 } else { 1.0 + 2.0 * (width / 2.0 / 0.4).floor() };
+        let covered = cover(&leaves, row, Vec3::new(0.0, 1.0, 1.0));
+        println!("height {height}, tilt {tilt}: {covered} pixels for {lines} lines");
+        assert!((covered - 1.5 * lines).abs() <= 0.05 * lines, "{covered} pixels, {lines} lines");
+        // Nodes of 128 voxels: the one border at 0, in the middle, in sight.
+        let covered = cover(&lower, row, Vec3::X);
+        assert!((covered - 1.5).abs() < 0.1, "{covered} pixels for one line");
+    }
+}
+
+/// The picture beside the borders stays as it is, smooth surfaces have them, too.
+#[test]
+fn borders_are_shown_in_any_mode() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::Z * 6.0));
+    let tree = level_set::sphere(DVec3::ZERO, 20.0);
+    let grid = stage.grid(tree, PackKind::Smooth { iso: 0.0 }, 0.1);
+    stage.world().spawn((VdbVolume(grid), VdbMaterial::default()));
+    stage.world().spawn((DirectionalLight { illuminance: 3.0, ..default() }, looking(Vec3::ONE)));
+    for mode in [
+        VdbRenderMode::Lit,
+        VdbRenderMode::Diffuse,
+        VdbRenderMode::Glossy,
+        VdbRenderMode::Gray,
+        VdbRenderMode::Rgb,
+        VdbRenderMode::Normals,
+        VdbRenderMode::HitVoxel,
+        VdbRenderMode::Steps,
+    ] {
+        let mut show = |leaves: bool| {
+            let overlays = VdbOverlays { leaves, ..default() };
+            stage.world().entity_mut(camera).insert(VdbCamera { mode, overlays, ..default() });
+            stage.picture(&target)
+        };
+        let (without, with) = (show(false), show(true));
+        with.save(&format!("overlay_{mode:?}"));
+        let pairs = without.pixels.iter().zip(&with.pixels);
+        let differ = pairs.filter(|(a, b)| (**a - **b).abs().max_element() > 1e-3).count();
+        let seen = without.count(|p| p.truncate() != Vec3::ZERO);
+        assert!((100..1500).contains(&differ), "{mode:?}: {differ} pixels differ of {seen}");
+    }
+}
