@@ -3,8 +3,9 @@
 
 #import bevy_vdb::types::Grid
 #import bevy_vdb::exact::Course
-#import bevy_vdb::samples::{fog_corners, tile_value, trilinear}
-#import bevy_vdb::tree::{CHILD, LEAF_NUMBER, MIXED, OCCUPIED, Span, empty_cell, empty_span, locate, locate_slot, nowhere, reach_of, span_constant, span_occupied}
+#import bevy_vdb::bindings::word_at
+#import bevy_vdb::samples::{brick_at, brick_corners, brick_slot, fog_cell, tile_value, trilinear}
+#import bevy_vdb::tree::{CHILD, LEAF_BITS, LEAF_NUMBER, OCCUPIED, REGION_BITS, Span, empty_cell, empty_span, locate, locate_slot, nowhere, reach_of, region_slot, span_constant, span_occupied}
 #import bevy_vdb::anchor::{Anchor, anchor_exit, anchor_t, anchored}
 #import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, enter, local_cell, plane_t, planes_behind, unturned}
 
@@ -24,11 +25,12 @@ fn mean_density(
     if span_constant(span) {
         return tile_value(grid, span.word);
     }
-    let c = fog_corners(grid, span, local_cell(course, walk.rel));
+    let fog = fog_cell(grid, span, local_cell(course, walk.rel));
     let origin = near.frac - vec3<f32>(walk.rel - near.cell);
     let first = saturate(origin + mix(t_from, t_to, 0.5 - GAUSS) * course.speed);
     let second = saturate(origin + mix(t_from, t_to, 0.5 + GAUSS) * course.speed);
-    return 0.5 * (trilinear(c, unturned(course, first)) + trilinear(c, unturned(course, second)));
+    let sum = trilinear(fog.corners, unturned(course, first)) + trilinear(fog.corners, unturned(course, second));
+    return fog.offset + 0.5 * fog.scale * sum;
 }
 
 // Cells that a walk may be away from its anchor before it gets a new one.
@@ -77,6 +79,43 @@ fn optical_length(grid: Grid, course: Course, enters: Walk, enough: f32) -> f32 
     return sum;
 }
 
+// A ray between samples of a fog: places in cells of the lattice, from the cell of its anchor on.
+struct Samples {
+    cell: vec3<i32>,
+    origin: vec3<f32>,
+    way: vec3<f32>,
+}
+
+// A place of a sample.
+struct Sample {
+    cell: vec3<i32>,
+    u: vec3<f32>,
+}
+
+fn sample_at(samples: Samples, t: f32) -> Sample {
+    let at = samples.origin + t * samples.way;
+    let whole = floor(at);
+    return Sample(samples.cell + vec3<i32>(whole), at - whole);
+}
+
+// The density in a region whose words begin at `region`. What is read of a tile in place of a brick is the
+// region's own words, and does not count. At the border of a mixed tile, the density is that of the tile.
+fn density_in(grid: Grid, region: u32, head: u32, sample: Sample) -> f32 {
+    let slot = word_at(region + region_slot(sample.cell));
+    let is_leaf = (slot & CHILD) != 0u;
+    let leaf = grid.samples + (head + (slot & LEAF_NUMBER)) * grid.brick_words;
+    let brick = brick_at(grid, select(region, leaf, is_leaf));
+    let kept = trilinear(brick_corners(grid, brick, brick_slot(sample.cell)), sample.u);
+    var density = brick.offset + brick.scale * kept;
+    if !is_leaf {
+        density = 0.0;
+        if (slot & OCCUPIED) != 0u {
+            density = tile_value(grid, slot);
+        }
+    }
+    return density;
+}
+
 // The same by the density at even distances, `step` voxels, of which the first is half as far behind where
 // the ray comes into the grid's box: places that do not depend on the tree. Nothing dims the ray before
 // `start`.
@@ -89,36 +128,38 @@ fn stepped_length(grid: Grid, course: Course, start: f32, enough: f32, step: f32
     let exits = plane_t(course, course.last + 1u);
     let t_end = min(min(min(exits.x, exits.y), exits.z), course.t_max) - near.t;
     let t_step = step / length(course.speed);
-    // In cells of the lattice, from the anchor's on.
-    let cell = local_cell(course, near.cell);
-    let origin = unturned(course, near.frac);
     let way = select(course.speed, -course.speed, course.flip != vec3(0));
-    var place = nowhere(cell);
+    let samples = Samples(local_cell(course, near.cell), unturned(course, near.frac), way);
+    var place = nowhere(samples.cell);
     var sum = 0.0;
     var k = max(ceil((start - near.t) / t_step - 0.5), 0.0);
-    while sum < enough {
-        let t = (k + 0.5) * t_step;
-        if t >= t_end {
-            break;
-        }
-        count_step();
-        k += 1.0;
-        let at = origin + t * way;
-        let whole = floor(at);
+    while sum < enough && (k + 0.5) * t_step < t_end {
+        var here = sample_at(samples, (k + 0.5) * t_step);
         // Rounding may lead a cell out of the box.
-        let here = clamp(cell + vec3<i32>(whole), grid.occupied_min, grid.occupied_max);
-        let slot = locate_slot(grid, here, &place);
+        here.cell = clamp(here.cell, grid.occupied_min, grid.occupied_max);
+        let slot = locate_slot(grid, here.cell, &place);
+        count_step();
         if (slot & (CHILD | OCCUPIED)) == 0u {
-            let rel = bitcast<vec3<u32>>((here ^ course.flip) - course.cell);
+            let rel = bitcast<vec3<u32>>((here.cell ^ course.flip) - course.cell);
             let span = empty_span(place.log_dim, reach_of(slot, course.octant));
             let out = anchor_t(near, course, planes_behind(course, rel, span));
-            k = max(k, ceil(min(min(out.x, out.y), out.z) / t_step - 0.5));
-        } else if (slot & (CHILD | MIXED)) == 0u {
-            sum += t_step * tile_value(grid, slot);
-        } else {
-            let span = Span(0u, 0u, slot, place.head + (slot & LEAF_NUMBER));
-            sum += t_step * trilinear(fog_corners(grid, span, here), at - whole);
+            k = max(k + 1.0, ceil(min(min(out.x, out.y), out.z) / t_step - 0.5));
+            continue;
         }
+        if place.log_dim > LEAF_BITS {
+            sum += t_step * tile_value(grid, slot);
+            k += 1.0;
+            continue;
+        }
+        // The next one as well, if it is in the region: both are on their way at once.
+        let t_next = (k + 1.5) * t_step;
+        let next = sample_at(samples, t_next);
+        let apart = here.cell ^ next.cell;
+        let both = ((apart.x | apart.y | apart.z) >> REGION_BITS) == 0 && t_next < t_end;
+        let first = density_in(grid, place.region, place.head, here);
+        let second = density_in(grid, place.region, place.head, next);
+        sum += t_step * (first + select(0.0, second, both));
+        k += select(1.0, 2.0, both);
     }
     return sum;
 }

@@ -20,30 +20,43 @@ struct Corners {
     high: vec4<f32>,
 }
 
+// How a grid's samples are kept; known beforehand where all grids of a view have the same.
+fn format_of(grid: Grid) -> u32 {
+#ifdef FORMAT
+    return #{FORMAT}u;
+#else
+    return grid.format;
+#endif
+}
+
 // The value of a tile.
 fn tile_value(grid: Grid, tile: u32) -> f32 {
     return bitcast<f32>(word_at(grid.palette + (tile & PAYLOAD)));
 }
 
-// Two samples that stand side by side. Bytes are steps: x is what 0 stands for, y the size of one.
-fn pair(grid: Grid, first: u32, index: u32, steps: vec2<f32>) -> vec2<f32> {
-    if grid.format == FLOATS {
+// Two samples that stand side by side, in the units in which they are kept.
+fn pair(grid: Grid, first: u32, index: u32) -> vec2<f32> {
+    if format_of(grid) == FLOATS {
         let at = first + index;
         return vec2(bitcast<f32>(word_at(at)), bitcast<f32>(word_at(at + 1u)));
     }
-    if grid.format == HALVES {
+    if format_of(grid) == HALVES {
         let at = first + (index >> 1u);
-        let low = word_at(at);
-        let high = word_at(at + 1u);
-        let halves = select(low, (low >> 16u) | (high << 16u), (index & 1u) == 1u);
-        return grid.scale * unpack2x16float(halves);
+        return halves(at, (index & 1u) == 1u);
     }
     let at = first + (index >> 2u);
     let low = word_at(at);
     let high = word_at(at + 1u);
     let shift = 8u * (index & 3u);
     let bytes = (low >> shift) | select(0u, high << 8u, shift == 24u);
-    return steps.x + steps.y * vec2(f32(bytes & 255u), f32((bytes >> 8u) & 255u));
+    return vec2(f32(bytes & 255u), f32((bytes >> 8u) & 255u));
+}
+
+// Two halves, of which the first is the upper one of its word if it is odd.
+fn halves(at: u32, odd: bool) -> vec2<f32> {
+    let low = word_at(at);
+    let high = word_at(at + 1u);
+    return unpack2x16float(select(low, (low >> 16u) | (high << 16u), odd));
 }
 
 // The corners of a cell of a mixed tile.
@@ -68,44 +81,62 @@ fn tile_corners(grid: Grid, tile: u32, cell: vec3<i32>) -> Corners {
     );
 }
 
-// Where a leaf's brick of densities is, and its steps.
+// Where a leaf's brick of densities is, and what they are: offset + scale · what is kept.
 struct Brick {
     first: u32,
-    steps: vec2<f32>,
+    offset: f32,
+    scale: f32,
 }
 
-fn brick_of(grid: Grid, leaf: u32) -> Brick {
-    let first = grid.samples + leaf * grid.brick_words;
-    if grid.format > HALVES {
-        return Brick(first + 2u, vec2(bitcast<f32>(word_at(first)), bitcast<f32>(word_at(first + 1u))));
+fn brick_at(grid: Grid, first: u32) -> Brick {
+    if format_of(grid) == FLOATS {
+        return Brick(first, 0.0, 1.0);
     }
-    return Brick(first, vec2(0.0));
+    if format_of(grid) == HALVES {
+        return Brick(first, 0.0, grid.scale);
+    }
+    return Brick(first + 2u, bitcast<f32>(word_at(first)), bitcast<f32>(word_at(first + 1u)));
 }
 
-// The corners of a cell of a brick, by the place of its lowest sample.
+fn brick_slot(cell: vec3<i32>) -> u32 {
+    let c = vec3<u32>(cell) & vec3(7u);
+    return c.x * 90u + c.y * 10u + c.z;
+}
+
+// What is kept at the corners of a cell of a brick, by the place of its lowest sample.
 fn brick_corners(grid: Grid, brick: Brick, slot: u32) -> Corners {
+    if format_of(grid) == HALVES {
+        // Rows are even, so that all four pairs are odd or none is.
+        let at = brick.first + (slot >> 1u);
+        let odd = (slot & 1u) == 1u;
+        return Corners(
+            vec4(halves(at, odd), halves(at + 5u, odd)),
+            vec4(halves(at + 45u, odd), halves(at + 50u, odd)),
+        );
+    }
     return Corners(
-        vec4(
-            pair(grid, brick.first, slot, brick.steps),
-            pair(grid, brick.first, slot + 9u, brick.steps),
-        ),
-        vec4(
-            pair(grid, brick.first, slot + 81u, brick.steps),
-            pair(grid, brick.first, slot + 90u, brick.steps),
-        ),
+        vec4(pair(grid, brick.first, slot), pair(grid, brick.first, slot + 10u)),
+        vec4(pair(grid, brick.first, slot + 90u), pair(grid, brick.first, slot + 100u)),
     );
 }
 
-// The densities at the corners of an occupied cell that is no constant tile's.
-fn fog_corners(grid: Grid, span: Span, cell: vec3<i32>) -> Corners {
-    if (span.word & CHILD) == 0u {
-        return tile_corners(grid, span.word, cell);
-    }
-    let c = vec3<u32>(cell) & vec3(7u);
-    return brick_corners(grid, brick_of(grid, span.leaf), c.x * 81u + c.y * 9u + c.z);
+// The densities in an occupied cell that is no constant tile's: offset + scale · what is at its corners.
+struct FogCell {
+    corners: Corners,
+    offset: f32,
+    scale: f32,
 }
 
-// The values above the iso-value at the corners of a cell that a smooth surface passes through.
+fn fog_cell(grid: Grid, span: Span, cell: vec3<i32>) -> FogCell {
+    if (span.word & CHILD) == 0u {
+        return FogCell(tile_corners(grid, span.word, cell), 0.0, 1.0);
+    }
+    let brick = brick_at(grid, grid.samples + span.leaf * grid.brick_words);
+    return FogCell(brick_corners(grid, brick, brick_slot(cell)), brick.offset, brick.scale);
+}
+
+// The values above the iso-value at the corners of a cell that a smooth surface passes through, in units of
+// the grid's scale.
 fn surface_corners(grid: Grid, span: Span, cell: vec3<i32>) -> Corners {
     if (span.word & CHILD) == 0u {
         return tile_corners(grid, span.word, cell);
@@ -120,18 +151,19 @@ fn surface_corners(grid: Grid, span: Span, cell: vec3<i32>) -> Corners {
     // The samples before those of the cell, in its plane: at the lower y, and at the higher.
     let here = (1u << (5u * c.y + c.z)) - 1u;
     let next = (here << 5u) | 31u;
-    let steps = vec2(grid.offset, grid.scale);
+    // Bytes are steps from below zero on.
+    let zero = select(0.0, 127.5, format_of(grid) > HALVES);
     let low_first = first + (low >> 25u);
     let high_first = first + (high >> 25u);
     return Corners(
         vec4(
-            pair(grid, grid.samples, low_first + countOneBits(low & here), steps),
-            pair(grid, grid.samples, low_first + countOneBits(low & next), steps),
-        ),
+            pair(grid, grid.samples, low_first + countOneBits(low & here)),
+            pair(grid, grid.samples, low_first + countOneBits(low & next)),
+        ) - zero,
         vec4(
-            pair(grid, grid.samples, high_first + countOneBits(high & here), steps),
-            pair(grid, grid.samples, high_first + countOneBits(high & next), steps),
-        ),
+            pair(grid, grid.samples, high_first + countOneBits(high & here)),
+            pair(grid, grid.samples, high_first + countOneBits(high & next)),
+        ) - zero,
     );
 }
 

@@ -159,7 +159,7 @@ fn first_root(grid: Grid, course: Course, enters: Walk) -> SurfaceHit {
             let off = trilinear(c, first) / select(slope, 1.0, slope == 0.0);
             s = saturate(s - select(0.0, off, slope != 0.0 && abs(off) < 0.01));
             let at = saturate(start + s * way);
-            return SurfaceHit(true, here.t + s * length, trilinear_gradient(c, at), here.axis);
+            return SurfaceHit(true, here.t + s * length, grid.scale * trilinear_gradient(c, at), here.axis);
         }
         known = true;
         was_negative = f_3 < 0.0;

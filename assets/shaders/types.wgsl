@@ -18,8 +18,7 @@ struct Grid {
     palette: u32,
     format: u32,
     brick_words: u32,
-    offset: f32,                // of a smooth surface in bytes: what 0 stands for
-    scale: f32,                 // the step from byte to byte; of samples in 16 bits: their factor
+    scale: f32,                 // of what is kept of samples; bytes of fog have their own
 }
 
 const KIND_SURFACE: u32 = 0u;

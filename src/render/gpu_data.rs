@@ -131,7 +131,7 @@ mod tests {
         );
         let grid = fields!(GridHeader: crown_origin, crown_levels, occupied_min, crown,
             occupied_max, regions, heads, masks, leaf_records, records, samples, palette, format,
-            brick_words, offset, scale);
+            brick_words, scale);
         check(&module, "Grid", size_of::<GridHeader>(), &grid);
         let rays = fields!(GpuRays: eye_cell, eye_frac, eye_x, eye_y, dir, dir_rest, dir_x, dir_y);
         check(&module, "Rays", size_of::<GpuRays>(), &rays);

@@ -240,7 +240,10 @@ pub(super) fn assemble(
     }
     header.palette = end(&words)?;
     if !matches!(kind, PackKind::Surface { .. }) {
-        let tiles = sources.tile_values().iter().map(|&value| values::safe(kind, value));
+        // Those of a smooth surface are in units of its samples.
+        let scale = if kind == PackKind::Fog { 1.0 } else { header.scale };
+        let tiles = sources.tile_values().iter().map(|&value| values::safe(kind, value) / scale);
+        let tiles = tiles.map(|value| value.clamp(-values::MAX_VALUE, values::MAX_VALUE));
         words.extend(tiles.map(f32::to_bits));
     }
     end(&words)?;
@@ -260,7 +263,7 @@ fn add_bricks(
     let stored = values::stored(format, || {
         bricks::densities_fit_half(sources.leaves(), sources.tile_values(), factor)
     });
-    header.scale = 1.0 / factor;
+    header.scale = if stored == Stored::Half { 1.0 / factor } else { 1.0 };
     let brick_words = bricks::brick_words(stored);
     header.format = stored as u32;
     header.brick_words = brick_words as u32;
@@ -296,10 +299,10 @@ fn add_blocks(
     let out = &mut words[header.samples as usize..];
     if stored == Stored::Byte {
         let steps = Steps::around_zero(largest);
-        (header.offset, header.scale) = (steps.offset, steps.scale);
+        header.scale = steps.scale;
         values::write_bytes(&blocks.samples, out, |value| steps.signed_code(value));
     } else {
-        header.scale = 1.0 / factor;
+        header.scale = if stored == Stored::Half { 1.0 / factor } else { 1.0 };
         values::write_floats(stored, &blocks.samples, factor, out);
     }
     Ok(())

@@ -66,12 +66,12 @@ impl Blocks {
                 continue;
             }
             let first = self.samples.len() as u32;
-            let low = (block >> 2) * 4 * 81 + (block >> 1 & 1) * 4 * 9 + (block & 1) * 4;
+            let low = (block >> 2) * 4 * 90 + (block >> 1 & 1) * 4 * 10 + (block & 1) * 4;
             for (x, plane) in corners(cells).into_iter().enumerate() {
                 let before = self.samples.len() as u32 - first;
                 self.records.push(plane | before << RECORD_COUNT);
                 let kept = (0..25).filter(|bit| plane >> bit & 1 == 1);
-                self.samples.extend(kept.map(|bit| brick[low + x * 81 + bit / 5 * 9 + bit % 5]));
+                self.samples.extend(kept.map(|bit| brick[low + x * 90 + bit / 5 * 10 + bit % 5]));
             }
             self.records.push(first);
         }

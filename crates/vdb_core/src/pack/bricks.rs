@@ -8,7 +8,7 @@ use super::build::{Leaf, Source, Sources};
 use super::layout::*;
 use super::values::{self, Steps, Stored};
 
-/// Samples `x·81 + y·9 + z` of a leaf-sized cube and of its neighbours on the high side.
+/// Samples `x·90 + y·10 + z` of a leaf-sized cube and of its neighbours on the high side.
 pub(super) type Brick = [f32; BRICK_VALUES];
 
 /// The samples of the cube at an origin, as they are kept.
@@ -23,13 +23,18 @@ pub(super) fn gather(sources: &Sources, kind: PackKind, origin: IVec3, brick: &m
         let range = |high: i32| if high == 0 { 0..8 } else { 8..9 };
         for x in range(side.x) {
             for y in range(side.y) {
-                let out = &mut brick[x * 81 + y * 9..][..9];
-                let out = if side.z == 0 { &mut out[..8] } else { &mut out[8..] };
+                let row = &mut brick[x * 90 + y * 10..];
+                // What fills the row up is as the last, so that it changes no range.
+                let out = if side.z == 0 { &mut row[..8] } else { &mut row[8..10] };
                 match source {
                     Source::Leaf(leaf) => {
                         let row = &leaf.values_slice()[(x & 7) << 6 | (y & 7) << 3..];
-                        for (out, &value) in out.iter_mut().zip(row) {
-                            *out = values::safe(kind, value);
+                        if side.z == 0 {
+                            for (out, &value) in out.iter_mut().zip(row) {
+                                *out = values::safe(kind, value);
+                            }
+                        } else {
+                            out.fill(values::safe(kind, row[0]));
                         }
                     }
                     Source::Constant(value) => out.fill(values::safe(kind, value)),

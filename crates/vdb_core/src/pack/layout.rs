@@ -26,9 +26,9 @@
 //! **Leaf masks** are eight blocks of 4³ cells, 64 bits each: block `x/4·4 + y/4·2 + z/4`, bit
 //! `(x%4)·16 + (y%4)·4 + z%4`, low word first.
 //!
-//! **Samples of fog** are a *brick* a leaf, [`BRICK_VALUES`] samples `x·81 + y·9 + z`: the leaf's own
+//! **Samples of fog** are a *brick* a leaf, [`BRICK_VALUES`] samples `x·90 + y·10 + z`: the leaf's own
 //! and the first of its neighbours on the high side, so that no cell looks further. Most of them are
-//! needed.
+//! needed; the last of each row of ten is none.
 //!
 //! **Samples of a smooth surface** are those at the corners of cells that it passes through, few of a
 //! leaf. For each leaf, in the order of the masks, there is the number of the first *record* among
@@ -38,9 +38,10 @@
 //! number of the block's first sample.
 //!
 //! **Values** are f32, f16 or bytes ([`ValueFormat`](super::ValueFormat)), packed into words from the
-//! low end. Those of 16 bits have been multiplied by a power of two, so that none is denormal; its
-//! inverse is in the header. Bytes of a brick are steps from its least value on: two words before them hold that value
-//! and the step. Bytes of a smooth surface are steps of the whole grid, in its header.
+//! low end. Those of 16 bits have been multiplied by a power of two, so that none is denormal. Bytes of
+//! a brick are steps from its least value on: two words before them hold that value and the step. Bytes
+//! of a smooth surface are steps from 127½ below zero on. What a step or a half is worth is in the
+//! grid's header, and the palette of a smooth surface is in these units, too.
 //!
 //! **Octants** are numbered by the signs of a ray's direction, 4 for a negative x, 2 for y, 1 for z.
 
@@ -75,7 +76,7 @@ pub const LEAF_MASK_WORDS: usize = 16;
 /// Values of a leaf of a tree.
 pub(super) const LEAF_VALUES: usize = 512;
 /// Samples of a brick.
-pub const BRICK_VALUES: usize = 9 * 9 * 9;
+pub const BRICK_VALUES: usize = 9 * 9 * 10;
 /// Words of a record of a block.
 pub const RECORD_WORDS: usize = 6;
 /// The lowest bit of the count in a word of a record.
@@ -117,7 +118,7 @@ pub fn region_slot(cell: IVec3) -> usize {
 #[inline]
 pub fn brick_slot(cell: IVec3) -> usize {
     let part = |c: i32| c as usize & 7;
-    part(cell.x) * 81 + part(cell.y) * 9 + part(cell.z)
+    part(cell.x) * 90 + part(cell.y) * 10 + part(cell.z)
 }
 
 /// The word and the bit of a local cell in the mask of the leaf that holds it.

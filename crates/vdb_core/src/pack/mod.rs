@@ -163,11 +163,9 @@ pub struct GridHeader {
     pub format: u32,
     /// Words of a brick.
     pub brick_words: u32,
-    /// Smooth surfaces in bytes: what byte 0 stands for.
-    pub offset: f32,
-    /// Samples in 16 bits: their factor. Smooth surfaces in bytes: the step from byte to byte.
+    /// What a sample is worth that is kept as 1; bytes of fog have steps of their own.
     pub scale: f32,
-    pad: [u32; 2],
+    pad: [u32; 3],
 }
 
 /// Why a grid could not be packed.

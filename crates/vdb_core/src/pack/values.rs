@@ -44,7 +44,7 @@ impl Stored {
 }
 
 /// The largest value kept: along any ray that can be shown, a density adds up to less than infinity.
-const MAX_VALUE: f32 = 1e30;
+pub(super) const MAX_VALUE: f32 = 1e30;
 /// The largest value of 16 bits, and the least that is not denormal.
 const MAX_HALF: f32 = 65_504.0;
 const LEAST_HALF: f32 = 1.0 / 16_384.0;
@@ -153,7 +153,7 @@ impl Steps {
 
     /// Evenly on both sides of zero, which is none of them, as far as `largest`.
     pub fn around_zero(largest: f32) -> Self {
-        let scale = largest / 127.5;
+        let scale = (largest / 127.5).max(f32::MIN_POSITIVE);
         Self { offset: -127.5 * scale, scale }
     }
 

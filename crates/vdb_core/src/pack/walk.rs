@@ -236,7 +236,8 @@ pub fn corners(grid: &PackedGrid, span: Span, cell: IVec3) -> [f32; 8] {
         return std::array::from_fn(|i| {
             let side = corner(i) & high;
             let index = (side.x << 2 | side.y << 1 | side.z) as u32;
-            palette(grid, (span.word & PAYLOAD) + index)
+            let value = palette(grid, (span.word & PAYLOAD) + index);
+            if grid.kind == super::PackKind::Fog { value } else { value * header.scale }
         });
     }
     if grid.kind == super::PackKind::Fog {
@@ -250,7 +251,7 @@ pub fn corners(grid: &PackedGrid, span: Span, cell: IVec3) -> [f32; 8] {
         let slot = brick_slot(cell) as u32;
         return std::array::from_fn(|i| {
             let at = corner(i);
-            sample(grid, first, slot + (at.x * 81 + at.y * 9 + at.z) as u32, steps)
+            sample(grid, first, slot + (at.x * 90 + at.y * 10 + at.z) as u32, steps)
         });
     }
     let block = mask_bit(cell).0 / 2;
@@ -264,7 +265,7 @@ pub fn corners(grid: &PackedGrid, span: Span, cell: IVec3) -> [f32; 8] {
         let plane = record[at.x as usize];
         let below = plane & ((1 << (at.y * 5 + at.z)) - 1);
         let index = record[RECORD_WORDS - 1] + (plane >> RECORD_COUNT) + below.count_ones();
-        sample(grid, header.samples, index, (header.offset, header.scale))
+        sample(grid, header.samples, index, (-127.5 * header.scale, header.scale))
     })
 }
 
