@@ -11,6 +11,8 @@ use vdb_core::pack::{PackError, PackKind, PackedGrid};
 use vdb_core::tree::Vdb543;
 use vdb_core::{GridClass, Metadata, SkippedGrid};
 
+use crate::VdbValues;
+
 /// A `.vdb` file: the root asset of `asset_server.load::<VdbFile>("smoke.vdb")`.
 ///
 /// Its grids are labelled by name, `"smoke.vdb#density"`. Where a name is empty or shared, the
@@ -76,7 +78,18 @@ impl VdbGrid {
             Metadata::default(),
             Arc::new(tree),
             kind,
+            VdbValues::Exact,
         )
+    }
+
+    /// The same grid with samples of other bits on the GPU.
+    ///
+    /// # Errors
+    /// When the tree is larger than a GPU grid can be.
+    pub fn with_values(mut self, values: VdbValues) -> Result<Self, VdbGridError> {
+        let packed = PackedGrid::with_format(&self.tree, self.packed.kind, values.into())?;
+        self.packed = Arc::new(packed);
+        Ok(self)
     }
 
     pub(crate) fn from_parts(
@@ -86,6 +99,7 @@ impl VdbGrid {
         metadata: Metadata,
         tree: Arc<Vdb543<f32>>,
         kind: PackKind,
+        values: VdbValues,
     ) -> Result<Self, VdbGridError> {
         let inverse = world_from_index.inverse();
         if !inverse.is_finite() || !world_from_index.is_finite() {
@@ -93,7 +107,7 @@ impl VdbGrid {
                 "the transform from index space to the world, {world_from_index}, cannot be inverted"
             )));
         }
-        let packed = Arc::new(PackedGrid::new(&tree, kind)?);
+        let packed = Arc::new(PackedGrid::with_format(&tree, kind, values.into())?);
         Ok(Self { name, class, world_from_index, metadata, tree, packed })
     }
 

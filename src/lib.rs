@@ -14,7 +14,9 @@ pub use asset::{VdbFile, VdbGrid, VdbGridError};
 pub use components::{
     VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
 };
-pub use loader::{VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs};
+pub use loader::{
+    VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbValues,
+};
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
 pub use plugin::VdbRenderPlugin;

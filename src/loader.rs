@@ -11,7 +11,7 @@ use bevy::prelude::*;
 use bevy::tasks::AsyncComputeTaskPool;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-use vdb_core::pack::PackKind;
+use vdb_core::pack::{PackKind, ValueFormat};
 use vdb_core::tree::{Vdb543, trim_narrow_band};
 use vdb_core::{AnyTree, Grid, GridClass, GridSelection, Limits, ProgressFn, ReadOptions};
 
@@ -38,6 +38,34 @@ pub struct VdbLoaderSettings {
     /// Whether surfaces are smooth, where the trilinear interpolant passes through the iso-value,
     /// rather than made of voxels. Off by default.
     pub smooth: bool,
+    /// In how many bits the GPU gets the samples of fog and of smooth surfaces.
+    pub values: VdbValues,
+}
+
+/// In how many bits the GPU has samples; what each costs and loses is in `docs/benchmarks.md`. A surface
+/// of voxels has none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum VdbValues {
+    /// As the file has them: in 16 bits where that loses nothing, as for files that were saved so, else
+    /// in 32.
+    #[default]
+    Exact,
+    /// Floats of 16 bits: relative errors of 2⁻¹² at most.
+    Half,
+    /// Bytes. Of fog, 255 steps from the least to the largest density of each leaf of 8³ voxels; of a
+    /// smooth surface, steps of 1/127 of the largest distance that a cell on it has (about √3 voxels),
+    /// such that no sign changes: the surface keeps its holes and gets no new ones.
+    Byte,
+}
+
+impl From<VdbValues> for ValueFormat {
+    fn from(values: VdbValues) -> Self {
+        match values {
+            VdbValues::Exact => Self::Exact,
+            VdbValues::Half => Self::Half,
+            VdbValues::Byte => Self::Byte,
+        }
+    }
 }
 
 /// Whether grids are shown as surfaces or as fog.
@@ -259,7 +287,8 @@ fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<VdbGrid, VdbGridE
         }
         _ => tree,
     };
-    VdbGrid::from_parts(grid.name.into(), grid.class, world_from_index, grid.metadata, tree, kind)
+    let (name, values) = (grid.name.into(), settings.values);
+    VdbGrid::from_parts(name, grid.class, world_from_index, grid.metadata, tree, kind, values)
 }
 
 fn kind_of(class: GridClass, tree: &Vdb543<f32>) -> PackKind {

@@ -3,9 +3,8 @@
 
 #import bevy_vdb::types::Grid
 #import bevy_vdb::exact::Course
-#import bevy_vdb::bindings::word_at
 #import bevy_vdb::samples::{brick_at, brick_corners, brick_slot, fog_cell, tile_value, trilinear}
-#import bevy_vdb::tree::{CHILD, LEAF_BITS, LEAF_NUMBER, OCCUPIED, REGION_BITS, Span, empty_cell, empty_span, locate, locate_slot, nowhere, reach_of, region_slot, span_constant, span_occupied}
+#import bevy_vdb::tree::{CHILD, LEAF_NUMBER, OCCUPIED, Place, REGION_BITS, Span, empty_cell, empty_span, locate, locate_slot, nowhere, reach_of, span_constant, span_occupied}
 #import bevy_vdb::anchor::{Anchor, anchor_exit, anchor_t, anchored}
 #import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, enter, local_cell, plane_t, planes_behind, unturned}
 
@@ -98,22 +97,14 @@ fn sample_at(samples: Samples, t: f32) -> Sample {
     return Sample(samples.cell + vec3<i32>(whole), at - whole);
 }
 
-// The density in a region whose words begin at `region`. What is read of a tile in place of a brick is the
-// region's own words, and does not count. At the border of a mixed tile, the density is that of the tile.
-fn density_in(grid: Grid, region: u32, head: u32, sample: Sample) -> f32 {
-    let slot = word_at(region + region_slot(sample.cell));
-    let is_leaf = (slot & CHILD) != 0u;
-    let leaf = grid.samples + (head + (slot & LEAF_NUMBER)) * grid.brick_words;
-    let brick = brick_at(grid, select(region, leaf, is_leaf));
-    let kept = trilinear(brick_corners(grid, brick, brick_slot(sample.cell)), sample.u);
-    var density = brick.offset + brick.scale * kept;
-    if !is_leaf {
-        density = 0.0;
-        if (slot & OCCUPIED) != 0u {
-            density = tile_value(grid, slot);
-        }
+// The density at a place in a leaf or a tile. At the border of a mixed tile, it is that of the tile.
+fn density_in(grid: Grid, place: Place, sample: Sample) -> f32 {
+    if (place.word & CHILD) == 0u {
+        return tile_value(grid, place.word);
     }
-    return density;
+    let leaf = place.head + (place.word & LEAF_NUMBER);
+    let brick = brick_at(grid, grid.samples + leaf * grid.brick_words);
+    return brick.offset + brick.scale * trilinear(brick_corners(grid, brick, brick_slot(sample.cell)), sample.u);
 }
 
 // The same by the density at even distances, `step` voxels, of which the first is half as far behind where
@@ -135,8 +126,11 @@ fn stepped_length(grid: Grid, course: Course, start: f32, enough: f32, step: f32
     var k = max(ceil((start - near.t) / t_step - 0.5), 0.0);
     while sum < enough && (k + 0.5) * t_step < t_end {
         var here = sample_at(samples, (k + 0.5) * t_step);
-        // Rounding may lead a cell out of the box.
-        here.cell = clamp(here.cell, grid.occupied_min, grid.occupied_max);
+        let apart = here.cell ^ place.cell;
+        if ((apart.x | apart.y | apart.z) >> REGION_BITS) != 0 {
+            // Rounding may lead a cell out of the box, and the crown knows of nothing there.
+            here.cell = clamp(here.cell, grid.occupied_min, grid.occupied_max);
+        }
         let slot = locate_slot(grid, here.cell, &place);
         count_step();
         if (slot & (CHILD | OCCUPIED)) == 0u {
@@ -146,20 +140,8 @@ fn stepped_length(grid: Grid, course: Course, start: f32, enough: f32, step: f32
             k = max(k + 1.0, ceil(min(min(out.x, out.y), out.z) / t_step - 0.5));
             continue;
         }
-        if place.log_dim > LEAF_BITS {
-            sum += t_step * tile_value(grid, slot);
-            k += 1.0;
-            continue;
-        }
-        // The next one as well, if it is in the region: both are on their way at once.
-        let t_next = (k + 1.5) * t_step;
-        let next = sample_at(samples, t_next);
-        let apart = here.cell ^ next.cell;
-        let both = ((apart.x | apart.y | apart.z) >> REGION_BITS) == 0 && t_next < t_end;
-        let first = density_in(grid, place.region, place.head, here);
-        let second = density_in(grid, place.region, place.head, next);
-        sum += t_step * (first + select(0.0, second, both));
-        k += select(1.0, 2.0, both);
+        sum += t_step * density_in(grid, place, here);
+        k += 1.0;
     }
     return sum;
 }

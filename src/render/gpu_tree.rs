@@ -135,6 +135,13 @@ impl VdbTreePool {
         (buffers.pages.len() > 1).then_some(buffers.paging.bits)
     }
 
+    /// How the samples of all grids are kept, if they are kept alike: shaders then need not ask.
+    pub fn format(&self) -> Option<u32> {
+        let mut formats = self.resident.values().filter_map(|grid| grid.packed.sample_format());
+        let first = formats.next()?;
+        formats.all(|format| format == first).then_some(first)
+    }
+
     /// The index of a grid's header, if the grid is there.
     pub fn index(&self, grid: AssetId<VdbGrid>) -> Option<u32> {
         self.resident.get(&grid).map(|resident| resident.index)

@@ -135,6 +135,8 @@ pub(super) struct TraceKey {
     pub beams: bool,
     /// log₂ of the words of a page, where the pool has several.
     pub page_bits: Option<u32>,
+    /// How samples are kept, where all are kept alike.
+    pub format: Option<u32>,
     pub traversal: VdbTraversal,
     pub mode: VdbRenderMode,
     /// Of modes that have light in them.
@@ -206,12 +208,13 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.mode == VdbRenderMode::Steps, "COUNT_STEPS"),
         ];
         let own = defs.into_iter().filter(|(on, _)| *on).map(|(_, def)| def.into());
+        let format = key.format.map(|format| ShaderDefVal::UInt("FORMAT".into(), format));
         let lights = key.lights.into_iter().flat_map(|key| key.shader_defs(&self.lights));
         ComputePipelineDescriptor {
             label: Some("vdb_trace".into()),
             layout: layouts(&self.lights, key.lights, self.layout(key.multisampled, key.beams)),
             shader: self.shaders.trace.clone(),
-            shader_defs: own.chain(lights).chain(page_defs(key.page_bits)).collect(),
+            shader_defs: own.chain(lights).chain(page_defs(key.page_bits)).chain(format).collect(),
             entry_point: Some("trace".into()),
             ..default()
         }

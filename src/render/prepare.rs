@@ -303,6 +303,7 @@ pub(super) fn prepare_views(
             fogs: traces[2] && with_fog,
             beams,
             page_bits: pool.page_bits(),
+            format: pool.format(),
             traversal: settings.traversal,
             mode: settings.mode,
             lights,

@@ -13,11 +13,12 @@ use naga_oil::compose::{
 };
 
 /// In an order in which each finds those before it.
-const MODULES: [&str; 16] = [
+const MODULES: [&str; 17] = [
     "types",
     "bindings",
     "rays",
     "tree",
+    "samples",
     "exact",
     "hdda",
     "beam",
@@ -109,7 +110,12 @@ fn composer() -> Composer {
 
 fn check(composer: &mut Composer, name: &str, defs: &[&str]) {
     let source = &source(name);
-    let on = |def: &&str| ((*def).to_owned(), ShaderDefValue::Bool(true));
+    let on = |def: &&str| match def.split_once('=') {
+        Some((name, number)) => {
+            (name.to_owned(), ShaderDefValue::UInt(number.parse().expect("a number")))
+        }
+        None => ((*def).to_owned(), ShaderDefValue::Bool(true)),
+    };
     let storage = ("AVAILABLE_STORAGE_BUFFER_BINDINGS".to_owned(), ShaderDefValue::UInt(8));
     let made = composer.make_naga_module(NagaModuleDescriptor {
         source,
@@ -169,10 +175,17 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&["LIT", "SURFACES", "LOCAL_LIGHTS", "SHADOWS", &filter]]);
     }
     check(&[&["LIT", "SURFACES", "DFG_LUT", "EVEN_LIGHT"]]);
-    assert_eq!(variants, 8 * (5 * 4 + 3 + 2 * 8 + 1 + 2) + 3);
+    // Grids in pages, and samples of one format.
+    for format in ["FORMAT=0", "FORMAT=1", "FORMAT=2"] {
+        check(&[&["LIT", "SMOOTH", "FOGS", format], &shadows]);
+    }
+    check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS", "PAGED", "PAGE_BITS=20"], &shadows]);
+    assert_eq!(variants, 8 * (5 * 4 + 3 + 2 * 8 + 1 + 2) + 3 + 4);
 }
 
 #[test]
 fn the_beams_are_valid() {
-    check(&mut composer(), "beams", &[]);
+    let mut composer = composer();
+    check(&mut composer, "beams", &[]);
+    check(&mut composer, "beams", &["PAGED", "PAGE_BITS=20"]);
 }

@@ -115,7 +115,8 @@ impl Scene {
             scattering: 0.0,
             ..default()
         };
-        let transform = Transform::from_translation((min + max) * 0.5)
+        // A sample is in the middle of its voxel, as `vdb_bench` has it.
+        let transform = Transform::from_translation((min + max + 1.0) * 0.5)
             .with_scale(UVec3::from(density.dim).as_vec3());
         self.fog = Some(world.spawn((fog, transform)).id());
     }

@@ -3,9 +3,9 @@
 #import bevy_vdb::types::{Ray, Rays}
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::rays::{ndc_of, ray_through}
-#import bevy_vdb::fog::optical_length
+#import bevy_vdb::fog::{optical_length, stepped_length}
 #import bevy_vdb::beam::{beam_of, beam_start}
-#import bevy_vdb::hdda::{FAR, Walk, course_of, enter, enter_at, first_hit, steps}
+#import bevy_vdb::hdda::{FAR, Walk, course_of, enter_at, first_hit, steps}
 #import bevy_vdb::exact::Course
 #import bevy_vdb::smooth::first_root
 #import vdb_probe::single_rays::{ProbeHit, ProbeRay}
@@ -47,13 +47,16 @@ fn ray(i: u32) -> Ray {
 }
 
 // The rays of a picture begin where those of their tile can, as in the trace.
-fn enters(course: Course, i: u32) -> Walk {
+fn start_of(course: Course, i: u32) -> f32 {
 #ifdef PICTURE
-    let beam = beam_of(grids[0], view, pixel_of(i) / 8u, setup.size, 0.0);
-    return enter_at(course, beam_start(grids[0], beam));
+    return beam_start(grids[0], beam_of(grids[0], view, pixel_of(i) / 8u, setup.size, 0.0));
 #else
-    return enter(course);
+    return course.t_min;
 #endif
+}
+
+fn enters(course: Course, i: u32) -> Walk {
+    return enter_at(course, start_of(course, i));
 }
 
 @compute @workgroup_size(64)
@@ -81,7 +84,12 @@ fn probe_fog(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
         let course = course_of(grids[0], ray(i));
+#ifdef STEP
+        // In quarters of a voxel.
+        let length = stepped_length(grids[0], course, start_of(course, i), 3e38, 0.25 * f32(#{STEP}u));
+#else
         let length = optical_length(grids[0], course, enters(course, i), 3e38);
+#endif
         hits[i] = ProbeHit(vec3(0), 3u, vec3(0.0), 0u, 0.0, length, steps);
     }
 }

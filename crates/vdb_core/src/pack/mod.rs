@@ -124,6 +124,11 @@ impl PackedGrid {
         }
     }
 
+    /// The number by which shaders know how samples are kept; `None` where there are none.
+    pub fn sample_format(&self) -> Option<u32> {
+        (!matches!(self.kind, PackKind::Surface { .. })).then_some(self.header.format)
+    }
+
     /// Bytes that the grid takes on the GPU.
     pub fn bytes(&self) -> u64 {
         4 * self.words.len() as u64

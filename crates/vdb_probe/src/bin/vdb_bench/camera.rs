@@ -1,7 +1,7 @@
 //! Where rays come from.
 
 use glam::{DAffine3, DMat4, DVec3};
-use vdb_core::pack::PackedGrid;
+use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
 
 use crate::model::Model;
@@ -48,8 +48,11 @@ impl Camera {
             Self::Around(dist) => {
                 let (center, half) = half_diagonal(model);
                 let back = DVec3::new(0.45, 0.35, 0.82).normalize();
-                // The peers' voxels begin at their samples, ours lie around them.
-                let offset = DVec3::splat(-packed.kind.lattice_origin());
+                // The peers' voxels begin at their samples; ours, and densities, lie around them.
+                let offset = DVec3::splat(match packed.kind {
+                    PackKind::Smooth { .. } => 0.0,
+                    PackKind::Surface { .. } | PackKind::Fog => 0.5,
+                });
                 let eye = center + back * half.length() * dist;
                 (eye, center, 45_f64.to_radians(), DAffine3::from_translation(offset))
             }
