@@ -35,9 +35,15 @@ pub(super) struct LightKey {
 }
 
 impl LightKey {
-    pub fn shader_defs(self, layouts: &LightLayouts) -> impl Iterator<Item = ShaderDefVal> {
+    /// With motion vectors, the place of what is seen of fog matters as light does that changes from
+    /// place to place.
+    pub fn shader_defs(
+        self,
+        layouts: &LightLayouts,
+        motion: bool,
+    ) -> impl Iterator<Item = ShaderDefVal> {
         let table = layouts.has_table.then_some("DFG_LUT");
-        let even = self.shadows.is_none() && !self.local;
+        let even = self.shadows.is_none() && !self.local && !motion;
         let defs = [
             self.shadows.map(|_| "SHADOWS"),
             self.shadows,

@@ -92,6 +92,11 @@ impl Picture {
 
 impl Stage {
     pub fn new() -> Self {
+        Self::with(|_| {})
+    }
+
+    /// With what a test adds to the app.
+    pub fn with(add: impl FnOnce(&mut App)) -> Self {
         let mut app = App::new();
         app.add_plugins((
             DefaultPlugins
@@ -113,6 +118,7 @@ impl Stage {
             ScheduleRunnerPlugin::default(),
             VdbRenderPlugin,
         ));
+        add(&mut app);
         app.insert_resource(ClearColor(Color::BLACK));
         app.insert_resource(GlobalAmbientLight::NONE);
         while app.plugins_state() == PluginsState::Adding {
