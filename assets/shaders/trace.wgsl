@@ -20,6 +20,9 @@
 #import bevy_vdb::hdda::{course_of, enter, enter_at, plane_t}
 #endif
 #ifdef LIT
+#ifdef DISTANCE_FOG
+#import bevy_vdb::lights::through_distance_fog
+#endif
 #import bevy_vdb::lights::{Lit, reflected, roughness_seen, scattered, shade, surroundings}
 #else
 #import bevy_vdb::show::{axis_shares, gray, voxel_color}
@@ -272,6 +275,22 @@ fn chance(pixel: vec2<u32>, bounce: u32) -> vec2<f32> {
 }
 #endif
 
+// What fogs add to the view's ray.
+struct Veil {
+    radiance: vec3<f32>,
+    coverage: f32,
+    t: f32,
+}
+
+#ifdef DISTANCE_FOG
+// What the distance of a place on a ray of the view leaves of it.
+fn far_away(color: vec3<f32>, coverage: f32, segment: Segment, t: f32, pixel: vec2<u32>) -> vec3<f32> {
+    let coord = vec2<f32>(pixel + view.origin) + 0.5;
+    let at = Lit(world_position(along(segment, t)), vec3(0.0), coord, true);
+    return through_distance_fog(color, coverage, at);
+}
+#endif
+
 // The light along the view's ray.
 fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
     var found = Found(vec3(0.0), 0.0, NOTHING, NONE, 0.0);
@@ -281,6 +300,8 @@ fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
     var part = vec3(1.0);
     var if_nothing = vec3(0.0);
     var seen = no_surface();
+    // Of what is seen, the part that is of fogs before the first surface.
+    var veil = Veil(vec3(0.0), 0.0, 0.0);
     var roughness = 0.0;
     for (var bounce = 0u; bounce <= view.reflections; bounce++) {
         let surface = nearest_surface(segment, pixel, t_max);
@@ -303,6 +324,7 @@ fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
         if fog.optical_depth > 0.0 && bounce == 0u {
             found.coverage = 1.0 - transmittance * (1.0 - found.coverage);
             found.depth = select(found.depth, -1.0 - depth_at(fog.t_first), found.depth < 0.0);
+            veil = Veil(fog.radiance, 1.0 - transmittance, fog.t_mean);
             // A pixel moves with what most of its light is from.
             if transmittance < 0.5 {
                 found.mover = fog.mover;
@@ -338,7 +360,16 @@ fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
         found.color += if_nothing;
         break;
     }
-    found.color = bordered(view.exposure * found.color, first, seen);
+    found.color *= view.exposure;
+#ifdef DISTANCE_FOG
+    let own = view.exposure * veil.radiance;
+    let behind = found.color - own;
+    found.color = far_away(own, veil.coverage, first, veil.t, pixel);
+    if seen.found {
+        found.color += far_away(behind, found.coverage - veil.coverage, first, seen.t, pixel);
+    }
+#endif
+    found.color = bordered(found.color, first, seen);
     return found;
 }
 #else

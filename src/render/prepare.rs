@@ -12,6 +12,7 @@ use bevy::core_pipeline::tonemapping::{
 use bevy::image::ToExtents;
 use bevy::light::ShadowFilteringMethod;
 use bevy::math::DAffine3;
+use bevy::pbr::DistanceFog;
 use bevy::prelude::*;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::render_asset::RenderAssets;
@@ -150,7 +151,7 @@ type ViewData<'a> = (
     Option<&'a VdbCamera>,
     &'a Msaa,
     Option<&'a RenderLayers>,
-    (Option<&'a ShadowFilteringMethod>, Option<&'a ExtractedEnvironment>),
+    (Option<&'a ShadowFilteringMethod>, Option<&'a ExtractedEnvironment>, Has<DistanceFog>),
     Option<&'a TemporalJitter>,
     Option<&'a MainPassResolutionOverride>,
     Option<&'a Tonemapping>,
@@ -190,7 +191,7 @@ pub(super) fn prepare_views(
         settings,
         msaa,
         layers,
-        (shadow_filter, environment),
+        (shadow_filter, environment, has_distance_fog),
         jitter,
         resolution,
         tonemapping,
@@ -207,10 +208,12 @@ pub(super) fn prepare_views(
         }
         let rays = ViewRays::new(clip_from_view.as_dmat4());
         let world_from_view = affine(view.world_from_view.affine());
+        // Parts of the picture and what is shown instead of it, are shown as they are.
+        let distance_fog = has_distance_fog && settings.mode == VdbRenderMode::Lit;
         let lights = settings
             .mode
             .is_lit()
-            .then(|| lights.key(settings.shadows, shadow_filter, environment));
+            .then(|| lights.key(settings.shadows, shadow_filter, environment, distance_fog));
         // Of what is only diffuse, no ray sees a reflection.
         let mirrors = matches!(settings.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
         let reflections = if mirrors { settings.reflections.min(MOST_REFLECTIONS) } else { 0 };
