@@ -7,6 +7,8 @@ mod extremes;
 mod lights;
 #[path = "picture/modes.rs"]
 mod modes;
+#[path = "picture/motion.rs"]
+mod motion;
 #[path = "picture/rays.rs"]
 mod rays;
 #[path = "picture/reflections.rs"]

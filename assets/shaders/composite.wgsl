@@ -18,8 +18,36 @@ struct Placement {
 @group(0) @binding(3) var<uniform> view: View;
 #endif
 
+#ifdef MOTION_VECTORS
+// The volume that each pixel moves with, in the view's list, or none that is in it; and the bits of
+// the depth of the place that moves.
+@group(0) @binding(6) var moving: texture_2d<u32>;
+// From the clip space of the view's rays: to that of this frame without jitter, then to that of the
+// last frame, volume by volume.
+@group(0) @binding(7) var<storage, read> clips: array<mat4x4<f32>>;
+
+// How far a pixel has come since the last frame, as Bevy has it: in widths and heights of the
+// viewport, y downwards. The fourth component says whether this is known.
+fn motion_of(pixel: vec2<u32>) -> vec4<f32> {
+    let mover = textureLoad(moving, pixel, 0).xy;
+    if mover.x >= arrayLength(&clips) - 1u {
+        return vec4(0.0);
+    }
+    let uv = (vec2<f32>(pixel) + 0.5) / vec2<f32>(placement.size);
+    let place = vec4(2.0 * uv.x - 1.0, 1.0 - 2.0 * uv.y, bitcast<f32>(mover.y), 1.0);
+    let now = clips[0] * place;
+    let before = clips[mover.x + 1u] * place;
+    // What was behind the camera has come from beyond the picture.
+    let come = now.xy / now.w - before.xy / max(before.w, 1e-6 * now.w);
+    return vec4(clamp(come * vec2(0.5, -0.5), vec2(-100.0), vec2(100.0)), 0.0, 1.0);
+}
+#endif
+
 struct Output {
     @location(0) color: vec4<f32>,
+#ifdef MOTION_VECTORS
+    @location(1) motion: vec4<f32>,
+#endif
     @builtin(frag_depth) depth: f32,
 }
 
@@ -45,5 +73,9 @@ fn composite(in: FullscreenVertexOutput) -> Output {
     let straight = vec4(color.rgb / max(color.a, 1e-4), 1.0);
     color = vec4(tone_mapping(straight, view.color_grading).rgb * color.a, color.a);
 #endif
+#ifdef MOTION_VECTORS
+    return Output(color, motion_of(pixel), at);
+#else
     return Output(color, at);
+#endif
 }

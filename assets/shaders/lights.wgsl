@@ -12,6 +12,10 @@
 #ifdef ENVIRONMENT_MAP
 #import bevy_pbr::environment_map::environment_map_light
 #endif
+#ifdef DISTANCE_FOG
+#import bevy_pbr::fog
+#import bevy_pbr::mesh_view_types::{FOG_MODE_ATMOSPHERIC, FOG_MODE_EXPONENTIAL, FOG_MODE_EXPONENTIAL_SQUARED, FOG_MODE_LINEAR}
+#endif
 #ifdef SHADOWS
 #import bevy_pbr::shadows
 #import bevy_vdb::occlusion::transmittance
@@ -299,3 +303,45 @@ fn surroundings() -> vec3<f32> {
 #endif
     return light;
 }
+
+#ifdef DISTANCE_FOG
+// What is seen of a place through Bevy's distance fog, as `bevy_pbr::pbr_functions::apply_fog` has it
+// for meshes. `color` is in the camera's values, and multiplied with coverage.
+fn through_distance_fog(color: vec3<f32>, coverage: f32, at: Lit) -> vec3<f32> {
+    let way = at.position - bevy::view.world_position;
+    let distance = max(length(way), 1e-30);
+    var scattering = vec3(0.0);
+    if bevy::fog.directional_light_color.a > 0.0 {
+        for (var i = 0u; i < min(bevy::lights.n_directional_lights, MOST_SUNS); i++) {
+            let toward = max(dot(way / distance, bevy::lights.directional_lights[i].direction_to_light), 0.0);
+            var lit = pow(toward, bevy::fog.directional_light_exponent);
+#ifdef SHADOWS
+            let flags = bevy::lights.directional_lights[i].flags;
+            if (flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u {
+                let z = view_z(at.position);
+                lit *= shadows::fetch_directional_shadow(i, vec4(at.position, 1.0), -way / distance, z, at.coord);
+            }
+#endif
+            scattering += lit * bevy::view.exposure * bevy::lights.directional_lights[i].color.rgb;
+        }
+    }
+    let straight = vec4(color / max(coverage, 1e-4), 1.0);
+    var seen = straight;
+    switch bevy::fog.mode {
+        case FOG_MODE_LINEAR: {
+            seen = fog::linear_fog(bevy::fog, straight, distance, scattering);
+        }
+        case FOG_MODE_EXPONENTIAL: {
+            seen = fog::exponential_fog(bevy::fog, straight, distance, scattering);
+        }
+        case FOG_MODE_EXPONENTIAL_SQUARED: {
+            seen = fog::exponential_squared_fog(bevy::fog, straight, distance, scattering);
+        }
+        case FOG_MODE_ATMOSPHERIC: {
+            seen = fog::atmospheric_fog(bevy::fog, straight, distance, scattering);
+        }
+        default: {}
+    }
+    return coverage * seen.rgb;
+}
+#endif

@@ -6,7 +6,7 @@
 #import bevy_vdb::rays::ndc_of
 #import bevy_vdb::hdda::FAR
 #import bevy_vdb::scene::{scene_end, seen_end, view, volumes}
-#import bevy_vdb::segment::{Segment, along, ray_of, view_segment, world_position}
+#import bevy_vdb::segment::{NONE, Segment, along, ray_of, view_segment, world_position}
 #import bevy_vdb::surface::{Surface, leave, nearer, no_surface, normal_of}
 #ifdef SURFACES
 #import bevy_vdb::surface::meet_voxels
@@ -20,6 +20,9 @@
 #import bevy_vdb::hdda::{course_of, enter, enter_at, plane_t}
 #endif
 #ifdef LIT
+#ifdef DISTANCE_FOG
+#import bevy_vdb::lights::through_distance_fog
+#endif
 #import bevy_vdb::lights::{Lit, reflected, roughness_seen, scattered, shade, surroundings}
 #else
 #import bevy_vdb::show::{axis_shares, gray, voxel_color}
@@ -41,6 +44,12 @@
 @group(2) @binding(8) var out_depth: texture_storage_2d<r32float, write>;
 
 const NOTHING: f32 = -3.0;
+
+#ifdef MOTION_VECTORS
+// The volume that a pixel moves with, in the view's list, or NONE; and the bits of the depth of the
+// place that moves.
+@group(2) @binding(10) var out_moving: texture_storage_2d<rg32uint, write>;
+#endif
 
 // Optical depth from which on nothing behind is visible: e^-16 is below a 16-bit float's step
 // beside 1, by a factor of 4,000.
@@ -131,6 +140,10 @@ struct Fog {
     radiance: vec3<f32>,
     optical_depth: f32,
     t_first: f32,
+    // The mean t of what is seen of the fogs, weighed with how much of it is seen, and the volume
+    // that most of it is of, where slabs are.
+    t_mean: f32,
+    mover: u32,
 }
 
 // Optical depth of one fog over a part of a segment, which nothing stops before `start`.
@@ -168,7 +181,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
             t_last = max(t_last, min(min(min(exits.x, exits.y), exits.z), t_max));
         }
     }
-    var fog = Fog(vec3(0.0), 0.0, t_first);
+    var fog = Fog(vec3(0.0), 0.0, t_first, t_first, NONE);
     if met == 0u {
         return fog;
     }
@@ -179,6 +192,8 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
 #endif
     let slabs = select(select(SLABS_REFLECTED, SLABS, segment.is_view), 1u, is_whole);
     let around = light_around();
+    var t_sum = 0.0;
+    var most = 0.0;
     for (var slab = 0u; slab < slabs && fog.optical_depth <= OPAQUE; slab++) {
         var t_low = mix(t_first, t_last, f32(slab) / f32(slabs));
         var t_high = mix(t_first, t_last, f32(slab + 1u) / f32(slabs));
@@ -189,11 +204,15 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
             start = start_of(segment, last_met, pixel);
         }
         var depth = 0.0;
+        var thickest = NONE;
+        var thickest_part = 0.0;
         var own = vec3(0.0);
         var albedo = vec3(0.0);
         for (var i = view.volume_first; i < end_of(segment); i++) {
             if volumes[i].kind == KIND_FOG && (!is_whole || i == last_met) {
                 let part = optical_depth(segment, i, start, t_low, t_high);
+                thickest = select(thickest, i, part > thickest_part);
+                thickest_part = max(thickest_part, part);
                 depth += part;
                 own += part * volumes[i].emissive;
                 albedo += part * volumes[i].base_color;
@@ -202,10 +221,15 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
         if depth > 0.0 {
             let light = around + light_at(segment, pixel, 0.5 * (t_low + t_high));
             let source = (own + albedo * light) / max(depth, 1e-30);
-            fog.radiance += exp(-fog.optical_depth) * (1.0 - exp(-depth)) * source;
+            let seen = exp(-fog.optical_depth) * (1.0 - exp(-depth));
+            fog.radiance += seen * source;
+            t_sum += seen * 0.5 * (t_low + t_high);
+            fog.mover = select(fog.mover, thickest, seen > most);
+            most = max(most, seen);
             fog.optical_depth += depth;
         }
     }
+    fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
     return fog;
 }
 
@@ -235,6 +259,8 @@ struct Found {
     color: vec3<f32>,       // luminance, or what is shown instead
     coverage: f32,
     depth: f32,
+    mover: u32,             // the volume that it moves with, or NONE
+    mover_depth: f32,
 }
 
 #ifdef LIT
@@ -249,15 +275,33 @@ fn chance(pixel: vec2<u32>, bounce: u32) -> vec2<f32> {
 }
 #endif
 
+// What fogs add to the view's ray.
+struct Veil {
+    radiance: vec3<f32>,
+    coverage: f32,
+    t: f32,
+}
+
+#ifdef DISTANCE_FOG
+// What the distance of a place on a ray of the view leaves of it.
+fn far_away(color: vec3<f32>, coverage: f32, segment: Segment, t: f32, pixel: vec2<u32>) -> vec3<f32> {
+    let coord = vec2<f32>(pixel + view.origin) + 0.5;
+    let at = Lit(world_position(along(segment, t)), vec3(0.0), coord, true);
+    return through_distance_fog(color, coverage, at);
+}
+#endif
+
 // The light along the view's ray.
 fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
-    var found = Found(vec3(0.0), 0.0, NOTHING);
+    var found = Found(vec3(0.0), 0.0, NOTHING, NONE, 0.0);
     var segment = first;
     var t_max = t_end;
     // The part of what a segment brings that is seen, and what is seen if it meets nothing.
     var part = vec3(1.0);
     var if_nothing = vec3(0.0);
     var seen = no_surface();
+    // Of what is seen, the part that is of fogs before the first surface.
+    var veil = Veil(vec3(0.0), 0.0, 0.0);
     var roughness = 0.0;
     for (var bounce = 0u; bounce <= view.reflections; bounce++) {
         let surface = nearest_surface(segment, pixel, t_max);
@@ -266,6 +310,8 @@ fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
             seen = surface;
             found.coverage = 1.0;
             found.depth = depth_at(surface.t);
+            found.mover = surface.volume;
+            found.mover_depth = found.depth;
         }
 #ifdef FOGS
         let fog = trace_fogs(segment, pixel, t_max);
@@ -278,6 +324,12 @@ fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
         if fog.optical_depth > 0.0 && bounce == 0u {
             found.coverage = 1.0 - transmittance * (1.0 - found.coverage);
             found.depth = select(found.depth, -1.0 - depth_at(fog.t_first), found.depth < 0.0);
+            veil = Veil(fog.radiance, 1.0 - transmittance, fog.t_mean);
+            // A pixel moves with what most of its light is from.
+            if transmittance < 0.5 {
+                found.mover = fog.mover;
+                found.mover_depth = depth_at(fog.t_mean);
+            }
         }
 #endif
         if !surface.found {
@@ -308,17 +360,28 @@ fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
         found.color += if_nothing;
         break;
     }
-    found.color = bordered(view.exposure * found.color, first, seen);
+    found.color *= view.exposure;
+#ifdef DISTANCE_FOG
+    let own = view.exposure * veil.radiance;
+    let behind = found.color - own;
+    found.color = far_away(own, veil.coverage, first, veil.t, pixel);
+    if seen.found {
+        found.color += far_away(behind, found.coverage - veil.coverage, first, seen.t, pixel);
+    }
+#endif
+    found.color = bordered(found.color, first, seen);
     return found;
 }
 #else
 // What is shown of the surface that the view's ray meets.
 fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
-    var found = Found(vec3(0.0), 0.0, NOTHING);
+    var found = Found(vec3(0.0), 0.0, NOTHING, NONE, 0.0);
     let surface = nearest_surface(first, pixel, t_end);
     if surface.found {
         found.coverage = 1.0;
         found.depth = depth_at(surface.t);
+        found.mover = surface.volume;
+        found.mover_depth = found.depth;
 #ifdef SHOW_NORMALS
         found.color = 0.5 + 0.5 * normal_of(surface);
 #endif
@@ -387,4 +450,8 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     let found = look(first, pixel, min(scene_t(pixel), view.t_far));
     textureStore(out_color, pixel, vec4(finite(found.color), found.coverage));
     textureStore(out_depth, pixel, vec4(found.depth, 0.0, 0.0, 0.0));
+#ifdef MOTION_VECTORS
+    let mover = select(found.mover - view.volume_first, NONE, found.mover == NONE);
+    textureStore(out_moving, pixel, vec4(mover, bitcast<u32>(found.mover_depth), 0u, 0u));
+#endif
 }

@@ -1,6 +1,8 @@
-//! The traced picture into the camera's target and depth.
+//! The traced picture into the camera's target and depth, and into Bevy's prepass textures where the
+//! camera has motion vectors.
 
 use bevy::camera::{MainPassResolutionOverride, Viewport};
+use bevy::core_pipeline::prepass::ViewPrepassTextures;
 use bevy::prelude::*;
 use bevy::render::camera::ExtractedCamera;
 use bevy::render::diagnostic::RecordDiagnostics;
@@ -22,11 +24,12 @@ pub(super) fn composite(
         &ViewPipelines,
         &ViewBindGroups,
         Option<&MainPassResolutionOverride>,
+        Option<&ViewPrepassTextures>,
     )>,
     pipelines: Res<PipelineCache>,
     mut context: RenderContext,
 ) {
-    let (camera, target, depth, view_uniform, view_pipelines, bind_groups, resolution) =
+    let (camera, target, depth, view_uniform, view_pipelines, bind_groups, resolution, prepass) =
         view.into_inner();
     // Nothing has been traced before the trace's own pipeline is there.
     if pipelines.get_compute_pipeline(view_pipelines.trace).is_none() {
@@ -37,11 +40,19 @@ pub(super) fn composite(
     let ready: Option<Vec<_>> = draws.iter().map(|id| pipelines.get_render_pipeline(*id)).collect();
     let Some(ready) = ready else { return };
 
+    let prepass = prepass.filter(|_| view_pipelines.motion);
+    let motion = prepass.and_then(|prepass| prepass.motion_vectors.as_ref());
+    if view_pipelines.motion != motion.is_some() {
+        return;
+    }
+    let mut attachments = vec![Some(target.get_color_attachment())];
+    attachments.extend(motion.map(|motion| Some(motion.get_attachment())));
+
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let mut pass = context.begin_tracked_render_pass(RenderPassDescriptor {
         label: Some("vdb_composite"),
-        color_attachments: &[Some(target.get_color_attachment())],
+        color_attachments: &attachments,
         depth_stencil_attachment: Some(depth.get_attachment(StoreOp::Store)),
         timestamp_writes: None,
         occlusion_query_set: None,
@@ -61,4 +72,16 @@ pub(super) fn composite(
         pass.draw(0..3, 0..1);
     }
     span.end(&mut pass);
+    drop(pass);
+
+    // Whoever reads motion vectors chooses among them by the prepass's depth, which Bevy, too, copies.
+    if let Some(prepass) = prepass
+        && let Some(copy) = &prepass.depth
+    {
+        context.command_encoder().copy_texture_to_texture(
+            depth.texture.as_image_copy(),
+            copy.texture.texture.as_image_copy(),
+            prepass.size,
+        );
+    }
 }

@@ -39,6 +39,8 @@ pub(super) struct ExtractedVolume {
     /// For messages.
     pub name: Arc<str>,
     pub world_from_local: Affine3A,
+    /// A frame ago; of a new volume, the same.
+    pub world_from_local_before: Affine3A,
     pub local_from_index: bevy::math::DAffine3,
     pub material: VdbMaterial,
     /// Whether it is to be shown, in the picture or not.
@@ -59,21 +61,28 @@ pub(super) fn extract_volumes(
     >,
     grids: Extract<Res<Assets<VdbGrid>>>,
     mut extracted: ResMut<ExtractedVolumes>,
+    mut before: Local<MainEntityHashMap<ExtractedVolume>>,
 ) {
+    std::mem::swap(&mut extracted.0, &mut *before);
     extracted.0.clear();
     for (entity, volume, transform, material, visible, layers) in &volumes {
         let Some(grid) = grids.get(&volume.0) else { continue };
+        let entity = MainEntity::from(entity);
+        let world_from_local = transform.affine();
         let volume = ExtractedVolume {
             grid: volume.0.id(),
             packed: grid.packed().clone(),
             name: grid.shared_name(),
-            world_from_local: transform.affine(),
+            world_from_local,
+            world_from_local_before: before
+                .get(&entity)
+                .map_or(world_from_local, |before| before.world_from_local),
             local_from_index: grid.world_from_index(),
             material: material.clone(),
             visible: visible.get(),
             layers: layers.cloned().unwrap_or_default(),
         };
-        extracted.0.insert(MainEntity::from(entity), volume);
+        extracted.0.insert(entity, volume);
     }
 }
 

@@ -4,9 +4,10 @@
 use bevy::ecs::system::SystemParam;
 use bevy::light::ShadowFilteringMethod;
 use bevy::pbr::{
-    DfgLut, ExtractedDirectionalLight, ExtractedPointLight, GlobalClusterableObjectMeta, LightMeta,
-    LightProbesBuffer, MeshPipeline, MeshPipelineViewLayoutKey, ShadowSamplers,
-    ViewClusterBindings, ViewLightProbesUniformOffset, ViewLightsUniformOffset, ViewShadowBindings,
+    DfgLut, ExtractedDirectionalLight, ExtractedPointLight, FogMeta, GlobalClusterableObjectMeta,
+    LightMeta, LightProbesBuffer, MeshPipeline, MeshPipelineViewLayoutKey, ShadowSamplers,
+    ViewClusterBindings, ViewFogUniformOffset, ViewLightProbesUniformOffset,
+    ViewLightsUniformOffset, ViewShadowBindings,
 };
 use bevy::prelude::*;
 use bevy::render::globals::GlobalsBuffer;
@@ -32,18 +33,28 @@ pub(super) struct LightKey {
     pub local: bool,
     /// Whether the view has an environment map.
     pub environment: bool,
+    /// Whether Bevy's [`DistanceFog`] lies before what the view shows.
+    pub distance_fog: bool,
 }
 
 impl LightKey {
-    pub fn shader_defs(self, layouts: &LightLayouts) -> impl Iterator<Item = ShaderDefVal> {
+    /// With motion vectors or distance fog, the place of what is seen of a volume's fog matters, as it
+    /// does for light that changes from place to place.
+    pub fn shader_defs(
+        self,
+        layouts: &LightLayouts,
+        motion: bool,
+    ) -> impl Iterator<Item = ShaderDefVal> {
         let table = layouts.has_table.then_some("DFG_LUT");
-        let even = self.shadows.is_none() && !self.local;
+        let is_placed = motion || self.distance_fog;
+        let even = self.shadows.is_none() && !self.local && !is_placed;
         let defs = [
             self.shadows.map(|_| "SHADOWS"),
             self.shadows,
             self.local.then_some("LOCAL_LIGHTS"),
             even.then_some("EVEN_LIGHT"),
             self.environment.then_some("ENVIRONMENT_MAP"),
+            self.distance_fog.then_some("DISTANCE_FOG"),
             table,
         ];
         defs.into_iter().flatten().map(ShaderDefVal::from)
@@ -57,12 +68,14 @@ const LIGHTS: [u32; 7] = [0, 1, 8, 9, 10, 11, 12];
 /// And for the table of how much light surfaces reflect, where Bevy has one: with its feature
 /// `dfg_lut`.
 const TABLE: [u32; 2] = [37, 38];
+/// And for [`DistanceFog`].
+const FOG: u32 = 13;
 
 /// Layouts of Bevy's two groups, for compute shaders.
 #[derive(Clone, Debug)]
 pub(super) struct LightLayouts {
-    /// Without and with shadow maps.
-    lights: [BindGroupLayoutDescriptor; 2],
+    /// Without and with shadow maps, each without and with distance fog.
+    lights: [[BindGroupLayoutDescriptor; 2]; 2],
     environment: BindGroupLayoutDescriptor,
     nothing: BindGroupLayoutDescriptor,
     has_table: bool,
@@ -70,13 +83,15 @@ pub(super) struct LightLayouts {
 
 impl LightLayouts {
     pub fn new(meshes: &MeshPipeline) -> Self {
-        let theirs = meshes.get_view_layout(MeshPipelineViewLayoutKey::empty()).main_layout.entries;
+        let theirs = meshes.get_view_layout(MeshPipelineViewLayoutKey::DISTANCE_FOG);
+        let theirs = theirs.main_layout.entries;
         let has_table = theirs.iter().any(|entry| entry.binding == TABLE[0]);
-        let lights = |shadows: bool| {
+        let lights = |shadows: bool, fog: bool| {
             let wanted = |binding: u32| {
                 LIGHTS.contains(&binding)
                     || TABLE.contains(&binding)
                     || (shadows && SHADOW_MAPS.contains(&binding))
+                    || (fog && binding == FOG)
             };
             let mut entries = theirs.clone();
             entries.retain(|entry| wanted(entry.binding));
@@ -88,8 +103,9 @@ impl LightLayouts {
             ShaderStages::COMPUTE,
             (cube(), cube(), sampler(SamplerBindingType::Filtering)),
         );
+        let both = [false, true];
         Self {
-            lights: [lights(false), lights(true)],
+            lights: both.map(|shadows| both.map(|fog| lights(shadows, fog))),
             environment: BindGroupLayoutDescriptor::new("vdb_environment", &environment),
             nothing: BindGroupLayoutDescriptor { label: "vdb_nothing".into(), entries: Vec::new() },
             has_table,
@@ -100,7 +116,8 @@ impl LightLayouts {
     pub fn groups(&self, key: Option<LightKey>) -> [&BindGroupLayoutDescriptor; 2] {
         let Some(key) = key else { return [&self.nothing; 2] };
         let environment = if key.environment { &self.environment } else { &self.nothing };
-        [&self.lights[usize::from(key.shadows.is_some())], environment]
+        let lights = &self.lights[usize::from(key.shadows.is_some())];
+        [&lights[usize::from(key.distance_fog)], environment]
     }
 }
 
@@ -119,6 +136,7 @@ impl Lights<'_, '_> {
         shadows: bool,
         filter: Option<&ShadowFilteringMethod>,
         environment: Option<&ExtractedEnvironment>,
+        distance_fog: bool,
     ) -> LightKey {
         let thrown = self.suns.iter().any(|light| light.shadow_maps_enabled)
             || self.local.iter().any(|light| light.shadow_maps_enabled);
@@ -133,6 +151,7 @@ impl Lights<'_, '_> {
             environment: environment.is_some_and(|maps| {
                 [maps.diffuse, maps.specular].iter().all(|map| self.images.get(*map).is_some())
             }),
+            distance_fog,
         }
     }
 }
@@ -152,6 +171,7 @@ pub(super) type ViewLights<'a> = (
     &'a ViewShadowBindings,
     &'a ViewClusterBindings,
     Option<&'a ExtractedEnvironment>,
+    Option<&'a ViewFogUniformOffset>,
 );
 
 /// What Bevy has for all views.
@@ -163,6 +183,7 @@ pub(super) struct AllLights<'w> {
     globals: Res<'w, GlobalsBuffer>,
     probes: Res<'w, LightProbesBuffer>,
     samplers: Res<'w, ShadowSamplers>,
+    fogs: Res<'w, FogMeta>,
     table: Res<'w, DfgLut>,
     images: Res<'w, RenderAssets<GpuImage>>,
     fallback: Res<'w, FallbackImage>,
@@ -189,7 +210,8 @@ impl AllLights<'_> {
                 offsets: Vec::new(),
             });
         };
-        let (view, lights, probes, shadows, clusters, environment) = view?;
+        let (view, lights, probes, shadows, clusters, environment, fog) = view?;
+        let mut offsets = vec![view.offset, lights.offset, **probes];
         let mut entries = DynamicBindGroupEntries::new_with_indices((
             (0, self.views.uniforms.binding()?),
             (1, self.lights.view_gpu_lights.binding()?),
@@ -206,6 +228,10 @@ impl AllLights<'_> {
                 (5, &shadows.directional_light_depth_texture_view),
                 (6, &self.samplers.directional_light_comparison_sampler),
             ));
+        }
+        if key.distance_fog {
+            offsets.push(fog?.offset);
+            entries = entries.extend_with_indices(((FOG, self.fogs.gpu_fogs.binding()?),));
         }
         if layouts.has_table {
             let image = self.images.get(&self.table.texture).unwrap_or(&self.fallback.d2);
@@ -225,9 +251,6 @@ impl AllLights<'_> {
         } else {
             group(1, &[])
         };
-        Some(LightBindGroups {
-            groups: [group(0, &entries), maps],
-            offsets: vec![view.offset, lights.offset, **probes],
-        })
+        Some(LightBindGroups { groups: [group(0, &entries), maps], offsets })
     }
 }

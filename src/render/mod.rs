@@ -6,6 +6,7 @@ mod extract;
 mod gpu_data;
 mod gpu_tree;
 mod lights;
+mod motion;
 mod pipeline;
 mod prepare;
 mod shaders;
@@ -15,6 +16,7 @@ mod warnings;
 
 use bevy::core_pipeline::core_3d::{
     main_opaque_pass_3d, main_transparent_pass_3d, prepare_core_3d_depth_textures,
+    prepare_prepass_textures,
 };
 use bevy::core_pipeline::schedule::{Core3d, Core3dSystems};
 use bevy::pbr::{MeshPipelineSystems, main_transmissive_pass_3d};
@@ -69,7 +71,8 @@ pub(crate) fn build(app: &mut App) {
                     .before(prepare_core_3d_depth_textures),
                 prepare::prepare_views
                     .in_set(RenderSystems::PrepareResources)
-                    .after(prepare::find_views),
+                    .after(prepare::find_views)
+                    .after(prepare_prepass_textures),
                 prepare::prepare_bind_groups.in_set(RenderSystems::PrepareBindGroups),
             ),
         )

@@ -2,6 +2,7 @@
 
 use bevy::core_pipeline::FullscreenShader;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
+use bevy::core_pipeline::prepass::MOTION_VECTOR_PREPASS_FORMAT;
 use bevy::core_pipeline::tonemapping::{Tonemapping, get_lut_bind_group_layout_entries};
 use bevy::pbr::MeshPipeline;
 use bevy::prelude::*;
@@ -37,6 +38,8 @@ pub(super) struct ViewPipelines {
     pub multisampled: bool,
     pub lights: Option<LightKey>,
     pub tonemaps: bool,
+    /// Whether the view has motion vectors.
+    pub motion: bool,
 }
 
 /// Runs when the renderer starts, and again after a lost device.
@@ -119,8 +122,9 @@ pub(super) const GROUP: u32 = 2;
 pub(super) struct TracePipeline {
     shaders: Shaders,
     pub lights: LightLayouts,
-    /// Without and with multisampling, each without and with beams.
-    layouts: [[BindGroupLayoutDescriptor; 2]; 2],
+    /// Without and with multisampling, each without and with beams, each without and with motion
+    /// vectors.
+    layouts: [[[BindGroupLayoutDescriptor; 2]; 2]; 2],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -141,6 +145,8 @@ pub(super) struct TraceKey {
     pub mode: VdbRenderMode,
     /// Of modes that have light in them.
     pub lights: Option<LightKey>,
+    /// Whether the view has motion vectors.
+    pub motion: bool,
     pub reflections: bool,
     /// Borders of nodes.
     pub overlays: bool,
@@ -148,7 +154,7 @@ pub(super) struct TraceKey {
 
 impl TracePipeline {
     fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
-        let layout = |multisampled: bool, beams: bool| {
+        let layout = |multisampled: bool, beams: bool, motion: bool| {
             let storage = || storage_buffer_read_only_sized(false, None);
             let depth =
                 if multisampled { texture_depth_2d_multisampled() } else { texture_depth_2d() };
@@ -168,17 +174,26 @@ impl TracePipeline {
                 ),
             );
             if beams {
-                entries = entries.extend_sequential((storage(),));
+                entries = entries.extend_with_indices(((9, storage()),));
+            }
+            if motion {
+                entries = entries.extend_with_indices(((10, write(TextureFormat::Rg32Uint)),));
             }
             BindGroupLayoutDescriptor::new("vdb_trace", &entries)
         };
+        let both = [false, true];
         let layouts =
-            [false, true].map(|samples| [false, true].map(|beams| layout(samples, beams)));
+            both.map(|samples| both.map(|beams| both.map(|motion| layout(samples, beams, motion))));
         Self { shaders: shaders.clone(), lights: lights.clone(), layouts }
     }
 
-    pub fn layout(&self, multisampled: bool, beams: bool) -> &BindGroupLayoutDescriptor {
-        &self.layouts[usize::from(multisampled)][usize::from(beams)]
+    pub fn layout(
+        &self,
+        multisampled: bool,
+        beams: bool,
+        motion: bool,
+    ) -> &BindGroupLayoutDescriptor {
+        &self.layouts[usize::from(multisampled)][usize::from(beams)][usize::from(motion)]
     }
 }
 
@@ -201,6 +216,7 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.mode == VdbRenderMode::Gray, "SHOW_GRAY"),
             (key.mode == VdbRenderMode::Rgb, "SHOW_AXES"),
             (key.mode == VdbRenderMode::HitVoxel, "SHOW_VOXELS"),
+            (key.motion, "MOTION_VECTORS"),
             (key.reflections, "REFLECTIONS"),
             (key.overlays, "OVERLAYS"),
             (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
@@ -209,10 +225,15 @@ impl SpecializedComputePipeline for TracePipeline {
         ];
         let own = defs.into_iter().filter(|(on, _)| *on).map(|(_, def)| def.into());
         let format = key.format.map(|format| ShaderDefVal::UInt("FORMAT".into(), format));
-        let lights = key.lights.into_iter().flat_map(|key| key.shader_defs(&self.lights));
+        let lights = key.lights.map(|lights| lights.shader_defs(&self.lights, key.motion));
+        let lights = lights.into_iter().flatten();
         ComputePipelineDescriptor {
             label: Some("vdb_trace".into()),
-            layout: layouts(&self.lights, key.lights, self.layout(key.multisampled, key.beams)),
+            layout: layouts(
+                &self.lights,
+                key.lights,
+                self.layout(key.multisampled, key.beams, key.motion),
+            ),
             shader: self.shaders.trace.clone(),
             shader_defs: own.chain(lights).chain(page_defs(key.page_bits)).chain(format).collect(),
             entry_point: Some("trace".into()),
@@ -225,8 +246,8 @@ impl SpecializedComputePipeline for TracePipeline {
 pub(super) struct CompositePipeline {
     shaders: Shaders,
     fullscreen: FullscreenShader,
-    /// Without and with tonemapping.
-    layouts: [BindGroupLayoutDescriptor; 2],
+    /// Without and with tonemapping, each without and with motion vectors.
+    layouts: [[BindGroupLayoutDescriptor; 2]; 2],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -237,6 +258,8 @@ pub(super) struct CompositeKey {
     pub tone: Option<ToneKey>,
     /// Draws fog that has no surface behind it, rather than surfaces.
     pub fog_alone: bool,
+    /// Whether motion vectors are drawn, too.
+    pub motion: bool,
 }
 
 /// How a camera without HDR tonemaps each thing that it draws.
@@ -248,7 +271,7 @@ pub(super) struct ToneKey {
 
 impl CompositePipeline {
     fn new(shaders: &Shaders, fullscreen: FullscreenShader) -> Self {
-        let layout = |tonemaps: bool| {
+        let layout = |tonemaps: bool, motion: bool| {
             let picture = || texture_2d(TextureSampleType::Float { filterable: false });
             let mut entries = DynamicBindGroupLayoutEntries::sequential(
                 ShaderStages::FRAGMENT,
@@ -259,13 +282,21 @@ impl CompositePipeline {
                 entries =
                     entries.extend_sequential((uniform_buffer::<ViewUniform>(true), lut, sampler));
             }
+            if motion {
+                entries = entries.extend_with_indices((
+                    (6, texture_2d(TextureSampleType::Uint)),
+                    (7, storage_buffer_read_only_sized(false, None)),
+                ));
+            }
             BindGroupLayoutDescriptor::new("vdb_composite", &entries)
         };
-        Self { shaders: shaders.clone(), fullscreen, layouts: [layout(false), layout(true)] }
+        let both = [false, true];
+        let layouts = both.map(|tonemaps| both.map(|motion| layout(tonemaps, motion)));
+        Self { shaders: shaders.clone(), fullscreen, layouts }
     }
 
-    pub fn layout(&self, tonemaps: bool) -> &BindGroupLayoutDescriptor {
-        &self.layouts[usize::from(tonemaps)]
+    pub fn layout(&self, tonemaps: bool, motion: bool) -> &BindGroupLayoutDescriptor {
+        &self.layouts[usize::from(tonemaps)][usize::from(motion)]
     }
 }
 
@@ -276,6 +307,9 @@ impl SpecializedRenderPipeline for CompositePipeline {
         let mut shader_defs = Vec::new();
         if key.fog_alone {
             shader_defs.push("FOG_ALONE".into());
+        }
+        if key.motion {
+            shader_defs.push("MOTION_VECTORS".into());
         }
         if let Some(tone) = key.tone {
             shader_defs.push("TONEMAP_IN_SHADER".into());
@@ -292,19 +326,28 @@ impl SpecializedRenderPipeline for CompositePipeline {
             dst_factor: BlendFactor::OneMinusSrcAlpha,
             operation: BlendOperation::Add,
         };
+        let target = |format, color| {
+            Some(ColorTargetState {
+                format,
+                blend: Some(BlendState { color, alpha: over }),
+                write_mask: ColorWrites::ALL,
+            })
+        };
+        let mut targets = vec![target(key.format, over)];
+        if key.motion {
+            // Where there is nothing to say, the motion of what is behind stays.
+            let known = BlendComponent { src_factor: BlendFactor::SrcAlpha, ..over };
+            targets.push(target(MOTION_VECTOR_PREPASS_FORMAT, known));
+        }
         RenderPipelineDescriptor {
             label: Some("vdb_composite".into()),
-            layout: vec![self.layout(key.tone.is_some()).clone()],
+            layout: vec![self.layout(key.tone.is_some(), key.motion).clone()],
             vertex: self.fullscreen.to_vertex_state(),
             fragment: Some(FragmentState {
                 shader: self.shaders.composite.clone(),
                 shader_defs,
                 entry_point: Some("composite".into()),
-                targets: vec![Some(ColorTargetState {
-                    format: key.format,
-                    blend: Some(BlendState { color: over, alpha: over }),
-                    write_mask: ColorWrites::ALL,
-                })],
+                targets,
             }),
             depth_stencil: Some(DepthStencilState {
                 format: CORE_3D_DEPTH_FORMAT,

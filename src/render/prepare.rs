@@ -5,12 +5,14 @@ use std::any::TypeId;
 
 use bevy::camera::MainPassResolutionOverride;
 use bevy::camera::visibility::RenderLayers;
+use bevy::core_pipeline::prepass::{MotionVectorPrepass, PreviousViewData, ViewPrepassTextures};
 use bevy::core_pipeline::tonemapping::{
     DebandDither, Tonemapping, TonemappingLuts, get_lut_bindings,
 };
 use bevy::image::ToExtents;
 use bevy::light::ShadowFilteringMethod;
 use bevy::math::DAffine3;
+use bevy::pbr::DistanceFog;
 use bevy::prelude::*;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::render_asset::RenderAssets;
@@ -30,6 +32,7 @@ use super::extract::{ExtractedEnvironment, ExtractedSuns, ExtractedVolumes, non_
 use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
 use super::lights::{AllLights, LightBindGroups, Lights, ViewLights};
+use super::motion::{ViewMotion, matrices};
 use super::pipeline::{
     BeamsPipeline, CompositeKey, CompositePipeline, ToneKey, TraceKey, TracePipeline, ViewPipelines,
 };
@@ -61,6 +64,7 @@ pub(super) struct ViewResources {
     depth: CachedTexture,
     /// Where the rays of each tile can begin, for each volume.
     starts: Option<Buffer>,
+    motion: Option<ViewMotion>,
     pub volumes: u32,
     size: UVec2,
 }
@@ -147,11 +151,12 @@ type ViewData<'a> = (
     Option<&'a VdbCamera>,
     &'a Msaa,
     Option<&'a RenderLayers>,
-    (Option<&'a ShadowFilteringMethod>, Option<&'a ExtractedEnvironment>),
+    (Option<&'a ShadowFilteringMethod>, Option<&'a ExtractedEnvironment>, Has<DistanceFog>),
     Option<&'a TemporalJitter>,
     Option<&'a MainPassResolutionOverride>,
     Option<&'a Tonemapping>,
     Option<&'a DebandDither>,
+    (Has<MotionVectorPrepass>, Option<&'a ViewPrepassTextures>, Option<&'a PreviousViewData>),
     Option<&'a ViewResources>,
 );
 
@@ -186,11 +191,12 @@ pub(super) fn prepare_views(
         settings,
         msaa,
         layers,
-        (shadow_filter, environment),
+        (shadow_filter, environment, has_distance_fog),
         jitter,
         resolution,
         tonemapping,
         dither,
+        (has_motion, prepass, view_before),
         before,
     ) in &views
     {
@@ -202,10 +208,12 @@ pub(super) fn prepare_views(
         }
         let rays = ViewRays::new(clip_from_view.as_dmat4());
         let world_from_view = affine(view.world_from_view.affine());
+        // Parts of the picture and what is shown instead of it, are shown as they are.
+        let distance_fog = has_distance_fog && settings.mode == VdbRenderMode::Lit;
         let lights = settings
             .mode
             .is_lit()
-            .then(|| lights.key(settings.shadows, shadow_filter, environment));
+            .then(|| lights.key(settings.shadows, shadow_filter, environment, distance_fog));
         // Of what is only diffuse, no ray sees a reflection.
         let mirrors = matches!(settings.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
         let reflections = if mirrors { settings.reflections.min(MOST_REFLECTIONS) } else { 0 };
@@ -215,8 +223,12 @@ pub(super) fn prepare_views(
             volume_data(*entity, volume, pool.index(volume.grid)?, view, warned)
         };
         let first = volume_buffer.0.len();
+        let mut shown = Vec::new();
         for entity in &seen.0 {
-            volume_buffer.0.extend(data(entity, Some(&mut warned)));
+            if let Some(data) = data(entity, Some(&mut warned)) {
+                volume_buffer.0.push(data);
+                shown.extend(volumes.0.get(entity));
+            }
         }
         let count = volume_buffer.0.len() - first;
         let has = |kind| volume_buffer.0.values()[first..].iter().any(|volume| volume.kind == kind);
@@ -287,7 +299,18 @@ pub(super) fn prepare_views(
                 })
             })
         });
+        let has_motion = has_motion && prepass.is_some_and(|all| all.motion_vectors.is_some());
+        let motion = has_motion.then(|| {
+            let matrices = matrices(view, clip_from_view, view_before, shown.into_iter());
+            let matrices = device.create_buffer_with_data(&BufferInitDescriptor {
+                label: Some("vdb_motion"),
+                contents: bytemuck::cast_slice(&matrices),
+                usage: BufferUsages::STORAGE,
+            });
+            ViewMotion { moving: texture("vdb_moving", TextureFormat::Rg32Uint), matrices }
+        });
         let resources = ViewResources {
+            motion,
             starts,
             volumes: count as u32,
             view: buffer("vdb_view", bytemuck::bytes_of(&data)),
@@ -307,6 +330,7 @@ pub(super) fn prepare_views(
             traversal: settings.traversal,
             mode: settings.mode,
             lights,
+            motion: has_motion,
             reflections: reflections > 0,
             overlays: settings.overlays != VdbOverlays::default(),
         };
@@ -319,6 +343,7 @@ pub(super) fn prepare_views(
             samples: msaa.samples(),
             tone: tone.filter(|tone| tone.tonemapping != Tonemapping::None),
             fog_alone,
+            motion: has_motion,
         };
         let mut composite = |fog_alone: bool| {
             composite_pipelines.specialize(
@@ -339,6 +364,7 @@ pub(super) fn prepare_views(
             multisampled: trace_key.multisampled,
             lights,
             tonemaps: composite_key(false).tone.is_some(),
+            motion: has_motion,
         };
         commands.entity(entity).insert((resources, pipelines));
     }
@@ -417,9 +443,17 @@ pub(super) fn prepare_bind_groups(
             &resources.depth.default_view,
         ));
         if let Some(starts) = &resources.starts {
-            trace_entries = trace_entries.extend_sequential((starts.as_entire_binding(),));
+            trace_entries = trace_entries.extend_with_indices(((9, starts.as_entire_binding()),));
         }
-        let layout = trace.layout(pipelines.multisampled, resources.starts.is_some());
+        if let Some(motion) = &resources.motion {
+            let moving = &motion.moving.default_view;
+            trace_entries = trace_entries.extend_with_indices(((10, moving),));
+        }
+        let layout = trace.layout(
+            pipelines.multisampled,
+            resources.starts.is_some(),
+            resources.motion.is_some(),
+        );
         let trace = device.create_bind_group(
             "vdb_trace",
             &pipeline_cache.get_bind_group_layout(layout),
@@ -451,9 +485,17 @@ pub(super) fn prepare_bind_groups(
             let (lut, sampler) = get_lut_bindings(&images, &luts, &curve, &fallback);
             entries = entries.extend_sequential((view, lut, sampler));
         }
+        if let Some(motion) = &resources.motion {
+            entries = entries.extend_with_indices((
+                (6, &motion.moving.default_view),
+                (7, motion.matrices.as_entire_binding()),
+            ));
+        }
         let composite = device.create_bind_group(
             "vdb_composite",
-            &pipeline_cache.get_bind_group_layout(composite.layout(pipelines.tonemaps)),
+            &pipeline_cache.get_bind_group_layout(
+                composite.layout(pipelines.tonemaps, resources.motion.is_some()),
+            ),
             &entries,
         );
         commands.entity(entity).insert(ViewBindGroups { beams, nothing, lights, trace, composite });

@@ -150,7 +150,7 @@ fn every_variant_of_the_trace_is_valid() {
     for kinds in subsets(&["SURFACES", "SMOOTH", "FOGS"]) {
         // What is shown without light.
         for mode in ["NORMALS", "DEPTH", "GRAY", "AXES", "VOXELS"] {
-            for with in subsets(&["BEAMS", "OVERLAYS"]) {
+            for with in subsets(&["BEAMS", "OVERLAYS", "MOTION_VECTORS"]) {
                 check(&[&kinds, &[format!("SHOW_{mode}").as_str()], &with]);
             }
         }
@@ -160,10 +160,10 @@ fn every_variant_of_the_trace_is_valid() {
             check(&[&kinds, &walk]);
         }
         // Light.
-        for lights in subsets(&["LOCAL_LIGHTS", "ENVIRONMENT_MAP", "REFLECTIONS"]) {
+        for lights in subsets(&["LOCAL_LIGHTS", "ENVIRONMENT_MAP", "REFLECTIONS", "DISTANCE_FOG"]) {
             let even = if lights.contains(&"LOCAL_LIGHTS") { &[][..] } else { &["EVEN_LIGHT"] };
             check(&[&["LIT"], &kinds, &lights, even]);
-            check(&[&["LIT"], &kinds, &lights, &shadows]);
+            check(&[&["LIT", "MOTION_VECTORS"], &kinds, &lights, &shadows]);
         }
         check(&[&["LIT", "LOCAL_LIGHTS", "OVERLAYS", "MULTISAMPLED", "BEAMS"], &kinds, &shadows]);
         for part in ["DIFFUSE_ONLY", "GLOSSY_ONLY"] {
@@ -180,7 +180,7 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&["LIT", "SMOOTH", "FOGS", format], &shadows]);
     }
     check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS", "PAGED", "PAGE_BITS=20"], &shadows]);
-    assert_eq!(variants, 8 * (5 * 4 + 3 + 2 * 8 + 1 + 2) + 3 + 4);
+    assert_eq!(variants, 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2) + 3 + 4);
 }
 
 #[test]

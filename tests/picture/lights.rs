@@ -255,3 +255,66 @@ fn fog_scatters_what_lights_shed_on_it() {
     stage.world().entity_mut(camera).remove::<AmbientLight>().insert(map);
     check(&mut stage, "environment", 0.4);
 }
+
+#[test]
+fn bevys_distance_fog_lies_before_volumes_as_before_meshes() {
+    if !has_gpu() {
+        return;
+    }
+    let falloffs = [
+        ("linear", FogFalloff::Linear { start: 3.0, end: 9.0 }),
+        ("exponential", FogFalloff::Exponential { density: 0.2 }),
+        ("squared", FogFalloff::ExponentialSquared { density: 0.15 }),
+        ("atmospheric", FogFalloff::from_visibility_color(20.0, Color::linear_rgb(0.3, 0.5, 0.9))),
+    ];
+    let mut pair = Pair::new(VdbMaterial::default());
+    pair.stage.world().spawn(sun());
+    for (name, falloff) in falloffs {
+        let fog = DistanceFog {
+            color: Color::linear_rgb(0.2, 0.4, 0.6),
+            // The sun shines through it, from behind what is seen.
+            directional_light_color: Color::linear_rgba(0.5, 0.4, 0.3, 0.5),
+            directional_light_exponent: 2.0,
+            falloff,
+        };
+        let camera = pair.camera;
+        pair.stage.world().entity_mut(camera).insert(fog);
+        pair.stage
+            .world()
+            .spawn((DirectionalLight { illuminance: 2.0, ..default() }, looking(Vec3::NEG_Z)));
+        pair.compare(&format!("distance_{name}"));
+    }
+}
+
+/// Fog of a volume that nothing is seen through, in distance fog: as a mesh that glows so.
+#[test]
+fn bevys_distance_fog_lies_before_a_volumes_fog() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
+    let fog = DistanceFog {
+        color: Color::linear_rgb(0.2, 0.4, 0.6),
+        falloff: FogFalloff::Exponential { density: 0.1 },
+        ..default()
+    };
+    stage.world().entity_mut(camera).insert(fog);
+    let bbox = CoordBox { min: IVec3::splat(-10), max: IVec3::splat(9) };
+    let grid = stage.grid(fog::block(bbox, 1.0), PackKind::Fog, 0.1);
+    for (density_scale, distance) in [(1e4_f32, 7.0_f32), (0.01, 8.0)] {
+        let emissive = LinearRgba::rgb(1.0, 0.5, 0.0);
+        let material =
+            VdbMaterial { density_scale, base_color: Color::BLACK, emissive, ..default() };
+        let volume = stage.world().spawn((VdbVolume(grid.clone()), material)).id();
+        let pixel = stage.picture(&target).center().truncate();
+        stage.world().despawn(volume);
+        let coverage = 1.0 - (-density_scale * 2.0).exp();
+        let left = (-0.1 * distance).exp();
+        let expected =
+            coverage * (Vec3::new(0.2, 0.4, 0.6) * (1.0 - left) + left * emissive.to_vec3());
+        let error = (pixel - expected).abs().max_element() / expected.max_element();
+        assert!(error < 0.01, "{pixel}, not {expected}");
+    }
+}
