@@ -34,7 +34,7 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32) -> f32 {
         }
 #endif
 #ifdef SMOOTH
-        if volumes[i].kind == KIND_SMOOTH && first_root(grid, course, walk, volumes[i].iso).found {
+        if volumes[i].kind == KIND_SMOOTH && first_root(grid, course, walk).found {
             depth = DARK;
         }
 #endif

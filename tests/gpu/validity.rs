@@ -13,11 +13,12 @@ use naga_oil::compose::{
 };
 
 /// In an order in which each finds those before it.
-const MODULES: [&str; 16] = [
+const MODULES: [&str; 17] = [
     "types",
     "bindings",
     "rays",
     "tree",
+    "samples",
     "exact",
     "hdda",
     "beam",
