@@ -20,7 +20,7 @@
 #import bevy_vdb::hdda::{course_of, enter, enter_at, plane_t}
 #endif
 #ifdef LIT
-#import bevy_vdb::lights::{Lit, reflected, roughness_seen, scattered, shade, surroundings}
+#import bevy_vdb::lights::{Lit, Surroundings, reflected, roughness_seen, scattered, shade, surroundings}
 #else
 #import bevy_vdb::show::{axis_shares, gray, voxel_color}
 #endif
@@ -178,7 +178,9 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     let is_whole = false;
 #endif
     let slabs = select(select(SLABS_REFLECTED, SLABS, segment.is_view), 1u, is_whole);
-    let around = light_around();
+#ifdef LIT
+    let around = surroundings(normalize(segment.dir));
+#endif
     for (var slab = 0u; slab < slabs && fog.optical_depth <= OPAQUE; slab++) {
         var t_low = mix(t_first, t_last, f32(slab) / f32(slabs));
         var t_high = mix(t_first, t_last, f32(slab + 1u) / f32(slabs));
@@ -189,19 +191,28 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
             start = start_of(segment, last_met, pixel);
         }
         var depth = 0.0;
-        var own = vec3(0.0);
-        var albedo = vec3(0.0);
+        var source = vec3(0.0);
+#ifdef LIT
+        var light = Light(vec3(0.0), 2.0);
+#endif
         for (var i = view.volume_first; i < end_of(segment); i++) {
             if volumes[i].kind == KIND_FOG && (!is_whole || i == last_met) {
                 let part = optical_depth(segment, i, start, t_low, t_high);
-                depth += part;
-                own += part * volumes[i].emissive;
-                albedo += part * volumes[i].base_color;
+                if part > 0.0 {
+                    depth += part;
+#ifdef LIT
+                    // Fogs that scatter alike share the rays to the lights.
+                    if light.anisotropy != volumes[i].anisotropy {
+                        let t = 0.5 * (t_low + t_high);
+                        light = light_at(segment, pixel, t, volumes[i].anisotropy, around);
+                    }
+                    source += part * (volumes[i].emissive + volumes[i].base_color * light.luminance);
+#endif
+                }
             }
         }
         if depth > 0.0 {
-            let light = around + light_at(segment, pixel, 0.5 * (t_low + t_high));
-            let source = (own + albedo * light) / max(depth, 1e-30);
+            source /= max(depth, 1e-30);
             fog.radiance += exp(-fog.optical_depth) * (1.0 - exp(-depth)) * source;
             fog.optical_depth += depth;
         }
@@ -209,25 +220,21 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     return fog;
 }
 
-// The mean luminance of what surrounds everything.
-fn light_around() -> vec3<f32> {
 #ifdef LIT
-    return surroundings();
-#else
-    return vec3(0.0);
-#endif
+// What fog of albedo 1 scatters back along a segment, cd/m².
+struct Light {
+    luminance: vec3<f32>,
+    anisotropy: f32,        // of that fog
 }
 
-// The mean luminance that lights make at a place on a segment.
-fn light_at(segment: Segment, pixel: vec2<u32>, t: f32) -> vec3<f32> {
-#ifdef LIT
+fn light_at(segment: Segment, pixel: vec2<u32>, t: f32, anisotropy: f32, around: Surroundings) -> Light {
     let point = along(segment, t);
     let coord = vec2<f32>(pixel + view.origin) + 0.5;
-    return scattered(Lit(world_position(point), vec3(0.0), coord, segment.is_view), point);
-#else
-    return vec3(0.0);
-#endif
+    let at = Lit(world_position(point), vec3(0.0), coord, segment.is_view);
+    let light = scattered(at, point, normalize(segment.dir), anisotropy);
+    return Light(light + max(around.mean + anisotropy * around.ahead, vec3(0.0)), anisotropy);
 }
+#endif
 #endif
 
 // What the view's ray finds.
