@@ -133,7 +133,8 @@ fn visibility(at: Lit, point: Point, lights: Reaching, i: u32) -> f32 {
 #endif
     }
     if lit > 0.0 {
-        lit *= transmittance(point, direction, distance);
+        let in_fog = !any(at.normal != vec3(0.0));
+        lit *= transmittance(point, direction, distance, in_fog);
     }
     return lit;
 #else

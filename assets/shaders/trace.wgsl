@@ -18,6 +18,13 @@
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::fog::optical_length
 #import bevy_vdb::hdda::{course_of, enter, enter_at, plane_t}
+#ifndef EVEN_LIGHT
+#ifdef LIT
+#import bevy_vdb::hdda::local_cell
+#import bevy_vdb::march::{march_of, next_stretch, seen_middle, step_of}
+#import bevy_vdb::tree::nowhere
+#endif
+#endif
 #endif
 #ifdef LIT
 #import bevy_vdb::lights::{Lit, Surroundings, reflected, roughness_seen, scattered, shade, surroundings}
@@ -46,8 +53,15 @@ const NOTHING: f32 = -3.0;
 // beside 1, by a factor of 4,000.
 const OPAQUE: f32 = 16.0;
 
-// The part of a ray that overlapping fogs share, or along which light differs, is cut into this many
-// slabs; within one, they are taken as evenly mixed and evenly lit.
+// Voxels along a ray for which a fog is lit as one, at least, and into how many such stretches the longest
+// edge of its box is cut, at most.
+const LIGHT_STEP: f32 = 2.0;
+const LIGHT_STEPS: f32 = 64.0;
+// The same of what is reflected.
+const LIGHT_STEP_REFLECTED: f32 = 8.0;
+const LIGHT_STEPS_REFLECTED: f32 = 16.0;
+// The part of a ray that overlapping fogs share is cut into this many slabs; within one, they are taken as
+// evenly mixed and evenly lit.
 const SLABS: u32 = 32u;
 // What is reflected, into fewer: each slab asks for the light of every lamp.
 const SLABS_REFLECTED: u32 = 8u;
@@ -147,8 +161,8 @@ fn optical_depth(segment: Segment, volume: u32, start: f32, t_min: f32, t_max: f
 }
 
 // All fogs of a segment in front of `t_max`. Radiance of one fog with an even source S and optical depth
-// τ is S·(1 - e^-τ), exactly; where several overlap, or light differs from place to place, the
-// segment is cut into slabs.
+// τ is S·(1 - e^-τ), exactly; where light differs from place to place, the segment is cut into stretches,
+// and where several overlap, into slabs.
 fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     var met = 0u;
     var last_met = 0u;
@@ -172,10 +186,13 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     if met == 0u {
         return fog;
     }
-#ifdef EVEN_LIGHT
     let is_whole = met == 1u;
-#else
-    let is_whole = false;
+#ifndef EVEN_LIGHT
+#ifdef LIT
+    if is_whole {
+        return march_fog(segment, last_met, pixel, t_first, t_max);
+    }
+#endif
 #endif
     let slabs = select(select(SLABS_REFLECTED, SLABS, segment.is_view), 1u, is_whole);
 #ifdef LIT
@@ -221,6 +238,36 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
 }
 
 #ifdef LIT
+#ifndef EVEN_LIGHT
+// One fog of a segment under lights that are not the same everywhere.
+fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_max: f32) -> Fog {
+    var fog = Fog(vec3(0.0), 0.0, t_first);
+    let grid = grids[volumes[volume].grid];
+    let course = course_of(grid, ray_of(segment, volume, t_max));
+    let enters = enter_at(course, start_of(segment, volume, pixel));
+    let scale = volumes[volume].density_scale * length(segment.dir);
+    let most = 100.0 / max(scale, 1e-30);
+    let anisotropy = volumes[volume].anisotropy;
+    let around = surroundings(normalize(segment.dir));
+    let least = select(LIGHT_STEP_REFLECTED, LIGHT_STEP, segment.is_view);
+    let steps = select(LIGHT_STEPS_REFLECTED, LIGHT_STEPS, segment.is_view);
+    var march = march_of(course, enters, step_of(grid, least, steps));
+    var place = nowhere(local_cell(course, enters.rel));
+    while march.walk.inside && fog.optical_depth <= OPAQUE {
+        let stretch = next_stretch(grid, course, &march, &place, most);
+        let depth = scale * min(stretch.density, most);
+        if depth > 0.0 {
+            let t = clamp(seen_middle(stretch, depth), stretch.t_first, t_max);
+            let light = light_at(segment, pixel, t, anisotropy, around).luminance;
+            let source = volumes[volume].emissive + volumes[volume].base_color * light;
+            fog.radiance += exp(-fog.optical_depth) * (1.0 - exp(-depth)) * source;
+            fog.optical_depth += depth;
+        }
+    }
+    return fog;
+}
+#endif
+
 // What fog of albedo 1 scatters back along a segment, cd/m².
 struct Light {
     luminance: vec3<f32>,
