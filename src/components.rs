@@ -42,6 +42,13 @@ pub struct VdbMaterial {
     /// Fog: extinction coefficient per unit of density, in 1 / world unit: light is dimmed to 1/e
     /// after `1 / (density · density_scale)`. 0 or more, 1 by default.
     pub density_scale: f32,
+    /// Fog: the mean cosine of the angle by which it turns light when it scatters it, after Henyey and
+    /// Greenstein: from -1, all back to where it came from, by 0, evenly into all directions, to 1, all
+    /// straight on. 0 by default; clouds have 0.8 and more. Nearer to -1 and 1 than 0.99 is taken as that.
+    ///
+    /// Of environment maps, fog scatters what one direction has more than the opposite one: finer
+    /// features it takes as even.
+    pub anisotropy: f32,
 }
 
 impl Default for VdbMaterial {
@@ -53,6 +60,7 @@ impl Default for VdbMaterial {
             metallic: 0.0,
             reflectance: 0.5,
             density_scale: 1.0,
+            anisotropy: 0.0,
         }
     }
 }

@@ -10,7 +10,7 @@
 #import bevy_pbr::mesh_view_types::{DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT, POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE}
 #import bevy_render::maths::PI
 #ifdef ENVIRONMENT_MAP
-#import bevy_pbr::environment_map::environment_map_light
+#import bevy_pbr::environment_map::{environment_map_light, quat_rotate}
 #endif
 #ifdef DISTANCE_FOG
 #import bevy_pbr::fog
@@ -137,7 +137,8 @@ fn visibility(at: Lit, point: Point, lights: Reaching, i: u32) -> f32 {
 #endif
     }
     if lit > 0.0 {
-        lit *= transmittance(point, direction, distance);
+        let in_fog = !any(at.normal != vec3(0.0));
+        lit *= transmittance(point, direction, distance, in_fog);
     }
     return lit;
 #else
@@ -250,21 +251,35 @@ fn reflected(roughness: f32, normal: vec3<f32>, to_viewer: vec3<f32>, chance: ve
     return select(mirror, normalize(direction), dot(direction, normal) > 1e-3);
 }
 
-// What comes to a place in a fog from all directions, over 4π: the mean luminance, cd/m².
-fn scattered(at: Lit, point: Point) -> vec3<f32> {
+// The part of the light that a fog turns by an angle with this cosine when it scatters it, per
+// steradian. Henyey and Greenstein 1941, "Diffuse radiation in the galaxy"; over all directions it is 1.
+fn phase(anisotropy: f32, cosine: f32) -> f32 {
+    // 1 + g² - 2·g·cos, from terms that do not cancel.
+    let aside = 1.0 - anisotropy;
+    let square = aside * aside + 2.0 * anisotropy * (1.0 - cosine);
+    return (1.0 - anisotropy * anisotropy) / (4.0 * PI * square * sqrt(square));
+}
+
+// What a place in a fog of albedo 1 scatters back along a ray (world space, unit), of what comes to it
+// straight from lights, cd/m².
+fn scattered(at: Lit, point: Point, ray: vec3<f32>, anisotropy: f32) -> vec3<f32> {
     var light = vec3(0.0);
     let lights = reaching(at);
     for (var i = 0u; i < lights.end; i++) {
         let lit = visibility(at, point, lights, i);
+        let way = to_light(at, lights, i);
+        // Light that goes straight on comes from straight ahead.
+        let cosine = clamp(dot(way, ray) * inverseSqrt(max(dot(way, way), 1e-30)), -1.0, 1.0);
+        let seen = lit * phase(anisotropy, cosine);
         if i < lights.suns {
-            light += (lit * sun_factor(i)) * bevy::lights.directional_lights[i].color.rgb;
+            light += (seen * sun_factor(i)) * bevy::lights.directional_lights[i].color.rgb;
         } else {
 #ifdef LOCAL_LIGHTS
-            light += lit * local_illuminance(at, local_light(lights, i));
+            light += seen * local_illuminance(at, local_light(lights, i));
 #endif
         }
     }
-    return light / (4.0 * PI);
+    return light;
 }
 
 #ifdef LOCAL_LIGHTS
@@ -286,19 +301,35 @@ fn local_illuminance(at: Lit, light: u32) -> vec3<f32> {
 }
 #endif
 
-// The mean luminance of what surrounds everything, cd/m².
-fn surroundings() -> vec3<f32> {
-    var light = bevy::lights.ambient_color.rgb;
+// The first two orders of the light that surrounds everything, cd/m².
+struct Surroundings {
+    mean: vec3<f32>,
+    // What there is more of it straight ahead, as far as it grows evenly from behind to there: of any light
+    // around, Henyey and Greenstein's phase function leaves `anisotropy` times this.
+    ahead: vec3<f32>,
+}
+
+// As seen along a ray (world space, unit).
+fn surroundings(ray: vec3<f32>) -> Surroundings {
+    var light = Surroundings(bevy::lights.ambient_color.rgb, vec3(0.0));
 #ifdef ENVIRONMENT_MAP
     if bevy::light_probes.view_cubemap_index >= 0 {
-        // Each is a mean over a hemisphere; six of them make that of the sphere.
-        var sum = vec3(0.0);
+        var way = quat_rotate(bevy::light_probes.view_rotation, ray);
+        // As Bevy has it: cube maps are left-handed.
+        way.z = -way.z;
+        // Each is a mean over a hemisphere, weighted with the cosine; six of them make that of the sphere.
+        // Of what grows evenly with the cosine, such a mean has 2/3.
+        var mean = vec3(0.0);
+        var ahead = vec3(0.0);
         for (var i = 0u; i < 6u; i++) {
             let sign = select(1.0, -1.0, i >= 3u);
             let axis = select(vec3(0.0), vec3(sign), vec3(0u, 1u, 2u) == vec3(i % 3u));
-            sum += textureSampleLevel(bevy::diffuse_environment_map, bevy::environment_map_sampler, axis, 0.0).rgb;
+            let half = textureSampleLevel(bevy::diffuse_environment_map, bevy::environment_map_sampler, axis, 0.0).rgb;
+            mean += half / 6.0;
+            ahead += half * (0.75 * dot(axis, way));
         }
-        light += sum / 6.0 * bevy::light_probes.intensity_for_view;
+        light.mean += mean * bevy::light_probes.intensity_for_view;
+        light.ahead += ahead * bevy::light_probes.intensity_for_view;
     }
 #endif
     return light;

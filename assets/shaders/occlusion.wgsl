@@ -10,15 +10,21 @@
 #import bevy_vdb::smooth::first_root
 #endif
 #ifdef FOGS
-#import bevy_vdb::fog::optical_length
+#import bevy_vdb::fog::{optical_length, stepped_length}
+#import bevy_vdb::march::step_of
 #endif
 
 // Optical depth through which no light is seen: e^-16 is below a 16-bit float's step beside 1.
 const DARK: f32 = 16.0;
 
+// Voxels between the densities that a ray from a place in fog sums up, at least, and into how many such
+// steps the longest edge of a fog's box is cut, at most.
+const SHADOW_STEP: f32 = 1.0;
+const SHADOW_STEPS: f32 = 256.0;
+
 // The part of the light from a direction (world space, unit) that comes to a place from a distance of
-// so many world units.
-fn transmittance(point: Point, to_light: vec3<f32>, distance: f32) -> f32 {
+// so many world units. A place in fog is one of many along a ray, whose errors even out.
+fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool) -> f32 {
     let segment = Segment(point, to_light, false, 0.0);
     var depth = 0.0;
     for (var i = view.volume_first; i < scene_end() && depth < DARK; i++) {
@@ -41,7 +47,14 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32) -> f32 {
 #ifdef FOGS
         if volumes[i].kind == KIND_FOG {
             let scale = max(volumes[i].density_scale, 1e-30);
-            depth += scale * min(optical_length(grid, course, walk, DARK / scale), 100.0 / scale);
+            var fog = 0.0;
+            if in_fog {
+                let step = step_of(grid, SHADOW_STEP, SHADOW_STEPS);
+                fog = stepped_length(grid, course, 0.0, DARK / scale, step);
+            } else {
+                fog = optical_length(grid, course, walk, DARK / scale);
+            }
+            depth += scale * min(fog, 100.0 / scale);
         }
 #endif
     }

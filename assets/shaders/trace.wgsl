@@ -18,12 +18,19 @@
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::fog::optical_length
 #import bevy_vdb::hdda::{course_of, enter, enter_at, plane_t}
+#ifndef EVEN_LIGHT
+#ifdef LIT
+#import bevy_vdb::hdda::local_cell
+#import bevy_vdb::march::{march_of, next_stretch, seen_middle, step_of}
+#import bevy_vdb::tree::nowhere
+#endif
+#endif
 #endif
 #ifdef LIT
 #ifdef DISTANCE_FOG
 #import bevy_vdb::lights::through_distance_fog
 #endif
-#import bevy_vdb::lights::{Lit, reflected, roughness_seen, scattered, shade, surroundings}
+#import bevy_vdb::lights::{Lit, Surroundings, reflected, roughness_seen, scattered, shade, surroundings}
 #else
 #import bevy_vdb::show::{axis_shares, gray, voxel_color}
 #endif
@@ -55,8 +62,15 @@ const NOTHING: f32 = -3.0;
 // beside 1, by a factor of 4,000.
 const OPAQUE: f32 = 16.0;
 
-// The part of a ray that overlapping fogs share, or along which light differs, is cut into this many
-// slabs; within one, they are taken as evenly mixed and evenly lit.
+// Voxels along a ray for which a fog is lit as one, at least, and into how many such stretches the longest
+// edge of its box is cut, at most.
+const LIGHT_STEP: f32 = 2.0;
+const LIGHT_STEPS: f32 = 64.0;
+// The same of what is reflected.
+const LIGHT_STEP_REFLECTED: f32 = 8.0;
+const LIGHT_STEPS_REFLECTED: f32 = 16.0;
+// The part of a ray that overlapping fogs share is cut into this many slabs; within one, they are taken as
+// evenly mixed and evenly lit.
 const SLABS: u32 = 32u;
 // What is reflected, into fewer: each slab asks for the light of every lamp.
 const SLABS_REFLECTED: u32 = 8u;
@@ -160,8 +174,8 @@ fn optical_depth(segment: Segment, volume: u32, start: f32, t_min: f32, t_max: f
 }
 
 // All fogs of a segment in front of `t_max`. Radiance of one fog with an even source S and optical depth
-// τ is S·(1 - e^-τ), exactly; where several overlap, or light differs from place to place, the
-// segment is cut into slabs.
+// τ is S·(1 - e^-τ), exactly; where light differs from place to place, the segment is cut into stretches,
+// and where several overlap, into slabs.
 fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     var met = 0u;
     var last_met = 0u;
@@ -185,13 +199,18 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     if met == 0u {
         return fog;
     }
-#ifdef EVEN_LIGHT
     let is_whole = met == 1u;
-#else
-    let is_whole = false;
+#ifndef EVEN_LIGHT
+#ifdef LIT
+    if is_whole {
+        return march_fog(segment, last_met, pixel, t_first, t_max);
+    }
+#endif
 #endif
     let slabs = select(select(SLABS_REFLECTED, SLABS, segment.is_view), 1u, is_whole);
-    let around = light_around();
+#ifdef LIT
+    let around = surroundings(normalize(segment.dir));
+#endif
     var t_sum = 0.0;
     var most = 0.0;
     for (var slab = 0u; slab < slabs && fog.optical_depth <= OPAQUE; slab++) {
@@ -206,21 +225,30 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
         var depth = 0.0;
         var thickest = NONE;
         var thickest_part = 0.0;
-        var own = vec3(0.0);
-        var albedo = vec3(0.0);
+        var source = vec3(0.0);
+#ifdef LIT
+        var light = Light(vec3(0.0), 2.0);
+#endif
         for (var i = view.volume_first; i < end_of(segment); i++) {
             if volumes[i].kind == KIND_FOG && (!is_whole || i == last_met) {
                 let part = optical_depth(segment, i, start, t_low, t_high);
-                thickest = select(thickest, i, part > thickest_part);
-                thickest_part = max(thickest_part, part);
-                depth += part;
-                own += part * volumes[i].emissive;
-                albedo += part * volumes[i].base_color;
+                if part > 0.0 {
+                    thickest = select(thickest, i, part > thickest_part);
+                    thickest_part = max(thickest_part, part);
+                    depth += part;
+#ifdef LIT
+                    // Fogs that scatter alike share the rays to the lights.
+                    if light.anisotropy != volumes[i].anisotropy {
+                        let t = 0.5 * (t_low + t_high);
+                        light = light_at(segment, pixel, t, volumes[i].anisotropy, around);
+                    }
+                    source += part * (volumes[i].emissive + volumes[i].base_color * light.luminance);
+#endif
+                }
             }
         }
         if depth > 0.0 {
-            let light = around + light_at(segment, pixel, 0.5 * (t_low + t_high));
-            let source = (own + albedo * light) / max(depth, 1e-30);
+            source /= max(depth, 1e-30);
             let seen = exp(-fog.optical_depth) * (1.0 - exp(-depth));
             fog.radiance += seen * source;
             t_sum += seen * 0.5 * (t_low + t_high);
@@ -233,25 +261,55 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     return fog;
 }
 
-// The mean luminance of what surrounds everything.
-fn light_around() -> vec3<f32> {
 #ifdef LIT
-    return surroundings();
-#else
-    return vec3(0.0);
+#ifndef EVEN_LIGHT
+// One fog of a segment under lights that are not the same everywhere.
+fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_max: f32) -> Fog {
+    var fog = Fog(vec3(0.0), 0.0, t_first, t_first, volume);
+    var t_sum = 0.0;
+    let grid = grids[volumes[volume].grid];
+    let course = course_of(grid, ray_of(segment, volume, t_max));
+    let enters = enter_at(course, start_of(segment, volume, pixel));
+    let scale = volumes[volume].density_scale * length(segment.dir);
+    let most = 100.0 / max(scale, 1e-30);
+    let anisotropy = volumes[volume].anisotropy;
+    let around = surroundings(normalize(segment.dir));
+    let least = select(LIGHT_STEP_REFLECTED, LIGHT_STEP, segment.is_view);
+    let steps = select(LIGHT_STEPS_REFLECTED, LIGHT_STEPS, segment.is_view);
+    var march = march_of(course, enters, step_of(grid, least, steps));
+    var place = nowhere(local_cell(course, enters.rel));
+    while march.walk.inside && fog.optical_depth <= OPAQUE {
+        let stretch = next_stretch(grid, course, &march, &place, most);
+        let depth = scale * min(stretch.density, most);
+        if depth > 0.0 {
+            let t = clamp(seen_middle(stretch, depth), stretch.t_first, t_max);
+            let light = light_at(segment, pixel, t, anisotropy, around).luminance;
+            let source = volumes[volume].emissive + volumes[volume].base_color * light;
+            let seen = exp(-fog.optical_depth) * (1.0 - exp(-depth));
+            fog.radiance += seen * source;
+            t_sum += seen * t;
+            fog.optical_depth += depth;
+        }
+    }
+    fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
+    return fog;
+}
 #endif
+
+// What fog of albedo 1 scatters back along a segment, cd/m².
+struct Light {
+    luminance: vec3<f32>,
+    anisotropy: f32,        // of that fog
 }
 
-// The mean luminance that lights make at a place on a segment.
-fn light_at(segment: Segment, pixel: vec2<u32>, t: f32) -> vec3<f32> {
-#ifdef LIT
+fn light_at(segment: Segment, pixel: vec2<u32>, t: f32, anisotropy: f32, around: Surroundings) -> Light {
     let point = along(segment, t);
     let coord = vec2<f32>(pixel + view.origin) + 0.5;
-    return scattered(Lit(world_position(point), vec3(0.0), coord, segment.is_view), point);
-#else
-    return vec3(0.0);
-#endif
+    let at = Lit(world_position(point), vec3(0.0), coord, segment.is_view);
+    let light = scattered(at, point, normalize(segment.dir), anisotropy);
+    return Light(light + max(around.mean + anisotropy * around.ahead, vec3(0.0)), anisotropy);
 }
+#endif
 #endif
 
 // What the view's ray finds.

@@ -49,6 +49,7 @@ struct Volume {
     normal_z: vec3<f32>,
     density_scale: f32,         // extinction per unit of density, per world unit
     lattice_x: vec3<f32>,       // columns of the matrix from world directions to the lattice's
+    anisotropy: f32,            // of fog, above -1 and below 1
     lattice_y: vec3<f32>,
     perceptual_roughness: f32,
     lattice_z: vec3<f32>,

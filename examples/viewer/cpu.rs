@@ -74,6 +74,7 @@ fn kind(grid: &VdbGrid, material: &VdbMaterial) -> VolumeKind {
             extinction: f64::from(material.density_scale),
             albedo,
             emission: Vec3::ZERO,
+            anisotropy: f64::from(material.anisotropy),
         },
     }
 }

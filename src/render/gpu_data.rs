@@ -20,7 +20,7 @@ pub(crate) struct Volume {
     pub normal_z: [f32; 3],
     pub density_scale: f32,
     pub lattice_x: [f32; 3],
-    pub pad_x: f32,
+    pub anisotropy: f32,
     pub lattice_y: [f32; 3],
     pub perceptual_roughness: f32,
     pub lattice_z: [f32; 3],
@@ -136,8 +136,8 @@ mod tests {
         let rays = fields!(GpuRays: eye_cell, eye_frac, eye_x, eye_y, dir, dir_rest, dir_x, dir_y);
         check(&module, "Rays", size_of::<GpuRays>(), &rays);
         let volume = fields!(Volume: rays, normal_x, grid, normal_y, kind, normal_z,
-            density_scale, lattice_x, lattice_y, perceptual_roughness, lattice_z, metallic,
-            base_color, reflectance, emissive, base);
+            density_scale, lattice_x, anisotropy, lattice_y, perceptual_roughness, lattice_z,
+            metallic, base_color, reflectance, emissive, base);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, volumes_beside, size, origin,

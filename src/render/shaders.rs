@@ -14,7 +14,7 @@ macro_rules! shaders {
 }
 
 /// Modules that others import.
-const IMPORTS: [(&str, &[u8]); 17] = shaders![
+const IMPORTS: [(&str, &[u8]); 18] = shaders![
     "types",
     "bindings",
     "rays",
@@ -26,6 +26,7 @@ const IMPORTS: [(&str, &[u8]); 17] = shaders![
     "anchor",
     "smooth",
     "fog",
+    "march",
     "scene",
     "segment",
     "surface",

@@ -21,6 +21,8 @@ const MOST_LIGHT: f32 = 1e15;
 const MOST_ALBEDO: f32 = 1e6;
 /// Extinction per unit of density.
 const MOST_EXTINCTION: f32 = 1e30;
+/// Anisotropy, in size: beyond, f32 does not tell the directions into which most of the light goes.
+const MOST_ANISOTROPY: f32 = 0.99;
 /// Cells per edge of the largest nodes below the root.
 const LARGEST_NODE: i32 = 4096;
 
@@ -69,6 +71,7 @@ pub(super) fn volume_data(
         lattice_y: array(lattice.y_axis),
         lattice_z: array(lattice.z_axis),
         density_scale: non_negative(material.density_scale).min(MOST_EXTINCTION),
+        anisotropy: anisotropy(material.anisotropy),
         perceptual_roughness: share(material.perceptual_roughness),
         metallic: share(material.metallic),
         reflectance: share(material.reflectance),
@@ -82,6 +85,11 @@ pub(super) fn volume_data(
 /// From 0 to 1; no number is 0.
 fn share(x: f32) -> f32 {
     non_negative(x).min(1.0)
+}
+
+/// What a shader can compute with; no number is 0.
+fn anisotropy(x: f32) -> f32 {
+    if x.is_nan() { 0.0 } else { x.clamp(-MOST_ANISOTROPY, MOST_ANISOTROPY) }
 }
 
 /// The first setting of a material that makes no sense.
@@ -98,6 +106,7 @@ fn wrong_setting(material: &VdbMaterial) -> Option<Setting> {
             material.density_scale >= 0.0 && material.density_scale.is_finite(),
             Setting::DensityScale,
         ),
+        ((-1.0..=1.0).contains(&material.anisotropy), Setting::Anisotropy),
     ];
     settings.into_iter().find(|(sound, _)| !sound).map(|(_, setting)| setting)
 }
@@ -121,7 +130,8 @@ mod tests {
     fn settings_that_make_no_sense_are_found() {
         let plain = VdbMaterial::default;
         assert_eq!(wrong_setting(&plain()), None);
-        let black = VdbMaterial { perceptual_roughness: 0.0, metallic: 1.0, ..plain() };
+        let black =
+            VdbMaterial { perceptual_roughness: 0.0, metallic: 1.0, anisotropy: -1.0, ..plain() };
         assert_eq!(wrong_setting(&black), None);
         for x in [f32::NAN, -0.1, 1.1, f32::INFINITY] {
             let found = wrong_setting(&VdbMaterial { perceptual_roughness: x, ..plain() });
@@ -131,6 +141,11 @@ mod tests {
             let found = wrong_setting(&VdbMaterial { reflectance: x, ..plain() });
             assert_eq!(found, Some(Setting::Reflectance), "{x}");
             assert!((0.0..=1.0).contains(&share(x)), "{x}");
+        }
+        for x in [f32::NAN, -1.1, 1.1, f32::INFINITY] {
+            let found = wrong_setting(&VdbMaterial { anisotropy: x, ..plain() });
+            assert_eq!(found, Some(Setting::Anisotropy), "{x}");
+            assert!(anisotropy(x).abs() < 1.0, "{x}");
         }
         for x in [f32::NAN, -0.1, f32::INFINITY] {
             let color = LinearRgba::rgb(0.0, x, 0.0);

@@ -25,6 +25,7 @@ pub(super) enum Setting {
     Metallic,
     Reflectance,
     DensityScale,
+    Anisotropy,
 }
 
 impl Setting {
@@ -37,6 +38,7 @@ impl Setting {
             Self::Metallic => ("metallic", "a value from 0 to 1"),
             Self::Reflectance => ("reflectance", "a value from 0 to 1"),
             Self::DensityScale => ("density_scale", "a value that is finite and not negative"),
+            Self::Anisotropy => ("anisotropy", "a value from -1 to 1"),
         }
     }
 }

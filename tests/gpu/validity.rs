@@ -13,7 +13,7 @@ use naga_oil::compose::{
 };
 
 /// In an order in which each finds those before it.
-const MODULES: [&str; 17] = [
+const MODULES: [&str; 18] = [
     "types",
     "bindings",
     "rays",
@@ -25,6 +25,7 @@ const MODULES: [&str; 17] = [
     "anchor",
     "smooth",
     "fog",
+    "march",
     "scene",
     "segment",
     "surface",

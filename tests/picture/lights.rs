@@ -1,15 +1,18 @@
 //! The same under all lights as a mesh of the same material.
 
+use std::f64::consts::PI;
+
 use bevy::light::EnvironmentMapLight;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbMaterial, VdbRenderMode, VdbSun, VdbVolume};
 use vdb_core::pack::PackKind;
+use vdb_core::reference::phase;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
 use super::common::{Picture, Stage, has_gpu};
-use super::{SIZE, looking};
+use super::{SIZE, looking, pixel_ray};
 
 const RADIUS: f32 = 2.0;
 
@@ -254,6 +257,113 @@ fn fog_scatters_what_lights_shed_on_it() {
     let map = EnvironmentMapLight { intensity: 0.4, ..map };
     stage.world().entity_mut(camera).remove::<AmbientLight>().insert(map);
     check(&mut stage, "environment", 0.4);
+}
+
+/// Fog sends on most of the light in the directions that its anisotropy says, whatever lamp it comes from,
+/// and from what is around it, of which the map below has 0.75·(1.2 - 0.2) more above than below.
+#[test]
+fn fog_turns_light_as_its_anisotropy_says() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let view = looking(Vec3::Z * 2.0);
+    let camera = stage.camera(&target, view);
+    let block = CoordBox { min: IVec3::splat(-5), max: IVec3::splat(4) };
+    let grid = stage.grid(fog::block(block, 1.0), PackKind::Fog, 0.02);
+    let ray = pixel_ray(view, SIZE.x / 2, SIZE.y / 2).1.normalize();
+    let check = |stage: &mut Stage, name: &str, anisotropy: f32, expected: f64| {
+        let material = VdbMaterial { density_scale: 200.0, anisotropy, ..default() };
+        let volume = stage.world().spawn((VdbVolume(grid.clone()), material)).id();
+        let pixel = f64::from(stage.picture(&target).center().x);
+        println!("{name}, {anisotropy}: {pixel}, of {expected}");
+        assert!((pixel - expected).abs() < 5e-3 * expected, "{name}: {pixel}, not {expected}");
+        stage.world().despawn(volume);
+    };
+    for angle in [0.2_f32, 1.0, 2.9] {
+        // So far off the view's axis.
+        let to_light = Vec3::new(angle.sin(), 0.0, -angle.cos());
+        let sun = DirectionalLight { illuminance: 5.0, ..default() };
+        let bulb = PointLight { intensity: 4e6, range: 2000.0, ..default() };
+        let lamp = SpotLight { intensity: 4e6, range: 2000.0, ..default() };
+        // Lumens go into 4π; of those 100 units away, a 10,000th comes per area.
+        let lux = 4e6 / (4.0 * PI) / 1e4;
+        let lights: [(&str, f64, &dyn Fn(&mut World) -> Entity); 3] = [
+            ("sun", 5.0, &|world| world.spawn((sun, looking(to_light))).id()),
+            ("point", lux, &|world| world.spawn((bulb, looking(100.0 * to_light))).id()),
+            ("spot", lux, &|world| world.spawn((lamp, looking(100.0 * to_light))).id()),
+        ];
+        for (name, lux, spawn) in lights {
+            let light = spawn(stage.world());
+            for anisotropy in [-0.5, 0.8] {
+                let cosine = ray.dot(to_light.as_dvec3());
+                let expected = lux * phase(f64::from(anisotropy), cosine);
+                check(&mut stage, &format!("{name} at {angle}"), anisotropy, expected);
+            }
+            stage.world().despawn(light);
+        }
+    }
+    let mut images = stage.world().resource_mut::<Assets<Image>>();
+    let [top, middle, bottom] = [1.2, 0.6, 0.2].map(|c| Color::linear_rgb(c, c, c));
+    let map = EnvironmentMapLight::hemispherical_gradient(&mut images, top, middle, bottom);
+    let map = EnvironmentMapLight { intensity: 0.5, ..map };
+    stage.world().entity_mut(camera).insert(map);
+    for up in [-1.0_f32, 0.0, 1.0] {
+        let from = Vec3::new(0.0, -up, 1.0 - up.abs()) * 2.0;
+        let view = Transform::from_translation(from).looking_at(Vec3::ZERO, Vec3::X);
+        stage.world().entity_mut(camera).insert(view);
+        let ahead = pixel_ray(view, SIZE.x / 2, SIZE.y / 2).1.normalize().y;
+        let expected = 0.5 * ((1.2 + 4.0 * 0.6 + 0.2) / 6.0 + 0.8 * 0.75 * ahead);
+        check(&mut stage, &format!("map, up {up}"), 0.8, expected);
+    }
+}
+
+/// In a thin fog, a ray from its middle sees the light of a bulb beside it, place by place.
+#[test]
+fn fog_is_lit_place_by_place() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let view = Transform::default();
+    stage.camera(&target, view);
+    let block = CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) };
+    let grid = stage.grid(fog::block(block, 1.0), PackKind::Fog, 0.1);
+    let density = 0.02;
+    let material = VdbMaterial { density_scale: density, ..default() };
+    stage.world().spawn((VdbVolume(grid), material));
+    let lumens = 2e3;
+    let bulb = PointLight { intensity: lumens, range: 2000.0, ..default() };
+    let at = DVec3::new(0.6, 1.0, -1.0);
+    stage.world().spawn((bulb, Transform::from_translation(at.as_vec3())));
+    let picture = stage.picture(&target);
+    picture.save("fog_beside_a_bulb");
+    let (mut worst, step) = (0.0_f64, 1e-3);
+    for y in (0..SIZE.y).step_by(4) {
+        for x in (0..SIZE.x).step_by(4) {
+            let (_, dir) = pixel_ray(view, x, y);
+            let dir = dir.normalize();
+            let (mut expected, mut depth) = (0.0, 0.0);
+            for i in 0..4000 {
+                let place = dir * (step * (f64::from(i) + 0.5));
+                // Rays begin at the near plane.
+                if place.z > -0.1 {
+                    continue;
+                }
+                // Even to the outermost samples, and then down to nothing in a voxel.
+                let inside = ((2.1 - place.abs().max_element()) / 0.1).clamp(0.0, 1.0);
+                let lux = f64::from(lumens) / (4.0 * PI) / place.distance_squared(at);
+                let part = f64::from(density) * inside * step;
+                expected += (-depth - 0.5 * part).exp() * part * lux / (4.0 * PI);
+                depth += part;
+            }
+            worst = worst.max((f64::from(picture.at(x, y).x) / expected - 1.0).abs());
+        }
+    }
+    println!("off by {worst} at most");
+    assert!(worst < 0.01, "off by {worst}");
 }
 
 #[test]

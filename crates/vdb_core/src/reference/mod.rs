@@ -38,6 +38,6 @@ mod wide;
 pub use blocky::{Blocky, Face, Occupied, VoxelHit, first_voxel};
 pub use fog::{Estimate, Fog, density, optical_depth, optical_depth_nearest, transmittance};
 pub use judge::{SurfaceVerdict, VoxelVerdict};
-pub use radiance::{Medium, Radiance, Sun, radiance};
+pub use radiance::{Medium, Radiance, Sun, phase, radiance};
 pub use ray::Ray;
 pub use smooth::{Graze, Smooth, SurfaceHit, SurfaceTrace, first_root, trace_surface};

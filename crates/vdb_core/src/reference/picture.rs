@@ -68,7 +68,7 @@ pub enum VolumeKind {
         /// Diffuse reflectance, linear RGB.
         albedo: Vec3,
     },
-    /// Absorption, emission and isotropic scattering.
+    /// Absorption, emission and scattering after Henyey and Greenstein.
     Fog {
         /// Extinction per unit of world length for a density of 1.
         extinction: f64,
@@ -76,6 +76,8 @@ pub enum VolumeKind {
         albedo: Vec3,
         /// Radiance emitted per unit of optical depth, linear RGB.
         emission: Vec3,
+        /// The mean cosine of the angle by which scattering turns light; above -1 and below 1.
+        anisotropy: f64,
     },
 }
 
@@ -112,5 +114,5 @@ pub fn render<C: Node<Value = f32>>(scene: &Scene<'_, C>, camera: &Camera, size:
 enum Tracer<'a, C: Node<Value = f32>> {
     Smooth(Smooth<'a, C>, Vec3),
     Blocky(Blocky<'a, C>, Vec3),
-    Fog { fog: Fog<'a, C>, extinction: f64, albedo: Vec3, emission: Vec3 },
+    Fog { fog: Fog<'a, C>, extinction: f64, albedo: Vec3, emission: Vec3, anisotropy: f64 },
 }

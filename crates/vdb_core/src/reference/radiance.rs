@@ -1,6 +1,6 @@
 //! The light that a fog sends along a ray: emitted, and scattered once from the sun.
 
-use std::ops::ControlFlow;
+use std::{f64::consts::PI, ops::ControlFlow};
 
 use glam::DVec3;
 
@@ -36,6 +36,13 @@ pub struct Sun {
     pub extinction_scale: f64,
     /// Irradiance on a surface that faces the sun.
     pub irradiance: f64,
+}
+
+/// The part of the light that is turned by an angle with this cosine when it is scattered, per steradian:
+/// `(1 - g²) / (4π (1 + g² - 2g·cos)^(3/2))`, after Henyey and Greenstein, with `g` above -1 and below 1.
+pub fn phase(anisotropy: f64, cosine: f64) -> f64 {
+    let g = anisotropy;
+    (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * cosine).powf(1.5))
 }
 
 /// What arrives at the beginning of a ray.

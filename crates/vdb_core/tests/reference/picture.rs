@@ -131,8 +131,16 @@ fn a_white_furnace_shows_nothing() {
         (&sphere, at, VolumeKind::Smooth { iso: 0.0, albedo: white }),
         (&truss, beside, VolumeKind::Blocky { occupied: Occupied::Active, albedo: white }),
         // Two that overlap: one scatters all, one scatters half and glows with the other half.
-        (&fog, at, VolumeKind::Fog { extinction: 0.7, albedo: white, emission: none }),
-        (&fog, beside, VolumeKind::Fog { extinction: 3.0, albedo: half, emission: half }),
+        (
+            &fog,
+            at,
+            VolumeKind::Fog { extinction: 0.7, albedo: white, emission: none, anisotropy: 0.0 },
+        ),
+        (
+            &fog,
+            beside,
+            VolumeKind::Fog { extinction: 3.0, albedo: half, emission: half, anisotropy: 0.0 },
+        ),
     ]);
     scene.sun.radiance = none;
     scene.ambient = white;
@@ -150,7 +158,12 @@ fn a_white_furnace_shows_nothing() {
 fn surfaces_hide_fog_and_fog_dims_surfaces() {
     let block = synth::fog::block(CoordBox { min: IVec3::splat(-8), max: IVec3::splat(7) }, 1.0);
     let sphere = synth::level_set::sphere(DVec3::ZERO, 20.0);
-    let fog = VolumeKind::Fog { extinction: 0.1, albedo: Vec3::ZERO, emission: Vec3::ONE };
+    let fog = VolumeKind::Fog {
+        extinction: 0.1,
+        albedo: Vec3::ZERO,
+        emission: Vec3::ONE,
+        anisotropy: 0.0,
+    };
     let surface = VolumeKind::Smooth { iso: 0.0, albedo: Vec3::ZERO };
     let camera = Camera {
         eye: DVec3::new(0.0, -100.0, 0.0),
@@ -195,7 +208,12 @@ fn shadows_fall() {
     // A sphere of 10 voxels tilts by at most 0.104 (see `smooth.rs`).
     assert!((open - 0.5_f32.sqrt()).abs() < 0.104, "{open}");
     assert_eq!(light(surface, &sphere, true), 0.0);
-    let smoke = VolumeKind::Fog { extinction: 0.01, albedo: Vec3::ZERO, emission: Vec3::ZERO };
+    let smoke = VolumeKind::Fog {
+        extinction: 0.01,
+        albedo: Vec3::ZERO,
+        emission: Vec3::ZERO,
+        anisotropy: 0.0,
+    };
     // From (0, -10, 0) towards the sun, in the block's index space: y = 50 - s, z = s - 60. Between
     // z = -16 and y = -16 lie 22 voxels, and two ramps of half a voxel. Interpolation and bias move
     // the start by a thirtieth of a voxel at most.

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use vdb_core::{
-    reference::{Medium, Ray, Sun, radiance},
+    reference::{Medium, Ray, Sun, phase, radiance},
     synth,
     tree::{CoordBox, IVec3, Vdb543},
 };
@@ -80,4 +80,19 @@ fn a_dense_fog_is_lit_at_its_face_and_conserved() {
     let shaded = sun(DVec3::NEG_X, 1e6);
     let light = radiance(&block(), &through_x(), &dense, Some(&shaded), 1e-6);
     assert!((light.radiance.value - 0.5).abs() < 1e-5, "{light:?}");
+}
+
+#[test]
+fn the_phase_function_keeps_energy_and_has_its_mean_cosine() {
+    for g in [-0.9, -0.3, 0.0, 0.5, 0.8] {
+        let steps = 100_000;
+        let (mut all, mut mean) = (0.0, 0.0);
+        for i in 0..steps {
+            let cosine = -1.0 + 2.0 * (f64::from(i) + 0.5) / f64::from(steps);
+            let part = phase(g, cosine) * 4.0 * std::f64::consts::PI / f64::from(steps);
+            all += part;
+            mean += part * cosine;
+        }
+        assert!((all - 1.0).abs() < 1e-6 && (mean - g).abs() < 1e-6, "{g}: {all}, {mean}");
+    }
 }

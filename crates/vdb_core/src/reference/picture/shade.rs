@@ -1,11 +1,11 @@
 //! The light along one ray through a scene.
 
-use std::ops::ControlFlow;
+use std::{f64::consts::PI, ops::ControlFlow};
 
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 
 use super::{
-    super::{Ray, cells::visit_cells, cubic::Cubic, fog::density},
+    super::{Ray, cells::visit_cells, cubic::Cubic, fog::density, radiance::phase},
     Blocky, Fog, Scene, Smooth, Tracer, VolumeKind,
 };
 use crate::tree::Node;
@@ -63,8 +63,9 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
                 VolumeKind::Blocky { occupied, albedo } => {
                     Tracer::Blocky(Blocky::new(volume.tree, occupied), albedo)
                 }
-                VolumeKind::Fog { extinction, albedo, emission } => {
-                    Tracer::Fog { fog: Fog::new(volume.tree), extinction, albedo, emission }
+                VolumeKind::Fog { extinction, albedo, emission, anisotropy } => {
+                    let fog = Fog::new(volume.tree);
+                    Tracer::Fog { fog, extinction, albedo, emission, anisotropy }
                 }
             };
             (volume.world_from_index, volume.world_from_index.inverse(), tracer)
@@ -180,11 +181,13 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
                 sun = self.sunlight(origin + direction * (t[0] + ahead)) as f32;
                 lit_until = t[0] + 2.0 * ahead;
             }
-            let incoming = self.scene.sun.radiance * sun / 4.0 + self.scene.ambient;
             let (mut total, mut source) = (0.0, Vec3::ZERO);
             for piece in &open {
-                if let Tracer::Fog { extinction, albedo, emission, .. } = piece.tracer {
+                if let Tracer::Fog { extinction, albedo, emission, anisotropy, .. } = piece.tracer {
                     let depth = extinction * piece.depth(t[0], t[1]);
+                    // Light that goes straight on comes from straight ahead.
+                    let seen = PI * phase(*anisotropy, direction.dot(self.sun));
+                    let incoming = self.scene.sun.radiance * sun * seen as f32 + self.scene.ambient;
                     total += depth;
                     source += depth as f32 * (*emission + *albedo * incoming);
                 }
