@@ -124,8 +124,10 @@ fn stepped_length(grid: Grid, course: Course, start: f32, enough: f32, step: f32
     var place = nowhere(samples.cell);
     var sum = 0.0;
     var k = max(ceil((start - near.t) / t_step - 0.5), 0.0);
-    while sum < enough && (k + 0.5) * t_step < t_end {
-        var here = sample_at(samples, (k + 0.5) * t_step);
+    while sum < enough && k * t_step < t_end {
+        // The last step ends with the ray.
+        let part = min(t_step, t_end - k * t_step);
+        var here = sample_at(samples, k * t_step + 0.5 * part);
         let apart = here.cell ^ place.cell;
         if ((apart.x | apart.y | apart.z) >> REGION_BITS) != 0 {
             // Rounding may lead a cell out of the box, and the crown knows of nothing there.
@@ -140,7 +142,7 @@ fn stepped_length(grid: Grid, course: Course, start: f32, enough: f32, step: f32
             k = max(k + 1.0, ceil(min(min(out.x, out.y), out.z) / t_step - 0.5));
             continue;
         }
-        sum += t_step * density_in(grid, place, here);
+        sum += part * density_in(grid, place, here);
         k += 1.0;
     }
     return sum;

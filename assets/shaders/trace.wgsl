@@ -16,7 +16,7 @@
 #endif
 #ifdef FOGS
 #import bevy_vdb::bindings::grids
-#import bevy_vdb::fog::optical_length
+#import bevy_vdb::fog::{optical_length, stepped_length}
 #import bevy_vdb::hdda::{course_of, enter, enter_at, plane_t}
 #ifndef EVEN_LIGHT
 #ifdef LIT
@@ -161,14 +161,31 @@ struct Fog {
 }
 
 // Optical depth of one fog over a part of a segment, which nothing stops before `start`.
-fn optical_depth(segment: Segment, volume: u32, start: f32, t_min: f32, t_max: f32) -> f32 {
+fn optical_depth(
+    segment: Segment,
+    volume: u32,
+    start: f32,
+    t_min: f32,
+    t_max: f32,
+    is_whole: bool,
+) -> f32 {
     let scale = volumes[volume].density_scale * length(segment.dir);
     var ray = ray_of(segment, volume, t_max);
     ray.t_min = t_min;
     let grid = grids[volumes[volume].grid];
     let course = course_of(grid, ray);
     let thin = max(scale, 1e-30);
+#ifdef FOG_STEPS
+    // A part of a ray may be shorter than a step.
+    var fog = 0.0;
+    if is_whole {
+        fog = stepped_length(grid, course, start, OPAQUE / thin, view.fog_step);
+    } else {
+        fog = optical_length(grid, course, enter_at(course, start), OPAQUE / thin);
+    }
+#else
     let fog = optical_length(grid, course, enter_at(course, start), OPAQUE / thin);
+#endif
     // At most 100, and not by way of a product that f32 does not hold.
     return scale * min(fog, 100.0 / thin);
 }
@@ -231,7 +248,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
 #endif
         for (var i = view.volume_first; i < end_of(segment); i++) {
             if volumes[i].kind == KIND_FOG && (!is_whole || i == last_met) {
-                let part = optical_depth(segment, i, start, t_low, t_high);
+                let part = optical_depth(segment, i, start, t_low, t_high, is_whole);
                 if part > 0.0 {
                     thickest = select(thickest, i, part > thickest_part);
                     thickest_part = max(thickest_part, part);

@@ -87,6 +87,7 @@ struct View {
     reflections: u32,           // how many times a ray of the view is sent on
     overlays: u32,              // bits: borders of leaves, and of the nodes above and above those
     sun_count: u32,
+    fog_step: f32,              // voxels between samples of fog, where it is sampled
     // Directional lights that shine on volumes otherwise than on meshes: the direction to the light,
     // as Bevy has it, and the factor.
     suns: array<vec4<f32>, MOST_SUNS>,

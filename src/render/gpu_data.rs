@@ -60,6 +60,8 @@ pub(crate) struct View {
     pub reflections: u32,
     pub overlays: u32,
     pub sun_count: u32,
+    pub fog_step: f32,
+    pub pad: [f32; 3],
     pub suns: [[f32; 4]; MOST_SUNS],
 }
 
@@ -141,7 +143,7 @@ mod tests {
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, volumes_beside, size, origin,
-            steps_scale, reflections, overlays, sun_count, suns);
+            steps_scale, reflections, overlays, sun_count, fog_step, suns);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

@@ -148,6 +148,8 @@ pub(super) struct TraceKey {
     /// Whether the view has motion vectors.
     pub motion: bool,
     pub reflections: bool,
+    /// Whether fog is sampled, not integrated.
+    pub fog_steps: bool,
     /// Borders of nodes.
     pub overlays: bool,
 }
@@ -218,6 +220,7 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.mode == VdbRenderMode::HitVoxel, "SHOW_VOXELS"),
             (key.motion, "MOTION_VECTORS"),
             (key.reflections, "REFLECTIONS"),
+            (key.fog_steps, "FOG_STEPS"),
             (key.overlays, "OVERLAYS"),
             (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
             (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),

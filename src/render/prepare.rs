@@ -85,6 +85,9 @@ impl ViewResources {
 
 /// How often a ray is sent on, at most.
 const MOST_REFLECTIONS: u32 = 16;
+/// Voxels between samples of fog.
+const LEAST_FOG_STEP: f32 = 0.25;
+const MOST_FOG_STEP: f32 = 16.0;
 /// What turns luminance into the camera's values. Infinities are not for WGSL: with this and what
 /// materials are capped to, products stay within f32.
 const MOST_EXPOSURE: f32 = 1e12;
@@ -214,6 +217,11 @@ pub(super) fn prepare_views(
             .mode
             .is_lit()
             .then(|| lights.key(settings.shadows, shadow_filter, environment, distance_fog));
+        // With less, steps would only cost.
+        let fog_step = match non_negative(settings.fog_step) {
+            0.0 => 0.0,
+            step => step.clamp(LEAST_FOG_STEP, MOST_FOG_STEP),
+        };
         // Of what is only diffuse, no ray sees a reflection.
         let mirrors = matches!(settings.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
         let reflections = if mirrors { settings.reflections.min(MOST_REFLECTIONS) } else { 0 };
@@ -257,6 +265,7 @@ pub(super) fn prepare_views(
             origin: origin.to_array(),
             steps_scale: non_negative(settings.steps_scale).max(1.0),
             reflections,
+            fog_step,
             overlays: overlay_bits(settings.overlays),
             ..view_data(view_rays, world_from_view, &suns)
         };
@@ -332,6 +341,7 @@ pub(super) fn prepare_views(
             lights,
             motion: has_motion,
             reflections: reflections > 0,
+            fog_steps: fog_step > 0.0 && traces[2] && with_fog,
             overlays: settings.overlays != VdbOverlays::default(),
         };
         let tone = (!camera.hdr).then(|| ToneKey {

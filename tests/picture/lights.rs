@@ -428,3 +428,38 @@ fn bevys_distance_fog_lies_before_a_volumes_fog() {
         assert!(error < 0.01, "{pixel}, not {expected}");
     }
 }
+
+/// Fog in samples, beside the exact integral: also where a mesh ends the rays between two samples.
+#[test]
+fn fog_in_samples_is_close_to_the_integral() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::Z * 6.0));
+    let grid = stage.grid(fog::sphere(DVec3::ZERO, 20.0, 8.0), PackKind::Fog, 0.1);
+    let emissive = LinearRgba::rgb(1.0, 0.5, 0.25);
+    let material =
+        VdbMaterial { density_scale: 0.5, base_color: Color::BLACK, emissive, ..default() };
+    stage.world().spawn((VdbVolume(grid), material));
+    let mesh = stage.world().resource_mut::<Assets<Mesh>>().add(Cuboid::new(1.0, 4.0, 1.0));
+    let black = StandardMaterial { base_color: Color::BLACK, unlit: true, ..default() };
+    let black = stage.world().resource_mut::<Assets<StandardMaterial>>().add(black);
+    let turned = Transform::from_rotation(Quat::from_rotation_y(0.6));
+    stage.world().spawn((Mesh3d(mesh), MeshMaterial3d(black), turned));
+    let mut picture = |fog_step: f32| {
+        stage.world().entity_mut(camera).insert(VdbCamera { fog_step, ..default() });
+        let picture = stage.picture(&target);
+        let pixels = (0..SIZE.y).flat_map(|y| (0..SIZE.x).map(move |x| (x, y)));
+        pixels.map(|(x, y)| picture.at(x, y).x).collect::<Vec<f32>>()
+    };
+    let exact = picture(0.0);
+    assert!(exact.iter().filter(|&&red| red > 0.2).count() > 100, "no fog to be seen");
+    for (step, bound) in [(1.0, 2e-3), (4.0, 2e-2)] {
+        let sampled = picture(step);
+        let off = exact.iter().zip(&sampled).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        println!("fog every {step} voxels: {off} off at most");
+        assert!(off > 0.0 && off < bound, "with steps of {step}: {off}");
+    }
+}
