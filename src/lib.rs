@@ -7,6 +7,8 @@ mod loader;
 #[cfg(feature = "picking")]
 mod picking;
 mod plugin;
+#[cfg(feature = "record")]
+mod record;
 mod render;
 mod spatial_query;
 
@@ -18,6 +20,11 @@ pub use loader::{VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, 
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
 pub use plugin::VdbRenderPlugin;
+#[cfg(feature = "record")]
+pub use record::{
+    VdbRecordClock, VdbRecordEnded, VdbRecordError, VdbRecordFormat, VdbRecordPhase,
+    VdbRecordPlugin, VdbRecordSettings, VdbRecordStatus, VdbRecordWhenFull, VdbRecorder,
+};
 pub use render::{VdbGpuUsage, VdbSystems};
 pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};
 pub use vdb_core;
@@ -30,4 +37,8 @@ pub mod prelude {
     };
     #[cfg(feature = "picking")]
     pub use crate::{VdbPickingPlugin, VdbPickingSettings};
+    #[cfg(feature = "record")]
+    pub use crate::{
+        VdbRecordEnded, VdbRecordFormat, VdbRecordPlugin, VdbRecordSettings, VdbRecorder,
+    };
 }

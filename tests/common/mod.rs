@@ -92,6 +92,11 @@ impl Picture {
 
 impl Stage {
     pub fn new() -> Self {
+        Self::with(|_| {})
+    }
+
+    /// With further plugins.
+    pub fn with(add: impl FnOnce(&mut App)) -> Self {
         let mut app = App::new();
         app.add_plugins((
             DefaultPlugins
@@ -115,6 +120,7 @@ impl Stage {
         ));
         app.insert_resource(ClearColor(Color::BLACK));
         app.insert_resource(GlobalAmbientLight::NONE);
+        add(&mut app);
         while app.plugins_state() == PluginsState::Adding {
             bevy::tasks::tick_global_task_pools_on_main_thread();
         }
