@@ -3,10 +3,12 @@
 
 use std::f32::consts::TAU;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use bevy::app::ScheduleRunnerPlugin;
 use bevy::camera::RenderTarget;
 use bevy::prelude::*;
+use bevy::render::RenderPlugin;
 use bevy::render::render_resource::TextureFormat;
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
@@ -20,8 +22,11 @@ fn main() -> AppExit {
         WindowPlugin { primary_window: None, exit_condition: ExitCondition::DontExit, ..default() };
     App::new()
         .add_plugins((
-            DefaultPlugins.set(window).disable::<WinitPlugin>(),
-            ScheduleRunnerPlugin::default(),
+            DefaultPlugins
+                .set(window)
+                .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
+                .disable::<WinitPlugin>(),
+            ScheduleRunnerPlugin::run_loop(Duration::from_millis(1)),
             VdbRenderPlugin,
             VdbRecordPlugin,
         ))
@@ -45,12 +50,16 @@ fn setup(mut commands: Commands, assets: Res<AssetServer>, mut images: ResMut<As
     ));
 }
 
+/// Frames after the grid has come to the GPU until all pipelines have been made.
+const SETTLED: u32 = 4;
+
 /// When the volume is there to be seen.
-fn begin(usage: Res<VdbGpuUsage>, mut recorder: Single<&mut VdbRecorder>, mut begun: Local<bool>) {
-    if *begun || usage.grids() == 0 {
+fn begin(usage: Res<VdbGpuUsage>, mut recorder: Single<&mut VdbRecorder>, mut frames: Local<u32>) {
+    *frames += u32::from(usage.grids() > 0);
+    if *frames != SETTLED {
         return;
     }
-    *begun = true;
+    *frames += 1;
     let target = PathBuf::from(std::env::args().nth(1).unwrap_or("teapot.mp4".into()));
     let format = match target.extension().and_then(|extension| extension.to_str()) {
         Some("mp4") => VdbRecordFormat::Mp4,

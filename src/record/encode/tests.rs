@@ -144,8 +144,7 @@ fn a_folder_that_cannot_be_made_is_named() {
     for format in [VdbRecordFormat::PngSequence, VdbRecordFormat::Mp4] {
         let session =
             Session::start(VdbRecordSettings::new(file.join("in").join("it"), format)).unwrap();
-        session.join();
-        let error = session.status().error.unwrap();
+        let error = end(&session).error.unwrap();
         assert!(matches!(&error, VdbRecordError::Write { .. }), "{error:?}");
         assert!(error.to_string().contains(file.to_str().unwrap()), "{error}");
         // Whoever goes on is not held up.
