@@ -13,6 +13,8 @@ mod motion;
 mod rays;
 #[path = "picture/reflections.rs"]
 mod reflections;
+#[path = "picture/scene.rs"]
+mod scene;
 #[path = "picture/shadows.rs"]
 mod shadows;
 
