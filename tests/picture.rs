@@ -5,6 +5,8 @@ mod common;
 mod extremes;
 #[path = "picture/lights.rs"]
 mod lights;
+#[path = "picture/many.rs"]
+mod many;
 #[path = "picture/modes.rs"]
 mod modes;
 #[path = "picture/motion.rs"]
