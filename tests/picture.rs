@@ -5,6 +5,8 @@ mod common;
 mod extremes;
 #[path = "picture/lights.rs"]
 mod lights;
+#[path = "picture/many.rs"]
+mod many;
 #[path = "picture/modes.rs"]
 mod modes;
 #[path = "picture/motion.rs"]
@@ -13,6 +15,8 @@ mod motion;
 mod rays;
 #[path = "picture/reflections.rs"]
 mod reflections;
+#[path = "picture/scene.rs"]
+mod scene;
 #[path = "picture/shadows.rs"]
 mod shadows;
 

@@ -96,19 +96,42 @@ fn scene_t(pixel: vec2<u32>) -> f32 {
 }
 
 #ifdef BEAMS
-// For each volume of the view and each tile of 8×8 pixels, the t before which nothing can stop a ray; FAR
-// where nothing can at all.
-@group(2) @binding(9) var<storage, read> starts: array<f32>;
+// For each tile of 8×8 pixels, a bit for each volume, or group of volumes, of the view that can stop a ray
+// of the tile; then, if they are kept, for each volume and tile the t before which nothing can.
+@group(2) @binding(9) var<storage, read> tiles: array<u32>;
+
+fn tile_of(pixel: vec2<u32>) -> u32 {
+    return pixel.y / 8u * ((view.size.x + 7u) / 8u) + pixel.x / 8u;
+}
 #endif
+
+// The first volume from `i` on that a segment may meet; past the last one, if there is none.
+fn next_volume(segment: Segment, pixel: vec2<u32>, i: u32) -> u32 {
+#ifdef BEAMS
+    // Other rays, and volumes that the view does not see, have no beams.
+    if segment.is_view && i < seen_end() {
+        let words = tile_of(pixel) * view.tile_words;
+        let bit = (i - view.volume_first) >> view.group_bits;
+        var word = bit >> 5u;
+        var bits = tiles[words + word] & (0xffffffffu << (bit & 31u));
+        while bits == 0u && word + 1u < view.tile_words {
+            word++;
+            bits = tiles[words + word];
+        }
+        let next = view.volume_first + ((32u * word + firstTrailingBit(bits)) << view.group_bits);
+        return select(max(i, next), seen_end(), bits == 0u);
+    }
+#endif
+    return i;
+}
 
 // The t before which nothing of a volume can stop a ray.
 fn start_of(segment: Segment, volume: u32, pixel: vec2<u32>) -> f32 {
 #ifdef BEAMS
-    // Other rays, and volumes that the view does not see, have no beams.
-    if segment.is_view {
-        let tiles = (view.size + 7u) / 8u;
-        let row = (volume - view.volume_first) * tiles.y + pixel.y / 8u;
-        return starts[row * tiles.x + pixel.x / 8u];
+    if segment.is_view && view.keeps_starts != 0u {
+        let size = (view.size + 7u) / 8u;
+        let starts = size.x * size.y * (view.tile_words + volume - view.volume_first);
+        return bitcast<f32>(tiles[starts + tile_of(pixel)]);
     }
 #endif
     return segment.t_min;
@@ -128,7 +151,9 @@ fn depth_at(t: f32) -> f32 {
 fn nearest_surface(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Surface {
     var nearest = no_surface();
     var t_end = t_max;
-    for (var i = view.volume_first; i < end_of(segment); i++) {
+    let end = end_of(segment);
+    var i = next_volume(segment, pixel, view.volume_first);
+    for (; i < end; i = next_volume(segment, pixel, i + 1u)) {
         let start = start_of(segment, i, pixel);
         if volumes[i].kind == KIND_FOG || start >= t_end {
             continue;
@@ -198,8 +223,10 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     var last_met = 0u;
     var t_first = FAR;
     var t_last = segment.t_min;
-    for (var i = view.volume_first; i < end_of(segment); i++) {
-        if volumes[i].kind != KIND_FOG || start_of(segment, i, pixel) == FAR {
+    let end = end_of(segment);
+    let begin = next_volume(segment, pixel, view.volume_first);
+    for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u)) {
+        if volumes[i].kind != KIND_FOG {
             continue;
         }
         let course = course_of(grids[volumes[i].grid], ray_of(segment, i, t_max));
@@ -246,7 +273,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
 #ifdef LIT
         var light = Light(vec3(0.0), 2.0);
 #endif
-        for (var i = view.volume_first; i < end_of(segment); i++) {
+        for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u)) {
             if volumes[i].kind == KIND_FOG && (!is_whole || i == last_met) {
                 let part = optical_depth(segment, i, start, t_low, t_high, is_whole);
                 if part > 0.0 {

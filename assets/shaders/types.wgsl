@@ -57,7 +57,9 @@ struct Volume {
     base_color: vec3<f32>,      // linear
     reflectance: f32,
     emissive: vec3<f32>,        // linear, cd/m²
+    tiles_first: u32,           // of the picture, that show it: 16 bits for the column, 16 for the row
     base: vec3<i32>,            // of local coordinates, modulo the 4,096 cells of the largest nodes
+    tiles_last: u32,            // the last column and row; none if these are before the first
 }
 
 // The most directional lights that a view has in Bevy.
@@ -88,6 +90,9 @@ struct View {
     overlays: u32,              // bits: borders of leaves, and of the nodes above and above those
     sun_count: u32,
     fog_step: f32,              // voxels between samples of fog, where it is sampled
+    tile_words: u32,            // of the bits that each tile has for the volumes it can meet
+    group_bits: u32,            // log₂ of the volumes that share a bit
+    keeps_starts: u32,          // whether tiles know where rays begin, too
     // Directional lights that shine on volumes otherwise than on meshes: the direction to the light,
     // as Bevy has it, and the factor.
     suns: array<vec4<f32>, MOST_SUNS>,

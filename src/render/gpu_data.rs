@@ -28,9 +28,9 @@ pub(crate) struct Volume {
     pub base_color: [f32; 3],
     pub reflectance: f32,
     pub emissive: [f32; 3],
-    pub pad_0: f32,
+    pub tiles_first: u32,
     pub base: [i32; 3],
-    pub pad_1: f32,
+    pub tiles_last: u32,
 }
 
 /// Directional lights that a view has at most, as Bevy has it.
@@ -61,7 +61,9 @@ pub(crate) struct View {
     pub overlays: u32,
     pub sun_count: u32,
     pub fog_step: f32,
-    pub pad: [f32; 3],
+    pub tile_words: u32,
+    pub group_bits: u32,
+    pub keeps_starts: u32,
     pub suns: [[f32; 4]; MOST_SUNS],
 }
 
@@ -139,11 +141,12 @@ mod tests {
         check(&module, "Rays", size_of::<GpuRays>(), &rays);
         let volume = fields!(Volume: rays, normal_x, grid, normal_y, kind, normal_z,
             density_scale, lattice_x, anisotropy, lattice_y, perceptual_roughness, lattice_z,
-            metallic, base_color, reflectance, emissive, base);
+            metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, volumes_beside, size, origin,
-            steps_scale, reflections, overlays, sun_count, fog_step, suns);
+            steps_scale, reflections, overlays, sun_count, fog_step, tile_words, group_bits,
+            keeps_starts, suns);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

@@ -10,6 +10,7 @@ mod motion;
 mod pipeline;
 mod prepare;
 mod shaders;
+mod tiles;
 mod trace;
 mod volume;
 mod warnings;

@@ -11,13 +11,13 @@ use bevy::core_pipeline::tonemapping::{
 };
 use bevy::image::ToExtents;
 use bevy::light::ShadowFilteringMethod;
-use bevy::math::DAffine3;
+use bevy::math::{DAffine3, DMat4};
 use bevy::pbr::DistanceFog;
 use bevy::prelude::*;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::render_asset::RenderAssets;
 use bevy::render::render_resource::{
-    BindGroup, BindGroupEntries, Buffer, BufferDescriptor, BufferInitDescriptor, BufferUsages,
+    BindGroup, BindGroupEntries, Buffer, BufferInitDescriptor, BufferUsages,
     DynamicBindGroupEntries, PipelineCache, RawBufferVec, SpecializedComputePipelines,
     SpecializedRenderPipelines, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages,
 };
@@ -36,7 +36,8 @@ use super::motion::{ViewMotion, matrices};
 use super::pipeline::{
     BeamsPipeline, CompositeKey, CompositePipeline, ToneKey, TraceKey, TracePipeline, ViewPipelines,
 };
-use super::volume::{affine, volume_data};
+use super::tiles::{self, TileLayout};
+use super::volume::{affine, tile_range, volume_data};
 use super::warnings::Warned;
 use crate::{VdbCamera, VdbOverlays, VdbRenderMode, VdbTraversal, VdbVolume};
 use vdb_core::view::ViewRays;
@@ -62,24 +63,19 @@ pub(super) struct ViewResources {
     placement: Buffer,
     color: CachedTexture,
     depth: CachedTexture,
-    /// Where the rays of each tile can begin, for each volume.
-    starts: Option<Buffer>,
+    /// What the tiles know of the volumes, and how it is laid out.
+    pub tile_data: Option<(Buffer, TileLayout)>,
     motion: Option<ViewMotion>,
     pub volumes: u32,
+    /// The most tiles that show one of them.
+    pub most_tiles: u32,
     size: UVec2,
 }
-
-/// Pixels per edge of a tile: of a workgroup of the trace, and of the rays that share a start.
-pub(super) const TILE: u32 = 8;
-
-/// The most starts of rays that a view keeps: 16 MiB. With more volumes than that, each ray finds its
-/// own.
-const MAX_STARTS: u64 = 1 << 22;
 
 impl ViewResources {
     /// Tiles of the picture.
     pub fn tiles(&self) -> UVec2 {
-        (self.size + TILE - 1) / TILE
+        tiles::tiles(self.size)
     }
 }
 
@@ -231,11 +227,18 @@ pub(super) fn prepare_views(
             volume_data(*entity, volume, pool.index(volume.grid)?, view, warned)
         };
         let first = volume_buffer.0.len();
-        let mut shown = Vec::new();
+        let mut shown = Vec::with_capacity(seen.0.len());
+        let mut most_tiles = 0;
+        let clip_from_world = clip_from_view.as_dmat4() * DMat4::from(world_from_view.inverse());
         for entity in &seen.0 {
-            if let Some(data) = data(entity, Some(&mut warned)) {
+            if let Some(mut data) = data(entity, Some(&mut warned))
+                && let Some(volume) = volumes.0.get(entity)
+            {
+                let range = tile_range(volume, clip_from_world, size);
+                most_tiles = most_tiles.max(range.count());
+                [data.tiles_first, data.tiles_last] = range.words();
                 volume_buffer.0.push(data);
-                shown.extend(volumes.0.get(entity));
+                shown.push(volume);
             }
         }
         let count = volume_buffer.0.len() - first;
@@ -256,6 +259,7 @@ pub(super) fn prepare_views(
         let has = |kind| volume_buffer.0.values()[first..].iter().any(|volume| volume.kind == kind);
         let traces = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(has);
         let origin = view.viewport.xy();
+        let layout = TileLayout::new(size, count as u32);
         let data = gpu_data::View {
             exposure: non_negative(camera.exposure).min(MOST_EXPOSURE),
             volume_first: first as u32,
@@ -267,6 +271,9 @@ pub(super) fn prepare_views(
             reflections,
             fog_step,
             overlays: overlay_bits(settings.overlays),
+            tile_words: layout.tile_words,
+            group_bits: layout.group_bits,
+            keeps_starts: u32::from(layout.keeps_starts),
             ..view_data(view_rays, world_from_view, &suns)
         };
         let buffer = |label, contents: &[u8]| {
@@ -294,19 +301,10 @@ pub(super) fn prepare_views(
         };
         // Other modes are about surfaces: fog is neither traced nor compiled for them.
         let with_fog = settings.mode.is_lit() || settings.mode == VdbRenderMode::Steps;
-        let tiles = ((size + TILE - 1) / TILE).as_u64vec2().element_product();
-        let starts = tiles * count as u64;
-        let beams = settings.traversal == VdbTraversal::HddaSdf && starts <= MAX_STARTS;
-        let starts = beams.then(|| {
-            let kept = before.and_then(|before| before.starts.clone());
-            kept.filter(|buffer| buffer.size() == starts * 4).unwrap_or_else(|| {
-                device.create_buffer(&BufferDescriptor {
-                    label: Some("vdb_starts"),
-                    size: starts * 4,
-                    usage: BufferUsages::STORAGE,
-                    mapped_at_creation: false,
-                })
-            })
+        let beams = settings.traversal == VdbTraversal::HddaSdf;
+        let tile_data = beams.then(|| {
+            let kept = before.and_then(|before| before.tile_data.as_ref());
+            (layout.buffer(kept.map(|(buffer, _)| buffer), &device), layout)
         });
         let has_motion = has_motion && prepass.is_some_and(|all| all.motion_vectors.is_some());
         let motion = has_motion.then(|| {
@@ -320,8 +318,9 @@ pub(super) fn prepare_views(
         });
         let resources = ViewResources {
             motion,
-            starts,
+            tile_data,
             volumes: count as u32,
+            most_tiles,
             view: buffer("vdb_view", bytemuck::bytes_of(&data)),
             placement: buffer("vdb_placement", bytemuck::bytes_of(&placement)),
             color: texture("vdb_color", TextureFormat::Rgba16Float),
@@ -452,8 +451,8 @@ pub(super) fn prepare_bind_groups(
             &resources.color.default_view,
             &resources.depth.default_view,
         ));
-        if let Some(starts) = &resources.starts {
-            trace_entries = trace_entries.extend_with_indices(((9, starts.as_entire_binding()),));
+        if let Some((tiles, _)) = &resources.tile_data {
+            trace_entries = trace_entries.extend_with_indices(((9, tiles.as_entire_binding()),));
         }
         if let Some(motion) = &resources.motion {
             let moving = &motion.moving.default_view;
@@ -461,7 +460,7 @@ pub(super) fn prepare_bind_groups(
         }
         let layout = trace.layout(
             pipelines.multisampled,
-            resources.starts.is_some(),
+            resources.tile_data.is_some(),
             resources.motion.is_some(),
         );
         let trace = device.create_bind_group(
@@ -469,7 +468,7 @@ pub(super) fn prepare_bind_groups(
             &pipeline_cache.get_bind_group_layout(layout),
             &trace_entries,
         );
-        let beams = resources.starts.as_ref().map(|starts| {
+        let beams = resources.tile_data.as_ref().map(|(tiles, _)| {
             device.create_bind_group(
                 "vdb_beams",
                 &pipeline_cache.get_bind_group_layout(&beams.layout),
@@ -480,7 +479,7 @@ pub(super) fn prepare_bind_groups(
                     (3, page_c.as_entire_binding()),
                     (4, resources.view.as_entire_binding()),
                     (5, volumes.as_entire_binding()),
-                    (9, starts.as_entire_binding()),
+                    (9, tiles.as_entire_binding()),
                 )),
             )
         });

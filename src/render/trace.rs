@@ -6,7 +6,12 @@ use bevy::render::render_resource::{ComputePassDescriptor, PipelineCache};
 use bevy::render::renderer::{RenderContext, ViewQuery};
 
 use super::pipeline::{GROUP, ViewPipelines};
-use super::prepare::{TILE, ViewBindGroups, ViewResources};
+use super::prepare::{ViewBindGroups, ViewResources};
+
+/// Of a workgroup in `beams.wgsl`.
+const BEAM_THREADS: u32 = 64;
+/// Workgroups on one axis, at most, on any GPU; threads go on from what others leave.
+const MOST_GROUPS: u32 = 65_535;
 
 /// Walks the rays of the view through its volumes.
 pub(super) fn trace(
@@ -24,18 +29,21 @@ pub(super) fn trace(
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_trace");
+    if let Some((tiles, layout)) = &resources.tile_data {
+        context.command_encoder().clear_buffer(tiles, 0, Some(layout.bits_size()));
+    }
     {
         let descriptor = ComputePassDescriptor { label: Some("vdb_trace"), timestamp_writes: None };
         let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
         let tiles = resources.tiles();
         if let (Some(beams), Some(bind_group)) = (beams.flatten(), &bind_groups.beams) {
-            let groups = (tiles + TILE - 1) / TILE;
             pass.set_pipeline(beams);
             let [nothing, none_either] = &bind_groups.nothing.groups;
             pass.set_bind_group(0, nothing, &[]);
             pass.set_bind_group(1, none_either, &[]);
             pass.set_bind_group(GROUP, bind_group, &[]);
-            pass.dispatch_workgroups(groups.x, groups.y, resources.volumes);
+            let each = resources.most_tiles.div_ceil(BEAM_THREADS).clamp(1, MOST_GROUPS);
+            pass.dispatch_workgroups(resources.volumes.min(MOST_GROUPS), each, 1);
         }
         pass.set_pipeline(pipeline);
         let [lights, environment] = &bind_groups.lights.groups;

@@ -1,6 +1,6 @@
 //! One volume as one view sees it: its rays, its matrices, its material.
 
-use bevy::math::{Affine3A, DAffine3, DMat3};
+use bevy::math::{Affine3A, DAffine3, DMat3, DMat4};
 use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
 use vdb_core::pack::PackKind;
@@ -8,6 +8,7 @@ use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
 
 use super::extract::{ExtractedVolume, non_negative};
 use super::gpu_data;
+use super::tiles::TileRange;
 use super::warnings::{Setting, Trouble, Warned};
 use crate::VdbMaterial;
 
@@ -80,6 +81,21 @@ pub(super) fn volume_data(
         base: volume.packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
         ..default()
     })
+}
+
+/// The tiles of a picture of so many pixels that show a volume.
+pub(super) fn tile_range(
+    volume: &ExtractedVolume,
+    clip_from_world: DMat4,
+    size: UVec2,
+) -> TileRange {
+    let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
+    let packed = &volume.packed;
+    let Some(occupied) = packed.occupied else { return TileRange::NONE };
+    let origin = packed.base.as_dvec3() + packed.kind.lattice_origin();
+    let min = origin + occupied.min.as_dvec3();
+    let max = origin + occupied.max.as_dvec3() + 1.0;
+    TileRange::of_box(clip_from_world * DMat4::from(world_from_index), min, max, size)
 }
 
 /// From 0 to 1; no number is 0.
