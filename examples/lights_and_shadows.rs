@@ -57,9 +57,7 @@ fn main() {
 }
 
 fn volumes(mut commands: Commands, assets: Res<AssetServer>) {
-    let smooth = |settings: &mut bevy_vdb::VdbLoaderSettings| settings.smooth = true;
-    let teapot: Handle<VdbGrid> =
-        assets.load_builder().with_settings(smooth).load("models/teapot.vdb#surface");
+    let teapot: Handle<VdbGrid> = assets.load("models/teapot.vdb#surface");
     // The same terms as a StandardMaterial has.
     commands.spawn((
         VdbVolume(teapot.clone()),

@@ -25,7 +25,7 @@ pub struct VdbLoader {
 
 /// How a `.vdb` file is loaded; for `asset_server.load_builder().with_settings(…)` or a `.meta`
 /// file.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct VdbLoaderSettings {
     /// Names of the grids to load; the others are not even decompressed. `None`: all.
@@ -35,11 +35,24 @@ pub struct VdbLoaderSettings {
     pub half_width: Option<f32>,
     /// Whether grids are surfaces or fog.
     pub render_as: VdbRenderAs,
-    /// Whether surfaces are smooth, where the trilinear interpolant passes through the iso-value,
-    /// rather than made of voxels. Off by default.
+    /// Whether surfaces are smooth, where the trilinear interpolant passes through the iso-value, on by
+    /// default. Otherwise they are made of voxels, and only bits of them are on the GPU: less than half
+    /// the time and a fifth of the memory.
     pub smooth: bool,
     /// In how many bits the GPU gets the samples of fog and of smooth surfaces.
     pub values: VdbValues,
+}
+
+impl Default for VdbLoaderSettings {
+    fn default() -> Self {
+        Self {
+            grids: None,
+            half_width: None,
+            render_as: VdbRenderAs::Auto,
+            smooth: true,
+            values: VdbValues::Exact,
+        }
+    }
 }
 
 /// In how many bits the GPU has samples; what each costs and loses is in `docs/benchmarks.md`. A surface

@@ -70,7 +70,7 @@ fn grids_are_labelled_by_name() {
     assert!(density.tree().active_voxel_count() > 0);
     assert!(density.world_bounds().is_some());
     let surface = loaded(&mut app, &file.named_grids["surface"]);
-    assert_eq!(surface.kind(), PackKind::Surface { iso: 0.0 });
+    assert_eq!(surface.kind(), PackKind::Smooth { iso: 0.0 });
 }
 
 #[test]
@@ -110,11 +110,11 @@ fn settings_choose_grids_and_how_they_are_shown() {
     assert_eq!(surface.kind(), PackKind::Fog);
 
     let mut app = self::app();
-    let smooth = VdbLoaderSettings { smooth: true, ..default() };
-    let file = load(&app, smooth);
+    let voxels = VdbLoaderSettings { smooth: false, ..default() };
+    let file = load(&app, voxels);
     let file = loaded(&mut app, &file);
     let surface = loaded(&mut app, &file.named_grids["surface"]);
-    assert_eq!(surface.kind(), PackKind::Smooth { iso: 0.0 });
+    assert_eq!(surface.kind(), PackKind::Surface { iso: 0.0 });
     let density = loaded(&mut app, &file.named_grids["density"]);
     assert_eq!(density.kind(), PackKind::Fog);
 

@@ -25,7 +25,7 @@ With a display, a window (drag to orbit, right button to pan, wheel to zoom); wi
   --mode NAME       lit, its parts diffuse and glossy, gray, rgb, voxels, normals, depth or steps (of
                     the walk through the tree) [lit]
   --density X       fog: extinction per unit of density and of world length [1]
-  --smooth          level sets smooth, rather than voxel by voxel
+  --voxels          level sets voxel by voxel, rather than smooth
   --ground          a plane below and a ball beside the volumes, both meshes
   --cpu             trace on the CPU, without a GPU: a picture, slowly
   -h, --help        this
@@ -70,7 +70,7 @@ impl Args {
             fov_y: 45_f64.to_radians(),
             mode: VdbRenderMode::Lit,
             density: 1.0,
-            smooth: false,
+            smooth: true,
             ground: false,
             cpu: false,
         };
@@ -86,7 +86,7 @@ impl Args {
                 Arg::Long("mode") => args.mode = value(&mut parser, "--mode", mode)?,
                 Arg::Long("density") => args.density = value(&mut parser, "--density", density)?,
                 Arg::Long("ground") => args.ground = true,
-                Arg::Long("smooth") => args.smooth = true,
+                Arg::Long("voxels") => args.smooth = false,
                 Arg::Long("cpu") => args.cpu = true,
                 Arg::Value(file) => args.files.push(absolute(file)?),
                 other => return Err(other.unexpected().to_string()),
