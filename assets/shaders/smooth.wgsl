@@ -31,8 +31,9 @@ fn bracketed(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32) -> 
     var low = s_low;
     var high = s_high;
     let negative = f_low < 0.0;
-    // As if it were a line; then Newton's step where it stays between the two, else the middle.
-    var s = clamp(low + (high - low) * (f_low / (f_low - f_high)), low, high);
+    // As if it were a line, but not at an end: one that is a root, too, would be taken for the one that is
+    // looked for. Then Newton's step where it stays between the two, else the middle.
+    var s = low + (high - low) * clamp(f_low / (f_low - f_high), 0.0625, 0.9375);
     for (var i = 0u; i < 16u; i++) {
         let f = cubic_at(a, s);
         if (f < 0.0) == negative {
