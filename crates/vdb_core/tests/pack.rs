@@ -170,6 +170,20 @@ fn dense_tiles_of_every_level_are_mixed_at_their_borders_only() {
 }
 
 #[test]
+fn a_leaf_beside_a_root_tile_leaves_the_tiles_around_it_whole() {
+    // Before the face of a root tile, a row of mixed tiles of 128³ along z, with a leaf in one: that
+    // one is a node, the tile before it is cut into leaves, and the tile before that is not.
+    for kind in [PackKind::Fog, PackKind::Smooth { iso: 0.1 }] {
+        let mut tree = Vdb543::new(0.0);
+        tree.insert_tile(IVec3::ZERO, 0.25, true);
+        tree.set(IVec3::new(-64, 200, 700), 0.5);
+        let beside = |z: i32| around(IVec3::new(-1, 200, z), 4);
+        let boxes = [beside(700), beside(640), beside(600), beside(512), beside(400)];
+        check(&tree, kind, &boxes);
+    }
+}
+
+#[test]
 fn values_that_a_shader_cannot_hold_are_made_safe() {
     let mut tree = Vdb543::new(0.0);
     let values = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0, 1e38, 1e-40];
