@@ -12,8 +12,8 @@ use bevy::tasks::AsyncComputeTaskPool;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 use vdb_core::pack::{PackKind, ValueFormat};
-use vdb_core::tree::{Vdb543, trim_narrow_band};
-use vdb_core::{AnyTree, Grid, GridClass, GridSelection, Limits, ProgressFn, ReadOptions};
+use vdb_core::tree::trim_narrow_band;
+use vdb_core::{AnyTree, Grid, GridSelection, Limits, ProgressFn, ReadOptions};
 
 use crate::{VdbFile, VdbGrid, VdbGridError};
 
@@ -287,7 +287,7 @@ fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<VdbGrid, VdbGridE
     let kind = match settings.render_as {
         VdbRenderAs::Surface { iso } => PackKind::Surface { iso },
         VdbRenderAs::Fog => PackKind::Fog,
-        VdbRenderAs::Auto => kind_of(grid.class, &tree),
+        VdbRenderAs::Auto => PackKind::suited(grid.class, &tree),
     };
     let kind = match kind {
         PackKind::Surface { iso } if settings.smooth => PackKind::Smooth { iso },
@@ -302,15 +302,4 @@ fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<VdbGrid, VdbGridE
     };
     let (name, values) = (grid.name.into(), settings.values);
     VdbGrid::from_parts(name, grid.class, world_from_index, grid.metadata, tree, kind, values)
-}
-
-fn kind_of(class: GridClass, tree: &Vdb543<f32>) -> PackKind {
-    let level_set = match class {
-        GridClass::LevelSet => true,
-        GridClass::FogVolume => false,
-        GridClass::Unknown | GridClass::Staggered => {
-            tree.background() > 0.0 && tree.values().any(|value| value.value < 0.0)
-        }
-    };
-    if level_set { PackKind::Surface { iso: 0.0 } } else { PackKind::Fog }
 }

@@ -122,8 +122,8 @@ fn upper_half(x: vec3<f32>) -> vec3<f32> {
     return bitcast<vec3<f32>>(bitcast<vec3<u32>>(x) & vec3(0xfffff000u));
 }
 
-// The same in f32, near the ray's own cell, to 2^-23 of a cell times the ratio of speeds: way = distance · ratio of speeds, with
-// what the rounding of the ratio has left, and all large terms exact.
+// The same in f32, near the ray's own cell, to 2^-23 of a cell times the ratio of speeds: way = distance ·
+// ratio of speeds, with what the rounding of the ratio has left, and all large terms exact.
 fn place_near(course: Course, rel: vec3<u32>, axis: u32) -> vec3<f32> {
     let plane = f32(component_u(rel, axis));
     let speed = vec3(component_f(course.speed, axis));

@@ -3,7 +3,7 @@
 
 #import bevy_vdb::types::Grid
 #import bevy_vdb::exact::Course
-#import bevy_vdb::samples::{brick_at, brick_corners, brick_slot, fog_cell, tile_value, trilinear}
+#import bevy_vdb::samples::{brick_corners, brick_of, brick_slot, fog_cell, tile_value, trilinear}
 #import bevy_vdb::tree::{CHILD, LEAF_NUMBER, OCCUPIED, Place, REGION_BITS, Span, empty_cell, empty_span, locate, locate_slot, nowhere, reach_of, span_constant, span_occupied}
 #import bevy_vdb::anchor::{Anchor, anchor_exit, anchor_t, anchored}
 #import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, enter, local_cell, plane_t, planes_behind, unturned}
@@ -102,8 +102,7 @@ fn density_in(grid: Grid, place: Place, sample: Sample) -> f32 {
     if (place.word & CHILD) == 0u {
         return tile_value(grid, place.word);
     }
-    let leaf = place.head + (place.word & LEAF_NUMBER);
-    let brick = brick_at(grid, grid.samples + leaf * grid.brick_words);
+    let brick = brick_of(grid, place.head + (place.word & LEAF_NUMBER));
     return brick.offset + brick.scale * trilinear(brick_corners(grid, brick, brick_slot(sample.cell)), sample.u);
 }
 

@@ -88,7 +88,8 @@ struct Brick {
     scale: f32,
 }
 
-fn brick_at(grid: Grid, first: u32) -> Brick {
+fn brick_of(grid: Grid, leaf: u32) -> Brick {
+    let first = grid.samples + leaf * grid.brick_words;
     if format_of(grid) == FLOATS {
         return Brick(first, 0.0, 1.0);
     }
@@ -131,7 +132,7 @@ fn fog_cell(grid: Grid, span: Span, cell: vec3<i32>) -> FogCell {
     if (span.word & CHILD) == 0u {
         return FogCell(tile_corners(grid, span.word, cell), 0.0, 1.0);
     }
-    let brick = brick_at(grid, grid.samples + span.leaf * grid.brick_words);
+    let brick = brick_of(grid, span.leaf);
     return FogCell(brick_corners(grid, brick, brick_slot(cell)), brick.offset, brick.scale);
 }
 

@@ -8,31 +8,7 @@ use bevy::render::settings::{RenderCreation, WgpuSettings};
 use bevy::shader::{Shader, ShaderImport};
 use bevy::winit::WinitPlugin;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
-use naga_oil::compose::{
-    ComposableModuleDescriptor, Composer, NagaModuleDescriptor, ShaderDefValue, ShaderLanguage,
-};
-
-/// In an order in which each finds those before it.
-const MODULES: [&str; 18] = [
-    "types",
-    "bindings",
-    "rays",
-    "tree",
-    "samples",
-    "exact",
-    "hdda",
-    "beam",
-    "anchor",
-    "smooth",
-    "fog",
-    "march",
-    "scene",
-    "segment",
-    "surface",
-    "occlusion",
-    "lights",
-    "show",
-];
+use naga_oil::compose::{Composer, NagaModuleDescriptor, ShaderDefValue};
 
 /// The text of a shader of the crate.
 fn source(name: &str) -> String {
@@ -40,9 +16,21 @@ fn source(name: &str) -> String {
     std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
-/// Bevy's modules that the crate's import, directly or not, each after those that it imports: from an
-/// app without a GPU.
-fn bevy_modules() -> Vec<Shader> {
+/// The crate's modules: the shaders that say where they are imported from.
+fn modules() -> Vec<Shader> {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/shaders");
+    let entries = std::fs::read_dir(folder).expect("the shaders can be read");
+    let shaders = entries.map(|entry| {
+        let path = entry.expect("the shaders can be read").path();
+        let name = path.file_stem().expect("a name").to_string_lossy().into_owned();
+        Shader::from_wgsl(source(&name), name)
+    });
+    shaders.filter(|shader| matches!(shader.import_path, ShaderImport::Custom(_))).collect()
+}
+
+/// The crate's modules and those of Bevy's that they import, directly or not, each after those that it
+/// imports: from an app without a GPU.
+fn all_modules() -> Vec<Shader> {
     let mut app = App::new();
     let nothing = WgpuSettings { backends: None, ..default() };
     app.add_plugins(
@@ -57,23 +45,22 @@ fn bevy_modules() -> Vec<Shader> {
     );
     app.finish();
     app.cleanup();
-    let ours: Vec<Shader> = MODULES.map(|name| Shader::from_wgsl(source(name), name)).into();
-    let wanted: Vec<&ShaderImport> = ours
-        .iter()
-        .flat_map(|shader| &shader.imports)
-        .filter(|import| import.module_name().starts_with("bevy_pbr"))
-        .collect();
-    assert!(wanted.len() > 5, "{wanted:?}");
+    let mut shaders = app.world_mut().resource_mut::<Assets<Shader>>();
+    let ours: Vec<_> = modules().into_iter().map(|shader| shaders.add(shader)).collect();
+    assert!(ours.len() > 10, "{ours:?}");
     for _ in 0..2000 {
         app.update();
         let shaders = app.world().resource::<Assets<Shader>>();
+        let wanted = ours.iter().filter_map(|handle| shaders.get(handle));
         let mut found = Vec::new();
-        if wanted.iter().all(|import| gather(shaders, import, &mut found)) {
+        if wanted.clone().count() == ours.len()
+            && wanted.clone().all(|shader| gather(shaders, &shader.import_path, &mut found))
+        {
             return found;
         }
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
-    panic!("Bevy's shaders have not been loaded: {wanted:?}");
+    panic!("Bevy's shaders have not been loaded");
 }
 
 /// Adds a module and what it imports; `false` if one is not there yet.
@@ -91,20 +78,9 @@ fn gather(shaders: &Assets<Shader>, import: &ShaderImport, found: &mut Vec<Shade
 /// A composer that knows Bevy's modules and the crate's.
 fn composer() -> Composer {
     let mut composer = Composer::default().with_capabilities(Capabilities::all());
-    for shader in &bevy_modules() {
+    for shader in &all_modules() {
         let added = composer.add_composable_module(shader.into()).map(drop);
         added.unwrap_or_else(|error| panic!("{}", error.emit_to_string(&composer)));
-    }
-    for name in MODULES {
-        let added = composer.add_composable_module(ComposableModuleDescriptor {
-            source: &source(name),
-            file_path: name,
-            language: ShaderLanguage::Wgsl,
-            ..default()
-        });
-        if let Err(error) = added.map(drop) {
-            panic!("{}", error.emit_to_string(&composer));
-        }
     }
     composer
 }

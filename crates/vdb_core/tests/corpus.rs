@@ -1,41 +1,13 @@
 //! Every figure that OpenVDB itself reads from every file of a corpus, and that damaged files are
 //! refused or read without harm.
-//!
-//! The corpus is large and not part of the crate: `shared/corpus` beside the repository, or under
-//! the folder that `VDB_SHARED` names. `tests/basic.rs` runs without it.
+//! `tests/basic.rs` runs without it.
 
+mod corpus_files;
 mod figures;
 
-use std::path::{Path, PathBuf};
-
+use corpus_files::{corpus, files};
 use figures::Check;
 use vdb_core::{Error, VdbFile};
-
-/// The corpus, or `None` with a line that says so.
-fn corpus() -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
-    let shared = std::env::var_os("VDB_SHARED").map_or(beside, PathBuf::from);
-    let corpus = shared.join("corpus");
-    if !corpus.is_dir() {
-        eprintln!(
-            "SKIPPED: no corpus of .vdb files at {} (set VDB_SHARED to the folder that has it)",
-            corpus.display()
-        );
-        return None;
-    }
-    Some(corpus)
-}
-
-/// The files of a folder that end so, sorted.
-fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
-    let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .filter(|path| path.extension().is_some_and(|e| e == extension))
-        .collect();
-    files.sort();
-    files
-}
 
 #[test]
 fn every_figure_of_the_corpus() {

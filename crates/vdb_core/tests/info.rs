@@ -1,7 +1,11 @@
 //! The program `vdb_info`.
 
+mod corpus_files;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+
+use corpus_files::{corpus, files};
 
 fn info(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_vdb_info")).args(arguments).output().unwrap()
@@ -13,22 +17,11 @@ fn text(bytes: &[u8]) -> String {
 
 /// The JSON files of the crate and, where it is there, of the corpus.
 fn figures() -> Vec<PathBuf> {
-    let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let shared =
-        std::env::var_os("VDB_SHARED").map_or(manifest.join("../../../shared"), PathBuf::from);
-    let mut folders = vec![manifest.join("tests/data")];
-    if shared.join("corpus").is_dir() {
-        folders.extend(["openvdb-written", "real"].map(|f| shared.join("corpus").join(f)));
-    } else {
-        eprintln!("SKIPPED: no corpus in {}; only the crate's own files", shared.display());
+    let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data")];
+    if let Some(corpus) = corpus() {
+        folders.extend(["openvdb-written", "real"].map(|folder| corpus.join(folder)));
     }
-    let entries = folders.iter().flat_map(|f| std::fs::read_dir(f).unwrap());
-    let mut paths: Vec<PathBuf> = entries
-        .map(|entry| entry.unwrap().path())
-        .filter(|path| path.extension().is_some_and(|e| e == "json"))
-        .collect();
-    paths.sort();
-    paths
+    folders.iter().flat_map(|folder| files(folder, "json")).collect()
 }
 
 #[test]

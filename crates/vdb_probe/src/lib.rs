@@ -4,7 +4,9 @@
 mod gpu;
 mod probe;
 mod shaders;
+mod svg;
 
 pub use gpu::{Gpu, Kernel, NoGpu, Step};
 pub use probe::{GpuGrid, Probe, ProbeHit, ProbeKind, ProbeRay};
 pub use shaders::{Defs, compose};
+pub use svg::{INK, PALE, Svg};

@@ -76,8 +76,8 @@ fn upper_half(x: Vec3) -> Vec3 {
     x.map(|x| f32::from_bits(x.to_bits() & 0xffff_f000))
 }
 
-/// The same in f32, near the ray's own cell, to 2⁻²³ of a cell times the ratio of speeds: way = distance · ratio of speeds, with
-/// what the rounding of the ratio has left, and all large terms exact.
+/// The same in f32, near the ray's own cell, to 2⁻²³ of a cell times the ratio of speeds: way =
+/// distance · ratio of speeds, with what the rounding of the ratio has left, and all large terms exact.
 fn place_near(course: &Course, rel: UVec3, axis: usize) -> Vec3 {
     let plane = rel[axis] as f32;
     let speed = Vec3::splat(course.speed[axis]);

@@ -263,7 +263,7 @@ fn add_bricks(
     let stored = values::stored(format, || {
         bricks::densities_fit_half(sources.leaves(), sources.tile_values(), factor)
     });
-    header.scale = if stored == Stored::Half { 1.0 / factor } else { 1.0 };
+    header.scale = stored.scale(factor);
     let brick_words = bricks::brick_words(stored);
     header.format = stored as u32;
     header.brick_words = brick_words as u32;
@@ -302,7 +302,7 @@ fn add_blocks(
         header.scale = steps.scale;
         values::write_bytes(&blocks.samples, out, |value| steps.signed_code(value));
     } else {
-        header.scale = if stored == Stored::Half { 1.0 / factor } else { 1.0 };
+        header.scale = stored.scale(factor);
         values::write_floats(stored, &blocks.samples, factor, out);
     }
     Ok(())

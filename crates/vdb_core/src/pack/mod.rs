@@ -39,6 +39,7 @@ use thiserror::Error;
 
 pub use values::ValueFormat;
 
+use crate::grid::GridClass;
 use crate::tree::{CoordBox, Vdb543};
 
 /// How a grid meets a ray, and so which lattice is packed.
@@ -59,6 +60,19 @@ pub enum PackKind {
 }
 
 impl PackKind {
+    /// What suits a grid of a class: level sets are surfaces, fog volumes are fog. A grid without a class
+    /// is taken for a level set if its background is above zero and its values go below.
+    pub fn suited(class: GridClass, tree: &Vdb543<f32>) -> Self {
+        let level_set = match class {
+            GridClass::LevelSet => true,
+            GridClass::FogVolume => false,
+            GridClass::Unknown | GridClass::Staggered => {
+                tree.background() > 0.0 && tree.values().any(|value| value.value < 0.0)
+            }
+        };
+        if level_set { Self::Surface { iso: 0.0 } } else { Self::Fog }
+    }
+
     /// Where lattice cell 0 begins, in index space, on each axis.
     pub fn lattice_origin(self) -> f64 {
         match self {

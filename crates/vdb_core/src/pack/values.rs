@@ -41,6 +41,11 @@ impl Stored {
             Self::Byte => values.div_ceil(4),
         }
     }
+
+    /// What a float is worth that is kept as 1, where halves have been multiplied by `factor`.
+    pub fn scale(self, factor: f32) -> f32 {
+        if self == Self::Half { 1.0 / factor } else { 1.0 }
+    }
 }
 
 /// The largest value kept: along any ray that can be shown, a density adds up to less than infinity.

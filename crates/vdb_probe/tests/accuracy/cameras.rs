@@ -3,13 +3,13 @@
 use glam::{DVec3, IVec3, Vec3};
 use vdb_core::pack::PackKind;
 use vdb_core::pack::exact::T_ERROR;
-use vdb_core::reference::{Blocky, Occupied};
 use vdb_core::synth::fog as densities;
 use vdb_core::view::{CannotShow, GpuRays, LatticeRays};
 use vdb_probe::{ProbeHit, ProbeRay};
 
 use crate::case::{Scene, Suite, judged};
 use crate::grids::{BALL, OFFSETS, Tree, at_offset, offsets};
+use crate::judge::Judge;
 use crate::report::{Bound, Row};
 use crate::tally::{Errors, Tally};
 use crate::views::{self, DISTANCES, FIELDS, SHAPES, SIZES, View};
@@ -109,7 +109,7 @@ fn pictures(suite: &mut Suite, group: &'static str, kind: PackKind, errors: &mut
         .iter()
         .map(|tree| Scene::new(suite.gpu, tree, kind).expect("there is something to see"))
         .collect();
-    let judges: Vec<Judge> = scenes.iter().map(Judge::new).collect();
+    let judges: Vec<Judge> = scenes.iter().map(|scene| Judge::new(scene, 2.0 * BALL)).collect();
     let times = if kind == voxels::KIND { suite.times } else { suite.some_times() };
     let edge = (edge(kind) * (times as f64).sqrt()).ceil() as u32;
     let named = |what: &str, name: &str| format!("{what} {name}");
@@ -201,33 +201,6 @@ fn add_rows(
         PackKind::Fog => {
             let row = fog::row(group, name, fog::TRANSMITTANCE, tally);
             suite.report.add(Row { again, ..row }, tally);
-        }
-    }
-}
-
-/// What judges the pictures of one grid.
-enum Judge<'a> {
-    Voxels(&'a Scene<'a>, Blocky<'a, crate::grids::Upper>),
-    Smooth(smooth::Judge<'a>),
-    Fog(fog::Judge<'a>),
-}
-
-impl<'a> Judge<'a> {
-    fn new(scene: &'a Scene<'a>) -> Self {
-        match scene.grid.kind {
-            PackKind::Surface { iso } => {
-                Self::Voxels(scene, Blocky::new(scene.tree, Occupied::BelowIso(iso)))
-            }
-            PackKind::Smooth { .. } => Self::Smooth(smooth::Judge::new(scene)),
-            PackKind::Fog => Self::Fog(fog::Judge::new(scene, 2.0 * BALL, fog::TRANSMITTANCE)),
-        }
-    }
-
-    fn judge(&self, ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally) {
-        match self {
-            Self::Voxels(scene, oracle) => voxels::judge(scene, oracle, ray, hit, tally),
-            Self::Smooth(judge) => judge.judge(ray, hit, tally),
-            Self::Fog(judge) => judge.judge(ray, hit, tally),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The table as a picture.
 
-use std::fmt::Write as _;
+use vdb_probe::{INK, PALE, Svg};
 
 use crate::report::{Bound, Report, Row};
 
@@ -13,45 +13,9 @@ const TOP: f64 = 96.0;
 /// Decades of the axis of errors, up to ten times the bound.
 const DECADES: f64 = 10.0;
 
-const INK: &str = "#1f2933";
-const PALE: &str = "#d9e0e7";
 const GOOD: &str = "#2f7d4f";
 const BAD: &str = "#c23b22";
 const DOTS: [(&str, &str); 3] = [("p50", "#9db8d9"), ("p99.99", "#4a7fbf"), ("max", "#173f73")];
-
-/// A growing drawing.
-struct Svg(String);
-
-impl Svg {
-    fn text(&mut self, x: f64, y: f64, anchor: &str, style: &str, text: &str) {
-        let text = text.replace('&', "&amp;").replace('<', "&lt;");
-        let _ = writeln!(
-            self.0,
-            r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}" {style}>{text}</text>"#
-        );
-    }
-
-    fn line(&mut self, from: (f64, f64), to: (f64, f64), color: &str, width: f64) {
-        let ((x1, y1), (x2, y2)) = (from, to);
-        let _ = writeln!(
-            self.0,
-            r#"<line x1="{x1:.1}" y1="{y1:.1}" x2="{x2:.1}" y2="{y2:.1}" stroke="{color}" stroke-width="{width}"/>"#
-        );
-    }
-
-    fn bar(&mut self, x: f64, y: f64, width: f64, color: &str) {
-        let _ = writeln!(
-            self.0,
-            r#"<rect x="{x:.1}" y="{:.1}" width="{width:.1}" height="{:.1}" fill="{color}"/>"#,
-            y - LINE * 0.35,
-            LINE * 0.7
-        );
-    }
-
-    fn dot(&mut self, x: f64, y: f64, color: &str) {
-        let _ = writeln!(self.0, r#"<circle cx="{x:.1}" cy="{y:.1}" r="3.2" fill="{color}"/>"#);
-    }
-}
 
 /// The whole picture: to the left first voxels, how many are wrong here and by the nudged walk, and
 /// below the errors of the rays themselves and of fog, to the right those of smooth surfaces, all in
@@ -69,11 +33,7 @@ pub fn svg(report: &Report) -> String {
     let left = blocky.len() + rays.len() + fog.len() + 16;
     let height = TOP + LINE * left.max(smooth.len()) as f64 + 60.0;
     let width = 2.0 * (LABEL + PLOT) + 3.0 * GAP;
-    let mut svg = Svg(format!(
-        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" font-family="sans-serif" font-size="10" fill="{INK}">
-<rect width="{width}" height="{height}" fill="#ffffff"/>
-"##
-    ));
+    let mut svg = Svg::new(width, height);
     svg.text(
         GAP / 2.0,
         24.0,
@@ -89,8 +49,7 @@ pub fn svg(report: &Report) -> String {
     errors(&mut svg, "Fog", &fog, GAP / 2.0, below_rays);
     let right = LABEL + PLOT + 2.0 * GAP;
     errors(&mut svg, "Smooth surfaces", &smooth, right, TOP);
-    svg.0.push_str("</svg>\n");
-    svg.0
+    svg.finish()
 }
 
 /// Bars: the part of the rays whose first voxel or face is wrong, on a scale of decades.
@@ -131,7 +90,7 @@ fn wrong_voxels(svg: &mut Svg, report: &Report, rows: &[&Row], x: f64, y: f64) {
         let part = nudged.wrong as f64 / nudged.rays.max(1) as f64;
         if part > 0.0 {
             let length = PLOT * (part.log10() + DOWN).max(0.0) / DOWN;
-            svg.bar(zero, middle, length, BAD);
+            svg.bar(zero, middle, (length, LINE * 0.7), BAD);
         }
     }
     svg.text(zero - 6.0, y - 8.0, "end", &format!(r#"fill="{GOOD}""#), "wrong here");

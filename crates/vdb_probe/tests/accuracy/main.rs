@@ -13,9 +13,12 @@ mod cameras;
 mod case;
 mod chart;
 mod corpus;
+#[path = "../../../vdb_core/tests/corpus_files/mod.rs"]
+mod corpus_files;
 mod fog;
 mod given;
 mod grids;
+mod judge;
 mod nudged;
 mod report;
 mod shift;

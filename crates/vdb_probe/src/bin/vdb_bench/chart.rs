@@ -1,6 +1,6 @@
 //! Rays a second as a picture.
 
-use std::fmt::Write as _;
+use vdb_probe::{PALE, Svg};
 
 use crate::report::Row;
 
@@ -11,34 +11,8 @@ const PLOT: f64 = 300.0;
 const GAP: f64 = 30.0;
 const TOP: f64 = 96.0;
 
-const INK: &str = "#1f2933";
-const PALE: &str = "#d9e0e7";
 /// From the farthest view to the nearest.
 const DOTS: [&str; 4] = ["#9db8d9", "#4a7fbf", "#173f73", "#c23b22"];
-
-struct Svg(String);
-
-impl Svg {
-    fn text(&mut self, x: f64, y: f64, anchor: &str, style: &str, text: &str) {
-        let text = text.replace('&', "&amp;").replace('<', "&lt;");
-        let _ = writeln!(
-            self.0,
-            r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}" {style}>{text}</text>"#
-        );
-    }
-
-    fn line(&mut self, from: (f64, f64), to: (f64, f64), color: &str, width: f64) {
-        let ((x1, y1), (x2, y2)) = (from, to);
-        let _ = writeln!(
-            self.0,
-            r#"<line x1="{x1:.1}" y1="{y1:.1}" x2="{x2:.1}" y2="{y2:.1}" stroke="{color}" stroke-width="{width}"/>"#
-        );
-    }
-
-    fn dot(&mut self, x: f64, y: f64, color: &str) {
-        let _ = writeln!(self.0, r#"<circle cx="{x:.1}" cy="{y:.1}" r="3.2" fill="{color}"/>"#);
-    }
-}
 
 /// The values of all rows once, in their order.
 fn distinct<T: PartialEq>(rows: &[Row], of: impl Fn(&Row) -> T) -> Vec<T> {
@@ -68,11 +42,7 @@ pub fn svg(rows: &[Row], heading: &str) -> String {
     let width = GAP + LABEL + (PLOT + GAP) * sizes.len() as f64;
     let bottom = TOP + LINE * labels.len() as f64;
     let height = bottom + 4.0 * LINE;
-    let mut svg = Svg(format!(
-        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" font-family="sans-serif" font-size="10" fill="{INK}">
-<rect width="{width}" height="{height}" fill="#ffffff"/>
-"##
-    ));
+    let mut svg = Svg::new(width, height);
     let bold = r#"font-size="17" font-weight="bold""#;
     svg.text(GAP / 2.0, 24.0, "start", bold, "Millions of rays a second");
     svg.text(GAP / 2.0, 42.0, "start", r#"font-size="11""#, heading);
@@ -117,6 +87,5 @@ pub fn svg(rows: &[Row], heading: &str) -> String {
     }
     let foot = "dots: medians; lines: all runs, from the slowest to the fastest";
     svg.text(GAP / 2.0, bottom + 2.8 * LINE, "start", "", foot);
-    svg.0.push_str("</svg>\n");
-    svg.0
+    svg.finish()
 }
