@@ -10,8 +10,8 @@ use bevy::render::render_resource::{PipelineCache, RenderPassDescriptor, StoreOp
 use bevy::render::renderer::{RenderContext, ViewQuery};
 use bevy::render::view::{ViewDepthTexture, ViewTarget, ViewUniformOffset};
 
+use super::bind::ViewBindGroups;
 use super::pipeline::ViewPipelines;
-use super::prepare::ViewBindGroups;
 
 /// Blends the picture over the opaque meshes, in the target's own linear colours, and writes the
 /// depth of surfaces, so that transparent meshes sort with them.

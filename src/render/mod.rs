@@ -1,8 +1,10 @@
-//! From the app's world to the picture, one stage a file: [`extract`] → [`gpu_tree`] → [`prepare`]
-//! → [`trace`] → [`composite`]; [`pipeline`] makes what they run.
+//! From the app's world to the picture, one stage a file: [`extract`] → [`gpu_tree`] → [`find`] →
+//! [`prepare`] → [`bind`] → [`trace`] → [`composite`]; [`pipeline`] makes what they run.
 
+mod bind;
 mod composite;
 mod extract;
+mod find;
 mod gpu_data;
 mod gpu_tree;
 mod lights;
@@ -66,15 +68,15 @@ pub(crate) fn build(app: &mut App) {
             Render,
             (
                 gpu_tree::update_tree_pool.in_set(RenderSystems::PrepareAssets),
-                (prepare::find_views, prepare::make_depth_readable)
+                (find::find_views, find::make_depth_readable)
                     .chain()
                     .in_set(RenderSystems::PrepareResources)
                     .before(prepare_core_3d_depth_textures),
                 prepare::prepare_views
                     .in_set(RenderSystems::PrepareResources)
-                    .after(prepare::find_views)
+                    .after(find::find_views)
                     .after(prepare_prepass_textures),
-                prepare::prepare_bind_groups.in_set(RenderSystems::PrepareBindGroups),
+                bind::prepare_bind_groups.in_set(RenderSystems::PrepareBindGroups),
             ),
         )
         .configure_sets(

@@ -1,37 +1,32 @@
 //! What each view needs this frame: its volumes, its rays, its textures. Nothing is made for a view
 //! that sees no volume.
 
-use std::any::TypeId;
-
 use bevy::camera::MainPassResolutionOverride;
 use bevy::camera::visibility::RenderLayers;
 use bevy::core_pipeline::prepass::{MotionVectorPrepass, PreviousViewData, ViewPrepassTextures};
-use bevy::core_pipeline::tonemapping::{
-    DebandDither, Tonemapping, TonemappingLuts, get_lut_bindings,
-};
+use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
 use bevy::image::ToExtents;
 use bevy::light::ShadowFilteringMethod;
 use bevy::math::{DAffine3, DMat4};
 use bevy::pbr::DistanceFog;
 use bevy::prelude::*;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
-use bevy::render::render_asset::RenderAssets;
 use bevy::render::render_resource::{
-    BindGroup, BindGroupEntries, Buffer, BufferInitDescriptor, BufferUsages,
-    DynamicBindGroupEntries, PipelineCache, RawBufferVec, SpecializedComputePipelines,
-    SpecializedRenderPipelines, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages,
+    Buffer, BufferInitDescriptor, BufferUsages, PipelineCache, RawBufferVec,
+    SpecializedComputePipelines, SpecializedRenderPipelines, TextureDescriptor, TextureDimension,
+    TextureFormat, TextureUsages,
 };
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::sync_world::MainEntity;
-use bevy::render::texture::{CachedTexture, FallbackImage, GpuImage, TextureCache};
-use bevy::render::view::{
-    ExtractedView, Msaa, RenderVisibleEntities, ViewDepthTexture, ViewUniforms,
-};
+use bevy::render::texture::{CachedTexture, TextureCache};
+use bevy::render::view::{ExtractedView, Msaa};
 
+use super::bind::ViewBindGroups;
 use super::extract::{ExtractedEnvironment, ExtractedSuns, ExtractedVolumes, non_negative};
+use super::find::ViewVolumes;
 use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
-use super::lights::{AllLights, LightBindGroups, Lights, ViewLights};
+use super::lights::Lights;
 use super::motion::{ViewMotion, matrices};
 use super::pipeline::{
     BeamsPipeline, CompositeKey, CompositePipeline, ToneKey, TraceKey, TracePipeline, ViewPipelines,
@@ -39,12 +34,12 @@ use super::pipeline::{
 use super::tiles::{self, TileLayout};
 use super::volume::{affine, tile_range, volume_data};
 use super::warnings::Warned;
-use crate::{VdbCamera, VdbOverlays, VdbRenderMode, VdbTraversal, VdbVolume};
+use crate::{VdbCamera, VdbOverlays, VdbRenderMode, VdbTraversal};
 use vdb_core::view::ViewRays;
 
 /// The volumes of all views of the frame.
 #[derive(Resource)]
-pub(super) struct VolumeBuffer(RawBufferVec<gpu_data::Volume>);
+pub(super) struct VolumeBuffer(pub RawBufferVec<gpu_data::Volume>);
 
 impl Default for VolumeBuffer {
     fn default() -> Self {
@@ -52,20 +47,16 @@ impl Default for VolumeBuffer {
     }
 }
 
-/// On views that see at least one volume: which.
-#[derive(Component, Debug)]
-pub(super) struct ViewVolumes(Vec<MainEntity>);
-
 /// On views that see at least one volume: what the passes need.
 #[derive(Component)]
 pub(super) struct ViewResources {
-    view: Buffer,
-    placement: Buffer,
-    color: CachedTexture,
-    depth: CachedTexture,
+    pub view: Buffer,
+    pub placement: Buffer,
+    pub color: CachedTexture,
+    pub depth: CachedTexture,
     /// What the tiles know of the volumes, and how it is laid out.
     pub tile_data: Option<(Buffer, TileLayout)>,
-    motion: Option<ViewMotion>,
+    pub motion: Option<ViewMotion>,
     pub volumes: u32,
     /// The most tiles that show one of them.
     pub most_tiles: u32,
@@ -89,58 +80,6 @@ const MOST_FOG_STEP: f32 = 16.0;
 const MOST_EXPOSURE: f32 = 1e12;
 /// Of a sun's illuminance.
 const MOST_FACTOR: f32 = 1e6;
-
-/// On views that see at least one volume: what the passes bind.
-#[derive(Component, Debug)]
-pub(super) struct ViewBindGroups {
-    pub beams: Option<BindGroup>,
-    /// Bevy's groups for the beams, which need nothing of it.
-    pub nothing: LightBindGroups,
-    pub lights: LightBindGroups,
-    pub trace: BindGroup,
-    pub composite: BindGroup,
-}
-
-/// Finds the volumes of each view whose grid is on the GPU.
-pub(super) fn find_views(
-    mut commands: Commands,
-    volumes: Res<ExtractedVolumes>,
-    pool: Res<VdbTreePool>,
-    views: Query<
-        (Entity, &RenderVisibleEntities, Option<&VdbCamera>, Has<ViewVolumes>),
-        (With<ExtractedCamera>, With<Camera3d>),
-    >,
-) {
-    for (view, visible, camera, had) in &views {
-        let mut seen: Vec<MainEntity> = Vec::new();
-        if camera.is_none_or(|camera| camera.enabled)
-            && let Some(class) = visible.classes.get(&TypeId::of::<VdbVolume>())
-        {
-            let shown = |entity: &MainEntity| {
-                volumes.0.get(entity).is_some_and(|volume| {
-                    volume.packed.occupied.is_some() && pool.index(volume.grid).is_some()
-                })
-            };
-            let here = class.entities_cpu_culling.iter().map(|(_, entity)| *entity);
-            let here = here.chain(class.entities_gpu_culling.keys().copied());
-            seen.extend(here.filter(shown));
-        }
-        if !seen.is_empty() {
-            // An order of their own, so that the picture does not depend on that of spawning.
-            seen.sort_unstable();
-            commands.entity(view).insert(ViewVolumes(seen));
-        } else if had {
-            commands.entity(view).remove::<(ViewVolumes, ViewResources, ViewBindGroups)>();
-        }
-    }
-}
-
-/// Lets the trace read the depth of the opaque meshes.
-pub(super) fn make_depth_readable(mut views: Query<&mut Camera3d, With<ViewVolumes>>) {
-    for mut camera in &mut views {
-        camera.depth_texture_usages.0 |= TextureUsages::TEXTURE_BINDING.bits();
-    }
-}
 
 type ViewData<'a> = (
     Entity,
@@ -406,107 +345,4 @@ fn view_data(rays: &ViewRays, world_from_view: DAffine3, suns: &ExtractedSuns) -
 
 fn overlay_bits(overlays: VdbOverlays) -> u32 {
     u32::from(overlays.leaves) | u32::from(overlays.lower) << 1 | u32::from(overlays.upper) << 2
-}
-
-/// Binds what the passes read and write.
-pub(super) fn prepare_bind_groups(
-    mut commands: Commands,
-    views: Query<(
-        Entity,
-        &ViewResources,
-        &ViewPipelines,
-        &ViewDepthTexture,
-        Option<&Tonemapping>,
-        Option<ViewLights>,
-    )>,
-    all_lights: AllLights,
-    pool: Res<VdbTreePool>,
-    volumes: Res<VolumeBuffer>,
-    (beams, trace, composite): (Res<BeamsPipeline>, Res<TracePipeline>, Res<CompositePipeline>),
-    pipeline_cache: Res<PipelineCache>,
-    device: Res<RenderDevice>,
-    view_uniforms: Res<ViewUniforms>,
-    (luts, images, fallback): (
-        Res<TonemappingLuts>,
-        Res<RenderAssets<GpuImage>>,
-        Res<FallbackImage>,
-    ),
-) {
-    let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
-    let [page_a, page_b, page_c] = pool.pages();
-    for (entity, resources, pipelines, depth, tonemapping, view_lights) in &views {
-        let key = pipelines.lights;
-        let bind = |key, view| all_lights.bind(key, &trace.lights, view, &device, &pipeline_cache);
-        let (Some(lights), Some(nothing)) = (bind(key, view_lights), bind(None, None)) else {
-            continue;
-        };
-        let mut trace_entries = DynamicBindGroupEntries::sequential((
-            pool.grids.as_entire_binding(),
-            page_a.as_entire_binding(),
-            page_b.as_entire_binding(),
-            page_c.as_entire_binding(),
-            resources.view.as_entire_binding(),
-            volumes.as_entire_binding(),
-            depth.view(),
-            &resources.color.default_view,
-            &resources.depth.default_view,
-        ));
-        if let Some((tiles, _)) = &resources.tile_data {
-            trace_entries = trace_entries.extend_with_indices(((9, tiles.as_entire_binding()),));
-        }
-        if let Some(motion) = &resources.motion {
-            let moving = &motion.moving.default_view;
-            trace_entries = trace_entries.extend_with_indices(((10, moving),));
-        }
-        let layout = trace.layout(
-            pipelines.multisampled,
-            resources.tile_data.is_some(),
-            resources.motion.is_some(),
-        );
-        let trace = device.create_bind_group(
-            "vdb_trace",
-            &pipeline_cache.get_bind_group_layout(layout),
-            &trace_entries,
-        );
-        let beams = resources.tile_data.as_ref().map(|(tiles, _)| {
-            device.create_bind_group(
-                "vdb_beams",
-                &pipeline_cache.get_bind_group_layout(&beams.layout),
-                &BindGroupEntries::with_indices((
-                    (0, pool.grids.as_entire_binding()),
-                    (1, page_a.as_entire_binding()),
-                    (2, page_b.as_entire_binding()),
-                    (3, page_c.as_entire_binding()),
-                    (4, resources.view.as_entire_binding()),
-                    (5, volumes.as_entire_binding()),
-                    (9, tiles.as_entire_binding()),
-                )),
-            )
-        });
-        let mut entries = DynamicBindGroupEntries::sequential((
-            &resources.color.default_view,
-            &resources.depth.default_view,
-            resources.placement.as_entire_binding(),
-        ));
-        if pipelines.tonemaps {
-            let Some(view) = view_uniforms.uniforms.binding() else { continue };
-            let curve = tonemapping.copied().unwrap_or(Tonemapping::None);
-            let (lut, sampler) = get_lut_bindings(&images, &luts, &curve, &fallback);
-            entries = entries.extend_sequential((view, lut, sampler));
-        }
-        if let Some(motion) = &resources.motion {
-            entries = entries.extend_with_indices((
-                (6, &motion.moving.default_view),
-                (7, motion.matrices.as_entire_binding()),
-            ));
-        }
-        let composite = device.create_bind_group(
-            "vdb_composite",
-            &pipeline_cache.get_bind_group_layout(
-                composite.layout(pipelines.tonemaps, resources.motion.is_some()),
-            ),
-            &entries,
-        );
-        commands.entity(entity).insert(ViewBindGroups { beams, nothing, lights, trace, composite });
-    }
 }

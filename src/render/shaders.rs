@@ -14,7 +14,7 @@ macro_rules! shaders {
 }
 
 /// Modules that others import.
-const IMPORTS: [(&str, &[u8]); 18] = shaders![
+const IMPORTS: [(&str, &[u8]); 20] = shaders![
     "types",
     "bindings",
     "rays",
@@ -29,9 +29,11 @@ const IMPORTS: [(&str, &[u8]); 18] = shaders![
     "march",
     "scene",
     "segment",
+    "candidates",
     "surface",
     "occlusion",
     "lights",
+    "fogs",
     "show"
 ];
 /// What runs.

@@ -5,8 +5,9 @@ use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{ComputePassDescriptor, PipelineCache};
 use bevy::render::renderer::{RenderContext, ViewQuery};
 
+use super::bind::ViewBindGroups;
 use super::pipeline::{GROUP, ViewPipelines};
-use super::prepare::{ViewBindGroups, ViewResources};
+use super::prepare::ViewResources;
 
 /// Of a workgroup in `beams.wgsl`.
 const BEAM_THREADS: u32 = 64;

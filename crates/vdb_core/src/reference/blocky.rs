@@ -76,10 +76,11 @@ impl<'a, C: Node<Value = f32>> Blocky<'a, C> {
         Self { field: Field::new(tree), occupied }
     }
 
-    /// The gradient of the trilinear interpolant at a point in index space, per voxel; of the cell
-    /// above where the point lies in a face, and not finite where a sample is not.
-    pub fn gradient(&self, point: DVec3) -> DVec3 {
-        let cell = point.floor();
+    /// The gradient at a point in index space, per voxel, of the trilinear interpolant of the cell
+    /// that holds another point, close by: at a face that is where a ray comes from or where it
+    /// goes. Not finite where a sample is not.
+    pub fn gradient(&self, point: DVec3, beside: DVec3) -> DVec3 {
+        let cell = beside.floor();
         let mut accessor = self.field.tree().accessor();
         let corners = self.field.corners(&mut accessor, cell.to_array().map(|c| c as i64));
         Corners(corners.map(f64::from)).gradient(point - cell)

@@ -44,7 +44,9 @@ pub fn run(suite: &mut Suite) {
             if grid.transform.linear().is_none() {
                 continue;
             }
-            let name = format!("{}, {}", path.display(), grid.unique_name);
+            // The rays' seed: not of where a checkout lies.
+            let file = path.file_name().unwrap_or_default().display();
+            let name = format!("{file}, {}", grid.unique_name);
             match PackKind::suited(grid.class, tree) {
                 PackKind::Surface { .. } | PackKind::Smooth { .. } => {
                     send_through(suite, &mut sums[0], &name, tree, voxels::KIND);

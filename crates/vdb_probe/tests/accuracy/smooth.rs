@@ -172,7 +172,7 @@ impl<'a> Judge<'a> {
         let point = ray.at(t);
         let beside = (0..8).map(|i| {
             let side = DVec3::from_array([0, 1, 2].map(|axis| f64::from(2 * (i >> axis & 1) - 1)));
-            let truth = self.gradients.gradient(point + side * TOUCHING);
+            let truth = self.gradients.gradient(point, point + side * TOUCHING);
             // One that changes the value by less than its noise has no direction.
             let none = own.length().max(truth.length()) <= self.noise / ROOT_REACH;
             if none { 0.0 } else { angle(own, truth) }

@@ -1,0 +1,216 @@
+// All fogs of a segment: what they hide, and what light they send.
+#define_import_path bevy_vdb::fogs
+
+#import bevy_vdb::types::KIND_FOG
+#import bevy_vdb::bindings::grids
+#import bevy_vdb::candidates::{end_of, next_volume, start_of}
+#import bevy_vdb::fog::{optical_length, stepped_length}
+#import bevy_vdb::hdda::{FAR, course_of, enter, enter_at, plane_t}
+#import bevy_vdb::scene::{view, volumes}
+#import bevy_vdb::segment::{NONE, Segment, ray_of}
+#ifdef LIT
+#import bevy_vdb::segment::{along, world_position}
+#import bevy_vdb::lights::{Lit, Surroundings, scattered, surroundings}
+#ifndef EVEN_LIGHT
+#import bevy_vdb::hdda::local_cell
+#import bevy_vdb::march::{march_of, next_stretch, seen_middle, step_of}
+#import bevy_vdb::tree::nowhere
+#endif
+#endif
+
+// Optical depth from which on nothing behind is visible: e^-16 is below a 16-bit float's step
+// beside 1, by a factor of 4,000.
+const OPAQUE: f32 = 16.0;
+
+// Voxels along a ray for which a fog is lit as one, at least, and into how many such stretches the longest
+// edge of its box is cut, at most.
+const LIGHT_STEP: f32 = 2.0;
+const LIGHT_STEPS: f32 = 64.0;
+// The same of what is reflected.
+const LIGHT_STEP_REFLECTED: f32 = 8.0;
+const LIGHT_STEPS_REFLECTED: f32 = 16.0;
+// The part of a ray that overlapping fogs share is cut into this many slabs; within one, they are taken as
+// evenly mixed and evenly lit.
+const SLABS: u32 = 32u;
+// What is reflected, into fewer: each slab asks for the light of every lamp.
+const SLABS_REFLECTED: u32 = 8u;
+
+struct Fog {
+    radiance: vec3<f32>,
+    optical_depth: f32,
+    t_first: f32,
+    // The mean t of what is seen of the fogs, weighed with how much of it is seen, and the volume
+    // that most of it is of, where slabs are.
+    t_mean: f32,
+    mover: u32,
+}
+
+// Optical depth of one fog over a part of a segment, which nothing stops before `start`.
+fn depth_of_part(
+    segment: Segment,
+    volume: u32,
+    start: f32,
+    t_min: f32,
+    t_max: f32,
+    is_whole: bool,
+) -> f32 {
+    let scale = volumes[volume].density_scale * length(segment.dir);
+    var ray = ray_of(segment, volume, t_max);
+    ray.t_min = t_min;
+    let grid = grids[volumes[volume].grid];
+    let course = course_of(grid, ray);
+    let thin = max(scale, 1e-30);
+#ifdef FOG_STEPS
+    // A part of a ray may be shorter than a step.
+    var fog = 0.0;
+    if is_whole {
+        fog = stepped_length(grid, course, start, OPAQUE / thin, view.fog_step);
+    } else {
+        fog = optical_length(grid, course, enter_at(course, start), OPAQUE / thin);
+    }
+#else
+    let fog = optical_length(grid, course, enter_at(course, start), OPAQUE / thin);
+#endif
+    // At most 100, and not by way of a product that f32 does not hold.
+    return scale * min(fog, 100.0 / thin);
+}
+
+// All fogs of a segment in front of `t_max`. Radiance of one fog with an even source S and optical depth
+// τ is S·(1 - e^-τ), exactly; where light differs from place to place, the segment is cut into stretches,
+// and where several overlap, into slabs.
+fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
+    var met = 0u;
+    var last_met = 0u;
+    var t_first = FAR;
+    var t_last = segment.t_min;
+    let end = end_of(segment);
+    let begin = next_volume(segment, pixel, view.volume_first);
+    for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u)) {
+        if volumes[i].kind != KIND_FOG {
+            continue;
+        }
+        let course = course_of(grids[volumes[i].grid], ray_of(segment, i, t_max));
+        let walk = enter(course);
+        if walk.inside && walk.t < t_max {
+            met += 1u;
+            last_met = i;
+            let exits = plane_t(course, course.last + 1u);
+            t_first = min(t_first, walk.t);
+            t_last = max(t_last, min(min(min(exits.x, exits.y), exits.z), t_max));
+        }
+    }
+    var fog = Fog(vec3(0.0), 0.0, t_first, t_first, NONE);
+    if met == 0u {
+        return fog;
+    }
+    let is_whole = met == 1u;
+#ifndef EVEN_LIGHT
+#ifdef LIT
+    if is_whole {
+        return march_fog(segment, last_met, pixel, t_first, t_max);
+    }
+#endif
+#endif
+    let slabs = select(select(SLABS_REFLECTED, SLABS, segment.is_view), 1u, is_whole);
+#ifdef LIT
+    let around = surroundings(normalize(segment.dir));
+#endif
+    var t_sum = 0.0;
+    var most = 0.0;
+    for (var slab = 0u; slab < slabs && fog.optical_depth <= OPAQUE; slab++) {
+        var t_low = mix(t_first, t_last, f32(slab) / f32(slabs));
+        var t_high = mix(t_first, t_last, f32(slab + 1u) / f32(slabs));
+        var start = t_low;
+        if is_whole {
+            t_low = segment.t_min;
+            t_high = t_max;
+            start = start_of(segment, last_met, pixel);
+        }
+        var depth = 0.0;
+        var thickest = NONE;
+        var thickest_part = 0.0;
+        var source = vec3(0.0);
+#ifdef LIT
+        var light = Light(vec3(0.0), 2.0);
+#endif
+        for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u)) {
+            if volumes[i].kind == KIND_FOG && (!is_whole || i == last_met) {
+                let part = depth_of_part(segment, i, start, t_low, t_high, is_whole);
+                if part > 0.0 {
+                    thickest = select(thickest, i, part > thickest_part);
+                    thickest_part = max(thickest_part, part);
+                    depth += part;
+#ifdef LIT
+                    // Fogs that scatter alike share the rays to the lights.
+                    if light.anisotropy != volumes[i].anisotropy {
+                        let t = 0.5 * (t_low + t_high);
+                        light = light_at(segment, pixel, t, volumes[i].anisotropy, around);
+                    }
+                    source += part * (volumes[i].emissive + volumes[i].base_color * light.luminance);
+#endif
+                }
+            }
+        }
+        if depth > 0.0 {
+            source /= max(depth, 1e-30);
+            let seen = exp(-fog.optical_depth) * (1.0 - exp(-depth));
+            fog.radiance += seen * source;
+            t_sum += seen * 0.5 * (t_low + t_high);
+            fog.mover = select(fog.mover, thickest, seen > most);
+            most = max(most, seen);
+            fog.optical_depth += depth;
+        }
+    }
+    fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
+    return fog;
+}
+
+#ifdef LIT
+#ifndef EVEN_LIGHT
+// One fog of a segment under lights that are not the same everywhere.
+fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_max: f32) -> Fog {
+    var fog = Fog(vec3(0.0), 0.0, t_first, t_first, volume);
+    var t_sum = 0.0;
+    let grid = grids[volumes[volume].grid];
+    let course = course_of(grid, ray_of(segment, volume, t_max));
+    let enters = enter_at(course, start_of(segment, volume, pixel));
+    let scale = volumes[volume].density_scale * length(segment.dir);
+    let most = 100.0 / max(scale, 1e-30);
+    let anisotropy = volumes[volume].anisotropy;
+    let around = surroundings(normalize(segment.dir));
+    let least = select(LIGHT_STEP_REFLECTED, LIGHT_STEP, segment.is_view);
+    let steps = select(LIGHT_STEPS_REFLECTED, LIGHT_STEPS, segment.is_view);
+    var march = march_of(course, enters, step_of(grid, least, steps));
+    var place = nowhere(local_cell(course, enters.rel));
+    while march.walk.inside && fog.optical_depth <= OPAQUE {
+        let stretch = next_stretch(grid, course, &march, &place, most);
+        let depth = scale * min(stretch.density, most);
+        if depth > 0.0 {
+            let t = clamp(seen_middle(stretch, depth), stretch.t_first, t_max);
+            let light = light_at(segment, pixel, t, anisotropy, around).luminance;
+            let source = volumes[volume].emissive + volumes[volume].base_color * light;
+            let seen = exp(-fog.optical_depth) * (1.0 - exp(-depth));
+            fog.radiance += seen * source;
+            t_sum += seen * t;
+            fog.optical_depth += depth;
+        }
+    }
+    fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
+    return fog;
+}
+#endif
+
+// What fog of albedo 1 scatters back along a segment, cd/m².
+struct Light {
+    luminance: vec3<f32>,
+    anisotropy: f32,        // of that fog
+}
+
+fn light_at(segment: Segment, pixel: vec2<u32>, t: f32, anisotropy: f32, around: Surroundings) -> Light {
+    let point = along(segment, t);
+    let coord = vec2<f32>(pixel + view.origin) + 0.5;
+    let at = Lit(world_position(point), vec3(0.0), coord, segment.is_view);
+    let light = scattered(at, point, normalize(segment.dir), anisotropy);
+    return Light(light + max(around.mean + anisotropy * around.ahead, vec3(0.0)), anisotropy);
+}
+#endif
