@@ -3,6 +3,7 @@
 mod asset;
 mod bounds;
 mod components;
+mod levels;
 mod loader;
 #[cfg(feature = "picking")]
 mod picking;

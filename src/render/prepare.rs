@@ -32,7 +32,7 @@ use super::pipeline::{
     BeamsPipeline, CompositeKey, CompositePipeline, ToneKey, TraceKey, TracePipeline, ViewPipelines,
 };
 use super::tiles::{self, TileLayout};
-use super::volume::{affine, tile_range, volume_data};
+use super::volume::{Eye, Shown, affine, volume_data};
 use super::warnings::Warned;
 use crate::{VdbCamera, VdbOverlays, VdbRenderMode, VdbTraversal};
 use vdb_core::view::ViewRays;
@@ -160,20 +160,19 @@ pub(super) fn prepare_views(
         // Of what is only diffuse, no ray sees a reflection.
         let mirrors = matches!(settings.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
         let reflections = if mirrors { settings.reflections.min(MOST_REFLECTIONS) } else { 0 };
-        let data = |entity: &MainEntity, warned: Option<&mut Warned>| {
-            let volume = volumes.0.get(entity)?;
-            let view = (rays.as_ref()?, world_from_view, size.x);
-            volume_data(*entity, volume, pool.index(volume.grid)?, view, warned)
-        };
+        let detail = f64::from(non_negative(settings.detail));
+        let eye = rays.as_ref().map(|rays| Eye { rays, world_from_view, size });
+        let show = |entity: &MainEntity| Shown::new(volumes.0.get(entity)?, &pool, eye?, detail);
         let first = volume_buffer.0.len();
         let mut shown = Vec::with_capacity(seen.0.len());
         let mut most_tiles = 0;
         let clip_from_world = clip_from_view.as_dmat4() * DMat4::from(world_from_view.inverse());
         for entity in &seen.0 {
-            if let Some(mut data) = data(entity, Some(&mut warned))
+            if let (Some(at_level), Some(eye)) = (show(entity), eye)
+                && let Some(mut data) = volume_data(*entity, &at_level, eye, Some(&mut warned))
                 && let Some(volume) = volumes.0.get(entity)
             {
-                let range = tile_range(volume, clip_from_world, size);
+                let range = at_level.tile_range(clip_from_world, size);
                 most_tiles = most_tiles.max(range.count());
                 [data.tiles_first, data.tiles_last] = range.words();
                 volume_buffer.0.push(data);
@@ -191,7 +190,9 @@ pub(super) fn prepare_views(
         if lights.is_some_and(|key| key.shadows.is_some()) || reflections > 0 {
             let layers = layers.cloned().unwrap_or_default();
             for entity in volumes.beside(&seen.0, &layers) {
-                volume_buffer.0.extend(data(&entity, None));
+                let data = show(&entity).zip(eye);
+                let data = data.and_then(|(shown, eye)| volume_data(entity, &shown, eye, None));
+                volume_buffer.0.extend(data);
             }
         }
         let beside = volume_buffer.0.len() - first - count;
