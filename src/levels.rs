@@ -9,7 +9,7 @@ use bevy::tasks::futures::check_ready;
 use bevy::tasks::{AsyncComputeTaskPool, Task};
 use vdb_core::GridClass;
 use vdb_core::pack::{PackKind, PackedGrid, ValueFormat};
-use vdb_core::tree::{Coarsening, half_resolution};
+use vdb_core::tree::{Coarsening, half_resolution, voxel_in_distances};
 
 use crate::{VdbCamera, VdbGrid, VdbVolume};
 
@@ -82,9 +82,6 @@ fn coarser(grid: &VdbGrid) -> Arc<[Arc<PackedGrid>]> {
         Some(2) => ValueFormat::Byte,
         _ => ValueFormat::Exact,
     };
-    let axes = grid.world_from_index().matrix3;
-    let edges = [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.length());
-    let mut voxel = (edges.iter().sum::<f64>() / 3.0) as f32;
     let mut tree = Arc::clone(grid.tree());
     let mut levels: Vec<Arc<PackedGrid>> = Vec::new();
     loop {
@@ -97,11 +94,11 @@ fn coarser(grid: &VdbGrid) -> Arc<[Arc<PackedGrid>]> {
             PackKind::Fog => Coarsening::Fog,
             PackKind::Surface { iso } | PackKind::Smooth { iso } => {
                 let is_distance = grid.class() == GridClass::LevelSet && iso == 0.0;
-                Coarsening::Surface { iso, voxel: is_distance.then_some(voxel) }
+                let voxel = if is_distance { voxel_in_distances(&tree) } else { None };
+                Coarsening::Surface { iso, voxel }
             }
         };
         tree = Arc::new(half_resolution(&tree, coarsening));
-        voxel *= 2.0;
         // A coarser tree takes less than the one before, so that it fits as well.
         match PackedGrid::with_format(&tree, packed.kind, format) {
             Ok(level) if level.occupied.is_some() => levels.push(Arc::new(level)),

@@ -3,6 +3,8 @@
 mod common;
 #[path = "picture/extremes.rs"]
 mod extremes;
+#[path = "picture/levels.rs"]
+mod levels;
 #[path = "picture/lights.rs"]
 mod lights;
 #[path = "picture/many.rs"]

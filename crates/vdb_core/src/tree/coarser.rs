@@ -25,8 +25,9 @@ pub enum Coarsening {
     Surface {
         /// The value at the surface.
         iso: f32,
-        /// Of values that are distances, the edge of a voxel in their units. Then the band around
-        /// the surface is made as many samples wide as it was.
+        /// Of values that are distances, the edge of a voxel in their units; see
+        /// [`voxel_in_distances`]. Then the band around the surface is made as many samples wide as
+        /// it was.
         voxel: Option<f32>,
     },
 }
@@ -68,6 +69,32 @@ pub fn half_resolution(tree: &Vdb543<f32>, coarsening: Coarsening) -> Vdb543<f32
         }
     }
     coarser
+}
+
+/// By how much the values of a level set change from a voxel to the next across the surface: its edge in
+/// their units, whatever they are. `None` where too little of a band is known to tell.
+pub fn voxel_in_distances(tree: &Vdb543<f32>) -> Option<f32> {
+    // Of so many leaves, taken evenly.
+    const LEAVES: usize = 1024;
+    let width = tree.background().abs();
+    let every = tree.leaves().count().div_ceil(LEAVES).max(1);
+    let mut slopes = Vec::new();
+    for leaf in tree.leaves().step_by(every) {
+        let values = leaf.values_slice();
+        // Those with all six neighbours in the leaf.
+        each([(1, EDGE as i64 - 2); 3], |c| {
+            let at = ((c[0] * 8 + c[1]) * 8 + c[2]) as usize;
+            let pairs = [64, 8, 1].map(|step| [values[at - step], values[at + step]]);
+            if pairs.iter().flatten().all(|value| value.abs() < width) {
+                slopes.push(0.5 * Vec3::from_array(pairs.map(|[low, high]| high - low)).length());
+            }
+            true
+        });
+    }
+    let middle = slopes.len() / 2;
+    let median =
+        (!slopes.is_empty()).then(|| *slopes.select_nth_unstable_by(middle, f32::total_cmp).1)?;
+    (median > 0.0 && median.is_finite()).then_some(median)
 }
 
 /// A box of samples of the finer tree, both corners within.
@@ -283,6 +310,16 @@ impl Block {
         self.values[(x * self.edge + y) * self.edge + z]
     }
 
+    /// Whether what is solid at a place goes on further inwards: then a sample that is left is in it,
+    /// if not one beside the place.
+    fn is_thick(&self, place: [usize; 3], iso: f32) -> bool {
+        let Some(uphill) = self.uphill(place, f32::INFINITY) else { return false };
+        let inwards = (-2.5 * uphill).round().to_array();
+        let last = (self.edge - 1) as f32;
+        let at = [0, 1, 2].map(|axis| (place[axis] as f32 + inwards[axis]).clamp(0.0, last));
+        self.at(at.map(|c| c as usize)) < iso
+    }
+
     /// The direction in which distances grow, from those beside a place that a band of some width
     /// knows.
     fn uphill(&self, place: [usize; 3], width: f32) -> Option<Vec3> {
@@ -377,7 +414,7 @@ impl Rings {
                 if c % 2 == 0 { c } else { c - 1 + 2 * side }
             })
         });
-        if beside.clone().any(|at| block.at(at) < iso) {
+        if beside.clone().any(|at| block.at(at) < iso) || block.is_thick(place, iso) {
             return;
         }
         let Some(nearest) = beside.min_by(|a, b| block.at(*a).total_cmp(&block.at(*b))) else {
@@ -391,47 +428,41 @@ impl Rings {
         }
     }
 
-    /// Finds distances beyond a band of some width from those beside them, `voxel` apart, ring by
-    /// ring, up to twice the width: along straight lines, which is exact beside a plane.
+    /// Finds distances beyond a band of some width, up to twice the width, along straight lines:
+    /// those of the first ring beyond the band from the block's, those of the second from the first.
     fn widen(&mut self, block: &Block, width: f32, voxel: f32) {
         self.0.iter_mut().for_each(|value| *value = widened(*value, width));
-        // The direction in which the distance grows, where it is known.
+        let unknown = |value: f32| value.abs() >= 2.0 * width;
         let mut uphill: Vec<Option<Vec3>> = vec![None; self.0.len()];
-        each([(0, RINGED as i64 - 1); 3], |c| {
-            let c = c.map(|c| c as usize);
-            if self.0[ringed(c)].abs() < 2.0 * width {
-                uphill[ringed(c)] = block.uphill(c.map(|c| 2 * c + 2), width);
-            }
-            true
-        });
         for ring in 1..=2 {
             let (values, directions) = (self.0.clone(), uphill.clone());
             let inner = (ring as i64, (RINGED - 1 - ring) as i64);
             each([inner; 3], |c| {
                 let c = c.map(|c| c as usize);
-                let own = values[ringed(c)];
-                if own.abs() < 2.0 * width {
+                let mut line = Line::of(values[ringed(c)]);
+                if !unknown(line.value) {
                     return true;
                 }
-                // The one beside it that lies most nearly on its own line to the surface.
-                let mut best = (0.0, own, None);
-                each([(0, 2); 3], |side| {
-                    let side = side.map(|side| side as usize);
-                    let at = [0, 1, 2].map(|axis| c[axis] + side[axis] - 1);
-                    if let Some(direction) = directions[ringed(at)] {
-                        let way = Vec3::ONE - Vec3::from_array(side.map(|side| side as f32));
-                        let along = direction.dot(way);
-                        let cosine = along.copysign(along * own) / way.length();
-                        if cosine > best.0 {
-                            best = (cosine, values[ringed(at)] + along * voxel, Some(direction));
+                if ring == 1 {
+                    each([(-2, 2); 3], |side| {
+                        let at = [0, 1, 2].map(|axis| 2 * c[axis] as i64 + 2 + side[axis]);
+                        let at = at.map(|c| c as usize);
+                        if block.at(at).abs() < width {
+                            line.meet(block.at(at), block.uphill(at, width), side, 0.5 * voxel);
                         }
-                    }
-                    true
-                });
-                let (_, found, direction) = best;
-                uphill[ringed(c)] = direction;
+                        true
+                    });
+                } else {
+                    each([(-1, 1); 3], |side| {
+                        let at = [0, 1, 2].map(|axis| (c[axis] as i64 + side[axis]) as usize);
+                        line.meet(values[ringed(at)], directions[ringed(at)], side, voxel);
+                        true
+                    });
+                }
+                uphill[ringed(c)] = line.uphill;
                 // What was not known is the band's width at least.
-                self.0[ringed(c)] = found.abs().clamp(width, 2.0 * width).copysign(own);
+                let found = line.value.abs().clamp(width, 2.0 * width);
+                self.0[ringed(c)] = found.copysign(values[ringed(c)]);
                 true
             });
         }
@@ -442,6 +473,37 @@ impl Rings {
         let own = 2..2 + EDGE;
         let rows = own.clone().flat_map(|x| own.clone().map(move |y| ringed([x, y, 2])));
         rows.flat_map(|row| &self.0[row..row + EDGE]).copied().collect()
+    }
+}
+
+/// The line from a sample to the surface, as those beside it know it.
+struct Line {
+    is_inside: bool,
+    /// The distance that the best of them gives.
+    value: f32,
+    /// The direction in which distances grow there.
+    uphill: Option<Vec3>,
+    /// The cosine of the angle between that and the way from there: 1 is best.
+    cosine: f32,
+}
+
+impl Line {
+    fn of(value: f32) -> Self {
+        Self { is_inside: value < 0.0, value, uphill: None, cosine: 0.0 }
+    }
+
+    /// Takes a sample so many edges to the side for what it is worth: its distance grows straight
+    /// on in its direction. Beside a plane that is exact.
+    fn meet(&mut self, value: f32, uphill: Option<Vec3>, side: [i64; 3], edge: f32) {
+        let Some(uphill) = uphill else { return };
+        let way = Vec3::from_array(side.map(|side| -side as f32));
+        let along = uphill.dot(way);
+        let outwards = if self.is_inside { -along } else { along };
+        let cosine = outwards / way.length().max(1.0);
+        if cosine > self.cosine {
+            let value = value + along * edge;
+            *self = Self { value, uphill: Some(uphill), cosine, ..*self };
+        }
     }
 }
 
@@ -524,6 +586,20 @@ mod tests {
             let part = known as f64 / all;
             assert!((0.95..1.1).contains(&part), "level {level}: {part} of the band is left");
         }
+    }
+
+    #[test]
+    fn distances_are_measured_in_their_own_units() {
+        let bbox = CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) };
+        for voxel in [1.0, 0.02] {
+            let distance = |ijk: IVec3| voxel * (ijk.as_vec3().length() - 14.3);
+            let width = 3.0 * voxel;
+            let sample = |ijk| (distance(ijk).clamp(-width, width), distance(ijk).abs() < width);
+            let tree = build(width, bbox, |_| Uniform::No, sample);
+            let found = voxel_in_distances(&tree).expect("there is a band");
+            assert!((found / voxel - 1.0).abs() < 0.02, "{found}, not {voxel}");
+        }
+        assert_eq!(voxel_in_distances(&Vdb543::new(3.0)), None);
     }
 
     #[test]

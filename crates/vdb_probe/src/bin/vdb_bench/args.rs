@@ -12,7 +12,8 @@ use crate::timing::LEAST_RUNS;
 const HELP: &str = "\
 vdb_bench [OPTION…] MODEL…
 Times rays through grids on the GPU and writes CSV to standard output. A model is a FILE.vdb, or made on
-the spot at a size from 256 to 4096 voxels: gyroid:1024, truss:4096.
+the spot at a size from 256 to 4096 voxels: gyroid:1024, truss:4096. MODEL@2 is a model at a quarter of its
+resolution, by its levels of detail.
 
   --out DIR           writes bench.csv, bench.json and bench.svg there as well
   --dump DIR          writes t (-1: none) or transmittance of each picture as f32, row by row from the top

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use vdb_core::pack::PackKind;
 use vdb_core::synth::models;
-use vdb_core::tree::{Coarsening, CoordBox, Vdb543, half_resolution};
+use vdb_core::tree::{Coarsening, CoordBox, Vdb543, half_resolution, voxel_in_distances};
 use vdb_core::{AnyTree, GridClass, ReadOptions, Transform, VdbFile};
 
 /// Where a model comes from.
@@ -69,10 +69,12 @@ impl Model {
                 Self::of(format!("{name}_{edge}"), tree, true, Transform::default())
             }
         }?;
-        for level in 0..source.level {
-            let voxel = model.transform.voxel_size().x as f32 * (1 << level) as f32;
-            let coarsening =
-                if model.level_set { Coarsening::LevelSet { voxel } } else { Coarsening::Fog };
+        for _ in 0..source.level {
+            let coarsening = if model.level_set {
+                Coarsening::Surface { iso: 0.0, voxel: voxel_in_distances(&model.tree) }
+            } else {
+                Coarsening::Fog
+            };
             model.tree = half_resolution(&model.tree, coarsening).into();
         }
         if source.level > 0 {

@@ -1,0 +1,129 @@
+//! Levels of detail.
+
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbMaterial, VdbRenderMode, VdbVolume};
+use vdb_core::pack::PackKind;
+use vdb_core::synth::{fog, level_set};
+
+use super::common::{Picture, Stage, has_gpu};
+use super::{SIZE, looking, pixel_ray};
+
+/// Goes on until the pool has so many grids, or has had long enough.
+fn wait_for(stage: &mut Stage, grids: u64) {
+    let usage = stage.world().resource::<VdbGpuUsage>().clone();
+    for _ in 0..2000 {
+        stage.update(1);
+        if usage.grids() == grids {
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    panic!("{} grids on the GPU, not {grids}", usage.grids());
+}
+
+/// The stage's camera with levels of detail or without.
+fn ask(stage: &mut Stage, camera: Entity, mode: VdbRenderMode, detail: f32) {
+    stage.world().entity_mut(camera).insert(VdbCamera { mode, detail, ..default() });
+}
+
+const RADIUS: f64 = 4.0;
+const VOXEL: f64 = 0.04;
+/// A ball of 200 voxels from end to end, and at 1/2 … 1/8 of that. At 1/16 it would be below 16.
+const LEVELS: u64 = 3;
+
+/// How far the normals of a ball are off, in degrees, where it is not seen edge on; and of how many
+/// pixels the ray passes the ball's edge by more than `margin`, but its colour says otherwise.
+fn errors(picture: &Picture, view: Transform, margin: f64) -> (f64, usize) {
+    let (mut worst, mut wrong) = (0.0_f64, 0);
+    for (x, y) in (0..SIZE.x).flat_map(|x| (0..SIZE.y).map(move |y| (x, y))) {
+        let (origin, dir) = pixel_ray(view, x, y);
+        let dir = dir.normalize();
+        let nearest = origin - dir * origin.dot(dir);
+        let past = nearest.length() - RADIUS;
+        let color = picture.at(x, y).truncate();
+        let is_hit = color != Vec3::ZERO;
+        wrong += usize::from(past.abs() > margin && is_hit != (past < 0.0));
+        if is_hit && past < -0.3 * RADIUS {
+            let before = (RADIUS * RADIUS - nearest.length_squared()).sqrt();
+            let truth = (nearest - dir * before).normalize();
+            let own = (color.as_dvec3() * 2.0 - 1.0).normalize();
+            worst = worst.max(own.dot(truth).min(1.0).acos().to_degrees());
+        }
+    }
+    (worst, wrong)
+}
+
+#[test]
+fn far_surfaces_are_shown_by_coarser_grids() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    // A pixel is ten voxels.
+    let view = looking(Vec3::new(8.0, 12.0, 26.0));
+    let camera = stage.camera(&target, view);
+    let kind = PackKind::Smooth { iso: 0.0 };
+    let grid = stage.grid(level_set::sphere(DVec3::ZERO, RADIUS / VOXEL), kind, VOXEL);
+    stage.world().spawn((VdbVolume(grid), VdbMaterial::default()));
+    ask(&mut stage, camera, VdbRenderMode::Normals, 0.0);
+    wait_for(&mut stage, 1);
+    let exact = stage.picture(&target);
+    exact.save("levels_exact");
+    let (off, wrong) = errors(&exact, view, 0.01 * VOXEL);
+    // By less than they turn from one voxel to the next.
+    let turn = (VOXEL / RADIUS).to_degrees();
+    assert!(off < turn && wrong == 0, "normals are off by {off}°, {wrong} pixels are wrong");
+
+    ask(&mut stage, camera, VdbRenderMode::Normals, 1.0);
+    wait_for(&mut stage, 1 + LEVELS);
+    let coarse = stage.picture(&target);
+    coarse.save("levels_coarse");
+    // Voxels eight times as large, 25 across the ball.
+    let (off, wrong) = errors(&coarse, view, 0.25 * 8.0 * VOXEL);
+    assert!(off < 8.0 * turn && wrong == 0, "normals are off by {off}°, {wrong} pixels are wrong");
+    assert!(coarse != exact, "the coarser grid was not shown");
+
+    // From close by, there is nothing to save, and nothing is.
+    let near = looking(Vec3::new(2.0, 2.0, 4.0));
+    *stage.world().get_mut::<Transform>(camera).unwrap() = near;
+    let with = stage.picture(&target);
+    ask(&mut stage, camera, VdbRenderMode::Normals, 0.0);
+    wait_for(&mut stage, 1);
+    assert!(stage.picture(&target) == with, "a near surface is not shown as it is");
+    *stage.world().get_mut::<Transform>(camera).unwrap() = view;
+    assert!(stage.picture(&target) == exact, "what was exact is so no more");
+}
+
+#[test]
+fn far_fog_dims_as_much() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::new(3.0, 4.0, 28.0)));
+    // Before a bright sky: what is seen of that is the transmittance.
+    stage.world().insert_resource(ClearColor(Color::linear_rgb(1.0, 1.0, 1.0)));
+    let grid = stage.grid(fog::sphere(DVec3::ZERO, 90.0, 40.0), PackKind::Fog, VOXEL);
+    let material = VdbMaterial { base_color: Color::BLACK, density_scale: 0.3, ..default() };
+    stage.world().spawn((VdbVolume(grid), material));
+    ask(&mut stage, camera, VdbRenderMode::Lit, 0.0);
+    wait_for(&mut stage, 1);
+    let exact = stage.picture(&target);
+    exact.save("levels_fog");
+    ask(&mut stage, camera, VdbRenderMode::Lit, 1.0);
+    wait_for(&mut stage, 1 + LEVELS);
+    let coarse = stage.picture(&target);
+    let pairs = exact.pixels.iter().zip(&coarse.pixels);
+    let dimmed = |pixel: &Vec4| f64::from(1.0 - pixel.x);
+    let [least, all, both] = pairs.fold([f64::INFINITY, 0.0, 0.0], |[least, all, both], (a, b)| {
+        let off = (dimmed(a) - dimmed(b)).abs();
+        assert!(off < 0.02, "{a} became {b}");
+        [least.min(1.0 - dimmed(a)), all + dimmed(a), both + dimmed(b)]
+    });
+    assert!(least < 0.5, "the fog is thin: {least}");
+    assert!((both / all - 1.0).abs() < 2e-3, "{all} of light in all became {both}");
+    assert!(coarse != exact, "the coarser grid was not shown");
+}
