@@ -7,8 +7,11 @@ use bevy::asset::{AssetPlugin, LoadState, UnapprovedPathMode};
 use bevy::prelude::*;
 use bevy_vdb::{
     VdbFile, VdbGrid, VdbLoadProgress, VdbLoaderSettings, VdbRenderAs, VdbRenderPlugin,
+    VdbVectorGrid,
 };
 use vdb_core::pack::PackKind;
+use vdb_core::tree::Vdb543;
+use vdb_core::{AnyTree, Grid, WriteOptions};
 
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("crates/vdb_core/tests/data").join(name)
@@ -134,6 +137,34 @@ fn settings_choose_grids_and_how_they_are_shown() {
         let message = failure(&mut app, &file);
         assert!(message.contains(said) && message.contains("kinds.vdb"), "{message}");
     }
+}
+
+#[test]
+fn grids_of_vectors_are_assets_too() {
+    let mut colors = Vdb543::new([0.5_f32, 0.0, 0.25]);
+    colors.set(IVec3::new(3, 4, 5), [1.0, -2.0, 0.125]);
+    let density = Vdb543::new(0.0_f32);
+    let grids = [
+        Grid::new("density", AnyTree::Float(density.into())),
+        Grid::new("Cd", AnyTree::Vec3s(colors.into())),
+    ];
+    let folder = std::env::temp_dir().join(format!("bevy_vdb_vectors_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("colors.vdb");
+    vdb_core::VdbFile::new(grids.into()).save(&path, &WriteOptions::default()).unwrap();
+    let mut app = app();
+    let file: Handle<VdbFile> = load(&app, &path);
+    let file = loaded(&mut app, &file);
+    assert_eq!((file.grids.len(), file.vector_grids.len()), (1, 1));
+    let label: Handle<VdbVectorGrid> = load(&app, format!("{}#Cd", path.display()));
+    assert_eq!(file.vector_grids["Cd"], label);
+    let grid = loaded(&mut app, &label);
+    assert_eq!((grid.name(), grid.tree().background()), ("Cd", [0.5, 0.0, 0.25]));
+    assert_eq!(grid.tree().get(IVec3::new(3, 4, 5)), [1.0, -2.0, 0.125]);
+    // What is negative is nothing to see; a background above zero is all around.
+    let seen = grid.packed().each_ref().map(|packed| packed.occupied.is_some());
+    assert_eq!(seen, [true, false, true]);
+    std::fs::remove_dir_all(folder).unwrap();
 }
 
 #[test]

@@ -78,6 +78,7 @@ pub(super) fn volume_data(
         reflectance: share(material.reflectance),
         base_color: capped(material.base_color.to_linear().to_vec3(), MOST_ALBEDO),
         emissive: capped(material.emissive.to_vec3(), MOST_LIGHT),
+        color_grids: gpu_data::NO_COLOR,
         base: volume.packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
         ..default()
     })
