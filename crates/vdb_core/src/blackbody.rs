@@ -22,8 +22,7 @@ fn planck(wavelength: f64, kelvin: f64) -> f64 {
 /// The integral of Planck's law times the colour matching functions of 1931, by sums over steps of 5 nm:
 /// from 1,000 K on, they are within 0.1 % of those over steps of 1 nm.
 pub fn blackbody(kelvin: f64) -> [f64; 3] {
-    // No number fails the comparison.
-    if !(kelvin > 0.0) {
+    if kelvin.is_nan() || kelvin <= 0.0 {
         return [0.0; 3];
     }
     let mut xyz = [0.0; 3];
@@ -81,7 +80,7 @@ impl BlackbodyTable {
     /// The colour at a temperature, cd/m², with nothing negative in it: the twin of `blackbody` in
     /// `assets/shaders/emission.wgsl`.
     pub fn look_up(&self, kelvin: f32) -> [f32; 3] {
-        if !(kelvin >= Self::COLDEST as f32) {
+        if kelvin.is_nan() || kelvin < Self::COLDEST as f32 {
             return [0.0; 3];
         }
         let steps = (Self::ENTRIES - 1) as f32 / (Self::HOTTEST / Self::COLDEST).ln() as f32;
