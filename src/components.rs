@@ -91,6 +91,12 @@ pub struct VdbCamera {
     /// exactly. Samples every voxel take a quarter of that time, and every four a tenth; what they get
     /// wrong is in `docs/benchmarks.md`.
     pub fog_step: f32,
+    /// Levels of detail: how many pixels a voxel may cover, at most, of the copies at a half, a quarter … of
+    /// their resolution that are shown of volumes far away. They are made in the background once a camera
+    /// asks for them, and take a third more memory of a surface, a seventh of fog. 0, the default, shows
+    /// grids as they are, and with that every hit where it is. With 1, what a volume costs follows the
+    /// pixels that it covers, not its voxels.
+    pub detail: f32,
     /// How rays find what they meet.
     pub traversal: VdbTraversal,
     /// [`VdbRenderMode::Steps`]: how many steps of the walk have the hottest colour. More than 0;
@@ -107,6 +113,7 @@ impl Default for VdbCamera {
             reflections: 0,
             overlays: VdbOverlays::default(),
             fog_step: 0.0,
+            detail: 0.0,
             traversal: VdbTraversal::HddaSdf,
             steps_scale: 200.0,
         }

@@ -4,6 +4,7 @@ mod asset;
 mod bounds;
 mod components;
 mod extras;
+mod levels;
 mod loader;
 #[cfg(feature = "picking")]
 mod picking;

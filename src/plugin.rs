@@ -5,6 +5,7 @@ use bevy::prelude::*;
 use bevy::render::extract_component::ExtractComponentPlugin;
 
 use crate::bounds::update_bounds;
+use crate::levels::{PendingLevels, make_levels};
 use crate::render;
 use crate::{
     VdbCamera, VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbLoadProgress, VdbLoader,
@@ -32,11 +33,15 @@ impl Plugin for VdbRenderPlugin {
             .register_type::<VdbEmission>()
             .register_type::<VdbCamera>()
             .register_type::<VdbSun>()
+            .init_resource::<PendingLevels>()
             .add_systems(
                 PostUpdate,
-                update_bounds
-                    .in_set(VisibilitySystems::CalculateBounds)
-                    .after(bevy::asset::AssetEventSystems),
+                (
+                    make_levels.before(bevy::asset::AssetEventSystems),
+                    update_bounds
+                        .in_set(VisibilitySystems::CalculateBounds)
+                        .after(bevy::asset::AssetEventSystems),
+                ),
             );
         // So that every camera shows its settings. Bevy refuses once a camera has been spawned; one
         // without the component is treated as if it had the default.

@@ -67,7 +67,7 @@ fn depth_of_part(
     // A part of a ray may be shorter than a step.
     var fog = 0.0;
     if is_whole {
-        fog = stepped_length(grid, course, start, OPAQUE / thin, view.fog_step);
+        fog = stepped_length(grid, course, start, OPAQUE / thin, view.fog_step, scale);
     } else {
         fog = optical_length(grid, course, enter_at(course, start), OPAQUE / thin);
     }

@@ -38,6 +38,8 @@ impl ExtractedVolumes {
 pub(super) struct ExtractedVolume {
     pub grid: GridKey,
     pub packed: Arc<PackedGrid>,
+    /// Its levels of detail, where a camera asks for them; see [`VdbGrid::levels`].
+    pub levels: Arc<[Arc<PackedGrid>]>,
     /// For messages.
     pub name: Arc<str>,
     pub world_from_local: Affine3A,
@@ -95,6 +97,7 @@ pub(super) fn extract_volumes(
         let volume = ExtractedVolume {
             grid: volume.0.id().into(),
             packed: grid.packed().clone(),
+            levels: grid.levels().cloned().unwrap_or_default(),
             name: grid.shared_name(),
             world_from_local,
             world_from_local_before: before

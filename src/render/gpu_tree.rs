@@ -30,7 +30,7 @@ struct Usage {
 }
 
 impl VdbGpuUsage {
-    /// Grids on the GPU, each counted once; one of vectors is three.
+    /// Grids on the GPU, each counted once, and each of its levels of detail; one of vectors is three.
     pub fn grids(&self) -> u64 {
         self.0.grids.load(Ordering::Relaxed)
     }
@@ -41,7 +41,8 @@ impl VdbGpuUsage {
     }
 }
 
-/// What names a packed grid: its asset, and of vectors the component.
+/// What names a packed grid: its asset, and of floats the level of detail, of which 0 is the grid itself,
+/// of vectors the component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct GridKey(UntypedAssetId, u32);
 
@@ -52,6 +53,12 @@ impl From<AssetId<VdbGrid>> for GridKey {
 }
 
 impl GridKey {
+    /// A level of detail of a grid of floats.
+    pub fn level(self, level: usize) -> Self {
+        Self(self.0, level as u32)
+    }
+
+    /// A component of a grid of vectors.
     pub fn component(id: AssetId<VdbVectorGrid>, component: u32) -> Self {
         Self(id.untyped(), component)
     }
@@ -178,7 +185,11 @@ pub(super) fn update_tree_pool(
 ) {
     let mut wanted = Wanted::default();
     for (entity, volume) in &volumes.0 {
-        wanted.entry(volume.grid).or_insert((entity, &volume.name, &volume.packed));
+        let levels = [&volume.packed].into_iter().chain(&*volume.levels).enumerate();
+        for (level, packed) in levels {
+            let name: &str = &volume.name;
+            wanted.entry(volume.grid.level(level)).or_insert((entity, name, packed));
+        }
         for part in volume.extras.parts() {
             wanted.entry(part.key).or_insert((entity, &volume.name, &part.packed));
         }
@@ -209,9 +220,10 @@ type Wanted<'a> = HashMap<GridKey, (&'a MainEntity, &'a str, &'a Arc<PackedGrid>
 
 impl VdbTreePool {
     fn rebuild(&mut self, wanted: &Wanted, limit: u64, device: &RenderDevice, queue: &RenderQueue) {
-        // What is there comes first, so that a grid too many never drives out one that is shown.
+        // What is there comes first, so that a grid too many never drives out one that is shown; then what
+        // there is only to save time.
         let mut order: Vec<_> = wanted.iter().collect();
-        order.sort_by_key(|(grid, _)| !self.resident.contains_key(*grid));
+        order.sort_by_key(|(grid, _)| (grid.1 > 0, !self.resident.contains_key(*grid)));
         let mut words = 0;
         let mut next = HashMap::default();
         for (grid, (entity, name, packed)) in order {
@@ -221,7 +233,8 @@ impl VdbTreePool {
                     next.insert(*grid, Resident { packed: Arc::clone(packed), place, index });
                     self.refused.remove(grid);
                 }
-                Err(what) if self.refused.insert(*grid) => {
+                // Without a coarser level, a finer one is shown.
+                Err(what) if self.refused.insert(*grid) && grid.1 == 0 => {
                     error!("grid '{name}' of entity {} is not shown: {what}", entity.id());
                 }
                 Err(_) => {}

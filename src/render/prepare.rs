@@ -33,7 +33,7 @@ use super::pipeline::{
     BeamsPipeline, CompositeKey, CompositePipeline, ToneKey, TraceKey, TracePipeline, ViewPipelines,
 };
 use super::tiles::{self, TileLayout};
-use super::volume::{affine, tile_range, volume_data};
+use super::volume::{Eye, Shown, affine, volume_data};
 use super::warnings::Warned;
 use crate::{VdbCamera, VdbOverlays, VdbRenderMode, VdbTraversal};
 use vdb_core::view::ViewRays;
@@ -161,11 +161,9 @@ pub(super) fn prepare_views(
         // Of what is only diffuse, no ray sees a reflection.
         let mirrors = matches!(settings.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
         let reflections = if mirrors { settings.reflections.min(MOST_REFLECTIONS) } else { 0 };
-        let data = |entity: &MainEntity, warned: Option<&mut Warned>| {
-            let volume = volumes.0.get(entity)?;
-            let view = (rays.as_ref()?, world_from_view, size.x);
-            volume_data(*entity, volume, pool.index(volume.grid)?, view, warned)
-        };
+        let detail = f64::from(non_negative(settings.detail));
+        let eye = rays.as_ref().map(|rays| Eye { rays, world_from_view, size });
+        let show = |entity: &MainEntity| Shown::new(volumes.0.get(entity)?, &pool, eye?, detail);
         let is_lit = settings.mode.is_lit();
         let view_of = rays.as_ref().map(|rays| (rays, world_from_view));
         let first = volume_buffer.0.len();
@@ -175,10 +173,11 @@ pub(super) fn prepare_views(
         let mut most_tiles = 0;
         let clip_from_world = clip_from_view.as_dmat4() * DMat4::from(world_from_view.inverse());
         for entity in &seen.0 {
-            if let Some(mut data) = data(entity, Some(&mut warned))
+            if let (Some(at_level), Some(eye)) = (show(entity), eye)
+                && let Some(mut data) = volume_data(*entity, &at_level, eye, Some(&mut warned))
                 && let Some(volume) = volumes.0.get(entity)
             {
-                let range = tile_range(volume, clip_from_world, size);
+                let range = at_level.tile_range(clip_from_world, size);
                 most_tiles = most_tiles.max(range.count());
                 [data.tiles_first, data.tiles_last] = range.words();
                 volume_buffer.0.push(data);
@@ -208,7 +207,8 @@ pub(super) fn prepare_views(
             let layers = layers.cloned().unwrap_or_default();
             for entity in volumes.beside(&seen.0, &layers) {
                 let Some(volume) = volumes.0.get(&entity) else { continue };
-                let own = data(&entity, None);
+                let own = show(&entity).zip(eye);
+                let own = own.and_then(|(shown, eye)| volume_data(entity, &shown, eye, None));
                 owners.extend(own.is_some().then_some(volume));
                 volume_buffer.0.extend(own);
                 // Fire throws no shadows, but mirrors show it.
