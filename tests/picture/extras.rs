@@ -164,7 +164,7 @@ fn black_bodies_shine_through_soot_as_the_reference_tracer_says() {
             println!("{soots} {is_lit}: {name} to {worst:.2e} of {largest:.3e}");
             assert!(largest > 0.01, "{name}: {largest}");
             // What 32 slabs leave of a soot that differs within them.
-            assert!(worst < 1e-2, "{soots} {is_lit}: {name} is off by {worst:.2e}");
+            assert!(worst < 5e-3, "{soots} {is_lit}: {name} is off by {worst:.2e}");
         }
     }
 }
