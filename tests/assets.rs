@@ -4,9 +4,12 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use bevy::asset::{AssetPlugin, LoadState, UnapprovedPathMode};
+use bevy::camera::primitives::Aabb;
+use bevy::math::DAffine3;
 use bevy::prelude::*;
 use bevy_vdb::{
-    VdbFile, VdbGrid, VdbLoadProgress, VdbLoaderSettings, VdbRenderAs, VdbRenderPlugin,
+    VdbEmission, VdbFile, VdbGrid, VdbLoadProgress, VdbLoaderSettings, VdbRenderAs,
+    VdbRenderPlugin, VdbVolume,
 };
 use vdb_core::pack::PackKind;
 use vdb_core::tree::Vdb543;
@@ -162,6 +165,30 @@ fn grids_of_vectors_are_assets_too() {
     let seen = grid.packed().each_ref().map(|packed| packed.occupied.is_some());
     assert_eq!(seen, [true, false, true]);
     std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn the_box_of_a_volume_has_what_shines_in_it() {
+    let mut app = app();
+    let mut add = |at: i32| {
+        let mut tree = Vdb543::new(0.0);
+        tree.set(IVec3::splat(at), 1.0);
+        let grid = VdbGrid::new("fog", tree, DAffine3::IDENTITY, PackKind::Fog).unwrap();
+        app.world_mut().resource_mut::<Assets<VdbGrid>>().add(grid)
+    };
+    let (smoke, near, far) = (add(0), add(20), add(-50));
+    let volume = app.world_mut().spawn((VdbVolume(smoke), VdbEmission::kelvin(near))).id();
+    let bounds = |app: &mut App| {
+        app.update();
+        let aabb = app.world().get::<Aabb>(volume).unwrap();
+        (aabb.min().x, aabb.max().x)
+    };
+    // Trilinear: a sample reaches to the next ones.
+    assert_eq!(bounds(&mut app), (-1.0, 21.0));
+    app.world_mut().entity_mut(volume).insert(VdbEmission::kelvin(far));
+    assert_eq!(bounds(&mut app), (-51.0, 1.0));
+    app.world_mut().entity_mut(volume).remove::<VdbEmission>();
+    assert_eq!(bounds(&mut app), (-1.0, 1.0));
 }
 
 #[test]

@@ -255,14 +255,17 @@ fn surfaces_have_the_colours_of_a_grid_that_stands_otherwise() {
     }
     let tree = level_set::sphere(DVec3::new(0.3, 0.2, -0.1), 15.0);
     let (rise, base) = (DVec3::new(0.008, -0.005, 0.007), 0.5);
-    // Trilinear interpolation repeats a ramp; it ends within the picture, where its background begins.
+    // Trilinear interpolation repeats a ramp; it ends within the picture, where its background begins, and
+    // with it the tree's only node.
+    let corner = IVec3::new(-40, -40, 12);
+    let place = elsewhere() * DAffine3::from_translation(corner.as_dvec3());
     let background = [0.7_f32, 0.0, 0.25];
     let mut colors = Vdb543::new(background);
     for x in -40..40 {
         for y in -40..40 {
-            for z in -40..12 {
+            for z in 12..64 {
                 let value = (base + rise.dot(DVec3::new(x.into(), y.into(), z.into()))) as f32;
-                colors.set(IVec3::new(x, y, z), [value, 1.0 - value, 0.5 * value]);
+                colors.set(IVec3::new(x, y, z) - corner, [value, 1.0 - value, 0.5 * value]);
             }
         }
     }
@@ -278,7 +281,7 @@ fn surfaces_have_the_colours_of_a_grid_that_stands_otherwise() {
         let sun = Transform::default().looking_to(-view.translation, Vec3::Y);
         stage.world().spawn((DirectionalLight { illuminance: 3.0, ..default() }, sun));
         let white = stage.picture(&target);
-        let grid = stage.vectors_at(&colors, elsewhere());
+        let grid = stage.vectors_at(&colors, place);
         stage.world().entity_mut(ball).insert(VdbColorGrid(grid));
         let picture = stage.picture(&target);
         picture.save(&format!("colored_{kind:?}"));
@@ -309,10 +312,10 @@ fn surfaces_have_the_colours_of_a_grid_that_stands_otherwise() {
                 let Some(t) = t else { continue };
                 let at = color_from_index.transform_point3(ray.at(t));
                 let value = base + rise.dot(at);
-                let in_box = at.cmpgt(DVec3::splat(-40.0)).all()
-                    && at.cmplt(DVec3::new(39.0, 39.0, 11.0)).all();
-                let beyond = at.cmplt(DVec3::splat(-41.0)).any()
-                    || at.cmpgt(DVec3::new(40.0, 40.0, 12.0)).any();
+                let in_box = at.cmpgt(corner.as_dvec3()).all()
+                    && at.cmplt(DVec3::new(39.0, 39.0, 63.0)).all();
+                let beyond = at.cmplt(corner.as_dvec3() - 1.0).any()
+                    || at.cmpgt(DVec3::new(40.0, 40.0, 64.0)).any();
                 let expected = match (in_box, beyond) {
                     (true, _) => DVec3::new(value, 1.0 - value, 0.5 * value),
                     (_, true) => DVec3::from_array(background.map(f64::from)),
