@@ -11,7 +11,7 @@ use vdb_core::pack::{PackError, PackKind, PackedGrid};
 use vdb_core::tree::Vdb543;
 use vdb_core::{GridClass, Metadata, SkippedGrid};
 
-use crate::VdbValues;
+use crate::{VdbValues, VdbVectorGrid};
 
 /// A `.vdb` file: the root asset of `asset_server.load::<VdbFile>("smoke.vdb")`.
 ///
@@ -20,10 +20,12 @@ use crate::VdbValues;
 /// for the second of that name.
 #[derive(Asset, Clone, Debug, TypePath)]
 pub struct VdbFile {
-    /// The grids that were loaded, in the order of the file.
+    /// The grids of floats that were loaded, in the order of the file.
     pub grids: Vec<Handle<VdbGrid>>,
     /// The same by label.
     pub named_grids: HashMap<String, Handle<VdbGrid>>,
+    /// The grids of vectors that were loaded, by label.
+    pub vector_grids: HashMap<String, Handle<VdbVectorGrid>>,
     /// What the file says of itself.
     pub metadata: Metadata,
     /// Grids that the file has and that cannot be shown, with the reason.
@@ -49,8 +51,8 @@ pub enum VdbGridError {
     /// Its transform is not linear or cannot be inverted.
     #[error("{0}")]
     Transform(String),
-    /// Its values are not floats.
-    #[error("grids of type {0} cannot be shown; only Tree_float_5_4_3 can")]
+    /// Its values are neither floats nor vectors of them.
+    #[error("grids of type {0} cannot be shown; only Tree_float_5_4_3 and Tree_vec3s_5_4_3 can")]
     Type(String),
     /// It does not fit the GPU's layout.
     #[error(transparent)]
@@ -104,12 +106,7 @@ impl VdbGrid {
         kind: PackKind,
         values: VdbValues,
     ) -> Result<Self, VdbGridError> {
-        let inverse = world_from_index.inverse();
-        if !inverse.is_finite() || !world_from_index.is_finite() {
-            return Err(VdbGridError::Transform(format!(
-                "the transform from index space to the world, {world_from_index}, cannot be inverted"
-            )));
-        }
+        check_transform(world_from_index)?;
         let packed = Arc::new(PackedGrid::with_format(&tree, kind, values.into())?);
         Ok(Self { name, class, world_from_index, metadata, tree, packed, levels: None })
     }
@@ -168,19 +165,42 @@ impl VdbGrid {
     /// The box around all that can be seen, in index space: lowest and highest corner. `None` when
     /// there is nothing to see.
     pub fn index_bounds(&self) -> Option<(DVec3, DVec3)> {
-        let cells = self.packed.occupied?;
-        let base = self.packed.base.as_dvec3() + self.packed.kind.lattice_origin();
-        Some((cells.min.as_dvec3() + base, cells.max.as_dvec3() + base + 1.0))
+        index_bounds(&self.packed)
     }
 
     /// The box around all that can be seen, in the file's world: lowest and highest corner.
     pub fn world_bounds(&self) -> Option<(DVec3, DVec3)> {
-        let (low, high) = self.index_bounds()?;
-        let corners = (0..8).map(|i| {
-            let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
-            self.world_from_index.transform_point3(DVec3::new(pick(0), pick(1), pick(2)))
-        });
-        let low = corners.clone().fold(DVec3::INFINITY, DVec3::min);
-        Some((low, corners.fold(DVec3::NEG_INFINITY, DVec3::max)))
+        world_bounds(&self.packed, self.world_from_index)
     }
+}
+
+/// Whether a transform can place a grid.
+pub(crate) fn check_transform(world_from_index: DAffine3) -> Result<(), VdbGridError> {
+    let inverse = world_from_index.inverse();
+    if !inverse.is_finite() || !world_from_index.is_finite() {
+        return Err(VdbGridError::Transform(format!(
+            "the transform from index space to the world, {world_from_index}, cannot be inverted"
+        )));
+    }
+    Ok(())
+}
+
+fn index_bounds(packed: &PackedGrid) -> Option<(DVec3, DVec3)> {
+    let cells = packed.occupied?;
+    let base = packed.base.as_dvec3() + packed.kind.lattice_origin();
+    Some((cells.min.as_dvec3() + base, cells.max.as_dvec3() + base + 1.0))
+}
+
+/// The box around all that can be seen of a packed grid, in the file's world.
+pub(crate) fn world_bounds(
+    packed: &PackedGrid,
+    world_from_index: DAffine3,
+) -> Option<(DVec3, DVec3)> {
+    let (low, high) = index_bounds(packed)?;
+    let corners = (0..8).map(|i| {
+        let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
+        world_from_index.transform_point3(DVec3::new(pick(0), pick(1), pick(2)))
+    });
+    let low = corners.clone().fold(DVec3::INFINITY, DVec3::min);
+    Some((low, corners.fold(DVec3::NEG_INFINITY, DVec3::max)))
 }

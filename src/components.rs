@@ -26,10 +26,12 @@ pub struct VdbVolume(pub Handle<VdbGrid>);
 #[derive(Clone, Component, Debug, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbMaterial {
-    /// Surfaces: the colour of what they reflect, diffusely or, of a metal, as a mirror. Fog: the
+    /// Surfaces: the colour of what they reflect, diffusely or, of a metal, as a mirror; times that of a
+    /// [`VdbColorGrid`](crate::VdbColorGrid), if there is one. Fog: the
     /// single-scattering albedo, the part of the light it meets that it sends on. White by default.
     pub base_color: Color,
-    /// Luminance of its own, in cd/m²: of a surface; of fog, where it is opaque. Black by default.
+    /// Luminance of its own, in cd/m²: of a surface; of fog, where it is opaque (fire has a grid of its
+    /// own: [`VdbEmission`](crate::VdbEmission)). Black by default.
     pub emissive: LinearRgba,
     /// Surfaces: from 0, a mirror, to 1, with no highlights to speak of. 0.5 by default. Lights have no
     /// highlights smaller than those of 0.089.

@@ -3,6 +3,7 @@
 mod asset;
 mod bounds;
 mod components;
+mod extras;
 mod levels;
 mod loader;
 #[cfg(feature = "picking")]
@@ -12,11 +13,13 @@ mod plugin;
 mod record;
 mod render;
 mod spatial_query;
+mod vector_grid;
 
 pub use asset::{VdbFile, VdbGrid, VdbGridError};
 pub use components::{
     VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
 };
+pub use extras::{VdbColorGrid, VdbEmission};
 pub use loader::{
     VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbValues,
 };
@@ -31,12 +34,14 @@ pub use record::{
 pub use render::{VdbGpuUsage, VdbSystems};
 pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};
 pub use vdb_core;
+pub use vector_grid::VdbVectorGrid;
 
 /// What a game usually needs: `use bevy_vdb::prelude::*;`
 pub mod prelude {
     pub use crate::{
-        VdbCamera, VdbFile, VdbGrid, VdbMaterial, VdbOverlays, VdbRayCastSettings, VdbRayHit,
-        VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVolume,
+        VdbCamera, VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbMaterial, VdbOverlays,
+        VdbRayCastSettings, VdbRayHit, VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery, VdbSun,
+        VdbTraversal, VdbVectorGrid, VdbVolume,
     };
     #[cfg(feature = "picking")]
     pub use crate::{VdbPickingPlugin, VdbPickingSettings};

@@ -15,7 +15,7 @@ use vdb_core::pack::{PackKind, ValueFormat};
 use vdb_core::tree::trim_narrow_band;
 use vdb_core::{AnyTree, Grid, GridSelection, Limits, ProgressFn, ReadOptions};
 
-use crate::{VdbFile, VdbGrid, VdbGridError};
+use crate::{VdbFile, VdbGrid, VdbGridError, VdbVectorGrid};
 
 /// Loads `.vdb` files. Registered by [`VdbRenderPlugin`](crate::VdbRenderPlugin).
 #[derive(Clone, Default, TypePath)]
@@ -208,6 +208,7 @@ impl AssetLoader for VdbLoader {
         let mut file = VdbFile {
             grids: Vec::new(),
             named_grids: HashMap::default(),
+            vector_grids: HashMap::default(),
             metadata: decoded.file.metadata,
             skipped: decoded.file.skipped,
         };
@@ -215,6 +216,10 @@ impl AssetLoader for VdbLoader {
             let handle = load_context.add_labeled_asset(label.clone(), grid);
             file.grids.push(handle.clone());
             file.named_grids.insert(label, handle);
+        }
+        for (label, grid) in decoded.vector_grids {
+            let handle = load_context.add_labeled_asset(label.clone(), grid);
+            file.vector_grids.insert(label, handle);
         }
         Ok(file)
     }
@@ -241,6 +246,7 @@ impl VdbLoaderSettings {
 struct Decoded {
     file: vdb_core::VdbFile,
     grids: Vec<(String, VdbGrid)>,
+    vector_grids: Vec<(String, VdbVectorGrid)>,
     /// Grids left out, with the reason.
     problems: Vec<String>,
 }
@@ -260,30 +266,43 @@ fn decode(
     let mut problems: Vec<String> = skipped
         .map(|grid| format!("grid '{}' was skipped: {}", grid.unique_name, grid.reason))
         .collect();
-    let mut grids = Vec::new();
+    let (mut grids, mut vector_grids) = (Vec::new(), Vec::new());
     for grid in std::mem::take(&mut file.grids) {
         let label = grid.unique_name.clone();
         match prepare(grid, settings) {
-            Ok(grid) => grids.push((label, grid)),
+            Ok(Prepared::Floats(grid)) => grids.push((label, grid)),
+            Ok(Prepared::Vectors(grid)) => vector_grids.push((label, grid)),
             Err(reason) => problems.push(format!("grid '{label}' was skipped: {reason}")),
         }
     }
-    if grids.is_empty() && !problems.is_empty() {
+    if grids.is_empty() && vector_grids.is_empty() && !problems.is_empty() {
         return Err(VdbLoaderError::NothingToShow(problems));
     }
-    Ok(Decoded { file, grids, problems })
+    Ok(Decoded { file, grids, vector_grids, problems })
 }
 
-fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<VdbGrid, VdbGridError> {
-    let AnyTree::Float(tree) = grid.tree else {
-        return Err(VdbGridError::Type(grid.type_name));
-    };
+enum Prepared {
+    Floats(VdbGrid),
+    Vectors(VdbVectorGrid),
+}
+
+fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<Prepared, VdbGridError> {
     let world_from_index = grid.transform.linear().ok_or_else(|| {
         VdbGridError::Transform(format!(
             "a transform of type {} cannot be shown; export the grid with a linear transform",
             grid.transform.map_type()
         ))
     })?;
+    let (name, values) = (grid.name.into(), settings.values);
+    let tree = match grid.tree {
+        AnyTree::Float(tree) => tree,
+        AnyTree::Vec3s(tree) => {
+            let (place, metadata) = (world_from_index, grid.metadata);
+            return VdbVectorGrid::from_parts(name, place, metadata, tree, values)
+                .map(Prepared::Vectors);
+        }
+        _ => return Err(VdbGridError::Type(grid.type_name)),
+    };
     let kind = match settings.render_as {
         VdbRenderAs::Surface { iso } => PackKind::Surface { iso },
         VdbRenderAs::Fog => PackKind::Fog,
@@ -300,6 +319,6 @@ fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<VdbGrid, VdbGridE
         }
         _ => tree,
     };
-    let (name, values) = (grid.name.into(), settings.values);
     VdbGrid::from_parts(name, grid.class, world_from_index, grid.metadata, tree, kind, values)
+        .map(Prepared::Floats)
 }

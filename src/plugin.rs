@@ -8,7 +8,8 @@ use crate::bounds::update_bounds;
 use crate::levels::{PendingLevels, make_levels};
 use crate::render;
 use crate::{
-    VdbCamera, VdbFile, VdbGrid, VdbLoadProgress, VdbLoader, VdbMaterial, VdbSun, VdbVolume,
+    VdbCamera, VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbLoadProgress, VdbLoader,
+    VdbMaterial, VdbSun, VdbVectorGrid, VdbVolume,
 };
 
 /// Loads `.vdb` files and shows [`VdbVolume`]s in every `Camera3d`.
@@ -22,11 +23,14 @@ impl Plugin for VdbRenderPlugin {
     fn build(&self, app: &mut App) {
         let progress = VdbLoadProgress::default();
         app.init_asset::<VdbGrid>()
+            .init_asset::<VdbVectorGrid>()
             .init_asset::<VdbFile>()
             .register_asset_loader(VdbLoader::new(progress.clone()))
             .insert_resource(progress)
             .register_type::<VdbVolume>()
             .register_type::<VdbMaterial>()
+            .register_type::<VdbColorGrid>()
+            .register_type::<VdbEmission>()
             .register_type::<VdbCamera>()
             .register_type::<VdbSun>()
             .init_resource::<PendingLevels>()

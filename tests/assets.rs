@@ -4,11 +4,16 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use bevy::asset::{AssetPlugin, LoadState, UnapprovedPathMode};
+use bevy::camera::primitives::Aabb;
+use bevy::math::DAffine3;
 use bevy::prelude::*;
 use bevy_vdb::{
-    VdbFile, VdbGrid, VdbLoadProgress, VdbLoaderSettings, VdbRenderAs, VdbRenderPlugin,
+    VdbEmission, VdbFile, VdbGrid, VdbLoadProgress, VdbLoaderSettings, VdbRenderAs,
+    VdbRenderPlugin, VdbVolume,
 };
 use vdb_core::pack::PackKind;
+use vdb_core::tree::Vdb543;
+use vdb_core::{AnyTree, Grid, WriteOptions};
 
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("crates/vdb_core/tests/data").join(name)
@@ -134,6 +139,56 @@ fn settings_choose_grids_and_how_they_are_shown() {
         let message = failure(&mut app, &file);
         assert!(message.contains(said) && message.contains("kinds.vdb"), "{message}");
     }
+}
+
+#[test]
+fn grids_of_vectors_are_assets_too() {
+    let mut colors = Vdb543::new([0.5_f32, 0.0, 0.25]);
+    colors.set(IVec3::new(3, 4, 5), [1.0, -2.0, 0.125]);
+    let density = Vdb543::new(0.0_f32);
+    let grids = [
+        Grid::new("density", AnyTree::Float(density.into())),
+        Grid::new("Cd", AnyTree::Vec3s(colors.into())),
+    ];
+    let folder = std::env::temp_dir().join(format!("bevy_vdb_vectors_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("colors.vdb");
+    vdb_core::VdbFile::new(grids.into()).save(&path, &WriteOptions::default()).unwrap();
+    let mut app = app();
+    let file: Handle<VdbFile> = load(&app, &path);
+    let file = loaded(&mut app, &file);
+    assert_eq!((file.grids.len(), file.vector_grids.len()), (1, 1));
+    let grid = loaded(&mut app, &file.vector_grids["Cd"]);
+    assert_eq!((grid.name(), grid.tree().background()), ("Cd", [0.5, 0.0, 0.25]));
+    assert_eq!(grid.tree().get(IVec3::new(3, 4, 5)), [1.0, -2.0, 0.125]);
+    // What is negative is nothing to see; a background above zero is all around.
+    let seen = grid.packed().each_ref().map(|packed| packed.occupied.is_some());
+    assert_eq!(seen, [true, false, true]);
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn the_box_of_a_volume_has_what_shines_in_it() {
+    let mut app = app();
+    let mut add = |at: i32| {
+        let mut tree = Vdb543::new(0.0);
+        tree.set(IVec3::splat(at), 1.0);
+        let grid = VdbGrid::new("fog", tree, DAffine3::IDENTITY, PackKind::Fog).unwrap();
+        app.world_mut().resource_mut::<Assets<VdbGrid>>().add(grid)
+    };
+    let (smoke, near, far) = (add(0), add(20), add(-50));
+    let volume = app.world_mut().spawn((VdbVolume(smoke), VdbEmission::kelvin(near))).id();
+    let bounds = |app: &mut App| {
+        app.update();
+        let aabb = app.world().get::<Aabb>(volume).unwrap();
+        (aabb.min().x, aabb.max().x)
+    };
+    // Trilinear: a sample reaches to the next ones.
+    assert_eq!(bounds(&mut app), (-1.0, 21.0));
+    app.world_mut().entity_mut(volume).insert(VdbEmission::kelvin(far));
+    assert_eq!(bounds(&mut app), (-51.0, 1.0));
+    app.world_mut().entity_mut(volume).remove::<VdbEmission>();
+    assert_eq!(bounds(&mut app), (-1.0, 1.0));
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! Whole pictures: the plugin in a Bevy app, against the reference tracer and beside meshes.
 
 mod common;
+#[path = "picture/extras.rs"]
+mod extras;
 #[path = "picture/extremes.rs"]
 mod extremes;
 #[path = "picture/levels.rs"]

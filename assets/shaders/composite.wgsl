@@ -70,8 +70,15 @@ fn composite(in: FullscreenVertexOutput) -> Output {
 #ifdef TONEMAP_IN_SHADER
     // Without HDR, Bevy tonemaps what it draws, not the finished picture. The curve bends colour,
     // not coverage, so coverage is taken out for it.
-    let straight = vec4(color.rgb / max(color.a, 1e-4), 1.0);
-    color = vec4(tone_mapping(straight, view.color_grading).rgb * color.a, color.a);
+#ifdef EMISSION
+    // What shines covers nothing: the more light there is for its coverage, the less is taken out.
+    let brightest = max(max(color.r, color.g), color.b);
+    let cover = mix(color.a, 1.0, saturate(1.0 - color.a / max(brightest, 1e-4)));
+#else
+    let cover = color.a;
+#endif
+    let straight = vec4(color.rgb / max(cover, 1e-4), 1.0);
+    color = vec4(tone_mapping(straight, view.color_grading).rgb * cover, color.a);
 #endif
 #ifdef MOTION_VECTORS
     return Output(color, motion_of(pixel), at);

@@ -8,6 +8,9 @@
 #import bevy_vdb::hdda::{FAR, course_of, enter, enter_at, plane_t}
 #import bevy_vdb::scene::{view, volumes}
 #import bevy_vdb::segment::{NONE, Segment, ray_of}
+#ifdef EMISSION
+#import bevy_vdb::emission::{emitted, escaping, is_emitter}
+#endif
 #ifdef LIT
 #import bevy_vdb::segment::{along, world_position}
 #import bevy_vdb::lights::{Lit, Surroundings, scattered, surroundings}
@@ -75,9 +78,19 @@ fn depth_of_part(
     return scale * min(fog, 100.0 / thin);
 }
 
+// Whether a volume dims a ray, or sends light along it.
+fn is_medium(volume: u32) -> bool {
+#ifdef EMISSION
+    return volumes[volume].kind == KIND_FOG || is_emitter(volume);
+#else
+    return volumes[volume].kind == KIND_FOG;
+#endif
+}
+
 // All fogs of a segment in front of `t_max`. Radiance of one fog with an even source S and optical depth
 // τ is S·(1 - e^-τ), exactly; where light differs from place to place, the segment is cut into stretches,
-// and where several overlap, into slabs.
+// and where several overlap, into slabs. What shines, E in all of a slab, is taken as evenly mixed with the
+// fogs there: E·(1 - e^-τ) / τ of it leaves the slab.
 fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     var met = 0u;
     var last_met = 0u;
@@ -86,7 +99,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     let end = end_of(segment);
     let begin = next_volume(segment, pixel, view.volume_first);
     for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u)) {
-        if volumes[i].kind != KIND_FOG {
+        if !is_medium(i) {
             continue;
         }
         let course = course_of(grids[volumes[i].grid], ray_of(segment, i, t_max));
@@ -106,7 +119,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     let is_whole = met == 1u;
 #ifndef EVEN_LIGHT
 #ifdef LIT
-    if is_whole {
+    if is_whole && volumes[last_met].kind == KIND_FOG {
         return march_fog(segment, last_met, pixel, t_first, t_max);
     }
 #endif
@@ -116,6 +129,10 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     let around = surroundings(normalize(segment.dir));
 #endif
     var t_sum = 0.0;
+#ifdef EMISSION
+    var bright = 0.0;
+    var t_bright = 0.0;
+#endif
     var most = 0.0;
     for (var slab = 0u; slab < slabs && fog.optical_depth <= OPAQUE; slab++) {
         var t_low = mix(t_first, t_last, f32(slab) / f32(slabs));
@@ -133,7 +150,15 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
 #ifdef LIT
         var light = Light(vec3(0.0), 2.0);
 #endif
+#ifdef EMISSION
+        var shining = vec3(0.0);
+#endif
         for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u)) {
+#ifdef EMISSION
+            if is_emitter(i) && (!is_whole || i == last_met) {
+                shining += emitted(segment, i, start, t_low, t_high);
+            }
+#endif
             if volumes[i].kind == KIND_FOG && (!is_whole || i == last_met) {
                 let part = depth_of_part(segment, i, start, t_low, t_high, is_whole);
                 if part > 0.0 {
@@ -151,6 +176,10 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
                 }
             }
         }
+#ifdef EMISSION
+        let radiance_before = fog.radiance;
+        fog.radiance += exp(-fog.optical_depth) * escaping(depth) * shining;
+#endif
         if depth > 0.0 {
             source /= max(depth, 1e-30);
             let seen = exp(-fog.optical_depth) * (1.0 - exp(-depth));
@@ -160,8 +189,17 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
             most = max(most, seen);
             fog.optical_depth += depth;
         }
+#ifdef EMISSION
+        let added = dot(fog.radiance - radiance_before, vec3(1.0));
+        bright += added;
+        t_bright += added * 0.5 * (max(t_low, t_first) + min(t_high, t_last));
+#endif
     }
     fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
+#ifdef EMISSION
+    // Where the light is from, as what shines need not hide anything.
+    fog.t_mean = select(fog.t_mean, t_bright / max(bright, 1e-30), bright > 1e-30);
+#endif
     return fog;
 }
 

@@ -159,8 +159,14 @@ struct Shaded {
     mirror: vec3<f32>,      // the part that it reflects of what stands there instead
 }
 
-fn shade(volume: u32, at: Lit, point: Point, to_viewer: vec3<f32>, roughness: f32) -> Shaded {
-    let base_color = volumes[volume].base_color;
+fn shade(
+    volume: u32,
+    base_color: vec3<f32>,
+    at: Lit,
+    point: Point,
+    to_viewer: vec3<f32>,
+    roughness: f32,
+) -> Shaded {
     let metallic = volumes[volume].metallic;
     let n_dot_v = max(dot(at.normal, to_viewer), 0.0001);
     let dielectric = vec3(0.16 * volumes[volume].reflectance * volumes[volume].reflectance);

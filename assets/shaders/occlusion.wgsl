@@ -9,6 +9,9 @@
 #ifdef SMOOTH
 #import bevy_vdb::smooth::first_root
 #endif
+#ifdef EMISSION
+#import bevy_vdb::emission::is_emitter
+#endif
 #ifdef FOGS
 #import bevy_vdb::fog::{optical_length, stepped_length}
 #import bevy_vdb::march::step_of
@@ -28,6 +31,11 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
     let segment = Segment(point, to_light, false, 0.0);
     var depth = 0.0;
     for (var i = view.volume_first; i < scene_end() && depth < DARK; i++) {
+#ifdef EMISSION
+        if is_emitter(i) {
+            continue;
+        }
+#endif
         let grid = grids[volumes[i].grid];
         let course = course_of(grid, ray_of(segment, i, distance));
         let walk = enter(course);

@@ -26,6 +26,9 @@
 #else
 #import bevy_vdb::show::{axis_shares, gray, voxel_color}
 #endif
+#ifdef COLORS
+#import bevy_vdb::color::color_along
+#endif
 #ifdef OVERLAYS
 #import bevy_vdb::show::overlaid
 #endif
@@ -135,7 +138,13 @@ struct Veil {
 fn far_away(color: vec3<f32>, coverage: f32, segment: Segment, t: f32, pixel: vec2<u32>) -> vec3<f32> {
     let coord = vec2<f32>(pixel + view.origin) + 0.5;
     let at = Lit(world_position(along(segment, t)), vec3(0.0), coord, true);
+#ifdef EMISSION
+    // What shines covers nothing: of the distance's own light, it gets none.
+    let without = through_distance_fog(vec3(0.0), 1.0, at);
+    return through_distance_fog(color, 1.0, at) - (1.0 - coverage) * without;
+#else
     return through_distance_fog(color, coverage, at);
+#endif
 }
 #endif
 
@@ -169,7 +178,12 @@ fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
 #endif
         part *= transmittance;
         if_nothing *= transmittance;
-        if fog.optical_depth > 0.0 && bounce == 0u {
+#ifdef EMISSION
+        let is_seen = fog.optical_depth > 0.0 || any(fog.radiance > vec3(0.0));
+#else
+        let is_seen = fog.optical_depth > 0.0;
+#endif
+        if is_seen && bounce == 0u {
             found.coverage = 1.0 - transmittance * (1.0 - found.coverage);
             found.depth = select(found.depth, -1.0 - depth_at(fog.t_first), found.depth < 0.0);
             veil = Veil(fog.radiance, 1.0 - transmittance, fog.t_mean);
@@ -192,7 +206,11 @@ fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
         let coord = vec2<f32>(pixel + view.origin) + 0.5;
         let at = Lit(world_position(along(segment, surface.t)), normal, coord, segment.is_view);
         roughness = roughness_seen(surface.volume, roughness);
-        let shaded = shade(surface.volume, at, point, to_viewer, roughness);
+        var base_color = volumes[surface.volume].base_color;
+#ifdef COLORS
+        base_color *= color_along(segment, surface.t, surface.volume);
+#endif
+        let shaded = shade(surface.volume, base_color, at, point, to_viewer, roughness);
         found.color += part * shaded.light;
         if_nothing = part * shaded.mirrored;
         part *= shaded.mirror;

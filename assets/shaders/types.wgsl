@@ -24,6 +24,12 @@ struct Grid {
 const KIND_SURFACE: u32 = 0u;
 const KIND_FOG: u32 = 1u;
 const KIND_SMOOTH: u32 = 2u;
+// A grid that shines, by its values or as black bodies; it stands in the list of volumes beside that whose
+// it is.
+const KIND_EMISSION: u32 = 3u;
+const KIND_BLACKBODY: u32 = 4u;
+// A component of a surface's colour; behind all volumes that rays can meet.
+const KIND_COLOR: u32 = 5u;
 
 // The rays of a view in local lattice coordinates of a grid. The one through `ndc` is
 //   p(t) = eye_cell + eye_frac + ndc.x·eye_x + ndc.y·eye_y + t·(dir + ndc.x·dir_x + ndc.y·dir_y)
@@ -56,10 +62,14 @@ struct Volume {
     metallic: f32,
     base_color: vec3<f32>,      // linear
     reflectance: f32,
-    emissive: vec3<f32>,        // linear, cd/m²
+    emissive: vec3<f32>,        // linear, cd/m²; of what shines, per world unit and value
     tiles_first: u32,           // of the picture, that show it: 16 bits for the column, 16 for the row
     base: vec3<i32>,            // of local coordinates, modulo the 4,096 cells of the largest nodes
     tiles_last: u32,            // the last column and row; none if these are before the first
+    color_grids: u32,           // the first of the three volumes with a surface's colour; or none, 2^32 - 1
+    background: f32,            // of a component of a colour: what it is outside of its grid
+    temperature_scale: f32,     // of black bodies, kelvin per unit of the values
+    temperature_offset: f32,    // kelvin added to that, where there is any value
 }
 
 // The most directional lights that a view has in Bevy.

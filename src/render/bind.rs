@@ -10,6 +10,7 @@ use bevy::render::renderer::RenderDevice;
 use bevy::render::texture::{FallbackImage, GpuImage};
 use bevy::render::view::{ViewDepthTexture, ViewUniforms};
 
+use super::blackbody::BlackbodyColors;
 use super::gpu_tree::VdbTreePool;
 use super::lights::{AllLights, LightBindGroups, ViewLights};
 use super::pipeline::{BeamsPipeline, CompositePipeline, TracePipeline, ViewPipelines};
@@ -38,7 +39,7 @@ pub(super) fn prepare_bind_groups(
         Option<ViewLights>,
     )>,
     all_lights: AllLights,
-    pool: Res<VdbTreePool>,
+    (pool, blackbody): (Res<VdbTreePool>, Res<BlackbodyColors>),
     volumes: Res<VolumeBuffer>,
     (beams, trace, composite): (Res<BeamsPipeline>, Res<TracePipeline>, Res<CompositePipeline>),
     pipeline_cache: Res<PipelineCache>,
@@ -76,10 +77,15 @@ pub(super) fn prepare_bind_groups(
             let moving = &motion.moving.default_view;
             trace_entries = trace_entries.extend_with_indices(((10, moving),));
         }
+        if pipelines.blackbody {
+            let Some(table) = &blackbody.0 else { continue };
+            trace_entries = trace_entries.extend_with_indices(((11, table),));
+        }
         let layout = trace.layout(
             pipelines.multisampled,
             resources.tile_data.is_some(),
             resources.motion.is_some(),
+            pipelines.blackbody,
         );
         let trace = device.create_bind_group(
             "vdb_trace",

@@ -6,9 +6,11 @@ use bevy::prelude::*;
 use bevy::render::Extract;
 use bevy::render::sync_world::{MainEntity, MainEntityHashMap, RenderEntity};
 use std::sync::Arc;
-use vdb_core::pack::PackedGrid;
+use vdb_core::pack::{PackKind, PackedGrid};
 
-use crate::{VdbGrid, VdbMaterial, VdbSun, VdbVolume};
+use super::extras::Extras;
+use super::gpu_tree::{GridKey, VdbTreePool};
+use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbMaterial, VdbSun, VdbVectorGrid, VdbVolume};
 
 /// Every volume whose grid has arrived, visible or not.
 #[derive(Debug, Default, Resource)]
@@ -21,7 +23,7 @@ impl ExtractedVolumes {
         let mut beside: Vec<_> = all
             .filter(|(entity, volume)| {
                 volume.visible
-                    && volume.packed.occupied.is_some()
+                    && (volume.packed.occupied.is_some() || volume.extras.shines())
                     && volume.layers.intersects(layers)
                     && seen.binary_search(entity).is_err()
             })
@@ -34,7 +36,7 @@ impl ExtractedVolumes {
 
 #[derive(Clone, Debug)]
 pub(super) struct ExtractedVolume {
-    pub grid: AssetId<VdbGrid>,
+    pub grid: GridKey,
     pub packed: Arc<PackedGrid>,
     /// Its levels of detail, where a camera asks for them; see [`VdbGrid::levels`].
     pub levels: Arc<[Arc<PackedGrid>]>,
@@ -48,6 +50,20 @@ pub(super) struct ExtractedVolume {
     /// Whether it is to be shown, in the picture or not.
     pub visible: bool,
     pub layers: RenderLayers,
+    /// Of a volume that is not to be shown, none.
+    pub extras: Extras,
+}
+
+impl ExtractedVolume {
+    /// Whether there is something to see of it on the GPU.
+    pub fn is_there(&self, pool: &VdbTreePool) -> bool {
+        (self.packed.occupied.is_some() && pool.index(self.grid).is_some())
+            || self
+                .extras
+                .emission
+                .iter()
+                .any(|part| part.packed.occupied.is_some() && pool.index(part.key).is_some())
+    }
 }
 
 pub(super) fn extract_volumes(
@@ -59,20 +75,27 @@ pub(super) fn extract_volumes(
             &VdbMaterial,
             &InheritedVisibility,
             Option<&RenderLayers>,
+            (Option<&VdbEmission>, Option<&VdbColorGrid>),
         )>,
     >,
     grids: Extract<Res<Assets<VdbGrid>>>,
+    vectors: Extract<Res<Assets<VdbVectorGrid>>>,
     mut extracted: ResMut<ExtractedVolumes>,
     mut before: Local<MainEntityHashMap<ExtractedVolume>>,
 ) {
     std::mem::swap(&mut extracted.0, &mut *before);
     extracted.0.clear();
-    for (entity, volume, transform, material, visible, layers) in &volumes {
+    for (entity, volume, transform, material, visible, layers, extras) in &volumes {
         let Some(grid) = grids.get(&volume.0) else { continue };
         let entity = MainEntity::from(entity);
         let world_from_local = transform.affine();
+        let extras = if visible.get() {
+            Extras::new(extras, (&grids, &vectors), grid.kind() != PackKind::Fog)
+        } else {
+            Extras::default()
+        };
         let volume = ExtractedVolume {
-            grid: volume.0.id(),
+            grid: volume.0.id().into(),
             packed: grid.packed().clone(),
             levels: grid.levels().cloned().unwrap_or_default(),
             name: grid.shared_name(),
@@ -84,6 +107,7 @@ pub(super) fn extract_volumes(
             material: material.clone(),
             visible: visible.get(),
             layers: layers.cloned().unwrap_or_default(),
+            extras,
         };
         extracted.0.insert(entity, volume);
     }

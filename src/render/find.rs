@@ -34,9 +34,7 @@ pub(super) fn find_views(
             && let Some(class) = visible.classes.get(&TypeId::of::<VdbVolume>())
         {
             let shown = |entity: &MainEntity| {
-                volumes.0.get(entity).is_some_and(|volume| {
-                    volume.packed.occupied.is_some() && pool.index((volume.grid, 0)).is_some()
-                })
+                volumes.0.get(entity).is_some_and(|volume| volume.is_there(&pool))
             };
             let here = class.entities_cpu_culling.iter().map(|(_, entity)| *entity);
             let here = here.chain(class.entities_gpu_culling.keys().copied());

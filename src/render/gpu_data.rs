@@ -7,6 +7,12 @@ use vdb_core::view::GpuRays;
 pub(crate) const KIND_SURFACE: u32 = 0;
 pub(crate) const KIND_FOG: u32 = 1;
 pub(crate) const KIND_SMOOTH: u32 = 2;
+pub(crate) const KIND_EMISSION: u32 = 3;
+pub(crate) const KIND_BLACKBODY: u32 = 4;
+pub(crate) const KIND_COLOR: u32 = 5;
+
+/// A surface without a colour of its own grids.
+pub(crate) const NO_COLOR: u32 = u32::MAX;
 
 /// One volume as one view sees it.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -31,6 +37,10 @@ pub(crate) struct Volume {
     pub tiles_first: u32,
     pub base: [i32; 3],
     pub tiles_last: u32,
+    pub color_grids: u32,
+    pub background: f32,
+    pub temperature_scale: f32,
+    pub temperature_offset: f32,
 }
 
 /// Directional lights that a view has at most, as Bevy has it.
@@ -141,7 +151,8 @@ mod tests {
         check(&module, "Rays", size_of::<GpuRays>(), &rays);
         let volume = fields!(Volume: rays, normal_x, grid, normal_y, kind, normal_z,
             density_scale, lattice_x, anisotropy, lattice_y, perceptual_roughness, lattice_z,
-            metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last);
+            metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last, color_grids,
+            background, temperature_scale, temperature_offset);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, volumes_beside, size, origin,

@@ -6,6 +6,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use bevy::asset::UntypedAssetId;
 use bevy::platform::collections::{HashMap, HashSet};
 use bevy::prelude::*;
 use bevy::render::render_resource::{
@@ -16,7 +17,7 @@ use bevy::render::sync_world::MainEntity;
 use vdb_core::pack::{GridHeader, PackedGrid};
 
 use super::extract::ExtractedVolumes;
-use crate::VdbGrid;
+use crate::{VdbGrid, VdbVectorGrid};
 
 /// What volumes take on the GPU: a resource of the app's world.
 #[derive(Clone, Debug, Default, Resource)]
@@ -29,7 +30,7 @@ struct Usage {
 }
 
 impl VdbGpuUsage {
-    /// Grids on the GPU, each counted once, and each of its levels of detail.
+    /// Grids on the GPU, each counted once, and each of its levels of detail; one of vectors is three.
     pub fn grids(&self) -> u64 {
         self.0.grids.load(Ordering::Relaxed)
     }
@@ -37,6 +38,29 @@ impl VdbGpuUsage {
     /// Bytes of the buffers that hold them.
     pub fn bytes(&self) -> u64 {
         self.0.bytes.load(Ordering::Relaxed)
+    }
+}
+
+/// What names a packed grid: its asset, and of floats the level of detail, of which 0 is the grid itself,
+/// of vectors the component.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct GridKey(UntypedAssetId, u32);
+
+impl From<AssetId<VdbGrid>> for GridKey {
+    fn from(id: AssetId<VdbGrid>) -> Self {
+        Self(id.untyped(), 0)
+    }
+}
+
+impl GridKey {
+    /// A level of detail of a grid of floats.
+    pub fn level(self, level: usize) -> Self {
+        Self(self.0, level as u32)
+    }
+
+    /// A component of a grid of vectors.
+    pub fn component(id: AssetId<VdbVectorGrid>, component: u32) -> Self {
+        Self(id.untyped(), component)
     }
 }
 
@@ -55,15 +79,12 @@ struct Resident {
     index: u32,
 }
 
-/// A grid at one of its levels of detail, 0 for the grid itself.
-pub(super) type GridLevel = (AssetId<VdbGrid>, usize);
-
 /// All grids that some entity shows.
 #[derive(Debug, Default, Resource)]
 pub(super) struct VdbTreePool {
-    resident: HashMap<GridLevel, Resident>,
+    resident: HashMap<GridKey, Resident>,
     /// Grids that do not fit, so that each is told of once.
-    refused: HashSet<GridLevel>,
+    refused: HashSet<GridKey>,
     buffers: Option<PoolBuffers>,
 }
 
@@ -146,7 +167,7 @@ impl VdbTreePool {
     }
 
     /// The index of a grid's header, if the grid is there.
-    pub fn index(&self, grid: GridLevel) -> Option<u32> {
+    pub fn index(&self, grid: GridKey) -> Option<u32> {
         self.resident.get(&grid).map(|resident| resident.index)
     }
 }
@@ -167,11 +188,14 @@ pub(super) fn update_tree_pool(
         let levels = [&volume.packed].into_iter().chain(&*volume.levels).enumerate();
         for (level, packed) in levels {
             let name: &str = &volume.name;
-            wanted.entry((volume.grid, level)).or_insert((entity, name, packed));
+            wanted.entry(volume.grid.level(level)).or_insert((entity, name, packed));
+        }
+        for part in volume.extras.parts() {
+            wanted.entry(part.key).or_insert((entity, &volume.name, &part.packed));
         }
     }
     pool.refused.retain(|grid| wanted.contains_key(grid));
-    let up_to_date = |grid: &GridLevel, packed: &Arc<PackedGrid>| {
+    let up_to_date = |grid: &GridKey, packed: &Arc<PackedGrid>| {
         pool.resident.get(grid).is_some_and(|resident| Arc::ptr_eq(&resident.packed, packed))
     };
     let missing = wanted
@@ -192,7 +216,7 @@ pub(super) fn update_tree_pool(
 }
 
 /// The grids that entities show, each with one such entity and its name for messages.
-type Wanted<'a> = HashMap<GridLevel, (&'a MainEntity, &'a str, &'a Arc<PackedGrid>)>;
+type Wanted<'a> = HashMap<GridKey, (&'a MainEntity, &'a str, &'a Arc<PackedGrid>)>;
 
 impl VdbTreePool {
     fn rebuild(&mut self, wanted: &Wanted, limit: u64, device: &RenderDevice, queue: &RenderQueue) {

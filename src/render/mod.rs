@@ -2,8 +2,10 @@
 //! [`prepare`] → [`bind`] → [`trace`] → [`composite`]; [`pipeline`] makes what they run.
 
 mod bind;
+mod blackbody;
 mod composite;
 mod extract;
+mod extras;
 mod find;
 mod gpu_data;
 mod gpu_tree;
@@ -56,6 +58,7 @@ pub(crate) fn build(app: &mut App) {
         .init_resource::<warnings::Warned>()
         .init_gpu_resource::<VdbTreePool>()
         .init_gpu_resource::<prepare::VolumeBuffer>()
+        .init_gpu_resource::<blackbody::BlackbodyColors>()
         .init_gpu_resource::<SpecializedComputePipelines<BeamsPipeline>>()
         .init_gpu_resource::<SpecializedComputePipelines<TracePipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<CompositePipeline>>()
@@ -76,7 +79,9 @@ pub(crate) fn build(app: &mut App) {
                     .in_set(RenderSystems::PrepareResources)
                     .after(find::find_views)
                     .after(prepare_prepass_textures),
-                bind::prepare_bind_groups.in_set(RenderSystems::PrepareBindGroups),
+                (blackbody::prepare_blackbody, bind::prepare_bind_groups)
+                    .chain()
+                    .in_set(RenderSystems::PrepareBindGroups),
             ),
         )
         .configure_sets(

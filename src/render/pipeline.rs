@@ -40,6 +40,8 @@ pub(super) struct ViewPipelines {
     pub tonemaps: bool,
     /// Whether the view has motion vectors.
     pub motion: bool,
+    /// Whether the trace reads the colours of black bodies.
+    pub blackbody: bool,
 }
 
 /// Runs when the renderer starts, and again after a lost device.
@@ -123,8 +125,8 @@ pub(super) struct TracePipeline {
     shaders: Shaders,
     pub lights: LightLayouts,
     /// Without and with multisampling, each without and with beams, each without and with motion
-    /// vectors.
-    layouts: [[[BindGroupLayoutDescriptor; 2]; 2]; 2],
+    /// vectors, each without and with black bodies.
+    layouts: [[[[BindGroupLayoutDescriptor; 2]; 2]; 2]; 2],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -152,11 +154,17 @@ pub(super) struct TraceKey {
     pub fog_steps: bool,
     /// Borders of nodes.
     pub overlays: bool,
+    /// Whether grids shine.
+    pub emission: bool,
+    /// Whether they do so by their temperature.
+    pub blackbody: bool,
+    /// Whether grids colour surfaces.
+    pub colors: bool,
 }
 
 impl TracePipeline {
     fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
-        let layout = |multisampled: bool, beams: bool, motion: bool| {
+        let layout = |multisampled: bool, beams: bool, motion: bool, blackbody: bool| {
             let storage = || storage_buffer_read_only_sized(false, None);
             let depth =
                 if multisampled { texture_depth_2d_multisampled() } else { texture_depth_2d() };
@@ -181,11 +189,18 @@ impl TracePipeline {
             if motion {
                 entries = entries.extend_with_indices(((10, write(TextureFormat::Rg32Uint)),));
             }
+            if blackbody {
+                let table = texture_2d(TextureSampleType::Float { filterable: false });
+                entries = entries.extend_with_indices(((11, table),));
+            }
             BindGroupLayoutDescriptor::new("vdb_trace", &entries)
         };
         let both = [false, true];
-        let layouts =
-            both.map(|samples| both.map(|beams| both.map(|motion| layout(samples, beams, motion))));
+        let layouts = both.map(|samples| {
+            both.map(|beams| {
+                both.map(|motion| both.map(|blackbody| layout(samples, beams, motion, blackbody)))
+            })
+        });
         Self { shaders: shaders.clone(), lights: lights.clone(), layouts }
     }
 
@@ -194,8 +209,10 @@ impl TracePipeline {
         multisampled: bool,
         beams: bool,
         motion: bool,
+        blackbody: bool,
     ) -> &BindGroupLayoutDescriptor {
-        &self.layouts[usize::from(multisampled)][usize::from(beams)][usize::from(motion)]
+        let layouts = &self.layouts[usize::from(multisampled)][usize::from(beams)];
+        &layouts[usize::from(motion)][usize::from(blackbody)]
     }
 }
 
@@ -222,6 +239,9 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.reflections, "REFLECTIONS"),
             (key.fog_steps, "FOG_STEPS"),
             (key.overlays, "OVERLAYS"),
+            (key.emission, "EMISSION"),
+            (key.blackbody, "BLACKBODY"),
+            (key.colors, "COLORS"),
             (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
             (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),
             (key.mode == VdbRenderMode::Steps, "COUNT_STEPS"),
@@ -235,7 +255,7 @@ impl SpecializedComputePipeline for TracePipeline {
             layout: layouts(
                 &self.lights,
                 key.lights,
-                self.layout(key.multisampled, key.beams, key.motion),
+                self.layout(key.multisampled, key.beams, key.motion, key.blackbody),
             ),
             shader: self.shaders.trace.clone(),
             shader_defs: own.chain(lights).chain(page_defs(key.page_bits)).chain(format).collect(),
@@ -263,6 +283,8 @@ pub(super) struct CompositeKey {
     pub fog_alone: bool,
     /// Whether motion vectors are drawn, too.
     pub motion: bool,
+    /// Whether something shines that covers nothing.
+    pub emission: bool,
 }
 
 /// How a camera without HDR tonemaps each thing that it draws.
@@ -313,6 +335,9 @@ impl SpecializedRenderPipeline for CompositePipeline {
         }
         if key.motion {
             shader_defs.push("MOTION_VECTORS".into());
+        }
+        if key.emission {
+            shader_defs.push("EMISSION".into());
         }
         if let Some(tone) = key.tone {
             shader_defs.push("TONEMAP_IN_SHADER".into());

@@ -23,6 +23,7 @@ use bevy::render::view::{ExtractedView, Msaa};
 
 use super::bind::ViewBindGroups;
 use super::extract::{ExtractedEnvironment, ExtractedSuns, ExtractedVolumes, non_negative};
+use super::extras::{color_data, emission_data};
 use super::find::ViewVolumes;
 use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
@@ -163,7 +164,11 @@ pub(super) fn prepare_views(
         let detail = f64::from(non_negative(settings.detail));
         let eye = rays.as_ref().map(|rays| Eye { rays, world_from_view, size });
         let show = |entity: &MainEntity| Shown::new(volumes.0.get(entity)?, &pool, eye?, detail);
+        let is_lit = settings.mode.is_lit();
+        let view_of = rays.as_ref().map(|rays| (rays, world_from_view));
         let first = volume_buffer.0.len();
+        // Whose the entries are.
+        let mut owners = Vec::new();
         let mut shown = Vec::with_capacity(seen.0.len());
         let mut most_tiles = 0;
         let clip_from_world = clip_from_view.as_dmat4() * DMat4::from(world_from_view.inverse());
@@ -178,10 +183,21 @@ pub(super) fn prepare_views(
                 volume_buffer.0.push(data);
                 shown.push(volume);
             }
+            if let (true, Some(view), Some(volume)) = (is_lit, view_of, volumes.0.get(entity)) {
+                let tiles = (clip_from_world, size);
+                let warned = Some(&mut *warned);
+                for (data, range) in emission_data(*entity, volume, &pool, view, tiles, warned) {
+                    most_tiles = most_tiles.max(range.count());
+                    volume_buffer.0.push(data);
+                    shown.push(volume);
+                }
+            }
         }
+        owners.extend(&shown);
         let count = volume_buffer.0.len() - first;
         let has = |kind| volume_buffer.0.values()[first..].iter().any(|volume| volume.kind == kind);
         let shows = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(has);
+        let shows_fire = has(gpu_data::KIND_EMISSION) || has(gpu_data::KIND_BLACKBODY);
         let (Some(view_rays), true) = (&rays, count > 0 && size.min_element() > 0) else {
             commands.entity(entity).remove::<(ViewResources, ViewBindGroups, ViewPipelines)>();
             continue;
@@ -190,14 +206,39 @@ pub(super) fn prepare_views(
         if lights.is_some_and(|key| key.shadows.is_some()) || reflections > 0 {
             let layers = layers.cloned().unwrap_or_default();
             for entity in volumes.beside(&seen.0, &layers) {
-                let data = show(&entity).zip(eye);
-                let data = data.and_then(|(shown, eye)| volume_data(entity, &shown, eye, None));
-                volume_buffer.0.extend(data);
+                let Some(volume) = volumes.0.get(&entity) else { continue };
+                let own = show(&entity).zip(eye);
+                let own = own.and_then(|(shown, eye)| volume_data(entity, &shown, eye, None));
+                owners.extend(own.is_some().then_some(volume));
+                volume_buffer.0.extend(own);
+                // Fire throws no shadows, but mirrors show it.
+                if reflections > 0 && is_lit {
+                    let tiles = (clip_from_world, size);
+                    let view = (view_rays, world_from_view);
+                    for (data, _) in emission_data(entity, volume, &pool, view, tiles, None) {
+                        volume_buffer.0.push(data);
+                        owners.push(volume);
+                    }
+                }
             }
         }
         let beside = volume_buffer.0.len() - first - count;
         let has = |kind| volume_buffer.0.values()[first..].iter().any(|volume| volume.kind == kind);
         let traces = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(has);
+        let blackbody = has(gpu_data::KIND_BLACKBODY);
+        let emission = blackbody || has(gpu_data::KIND_EMISSION);
+        // Colours come behind all that rays can meet.
+        let mut colors = false;
+        for (i, volume) in owners.iter().enumerate().filter(|_| is_lit) {
+            let kind = volume_buffer.0.values()[first + i].kind;
+            if matches!(kind, gpu_data::KIND_SURFACE | gpu_data::KIND_SMOOTH)
+                && let Some(data) = color_data(volume, &pool, (view_rays, world_from_view))
+            {
+                colors = true;
+                volume_buffer.0.values_mut()[first + i].color_grids = volume_buffer.0.len() as u32;
+                volume_buffer.0.extend(data);
+            }
+        }
         let origin = view.viewport.xy();
         let layout = TileLayout::new(size, count as u32);
         let data = gpu_data::View {
@@ -271,7 +312,7 @@ pub(super) fn prepare_views(
             multisampled: msaa.samples() > 1,
             surfaces: traces[0],
             smooth: traces[1],
-            fogs: traces[2] && with_fog,
+            fogs: (traces[2] || emission) && with_fog,
             beams,
             page_bits: pool.page_bits(),
             format: pool.format(),
@@ -282,6 +323,9 @@ pub(super) fn prepare_views(
             reflections: reflections > 0,
             fog_steps: fog_step > 0.0 && traces[2] && with_fog,
             overlays: settings.overlays != VdbOverlays::default(),
+            emission,
+            blackbody,
+            colors,
         };
         let tone = (!camera.hdr).then(|| ToneKey {
             tonemapping: tonemapping.copied().unwrap_or(Tonemapping::None),
@@ -293,6 +337,7 @@ pub(super) fn prepare_views(
             tone: tone.filter(|tone| tone.tonemapping != Tonemapping::None),
             fog_alone,
             motion: has_motion,
+            emission,
         };
         let mut composite = |fog_alone: bool| {
             composite_pipelines.specialize(
@@ -302,7 +347,7 @@ pub(super) fn prepare_views(
             )
         };
         // Steps are shown where no surface is, too.
-        let alone = (shows[2] && with_fog) || settings.mode == VdbRenderMode::Steps;
+        let alone = ((shows[2] || shows_fire) && with_fog) || settings.mode == VdbRenderMode::Steps;
         let pipelines = ViewPipelines {
             beams: beams.then(|| {
                 beams_pipelines.specialize(&pipeline_cache, &beams_pipeline, pool.page_bits())
@@ -314,6 +359,7 @@ pub(super) fn prepare_views(
             lights,
             tonemaps: composite_key(false).tone.is_some(),
             motion: has_motion,
+            blackbody,
         };
         commands.entity(entity).insert((resources, pipelines));
     }

@@ -14,7 +14,7 @@ macro_rules! shaders {
 }
 
 /// Modules that others import.
-const IMPORTS: [(&str, &[u8]); 20] = shaders![
+const IMPORTS: [(&str, &[u8]); 22] = shaders![
     "types",
     "bindings",
     "rays",
@@ -26,11 +26,13 @@ const IMPORTS: [(&str, &[u8]); 20] = shaders![
     "anchor",
     "smooth",
     "fog",
+    "emission",
     "march",
     "scene",
     "segment",
     "candidates",
     "surface",
+    "color",
     "occlusion",
     "lights",
     "fogs",

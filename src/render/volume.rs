@@ -60,12 +60,12 @@ impl<'a> Shown<'a> {
             volume,
             packed: &volume.packed,
             world_from_index,
-            grid: pool.index((volume.grid, 0))?,
+            grid: pool.index(volume.grid)?,
         };
         let wanted = finest.coarseness(eye, detail);
         let mut level = wanted.min(volume.levels.len() as f64) as usize;
         while level > 0 {
-            if let Some(grid) = pool.index((volume.grid, level)) {
+            if let Some(grid) = pool.index(volume.grid.level(level)) {
                 let scale = f64::from(1_u32 << level);
                 let packed = &volume.levels[level - 1];
                 let world_from_index = world_from_index * DAffine3::from_scale(DVec3::splat(scale));
@@ -165,6 +165,7 @@ pub(super) fn volume_data(
         reflectance: share(material.reflectance),
         base_color: capped(material.base_color.to_linear().to_vec3(), MOST_ALBEDO),
         emissive: capped(material.emissive.to_vec3(), MOST_LIGHT),
+        color_grids: gpu_data::NO_COLOR,
         base: packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
         ..default()
     })

@@ -12,11 +12,13 @@ pub(super) enum Trouble {
     NotShown(CannotShow),
     /// It is shown, but pixels are closer together than f32 tells directions apart.
     Coarse,
-    /// It is shown, but with a value that makes sense instead of its material's.
+    /// What is to shine in it is a surface.
+    NoDensity,
+    /// It is shown, but with a value that makes sense instead of its material's or its emission's.
     Setting(Setting),
 }
 
-/// A setting of a material.
+/// A setting of a material, or of what shines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Setting {
     BaseColor,
@@ -26,6 +28,10 @@ pub(super) enum Setting {
     Reflectance,
     DensityScale,
     Anisotropy,
+    EmissionScale,
+    EmissionOffset,
+    EmissionStrength,
+    EmissionColor,
 }
 
 impl Setting {
@@ -39,6 +45,21 @@ impl Setting {
             Self::Reflectance => ("reflectance", "a value from 0 to 1"),
             Self::DensityScale => ("density_scale", "a value that is finite and not negative"),
             Self::Anisotropy => ("anisotropy", "a value from -1 to 1"),
+            Self::EmissionScale => ("scale", "a value that is finite and not negative"),
+            Self::EmissionOffset => ("offset", "a value that is finite"),
+            Self::EmissionStrength => ("strength", "a value that is finite and not negative"),
+            Self::EmissionColor => ("color", "components that are finite and not negative"),
+        }
+    }
+
+    /// The component that has it.
+    fn component(self) -> &'static str {
+        match self {
+            Self::EmissionScale
+            | Self::EmissionOffset
+            | Self::EmissionStrength
+            | Self::EmissionColor => "VdbEmission",
+            _ => "VdbMaterial",
         }
     }
 }
@@ -63,11 +84,16 @@ impl Warned {
                      pixel is finer than the directions of rays in f32; widen it, or bring the \
                      camera closer"
                 ),
+                Trouble::NoDensity => format!(
+                    "{volume} does not shine: the grid of its VdbEmission is a surface; load it with \
+                     the loader setting render_as as fog"
+                ),
                 Trouble::Setting(setting) => {
                     let (name, wanted) = setting.describe();
                     format!(
-                        "{volume} is shown with the nearest {name} that makes sense: give its \
-                         VdbMaterial {wanted}"
+                        "{volume} is shown with the nearest {name} that makes sense: give its {} \
+                         {wanted}",
+                        setting.component()
                     )
                 }
             }

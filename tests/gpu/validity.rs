@@ -143,6 +143,19 @@ fn every_variant_of_the_trace_is_valid() {
             check(&[&["LIT", "MOTION_VECTORS"], &kinds, &lights, &shadows]);
         }
         check(&[&["LIT", "LOCAL_LIGHTS", "OVERLAYS", "MULTISAMPLED", "BEAMS"], &kinds, &shadows]);
+        // Further grids.
+        for extras in subsets(&["EMISSION", "BLACKBODY", "COLORS"]) {
+            if extras.contains(&"BLACKBODY") && !extras.contains(&"EMISSION") {
+                continue;
+            }
+            check(&[&["LIT", "EVEN_LIGHT"], &kinds, &extras]);
+            check(&[
+                &["LIT", "LOCAL_LIGHTS", "DISTANCE_FOG", "REFLECTIONS"],
+                &kinds,
+                &extras,
+                &shadows,
+            ]);
+        }
         for part in ["DIFFUSE_ONLY", "GLOSSY_ONLY"] {
             check(&[&["LIT", "LOCAL_LIGHTS", "ENVIRONMENT_MAP", "MULTISAMPLED", part], &kinds]);
         }
@@ -158,7 +171,7 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&["LIT", "FOGS", "FOG_STEPS", "EVEN_LIGHT", format]]);
     }
     check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS", "PAGED", "PAGE_BITS=20"], &shadows]);
-    assert_eq!(variants, 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2) + 3 + 7);
+    assert_eq!(variants, 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 3 + 7);
 }
 
 #[test]

@@ -4,6 +4,7 @@
 //! Data flows one way: file bytes → [`VdbFile::read`] → [`tree`] → [`pack`] → [`query`]; `reference`
 //! hangs off [`tree`] alone, so that it can judge everything built on `pack`.
 
+mod blackbody;
 mod codec;
 mod error;
 mod format;
@@ -20,6 +21,7 @@ mod transform;
 pub mod tree;
 pub mod view;
 
+pub use blackbody::{BlackbodyTable, blackbody};
 pub use error::{Error, Place};
 pub use grid::{
     AnyTree, Codec, Compression, Grid, GridClass, GridSelection, ProgressFn, ReadOptions,

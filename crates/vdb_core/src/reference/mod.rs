@@ -17,12 +17,14 @@
 //! - [`optical_depth`], [`transmittance`]: through the trilinear density, integrated exactly cell by
 //!   cell; [`optical_depth_nearest`] through voxels of constant density.
 //! - [`radiance()`]: emitted light, and light of the sun scattered once, to a tolerance.
+//! - [`emitted`]: the light that one grid sends through the fog of another, to a tolerance.
 //! - [`Blocky::judge`], [`Smooth::judge`]: what another tracer's answer is worth.
 //! - [`mod@picture`]: whole pictures of several volumes, for a machine without a GPU.
 
 mod blocky;
 mod cells;
 mod cubic;
+mod emission;
 mod field;
 mod fog;
 mod judge;
@@ -36,6 +38,7 @@ mod walk;
 mod wide;
 
 pub use blocky::{Blocky, Face, Occupied, VoxelHit, first_voxel};
+pub use emission::{Dimming, emitted};
 pub use fog::{Estimate, Fog, density, optical_depth, optical_depth_nearest, transmittance};
 pub use judge::{SurfaceVerdict, VoxelVerdict};
 pub use radiance::{Medium, Radiance, Sun, phase, radiance};

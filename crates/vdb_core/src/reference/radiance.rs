@@ -166,7 +166,7 @@ impl Stretched<'_> {
 
 /// Adaptive Simpson: halved until the halves agree with the whole to `tolerance` times the width
 /// (without the usual factor 1/15, which holds for smooth functions alone).
-fn simpson(f: &impl Fn(f64) -> f64, a: f64, b: f64, tolerance: f64) -> Estimate {
+pub(super) fn simpson(f: &impl Fn(f64) -> f64, a: f64, b: f64, tolerance: f64) -> Estimate {
     let mid = 0.5 * (a + b);
     refine(f, [a, mid, b], [f(a), f(mid), f(b)], tolerance, 24)
 }

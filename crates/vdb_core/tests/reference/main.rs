@@ -2,6 +2,7 @@
 
 mod blocky;
 mod brute;
+mod emission;
 mod fog;
 mod judge;
 mod peers;

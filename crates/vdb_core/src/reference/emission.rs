@@ -1,0 +1,111 @@
+//! The light that one grid sends through the fog of another.
+
+use std::ops::ControlFlow;
+
+use super::{
+    Ray,
+    cells::{Samples, Stretch, visit_cells},
+    fog::{Estimate, Fog, density},
+    radiance::simpson,
+};
+use crate::tree::Node;
+
+/// A fog that dims light on its way, as a ray passes through it.
+#[derive(Debug)]
+pub struct Dimming<'a, C: Node<Value = f32>> {
+    /// The densities.
+    pub fog: &'a Fog<'a, C>,
+    /// The ray in the fog's own index space.
+    pub ray: Ray,
+    /// Extinction for a density of 1 per unit of `t`; not negative.
+    pub extinction_scale: f64,
+}
+
+/// The light that a grid sends along a ray to its beginning, through a fog of another grid,
+///
+/// ```text
+/// L = ∫ T(t) ε(v(t)) dt
+/// ```
+///
+/// with `v` the trilinear value of the grid that sends light, taken as a density is, `ε` what `emission`
+/// makes of it, per unit of `t`, and `T` the transmittance of the fog from the beginning to `t`. `ray` is
+/// in the index space of that grid; at each `t` both rays are at the same place. The integral is by
+/// adaptive quadrature within the cells that both grids have in common, so that what is integrated is
+/// smooth; its error is the difference of two orders, which is no proof. `tolerance` is per unit of `t`.
+pub fn emitted<C: Node<Value = f32>>(
+    emitter: &Fog<'_, C>,
+    ray: &Ray,
+    emission: impl Fn(f64) -> f64,
+    dimming: Option<&Dimming<'_, C>>,
+    tolerance: f64,
+) -> Estimate {
+    let depths = dimming.map(Depths::new).unwrap_or_default();
+    let mut light = Estimate::default();
+    visit_cells(&emitter.field, ray, density, |stretch| {
+        let bright = |t: f64| emission(value_at(stretch, t)) * (-depths.to(t)).exp();
+        for [low, high] in depths.parts(stretch.t) {
+            let part = simpson(&bright, low, high, tolerance);
+            light.value += part.value;
+            light.error += part.error;
+        }
+        ControlFlow::<()>::Continue(())
+    });
+    light
+}
+
+fn value_at(stretch: &Stretch, t: f64) -> f64 {
+    match &stretch.samples {
+        Samples::Even(value) => *value,
+        Samples::Cell(corners) => corners.at(stretch.local(t)),
+    }
+}
+
+/// The optical depth of a fog from the beginning of a ray on.
+#[derive(Default)]
+struct Depths {
+    scale: f64,
+    /// The stretches with a density, each with the depth before it.
+    stretches: Vec<(Stretch, f64)>,
+    all: f64,
+}
+
+impl Depths {
+    fn new<C: Node<Value = f32>>(dimming: &Dimming<'_, C>) -> Self {
+        let mut depths = Self { scale: dimming.extinction_scale, ..Self::default() };
+        visit_cells(&dimming.fog.field, &dimming.ray, density, |stretch| {
+            let before = depths.all;
+            let length = stretch.t[1] - stretch.t[0];
+            let mean = stretch.cubic().mean();
+            // An endless stretch without a density has none.
+            if mean > 0.0 {
+                depths.all += mean * length;
+                depths.stretches.push((*stretch, before));
+            }
+            ControlFlow::<()>::Continue(())
+        });
+        depths
+    }
+
+    /// The optical depth up to `t`.
+    fn to(&self, t: f64) -> f64 {
+        let past = self.stretches.partition_point(|(stretch, _)| stretch.t[0] <= t);
+        let Some((stretch, before)) = past.checked_sub(1).map(|i| &self.stretches[i]) else {
+            return 0.0;
+        };
+        let length = stretch.t[1] - stretch.t[0];
+        let share = ((t - stretch.t[0]) / length).clamp(0.0, 1.0);
+        self.scale * (before + length * stretch.cubic().integral_to(share))
+    }
+
+    /// A stretch of another grid, cut where this fog's begin and end.
+    fn parts(&self, [low, high]: [f64; 2]) -> Vec<[f64; 2]> {
+        let cuts = self.stretches.iter().flat_map(|(stretch, _)| stretch.t);
+        let mut cuts: Vec<f64> = cuts.filter(|cut| low < *cut && *cut < high).collect();
+        cuts.extend([low, high]);
+        cuts.sort_by(f64::total_cmp);
+        cuts.dedup();
+        // Beyond all nodes there is nothing that shines.
+        let ends = cuts.windows(2).map(|pair| [pair[0], pair[1]]);
+        ends.filter(|[_, high]| high.is_finite()).collect()
+    }
+}

@@ -1,0 +1,101 @@
+//! Grids of vectors as assets: colours.
+
+use std::sync::Arc;
+
+use bevy::asset::Asset;
+use bevy::math::{DAffine3, DVec3};
+use bevy::prelude::*;
+use vdb_core::Metadata;
+use vdb_core::pack::{PackKind, PackedGrid};
+use vdb_core::tree::{Vdb543, map_values};
+
+use crate::asset::{check_transform, world_bounds};
+use crate::{VdbGridError, VdbValues};
+
+/// One grid of vectors: what [`VdbColorGrid`](crate::VdbColorGrid) and
+/// [`VdbEmission::Color`](crate::VdbEmission::Color) point to. `"smoke.vdb#Cd"` is one, where a file has
+/// such a grid.
+///
+/// Its components are linear Rec.709, as stored; what is below zero counts as zero. On the GPU it is three
+/// grids of floats, one a component, each with its own tree: a component that is zero in most places takes
+/// little, and each is looked up as a density is.
+#[derive(Asset, Clone, Debug, TypePath)]
+pub struct VdbVectorGrid {
+    name: Arc<str>,
+    world_from_index: DAffine3,
+    metadata: Metadata,
+    tree: Arc<Vdb543<[f32; 3]>>,
+    packed: [Arc<PackedGrid>; 3],
+}
+
+/// What stands for zero where the background is not zero, which is what the trees on the GPU have nothing
+/// of. A power of two, so that halves keep it.
+const ALMOST_ZERO: f32 = 1.0 / (1 << 24) as f32;
+
+impl VdbVectorGrid {
+    /// A grid of one's own, made in memory: `world_from_index` places voxel `ijk`, a point of index
+    /// space, in the space of the entity that uses the grid.
+    ///
+    /// # Errors
+    /// When the transform cannot be inverted, or the tree is larger than a GPU grid can be.
+    pub fn new(
+        name: impl Into<Arc<str>>,
+        tree: Vdb543<[f32; 3]>,
+        world_from_index: DAffine3,
+    ) -> Result<Self, VdbGridError> {
+        let (name, metadata) = (name.into(), Metadata::default());
+        Self::from_parts(name, world_from_index, metadata, Arc::new(tree), VdbValues::Exact)
+    }
+
+    pub(crate) fn from_parts(
+        name: Arc<str>,
+        world_from_index: DAffine3,
+        metadata: Metadata,
+        tree: Arc<Vdb543<[f32; 3]>>,
+        values: VdbValues,
+    ) -> Result<Self, VdbGridError> {
+        check_transform(world_from_index)?;
+        let pack = |component: usize| {
+            let has_background = tree.background()[component] > 0.0;
+            let least = if has_background { ALMOST_ZERO } else { f32::NEG_INFINITY };
+            // The larger of a number and no number is the number.
+            let own = map_values(&tree, |value| value[component].max(least));
+            PackedGrid::with_format(&own, PackKind::Fog, values.into()).map(Arc::new)
+        };
+        let packed = [pack(0)?, pack(1)?, pack(2)?];
+        Ok(Self { name, world_from_index, metadata, tree, packed })
+    }
+
+    /// The grid's name in its file; may be empty.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// From index space, where voxel `ijk` is a point, to the file's world.
+    pub fn world_from_index(&self) -> DAffine3 {
+        self.world_from_index
+    }
+
+    /// What the file says of the grid.
+    pub fn metadata(&self) -> &Metadata {
+        &self.metadata
+    }
+
+    /// The values.
+    pub fn tree(&self) -> &Arc<Vdb543<[f32; 3]>> {
+        &self.tree
+    }
+
+    /// The components as the GPU has them.
+    pub fn packed(&self) -> &[Arc<PackedGrid>; 3] {
+        &self.packed
+    }
+
+    /// The box around all components above zero, in the file's world: lowest and highest corner. `None`
+    /// when there is none.
+    pub fn world_bounds(&self) -> Option<(DVec3, DVec3)> {
+        let boxes =
+            self.packed.iter().filter_map(|packed| world_bounds(packed, self.world_from_index));
+        boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    }
+}
