@@ -77,6 +77,14 @@ pub struct VdbCamera {
     /// volumes, by a ray to each such light from each pixel, and those of meshes, from Bevy's shadow
     /// maps. On by default; without such a light it costs nothing.
     pub shadows: bool,
+    /// Whether volumes throw shadows on meshes: those lights' shadow maps then show volumes as well, drawn
+    /// by a ray to each texel that may. Their edges are those of the maps, as the edges of the shadows of
+    /// meshes are; fog dims light in 64 steps, which the smoothing of the maps evens out
+    /// (`ShadowFilteringMethod::Gaussian`, Bevy's default, best of all). Maps of point and spot lights are for
+    /// all cameras: volumes are in them if one of these wants them there. On by default; without such a
+    /// light, a mesh in the picture and a volume somewhere, it costs nothing. Not with
+    /// [`shadows`](Self::shadows) off, and not of volumes that are `NotShadowCaster`.
+    pub mesh_shadows: bool,
     /// How many times a ray goes on from a surface to what it reflects. With 0, the default, surfaces
     /// reflect the camera's `EnvironmentMapLight` alone; with 1 volumes, too; with 2 volumes in
     /// volumes. Rough surfaces reflect in one direction a pixel, by chance: that is for temporal
@@ -102,6 +110,7 @@ impl Default for VdbCamera {
             enabled: true,
             mode: VdbRenderMode::Lit,
             shadows: true,
+            mesh_shadows: true,
             reflections: 0,
             overlays: VdbOverlays::default(),
             fog_step: 0.0,

@@ -1,6 +1,7 @@
 //! What the renderer takes from the app's world each frame.
 
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
+use bevy::light::NotShadowCaster;
 use bevy::math::Affine3A;
 use bevy::prelude::*;
 use bevy::render::Extract;
@@ -45,6 +46,8 @@ pub(super) struct ExtractedVolume {
     pub material: VdbMaterial,
     /// Whether it is to be shown, in the picture or not.
     pub visible: bool,
+    /// Whether it throws shadows.
+    pub casts: bool,
     pub layers: RenderLayers,
 }
 
@@ -57,6 +60,7 @@ pub(super) fn extract_volumes(
             &VdbMaterial,
             &InheritedVisibility,
             Option<&RenderLayers>,
+            Has<NotShadowCaster>,
         )>,
     >,
     grids: Extract<Res<Assets<VdbGrid>>>,
@@ -65,7 +69,7 @@ pub(super) fn extract_volumes(
 ) {
     std::mem::swap(&mut extracted.0, &mut *before);
     extracted.0.clear();
-    for (entity, volume, transform, material, visible, layers) in &volumes {
+    for (entity, volume, transform, material, visible, layers, is_no_caster) in &volumes {
         let Some(grid) = grids.get(&volume.0) else { continue };
         let entity = MainEntity::from(entity);
         let world_from_local = transform.affine();
@@ -80,6 +84,7 @@ pub(super) fn extract_volumes(
             local_from_index: grid.world_from_index(),
             material: material.clone(),
             visible: visible.get(),
+            casts: !is_no_caster,
             layers: layers.cloned().unwrap_or_default(),
         };
         extracted.0.insert(entity, volume);

@@ -22,6 +22,7 @@ use bevy::render::texture::{FallbackImage, GpuImage};
 use bevy::render::view::{ViewUniformOffset, ViewUniforms};
 use bevy::shader::ShaderDefVal;
 
+use super::cast::{CastShadows, MeshDepth};
 use super::extract::ExtractedEnvironment;
 
 /// What a view's lights ask of the trace.
@@ -185,6 +186,7 @@ pub(super) struct AllLights<'w> {
     samplers: Res<'w, ShadowSamplers>,
     fogs: Res<'w, FogMeta>,
     table: Res<'w, DfgLut>,
+    cast: Res<'w, CastShadows>,
     images: Res<'w, RenderAssets<GpuImage>>,
     fallback: Res<'w, FallbackImage>,
 }
@@ -222,10 +224,11 @@ impl AllLights<'_> {
             (12, self.probes.binding()?),
         ));
         if key.shadows.is_some() {
+            let directional = &shadows.directional_light_depth_texture_view;
             entries = entries.extend_with_indices((
-                (2, &shadows.point_light_depth_texture_view),
+                (2, MeshDepth::or(&self.cast.point, &shadows.point_light_depth_texture_view)),
                 (3, &self.samplers.point_light_comparison_sampler),
-                (5, &shadows.directional_light_depth_texture_view),
+                (5, MeshDepth::or(&self.cast.directional, directional)),
                 (6, &self.samplers.directional_light_comparison_sampler),
             ));
         }

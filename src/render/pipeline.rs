@@ -21,6 +21,7 @@ use bevy::render::render_resource::{
 use bevy::render::view::ViewUniform;
 use bevy::shader::ShaderDefVal;
 
+use super::cast_pipeline::{CastPipeline, MeshDepthPipeline};
 use super::lights::{LightKey, LightLayouts};
 use super::shaders::Shaders;
 use crate::{VdbRenderMode, VdbTraversal};
@@ -54,6 +55,8 @@ pub(super) fn init(
     commands.insert_resource(BeamsPipeline::new(&shaders, &lights));
     commands.insert_resource(TracePipeline::new(&shaders, &lights));
     commands.insert_resource(CompositePipeline::new(&shaders, fullscreen.clone()));
+    commands.insert_resource(CastPipeline::new(&shaders, &lights));
+    commands.insert_resource(MeshDepthPipeline::new(&shaders, fullscreen.clone()));
 }
 
 /// Finds where the rays of each tile of pixels can begin.
@@ -100,14 +103,14 @@ impl SpecializedComputePipeline for BeamsPipeline {
     }
 }
 
-fn page_defs(bits: Option<u32>) -> Vec<ShaderDefVal> {
+pub(super) fn page_defs(bits: Option<u32>) -> Vec<ShaderDefVal> {
     bits.map_or_else(Vec::new, |bits| {
         vec!["PAGED".into(), ShaderDefVal::UInt("PAGE_BITS".into(), bits)]
     })
 }
 
 /// Bevy's groups, then the crate's own, which is number [`GROUP`].
-fn layouts(
+pub(super) fn layouts(
     lights: &LightLayouts,
     key: Option<LightKey>,
     own: &BindGroupLayoutDescriptor,

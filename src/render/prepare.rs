@@ -320,7 +320,7 @@ pub(super) fn prepare_views(
     volume_buffer.0.write_buffer(&device, &queue);
 }
 
-fn view_data(rays: &ViewRays, world_from_view: DAffine3, suns: &ExtractedSuns) -> gpu_data::View {
+pub(super) fn view_data(rays: &ViewRays, world_from_view: DAffine3, suns: &ExtractedSuns) -> gpu_data::View {
     let mut own = [[0.0; 4]; gpu_data::MOST_SUNS];
     for (own, (direction, factor)) in own.iter_mut().zip(&suns.0) {
         *own = direction.extend(factor.min(MOST_FACTOR)).to_array();

@@ -1,6 +1,6 @@
 //! One volume as one view sees it: its rays, its matrices, its material.
 
-use bevy::math::{Affine3A, DAffine3, DMat3, DMat4};
+use bevy::math::{Affine3A, BVec3, DAffine3, DMat3, DMat4, DVec3};
 use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
 use vdb_core::pack::PackKind;
@@ -36,7 +36,7 @@ pub(super) fn volume_data(
     (rays, world_from_view, width): (&ViewRays, DAffine3, u32),
     warned: Option<&mut Warned>,
 ) -> Option<gpu_data::Volume> {
-    let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
+    let world_from_index = world_from_index(volume);
     let lattice = LatticeRays::new(rays, world_from_view, world_from_index, &volume.packed);
     if let Some(warned) = warned {
         let shown = match &lattice {
@@ -59,7 +59,7 @@ pub(super) fn volume_data(
         PackKind::Smooth { .. } => gpu_data::KIND_SMOOTH,
         PackKind::Fog => gpu_data::KIND_FOG,
     };
-    let array = |v: bevy::math::DVec3| v.as_vec3().to_array();
+    let array = |v: DVec3| v.as_vec3().to_array();
     let capped = |color: Vec3, most: f32| color.to_array().map(|c| non_negative(c).min(most));
     Some(gpu_data::Volume {
         rays: GpuRays::from(&rays),
@@ -89,13 +89,31 @@ pub(super) fn tile_range(
     clip_from_world: DMat4,
     size: UVec2,
 ) -> TileRange {
-    let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
+    let Some((min, max)) = index_box(volume) else { return TileRange::NONE };
+    TileRange::of_box(clip_from_world * DMat4::from(world_from_index(volume)), min, max, size)
+}
+
+/// The corners of a volume's box in world space.
+pub(super) fn world_corners(volume: &ExtractedVolume) -> impl Iterator<Item = DVec3> + use<> {
+    let world_from_index = world_from_index(volume);
+    index_box(volume).into_iter().flat_map(move |(min, max)| {
+        (0..8).map(move |i| {
+            let is_max = BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
+            world_from_index.transform_point3(DVec3::select(is_max, max, min))
+        })
+    })
+}
+
+fn world_from_index(volume: &ExtractedVolume) -> DAffine3 {
+    affine(volume.world_from_local) * volume.local_from_index
+}
+
+/// What of a volume can stop or dim a ray.
+fn index_box(volume: &ExtractedVolume) -> Option<(DVec3, DVec3)> {
     let packed = &volume.packed;
-    let Some(occupied) = packed.occupied else { return TileRange::NONE };
     let origin = packed.base.as_dvec3() + packed.kind.lattice_origin();
-    let min = origin + occupied.min.as_dvec3();
-    let max = origin + occupied.max.as_dvec3() + 1.0;
-    TileRange::of_box(clip_from_world * DMat4::from(world_from_index), min, max, size)
+    let occupied = packed.occupied?;
+    Some((origin + occupied.min.as_dvec3(), origin + occupied.max.as_dvec3() + 1.0))
 }
 
 /// From 0 to 1; no number is 0.
