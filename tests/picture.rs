@@ -7,6 +7,8 @@ mod extremes;
 mod lights;
 #[path = "picture/many.rs"]
 mod many;
+#[path = "picture/mesh_shadows.rs"]
+mod mesh_shadows;
 #[path = "picture/modes.rs"]
 mod modes;
 #[path = "picture/motion.rs"]

@@ -42,14 +42,14 @@ fn quad(@builtin(vertex_index) corner: u32, @builtin(instance_index) instance: u
 // the light has fallen to a part of its own: 64 parts in squares of 8×8 texels, after Bayer 1973, "An
 // optimum method for two-level rendition of continuous-tone pictures", whose patterns are so fine that
 // what a shadow map is smoothed with takes them for even. The digits of further fogs begin elsewhere,
-// which makes their parts independent of the first one's.
+// which makes their parts independent of the first one's. Where frames are put together, they turn.
 fn part_of(texel: vec2<u32>, fog: u32) -> f32 {
     var digits = 0u;
     for (var i = 0u; i < 3u; i++) {
         let bit = (texel >> vec2(i)) & vec2(1u);
         digits |= (2u * (bit.x ^ bit.y) + bit.y) << (2u * ((2u - i + fog % 3u) % 3u));
     }
-    return (f32(digits) + 0.5) / 64.0;
+    return max(fract((f32(digits) + 0.5) / 64.0 + view.turn), 1e-6);
 }
 
 // As for shadows on volumes: voxels between the places where a fog is looked at, and steps at most.
@@ -58,7 +58,7 @@ const STEPS: f32 = 256.0;
 #endif
 
 @fragment
-fn cast(in: Quad) -> @builtin(frag_depth) f32 {
+fn stop(in: Quad) -> @builtin(frag_depth) f32 {
     let texel = vec2<u32>(in.position.xy);
     let volume = view.volume_first + in.instance;
     let grid = grids[volumes[volume].grid];

@@ -84,8 +84,8 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     var t_first = FAR;
     var t_last = segment.t_min;
     let end = end_of(segment);
-    let begin = next_volume(segment, pixel, view.volume_first);
-    for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u)) {
+    let begin = next_volume(segment, pixel, view.volume_first, t_max);
+    for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u, t_max)) {
         if volumes[i].kind != KIND_FOG {
             continue;
         }
@@ -133,7 +133,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
 #ifdef LIT
         var light = Light(vec3(0.0), 2.0);
 #endif
-        for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u)) {
+        for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u, t_max)) {
             if volumes[i].kind == KIND_FOG && (!is_whole || i == last_met) {
                 let part = depth_of_part(segment, i, start, t_low, t_high, is_whole);
                 if part > 0.0 {

@@ -7,9 +7,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use bevy::camera::visibility::RenderLayers;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
+use bevy::diagnostic::FrameCount;
 use bevy::math::{DAffine3, DMat4, DVec3};
 use bevy::pbr::{LightEntity, ShadowView, ViewLightEntities, ViewShadowBindings};
 use bevy::prelude::*;
+use bevy::render::camera::TemporalJitter;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
     BindGroup, BindGroupEntries, Buffer, BufferInitDescriptor, BufferUsages,
@@ -30,7 +32,7 @@ use super::extract::{ExtractedSuns, ExtractedVolume, ExtractedVolumes};
 use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
 use super::pipeline::{GROUP, ViewPipelines};
-use super::prepare::{ViewResources, view_data};
+use super::prepare::{ViewResources, turn_of, view_data};
 use super::volume::{affine, tile_range, volume_data, world_corners};
 use crate::VdbCamera;
 
@@ -80,7 +82,7 @@ struct Cast {
 impl Cast {
     fn add(
         &mut self,
-        camera: Option<Entity>,
+        (camera, turn): (Option<Entity>, f32),
         (map, view): (Entity, &ExtractedView),
         casters: &[Caster],
         layers: impl Fn(&RenderLayers) -> bool,
@@ -112,6 +114,7 @@ impl Cast {
                 volume_first: first as u32,
                 volume_count: count as u32,
                 size: size.to_array(),
+                turn,
                 ..view_data(&rays, world_from_view, &ExtractedSuns::default())
             };
             self.maps.push((camera, map, view));
@@ -147,7 +150,7 @@ fn set_back(
 pub(super) fn prepare_casters(
     mut shadows: ResMut<CastShadows>,
     volumes: Res<ExtractedVolumes>,
-    pool: Res<VdbTreePool>,
+    (pool, frame): (Res<VdbTreePool>, Res<FrameCount>),
     cameras: Query<
         (
             Entity,
@@ -155,6 +158,7 @@ pub(super) fn prepare_casters(
             &RenderVisibleEntities,
             Option<&RenderLayers>,
             &ViewLightEntities,
+            Option<&TemporalJitter>,
         ),
         With<Camera3d>,
     >,
@@ -172,7 +176,7 @@ pub(super) fn prepare_casters(
     let Some(pool_buffers) = pool.buffers().filter(|_| !casters.is_empty()) else { return };
     let mut cast = Cast::default();
     let mut wanted = false;
-    for (camera, settings, visible, layers, lights) in &cameras {
+    for (camera, settings, visible, layers, lights, jitter) in &cameras {
         if !settings.is_none_or(|camera| camera.enabled && camera.shadows && camera.mesh_shadows)
             || !sees_meshes(visible)
         {
@@ -182,14 +186,14 @@ pub(super) fn prepare_casters(
         let layers = layers.cloned().unwrap_or_default();
         for (map, view, _, light) in maps.iter_many(&lights.lights) {
             let casts = |own: &RenderLayers| own.intersects(&layers) && own.intersects(light);
-            cast.add(Some(camera), (map, view), &casters, casts);
+            cast.add((Some(camera), turn_of(jitter, *frame)), (map, view), &casters, casts);
         }
     }
     let shared = maps.iter().filter(|(_, _, kind, _)| {
         wanted && matches!(kind, LightEntity::Point { .. } | LightEntity::Spot { .. })
     });
     for (map, view, _, light) in shared {
-        cast.add(None, (map, view), &casters, |own| own.intersects(light));
+        cast.add((None, 0.0), (map, view), &casters, |own| own.intersects(light));
     }
     if cast.maps.is_empty() {
         return;

@@ -71,7 +71,7 @@ impl SpecializedRenderPipeline for CastPipeline {
             fragment: Some(FragmentState {
                 shader: self.shaders.cast.clone(),
                 shader_defs,
-                entry_point: Some("cast".into()),
+                entry_point: Some("stop".into()),
                 targets: Vec::new(),
             }),
             // Bevy's depth is 1 near and 0 far.

@@ -1,7 +1,7 @@
 //! What the renderer takes from the app's world each frame.
 
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
-use bevy::light::NotShadowCaster;
+use bevy::light::{NotShadowCaster, NotShadowReceiver};
 use bevy::math::Affine3A;
 use bevy::prelude::*;
 use bevy::render::Extract;
@@ -48,6 +48,8 @@ pub(super) struct ExtractedVolume {
     pub visible: bool,
     /// Whether it throws shadows.
     pub casts: bool,
+    /// Whether shadows are thrown on it.
+    pub receives: bool,
     pub layers: RenderLayers,
 }
 
@@ -61,6 +63,7 @@ pub(super) fn extract_volumes(
             &InheritedVisibility,
             Option<&RenderLayers>,
             Has<NotShadowCaster>,
+            Has<NotShadowReceiver>,
         )>,
     >,
     grids: Extract<Res<Assets<VdbGrid>>>,
@@ -69,7 +72,7 @@ pub(super) fn extract_volumes(
 ) {
     std::mem::swap(&mut extracted.0, &mut *before);
     extracted.0.clear();
-    for (entity, volume, transform, material, visible, layers, is_no_caster) in &volumes {
+    for (entity, volume, transform, material, visible, layers, no_caster, no_receiver) in &volumes {
         let Some(grid) = grids.get(&volume.0) else { continue };
         let entity = MainEntity::from(entity);
         let world_from_local = transform.affine();
@@ -84,17 +87,32 @@ pub(super) fn extract_volumes(
             local_from_index: grid.world_from_index(),
             material: material.clone(),
             visible: visible.get(),
-            casts: !is_no_caster,
+            casts: !no_caster,
+            receives: !no_receiver,
             layers: layers.cloned().unwrap_or_default(),
         };
         extracted.0.insert(entity, volume);
     }
 }
 
-/// The directional lights that shine on volumes otherwise than on meshes: the direction to each in world
-/// space, to the bit as Bevy has it, and the factor.
+/// The directional lights that shine on volumes otherwise than on meshes.
 #[derive(Clone, Debug, Default, Resource)]
-pub(super) struct ExtractedSuns(pub Vec<(Vec3, f32)>);
+pub(super) struct ExtractedSuns(pub Vec<ExtractedSun>);
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ExtractedSun {
+    /// To the light in world space, to the bit as Bevy has it.
+    pub direction: Vec3,
+    /// Of its illuminance.
+    pub factor: f32,
+    /// Radians; without rays to the light, 0.
+    pub angular_diameter: f32,
+    pub samples: u32,
+}
+
+/// As wide as a hemisphere would have no edge to speak of.
+const WIDEST_SUN: f32 = 1.0;
+const MOST_SAMPLES: u32 = 256;
 
 pub(super) fn extract_suns(
     lights: Extract<
@@ -102,11 +120,16 @@ pub(super) fn extract_suns(
     >,
     mut extracted: ResMut<ExtractedSuns>,
 ) {
-    let suns = lights.iter().filter(|(_, sun, visible)| visible.get() && sun.intensity != 1.0);
+    let suns = lights.iter().filter(|(_, sun, visible)| {
+        visible.get() && (sun.intensity != 1.0 || sun.angular_diameter > 0.0)
+    });
     extracted.0.clear();
-    extracted.0.extend(
-        suns.map(|(transform, sun, _)| (transform.back().into(), non_negative(sun.intensity))),
-    );
+    extracted.0.extend(suns.map(|(transform, sun, _)| ExtractedSun {
+        direction: transform.back().into(),
+        factor: non_negative(sun.intensity),
+        angular_diameter: non_negative(sun.angular_diameter).min(WIDEST_SUN),
+        samples: sun.samples.clamp(1, MOST_SAMPLES),
+    }));
 }
 
 /// The environment maps of a camera: a component of render entities.

@@ -10,6 +10,7 @@ mod extract;
 mod find;
 mod gpu_data;
 mod gpu_tree;
+mod hierarchy;
 mod lights;
 mod motion;
 mod pipeline;

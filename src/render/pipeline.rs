@@ -138,6 +138,8 @@ pub(super) struct TraceKey {
     /// Surfaces between samples.
     pub smooth: bool,
     pub fogs: bool,
+    /// Whether rays that are not the view's find volumes by a hierarchy.
+    pub many: bool,
     /// Whether the rays of a tile of pixels share a start.
     pub beams: bool,
     /// log₂ of the words of a page, where the pool has several.
@@ -211,6 +213,7 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.surfaces, "SURFACES"),
             (key.smooth, "SMOOTH"),
             (key.fogs, "FOGS"),
+            (key.many, "MANY"),
             (key.beams, "BEAMS"),
             (key.traversal == VdbTraversal::March, "MARCH"),
             (matches!(key.traversal, VdbTraversal::March | VdbTraversal::Dda), "DDA"),

@@ -5,6 +5,7 @@ use bevy::camera::MainPassResolutionOverride;
 use bevy::camera::visibility::RenderLayers;
 use bevy::core_pipeline::prepass::{MotionVectorPrepass, PreviousViewData, ViewPrepassTextures};
 use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
+use bevy::diagnostic::FrameCount;
 use bevy::image::ToExtents;
 use bevy::light::ShadowFilteringMethod;
 use bevy::math::{DAffine3, DMat4};
@@ -26,6 +27,7 @@ use super::extract::{ExtractedEnvironment, ExtractedSuns, ExtractedVolumes, non_
 use super::find::ViewVolumes;
 use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
+use super::hierarchy;
 use super::lights::Lights;
 use super::motion::{ViewMotion, matrices};
 use super::pipeline::{
@@ -103,7 +105,7 @@ pub(super) fn prepare_views(
     mut commands: Commands,
     views: Query<ViewData>,
     volumes: Res<ExtractedVolumes>,
-    suns: Res<ExtractedSuns>,
+    (suns, frame): (Res<ExtractedSuns>, Res<FrameCount>),
     lights: Lights,
     pool: Res<VdbTreePool>,
     mut volume_buffer: ResMut<VolumeBuffer>,
@@ -151,7 +153,7 @@ pub(super) fn prepare_views(
         let lights = settings
             .mode
             .is_lit()
-            .then(|| lights.key(settings.shadows, shadow_filter, environment, distance_fog));
+            .then(|| lights.key(settings.shadows, shadow_filter, environment, distance_fog, &suns));
         // With less, steps would only cost.
         let fog_step = match non_negative(settings.fog_step) {
             0.0 => 0.0,
@@ -169,7 +171,20 @@ pub(super) fn prepare_views(
         let mut shown = Vec::with_capacity(seen.0.len());
         let mut most_tiles = 0;
         let clip_from_world = clip_from_view.as_dmat4() * DMat4::from(world_from_view.inverse());
-        for entity in &seen.0 {
+        // What the view does not see may throw shadows into the picture, or be reflected there.
+        let goes_on = lights.is_some_and(|key| key.shadows.is_some()) || reflections > 0;
+        let beside = if goes_on {
+            volumes.beside(&seen.0, &layers.cloned().unwrap_or_default())
+        } else {
+            Vec::new()
+        };
+        let mut lists = [seen.0.clone(), beside];
+        let many = goes_on && lists.iter().map(Vec::len).sum::<usize>() > hierarchy::FEW;
+        if many {
+            lists.iter_mut().for_each(|list| hierarchy::sort(list, &volumes));
+        }
+        let [seen, beside] = &lists;
+        for entity in seen {
             if let Some(mut data) = data(entity, Some(&mut warned))
                 && let Some(volume) = volumes.0.get(entity)
             {
@@ -187,14 +202,20 @@ pub(super) fn prepare_views(
             commands.entity(entity).remove::<(ViewResources, ViewBindGroups, ViewPipelines)>();
             continue;
         };
-        // What the view does not see may throw shadows into the picture, or be reflected there.
-        if lights.is_some_and(|key| key.shadows.is_some()) || reflections > 0 {
-            let layers = layers.cloned().unwrap_or_default();
-            for entity in volumes.beside(&seen.0, &layers) {
-                volume_buffer.0.extend(data(&entity, None));
+        let mut listed = shown.clone();
+        for entity in beside {
+            if let Some(data) = data(entity, None)
+                && let Some(volume) = volumes.0.get(entity)
+            {
+                volume_buffer.0.push(data);
+                listed.push(volume);
             }
         }
-        let beside = volume_buffer.0.len() - first - count;
+        if many {
+            let eye = world_from_view.transform_point3(view_rays.eye);
+            hierarchy::fill(&mut volume_buffer.0.values_mut()[first..], &listed, eye);
+        }
+        let beside = listed.len() - count;
         let has = |kind| volume_buffer.0.values()[first..].iter().any(|volume| volume.kind == kind);
         let traces = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(has);
         let origin = view.viewport.xy();
@@ -213,6 +234,7 @@ pub(super) fn prepare_views(
             tile_words: layout.tile_words,
             group_bits: layout.group_bits,
             keeps_starts: u32::from(layout.keeps_starts),
+            turn: turn_of(jitter, *frame),
             ..view_data(view_rays, world_from_view, &suns)
         };
         let buffer = |label, contents: &[u8]| {
@@ -271,6 +293,7 @@ pub(super) fn prepare_views(
             surfaces: traces[0],
             smooth: traces[1],
             fogs: traces[2] && with_fog,
+            many,
             beams,
             page_bits: pool.page_bits(),
             format: pool.format(),
@@ -322,8 +345,10 @@ pub(super) fn prepare_views(
 
 pub(super) fn view_data(rays: &ViewRays, world_from_view: DAffine3, suns: &ExtractedSuns) -> gpu_data::View {
     let mut own = [[0.0; 4]; gpu_data::MOST_SUNS];
-    for (own, (direction, factor)) in own.iter_mut().zip(&suns.0) {
-        *own = direction.extend(factor.min(MOST_FACTOR)).to_array();
+    let mut disks = [[0.0; 4]; gpu_data::MOST_SUNS];
+    for ((own, disk), sun) in own.iter_mut().zip(&mut disks).zip(&suns.0) {
+        *own = sun.direction.extend(sun.factor.min(MOST_FACTOR)).to_array();
+        *disk = [(0.5 * sun.angular_diameter).tan(), sun.samples as f32, 0.0, 0.0];
     }
     let world = |v| world_from_view.transform_vector3(v).as_vec3().to_array();
     gpu_data::View {
@@ -338,9 +363,16 @@ pub(super) fn view_data(rays: &ViewRays, world_from_view: DAffine3, suns: &Extra
         t_near: rays.t_near as f32,
         t_far: rays.t_far as f32,
         suns: own,
+        disks,
         sun_count: suns.0.len().min(gpu_data::MOST_SUNS) as u32,
         ..default()
     }
+}
+
+/// What a frame adds to chance, from 0 to 1: nothing, unless frames of the view are put together.
+pub(super) fn turn_of(jitter: Option<&TemporalJitter>, frame: FrameCount) -> f32 {
+    // Multiples of the golden section are spread evenly.
+    jitter.map_or(0.0, |_| (f64::from(frame.0) * 0.618_033_988_749_895).fract() as f32)
 }
 
 fn overlay_bits(overlays: VdbOverlays) -> u32 {

@@ -79,6 +79,8 @@ pub(super) fn volume_data(
         base_color: capped(material.base_color.to_linear().to_vec3(), MOST_ALBEDO),
         emissive: capped(material.emissive.to_vec3(), MOST_LIGHT),
         base: volume.packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
+        flags: if volume.casts { 0 } else { gpu_data::NO_CASTER }
+            | if volume.receives { 0 } else { gpu_data::NO_RECEIVER },
         ..default()
     })
 }

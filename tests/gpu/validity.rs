@@ -167,3 +167,16 @@ fn the_beams_are_valid() {
     check(&mut composer, "beams", &[]);
     check(&mut composer, "beams", &["PAGED", "PAGE_BITS=20"]);
 }
+
+#[test]
+fn what_is_drawn_into_shadow_maps_is_valid() {
+    let mut composer = composer();
+    for kinds in subsets(&["SURFACES", "SMOOTH", "FOGS"]) {
+        check(&mut composer, "cast", &kinds);
+        for format in ["FORMAT=0", "FORMAT=1", "FORMAT=2"] {
+            let with = ["PAGED", "PAGE_BITS=20", format];
+            check(&mut composer, "cast", &[&kinds, &with[..]].concat());
+        }
+    }
+    check(&mut composer, "mesh_depth", &[]);
+}
