@@ -21,6 +21,8 @@ mod reflections;
 mod scene;
 #[path = "picture/shadows.rs"]
 mod shadows;
+#[path = "picture/sky.rs"]
+mod sky;
 
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Hdr, ScalingMode, Viewport};
