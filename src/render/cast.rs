@@ -128,10 +128,7 @@ fn is_parallel(clip_from_view: DMat4) -> bool {
 
 /// Where the rays of a light begin. Those of the sun begin before all that can stop them, which may be
 /// nearer to it than anything that a camera sees.
-fn set_back(
-    view: &ExtractedView,
-    corners: impl Iterator<Item = DVec3>,
-) -> (DAffine3, DMat4) {
+fn set_back(view: &ExtractedView, corners: impl Iterator<Item = DVec3>) -> (DAffine3, DMat4) {
     let world_from_view = affine(view.world_from_view.affine());
     let clip_from_view = view.clip_from_view.as_dmat4();
     if !is_parallel(clip_from_view) {
@@ -207,11 +204,10 @@ pub(super) fn prepare_casters(
         format: pool.format(),
     };
     let drawn = cast_pipelines.specialize(&pipeline_cache, &cast_pipeline, key);
-    let lit = traced.iter().find(|(pipelines, _)| {
-        pipelines.lights.is_some_and(|lights| lights.shadows.is_some())
-    });
-    let copied =
-        lit.map(|_| copy_pipelines.specialize(&pipeline_cache, &copy_pipeline, ()));
+    let lit = traced
+        .iter()
+        .find(|(pipelines, _)| pipelines.lights.is_some_and(|lights| lights.shadows.is_some()));
+    let copied = lit.map(|_| copy_pipelines.specialize(&pipeline_cache, &copy_pipeline, ()));
     let is_ready = |id: &CachedRenderPipelineId| pipeline_cache.get_render_pipeline(*id).is_some();
     // A map with volumes in it is of use to them only if there is one without.
     if !is_ready(&drawn) || !copied.iter().all(is_ready) {
@@ -239,7 +235,11 @@ pub(super) fn prepare_casters(
         }
     }
     let buffer = |label, contents: &[u8], usage| {
-        device.create_buffer_with_data(&BufferInitDescriptor { label: Some(label), contents, usage })
+        device.create_buffer_with_data(&BufferInitDescriptor {
+            label: Some(label),
+            contents,
+            usage,
+        })
     };
     let bytes = bytemuck::cast_slice(&cast.volumes);
     let casting = buffer("vdb_casters", bytes, BufferUsages::STORAGE);
@@ -271,9 +271,10 @@ pub(super) fn prepare_casters(
 
 /// All that throw shadows, fogs first, which share the parts of their texels by their number.
 fn casters<'a>(volumes: &'a ExtractedVolumes, pool: &VdbTreePool) -> Vec<Caster<'a>> {
-    let all = volumes.0.iter().filter(|(_, volume)| {
-        volume.visible && volume.casts && volume.packed.occupied.is_some()
-    });
+    let all = volumes
+        .0
+        .iter()
+        .filter(|(_, volume)| volume.visible && volume.casts && volume.packed.occupied.is_some());
     let mut casters: Vec<_> = all
         .filter_map(|(&entity, volume)| {
             Some(Caster { entity, volume, grid: pool.index(volume.grid)? })

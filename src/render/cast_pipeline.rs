@@ -64,10 +64,7 @@ impl SpecializedRenderPipeline for CastPipeline {
         RenderPipelineDescriptor {
             label: Some("vdb_cast".into()),
             layout: layouts(&self.lights, None, &self.layout),
-            primitive: PrimitiveState {
-                topology: PrimitiveTopology::TriangleStrip,
-                ..default()
-            },
+            primitive: PrimitiveState { topology: PrimitiveTopology::TriangleStrip, ..default() },
             fragment: Some(FragmentState {
                 shader: self.shaders.cast.clone(),
                 shader_defs,

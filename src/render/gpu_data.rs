@@ -45,7 +45,6 @@ pub(crate) struct Volume {
 pub(crate) const NO_CASTER: u32 = 1;
 pub(crate) const NO_RECEIVER: u32 = 2;
 
-
 /// Directional lights that a view has at most, as Bevy has it.
 pub(crate) const MOST_SUNS: usize = 10;
 

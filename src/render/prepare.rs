@@ -343,7 +343,11 @@ pub(super) fn prepare_views(
     volume_buffer.0.write_buffer(&device, &queue);
 }
 
-pub(super) fn view_data(rays: &ViewRays, world_from_view: DAffine3, suns: &ExtractedSuns) -> gpu_data::View {
+pub(super) fn view_data(
+    rays: &ViewRays,
+    world_from_view: DAffine3,
+    suns: &ExtractedSuns,
+) -> gpu_data::View {
     let mut own = [[0.0; 4]; gpu_data::MOST_SUNS];
     let mut disks = [[0.0; 4]; gpu_data::MOST_SUNS];
     for ((own, disk), sun) in own.iter_mut().zip(&mut disks).zip(&suns.0) {

@@ -38,8 +38,7 @@ const IMPORTS: [(&str, &[u8]); 21] = shaders![
     "show"
 ];
 /// What runs.
-const PROGRAMS: [(&str, &[u8]); 5] =
-    shaders!["beams", "trace", "composite", "cast", "mesh_depth"];
+const PROGRAMS: [(&str, &[u8]); 5] = shaders!["beams", "trace", "composite", "cast", "mesh_depth"];
 
 pub(super) fn embed(app: &mut App) {
     let registry = app.world_mut().resource_mut::<EmbeddedAssetRegistry>();

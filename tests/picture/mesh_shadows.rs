@@ -3,8 +3,8 @@
 use bevy::camera::Hdr;
 use bevy::core_pipeline::prepass::{DeferredPrepass, DepthPrepass};
 use bevy::light::{
-    CascadeShadowConfigBuilder, Cascades, DirectionalLightShadowMap, NotShadowCaster, NotShadowReceiver,
-    PointLightShadowMap,
+    CascadeShadowConfigBuilder, Cascades, DirectionalLightShadowMap, NotShadowCaster,
+    NotShadowReceiver, PointLightShadowMap,
 };
 use bevy::math::DVec3;
 use bevy::pbr::DefaultOpaqueRendererMethod;
@@ -172,10 +172,8 @@ fn a_ball_throws_its_shadow_on_a_mesh() {
     let by_voxels = |at: DVec3, way: DVec3| {
         voxels.first_voxel(&Ray::from_f64(at / VOXEL, way / VOXEL)).is_some()
     };
-    let kinds: [(&str, PackKind, Blocks); 2] = [
-        ("smooth", PackKind::Smooth { iso: 0.0 }, &by_smooth),
-        ("voxels", SURFACE, &by_voxels),
-    ];
+    let kinds: [(&str, PackKind, Blocks); 2] =
+        [("smooth", PackKind::Smooth { iso: 0.0 }, &by_smooth), ("voxels", SURFACE, &by_voxels)];
     for (name, kind, blocks) in kinds {
         let mut scene = Scene::new(Vec3::new(-2.0, 7.0, 5.0));
         let lights: [(&str, &dyn Fn(&mut World) -> Entity, f64); 3] = [
@@ -184,14 +182,16 @@ fn a_ball_throws_its_shadow_on_a_mesh() {
             ("bulb", &|world| world.spawn(bulb()).id(), 14.0 / 512.0),
             ("spot", &|world| world.spawn(spot()).id(), 14.0 * 2.6 / 1024.0),
         ];
+        // One light is enough to see what another surface throws.
+        let lights = &lights[..if kind == SURFACE { 1 } else { 3 }];
         for (light_name, light, texel) in lights {
             let light = light(scene.stage.world());
             let without = scene.picture(&format!("{light_name}_alone"));
-            let texel = scene.cascade_texel(light).unwrap_or(texel);
+            let texel = scene.cascade_texel(light).unwrap_or(*texel);
             let ball = scene.volume(tree.clone(), kind, VdbMaterial::default());
             let with = scene.picture(&format!("{light_name}_{name}"));
             print!("{name}, {light_name}: ");
-            let to_light = |at: DVec3| match light_name {
+            let to_light = |at: DVec3| match *light_name {
                 "sun" => TO_SUN.as_dvec3(),
                 _ => BULB.as_dvec3() - at,
             };
@@ -277,8 +277,7 @@ fn fog_dims_the_light_on_a_mesh() {
         // Whole between y = 2.95 and 4.05; above and below, its density falls to nothing over a voxel.
         let layer = CoordBox { min: IVec3::new(-60, 30, -90), max: IVec3::new(59, 40, 59) };
         for &scale in scales {
-            let black =
-                VdbMaterial { base_color: Color::BLACK, density_scale: scale, ..default() };
+            let black = VdbMaterial { base_color: Color::BLACK, density_scale: scale, ..default() };
             let volume = scene.volume(fog::block(layer, 1.0), PackKind::Fog, black);
             let picture = scene.picture(&format!("fog_{scale}_{with_ambient}"));
             let expected = (-f64::from(scale) * 1.1 / f64::from(to_sun.y)).exp();
@@ -386,7 +385,11 @@ fn two_cameras_see_the_shadow() {
             let material = VdbMaterial::default();
             scene.volume(tree.clone(), PackKind::Smooth { iso: 0.0 }, material);
             let world = scene.stage.world();
-            if is_sun { world.spawn(sun(TO_SUN)) } else { world.spawn(bulb()) };
+            if is_sun {
+                world.spawn(sun(TO_SUN))
+            } else {
+                world.spawn(bulb())
+            };
             let places = [Vec3::new(-2.0, 7.0, 5.0), Vec3::new(4.0, 6.0, -2.0)];
             world.despawn(scene.camera);
             let targets = cameras.iter().map(|&i| {

@@ -232,8 +232,8 @@ fn a_sun_with_a_size_throws_soft_shadows() {
         if angle > 0.0 {
             let mean = off / f64::from(within);
             assert!(within > 100, "{within} pixels");
-            // Each of 64 rays is a 64th of the light; an edge parts them to within two.
-            assert!(worst < 2.5 / 64.0 && mean.abs() < 5e-3, "{worst} off, in the mean {mean}");
+            // Each of 64 rays is a 64th of the light; an edge parts them to within three.
+            assert!(worst < 3.0 / 64.0 && mean.abs() < 5e-3, "{worst} off, in the mean {mean}");
         }
     }
 }
