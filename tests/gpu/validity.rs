@@ -152,13 +152,17 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&["LIT", "SURFACES", "LOCAL_LIGHTS", "SHADOWS", &filter]]);
     }
     check(&[&["LIT", "SURFACES", "DFG_LUT", "EVEN_LIGHT"]]);
+    // Many volumes, and suns with a size.
+    for with in subsets(&["MANY", "SOFT_SUNS", "REFLECTIONS", "BEAMS"]) {
+        check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS"], &with, &shadows]);
+    }
     // Grids in pages, and samples of one format.
     for format in ["FORMAT=0", "FORMAT=1", "FORMAT=2"] {
         check(&[&["LIT", "SMOOTH", "FOGS", format], &shadows]);
         check(&[&["LIT", "FOGS", "FOG_STEPS", "EVEN_LIGHT", format]]);
     }
     check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS", "PAGED", "PAGE_BITS=20"], &shadows]);
-    assert_eq!(variants, 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2) + 3 + 7);
+    assert_eq!(variants, 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2) + 3 + 16 + 7);
 }
 
 #[test]
