@@ -110,7 +110,7 @@ pub(super) struct ExtractedSun {
     pub samples: u32,
 }
 
-/// As wide as a hemisphere would have no edge to speak of.
+/// Radians; a wider sun's shadows are all edge.
 const WIDEST_SUN: f32 = 1.0;
 const MOST_SAMPLES: u32 = 256;
 
@@ -120,6 +120,16 @@ pub(super) fn extract_suns(
     >,
     mut extracted: ResMut<ExtractedSuns>,
 ) {
+    let sound = |sun: &VdbSun| {
+        (0.0..=WIDEST_SUN).contains(&sun.angular_diameter)
+            && (1..=MOST_SAMPLES).contains(&sun.samples)
+    };
+    if lights.iter().any(|(_, sun, _)| !sound(sun)) {
+        warn_once!(
+            "a VdbSun shines with the nearest values that make sense: give it an angular_diameter from 0 \
+             to 1 and samples from 1 to 256"
+        );
+    }
     let suns = lights.iter().filter(|(_, sun, visible)| {
         visible.get() && (sun.intensity != 1.0 || sun.angular_diameter > 0.0)
     });
