@@ -1,8 +1,9 @@
 //! Volumes under lights: a teapot of metal and one of clay, and a cloud above them, on a floor of voxels,
-//! beside a pillar that is a mesh, with a sun and a lamp that throw shadows, a bulb, and a sky to reflect.
+//! beside a pillar and before a wall that are meshes, with a sun and a lamp that throw shadows, a bulb, and a
+//! sky to reflect.
 //!
-//! `cargo run --example lights_and_shadows` opens a window: S switches shadows, R how many times
-//! reflections go on, L the borders of leaves, and M goes through the modes.
+//! `cargo run --example lights_and_shadows` opens a window: S switches shadows, P those on meshes, A how large
+//! the sun is, R how many times reflections go on, L the borders of leaves, and M goes through the modes.
 //! `cargo run --example lights_and_shadows picture.png` writes a picture, without a window.
 
 use std::path::PathBuf;
@@ -10,7 +11,7 @@ use std::time::Duration;
 
 use bevy::app::ScheduleRunnerPlugin;
 use bevy::camera::{Hdr, RenderTarget};
-use bevy::light::EnvironmentMapLight;
+use bevy::light::{CascadeShadowConfigBuilder, EnvironmentMapLight};
 use bevy::math::{DAffine3, DQuat, DVec3};
 use bevy::prelude::*;
 use bevy::render::RenderPlugin;
@@ -123,17 +124,30 @@ fn pillar(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    // Its shadow falls on volumes; theirs do not fall on it.
+    // Its shadow falls on volumes, and theirs on it.
     commands.spawn((
         Mesh3d(meshes.add(Cylinder::new(0.15, 2.5))),
         MeshMaterial3d(materials.add(Color::srgb(0.5, 0.5, 0.5))),
         Transform::from_xyz(3.3, 1.25, 0.9),
     ));
+    // The sun throws the shadows of the teapots and of the cloud on it.
+    commands.spawn((
+        Mesh3d(meshes.add(Cuboid::new(12.0, 3.2, 0.1))),
+        MeshMaterial3d(materials.add(Color::srgb(0.6, 0.55, 0.5))),
+        Transform::from_xyz(0.0, 1.6, -2.6),
+    ));
 }
+
+/// Of the sun, in radians.
+const SIZES: [f32; 3] = [0.0, 0.05, 0.2];
 
 fn lights(mut commands: Commands) {
     commands.spawn((
         DirectionalLight { illuminance: 6_000.0, shadow_maps_enabled: true, ..default() },
+        // Larger than the Sun's 0.0093, so that edges are seen to be soft.
+        VdbSun { angular_diameter: SIZES[1], ..default() },
+        // Maps that reach no farther than there is something have finer texels.
+        CascadeShadowConfigBuilder { maximum_distance: 20.0, ..default() }.build(),
         Transform::from_xyz(4.0, 4.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y),
     ));
     commands.spawn((
@@ -177,12 +191,23 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>, out: Option
     }
 }
 
-fn keys(keys: Res<ButtonInput<KeyCode>>, mut camera: Single<&mut VdbCamera>) {
+fn keys(
+    keys: Res<ButtonInput<KeyCode>>,
+    mut camera: Single<&mut VdbCamera>,
+    mut sun: Single<&mut VdbSun>,
+) {
     use VdbRenderMode::{Depth, Diffuse, Glossy, Gray, HitVoxel, Lit, Normals, Rgb, Steps};
     const MODES: [VdbRenderMode; 9] =
         [Lit, Diffuse, Glossy, Gray, Rgb, Normals, Depth, HitVoxel, Steps];
     if keys.just_pressed(KeyCode::KeyS) {
         camera.shadows = !camera.shadows;
+    }
+    if keys.just_pressed(KeyCode::KeyP) {
+        camera.mesh_shadows = !camera.mesh_shadows;
+    }
+    if keys.just_pressed(KeyCode::KeyA) {
+        let now = SIZES.iter().position(|size| *size == sun.angular_diameter).unwrap_or(0);
+        sun.angular_diameter = SIZES[(now + 1) % SIZES.len()];
     }
     if keys.just_pressed(KeyCode::KeyR) {
         camera.reflections = (camera.reflections + 1) % 3;

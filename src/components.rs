@@ -79,6 +79,14 @@ pub struct VdbCamera {
     /// volumes, by a ray to each such light from each pixel, and those of meshes, from Bevy's shadow
     /// maps. On by default; without such a light it costs nothing.
     pub shadows: bool,
+    /// Whether volumes throw shadows on meshes: those lights' shadow maps then show volumes as well, drawn
+    /// by a ray to each texel that may. Their edges are those of the maps, as the edges of the shadows of
+    /// meshes are; fog dims light in 64 steps, which the smoothing of the maps evens out
+    /// (`ShadowFilteringMethod::Gaussian`, Bevy's default, best of all). Maps of point and spot lights are for
+    /// all cameras: volumes are in them if one of these wants them there. On by default; without such a
+    /// light, a mesh in the picture and a volume somewhere, it costs nothing. Not with
+    /// [`shadows`](Self::shadows) off, and not of volumes that are `NotShadowCaster`.
+    pub mesh_shadows: bool,
     /// How many times a ray goes on from a surface to what it reflects. With 0, the default, surfaces
     /// reflect the camera's `EnvironmentMapLight` alone; with 1 volumes, too; with 2 volumes in
     /// volumes. Rough surfaces reflect in one direction a pixel, by chance: that is for temporal
@@ -110,6 +118,7 @@ impl Default for VdbCamera {
             enabled: true,
             mode: VdbRenderMode::Lit,
             shadows: true,
+            mesh_shadows: true,
             reflections: 0,
             overlays: VdbOverlays::default(),
             fog_step: 0.0,
@@ -197,10 +206,19 @@ pub enum VdbTraversal {
 pub struct VdbSun {
     /// Factor on the light's illuminance, for volumes only. 0 or more, 1 by default.
     pub intensity: f32,
+    /// How large the light is in the sky, in radians, which makes the edges of shadows that volumes throw
+    /// on surfaces of volumes as soft: as wide as the distance of what throws them times this. From 0,
+    /// the default, for sharp edges, to 1; the Sun's is 0.0093. Fog is shaded as from its middle, and
+    /// shadows from and on meshes are Bevy's, whose `soft_shadow_size` is for that.
+    pub angular_diameter: f32,
+    /// Rays that each pixel sends to a light with a size: from 1 to 256, 16 by default. Fewer make grain,
+    /// which stands still in the picture unless the camera has temporal anti-aliasing, which evens it
+    /// out.
+    pub samples: u32,
 }
 
 impl Default for VdbSun {
     fn default() -> Self {
-        Self { intensity: 1.0 }
+        Self { intensity: 1.0, angular_diameter: 0.0, samples: 16 }
     }
 }

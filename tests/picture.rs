@@ -11,6 +11,8 @@ mod levels;
 mod lights;
 #[path = "picture/many.rs"]
 mod many;
+#[path = "picture/mesh_shadows.rs"]
+mod mesh_shadows;
 #[path = "picture/modes.rs"]
 mod modes;
 #[path = "picture/motion.rs"]
@@ -23,6 +25,8 @@ mod reflections;
 mod scene;
 #[path = "picture/shadows.rs"]
 mod shadows;
+#[path = "picture/sky.rs"]
+mod sky;
 
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Hdr, ScalingMode, Viewport};

@@ -3,6 +3,9 @@
 
 #import bevy_vdb::scene::{scene_end, seen_end, view}
 #import bevy_vdb::segment::Segment
+#ifdef MANY
+#import bevy_vdb::hierarchy::next_met
+#endif
 
 #ifdef BEAMS
 // For each tile of 8×8 pixels, a bit for each volume, or group of volumes, of the view that can stop a ray
@@ -14,8 +17,13 @@ fn tile_of(pixel: vec2<u32>) -> u32 {
 }
 #endif
 
-// The first volume from `i` on that a segment may meet; past the last one, if there is none.
-fn next_volume(segment: Segment, pixel: vec2<u32>, i: u32) -> u32 {
+// The first volume from `i` on that a segment may meet before `t_max`; past the last one, if there is none.
+fn next_volume(segment: Segment, pixel: vec2<u32>, i: u32, t_max: f32) -> u32 {
+#ifdef MANY
+    if !segment.is_view {
+        return next_met(segment, i, t_max);
+    }
+#endif
 #ifdef BEAMS
     // Other rays, and volumes that the view does not see, have no beams.
     if segment.is_view && i < seen_end() {

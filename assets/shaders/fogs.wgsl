@@ -97,8 +97,8 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     var t_first = FAR;
     var t_last = segment.t_min;
     let end = end_of(segment);
-    let begin = next_volume(segment, pixel, view.volume_first);
-    for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u)) {
+    let begin = next_volume(segment, pixel, view.volume_first, t_max);
+    for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u, t_max)) {
         if !is_medium(i) {
             continue;
         }
@@ -153,7 +153,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
 #ifdef EMISSION
         var shining = vec3(0.0);
 #endif
-        for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u)) {
+        for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u, t_max)) {
 #ifdef EMISSION
             if is_emitter(i) && (!is_whole || i == last_met) {
                 shining += emitted(segment, i, start, t_low, t_high);

@@ -22,9 +22,9 @@
 #endif
 
 #import bevy_vdb::hdda::FAR
-#import bevy_vdb::types::MOST_SUNS
+#import bevy_vdb::types::{MOST_SUNS, NO_RECEIVER}
 #import bevy_vdb::scene::{view, volumes}
-#import bevy_vdb::segment::Point
+#import bevy_vdb::segment::{NONE, Point}
 
 // A place that is lit, as Bevy's functions ask for it.
 struct Lit {
@@ -103,6 +103,41 @@ fn to_light(at: Lit, lights: Reaching, i: u32) -> vec3<f32> {
 #endif
 }
 
+#ifdef SOFT_SUNS
+// What VdbSun says of the size of a light: as `View` has it.
+fn sun_disk(lights: Reaching, light: u32) -> vec4<f32> {
+    var disk = vec4(0.0);
+    if light < lights.suns {
+        let direction = bevy::lights.directional_lights[light].direction_to_light;
+        for (var i = 0u; i < min(view.sun_count, MOST_SUNS); i++) {
+            disk = select(disk, view.disks[i], all(view.suns[i].xyz == direction));
+        }
+    }
+    return disk;
+}
+
+// The part of a round sun's light that comes to a place, by rays to places spread evenly over its disk,
+// after Vogel 1979, "A better way to construct the sunflower head", turned by chance for each pixel: by
+// the noise of Jorge Jimenez's that neighbours share evenly among them.
+fn soft_transmittance(at: Lit, point: Point, to_sun: vec3<f32>, tangent: f32, samples: u32) -> f32 {
+    let across = select(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), abs(to_sun.x) > 0.5);
+    let right = normalize(cross(across, to_sun));
+    let up = cross(to_sun, right);
+    let noise = fract(52.9829189 * fract(dot(at.coord, vec2(0.06711056, 0.00583715))));
+    let turn = 2.0 * PI * fract(noise + view.turn);
+    var lit = 0.0;
+    for (var k = 0u; k < samples; k++) {
+        let radius = tangent * sqrt((f32(k) + 0.5) / f32(samples));
+        let angle = turn + 2.39996323 * f32(k);
+        let way = normalize(to_sun + radius * (cos(angle) * right + sin(angle) * up));
+        if dot(way, at.normal) > 0.0 {
+            lit += transmittance(point, way, FAR, false);
+        }
+    }
+    return lit / f32(samples);
+}
+#endif
+
 // The part of a light's rays that come to a place: what meshes leave of it, as Bevy's shadow maps
 // have it, then what volumes leave.
 fn visibility(at: Lit, point: Point, lights: Reaching, i: u32) -> f32 {
@@ -110,6 +145,9 @@ fn visibility(at: Lit, point: Point, lights: Reaching, i: u32) -> f32 {
     let way = to_light(at, lights, i);
     if any(at.normal != vec3(0.0)) && dot(at.normal, way) <= 0.0 {
         return 0.0;
+    }
+    if point.own != NONE && (volumes[point.own].flags & NO_RECEIVER) != 0u {
+        return 1.0;
     }
     var lit = 1.0;
     var distance = FAR;
@@ -138,6 +176,12 @@ fn visibility(at: Lit, point: Point, lights: Reaching, i: u32) -> f32 {
     }
     if lit > 0.0 {
         let in_fog = !any(at.normal != vec3(0.0));
+#ifdef SOFT_SUNS
+        let disk = sun_disk(lights, i);
+        if disk.x > 0.0 && !in_fog {
+            return lit * soft_transmittance(at, point, direction, disk.x, u32(disk.y));
+        }
+#endif
         lit *= transmittance(point, direction, distance, in_fog);
     }
     return lit;

@@ -1,11 +1,14 @@
 // Shadows that volumes throw, on themselves and on each other.
 #define_import_path bevy_vdb::occlusion
 
-#import bevy_vdb::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
+#import bevy_vdb::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE, NO_CASTER}
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::hdda::{course_of, enter, first_hit}
 #import bevy_vdb::scene::{scene_end, view, volumes}
 #import bevy_vdb::segment::{Point, Segment, ray_of}
+#ifdef MANY
+#import bevy_vdb::hierarchy::next_met
+#endif
 #ifdef SMOOTH
 #import bevy_vdb::smooth::first_root
 #endif
@@ -25,12 +28,25 @@ const DARK: f32 = 16.0;
 const SHADOW_STEP: f32 = 1.0;
 const SHADOW_STEPS: f32 = 256.0;
 
+// The first volume from `i` on that a segment may meet before `distance`.
+fn next_before(segment: Segment, i: u32, distance: f32) -> u32 {
+#ifdef MANY
+    return next_met(segment, i, distance);
+#else
+    return i;
+#endif
+}
+
 // The part of the light from a direction (world space, unit) that comes to a place from a distance of
 // so many world units. A place in fog is one of many along a ray, whose errors even out.
 fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool) -> f32 {
     let segment = Segment(point, to_light, false, 0.0);
     var depth = 0.0;
-    for (var i = view.volume_first; i < scene_end() && depth < DARK; i++) {
+    var i = next_before(segment, view.volume_first, distance);
+    for (; i < scene_end() && depth < DARK; i = next_before(segment, i + 1u, distance)) {
+        if (volumes[i].flags & NO_CASTER) != 0u {
+            continue;
+        }
 #ifdef EMISSION
         if is_emitter(i) {
             continue;

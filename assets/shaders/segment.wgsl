@@ -39,11 +39,16 @@ fn view_segment(ndc: vec2<f32>) -> Segment {
     return Segment(point_on_view(ndc, 0.0), dir, true, view.t_near);
 }
 
+// Where a place is in the world, from the view's eye on.
+fn from_eye(point: Point) -> vec3<f32> {
+    let ndc = point.ndc;
+    let aside = ndc.x * view.eye_x + ndc.y * view.eye_y;
+    return aside + point.t * (view.dir + ndc.x * view.dir_x + ndc.y * view.dir_y) + point.shift;
+}
+
 // Where a place is in the world.
 fn world_position(point: Point) -> vec3<f32> {
-    let ndc = point.ndc;
-    let eye = view.eye + ndc.x * view.eye_x + ndc.y * view.eye_y;
-    return eye + point.t * (view.dir + ndc.x * view.dir_x + ndc.y * view.dir_y) + point.shift;
+    return view.eye + from_eye(point);
 }
 
 // Fractions of a cell as the walk wants them.

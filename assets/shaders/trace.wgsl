@@ -83,8 +83,8 @@ fn nearest_surface(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Surface {
     var nearest = no_surface();
     var t_end = t_max;
     let end = end_of(segment);
-    var i = next_volume(segment, pixel, view.volume_first);
-    for (; i < end; i = next_volume(segment, pixel, i + 1u)) {
+    var i = next_volume(segment, pixel, view.volume_first, t_end);
+    for (; i < end; i = next_volume(segment, pixel, i + 1u, t_end)) {
         let start = start_of(segment, i, pixel);
         if volumes[i].kind == KIND_FOG || start >= t_end {
             continue;

@@ -70,7 +70,15 @@ struct Volume {
     background: f32,            // of a component of a colour: what it is outside of its grid
     temperature_scale: f32,     // of black bodies, kelvin per unit of the values
     temperature_offset: f32,    // kelvin added to that, where there is any value
+    box_min: vec3<f32>,         // world space, from the view's eye; where there are many volumes
+    flags: u32,                 // bits: throws no shadow, has none thrown on it
+    box_max: vec3<f32>,
+    run_min: vec3<f32>,         // of a run of volumes (`hierarchy.wgsl`)
+    run_max: vec3<f32>,
 }
+
+const NO_CASTER: u32 = 1u;
+const NO_RECEIVER: u32 = 2u;
 
 // The most directional lights that a view has in Bevy.
 const MOST_SUNS: u32 = 10u;
@@ -106,6 +114,9 @@ struct View {
     // Directional lights that shine on volumes otherwise than on meshes: the direction to the light,
     // as Bevy has it, and the factor.
     suns: array<vec4<f32>, MOST_SUNS>,
+    // The tangent of half the angle of each, and how many rays a place sends there.
+    disks: array<vec4<f32>, MOST_SUNS>,
+    turn: f32,                  // what the frame adds to chance, 0 to 1
 }
 
 // A ray in local lattice coordinates of one grid: p(t) = cell + frac + t·dir.

@@ -1,6 +1,7 @@
 //! What the renderer takes from the app's world each frame.
 
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
+use bevy::light::{NotShadowCaster, NotShadowReceiver};
 use bevy::math::Affine3A;
 use bevy::prelude::*;
 use bevy::render::Extract;
@@ -49,6 +50,10 @@ pub(super) struct ExtractedVolume {
     pub material: VdbMaterial,
     /// Whether it is to be shown, in the picture or not.
     pub visible: bool,
+    /// Whether it throws shadows.
+    pub casts: bool,
+    /// Whether shadows are thrown on it.
+    pub receives: bool,
     pub layers: RenderLayers,
     /// Of a volume that is not to be shown, none.
     pub extras: Extras,
@@ -76,6 +81,7 @@ pub(super) fn extract_volumes(
             &InheritedVisibility,
             Option<&RenderLayers>,
             (Option<&VdbEmission>, Option<&VdbColorGrid>),
+            (Has<NotShadowCaster>, Has<NotShadowReceiver>),
         )>,
     >,
     grids: Extract<Res<Assets<VdbGrid>>>,
@@ -85,7 +91,7 @@ pub(super) fn extract_volumes(
 ) {
     std::mem::swap(&mut extracted.0, &mut *before);
     extracted.0.clear();
-    for (entity, volume, transform, material, visible, layers, extras) in &volumes {
+    for (entity, volume, transform, material, visible, layers, extras, without) in &volumes {
         let Some(grid) = grids.get(&volume.0) else { continue };
         let entity = MainEntity::from(entity);
         let world_from_local = transform.affine();
@@ -106,6 +112,8 @@ pub(super) fn extract_volumes(
             local_from_index: grid.world_from_index(),
             material: material.clone(),
             visible: visible.get(),
+            casts: !without.0,
+            receives: !without.1,
             layers: layers.cloned().unwrap_or_default(),
             extras,
         };
@@ -113,10 +121,24 @@ pub(super) fn extract_volumes(
     }
 }
 
-/// The directional lights that shine on volumes otherwise than on meshes: the direction to each in world
-/// space, to the bit as Bevy has it, and the factor.
+/// The directional lights that shine on volumes otherwise than on meshes.
 #[derive(Clone, Debug, Default, Resource)]
-pub(super) struct ExtractedSuns(pub Vec<(Vec3, f32)>);
+pub(super) struct ExtractedSuns(pub Vec<ExtractedSun>);
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ExtractedSun {
+    /// To the light in world space, to the bit as Bevy has it.
+    pub direction: Vec3,
+    /// Of its illuminance.
+    pub factor: f32,
+    /// Radians; without rays to the light, 0.
+    pub angular_diameter: f32,
+    pub samples: u32,
+}
+
+/// Radians; a wider sun's shadows are all edge.
+const WIDEST_SUN: f32 = 1.0;
+const MOST_SAMPLES: u32 = 256;
 
 pub(super) fn extract_suns(
     lights: Extract<
@@ -124,11 +146,26 @@ pub(super) fn extract_suns(
     >,
     mut extracted: ResMut<ExtractedSuns>,
 ) {
-    let suns = lights.iter().filter(|(_, sun, visible)| visible.get() && sun.intensity != 1.0);
+    let sound = |sun: &VdbSun| {
+        (0.0..=WIDEST_SUN).contains(&sun.angular_diameter)
+            && (1..=MOST_SAMPLES).contains(&sun.samples)
+    };
+    if lights.iter().any(|(_, sun, _)| !sound(sun)) {
+        warn_once!(
+            "a VdbSun shines with the nearest values that make sense: give it an angular_diameter from 0 \
+             to 1 and samples from 1 to 256"
+        );
+    }
+    let suns = lights.iter().filter(|(_, sun, visible)| {
+        visible.get() && (sun.intensity != 1.0 || sun.angular_diameter > 0.0)
+    });
     extracted.0.clear();
-    extracted.0.extend(
-        suns.map(|(transform, sun, _)| (transform.back().into(), non_negative(sun.intensity))),
-    );
+    extracted.0.extend(suns.map(|(transform, sun, _)| ExtractedSun {
+        direction: transform.back().into(),
+        factor: non_negative(sun.intensity),
+        angular_diameter: non_negative(sun.angular_diameter).min(WIDEST_SUN),
+        samples: sun.samples.clamp(1, MOST_SAMPLES),
+    }));
 }
 
 /// The environment maps of a camera: a component of render entities.

@@ -41,7 +41,19 @@ pub(crate) struct Volume {
     pub background: f32,
     pub temperature_scale: f32,
     pub temperature_offset: f32,
+    pub box_min: [f32; 3],
+    pub flags: u32,
+    pub box_max: [f32; 3],
+    pub pad_0: u32,
+    pub run_min: [f32; 3],
+    pub pad_1: u32,
+    pub run_max: [f32; 3],
+    pub pad_2: u32,
 }
+
+/// Bits of [`Volume::flags`].
+pub(crate) const NO_CASTER: u32 = 1;
+pub(crate) const NO_RECEIVER: u32 = 2;
 
 /// Directional lights that a view has at most, as Bevy has it.
 pub(crate) const MOST_SUNS: usize = 10;
@@ -75,6 +87,9 @@ pub(crate) struct View {
     pub group_bits: u32,
     pub keeps_starts: u32,
     pub suns: [[f32; 4]; MOST_SUNS],
+    pub disks: [[f32; 4]; MOST_SUNS],
+    pub turn: f32,
+    pub pads: [u32; 3],
 }
 
 /// Where the traced picture goes in the target.
@@ -152,12 +167,13 @@ mod tests {
         let volume = fields!(Volume: rays, normal_x, grid, normal_y, kind, normal_z,
             density_scale, lattice_x, anisotropy, lattice_y, perceptual_roughness, lattice_z,
             metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last, color_grids,
-            background, temperature_scale, temperature_offset);
+            background, temperature_scale, temperature_offset, box_min, flags, box_max, run_min,
+            run_max);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, volumes_beside, size, origin,
             steps_scale, reflections, overlays, sun_count, fog_step, tile_words, group_bits,
-            keeps_starts, suns);
+            keeps_starts, suns, disks, turn);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

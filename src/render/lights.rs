@@ -22,13 +22,16 @@ use bevy::render::texture::{FallbackImage, GpuImage};
 use bevy::render::view::{ViewUniformOffset, ViewUniforms};
 use bevy::shader::ShaderDefVal;
 
-use super::extract::ExtractedEnvironment;
+use super::cast::{CastShadows, MeshDepth};
+use super::extract::{ExtractedEnvironment, ExtractedSuns};
 
 /// What a view's lights ask of the trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct LightKey {
     /// If lights throw shadows: the shader def of how the edges of shadow maps are smoothed.
     pub shadows: Option<&'static str>,
+    /// Whether a sun that throws shadows has a size.
+    pub soft: bool,
     /// Whether there are lights with a position.
     pub local: bool,
     /// Whether the view has an environment map.
@@ -51,6 +54,7 @@ impl LightKey {
         let defs = [
             self.shadows.map(|_| "SHADOWS"),
             self.shadows,
+            self.soft.then_some("SOFT_SUNS"),
             self.local.then_some("LOCAL_LIGHTS"),
             even.then_some("EVEN_LIGHT"),
             self.environment.then_some("ENVIRONMENT_MAP"),
@@ -137,6 +141,7 @@ impl Lights<'_, '_> {
         filter: Option<&ShadowFilteringMethod>,
         environment: Option<&ExtractedEnvironment>,
         distance_fog: bool,
+        suns: &ExtractedSuns,
     ) -> LightKey {
         let thrown = self.suns.iter().any(|light| light.shadow_maps_enabled)
             || self.local.iter().any(|light| light.shadow_maps_enabled);
@@ -147,6 +152,7 @@ impl Lights<'_, '_> {
         };
         LightKey {
             shadows: (shadows && thrown).then_some(filter),
+            soft: shadows && thrown && suns.0.iter().any(|sun| sun.angular_diameter > 0.0),
             local: !self.local.is_empty(),
             environment: environment.is_some_and(|maps| {
                 [maps.diffuse, maps.specular].iter().all(|map| self.images.get(*map).is_some())
@@ -185,6 +191,7 @@ pub(super) struct AllLights<'w> {
     samplers: Res<'w, ShadowSamplers>,
     fogs: Res<'w, FogMeta>,
     table: Res<'w, DfgLut>,
+    cast: Res<'w, CastShadows>,
     images: Res<'w, RenderAssets<GpuImage>>,
     fallback: Res<'w, FallbackImage>,
 }
@@ -222,10 +229,11 @@ impl AllLights<'_> {
             (12, self.probes.binding()?),
         ));
         if key.shadows.is_some() {
+            let directional = &shadows.directional_light_depth_texture_view;
             entries = entries.extend_with_indices((
-                (2, &shadows.point_light_depth_texture_view),
+                (2, MeshDepth::or(&self.cast.point, &shadows.point_light_depth_texture_view)),
                 (3, &self.samplers.point_light_comparison_sampler),
-                (5, &shadows.directional_light_depth_texture_view),
+                (5, MeshDepth::or(&self.cast.directional, directional)),
                 (6, &self.samplers.directional_light_comparison_sampler),
             ));
         }

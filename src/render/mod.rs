@@ -1,14 +1,18 @@
 //! From the app's world to the picture, one stage a file: [`extract`] → [`gpu_tree`] → [`find`] →
-//! [`prepare`] → [`bind`] → [`trace`] → [`composite`]; [`pipeline`] makes what they run.
+//! [`prepare`] → [`bind`] → [`trace`] → [`composite`]; [`pipeline`] makes what they run. [`cast`] puts
+//! volumes into Bevy's shadow maps.
 
 mod bind;
 mod blackbody;
+mod cast;
+mod cast_pipeline;
 mod composite;
 mod extract;
 mod extras;
 mod find;
 mod gpu_data;
 mod gpu_tree;
+mod hierarchy;
 mod lights;
 mod motion;
 mod pipeline;
@@ -24,7 +28,10 @@ use bevy::core_pipeline::core_3d::{
     prepare_prepass_textures,
 };
 use bevy::core_pipeline::schedule::{Core3d, Core3dSystems};
-use bevy::pbr::{MeshPipelineSystems, main_transmissive_pass_3d};
+use bevy::pbr::{
+    LATE_SHADOW_PASS, MeshPipelineSystems, main_transmissive_pass_3d, per_view_shadow_pass,
+    shared_shadow_pass,
+};
 use bevy::prelude::*;
 use bevy::render::render_resource::{SpecializedComputePipelines, SpecializedRenderPipelines};
 use bevy::render::{
@@ -33,6 +40,7 @@ use bevy::render::{
 
 pub use gpu_tree::VdbGpuUsage;
 
+use cast_pipeline::{CastPipeline, MeshDepthPipeline};
 use gpu_tree::VdbTreePool;
 use pipeline::{BeamsPipeline, CompositePipeline, TracePipeline};
 
@@ -56,12 +64,15 @@ pub(crate) fn build(app: &mut App) {
         .init_resource::<extract::ExtractedVolumes>()
         .init_resource::<extract::ExtractedSuns>()
         .init_resource::<warnings::Warned>()
+        .init_resource::<cast::CastShadows>()
         .init_gpu_resource::<VdbTreePool>()
         .init_gpu_resource::<prepare::VolumeBuffer>()
         .init_gpu_resource::<blackbody::BlackbodyColors>()
         .init_gpu_resource::<SpecializedComputePipelines<BeamsPipeline>>()
         .init_gpu_resource::<SpecializedComputePipelines<TracePipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<CompositePipeline>>()
+        .init_gpu_resource::<SpecializedRenderPipelines<CastPipeline>>()
+        .init_gpu_resource::<SpecializedRenderPipelines<MeshDepthPipeline>>()
         .add_systems(RenderStartup, pipeline::init.after(MeshPipelineSystems))
         .add_systems(
             ExtractSchedule,
@@ -79,6 +90,9 @@ pub(crate) fn build(app: &mut App) {
                     .in_set(RenderSystems::PrepareResources)
                     .after(find::find_views)
                     .after(prepare_prepass_textures),
+                cast::prepare_casters
+                    .in_set(RenderSystems::PrepareResources)
+                    .after(prepare::prepare_views),
                 (blackbody::prepare_blackbody, bind::prepare_bind_groups)
                     .chain()
                     .in_set(RenderSystems::PrepareBindGroups),
@@ -96,6 +110,10 @@ pub(crate) fn build(app: &mut App) {
         .add_systems(
             Core3d,
             (
+                cast::cast
+                    .after(shared_shadow_pass::<LATE_SHADOW_PASS>)
+                    .after(per_view_shadow_pass::<LATE_SHADOW_PASS>)
+                    .before(Core3dSystems::MainPass),
                 trace::trace.in_set(VdbSystems::Trace),
                 composite::composite.in_set(VdbSystems::Composite),
             ),

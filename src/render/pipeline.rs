@@ -21,6 +21,7 @@ use bevy::render::render_resource::{
 use bevy::render::view::ViewUniform;
 use bevy::shader::ShaderDefVal;
 
+use super::cast_pipeline::{CastPipeline, MeshDepthPipeline};
 use super::lights::{LightKey, LightLayouts};
 use super::shaders::Shaders;
 use crate::{VdbRenderMode, VdbTraversal};
@@ -56,6 +57,8 @@ pub(super) fn init(
     commands.insert_resource(BeamsPipeline::new(&shaders, &lights));
     commands.insert_resource(TracePipeline::new(&shaders, &lights));
     commands.insert_resource(CompositePipeline::new(&shaders, fullscreen.clone()));
+    commands.insert_resource(CastPipeline::new(&shaders, &lights));
+    commands.insert_resource(MeshDepthPipeline::new(&shaders, fullscreen.clone()));
 }
 
 /// Finds where the rays of each tile of pixels can begin.
@@ -102,14 +105,14 @@ impl SpecializedComputePipeline for BeamsPipeline {
     }
 }
 
-fn page_defs(bits: Option<u32>) -> Vec<ShaderDefVal> {
+pub(super) fn page_defs(bits: Option<u32>) -> Vec<ShaderDefVal> {
     bits.map_or_else(Vec::new, |bits| {
         vec!["PAGED".into(), ShaderDefVal::UInt("PAGE_BITS".into(), bits)]
     })
 }
 
 /// Bevy's groups, then the crate's own, which is number [`GROUP`].
-fn layouts(
+pub(super) fn layouts(
     lights: &LightLayouts,
     key: Option<LightKey>,
     own: &BindGroupLayoutDescriptor,
@@ -137,6 +140,8 @@ pub(super) struct TraceKey {
     /// Surfaces between samples.
     pub smooth: bool,
     pub fogs: bool,
+    /// Whether rays that are not the view's find volumes by a hierarchy.
+    pub many: bool,
     /// Whether the rays of a tile of pixels share a start.
     pub beams: bool,
     /// log₂ of the words of a page, where the pool has several.
@@ -225,6 +230,7 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.surfaces, "SURFACES"),
             (key.smooth, "SMOOTH"),
             (key.fogs, "FOGS"),
+            (key.many, "MANY"),
             (key.beams, "BEAMS"),
             (key.traversal == VdbTraversal::March, "MARCH"),
             (matches!(key.traversal, VdbTraversal::March | VdbTraversal::Dda), "DDA"),

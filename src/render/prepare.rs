@@ -5,6 +5,7 @@ use bevy::camera::MainPassResolutionOverride;
 use bevy::camera::visibility::RenderLayers;
 use bevy::core_pipeline::prepass::{MotionVectorPrepass, PreviousViewData, ViewPrepassTextures};
 use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
+use bevy::diagnostic::FrameCount;
 use bevy::image::ToExtents;
 use bevy::light::ShadowFilteringMethod;
 use bevy::math::{DAffine3, DMat4};
@@ -27,6 +28,7 @@ use super::extras::{color_data, emission_data};
 use super::find::ViewVolumes;
 use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
+use super::hierarchy;
 use super::lights::Lights;
 use super::motion::{ViewMotion, matrices};
 use super::pipeline::{
@@ -104,7 +106,7 @@ pub(super) fn prepare_views(
     mut commands: Commands,
     views: Query<ViewData>,
     volumes: Res<ExtractedVolumes>,
-    suns: Res<ExtractedSuns>,
+    (suns, frame): (Res<ExtractedSuns>, Res<FrameCount>),
     lights: Lights,
     pool: Res<VdbTreePool>,
     mut volume_buffer: ResMut<VolumeBuffer>,
@@ -152,7 +154,7 @@ pub(super) fn prepare_views(
         let lights = settings
             .mode
             .is_lit()
-            .then(|| lights.key(settings.shadows, shadow_filter, environment, distance_fog));
+            .then(|| lights.key(settings.shadows, shadow_filter, environment, distance_fog, &suns));
         // With less, steps would only cost.
         let fog_step = match non_negative(settings.fog_step) {
             0.0 => 0.0,
@@ -172,7 +174,20 @@ pub(super) fn prepare_views(
         let mut shown = Vec::with_capacity(seen.0.len());
         let mut most_tiles = 0;
         let clip_from_world = clip_from_view.as_dmat4() * DMat4::from(world_from_view.inverse());
-        for entity in &seen.0 {
+        // What the view does not see may throw shadows into the picture, or be reflected there.
+        let goes_on = lights.is_some_and(|key| key.shadows.is_some()) || reflections > 0;
+        let beside = if goes_on {
+            volumes.beside(&seen.0, &layers.cloned().unwrap_or_default())
+        } else {
+            Vec::new()
+        };
+        let mut lists = [seen.0.clone(), beside];
+        let many = goes_on && lists.iter().map(Vec::len).sum::<usize>() > hierarchy::FEW;
+        if many {
+            lists.iter_mut().for_each(|list| hierarchy::sort(list, &volumes));
+        }
+        let [seen, beside] = &lists;
+        for entity in seen {
             if let (Some(at_level), Some(eye)) = (show(entity), eye)
                 && let Some(mut data) = volume_data(*entity, &at_level, eye, Some(&mut warned))
                 && let Some(volume) = volumes.0.get(entity)
@@ -202,27 +217,27 @@ pub(super) fn prepare_views(
             commands.entity(entity).remove::<(ViewResources, ViewBindGroups, ViewPipelines)>();
             continue;
         };
-        // What the view does not see may throw shadows into the picture, or be reflected there.
-        if lights.is_some_and(|key| key.shadows.is_some()) || reflections > 0 {
-            let layers = layers.cloned().unwrap_or_default();
-            for entity in volumes.beside(&seen.0, &layers) {
-                let Some(volume) = volumes.0.get(&entity) else { continue };
-                let own = show(&entity).zip(eye);
-                let own = own.and_then(|(shown, eye)| volume_data(entity, &shown, eye, None));
-                owners.extend(own.is_some().then_some(volume));
-                volume_buffer.0.extend(own);
-                // Fire throws no shadows, but mirrors show it.
-                if reflections > 0 && is_lit {
-                    let tiles = (clip_from_world, size);
-                    let view = (view_rays, world_from_view);
-                    for (data, _) in emission_data(entity, volume, &pool, view, tiles, None) {
-                        volume_buffer.0.push(data);
-                        owners.push(volume);
-                    }
+        for entity in beside {
+            let Some(volume) = volumes.0.get(entity) else { continue };
+            let own = show(entity).zip(eye);
+            let own = own.and_then(|(shown, eye)| volume_data(*entity, &shown, eye, None));
+            owners.extend(own.is_some().then_some(volume));
+            volume_buffer.0.extend(own);
+            // Fire throws no shadows, but mirrors show it.
+            if reflections > 0 && is_lit {
+                let tiles = (clip_from_world, size);
+                let view = (view_rays, world_from_view);
+                for (data, _) in emission_data(*entity, volume, &pool, view, tiles, None) {
+                    volume_buffer.0.push(data);
+                    owners.push(volume);
                 }
             }
         }
-        let beside = volume_buffer.0.len() - first - count;
+        if many {
+            let eye = world_from_view.transform_point3(view_rays.eye);
+            hierarchy::fill(&mut volume_buffer.0.values_mut()[first..], &owners, eye);
+        }
+        let beside = owners.len() - count;
         let has = |kind| volume_buffer.0.values()[first..].iter().any(|volume| volume.kind == kind);
         let traces = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(has);
         let blackbody = has(gpu_data::KIND_BLACKBODY);
@@ -255,6 +270,7 @@ pub(super) fn prepare_views(
             tile_words: layout.tile_words,
             group_bits: layout.group_bits,
             keeps_starts: u32::from(layout.keeps_starts),
+            turn: turn_of(jitter, *frame),
             ..view_data(view_rays, world_from_view, &suns)
         };
         let buffer = |label, contents: &[u8]| {
@@ -313,6 +329,7 @@ pub(super) fn prepare_views(
             surfaces: traces[0],
             smooth: traces[1],
             fogs: (traces[2] || emission) && with_fog,
+            many,
             beams,
             page_bits: pool.page_bits(),
             format: pool.format(),
@@ -367,10 +384,16 @@ pub(super) fn prepare_views(
     volume_buffer.0.write_buffer(&device, &queue);
 }
 
-fn view_data(rays: &ViewRays, world_from_view: DAffine3, suns: &ExtractedSuns) -> gpu_data::View {
+pub(super) fn view_data(
+    rays: &ViewRays,
+    world_from_view: DAffine3,
+    suns: &ExtractedSuns,
+) -> gpu_data::View {
     let mut own = [[0.0; 4]; gpu_data::MOST_SUNS];
-    for (own, (direction, factor)) in own.iter_mut().zip(&suns.0) {
-        *own = direction.extend(factor.min(MOST_FACTOR)).to_array();
+    let mut disks = [[0.0; 4]; gpu_data::MOST_SUNS];
+    for ((own, disk), sun) in own.iter_mut().zip(&mut disks).zip(&suns.0) {
+        *own = sun.direction.extend(sun.factor.min(MOST_FACTOR)).to_array();
+        *disk = [(0.5 * sun.angular_diameter).tan(), sun.samples as f32, 0.0, 0.0];
     }
     let world = |v| world_from_view.transform_vector3(v).as_vec3().to_array();
     gpu_data::View {
@@ -385,9 +408,16 @@ fn view_data(rays: &ViewRays, world_from_view: DAffine3, suns: &ExtractedSuns) -
         t_near: rays.t_near as f32,
         t_far: rays.t_far as f32,
         suns: own,
+        disks,
         sun_count: suns.0.len().min(gpu_data::MOST_SUNS) as u32,
         ..default()
     }
+}
+
+/// What a frame adds to chance, from 0 to 1: nothing, unless frames of the view are put together.
+pub(super) fn turn_of(jitter: Option<&TemporalJitter>, frame: FrameCount) -> f32 {
+    // Multiples of the golden section are spread evenly.
+    jitter.map_or(0.0, |_| (f64::from(frame.0) * 0.618_033_988_749_895).fract() as f32)
 }
 
 fn overlay_bits(overlays: VdbOverlays) -> u32 {

@@ -14,7 +14,7 @@ macro_rules! shaders {
 }
 
 /// Modules that others import.
-const IMPORTS: [(&str, &[u8]); 22] = shaders![
+const IMPORTS: [(&str, &[u8]); 23] = shaders![
     "types",
     "bindings",
     "rays",
@@ -30,6 +30,7 @@ const IMPORTS: [(&str, &[u8]); 22] = shaders![
     "march",
     "scene",
     "segment",
+    "hierarchy",
     "candidates",
     "surface",
     "color",
@@ -39,7 +40,7 @@ const IMPORTS: [(&str, &[u8]); 22] = shaders![
     "show"
 ];
 /// What runs.
-const PROGRAMS: [(&str, &[u8]); 3] = shaders!["beams", "trace", "composite"];
+const PROGRAMS: [(&str, &[u8]); 5] = shaders!["beams", "trace", "composite", "cast", "mesh_depth"];
 
 pub(super) fn embed(app: &mut App) {
     let registry = app.world_mut().resource_mut::<EmbeddedAssetRegistry>();
@@ -55,13 +56,15 @@ pub(super) struct Shaders {
     pub beams: Handle<Shader>,
     pub trace: Handle<Shader>,
     pub composite: Handle<Shader>,
+    pub cast: Handle<Shader>,
+    pub mesh_depth: Handle<Shader>,
     _imports: [Handle<Shader>; IMPORTS.len()],
 }
 
 impl Shaders {
     pub fn load(assets: &AssetServer) -> Self {
         let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
-        let [beams, trace, composite] = PROGRAMS.map(load);
-        Self { beams, trace, composite, _imports: IMPORTS.map(load) }
+        let [beams, trace, composite, cast, mesh_depth] = PROGRAMS.map(load);
+        Self { beams, trace, composite, cast, mesh_depth, _imports: IMPORTS.map(load) }
     }
 }

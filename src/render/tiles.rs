@@ -29,13 +29,18 @@ impl TileRange {
     pub const NONE: Self = Self { first: UVec2::ONE, last: UVec2::ZERO };
 
     /// Of a box in a space that a matrix takes to the clip space of a picture. All tiles, where a part of
-    /// the box is beside or behind the eye.
+    /// the box is beside or behind the eye, and none, where all of it is behind.
     pub fn of_box(clip_from_box: DMat4, min: DVec3, max: DVec3, size: UVec2) -> Self {
         let whole = Self { first: UVec2::ZERO, last: tiles(size).saturating_sub(UVec2::ONE) };
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-        for corner in 0..8 {
-            let is_max = BVec3::new(corner & 1 != 0, corner & 2 != 0, corner & 4 != 0);
-            let clip = clip_from_box * DVec3::select(is_max, max, min).extend(1.0);
+        let corners: [_; 8] = std::array::from_fn(|i| {
+            let is_max = BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
+            clip_from_box * DVec3::select(is_max, max, min).extend(1.0)
+        });
+        if corners.iter().all(|clip| clip.w <= 0.0) {
+            return Self::NONE;
+        }
+        for clip in corners {
             let ndc = clip.xy() / clip.w;
             if !(clip.w > 0.0 && ndc.is_finite()) {
                 return whole;
@@ -150,6 +155,7 @@ mod tests {
             assert_eq!(cube(beside).count(), 0, "{beside}");
         }
         assert_eq!(cube(DVec3::ZERO).count(), 200, "the eye is in it");
+        assert_eq!(cube(DVec3::Z).count(), 0, "behind the eye");
         assert_eq!(cube(DVec3::NAN).count(), 200);
     }
 

@@ -55,20 +55,15 @@ impl<'a> Shown<'a> {
         eye: Eye,
         detail: f64,
     ) -> Option<Self> {
-        let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
-        let finest = Self {
-            volume,
-            packed: &volume.packed,
-            world_from_index,
-            grid: pool.index(volume.grid)?,
-        };
+        let finest = Self::finest(volume, pool)?;
         let wanted = finest.coarseness(eye, detail);
         let mut level = wanted.min(volume.levels.len() as f64) as usize;
         while level > 0 {
             if let Some(grid) = pool.index(volume.grid.level(level)) {
                 let scale = f64::from(1_u32 << level);
                 let packed = &volume.levels[level - 1];
-                let world_from_index = world_from_index * DAffine3::from_scale(DVec3::splat(scale));
+                let world_from_index =
+                    finest.world_from_index * DAffine3::from_scale(DVec3::splat(scale));
                 return Some(Self { packed, world_from_index, grid, ..finest });
             }
             level -= 1;
@@ -76,9 +71,16 @@ impl<'a> Shown<'a> {
         Some(finest)
     }
 
+    /// The grid itself, if it is on the GPU.
+    pub fn finest(volume: &'a ExtractedVolume, pool: &VdbTreePool) -> Option<Self> {
+        let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
+        let grid = pool.index(volume.grid)?;
+        Some(Self { volume, packed: &volume.packed, world_from_index, grid })
+    }
+
     /// log₂ of how much larger voxels could be to cover `detail` pixels where they are nearest to the eye.
     fn coarseness(&self, eye: Eye, detail: f64) -> f64 {
-        let Some((low, high)) = self.index_box().filter(|_| detail > 0.0) else { return 0.0 };
+        let Some((low, high)) = index_box(self.packed).filter(|_| detail > 0.0) else { return 0.0 };
         let view_from_index = eye.world_from_view.inverse() * self.world_from_index;
         // The corner with the least depth: along the view's axis, as t is.
         let depth = |i: usize| {
@@ -101,16 +103,9 @@ impl<'a> Shown<'a> {
         if coarseness.is_finite() { coarseness.max(0.0) } else { 0.0 }
     }
 
-    /// The box of what can be seen, in index space.
-    fn index_box(&self) -> Option<(DVec3, DVec3)> {
-        let occupied = self.packed.occupied?;
-        let origin = self.packed.base.as_dvec3() + self.packed.kind.lattice_origin();
-        Some((origin + occupied.min.as_dvec3(), origin + occupied.max.as_dvec3() + 1.0))
-    }
-
     /// The tiles of a picture of so many pixels that show it.
     pub fn tile_range(&self, clip_from_world: DMat4, size: UVec2) -> TileRange {
-        let Some((min, max)) = self.index_box() else { return TileRange::NONE };
+        let Some((min, max)) = index_box(self.packed) else { return TileRange::NONE };
         TileRange::of_box(clip_from_world * DMat4::from(self.world_from_index), min, max, size)
     }
 }
@@ -146,7 +141,7 @@ pub(super) fn volume_data(
         PackKind::Smooth { .. } => gpu_data::KIND_SMOOTH,
         PackKind::Fog => gpu_data::KIND_FOG,
     };
-    let array = |v: bevy::math::DVec3| v.as_vec3().to_array();
+    let array = |v: DVec3| v.as_vec3().to_array();
     let capped = |color: Vec3, most: f32| color.to_array().map(|c| non_negative(c).min(most));
     Some(gpu_data::Volume {
         rays: GpuRays::from(&rays),
@@ -167,8 +162,38 @@ pub(super) fn volume_data(
         emissive: capped(material.emissive.to_vec3(), MOST_LIGHT),
         color_grids: gpu_data::NO_COLOR,
         base: packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
+        flags: if volume.casts { 0 } else { gpu_data::NO_CASTER }
+            | if volume.receives { 0 } else { gpu_data::NO_RECEIVER },
         ..default()
     })
+}
+
+/// The corners of the boxes of all of a volume in world space: of its grid at every level of detail, and
+/// of what shines in it.
+pub(super) fn world_corners(volume: &ExtractedVolume) -> impl Iterator<Item = DVec3> + use<'_> {
+    let world_from_local = affine(volume.world_from_local);
+    let levels = [&volume.packed].into_iter().chain(&*volume.levels).enumerate();
+    let levels = levels.map(|(level, packed)| {
+        let scale = DAffine3::from_scale(DVec3::splat(f64::from(1_u32 << level)));
+        (packed, volume.local_from_index * scale)
+    });
+    let shining = volume.extras.emission.iter().map(|part| (&part.packed, part.local_from_index));
+    levels.chain(shining).flat_map(move |(packed, local_from_index)| {
+        let world_from_index = world_from_local * local_from_index;
+        index_box(packed).into_iter().flat_map(move |(min, max)| {
+            (0..8).map(move |i| {
+                let is_max = BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
+                world_from_index.transform_point3(DVec3::select(is_max, max, min))
+            })
+        })
+    })
+}
+
+/// What of a grid can stop or dim a ray, in its index space.
+fn index_box(packed: &PackedGrid) -> Option<(DVec3, DVec3)> {
+    let occupied = packed.occupied?;
+    let origin = packed.base.as_dvec3() + packed.kind.lattice_origin();
+    Some((origin + occupied.min.as_dvec3(), origin + occupied.max.as_dvec3() + 1.0))
 }
 
 /// From 0 to 1; no number is 0.

@@ -165,13 +165,17 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&["LIT", "SURFACES", "LOCAL_LIGHTS", "SHADOWS", &filter]]);
     }
     check(&[&["LIT", "SURFACES", "DFG_LUT", "EVEN_LIGHT"]]);
+    // Many volumes, and suns with a size.
+    for with in subsets(&["MANY", "SOFT_SUNS", "REFLECTIONS", "BEAMS"]) {
+        check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS"], &with, &shadows]);
+    }
     // Grids in pages, and samples of one format.
     for format in ["FORMAT=0", "FORMAT=1", "FORMAT=2"] {
         check(&[&["LIT", "SMOOTH", "FOGS", format], &shadows]);
         check(&[&["LIT", "FOGS", "FOG_STEPS", "EVEN_LIGHT", format]]);
     }
     check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS", "PAGED", "PAGE_BITS=20"], &shadows]);
-    assert_eq!(variants, 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 3 + 7);
+    assert_eq!(variants, 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 3 + 16 + 7);
 }
 
 #[test]
@@ -179,4 +183,17 @@ fn the_beams_are_valid() {
     let mut composer = composer();
     check(&mut composer, "beams", &[]);
     check(&mut composer, "beams", &["PAGED", "PAGE_BITS=20"]);
+}
+
+#[test]
+fn what_is_drawn_into_shadow_maps_is_valid() {
+    let mut composer = composer();
+    for kinds in subsets(&["SURFACES", "SMOOTH", "FOGS"]) {
+        check(&mut composer, "cast", &kinds);
+        for format in ["FORMAT=0", "FORMAT=1", "FORMAT=2"] {
+            let with = ["PAGED", "PAGE_BITS=20", format];
+            check(&mut composer, "cast", &[&kinds, &with[..]].concat());
+        }
+    }
+    check(&mut composer, "mesh_depth", &[]);
 }

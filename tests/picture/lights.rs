@@ -193,7 +193,7 @@ fn parts_of_the_light_add_up() {
     }
 
     let mut sum_with = |intensity: f32| {
-        pair.stage.world().entity_mut(light).insert(VdbSun { intensity });
+        pair.stage.world().entity_mut(light).insert(VdbSun { intensity, ..default() });
         pair.show(true).pixels.iter().map(|p| p.truncate().as_dvec3()).sum::<DVec3>()
     };
     let [none, once, thrice] = [0.0, 1.0, 3.0].map(&mut sum_with);

@@ -2,9 +2,10 @@
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbTraversal, VdbVolume};
+use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbMaterial, VdbTraversal, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
+use vdb_core::tree::Vdb543;
 
 use super::common::{Picture, Stage, has_gpu};
 use super::{SIZE, SURFACE, glow, looking};
@@ -76,4 +77,73 @@ fn many_grids_of_all_kinds_look_as_they_do_one_by_one() {
     let pairs = lists.pixels.iter().zip(&every.pixels);
     let worst = pairs.map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max);
     assert!(worst < 1e-3, "{worst}");
+}
+
+/// Shadows and reflections of many volumes are those of one grid that has the voxels of all of them.
+#[test]
+fn many_volumes_shade_and_mirror_each_other_as_one_does() {
+    if !has_gpu() {
+        return;
+    }
+    let ball = |tree: &mut Vdb543<f32>, at: IVec3| {
+        for i in 0..512 {
+            let by = IVec3::new(i % 8, i / 8 % 8, i / 64) - 4;
+            if (by.as_dvec3() + 0.5).length() < 4.0 {
+                tree.set(at + by, -1.0);
+            }
+        }
+    };
+    // None is where a grid of rows would have it, so that rays pass between them.
+    let places: Vec<IVec3> = (0..300_i32)
+        .map(|i| {
+            let at = IVec3::new(i % 10, i / 10 % 6, i / 60);
+            at * IVec3::new(14, 12, 14) + IVec3::new(at.y * 5, 4, at.x * 3 % 7 + at.y * 4)
+        })
+        .collect();
+    let shown = |apart: bool| {
+        let mut stage = Stage::new();
+        let target = stage.target(SIZE);
+        let view = Transform::from_xyz(3.0, 16.0, 19.0);
+        let camera = stage.camera(&target, view.looking_at(Vec3::new(8.0, 2.0, 4.0), Vec3::Y));
+        stage.world().entity_mut(camera).insert(VdbCamera { reflections: 1, ..default() });
+        let sun = DirectionalLight { illuminance: 3.0, shadow_maps_enabled: true, ..default() };
+        stage.world().spawn((sun, looking(Vec3::new(0.6, 1.0, 0.4))));
+        let mut tree = Vdb543::new(1.0);
+        for i in 0..240 * 200 {
+            tree.set(IVec3::new(i % 240 - 40, -1, i / 240 - 60), -1.0);
+        }
+        let floor = stage.grid(tree, SURFACE, 0.1);
+        let mirror = VdbMaterial {
+            base_color: Color::linear_rgb(0.2, 0.3, 0.4),
+            reflectance: 1.0,
+            perceptual_roughness: 0.0,
+            ..default()
+        };
+        stage.world().spawn((VdbVolume(floor), mirror));
+        if apart {
+            let mut tree = Vdb543::new(1.0);
+            ball(&mut tree, IVec3::ZERO);
+            let grid = stage.grid(tree, SURFACE, 0.1);
+            for at in &places {
+                let at = Transform::from_translation(at.as_vec3() * 0.1);
+                stage.world().spawn((VdbVolume(grid.clone()), at));
+            }
+        } else {
+            let mut tree = Vdb543::new(1.0);
+            places.iter().for_each(|at| ball(&mut tree, *at));
+            let grid = stage.grid(tree, SURFACE, 0.1);
+            stage.world().spawn(VdbVolume(grid));
+        }
+        let picture = stage.picture(&target);
+        picture.save(&format!("many_lit_{apart}"));
+        picture
+    };
+    let (many, one) = (shown(true), shown(false));
+    let dark = one.count(|p| p.truncate().max_element() < 0.05 && p.w > 0.0);
+    let pairs = many.pixels.iter().zip(&one.pixels);
+    let differ = pairs.filter(|(a, b)| (**a - **b).abs().max_element() > 0.01).count();
+    println!("{differ} pixels differ, {dark} are dark");
+    assert!(dark > 300, "{dark} pixels in shadows");
+    // Rays that graze an edge may go either way.
+    assert!(differ * 200 < many.pixels.len(), "{differ} pixels differ");
 }

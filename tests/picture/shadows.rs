@@ -1,9 +1,11 @@
 //! Shadows of volumes on volumes and of meshes on volumes, where closed forms say that they are.
 
-use bevy::light::{DirectionalLightShadowMap, PointLightShadowMap};
+use bevy::light::{
+    DirectionalLightShadowMap, NotShadowCaster, NotShadowReceiver, PointLightShadowMap,
+};
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbMaterial, VdbVolume};
+use bevy_vdb::{VdbCamera, VdbMaterial, VdbSun, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Vdb543};
@@ -173,6 +175,90 @@ fn a_box_throws_its_shadow_on_a_floor() {
         picture.save(&format!("shadow_spot_apart_{apart}"));
         compare(&picture, view, above, |at| bulb.as_dvec3() - at);
     }
+}
+
+/// Of a plate whose edge is `h` above a floor, a sun of angle α straight above makes a shadow whose edge is
+/// α·h wide; within, as much of the light comes through as the edge leaves of the sun's disk.
+#[test]
+fn a_sun_with_a_size_throws_soft_shadows() {
+    if !has_gpu() {
+        return;
+    }
+    let (mut stage, target, camera, view) = stage(Vec3::new(2.5, 1.6, 0.0));
+    let floor = stage.grid(voxels(&[FLOOR]), SURFACE, VOXEL);
+    stage.world().spawn((VdbVolume(floor), plain()));
+    // Its edge is at x = -0.55, and its lower face at 2.15; the floor's upper face at -0.05.
+    let plate = CoordBox { min: IVec3::new(-60, 22, -60), max: IVec3::new(-6, 22, 59) };
+    let plate = stage.grid(voxels(&[plate]), SURFACE, VOXEL);
+    stage.world().spawn((VdbVolume(plate), plain()));
+    let light = DirectionalLight { illuminance: 3.0, shadow_maps_enabled: true, ..default() };
+    let light = stage.world().spawn((light, looking(Vec3::new(0.0, 1.0, 1e-4)))).id();
+    let off = VdbCamera { shadows: false, ..default() };
+    stage.world().entity_mut(camera).insert(off);
+    let bright = stage.picture(&target);
+    stage.world().entity_mut(camera).insert(VdbCamera::default());
+    for angle in [0.0_f64, 0.2, 0.5] {
+        let soft = VdbSun { angular_diameter: angle as f32, samples: 64, ..default() };
+        stage.world().entity_mut(light).insert(soft);
+        let picture = stage.picture(&target);
+        picture.save(&format!("soft_{angle}"));
+        assert_eq!(picture, stage.picture(&target), "it stands still");
+        let (mut within, mut off, mut worst) = (0, 0.0, 0.0_f64);
+        for y in 0..SIZE.y {
+            for x in 0..SIZE.x {
+                let (origin, dir) = pixel_ray(view, x, y);
+                let at = origin + dir * ((-0.05 - origin.y) / dir.y);
+                let full = bright.at(x, y).x;
+                if dir.y >= 0.0 || at.x.abs().max(at.z.abs()) > 2.0 || full == 0.0 {
+                    continue;
+                }
+                let part = f64::from(picture.at(x, y).x / full);
+                // Rays that lean towards the plate leave it by its upper edge, the others come in by the lower.
+                let height = if at.x > -0.55 { 2.3 } else { 2.2 };
+                let s = (at.x + 0.55) / (height * (0.5 * angle).tan()).max(1e-3);
+                if s.abs() > 1.02 {
+                    let expected = f64::from(u8::from(s > 0.0));
+                    assert!((part - expected).abs() < 2e-3, "{part} at {at}, {s} radii");
+                    continue;
+                }
+                let s = s.clamp(-1.0, 1.0);
+                let expected = 0.5 + (s * (1.0 - s * s).sqrt() + s.asin()) / std::f64::consts::PI;
+                within += 1;
+                off += part - expected;
+                worst = worst.max((part - expected).abs());
+            }
+        }
+        println!("angle {angle}: {within} pixels within the edge, {worst} off at worst");
+        if angle > 0.0 {
+            let mean = off / f64::from(within);
+            assert!(within > 100, "{within} pixels");
+            // Each of 64 rays is a 64th of the light; an edge parts them to within three.
+            assert!(worst < 3.0 / 64.0 && mean.abs() < 5e-3, "{worst} off, in the mean {mean}");
+        }
+    }
+}
+
+/// Volumes heed what meshes do.
+#[test]
+fn volumes_that_want_no_shadows_have_none() {
+    if !has_gpu() {
+        return;
+    }
+    let (mut stage, target, ..) = stage(Vec3::new(0.1, 2.0, 0.1));
+    let floor = stage.grid(voxels(&[FLOOR]), SURFACE, VOXEL);
+    let floor = stage.world().spawn((VdbVolume(floor), plain())).id();
+    let sun = DirectionalLight { illuminance: 3.0, shadow_maps_enabled: true, ..default() };
+    stage.world().spawn((sun, looking(Vec3::new(0.0, 1.0, 0.001))));
+    let lit = stage.picture(&target).center().x;
+    let roof = stage.grid(voxels(&[ABOVE]), SURFACE, VOXEL);
+    let high = Transform::from_xyz(0.0, 5.0, 0.0);
+    let roof = stage.world().spawn((VdbVolume(roof), plain(), high)).id();
+    assert_eq!(stage.picture(&target).center().x, 0.0);
+    stage.world().entity_mut(roof).insert(NotShadowCaster);
+    assert_eq!(stage.picture(&target).center().x, lit, "no caster");
+    stage.world().entity_mut(roof).remove::<NotShadowCaster>();
+    stage.world().entity_mut(floor).insert(NotShadowReceiver);
+    assert_eq!(stage.picture(&target).center().x, lit, "no receiver");
 }
 
 /// What the camera does not see throws its shadow all the same.

@@ -1,0 +1,8 @@
+// The depth of meshes in a layer of a shadow map, kept from what volumes are drawn over it.
+
+@group(0) @binding(0) var layer: texture_depth_2d;
+
+@fragment
+fn mesh_depth(@builtin(position) position: vec4<f32>) -> @builtin(frag_depth) f32 {
+    return textureLoad(layer, vec2<u32>(position.xy), 0);
+}

@@ -1,0 +1,126 @@
+//! Pipelines that draw into Bevy's shadow maps.
+
+use bevy::core_pipeline::FullscreenShader;
+use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
+use bevy::prelude::*;
+use bevy::render::render_resource::binding_types::{
+    storage_buffer_read_only_sized, texture_depth_2d, uniform_buffer_sized,
+};
+use bevy::render::render_resource::{
+    BindGroupLayoutDescriptor, BindGroupLayoutEntries, CompareFunction, DepthBiasState,
+    DepthStencilState, FragmentState, PrimitiveState, PrimitiveTopology, RenderPipelineDescriptor,
+    ShaderStages, SpecializedRenderPipeline, StencilState, VertexState,
+};
+use bevy::shader::ShaderDefVal;
+
+use super::lights::LightLayouts;
+use super::pipeline::{layouts, page_defs};
+use super::shaders::Shaders;
+
+/// Draws volumes into a shadow map.
+#[derive(Debug, Resource)]
+pub(super) struct CastPipeline {
+    shaders: Shaders,
+    pub lights: LightLayouts,
+    pub layout: BindGroupLayoutDescriptor,
+}
+
+/// As of [`TraceKey`](super::pipeline::TraceKey).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct CastKey {
+    pub surfaces: bool,
+    pub smooth: bool,
+    pub fogs: bool,
+    pub page_bits: Option<u32>,
+    pub format: Option<u32>,
+}
+
+impl CastPipeline {
+    pub fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
+        let read = || storage_buffer_read_only_sized(false, None);
+        let entries = BindGroupLayoutEntries::sequential(
+            ShaderStages::VERTEX_FRAGMENT,
+            (read(), read(), read(), read(), uniform_buffer_sized(false, None), read()),
+        );
+        let layout = BindGroupLayoutDescriptor::new("vdb_cast", &entries);
+        Self { shaders: shaders.clone(), lights: lights.clone(), layout }
+    }
+}
+
+impl SpecializedRenderPipeline for CastPipeline {
+    type Key = CastKey;
+
+    fn specialize(&self, key: CastKey) -> RenderPipelineDescriptor {
+        let kinds = [(key.surfaces, "SURFACES"), (key.smooth, "SMOOTH"), (key.fogs, "FOGS")];
+        let kinds = kinds.into_iter().filter(|(on, _)| *on).map(|(_, def)| def.into());
+        let format = key.format.map(|format| ShaderDefVal::UInt("FORMAT".into(), format));
+        let shader_defs: Vec<_> = kinds.chain(page_defs(key.page_bits)).chain(format).collect();
+        let vertex = VertexState {
+            shader: self.shaders.cast.clone(),
+            shader_defs: shader_defs.clone(),
+            entry_point: Some("quad".into()),
+            buffers: Vec::new(),
+        };
+        RenderPipelineDescriptor {
+            label: Some("vdb_cast".into()),
+            layout: layouts(&self.lights, None, &self.layout),
+            primitive: PrimitiveState { topology: PrimitiveTopology::TriangleStrip, ..default() },
+            fragment: Some(FragmentState {
+                shader: self.shaders.cast.clone(),
+                shader_defs,
+                entry_point: Some("stop".into()),
+                targets: Vec::new(),
+            }),
+            // Bevy's depth is 1 near and 0 far.
+            ..depth_only(vertex, CompareFunction::Greater)
+        }
+    }
+}
+
+/// Copies a layer of a shadow map; Bevy's textures do not allow the command that does.
+#[derive(Resource)]
+pub(super) struct MeshDepthPipeline {
+    shaders: Shaders,
+    fullscreen: FullscreenShader,
+    pub layout: BindGroupLayoutDescriptor,
+}
+
+impl MeshDepthPipeline {
+    pub fn new(shaders: &Shaders, fullscreen: FullscreenShader) -> Self {
+        let entries = BindGroupLayoutEntries::single(ShaderStages::FRAGMENT, texture_depth_2d());
+        let layout = BindGroupLayoutDescriptor::new("vdb_mesh_depth", &entries);
+        Self { shaders: shaders.clone(), fullscreen, layout }
+    }
+}
+
+impl SpecializedRenderPipeline for MeshDepthPipeline {
+    type Key = ();
+
+    fn specialize(&self, (): ()) -> RenderPipelineDescriptor {
+        RenderPipelineDescriptor {
+            label: Some("vdb_mesh_depth".into()),
+            layout: vec![self.layout.clone()],
+            fragment: Some(FragmentState {
+                shader: self.shaders.mesh_depth.clone(),
+                shader_defs: Vec::new(),
+                entry_point: Some("mesh_depth".into()),
+                targets: Vec::new(),
+            }),
+            ..depth_only(self.fullscreen.to_vertex_state(), CompareFunction::Always)
+        }
+    }
+}
+
+fn depth_only(vertex: VertexState, compare: CompareFunction) -> RenderPipelineDescriptor {
+    RenderPipelineDescriptor {
+        vertex,
+        depth_stencil: Some(DepthStencilState {
+            format: CORE_3D_DEPTH_FORMAT,
+            depth_write_enabled: Some(true),
+            depth_compare: Some(compare),
+            stencil: StencilState::default(),
+            bias: DepthBiasState::default(),
+        }),
+        ..default()
+    }
+}
