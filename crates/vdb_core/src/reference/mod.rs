@@ -17,6 +17,7 @@
 //! - [`optical_depth`], [`transmittance`]: through the trilinear density, integrated exactly cell by
 //!   cell; [`optical_depth_nearest`] through voxels of constant density.
 //! - [`radiance()`]: emitted light, and light of the sun scattered once, to a tolerance.
+//! - [`Paths`]: light scattered any number of times, by paths drawn at random.
 //! - [`Blocky::judge`], [`Smooth::judge`]: what another tracer's answer is worth.
 //! - [`mod@picture`]: whole pictures of several volumes, for a machine without a GPU.
 
@@ -26,6 +27,7 @@ mod cubic;
 mod field;
 mod fog;
 mod judge;
+mod paths;
 pub mod picture;
 mod planes;
 mod radiance;
@@ -38,6 +40,7 @@ mod wide;
 pub use blocky::{Blocky, Face, Occupied, VoxelHit, first_voxel};
 pub use fog::{Estimate, Fog, density, optical_depth, optical_depth_nearest, transmittance};
 pub use judge::{SurfaceVerdict, VoxelVerdict};
+pub use paths::{Mean, PathLight, Paths, Scattering};
 pub use radiance::{Medium, Radiance, Sun, phase, radiance};
 pub use ray::Ray;
 pub use smooth::{Graze, Smooth, SurfaceHit, SurfaceTrace, first_root, trace_surface};

@@ -4,6 +4,7 @@ mod blocky;
 mod brute;
 mod fog;
 mod judge;
+mod paths;
 mod peers;
 mod picture;
 mod radiance;
