@@ -89,6 +89,11 @@ pub struct VdbCamera {
     /// exactly. Samples every voxel take a quarter of that time, and every four a tenth; what they get
     /// wrong is in `docs/benchmarks.md`.
     pub fog_step: f32,
+    /// Whether fog scatters light more than once: what makes clouds white. On by default; it is an
+    /// approximation, with nearly no cost beside the light that is scattered once. How far off either is
+    /// from all the light there is, is in `docs/fog.md`. Of lamps and suns without shadows fog scatters all
+    /// light once either way, as nothing dims what comes to it.
+    pub multiple_scattering: bool,
     /// How rays find what they meet.
     pub traversal: VdbTraversal,
     /// [`VdbRenderMode::Steps`]: how many steps of the walk have the hottest colour. More than 0;
@@ -105,6 +110,7 @@ impl Default for VdbCamera {
             reflections: 0,
             overlays: VdbOverlays::default(),
             fog_step: 0.0,
+            multiple_scattering: true,
             traversal: VdbTraversal::HddaSdf,
             steps_scale: 200.0,
         }

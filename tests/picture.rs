@@ -3,6 +3,10 @@
 mod common;
 #[path = "picture/extremes.rs"]
 mod extremes;
+#[path = "picture/flip.rs"]
+mod flip;
+#[path = "picture/golden.rs"]
+mod golden;
 #[path = "picture/lights.rs"]
 mod lights;
 #[path = "picture/many.rs"]
@@ -11,10 +15,14 @@ mod many;
 mod modes;
 #[path = "picture/motion.rs"]
 mod motion;
+#[path = "picture/peers.rs"]
+mod peers;
 #[path = "picture/rays.rs"]
 mod rays;
 #[path = "picture/reflections.rs"]
 mod reflections;
+#[path = "picture/scatter.rs"]
+mod scatter;
 #[path = "picture/scene.rs"]
 mod scene;
 #[path = "picture/shadows.rs"]

@@ -14,8 +14,13 @@
 #import bevy_vdb::march::step_of
 #endif
 
-// Optical depth through which no light is seen: e^-16 is below a 16-bit float's step beside 1.
+// Optical depth through which no light is seen: e^-16 is below a 16-bit float's step beside 1. Light that is
+// scattered again has an eighth of it to pass, at least.
+#ifdef MULTIPLE_SCATTERING
+const DARK: f32 = 80.0;
+#else
 const DARK: f32 = 16.0;
+#endif
 
 // Voxels between the densities that a ray from a place in fog sums up, at least, and into how many such
 // steps the longest edge of a fog's box is cut, at most.

@@ -152,6 +152,8 @@ pub(super) struct TraceKey {
     pub fog_steps: bool,
     /// Borders of nodes.
     pub overlays: bool,
+    /// Whether fog scatters light more than once.
+    pub multiple_scattering: bool,
 }
 
 impl TracePipeline {
@@ -222,6 +224,7 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.reflections, "REFLECTIONS"),
             (key.fog_steps, "FOG_STEPS"),
             (key.overlays, "OVERLAYS"),
+            (key.multiple_scattering, "MULTIPLE_SCATTERING"),
             (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
             (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),
             (key.mode == VdbRenderMode::Steps, "COUNT_STEPS"),

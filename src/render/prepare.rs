@@ -281,6 +281,9 @@ pub(super) fn prepare_views(
             reflections: reflections > 0,
             fog_steps: fog_step > 0.0 && traces[2] && with_fog,
             overlays: settings.overlays != VdbOverlays::default(),
+            multiple_scattering: settings.multiple_scattering
+                && traces[2]
+                && settings.mode.is_lit(),
         };
         let tone = (!camera.hdr).then(|| ToneKey {
             tonemapping: tonemapping.copied().unwrap_or(Tonemapping::None),

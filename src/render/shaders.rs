@@ -14,7 +14,7 @@ macro_rules! shaders {
 }
 
 /// Modules that others import.
-const IMPORTS: [(&str, &[u8]); 20] = shaders![
+const IMPORTS: [(&str, &[u8]); 21] = shaders![
     "types",
     "bindings",
     "rays",
@@ -32,6 +32,7 @@ const IMPORTS: [(&str, &[u8]); 20] = shaders![
     "candidates",
     "surface",
     "occlusion",
+    "scattering",
     "lights",
     "fogs",
     "show"
