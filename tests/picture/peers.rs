@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use bevy::math::DVec3;
+use bevy::math::{DVec2, DVec3};
 use bevy::prelude::*;
 use bevy_vdb::{VdbMaterial, VdbVolume};
 use vdb_core::pack::PackKind;
+use vdb_core::reference::{Fog, Medium, Ray, Sun};
 use vdb_core::synth::fog;
+use vdb_core::tree::Node;
 use vdb_core::{AnyTree, Grid, GridClass, Transform as VdbTransform, VdbFile, WriteOptions};
 
 use super::common::{Picture, Stage, has_gpu};
@@ -23,7 +25,7 @@ const TO_SUN: Vec3 = Vec3::new(1.0, 0.7, 0.1);
 const FILE: &str = "cloud.vdb";
 
 /// The picture that `vdb_render` makes of a file, in linear grays. Its lengths are voxels, its steps a
-/// quarter of one; it has no phase function, and without `-gain` no light but what comes straight.
+/// tenth of one; it has no phase function, and without `-gain` no light but what comes straight.
 fn theirs(folder: &Path) -> Picture {
     let half = 22.5_f64.to_radians().tan() * f64::from(SIZE.x) / f64::from(SIZE.y);
     let vector = |v: Vec3| format!("{},{},{}", v.x, v.y, v.z);
@@ -37,9 +39,9 @@ fn theirs(folder: &Path) -> Picture {
         ("-absorb", gray((1.0 - ALBEDO) * EXTINCTION)),
         ("-light", format!("{},1,1,1", vector(TO_SUN))),
         ("-gain", "0".into()),
-        ("-step", "0.25".into()),
-        ("-shadowstep", "0.25".into()),
-        ("-cutoff", "0.0001".into()),
+        ("-step", "0.1".into()),
+        ("-shadowstep", "0.1".into()),
+        ("-cutoff", "0.00001".into()),
     ];
     // Of a path with a point in it, it takes what is behind for the kind of picture.
     let mut command = Command::new("vdb_render");
@@ -52,8 +54,23 @@ fn theirs(folder: &Path) -> Picture {
     let bytes = std::fs::read(folder.join("cloud.ppm")).unwrap();
     let pixels = &bytes[bytes.len() - 3 * SIZE.element_product() as usize..];
     // It cuts fractions off.
-    let gray = |c: &[u8]| Vec4::splat((f32::from(c[0]) + 0.5) / 255.0);
+    let gray = |c: &[u8]| Vec4::splat(if c[0] > 0 { f32::from(c[0]) + 0.5 } else { 0.0 } / 255.0);
     Picture { size: SIZE, pixels: pixels.chunks_exact(3).map(gray).collect() }
+}
+
+/// What comes of the cloud, scattered once, to a pixel.
+fn integral(fog: &Fog<'_, impl Node<Value = f32>>, x: u32, y: u32) -> f64 {
+    let view = looking(EYE);
+    let half = 22.5_f64.to_radians().tan();
+    let at = (DVec2::new(f64::from(x), f64::from(y)) + 0.5) * 2.0 - SIZE.as_dvec2();
+    let at = at / f64::from(SIZE.y) * half;
+    let way = view.rotation.as_dquat() * DVec3::new(at.x, -at.y, -1.0).normalize();
+    let ray = Ray::from_f64(EYE.as_dvec3() / VOXEL, way);
+    let (albedo, extinction_scale) = (ALBEDO, EXTINCTION);
+    let medium = Medium { extinction_scale, emission: 0.0, albedo, phase: 1.0 };
+    let dir = TO_SUN.as_dvec3().normalize();
+    let sun = Sun { dir, extinction_scale, irradiance: 1.0 };
+    fog.radiance(&ray, &medium, Some(&sun), 1e-4).radiance.value
 }
 
 /// The same light, scattered once: both within the eight bits that one of them has. `scripts/peer-fog`
@@ -81,7 +98,7 @@ fn a_cloud_looks_as_vdb_render_draws_it() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     stage.camera(&target, looking(EYE));
-    let grid = stage.grid(tree, PackKind::Fog, VOXEL);
+    let grid = stage.grid(tree.clone(), PackKind::Fog, VOXEL);
     let material = VdbMaterial {
         base_color: Color::linear_rgb(ALBEDO as f32, ALBEDO as f32, ALBEDO as f32),
         density_scale: (EXTINCTION / VOXEL) as f32,
@@ -105,6 +122,17 @@ fn a_cloud_looks_as_vdb_render_draws_it() {
         off / sum,
         mine / other
     );
+    // The integral itself, at every eighth pixel of every eighth row.
+    let fog = Fog::new(&tree);
+    let (mut exact, mut apart) = (0.0, [0.0; 2]);
+    for (x, y) in (0..SIZE.y).step_by(8).flat_map(|y| (0..SIZE.x).step_by(8).map(move |x| (x, y))) {
+        let right = integral(&fog, x, y);
+        exact += right;
+        for (apart, picture) in apart.iter_mut().zip([&ours, &theirs]) {
+            *apart += (f64::from(picture.at(x, y).x) - right).abs();
+        }
+    }
+    println!("off the integral: {:.4}, vdb_render {:.4}", apart[0] / exact, apart[1] / exact);
     let both = Picture {
         size: SIZE * UVec2::new(2, 1),
         pixels: (ours.pixels.chunks(SIZE.x as usize))
