@@ -97,7 +97,7 @@ fn lab(color: DVec3) -> DVec3 {
     DVec3::new(l, 0.01 * l * 500.0 * (x - y), 0.01 * l * 200.0 * (y - z))
 }
 
-/// How far two colours are from each other, for differences that are large (HyAB).
+/// How far two colours are from each other, for differences that are large (`HyAB`).
 fn apart(a: DVec3, b: DVec3) -> f64 {
     let d = a - b;
     (d.x.abs() + d.y.hypot(d.z)).powf(0.7)
