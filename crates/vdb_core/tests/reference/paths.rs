@@ -105,6 +105,21 @@ fn light_scattered_once_is_what_the_integral_says() {
     }
 }
 
+/// With the sun straight before the viewer, all light comes through the whole block: `τ e^-τ` of it, a
+/// sum of rays to the sun of which few are not faint.
+#[test]
+fn faint_light_is_right_in_the_mean() {
+    let bbox = CoordBox { min: IVec3::new(0, -64, -64), max: IVec3::new(7, 63, 63) };
+    let mut tree = synth::fog::block(bbox, 1.0);
+    // Somewhere else it is denser: what is drawn for that density, mostly passes.
+    tree.set(IVec3::new(4, 50, 50), 4.0);
+    let paths = Paths::new(&tree).unwrap();
+    let once = scattering(1.0, 0.0, DVec3::X, 1);
+    let light = paths.light((DVec3::NEG_X * 20.0, DVec3::X), &once, &[1.0], 400_000, 9)[0];
+    check("through 8", light.sun, 8.0 * (-8.0_f64).exp() * phase(0.0, 1.0));
+    assert!(light.sun.standard_error < 0.02 * light.sun.value, "{:?}", light.sun);
+}
+
 /// What is scattered again is a part of what is scattered once that goes down with the optical depth.
 #[test]
 fn a_thin_fog_scatters_once() {
