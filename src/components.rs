@@ -105,6 +105,11 @@ pub struct VdbCamera {
     /// grids as they are, and with that every hit where it is. With 1, what a volume costs follows the
     /// pixels that it covers, not its voxels.
     pub detail: f32,
+    /// Whether fog scatters light more than once: what makes clouds white. On by default; it is an
+    /// approximation, with nearly no cost beside the light that is scattered once. How far off either is
+    /// from all the light there is, is in `docs/fog.md`. Of lamps and suns without shadows fog scatters all
+    /// light once either way, as nothing dims what comes to it.
+    pub multiple_scattering: bool,
     /// How rays find what they meet.
     pub traversal: VdbTraversal,
     /// [`VdbRenderMode::Steps`]: how many steps of the walk have the hottest colour. More than 0;
@@ -123,6 +128,7 @@ impl Default for VdbCamera {
             overlays: VdbOverlays::default(),
             fog_step: 0.0,
             detail: 0.0,
+            multiple_scattering: true,
             traversal: VdbTraversal::HddaSdf,
             steps_scale: 200.0,
         }

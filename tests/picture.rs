@@ -5,6 +5,10 @@ mod common;
 mod extras;
 #[path = "picture/extremes.rs"]
 mod extremes;
+#[path = "picture/flip.rs"]
+mod flip;
+#[path = "picture/golden.rs"]
+mod golden;
 #[path = "picture/levels.rs"]
 mod levels;
 #[path = "picture/lights.rs"]
@@ -17,10 +21,14 @@ mod mesh_shadows;
 mod modes;
 #[path = "picture/motion.rs"]
 mod motion;
+#[path = "picture/peers.rs"]
+mod peers;
 #[path = "picture/rays.rs"]
 mod rays;
 #[path = "picture/reflections.rs"]
 mod reflections;
+#[path = "picture/scatter.rs"]
+mod scatter;
 #[path = "picture/scene.rs"]
 mod scene;
 #[path = "picture/shadows.rs"]

@@ -14,6 +14,7 @@
 #ifdef LIT
 #import bevy_vdb::segment::{along, world_position}
 #import bevy_vdb::lights::{Lit, Surroundings, scattered, surroundings}
+#import bevy_vdb::scattering::{Gathered, Light, OCTAVES, gather, join, light_of}
 #ifndef EVEN_LIGHT
 #import bevy_vdb::hdda::local_cell
 #import bevy_vdb::march::{march_of, next_stretch, seen_middle, step_of}
@@ -127,6 +128,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     let slabs = select(select(SLABS_REFLECTED, SLABS, segment.is_view), 1u, is_whole);
 #ifdef LIT
     let around = surroundings(normalize(segment.dir));
+    var scatters = Gathered();
 #endif
     var t_sum = 0.0;
 #ifdef EMISSION
@@ -148,7 +150,8 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
         var thickest_part = 0.0;
         var source = vec3(0.0);
 #ifdef LIT
-        var light = Light(vec3(0.0), 2.0);
+        var light = Light(array<vec3<f32>, OCTAVES>(), vec3(0.0), 2.0);
+        var slab_scatters = Gathered();
 #endif
 #ifdef EMISSION
         var shining = vec3(0.0);
@@ -171,7 +174,8 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
                         let t = 0.5 * (t_low + t_high);
                         light = light_at(segment, pixel, t, volumes[i].anisotropy, around);
                     }
-                    source += part * (volumes[i].emissive + volumes[i].base_color * light.luminance);
+                    source += part * volumes[i].emissive;
+                    gather(&slab_scatters, part, volumes[i].base_color, light);
 #endif
                 }
             }
@@ -181,9 +185,11 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
         fog.radiance += exp(-fog.optical_depth) * escaping(depth) * shining;
 #endif
         if depth > 0.0 {
-            source /= max(depth, 1e-30);
             let seen = exp(-fog.optical_depth) * (1.0 - exp(-depth));
-            fog.radiance += seen * source;
+            fog.radiance += seen * (source / max(depth, 1e-30));
+#ifdef LIT
+            join(&scatters, seen / max(depth, 1e-30), slab_scatters);
+#endif
             t_sum += seen * 0.5 * (t_low + t_high);
             fog.mover = select(fog.mover, thickest, seen > most);
             most = max(most, seen);
@@ -195,6 +201,9 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
         t_bright += added * 0.5 * (max(t_low, t_first) + min(t_high, t_last));
 #endif
     }
+#ifdef LIT
+    fog.radiance += light_of(scatters, fog.optical_depth);
+#endif
     fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
 #ifdef EMISSION
     // Where the light is from, as what shines need not hide anything.
@@ -218,6 +227,7 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
     let around = surroundings(normalize(segment.dir));
     let least = select(LIGHT_STEP_REFLECTED, LIGHT_STEP, segment.is_view);
     let steps = select(LIGHT_STEPS_REFLECTED, LIGHT_STEPS, segment.is_view);
+    var scatters = Gathered();
     var march = march_of(course, enters, step_of(grid, least, steps));
     var place = nowhere(local_cell(course, enters.rel));
     while march.walk.inside && fog.optical_depth <= OPAQUE {
@@ -225,30 +235,25 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
         let depth = scale * min(stretch.density, most);
         if depth > 0.0 {
             let t = clamp(seen_middle(stretch, depth), stretch.t_first, t_max);
-            let light = light_at(segment, pixel, t, anisotropy, around).luminance;
-            let source = volumes[volume].emissive + volumes[volume].base_color * light;
+            let light = light_at(segment, pixel, t, anisotropy, around);
             let seen = exp(-fog.optical_depth) * (1.0 - exp(-depth));
-            fog.radiance += seen * source;
+            fog.radiance += seen * volumes[volume].emissive;
+            gather(&scatters, seen, volumes[volume].base_color, light);
             t_sum += seen * t;
             fog.optical_depth += depth;
         }
     }
+    fog.radiance += light_of(scatters, fog.optical_depth);
     fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
     return fog;
 }
 #endif
-
-// What fog of albedo 1 scatters back along a segment, cd/m².
-struct Light {
-    luminance: vec3<f32>,
-    anisotropy: f32,        // of that fog
-}
 
 fn light_at(segment: Segment, pixel: vec2<u32>, t: f32, anisotropy: f32, around: Surroundings) -> Light {
     let point = along(segment, t);
     let coord = vec2<f32>(pixel + view.origin) + 0.5;
     let at = Lit(world_position(point), vec3(0.0), coord, segment.is_view);
     let light = scattered(at, point, normalize(segment.dir), anisotropy);
-    return Light(light + max(around.mean + anisotropy * around.ahead, vec3(0.0)), anisotropy);
+    return Light(light, max(around.mean + anisotropy * around.ahead, vec3(0.0)), anisotropy);
 }
 #endif

@@ -25,6 +25,7 @@
 #import bevy_vdb::types::{MOST_SUNS, NO_RECEIVER}
 #import bevy_vdb::scene::{view, volumes}
 #import bevy_vdb::segment::{NONE, Point}
+#import bevy_vdb::scattering::{OCTAVES, ROUNDER}
 
 // A place that is lit, as Bevy's functions ask for it.
 struct Lit {
@@ -310,23 +311,44 @@ fn phase(anisotropy: f32, cosine: f32) -> f32 {
     return (1.0 - anisotropy * anisotropy) / (4.0 * PI * square * sqrt(square));
 }
 
+// Whether a light throws shadows.
+fn is_shadowed(lights: Reaching, i: u32) -> bool {
+    if i < lights.suns {
+        return (bevy::lights.directional_lights[i].flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
+    }
+#ifdef LOCAL_LIGHTS
+    let flags = bevy::clustered_lights.data[local_light(lights, i)].flags;
+    return (flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
+#else
+    return false;
+#endif
+}
+
 // What a place in a fog of albedo 1 scatters back along a ray (world space, unit), of what comes to it
-// straight from lights, cd/m².
-fn scattered(at: Lit, point: Point, ray: vec3<f32>, anisotropy: f32) -> vec3<f32> {
-    var light = vec3(0.0);
+// straight from lights, and in octaves of what comes to it otherwise, cd/m².
+fn scattered(at: Lit, point: Point, ray: vec3<f32>, anisotropy: f32) -> array<vec3<f32>, OCTAVES> {
+    var light = array<vec3<f32>, OCTAVES>();
     let lights = reaching(at);
     for (var i = 0u; i < lights.end; i++) {
         let lit = visibility(at, point, lights, i);
         let way = to_light(at, lights, i);
         // Light that goes straight on comes from straight ahead.
         let cosine = clamp(dot(way, ray) * inverseSqrt(max(dot(way, way), 1e-30)), -1.0, 1.0);
-        let seen = lit * phase(anisotropy, cosine);
+        var illuminance = vec3(0.0);
         if i < lights.suns {
-            light += (seen * sun_factor(i)) * bevy::lights.directional_lights[i].color.rgb;
+            illuminance = sun_factor(i) * bevy::lights.directional_lights[i].color.rgb;
         } else {
 #ifdef LOCAL_LIGHTS
-            light += seen * local_illuminance(at, local_light(lights, i));
+            illuminance = local_illuminance(at, local_light(lights, i));
 #endif
+        }
+        var seen = lit;
+        var rounder = anisotropy;
+        for (var octave = 0u; octave < OCTAVES && seen > 0.0; octave++) {
+            light[octave] += (seen * phase(rounder, cosine)) * illuminance;
+            // Half the optical depth; of light that nothing dims, all is in the first octave.
+            seen = select(0.0, sqrt(seen), is_shadowed(lights, i));
+            rounder *= ROUNDER;
         }
     }
     return light;

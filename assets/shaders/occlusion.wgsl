@@ -20,8 +20,13 @@
 #import bevy_vdb::march::step_of
 #endif
 
-// Optical depth through which no light is seen: e^-16 is below a 16-bit float's step beside 1.
+// Optical depth through which no light is seen: e^-16 is below a 16-bit float's step beside 1. Light that is
+// scattered again has an eighth of it to pass, at least.
+#ifdef MULTIPLE_SCATTERING
+const DARK: f32 = 80.0;
+#else
 const DARK: f32 = 16.0;
+#endif
 
 // Voxels between the densities that a ray from a place in fog sums up, at least, and into how many such
 // steps the longest edge of a fog's box is cut, at most.
@@ -74,7 +79,7 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
             var fog = 0.0;
             if in_fog {
                 let step = step_of(grid, SHADOW_STEP, SHADOW_STEPS);
-                fog = stepped_length(grid, course, 0.0, DARK / scale, step, scale);
+                fog = stepped_length(grid, course, 0.0, DARK / scale, step, 0.0);
             } else {
                 fog = optical_length(grid, course, walk, DARK / scale);
             }

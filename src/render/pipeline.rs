@@ -165,6 +165,8 @@ pub(super) struct TraceKey {
     pub blackbody: bool,
     /// Whether grids colour surfaces.
     pub colors: bool,
+    /// Whether fog scatters light more than once.
+    pub multiple_scattering: bool,
 }
 
 impl TracePipeline {
@@ -248,6 +250,7 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.emission, "EMISSION"),
             (key.blackbody, "BLACKBODY"),
             (key.colors, "COLORS"),
+            (key.multiple_scattering, "MULTIPLE_SCATTERING"),
             (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
             (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),
             (key.mode == VdbRenderMode::Steps, "COUNT_STEPS"),

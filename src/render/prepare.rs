@@ -343,6 +343,9 @@ pub(super) fn prepare_views(
             emission,
             blackbody,
             colors,
+            multiple_scattering: settings.multiple_scattering
+                && traces[2]
+                && settings.mode.is_lit(),
         };
         let tone = (!camera.hdr).then(|| ToneKey {
             tonemapping: tonemapping.copied().unwrap_or(Tonemapping::None),

@@ -14,7 +14,7 @@ macro_rules! shaders {
 }
 
 /// Modules that others import.
-const IMPORTS: [(&str, &[u8]); 23] = shaders![
+const IMPORTS: [(&str, &[u8]); 24] = shaders![
     "types",
     "bindings",
     "rays",
@@ -35,6 +35,7 @@ const IMPORTS: [(&str, &[u8]); 23] = shaders![
     "surface",
     "color",
     "occlusion",
+    "scattering",
     "lights",
     "fogs",
     "show"

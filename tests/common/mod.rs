@@ -17,7 +17,7 @@ use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::{PipelineCache, TextureFormat, TextureUsages};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
-use bevy_vdb::{VdbGrid, VdbRenderPlugin};
+use bevy_vdb::{VdbCamera, VdbGrid, VdbRenderPlugin};
 use vdb_core::pack::PackKind;
 use vdb_core::tree::Vdb543;
 
@@ -144,7 +144,8 @@ impl Stage {
         self.world().resource_mut::<Assets<Image>>().add(image)
     }
 
-    /// A camera that draws linear colours as they are, without MSAA.
+    /// A camera that draws linear colours as they are, without MSAA. Fog scatters light once, for which there
+    /// are closed forms.
     pub fn camera(&mut self, target: &Handle<Image>, transform: Transform) -> Entity {
         self.world()
             .spawn((
@@ -155,6 +156,7 @@ impl Stage {
                 Tonemapping::None,
                 DebandDither::Disabled,
                 Msaa::Off,
+                VdbCamera { multiple_scattering: false, ..default() },
                 Projection::Perspective(PerspectiveProjection {
                     fov: 45.0_f32.to_radians(),
                     ..default()

@@ -141,6 +141,10 @@ fn every_variant_of_the_trace_is_valid() {
             let even = if lights.contains(&"LOCAL_LIGHTS") { &[][..] } else { &["EVEN_LIGHT"] };
             check(&[&["LIT"], &kinds, &lights, even]);
             check(&[&["LIT", "MOTION_VECTORS"], &kinds, &lights, &shadows]);
+            if kinds.contains(&"FOGS") {
+                check(&[&["LIT", "MULTIPLE_SCATTERING"], &kinds, &lights, even]);
+                check(&[&["LIT", "MULTIPLE_SCATTERING"], &kinds, &lights, &shadows]);
+            }
         }
         check(&[&["LIT", "LOCAL_LIGHTS", "OVERLAYS", "MULTISAMPLED", "BEAMS"], &kinds, &shadows]);
         // Further grids.
@@ -175,7 +179,7 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&["LIT", "FOGS", "FOG_STEPS", "EVEN_LIGHT", format]]);
     }
     check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS", "PAGED", "PAGE_BITS=20"], &shadows]);
-    assert_eq!(variants, 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 3 + 16 + 7);
+    assert_eq!(variants, 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7);
 }
 
 #[test]

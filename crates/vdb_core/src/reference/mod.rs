@@ -18,6 +18,7 @@
 //!   cell; [`optical_depth_nearest`] through voxels of constant density.
 //! - [`radiance()`]: emitted light, and light of the sun scattered once, to a tolerance.
 //! - [`emitted`]: the light that one grid sends through the fog of another, to a tolerance.
+//! - [`Paths`]: light scattered any number of times, by paths drawn at random.
 //! - [`Blocky::judge`], [`Smooth::judge`]: what another tracer's answer is worth.
 //! - [`mod@picture`]: whole pictures of several volumes, for a machine without a GPU.
 
@@ -28,6 +29,7 @@ mod emission;
 mod field;
 mod fog;
 mod judge;
+mod paths;
 pub mod picture;
 mod planes;
 mod radiance;
@@ -41,6 +43,7 @@ pub use blocky::{Blocky, Face, Occupied, VoxelHit, first_voxel};
 pub use emission::{Dimming, emitted};
 pub use fog::{Estimate, Fog, density, optical_depth, optical_depth_nearest, transmittance};
 pub use judge::{SurfaceVerdict, VoxelVerdict};
+pub use paths::{Mean, PathLight, Paths, Scattering};
 pub use radiance::{Medium, Radiance, Sun, phase, radiance};
 pub use ray::Ray;
 pub use smooth::{Graze, Smooth, SurfaceHit, SurfaceTrace, first_root, trace_surface};

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Uniform, build};
+use super::{Random, Uniform, build};
 use crate::tree::{CoordBox, IVec3, Vdb543};
 
 /// A ball of density 1 that falls off to 0 linearly over the outermost `soft` voxels of `radius`
@@ -46,4 +46,39 @@ pub fn ramp(bbox: CoordBox, gradient: DVec3, offset: f64) -> Vdb543<f32> {
 /// The values of any formula over the voxels of a box, all active.
 pub fn from_values(bbox: CoordBox, value: impl Fn(IVec3) -> f32 + Sync) -> Vdb543<f32> {
     build(0.0, bbox, |_| Uniform::No, |ijk| (value(ijk), true))
+}
+
+/// A cloud: a ball of `radius` voxels around the origin whose rim fractal noise cuts into billows, with a
+/// density up to 1. Equal seeds make equal clouds.
+pub fn cloud(radius: f64, seed: u64) -> Vdb543<f32> {
+    let edge = radius.ceil() as i32;
+    let bbox = CoordBox { min: IVec3::splat(-edge), max: IVec3::splat(edge) };
+    build(
+        0.0,
+        bbox,
+        |_| Uniform::No,
+        |ijk| {
+            let p = ijk.as_dvec3() / radius;
+            let billows: f64 =
+                (0..4).map(|octave| noise(p, 2 << octave, seed) / f64::from(2 << octave)).sum();
+            let value = (4.0 * (0.6 - p.length() + 0.7 * billows)).clamp(0.0, 1.0) as f32;
+            (value, value != 0.0)
+        },
+    )
+}
+
+/// Numbers from -1 to 1 at the corners of cubes, `waves` of them per unit of length, smoothly joined.
+fn noise(p: DVec3, waves: u32, seed: u64) -> f64 {
+    let p = p * f64::from(waves);
+    let cell = p.floor();
+    let u = p - cell;
+    let u = u * u * (3.0 - 2.0 * u);
+    let at = |corner: IVec3| {
+        let [x, y, z] = (cell.as_ivec3() + corner).to_array().map(|c| c as u32 as u64);
+        2.0 * Random::new(seed ^ x << 42 ^ y << 21 ^ z ^ u64::from(waves) << 60).unit() - 1.0
+    };
+    let mix = |a: f64, b: f64, u: f64| a + (b - a) * u;
+    let along_x = |y, z| mix(at(IVec3::new(0, y, z)), at(IVec3::new(1, y, z)), u.x);
+    let along_y = |z| mix(along_x(0, z), along_x(1, z), u.y);
+    mix(along_y(0), along_y(1), u.z)
 }

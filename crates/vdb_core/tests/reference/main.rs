@@ -5,6 +5,7 @@ mod brute;
 mod emission;
 mod fog;
 mod judge;
+mod paths;
 mod peers;
 mod picture;
 mod radiance;

@@ -1,0 +1,299 @@
+//! Light that fog scatters more than once: by the closed forms that the shader follows, and beside all
+//! the light there is, by paths.
+
+use bevy::camera::ScalingMode;
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy_vdb::{VdbCamera, VdbMaterial, VdbVolume};
+use rayon::prelude::*;
+use vdb_core::pack::PackKind;
+use vdb_core::reference::{Fog, PathLight, Paths, Ray, Scattering, phase};
+use vdb_core::synth::fog;
+use vdb_core::tree::{CoordBox, Vdb543};
+
+use super::common::{Picture, Stage, has_gpu};
+use super::{SIZE, looking, pixel_ray};
+
+/// World units.
+const VOXEL: f64 = 0.1;
+/// Lux of the sun.
+const SUN: f64 = 10.0;
+
+fn gray(albedo: f64) -> Color {
+    Color::linear_rgb(albedo as f32, albedo as f32, albedo as f32)
+}
+
+fn sun(to_sun: DVec3) -> impl Bundle {
+    let light =
+        DirectionalLight { illuminance: SUN as f32, shadow_maps_enabled: true, ..default() };
+    (light, looking(to_sun.as_vec3()))
+}
+
+fn set(stage: &mut Stage, camera: Entity, multiple_scattering: bool) {
+    let settings = VdbCamera { multiple_scattering, ..default() };
+    stage.world().entity_mut(camera).insert(settings);
+}
+
+/// Of light from the viewer into a slab of an optical depth, what comes back in four octaves: each has half
+/// the depth of the one before towards the light.
+fn octaves(depth: f64, albedo: f64, anisotropy: f64) -> f64 {
+    let known = depth.min(16.0);
+    let again = 0.9 * albedo * albedo * known / (known + 2.0);
+    let octave = |n: i32| {
+        let both = 1.0 + 0.5_f64.powi(n);
+        let lit = -(-both * depth).exp_m1() / both;
+        again.powi(n) * phase(anisotropy * 0.75_f64.powi(n), -1.0) * lit
+    };
+    albedo * (0..4).map(octave).sum::<f64>()
+}
+
+/// Of even light from everywhere, what a layer scatters to the viewer: two streams leave so much.
+fn layer(depth: f64, albedo: f64, anisotropy: f64) -> f64 {
+    let [absorbed, extinct] = [1.0 - albedo, 1.0 - albedo * anisotropy];
+    let layer = (absorbed / extinct).sqrt() * (0.5 * depth * (absorbed * extinct).sqrt()).tanh();
+    (1.0 - layer) / (1.0 + layer) - (-depth).exp()
+}
+
+/// A stage with a camera that sees 2 world units of height in parallel rays.
+struct Slab {
+    stage: Stage,
+    target: Handle<Image>,
+}
+
+impl Slab {
+    fn new() -> Self {
+        let mut stage = Stage::new();
+        let target = stage.target(SIZE);
+        let camera = stage.camera(&target, looking(Vec3::Z * 12.0));
+        set(&mut stage, camera, true);
+        let parallel = OrthographicProjection {
+            scaling_mode: ScalingMode::FixedVertical { viewport_height: 2.0 },
+            ..OrthographicProjection::default_3d()
+        };
+        stage.world().entity_mut(camera).insert(Projection::Orthographic(parallel));
+        Self { stage, target }
+    }
+
+    /// Shows slabs of several optical depths, each whole and as two halves that overlap, of three
+    /// albedos at once; compares the pixel in the middle.
+    fn check(&mut self, expected: impl Fn(f64, f64, f64) -> f64) {
+        let block = CoordBox { min: IVec3::new(-40, -40, -10), max: IVec3::new(39, 39, 9) };
+        let grid = self.stage.grid(fog::block(block, 1.0), PackKind::Fog, VOXEL);
+        for (depth, anisotropy) in [(0.02, 0.0), (0.5, 0.7), (3.0, 0.0), (6.0, -0.4)] {
+            for parts in [1_u8, 2] {
+                let material = VdbMaterial {
+                    base_color: Color::linear_rgb(1.0, 0.9, 0.5),
+                    density_scale: (depth / (20.0 * VOXEL)) as f32 / f32::from(parts),
+                    anisotropy: anisotropy as f32,
+                    ..default()
+                };
+                let volume = (VdbVolume(grid.clone()), material);
+                let spawn = |_| self.stage.world().spawn(volume.clone()).id();
+                let volumes: Vec<Entity> = (0..parts).map(spawn).collect();
+                let pixel = self.stage.picture(&self.target).center();
+                for (albedo, found) in [(1.0, pixel.x), (0.9, pixel.y), (0.5, pixel.z)] {
+                    let expected = expected(depth, albedo, anisotropy);
+                    let found = f64::from(found);
+                    let what = format!("{depth}, {anisotropy}, albedo {albedo}, {parts} parts");
+                    println!("{what}: {found} of {expected}");
+                    // Where fogs overlap, light is taken once for each of 32 slabs.
+                    let bound = if parts == 1 { 0.01 } else { 0.05 };
+                    assert!((found - expected).abs() < bound * expected + 1e-4, "{what}: {found}");
+                }
+                for volume in volumes {
+                    self.stage.world().despawn(volume);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_slab_under_the_sun_scatters_by_octaves() {
+    if has_gpu() {
+        let mut slab = Slab::new();
+        slab.stage.world().spawn(sun(DVec3::new(0.0, 1e-4, 1.0)));
+        slab.check(|depth, albedo, anisotropy| SUN * octaves(depth, albedo, anisotropy));
+    }
+}
+
+/// And of a white one in even light, nothing is seen: it is a furnace.
+#[test]
+fn a_slab_in_even_light_scatters_as_two_streams_do() {
+    if has_gpu() {
+        let mut slab = Slab::new();
+        let brightness = 1.0;
+        slab.stage.world().insert_resource(GlobalAmbientLight { brightness, ..default() });
+        slab.check(layer);
+        assert!((layer(3.0, 1.0, 0.5) - (1.0 - (-3.0_f64).exp())).abs() < 1e-15);
+    }
+}
+
+/// A cloud before a camera, and paths through it.
+struct Cloud {
+    stage: Stage,
+    target: Handle<Image>,
+    camera: Entity,
+    view: Transform,
+    volume: Entity,
+    tree: Vdb543<f32>,
+    /// Optical depth through the middle for a `density_scale` of 1.
+    depth: f64,
+}
+
+const CLOUD_SIZE: UVec2 = SIZE;
+
+impl Cloud {
+    fn new() -> Self {
+        let mut stage = Stage::new();
+        let target = stage.target(CLOUD_SIZE);
+        let view = looking(Vec3::new(0.0, 0.0, 5.0));
+        let camera = stage.camera(&target, view);
+        let tree = fog::cloud(16.0, 3);
+        let through = Ray::from_f64(DVec3::Z * 50.0, DVec3::NEG_Z);
+        let depth = VOXEL * Fog::new(&tree).optical_depth(&through).value;
+        let grid = stage.grid(tree.clone(), PackKind::Fog, VOXEL);
+        let volume = stage.world().spawn(VdbVolume(grid)).id();
+        Self { stage, target, camera, view, volume, tree, depth }
+    }
+
+    /// What the camera sees of it.
+    fn show(&mut self, depth: f64, g: f64, albedo: f64, multiple: bool) -> Picture {
+        let material = VdbMaterial {
+            base_color: gray(albedo),
+            density_scale: (depth / self.depth) as f32,
+            anisotropy: g as f32,
+            ..default()
+        };
+        self.stage.world().entity_mut(self.volume).insert(material);
+        set(&mut self.stage, self.camera, multiple);
+        self.stage.picture(&self.target)
+    }
+
+    /// All the light there is, of pixels that see the cloud, every `apart` in both directions: where, the
+    /// part of what is behind that is seen, and the light for each albedo.
+    fn paths(
+        &self,
+        (depth, g, to_sun): (f64, f64, DVec3),
+        albedos: &[f64],
+        (paths, apart): (u32, u32),
+    ) -> Vec<(UVec2, f64, Vec<PathLight>)> {
+        let extinction = VOXEL * depth / self.depth;
+        let all = Paths::new(&self.tree).expect("the cloud has an end");
+        let fog = Fog::new(&self.tree);
+        let (to_sun, view) = (to_sun.normalize(), self.view);
+        let scattering = Scattering { extinction, anisotropy: g, to_sun, orders: u32::MAX };
+        let places = (0..CLOUD_SIZE.y)
+            .step_by(apart as usize)
+            .flat_map(|y| (0..CLOUD_SIZE.x).step_by(apart as usize).map(move |x| UVec2::new(x, y)));
+        let places: Vec<UVec2> = places.collect();
+        let light = |at: UVec2| {
+            let (origin, way) = pixel_ray(view, at.x, at.y);
+            let (origin, way) = (origin / VOXEL, way.normalize());
+            let passed = fog.transmittance(&Ray::from_f64(origin, way), extinction).value;
+            let seed = u64::from(at.y * CLOUD_SIZE.x + at.x);
+            (passed < 1.0)
+                .then(|| (at, passed, all.light((origin, way), &scattering, albedos, paths, seed)))
+        };
+        places.into_par_iter().filter_map(light).collect()
+    }
+}
+
+/// The mean of how far a picture is off, as a part of the mean of what is right.
+fn error(found: &Picture, right: &[(UVec2, f64)]) -> f64 {
+    let off = |(at, right): &(UVec2, f64)| (f64::from(found.at(at.x, at.y).x) - right).abs();
+    right.iter().map(off).sum::<f64>() / right.iter().map(|(_, right)| right).sum::<f64>()
+}
+
+const SIDE: DVec3 = DVec3::new(1.0, 0.3, 0.2);
+const BEFORE: DVec3 = DVec3::new(0.4, 0.3, -1.0);
+const BEHIND: DVec3 = DVec3::new(0.3, 0.5, 1.0);
+
+/// A thick white cloud is half as far off as with light scattered once, and a thin one is no brighter than
+/// it is.
+#[test]
+fn a_cloud_is_closer_to_all_the_light_there_is() {
+    if !has_gpu() {
+        return;
+    }
+    let mut cloud = Cloud::new();
+    cloud.stage.world().spawn(sun(SIDE));
+    for (depth, bound) in [(0.1, 0.05), (2.0, 0.15), (10.0, 0.3)] {
+        // Where little is scattered, most paths bring nothing.
+        let count = if depth < 1.0 { 16_384 } else { 256 };
+        let paths = cloud.paths((depth, 0.0, SIDE), &[1.0], (count, 5));
+        assert!(paths.len() > 30, "{} pixels of cloud", paths.len());
+        let right: Vec<_> = paths.iter().map(|(at, _, l)| (*at, SUN * l[0].sun.value)).collect();
+        let [once, again] =
+            [false, true].map(|multiple| error(&cloud.show(depth, 0.0, 1.0, multiple), &right));
+        println!("depth {depth}: {once} off, with light scattered again {again}");
+        assert!(again < bound, "depth {depth}: {again} off");
+        assert!(depth < 1.0 || again < 0.5 * once, "depth {depth}: {again}, and {once} without");
+    }
+}
+
+/// Prints the tables of docs/fog.md: `cargo test --features picking,record --test picture -- --ignored
+/// --nocapture errors_of_multiple_scattering`.
+#[test]
+#[ignore = "a table, in minutes"]
+fn errors_of_multiple_scattering() {
+    assert!(has_gpu());
+    let mut cloud = Cloud::new();
+    let albedos = [0.9, 0.99, 1.0];
+    let scenes = [2.0, 10.0, 50.0].into_iter().flat_map(|depth| [0.0, 0.8].map(|g| (depth, g)));
+    let count: u32 =
+        std::env::var("BEVY_VDB_PATHS").map_or(256, |paths| paths.parse().expect("a number"));
+    let mut suns = Vec::new();
+    let mut around = Vec::new();
+    for (depth, g) in scenes {
+        let mut errors = [[0.0; 4]; 3];
+        let mut even = Vec::new();
+        for to_sun in [SIDE, BEFORE, BEHIND] {
+            let light = cloud.stage.world().spawn(sun(to_sun)).id();
+            let paths = cloud.paths((depth, g, to_sun), &albedos, (count, 3));
+            for (i, albedo) in albedos.into_iter().enumerate() {
+                let right: Vec<_> =
+                    paths.iter().map(|(at, _, l)| (*at, SUN * l[i].sun.value)).collect();
+                let mean = |sum: f64| sum / right.len() as f64;
+                let all = mean(right.iter().map(|(_, right)| right).sum());
+                let noise = paths.iter().map(|(_, _, l)| SUN * l[i].sun.standard_error).sum();
+                for (k, multiple) in [false, true].into_iter().enumerate() {
+                    let picture = cloud.show(depth, g, albedo, multiple);
+                    errors[i][k] += error(&picture, &right) / 3.0;
+                    let seen = |(at, _): &(UVec2, f64)| f64::from(picture.at(at.x, at.y).x);
+                    errors[i][3] += if multiple {
+                        mean(right.iter().map(seen).sum::<f64>()) / all / 3.0
+                    } else {
+                        0.0
+                    };
+                }
+                errors[i][2] += mean(noise) / all / 3.0;
+            }
+            cloud.stage.world().despawn(light);
+            even = paths;
+        }
+        let mut row = format!("| {depth} | {g} |");
+        for [once, again, noise, ratio] in errors {
+            row += &format!(" {once:.3} | {again:.3} | {ratio:.2} | {noise:.3} |");
+        }
+        suns.push(row);
+        let brightness = 1.0;
+        cloud.stage.world().insert_resource(GlobalAmbientLight { brightness, ..default() });
+        let mut row = format!("| {depth} | {g} |");
+        for (i, albedo) in albedos.into_iter().enumerate() {
+            let right: Vec<_> = even
+                .iter()
+                .map(|(at, passed, l)| (*at, l[i].surroundings.value - passed))
+                .collect();
+            let [once, again] = [false, true]
+                .map(|multiple| error(&cloud.show(depth, g, albedo, multiple), &right));
+            row += &format!(" {once:.3} | {again:.3} |");
+        }
+        around.push(row);
+        cloud.stage.world().insert_resource(GlobalAmbientLight::NONE);
+    }
+    println!("sun: for each albedo, off once, again, brightness again, noise of the paths");
+    suns.iter().for_each(|row| println!("{row}"));
+    println!("surroundings: for each albedo, off once, again");
+    around.iter().for_each(|row| println!("{row}"));
+}
