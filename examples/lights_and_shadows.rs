@@ -147,7 +147,7 @@ fn lights(mut commands: Commands) {
         // Larger than the Sun's 0.0093, so that edges are seen to be soft.
         VdbSun { angular_diameter: SIZES[1], ..default() },
         // Maps that reach no farther than there is something have finer texels.
-        CascadeShadowConfigBuilder { maximum_distance: 20.0, ..default() }.build(),
+        CascadeShadowConfigBuilder { num_cascades: 2, maximum_distance: 20.0, ..default() }.build(),
         Transform::from_xyz(4.0, 4.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y),
     ));
     commands.spawn((
