@@ -3,6 +3,8 @@
 mod asset;
 mod bounds;
 mod components;
+#[cfg(feature = "egui")]
+mod inspector;
 mod loader;
 #[cfg(feature = "picking")]
 mod picking;
@@ -16,6 +18,8 @@ pub use asset::{VdbFile, VdbGrid, VdbGridError};
 pub use components::{
     VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
 };
+#[cfg(feature = "egui")]
+pub use inspector::{VdbInspector, VdbInspectorPlugin, VdbModelPicked};
 pub use loader::{
     VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbValues,
 };
@@ -37,6 +41,8 @@ pub mod prelude {
         VdbCamera, VdbFile, VdbGrid, VdbMaterial, VdbOverlays, VdbRayCastSettings, VdbRayHit,
         VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVolume,
     };
+    #[cfg(feature = "egui")]
+    pub use crate::{VdbInspector, VdbInspectorPlugin};
     #[cfg(feature = "picking")]
     pub use crate::{VdbPickingPlugin, VdbPickingSettings};
     #[cfg(feature = "record")]

@@ -30,6 +30,8 @@ use bevy::render::{
 };
 
 pub use gpu_tree::VdbGpuUsage;
+#[cfg(feature = "egui")]
+pub(crate) use shaders::reload as reload_shaders;
 
 use gpu_tree::VdbTreePool;
 use pipeline::{BeamsPipeline, CompositePipeline, TracePipeline};
