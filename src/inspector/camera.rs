@@ -41,7 +41,7 @@ pub(super) fn show(
     ui.checkbox(&mut new.enabled, "shows volumes");
     super::pick(ui, "mode", &mut new.mode, &MODES);
     if new.mode == VdbRenderMode::Steps {
-        let scale = egui::Slider::new(&mut new.steps_scale, 1.0..=2_000.0).logarithmic(true);
+        let scale = super::slider(&mut new.steps_scale, 1.0..=2_000.0).logarithmic(true);
         ui.add(scale.text("hottest, steps"));
     }
     ui.label("borders of nodes:");

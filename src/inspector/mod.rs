@@ -15,11 +15,13 @@ mod sun;
 mod tools;
 mod volumes;
 
+use bevy::core_pipeline::schedule::{Core3d, Core3dSystems};
 use bevy::diagnostic::FrameTimeDiagnosticsPlugin;
 use bevy::ecs::system::IntoSystem;
 use bevy::prelude::*;
 use bevy::render::RenderApp;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
+use bevy_egui::render::egui_pass;
 use bevy_egui::{EguiContext, EguiPlugin, EguiPrimaryContextPass, PrimaryEguiContext, egui};
 
 pub use models::VdbModelPicked;
@@ -98,6 +100,12 @@ impl Plugin for VdbInspectorPlugin {
             .add_message::<VdbModelPicked>()
             .add_systems(Update, (toggle, models::search, volumes::finish_repacking))
             .add_systems(EguiPrimaryContextPass, (select, panel).chain());
+        if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
+            // It has no place of its own among the passes after tonemapping, which would draw over it or
+            // change its colours.
+            let in_between = (|| {}).after(Core3dSystems::PostProcess).before(egui_pass);
+            render_app.add_systems(Core3d, in_between);
+        }
         if self.replaces_models {
             app.add_systems(Update, models::replace);
         }
@@ -183,6 +191,14 @@ fn complain(ui: &mut egui::Ui, what: impl Into<String>) {
     ui.colored_label(ui.visuals().error_fg_color, what.into());
 }
 
+/// A slider that leaves a value beyond its range alone until somebody moves it.
+fn slider<'a, N: egui::emath::Numeric>(
+    value: &'a mut N,
+    range: std::ops::RangeInclusive<N>,
+) -> egui::Slider<'a> {
+    egui::Slider::new(value, range).clamping(egui::SliderClamping::Edits).max_decimals(3)
+}
+
 /// A setting to be picked from a few; whether it has changed.
 fn pick<T: Copy + PartialEq>(
     ui: &mut egui::Ui,
@@ -194,7 +210,10 @@ fn pick<T: Copy + PartialEq>(
     let now = all.iter().find(|(_, one)| *one == before).map_or("", |(name, _)| *name);
     egui::ComboBox::from_label(label).selected_text(now).show_ui(ui, |ui| {
         for (name, one) in all {
-            ui.selectable_value(value, *one, *name);
+            // By keyboard, too, a choice ends the choosing.
+            if ui.selectable_value(value, *one, *name).clicked() {
+                ui.close();
+            }
         }
     });
     *value != before
@@ -215,7 +234,9 @@ fn pick_entity(
     let now = name(*value).cloned().unwrap_or_default();
     egui::ComboBox::from_label(label).selected_text(now).show_ui(ui, |ui| {
         for (entity, name) in &all {
-            ui.selectable_value(value, Some(*entity), name);
+            if ui.selectable_value(value, Some(*entity), name).clicked() {
+                ui.close();
+            }
         }
     });
 }

@@ -65,6 +65,7 @@ pub(super) fn show(
                     let path = AssetPath::from_path_buf(path.clone());
                     let volume = volume.as_ref().map(|(entity, _)| *entity);
                     picked.write(VdbModelPicked { path, volume });
+                    ui.close();
                 }
             }
             if models.found.as_ref().is_some_and(Vec::is_empty) {

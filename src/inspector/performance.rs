@@ -65,7 +65,7 @@ fn passes(store: &DiagnosticsStore) -> Vec<(String, f64)> {
 fn draw(ui: &mut egui::Ui, times: &[f64]) {
     let (Some(median), Some(slow)) = (at(times, 0.5), at(times, 0.99)) else { return };
     let rate = 1e3 / median.max(1e-6);
-    ui.label(format!("{rate:.0} FPS, a frame in {median:.1} ms, the slowest in {slow:.1} ms"));
+    ui.label(format!("{rate:.0} FPS, {median:.1} ms a frame, at worst {slow:.1} ms"));
     let (width, counts) = histogram(times);
     let size = egui::vec2(ui.available_width(), 48.0);
     let (area, response) = ui.allocate_exact_size(size, egui::Sense::hover());

@@ -22,13 +22,13 @@ pub(super) fn show(
     let Some(mut camera) = camera else { return };
     let mut new = camera.clone();
     ui.checkbox(&mut new.shadows, "shadows");
-    ui.add(egui::Slider::new(&mut new.reflections, 0..=16).text("reflections"));
+    ui.add(super::slider(&mut new.reflections, 0..=16).text("reflections"));
     let mut exact = new.fog_step == 0.0;
     if ui.checkbox(&mut exact, "fog cell by cell, exactly").changed() {
         new.fog_step = if exact { 0.0 } else { 1.0 };
     }
     if !exact {
-        let step = egui::Slider::new(&mut new.fog_step, 0.25..=16.0).logarithmic(true);
+        let step = super::slider(&mut new.fog_step, 0.25..=16.0).logarithmic(true);
         ui.add(step.text("voxels a sample"));
     }
     super::pick(ui, "rays", &mut new.traversal, &TRAVERSALS);

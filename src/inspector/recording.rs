@@ -61,7 +61,7 @@ pub(super) fn show(
             edit.labelled_by(ui.label(what).id);
         });
         super::pick(ui, "time", &mut settings.clock, &CLOCKS);
-        ui.add(egui::Slider::new(&mut settings.frame_rate, 1..=120).text("frames a second"));
+        ui.add(super::slider(&mut settings.frame_rate, 1..=120).text("frames a second"));
     });
     match status.phase {
         VdbRecordPhase::Idle | VdbRecordPhase::Ended => {

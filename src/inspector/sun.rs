@@ -55,10 +55,10 @@ pub(super) fn show(
             ui.checkbox(&mut new.shadow_maps_enabled, "throws shadows");
         });
     });
-    let illuminance = egui::Slider::new(&mut new.illuminance, 0.0..=BRIGHTEST).logarithmic(true);
+    let illuminance = super::slider(&mut new.illuminance, 0.0..=BRIGHTEST).logarithmic(true);
     ui.add(illuminance.smallest_positive(1.0).suffix(" lx").text("illuminance"));
     let mut intensity = volume_sun.as_ref().map_or(1.0, |sun| sun.intensity);
-    let slider = egui::Slider::new(&mut intensity, 0.0..=10.0).text("× on volumes");
+    let slider = super::slider(&mut intensity, 0.0..=10.0).text("× on volumes");
     if ui.add(slider).changed() {
         match volume_sun {
             Some(mut sun) => sun.intensity = intensity,
