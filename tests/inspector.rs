@@ -9,7 +9,7 @@ use bevy::render::RenderPlugin;
 use bevy::render::settings::{RenderCreation, WgpuSettings};
 use bevy::winit::WinitPlugin;
 use bevy_egui::egui::accesskit::{Action, ActionData, ActionRequest, Node, NodeId, Role, TreeId};
-use bevy_egui::{EguiContext, EguiInput, EguiOutput, egui};
+use bevy_egui::{EguiContext, EguiInput, EguiOutput, EguiPreUpdateSet, egui};
 use bevy_vdb::prelude::*;
 use bevy_vdb::{VdbModelPicked, VdbTraversal};
 use vdb_core::pack::PackKind;
@@ -52,6 +52,14 @@ impl Panel {
             VdbRenderPlugin,
             plugin,
         ));
+        // A window would have the keyboard.
+        app.add_systems(
+            PreUpdate,
+            (|mut inputs: Query<&mut EguiInput>| {
+                inputs.iter_mut().for_each(|mut input| input.focused = true);
+            })
+            .after(EguiPreUpdateSet::ProcessInput),
+        );
         app.finish();
         app.cleanup();
         let mut tree = Vdb543::new(1.0);
@@ -89,7 +97,6 @@ impl Panel {
         let camera = self.camera;
         if let Some(mut input) = self.world().get_mut::<EguiInput>(camera) {
             input.screen_rect = Some(egui::Rect::from_min_size(egui::Pos2::ZERO, WINDOW));
-            input.focused = true;
             input.events.extend(events);
         }
         self.app.update();
@@ -152,8 +159,11 @@ impl Panel {
 #[test]
 fn the_panel_opens_and_closes() {
     let mut panel = Panel::new(PackKind::Smooth { iso: 0.0 });
+    panel.click(Role::Button, "Grid");
     panel.look();
-    for section in ["Performance", "Volumes", "Material", "Camera", "Quality", "Sun", "Tools"] {
+    for section in
+        ["Performance", "Volumes", "Grid", "Material", "Camera", "Quality", "Sun", "Tools"]
+    {
         assert!(panel.find(Role::Button, section).is_some(), "{section}");
     }
     let shown = panel.nodes.iter().filter_map(|(_, node)| node.value()).collect::<Vec<_>>();

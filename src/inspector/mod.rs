@@ -5,6 +5,7 @@
 
 mod ball;
 mod camera;
+mod grid;
 mod material;
 mod models;
 mod performance;
@@ -156,10 +157,11 @@ fn panel(world: &mut World) {
             ui.spacing_mut().slider_width = 0.4 * WIDTH;
             section(ui, world, "Performance", true, performance::show);
             section(ui, world, "Volumes", true, volumes::show);
+            section(ui, world, "Grid", false, grid::show);
             section(ui, world, "Material", true, material::show);
             section(ui, world, "Camera", true, camera::show);
-            section(ui, world, "Quality", false, quality::show);
             section(ui, world, "Sun", true, sun::show);
+            section(ui, world, "Quality", false, quality::show);
             #[cfg(feature = "record")]
             if recording::is_there(world) {
                 section(ui, world, "Recording", false, recording::show);

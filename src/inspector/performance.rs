@@ -10,6 +10,8 @@ use crate::VdbGpuUsage;
 
 /// Bars of the histogram.
 const BARS: usize = 32;
+/// Passes that are listed, at most.
+const PASSES: usize = 6;
 /// A pass that has not run for so long is not listed.
 const GONE: Duration = Duration::from_secs(1);
 
@@ -29,7 +31,7 @@ pub(super) fn show(
     }
     let passes = passes(&store);
     egui::Grid::new("passes").num_columns(2).striped(true).show(ui, |ui| {
-        for (name, milliseconds) in &passes {
+        for (name, milliseconds) in passes.iter().take(PASSES) {
             ui.label(name);
             ui.label(format!("{milliseconds:.2} ms"));
             ui.end_row();
@@ -39,8 +41,9 @@ pub(super) fn show(
         ui.weak("The GPU tells no times of passes.");
     }
     if let Some(usage) = usage {
-        let megabytes = usage.bytes() as f64 / 1e6;
-        ui.label(format!("{} grids, {megabytes:.1} MB on the GPU", usage.grids()));
+        let (grids, megabytes) = (usage.grids(), usage.bytes() as f64 / 1e6);
+        let s = if grids == 1 { "" } else { "s" };
+        ui.label(format!("{grids} grid{s}, {megabytes:.1} MB on the GPU"));
     }
 }
 
