@@ -38,7 +38,7 @@ pub(super) fn show(
     let camera = inspector.camera.and_then(|camera| cameras.get(camera).ok());
     let view = camera.map_or(Quat::IDENTITY, GlobalTransform::rotation);
     let mut to_light = (view.inverse() * Vec3::from(global.back())).normalize_or(Vec3::Z);
-    let mut new = light.clone();
+    let mut new = *light;
     ui.horizontal(|ui| {
         if ball::show(ui, "direction of the sun", &mut to_light) {
             // What the light hangs on, if anything, stays as it is.
