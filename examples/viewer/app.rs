@@ -239,11 +239,18 @@ fn arrive(
 
 /// Where Bevy's shadow maps are sharp: as far as the ground goes.
 fn cascades(view: &View) -> bevy::light::CascadeShadowConfig {
-    let farthest = (view.eye.distance(view.target) + 4.0 * view.radius()) as f32;
+    let near = view.near as f32;
+    let far = (view.eye.distance(view.target) + 4.0 * view.radius()) as f32;
+    let far = far.max(2.0 * near);
+    let first = near + (far - near) / 8.0;
+    // Bevy refuses bounds that are not in their order, as those of sizes beyond f32.
+    if !(near < first && first < far && far.is_finite()) {
+        return default();
+    }
     CascadeShadowConfigBuilder {
-        minimum_distance: view.near as f32,
-        first_cascade_far_bound: farthest / 8.0,
-        maximum_distance: farthest.max(2.0 * view.near as f32),
+        minimum_distance: near,
+        first_cascade_far_bound: first,
+        maximum_distance: far,
         ..default()
     }
     .build()
