@@ -213,7 +213,6 @@ fn controls_of_a_camera_change_that() {
         fog_step: 4.0,
         traversal: VdbTraversal::Hdda,
         steps_scale: 50.0,
-        ..default()
     };
     assert_eq!(panel.get::<VdbCamera>(camera), &expected);
 }
