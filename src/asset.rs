@@ -97,6 +97,15 @@ impl VdbGrid {
         Ok(self)
     }
 
+    /// The same grid shown otherwise, as fog or as a surface, with its samples as they are.
+    ///
+    /// # Errors
+    /// When the tree is larger than a GPU grid can be.
+    pub fn with_kind(mut self, kind: PackKind) -> Result<Self, VdbGridError> {
+        self.packed = Arc::new(PackedGrid::new(&self.tree, kind)?);
+        Ok(self)
+    }
+
     pub(crate) fn from_parts(
         name: Arc<str>,
         class: GridClass,

@@ -4,6 +4,8 @@ mod asset;
 mod bounds;
 mod components;
 mod extras;
+#[cfg(feature = "egui")]
+mod inspector;
 mod levels;
 mod loader;
 #[cfg(feature = "picking")]
@@ -20,6 +22,8 @@ pub use components::{
     VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
 };
 pub use extras::{VdbColorGrid, VdbEmission};
+#[cfg(feature = "egui")]
+pub use inspector::{VdbInspector, VdbInspectorPlugin, VdbModelPicked};
 pub use loader::{
     VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbValues,
 };
@@ -43,6 +47,8 @@ pub mod prelude {
         VdbRayCastSettings, VdbRayHit, VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery, VdbSun,
         VdbTraversal, VdbVectorGrid, VdbVolume,
     };
+    #[cfg(feature = "egui")]
+    pub use crate::{VdbInspector, VdbInspectorPlugin};
     #[cfg(feature = "picking")]
     pub use crate::{VdbPickingPlugin, VdbPickingSettings};
     #[cfg(feature = "record")]

@@ -11,7 +11,11 @@ fn viewer() -> Command {
     let folder = test.parent().and_then(Path::parent).expect("tests are in target/…/deps");
     let name = format!("examples/viewer{}", std::env::consts::EXE_SUFFIX);
     let path = folder.join(name);
-    assert!(path.exists(), "{}: run `cargo build --example viewer` first", path.display());
+    assert!(
+        path.exists(),
+        "{}: run `cargo build --example viewer --features egui` first",
+        path.display()
+    );
     let mut command = Command::new(path);
     command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("RUST_LOG");
     command.args(["--size", &format!("{}x{}", SIZE.0, SIZE.1)]);

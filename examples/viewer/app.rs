@@ -6,6 +6,7 @@ use bevy::asset::io::AssetReaderError;
 use bevy::asset::{AssetLoadError, AssetPath, LoadState, UnapprovedPathMode};
 use bevy::camera::Hdr;
 use bevy::core_pipeline::tonemapping::Tonemapping;
+use bevy::light::CascadeShadowConfigBuilder;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
@@ -19,10 +20,7 @@ use crate::select;
 pub const SUN_ILLUMINANCE: f32 = 3_000.0;
 
 /// Luminance of the sky all around, cd/m².
-pub const SKY_LUMINANCE: f32 = 130.0;
-
-/// Towards the sun: over the left shoulder of the camera where nobody moves it.
-pub const TO_SUN: DVec3 = DVec3::new(-0.6, 0.75, 0.5);
+pub const SKY_LUMINANCE: f32 = 200.0;
 
 /// Before tonemapping.
 pub const BACKGROUND: LinearRgba = LinearRgba::rgb(0.045, 0.052, 0.065);
@@ -34,17 +32,31 @@ pub struct ViewerPlugin(pub Args);
 #[derive(Resource)]
 pub struct Settings(pub Args);
 
+/// Show these files in place of what is shown: a message.
+#[derive(Clone, Debug, Message)]
+pub struct Open(pub Vec<PathBuf>);
+
 /// How far it is.
 #[derive(Default, Resource)]
 pub struct Status {
     waiting: Vec<(PathBuf, Handle<VdbFile>)>,
     arrived: Vec<(PathBuf, Handle<VdbFile>)>,
-    /// Files that could not be loaded, with the reason.
+    /// Files and grids that cannot be shown, with the reason.
     pub errors: Vec<String>,
-    /// What is known of the grids, with what shows each.
-    pub grids: Vec<(String, Entity)>,
     /// Set once everything is there that will be.
     pub view: Option<View>,
+}
+
+/// What goes when other files are opened.
+#[derive(Component)]
+pub struct OfFiles;
+
+/// The label of a volume's grid in its file.
+#[derive(Component)]
+pub struct Label {
+    pub name: String,
+    /// Whether it is shown unless somebody says otherwise.
+    pub suits: bool,
 }
 
 /// Where the files are: `assets/` of this package, where edited models are loaded again at once,
@@ -57,7 +69,7 @@ pub fn asset_plugin() -> AssetPlugin {
     }
 }
 
-fn asset_root() -> PathBuf {
+pub fn asset_root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("assets")
 }
 
@@ -68,7 +80,7 @@ pub fn camera(args: &Args) -> impl Bundle {
         Hdr,
         Msaa::Sample4,
         tonemapping(args.mode),
-        VdbCamera { mode: args.mode, ..default() },
+        VdbCamera { mode: args.mode, overlays: args.overlays, ..default() },
         AmbientLight { brightness: SKY_LUMINANCE, ..default() },
     )
 }
@@ -89,20 +101,24 @@ impl Plugin for ViewerPlugin {
             .insert_resource(ClearColor(BACKGROUND.into()))
             .insert_resource(Settings(self.0.clone()))
             .init_resource::<Status>()
+            .add_message::<Open>()
             .add_systems(Startup, (load, light))
-            .add_systems(Update, arrive.run_if(|status: Res<Status>| status.view.is_none()));
+            .add_systems(
+                Update,
+                (open, arrive.run_if(|status: Res<Status>| status.view.is_none())).chain(),
+            );
     }
 }
 
 fn load(assets: Res<AssetServer>, settings: Res<Settings>, mut status: ResMut<Status>) {
     for file in &settings.0.files {
         let path = file.strip_prefix(asset_root()).unwrap_or(file).to_owned();
-        let only = settings.0.grid.clone();
+        let only = settings.0.grids.clone();
         let smooth = settings.0.smooth;
         let handle = assets
             .load_builder()
             .with_settings(move |settings: &mut VdbLoaderSettings| {
-                settings.grids = only.clone().map(|name| vec![name]);
+                settings.grids = (!only.is_empty()).then(|| only.clone());
                 settings.smooth = smooth;
             })
             .load(AssetPath::from_path_buf(path));
@@ -110,10 +126,38 @@ fn load(assets: Res<AssetServer>, settings: Res<Settings>, mut status: ResMut<St
     }
 }
 
-fn light(mut commands: Commands) {
-    let sun = DirectionalLight { illuminance: SUN_ILLUMINANCE, ..default() };
-    let transform = Transform::default().looking_to(-TO_SUN.as_vec3(), Vec3::Y);
-    commands.spawn((sun, transform));
+/// Clears the scene, and loads what is to be shown instead.
+fn open(
+    mut commands: Commands,
+    mut messages: MessageReader<Open>,
+    old: Query<Entity, With<OfFiles>>,
+    assets: Res<AssetServer>,
+    mut settings: ResMut<Settings>,
+    mut status: ResMut<Status>,
+) {
+    // Files that are dropped together may come one by one.
+    let files: Vec<PathBuf> = messages.read().flat_map(|Open(files)| files.clone()).collect();
+    if files.is_empty() {
+        return;
+    }
+    old.iter().for_each(|entity| commands.entity(entity).despawn());
+    // What was said of the grids and the camera was said of other files.
+    let args = &mut settings.0;
+    *args = Args { files, grids: Vec::new(), eye: None, target: None, ..args.clone() };
+    *status = Status::default();
+    load(assets, settings.into(), status);
+}
+
+fn light(mut commands: Commands, settings: Res<Settings>) {
+    let args = &settings.0;
+    let sun = DirectionalLight {
+        illuminance: SUN_ILLUMINANCE,
+        shadow_maps_enabled: args.shadows,
+        ..default()
+    };
+    let towards = args.sun.as_vec3();
+    let up = if towards.cross(Vec3::Y).length() < 1e-3 { Vec3::Z } else { Vec3::Y };
+    commands.spawn((Name::new("sun"), sun, Transform::default().looking_to(-towards, up)));
 }
 
 /// Waits for the files; then spawns the volumes and looks at them.
@@ -126,6 +170,7 @@ fn arrive(
     meshes: Option<ResMut<Assets<Mesh>>>,
     materials: Option<ResMut<Assets<StandardMaterial>>>,
     cameras: Query<Entity, With<Camera3d>>,
+    suns: Query<Entity, With<DirectionalLight>>,
 ) {
     let status = &mut *status;
     for (path, handle) in std::mem::take(&mut status.waiting) {
@@ -151,20 +196,18 @@ fn arrive(
                 Some((label.clone(), grids.get(grid)?))
             })
             .collect();
-        // A grid that was asked for by name is shown, whatever it is.
-        let shown = match settings.0.grid {
-            Some(_) => vec![true; labelled.len()],
-            None => select::shown(&labelled),
-        };
         if labelled.is_empty() {
             status.errors.push(format!("{}: the file has no grids", path.display()));
         }
-        for ((label, grid), shown) in labelled.iter().zip(shown) {
+        // A grid that was asked for by name is shown, whatever it is.
+        let named = !settings.0.grids.is_empty();
+        for ((label, grid), suits) in labelled.iter().zip(select::shown(&labelled)) {
+            let shown = named || suits;
             let visibility = if shown { Visibility::Inherited } else { Visibility::Hidden };
             let volume = VdbVolume(file.named_grids[label].clone());
             let material = VdbMaterial { density_scale: settings.0.density, ..default() };
-            let entity = commands.spawn((volume, material, visibility)).id();
-            status.grids.push((select::describe(label, grid), entity));
+            let name = (Name::new(label.clone()), Label { name: label.clone(), suits });
+            commands.spawn((OfFiles, name, volume, material, visibility));
             let hidden = if shown { "" } else { " (hidden: --grid shows it)" };
             eprintln!("{}: {}{hidden}", path.display(), select::describe(label, grid));
             if let (true, Some(own)) = (shown, grid.world_bounds()) {
@@ -176,20 +219,41 @@ fn arrive(
     // With nothing to see, the view is of the origin.
     let view = View::new(&settings.0, bounds.unwrap_or((DVec3::NEG_ONE, DVec3::ONE)));
     for camera in &cameras {
-        let eye = Transform::from_translation(view.eye.as_vec3())
-            .looking_at(view.target.as_vec3(), view.up().as_vec3());
         let projection = PerspectiveProjection {
             fov: view.fov_y as f32,
             near: view.near as f32,
             far: (view.near * 1e7) as f32,
             ..default()
         };
-        commands.entity(camera).insert((eye, Projection::Perspective(projection)));
+        let projection = Projection::Perspective(projection);
+        commands.entity(camera).insert((view.transform(), projection));
+    }
+    for sun in &suns {
+        commands.entity(sun).insert(cascades(&view));
     }
     if let (true, Some(meshes), Some(materials)) = (settings.0.ground, meshes, materials) {
         spawn_ground(&mut commands, meshes, materials, &view);
     }
     status.view = Some(view);
+}
+
+/// Where Bevy's shadow maps are sharp: as far as the ground goes.
+fn cascades(view: &View) -> bevy::light::CascadeShadowConfig {
+    let near = view.near as f32;
+    let far = (view.eye.distance(view.target) + 4.0 * view.radius()) as f32;
+    let far = far.max(2.0 * near);
+    let first = near + (far - near) / 8.0;
+    // Bevy refuses bounds that are not in their order, as those of sizes beyond f32.
+    if !(near < first && first < far && far.is_finite()) {
+        return default();
+    }
+    CascadeShadowConfigBuilder {
+        minimum_distance: near,
+        first_cascade_far_bound: first,
+        maximum_distance: far,
+        ..default()
+    }
+    .build()
 }
 
 /// A plane below, and a ball that stands at the edge of the box around the volumes.
@@ -212,12 +276,22 @@ fn spawn_ground(
     let plane = meshes.add(Plane3d::default().mesh().size(1.0, 1.0));
     let below = Transform::from_translation(DVec3::new(middle.x, low.y, middle.z).as_vec3())
         .with_scale(Vec3::splat(8.0 * view.radius() as f32));
-    commands.spawn((Mesh3d(plane), MeshMaterial3d(matte(Color::srgb(0.45, 0.46, 0.48))), below));
+    commands.spawn((
+        OfFiles,
+        Mesh3d(plane),
+        MeshMaterial3d(matte(Color::srgb(0.45, 0.46, 0.48))),
+        below,
+    ));
     let radius = 0.22 * view.radius();
     let ball = meshes.add(Sphere::new(1.0).mesh().uv(64, 32));
     let beside = DVec3::new(high.x, low.y + radius, middle.z).as_vec3();
     let beside = Transform::from_translation(beside).with_scale(Vec3::splat(radius as f32));
-    commands.spawn((Mesh3d(ball), MeshMaterial3d(matte(Color::srgb(0.85, 0.42, 0.12))), beside));
+    commands.spawn((
+        OfFiles,
+        Mesh3d(ball),
+        MeshMaterial3d(matte(Color::srgb(0.85, 0.42, 0.12))),
+        beside,
+    ));
 }
 
 /// Why a file was not loaded, without what Bevy says around it.

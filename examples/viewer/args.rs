@@ -1,11 +1,12 @@
 //! The command line.
 
 use std::ffi::{OsStr, OsString};
+use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
 use bevy::math::{DVec3, UVec2};
-use bevy_vdb::VdbRenderMode;
+use bevy_vdb::{VdbOverlays, VdbRenderMode};
 use lexopt::Arg;
 
 pub const HELP: &str = "\
@@ -13,10 +14,11 @@ Shows OpenVDB files: level sets as surfaces, fog volumes as fog.
 
 Usage: viewer [FILE.vdb …] [options]
 
-With a display, a window (drag to orbit, right button to pan, wheel to zoom); without one, or with
---out, a PNG. Without FILE, the model that comes with bevy_vdb.
+With a display, a window: drop files onto it, F1 lists its keys. Without one, or with --out, a PNG.
+Without FILE, the model that comes with bevy_vdb.
 
-  --grid NAME       show this grid; by default all level sets, and of the fogs `density`
+  --grid NAME       show this grid, and others only if they are named too; by default all level sets,
+                    and of the fogs `density`
   --out FILE.png    write a picture (without a display: viewer.png) and print its path
   --size WxH        of the picture or the window, in pixels [1280x720]
   --eye X,Y,Z       where the camera stands, in the file's world [sees all]
@@ -25,8 +27,12 @@ With a display, a window (drag to orbit, right button to pan, wheel to zoom); wi
   --mode NAME       lit, its parts diffuse and glossy, gray, rgb, voxels, normals, depth or steps (of
                     the walk through the tree) [lit]
   --density X       fog: extinction per unit of density and of world length [1]
+  --sun X,Y,Z       the direction towards the sun [-0.6,0.75,0.5]
+  --no-shadows      the sun throws none
+  --borders NAMES   of the tree's nodes, on surfaces: of leaves, lower, upper, with commas
   --voxels          level sets voxel by voxel, rather than smooth
   --ground          a plane below and a ball beside the volumes, both meshes
+  --no-panel        a window without the panel, until F2 opens it
   --cpu             trace on the CPU, without a GPU: a picture, slowly
   -h, --help        this
 ";
@@ -39,7 +45,8 @@ const MAX_EDGE: u32 = 32_768;
 pub struct Args {
     /// Absolute. At least one.
     pub files: Vec<PathBuf>,
-    pub grid: Option<String>,
+    /// Names; none for those that suit.
+    pub grids: Vec<String>,
     pub out: Option<PathBuf>,
     pub size: UVec2,
     pub eye: Option<DVec3>,
@@ -48,8 +55,13 @@ pub struct Args {
     pub fov_y: f64,
     pub mode: VdbRenderMode,
     pub density: f32,
+    /// Towards it; finite and not zero.
+    pub sun: DVec3,
+    pub shadows: bool,
+    pub overlays: VdbOverlays,
     pub smooth: bool,
     pub ground: bool,
+    pub panel: bool,
     pub cpu: bool,
 }
 
@@ -59,25 +71,12 @@ impl Args {
         Self::parse(lexopt::Parser::from_env())
     }
 
-    fn parse(mut parser: lexopt::Parser) -> Result<Option<Self>, String> {
-        let mut args = Self {
-            files: Vec::new(),
-            grid: None,
-            out: None,
-            size: UVec2::new(1280, 720),
-            eye: None,
-            target: None,
-            fov_y: 45_f64.to_radians(),
-            mode: VdbRenderMode::Lit,
-            density: 1.0,
-            smooth: true,
-            ground: false,
-            cpu: false,
-        };
+    pub fn parse(mut parser: lexopt::Parser) -> Result<Option<Self>, String> {
+        let mut args = Self::default();
         while let Some(arg) = parser.next().map_err(|error| error.to_string())? {
             match arg {
                 Arg::Short('h') | Arg::Long("help") => return Ok(None),
-                Arg::Long("grid") => args.grid = Some(value(&mut parser, "--grid", name)?),
+                Arg::Long("grid") => args.grids.push(value(&mut parser, "--grid", name)?),
                 Arg::Long("out") => args.out = Some(value(&mut parser, "--out", picture_path)?),
                 Arg::Long("size") => args.size = value(&mut parser, "--size", size)?,
                 Arg::Long("eye") => args.eye = Some(value(&mut parser, "--eye", point)?),
@@ -85,6 +84,12 @@ impl Args {
                 Arg::Long("fov") => args.fov_y = value(&mut parser, "--fov", fov)?,
                 Arg::Long("mode") => args.mode = value(&mut parser, "--mode", mode)?,
                 Arg::Long("density") => args.density = value(&mut parser, "--density", density)?,
+                Arg::Long("sun") => args.sun = value(&mut parser, "--sun", direction)?,
+                Arg::Long("no-shadows") => args.shadows = false,
+                Arg::Long("borders") => {
+                    args.overlays = value(&mut parser, "--borders", overlays)?;
+                }
+                Arg::Long("no-panel") => args.panel = false,
                 Arg::Long("ground") => args.ground = true,
                 Arg::Long("voxels") => args.smooth = false,
                 Arg::Long("cpu") => args.cpu = true,
@@ -93,8 +98,7 @@ impl Args {
             }
         }
         if args.files.is_empty() {
-            args.files
-                .push([env!("CARGO_MANIFEST_DIR"), "assets/models/teapot.vdb"].iter().collect());
+            args.files.push(bundled());
         }
         if args.eye.is_some() && args.eye == args.target {
             return Err("--eye and --target are the same point".into());
@@ -102,6 +106,106 @@ impl Args {
         Ok(Some(args))
     }
 }
+
+impl Default for Args {
+    fn default() -> Self {
+        Self {
+            files: Vec::new(),
+            grids: Vec::new(),
+            out: None,
+            size: UVec2::new(1280, 720),
+            eye: None,
+            target: None,
+            fov_y: 45_f64.to_radians(),
+            mode: VdbRenderMode::Lit,
+            density: 1.0,
+            // Over the left shoulder of the camera where nobody moves it.
+            sun: DVec3::new(-0.6, 0.75, 0.5),
+            shadows: true,
+            overlays: VdbOverlays::default(),
+            smooth: true,
+            ground: false,
+            panel: true,
+            cpu: false,
+        }
+    }
+}
+
+impl fmt::Display for Args {
+    /// The command line, for a shell, less the name of the program: what is not as by default.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let default = Self::default();
+        let mut words: Vec<String> =
+            self.files.iter().map(|file| quoted(&file.to_string_lossy())).collect();
+        let mut option = |name: &str, value: Option<String>| {
+            words.push(format!("--{name}"));
+            words.extend(value);
+        };
+        let point = |p: DVec3| Some(format!("{},{},{}", p.x, p.y, p.z));
+        self.grids.iter().for_each(|name| option("grid", Some(quoted(name))));
+        if let Some(out) = &self.out {
+            option("out", Some(quoted(&out.to_string_lossy())));
+        }
+        if self.size != default.size {
+            option("size", Some(format!("{}x{}", self.size.x, self.size.y)));
+        }
+        if let Some(eye) = self.eye {
+            option("eye", point(eye));
+        }
+        if let Some(target) = self.target {
+            option("target", point(target));
+        }
+        if self.fov_y != default.fov_y {
+            option("fov", Some(self.fov_y.to_degrees().to_string()));
+        }
+        if let Some((name, _)) = MODES.iter().find(|(_, mode)| *mode == self.mode)
+            && self.mode != default.mode
+        {
+            option("mode", Some((*name).into()));
+        }
+        if self.density != default.density {
+            option("density", Some(self.density.to_string()));
+        }
+        if self.sun != default.sun {
+            option("sun", point(self.sun));
+        }
+        if self.overlays != default.overlays {
+            let nodes = NODES.iter().filter(|(_, has)| *has(&mut self.overlays.clone()));
+            let names: Vec<&str> = nodes.map(|(name, _)| *name).collect();
+            option("borders", Some(names.join(",")));
+        }
+        let flags = [
+            ("no-shadows", !self.shadows),
+            ("voxels", !self.smooth),
+            ("ground", self.ground),
+            ("no-panel", !self.panel),
+            ("cpu", self.cpu),
+        ];
+        flags.into_iter().filter(|(_, set)| *set).for_each(|(name, _)| option(name, None));
+        f.write_str(&words.join(" "))
+    }
+}
+
+/// For a POSIX shell.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+,:@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', "'\\''"))
+}
+
+/// The model that comes with the crate.
+fn bundled() -> PathBuf {
+    [env!("CARGO_MANIFEST_DIR"), "assets/models/teapot.vdb"].iter().collect()
+}
+
+/// Names as `--borders` has them.
+const NODES: [(&str, fn(&mut VdbOverlays) -> &mut bool); 3] = [
+    ("leaves", |overlays| &mut overlays.leaves),
+    ("lower", |overlays| &mut overlays.lower),
+    ("upper", |overlays| &mut overlays.upper),
+];
 
 /// Names as `--mode` has them.
 pub const MODES: [(&str, VdbRenderMode); 9] = [
@@ -159,6 +263,25 @@ fn point(value: &OsStr) -> Result<DVec3, String> {
         }
         _ => Err("a point is three numbers like 0,1.5,-2".into()),
     }
+}
+
+fn direction(value: &OsStr) -> Result<DVec3, String> {
+    let direction = point(value)?;
+    // It goes into an f32.
+    let length = direction.as_vec3().length();
+    let usable = length.is_normal() && length.recip().is_normal();
+    usable.then_some(direction).ok_or_else(|| "it is no direction".into())
+}
+
+fn overlays(value: &OsStr) -> Result<VdbOverlays, String> {
+    let mut overlays = VdbOverlays::default();
+    for name in text(value)?.split(',') {
+        let Some((_, flag)) = NODES.iter().find(|(known, _)| *known == name) else {
+            return Err(format!("{name:?} is none of leaves, lower, upper"));
+        };
+        *flag(&mut overlays) = true;
+    }
+    Ok(overlays)
 }
 
 fn fov(value: &OsStr) -> Result<f64, String> {

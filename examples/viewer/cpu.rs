@@ -8,7 +8,7 @@ use bevy_vdb::vdb_core::reference::picture::{
     Look, Picture, Scene, SunLight, Volume, VolumeKind, render,
 };
 
-use crate::app::{BACKGROUND, SKY_LUMINANCE, SUN_ILLUMINANCE, Status, TO_SUN};
+use crate::app::{BACKGROUND, SKY_LUMINANCE, SUN_ILLUMINANCE, Status};
 use crate::args::Args;
 use crate::framing::View;
 
@@ -44,13 +44,12 @@ pub fn draw(app: &mut App, args: &Args) -> Result<Vec<[u8; 3]>, String> {
     let scene = Scene {
         volumes,
         sun: SunLight {
-            direction: TO_SUN,
+            direction: args.sun,
             radiance: Vec3::splat(exposure * SUN_ILLUMINANCE / std::f32::consts::PI),
         },
         ambient: Vec3::splat(exposure * SKY_LUMINANCE),
         background: BACKGROUND.to_vec4(),
-        // As on the GPU.
-        shadows: false,
+        shadows: args.shadows,
         look: Look::Standard {
             perceptual_roughness: VdbMaterial::default().perceptual_roughness.into(),
             reflectance: VdbMaterial::default().reflectance.into(),

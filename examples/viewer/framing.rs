@@ -1,6 +1,7 @@
 //! Where the camera stands.
 
 use bevy::math::DVec3;
+use bevy::transform::components::Transform;
 use bevy_vdb::VdbRenderMode;
 use bevy_vdb::vdb_core::reference::picture::{Camera, Projection};
 
@@ -45,6 +46,12 @@ impl View {
     /// The radius of the ball around the bounds.
     pub fn radius(&self) -> f64 {
         (self.bounds.1 - self.bounds.0).length() / 2.0
+    }
+
+    /// Where the camera stands.
+    pub fn transform(&self) -> Transform {
+        Transform::from_translation(self.eye.as_vec3())
+            .looking_at(self.target.as_vec3(), self.up().as_vec3())
     }
 
     /// What is up in the picture: y, unless the camera looks along it.

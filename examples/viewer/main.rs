@@ -4,10 +4,14 @@ mod adapter;
 mod app;
 mod args;
 mod cpu;
+mod fly;
 mod framing;
+mod keys;
 mod offscreen;
+mod overlay;
 mod png_file;
 mod select;
+mod state;
 mod window;
 
 use std::path::Path;

@@ -1,17 +1,21 @@
-//! The window: orbit camera, progress of loading, errors, and what is shown how.
+//! The window: cameras to orbit and to fly, files that are dropped onto it, the panel.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 
+use bevy::core_pipeline::tonemapping::Tonemapping;
+use bevy::ecs::system::SystemParam;
 use bevy::log::LogPlugin;
 use bevy::prelude::*;
-use bevy::window::WindowResolution;
-use bevy_egui::{EguiContexts, EguiPlugin, EguiPrimaryContextPass, egui};
+use bevy::window::{FileDragAndDrop, WindowResolution};
+use bevy_egui::EguiPrimaryContextPass;
 use bevy_panorbit_camera::{PanOrbitCamera, PanOrbitCameraPlugin};
+use bevy_vdb::VdbModelPicked;
 use bevy_vdb::prelude::*;
-use bevy_vdb::{VdbGpuUsage, VdbLoadProgress};
 
-use crate::app::{self, Status, ViewerPlugin};
-use crate::args::{Args, MODES};
+use crate::app::{self, Open, Status, ViewerPlugin};
+use crate::args::Args;
+use crate::framing::View;
+use crate::{fly, keys, overlay, state};
 
 /// Whether there is a display to show a window on.
 pub fn display() -> bool {
@@ -43,7 +47,7 @@ pub fn run(mut app: App) -> Result<(), String> {
 
 fn app(args: &Args) -> App {
     let window = Window {
-        title: "bevy_vdb viewer".into(),
+        title: "bevy_vdb".into(),
         resolution: WindowResolution::new(args.size.x, args.size.y),
         ..default()
     };
@@ -55,76 +59,117 @@ fn app(args: &Args) -> App {
             .disable::<LogPlugin>(),
     )
     // After the window's plugin: where that fails, the app for a picture logs in its own way.
-    .add_plugins(LogPlugin::default())
-    .add_plugins((EguiPlugin::default(), PanOrbitCameraPlugin, ViewerPlugin(args.clone())))
-    .add_systems(Update, orbit.run_if(resource_changed::<Status>))
-    .add_systems(EguiPrimaryContextPass, panel);
-    app.world_mut().spawn(app::camera(args));
+    .add_plugins((LogPlugin::default(), PanOrbitCameraPlugin, InteractivePlugin(args.clone())));
+    #[cfg(feature = "record")]
+    app.add_plugins(VdbRecordPlugin);
     app
 }
 
-/// Hands the camera over to the mouse once it stands where it should.
-fn orbit(
-    mut commands: Commands,
-    status: Res<Status>,
-    cameras: Query<Entity, (With<Camera3d>, Without<PanOrbitCamera>)>,
-) {
-    let Some(view) = status.view else { return };
-    let target = view.target.as_vec3();
-    for camera in &cameras {
-        commands.entity(camera).insert(PanOrbitCamera {
-            focus: target,
-            target_focus: target,
-            zoom_lower_limit: (10.0 * view.near) as f32,
-            ..default()
-        });
+/// All that the window does, with a window or without.
+pub struct InteractivePlugin(pub Args);
+
+impl Plugin for InteractivePlugin {
+    fn build(&self, app: &mut App) {
+        app.add_plugins((
+            ViewerPlugin(self.0.clone()),
+            VdbInspectorPlugin { replaces_models: false },
+        ))
+        .insert_resource(VdbInspector { open: self.0.panel, ..default() })
+        .init_resource::<keys::Help>()
+        .init_resource::<fly::Fly>()
+        .init_resource::<Hovering>()
+        .add_systems(
+            Update,
+            (
+                (keys::press, keys::go_home, fly::toggle, fly::fly).chain().run_if(keys::are_free),
+                begin_orbit.run_if(resource_changed::<Status>),
+                (drop_files, open_picked, follow_mode),
+            ),
+        )
+        .add_systems(EguiPrimaryContextPass, overlay::show)
+        .add_systems(Last, (state::update_title, state::print));
+        app.world_mut().spawn((Name::new("camera"), app::camera(&self.0)));
     }
 }
 
-fn panel(
-    mut contexts: EguiContexts,
+/// Whether a file is held over the window.
+#[derive(Default, Resource)]
+pub struct Hovering(pub bool);
+
+fn drop_files(
+    mut events: MessageReader<FileDragAndDrop>,
+    mut hovering: ResMut<Hovering>,
+    mut open: MessageWriter<Open>,
+) {
+    for event in events.read() {
+        hovering.0 = matches!(event, FileDragAndDrop::HoveredFile { .. });
+        if let FileDragAndDrop::DroppedFile { path_buf, .. } = event {
+            open.write(Open(vec![path_buf.clone()]));
+        }
+    }
+}
+
+fn open_picked(mut picked: MessageReader<VdbModelPicked>, mut open: MessageWriter<Open>) {
+    for model in picked.read() {
+        open.write(Open(vec![app::asset_root().join(model.path.path())]));
+    }
+}
+
+/// Pictures have a tone curve, numbers have none.
+fn follow_mode(mut cameras: Query<(&VdbCamera, &mut Tonemapping), Changed<VdbCamera>>) {
+    for (camera, mut tonemapping) in &mut cameras {
+        tonemapping.set_if_neq(app::tonemapping(camera.mode));
+    }
+}
+
+/// Hands the camera over to the mouse once it stands where it should.
+fn begin_orbit(
     status: Res<Status>,
-    progress: Res<VdbLoadProgress>,
-    usage: Res<VdbGpuUsage>,
-    mut cameras: Query<(&mut VdbCamera, &mut bevy::core_pipeline::tonemapping::Tonemapping)>,
-    mut volumes: Query<(&mut Visibility, &mut VdbMaterial), With<VdbVolume>>,
-) -> Result {
-    egui::Window::new("bevy_vdb").resizable(false).show(contexts.ctx_mut()?, |ui| {
-        for (path, done, all) in progress.files() {
-            let name = path.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let part = if all == 0 { 0.0 } else { done as f32 / all as f32 };
-            ui.add(egui::ProgressBar::new(part).text(name).show_percentage());
+    fly: Res<fly::Fly>,
+    mut orbit: Orbit,
+    mut last: Local<Option<View>>,
+) {
+    if *last != status.view {
+        *last = status.view;
+        if let (Some(view), false) = (&status.view, fly.on) {
+            orbit.stand(view);
         }
-        for error in &status.errors {
-            ui.colored_label(egui::Color32::LIGHT_RED, error);
-        }
-        for (mut camera, mut tonemapping) in &mut cameras {
-            ui.horizontal(|ui| {
-                for (name, mode) in MODES {
-                    if ui.selectable_label(camera.mode == mode, name).clicked() {
-                        camera.mode = mode;
-                        *tonemapping = app::tonemapping(mode);
-                    }
-                }
+    }
+}
+
+/// Hands cameras to the mouse, and takes them back.
+#[derive(SystemParam)]
+pub struct Orbit<'w, 's> {
+    commands: Commands<'w, 's>,
+    cameras: Query<'w, 's, (Entity, &'static mut Transform), With<Camera3d>>,
+}
+
+impl Orbit<'_, '_> {
+    /// Puts cameras where a view is from.
+    pub fn stand(&mut self, view: &View) {
+        let from_eye = view.eye.distance(view.target) as f32;
+        self.cameras.iter_mut().for_each(|(_, mut camera)| *camera = view.transform());
+        self.resume(view, from_eye);
+    }
+
+    /// From where cameras are, around what is so far ahead.
+    pub fn resume(&mut self, view: &View, distance: f32) {
+        for (entity, camera) in &self.cameras {
+            let focus = camera.translation + distance * camera.forward();
+            self.commands.entity(entity).insert(PanOrbitCamera {
+                focus,
+                target_focus: focus,
+                zoom_lower_limit: (10.0 * view.near) as f32,
+                trackpad_pinch_to_zoom_enabled: true,
+                ..default()
             });
         }
-        for (name, entity) in &status.grids {
-            let Ok((mut visibility, mut material)) = volumes.get_mut(*entity) else { continue };
-            let mut shown = *visibility != Visibility::Hidden;
-            if ui.checkbox(&mut shown, name).changed() {
-                *visibility = if shown { Visibility::Inherited } else { Visibility::Hidden };
-            }
-            if shown && name.contains(": fog") {
-                let mut density = material.density_scale;
-                let slider = egui::Slider::new(&mut density, 0.0..=1000.0).logarithmic(true);
-                if ui.add(slider.text("density")).changed() {
-                    material.density_scale = density;
-                }
-            }
+    }
+
+    /// Leaves cameras alone.
+    pub fn rest(&mut self) {
+        for (entity, _) in &self.cameras {
+            self.commands.entity(entity).remove::<PanOrbitCamera>();
         }
-        if status.view.is_some() {
-            ui.label(format!("{:.1} MB on the GPU", usage.bytes() as f64 / 1e6));
-        }
-    });
-    Ok(())
+    }
 }

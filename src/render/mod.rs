@@ -39,6 +39,8 @@ use bevy::render::{
 };
 
 pub use gpu_tree::VdbGpuUsage;
+#[cfg(feature = "egui")]
+pub(crate) use shaders::reload as reload_shaders;
 
 use cast_pipeline::{CastPipeline, MeshDepthPipeline};
 use gpu_tree::VdbTreePool;

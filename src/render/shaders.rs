@@ -51,6 +51,24 @@ pub(super) fn embed(app: &mut App) {
     }
 }
 
+/// Loads all shaders again: from the folder of the crate, where it still lies where it was built; what
+/// is in the binary otherwise.
+#[cfg(feature = "egui")]
+pub(crate) fn reload(world: &mut World) {
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/assets/shaders"));
+    let Some(registry) = world.get_resource::<EmbeddedAssetRegistry>() else { return };
+    for (name, _) in IMPORTS.into_iter().chain(PROGRAMS) {
+        if let Ok(source) = std::fs::read(folder.join(name).with_extension("wgsl")) {
+            let asset = PathBuf::from(format!("bevy_vdb/shaders/{name}.wgsl"));
+            registry.insert_asset(folder.join(name).with_extension("wgsl"), &asset, source);
+        }
+    }
+    let Some(assets) = world.get_resource::<AssetServer>() else { return };
+    for (name, _) in IMPORTS.into_iter().chain(PROGRAMS) {
+        assets.reload(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
+    }
+}
+
 /// The shaders that pipelines are made of; keeps the modules that they import alive.
 #[derive(Clone, Debug)]
 pub(super) struct Shaders {

@@ -201,7 +201,9 @@ fn cloud(stage: &mut Stage, change: &dyn Fn(&mut World)) -> Picture {
         ..default()
     };
     stage.world().spawn((VdbVolume(grid), material));
-    stage.world().spawn((sun(Vec3::new(1.0, 0.8, -0.3)), bevy_vdb::VdbSun { intensity: 2.0, ..default() }));
+    stage
+        .world()
+        .spawn((sun(Vec3::new(1.0, 0.8, -0.3)), bevy_vdb::VdbSun { intensity: 2.0, ..default() }));
     let color = Color::linear_rgb(0.3, 0.5, 1.0);
     stage.world().insert_resource(GlobalAmbientLight { brightness: 0.3, color, ..default() });
     change(stage.world());

@@ -1,0 +1,87 @@
+//! The keys of the window.
+
+use bevy::prelude::*;
+use bevy_egui::input::EguiWantsInput;
+use bevy_vdb::prelude::*;
+
+use crate::app::{Settings, Status};
+use crate::args::{Args, MODES};
+use crate::fly::Fly;
+use crate::framing::View;
+use crate::window::Orbit;
+
+/// What F1 shows.
+pub const HELP: [(&str, &str); 15] = [
+    ("F1", "this list"),
+    ("F2", "the panel"),
+    ("drop a file", "shows it in place of what is there"),
+    ("left, right button", "orbit, pan; while flying, look around"),
+    ("wheel", "nearer and farther; while flying, faster and slower"),
+    ("one, two fingers", "orbit; pan and zoom"),
+    ("Home", "all in view"),
+    ("F", "fly, or back to orbiting"),
+    ("W A S D", "fly ahead, left, back, right"),
+    ("E, Q", "fly up, down"),
+    ("Shift", "fly four times as fast"),
+    ("1 … 9", "modes: lit, diffuse, glossy, gray, rgb, voxels, normals, depth, steps"),
+    ("C", "prints the command line that shows this again"),
+    ("Tab, Space, arrows", "go through the panel"),
+    ("Ctrl +, Ctrl -", "larger, smaller"),
+];
+
+/// Whether the list is shown.
+#[derive(Default, Resource)]
+pub struct Help(pub bool);
+
+/// Whether keys are for the window, not for a text in the panel.
+pub fn are_free(egui: Option<Res<EguiWantsInput>>) -> bool {
+    egui.is_none_or(|egui| !egui.wants_any_keyboard_input())
+}
+
+const DIGITS: [KeyCode; 9] = [
+    KeyCode::Digit1,
+    KeyCode::Digit2,
+    KeyCode::Digit3,
+    KeyCode::Digit4,
+    KeyCode::Digit5,
+    KeyCode::Digit6,
+    KeyCode::Digit7,
+    KeyCode::Digit8,
+    KeyCode::Digit9,
+];
+
+pub fn press(
+    keys: Res<ButtonInput<KeyCode>>,
+    mut help: ResMut<Help>,
+    mut cameras: Query<&mut VdbCamera>,
+) {
+    if keys.just_pressed(KeyCode::F1) {
+        help.0 = !help.0;
+    }
+    for (key, (_, mode)) in DIGITS.into_iter().zip(MODES) {
+        if keys.just_pressed(key) {
+            cameras.iter_mut().for_each(|mut camera| camera.mode = mode);
+        }
+    }
+}
+
+/// `Home`: the view that one has of the volumes that are visible now, where nobody chooses it.
+pub fn go_home(
+    keys: Res<ButtonInput<KeyCode>>,
+    settings: Res<Settings>,
+    grids: Res<Assets<VdbGrid>>,
+    volumes: Query<(&VdbVolume, &Visibility)>,
+    mut status: ResMut<Status>,
+    mut fly: ResMut<Fly>,
+    mut orbit: Orbit,
+) {
+    let (true, Some(old)) = (keys.just_pressed(KeyCode::Home), status.view) else { return };
+    let shown = volumes.iter().filter(|(.., visibility)| **visibility != Visibility::Hidden);
+    let boxes = shown.filter_map(|(volume, _)| grids.get(&volume.0)?.world_bounds());
+    let bounds = boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or(old.bounds);
+    let args = Args { eye: None, target: None, ..settings.0.clone() };
+    let view = View::new(&args, bounds);
+    fly.on = false;
+    orbit.stand(&view);
+    status.view = Some(view);
+}

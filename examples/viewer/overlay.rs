@@ -1,0 +1,80 @@
+//! What the window says over the picture: how far files are, what is wrong with them, its keys.
+
+use bevy::prelude::*;
+use bevy_egui::{EguiContexts, egui};
+use bevy_vdb::VdbLoadProgress;
+
+use crate::app::Status;
+use crate::keys::{HELP, Help};
+use crate::window::Hovering;
+
+pub fn show(
+    mut contexts: EguiContexts,
+    mut status: ResMut<Status>,
+    progress: Res<VdbLoadProgress>,
+    mut help: ResMut<Help>,
+    hovering: Res<Hovering>,
+) -> Result {
+    let context = contexts.ctx_mut()?.clone();
+    if hovering.0 {
+        notice(&context, "drop", egui::Align2::CENTER_CENTER, |ui| {
+            ui.heading("Drop it to show it");
+        });
+    }
+    let files = progress.files();
+    if status.view.is_none() {
+        notice(&context, "loading", egui::Align2::CENTER_BOTTOM, |ui| {
+            if files.is_empty() {
+                ui.label("loading …");
+            }
+            for (path, done, all) in files {
+                let name = path.path().file_name().unwrap_or_default().to_string_lossy();
+                let text =
+                    format!("{name}: {:.1} of {:.1} MB", done as f64 / 1e6, all as f64 / 1e6);
+                let part = if all == 0 { 0.0 } else { done as f32 / all as f32 };
+                ui.add(egui::ProgressBar::new(part).desired_width(420.0).text(text));
+            }
+        });
+    }
+    if !status.errors.is_empty() {
+        let mut seen = false;
+        notice(&context, "errors", egui::Align2::LEFT_BOTTOM, |ui| {
+            ui.set_max_width(560.0);
+            for error in &status.errors {
+                ui.colored_label(ui.visuals().error_fg_color, error);
+            }
+            seen = ui.button("Close").clicked();
+        });
+        if seen {
+            status.errors.clear();
+        }
+    }
+    egui::Window::new("Keys").open(&mut help.0).resizable(false).show(&context, |ui| {
+        egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
+            for (key, what) in HELP {
+                ui.strong(key);
+                ui.label(what);
+                ui.end_row();
+            }
+        });
+    });
+    if !help.0 && status.view.is_some() && status.errors.is_empty() {
+        let corner = egui::Align2::LEFT_BOTTOM;
+        let area = egui::Area::new("hint".into()).anchor(corner, [12.0, -8.0]).interactable(false);
+        area.show(&context, |ui| ui.weak("F1: keys"));
+    }
+    Ok(())
+}
+
+fn notice(
+    context: &egui::Context,
+    id: &str,
+    corner: egui::Align2,
+    add: impl FnOnce(&mut egui::Ui),
+) {
+    let offset = -16.0 * corner.to_sign();
+    egui::Area::new(id.to_owned().into())
+        .anchor(corner, offset)
+        .order(egui::Order::Foreground)
+        .show(context, |ui| egui::Frame::popup(ui.style()).show(ui, add));
+}

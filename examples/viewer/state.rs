@@ -1,0 +1,130 @@
+//! What is shown, as the window's title and as a command line that shows it again.
+
+use bevy::camera::Camera3d;
+use bevy::ecs::system::SystemParam;
+use bevy::prelude::*;
+use bevy::window::PrimaryWindow;
+use bevy_panorbit_camera::PanOrbitCamera;
+use bevy_vdb::prelude::*;
+use bevy_vdb::vdb_core::pack::PackKind;
+
+use crate::app::{Label, Settings, Status};
+use crate::args::{Args, MODES};
+
+/// What the state of the viewer is in.
+#[derive(SystemParam)]
+pub struct State<'w, 's> {
+    settings: Res<'w, Settings>,
+    status: Res<'w, Status>,
+    inspector: Option<Res<'w, VdbInspector>>,
+    grids: Res<'w, Assets<VdbGrid>>,
+    cameras: Query<
+        'w,
+        's,
+        (&'static Transform, &'static VdbCamera, Option<&'static PanOrbitCamera>),
+        With<Camera3d>,
+    >,
+    suns: Query<'w, 's, (&'static Transform, &'static DirectionalLight)>,
+    volumes: Query<
+        'w,
+        's,
+        (&'static Label, &'static VdbVolume, &'static VdbMaterial, &'static Visibility),
+    >,
+    windows: Query<'w, 's, &'static Window, With<PrimaryWindow>>,
+}
+
+impl State<'_, '_> {
+    /// The command line that shows this.
+    pub fn args(&self) -> Args {
+        let mut args = Args { out: None, cpu: false, ..self.settings.0.clone() };
+        let camera = self.cameras.iter().next();
+        if let (Some((transform, camera, orbit)), Some(view)) = (camera, self.status.view) {
+            args.mode = camera.mode;
+            args.overlays = camera.overlays;
+            let moved = transform.translation.distance(view.eye.as_vec3());
+            let turned = transform.rotation.angle_between(view.transform().rotation);
+            // The camera that orbits works its place out of angles.
+            if moved > 1e-4 * view.radius() as f32 || turned > 1e-3 {
+                let orbit = orbit.filter(|orbit| orbit.enabled);
+                let distance = orbit.and_then(|orbit| orbit.radius).unwrap_or(view.radius() as f32);
+                args.eye = Some(transform.translation.as_dvec3());
+                let target = transform.translation + distance * transform.forward();
+                args.target = Some(target.as_dvec3());
+            }
+        }
+        if let Some((transform, light)) = self.suns.iter().next() {
+            args.shadows = light.shadow_maps_enabled;
+            if transform.back().distance(args.sun.as_vec3().normalize()) > 1e-5 {
+                args.sun = transform.back().as_dvec3();
+            }
+        }
+        let as_by_default = self
+            .volumes
+            .iter()
+            .all(|(label, _, _, visibility)| label.suits == (*visibility != Visibility::Hidden));
+        if !as_by_default || !args.grids.is_empty() {
+            let shown = self.shown().map(|(label, ..)| label.name.clone());
+            args.grids = shown.collect();
+            args.grids.sort_unstable();
+            args.grids.dedup();
+        }
+        let fog = |volume: &VdbVolume| {
+            self.grids.get(&volume.0).is_some_and(|grid| grid.kind() == PackKind::Fog)
+        };
+        if let Some((_, _, material)) = self.shown().find(|(_, volume, _)| fog(volume)) {
+            args.density = material.density_scale;
+        }
+        if let Some(window) = self.windows.iter().next() {
+            args.size = window.resolution.physical_size();
+        }
+        args.panel = self.inspector.as_ref().is_none_or(|inspector| inspector.open);
+        args
+    }
+
+    fn shown(&self) -> impl Iterator<Item = (&Label, &VdbVolume, &VdbMaterial)> {
+        let seen = self.volumes.iter().filter(|(.., visible)| **visible != Visibility::Hidden);
+        seen.map(|(label, volume, material, _)| (label, volume, material))
+    }
+
+    /// What a window manager shows.
+    fn title(&self) -> String {
+        let names = self.settings.0.files.iter().filter_map(|file| file.file_name());
+        let names: Vec<_> = names.map(|name| name.to_string_lossy()).collect();
+        let mut title = names.join(", ");
+        if self.status.view.is_none() {
+            title += " (loading)";
+        } else {
+            let mut grids: Vec<&str> =
+                self.shown().map(|(label, ..)| label.name.as_str()).collect();
+            grids.sort_unstable();
+            title += &format!(": {}", grids.join(", "));
+            let mode = self.cameras.iter().next().map(|(_, camera, _)| camera.mode);
+            if let Some((name, _)) = MODES.iter().find(|(_, one)| Some(*one) == mode) {
+                title += &format!(", {name}");
+            }
+        }
+        title + " - bevy_vdb"
+    }
+}
+
+pub fn update_title(mut windows: ParamSet<(State, Query<&mut Window, With<PrimaryWindow>>)>) {
+    let title = windows.p0().title();
+    for mut window in &mut windows.p1() {
+        if window.title != title {
+            window.title.clone_from(&title);
+        }
+    }
+}
+
+/// `C`, and the end.
+pub fn print(state: State, keys: Res<ButtonInput<KeyCode>>, mut exits: MessageReader<AppExit>) {
+    if keys.just_pressed(KeyCode::KeyC) || exits.read().next().is_some() {
+        println!("{}", command_line(&state.args()));
+    }
+}
+
+/// For a shell.
+pub fn command_line(args: &Args) -> String {
+    let program = std::env::args().next().unwrap_or_else(|| "viewer".into());
+    format!("{program} {args}")
+}

@@ -1,0 +1,128 @@
+//! A lit ball that shows where light comes from, and is turned with the mouse or the arrow keys.
+
+use std::f32::consts::TAU;
+
+use bevy::prelude::*;
+use bevy_egui::egui;
+
+/// Radius of the ball, in points.
+const RADIUS: f32 = 44.0;
+/// How far an arrow key turns it, in radians.
+const STEP: f32 = 5.0 * TAU / 360.0;
+/// Rings and sectors that it is drawn with.
+const RINGS: u32 = 10;
+const SECTORS: u32 = 32;
+
+/// `to_light` is of unit length, in the camera's space: x to the right, y up, z towards the viewer.
+/// Whether it has changed.
+pub(super) fn show(ui: &mut egui::Ui, label: &str, to_light: &mut Vec3) -> bool {
+    let size = egui::Vec2::splat(2.0 * RADIUS + 8.0);
+    let (area, response) = ui.allocate_exact_size(size, egui::Sense::click_and_drag());
+    response.widget_info(|| egui::WidgetInfo::labeled(egui::WidgetType::Other, true, label));
+    let before = *to_light;
+    if response.drag_started() || response.clicked() {
+        response.request_focus();
+    }
+    if response.clicked() {
+        if let Some(at) = response.interact_pointer_pos() {
+            *to_light = under(vector(at - area.center()) / RADIUS);
+        }
+    } else if response.dragged() {
+        *to_light = turned(*to_light, vector(response.drag_delta()) / RADIUS);
+    }
+    if response.has_focus() {
+        let all_arrows =
+            egui::EventFilter { horizontal_arrows: true, vertical_arrows: true, ..default() };
+        ui.memory_mut(|memory| memory.set_focus_lock_filter(response.id, all_arrows));
+        let pressed = |key| ui.input(|input| input.num_presses(key)) as f32;
+        let across = pressed(egui::Key::ArrowRight) - pressed(egui::Key::ArrowLeft);
+        let up = pressed(egui::Key::ArrowUp) - pressed(egui::Key::ArrowDown);
+        *to_light = turned(*to_light, STEP * Vec2::new(across, up));
+    }
+    draw(ui, area.center(), *to_light, &response);
+    response
+        .on_hover_text("where the light comes from, as the camera sees it: drag, click or arrows");
+    *to_light != before
+}
+
+/// Screens have y downwards.
+fn vector(points: egui::Vec2) -> Vec2 {
+    Vec2::new(points.x, -points.y)
+}
+
+/// The point of the unit ball that is seen at a place; at its rim for places beside it.
+fn under(place: Vec2) -> Vec3 {
+    let place = place.clamp_length_max(1.0);
+    place.extend((1.0 - place.length_squared()).max(0.0).sqrt()).normalize_or(Vec3::Z)
+}
+
+/// A direction after the ball has been rolled by so many radii to the right and up.
+fn turned(direction: Vec3, roll: Vec2) -> Vec3 {
+    let angle = roll.length();
+    let Some(axis) = Vec3::new(-roll.y, roll.x, 0.0).try_normalize() else { return direction };
+    (Quat::from_axis_angle(axis, angle) * direction).normalize()
+}
+
+fn draw(ui: &egui::Ui, center: egui::Pos2, to_light: Vec3, response: &egui::Response) {
+    let painter = ui.painter();
+    let place = |v: Vec3| center + RADIUS * egui::vec2(v.x, -v.y);
+    let mut mesh = egui::Mesh::default();
+    for ring in 0..=RINGS {
+        // Rings are as far apart on the ball, not in the picture: the rim is where shades change.
+        let from_middle = 0.25 * TAU * ring as f32 / RINGS as f32;
+        for sector in 0..SECTORS {
+            let (sin, cos) = (TAU * sector as f32 / SECTORS as f32).sin_cos();
+            let normal = (from_middle.sin() * Vec2::new(cos, sin)).extend(from_middle.cos());
+            let lit = 0.12 + 0.88 * normal.dot(to_light).max(0.0);
+            let shade = (255.0 * lit.powf(1.0 / 2.2)) as u8;
+            mesh.colored_vertex(place(normal), egui::Color32::from_gray(shade));
+            if ring < RINGS {
+                let next = (sector + 1) % SECTORS;
+                let [a, b] = [sector, next].map(|sector| ring * SECTORS + sector);
+                mesh.add_triangle(a, b, a + SECTORS);
+                mesh.add_triangle(b, b + SECTORS, a + SECTORS);
+            }
+        }
+    }
+    painter.add(mesh);
+    let visuals = ui.style().interact(response);
+    let rim = if response.has_focus() {
+        ui.visuals().selection.stroke
+    } else {
+        egui::Stroke::new(1.0, visuals.bg_stroke.color)
+    };
+    painter.circle_stroke(center, RADIUS, rim);
+    // Where the light stands: a dot in front of the ball, a ring behind it.
+    let color = egui::Color32::from_rgb(255, 190, 60);
+    if to_light.z >= 0.0 {
+        painter.circle_filled(place(to_light), 4.0, color);
+    } else {
+        painter.circle_stroke(place(to_light), 4.0, egui::Stroke::new(1.5, color));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(a: Vec3, b: Vec3) -> bool {
+        a.distance(b) < 1e-5
+    }
+
+    #[test]
+    fn what_is_clicked_is_where_the_light_is() {
+        assert!(close(under(Vec2::ZERO), Vec3::Z));
+        assert!(close(under(Vec2::new(0.6, 0.0)), Vec3::new(0.6, 0.0, 0.8)));
+        assert!(close(under(Vec2::new(0.0, 9.0)), Vec3::Y));
+    }
+
+    #[test]
+    fn the_ball_rolls_with_the_mouse() {
+        // A point in the middle goes where the mouse goes, and on over the rim to the back.
+        assert!(turned(Vec3::Z, Vec2::new(0.1, 0.0)).x > 0.09);
+        assert!(turned(Vec3::Z, Vec2::new(0.0, 0.1)).y > 0.09);
+        assert!(close(turned(Vec3::Z, Vec2::new(TAU / 4.0, 0.0)), Vec3::X));
+        assert!(close(turned(Vec3::Z, Vec2::new(0.0, TAU / 2.0)), Vec3::NEG_Z));
+        assert!(close(turned(Vec3::Z, Vec2::ZERO), Vec3::Z));
+    }
+}

@@ -1,0 +1,54 @@
+//! Where the camera is, and what it shows of volumes.
+
+use bevy::prelude::*;
+use bevy_egui::egui;
+
+use super::{VdbInspector, entity_name};
+use crate::{VdbCamera, VdbRenderMode};
+
+const MODES: [(&str, VdbRenderMode); 9] = [
+    ("lit", VdbRenderMode::Lit),
+    ("diffuse", VdbRenderMode::Diffuse),
+    ("glossy", VdbRenderMode::Glossy),
+    ("gray", VdbRenderMode::Gray),
+    ("axes", VdbRenderMode::Rgb),
+    ("normals", VdbRenderMode::Normals),
+    ("depth", VdbRenderMode::Depth),
+    ("voxels", VdbRenderMode::HitVoxel),
+    ("steps", VdbRenderMode::Steps),
+];
+
+pub(super) fn show(
+    InMut(ui): InMut<egui::Ui>,
+    mut inspector: ResMut<VdbInspector>,
+    mut cameras: Query<(Entity, &mut VdbCamera, &GlobalTransform, Option<&Name>)>,
+) {
+    let mut chosen = inspector.camera;
+    let names = cameras.iter().map(|(entity, _, _, name)| (entity, entity_name(entity, name)));
+    super::pick_entity(ui, "camera", &mut chosen, names);
+    if chosen != inspector.camera {
+        inspector.camera = chosen;
+    }
+    let camera = chosen.and_then(|camera| cameras.get_mut(camera).ok());
+    let Some((_, mut camera, transform, _)) = camera else {
+        ui.weak("there is no camera");
+        return;
+    };
+    let (at, facing) = (transform.translation(), transform.forward());
+    ui.label(format!("at {:.3}, {:.3}, {:.3}", at.x, at.y, at.z));
+    ui.label(format!("facing {:.3}, {:.3}, {:.3}", facing.x, facing.y, facing.z));
+    let mut new = camera.clone();
+    ui.checkbox(&mut new.enabled, "shows volumes");
+    super::pick(ui, "mode", &mut new.mode, &MODES);
+    if new.mode == VdbRenderMode::Steps {
+        let scale = super::slider(&mut new.steps_scale, 1.0..=2_000.0).logarithmic(true);
+        ui.add(scale.text("hottest, steps"));
+    }
+    ui.label("borders of nodes:");
+    ui.horizontal(|ui| {
+        ui.checkbox(&mut new.overlays.leaves, "leaves");
+        ui.checkbox(&mut new.overlays.lower, "128³");
+        ui.checkbox(&mut new.overlays.upper, "4,096³");
+    });
+    camera.set_if_neq(new);
+}

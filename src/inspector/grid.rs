@@ -1,0 +1,150 @@
+//! What is in the grid of the selected volume.
+
+use std::sync::{Arc, Weak};
+
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy_egui::egui;
+use vdb_core::MetaValue;
+use vdb_core::tree::{TreeStats, Vdb543};
+
+use super::VdbInspector;
+use crate::{VdbGrid, VdbVolume};
+
+/// Levels of the tree, from the leaves up.
+const LEVELS: [&str; 4] = ["leaves, 8³", "nodes of 128³", "nodes of 4,096³", "root"];
+
+/// The counts of the tree that was looked at last: to count is to walk through all of it.
+#[derive(Default)]
+pub(super) struct Counted(Weak<Vdb543<f32>>, Option<TreeStats>);
+
+pub(super) fn show(
+    InMut(ui): InMut<egui::Ui>,
+    inspector: Res<VdbInspector>,
+    grids: Res<Assets<VdbGrid>>,
+    volumes: Query<&VdbVolume>,
+    mut counted: Local<Counted>,
+) {
+    let volume = inspector.volume.and_then(|volume| volumes.get(volume).ok());
+    let Some(grid) = volume.and_then(|volume| grids.get(&volume.0)) else {
+        ui.weak("there is no grid");
+        return;
+    };
+    if !std::ptr::eq(counted.0.as_ptr(), Arc::as_ptr(grid.tree())) || counted.1.is_none() {
+        *counted = Counted(Arc::downgrade(grid.tree()), Some(grid.tree().stats()));
+    }
+    if let Some(stats) = &counted.1 {
+        statistics(ui, grid, stats);
+    }
+}
+
+fn statistics(ui: &mut egui::Ui, grid: &VdbGrid, stats: &TreeStats) {
+    let megabytes = |bytes: u64| format!("{:.2} MB", bytes as f64 / 1e6);
+    let mut rows: Vec<(String, String)> = Vec::new();
+    let mut row = |name: &str, value: String| rows.push((name.into(), value));
+    row("grid", format!("{:?}, {}", grid.name(), grid.class().name()));
+    row("active voxels", thousands(grid.tree().active_voxel_count()));
+    for (level, name) in stats.levels.iter().zip(LEVELS) {
+        let tiles = match (name == LEVELS[0], level.active_values) {
+            (true, _) | (_, 0) => String::new(),
+            (false, tiles) => format!(", {} active tiles", thousands(tiles)),
+        };
+        row(name, format!("{}{tiles}", thousands(level.nodes)));
+    }
+    row("memory, CPU", megabytes(stats.bytes + grid.packed().bytes()));
+    row("memory, GPU", megabytes(grid.packed().bytes()));
+    if let Some((low, high)) = grid.index_bounds() {
+        row("box, voxels", span(low, high));
+    }
+    if let Some((low, high)) = grid.world_bounds() {
+        row("box, file's world", span(low, high));
+    }
+    let transform = grid.world_from_index();
+    row("voxel", three(DVec3::from_array(transform.matrix3.to_cols_array_2d().map(length))));
+    row("origin", three(transform.translation));
+    table(ui, "statistics", &rows);
+    let metadata = grid.metadata();
+    if metadata.is_empty() {
+        return;
+    }
+    ui.collapsing(format!("Metadata ({})", metadata.len()), |ui| {
+        let rows = metadata.iter().map(|(name, value)| (name.to_owned(), text(value)));
+        table(ui, "metadata", &rows.collect::<Vec<_>>());
+    });
+}
+
+fn length(column: [f64; 3]) -> f64 {
+    DVec3::from_array(column).length()
+}
+
+fn table(ui: &mut egui::Ui, id: &str, rows: &[(String, String)]) {
+    egui::Grid::new(id).num_columns(2).striped(true).spacing([8.0, 2.0]).show(ui, |ui| {
+        for (name, value) in rows {
+            ui.label(name);
+            ui.add(egui::Label::new(value).wrap());
+            ui.end_row();
+        }
+    });
+}
+
+/// `12,345,678`
+fn thousands(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// Four digits are enough to tell things apart.
+fn three(v: DVec3) -> String {
+    let number = |x: f64| match x.abs() {
+        0.0 => "0".to_owned(),
+        size if (1e-3..1e6).contains(&size) => {
+            let decimals = (3 - size.log10().floor() as i32).clamp(0, 6) as usize;
+            format!("{x:.decimals$}")
+        }
+        _ => format!("{x:.3e}"),
+    };
+    format!("{} {} {}", number(v.x), number(v.y), number(v.z))
+}
+
+fn span(low: DVec3, high: DVec3) -> String {
+    format!("{}\nto {}", three(low), three(high))
+}
+
+/// A value for people.
+fn text(value: &MetaValue) -> String {
+    match value {
+        MetaValue::String(text) => text.clone(),
+        MetaValue::Unknown { bytes, .. } => format!("{} bytes", bytes.len()),
+        // `Int32(4)` without its name.
+        value => {
+            let shown = format!("{value:?}");
+            shown
+                .split_once('(')
+                .map_or(shown.clone(), |(_, rest)| rest.trim_end_matches(')').to_owned())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_for_people() {
+        assert_eq!(thousands(0), "0");
+        assert_eq!(thousands(999), "999");
+        assert_eq!(thousands(1_000), "1,000");
+        assert_eq!(thousands(12_345_678), "12,345,678");
+        assert_eq!(three(DVec3::new(0.0, -1.5, 1234.56)), "0 -1.500 1235");
+        assert_eq!(three(DVec3::new(1e-5, 2e9, 0.01)), "1.000e-5 2.000e9 0.01000");
+        assert_eq!(text(&MetaValue::Vec3i([1, 2, 3])), "[1, 2, 3]");
+        assert_eq!(text(&MetaValue::String("fog volume".into())), "fog volume");
+    }
+}

@@ -1,0 +1,249 @@
+//! A panel that shows and changes all there is about volumes: the cargo feature `egui`.
+//!
+//! A section of the panel is a system in a file of its own. It is handed the place to draw into, and
+//! changes components as any system of an app does; it writes only what someone has changed.
+
+mod ball;
+mod camera;
+mod grid;
+mod material;
+mod models;
+mod performance;
+mod quality;
+#[cfg(feature = "record")]
+mod recording;
+mod sun;
+mod tools;
+mod volumes;
+
+use bevy::core_pipeline::schedule::{Core3d, Core3dSystems};
+use bevy::diagnostic::FrameTimeDiagnosticsPlugin;
+use bevy::ecs::system::IntoSystem;
+use bevy::prelude::*;
+use bevy::render::RenderApp;
+use bevy::render::diagnostic::RenderDiagnosticsPlugin;
+use bevy_egui::render::egui_pass;
+use bevy_egui::{EguiContext, EguiPlugin, EguiPrimaryContextPass, PrimaryEguiContext, egui};
+
+pub use models::VdbModelPicked;
+
+use crate::{VdbCamera, VdbVolume};
+
+/// Width of the panel, and its distance from the borders of the window, in points.
+const WIDTH: f32 = 300.0;
+const MARGIN: f32 = 8.0;
+
+/// A panel for developers, over the picture of the camera that has the primary context of `bevy_egui`
+/// (the first one that is spawned, where nobody says otherwise). Needs the cargo feature `egui`.
+///
+/// ```no_run
+/// # use bevy::prelude::*;
+/// # use bevy_vdb::prelude::*;
+/// App::new().add_plugins((DefaultPlugins, VdbRenderPlugin, VdbInspectorPlugin::default())).run();
+/// ```
+///
+/// It brings `EguiPlugin` along, and Bevy's diagnostics of frames and of the GPU, unless the app has
+/// added them before; an app that adds any of them does so before this plugin. Recording has a place in
+/// the panel if the app has the plugin of the feature `record`.
+///
+/// By keyboard: F2 opens and closes it ([`VdbInspector::key`]), Tab goes from one control to the next,
+/// Space presses buttons, arrows move sliders, and Ctrl with plus and minus changes the size of all. What
+/// other systems do with keys and with the mouse is for them to leave out while the panel has either:
+/// `bevy_egui`'s `EguiWantsInput` says so.
+#[derive(Clone, Copy, Debug)]
+pub struct VdbInspectorPlugin {
+    /// Whether a model that is picked in the panel takes the place of the selected volume's, on by
+    /// default. Otherwise that is up to the app: [`VdbModelPicked`].
+    pub replaces_models: bool,
+}
+
+impl Default for VdbInspectorPlugin {
+    fn default() -> Self {
+        Self { replaces_models: true }
+    }
+}
+
+/// The state of the panel: a resource.
+#[derive(Clone, Debug, Resource)]
+pub struct VdbInspector {
+    /// Whether it is open, as at the start.
+    pub open: bool,
+    /// The key that opens and closes it. F2 by default.
+    pub key: Option<KeyCode>,
+    /// The [`VdbVolume`] whose figures and material are shown; by itself one of those there are.
+    pub volume: Option<Entity>,
+    /// The camera whose settings are shown; by itself the one that has the panel.
+    pub camera: Option<Entity>,
+    /// The `DirectionalLight` that is shown; by itself one of those there are.
+    pub sun: Option<Entity>,
+}
+
+impl Default for VdbInspector {
+    fn default() -> Self {
+        Self { open: true, key: Some(KeyCode::F2), volume: None, camera: None, sun: None }
+    }
+}
+
+impl Plugin for VdbInspectorPlugin {
+    fn build(&self, app: &mut App) {
+        if !app.is_plugin_added::<EguiPlugin>() {
+            app.add_plugins(EguiPlugin::default());
+        }
+        if !app.is_plugin_added::<FrameTimeDiagnosticsPlugin>() {
+            app.add_plugins(FrameTimeDiagnosticsPlugin::default());
+        }
+        let renders = app.get_sub_app(RenderApp).is_some();
+        if renders && !app.is_plugin_added::<RenderDiagnosticsPlugin>() {
+            app.add_plugins(RenderDiagnosticsPlugin);
+        }
+        app.init_resource::<VdbInspector>()
+            .init_resource::<models::Models>()
+            .add_message::<VdbModelPicked>()
+            .add_systems(Update, (toggle, models::search, volumes::finish_repacking))
+            .add_systems(EguiPrimaryContextPass, (select, panel).chain());
+        if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
+            // It has no place of its own among the passes after tonemapping, which would draw over it or
+            // change its colours.
+            let in_between = (|| {}).after(Core3dSystems::PostProcess).before(egui_pass);
+            render_app.add_systems(Core3d, in_between);
+        }
+        if self.replaces_models {
+            app.add_systems(Update, models::replace);
+        }
+    }
+}
+
+fn toggle(keys: Option<Res<ButtonInput<KeyCode>>>, mut inspector: ResMut<VdbInspector>) {
+    let pressed = |key| keys.as_ref().is_some_and(|keys| keys.just_pressed(key));
+    if inspector.key.is_some_and(pressed) {
+        inspector.open = !inspector.open;
+    }
+}
+
+/// Finds something to show for what is not selected, or is gone.
+fn select(
+    mut inspector: ResMut<VdbInspector>,
+    volumes: Query<Entity, With<VdbVolume>>,
+    cameras: Query<(Entity, Has<PrimaryEguiContext>), With<VdbCamera>>,
+    suns: Query<Entity, With<DirectionalLight>>,
+) {
+    if !inspector.volume.is_some_and(|volume| volumes.contains(volume)) {
+        inspector.volume = volumes.iter().min();
+    }
+    if !inspector.camera.is_some_and(|camera| cameras.contains(camera)) {
+        let own = cameras.iter().min_by_key(|(camera, has_panel)| (!has_panel, *camera));
+        inspector.camera = own.map(|(camera, _)| camera);
+    }
+    if !inspector.sun.is_some_and(|sun| suns.contains(sun)) {
+        inspector.sun = suns.iter().min();
+    }
+}
+
+fn panel(world: &mut World) {
+    let mut contexts = world.query_filtered::<&mut EguiContext, With<PrimaryEguiContext>>();
+    let context = contexts.single_mut(world).map(|mut context| context.get_mut().clone());
+    let mut open = world.resource::<VdbInspector>().open;
+    let (Ok(context), true) = (context, open) else { return };
+    let window = context.content_rect();
+    egui::Window::new("bevy_vdb")
+        .open(&mut open)
+        .pivot(egui::Align2::RIGHT_TOP)
+        .default_pos(window.right_top() + egui::vec2(-MARGIN, MARGIN))
+        .default_width(WIDTH)
+        .default_height(window.height())
+        .max_height((window.height() - 6.0 * MARGIN).max(0.0))
+        .vscroll(true)
+        .show(&context, |ui| {
+            ui.spacing_mut().slider_width = 0.4 * WIDTH;
+            section(ui, world, "Performance", true, performance::show);
+            section(ui, world, "Volumes", true, volumes::show);
+            section(ui, world, "Grid", false, grid::show);
+            section(ui, world, "Material", true, material::show);
+            section(ui, world, "Camera", true, camera::show);
+            section(ui, world, "Sun", true, sun::show);
+            section(ui, world, "Quality", false, quality::show);
+            #[cfg(feature = "record")]
+            if recording::is_there(world) {
+                section(ui, world, "Recording", false, recording::show);
+            }
+            section(ui, world, "Tools", false, tools::show);
+        });
+    if !open {
+        world.resource_mut::<VdbInspector>().open = false;
+    }
+}
+
+/// A part of the panel that can be folded.
+fn section<M: 'static>(
+    ui: &mut egui::Ui,
+    world: &mut World,
+    title: &str,
+    open: bool,
+    system: impl IntoSystem<InMut<'static, egui::Ui>, (), M> + 'static,
+) {
+    egui::CollapsingHeader::new(title).default_open(open).show(ui, |ui| {
+        if let Err(error) = world.run_system_cached_with(system, ui) {
+            complain(ui, error.to_string());
+        }
+    });
+}
+
+/// What went wrong.
+fn complain(ui: &mut egui::Ui, what: impl Into<String>) {
+    ui.colored_label(ui.visuals().error_fg_color, what.into());
+}
+
+/// A slider that leaves a value beyond its range alone until somebody moves it.
+fn slider<'a, N: egui::emath::Numeric>(
+    value: &'a mut N,
+    range: std::ops::RangeInclusive<N>,
+) -> egui::Slider<'a> {
+    egui::Slider::new(value, range).clamping(egui::SliderClamping::Edits).max_decimals(3)
+}
+
+/// A setting to be picked from a few; whether it has changed.
+fn pick<T: Copy + PartialEq>(
+    ui: &mut egui::Ui,
+    label: &str,
+    value: &mut T,
+    all: &[(&str, T)],
+) -> bool {
+    let before = *value;
+    let now = all.iter().find(|(_, one)| *one == before).map_or("", |(name, _)| *name);
+    egui::ComboBox::from_label(label).selected_text(now).show_ui(ui, |ui| {
+        for (name, one) in all {
+            // By keyboard, too, a choice ends the choosing.
+            if ui.selectable_value(value, *one, *name).clicked() {
+                ui.close();
+            }
+        }
+    });
+    *value != before
+}
+
+/// One among entities, by name, where there are several.
+fn pick_entity(
+    ui: &mut egui::Ui,
+    label: &str,
+    value: &mut Option<Entity>,
+    all: impl Iterator<Item = (Entity, String)>,
+) {
+    let all: Vec<_> = all.collect();
+    if all.len() < 2 {
+        return;
+    }
+    let name = |entity| all.iter().find(|(one, _)| Some(*one) == entity).map(|(_, name)| name);
+    let now = name(*value).cloned().unwrap_or_default();
+    egui::ComboBox::from_label(label).selected_text(now).show_ui(ui, |ui| {
+        for (entity, name) in &all {
+            if ui.selectable_value(value, Some(*entity), name).clicked() {
+                ui.close();
+            }
+        }
+    });
+}
+
+/// A name for people.
+fn entity_name(entity: Entity, name: Option<&Name>) -> String {
+    name.map_or_else(|| entity.to_string(), |name| name.to_string())
+}

@@ -1,0 +1,190 @@
+//! The models in the app's assets, and one of them in place of another.
+
+use std::path::{Path, PathBuf};
+
+use bevy::asset::io::{AssetSourceId, ErasedAssetReader};
+use bevy::asset::{AssetPath, LoadState};
+use bevy::platform::collections::HashMap;
+use bevy::prelude::*;
+use bevy::tasks::futures::check_ready;
+use bevy::tasks::futures_lite::StreamExt;
+use bevy::tasks::{IoTaskPool, Task};
+use bevy_egui::egui;
+use vdb_core::pack::PackKind;
+
+use crate::{VdbFile, VdbGrid, VdbVolume};
+
+/// Entries of folders that are looked at, at most: links may go round in circles.
+const MOST_ENTRIES: usize = 100_000;
+
+/// Someone has picked a model in the panel: a message. Where
+/// [`replaces_models`](super::VdbInspectorPlugin::replaces_models) is off, the app shows it.
+#[derive(Clone, Debug, Message)]
+pub struct VdbModelPicked {
+    /// The `.vdb` file, among the app's assets.
+    pub path: AssetPath<'static>,
+    /// The volume that was selected.
+    pub volume: Option<Entity>,
+}
+
+/// What is known of the models.
+#[derive(Debug, Default, Resource)]
+pub(super) struct Models {
+    /// `.vdb` files among the assets, by ascending path; `None` until they have been asked for.
+    found: Option<Vec<PathBuf>>,
+    searching: Option<Task<Result<Vec<PathBuf>, String>>>,
+    /// Files on their way into volumes.
+    opening: Vec<(Entity, AssetPath<'static>, Handle<VdbFile>)>,
+    /// Files that volumes have got a grid of.
+    opened: HashMap<Entity, Handle<VdbFile>>,
+    /// What went wrong last.
+    error: Option<String>,
+}
+
+/// The drop-downs of a volume's model and grid.
+pub(super) fn show(
+    ui: &mut egui::Ui,
+    models: &mut Models,
+    assets: &AssetServer,
+    files: &Assets<VdbFile>,
+    picked: &mut MessageWriter<VdbModelPicked>,
+    volume: Option<(Entity, &mut VdbVolume)>,
+) {
+    if models.found.is_none() && models.searching.is_none() {
+        let assets = assets.clone();
+        models.searching = Some(IoTaskPool::get().spawn(async move { find(assets).await }));
+    }
+    let own = volume.as_ref().and_then(|(_, volume)| volume.0.path());
+    let now = own.map_or_else(|| "made in memory".into(), |path| file_name(path.path()));
+    ui.horizontal(|ui| {
+        let shown = if volume.is_some() { now } else { String::new() };
+        egui::ComboBox::from_label("model").selected_text(shown).truncate().show_ui(ui, |ui| {
+            for path in models.found.iter().flatten() {
+                let selected = own.is_some_and(|own| own.path() == path);
+                if ui.selectable_label(selected, path.display().to_string()).clicked() {
+                    let path = AssetPath::from_path_buf(path.clone());
+                    let volume = volume.as_ref().map(|(entity, _)| *entity);
+                    picked.write(VdbModelPicked { path, volume });
+                    ui.close();
+                }
+            }
+            if models.found.as_ref().is_some_and(Vec::is_empty) {
+                ui.weak("no .vdb file among the assets");
+            }
+        });
+        if ui.button("⟳").on_hover_text("search the assets again").clicked() {
+            models.found = None;
+        }
+    });
+    if let Some((entity, volume)) = volume {
+        let file = models.opened.get(&entity).and_then(|file| files.get(file));
+        if let Some(file) = file.filter(|file| file.grids.len() > 1) {
+            let mut labels: Vec<_> = file.named_grids.iter().collect();
+            labels.sort_by_key(|(label, _)| *label);
+            let labels = labels.iter().map(|(label, grid)| (label.as_str(), *grid));
+            let labels: Vec<_> = labels.collect();
+            let mut grid = &volume.0.clone();
+            if super::pick(ui, "grid", &mut grid, &labels) {
+                volume.0 = grid.clone();
+            }
+        }
+    }
+    for (_, path, _) in &models.opening {
+        ui.label(format!("loading {path} …"));
+    }
+    if let Some(error) = &models.error {
+        super::complain(ui, error);
+    }
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Takes over what has been found.
+pub(super) fn search(mut models: ResMut<Models>) {
+    let models = models.bypass_change_detection();
+    let Some(result) = models.searching.as_mut().and_then(check_ready) else { return };
+    models.searching = None;
+    models.found = Some(result.unwrap_or_else(|error| {
+        models.error = Some(error);
+        Vec::new()
+    }));
+}
+
+/// All `.vdb` files of the app's own assets.
+async fn find(assets: AssetServer) -> Result<Vec<PathBuf>, String> {
+    let source = assets.get_source(AssetSourceId::Default).map_err(|error| error.to_string())?;
+    let mut found = in_folders(source.reader()).await?;
+    found.sort_unstable();
+    Ok(found)
+}
+
+async fn in_folders(reader: &dyn ErasedAssetReader) -> Result<Vec<PathBuf>, String> {
+    let (mut found, mut folders, mut seen) = (Vec::new(), vec![PathBuf::new()], 0);
+    while let Some(folder) = folders.pop() {
+        let entries = reader.read_directory(&folder).await;
+        let mut entries = match entries {
+            Ok(entries) => entries,
+            // One that is not for us to read hides no other.
+            Err(_) if folder != Path::new("") => continue,
+            Err(error) => return Err(format!("the folder of assets cannot be listed: {error}")),
+        };
+        while let Some(path) = entries.next().await {
+            seen += 1;
+            if seen > MOST_ENTRIES {
+                return Ok(found);
+            }
+            if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("vdb")) {
+                found.push(path);
+            } else if reader.is_directory(&path).await.unwrap_or(false) {
+                folders.push(path);
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// Loads what is picked, and once it is there puts it in the place of the volume's grid.
+pub(super) fn replace(
+    mut models: ResMut<Models>,
+    mut picked: MessageReader<VdbModelPicked>,
+    assets: Res<AssetServer>,
+    (files, grids): (Res<Assets<VdbFile>>, Res<Assets<VdbGrid>>),
+    mut volumes: Query<&mut VdbVolume>,
+) {
+    let models = models.bypass_change_detection();
+    for VdbModelPicked { path, volume } in picked.read() {
+        let Some(volume) = *volume else { continue };
+        models.opening.retain(|(entity, ..)| *entity != volume);
+        models.opening.push((volume, path.clone(), assets.load(path.clone())));
+        models.error = None;
+    }
+    for (entity, path, handle) in std::mem::take(&mut models.opening) {
+        let (state, file) = (assets.load_state(&handle), files.get(&handle));
+        match (state, file, volumes.get_mut(entity)) {
+            (LoadState::Failed(error), ..) => models.error = Some(error.to_string()),
+            (LoadState::Loaded, Some(file), Ok(mut volume)) => {
+                let Some(grid) = suited(file, &grids) else {
+                    models.error = Some(format!("{path}: the file has no grids"));
+                    continue;
+                };
+                volume.0 = grid.clone();
+                models.opened.insert(entity, handle);
+            }
+            (_, _, Err(_)) => {}
+            _ => models.opening.push((entity, path, handle)),
+        }
+    }
+    models.opened.retain(|entity, _| volumes.contains(*entity));
+}
+
+/// The grid of a file that shows most of what it is: a surface, or else the density.
+fn suited<'a>(file: &'a VdbFile, grids: &Assets<VdbGrid>) -> Option<&'a Handle<VdbGrid>> {
+    let of = |test: fn(&VdbGrid) -> bool| {
+        file.grids.iter().find(|grid| grids.get(*grid).is_some_and(test))
+    };
+    of(|grid| !matches!(grid.kind(), PackKind::Fog))
+        .or_else(|| of(|grid| grid.name().eq_ignore_ascii_case("density")))
+        .or_else(|| file.grids.first())
+}

@@ -1,0 +1,124 @@
+//! The volumes of the app, and which grid the selected one shows how.
+
+use bevy::prelude::*;
+use bevy::tasks::futures::check_ready;
+use bevy::tasks::{AsyncComputeTaskPool, Task};
+use bevy_egui::egui;
+use vdb_core::pack::PackKind;
+
+use super::models::{self, Models, VdbModelPicked};
+use super::{VdbInspector, entity_name};
+use crate::{VdbFile, VdbGrid, VdbGridError, VdbVolume};
+
+/// A volume's grid being made ready to be shown otherwise.
+#[derive(Component)]
+pub(super) struct Repacking(Task<Result<VdbGrid, VdbGridError>>);
+
+/// Why a grid could not be.
+#[derive(Component)]
+pub(super) struct NotRepacked(String);
+
+pub(super) fn show(
+    InMut(ui): InMut<egui::Ui>,
+    mut commands: Commands,
+    mut inspector: ResMut<VdbInspector>,
+    mut models: ResMut<Models>,
+    (assets, files, grids): (Res<AssetServer>, Res<Assets<VdbFile>>, Res<Assets<VdbGrid>>),
+    mut picked: MessageWriter<VdbModelPicked>,
+    mut volumes: Query<(
+        Entity,
+        &mut VdbVolume,
+        &mut Visibility,
+        Option<&Name>,
+        Has<Repacking>,
+        Option<&NotRepacked>,
+    )>,
+) {
+    let mut entities: Vec<Entity> = volumes.iter().map(|(entity, ..)| entity).collect();
+    entities.sort_unstable();
+    for entity in entities {
+        let Ok((_, volume, mut visibility, name, ..)) = volumes.get_mut(entity) else { continue };
+        let name = match (name, grids.get(&volume.0)) {
+            (None, Some(grid)) if !grid.name().is_empty() => grid.name().to_owned(),
+            _ => entity_name(entity, name),
+        };
+        ui.horizontal(|ui| {
+            let mut shown = *visibility != Visibility::Hidden;
+            let checkbox = ui.checkbox(&mut shown, "");
+            checkbox.widget_info(|| checkbox_info(shown, &format!("show {name}")));
+            if checkbox.changed() {
+                *visibility = if shown { Visibility::Inherited } else { Visibility::Hidden };
+            }
+            let selected = inspector.volume == Some(entity);
+            if ui.selectable_label(selected, &name).clicked() && !selected {
+                inspector.volume = Some(entity);
+            }
+        });
+    }
+    let selected = inspector.volume.and_then(|volume| volumes.get_mut(volume).ok());
+    let Some((entity, mut volume, _, _, repacking, not_repacked)) = selected else {
+        models::show(ui, &mut models, &assets, &files, &mut picked, None);
+        return;
+    };
+    let mut new = volume.clone();
+    models::show(ui, &mut models, &assets, &files, &mut picked, Some((entity, &mut new)));
+    volume.set_if_neq(new);
+    let Some(grid) = grids.get(&volume.0) else {
+        ui.label("the grid is not there");
+        return;
+    };
+    if let Some(kind) = pick_kind(ui, grid.kind()) {
+        let grid = grid.clone();
+        let task = AsyncComputeTaskPool::get().spawn(async move { grid.with_kind(kind) });
+        commands.entity(entity).insert(Repacking(task)).remove::<NotRepacked>();
+    }
+    if repacking {
+        ui.label("being made ready …");
+    }
+    if let Some(NotRepacked(why)) = not_repacked {
+        super::complain(ui, why);
+    }
+}
+
+fn checkbox_info(on: bool, label: &str) -> egui::WidgetInfo {
+    egui::WidgetInfo::selected(egui::WidgetType::Checkbox, true, on, label)
+}
+
+/// The kind that someone wants instead.
+fn pick_kind(ui: &mut egui::Ui, kind: PackKind) -> Option<PackKind> {
+    let iso = match kind {
+        PackKind::Surface { iso } | PackKind::Smooth { iso } => iso,
+        PackKind::Fog => 0.0,
+    };
+    let (smooth, voxels) = (PackKind::Smooth { iso }, PackKind::Surface { iso });
+    let mut wanted = kind;
+    let all = [("fog", PackKind::Fog), ("smooth surface", smooth), ("voxels", voxels)];
+    let mut changed = super::pick(ui, "shown as", &mut wanted, &all);
+    if let PackKind::Surface { iso } | PackKind::Smooth { iso } = &mut wanted {
+        ui.horizontal(|ui| {
+            let value = egui::DragValue::new(iso).speed(0.01).update_while_editing(false);
+            let value = ui.add(value);
+            let label = ui.label("iso-value").id;
+            changed |= value.labelled_by(label).changed();
+        });
+    }
+    (changed && wanted != kind).then_some(wanted)
+}
+
+/// Shows grids that have been made ready.
+pub(super) fn finish_repacking(
+    mut commands: Commands,
+    mut grids: ResMut<Assets<VdbGrid>>,
+    mut volumes: Query<(Entity, &mut VdbVolume, &mut Repacking)>,
+) {
+    for (entity, mut volume, mut repacking) in &mut volumes {
+        match check_ready(&mut repacking.0) {
+            None => continue,
+            Some(Ok(grid)) => volume.0 = grids.add(grid),
+            Some(Err(error)) => {
+                commands.entity(entity).insert(NotRepacked(error.to_string()));
+            }
+        }
+        commands.entity(entity).remove::<Repacking>();
+    }
+}

@@ -1,0 +1,394 @@
+//! What the viewer does in its window, without one and without a GPU: the modules of the example in an
+//! app that nobody draws.
+
+#![allow(dead_code, reason = "parts of the example are for its command line and its pictures")]
+
+#[path = "../examples/viewer/app.rs"]
+mod app;
+#[path = "../examples/viewer/args.rs"]
+mod args;
+#[path = "../examples/viewer/fly.rs"]
+mod fly;
+#[path = "../examples/viewer/framing.rs"]
+mod framing;
+#[path = "../examples/viewer/keys.rs"]
+mod keys;
+#[path = "../examples/viewer/overlay.rs"]
+mod overlay;
+#[path = "../examples/viewer/select.rs"]
+mod select;
+#[path = "../examples/viewer/state.rs"]
+mod state;
+#[path = "../examples/viewer/window.rs"]
+mod window;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use bevy::core_pipeline::tonemapping::Tonemapping;
+use bevy::ecs::system::RunSystemOnce;
+use bevy::input::ButtonState;
+use bevy::input::keyboard::{Key, KeyboardInput};
+use bevy::log::LogPlugin;
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy::render::RenderPlugin;
+use bevy::render::settings::{RenderCreation, WgpuSettings};
+use bevy::tasks::AsyncComputeTaskPool;
+use bevy::time::TimeUpdateStrategy;
+use bevy::window::{FileDragAndDrop, PrimaryWindow};
+use bevy::winit::WinitPlugin;
+use bevy_egui::egui::accesskit::{Action, ActionRequest, Node, Role, TreeId};
+use bevy_egui::{EguiContext, EguiInput, EguiOutput, egui};
+use bevy_panorbit_camera::{PanOrbitCamera, PanOrbitCameraPlugin};
+use bevy_vdb::prelude::*;
+
+use app::{Label, Status};
+use args::Args;
+use state::State;
+use window::{Hovering, InteractivePlugin};
+
+fn model(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/models").join(name)
+}
+
+fn temporary(name: &str, content: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("viewer_window");
+    std::fs::create_dir_all(&folder).expect("a folder for what the tests write");
+    std::fs::write(folder.join(name), content).expect("written");
+    folder.join(name)
+}
+
+struct Viewer {
+    app: App,
+    camera: Entity,
+    window: Entity,
+}
+
+impl Viewer {
+    fn new(args: &Args) -> Self {
+        let mut app = App::new();
+        let no_gpu = WgpuSettings { backends: None, ..default() };
+        app.add_plugins((
+            DefaultPlugins
+                .set(RenderPlugin {
+                    render_creation: RenderCreation::Automatic(Box::new(no_gpu)),
+                    ..default()
+                })
+                .set(AssetPlugin { watch_for_changes_override: Some(false), ..app::asset_plugin() })
+                .disable::<WinitPlugin>()
+                .disable::<LogPlugin>(),
+            PanOrbitCameraPlugin,
+            InteractivePlugin(args.clone()),
+        ));
+        app.finish();
+        app.cleanup();
+        let world = app.world_mut();
+        let camera = world.query_filtered::<Entity, With<Camera3d>>().single(world);
+        let window = world.query_filtered::<Entity, With<PrimaryWindow>>().single(world);
+        let (camera, window) = (camera.expect("a camera"), window.expect("a window"));
+        let mut viewer = Self { app, camera, window };
+        viewer.app.update();
+        let mut context = viewer.app.world_mut().get_mut::<EguiContext>(camera).expect("egui");
+        context.get_mut().enable_accesskit();
+        context.get_mut().all_styles_mut(|style| style.animation_time = 0.0);
+        viewer
+    }
+
+    fn files(names: &[&str]) -> Args {
+        Args { files: names.iter().map(|name| model(name)).collect(), ..default() }
+    }
+
+    /// An app that has loaded what it was asked for.
+    fn ready(args: &Args) -> Self {
+        let mut viewer = Self::new(args);
+        viewer.wait();
+        viewer
+    }
+
+    fn wait(&mut self) {
+        for _ in 0..4_000 {
+            self.app.update();
+            if self.app.world().resource::<Status>().view.is_some() {
+                self.frames(4);
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        panic!("nothing was loaded");
+    }
+
+    fn frames(&mut self, frames: usize) {
+        (0..frames).for_each(|_| self.app.update());
+    }
+
+    fn get<C: Component>(&self) -> &C {
+        self.app.world().get(self.camera).expect("the camera has it")
+    }
+
+    fn args(&mut self) -> Args {
+        self.app.world_mut().run_system_once(|state: State| state.args()).expect("it runs")
+    }
+
+    fn title(&self) -> String {
+        self.app.world().get::<Window>(self.window).expect("a window").title.clone()
+    }
+
+    fn nodes(&self) -> Vec<(egui::accesskit::NodeId, Node)> {
+        let output = self.app.world().get::<EguiOutput>(self.camera).expect("egui");
+        output.platform_output.accesskit_update.clone().map_or_else(Vec::new, |all| all.nodes)
+    }
+
+    /// All that can be read in the window.
+    fn says(&self, what: &str) -> bool {
+        let holds = |text: Option<&str>| text.is_some_and(|text| text.contains(what));
+        self.nodes().iter().any(|(_, node)| holds(node.label()) || holds(node.value()))
+    }
+
+    fn click(&mut self, name: &str) {
+        let nodes = self.nodes();
+        let it = |node: &Node| node.role() == Role::Button && node.label() == Some(name);
+        let target_node = nodes.iter().find(|(_, node)| it(node)).expect("the button").0;
+        let (target_tree, action) = (TreeId::ROOT, Action::Click);
+        let request = ActionRequest { action, target_tree, target_node, data: None };
+        let event = egui::Event::AccessKitActionRequest(request);
+        let mut input = self.app.world_mut().get_mut::<EguiInput>(self.camera).expect("egui");
+        input.events.push(event);
+        self.frames(3);
+    }
+
+    fn key(&mut self, key_code: KeyCode, state: ButtonState) {
+        let (logical_key, window) = (Key::F35, self.window);
+        let input =
+            KeyboardInput { key_code, logical_key, state, text: None, repeat: false, window };
+        self.app.world_mut().write_message(input);
+    }
+
+    fn press(&mut self, key: KeyCode) {
+        self.key(key, ButtonState::Pressed);
+        self.app.update();
+        self.key(key, ButtonState::Released);
+        self.frames(3);
+    }
+
+    fn drop_file(&mut self, path: &Path) {
+        let (window, path_buf) = (self.window, path.to_owned());
+        self.app.world_mut().write_message(FileDragAndDrop::DroppedFile { window, path_buf });
+        self.app.update();
+    }
+
+    fn labels(&mut self) -> Vec<String> {
+        let world = self.app.world_mut();
+        let mut labels: Vec<_> =
+            world.query::<&Label>().iter(world).map(|label| label.name.clone()).collect();
+        labels.sort_unstable();
+        labels
+    }
+}
+
+#[test]
+#[cfg(unix)]
+fn a_command_line_says_what_it_was_made_of() {
+    let all = Args {
+        files: vec!["/a b/it's.vdb".into(), "/plain.vdb".into(), "/$HOME;`ls`.vdb".into()],
+        grids: vec!["density".into(), "v[1] *".into()],
+        out: Some("a picture.png".into()),
+        size: UVec2::new(640, 361),
+        eye: Some(DVec3::new(-1.5, 1e-7, 3e9)),
+        target: Some(DVec3::new(0.1, 0.2, 0.3)),
+        mode: VdbRenderMode::HitVoxel,
+        density: 0.3,
+        sun: DVec3::new(0.0, -1.0, 0.1),
+        shadows: false,
+        overlays: VdbOverlays { leaves: true, lower: false, upper: true },
+        smooth: false,
+        ground: true,
+        panel: false,
+        cpu: true,
+        ..default()
+    };
+    let few = Args { files: vec!["/plain.vdb".into()], ..default() };
+    for args in [all, few] {
+        let script = format!("printf '%s\\0' {args}");
+        let split = Command::new("sh").arg("-c").arg(&script).output().expect("a shell");
+        let words = String::from_utf8(split.stdout).expect("UTF-8");
+        let words: Vec<&str> = words.trim_end_matches('\0').split('\0').collect();
+        let parsed = Args::parse(lexopt::Parser::from_args(words)).expect(&script);
+        assert_eq!(parsed.as_ref(), Some(&args), "{script}");
+    }
+}
+
+#[test]
+fn a_dropped_file_takes_the_place_of_what_is_shown() {
+    let mut viewer = Viewer::ready(&Viewer::files(&["teapot.vdb"]));
+    assert_eq!(viewer.labels(), ["surface"]);
+    assert!(viewer.title().starts_with("teapot.vdb: surface, lit"), "{}", viewer.title());
+    let before = viewer.get::<Transform>().translation;
+
+    let (window, path_buf) = (viewer.window, model("cloud.vdb"));
+    viewer.app.world_mut().write_message(FileDragAndDrop::HoveredFile { window, path_buf });
+    viewer.frames(4);
+    assert!(viewer.app.world().resource::<Hovering>().0 && viewer.says("Drop it"));
+    viewer.drop_file(&model("cloud.vdb"));
+    assert!(!viewer.app.world().resource::<Hovering>().0);
+    viewer.wait();
+    assert_eq!(viewer.labels(), ["density"]);
+    assert!(viewer.title().starts_with("cloud.vdb: density, lit"), "{}", viewer.title());
+    // All of it is in view: the camera is another.
+    let world = viewer.app.world();
+    let view = world.resource::<Status>().view.expect("a view");
+    let after = viewer.get::<Transform>().translation;
+    assert!(after.distance(before) > 0.1 && after.distance(view.eye.as_vec3()) < 1e-3);
+    let bounds = {
+        let world = viewer.app.world_mut();
+        let volume = world.query::<&VdbVolume>().single(world).expect("one volume").0.clone();
+        world.resource::<Assets<VdbGrid>>().get(&volume).and_then(VdbGrid::world_bounds)
+    };
+    assert_eq!(Some(view.bounds), bounds);
+}
+
+#[test]
+fn what_is_wrong_with_a_file_stands_in_the_window() {
+    let mut viewer = Viewer::ready(&Viewer::files(&["teapot.vdb"]));
+    let text = temporary("text.vdb", "this is a text, not a volume, and long enough to be read");
+    viewer.drop_file(&text);
+    viewer.wait();
+    assert!(viewer.says("text.vdb: ") && viewer.says("no VDB file"));
+    viewer.click("Close");
+    assert!(!viewer.says("no VDB file"));
+    viewer.drop_file(Path::new("/nowhere/missing.vdb"));
+    viewer.wait();
+    assert!(viewer.says("missing.vdb: no such file"));
+    // It is not the end: what comes next is shown.
+    viewer.drop_file(&model("teapot.vdb"));
+    viewer.wait();
+    assert!(!viewer.says("no such file"));
+    assert_eq!(viewer.labels(), ["surface"]);
+}
+
+#[test]
+fn how_far_a_file_is_stands_in_the_window() {
+    let mut viewer = Viewer::ready(&Viewer::files(&["teapot.vdb"]));
+    // Whoever would decode the file is kept busy.
+    let busy = Arc::new(AtomicBool::new(true));
+    for _ in 0..AsyncComputeTaskPool::get().thread_num() {
+        let busy = busy.clone();
+        let wait = async move {
+            while busy.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        };
+        AsyncComputeTaskPool::get().spawn(wait).detach();
+    }
+    viewer.drop_file(&model("cloud.vdb"));
+    let has_bar = |viewer: &Viewer| {
+        let is_bar = |node: &Node| node.role() == Role::ProgressIndicator;
+        viewer.says("cloud.vdb: 0.0 of 0.") && viewer.nodes().iter().any(|(_, node)| is_bar(node))
+    };
+    let mut seen = false;
+    for _ in 0..400 {
+        viewer.frames(1);
+        seen |= has_bar(&viewer) && viewer.title() == "cloud.vdb (loading) - bevy_vdb";
+        std::thread::sleep(Duration::from_millis(5));
+        if seen {
+            break;
+        }
+    }
+    busy.store(false, Ordering::Relaxed);
+    assert!(seen, "{}", viewer.title());
+    viewer.wait();
+    assert!(!has_bar(&viewer) && !viewer.says("loading"));
+}
+
+#[test]
+fn the_state_comes_back() {
+    let mut viewer = Viewer::ready(&Viewer::files(&["teapot.vdb", "cloud.vdb"]));
+    let plain = Viewer::files(&["teapot.vdb", "cloud.vdb"]);
+    assert_eq!(viewer.args(), plain, "nobody has changed anything");
+
+    viewer.press(KeyCode::Digit7);
+    let world = viewer.app.world_mut();
+    let eye = Transform::from_xyz(1.0, 2.0, 8.0).looking_at(Vec3::new(0.5, 1.0, 0.0), Vec3::Y);
+    world.entity_mut(viewer.camera).remove::<PanOrbitCamera>().insert(eye);
+    world.get_mut::<VdbCamera>(viewer.camera).expect("it").overlays.lower = true;
+    let mut volumes = world.query::<(&Label, &mut Visibility, &mut VdbMaterial)>();
+    for (label, mut visibility, mut material) in volumes.iter_mut(world) {
+        if label.name == "surface" {
+            *visibility = Visibility::Hidden;
+        }
+        material.density_scale = 7.5;
+    }
+    let mut suns = world.query::<(&mut DirectionalLight, &mut Transform)>();
+    for (mut light, mut transform) in suns.iter_mut(world) {
+        light.shadow_maps_enabled = false;
+        transform.look_to(Vec3::new(1.0, -0.5, 0.2), Vec3::Y);
+    }
+    world.resource_mut::<VdbInspector>().open = false;
+    let args = viewer.args();
+    assert_eq!((args.mode, args.density), (VdbRenderMode::Normals, 7.5));
+    assert_eq!(args.grids, ["density"]);
+    assert!(args.overlays.lower && !args.shadows && !args.panel, "{args}");
+
+    // The grid that is asked for is in one of the files alone.
+    let args = Args { files: vec![model("cloud.vdb")], ..args };
+    let mut again = Viewer::ready(&args);
+    let there = again.get::<Transform>();
+    assert!(there.translation.distance(eye.translation) < 1e-3, "{there:?}");
+    assert!(there.rotation.angle_between(eye.rotation) < 1e-3, "{there:?}");
+    let back = again.args();
+    assert_eq!(Args { eye: None, target: None, ..back }, Args { eye: None, target: None, ..args });
+}
+
+#[test]
+fn the_camera_flies_as_fast_at_any_frame_rate() {
+    let flown = |frames: u32| {
+        let mut viewer = Viewer::ready(&Viewer::files(&["teapot.vdb"]));
+        viewer.press(KeyCode::KeyF);
+        let orbits = viewer.app.world().get::<PanOrbitCamera>(viewer.camera).is_some();
+        assert!(!orbits, "the mouse does not turn it round as well");
+        let before = *viewer.get::<Transform>();
+        let step = Duration::from_millis(600) / frames;
+        viewer.app.insert_resource(TimeUpdateStrategy::ManualDuration(step));
+        viewer.key(KeyCode::KeyW, ButtonState::Pressed);
+        viewer.frames(frames as usize);
+        let after = *viewer.get::<Transform>();
+        viewer.key(KeyCode::KeyW, ButtonState::Released);
+        viewer.press(KeyCode::KeyF);
+        let orbit = viewer.get::<PanOrbitCamera>();
+        let ahead = (orbit.focus - after.translation).normalize();
+        assert!(ahead.distance(*after.forward()) < 1e-3, "it turns about what is ahead");
+        let way = after.translation - before.translation;
+        assert!(way.normalize().distance(*before.forward()) < 1e-3, "{way}");
+        way.length()
+    };
+    let (few, many) = (flown(4), flown(60));
+    assert!(few > 0.1 && (few / many - 1.0).abs() < 1e-3, "{few} {many}");
+}
+
+#[test]
+fn keys_do_what_the_list_says() {
+    let mut viewer = Viewer::ready(&Viewer::files(&["teapot.vdb"]));
+    assert!(!viewer.says("this list"));
+    viewer.press(KeyCode::F1);
+    assert!(viewer.says("this list") && viewer.says("fly ahead"));
+    viewer.press(KeyCode::F1);
+    assert!(!viewer.says("this list"));
+    viewer.press(KeyCode::Digit9);
+    assert_eq!(viewer.get::<VdbCamera>().mode, VdbRenderMode::Steps);
+    assert_eq!(*viewer.get::<Tonemapping>(), Tonemapping::None);
+    viewer.press(KeyCode::Digit1);
+    assert_eq!(*viewer.get::<Tonemapping>(), Tonemapping::KhronosPbrNeutral);
+    assert!(viewer.says("Performance"));
+    viewer.press(KeyCode::F2);
+    assert!(!viewer.says("Performance"));
+
+    let home = viewer.get::<Transform>().translation;
+    viewer.press(KeyCode::KeyF);
+    viewer.app.world_mut().get_mut::<Transform>(viewer.camera).expect("it").translation += 9.0;
+    viewer.press(KeyCode::Home);
+    assert!(viewer.get::<Transform>().translation.distance(home) < 1e-3);
+    assert!(viewer.app.world().get::<PanOrbitCamera>(viewer.camera).is_some());
+}
