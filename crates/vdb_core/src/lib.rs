@@ -4,6 +4,8 @@
 //! Data flows one way: file bytes → [`VdbFile::read`] → [`tree`] → [`pack`] → [`query`]; `reference`
 //! hangs off [`tree`] alone, so that it can judge everything built on `pack`.
 
+#![deny(missing_docs)]
+
 mod codec;
 mod error;
 mod format;
