@@ -27,7 +27,7 @@ fn main() -> AppExit {
     helpers::app()
         .insert_resource(GlobalAmbientLight::NONE)
         // What temporal anti-aliasing gathers.
-        .insert_resource(helpers::Frames(48))
+        .insert_resource(helpers::Frames(24))
         .add_systems(Startup, (things, camera))
         .add_systems(Update, keys)
         .run()
@@ -86,17 +86,13 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
         TemporalAntiAliasing::default(),
         Tonemapping::AcesFitted,
         studio::studio(&mut images, 300.0),
-        VdbCamera { reflections: 3, ..default() },
+        VdbCamera { reflections: 2, ..default() },
         Transform::from_xyz(0.4, 2.7, 6.8).looking_at(Vec3::new(0.0, 0.75, 0.0), Vec3::Y),
-    ));
-    commands.spawn((
-        DirectionalLight { illuminance: 1_500.0, shadow_maps_enabled: true, ..default() },
-        Transform::from_xyz(-3.0, 4.0, 2.5).looking_at(Vec3::ZERO, Vec3::Y),
     ));
 }
 
 fn keys(keys: Res<ButtonInput<KeyCode>>, mut camera: Single<&mut VdbCamera>) {
     if keys.just_pressed(KeyCode::KeyR) {
-        camera.reflections = (camera.reflections + 1) % 5;
+        camera.reflections = (camera.reflections + 1) % 4;
     }
 }

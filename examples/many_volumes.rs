@@ -117,7 +117,7 @@ fn shape(i: u32) -> (Vdb543<f32>, PackKind) {
 
 fn lights_and_camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
     commands.spawn((
-        DirectionalLight { illuminance: 7_000.0, shadow_maps_enabled: true, ..default() },
+        DirectionalLight { illuminance: 7_000.0, ..default() },
         Transform::from_xyz(5.0, 8.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y),
     ));
     let [top, middle, bottom] = [(0.5, 0.65, 1.0), (0.7, 0.7, 0.75), (0.15, 0.12, 0.1)]

@@ -9,7 +9,7 @@ use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 use bevy::camera::Hdr;
 use bevy::core_pipeline::tonemapping::Tonemapping;
-use bevy::light::EnvironmentMapLight;
+use bevy::light::{CascadeShadowConfigBuilder, DirectionalLightShadowMap, EnvironmentMapLight};
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 
@@ -21,7 +21,8 @@ mod props;
 fn main() -> AppExit {
     helpers::app()
         .insert_resource(GlobalAmbientLight::NONE)
-        .insert_resource(helpers::Frames(110))
+        .insert_resource(helpers::Frames(100))
+        .insert_resource(DirectionalLightShadowMap { size: 1024 })
         .add_systems(Startup, (island::spawn, props::spawn, rover, sky))
         .add_systems(Update, (drive, follow, day, smoke_drifts).chain())
         .run()
@@ -141,6 +142,13 @@ fn sky(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
     commands.spawn((
         Sun,
         DirectionalLight { shadow_maps_enabled: true, ..default() },
+        CascadeShadowConfigBuilder {
+            num_cascades: 2,
+            first_cascade_far_bound: 12.0,
+            maximum_distance: 60.0,
+            ..default()
+        }
+        .build(),
         Transform::default(),
     ));
     let [top, middle, bottom] = [(0.4, 0.6, 1.0), (0.75, 0.8, 0.9), (0.2, 0.22, 0.2)]

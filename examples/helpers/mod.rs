@@ -40,9 +40,14 @@ struct Canvas {
 /// Bevy's default plugins and [`VdbRenderPlugin`], for what the command line asks for.
 pub fn app() -> App {
     let mut app = App::new();
+    // Found wherever the program is run from.
+    let assets = AssetPlugin {
+        file_path: concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into(),
+        ..default()
+    };
     match canvas() {
         None => {
-            app.add_plugins((DefaultPlugins, VdbRenderPlugin));
+            app.add_plugins((DefaultPlugins.set(assets), VdbRenderPlugin));
         }
         Some(canvas) => {
             let no_window = WindowPlugin {
@@ -54,6 +59,7 @@ pub fn app() -> App {
             let filter = "warn,bevy_render::renderer=error,wgpu_hal=error".into();
             app.add_plugins((
                 DefaultPlugins
+                    .set(assets)
                     .set(no_window)
                     .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
                     .set(LogPlugin { filter, ..default() })
@@ -160,10 +166,11 @@ fn is_there(app: &mut App) -> Result<bool, String> {
     }
     let Some(renderer) = app.get_sub_app(RenderApp) else { return Err("no renderer".into()) };
     let pipelines = renderer.world().resource::<PipelineCache>();
-    if pipelines.pipelines().any(|one| matches!(one.state, CachedPipelineState::Err(_))) {
-        return Err("a shader does not compile; what is wrong is above".into());
+    if pipelines.waiting_pipelines().next().is_some() {
+        return Ok(false);
     }
-    Ok(pipelines.waiting_pipelines().next().is_none())
+    let failed = pipelines.pipelines().any(|one| matches!(one.state, CachedPipelineState::Err(_)));
+    if failed { Err("a shader does not compile; what is wrong is above".into()) } else { Ok(true) }
 }
 
 fn save(picture: &Image, path: &Path) -> AppExit {

@@ -13,26 +13,45 @@ use bevy::render::render_resource::{
 /// Pixels along an edge of the sharpest map, and of the most blurred.
 const EDGES: [u32; 2] = [256, 8];
 
-/// Radiance of the studio where its dark grey walls are 1.
-fn radiance(dir: Vec3) -> Vec3 {
-    // Lamps behind large screens: the direction, half the width and height as tangents, the colour.
-    const SCREENS: [(Vec3, Vec2, Vec3); 4] = [
-        (Vec3::new(-1.0, 0.9, 0.6), Vec2::new(0.45, 0.6), Vec3::new(24.0, 22.0, 19.0)),
-        (Vec3::new(1.2, 0.6, 0.3), Vec2::new(0.14, 0.75), Vec3::new(15.0, 18.0, 24.0)),
-        (Vec3::new(0.1, 1.0, -0.35), Vec2::new(1.1, 0.22), Vec3::new(18.0, 18.0, 18.0)),
-        (Vec3::new(0.35, 0.25, 1.0), Vec2::new(0.3, 0.2), Vec3::new(10.0, 7.0, 4.5)),
-    ];
-    let wall = 0.55 + 0.45 * dir.y;
-    let mut seen = Vec3::new(0.95, 1.0, 1.1) * if dir.y < 0.0 { 0.35 * wall } else { wall };
-    for (middle, half, color) in SCREENS {
-        let at = Transform::default().looking_to(middle, Vec3::Y);
-        let [across, up, depth] = [at.right(), at.up(), at.forward()].map(|axis| dir.dot(*axis));
-        let rim = (Vec2::new(across, up) / depth).abs() / half;
-        if depth > 0.0 {
-            seen += color * (1.0 - rim.max_element()).mul_add(24.0, 1.0).clamp(0.0, 1.0);
-        }
+/// A lamp behind a large screen.
+struct Screen {
+    /// To the right, up and towards it: of unit length.
+    axes: [Vec3; 3],
+    /// Half the width and height, over the distance.
+    half: Vec2,
+    color: Vec3,
+}
+
+/// Radiance of a room where its dark grey walls are 1.
+struct Studio([Screen; 4]);
+
+impl Studio {
+    fn new() -> Self {
+        let screen = |towards: [f32; 3], half: [f32; 2], color: [f32; 3]| {
+            let at = Transform::default().looking_to(Vec3::from(towards), Vec3::Y);
+            let axes = [at.right(), at.up(), at.forward()].map(Vec3::from);
+            Screen { axes, half: half.into(), color: color.into() }
+        };
+        Self([
+            screen([-1.0, 0.9, 0.6], [0.45, 0.6], [24.0, 22.0, 19.0]),
+            screen([1.2, 0.6, 0.3], [0.14, 0.75], [15.0, 18.0, 24.0]),
+            screen([0.1, 1.0, -0.35], [1.1, 0.22], [18.0, 18.0, 18.0]),
+            screen([0.35, 0.25, 1.0], [0.3, 0.2], [10.0, 7.0, 4.5]),
+        ])
     }
-    seen
+
+    fn radiance(&self, dir: Vec3) -> Vec3 {
+        let wall = 0.55 + 0.45 * dir.y;
+        let mut seen = Vec3::new(0.95, 1.0, 1.1) * if dir.y < 0.0 { 0.35 * wall } else { wall };
+        for screen in &self.0 {
+            let [across, up, depth] = screen.axes.map(|axis| dir.dot(axis));
+            if depth > 0.0 {
+                let rim = (Vec2::new(across, up) / depth).abs() / screen.half;
+                seen += screen.color * (25.0 - 24.0 * rim.max_element()).clamp(0.0, 1.0);
+            }
+        }
+        seen
+    }
 }
 
 /// How a direction is spread about another: the half vector of a mirror of this roughness, after
@@ -44,7 +63,7 @@ enum Lobe {
 }
 
 /// The mean of the radiance about a direction.
-fn mean(around: Vec3, lobe: Lobe, samples: u32) -> Vec3 {
+fn mean(studio: &Studio, around: Vec3, lobe: Lobe, samples: u32) -> Vec3 {
     let (x, y) = around.any_orthonormal_pair();
     let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
     for i in 0..samples {
@@ -64,7 +83,7 @@ fn mean(around: Vec3, lobe: Lobe, samples: u32) -> Vec3 {
             }
             Lobe::Cosine => (drawn, 1.0),
         };
-        sum += part * radiance(dir);
+        sum += part * studio.radiance(dir);
         weight += part;
     }
     sum / weight
@@ -113,11 +132,12 @@ fn cube(edges: [u32; 2], of: impl Fn(Vec3, f32) -> Vec3) -> Image {
 
 /// The studio as a light and as a background; grey walls have a luminance in cd/m².
 pub fn studio(images: &mut Assets<Image>, luminance: f32) -> (EnvironmentMapLight, Skybox) {
+    let studio = Studio::new();
     let mirrored = cube(EDGES, |dir, roughness| match roughness {
-        0.0 => radiance(dir),
-        _ => mean(dir, Lobe::Mirror { alpha: roughness * roughness }, 48),
+        0.0 => studio.radiance(dir),
+        _ => mean(&studio, dir, Lobe::Mirror { alpha: roughness * roughness }, 48),
     });
-    let scattered = cube([8, 8], |dir, _| mean(dir, Lobe::Cosine, 512));
+    let scattered = cube([8, 8], |dir, _| mean(&studio, dir, Lobe::Cosine, 512));
     let specular_map = images.add(mirrored);
     let light = EnvironmentMapLight {
         diffuse_map: images.add(scattered),
