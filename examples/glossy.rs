@@ -27,7 +27,7 @@ fn main() -> AppExit {
     helpers::app()
         .insert_resource(GlobalAmbientLight::NONE)
         // What temporal anti-aliasing gathers.
-        .insert_resource(helpers::Frames(24))
+        .insert_resource(helpers::Frames(32))
         .add_systems(Startup, (things, camera))
         .add_systems(Update, keys)
         .run()
@@ -63,8 +63,7 @@ fn things(mut commands: Commands, assets: Res<AssetServer>, mut grids: ResMut<As
         commands.spawn((VdbVolume(gyroid), metal(COPPER, 0.12), place));
     }
     if let Some(ring) = shape("ring", level_set::torus(DVec3::ZERO, 85.0, 24.0)) {
-        let place =
-            Transform::from_xyz(3.4, 1.08, -1.2).with_rotation(Quat::from_rotation_y(-0.7));
+        let place = Transform::from_xyz(3.4, 1.08, -1.2).with_rotation(Quat::from_rotation_y(-0.7));
         commands.spawn((VdbVolume(ring), metal(CHROME, 0.25), place));
     }
     let half = DVec3::new(800.0, 10.0, 600.0);

@@ -24,7 +24,7 @@ const GOLDEN_ANGLE: f32 = 2.399_963_2;
 fn main() -> AppExit {
     helpers::app()
         .insert_resource(GlobalAmbientLight::NONE)
-        .insert_resource(ClearColor(Color::srgb(0.03, 0.035, 0.05)))
+        .insert_resource(ClearColor(Color::srgb(0.05, 0.06, 0.085)))
         .add_systems(Startup, (teapots, grids, lights_and_camera))
         .add_systems(Update, turn)
         .run()
@@ -49,7 +49,7 @@ fn teapots(mut commands: Commands, assets: Res<AssetServer>) {
         commands.spawn((
             VdbVolume(teapot.clone()),
             VdbMaterial {
-                base_color: Color::hsl(angle.rem_euclid(TAU).to_degrees(), 0.75, 0.55),
+                base_color: Color::oklch(0.72, 0.13, angle.rem_euclid(TAU).to_degrees()),
                 metallic: if i % 3 == 0 { 1.0 } else { 0.0 },
                 perceptual_roughness: 0.35,
                 ..default()
@@ -81,7 +81,7 @@ fn grids(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
         commands.spawn((
             VdbVolume(grid),
             VdbMaterial {
-                base_color: Color::hsl(360.0 * i as f32 / GRIDS as f32, 0.6, 0.6),
+                base_color: Color::oklch(0.75, 0.13, 360.0 * i as f32 / GRIDS as f32),
                 perceptual_roughness: 0.4,
                 density_scale: 3.0,
                 ..default()

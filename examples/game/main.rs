@@ -21,7 +21,7 @@ mod props;
 fn main() -> AppExit {
     helpers::app()
         .insert_resource(GlobalAmbientLight::NONE)
-        .insert_resource(helpers::Frames(100))
+        .insert_resource(helpers::Frames(20))
         .insert_resource(DirectionalLightShadowMap { size: 1024 })
         .add_systems(Startup, (island::spawn, props::spawn, rover, sky))
         .add_systems(Update, (drive, follow, day, smoke_drifts).chain())
@@ -47,9 +47,8 @@ fn rover(
 ) {
     let start = Vec3::new(ROUND * 0.2_f32.cos(), 0.0, ROUND * 0.2_f32.sin());
     let rover = Rover { heading: -0.2 - PI, speed: 0.0 };
-    let body = commands
-        .spawn((rover, Transform::from_translation(start), Visibility::default()))
-        .id();
+    let body =
+        commands.spawn((rover, Transform::from_translation(start), Visibility::default())).id();
     let red = materials.add(StandardMaterial {
         base_color: Color::srgb(0.8, 0.12, 0.08),
         perceptual_roughness: 0.35,
@@ -127,11 +126,11 @@ fn follow(
     let at = rover.translation;
     let behind = -rover.forward().with_y(0.0).normalize_or(Vec3::NEG_Z);
     let outwards = at.with_y(0.0).normalize_or(Vec3::X);
-    let eye = at + 5.0 * behind + 3.4 * outwards + 2.6 * Vec3::Y;
+    let eye = at + 6.5 * behind + 5.0 * outwards + 3.6 * Vec3::Y;
     let near = if *is_there { (3.0 * time.delta_secs()).min(1.0) } else { 1.0 };
     *is_there = true;
     camera.translation = camera.translation.lerp(eye, near);
-    let target = at - 3.0 * outwards + 2.0 * Vec3::Y - 2.0 * behind;
+    let target = at - 6.0 * outwards + 3.4 * Vec3::Y - 2.0 * behind;
     camera.look_at(target, Vec3::Y);
 }
 
@@ -151,22 +150,19 @@ fn sky(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
         .build(),
         Transform::default(),
     ));
-    let [top, middle, bottom] = [(0.4, 0.6, 1.0), (0.75, 0.8, 0.9), (0.2, 0.22, 0.2)]
-        .map(|(r, g, b)| Color::srgb(r, g, b));
+    let [top, middle, bottom] =
+        [(0.4, 0.6, 1.0), (0.75, 0.8, 0.9), (0.2, 0.22, 0.2)].map(|(r, g, b)| Color::srgb(r, g, b));
     commands.spawn((
         Camera3d::default(),
         Hdr,
         Tonemapping::AcesFitted,
         Transform::default(),
         EnvironmentMapLight::hemispherical_gradient(&mut images, top, middle, bottom),
-        DistanceFog {
-            falloff: FogFalloff::from_visibility_squared(260.0),
-            ..default()
-        },
+        DistanceFog { falloff: FogFalloff::from_visibility_squared(260.0), ..default() },
     ));
 }
 
-/// Seconds from sunrise to sunset.
+/// Seconds from sunrise to sunset; it begins in the morning.
 const DAY: f32 = 12.0;
 
 fn day(
@@ -176,7 +172,7 @@ fn day(
     mut background: ResMut<ClearColor>,
 ) {
     // From 15 degrees above the horizon in the east, up, to 15 degrees in the west, and back.
-    let part = (time.elapsed_secs() / DAY).rem_euclid(2.0);
+    let part = ((time.elapsed_secs() + 2.0) / DAY).rem_euclid(2.0);
     let part = if part > 1.0 { 2.0 - part } else { part };
     let angle = 0.26 + part * (PI - 2.0 * 0.26);
     let to_sun = Vec3::new(angle.cos(), angle.sin(), 0.55).normalize();

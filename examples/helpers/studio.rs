@@ -110,7 +110,9 @@ fn cube(edges: [u32; 2], of: impl Fn(Vec3, f32) -> Vec3) -> Image {
                     _ => Vec3::new(-u, -v, 1.0),
                 };
                 let color = of(dir.normalize(), roughness).extend(1.0).to_array();
-                data.extend(color.map(half::f16::from_f32).map(half::f16::to_le_bytes).as_flattened());
+                data.extend(
+                    color.map(half::f16::from_f32).map(half::f16::to_le_bytes).as_flattened(),
+                );
             }
         }
     }
@@ -123,10 +125,8 @@ fn cube(edges: [u32; 2], of: impl Fn(Vec3, f32) -> Vec3) -> Image {
     );
     image.data = Some(data);
     image.texture_descriptor.mip_level_count = steps + 1;
-    image.texture_view_descriptor = Some(TextureViewDescriptor {
-        dimension: Some(TextureViewDimension::Cube),
-        ..default()
-    });
+    image.texture_view_descriptor =
+        Some(TextureViewDescriptor { dimension: Some(TextureViewDimension::Cube), ..default() });
     image
 }
 

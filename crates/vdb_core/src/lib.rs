@@ -6,6 +6,11 @@
 
 #![deny(missing_docs)]
 
+/// The example of the README is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 mod codec;
 mod error;
 mod format;
