@@ -49,7 +49,7 @@ fn teapots(mut commands: Commands, assets: Res<AssetServer>) {
         commands.spawn((
             VdbVolume(teapot.clone()),
             VdbMaterial {
-                base_color: Color::oklch(0.72, 0.13, angle.rem_euclid(TAU).to_degrees()),
+                base_color: Color::hsl(angle.rem_euclid(TAU).to_degrees(), 0.5, 0.6),
                 metallic: if i % 3 == 0 { 1.0 } else { 0.0 },
                 perceptual_roughness: 0.35,
                 ..default()
@@ -81,7 +81,7 @@ fn grids(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
         commands.spawn((
             VdbVolume(grid),
             VdbMaterial {
-                base_color: Color::oklch(0.75, 0.13, 360.0 * i as f32 / GRIDS as f32),
+                base_color: Color::hsl(360.0 * i as f32 / GRIDS as f32, 0.5, 0.65),
                 perceptual_roughness: 0.4,
                 density_scale: 3.0,
                 ..default()

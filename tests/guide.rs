@@ -29,7 +29,8 @@ fn fixed_part(message: &str) -> Option<String> {
         let after = piece.split_once('}').map_or(piece, |(_, after)| after);
         after.split('`')
     });
-    let long = pieces.map(str::trim).find(|piece| piece.chars().count() >= 12)?;
+    let bare = |piece: &'_ str| piece.trim_matches(|c: char| !c.is_alphanumeric()).to_owned();
+    let long = pieces.map(bare).find(|piece| piece.chars().count() >= 12)?;
     Some(long.chars().take(24).collect())
 }
 

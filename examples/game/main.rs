@@ -21,7 +21,7 @@ mod props;
 fn main() -> AppExit {
     helpers::app()
         .insert_resource(GlobalAmbientLight::NONE)
-        .insert_resource(helpers::Frames(20))
+        .insert_resource(helpers::Frames(10))
         .insert_resource(DirectionalLightShadowMap { size: 1024 })
         .add_systems(Startup, (island::spawn, props::spawn, rover, sky))
         .add_systems(Update, (drive, follow, day, smoke_drifts).chain())
@@ -126,11 +126,11 @@ fn follow(
     let at = rover.translation;
     let behind = -rover.forward().with_y(0.0).normalize_or(Vec3::NEG_Z);
     let outwards = at.with_y(0.0).normalize_or(Vec3::X);
-    let eye = at + 6.5 * behind + 5.0 * outwards + 3.6 * Vec3::Y;
+    let eye = at + 6.5 * behind + 5.0 * outwards + 3.9 * Vec3::Y;
     let near = if *is_there { (3.0 * time.delta_secs()).min(1.0) } else { 1.0 };
     *is_there = true;
     camera.translation = camera.translation.lerp(eye, near);
-    let target = at - 6.0 * outwards + 3.4 * Vec3::Y - 2.0 * behind;
+    let target = at - 6.0 * outwards + 2.6 * Vec3::Y - 2.0 * behind;
     camera.look_at(target, Vec3::Y);
 }
 
@@ -154,6 +154,7 @@ fn sky(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
         [(0.4, 0.6, 1.0), (0.75, 0.8, 0.9), (0.2, 0.22, 0.2)].map(|(r, g, b)| Color::srgb(r, g, b));
     commands.spawn((
         Camera3d::default(),
+        Projection::Perspective(PerspectiveProjection { fov: 1.0, ..default() }),
         Hdr,
         Tonemapping::AcesFitted,
         Transform::default(),
