@@ -4,57 +4,24 @@
 //!
 //! `cargo run --example lights_and_shadows` opens a window: S switches shadows, P those on meshes, A how large
 //! the sun is, R how many times reflections go on, L the borders of leaves, and M goes through the modes.
-//! `cargo run --example lights_and_shadows picture.png` writes a picture, without a window.
+//! `cargo run --example lights_and_shadows picture.png 800x450` writes a picture, without a window.
 
-use std::path::PathBuf;
-use std::time::Duration;
-
-use bevy::app::ScheduleRunnerPlugin;
-use bevy::camera::{Hdr, RenderTarget};
+use bevy::camera::Hdr;
 use bevy::light::{CascadeShadowConfigBuilder, EnvironmentMapLight};
 use bevy::math::{DAffine3, DQuat, DVec3};
 use bevy::prelude::*;
-use bevy::render::RenderPlugin;
-use bevy::render::render_resource::TextureFormat;
-use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_disk};
-use bevy::window::ExitCondition;
-use bevy::winit::WinitPlugin;
-use bevy_vdb::VdbGpuUsage;
 use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::vdb_core::tree::Vdb543;
 
-/// Where the picture goes, if one is asked for.
-#[derive(Resource)]
-struct Out(PathBuf);
+mod helpers;
 
-fn main() {
-    let mut app = App::new();
-    match std::env::args_os().nth(1) {
-        None => {
-            app.add_plugins((DefaultPlugins, VdbRenderPlugin)).add_systems(Update, keys);
-        }
-        Some(path) => {
-            let no_window = WindowPlugin {
-                primary_window: None,
-                exit_condition: ExitCondition::DontExit,
-                ..default()
-            };
-            app.add_plugins((
-                DefaultPlugins
-                    .set(no_window)
-                    .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
-                    .disable::<WinitPlugin>(),
-                ScheduleRunnerPlugin::run_loop(Duration::from_millis(10)),
-                VdbRenderPlugin,
-            ))
-            .insert_resource(Out(path.into()))
-            .add_systems(Update, take_picture);
-        }
-    }
-    app.insert_resource(GlobalAmbientLight::NONE)
-        .add_systems(Startup, (volumes, floor, pillar, lights, camera));
-    app.run();
+fn main() -> AppExit {
+    helpers::app()
+        .insert_resource(GlobalAmbientLight::NONE)
+        .add_systems(Startup, (volumes, floor, pillar, lights, camera))
+        .add_systems(Update, keys)
+        .run()
 }
 
 fn volumes(mut commands: Commands, assets: Res<AssetServer>) {
@@ -167,7 +134,7 @@ fn lights(mut commands: Commands) {
     ));
 }
 
-fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>, out: Option<Res<Out>>) {
+fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
     let sky = EnvironmentMapLight {
         intensity: 600.0,
         ..EnvironmentMapLight::hemispherical_gradient(
@@ -177,7 +144,7 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>, out: Option
             Color::srgb(0.2, 0.2, 0.2),
         )
     };
-    let mut camera = commands.spawn((
+    commands.spawn((
         Camera3d::default(),
         Hdr,
         sky,
@@ -185,10 +152,6 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>, out: Option
         VdbCamera { reflections: 2, ..default() },
         Transform::from_xyz(0.0, 3.2, 7.5).looking_at(Vec3::new(0.0, 1.4, 0.0), Vec3::Y),
     ));
-    if out.is_some() {
-        let picture = Image::new_target_texture(640, 360, TextureFormat::Rgba8UnormSrgb, None);
-        camera.insert(RenderTarget::Image(images.add(picture).into()));
-    }
 }
 
 fn keys(
@@ -218,31 +181,5 @@ fn keys(
     if keys.just_pressed(KeyCode::KeyM) {
         let now = MODES.iter().position(|mode| *mode == camera.mode).unwrap_or(0);
         camera.mode = MODES[(now + 1) % MODES.len()];
-    }
-}
-
-/// Frames after the grids have come to the GPU until all pipelines have been made.
-const SETTLED: u32 = 4;
-
-fn take_picture(
-    mut commands: Commands,
-    usage: Res<VdbGpuUsage>,
-    camera: Single<&RenderTarget>,
-    out: Res<Out>,
-    mut frames: Local<u32>,
-) {
-    if usage.grids() < 3 {
-        return;
-    }
-    *frames += 1;
-    if *frames == SETTLED
-        && let RenderTarget::Image(picture) = *camera
-    {
-        commands
-            .spawn(Screenshot::image(picture.handle.clone()))
-            .observe(save_to_disk(out.0.clone()))
-            .observe(|_: On<ScreenshotCaptured>, mut exit: MessageWriter<AppExit>| {
-                exit.write(AppExit::Success);
-            });
     }
 }

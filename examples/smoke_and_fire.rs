@@ -2,58 +2,26 @@
 //! that has its colours from a grid. All of them are made here, from formulas, as a file would have them.
 //!
 //! `cargo run --example smoke_and_fire` opens a window: up and down make the fire hotter and colder.
-//! `cargo run --example smoke_and_fire picture.png` writes a picture, without a window.
+//! `cargo run --example smoke_and_fire picture.png 480x270` writes a picture, without a window.
 
-use std::path::PathBuf;
-use std::time::Duration;
-
-use bevy::app::ScheduleRunnerPlugin;
-use bevy::camera::{Hdr, RenderTarget};
+use bevy::camera::Hdr;
 use bevy::math::{DAffine3, DQuat, DVec3};
 use bevy::prelude::*;
-use bevy::render::RenderPlugin;
-use bevy::render::render_resource::TextureFormat;
-use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured, save_to_disk};
-use bevy::window::ExitCondition;
-use bevy::winit::WinitPlugin;
+use bevy_vdb::VdbGridError;
 use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::vdb_core::synth::{fog, level_set};
 use bevy_vdb::vdb_core::tree::{CoordBox, Vdb543};
-use bevy_vdb::{VdbGpuUsage, VdbGridError};
 
-/// Where the picture goes, if one is asked for.
-#[derive(Resource)]
-struct Out(PathBuf);
+mod helpers;
 
-fn main() {
-    let mut app = App::new();
-    match std::env::args_os().nth(1) {
-        None => {
-            app.add_plugins((DefaultPlugins, VdbRenderPlugin)).add_systems(Update, keys);
-        }
-        Some(path) => {
-            let no_window = WindowPlugin {
-                primary_window: None,
-                exit_condition: ExitCondition::DontExit,
-                ..default()
-            };
-            app.add_plugins((
-                DefaultPlugins
-                    .set(no_window)
-                    .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
-                    .disable::<WinitPlugin>(),
-                ScheduleRunnerPlugin::run_loop(Duration::from_millis(10)),
-                VdbRenderPlugin,
-            ))
-            .insert_resource(Out(path.into()))
-            .add_systems(Update, take_picture);
-        }
-    }
-    app.insert_resource(ClearColor(Color::BLACK))
+fn main() -> AppExit {
+    helpers::app()
+        .insert_resource(ClearColor(Color::BLACK))
         .insert_resource(GlobalAmbientLight::NONE)
-        .add_systems(Startup, (spawn, light, camera));
-    app.run();
+        .add_systems(Startup, (spawn, light, camera))
+        .add_systems(Update, keys)
+        .run()
 }
 
 /// Voxels of 0.05, as all grids here have them.
@@ -169,17 +137,13 @@ fn light(mut commands: Commands) {
     ));
 }
 
-fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>, out: Option<Res<Out>>) {
-    let mut camera = commands.spawn((
+fn camera(mut commands: Commands) {
+    commands.spawn((
         Camera3d::default(),
         Hdr,
         VdbCamera { reflections: 1, ..default() },
         Transform::from_xyz(0.2, 2.2, 7.5).looking_at(Vec3::new(0.2, 1.9, 0.0), Vec3::Y),
     ));
-    if out.is_some() {
-        let picture = Image::new_target_texture(300, 200, TextureFormat::Rgba8UnormSrgb, None);
-        camera.insert(RenderTarget::Image(images.add(picture).into()));
-    }
 }
 
 fn keys(keys: Res<ButtonInput<KeyCode>>, time: Res<Time>, mut emission: Single<&mut VdbEmission>) {
@@ -189,32 +153,5 @@ fn keys(keys: Res<ButtonInput<KeyCode>>, time: Res<Time>, mut emission: Single<&
         && let VdbEmission::Temperature { scale, .. } = &mut **emission
     {
         *scale = (*scale + 0.3 * by * time.delta_secs()).clamp(0.1, 10.0);
-    }
-}
-
-/// Frames after the grids have come to the GPU until all pipelines have been made.
-const SETTLED: u32 = 4;
-
-fn take_picture(
-    mut commands: Commands,
-    usage: Res<VdbGpuUsage>,
-    camera: Single<&RenderTarget>,
-    out: Res<Out>,
-    mut frames: Local<u32>,
-) {
-    // Smoke, temperature, ball, floor, and the ball's red, green and blue.
-    if usage.grids() < 7 {
-        return;
-    }
-    *frames += 1;
-    if *frames == SETTLED
-        && let RenderTarget::Image(picture) = *camera
-    {
-        commands
-            .spawn(Screenshot::image(picture.handle.clone()))
-            .observe(save_to_disk(out.0.clone()))
-            .observe(|_: On<ScreenshotCaptured>, mut exit: MessageWriter<AppExit>| {
-                exit.write(AppExit::Success);
-            });
     }
 }

@@ -1,58 +1,175 @@
-//! Examples that write pictures, as people call them.
+//! The examples as people run them: each without a window, into a picture that shows what it is about.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Output};
 
-/// Runs an example into a picture: RGB pixels and the width. `None`, said aloud, where there is no GPU
-/// and the environment allows that.
-fn picture(example: &str) -> Option<(Vec<[u8; 3]>, usize)> {
+/// Examples and tests are built beside each other: `target/debug/{deps/examples-…,examples/NAME}`.
+fn example(name: &str) -> Command {
+    let test = std::env::current_exe().expect("the path of this test");
+    let folder = test.parent().and_then(Path::parent).expect("tests are in target/…/deps");
+    let path = folder.join(format!("examples/{name}{}", std::env::consts::EXE_SUFFIX));
+    assert!(path.exists(), "{}: run `cargo build --example {name}` first", path.display());
+    let mut command = Command::new(path);
+    command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("RUST_LOG");
+    command
+}
+
+fn temporary(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("examples");
+    std::fs::create_dir_all(&folder).expect("a folder for what the tests write");
+    folder.join(name)
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Whether there is a GPU; says aloud where a test is left out because the environment allows that.
+fn has_gpu() -> bool {
     let instance = wgpu::Instance::default();
-    if bevy::tasks::block_on(instance.request_adapter(&Default::default())).is_err() {
+    let found = bevy::tasks::block_on(instance.request_adapter(&Default::default())).is_ok();
+    if !found {
         assert!(
             std::env::var_os("BEVY_VDB_SKIP_GPU").is_some(),
             "no GPU adapter; install Mesa's software driver (Debian: mesa-vulkan-drivers), or set \
              BEVY_VDB_SKIP_GPU=1 to leave out these tests"
         );
         eprintln!("SKIPPED, as BEVY_VDB_SKIP_GPU says: no GPU adapter");
-        return None;
     }
-    let test = std::env::current_exe().expect("the path of this test");
-    let folder = test.parent().and_then(Path::parent).expect("tests are in target/…/deps");
-    let program = folder.join(format!("examples/{example}{}", std::env::consts::EXE_SUFFIX));
-    assert!(program.exists(), "{}: run `cargo build --examples` first", program.display());
-    let out: PathBuf = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{example}.png"));
+    found
+}
+
+const SIZE: (usize, usize) = (128, 72);
+
+/// The picture of an example, row by row from the top left.
+fn picture(name: &str) -> Vec<[u8; 3]> {
+    let path = temporary(&format!("{name}.png"));
     // That of an earlier run proves nothing.
-    let _ = std::fs::remove_file(&out);
-    let mut command = Command::new(program);
-    command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("RUST_LOG");
-    command.env("BEVY_ASSET_ROOT", env!("CARGO_MANIFEST_DIR"));
-    let output = command.arg(&out).output().expect("the example starts");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success() && !said.contains("panicked"), "{said}");
-    let file = std::io::BufReader::new(std::fs::File::open(&out).expect("the picture is there"));
+    let _ = std::fs::remove_file(&path);
+    let output = example(name)
+        .arg(&path)
+        .arg(format!("{}x{}", SIZE.0, SIZE.1))
+        .output()
+        .expect("the example starts");
+    assert!(output.status.success(), "{name}: {}", said(&output));
+    // What it leaves out, or has to put right, it says.
+    let complains = said(&output).contains("ERROR") || said(&output).contains("bevy_vdb::");
+    assert!(!complains, "{name}: {}", said(&output));
+    let file = std::io::BufReader::new(std::fs::File::open(&path).expect("the picture is there"));
     let mut reader = png::Decoder::new(file).read_info().expect("a PNG");
     let mut bytes = vec![0; reader.output_buffer_size().expect("a size")];
     let info = reader.next_frame(&mut bytes).expect("pixels");
-    let samples = info.color_type.samples();
-    let pixels = bytes[..info.buffer_size()].chunks_exact(samples);
-    let pixels = pixels.map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
-    Some((pixels, info.width as usize))
+    assert_eq!((info.width as usize, info.height as usize), SIZE);
+    assert_eq!(info.color_type, png::ColorType::Rgb);
+    let pixels = bytes[..info.buffer_size()].chunks_exact(3);
+    pixels.map(|rgb| [rgb[0], rgb[1], rgb[2]]).collect()
+}
+
+fn count(pixels: &[[u8; 3]], holds: impl Fn([i32; 3]) -> bool) -> usize {
+    pixels.iter().filter(|pixel| holds(pixel.map(i32::from))).count()
+}
+
+/// How many of six sections of the colour circle have many pixels.
+fn hues(pixels: &[[u8; 3]]) -> usize {
+    let section = |[r, g, b]: [i32; 3]| {
+        let (most, least) = (r.max(g).max(b), r.min(g).min(b));
+        (most - least > 50).then(|| match most {
+            most if most == r => usize::from(g > b),
+            most if most == g => 2 + usize::from(b > r),
+            _ => 4 + usize::from(r > g),
+        })
+    };
+    let mut found = [0; 6];
+    for pixel in pixels {
+        if let Some(section) = section(pixel.map(i32::from)) {
+            found[section] += 1;
+        }
+    }
+    found.iter().filter(|&&pixels| pixels > 60).count()
+}
+
+#[test]
+fn many_volumes_are_of_all_colours() {
+    if !has_gpu() {
+        return;
+    }
+    let picture = picture("many_volumes");
+    // Teapots and shapes are of every hue, and between them is next to nothing.
+    assert_eq!(hues(&picture), 6);
+    let dark = count(&picture, |[r, g, b]| r + g + b < 90);
+    assert!(dark * 5 > picture.len() && dark * 5 < picture.len() * 4, "{dark} dark pixels");
+}
+
+#[test]
+fn gold_and_chrome_mirror_the_studio() {
+    if !has_gpu() {
+        return;
+    }
+    let picture = picture("glossy");
+    // Gold is yellow, chrome is bright without a hue: screens in it, dark walls elsewhere.
+    let gold = count(&picture, |[r, g, b]| r > 120 && r > b + 50 && g > b + 20);
+    assert!(gold > picture.len() / 60, "{gold} pixels of gold");
+    let screens = count(&picture, |[r, g, b]| r.min(g).min(b) > 200);
+    assert!((20..picture.len() / 4).contains(&screens), "{screens} pixels of screens");
+    // The lower half is the plate, and what is mirrored in it.
+    let plate = &picture[picture.len() * 3 / 4..];
+    let mirrored = count(plate, |[r, _, b]| r > b + 20);
+    assert!(mirrored > 30, "{mirrored} pixels of gold in the plate");
+}
+
+#[test]
+fn the_rover_is_on_the_island() {
+    if !has_gpu() {
+        return;
+    }
+    let picture = picture("game");
+    let (top, rest) = picture.split_at(picture.len() / 4);
+    let sky = count(top, |[r, _, b]| b > r + 20);
+    assert!(sky > top.len() / 3, "{sky} pixels of sky");
+    // Were it in the ground or not there, no red would be in the picture.
+    let red = count(rest, |[r, g, b]| r > 60 && r > 2 * g && r > 2 * b);
+    assert!(red > 20, "{red} pixels of the rover");
+    let ground = count(rest, |[r, g, b]| r > 40 && r >= g && g >= b);
+    assert!(ground > rest.len() / 4, "{ground} pixels of ground");
+}
+
+#[test]
+fn volumes_under_lights_are_drawn() {
+    if !has_gpu() {
+        return;
+    }
+    let picture = picture("lights_and_shadows");
+    assert!(count(&picture, |[r, g, b]| r > 110 && r > g + 40 && r > b + 40) > 100, "no clay");
+    assert!(count(&picture, |[r, g, b]| r.min(g).min(b) > 150) > 50, "no cloud");
 }
 
 #[test]
 fn smoke_and_fire_glow_and_are_mirrored() {
-    let Some((pixels, width)) = picture("smoke_and_fire") else { return };
-    let is_fire = |pixel: &&[u8; 3]| pixel[0] > 150 && pixel[0] / 2 > pixel[2];
+    if !has_gpu() {
+        return;
+    }
+    let picture = picture("smoke_and_fire");
     // The fire is to the left, and the floor that mirrors it below.
-    let left = |rows: &[[u8; 3]]| {
-        let rows = rows.chunks_exact(width).flat_map(|row| &row[..width / 2]);
-        rows.filter(is_fire).count()
-    };
-    let height = pixels.len() / width;
-    let (above, below) = pixels.split_at(height * 3 / 4 * width);
-    println!("{} pixels of fire, {} of its mirror image", left(above), left(below));
-    assert!(left(above) > 500, "{} pixels of fire", left(above));
-    assert!(below.iter().any(|pixel| pixel[0] > 30), "the floor is dark");
-    let blue = pixels.iter().filter(|pixel| pixel[2] > 100 && pixel[2] / 2 > pixel[0]).count();
-    assert!(blue > 50, "{blue} pixels of the ball are blue");
+    let (above, below) = picture.split_at(picture.len() / 4 * 3);
+    let is_fire = |[r, _, b]: [i32; 3]| r > 150 && r > 2 * b;
+    let left: Vec<[u8; 3]> =
+        above.chunks_exact(SIZE.0).flat_map(|row| &row[..SIZE.0 / 2]).copied().collect();
+    assert!(count(&left, is_fire) > 80, "{} pixels of fire", count(&left, is_fire));
+    assert!(count(below, |[r, ..]| r > 30) > 0, "the floor is dark");
+    let blue = count(&picture, |[r, _, b]| b > 100 && b > 2 * r);
+    assert!(blue > 8, "{blue} pixels of the ball are blue");
+}
+
+#[test]
+fn what_cannot_be_drawn_is_an_error() {
+    if !has_gpu() {
+        return;
+    }
+    let nowhere = temporary("no/such/folder/picture.png");
+    let output = example("glossy").arg(&nowhere).arg("16x9").output().expect("it starts");
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    assert!(said(&output).contains("could not be written"), "{}", said(&output));
+    let output = example("glossy").args(["picture.png", "0x9"]).output().expect("it starts");
+    assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+    assert!(said(&output).contains("not a size"), "{}", said(&output));
 }

@@ -4,6 +4,13 @@
 //! Data flows one way: file bytes → [`VdbFile::read`] → [`tree`] → [`pack`] → [`query`]; `reference`
 //! hangs off [`tree`] alone, so that it can judge everything built on `pack`.
 
+#![deny(missing_docs)]
+
+/// The example of the README is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 mod blackbody;
 mod codec;
 mod error;

@@ -52,7 +52,7 @@ pub struct Course {
     pub frac: Vec3,
     /// Cells per unit of `t`, 0 or more; what hardware may take for zero is zero.
     pub speed: Vec3,
-    /// One over that, or over [`IDLE`] where it is less.
+    /// One over that, or over `IDLE`, the least speed that counts, where it is less.
     pub inverse: Vec3,
     /// The grid's box: its first cells ahead (0 where the ray is in or beyond them) and its last.
     pub first: UVec3,

@@ -1,0 +1,218 @@
+//! What the examples share: a window, or a picture or a film without one.
+//!
+//! `cargo run --example NAME` opens a window. `cargo run --example NAME picture.png 800x450` writes a
+//! picture; with the feature `record`, `film.mp4`, `film.webm` or a folder get ten seconds.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use bevy::app::PluginsState;
+use bevy::asset::LoadState;
+use bevy::camera::RenderTarget;
+use bevy::log::LogPlugin;
+use bevy::prelude::*;
+use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
+use bevy::render::render_resource::{CachedPipelineState, PipelineCache, TextureFormat};
+use bevy::render::view::screenshot::{Screenshot, ScreenshotCaptured};
+use bevy::render::{RenderApp, RenderPlugin};
+use bevy::time::TimeUpdateStrategy;
+use bevy::window::ExitCondition;
+use bevy::winit::WinitPlugin;
+use bevy_vdb::prelude::*;
+
+/// How many frames a picture shows the end of, from when all is there: for what moves, and for what
+/// Bevy gathers over several frames. There are 30 a second.
+#[derive(Clone, Copy, Resource)]
+pub struct Frames(pub u32);
+
+const FRAME_TIME: Duration = Duration::from_nanos(1_000_000_000 / 30);
+
+/// Updates from when all is there until no pipeline is missing: meshes and their materials take some
+/// to come to the GPU.
+const SETTLED: u32 = 4;
+
+/// What stands for a window where there is none.
+struct Canvas {
+    path: PathBuf,
+    size: UVec2,
+}
+
+/// Bevy's default plugins and [`VdbRenderPlugin`], for what the command line asks for.
+pub fn app() -> App {
+    let mut app = App::new();
+    // Found wherever the program is run from.
+    let assets = AssetPlugin {
+        file_path: concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into(),
+        ..default()
+    };
+    match canvas() {
+        None => {
+            app.add_plugins((DefaultPlugins.set(assets), VdbRenderPlugin));
+        }
+        Some(canvas) => {
+            let no_window = WindowPlugin {
+                primary_window: None,
+                exit_condition: ExitCondition::DontExit,
+                ..default()
+            };
+            // That a driver is slow is no news to who has no other.
+            let filter = "warn,bevy_render::renderer=error,wgpu_hal=error".into();
+            app.add_plugins((
+                DefaultPlugins
+                    .set(assets)
+                    .set(no_window)
+                    .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
+                    .set(LogPlugin { filter, ..default() })
+                    // What is drawn is what was just updated.
+                    .disable::<PipelinedRenderingPlugin>()
+                    .disable::<WinitPlugin>(),
+                VdbRenderPlugin,
+            ))
+            .init_resource::<Frames>()
+            // Time goes by frames: a picture is the same every time.
+            .insert_resource(TimeUpdateStrategy::ManualDuration(FRAME_TIME))
+            .set_runner(move |app| draw(app, &canvas));
+            #[cfg(feature = "record")]
+            app.add_plugins(VdbRecordPlugin).add_systems(Last, leave);
+        }
+    }
+    app
+}
+
+impl Default for Frames {
+    fn default() -> Self {
+        Self(1)
+    }
+}
+
+/// What the command line asks for: nothing for a window.
+fn canvas() -> Option<Canvas> {
+    let mut arguments = std::env::args().skip(1);
+    let path = PathBuf::from(arguments.next()?);
+    let size = arguments.next().unwrap_or("640x360".into());
+    let parsed = size.split_once('x').and_then(|(x, y)| Some((x.parse().ok()?, y.parse().ok()?)));
+    let Some((x @ 1..=8192, y @ 1..=8192)) = parsed else {
+        eprintln!("{size}: not a size such as 640x360");
+        std::process::exit(2);
+    };
+    Some(Canvas { path, size: UVec2::new(x, y) })
+}
+
+/// Runs an app without a window until its picture is written.
+fn draw(mut app: App, canvas: &Canvas) -> AppExit {
+    while app.plugins_state() == PluginsState::Adding {
+        bevy::tasks::tick_global_task_pools_on_main_thread();
+    }
+    app.finish();
+    app.cleanup();
+    app.world_mut().resource_mut::<Time<Virtual>>().pause();
+    let size = canvas.size;
+    let image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
+    let image = app.world_mut().resource_mut::<Assets<Image>>().add(image);
+    let target = RenderTarget::from(image.clone());
+    app.add_systems(PostStartup, move |mut targets: Query<&mut RenderTarget, With<Camera3d>>| {
+        targets.iter_mut().for_each(|mut camera| *camera = target.clone());
+    });
+    let mut settled = 0;
+    while settled < SETTLED {
+        app.update();
+        if let Some(exit) = app.should_exit() {
+            return exit;
+        }
+        match is_there(&mut app) {
+            Ok(true) => settled += 1,
+            Ok(false) => std::thread::sleep(Duration::from_millis(1)),
+            Err(why) => {
+                error!("there is no picture: {why}");
+                return AppExit::error();
+            }
+        }
+    }
+    app.world_mut().resource_mut::<Time<Virtual>>().unpause();
+    let is_picture = canvas.path.extension().is_some_and(|extension| extension == "png");
+    if is_picture {
+        let frames = app.world().resource::<Frames>().0;
+        (0..frames).for_each(|_| app.update());
+        let path = canvas.path.clone();
+        app.world_mut().spawn(Screenshot::image(image)).observe(
+            move |shot: On<ScreenshotCaptured>, mut exit: MessageWriter<AppExit>| {
+                exit.write(save(&shot.image, &path));
+            },
+        );
+    } else if let Err(why) = film(&mut app, &canvas.path) {
+        error!("there is no film: {why}");
+        return AppExit::error();
+    }
+    loop {
+        app.update();
+        if let Some(exit) = app.should_exit() {
+            return exit;
+        }
+    }
+}
+
+/// Whether all volumes are loaded, and all pipelines made that the last frame asked for.
+fn is_there(app: &mut App) -> Result<bool, String> {
+    let mut volumes = app.world_mut().query::<&VdbVolume>();
+    let world = app.world();
+    let (grids, server) = (world.resource::<Assets<VdbGrid>>(), world.resource::<AssetServer>());
+    for volume in volumes.iter(world) {
+        if let LoadState::Failed(why) = server.load_state(&volume.0) {
+            return Err(why.to_string());
+        }
+        if grids.get(&volume.0).is_none() {
+            return Ok(false);
+        }
+    }
+    let Some(renderer) = app.get_sub_app(RenderApp) else { return Err("no renderer".into()) };
+    let pipelines = renderer.world().resource::<PipelineCache>();
+    if pipelines.waiting_pipelines().next().is_some() {
+        return Ok(false);
+    }
+    let failed = pipelines.pipelines().any(|one| matches!(one.state, CachedPipelineState::Err(_)));
+    if failed { Err("a shader does not compile; what is wrong is above".into()) } else { Ok(true) }
+}
+
+fn save(picture: &Image, path: &Path) -> AppExit {
+    let saved = picture.clone().try_into_dynamic().map_err(|error| error.to_string());
+    match saved.and_then(|all| all.to_rgb8().save(path).map_err(|error| error.to_string())) {
+        Ok(()) => AppExit::Success,
+        Err(why) => {
+            error!("{}: the picture could not be written: {why}", path.display());
+            AppExit::error()
+        }
+    }
+}
+
+/// Begins to record the one camera there is.
+#[cfg(feature = "record")]
+fn film(app: &mut App, path: &Path) -> Result<(), String> {
+    let mut cameras = app.world_mut().query_filtered::<Entity, With<Camera3d>>();
+    let camera = cameras.single(app.world()).map_err(|error| error.to_string())?;
+    let format = match path.extension().and_then(|extension| extension.to_str()) {
+        Some("mp4") => VdbRecordFormat::Mp4,
+        Some("webm") => VdbRecordFormat::WebM,
+        _ => VdbRecordFormat::PngSequence,
+    };
+    let settings = VdbRecordSettings::new(path, format);
+    let mut recorder = VdbRecorder::default();
+    recorder
+        .start(VdbRecordSettings { max_frames: Some(300), ..settings })
+        .map_err(|error| error.to_string())?;
+    app.world_mut().entity_mut(camera).insert(recorder);
+    Ok(())
+}
+
+#[cfg(not(feature = "record"))]
+fn film(_: &mut App, path: &Path) -> Result<(), String> {
+    Err(format!("{} is no .png; films need the feature record", path.display()))
+}
+
+#[cfg(feature = "record")]
+fn leave(mut ended: MessageReader<VdbRecordEnded>, mut exit: MessageWriter<AppExit>) {
+    for recording in ended.read() {
+        println!("{}: {} frames", recording.target.display(), recording.status.written);
+        let failed = recording.status.error.is_some();
+        exit.write(if failed { AppExit::error() } else { AppExit::Success });
+    }
+}

@@ -1,0 +1,72 @@
+//! docs/guide.md has every message of the plugin and of the reader, with its cause and its cure.
+
+use std::path::Path;
+
+use vdb_core::view::CannotShow;
+
+/// What a line of code says to a person, after one of these.
+const SPEAKERS: [&str; 3] = ["#[error(", " warn!(", " error!("];
+
+/// The letters of the first string after a place, without its breaks of lines.
+fn first_string(after: &str) -> Option<String> {
+    let mut rest = after.trim_start().strip_prefix('"')?.chars();
+    let mut text = String::new();
+    loop {
+        match rest.next()? {
+            '"' => return Some(text),
+            '\\' => match rest.next()? {
+                '\n' => rest = rest.as_str().trim_start().chars(),
+                escaped => text.push(escaped),
+            },
+            letter => text.push(letter),
+        }
+    }
+}
+
+/// The first piece of a message that is the same every time and long enough to look for.
+fn fixed_part(message: &str) -> Option<String> {
+    let pieces = message.split('{').flat_map(|piece| {
+        let after = piece.split_once('}').map_or(piece, |(_, after)| after);
+        after.split('`')
+    });
+    let bare = |piece: &'_ str| piece.trim_matches(|c: char| !c.is_alphanumeric()).to_owned();
+    let long = pieces.map(bare).find(|piece| piece.chars().count() >= 12)?;
+    Some(long.chars().take(24).collect())
+}
+
+fn messages(folder: &Path, found: &mut Vec<(String, String)>) {
+    for entry in std::fs::read_dir(folder).expect("sources can be read") {
+        let path = entry.expect("sources can be read").path();
+        if path.is_dir() {
+            messages(&path, found);
+            continue;
+        }
+        let text = std::fs::read_to_string(&path).expect("sources can be read");
+        let at = |speaker: &&'static str| text.match_indices(*speaker).collect::<Vec<_>>();
+        for (place, speaker) in SPEAKERS.iter().flat_map(at) {
+            if let Some(message) = first_string(&text[place + speaker.len()..]) {
+                found.push((path.display().to_string(), message));
+            }
+        }
+    }
+}
+
+#[test]
+fn every_message_is_in_the_guide() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let guide = std::fs::read_to_string(root.join("docs/guide.md")).expect("the guide");
+    let mut found = Vec::new();
+    messages(&root.join("src"), &mut found);
+    messages(&root.join("crates/vdb_core/src"), &mut found);
+    for why in
+        [CannotShow::Singular, CannotShow::TooFar, CannotShow::TooLarge, CannotShow::TooSmall]
+    {
+        found.push(("crates/vdb_core/src/view.rs".into(), why.to_string()));
+    }
+    assert!(found.len() > 25, "{} messages are found", found.len());
+    let missing: Vec<_> = found
+        .iter()
+        .filter(|(_, message)| fixed_part(message).is_some_and(|part| !guide.contains(&part)))
+        .collect();
+    assert!(missing.is_empty(), "give docs/guide.md a row for each of {missing:#?}");
+}
