@@ -168,7 +168,7 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>, out: Option
         Hdr,
         sky,
         // Shadows are on as they are on in the lights.
-        VdbCamera { reflections: 2, ..default() },
+        VdbQuality { reflections: 2, ..default() },
         Transform::from_xyz(0.0, 3.2, 7.5).looking_at(Vec3::new(0.0, 1.4, 0.0), Vec3::Y),
     ));
     if out.is_some() {
@@ -177,15 +177,16 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>, out: Option
     }
 }
 
-fn keys(keys: Res<ButtonInput<KeyCode>>, mut camera: Single<&mut VdbCamera>) {
+fn keys(keys: Res<ButtonInput<KeyCode>>, camera: Single<(&mut VdbCamera, &mut VdbQuality)>) {
+    let (mut camera, mut quality) = camera.into_inner();
     use VdbRenderMode::{Depth, Diffuse, Glossy, Gray, HitVoxel, Lit, Normals, Rgb, Steps};
     const MODES: [VdbRenderMode; 9] =
         [Lit, Diffuse, Glossy, Gray, Rgb, Normals, Depth, HitVoxel, Steps];
     if keys.just_pressed(KeyCode::KeyS) {
-        camera.shadows = !camera.shadows;
+        quality.shadows = !quality.shadows;
     }
     if keys.just_pressed(KeyCode::KeyR) {
-        camera.reflections = (camera.reflections + 1) % 3;
+        quality.reflections = (quality.reflections + 1) % 3;
     }
     if keys.just_pressed(KeyCode::KeyL) {
         camera.overlays.leaves = !camera.overlays.leaves;

@@ -65,7 +65,8 @@ impl Default for VdbMaterial {
     }
 }
 
-/// How a camera shows volumes. Every `Camera3d` has one.
+/// What a camera shows of volumes. Every `Camera3d` has one; how well and how fast it does is for
+/// [`VdbQuality`](crate::VdbQuality).
 #[derive(Clone, Component, Debug, PartialEq, Reflect, ExtractComponent)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbCamera {
@@ -73,24 +74,8 @@ pub struct VdbCamera {
     pub enabled: bool,
     /// What it shows of them.
     pub mode: VdbRenderMode,
-    /// Whether lights that throw shadows (`shadow_maps_enabled`) throw them on volumes: those of
-    /// volumes, by a ray to each such light from each pixel, and those of meshes, from Bevy's shadow
-    /// maps. On by default; without such a light it costs nothing.
-    pub shadows: bool,
-    /// How many times a ray goes on from a surface to what it reflects. With 0, the default, surfaces
-    /// reflect the camera's `EnvironmentMapLight` alone; with 1 volumes, too; with 2 volumes in
-    /// volumes. Rough surfaces reflect in one direction a pixel, by chance: that is for temporal
-    /// anti-aliasing to even out. At most 16.
-    pub reflections: u32,
     /// Borders of the tree's nodes on surfaces, in any mode.
     pub overlays: VdbOverlays,
-    /// Voxels between the places where a ray samples the density of a fog that is lit evenly (no lamps
-    /// near, no shadows) and overlaps no other. From ¼ to 16; 0, the default, integrates cell by cell,
-    /// exactly. Samples every voxel take a quarter of that time, and every four a tenth; what they get
-    /// wrong is in `docs/benchmarks.md`.
-    pub fog_step: f32,
-    /// How rays find what they meet.
-    pub traversal: VdbTraversal,
     /// [`VdbRenderMode::Steps`]: how many steps of the walk have the hottest colour. More than 0;
     /// 200 by default.
     pub steps_scale: f32,
@@ -101,11 +86,7 @@ impl Default for VdbCamera {
         Self {
             enabled: true,
             mode: VdbRenderMode::Lit,
-            shadows: true,
-            reflections: 0,
             overlays: VdbOverlays::default(),
-            fog_step: 0.0,
-            traversal: VdbTraversal::HddaSdf,
             steps_scale: 200.0,
         }
     }

@@ -7,6 +7,7 @@ mod loader;
 #[cfg(feature = "picking")]
 mod picking;
 mod plugin;
+mod quality;
 #[cfg(feature = "record")]
 mod record;
 mod render;
@@ -22,6 +23,7 @@ pub use loader::{
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
 pub use plugin::VdbRenderPlugin;
+pub use quality::{VdbQuality, VdbVolumeQuality};
 #[cfg(feature = "record")]
 pub use record::{
     VdbRecordClock, VdbRecordEnded, VdbRecordError, VdbRecordFormat, VdbRecordPhase,
@@ -34,8 +36,9 @@ pub use vdb_core;
 /// What a game usually needs: `use bevy_vdb::prelude::*;`
 pub mod prelude {
     pub use crate::{
-        VdbCamera, VdbFile, VdbGrid, VdbMaterial, VdbOverlays, VdbRayCastSettings, VdbRayHit,
-        VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVolume,
+        VdbCamera, VdbFile, VdbGrid, VdbMaterial, VdbOverlays, VdbQuality, VdbRayCastSettings,
+        VdbRayHit, VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal,
+        VdbVolume, VdbVolumeQuality,
     };
     #[cfg(feature = "picking")]
     pub use crate::{VdbPickingPlugin, VdbPickingSettings};

@@ -7,7 +7,8 @@ use bevy::render::extract_component::ExtractComponentPlugin;
 use crate::bounds::update_bounds;
 use crate::render;
 use crate::{
-    VdbCamera, VdbFile, VdbGrid, VdbLoadProgress, VdbLoader, VdbMaterial, VdbSun, VdbVolume,
+    VdbCamera, VdbFile, VdbGrid, VdbLoadProgress, VdbLoader, VdbMaterial, VdbQuality, VdbSun,
+    VdbVolume, VdbVolumeQuality,
 };
 
 /// Loads `.vdb` files and shows [`VdbVolume`]s in every `Camera3d`.
@@ -27,6 +28,8 @@ impl Plugin for VdbRenderPlugin {
             .register_type::<VdbVolume>()
             .register_type::<VdbMaterial>()
             .register_type::<VdbCamera>()
+            .register_type::<VdbQuality>()
+            .register_type::<VdbVolumeQuality>()
             .register_type::<VdbSun>()
             .add_systems(
                 PostUpdate,
@@ -37,11 +40,15 @@ impl Plugin for VdbRenderPlugin {
         // So that every camera shows its settings. Bevy refuses once a camera has been spawned; one
         // without the component is treated as if it had the default.
         app.try_register_required_components::<Camera3d, VdbCamera>().ok();
+        app.try_register_required_components::<Camera3d, VdbQuality>().ok();
         if app.get_sub_app(bevy::render::RenderApp).is_none() {
             return;
         }
         if app.is_plugin_added::<bevy::pbr::PbrPlugin>() {
-            app.add_plugins(ExtractComponentPlugin::<VdbCamera>::default());
+            app.add_plugins((
+                ExtractComponentPlugin::<VdbCamera>::default(),
+                ExtractComponentPlugin::<VdbQuality>::default(),
+            ));
             render::build(app);
         } else {
             error!(

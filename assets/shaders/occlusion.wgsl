@@ -17,19 +17,19 @@
 // Optical depth through which no light is seen: e^-16 is below a 16-bit float's step beside 1.
 const DARK: f32 = 16.0;
 
-// Voxels between the densities that a ray from a place in fog sums up, at least, and into how many such
-// steps the longest edge of a fog's box is cut, at most.
-const SHADOW_STEP: f32 = 1.0;
-const SHADOW_STEPS: f32 = 256.0;
+// Voxels along the longest edge of a fog's box from which on there are more of them between the densities
+// that a ray from a place in fog sums up.
+const SHADOW_EDGE: f32 = 256.0;
 
 // The part of the light from a direction (world space, unit) that comes to a place from a distance of
 // so many world units. A place in fog is one of many along a ray, whose errors even out.
 fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool) -> f32 {
     let segment = Segment(point, to_light, false, 0.0);
+    let range = min(distance, view.shadow_range);
     var depth = 0.0;
     for (var i = view.volume_first; i < scene_end() && depth < DARK; i++) {
         let grid = grids[volumes[i].grid];
-        let course = course_of(grid, ray_of(segment, i, distance));
+        let course = course_of(grid, ray_of(segment, i, range));
         let walk = enter(course);
         if !walk.inside {
             continue;
@@ -49,7 +49,7 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
             let scale = max(volumes[i].density_scale, 1e-30);
             var fog = 0.0;
             if in_fog {
-                let step = step_of(grid, SHADOW_STEP, SHADOW_STEPS);
+                let step = step_of(grid, volumes[i].shadow_step, SHADOW_EDGE);
                 fog = stepped_length(grid, course, 0.0, DARK / scale, step);
             } else {
                 fog = optical_length(grid, course, walk, DARK / scale);

@@ -8,7 +8,7 @@ use bevy::render::sync_world::{MainEntity, MainEntityHashMap, RenderEntity};
 use std::sync::Arc;
 use vdb_core::pack::PackedGrid;
 
-use crate::{VdbGrid, VdbMaterial, VdbSun, VdbVolume};
+use crate::{VdbGrid, VdbMaterial, VdbSun, VdbVolume, VdbVolumeQuality};
 
 /// Every volume whose grid has arrived, visible or not.
 #[derive(Debug, Default, Resource)]
@@ -43,6 +43,7 @@ pub(super) struct ExtractedVolume {
     pub world_from_local_before: Affine3A,
     pub local_from_index: bevy::math::DAffine3,
     pub material: VdbMaterial,
+    pub quality: VdbVolumeQuality,
     /// Whether it is to be shown, in the picture or not.
     pub visible: bool,
     pub layers: RenderLayers,
@@ -57,6 +58,7 @@ pub(super) fn extract_volumes(
             &VdbMaterial,
             &InheritedVisibility,
             Option<&RenderLayers>,
+            Option<&VdbVolumeQuality>,
         )>,
     >,
     grids: Extract<Res<Assets<VdbGrid>>>,
@@ -65,7 +67,7 @@ pub(super) fn extract_volumes(
 ) {
     std::mem::swap(&mut extracted.0, &mut *before);
     extracted.0.clear();
-    for (entity, volume, transform, material, visible, layers) in &volumes {
+    for (entity, volume, transform, material, visible, layers, quality) in &volumes {
         let Some(grid) = grids.get(&volume.0) else { continue };
         let entity = MainEntity::from(entity);
         let world_from_local = transform.affine();
@@ -79,6 +81,7 @@ pub(super) fn extract_volumes(
                 .map_or(world_from_local, |before| before.world_from_local),
             local_from_index: grid.world_from_index(),
             material: material.clone(),
+            quality: quality.copied().unwrap_or_default(),
             visible: visible.get(),
             layers: layers.cloned().unwrap_or_default(),
         };

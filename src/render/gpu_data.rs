@@ -7,6 +7,8 @@ use vdb_core::view::GpuRays;
 pub(crate) const KIND_SURFACE: u32 = 0;
 pub(crate) const KIND_FOG: u32 = 1;
 pub(crate) const KIND_SMOOTH: u32 = 2;
+/// Of a volume that is left out: no shader looks for it.
+pub(crate) const KIND_NONE: u32 = 3;
 
 /// One volume as one view sees it.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -31,6 +33,10 @@ pub(crate) struct Volume {
     pub tiles_first: u32,
     pub base: [i32; 3],
     pub tiles_last: u32,
+    pub fog_step: f32,
+    pub light_step: f32,
+    pub shadow_step: f32,
+    pub unused: u32,
 }
 
 /// Directional lights that a view has at most, as Bevy has it.
@@ -60,10 +66,13 @@ pub(crate) struct View {
     pub reflections: u32,
     pub overlays: u32,
     pub sun_count: u32,
-    pub fog_step: f32,
+    pub slabs: u32,
     pub tile_words: u32,
     pub group_bits: u32,
     pub keeps_starts: u32,
+    pub picture: [u32; 2],
+    pub shadow_range: f32,
+    pub reflection_range: f32,
     pub suns: [[f32; 4]; MOST_SUNS],
 }
 
@@ -141,12 +150,13 @@ mod tests {
         check(&module, "Rays", size_of::<GpuRays>(), &rays);
         let volume = fields!(Volume: rays, normal_x, grid, normal_y, kind, normal_z,
             density_scale, lattice_x, anisotropy, lattice_y, perceptual_roughness, lattice_z,
-            metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last);
+            metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last,
+            fog_step, light_step, shadow_step, unused);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, volumes_beside, size, origin,
-            steps_scale, reflections, overlays, sun_count, fog_step, tile_words, group_bits,
-            keeps_starts, suns);
+            steps_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
+            keeps_starts, picture, shadow_range, reflection_range, suns);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

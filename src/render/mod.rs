@@ -12,8 +12,10 @@ mod motion;
 mod pipeline;
 mod prepare;
 mod shaders;
+mod stand_in;
 mod tiles;
 mod trace;
+mod upscale;
 mod volume;
 mod warnings;
 
@@ -33,6 +35,7 @@ pub use gpu_tree::VdbGpuUsage;
 
 use gpu_tree::VdbTreePool;
 use pipeline::{BeamsPipeline, CompositePipeline, TracePipeline};
+use upscale::UpscalePipeline;
 
 /// The steps that volumes add to Bevy's `Core3d` schedule, for each camera that sees one.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -58,6 +61,7 @@ pub(crate) fn build(app: &mut App) {
         .init_gpu_resource::<prepare::VolumeBuffer>()
         .init_gpu_resource::<SpecializedComputePipelines<BeamsPipeline>>()
         .init_gpu_resource::<SpecializedComputePipelines<TracePipeline>>()
+        .init_gpu_resource::<SpecializedComputePipelines<UpscalePipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<CompositePipeline>>()
         .add_systems(RenderStartup, pipeline::init.after(MeshPipelineSystems))
         .add_systems(
@@ -91,7 +95,7 @@ pub(crate) fn build(app: &mut App) {
         .add_systems(
             Core3d,
             (
-                trace::trace.in_set(VdbSystems::Trace),
+                (trace::trace, upscale::upscale).chain().in_set(VdbSystems::Trace),
                 composite::composite.in_set(VdbSystems::Composite),
             ),
         );

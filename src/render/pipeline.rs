@@ -23,6 +23,7 @@ use bevy::shader::ShaderDefVal;
 
 use super::lights::{LightKey, LightLayouts};
 use super::shaders::Shaders;
+use super::upscale::UpscalePipeline;
 use crate::{VdbRenderMode, VdbTraversal};
 
 /// The pipelines of a view.
@@ -31,15 +32,16 @@ pub(super) struct ViewPipelines {
     /// Where tiles of pixels share what they know.
     pub beams: Option<CachedComputePipelineId>,
     pub trace: CachedComputePipelineId,
+    /// Where there are fewer rays than pixels.
+    pub upscale: Option<CachedComputePipelineId>,
+    /// What is traced, and whether it can be.
+    pub key: TraceKey,
+    pub is_ready: bool,
     /// Where the view sees a surface.
     pub surface: Option<CachedRenderPipelineId>,
     /// Where the view sees fog.
     pub fog: Option<CachedRenderPipelineId>,
-    pub multisampled: bool,
-    pub lights: Option<LightKey>,
     pub tonemaps: bool,
-    /// Whether the view has motion vectors.
-    pub motion: bool,
 }
 
 /// Runs when the renderer starts, and again after a lost device.
@@ -53,6 +55,7 @@ pub(super) fn init(
     let lights = LightLayouts::new(&meshes);
     commands.insert_resource(BeamsPipeline::new(&shaders, &lights));
     commands.insert_resource(TracePipeline::new(&shaders, &lights));
+    commands.insert_resource(UpscalePipeline::new(&shaders));
     commands.insert_resource(CompositePipeline::new(&shaders, fullscreen.clone()));
 }
 
@@ -152,6 +155,8 @@ pub(super) struct TraceKey {
     pub fog_steps: bool,
     /// Borders of nodes.
     pub overlays: bool,
+    /// Whether there are fewer rays than pixels.
+    pub scaled: bool,
 }
 
 impl TracePipeline {
@@ -222,6 +227,7 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.reflections, "REFLECTIONS"),
             (key.fog_steps, "FOG_STEPS"),
             (key.overlays, "OVERLAYS"),
+            (key.scaled, "SCALED"),
             (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
             (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),
             (key.mode == VdbRenderMode::Steps, "COUNT_STEPS"),

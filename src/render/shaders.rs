@@ -14,7 +14,7 @@ macro_rules! shaders {
 }
 
 /// Modules that others import.
-const IMPORTS: [(&str, &[u8]); 20] = shaders![
+const IMPORTS: [(&str, &[u8]); 21] = shaders![
     "types",
     "bindings",
     "rays",
@@ -27,6 +27,7 @@ const IMPORTS: [(&str, &[u8]); 20] = shaders![
     "smooth",
     "fog",
     "march",
+    "picture",
     "scene",
     "segment",
     "candidates",
@@ -37,7 +38,7 @@ const IMPORTS: [(&str, &[u8]); 20] = shaders![
     "show"
 ];
 /// What runs.
-const PROGRAMS: [(&str, &[u8]); 3] = shaders!["beams", "trace", "composite"];
+const PROGRAMS: [(&str, &[u8]); 4] = shaders!["beams", "trace", "upscale", "composite"];
 
 pub(super) fn embed(app: &mut App) {
     let registry = app.world_mut().resource_mut::<EmbeddedAssetRegistry>();
@@ -52,6 +53,7 @@ pub(super) fn embed(app: &mut App) {
 pub(super) struct Shaders {
     pub beams: Handle<Shader>,
     pub trace: Handle<Shader>,
+    pub upscale: Handle<Shader>,
     pub composite: Handle<Shader>,
     _imports: [Handle<Shader>; IMPORTS.len()],
 }
@@ -59,7 +61,7 @@ pub(super) struct Shaders {
 impl Shaders {
     pub fn load(assets: &AssetServer) -> Self {
         let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
-        let [beams, trace, composite] = PROGRAMS.map(load);
-        Self { beams, trace, composite, _imports: IMPORTS.map(load) }
+        let [beams, trace, upscale, composite] = PROGRAMS.map(load);
+        Self { beams, trace, upscale, composite, _imports: IMPORTS.map(load) }
     }
 }

@@ -10,7 +10,7 @@ use super::extract::{ExtractedVolume, non_negative};
 use super::gpu_data;
 use super::tiles::TileRange;
 use super::warnings::{Setting, Trouble, Warned};
-use crate::VdbMaterial;
+use crate::{VdbMaterial, VdbQuality};
 
 // What a shader computes with must not exceed f32, which it may assume: infinities are not for WGSL.
 // With these, albedo · light · exposure stays below 10³⁵ under any light that Bevy can be given in
@@ -34,17 +34,20 @@ pub(super) fn volume_data(
     volume: &ExtractedVolume,
     grid: u32,
     (rays, world_from_view, width): (&ViewRays, DAffine3, u32),
+    quality: &VdbQuality,
     warned: Option<&mut Warned>,
 ) -> Option<gpu_data::Volume> {
     let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
     let lattice = LatticeRays::new(rays, world_from_view, world_from_index, &volume.packed);
+    let (quality, wrong) = volume.quality.over(quality).sound();
     if let Some(warned) = warned {
         let shown = match &lattice {
             Ok(rays) => rays.is_coarse(width).then_some(Trouble::Coarse),
             Err(why) => Some(Trouble::NotShown(*why)),
         };
         let setting = wrong_setting(&volume.material).map(Trouble::Setting);
-        for trouble in [shown, setting].into_iter().flatten() {
+        let quality = wrong.map(Trouble::Quality);
+        for trouble in [shown, setting, quality].into_iter().flatten() {
             if let Some(text) = warned.note(entity, &volume.name, trouble) {
                 warn!("{text}");
             }
@@ -78,6 +81,9 @@ pub(super) fn volume_data(
         reflectance: share(material.reflectance),
         base_color: capped(material.base_color.to_linear().to_vec3(), MOST_ALBEDO),
         emissive: capped(material.emissive.to_vec3(), MOST_LIGHT),
+        fog_step: quality.fog_step,
+        light_step: quality.fog_light_step,
+        shadow_step: quality.fog_shadow_step,
         base: volume.packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
         ..default()
     })

@@ -14,6 +14,10 @@ pub(super) enum Trouble {
     Coarse,
     /// It is shown, but with a value that makes sense instead of its material's.
     Setting(Setting),
+    /// It is shown, but with a value that makes sense instead of its own `VdbVolumeQuality`'s.
+    Quality(&'static str),
+    /// Of a camera: the same of its `VdbQuality`.
+    CameraQuality(&'static str),
 }
 
 /// A setting of a material.
@@ -62,6 +66,15 @@ impl Warned {
                     "{volume} is shown coarsely: the camera's field of view is so narrow that a \
                      pixel is finer than the directions of rays in f32; widen it, or bring the \
                      camera closer"
+                ),
+                Trouble::Quality(setting) => format!(
+                    "{volume} is shown with the nearest {setting} that makes sense: the documentation \
+                     of VdbQuality has the range for its VdbVolumeQuality"
+                ),
+                Trouble::CameraQuality(setting) => format!(
+                    "the camera of entity {} shows volumes with the nearest {setting} that makes sense: \
+                     the documentation of VdbQuality has the range",
+                    entity.id()
                 ),
                 Trouble::Setting(setting) => {
                     let (name, wanted) = setting.describe();

@@ -2,7 +2,7 @@
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbTraversal, VdbVolume};
+use bevy_vdb::{VdbGpuUsage, VdbQuality, VdbTraversal, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 
@@ -21,7 +21,7 @@ fn places() -> impl Iterator<Item = Transform> {
 /// The picture through the tiles' lists, and the one of rays that look at every volume.
 fn both(stage: &mut Stage, target: &Handle<Image>, camera: Entity) -> [Picture; 2] {
     [VdbTraversal::HddaSdf, VdbTraversal::Hdda].map(|traversal| {
-        stage.world().entity_mut(camera).insert(VdbCamera { traversal, ..default() });
+        stage.world().entity_mut(camera).insert(VdbQuality { traversal, ..default() });
         stage.picture(target)
     })
 }

@@ -3,7 +3,7 @@
 use bevy::light::{DirectionalLightShadowMap, PointLightShadowMap};
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbMaterial, VdbVolume};
+use bevy_vdb::{VdbMaterial, VdbQuality, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Vdb543};
@@ -143,11 +143,11 @@ fn a_box_throws_its_shadow_on_a_floor() {
         picture.save(&format!("shadow_sun_apart_{apart}"));
         compare(&picture, view, above, |_| to_sun.as_dvec3() * 100.0);
 
-        let settings = VdbCamera { shadows: false, ..default() };
+        let settings = VdbQuality { shadows: false, ..default() };
         stage.world().entity_mut(camera).insert(settings);
         let without = stage.picture(&target);
         assert!(without.count(|p| p.x > 0.0) > picture.count(|p| p.x > 0.0) + 100, "switched off");
-        stage.world().entity_mut(camera).insert(VdbCamera::default());
+        stage.world().entity_mut(camera).insert(VdbQuality::default());
         stage.world().despawn(light);
 
         let lamp =
@@ -219,7 +219,7 @@ fn a_ball_has_no_acne() {
         stage.world().spawn((sun, looking(Vec3::new(5.0, 1.0, 0.0))));
         let with = stage.picture(&target);
         with.save(&format!("acne_{radius}_{far}"));
-        let settings = VdbCamera { shadows: false, ..default() };
+        let settings = VdbQuality { shadows: false, ..default() };
         stage.world().entity_mut(camera).insert(settings);
         let without = stage.picture(&target);
         let lit = without.count(|p| p.x > 0.0);
