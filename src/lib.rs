@@ -3,6 +3,8 @@
 mod asset;
 mod bounds;
 mod components;
+mod diagnostics;
+mod dial;
 mod loader;
 #[cfg(feature = "picking")]
 mod picking;
@@ -17,6 +19,10 @@ pub use asset::{VdbFile, VdbGrid, VdbGridError};
 pub use components::{
     VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
 };
+pub use diagnostics::{
+    VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
+};
+pub use dial::VdbDial;
 pub use loader::{
     VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbValues,
 };
@@ -36,9 +42,9 @@ pub use vdb_core;
 /// What a game usually needs: `use bevy_vdb::prelude::*;`
 pub mod prelude {
     pub use crate::{
-        VdbCamera, VdbFile, VdbGrid, VdbMaterial, VdbOverlays, VdbQuality, VdbRayCastSettings,
-        VdbRayHit, VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal,
-        VdbVolume, VdbVolumeQuality,
+        VdbCamera, VdbDiagnostics, VdbDial, VdbFile, VdbGrid, VdbMaterial, VdbOverlays, VdbQuality,
+        VdbRayCastSettings, VdbRayHit, VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery, VdbSun,
+        VdbTraversal, VdbVolume, VdbVolumeQuality,
     };
     #[cfg(feature = "picking")]
     pub use crate::{VdbPickingPlugin, VdbPickingSettings};

@@ -5,10 +5,11 @@ use bevy::prelude::*;
 use bevy::render::extract_component::ExtractComponentPlugin;
 
 use crate::bounds::update_bounds;
+use crate::dial::turn_dials;
 use crate::render;
 use crate::{
-    VdbCamera, VdbFile, VdbGrid, VdbLoadProgress, VdbLoader, VdbMaterial, VdbQuality, VdbSun,
-    VdbVolume, VdbVolumeQuality,
+    VdbCamera, VdbDiagnostics, VdbDial, VdbFile, VdbGrid, VdbLoadProgress, VdbLoader, VdbMaterial,
+    VdbQuality, VdbSun, VdbVolume, VdbVolumeQuality,
 };
 
 /// Loads `.vdb` files and shows [`VdbVolume`]s in every `Camera3d`.
@@ -31,6 +32,9 @@ impl Plugin for VdbRenderPlugin {
             .register_type::<VdbQuality>()
             .register_type::<VdbVolumeQuality>()
             .register_type::<VdbSun>()
+            .register_type::<VdbDial>()
+            .init_resource::<VdbDiagnostics>()
+            .add_systems(Last, turn_dials)
             .add_systems(
                 PostUpdate,
                 update_bounds

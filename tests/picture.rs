@@ -1,6 +1,8 @@
 //! Whole pictures: the plugin in a Bevy app, against the reference tracer and beside meshes.
 
 mod common;
+#[path = "picture/diagnostics.rs"]
+mod diagnostics;
 #[path = "picture/extremes.rs"]
 mod extremes;
 #[path = "picture/lights.rs"]

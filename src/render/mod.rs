@@ -11,6 +11,7 @@ mod lights;
 mod motion;
 mod pipeline;
 mod prepare;
+mod report;
 mod shaders;
 mod stand_in;
 mod tiles;
@@ -33,6 +34,7 @@ use bevy::render::{
 
 pub use gpu_tree::VdbGpuUsage;
 
+use crate::VdbDiagnostics;
 use gpu_tree::VdbTreePool;
 use pipeline::{BeamsPipeline, CompositePipeline, TracePipeline};
 use upscale::UpscalePipeline;
@@ -51,9 +53,11 @@ pub(crate) fn build(app: &mut App) {
     shaders::embed(app);
     let usage = VdbGpuUsage::default();
     app.insert_resource(usage.clone());
+    let diagnostics = app.world().resource::<VdbDiagnostics>().clone();
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
     render_app
         .insert_resource(usage)
+        .insert_resource(diagnostics)
         .init_resource::<extract::ExtractedVolumes>()
         .init_resource::<extract::ExtractedSuns>()
         .init_resource::<warnings::Warned>()
@@ -80,7 +84,8 @@ pub(crate) fn build(app: &mut App) {
                     .in_set(RenderSystems::PrepareResources)
                     .after(find::find_views)
                     .after(prepare_prepass_textures),
-                bind::prepare_bind_groups.in_set(RenderSystems::PrepareBindGroups),
+                (bind::prepare_bind_groups, report::report)
+                    .in_set(RenderSystems::PrepareBindGroups),
             ),
         )
         .configure_sets(

@@ -37,6 +37,8 @@ pub(super) struct ViewPipelines {
     /// What is traced, and whether it can be.
     pub key: TraceKey,
     pub is_ready: bool,
+    /// Whether that is not all that is wanted.
+    pub stands_in: bool,
     /// Where the view sees a surface.
     pub surface: Option<CachedRenderPipelineId>,
     /// Where the view sees fog.

@@ -57,12 +57,14 @@ pub(super) struct ViewResources {
     pub tile_data: Option<(Buffer, TileLayout)>,
     pub motion: Option<ViewMotion>,
     pub volumes: u32,
+    /// Those that shadows and reflections look at, and the view does not.
+    pub volumes_beside: u32,
     /// The most tiles that show one of them.
     pub most_tiles: u32,
     /// What is shown in place of what is traced, where there are fewer rays than pixels.
     pub upscaled: Option<Upscaled>,
     /// Rays, and pixels of the viewport.
-    size: UVec2,
+    pub size: UVec2,
     pub picture: UVec2,
 }
 
@@ -299,6 +301,7 @@ pub(super) fn prepare_views(
             upscaled,
             tile_data,
             volumes: count as u32,
+            volumes_beside: beside as u32,
             most_tiles,
             view: buffer("vdb_view", bytemuck::bytes_of(&data)),
             placement: buffer("vdb_placement", bytemuck::bytes_of(&placement)),

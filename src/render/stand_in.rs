@@ -43,7 +43,7 @@ impl Specialized<'_> {
         let before = before.filter(|before| before.is_ready && before.key != wanted);
         match before {
             Some(before) if !own.is_ready && can_stand_in(&before.key, &wanted, present) => {
-                self.of(cache, before.key)
+                ViewPipelines { stands_in: true, ..self.of(cache, before.key) }
             }
             _ => own,
         }
@@ -56,8 +56,17 @@ impl Specialized<'_> {
         let upscale = key.scaled.then(|| self.upscale.specialize(cache, upscale, (&key).into()));
         let mut all = [Some(trace), beams, upscale].into_iter().flatten();
         let is_ready = all.all(|id| cache.get_compute_pipeline(id).is_some());
-        let (surface, fog, tonemaps) = (None, None, false);
-        ViewPipelines { beams, trace, upscale, key, is_ready, surface, fog, tonemaps }
+        ViewPipelines {
+            beams,
+            trace,
+            upscale,
+            key,
+            is_ready,
+            stands_in: false,
+            surface: None,
+            fog: None,
+            tonemaps: false,
+        }
     }
 
     /// The pipeline that draws what has been traced.
