@@ -29,7 +29,7 @@ frontier [OPTION…]
 Times pictures over the knobs of VdbQuality, tells what each gets wrong, and draws both.
 
   --out DIR       where CSV and SVG files go; target/frontier
-  --size WxH      of the pictures; 1920x1080
+  --size WxH      of the pictures, the width a multiple of 16; 1920x1080
   --edge N        voxels along an edge of the models, from 64 to 1024; 256
   --runs N        frames of which the median counts, at least 3; 31
   --scenes NAME,… those with such a name only
@@ -79,6 +79,8 @@ impl Args {
                     let (Some(x), Some(y)) = size else { return Err(wrong()) };
                     args.size = Some(UVec2::new(x, y))
                         .filter(|size| size.min_element() >= 16 && size.max_element() <= 8192)
+                        // Rows come back unpadded.
+                        .filter(|size| size.x % 16 == 0)
                         .ok_or_else(wrong)?;
                 }
                 _ => return Err(format!("--{name}: no such option; see --help")),

@@ -115,7 +115,7 @@ pub fn svg(scene: &str, rows: &[Row]) -> String {
     svg.text(EDGE, 20.0, "start", r#"font-size="13" font-weight="bold""#, scene);
     svg.text(SIZE.0 - 16.0, SIZE.1 - 8.0, "end", "", "milliseconds of all passes");
     svg.text(8.0, 34.0, "start", "", "radiance off by");
-    for power in -4..=1 {
+    for power in -4..=4 {
         for digit in [1.0, 2.0, 5.0] {
             let (ms, error) = (digit * 10_f64.powi(power), 10_f64.powi(power));
             if (low..high).contains(&ms.log10()) {

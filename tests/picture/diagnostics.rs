@@ -179,7 +179,7 @@ fn the_example_shows_its_cloud_at_every_preset() {
     }
     let mut stage = Stage::new();
     quality_dial::scene(&mut stage.app);
-    let size = UVec2::new(120, 90);
+    let size = UVec2::new(128, 96);
     let target = stage.target(size);
     stage.update(1);
     let mut cameras = stage.world().query_filtered::<Entity, With<Camera3d>>();
