@@ -31,9 +31,10 @@ fn setup(mut commands: Commands, assets: Res<AssetServer>) {
     commands.spawn((
         VdbVolume(assets.load("models/cloud.vdb#density")),
         VdbMaterial { density_scale: 4.0, ..default() },
-        // The most of what the cloud is worth: its own setting, whatever the camera has.
+        // A setting of its own, whatever the camera has.
         VdbVolumeQuality { fog_shadow_step: Some(2.0), ..default() },
-        Transform::from_xyz(0.0, 2.6, 0.0),
+        // In its file it stands behind the teapot, and above.
+        Transform::from_xyz(-0.2, 0.7, 2.0).with_scale(Vec3::splat(0.4)),
     ));
     commands.spawn((
         VdbVolume(assets.load("models/teapot.vdb#surface")),
