@@ -207,7 +207,8 @@ mod tests {
                 let found = within(pixels, voxels);
                 assert_eq!(found.sound(), (found, None), "{pixels} {voxels}");
                 assert!(1.0 / found.resolution - 1.0 <= pixels + 1e-5);
-                assert!(found.fog_step <= pixels * voxels);
+                // Beyond 8 pixels there is nothing more to be gained.
+                assert!(found.fog_step <= pixels.min(8.0) * voxels);
             }
         }
         assert!(
