@@ -39,6 +39,8 @@ pub struct VdbGrid {
     metadata: Metadata,
     tree: Arc<Vdb543<f32>>,
     packed: Arc<PackedGrid>,
+    /// Where they have been made: at a half of the resolution, at a quarter …
+    levels: Option<Arc<[Arc<PackedGrid>]>>,
 }
 
 /// Why a tree could not be made a [`VdbGrid`].
@@ -89,6 +91,7 @@ impl VdbGrid {
     pub fn with_values(mut self, values: VdbValues) -> Result<Self, VdbGridError> {
         let packed = PackedGrid::with_format(&self.tree, self.packed.kind, values.into())?;
         self.packed = Arc::new(packed);
+        self.levels = None;
         Ok(self)
     }
 
@@ -108,7 +111,7 @@ impl VdbGrid {
             )));
         }
         let packed = Arc::new(PackedGrid::with_format(&tree, kind, values.into())?);
-        Ok(Self { name, class, world_from_index, metadata, tree, packed })
+        Ok(Self { name, class, world_from_index, metadata, tree, packed, levels: None })
     }
 
     /// The grid's name in its file; may be empty.
@@ -149,6 +152,17 @@ impl VdbGrid {
     /// The grid as the GPU walks it.
     pub fn packed(&self) -> &Arc<PackedGrid> {
         &self.packed
+    }
+
+    /// The same at a half of the resolution, at a quarter and so on, as far as it goes: sample `ijk` of the
+    /// first is where `2 · ijk` is in index space. `None` where no camera has asked for them (see
+    /// [`VdbQuality::detail`](crate::VdbQuality::detail)) or they are still being made.
+    pub fn levels(&self) -> Option<&Arc<[Arc<PackedGrid>]>> {
+        self.levels.as_ref()
+    }
+
+    pub(crate) fn set_levels(&mut self, levels: Option<Arc<[Arc<PackedGrid>]>>) {
+        self.levels = levels;
     }
 
     /// The box around all that can be seen, in index space: lowest and highest corner. `None` when

@@ -5,6 +5,7 @@ mod bounds;
 mod components;
 mod diagnostics;
 mod dial;
+mod levels;
 mod loader;
 #[cfg(feature = "picking")]
 mod picking;

@@ -6,6 +6,7 @@ use bevy::render::extract_component::ExtractComponentPlugin;
 
 use crate::bounds::update_bounds;
 use crate::dial::turn_dials;
+use crate::levels::{PendingLevels, make_levels};
 use crate::render;
 use crate::{
     VdbCamera, VdbDiagnostics, VdbDial, VdbFile, VdbGrid, VdbLoadProgress, VdbLoader, VdbMaterial,
@@ -35,11 +36,15 @@ impl Plugin for VdbRenderPlugin {
             .register_type::<VdbDial>()
             .init_resource::<VdbDiagnostics>()
             .add_systems(Last, turn_dials)
+            .init_resource::<PendingLevels>()
             .add_systems(
                 PostUpdate,
-                update_bounds
-                    .in_set(VisibilitySystems::CalculateBounds)
-                    .after(bevy::asset::AssetEventSystems),
+                (
+                    make_levels.before(bevy::asset::AssetEventSystems),
+                    update_bounds
+                        .in_set(VisibilitySystems::CalculateBounds)
+                        .after(bevy::asset::AssetEventSystems),
+                ),
             );
         // So that every camera shows its settings. Bevy refuses once a camera has been spawned; one
         // without the component is treated as if it had the default.

@@ -58,7 +58,7 @@ fn depth_of_part(
     var fog = 0.0;
     let step = volumes[volume].fog_step;
     if is_whole && step > 0.0 {
-        fog = stepped_length(grid, course, start, OPAQUE / thin, step);
+        fog = stepped_length(grid, course, start, OPAQUE / thin, step, scale);
     } else {
         fog = optical_length(grid, course, enter_at(course, start), OPAQUE / thin);
     }

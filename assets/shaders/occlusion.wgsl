@@ -50,7 +50,7 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
             var fog = 0.0;
             if in_fog {
                 let step = step_of(grid, volumes[i].shadow_step, SHADOW_EDGE);
-                fog = stepped_length(grid, course, 0.0, DARK / scale, step);
+                fog = stepped_length(grid, course, 0.0, DARK / scale, step, scale);
             } else {
                 fog = optical_length(grid, course, walk, DARK / scale);
             }

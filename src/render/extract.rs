@@ -36,6 +36,8 @@ impl ExtractedVolumes {
 pub(super) struct ExtractedVolume {
     pub grid: AssetId<VdbGrid>,
     pub packed: Arc<PackedGrid>,
+    /// Its levels of detail, where a camera asks for them; see [`VdbGrid::levels`].
+    pub levels: Arc<[Arc<PackedGrid>]>,
     /// For messages.
     pub name: Arc<str>,
     pub world_from_local: Affine3A,
@@ -74,6 +76,7 @@ pub(super) fn extract_volumes(
         let volume = ExtractedVolume {
             grid: volume.0.id(),
             packed: grid.packed().clone(),
+            levels: grid.levels().cloned().unwrap_or_default(),
             name: grid.shared_name(),
             world_from_local,
             world_from_local_before: before

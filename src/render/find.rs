@@ -35,7 +35,7 @@ pub(super) fn find_views(
         {
             let shown = |entity: &MainEntity| {
                 volumes.0.get(entity).is_some_and(|volume| {
-                    volume.packed.occupied.is_some() && pool.index(volume.grid).is_some()
+                    volume.packed.occupied.is_some() && pool.index((volume.grid, 0)).is_some()
                 })
             };
             let here = class.entities_cpu_culling.iter().map(|(_, entity)| *entity);

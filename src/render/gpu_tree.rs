@@ -29,7 +29,7 @@ struct Usage {
 }
 
 impl VdbGpuUsage {
-    /// Grids on the GPU, each counted once.
+    /// Grids on the GPU, each counted once, and each of its levels of detail.
     pub fn grids(&self) -> u64 {
         self.0.grids.load(Ordering::Relaxed)
     }
@@ -55,12 +55,15 @@ struct Resident {
     index: u32,
 }
 
+/// A grid at one of its levels of detail, 0 for the grid itself.
+pub(super) type GridLevel = (AssetId<VdbGrid>, usize);
+
 /// All grids that some entity shows.
 #[derive(Debug, Default, Resource)]
 pub(super) struct VdbTreePool {
-    resident: HashMap<AssetId<VdbGrid>, Resident>,
+    resident: HashMap<GridLevel, Resident>,
     /// Grids that do not fit, so that each is told of once.
-    refused: HashSet<AssetId<VdbGrid>>,
+    refused: HashSet<GridLevel>,
     buffers: Option<PoolBuffers>,
 }
 
@@ -143,7 +146,7 @@ impl VdbTreePool {
     }
 
     /// The index of a grid's header, if the grid is there.
-    pub fn index(&self, grid: AssetId<VdbGrid>) -> Option<u32> {
+    pub fn index(&self, grid: GridLevel) -> Option<u32> {
         self.resident.get(&grid).map(|resident| resident.index)
     }
 }
@@ -161,10 +164,14 @@ pub(super) fn update_tree_pool(
 ) {
     let mut wanted = Wanted::default();
     for (entity, volume) in &volumes.0 {
-        wanted.entry(volume.grid).or_insert((entity, &volume.name, &volume.packed));
+        let levels = [&volume.packed].into_iter().chain(&*volume.levels).enumerate();
+        for (level, packed) in levels {
+            let name: &str = &volume.name;
+            wanted.entry((volume.grid, level)).or_insert((entity, name, packed));
+        }
     }
     pool.refused.retain(|grid| wanted.contains_key(grid));
-    let up_to_date = |grid: &AssetId<VdbGrid>, packed: &Arc<PackedGrid>| {
+    let up_to_date = |grid: &GridLevel, packed: &Arc<PackedGrid>| {
         pool.resident.get(grid).is_some_and(|resident| Arc::ptr_eq(&resident.packed, packed))
     };
     let missing = wanted
@@ -185,13 +192,14 @@ pub(super) fn update_tree_pool(
 }
 
 /// The grids that entities show, each with one such entity and its name for messages.
-type Wanted<'a> = HashMap<AssetId<VdbGrid>, (&'a MainEntity, &'a str, &'a Arc<PackedGrid>)>;
+type Wanted<'a> = HashMap<GridLevel, (&'a MainEntity, &'a str, &'a Arc<PackedGrid>)>;
 
 impl VdbTreePool {
     fn rebuild(&mut self, wanted: &Wanted, limit: u64, device: &RenderDevice, queue: &RenderQueue) {
-        // What is there comes first, so that a grid too many never drives out one that is shown.
+        // What is there comes first, so that a grid too many never drives out one that is shown; then what
+        // there is only to save time.
         let mut order: Vec<_> = wanted.iter().collect();
-        order.sort_by_key(|(grid, _)| !self.resident.contains_key(*grid));
+        order.sort_by_key(|(grid, _)| (grid.1 > 0, !self.resident.contains_key(*grid)));
         let mut words = 0;
         let mut next = HashMap::default();
         for (grid, (entity, name, packed)) in order {
@@ -201,7 +209,8 @@ impl VdbTreePool {
                     next.insert(*grid, Resident { packed: Arc::clone(packed), place, index });
                     self.refused.remove(grid);
                 }
-                Err(what) if self.refused.insert(*grid) => {
+                // Without a coarser level, a finer one is shown.
+                Err(what) if self.refused.insert(*grid) && grid.1 == 0 => {
                     error!("grid '{name}' of entity {} is not shown: {what}", entity.id());
                 }
                 Err(_) => {}

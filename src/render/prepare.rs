@@ -31,7 +31,7 @@ use super::pipeline::{CompositeKey, ToneKey, TraceKey, ViewPipelines};
 use super::stand_in::{self, Specialized};
 use super::tiles::{self, TileLayout};
 use super::upscale::{self, Upscaled};
-use super::volume::{affine, tile_range, volume_data};
+use super::volume::{Eye, Shown, affine, volume_data};
 use super::warnings::{Trouble, Warned};
 use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbRenderMode, VdbTraversal};
 use vdb_core::view::ViewRays;
@@ -164,17 +164,19 @@ pub(super) fn prepare_views(
         // Of what is only diffuse, no ray sees a reflection.
         let mirrors = matches!(settings.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
         let reflections = if mirrors { quality.reflections } else { 0 };
-        let data = |entity: &MainEntity, warned: Option<&mut Warned>| {
-            let volume = volumes.0.get(entity)?;
-            let view = (rays.as_ref()?, world_from_view, picture.x);
-            volume_data(*entity, volume, pool.index(volume.grid)?, view, &quality, warned)
-        };
+        let eye = rays.as_ref().map(|rays| Eye { rays, world_from_view, size: picture });
+        let detail = f64::from(quality.detail);
+        let show = |entity: &MainEntity| Shown::new(volumes.0.get(entity)?, &pool, eye?, detail);
+        let mut levels = Vec::with_capacity(seen.0.len());
         let first = volume_buffer.0.len();
         let mut shown = Vec::with_capacity(seen.0.len());
         for entity in &seen.0 {
-            if let Some(data) = data(entity, Some(&mut warned))
+            if let (Some(at_level), Some(eye)) = (show(entity), eye)
+                && let Some(data) =
+                    volume_data(*entity, &at_level, eye, &quality, Some(&mut warned))
                 && let Some(volume) = volumes.0.get(entity)
             {
+                levels.push(at_level);
                 volume_buffer.0.push(data);
                 shown.push(volume);
             }
@@ -190,7 +192,10 @@ pub(super) fn prepare_views(
         if lights.is_some_and(|key| key.shadows.is_some()) || reflections > 0 {
             let layers = layers.cloned().unwrap_or_default();
             for entity in volumes.beside(&seen.0, &layers) {
-                if let (Some(data), Some(volume)) = (data(&entity, None), volumes.0.get(&entity)) {
+                if let (Some(at_level), Some(eye)) = (show(&entity), eye)
+                    && let Some(data) = volume_data(entity, &at_level, eye, &quality, None)
+                    && let Some(volume) = volumes.0.get(&entity)
+                {
                     volume_buffer.0.push(data);
                     shown.push(volume);
                 }
@@ -227,8 +232,8 @@ pub(super) fn prepare_views(
         for (i, volume) in shown.iter().enumerate() {
             let data = &mut volume_buffer.0.values_mut()[first + i];
             data.kind = stand_in::kind_for(&key, data.kind, volume.packed.sample_format());
-            if i < count {
-                let range = tile_range(volume, clip_from_world, size);
+            if let Some(at_level) = levels.get(i) {
+                let range = at_level.tile_range(clip_from_world, size);
                 most_tiles = most_tiles.max(range.count());
                 [data.tiles_first, data.tiles_last] = range.words();
             }

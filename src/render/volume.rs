@@ -1,13 +1,14 @@
 //! One volume as one view sees it: its rays, its matrices, its material.
 
-use bevy::math::{Affine3A, DAffine3, DMat3, DMat4};
+use bevy::math::{Affine3A, BVec3, DAffine3, DMat3, DMat4, DVec3};
 use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
-use vdb_core::pack::PackKind;
+use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
 
 use super::extract::{ExtractedVolume, non_negative};
 use super::gpu_data;
+use super::gpu_tree::VdbTreePool;
 use super::tiles::TileRange;
 use super::warnings::{Setting, Trouble, Warned};
 use crate::{VdbMaterial, VdbQuality};
@@ -27,22 +28,108 @@ const MOST_ANISOTROPY: f32 = 0.99;
 /// Cells per edge of the largest nodes below the root.
 const LARGEST_NODE: i32 = 4096;
 
+/// A volume at one of its levels of detail.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shown<'a> {
+    volume: &'a ExtractedVolume,
+    packed: &'a PackedGrid,
+    world_from_index: DAffine3,
+    /// Index of its header in the pool.
+    grid: u32,
+}
+
+/// A view's rays, where it stands, and the pixels of its picture.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Eye<'a> {
+    pub rays: &'a ViewRays,
+    pub world_from_view: DAffine3,
+    pub size: UVec2,
+}
+
+impl<'a> Shown<'a> {
+    /// The coarsest level whose voxels cover no more than `detail` pixels, of those that are on the GPU.
+    /// Nothing, if the grid itself is not there.
+    pub fn new(
+        volume: &'a ExtractedVolume,
+        pool: &VdbTreePool,
+        eye: Eye,
+        detail: f64,
+    ) -> Option<Self> {
+        let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
+        let finest = Self {
+            volume,
+            packed: &volume.packed,
+            world_from_index,
+            grid: pool.index((volume.grid, 0))?,
+        };
+        let wanted = finest.coarseness(eye, detail);
+        let mut level = wanted.min(volume.levels.len() as f64) as usize;
+        while level > 0 {
+            if let Some(grid) = pool.index((volume.grid, level)) {
+                let scale = f64::from(1_u32 << level);
+                let packed = &volume.levels[level - 1];
+                let world_from_index = world_from_index * DAffine3::from_scale(DVec3::splat(scale));
+                return Some(Self { packed, world_from_index, grid, ..finest });
+            }
+            level -= 1;
+        }
+        Some(finest)
+    }
+
+    /// log₂ of how much larger voxels could be to cover `detail` pixels where they are nearest to the eye.
+    fn coarseness(&self, eye: Eye, detail: f64) -> f64 {
+        let Some((low, high)) = self.index_box().filter(|_| detail > 0.0) else { return 0.0 };
+        let view_from_index = eye.world_from_view.inverse() * self.world_from_index;
+        // The corner with the least depth: along the view's axis, as t is.
+        let depth = |i: usize| {
+            let is_high = BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
+            -view_from_index.transform_point3(DVec3::select(is_high, high, low)).z
+        };
+        let nearest = (0..8).map(depth).fold(f64::INFINITY, f64::min).max(eye.rays.t_near);
+        let rays = eye.rays;
+        let across = |eye: DVec3, dir: DVec3, pixels: u32| {
+            (eye + nearest * dir).length() * 2.0 / f64::from(pixels)
+        };
+        let pixel = f64::min(
+            across(rays.eye_x, rays.dir_x, eye.size.x),
+            across(rays.eye_y, rays.dir_y, eye.size.y),
+        );
+        let axes = view_from_index.matrix3;
+        let edges = [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.length());
+        let voxel = edges.into_iter().fold(0.0, f64::max);
+        let coarseness = (detail * pixel / voxel).log2();
+        if coarseness.is_finite() { coarseness.max(0.0) } else { 0.0 }
+    }
+
+    /// The box of what can be seen, in index space.
+    fn index_box(&self) -> Option<(DVec3, DVec3)> {
+        let occupied = self.packed.occupied?;
+        let origin = self.packed.base.as_dvec3() + self.packed.kind.lattice_origin();
+        Some((origin + occupied.min.as_dvec3(), origin + occupied.max.as_dvec3() + 1.0))
+    }
+
+    /// The tiles of a picture of so many pixels that show it.
+    pub fn tile_range(&self, clip_from_world: DMat4, size: UVec2) -> TileRange {
+        let Some((min, max)) = self.index_box() else { return TileRange::NONE };
+        TileRange::of_box(clip_from_world * DMat4::from(self.world_from_index), min, max, size)
+    }
+}
+
 /// What the shader gets of a volume, or nothing if it cannot be shown. Says what is wrong with it if
 /// there is someone to tell.
 pub(super) fn volume_data(
     entity: MainEntity,
-    volume: &ExtractedVolume,
-    grid: u32,
-    (rays, world_from_view, width): (&ViewRays, DAffine3, u32),
+    shown: &Shown,
+    eye: Eye,
     quality: &VdbQuality,
     warned: Option<&mut Warned>,
 ) -> Option<gpu_data::Volume> {
-    let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
-    let lattice = LatticeRays::new(rays, world_from_view, world_from_index, &volume.packed);
+    let Shown { volume, packed, world_from_index, grid } = *shown;
+    let lattice = LatticeRays::new(eye.rays, eye.world_from_view, world_from_index, packed);
     let (quality, wrong) = volume.quality.over(quality).sound();
     if let Some(warned) = warned {
         let shown = match &lattice {
-            Ok(rays) => rays.is_coarse(width).then_some(Trouble::Coarse),
+            Ok(rays) => rays.is_coarse(eye.size.x).then_some(Trouble::Coarse),
             Err(why) => Some(Trouble::NotShown(*why)),
         };
         let setting = wrong_setting(&volume.material).map(Trouble::Setting);
@@ -57,7 +144,7 @@ pub(super) fn volume_data(
     let normal = rays.normal;
     let lattice = world_from_index.inverse().matrix3;
     let material = &volume.material;
-    let kind = match volume.packed.kind {
+    let kind = match packed.kind {
         PackKind::Surface { .. } => gpu_data::KIND_SURFACE,
         PackKind::Smooth { .. } => gpu_data::KIND_SMOOTH,
         PackKind::Fog => gpu_data::KIND_FOG,
@@ -84,24 +171,9 @@ pub(super) fn volume_data(
         fog_step: quality.fog_step,
         light_step: quality.fog_light_step,
         shadow_step: quality.fog_shadow_step,
-        base: volume.packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
+        base: packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
         ..default()
     })
-}
-
-/// The tiles of a picture of so many pixels that show a volume.
-pub(super) fn tile_range(
-    volume: &ExtractedVolume,
-    clip_from_world: DMat4,
-    size: UVec2,
-) -> TileRange {
-    let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
-    let packed = &volume.packed;
-    let Some(occupied) = packed.occupied else { return TileRange::NONE };
-    let origin = packed.base.as_dvec3() + packed.kind.lattice_origin();
-    let min = origin + occupied.min.as_dvec3();
-    let max = origin + occupied.max.as_dvec3() + 1.0;
-    TileRange::of_box(clip_from_world * DMat4::from(world_from_index), min, max, size)
 }
 
 /// From 0 to 1; no number is 0.

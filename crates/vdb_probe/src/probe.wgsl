@@ -86,7 +86,7 @@ fn probe_fog(@builtin(global_invocation_id) id: vec3<u32>) {
         let course = course_of(grids[0], ray(i));
 #ifdef STEP
         // In quarters of a voxel.
-        let length = stepped_length(grids[0], course, start_of(course, i), 3e38, 0.25 * f32(#{STEP}u));
+        let length = stepped_length(grids[0], course, start_of(course, i), 3e38, 0.25 * f32(#{STEP}u), 0.0);
 #else
         let length = optical_length(grids[0], course, enters(course, i), 3e38);
 #endif

@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use crate::tree::{CoordBox, Cube, Dim, IVec3, InternalNode, LeafNode, Mask, Node, Tree, Vdb543};
+use crate::tree::grow::{Built, built, internal};
+use crate::tree::{CoordBox, IVec3, InternalNode, LeafNode, Node, Tree, Vdb543};
 
 /// What a formula knows about a whole box of voxels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,11 +52,6 @@ pub fn build(
 type Leaf = LeafNode<f32, 3>;
 type Middle = InternalNode<Leaf, 4>;
 type Upper = InternalNode<Middle, 5>;
-
-enum Built<N> {
-    Tile(f32, bool),
-    Node(Box<N>),
-}
 
 struct Formula<U, V> {
     background: f32,
@@ -111,38 +107,4 @@ impl<U: Fn(CoordBox) -> Uniform + Sync, V: Fn(IVec3) -> (f32, bool) + Sync> Form
             built(internal(origin, slots))
         })
     }
-}
-
-/// A node, or the tile that says as much.
-fn built<N: Node<Value = f32>>(node: Box<N>) -> Built<N> {
-    match node.uniform() {
-        Some((value, active)) => Built::Tile(value, active),
-        None => Built::Node(node),
-    }
-}
-
-fn internal<C: Node<Value = f32>, const LOG2: u32>(
-    origin: IVec3,
-    slots: Vec<Built<C>>,
-) -> Box<InternalNode<C, LOG2>>
-where
-    Dim<LOG2>: Cube,
-{
-    let (mut child_mask, mut value_mask) = (Mask::filled(false), Mask::filled(false));
-    let mut tiles = vec![0.0; slots.len()].into_boxed_slice();
-    let mut children = Vec::new();
-    for (slot, built) in slots.into_iter().enumerate() {
-        match built {
-            Built::Tile(value, active) => {
-                tiles[slot] = value;
-                value_mask.set(slot, active);
-            }
-            Built::Node(child) => {
-                child_mask.set(slot, true);
-                children.push(child);
-            }
-        }
-    }
-    InternalNode::from_parts(origin, child_mask, value_mask, children, tiles)
-        .expect("children stand in the slots that they were built for")
 }

@@ -12,7 +12,9 @@
 mod accessor;
 mod band;
 mod bits;
+mod coarser;
 mod coords;
+pub(crate) mod grow;
 mod internal;
 mod leaf;
 mod mask;
@@ -24,6 +26,7 @@ use std::fmt::Debug;
 pub use accessor::Accessor;
 pub use band::trim_narrow_band;
 pub use bits::{Active, BitLeaf, BitValues};
+pub use coarser::{Coarsening, half_resolution};
 pub use coords::CoordBox;
 pub use glam::IVec3;
 pub use internal::{InternalNode, Slot};

@@ -62,6 +62,8 @@ impl Camera {
                 (eye, at, vertical, linear)
             }
         };
+        let level = f64::from(1_u32 << model.level);
+        let world_from_index = world_from_index * DAffine3::from_scale(DVec3::splat(level));
         let clip = DMat4::perspective_infinite_reverse_rh(fov, aspect, 1e-3);
         let rays = ViewRays::new(clip).ok_or("the camera has no rays")?;
         let world_from_view = DAffine3::look_at_rh(eye, at, DVec3::Y).inverse();

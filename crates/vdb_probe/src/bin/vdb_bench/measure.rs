@@ -175,7 +175,7 @@ impl<'a> Subject<'a> {
         let setup = Setup {
             size,
             bits: pixels.next_power_of_two().trailing_zeros(),
-            density_scale: DENSITY_SCALE,
+            density_scale: DENSITY_SCALE * (1 << model.level) as f32,
         };
         let setup = gpu.uniform(bytemuck::bytes_of(&setup));
         let view = gpu.uniform(bytemuck::bytes_of(&rays));

@@ -6,11 +6,17 @@ use std::sync::Arc;
 
 use vdb_core::pack::PackKind;
 use vdb_core::synth::models;
-use vdb_core::tree::{CoordBox, Vdb543};
+use vdb_core::tree::{Coarsening, CoordBox, Vdb543, half_resolution};
 use vdb_core::{AnyTree, GridClass, ReadOptions, Transform, VdbFile};
 
 /// Where a model comes from.
-pub enum Source {
+pub struct Source {
+    origin: Origin,
+    /// How many times its resolution is halved.
+    level: u32,
+}
+
+enum Origin {
     File(PathBuf),
     Made { name: &'static str, edge: u32, make: fn(u32) -> Vdb543<f32> },
 }
@@ -23,13 +29,18 @@ impl FromStr for Source {
             let edge = edge.parse().ok().filter(|edge| models::EDGES.contains(edge));
             let (least, most) = (models::EDGES.start(), models::EDGES.end());
             let edge = edge.ok_or(format!("{text}: its size goes from {least} to {most}"))?;
-            Ok(Self::Made { name, edge, make })
+            Ok::<_, String>(Origin::Made { name, edge, make })
         };
-        match text.split_once(':') {
+        let (text, level) = match text.rsplit_once('@') {
+            Some((text, level)) => (text, level.parse().map_err(|_| format!("{text}: no level"))?),
+            None => (text, 0),
+        };
+        let origin = match text.split_once(':') {
             Some(("gyroid", edge)) => made("gyroid", models::gyroid, edge),
             Some(("truss", edge)) => made("truss", models::truss_station, edge),
-            _ => Ok(Self::File(text.into())),
-        }
+            _ => Ok(Origin::File(text.into())),
+        };
+        Ok(Self { origin: origin?, level })
     }
 }
 
@@ -42,21 +53,33 @@ pub struct Model {
     pub transform: Transform,
     pub active: CoordBox,
     pub active_voxels: u64,
+    pub level: u32,
 }
 
 impl Model {
     /// Reads or makes a model.
     pub fn new(source: &Source) -> Result<Self, String> {
-        match source {
-            Source::File(path) => {
+        let mut model = match &source.origin {
+            Origin::File(path) => {
                 Self::read(path).map_err(|error| format!("{}: {error}", path.display()))
             }
-            Source::Made { name, edge, make } => {
+            Origin::Made { name, edge, make } => {
                 eprintln!("making {name}:{edge}");
                 let tree = make(*edge).into();
                 Self::of(format!("{name}_{edge}"), tree, true, Transform::default())
             }
+        }?;
+        for level in 0..source.level {
+            let voxel = model.transform.voxel_size().x as f32 * (1 << level) as f32;
+            let coarsening =
+                if model.level_set { Coarsening::LevelSet { voxel } } else { Coarsening::Fog };
+            model.tree = half_resolution(&model.tree, coarsening).into();
         }
+        if source.level > 0 {
+            model.name = format!("{}@{}", model.name, source.level);
+            model.level = source.level;
+        }
+        Ok(model)
     }
 
     fn read(path: &std::path::Path) -> Result<Self, String> {
@@ -79,7 +102,7 @@ impl Model {
     ) -> Result<Self, String> {
         let active = tree.active_bbox().ok_or("has no active voxel")?;
         let active_voxels = tree.active_voxel_count();
-        Ok(Self { name, tree, level_set, transform, active, active_voxels })
+        Ok(Self { name, tree, level_set, transform, active, active_voxels, level: 0 })
     }
 
     /// The ways in which a set measures it; fog has but one.

@@ -1,0 +1,46 @@
+//! Trees from the leaves up.
+
+use super::{Cube, Dim, IVec3, InternalNode, Mask, Node};
+
+/// What stands in a slot.
+pub(crate) enum Built<N> {
+    /// One value, and whether it is active.
+    Tile(f32, bool),
+    /// What needs a node.
+    Node(Box<N>),
+}
+
+/// A node, or the tile that says as much.
+pub(crate) fn built<N: Node<Value = f32>>(node: Box<N>) -> Built<N> {
+    match node.uniform() {
+        Some((value, active)) => Built::Tile(value, active),
+        None => Built::Node(node),
+    }
+}
+
+/// A node of what stands in its slots.
+pub(crate) fn internal<C: Node<Value = f32>, const LOG2: u32>(
+    origin: IVec3,
+    slots: Vec<Built<C>>,
+) -> Box<InternalNode<C, LOG2>>
+where
+    Dim<LOG2>: Cube,
+{
+    let (mut child_mask, mut value_mask) = (Mask::filled(false), Mask::filled(false));
+    let mut tiles = vec![0.0; slots.len()].into_boxed_slice();
+    let mut children = Vec::new();
+    for (slot, built) in slots.into_iter().enumerate() {
+        match built {
+            Built::Tile(value, active) => {
+                tiles[slot] = value;
+                value_mask.set(slot, active);
+            }
+            Built::Node(child) => {
+                child_mask.set(slot, true);
+                children.push(child);
+            }
+        }
+    }
+    InternalNode::from_parts(origin, child_mask, value_mask, children, tiles)
+        .expect("children stand in the slots that they were built for")
+}
