@@ -213,6 +213,7 @@ fn controls_of_a_camera_change_that() {
         fog_step: 4.0,
         traversal: VdbTraversal::Hdda,
         steps_scale: 50.0,
+        ..default()
     };
     assert_eq!(panel.get::<VdbCamera>(camera), &expected);
 }
@@ -257,7 +258,7 @@ fn controls_of_the_sun_change_that() {
     panel.slide("× on volumes", 2.5);
     let light = panel.get::<DirectionalLight>(panel.sun);
     assert_eq!((light.shadow_maps_enabled, light.illuminance), (true, 20_000.0));
-    assert_eq!(panel.get::<VdbSun>(panel.sun), &VdbSun { intensity: 2.5 });
+    assert_eq!(panel.get::<VdbSun>(panel.sun), &VdbSun { intensity: 2.5, ..default() });
 }
 
 #[test]
