@@ -218,6 +218,7 @@ fn controls_of_a_camera_change_that() {
         overlays: VdbOverlays { leaves: true, lower: false, upper: true },
         multiple_scattering: false,
         steps_scale: 50.0,
+        ..default()
     };
     assert_eq!(panel.get::<VdbCamera>(camera), &expected);
     let expected = VdbQuality {
@@ -272,7 +273,7 @@ fn controls_of_the_sun_change_that() {
     panel.slide("× on volumes", 2.5);
     let light = panel.get::<DirectionalLight>(panel.sun);
     assert_eq!((light.shadow_maps_enabled, light.illuminance), (true, 20_000.0));
-    assert_eq!(panel.get::<VdbSun>(panel.sun), &VdbSun { intensity: 2.5 });
+    assert_eq!(panel.get::<VdbSun>(panel.sun), &VdbSun { intensity: 2.5, ..default() });
 }
 
 #[test]

@@ -62,7 +62,7 @@ pub(super) fn show(
     if ui.add(slider).changed() {
         match volume_sun {
             Some(mut sun) => sun.intensity = intensity,
-            None => _ = commands.entity(entity).insert(VdbSun { intensity }),
+            None => _ = commands.entity(entity).insert(VdbSun { intensity, ..default() }),
         }
     }
     if !same(&light, &new) {
