@@ -54,9 +54,9 @@ impl VdbDiagnostics {
 /// What a camera has for volumes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VdbCameraReport {
-    /// Volumes in the picture.
+    /// Volumes in the picture, and grids that shine in them.
     pub volumes: u32,
-    /// Volumes out of it, which shadows and reflections look at.
+    /// Those out of it, which shadows and reflections look at.
     pub volumes_beside: u32,
     /// Rays along the width and the height of the picture.
     pub rays: UVec2,

@@ -218,7 +218,6 @@ fn controls_of_a_camera_change_that() {
         overlays: VdbOverlays { leaves: true, lower: false, upper: true },
         multiple_scattering: false,
         steps_scale: 50.0,
-        ..default()
     };
     assert_eq!(panel.get::<VdbCamera>(camera), &expected);
     let expected = VdbQuality {

@@ -43,6 +43,15 @@ fn features(key: &TraceKey) -> Vec<VdbFeatureReport> {
         (key.smooth, "smooth surfaces", "a surface is shown between samples"),
         (key.fogs, "fog", "a fog is seen, or throws shadows or is reflected"),
         (key.fog_steps, "sampled fog", "VdbQuality::fog_step is more than 0"),
+        (key.emission, "emission", "a volume has a VdbEmission"),
+        (key.blackbody, "black bodies", "it is VdbEmission::Temperature"),
+        (key.colors, "colours", "a surface has a VdbColorGrid"),
+        (
+            key.multiple_scattering,
+            "light scattered again",
+            "VdbCamera::multiple_scattering, and there is a fog",
+        ),
+        (key.many, "hierarchy", "rays of shadows or reflections have many volumes to meet"),
         (key.beams, "beams", "VdbTraversal::HddaSdf shares the starts of rays"),
         (key.traversal == VdbTraversal::Hdda, "strides", "VdbTraversal::Hdda"),
         (key.traversal == VdbTraversal::Dda, "single steps", "VdbTraversal::Dda"),
@@ -52,6 +61,11 @@ fn features(key: &TraceKey) -> Vec<VdbFeatureReport> {
             lights.is_some_and(|lights| lights.shadows.is_some()),
             "shadows",
             "a light has shadow_maps_enabled",
+        ),
+        (
+            lights.is_some_and(|lights| lights.soft),
+            "soft shadows",
+            "VdbSun::angular_diameter is more than 0",
         ),
         (lights.is_some_and(|lights| lights.local), "lamps", "there are point or spot lights"),
         (

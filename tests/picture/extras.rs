@@ -8,7 +8,8 @@ use bevy::math::{DAffine3, DQuat, DVec3};
 use bevy::pbr::{DistanceFog, FogFalloff};
 use bevy::prelude::*;
 use bevy_vdb::{
-    VdbColorGrid, VdbEmission, VdbGpuUsage, VdbGrid, VdbMaterial, VdbVectorGrid, VdbVolume,
+    VdbColorGrid, VdbEmission, VdbGpuUsage, VdbGrid, VdbMaterial, VdbQuality, VdbVectorGrid,
+    VdbVolume,
 };
 use vdb_core::blackbody;
 use vdb_core::pack::PackKind;

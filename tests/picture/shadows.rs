@@ -5,7 +5,7 @@ use bevy::light::{
 };
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality, VdbSun, VdbVolume};
+use bevy_vdb::{VdbMaterial, VdbQuality, VdbSun, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Vdb543};
