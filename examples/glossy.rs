@@ -85,13 +85,13 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
         TemporalAntiAliasing::default(),
         Tonemapping::AcesFitted,
         studio::studio(&mut images, 300.0),
-        VdbCamera { reflections: 2, ..default() },
+        VdbQuality { reflections: 2, ..default() },
         Transform::from_xyz(0.4, 2.7, 6.8).looking_at(Vec3::new(0.0, 0.75, 0.0), Vec3::Y),
     ));
 }
 
-fn keys(keys: Res<ButtonInput<KeyCode>>, mut camera: Single<&mut VdbCamera>) {
+fn keys(keys: Res<ButtonInput<KeyCode>>, mut quality: Single<&mut VdbQuality>) {
     if keys.just_pressed(KeyCode::KeyR) {
-        camera.reflections = (camera.reflections + 1) % 4;
+        quality.reflections = (quality.reflections + 1) % 4;
     }
 }

@@ -149,21 +149,22 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
         Hdr,
         sky,
         // Shadows are on as they are on in the lights.
-        VdbCamera { reflections: 2, ..default() },
+        VdbQuality { reflections: 2, ..default() },
         Transform::from_xyz(0.0, 3.2, 7.5).looking_at(Vec3::new(0.0, 1.4, 0.0), Vec3::Y),
     ));
 }
 
 fn keys(
     keys: Res<ButtonInput<KeyCode>>,
-    mut camera: Single<&mut VdbCamera>,
+    camera: Single<(&mut VdbCamera, &mut VdbQuality)>,
     mut sun: Single<&mut VdbSun>,
 ) {
+    let (mut camera, mut quality) = camera.into_inner();
     use VdbRenderMode::{Depth, Diffuse, Glossy, Gray, HitVoxel, Lit, Normals, Rgb, Steps};
     const MODES: [VdbRenderMode; 9] =
         [Lit, Diffuse, Glossy, Gray, Rgb, Normals, Depth, HitVoxel, Steps];
     if keys.just_pressed(KeyCode::KeyS) {
-        camera.shadows = !camera.shadows;
+        quality.shadows = !quality.shadows;
     }
     if keys.just_pressed(KeyCode::KeyP) {
         camera.mesh_shadows = !camera.mesh_shadows;
@@ -173,7 +174,7 @@ fn keys(
         sun.angular_diameter = SIZES[(now + 1) % SIZES.len()];
     }
     if keys.just_pressed(KeyCode::KeyR) {
-        camera.reflections = (camera.reflections + 1) % 3;
+        quality.reflections = (quality.reflections + 1) % 3;
     }
     if keys.just_pressed(KeyCode::KeyL) {
         camera.overlays.leaves = !camera.overlays.leaves;

@@ -141,7 +141,7 @@ fn camera(mut commands: Commands) {
     commands.spawn((
         Camera3d::default(),
         Hdr,
-        VdbCamera { reflections: 1, ..default() },
+        VdbQuality { reflections: 1, ..default() },
         Transform::from_xyz(0.2, 2.2, 7.5).looking_at(Vec3::new(0.2, 1.9, 0.0), Vec3::Y),
     ));
 }

@@ -162,7 +162,7 @@ impl VdbGrid {
 
     /// The same at a half of the resolution, at a quarter and so on, as far as it goes: sample `ijk` of the
     /// first is where `2 · ijk` is in index space. `None` where no camera has asked for them (see
-    /// [`VdbCamera::detail`](crate::VdbCamera::detail)) or they are still being made.
+    /// [`VdbQuality::detail`](crate::VdbQuality::detail)) or they are still being made.
     pub fn levels(&self) -> Option<&Arc<[Arc<PackedGrid>]>> {
         self.levels.as_ref()
     }

@@ -67,7 +67,8 @@ impl Default for VdbMaterial {
     }
 }
 
-/// How a camera shows volumes. Every `Camera3d` has one.
+/// What a camera shows of volumes. Every `Camera3d` has one; how well and how fast it does is for
+/// [`VdbQuality`](crate::VdbQuality).
 #[derive(Clone, Component, Debug, PartialEq, Reflect, ExtractComponent)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbCamera {
@@ -75,43 +76,23 @@ pub struct VdbCamera {
     pub enabled: bool,
     /// What it shows of them.
     pub mode: VdbRenderMode,
-    /// Whether lights that throw shadows (`shadow_maps_enabled`) throw them on volumes: those of
-    /// volumes, by a ray to each such light from each pixel, and those of meshes, from Bevy's shadow
-    /// maps. On by default; without such a light it costs nothing.
-    pub shadows: bool,
-    /// Whether volumes throw shadows on meshes: those lights' shadow maps then show volumes as well, drawn
+    /// Whether volumes throw shadows on meshes: the shadow maps of lights that throw
+    /// shadows (`shadow_maps_enabled`) then show volumes as well, drawn
     /// by a ray to each texel that may. Their edges are those of the maps, as the edges of the shadows of
     /// meshes are; fog dims light in 64 steps, which the smoothing of the maps evens out
     /// (`ShadowFilteringMethod::Gaussian`, Bevy's default, best of all). Maps of point and spot lights are for
     /// all cameras: volumes are in them if one of these wants them there. On by default; without such a
     /// light, a mesh in the picture and a volume somewhere, it costs nothing. Not with
-    /// [`shadows`](Self::shadows) off, and not of volumes that are `NotShadowCaster`.
+    /// [`VdbQuality::shadows`](crate::VdbQuality::shadows) off, and not of volumes that are
+    /// `NotShadowCaster`.
     pub mesh_shadows: bool,
-    /// How many times a ray goes on from a surface to what it reflects. With 0, the default, surfaces
-    /// reflect the camera's `EnvironmentMapLight` alone; with 1 volumes, too; with 2 volumes in
-    /// volumes. Rough surfaces reflect in one direction a pixel, by chance: that is for temporal
-    /// anti-aliasing to even out. At most 16.
-    pub reflections: u32,
     /// Borders of the tree's nodes on surfaces, in any mode.
     pub overlays: VdbOverlays,
-    /// Voxels between the places where a ray samples the density of a fog that is lit evenly (no lamps
-    /// near, no shadows) and overlaps no other. From ¼ to 16; 0, the default, integrates cell by cell,
-    /// exactly. Samples every voxel take a quarter of that time, and every four a tenth; what they get
-    /// wrong is in `docs/benchmarks.md`.
-    pub fog_step: f32,
-    /// Levels of detail: how many pixels a voxel may cover, at most, of the copies at a half, a quarter … of
-    /// their resolution that are shown of volumes far away. They are made in the background once a camera
-    /// asks for them, and take a third more memory of a surface, a seventh of fog. 0, the default, shows
-    /// grids as they are, and with that every hit where it is. With 1, what a volume costs follows the
-    /// pixels that it covers, not its voxels.
-    pub detail: f32,
     /// Whether fog scatters light more than once: what makes clouds white. On by default; it is an
     /// approximation, with nearly no cost beside the light that is scattered once. How far off either is
     /// from all the light there is, is in `docs/fog.md`. Of lamps and suns without shadows fog scatters all
     /// light once either way, as nothing dims what comes to it.
     pub multiple_scattering: bool,
-    /// How rays find what they meet.
-    pub traversal: VdbTraversal,
     /// [`VdbRenderMode::Steps`]: how many steps of the walk have the hottest colour. More than 0;
     /// 200 by default.
     pub steps_scale: f32,
@@ -122,14 +103,9 @@ impl Default for VdbCamera {
         Self {
             enabled: true,
             mode: VdbRenderMode::Lit,
-            shadows: true,
             mesh_shadows: true,
-            reflections: 0,
             overlays: VdbOverlays::default(),
-            fog_step: 0.0,
-            detail: 0.0,
             multiple_scattering: true,
-            traversal: VdbTraversal::HddaSdf,
             steps_scale: 200.0,
         }
     }

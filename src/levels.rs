@@ -11,7 +11,7 @@ use vdb_core::GridClass;
 use vdb_core::pack::{PackKind, PackedGrid, ValueFormat};
 use vdb_core::tree::{Coarsening, half_resolution, voxel_in_distances};
 
-use crate::{VdbCamera, VdbGrid, VdbVolume};
+use crate::{VdbCamera, VdbGrid, VdbQuality, VdbVolume};
 
 /// Of its longest edge, in cells: a grid that is smaller is not made coarser still.
 const SMALLEST: i32 = 16;
@@ -31,13 +31,13 @@ struct Levels {
 
 /// Makes the levels that cameras ask for, and drops them when none does any more.
 pub(crate) fn make_levels(
-    cameras: Query<&VdbCamera>,
+    cameras: Query<(&VdbCamera, &VdbQuality)>,
     volumes: Query<&VdbVolume>,
     mut grids: ResMut<Assets<VdbGrid>>,
     mut pending: ResMut<PendingLevels>,
     mut made: Local<HashSet<AssetId<VdbGrid>>>,
 ) {
-    if !cameras.iter().any(|camera| camera.enabled && camera.detail > 0.0) {
+    if !cameras.iter().any(|(camera, quality)| camera.enabled && quality.detail > 0.0) {
         pending.tasks.clear();
         for id in made.drain() {
             if let Some(mut grid) = grids.get_mut(id) {

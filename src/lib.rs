@@ -4,6 +4,8 @@
 mod asset;
 mod bounds;
 mod components;
+mod diagnostics;
+mod dial;
 mod extras;
 #[cfg(feature = "egui")]
 mod inspector;
@@ -12,6 +14,7 @@ mod loader;
 #[cfg(feature = "picking")]
 mod picking;
 mod plugin;
+mod quality;
 #[cfg(feature = "record")]
 mod record;
 mod render;
@@ -22,6 +25,10 @@ pub use asset::{VdbFile, VdbGrid, VdbGridError};
 pub use components::{
     VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
 };
+pub use diagnostics::{
+    VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
+};
+pub use dial::VdbDial;
 pub use extras::{VdbColorGrid, VdbEmission};
 #[cfg(feature = "egui")]
 pub use inspector::{VdbInspector, VdbInspectorPlugin, VdbModelPicked};
@@ -31,6 +38,7 @@ pub use loader::{
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
 pub use plugin::VdbRenderPlugin;
+pub use quality::{VdbQuality, VdbVolumeQuality};
 #[cfg(feature = "record")]
 pub use record::{
     VdbRecordClock, VdbRecordEnded, VdbRecordError, VdbRecordFormat, VdbRecordPhase,
@@ -44,9 +52,10 @@ pub use vector_grid::VdbVectorGrid;
 /// What a game usually needs: `use bevy_vdb::prelude::*;`
 pub mod prelude {
     pub use crate::{
-        VdbCamera, VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbMaterial, VdbOverlays,
-        VdbRayCastSettings, VdbRayHit, VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery, VdbSun,
-        VdbTraversal, VdbVectorGrid, VdbVolume,
+        VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,
+        VdbMaterial, VdbOverlays, VdbQuality, VdbRayCastSettings, VdbRayHit, VdbRenderMode,
+        VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVectorGrid, VdbVolume,
+        VdbVolumeQuality,
     };
     #[cfg(feature = "egui")]
     pub use crate::{VdbInspector, VdbInspectorPlugin};

@@ -5,11 +5,13 @@ use bevy::prelude::*;
 use bevy::render::extract_component::ExtractComponentPlugin;
 
 use crate::bounds::update_bounds;
+use crate::dial::turn_dials;
 use crate::levels::{PendingLevels, make_levels};
 use crate::render;
 use crate::{
-    VdbCamera, VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbLoadProgress, VdbLoader,
-    VdbMaterial, VdbSun, VdbVectorGrid, VdbVolume,
+    VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,
+    VdbLoadProgress, VdbLoader, VdbMaterial, VdbQuality, VdbSun, VdbVectorGrid, VdbVolume,
+    VdbVolumeQuality,
 };
 
 /// Loads `.vdb` files and shows [`VdbVolume`]s in every `Camera3d`.
@@ -32,7 +34,12 @@ impl Plugin for VdbRenderPlugin {
             .register_type::<VdbColorGrid>()
             .register_type::<VdbEmission>()
             .register_type::<VdbCamera>()
+            .register_type::<VdbQuality>()
+            .register_type::<VdbVolumeQuality>()
             .register_type::<VdbSun>()
+            .register_type::<VdbDial>()
+            .init_resource::<VdbDiagnostics>()
+            .add_systems(Last, turn_dials)
             .init_resource::<PendingLevels>()
             .add_systems(
                 PostUpdate,
@@ -46,11 +53,15 @@ impl Plugin for VdbRenderPlugin {
         // So that every camera shows its settings. Bevy refuses once a camera has been spawned; one
         // without the component is treated as if it had the default.
         app.try_register_required_components::<Camera3d, VdbCamera>().ok();
+        app.try_register_required_components::<Camera3d, VdbQuality>().ok();
         if app.get_sub_app(bevy::render::RenderApp).is_none() {
             return;
         }
         if app.is_plugin_added::<bevy::pbr::PbrPlugin>() {
-            app.add_plugins(ExtractComponentPlugin::<VdbCamera>::default());
+            app.add_plugins((
+                ExtractComponentPlugin::<VdbCamera>::default(),
+                ExtractComponentPlugin::<VdbQuality>::default(),
+            ));
             render::build(app);
         } else {
             error!(

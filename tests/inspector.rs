@@ -197,25 +197,39 @@ fn controls_of_a_camera_change_that() {
     panel.slide("hottest, steps", 50.0);
     panel.click(Role::CheckBox, "leaves");
     panel.click(Role::CheckBox, "4,096³");
+    panel.click(Role::CheckBox, "shadows on meshes");
+    panel.click(Role::CheckBox, "fog scatters light again");
     panel.click(Role::CheckBox, "shows volumes");
     panel.click(Role::Button, "Quality");
+    panel.click(Role::Button, "exact");
+    panel.click(Role::Button, "balanced");
     panel.click(Role::CheckBox, "shadows");
     panel.slide("reflections", 3.0);
     panel.click(Role::CheckBox, "fog cell by cell, exactly");
+    panel.click(Role::CheckBox, "fog cell by cell, exactly");
     panel.slide("voxels a sample", 4.0);
+    panel.slide("pixels a voxel of copies", 1.5);
+    panel.slide("rays a pixel", 0.5);
     panel.choose("rays", "HDDA");
     let expected = VdbCamera {
         enabled: false,
         mode: VdbRenderMode::Steps,
-        shadows: false,
-        reflections: 3,
+        mesh_shadows: false,
         overlays: VdbOverlays { leaves: true, lower: false, upper: true },
-        fog_step: 4.0,
-        traversal: VdbTraversal::Hdda,
+        multiple_scattering: false,
         steps_scale: 50.0,
-        ..default()
     };
     assert_eq!(panel.get::<VdbCamera>(camera), &expected);
+    let expected = VdbQuality {
+        traversal: VdbTraversal::Hdda,
+        shadows: false,
+        reflections: 3,
+        fog_step: 4.0,
+        detail: 1.5,
+        resolution: 0.5,
+        ..VdbQuality::BALANCED
+    };
+    assert_eq!(panel.get::<VdbQuality>(camera), &expected);
 }
 
 #[test]
@@ -394,7 +408,7 @@ fn what_nobody_changes_stays_as_it_is() {
     panel.app.init_resource::<Changes>().add_systems(
         Last,
         |materials: Query<(), Changed<VdbMaterial>>,
-         cameras: Query<(), Changed<VdbCamera>>,
+         cameras: Query<(), Or<(Changed<VdbCamera>, Changed<VdbQuality>)>>,
          suns: Query<(), Or<(Changed<DirectionalLight>, Changed<Transform>)>>,
          volumes: Query<(), Or<(Changed<VdbVolume>, Changed<Visibility>)>>,
          mut changes: ResMut<Changes>| {

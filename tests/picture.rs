@@ -1,6 +1,8 @@
 //! Whole pictures: the plugin in a Bevy app, against the reference tracer and beside meshes.
 
 mod common;
+#[path = "picture/diagnostics.rs"]
+mod diagnostics;
 #[path = "picture/extras.rs"]
 mod extras;
 #[path = "picture/extremes.rs"]
@@ -23,6 +25,8 @@ mod modes;
 mod motion;
 #[path = "picture/peers.rs"]
 mod peers;
+#[path = "picture/quality.rs"]
+mod quality;
 #[path = "picture/rays.rs"]
 mod rays;
 #[path = "picture/reflections.rs"]
@@ -40,7 +44,9 @@ use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{Hdr, ScalingMode, Viewport};
 use bevy::math::{DAffine3, DMat3, DVec3};
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbMaterial, VdbRenderMode, VdbTraversal, VdbVolume};
+use bevy_vdb::{
+    VdbCamera, VdbGpuUsage, VdbMaterial, VdbQuality, VdbRenderMode, VdbTraversal, VdbVolume,
+};
 use vdb_core::pack::PackKind;
 use vdb_core::reference::{Blocky, Fog, Occupied, Ray, Smooth};
 use vdb_core::synth::{fog, level_set};
@@ -554,7 +560,7 @@ fn every_exact_traversal_shows_the_same() {
     let grid = stage.grid(tree, PackKind::Fog, 0.1);
     stage.world().spawn((VdbVolume(grid), Transform::from_xyz(0.0, 0.5, 1.0)));
     let mut show = |traversal: VdbTraversal| {
-        stage.world().entity_mut(camera).insert(VdbCamera { traversal, ..default() });
+        stage.world().entity_mut(camera).insert(VdbQuality { traversal, ..default() });
         stage.picture(&target)
     };
     let leaps = show(VdbTraversal::HddaSdf);

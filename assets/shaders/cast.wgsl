@@ -52,9 +52,10 @@ fn part_of(texel: vec2<u32>, fog: u32) -> f32 {
     return max(fract((f32(digits) + 0.5) / 64.0 + view.turn), 1e-6);
 }
 
-// As for shadows on volumes: voxels between the places where a fog is looked at, and steps at most.
+// Voxels between the places where a fog is looked at, and along the longest edge of its box from which on
+// there are more. Maps may be for several cameras, so none of their settings is asked for.
 const STEP: f32 = 1.0;
-const STEPS: f32 = 256.0;
+const EDGE: f32 = 256.0;
 #endif
 
 @fragment
@@ -82,7 +83,7 @@ fn stop(in: Quad) -> @builtin(frag_depth) f32 {
     if volumes[volume].kind == KIND_FOG && walk.inside {
         let scale = volumes[volume].density_scale * length(segment.dir);
         var rest = -log(part_of(texel, in.instance)) / max(scale, 1e-30);
-        var march = march_of(course, walk, step_of(grid, STEP, STEPS));
+        var march = march_of(course, walk, step_of(grid, STEP, EDGE));
         var place = nowhere(local_cell(course, walk.rel));
         while march.walk.inside {
             let stretch = next_stretch(grid, course, &march, &place, 1e30);

@@ -12,6 +12,7 @@
 #import bevy_vdb::emission::{emitted, escaping, is_emitter}
 #endif
 #ifdef LIT
+#import bevy_vdb::scene::target_pixel
 #import bevy_vdb::segment::{along, world_position}
 #import bevy_vdb::lights::{Lit, Surroundings, scattered, surroundings}
 #import bevy_vdb::scattering::{Gathered, Light, OCTAVES, gather, join, light_of}
@@ -26,18 +27,10 @@
 // beside 1, by a factor of 4,000.
 const OPAQUE: f32 = 16.0;
 
-// Voxels along a ray for which a fog is lit as one, at least, and into how many such stretches the longest
-// edge of its box is cut, at most.
-const LIGHT_STEP: f32 = 2.0;
-const LIGHT_STEPS: f32 = 64.0;
-// The same of what is reflected.
-const LIGHT_STEP_REFLECTED: f32 = 8.0;
-const LIGHT_STEPS_REFLECTED: f32 = 16.0;
-// The part of a ray that overlapping fogs share is cut into this many slabs; within one, they are taken as
-// evenly mixed and evenly lit.
-const SLABS: u32 = 32u;
-// What is reflected, into fewer: each slab asks for the light of every lamp.
-const SLABS_REFLECTED: u32 = 8u;
+// Voxels along the longest edge of a fog's box from which on longer stretches are lit as one.
+const LIGHT_EDGE: f32 = 128.0;
+// Of what is reflected, so many times as much is lit as one: each stretch asks for the light of every lamp.
+const REFLECTED: u32 = 4u;
 
 struct Fog {
     radiance: vec3<f32>,
@@ -67,8 +60,9 @@ fn depth_of_part(
 #ifdef FOG_STEPS
     // A part of a ray may be shorter than a step.
     var fog = 0.0;
-    if is_whole {
-        fog = stepped_length(grid, course, start, OPAQUE / thin, view.fog_step, scale);
+    let step = volumes[volume].fog_step;
+    if is_whole && step > 0.0 {
+        fog = stepped_length(grid, course, start, OPAQUE / thin, step, scale);
     } else {
         fog = optical_length(grid, course, enter_at(course, start), OPAQUE / thin);
     }
@@ -125,7 +119,9 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     }
 #endif
 #endif
-    let slabs = select(select(SLABS_REFLECTED, SLABS, segment.is_view), 1u, is_whole);
+    // Within one slab, fogs are taken as evenly mixed and evenly lit.
+    let shared_slabs = select(max(view.slabs / REFLECTED, 1u), view.slabs, segment.is_view);
+    let slabs = select(shared_slabs, 1u, is_whole);
 #ifdef LIT
     let around = surroundings(normalize(segment.dir));
     var scatters = Gathered();
@@ -225,10 +221,9 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
     let most = 100.0 / max(scale, 1e-30);
     let anisotropy = volumes[volume].anisotropy;
     let around = surroundings(normalize(segment.dir));
-    let least = select(LIGHT_STEP_REFLECTED, LIGHT_STEP, segment.is_view);
-    let steps = select(LIGHT_STEPS_REFLECTED, LIGHT_STEPS, segment.is_view);
+    let step = volumes[volume].light_step * select(f32(REFLECTED), 1.0, segment.is_view);
     var scatters = Gathered();
-    var march = march_of(course, enters, step_of(grid, least, steps));
+    var march = march_of(course, enters, step_of(grid, step, LIGHT_EDGE));
     var place = nowhere(local_cell(course, enters.rel));
     while march.walk.inside && fog.optical_depth <= OPAQUE {
         let stretch = next_stretch(grid, course, &march, &place, most);
@@ -251,7 +246,7 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
 
 fn light_at(segment: Segment, pixel: vec2<u32>, t: f32, anisotropy: f32, around: Surroundings) -> Light {
     let point = along(segment, t);
-    let coord = vec2<f32>(pixel + view.origin) + 0.5;
+    let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
     let at = Lit(world_position(point), vec3(0.0), coord, segment.is_view);
     let light = scattered(at, point, normalize(segment.dir), anisotropy);
     return Light(light, max(around.mean + anisotropy * around.ahead, vec3(0.0)), anisotropy);

@@ -8,11 +8,11 @@
 #import bevy_vdb::fog::{ANCHOR_RANGE, mean_density}
 #import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, enter, local_cell, planes_behind}
 
-// Voxels between places where a fog is asked for something: `least`, or as many as cut the longest edge of
-// its box into `steps`, so that what large fogs cost has a bound.
-fn step_of(grid: Grid, least: f32, steps: f32) -> f32 {
+// Voxels between places where a fog is asked for something: `step`, and more the longer the longest edge of
+// its box is than `edge`, so that what large fogs cost has a bound.
+fn step_of(grid: Grid, step: f32, edge: f32) -> f32 {
     let size = vec3<f32>(grid.occupied_max) - vec3<f32>(grid.occupied_min) + 1.0;
-    return max(least, max(max(size.x, size.y), size.z) / steps);
+    return step * max(1.0, max(max(size.x, size.y), size.z) / edge);
 }
 
 struct March {

@@ -28,10 +28,9 @@ const DARK: f32 = 80.0;
 const DARK: f32 = 16.0;
 #endif
 
-// Voxels between the densities that a ray from a place in fog sums up, at least, and into how many such
-// steps the longest edge of a fog's box is cut, at most.
-const SHADOW_STEP: f32 = 1.0;
-const SHADOW_STEPS: f32 = 256.0;
+// Voxels along the longest edge of a fog's box from which on there are more of them between the densities
+// that a ray from a place in fog sums up.
+const SHADOW_EDGE: f32 = 256.0;
 
 // The first volume from `i` on that a segment may meet before `distance`.
 fn next_before(segment: Segment, i: u32, distance: f32) -> u32 {
@@ -46,9 +45,10 @@ fn next_before(segment: Segment, i: u32, distance: f32) -> u32 {
 // so many world units. A place in fog is one of many along a ray, whose errors even out.
 fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool) -> f32 {
     let segment = Segment(point, to_light, false, 0.0);
+    let range = min(distance, view.shadow_range);
     var depth = 0.0;
-    var i = next_before(segment, view.volume_first, distance);
-    for (; i < scene_end() && depth < DARK; i = next_before(segment, i + 1u, distance)) {
+    var i = next_before(segment, view.volume_first, range);
+    for (; i < scene_end() && depth < DARK; i = next_before(segment, i + 1u, range)) {
         if (volumes[i].flags & NO_CASTER) != 0u {
             continue;
         }
@@ -58,7 +58,7 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
         }
 #endif
         let grid = grids[volumes[i].grid];
-        let course = course_of(grid, ray_of(segment, i, distance));
+        let course = course_of(grid, ray_of(segment, i, range));
         let walk = enter(course);
         if !walk.inside {
             continue;
@@ -78,7 +78,7 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
             let scale = max(volumes[i].density_scale, 1e-30);
             var fog = 0.0;
             if in_fog {
-                let step = step_of(grid, SHADOW_STEP, SHADOW_STEPS);
+                let step = step_of(grid, volumes[i].shadow_step, SHADOW_EDGE);
                 fog = stepped_length(grid, course, 0.0, DARK / scale, step, 0.0);
             } else {
                 fog = optical_length(grid, course, walk, DARK / scale);

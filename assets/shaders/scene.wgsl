@@ -2,9 +2,22 @@
 #define_import_path bevy_vdb::scene
 
 #import bevy_vdb::types::{View, Volume}
+#ifdef SCALED
+#import bevy_vdb::picture::pixel_of
+#endif
 
 @group(2) @binding(4) var<uniform> view: View;
 @group(2) @binding(5) var<storage, read> volumes: array<Volume>;
+
+// The pixel of the target that a ray of the view is for; at a lower resolution, the one in the middle of
+// those that it stands for.
+fn target_pixel(pixel: vec2<u32>) -> vec2<u32> {
+#ifdef SCALED
+    return view.origin + pixel_of(pixel, view.size, view.picture);
+#else
+    return view.origin + pixel;
+#endif
+}
 
 // One past the volumes that the view sees.
 fn seen_end() -> u32 {

@@ -4,9 +4,9 @@
 
 #import bevy_vdb::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::rays::ndc_of
-#import bevy_vdb::hdda::FAR
+#import bevy_vdb::picture::t_of_depth
 #import bevy_vdb::candidates::{end_of, next_volume, start_of}
-#import bevy_vdb::scene::{view, volumes}
+#import bevy_vdb::scene::{target_pixel, view, volumes}
 #import bevy_vdb::segment::{NONE, Segment, along, ray_of, view_segment, world_position}
 #import bevy_vdb::surface::{Surface, leave, nearer, no_surface, normal_of}
 #ifdef SURFACES
@@ -59,7 +59,7 @@ const MAX_COLOR: f32 = 65000.0;
 // The t of whatever opaque meshes show at a pixel; with several samples the farthest, because the
 // composite tests each sample's own depth again.
 fn scene_t(pixel: vec2<u32>) -> f32 {
-    let at = pixel + view.origin;
+    let at = target_pixel(pixel);
 #ifdef MULTISAMPLED
     var depth = 1.0;
     for (var i = 0u; i < textureNumSamples(scene_depth); i++) {
@@ -68,9 +68,7 @@ fn scene_t(pixel: vec2<u32>) -> f32 {
 #else
     let depth = textureLoad(scene_depth, at, 0);
 #endif
-    let m = view.t_from_depth;
-    let w = m.z * depth + m.w;
-    return select(-(m.x * depth + m.y) / w, FAR, abs(w) < 1e-30);
+    return t_of_depth(view.t_from_depth, depth);
 }
 
 fn depth_at(t: f32) -> f32 {
@@ -136,7 +134,7 @@ struct Veil {
 #ifdef DISTANCE_FOG
 // What the distance of a place on a ray of the view leaves of it.
 fn far_away(color: vec3<f32>, coverage: f32, segment: Segment, t: f32, pixel: vec2<u32>) -> vec3<f32> {
-    let coord = vec2<f32>(pixel + view.origin) + 0.5;
+    let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
     let at = Lit(world_position(along(segment, t)), vec3(0.0), coord, true);
 #ifdef EMISSION
     // What shines covers nothing: of the distance's own light, it gets none.
@@ -203,7 +201,7 @@ fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
         let to_viewer = -normalize(segment.dir);
         // Seen from within, a surface is lit from within.
         let normal = select(outwards, -outwards, dot(outwards, to_viewer) < 0.0);
-        let coord = vec2<f32>(pixel + view.origin) + 0.5;
+        let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
         let at = Lit(world_position(along(segment, surface.t)), normal, coord, segment.is_view);
         roughness = roughness_seen(surface.volume, roughness);
         var base_color = volumes[surface.volume].base_color;
@@ -219,7 +217,7 @@ fn look(first: Segment, pixel: vec2<u32>, t_end: f32) -> Found {
         if bounce < view.reflections && max(max(part.x, part.y), part.z) > 1.0 / 4096.0 {
             let direction = reflected(roughness, normal, to_viewer, chance(pixel, bounce));
             segment = Segment(point, direction, false, 0.0);
-            t_max = FAR;
+            t_max = view.reflection_range;
             continue;
         }
 #endif

@@ -73,8 +73,11 @@ struct Volume {
     box_min: vec3<f32>,         // world space, from the view's eye; where there are many volumes
     flags: u32,                 // bits: throws no shadow, has none thrown on it
     box_max: vec3<f32>,
+    fog_step: f32,              // voxels between samples of fog; 0 to integrate it
     run_min: vec3<f32>,         // of a run of volumes (`hierarchy.wgsl`)
+    light_step: f32,            // voxels of fog that are lit as one
     run_max: vec3<f32>,
+    shadow_step: f32,           // voxels between samples of fog on the way from a place in fog to a light
 }
 
 const NO_CASTER: u32 = 1u;
@@ -101,16 +104,19 @@ struct View {
     volume_count: u32,
     eye_y: vec3<f32>,
     volumes_beside: u32,        // after those, which the view does not see
-    size: vec2<u32>,            // pixels of the viewport
+    size: vec2<u32>,            // rays, along each axis; but for views of lower resolution, as `picture`
     origin: vec2<u32>,          // of the viewport in the target
     steps_scale: f32,           // steps shown as the hottest colour
     reflections: u32,           // how many times a ray of the view is sent on
     overlays: u32,              // bits: borders of leaves, and of the nodes above and above those
     sun_count: u32,
-    fog_step: f32,              // voxels between samples of fog, where it is sampled
+    slabs: u32,                 // of what overlapping fogs share of a ray
     tile_words: u32,            // of the bits that each tile has for the volumes it can meet
     group_bits: u32,            // log₂ of the volumes that share a bit
     keeps_starts: u32,          // whether tiles know where rays begin, too
+    picture: vec2<u32>,         // pixels of the viewport
+    shadow_range: f32,          // world units from a place to what can throw a shadow on it
+    reflection_range: f32,      // and from a surface to what is reflected in it
     // Directional lights that shine on volumes otherwise than on meshes: the direction to the light,
     // as Bevy has it, and the factor.
     suns: array<vec4<f32>, MOST_SUNS>,

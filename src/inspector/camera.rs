@@ -44,6 +44,8 @@ pub(super) fn show(
         let scale = super::slider(&mut new.steps_scale, 1.0..=2_000.0).logarithmic(true);
         ui.add(scale.text("hottest, steps"));
     }
+    ui.checkbox(&mut new.mesh_shadows, "shadows on meshes");
+    ui.checkbox(&mut new.multiple_scattering, "fog scatters light again");
     ui.label("borders of nodes:");
     ui.horizontal(|ui| {
         ui.checkbox(&mut new.overlays.leaves, "leaves");

@@ -4,7 +4,7 @@ use bevy::prelude::*;
 use bevy_egui::egui;
 
 use super::VdbInspector;
-use crate::{VdbCamera, VdbTraversal};
+use crate::{VdbQuality, VdbTraversal};
 
 const TRAVERSALS: [(&str, VdbTraversal); 4] = [
     ("leaps", VdbTraversal::HddaSdf),
@@ -16,11 +16,18 @@ const TRAVERSALS: [(&str, VdbTraversal); 4] = [
 pub(super) fn show(
     InMut(ui): InMut<egui::Ui>,
     inspector: Res<VdbInspector>,
-    mut cameras: Query<&mut VdbCamera>,
+    mut cameras: Query<&mut VdbQuality>,
 ) {
-    let camera = inspector.camera.and_then(|camera| cameras.get_mut(camera).ok());
-    let Some(mut camera) = camera else { return };
-    let mut new = camera.clone();
+    let quality = inspector.camera.and_then(|camera| cameras.get_mut(camera).ok());
+    let Some(mut quality) = quality else { return };
+    let mut new = *quality;
+    ui.horizontal(|ui| {
+        for (name, preset) in VdbQuality::PRESETS {
+            if ui.button(name).clicked() {
+                new = preset;
+            }
+        }
+    });
     ui.checkbox(&mut new.shadows, "shadows");
     ui.add(super::slider(&mut new.reflections, 0..=16).text("reflections"));
     let mut exact = new.fog_step == 0.0;
@@ -31,6 +38,8 @@ pub(super) fn show(
         let step = super::slider(&mut new.fog_step, 0.25..=16.0).logarithmic(true);
         ui.add(step.text("voxels a sample"));
     }
+    ui.add(super::slider(&mut new.detail, 0.0..=64.0).text("pixels a voxel of copies"));
+    ui.add(super::slider(&mut new.resolution, 0.25..=1.0).text("rays a pixel"));
     super::pick(ui, "rays", &mut new.traversal, &TRAVERSALS);
-    camera.set_if_neq(new);
+    quality.set_if_neq(new);
 }

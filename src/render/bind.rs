@@ -15,6 +15,7 @@ use super::gpu_tree::VdbTreePool;
 use super::lights::{AllLights, LightBindGroups, ViewLights};
 use super::pipeline::{BeamsPipeline, CompositePipeline, TracePipeline, ViewPipelines};
 use super::prepare::{ViewResources, VolumeBuffer};
+use super::upscale::UpscalePipeline;
 
 /// On views that see at least one volume: what the passes bind.
 #[derive(Component, Debug)]
@@ -24,6 +25,7 @@ pub(super) struct ViewBindGroups {
     pub nothing: LightBindGroups,
     pub lights: LightBindGroups,
     pub trace: BindGroup,
+    pub upscale: Option<BindGroup>,
     pub composite: BindGroup,
 }
 
@@ -41,7 +43,12 @@ pub(super) fn prepare_bind_groups(
     all_lights: AllLights,
     (pool, blackbody): (Res<VdbTreePool>, Res<BlackbodyColors>),
     volumes: Res<VolumeBuffer>,
-    (beams, trace, composite): (Res<BeamsPipeline>, Res<TracePipeline>, Res<CompositePipeline>),
+    (beams, trace, upscale, composite): (
+        Res<BeamsPipeline>,
+        Res<TracePipeline>,
+        Res<UpscalePipeline>,
+        Res<CompositePipeline>,
+    ),
     pipeline_cache: Res<PipelineCache>,
     device: Res<RenderDevice>,
     view_uniforms: Res<ViewUniforms>,
@@ -54,7 +61,7 @@ pub(super) fn prepare_bind_groups(
     let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
     let [page_a, page_b, page_c] = pool.pages();
     for (entity, resources, pipelines, depth, tonemapping, view_lights) in &views {
-        let key = pipelines.lights;
+        let key = pipelines.key.lights;
         let bind = |key, view| all_lights.bind(key, &trace.lights, view, &device, &pipeline_cache);
         let (Some(lights), Some(nothing)) = (bind(key, view_lights), bind(None, None)) else {
             continue;
@@ -77,15 +84,15 @@ pub(super) fn prepare_bind_groups(
             let moving = &motion.moving.default_view;
             trace_entries = trace_entries.extend_with_indices(((10, moving),));
         }
-        if pipelines.blackbody {
+        if pipelines.key.blackbody {
             let Some(table) = &blackbody.0 else { continue };
             trace_entries = trace_entries.extend_with_indices(((11, table),));
         }
         let layout = trace.layout(
-            pipelines.multisampled,
+            pipelines.key.multisampled,
             resources.tile_data.is_some(),
             resources.motion.is_some(),
-            pipelines.blackbody,
+            pipelines.key.blackbody,
         );
         let trace = device.create_bind_group(
             "vdb_trace",
@@ -107,9 +114,12 @@ pub(super) fn prepare_bind_groups(
                 )),
             )
         });
+        let upscale =
+            upscale.bind(resources, &pipelines.key, depth.view(), &device, &pipeline_cache);
+        let (color, far, moving) = resources.shown();
         let mut entries = DynamicBindGroupEntries::sequential((
-            &resources.color.default_view,
-            &resources.depth.default_view,
+            &color.default_view,
+            &far.default_view,
             resources.placement.as_entire_binding(),
         ));
         if pipelines.tonemaps {
@@ -118,9 +128,9 @@ pub(super) fn prepare_bind_groups(
             let (lut, sampler) = get_lut_bindings(&images, &luts, &curve, &fallback);
             entries = entries.extend_sequential((view, lut, sampler));
         }
-        if let Some(motion) = &resources.motion {
+        if let (Some(motion), Some(moving)) = (&resources.motion, moving) {
             entries = entries.extend_with_indices((
-                (6, &motion.moving.default_view),
+                (6, &moving.default_view),
                 (7, motion.matrices.as_entire_binding()),
             ));
         }
@@ -131,6 +141,13 @@ pub(super) fn prepare_bind_groups(
             ),
             &entries,
         );
-        commands.entity(entity).insert(ViewBindGroups { beams, nothing, lights, trace, composite });
+        commands.entity(entity).insert(ViewBindGroups {
+            beams,
+            nothing,
+            lights,
+            trace,
+            upscale,
+            composite,
+        });
     }
 }

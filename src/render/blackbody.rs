@@ -22,7 +22,7 @@ pub(super) fn prepare_blackbody(
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
 ) {
-    if !views.iter().any(|view| view.blackbody) {
+    if !views.iter().any(|view| view.key.blackbody) {
         colors.0 = None;
     } else if colors.0.is_none() {
         let table = BlackbodyTable::default();

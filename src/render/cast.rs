@@ -34,7 +34,7 @@ use super::gpu_tree::VdbTreePool;
 use super::pipeline::{GROUP, ViewPipelines};
 use super::prepare::{ViewResources, turn_of, view_data};
 use super::volume::{Eye, Shown, affine, volume_data, world_corners};
-use crate::VdbCamera;
+use crate::{VdbCamera, VdbQuality};
 
 /// What is drawn into shadow maps in this frame.
 #[derive(Default, Resource)]
@@ -97,11 +97,12 @@ impl Cast {
         }
         let clip_from_world = clip_from_view * DMat4::from(world_from_view.inverse());
         let first = self.volumes.len();
+        let quality = VdbQuality::default();
         for caster in casters() {
             let eye = Eye { rays: &rays, world_from_view, size };
             let range = caster.shown.tile_range(clip_from_world, size);
             if range.count() > 0
-                && let Some(data) = volume_data(caster.entity, &caster.shown, eye, None)
+                && let Some(data) = volume_data(caster.entity, &caster.shown, eye, &quality, None)
             {
                 let [tiles_first, tiles_last] = range.words();
                 self.volumes.push(gpu_data::Volume { tiles_first, tiles_last, ..data });
@@ -150,7 +151,7 @@ pub(super) fn prepare_casters(
     cameras: Query<
         (
             Entity,
-            Option<&VdbCamera>,
+            (Option<&VdbCamera>, Option<&VdbQuality>),
             &RenderVisibleEntities,
             Option<&RenderLayers>,
             &ViewLightEntities,
@@ -172,10 +173,10 @@ pub(super) fn prepare_casters(
     let Some(pool_buffers) = pool.buffers().filter(|_| !casters.is_empty()) else { return };
     let mut cast = Cast::default();
     let mut wanted = false;
-    for (camera, settings, visible, layers, lights, jitter) in &cameras {
-        if !settings.is_none_or(|camera| camera.enabled && camera.shadows && camera.mesh_shadows)
-            || !sees_meshes(visible)
-        {
+    for (camera, (settings, quality), visible, layers, lights, jitter) in &cameras {
+        let casts = settings.is_none_or(|camera| camera.enabled && camera.mesh_shadows)
+            && quality.is_none_or(|quality| quality.shadows);
+        if !casts || !sees_meshes(visible) {
             continue;
         }
         wanted = true;
@@ -205,7 +206,7 @@ pub(super) fn prepare_casters(
     let drawn = cast_pipelines.specialize(&pipeline_cache, &cast_pipeline, key);
     let lit = traced
         .iter()
-        .find(|(pipelines, _)| pipelines.lights.is_some_and(|lights| lights.shadows.is_some()));
+        .find(|(pipelines, _)| pipelines.key.lights.is_some_and(|lights| lights.shadows.is_some()));
     let copied = lit.map(|_| copy_pipelines.specialize(&pipeline_cache, &copy_pipeline, ()));
     let is_ready = |id: &CachedRenderPipelineId| pipeline_cache.get_render_pipeline(*id).is_some();
     // A map with volumes in it is of use to them only if there is one without.

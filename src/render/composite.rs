@@ -32,17 +32,20 @@ pub(super) fn composite(
     let (camera, target, depth, view_uniform, view_pipelines, bind_groups, resolution, prepass) =
         view.into_inner();
     // Nothing has been traced before the trace's own pipeline is there.
-    if pipelines.get_compute_pipeline(view_pipelines.trace).is_none() {
+    if !view_pipelines.is_ready {
         return;
     }
     let draws = [view_pipelines.surface, view_pipelines.fog];
-    let draws: Vec<_> = draws.into_iter().flatten().collect();
-    let ready: Option<Vec<_>> = draws.iter().map(|id| pipelines.get_render_pipeline(*id)).collect();
-    let Some(ready) = ready else { return };
+    let draws = draws.into_iter().flatten();
+    // Surfaces do not wait for fog, nor fog for surfaces.
+    let ready: Vec<_> = draws.filter_map(|id| pipelines.get_render_pipeline(id)).collect();
+    if ready.is_empty() {
+        return;
+    }
 
-    let prepass = prepass.filter(|_| view_pipelines.motion);
+    let prepass = prepass.filter(|_| view_pipelines.key.motion);
     let motion = prepass.and_then(|prepass| prepass.motion_vectors.as_ref());
-    if view_pipelines.motion != motion.is_some() {
+    if view_pipelines.key.motion != motion.is_some() {
         return;
     }
     let mut attachments = vec![Some(target.get_color_attachment())];

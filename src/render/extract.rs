@@ -11,7 +11,10 @@ use vdb_core::pack::{PackKind, PackedGrid};
 
 use super::extras::Extras;
 use super::gpu_tree::{GridKey, VdbTreePool};
-use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbMaterial, VdbSun, VdbVectorGrid, VdbVolume};
+use crate::{
+    VdbColorGrid, VdbEmission, VdbGrid, VdbMaterial, VdbSun, VdbVectorGrid, VdbVolume,
+    VdbVolumeQuality,
+};
 
 /// Every volume whose grid has arrived, visible or not.
 #[derive(Debug, Default, Resource)]
@@ -48,6 +51,7 @@ pub(super) struct ExtractedVolume {
     pub world_from_local_before: Affine3A,
     pub local_from_index: bevy::math::DAffine3,
     pub material: VdbMaterial,
+    pub quality: VdbVolumeQuality,
     /// Whether it is to be shown, in the picture or not.
     pub visible: bool,
     /// Whether it throws shadows.
@@ -82,6 +86,7 @@ pub(super) fn extract_volumes(
             Option<&RenderLayers>,
             (Option<&VdbEmission>, Option<&VdbColorGrid>),
             (Has<NotShadowCaster>, Has<NotShadowReceiver>),
+            Option<&VdbVolumeQuality>,
         )>,
     >,
     grids: Extract<Res<Assets<VdbGrid>>>,
@@ -91,7 +96,8 @@ pub(super) fn extract_volumes(
 ) {
     std::mem::swap(&mut extracted.0, &mut *before);
     extracted.0.clear();
-    for (entity, volume, transform, material, visible, layers, extras, without) in &volumes {
+    for (entity, volume, transform, material, visible, layers, extras, without, quality) in &volumes
+    {
         let Some(grid) = grids.get(&volume.0) else { continue };
         let entity = MainEntity::from(entity);
         let world_from_local = transform.affine();
@@ -111,6 +117,7 @@ pub(super) fn extract_volumes(
                 .map_or(world_from_local, |before| before.world_from_local),
             local_from_index: grid.world_from_index(),
             material: material.clone(),
+            quality: quality.copied().unwrap_or_default(),
             visible: visible.get(),
             casts: !without.0,
             receives: !without.1,

@@ -52,6 +52,21 @@ impl Part {
     fn world_from_index(&self, volume: &ExtractedVolume) -> DAffine3 {
         affine(volume.world_from_local) * self.local_from_index
     }
+
+    /// The tiles of a picture of so many pixels that show it.
+    pub fn tile_range(
+        &self,
+        volume: &ExtractedVolume,
+        clip_from_world: DMat4,
+        size: UVec2,
+    ) -> TileRange {
+        let Some(occupied) = self.packed.occupied else { return TileRange::NONE };
+        let origin = self.packed.base.as_dvec3() + self.packed.kind.lattice_origin();
+        let min = origin + occupied.min.as_dvec3();
+        let max = origin + occupied.max.as_dvec3() + 1.0;
+        let clip_from_index = clip_from_world * DMat4::from(self.world_from_index(volume));
+        TileRange::of_box(clip_from_index, min, max, size)
+    }
 }
 
 /// The parts of one vector grid, red, green and blue.
@@ -197,16 +212,14 @@ fn part_data(
     })
 }
 
-/// The entries of what shines in a volume, with the tiles that show it; says what is wrong if there is
-/// someone to tell.
-pub(super) fn emission_data(
+/// The entries of what shines in a volume; says what is wrong if there is someone to tell.
+pub(super) fn emission_data<'a>(
     entity: MainEntity,
-    volume: &ExtractedVolume,
+    volume: &'a ExtractedVolume,
     pool: &VdbTreePool,
     view: View,
-    (clip_from_world, size): (DMat4, UVec2),
     mut warned: Option<&mut Warned>,
-) -> Vec<(gpu_data::Volume, TileRange)> {
+) -> Vec<(gpu_data::Volume, &'a Part)> {
     let mut note = |trouble| {
         if let Some(text) =
             warned.as_deref_mut().and_then(|warned| warned.note(entity, &volume.name, trouble))
@@ -216,20 +229,10 @@ pub(super) fn emission_data(
     };
     volume.extras.trouble.into_iter().for_each(&mut note);
     let mut entries = Vec::new();
-    for part in &volume.extras.emission {
-        let (Some(occupied), Some(grid)) = (part.packed.occupied, pool.index(part.key)) else {
-            continue;
-        };
+    for part in volume.extras.emission.iter().filter(|part| part.packed.occupied.is_some()) {
+        let Some(grid) = pool.index(part.key) else { continue };
         match part_data(part, volume, grid, view) {
-            Ok(mut data) => {
-                let origin = part.packed.base.as_dvec3() + part.packed.kind.lattice_origin();
-                let min = origin + occupied.min.as_dvec3();
-                let max = origin + occupied.max.as_dvec3() + 1.0;
-                let clip_from_index = clip_from_world * DMat4::from(part.world_from_index(volume));
-                let range = TileRange::of_box(clip_from_index, min, max, size);
-                [data.tiles_first, data.tiles_last] = range.words();
-                entries.push((data, range));
-            }
+            Ok(data) => entries.push((data, part)),
             Err(why) => note(Trouble::NotShown(why)),
         }
     }

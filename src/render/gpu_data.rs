@@ -13,6 +13,8 @@ pub(crate) const KIND_COLOR: u32 = 5;
 
 /// A surface without a colour of its own grids.
 pub(crate) const NO_COLOR: u32 = u32::MAX;
+/// Of a volume that is left out: no shader looks for it.
+pub(crate) const KIND_NONE: u32 = 6;
 
 /// One volume as one view sees it.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -44,11 +46,11 @@ pub(crate) struct Volume {
     pub box_min: [f32; 3],
     pub flags: u32,
     pub box_max: [f32; 3],
-    pub pad_0: u32,
+    pub fog_step: f32,
     pub run_min: [f32; 3],
-    pub pad_1: u32,
+    pub light_step: f32,
     pub run_max: [f32; 3],
-    pub pad_2: u32,
+    pub shadow_step: f32,
 }
 
 /// Bits of [`Volume::flags`].
@@ -82,10 +84,13 @@ pub(crate) struct View {
     pub reflections: u32,
     pub overlays: u32,
     pub sun_count: u32,
-    pub fog_step: f32,
+    pub slabs: u32,
     pub tile_words: u32,
     pub group_bits: u32,
     pub keeps_starts: u32,
+    pub picture: [u32; 2],
+    pub shadow_range: f32,
+    pub reflection_range: f32,
     pub suns: [[f32; 4]; MOST_SUNS],
     pub disks: [[f32; 4]; MOST_SUNS],
     pub turn: f32,
@@ -167,13 +172,13 @@ mod tests {
         let volume = fields!(Volume: rays, normal_x, grid, normal_y, kind, normal_z,
             density_scale, lattice_x, anisotropy, lattice_y, perceptual_roughness, lattice_z,
             metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last, color_grids,
-            background, temperature_scale, temperature_offset, box_min, flags, box_max, run_min,
-            run_max);
+            background, temperature_scale, temperature_offset, box_min, flags, box_max, fog_step,
+            run_min, light_step, run_max, shadow_step);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, volumes_beside, size, origin,
-            steps_scale, reflections, overlays, sun_count, fog_step, tile_words, group_bits,
-            keeps_starts, suns, disks, turn);
+            steps_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
+            keeps_starts, picture, shadow_range, reflection_range, suns, disks, turn);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

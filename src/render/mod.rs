@@ -7,6 +7,7 @@ mod blackbody;
 mod cast;
 mod cast_pipeline;
 mod composite;
+mod entries;
 mod extract;
 mod extras;
 mod find;
@@ -17,9 +18,12 @@ mod lights;
 mod motion;
 mod pipeline;
 mod prepare;
+mod report;
 mod shaders;
+mod stand_in;
 mod tiles;
 mod trace;
+mod upscale;
 mod volume;
 mod warnings;
 
@@ -42,9 +46,11 @@ pub use gpu_tree::VdbGpuUsage;
 #[cfg(feature = "egui")]
 pub(crate) use shaders::reload as reload_shaders;
 
+use crate::VdbDiagnostics;
 use cast_pipeline::{CastPipeline, MeshDepthPipeline};
 use gpu_tree::VdbTreePool;
 use pipeline::{BeamsPipeline, CompositePipeline, TracePipeline};
+use upscale::UpscalePipeline;
 
 /// The steps that volumes add to Bevy's `Core3d` schedule, for each camera that sees one.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -60,9 +66,11 @@ pub(crate) fn build(app: &mut App) {
     shaders::embed(app);
     let usage = VdbGpuUsage::default();
     app.insert_resource(usage.clone());
+    let diagnostics = app.world().resource::<VdbDiagnostics>().clone();
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
     render_app
         .insert_resource(usage)
+        .insert_resource(diagnostics)
         .init_resource::<extract::ExtractedVolumes>()
         .init_resource::<extract::ExtractedSuns>()
         .init_resource::<warnings::Warned>()
@@ -72,6 +80,7 @@ pub(crate) fn build(app: &mut App) {
         .init_gpu_resource::<blackbody::BlackbodyColors>()
         .init_gpu_resource::<SpecializedComputePipelines<BeamsPipeline>>()
         .init_gpu_resource::<SpecializedComputePipelines<TracePipeline>>()
+        .init_gpu_resource::<SpecializedComputePipelines<UpscalePipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<CompositePipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<CastPipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<MeshDepthPipeline>>()
@@ -95,8 +104,7 @@ pub(crate) fn build(app: &mut App) {
                 cast::prepare_casters
                     .in_set(RenderSystems::PrepareResources)
                     .after(prepare::prepare_views),
-                (blackbody::prepare_blackbody, bind::prepare_bind_groups)
-                    .chain()
+                ((blackbody::prepare_blackbody, bind::prepare_bind_groups).chain(), report::report)
                     .in_set(RenderSystems::PrepareBindGroups),
             ),
         )
@@ -116,7 +124,7 @@ pub(crate) fn build(app: &mut App) {
                     .after(shared_shadow_pass::<LATE_SHADOW_PASS>)
                     .after(per_view_shadow_pass::<LATE_SHADOW_PASS>)
                     .before(Core3dSystems::MainPass),
-                trace::trace.in_set(VdbSystems::Trace),
+                (trace::trace, upscale::upscale).chain().in_set(VdbSystems::Trace),
                 composite::composite.in_set(VdbSystems::Composite),
             ),
         );

@@ -24,6 +24,7 @@ use bevy::shader::ShaderDefVal;
 use super::cast_pipeline::{CastPipeline, MeshDepthPipeline};
 use super::lights::{LightKey, LightLayouts};
 use super::shaders::Shaders;
+use super::upscale::UpscalePipeline;
 use crate::{VdbRenderMode, VdbTraversal};
 
 /// The pipelines of a view.
@@ -32,17 +33,18 @@ pub(super) struct ViewPipelines {
     /// Where tiles of pixels share what they know.
     pub beams: Option<CachedComputePipelineId>,
     pub trace: CachedComputePipelineId,
+    /// Where there are fewer rays than pixels.
+    pub upscale: Option<CachedComputePipelineId>,
+    /// What is traced, and whether it can be.
+    pub key: TraceKey,
+    pub is_ready: bool,
+    /// Whether that is not all that is wanted.
+    pub stands_in: bool,
     /// Where the view sees a surface.
     pub surface: Option<CachedRenderPipelineId>,
     /// Where the view sees fog.
     pub fog: Option<CachedRenderPipelineId>,
-    pub multisampled: bool,
-    pub lights: Option<LightKey>,
     pub tonemaps: bool,
-    /// Whether the view has motion vectors.
-    pub motion: bool,
-    /// Whether the trace reads the colours of black bodies.
-    pub blackbody: bool,
 }
 
 /// Runs when the renderer starts, and again after a lost device.
@@ -56,6 +58,7 @@ pub(super) fn init(
     let lights = LightLayouts::new(&meshes);
     commands.insert_resource(BeamsPipeline::new(&shaders, &lights));
     commands.insert_resource(TracePipeline::new(&shaders, &lights));
+    commands.insert_resource(UpscalePipeline::new(&shaders));
     commands.insert_resource(CompositePipeline::new(&shaders, fullscreen.clone()));
     commands.insert_resource(CastPipeline::new(&shaders, &lights));
     commands.insert_resource(MeshDepthPipeline::new(&shaders, fullscreen.clone()));
@@ -167,6 +170,8 @@ pub(super) struct TraceKey {
     pub colors: bool,
     /// Whether fog scatters light more than once.
     pub multiple_scattering: bool,
+    /// Whether there are fewer rays than pixels.
+    pub scaled: bool,
 }
 
 impl TracePipeline {
@@ -251,6 +256,7 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.blackbody, "BLACKBODY"),
             (key.colors, "COLORS"),
             (key.multiple_scattering, "MULTIPLE_SCATTERING"),
+            (key.scaled, "SCALED"),
             (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
             (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),
             (key.mode == VdbRenderMode::Steps, "COUNT_STEPS"),

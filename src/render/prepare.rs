@@ -13,9 +13,8 @@ use bevy::pbr::DistanceFog;
 use bevy::prelude::*;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::render_resource::{
-    Buffer, BufferInitDescriptor, BufferUsages, PipelineCache, RawBufferVec,
-    SpecializedComputePipelines, SpecializedRenderPipelines, TextureDescriptor, TextureDimension,
-    TextureFormat, TextureUsages,
+    Buffer, BufferInitDescriptor, BufferUsages, PipelineCache, RawBufferVec, TextureDescriptor,
+    TextureDimension, TextureFormat, TextureUsages,
 };
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::sync_world::MainEntity;
@@ -23,21 +22,22 @@ use bevy::render::texture::{CachedTexture, TextureCache};
 use bevy::render::view::{ExtractedView, Msaa};
 
 use super::bind::ViewBindGroups;
+use super::entries::ViewEntries;
 use super::extract::{ExtractedEnvironment, ExtractedSuns, ExtractedVolumes, non_negative};
-use super::extras::{color_data, emission_data};
+use super::extras::color_data;
 use super::find::ViewVolumes;
 use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
 use super::hierarchy;
-use super::lights::Lights;
+use super::lights::{LightKey, Lights};
 use super::motion::{ViewMotion, matrices};
-use super::pipeline::{
-    BeamsPipeline, CompositeKey, CompositePipeline, ToneKey, TraceKey, TracePipeline, ViewPipelines,
-};
+use super::pipeline::{CompositeKey, ToneKey, TraceKey, ViewPipelines};
+use super::stand_in::{self, Specialized};
 use super::tiles::{self, TileLayout};
-use super::volume::{Eye, Shown, affine, volume_data};
-use super::warnings::Warned;
-use crate::{VdbCamera, VdbOverlays, VdbRenderMode, VdbTraversal};
+use super::upscale::{self, Upscaled};
+use super::volume::{Eye, affine};
+use super::warnings::{Trouble, Warned};
+use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbRenderMode, VdbTraversal};
 use vdb_core::view::ViewRays;
 
 /// The volumes of all views of the frame.
@@ -61,26 +61,39 @@ pub(super) struct ViewResources {
     pub tile_data: Option<(Buffer, TileLayout)>,
     pub motion: Option<ViewMotion>,
     pub volumes: u32,
+    /// Those that shadows and reflections look at, and the view does not.
+    pub volumes_beside: u32,
     /// The most tiles that show one of them.
     pub most_tiles: u32,
-    size: UVec2,
+    /// What is shown in place of what is traced, where there are fewer rays than pixels.
+    pub upscaled: Option<Upscaled>,
+    /// Rays, and pixels of the viewport.
+    pub size: UVec2,
+    pub picture: UVec2,
 }
 
 impl ViewResources {
-    /// Tiles of the picture.
+    /// What the composite shows: colour, depth, and what moves.
+    pub fn shown(&self) -> (&CachedTexture, &CachedTexture, Option<&CachedTexture>) {
+        match &self.upscaled {
+            Some(upscaled) => (&upscaled.color, &upscaled.depth, upscaled.moving.as_ref()),
+            None => (&self.color, &self.depth, self.motion.as_ref().map(|motion| &motion.moving)),
+        }
+    }
+
+    /// Tiles of rays.
     pub fn tiles(&self) -> UVec2 {
         tiles::tiles(self.size)
     }
 }
 
-/// How often a ray is sent on, at most.
-const MOST_REFLECTIONS: u32 = 16;
-/// Voxels between samples of fog.
-const LEAST_FOG_STEP: f32 = 0.25;
-const MOST_FOG_STEP: f32 = 16.0;
 /// What turns luminance into the camera's values. Infinities are not for WGSL: with this and what
 /// materials are capped to, products stay within f32.
 const MOST_EXPOSURE: f32 = 1e12;
+/// World units that a ray goes, at most: `FAR` of the shaders.
+const FARTHEST: f32 = 1e30;
+/// Of the texture that says what moves.
+const MOVING: TextureFormat = TextureFormat::Rg32Uint;
 /// Of a sun's illuminance.
 const MOST_FACTOR: f32 = 1e6;
 
@@ -89,7 +102,7 @@ type ViewData<'a> = (
     &'a ViewVolumes,
     &'a ExtractedView,
     &'a ExtractedCamera,
-    Option<&'a VdbCamera>,
+    (Option<&'a VdbCamera>, Option<&'a VdbQuality>, &'a MainEntity),
     &'a Msaa,
     Option<&'a RenderLayers>,
     (Option<&'a ShadowFilteringMethod>, Option<&'a ExtractedEnvironment>, Has<DistanceFog>),
@@ -98,7 +111,7 @@ type ViewData<'a> = (
     Option<&'a Tonemapping>,
     Option<&'a DebandDither>,
     (Has<MotionVectorPrepass>, Option<&'a ViewPrepassTextures>, Option<&'a PreviousViewData>),
-    Option<&'a ViewResources>,
+    (Option<&'a ViewResources>, Option<&'a ViewPipelines>),
 );
 
 /// Makes buffers, textures and pipelines for each view that sees a volume.
@@ -114,14 +127,7 @@ pub(super) fn prepare_views(
     (device, queue): (Res<RenderDevice>, Res<RenderQueue>),
     mut textures: ResMut<TextureCache>,
     pipeline_cache: Res<PipelineCache>,
-    (beams_pipeline, trace_pipeline, composite_pipeline): (
-        Res<BeamsPipeline>,
-        Res<TracePipeline>,
-        Res<CompositePipeline>,
-    ),
-    mut beams_pipelines: ResMut<SpecializedComputePipelines<BeamsPipeline>>,
-    mut trace_pipelines: ResMut<SpecializedComputePipelines<TracePipeline>>,
-    mut composite_pipelines: ResMut<SpecializedRenderPipelines<CompositePipeline>>,
+    mut specialized: Specialized,
 ) {
     volume_buffer.0.clear();
     for (
@@ -129,7 +135,7 @@ pub(super) fn prepare_views(
         seen,
         view,
         camera,
-        settings,
+        (settings, quality, camera_entity),
         msaa,
         layers,
         (shadow_filter, environment, has_distance_fog),
@@ -138,42 +144,32 @@ pub(super) fn prepare_views(
         tonemapping,
         dither,
         (has_motion, prepass, view_before),
-        before,
+        (before, pipelines_before),
     ) in &views
     {
         let settings = settings.cloned().unwrap_or_default();
-        let size = resolution.map_or(view.viewport.zw(), |size| size.0);
+        let (quality, wrong) = quality.copied().unwrap_or_default().sound();
+        if let Some(name) = wrong
+            && let Some(text) = warned.note(*camera_entity, "", Trouble::CameraQuality(name))
+        {
+            warn!("{text}");
+        }
+        let picture = resolution.map_or(view.viewport.zw(), |size| size.0);
         let mut clip_from_view = view.clip_from_view;
         if let Some(jitter) = jitter {
-            jitter.jitter_projection(&mut clip_from_view, size.as_vec2());
+            jitter.jitter_projection(&mut clip_from_view, picture.as_vec2());
         }
         let rays = ViewRays::new(clip_from_view.as_dmat4());
         let world_from_view = affine(view.world_from_view.affine());
         // Parts of the picture and what is shown instead of it, are shown as they are.
         let distance_fog = has_distance_fog && settings.mode == VdbRenderMode::Lit;
-        let lights = settings
-            .mode
-            .is_lit()
-            .then(|| lights.key(settings.shadows, shadow_filter, environment, distance_fog, &suns));
-        // With less, steps would only cost.
-        let fog_step = match non_negative(settings.fog_step) {
-            0.0 => 0.0,
-            step => step.clamp(LEAST_FOG_STEP, MOST_FOG_STEP),
-        };
+        let present =
+            lights.key(quality.shadows, shadow_filter, environment, has_distance_fog, &suns);
+        let lights = settings.mode.is_lit().then_some(LightKey { distance_fog, ..present });
         // Of what is only diffuse, no ray sees a reflection.
         let mirrors = matches!(settings.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
-        let reflections = if mirrors { settings.reflections.min(MOST_REFLECTIONS) } else { 0 };
-        let detail = f64::from(non_negative(settings.detail));
-        let eye = rays.as_ref().map(|rays| Eye { rays, world_from_view, size });
-        let show = |entity: &MainEntity| Shown::new(volumes.0.get(entity)?, &pool, eye?, detail);
+        let reflections = if mirrors { quality.reflections } else { 0 };
         let is_lit = settings.mode.is_lit();
-        let view_of = rays.as_ref().map(|rays| (rays, world_from_view));
-        let first = volume_buffer.0.len();
-        // Whose the entries are.
-        let mut owners = Vec::new();
-        let mut shown = Vec::with_capacity(seen.0.len());
-        let mut most_tiles = 0;
-        let clip_from_world = clip_from_view.as_dmat4() * DMat4::from(world_from_view.inverse());
         // What the view does not see may throw shadows into the picture, or be reflected there.
         let goes_on = lights.is_some_and(|key| key.shadows.is_some()) || reflections > 0;
         let beside = if goes_on {
@@ -187,72 +183,99 @@ pub(super) fn prepare_views(
             lists.iter_mut().for_each(|list| hierarchy::sort(list, &volumes));
         }
         let [seen, beside] = &lists;
+        let made = rays.as_ref().filter(|_| picture.min_element() > 0).map(|rays| {
+            let eye = Eye { rays, world_from_view, size: picture };
+            ViewEntries { pool: &pool, eye, quality: &quality }
+        });
+        let list = volume_buffer.0.values_mut();
+        let first = list.len();
+        let mut entries = Vec::with_capacity(seen.len() + beside.len());
         for entity in seen {
-            if let (Some(at_level), Some(eye)) = (show(entity), eye)
-                && let Some(mut data) = volume_data(*entity, &at_level, eye, Some(&mut warned))
-                && let Some(volume) = volumes.0.get(entity)
-            {
-                let range = at_level.tile_range(clip_from_world, size);
-                most_tiles = most_tiles.max(range.count());
-                [data.tiles_first, data.tiles_last] = range.words();
-                volume_buffer.0.push(data);
-                shown.push(volume);
-            }
-            if let (true, Some(view), Some(volume)) = (is_lit, view_of, volumes.0.get(entity)) {
-                let tiles = (clip_from_world, size);
-                let warned = Some(&mut *warned);
-                for (data, range) in emission_data(*entity, volume, &pool, view, tiles, warned) {
-                    most_tiles = most_tiles.max(range.count());
-                    volume_buffer.0.push(data);
-                    shown.push(volume);
-                }
+            let (Some(made), Some(volume)) = (&made, volumes.0.get(entity)) else { continue };
+            for (data, entry) in made.of(*entity, volume, is_lit, Some(&mut warned)) {
+                list.push(data);
+                entries.push(entry);
             }
         }
-        owners.extend(&shown);
-        let count = volume_buffer.0.len() - first;
-        let has = |kind| volume_buffer.0.values()[first..].iter().any(|volume| volume.kind == kind);
-        let shows = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(has);
+        let count = entries.len();
+        let has = kinds(&list[first..]);
+        let shows = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(&has);
         let shows_fire = has(gpu_data::KIND_EMISSION) || has(gpu_data::KIND_BLACKBODY);
-        let (Some(view_rays), true) = (&rays, count > 0 && size.min_element() > 0) else {
+        let Some(made) = made.filter(|_| count > 0) else {
             commands.entity(entity).remove::<(ViewResources, ViewBindGroups, ViewPipelines)>();
             continue;
         };
         for entity in beside {
             let Some(volume) = volumes.0.get(entity) else { continue };
-            let own = show(entity).zip(eye);
-            let own = own.and_then(|(shown, eye)| volume_data(*entity, &shown, eye, None));
-            owners.extend(own.is_some().then_some(volume));
-            volume_buffer.0.extend(own);
             // Fire throws no shadows, but mirrors show it.
-            if reflections > 0 && is_lit {
-                let tiles = (clip_from_world, size);
-                let view = (view_rays, world_from_view);
-                for (data, _) in emission_data(*entity, volume, &pool, view, tiles, None) {
-                    volume_buffer.0.push(data);
-                    owners.push(volume);
-                }
+            for (data, entry) in made.of(*entity, volume, reflections > 0 && is_lit, None) {
+                list.push(data);
+                entries.push(entry);
             }
         }
-        if many {
-            let eye = world_from_view.transform_point3(view_rays.eye);
-            hierarchy::fill(&mut volume_buffer.0.values_mut()[first..], &owners, eye);
-        }
-        let beside = owners.len() - count;
-        let has = |kind| volume_buffer.0.values()[first..].iter().any(|volume| volume.kind == kind);
-        let traces = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(has);
+        let beside = entries.len() - count;
+        let has = kinds(&list[first..]);
+        let traces = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(&has);
         let blackbody = has(gpu_data::KIND_BLACKBODY);
         let emission = blackbody || has(gpu_data::KIND_EMISSION);
         // Colours come behind all that rays can meet.
+        let view_of = (made.eye.rays, world_from_view);
         let mut colors = false;
-        for (i, volume) in owners.iter().enumerate().filter(|_| is_lit) {
-            let kind = volume_buffer.0.values()[first + i].kind;
+        for (i, entry) in entries.iter().enumerate().filter(|_| is_lit) {
+            let kind = list[first + i].kind;
             if matches!(kind, gpu_data::KIND_SURFACE | gpu_data::KIND_SMOOTH)
-                && let Some(data) = color_data(volume, &pool, (view_rays, world_from_view))
+                && let Some(data) = color_data(entry.volume, &pool, view_of)
             {
                 colors = true;
-                volume_buffer.0.values_mut()[first + i].color_grids = volume_buffer.0.len() as u32;
-                volume_buffer.0.extend(data);
+                list[first + i].color_grids = list.len() as u32;
+                list.extend(data);
             }
+        }
+        // Other modes are about surfaces: fog is neither traced nor compiled for them.
+        let with_fog = is_lit || settings.mode == VdbRenderMode::Steps;
+        let fogs = traces[2] && with_fog;
+        let wanted = TraceKey {
+            multisampled: msaa.samples() > 1,
+            surfaces: traces[0],
+            smooth: traces[1],
+            fogs: fogs || emission,
+            many,
+            beams: quality.traversal == VdbTraversal::HddaSdf,
+            page_bits: pool.page_bits(),
+            format: pool.format(),
+            traversal: quality.traversal,
+            mode: settings.mode,
+            lights,
+            motion: has_motion && prepass.is_some_and(|all| all.motion_vectors.is_some()),
+            reflections: reflections > 0,
+            fog_steps: fogs && list[first..].iter().any(steps_through),
+            overlays: settings.overlays != VdbOverlays::default(),
+            emission,
+            blackbody,
+            colors,
+            multiple_scattering: settings.multiple_scattering && traces[2] && is_lit,
+            scaled: quality.resolution < 1.0,
+        };
+        let pipelines = specialized.choose(&pipeline_cache, wanted, pipelines_before, &present);
+        let key = pipelines.key;
+        let size = if key.scaled { upscale::rays(picture, quality.resolution) } else { picture };
+        let clip_from_world = clip_from_view.as_dmat4() * DMat4::from(world_from_view.inverse());
+        let mut most_tiles = 0;
+        for (i, (data, entry)) in list[first..].iter_mut().zip(&entries).enumerate() {
+            data.kind = stand_in::kind_for(&key, data.kind, entry.sample_format());
+            if !stand_in::reads_colors(&key, &entry.volume.extras.colors) {
+                data.color_grids = gpu_data::NO_COLOR;
+            }
+            if i < count {
+                let range = entry.tile_range(clip_from_world, size);
+                most_tiles = most_tiles.max(range.count());
+                [data.tiles_first, data.tiles_last] = range.words();
+            }
+        }
+        if key.many {
+            let eye = world_from_view.transform_point3(made.eye.rays.eye);
+            let owners: Vec<_> = entries.iter().map(|entry| entry.volume).collect();
+            hierarchy::fill(&mut list[first..first + owners.len()], &owners, eye);
         }
         let origin = view.viewport.xy();
         let layout = TileLayout::new(size, count as u32);
@@ -265,13 +288,16 @@ pub(super) fn prepare_views(
             origin: origin.to_array(),
             steps_scale: non_negative(settings.steps_scale).max(1.0),
             reflections,
-            fog_step,
+            slabs: quality.fog_slabs,
+            picture: picture.to_array(),
+            shadow_range: quality.shadow_range.min(FARTHEST),
+            reflection_range: quality.reflection_range.min(FARTHEST),
             overlays: overlay_bits(settings.overlays),
             tile_words: layout.tile_words,
             group_bits: layout.group_bits,
             keeps_starts: u32::from(layout.keeps_starts),
             turn: turn_of(jitter, *frame),
-            ..view_data(view_rays, world_from_view, &suns)
+            ..view_data(made.eye.rays, world_from_view, &suns)
         };
         let buffer = |label, contents: &[u8]| {
             device.create_buffer_with_data(&BufferInitDescriptor {
@@ -280,8 +306,8 @@ pub(super) fn prepare_views(
                 usage: BufferUsages::UNIFORM,
             })
         };
-        let placement = gpu_data::Placement { origin: origin.to_array(), size: size.to_array() };
-        let mut texture = |label, format| {
+        let placement = gpu_data::Placement { origin: origin.to_array(), size: picture.to_array() };
+        let mut texture = |label, format, size: UVec2| {
             textures.get(
                 &device,
                 TextureDescriptor {
@@ -296,56 +322,38 @@ pub(super) fn prepare_views(
                 },
             )
         };
-        // Other modes are about surfaces: fog is neither traced nor compiled for them.
-        let with_fog = settings.mode.is_lit() || settings.mode == VdbRenderMode::Steps;
-        let beams = settings.traversal == VdbTraversal::HddaSdf;
-        let tile_data = beams.then(|| {
+        let tile_data = key.beams.then(|| {
             let kept = before.and_then(|before| before.tile_data.as_ref());
             (layout.buffer(kept.map(|(buffer, _)| buffer), &device), layout)
         });
-        let has_motion = has_motion && prepass.is_some_and(|all| all.motion_vectors.is_some());
-        let motion = has_motion.then(|| {
-            let matrices = matrices(view, clip_from_view, view_before, shown.into_iter());
+        let motion = key.motion.then(|| {
+            let seen = entries[..count].iter().map(|entry| entry.volume);
+            let matrices = matrices(view, clip_from_view, view_before, seen);
             let matrices = device.create_buffer_with_data(&BufferInitDescriptor {
                 label: Some("vdb_motion"),
                 contents: bytemuck::cast_slice(&matrices),
                 usage: BufferUsages::STORAGE,
             });
-            ViewMotion { moving: texture("vdb_moving", TextureFormat::Rg32Uint), matrices }
+            ViewMotion { moving: texture("vdb_moving", MOVING, size), matrices }
+        });
+        let upscaled = key.scaled.then(|| Upscaled {
+            color: texture("vdb_color_upscaled", TextureFormat::Rgba16Float, picture),
+            depth: texture("vdb_depth_upscaled", TextureFormat::R32Float, picture),
+            moving: key.motion.then(|| texture("vdb_moving_upscaled", MOVING, picture)),
         });
         let resources = ViewResources {
             motion,
+            upscaled,
             tile_data,
             volumes: count as u32,
+            volumes_beside: beside as u32,
             most_tiles,
             view: buffer("vdb_view", bytemuck::bytes_of(&data)),
             placement: buffer("vdb_placement", bytemuck::bytes_of(&placement)),
-            color: texture("vdb_color", TextureFormat::Rgba16Float),
-            depth: texture("vdb_depth", TextureFormat::R32Float),
+            color: texture("vdb_color", TextureFormat::Rgba16Float, size),
+            depth: texture("vdb_depth", TextureFormat::R32Float, size),
             size,
-        };
-        let trace_key = TraceKey {
-            multisampled: msaa.samples() > 1,
-            surfaces: traces[0],
-            smooth: traces[1],
-            fogs: (traces[2] || emission) && with_fog,
-            many,
-            beams,
-            page_bits: pool.page_bits(),
-            format: pool.format(),
-            traversal: settings.traversal,
-            mode: settings.mode,
-            lights,
-            motion: has_motion,
-            reflections: reflections > 0,
-            fog_steps: fog_step > 0.0 && traces[2] && with_fog,
-            overlays: settings.overlays != VdbOverlays::default(),
-            emission,
-            blackbody,
-            colors,
-            multiple_scattering: settings.multiple_scattering
-                && traces[2]
-                && settings.mode.is_lit(),
+            picture,
         };
         let tone = (!camera.hdr).then(|| ToneKey {
             tonemapping: tonemapping.copied().unwrap_or(Tonemapping::None),
@@ -356,30 +364,18 @@ pub(super) fn prepare_views(
             samples: msaa.samples(),
             tone: tone.filter(|tone| tone.tonemapping != Tonemapping::None),
             fog_alone,
-            motion: has_motion,
-            emission,
+            motion: key.motion,
+            emission: key.emission,
         };
-        let mut composite = |fog_alone: bool| {
-            composite_pipelines.specialize(
-                &pipeline_cache,
-                &composite_pipeline,
-                composite_key(fog_alone),
-            )
-        };
+        let mut composite =
+            |fog_alone| specialized.composite(&pipeline_cache, composite_key(fog_alone));
         // Steps are shown where no surface is, too.
         let alone = ((shows[2] || shows_fire) && with_fog) || settings.mode == VdbRenderMode::Steps;
         let pipelines = ViewPipelines {
-            beams: beams.then(|| {
-                beams_pipelines.specialize(&pipeline_cache, &beams_pipeline, pool.page_bits())
-            }),
-            trace: trace_pipelines.specialize(&pipeline_cache, &trace_pipeline, trace_key),
             surface: (shows[0] || shows[1]).then(|| composite(false)),
             fog: alone.then(|| composite(true)),
-            multisampled: trace_key.multisampled,
-            lights,
             tonemaps: composite_key(false).tone.is_some(),
-            motion: has_motion,
-            blackbody,
+            ..pipelines
         };
         commands.entity(entity).insert((resources, pipelines));
     }
@@ -421,6 +417,17 @@ pub(super) fn view_data(
 pub(super) fn turn_of(jitter: Option<&TemporalJitter>, frame: FrameCount) -> f32 {
     // Multiples of the golden section are spread evenly.
     jitter.map_or(0.0, |_| (f64::from(frame.0) * 0.618_033_988_749_895).fract() as f32)
+}
+
+/// Whether a list has an entry of a kind.
+fn kinds(list: &[gpu_data::Volume]) -> impl Fn(u32) -> bool + use<> {
+    let all = list.iter().fold(0_u32, |all, volume| all | 1 << volume.kind);
+    move |kind| all >> kind & 1 != 0
+}
+
+/// Whether a volume is fog that is sampled.
+fn steps_through(volume: &gpu_data::Volume) -> bool {
+    volume.kind == gpu_data::KIND_FOG && volume.fog_step > 0.0
 }
 
 fn overlay_bits(overlays: VdbOverlays) -> u32 {

@@ -14,7 +14,7 @@ macro_rules! shaders {
 }
 
 /// Modules that others import.
-const IMPORTS: [(&str, &[u8]); 24] = shaders![
+const IMPORTS: [(&str, &[u8]); 25] = shaders![
     "types",
     "bindings",
     "rays",
@@ -28,6 +28,7 @@ const IMPORTS: [(&str, &[u8]); 24] = shaders![
     "fog",
     "emission",
     "march",
+    "picture",
     "scene",
     "segment",
     "hierarchy",
@@ -41,7 +42,8 @@ const IMPORTS: [(&str, &[u8]); 24] = shaders![
     "show"
 ];
 /// What runs.
-const PROGRAMS: [(&str, &[u8]); 5] = shaders!["beams", "trace", "composite", "cast", "mesh_depth"];
+const PROGRAMS: [(&str, &[u8]); 6] =
+    shaders!["beams", "trace", "upscale", "composite", "cast", "mesh_depth"];
 
 pub(super) fn embed(app: &mut App) {
     let registry = app.world_mut().resource_mut::<EmbeddedAssetRegistry>();
@@ -74,6 +76,7 @@ pub(crate) fn reload(world: &mut World) {
 pub(super) struct Shaders {
     pub beams: Handle<Shader>,
     pub trace: Handle<Shader>,
+    pub upscale: Handle<Shader>,
     pub composite: Handle<Shader>,
     pub cast: Handle<Shader>,
     pub mesh_depth: Handle<Shader>,
@@ -83,7 +86,8 @@ pub(super) struct Shaders {
 impl Shaders {
     pub fn load(assets: &AssetServer) -> Self {
         let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
-        let [beams, trace, composite, cast, mesh_depth] = PROGRAMS.map(load);
-        Self { beams, trace, composite, cast, mesh_depth, _imports: IMPORTS.map(load) }
+        let [beams, trace, upscale, composite, cast, mesh_depth] = PROGRAMS.map(load);
+        let _imports = IMPORTS.map(load);
+        Self { beams, trace, upscale, composite, cast, mesh_depth, _imports }
     }
 }

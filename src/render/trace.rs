@@ -21,12 +21,12 @@ pub(super) fn trace(
     mut context: RenderContext,
 ) {
     let (resources, view_pipelines, bind_groups) = view.into_inner();
-    let Some(pipeline) = pipelines.get_compute_pipeline(view_pipelines.trace) else { return };
-    let beams = view_pipelines.beams.map(|id| pipelines.get_compute_pipeline(id));
-    // Without its starts, the trace would have nothing to read.
-    if beams.is_some_and(|pipeline| pipeline.is_none()) {
+    // Without the starts of beams, the trace would have nothing to read.
+    if !view_pipelines.is_ready {
         return;
     }
+    let Some(pipeline) = pipelines.get_compute_pipeline(view_pipelines.trace) else { return };
+    let beams = view_pipelines.beams.and_then(|id| pipelines.get_compute_pipeline(id));
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_trace");
@@ -37,7 +37,7 @@ pub(super) fn trace(
         let descriptor = ComputePassDescriptor { label: Some("vdb_trace"), timestamp_writes: None };
         let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
         let tiles = resources.tiles();
-        if let (Some(beams), Some(bind_group)) = (beams.flatten(), &bind_groups.beams) {
+        if let (Some(beams), Some(bind_group)) = (beams, &bind_groups.beams) {
             pass.set_pipeline(beams);
             let [nothing, none_either] = &bind_groups.nothing.groups;
             pass.set_bind_group(0, nothing, &[]);

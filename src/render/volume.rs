@@ -11,7 +11,7 @@ use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
 use super::tiles::TileRange;
 use super::warnings::{Setting, Trouble, Warned};
-use crate::VdbMaterial;
+use crate::{VdbMaterial, VdbQuality};
 
 // What a shader computes with must not exceed f32, which it may assume: infinities are not for WGSL.
 // With these, albedo · light · exposure stays below 10³⁵ under any light that Bevy can be given in
@@ -103,6 +103,11 @@ impl<'a> Shown<'a> {
         if coarseness.is_finite() { coarseness.max(0.0) } else { 0.0 }
     }
 
+    /// How its samples are kept, if it has any.
+    pub fn sample_format(&self) -> Option<u32> {
+        self.packed.sample_format()
+    }
+
     /// The tiles of a picture of so many pixels that show it.
     pub fn tile_range(&self, clip_from_world: DMat4, size: UVec2) -> TileRange {
         let Some((min, max)) = index_box(self.packed) else { return TileRange::NONE };
@@ -116,17 +121,20 @@ pub(super) fn volume_data(
     entity: MainEntity,
     shown: &Shown,
     eye: Eye,
+    quality: &VdbQuality,
     warned: Option<&mut Warned>,
 ) -> Option<gpu_data::Volume> {
     let Shown { volume, packed, world_from_index, grid } = *shown;
     let lattice = LatticeRays::new(eye.rays, eye.world_from_view, world_from_index, packed);
+    let (quality, wrong) = volume.quality.over(quality).sound();
     if let Some(warned) = warned {
         let shown = match &lattice {
             Ok(rays) => rays.is_coarse(eye.size.x).then_some(Trouble::Coarse),
             Err(why) => Some(Trouble::NotShown(*why)),
         };
         let setting = wrong_setting(&volume.material).map(Trouble::Setting);
-        for trouble in [shown, setting].into_iter().flatten() {
+        let quality = wrong.map(Trouble::Quality);
+        for trouble in [shown, setting, quality].into_iter().flatten() {
             if let Some(text) = warned.note(entity, &volume.name, trouble) {
                 warn!("{text}");
             }
@@ -161,6 +169,9 @@ pub(super) fn volume_data(
         base_color: capped(material.base_color.to_linear().to_vec3(), MOST_ALBEDO),
         emissive: capped(material.emissive.to_vec3(), MOST_LIGHT),
         color_grids: gpu_data::NO_COLOR,
+        fog_step: quality.fog_step,
+        light_step: quality.fog_light_step,
+        shadow_step: quality.fog_shadow_step,
         base: packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
         flags: if volume.casts { 0 } else { gpu_data::NO_CASTER }
             | if volume.receives { 0 } else { gpu_data::NO_RECEIVER },

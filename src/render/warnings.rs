@@ -16,6 +16,10 @@ pub(super) enum Trouble {
     NoDensity,
     /// It is shown, but with a value that makes sense instead of its material's or its emission's.
     Setting(Setting),
+    /// It is shown, but with a value that makes sense instead of its own `VdbVolumeQuality`'s.
+    Quality(&'static str),
+    /// Of a camera: the same of its `VdbQuality`.
+    CameraQuality(&'static str),
 }
 
 /// A setting of a material, or of what shines.
@@ -87,6 +91,15 @@ impl Warned {
                 Trouble::NoDensity => format!(
                     "{volume} does not shine: the grid of its VdbEmission is a surface; load it with \
                      the loader setting render_as as fog"
+                ),
+                Trouble::Quality(setting) => format!(
+                    "{volume} is shown with the nearest {setting} that makes sense: the documentation \
+                     of VdbQuality has the range for its VdbVolumeQuality"
+                ),
+                Trouble::CameraQuality(setting) => format!(
+                    "the camera of entity {} shows volumes with the nearest {setting} that makes sense: \
+                     the documentation of VdbQuality has the range",
+                    entity.id()
                 ),
                 Trouble::Setting(setting) => {
                     let (name, wanted) = setting.describe();

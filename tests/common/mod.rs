@@ -97,6 +97,15 @@ impl Stage {
 
     /// With further plugins.
     pub fn with(add: impl FnOnce(&mut App)) -> Self {
+        Self::made(true, add)
+    }
+
+    /// One that compiles pipelines beside its frames, as apps do.
+    pub fn compiling_beside() -> Self {
+        Self::made(false, |_| {})
+    }
+
+    fn made(synchronous_pipeline_compilation: bool, add: impl FnOnce(&mut App)) -> Self {
         let mut app = App::new();
         app.add_plugins((
             DefaultPlugins
@@ -105,7 +114,7 @@ impl Stage {
                     exit_condition: ExitCondition::DontExit,
                     ..default()
                 })
-                .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
+                .set(RenderPlugin { synchronous_pipeline_compilation, ..default() })
                 .set(AssetPlugin {
                     file_path: concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into(),
                     unapproved_path_mode: UnapprovedPathMode::Allow,
@@ -187,6 +196,43 @@ impl Stage {
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
         panic!("a pipeline is never made");
+    }
+
+    /// Whether a pipeline is being made.
+    fn is_waiting(&self) -> bool {
+        let render = self.app.sub_app(bevy::render::RenderApp).world();
+        render.resource::<PipelineCache>().waiting_pipelines().next().is_some()
+    }
+
+    /// The picture of every frame until all pipelines are there, and a few more; and in how many of them
+    /// some were not.
+    pub fn frames_until_settled(&mut self, target: &Handle<Image>) -> (Vec<Picture>, usize) {
+        let all: Arc<Mutex<Vec<Vec<u8>>>> = Arc::default();
+        let arrived = all.clone();
+        let reader = self
+            .world()
+            .spawn(Readback::texture(target.clone()))
+            .observe(move |data: On<ReadbackComplete>| {
+                arrived.lock().unwrap().push(data.data.clone());
+            })
+            .id();
+        let (mut waited, mut quiet) = (0, 0);
+        while quiet < 20 {
+            self.update(1);
+            let waits = self.is_waiting();
+            waited += usize::from(waits);
+            quiet = if waits { 0 } else { quiet + 1 };
+            assert!(waited < 20_000, "a pipeline is never made");
+        }
+        self.world().despawn(reader);
+        self.update(1);
+        let size = self.world().resource::<Assets<Image>>().get(target).unwrap().size();
+        let all = std::mem::take(&mut *all.lock().unwrap());
+        let pixels = |bytes: Vec<u8>| {
+            let floats: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
+            floats.chunks_exact(4).map(Vec4::from_slice).collect()
+        };
+        (all.into_iter().map(|bytes| Picture { size, pixels: pixels(bytes) }).collect(), waited)
     }
 
     /// What stands in an image after the next frames.

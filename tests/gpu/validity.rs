@@ -179,7 +179,20 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&["LIT", "FOGS", "FOG_STEPS", "EVEN_LIGHT", format]]);
     }
     check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS", "PAGED", "PAGE_BITS=20"], &shadows]);
-    assert_eq!(variants, 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7);
+    // Fewer rays than pixels.
+    for kinds in subsets(&["SURFACES", "FOGS", "MULTISAMPLED"]) {
+        check(&[&["LIT", "SCALED", "LOCAL_LIGHTS", "DISTANCE_FOG"], &kinds, &shadows]);
+        check(&[&["SHOW_DEPTH", "SCALED"], &kinds]);
+    }
+    assert_eq!(variants, 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 16);
+}
+
+#[test]
+fn the_upscaling_is_valid() {
+    let mut composer = composer();
+    for defs in subsets(&["MULTISAMPLED", "MOTION_VECTORS"]) {
+        check(&mut composer, "upscale", &defs);
+    }
 }
 
 #[test]

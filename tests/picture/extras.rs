@@ -8,7 +8,7 @@ use bevy::math::{DAffine3, DQuat, DVec3};
 use bevy::pbr::{DistanceFog, FogFalloff};
 use bevy::prelude::*;
 use bevy_vdb::{
-    VdbCamera, VdbColorGrid, VdbEmission, VdbGpuUsage, VdbGrid, VdbMaterial, VdbVectorGrid,
+    VdbColorGrid, VdbEmission, VdbGpuUsage, VdbGrid, VdbMaterial, VdbQuality, VdbVectorGrid,
     VdbVolume,
 };
 use vdb_core::blackbody;
@@ -212,7 +212,7 @@ fn mirrors_show_fire() {
     let target = stage.target(SIZE);
     let view = looking(Vec3::new(1.0, 4.0, 8.0));
     let camera = stage.camera(&target, view);
-    stage.world().entity_mut(camera).insert(VdbCamera { reflections: 1, ..default() });
+    stage.world().entity_mut(camera).insert(VdbQuality { reflections: 1, ..default() });
     let floor = CoordBox { min: IVec3::new(-60, -10, -60), max: IVec3::new(59, -1, 59) };
     let floor = stage.grid(fog::block(floor, -1.0), SURFACE, 0.1);
     let mirror = VdbMaterial { metallic: 1.0, perceptual_roughness: 0.0, ..default() };

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbMaterial, VdbVolume};
+use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::fog;
 use vdb_core::synth::level_set::{cuboid, sphere, torus};
@@ -144,7 +144,7 @@ fn clear(world: &mut World) {
 }
 
 fn without_shadows(world: &mut World) {
-    let mut cameras = world.query::<&mut VdbCamera>();
+    let mut cameras = world.query::<&mut VdbQuality>();
     cameras.single_mut(world).unwrap().shadows = false;
 }
 
@@ -213,7 +213,7 @@ fn cloud(stage: &mut Stage, change: &dyn Fn(&mut World)) -> Picture {
 fn mirror(stage: &mut Stage, change: &dyn Fn(&mut World)) -> Picture {
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::new(-1.0, 2.5, 6.0)));
-    stage.world().entity_mut(camera).insert(VdbCamera { reflections: 1, ..default() });
+    stage.world().entity_mut(camera).insert(VdbQuality { reflections: 1, ..default() });
     let ball = stage.grid(sphere(DVec3::ZERO, 14.0), SMOOTH, 0.1);
     let mirror = VdbMaterial {
         base_color: Color::linear_rgb(0.9, 0.85, 0.7),
@@ -272,7 +272,7 @@ fn a_ball_that_mirrors() {
         mirror,
         &[
             ("no reflection", &|world| {
-                let mut cameras = world.query::<&mut VdbCamera>();
+                let mut cameras = world.query::<&mut VdbQuality>();
                 cameras.single_mut(world).unwrap().reflections = 0;
             }),
             ("not of metal", &|world| material(world, |material| material.metallic = 0.0)),

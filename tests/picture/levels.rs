@@ -2,7 +2,7 @@
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbMaterial, VdbRenderMode, VdbVolume};
+use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbMaterial, VdbQuality, VdbRenderMode, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 
@@ -24,7 +24,10 @@ fn wait_for(stage: &mut Stage, grids: u64) {
 
 /// The stage's camera with levels of detail or without.
 fn ask(stage: &mut Stage, camera: Entity, mode: VdbRenderMode, detail: f32) {
-    stage.world().entity_mut(camera).insert(VdbCamera { mode, detail, ..default() });
+    stage
+        .world()
+        .entity_mut(camera)
+        .insert((VdbCamera { mode, ..default() }, VdbQuality { detail, ..default() }));
 }
 
 const RADIUS: f64 = 4.0;

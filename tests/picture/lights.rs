@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use bevy::light::EnvironmentMapLight;
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbMaterial, VdbRenderMode, VdbSun, VdbVolume};
+use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality, VdbRenderMode, VdbSun, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::reference::phase;
 use vdb_core::synth::{fog, level_set};
@@ -449,7 +449,7 @@ fn fog_in_samples_is_close_to_the_integral() {
     let turned = Transform::from_rotation(Quat::from_rotation_y(0.6));
     stage.world().spawn((Mesh3d(mesh), MeshMaterial3d(black), turned));
     let mut picture = |fog_step: f32| {
-        stage.world().entity_mut(camera).insert(VdbCamera { fog_step, ..default() });
+        stage.world().entity_mut(camera).insert(VdbQuality { fog_step, ..default() });
         let picture = stage.picture(&target);
         let pixels = (0..SIZE.y).flat_map(|y| (0..SIZE.x).map(move |x| (x, y)));
         pixels.map(|(x, y)| picture.at(x, y).x).collect::<Vec<f32>>()

@@ -2,7 +2,7 @@
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbMaterial, VdbTraversal, VdbVolume};
+use bevy_vdb::{VdbGpuUsage, VdbMaterial, VdbQuality, VdbTraversal, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::Vdb543;
@@ -22,7 +22,7 @@ fn places() -> impl Iterator<Item = Transform> {
 /// The picture through the tiles' lists, and the one of rays that look at every volume.
 fn both(stage: &mut Stage, target: &Handle<Image>, camera: Entity) -> [Picture; 2] {
     [VdbTraversal::HddaSdf, VdbTraversal::Hdda].map(|traversal| {
-        stage.world().entity_mut(camera).insert(VdbCamera { traversal, ..default() });
+        stage.world().entity_mut(camera).insert(VdbQuality { traversal, ..default() });
         stage.picture(target)
     })
 }
@@ -105,7 +105,7 @@ fn many_volumes_shade_and_mirror_each_other_as_one_does() {
         let target = stage.target(SIZE);
         let view = Transform::from_xyz(3.0, 16.0, 19.0);
         let camera = stage.camera(&target, view.looking_at(Vec3::new(8.0, 2.0, 4.0), Vec3::Y));
-        stage.world().entity_mut(camera).insert(VdbCamera { reflections: 1, ..default() });
+        stage.world().entity_mut(camera).insert(VdbQuality { reflections: 1, ..default() });
         let sun = DirectionalLight { illuminance: 3.0, shadow_maps_enabled: true, ..default() };
         stage.world().spawn((sun, looking(Vec3::new(0.6, 1.0, 0.4))));
         let mut tree = Vdb543::new(1.0);

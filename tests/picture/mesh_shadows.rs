@@ -10,7 +10,7 @@ use bevy::math::DVec3;
 use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::PipelineCache;
-use bevy_vdb::{VdbCamera, VdbMaterial, VdbVolume};
+use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::reference::{Blocky, Occupied, Ray, Smooth};
 use vdb_core::synth::{fog, level_set};
@@ -350,14 +350,14 @@ fn shadows_on_meshes_are_thrown_where_they_are_wanted() {
     };
     let camera = scene.camera;
     for settings in [
-        VdbCamera { shadows: false, ..default() },
-        VdbCamera { mesh_shadows: false, ..default() },
-        VdbCamera { enabled: false, ..default() },
+        (VdbCamera::default(), VdbQuality { shadows: false, ..default() }),
+        (VdbCamera { mesh_shadows: false, ..default() }, VdbQuality::default()),
+        (VdbCamera { enabled: false, ..default() }, VdbQuality::default()),
     ] {
         scene.stage.world().entity_mut(camera).insert(settings.clone());
         is_lit(&mut scene, &format!("{settings:?}"));
     }
-    scene.stage.world().entity_mut(camera).insert(VdbCamera::default());
+    scene.stage.world().entity_mut(camera).insert((VdbCamera::default(), VdbQuality::default()));
     scene.stage.world().entity_mut(ball).insert(NotShadowCaster);
     is_lit(&mut scene, "no caster");
     scene.stage.world().entity_mut(ball).remove::<NotShadowCaster>();

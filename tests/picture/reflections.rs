@@ -3,7 +3,7 @@
 use bevy::light::EnvironmentMapLight;
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbMaterial, VdbVolume};
+use bevy_vdb::{VdbMaterial, VdbQuality, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
@@ -33,7 +33,7 @@ fn a_mirror_shows_what_is_before_it() {
     let block = stage.grid(fog::block(above, -1.0), SURFACE, 0.1);
     stage.world().spawn((VdbVolume(block), glow(GREEN)));
     let mut show = |reflections: u32| {
-        let settings = VdbCamera { reflections, ..default() };
+        let settings = VdbQuality { reflections, ..default() };
         stage.world().entity_mut(camera).insert(settings);
         let picture = stage.picture(&target);
         picture.save(&format!("mirror_{reflections}"));
@@ -95,7 +95,7 @@ fn rays_go_on_as_often_as_they_are_told() {
     stage.world().spawn((VdbVolume(end), glow(GREEN)));
     // From (0, 4) towards (1, -1): it meets walls at z = 3, 1 and -1, and then leaves: 3 mirrors.
     for reflections in 0..=4 {
-        let settings = VdbCamera { reflections, ..default() };
+        let settings = VdbQuality { reflections, ..default() };
         stage.world().entity_mut(camera).insert(settings);
         let picture = stage.picture(&target);
         picture.save(&format!("mirrors_{reflections}"));
@@ -128,7 +128,7 @@ fn a_mirror_ball_between_two_others_shows_both() {
     let blue = Color::linear_rgb(0.1, 0.1, 0.4);
     let map =
         EnvironmentMapLight::hemispherical_gradient(&mut images, Color::WHITE, blue, Color::BLACK);
-    stage.world().entity_mut(camera).insert((map, VdbCamera { reflections: 2, ..default() }));
+    stage.world().entity_mut(camera).insert((map, VdbQuality { reflections: 2, ..default() }));
     let picture = stage.picture(&target);
     picture.save("mirror_ball");
     let (middle, half) = (size / 2, size.x / 2);

@@ -5,7 +5,7 @@ use bevy::light::{
 };
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbMaterial, VdbSun, VdbVolume};
+use bevy_vdb::{VdbMaterial, VdbQuality, VdbSun, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Vdb543};
@@ -145,11 +145,11 @@ fn a_box_throws_its_shadow_on_a_floor() {
         picture.save(&format!("shadow_sun_apart_{apart}"));
         compare(&picture, view, above, |_| to_sun.as_dvec3() * 100.0);
 
-        let settings = VdbCamera { shadows: false, ..default() };
+        let settings = VdbQuality { shadows: false, ..default() };
         stage.world().entity_mut(camera).insert(settings);
         let without = stage.picture(&target);
         assert!(without.count(|p| p.x > 0.0) > picture.count(|p| p.x > 0.0) + 100, "switched off");
-        stage.world().entity_mut(camera).insert(VdbCamera::default());
+        stage.world().entity_mut(camera).insert(VdbQuality::default());
         stage.world().despawn(light);
 
         let lamp =
@@ -193,10 +193,10 @@ fn a_sun_with_a_size_throws_soft_shadows() {
     stage.world().spawn((VdbVolume(plate), plain()));
     let light = DirectionalLight { illuminance: 3.0, shadow_maps_enabled: true, ..default() };
     let light = stage.world().spawn((light, looking(Vec3::new(0.0, 1.0, 1e-4)))).id();
-    let off = VdbCamera { shadows: false, ..default() };
+    let off = VdbQuality { shadows: false, ..default() };
     stage.world().entity_mut(camera).insert(off);
     let bright = stage.picture(&target);
-    stage.world().entity_mut(camera).insert(VdbCamera::default());
+    stage.world().entity_mut(camera).insert(VdbQuality::default());
     for angle in [0.0_f64, 0.2, 0.5] {
         let soft = VdbSun { angular_diameter: angle as f32, samples: 64, ..default() };
         stage.world().entity_mut(light).insert(soft);
@@ -305,7 +305,7 @@ fn a_ball_has_no_acne() {
         stage.world().spawn((sun, looking(Vec3::new(5.0, 1.0, 0.0))));
         let with = stage.picture(&target);
         with.save(&format!("acne_{radius}_{far}"));
-        let settings = VdbCamera { shadows: false, ..default() };
+        let settings = VdbQuality { shadows: false, ..default() };
         stage.world().entity_mut(camera).insert(settings);
         let without = stage.picture(&target);
         let lit = without.count(|p| p.x > 0.0);

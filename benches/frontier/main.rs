@@ -1,0 +1,248 @@
+//! What speed costs: pictures of a set of scenes over the knobs of `VdbQuality`, each with its time on
+//! the GPU and what it gets wrong beside the one of `VdbQuality::EXACT`, which is held against the
+//! reference tracer itself. `scripts/frontier` builds and runs it; `docs/quality.md` tells of it.
+
+#[path = "../../tests/common/mod.rs"]
+mod common;
+mod compare;
+mod oracle;
+mod plot;
+mod scenes;
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use bevy::diagnostic::DiagnosticsStore;
+use bevy::math::UVec2;
+use bevy::prelude::*;
+use bevy::render::RenderApp;
+use bevy::render::diagnostic::RenderDiagnosticsPlugin;
+use bevy::render::renderer::RenderAdapterInfo;
+use bevy_vdb::{VdbCamera, VdbQuality, VdbRenderMode};
+use common::{Picture, Stage};
+use compare::Errors;
+use lexopt::{Arg, Parser, ValueExt};
+
+const HELP: &str = "\
+frontier [OPTION…]
+Times pictures over the knobs of VdbQuality, tells what each gets wrong, and draws both.
+
+  --out DIR       where CSV and SVG files go; target/frontier
+  --size WxH      of the pictures, the width a multiple of 16; 1920x1080
+  --edge N        voxels along an edge of the models, from 64 to 1024; 256
+  --runs N        frames of which the median counts, at least 3; 31
+  --scenes NAME,… those with such a name only
+";
+
+struct Args {
+    out: PathBuf,
+    size: UVec2,
+    edge: u32,
+    runs: usize,
+    scenes: Option<String>,
+}
+
+impl Args {
+    fn parse() -> Result<Option<Self>, String> {
+        let (out, size) = (PathBuf::from("target/frontier"), UVec2::new(1920, 1080));
+        let mut args = Self { out, size, edge: 256, runs: 31, scenes: None };
+        let mut parser = Parser::from_env();
+        while let Some(arg) = parser.next().map_err(|error| error.to_string())? {
+            let name = match arg {
+                // `cargo bench` adds an option of its own.
+                Arg::Long("bench") => continue,
+                Arg::Long("help") => {
+                    print!("{HELP}");
+                    return Ok(None);
+                }
+                Arg::Long(name) => name.to_owned(),
+                other => return Err(other.unexpected().to_string()),
+            };
+            let value = parser.value().and_then(|value| value.string());
+            let value = value.map_err(|error| error.to_string())?;
+            let wrong = || format!("--{name} {value}: not understood; see --help");
+            let number = || value.parse::<u32>().map_err(|_| wrong());
+            match name.as_str() {
+                "out" => args.out = value.clone().into(),
+                "scenes" => args.scenes = Some(value.clone()),
+                "edge" => {
+                    args.edge =
+                        Some(number()?).filter(|n| (64..=1024).contains(n)).ok_or_else(wrong)?;
+                }
+                "runs" => {
+                    args.runs = Some(number()? as usize).filter(|n| *n >= 3).ok_or_else(wrong)?;
+                }
+                "size" => {
+                    let (x, y) = value.split_once('x').ok_or_else(wrong)?;
+                    let size = (x.parse().ok(), y.parse().ok());
+                    let (Some(x), Some(y)) = size else { return Err(wrong()) };
+                    args.size = Some(UVec2::new(x, y))
+                        .filter(|size| size.min_element() >= 16 && size.max_element() <= 8192)
+                        // Rows come back unpadded.
+                        .filter(|size| size.x % 16 == 0)
+                        .ok_or_else(wrong)?;
+                }
+                _ => return Err(format!("--{name}: no such option; see --help")),
+            }
+        }
+        Ok(Some(args))
+    }
+}
+
+fn main() -> ExitCode {
+    let done = match Args::parse() {
+        Ok(Some(args)) => run(&args),
+        Ok(None) => return ExitCode::SUCCESS,
+        Err(message) => Err(message),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("frontier: {message}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// A row of a scene's table.
+pub struct Row {
+    /// What was set.
+    pub quality: VdbQuality,
+    /// Of a preset.
+    pub name: Option<&'static str>,
+    /// Milliseconds of all passes.
+    pub ms: f64,
+    /// Beside `EXACT`.
+    pub errors: Errors,
+    /// Whether no other is better in time and error both.
+    pub on_front: bool,
+}
+
+fn run(args: &Args) -> Result<(), String> {
+    let at = |error: std::io::Error| format!("{}: {error}", args.out.display());
+    std::fs::create_dir_all(&args.out).map_err(at)?;
+    let mut summary = String::new();
+    let wanted = |name: &str| {
+        args.scenes.as_ref().is_none_or(|all| all.split(',').any(|part| name.contains(part)))
+    };
+    let mut shown = 0;
+    for scene in scenes::all(args.edge).iter().filter(|scene| wanted(scene.name)) {
+        shown += 1;
+        let mut stage = Stage::with(|app| {
+            app.add_plugins(RenderDiagnosticsPlugin);
+        });
+        let (target, camera) = scene.build(&mut stage, args.size);
+        if shown == 1 {
+            let world = stage.app.sub_app(RenderApp).world();
+            let info = world.resource::<RenderAdapterInfo>();
+            let _ = writeln!(
+                summary,
+                "{} ({} {}), {}x{}, models of {} voxels along an edge, median of {} frames\n",
+                info.name,
+                info.driver,
+                info.driver_info,
+                args.size.x,
+                args.size.y,
+                args.edge,
+                args.runs
+            );
+        }
+        let mut camera = Shooting { stage: &mut stage, camera, target, runs: args.runs };
+        let exact = camera.shots(scene.base(VdbQuality::EXACT), scene.has_surface);
+        let oracle = oracle::hold(scene, &exact, args.size)?;
+        let mut rows = Vec::new();
+        for (name, quality) in scene.candidates() {
+            let shots = camera.shots(quality, scene.has_surface);
+            let ms = camera.time()?;
+            let errors = compare::errors(&exact, &shots, scene);
+            rows.push(Row { quality, name, ms, errors, on_front: false });
+        }
+        mark_front(&mut rows);
+        let _ = writeln!(summary, "## {}\n\n{oracle}\n\n{}", scene.name, plot::summary(&rows));
+        let file = scene.name.replace([' ', ','], "-").replace("--", "-");
+        let write = |end: &str, text: String| {
+            std::fs::write(args.out.join(format!("{file}.{end}")), text).map_err(at)
+        };
+        write("csv", plot::csv(scene.name, &rows))?;
+        write("svg", plot::svg(scene.name, &rows))?;
+        println!("{}: {} settings measured", scene.name, rows.len());
+    }
+    if shown == 0 {
+        return Err("no scene has such a name".into());
+    }
+    std::fs::write(args.out.join("summary.md"), &summary).map_err(at)?;
+    print!("{summary}");
+    Ok(())
+}
+
+/// Marks the rows that no other is better than in time and error both.
+fn mark_front(rows: &mut [Row]) {
+    let all: Vec<_> = rows.iter().map(|row| (row.ms, row.errors.radiance)).collect();
+    for (row, own) in rows.iter_mut().zip(&all) {
+        let beats = |other: &(f64, f64)| {
+            other.0 <= own.0 && other.1 <= own.1 && (other.0 < own.0 || other.1 < own.1)
+        };
+        row.on_front = !all.iter().any(beats);
+    }
+}
+
+/// Pictures of a setting.
+pub struct Shots {
+    /// The picture.
+    pub lit: Picture,
+    /// Where there is a surface: depth, and normals.
+    pub surface: Option<(Picture, Picture)>,
+}
+
+struct Shooting<'a> {
+    stage: &'a mut Stage,
+    camera: Entity,
+    target: Handle<Image>,
+    runs: usize,
+}
+
+impl Shooting<'_> {
+    fn shots(&mut self, quality: VdbQuality, has_surface: bool) -> Shots {
+        let mut shot = |mode| {
+            let camera = VdbCamera { mode, ..default() };
+            self.stage.world().entity_mut(self.camera).insert((quality, camera));
+            self.stage.picture(&self.target)
+        };
+        let surface =
+            has_surface.then(|| (shot(VdbRenderMode::Depth), shot(VdbRenderMode::Normals)));
+        Shots { lit: shot(VdbRenderMode::Lit), surface }
+    }
+
+    /// Milliseconds of all passes of the setting shot last: the median frame.
+    fn time(&mut self) -> Result<f64, String> {
+        let mut times = Vec::new();
+        // What comes first is of frames before, and of a GPU that was idle.
+        for _ in 0..4 * self.runs + 40 {
+            self.stage.update(1);
+            let store = self.stage.world().resource::<DiagnosticsStore>();
+            let spans = ["vdb_trace", "vdb_upscale", "vdb_composite"];
+            let newest = |pass: &str| {
+                store
+                    .iter()
+                    .find(|d| d.path().as_str() == format!("render/{pass}/elapsed_gpu"))
+                    .and_then(|d| d.measurement())
+            };
+            let Some(trace) = newest(spans[0]) else { continue };
+            let same_frame = |pass| newest(pass).filter(|m| m.time == trace.time);
+            let sum =
+                spans.iter().filter_map(|pass| same_frame(pass)).map(|m| m.value).sum::<f64>();
+            times.push((trace.time, sum));
+            times.dedup_by_key(|(time, _)| *time);
+            if times.len() >= self.runs + 3 {
+                break;
+            }
+        }
+        let mut times: Vec<f64> = times.into_iter().skip(3).map(|(_, ms)| ms).collect();
+        if times.len() < self.runs {
+            return Err("the adapter has no timestamp queries within encoders and passes".into());
+        }
+        times.sort_by(f64::total_cmp);
+        Ok(times[times.len() / 2])
+    }
+}

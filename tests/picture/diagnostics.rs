@@ -1,0 +1,215 @@
+//! What a scene has on the GPU, and what it has not; and the dial, turned by what is measured there.
+
+use bevy::core_pipeline::prepass::{DepthPrepass, MotionVectorPrepass};
+use bevy::input::ButtonState;
+use bevy::input::keyboard::{Key, KeyboardInput};
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy::render::diagnostic::RenderDiagnosticsPlugin;
+use bevy_vdb::{
+    VdbCamera, VdbCameraReport, VdbDiagnostics, VdbDial, VdbGrid, VdbQuality, VdbRenderMode,
+    VdbVolume,
+};
+use vdb_core::pack::PackKind;
+use vdb_core::synth::{fog, level_set};
+
+use super::common::{Stage, has_gpu};
+use super::{GREEN, SIZE, glow, looking};
+
+#[path = "../../examples/quality_dial.rs"]
+#[expect(dead_code, reason = "its window is not opened")]
+mod quality_dial;
+
+impl Stage {
+    fn report(&mut self, camera: Entity) -> Option<VdbCameraReport> {
+        self.world().resource::<VdbDiagnostics>().camera(camera)
+    }
+}
+
+/// The names of what there is, in a line.
+fn names(report: &VdbCameraReport) -> [String; 3] {
+    let list = |names: Vec<&str>| names.join(", ");
+    [
+        list(report.features.iter().map(|feature| feature.name).collect()),
+        list(report.passes.iter().map(|pass| pass.name).collect()),
+        list(report.buffers.iter().map(|buffer| buffer.name).collect()),
+    ]
+}
+
+/// Scene by scene: what is compiled, run and kept is what the scene asks for.
+#[test]
+fn there_is_what_a_scene_asks_for_and_nothing_else() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
+    stage.picture(&target);
+    assert_eq!(stage.report(camera), None, "of an empty frame");
+
+    let both = "vdb_trace, vdb_composite";
+    let plain = "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_tiles";
+    let check = |stage: &mut Stage, what: &str, features: &str, passes: &str, buffers: &str| {
+        stage.picture(&target);
+        let report = stage.report(camera).expect(what);
+        assert!(!report.is_compiling, "{what}");
+        assert_eq!(names(&report), [features, passes, buffers], "{what}");
+        assert!(report.buffers.iter().all(|buffer| buffer.bytes > 0), "{what}");
+        report
+    };
+    let sphere = stage.green_sphere(Transform::default());
+    let report = check(&mut stage, "voxels", "voxels, beams, light", both, plain);
+    let pixels = u64::from(SIZE.x * SIZE.y);
+    let bytes = |name: &str, report: &VdbCameraReport| {
+        report.buffers.iter().find(|buffer| buffer.name == name).unwrap().bytes
+    };
+    // Four halves, and a float.
+    assert_eq!(bytes("vdb_color", &report), 8 * pixels);
+    assert_eq!(bytes("vdb_depth", &report), 4 * pixels);
+    assert_eq!((report.volumes, report.rays), (1, SIZE));
+
+    let mode = |mode| VdbCamera { mode, ..default() };
+    stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
+    check(&mut stage, "without light", "voxels, beams", both, plain);
+    stage.world().entity_mut(camera).insert(VdbCamera::default());
+
+    let grid = stage.grid(fog::sphere(DVec3::ZERO, 15.0, 5.0), PackKind::Fog, 0.1);
+    let cloud = stage.world().spawn((VdbVolume(grid), glow(GREEN))).id();
+    check(&mut stage, "fog", "voxels, fog, beams, light", both, plain);
+    stage.world().entity_mut(camera).insert(VdbQuality { fog_step: 2.0, ..default() });
+    check(&mut stage, "sampled fog", "voxels, fog, sampled fog, beams, light", both, plain);
+    stage.world().despawn(cloud);
+    check(&mut stage, "no fog any more", "voxels, beams, light", both, plain);
+
+    let sun = DirectionalLight { shadow_maps_enabled: true, ..default() };
+    let sun = stage.world().spawn(sun).id();
+    check(&mut stage, "shadows", "voxels, beams, light, shadows", both, plain);
+    stage.world().despawn(sun);
+    let half = VdbQuality { resolution: 0.5, ..default() };
+    stage.world().entity_mut(camera).insert((half, DepthPrepass, MotionVectorPrepass));
+    let report = check(
+        &mut stage,
+        "motion, and fewer rays",
+        "voxels, beams, light, motion vectors, fewer rays than pixels",
+        "vdb_trace, vdb_upscale, vdb_composite",
+        "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_tiles, vdb_moving, vdb_motion, \
+         vdb_color_upscaled, vdb_depth_upscaled, vdb_moving_upscaled",
+    );
+    assert_eq!(bytes("vdb_color", &report), 2 * pixels, "a ray for four pixels");
+    assert_eq!(bytes("vdb_color_upscaled", &report), 8 * pixels);
+
+    stage.world().despawn(sphere);
+    stage.picture(&target);
+    assert_eq!(stage.report(camera), None, "everything is gone with what asked for it");
+}
+
+/// With the GPU's own times: no time is enough for the fastest, and any is for the most exact.
+#[test]
+fn the_dial_is_turned_by_what_the_gpu_takes() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::with(|app| {
+        app.add_plugins(RenderDiagnosticsPlugin);
+    });
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
+    let grid = stage.grid(fog::sphere(DVec3::ZERO, 20.0, 10.0), PackKind::Fog, 0.1);
+    stage.world().spawn((VdbVolume(grid), glow(GREEN)));
+    let own = VdbQuality { shadow_range: 7.0, ..VdbQuality::HIGH };
+    stage.world().entity_mut(camera).insert(own);
+    stage.picture(&target);
+    let mut turned = |frame_ms: f32| {
+        stage.world().entity_mut(camera).insert(VdbDial::Budget { frame_ms });
+        let mut frames = 0;
+        let mut last = *stage.world().get::<VdbQuality>(camera).unwrap();
+        // Until it has stood still for so long.
+        let mut still = 0;
+        while still < 60 {
+            stage.update(1);
+            let now = *stage.world().get::<VdbQuality>(camera).unwrap();
+            still = if now == last { still + 1 } else { 0 };
+            last = now;
+            frames += 1;
+            assert!(frames < 600, "the dial does not settle at {frame_ms} ms");
+        }
+        println!("{frame_ms} ms: after {} frames {last:?}", frames - 60);
+        last
+    };
+    let least = turned(1e-4);
+    assert_eq!((least.resolution, least.fog_light_step), (0.25, 16.0));
+    let most = turned(1e6);
+    assert_eq!((most.resolution, most.fog_light_step), (1.0, VdbQuality::EXACT.fog_light_step));
+    assert_eq!(most.shadow_range, 7.0, "it is not the dial's");
+    stage.picture(&target);
+    let store = stage.world().resource::<bevy::diagnostic::DiagnosticsStore>();
+    let ms = VdbDiagnostics::pass_ms(store, "vdb_trace");
+    assert!(ms.is_some_and(|ms| ms > 0.0), "{ms:?}");
+}
+
+/// An error in pixels: near by, fog is asked for more often than far away.
+#[test]
+fn the_dial_keeps_an_error_in_pixels() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, Transform::default());
+    let grid = stage.grid(level_set::sphere(DVec3::ZERO, 10.0), PackKind::Smooth { iso: 0.0 }, 0.1);
+    stage.world().spawn((VdbVolume(grid), glow(GREEN)));
+    stage.world().entity_mut(camera).insert(VdbDial::MaxError { pixels: 1.0 });
+    let [near, far] = [2.0, 40.0].map(|distance| {
+        stage.world().entity_mut(camera).insert(looking(Vec3::Z * distance));
+        stage.update(4);
+        *stage.world().get::<VdbQuality>(camera).unwrap()
+    });
+    assert_eq!((near.resolution, far.resolution), (0.5, 0.5));
+    assert_eq!(near.fog_step, 0.0, "a voxel is larger than a pixel");
+    // The nearest voxel is 39 away, and a pixel there shows 2·tan(22.5°)·39 / 64.
+    let voxels = 2.0 * 22.5_f32.to_radians().tan() * 39.0 / 64.0 / 0.1;
+    assert!((far.fog_step / voxels - 1.0).abs() < 0.05, "{} of {voxels}", far.fog_step);
+}
+
+#[test]
+fn the_example_shows_its_cloud_at_every_preset() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    quality_dial::scene(&mut stage.app);
+    let size = UVec2::new(128, 96);
+    let target = stage.target(size);
+    stage.update(1);
+    let mut cameras = stage.world().query_filtered::<Entity, With<Camera3d>>();
+    let camera = cameras.single(stage.world()).unwrap();
+    let to = bevy::camera::RenderTarget::Image(target.clone().into());
+    stage.world().entity_mut(camera).insert((to, Msaa::Off));
+    let start = std::time::Instant::now();
+    while stage.world().resource::<Assets<VdbGrid>>().len() < 2 {
+        assert!(start.elapsed() < std::time::Duration::from_secs(60), "the models do not come");
+        stage.update(1);
+    }
+    let digits = [KeyCode::Digit1, KeyCode::Digit2, KeyCode::Digit3, KeyCode::Digit4];
+    for (key, (name, preset)) in digits.into_iter().zip(VdbQuality::PRESETS) {
+        stage.world().write_message(KeyboardInput {
+            key_code: key,
+            logical_key: Key::Character(name.into()),
+            state: ButtonState::Pressed,
+            text: None,
+            repeat: false,
+            window: Entity::PLACEHOLDER,
+        });
+        stage.update(1);
+        assert_eq!(*stage.world().get::<VdbQuality>(camera).unwrap(), preset);
+        let picture = stage.picture(&target);
+        picture.save(&format!("quality_dial_{name}"));
+        // The teapot is in the lower half.
+        let upper = &picture.pixels[..picture.pixels.len() / 2];
+        let cloud = upper.iter().filter(|p| p.x > 0.1 && p.z > 0.1).count();
+        assert!(cloud > 400, "{name}: {cloud} pixels of the cloud");
+        let report = stage.report(camera).unwrap();
+        assert!(report.has("fog") && report.has("shadows"), "{name}: {report:?}");
+    }
+}
