@@ -98,7 +98,8 @@ fn on_gpu(output: &Output) -> bool {
 #[test]
 fn the_bundled_models_are_shown_and_the_cpu_agrees() {
     for (name, fewest, most) in [("teapot.vdb", 2_000, 10_000), ("cloud.vdb", 1_000, 10_000)] {
-        let (gpu, output) = picture(&format!("gpu-{name}.png"), |c| _ = c.arg(model(name)));
+        let (gpu, output) =
+            picture(&format!("gpu-{name}.png"), |c| _ = c.arg("--scatter-once").arg(model(name)));
         assert!(stderr(&output).contains("active voxels"), "{}", stderr(&output));
         let count = drawn(&gpu);
         assert!((fewest..most).contains(&count), "{name}: {count} pixels");

@@ -80,7 +80,12 @@ pub fn camera(args: &Args) -> impl Bundle {
         Hdr,
         Msaa::Sample4,
         tonemapping(args.mode),
-        VdbCamera { mode: args.mode, overlays: args.overlays, ..default() },
+        VdbCamera {
+            mode: args.mode,
+            overlays: args.overlays,
+            multiple_scattering: args.scatters_again,
+            ..default()
+        },
         AmbientLight { brightness: SKY_LUMINANCE, ..default() },
     )
 }

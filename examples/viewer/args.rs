@@ -29,6 +29,7 @@ Without FILE, the model that comes with bevy_vdb.
   --density X       fog: extinction per unit of density and of world length [1]
   --sun X,Y,Z       the direction towards the sun [-0.6,0.75,0.5]
   --no-shadows      the sun throws none
+  --scatter-once    fog does not scatter light again, as --cpu never has it
   --borders NAMES   of the tree's nodes, on surfaces: of leaves, lower, upper, with commas
   --voxels          level sets voxel by voxel, rather than smooth
   --ground          a plane below and a ball beside the volumes, both meshes
@@ -58,6 +59,7 @@ pub struct Args {
     /// Towards it; finite and not zero.
     pub sun: DVec3,
     pub shadows: bool,
+    pub scatters_again: bool,
     pub overlays: VdbOverlays,
     pub smooth: bool,
     pub ground: bool,
@@ -86,6 +88,7 @@ impl Args {
                 Arg::Long("density") => args.density = value(&mut parser, "--density", density)?,
                 Arg::Long("sun") => args.sun = value(&mut parser, "--sun", direction)?,
                 Arg::Long("no-shadows") => args.shadows = false,
+                Arg::Long("scatter-once") => args.scatters_again = false,
                 Arg::Long("borders") => {
                     args.overlays = value(&mut parser, "--borders", overlays)?;
                 }
@@ -122,6 +125,7 @@ impl Default for Args {
             // Over the left shoulder of the camera where nobody moves it.
             sun: DVec3::new(-0.6, 0.75, 0.5),
             shadows: true,
+            scatters_again: true,
             overlays: VdbOverlays::default(),
             smooth: true,
             ground: false,
@@ -176,6 +180,7 @@ impl fmt::Display for Args {
         }
         let flags = [
             ("no-shadows", !self.shadows),
+            ("scatter-once", !self.scatters_again),
             ("voxels", !self.smooth),
             ("ground", self.ground),
             ("no-panel", !self.panel),

@@ -41,6 +41,7 @@ impl State<'_, '_> {
         if let (Some((transform, camera, orbit)), Some(view)) = (camera, self.status.view) {
             args.mode = camera.mode;
             args.overlays = camera.overlays;
+            args.scatters_again = camera.multiple_scattering;
             let moved = transform.translation.distance(view.eye.as_vec3());
             let turned = transform.rotation.angle_between(view.transform().rotation);
             // The camera that orbits works its place out of angles.
