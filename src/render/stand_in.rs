@@ -107,3 +107,49 @@ pub(super) fn reads_colors(key: &TraceKey, colors: &[Part]) -> bool {
 fn reads(key: &TraceKey, format: Option<u32>) -> bool {
     key.format.is_none() || format.is_none() || key.format == format
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{VdbRenderMode, VdbTraversal};
+
+    #[test]
+    fn what_a_stand_in_cannot_read_is_left_out() {
+        let any = TraceKey {
+            multisampled: false,
+            surfaces: true,
+            smooth: false,
+            fogs: true,
+            many: false,
+            beams: false,
+            page_bits: None,
+            format: None,
+            traversal: VdbTraversal::HddaSdf,
+            mode: VdbRenderMode::Lit,
+            lights: None,
+            motion: false,
+            reflections: false,
+            fog_steps: false,
+            overlays: false,
+            emission: true,
+            blackbody: false,
+            colors: false,
+            multiple_scattering: false,
+            scaled: false,
+        };
+        let one = TraceKey { format: Some(1), blackbody: true, ..any };
+        use gpu_data::{KIND_BLACKBODY, KIND_EMISSION, KIND_FOG, KIND_NONE, KIND_SURFACE};
+        for (key, kind, format, expected) in [
+            // Kelvins are no luminance.
+            (any, KIND_BLACKBODY, Some(2), KIND_NONE),
+            (one, KIND_BLACKBODY, Some(1), KIND_BLACKBODY),
+            (any, KIND_EMISSION, Some(2), KIND_EMISSION),
+            (one, KIND_EMISSION, Some(2), KIND_NONE),
+            (any, KIND_FOG, Some(2), KIND_FOG),
+            (one, KIND_FOG, Some(2), KIND_NONE),
+            (one, KIND_SURFACE, None, KIND_SURFACE),
+        ] {
+            assert_eq!(kind_for(&key, kind, format), expected, "{kind} {format:?}");
+        }
+    }
+}

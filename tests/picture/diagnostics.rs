@@ -76,9 +76,15 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
 
     let grid = stage.grid(fog::sphere(DVec3::ZERO, 15.0, 5.0), PackKind::Fog, 0.1);
     let cloud = stage.world().spawn((VdbVolume(grid), glow(GREEN))).id();
-    check(&mut stage, "fog", "voxels, fog, beams, light", both, plain);
+    let seen = "voxels, fog, light scattered again, beams, light";
+    check(&mut stage, "fog", seen, both, plain);
     stage.world().entity_mut(camera).insert(VdbQuality { fog_step: 2.0, ..default() });
-    check(&mut stage, "sampled fog", "voxels, fog, sampled fog, beams, light", both, plain);
+    let seen = "voxels, fog, sampled fog, light scattered again, beams, light";
+    check(&mut stage, "sampled fog", seen, both, plain);
+    let once = VdbCamera { multiple_scattering: false, ..default() };
+    stage.world().entity_mut(camera).insert(once);
+    let seen = "voxels, fog, sampled fog, beams, light";
+    check(&mut stage, "light scattered once", seen, both, plain);
     stage.world().despawn(cloud);
     check(&mut stage, "no fog any more", "voxels, beams, light", both, plain);
 
