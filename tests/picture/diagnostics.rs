@@ -126,27 +126,25 @@ fn the_dial_is_turned_by_what_the_gpu_takes() {
     let own = VdbQuality { shadow_range: 7.0, ..VdbQuality::HIGH };
     stage.world().entity_mut(camera).insert(own);
     stage.picture(&target);
-    let mut turned = |frame_ms: f32| {
+    let mut turned = |frame_ms: f32, to: (f32, f32)| {
         stage.world().entity_mut(camera).insert(VdbDial::Budget { frame_ms });
         let mut frames = 0;
         let mut last = *stage.world().get::<VdbQuality>(camera).unwrap();
-        // Until it has stood still for so long.
+        // Until it has stood still there for so long: times come from the GPU many frames late.
         let mut still = 0;
-        while still < 60 {
+        while still < 60 || (last.resolution, last.fog_light_step) != to {
             stage.update(1);
             let now = *stage.world().get::<VdbQuality>(camera).unwrap();
             still = if now == last { still + 1 } else { 0 };
             last = now;
             frames += 1;
-            assert!(frames < 600, "the dial does not settle at {frame_ms} ms");
+            assert!(frames < 1200, "at {frame_ms} ms the dial settles at {last:?}, not at {to:?}");
         }
         println!("{frame_ms} ms: after {} frames {last:?}", frames - 60);
         last
     };
-    let least = turned(1e-4);
-    assert_eq!((least.resolution, least.fog_light_step), (0.25, 16.0));
-    let most = turned(1e6);
-    assert_eq!((most.resolution, most.fog_light_step), (1.0, VdbQuality::EXACT.fog_light_step));
+    turned(1e-4, (0.25, 16.0));
+    let most = turned(1e6, (1.0, VdbQuality::EXACT.fog_light_step));
     assert_eq!(most.shadow_range, 7.0, "it is not the dial's");
     stage.picture(&target);
     let store = stage.world().resource::<bevy::diagnostic::DiagnosticsStore>();
