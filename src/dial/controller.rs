@@ -47,6 +47,8 @@ pub(super) struct Controller {
     age: usize,
     /// The mean of so many frames, while it holds one.
     held: Option<(f32, usize)>,
+    /// What it was last asked to keep.
+    budget: f32,
 }
 
 impl Default for Controller {
@@ -66,6 +68,7 @@ impl Controller {
             before: None,
             age: 0,
             held: None,
+            budget: 0.0,
         }
     }
 
@@ -77,6 +80,10 @@ impl Controller {
     pub fn next(&mut self, ms: f32, budget: f32) -> usize {
         if !(ms.is_finite() && ms >= 0.0 && budget > 0.0) {
             return self.mark;
+        }
+        // Another budget is a cut, whatever the times say.
+        if budget != self.budget {
+            *self = Self { budget, ..Self::at(self.mark) };
         }
         self.age += 1;
         if self.ignored > 0 {
@@ -91,7 +98,7 @@ impl Controller {
             if self.is_cut(mean, budget) {
                 let last = self.times.len() - WINDOW;
                 let times = self.times.split_off(last);
-                *self = Self { times, ignored: 0, ..Self::at(self.mark) };
+                *self = Self { times, ignored: 0, budget, ..Self::at(self.mark) };
             } else if let Some(now) = self.median(CUT_WINDOW).filter(|now| *now > LONGER * mean) {
                 // It takes longer, and fits by far.
                 self.held = Some((now, CUT_WINDOW));
@@ -252,6 +259,16 @@ mod tests {
                 last = cost(end);
             }
             assert!(cuts > 10, "{cuts} cuts turned the dial");
+        }
+    }
+
+    #[test]
+    fn another_budget_is_a_cut() {
+        let mut controller = Controller::default();
+        let scene = Scene { ms: 0.2, ratios: FOG };
+        for (budget, mark) in [(1e-4, MARKS - 1), (1e6, 0), (0.1, 1), (1e-4, MARKS - 1), (0.1, 1)] {
+            let marks = run(&mut controller, &scene, 60, (budget, 0.0), &mut 1);
+            assert!(marks[30..].iter().all(|now| *now == mark), "{budget} ms: {marks:?}");
         }
     }
 
