@@ -4,8 +4,8 @@
 #import bevy_vdb::types::Grid
 #import bevy_vdb::exact::Course
 #import bevy_vdb::samples::{brick_corners, brick_of, brick_slot, fog_cell, tile_value, trilinear}
-#import bevy_vdb::tree::{CHILD, LEAF_NUMBER, OCCUPIED, Place, REGION_BITS, Span, empty_cell, empty_span, locate, locate_slot, nowhere, reach_of, span_constant, span_occupied}
-#import bevy_vdb::anchor::{Anchor, anchor_exit, anchor_t, anchored}
+#import bevy_vdb::tree::{CHILD, LEAF_NUMBER, OCCUPIED, Place, REGION_BITS, Span, empty_cell, locate, locate_slot, nowhere, reach_of, span_constant, span_occupied}
+#import bevy_vdb::anchor::{Anchor, anchor_exit, anchored}
 #import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, enter, local_cell, plane_t, planes_behind, unturned}
 
 // Half the distance between the two points of Gauss and Legendre on an interval of length 1.
@@ -109,9 +109,13 @@ fn density_in(grid: Grid, place: Place, sample: Sample) -> f32 {
 // How many times its length a step becomes at most.
 const MOST_STRIDE: f32 = 8.0;
 
-// The same by the density in the middles of steps, the first of them `step` voxels long and at the place
-// where the ray comes into the grid's box: places that do not depend on the tree. Nothing dims the ray
-// before `start`; `dims` is the optical depth of a unit of what is integrated.
+// Cells from the ray's own within which f32 says where a sample is to a thousandth of a voxel.
+const CLOSE: u32 = 8192u;
+
+// The same by the density in the middles of steps, the first of them `step` voxels long. They are counted
+// from the ray's own place, or from where it comes into the grid's box if that is far away: places that do
+// not depend on the tree. Nothing dims the ray before `start`; `dims` is the optical depth of a unit of what is
+// integrated.
 //
 // Of the transmittance T, a step errs by T times what the optical depth errs, which grows with its square.
 // The least error for a number of steps has them in proportion to T^(-1/3).
@@ -123,21 +127,35 @@ fn stepped_length(
     step: f32,
     dims: f32,
 ) -> f32 {
-    let enters = enter(course);
-    if !enters.inside {
+    let entries = select(vec3(course.t_min), plane_t(course, course.first), course.before);
+    let exits = plane_t(course, course.last + 1u);
+    let t_in = max(max(max(entries.x, entries.y), entries.z), course.t_min);
+    let t_out = min(min(min(exits.x, exits.y), exits.z), course.t_max);
+    if !course.meets || !(t_in < t_out) {
         return 0.0;
     }
-    let near = anchored(course, enters.rel, enters.axis, enters.t);
-    let exits = plane_t(course, course.last + 1u);
-    let t_end = min(min(min(exits.x, exits.y), exits.z), course.t_max) - near.t;
-    let t_step = step / length(course.speed);
-    let way = select(course.speed, -course.speed, course.flip != vec3(0));
+    var near = Anchor(vec3(0u), course.frac, 0.0);
+    if any(course.last >= vec3(CLOSE)) {
+        let enters = enter(course);
+        if !enters.inside {
+            return 0.0;
+        }
+        near = anchored(course, enters.rel, enters.axis, enters.t);
+    }
+    let is_down = course.flip != vec3(0);
+    let way = select(course.speed, -course.speed, is_down);
+    let inverse = select(course.inverse, -course.inverse, is_down);
     let samples = Samples(local_cell(course, near.cell), unturned(course, near.frac), way);
+    let t_step = step / length(course.speed);
+    let per_step = 1.0 / t_step;
+    let t_end = t_out - near.t;
+    // Of T^(-1/3), as a power of 2.
+    let growth = dims * 0.48089835;
     var place = nowhere(samples.cell);
     var sum = 0.0;
-    var k = max(ceil((start - near.t) / t_step - 0.5), 0.0);
+    var k = max(ceil((max(start, t_in) - near.t) * per_step - 0.5), 0.0);
     while sum < enough && k * t_step < t_end {
-        let stride = min(exp(dims / 3.0 * sum), MOST_STRIDE);
+        let stride = min(exp2(growth * sum), MOST_STRIDE);
         // The last step ends with the ray.
         let part = min(stride * t_step, t_end - k * t_step);
         var here = sample_at(samples, k * t_step + 0.5 * part);
@@ -149,10 +167,12 @@ fn stepped_length(
         let slot = locate_slot(grid, here.cell, &place);
         count_step();
         if (slot & (CHILD | OCCUPIED)) == 0u {
-            let rel = bitcast<vec3<u32>>((here.cell ^ course.flip) - course.cell);
-            let span = empty_span(place.log_dim, reach_of(slot, course.octant));
-            let out = anchor_t(near, course, planes_behind(course, rel, span));
-            k = max(k + 1.0, ceil(min(min(out.x, out.y), out.z) / t_step - 0.5));
+            let size = 1i << place.log_dim;
+            let low = here.cell & vec3(-size);
+            let ahead = i32(reach_of(slot, course.octant) << place.log_dim);
+            let planes = select(low + (size + ahead), low - ahead, is_down);
+            let out = (vec3<f32>(planes - samples.cell) - samples.origin) * inverse;
+            k = max(k + 1.0, ceil(min(min(out.x, out.y), out.z) * per_step - 0.5));
             continue;
         }
         sum += part * density_in(grid, place, here);

@@ -79,17 +79,6 @@ fn plane_t(course: Course, plane: vec3<u32>) -> vec3<f32> {
     return (vec3<f32>(plane) - course.frac) * course.inverse;
 }
 
-// The axis of the plane that is crossed first of three, one on each axis. At once means x before y
-// before z.
-fn first_axis(course: Course, plane: vec3<u32>, t: vec3<f32>) -> u32 {
-    let least = min(min(t.x, t.y), t.z);
-    let second = max(min(t.x, t.y), min(max(t.x, t.y), t.z));
-    if second > least * (1.0 + T_ERROR) {
-        return select(select(2u, 1u, t.y == least), 0u, t.x == least);
-    }
-    return ordered(course, plane, vec3(true), true);
-}
-
 // The first, or the last, of the planes of some axes that a course crosses, one on each axis; 3 for no
 // axis at all. One loop with one comparison in it: compilers put functions in place of their calls,
 // and this one is long.
@@ -110,12 +99,15 @@ fn ordered(course: Course, plane: vec3<u32>, axes: vec3<bool>, want_first: bool)
     return best;
 }
 
-// Cells that a course has come to for certain at about t, on each axis, from `low` up to `high`. It may
-// be a cell further: then the walk crosses that plane next.
-fn cells_reached(course: Course, t: f32, low: vec3<u32>, high: vec3<u32>) -> vec3<u32> {
-    // Less than it is by twice what f32 may get wrong of it. Conversions saturate.
+// Cells that a course has come to for certain at about t, on each axis, or the walk before. It may be a
+// cell further: then the walk crosses that plane next.
+//
+// What f32 may get wrong, a sixteenth of T_ERROR, is less than what is taken off: where t is that of a
+// plane or earlier, no cell behind that plane is reached.
+fn cells_reached(course: Course, t: f32, before: vec3<u32>) -> vec3<u32> {
+    // Conversions saturate.
     let at = (course.frac - T_ERROR) + (t * (1.0 - T_ERROR)) * course.speed;
-    return clamp(vec3<u32>(at), low, high);
+    return max(vec3<u32>(at), before);
 }
 
 // The start of the walk: a cell of the grid's box on the course.
@@ -133,9 +125,8 @@ fn enter(course: Course) -> Walk {
         let in_box = all(rel >= course.first) && all(rel <= course.last);
         return Walk(rel, course.t_min, 3u, course.t_min <= course.t_max && in_box);
     }
-    // One cell more: the ray may have left the box on another axis before it comes in on this one.
-    let high = max(course.last, course.last + 1u);
-    let rel = cells_reached(course, t_near, course.first, high);
+    // Beyond the last, where the ray has left the box on another axis before it comes in on this one.
+    let rel = cells_reached(course, t_near, course.first);
     let axis = select(select(2u, 1u, near.y == t_near), 0u, near.x == t_near);
     return Walk(rel, t_near, axis, t_near <= course.t_max && all(rel <= course.last));
 }
@@ -169,10 +160,15 @@ fn planes_behind(course: Course, rel: vec3<u32>, span: Span) -> vec3<u32> {
 fn advance(course: Course, walk: Walk, span: Span) -> Walk {
     let plane = planes_behind(course, walk.rel, span);
     let exits = plane_t(course, plane);
-    let axis = first_axis(course, plane, exits);
     let t = min(min(exits.x, exits.y), exits.z);
-    let across = vec3(0u, 1u, 2u) == vec3(axis);
-    let rel = select(cells_reached(course, t, walk.rel, plane - 1u), plane, across);
+    let second = max(min(exits.x, exits.y), min(max(exits.x, exits.y), exits.z));
+    var across = exits == vec3(t);
+    if second <= t * (1.0 + T_ERROR) {
+        // At once means x before y before z.
+        across = vec3(0u, 1u, 2u) == vec3(ordered(course, plane, vec3(true), true));
+    }
+    let axis = select(select(2u, 1u, across.y), 0u, across.x);
+    let rel = select(cells_reached(course, t, walk.rel), plane, across);
     return Walk(rel, t, axis, t <= course.t_max && all(rel <= course.last));
 }
 
@@ -221,17 +217,25 @@ fn first_hit(grid: Grid, course: Course, enters: Walk) -> Hit {
     var walk = enters;
     var place = nowhere(local_cell(course, walk.rel));
     while walk.inside {
-        count_step();
-        let cell = local_cell(course, walk.rel);
-        var span = locate(grid, cell, course.octant, &place);
-        if span_occupied(span) {
+        // A loop of its own, so that rays that go side by side confirm their hits together.
+        var cell = vec3(0);
+        var found = false;
+        while walk.inside && !found {
+            count_step();
+            cell = local_cell(course, walk.rel);
+            let span = locate(grid, cell, course.octant, &place);
+            found = span_occupied(span);
+            if !found {
+                walk = advance(course, walk, span);
+            }
+        }
+        if found {
             let hit = confirm(course, walk, begin_of(enters));
             if hit.inside {
                 return Hit(cell, hit.t, hit.axis, hit.t <= course.t_max);
             }
-            span = empty_cell();
+            walk = advance(course, walk, empty_cell());
         }
-        walk = advance(course, walk, span);
     }
     return Hit(vec3(0), 0.0, 3u, false);
 #endif

@@ -114,13 +114,29 @@ fn first_root(grid: Grid, course: Course, enters: Walk) -> SurfaceHit {
     var was_negative = false;
     while walk.inside {
         count_step();
-        let cell = local_cell(course, walk.rel);
-        let span = locate(grid, cell, course.octant, &place);
+        var cell = local_cell(course, walk.rel);
+        var span = locate(grid, cell, course.octant, &place);
+#ifdef IN_STEP
+        // Each ray goes on to a cell of its own first: what follows is dear, and one takes along all.
+        while !span_occupied(span) && walk.inside {
+            walk = advance(course, walk, span);
+            known = false;
+            if walk.inside {
+                count_step();
+                cell = local_cell(course, walk.rel);
+                span = locate(grid, cell, course.octant, &place);
+            }
+        }
+        if !walk.inside {
+            break;
+        }
+#else
         if !span_occupied(span) {
             walk = advance(course, walk, span);
             known = false;
             continue;
         }
+#endif
         let here = confirm(course, walk, begin_of(enters));
         walk = advance(course, walk, empty_cell());
         if !here.inside {

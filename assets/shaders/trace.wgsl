@@ -304,7 +304,8 @@ fn finite(color: vec3<f32>) -> vec3<f32> {
     return clamp(select(whole, vec3(MAX_COLOR), is_infinite), vec3(0.0), vec3(MAX_COLOR));
 }
 
-@compute @workgroup_size(8, 8, 1)
+// Two tiles a group: half as many groups to start.
+@compute @workgroup_size(8, 16, 1)
 fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = id.xy;
     if any(pixel >= view.size) {

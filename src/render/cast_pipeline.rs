@@ -54,7 +54,9 @@ impl SpecializedRenderPipeline for CastPipeline {
         let kinds = [(key.surfaces, "SURFACES"), (key.smooth, "SMOOTH"), (key.fogs, "FOGS")];
         let kinds = kinds.into_iter().filter(|(on, _)| *on).map(|(_, def)| def.into());
         let format = key.format.map(|format| ShaderDefVal::UInt("FORMAT".into(), format));
-        let shader_defs: Vec<_> = kinds.chain(page_defs(key.page_bits)).chain(format).collect();
+        let adapter = self.shaders.adapter_defs.iter().cloned();
+        let shader_defs: Vec<_> =
+            kinds.chain(page_defs(key.page_bits)).chain(format).chain(adapter).collect();
         let vertex = VertexState {
             shader: self.shaders.cast.clone(),
             shader_defs: shader_defs.clone(),

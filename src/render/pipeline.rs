@@ -18,6 +18,7 @@ use bevy::render::render_resource::{
     ShaderStages, SpecializedComputePipeline, SpecializedRenderPipeline, StencilState,
     StorageTextureAccess, TextureFormat, TextureSampleType,
 };
+use bevy::render::renderer::RenderAdapterInfo;
 use bevy::render::view::ViewUniform;
 use bevy::shader::ShaderDefVal;
 
@@ -51,10 +52,11 @@ pub(super) struct ViewPipelines {
 pub(super) fn init(
     mut commands: Commands,
     assets: Res<AssetServer>,
+    adapter: Res<RenderAdapterInfo>,
     fullscreen: Res<FullscreenShader>,
     meshes: Res<MeshPipeline>,
 ) {
-    let shaders = Shaders::load(&assets);
+    let shaders = Shaders::load(&assets, &adapter);
     let lights = LightLayouts::new(&meshes);
     commands.insert_resource(BeamsPipeline::new(&shaders, &lights));
     commands.insert_resource(TracePipeline::new(&shaders, &lights));
@@ -273,7 +275,12 @@ impl SpecializedComputePipeline for TracePipeline {
                 self.layout(key.multisampled, key.beams, key.motion, key.blackbody),
             ),
             shader: self.shaders.trace.clone(),
-            shader_defs: own.chain(lights).chain(page_defs(key.page_bits)).chain(format).collect(),
+            shader_defs: own
+                .chain(lights)
+                .chain(page_defs(key.page_bits))
+                .chain(format)
+                .chain(self.shaders.adapter_defs.iter().cloned())
+                .collect(),
             entry_point: Some("trace".into()),
             ..default()
         }

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use bevy::asset::io::embedded::EmbeddedAssetRegistry;
 use bevy::prelude::*;
-use bevy::shader::Shader;
+use bevy::render::renderer::RenderAdapterInfo;
+use bevy::shader::{Shader, ShaderDefVal};
+use wgpu::DeviceType;
 
 macro_rules! shaders {
     ($($name:literal),*) => {
@@ -80,14 +82,19 @@ pub(super) struct Shaders {
     pub composite: Handle<Shader>,
     pub cast: Handle<Shader>,
     pub mesh_depth: Handle<Shader>,
+    /// What all pipelines that walk through grids are compiled with on this adapter.
+    pub adapter_defs: Vec<ShaderDefVal>,
     _imports: [Handle<Shader>; IMPORTS.len()],
 }
 
 impl Shaders {
-    pub fn load(assets: &AssetServer) -> Self {
+    pub fn load(assets: &AssetServer, adapter: &RenderAdapterInfo) -> Self {
         let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
         let [beams, trace, upscale, composite, cast, mesh_depth] = PROGRAMS.map(load);
         let _imports = IMPORTS.map(load);
-        Self { beams, trace, upscale, composite, cast, mesh_depth, _imports }
+        // A driver for CPUs runs rays in step, through all branches that any of them takes.
+        let is_cpu = adapter.device_type == DeviceType::Cpu;
+        let adapter_defs = if is_cpu { vec!["IN_STEP".into()] } else { Vec::new() };
+        Self { beams, trace, upscale, composite, cast, mesh_depth, adapter_defs, _imports }
     }
 }

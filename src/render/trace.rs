@@ -11,6 +11,8 @@ use super::prepare::ViewResources;
 
 /// Of a workgroup in `beams.wgsl`.
 const BEAM_THREADS: u32 = 64;
+/// Of a workgroup in `trace.wgsl`, one below the other.
+const TILES_OF_GROUP: u32 = 2;
 /// Workgroups on one axis, at most, on any GPU; threads go on from what others leave.
 const MOST_GROUPS: u32 = 65_535;
 
@@ -51,7 +53,7 @@ pub(super) fn trace(
         pass.set_bind_group(0, lights, &bind_groups.lights.offsets);
         pass.set_bind_group(1, environment, &[]);
         pass.set_bind_group(GROUP, &bind_groups.trace, &[]);
-        pass.dispatch_workgroups(tiles.x, tiles.y, 1);
+        pass.dispatch_workgroups(tiles.x, tiles.y.div_ceil(TILES_OF_GROUP), 1);
     }
     span.end(context.command_encoder());
 }

@@ -109,7 +109,9 @@ impl Gpu {
     /// # Panics
     /// When the source is wrong, with naga's message.
     pub fn kernel(&self, source: &str, entry: &str, defs: Defs) -> Kernel {
-        let module = compose(source, defs);
+        // As the crate does on such an adapter.
+        let in_step: Defs = if self.is_software() { &["IN_STEP"] } else { &[] };
+        let module = compose(source, &[defs, in_step].concat());
         let info = Validator::new(ValidationFlags::all(), Capabilities::all())
             .validate(&module)
             .unwrap_or_else(|error| panic!("{}", error.emit_to_string(source)));

@@ -295,12 +295,15 @@ fn first_axis(course: &Course, plane: UVec3, t: Vec3) -> usize {
     if plane_before(course, (of_two, plane[of_two]), (2, plane.z)) { of_two } else { 2 }
 }
 
-/// Cells that a course has come to for certain at about `t`, on each axis, from `low` up to `high`. It
-/// may be a cell further: then the walk crosses that plane next.
-fn cells_reached(course: &Course, t: f32, low: UVec3, high: UVec3) -> UVec3 {
-    // Less than it is by twice what f32 may get wrong of it. Conversions saturate.
+/// Cells that a course has come to for certain at about `t`, on each axis, or the walk before. It may be
+/// a cell further: then the walk crosses that plane next.
+///
+/// What f32 may get wrong, a sixteenth of [`T_ERROR`], is less than what is taken off: where `t` is that
+/// of a plane or earlier, no cell behind that plane is reached.
+fn cells_reached(course: &Course, t: f32, before: UVec3) -> UVec3 {
+    // Conversions saturate.
     let at = (course.frac - T_ERROR) + (t * (1.0 - T_ERROR)) * course.speed;
-    at.as_uvec3().clamp(low, high)
+    at.as_uvec3().max(before)
 }
 
 /// The axis of a component that equals `t`.
@@ -332,9 +335,8 @@ pub fn enter(course: &Course) -> Walk {
         let inside = course.t_min <= course.t_max && in_box;
         return Walk { rel, t: course.t_min, axis: 3, inside };
     }
-    // One cell more: the ray may have left the box on another axis before it comes in on this one.
-    let high = course.last.saturating_add(UVec3::ONE);
-    let rel = cells_reached(course, t, course.first, high);
+    // Beyond the last, where the ray has left the box on another axis before it comes in on this one.
+    let rel = cells_reached(course, t, course.first);
     let inside = t <= course.t_max && rel.cmple(course.last).all();
     Walk { rel, t, axis: axis_of(near, t) as u32, inside }
 }
@@ -359,7 +361,8 @@ pub fn advance(course: &Course, walk: &Walk, span: Span) -> Walk {
     let exits = course.plane_t(plane);
     let axis = first_axis(course, plane, exits);
     let t = exits[axis];
-    let mut rel = cells_reached(course, t, walk.rel, plane.wrapping_sub(UVec3::ONE));
+    let mut rel = cells_reached(course, t, walk.rel);
+    debug_assert!(rel.cmplt(plane).all(), "beyond a plane that is not crossed yet");
     rel[axis] = plane[axis];
     let inside = t <= course.t_max && rel.cmple(course.last).all();
     Walk { rel, t, axis: axis as u32, inside }

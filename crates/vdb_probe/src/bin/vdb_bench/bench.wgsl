@@ -102,8 +102,10 @@ fn put(number: u32, value: f32) {
 #endif
 }
 
+// Two tiles a group: half as many groups to start. With four, one long ray keeps too many waiting.
+//
 // t of the first voxel; with SMOOTH t and normal of the first root; with FOG the transmittance.
-@compute @workgroup_size(8, 8)
+@compute @workgroup_size(8, 16)
 fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     let number = number_of(id);
     if number == NONE {

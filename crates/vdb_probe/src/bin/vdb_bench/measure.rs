@@ -186,7 +186,7 @@ impl<'a> Subject<'a> {
         let mut buffers = self.grid.bindings();
         buffers.extend([(4, &setup), (5, &view), (6, &out), (7, &normals), (8, &starts)]);
 
-        let groups = [tiles[0], tiles[1], 1];
+        let groups = [tiles[0], tiles[1].div_ceil(2), 1];
         let mut passes: Vec<Step> = Vec::new();
         let beam_groups = [tiles[0].div_ceil(8), tiles[1].div_ceil(8), 1];
         let beams = kernels.beams.as_ref();
