@@ -26,6 +26,17 @@ pub struct Errors {
     pub normal: f64,
 }
 
+/// FLIP, in the mean, of pictures in which the brightest place of the first is white.
+pub fn looks_different(exact: &Picture, found: &Picture) -> f64 {
+    let white = exact.pixels.iter().map(|p| p.truncate().max_element()).fold(1e-6, f32::max);
+    let [a, b] = [exact, found].map(|picture| Picture {
+        size: picture.size,
+        pixels: picture.pixels.iter().map(|p| *p / white).collect(),
+    });
+    let all = crate::flip::flip(&a, &b);
+    all.iter().sum::<f64>() / all.len() as f64
+}
+
 pub fn errors(exact: &Shots, found: &Shots, scene: &Scene) -> Errors {
     let light = |picture: &Picture| -> Vec<DVec3> {
         picture.pixels.iter().map(|p| p.truncate().as_dvec3()).collect()

@@ -5,24 +5,31 @@
 #[path = "../../tests/common/mod.rs"]
 mod common;
 mod compare;
+mod dial;
+#[allow(dead_code, reason = "its tests run where the pictures are tested")]
+#[path = "../../tests/picture/flip.rs"]
+mod flip;
 mod oracle;
 mod plot;
 mod scenes;
+mod warm;
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Instant;
 
-use bevy::diagnostic::DiagnosticsStore;
+use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::math::UVec2;
 use bevy::prelude::*;
 use bevy::render::RenderApp;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::renderer::RenderAdapterInfo;
-use bevy_vdb::{VdbCamera, VdbQuality, VdbRenderMode};
+use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbQuality, VdbRenderMode};
 use common::{Picture, Stage};
 use compare::Errors;
 use lexopt::{Arg, Parser, ValueExt};
+use rayon::prelude::*;
 
 const HELP: &str = "\
 frontier [OPTION…]
@@ -33,6 +40,8 @@ Times pictures over the knobs of VdbQuality, tells what each gets wrong, and dra
   --edge N        voxels along an edge of the models, from 64 to 1024; 256
   --runs N        frames of which the median counts, at least 3; 31
   --scenes NAME,… those with such a name only
+  --presets yes   the presets only; no
+  --budgets MS,…  instead: what VdbDial makes of flights through the scenes, at each of these budgets
 ";
 
 struct Args {
@@ -41,12 +50,22 @@ struct Args {
     edge: u32,
     runs: usize,
     scenes: Option<String>,
+    presets: bool,
+    budgets: Vec<f32>,
 }
 
 impl Args {
     fn parse() -> Result<Option<Self>, String> {
         let (out, size) = (PathBuf::from("target/frontier"), UVec2::new(1920, 1080));
-        let mut args = Self { out, size, edge: 256, runs: 31, scenes: None };
+        let mut args = Self {
+            out,
+            size,
+            edge: 256,
+            runs: 31,
+            scenes: None,
+            presets: false,
+            budgets: Vec::new(),
+        };
         let mut parser = Parser::from_env();
         while let Some(arg) = parser.next().map_err(|error| error.to_string())? {
             let name = match arg {
@@ -66,6 +85,14 @@ impl Args {
             match name.as_str() {
                 "out" => args.out = value.clone().into(),
                 "scenes" => args.scenes = Some(value.clone()),
+                "presets" => args.presets = value == "yes",
+                "budgets" => {
+                    let all: Result<Vec<f32>, _> = value.split(',').map(str::parse).collect();
+                    args.budgets = all.map_err(|_| wrong())?;
+                    if !args.budgets.iter().all(|ms| ms.is_finite() && *ms > 0.0) {
+                        return Err(wrong());
+                    }
+                }
                 "edge" => {
                     args.edge =
                         Some(number()?).filter(|n| (64..=1024).contains(n)).ok_or_else(wrong)?;
@@ -111,13 +138,28 @@ pub struct Row {
     pub quality: VdbQuality,
     /// Of a preset.
     pub name: Option<&'static str>,
-    /// Milliseconds of all passes.
-    pub ms: f64,
+    /// Milliseconds of each pass.
+    pub passes: [f64; PASSES.len()],
     /// Beside `EXACT`.
     pub errors: Errors,
     /// Whether no other is better in time and error both.
     pub on_front: bool,
+    /// How different the picture looks, in the mean: FLIP, of what the front has.
+    pub flip: Option<f64>,
 }
+
+impl Row {
+    /// Milliseconds of all passes.
+    pub fn ms(&self) -> f64 {
+        self.passes.iter().sum()
+    }
+}
+
+/// What is timed.
+pub const PASSES: [&str; 3] = ["vdb_trace", "vdb_upscale", "vdb_composite"];
+
+/// Seconds after which a setting that takes long has been timed often enough, and how often that is at least.
+const ENOUGH: (f64, usize) = (3.0, 5);
 
 fn run(args: &Args) -> Result<(), String> {
     let at = |error: std::io::Error| format!("{}: {error}", args.out.display());
@@ -132,38 +174,59 @@ fn run(args: &Args) -> Result<(), String> {
         let mut stage = Stage::with(|app| {
             app.add_plugins(RenderDiagnosticsPlugin);
         });
-        let (target, camera) = scene.build(&mut stage, args.size);
+        warm::keep_warm(&mut stage.app);
+        let size = scene.size(args.size);
+        let (target, camera) = scene.build(&mut stage, size);
         if shown == 1 {
             let world = stage.app.sub_app(RenderApp).world();
             let info = world.resource::<RenderAdapterInfo>();
             let _ = writeln!(
                 summary,
-                "{} ({} {}), {}x{}, models of {} voxels along an edge, median of {} frames\n",
+                "{} ({} {}), {}x{}, models of {} voxels along an edge, lit fog half of both, median of {} frames \
+                 or as many as {} s have\n",
                 info.name,
                 info.driver,
                 info.driver_info,
                 args.size.x,
                 args.size.y,
                 args.edge,
-                args.runs
+                args.runs,
+                ENOUGH.0
             );
         }
-        let mut camera = Shooting { stage: &mut stage, camera, target, runs: args.runs };
+        if !args.budgets.is_empty() {
+            summary += &dial::flights(&mut stage, scene, (&target, camera), &args.budgets)?;
+            continue;
+        }
+        let mut camera =
+            Shooting { stage: &mut stage, camera, target, runs: args.runs, grids: scene.grids() };
         let exact = camera.shots(scene.base(VdbQuality::EXACT), scene.has_surface);
-        let oracle = oracle::hold(scene, &exact, args.size)?;
-        let mut rows = Vec::new();
+        let oracle = oracle::hold(scene, &exact, size)?;
+        let (mut rows, mut pictures) = (Vec::new(), Vec::new());
         for (name, quality) in scene.candidates() {
+            if args.presets && name.is_none() {
+                continue;
+            }
+            // The one shot last is timed.
             let shots = camera.shots(quality, scene.has_surface);
-            let ms = camera.time()?;
+            let passes = camera.time()?;
+            eprintln!("{}: {:.3} ms, {quality:?}", scene.name, passes.iter().sum::<f64>());
             let errors = compare::errors(&exact, &shots, scene);
-            rows.push(Row { quality, name, ms, errors, on_front: false });
+            rows.push(Row { quality, name, passes, errors, on_front: false, flip: None });
+            pictures.push(shots.lit);
         }
         mark_front(&mut rows);
+        rows.par_iter_mut().zip(&pictures).for_each(|(row, picture)| {
+            if row.on_front || row.name.is_some() {
+                row.flip = Some(compare::looks_different(&exact.lit, picture));
+            }
+        });
         let _ = writeln!(summary, "## {}\n\n{oracle}\n\n{}", scene.name, plot::summary(&rows));
         let file = scene.name.replace([' ', ','], "-").replace("--", "-");
         let write = |end: &str, text: String| {
             std::fs::write(args.out.join(format!("{file}.{end}")), text).map_err(at)
         };
+        std::fs::write(args.out.join("summary.md"), &summary).map_err(at)?;
         write("csv", plot::csv(scene.name, &rows))?;
         write("svg", plot::svg(scene.name, &rows))?;
         println!("{}: {} settings measured", scene.name, rows.len());
@@ -178,7 +241,7 @@ fn run(args: &Args) -> Result<(), String> {
 
 /// Marks the rows that no other is better than in time and error both.
 fn mark_front(rows: &mut [Row]) {
-    let all: Vec<_> = rows.iter().map(|row| (row.ms, row.errors.radiance)).collect();
+    let all: Vec<_> = rows.iter().map(|row| (row.ms(), row.errors.radiance)).collect();
     for (row, own) in rows.iter_mut().zip(&all) {
         let beats = |other: &(f64, f64)| {
             other.0 <= own.0 && other.1 <= own.1 && (other.0 < own.0 || other.1 < own.1)
@@ -200,13 +263,17 @@ struct Shooting<'a> {
     camera: Entity,
     target: Handle<Image>,
     runs: usize,
+    /// Of the scene, without levels of detail.
+    grids: u64,
 }
 
 impl Shooting<'_> {
     fn shots(&mut self, quality: VdbQuality, has_surface: bool) -> Shots {
         let mut shot = |mode| {
-            let camera = VdbCamera { mode, ..default() };
+            // As the reference tracer has it.
+            let camera = VdbCamera { mode, multiple_scattering: false, ..default() };
             self.stage.world().entity_mut(self.camera).insert((quality, camera));
+            wait_for_levels(self.stage, self.grids, quality.detail > 0.0);
             self.stage.picture(&self.target)
         };
         let surface =
@@ -214,35 +281,53 @@ impl Shooting<'_> {
         Shots { lit: shot(VdbRenderMode::Lit), surface }
     }
 
-    /// Milliseconds of all passes of the setting shot last: the median frame.
-    fn time(&mut self) -> Result<f64, String> {
+    /// Milliseconds of each pass of the setting shot last: the medians.
+    fn time(&mut self) -> Result<[f64; PASSES.len()], String> {
         let mut times = Vec::new();
+        let start = Instant::now();
         // What comes first is of frames before, and of a GPU that was idle.
         for _ in 0..4 * self.runs + 40 {
             self.stage.update(1);
-            let store = self.stage.world().resource::<DiagnosticsStore>();
-            let spans = ["vdb_trace", "vdb_upscale", "vdb_composite"];
-            let newest = |pass: &str| {
-                store
-                    .iter()
-                    .find(|d| d.path().as_str() == format!("render/{pass}/elapsed_gpu"))
-                    .and_then(|d| d.measurement())
-            };
-            let Some(trace) = newest(spans[0]) else { continue };
-            let same_frame = |pass| newest(pass).filter(|m| m.time == trace.time);
-            let sum =
-                spans.iter().filter_map(|pass| same_frame(pass)).map(|m| m.value).sum::<f64>();
-            times.push((trace.time, sum));
-            times.dedup_by_key(|(time, _)| *time);
-            if times.len() >= self.runs + 3 {
+            let newest = newest_times(self.stage.world());
+            times.extend(newest.filter(|(at, _)| times.last().is_none_or(|(last, _)| last != at)));
+            let is_slow = start.elapsed().as_secs_f64() > ENOUGH.0 && times.len() >= ENOUGH.1 + 3;
+            if times.len() >= self.runs + 3 || is_slow {
                 break;
             }
         }
-        let mut times: Vec<f64> = times.into_iter().skip(3).map(|(_, ms)| ms).collect();
-        if times.len() < self.runs {
+        if times.len() < self.runs.min(ENOUGH.1) + 3 {
             return Err("the adapter has no timestamp queries within encoders and passes".into());
         }
-        times.sort_by(f64::total_cmp);
-        Ok(times[times.len() / 2])
+        Ok(std::array::from_fn(|pass| {
+            let mut times: Vec<f64> = times.iter().skip(3).map(|(_, all)| all[pass]).collect();
+            times.sort_by(f64::total_cmp);
+            times[times.len() / 2]
+        }))
+    }
+}
+
+/// The GPU's newest times, and when they came.
+pub fn newest_times(world: &World) -> Option<(Instant, [f64; PASSES.len()])> {
+    let store = world.resource::<DiagnosticsStore>();
+    let newest = |pass: &str| {
+        let path = DiagnosticPath::new(format!("render/{pass}/elapsed_gpu"));
+        store.get(&path).and_then(|diagnostic| diagnostic.measurement())
+    };
+    let trace = newest(PASSES[0])?;
+    let ms = PASSES.map(|pass| {
+        newest(pass).filter(|found| found.time == trace.time).map_or(0.0, |found| found.value)
+    });
+    Some((trace.time, ms))
+}
+
+/// Goes on until all levels of detail are there, which are made in the background, or gone again.
+fn wait_for_levels(stage: &mut Stage, own: u64, wanted: bool) {
+    for _ in 0..20_000 {
+        stage.update(1);
+        let grids = stage.world().resource::<VdbGpuUsage>().grids();
+        if grids > 0 && (grids > own) == wanted {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
     }
 }

@@ -18,7 +18,7 @@ const RAYS: [u32; 2] = [24, 8];
 /// # Errors
 /// When it is not what it should be: then nothing held against it means anything.
 pub fn hold(scene: &Scene, exact: &Shots, size: UVec2) -> Result<String, String> {
-    if scene.volumes.len() > 1 {
+    if !scene.is_simple() {
         return Ok("The reference tracer knows no such scene.".into());
     }
     let (tree, kind, material, _) = &scene.volumes[0];

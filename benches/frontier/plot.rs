@@ -10,14 +10,14 @@ use crate::Row;
 pub fn csv(scene: &str, rows: &[Row]) -> String {
     let mut text = String::from(
         "scene,preset,traversal,shadows,shadow_range,reflections,reflection_range,fog_step,\
-         fog_light_step,fog_shadow_step,fog_slabs,resolution,ms,radiance_error,visible_pixels,\
+         fog_light_step,fog_shadow_step,fog_slabs,detail,resolution,ms,ms_trace,ms_upscale,ms_composite,radiance_error,visible_pixels,flip_mean,\
          hits_wrong,depth_p99_voxels,normal_mean_degrees,on_front\n",
     );
     for row in rows {
         let (q, e) = (&row.quality, &row.errors);
         let _ = writeln!(
             text,
-            "\"{scene}\",{},{:?},{},{},{},{},{},{},{},{},{},{:.4},{:.3e},{:.3e},{:.3e},{:.3e},{:.3e},{}",
+            "\"{scene}\",{},{:?},{},{},{},{},{},{},{},{},{},{},{:.4},{:.4},{:.4},{:.4},{:.3e},{:.3e},{},{:.3e},{:.3e},{:.3e},{}",
             row.name.unwrap_or(""),
             q.traversal,
             q.shadows,
@@ -28,10 +28,15 @@ pub fn csv(scene: &str, rows: &[Row]) -> String {
             q.fog_light_step,
             q.fog_shadow_step,
             q.fog_slabs,
+            q.detail,
             q.resolution,
-            row.ms,
+            row.ms(),
+            row.passes[0],
+            row.passes[1],
+            row.passes[2],
             e.radiance,
             e.visible,
+            row.flip.map_or(String::new(), |flip| format!("{flip:.3e}")),
             e.hits_wrong,
             e.depth,
             e.normal,
@@ -59,6 +64,7 @@ fn label(q: &VdbQuality) -> String {
     part(q.fog_light_step != high.fog_light_step, format!("light_step {}", q.fog_light_step));
     part(q.fog_shadow_step != high.fog_shadow_step, format!("shadow_step {}", q.fog_shadow_step));
     part(q.fog_slabs != high.fog_slabs, format!("slabs {}", q.fog_slabs));
+    part(q.detail != high.detail, format!("detail {}", q.detail));
     part(q.resolution != high.resolution, format!("resolution {}", q.resolution));
     if parts.is_empty() { "as HIGH".into() } else { parts.join(", ") }
 }
@@ -66,11 +72,11 @@ fn label(q: &VdbQuality) -> String {
 /// The presets and the front, as a table.
 pub fn summary(rows: &[Row]) -> String {
     let mut text = String::from(
-        "| setting | ms | radiance off by | pixels that show it | hits wrong | depth, voxels | normals |\n\
-         |---|---|---|---|---|---|---|\n",
+        "| setting | ms | radiance off by | pixels that show it | FLIP | hits wrong | depth, voxels | normals |\n\
+         |---|---|---|---|---|---|---|---|\n",
     );
     let mut shown: Vec<&Row> = rows.iter().filter(|r| r.on_front || r.name.is_some()).collect();
-    shown.sort_by(|a, b| b.ms.total_cmp(&a.ms));
+    shown.sort_by(|a, b| b.ms().total_cmp(&a.ms()));
     for row in shown {
         let e = &row.errors;
         let name = match row.name {
@@ -83,10 +89,11 @@ pub fn summary(rows: &[Row]) -> String {
         };
         let _ = writeln!(
             text,
-            "| {name} | {:.3} | {:.2} % | {:.2} % | {:.2} % | {:.2} | {:.1}° |",
-            row.ms,
+            "| {name} | {:.3} | {:.2} % | {:.2} % | {:.4} | {:.2} % | {:.2} | {:.1}° |",
+            row.ms(),
             100.0 * e.radiance,
             100.0 * e.visible,
+            row.flip.unwrap_or(0.0),
             100.0 * e.hits_wrong,
             e.depth,
             e.normal
@@ -101,7 +108,7 @@ const EDGE: f64 = 56.0;
 const LEAST: f64 = 1e-4;
 
 pub fn svg(scene: &str, rows: &[Row]) -> String {
-    let times = rows.iter().map(|row| row.ms.max(1e-4).log10());
+    let times = rows.iter().map(|row| row.ms().max(1e-4).log10());
     let (low, high) = times.fold((f64::MAX, f64::MIN), |(a, b), x| (a.min(x), b.max(x)));
     let (low, high) = (low - 0.05, high + 0.25);
     let errors = |row: &Row| row.errors.radiance.max(LEAST).log10();
@@ -129,19 +136,19 @@ pub fn svg(scene: &str, rows: &[Row]) -> String {
         }
     }
     let mut front: Vec<&Row> = rows.iter().filter(|row| row.on_front).collect();
-    front.sort_by(|a, b| a.ms.total_cmp(&b.ms));
+    front.sort_by(|a, b| a.ms().total_cmp(&b.ms()));
     for pair in front.windows(2) {
-        let [a, b] = [pair[0], pair[1]].map(|row| (x(row.ms), y(row.errors.radiance)));
+        let [a, b] = [pair[0], pair[1]].map(|row| (x(row.ms()), y(row.errors.radiance)));
         svg.line(a, (b.0, a.1), INK, 1.0);
         svg.line((b.0, a.1), b, INK, 1.0);
     }
     for row in rows {
         let color = if row.on_front { INK } else { "#9fb3c8" };
-        svg.dot(x(row.ms), y(row.errors.radiance), color);
+        svg.dot(x(row.ms()), y(row.errors.radiance), color);
     }
     for row in rows {
         let Some(name) = row.name else { continue };
-        let (x, y) = (x(row.ms), y(row.errors.radiance));
+        let (x, y) = (x(row.ms()), y(row.errors.radiance));
         svg.dot(x, y, "#d64545");
         svg.text(x + 6.0, y - 4.0, "start", r#"font-weight="bold""#, &name.to_uppercase());
     }

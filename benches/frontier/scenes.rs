@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bevy::math::{DVec3, IVec3, UVec2};
 use bevy::prelude::*;
-use bevy_vdb::{VdbMaterial, VdbQuality, VdbTraversal, VdbVolume};
+use bevy_vdb::{VdbEmission, VdbMaterial, VdbQuality, VdbTraversal, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Vdb543};
@@ -22,6 +22,8 @@ pub struct Scene {
     pub voxel: f64,
     pub has_surface: bool,
     pub shadows: bool,
+    /// What shines in the first volume, by its temperatures as parts of [`HOTTEST`].
+    fire: Option<Arc<Vdb543<f32>>>,
     sweep: Sweep,
 }
 
@@ -33,7 +35,13 @@ enum Sweep {
     EvenFog,
     LitFog,
     SharedFog,
+    Fire,
 }
+
+/// Kelvin.
+const HOTTEST: f32 = 1800.0;
+/// Of a fire, per world unit: so that it is about as bright as the sun makes its smoke.
+const STRENGTH: f32 = 1e-3;
 
 /// All scenes, of models with so many voxels along an edge.
 pub fn all(edge: u32) -> Vec<Scene> {
@@ -45,22 +53,28 @@ pub fn all(edge: u32) -> Vec<Scene> {
     let gyroid = Arc::new(level_set::gyroid(DVec3::ZERO, 0.45 * radius * 2.0, radius / 2.5));
     let (pitch, thick) = (f64::from(edge) / 8.0, f64::max(2.0, f64::from(edge) / 128.0));
     let truss = Arc::new(level_set::from_distance(cube, |p| truss(p, pitch, thick)));
-    let ball = Arc::new(fog::sphere(DVec3::ZERO, radius, 0.6 * radius));
     let noisy = Arc::new(fog::from_values(cube, |at| noise(at, edge)));
+    // Lit at each of so many places, fog takes as much time as all else together: half as large an edge.
+    let small = CoordBox { min: cube.min / 2, max: cube.max / 2 };
+    let lit_ball = Arc::new(fog::sphere(DVec3::ZERO, 0.5 * radius, 0.3 * radius));
+    let lit_noisy = Arc::new(fog::from_values(small, |at| noise(at, edge / 2)));
+    let flames = Arc::new(fog::from_values(small, |at| flame(at, edge / 2)));
     let fog = VdbMaterial { density_scale: OPTICAL_DEPTH as f32, ..default() };
     let stone = VdbMaterial { perceptual_roughness: 0.8, reflectance: 0.3, ..default() };
     let mirror = VdbMaterial { metallic: 1.0, perceptual_roughness: 0.0, ..default() };
     let glowing = VdbMaterial { emissive: LinearRgba::rgb(0.2, 0.1, 0.05), ..stone.clone() };
     let near = Vec3::new(0.75, 0.55, 1.2);
-    let scene = |name, tree: &Arc<Vdb543<f32>>, kind, material: &VdbMaterial, eye, sweep| Scene {
-        name,
-        volumes: vec![(tree.clone(), kind, material.clone(), Vec3::ZERO)],
-        eye,
-        voxel: 1.0 / f64::from(edge),
-        has_surface: kind != PackKind::Fog,
-        shadows: true,
-        sweep,
-    };
+    let scene =
+        |name, tree: &Arc<Vdb543<f32>>, kind, material: &VdbMaterial, eye, sweep: Sweep| Scene {
+            name,
+            volumes: vec![(tree.clone(), kind, material.clone(), Vec3::ZERO)],
+            eye,
+            voxel: 1.0 / f64::from(if sweep.is_lit_fog() { edge / 2 } else { edge }),
+            has_surface: kind != PackKind::Fog,
+            shadows: true,
+            fire: None,
+            sweep,
+        };
     let mut all = vec![
         scene("level set, near", &gyroid, smooth, &stone, near, Sweep::Surface),
         scene("level set, far", &gyroid, smooth, &stone, 6.0 * near, Sweep::Surface),
@@ -68,9 +82,10 @@ pub fn all(edge: u32) -> Vec<Scene> {
         scene("thin truss", &truss, voxels, &stone, near, Sweep::Surface),
         scene("mirror", &gyroid, smooth, &mirror, near, Sweep::Mirror),
         scene("even fog", &noisy, PackKind::Fog, &fog, near, Sweep::EvenFog),
-        scene("smooth fog", &ball, PackKind::Fog, &fog, near, Sweep::LitFog),
-        scene("noisy fog", &noisy, PackKind::Fog, &fog, near, Sweep::LitFog),
-        scene("two fogs", &noisy, PackKind::Fog, &fog, near, Sweep::SharedFog),
+        scene("smooth fog", &lit_ball, PackKind::Fog, &fog, near, Sweep::LitFog),
+        scene("noisy fog", &lit_noisy, PackKind::Fog, &fog, near, Sweep::LitFog),
+        scene("two fogs", &lit_noisy, PackKind::Fog, &fog, near, Sweep::SharedFog),
+        scene("fire", &lit_noisy, PackKind::Fog, &fog, near, Sweep::Fire),
     ];
     for scene in &mut all {
         match scene.sweep {
@@ -84,8 +99,10 @@ pub fn all(edge: u32) -> Vec<Scene> {
                 scene.volumes.push((gyroid.clone(), smooth, glowing.clone(), beside));
             }
             Sweep::SharedFog => {
-                scene.volumes.push((ball.clone(), PackKind::Fog, fog.clone(), Vec3::splat(0.2)));
+                let beside = Vec3::splat(0.2);
+                scene.volumes.push((lit_ball.clone(), PackKind::Fog, fog.clone(), beside));
             }
+            Sweep::Fire => scene.fire = Some(flames.clone()),
             Sweep::Surface | Sweep::LitFog => {}
         }
     }
@@ -113,7 +130,37 @@ fn noise(at: IVec3, edge: u32) -> f32 {
     (inside.min(1.0) * (0.6 + waves)).clamp(0.0, 2.0)
 }
 
+/// Temperatures of flames that rise from below, as parts of the hottest.
+fn flame(at: IVec3, edge: u32) -> f32 {
+    let p = at.as_vec3() / edge as f32;
+    let axis = Vec2::new(p.x + 0.08 * (9.0 * p.y).sin(), p.z + 0.08 * (7.0 * p.y).cos());
+    let up = 0.5 + p.y;
+    (1.0 - up - (5.0 * axis.length()).powi(2)).clamp(0.0, 1.0)
+}
+
+impl Sweep {
+    fn is_lit_fog(self) -> bool {
+        matches!(self, Self::LitFog | Self::SharedFog | Self::Fire)
+    }
+}
+
 impl Scene {
+    /// Of its pictures: lit fog is shown in half of what is asked for, along each axis, a multiple of 16.
+    pub fn size(&self, size: UVec2) -> UVec2 {
+        let half = UVec2::new((size.x / 32).max(1) * 16, (size.y / 2).max(16));
+        if self.sweep.is_lit_fog() { half } else { size }
+    }
+
+    /// How many grids it has.
+    pub fn grids(&self) -> u64 {
+        self.volumes.len() as u64 + u64::from(self.fire.is_some())
+    }
+
+    /// Whether the reference tracer can say what it looks like.
+    pub fn is_simple(&self) -> bool {
+        self.volumes.len() == 1 && self.fire.is_none()
+    }
+
     /// Of a sun to the left, above and before.
     pub fn to_sun(&self) -> Vec3 {
         Vec3::new(-0.6, 1.0, 0.4).normalize()
@@ -132,10 +179,15 @@ impl Scene {
     pub fn build(&self, stage: &mut Stage, size: UVec2) -> (Handle<Image>, Entity) {
         let target = stage.target(size);
         let camera = stage.camera(&target, self.view());
-        for (tree, kind, material, at) in &self.volumes {
+        for (i, (tree, kind, material, at)) in self.volumes.iter().enumerate() {
             let grid = stage.grid(Vdb543::clone(tree), *kind, self.voxel);
             let at = Transform::from_translation(*at);
-            stage.world().spawn((VdbVolume(grid), material.clone(), at));
+            let volume = stage.world().spawn((VdbVolume(grid), material.clone(), at)).id();
+            let Some(fire) = self.fire.as_ref().filter(|_| i == 0) else { continue };
+            let grid = stage.grid(Vdb543::clone(fire), PackKind::Fog, self.voxel);
+            let emission =
+                VdbEmission::Temperature { grid, scale: HOTTEST, offset: 0.0, strength: STRENGTH };
+            stage.world().entity_mut(volume).insert(emission);
         }
         if !matches!(self.sweep, Sweep::EvenFog) {
             let sun = DirectionalLight {
@@ -173,10 +225,17 @@ impl Scene {
                             add(VdbQuality { traversal, ..base });
                         }
                     }
+                    if resolution != 1.0 && resolution != 0.5 {
+                        add(base);
+                        continue;
+                    }
                     for shadow_range in [0.3, 0.1] {
                         add(VdbQuality { shadow_range, ..base });
                     }
                     add(VdbQuality { shadows: false, ..base });
+                    for detail in [1.0, 2.0, 4.0] {
+                        add(VdbQuality { detail, ..base });
+                    }
                 }
                 Sweep::Mirror => {
                     for reflections in [4, 3, 2, 1, 0] {
@@ -187,11 +246,12 @@ impl Scene {
                 Sweep::EvenFog => {
                     for fog_step in [0.0, 0.5, 1.0, 2.0, 4.0, 8.0] {
                         add(VdbQuality { fog_step, ..base });
+                        add(VdbQuality { fog_step, detail: 1.0, ..base });
                     }
                 }
                 Sweep::LitFog => {
-                    for fog_light_step in [0.5, 1.0, 2.0, 4.0, 8.0, 16.0] {
-                        for fog_shadow_step in [0.25, 0.5, 1.0, 2.0, 4.0, 8.0] {
+                    for fog_light_step in [1.0, 2.0, 4.0, 8.0, 16.0] {
+                        for fog_shadow_step in [0.5, 1.0, 2.0, 4.0, 8.0] {
                             let even = fog_light_step / fog_shadow_step;
                             if (0.5..=4.0).contains(&even) {
                                 add(VdbQuality { fog_light_step, fog_shadow_step, ..base });
@@ -200,7 +260,7 @@ impl Scene {
                     }
                     add(VdbQuality { shadows: false, ..base });
                 }
-                Sweep::SharedFog => {
+                Sweep::SharedFog | Sweep::Fire => {
                     for fog_slabs in [64, 32, 16, 8, 4] {
                         for fog_shadow_step in [1.0, 4.0] {
                             add(VdbQuality { fog_slabs, fog_shadow_step, ..base });
