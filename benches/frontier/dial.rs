@@ -10,7 +10,7 @@ use crate::newest_times;
 use crate::scenes::Scene;
 
 /// Frames from cut to cut, and cuts.
-const SHOT: usize = 200;
+const SHOT: usize = 150;
 const SHOTS: usize = 4;
 /// Frames after a cut in which the dial may look for its mark.
 const SETTLING: usize = 30;

@@ -210,7 +210,7 @@ fn run(args: &Args) -> Result<(), String> {
             // The one shot last is timed.
             let shots = camera.shots(quality, scene.has_surface);
             let passes = camera.time()?;
-            eprintln!("{}: {:.3} ms, {quality:?}", scene.name, passes.iter().sum::<f64>());
+            eprintln!("{}: {passes:.3?} ms, {quality:?}", scene.name);
             let errors = compare::errors(&exact, &shots, scene);
             rows.push(Row { quality, name, passes, errors, on_front: false, flip: None });
             pictures.push(shots.lit);
