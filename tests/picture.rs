@@ -1,5 +1,7 @@
 //! Whole pictures: the plugin in a Bevy app, against the reference tracer and beside meshes.
 
+#[path = "picture/accumulate.rs"]
+mod accumulate;
 mod common;
 #[path = "picture/diagnostics.rs"]
 mod diagnostics;

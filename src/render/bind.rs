@@ -10,6 +10,7 @@ use bevy::render::renderer::RenderDevice;
 use bevy::render::texture::{FallbackImage, GpuImage};
 use bevy::render::view::{ViewDepthTexture, ViewUniforms};
 
+use super::accumulate::AccumulatePipeline;
 use super::blackbody::BlackbodyColors;
 use super::gpu_tree::VdbTreePool;
 use super::lights::{AllLights, LightBindGroups, ViewLights};
@@ -26,6 +27,7 @@ pub(super) struct ViewBindGroups {
     pub lights: LightBindGroups,
     pub trace: BindGroup,
     pub upscale: Option<BindGroup>,
+    pub accumulate: Option<BindGroup>,
     pub composite: BindGroup,
 }
 
@@ -43,10 +45,11 @@ pub(super) fn prepare_bind_groups(
     all_lights: AllLights,
     (pool, blackbody): (Res<VdbTreePool>, Res<BlackbodyColors>),
     volumes: Res<VolumeBuffer>,
-    (beams, trace, upscale, composite): (
+    (beams, trace, upscale, accumulate, composite): (
         Res<BeamsPipeline>,
         Res<TracePipeline>,
         Res<UpscalePipeline>,
+        Res<AccumulatePipeline>,
         Res<CompositePipeline>,
     ),
     pipeline_cache: Res<PipelineCache>,
@@ -116,6 +119,8 @@ pub(super) fn prepare_bind_groups(
         });
         let upscale =
             upscale.bind(resources, &pipelines.key, depth.view(), &device, &pipeline_cache);
+        let accumulate =
+            accumulate.bind(resources, &pipelines.key, depth.view(), &device, &pipeline_cache);
         let (color, far, moving) = resources.shown();
         let mut entries = DynamicBindGroupEntries::sequential((
             &color.default_view,
@@ -147,6 +152,7 @@ pub(super) fn prepare_bind_groups(
             lights,
             trace,
             upscale,
+            accumulate,
             composite,
         });
     }

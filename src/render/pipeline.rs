@@ -21,6 +21,7 @@ use bevy::render::render_resource::{
 use bevy::render::view::ViewUniform;
 use bevy::shader::ShaderDefVal;
 
+use super::accumulate::AccumulatePipeline;
 use super::cast_pipeline::{CastPipeline, MeshDepthPipeline};
 use super::lights::{LightKey, LightLayouts};
 use super::shaders::Shaders;
@@ -35,6 +36,8 @@ pub(super) struct ViewPipelines {
     pub trace: CachedComputePipelineId,
     /// Where there are fewer rays than pixels.
     pub upscale: Option<CachedComputePipelineId>,
+    /// Where frames are put together.
+    pub accumulate: Option<CachedComputePipelineId>,
     /// What is traced, and whether it can be.
     pub key: TraceKey,
     pub is_ready: bool,
@@ -59,6 +62,7 @@ pub(super) fn init(
     commands.insert_resource(BeamsPipeline::new(&shaders, &lights));
     commands.insert_resource(TracePipeline::new(&shaders, &lights));
     commands.insert_resource(UpscalePipeline::new(&shaders));
+    commands.insert_resource(AccumulatePipeline::new(&shaders));
     commands.insert_resource(CompositePipeline::new(&shaders, fullscreen.clone()));
     commands.insert_resource(CastPipeline::new(&shaders, &lights));
     commands.insert_resource(MeshDepthPipeline::new(&shaders, fullscreen.clone()));
@@ -172,6 +176,8 @@ pub(super) struct TraceKey {
     pub multiple_scattering: bool,
     /// Whether there are fewer rays than pixels.
     pub scaled: bool,
+    /// Whether frames are put together.
+    pub accumulated: bool,
 }
 
 impl TracePipeline {
@@ -257,6 +263,7 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.colors, "COLORS"),
             (key.multiple_scattering, "MULTIPLE_SCATTERING"),
             (key.scaled, "SCALED"),
+            (key.accumulated, "ACCUMULATED"),
             (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
             (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),
             (key.mode == VdbRenderMode::Steps, "COUNT_STEPS"),

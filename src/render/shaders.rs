@@ -42,8 +42,8 @@ const IMPORTS: [(&str, &[u8]); 25] = shaders![
     "show"
 ];
 /// What runs.
-const PROGRAMS: [(&str, &[u8]); 6] =
-    shaders!["beams", "trace", "upscale", "composite", "cast", "mesh_depth"];
+const PROGRAMS: [(&str, &[u8]); 7] =
+    shaders!["beams", "trace", "upscale", "accumulate", "composite", "cast", "mesh_depth"];
 
 pub(super) fn embed(app: &mut App) {
     let registry = app.world_mut().resource_mut::<EmbeddedAssetRegistry>();
@@ -77,6 +77,7 @@ pub(super) struct Shaders {
     pub beams: Handle<Shader>,
     pub trace: Handle<Shader>,
     pub upscale: Handle<Shader>,
+    pub accumulate: Handle<Shader>,
     pub composite: Handle<Shader>,
     pub cast: Handle<Shader>,
     pub mesh_depth: Handle<Shader>,
@@ -86,8 +87,8 @@ pub(super) struct Shaders {
 impl Shaders {
     pub fn load(assets: &AssetServer) -> Self {
         let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
-        let [beams, trace, upscale, composite, cast, mesh_depth] = PROGRAMS.map(load);
+        let [beams, trace, upscale, accumulate, composite, cast, mesh_depth] = PROGRAMS.map(load);
         let _imports = IMPORTS.map(load);
-        Self { beams, trace, upscale, composite, cast, mesh_depth, _imports }
+        Self { beams, trace, upscale, accumulate, composite, cast, mesh_depth, _imports }
     }
 }
