@@ -25,6 +25,8 @@ mod mesh_shadows;
 mod modes;
 #[path = "picture/motion.rs"]
 mod motion;
+#[path = "picture/need.rs"]
+mod need;
 #[path = "picture/peers.rs"]
 mod peers;
 #[path = "picture/quality.rs"]

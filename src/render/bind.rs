@@ -105,7 +105,7 @@ pub(super) fn prepare_bind_groups(
         let beams = resources.tile_data.as_ref().map(|(tiles, _)| {
             device.create_bind_group(
                 "vdb_beams",
-                &pipeline_cache.get_bind_group_layout(&beams.layout),
+                &pipeline_cache.get_bind_group_layout(beams.layout(pipelines.key.multisampled)),
                 &BindGroupEntries::with_indices((
                     (0, pool.grids.as_entire_binding()),
                     (1, page_a.as_entire_binding()),
@@ -113,6 +113,7 @@ pub(super) fn prepare_bind_groups(
                     (3, page_c.as_entire_binding()),
                     (4, resources.view.as_entire_binding()),
                     (5, volumes.as_entire_binding()),
+                    (6, depth.view()),
                     (9, tiles.as_entire_binding()),
                 )),
             )

@@ -56,7 +56,7 @@ impl Specialized<'_> {
     fn of(&mut self, cache: &PipelineCache, key: TraceKey) -> ViewPipelines {
         let (beams, trace, upscale, accumulate, _) = &self.makers;
         let trace = self.trace.specialize(cache, trace, key);
-        let beams = key.beams.then(|| self.beams.specialize(cache, beams, key.page_bits));
+        let beams = key.beams.then(|| self.beams.specialize(cache, beams, (&key).into()));
         let upscale = key.scaled.then(|| self.upscale.specialize(cache, upscale, (&key).into()));
         let accumulate =
             key.accumulated.then(|| self.accumulate.specialize(cache, accumulate, (&key).into()));

@@ -213,8 +213,10 @@ fn the_means_of_frames_are_valid() {
 #[test]
 fn the_beams_are_valid() {
     let mut composer = composer();
-    check(&mut composer, "beams", &[]);
-    check(&mut composer, "beams", &["PAGED", "PAGE_BITS=20"]);
+    for defs in subsets(&["MULTISAMPLED", "SCALED", "ACCUMULATED"]) {
+        check(&mut composer, "beams", &defs);
+        check(&mut composer, "beams", &[&defs, &["PAGED", "PAGE_BITS=20"][..]].concat());
+    }
 }
 
 #[test]
