@@ -26,7 +26,8 @@ pub struct VdbQuality {
     /// How many times a ray goes on from a surface to what it reflects. With 0, the default, surfaces
     /// reflect the camera's `EnvironmentMapLight` alone; with 1 volumes, too; with 2 volumes in
     /// volumes. Rough surfaces reflect in one direction a pixel, by chance: that is for temporal
-    /// anti-aliasing to even out. At most 16. It is a part of a scene's look, so all presets have 0.
+    /// anti-aliasing, or [`accumulate`](Self::accumulate), to even out. At most 16. It is a part of a
+    /// scene's look, so all presets have 0.
     pub reflections: u32,
     /// How far from a surface a volume can be to be reflected in it, in world units. 0 or more;
     /// infinite by default.
@@ -46,11 +47,12 @@ pub struct VdbQuality {
     /// taken as evenly mixed and evenly lit. Of what is reflected, a quarter of them. From 1 to 256, 32
     /// by default.
     pub fog_slabs: u32,
-    /// Levels of detail: how many pixels a voxel may cover, at most, of the copies at a half, a quarter … of
-    /// their resolution that are shown of volumes far away. They are made in the background once a camera
-    /// asks for them, and take a third more memory of a surface, a seventh of fog. 0, the default, shows
-    /// grids as they are, and with that every hit where it is. With 1, what a volume costs follows the
-    /// pixels that it covers, not its voxels. At most 64.
+    /// Levels of detail: how many pixels a voxel may cover, at most, of the copies at a half, a quarter
+    /// … of their resolution that are shown of volumes far away. They are made in the background once a
+    /// camera asks for them, and take a third more memory of a surface, a seventh of fog. 0, the
+    /// default, shows grids as they are, and with that every hit where it is; what they cost grows with
+    /// their voxels. With 1, what a volume costs follows the pixels that it covers, not its voxels. At
+    /// most 64.
     pub detail: f32,
     /// Rays per pixel, along each axis of the picture: at 0.5, a ray for four pixels. Pixels between
     /// take after those of their neighbours that belong to the same surface. From 0.25 to 1, 1 by

@@ -121,8 +121,8 @@ impl Accumulated {
         let frame = self.frame;
         view.frame = frame;
         view.turn = golden(frame);
-        // The first ray of a mean is the one that a single frame has. Where rays are fewer than pixels, that
-        // one goes through no pixel's middle.
+        // The first ray of a mean is the one that a single frame has. Where rays are fewer than pixels,
+        // that one goes through no pixel's middle.
         view.shift = shift(if scaled { frame } else { frame.saturating_sub(1) });
     }
 }
@@ -163,8 +163,9 @@ pub(super) fn golden(frame: u32) -> f32 {
     (f64::from(frame) * 0.618_033_988_749_895).fract() as f32
 }
 
-/// Places in a square from -½ to ½, which are spread over it as evenly as may be however many they are: after
-/// Martin Roberts 2018, "The unreasonable effectiveness of quasirandom sequences". The first is its middle.
+/// Places in a square from -½ to ½, which are spread over it as evenly as may be however many they are:
+/// after Martin Roberts 2018, "The unreasonable effectiveness of quasirandom sequences". The first is
+/// its middle.
 fn shift(i: u32) -> [f32; 2] {
     // Powers of the plastic number: the real root of x³ = x + 1.
     let plastic = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];

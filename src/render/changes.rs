@@ -1,5 +1,5 @@
-//! Whether something has changed in the scene that is not among what is prepared for a view: grids, lights, and
-//! meshes that throw shadows. Asked only while a camera puts frames together.
+//! Whether something has changed in the scene that is not among what is prepared for a view: grids,
+//! lights, and meshes that throw shadows. Asked only while a camera puts frames together.
 
 use std::fmt::{self, Debug, Write};
 use std::hash::{DefaultHasher, Hash, Hasher};

@@ -105,8 +105,8 @@ fn scene(stage: &mut Stage) {
 
 const VIEW: Vec3 = Vec3::new(1.0, 2.0, 6.5);
 
-/// Against a picture of 64 times as many rays: the mean of frames is nearer to it than that of so many rays by
-/// chance. A ray for four pixels, too, gets where all rays get.
+/// Against a picture of 64 times as many rays: the mean of frames is nearer to it than that of so many
+/// rays by chance. A ray for four pixels, too, gets where all rays get.
 #[test]
 fn the_mean_of_frames_becomes_the_picture_of_many_rays() {
     if !has_gpu() {
@@ -146,8 +146,8 @@ fn the_mean_of_frames_becomes_the_picture_of_many_rays() {
     let [full, half, part] = [errors[0], errors[1], errors[2]];
     assert!(full.0 > 0.02, "there is nothing to even out: {full:?}");
     assert!(full.1[0] == full.0, "the first of a mean is through the middles: {full:?}");
-    // The part of a pixel before an edge anywhere in it is off by √(1 / 12) in the mean by a ray through the
-    // middle, and by √(1 / 6n) by n rays through places by chance.
+    // The part of a pixel before an edge anywhere in it is off by √(1 / 12) in the mean by a ray
+    // through the middle, and by √(1 / 6n) by n rays through places by chance.
     for (n, error) in [4.0_f64, 16.0, 64.0].into_iter().zip(&full.1[1..]) {
         assert!(*error < full.0 * (2.0 / n).sqrt(), "{n}: {full:?}");
     }
@@ -156,7 +156,8 @@ fn the_mean_of_frames_becomes_the_picture_of_many_rays() {
     assert!(part.1[3] < full.1[2], "{part:?} {full:?}");
 }
 
-/// Whatever changes in what is seen, the first frame after it is the one that there is without accumulation.
+/// Whatever changes in what is seen, the first frame after it is the one that there is without
+/// accumulation.
 #[test]
 fn whatever_changes_it_starts_anew() {
     if !has_gpu() {
@@ -228,8 +229,8 @@ fn whatever_changes_it_starts_anew() {
     }
 }
 
-/// A mesh that goes by leaves nothing behind in the pixels that it has hidden, and hides what it comes to hide at
-/// once, though nothing else starts anew.
+/// A mesh that goes by leaves nothing behind in the pixels that it has hidden, and hides what it comes
+/// to hide at once, though nothing else starts anew.
 #[test]
 fn a_mesh_that_goes_by_leaves_no_trace() {
     if !has_gpu() {
@@ -313,7 +314,8 @@ fn grain_is_evened_out() {
         });
         println!("{what}: {errors:.5?}");
         if reflections == 0 {
-            // Where no shadow falls, all of the floor is as bright, in each frame: a ray that misses it is dark.
+            // Where no shadow falls, all of the floor is as bright, in each frame: a ray that misses it
+            // is dark.
             let rows =
                 [4, 12, 20, 28].map(|row| (row..row + 4).map(|y| expected.at(SIZE.x - 8, y)));
             let floor = rows.into_iter().flatten().filter(|pixel| pixel.x > 0.0);

@@ -12,14 +12,15 @@ use super::common::{Picture, Stage, has_gpu};
 use super::{SIZE, SURFACE, looking};
 
 /// Steps that are shown as the hottest colour; more than any ray here takes.
-const SCALE: f32 = 256.0;
+const SCALE: f32 = 1024.0;
 
 /// A camera that shows steps.
 pub(super) fn counting() -> VdbCamera {
     VdbCamera { mode: VdbRenderMode::Steps, steps_scale: SCALE, ..default() }
 }
 
-/// The steps of a pixel's ray, by its colour: green goes from 0.8, for none, to 0. Nothing is drawn without any.
+/// The steps of a pixel's ray, by its colour: green goes from 0.8, for none, to 0. Nothing is drawn
+/// without any.
 pub(super) fn steps(pixel: Vec4) -> f64 {
     if pixel.truncate() == Vec3::ZERO {
         return 0.0;
@@ -42,8 +43,8 @@ fn wall(stage: &mut Stage, min: Vec3, max: Vec3) -> Entity {
     stage.world().spawn((Mesh3d(mesh), MeshMaterial3d(material), at)).id()
 }
 
-/// By any projection and with several samples a pixel: rays to what a wall hides take no step, those beside
-/// it take as many as without the wall.
+/// By any projection and with several samples a pixel: rays to what a wall hides take no step, those
+/// beside it take as many as without the wall.
 #[test]
 fn behind_a_wall_rays_take_no_step() {
     if !has_gpu() {
@@ -66,8 +67,8 @@ fn behind_a_wall_rays_take_no_step() {
             (Msaa::Sample4, Projection::Perspective(lens.clone())),
             (Msaa::Off, Projection::Orthographic(parallel.clone())),
         ] {
-            let what =
-                format!("{name} {msaa:?} {}", matches!(projection, Projection::Orthographic(_)));
+            let is_parallel = matches!(projection, Projection::Orthographic(_));
+            let what = format!("{name}_{msaa:?}_{}", if is_parallel { "parallel" } else { "lens" });
             let mut stage = Stage::new();
             let target = stage.target(SIZE);
             let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
