@@ -11,6 +11,7 @@ mod extras;
 mod inspector;
 mod levels;
 mod loader;
+mod measure;
 #[cfg(feature = "picking")]
 mod picking;
 mod plugin;
@@ -35,6 +36,7 @@ pub use inspector::{VdbInspector, VdbInspectorPlugin, VdbModelPicked};
 pub use loader::{
     VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbValues,
 };
+pub use measure::{VdbFeatureCost, VdbFeatureCosts, VdbMeasureFeatures};
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
 pub use plugin::VdbRenderPlugin;
@@ -52,10 +54,10 @@ pub use vector_grid::VdbVectorGrid;
 /// What a game usually needs: `use bevy_vdb::prelude::*;`
 pub mod prelude {
     pub use crate::{
-        VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,
-        VdbMaterial, VdbOverlays, VdbQuality, VdbRayCastSettings, VdbRayHit, VdbRenderMode,
-        VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVectorGrid, VdbVolume,
-        VdbVolumeQuality,
+        VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFeatureCosts, VdbFile,
+        VdbGrid, VdbMaterial, VdbMeasureFeatures, VdbOverlays, VdbQuality, VdbRayCastSettings,
+        VdbRayHit, VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal,
+        VdbVectorGrid, VdbVolume, VdbVolumeQuality,
     };
     #[cfg(feature = "egui")]
     pub use crate::{VdbInspector, VdbInspectorPlugin};

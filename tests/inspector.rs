@@ -211,6 +211,8 @@ fn controls_of_a_camera_change_that() {
     panel.slide("pixels a voxel of copies", 1.5);
     panel.slide("rays a pixel", 0.5);
     panel.slide("frames in a mean", 16.0);
+    panel.click(Role::Button, "measure features");
+    assert!(panel.app.world().get::<VdbMeasureFeatures>(camera).is_some());
     panel.choose("rays", "HDDA");
     let expected = VdbCamera {
         enabled: false,

@@ -19,6 +19,8 @@ mod levels;
 mod lights;
 #[path = "picture/many.rs"]
 mod many;
+#[path = "picture/measure.rs"]
+mod measure;
 #[path = "picture/mesh_shadows.rs"]
 mod mesh_shadows;
 #[path = "picture/modes.rs"]

@@ -13,7 +13,7 @@ mod entries;
 mod extract;
 mod extras;
 mod find;
-mod gpu_data;
+pub(crate) mod gpu_data;
 mod gpu_tree;
 mod hierarchy;
 mod lights;

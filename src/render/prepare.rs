@@ -39,6 +39,7 @@ use super::tiles::{self, TileLayout};
 use super::upscale::{self, Upscaled};
 use super::volume::{Eye, affine};
 use super::warnings::{Trouble, Warned};
+use crate::measure::LeftOut;
 use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbRenderMode, VdbTraversal};
 use vdb_core::view::ViewRays;
 
@@ -110,7 +111,7 @@ type ViewData<'a> = (
     &'a ViewVolumes,
     &'a ExtractedView,
     &'a ExtractedCamera,
-    (Option<&'a VdbCamera>, Option<&'a VdbQuality>, &'a MainEntity),
+    (Option<&'a VdbCamera>, Option<&'a VdbQuality>, Option<&'a LeftOut>, &'a MainEntity),
     &'a Msaa,
     Option<&'a RenderLayers>,
     (Option<&'a ShadowFilteringMethod>, Option<&'a ExtractedEnvironment>, Has<DistanceFog>),
@@ -143,7 +144,7 @@ pub(super) fn prepare_views(
         seen,
         view,
         camera,
-        (settings, quality, camera_entity),
+        (settings, quality, left_out, camera_entity),
         msaa,
         layers,
         (shadow_filter, environment, has_distance_fog),
@@ -155,12 +156,16 @@ pub(super) fn prepare_views(
         (before, pipelines_before),
     ) in &views
     {
-        let settings = settings.cloned().unwrap_or_default();
-        let (quality, wrong) = quality.copied().unwrap_or_default().sound();
+        let mut settings = settings.cloned().unwrap_or_default();
+        let (mut quality, wrong) = quality.copied().unwrap_or_default().sound();
         if let Some(name) = wrong
             && let Some(text) = warned.note(*camera_entity, "", Trouble::CameraQuality(name))
         {
             warn!("{text}");
+        }
+        let left_out = left_out.and_then(|left_out| left_out.0);
+        if let Some(feature) = left_out {
+            feature.leave_out(&mut settings, &mut quality);
         }
         let picture = resolution.map_or(view.viewport.zw(), |size| size.0);
         let mut clip_from_view = view.clip_from_view;
@@ -193,7 +198,7 @@ pub(super) fn prepare_views(
         let [seen, beside] = &lists;
         let made = rays.as_ref().filter(|_| picture.min_element() > 0).map(|rays| {
             let eye = Eye { rays, world_from_view, size: picture };
-            ViewEntries { pool: &pool, eye, quality: &quality }
+            ViewEntries { pool: &pool, eye, quality: &quality, left_out }
         });
         let list = volume_buffer.0.values_mut();
         let first = list.len();
