@@ -158,7 +158,7 @@ impl Measuring {
         let total_ms = with.iter().map(|(_, ms)| *ms).sum::<f64>() / with.len().max(1) as f64;
         // Beside what all took just before and after, so that a clock that slowly changes does not count.
         let features = without.iter().zip(with.windows(2)).filter_map(|((part, ms), with)| {
-            let (_, name) = (*part)?;
+            let (_, name) = (**part)?;
             let all = 0.5 * with.iter().map(|(_, ms)| *ms).sum::<f64>();
             Some(VdbFeatureCost { name, ms: all - **ms })
         });
