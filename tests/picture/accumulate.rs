@@ -7,7 +7,7 @@ use bevy::light::DirectionalLightShadowMap;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
-use bevy_vdb::{VdbDiagnostics, VdbMaterial, VdbQuality, VdbSun, VdbVolume};
+use bevy_vdb::{VdbDiagnostics, VdbGrid, VdbMaterial, VdbQuality, VdbSun, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
@@ -176,11 +176,21 @@ fn whatever_changes_it_starts_anew() {
         all.iter(stage.world()).next().unwrap()
     };
     let volume = find(&mut stage);
+    // Another cloud in the same box.
+    let mut all = stage.world().query::<(&VdbVolume, &VdbMaterial)>();
+    let cloud = all.iter(stage.world()).find(|(_, material)| material.density_scale == 0.7);
+    let cloud = cloud.unwrap().0.0.id();
+    let other = stage.grid(fog::sphere(DVec3::ZERO, 15.0, 2.0), PackKind::Fog, 0.1);
+    let other = stage.world().resource_mut::<Assets<VdbGrid>>().remove(&other).unwrap();
     let on = VdbQuality { accumulate: 32, ..default() };
     with(&mut stage, camera, &target, on);
     stage.update(8);
     type Change<'a> = (&'a str, &'a dyn Fn(&mut World));
-    let changes: [Change; 10] = [
+    let changes: [Change; 11] = [
+        ("what is in a grid", &|world| {
+            let mut grids = world.resource_mut::<Assets<VdbGrid>>();
+            *grids.get_mut(cloud).unwrap() = other.clone();
+        }),
         ("the camera", &|world| {
             world.get_mut::<Transform>(camera).unwrap().translation.x += 0.01;
         }),
