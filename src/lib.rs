@@ -54,11 +54,12 @@ pub use vector_grid::VdbVectorGrid;
 /// What a game usually needs: `use bevy_vdb::prelude::*;`
 pub mod prelude {
     pub use crate::{
-        VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFeatureCosts, VdbFile,
-        VdbGrid, VdbMaterial, VdbMeasureFeatures, VdbOverlays, VdbQuality, VdbRayCastSettings,
-        VdbRayHit, VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal,
-        VdbVectorGrid, VdbVolume, VdbVolumeQuality,
+        VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,
+        VdbMaterial, VdbOverlays, VdbQuality, VdbRayCastSettings, VdbRayHit, VdbRenderMode,
+        VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVectorGrid, VdbVolume,
+        VdbVolumeQuality,
     };
+    pub use crate::{VdbFeatureCosts, VdbMeasureFeatures};
     #[cfg(feature = "egui")]
     pub use crate::{VdbInspector, VdbInspectorPlugin};
     #[cfg(feature = "picking")]

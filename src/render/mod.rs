@@ -76,9 +76,9 @@ pub(crate) fn build(app: &mut App) {
         .insert_resource(diagnostics)
         .init_resource::<extract::ExtractedVolumes>()
         .init_resource::<extract::ExtractedSuns>()
-        .init_resource::<changes::SceneChanges>()
         .init_resource::<warnings::Warned>()
         .init_resource::<cast::CastShadows>()
+        .init_resource::<changes::SceneChanges>()
         .init_gpu_resource::<VdbTreePool>()
         .init_gpu_resource::<prepare::VolumeBuffer>()
         .init_gpu_resource::<blackbody::BlackbodyColors>()
@@ -92,13 +92,9 @@ pub(crate) fn build(app: &mut App) {
         .add_systems(RenderStartup, pipeline::init.after(MeshPipelineSystems))
         .add_systems(
             ExtractSchedule,
-            (
-                extract::extract_volumes,
-                extract::extract_suns,
-                extract::extract_environments,
-                changes::extract_changes,
-            ),
+            (extract::extract_volumes, extract::extract_suns, extract::extract_environments),
         )
+        .add_systems(ExtractSchedule, changes::extract_changes)
         .add_systems(
             Render,
             (
