@@ -194,8 +194,8 @@ pub struct VdbSun {
     /// shadows from and on meshes are Bevy's, whose `soft_shadow_size` is for that.
     pub angular_diameter: f32,
     /// Rays that each pixel sends to a light with a size: from 1 to 256, 16 by default. Fewer make grain,
-    /// which stands still in the picture unless the camera has temporal anti-aliasing, which evens it
-    /// out.
+    /// which stands still in the picture unless the camera has temporal anti-aliasing, or
+    /// [`VdbQuality::accumulate`](crate::VdbQuality::accumulate), which even it out.
     pub samples: u32,
 }
 

@@ -7,7 +7,8 @@ use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 
 /// The passes that volumes add to a view, in their order.
-pub(crate) const PASSES: [&str; 3] = ["vdb_trace", "vdb_upscale", "vdb_composite"];
+pub(crate) const PASSES: [&str; 4] =
+    ["vdb_trace", "vdb_upscale", "vdb_accumulate", "vdb_composite"];
 
 /// The last time of a pass on the GPU.
 pub(crate) fn newest<'a>(
@@ -60,6 +61,9 @@ pub struct VdbCameraReport {
     pub volumes_beside: u32,
     /// Rays along the width and the height of the picture.
     pub rays: UVec2,
+    /// Frames whose mean is shown, with [`VdbQuality::accumulate`](crate::VdbQuality::accumulate), however
+    /// many of them still count; 0, where what is shown is this frame alone.
+    pub frames: u32,
     /// Whether a pipeline is being compiled, and what was there before is drawn meanwhile.
     pub is_compiling: bool,
     /// What is compiled in.

@@ -11,6 +11,7 @@ mod extras;
 mod inspector;
 mod levels;
 mod loader;
+mod measure;
 #[cfg(feature = "picking")]
 mod picking;
 mod plugin;
@@ -35,6 +36,7 @@ pub use inspector::{VdbInspector, VdbInspectorPlugin, VdbModelPicked};
 pub use loader::{
     VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbValues,
 };
+pub use measure::{VdbFeatureCost, VdbFeatureCosts, VdbMeasureFeatures};
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
 pub use plugin::VdbRenderPlugin;
@@ -57,6 +59,7 @@ pub mod prelude {
         VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVectorGrid, VdbVolume,
         VdbVolumeQuality,
     };
+    pub use crate::{VdbFeatureCosts, VdbMeasureFeatures};
     #[cfg(feature = "egui")]
     pub use crate::{VdbInspector, VdbInspectorPlugin};
     #[cfg(feature = "picking")]

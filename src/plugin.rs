@@ -7,11 +7,12 @@ use bevy::render::extract_component::ExtractComponentPlugin;
 use crate::bounds::update_bounds;
 use crate::dial::turn_dials;
 use crate::levels::{PendingLevels, make_levels};
+use crate::measure::{LeftOut, measure_features};
 use crate::render;
 use crate::{
     VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,
-    VdbLoadProgress, VdbLoader, VdbMaterial, VdbQuality, VdbSun, VdbVectorGrid, VdbVolume,
-    VdbVolumeQuality,
+    VdbLoadProgress, VdbLoader, VdbMaterial, VdbMeasureFeatures, VdbQuality, VdbSun, VdbVectorGrid,
+    VdbVolume, VdbVolumeQuality,
 };
 
 /// Loads `.vdb` files and shows [`VdbVolume`]s in every `Camera3d`.
@@ -38,8 +39,9 @@ impl Plugin for VdbRenderPlugin {
             .register_type::<VdbVolumeQuality>()
             .register_type::<VdbSun>()
             .register_type::<VdbDial>()
+            .register_type::<VdbMeasureFeatures>()
             .init_resource::<VdbDiagnostics>()
-            .add_systems(Last, turn_dials)
+            .add_systems(Last, (measure_features, turn_dials).chain())
             .init_resource::<PendingLevels>()
             .add_systems(
                 PostUpdate,
@@ -61,6 +63,7 @@ impl Plugin for VdbRenderPlugin {
             app.add_plugins((
                 ExtractComponentPlugin::<VdbCamera>::default(),
                 ExtractComponentPlugin::<VdbQuality>::default(),
+                ExtractComponentPlugin::<LeftOut>::default(),
             ));
             render::build(app);
         } else {

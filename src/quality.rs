@@ -26,7 +26,8 @@ pub struct VdbQuality {
     /// How many times a ray goes on from a surface to what it reflects. With 0, the default, surfaces
     /// reflect the camera's `EnvironmentMapLight` alone; with 1 volumes, too; with 2 volumes in
     /// volumes. Rough surfaces reflect in one direction a pixel, by chance: that is for temporal
-    /// anti-aliasing to even out. At most 16. It is a part of a scene's look, so all presets have 0.
+    /// anti-aliasing, or [`accumulate`](Self::accumulate), to even out. At most 16. It is a part of a
+    /// scene's look, so all presets have 0.
     pub reflections: u32,
     /// How far from a surface a volume can be to be reflected in it, in world units. 0 or more;
     /// infinite by default.
@@ -46,16 +47,26 @@ pub struct VdbQuality {
     /// taken as evenly mixed and evenly lit. Of what is reflected, a quarter of them. From 1 to 256, 32
     /// by default.
     pub fog_slabs: u32,
-    /// Levels of detail: how many pixels a voxel may cover, at most, of the copies at a half, a quarter … of
-    /// their resolution that are shown of volumes far away. They are made in the background once a camera
-    /// asks for them, and take a third more memory of a surface, a seventh of fog. 0, the default, shows
-    /// grids as they are, and with that every hit where it is. With 1, what a volume costs follows the
-    /// pixels that it covers, not its voxels. At most 64.
+    /// Levels of detail: how many pixels a voxel may cover, at most, of the copies at a half, a quarter
+    /// … of their resolution that are shown of volumes far away. They are made in the background once a
+    /// camera asks for them, and take a third more memory of a surface, a seventh of fog. 0, the
+    /// default, shows grids as they are, and with that every hit where it is; what they cost grows with
+    /// their voxels. With 1, what a volume costs follows the pixels that it covers, not its voxels. At
+    /// most 64.
     pub detail: f32,
     /// Rays per pixel, along each axis of the picture: at 0.5, a ray for four pixels. Pixels between
     /// take after those of their neighbours that belong to the same surface. From 0.25 to 1, 1 by
     /// default.
     pub resolution: f32,
+    /// Frames whose mean is shown while nothing changes in what the camera sees: not the camera, nor a
+    /// volume, a light, or a mesh before them or that throws shadows on them. Rays go through each place of a
+    /// pixel in turn, so that edges of volumes become smooth; of fewer rays than pixels, through each pixel,
+    /// so that the picture becomes that of all; and so do soft shadows and rough reflections. A first frame
+    /// shows what it does without. Takes 44 bytes a pixel, once the second frame is there. What shaders alone
+    /// change, such as the shadows of meshes that they bend, fades over so many frames. Up to 256; 0, the
+    /// default, and 1 are off. Not with temporal anti-aliasing, which does the same, nor in modes that show
+    /// no light.
+    pub accumulate: u32,
 }
 
 impl VdbQuality {
@@ -73,6 +84,7 @@ impl VdbQuality {
         fog_slabs: 128,
         detail: 0.0,
         resolution: 1.0,
+        accumulate: 0,
     };
     /// The default: no difference that the eye could find.
     pub const HIGH: Self =
@@ -143,10 +155,12 @@ impl VdbQuality {
             fog_slabs: self.fog_slabs.clamp(1, MOST_SLABS),
             detail: within("detail", self.detail, 0.0, 64.0, 0.0),
             resolution: within("resolution", self.resolution, LEAST_RESOLUTION, 1.0, 1.0),
+            accumulate: self.accumulate.min(MOST_FRAMES),
         };
         let slabs = (sound.fog_slabs != self.fog_slabs).then_some("fog_slabs");
         let bounces = (sound.reflections != self.reflections).then_some("reflections");
-        (sound, wrong.or(slabs).or(bounces))
+        let frames = (sound.accumulate != self.accumulate).then_some("accumulate");
+        (sound, wrong.or(slabs).or(bounces).or(frames))
     }
 }
 
@@ -189,6 +203,7 @@ const MOST_STEP: f32 = 64.0;
 const MOST_FOG_STEP: f32 = 16.0;
 const MOST_SLABS: u32 = 256;
 const LEAST_RESOLUTION: f32 = 0.25;
+const MOST_FRAMES: u32 = 256;
 
 #[cfg(test)]
 mod tests {
@@ -219,5 +234,7 @@ mod tests {
         assert_eq!((many.sound().0.fog_slabs, many.sound().1), (1, Some("fog_slabs")));
         let many = VdbQuality { reflections: u32::MAX, ..plain() };
         assert_eq!((many.sound().0.reflections, many.sound().1), (16, Some("reflections")));
+        let many = VdbQuality { accumulate: u32::MAX, ..plain() };
+        assert_eq!((many.sound().0.accumulate, many.sound().1), (256, Some("accumulate")));
     }
 }

@@ -210,6 +210,9 @@ fn controls_of_a_camera_change_that() {
     panel.slide("voxels a sample", 4.0);
     panel.slide("pixels a voxel of copies", 1.5);
     panel.slide("rays a pixel", 0.5);
+    panel.slide("frames in a mean", 16.0);
+    panel.click(Role::Button, "measure features");
+    assert!(panel.app.world().get::<VdbMeasureFeatures>(camera).is_some());
     panel.choose("rays", "HDDA");
     let expected = VdbCamera {
         enabled: false,
@@ -227,6 +230,7 @@ fn controls_of_a_camera_change_that() {
         fog_step: 4.0,
         detail: 1.5,
         resolution: 0.5,
+        accumulate: 16,
         ..VdbQuality::BALANCED
     };
     assert_eq!(panel.get::<VdbQuality>(camera), &expected);

@@ -1,5 +1,7 @@
 //! Whole pictures: the plugin in a Bevy app, against the reference tracer and beside meshes.
 
+#[path = "picture/accumulate.rs"]
+mod accumulate;
 mod common;
 #[path = "picture/diagnostics.rs"]
 mod diagnostics;
@@ -17,12 +19,16 @@ mod levels;
 mod lights;
 #[path = "picture/many.rs"]
 mod many;
+#[path = "picture/measure.rs"]
+mod measure;
 #[path = "picture/mesh_shadows.rs"]
 mod mesh_shadows;
 #[path = "picture/modes.rs"]
 mod modes;
 #[path = "picture/motion.rs"]
 mod motion;
+#[path = "picture/need.rs"]
+mod need;
 #[path = "picture/peers.rs"]
 mod peers;
 #[path = "picture/quality.rs"]

@@ -41,11 +41,22 @@ fn beam_of(grid: Grid, rays: Rays, tile: vec2<u32>, size: vec2<u32>, t_min: f32)
     return Beam(course, slowest, fastest, course.frac - wide, course.frac + wide, one_octant);
 }
 
+// A t before which no ray of the beam is in the grid's box.
+fn beam_touch(grid: Grid, beam: Beam) -> f32 {
+    let course = beam.course;
+    // Where the middle ray begins beyond the box, others may not.
+    if !beam.one_octant || !course.meets {
+        return course.t_min;
+    }
+    let first = vec3<f32>(course.first);
+    let touch = select(vec3(course.t_min), (first - beam.ahead) / beam.fastest, course.before);
+    return max(max(max(touch.x, touch.y), touch.z), course.t_min);
+}
+
 // A t before which nothing can stop a ray of the beam, found by leaps over what is empty; FAR where
 // nothing can.
 fn beam_start(grid: Grid, beam: Beam) -> f32 {
     let course = beam.course;
-    // Where the middle ray begins beyond the box, others may not.
     if !beam.one_octant || !course.meets {
         return course.t_min;
     }
@@ -53,10 +64,7 @@ fn beam_start(grid: Grid, beam: Beam) -> f32 {
     let box_low = select(grid.occupied_min, ~grid.occupied_max, course.flip != vec3(0)) - course.cell;
     // Further behind than 32 bits can say.
     let lowest = select(box_low, vec3(-FURTHEST), !course.before & (box_low > vec3(0)));
-    // Where the beam has come to touch the box on every axis.
-    let first = vec3<f32>(course.first);
-    let touch = select(vec3(course.t_min), (first - beam.ahead) / beam.fastest, course.before);
-    var t = max(max(max(touch.x, touch.y), touch.z), course.t_min);
+    var t = beam_touch(grid, beam);
     var place = nowhere(course.cell ^ course.flip);
     for (var leap = 0u; leap < LEAPS; leap++) {
         // The low corner of the beam; cells below the box are as empty as those in it.

@@ -1,11 +1,18 @@
-// A thread for every tile of 8×8 pixels that shows a volume: whether the tile's rays can meet it, and
-// where those to it can begin.
+// A thread for every tile of 8×8 pixels that shows a volume: whether the tile's rays can meet it before they end
+// at the opaque meshes, and where those to it can begin.
 
 #import bevy_vdb::bindings::grids
-#import bevy_vdb::scene::{view, volumes}
-#import bevy_vdb::beam::{beam_of, beam_start}
+#import bevy_vdb::types::Rays
+#import bevy_vdb::picture::t_of_depth
+#import bevy_vdb::scene::{target_pixel, view, volumes}
+#import bevy_vdb::beam::{beam_of, beam_start, beam_touch}
 #import bevy_vdb::hdda::FAR
 
+#ifdef MULTISAMPLED
+@group(2) @binding(6) var scene_depth: texture_depth_multisampled_2d;
+#else
+@group(2) @binding(6) var scene_depth: texture_depth_2d;
+#endif
 // Bits, tile by tile, all zero before; then starts: rows of tiles, volume by volume. Bits are only ever
 // set, so that no order of threads shows.
 @group(2) @binding(9) var<storage, read_write> tiles: array<atomic<u32>>;
@@ -37,15 +44,58 @@ fn beams(
     }
 }
 
+// Whether opaque meshes end all rays of a tile before they come to `t`. Nearly always one ray answers that.
+fn is_hidden(tile: vec2<u32>, t: f32) -> bool {
+    for (var i = 0u; i < 64u; i++) {
+        let ray = 8u * tile + vec2(i & 7u, i >> 3u);
+        if any(ray >= view.size) {
+            continue;
+        }
+        let at = target_pixel(ray);
+#ifdef MULTISAMPLED
+        // As in the trace, the farthest of the samples.
+        var depth = 1.0;
+        for (var j = 0u; j < textureNumSamples(scene_depth); j++) {
+            depth = min(depth, textureLoad(scene_depth, at, i32(j)));
+        }
+#else
+        let depth = textureLoad(scene_depth, at, 0);
+#endif
+        if t_of_depth(view.t_from_depth, depth) >= t {
+            return false;
+        }
+    }
+    return true;
+}
+
+// The rays of a view, where frames are put together: all of them go through another place of their pixel.
+fn shifted(rays: Rays) -> Rays {
+    var shifted = rays;
+    let ndc = view.shift * vec2(2.0, -2.0) / vec2<f32>(view.size);
+    shifted.eye_frac += ndc.x * rays.eye_x + ndc.y * rays.eye_y;
+    shifted.dir_rest += ndc.x * rays.dir_x + ndc.y * rays.dir_y;
+    return shifted;
+}
+
 fn look(i: u32, tile: vec2<u32>) {
     let size = (view.size + 7u) / 8u;
     if any(tile >= size) {
         return;
     }
     let volume = volumes[view.volume_first + i];
-    let beam = beam_of(grids[volume.grid], volume.rays, tile, view.size, view.t_near);
+#ifdef ACCUMULATED
+    let rays = shifted(volume.rays);
+#else
+    let rays = volume.rays;
+#endif
+    let beam = beam_of(grids[volume.grid], rays, tile, view.size, view.t_near);
+    // The box alone, before the tree is looked into.
+    let touch = beam_touch(grids[volume.grid], beam);
+    if is_hidden(tile, touch) {
+        return;
+    }
     let start = beam_start(grids[volume.grid], beam);
-    if start >= FAR {
+    if start >= FAR || (start > touch && is_hidden(tile, start)) {
         return;
     }
     let bit = i >> view.group_bits;

@@ -12,7 +12,7 @@
 #import bevy_vdb::emission::{emitted, escaping, is_emitter}
 #endif
 #ifdef LIT
-#import bevy_vdb::scene::target_pixel
+#import bevy_vdb::scene::{chance_of_frame, target_pixel}
 #import bevy_vdb::segment::{along, world_position}
 #import bevy_vdb::lights::{Lit, Surroundings, scattered, surroundings}
 #import bevy_vdb::scattering::{Gathered, Light, OCTAVES, gather, join, light_of}
@@ -167,7 +167,8 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
 #ifdef LIT
                     // Fogs that scatter alike share the rays to the lights.
                     if light.anisotropy != volumes[i].anisotropy {
-                        let t = 0.5 * (t_low + t_high);
+                        let aside = fract(0.5 + chance_of_frame(0.41421356)) - 0.5;
+                        let t = 0.5 * (t_low + t_high) + aside * (t_high - t_low);
                         light = light_at(segment, pixel, t, volumes[i].anisotropy, around);
                     }
                     source += part * volumes[i].emissive;
@@ -224,6 +225,7 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
     let step = volumes[volume].light_step * select(f32(REFLECTED), 1.0, segment.is_view);
     var scatters = Gathered();
     var march = march_of(course, enters, step_of(grid, step, LIGHT_EDGE));
+    march.t_box -= chance_of_frame(0.41421356) * march.t_step;
     var place = nowhere(local_cell(course, enters.rel));
     while march.walk.inside && fog.optical_depth <= OPAQUE {
         let stretch = next_stretch(grid, course, &march, &place, most);

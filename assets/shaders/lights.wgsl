@@ -23,6 +23,9 @@
 
 #import bevy_vdb::hdda::FAR
 #import bevy_vdb::types::{MOST_SUNS, NO_RECEIVER}
+#ifdef SOFT_SUNS
+#import bevy_vdb::scene::chance_of_frame
+#endif
 #import bevy_vdb::scene::{view, volumes}
 #import bevy_vdb::segment::{NONE, Point}
 #import bevy_vdb::scattering::{OCTAVES, ROUNDER}
@@ -126,9 +129,10 @@ fn soft_transmittance(at: Lit, point: Point, to_sun: vec3<f32>, tangent: f32, sa
     let up = cross(to_sun, right);
     let noise = fract(52.9829189 * fract(dot(at.coord, vec2(0.06711056, 0.00583715))));
     let turn = 2.0 * PI * fract(noise + view.turn);
+    let ring = fract(0.5 + chance_of_frame(0.73205081));
     var lit = 0.0;
     for (var k = 0u; k < samples; k++) {
-        let radius = tangent * sqrt((f32(k) + 0.5) / f32(samples));
+        let radius = tangent * sqrt((f32(k) + ring) / f32(samples));
         let angle = turn + 2.39996323 * f32(k);
         let way = normalize(to_sun + radius * (cos(angle) * right + sin(angle) * up));
         if dot(way, at.normal) > 0.0 {

@@ -3,9 +3,15 @@
 
 #import bevy_vdb::hdda::FAR
 
-// The pixel, of a picture of so many, in the middle of those that a ray of a view of so many rays stands for.
-fn pixel_of(ray: vec2<u32>, rays: vec2<u32>, picture: vec2<u32>) -> vec2<u32> {
+// The pixel, of a picture of so many, that a ray of a view of so many rays goes through: in the middle of those
+// that it stands for, but for the shift of the view.
+fn pixel_of(ray: vec2<u32>, rays: vec2<u32>, picture: vec2<u32>, shift: vec2<f32>) -> vec2<u32> {
+#ifdef ACCUMULATED
+    let place = (vec2<f32>(ray) + 0.5 + shift) * vec2<f32>(picture) / vec2<f32>(rays);
+    return min(vec2<u32>(place), picture - 1u);
+#else
     return (2u * ray + 1u) * picture / (2u * rays);
+#endif
 }
 
 // The t of a value in the depth buffer, by `View::t_from_depth`.

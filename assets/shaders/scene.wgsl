@@ -9,14 +9,19 @@
 @group(2) @binding(4) var<uniform> view: View;
 @group(2) @binding(5) var<storage, read> volumes: array<Volume>;
 
-// The pixel of the target that a ray of the view is for; at a lower resolution, the one in the middle of
-// those that it stands for.
+// The pixel of the target that a ray of the view goes through.
 fn target_pixel(pixel: vec2<u32>) -> vec2<u32> {
 #ifdef SCALED
-    return view.origin + pixel_of(pixel, view.size, view.picture);
+    return view.origin + pixel_of(pixel, view.size, view.picture, view.shift);
 #else
     return view.origin + pixel;
 #endif
+}
+
+// A number from 0 up to but not 1 that the frames of a view share evenly among them, where they are put
+// together: the fractional parts of multiples of an irrational one. Otherwise 0.
+fn chance_of_frame(irrational: f32) -> f32 {
+    return fract(f32(view.frame & 4095u) * irrational);
 }
 
 // One past the volumes that the view sees.

@@ -7,6 +7,9 @@
 #import bevy_vdb::picture::t_of_depth
 #import bevy_vdb::candidates::{end_of, next_volume, start_of}
 #import bevy_vdb::scene::{target_pixel, view, volumes}
+#ifdef REFLECTIONS
+#import bevy_vdb::scene::chance_of_frame
+#endif
 #import bevy_vdb::segment::{NONE, Segment, along, ray_of, view_segment, world_position}
 #import bevy_vdb::surface::{Surface, leave, nearer, no_surface, normal_of}
 #ifdef SURFACES
@@ -120,7 +123,8 @@ struct Found {
 fn chance(pixel: vec2<u32>, bounce: u32) -> vec2<f32> {
     let at = vec2<f32>(pixel) + 5.588238 * f32(bounce);
     let noise = fract(52.9829189 * fract(dot(at, vec2(0.06711056, 0.00583715))));
-    return fract(noise + vec2(0.7548776662, 0.5698402910) * f32(bounce + 1u));
+    let turn = vec2(chance_of_frame(0.41421356), chance_of_frame(0.73205081));
+    return fract(noise + turn + vec2(0.7548776662, 0.5698402910) * f32(bounce + 1u));
 }
 #endif
 
@@ -311,7 +315,11 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(pixel >= view.size) {
         return;
     }
-    let first = view_segment(ndc_of(pixel, view.size));
+    var ndc = ndc_of(pixel, view.size);
+#ifdef ACCUMULATED
+    ndc += view.shift * vec2(2.0, -2.0) / vec2<f32>(view.size);
+#endif
+    let first = view_segment(ndc);
     let found = look(first, pixel, min(scene_t(pixel), view.t_far));
     textureStore(out_color, pixel, vec4(finite(found.color), found.coverage));
     textureStore(out_depth, pixel, vec4(found.depth, 0.0, 0.0, 0.0));

@@ -123,6 +123,9 @@ struct View {
     // The tangent of half the angle of each, and how many rays a place sends there.
     disks: array<vec4<f32>, MOST_SUNS>,
     turn: f32,                  // what the frame adds to chance, 0 to 1
+    frame: u32,                 // which of those that are put together; 0, if none are
+    shift: vec2<f32>,           // of rays from the middle of what they stand for, in rays, y downwards
+    most_frames: u32,           // in a mean of frames
 }
 
 // A ray in local lattice coordinates of one grid: p(t) = cell + frac + t·dir.

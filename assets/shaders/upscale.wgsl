@@ -60,7 +60,7 @@ fn sample_of(ray: vec2<u32>, nearness: f32, own_t: f32) -> Sample {
     var weight = nearness + 1e-3;
     // A ray that a mesh has ended elsewhere knows of what is before that alone.
     if depth < 0.0 || t > own_t {
-        let alike = likeness(mesh_t(pixel_of(ray, view.size, view.picture)), own_t);
+        let alike = likeness(mesh_t(pixel_of(ray, view.size, view.picture, view.shift)), own_t);
         weight *= max(alike * alike * alike, 1e-4);
     }
     return Sample(ray, color, depth, t, weight);
@@ -74,7 +74,7 @@ fn upscale(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let own_t = mesh_t(pixel);
     let scale = vec2<f32>(view.size) / vec2<f32>(view.picture);
-    let place = (vec2<f32>(pixel) + 0.5) * scale - 0.5;
+    let place = (vec2<f32>(pixel) + 0.5) * scale - 0.5 - view.shift;
     let low = floor(place);
     let part = place - low;
     var samples: array<Sample, 4>;

@@ -8,7 +8,7 @@ use bevy::prelude::*;
 use std::time::Instant;
 
 use crate::diagnostics::{PASSES, newest};
-use crate::{VdbGrid, VdbQuality, VdbVolume};
+use crate::{VdbGrid, VdbMeasureFeatures, VdbQuality, VdbVolume};
 use controller::{Controller, MARKS};
 
 /// Turns the knobs of a camera's [`VdbQuality`] by itself: a component of cameras. It sets the steps of fog,
@@ -67,15 +67,18 @@ const PATIENCE: u32 = 30;
 
 /// Turns the dials.
 pub(crate) fn turn_dials(
-    mut cameras: Query<(
-        Entity,
-        &VdbDial,
-        &mut VdbDialState,
-        &mut VdbQuality,
-        &Camera,
-        &Projection,
-        &GlobalTransform,
-    )>,
+    mut cameras: Query<
+        (
+            Entity,
+            &VdbDial,
+            &mut VdbDialState,
+            &mut VdbQuality,
+            &Camera,
+            &Projection,
+            &GlobalTransform,
+        ),
+        Without<VdbMeasureFeatures>,
+    >,
     volumes: Query<(&VdbVolume, &GlobalTransform, &Aabb, &ViewVisibility)>,
     grids: Res<Assets<VdbGrid>>,
     store: Option<Res<DiagnosticsStore>>,
@@ -137,7 +140,7 @@ pub(crate) fn turn_dials(
 }
 
 /// The GPU's newest time for all passes of a frame, in milliseconds, and when it came.
-fn gpu_time(store: &DiagnosticsStore) -> Option<(Instant, f32)> {
+pub(crate) fn gpu_time(store: &DiagnosticsStore) -> Option<(Instant, f32)> {
     let [first, ..] = PASSES;
     let trace = newest(store, first)?;
     let all = PASSES.iter().filter_map(|pass| newest(store, pass));

@@ -6,7 +6,8 @@ use bevy::diagnostic::{DiagnosticsStore, FrameTimeDiagnosticsPlugin};
 use bevy::prelude::*;
 use bevy_egui::egui;
 
-use crate::VdbGpuUsage;
+use super::VdbInspector;
+use crate::{VdbFeatureCosts, VdbGpuUsage, VdbMeasureFeatures};
 
 /// Bars of the histogram.
 const BARS: usize = 32;
@@ -19,6 +20,9 @@ pub(super) fn show(
     InMut(ui): InMut<egui::Ui>,
     store: Option<Res<DiagnosticsStore>>,
     usage: Option<Res<VdbGpuUsage>>,
+    inspector: Res<VdbInspector>,
+    cameras: Query<(Option<&VdbFeatureCosts>, Has<VdbMeasureFeatures>)>,
+    mut commands: Commands,
 ) {
     let Some(store) = store else {
         super::complain(ui, "Bevy's DiagnosticsPlugin is missing");
@@ -45,6 +49,32 @@ pub(super) fn show(
         let s = if grids == 1 { "" } else { "s" };
         ui.label(format!("{grids} grid{s}, {megabytes:.1} MB on the GPU"));
     }
+    let Some(camera) = inspector.camera else { return };
+    let Ok((costs, is_measuring)) = cameras.get(camera) else { return };
+    if is_measuring {
+        ui.weak("Leaves out each feature in turn …");
+    } else if ui.button("measure features").clicked() {
+        commands.entity(camera).insert(VdbMeasureFeatures);
+    }
+    if let Some(costs) = costs {
+        show_costs(ui, costs);
+    }
+}
+
+/// What features cost, the dearest first.
+fn show_costs(ui: &mut egui::Ui, costs: &VdbFeatureCosts) {
+    let mut features = costs.features.clone();
+    features.sort_by(|a, b| b.ms.total_cmp(&a.ms));
+    egui::Grid::new("features").num_columns(2).striped(true).show(ui, |ui| {
+        let whole = if costs.is_gpu_time { "all passes" } else { "a frame" };
+        for (name, ms) in
+            [(whole, costs.total_ms)].into_iter().chain(features.iter().map(|f| (f.name, f.ms)))
+        {
+            ui.label(name);
+            ui.label(format!("{ms:.2} ms"));
+            ui.end_row();
+        }
+    });
 }
 
 /// Passes with the milliseconds that they take on the GPU, the dearest first. A pass that runs for

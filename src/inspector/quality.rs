@@ -40,6 +40,7 @@ pub(super) fn show(
     }
     ui.add(super::slider(&mut new.detail, 0.0..=64.0).text("pixels a voxel of copies"));
     ui.add(super::slider(&mut new.resolution, 0.25..=1.0).text("rays a pixel"));
+    ui.add(super::slider(&mut new.accumulate, 0..=256).text("frames in a mean"));
     super::pick(ui, "rays", &mut new.traversal, &TRAVERSALS);
     quality.set_if_neq(new);
 }

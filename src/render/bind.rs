@@ -10,6 +10,7 @@ use bevy::render::renderer::RenderDevice;
 use bevy::render::texture::{FallbackImage, GpuImage};
 use bevy::render::view::{ViewDepthTexture, ViewUniforms};
 
+use super::accumulate::AccumulatePipeline;
 use super::blackbody::BlackbodyColors;
 use super::gpu_tree::VdbTreePool;
 use super::lights::{AllLights, LightBindGroups, ViewLights};
@@ -26,6 +27,7 @@ pub(super) struct ViewBindGroups {
     pub lights: LightBindGroups,
     pub trace: BindGroup,
     pub upscale: Option<BindGroup>,
+    pub accumulate: Option<BindGroup>,
     pub composite: BindGroup,
 }
 
@@ -43,10 +45,11 @@ pub(super) fn prepare_bind_groups(
     all_lights: AllLights,
     (pool, blackbody): (Res<VdbTreePool>, Res<BlackbodyColors>),
     volumes: Res<VolumeBuffer>,
-    (beams, trace, upscale, composite): (
+    (beams, trace, upscale, accumulate, composite): (
         Res<BeamsPipeline>,
         Res<TracePipeline>,
         Res<UpscalePipeline>,
+        Res<AccumulatePipeline>,
         Res<CompositePipeline>,
     ),
     pipeline_cache: Res<PipelineCache>,
@@ -102,7 +105,7 @@ pub(super) fn prepare_bind_groups(
         let beams = resources.tile_data.as_ref().map(|(tiles, _)| {
             device.create_bind_group(
                 "vdb_beams",
-                &pipeline_cache.get_bind_group_layout(&beams.layout),
+                &pipeline_cache.get_bind_group_layout(beams.layout(pipelines.key.multisampled)),
                 &BindGroupEntries::with_indices((
                     (0, pool.grids.as_entire_binding()),
                     (1, page_a.as_entire_binding()),
@@ -110,12 +113,15 @@ pub(super) fn prepare_bind_groups(
                     (3, page_c.as_entire_binding()),
                     (4, resources.view.as_entire_binding()),
                     (5, volumes.as_entire_binding()),
+                    (6, depth.view()),
                     (9, tiles.as_entire_binding()),
                 )),
             )
         });
         let upscale =
             upscale.bind(resources, &pipelines.key, depth.view(), &device, &pipeline_cache);
+        let accumulate =
+            accumulate.bind(resources, &pipelines.key, depth.view(), &device, &pipeline_cache);
         let (color, far, moving) = resources.shown();
         let mut entries = DynamicBindGroupEntries::sequential((
             &color.default_view,
@@ -147,6 +153,7 @@ pub(super) fn prepare_bind_groups(
             lights,
             trace,
             upscale,
+            accumulate,
             composite,
         });
     }

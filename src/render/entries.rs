@@ -12,6 +12,7 @@ use super::tiles::TileRange;
 use super::volume::{Eye, Shown, volume_data};
 use super::warnings::Warned;
 use crate::VdbQuality;
+use crate::measure::Feature;
 
 /// One entry.
 pub(super) struct Entry<'a> {
@@ -52,6 +53,8 @@ pub(super) struct ViewEntries<'a> {
     pub pool: &'a VdbTreePool,
     pub eye: Eye<'a>,
     pub quality: &'a VdbQuality,
+    /// What it shows none of.
+    pub left_out: Option<Feature>,
 }
 
 impl<'a> ViewEntries<'a> {
@@ -77,6 +80,9 @@ impl<'a> ViewEntries<'a> {
             let parts = emission_data(entity, volume, self.pool, view, warned);
             let entry = |part| Entry { volume, grid: EntryGrid::Emission(part) };
             all.extend(parts.into_iter().map(|(data, part)| (data, entry(part))));
+        }
+        if let Some(feature) = self.left_out {
+            all.retain(|(data, _)| !feature.is_of(data.kind));
         }
         all
     }

@@ -94,6 +94,9 @@ pub(crate) struct View {
     pub suns: [[f32; 4]; MOST_SUNS],
     pub disks: [[f32; 4]; MOST_SUNS],
     pub turn: f32,
+    pub frame: u32,
+    pub shift: [f32; 2],
+    pub most_frames: u32,
     pub pads: [u32; 3],
 }
 
@@ -178,7 +181,8 @@ mod tests {
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, volumes_beside, size, origin,
             steps_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
-            keeps_starts, picture, shadow_range, reflection_range, suns, disks, turn);
+            keeps_starts, picture, shadow_range, reflection_range, suns, disks, turn, frame,
+            shift, most_frames);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

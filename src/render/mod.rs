@@ -2,16 +2,18 @@
 //! [`prepare`] → [`bind`] → [`trace`] → [`composite`]; [`pipeline`] makes what they run. [`cast`] puts
 //! volumes into Bevy's shadow maps.
 
+mod accumulate;
 mod bind;
 mod blackbody;
 mod cast;
 mod cast_pipeline;
+mod changes;
 mod composite;
 mod entries;
 mod extract;
 mod extras;
 mod find;
-mod gpu_data;
+pub(crate) mod gpu_data;
 mod gpu_tree;
 mod hierarchy;
 mod lights;
@@ -47,6 +49,7 @@ pub use gpu_tree::VdbGpuUsage;
 pub(crate) use shaders::reload as reload_shaders;
 
 use crate::VdbDiagnostics;
+use accumulate::AccumulatePipeline;
 use cast_pipeline::{CastPipeline, MeshDepthPipeline};
 use gpu_tree::VdbTreePool;
 use pipeline::{BeamsPipeline, CompositePipeline, TracePipeline};
@@ -75,12 +78,14 @@ pub(crate) fn build(app: &mut App) {
         .init_resource::<extract::ExtractedSuns>()
         .init_resource::<warnings::Warned>()
         .init_resource::<cast::CastShadows>()
+        .init_resource::<changes::SceneChanges>()
         .init_gpu_resource::<VdbTreePool>()
         .init_gpu_resource::<prepare::VolumeBuffer>()
         .init_gpu_resource::<blackbody::BlackbodyColors>()
         .init_gpu_resource::<SpecializedComputePipelines<BeamsPipeline>>()
         .init_gpu_resource::<SpecializedComputePipelines<TracePipeline>>()
         .init_gpu_resource::<SpecializedComputePipelines<UpscalePipeline>>()
+        .init_gpu_resource::<SpecializedComputePipelines<AccumulatePipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<CompositePipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<CastPipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<MeshDepthPipeline>>()
@@ -89,6 +94,7 @@ pub(crate) fn build(app: &mut App) {
             ExtractSchedule,
             (extract::extract_volumes, extract::extract_suns, extract::extract_environments),
         )
+        .add_systems(ExtractSchedule, changes::extract_changes)
         .add_systems(
             Render,
             (
@@ -124,7 +130,9 @@ pub(crate) fn build(app: &mut App) {
                     .after(shared_shadow_pass::<LATE_SHADOW_PASS>)
                     .after(per_view_shadow_pass::<LATE_SHADOW_PASS>)
                     .before(Core3dSystems::MainPass),
-                (trace::trace, upscale::upscale).chain().in_set(VdbSystems::Trace),
+                (trace::trace, upscale::upscale, accumulate::accumulate)
+                    .chain()
+                    .in_set(VdbSystems::Trace),
                 composite::composite.in_set(VdbSystems::Composite),
             ),
         );

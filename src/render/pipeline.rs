@@ -22,6 +22,7 @@ use bevy::render::renderer::RenderAdapterInfo;
 use bevy::render::view::ViewUniform;
 use bevy::shader::ShaderDefVal;
 
+use super::accumulate::AccumulatePipeline;
 use super::cast_pipeline::{CastPipeline, MeshDepthPipeline};
 use super::lights::{LightKey, LightLayouts};
 use super::shaders::Shaders;
@@ -36,6 +37,8 @@ pub(super) struct ViewPipelines {
     pub trace: CachedComputePipelineId,
     /// Where there are fewer rays than pixels.
     pub upscale: Option<CachedComputePipelineId>,
+    /// Where frames are put together.
+    pub accumulate: Option<CachedComputePipelineId>,
     /// What is traced, and whether it can be.
     pub key: TraceKey,
     pub is_ready: bool,
@@ -61,6 +64,7 @@ pub(super) fn init(
     commands.insert_resource(BeamsPipeline::new(&shaders, &lights));
     commands.insert_resource(TracePipeline::new(&shaders, &lights));
     commands.insert_resource(UpscalePipeline::new(&shaders));
+    commands.insert_resource(AccumulatePipeline::new(&shaders));
     commands.insert_resource(CompositePipeline::new(&shaders, fullscreen.clone()));
     commands.insert_resource(CastPipeline::new(&shaders, &lights));
     commands.insert_resource(MeshDepthPipeline::new(&shaders, fullscreen.clone()));
@@ -71,39 +75,72 @@ pub(super) fn init(
 pub(super) struct BeamsPipeline {
     shaders: Shaders,
     lights: LightLayouts,
-    pub layout: BindGroupLayoutDescriptor,
+    /// Without and with multisampling.
+    layouts: [BindGroupLayoutDescriptor; 2],
+}
+
+/// Which variant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct BeamsKey {
+    multisampled: bool,
+    scaled: bool,
+    accumulated: bool,
+    page_bits: Option<u32>,
+}
+
+impl From<&TraceKey> for BeamsKey {
+    fn from(key: &TraceKey) -> Self {
+        Self {
+            multisampled: key.multisampled,
+            scaled: key.scaled,
+            accumulated: key.accumulated,
+            page_bits: key.page_bits,
+        }
+    }
 }
 
 impl BeamsPipeline {
     fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
         let read = || storage_buffer_read_only_sized(false, None);
-        let entries = BindGroupLayoutEntries::with_indices(
-            ShaderStages::COMPUTE,
-            (
-                (0, read()),
-                (1, read()),
-                (2, read()),
-                (3, read()),
-                (4, uniform_buffer_sized(false, None)),
-                (5, read()),
-                (9, storage_buffer_sized(false, None)),
-            ),
-        );
-        let layout = BindGroupLayoutDescriptor::new("vdb_beams", &entries);
-        Self { shaders: shaders.clone(), lights: lights.clone(), layout }
+        let layouts = [texture_depth_2d(), texture_depth_2d_multisampled()].map(|depth| {
+            let entries = BindGroupLayoutEntries::with_indices(
+                ShaderStages::COMPUTE,
+                (
+                    (0, read()),
+                    (1, read()),
+                    (2, read()),
+                    (3, read()),
+                    (4, uniform_buffer_sized(false, None)),
+                    (5, read()),
+                    (6, depth),
+                    (9, storage_buffer_sized(false, None)),
+                ),
+            );
+            BindGroupLayoutDescriptor::new("vdb_beams", &entries)
+        });
+        Self { shaders: shaders.clone(), lights: lights.clone(), layouts }
+    }
+
+    pub fn layout(&self, multisampled: bool) -> &BindGroupLayoutDescriptor {
+        &self.layouts[usize::from(multisampled)]
     }
 }
 
 impl SpecializedComputePipeline for BeamsPipeline {
-    /// As [`TraceKey::page_bits`].
-    type Key = Option<u32>;
+    type Key = BeamsKey;
 
-    fn specialize(&self, page_bits: Option<u32>) -> ComputePipelineDescriptor {
+    fn specialize(&self, key: BeamsKey) -> ComputePipelineDescriptor {
+        let defs = [
+            (key.multisampled, "MULTISAMPLED"),
+            (key.scaled, "SCALED"),
+            (key.accumulated, "ACCUMULATED"),
+        ];
+        let own = defs.into_iter().filter(|(on, _)| *on).map(|(_, def)| def.into());
         ComputePipelineDescriptor {
             label: Some("vdb_beams".into()),
-            layout: layouts(&self.lights, None, &self.layout),
+            layout: layouts(&self.lights, None, self.layout(key.multisampled)),
             shader: self.shaders.beams.clone(),
-            shader_defs: page_defs(page_bits),
+            shader_defs: own.chain(page_defs(key.page_bits)).collect(),
             entry_point: Some("beams".into()),
             ..default()
         }
@@ -174,6 +211,8 @@ pub(super) struct TraceKey {
     pub multiple_scattering: bool,
     /// Whether there are fewer rays than pixels.
     pub scaled: bool,
+    /// Whether frames are put together.
+    pub accumulated: bool,
 }
 
 impl TracePipeline {
@@ -259,6 +298,7 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.colors, "COLORS"),
             (key.multiple_scattering, "MULTIPLE_SCATTERING"),
             (key.scaled, "SCALED"),
+            (key.accumulated, "ACCUMULATED"),
             (key.mode == VdbRenderMode::Normals, "SHOW_NORMALS"),
             (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),
             (key.mode == VdbRenderMode::Steps, "COUNT_STEPS"),

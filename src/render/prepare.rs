@@ -21,7 +21,9 @@ use bevy::render::sync_world::MainEntity;
 use bevy::render::texture::{CachedTexture, TextureCache};
 use bevy::render::view::{ExtractedView, Msaa};
 
+use super::accumulate::{self, Accumulated};
 use super::bind::ViewBindGroups;
+use super::changes::SceneChanges;
 use super::entries::ViewEntries;
 use super::extract::{ExtractedEnvironment, ExtractedSuns, ExtractedVolumes, non_negative};
 use super::extras::color_data;
@@ -37,6 +39,7 @@ use super::tiles::{self, TileLayout};
 use super::upscale::{self, Upscaled};
 use super::volume::{Eye, affine};
 use super::warnings::{Trouble, Warned};
+use crate::measure::LeftOut;
 use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbRenderMode, VdbTraversal};
 use vdb_core::view::ViewRays;
 
@@ -67,6 +70,8 @@ pub(super) struct ViewResources {
     pub most_tiles: u32,
     /// What is shown in place of what is traced, where there are fewer rays than pixels.
     pub upscaled: Option<Upscaled>,
+    /// And in place of that, where frames are put together.
+    pub accumulated: Option<Accumulated>,
     /// Rays, and pixels of the viewport.
     pub size: UVec2,
     pub picture: UVec2,
@@ -75,9 +80,13 @@ pub(super) struct ViewResources {
 impl ViewResources {
     /// What the composite shows: colour, depth, and what moves.
     pub fn shown(&self) -> (&CachedTexture, &CachedTexture, Option<&CachedTexture>) {
-        match &self.upscaled {
+        let own = match &self.upscaled {
             Some(upscaled) => (&upscaled.color, &upscaled.depth, upscaled.moving.as_ref()),
             None => (&self.color, &self.depth, self.motion.as_ref().map(|motion| &motion.moving)),
+        };
+        match self.accumulated.as_ref().and_then(Accumulated::shown) {
+            Some(mean) => (&mean.color, &mean.depth, own.2),
+            None => own,
         }
     }
 
@@ -102,7 +111,7 @@ type ViewData<'a> = (
     &'a ViewVolumes,
     &'a ExtractedView,
     &'a ExtractedCamera,
-    (Option<&'a VdbCamera>, Option<&'a VdbQuality>, &'a MainEntity),
+    (Option<&'a VdbCamera>, Option<&'a VdbQuality>, Option<&'a LeftOut>, &'a MainEntity),
     &'a Msaa,
     Option<&'a RenderLayers>,
     (Option<&'a ShadowFilteringMethod>, Option<&'a ExtractedEnvironment>, Has<DistanceFog>),
@@ -119,7 +128,7 @@ pub(super) fn prepare_views(
     mut commands: Commands,
     views: Query<ViewData>,
     volumes: Res<ExtractedVolumes>,
-    (suns, frame): (Res<ExtractedSuns>, Res<FrameCount>),
+    (suns, frame, changes): (Res<ExtractedSuns>, Res<FrameCount>, Res<SceneChanges>),
     lights: Lights,
     pool: Res<VdbTreePool>,
     mut volume_buffer: ResMut<VolumeBuffer>,
@@ -135,7 +144,7 @@ pub(super) fn prepare_views(
         seen,
         view,
         camera,
-        (settings, quality, camera_entity),
+        (settings, quality, left_out, camera_entity),
         msaa,
         layers,
         (shadow_filter, environment, has_distance_fog),
@@ -147,12 +156,16 @@ pub(super) fn prepare_views(
         (before, pipelines_before),
     ) in &views
     {
-        let settings = settings.cloned().unwrap_or_default();
-        let (quality, wrong) = quality.copied().unwrap_or_default().sound();
+        let mut settings = settings.cloned().unwrap_or_default();
+        let (mut quality, wrong) = quality.copied().unwrap_or_default().sound();
         if let Some(name) = wrong
             && let Some(text) = warned.note(*camera_entity, "", Trouble::CameraQuality(name))
         {
             warn!("{text}");
+        }
+        let left_out = left_out.and_then(|left_out| left_out.0);
+        if let Some(feature) = left_out {
+            feature.leave_out(&mut settings, &mut quality);
         }
         let picture = resolution.map_or(view.viewport.zw(), |size| size.0);
         let mut clip_from_view = view.clip_from_view;
@@ -185,7 +198,7 @@ pub(super) fn prepare_views(
         let [seen, beside] = &lists;
         let made = rays.as_ref().filter(|_| picture.min_element() > 0).map(|rays| {
             let eye = Eye { rays, world_from_view, size: picture };
-            ViewEntries { pool: &pool, eye, quality: &quality }
+            ViewEntries { pool: &pool, eye, quality: &quality, left_out }
         });
         let list = volume_buffer.0.values_mut();
         let first = list.len();
@@ -234,6 +247,13 @@ pub(super) fn prepare_views(
         // Other modes are about surfaces: fog is neither traced nor compiled for them.
         let with_fog = is_lit || settings.mode == VdbRenderMode::Steps;
         let fogs = traces[2] && with_fog;
+        let accumulated =
+            accumulate::wanted(&quality, settings.mode, jitter.is_some(), picture, &device);
+        if let Err(why) = accumulated
+            && let Some(text) = warned.note(*camera_entity, "", why)
+        {
+            warn!("{text}");
+        }
         let wanted = TraceKey {
             multisampled: msaa.samples() > 1,
             surfaces: traces[0],
@@ -255,6 +275,7 @@ pub(super) fn prepare_views(
             colors,
             multiple_scattering: settings.multiple_scattering && traces[2] && is_lit,
             scaled: quality.resolution < 1.0,
+            accumulated: accumulated.unwrap_or(false),
         };
         let pipelines = specialized.choose(&pipeline_cache, wanted, pipelines_before, &present);
         let key = pipelines.key;
@@ -279,7 +300,7 @@ pub(super) fn prepare_views(
         }
         let origin = view.viewport.xy();
         let layout = TileLayout::new(size, count as u32);
-        let data = gpu_data::View {
+        let mut data = gpu_data::View {
             exposure: non_negative(camera.exposure).min(MOST_EXPOSURE),
             volume_first: first as u32,
             volume_count: count as u32,
@@ -297,8 +318,19 @@ pub(super) fn prepare_views(
             group_bits: layout.group_bits,
             keeps_starts: u32::from(layout.keeps_starts),
             turn: turn_of(jitter, *frame),
+            frame: jitter.map_or(0, |_| frame.0),
+            most_frames: quality.accumulate,
             ..view_data(made.eye.rays, world_from_view, &suns)
         };
+        let accumulated = key.accumulated.then(|| {
+            let shown = (&key, pipelines.is_ready);
+            let fingerprint = accumulate::fingerprint(shown, &data, &list[first..], &changes);
+            let before = before.and_then(|before| before.accumulated.as_ref());
+            Accumulated::new(before, fingerprint, picture, &device)
+        });
+        if let Some(accumulated) = &accumulated {
+            accumulated.place(&mut data, key.scaled);
+        }
         let buffer = |label, contents: &[u8]| {
             device.create_buffer_with_data(&BufferInitDescriptor {
                 label: Some(label),
@@ -344,6 +376,7 @@ pub(super) fn prepare_views(
         let resources = ViewResources {
             motion,
             upscaled,
+            accumulated,
             tile_data,
             volumes: count as u32,
             volumes_beside: beside as u32,
@@ -370,7 +403,10 @@ pub(super) fn prepare_views(
         let mut composite =
             |fog_alone| specialized.composite(&pipeline_cache, composite_key(fog_alone));
         // Steps are shown where no surface is, too.
-        let alone = ((shows[2] || shows_fire) && with_fog) || settings.mode == VdbRenderMode::Steps;
+        // So is a surface in less than half of the frames that are put together.
+        let alone = ((shows[2] || shows_fire) && with_fog)
+            || settings.mode == VdbRenderMode::Steps
+            || key.accumulated;
         let pipelines = ViewPipelines {
             surface: (shows[0] || shows[1]).then(|| composite(false)),
             fog: alone.then(|| composite(true)),
@@ -415,8 +451,7 @@ pub(super) fn view_data(
 
 /// What a frame adds to chance, from 0 to 1: nothing, unless frames of the view are put together.
 pub(super) fn turn_of(jitter: Option<&TemporalJitter>, frame: FrameCount) -> f32 {
-    // Multiples of the golden section are spread evenly.
-    jitter.map_or(0.0, |_| (f64::from(frame.0) * 0.618_033_988_749_895).fract() as f32)
+    jitter.map_or(0.0, |_| accumulate::golden(frame.0))
 }
 
 /// Whether a list has an entry of a kind.

@@ -5,6 +5,7 @@ use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
 use bevy::render::texture::CachedTexture;
 
+use super::accumulate::Accumulated;
 use super::pipeline::{TraceKey, ViewPipelines};
 use super::prepare::ViewResources;
 use crate::VdbTraversal;
@@ -29,11 +30,17 @@ fn of_view(resources: &ViewResources, pipelines: &ViewPipelines) -> VdbCameraRep
         volumes: resources.volumes,
         volumes_beside: resources.volumes_beside,
         rays: resources.size,
+        frames: frames(resources),
         is_compiling: !pipelines.is_ready || pipelines.stands_in,
         features: features(&pipelines.key),
-        passes: passes(pipelines),
+        passes: passes(resources, pipelines),
         buffers: buffers(resources),
     }
+}
+
+/// Frames that are put together.
+fn frames(resources: &ViewResources) -> u32 {
+    resources.accumulated.as_ref().map_or(0, |accumulated| accumulated.frame)
 }
 
 fn features(key: &TraceKey) -> Vec<VdbFeatureReport> {
@@ -82,6 +89,7 @@ fn features(key: &TraceKey) -> Vec<VdbFeatureReport> {
         (key.motion, "motion vectors", "the camera has a MotionVectorPrepass, as TAA brings along"),
         (key.overlays, "overlays", "VdbCamera::overlays"),
         (key.scaled, "fewer rays than pixels", "VdbQuality::resolution is less than 1"),
+        (key.accumulated, "accumulation", "VdbQuality::accumulate is more than 1"),
         (key.multisampled, "multisampled depth", "the camera has MSAA"),
         (key.page_bits.is_some(), "pages", "grids exceed one binding of the GPU"),
     ];
@@ -89,12 +97,14 @@ fn features(key: &TraceKey) -> Vec<VdbFeatureReport> {
     on.map(|(_, name, why)| VdbFeatureReport { name, why }).collect()
 }
 
-fn passes(pipelines: &ViewPipelines) -> Vec<VdbPassReport> {
+fn passes(resources: &ViewResources, pipelines: &ViewPipelines) -> Vec<VdbPassReport> {
     let upscale = pipelines.upscale.is_some();
+    let accumulate = frames(resources) > 0;
     let composite = pipelines.surface.is_some() || pipelines.fog.is_some();
     let all = [
         (true, "vdb_trace", "a volume is in the picture"),
         (upscale, "vdb_upscale", "VdbQuality::resolution is less than 1"),
+        (accumulate, "vdb_accumulate", "VdbQuality::accumulate, and nothing has changed"),
         (composite, "vdb_composite", "what was traced is shown"),
     ];
     let on = all.into_iter().filter(|(on, ..)| *on);
@@ -121,6 +131,11 @@ fn buffers(resources: &ViewResources) -> Vec<VdbBufferReport> {
         if let Some(moving) = &upscaled.moving {
             add("vdb_moving_upscaled", bytes(moving), "motion vectors, of fewer rays than pixels");
         }
+    }
+    if let Some(kept) = resources.accumulated.as_ref().and_then(Accumulated::kept) {
+        add("vdb_means", kept.means.size(), "frames are put together");
+        add("vdb_color_mean", bytes(&kept.color), "frames are put together");
+        add("vdb_depth_mean", bytes(&kept.depth), "frames are put together");
     }
     all
 }

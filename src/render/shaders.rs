@@ -44,8 +44,8 @@ const IMPORTS: [(&str, &[u8]); 25] = shaders![
     "show"
 ];
 /// What runs.
-const PROGRAMS: [(&str, &[u8]); 6] =
-    shaders!["beams", "trace", "upscale", "composite", "cast", "mesh_depth"];
+const PROGRAMS: [(&str, &[u8]); 7] =
+    shaders!["beams", "trace", "upscale", "accumulate", "composite", "cast", "mesh_depth"];
 
 pub(super) fn embed(app: &mut App) {
     let registry = app.world_mut().resource_mut::<EmbeddedAssetRegistry>();
@@ -79,6 +79,7 @@ pub(super) struct Shaders {
     pub beams: Handle<Shader>,
     pub trace: Handle<Shader>,
     pub upscale: Handle<Shader>,
+    pub accumulate: Handle<Shader>,
     pub composite: Handle<Shader>,
     pub cast: Handle<Shader>,
     pub mesh_depth: Handle<Shader>,
@@ -90,11 +91,21 @@ pub(super) struct Shaders {
 impl Shaders {
     pub fn load(assets: &AssetServer, adapter: &RenderAdapterInfo) -> Self {
         let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
-        let [beams, trace, upscale, composite, cast, mesh_depth] = PROGRAMS.map(load);
+        let [beams, trace, upscale, accumulate, composite, cast, mesh_depth] = PROGRAMS.map(load);
         let _imports = IMPORTS.map(load);
         // A driver for CPUs runs rays in step, through all branches that any of them takes.
         let is_cpu = adapter.device_type == DeviceType::Cpu;
         let adapter_defs = if is_cpu { vec!["IN_STEP".into()] } else { Vec::new() };
-        Self { beams, trace, upscale, composite, cast, mesh_depth, adapter_defs, _imports }
+        Self {
+            beams,
+            trace,
+            upscale,
+            accumulate,
+            composite,
+            cast,
+            mesh_depth,
+            adapter_defs,
+            _imports,
+        }
     }
 }

@@ -7,6 +7,7 @@ use bevy::render::render_resource::{
     CachedRenderPipelineId, PipelineCache, SpecializedComputePipelines, SpecializedRenderPipelines,
 };
 
+use super::accumulate::AccumulatePipeline;
 use super::extras::Part;
 use super::gpu_data;
 use super::lights::LightKey;
@@ -21,11 +22,13 @@ pub(super) struct Specialized<'w> {
     beams: ResMut<'w, SpecializedComputePipelines<BeamsPipeline>>,
     trace: ResMut<'w, SpecializedComputePipelines<TracePipeline>>,
     upscale: ResMut<'w, SpecializedComputePipelines<UpscalePipeline>>,
+    accumulate: ResMut<'w, SpecializedComputePipelines<AccumulatePipeline>>,
     composite: ResMut<'w, SpecializedRenderPipelines<CompositePipeline>>,
     makers: (
         Res<'w, BeamsPipeline>,
         Res<'w, TracePipeline>,
         Res<'w, UpscalePipeline>,
+        Res<'w, AccumulatePipeline>,
         Res<'w, CompositePipeline>,
     ),
 }
@@ -51,16 +54,19 @@ impl Specialized<'_> {
     }
 
     fn of(&mut self, cache: &PipelineCache, key: TraceKey) -> ViewPipelines {
-        let (beams, trace, upscale, _) = &self.makers;
+        let (beams, trace, upscale, accumulate, _) = &self.makers;
         let trace = self.trace.specialize(cache, trace, key);
-        let beams = key.beams.then(|| self.beams.specialize(cache, beams, key.page_bits));
+        let beams = key.beams.then(|| self.beams.specialize(cache, beams, (&key).into()));
         let upscale = key.scaled.then(|| self.upscale.specialize(cache, upscale, (&key).into()));
-        let mut all = [Some(trace), beams, upscale].into_iter().flatten();
+        let accumulate =
+            key.accumulated.then(|| self.accumulate.specialize(cache, accumulate, (&key).into()));
+        let mut all = [Some(trace), beams, upscale, accumulate].into_iter().flatten();
         let is_ready = all.all(|id| cache.get_compute_pipeline(id).is_some());
         ViewPipelines {
             beams,
             trace,
             upscale,
+            accumulate,
             key,
             is_ready,
             stands_in: false,
@@ -76,7 +82,7 @@ impl Specialized<'_> {
         cache: &PipelineCache,
         key: CompositeKey,
     ) -> CachedRenderPipelineId {
-        self.composite.specialize(cache, &self.makers.3, key)
+        self.composite.specialize(cache, &self.makers.4, key)
     }
 }
 
@@ -136,6 +142,7 @@ mod tests {
             colors: false,
             multiple_scattering: false,
             scaled: false,
+            accumulated: false,
         };
         let one = TraceKey { format: Some(1), blackbody: true, ..any };
         use gpu_data::{KIND_BLACKBODY, KIND_EMISSION, KIND_FOG, KIND_NONE, KIND_SURFACE};

@@ -46,11 +46,12 @@ pub(super) struct UpscalePipeline {
 pub(super) struct UpscaleKey {
     multisampled: bool,
     motion: bool,
+    accumulated: bool,
 }
 
 impl From<&TraceKey> for UpscaleKey {
     fn from(key: &TraceKey) -> Self {
-        Self { multisampled: key.multisampled, motion: key.motion }
+        Self { multisampled: key.multisampled, motion: key.motion, accumulated: key.accumulated }
     }
 }
 
@@ -120,7 +121,11 @@ impl SpecializedComputePipeline for UpscalePipeline {
     type Key = UpscaleKey;
 
     fn specialize(&self, key: UpscaleKey) -> ComputePipelineDescriptor {
-        let defs = [(key.multisampled, "MULTISAMPLED"), (key.motion, "MOTION_VECTORS")];
+        let defs = [
+            (key.multisampled, "MULTISAMPLED"),
+            (key.motion, "MOTION_VECTORS"),
+            (key.accumulated, "ACCUMULATED"),
+        ];
         ComputePipelineDescriptor {
             label: Some("vdb_upscale".into()),
             layout: vec![self.layout(key).clone()],

@@ -20,6 +20,10 @@ pub(super) enum Trouble {
     Quality(&'static str),
     /// Of a camera: the same of its `VdbQuality`.
     CameraQuality(&'static str),
+    /// Of a camera: what jitters its picture puts frames together already.
+    Jittered,
+    /// Of a camera: its pixels' means do not fit into a buffer.
+    TooManyPixels,
 }
 
 /// A setting of a material, or of what shines.
@@ -99,6 +103,16 @@ impl Warned {
                 Trouble::CameraQuality(setting) => format!(
                     "the camera of entity {} shows volumes with the nearest {setting} that makes sense: \
                      the documentation of VdbQuality has the range",
+                    entity.id()
+                ),
+                Trouble::Jittered => format!(
+                    "the camera of entity {} accumulates no frames of volumes: its temporal \
+                     anti-aliasing does that; set VdbQuality::accumulate to 0, or take that away",
+                    entity.id()
+                ),
+                Trouble::TooManyPixels => format!(
+                    "the camera of entity {} accumulates no frames of volumes: its picture has more \
+                     pixels than a buffer of this GPU holds",
                     entity.id()
                 ),
                 Trouble::Setting(setting) => {

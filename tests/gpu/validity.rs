@@ -184,22 +184,39 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&["LIT", "SCALED", "LOCAL_LIGHTS", "DISTANCE_FOG"], &kinds, &shadows]);
         check(&[&["SHOW_DEPTH", "SCALED"], &kinds]);
     }
-    assert_eq!(variants, 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 16);
+    // Frames put together.
+    for with in subsets(&["SCALED", "SOFT_SUNS", "REFLECTIONS", "BEAMS"]) {
+        check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS", "ACCUMULATED"], &with, &shadows]);
+    }
+    assert_eq!(
+        variants,
+        8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 16 + 16
+    );
 }
 
 #[test]
 fn the_upscaling_is_valid() {
     let mut composer = composer();
-    for defs in subsets(&["MULTISAMPLED", "MOTION_VECTORS"]) {
+    for defs in subsets(&["MULTISAMPLED", "MOTION_VECTORS", "ACCUMULATED"]) {
         check(&mut composer, "upscale", &defs);
+    }
+}
+
+#[test]
+fn the_means_of_frames_are_valid() {
+    let mut composer = composer();
+    for defs in subsets(&["MULTISAMPLED", "SCALED"]) {
+        check(&mut composer, "accumulate", &[&["ACCUMULATED"], &defs[..]].concat());
     }
 }
 
 #[test]
 fn the_beams_are_valid() {
     let mut composer = composer();
-    check(&mut composer, "beams", &[]);
-    check(&mut composer, "beams", &["PAGED", "PAGE_BITS=20"]);
+    for defs in subsets(&["MULTISAMPLED", "SCALED", "ACCUMULATED"]) {
+        check(&mut composer, "beams", &defs);
+        check(&mut composer, "beams", &[&defs, &["PAGED", "PAGE_BITS=20"][..]].concat());
+    }
 }
 
 #[test]

@@ -5,9 +5,11 @@ use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbMaterial, VdbQuality, VdbRenderMode, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
+use vdb_core::tree::Vdb543;
 
 use super::common::{Picture, Stage, has_gpu};
-use super::{SIZE, looking, pixel_ray};
+use super::need::{all_steps, counting};
+use super::{SIZE, SURFACE, looking, pixel_ray};
 
 /// Goes on until the pool has so many grids, or has had long enough.
 fn wait_for(stage: &mut Stage, grids: u64) {
@@ -129,4 +131,50 @@ fn far_fog_dims_as_much() {
     assert!(least < 0.5, "the fog is thin: {least}");
     assert!((both / all - 1.0).abs() < 2e-3, "{all} of light in all became {both}");
     assert!(coarse != exact, "the coarser grid was not shown");
+}
+
+/// With levels of detail, what a far volume costs follows the pixels that it covers: with twice as many voxels
+/// along each edge, rays take no more steps. Without, they do.
+#[test]
+fn twice_the_voxels_far_away_cost_the_same() {
+    if !has_gpu() {
+        return;
+    }
+    let shapes: [(&str, PackKind, &dyn Fn(f64) -> Vdb543<f32>); 3] = [
+        ("voxels", SURFACE, &|edge| level_set::gyroid(DVec3::ZERO, 0.45 * edge, 0.5 * edge)),
+        ("smooth", PackKind::Smooth { iso: 0.0 }, &|edge| {
+            level_set::torus(DVec3::ZERO, 0.3 * edge, 0.15 * edge)
+        }),
+        ("fog", PackKind::Fog, &|edge| fog::sphere(DVec3::ZERO, 0.45 * edge, 0.25 * edge)),
+    ];
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    // Eight world units are twenty pixels.
+    let camera = stage.camera(&target, looking(Vec3::new(12.0, 15.0, 24.0)));
+    for (name, kind, shape) in shapes {
+        let mut cost = |edge: f64, detail: f32| {
+            let grid = stage.grid(shape(edge), kind, 8.0 / edge);
+            let material = VdbMaterial { density_scale: 0.02, ..default() };
+            let volume = stage.world().spawn((VdbVolume(grid), material)).id();
+            let quality = VdbQuality { detail, ..default() };
+            stage.world().entity_mut(camera).insert((counting(), quality));
+            let usage = stage.world().resource::<VdbGpuUsage>().clone();
+            // Down to less than 32 voxels.
+            let levels = if detail > 0.0 { (edge / 32.0).log2() as u64 } else { 0 };
+            wait_for(&mut stage, 1 + levels);
+            let picture = stage.picture(&target);
+            picture.save(&format!("need_{name}_{edge}_{detail}"));
+            stage.world().despawn(volume);
+            wait_for(&mut stage, 0);
+            assert_eq!(usage.grids(), 0);
+            all_steps(&picture)
+        };
+        let [once, twice] = [128.0, 256.0].map(|edge| cost(edge, 1.0));
+        let [plain, finer] = [128.0, 256.0].map(|edge| cost(edge, 0.0));
+        println!(
+            "{name}: {once:.0} and {twice:.0} steps; without levels {plain:.0} and {finer:.0}"
+        );
+        assert!(once > 500.0 && (twice / once - 1.0).abs() < 0.1, "{name}: {once}, {twice}");
+        assert!(finer > 1.1 * twice, "{name}: {twice}, {finer}: there was nothing to save");
+    }
 }
