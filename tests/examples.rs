@@ -1,68 +1,36 @@
 //! The examples as people run them: each without a window, into a picture that shows what it is about.
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+#[path = "common/adapter.rs"]
+mod adapter;
+#[path = "common/files.rs"]
+mod files;
+#[path = "common/png_file.rs"]
+mod png_file;
+#[path = "common/programs.rs"]
+mod programs;
 
-/// Examples and tests are built beside each other: `target/debug/{deps/examples-…,examples/NAME}`.
-fn example(name: &str) -> Command {
-    let test = std::env::current_exe().expect("the path of this test");
-    let folder = test.parent().and_then(Path::parent).expect("tests are in target/…/deps");
-    let path = folder.join(format!("examples/{name}{}", std::env::consts::EXE_SUFFIX));
-    assert!(path.exists(), "{}: run `cargo build --example {name}` first", path.display());
-    let mut command = Command::new(path);
-    command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("RUST_LOG");
-    command
-}
-
-fn temporary(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("examples");
-    std::fs::create_dir_all(&folder).expect("a folder for what the tests write");
-    folder.join(name)
-}
-
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-/// Whether there is a GPU; says aloud where a test is left out because the environment allows that.
-fn has_gpu() -> bool {
-    let instance = wgpu::Instance::default();
-    let found = bevy::tasks::block_on(instance.request_adapter(&Default::default())).is_ok();
-    if !found {
-        assert!(
-            std::env::var_os("BEVY_VDB_SKIP_GPU").is_some(),
-            "no GPU adapter; install Mesa's software driver (Debian: mesa-vulkan-drivers), or set \
-             BEVY_VDB_SKIP_GPU=1 to leave out these tests"
-        );
-        eprintln!("SKIPPED, as BEVY_VDB_SKIP_GPU says: no GPU adapter");
-    }
-    found
-}
+use adapter::has_gpu;
+use files::temporary;
+use png_file::Png;
+use programs::{example, stderr};
 
 const SIZE: (usize, usize) = (128, 72);
 
 /// The picture of an example, row by row from the top left.
 fn picture(name: &str) -> Vec<[u8; 3]> {
-    let path = temporary(&format!("{name}.png"));
-    // That of an earlier run proves nothing.
-    let _ = std::fs::remove_file(&path);
+    let path = temporary("examples", &format!("{name}.png"));
     let output = example(name)
         .arg(&path)
         .arg(format!("{}x{}", SIZE.0, SIZE.1))
         .output()
         .expect("the example starts");
-    assert!(output.status.success(), "{name}: {}", said(&output));
+    assert!(output.status.success(), "{name}: {}", stderr(&output));
     // What it leaves out, or has to put right, it says.
-    let complains = said(&output).contains("ERROR") || said(&output).contains("bevy_vdb::");
-    assert!(!complains, "{name}: {}", said(&output));
-    let file = std::io::BufReader::new(std::fs::File::open(&path).expect("the picture is there"));
-    let mut reader = png::Decoder::new(file).read_info().expect("a PNG");
-    let mut bytes = vec![0; reader.output_buffer_size().expect("a size")];
-    let info = reader.next_frame(&mut bytes).expect("pixels");
-    assert_eq!((info.width as usize, info.height as usize), SIZE);
-    assert_eq!(info.color_type, png::ColorType::Rgb);
-    let pixels = bytes[..info.buffer_size()].chunks_exact(3);
-    pixels.map(|rgb| [rgb[0], rgb[1], rgb[2]]).collect()
+    let complains = stderr(&output).contains("ERROR") || stderr(&output).contains("bevy_vdb::");
+    assert!(!complains, "{name}: {}", stderr(&output));
+    let png = Png::read(&path);
+    assert_eq!((png.size.x as usize, png.size.y as usize), SIZE);
+    png.pixels
 }
 
 fn count(pixels: &[[u8; 3]], holds: impl Fn([i32; 3]) -> bool) -> usize {
@@ -165,11 +133,11 @@ fn what_cannot_be_drawn_is_an_error() {
     if !has_gpu() {
         return;
     }
-    let nowhere = temporary("no/such/folder/picture.png");
+    let nowhere = temporary("examples", "no/such/folder/picture.png");
     let output = example("glossy").arg(&nowhere).arg("16x9").output().expect("it starts");
-    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
-    assert!(said(&output).contains("could not be written"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stderr(&output).contains("could not be written"), "{}", stderr(&output));
     let output = example("glossy").args(["picture.png", "0x9"]).output().expect("it starts");
-    assert_eq!(output.status.code(), Some(2), "{}", said(&output));
-    assert!(said(&output).contains("not a size"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    assert!(stderr(&output).contains("not a size"), "{}", stderr(&output));
 }

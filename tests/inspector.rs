@@ -1,13 +1,12 @@
 //! The panel without a window and without a GPU, through what it tells screen readers: what is not
 //! found there cannot be used by keyboard either.
 
+#[path = "common/headless.rs"]
+mod headless;
+
 use bevy::asset::AssetPlugin;
-use bevy::log::LogPlugin;
 use bevy::math::DAffine3;
 use bevy::prelude::*;
-use bevy::render::RenderPlugin;
-use bevy::render::settings::{RenderCreation, WgpuSettings};
-use bevy::winit::WinitPlugin;
 use bevy_egui::egui::accesskit::{Action, ActionData, ActionRequest, Node, NodeId, Role, TreeId};
 use bevy_egui::{EguiContext, EguiInput, EguiOutput, EguiPreUpdateSet, egui};
 use bevy_vdb::prelude::*;
@@ -34,24 +33,9 @@ impl Panel {
 
     fn with(kind: PackKind, plugin: VdbInspectorPlugin) -> Self {
         let mut app = App::new();
-        let no_gpu = WgpuSettings { backends: None, ..default() };
-        app.add_plugins((
-            DefaultPlugins
-                .set(RenderPlugin {
-                    render_creation: RenderCreation::Automatic(Box::new(no_gpu)),
-                    ..default()
-                })
-                .set(WindowPlugin { primary_window: None, ..default() })
-                .set(AssetPlugin {
-                    file_path: concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into(),
-                    watch_for_changes_override: Some(false),
-                    ..default()
-                })
-                .disable::<WinitPlugin>()
-                .disable::<LogPlugin>(),
-            VdbRenderPlugin,
-            plugin,
-        ));
+        let file_path = concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into();
+        let assets = AssetPlugin { file_path, ..default() };
+        app.add_plugins((headless::plugins(None, assets), VdbRenderPlugin, plugin));
         // A window would have the keyboard.
         app.add_systems(
             PreUpdate,

@@ -7,10 +7,14 @@
 mod app;
 #[path = "../examples/viewer/args.rs"]
 mod args;
+#[path = "common/files.rs"]
+mod files;
 #[path = "../examples/viewer/fly.rs"]
 mod fly;
 #[path = "../examples/viewer/framing.rs"]
 mod framing;
+#[path = "common/headless.rs"]
+mod headless;
 #[path = "../examples/viewer/keys.rs"]
 mod keys;
 #[path = "../examples/viewer/overlay.rs"]
@@ -22,7 +26,7 @@ mod state;
 #[path = "../examples/viewer/window.rs"]
 mod window;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -32,15 +36,11 @@ use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::ecs::system::RunSystemOnce;
 use bevy::input::ButtonState;
 use bevy::input::keyboard::{Key, KeyboardInput};
-use bevy::log::LogPlugin;
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy::render::RenderPlugin;
-use bevy::render::settings::{RenderCreation, WgpuSettings};
 use bevy::tasks::AsyncComputeTaskPool;
 use bevy::time::TimeUpdateStrategy;
 use bevy::window::{FileDragAndDrop, PrimaryWindow};
-use bevy::winit::WinitPlugin;
 use bevy_egui::egui::accesskit::{Action, ActionRequest, Node, Role, TreeId};
 use bevy_egui::{EguiContext, EguiInput, EguiOutput, egui};
 use bevy_panorbit_camera::{PanOrbitCamera, PanOrbitCameraPlugin};
@@ -48,19 +48,9 @@ use bevy_vdb::prelude::*;
 
 use app::{Label, Status};
 use args::Args;
+use files::{model, temporary};
 use state::State;
 use window::{Hovering, InteractivePlugin};
-
-fn model(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/models").join(name)
-}
-
-fn temporary(name: &str, content: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("viewer_window");
-    std::fs::create_dir_all(&folder).expect("a folder for what the tests write");
-    std::fs::write(folder.join(name), content).expect("written");
-    folder.join(name)
-}
 
 struct Viewer {
     app: App,
@@ -71,16 +61,8 @@ struct Viewer {
 impl Viewer {
     fn new(args: &Args) -> Self {
         let mut app = App::new();
-        let no_gpu = WgpuSettings { backends: None, ..default() };
         app.add_plugins((
-            DefaultPlugins
-                .set(RenderPlugin {
-                    render_creation: RenderCreation::Automatic(Box::new(no_gpu)),
-                    ..default()
-                })
-                .set(AssetPlugin { watch_for_changes_override: Some(false), ..app::asset_plugin() })
-                .disable::<WinitPlugin>()
-                .disable::<LogPlugin>(),
+            headless::plugins(Some(Window::default()), app::asset_plugin()),
             PanOrbitCameraPlugin,
             InteractivePlugin(args.clone()),
         ));
@@ -253,7 +235,9 @@ fn a_dropped_file_takes_the_place_of_what_is_shown() {
 #[test]
 fn what_is_wrong_with_a_file_stands_in_the_window() {
     let mut viewer = Viewer::ready(&Viewer::files(&["teapot.vdb"]));
-    let text = temporary("text.vdb", "this is a text, not a volume, and long enough to be read");
+    let text = temporary("viewer_window", "text.vdb");
+    std::fs::write(&text, "this is a text, not a volume, and long enough to be read")
+        .expect("written");
     viewer.drop_file(&text);
     viewer.wait();
     assert!(viewer.says("text.vdb: ") && viewer.says("no VDB file"));

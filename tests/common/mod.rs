@@ -2,6 +2,8 @@
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
+mod adapter;
+
 use std::sync::{Arc, Mutex};
 
 use bevy::app::{PluginsState, ScheduleRunnerPlugin};
@@ -21,21 +23,7 @@ use bevy_vdb::{VdbCamera, VdbGrid, VdbRenderPlugin};
 use vdb_core::pack::PackKind;
 use vdb_core::tree::Vdb543;
 
-/// Whether there is a GPU; says aloud where a test is left out because there is none and the
-/// environment allows that.
-pub fn has_gpu() -> bool {
-    let instance = wgpu::Instance::default();
-    let found = bevy::tasks::block_on(instance.request_adapter(&Default::default())).is_ok();
-    if !found {
-        assert!(
-            std::env::var_os("BEVY_VDB_SKIP_GPU").is_some(),
-            "no GPU adapter; install Mesa's software driver (Debian: mesa-vulkan-drivers), or set \
-             BEVY_VDB_SKIP_GPU=1 to leave out these tests"
-        );
-        eprintln!("SKIPPED, as BEVY_VDB_SKIP_GPU says: no GPU adapter");
-    }
-    found
-}
+pub use adapter::has_gpu;
 
 /// The app, and a place where pictures arrive.
 pub struct Stage {

@@ -217,7 +217,7 @@ fn opaque_fog_hides_what_is_behind() {
     let bright = VdbMaterial { emissive: LinearRgba::rgb(f32::MAX, 1.0, 0.0), ..default() };
     stage.world().spawn((VdbVolume(grid), bright, Transform::from_xyz(0.0, 0.0, -4.0)));
     assert!(stage.picture(&target).center().x > 6e4, "the surface shines");
-    let grid = stage.grid(fog::sphere(DVec3::ZERO, 24.0, 6.0), PackKind::Fog, 0.1);
+    let grid = stage.ball_of_fog(24.0, 6.0);
     let black = VdbMaterial { base_color: Color::BLACK, density_scale: f32::MAX, ..default() };
     stage.world().spawn((VdbVolume(grid), black));
     assert_eq!(stage.picture(&target).center().truncate(), Vec3::ZERO);

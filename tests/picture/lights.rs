@@ -212,8 +212,7 @@ fn fog_scatters_what_lights_shed_on_it() {
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 2.0));
     // Small and dense: no light comes through it, and all of it is as far from each light.
-    let block = CoordBox { min: IVec3::splat(-5), max: IVec3::splat(4) };
-    let grid = stage.grid(fog::block(block, 1.0), PackKind::Fog, 0.02);
+    let grid = stage.cube_of_fog(5, 0.02);
     let albedo = Vec3::new(1.0, 0.5, 0.25);
     let base_color = Color::linear_rgb(albedo.x, albedo.y, albedo.z);
     stage
@@ -270,8 +269,7 @@ fn fog_turns_light_as_its_anisotropy_says() {
     let target = stage.target(SIZE);
     let view = looking(Vec3::Z * 2.0);
     let camera = stage.camera(&target, view);
-    let block = CoordBox { min: IVec3::splat(-5), max: IVec3::splat(4) };
-    let grid = stage.grid(fog::block(block, 1.0), PackKind::Fog, 0.02);
+    let grid = stage.cube_of_fog(5, 0.02);
     let ray = pixel_ray(view, SIZE.x / 2, SIZE.y / 2).1.normalize();
     let check = |stage: &mut Stage, name: &str, anisotropy: f32, expected: f64| {
         let material = VdbMaterial { density_scale: 200.0, anisotropy, ..default() };
@@ -411,8 +409,7 @@ fn bevys_distance_fog_lies_before_a_volumes_fog() {
         ..default()
     };
     stage.world().entity_mut(camera).insert(fog);
-    let bbox = CoordBox { min: IVec3::splat(-10), max: IVec3::splat(9) };
-    let grid = stage.grid(fog::block(bbox, 1.0), PackKind::Fog, 0.1);
+    let grid = stage.cube_of_fog(10, 0.1);
     for (density_scale, distance) in [(1e4_f32, 7.0_f32), (0.01, 8.0)] {
         let emissive = LinearRgba::rgb(1.0, 0.5, 0.0);
         let material =
@@ -438,7 +435,7 @@ fn fog_in_samples_is_close_to_the_integral() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 6.0));
-    let grid = stage.grid(fog::sphere(DVec3::ZERO, 20.0, 8.0), PackKind::Fog, 0.1);
+    let grid = stage.ball_of_fog(20.0, 8.0);
     let emissive = LinearRgba::rgb(1.0, 0.5, 0.25);
     let material =
         VdbMaterial { density_scale: 0.5, base_color: Color::BLACK, emissive, ..default() };
