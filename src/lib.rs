@@ -18,6 +18,7 @@ mod quality;
 #[cfg(feature = "record")]
 mod record;
 mod render;
+mod roles;
 mod spatial_query;
 mod vector_grid;
 
@@ -45,6 +46,7 @@ pub use record::{
     VdbRecordPlugin, VdbRecordSettings, VdbRecordStatus, VdbRecordWhenFull, VdbRecorder,
 };
 pub use render::{VdbGpuUsage, VdbSystems};
+pub use roles::VdbRoles;
 pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};
 pub use vdb_core;
 pub use vector_grid::VdbVectorGrid;

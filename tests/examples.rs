@@ -129,6 +129,32 @@ fn smoke_and_fire_glow_and_are_mirrored() {
 }
 
 #[test]
+#[cfg(feature = "record")]
+fn a_turn_around_the_teapot_is_recorded() {
+    if !has_gpu() {
+        return;
+    }
+    let folder = temporary("examples", "record");
+    let output = example("record").arg(&folder).arg("64x36").output().expect("the example starts");
+    assert!(output.status.success(), "{}", stderr(&output));
+    let frames: Vec<Png> =
+        (0..90).map(|frame| Png::read(&folder.join(format!("{frame:08}.png")))).collect();
+    assert!(!folder.join("00000090.png").exists(), "it ends after a turn");
+    let differ = |a: &Png, b: &Png| a.pixels.iter().zip(&b.pixels).filter(|(a, b)| a != b).count();
+    for frame in &frames {
+        assert_eq!((frame.size.x, frame.size.y), (64, 36));
+        let drawn = frame.pixels.iter().filter(|pixel| **pixel != frame.pixels[0]).count();
+        assert!(drawn > 200, "{drawn} pixels of the teapot");
+    }
+    // The spout is on the right, then on the left, and comes back.
+    let [half, whole] = [45, 89].map(|frame| differ(&frames[0], &frames[frame]));
+    assert!(
+        half > 100 && 2 * whole < half,
+        "{half} pixels differ after a half, {whole} in the end"
+    );
+}
+
+#[test]
 fn what_cannot_be_drawn_is_an_error() {
     if !has_gpu() {
         return;

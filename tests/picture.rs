@@ -19,6 +19,8 @@ mod lights;
 mod many;
 #[path = "picture/mesh_shadows.rs"]
 mod mesh_shadows;
+#[path = "picture/minimal.rs"]
+mod minimal;
 #[path = "picture/modes.rs"]
 mod modes;
 #[path = "picture/motion.rs"]

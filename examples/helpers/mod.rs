@@ -31,6 +31,12 @@ const FRAME_TIME: Duration = Duration::from_nanos(1_000_000_000 / 30);
 /// to come to the GPU.
 const SETTLED: u32 = 4;
 
+/// How many pixels high the picture is, if there is no window.
+#[allow(dead_code, reason = "each example uses a part of this")]
+pub fn height() -> Option<u32> {
+    canvas().map(|canvas| canvas.size.y)
+}
+
 /// What stands for a window where there is none.
 struct Canvas {
     path: PathBuf,

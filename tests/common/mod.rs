@@ -23,6 +23,7 @@ use bevy_vdb::{VdbCamera, VdbGrid, VdbRenderPlugin};
 use vdb_core::pack::PackKind;
 use vdb_core::tree::Vdb543;
 
+#[allow(unused_imports, reason = "each test program uses a part of it")]
 pub use adapter::has_gpu;
 
 /// The app, and a place where pictures arrive.
