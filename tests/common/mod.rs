@@ -19,7 +19,7 @@ use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::{PipelineCache, TextureFormat, TextureUsages};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
-use bevy_vdb::{VdbCamera, VdbGrid, VdbRenderPlugin};
+use bevy_vdb::{VdbCamera, VdbGrid, VdbRenderPlugin, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::tree::Vdb543;
 
@@ -129,6 +129,25 @@ impl Stage {
 
     pub fn world(&mut self) -> &mut World {
         self.app.world_mut()
+    }
+
+    /// Takes all cameras, lights, volumes and meshes away. To begin anew so is quicker than with another
+    /// app, which would have to compile all that it draws with.
+    pub fn clear(&mut self) {
+        type Thing = Or<(
+            With<VdbVolume>,
+            With<Camera3d>,
+            With<DirectionalLight>,
+            With<PointLight>,
+            With<SpotLight>,
+            With<Mesh3d>,
+        )>;
+        let world = self.world();
+        let things: Vec<Entity> =
+            world.query_filtered::<Entity, Thing>().iter(world).collect();
+        things.into_iter().for_each(|thing| _ = world.despawn(thing));
+        world.insert_resource(ClearColor(Color::BLACK));
+        world.insert_resource(GlobalAmbientLight::NONE);
     }
 
     pub fn update(&mut self, frames: usize) {

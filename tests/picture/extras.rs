@@ -99,8 +99,9 @@ fn an_even_box_shines_as_its_closed_form_says() {
         return;
     }
     let tree = fog::block(cube(-10, 9), 1.0);
+    let mut stage = Stage::new();
     for (sigma, is_dense) in [(0.0_f64, false), (0.0, true), (0.3, true), (3.0, true)] {
-        let mut stage = Stage::new();
+        stage.clear();
         let target = stage.target(SIZE);
         // Along an axis, two world units of it, with a voxel's ramp at either end that adds up to one.
         let from = looking(Vec3::Z * 8.0);
@@ -131,8 +132,9 @@ fn black_bodies_shine_through_soot_as_the_reference_tracer_says() {
     let values = fog::sphere(DVec3::new(1.0, 3.0, -2.0), 14.0, 13.0);
     let density = fog::sphere(DVec3::new(4.0, -3.0, 2.0), 14.0, 6.0);
     let (scale, offset, strength) = (2300.0, 700.0, 1e-6);
+    let mut stage = Stage::new();
     for (soots, is_lit) in [(1, false), (2, false), (1, true)] {
-        let mut stage = Stage::new();
+        stage.clear();
         let target = stage.target(SIZE);
         let view = looking(Vec3::new(1.0, 1.5, 5.0));
         stage.camera(&target, view);

@@ -15,8 +15,13 @@ use super::{SIZE, SURFACE, looking};
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
 
 /// A grid and the look of it, alone before a camera, lit by a sun and the sky.
-fn shown(grid: VdbGrid, material: VdbMaterial, prepare: impl FnOnce(&mut World)) -> Picture {
-    let mut stage = Stage::new();
+fn shown(
+    stage: &mut Stage,
+    grid: VdbGrid,
+    material: VdbMaterial,
+    prepare: impl FnOnce(&mut World),
+) -> Picture {
+    stage.clear();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::new(3.1, 4.7, 6.3)));
     let world = stage.world();
@@ -49,8 +54,10 @@ fn a_grid_looks_the_same_wherever_in_index_space_it_lies() {
         return;
     }
     let shift = IVec3::new((1 << 30) - 12_345, -(1 << 29) - 77, 1_000_003);
+    let mut stage = Stage::new();
     for kind in [SURFACE, SMOOTH, PackKind::Fog] {
-        let picture = |shift| shown(shifted(kind, shift), VdbMaterial::default(), |_| {});
+        let mut picture =
+            |shift| shown(&mut stage, shifted(kind, shift), VdbMaterial::default(), |_| {});
         let (here, there) = (picture(IVec3::ZERO), picture(shift));
         let seen = here.count(|pixel| pixel.x > 0.0);
         assert!(seen > 500, "{seen} pixels of {kind:?}");
@@ -67,14 +74,15 @@ fn a_white_furnace_keeps_its_light() {
     }
     let ball = || level_set::sphere(DVec3::ZERO, 20.0);
     let cloud = || fog::sphere(DVec3::ZERO, 25.0, 12.0);
+    let mut stage = Stage::new();
     // Numbers that 16-bit floats have, as radiance, coverage and the picture are made of them: each
     // rounds by up to 0.025 % of 1.
     for light in [0.75, 1.0, 6.5, 960.0] {
         for (tree, kind) in [(ball(), SURFACE), (ball(), SMOOTH), (cloud(), PackKind::Fog)] {
             let scale = DAffine3::from_scale(DVec3::splat(0.1));
             let grid = VdbGrid::new("white", tree, scale, kind).unwrap();
-            let furnace = |base_color| {
-                shown(grid.clone(), VdbMaterial { base_color, ..default() }, |world| {
+            let mut furnace = |base_color| {
+                shown(&mut stage, grid.clone(), VdbMaterial { base_color, ..default() }, |world| {
                     world.insert_resource(ClearColor(Color::linear_rgb(light, light, light)));
                     let mut cameras = world.query_filtered::<Entity, With<Camera3d>>();
                     let camera = cameras.single(world).unwrap();
