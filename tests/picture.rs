@@ -275,9 +275,10 @@ fn meshes_hide_and_are_hidden() {
     if !has_gpu() {
         return;
     }
+    let mut stage = Stage::new();
     for msaa in [Msaa::Off, Msaa::Sample4] {
         for hdr in [true, false] {
-            let mut stage = Stage::new();
+            stage.clear();
             let target = stage.target(SIZE);
             let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
             stage.world().entity_mut(camera).insert(msaa);
@@ -338,8 +339,9 @@ fn fog_ends_at_meshes() {
         return;
     }
     let block = fog::block(CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) }, 1.0);
+    let mut stage = Stage::new();
     for msaa in [Msaa::Off, Msaa::Sample4] {
-        let mut stage = Stage::new();
+        stage.clear();
         let target = stage.target(SIZE);
         let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
         stage.world().entity_mut(camera).insert(msaa);

@@ -22,16 +22,10 @@ fn main() -> AppExit {
     helpers::app()
         .insert_resource(GlobalAmbientLight::NONE)
         .insert_resource(helpers::Frames(10))
-        .insert_resource(DirectionalLightShadowMap { size: shadow_map_size() })
+        .insert_resource(DirectionalLightShadowMap { size: helpers::shadow_map_size(1024) })
         .add_systems(Startup, (island::spawn, props::spawn, rover, sky))
         .add_systems(Update, (drive, follow, day, smoke_drifts).chain())
         .run()
-}
-
-/// Texels along an edge. The volumes trace a ray for each: no more of them than a small picture can show.
-fn shadow_map_size() -> usize {
-    let shown = helpers::height().map_or(1024, |height| 2 * height.next_power_of_two());
-    shown.clamp(128, 1024) as usize
 }
 
 /// The rover and where it drives: on what a ray from above meets.

@@ -143,8 +143,7 @@ impl Stage {
             With<Mesh3d>,
         )>;
         let world = self.world();
-        let things: Vec<Entity> =
-            world.query_filtered::<Entity, Thing>().iter(world).collect();
+        let things: Vec<Entity> = world.query_filtered::<Entity, Thing>().iter(world).collect();
         things.into_iter().for_each(|thing| _ = world.despawn(thing));
         world.insert_resource(ClearColor(Color::BLACK));
         world.insert_resource(GlobalAmbientLight::NONE);
@@ -196,7 +195,7 @@ impl Stage {
     /// and a busy machine takes more than a few frames for them.
     fn settle(&mut self) {
         for _ in 0..2000 {
-            self.update(4);
+            self.update(3);
             let render = self.app.sub_app(bevy::render::RenderApp).world();
             if render.resource::<PipelineCache>().waiting_pipelines().next().is_none() {
                 return;
@@ -260,7 +259,6 @@ impl Stage {
             let bytes = self.arrived.lock().unwrap().take();
             if let Some(bytes) = bytes {
                 self.world().despawn(reader);
-                self.update(1);
                 let images = self.world().resource::<Assets<Image>>();
                 let size = images.get(target).unwrap().size();
                 let floats: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);

@@ -14,6 +14,8 @@ pub fn example(name: &str) -> Command {
         path.display()
     );
     let mut command = Command::new(path);
+    // As `cargo run` has it: Bevy finds the assets by it.
+    command.env("CARGO_MANIFEST_DIR", env!("CARGO_MANIFEST_DIR"));
     command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("RUST_LOG");
     command
 }

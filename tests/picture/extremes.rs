@@ -1,6 +1,6 @@
 //! Numbers that no artist would type, and identities that hold for all of them.
 
-use bevy::camera::Exposure;
+use bevy::camera::{Exposure, RenderTarget};
 use bevy::light::EnvironmentMapLight;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
@@ -131,7 +131,8 @@ fn no_pixel_is_infinite_or_no_number() {
     let color = |x| LinearRgba::rgb(x, 1.0, 0.0);
     let mut stage = Stage::new();
     let target = stage.target(UVec2::new(32, 20));
-    let camera = stage.camera(&target, looking(Vec3::new(1.0, 2.0, 4.0)));
+    let view = looking(Vec3::new(1.0, 2.0, 4.0));
+    let camera = stage.camera(&target, view);
     stage.world().entity_mut(camera).insert(AmbientLight { brightness: 0.25, ..default() });
     let light = Transform::default().looking_to(Vec3::new(-0.4, -1.0, -0.3), Vec3::Y);
     let sun = stage.world().spawn((DirectionalLight::default(), light)).id();
@@ -166,17 +167,6 @@ fn no_pixel_is_infinite_or_no_number() {
         let seen = show(plain.clone(), 3.0, 0.25, normal).count(|pixel| pixel.x > 0.0);
         assert!(seen > 50, "{seen} pixels of {kind:?}");
         for x in odd {
-            let emissive = VdbMaterial { emissive: color(x), ..plain.clone() };
-            show(emissive, 3.0, 0.25, normal);
-            let albedo = VdbMaterial { base_color: color(x).into(), ..plain.clone() };
-            show(albedo, 3.0, 0.25, normal);
-            let [perceptual_roughness, metallic, reflectance] = [x; 3];
-            let look = VdbMaterial { perceptual_roughness, metallic, reflectance, ..plain.clone() };
-            show(look, 3.0, 0.25, normal);
-            if kind == PackKind::Fog {
-                let density = VdbMaterial { density_scale: x, ..plain.clone() };
-                show(density, 3.0, 0.25, normal);
-            }
             show(plain.clone(), x, 0.25, normal);
             show(plain.clone(), 3.0, x, normal);
         }
@@ -189,22 +179,53 @@ fn no_pixel_is_infinite_or_no_number() {
             };
             show(all, f32::MAX, f32::MAX, Exposure { ev100 });
         }
+        // Materials side by side, each alone on its rays.
+        show(plain.clone(), 3.0, 0.25, normal);
+        let grid = stage.world().get::<VdbVolume>(volume).unwrap().0.clone();
         stage.world().despawn(volume);
+        let mut volumes = Vec::new();
+        for (column, x) in odd.into_iter().enumerate() {
+            let [perceptual_roughness, metallic, reflectance] = [x; 3];
+            let materials = [
+                VdbMaterial { emissive: color(x), ..plain.clone() },
+                VdbMaterial { base_color: color(x).into(), ..plain.clone() },
+                VdbMaterial { perceptual_roughness, metallic, reflectance, ..plain.clone() },
+                VdbMaterial { density_scale: x, ..plain.clone() },
+            ];
+            // The last is for fog alone.
+            let wanted = if kind == PackKind::Fog { 4 } else { 3 };
+            for (row, material) in materials.into_iter().take(wanted).enumerate() {
+                let at = Vec2::new(column as f32 - 2.0, row as f32 - 1.5) * 0.8;
+                let at = Transform::from_translation(view.transform_point(at.extend(-4.5)))
+                    .with_scale(Vec3::splat(0.2));
+                let volume = (VdbVolume(grid.clone()), material, at);
+                volumes.push(stage.world().spawn(volume).id());
+            }
+        }
+        let sheet = stage.target(SIZE);
+        stage.world().entity_mut(camera).insert(RenderTarget::Image(sheet.clone().into()));
+        let picture = stage.picture(&sheet);
+        picture.save(&format!("odd_materials_{kind:?}"));
+        // Green is 1 in all colours.
+        let seen = picture.count(|pixel| pixel.y > 0.5);
+        assert!(seen > 50, "{seen} pixels of {kind:?} in colours");
+        stage.world().entity_mut(camera).insert(RenderTarget::Image(target.clone().into()));
+        pictures += 1;
+        volumes.into_iter().for_each(|volume| _ = stage.world().despawn(volume));
     }
-    for mode in [
-        VdbRenderMode::Gray,
-        VdbRenderMode::Rgb,
-        VdbRenderMode::Normals,
-        VdbRenderMode::Depth,
-        VdbRenderMode::HitVoxel,
-        VdbRenderMode::Steps,
+    let grid = stage.grid(densities(), SMOOTH, 0.1);
+    stage.world().spawn(VdbVolume(grid));
+    for (mode, scales) in [
+        (VdbRenderMode::Gray, &odd[..1]),
+        (VdbRenderMode::Rgb, &odd[..1]),
+        (VdbRenderMode::Normals, &odd[..1]),
+        (VdbRenderMode::Depth, &odd[..1]),
+        (VdbRenderMode::HitVoxel, &odd[..1]),
+        (VdbRenderMode::Steps, &odd[..]),
     ] {
-        for steps_scale in odd {
+        for &steps_scale in scales {
             stage.world().entity_mut(camera).insert(VdbCamera { mode, steps_scale, ..default() });
-            let grid = stage.grid(densities(), SMOOTH, 0.1);
-            let volume = stage.world().spawn(VdbVolume(grid)).id();
             stage.picture(&target);
-            stage.world().despawn(volume);
             pictures += 1;
         }
     }

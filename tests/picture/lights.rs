@@ -35,19 +35,28 @@ impl Pair {
         let tree = level_set::sphere(DVec3::ZERO, f64::from(RADIUS) / voxel);
         let grid = stage.grid(tree, PackKind::Smooth { iso: 0.0 }, voxel);
         let world = stage.world();
-        let volume = world.spawn((VdbVolume(grid), material.clone())).id();
+        let volume = world.spawn(VdbVolume(grid)).id();
         let mesh = Sphere::new(RADIUS).mesh().uv(256, 128);
         let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
-        let material = StandardMaterial {
+        let mesh = world.spawn(Mesh3d(mesh)).id();
+        let mut pair = Self { stage, target, camera, volume, mesh };
+        pair.be_of(material);
+        pair
+    }
+
+    /// Gives both the same material.
+    fn be_of(&mut self, material: VdbMaterial) {
+        let standard = StandardMaterial {
             base_color: material.base_color,
             perceptual_roughness: material.perceptual_roughness,
             metallic: material.metallic,
             reflectance: material.reflectance,
             ..default()
         };
-        let material = world.resource_mut::<Assets<StandardMaterial>>().add(material);
-        let mesh = world.spawn((Mesh3d(mesh), MeshMaterial3d(material))).id();
-        Self { stage, target, camera, volume, mesh }
+        let world = self.stage.world();
+        let standard = world.resource_mut::<Assets<StandardMaterial>>().add(standard);
+        world.entity_mut(self.volume).insert(material);
+        world.entity_mut(self.mesh).insert(MeshMaterial3d(standard));
     }
 
     fn show(&mut self, volume: bool) -> Picture {
@@ -139,24 +148,25 @@ fn of_each_material_a_ball_looks_as_one_of_triangles_does() {
         return;
     }
     let base_color = Color::linear_rgb(0.9, 0.6, 0.2);
+    let mut pair = Pair::new(VdbMaterial::default());
+    let map = sky(pair.stage.world());
+    let camera = pair.camera;
+    let world = pair.stage.world();
+    world.spawn(sun());
+    world.spawn(sun()).insert(looking(Vec3::new(-1.0, 4.0, 0.0)));
+    world.spawn(point());
+    world.spawn(spot());
+    world.entity_mut(camera).insert((map, AmbientLight { brightness: 0.1, ..default() }));
     for (perceptual_roughness, metallic, reflectance) in
         [(0.3, 1.0, 0.5), (0.4, 0.4, 0.8), (1.0, 0.0, 0.0)]
     {
-        let mut pair = Pair::new(VdbMaterial {
+        pair.be_of(VdbMaterial {
             base_color,
             perceptual_roughness,
             metallic,
             reflectance,
             ..default()
         });
-        let map = sky(pair.stage.world());
-        let camera = pair.camera;
-        let world = pair.stage.world();
-        world.spawn(sun());
-        world.spawn(sun()).insert(looking(Vec3::new(-1.0, 4.0, 0.0)));
-        world.spawn(point());
-        world.spawn(spot());
-        world.entity_mut(camera).insert((map, AmbientLight { brightness: 0.1, ..default() }));
         pair.compare(&format!("all_{perceptual_roughness}_{metallic}_{reflectance}"));
     }
 }

@@ -40,8 +40,9 @@ fn fewer_rays_leave_the_edges_of_meshes_sharp() {
     if !has_gpu() {
         return;
     }
+    let mut stage = Stage::new();
     for (msaa, motion) in [(Msaa::Off, false), (Msaa::Sample4, false), (Msaa::Off, true)] {
-        let mut stage = Stage::new();
+        stage.clear();
         let target = stage.target(SIZE);
         let camera = stage.camera(&target, looking(Vec3::Z * 6.0));
         stage.world().entity_mut(camera).insert(msaa);

@@ -56,13 +56,14 @@ fn volumes_bloom_and_are_tonemapped_as_meshes_are() {
     if !has_gpu() {
         return;
     }
+    let mut stage = Stage::new();
     for (hdr, tonemapping) in [
         (true, Tonemapping::None),
         (true, Tonemapping::AcesFitted),
         (false, Tonemapping::AcesFitted),
     ] {
-        let shown = |is_volume: bool| {
-            let mut stage = Stage::new();
+        let mut shown = |is_volume: bool| {
+            stage.clear();
             let target = stage.target(SIZE);
             let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
             let mut camera = stage.world().entity_mut(camera);
