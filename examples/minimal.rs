@@ -1,25 +1,22 @@
-//! The least that shows a `.vdb` file: the plugin, a volume, a camera, a light. The README has it, too.
+//! The least that shows a `.vdb` file: the plugin, a camera, a light, a volume. The README has it, too.
 
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 
 fn main() {
+    // `VdbRenderPlugin` loads `.vdb` files and draws `VdbVolume`s; the rest is Bevy as always.
     App::new().add_plugins((DefaultPlugins, VdbRenderPlugin)).add_systems(Startup, setup).run();
 }
 
 pub(crate) fn setup(mut commands: Commands, assets: Res<AssetServer>) {
-    // A file is a set of grids, each with a name: `#density` is the grid in here.
-    commands.spawn((
-        VdbVolume(assets.load("models/cloud.vdb#density")),
-        VdbMaterial { density_scale: 4.0, ..default() },
-        Transform::from_xyz(0.0, 1.0, 0.0),
-    ));
-    commands.spawn((
-        Camera3d::default(),
-        Transform::from_xyz(3.0, 3.0, 6.0).looking_at(Vec3::Y, Vec3::Y),
-    ));
-    commands.spawn((
-        DirectionalLight { illuminance: 3_000.0, ..default() },
-        Transform::default().looking_to(Vec3::new(-1.0, -2.0, -1.0), Vec3::Y),
-    ));
+    // A file is a set of grids, each with a name: `#surface` is the grid in here.
+    let teapot = assets.load("models/teapot.vdb#surface");
+    // A volume is placed like a mesh. The model is 6.4 wide and stands on the plane y = 0.
+    commands.spawn((VdbVolume(teapot), Transform::from_scale(Vec3::splat(0.5))));
+    // Any 3D camera sees it,
+    let eye = Transform::from_xyz(1.5, 2.0, 4.5).looking_at(Vec3::new(0.0, 0.7, 0.0), Vec3::Y);
+    commands.spawn((Camera3d::default(), eye));
+    // lit by all lights that light meshes.
+    let sun = DirectionalLight { illuminance: 3_000.0, ..default() };
+    commands.spawn((sun, Transform::from_xyz(-2.0, 4.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y)));
 }

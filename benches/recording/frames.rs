@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use bevy::app::PluginsState;
 use bevy::camera::RenderTarget;
 use bevy::ecs::change_detection::Mut;
+use bevy::log::LogPlugin;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use bevy::render::render_resource::{PipelineCache, TextureFormat};
@@ -25,6 +26,9 @@ const RADIUS: f64 = 90.0;
 const AHEAD: u64 = 2;
 /// Frames after which times are what they stay.
 const WARM: usize = 20;
+
+/// Fog as exact as it can be, but for how often a light asks for its shadow.
+const QUALITY: VdbQuality = VdbQuality { fog_light_step: 8.0, ..VdbQuality::EXACT };
 
 pub struct Studio {
     pub app: App,
@@ -50,6 +54,8 @@ impl Studio {
         app.add_plugins((
             DefaultPlugins
                 .set(no_window)
+                .set(AssetPlugin { watch_for_changes_override: Some(false), ..default() })
+                .set(LogPlugin { filter: "error".into(), ..default() })
                 .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
                 .disable::<WinitPlugin>(),
             VdbRenderPlugin,
@@ -79,7 +85,7 @@ impl Studio {
             .spawn((
                 Camera3d::default(),
                 RenderTarget::Image(image.into()),
-                VdbQuality::EXACT,
+                QUALITY,
                 VdbRecorder::default(),
             ))
             .id();
@@ -131,7 +137,7 @@ impl Studio {
     /// Chooses steps along rays to lights with which a frame takes about so long; the steps in voxels, and
     /// the time in ms.
     pub fn calibrate(&mut self, wanted: f64) -> (f32, f64) {
-        let mut quality = VdbQuality::EXACT;
+        let mut quality = QUALITY;
         let mut ms = 0.0;
         for _ in 0..4 {
             self.app.world_mut().entity_mut(self.camera).insert(quality);

@@ -8,7 +8,6 @@ use std::process::{Command, ExitCode, Stdio};
 use std::time::Instant;
 
 use bevy::prelude::*;
-use bevy::render::RenderApp;
 use bevy::render::renderer::RenderAdapterInfo;
 use bevy_vdb::prelude::*;
 use bevy_vdb::{VdbRecordClock, VdbRecordPhase, VdbRecordWhenFull};
@@ -101,7 +100,7 @@ fn main() -> ExitCode {
 
 fn run(args: &Args) -> Result<(), String> {
     let mut studio = Studio::new(args.size)?;
-    let info = studio.app.sub_app(RenderApp).world().resource::<RenderAdapterInfo>().clone();
+    let info = studio.app.world().resource::<RenderAdapterInfo>().clone();
     println!("{} ({} {}), {:?}", info.name, info.driver, info.driver_info, info.backend);
     let (step, ms) = studio.calibrate(args.ms);
     println!(

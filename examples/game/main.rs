@@ -10,6 +10,7 @@ use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use bevy::camera::Hdr;
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::light::{CascadeShadowConfigBuilder, DirectionalLightShadowMap, EnvironmentMapLight};
+use bevy::math::DVec2;
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 
@@ -50,10 +51,11 @@ fn rover(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let start = Vec3::new(ROUND * 0.2_f32.cos(), 0.0, ROUND * 0.2_f32.sin());
+    let [x, z] = [ROUND * 0.2_f32.cos(), ROUND * 0.2_f32.sin()];
+    let start = island::height(DVec2::new(x.into(), z.into())) as f32;
     let rover = Rover { heading: -0.2 - PI, speed: BY_ITSELF * FASTEST };
-    let body =
-        commands.spawn((rover, Transform::from_translation(start), Visibility::default())).id();
+    let at = Transform::from_xyz(x, start, z).with_rotation(Quat::from_rotation_y(rover.heading));
+    let body = commands.spawn((rover, at, Visibility::default())).id();
     let red = materials.add(StandardMaterial {
         base_color: Color::srgb(0.8, 0.12, 0.08),
         perceptual_roughness: 0.35,
