@@ -6,7 +6,7 @@ use vdb_core::pack::PackKind;
 
 use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbVectorGrid};
 
-/// Names of densities: OpenVDB's own, Blender's and Houdini's, EmberGen's.
+/// Names of densities: OpenVDB's own, Blender's and Houdini's, `EmberGen`'s.
 const DENSITIES: [&str; 2] = ["density", "smoke"];
 
 /// Names of what shines, and how many kelvin 0 and 1 stand for there; those of fire itself before those of
@@ -53,7 +53,7 @@ pub struct VdbRoles {
 }
 
 impl VdbFile {
-    /// What the file's grids are for, by their names, as Blender, Houdini and EmberGen give them. Capital
+    /// What the file's grids are for, by their names, as Blender, Houdini and `EmberGen` give them. Capital
     /// letters are as good as small ones.
     ///
     /// ```no_run

@@ -65,7 +65,7 @@ pub(super) fn show(
         models::show(ui, &mut models, &assets, &mut picked, None);
         return;
     };
-    models::show(ui, &mut models, &assets, &mut picked, Some((entity, &volume)));
+    models::show(ui, &mut models, &assets, &mut picked, Some((entity, volume)));
     let Some(grid) = grids.get(&volume.0) else {
         ui.label("the grid is not there");
         return;
