@@ -34,9 +34,9 @@ const KELVIN: f32 = 100.0;
 /// Values that are looked at, at most, to find that out.
 const LOOKED_AT: usize = 1 << 20;
 
-/// cd/m² that fire has by a first guess where it is hottest, through a tenth of its box: some times what is
-/// white by Bevy's default exposure.
-const LUMINANCE: f32 = 6_000.0;
+/// cd/m² that fire has by a first guess where it is hottest, through a tenth of its box: what is white by
+/// Bevy's default exposure.
+const LUMINANCE: f32 = 1_000.0;
 
 /// The grids of a [`VdbFile`] by the parts that they play: [`VdbFile::roles`].
 #[derive(Clone, Debug, Default)]
@@ -99,7 +99,7 @@ fn is(name: &str, what: &str) -> bool {
 impl VdbEmission {
     /// A first guess at how a grid shines, by its name and its values: as black bodies, with kelvin for values
     /// if any is above 100; else `flame` and its like from 1,500 K at 0 to 3,000 K at 1, and all others 1,000 K
-    /// at 1. Its strength is for Bevy's default exposure: what is hottest has 6,000 cd/m² through a tenth of
+    /// at 1. Its strength is for Bevy's default exposure: what is hottest has 1,000 cd/m² through a tenth of
     /// the grid's box.
     pub fn guess(handle: Handle<VdbGrid>, grid: &VdbGrid) -> Self {
         let values = || grid.tree().active_values().take(LOOKED_AT).map(|at| at.value);
@@ -116,7 +116,7 @@ impl VdbEmission {
         Self::Temperature { grid: handle, scale, offset, strength }
     }
 
-    /// A first guess at how a grid of colours shines: 1 has 6,000 cd/m² through a tenth of the grid's box.
+    /// A first guess at how a grid of colours shines: 1 has 1,000 cd/m² through a tenth of the grid's box.
     pub fn guess_color(handle: Handle<VdbVectorGrid>, grid: &VdbVectorGrid) -> Self {
         Self::Color { grid: handle, strength: LUMINANCE / tenth(grid.world_bounds()) }
     }
