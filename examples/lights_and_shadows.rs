@@ -7,7 +7,7 @@
 //! `cargo run --example lights_and_shadows picture.png 800x450` writes a picture, without a window.
 
 use bevy::camera::Hdr;
-use bevy::light::{CascadeShadowConfigBuilder, EnvironmentMapLight};
+use bevy::light::{CascadeShadowConfigBuilder, DirectionalLightShadowMap, EnvironmentMapLight};
 use bevy::math::{DAffine3, DQuat, DVec3};
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
@@ -19,6 +19,7 @@ mod helpers;
 fn main() -> AppExit {
     helpers::app()
         .insert_resource(GlobalAmbientLight::NONE)
+        .insert_resource(DirectionalLightShadowMap { size: helpers::shadow_map_size(2048) })
         .add_systems(Startup, (volumes, floor, pillar, lights, camera))
         .add_systems(Update, keys)
         .run()

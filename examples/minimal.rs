@@ -1,4 +1,4 @@
-//! The least that shows a `.vdb` file: the plugin, a camera, a light, a volume.
+//! The least that shows a `.vdb` file: the plugin, a camera, a light, a volume. The README has it, too.
 
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
@@ -8,7 +8,7 @@ fn main() {
     App::new().add_plugins((DefaultPlugins, VdbRenderPlugin)).add_systems(Startup, setup).run();
 }
 
-fn setup(mut commands: Commands, assets: Res<AssetServer>) {
+pub(crate) fn setup(mut commands: Commands, assets: Res<AssetServer>) {
     // A file is a set of grids, each with a name: `#surface` is the grid in here.
     let teapot = assets.load("models/teapot.vdb#surface");
     // A volume is placed like a mesh. The model is 6.4 wide and stands on the plane y = 0.

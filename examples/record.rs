@@ -1,5 +1,5 @@
 //! Records a turn around the teapot without a window: into a video, with the program `ffmpeg`, or into
-//! a folder of PNG files. `cargo run --features record --example record -- teapot.mp4`
+//! a folder of PNG files. `cargo run --features record --example record -- teapot.mp4 640x360`
 
 use std::f32::consts::TAU;
 use std::path::PathBuf;
@@ -36,7 +36,10 @@ fn main() -> AppExit {
 }
 
 fn setup(mut commands: Commands, assets: Res<AssetServer>, mut images: ResMut<Assets<Image>>) {
-    let image = Image::new_target_texture(640, 360, TextureFormat::Rgba8UnormSrgb, None);
+    let size = std::env::args().nth(2).unwrap_or("640x360".into());
+    let size = size.split_once('x').and_then(|(x, y)| Some((x.parse().ok()?, y.parse().ok()?)));
+    let (width, height) = size.unwrap_or((640, 360));
+    let image = Image::new_target_texture(width, height, TextureFormat::Rgba8UnormSrgb, None);
     commands.spawn((
         Camera3d::default(),
         RenderTarget::Image(images.add(image).into()),

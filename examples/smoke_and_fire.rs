@@ -5,6 +5,7 @@
 //! `cargo run --example smoke_and_fire picture.png 480x270` writes a picture, without a window.
 
 use bevy::camera::Hdr;
+use bevy::light::DirectionalLightShadowMap;
 use bevy::math::{DAffine3, DQuat, DVec3};
 use bevy::prelude::*;
 use bevy_vdb::VdbGridError;
@@ -19,6 +20,7 @@ fn main() -> AppExit {
     helpers::app()
         .insert_resource(ClearColor(Color::BLACK))
         .insert_resource(GlobalAmbientLight::NONE)
+        .insert_resource(DirectionalLightShadowMap { size: helpers::shadow_map_size(2048) })
         .add_systems(Startup, (spawn, light, camera))
         .add_systems(Update, keys)
         .run()

@@ -19,6 +19,7 @@ mod quality;
 #[cfg(feature = "record")]
 mod record;
 mod render;
+mod roles;
 mod spatial_query;
 mod vector_grid;
 
@@ -47,6 +48,7 @@ pub use record::{
     VdbRecordPlugin, VdbRecordSettings, VdbRecordStatus, VdbRecordWhenFull, VdbRecorder,
 };
 pub use render::{VdbGpuUsage, VdbSystems};
+pub use roles::VdbRoles;
 pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};
 pub use vdb_core;
 pub use vector_grid::VdbVectorGrid;

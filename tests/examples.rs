@@ -1,68 +1,36 @@
 //! The examples as people run them: each without a window, into a picture that shows what it is about.
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+#[path = "common/adapter.rs"]
+mod adapter;
+#[path = "common/files.rs"]
+mod files;
+#[path = "common/png_file.rs"]
+mod png_file;
+#[path = "common/programs.rs"]
+mod programs;
 
-/// Examples and tests are built beside each other: `target/debug/{deps/examples-…,examples/NAME}`.
-fn example(name: &str) -> Command {
-    let test = std::env::current_exe().expect("the path of this test");
-    let folder = test.parent().and_then(Path::parent).expect("tests are in target/…/deps");
-    let path = folder.join(format!("examples/{name}{}", std::env::consts::EXE_SUFFIX));
-    assert!(path.exists(), "{}: run `cargo build --example {name}` first", path.display());
-    let mut command = Command::new(path);
-    command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("RUST_LOG");
-    command
-}
-
-fn temporary(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("examples");
-    std::fs::create_dir_all(&folder).expect("a folder for what the tests write");
-    folder.join(name)
-}
-
-fn said(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-/// Whether there is a GPU; says aloud where a test is left out because the environment allows that.
-fn has_gpu() -> bool {
-    let instance = wgpu::Instance::default();
-    let found = bevy::tasks::block_on(instance.request_adapter(&Default::default())).is_ok();
-    if !found {
-        assert!(
-            std::env::var_os("BEVY_VDB_SKIP_GPU").is_some(),
-            "no GPU adapter; install Mesa's software driver (Debian: mesa-vulkan-drivers), or set \
-             BEVY_VDB_SKIP_GPU=1 to leave out these tests"
-        );
-        eprintln!("SKIPPED, as BEVY_VDB_SKIP_GPU says: no GPU adapter");
-    }
-    found
-}
+use adapter::has_gpu;
+use files::temporary;
+use png_file::Png;
+use programs::{example, stderr};
 
 const SIZE: (usize, usize) = (128, 72);
 
 /// The picture of an example, row by row from the top left.
 fn picture(name: &str) -> Vec<[u8; 3]> {
-    let path = temporary(&format!("{name}.png"));
-    // That of an earlier run proves nothing.
-    let _ = std::fs::remove_file(&path);
+    let path = temporary("examples", &format!("{name}.png"));
     let output = example(name)
         .arg(&path)
         .arg(format!("{}x{}", SIZE.0, SIZE.1))
         .output()
         .expect("the example starts");
-    assert!(output.status.success(), "{name}: {}", said(&output));
+    assert!(output.status.success(), "{name}: {}", stderr(&output));
     // What it leaves out, or has to put right, it says.
-    let complains = said(&output).contains("ERROR") || said(&output).contains("bevy_vdb::");
-    assert!(!complains, "{name}: {}", said(&output));
-    let file = std::io::BufReader::new(std::fs::File::open(&path).expect("the picture is there"));
-    let mut reader = png::Decoder::new(file).read_info().expect("a PNG");
-    let mut bytes = vec![0; reader.output_buffer_size().expect("a size")];
-    let info = reader.next_frame(&mut bytes).expect("pixels");
-    assert_eq!((info.width as usize, info.height as usize), SIZE);
-    assert_eq!(info.color_type, png::ColorType::Rgb);
-    let pixels = bytes[..info.buffer_size()].chunks_exact(3);
-    pixels.map(|rgb| [rgb[0], rgb[1], rgb[2]]).collect()
+    let complains = stderr(&output).contains("ERROR") || stderr(&output).contains("bevy_vdb::");
+    assert!(!complains, "{name}: {}", stderr(&output));
+    let png = Png::read(&path);
+    assert_eq!((png.size.x as usize, png.size.y as usize), SIZE);
+    png.pixels
 }
 
 fn count(pixels: &[[u8; 3]], holds: impl Fn([i32; 3]) -> bool) -> usize {
@@ -161,15 +129,40 @@ fn smoke_and_fire_glow_and_are_mirrored() {
 }
 
 #[test]
+#[cfg(feature = "record")]
+fn a_turn_around_the_teapot_is_recorded() {
+    if !has_gpu() {
+        return;
+    }
+    let folder = temporary("examples", "record");
+    let output = example("record").arg(&folder).arg("64x36").output().expect("the example starts");
+    assert!(output.status.success(), "{}", stderr(&output));
+    let frames: Vec<Png> =
+        (0..90).map(|frame| Png::read(&folder.join(format!("{frame:08}.png")))).collect();
+    assert!(!folder.join("00000090.png").exists(), "it ends after a turn");
+    let off = |a: &[u8; 3], b: &[u8; 3]| (0..3).any(|i| a[i].abs_diff(b[i]) > 40);
+    let differ =
+        |a: &Png, b: &Png| a.pixels.iter().zip(&b.pixels).filter(|(a, b)| off(a, b)).count();
+    for frame in &frames {
+        assert_eq!((frame.size.x, frame.size.y), (64, 36));
+        let drawn = frame.pixels.iter().filter(|pixel| **pixel != frame.pixels[0]).count();
+        assert!(drawn > 200, "{drawn} pixels of the teapot");
+    }
+    // The spout is on the right, then on the left, and comes back.
+    let [half, whole] = [45, 89].map(|frame| differ(&frames[0], &frames[frame]));
+    assert!(half > 20 && 2 * whole < half, "{half} pixels differ after a half, {whole} in the end");
+}
+
+#[test]
 fn what_cannot_be_drawn_is_an_error() {
     if !has_gpu() {
         return;
     }
-    let nowhere = temporary("no/such/folder/picture.png");
+    let nowhere = temporary("examples", "no/such/folder/picture.png");
     let output = example("glossy").arg(&nowhere).arg("16x9").output().expect("it starts");
-    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
-    assert!(said(&output).contains("could not be written"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stderr(&output).contains("could not be written"), "{}", stderr(&output));
     let output = example("glossy").args(["picture.png", "0x9"]).output().expect("it starts");
-    assert_eq!(output.status.code(), Some(2), "{}", said(&output));
-    assert!(said(&output).contains("not a size"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    assert!(stderr(&output).contains("not a size"), "{}", stderr(&output));
 }

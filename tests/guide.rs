@@ -70,3 +70,18 @@ fn every_message_is_in_the_guide() {
         .collect();
     assert!(missing.is_empty(), "give docs/guide.md a row for each of {missing:#?}");
 }
+
+/// What people copy is what is built and drawn.
+#[test]
+fn the_readme_has_the_least_example() {
+    let read = |path: &str| {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
+        std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+    };
+    let example = read("examples/minimal.rs");
+    let (comment, code) = example.split_once("\n\n").expect("a comment and a program");
+    assert!(comment.lines().all(|line| line.starts_with("//!")), "{comment}");
+    // Open to the test that draws it.
+    let code = code.replace("pub(crate) fn", "fn");
+    assert!(read("README.md").contains(&format!("```rust,no_run\n{code}```")), "{code}");
+}

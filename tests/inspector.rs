@@ -1,13 +1,16 @@
 //! The panel without a window and without a GPU, through what it tells screen readers: what is not
 //! found there cannot be used by keyboard either.
 
-use bevy::asset::AssetPlugin;
-use bevy::log::LogPlugin;
+#[path = "common/files.rs"]
+mod files;
+#[path = "common/headless.rs"]
+mod headless;
+#[path = "common/smoke_file.rs"]
+mod smoke_file;
+
+use bevy::asset::{AssetPlugin, UnapprovedPathMode};
 use bevy::math::DAffine3;
 use bevy::prelude::*;
-use bevy::render::RenderPlugin;
-use bevy::render::settings::{RenderCreation, WgpuSettings};
-use bevy::winit::WinitPlugin;
 use bevy_egui::egui::accesskit::{Action, ActionData, ActionRequest, Node, NodeId, Role, TreeId};
 use bevy_egui::{EguiContext, EguiInput, EguiOutput, EguiPreUpdateSet, egui};
 use bevy_vdb::prelude::*;
@@ -34,24 +37,10 @@ impl Panel {
 
     fn with(kind: PackKind, plugin: VdbInspectorPlugin) -> Self {
         let mut app = App::new();
-        let no_gpu = WgpuSettings { backends: None, ..default() };
-        app.add_plugins((
-            DefaultPlugins
-                .set(RenderPlugin {
-                    render_creation: RenderCreation::Automatic(Box::new(no_gpu)),
-                    ..default()
-                })
-                .set(WindowPlugin { primary_window: None, ..default() })
-                .set(AssetPlugin {
-                    file_path: concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into(),
-                    watch_for_changes_override: Some(false),
-                    ..default()
-                })
-                .disable::<WinitPlugin>()
-                .disable::<LogPlugin>(),
-            VdbRenderPlugin,
-            plugin,
-        ));
+        let file_path = concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into();
+        let unapproved_path_mode = UnapprovedPathMode::Allow;
+        let assets = AssetPlugin { file_path, unapproved_path_mode, ..default() };
+        app.add_plugins((headless::plugins(None, assets), VdbRenderPlugin, plugin));
         // A window would have the keyboard.
         app.add_systems(
             PreUpdate,
@@ -161,9 +150,17 @@ fn the_panel_opens_and_closes() {
     let mut panel = Panel::new(PackKind::Smooth { iso: 0.0 });
     panel.click(Role::Button, "Grid");
     panel.look();
-    for section in
-        ["Performance", "Volumes", "Grid", "Material", "Camera", "Quality", "Sun", "Tools"]
-    {
+    for section in [
+        "Performance",
+        "Volumes",
+        "Grids of the file",
+        "Grid",
+        "Material",
+        "Camera",
+        "Quality",
+        "Sun",
+        "Tools",
+    ] {
         assert!(panel.find(Role::Button, section).is_some(), "{section}");
     }
     let shown = panel.nodes.iter().filter_map(|(_, node)| node.value()).collect::<Vec<_>>();
@@ -370,6 +367,73 @@ fn models_of_the_assets_are_listed_and_shown() {
 
 #[derive(Default, Resource)]
 struct Told(Vec<String>);
+
+#[test]
+fn the_grids_of_a_file_are_picked_for_their_parts() {
+    let mut panel = Panel::new(PackKind::Fog);
+    panel.look();
+    assert!(panel.find(Role::ComboBox, "fire").is_none(), "a grid made in memory has no others");
+    let path = files::temporary("inspector", "roles.vdb");
+    smoke_file::save(&path);
+    let volume = panel.volume;
+    let message = VdbModelPicked { path: path.into(), volume: Some(volume) };
+    panel.world().write_message(message);
+    fn label<A: Asset>(handle: &Handle<A>) -> String {
+        handle.path().and_then(|path| path.label()).unwrap_or_default().to_owned()
+    }
+    let shown = |panel: &Panel| label(&panel.get::<VdbVolume>(volume).0);
+    let fire = |panel: &Panel| match panel.app.world().get::<VdbEmission>(volume) {
+        Some(VdbEmission::Temperature { grid, .. }) => label(grid),
+        Some(VdbEmission::Color { grid, .. }) => label(grid),
+        _ => String::new(),
+    };
+    let colors = |panel: &Panel| {
+        panel.app.world().get::<VdbColorGrid>(volume).map(|colors| label(&colors.0))
+    };
+    for _ in 0..2_000 {
+        if shown(&panel) == "surface" {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(5));
+        panel.frames(1);
+    }
+    // What it is by its names: here, a surface and its colours.
+    assert_eq!((shown(&panel).as_str(), colors(&panel).as_deref()), ("surface", Some("Cd")));
+    panel.choose("colours", "none");
+    assert_eq!(colors(&panel), None);
+    panel.choose("grid", "density");
+    assert_eq!(shown(&panel), "density");
+    for (pick, source) in [("temperature", "temperature"), ("Cd", "Cd"), ("fuel", "fuel")] {
+        panel.choose("fire", pick);
+        assert_eq!(fire(&panel), source);
+    }
+    panel.slide("kelvin a unit", 2_000.0);
+    panel.slide("kelvin of 0", 100.0);
+    panel.slide("glow", 0.5);
+    let Some(VdbEmission::Temperature { scale, offset, strength, .. }) =
+        panel.app.world().get::<VdbEmission>(volume)
+    else {
+        panic!("no fire")
+    };
+    assert_eq!((*scale, *offset, *strength), (2_000.0, 100.0, 0.5));
+    // Shown otherwise, it is still that grid of the file.
+    panel.choose("shown as", "smooth surface");
+    for _ in 0..200 {
+        if shown(&panel).is_empty() {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(5));
+        panel.frames(1);
+    }
+    assert_eq!(shown(&panel), "");
+    panel.look();
+    let grid = panel.find(Role::ComboBox, "grid").expect("the other grids of the file");
+    assert_eq!(grid.1.value(), Some("density"));
+    panel.choose("colours", "Cd");
+    assert_eq!(colors(&panel).as_deref(), Some("Cd"));
+    panel.choose("fire", "none");
+    assert_eq!(fire(&panel), "");
+}
 
 #[test]
 fn all_controls_are_reached_by_keyboard() {

@@ -1,20 +1,19 @@
 //! Volumes under pointers, with Bevy's picking: needs the feature `picking`, but no GPU.
 
+#[path = "common/headless.rs"]
+mod headless;
+
 use bevy::app::PluginsState;
 use bevy::camera::visibility::RenderLayers;
 use bevy::camera::{NormalizedRenderTarget, ScalingMode, Viewport};
 use bevy::ecs::message::MessageCursor;
-use bevy::log::LogPlugin;
 use bevy::math::{DAffine3, DVec3};
 use bevy::picking::PickingSystems;
 use bevy::picking::backend::{HitData, PointerHits};
 use bevy::picking::hover::HoverMap;
 use bevy::picking::pointer::{Location, PointerAction, PointerId, PointerInput};
 use bevy::prelude::*;
-use bevy::render::RenderPlugin;
-use bevy::render::settings::WgpuSettings;
 use bevy::window::{PrimaryWindow, WindowRef, WindowResolution};
-use bevy::winit::WinitPlugin;
 use bevy_vdb::{
     VdbCamera, VdbGrid, VdbMaterial, VdbPickingPlugin, VdbPickingSettings, VdbRayHit,
     VdbRenderPlugin, VdbVolume,
@@ -35,14 +34,7 @@ impl Table {
         let mut app = App::new();
         let window = Window { resolution: WindowResolution::new(SIZE.x, SIZE.y), ..default() };
         app.add_plugins((
-            DefaultPlugins
-                .set(WindowPlugin { primary_window: Some(window), ..default() })
-                .set(RenderPlugin {
-                    render_creation: WgpuSettings { backends: None, ..default() }.into(),
-                    ..default()
-                })
-                .disable::<WinitPlugin>()
-                .disable::<LogPlugin>(),
+            headless::plugins(Some(window), AssetPlugin::default()),
             VdbRenderPlugin,
             VdbPickingPlugin,
         ));

@@ -23,6 +23,8 @@ mod many;
 mod measure;
 #[path = "picture/mesh_shadows.rs"]
 mod mesh_shadows;
+#[path = "picture/minimal.rs"]
+mod minimal;
 #[path = "picture/modes.rs"]
 mod modes;
 #[path = "picture/motion.rs"]
@@ -51,11 +53,13 @@ use bevy::camera::{Hdr, ScalingMode, Viewport};
 use bevy::math::{DAffine3, DMat3, DVec3};
 use bevy::prelude::*;
 use bevy_vdb::{
-    VdbCamera, VdbGpuUsage, VdbMaterial, VdbQuality, VdbRenderMode, VdbTraversal, VdbVolume,
+    VdbCamera, VdbGpuUsage, VdbGrid, VdbMaterial, VdbQuality, VdbRenderMode, VdbTraversal,
+    VdbVolume,
 };
 use vdb_core::pack::PackKind;
 use vdb_core::reference::{Blocky, Fog, Occupied, Ray, Smooth};
 use vdb_core::synth::{fog, level_set};
+use vdb_core::tree::CoordBox;
 
 use common::{Picture, Stage, has_gpu};
 
@@ -82,6 +86,18 @@ impl Stage {
     fn green_sphere(&mut self, transform: Transform) -> Entity {
         let grid = self.grid(level_set::sphere(DVec3::ZERO, 20.0), SURFACE, 0.1);
         self.world().spawn((VdbVolume(grid), glow(GREEN), transform)).id()
+    }
+
+    /// Fog in a ball about the origin, with voxels of 0.1: its density falls from 1 to 0 over `fall` voxels
+    /// before its radius.
+    fn ball_of_fog(&mut self, radius: f64, fall: f64) -> Handle<VdbGrid> {
+        self.grid(fog::sphere(DVec3::ZERO, radius, fall), PackKind::Fog, 0.1)
+    }
+
+    /// Fog of density 1 in a cube, from `-half` to `half - 1` voxels.
+    fn cube_of_fog(&mut self, half: i32, voxel: f64) -> Handle<VdbGrid> {
+        let cube = CoordBox { min: IVec3::splat(-half), max: IVec3::splat(half - 1) };
+        self.grid(fog::block(cube, 1.0), PackKind::Fog, voxel)
     }
 
     /// A red cube of Bevy's own, seen without light.
@@ -265,9 +281,10 @@ fn meshes_hide_and_are_hidden() {
     if !has_gpu() {
         return;
     }
+    let mut stage = Stage::new();
     for msaa in [Msaa::Off, Msaa::Sample4] {
         for hdr in [true, false] {
-            let mut stage = Stage::new();
+            stage.clear();
             let target = stage.target(SIZE);
             let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
             stage.world().entity_mut(camera).insert(msaa);
@@ -327,10 +344,10 @@ fn fog_ends_at_meshes() {
     if !has_gpu() {
         return;
     }
-    let block =
-        fog::block(vdb_core::tree::CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) }, 1.0);
+    let block = fog::block(CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) }, 1.0);
+    let mut stage = Stage::new();
     for msaa in [Msaa::Off, Msaa::Sample4] {
-        let mut stage = Stage::new();
+        stage.clear();
         let target = stage.target(SIZE);
         let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
         stage.world().entity_mut(camera).insert(msaa);
@@ -352,8 +369,7 @@ fn overlapping_fogs_mix() {
         return;
     }
     // The same block twice in the same place is a block of twice the density.
-    let block =
-        fog::block(vdb_core::tree::CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) }, 1.0);
+    let block = fog::block(CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) }, 1.0);
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     stage.camera(&target, looking(Vec3::Z * 8.0));

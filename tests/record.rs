@@ -1,6 +1,8 @@
 //! Recording in a Bevy app: what a camera draws is what stands in the files.
 
 mod common;
+#[path = "common/png_file.rs"]
+mod png_file;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -20,6 +22,7 @@ use vdb_core::pack::PackKind;
 use vdb_core::synth::level_set;
 
 use common::{Stage, has_gpu};
+use png_file::Png;
 
 const SIZE: UVec2 = UVec2::new(64, 64);
 /// Of the orthographic cameras in here.
@@ -119,21 +122,7 @@ fn wait_for_end(stage: &mut Stage, camera: Entity) -> VdbRecordEnded {
     panic!("the recording does not end");
 }
 
-struct Png {
-    size: UVec2,
-    pixels: Vec<[u8; 3]>,
-}
-
 impl Png {
-    fn read(path: &Path) -> Self {
-        let file = std::fs::File::open(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-        let mut reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().unwrap();
-        let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
-        let info = reader.next_frame(&mut bytes).unwrap();
-        let pixels = bytes.as_chunks::<3>().0.to_vec();
-        Self { size: UVec2::new(info.width, info.height), pixels }
-    }
-
     /// The mean place of what is green, in pixels; nothing may have another colour than that and black.
     fn green_at(&self) -> Vec2 {
         let (mut sum, mut count) = (Vec2::ZERO, 0.0);

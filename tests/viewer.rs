@@ -1,60 +1,48 @@
 //! The viewer as people call it: pictures, exit codes and what it says.
 
-use std::path::{Path, PathBuf};
+#[path = "common/adapter.rs"]
+mod adapter;
+#[path = "common/files.rs"]
+mod files;
+#[path = "common/png_file.rs"]
+mod png_file;
+#[path = "common/programs.rs"]
+mod programs;
+#[path = "common/smoke_file.rs"]
+mod smoke_file;
+
 use std::process::{Command, Output};
 
-const SIZE: (u32, u32) = (160, 120);
+use bevy::math::UVec2;
 
-/// `cargo test` builds the examples beside the tests: `target/debug/{deps/viewer-…,examples/viewer}`.
+use files::model;
+use png_file::Png;
+use programs::{example, stderr};
+
+const SIZE: UVec2 = UVec2::new(160, 120);
+
 fn viewer() -> Command {
-    let test = std::env::current_exe().expect("the path of this test");
-    let folder = test.parent().and_then(Path::parent).expect("tests are in target/…/deps");
-    let name = format!("examples/viewer{}", std::env::consts::EXE_SUFFIX);
-    let path = folder.join(name);
-    assert!(
-        path.exists(),
-        "{}: run `cargo build --example viewer --features egui` first",
-        path.display()
-    );
-    let mut command = Command::new(path);
-    command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("RUST_LOG");
-    command.args(["--size", &format!("{}x{}", SIZE.0, SIZE.1)]);
+    let mut command = example("viewer");
+    command.args(["--size", &format!("{}x{}", SIZE.x, SIZE.y)]);
     command
 }
 
-fn model(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/models").join(name)
-}
-
-/// A file of this run of the tests.
-fn temporary(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("viewer");
-    std::fs::create_dir_all(&folder).expect("a folder for what the tests write");
-    folder.join(name)
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
+fn temporary(name: &str) -> std::path::PathBuf {
+    files::temporary("viewer", name)
 }
 
 /// Runs the viewer into a picture: RGB pixels.
 fn picture(out: &str, change: impl FnOnce(&mut Command)) -> (Vec<[u8; 3]>, Output) {
     let path = temporary(out);
-    // That of an earlier run proves nothing.
-    let _ = std::fs::remove_file(&path);
     let mut command = viewer();
     command.arg("--out").arg(&path);
     change(&mut command);
     let output = command.output().expect("the viewer starts");
     assert!(output.status.success(), "{}", stderr(&output));
     assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), path.display().to_string());
-    let file = std::io::BufReader::new(std::fs::File::open(&path).expect("the picture is there"));
-    let mut reader = png::Decoder::new(file).read_info().expect("a PNG");
-    let mut bytes = vec![0; reader.output_buffer_size().expect("a size")];
-    let info = reader.next_frame(&mut bytes).expect("pixels");
-    assert_eq!((info.width, info.height, info.color_type), (SIZE.0, SIZE.1, png::ColorType::Rgb));
-    let pixels = bytes[..info.buffer_size()].chunks_exact(3);
-    (pixels.map(|rgb| [rgb[0], rgb[1], rgb[2]]).collect(), output)
+    let png = Png::read(&path);
+    assert_eq!(png.size, SIZE);
+    (png.pixels, output)
 }
 
 /// Pixels that are clearly not the background, which the corner has.
@@ -85,12 +73,7 @@ fn refused(change: impl FnOnce(&mut Command)) -> String {
 fn on_gpu(output: &Output) -> bool {
     let cpu = stderr(output).contains("tracing on the CPU instead");
     if cpu {
-        assert!(
-            std::env::var_os("BEVY_VDB_SKIP_GPU").is_some(),
-            "no GPU adapter; install Mesa's software driver (Debian: mesa-vulkan-drivers), or set \
-             BEVY_VDB_SKIP_GPU=1 to leave out these tests"
-        );
-        eprintln!("SKIPPED, as BEVY_VDB_SKIP_GPU says: no GPU adapter");
+        adapter::skip();
     }
     !cpu
 }
@@ -177,11 +160,50 @@ fn a_file_that_cannot_be_shown_is_one_clear_error() {
 }
 
 #[test]
+fn grids_have_the_parts_that_are_asked_for() {
+    let path = temporary("roles.vdb");
+    smoke_file::save(&path);
+    // Thin, and in light that is quick to draw.
+    let quick = ["--density", "0.05", "--scatter-once", "--no-shadows"];
+    let shown = |out, args: &[&str]| picture(out, |c| _ = c.arg(&path).args(quick).args(args));
+    let (by_name, output) = shown("by_name.png", &[]);
+    let said = stderr(&output);
+    for line in ["Cd: vectors", "temperature: fog", "fuel: fog", "(hidden: --grid shows it)"] {
+        assert!(said.contains(line), "{said}");
+    }
+    if !on_gpu(&output) {
+        return;
+    }
+    let differ = |a: &[[u8; 3]], b: &[[u8; 3]], holds: &dyn Fn([i32; 3], [i32; 3]) -> bool| {
+        let pairs = a.iter().zip(b).map(|(a, b)| (a.map(i32::from), b.map(i32::from)));
+        pairs.filter(|(a, b)| holds(*a, *b)).count()
+    };
+    let (bare, _) = shown("bare.png", &["--no-fire", "--no-colors"]);
+    let glows = differ(&by_name, &bare, &|a, b| a[0] > b[0] + 20 && a[0] > a[2] + 20);
+    assert!(glows > 50, "{glows} pixels glow");
+    // All of the ball but a voxel is black by its colours.
+    let colored = differ(&by_name, &bare, &|a, b| a[1] + 60 < b[1]);
+    assert!(colored > 50, "{colored} pixels have a colour");
+    let other = ["--grid", "density", "--fire", "fuel", "--heat", "2000,300", "--glow", "1e-4"];
+    let (other, output) = shown("other.png", &other);
+    assert!(!stderr(&output).contains("surface"), "{}", stderr(&output));
+    let (solid, output) = shown("solid.png", &["--grid", "density", "--surface", "density=0.5"]);
+    assert!(stderr(&output).contains("density: surface"), "{}", stderr(&output));
+    let glows = differ(&other, &solid, &|a, b| a[0] > a[2] + 20 && b[0] < b[2] + 20);
+    assert!(glows > 50, "{glows} pixels glow");
+    assert!(drawn(&solid) > 1_000, "{} pixels", drawn(&solid));
+    let said = refused(|c| _ = c.arg(&path).args(["--fire", "lava"]));
+    assert!(said.contains("--fire lava") && said.contains("no file has"), "{said}");
+}
+
+#[test]
 fn what_makes_no_sense_is_refused() {
     for (wrong, about) in [
         (vec!["--size", "0x10"], "--size"),
         (vec!["--mode", "pretty"], "--mode"),
         (vec!["--eye", "1,2"], "--eye"),
+        (vec!["--heat", "1000"], "--heat"),
+        (vec!["--glow", "-1"], "--glow"),
         (vec!["--nothing"], "--nothing"),
         (vec!["--out", "picture.jpg"], "picture.jpg"),
         (vec!["--mode", "steps", "--cpu"], "modes"),

@@ -7,22 +7,30 @@
 mod app;
 #[path = "../examples/viewer/args.rs"]
 mod args;
+#[path = "common/files.rs"]
+mod files;
 #[path = "../examples/viewer/fly.rs"]
 mod fly;
 #[path = "../examples/viewer/framing.rs"]
 mod framing;
+#[path = "common/headless.rs"]
+mod headless;
 #[path = "../examples/viewer/keys.rs"]
 mod keys;
 #[path = "../examples/viewer/overlay.rs"]
 mod overlay;
 #[path = "../examples/viewer/select.rs"]
 mod select;
+#[path = "common/smoke_file.rs"]
+mod smoke_file;
 #[path = "../examples/viewer/state.rs"]
 mod state;
+#[path = "../examples/viewer/volumes.rs"]
+mod volumes;
 #[path = "../examples/viewer/window.rs"]
 mod window;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -32,35 +40,23 @@ use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::ecs::system::RunSystemOnce;
 use bevy::input::ButtonState;
 use bevy::input::keyboard::{Key, KeyboardInput};
-use bevy::log::LogPlugin;
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy::render::RenderPlugin;
-use bevy::render::settings::{RenderCreation, WgpuSettings};
 use bevy::tasks::AsyncComputeTaskPool;
 use bevy::time::TimeUpdateStrategy;
 use bevy::window::{FileDragAndDrop, PrimaryWindow};
-use bevy::winit::WinitPlugin;
 use bevy_egui::egui::accesskit::{Action, ActionRequest, Node, Role, TreeId};
 use bevy_egui::{EguiContext, EguiInput, EguiOutput, egui};
 use bevy_panorbit_camera::{PanOrbitCamera, PanOrbitCameraPlugin};
 use bevy_vdb::prelude::*;
+use vdb_core::pack::PackKind;
 
-use app::{Label, Status};
-use args::Args;
+use app::Status;
+use args::{Args, Part, Shown};
+use files::{model, temporary};
 use state::State;
+use volumes::Label;
 use window::{Hovering, InteractivePlugin};
-
-fn model(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/models").join(name)
-}
-
-fn temporary(name: &str, content: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("viewer_window");
-    std::fs::create_dir_all(&folder).expect("a folder for what the tests write");
-    std::fs::write(folder.join(name), content).expect("written");
-    folder.join(name)
-}
 
 struct Viewer {
     app: App,
@@ -71,16 +67,8 @@ struct Viewer {
 impl Viewer {
     fn new(args: &Args) -> Self {
         let mut app = App::new();
-        let no_gpu = WgpuSettings { backends: None, ..default() };
         app.add_plugins((
-            DefaultPlugins
-                .set(RenderPlugin {
-                    render_creation: RenderCreation::Automatic(Box::new(no_gpu)),
-                    ..default()
-                })
-                .set(AssetPlugin { watch_for_changes_override: Some(false), ..app::asset_plugin() })
-                .disable::<WinitPlugin>()
-                .disable::<LogPlugin>(),
+            headless::plugins(Some(Window::default()), app::asset_plugin()),
             PanOrbitCameraPlugin,
             InteractivePlugin(args.clone()),
         ));
@@ -180,6 +168,31 @@ impl Viewer {
         self.app.update();
     }
 
+    /// What is shown, with what shines in it and what colours it.
+    fn roles(&mut self) -> Vec<String> {
+        let world = self.app.world_mut();
+        let mut volumes =
+            world.query::<(&Label, &Visibility, Option<&VdbEmission>, Option<&VdbColorGrid>)>();
+        let shown = volumes.iter(world).filter(|(_, shown, ..)| **shown != Visibility::Hidden);
+        let name = |path: Option<&bevy::asset::AssetPath>| {
+            path.and_then(|path| path.label()).unwrap_or("?").to_owned()
+        };
+        let mut roles: Vec<String> = shown
+            .map(|(label, _, fire, colors)| {
+                let fire = fire.map(|fire| format!(" + {}", name(select::source(fire).path())));
+                let colors = colors.map(|colors| format!(", {}", name(colors.0.path())));
+                label.name.clone() + &fire.unwrap_or_default() + &colors.unwrap_or_default()
+            })
+            .collect();
+        roles.sort_unstable();
+        roles
+    }
+
+    fn fire(&mut self) -> Option<VdbEmission> {
+        let world = self.app.world_mut();
+        world.query::<&VdbEmission>().iter(world).next().cloned()
+    }
+
     fn labels(&mut self) -> Vec<String> {
         let world = self.app.world_mut();
         let mut labels: Vec<_> =
@@ -195,6 +208,15 @@ fn a_command_line_says_what_it_was_made_of() {
     let all = Args {
         files: vec!["/a b/it's.vdb".into(), "/plain.vdb".into(), "/$HOME;`ls`.vdb".into()],
         grids: vec!["density".into(), "v[1] *".into()],
+        kinds: vec![
+            ("density".into(), Shown::Surface { iso: -0.125 }),
+            ("a=b".into(), Shown::Surface { iso: 0.0 }),
+            ("it's".into(), Shown::Fog),
+        ],
+        fire: Part::Named("flame's".into()),
+        heat: Some([1_500.5, 0.1]),
+        glow: Some(1e-7),
+        colors: Part::Nothing,
         out: Some("a picture.png".into()),
         size: UVec2::new(640, 361),
         eye: Some(DVec3::new(-1.5, 1e-7, 3e9)),
@@ -253,7 +275,9 @@ fn a_dropped_file_takes_the_place_of_what_is_shown() {
 #[test]
 fn what_is_wrong_with_a_file_stands_in_the_window() {
     let mut viewer = Viewer::ready(&Viewer::files(&["teapot.vdb"]));
-    let text = temporary("text.vdb", "this is a text, not a volume, and long enough to be read");
+    let text = temporary("viewer_window", "text.vdb");
+    std::fs::write(&text, "this is a text, not a volume, and long enough to be read")
+        .expect("written");
     viewer.drop_file(&text);
     viewer.wait();
     assert!(viewer.says("text.vdb: ") && viewer.says("no VDB file"));
@@ -340,6 +364,94 @@ fn the_state_comes_back() {
     assert!(there.rotation.angle_between(eye.rotation) < 1e-3, "{there:?}");
     let back = again.args();
     assert_eq!(Args { eye: None, target: None, ..back }, Args { eye: None, target: None, ..args });
+}
+
+#[test]
+fn grids_play_the_parts_that_their_names_suggest() {
+    let path = temporary("viewer_window", "roles.vdb");
+    smoke_file::save(&path);
+    let plain = Args { files: vec![path.clone()], ..default() };
+    let mut viewer = Viewer::ready(&plain);
+    assert_eq!(viewer.labels(), ["density", "fuel", "surface", "temperature"]);
+    assert_eq!(viewer.roles(), ["density + temperature", "surface, Cd"]);
+    assert_eq!(viewer.args(), plain);
+    let Some(VdbEmission::Temperature { scale, offset, strength, .. }) = viewer.fire() else {
+        panic!("no fire")
+    };
+    assert_eq!((scale, offset), (1_000.0, 0.0), "1 stands for 1,000 K");
+    assert!(strength.is_finite() && strength > 0.0, "{strength}");
+
+    // All of it comes back as it is changed by hand.
+    let change = |viewer: &mut Viewer, change: &dyn Fn(&mut World, &[(String, Entity)])| {
+        let world = viewer.app.world_mut();
+        let mut volumes = world.query::<(&Label, Entity)>();
+        let volumes: Vec<_> =
+            volumes.iter(world).map(|(label, entity)| (label.name.clone(), entity)).collect();
+        change(world, &volumes);
+        viewer.frames(2);
+        let args = viewer.args();
+        let mut again = Viewer::ready(&args);
+        assert_eq!(again.roles(), viewer.roles(), "{args}");
+        assert_eq!(again.fire(), viewer.fire().map(|fire| same(fire, &mut again)), "{args}");
+        assert_eq!(again.args(), args);
+        args
+    };
+    // The grids of another app are others.
+    fn same(mut fire: VdbEmission, again: &mut Viewer) -> VdbEmission {
+        if let (
+            VdbEmission::Temperature { grid, .. },
+            Some(VdbEmission::Temperature { grid: other, .. }),
+        ) = (&mut fire, again.fire())
+        {
+            *grid = other;
+        }
+        fire
+    }
+    let of = |volumes: &[(String, Entity)], name: &str| {
+        volumes.iter().find(|(own, _)| own == name).expect("the volume").1
+    };
+    let args = change(&mut viewer, &|world, volumes| {
+        let mut smoke = world.entity_mut(of(volumes, "density"));
+        let mut fire = smoke.get_mut::<VdbEmission>().expect("fire");
+        if let VdbEmission::Temperature { scale, offset, strength, .. } = &mut *fire {
+            (*scale, *offset, *strength) = (1_234.5, 0.1, 1e-5);
+        }
+    });
+    assert_eq!(
+        (&args.fire, args.heat, args.glow),
+        (&Part::ByName, Some([1_234.5, 0.1]), Some(1e-5))
+    );
+    let args = change(&mut viewer, &|world, volumes| {
+        world.entity_mut(of(volumes, "density")).remove::<VdbEmission>();
+        world.entity_mut(of(volumes, "surface")).remove::<VdbColorGrid>();
+    });
+    assert_eq!((&args.fire, &args.colors), (&Part::Nothing, &Part::Nothing));
+    assert_eq!(viewer.roles(), ["density", "surface"]);
+    let args = change(&mut viewer, &|world, volumes| {
+        let fuel = world.get::<VdbVolume>(of(volumes, "fuel")).expect("it").0.clone();
+        let grid = world.resource::<Assets<VdbGrid>>().get(&fuel).expect("it");
+        let guess = VdbEmission::guess(fuel, grid);
+        world.entity_mut(of(volumes, "density")).insert(guess);
+        world.entity_mut(of(volumes, "surface")).insert(Visibility::Hidden);
+    });
+    assert_eq!((&args.fire, args.glow), (&Part::Named("fuel".into()), None));
+    assert_eq!(args.grids, ["density"]);
+    assert_eq!(viewer.roles(), ["density + fuel"]);
+    // As something else than its class says.
+    let args = change(&mut viewer, &|world, volumes| {
+        let volume = of(volumes, "density");
+        let handle = world.get::<VdbVolume>(volume).expect("it").0.clone();
+        let mut grids = world.resource_mut::<Assets<VdbGrid>>();
+        let kind = PackKind::Smooth { iso: 0.5 };
+        let other = grids.get(&handle).expect("it").clone().with_kind(kind).expect("a surface");
+        let other = grids.add(other);
+        world.entity_mut(volume).insert(VdbVolume(other));
+    });
+    assert_eq!(args.kinds, [("density".into(), Shown::Surface { iso: 0.5 })]);
+
+    let missing = Args { fire: Part::Named("lava".into()), ..plain };
+    let viewer = Viewer::ready(&missing);
+    assert!(viewer.says("--fire lava: no file has such a grid"));
 }
 
 #[test]

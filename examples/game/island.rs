@@ -101,7 +101,7 @@ pub fn spawn(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
     commands.spawn((
         PointLight {
             color: Color::srgb(1.0, 0.35, 0.1),
-            intensity: 6_000_000.0,
+            intensity: 1_500_000.0,
             range: 30.0,
             radius: 0.5,
             ..default()

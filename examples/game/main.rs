@@ -10,6 +10,7 @@ use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use bevy::camera::Hdr;
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::light::{CascadeShadowConfigBuilder, DirectionalLightShadowMap, EnvironmentMapLight};
+use bevy::math::DVec2;
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 
@@ -22,7 +23,7 @@ fn main() -> AppExit {
     helpers::app()
         .insert_resource(GlobalAmbientLight::NONE)
         .insert_resource(helpers::Frames(10))
-        .insert_resource(DirectionalLightShadowMap { size: 1024 })
+        .insert_resource(DirectionalLightShadowMap { size: helpers::shadow_map_size(1024) })
         .add_systems(Startup, (island::spawn, props::spawn, rover, sky))
         .add_systems(Update, (drive, follow, day, smoke_drifts).chain())
         .run()
@@ -37,18 +38,24 @@ struct Rover {
     speed: f32,
 }
 
-/// How far from the middle of the island the rover drives by itself.
+/// How far from the middle of the island the rover drives by itself, and with how much gas.
 const ROUND: f32 = 17.5;
+const BY_ITSELF: f32 = 0.6;
+/// World units a second.
+const FASTEST: f32 = 8.0;
+/// How much of the way to its place the camera goes in a second, to begin with.
+const NIMBLE: f32 = 3.0;
 
 fn rover(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let start = Vec3::new(ROUND * 0.2_f32.cos(), 0.0, ROUND * 0.2_f32.sin());
-    let rover = Rover { heading: -0.2 - PI, speed: 0.0 };
-    let body =
-        commands.spawn((rover, Transform::from_translation(start), Visibility::default())).id();
+    let [x, z] = [ROUND * 0.2_f32.cos(), ROUND * 0.2_f32.sin()];
+    let start = island::height(DVec2::new(x.into(), z.into())) as f32;
+    let rover = Rover { heading: -0.2 - PI, speed: BY_ITSELF * FASTEST };
+    let at = Transform::from_xyz(x, start, z).with_rotation(Quat::from_rotation_y(rover.heading));
+    let body = commands.spawn((rover, at, Visibility::default())).id();
     let red = materials.add(StandardMaterial {
         base_color: Color::srgb(0.8, 0.12, 0.08),
         perceptual_roughness: 0.35,
@@ -95,10 +102,10 @@ fn drive(
         let at = transform.translation.xz();
         let along = -at.y.atan2(at.x) - PI;
         let wanted = along - 0.15 * (at.length() - ROUND);
-        (0.6, 2.0 * ((wanted - rover.heading + PI).rem_euclid(TAU) - PI))
+        (BY_ITSELF, 2.0 * ((wanted - rover.heading + PI).rem_euclid(TAU) - PI))
     };
     let seconds = time.delta_secs();
-    rover.speed += (8.0 * gas - rover.speed) * (2.0 * seconds).min(1.0);
+    rover.speed += (FASTEST * gas - rover.speed) * (2.0 * seconds).min(1.0);
     rover.heading += turn * seconds;
     let forward = Quat::from_rotation_y(rover.heading) * Vec3::NEG_Z;
     let next = transform.translation + rover.speed * seconds * forward;
@@ -119,18 +126,24 @@ fn drive(
 /// The camera follows the rover from behind, the volcano in sight.
 fn follow(
     time: Res<Time>,
-    rover: Single<&Transform, (With<Rover>, Without<Camera3d>)>,
+    rover: Single<(&Transform, &Rover), Without<Camera3d>>,
     mut camera: Single<&mut Transform, With<Camera3d>>,
     mut is_there: Local<bool>,
 ) {
-    let at = rover.translation;
-    let behind = -rover.forward().with_y(0.0).normalize_or(Vec3::NEG_Z);
+    let (transform, rover) = rover.into_inner();
+    let at = transform.translation;
+    let behind = -transform.forward().with_y(0.0).normalize_or(Vec3::NEG_Z);
     let outwards = at.with_y(0.0).normalize_or(Vec3::X);
-    let eye = at + 6.5 * behind + 5.0 * outwards + 3.9 * Vec3::Y;
-    let near = if *is_there { (3.0 * time.delta_secs()).min(1.0) } else { 1.0 };
-    *is_there = true;
-    camera.translation = camera.translation.lerp(eye, near);
-    let target = at - 6.0 * outwards + 2.6 * Vec3::Y - 2.0 * behind;
+    let eye = at + 6.0 * behind + 5.5 * outwards + 3.7 * Vec3::Y;
+    if *is_there {
+        let near = (NIMBLE * time.delta_secs()).min(1.0);
+        camera.translation = camera.translation.lerp(eye, near);
+    } else {
+        // As far behind as it will stay.
+        camera.translation = eye + rover.speed / NIMBLE * behind;
+        *is_there = true;
+    }
+    let target = at - 6.0 * outwards + 4.0 * Vec3::Y - 1.0 * behind;
     camera.look_at(target, Vec3::Y);
 }
 
@@ -154,7 +167,7 @@ fn sky(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
         [(0.4, 0.6, 1.0), (0.75, 0.8, 0.9), (0.2, 0.22, 0.2)].map(|(r, g, b)| Color::srgb(r, g, b));
     commands.spawn((
         Camera3d::default(),
-        Projection::Perspective(PerspectiveProjection { fov: 1.0, ..default() }),
+        Projection::Perspective(PerspectiveProjection { fov: 1.15, ..default() }),
         Hdr,
         Tonemapping::AcesFitted,
         Transform::default(),

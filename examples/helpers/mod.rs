@@ -31,6 +31,14 @@ const FRAME_TIME: Duration = Duration::from_nanos(1_000_000_000 / 30);
 /// to come to the GPU.
 const SETTLED: u32 = 4;
 
+/// Texels along an edge of shadow maps: `most` in a window. Volumes trace a ray for each of them: for a
+/// picture, no more than it can show.
+#[allow(dead_code, reason = "each example uses a part of this")]
+pub fn shadow_map_size(most: u32) -> usize {
+    let shown = canvas().map_or(most, |canvas| 2 * canvas.size.y.next_power_of_two());
+    shown.clamp(128, most) as usize
+}
+
 /// What stands for a window where there is none.
 struct Canvas {
     path: PathBuf,

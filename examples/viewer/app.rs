@@ -14,7 +14,8 @@ use bevy_vdb::{VdbLoaderError, VdbLoaderSettings};
 
 use crate::args::Args;
 use crate::framing::View;
-use crate::select;
+use crate::volumes::Bounds;
+use crate::{select, volumes};
 
 /// With Bevy's default exposure, a white surface that faces this sun is just below white.
 pub const SUN_ILLUMINANCE: f32 = 3_000.0;
@@ -40,7 +41,7 @@ pub struct Open(pub Vec<PathBuf>);
 #[derive(Default, Resource)]
 pub struct Status {
     waiting: Vec<(PathBuf, Handle<VdbFile>)>,
-    arrived: Vec<(PathBuf, Handle<VdbFile>)>,
+    pub arrived: Vec<(PathBuf, Handle<VdbFile>)>,
     /// Files and grids that cannot be shown, with the reason.
     pub errors: Vec<String>,
     /// Set once everything is there that will be.
@@ -50,14 +51,6 @@ pub struct Status {
 /// What goes when other files are opened.
 #[derive(Component)]
 pub struct OfFiles;
-
-/// The label of a volume's grid in its file.
-#[derive(Component)]
-pub struct Label {
-    pub name: String,
-    /// Whether it is shown unless somebody says otherwise.
-    pub suits: bool,
-}
 
 /// Where the files are: `assets/` of this package, where edited models are loaded again at once,
 /// and anywhere else, by absolute path.
@@ -118,7 +111,7 @@ impl Plugin for ViewerPlugin {
 fn load(assets: Res<AssetServer>, settings: Res<Settings>, mut status: ResMut<Status>) {
     for file in &settings.0.files {
         let path = file.strip_prefix(asset_root()).unwrap_or(file).to_owned();
-        let only = settings.0.grids.clone();
+        let only = settings.0.loaded();
         let smooth = settings.0.smooth;
         let handle = assets
             .load_builder()
@@ -148,7 +141,7 @@ fn open(
     old.iter().for_each(|entity| commands.entity(entity).despawn());
     // What was said of the grids and the camera was said of other files.
     let args = &mut settings.0;
-    *args = Args { files, grids: Vec::new(), eye: None, target: None, ..args.clone() };
+    *args = args.of_other_files(files);
     *status = Status::default();
     load(assets, settings.into(), status);
 }
@@ -169,7 +162,8 @@ fn light(mut commands: Commands, settings: Res<Settings>) {
 fn arrive(
     mut commands: Commands,
     assets: Res<AssetServer>,
-    (files, grids): (Res<Assets<VdbFile>>, Res<Assets<VdbGrid>>),
+    files: Res<Assets<VdbFile>>,
+    (mut grids, vectors): (ResMut<Assets<VdbGrid>>, Res<Assets<VdbVectorGrid>>),
     settings: Res<Settings>,
     mut status: ResMut<Status>,
     meshes: Option<ResMut<Assets<Mesh>>>,
@@ -190,37 +184,30 @@ fn arrive(
     if !status.waiting.is_empty() {
         return;
     }
-    let mut bounds: Option<(DVec3, DVec3)> = None;
-    for (path, handle) in &status.arrived {
-        let Some(file) = files.get(handle) else { continue };
-        let labelled: Vec<(String, &VdbGrid)> = file
-            .grids
-            .iter()
-            .filter_map(|grid| {
-                let label = file.named_grids.iter().find(|(_, named)| *named == grid)?.0;
-                Some((label.clone(), grids.get(grid)?))
-            })
-            .collect();
-        if labelled.is_empty() {
-            status.errors.push(format!("{}: the file has no grids", path.display()));
+    let mut bounds: Option<Bounds> = None;
+    let args = &settings.0;
+    let there: Vec<(&Path, &VdbFile)> = status
+        .arrived
+        .iter()
+        .filter_map(|(path, file)| Some((path.as_path(), files.get(file)?)))
+        .collect();
+    let mut errors = Vec::new();
+    if !there.is_empty() {
+        for (option, name) in select::missing(args, &there) {
+            errors.push(format!("{option} {name}: no file has such a grid"));
         }
-        // A grid that was asked for by name is shown, whatever it is.
-        let named = !settings.0.grids.is_empty();
-        for ((label, grid), suits) in labelled.iter().zip(select::shown(&labelled)) {
-            let shown = named || suits;
-            let visibility = if shown { Visibility::Inherited } else { Visibility::Hidden };
-            let volume = VdbVolume(file.named_grids[label].clone());
-            let material = VdbMaterial { density_scale: settings.0.density, ..default() };
-            let name = (Name::new(label.clone()), Label { name: label.clone(), suits });
-            commands.spawn((OfFiles, name, volume, material, visibility));
-            let hidden = if shown { "" } else { " (hidden: --grid shows it)" };
-            eprintln!("{}: {}{hidden}", path.display(), select::describe(label, grid));
-            if let (true, Some(own)) = (shown, grid.world_bounds()) {
+    }
+    for file in there {
+        match volumes::spawn(&mut commands, args, file, &mut grids, &vectors) {
+            Err(why) => errors.push(why),
+            Ok(None) => {}
+            Ok(Some(own)) => {
                 let all = bounds.get_or_insert(own);
                 *all = (all.0.min(own.0), all.1.max(own.1));
             }
         }
     }
+    status.errors.extend(errors);
     // With nothing to see, the view is of the origin.
     let view = View::new(&settings.0, bounds.unwrap_or((DVec3::NEG_ONE, DVec3::ONE)));
     for camera in &cameras {

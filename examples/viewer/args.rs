@@ -18,7 +18,16 @@ With a display, a window: drop files onto it, F1 lists its keys. Without one, or
 Without FILE, the model that comes with bevy_vdb.
 
   --grid NAME       show this grid, and others only if they are named too; by default all level sets,
-                    and of the fogs `density`
+                    and of the fogs `density`, with its fire and with colours by their names
+  --surface NAME[=ISO]
+                    show a grid as a surface, whatever its class is [0]
+  --fog NAME        or as fog
+  --fire NAME       the grid that shines in the fog: temperatures or colours
+  --heat K,OFFSET   kelvin: K times the values of a grid of temperatures, and OFFSET
+  --glow X          how bright the fire is: the strength of its emission
+  --no-fire         nothing shines
+  --colors NAME     the grid of vectors that colours surfaces
+  --no-colors       none does
   --out FILE.png    write a picture (without a display: viewer.png) and print its path
   --size WxH        of the picture or the window, in pixels [1280x720]
   --eye X,Y,Z       where the camera stands, in the file's world [sees all]
@@ -48,6 +57,13 @@ pub struct Args {
     pub files: Vec<PathBuf>,
     /// Names; none for those that suit.
     pub grids: Vec<String>,
+    /// Grids to be shown otherwise than their class says.
+    pub kinds: Vec<(String, Shown)>,
+    pub fire: Part,
+    /// Kelvin a unit, and of 0; by the grid's name and values where nobody says.
+    pub heat: Option<[f32; 2]>,
+    pub glow: Option<f32>,
+    pub colors: Part,
     pub out: Option<PathBuf>,
     pub size: UVec2,
     pub eye: Option<DVec3>,
@@ -67,7 +83,40 @@ pub struct Args {
     pub cpu: bool,
 }
 
+/// A grid that is something for the volumes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Part {
+    /// As names suggest, unless grids to show are named.
+    #[default]
+    ByName,
+    Nothing,
+    Named(String),
+}
+
+/// How a grid is shown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shown {
+    Fog,
+    Surface { iso: f32 },
+}
+
 impl Args {
+    /// The same for other files: what was said of grids and of the camera was said of the old ones.
+    pub fn of_other_files(&self, files: Vec<PathBuf>) -> Self {
+        let Self { grids, kinds, fire, heat, glow, colors, eye, target, .. } = Self::default();
+        Self { files, grids, kinds, fire, heat, glow, colors, eye, target, ..self.clone() }
+    }
+
+    /// Names of all grids that are of use; none for all there are.
+    pub fn loaded(&self) -> Vec<String> {
+        let roles = [&self.fire, &self.colors].into_iter().filter_map(|role| match role {
+            Part::Named(name) => Some(name),
+            _ => None,
+        });
+        let all = self.grids.iter().chain(roles.filter(|_| !self.grids.is_empty()));
+        all.cloned().collect()
+    }
+
     /// `None`: help is asked for.
     pub fn from_command_line() -> Result<Option<Self>, String> {
         Self::parse(lexopt::Parser::from_env())
@@ -79,6 +128,22 @@ impl Args {
             match arg {
                 Arg::Short('h') | Arg::Long("help") => return Ok(None),
                 Arg::Long("grid") => args.grids.push(value(&mut parser, "--grid", name)?),
+                Arg::Long("surface") => {
+                    args.kinds.push(value(&mut parser, "--surface", surface)?);
+                }
+                Arg::Long("fog") => {
+                    args.kinds.push((value(&mut parser, "--fog", name)?, Shown::Fog));
+                }
+                Arg::Long("fire") => {
+                    args.fire = Part::Named(value(&mut parser, "--fire", name)?);
+                }
+                Arg::Long("no-fire") => args.fire = Part::Nothing,
+                Arg::Long("heat") => args.heat = Some(value(&mut parser, "--heat", heat)?),
+                Arg::Long("glow") => args.glow = Some(value(&mut parser, "--glow", density)?),
+                Arg::Long("colors") => {
+                    args.colors = Part::Named(value(&mut parser, "--colors", name)?);
+                }
+                Arg::Long("no-colors") => args.colors = Part::Nothing,
                 Arg::Long("out") => args.out = Some(value(&mut parser, "--out", picture_path)?),
                 Arg::Long("size") => args.size = value(&mut parser, "--size", size)?,
                 Arg::Long("eye") => args.eye = Some(value(&mut parser, "--eye", point)?),
@@ -115,6 +180,11 @@ impl Default for Args {
         Self {
             files: Vec::new(),
             grids: Vec::new(),
+            kinds: Vec::new(),
+            fire: Part::ByName,
+            heat: None,
+            glow: None,
+            colors: Part::ByName,
             out: None,
             size: UVec2::new(1280, 720),
             eye: None,
@@ -147,6 +217,27 @@ impl fmt::Display for Args {
         };
         let point = |p: DVec3| Some(format!("{},{},{}", p.x, p.y, p.z));
         self.grids.iter().for_each(|name| option("grid", Some(quoted(name))));
+        for (name, shown) in &self.kinds {
+            match shown {
+                Shown::Fog => option("fog", Some(quoted(name))),
+                Shown::Surface { iso } => option("surface", Some(quoted(&format!("{name}={iso}")))),
+            }
+        }
+        for (role, is, nothing) in
+            [(&self.fire, "fire", "no-fire"), (&self.colors, "colors", "no-colors")]
+        {
+            match role {
+                Part::ByName => {}
+                Part::Nothing => option(nothing, None),
+                Part::Named(name) => option(is, Some(quoted(name))),
+            }
+        }
+        if let Some([scale, offset]) = self.heat {
+            option("heat", Some(format!("{scale},{offset}")));
+        }
+        if let Some(glow) = self.glow {
+            option("glow", Some(glow.to_string()));
+        }
         if let Some(out) = &self.out {
             option("out", Some(quoted(&out.to_string_lossy())));
         }
@@ -241,6 +332,21 @@ fn text(value: &OsStr) -> Result<&str, String> {
 
 fn name(value: &OsStr) -> Result<String, String> {
     Ok(text(value)?.to_owned())
+}
+
+/// `NAME=ISO`, or a name alone: an `=` that no number follows is part of it.
+fn surface(value: &OsStr) -> Result<(String, Shown), String> {
+    let text = text(value)?;
+    let number = |iso: &str| f32::from_str(iso).ok().filter(|iso| iso.is_finite());
+    let split = text.rsplit_once('=').and_then(|(name, iso)| Some((name, number(iso)?)));
+    let (name, iso) = split.unwrap_or((text, 0.0));
+    Ok((name.to_owned(), Shown::Surface { iso }))
+}
+
+fn heat(value: &OsStr) -> Result<[f32; 2], String> {
+    let (scale, offset) = text(value)?.split_once(',').ok_or("it is two numbers like 1000,0")?;
+    let kelvin = |text: &str| number(text.as_ref(), 0.0, 1e6);
+    Ok([kelvin(scale)? as f32, kelvin(offset)? as f32])
 }
 
 fn mode(value: &OsStr) -> Result<VdbRenderMode, String> {

@@ -27,6 +27,11 @@ pub fn check(args: &Args) -> Result<(), String> {
 /// Traces what the app has loaded.
 pub fn draw(app: &mut App, args: &Args) -> Result<Vec<[u8; 3]>, String> {
     let view = app.world().resource::<Status>().view.ok_or("nothing is loaded")?;
+    let mut extras =
+        app.world_mut().query_filtered::<(), Or<(With<VdbEmission>, With<VdbColorGrid>)>>();
+    if extras.iter(app.world()).next().is_some() {
+        eprintln!("viewer: the tracer on the CPU shows no fire, and no colours of grids");
+    }
     let mut volumes = app.world_mut().query::<(&VdbVolume, &VdbMaterial, &Visibility)>();
     let world = app.world();
     let grids = world.resource::<Assets<VdbGrid>>();

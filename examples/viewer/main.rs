@@ -12,6 +12,7 @@ mod overlay;
 mod png_file;
 mod select;
 mod state;
+mod volumes;
 mod window;
 
 use std::path::Path;

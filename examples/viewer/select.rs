@@ -1,17 +1,141 @@
-//! Which grids of a file to show.
+//! Which grids of a file to show, and as what.
 
-use bevy_vdb::VdbGrid;
+use std::path::Path;
+
+use bevy::asset::AssetPath;
+use bevy::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
+use bevy_vdb::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbRoles, VdbVectorGrid};
 
-/// Picks, of the grids of a file in its order: all surfaces, and of the fogs the density. Fogs of a
-/// file are as a rule several quantities of the same smoke (density, temperature, fuel), and one on
-/// top of the other shows nothing of any.
-pub fn shown(grids: &[(String, &VdbGrid)]) -> Vec<bool> {
-    let is_fog = |grid: &VdbGrid| matches!(grid.kind(), PackKind::Fog);
-    let fogs = || (0..grids.len()).filter(|i| is_fog(grids[*i].1));
-    let called_density = |i: &usize| grids[*i].1.name().eq_ignore_ascii_case("density");
-    let density = fogs().find(called_density).or_else(|| fogs().next());
-    (0..grids.len()).map(|i| !is_fog(grids[i].1) || Some(i) == density).collect()
+use crate::args::{Args, Part, Shown};
+
+/// The grid that shines.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Source {
+    Fog(Handle<VdbGrid>),
+    Colors(Handle<VdbVectorGrid>),
+}
+
+impl Source {
+    pub fn path(&self) -> Option<&AssetPath<'static>> {
+        match self {
+            Self::Fog(grid) => grid.path(),
+            Self::Colors(grid) => grid.path(),
+        }
+    }
+
+    pub fn guess(
+        &self,
+        grids: &Assets<VdbGrid>,
+        vectors: &Assets<VdbVectorGrid>,
+    ) -> Option<VdbEmission> {
+        Some(match self {
+            Self::Fog(grid) => VdbEmission::guess(grid.clone(), grids.get(grid)?),
+            Self::Colors(grid) => VdbEmission::guess_color(grid.clone(), vectors.get(grid)?),
+        })
+    }
+}
+
+pub fn source(emission: &VdbEmission) -> Source {
+    match emission {
+        VdbEmission::Temperature { grid, .. } | VdbEmission::Scalar { grid, .. } => {
+            Source::Fog(grid.clone())
+        }
+        VdbEmission::Color { grid, .. } => Source::Colors(grid.clone()),
+    }
+}
+
+/// What `--glow` sets.
+pub fn glow(emission: &VdbEmission) -> Option<f32> {
+    match emission {
+        VdbEmission::Temperature { strength, .. } | VdbEmission::Color { strength, .. } => {
+            Some(*strength)
+        }
+        VdbEmission::Scalar { .. } => None,
+    }
+}
+
+/// What shines in the fog of a file: what is asked for, or else what has the name of a fire.
+pub fn emission(
+    args: &Args,
+    file: &VdbFile,
+    by_name: &VdbRoles,
+    grids: &Assets<VdbGrid>,
+    vectors: &Assets<VdbVectorGrid>,
+) -> Option<VdbEmission> {
+    let mut emission = match &args.fire {
+        Part::ByName if args.grids.is_empty() => by_name.emission.clone()?,
+        Part::ByName | Part::Nothing => return None,
+        Part::Named(name) => {
+            let fog = file.named_grids.get(name).cloned().map(Source::Fog);
+            let colors = || file.vector_grids.get(name).cloned().map(Source::Colors);
+            fog.or_else(colors)?.guess(grids, vectors)?
+        }
+    };
+    match &mut emission {
+        VdbEmission::Temperature { scale, offset, strength, .. } => {
+            [*scale, *offset] = args.heat.unwrap_or([*scale, *offset]);
+            *strength = args.glow.unwrap_or(*strength);
+        }
+        VdbEmission::Color { strength, .. } => *strength = args.glow.unwrap_or(*strength),
+        VdbEmission::Scalar { .. } => {}
+    }
+    Some(emission)
+}
+
+/// What colours the surfaces of a file.
+pub fn colors(args: &Args, file: &VdbFile, by_name: &VdbRoles) -> Option<VdbColorGrid> {
+    match &args.colors {
+        Part::ByName if args.grids.is_empty() => by_name.colors.clone(),
+        Part::ByName | Part::Nothing => None,
+        Part::Named(name) => file.vector_grids.get(name).cloned().map(VdbColorGrid),
+    }
+}
+
+/// What is asked for by name and in none of the files.
+pub fn missing<'a>(args: &'a Args, files: &[(&Path, &VdbFile)]) -> Vec<(&'static str, &'a str)> {
+    let role = |option: &'static str, role: &'a Part| match role {
+        Part::Named(name) => Some((option, name.as_str())),
+        _ => None,
+    };
+    let kinds = args.kinds.iter().map(|(name, shown)| match shown {
+        Shown::Fog => ("--fog", name.as_str()),
+        Shown::Surface { .. } => ("--surface", name.as_str()),
+    });
+    let roles = [role("--fire", &args.fire), role("--colors", &args.colors)];
+    let all = roles.into_iter().flatten().chain(kinds);
+    all.filter(|(option, name)| {
+        let has = |(_, file): &(&Path, &VdbFile)| match *option {
+            "--colors" => file.vector_grids.contains_key(*name),
+            "--fire" => {
+                file.named_grids.contains_key(*name) || file.vector_grids.contains_key(*name)
+            }
+            _ => file.named_grids.contains_key(*name),
+        };
+        !files.iter().any(has)
+    })
+    .collect()
+}
+
+/// How a grid is shown, smooth or not.
+pub fn shown_as(kind: PackKind) -> Shown {
+    match kind {
+        PackKind::Fog => Shown::Fog,
+        PackKind::Surface { iso } | PackKind::Smooth { iso } => Shown::Surface { iso },
+    }
+}
+
+/// The kind that is asked for, where a grid has another one.
+pub fn other_kind(args: &Args, label: &str, own: PackKind) -> Option<PackKind> {
+    let (_, wanted) = args.kinds.iter().rev().find(|(name, _)| name == label)?;
+    if shown_as(own) == *wanted {
+        return None;
+    }
+    Some(match *wanted {
+        Shown::Fog => PackKind::Fog,
+        Shown::Surface { iso } if args.smooth => PackKind::Smooth { iso },
+        Shown::Surface { iso } => PackKind::Surface { iso },
+    })
 }
 
 /// One line on a grid, for people.

@@ -1,15 +1,19 @@
 //! What is shown, as the window's title and as a command line that shows it again.
 
+use bevy::asset::AssetPath;
 use bevy::camera::Camera3d;
 use bevy::ecs::system::SystemParam;
 use bevy::prelude::*;
 use bevy::window::PrimaryWindow;
 use bevy_panorbit_camera::PanOrbitCamera;
+use bevy_vdb::VdbRoles;
 use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 
-use crate::app::{Label, Settings, Status};
-use crate::args::{Args, MODES};
+use crate::app::{Settings, Status};
+use crate::args::{Args, MODES, Part, Shown};
+use crate::select;
+use crate::volumes::Label;
 
 /// What the state of the viewer is in.
 #[derive(SystemParam)]
@@ -17,7 +21,9 @@ pub struct State<'w, 's> {
     settings: Res<'w, Settings>,
     status: Res<'w, Status>,
     inspector: Option<Res<'w, VdbInspector>>,
+    files: Res<'w, Assets<VdbFile>>,
     grids: Res<'w, Assets<VdbGrid>>,
+    vectors: Res<'w, Assets<VdbVectorGrid>>,
     cameras: Query<
         'w,
         's,
@@ -29,6 +35,12 @@ pub struct State<'w, 's> {
         'w,
         's,
         (&'static Label, &'static VdbVolume, &'static VdbMaterial, &'static Visibility),
+    >,
+    roles: Query<
+        'w,
+        's,
+        (Option<&'static VdbEmission>, Option<&'static VdbColorGrid>),
+        With<VdbVolume>,
     >,
     windows: Query<'w, 's, &'static Window, With<PrimaryWindow>>,
 }
@@ -59,16 +71,18 @@ impl State<'_, '_> {
                 args.sun = transform.back().as_dvec3();
             }
         }
-        let as_by_default = self
-            .volumes
-            .iter()
-            .all(|(label, _, _, visibility)| label.suits == (*visibility != Visibility::Hidden));
+        let as_by_default = self.volumes.iter().all(|(label, volume, _, visibility)| {
+            label.suits == (*visibility != Visibility::Hidden) && name(label, volume) == label.name
+        });
         if !as_by_default || !args.grids.is_empty() {
-            let shown = self.shown().map(|(label, ..)| label.name.clone());
+            let shown = self.shown().map(|(label, volume, _)| name(label, volume).to_owned());
             args.grids = shown.collect();
             args.grids.sort_unstable();
             args.grids.dedup();
         }
+        self.kinds(&mut args);
+        self.fire(&mut args);
+        self.colors(&mut args);
         let fog = |volume: &VdbVolume| {
             self.grids.get(&volume.0).is_some_and(|grid| grid.kind() == PackKind::Fog)
         };
@@ -80,6 +94,72 @@ impl State<'_, '_> {
         }
         args.panel = self.inspector.as_ref().is_none_or(|inspector| inspector.open);
         args
+    }
+
+    /// What is shown otherwise than the files say.
+    fn kinds(&self, args: &mut Args) {
+        let volumes = self.volumes.iter();
+        let kinds = volumes.filter_map(|(label, volume, ..)| {
+            let kind = self.grids.get(&volume.0)?.kind();
+            // One that has come out of its file is as the file says.
+            let shown = select::shown_as(kind);
+            let other = volume.0.path().is_none() && shown != select::shown_as(label.kind);
+            Some((kind, other.then(|| (label.name.clone(), shown))))
+        });
+        let kinds: Vec<(PackKind, Option<(String, Shown)>)> = kinds.collect();
+        let surfaces = || kinds.iter().filter(|(kind, _)| !matches!(kind, PackKind::Fog));
+        if surfaces().next().is_some() {
+            args.smooth = surfaces().any(|(kind, _)| matches!(kind, PackKind::Smooth { .. }));
+        }
+        args.kinds = kinds.into_iter().filter_map(|(_, other)| other).collect();
+        args.kinds.sort_by(|a, b| a.0.cmp(&b.0));
+        args.kinds.dedup();
+    }
+
+    fn fire(&self, args: &mut Args) {
+        let shines = self.roles.iter().find_map(|(emission, _)| emission);
+        let by_name = self.by_name(args).into_iter().find_map(|roles| roles.emission);
+        (args.heat, args.glow) = (None, None);
+        let same = match (shines, &by_name) {
+            (Some(one), Some(other)) => select::source(one) == select::source(other),
+            (one, other) => one.is_none() && other.is_none(),
+        };
+        args.fire = match shines.map(select::source) {
+            _ if same => Part::ByName,
+            None => Part::Nothing,
+            Some(source) => named(source.path()),
+        };
+        let Some(shines) = shines else { return };
+        let guess = select::source(shines).guess(&self.grids, &self.vectors);
+        if let (
+            VdbEmission::Temperature { scale, offset, .. },
+            Some(VdbEmission::Temperature { scale: usual, offset: usual_offset, .. }),
+        ) = (shines, &guess)
+            && (scale, offset) != (usual, usual_offset)
+        {
+            args.heat = Some([*scale, *offset]);
+        }
+        let usual = guess.as_ref().and_then(select::glow);
+        args.glow = select::glow(shines).filter(|glow| Some(*glow) != usual);
+    }
+
+    fn colors(&self, args: &mut Args) {
+        let shown = self.roles.iter().find_map(|(_, colors)| colors);
+        let by_name = self.by_name(args).into_iter().find_map(|roles| roles.colors);
+        args.colors = match shown {
+            _ if shown == by_name.as_ref() => Part::ByName,
+            None => Part::Nothing,
+            Some(colors) => named(colors.0.path()),
+        };
+    }
+
+    /// What names suggest for the files that are shown, unless grids to show are named.
+    fn by_name(&self, args: &Args) -> Vec<VdbRoles> {
+        if !args.grids.is_empty() {
+            return Vec::new();
+        }
+        let files = self.status.arrived.iter().filter_map(|(_, file)| self.files.get(file));
+        files.map(|file| file.roles(&self.grids)).collect()
     }
 
     fn shown(&self) -> impl Iterator<Item = (&Label, &VdbVolume, &VdbMaterial)> {
@@ -106,6 +186,16 @@ impl State<'_, '_> {
         }
         title + " - bevy_vdb"
     }
+}
+
+/// What the grid of a volume is called in its file.
+fn name<'a>(label: &'a Label, volume: &'a VdbVolume) -> &'a str {
+    volume.0.path().and_then(|path| path.label()).unwrap_or(&label.name)
+}
+
+fn named(path: Option<&AssetPath>) -> Part {
+    let label = path.and_then(|path| path.label());
+    label.map_or(Part::ByName, |label| Part::Named(label.to_owned()))
 }
 
 pub fn update_title(mut windows: ParamSet<(State, Query<&mut Window, With<PrimaryWindow>>)>) {

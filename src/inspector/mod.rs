@@ -12,6 +12,7 @@ mod performance;
 mod quality;
 #[cfg(feature = "record")]
 mod recording;
+mod roles;
 mod sun;
 mod tools;
 mod volumes;
@@ -157,6 +158,7 @@ fn panel(world: &mut World) {
             ui.spacing_mut().slider_width = 0.4 * WIDTH;
             section(ui, world, "Performance", true, performance::show);
             section(ui, world, "Volumes", true, volumes::show);
+            section(ui, world, "Grids of the file", true, roles::show);
             section(ui, world, "Grid", false, grid::show);
             section(ui, world, "Material", true, material::show);
             section(ui, world, "Camera", true, camera::show);

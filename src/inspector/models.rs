@@ -10,9 +10,8 @@ use bevy::tasks::futures::check_ready;
 use bevy::tasks::futures_lite::StreamExt;
 use bevy::tasks::{IoTaskPool, Task};
 use bevy_egui::egui;
-use vdb_core::pack::PackKind;
 
-use crate::{VdbFile, VdbGrid, VdbVolume};
+use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbRoles, VdbVolume};
 
 /// Entries of folders that are looked at, at most: links may go round in circles.
 const MOST_ENTRIES: usize = 100_000;
@@ -35,20 +34,19 @@ pub(super) struct Models {
     searching: Option<Task<Result<Vec<PathBuf>, String>>>,
     /// Files on their way into volumes.
     opening: Vec<(Entity, AssetPath<'static>, Handle<VdbFile>)>,
-    /// Files that volumes have got a grid of.
+    /// Files that volumes have got a grid of: their other grids stay, to be picked.
     opened: HashMap<Entity, Handle<VdbFile>>,
     /// What went wrong last.
     error: Option<String>,
 }
 
-/// The drop-downs of a volume's model and grid.
+/// The drop-down of a volume's model.
 pub(super) fn show(
     ui: &mut egui::Ui,
     models: &mut Models,
     assets: &AssetServer,
-    files: &Assets<VdbFile>,
     picked: &mut MessageWriter<VdbModelPicked>,
-    volume: Option<(Entity, &mut VdbVolume)>,
+    volume: Option<(Entity, &VdbVolume)>,
 ) {
     if models.found.is_none() && models.searching.is_none() {
         let assets = assets.clone();
@@ -76,19 +74,6 @@ pub(super) fn show(
             models.found = None;
         }
     });
-    if let Some((entity, volume)) = volume {
-        let file = models.opened.get(&entity).and_then(|file| files.get(file));
-        if let Some(file) = file.filter(|file| file.grids.len() > 1) {
-            let mut labels: Vec<_> = file.named_grids.iter().collect();
-            labels.sort_by_key(|(label, _)| *label);
-            let labels = labels.iter().map(|(label, grid)| (label.as_str(), *grid));
-            let labels: Vec<_> = labels.collect();
-            let mut grid = &volume.0.clone();
-            if super::pick(ui, "grid", &mut grid, &labels) {
-                volume.0 = grid.clone();
-            }
-        }
-    }
     for (_, path, _) in &models.opening {
         ui.label(format!("loading {path} …"));
     }
@@ -147,6 +132,7 @@ async fn in_folders(reader: &dyn ErasedAssetReader) -> Result<Vec<PathBuf>, Stri
 
 /// Loads what is picked, and once it is there puts it in the place of the volume's grid.
 pub(super) fn replace(
+    mut commands: Commands,
     mut models: ResMut<Models>,
     mut picked: MessageReader<VdbModelPicked>,
     assets: Res<AssetServer>,
@@ -165,26 +151,26 @@ pub(super) fn replace(
         match (state, file, volumes.get_mut(entity)) {
             (LoadState::Failed(error), ..) => models.error = Some(error.to_string()),
             (LoadState::Loaded, Some(file), Ok(mut volume)) => {
-                let Some(grid) = suited(file, &grids) else {
-                    models.error = Some(format!("{path}: the file has no grids"));
+                // A surface and its colours, or smoke and its fire.
+                let VdbRoles { surfaces, density, emission, colors } = file.roles(&grids);
+                let (grid, emission, colors) = match surfaces.into_iter().next() {
+                    Some(surface) => (Some(surface), None, colors),
+                    None => (density, emission, None),
+                };
+                let Some(grid) = grid else {
+                    models.error = Some(format!("{path}: the file has no grids that can be shown"));
                     continue;
                 };
-                volume.0 = grid.clone();
+                volume.0 = grid;
                 models.opened.insert(entity, handle);
+                let mut entity = commands.entity(entity);
+                entity.remove::<(VdbEmission, VdbColorGrid)>();
+                emission.map(|emission| entity.insert(emission));
+                colors.map(|colors| entity.insert(colors));
             }
             (_, _, Err(_)) => {}
             _ => models.opening.push((entity, path, handle)),
         }
     }
     models.opened.retain(|entity, _| volumes.contains(*entity));
-}
-
-/// The grid of a file that shows most of what it is: a surface, or else the density.
-fn suited<'a>(file: &'a VdbFile, grids: &Assets<VdbGrid>) -> Option<&'a Handle<VdbGrid>> {
-    let of = |test: fn(&VdbGrid) -> bool| {
-        file.grids.iter().find(|grid| grids.get(*grid).is_some_and(test))
-    };
-    of(|grid| !matches!(grid.kind(), PackKind::Fog))
-        .or_else(|| of(|grid| grid.name().eq_ignore_ascii_case("density")))
-        .or_else(|| file.grids.first())
 }

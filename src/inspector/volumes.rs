@@ -1,5 +1,6 @@
 //! The volumes of the app, and which grid the selected one shows how.
 
+use bevy::asset::AssetPath;
 use bevy::prelude::*;
 use bevy::tasks::futures::check_ready;
 use bevy::tasks::{AsyncComputeTaskPool, Task};
@@ -8,11 +9,15 @@ use vdb_core::pack::PackKind;
 
 use super::models::{self, Models, VdbModelPicked};
 use super::{VdbInspector, entity_name};
-use crate::{VdbFile, VdbGrid, VdbGridError, VdbVolume};
+use crate::{VdbGrid, VdbGridError, VdbVolume};
 
 /// A volume's grid being made ready to be shown otherwise.
 #[derive(Component)]
 pub(super) struct Repacking(Task<Result<VdbGrid, VdbGridError>>);
+
+/// The grid of a file that a volume showed before it was made ready to be shown otherwise.
+#[derive(Component)]
+pub(super) struct FromFile(pub(super) AssetPath<'static>);
 
 /// Why a grid could not be.
 #[derive(Component)]
@@ -23,11 +28,11 @@ pub(super) fn show(
     mut commands: Commands,
     mut inspector: ResMut<VdbInspector>,
     mut models: ResMut<Models>,
-    (assets, files, grids): (Res<AssetServer>, Res<Assets<VdbFile>>, Res<Assets<VdbGrid>>),
+    (assets, grids): (Res<AssetServer>, Res<Assets<VdbGrid>>),
     mut picked: MessageWriter<VdbModelPicked>,
     mut volumes: Query<(
         Entity,
-        &mut VdbVolume,
+        &VdbVolume,
         &mut Visibility,
         Option<&Name>,
         Has<Repacking>,
@@ -56,13 +61,11 @@ pub(super) fn show(
         });
     }
     let selected = inspector.volume.and_then(|volume| volumes.get_mut(volume).ok());
-    let Some((entity, mut volume, _, _, repacking, not_repacked)) = selected else {
-        models::show(ui, &mut models, &assets, &files, &mut picked, None);
+    let Some((entity, volume, _, _, repacking, not_repacked)) = selected else {
+        models::show(ui, &mut models, &assets, &mut picked, None);
         return;
     };
-    let mut new = volume.clone();
-    models::show(ui, &mut models, &assets, &files, &mut picked, Some((entity, &mut new)));
-    volume.set_if_neq(new);
+    models::show(ui, &mut models, &assets, &mut picked, Some((entity, volume)));
     let Some(grid) = grids.get(&volume.0) else {
         ui.label("the grid is not there");
         return;
@@ -114,7 +117,12 @@ pub(super) fn finish_repacking(
     for (entity, mut volume, mut repacking) in &mut volumes {
         match check_ready(&mut repacking.0) {
             None => continue,
-            Some(Ok(grid)) => volume.0 = grids.add(grid),
+            Some(Ok(grid)) => {
+                if let Some(path) = volume.0.path() {
+                    commands.entity(entity).insert(FromFile(path.clone()));
+                }
+                volume.0 = grids.add(grid);
+            }
             Some(Err(error)) => {
                 commands.entity(entity).insert(NotRepacked(error.to_string()));
             }

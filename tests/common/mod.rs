@@ -2,6 +2,8 @@
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
+mod adapter;
+
 use std::sync::{Arc, Mutex};
 
 use bevy::app::{PluginsState, ScheduleRunnerPlugin};
@@ -17,25 +19,12 @@ use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::{PipelineCache, TextureFormat, TextureUsages};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
-use bevy_vdb::{VdbCamera, VdbGrid, VdbRenderPlugin};
+use bevy_vdb::{VdbCamera, VdbGrid, VdbRenderPlugin, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::tree::Vdb543;
 
-/// Whether there is a GPU; says aloud where a test is left out because there is none and the
-/// environment allows that.
-pub fn has_gpu() -> bool {
-    let instance = wgpu::Instance::default();
-    let found = bevy::tasks::block_on(instance.request_adapter(&Default::default())).is_ok();
-    if !found {
-        assert!(
-            std::env::var_os("BEVY_VDB_SKIP_GPU").is_some(),
-            "no GPU adapter; install Mesa's software driver (Debian: mesa-vulkan-drivers), or set \
-             BEVY_VDB_SKIP_GPU=1 to leave out these tests"
-        );
-        eprintln!("SKIPPED, as BEVY_VDB_SKIP_GPU says: no GPU adapter");
-    }
-    found
-}
+#[allow(unused_imports, reason = "each test program uses a part of it")]
+pub use adapter::has_gpu;
 
 /// The app, and a place where pictures arrive.
 pub struct Stage {
@@ -142,6 +131,24 @@ impl Stage {
         self.app.world_mut()
     }
 
+    /// Takes all cameras, lights, volumes and meshes away. To begin anew so is quicker than with another
+    /// app, which would have to compile all that it draws with.
+    pub fn clear(&mut self) {
+        type Thing = Or<(
+            With<VdbVolume>,
+            With<Camera3d>,
+            With<DirectionalLight>,
+            With<PointLight>,
+            With<SpotLight>,
+            With<Mesh3d>,
+        )>;
+        let world = self.world();
+        let things: Vec<Entity> = world.query_filtered::<Entity, Thing>().iter(world).collect();
+        things.into_iter().for_each(|thing| _ = world.despawn(thing));
+        world.insert_resource(ClearColor(Color::BLACK));
+        world.insert_resource(GlobalAmbientLight::NONE);
+    }
+
     pub fn update(&mut self, frames: usize) {
         (0..frames).for_each(|_| self.app.update());
     }
@@ -188,7 +195,7 @@ impl Stage {
     /// and a busy machine takes more than a few frames for them.
     fn settle(&mut self) {
         for _ in 0..2000 {
-            self.update(4);
+            self.update(3);
             let render = self.app.sub_app(bevy::render::RenderApp).world();
             if render.resource::<PipelineCache>().waiting_pipelines().next().is_none() {
                 return;
@@ -252,7 +259,6 @@ impl Stage {
             let bytes = self.arrived.lock().unwrap().take();
             if let Some(bytes) = bytes {
                 self.world().despawn(reader);
-                self.update(1);
                 let images = self.world().resource::<Assets<Image>>();
                 let size = images.get(target).unwrap().size();
                 let floats: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);

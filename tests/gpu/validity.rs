@@ -1,14 +1,12 @@
 //! Every variant of every shader passes naga's validator, composed with Bevy's own modules as Bevy
 //! has them.
 
-use bevy::log::LogPlugin;
 use bevy::prelude::*;
-use bevy::render::RenderPlugin;
-use bevy::render::settings::{RenderCreation, WgpuSettings};
 use bevy::shader::{Shader, ShaderImport};
-use bevy::winit::WinitPlugin;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga_oil::compose::{Composer, NagaModuleDescriptor, ShaderDefValue};
+
+use crate::headless;
 
 /// The text of a shader of the crate.
 fn source(name: &str) -> String {
@@ -32,17 +30,7 @@ fn modules() -> Vec<Shader> {
 /// imports: from an app without a GPU.
 fn all_modules() -> Vec<Shader> {
     let mut app = App::new();
-    let nothing = WgpuSettings { backends: None, ..default() };
-    app.add_plugins(
-        DefaultPlugins
-            .set(WindowPlugin { primary_window: None, ..default() })
-            .set(RenderPlugin {
-                render_creation: RenderCreation::Automatic(Box::new(nothing)),
-                ..default()
-            })
-            .disable::<WinitPlugin>()
-            .disable::<LogPlugin>(),
-    );
+    app.add_plugins(headless::plugins(None, AssetPlugin::default()));
     app.finish();
     app.cleanup();
     let mut shaders = app.world_mut().resource_mut::<Assets<Shader>>();

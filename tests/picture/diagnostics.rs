@@ -11,7 +11,7 @@ use bevy_vdb::{
     VdbVolume,
 };
 use vdb_core::pack::PackKind;
-use vdb_core::synth::{fog, level_set};
+use vdb_core::synth::level_set;
 
 use super::common::{Stage, has_gpu};
 use super::{GREEN, SIZE, glow, looking};
@@ -74,7 +74,7 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     check(&mut stage, "without light", "voxels, beams", both, plain);
     stage.world().entity_mut(camera).insert(VdbCamera::default());
 
-    let grid = stage.grid(fog::sphere(DVec3::ZERO, 15.0, 5.0), PackKind::Fog, 0.1);
+    let grid = stage.ball_of_fog(15.0, 5.0);
     let cloud = stage.world().spawn((VdbVolume(grid), glow(GREEN))).id();
     let seen = "voxels, fog, light scattered again, beams, light";
     check(&mut stage, "fog", seen, both, plain);
@@ -121,7 +121,7 @@ fn the_dial_is_turned_by_what_the_gpu_takes() {
     });
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
-    let grid = stage.grid(fog::sphere(DVec3::ZERO, 20.0, 10.0), PackKind::Fog, 0.1);
+    let grid = stage.ball_of_fog(20.0, 10.0);
     stage.world().spawn((VdbVolume(grid), glow(GREEN)));
     let own = VdbQuality { shadow_range: 7.0, ..VdbQuality::HIGH };
     stage.world().entity_mut(camera).insert(own);

@@ -80,11 +80,13 @@ impl Fire<'_> {
     }
 }
 
-/// How much a picture is off in one component, relative to the largest that it should have.
+/// How much a picture is off in one component, relative to the largest that it should have, in pixels of
+/// all its parts.
 fn worst(picture: &Picture, component: usize, expected: impl Fn(u32, u32) -> f64) -> (f64, f64) {
     let (mut largest, mut worst) = (0.0_f64, 0.0_f64);
-    for y in 0..SIZE.y {
-        for x in 0..SIZE.x {
+    // Every third pixel of every other row: the reference takes far longer than the picture.
+    for y in (0..SIZE.y).step_by(2) {
+        for x in (y / 2 % 3..SIZE.x).step_by(3) {
             let expected = expected(x, y);
             largest = largest.max(expected);
             worst = worst.max((f64::from(picture.at(x, y)[component]) - expected).abs());
@@ -99,8 +101,9 @@ fn an_even_box_shines_as_its_closed_form_says() {
         return;
     }
     let tree = fog::block(cube(-10, 9), 1.0);
+    let mut stage = Stage::new();
     for (sigma, is_dense) in [(0.0_f64, false), (0.0, true), (0.3, true), (3.0, true)] {
-        let mut stage = Stage::new();
+        stage.clear();
         let target = stage.target(SIZE);
         // Along an axis, two world units of it, with a voxel's ramp at either end that adds up to one.
         let from = looking(Vec3::Z * 8.0);
@@ -131,8 +134,9 @@ fn black_bodies_shine_through_soot_as_the_reference_tracer_says() {
     let values = fog::sphere(DVec3::new(1.0, 3.0, -2.0), 14.0, 13.0);
     let density = fog::sphere(DVec3::new(4.0, -3.0, 2.0), 14.0, 6.0);
     let (scale, offset, strength) = (2300.0, 700.0, 1e-6);
+    let mut stage = Stage::new();
     for (soots, is_lit) in [(1, false), (2, false), (1, true)] {
-        let mut stage = Stage::new();
+        stage.clear();
         let target = stage.target(SIZE);
         let view = looking(Vec3::new(1.0, 1.5, 5.0));
         stage.camera(&target, view);
@@ -269,8 +273,9 @@ fn surfaces_have_the_colours_of_a_grid_that_stands_otherwise() {
             }
         }
     }
+    let mut stage = Stage::new();
     for kind in [SURFACE, PackKind::Smooth { iso: 0.0 }] {
-        let mut stage = Stage::new();
+        stage.clear();
         let target = stage.target(SIZE);
         let view = looking(Vec3::new(1.0, 1.5, 5.0));
         stage.camera(&target, view);

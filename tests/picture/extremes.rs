@@ -1,6 +1,6 @@
 //! Numbers that no artist would type, and identities that hold for all of them.
 
-use bevy::camera::Exposure;
+use bevy::camera::{Exposure, RenderTarget};
 use bevy::light::EnvironmentMapLight;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
@@ -15,8 +15,13 @@ use super::{SIZE, SURFACE, looking};
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
 
 /// A grid and the look of it, alone before a camera, lit by a sun and the sky.
-fn shown(grid: VdbGrid, material: VdbMaterial, prepare: impl FnOnce(&mut World)) -> Picture {
-    let mut stage = Stage::new();
+fn shown(
+    stage: &mut Stage,
+    grid: VdbGrid,
+    material: VdbMaterial,
+    prepare: impl FnOnce(&mut World),
+) -> Picture {
+    stage.clear();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::new(3.1, 4.7, 6.3)));
     let world = stage.world();
@@ -49,8 +54,10 @@ fn a_grid_looks_the_same_wherever_in_index_space_it_lies() {
         return;
     }
     let shift = IVec3::new((1 << 30) - 12_345, -(1 << 29) - 77, 1_000_003);
+    let mut stage = Stage::new();
     for kind in [SURFACE, SMOOTH, PackKind::Fog] {
-        let picture = |shift| shown(shifted(kind, shift), VdbMaterial::default(), |_| {});
+        let mut picture =
+            |shift| shown(&mut stage, shifted(kind, shift), VdbMaterial::default(), |_| {});
         let (here, there) = (picture(IVec3::ZERO), picture(shift));
         let seen = here.count(|pixel| pixel.x > 0.0);
         assert!(seen > 500, "{seen} pixels of {kind:?}");
@@ -67,14 +74,15 @@ fn a_white_furnace_keeps_its_light() {
     }
     let ball = || level_set::sphere(DVec3::ZERO, 20.0);
     let cloud = || fog::sphere(DVec3::ZERO, 25.0, 12.0);
+    let mut stage = Stage::new();
     // Numbers that 16-bit floats have, as radiance, coverage and the picture are made of them: each
     // rounds by up to 0.025 % of 1.
     for light in [0.75, 1.0, 6.5, 960.0] {
         for (tree, kind) in [(ball(), SURFACE), (ball(), SMOOTH), (cloud(), PackKind::Fog)] {
             let scale = DAffine3::from_scale(DVec3::splat(0.1));
             let grid = VdbGrid::new("white", tree, scale, kind).unwrap();
-            let furnace = |base_color| {
-                shown(grid.clone(), VdbMaterial { base_color, ..default() }, |world| {
+            let mut furnace = |base_color| {
+                shown(&mut stage, grid.clone(), VdbMaterial { base_color, ..default() }, |world| {
                     world.insert_resource(ClearColor(Color::linear_rgb(light, light, light)));
                     let mut cameras = world.query_filtered::<Entity, With<Camera3d>>();
                     let camera = cameras.single(world).unwrap();
@@ -123,7 +131,8 @@ fn no_pixel_is_infinite_or_no_number() {
     let color = |x| LinearRgba::rgb(x, 1.0, 0.0);
     let mut stage = Stage::new();
     let target = stage.target(UVec2::new(32, 20));
-    let camera = stage.camera(&target, looking(Vec3::new(1.0, 2.0, 4.0)));
+    let view = looking(Vec3::new(1.0, 2.0, 4.0));
+    let camera = stage.camera(&target, view);
     stage.world().entity_mut(camera).insert(AmbientLight { brightness: 0.25, ..default() });
     let light = Transform::default().looking_to(Vec3::new(-0.4, -1.0, -0.3), Vec3::Y);
     let sun = stage.world().spawn((DirectionalLight::default(), light)).id();
@@ -158,17 +167,6 @@ fn no_pixel_is_infinite_or_no_number() {
         let seen = show(plain.clone(), 3.0, 0.25, normal).count(|pixel| pixel.x > 0.0);
         assert!(seen > 50, "{seen} pixels of {kind:?}");
         for x in odd {
-            let emissive = VdbMaterial { emissive: color(x), ..plain.clone() };
-            show(emissive, 3.0, 0.25, normal);
-            let albedo = VdbMaterial { base_color: color(x).into(), ..plain.clone() };
-            show(albedo, 3.0, 0.25, normal);
-            let [perceptual_roughness, metallic, reflectance] = [x; 3];
-            let look = VdbMaterial { perceptual_roughness, metallic, reflectance, ..plain.clone() };
-            show(look, 3.0, 0.25, normal);
-            if kind == PackKind::Fog {
-                let density = VdbMaterial { density_scale: x, ..plain.clone() };
-                show(density, 3.0, 0.25, normal);
-            }
             show(plain.clone(), x, 0.25, normal);
             show(plain.clone(), 3.0, x, normal);
         }
@@ -181,22 +179,53 @@ fn no_pixel_is_infinite_or_no_number() {
             };
             show(all, f32::MAX, f32::MAX, Exposure { ev100 });
         }
+        // Materials side by side, each alone on its rays.
+        show(plain.clone(), 3.0, 0.25, normal);
+        let grid = stage.world().get::<VdbVolume>(volume).unwrap().0.clone();
         stage.world().despawn(volume);
+        let mut volumes = Vec::new();
+        for (column, x) in odd.into_iter().enumerate() {
+            let [perceptual_roughness, metallic, reflectance] = [x; 3];
+            let materials = [
+                VdbMaterial { emissive: color(x), ..plain.clone() },
+                VdbMaterial { base_color: color(x).into(), ..plain.clone() },
+                VdbMaterial { perceptual_roughness, metallic, reflectance, ..plain.clone() },
+                VdbMaterial { density_scale: x, ..plain.clone() },
+            ];
+            // The last is for fog alone.
+            let wanted = if kind == PackKind::Fog { 4 } else { 3 };
+            for (row, material) in materials.into_iter().take(wanted).enumerate() {
+                let at = Vec2::new(column as f32 - 2.0, row as f32 - 1.5) * 0.8;
+                let at = Transform::from_translation(view.transform_point(at.extend(-4.5)))
+                    .with_scale(Vec3::splat(0.2));
+                let volume = (VdbVolume(grid.clone()), material, at);
+                volumes.push(stage.world().spawn(volume).id());
+            }
+        }
+        let sheet = stage.target(SIZE);
+        stage.world().entity_mut(camera).insert(RenderTarget::Image(sheet.clone().into()));
+        let picture = stage.picture(&sheet);
+        picture.save(&format!("odd_materials_{kind:?}"));
+        // Green is 1 in all colours.
+        let seen = picture.count(|pixel| pixel.y > 0.5);
+        assert!(seen > 50, "{seen} pixels of {kind:?} in colours");
+        stage.world().entity_mut(camera).insert(RenderTarget::Image(target.clone().into()));
+        pictures += 1;
+        volumes.into_iter().for_each(|volume| _ = stage.world().despawn(volume));
     }
-    for mode in [
-        VdbRenderMode::Gray,
-        VdbRenderMode::Rgb,
-        VdbRenderMode::Normals,
-        VdbRenderMode::Depth,
-        VdbRenderMode::HitVoxel,
-        VdbRenderMode::Steps,
+    let grid = stage.grid(densities(), SMOOTH, 0.1);
+    stage.world().spawn(VdbVolume(grid));
+    for (mode, scales) in [
+        (VdbRenderMode::Gray, &odd[..1]),
+        (VdbRenderMode::Rgb, &odd[..1]),
+        (VdbRenderMode::Normals, &odd[..1]),
+        (VdbRenderMode::Depth, &odd[..1]),
+        (VdbRenderMode::HitVoxel, &odd[..1]),
+        (VdbRenderMode::Steps, &odd[..]),
     ] {
-        for steps_scale in odd {
+        for &steps_scale in scales {
             stage.world().entity_mut(camera).insert(VdbCamera { mode, steps_scale, ..default() });
-            let grid = stage.grid(densities(), SMOOTH, 0.1);
-            let volume = stage.world().spawn(VdbVolume(grid)).id();
             stage.picture(&target);
-            stage.world().despawn(volume);
             pictures += 1;
         }
     }
@@ -217,7 +246,7 @@ fn opaque_fog_hides_what_is_behind() {
     let bright = VdbMaterial { emissive: LinearRgba::rgb(f32::MAX, 1.0, 0.0), ..default() };
     stage.world().spawn((VdbVolume(grid), bright, Transform::from_xyz(0.0, 0.0, -4.0)));
     assert!(stage.picture(&target).center().x > 6e4, "the surface shines");
-    let grid = stage.grid(fog::sphere(DVec3::ZERO, 24.0, 6.0), PackKind::Fog, 0.1);
+    let grid = stage.ball_of_fog(24.0, 6.0);
     let black = VdbMaterial { base_color: Color::BLACK, density_scale: f32::MAX, ..default() };
     stage.world().spawn((VdbVolume(grid), black));
     assert_eq!(stage.picture(&target).center().truncate(), Vec3::ZERO);

@@ -116,7 +116,7 @@ fn judge(name: &str, scene: Scene, wrong: &[(&str, &dyn Fn(&mut World))]) {
     let mut stage = Stage::new();
     compare(name, &scene(&mut stage, &|_| ()));
     let mut error = |change: &dyn Fn(&mut World)| {
-        clear(stage.world());
+        stage.clear();
         mean(&errors(name, &scene(&mut stage, change)).expect("it has been compared"))
     };
     // A hundredth of a pixel to the side, and a thousandth brighter.
@@ -136,13 +136,6 @@ fn judge(name: &str, scene: Scene, wrong: &[(&str, &dyn Fn(&mut World))]) {
 }
 
 /// Takes a scene away.
-fn clear(world: &mut World) {
-    let mut things = world
-        .query_filtered::<Entity, Or<(With<VdbVolume>, With<Camera3d>, With<DirectionalLight>)>>();
-    let things: Vec<Entity> = things.iter(world).collect();
-    things.into_iter().for_each(|thing| _ = world.despawn(thing));
-}
-
 fn without_shadows(world: &mut World) {
     let mut cameras = world.query::<&mut VdbQuality>();
     cameras.single_mut(world).unwrap().shadows = false;

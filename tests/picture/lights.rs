@@ -35,19 +35,28 @@ impl Pair {
         let tree = level_set::sphere(DVec3::ZERO, f64::from(RADIUS) / voxel);
         let grid = stage.grid(tree, PackKind::Smooth { iso: 0.0 }, voxel);
         let world = stage.world();
-        let volume = world.spawn((VdbVolume(grid), material.clone())).id();
+        let volume = world.spawn(VdbVolume(grid)).id();
         let mesh = Sphere::new(RADIUS).mesh().uv(256, 128);
         let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
-        let material = StandardMaterial {
+        let mesh = world.spawn(Mesh3d(mesh)).id();
+        let mut pair = Self { stage, target, camera, volume, mesh };
+        pair.be_of(material);
+        pair
+    }
+
+    /// Gives both the same material.
+    fn be_of(&mut self, material: VdbMaterial) {
+        let standard = StandardMaterial {
             base_color: material.base_color,
             perceptual_roughness: material.perceptual_roughness,
             metallic: material.metallic,
             reflectance: material.reflectance,
             ..default()
         };
-        let material = world.resource_mut::<Assets<StandardMaterial>>().add(material);
-        let mesh = world.spawn((Mesh3d(mesh), MeshMaterial3d(material))).id();
-        Self { stage, target, camera, volume, mesh }
+        let world = self.stage.world();
+        let standard = world.resource_mut::<Assets<StandardMaterial>>().add(standard);
+        world.entity_mut(self.volume).insert(material);
+        world.entity_mut(self.mesh).insert(MeshMaterial3d(standard));
     }
 
     fn show(&mut self, volume: bool) -> Picture {
@@ -139,24 +148,25 @@ fn of_each_material_a_ball_looks_as_one_of_triangles_does() {
         return;
     }
     let base_color = Color::linear_rgb(0.9, 0.6, 0.2);
+    let mut pair = Pair::new(VdbMaterial::default());
+    let map = sky(pair.stage.world());
+    let camera = pair.camera;
+    let world = pair.stage.world();
+    world.spawn(sun());
+    world.spawn(sun()).insert(looking(Vec3::new(-1.0, 4.0, 0.0)));
+    world.spawn(point());
+    world.spawn(spot());
+    world.entity_mut(camera).insert((map, AmbientLight { brightness: 0.1, ..default() }));
     for (perceptual_roughness, metallic, reflectance) in
         [(0.3, 1.0, 0.5), (0.4, 0.4, 0.8), (1.0, 0.0, 0.0)]
     {
-        let mut pair = Pair::new(VdbMaterial {
+        pair.be_of(VdbMaterial {
             base_color,
             perceptual_roughness,
             metallic,
             reflectance,
             ..default()
         });
-        let map = sky(pair.stage.world());
-        let camera = pair.camera;
-        let world = pair.stage.world();
-        world.spawn(sun());
-        world.spawn(sun()).insert(looking(Vec3::new(-1.0, 4.0, 0.0)));
-        world.spawn(point());
-        world.spawn(spot());
-        world.entity_mut(camera).insert((map, AmbientLight { brightness: 0.1, ..default() }));
         pair.compare(&format!("all_{perceptual_roughness}_{metallic}_{reflectance}"));
     }
 }
@@ -212,8 +222,7 @@ fn fog_scatters_what_lights_shed_on_it() {
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 2.0));
     // Small and dense: no light comes through it, and all of it is as far from each light.
-    let block = CoordBox { min: IVec3::splat(-5), max: IVec3::splat(4) };
-    let grid = stage.grid(fog::block(block, 1.0), PackKind::Fog, 0.02);
+    let grid = stage.cube_of_fog(5, 0.02);
     let albedo = Vec3::new(1.0, 0.5, 0.25);
     let base_color = Color::linear_rgb(albedo.x, albedo.y, albedo.z);
     stage
@@ -270,8 +279,7 @@ fn fog_turns_light_as_its_anisotropy_says() {
     let target = stage.target(SIZE);
     let view = looking(Vec3::Z * 2.0);
     let camera = stage.camera(&target, view);
-    let block = CoordBox { min: IVec3::splat(-5), max: IVec3::splat(4) };
-    let grid = stage.grid(fog::block(block, 1.0), PackKind::Fog, 0.02);
+    let grid = stage.cube_of_fog(5, 0.02);
     let ray = pixel_ray(view, SIZE.x / 2, SIZE.y / 2).1.normalize();
     let check = |stage: &mut Stage, name: &str, anisotropy: f32, expected: f64| {
         let material = VdbMaterial { density_scale: 200.0, anisotropy, ..default() };
@@ -411,8 +419,7 @@ fn bevys_distance_fog_lies_before_a_volumes_fog() {
         ..default()
     };
     stage.world().entity_mut(camera).insert(fog);
-    let bbox = CoordBox { min: IVec3::splat(-10), max: IVec3::splat(9) };
-    let grid = stage.grid(fog::block(bbox, 1.0), PackKind::Fog, 0.1);
+    let grid = stage.cube_of_fog(10, 0.1);
     for (density_scale, distance) in [(1e4_f32, 7.0_f32), (0.01, 8.0)] {
         let emissive = LinearRgba::rgb(1.0, 0.5, 0.0);
         let material =
@@ -438,7 +445,7 @@ fn fog_in_samples_is_close_to_the_integral() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 6.0));
-    let grid = stage.grid(fog::sphere(DVec3::ZERO, 20.0, 8.0), PackKind::Fog, 0.1);
+    let grid = stage.ball_of_fog(20.0, 8.0);
     let emissive = LinearRgba::rgb(1.0, 0.5, 0.25);
     let material =
         VdbMaterial { density_scale: 0.5, base_color: Color::BLACK, emissive, ..default() };

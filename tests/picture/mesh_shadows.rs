@@ -385,6 +385,9 @@ fn two_cameras_see_the_shadow() {
             let material = VdbMaterial::default();
             scene.volume(tree.clone(), PackKind::Smooth { iso: 0.0 }, material);
             let world = scene.stage.world();
+            // Both see the same, however coarse.
+            world.insert_resource(DirectionalLightShadowMap { size: 256 });
+            world.insert_resource(PointLightShadowMap { size: 128 });
             if is_sun {
                 world.spawn(sun(TO_SUN))
             } else {

@@ -75,8 +75,9 @@ fn borders_of_nodes_are_where_they_are_and_evenly_wide() {
         return;
     }
     let bbox = CoordBox { min: IVec3::new(-160, -160, -8), max: IVec3::new(159, 159, -1) };
+    let mut stage = Stage::new();
     for (height, tilt) in [(2.0, 0.0), (1.0, 0.0), (2.0, 0.8), (8.0, 0.0)] {
-        let mut stage = Stage::new();
+        stage.clear();
         let target = stage.target(SIZE);
         let from = Quat::from_rotation_y(tilt) * (Vec3::Z * 8.0);
         let camera = stage.camera(&target, looking(from));

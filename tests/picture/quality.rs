@@ -40,8 +40,9 @@ fn fewer_rays_leave_the_edges_of_meshes_sharp() {
     if !has_gpu() {
         return;
     }
+    let mut stage = Stage::new();
     for (msaa, motion) in [(Msaa::Off, false), (Msaa::Sample4, false), (Msaa::Off, true)] {
-        let mut stage = Stage::new();
+        stage.clear();
         let target = stage.target(SIZE);
         let camera = stage.camera(&target, looking(Vec3::Z * 6.0));
         stage.world().entity_mut(camera).insert(msaa);
@@ -90,7 +91,7 @@ fn fewer_rays_show_the_same_fog() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 6.0));
-    let grid = stage.grid(fog::sphere(DVec3::ZERO, 20.0, 8.0), PackKind::Fog, 0.1);
+    let grid = stage.ball_of_fog(20.0, 8.0);
     let blue = VdbMaterial { density_scale: 0.5, ..glow(LinearRgba::BLUE) };
     stage.world().spawn((VdbVolume(grid), blue));
     stage.red_cube(0.8, Transform::from_xyz(0.6, 0.0, 0.0));
@@ -177,7 +178,7 @@ fn a_volume_overrides_the_camera() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 7.0));
-    let grid = stage.grid(fog::sphere(DVec3::ZERO, 12.0, 8.0), PackKind::Fog, 0.1);
+    let grid = stage.ball_of_fog(12.0, 8.0);
     let [left, _] = [-1.5, 1.5].map(|x| {
         let at = Transform::from_xyz(x, 0.0, 0.0);
         stage.world().spawn((VdbVolume(grid.clone()), glow(LinearRgba::WHITE), at)).id()
@@ -248,7 +249,7 @@ fn what_is_shown_stays_while_pipelines_are_compiled() {
     stage.green_sphere(Transform::default());
     let first = stage.picture(&target);
     assert!(is_green(first.center()));
-    let cloud = stage.grid(fog::sphere(DVec3::ZERO, 10.0, 4.0), PackKind::Fog, 0.1);
+    let cloud = stage.ball_of_fog(10.0, 4.0);
     let ball = stage.grid(level_set::sphere(DVec3::ZERO, 10.0), SMOOTH, 0.1);
     let changes: [(&str, &dyn Fn(&mut World)); 5] = [
         ("fog", &|world| {

@@ -9,8 +9,7 @@ use bevy::post_process::bloom::Bloom;
 use bevy::prelude::*;
 use bevy_vdb::{VdbMaterial, VdbVolume};
 use vdb_core::pack::PackKind;
-use vdb_core::synth::{fog, level_set};
-use vdb_core::tree::CoordBox;
+use vdb_core::synth::level_set;
 
 use super::common::{Picture, Stage, has_gpu};
 use super::{GREEN, SIZE, SURFACE, glow, is_green, is_red, looking};
@@ -38,8 +37,7 @@ fn deferred_meshes_and_volumes_hide_each_other() {
         stage.green_sphere(Transform::default());
         let rotated = Transform::from_rotation(Quat::from_rotation_y(0.7));
         stage.red_cube(1.0, rotated.with_scale(Vec3::splat(3.2)));
-        let bbox = CoordBox { min: IVec3::splat(-10), max: IVec3::splat(9) };
-        let grid = stage.grid(fog::block(bbox, 1.0), PackKind::Fog, 0.1);
+        let grid = stage.cube_of_fog(10, 0.1);
         let blue = VdbMaterial { density_scale: 0.5, ..glow(LinearRgba::BLUE) };
         stage.world().spawn((VdbVolume(grid), blue, Transform::from_xyz(2.5, 0.0, 0.0)));
         let picture = stage.picture(&target);
@@ -58,13 +56,14 @@ fn volumes_bloom_and_are_tonemapped_as_meshes_are() {
     if !has_gpu() {
         return;
     }
+    let mut stage = Stage::new();
     for (hdr, tonemapping) in [
         (true, Tonemapping::None),
         (true, Tonemapping::AcesFitted),
         (false, Tonemapping::AcesFitted),
     ] {
-        let shown = |is_volume: bool| {
-            let mut stage = Stage::new();
+        let mut shown = |is_volume: bool| {
+            stage.clear();
             let target = stage.target(SIZE);
             let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
             let mut camera = stage.world().entity_mut(camera);
@@ -122,7 +121,7 @@ fn the_order_of_spawning_does_not_matter() {
             PackKind::Smooth { iso: 0.0 },
             0.1,
         );
-        let cloud = stage.grid(fog::sphere(DVec3::ZERO, 20.0, 8.0), PackKind::Fog, 0.1);
+        let cloud = stage.ball_of_fog(20.0, 8.0);
         let thin = |color| VdbMaterial { density_scale: 0.4, ..glow(color) };
         let things = [
             (ball, glow(LinearRgba::RED), Vec3::ZERO),

@@ -6,8 +6,7 @@ use bevy::math::DVec3;
 use bevy::pbr::AtmosphereSettings;
 use bevy::prelude::*;
 use bevy_vdb::{VdbMaterial, VdbVolume};
-use vdb_core::pack::PackKind;
-use vdb_core::synth::{fog, level_set};
+use vdb_core::synth::level_set;
 
 use super::common::{Picture, Stage, has_gpu};
 use super::{SIZE, SURFACE, glow, looking};
@@ -41,7 +40,7 @@ fn shown(sky: bool, volumes: bool, samples: Msaa) -> Picture {
         let ball = stage.grid(level_set::sphere(DVec3::ZERO, 15.0), SURFACE, 0.1);
         let red = glow(LinearRgba::rgb(2.0, 0.0, 0.0));
         stage.world().spawn((VdbVolume(ball), red, Transform::from_xyz(-2.0, 0.0, 0.0)));
-        let cloud = stage.grid(fog::sphere(DVec3::ZERO, 15.0, 4.0), PackKind::Fog, 0.1);
+        let cloud = stage.ball_of_fog(15.0, 4.0);
         // Black, so that what is seen in it is what it lets through.
         let black = VdbMaterial { density_scale: 0.5, ..glow(LinearRgba::BLACK) };
         stage.world().spawn((VdbVolume(cloud), black, Transform::from_xyz(2.0, 0.0, 0.0)));

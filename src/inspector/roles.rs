@@ -1,0 +1,168 @@
+//! What the grids of its file are for the selected volume: density or surface, fire, colours.
+
+use bevy::asset::AssetPath;
+use bevy::prelude::*;
+use bevy_egui::egui;
+use vdb_core::pack::PackKind;
+
+use super::VdbInspector;
+use super::volumes::FromFile;
+use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbVectorGrid, VdbVolume};
+
+/// Grids of a file that are loaded, by label.
+type Labelled<A> = Vec<(String, Handle<A>)>;
+
+pub(super) fn show(
+    InMut(ui): InMut<egui::Ui>,
+    mut commands: Commands,
+    inspector: Res<VdbInspector>,
+    assets: Res<AssetServer>,
+    (grids, vectors): (Res<Assets<VdbGrid>>, Res<Assets<VdbVectorGrid>>),
+    mut volumes: Query<(
+        Entity,
+        &mut VdbVolume,
+        Option<&mut VdbEmission>,
+        Option<&VdbColorGrid>,
+        Option<&FromFile>,
+    )>,
+) {
+    let selected = inspector.volume.and_then(|volume| volumes.get_mut(volume).ok());
+    let Some((entity, mut volume, emission, colors, from_file)) = selected else {
+        ui.weak("there is no volume");
+        return;
+    };
+    let file = volume.0.path().or(from_file.map(|FromFile(file)| file));
+    let file = file.map(AssetPath::without_label);
+    let (scalars, colorful) = match &file {
+        Some(file) => (of_file(&assets, &grids, file), of_file(&assets, &vectors, file)),
+        None => default(),
+    };
+    let own = volume.0.clone();
+    if scalars.len() > 1 {
+        // One that is shown otherwise than the file says is still that grid of the file.
+        let other = from_file.filter(|_| own.path().is_none()).and_then(|FromFile(at)| at.label());
+        let grid = |(label, grid)| (label, if other == Some(label) { &own } else { grid });
+        let all: Vec<_> = scalars.iter().map(|(label, one)| grid((&**label, one))).collect();
+        let mut grid = &own;
+        if super::pick(ui, "grid", &mut grid, &all) {
+            volume.0 = grid.clone();
+        }
+    }
+    let is_fog = |handle: &Handle<VdbGrid>| {
+        grids.get(handle).is_some_and(|grid| matches!(grid.kind(), PackKind::Fog))
+    };
+    let fogs = scalars.into_iter().filter(|(_, grid)| *grid != own && is_fog(grid));
+    let fire = fogs.map(|(label, grid)| (label, Fire::Fog(grid)));
+    let colored = colorful.iter().map(|(label, grid)| (label.clone(), Fire::Colors(grid.clone())));
+    let fires: Vec<(String, Fire)> = fire.chain(colored).collect();
+    let mut own = emission.as_deref().map(Fire::of);
+    if (!fires.is_empty() || own.is_some()) && pick(ui, "fire", &mut own, &fires, "made in memory")
+    {
+        match own.as_ref().map(|fire| fire.guess(&grids, &vectors)) {
+            None => _ = commands.entity(entity).remove::<VdbEmission>(),
+            Some(Some(guess)) => _ = commands.entity(entity).insert(guess),
+            Some(None) => {}
+        }
+    } else if let Some(mut emission) = emission {
+        let mut new = emission.clone();
+        adjust(ui, &mut new);
+        emission.set_if_neq(new);
+    }
+    let mut own = colors.map(|colors| colors.0.clone());
+    if (!colorful.is_empty() || own.is_some())
+        && pick(ui, "colours", &mut own, &colorful, "made in memory")
+    {
+        match own {
+            None => commands.entity(entity).remove::<VdbColorGrid>(),
+            Some(grid) => commands.entity(entity).insert(VdbColorGrid(grid)),
+        };
+    }
+    if fires.is_empty() && colorful.is_empty() {
+        ui.weak("the file has no other grids");
+    }
+}
+
+/// The grids of one file that are there, by ascending label.
+fn of_file<A: Asset>(assets: &AssetServer, all: &Assets<A>, file: &AssetPath) -> Labelled<A> {
+    let own = all.ids().filter_map(|id| {
+        let path = assets.get_path(id)?;
+        let label = path.label().filter(|_| path.without_label() == *file)?;
+        Some((label.to_owned(), assets.get_id_handle(id)?))
+    });
+    let mut own: Labelled<A> = own.collect();
+    own.sort_by(|a, b| a.0.cmp(&b.0));
+    own
+}
+
+/// What may shine.
+#[derive(Clone, PartialEq)]
+enum Fire {
+    Fog(Handle<VdbGrid>),
+    Colors(Handle<VdbVectorGrid>),
+}
+
+impl Fire {
+    fn of(emission: &VdbEmission) -> Self {
+        match emission {
+            VdbEmission::Temperature { grid, .. } | VdbEmission::Scalar { grid, .. } => {
+                Self::Fog(grid.clone())
+            }
+            VdbEmission::Color { grid, .. } => Self::Colors(grid.clone()),
+        }
+    }
+
+    fn guess(
+        &self,
+        grids: &Assets<VdbGrid>,
+        vectors: &Assets<VdbVectorGrid>,
+    ) -> Option<VdbEmission> {
+        match self {
+            Self::Fog(handle) => Some(VdbEmission::guess(handle.clone(), grids.get(handle)?)),
+            Self::Colors(handle) => {
+                Some(VdbEmission::guess_color(handle.clone(), vectors.get(handle)?))
+            }
+        }
+    }
+}
+
+/// One of a few, or none; whether it has changed. What is not one of them has a name of its own.
+fn pick<T: Clone + PartialEq>(
+    ui: &mut egui::Ui,
+    label: &str,
+    value: &mut Option<T>,
+    all: &[(String, T)],
+    otherwise: &str,
+) -> bool {
+    let before = value.clone();
+    let now = all.iter().find(|(_, one)| Some(one) == before.as_ref()).map(|(name, _)| &**name);
+    let now = if before.is_none() { "none" } else { now.unwrap_or(otherwise) };
+    egui::ComboBox::from_label(label).selected_text(now).truncate().show_ui(ui, |ui| {
+        let all = all.iter().map(|(name, one)| (&**name, Some(one.clone())));
+        for (name, one) in std::iter::once(("none", None)).chain(all) {
+            if ui.selectable_value(value, one, name).clicked() {
+                ui.close();
+            }
+        }
+    });
+    *value != before
+}
+
+/// How it shines.
+fn adjust(ui: &mut egui::Ui, emission: &mut VdbEmission) {
+    match emission {
+        VdbEmission::Temperature { scale, offset, strength, .. } => {
+            let kelvin = super::slider(scale, 0.0..=10_000.0).logarithmic(true);
+            ui.add(kelvin.smallest_positive(0.1).text("kelvin a unit"));
+            ui.add(super::slider(offset, 0.0..=5_000.0).text("kelvin of 0"));
+            glow(ui, strength);
+        }
+        VdbEmission::Color { strength, .. } => glow(ui, strength),
+        // Colours of light beyond all bounds have no control; the app has chosen this one.
+        VdbEmission::Scalar { .. } => {}
+    }
+}
+
+fn glow(ui: &mut egui::Ui, strength: &mut f32) {
+    let slider = super::slider(strength, 0.0..=100_000.0).logarithmic(true);
+    ui.add(slider.smallest_positive(1e-6).max_decimals(6).text("glow"));
+}
