@@ -24,6 +24,7 @@ mod bricks;
 mod build;
 mod cells;
 mod crown;
+pub mod edit;
 pub mod exact;
 pub mod layout;
 mod leaps;
