@@ -7,6 +7,7 @@ mod blackbody;
 mod cast;
 mod cast_pipeline;
 mod composite;
+mod edits;
 mod entries;
 mod extract;
 mod extras;
@@ -73,6 +74,7 @@ pub(crate) fn build(app: &mut App) {
         .insert_resource(diagnostics)
         .init_resource::<extract::ExtractedVolumes>()
         .init_resource::<extract::ExtractedSuns>()
+        .init_resource::<edits::ExtractedEdits>()
         .init_resource::<warnings::Warned>()
         .init_resource::<cast::CastShadows>()
         .init_gpu_resource::<VdbTreePool>()
@@ -87,7 +89,12 @@ pub(crate) fn build(app: &mut App) {
         .add_systems(RenderStartup, pipeline::init.after(MeshPipelineSystems))
         .add_systems(
             ExtractSchedule,
-            (extract::extract_volumes, extract::extract_suns, extract::extract_environments),
+            (
+                extract::extract_volumes,
+                edits::extract_edits,
+                extract::extract_suns,
+                extract::extract_environments,
+            ),
         )
         .add_systems(
             Render,

@@ -5,7 +5,7 @@ use vdb_core::pack::edit::{Changes, Editor, Voxel};
 use vdb_core::pack::layout::{CHILD, MIXED, OCCUPIED};
 use vdb_core::pack::{PackKind, PackedGrid, ValueFormat, walk};
 use vdb_core::synth::{Random, fog, level_set, rays};
-use vdb_core::tree::{CoordBox, IVec3, Vdb543};
+use vdb_core::tree::{CoordBox, IVec3, Node, Vdb543};
 
 const KINDS: [PackKind; 3] =
     [PackKind::Surface { iso: 0.0 }, PackKind::Smooth { iso: 0.0 }, PackKind::Fog];
@@ -68,8 +68,12 @@ impl Edited {
         for _ in 0..4 {
             compare_slots(&self.packed, &whole, place(random), bounds);
         }
+        let leaves: Vec<IVec3> = self.tree.leaves().map(Node::origin).collect();
+        for _ in 0..leaves.len().min(rays) {
+            let leaf = leaves[random.below(leaves.len() as u64) as usize];
+            compare_cells(&self.packed, &whole, leaf, bounds);
+        }
         for _ in 0..rays {
-            compare_cell(&self.packed, &whole, random, bounds);
             compare_ray(&self.packed, &whole, random, bounds);
         }
     }
@@ -98,15 +102,15 @@ fn compare_slots(one: &PackedGrid, two: &PackedGrid, at: IVec3, bounds: CoordBox
     }
 }
 
-/// What is in a cell: in the whole leaf around it the bits, and the samples at its corners.
-fn compare_cell(one: &PackedGrid, two: &PackedGrid, random: &mut Random, bounds: CoordBox) {
-    let axis = |random: &mut Random, a: usize| {
-        bounds.min[a] + random.below((bounds.max[a] - bounds.min[a] + 1) as u64) as i32
-    };
-    let ijk = IVec3::new(axis(random, 0), axis(random, 1), axis(random, 2));
-    for x in -2..3 {
+/// What is in each cell of the cubes around a leaf of the tree: whether it is occupied, and the samples
+/// at its corners.
+fn compare_cells(one: &PackedGrid, two: &PackedGrid, leaf: IVec3, bounds: CoordBox) {
+    for i in 0..1000 {
+        let ijk = leaf + IVec3::new(i / 100, i / 10 % 10, i % 10) - 1;
         // Rays look at cells of the box alone.
-        let ijk = (ijk + IVec3::new(x, x & 1, -x)).clamp(bounds.min, bounds.max);
+        if !bounds.contains(ijk) {
+            continue;
+        }
         let [a, b] = [one, two].map(|grid| walk::locate(grid, ijk - grid.base, 0));
         let cut = |span: walk::Span| (span.occupied(), span.log_dim.min(LARGEST));
         assert_eq!(cut(a), cut(b), "{ijk}: {a:?} {b:?}");
@@ -235,6 +239,6 @@ fn an_edited_grid_is_that_of_its_tree() {
             parts += edited.parts;
         }
         println!("{kind:?}: {parts} commits in part, {wholes} of everything");
-        assert!(parts > 2 * wholes, "hardly a commit was in part");
+        assert!(parts > wholes, "hardly a commit was in part");
     }
 }

@@ -144,6 +144,11 @@ impl PackedGrid {
         (!matches!(self.kind, PackKind::Surface { .. })).then_some(self.header.format)
     }
 
+    /// The same without its words: all that is to be known of it but for walking it.
+    pub fn outline(&self) -> Self {
+        Self { words: Vec::new(), header: self.header, ..*self }
+    }
+
     /// Bytes that the grid takes on the GPU.
     pub fn bytes(&self) -> u64 {
         4 * self.words.len() as u64

@@ -63,6 +63,19 @@ pub enum Changes {
     All,
 }
 
+impl Changes {
+    /// These and later ones.
+    pub fn and(self, later: Self) -> Self {
+        match (self, later) {
+            (Self::Words(mut words), Self::Words(later)) => {
+                words.extend(later);
+                Self::Words(commit::merged(words))
+            }
+            _ => Self::All,
+        }
+    }
+}
+
 impl Editor {
     /// Changes voxels of the tree, which must be the same one each time.
     pub fn edit<'a>(&'a mut self, tree: &'a mut Vdb543<f32>) -> VoxelEdit<'a> {
