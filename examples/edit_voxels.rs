@@ -19,10 +19,10 @@ const VOXEL: f32 = 0.02;
 const RADIUS: f32 = 1.6;
 /// Of the groove around the ball, and how long it takes, in seconds.
 const TURNS: f32 = 7.0;
-const SECONDS: f32 = 6.0;
+const SECONDS: f32 = 3.0;
 const BEADS: f32 = 90.0;
 /// Places of the tool in a frame.
-const DABS: u32 = 8;
+const DABS: u32 = 12;
 
 fn main() -> AppExit {
     helpers::app()

@@ -149,6 +149,9 @@ impl VdbGrid {
     /// }
     /// ```
     ///
+    /// [`VdbSpatialQuery`](crate::VdbSpatialQuery) reads `Assets<VdbGrid>`, which a system that edits
+    /// writes: what is asked before an edit is asked by a system before.
+    ///
     /// Coordinates are those of index space: from a place in the world they come by
     /// [`VdbSpatialQuery::world_from_index`](crate::VdbSpatialQuery::world_from_index), or with the hit
     /// of a ray. A level set stays one where what is written is a distance in its units; a file's are
