@@ -17,6 +17,7 @@ mod gpu_tree;
 mod hierarchy;
 mod lights;
 mod motion;
+mod paging;
 mod pipeline;
 mod prepare;
 mod report;
