@@ -72,7 +72,10 @@ mod tests {
         let mut sizes = std::collections::BTreeSet::new();
         for least in 1..4096 {
             let size = rounded(least);
-            assert!(size >= least && size % 8 == 0 && size <= least + least / 4 + 8, "{least}");
+            assert!(
+                size >= least && size.is_multiple_of(8) && size <= least + least / 4 + 8,
+                "{least}"
+            );
             sizes.insert(size);
         }
         assert!(sizes.len() < 40, "{sizes:?}");

@@ -188,7 +188,7 @@ impl Sections {
                     PackKind::Smooth { .. } => {
                         let (records, from) = packed.smooth_leaf(leaf);
                         let run = samples_of[place as usize];
-                        put(header.leaf(place), &rebased(&records, run.first));
+                        put(header.leaf(place), &rebased(records, run.first));
                         put(header.samples + run.first, from);
                     }
                     PackKind::Fog => {

@@ -66,11 +66,9 @@ impl VoxelEdit<'_> {
         if self.voxel(ijk).same(voxel) {
             return;
         }
-        if voxel.active {
-            self.tree.set(ijk, voxel.value);
-        } else {
-            self.tree.set_inactive(ijk, voxel.value);
-        }
+        let (leaf, slot) = (self.tree.touch_leaf(ijk), Leaf::slot(ijk));
+        leaf.values_slice_mut()[slot] = voxel.value;
+        leaf.value_mask_mut().set(slot, voxel.active);
         self.changed.insert(ijk >> LEAF_BITS as i32);
     }
 
