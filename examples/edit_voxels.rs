@@ -22,7 +22,7 @@ const TURNS: f32 = 7.0;
 const SECONDS: f32 = 3.0;
 const BEADS: f32 = 90.0;
 /// Places of the tool in a frame.
-const DABS: u32 = 12;
+const DABS: u32 = 20;
 
 fn main() -> AppExit {
     helpers::app()

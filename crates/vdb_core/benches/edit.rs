@@ -21,7 +21,7 @@ const RADIUS: f32 = 28.8;
 fn main() -> Result<(), Box<dyn Error>> {
     println!(
         "{} threads; medians of {FRAMES} frames: milliseconds to set the voxels, to commit them, and \
-         KiB that the GPU is sent; in brackets the longest frame, and how many packed everything.",
+         KiB that the GPU is sent; the longest frame, and how many packed everything.",
         rayon::current_num_threads()
     );
     println!(
