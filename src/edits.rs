@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     fn words(first: u32) -> Changes {
-        Changes::Words(vec![first..first + 10])
+        Changes::Words(std::iter::once(first..first + 10).collect())
     }
 
     #[test]
