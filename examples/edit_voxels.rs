@@ -72,7 +72,9 @@ fn setup(
     let bead = (Mesh3d(meshes.add(Sphere::new(0.06))), MeshMaterial3d(materials.add(glow)));
     commands.spawn((Tool, bead, Transform::from_scale(Vec3::ZERO)));
     let eye = Transform::from_xyz(2.2, 1.9, 4.2).looking_at(Vec3::ZERO, Vec3::Y);
-    commands.spawn((Camera3d::default(), eye));
+    // There is no mesh for its shadow to fall on.
+    let settings = VdbCamera { mesh_shadows: false, ..default() };
+    commands.spawn((Camera3d::default(), settings, eye));
     let sun = DirectionalLight { illuminance: 9_000.0, shadow_maps_enabled: true, ..default() };
     commands.spawn((sun, Transform::from_xyz(-4.0, 5.0, 4.0).looking_at(Vec3::ZERO, Vec3::Y)));
     Ok(())
