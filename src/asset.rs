@@ -157,6 +157,8 @@ impl VdbGrid {
     /// of a ray. A level set stays one where what is written is a distance in its units; a file's are
     /// world units.
     ///
+    /// A file that is loaded again replaces what has been edited.
+    ///
     /// **What it costs.** The first edit packs the whole grid anew, with room for it to grow by half:
     /// that is time, and memory on the GPU, that only edited grids take; and their samples are kept in 32
     /// bits. From then on an edit costs what it changes. Once the room is used up, all is packed
