@@ -11,7 +11,8 @@ use vdb_core::pack::{PackError, PackKind, PackedGrid};
 use vdb_core::tree::Vdb543;
 use vdb_core::{GridClass, Metadata, SkippedGrid};
 
-use crate::{VdbValues, VdbVectorGrid};
+use crate::edits::Edits;
+use crate::{VdbEdit, VdbValues, VdbVectorGrid};
 
 /// A `.vdb` file: the root asset of `asset_server.load::<VdbFile>("smoke.vdb")`.
 ///
@@ -43,6 +44,9 @@ pub struct VdbGrid {
     packed: Arc<PackedGrid>,
     /// Where they have been made: at a half of the resolution, at a quarter …
     levels: Option<Arc<[Arc<PackedGrid>]>>,
+    /// As asked for; while voxels are edited, samples are kept in full.
+    values: VdbValues,
+    edits: Option<Box<Edits>>,
 }
 
 /// Why a tree could not be made a [`VdbGrid`].
@@ -93,7 +97,7 @@ impl VdbGrid {
     pub fn with_values(mut self, values: VdbValues) -> Result<Self, VdbGridError> {
         let packed = PackedGrid::with_format(&self.tree, self.packed.kind, values.into())?;
         self.packed = Arc::new(packed);
-        self.levels = None;
+        (self.levels, self.edits, self.values) = (None, None, values);
         Ok(self)
     }
 
@@ -103,6 +107,7 @@ impl VdbGrid {
     /// When the tree is larger than a GPU grid can be.
     pub fn with_kind(mut self, kind: PackKind) -> Result<Self, VdbGridError> {
         self.packed = Arc::new(PackedGrid::new(&self.tree, kind)?);
+        (self.levels, self.edits, self.values) = (None, None, VdbValues::Exact);
         Ok(self)
     }
 
@@ -117,7 +122,85 @@ impl VdbGrid {
     ) -> Result<Self, VdbGridError> {
         check_transform(world_from_index)?;
         let packed = Arc::new(PackedGrid::with_format(&tree, kind, values.into())?);
-        Ok(Self { name, class, world_from_index, metadata, tree, packed, levels: None })
+        let (levels, edits) = (None, None);
+        Ok(Self { name, class, world_from_index, metadata, tree, packed, levels, values, edits })
+    }
+
+    /// Changes voxels, and brings what rays meet, on the CPU and on the GPU, up to date with them: at
+    /// once for [`VdbSpatialQuery`](crate::VdbSpatialQuery) and picking, in the same frame for the
+    /// picture, where a system of `Update` does it.
+    ///
+    /// ```no_run
+    /// # use bevy::prelude::*;
+    /// # use bevy_vdb::{VdbGrid, VdbVolume, VdbVoxel};
+    /// # use vdb_core::tree::CoordBox;
+    /// fn dig(volume: Single<&VdbVolume>, mut grids: ResMut<Assets<VdbGrid>>) -> Result {
+    ///     let Some(mut grid) = grids.get_mut(&volume.0) else { return Ok(()) };
+    ///     let (middle, radius) = (IVec3::new(40, 12, 7), 9.0);
+    ///     let bbox = CoordBox { min: middle - 12, max: middle + 12 };
+    ///     grid.edit(|voxels| {
+    ///         // What is in the ball is no longer in the level set.
+    ///         voxels.update(bbox, |ijk, old| {
+    ///             let depth = radius - (ijk - middle).as_vec3().length();
+    ///             VdbVoxel { value: old.value.max(depth), ..old }
+    ///         });
+    ///     })?;
+    ///     Ok(())
+    /// }
+    /// ```
+    ///
+    /// [`VdbSpatialQuery`](crate::VdbSpatialQuery) reads `Assets<VdbGrid>`, which a system that edits
+    /// writes: what is asked before an edit is asked by a system before.
+    ///
+    /// Coordinates are those of index space: from a place in the world they come by
+    /// [`VdbSpatialQuery::world_from_index`](crate::VdbSpatialQuery::world_from_index), or with the hit
+    /// of a ray. A level set stays one where what is written is a distance in its units; a file's are
+    /// world units.
+    ///
+    /// A file that is loaded again replaces what has been edited.
+    ///
+    /// **What it costs.** The first edit packs the whole grid anew, with room for it to grow by half:
+    /// that is time, and memory on the GPU, that only edited grids take; and their samples are kept in 32
+    /// bits. From then on an edit costs what it changes. Once the room is used up, all is packed
+    /// anew, with new room. Nothing is copied as long as no one else holds [`VdbGrid::tree`] or
+    /// [`VdbGrid::packed`]: else both are, once. A grid that is edited has no levels of detail:
+    /// [`VdbGrid::finish_edits`].
+    ///
+    /// # Errors
+    /// When the tree has become larger than a GPU grid can be. The tree then has the edit, and nothing of
+    /// the grid is shown until another one succeeds.
+    pub fn edit<R>(&mut self, f: impl FnOnce(&mut VdbEdit) -> R) -> Result<R, VdbGridError> {
+        self.levels = None;
+        let edits = self.edits.get_or_insert_default();
+        Ok(edits.edit(&mut self.tree, &mut self.packed, f)?)
+    }
+
+    /// Packs the grid as if it had been loaded as it is now: without room to grow, its samples in as many
+    /// bits as were asked for, and with levels of detail where cameras ask for them.
+    ///
+    /// # Errors
+    /// When the tree is larger than a GPU grid can be.
+    pub fn finish_edits(&mut self) -> Result<(), VdbGridError> {
+        if self.edits.is_some() {
+            let packed = PackedGrid::with_format(&self.tree, self.kind(), self.values.into())?;
+            (self.packed, self.edits) = (Arc::new(packed), None);
+        }
+        Ok(())
+    }
+
+    /// Whether voxels have been edited, and may be again at no more cost than theirs.
+    pub fn is_edited(&self) -> bool {
+        self.edits.is_some()
+    }
+
+    pub(crate) fn edits(&self) -> Option<&Edits> {
+        self.edits.as_deref()
+    }
+
+    /// What the renderer keeps of the packed grid from frame to frame. Of one that is edited it has no
+    /// words, or they would have to be copied before they can change.
+    pub(crate) fn outline(&self) -> Arc<PackedGrid> {
+        if self.edits.is_some() { Arc::new(self.packed.outline()) } else { self.packed.clone() }
     }
 
     /// The grid's name in its file; may be empty.

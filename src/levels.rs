@@ -49,7 +49,8 @@ pub(crate) fn make_levels(
     for volume in &volumes {
         let id = volume.0.id();
         let Some(grid) = grids.get(id) else { continue };
-        if grid.levels().is_none() && !pending.tasks.contains_key(&id) {
+        // They would be out of date by the next edit, and make it copy what they are made of.
+        if !grid.is_edited() && grid.levels().is_none() && !pending.tasks.contains_key(&id) {
             let grid = grid.clone();
             let task = AsyncComputeTaskPool::get()
                 .spawn(async move { Levels { of: grid.packed().clone(), levels: coarser(&grid) } });

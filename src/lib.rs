@@ -6,6 +6,7 @@ mod bounds;
 mod components;
 mod diagnostics;
 mod dial;
+mod edits;
 mod extras;
 #[cfg(feature = "egui")]
 mod inspector;
@@ -51,6 +52,7 @@ pub use render::{VdbGpuUsage, VdbSystems};
 pub use roles::VdbRoles;
 pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};
 pub use vdb_core;
+pub use vdb_core::pack::edit::{Voxel as VdbVoxel, VoxelEdit as VdbEdit};
 pub use vector_grid::VdbVectorGrid;
 
 /// What a game usually needs: `use bevy_vdb::prelude::*;`
@@ -59,7 +61,7 @@ pub mod prelude {
         VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,
         VdbMaterial, VdbOverlays, VdbQuality, VdbRayCastSettings, VdbRayHit, VdbRenderMode,
         VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVectorGrid, VdbVolume,
-        VdbVolumeQuality,
+        VdbVolumeQuality, VdbVoxel,
     };
     pub use crate::{VdbFeatureCosts, VdbMeasureFeatures};
     #[cfg(feature = "egui")]

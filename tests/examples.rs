@@ -86,6 +86,24 @@ fn gold_and_chrome_mirror_the_studio() {
 }
 
 #[test]
+fn clay_is_carved_and_set_with_beads() {
+    if !has_gpu() {
+        return;
+    }
+    let picture = picture("edit_voxels");
+    let clay = |[r, g, b]: [i32; 3]| r > 50 && r > g + 15 && g >= b;
+    let clays = count(&picture, clay);
+    assert!(clays > picture.len() / 10, "{clays} pixels of clay");
+    // Down its middle the ball is light and dark again and again, where it was even before.
+    let column = picture[SIZE.0 / 2..].iter().step_by(SIZE.0);
+    let brightness: Vec<i32> =
+        column.filter(|rgb| clay(rgb.map(i32::from))).map(|rgb| rgb[0].into()).collect();
+    let turns = |two: &[i32]| (two[0] - two[1]).abs() > 25;
+    let edges = brightness.windows(2).filter(|two| turns(two)).count();
+    assert!(edges > 6, "{edges} edges of grooves");
+}
+
+#[test]
 fn the_rover_is_on_the_island() {
     if !has_gpu() {
         return;

@@ -5,6 +5,8 @@ mod accumulate;
 mod common;
 #[path = "picture/diagnostics.rs"]
 mod diagnostics;
+#[path = "picture/edits.rs"]
+mod edits;
 #[path = "picture/extras.rs"]
 mod extras;
 #[path = "picture/extremes.rs"]

@@ -41,6 +41,7 @@ impl ExtractedVolumes {
 #[derive(Clone, Debug)]
 pub(super) struct ExtractedVolume {
     pub grid: GridKey,
+    /// Without words where voxels are edited: those that change come by [`super::edits`].
     pub packed: Arc<PackedGrid>,
     /// Its levels of detail, where a camera asks for them; see [`VdbGrid::levels`].
     pub levels: Arc<[Arc<PackedGrid>]>,
@@ -108,7 +109,7 @@ pub(super) fn extract_volumes(
         };
         let volume = ExtractedVolume {
             grid: volume.0.id().into(),
-            packed: grid.packed().clone(),
+            packed: grid.outline(),
             levels: grid.levels().cloned().unwrap_or_default(),
             name: grid.shared_name(),
             world_from_local,

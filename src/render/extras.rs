@@ -140,7 +140,7 @@ impl Extras {
         }
         self.emission.push(Part {
             key: grid.id().into(),
-            packed: found.packed().clone(),
+            packed: found.outline(),
             local_from_index: found.world_from_index(),
             kind,
             emissive: emissive.map(capped),

@@ -1,7 +1,8 @@
 //! The pool of packed grids on the GPU: one copy of each grid however many entities show it, freed
 //! with the last of them.
 //!
-//! The pool is one run of words. Where a shader cannot bind as much at once, it is cut into pages.
+//! The pool is one run of words. Where a shader cannot bind as much at once, it is cut into pages. Of grids
+//! whose voxels change, only what has changed is written, as long as they have as many words.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -16,7 +17,9 @@ use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::sync_world::MainEntity;
 use vdb_core::pack::{GridHeader, PackedGrid};
 
+use super::edits::{self, EditedGrid, EditedWords, ExtractedEdits};
 use super::extract::ExtractedVolumes;
+use super::paging::{PAGES, Paging, Range};
 use crate::{VdbGrid, VdbVectorGrid};
 
 /// What volumes take on the GPU: a resource of the app's world.
@@ -27,6 +30,7 @@ pub struct VdbGpuUsage(Arc<Usage>);
 struct Usage {
     grids: AtomicU64,
     bytes: AtomicU64,
+    bytes_written: AtomicU64,
 }
 
 impl VdbGpuUsage {
@@ -38,6 +42,11 @@ impl VdbGpuUsage {
     /// Bytes of the buffers that hold them.
     pub fn bytes(&self) -> u64 {
         self.0.bytes.load(Ordering::Relaxed)
+    }
+
+    /// Bytes that have been sent to these buffers since the app began: it grows by what an edit changes.
+    pub fn bytes_written(&self) -> u64 {
+        self.0.bytes_written.load(Ordering::Relaxed)
     }
 }
 
@@ -64,16 +73,11 @@ impl GridKey {
     }
 }
 
-/// Where a grid lies in the pool, in words.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Range {
-    first: u32,
-    count: u32,
-}
-
 #[derive(Debug)]
 struct Resident {
     packed: Arc<PackedGrid>,
+    /// Which of its words are there, if it is edited; `packed` then has none.
+    revision: Option<u64>,
     place: Range,
     /// Index in the buffer of headers.
     index: u32,
@@ -88,9 +92,6 @@ pub(super) struct VdbTreePool {
     buffers: Option<PoolBuffers>,
 }
 
-/// How many pages shaders bind: as many as `bindings.wgsl` has.
-pub(super) const PAGES: usize = 3;
-
 /// The buffers that shaders bind.
 #[derive(Debug)]
 pub(super) struct PoolBuffers {
@@ -103,48 +104,6 @@ impl PoolBuffers {
     /// A buffer for each binding; those beyond the last page are not read.
     pub fn pages(&self) -> [&Buffer; PAGES] {
         std::array::from_fn(|i| self.pages.get(i).unwrap_or(&self.pages[0]))
-    }
-}
-
-/// How the pool is cut.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Paging {
-    /// log₂ of the words of a page.
-    bits: u32,
-}
-
-impl Paging {
-    /// For pools of so many words, where a binding has `limit` bytes at most.
-    fn new(words: u64, limit: u64) -> Self {
-        let words_of_page = (limit / 4).max(1);
-        Self { bits: if words <= words_of_page { u32::BITS } else { words_of_page.ilog2() } }
-    }
-
-    /// Words that fit.
-    fn capacity(limit: u64) -> u64 {
-        let page = 1_u64 << (limit / 4).max(1).ilog2();
-        (page * PAGES as u64).max(limit / 4).min(u32::MAX.into())
-    }
-
-    /// The words of each page.
-    fn pages(self, words: u64) -> impl Iterator<Item = u64> {
-        let page = 1_u64 << self.bits;
-        (0..words.div_ceil(page)).map(move |i| page.min(words - i * page))
-    }
-
-    /// Pieces of a range, each in one page: the page, the word in it, and how many.
-    fn pieces(self, range: Range) -> impl Iterator<Item = (usize, u64, Range)> {
-        let (end, page) = (u64::from(range.first) + u64::from(range.count), 1_u64 << self.bits);
-        let mut at = u64::from(range.first);
-        std::iter::from_fn(move || {
-            (at < end).then(|| {
-                let next = end.min((at / page + 1) * page);
-                let piece = Range { first: at as u32, count: (next - at) as u32 };
-                let place = ((at / page) as usize, at % page, piece);
-                at = next;
-                place
-            })
-        })
     }
 }
 
@@ -166,6 +125,24 @@ impl VdbTreePool {
         formats.all(|format| format == first).then_some(first)
     }
 
+    /// Which words of an edited grid are there.
+    pub fn revision(&self, grid: GridKey) -> Option<u64> {
+        self.resident.get(&grid)?.revision
+    }
+
+    /// Whether a grid has been found not to fit.
+    pub fn is_refused(&self, grid: &GridKey) -> bool {
+        self.refused.contains(grid)
+    }
+
+    /// Whether the words of a grid are there, or all but those that an edit has changed since.
+    fn holds(&self, grid: &GridKey, packed: &Arc<PackedGrid>, edits: &ExtractedEdits) -> bool {
+        self.resident.get(grid).is_some_and(|resident| match edits.get(grid) {
+            None => Arc::ptr_eq(&resident.packed, packed),
+            Some(edited) => matches!(edited.words, EditedWords::Changed(_)),
+        })
+    }
+
     /// The index of a grid's header, if the grid is there.
     pub fn index(&self, grid: GridKey) -> Option<u32> {
         self.resident.get(&grid).map(|resident| resident.index)
@@ -179,6 +156,7 @@ impl VdbTreePool {
 pub(super) fn update_tree_pool(
     volumes: Res<ExtractedVolumes>,
     mut pool: ResMut<VdbTreePool>,
+    mut edits: ResMut<ExtractedEdits>,
     usage: Res<VdbGpuUsage>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
@@ -195,31 +173,83 @@ pub(super) fn update_tree_pool(
         }
     }
     pool.refused.retain(|grid| wanted.contains_key(grid));
-    let up_to_date = |grid: &GridKey, packed: &Arc<PackedGrid>| {
-        pool.resident.get(grid).is_some_and(|resident| Arc::ptr_eq(&resident.packed, packed))
-    };
     let missing = wanted
         .iter()
-        .any(|(grid, (.., packed))| !up_to_date(grid, packed) && !pool.refused.contains(grid));
+        .any(|(key, (.., packed))| !pool.holds(key, packed, &edits) && !pool.refused.contains(key));
     let left_over = pool.resident.keys().any(|grid| !wanted.contains_key(grid));
-    if !missing && !left_over {
-        return;
+    let mut written = 0;
+    if missing || left_over {
+        written += pool.rebuild(&wanted, &edits, &usage, &device, &queue);
     }
-    let limits = device.limits();
-    let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-    pool.rebuild(&wanted, limit, &device, &queue);
-    usage.0.grids.store(pool.resident.len() as u64, Ordering::Relaxed);
-    let bytes = pool.buffers.as_ref().map_or(0, |buffers| {
-        buffers.grids.size() + buffers.pages.iter().map(|page| page.size()).sum::<u64>()
-    });
-    usage.0.bytes.store(bytes, Ordering::Relaxed);
+    written += pool.write_edits(&wanted, &edits, &device, &queue);
+    usage.0.bytes_written.fetch_add(written, Ordering::Relaxed);
+    // Before the next edit, which would have to copy words that are held here.
+    edits.clear();
 }
 
 /// The grids that entities show, each with one such entity and its name for messages.
 type Wanted<'a> = HashMap<GridKey, (&'a MainEntity, &'a str, &'a Arc<PackedGrid>)>;
 
 impl VdbTreePool {
-    fn rebuild(&mut self, wanted: &Wanted, limit: u64, device: &RenderDevice, queue: &RenderQueue) {
+    /// Packs the pool anew, and gives the bytes that have been sent to it.
+    fn rebuild(
+        &mut self,
+        wanted: &Wanted,
+        edits: &ExtractedEdits,
+        usage: &VdbGpuUsage,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> u64 {
+        let limits = device.limits();
+        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        let written = self.pack(wanted, edits, limit, device, queue);
+        usage.0.grids.store(self.resident.len() as u64, Ordering::Relaxed);
+        let bytes = self.buffers.as_ref().map_or(0, |buffers| {
+            buffers.grids.size() + buffers.pages.iter().map(|page| page.size()).sum::<u64>()
+        });
+        usage.0.bytes.store(bytes, Ordering::Relaxed);
+        written
+    }
+
+    /// Writes what has changed of edited grids whose other words are there.
+    fn write_edits(
+        &mut self,
+        wanted: &Wanted,
+        edits: &ExtractedEdits,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> u64 {
+        let Some(buffers) = &self.buffers else { return 0 };
+        let (mut written, mut encoder) = (0, None);
+        for (grid, resident) in &mut self.resident {
+            let (Some(edited), Some((.., outline))) = (edits.get(grid), wanted.get(grid)) else {
+                continue;
+            };
+            let EditedWords::Changed(changed) = &edited.words else { continue };
+            if resident.revision == Some(edited.revision) {
+                continue;
+            }
+            let label = CommandEncoderDescriptor { label: Some("vdb_edits") };
+            let encoder = encoder.get_or_insert_with(|| device.create_command_encoder(&label));
+            written += edits::write(device, encoder, buffers, resident.place.first, changed);
+            resident.packed = Arc::clone(outline);
+            resident.revision = Some(edited.revision);
+            written += buffers.write_header(queue, resident);
+        }
+        if let Some(encoder) = encoder {
+            queue.submit([encoder.finish()]);
+        }
+        written
+    }
+
+    fn pack(
+        &mut self,
+        wanted: &Wanted,
+        edits: &ExtractedEdits,
+        limit: u64,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> u64 {
         // What is there comes first, so that a grid too many never drives out one that is shown; then what
         // there is only to save time.
         let mut order: Vec<_> = wanted.iter().collect();
@@ -227,10 +257,23 @@ impl VdbTreePool {
         let mut words = 0;
         let mut next = HashMap::default();
         for (grid, (entity, name, packed)) in order {
-            match place(&mut words, packed, limit) {
+            let edited = edits.get(grid);
+            let count = edited.map_or(packed.words.len(), |edited| edited.count);
+            let before = words;
+            match place(&mut words, count as u64, limit) {
+                // There is room now, so that its words are asked for.
+                Ok(_) if edited.is_some_and(|edited| !self.has_words(grid, edited)) => {
+                    words = before;
+                    self.refused.remove(grid);
+                }
                 Ok(place) => {
                     let index = next.len() as u32;
-                    next.insert(*grid, Resident { packed: Arc::clone(packed), place, index });
+                    let revision = edited.map(|edited| match edited.words {
+                        EditedWords::All(_) => Some(edited.revision),
+                        _ => self.revision(*grid),
+                    });
+                    let (packed, revision) = (Arc::clone(packed), revision.flatten());
+                    next.insert(*grid, Resident { packed, revision, place, index });
                     self.refused.remove(grid);
                 }
                 // Without a coarser level, a finer one is shown.
@@ -243,31 +286,46 @@ impl VdbTreePool {
         let old = std::mem::replace(&mut self.resident, next);
         let old_buffers = self.buffers.take();
         if self.resident.is_empty() {
-            return;
+            return 0;
         }
+        let mut written = 0;
         let buffers = PoolBuffers::new(device, words, limit, self.resident.len());
         let mut encoder = device
             .create_command_encoder(&CommandEncoderDescriptor { label: Some("vdb_pool_move") });
         for (grid, resident) in &self.resident {
-            let stays = old.get(grid).filter(|old| Arc::ptr_eq(&old.packed, &resident.packed));
-            match (stays, &old_buffers) {
-                (Some(old), Some(from)) => {
+            let stays = old.get(grid).filter(|old| match (old.revision, resident.revision) {
+                (None, None) => Arc::ptr_eq(&old.packed, &resident.packed),
+                (old, own) => old == own,
+            });
+            match (stays, &old_buffers, edits.get(grid)) {
+                (Some(old), Some(from), _) => {
                     buffers.copy(&mut encoder, from, old.place, resident.place);
                 }
-                _ => buffers.write(queue, resident.place, &resident.packed.words),
+                (.., Some(EditedGrid { words: EditedWords::All(all), .. })) => {
+                    written += buffers.write(queue, resident.place, &all.words);
+                }
+                _ => written += buffers.write(queue, resident.place, &resident.packed.words),
             }
-            let header = resident.packed.header(resident.place.first);
-            let offset = u64::from(resident.index) * size_of::<GridHeader>() as u64;
-            queue.write_buffer(&buffers.grids, offset, bytemuck::bytes_of(&header));
+            written += buffers.write_header(queue, resident);
         }
         queue.submit([encoder.finish()]);
         self.buffers = Some(buffers);
+        written
+    }
+
+    /// Whether an edited grid can be put into the pool: from what it has, or from all words.
+    fn has_words(&self, grid: &GridKey, edited: &EditedGrid) -> bool {
+        match edited.words {
+            EditedWords::All(_) => true,
+            EditedWords::Changed(_) => self.revision(*grid).is_some(),
+            EditedWords::Left => false,
+        }
     }
 }
 
-/// Puts a grid behind the words that are spoken for; a binding has `limit` bytes at most.
-fn place(words: &mut u64, packed: &PackedGrid, limit: u64) -> Result<Range, String> {
-    let end = *words + packed.words.len() as u64;
+/// Puts a grid of so many words behind those that are spoken for; a binding has `limit` bytes at most.
+fn place(words: &mut u64, count: u64, limit: u64) -> Result<Range, String> {
+    let end = *words + count;
     let capacity = Paging::capacity(limit);
     if end > capacity {
         return Err(format!(
@@ -278,7 +336,7 @@ fn place(words: &mut u64, packed: &PackedGrid, limit: u64) -> Result<Range, Stri
             (capacity * 4) >> 20
         ));
     }
-    let range = Range { first: *words as u32, count: packed.words.len() as u32 };
+    let range = Range { first: *words as u32, count: count as u32 };
     *words = end;
     Ok(range)
 }
@@ -301,12 +359,39 @@ impl PoolBuffers {
         }
     }
 
-    fn write(&self, queue: &RenderQueue, range: Range, words: &[u32]) {
+    /// Writes what shaders know of a grid.
+    fn write_header(&self, queue: &RenderQueue, resident: &Resident) -> u64 {
+        let header = resident.packed.header(resident.place.first);
+        let bytes = size_of::<GridHeader>() as u64;
+        let offset = u64::from(resident.index) * bytes;
+        queue.write_buffer(&self.grids, offset, bytemuck::bytes_of(&header));
+        bytes
+    }
+
+    /// Copies words from a buffer, from byte `at` on, and gives the byte after them.
+    pub fn copy_in(
+        &self,
+        encoder: &mut CommandEncoder,
+        from: &Buffer,
+        mut at: u64,
+        words: std::ops::Range<u32>,
+    ) -> u64 {
+        let range = Range { first: words.start, count: words.end - words.start };
+        for (page, to, piece) in self.paging.pieces(range) {
+            let bytes = u64::from(piece.count) * 4;
+            encoder.copy_buffer_to_buffer(from, at, &self.pages[page], to * 4, bytes);
+            at += bytes;
+        }
+        at
+    }
+
+    fn write(&self, queue: &RenderQueue, range: Range, words: &[u32]) -> u64 {
         for (page, at, piece) in self.paging.pieces(range) {
             let start = (piece.first - range.first) as usize;
             let words = &words[start..start + piece.count as usize];
             queue.write_buffer(&self.pages[page], at * 4, bytemuck::cast_slice(words));
         }
+        u64::from(range.count) * 4
     }
 
     fn copy(&self, encoder: &mut CommandEncoder, from: &Self, old: Range, new: Range) {
@@ -340,26 +425,13 @@ mod tests {
         let (one, two) = (packed(1), packed(2));
         let (first, second) = (one.words.len() as u64, two.words.len() as u64);
         let mut words = 0;
-        assert_eq!(place(&mut words, &one, 1 << 30).unwrap().first, 0);
-        assert_eq!(u64::from(place(&mut words, &two, 1 << 30).unwrap().first), first);
+        assert_eq!(place(&mut words, first, 1 << 30).unwrap().first, 0);
+        assert_eq!(u64::from(place(&mut words, second, 1 << 30).unwrap().first), first);
         assert_eq!(words, first + second);
 
         let limit = 4 * (words + second).div_ceil(PAGES as u64) / 2;
-        let message = place(&mut words, &two, limit).unwrap_err();
+        let message = place(&mut words, second, limit).unwrap_err();
         assert!(message.contains("MiB") && message.contains("half_width"), "{message}");
         assert_eq!(words, first + second, "a refused grid left a gap");
-    }
-
-    #[test]
-    fn ranges_are_cut_at_pages() {
-        let paging = Paging::new(100, 4 * 40);
-        assert_eq!(paging, Paging { bits: 5 });
-        assert_eq!(paging.pages(90).collect::<Vec<_>>(), [32, 32, 26]);
-        let pieces: Vec<_> = paging.pieces(Range { first: 30, count: 40 }).collect();
-        let piece = |first, count| Range { first, count };
-        assert_eq!(pieces, [(0, 30, piece(30, 2)), (1, 0, piece(32, 32)), (2, 0, piece(64, 6))]);
-        assert_eq!(Paging::capacity(4 * 40), 96);
-        // What one binding holds is one page, of whatever size.
-        assert_eq!(Paging::new(40, 4 * 40).pages(40).collect::<Vec<_>>(), [40]);
     }
 }

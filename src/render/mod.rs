@@ -9,6 +9,7 @@ mod cast;
 mod cast_pipeline;
 mod changes;
 mod composite;
+mod edits;
 mod entries;
 mod extract;
 mod extras;
@@ -18,6 +19,7 @@ mod gpu_tree;
 mod hierarchy;
 mod lights;
 mod motion;
+mod paging;
 mod pipeline;
 mod prepare;
 mod report;
@@ -76,6 +78,7 @@ pub(crate) fn build(app: &mut App) {
         .insert_resource(diagnostics)
         .init_resource::<extract::ExtractedVolumes>()
         .init_resource::<extract::ExtractedSuns>()
+        .init_resource::<edits::ExtractedEdits>()
         .init_resource::<warnings::Warned>()
         .init_resource::<cast::CastShadows>()
         .init_resource::<changes::SceneChanges>()
@@ -92,7 +95,12 @@ pub(crate) fn build(app: &mut App) {
         .add_systems(RenderStartup, pipeline::init.after(MeshPipelineSystems))
         .add_systems(
             ExtractSchedule,
-            (extract::extract_volumes, extract::extract_suns, extract::extract_environments),
+            (
+                extract::extract_volumes,
+                edits::extract_edits,
+                extract::extract_suns,
+                extract::extract_environments,
+            ),
         )
         .add_systems(ExtractSchedule, changes::extract_changes)
         .add_systems(

@@ -14,11 +14,13 @@ use super::{GridHeader, PackError, PackKind, PackedGrid, blocks, bricks};
 use crate::tree::CoordBox;
 
 /// Regions per axis from which on local coordinates do not start at zero.
-const WIDE: u32 = 1 << 23;
+pub(super) const WIDE: u32 = 1 << 23;
 /// The lowest region of the index space.
-const ALL_FIRST: IVec3 = IVec3::splat(-1 << 24);
+pub(super) const ALL_FIRST: IVec3 = IVec3::splat(-1 << 24);
 /// Regions per axis of the index space.
-const ALL_EXTENT: u32 = 1 << 25;
+pub(super) const ALL_EXTENT: u32 = 1 << 25;
+/// The box of a grid without anything to see, which is never shown: it does not matter.
+pub(super) const NOWHERE: CoordBox = CoordBox { min: IVec3::ZERO, max: IVec3::NEG_ONE };
 
 /// Level of crown slots of 2048 cells: a tile of the root, 4096 cells, is eight of them.
 const ROOT_TILE_LEVEL: u32 = 2;
@@ -206,8 +208,7 @@ pub(super) fn assemble(
     let frame = Frame::new(&parts);
     let base = frame.base << REGION_BITS as i32;
     let occupied = occupied.map(|b| CoordBox { min: b.min - base, max: b.max - base });
-    // A grid without anything to see is never shown; its box does not matter.
-    let bounds = occupied.unwrap_or(CoordBox { min: IVec3::ZERO, max: IVec3::NEG_ONE });
+    let bounds = occupied.unwrap_or(NOWHERE);
     let mut header = GridHeader {
         crown_origin: frame.crown_origin.to_array(),
         crown_levels: frame.levels,
@@ -242,8 +243,7 @@ pub(super) fn assemble(
     if !matches!(kind, PackKind::Surface { .. }) {
         // Those of a smooth surface are in units of its samples.
         let scale = if kind == PackKind::Fog { 1.0 } else { header.scale };
-        let tiles = sources.tile_values().iter().map(|&value| values::safe(kind, value) / scale);
-        let tiles = tiles.map(|value| value.clamp(-values::MAX_VALUE, values::MAX_VALUE));
+        let tiles = sources.tile_values().iter().map(|&value| values::tile(kind, value, scale));
         words.extend(tiles.map(f32::to_bits));
     }
     end(&words)?;

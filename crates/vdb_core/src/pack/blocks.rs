@@ -37,7 +37,7 @@ pub(super) fn blocks(
             let mut part = Blocks::default();
             let mut brick = [0.0; BRICK_VALUES];
             for (origin, mask) in origins.iter().zip(masks) {
-                bricks::gather(sources, kind, *origin, &mut brick);
+                bricks::gather(|at| sources.at(at), kind, *origin, &mut brick);
                 part.add_leaf(mask, &brick);
             }
             part
@@ -58,7 +58,8 @@ pub(super) fn blocks(
 }
 
 impl Blocks {
-    fn add_leaf(&mut self, mask: &[u32; LEAF_MASK_WORDS], brick: &Brick) {
+    /// Adds a leaf behind those that are there.
+    pub fn add_leaf(&mut self, mask: &[u32; LEAF_MASK_WORDS], brick: &Brick) {
         self.firsts.push((self.records.len() / RECORD_WORDS) as u32);
         for (block, pair) in mask.chunks_exact(2).enumerate() {
             let cells = u64::from(pair[0]) | u64::from(pair[1]) << 32;
@@ -76,6 +77,12 @@ impl Blocks {
             self.records.push(first);
         }
     }
+}
+
+/// How many samples a leaf with this mask has.
+pub(super) fn samples_of(mask: &[u32; LEAF_MASK_WORDS]) -> u32 {
+    let cells = mask.chunks_exact(2).map(|pair| u64::from(pair[0]) | u64::from(pair[1]) << 32);
+    cells.flat_map(corners).map(u32::count_ones).sum()
 }
 
 /// The samples at the corners of a block's cells: five planes across x, bit `y·5 + z`.

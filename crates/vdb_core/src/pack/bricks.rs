@@ -11,12 +11,18 @@ use super::values::{self, Steps, Stored};
 /// Samples `x·90 + y·10 + z` of a leaf-sized cube and of its neighbours on the high side.
 pub(super) type Brick = [f32; BRICK_VALUES];
 
-/// The samples of the cube at an origin, as they are kept.
-pub(super) fn gather(sources: &Sources, kind: PackKind, origin: IVec3, brick: &mut Brick) {
+/// The samples of the cube at an origin, as they are kept; `source` tells what covers the leaf-sized
+/// cube that holds a voxel.
+pub(super) fn gather<'a>(
+    source: impl Fn(IVec3) -> Source<'a>,
+    kind: PackKind,
+    origin: IVec3,
+    brick: &mut Brick,
+) {
     for side in 0..8 {
         let side = IVec3::new(side >> 2, side >> 1 & 1, side & 1);
         let source = match origin.checked_add(side * 8) {
-            Some(at) => sources.at(at),
+            Some(at) => source(at),
             // Beyond the index space there is nothing to see.
             None => Source::Constant(f32::NAN),
         };
@@ -59,7 +65,7 @@ pub(super) fn write_bricks(
 ) {
     out.par_chunks_exact_mut(brick_words(stored)).zip(origins).for_each(|(out, origin)| {
         let mut brick = [0.0; BRICK_VALUES];
-        gather(sources, PackKind::Fog, *origin, &mut brick);
+        gather(|at| sources.at(at), PackKind::Fog, *origin, &mut brick);
         if stored == Stored::Byte {
             let steps = Steps::between(&brick);
             out[..2].copy_from_slice(&[steps.offset.to_bits(), steps.scale.to_bits()]);

@@ -52,7 +52,7 @@ const HIGH_SIDE: [IVec3; 7] = [
 ];
 
 /// For each (x, y) of 9 × 9, the samples along z that count, from the leaf and its neighbours.
-type Rows = [[u16; 9]; 9];
+pub(super) type Rows = [[u16; 9]; 9];
 
 /// The occupied cells of a leaf-sized cube. `planes` are the samples that count of every leaf, by its
 /// number, `own` those of this cube.
@@ -74,6 +74,11 @@ pub(super) fn cell_mask(
             add(&mut rows, side, &[u64::MAX; 8]);
         }
     }
+    rows_mask(&rows, rule)
+}
+
+/// The occupied cells among the samples that count.
+pub(super) fn rows_mask(rows: &Rows, rule: Rule) -> [u32; LEAF_MASK_WORDS] {
     let cells = std::array::from_fn(|x| {
         (0..8).fold(0, |plane, y| {
             let corners = [rows[x][y], rows[x + 1][y], rows[x][y + 1], rows[x + 1][y + 1]];

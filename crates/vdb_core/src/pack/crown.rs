@@ -21,7 +21,8 @@ fn slot_of(part: IVec3) -> usize {
     (part.x << 4 | part.y << 2 | part.z) as usize
 }
 
-fn offset_of(slot: usize) -> IVec3 {
+/// The place of a slot within its node.
+pub(super) fn offset_of(slot: usize) -> IVec3 {
     let slot = slot as i32;
     IVec3::new(slot >> 4, slot >> 2 & 3, slot & 3)
 }

@@ -24,6 +24,7 @@ mod bricks;
 mod build;
 mod cells;
 mod crown;
+pub mod edit;
 pub mod exact;
 pub mod layout;
 mod leaps;
@@ -141,6 +142,11 @@ impl PackedGrid {
     /// The number by which shaders know how samples are kept; `None` where there are none.
     pub fn sample_format(&self) -> Option<u32> {
         (!matches!(self.kind, PackKind::Surface { .. })).then_some(self.header.format)
+    }
+
+    /// The same without its words: all that is to be known of it but for walking it.
+    pub fn outline(&self) -> Self {
+        Self { words: Vec::new(), header: self.header, ..*self }
     }
 
     /// Bytes that the grid takes on the GPU.

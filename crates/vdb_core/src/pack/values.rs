@@ -15,6 +15,8 @@ pub enum ValueFormat {
     /// 32.
     #[default]
     Exact,
+    /// Floats of 32 bits, whatever the values are: what grids have whose voxels are being changed.
+    Full,
     /// Floats of 16 bits: 11 bits of precision.
     Half,
     /// Bytes. Of fog, steps between the least and the largest density of each leaf; of a smooth surface,
@@ -72,6 +74,11 @@ pub(super) fn safe(kind: PackKind, value: f32) -> f32 {
     }
 }
 
+/// The value of a tile as it is kept, in units of `scale`.
+pub(super) fn tile(kind: PackKind, value: f32, scale: f32) -> f32 {
+    (safe(kind, value) / scale).clamp(-MAX_VALUE, MAX_VALUE)
+}
+
 /// The power of two by which values of up to `largest` are multiplied before they are kept in 16 bits:
 /// that loses nothing, and small ones are not denormal.
 pub(super) fn half_factor(largest: f32) -> f32 {
@@ -94,7 +101,7 @@ pub(super) fn stored(format: ValueFormat, mut all_fit_half: impl FnMut() -> bool
         ValueFormat::Byte => Stored::Byte,
         ValueFormat::Half => Stored::Half,
         ValueFormat::Exact if all_fit_half() => Stored::Half,
-        ValueFormat::Exact => Stored::Float,
+        ValueFormat::Exact | ValueFormat::Full => Stored::Float,
     }
 }
 

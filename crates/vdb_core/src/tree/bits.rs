@@ -130,6 +130,15 @@ where
         self.value_mask.set(slot, active);
     }
 
+    fn touch_leaf(&mut self, _: IVec3) -> &mut Self {
+        self
+    }
+
+    fn fill_leaf(&mut self, _: IVec3, value: bool, active: bool) {
+        self.value_mask = Mask::filled(active);
+        self.values = V::filled(value);
+    }
+
     fn values(&self) -> impl Iterator<Item = ValueAt<bool>> + '_ {
         (0..Self::SIZE).map(|slot| self.at(slot))
     }

@@ -108,6 +108,28 @@ where
         self.value_mask.set(slot, active);
     }
 
+    /// The child of the slot that holds a voxel; made of the slot's tile where there is none yet.
+    fn touch_child(&mut self, slot: usize, ijk: IVec3) -> &mut C {
+        let rank = self.rank(slot);
+        if !self.child_mask.is_on(slot) {
+            let (tile, on) = (self.tiles[slot], self.value_mask.is_on(slot));
+            self.children.insert(rank, C::filled(ijk, tile, on));
+            self.child_mask.set(slot, true);
+            self.value_mask.set(slot, false);
+            for later in &mut self.rank_of_word[(slot >> 6) + 1..] {
+                *later += 1;
+            }
+        }
+        &mut self.children[rank]
+    }
+
+    /// Whether a slot is a tile of this value and state.
+    fn is_tile(&self, slot: usize, value: C::Value, active: bool) -> bool {
+        !self.child_mask.is_on(slot)
+            && self.tiles[slot].same(value)
+            && self.value_mask.is_on(slot) == active
+    }
+
     /// Children before `slot`.
     #[inline]
     fn rank(&self, slot: usize) -> usize {
@@ -184,20 +206,25 @@ where
 
     fn set(&mut self, ijk: IVec3, value: C::Value, active: bool) {
         let slot = Self::slot(ijk);
-        let rank = self.rank(slot);
-        if !self.child_mask.is_on(slot) {
-            let (tile, on) = (self.tiles[slot], self.value_mask.is_on(slot));
-            if tile.same(value) && on == active {
-                return;
-            }
-            self.children.insert(rank, C::filled(ijk, tile, on));
-            self.child_mask.set(slot, true);
-            self.value_mask.set(slot, false);
-            for later in &mut self.rank_of_word[(slot >> 6) + 1..] {
-                *later += 1;
-            }
+        if !self.is_tile(slot, value, active) {
+            self.touch_child(slot, ijk).set(ijk, value, active);
         }
-        self.children[rank].set(ijk, value, active);
+    }
+
+    fn touch_leaf(&mut self, ijk: IVec3) -> &mut C::Leaf {
+        self.touch_child(Self::slot(ijk), ijk).touch_leaf(ijk)
+    }
+
+    fn fill_leaf(&mut self, ijk: IVec3, value: C::Value, active: bool) {
+        let slot = Self::slot(ijk);
+        if self.is_tile(slot, value, active) {
+            return;
+        }
+        if C::LEVEL == 0 {
+            self.set_tile(slot, value, active);
+        } else {
+            self.touch_child(slot, ijk).fill_leaf(ijk, value, active);
+        }
     }
 
     fn values(&self) -> impl Iterator<Item = ValueAt<C::Value>> + '_ {

@@ -91,6 +91,15 @@ where
         self.value_mask.set(slot, active);
     }
 
+    fn touch_leaf(&mut self, _: IVec3) -> &mut Self {
+        self
+    }
+
+    fn fill_leaf(&mut self, _: IVec3, value: T, active: bool) {
+        self.values.as_mut().fill(value);
+        self.value_mask = Mask::filled(active);
+    }
+
     fn values(&self) -> impl Iterator<Item = ValueAt<T>> + '_ {
         (0..Self::SIZE).map(|slot| self.at(slot))
     }

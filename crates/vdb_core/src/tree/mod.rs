@@ -142,6 +142,10 @@ pub trait Node: Clone + Debug + Send + Sync + Sized {
     fn probe(&self, ijk: IVec3) -> (Self::Value, bool);
     /// Sets a voxel that lies in this node, splitting tiles on the way.
     fn set(&mut self, ijk: IVec3, value: Self::Value, active: bool);
+    /// The leaf at a voxel that lies in this node; made of the tile there where there is none yet.
+    fn touch_leaf(&mut self, ijk: IVec3) -> &mut Self::Leaf;
+    /// Makes all voxels of the leaf-sized cube around a voxel alike: a tile, but of a leaf alone.
+    fn fill_leaf(&mut self, ijk: IVec3, value: Self::Value, active: bool);
     /// All values of the node and below, active or not, by ascending slot.
     fn values(&self) -> impl Iterator<Item = ValueAt<Self::Value>> + '_;
     /// The leaves of the node and below, by ascending slot.

@@ -114,20 +114,38 @@ impl<C: Node> Tree<C> {
     }
 
     fn set_state(&mut self, ijk: IVec3, value: C::Value, active: bool) {
-        let outside = self.tile_at(ijk);
-        let unchanged = outside.value.same(value) && outside.active == active;
-        if self.child_at(ijk).is_none() && unchanged {
-            return;
+        if !self.is_tile(ijk, value, active) {
+            self.touch_child(ijk).set(ijk, value, active);
         }
-        let entry = self
-            .entries
-            .entry(C::origin_of(ijk).to_array())
-            .or_insert(RootEntry::Tile { value: outside.value, active: outside.active });
+    }
+
+    /// The leaf at a voxel, to change it; made of the tile there where there is none yet.
+    pub fn touch_leaf(&mut self, ijk: IVec3) -> &mut C::Leaf {
+        self.touch_child(ijk).touch_leaf(ijk)
+    }
+
+    /// Makes all voxels of the leaf-sized cube around a voxel alike, with a tile.
+    pub fn fill_leaf(&mut self, ijk: IVec3, value: C::Value, active: bool) {
+        if !self.is_tile(ijk, value, active) {
+            self.touch_child(ijk).fill_leaf(ijk, value, active);
+        }
+    }
+
+    /// Whether no node covers a voxel, and it has this value and state.
+    fn is_tile(&self, ijk: IVec3, value: C::Value, active: bool) -> bool {
+        let tile = self.tile_at(ijk);
+        self.child_at(ijk).is_none() && tile.value.same(value) && tile.active == active
+    }
+
+    fn touch_child(&mut self, ijk: IVec3) -> &mut C {
+        let background = RootEntry::Tile { value: self.background, active: false };
+        let entry = self.entries.entry(C::origin_of(ijk).to_array()).or_insert(background);
         if let RootEntry::Tile { value, active } = *entry {
             *entry = RootEntry::Child(C::filled(ijk, value, active));
         }
-        if let RootEntry::Child(child) = entry {
-            child.set(ijk, value, active);
+        match entry {
+            RootEntry::Child(child) => child,
+            RootEntry::Tile { .. } => unreachable!("it has just become a child"),
         }
     }
 

@@ -210,6 +210,7 @@ impl<'a> Subject<'a> {
             kind: self.kind.name(),
             format: match self.format {
                 ValueFormat::Exact => "exact",
+                ValueFormat::Full => "full",
                 ValueFormat::Half => "half",
                 ValueFormat::Byte => "byte",
             },

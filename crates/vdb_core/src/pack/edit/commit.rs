@@ -1,0 +1,423 @@
+//! Packing anew what has changed, and nothing else.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+use glam::IVec3;
+use rayon::prelude::*;
+
+use super::content::{Content, View};
+use super::runs::{Run, rounded};
+use super::sections::{Frame, Region, Sections, chunk, rebased};
+use super::slots::{Cubes, slot_origin};
+use crate::pack::blocks::Blocks;
+use crate::pack::layout::*;
+use crate::pack::leaps::{self, Chunk};
+use crate::pack::{PackKind, PackedGrid, bricks, values};
+
+/// Something has no room where it is.
+#[derive(Debug)]
+pub(super) struct NoRoom;
+
+/// Leaves whose samples one thread gathers at once.
+const LEAVES: usize = 32;
+/// Words between two ranges that are written as one: less than a write of its own costs.
+const GAP: u32 = 64;
+
+/// A grid's words while they change.
+struct Words<'a> {
+    packed: &'a mut PackedGrid,
+    changed: Vec<Range<u32>>,
+}
+
+impl Words<'_> {
+    fn get(&self, at: u32) -> u32 {
+        self.packed.words[at as usize]
+    }
+
+    /// Writes words, if they are others than those that are there.
+    fn put(&mut self, first: u32, words: &[u32]) {
+        let at = first as usize;
+        let own = &mut self.packed.words[at..at + words.len()];
+        if own != words {
+            own.copy_from_slice(words);
+            self.changed.push(first..first + words.len() as u32);
+        }
+    }
+
+    /// Writes those words of a longer run that are others than those that are there.
+    fn put_each(&mut self, first: u32, words: &[u32]) {
+        for (first, words) in (first..).step_by(16).zip(words.chunks(16)) {
+            self.put(first, words);
+        }
+    }
+
+    fn copy(&mut self, from: u32, to: u32, count: u32) {
+        let from = from as usize;
+        self.packed.words.copy_within(from..from + count as usize, to as usize);
+        self.changed.push(to..to + count);
+    }
+}
+
+/// A leaf whose samples have to be gathered.
+struct Leaf {
+    origin: IVec3,
+    place: u32,
+    /// Of a smooth surface, its mask and the room for its samples.
+    blocks: Option<(Box<[u32; LEAF_MASK_WORDS]>, Run)>,
+}
+
+/// A commit on its way.
+struct Commit<'a> {
+    sections: &'a mut Sections,
+    words: Words<'a>,
+    /// Leaves whose samples are to be gathered.
+    leaves: Vec<Leaf>,
+    /// Regions where leaf-sized cubes have become empty, or not empty.
+    moved: Vec<IVec3>,
+    /// Whether regions have come or gone.
+    crown: bool,
+}
+
+/// Packs the lattice cells of some cubes anew, and gives the words that have changed, in order.
+pub(super) fn commit(
+    sections: &mut Sections,
+    packed: &mut PackedGrid,
+    view: &View,
+    cubes: Cubes,
+) -> Result<Vec<Range<u32>>, NoRoom> {
+    let regions = cubes.into_regions();
+    let contents: Vec<Vec<(usize, Content)>> = regions
+        .par_iter()
+        .map(|(at, slots)| {
+            let slots: Vec<usize> = slots.iter().collect();
+            let content = |slot| (slot, view.content(slot_origin(*at, slot)));
+            slots.into_par_iter().map(content).collect()
+        })
+        .collect();
+    if packed.kind == PackKind::Fog {
+        let largest = |(at, slots): &(IVec3, super::slots::Slots)| {
+            slots.iter().map(|slot| view.largest(slot_origin(*at, slot))).fold(0.0, f32::max)
+        };
+        let largest = regions.par_iter().map(largest).reduce(|| 0.0, f32::max);
+        packed.majorant = packed.majorant.max(largest);
+    }
+    let words = Words { packed, changed: Vec::new() };
+    let mut commit =
+        Commit { sections, words, leaves: Vec::new(), moved: Vec::new(), crown: false };
+    for ((at, _), contents) in regions.iter().zip(contents) {
+        commit.region(*at, contents)?;
+    }
+    commit.samples(view);
+    commit.leaps();
+    commit.crown()?;
+    commit.boxes(&regions);
+    Ok(merged(commit.words.changed))
+}
+
+impl Commit<'_> {
+    /// Gives slots of a region what they hold.
+    fn region(&mut self, at: IVec3, contents: Vec<(usize, Content)>) -> Result<(), NoRoom> {
+        let key = at.to_array();
+        let Some(mut region) = self.opened(at, &contents)? else { return Ok(()) };
+        let header = self.words.packed.header;
+        let number = region.word & PAYLOAD;
+        let first = header.region(number).start as u32;
+        let leaf_of = |word: u32| word & ((1 << LEAF_NUMBER_BITS) - 1);
+
+        let mut leaves = 0;
+        for (slot, content) in &contents {
+            let word = self.words.get(first + *slot as u32);
+            match (word & CHILD != 0, matches!(content, Content::Leaf(..))) {
+                (true, false) => {
+                    region.used.set(leaf_of(word) as usize, false);
+                    self.drop_samples(region.leaves.first + leaf_of(word));
+                }
+                (false, true) => leaves += 1,
+                _ => {}
+            }
+        }
+        leaves += region.used.count();
+        if leaves > region.leaves.size {
+            self.move_leaves(&mut region, number, leaves)?;
+        }
+        for (slot, content) in contents {
+            let at_word = first + slot as u32;
+            let old = self.words.get(at_word);
+            let word = match content {
+                Content::Leaf(mask, samples) => {
+                    let leaf = if old & CHILD != 0 {
+                        leaf_of(old)
+                    } else {
+                        region.used.first_free(region.leaves.size).ok_or(NoRoom)? as u32
+                    };
+                    region.used.set(leaf as usize, true);
+                    let blocks = mask.chunks_exact(2).enumerate();
+                    let blocks = blocks.map(|(i, pair)| u32::from(pair[0] | pair[1] != 0) << i);
+                    let blocks: u32 = blocks.sum();
+                    self.leaf(slot_origin(at, slot), region.leaves.first + leaf, mask, samples)?;
+                    CHILD | blocks << LEAF_NUMBER_BITS | leaf
+                }
+                Content::Empty if old & (CHILD | OCCUPIED) == 0 => old,
+                Content::Empty => 0,
+                _ if self.says(old, &content) => old,
+                Content::Tile(value) => self.tile(value)?,
+                Content::Mixed(values) => self.tuple(&values)?,
+            };
+            self.words.put(at_word, &[word]);
+        }
+        let now = chunk(&self.words.packed.words[header.region(number)]);
+        if self.sections.regions.get(&key).is_none_or(|before| before.chunk != now) {
+            self.moved.push(at);
+        }
+        region.chunk = now;
+        if region.is_empty() {
+            self.sections.places.give_back(region.leaves);
+            self.sections.free_regions.push(number);
+            self.sections.regions.remove(&key);
+            self.crown = true;
+        } else {
+            self.sections.regions.insert(key, region);
+        }
+        Ok(())
+    }
+
+    /// The region at a place, with words of its own; `None` where it goes on as nothing or as a tile.
+    fn opened(
+        &mut self,
+        at: IVec3,
+        contents: &[(usize, Content)],
+    ) -> Result<Option<Region>, NoRoom> {
+        let region = self.sections.regions.get(&at.to_array());
+        if let Some(region) = region.filter(|region| region.number().is_some()) {
+            return Ok(Some(region.clone()));
+        }
+        let word = region.map_or(0, |region| region.word);
+        let same = |content: &Content| match content {
+            Content::Empty => word == 0,
+            _ => self.says(word, content),
+        };
+        if contents.iter().all(|(_, content)| same(content)) {
+            return Ok(None);
+        }
+        if !Frame::of(self.words.packed).covers(at) {
+            return Err(NoRoom);
+        }
+        let number = self.sections.free_regions.pop().ok_or(NoRoom)?;
+        let first = self.words.packed.header.region(number).start as u32;
+        // Whatever stands there from a region that has gone.
+        self.words.put(first, &[word; REGION_WORDS]);
+        self.crown = true;
+        Ok(Some(Region::new(CHILD | number)))
+    }
+
+    /// Whether a word is a tile with this content.
+    fn says(&self, word: u32, content: &Content) -> bool {
+        let packed = &*self.words.packed;
+        let value = |i: usize| {
+            f32::from_bits(packed.words[(packed.header.palette + (word & PAYLOAD)) as usize + i])
+        };
+        match (content, word & (CHILD | OCCUPIED | MIXED)) {
+            (Content::Tile(_), OCCUPIED) if packed.kind != PackKind::Fog => true,
+            (Content::Tile(own), OCCUPIED) => value(0) == values::safe(packed.kind, *own),
+            (Content::Mixed(own), word) if word == OCCUPIED | MIXED => {
+                (0..8).all(|i| value(i) == values::safe(packed.kind, own[i]))
+            }
+            _ => false,
+        }
+    }
+
+    fn tile(&mut self, value: f32) -> Result<u32, NoRoom> {
+        if self.words.packed.kind != PackKind::Fog {
+            return Ok(OCCUPIED);
+        }
+        let bits = value.to_bits();
+        let index = match self.sections.tiles.get(&bits) {
+            Some(&index) => index,
+            None => self.add_values(&[value])?,
+        };
+        self.sections.tiles.insert(bits, index);
+        Ok(OCCUPIED | index)
+    }
+
+    fn tuple(&mut self, tuple: &[f32; 8]) -> Result<u32, NoRoom> {
+        let bits = tuple.map(f32::to_bits);
+        let index = match self.sections.tuples.get(&bits) {
+            Some(&index) => index,
+            None => self.add_values(tuple)?,
+        };
+        self.sections.tuples.insert(bits, index);
+        Ok(OCCUPIED | MIXED | index)
+    }
+
+    /// Appends values to the palette, and gives the place of the first.
+    fn add_values(&mut self, own: &[f32]) -> Result<u32, NoRoom> {
+        let (first, kind) = (self.sections.palette_end, self.words.packed.kind);
+        let end = first + own.len() as u32;
+        if end > self.sections.palette_room || end > PAYLOAD {
+            return Err(NoRoom);
+        }
+        let safe: Vec<u32> =
+            own.iter().map(|&value| values::tile(kind, value, 1.0).to_bits()).collect();
+        self.words.put(self.words.packed.header.palette + first, &safe);
+        self.sections.palette_end = end;
+        Ok(first)
+    }
+
+    /// Gives a leaf its mask, and its samples room.
+    fn leaf(
+        &mut self,
+        origin: IVec3,
+        place: u32,
+        mask: Box<[u32; LEAF_MASK_WORDS]>,
+        samples: u32,
+    ) -> Result<(), NoRoom> {
+        self.words.put(self.words.packed.header.mask(place), &*mask);
+        let blocks = match self.words.packed.kind {
+            PackKind::Surface { .. } => return Ok(()),
+            PackKind::Fog => None,
+            PackKind::Smooth { .. } => {
+                if self.sections.samples_of[place as usize].size != rounded(samples) {
+                    self.drop_samples(place);
+                    let run = self.sections.samples.take(samples).ok_or(NoRoom)?;
+                    self.sections.samples_of[place as usize] = run;
+                }
+                Some((mask, self.sections.samples_of[place as usize]))
+            }
+        };
+        self.leaves.push(Leaf { origin, place, blocks });
+        Ok(())
+    }
+
+    fn drop_samples(&mut self, place: u32) {
+        if let Some(run) = self.sections.samples_of.get_mut(place as usize) {
+            self.sections.samples.give_back(std::mem::take(run));
+        }
+    }
+
+    /// Moves the leaves of a region to where there is room for so many.
+    fn move_leaves(&mut self, region: &mut Region, number: u32, leaves: u32) -> Result<(), NoRoom> {
+        let least = (leaves + leaves / 4).min(REGION_WORDS as u32);
+        let run = self.sections.places.take(least).ok_or(NoRoom)?;
+        let header = self.words.packed.header;
+        for leaf in region.used.iter() {
+            let (from, to) = (region.leaves.first + leaf as u32, run.first + leaf as u32);
+            self.words.copy(header.mask(from), header.mask(to), LEAF_MASK_WORDS as u32);
+            if header.leaf_words() > 0 {
+                self.words.copy(header.leaf(from), header.leaf(to), header.leaf_words());
+            }
+            if !self.sections.samples_of.is_empty() {
+                let samples = std::mem::take(&mut self.sections.samples_of[from as usize]);
+                self.sections.samples_of[to as usize] = samples;
+            }
+        }
+        self.sections.places.give_back(region.leaves);
+        region.leaves = run;
+        self.words.put(header.heads + number, &[run.first]);
+        Ok(())
+    }
+
+    /// Gathers the samples of leaves.
+    fn samples(&mut self, view: &View) {
+        let gather = |leaf: &Leaf, brick: &mut bricks::Brick| {
+            bricks::gather(|at| view.source(at), view.kind, leaf.origin, brick);
+        };
+        // The words of each leaf: its records where it has them, and its samples.
+        let gathered = |leaves: &[Leaf]| -> Vec<(Vec<u32>, Vec<u32>)> {
+            let mut brick = [0.0; BRICK_VALUES];
+            let leaves = leaves.iter().map(|leaf| {
+                gather(leaf, &mut brick);
+                let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect();
+                let Some((mask, run)) = &leaf.blocks else { return (Vec::new(), bits(&brick)) };
+                let mut blocks = Blocks::default();
+                blocks.add_leaf(mask, &brick);
+                (rebased(&blocks.records, run.first), bits(&blocks.samples))
+            });
+            leaves.collect()
+        };
+        let header = self.words.packed.header;
+        let all: Vec<_> = self.leaves.par_chunks(LEAVES).map(gathered).collect();
+        for (leaf, (records, samples)) in self.leaves.iter().zip(all.into_iter().flatten()) {
+            let first = leaf.blocks.as_ref().map(|(_, run)| header.samples + run.first);
+            if first.is_some() {
+                self.words.put(header.leaf(leaf.place), &records);
+            }
+            self.words.put(first.unwrap_or(header.leaf(leaf.place)), &samples);
+        }
+    }
+
+    /// Writes how far rays can leap, in the regions around those where cubes have become empty, or have
+    /// ceased to be.
+    fn leaps(&mut self) {
+        let mut around = BTreeSet::new();
+        for at in &self.moved {
+            for i in 0..27 {
+                around.insert((*at + IVec3::new(i / 9, i / 3 % 3, i % 3) - 1).to_array());
+            }
+        }
+        let regions = &self.sections.regions;
+        let around = around.into_iter().filter_map(|at| Some((at, regions.get(&at)?.number()?)));
+        let around: Vec<([i32; 3], u32)> = around.collect();
+        let chunk_at = |at: IVec3| -> Option<&Chunk> { Some(&regions.get(&at.to_array())?.chunk) };
+        let codes: Vec<(u32, Vec<u32>)> = around
+            .into_par_iter()
+            .map(|(at, number)| {
+                (number, leaps::codes(|beside| chunk_at(IVec3::from_array(at) + beside)))
+            })
+            .collect();
+        for (number, mut codes) in codes {
+            let place = self.words.packed.header.region(number);
+            for (code, &word) in codes.iter_mut().zip(&self.words.packed.words[place.clone()]) {
+                if word & (CHILD | OCCUPIED) != 0 {
+                    *code = word;
+                }
+            }
+            self.words.put_each(place.start as u32, &codes);
+        }
+    }
+
+    fn crown(&mut self) -> Result<(), NoRoom> {
+        if self.crown {
+            let crown = Frame::of(self.words.packed).crown(&self.sections.regions);
+            if crown.len() > self.sections.crown_room as usize {
+                return Err(NoRoom);
+            }
+            self.words.put_each(self.words.packed.header.crown, &crown);
+        }
+        Ok(())
+    }
+
+    /// The boxes around the occupied cells of regions, and of all of them.
+    fn boxes(&mut self, changed: &[(IVec3, super::slots::Slots)]) {
+        let packed = &*self.words.packed;
+        let regions = &self.sections.regions;
+        let boxes: Vec<_> = changed
+            .par_iter()
+            .filter_map(|(at, _)| {
+                let at = at.to_array();
+                Some((at, packed.box_of(at, regions.get(&at)?)))
+            })
+            .collect();
+        for (at, occupied) in boxes {
+            if let Some(region) = self.sections.regions.get_mut(&at) {
+                region.occupied = occupied;
+            }
+        }
+        self.sections.set_box(self.words.packed);
+    }
+}
+
+/// Ranges in order, with those that overlap or are close to each other as one.
+pub(super) fn merged(mut ranges: Vec<Range<u32>>) -> Vec<Range<u32>> {
+    ranges.sort_unstable_by_key(|range| range.start);
+    let mut merged: Vec<Range<u32>> = Vec::new();
+    for range in ranges {
+        match merged.last_mut() {
+            Some(last) if range.start <= last.end.saturating_add(GAP) => {
+                last.end = last.end.max(range.end);
+            }
+            _ => merged.push(range),
+        }
+    }
+    merged
+}

@@ -1,0 +1,412 @@
+//! A packed grid with room to spare: every section of its words can grow where it is.
+
+use std::collections::{BTreeMap, HashMap};
+use std::ops::Range;
+
+use glam::IVec3;
+use rayon::prelude::*;
+
+use super::runs::{Run, Runs};
+use super::slots::{Slots, slot_origin};
+use crate::pack::crown::{self, Crown};
+use crate::pack::layout::*;
+use crate::pack::leaps::Chunk;
+use crate::pack::{GridHeader, PackError, PackKind, PackedGrid, assemble, bits, blocks, build};
+use crate::tree::CoordBox;
+
+/// Records that each leaf of a smooth surface has room for: one for each of its blocks.
+const LEAF_RECORDS: u32 = 8;
+const LEAF_RECORD_WORDS: u32 = LEAF_RECORDS * RECORD_WORDS as u32;
+
+/// What is known of 128³ cells that are not empty.
+#[derive(Clone, Debug)]
+pub(super) struct Region {
+    /// In the crown: a tile, or a region and its number.
+    pub word: u32,
+    /// The leaf-sized cubes in it that are not empty.
+    pub chunk: Chunk,
+    /// Where its leaves are.
+    pub leaves: Run,
+    /// Their numbers within the region.
+    pub used: Slots,
+    /// Around its occupied cells, in index space.
+    pub occupied: Option<CoordBox>,
+}
+
+impl Region {
+    /// Nothing yet, with a word of the crown.
+    pub fn new(word: u32) -> Self {
+        let full = word & CHILD == 0;
+        Self {
+            word,
+            chunk: [[if full { u16::MAX } else { 0 }; 16]; 16],
+            leaves: Run::default(),
+            used: Slots::default(),
+            occupied: None,
+        }
+    }
+
+    /// The number of the region, if it is not a tile.
+    pub fn number(&self) -> Option<u32> {
+        (self.word & CHILD != 0).then_some(self.word & PAYLOAD)
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.chunk.iter().flatten().all(|&row| row == 0)
+    }
+}
+
+/// Where everything is, and what is free.
+#[derive(Clone, Debug)]
+pub(super) struct Sections {
+    /// By their place in index space, in units of their size.
+    pub regions: BTreeMap<[i32; 3], Region>,
+    /// Numbers of regions that are not in use.
+    pub free_regions: Vec<u32>,
+    /// Places of leaves: of their masks, records, bricks.
+    pub places: Runs,
+    /// Samples of smooth surfaces.
+    pub samples: Runs,
+    /// Those of each leaf, by its place.
+    pub samples_of: Vec<Run>,
+    /// Where values of tiles are in the palette, by their bits, and tuples of them.
+    pub tiles: HashMap<u32, u32>,
+    pub tuples: HashMap<[u32; 8], u32>,
+    /// Words of the palette in use.
+    pub palette_end: u32,
+    /// Where the palette has to end.
+    pub palette_room: u32,
+    /// Words that the crown has room for.
+    pub crown_room: u32,
+}
+
+/// Half as much again, and not too little.
+fn roomy(count: u32, least: u32) -> u32 {
+    count.saturating_add((count / 2).max(least))
+}
+
+impl Sections {
+    /// Spreads out what has been packed as a whole, with its samples in 32 bits, so that every section
+    /// has room for half as much again. `None` where there are tiles of more than 128³ cells.
+    pub fn spread(packed: &PackedGrid) -> Result<Option<(PackedGrid, Self)>, PackError> {
+        let old = &packed.header;
+        let Some(found) = regions_of(packed) else { return Ok(None) };
+        let smooth = matches!(packed.kind, PackKind::Smooth { .. });
+        let leaves_end = match packed.kind {
+            PackKind::Surface { .. } => old.palette,
+            PackKind::Smooth { .. } => old.leaf_records,
+            PackKind::Fog => old.samples,
+        };
+        let (count, leaves) =
+            (old.regions - old.heads, (leaves_end - old.masks) / LEAF_MASK_WORDS as u32);
+        let leaves_of = |number: u32| {
+            let head = |number: u32| packed.words[(old.heads + number) as usize];
+            head(number)..if number + 1 < count { head(number + 1) } else { leaves }
+        };
+
+        let mut places = Runs::new(u32::MAX);
+        let mut regions = BTreeMap::new();
+        for (at, word) in found {
+            let mut region = Region::new(word);
+            if let Some(number) = region.number() {
+                let leaves = leaves_of(number).len() as u32;
+                let least = (leaves + leaves / 8 + 2).min(REGION_WORDS as u32);
+                region.leaves = places.take(least).unwrap_or_default();
+                (0..leaves as usize).for_each(|leaf| region.used.set(leaf, true));
+                region.chunk = chunk(&packed.words[old.region(number)]);
+            }
+            regions.insert(at.to_array(), region);
+        }
+        let place_room = roomy(places.end(), 256);
+        let mut samples = Runs::new(u32::MAX);
+        let mut samples_of = vec![Run::default(); if smooth { place_room as usize } else { 0 }];
+        if smooth {
+            for (region, number) in numbered(&regions) {
+                for (place, leaf) in (region.leaves.first..).zip(leaves_of(number)) {
+                    let kept = blocks::samples_of(packed.mask(leaf));
+                    samples_of[place as usize] = samples.take(kept).unwrap_or_default();
+                }
+            }
+        }
+
+        let frame = Frame::around(&regions);
+        let crown = frame.crown(&regions);
+        let crown_room = roomy(crown.len() as u32, 8 * CROWN_WORDS as u32);
+        let region_room = roomy(count, 16);
+        let sample_room = roomy(samples.end(), 1 << 14);
+        let palette_end = packed.words.len() as u32 - old.palette;
+        let palette_room = if matches!(packed.kind, PackKind::Surface { .. }) {
+            0
+        } else {
+            roomy(palette_end, 256)
+        };
+
+        let mut end = 0_u64;
+        let mut section = |words: u64| {
+            let first = end;
+            end += words;
+            first.min(u32::MAX.into()) as u32
+        };
+        let places_of = |words: u32| u64::from(place_room) * u64::from(words);
+        let mut header = GridHeader {
+            crown_origin: frame.crown_origin.to_array(),
+            crown_levels: frame.levels,
+            crown: section(crown_room.into()),
+            heads: section(region_room.into()),
+            regions: section(u64::from(region_room) * REGION_WORDS as u64),
+            masks: section(places_of(LEAF_MASK_WORDS as u32)),
+            ..*old
+        };
+        match packed.kind {
+            PackKind::Surface { .. } => {}
+            PackKind::Smooth { .. } => {
+                header.leaf_records = section(places_of(1));
+                header.records = section(places_of(LEAF_RECORD_WORDS));
+                header.samples = section(sample_room.into());
+            }
+            PackKind::Fog => header.samples = section(places_of(old.brick_words)),
+        }
+        header.palette = section(palette_room.into());
+        build::check_at_most("words", end, u32::MAX.into())?;
+
+        let mut words = vec![0; end as usize];
+        let mut put = |first: u32, from: &[u32]| {
+            words[first as usize..first as usize + from.len()].copy_from_slice(from);
+        };
+        put(header.crown, &crown);
+        if smooth {
+            let firsts: Vec<u32> = (0..place_room).map(|place| place * LEAF_RECORDS).collect();
+            put(header.leaf_records, &firsts);
+        }
+        for (region, number) in numbered(&regions) {
+            put(header.heads + number, &[region.leaves.first]);
+            put(header.region(number).start as u32, &packed.words[old.region(number)]);
+            for (place, leaf) in (region.leaves.first..).zip(leaves_of(number)) {
+                put(header.mask(place), packed.mask(leaf));
+                match packed.kind {
+                    PackKind::Surface { .. } => {}
+                    PackKind::Smooth { .. } => {
+                        let (records, from) = packed.smooth_leaf(leaf);
+                        let run = samples_of[place as usize];
+                        put(header.leaf(place), &rebased(records, run.first));
+                        put(header.samples + run.first, from);
+                    }
+                    PackKind::Fog => {
+                        let from = old.leaf(leaf) as usize;
+                        put(header.leaf(place), &packed.words[from..][..old.brick_words as usize]);
+                    }
+                }
+            }
+        }
+        if palette_room > 0 {
+            put(header.palette, &packed.words[old.palette as usize..]);
+        }
+        let base = frame.base << REGION_BITS as i32;
+        let (kind, majorant) = (packed.kind, packed.majorant);
+        let mut spread = PackedGrid { kind, base, occupied: None, words, header, majorant };
+        let boxes: Vec<_> = regions.par_iter().map(|(at, r)| spread.box_of(*at, r)).collect();
+        for (region, occupied) in regions.values_mut().zip(boxes) {
+            region.occupied = occupied;
+        }
+        let mut sections = Self {
+            free_regions: (count..region_room).rev().collect(),
+            places: places.with_capacity(place_room),
+            samples: samples.with_capacity(sample_room),
+            samples_of,
+            tiles: HashMap::new(),
+            tuples: HashMap::new(),
+            palette_end,
+            palette_room,
+            crown_room,
+            regions,
+        };
+        sections.set_box(&mut spread);
+        Ok(Some((spread, sections)))
+    }
+
+    /// Gives a grid the box around all regions.
+    pub fn set_box(&mut self, packed: &mut PackedGrid) {
+        let boxes = self.regions.values().filter_map(|region| region.occupied);
+        let base = packed.base;
+        let occupied = boxes.reduce(CoordBox::union);
+        packed.occupied = occupied.map(|b| CoordBox { min: b.min - base, max: b.max - base });
+        let bounds = packed.occupied.unwrap_or(assemble::NOWHERE);
+        packed.header.occupied_min = bounds.min.to_array();
+        packed.header.occupied_max = bounds.max.to_array();
+    }
+}
+
+/// The regions that are not tiles, with their numbers.
+fn numbered(regions: &BTreeMap<[i32; 3], Region>) -> impl Iterator<Item = (&Region, u32)> {
+    regions.values().filter_map(|region| Some((region, region.number()?)))
+}
+
+/// Records of a leaf whose samples begin elsewhere: `first` is where.
+pub(super) fn rebased(records: &[u32], first: u32) -> Vec<u32> {
+    let own = records.get(RECORD_WORDS - 1).copied().unwrap_or_default();
+    let mut records = records.to_vec();
+    for record in records.as_chunks_mut::<RECORD_WORDS>().0 {
+        record[RECORD_WORDS - 1] = record[RECORD_WORDS - 1] - own + first;
+    }
+    records
+}
+
+/// The words of sections by the numbers of what is in them.
+impl GridHeader {
+    /// Of a region.
+    pub(super) fn region(&self, number: u32) -> Range<usize> {
+        let first = self.regions as usize + number as usize * REGION_WORDS;
+        first..first + REGION_WORDS
+    }
+
+    /// The first of a leaf's mask.
+    pub(super) fn mask(&self, place: u32) -> u32 {
+        self.masks + place * LEAF_MASK_WORDS as u32
+    }
+
+    /// Words that [`GridHeader::leaf`] begins.
+    pub(super) fn leaf_words(&self) -> u32 {
+        match (self.brick_words, self.records) {
+            (0, 0) => 0,
+            (0, _) => LEAF_RECORD_WORDS,
+            (brick, _) => brick,
+        }
+    }
+
+    /// The first of a leaf's brick, or of its records where there is room for all that it can have.
+    pub(super) fn leaf(&self, place: u32) -> u32 {
+        if self.brick_words > 0 {
+            self.samples + place * self.brick_words
+        } else {
+            self.records + place * LEAF_RECORD_WORDS
+        }
+    }
+}
+
+impl PackedGrid {
+    fn mask(&self, place: u32) -> &[u32; LEAF_MASK_WORDS] {
+        let first = self.header.mask(place) as usize;
+        self.words[first..].first_chunk().expect("a leaf has a mask")
+    }
+
+    /// The records and the samples of a leaf of a smooth surface that has been packed as a whole.
+    fn smooth_leaf(&self, leaf: u32) -> (&[u32], &[u32]) {
+        let mask = self.mask(leaf);
+        let blocks = mask.chunks_exact(2).filter(|pair| pair[0] | pair[1] != 0).count();
+        let header = &self.header;
+        let first = self.words[(header.leaf_records + leaf) as usize] as usize * RECORD_WORDS;
+        let records = &self.words[header.records as usize + first..][..blocks * RECORD_WORDS];
+        let first = (header.samples + records[RECORD_WORDS - 1]) as usize;
+        (records, &self.words[first..][..blocks::samples_of(mask) as usize])
+    }
+
+    /// The box around the occupied cells of a region, in index space.
+    pub(super) fn box_of(&self, at: [i32; 3], region: &Region) -> Option<CoordBox> {
+        let at = IVec3::from_array(at);
+        let Some(number) = region.number() else {
+            return Some(CoordBox::cube(at << REGION_BITS as i32, REGION_BITS));
+        };
+        let words = self.words[self.header.region(number)].iter().enumerate();
+        let boxes = words.filter_map(|(slot, &word)| {
+            let origin = slot_origin(at, slot);
+            if word & CHILD != 0 {
+                let leaf = word & ((1 << LEAF_NUMBER_BITS) - 1);
+                bits::mask_box(self.mask(region.leaves.first + leaf), origin)
+            } else {
+                (word & OCCUPIED != 0).then(|| CoordBox::cube(origin, LEAF_BITS))
+            }
+        });
+        boxes.reduce(CoordBox::union)
+    }
+}
+
+/// Where local coordinates and the crown begin, in regions, and how many levels the crown has.
+pub(super) struct Frame {
+    base: IVec3,
+    crown_origin: IVec3,
+    levels: u32,
+}
+
+impl Frame {
+    /// With half of it to spare on all sides.
+    fn around(regions: &BTreeMap<[i32; 3], Region>) -> Self {
+        let all = regions.keys().map(|at| CoordBox::voxel(IVec3::from_array(*at)));
+        let bounds = all.reduce(CoordBox::union).unwrap_or(CoordBox::voxel(IVec3::ZERO));
+        let extent = bounds.max - bounds.min + 1;
+        let levels = crown::levels((2 * extent.max_element() as u32).max(8));
+        let span = 1_i64 << (2 * levels);
+        if span > assemble::WIDE.into() {
+            return Self {
+                base: IVec3::ZERO,
+                crown_origin: assemble::ALL_FIRST,
+                levels: crown::levels(assemble::ALL_EXTENT),
+            };
+        }
+        let margin = (IVec3::splat(span as i32) - extent) / 2;
+        let base = (bounds.min - margin).max(assemble::ALL_FIRST);
+        Self { base, crown_origin: IVec3::ZERO, levels }
+    }
+
+    /// Of a grid.
+    pub fn of(packed: &PackedGrid) -> Self {
+        Self {
+            base: packed.base >> REGION_BITS as i32,
+            crown_origin: IVec3::from_array(packed.header.crown_origin),
+            levels: packed.header.crown_levels,
+        }
+    }
+
+    /// A region of index space as the crown counts it.
+    fn place(&self, region: IVec3) -> IVec3 {
+        region - self.base - self.crown_origin
+    }
+
+    /// Whether the crown covers a region.
+    pub fn covers(&self, region: IVec3) -> bool {
+        let at = self.place(region);
+        (at.x | at.y | at.z) >> (2 * self.levels) == 0
+    }
+
+    /// The words of the crown over all regions.
+    pub fn crown(&self, regions: &BTreeMap<[i32; 3], Region>) -> Vec<u32> {
+        let mut crown = Crown::new(self.levels);
+        for (at, region) in regions {
+            crown.set(self.place(IVec3::from_array(*at)), 0, region.word);
+        }
+        crown.add_leaps();
+        crown.into_words()
+    }
+}
+
+/// The regions and tiles of a crown, in index space; `None` where a tile is larger than a region, or
+/// looked at cell by cell.
+fn regions_of(packed: &PackedGrid) -> Option<Vec<(IVec3, u32)>> {
+    let header = &packed.header;
+    let origin = (packed.base >> REGION_BITS as i32) + IVec3::from_array(header.crown_origin);
+    let mut found = Vec::new();
+    let mut open = vec![(0, header.crown_levels - 1, IVec3::ZERO)];
+    while let Some((node, level, place)) = open.pop() {
+        let first = header.crown as usize + node as usize * CROWN_WORDS;
+        for (slot, &word) in packed.words[first..first + CROWN_WORDS].iter().enumerate() {
+            let place = place * 4 + crown::offset_of(slot);
+            match (word & (CHILD | OCCUPIED), level) {
+                (0, _) => {}
+                (_, 0) if word & (CHILD | MIXED) == MIXED => return None,
+                (_, 0) => found.push((origin + place, word)),
+                (OCCUPIED, _) => return None,
+                _ => open.push((word & PAYLOAD, level - 1, place)),
+            }
+        }
+    }
+    Some(found)
+}
+
+/// The leaf-sized cubes of a region's words that are not empty.
+pub(super) fn chunk(words: &[u32]) -> Chunk {
+    let mut chunk = Chunk::default();
+    for (slot, word) in words.iter().enumerate() {
+        let full = word & (CHILD | OCCUPIED) != 0;
+        chunk[slot >> 8][slot >> 4 & 15] |= u16::from(full) << (slot & 15);
+    }
+    chunk
+}

@@ -1,0 +1,110 @@
+//! Sets of leaf-sized cubes: those whose voxels have changed.
+
+use std::collections::HashMap;
+
+use glam::IVec3;
+
+use crate::pack::layout::{LEAF_BITS, REGION_BITS, REGION_WORDS};
+
+/// log₂ of the slots per edge of a region.
+const SLOT_BITS: i32 = (REGION_BITS - LEAF_BITS) as i32;
+
+/// Some of the slots of a region, a bit each.
+#[derive(Clone, Debug)]
+pub(super) struct Slots([u64; REGION_WORDS / 64]);
+
+impl Default for Slots {
+    fn default() -> Self {
+        Self([0; REGION_WORDS / 64])
+    }
+}
+
+impl Slots {
+    pub fn set(&mut self, slot: usize, on: bool) {
+        let (word, bit) = (&mut self.0[slot >> 6], 1 << (slot & 63));
+        *word = if on { *word | bit } else { *word & !bit };
+    }
+
+    pub fn count(&self) -> u32 {
+        self.0.iter().map(|word| word.count_ones()).sum()
+    }
+
+    /// From the lowest up.
+    pub fn iter(&self) -> impl Iterator<Item = usize> + '_ {
+        self.0.iter().enumerate().flat_map(|(i, &word)| {
+            let mut rest = word;
+            std::iter::from_fn(move || {
+                let bit = (rest != 0).then(|| rest.trailing_zeros() as usize)?;
+                rest &= rest - 1;
+                Some(i * 64 + bit)
+            })
+        })
+    }
+
+    /// The lowest that is not there, if it is below `limit`.
+    pub fn first_free(&self, limit: u32) -> Option<usize> {
+        let word = self.0.iter().position(|&word| word != u64::MAX)?;
+        let slot = word * 64 + self.0[word].trailing_ones() as usize;
+        (slot < limit as usize).then_some(slot)
+    }
+}
+
+/// The lowest voxel of a slot of a region.
+pub(super) fn slot_origin(region: IVec3, slot: usize) -> IVec3 {
+    let slot = slot as i32;
+    let offset = IVec3::new(slot >> 8, slot >> 4 & 15, slot & 15);
+    (region << REGION_BITS as i32) + (offset << LEAF_BITS as i32)
+}
+
+/// Leaf-sized cubes of the index space, by region. A cube is named by its lowest voxel over 8.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Cubes {
+    numbers: HashMap<IVec3, usize>,
+    regions: Vec<(IVec3, Slots)>,
+    /// The one that the last cube was in: cubes come side by side.
+    last: usize,
+}
+
+impl Cubes {
+    pub fn is_empty(&self) -> bool {
+        self.regions.is_empty()
+    }
+
+    pub fn insert(&mut self, cube: IVec3) {
+        let region = cube >> SLOT_BITS;
+        if self.regions.get(self.last).is_none_or(|(last, _)| *last != region) {
+            self.last = *self.numbers.entry(region).or_insert_with(|| {
+                self.regions.push((region, Slots::default()));
+                self.regions.len() - 1
+            });
+        }
+        let part = cube & ((1 << SLOT_BITS) - 1);
+        let slot = part.x << (2 * SLOT_BITS) | part.y << SLOT_BITS | part.z;
+        self.regions[self.last].1.set(slot as usize, true);
+    }
+
+    /// These and their neighbours on the low side, whose lattice cells have samples in them.
+    pub fn with_low_sides(&self) -> Self {
+        let lowest = i32::MIN >> LEAF_BITS;
+        let mut all = Self::default();
+        for (region, slots) in &self.regions {
+            for side in 0..8 {
+                let side = IVec3::new(side >> 2, side >> 1 & 1, side & 1);
+                for slot in slots.iter() {
+                    let cube = (slot_origin(*region, slot) >> LEAF_BITS as i32) - side;
+                    if cube.min_element() >= lowest {
+                        all.insert(cube);
+                    }
+                }
+            }
+        }
+        all
+    }
+
+    /// The regions with their slots, in an order of their own that follows from the cubes alone.
+    pub fn into_regions(self) -> Vec<(IVec3, Slots)> {
+        let mut regions = self.regions;
+        regions.sort_unstable_by_key(|(region, _)| region.to_array());
+        regions
+    }
+}

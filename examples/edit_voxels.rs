@@ -1,0 +1,158 @@
+//! A sculptor: a ball of clay whose voxels change each frame. A tool winds a groove around it and sets
+//! beads between the turns; with the mouse, the left button digs and the right one adds.
+//!
+//! `cargo run --example edit_voxels` opens a window, `… picture.png 800x450` writes a picture.
+
+use std::f32::consts::{PI, TAU};
+
+use bevy::math::{DAffine3, DVec3};
+use bevy::prelude::*;
+use bevy_vdb::prelude::*;
+use bevy_vdb::vdb_core::pack::PackKind;
+use bevy_vdb::vdb_core::synth::level_set;
+use bevy_vdb::vdb_core::tree::CoordBox;
+
+mod helpers;
+
+/// World units.
+const VOXEL: f32 = 0.02;
+const RADIUS: f32 = 1.6;
+/// Of the groove around the ball, and how long it takes, in seconds.
+const TURNS: f32 = 7.0;
+const SECONDS: f32 = 3.0;
+const BEADS: f32 = 90.0;
+/// Places of the tool in a frame.
+const DABS: u32 = 20;
+
+fn main() -> AppExit {
+    helpers::app()
+        .insert_resource(GlobalAmbientLight { brightness: 250.0, ..default() })
+        .insert_resource(ClearColor(Color::srgb(0.09, 0.1, 0.13)))
+        // Until the groove is done.
+        .insert_resource(helpers::Frames(30 * SECONDS as u32))
+        .init_resource::<Brush>()
+        .add_systems(Startup, setup)
+        // What asks about volumes reads their grids, and what edits them writes these: one after the other.
+        .add_systems(Update, (wind, point, carve).chain())
+        .run()
+}
+
+/// Where the tool is to work in this frame.
+#[derive(Default, Resource)]
+struct Brush(Vec<Dab>);
+
+/// A ball that is taken from the clay or added to it, in world units.
+struct Dab {
+    at: Vec3,
+    radius: f32,
+    adds: bool,
+}
+
+/// What shows where the tool is.
+#[derive(Component)]
+struct Tool;
+
+fn setup(
+    mut commands: Commands,
+    mut grids: ResMut<Assets<VdbGrid>>,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) -> Result {
+    let clay = level_set::sphere(DVec3::ZERO, f64::from(RADIUS / VOXEL));
+    let world_from_index = DAffine3::from_scale(DVec3::splat(VOXEL.into()));
+    let kind = PackKind::Smooth { iso: 0.0 };
+    let clay = grids.add(VdbGrid::new("clay", clay, world_from_index, kind)?);
+    let look = VdbMaterial {
+        base_color: Color::srgb(0.78, 0.4, 0.24),
+        perceptual_roughness: 0.55,
+        ..default()
+    };
+    commands.spawn((VdbVolume(clay), look));
+    let glow = StandardMaterial { emissive: LinearRgba::rgb(4.0, 9.0, 12.0), ..default() };
+    let bead = (Mesh3d(meshes.add(Sphere::new(0.06))), MeshMaterial3d(materials.add(glow)));
+    commands.spawn((Tool, bead, Transform::from_scale(Vec3::ZERO)));
+    let eye = Transform::from_xyz(2.2, 1.9, 4.2).looking_at(Vec3::ZERO, Vec3::Y);
+    // There is no mesh for its shadow to fall on.
+    let settings = VdbCamera { mesh_shadows: false, ..default() };
+    commands.spawn((Camera3d::default(), settings, eye));
+    let sun = DirectionalLight { illuminance: 9_000.0, shadow_maps_enabled: true, ..default() };
+    commands.spawn((sun, Transform::from_xyz(-4.0, 5.0, 4.0).looking_at(Vec3::ZERO, Vec3::Y)));
+    Ok(())
+}
+
+/// The tool on its way from the top to the bottom.
+fn wind(time: Res<Time>, mut brush: ResMut<Brush>, mut tool: Single<&mut Transform, With<Tool>>) {
+    brush.0.clear();
+    let (now, before) = (time.elapsed_secs() / SECONDS, time.delta_secs() / SECONDS);
+    if now > 1.0 {
+        tool.scale = Vec3::ZERO;
+        return;
+    }
+    // From the middle of the ball, after a part of the way.
+    let toward = |around: f32, down: f32| {
+        Quat::from_rotation_y(around * TAU * TURNS) * Quat::from_rotation_x(down * PI) * Vec3::Y
+    };
+    for i in 1..=DABS {
+        let part = now - before * (1.0 - i as f32 / DABS as f32);
+        let at = 1.03 * RADIUS * toward(part, part);
+        brush.0.push(Dab { at, radius: 0.13, adds: false });
+        tool.translation = at;
+    }
+    tool.scale = Vec3::ONE;
+    // Every few frames a bead, on the ridge between this turn and the last one.
+    let bead = |now: f32| (now * BEADS) as u32;
+    if now > 1.0 / TURNS && bead(now) != bead(now - before) {
+        let at = RADIUS * toward(now, now - 0.5 / TURNS);
+        brush.0.push(Dab { at, radius: 0.1, adds: true });
+    }
+}
+
+/// The mouse, where there is one.
+fn point(
+    window: Option<Single<&Window>>,
+    camera: Single<(&Camera, &GlobalTransform)>,
+    buttons: Res<ButtonInput<MouseButton>>,
+    volumes: VdbSpatialQuery,
+    mut brush: ResMut<Brush>,
+) {
+    let adds = buttons.pressed(MouseButton::Right);
+    if !adds && !buttons.pressed(MouseButton::Left) {
+        return;
+    }
+    let (camera, transform) = *camera;
+    let hit = window
+        .and_then(|window| window.cursor_position())
+        .and_then(|cursor| camera.viewport_to_world(transform, cursor).ok())
+        .and_then(|ray| volumes.cast_ray_nearest(ray, &VdbRayCastSettings::default()));
+    brush.0.extend(hit.map(|hit| Dab { at: hit.position, radius: 0.12, adds }));
+}
+
+/// Works on the clay: a level set stays one by the least or the largest of two distances.
+fn carve(
+    brush: Res<Brush>,
+    clay: Single<&VdbVolume>,
+    mut grids: ResMut<Assets<VdbGrid>>,
+) -> Result {
+    if brush.0.is_empty() {
+        return Ok(());
+    }
+    let Some(mut grid) = grids.get_mut(&clay.0) else { return Ok(()) };
+    grid.edit(|voxels| {
+        for dab in &brush.0 {
+            let (middle, radius) = (dab.at / VOXEL, dab.radius / VOXEL);
+            let reach = radius + level_set::HALF_WIDTH;
+            let bbox = CoordBox {
+                min: (middle - reach).floor().as_ivec3(),
+                max: (middle + reach).ceil().as_ivec3(),
+            };
+            voxels.update(bbox, |ijk, old| {
+                let distance = ijk.as_vec3().distance(middle) - radius;
+                let distance = distance.clamp(-level_set::HALF_WIDTH, level_set::HALF_WIDTH);
+                let value =
+                    if dab.adds { old.value.min(distance) } else { old.value.max(-distance) };
+                VdbVoxel { value, active: value.abs() < level_set::HALF_WIDTH }
+            });
+        }
+    })?;
+    Ok(())
+}

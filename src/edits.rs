@@ -1,0 +1,159 @@
+//! Voxels that change while an app runs, and what the GPU has not been told of yet.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use vdb_core::pack::edit::{Changes, Editor};
+use vdb_core::pack::{PackError, PackedGrid};
+use vdb_core::tree::Vdb543;
+
+use crate::VdbEdit;
+
+/// What keeps a grid in step with its voxels.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Edits {
+    editor: Editor,
+    journal: Journal,
+}
+
+impl Edits {
+    /// Changes voxels of a tree, and its packed grid with them.
+    pub fn edit<R>(
+        &mut self,
+        tree: &mut Arc<Vdb543<f32>>,
+        packed: &mut Arc<PackedGrid>,
+        f: impl FnOnce(&mut VdbEdit) -> R,
+    ) -> Result<R, PackError> {
+        let done = f(&mut self.editor.edit(Arc::make_mut(tree)));
+        let (tree, packed) = (&**tree, Arc::make_mut(packed));
+        let changes = self.editor.commit(tree, packed);
+        match &changes {
+            Ok(changes) => self.journal.add(changes.clone(), packed.words.len()),
+            Err(_) => self.journal.add(Changes::All, packed.words.len()),
+        }
+        changes.map(|_| done)
+    }
+
+    /// Names the words of the packed grid as they are now: no other words, of any grid, have this number.
+    pub fn revision(&self) -> u64 {
+        self.journal.revision
+    }
+
+    /// What has changed since the words had a number.
+    pub fn since(&self, revision: u64) -> Changes {
+        self.journal.since(revision)
+    }
+}
+
+/// Commits that a journal remembers at most: one that reads it each frame never needs as many.
+const MOST_COMMITS: usize = 64;
+
+/// The last changes of a grid's words.
+#[derive(Clone, Debug)]
+struct Journal {
+    revision: u64,
+    /// From which revision on, and what has changed then; one after the other.
+    commits: VecDeque<(u64, Changes)>,
+    /// Words that they have changed, all together.
+    words: usize,
+}
+
+impl Default for Journal {
+    fn default() -> Self {
+        Self { revision: new_revision(), commits: VecDeque::new(), words: 0 }
+    }
+}
+
+fn new_revision() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
+}
+
+fn count(changes: &Changes) -> usize {
+    match changes {
+        Changes::Words(ranges) => ranges.iter().map(|range| range.len()).sum(),
+        Changes::All => 0,
+    }
+}
+
+impl Journal {
+    /// Remembers changes of a grid that now has so many words.
+    fn add(&mut self, changes: Changes, words: usize) {
+        if changes == Changes::Words(Vec::new()) {
+            return;
+        }
+        let before = std::mem::replace(&mut self.revision, new_revision());
+        if changes == Changes::All {
+            self.commits.clear();
+            self.words = 0;
+            return;
+        }
+        self.words += count(&changes);
+        self.commits.push_back((before, changes));
+        // Who has not read for so long gets all words, which are no more.
+        while self.commits.len() > MOST_COMMITS || self.words > words {
+            let Some((_, oldest)) = self.commits.pop_front() else { break };
+            self.words -= count(&oldest);
+        }
+    }
+
+    fn since(&self, revision: u64) -> Changes {
+        if revision == self.revision {
+            return Changes::Words(Vec::new());
+        }
+        let Some(first) = self.commits.iter().position(|(before, _)| *before == revision) else {
+            return Changes::All;
+        };
+        let commits = self.commits.range(first..).map(|(_, changes)| changes.clone());
+        commits.fold(Changes::Words(Vec::new()), Changes::and)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(first: u32) -> Changes {
+        Changes::Words(std::iter::once(first..first + 10).collect())
+    }
+
+    #[test]
+    fn a_reader_gets_all_that_it_has_missed() {
+        let mut journal = Journal::default();
+        let start = journal.revision;
+        assert_eq!(journal.since(start), Changes::Words(Vec::new()));
+        journal.add(words(500), 1000);
+        let middle = journal.revision;
+        journal.add(words(0), 1000);
+        journal.add(Changes::Words(Vec::new()), 1000);
+        assert_eq!(journal.since(start), Changes::Words(vec![0..10, 500..510]));
+        assert_eq!(journal.since(middle), words(0));
+        assert_eq!(journal.since(journal.revision), Changes::Words(Vec::new()));
+        // Another one's words are not these.
+        assert_eq!(journal.since(Journal::default().revision), Changes::All);
+
+        // Two that go on from the same words have others from then on.
+        let (common, mut other) = (journal.revision, journal.clone());
+        journal.add(words(20), 1000);
+        other.add(words(30), 1000);
+        assert_eq!(other.since(journal.revision), Changes::All);
+        assert_eq!(other.since(common), words(30));
+
+        journal.add(Changes::All, 1000);
+        assert_eq!(journal.since(common), Changes::All);
+    }
+
+    #[test]
+    fn a_journal_that_no_one_reads_does_not_grow() {
+        let mut journal = Journal::default();
+        let start = journal.revision;
+        for i in 0..1000 {
+            journal.add(words(i * 100), 1_000_000);
+        }
+        assert!(journal.commits.len() <= MOST_COMMITS && journal.since(start) == Changes::All);
+        let before = journal.revision;
+        journal.add(Changes::Words(vec![0..800, 900..1000]), 500);
+        assert!(journal.words <= 500 && journal.since(before) == Changes::All);
+    }
+}
