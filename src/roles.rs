@@ -25,6 +25,9 @@ const FLAMES: [f32; 2] = [1_500.0, 3_000.0];
 /// What Blender's Principled Volume takes.
 const HEAT: [f32; 2] = [0.0, 1_000.0];
 
+/// How names of surfaces begin that Blender's simulations have about a fluid.
+const HELPERS: &str = "phi_";
+
 /// Names of colours: Houdini's, and plain ones.
 const COLORS: [&str; 4] = ["cd", "color", "colour", "albedo"];
 
@@ -41,11 +44,12 @@ const LUMINANCE: f32 = 1_000.0;
 /// The grids of a [`VdbFile`] by the parts that they play: [`VdbFile::roles`].
 #[derive(Clone, Debug, Default)]
 pub struct VdbRoles {
-    /// All surfaces, in the order of the file.
+    /// All surfaces, in the order of the file; where there is a density, without Blender's `phi_obstacle`
+    /// and its like, between which the fluid was simulated.
     pub surfaces: Vec<Handle<VdbGrid>>,
     /// What dims light: fog called `density` or `smoke`, else the first fog there is.
     pub density: Option<Handle<VdbGrid>>,
-    /// What shines in the density: a first guess ([`VdbEmission::guess`]) for another fog called `flame`,
+    /// What shines in the density: a first guess ([`VdbEmission::guess`]) for another fog, not empty, called `flame`,
     /// `flames`, `fire`, `burn`, `temperature`, `heat` or `temp`, in this order.
     pub emission: Option<VdbEmission>,
     /// What colours the surfaces: vectors called `Cd`, `color`, `colour` or `albedo`.
@@ -74,7 +78,9 @@ impl VdbFile {
         let (fogs, surfaces): (Vec<_>, Vec<_>) =
             there.partition(|(_, grid)| matches!(grid.kind(), PackKind::Fog));
         let called = |name: &str| fogs.iter().find(|(_, grid)| is(grid.name(), name));
-        let fire = FIRES.iter().find_map(|(name, _)| called(name));
+        // Blender writes every grid that it has, those with nothing in them as well.
+        let burns = |(_, grid): &&(_, &VdbGrid)| grid.world_bounds().is_some();
+        let fire = FIRES.iter().find_map(|(name, _)| called(name).filter(burns));
         let density = DENSITIES.iter().find_map(|name| called(name)).or_else(|| {
             let others = fogs.iter().find(|(handle, _)| fire.is_none_or(|(own, _)| own != handle));
             others.or(fogs.first())
@@ -87,7 +93,12 @@ impl VdbFile {
             let mut vectors = self.vector_grids.iter();
             vectors.find(|(label, _)| is(label, name)).map(|(_, grid)| VdbColorGrid(grid.clone()))
         });
-        let surfaces = surfaces.into_iter().map(|(handle, _)| handle.clone()).collect();
+        let helps = |grid: &VdbGrid| {
+            let start = grid.name().get(..HELPERS.len());
+            density.is_some() && start.is_some_and(|start| is(start, HELPERS))
+        };
+        let surfaces = surfaces.into_iter().filter(|(_, grid)| !helps(grid));
+        let surfaces = surfaces.map(|(handle, _)| handle.clone()).collect();
         VdbRoles { surfaces, density, emission, colors }
     }
 }

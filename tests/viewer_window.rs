@@ -372,7 +372,8 @@ fn grids_play_the_parts_that_their_names_suggest() {
     smoke_file::save(&path);
     let plain = Args { files: vec![path.clone()], ..default() };
     let mut viewer = Viewer::ready(&plain);
-    assert_eq!(viewer.labels(), ["density", "fuel", "surface", "temperature"]);
+    let all = ["density", "flame", "fuel", "phi_obstacle", "surface", "temperature"];
+    assert_eq!(viewer.labels(), all);
     assert_eq!(viewer.roles(), ["density + temperature", "surface, Cd"]);
     assert_eq!(viewer.args(), plain);
     let Some(VdbEmission::Temperature { scale, offset, strength, .. }) = viewer.fire() else {

@@ -39,7 +39,7 @@ pub struct State<'w, 's> {
     roles: Query<
         'w,
         's,
-        (Option<&'static VdbEmission>, Option<&'static VdbColorGrid>),
+        (&'static Visibility, Option<&'static VdbEmission>, Option<&'static VdbColorGrid>),
         With<VdbVolume>,
     >,
     windows: Query<'w, 's, &'static Window, With<PrimaryWindow>>,
@@ -117,7 +117,7 @@ impl State<'_, '_> {
     }
 
     fn fire(&self, args: &mut Args) {
-        let shines = self.roles.iter().find_map(|(emission, _)| emission);
+        let shines = self.seen().find_map(|(emission, _)| emission);
         let by_name = self.by_name(args).into_iter().find_map(|roles| roles.emission);
         (args.heat, args.glow) = (None, None);
         let same = match (shines, &by_name) {
@@ -144,13 +144,19 @@ impl State<'_, '_> {
     }
 
     fn colors(&self, args: &mut Args) {
-        let shown = self.roles.iter().find_map(|(_, colors)| colors);
+        let shown = self.seen().find_map(|(_, colors)| colors);
         let by_name = self.by_name(args).into_iter().find_map(|roles| roles.colors);
         args.colors = match shown {
             _ if shown == by_name.as_ref() => Part::ByName,
             None => Part::Nothing,
             Some(colors) => named(colors.0.path()),
         };
+    }
+
+    /// What shines in volumes that are shown, and what colours them.
+    fn seen(&self) -> impl Iterator<Item = (Option<&VdbEmission>, Option<&VdbColorGrid>)> {
+        let seen = self.roles.iter().filter(|(visible, ..)| **visible != Visibility::Hidden);
+        seen.map(|(_, emission, colors)| (emission, colors))
     }
 
     /// What names suggest for the files that are shown, unless grids to show are named.

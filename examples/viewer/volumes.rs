@@ -87,7 +87,7 @@ pub fn spawn(
         if let (Some(emission), true) = (&emission, Some(i) == smoke) {
             entity.insert(emission.clone());
         }
-        if let (Some(colors), false) = (&colors, is_fog) {
+        if let (Some(colors), false, true) = (&colors, is_fog, shown) {
             entity.insert(colors.clone());
         }
         if let (true, Some(own)) = (shown, grid.world_bounds()) {
