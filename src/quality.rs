@@ -97,12 +97,13 @@ impl VdbQuality {
         fog_slabs: 16,
         ..Self::HIGH
     };
-    /// A ray for four pixels, too.
+    /// A ray for four pixels, too, and copies of volumes far away, which take memory ([`VdbQuality::detail`]).
     pub const FAST: Self = Self {
         fog_step: 2.0,
         fog_light_step: 8.0,
         fog_shadow_step: 8.0,
         fog_slabs: 8,
+        detail: 2.0,
         resolution: 0.5,
         ..Self::BALANCED
     };
