@@ -11,10 +11,11 @@ use bevy::render::texture::{FallbackImage, GpuImage};
 use bevy::render::view::{ViewDepthTexture, ViewUniforms};
 
 use super::accumulate::AccumulatePipeline;
+use super::beams_pipeline::BeamsPipeline;
 use super::blackbody::BlackbodyColors;
 use super::gpu_tree::VdbTreePool;
 use super::lights::{AllLights, LightBindGroups, ViewLights};
-use super::pipeline::{BeamsPipeline, CompositePipeline, TracePipeline, ViewPipelines};
+use super::pipeline::{CompositePipeline, TracePipeline, ViewPipelines};
 use super::prepare::{ViewResources, VolumeBuffer};
 use super::upscale::UpscalePipeline;
 

@@ -3,6 +3,7 @@
 //! volumes into Bevy's shadow maps.
 
 mod accumulate;
+mod beams_pipeline;
 mod bind;
 mod blackbody;
 mod cast;
@@ -52,9 +53,10 @@ pub(crate) use shaders::reload as reload_shaders;
 
 use crate::VdbDiagnostics;
 use accumulate::AccumulatePipeline;
+use beams_pipeline::BeamsPipeline;
 use cast_pipeline::{CastPipeline, MeshDepthPipeline};
 use gpu_tree::VdbTreePool;
-use pipeline::{BeamsPipeline, CompositePipeline, TracePipeline};
+use pipeline::{CompositePipeline, TracePipeline};
 use upscale::UpscalePipeline;
 
 /// The steps that volumes add to Bevy's `Core3d` schedule, for each camera that sees one.

@@ -7,12 +7,12 @@ use bevy::core_pipeline::tonemapping::{Tonemapping, get_lut_bind_group_layout_en
 use bevy::pbr::MeshPipeline;
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{
-    storage_buffer_read_only_sized, storage_buffer_sized, texture_2d, texture_depth_2d,
-    texture_depth_2d_multisampled, texture_storage_2d, uniform_buffer, uniform_buffer_sized,
+    storage_buffer_read_only_sized, texture_2d, texture_depth_2d, texture_depth_2d_multisampled,
+    texture_storage_2d, uniform_buffer, uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
-    BindGroupLayoutDescriptor, BindGroupLayoutEntries, BlendComponent, BlendFactor, BlendOperation,
-    BlendState, CachedComputePipelineId, CachedRenderPipelineId, ColorTargetState, ColorWrites,
+    BindGroupLayoutDescriptor, BlendComponent, BlendFactor, BlendOperation, BlendState,
+    CachedComputePipelineId, CachedRenderPipelineId, ColorTargetState, ColorWrites,
     CompareFunction, ComputePipelineDescriptor, DepthBiasState, DepthStencilState,
     DynamicBindGroupLayoutEntries, FragmentState, MultisampleState, RenderPipelineDescriptor,
     ShaderStages, SpecializedComputePipeline, SpecializedRenderPipeline, StencilState,
@@ -23,6 +23,7 @@ use bevy::render::view::ViewUniform;
 use bevy::shader::ShaderDefVal;
 
 use super::accumulate::AccumulatePipeline;
+use super::beams_pipeline::BeamsPipeline;
 use super::cast_pipeline::{CastPipeline, MeshDepthPipeline};
 use super::lights::{LightKey, LightLayouts};
 use super::shaders::Shaders;
@@ -68,83 +69,6 @@ pub(super) fn init(
     commands.insert_resource(CompositePipeline::new(&shaders, fullscreen.clone()));
     commands.insert_resource(CastPipeline::new(&shaders, &lights));
     commands.insert_resource(MeshDepthPipeline::new(&shaders, fullscreen.clone()));
-}
-
-/// Finds where the rays of each tile of pixels can begin.
-#[derive(Debug, Resource)]
-pub(super) struct BeamsPipeline {
-    shaders: Shaders,
-    lights: LightLayouts,
-    /// Without and with multisampling.
-    layouts: [BindGroupLayoutDescriptor; 2],
-}
-
-/// Which variant.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) struct BeamsKey {
-    multisampled: bool,
-    scaled: bool,
-    accumulated: bool,
-    page_bits: Option<u32>,
-}
-
-impl From<&TraceKey> for BeamsKey {
-    fn from(key: &TraceKey) -> Self {
-        Self {
-            multisampled: key.multisampled,
-            scaled: key.scaled,
-            accumulated: key.accumulated,
-            page_bits: key.page_bits,
-        }
-    }
-}
-
-impl BeamsPipeline {
-    fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
-        let read = || storage_buffer_read_only_sized(false, None);
-        let layouts = [texture_depth_2d(), texture_depth_2d_multisampled()].map(|depth| {
-            let entries = BindGroupLayoutEntries::with_indices(
-                ShaderStages::COMPUTE,
-                (
-                    (0, read()),
-                    (1, read()),
-                    (2, read()),
-                    (3, read()),
-                    (4, uniform_buffer_sized(false, None)),
-                    (5, read()),
-                    (6, depth),
-                    (9, storage_buffer_sized(false, None)),
-                ),
-            );
-            BindGroupLayoutDescriptor::new("vdb_beams", &entries)
-        });
-        Self { shaders: shaders.clone(), lights: lights.clone(), layouts }
-    }
-
-    pub fn layout(&self, multisampled: bool) -> &BindGroupLayoutDescriptor {
-        &self.layouts[usize::from(multisampled)]
-    }
-}
-
-impl SpecializedComputePipeline for BeamsPipeline {
-    type Key = BeamsKey;
-
-    fn specialize(&self, key: BeamsKey) -> ComputePipelineDescriptor {
-        let defs = [
-            (key.multisampled, "MULTISAMPLED"),
-            (key.scaled, "SCALED"),
-            (key.accumulated, "ACCUMULATED"),
-        ];
-        let own = defs.into_iter().filter(|(on, _)| *on).map(|(_, def)| def.into());
-        ComputePipelineDescriptor {
-            label: Some("vdb_beams".into()),
-            layout: layouts(&self.lights, None, self.layout(key.multisampled)),
-            shader: self.shaders.beams.clone(),
-            shader_defs: own.chain(page_defs(key.page_bits)).collect(),
-            entry_point: Some("beams".into()),
-            ..default()
-        }
-    }
 }
 
 pub(super) fn page_defs(bits: Option<u32>) -> Vec<ShaderDefVal> {

@@ -8,12 +8,11 @@ use bevy::render::render_resource::{
 };
 
 use super::accumulate::AccumulatePipeline;
+use super::beams_pipeline::BeamsPipeline;
 use super::extras::Part;
 use super::gpu_data;
 use super::lights::LightKey;
-use super::pipeline::{
-    BeamsPipeline, CompositeKey, CompositePipeline, TraceKey, TracePipeline, ViewPipelines,
-};
+use super::pipeline::{CompositeKey, CompositePipeline, TraceKey, TracePipeline, ViewPipelines};
 use super::upscale::UpscalePipeline;
 
 /// All variants of all pipelines.
