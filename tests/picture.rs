@@ -41,6 +41,8 @@ mod quality;
 mod rays;
 #[path = "picture/reflections.rs"]
 mod reflections;
+#[path = "picture/reload.rs"]
+mod reload;
 #[path = "picture/scatter.rs"]
 mod scatter;
 #[path = "picture/scene.rs"]

@@ -23,6 +23,7 @@ use bevy::shader::Shader;
 use super::bind::ViewBindGroups;
 use super::changes::SceneChanges;
 use super::gpu_data;
+use super::kept::KeptPipelines;
 use super::pipeline::{TraceKey, ViewPipelines};
 use super::prepare::ViewResources;
 use super::shaders::Shaders;
@@ -280,13 +281,14 @@ impl SpecializedComputePipeline for AccumulatePipeline {
 pub(super) fn accumulate(
     view: ViewQuery<(&ViewResources, &ViewPipelines, &ViewBindGroups)>,
     pipelines: Res<PipelineCache>,
+    kept: Res<KeptPipelines>,
     mut context: RenderContext,
 ) {
     let (resources, view_pipelines, bind_groups) = view.into_inner();
     let (Some(id), Some(bind_group)) = (view_pipelines.accumulate, &bind_groups.accumulate) else {
         return;
     };
-    let ready = pipelines.get_compute_pipeline(id).filter(|_| view_pipelines.is_ready);
+    let ready = kept.compute(&pipelines, id).filter(|_| view_pipelines.is_ready);
     let Some(pipeline) = ready else { return };
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();

@@ -31,6 +31,7 @@ use super::cast_pipeline::{CastKey, CastPipeline, MeshDepthPipeline};
 use super::extract::{ExtractedSuns, ExtractedVolume, ExtractedVolumes};
 use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
+use super::kept::KeptPipelines;
 use super::pipeline::{GROUP, ViewPipelines};
 use super::prepare::{ViewResources, turn_of, view_data};
 use super::volume::{Eye, Shown, affine, volume_data, world_corners};
@@ -40,8 +41,8 @@ use crate::{VdbCamera, VdbQuality};
 #[derive(Default, Resource)]
 pub(super) struct CastShadows {
     draws: Vec<Draw>,
-    cast: Option<CachedRenderPipelineId>,
-    copy: Option<CachedRenderPipelineId>,
+    pub cast: Option<CachedRenderPipelineId>,
+    pub copy: Option<CachedRenderPipelineId>,
     /// As meshes alone have them: of directional lights and spot lights, and of point lights.
     pub directional: Option<MeshDepth>,
     pub point: Option<MeshDepth>,
@@ -164,7 +165,7 @@ pub(super) fn prepare_casters(
     (cast_pipeline, copy_pipeline): (Res<CastPipeline>, Res<MeshDepthPipeline>),
     mut cast_pipelines: ResMut<SpecializedRenderPipelines<CastPipeline>>,
     mut copy_pipelines: ResMut<SpecializedRenderPipelines<MeshDepthPipeline>>,
-    pipeline_cache: Res<PipelineCache>,
+    (pipeline_cache, kept): (Res<PipelineCache>, Res<KeptPipelines>),
     device: Res<RenderDevice>,
     mut textures: ResMut<TextureCache>,
 ) {
@@ -208,7 +209,7 @@ pub(super) fn prepare_casters(
         .iter()
         .find(|(pipelines, _)| pipelines.key.lights.is_some_and(|lights| lights.shadows.is_some()));
     let copied = lit.map(|_| copy_pipelines.specialize(&pipeline_cache, &copy_pipeline, ()));
-    let is_ready = |id: &CachedRenderPipelineId| pipeline_cache.get_render_pipeline(*id).is_some();
+    let is_ready = |id: &CachedRenderPipelineId| kept.render(&pipeline_cache, *id).is_some();
     // A map with volumes in it is of use to them only if there is one without.
     if !is_ready(&drawn) || !copied.iter().all(is_ready) {
         return;
@@ -347,17 +348,18 @@ pub(super) fn cast(
     shadows: Res<CastShadows>,
     nothing: Res<CastPipeline>,
     pipelines: Res<PipelineCache>,
+    kept: Res<KeptPipelines>,
     device: Res<RenderDevice>,
     mut context: RenderContext,
 ) {
     let (camera, lights) = view.into_inner();
-    let cast = shadows.cast.and_then(|id| pipelines.get_render_pipeline(id));
+    let cast = shadows.cast.and_then(|id| kept.render(&pipelines, id));
     let Some(cast) = cast.filter(|_| !shadows.draws.is_empty()) else { return };
     let is_first = !shadows.shared_done.swap(true, Ordering::Relaxed);
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_cast");
-    if let Some(copy) = shadows.copy.and_then(|id| pipelines.get_render_pipeline(id)) {
+    if let Some(copy) = shadows.copy.and_then(|id| kept.render(&pipelines, id)) {
         // Later cameras have cascades of their own, and share the rest, which has volumes in it by now.
         let own = if is_first { usize::MAX } else { lights.lights.len() };
         let directional = shadows.directional.iter().flat_map(|kept| kept.layers.iter().take(own));

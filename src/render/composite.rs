@@ -11,6 +11,7 @@ use bevy::render::renderer::{RenderContext, ViewQuery};
 use bevy::render::view::{ViewDepthTexture, ViewTarget, ViewUniformOffset};
 
 use super::bind::ViewBindGroups;
+use super::kept::KeptPipelines;
 use super::pipeline::ViewPipelines;
 
 /// Blends the picture over the opaque meshes, in the target's own linear colours, and writes the
@@ -27,6 +28,7 @@ pub(super) fn composite(
         Option<&ViewPrepassTextures>,
     )>,
     pipelines: Res<PipelineCache>,
+    kept: Res<KeptPipelines>,
     mut context: RenderContext,
 ) {
     let (camera, target, depth, view_uniform, view_pipelines, bind_groups, resolution, prepass) =
@@ -38,7 +40,7 @@ pub(super) fn composite(
     let draws = [view_pipelines.surface, view_pipelines.fog];
     let draws = draws.into_iter().flatten();
     // Surfaces do not wait for fog, nor fog for surfaces.
-    let ready: Vec<_> = draws.filter_map(|id| pipelines.get_render_pipeline(id)).collect();
+    let ready: Vec<_> = draws.filter_map(|id| kept.render(&pipelines, id)).collect();
     if ready.is_empty() {
         return;
     }

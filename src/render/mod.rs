@@ -18,6 +18,7 @@ mod find;
 pub(crate) mod gpu_data;
 mod gpu_tree;
 mod hierarchy;
+mod kept;
 mod lights;
 mod motion;
 mod paging;
@@ -84,6 +85,7 @@ pub(crate) fn build(app: &mut App) {
         .init_resource::<warnings::Warned>()
         .init_resource::<cast::CastShadows>()
         .init_resource::<changes::SceneChanges>()
+        .init_gpu_resource::<kept::KeptPipelines>()
         .init_gpu_resource::<VdbTreePool>()
         .init_gpu_resource::<prepare::VolumeBuffer>()
         .init_gpu_resource::<blackbody::BlackbodyColors>()
@@ -122,6 +124,7 @@ pub(crate) fn build(app: &mut App) {
                     .after(prepare::prepare_views),
                 ((blackbody::prepare_blackbody, bind::prepare_bind_groups).chain(), report::report)
                     .in_set(RenderSystems::PrepareBindGroups),
+                kept::keep_pipelines.in_set(RenderSystems::Cleanup),
             ),
         )
         .configure_sets(

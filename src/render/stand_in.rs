@@ -11,6 +11,7 @@ use super::accumulate::AccumulatePipeline;
 use super::beams_pipeline::BeamsPipeline;
 use super::extras::Part;
 use super::gpu_data;
+use super::kept::KeptPipelines;
 use super::lights::LightKey;
 use super::pipeline::{CompositeKey, CompositePipeline, TraceKey, TracePipeline, ViewPipelines};
 use super::upscale::UpscalePipeline;
@@ -23,6 +24,7 @@ pub(super) struct Specialized<'w> {
     upscale: ResMut<'w, SpecializedComputePipelines<UpscalePipeline>>,
     accumulate: ResMut<'w, SpecializedComputePipelines<AccumulatePipeline>>,
     composite: ResMut<'w, SpecializedRenderPipelines<CompositePipeline>>,
+    kept: Res<'w, KeptPipelines>,
     makers: (
         Res<'w, BeamsPipeline>,
         Res<'w, TracePipeline>,
@@ -60,7 +62,7 @@ impl Specialized<'_> {
         let accumulate =
             key.accumulated.then(|| self.accumulate.specialize(cache, accumulate, (&key).into()));
         let mut all = [Some(trace), beams, upscale, accumulate].into_iter().flatten();
-        let is_ready = all.all(|id| cache.get_compute_pipeline(id).is_some());
+        let is_ready = all.all(|id| self.kept.compute(cache, id).is_some());
         ViewPipelines {
             beams,
             trace,

@@ -6,6 +6,7 @@ use bevy::render::render_resource::{ComputePassDescriptor, PipelineCache};
 use bevy::render::renderer::{RenderContext, ViewQuery};
 
 use super::bind::ViewBindGroups;
+use super::kept::KeptPipelines;
 use super::pipeline::{GROUP, ViewPipelines};
 use super::prepare::ViewResources;
 
@@ -20,6 +21,7 @@ const MOST_GROUPS: u32 = 65_535;
 pub(super) fn trace(
     view: ViewQuery<(&ViewResources, &ViewPipelines, &ViewBindGroups)>,
     pipelines: Res<PipelineCache>,
+    kept: Res<KeptPipelines>,
     mut context: RenderContext,
 ) {
     let (resources, view_pipelines, bind_groups) = view.into_inner();
@@ -27,8 +29,8 @@ pub(super) fn trace(
     if !view_pipelines.is_ready {
         return;
     }
-    let Some(pipeline) = pipelines.get_compute_pipeline(view_pipelines.trace) else { return };
-    let beams = view_pipelines.beams.and_then(|id| pipelines.get_compute_pipeline(id));
+    let Some(pipeline) = kept.compute(&pipelines, view_pipelines.trace) else { return };
+    let beams = view_pipelines.beams.and_then(|id| kept.compute(&pipelines, id));
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_trace");
