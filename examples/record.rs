@@ -12,8 +12,8 @@ use bevy::render::RenderPlugin;
 use bevy::render::render_resource::TextureFormat;
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
-use bevy_vdb::VdbGpuUsage;
 use bevy_vdb::prelude::*;
+use bevy_vdb::{VdbGpuUsage, VdbRecordPhase};
 
 const FRAMES: u64 = 90;
 
@@ -31,7 +31,7 @@ fn main() -> AppExit {
             VdbRecordPlugin,
         ))
         .add_systems(Startup, setup)
-        .add_systems(Update, (begin, turn, leave))
+        .add_systems(Update, (turn, begin, leave).chain())
         .run()
 }
 
@@ -75,8 +75,15 @@ fn begin(usage: Res<VdbGpuUsage>, mut recorder: Single<&mut VdbRecorder>, mut fr
     }
 }
 
-/// Once around in the time of the recording: time goes by frames.
-fn turn(time: Res<Time>, mut volume: Single<&mut Transform, With<VdbVolume>>) {
+/// Once around in the time of the recording, in which time goes by frames.
+fn turn(
+    time: Res<Time>,
+    recorder: Single<&VdbRecorder>,
+    mut volume: Single<&mut Transform, With<VdbVolume>>,
+) {
+    if recorder.status().phase != VdbRecordPhase::Recording {
+        return;
+    }
     volume.rotate_y(time.delta_secs() * TAU / (FRAMES as f32 / 30.0));
 }
 
