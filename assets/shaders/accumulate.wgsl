@@ -2,7 +2,7 @@
 // it went through. One thread a pixel.
 
 #import bevy_vdb::types::View
-#import bevy_vdb::picture::pixel_of
+#import bevy_vdb::picture::{depth_of_meshes, pixel_of}
 
 @group(0) @binding(0) var<uniform> view: View;
 #ifdef MULTISAMPLED
@@ -33,20 +33,6 @@ struct Mean {
 }
 
 const NOTHING: f32 = -3.0;
-
-// The depth of the opaque meshes at a pixel of the viewport; with several samples the farthest, as in the trace.
-fn depth_of_meshes(pixel: vec2<u32>) -> f32 {
-    let at = pixel + view.origin;
-#ifdef MULTISAMPLED
-    var depth = 1.0;
-    for (var i = 0u; i < textureNumSamples(scene_depth); i++) {
-        depth = min(depth, textureLoad(scene_depth, at, i32(i)));
-    }
-    return depth;
-#else
-    return textureLoad(scene_depth, at, 0);
-#endif
-}
 
 // The ray that goes through a pixel, if one does.
 struct Through {
@@ -95,7 +81,7 @@ fn accumulate(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let i = pixel.y * view.picture.x + pixel.x;
-    let mesh_depth = depth_of_meshes(pixel);
+    let mesh_depth = depth_of_meshes(scene_depth, pixel + view.origin);
     var mean = means[i];
     if view.frame <= 1u || mean.samples == 0u || mean.mesh_depth != mesh_depth {
         mean = Mean(vec4(0.0), NOTHING, 0.0, 0u, mesh_depth);

@@ -3,7 +3,7 @@
 
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::types::Rays
-#import bevy_vdb::picture::t_of_depth
+#import bevy_vdb::picture::{depth_of_meshes, t_of_depth}
 #import bevy_vdb::scene::{target_pixel, view, volumes}
 #import bevy_vdb::beam::{beam_of, beam_start, beam_touch}
 #import bevy_vdb::hdda::FAR
@@ -51,16 +51,7 @@ fn is_hidden(tile: vec2<u32>, t: f32) -> bool {
         if any(ray >= view.size) {
             continue;
         }
-        let at = target_pixel(ray);
-#ifdef MULTISAMPLED
-        // As in the trace, the farthest of the samples.
-        var depth = 1.0;
-        for (var j = 0u; j < textureNumSamples(scene_depth); j++) {
-            depth = min(depth, textureLoad(scene_depth, at, i32(j)));
-        }
-#else
-        let depth = textureLoad(scene_depth, at, 0);
-#endif
+        let depth = depth_of_meshes(scene_depth, target_pixel(ray));
         if t_of_depth(view.t_from_depth, depth) >= t {
             return false;
         }

@@ -14,6 +14,23 @@ fn pixel_of(ray: vec2<u32>, rays: vec2<u32>, picture: vec2<u32>, shift: vec2<f32
 #endif
 }
 
+#ifdef MULTISAMPLED
+// The depth of the opaque meshes at a pixel of the target: the farthest of its samples, because the composite
+// tests each sample's own depth again.
+fn depth_of_meshes(scene_depth: texture_depth_multisampled_2d, at: vec2<u32>) -> f32 {
+    var depth = 1.0;
+    for (var i = 0u; i < textureNumSamples(scene_depth); i++) {
+        depth = min(depth, textureLoad(scene_depth, at, i32(i)));
+    }
+    return depth;
+}
+#else
+// The depth of the opaque meshes at a pixel of the target.
+fn depth_of_meshes(scene_depth: texture_depth_2d, at: vec2<u32>) -> f32 {
+    return textureLoad(scene_depth, at, 0);
+}
+#endif
+
 // The t of a value in the depth buffer, by `View::t_from_depth`.
 fn t_of_depth(m: vec4<f32>, depth: f32) -> f32 {
     let w = m.z * depth + m.w;

@@ -4,7 +4,7 @@
 
 #import bevy_vdb::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::rays::ndc_of
-#import bevy_vdb::picture::t_of_depth
+#import bevy_vdb::picture::{depth_of_meshes, t_of_depth}
 #import bevy_vdb::candidates::{end_of, next_volume, start_of}
 #import bevy_vdb::scene::{target_pixel, view, volumes}
 #ifdef REFLECTIONS
@@ -59,19 +59,9 @@ const NOTHING: f32 = -3.0;
 // What a 16-bit float can hold.
 const MAX_COLOR: f32 = 65000.0;
 
-// The t of whatever opaque meshes show at a pixel; with several samples the farthest, because the
-// composite tests each sample's own depth again.
+// The t of whatever opaque meshes show at a pixel.
 fn scene_t(pixel: vec2<u32>) -> f32 {
-    let at = target_pixel(pixel);
-#ifdef MULTISAMPLED
-    var depth = 1.0;
-    for (var i = 0u; i < textureNumSamples(scene_depth); i++) {
-        depth = min(depth, textureLoad(scene_depth, at, i32(i)));
-    }
-#else
-    let depth = textureLoad(scene_depth, at, 0);
-#endif
-    return t_of_depth(view.t_from_depth, depth);
+    return t_of_depth(view.t_from_depth, depth_of_meshes(scene_depth, target_pixel(pixel)));
 }
 
 fn depth_at(t: f32) -> f32 {

@@ -2,7 +2,7 @@
 // that have seen what it shows. One thread a pixel.
 
 #import bevy_vdb::types::View
-#import bevy_vdb::picture::{pixel_of, t_of_depth}
+#import bevy_vdb::picture::{depth_of_meshes, pixel_of, t_of_depth}
 
 @group(0) @binding(0) var<uniform> view: View;
 #ifdef MULTISAMPLED
@@ -33,18 +33,9 @@ struct Sample {
     weight: f32,
 }
 
-// The t of the opaque meshes at a pixel of the viewport; with several samples the farthest, as in the trace.
+// The t of the opaque meshes at a pixel of the viewport.
 fn mesh_t(pixel: vec2<u32>) -> f32 {
-    let at = pixel + view.origin;
-#ifdef MULTISAMPLED
-    var depth = 1.0;
-    for (var i = 0u; i < textureNumSamples(scene_depth); i++) {
-        depth = min(depth, textureLoad(scene_depth, at, i32(i)));
-    }
-#else
-    let depth = textureLoad(scene_depth, at, 0);
-#endif
-    return t_of_depth(view.t_from_depth, depth);
+    return t_of_depth(view.t_from_depth, depth_of_meshes(scene_depth, pixel + view.origin));
 }
 
 // From 0 to 1.

@@ -4,17 +4,16 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use bevy::image::ToExtents;
 use bevy::prelude::*;
-use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::binding_types::{
     storage_buffer_sized, texture_2d, texture_depth_2d, texture_depth_2d_multisampled,
     texture_storage_2d, uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
     BindGroup, BindGroupLayoutDescriptor, Buffer, BufferDescriptor, BufferUsages,
-    ComputePassDescriptor, ComputePipelineDescriptor, DynamicBindGroupEntries,
-    DynamicBindGroupLayoutEntries, PipelineCache, ShaderStages, SpecializedComputePipeline,
-    StorageTextureAccess, TextureDescriptor, TextureDimension, TextureFormat, TextureSampleType,
-    TextureUsages, TextureView,
+    ComputePipelineDescriptor, DynamicBindGroupEntries, DynamicBindGroupLayoutEntries,
+    PipelineCache, ShaderStages, SpecializedComputePipeline, StorageTextureAccess,
+    TextureDescriptor, TextureDimension, TextureFormat, TextureSampleType, TextureUsages,
+    TextureView,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use bevy::render::texture::CachedTexture;
@@ -24,10 +23,10 @@ use super::bind::ViewBindGroups;
 use super::changes::SceneChanges;
 use super::gpu_data;
 use super::kept::KeptPipelines;
+use super::over_picture::run_over_picture;
 use super::pipeline::{TraceKey, ViewPipelines};
 use super::prepare::ViewResources;
 use super::shaders::Shaders;
-use super::tiles::tiles;
 use super::warnings::Trouble;
 use crate::{VdbQuality, VdbRenderMode};
 
@@ -290,19 +289,7 @@ pub(super) fn accumulate(
     };
     let ready = kept.compute(&pipelines, id).filter(|_| view_pipelines.is_ready);
     let Some(pipeline) = ready else { return };
-    let diagnostics = context.diagnostic_recorder();
-    let diagnostics = diagnostics.as_deref();
-    let span = diagnostics.time_span(context.command_encoder(), "vdb_accumulate");
-    {
-        let descriptor =
-            ComputePassDescriptor { label: Some("vdb_accumulate"), timestamp_writes: None };
-        let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
-        pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, bind_group, &[]);
-        let groups = tiles(resources.picture);
-        pass.dispatch_workgroups(groups.x, groups.y, 1);
-    }
-    span.end(context.command_encoder());
+    run_over_picture(&mut context, "vdb_accumulate", pipeline, bind_group, resources.picture);
 }
 
 #[cfg(test)]

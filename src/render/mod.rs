@@ -21,6 +21,7 @@ mod hierarchy;
 mod kept;
 mod lights;
 mod motion;
+mod over_picture;
 mod paging;
 mod pipeline;
 mod prepare;

@@ -1,16 +1,14 @@
 //! Pictures of fewer rays than pixels, to all pixels.
 
 use bevy::prelude::*;
-use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::binding_types::{
     texture_2d, texture_depth_2d, texture_depth_2d_multisampled, texture_storage_2d,
     uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
-    BindGroup, BindGroupLayoutDescriptor, ComputePassDescriptor, ComputePipelineDescriptor,
-    DynamicBindGroupEntries, DynamicBindGroupLayoutEntries, PipelineCache, ShaderStages,
-    SpecializedComputePipeline, StorageTextureAccess, TextureFormat, TextureSampleType,
-    TextureView,
+    BindGroup, BindGroupLayoutDescriptor, ComputePipelineDescriptor, DynamicBindGroupEntries,
+    DynamicBindGroupLayoutEntries, PipelineCache, ShaderStages, SpecializedComputePipeline,
+    StorageTextureAccess, TextureFormat, TextureSampleType, TextureView,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use bevy::render::texture::CachedTexture;
@@ -18,10 +16,10 @@ use bevy::shader::Shader;
 
 use super::bind::ViewBindGroups;
 use super::kept::KeptPipelines;
+use super::over_picture::run_over_picture;
 use super::pipeline::{TraceKey, ViewPipelines};
 use super::prepare::ViewResources;
 use super::shaders::Shaders;
-use super::tiles::tiles;
 
 /// What a view with fewer rays than pixels shows: as the trace writes it, for every pixel.
 pub(super) struct Upscaled {
@@ -155,17 +153,5 @@ pub(super) fn upscale(
     };
     let ready = kept.compute(&pipelines, id).filter(|_| view_pipelines.is_ready);
     let Some(pipeline) = ready else { return };
-    let diagnostics = context.diagnostic_recorder();
-    let diagnostics = diagnostics.as_deref();
-    let span = diagnostics.time_span(context.command_encoder(), "vdb_upscale");
-    {
-        let descriptor =
-            ComputePassDescriptor { label: Some("vdb_upscale"), timestamp_writes: None };
-        let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
-        pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, bind_group, &[]);
-        let groups = tiles(resources.picture);
-        pass.dispatch_workgroups(groups.x, groups.y, 1);
-    }
-    span.end(context.command_encoder());
+    run_over_picture(&mut context, "vdb_upscale", pipeline, bind_group, resources.picture);
 }
