@@ -1,7 +1,9 @@
 //! The shaders of `assets/shaders`, run ray by ray without Bevy: composed by `naga_oil` and compiled
-//! unchecked, as Bevy does, on whatever adapter there is. For tests and benchmarks.
+//! unchecked, as Bevy does, on whatever adapter there is. For tests and benchmarks, with what else those
+//! have in common.
 
 mod gpu;
+pub mod options;
 mod probe;
 mod shaders;
 mod svg;

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 use vdb_core::pack::ValueFormat;
+use vdb_probe::options::{Options, Stop, number, size};
 
 use crate::camera::Camera;
 use crate::model::Source;
@@ -64,29 +65,18 @@ pub struct Args {
     pub dump: Option<PathBuf>,
 }
 
-fn list<T>(text: &str, item: impl Fn(&str) -> Option<T>) -> Result<Vec<T>, String> {
-    let items = text.split(',').map(|part| item(part).ok_or(format!("'{part}' is not understood")));
-    items.collect()
-}
-
-fn size(text: &str) -> Option<[u32; 2]> {
-    let (x, y) = text.split_once('x')?;
-    let size = [x.parse().ok()?, y.parse().ok()?];
-    size.iter().all(|edge| (1..=16_384).contains(edge)).then_some(size)
-}
-
-fn number(text: &str) -> Option<f64> {
-    text.parse().ok().filter(|number: &f64| number.is_finite())
+fn finite(text: &str) -> Option<f64> {
+    number(f64::MIN..=f64::MAX)(text)
 }
 
 fn point(text: &str) -> Option<DVec3> {
-    let numbers: Vec<f64> = text.split(',').map(number).collect::<Option<_>>()?;
+    let numbers: Vec<f64> = text.split(',').map(finite).collect::<Option<_>>()?;
     <[f64; 3]>::try_from(numbers).ok().map(DVec3::from)
 }
 
 fn camera(text: &str) -> Option<Camera> {
     let [eye, at, fov] = text.split(':').collect::<Vec<_>>().try_into().ok()?;
-    let (eye, at, fov) = (point(eye)?, point(at)?, number(fov)?);
+    let (eye, at, fov) = (point(eye)?, point(at)?, finite(fov)?);
     // From straight above, up is nowhere.
     let sound = (1.0..=170.0).contains(&fov) && (at - eye).cross(DVec3::Y).length() > 0.0;
     sound.then_some(Camera::At { eye, at, fov })
@@ -97,41 +87,43 @@ fn defs(text: &str) -> Vec<String> {
 }
 
 impl Set {
-    /// Takes an option; `false` where there is none of this name.
-    fn take(&mut self, option: &str, value: &str) -> Result<bool, String> {
+    /// Takes the values of an option; `false` where there is none of this name.
+    fn take(&mut self, option: &str, options: &mut Options) -> Result<bool, Stop> {
         match option {
-            "--sizes" => self.sizes = list(value, size)?,
+            "--sizes" => {
+                let size = size(1..=16_384);
+                self.sizes = options.list(|part| size(part).map(|size| size.to_array()))?;
+            }
             "--dists" => {
-                let around = |part: &str| number(part).filter(|dist| *dist > 0.0);
-                self.cameras = list(value, |part| around(part).map(Camera::Around))?;
+                let around = |part: &str| finite(part).filter(|dist| *dist > 0.0);
+                self.cameras = options.list(|part| around(part).map(Camera::Around))?;
             }
-            "--camera" => {
-                let camera = camera(value).ok_or(format!("--camera {value} is no EYE:AT:FOV"))?;
-                self.cameras = vec![camera];
-            }
+            "--camera" => self.cameras = vec![options.value(camera)?],
             "--rays" => {
-                self.shuffled = list(value, |part| match part {
+                self.shuffled = options.list(|part| match part {
                     "primary" => Some(false),
                     "shuffled" => Some(true),
                     _ => None,
                 })?;
             }
             "--surface" => {
-                self.smooth = list(value, |part| match part {
+                self.smooth = options.list(|part| match part {
                     "voxels" => Some(false),
                     "smooth" => Some(true),
                     _ => None,
                 })?;
             }
             "--formats" => {
-                self.formats = list(value, |part| match part {
+                self.formats = options.list(|part| match part {
                     "exact" => Some(ValueFormat::Exact),
                     "half" => Some(ValueFormat::Half),
                     "byte" => Some(ValueFormat::Byte),
                     _ => None,
                 })?;
             }
-            "--variants" => self.variants = value.split(';').map(defs).collect(),
+            "--variants" => {
+                self.variants = options.value(|all| Some(all.split(';').map(defs).collect()))?;
+            }
             _ => return Ok(false),
         }
         Ok(true)
@@ -151,48 +143,32 @@ impl Set {
 }
 
 impl Args {
-    /// `None` where help was asked for and given.
-    pub fn parse() -> Result<Option<Self>, String> {
+    pub fn parse() -> Result<Self, Stop> {
         let mut args =
             Self { models: Vec::new(), sets: Vec::new(), runs: 40, out: None, dump: None };
         let mut set = Set::default();
-        let mut words = std::env::args().skip(1);
-        while let Some(word) = words.next() {
-            match word.as_str() {
-                "--help" => {
-                    print!("{HELP}");
-                    return Ok(None);
-                }
+        let mut options = Options::of_program(HELP);
+        let path = |text: &str| Some(PathBuf::from(text));
+        while let Some(option) = options.next()? {
+            match option.as_str() {
                 "--then" => args.sets.push(std::mem::take(&mut set)),
-                option if option.starts_with("--") => {
-                    let value = words.next().ok_or(format!("{option} wants a value"))?;
-                    args.take(&mut set, option, &value)?;
-                }
-                model => args.models.push(model.parse()?),
+                "--runs" => args.runs = options.value(number(1..))?,
+                "--out" => args.out = Some(options.value(path)?),
+                "--dump" => args.dump = Some(options.value(path)?),
+                model if !model.starts_with("--") => args.models.push(model.parse()?),
+                option if set.take(option, &mut options)? => {}
+                _ => return Err(options.unknown()),
             }
         }
         if args.models.is_empty() {
-            return Err("no model; see --help".into());
+            return Err("no model; see --help".to_owned().into());
         }
         if args.runs < LEAST_RUNS && args.dump.is_none() {
-            return Err(format!("--runs wants a number from {LEAST_RUNS} on, or --dump beside it"));
+            let wants = format!("--runs wants a number from {LEAST_RUNS} on, or --dump beside it");
+            return Err(wants.into());
         }
         args.sets.push(set);
         args.sets.iter().try_for_each(Set::check)?;
-        Ok(Some(args))
-    }
-
-    fn take(&mut self, set: &mut Set, option: &str, value: &str) -> Result<(), String> {
-        match option {
-            "--runs" => {
-                let runs = value.parse().ok().filter(|runs| *runs > 0);
-                self.runs = runs.ok_or("--runs wants a number")?;
-            }
-            "--out" => self.out = Some(value.into()),
-            "--dump" => self.dump = Some(value.into()),
-            _ if set.take(option, value)? => {}
-            _ => return Err(format!("there is no option {option}; see --help")),
-        }
-        Ok(())
+        Ok(args)
     }
 }

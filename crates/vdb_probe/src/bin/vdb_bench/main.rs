@@ -11,19 +11,5 @@ mod timing;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let args = match args::Args::parse() {
-        Ok(Some(args)) => args,
-        Ok(None) => return ExitCode::SUCCESS,
-        Err(message) => {
-            eprintln!("vdb_bench: {message}");
-            return ExitCode::from(2);
-        }
-    };
-    match measure::run(&args) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(message) => {
-            eprintln!("vdb_bench: {message}");
-            ExitCode::FAILURE
-        }
-    }
+    vdb_probe::options::run("vdb_bench", args::Args::parse(), measure::run)
 }
