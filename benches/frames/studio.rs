@@ -1,4 +1,4 @@
-//! The app that is recorded, and how long its frames take.
+//! An app without a window whose frames come as with one, and how long they take.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 
 use bevy::app::PluginsState;
 use bevy::camera::RenderTarget;
-use bevy::ecs::change_detection::Mut;
 use bevy::log::LogPlugin;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
@@ -18,18 +17,14 @@ use bevy::winit::WinitPlugin;
 use bevy_vdb::VdbGpuUsage;
 use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
-use bevy_vdb::vdb_core::synth::fog;
+use bevy_vdb::vdb_core::tree::Vdb543;
 
-/// Voxels from the middle of the cloud to its rim.
-const RADIUS: f64 = 90.0;
 /// Frames that the app may be ahead of the GPU, as with a window.
 const AHEAD: u64 = 2;
 /// Frames after which times are what they stay.
-const WARM: usize = 20;
+pub const WARM: usize = 20;
 
-/// Fog as exact as it can be, but for how often a light asks for its shadow.
-const QUALITY: VdbQuality = VdbQuality { fog_light_step: 8.0, ..VdbQuality::EXACT };
-
+/// A sun, and a camera that goes around the middle of the world.
 pub struct Studio {
     pub app: App,
     camera: Entity,
@@ -45,6 +40,11 @@ struct InFlight {
 
 impl Studio {
     pub fn new(size: UVec2) -> Result<Self, String> {
+        Self::with(size, |_| {})
+    }
+
+    /// With further plugins.
+    pub fn with(size: UVec2, add: impl FnOnce(&mut App)) -> Result<Self, String> {
         let mut app = App::new();
         let no_window = WindowPlugin {
             primary_window: None,
@@ -61,6 +61,7 @@ impl Studio {
             VdbRenderPlugin,
             VdbRecordPlugin,
         ));
+        add(&mut app);
         app.sub_app_mut(RenderApp)
             .init_resource::<InFlight>()
             .add_systems(Render, wait.in_set(RenderSystems::Cleanup));
@@ -72,59 +73,71 @@ impl Studio {
         let image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
         let world = app.world_mut();
         let image = world.resource_mut::<Assets<Image>>().add(image);
-        let scale = DAffine3::from_scale(DVec3::splat(1.0 / RADIUS));
-        let cloud = VdbGrid::new("cloud", fog::cloud(RADIUS, 7), scale, PackKind::Fog)
-            .map_err(|error| error.to_string())?;
-        let cloud = world.resource_mut::<Assets<VdbGrid>>().add(cloud);
-        world.spawn((VdbVolume(cloud), VdbMaterial { density_scale: 20.0, ..default() }));
         world.spawn((
             DirectionalLight { illuminance: 6_000.0, shadow_maps_enabled: true, ..default() },
             Transform::default().looking_to(Vec3::new(-1.0, -2.0, -1.0), Vec3::Y),
         ));
-        let camera = world
-            .spawn((
-                Camera3d::default(),
-                RenderTarget::Image(image.into()),
-                QUALITY,
-                VdbRecorder::default(),
-            ))
-            .id();
-        let mut studio = Self { app, camera, turned: 0 };
+        let camera = world.spawn((Camera3d::default(), RenderTarget::Image(image.into()))).id();
+        Ok(Self { app, camera, turned: 0 })
+    }
+
+    pub fn camera_mut(&mut self) -> EntityWorldMut<'_> {
+        self.app.world_mut().entity_mut(self.camera)
+    }
+
+    /// A grid of the app with voxels of that size.
+    pub fn grid(
+        &mut self,
+        tree: Vdb543<f32>,
+        kind: PackKind,
+        voxel: f64,
+    ) -> Result<Handle<VdbGrid>, String> {
+        let world_from_index = DAffine3::from_scale(DVec3::splat(voxel));
+        let grid = VdbGrid::new("model", tree, world_from_index, kind);
+        let grid = grid.map_err(|error| error.to_string())?;
+        Ok(self.app.world_mut().resource_mut::<Assets<VdbGrid>>().add(grid))
+    }
+
+    /// Goes on until so many grids are on the GPU and nothing is left to be compiled.
+    pub fn settle(&mut self, grids: u64) -> Result<(), String> {
         let start = Instant::now();
-        while !studio.is_settled() {
-            studio.frames(1);
+        let mut frames = 0;
+        while frames < WARM || !self.is_settled(grids) {
+            frames += 1;
+            self.frames(1);
             if start.elapsed() > Duration::from_secs(300) {
                 return Err("the pipelines do not come".into());
             }
         }
-        Ok(studio)
+        Ok(())
     }
 
-    fn is_settled(&mut self) -> bool {
-        let there = self.app.world().resource::<VdbGpuUsage>().grids() > 0;
+    fn is_settled(&mut self, grids: u64) -> bool {
+        let there = self.app.world().resource::<VdbGpuUsage>().grids() == grids;
         // With pipelines that are compiled at once, none waits where the renderer is in hand.
         let renderer = self.app.get_sub_app(RenderApp);
         let waits = renderer.is_some_and(|renderer| {
             renderer.world().resource::<PipelineCache>().waiting_pipelines().next().is_some()
         });
-        there && !waits && self.turned as usize > WARM
+        there && !waits
     }
 
-    pub fn recorder(&mut self) -> Mut<'_, VdbRecorder> {
-        let recorder = self.app.world_mut().get_mut::<VdbRecorder>(self.camera);
-        recorder.expect("the camera has one")
-    }
-
-    /// Milliseconds that each of some frames took; the camera goes round the cloud.
+    /// Milliseconds that each of some frames took; the camera goes round.
     pub fn frames(&mut self, count: usize) -> Vec<f64> {
+        self.frames_after(count, |_| {})
+    }
+
+    /// The same, with something to do before each, which counts.
+    pub fn frames_after(&mut self, count: usize, mut act: impl FnMut(&mut Self)) -> Vec<f64> {
         let mut before = Instant::now();
         (0..count)
             .map(|_| {
+                act(self);
                 self.turned += 1;
                 let angle = 0.005 * self.turned as f32;
                 let eye = 2.2 * Vec3::new(angle.cos(), 0.3, angle.sin());
                 let view = Transform::from_translation(eye).looking_at(Vec3::ZERO, Vec3::Y);
-                self.app.world_mut().entity_mut(self.camera).insert(view);
+                self.camera_mut().insert(view);
                 self.app.update();
                 let now = Instant::now();
                 let ms = (now - before).as_secs_f64() * 1e3;
@@ -132,27 +145,6 @@ impl Studio {
                 ms
             })
             .collect()
-    }
-
-    /// Chooses steps along rays to lights with which a frame takes about so long; the steps in voxels, and
-    /// the time in ms.
-    pub fn calibrate(&mut self, wanted: f64) -> (f32, f64) {
-        let mut quality = QUALITY;
-        let mut ms = 0.0;
-        for _ in 0..4 {
-            self.app.world_mut().entity_mut(self.camera).insert(quality);
-            self.frames(WARM);
-            let mut times = self.frames(WARM);
-            times.sort_by(f64::total_cmp);
-            ms = times[WARM / 2];
-            let step = f64::from(quality.fog_light_step) * ms / wanted;
-            let step = step.clamp(0.25, 64.0) as f32;
-            if (step / quality.fog_light_step).ln().abs() < 0.1 {
-                break;
-            }
-            quality.fog_light_step = step;
-        }
-        (self.app.world().get::<VdbQuality>(self.camera).map_or(0.0, |q| q.fog_light_step), ms)
     }
 }
 

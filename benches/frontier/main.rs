@@ -12,6 +12,7 @@ mod flip;
 mod oracle;
 mod plot;
 mod scenes;
+#[path = "../common/warm.rs"]
 mod warm;
 
 use std::fmt::Write as _;
@@ -28,8 +29,8 @@ use bevy::render::renderer::RenderAdapterInfo;
 use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbQuality, VdbRenderMode};
 use common::{Picture, Stage};
 use compare::Errors;
-use lexopt::{Arg, Parser, ValueExt};
 use rayon::prelude::*;
+use vdb_probe::options::{self, Options, Stop, number, size};
 
 const HELP: &str = "\
 frontier [OPTION…]
@@ -55,81 +56,39 @@ struct Args {
 }
 
 impl Args {
-    fn parse() -> Result<Option<Self>, String> {
-        let (out, size) = (PathBuf::from("target/frontier"), UVec2::new(1920, 1080));
+    fn parse() -> Result<Self, Stop> {
         let mut args = Self {
-            out,
-            size,
+            out: PathBuf::from("target/frontier"),
+            size: UVec2::new(1920, 1080),
             edge: 256,
             runs: 31,
             scenes: None,
             presets: false,
             budgets: Vec::new(),
         };
-        let mut parser = Parser::from_env();
-        while let Some(arg) = parser.next().map_err(|error| error.to_string())? {
-            let name = match arg {
-                // `cargo bench` adds an option of its own.
-                Arg::Long("bench") => continue,
-                Arg::Long("help") => {
-                    print!("{HELP}");
-                    return Ok(None);
+        let mut options = Options::of_program(HELP);
+        while let Some(option) = options.next_word()? {
+            match option.as_str() {
+                "--out" => args.out = options.value(|path| Some(PathBuf::from(path)))?,
+                "--size" => {
+                    // Rows come back unpadded.
+                    let size = |text: &str| size(16..=8192)(text).filter(|size| size.x % 16 == 0);
+                    args.size = options.value(size)?;
                 }
-                Arg::Long(name) => name.to_owned(),
-                other => return Err(other.unexpected().to_string()),
-            };
-            let value = parser.value().and_then(|value| value.string());
-            let value = value.map_err(|error| error.to_string())?;
-            let wrong = || format!("--{name} {value}: not understood; see --help");
-            let number = || value.parse::<u32>().map_err(|_| wrong());
-            match name.as_str() {
-                "out" => args.out = value.clone().into(),
-                "scenes" => args.scenes = Some(value.clone()),
-                "presets" => args.presets = value == "yes",
-                "budgets" => {
-                    let all: Result<Vec<f32>, _> = value.split(',').map(str::parse).collect();
-                    args.budgets = all.map_err(|_| wrong())?;
-                    if !args.budgets.iter().all(|ms| ms.is_finite() && *ms > 0.0) {
-                        return Err(wrong());
-                    }
-                }
-                "edge" => {
-                    args.edge =
-                        Some(number()?).filter(|n| (64..=1024).contains(n)).ok_or_else(wrong)?;
-                }
-                "runs" => {
-                    args.runs = Some(number()? as usize).filter(|n| *n >= 3).ok_or_else(wrong)?;
-                }
-                "size" => {
-                    let (x, y) = value.split_once('x').ok_or_else(wrong)?;
-                    let size = (x.parse().ok(), y.parse().ok());
-                    let (Some(x), Some(y)) = size else { return Err(wrong()) };
-                    args.size = Some(UVec2::new(x, y))
-                        .filter(|size| size.min_element() >= 16 && size.max_element() <= 8192)
-                        // Rows come back unpadded.
-                        .filter(|size| size.x % 16 == 0)
-                        .ok_or_else(wrong)?;
-                }
-                _ => return Err(format!("--{name}: no such option; see --help")),
+                "--edge" => args.edge = options.value(number(64..=1024))?,
+                "--runs" => args.runs = options.value(number(3..))?,
+                "--scenes" => args.scenes = Some(options.value(|all| Some(all.to_owned()))?),
+                "--presets" => args.presets = options.value(|text| Some(text == "yes"))?,
+                "--budgets" => args.budgets = options.list(number(1e-6..1e6))?,
+                _ => return Err(options.unknown()),
             }
         }
-        Ok(Some(args))
+        Ok(args)
     }
 }
 
 fn main() -> ExitCode {
-    let done = match Args::parse() {
-        Ok(Some(args)) => run(&args),
-        Ok(None) => return ExitCode::SUCCESS,
-        Err(message) => Err(message),
-    };
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(message) => {
-            eprintln!("frontier: {message}");
-            ExitCode::FAILURE
-        }
-    }
+    options::run("frontier", Args::parse(), run)
 }
 
 /// A row of a scene's table.

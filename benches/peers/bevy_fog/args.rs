@@ -1,10 +1,9 @@
 //! The command line.
 
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use bevy::math::UVec2;
-use lexopt::{Arg, Parser, ValueExt};
+use vdb_probe::options::{Options, Stop, number, size};
 
 use crate::texture::Format;
 
@@ -32,25 +31,8 @@ pub struct Args {
     pub beside: Option<PathBuf>,
 }
 
-fn list<T>(parser: &mut Parser, item: impl Fn(&str) -> Option<T>) -> Result<Vec<T>, String> {
-    let text = parser.value().and_then(|value| value.string()).map_err(|e| e.to_string())?;
-    let items = text.split(',').map(|part| item(part).ok_or(format!("'{part}' is not understood")));
-    items.collect()
-}
-
-fn size(text: &str) -> Option<UVec2> {
-    let (x, y) = text.split_once('x')?;
-    let size = UVec2::new(x.parse().ok()?, y.parse().ok()?);
-    (size.min_element() > 0 && size.max_element() <= 8192).then_some(size)
-}
-
-fn from<T: FromStr>(text: &str, is_sound: impl Fn(&T) -> bool) -> Option<T> {
-    text.parse().ok().filter(is_sound)
-}
-
 impl Args {
-    /// `None` where help was asked for and given.
-    pub fn parse() -> Result<Option<Self>, String> {
+    pub fn parse() -> Result<Self, Stop> {
         let mut args = Self {
             files: Vec::new(),
             sizes: vec![UVec2::new(3840, 2160)],
@@ -61,43 +43,27 @@ impl Args {
             dump: None,
             beside: None,
         };
-        let mut parser = Parser::from_env();
-        while let Some(arg) = parser.next().map_err(|error| error.to_string())? {
-            match arg {
-                Arg::Value(file) => args.files.push(file.into()),
-                Arg::Long("sizes") => args.sizes = list(&mut parser, size)?,
-                Arg::Long("dists") => {
-                    args.dists = list(&mut parser, |part| from(part, |d| (0.01..1e4).contains(d)))?;
-                }
-                Arg::Long("formats") => args.formats = list(&mut parser, Format::named)?,
-                Arg::Long("steps") => {
-                    args.steps =
-                        list(&mut parser, |part| from(part, |n| (1..=65_536).contains(n)))?;
-                }
-                Arg::Long("runs") => {
-                    let runs = list(&mut parser, |part| from(part, |n| (30..10_000).contains(n)))?;
-                    args.runs = runs[0];
-                }
-                Arg::Long("dump") => args.dump = Some(path(&mut parser)?),
-                Arg::Long("beside") => args.beside = Some(path(&mut parser)?),
-                Arg::Long("help") => {
-                    print!("{HELP}");
-                    return Ok(None);
-                }
-                // `cargo bench` adds an option of its own.
-                Arg::Long("bench") => {}
-                other => return Err(other.unexpected().to_string()),
+        let mut options = Options::of_program(HELP);
+        let path = |text: &str| Some(PathBuf::from(text));
+        while let Some(option) = options.next_word()? {
+            match option.as_str() {
+                "--sizes" => args.sizes = options.list(size(1..=8192))?,
+                "--dists" => args.dists = options.list(number(0.01..1e4))?,
+                "--formats" => args.formats = options.list(Format::named)?,
+                "--steps" => args.steps = options.list(number(1..=65_536))?,
+                "--runs" => args.runs = options.value(number(30..10_000))?,
+                "--dump" => args.dump = Some(options.value(path)?),
+                "--beside" => args.beside = Some(options.value(path)?),
+                file if !file.starts_with("--") => args.files.push(file.into()),
+                _ => return Err(options.unknown()),
             }
         }
         if args.files.is_empty() {
             // As `cargo bench` calls it.
-            println!("nothing measured: no file; start this with scripts/bench-fog, or see --help");
-            return Ok(None);
+            let nothing =
+                "nothing measured: no file; start this with scripts/bench-fog, or see --help";
+            return Err(Stop::Told(nothing.into()));
         }
-        Ok(Some(args))
+        Ok(args)
     }
-}
-
-fn path(parser: &mut Parser) -> Result<PathBuf, String> {
-    parser.value().map(PathBuf::from).map_err(|error| error.to_string())
 }

@@ -23,18 +23,7 @@ spread_percent,runs,mrays_per_s,hit_percent,bytes,bytes_per_voxel,pack_ms,adapte
 error_p99,error_max";
 
 fn main() -> ExitCode {
-    let done = match Args::parse() {
-        Ok(Some(args)) => run(&args),
-        Ok(None) => return ExitCode::SUCCESS,
-        Err(message) => Err(message),
-    };
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(message) => {
-            eprintln!("bevy_fog: {message}");
-            ExitCode::FAILURE
-        }
-    }
+    vdb_probe::options::run("bevy_fog", Args::parse(), run)
 }
 
 fn run(args: &Args) -> Result<(), String> {

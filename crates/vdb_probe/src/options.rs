@@ -42,7 +42,7 @@ impl Options {
 
     /// The next option, with its `--`, or another word; of an option, [`value`](Self::value) or
     /// [`list`](Self::list) then have what follows. Stops where help is asked for.
-    pub fn next(&mut self) -> Result<Option<String>, Stop> {
+    pub fn next_word(&mut self) -> Result<Option<String>, Stop> {
         let Some(word) = self.words.next() else { return Ok(None) };
         if word == "--help" {
             return Err(Stop::Told(self.help.into()));
@@ -124,27 +124,27 @@ mod tests {
     #[test]
     fn options_have_values_and_words_none() {
         let mut all = options(&["a.vdb", "--size", "16x9", "--runs", "3,40", "--then"]);
-        assert_eq!(all.next(), Ok(Some("a.vdb".into())));
-        assert_eq!(all.next(), Ok(Some("--size".into())));
+        assert_eq!(all.next_word(), Ok(Some("a.vdb".into())));
+        assert_eq!(all.next_word(), Ok(Some("--size".into())));
         assert_eq!(all.value(size(1..100)), Ok(UVec2::new(16, 9)));
-        assert_eq!(all.next(), Ok(Some("--runs".into())));
+        assert_eq!(all.next_word(), Ok(Some("--runs".into())));
         assert_eq!(all.list(number(3_u32..)), Ok(vec![3, 40]));
-        assert_eq!(all.next(), Ok(Some("--then".into())));
-        assert_eq!(all.next(), Ok(None));
+        assert_eq!(all.next_word(), Ok(Some("--then".into())));
+        assert_eq!(all.next_word(), Ok(None));
     }
 
     #[test]
     fn what_is_wrong_is_told_with_its_option() {
         let wrong = |value: &str, range: std::ops::Range<u32>| {
             let mut all = options(&["--runs", value]);
-            all.next().unwrap();
+            all.next_word().unwrap();
             all.list(number(range)).unwrap_err()
         };
         let told = |value: &str| Stop::Wrong(format!("--runs {value}: not understood; see --help"));
         assert_eq!(wrong("2,many", 0..9), told("many"));
         assert_eq!(wrong("9", 0..9), told("9"));
         let mut all = options(&["--runs"]);
-        all.next().unwrap();
+        all.next_word().unwrap();
         let missing = Stop::Wrong("--runs wants a value; see --help".into());
         assert_eq!(all.value(number(0_u32..)), Err(missing));
         assert_eq!(all.unknown(), Stop::Wrong("--runs: no such option; see --help".into()));
@@ -152,7 +152,7 @@ mod tests {
 
     #[test]
     fn help_stops_the_program() {
-        assert_eq!(options(&["--help"]).next(), Err(Stop::Told("the help".into())));
+        assert_eq!(options(&["--help"]).next_word(), Err(Stop::Told("the help".into())));
     }
 
     #[test]

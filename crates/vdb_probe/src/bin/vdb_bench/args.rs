@@ -149,7 +149,7 @@ impl Args {
         let mut set = Set::default();
         let mut options = Options::of_program(HELP);
         let path = |text: &str| Some(PathBuf::from(text));
-        while let Some(option) = options.next()? {
+        while let Some(option) = options.next_word()? {
             match option.as_str() {
                 "--then" => args.sets.push(std::mem::take(&mut set)),
                 "--runs" => args.runs = options.value(number(1..))?,

@@ -1,0 +1,96 @@
+//! What a frame is made of: its passes, Bevy's beside ours, and the features of its camera.
+
+use std::collections::BTreeMap;
+
+use bevy::diagnostic::DiagnosticsStore;
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy::render::diagnostic::RenderDiagnosticsPlugin;
+use bevy_vdb::prelude::*;
+use bevy_vdb::vdb_core::pack::PackKind;
+use bevy_vdb::vdb_core::synth::{fog, level_set};
+use bevy_vdb::{VdbEmission, VdbFeatureCosts, VdbMeasureFeatures};
+
+use crate::studio::Studio;
+use crate::{Args, print_heading, warm};
+
+/// Frames in which a measurement of features ends, and more.
+const MOST_FRAMES: usize = 20_000;
+
+pub fn run(args: &Args) -> Result<(), String> {
+    let mut studio = Studio::with(args.size, |app| {
+        app.add_plugins(RenderDiagnosticsPlugin);
+    })?;
+    warm::keep_warm(&mut studio.app);
+    print_heading(&studio, "Parts", args.size);
+    let cloud = studio.grid(fog::sphere(DVec3::ZERO, 90.0, 40.0), PackKind::Fog, 1.0 / 90.0)?;
+    let thin = VdbMaterial { density_scale: 4.0, ..default() };
+    let volume = studio.app.world_mut().spawn((VdbVolume(cloud.clone()), thin)).id();
+    let all_over = Transform::from_scale(Vec3::splat(4.0));
+    studio.app.world_mut().entity_mut(volume).insert(all_over);
+    studio.camera_mut().insert(VdbQuality::FAST);
+    studio.settle(1)?;
+    print_passes(&mut studio, args.frames, "fog all over the picture");
+
+    studio.camera_mut().insert(VdbQuality { reflections: 1, ..default() });
+    studio.app.world_mut().entity_mut(volume).insert((
+        Transform::from_xyz(0.0, 0.9, 0.0).with_scale(Vec3::splat(0.5)),
+        VdbMaterial { density_scale: 8.0, ..default() },
+        VdbEmission::Temperature { grid: cloud, scale: 1800.0, offset: 0.0, strength: 1e-3 },
+    ));
+    let gyroid = || level_set::gyroid(DVec3::ZERO, 120.0, 60.0);
+    let smooth = studio.grid(gyroid(), PackKind::Smooth { iso: 0.0 }, 1.0 / 200.0)?;
+    let voxels = studio.grid(gyroid(), PackKind::Surface { iso: 0.0 }, 1.0 / 200.0)?;
+    let gold = VdbMaterial { metallic: 1.0, perceptual_roughness: 0.2, ..default() };
+    let world = studio.app.world_mut();
+    world.spawn((VdbVolume(smooth), gold, Transform::from_xyz(-0.6, 0.0, 0.0)));
+    world.spawn((VdbVolume(voxels), Transform::from_xyz(0.6, 0.0, 0.0)));
+    // The temperatures are the densities.
+    studio.settle(3)?;
+    print_passes(&mut studio, args.frames, "a gyroid of gold, one of voxels, a fire");
+
+    studio.camera_mut().insert(VdbMeasureFeatures);
+    let mut frames = 0;
+    while studio.camera_mut().contains::<VdbMeasureFeatures>() {
+        // Features are compared with a picture that stays.
+        studio.app.update();
+        frames += 1;
+        if frames > MOST_FRAMES {
+            return Err("features are measured for ever".into());
+        }
+    }
+    let costs = studio.camera_mut().get::<VdbFeatureCosts>().cloned().unwrap_or_default();
+    let clock = if costs.is_gpu_time { "the GPU's clock" } else { "the app's clock" };
+    println!("\nThe same after {frames} frames of VdbMeasureFeatures, by {clock}:\n");
+    println!("| feature | ms |\n|---|---|\n| all | {:.3} |", costs.total_ms);
+    for feature in &costs.features {
+        println!("| {} | {:.3} |", feature.name, feature.ms);
+    }
+    Ok(())
+}
+
+/// Medians of the passes, the dearest first.
+fn print_passes(studio: &mut Studio, frames: usize, what: &str) {
+    let mut times = BTreeMap::<String, Vec<f64>>::new();
+    for _ in 0..frames {
+        studio.frames(1);
+        for diagnostic in studio.app.world().resource::<DiagnosticsStore>().iter() {
+            let path = diagnostic.path().as_str();
+            let pass =
+                path.strip_prefix("render/").and_then(|rest| rest.strip_suffix("/elapsed_gpu"));
+            if let (Some(pass), Some(newest)) = (pass, diagnostic.measurement()) {
+                times.entry(pass.into()).or_default().push(newest.value);
+            }
+        }
+    }
+    let mut medians: Vec<_> = times
+        .into_iter()
+        .map(|(pass, mut times)| {
+            times.sort_by(f64::total_cmp);
+            (pass, times[times.len() / 2])
+        })
+        .collect();
+    medians.sort_by(|a, b| b.1.total_cmp(&a.1));
+    println!("\n{what}:\n\n| pass | ms |\n|---|---|");
+    medians.iter().for_each(|(pass, ms)| println!("| {pass} | {ms:.3} |"));
+}
