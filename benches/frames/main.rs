@@ -12,7 +12,8 @@ mod studio;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use bevy::math::UVec2;
+use bevy::log::LogPlugin;
+use bevy::prelude::*;
 use bevy::render::renderer::RenderAdapterInfo;
 use studio::Studio;
 use vdb_probe::options::{self, Options, Stop, number, size};
@@ -84,7 +85,11 @@ impl Args {
 }
 
 fn main() -> ExitCode {
-    options::run("frames", Args::parse(), |args| args.what.iter().try_for_each(|what| what(args)))
+    options::run("frames", Args::parse(), |args| {
+        // Once for all apps.
+        App::new().add_plugins(LogPlugin { filter: "error".into(), ..default() });
+        args.what.iter().try_for_each(|what| what(args))
+    })
 }
 
 /// Says what is timed, and on which adapter.

@@ -9,6 +9,7 @@ use bevy::camera::RenderTarget;
 use bevy::log::LogPlugin;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
+use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy::render::render_resource::{PipelineCache, TextureFormat};
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::{Render, RenderApp, RenderPlugin, RenderSystems};
@@ -18,6 +19,8 @@ use bevy_vdb::VdbGpuUsage;
 use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::vdb_core::tree::Vdb543;
+
+use crate::warm::keep_warm;
 
 /// Frames that the app may be ahead of the GPU, as with a window.
 const AHEAD: u64 = 2;
@@ -40,11 +43,15 @@ struct InFlight {
 
 impl Studio {
     pub fn new(size: UVec2) -> Result<Self, String> {
-        Self::with(size, |_| {})
+        Self::made(size, false)
     }
 
-    /// With further plugins.
-    pub fn with(size: UVec2, add: impl FnOnce(&mut App)) -> Result<Self, String> {
+    /// With the GPU's own times of passes, at its full clock.
+    pub fn with_gpu_times(size: UVec2) -> Result<Self, String> {
+        Self::made(size, true)
+    }
+
+    fn made(size: UVec2, has_gpu_times: bool) -> Result<Self, String> {
         let mut app = App::new();
         let no_window = WindowPlugin {
             primary_window: None,
@@ -55,13 +62,15 @@ impl Studio {
             DefaultPlugins
                 .set(no_window)
                 .set(AssetPlugin { watch_for_changes_override: Some(false), ..default() })
-                .set(LogPlugin { filter: "error".into(), ..default() })
                 .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
+                .disable::<LogPlugin>()
                 .disable::<WinitPlugin>(),
             VdbRenderPlugin,
             VdbRecordPlugin,
         ));
-        add(&mut app);
+        if has_gpu_times {
+            app.add_plugins(RenderDiagnosticsPlugin);
+        }
         app.sub_app_mut(RenderApp)
             .init_resource::<InFlight>()
             .add_systems(Render, wait.in_set(RenderSystems::Cleanup));
@@ -69,6 +78,9 @@ impl Studio {
             bevy::tasks::tick_global_task_pools_on_main_thread();
         }
         app.finish();
+        if has_gpu_times {
+            keep_warm(&mut app);
+        }
         app.cleanup();
         let image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
         let world = app.world_mut();
@@ -106,7 +118,7 @@ impl Studio {
             frames += 1;
             self.frames(1);
             if start.elapsed() > Duration::from_secs(300) {
-                return Err("the pipelines do not come".into());
+                return Err("the grids or the pipelines do not come".into());
             }
         }
         Ok(())
