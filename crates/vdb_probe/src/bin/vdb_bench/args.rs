@@ -18,6 +18,8 @@ resolution, by its levels of detail.
 
   --out DIR           writes bench.csv, bench.json and bench.svg there as well
   --dump DIR          writes t (-1: none) or transmittance of each picture as f32, row by row from the top
+  --draw FILE.svg     measures nothing: the models are tables that this program, NanoVDB's or Bevy's wrote,
+                      and what they have of these --sizes is drawn
   --runs N            counted runs, at least 30; 40. With --dump fewer will do, for pictures, not figures
 
 What is measured, for each model; --then begins another set of these:
@@ -63,6 +65,8 @@ pub struct Args {
     pub runs: u32,
     pub out: Option<PathBuf>,
     pub dump: Option<PathBuf>,
+    /// What is to be drawn, and of which tables.
+    pub draw: Option<(PathBuf, Vec<PathBuf>)>,
 }
 
 fn finite(text: &str) -> Option<f64> {
@@ -144,8 +148,15 @@ impl Set {
 
 impl Args {
     pub fn parse() -> Result<Self, Stop> {
-        let mut args =
-            Self { models: Vec::new(), sets: Vec::new(), runs: 40, out: None, dump: None };
+        let mut args = Self {
+            models: Vec::new(),
+            sets: Vec::new(),
+            runs: 40,
+            out: None,
+            dump: None,
+            draw: None,
+        };
+        let mut words = Vec::new();
         let mut set = Set::default();
         let mut options = Options::of_program(HELP);
         let path = |text: &str| Some(PathBuf::from(text));
@@ -155,13 +166,21 @@ impl Args {
                 "--runs" => args.runs = options.value(number(1..))?,
                 "--out" => args.out = Some(options.value(path)?),
                 "--dump" => args.dump = Some(options.value(path)?),
-                model if !model.starts_with("--") => args.models.push(model.parse()?),
+                "--draw" => args.draw = Some((options.value(path)?, Vec::new())),
+                word if !word.starts_with("--") => words.push(option),
                 option if set.take(option, &mut options)? => {}
                 _ => return Err(options.unknown()),
             }
         }
-        if args.models.is_empty() {
+        if words.is_empty() {
             return Err("no model; see --help".to_owned().into());
+        }
+        match &mut args.draw {
+            Some((_, tables)) => tables.extend(words.into_iter().map(PathBuf::from)),
+            None => {
+                let models: Result<_, String> = words.iter().map(|word| word.parse()).collect();
+                args.models = models?;
+            }
         }
         if args.runs < LEAST_RUNS && args.dump.is_none() {
             let wants = format!("--runs wants a number from {LEAST_RUNS} on, or --dump beside it");

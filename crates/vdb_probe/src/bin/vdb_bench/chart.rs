@@ -1,5 +1,8 @@
 //! Rays a second as a picture.
 
+use std::path::Path;
+
+use serde::Deserialize;
 use vdb_probe::{PALE, Svg};
 
 use crate::report::Row;
@@ -13,11 +16,92 @@ const TOP: f64 = 96.0;
 
 /// From the farthest view to the nearest.
 const DOTS: [&str; 4] = ["#9db8d9", "#4a7fbf", "#173f73", "#c23b22"];
+/// Behind the lines of peers.
+const PEER: &str = "#f3ead9";
 
-/// The values of all rows once, in their order.
-fn distinct<T: PartialEq>(rows: &[Row], of: impl Fn(&Row) -> T) -> Vec<T> {
+/// A dot of the picture: one view of a model.
+#[derive(Debug, PartialEq)]
+pub struct Dot {
+    model: String,
+    /// What its line is called.
+    label: String,
+    is_peer: bool,
+    /// Of the picture.
+    pub size: [u32; 2],
+    dist: f64,
+    /// Millions of rays a second: least, median, most.
+    mrays: [f64; 3],
+}
+
+/// What tables have in common: ours, NanoVDB's and Bevy's.
+#[derive(Deserialize)]
+struct Record {
+    /// In the tables of peers.
+    peer: Option<String>,
+    model: String,
+    kind: String,
+    variant: String,
+    rays: String,
+    width: u32,
+    height: u32,
+    dist: f64,
+    median_ms: f64,
+    min_ms: f64,
+    max_ms: f64,
+}
+
+impl Dot {
+    pub fn of(row: &Row) -> Self {
+        Self::new(&Record {
+            peer: None,
+            model: row.model.clone(),
+            kind: row.kind.into(),
+            variant: row.variant.clone(),
+            rays: row.rays.into(),
+            width: row.size[0],
+            height: row.size[1],
+            dist: row.dist,
+            median_ms: row.times.median,
+            min_ms: row.times.min,
+            max_ms: row.times.max,
+        })
+    }
+
+    fn new(record: &Record) -> Self {
+        let Record { width, height, .. } = *record;
+        let pixels = f64::from(width) * f64::from(height);
+        let shown = [
+            record.model.as_str(),
+            record.peer.as_deref().unwrap_or(&record.kind),
+            &record.rays,
+            &record.variant,
+        ];
+        let shown = shown.into_iter().filter(|part| !part.is_empty() && *part != "primary");
+        Self {
+            model: record.model.clone(),
+            label: shown.collect::<Vec<_>>().join(" "),
+            is_peer: record.peer.is_some(),
+            size: [width, height],
+            dist: record.dist,
+            mrays: [record.max_ms, record.median_ms, record.min_ms].map(|ms| pixels / ms / 1e3),
+        }
+    }
+
+    /// All of a table that [`Report`](crate::report::Report) or a peer wrote.
+    pub fn read(table: &Path) -> Result<Vec<Self>, String> {
+        let at = |error: csv::Error| format!("{}: {error}", table.display());
+        let mut reader = csv::Reader::from_path(table).map_err(at)?;
+        reader
+            .deserialize()
+            .map(|record| record.map(|record| Self::new(&record)).map_err(at))
+            .collect()
+    }
+}
+
+/// The values of all dots once, in their order.
+fn distinct<T: PartialEq>(dots: &[Dot], of: impl Fn(&Dot) -> T) -> Vec<T> {
     let mut all = Vec::new();
-    for value in rows.iter().map(of) {
+    for value in dots.iter().map(of) {
         if !all.contains(&value) {
             all.push(value);
         }
@@ -25,22 +109,18 @@ fn distinct<T: PartialEq>(rows: &[Row], of: impl Fn(&Row) -> T) -> Vec<T> {
     all
 }
 
-/// What a line of the picture shows.
-fn label(row: &Row) -> String {
-    let parts = [row.model.as_str(), row.kind, row.rays, row.variant.as_str()];
-    let shown = parts.into_iter().filter(|part| !part.is_empty() && *part != "primary");
-    shown.collect::<Vec<_>>().join(" ")
-}
-
 /// A panel for each size of picture, a line for each model and variant, a dot for each camera with all
 /// its runs from the slowest to the fastest.
-pub fn svg(rows: &[Row], heading: &str) -> String {
-    let sizes = distinct(rows, |row| row.size);
-    let labels = distinct(rows, label);
-    let mut dists = distinct(rows, |row| row.dist);
+pub fn svg(dots: &[Dot], heading: &str) -> String {
+    let sizes = distinct(dots, |dot| dot.size);
+    let models = distinct(dots, |dot| dot.model.clone());
+    // Peers beside what is ours of the same model.
+    let mut lines = distinct(dots, |dot| (dot.model.clone(), dot.label.clone(), dot.is_peer));
+    lines.sort_by_key(|(model, ..)| models.iter().position(|other| other == model));
+    let mut dists = distinct(dots, |dot| dot.dist);
     dists.sort_by(|a, b| b.total_cmp(a));
     let width = GAP + LABEL + (PLOT + GAP) * sizes.len() as f64;
-    let bottom = TOP + LINE * labels.len() as f64;
+    let bottom = TOP + LINE * lines.len() as f64;
     let height = bottom + 4.0 * LINE;
     let mut svg = Svg::new(width, height);
     let bold = r#"font-size="17" font-weight="bold""#;
@@ -53,13 +133,16 @@ pub fn svg(rows: &[Row], heading: &str) -> String {
         svg.dot(at, 58.0, color);
         svg.text(at + 7.0, 61.5, "start", "", &format!("distance {dist:.1}"));
     }
-    for (i, label) in labels.iter().enumerate() {
-        let y = TOP + LINE * (i as f64 + 0.5) + 3.0;
-        svg.text(GAP / 2.0 + LABEL, y, "end", "", label);
+    for (i, (_, label, is_peer)) in lines.iter().enumerate() {
+        let y = TOP + LINE * (i as f64 + 0.5);
+        if *is_peer {
+            svg.bar(0.0, y, (width, LINE), PEER);
+        }
+        svg.text(GAP / 2.0 + LABEL, y + 3.0, "end", "", label);
     }
     // Whole decades around all that was measured; without a row there is no panel to have an axis.
-    let least = rows.iter().map(|row| row.mrays(row.times.max)).fold(f64::INFINITY, f64::min);
-    let most = rows.iter().map(|row| row.mrays(row.times.min)).fold(0.0, f64::max);
+    let least = dots.iter().map(|dot| dot.mrays[0]).fold(f64::INFINITY, f64::min);
+    let most = dots.iter().map(|dot| dot.mrays[2]).fold(0.0, f64::max);
     let (low, high) = (least.log10().floor(), (most.log10() + 1e-9).ceil());
     let decades = (high - low).max(1.0);
     for (panel, size) in sizes.into_iter().enumerate() {
@@ -75,17 +158,52 @@ pub fn svg(rows: &[Row], heading: &str) -> String {
             svg.line((at, TOP - 4.0), (at, bottom), PALE, 1.0);
             svg.text(at, bottom + LINE, "middle", "", &format!("{mrays}"));
         }
-        for row in rows.iter().filter(|row| row.size == size) {
-            let Some(line) = labels.iter().position(|other| *other == label(row)) else { continue };
-            let rank = dists.iter().position(|dist| *dist == row.dist).unwrap_or(0);
+        for dot in dots.iter().filter(|dot| dot.size == size) {
+            let is_own = |(_, label, _): &(String, String, bool)| *label == dot.label;
+            let Some(line) = lines.iter().position(is_own) else { continue };
+            let rank = dists.iter().position(|dist| *dist == dot.dist).unwrap_or(0);
             let color = color_of(rank);
             let y = TOP + LINE * (line as f64 + 0.5);
-            let [slow, fast] = [row.times.max, row.times.min].map(|time| place(row.mrays(time)));
+            let [slow, median, fast] = dot.mrays.map(place);
             svg.line((slow, y), (fast, y), color, 1.5);
-            svg.dot(place(row.mrays(row.times.median)), y, color);
+            svg.dot(median, y, color);
         }
     }
     let foot = "dots: medians; lines: all runs, from the slowest to the fastest";
     svg.text(GAP / 2.0, bottom + 2.8 * LINE, "start", "", foot);
     svg.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Tables as `benches/peers/nanovdb.cu` and this program write them.
+    #[test]
+    fn peers_stand_beside_ours() {
+        let peers = "peer,variant,model,kind,rays,width,height,dist,block,median_ms,min_ms,max_ms,\
+                     device\n\
+                     nanovdb,stock,a,level_set,primary,1000,1000,3.0,8x8,2.0,1.0,4.0,\"GPU, X\"\n";
+        let ours = "model,kind,format,variant,rays,width,height,dist,median_ms,min_ms,max_ms,adapter\n\
+                    a,voxels,exact,BEAMS,primary,1000,1000,3,0.5,0.5,0.5,G\n\
+                    b,fog,exact,,shuffled,1000,1000,3,0.5,0.5,0.5,G\n";
+        let folder = std::env::temp_dir().join(format!("vdb_chart_{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let read = |name: &str, text: &str| {
+            let path = folder.join(name);
+            std::fs::write(&path, text).unwrap();
+            Dot::read(&path)
+        };
+        let mut dots = read("ours.csv", ours).unwrap();
+        dots.extend(read("peers.csv", peers).unwrap());
+        let wrong = read("wrong.csv", "model,kind\na,b\n").unwrap_err();
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert!(wrong.contains("wrong.csv") && wrong.contains("variant"), "{wrong}");
+        assert_eq!(dots[2].mrays, [250.0, 500.0, 1000.0]);
+        let drawing = svg(&dots, "somewhere");
+        let at = |label: &str| drawing.find(label).unwrap_or_else(|| panic!("no {label}"));
+        assert!(at(">a voxels BEAMS<") < at(">a nanovdb stock<"));
+        assert!(at(">a nanovdb stock<") < at(">b fog shuffled<"));
+        assert_eq!(drawing.matches(PEER).count(), 1);
+    }
 }

@@ -1,5 +1,6 @@
 //! Rays through models, timed.
 
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use bytemuck::{Pod, Zeroable};
@@ -8,6 +9,7 @@ use vdb_probe::{Gpu, GpuGrid, Kernel, Step};
 
 use crate::args::{Args, Set};
 use crate::camera::Camera;
+use crate::chart::{self, Dot};
 use crate::model::{Kind, Model, Source};
 use crate::report::{Report, Row};
 use crate::timing::Times;
@@ -23,8 +25,11 @@ struct Setup {
 /// Extinction per unit of density and voxel, as the peers have it.
 const DENSITY_SCALE: f32 = 0.1;
 
-/// Measures all that the command line asks for.
+/// Does what the command line asks for.
 pub fn run(args: &Args) -> Result<(), String> {
+    if let Some((drawing, tables)) = &args.draw {
+        return draw(drawing, tables, &args.sets);
+    }
     let gpu = Gpu::new().map_err(|error| error.to_string())?;
     if !gpu.has_timestamps() {
         return Err(format!(
@@ -47,6 +52,21 @@ pub fn run(args: &Args) -> Result<(), String> {
         0 => Ok(()),
         _ => Err(format!("{failed} of {} models failed, see above", args.models.len())),
     }
+}
+
+/// Draws tables that were measured, by programs of peers, too.
+fn draw(drawing: &Path, tables: &[PathBuf], sets: &[Set]) -> Result<(), String> {
+    let mut dots = Vec::new();
+    for table in tables {
+        dots.extend(Dot::read(table)?);
+    }
+    dots.retain(|dot| sets.iter().any(|set| set.sizes.contains(&dot.size)));
+    if dots.is_empty() {
+        return Err("the tables have nothing of these --sizes".into());
+    }
+    let names: Vec<_> = tables.iter().map(|table| table.display().to_string()).collect();
+    std::fs::write(drawing, chart::svg(&dots, &names.join(", ")))
+        .map_err(|error| format!("{}: {error}", drawing.display()))
 }
 
 fn measure_model(

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use crate::chart;
+use crate::chart::{self, Dot};
 use crate::timing::Times;
 
 /// One picture.
@@ -76,7 +76,7 @@ pub struct Report {
     /// Folder, where files are to be written.
     out: Option<PathBuf>,
     rows: Vec<Row>,
-    csv: String,
+    csv: Vec<u8>,
 }
 
 impl Report {
@@ -84,12 +84,12 @@ impl Report {
     pub fn new(adapter: String, out: Option<&Path>) -> Result<Self, String> {
         eprintln!("adapter: {adapter}");
         let report =
-            Self { adapter, out: out.map(Path::to_owned), rows: Vec::new(), csv: String::new() };
-        report.write("bench.csv", "")?;
+            Self { adapter, out: out.map(Path::to_owned), rows: Vec::new(), csv: Vec::new() };
+        report.write("bench.csv", b"")?;
         Ok(report)
     }
 
-    fn write(&self, name: &str, text: &str) -> Result<(), String> {
+    fn write(&self, name: &str, text: &[u8]) -> Result<(), String> {
         let Some(dir) = &self.out else { return Ok(()) };
         std::fs::create_dir_all(dir)
             .and_then(|()| std::fs::write(dir.join(name), text))
@@ -99,16 +99,17 @@ impl Report {
     /// Adds a row and prints it.
     pub fn add(&mut self, row: Row) -> Result<(), String> {
         let columns = row.columns(&self.adapter);
-        let line = |cells: Vec<String>| cells.join(",") + "\n";
-        let mut text = String::new();
-        if self.rows.is_empty() {
-            text += &line(columns.iter().map(|(name, _)| (*name).to_owned()).collect());
-        }
-        text += &line(columns.into_iter().map(|(_, value)| cell(&value)).collect());
-        std::io::stdout()
-            .write_all(text.as_bytes())
-            .map_err(|error| format!("standard output: {error}"))?;
-        self.csv += &text;
+        let mut table = csv::Writer::from_writer(Vec::new());
+        let names = self.rows.is_empty().then(|| columns.iter().map(|(name, _)| *name));
+        let cells = columns.iter().map(|(_, value)| match value.as_str() {
+            Some(text) => text.to_owned(),
+            None => value.to_string(),
+        });
+        let written = names.map_or(Ok(()), |names| table.write_record(names));
+        written.and_then(|()| table.write_record(cells)).map_err(|error| error.to_string())?;
+        let text = table.into_inner().map_err(|error| error.to_string())?;
+        std::io::stdout().write_all(&text).map_err(|error| format!("standard output: {error}"))?;
+        self.csv.extend(text);
         self.rows.push(row);
         // A run of an hour that ends early leaves what it had.
         self.write("bench.csv", &self.csv)
@@ -124,20 +125,10 @@ impl Report {
             "commit": commit,
             "rows": rows.collect::<Vec<_>>(),
         });
-        self.write("bench.json", &format!("{all:#}\n"))?;
+        self.write("bench.json", format!("{all:#}\n").as_bytes())?;
         let heading = format!("{}, {date}, commit {commit}", self.adapter);
-        self.write("bench.svg", &chart::svg(&self.rows, &heading))
-    }
-}
-
-/// A value in CSV. Names of files and of GPUs may have commas and quotes in them.
-fn cell(value: &Value) -> String {
-    match value.as_str() {
-        Some(text) if text.contains([',', '"', '\n']) => {
-            format!("\"{}\"", text.replace('"', "\"\""))
-        }
-        Some(text) => text.to_owned(),
-        None => value.to_string(),
+        let dots: Vec<Dot> = self.rows.iter().map(Dot::of).collect();
+        self.write("bench.svg", chart::svg(&dots, &heading).as_bytes())
     }
 }
 
