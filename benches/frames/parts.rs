@@ -26,15 +26,16 @@ pub fn run(args: &Args) -> Result<(), String> {
     let volume = studio.app.world_mut().spawn((VdbVolume(cloud.clone()), thin)).id();
     let all_over = Transform::from_scale(Vec3::splat(4.0));
     studio.app.world_mut().entity_mut(volume).insert(all_over);
-    // Without HDR, Bevy has no pass over the picture of its own but the last.
-    studio.camera_mut().insert(Hdr);
+    // Without HDR, Bevy has no pass over the picture of its own but the last; with MSAA, ours writes each
+    // pixel as often as that has samples.
+    studio.camera_mut().insert((Hdr, Msaa::Off));
     // Without levels of detail, which are made beside the frames.
     let fast = VdbQuality { detail: 0.0, ..VdbQuality::FAST };
     studio.camera_mut().insert(fast);
     studio.settle(1)?;
     print_passes(&mut studio, args.frames, "fog all over the picture");
 
-    studio.camera_mut().insert(VdbQuality { reflections: 1, ..default() });
+    studio.camera_mut().insert(VdbQuality { reflections: 1, ..VdbQuality::BALANCED });
     studio.app.world_mut().entity_mut(volume).insert((
         Transform::from_xyz(0.0, 0.9, 0.0).with_scale(Vec3::splat(0.5)),
         VdbMaterial { density_scale: 8.0, ..default() },

@@ -61,7 +61,9 @@ pub fn show(
     if !help.0 && status.view.is_some() && status.errors.is_empty() {
         let corner = egui::Align2::LEFT_BOTTOM;
         let area = egui::Area::new("hint".into()).anchor(corner, [12.0, -8.0]).interactable(false);
-        area.show(&context, |ui| ui.weak("F1: keys"));
+        // Whatever is behind it.
+        let back = egui::Frame::new().fill(egui::Color32::from_black_alpha(140)).inner_margin(4);
+        area.show(&context, |ui| back.show(ui, |ui| ui.label("F1: keys")));
     }
     Ok(())
 }

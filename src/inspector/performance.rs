@@ -34,7 +34,10 @@ pub(super) fn show(
         draw(ui, &times);
     }
     let passes = passes(&store);
-    egui::Grid::new("passes").num_columns(2).striped(true).show(ui, |ui| {
+    // As passes come and go the times stay where they are.
+    let half = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
+    let grid = egui::Grid::new("passes").num_columns(2).min_col_width(half).striped(true);
+    grid.show(ui, |ui| {
         for (name, milliseconds) in passes.iter().take(PASSES) {
             ui.label(name);
             ui.label(format!("{milliseconds:.2} ms"));

@@ -31,6 +31,8 @@ pub struct Dot {
     dist: f64,
     /// Millions of rays a second: least, median, most.
     mrays: [f64; 3],
+    /// What was measured on, in the words of its table.
+    pub adapter: String,
 }
 
 /// What tables have in common: ours, NanoVDB's and Bevy's.
@@ -48,10 +50,13 @@ struct Record {
     median_ms: f64,
     min_ms: f64,
     max_ms: f64,
+    /// Peers call it otherwise.
+    #[serde(alias = "device")]
+    adapter: String,
 }
 
 impl Dot {
-    pub fn of(row: &Row) -> Self {
+    pub fn of(row: &Row, adapter: &str) -> Self {
         Self::new(&Record {
             peer: None,
             model: row.model.clone(),
@@ -64,6 +69,7 @@ impl Dot {
             median_ms: row.times.median,
             min_ms: row.times.min,
             max_ms: row.times.max,
+            adapter: adapter.into(),
         })
     }
 
@@ -84,6 +90,7 @@ impl Dot {
             size: [width, height],
             dist: record.dist,
             mrays: [record.max_ms, record.median_ms, record.min_ms].map(|ms| pixels / ms / 1e3),
+            adapter: record.adapter.clone(),
         }
     }
 
@@ -99,7 +106,7 @@ impl Dot {
 }
 
 /// The values of all dots once, in their order.
-fn distinct<T: PartialEq>(dots: &[Dot], of: impl Fn(&Dot) -> T) -> Vec<T> {
+pub fn distinct<T: PartialEq>(dots: &[Dot], of: impl Fn(&Dot) -> T) -> Vec<T> {
     let mut all = Vec::new();
     for value in dots.iter().map(of) {
         if !all.contains(&value) {

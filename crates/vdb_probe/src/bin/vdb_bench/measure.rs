@@ -64,8 +64,8 @@ fn draw(drawing: &Path, tables: &[PathBuf], sets: &[Set]) -> Result<(), String> 
     if dots.is_empty() {
         return Err("the tables have nothing of these --sizes".into());
     }
-    let names: Vec<_> = tables.iter().map(|table| table.display().to_string()).collect();
-    std::fs::write(drawing, chart::svg(&dots, &names.join(", ")))
+    let adapters = chart::distinct(&dots, |dot| dot.adapter.clone());
+    std::fs::write(drawing, chart::svg(&dots, &adapters.join(", ")))
         .map_err(|error| format!("{}: {error}", drawing.display()))
 }
 

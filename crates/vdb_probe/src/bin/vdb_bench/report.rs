@@ -127,7 +127,7 @@ impl Report {
         });
         self.write("bench.json", format!("{all:#}\n").as_bytes())?;
         let heading = format!("{}, {date}, commit {commit}", self.adapter);
-        let dots: Vec<Dot> = self.rows.iter().map(Dot::of).collect();
+        let dots: Vec<Dot> = self.rows.iter().map(|row| Dot::of(row, &self.adapter)).collect();
         self.write("bench.svg", chart::svg(&dots, &heading).as_bytes())
     }
 }
