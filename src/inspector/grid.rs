@@ -5,7 +5,6 @@ use std::sync::{Arc, Weak};
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_egui::egui;
-use vdb_core::MetaValue;
 use vdb_core::tree::{TreeStats, Vdb543};
 
 use super::VdbInspector;
@@ -68,7 +67,7 @@ fn statistics(ui: &mut egui::Ui, grid: &VdbGrid, stats: &TreeStats) {
         return;
     }
     ui.collapsing(format!("Metadata ({})", metadata.len()), |ui| {
-        let rows = metadata.iter().map(|(name, value)| (name.to_owned(), text(value)));
+        let rows = metadata.iter().map(|(name, value)| (name.to_owned(), value.to_string()));
         table(ui, "metadata", &rows.collect::<Vec<_>>());
     });
 }
@@ -117,21 +116,6 @@ fn span(low: DVec3, high: DVec3) -> String {
     format!("{}\nto {}", three(low), three(high))
 }
 
-/// A value for people.
-fn text(value: &MetaValue) -> String {
-    match value {
-        MetaValue::String(text) => text.clone(),
-        MetaValue::Unknown { bytes, .. } => format!("{} bytes", bytes.len()),
-        // `Int32(4)` without its name.
-        value => {
-            let shown = format!("{value:?}");
-            shown
-                .split_once('(')
-                .map_or(shown.clone(), |(_, rest)| rest.trim_end_matches(')').to_owned())
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -144,7 +128,5 @@ mod tests {
         assert_eq!(thousands(12_345_678), "12,345,678");
         assert_eq!(three(DVec3::new(0.0, -1.5, 1234.56)), "0 -1.500 1235");
         assert_eq!(three(DVec3::new(1e-5, 2e9, 0.01)), "1.000e-5 2.000e9 0.01000");
-        assert_eq!(text(&MetaValue::Vec3i([1, 2, 3])), "[1, 2, 3]");
-        assert_eq!(text(&MetaValue::String("fog volume".into())), "fog volume");
     }
 }

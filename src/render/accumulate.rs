@@ -4,16 +4,12 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use bevy::image::ToExtents;
 use bevy::prelude::*;
-use bevy::render::render_resource::binding_types::{
-    storage_buffer_sized, texture_2d, texture_depth_2d, texture_depth_2d_multisampled,
-    texture_storage_2d, uniform_buffer_sized,
-};
+use bevy::render::render_resource::binding_types::{storage_buffer_sized, uniform_buffer_sized};
 use bevy::render::render_resource::{
     BindGroup, BindGroupLayoutDescriptor, Buffer, BufferDescriptor, BufferUsages,
     ComputePipelineDescriptor, DynamicBindGroupEntries, DynamicBindGroupLayoutEntries,
-    PipelineCache, ShaderStages, SpecializedComputePipeline, StorageTextureAccess,
-    TextureDescriptor, TextureDimension, TextureFormat, TextureSampleType, TextureUsages,
-    TextureView,
+    PipelineCache, ShaderStages, SpecializedComputePipeline, TextureDescriptor, TextureDimension,
+    TextureFormat, TextureUsages, TextureView,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use bevy::render::texture::CachedTexture;
@@ -23,9 +19,10 @@ use super::bind::ViewBindGroups;
 use super::changes::SceneChanges;
 use super::gpu_data;
 use super::kept::KeptPipelines;
+use super::layout::{defs, read, scene_depth, write};
 use super::over_picture::run_over_picture;
 use super::pipeline::{TraceKey, ViewPipelines};
-use super::prepare::ViewResources;
+use super::resources::ViewResources;
 use super::shaders::Shaders;
 use super::warnings::Trouble;
 use crate::{VdbQuality, VdbRenderMode};
@@ -197,15 +194,11 @@ impl From<&TraceKey> for AccumulateKey {
 impl AccumulatePipeline {
     pub fn new(shaders: &Shaders) -> Self {
         let layout = |multisampled: bool, scaled: bool| {
-            let depth =
-                if multisampled { texture_depth_2d_multisampled() } else { texture_depth_2d() };
-            let read = || texture_2d(TextureSampleType::Float { filterable: false });
-            let write = |format| texture_storage_2d(format, StorageTextureAccess::WriteOnly);
             let mut entries = DynamicBindGroupLayoutEntries::sequential(
                 ShaderStages::COMPUTE,
                 (
                     uniform_buffer_sized(false, None),
-                    depth,
+                    scene_depth(multisampled),
                     read(),
                     read(),
                     storage_buffer_sized(false, None),
@@ -259,17 +252,13 @@ impl SpecializedComputePipeline for AccumulatePipeline {
     type Key = AccumulateKey;
 
     fn specialize(&self, key: AccumulateKey) -> ComputePipelineDescriptor {
-        let defs =
+        let own =
             [(true, "ACCUMULATED"), (key.multisampled, "MULTISAMPLED"), (key.scaled, "SCALED")];
         ComputePipelineDescriptor {
             label: Some("vdb_accumulate".into()),
             layout: vec![self.layout(key).clone()],
             shader: self.shader.clone(),
-            shader_defs: defs
-                .into_iter()
-                .filter(|(on, _)| *on)
-                .map(|(_, def)| def.into())
-                .collect(),
+            shader_defs: defs(own).collect(),
             entry_point: Some("accumulate".into()),
             ..default()
         }

@@ -2,14 +2,14 @@
 
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{
-    storage_buffer_read_only_sized, storage_buffer_sized, texture_depth_2d,
-    texture_depth_2d_multisampled, uniform_buffer_sized,
+    storage_buffer_read_only_sized, storage_buffer_sized, uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
     BindGroupLayoutDescriptor, BindGroupLayoutEntries, ComputePipelineDescriptor, ShaderStages,
     SpecializedComputePipeline,
 };
 
+use super::layout::{defs, scene_depth};
 use super::lights::LightLayouts;
 use super::pipeline::{TraceKey, layouts, page_defs};
 use super::shaders::Shaders;
@@ -46,7 +46,7 @@ impl From<&TraceKey> for BeamsKey {
 impl BeamsPipeline {
     pub fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
         let read = || storage_buffer_read_only_sized(false, None);
-        let layouts = [texture_depth_2d(), texture_depth_2d_multisampled()].map(|depth| {
+        let layouts = [false, true].map(|multisampled| {
             let entries = BindGroupLayoutEntries::with_indices(
                 ShaderStages::COMPUTE,
                 (
@@ -56,7 +56,7 @@ impl BeamsPipeline {
                     (3, read()),
                     (4, uniform_buffer_sized(false, None)),
                     (5, read()),
-                    (6, depth),
+                    (6, scene_depth(multisampled)),
                     (9, storage_buffer_sized(false, None)),
                 ),
             );
@@ -74,17 +74,16 @@ impl SpecializedComputePipeline for BeamsPipeline {
     type Key = BeamsKey;
 
     fn specialize(&self, key: BeamsKey) -> ComputePipelineDescriptor {
-        let defs = [
+        let own = [
             (key.multisampled, "MULTISAMPLED"),
             (key.scaled, "SCALED"),
             (key.accumulated, "ACCUMULATED"),
         ];
-        let own = defs.into_iter().filter(|(on, _)| *on).map(|(_, def)| def.into());
         ComputePipelineDescriptor {
             label: Some("vdb_beams".into()),
             layout: layouts(&self.lights, None, self.layout(key.multisampled)),
             shader: self.shaders.beams.clone(),
-            shader_defs: own.chain(page_defs(key.page_bits)).collect(),
+            shader_defs: defs(own).chain(page_defs(key.page_bits)).collect(),
             entry_point: Some("beams".into()),
             ..default()
         }

@@ -16,7 +16,8 @@ use super::blackbody::BlackbodyColors;
 use super::gpu_tree::VdbTreePool;
 use super::lights::{AllLights, LightBindGroups, ViewLights};
 use super::pipeline::{CompositePipeline, TracePipeline, ViewPipelines};
-use super::prepare::{ViewResources, VolumeBuffer};
+use super::prepare::VolumeBuffer;
+use super::resources::ViewResources;
 use super::upscale::UpscalePipeline;
 
 /// On views that see at least one volume: what the passes bind.

@@ -33,7 +33,8 @@ use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
 use super::kept::KeptPipelines;
 use super::pipeline::{GROUP, ViewPipelines};
-use super::prepare::{ViewResources, turn_of, view_data};
+use super::prepare::{turn_of, view_data};
+use super::resources::ViewResources;
 use super::volume::{Eye, Shown, affine, volume_data, world_corners};
 use crate::{VdbCamera, VdbQuality};
 

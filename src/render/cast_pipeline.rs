@@ -13,6 +13,7 @@ use bevy::render::render_resource::{
 };
 use bevy::shader::ShaderDefVal;
 
+use super::layout::defs;
 use super::lights::LightLayouts;
 use super::pipeline::{layouts, page_defs};
 use super::shaders::Shaders;
@@ -52,11 +53,10 @@ impl SpecializedRenderPipeline for CastPipeline {
 
     fn specialize(&self, key: CastKey) -> RenderPipelineDescriptor {
         let kinds = [(key.surfaces, "SURFACES"), (key.smooth, "SMOOTH"), (key.fogs, "FOGS")];
-        let kinds = kinds.into_iter().filter(|(on, _)| *on).map(|(_, def)| def.into());
         let format = key.format.map(|format| ShaderDefVal::UInt("FORMAT".into(), format));
         let adapter = self.shaders.adapter_defs.iter().cloned();
         let shader_defs: Vec<_> =
-            kinds.chain(page_defs(key.page_bits)).chain(format).chain(adapter).collect();
+            defs(kinds).chain(page_defs(key.page_bits)).chain(format).chain(adapter).collect();
         let vertex = VertexState {
             shader: self.shaders.cast.clone(),
             shader_defs: shader_defs.clone(),

@@ -4,8 +4,8 @@ use bevy::math::DMat4;
 use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
 
-use super::extract::ExtractedVolume;
-use super::extras::{Part, emission_data};
+use super::extract::{ExtractedVolume, ExtractedVolumes};
+use super::extras::{Part, color_data, emission_data};
 use super::gpu_data;
 use super::gpu_tree::VdbTreePool;
 use super::tiles::TileRange;
@@ -85,5 +85,89 @@ impl<'a> ViewEntries<'a> {
             all.retain(|(data, _)| !feature.is_of(data.kind));
         }
         all
+    }
+}
+
+/// Kinds of entries, a bit for each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Kinds(u32);
+
+impl Kinds {
+    fn of(list: &[gpu_data::Volume]) -> Self {
+        Self(list.iter().fold(0, |all, volume| all | 1 << volume.kind))
+    }
+
+    /// Whether an entry has one of some kinds.
+    pub fn has<const N: usize>(self, kinds: [u32; N]) -> bool {
+        kinds.iter().any(|kind| self.0 >> kind & 1 != 0)
+    }
+}
+
+/// All that the rays of a view can meet, in the order of the list that the shaders have.
+pub(super) struct ViewList<'a> {
+    /// What the view sees, then what only its shadows and reflections do.
+    pub entries: Vec<Entry<'a>>,
+    /// How many of them it sees.
+    pub seen: usize,
+    pub kinds_seen: Kinds,
+    /// Of what is beside the view as well.
+    pub kinds: Kinds,
+    /// Whether grids colour surfaces.
+    pub colors: bool,
+    /// Whether fog is sampled, not integrated.
+    pub fog_steps: bool,
+}
+
+impl<'a> ViewList<'a> {
+    /// Adds to the list what a view has, by its volumes and those beside it; `None` if it sees nothing.
+    /// `is_lit`: whether fire and colours are shown; `mirrors`: whether reflections are.
+    pub fn new(
+        made: ViewEntries<'a>,
+        [seen, beside]: [&[MainEntity]; 2],
+        volumes: &'a ExtractedVolumes,
+        (is_lit, mirrors): (bool, bool),
+        list: &mut Vec<gpu_data::Volume>,
+        warned: &mut Warned,
+    ) -> Option<Self> {
+        let first = list.len();
+        let mut entries = Vec::with_capacity(seen.len() + beside.len());
+        for entity in seen {
+            let Some(volume) = volumes.0.get(entity) else { continue };
+            for (data, entry) in made.of(*entity, volume, is_lit, Some(&mut *warned)) {
+                list.push(data);
+                entries.push(entry);
+            }
+        }
+        let seen = entries.len();
+        if seen == 0 {
+            return None;
+        }
+        let kinds_seen = Kinds::of(&list[first..]);
+        for entity in beside {
+            let Some(volume) = volumes.0.get(entity) else { continue };
+            // Fire throws no shadows, but mirrors show it.
+            for (data, entry) in made.of(*entity, volume, mirrors && is_lit, None) {
+                list.push(data);
+                entries.push(entry);
+            }
+        }
+        let kinds = Kinds::of(&list[first..]);
+        let samples =
+            |data: &gpu_data::Volume| data.kind == gpu_data::KIND_FOG && data.fog_step > 0.0;
+        let fog_steps = list[first..].iter().any(samples);
+        // Colours come behind all that rays can meet.
+        let view = (made.eye.rays, made.eye.world_from_view);
+        let mut colors = false;
+        for (i, entry) in entries.iter().enumerate().filter(|_| is_lit) {
+            let kind = list[first + i].kind;
+            if matches!(kind, gpu_data::KIND_SURFACE | gpu_data::KIND_SMOOTH)
+                && let Some(data) = color_data(entry.volume, made.pool, view)
+            {
+                colors = true;
+                list[first + i].color_grids = list.len() as u32;
+                list.extend(data);
+            }
+        }
+        Some(Self { entries, seen, kinds_seen, kinds, colors, fog_steps })
     }
 }

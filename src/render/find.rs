@@ -11,7 +11,7 @@ use bevy::render::view::RenderVisibleEntities;
 use super::bind::ViewBindGroups;
 use super::extract::ExtractedVolumes;
 use super::gpu_tree::VdbTreePool;
-use super::prepare::ViewResources;
+use super::resources::ViewResources;
 use crate::{VdbCamera, VdbVolume};
 
 /// On views that see at least one volume: which.

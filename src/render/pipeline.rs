@@ -7,8 +7,7 @@ use bevy::core_pipeline::tonemapping::{Tonemapping, get_lut_bind_group_layout_en
 use bevy::pbr::MeshPipeline;
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{
-    storage_buffer_read_only_sized, texture_2d, texture_depth_2d, texture_depth_2d_multisampled,
-    texture_storage_2d, uniform_buffer, uniform_buffer_sized,
+    storage_buffer_read_only_sized, texture_2d, uniform_buffer, uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
     BindGroupLayoutDescriptor, BlendComponent, BlendFactor, BlendOperation, BlendState,
@@ -16,7 +15,7 @@ use bevy::render::render_resource::{
     CompareFunction, ComputePipelineDescriptor, DepthBiasState, DepthStencilState,
     DynamicBindGroupLayoutEntries, FragmentState, MultisampleState, RenderPipelineDescriptor,
     ShaderStages, SpecializedComputePipeline, SpecializedRenderPipeline, StencilState,
-    StorageTextureAccess, TextureFormat, TextureSampleType,
+    TextureFormat, TextureSampleType,
 };
 use bevy::render::renderer::RenderAdapterInfo;
 use bevy::render::view::ViewUniform;
@@ -25,6 +24,7 @@ use bevy::shader::ShaderDefVal;
 use super::accumulate::AccumulatePipeline;
 use super::beams_pipeline::BeamsPipeline;
 use super::cast_pipeline::{CastPipeline, MeshDepthPipeline};
+use super::layout::{defs, read, scene_depth, write};
 use super::lights::{LightKey, LightLayouts};
 use super::shaders::Shaders;
 use super::upscale::UpscalePipeline;
@@ -143,9 +143,6 @@ impl TracePipeline {
     fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
         let layout = |multisampled: bool, beams: bool, motion: bool, blackbody: bool| {
             let storage = || storage_buffer_read_only_sized(false, None);
-            let depth =
-                if multisampled { texture_depth_2d_multisampled() } else { texture_depth_2d() };
-            let write = |format| texture_storage_2d(format, StorageTextureAccess::WriteOnly);
             let mut entries = DynamicBindGroupLayoutEntries::sequential(
                 ShaderStages::COMPUTE,
                 (
@@ -155,7 +152,7 @@ impl TracePipeline {
                     storage(),
                     uniform_buffer_sized(false, None),
                     storage(),
-                    depth,
+                    scene_depth(multisampled),
                     write(TextureFormat::Rgba16Float),
                     write(TextureFormat::R32Float),
                 ),
@@ -167,8 +164,7 @@ impl TracePipeline {
                 entries = entries.extend_with_indices(((10, write(TextureFormat::Rg32Uint)),));
             }
             if blackbody {
-                let table = texture_2d(TextureSampleType::Float { filterable: false });
-                entries = entries.extend_with_indices(((11, table),));
+                entries = entries.extend_with_indices(((11, read()),));
             }
             BindGroupLayoutDescriptor::new("vdb_trace", &entries)
         };
@@ -197,7 +193,7 @@ impl SpecializedComputePipeline for TracePipeline {
     type Key = TraceKey;
 
     fn specialize(&self, key: TraceKey) -> ComputePipelineDescriptor {
-        let defs = [
+        let own = [
             (key.multisampled, "MULTISAMPLED"),
             (key.surfaces, "SURFACES"),
             (key.smooth, "SMOOTH"),
@@ -227,7 +223,6 @@ impl SpecializedComputePipeline for TracePipeline {
             (key.mode == VdbRenderMode::Depth, "SHOW_DEPTH"),
             (key.mode == VdbRenderMode::Steps, "COUNT_STEPS"),
         ];
-        let own = defs.into_iter().filter(|(on, _)| *on).map(|(_, def)| def.into());
         let format = key.format.map(|format| ShaderDefVal::UInt("FORMAT".into(), format));
         let lights = key.lights.map(|lights| lights.shader_defs(&self.lights, key.motion));
         let lights = lights.into_iter().flatten();
@@ -239,7 +234,7 @@ impl SpecializedComputePipeline for TracePipeline {
                 self.layout(key.multisampled, key.beams, key.motion, key.blackbody),
             ),
             shader: self.shaders.trace.clone(),
-            shader_defs: own
+            shader_defs: defs(own)
                 .chain(lights)
                 .chain(page_defs(key.page_bits))
                 .chain(format)
@@ -283,10 +278,9 @@ pub(super) struct ToneKey {
 impl CompositePipeline {
     fn new(shaders: &Shaders, fullscreen: FullscreenShader) -> Self {
         let layout = |tonemaps: bool, motion: bool| {
-            let picture = || texture_2d(TextureSampleType::Float { filterable: false });
             let mut entries = DynamicBindGroupLayoutEntries::sequential(
                 ShaderStages::FRAGMENT,
-                (picture(), picture(), uniform_buffer_sized(false, None)),
+                (read(), read(), uniform_buffer_sized(false, None)),
             );
             if tonemaps {
                 let [lut, sampler] = get_lut_bind_group_layout_entries();
@@ -315,16 +309,12 @@ impl SpecializedRenderPipeline for CompositePipeline {
     type Key = CompositeKey;
 
     fn specialize(&self, key: CompositeKey) -> RenderPipelineDescriptor {
-        let mut shader_defs = Vec::new();
-        if key.fog_alone {
-            shader_defs.push("FOG_ALONE".into());
-        }
-        if key.motion {
-            shader_defs.push("MOTION_VECTORS".into());
-        }
-        if key.emission {
-            shader_defs.push("EMISSION".into());
-        }
+        let own = [
+            (key.fog_alone, "FOG_ALONE"),
+            (key.motion, "MOTION_VECTORS"),
+            (key.emission, "EMISSION"),
+        ];
+        let mut shader_defs: Vec<_> = defs(own).collect();
         if let Some(tone) = key.tone {
             shader_defs.push("TONEMAP_IN_SHADER".into());
             shader_defs.push(ShaderDefVal::UInt("TONEMAPPING_LUT_TEXTURE_BINDING_INDEX".into(), 4));

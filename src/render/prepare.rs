@@ -6,37 +6,35 @@ use bevy::camera::visibility::RenderLayers;
 use bevy::core_pipeline::prepass::{MotionVectorPrepass, PreviousViewData, ViewPrepassTextures};
 use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
 use bevy::diagnostic::FrameCount;
-use bevy::image::ToExtents;
+use bevy::ecs::query::QueryData;
+use bevy::ecs::system::SystemParam;
 use bevy::light::ShadowFilteringMethod;
 use bevy::math::{DAffine3, DMat4};
 use bevy::pbr::DistanceFog;
 use bevy::prelude::*;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
-use bevy::render::render_resource::{
-    Buffer, BufferInitDescriptor, BufferUsages, PipelineCache, RawBufferVec, TextureDescriptor,
-    TextureDimension, TextureFormat, TextureUsages,
-};
+use bevy::render::render_resource::{BufferUsages, PipelineCache, RawBufferVec};
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::sync_world::MainEntity;
-use bevy::render::texture::{CachedTexture, TextureCache};
+use bevy::render::texture::TextureCache;
 use bevy::render::view::{ExtractedView, Msaa};
 
 use super::accumulate::{self, Accumulated};
 use super::bind::ViewBindGroups;
 use super::changes::SceneChanges;
-use super::entries::ViewEntries;
+use super::entries::{ViewEntries, ViewList};
 use super::extract::{ExtractedEnvironment, ExtractedSuns, ExtractedVolumes, non_negative};
-use super::extras::color_data;
 use super::find::ViewVolumes;
-use super::gpu_data;
+use super::gpu_data::{self, KIND_BLACKBODY, KIND_EMISSION, KIND_FOG, KIND_SMOOTH, KIND_SURFACE};
 use super::gpu_tree::VdbTreePool;
 use super::hierarchy;
 use super::lights::{LightKey, Lights};
-use super::motion::{ViewMotion, matrices};
+use super::motion::matrices;
 use super::pipeline::{CompositeKey, ToneKey, TraceKey, ViewPipelines};
+use super::resources::{ViewFrame, ViewResources};
 use super::stand_in::{self, Specialized};
-use super::tiles::{self, TileLayout};
-use super::upscale::{self, Upscaled};
+use super::tiles::TileLayout;
+use super::upscale;
 use super::volume::{Eye, affine};
 use super::warnings::{Trouble, Warned};
 use crate::measure::LeftOut;
@@ -53,370 +51,322 @@ impl Default for VolumeBuffer {
     }
 }
 
-/// On views that see at least one volume: what the passes need.
-#[derive(Component)]
-pub(super) struct ViewResources {
-    pub view: Buffer,
-    pub placement: Buffer,
-    pub color: CachedTexture,
-    pub depth: CachedTexture,
-    /// What the tiles know of the volumes, and how it is laid out.
-    pub tile_data: Option<(Buffer, TileLayout)>,
-    pub motion: Option<ViewMotion>,
-    pub volumes: u32,
-    /// Those that shadows and reflections look at, and the view does not.
-    pub volumes_beside: u32,
-    /// The most tiles that show one of them.
-    pub most_tiles: u32,
-    /// What is shown in place of what is traced, where there are fewer rays than pixels.
-    pub upscaled: Option<Upscaled>,
-    /// And in place of that, where frames are put together.
-    pub accumulated: Option<Accumulated>,
-    /// Rays, and pixels of the viewport.
-    pub size: UVec2,
-    pub picture: UVec2,
-}
-
-impl ViewResources {
-    /// What the composite shows: colour, depth, and what moves.
-    pub fn shown(&self) -> (&CachedTexture, &CachedTexture, Option<&CachedTexture>) {
-        let own = match &self.upscaled {
-            Some(upscaled) => (&upscaled.color, &upscaled.depth, upscaled.moving.as_ref()),
-            None => (&self.color, &self.depth, self.motion.as_ref().map(|motion| &motion.moving)),
-        };
-        match self.accumulated.as_ref().and_then(Accumulated::shown) {
-            Some(mean) => (&mean.color, &mean.depth, own.2),
-            None => own,
-        }
-    }
-
-    /// Tiles of rays.
-    pub fn tiles(&self) -> UVec2 {
-        tiles::tiles(self.size)
-    }
-}
-
 /// What turns luminance into the camera's values. Infinities are not for WGSL: with this and what
 /// materials are capped to, products stay within f32.
 const MOST_EXPOSURE: f32 = 1e12;
 /// World units that a ray goes, at most: `FAR` of the shaders.
 const FARTHEST: f32 = 1e30;
-/// Of the texture that says what moves.
-const MOVING: TextureFormat = TextureFormat::Rg32Uint;
 /// Of a sun's illuminance.
 const MOST_FACTOR: f32 = 1e6;
 
-type ViewData<'a> = (
-    Entity,
-    &'a ViewVolumes,
-    &'a ExtractedView,
-    &'a ExtractedCamera,
-    (Option<&'a VdbCamera>, Option<&'a VdbQuality>, Option<&'a LeftOut>, &'a MainEntity),
-    &'a Msaa,
-    Option<&'a RenderLayers>,
-    (Option<&'a ShadowFilteringMethod>, Option<&'a ExtractedEnvironment>, Has<DistanceFog>),
-    Option<&'a TemporalJitter>,
-    Option<&'a MainPassResolutionOverride>,
-    Option<&'a Tonemapping>,
-    Option<&'a DebandDither>,
-    (Has<MotionVectorPrepass>, Option<&'a ViewPrepassTextures>, Option<&'a PreviousViewData>),
-    (Option<&'a ViewResources>, Option<&'a ViewPipelines>),
-);
+/// What a view has.
+#[derive(QueryData)]
+pub(super) struct ViewData {
+    entity: Entity,
+    camera_entity: &'static MainEntity,
+    seen: &'static ViewVolumes,
+    view: &'static ExtractedView,
+    camera: &'static ExtractedCamera,
+    settings: Option<&'static VdbCamera>,
+    quality: Option<&'static VdbQuality>,
+    left_out: Option<&'static LeftOut>,
+    msaa: &'static Msaa,
+    layers: Option<&'static RenderLayers>,
+    shadow_filter: Option<&'static ShadowFilteringMethod>,
+    environment: Option<&'static ExtractedEnvironment>,
+    has_distance_fog: Has<DistanceFog>,
+    jitter: Option<&'static TemporalJitter>,
+    resolution: Option<&'static MainPassResolutionOverride>,
+    tonemapping: Option<&'static Tonemapping>,
+    dither: Option<&'static DebandDither>,
+    has_motion: Has<MotionVectorPrepass>,
+    prepass: Option<&'static ViewPrepassTextures>,
+    view_before: Option<&'static PreviousViewData>,
+    before: Option<&'static ViewResources>,
+    pipelines_before: Option<&'static ViewPipelines>,
+}
+
+/// What views are prepared with.
+#[derive(SystemParam)]
+pub(super) struct ViewMaker<'w, 's> {
+    volumes: Res<'w, ExtractedVolumes>,
+    suns: Res<'w, ExtractedSuns>,
+    frame: Res<'w, FrameCount>,
+    changes: Res<'w, SceneChanges>,
+    lights: Lights<'w, 's>,
+    pool: Res<'w, VdbTreePool>,
+    warned: ResMut<'w, Warned>,
+    device: Res<'w, RenderDevice>,
+    textures: ResMut<'w, TextureCache>,
+    cache: Res<'w, PipelineCache>,
+    specialized: Specialized<'w>,
+}
 
 /// Makes buffers, textures and pipelines for each view that sees a volume.
 pub(super) fn prepare_views(
     mut commands: Commands,
     views: Query<ViewData>,
-    volumes: Res<ExtractedVolumes>,
-    (suns, frame, changes): (Res<ExtractedSuns>, Res<FrameCount>, Res<SceneChanges>),
-    lights: Lights,
-    pool: Res<VdbTreePool>,
+    mut maker: ViewMaker,
     mut volume_buffer: ResMut<VolumeBuffer>,
-    mut warned: ResMut<Warned>,
-    (device, queue): (Res<RenderDevice>, Res<RenderQueue>),
-    mut textures: ResMut<TextureCache>,
-    pipeline_cache: Res<PipelineCache>,
-    mut specialized: Specialized,
+    queue: Res<RenderQueue>,
 ) {
     volume_buffer.0.clear();
-    for (
-        entity,
-        seen,
-        view,
-        camera,
-        (settings, quality, left_out, camera_entity),
-        msaa,
-        layers,
-        (shadow_filter, environment, has_distance_fog),
-        jitter,
-        resolution,
-        tonemapping,
-        dither,
-        (has_motion, prepass, view_before),
-        (before, pipelines_before),
-    ) in &views
-    {
-        let mut settings = settings.cloned().unwrap_or_default();
-        let (mut quality, wrong) = quality.copied().unwrap_or_default().sound();
-        if let Some(name) = wrong
-            && let Some(text) = warned.note(*camera_entity, "", Trouble::CameraQuality(name))
-        {
-            warn!("{text}");
-        }
-        let left_out = left_out.and_then(|left_out| left_out.0);
-        if let Some(feature) = left_out {
-            feature.leave_out(&mut settings, &mut quality);
-        }
-        let picture = resolution.map_or(view.viewport.zw(), |size| size.0);
-        let mut clip_from_view = view.clip_from_view;
-        if let Some(jitter) = jitter {
+    for view in &views {
+        let mut entity = commands.entity(view.entity);
+        match maker.prepare(&view, volume_buffer.0.values_mut()) {
+            Some(made) => entity.insert(made),
+            None => entity.remove::<(ViewResources, ViewBindGroups, ViewPipelines)>(),
+        };
+    }
+    maker.warned.end_frame();
+    volume_buffer.0.write_buffer(&maker.device, &queue);
+}
+
+/// What the settings of a view come to in a frame.
+struct Wishes {
+    camera: VdbCamera,
+    quality: VdbQuality,
+    left_out: LeftOut,
+    /// Of the scene, and of them those that the mode shows.
+    lights_present: LightKey,
+    lights: Option<LightKey>,
+    /// How many times rays are mirrored.
+    reflections: u32,
+    accumulates: bool,
+    /// Pixels.
+    picture: UVec2,
+}
+
+impl Wishes {
+    fn is_lit(&self) -> bool {
+        self.camera.mode.is_lit()
+    }
+
+    /// Other modes are about surfaces: fog is neither traced nor compiled for them.
+    fn shows_fog(&self) -> bool {
+        self.is_lit() || self.camera.mode == VdbRenderMode::Steps
+    }
+
+    /// Whether what the view does not see may throw shadows into the picture, or be reflected there.
+    fn looks_beside(&self) -> bool {
+        self.lights.is_some_and(|key| key.shadows.is_some()) || self.reflections > 0
+    }
+}
+
+impl ViewMaker<'_, '_> {
+    /// Prepares a view, and adds its volumes to the list of all; `None` if it sees none.
+    fn prepare(
+        &mut self,
+        of: &ViewDataItem,
+        all: &mut Vec<gpu_data::Volume>,
+    ) -> Option<(ViewResources, ViewPipelines)> {
+        let wishes = self.wishes(of);
+        let (picture, quality) = (wishes.picture, &wishes.quality);
+        let mut clip_from_view = of.view.clip_from_view;
+        if let Some(jitter) = of.jitter {
             jitter.jitter_projection(&mut clip_from_view, picture.as_vec2());
         }
-        let rays = ViewRays::new(clip_from_view.as_dmat4());
-        let world_from_view = affine(view.world_from_view.affine());
-        // Parts of the picture and what is shown instead of it, are shown as they are.
-        let distance_fog = has_distance_fog && settings.mode == VdbRenderMode::Lit;
-        let present =
-            lights.key(quality.shadows, shadow_filter, environment, has_distance_fog, &suns);
-        let lights = settings.mode.is_lit().then_some(LightKey { distance_fog, ..present });
-        // Of what is only diffuse, no ray sees a reflection.
-        let mirrors = matches!(settings.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
-        let reflections = if mirrors { quality.reflections } else { 0 };
-        let is_lit = settings.mode.is_lit();
-        // What the view does not see may throw shadows into the picture, or be reflected there.
-        let goes_on = lights.is_some_and(|key| key.shadows.is_some()) || reflections > 0;
-        let beside = if goes_on {
-            volumes.beside(&seen.0, &layers.cloned().unwrap_or_default())
+        let rays = ViewRays::new(clip_from_view.as_dmat4())?;
+        if picture.min_element() == 0 {
+            return None;
+        }
+        let world_from_view = affine(of.view.world_from_view.affine());
+        let eye = Eye { rays: &rays, world_from_view, size: picture };
+
+        let beside = if wishes.looks_beside() {
+            self.volumes.beside(&of.seen.0, &of.layers.cloned().unwrap_or_default())
         } else {
             Vec::new()
         };
-        let mut lists = [seen.0.clone(), beside];
-        let many = goes_on && lists.iter().map(Vec::len).sum::<usize>() > hierarchy::FEW;
+        let mut ids = [of.seen.0.clone(), beside];
+        let many =
+            wishes.looks_beside() && ids.iter().map(Vec::len).sum::<usize>() > hierarchy::FEW;
         if many {
-            lists.iter_mut().for_each(|list| hierarchy::sort(list, &volumes));
+            ids.iter_mut().for_each(|ids| hierarchy::sort(ids, &self.volumes));
         }
-        let [seen, beside] = &lists;
-        let made = rays.as_ref().filter(|_| picture.min_element() > 0).map(|rays| {
-            let eye = Eye { rays, world_from_view, size: picture };
-            ViewEntries { pool: &pool, eye, quality: &quality, left_out }
-        });
-        let list = volume_buffer.0.values_mut();
-        let first = list.len();
-        let mut entries = Vec::with_capacity(seen.len() + beside.len());
-        for entity in seen {
-            let (Some(made), Some(volume)) = (&made, volumes.0.get(entity)) else { continue };
-            for (data, entry) in made.of(*entity, volume, is_lit, Some(&mut warned)) {
-                list.push(data);
-                entries.push(entry);
-            }
-        }
-        let count = entries.len();
-        let has = kinds(&list[first..]);
-        let shows = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(&has);
-        let shows_fire = has(gpu_data::KIND_EMISSION) || has(gpu_data::KIND_BLACKBODY);
-        let Some(made) = made.filter(|_| count > 0) else {
-            commands.entity(entity).remove::<(ViewResources, ViewBindGroups, ViewPipelines)>();
-            continue;
-        };
-        for entity in beside {
-            let Some(volume) = volumes.0.get(entity) else { continue };
-            // Fire throws no shadows, but mirrors show it.
-            for (data, entry) in made.of(*entity, volume, reflections > 0 && is_lit, None) {
-                list.push(data);
-                entries.push(entry);
-            }
-        }
-        let beside = entries.len() - count;
-        let has = kinds(&list[first..]);
-        let traces = [gpu_data::KIND_SURFACE, gpu_data::KIND_SMOOTH, gpu_data::KIND_FOG].map(&has);
-        let blackbody = has(gpu_data::KIND_BLACKBODY);
-        let emission = blackbody || has(gpu_data::KIND_EMISSION);
-        // Colours come behind all that rays can meet.
-        let view_of = (made.eye.rays, world_from_view);
-        let mut colors = false;
-        for (i, entry) in entries.iter().enumerate().filter(|_| is_lit) {
-            let kind = list[first + i].kind;
-            if matches!(kind, gpu_data::KIND_SURFACE | gpu_data::KIND_SMOOTH)
-                && let Some(data) = color_data(entry.volume, &pool, view_of)
-            {
-                colors = true;
-                list[first + i].color_grids = list.len() as u32;
-                list.extend(data);
-            }
-        }
-        // Other modes are about surfaces: fog is neither traced nor compiled for them.
-        let with_fog = is_lit || settings.mode == VdbRenderMode::Steps;
-        let fogs = traces[2] && with_fog;
-        let accumulated =
-            accumulate::wanted(&quality, settings.mode, jitter.is_some(), picture, &device);
-        if let Err(why) = accumulated
-            && let Some(text) = warned.note(*camera_entity, "", why)
-        {
-            warn!("{text}");
-        }
-        let wanted = TraceKey {
-            multisampled: msaa.samples() > 1,
-            surfaces: traces[0],
-            smooth: traces[1],
-            fogs: fogs || emission,
-            many,
-            beams: quality.traversal == VdbTraversal::HddaSdf,
-            page_bits: pool.page_bits(),
-            format: pool.format(),
-            traversal: quality.traversal,
-            mode: settings.mode,
-            lights,
-            motion: has_motion && prepass.is_some_and(|all| all.motion_vectors.is_some()),
-            reflections: reflections > 0,
-            fog_steps: fogs && list[first..].iter().any(steps_through),
-            overlays: settings.overlays != VdbOverlays::default(),
-            emission,
-            blackbody,
-            colors,
-            multiple_scattering: settings.multiple_scattering && traces[2] && is_lit,
-            scaled: quality.resolution < 1.0,
-            accumulated: accumulated.unwrap_or(false),
-        };
-        let pipelines = specialized.choose(&pipeline_cache, wanted, pipelines_before, &present);
+        let made = ViewEntries { pool: &self.pool, eye, quality, left_out: wishes.left_out.0 };
+        let (first, shown) = (all.len(), (wishes.is_lit(), wishes.reflections > 0));
+        let ids = ids.each_ref().map(Vec::as_slice);
+        let list = ViewList::new(made, ids, &self.volumes, shown, all, &mut self.warned)?;
+        let own = &mut all[first..];
+
+        let wanted = TraceKey { many, ..trace_key(of, &wishes, &list, &self.pool) };
+        let (before, present) = (of.pipelines_before, &wishes.lights_present);
+        let pipelines = self.specialized.choose(&self.cache, wanted, before, present);
         let key = pipelines.key;
         let size = if key.scaled { upscale::rays(picture, quality.resolution) } else { picture };
         let clip_from_world = clip_from_view.as_dmat4() * DMat4::from(world_from_view.inverse());
         let mut most_tiles = 0;
-        for (i, (data, entry)) in list[first..].iter_mut().zip(&entries).enumerate() {
+        for (i, (data, entry)) in own.iter_mut().zip(&list.entries).enumerate() {
             data.kind = stand_in::kind_for(&key, data.kind, entry.sample_format());
             if !stand_in::reads_colors(&key, &entry.volume.extras.colors) {
                 data.color_grids = gpu_data::NO_COLOR;
             }
-            if i < count {
+            if i < list.seen {
                 let range = entry.tile_range(clip_from_world, size);
                 most_tiles = most_tiles.max(range.count());
                 [data.tiles_first, data.tiles_last] = range.words();
             }
         }
         if key.many {
-            let eye = world_from_view.transform_point3(made.eye.rays.eye);
-            let owners: Vec<_> = entries.iter().map(|entry| entry.volume).collect();
-            hierarchy::fill(&mut list[first..first + owners.len()], &owners, eye);
+            let eye = world_from_view.transform_point3(rays.eye);
+            let owners: Vec<_> = list.entries.iter().map(|entry| entry.volume).collect();
+            hierarchy::fill(&mut own[..owners.len()], &owners, eye);
         }
-        let origin = view.viewport.xy();
-        let layout = TileLayout::new(size, count as u32);
+
+        let layout = TileLayout::new(size, list.seen as u32);
         let mut data = gpu_data::View {
-            exposure: non_negative(camera.exposure).min(MOST_EXPOSURE),
+            exposure: non_negative(of.camera.exposure).min(MOST_EXPOSURE),
             volume_first: first as u32,
-            volume_count: count as u32,
-            volumes_beside: beside as u32,
+            volume_count: list.seen as u32,
+            volumes_beside: (list.entries.len() - list.seen) as u32,
             size: size.to_array(),
-            origin: origin.to_array(),
-            steps_scale: non_negative(settings.steps_scale).max(1.0),
-            reflections,
+            origin: of.view.viewport.xy().to_array(),
+            steps_scale: non_negative(wishes.camera.steps_scale).max(1.0),
+            reflections: wishes.reflections,
             slabs: quality.fog_slabs,
             picture: picture.to_array(),
             shadow_range: quality.shadow_range.min(FARTHEST),
             reflection_range: quality.reflection_range.min(FARTHEST),
-            overlays: overlay_bits(settings.overlays),
+            overlays: overlay_bits(wishes.camera.overlays),
             tile_words: layout.tile_words,
             group_bits: layout.group_bits,
             keeps_starts: u32::from(layout.keeps_starts),
-            turn: turn_of(jitter, *frame),
-            frame: jitter.map_or(0, |_| frame.0),
+            turn: turn_of(of.jitter, *self.frame),
+            frame: of.jitter.map_or(0, |_| self.frame.0),
             most_frames: quality.accumulate,
-            ..view_data(made.eye.rays, world_from_view, &suns)
+            ..view_data(&rays, world_from_view, &self.suns)
         };
         let accumulated = key.accumulated.then(|| {
             let shown = (&key, pipelines.is_ready);
-            let fingerprint = accumulate::fingerprint(shown, &data, &list[first..], &changes);
-            let before = before.and_then(|before| before.accumulated.as_ref());
-            Accumulated::new(before, fingerprint, picture, &device)
+            let fingerprint = accumulate::fingerprint(shown, &data, own, &self.changes);
+            let before = of.before.and_then(|before| before.accumulated.as_ref());
+            Accumulated::new(before, fingerprint, picture, &self.device)
         });
         if let Some(accumulated) = &accumulated {
             accumulated.place(&mut data, key.scaled);
         }
-        let buffer = |label, contents: &[u8]| {
-            device.create_buffer_with_data(&BufferInitDescriptor {
-                label: Some(label),
-                contents,
-                usage: BufferUsages::UNIFORM,
-            })
-        };
-        let placement = gpu_data::Placement { origin: origin.to_array(), size: picture.to_array() };
-        let mut texture = |label, format, size: UVec2| {
-            textures.get(
-                &device,
-                TextureDescriptor {
-                    label: Some(label),
-                    size: size.to_extents(),
-                    mip_level_count: 1,
-                    sample_count: 1,
-                    dimension: TextureDimension::D2,
-                    format,
-                    usage: TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING,
-                    view_formats: &[],
-                },
-            )
-        };
-        let tile_data = key.beams.then(|| {
-            let kept = before.and_then(|before| before.tile_data.as_ref());
-            (layout.buffer(kept.map(|(buffer, _)| buffer), &device), layout)
-        });
         let motion = key.motion.then(|| {
-            let seen = entries[..count].iter().map(|entry| entry.volume);
-            let matrices = matrices(view, clip_from_view, view_before, seen);
-            let matrices = device.create_buffer_with_data(&BufferInitDescriptor {
-                label: Some("vdb_motion"),
-                contents: bytemuck::cast_slice(&matrices),
-                usage: BufferUsages::STORAGE,
-            });
-            ViewMotion { moving: texture("vdb_moving", MOVING, size), matrices }
+            let seen = list.entries[..list.seen].iter().map(|entry| entry.volume);
+            matrices(of.view, clip_from_view, of.view_before, seen)
         });
-        let upscaled = key.scaled.then(|| Upscaled {
-            color: texture("vdb_color_upscaled", TextureFormat::Rgba16Float, picture),
-            depth: texture("vdb_depth_upscaled", TextureFormat::R32Float, picture),
-            moving: key.motion.then(|| texture("vdb_moving_upscaled", MOVING, picture)),
-        });
-        let resources = ViewResources {
-            motion,
-            upscaled,
-            accumulated,
-            tile_data,
-            volumes: count as u32,
-            volumes_beside: beside as u32,
-            most_tiles,
-            view: buffer("vdb_view", bytemuck::bytes_of(&data)),
-            placement: buffer("vdb_placement", bytemuck::bytes_of(&placement)),
-            color: texture("vdb_color", TextureFormat::Rgba16Float, size),
-            depth: texture("vdb_depth", TextureFormat::R32Float, size),
-            size,
+        let frame = ViewFrame { key: &key, data: &data, layout, most_tiles, motion, accumulated };
+        let resources = ViewResources::new(frame, of.before, &self.device, &mut self.textures);
+        let (specialized, cache) = (&mut self.specialized, &self.cache);
+        Some((resources, with_composites(pipelines, specialized, cache, of, &wishes, &list)))
+    }
+
+    /// Says what is wrong with them.
+    fn wishes(&mut self, of: &ViewDataItem) -> Wishes {
+        let mut camera = of.settings.cloned().unwrap_or_default();
+        let (mut quality, wrong) = of.quality.copied().unwrap_or_default().sound();
+        let left_out = of.left_out.copied().unwrap_or_default();
+        if let Some(feature) = left_out.0 {
+            feature.leave_out(&mut camera, &mut quality);
+        }
+        let picture = of.resolution.map_or(of.view.viewport.zw(), |size| size.0);
+        let (is_jittered, device) = (of.jitter.is_some(), &self.device);
+        let accumulates = accumulate::wanted(&quality, camera.mode, is_jittered, picture, device);
+        for trouble in [wrong.map(Trouble::CameraQuality), accumulates.err()].into_iter().flatten()
+        {
+            if let Some(text) = self.warned.note(*of.camera_entity, "", trouble) {
+                warn!("{text}");
+            }
+        }
+        let lights_present = self.lights.key(
+            quality.shadows,
+            of.shadow_filter,
+            of.environment,
+            of.has_distance_fog,
+            &self.suns,
+        );
+        // Parts of the picture and what is shown instead of it, are shown as they are.
+        let distance_fog = of.has_distance_fog && camera.mode == VdbRenderMode::Lit;
+        let lights = LightKey { distance_fog, ..lights_present };
+        // Of what is only diffuse, no ray sees a reflection.
+        let mirrors = matches!(camera.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
+        Wishes {
+            lights: camera.mode.is_lit().then_some(lights),
+            lights_present,
+            reflections: if mirrors { quality.reflections } else { 0 },
+            accumulates: accumulates.unwrap_or(false),
+            camera,
+            quality,
+            left_out,
             picture,
-        };
-        let tone = (!camera.hdr).then(|| ToneKey {
-            tonemapping: tonemapping.copied().unwrap_or(Tonemapping::None),
-            dither: dither.is_some_and(|dither| *dither == DebandDither::Enabled),
-        });
-        let composite_key = |fog_alone| CompositeKey {
-            format: view.target_format,
-            samples: msaa.samples(),
-            tone: tone.filter(|tone| tone.tonemapping != Tonemapping::None),
+        }
+    }
+}
+
+/// The trace that a view asks for, but for `many`.
+fn trace_key(of: &ViewDataItem, wishes: &Wishes, list: &ViewList, pool: &VdbTreePool) -> TraceKey {
+    let Wishes { camera, quality, .. } = wishes;
+    let fogs = list.kinds.has([KIND_FOG]) && wishes.shows_fog();
+    let emission = list.kinds.has([KIND_EMISSION, KIND_BLACKBODY]);
+    let motion_vectors = of.prepass.is_some_and(|all| all.motion_vectors.is_some());
+    TraceKey {
+        multisampled: of.msaa.samples() > 1,
+        surfaces: list.kinds.has([KIND_SURFACE]),
+        smooth: list.kinds.has([KIND_SMOOTH]),
+        fogs: fogs || emission,
+        many: false,
+        beams: quality.traversal == VdbTraversal::HddaSdf,
+        page_bits: pool.page_bits(),
+        format: pool.format(),
+        traversal: quality.traversal,
+        mode: camera.mode,
+        lights: wishes.lights,
+        motion: of.has_motion && motion_vectors,
+        reflections: wishes.reflections > 0,
+        fog_steps: fogs && list.fog_steps,
+        overlays: camera.overlays != VdbOverlays::default(),
+        emission,
+        blackbody: list.kinds.has([KIND_BLACKBODY]),
+        colors: list.colors,
+        multiple_scattering: camera.multiple_scattering && fogs && wishes.is_lit(),
+        scaled: quality.resolution < 1.0,
+        accumulated: wishes.accumulates,
+    }
+}
+
+/// Adds the pipelines that draw what is traced.
+fn with_composites(
+    pipelines: ViewPipelines,
+    specialized: &mut Specialized,
+    cache: &PipelineCache,
+    of: &ViewDataItem,
+    wishes: &Wishes,
+    list: &ViewList,
+) -> ViewPipelines {
+    let tone = (!of.camera.hdr).then(|| ToneKey {
+        tonemapping: of.tonemapping.copied().unwrap_or(Tonemapping::None),
+        dither: of.dither.is_some_and(|dither| *dither == DebandDither::Enabled),
+    });
+    let tone = tone.filter(|tone| tone.tonemapping != Tonemapping::None);
+    let key = &pipelines.key;
+    let mut composite = |fog_alone| {
+        let key = CompositeKey {
+            format: of.view.target_format,
+            samples: of.msaa.samples(),
+            tone,
             fog_alone,
             motion: key.motion,
             emission: key.emission,
         };
-        let mut composite =
-            |fog_alone| specialized.composite(&pipeline_cache, composite_key(fog_alone));
-        // Steps are shown where no surface is, too.
-        // So is a surface in less than half of the frames that are put together.
-        let alone = ((shows[2] || shows_fire) && with_fog)
-            || settings.mode == VdbRenderMode::Steps
-            || key.accumulated;
-        let pipelines = ViewPipelines {
-            surface: (shows[0] || shows[1]).then(|| composite(false)),
-            fog: alone.then(|| composite(true)),
-            tonemaps: composite_key(false).tone.is_some(),
-            ..pipelines
-        };
-        commands.entity(entity).insert((resources, pipelines));
+        specialized.composite(cache, key)
+    };
+    let shows_fog = list.kinds_seen.has([KIND_FOG, KIND_EMISSION, KIND_BLACKBODY]);
+    // Steps are shown where no surface is, too.
+    // So is a surface in less than half of the frames that are put together.
+    let alone = (shows_fog && wishes.shows_fog())
+        || wishes.camera.mode == VdbRenderMode::Steps
+        || key.accumulated;
+    ViewPipelines {
+        surface: list.kinds_seen.has([KIND_SURFACE, KIND_SMOOTH]).then(|| composite(false)),
+        fog: alone.then(|| composite(true)),
+        tonemaps: tone.is_some(),
+        ..pipelines
     }
-    warned.end_frame();
-    volume_buffer.0.write_buffer(&device, &queue);
 }
 
 pub(super) fn view_data(
@@ -452,17 +402,6 @@ pub(super) fn view_data(
 /// What a frame adds to chance, from 0 to 1: nothing, unless frames of the view are put together.
 pub(super) fn turn_of(jitter: Option<&TemporalJitter>, frame: FrameCount) -> f32 {
     jitter.map_or(0.0, |_| accumulate::golden(frame.0))
-}
-
-/// Whether a list has an entry of a kind.
-fn kinds(list: &[gpu_data::Volume]) -> impl Fn(u32) -> bool + use<> {
-    let all = list.iter().fold(0_u32, |all, volume| all | 1 << volume.kind);
-    move |kind| all >> kind & 1 != 0
-}
-
-/// Whether a volume is fog that is sampled.
-fn steps_through(volume: &gpu_data::Volume) -> bool {
-    volume.kind == gpu_data::KIND_FOG && volume.fog_step > 0.0
 }
 
 fn overlay_bits(overlays: VdbOverlays) -> u32 {

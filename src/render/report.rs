@@ -7,7 +7,7 @@ use bevy::render::texture::CachedTexture;
 
 use super::accumulate::Accumulated;
 use super::pipeline::{TraceKey, ViewPipelines};
-use super::prepare::ViewResources;
+use super::resources::ViewResources;
 use crate::VdbTraversal;
 use crate::diagnostics::{
     VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,

@@ -8,7 +8,7 @@ use bevy::render::renderer::{RenderContext, ViewQuery};
 use super::bind::ViewBindGroups;
 use super::kept::KeptPipelines;
 use super::pipeline::{GROUP, ViewPipelines};
-use super::prepare::ViewResources;
+use super::resources::ViewResources;
 
 /// Of a workgroup in `beams.wgsl`.
 const BEAM_THREADS: u32 = 64;

@@ -1,14 +1,11 @@
 //! Pictures of fewer rays than pixels, to all pixels.
 
 use bevy::prelude::*;
-use bevy::render::render_resource::binding_types::{
-    texture_2d, texture_depth_2d, texture_depth_2d_multisampled, texture_storage_2d,
-    uniform_buffer_sized,
-};
+use bevy::render::render_resource::binding_types::{texture_2d, uniform_buffer_sized};
 use bevy::render::render_resource::{
     BindGroup, BindGroupLayoutDescriptor, ComputePipelineDescriptor, DynamicBindGroupEntries,
     DynamicBindGroupLayoutEntries, PipelineCache, ShaderStages, SpecializedComputePipeline,
-    StorageTextureAccess, TextureFormat, TextureSampleType, TextureView,
+    TextureFormat, TextureSampleType, TextureView,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use bevy::render::texture::CachedTexture;
@@ -16,9 +13,10 @@ use bevy::shader::Shader;
 
 use super::bind::ViewBindGroups;
 use super::kept::KeptPipelines;
+use super::layout::{defs, read, scene_depth, write};
 use super::over_picture::run_over_picture;
 use super::pipeline::{TraceKey, ViewPipelines};
-use super::prepare::ViewResources;
+use super::resources::ViewResources;
 use super::shaders::Shaders;
 
 /// What a view with fewer rays than pixels shows: as the trace writes it, for every pixel.
@@ -57,15 +55,11 @@ impl From<&TraceKey> for UpscaleKey {
 impl UpscalePipeline {
     pub fn new(shaders: &Shaders) -> Self {
         let layout = |multisampled: bool, motion: bool| {
-            let depth =
-                if multisampled { texture_depth_2d_multisampled() } else { texture_depth_2d() };
-            let read = || texture_2d(TextureSampleType::Float { filterable: false });
-            let write = |format| texture_storage_2d(format, StorageTextureAccess::WriteOnly);
             let mut entries = DynamicBindGroupLayoutEntries::sequential(
                 ShaderStages::COMPUTE,
                 (
                     uniform_buffer_sized(false, None),
-                    depth,
+                    scene_depth(multisampled),
                     read(),
                     read(),
                     write(TextureFormat::Rgba16Float),
@@ -120,7 +114,7 @@ impl SpecializedComputePipeline for UpscalePipeline {
     type Key = UpscaleKey;
 
     fn specialize(&self, key: UpscaleKey) -> ComputePipelineDescriptor {
-        let defs = [
+        let own = [
             (key.multisampled, "MULTISAMPLED"),
             (key.motion, "MOTION_VECTORS"),
             (key.accumulated, "ACCUMULATED"),
@@ -129,11 +123,7 @@ impl SpecializedComputePipeline for UpscalePipeline {
             label: Some("vdb_upscale".into()),
             layout: vec![self.layout(key).clone()],
             shader: self.shader.clone(),
-            shader_defs: defs
-                .into_iter()
-                .filter(|(on, _)| *on)
-                .map(|(_, def)| def.into())
-                .collect(),
+            shader_defs: defs(own).collect(),
             entry_point: Some("upscale".into()),
             ..default()
         }

@@ -1,6 +1,7 @@
 //! Metadata: what a file says about itself and about each grid, by name.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 /// Names with typed values, sorted by name (OpenVDB's `MetaMap`).
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -128,5 +129,46 @@ impl MetaValue {
             Self::Mat4d(_) => "mat4d",
             Self::Unknown { type_name, .. } => type_name,
         }
+    }
+}
+
+/// For people: without the name of its type, text as it is, of bytes only how many.
+impl fmt::Display for MetaValue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Bool(value) => write!(f, "{value}"),
+            Self::Int32(value) => write!(f, "{value}"),
+            Self::Int64(value) => write!(f, "{value}"),
+            Self::Float(value) => write!(f, "{value:?}"),
+            Self::Double(value) => write!(f, "{value:?}"),
+            Self::String(text) => f.write_str(text),
+            Self::Vec2i(values) => write!(f, "{values:?}"),
+            Self::Vec2s(values) => write!(f, "{values:?}"),
+            Self::Vec2d(values) => write!(f, "{values:?}"),
+            Self::Vec3i(values) => write!(f, "{values:?}"),
+            Self::Vec3s(values) => write!(f, "{values:?}"),
+            Self::Vec3d(values) => write!(f, "{values:?}"),
+            Self::Vec4i(values) => write!(f, "{values:?}"),
+            Self::Vec4s(values) => write!(f, "{values:?}"),
+            Self::Vec4d(values) => write!(f, "{values:?}"),
+            Self::Mat4s(values) => write!(f, "{values:?}"),
+            Self::Mat4d(values) => write!(f, "{values:?}"),
+            Self::Unknown { bytes, .. } => write!(f, "{} bytes", bytes.len()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_for_people() {
+        let shown = |value: MetaValue| value.to_string();
+        assert_eq!(shown(MetaValue::Vec3i([1, 2, 3])), "[1, 2, 3]");
+        assert_eq!(shown(MetaValue::Float(1.0)), "1.0");
+        assert_eq!(shown(MetaValue::String("fog volume".into())), "fog volume");
+        let unknown = MetaValue::Unknown { type_name: "half".into(), bytes: vec![0; 2] };
+        assert_eq!(shown(unknown), "2 bytes");
     }
 }

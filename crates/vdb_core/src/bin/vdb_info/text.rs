@@ -132,14 +132,7 @@ fn metadata(out: &mut String, indent: &str, metadata: &Metadata) {
     for (name, value) in metadata.iter() {
         let shown = match value {
             MetaValue::String(text) => format!("{text:?}"),
-            MetaValue::Unknown { bytes, .. } => format!("{} bytes", bytes.len()),
-            value => {
-                // `Int32(4)` without its name, which stands in front.
-                let shown = format!("{value:?}");
-                shown
-                    .split_once('(')
-                    .map_or(shown.clone(), |(_, rest)| rest.trim_end_matches(')').to_owned())
-            }
+            value => value.to_string(),
         };
         let _ = writeln!(out, "{indent}{name} ({}): {shown}", value.type_name());
     }
