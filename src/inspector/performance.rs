@@ -13,6 +13,8 @@ use crate::{VdbFeatureCosts, VdbGpuUsage, VdbMeasureFeatures};
 const BARS: usize = 32;
 /// Passes that are listed, at most.
 const PASSES: usize = 6;
+/// Points: of the names of most passes, and of their times.
+const PASS_WIDTH: f32 = 132.0;
 /// A pass that has not run for so long is not listed.
 const GONE: Duration = Duration::from_secs(1);
 
@@ -35,8 +37,7 @@ pub(super) fn show(
     }
     let passes = passes(&store);
     // As passes come and go the times stay where they are.
-    let half = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
-    let grid = egui::Grid::new("passes").num_columns(2).min_col_width(half).striped(true);
+    let grid = egui::Grid::new("passes").num_columns(2).min_col_width(PASS_WIDTH).striped(true);
     grid.show(ui, |ui| {
         for (name, milliseconds) in passes.iter().take(PASSES) {
             ui.label(name);
