@@ -164,7 +164,7 @@ fn whatever_changes_it_starts_anew() {
         return;
     }
     let mut stage = Stage::new();
-    stage.world().insert_resource(DirectionalLightShadowMap { size: 256 });
+    stage.world().insert_resource(DirectionalLightShadowMap { size: 64 });
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(VIEW));
     scene(&mut stage);
@@ -291,7 +291,7 @@ fn grain_is_evened_out() {
     }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
-    stage.world().insert_resource(DirectionalLightShadowMap { size: 256 });
+    stage.world().insert_resource(DirectionalLightShadowMap { size: 64 });
     let camera = stage.camera(&target, looking(Vec3::new(0.0, 5.0, 4.0)));
     let floor = CoordBox { min: IVec3::new(-40, -2, -40), max: IVec3::new(39, -1, 39) };
     let floor = stage.grid(fog::block(floor, -1.0), super::SURFACE, 0.1);
@@ -313,7 +313,7 @@ fn grain_is_evened_out() {
             stage.world().entity_mut(camera).insert(on);
             film(&mut stage, &target, camera, frames + 1).remove(frames)
         };
-        let (_, expected) = mean_of(64, 255);
+        let (_, expected) = mean_of(16, 255);
         expected.save(&format!("accumulate_{what}"));
         // Both are means of as many frames, so that edges are alike.
         let errors = [4, 16, 64].map(|frames| {
