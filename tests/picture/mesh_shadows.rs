@@ -36,8 +36,8 @@ struct Scene {
 impl Scene {
     fn new(from: Vec3) -> Self {
         let mut stage = Stage::new();
-        stage.world().insert_resource(DirectionalLightShadowMap { size: 512 });
-        stage.world().insert_resource(PointLightShadowMap { size: 256 });
+        stage.world().insert_resource(DirectionalLightShadowMap { size: 1024 });
+        stage.world().insert_resource(PointLightShadowMap { size: 512 });
         let target = stage.target(SIZE);
         let view = looking(from);
         let camera = stage.camera(&target, view);
