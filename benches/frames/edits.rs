@@ -15,7 +15,7 @@ use crate::{Args, CELLS, cells, print_heading, summary};
 /// Voxels from the middle of the large ball to its surface, and of the small one: 100,000 voxels.
 const RADIUS: f32 = 300.0;
 const SMALL: f32 = 28.8;
-/// Of fog: half of the large ball's, so that about as many voxels are active, and how soft its rim is.
+/// Of fog, all of whose inside is active: half of the large ball's; and how soft its rim is.
 const FOG_RADIUS: f32 = 150.0;
 const FOG_RIM: f32 = 50.0;
 const BAND: f32 = level_set::HALF_WIDTH;
