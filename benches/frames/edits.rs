@@ -32,12 +32,12 @@ pub fn run(args: &Args) -> Result<(), String> {
     print_heading(&studio, "Edits", args.size);
     println!("| shown as |{CELLS} VdbGrid::edit, median, ms | 99 % |");
     println!("|---|---|---|---|---|---|---|---|---|---|---|");
-    let large = || level_set::sphere(DVec3::ZERO, RADIUS.into());
-    let cloud = || fog::sphere(DVec3::ZERO, FOG_RADIUS.into(), FOG_RIM.into());
+    let large = level_set::sphere(DVec3::ZERO, RADIUS.into());
+    let cloud = fog::sphere(DVec3::ZERO, FOG_RADIUS.into(), FOG_RIM.into());
     let kinds = [
-        ("voxels", PackKind::Surface { iso: 0.0 }, large()),
-        ("a smooth surface", PackKind::Smooth { iso: 0.0 }, large()),
-        ("fog", PackKind::Fog, cloud()),
+        ("voxels", PackKind::Surface { iso: 0.0 }, large.clone()),
+        ("a smooth surface", PackKind::Smooth { iso: 0.0 }, large),
+        ("fog", PackKind::Fog, cloud),
     ];
     let volume = studio.app.world_mut().spawn_empty().id();
     for (name, kind, tree) in kinds {

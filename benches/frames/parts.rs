@@ -23,15 +23,13 @@ pub fn run(args: &Args) -> Result<(), String> {
     print_heading(&studio, "Parts", args.size);
     let cloud = studio.grid(fog::sphere(DVec3::ZERO, 90.0, 40.0), PackKind::Fog, 1.0 / 90.0)?;
     let thin = VdbMaterial { density_scale: 4.0, ..default() };
-    let volume = studio.app.world_mut().spawn((VdbVolume(cloud.clone()), thin)).id();
     let all_over = Transform::from_scale(Vec3::splat(4.0));
-    studio.app.world_mut().entity_mut(volume).insert(all_over);
+    let volume = studio.app.world_mut().spawn((VdbVolume(cloud.clone()), thin, all_over)).id();
     // Without HDR, Bevy has no pass over the picture of its own but the last; with MSAA, ours writes each
     // pixel as often as that has samples.
-    studio.camera_mut().insert((Hdr, Msaa::Off));
     // Without levels of detail, which are made beside the frames.
     let fast = VdbQuality { detail: 0.0, ..VdbQuality::FAST };
-    studio.camera_mut().insert(fast);
+    studio.camera_mut().insert((Hdr, Msaa::Off, fast));
     studio.settle(1)?;
     print_passes(&mut studio, args.frames, "fog all over the picture");
 
@@ -75,25 +73,28 @@ pub fn run(args: &Args) -> Result<(), String> {
 /// Medians of the passes, the dearest first.
 fn print_passes(studio: &mut Studio, frames: usize, what: &str) {
     let start = Instant::now();
-    let mut times = BTreeMap::<String, Vec<f64>>::new();
+    // Of each pass when it was last timed, and all times.
+    let mut times = BTreeMap::<String, (Instant, Vec<f64>)>::new();
     for _ in 0..frames {
         studio.frames(1);
         for diagnostic in studio.app.world().resource::<DiagnosticsStore>().iter() {
             let path = diagnostic.path().as_str();
             let pass =
                 path.strip_prefix("render/").and_then(|rest| rest.strip_suffix("/elapsed_gpu"));
-            // What no longer runs has a last time all the same.
-            let newest = diagnostic.measurement().filter(|newest| newest.time > start);
-            if let (Some(pass), Some(newest)) = (pass, newest) {
-                times.entry(pass.into()).or_default().push(newest.value);
+            let (Some(pass), Some(newest)) = (pass, diagnostic.measurement()) else { continue };
+            let (last, all) = times.entry(pass.into()).or_insert((start, Vec::new()));
+            // The GPU's times come frames late; of what no longer runs, none comes.
+            if newest.time > *last {
+                *last = newest.time;
+                all.push(newest.value);
             }
         }
     }
     let mut medians: Vec<_> = times
         .into_iter()
-        .map(|(pass, mut times)| {
+        .filter_map(|(pass, (_, mut times))| {
             times.sort_by(f64::total_cmp);
-            (pass, times[times.len() / 2])
+            Some((pass, *times.get(times.len() / 2)?))
         })
         .collect();
     medians.sort_by(|a, b| b.1.total_cmp(&a.1));

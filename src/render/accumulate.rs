@@ -2,14 +2,12 @@
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-use bevy::image::ToExtents;
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{storage_buffer_sized, uniform_buffer_sized};
 use bevy::render::render_resource::{
     BindGroup, BindGroupLayoutDescriptor, Buffer, BufferDescriptor, BufferUsages,
     ComputePipelineDescriptor, DynamicBindGroupEntries, DynamicBindGroupLayoutEntries,
-    PipelineCache, ShaderStages, SpecializedComputePipeline, TextureDescriptor, TextureDimension,
-    TextureFormat, TextureUsages, TextureView,
+    PipelineCache, ShaderStages, SpecializedComputePipeline, TextureFormat, TextureView,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use bevy::render::texture::CachedTexture;
@@ -22,7 +20,7 @@ use super::kept::KeptPipelines;
 use super::layout::{defs, read, scene_depth, write};
 use super::over_picture::run_over_picture;
 use super::pipeline::{TraceKey, ViewPipelines};
-use super::resources::ViewResources;
+use super::resources::{ViewResources, picture_texture};
 use super::shaders::Shaders;
 use super::warnings::Trouble;
 use crate::{VdbQuality, VdbRenderMode};
@@ -127,16 +125,7 @@ impl Accumulated {
 impl Kept {
     fn new(picture: UVec2, device: &RenderDevice) -> Self {
         let texture = |label, format| {
-            let texture = device.create_texture(&TextureDescriptor {
-                label: Some(label),
-                size: picture.to_extents(),
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: TextureDimension::D2,
-                format,
-                usage: TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            });
+            let texture = device.create_texture(&picture_texture(label, format, picture));
             let default_view = texture.create_view(&default());
             CachedTexture { texture, default_view }
         };

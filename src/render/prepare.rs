@@ -190,7 +190,7 @@ impl ViewMaker<'_, '_> {
         let list = ViewList::new(made, ids, &self.volumes, shown, all, &mut self.warned)?;
         let own = &mut all[first..];
 
-        let wanted = TraceKey { many, ..trace_key(of, &wishes, &list, &self.pool) };
+        let wanted = trace_key(of, &wishes, &list, many, &self.pool);
         let (before, present) = (of.pipelines_before, &wishes.lights_present);
         let pipelines = self.specialized.choose(&self.cache, wanted, before, present);
         let key = pipelines.key;
@@ -298,8 +298,14 @@ impl ViewMaker<'_, '_> {
     }
 }
 
-/// The trace that a view asks for, but for `many`.
-fn trace_key(of: &ViewDataItem, wishes: &Wishes, list: &ViewList, pool: &VdbTreePool) -> TraceKey {
+/// The trace that a view asks for.
+fn trace_key(
+    of: &ViewDataItem,
+    wishes: &Wishes,
+    list: &ViewList,
+    many: bool,
+    pool: &VdbTreePool,
+) -> TraceKey {
     let Wishes { camera, quality, .. } = wishes;
     let fogs = list.kinds.has([KIND_FOG]) && wishes.shows_fog();
     let emission = list.kinds.has([KIND_EMISSION, KIND_BLACKBODY]);
@@ -309,7 +315,7 @@ fn trace_key(of: &ViewDataItem, wishes: &Wishes, list: &ViewList, pool: &VdbTree
         surfaces: list.kinds.has([KIND_SURFACE]),
         smooth: list.kinds.has([KIND_SMOOTH]),
         fogs: fogs || emission,
-        many: false,
+        many,
         beams: quality.traversal == VdbTraversal::HddaSdf,
         page_bits: pool.page_bits(),
         format: pool.format(),

@@ -19,6 +19,24 @@ use super::upscale::Upscaled;
 /// Of the texture that says what moves.
 const MOVING: TextureFormat = TextureFormat::Rg32Uint;
 
+/// A texture that one pass writes and the next reads.
+pub(super) fn picture_texture(
+    label: &'static str,
+    format: TextureFormat,
+    size: UVec2,
+) -> TextureDescriptor<'static> {
+    TextureDescriptor {
+        label: Some(label),
+        size: size.to_extents(),
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: TextureDimension::D2,
+        format,
+        usage: TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    }
+}
+
 /// On views that see at least one volume: what the passes need.
 #[derive(Component)]
 pub(super) struct ViewResources {
@@ -68,19 +86,8 @@ impl ViewResources {
             let label = Some(label);
             device.create_buffer_with_data(&BufferInitDescriptor { label, contents, usage })
         };
-        let mut texture = |label, format, size: UVec2| {
-            let descriptor = TextureDescriptor {
-                label: Some(label),
-                size: size.to_extents(),
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: TextureDimension::D2,
-                format,
-                usage: TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            };
-            textures.get(device, descriptor)
-        };
+        let mut texture =
+            |label, format, size: UVec2| textures.get(device, picture_texture(label, format, size));
         let motion = frame.motion.map(|matrices| ViewMotion {
             moving: texture("vdb_moving", MOVING, size),
             matrices: buffer("vdb_motion", bytemuck::cast_slice(&matrices), BufferUsages::STORAGE),
