@@ -8,6 +8,7 @@ mod diagnostics;
 mod dial;
 mod edits;
 mod extras;
+mod features;
 #[cfg(feature = "egui")]
 mod inspector;
 mod levels;

@@ -7,8 +7,8 @@ use bevy::prelude::*;
 use bevy::render::extract_component::ExtractComponent;
 
 use crate::dial::gpu_time;
-use crate::render::gpu_data::{KIND_BLACKBODY, KIND_EMISSION, KIND_FOG, KIND_SMOOTH, KIND_SURFACE};
-use crate::{VdbCamera, VdbCameraReport, VdbDiagnostics, VdbOverlays, VdbQuality, VdbTraversal};
+use crate::features::{FEATURES, Feature, Features};
+use crate::{VdbCameraReport, VdbDiagnostics};
 
 /// Measures what the features of a camera cost: a component of cameras. Over some hundreds of frames each feature
 /// is left out in turn, in the picture, too; then this component goes, and [`VdbFeatureCosts`] is there. What
@@ -41,73 +41,15 @@ pub struct VdbFeatureCost {
     pub ms: f64,
 }
 
-/// What can be left out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Feature {
-    Voxels,
-    Smooth,
-    Fog,
-    Emission,
-    ScatteredAgain,
-    Beams,
-    Shadows,
-    Reflections,
-    Overlays,
-    FewerRays,
-    Accumulation,
-}
-
-impl Feature {
-    /// With their names in reports.
-    const ALL: [(Self, &'static str); 11] = [
-        (Self::Voxels, "voxels"),
-        (Self::Smooth, "smooth surfaces"),
-        (Self::Fog, "fog"),
-        (Self::Emission, "emission"),
-        (Self::ScatteredAgain, "light scattered again"),
-        (Self::Beams, "beams"),
-        (Self::Shadows, "shadows"),
-        (Self::Reflections, "reflections"),
-        (Self::Overlays, "overlays"),
-        (Self::FewerRays, "fewer rays than pixels"),
-        (Self::Accumulation, "accumulation"),
-    ];
-
-    /// The settings of a camera without it.
-    pub fn leave_out(self, camera: &mut VdbCamera, quality: &mut VdbQuality) {
-        match self {
-            Self::ScatteredAgain => camera.multiple_scattering = false,
-            Self::Overlays => camera.overlays = VdbOverlays::default(),
-            Self::Beams => quality.traversal = VdbTraversal::Hdda,
-            Self::Shadows => quality.shadows = false,
-            Self::Reflections => quality.reflections = 0,
-            Self::FewerRays => quality.resolution = 1.0,
-            Self::Accumulation => quality.accumulate = 0,
-            Self::Voxels | Self::Smooth | Self::Fog | Self::Emission => {}
-        }
-    }
-
-    /// Whether entries of a kind are it.
-    pub fn is_of(self, kind: u32) -> bool {
-        match self {
-            Self::Voxels => kind == KIND_SURFACE,
-            Self::Smooth => kind == KIND_SMOOTH,
-            Self::Fog => kind == KIND_FOG,
-            Self::Emission => matches!(kind, KIND_EMISSION | KIND_BLACKBODY),
-            _ => false,
-        }
-    }
-}
-
 /// What a camera is without at the moment.
 #[derive(Clone, Component, Copy, Debug, Default, ExtractComponent)]
-pub(crate) struct LeftOut(pub Option<Feature>);
+pub(crate) struct LeftOut(pub Features);
 
 /// How far a measurement is.
 #[derive(Clone, Component, Debug, Default)]
 pub(crate) struct Measuring {
     /// Without each, and before and after that with all.
-    plan: Vec<Option<(Feature, &'static str)>>,
+    plan: Vec<Option<&'static Feature>>,
     medians: Vec<f64>,
     samples: Vec<f64>,
     skipped: usize,
@@ -126,7 +68,8 @@ const PATIENCE: usize = 30;
 impl Measuring {
     fn begin(&mut self, report: Option<&VdbCameraReport>) {
         let is_there = |name: &str| report.is_some_and(|report| report.has(name));
-        let own = Feature::ALL.into_iter().filter(|(_, name)| is_there(name));
+        let own = FEATURES.iter().filter(|feature| feature.without.is_some());
+        let own = own.filter(|feature| is_there(feature.name));
         let own = own.flat_map(|feature| [Some(feature), None]);
         self.plan = [None].into_iter().chain(own).collect();
     }
@@ -158,7 +101,7 @@ impl Measuring {
         let total_ms = with.iter().map(|(_, ms)| *ms).sum::<f64>() / with.len().max(1) as f64;
         // Beside what all took just before and after, so that a clock that slowly changes does not count.
         let features = without.iter().zip(with.windows(2)).filter_map(|((part, ms), with)| {
-            let (_, name) = (**part)?;
+            let name = (**part)?.name;
             let all = 0.5 * with.iter().map(|(_, ms)| *ms).sum::<f64>();
             Some(VdbFeatureCost { name, ms: all - **ms })
         });
@@ -207,7 +150,7 @@ pub(crate) fn measure_features(
         return;
     }
     match measuring.plan.get(measuring.medians.len()) {
-        Some(part) => left_out.0 = part.map(|(feature, _)| feature),
+        Some(part) => left_out.0 = part.map_or(Features::empty(), |feature| feature.flag),
         None => {
             let costs = measuring.costs();
             let mut camera = commands.entity(camera);
@@ -233,10 +176,10 @@ mod tests {
         };
         let mut measuring = Measuring::default();
         measuring.begin(Some(&report));
-        let ms_without = |part: Option<(Feature, &str)>| match part.map(|(feature, _)| feature) {
-            Some(Feature::Fog) => 2.0,
-            Some(Feature::Shadows) => 4.5,
-            Some(Feature::Beams) => 7.0,
+        let ms_without = |part: Option<&Feature>| match part.map(|feature| feature.flag) {
+            Some(Features::FOG) => 2.0,
+            Some(Features::SHADOWS) => 4.5,
+            Some(Features::BEAMS) => 7.0,
             _ => 6.0,
         };
         let mut late = std::collections::VecDeque::from([100.0; 10]);

@@ -65,7 +65,7 @@ impl Plugin for VdbRenderPlugin {
                 ExtractComponentPlugin::<VdbQuality>::default(),
                 ExtractComponentPlugin::<LeftOut>::default(),
             ));
-            render::build(app);
+            app.add_plugins(render::RenderVolumesPlugin);
         } else {
             error!(
                 "volumes are not shown: VdbRenderPlugin takes lights from Bevy's PbrPlugin; add that, or \

@@ -2,142 +2,146 @@
 
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
+use bevy::render::render_resource::Buffer;
 use bevy::render::sync_world::MainEntity;
 use bevy::render::texture::CachedTexture;
+use bevy::render::{Render, RenderApp, RenderSystems};
 
-use super::accumulate::Accumulated;
-use super::pipeline::{TraceKey, ViewPipelines};
-use super::resources::ViewResources;
-use crate::VdbTraversal;
+use super::accumulate::{AccumulateView, Accumulated, Mean};
+use super::composite::CompositeView;
+use super::trace::TraceView;
+use super::upscale::UpscaleView;
+use super::view::{Picture, PreparedView, ViewPicture, ViewState};
 use crate::diagnostics::{
     VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
 };
 
-/// Tells the app's world.
-pub(super) fn report(
-    views: Query<(&MainEntity, &ViewResources, &ViewPipelines)>,
-    diagnostics: Res<VdbDiagnostics>,
-) {
-    let reports: HashMap<_, _> = views
-        .iter()
-        .map(|(camera, resources, pipelines)| (camera.id(), of_view(resources, pipelines)))
-        .collect();
-    diagnostics.set(reports);
-}
+/// Tells the app's world what each camera has.
+pub(super) struct ReportPlugin;
 
-fn of_view(resources: &ViewResources, pipelines: &ViewPipelines) -> VdbCameraReport {
-    VdbCameraReport {
-        volumes: resources.volumes,
-        volumes_beside: resources.volumes_beside,
-        rays: resources.size,
-        frames: frames(resources),
-        is_compiling: !pipelines.is_ready || pipelines.stands_in,
-        features: features(&pipelines.key),
-        passes: passes(resources, pipelines),
-        buffers: buffers(resources),
+impl Plugin for ReportPlugin {
+    fn build(&self, app: &mut App) {
+        let diagnostics = app.world().resource::<VdbDiagnostics>().clone();
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
+        render_app
+            .insert_resource(diagnostics)
+            .add_systems(Render, report.in_set(RenderSystems::PrepareBindGroups));
     }
 }
 
-/// Frames that are put together.
-fn frames(resources: &ViewResources) -> u32 {
-    resources.accumulated.as_ref().map_or(0, |accumulated| accumulated.frame)
+/// What the passes have of a view.
+type ViewData<'a> = (
+    &'a MainEntity,
+    &'a ViewState,
+    &'a ViewPicture,
+    &'a TraceView,
+    &'a UpscaleView,
+    &'a AccumulateView,
+    &'a CompositeView,
+);
+
+fn report(views: Query<ViewData>, diagnostics: Res<VdbDiagnostics>) {
+    let reports: HashMap<_, _> = views.iter().filter_map(of_view).collect();
+    diagnostics.set(reports);
 }
 
-fn features(key: &TraceKey) -> Vec<VdbFeatureReport> {
-    let lights = key.lights;
-    let all = [
-        (key.surfaces, "voxels", "a surface is shown voxel by voxel"),
-        (key.smooth, "smooth surfaces", "a surface is shown between samples"),
-        (key.fogs, "fog", "a fog is seen, or throws shadows or is reflected"),
-        (key.fog_steps, "sampled fog", "VdbQuality::fog_step is more than 0"),
-        (key.emission, "emission", "a volume has a VdbEmission"),
-        (key.blackbody, "black bodies", "it is VdbEmission::Temperature"),
-        (key.colors, "colours", "a surface has a VdbColorGrid"),
-        (
-            key.multiple_scattering,
-            "light scattered again",
-            "VdbCamera::multiple_scattering, and there is a fog",
-        ),
-        (key.many, "hierarchy", "rays of shadows or reflections have many volumes to meet"),
-        (key.beams, "beams", "VdbTraversal::HddaSdf shares the starts of rays"),
-        (key.traversal == VdbTraversal::Hdda, "strides", "VdbTraversal::Hdda"),
-        (key.traversal == VdbTraversal::Dda, "single steps", "VdbTraversal::Dda"),
-        (key.traversal == VdbTraversal::March, "marching", "VdbTraversal::March"),
-        (lights.is_some(), "light", "the mode shows light"),
-        (
-            lights.is_some_and(|lights| lights.shadows.is_some()),
-            "shadows",
-            "a light has shadow_maps_enabled",
-        ),
-        (
-            lights.is_some_and(|lights| lights.soft),
-            "soft shadows",
-            "VdbSun::angular_diameter is more than 0",
-        ),
-        (lights.is_some_and(|lights| lights.local), "lamps", "there are point or spot lights"),
-        (
-            lights.is_some_and(|lights| lights.environment),
-            "environment map",
-            "the camera has an EnvironmentMapLight",
-        ),
-        (
-            lights.is_some_and(|lights| lights.distance_fog),
-            "distance fog",
-            "the camera has a DistanceFog",
-        ),
-        (key.reflections, "reflections", "VdbQuality::reflections is more than 0"),
-        (key.motion, "motion vectors", "the camera has a MotionVectorPrepass, as TAA brings along"),
-        (key.overlays, "overlays", "VdbCamera::overlays"),
-        (key.scaled, "fewer rays than pixels", "VdbQuality::resolution is less than 1"),
-        (key.accumulated, "accumulation", "VdbQuality::accumulate is more than 1"),
-        (key.multisampled, "multisampled depth", "the camera has MSAA"),
-        (key.page_bits.is_some(), "pages", "grids exceed one binding of the GPU"),
-    ];
-    let on = all.into_iter().filter(|(on, ..)| *on);
-    on.map(|(_, name, why)| VdbFeatureReport { name, why }).collect()
+fn of_view(
+    (camera, state, picture, trace, upscale, accumulate, composite): (
+        &MainEntity,
+        &ViewState,
+        &ViewPicture,
+        &TraceView,
+        &UpscaleView,
+        &AccumulateView,
+        &CompositeView,
+    ),
+) -> Option<(Entity, VdbCameraReport)> {
+    let (prepared, uniform) = state.prepared()?;
+    let frames = accumulate.accumulated.as_ref().map_or(0, |accumulated| accumulated.frame);
+    let mut buffers = Buffers::default();
+    buffers.add("vdb_view", uniform, "the camera");
+    buffers.add_some("vdb_placement", &composite.placement, "the viewport");
+    if let Some(traced) = &picture.traced {
+        let names = ["vdb_color", "vdb_depth", "vdb_moving"];
+        buffers.add_picture(
+            names,
+            traced,
+            ["what rays see", "where they see it", "motion vectors"],
+        );
+    }
+    buffers.add_some("vdb_tiles", &trace.tiles, "tiles of rays share their starts");
+    buffers.add_some("vdb_motion", &composite.motion, "motion vectors");
+    if let Some(upscaled) = &upscale.picture {
+        let names = ["vdb_color_upscaled", "vdb_depth_upscaled", "vdb_moving_upscaled"];
+        let fewer = "there are fewer rays than pixels";
+        let moving = "motion vectors, of fewer rays than pixels";
+        buffers.add_picture(names, upscaled, [fewer, fewer, moving]);
+    }
+    if let Some(mean) = accumulate.accumulated.as_ref().and_then(Accumulated::mean) {
+        buffers.add_mean(mean);
+    }
+    let report = VdbCameraReport {
+        volumes: prepared.data.volume_count,
+        volumes_beside: prepared.data.volumes_beside,
+        rays: prepared.size(),
+        frames,
+        is_compiling: !prepared.is_ready || prepared.is_fallback,
+        features: features(prepared),
+        passes: passes(upscale, frames, composite),
+        buffers: buffers.0,
+    };
+    Some((camera.id(), report))
 }
 
-fn passes(resources: &ViewResources, pipelines: &ViewPipelines) -> Vec<VdbPassReport> {
-    let upscale = pipelines.upscale.is_some();
-    let accumulate = frames(resources) > 0;
-    let composite = pipelines.surface.is_some() || pipelines.fog.is_some();
+fn features(prepared: &PreparedView) -> Vec<VdbFeatureReport> {
+    let rows = prepared.key.features.rows();
+    rows.map(|row| VdbFeatureReport { name: row.name, why: row.why }).collect()
+}
+
+fn passes(upscale: &UpscaleView, frames: u32, composite: &CompositeView) -> Vec<VdbPassReport> {
+    let is_composited = composite.surface.is_some() || composite.fog.is_some();
     let all = [
         (true, "vdb_trace", "a volume is in the picture"),
-        (upscale, "vdb_upscale", "VdbQuality::resolution is less than 1"),
-        (accumulate, "vdb_accumulate", "VdbQuality::accumulate, and nothing has changed"),
-        (composite, "vdb_composite", "what was traced is shown"),
+        (upscale.pipeline.is_some(), "vdb_upscale", "VdbQuality::resolution is less than 1"),
+        (frames > 0, "vdb_accumulate", "VdbQuality::accumulate, and nothing has changed"),
+        (is_composited, "vdb_composite", "what was traced is shown"),
     ];
     let on = all.into_iter().filter(|(on, ..)| *on);
     on.map(|(_, name, why)| VdbPassReport { name, why }).collect()
 }
 
-fn buffers(resources: &ViewResources) -> Vec<VdbBufferReport> {
-    let mut all = Vec::new();
-    let mut add = |name, bytes, why| all.push(VdbBufferReport { name, bytes, why });
-    add("vdb_view", resources.view.size(), "the camera");
-    add("vdb_placement", resources.placement.size(), "the viewport");
-    add("vdb_color", bytes(&resources.color), "what rays see");
-    add("vdb_depth", bytes(&resources.depth), "where they see it");
-    if let Some((tiles, _)) = &resources.tile_data {
-        add("vdb_tiles", tiles.size(), "tiles of rays share their starts");
+#[derive(Default)]
+struct Buffers(Vec<VdbBufferReport>);
+
+impl Buffers {
+    fn push(&mut self, name: &'static str, bytes: u64, why: &'static str) {
+        self.0.push(VdbBufferReport { name, bytes, why });
     }
-    if let Some(motion) = &resources.motion {
-        add("vdb_moving", bytes(&motion.moving), "motion vectors");
-        add("vdb_motion", motion.matrices.size(), "motion vectors");
+
+    fn add(&mut self, name: &'static str, buffer: &Buffer, why: &'static str) {
+        self.push(name, buffer.size(), why);
     }
-    if let Some(upscaled) = &resources.upscaled {
-        add("vdb_color_upscaled", bytes(&upscaled.color), "there are fewer rays than pixels");
-        add("vdb_depth_upscaled", bytes(&upscaled.depth), "there are fewer rays than pixels");
-        if let Some(moving) = &upscaled.moving {
-            add("vdb_moving_upscaled", bytes(moving), "motion vectors, of fewer rays than pixels");
+
+    fn add_some(&mut self, name: &'static str, buffer: &Option<Buffer>, why: &'static str) {
+        if let Some(buffer) = buffer {
+            self.add(name, buffer, why);
         }
     }
-    if let Some(kept) = resources.accumulated.as_ref().and_then(Accumulated::kept) {
-        add("vdb_means", kept.means.size(), "frames are put together");
-        add("vdb_color_mean", bytes(&kept.color), "frames are put together");
-        add("vdb_depth_mean", bytes(&kept.depth), "frames are put together");
+
+    fn add_picture(&mut self, names: [&'static str; 3], picture: &Picture, why: [&'static str; 3]) {
+        self.push(names[0], bytes(&picture.color), why[0]);
+        self.push(names[1], bytes(&picture.depth), why[1]);
+        if let Some(moving) = &picture.moving {
+            self.push(names[2], bytes(moving), why[2]);
+        }
     }
-    all
+
+    fn add_mean(&mut self, mean: &Mean) {
+        let why = "frames are put together";
+        self.add("vdb_means", &mean.buffer, why);
+        self.push("vdb_color_mean", bytes(&mean.color), why);
+        self.push("vdb_depth_mean", bytes(&mean.depth), why);
+    }
 }
 
 /// Of a texture.

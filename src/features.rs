@@ -1,0 +1,204 @@
+//! The features that a view's shaders are specialised on: one table, from which pipeline keys, shader defs,
+//! diagnostics and the measurement of costs are made.
+
+use bitflags::bitflags;
+
+use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbTraversal};
+
+bitflags! {
+    /// What a view's shaders are compiled with.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub(crate) struct Features: u32 {
+        const VOXELS = 1 << 0;
+        const SMOOTH = 1 << 1;
+        const FOG = 1 << 2;
+        const FOG_STEPS = 1 << 3;
+        const EMISSION = 1 << 4;
+        const BLACKBODY = 1 << 5;
+        const COLORS = 1 << 6;
+        const MULTIPLE_SCATTERING = 1 << 7;
+        const MANY = 1 << 8;
+        const BEAMS = 1 << 9;
+        const HDDA = 1 << 10;
+        const DDA = 1 << 11;
+        const MARCH = 1 << 12;
+        const LIGHT = 1 << 13;
+        const SHADOWS = 1 << 14;
+        const SOFT_SHADOWS = 1 << 15;
+        const LAMPS = 1 << 16;
+        const ENVIRONMENT = 1 << 17;
+        const DISTANCE_FOG = 1 << 18;
+        const REFLECTIONS = 1 << 19;
+        const MOTION_VECTORS = 1 << 20;
+        const OVERLAYS = 1 << 21;
+        const SCALED = 1 << 22;
+        const ACCUMULATED = 1 << 23;
+        const MULTISAMPLED = 1 << 24;
+        const PAGES = 1 << 25;
+    }
+}
+
+/// A row of the table.
+#[derive(Debug)]
+pub(crate) struct Feature {
+    pub flag: Features,
+    /// Shader defs that switch it on.
+    pub defs: &'static [&'static str],
+    /// In [`VdbFeatureReport`](crate::VdbFeatureReport).
+    pub name: &'static str,
+    /// What asks for it.
+    pub why: &'static str,
+    /// How its cost is measured: by what is without it.
+    pub without: Option<Without>,
+}
+
+/// How a camera is drawn without a feature.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Without {
+    /// With other settings.
+    Settings(fn(&mut VdbCamera, &mut VdbQuality)),
+    /// Without the grids that need it.
+    Grids,
+}
+
+const fn row(
+    flag: Features,
+    defs: &'static [&'static str],
+    name: &'static str,
+    why: &'static str,
+) -> Feature {
+    Feature { flag, defs, name, why, without: None }
+}
+
+impl Feature {
+    const fn without(mut self, change: fn(&mut VdbCamera, &mut VdbQuality)) -> Self {
+        self.without = Some(Without::Settings(change));
+        self
+    }
+
+    const fn without_grids(mut self) -> Self {
+        self.without = Some(Without::Grids);
+        self
+    }
+}
+
+/// All features, in the order of reports.
+pub(crate) const FEATURES: [Feature; 26] = [
+    row(Features::VOXELS, &["SURFACES"], "voxels", "a surface is shown voxel by voxel")
+        .without_grids(),
+    row(Features::SMOOTH, &["SMOOTH"], "smooth surfaces", "a surface is shown between samples")
+        .without_grids(),
+    row(Features::FOG, &["FOGS"], "fog", "a fog is seen, or throws shadows or is reflected")
+        .without_grids(),
+    row(Features::FOG_STEPS, &["FOG_STEPS"], "sampled fog", "VdbQuality::fog_step is more than 0"),
+    row(Features::EMISSION, &["EMISSION"], "emission", "a volume has a VdbEmission")
+        .without_grids(),
+    row(Features::BLACKBODY, &["BLACKBODY"], "black bodies", "it is VdbEmission::Temperature"),
+    row(Features::COLORS, &["COLORS"], "colours", "a surface has a VdbColorGrid"),
+    row(
+        Features::MULTIPLE_SCATTERING,
+        &["MULTIPLE_SCATTERING"],
+        "light scattered again",
+        "VdbCamera::multiple_scattering, and there is a fog",
+    )
+    .without(|camera, _| camera.multiple_scattering = false),
+    row(
+        Features::MANY,
+        &["MANY"],
+        "hierarchy",
+        "rays of shadows or reflections have many volumes to meet",
+    ),
+    row(Features::BEAMS, &["BEAMS"], "beams", "VdbTraversal::HddaSdf shares the starts of rays")
+        .without(|_, quality| quality.traversal = VdbTraversal::Hdda),
+    row(Features::HDDA, &["HDDA"], "strides", "VdbTraversal::Hdda"),
+    row(Features::DDA, &["DDA"], "single steps", "VdbTraversal::Dda"),
+    row(Features::MARCH, &["MARCH", "DDA"], "marching", "VdbTraversal::March"),
+    row(Features::LIGHT, &["LIT"], "light", "the mode shows light"),
+    row(Features::SHADOWS, &["SHADOWS"], "shadows", "a light has shadow_maps_enabled")
+        .without(|_, quality| quality.shadows = false),
+    row(
+        Features::SOFT_SHADOWS,
+        &["SOFT_SUNS"],
+        "soft shadows",
+        "VdbSun::angular_diameter is more than 0",
+    ),
+    row(Features::LAMPS, &["LOCAL_LIGHTS"], "lamps", "there are point or spot lights"),
+    row(
+        Features::ENVIRONMENT,
+        &["ENVIRONMENT_MAP"],
+        "environment map",
+        "the camera has an EnvironmentMapLight",
+    ),
+    row(Features::DISTANCE_FOG, &["DISTANCE_FOG"], "distance fog", "the camera has a DistanceFog"),
+    row(
+        Features::REFLECTIONS,
+        &["REFLECTIONS"],
+        "reflections",
+        "VdbQuality::reflections is more than 0",
+    )
+    .without(|_, quality| quality.reflections = 0),
+    row(
+        Features::MOTION_VECTORS,
+        &["MOTION_VECTORS"],
+        "motion vectors",
+        "the camera has a MotionVectorPrepass, as TAA brings along",
+    ),
+    row(Features::OVERLAYS, &["OVERLAYS"], "overlays", "VdbCamera::overlays")
+        .without(|camera, _| camera.overlays = VdbOverlays::default()),
+    row(
+        Features::SCALED,
+        &["SCALED"],
+        "fewer rays than pixels",
+        "VdbQuality::resolution is less than 1",
+    )
+    .without(|_, quality| quality.resolution = 1.0),
+    row(
+        Features::ACCUMULATED,
+        &["ACCUMULATED"],
+        "accumulation",
+        "VdbQuality::accumulate is more than 1",
+    )
+    .without(|_, quality| quality.accumulate = 0),
+    row(Features::MULTISAMPLED, &["MULTISAMPLED"], "multisampled depth", "the camera has MSAA"),
+    row(Features::PAGES, &["PAGED"], "pages", "grids exceed one binding of the GPU"),
+];
+
+impl Features {
+    /// A feature, if it is on.
+    pub fn when(self, on: bool) -> Self {
+        if on { self } else { Self::empty() }
+    }
+
+    /// The rows of the table that are on.
+    pub fn rows(self) -> impl Iterator<Item = &'static Feature> {
+        FEATURES.iter().filter(move |feature| self.contains(feature.flag))
+    }
+
+    /// The shader defs of what is on.
+    pub fn defs(self) -> impl Iterator<Item = &'static str> {
+        self.rows().flat_map(|feature| feature.defs).copied()
+    }
+
+    /// Changes settings so that a camera is drawn without these features.
+    pub fn leave_out(self, camera: &mut VdbCamera, quality: &mut VdbQuality) {
+        for feature in self.rows() {
+            if let Some(Without::Settings(change)) = feature.without {
+                change(camera, quality);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_feature_has_one_row() {
+        let all: Vec<Features> = FEATURES.iter().map(|feature| feature.flag).collect();
+        assert_eq!(all, Features::all().iter().collect::<Vec<_>>());
+        let names: std::collections::HashSet<_> =
+            FEATURES.iter().map(|feature| feature.name).collect();
+        assert_eq!(names.len(), FEATURES.len());
+    }
+}

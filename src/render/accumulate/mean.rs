@@ -1,0 +1,145 @@
+//! What a view has over its frames.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use bevy::prelude::*;
+use bevy::render::render_resource::{Buffer, BufferDescriptor, BufferUsages, TextureFormat};
+use bevy::render::renderer::RenderDevice;
+use bevy::render::texture::CachedTexture;
+
+use crate::features::Features;
+use crate::render::extract::SceneChanges;
+use crate::render::gpu::{golden, picture_texture, types};
+use crate::render::view::{MEAN_BYTES, PreparedView, ViewKey};
+
+/// What a view has over its frames.
+pub(crate) struct Accumulated {
+    /// Of all that it shows.
+    fingerprint: u64,
+    /// Frames since that has changed. The first is shown as it is, and kept nowhere, so that pictures
+    /// that change with each frame cost no more than others.
+    pub frame: u32,
+    mean: Option<Mean>,
+}
+
+/// What is there from the second frame on.
+pub(crate) struct Mean {
+    size: UVec2,
+    pub buffer: Buffer,
+    pub color: CachedTexture,
+    pub depth: CachedTexture,
+}
+
+/// A number for all that a view shows.
+pub(super) fn fingerprint(prepared: &PreparedView, changes: &SceneChanges) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    (prepared.key, prepared.is_ready, changes_of(&prepared.key, changes)).hash(&mut hasher);
+    bytemuck::bytes_of(&prepared.data).hash(&mut hasher);
+    bytemuck::cast_slice::<_, u8>(&prepared.volumes).hash(&mut hasher);
+    hasher.finish()
+}
+
+/// What a view sees of the changes to the scene.
+fn changes_of(key: &ViewKey, changes: &SceneChanges) -> [u64; 3] {
+    let seen = |feature, count| if key.has(feature) { count } else { 0 };
+    [changes.grids, seen(Features::LIGHT, changes.lights), seen(Features::SHADOWS, changes.casters)]
+}
+
+impl Accumulated {
+    /// The next frame.
+    pub fn next(
+        before: Option<Self>,
+        fingerprint: u64,
+        picture: UVec2,
+        device: &RenderDevice,
+    ) -> Self {
+        let (mut frame, mut mean) = (0, None);
+        if let Some(before) = before {
+            if before.fingerprint == fingerprint {
+                frame = before.frame.saturating_add(1);
+            }
+            mean = before.mean.filter(|mean| mean.size == picture);
+        }
+        if frame > 0 {
+            mean = mean.or_else(|| Some(Mean::new(picture, device)));
+        }
+        Self { fingerprint, frame, mean }
+    }
+
+    /// What is shown in place of this frame.
+    pub fn shown(&self) -> Option<&Mean> {
+        self.mean.as_ref().filter(|_| self.frame > 0)
+    }
+
+    /// What is there, shown or not.
+    pub fn mean(&self) -> Option<&Mean> {
+        self.mean.as_ref()
+    }
+
+    /// Tells the shaders which frame this is.
+    pub fn place(&self, view: &mut types::View, is_scaled: bool) {
+        let frame = self.frame;
+        view.frame = frame;
+        view.turn = golden(frame);
+        // The first ray of a mean is the one that a single frame has. Where rays are fewer than pixels,
+        // that one goes through no pixel's middle.
+        view.shift = shift(if is_scaled { frame } else { frame.saturating_sub(1) });
+    }
+}
+
+impl Mean {
+    fn new(picture: UVec2, device: &RenderDevice) -> Self {
+        let texture = |label, format| {
+            let texture = device.create_texture(&picture_texture(label, format, picture));
+            let default_view = texture.create_view(&default());
+            CachedTexture { texture, default_view }
+        };
+        let buffer = device.create_buffer(&BufferDescriptor {
+            label: Some("vdb_means"),
+            size: MEAN_BYTES * picture.as_u64vec2().element_product(),
+            usage: BufferUsages::STORAGE,
+            mapped_at_creation: false,
+        });
+        Self {
+            size: picture,
+            buffer,
+            color: texture("vdb_color_mean", TextureFormat::Rgba16Float),
+            depth: texture("vdb_depth_mean", TextureFormat::R32Float),
+        }
+    }
+}
+
+/// Places in a square from -½ to ½, which are spread over it as evenly as may be however many they are:
+/// after Martin Roberts 2018, "The unreasonable effectiveness of quasirandom sequences". The first is
+/// its middle.
+fn shift(i: u32) -> [f32; 2] {
+    // Powers of the plastic number: the real root of x³ = x + 1.
+    let plastic = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
+    // What rounds up to ½ would be in the next pixel.
+    let below_half = 0.5_f32.next_down();
+    plastic.map(|a: f64| (((0.5 + f64::from(i) * a).fract() - 0.5) as f32).min(below_half))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rays_come_to_all_of_a_pixel_evenly() {
+        assert_eq!(shift(0), [0.0; 2]);
+        // With a half and a quarter of the rays along each axis, as few as there may be, each pixel has one of
+        // its own after so many frames.
+        for (edge, rays) in [(2, 4), (4, 24)] {
+            let mut parts = vec![0; edge * edge];
+            for i in 1..=rays {
+                let [x, y] = shift(i).map(|s| ((s + 0.5) * edge as f32) as usize);
+                parts[y * edge + x] += 1;
+            }
+            assert!(parts.iter().all(|&n| n > 0), "{edge}: {parts:?}");
+        }
+        for i in 0..100_000 {
+            assert!(shift(i).iter().all(|s| (-0.5..0.5).contains(s)), "{i}");
+            assert!((0.0..1.0).contains(&golden(i)), "{i}");
+        }
+    }
+}

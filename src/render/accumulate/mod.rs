@@ -1,0 +1,233 @@
+//! The mean of a view's frames, while nothing changes in what it sees.
+
+mod mean;
+
+use bevy::core_pipeline::schedule::Core3d;
+use bevy::prelude::*;
+use bevy::render::render_resource::binding_types::{storage_buffer_sized, uniform_buffer_sized};
+use bevy::render::render_resource::{
+    BindGroup, BindGroupLayoutDescriptor, CachedComputePipelineId, ComputePipelineDescriptor,
+    DynamicBindGroupEntries, DynamicBindGroupLayoutEntries, PipelineCache, ShaderStages,
+    SpecializedComputePipeline, SpecializedComputePipelines, TextureFormat,
+};
+use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
+use bevy::render::view::ViewDepthTexture;
+use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
+use bevy::shader::Shader;
+
+use super::extract::SceneChanges;
+use super::gpu::{
+    PipelineFallback, Shaders, dispatch_over_picture, load_shaders, read, scene_depth, write,
+};
+use super::upscale::upscale;
+use super::view::VdbSystems;
+use super::view::{Picture, PrepareViews, ViewKey, ViewPicture, ViewState, VisibleVolumes};
+use crate::features::Features;
+
+pub(super) use mean::{Accumulated, Mean};
+
+/// Shows the mean of frames, in views that ask for it, while nothing changes in what they see.
+pub(super) struct AccumulatePlugin;
+
+impl Plugin for AccumulatePlugin {
+    fn build(&self, app: &mut App) {
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
+        render_app.world_mut().register_required_components::<VisibleVolumes, AccumulateView>();
+        render_app
+            .init_gpu_resource::<SpecializedComputePipelines<AccumulatePipeline>>()
+            .add_systems(RenderStartup, init.after(load_shaders))
+            .add_systems(
+                Render,
+                (
+                    ask.in_set(PrepareViews::Ask),
+                    count_frames.in_set(PrepareViews::Adjust),
+                    hand_on.in_set(PrepareViews::Accumulate),
+                    bind.in_set(RenderSystems::PrepareBindGroups),
+                ),
+            )
+            .add_systems(Core3d, accumulate.in_set(VdbSystems::Trace).after(upscale));
+    }
+}
+
+fn init(mut commands: Commands, shaders: Res<Shaders>) {
+    commands.insert_resource(AccumulatePipeline::new(&shaders));
+}
+
+/// What the pass keeps for a view that accumulates frames.
+#[derive(Component, Default)]
+pub(super) struct AccumulateView {
+    pub accumulated: Option<Accumulated>,
+    /// The frame that is added, where it has more pixels than rays.
+    frame: Option<Picture>,
+    pipeline: Option<CachedComputePipelineId>,
+    bind_group: Option<BindGroup>,
+}
+
+#[derive(Debug, Resource)]
+struct AccumulatePipeline {
+    shader: Handle<Shader>,
+    /// Without and with multisampling, each with as many rays as pixels and with fewer.
+    layouts: [[BindGroupLayoutDescriptor; 2]; 2],
+}
+
+/// The features that the pass depends on.
+const OWN: Features = Features::MULTISAMPLED.union(Features::SCALED).union(Features::ACCUMULATED);
+
+impl AccumulatePipeline {
+    fn new(shaders: &Shaders) -> Self {
+        let layout = |multisampled: bool, scaled: bool| {
+            let mut entries = DynamicBindGroupLayoutEntries::sequential(
+                ShaderStages::COMPUTE,
+                (
+                    uniform_buffer_sized(false, None),
+                    scene_depth(multisampled),
+                    read(),
+                    read(),
+                    storage_buffer_sized(false, None),
+                    write(TextureFormat::Rgba16Float),
+                    write(TextureFormat::R32Float),
+                ),
+            );
+            if scaled {
+                entries = entries.extend_with_indices(((7, read()), (8, read())));
+            }
+            BindGroupLayoutDescriptor::new("vdb_accumulate", &entries)
+        };
+        let both = [false, true];
+        let layouts = both.map(|samples| both.map(|scaled| layout(samples, scaled)));
+        Self { shader: shaders.accumulate.clone(), layouts }
+    }
+
+    fn layout(&self, features: Features) -> &BindGroupLayoutDescriptor {
+        let is_on = |feature| usize::from(features.contains(feature));
+        &self.layouts[is_on(Features::MULTISAMPLED)][is_on(Features::SCALED)]
+    }
+}
+
+impl SpecializedComputePipeline for AccumulatePipeline {
+    type Key = Features;
+
+    fn specialize(&self, features: Features) -> ComputePipelineDescriptor {
+        ComputePipelineDescriptor {
+            label: Some("vdb_accumulate".into()),
+            layout: vec![self.layout(features).clone()],
+            shader: self.shader.clone(),
+            shader_defs: features.defs().map(Into::into).collect(),
+            entry_point: Some("accumulate".into()),
+            ..default()
+        }
+    }
+}
+
+/// The pipeline of a view's key, if the view accumulates frames.
+fn pipeline_of(
+    key: &ViewKey,
+    specialized: &mut SpecializedComputePipelines<AccumulatePipeline>,
+    pipeline: &AccumulatePipeline,
+    cache: &PipelineCache,
+) -> Option<CachedComputePipelineId> {
+    let is_wanted = key.has(Features::ACCUMULATED);
+    is_wanted.then(|| specialized.specialize(cache, pipeline, key.features & OWN))
+}
+
+fn ask(
+    mut views: Query<&mut ViewState>,
+    mut specialized: ResMut<SpecializedComputePipelines<AccumulatePipeline>>,
+    pipeline: Res<AccumulatePipeline>,
+    cache: Res<PipelineCache>,
+    fallback: Res<PipelineFallback>,
+) {
+    for mut view in &mut views {
+        view.wait_unless(|key| {
+            let id = pipeline_of(key, &mut specialized, &pipeline, &cache);
+            id.is_none_or(|id| fallback.compute(&cache, id).is_some())
+        });
+    }
+}
+
+/// Finds which frame this is since something has changed, and tells the shaders.
+fn count_frames(
+    mut views: Query<(&mut ViewState, &mut AccumulateView)>,
+    mut specialized: ResMut<SpecializedComputePipelines<AccumulatePipeline>>,
+    pipeline: Res<AccumulatePipeline>,
+    cache: Res<PipelineCache>,
+    changes: Res<SceneChanges>,
+    device: Res<RenderDevice>,
+) {
+    for (mut view, mut own) in &mut views {
+        let before = std::mem::take(&mut *own).accumulated;
+        let Some(prepared) = &mut view.prepared else { continue };
+        own.pipeline = pipeline_of(&prepared.key, &mut specialized, &pipeline, &cache);
+        if own.pipeline.is_some() {
+            let fingerprint = mean::fingerprint(prepared, &changes);
+            let next = Accumulated::next(before, fingerprint, prepared.picture(), &device);
+            next.place(&mut prepared.data, prepared.key.has(Features::SCALED));
+            own.accumulated = Some(next);
+        }
+    }
+}
+
+/// Takes the frame, and hands on the mean in its place.
+fn hand_on(mut views: Query<(&ViewState, &mut AccumulateView, &mut ViewPicture)>) {
+    for (view, mut own, mut picture) in &mut views {
+        let Some(mean) = own.accumulated.as_ref().and_then(Accumulated::shown) else { continue };
+        let (color, depth) = (mean.color.clone(), mean.depth.clone());
+        let frame = picture.shown.take();
+        let moving = frame.as_ref().and_then(|frame| frame.moving.clone());
+        picture.shown = Some(Picture { color, depth, moving });
+        let is_scaled = view.prepared().is_some_and(|(view, _)| view.key.has(Features::SCALED));
+        own.frame = frame.filter(|_| is_scaled);
+    }
+}
+
+fn bind(
+    mut views: Query<(&ViewState, &mut AccumulateView, &ViewPicture, &ViewDepthTexture)>,
+    pipeline: Res<AccumulatePipeline>,
+    cache: Res<PipelineCache>,
+    device: Res<RenderDevice>,
+) {
+    for (view, mut own, picture, depth) in &mut views {
+        let (Some((prepared, uniform)), Some(traced)) = (view.prepared(), &picture.traced) else {
+            continue;
+        };
+        let Some(mean) = own.accumulated.as_ref().and_then(Accumulated::shown) else { continue };
+        let mut entries = DynamicBindGroupEntries::sequential((
+            uniform.as_entire_binding(),
+            depth.view(),
+            &traced.color.default_view,
+            &traced.depth.default_view,
+            mean.buffer.as_entire_binding(),
+            &mean.color.default_view,
+            &mean.depth.default_view,
+        ));
+        if let Some(frame) = &own.frame {
+            let (color, depth) = (&frame.color.default_view, &frame.depth.default_view);
+            entries = entries.extend_with_indices(((7, color), (8, depth)));
+        }
+        let layout = cache.get_bind_group_layout(pipeline.layout(prepared.key.features));
+        let group = device.create_bind_group("vdb_accumulate", &layout, &entries);
+        own.bind_group = Some(group);
+    }
+}
+
+/// Adds this frame to the mean, in views that have one.
+fn accumulate(
+    view: ViewQuery<(&ViewState, &AccumulateView)>,
+    cache: Res<PipelineCache>,
+    fallback: Res<PipelineFallback>,
+    mut context: RenderContext,
+) {
+    let (state, own) = view.into_inner();
+    let (Some(id), Some(bind_group)) = (own.pipeline, &own.bind_group) else { return };
+    let Some((prepared, _)) = state.prepared().filter(|(prepared, _)| prepared.is_ready) else {
+        return;
+    };
+    let Some(pipeline) = fallback.compute(&cache, id) else { return };
+    dispatch_over_picture(
+        &mut context,
+        "vdb_accumulate",
+        &pipeline,
+        bind_group,
+        prepared.picture(),
+    );
+}

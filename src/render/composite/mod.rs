@@ -1,0 +1,245 @@
+//! The traced picture into the camera's target and depth, and into Bevy's prepass textures where the
+//! camera has motion vectors.
+
+mod motion;
+mod pipeline;
+
+use bevy::camera::{MainPassResolutionOverride, Viewport};
+use bevy::core_pipeline::FullscreenShader;
+use bevy::core_pipeline::prepass::{PreviousViewData, ViewPrepassTextures};
+use bevy::core_pipeline::schedule::Core3d;
+use bevy::core_pipeline::tonemapping::{
+    DebandDither, Tonemapping, TonemappingLuts, get_lut_bindings,
+};
+use bevy::prelude::*;
+use bevy::render::camera::ExtractedCamera;
+use bevy::render::diagnostic::RecordDiagnostics;
+use bevy::render::render_asset::RenderAssets;
+use bevy::render::render_resource::{
+    BindGroup, Buffer, BufferInitDescriptor, BufferUsages, CachedRenderPipelineId,
+    DynamicBindGroupEntries, PipelineCache, RenderPassDescriptor, SpecializedRenderPipelines,
+    StoreOp,
+};
+use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
+use bevy::render::texture::{FallbackImage, GpuImage};
+use bevy::render::view::{
+    ExtractedView, Msaa, ViewDepthTexture, ViewTarget, ViewUniformOffset, ViewUniforms,
+};
+use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
+
+use super::extract::ExtractedVolumes;
+use super::gpu::{PipelineFallback, Shaders, load_shaders, types};
+use super::view::VdbSystems;
+use super::view::{PrepareViews, ViewPicture, ViewState, VisibleVolumes};
+use crate::features::Features;
+use pipeline::{CompositeKey, CompositePipeline, ToneKey};
+
+/// Draws the picture of every view.
+pub(super) struct CompositePlugin;
+
+impl Plugin for CompositePlugin {
+    fn build(&self, app: &mut App) {
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
+        render_app.world_mut().register_required_components::<VisibleVolumes, CompositeView>();
+        render_app
+            .init_gpu_resource::<SpecializedRenderPipelines<CompositePipeline>>()
+            .add_systems(RenderStartup, init.after(load_shaders))
+            .add_systems(
+                Render,
+                (
+                    prepare.in_set(PrepareViews::Composite),
+                    bind.in_set(RenderSystems::PrepareBindGroups),
+                ),
+            )
+            .add_systems(Core3d, composite.in_set(VdbSystems::Composite));
+    }
+}
+
+fn init(mut commands: Commands, shaders: Res<Shaders>, fullscreen: Res<FullscreenShader>) {
+    commands.insert_resource(CompositePipeline::new(&shaders, fullscreen.clone()));
+}
+
+/// What the pass keeps for a view.
+#[derive(Component, Default)]
+pub(super) struct CompositeView {
+    /// Where the view sees a surface.
+    pub surface: Option<CachedRenderPipelineId>,
+    /// Where pixels may be covered that show no surface.
+    pub fog: Option<CachedRenderPipelineId>,
+    tonemaps: bool,
+    pub placement: Option<Buffer>,
+    /// Where what is seen was a frame ago: what [`motion::matrices`] makes.
+    pub motion: Option<Buffer>,
+    bind_group: Option<BindGroup>,
+}
+
+/// Chooses the pipelines, and uploads where the picture goes and where it was.
+fn prepare(
+    mut views: Query<(
+        &ViewState,
+        &mut CompositeView,
+        (&ExtractedView, &ExtractedCamera, &Msaa),
+        (Option<&Tonemapping>, Option<&DebandDither>),
+        Option<&PreviousViewData>,
+    )>,
+    volumes: Res<ExtractedVolumes>,
+    mut specialized: ResMut<SpecializedRenderPipelines<CompositePipeline>>,
+    pipeline: Res<CompositePipeline>,
+    cache: Res<PipelineCache>,
+    device: Res<RenderDevice>,
+) {
+    for (state, mut own, (view, camera, msaa), (tonemapping, dither), before) in &mut views {
+        *own = default();
+        let Some((prepared, _)) = state.prepared() else { continue };
+        let tone = (!camera.hdr).then(|| ToneKey {
+            tonemapping: tonemapping.copied().unwrap_or(Tonemapping::None),
+            dither: dither.is_some_and(|dither| *dither == DebandDither::Enabled),
+        });
+        let tone = tone.filter(|tone| tone.tonemapping != Tonemapping::None);
+        let motion = prepared.key.has(Features::MOTION_VECTORS);
+        let mut draw = |fog_alone| {
+            let key = CompositeKey {
+                format: view.target_format,
+                samples: msaa.samples(),
+                tone,
+                fog_alone,
+                motion,
+                emission: prepared.key.has(Features::EMISSION),
+            };
+            specialized.specialize(&cache, &pipeline, key)
+        };
+        own.surface = prepared.has_surfaces.then(|| draw(false));
+        own.fog = prepared.has_fog.then(|| draw(true));
+        own.tonemaps = tone.is_some();
+        let buffer = |label, contents: &[u8], usage| {
+            let label = Some(label);
+            device.create_buffer_with_data(&BufferInitDescriptor { label, contents, usage })
+        };
+        let placement =
+            types::Placement { origin: prepared.data.origin, size: prepared.data.picture };
+        let placement = bytemuck::bytes_of(&placement);
+        own.placement = Some(buffer("vdb_placement", placement, BufferUsages::UNIFORM));
+        own.motion = motion.then(|| {
+            let seen = &prepared.owners[..prepared.data.volume_count as usize];
+            let seen = seen.iter().filter_map(|owner| volumes.0.get(owner));
+            let matrices = motion::matrices(view, prepared.clip_from_view, before, seen);
+            buffer("vdb_motion", bytemuck::cast_slice(&matrices), BufferUsages::STORAGE)
+        });
+    }
+}
+
+/// Binds the picture.
+fn bind(
+    mut views: Query<(&mut CompositeView, &ViewPicture, Option<&Tonemapping>)>,
+    pipeline: Res<CompositePipeline>,
+    cache: Res<PipelineCache>,
+    device: Res<RenderDevice>,
+    view_uniforms: Res<ViewUniforms>,
+    (luts, images, fallback): (
+        Res<TonemappingLuts>,
+        Res<RenderAssets<GpuImage>>,
+        Res<FallbackImage>,
+    ),
+) {
+    for (mut own, picture, tonemapping) in &mut views {
+        let (Some(picture), Some(placement)) = (&picture.shown, &own.placement) else { continue };
+        let mut entries = DynamicBindGroupEntries::sequential((
+            &picture.color.default_view,
+            &picture.depth.default_view,
+            placement.as_entire_binding(),
+        ));
+        if own.tonemaps {
+            let Some(view) = view_uniforms.uniforms.binding() else { continue };
+            let curve = tonemapping.copied().unwrap_or(Tonemapping::None);
+            let (lut, sampler) = get_lut_bindings(&images, &luts, &curve, &fallback);
+            entries = entries.extend_sequential((view, lut, sampler));
+        }
+        if let (Some(matrices), Some(moving)) = (&own.motion, &picture.moving) {
+            entries = entries.extend_with_indices((
+                (6, &moving.default_view),
+                (7, matrices.as_entire_binding()),
+            ));
+        }
+        let layout = pipeline.layout(own.tonemaps, own.motion.is_some());
+        let layout = cache.get_bind_group_layout(layout);
+        let group = device.create_bind_group("vdb_composite", &layout, &entries);
+        own.bind_group = Some(group);
+    }
+}
+
+/// Blends the picture over the opaque meshes, in the target's own linear colours, and writes the
+/// depth of surfaces, so that transparent meshes sort with them.
+fn composite(
+    view: ViewQuery<(
+        &ExtractedCamera,
+        &ViewTarget,
+        &ViewDepthTexture,
+        &ViewUniformOffset,
+        &ViewState,
+        &CompositeView,
+        Option<&MainPassResolutionOverride>,
+        Option<&ViewPrepassTextures>,
+    )>,
+    cache: Res<PipelineCache>,
+    fallback: Res<PipelineFallback>,
+    mut context: RenderContext,
+) {
+    let (camera, target, depth, view_uniform, state, own, resolution, prepass) = view.into_inner();
+    // Nothing has been traced before the trace's own pipeline is there.
+    let Some((prepared, _)) = state.prepared().filter(|(prepared, _)| prepared.is_ready) else {
+        return;
+    };
+    let Some(bind_group) = &own.bind_group else { return };
+    let draws = [own.surface, own.fog].into_iter().flatten();
+    // Surfaces do not wait for fog, nor fog for surfaces.
+    let ready: Vec<_> = draws.filter_map(|id| fallback.render(&cache, id)).collect();
+    if ready.is_empty() {
+        return;
+    }
+
+    let has_motion = prepared.key.has(Features::MOTION_VECTORS);
+    let prepass = prepass.filter(|_| has_motion);
+    let motion = prepass.and_then(|prepass| prepass.motion_vectors.as_ref());
+    if has_motion != motion.is_some() {
+        return;
+    }
+    let mut attachments = vec![Some(target.get_color_attachment())];
+    attachments.extend(motion.map(|motion| Some(motion.get_attachment())));
+
+    let diagnostics = context.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let mut pass = context.begin_tracked_render_pass(RenderPassDescriptor {
+        label: Some("vdb_composite"),
+        color_attachments: &attachments,
+        depth_stencil_attachment: Some(depth.get_attachment(StoreOp::Store)),
+        timestamp_writes: None,
+        occlusion_query_set: None,
+        multiview_mask: None,
+    });
+    let span = diagnostics.pass_span(&mut pass, "vdb_composite");
+    if let Some(viewport) =
+        Viewport::from_viewport_and_override(camera.viewport.as_ref(), resolution)
+    {
+        pass.set_camera_viewport(&viewport);
+    }
+    let offset = [view_uniform.offset];
+    let offsets = if own.tonemaps { &offset[..] } else { &[] };
+    for pipeline in &ready {
+        pass.set_render_pipeline(pipeline);
+        pass.set_bind_group(0, bind_group, offsets);
+        pass.draw(0..3, 0..1);
+    }
+    span.end(&mut pass);
+    drop(pass);
+
+    // Whoever reads motion vectors chooses among them by the prepass's depth, which Bevy, too, copies.
+    if let Some(prepass) = prepass
+        && let Some(copy) = &prepass.depth
+    {
+        context.command_encoder().copy_texture_to_texture(
+            depth.texture.as_image_copy(),
+            copy.texture.texture.as_image_copy(),
+            prepass.size,
+        );
+    }
+}

@@ -1,0 +1,46 @@
+//! Where what a view shows was a frame ago, for Bevy's motion vectors.
+
+use bevy::core_pipeline::prepass::PreviousViewData;
+use bevy::math::{DAffine3, DMat4};
+use bevy::prelude::*;
+use bevy::render::view::ExtractedView;
+
+use crate::render::extract::ExtractedVolume;
+use crate::render::gpu::affine;
+
+/// From the clip space of a view's rays, whose jitter its projection has, to the clip space of this
+/// frame without jitter, then to that of the last frame for each of the volumes seen.
+///
+/// Of views and transforms that have stayed as they were, all are the same to the bit: the world's
+/// place in a view is rounded to f32 as Bevy rounds it for [`PreviousViewData`], for both frames.
+pub(super) fn matrices<'a>(
+    view: &ExtractedView,
+    clip_from_view: Mat4,
+    before: Option<&PreviousViewData>,
+    volumes: impl Iterator<Item = &'a ExtractedVolume>,
+) -> Vec<Mat4> {
+    let world_from_view = view.world_from_view.affine();
+    let world_from_clip =
+        DMat4::from(affine(world_from_view)) * clip_from_view.as_dmat4().inverse();
+    let clip_from_world = |clip_from_view: Mat4, view_from_world: Mat4| {
+        clip_from_view.as_dmat4() * view_from_world.as_dmat4()
+    };
+    let now = clip_from_world(view.clip_from_view, Mat4::from(world_from_view.inverse()));
+    let then =
+        before.map_or(now, |before| clip_from_world(before.clip_from_view, before.view_from_world));
+    let of_volume = |volume: &ExtractedVolume| {
+        let moved =
+            way_back(volume).map_or(world_from_clip, |way| DMat4::from(way) * world_from_clip);
+        (then * moved).as_mat4()
+    };
+    let mut matrices = Vec::with_capacity(1 + volumes.size_hint().0);
+    matrices.push((now * world_from_clip).as_mat4());
+    matrices.extend(volumes.map(of_volume));
+    matrices
+}
+
+/// From where a volume is to where it was; nothing if it has stayed.
+fn way_back(volume: &ExtractedVolume) -> Option<DAffine3> {
+    let (now, then) = (volume.world_from_local, volume.world_from_local_before);
+    (now != then).then(|| affine(then) * affine(now).inverse())
+}

@@ -1,0 +1,142 @@
+//! Whether something has changed in the scene that is not among what is prepared for a view: grids,
+//! lights, and meshes that throw shadows. Asked only while a camera puts frames together.
+
+use std::fmt::{self, Debug, Write};
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use bevy::asset::AssetEvent;
+use bevy::ecs::entity::EntityHashMap;
+use bevy::ecs::system::SystemParam;
+use bevy::mesh::morph::MeshMorphWeights;
+use bevy::mesh::skinning::SkinnedMesh;
+use bevy::pbr::DistanceFog;
+use bevy::prelude::*;
+use bevy::render::Extract;
+
+use crate::{VdbGrid, VdbQuality, VdbVectorGrid};
+
+/// Counts of what has changed.
+#[derive(Clone, Copy, Debug, Default, Resource)]
+pub(crate) struct SceneChanges {
+    pub grids: u64,
+    pub lights: u64,
+    /// Meshes that cast shadows.
+    pub casters: u64,
+}
+
+type IsLight = Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>)>;
+type LightChanged = Or<(
+    Changed<DirectionalLight>,
+    Changed<PointLight>,
+    Changed<SpotLight>,
+    Changed<GlobalTransform>,
+    Changed<InheritedVisibility>,
+)>;
+type LightData<'a> = (
+    Entity,
+    (Option<&'a DirectionalLight>, Option<&'a PointLight>, Option<&'a SpotLight>),
+    (&'a GlobalTransform, &'a InheritedVisibility),
+);
+type MeshChanged = Or<(
+    Changed<Mesh3d>,
+    Changed<MeshMorphWeights>,
+    Changed<GlobalTransform>,
+    Changed<InheritedVisibility>,
+)>;
+type MeshData<'a> = (
+    Entity,
+    (&'a Mesh3d, Option<&'a MeshMorphWeights>),
+    (&'a GlobalTransform, &'a InheritedVisibility),
+);
+type Surroundings<'a> =
+    (Entity, Option<&'a EnvironmentMapLight>, Option<&'a AmbientLight>, Option<&'a DistanceFog>);
+
+/// What of the app's world says so.
+#[derive(SystemParam)]
+pub(crate) struct Scene<'w, 's> {
+    qualities: Query<'w, 's, &'static VdbQuality>,
+    lights: Query<'w, 's, LightData<'static>, (IsLight, LightChanged)>,
+    meshes: Query<'w, 's, MeshData<'static>, MeshChanged>,
+    skins: Query<'w, 's, &'static SkinnedMesh>,
+    moved: Query<'w, 's, (), Changed<GlobalTransform>>,
+    cameras: Query<'w, 's, Surroundings<'static>, With<Camera3d>>,
+    ambient: Option<Res<'w, GlobalAmbientLight>>,
+    events: (
+        MessageReader<'w, 's, AssetEvent<VdbGrid>>,
+        MessageReader<'w, 's, AssetEvent<VdbVectorGrid>>,
+        MessageReader<'w, 's, AssetEvent<Mesh>>,
+    ),
+    gone: (
+        RemovedComponents<'w, 's, DirectionalLight>,
+        RemovedComponents<'w, 's, PointLight>,
+        RemovedComponents<'w, 's, SpotLight>,
+        RemovedComponents<'w, 's, Mesh3d>,
+    ),
+}
+
+/// What things have been like. What is touched is not always changed.
+#[derive(Default)]
+pub(crate) struct Known(EntityHashMap<u64>);
+
+impl Known {
+    /// Notes what a thing is like; whether it was otherwise, or is new.
+    fn differs(&mut self, entity: Entity, what: impl Debug) -> bool {
+        let number = number_of(what);
+        self.0.insert(entity, number) != Some(number)
+    }
+}
+
+/// A number for a thing, by all that there is to say of it.
+fn number_of(what: impl Debug) -> u64 {
+    struct Text(DefaultHasher);
+    impl Write for Text {
+        fn write_str(&mut self, text: &str) -> fmt::Result {
+            text.hash(&mut self.0);
+            Ok(())
+        }
+    }
+    let mut text = Text(DefaultHasher::new());
+    write!(text, "{what:?}").ok();
+    text.0.finish()
+}
+
+pub(crate) fn extract_changes(
+    mut scene: Extract<Scene>,
+    mut known: Local<Known>,
+    mut around: Local<u64>,
+    mut changes: ResMut<SceneChanges>,
+) {
+    let scene = &mut *scene;
+    let (grids, vectors, meshes) = &mut scene.events;
+    let grid_events = grids.read().count() + vectors.read().count();
+    let mesh_events =
+        meshes.read().filter(|event| matches!(event, AssetEvent::Modified { .. })).count();
+    let (suns, points, spots, shapes) = &mut scene.gone;
+    let lights_gone = suns.read().count() + points.read().count() + spots.read().count();
+    let meshes_gone = shapes.read().count();
+    if !scene.qualities.iter().any(|quality| quality.accumulate > 1) {
+        known.0.clear();
+        return;
+    }
+    let mut lights = lights_gone > 0;
+    for (entity, kind, place) in &scene.lights {
+        lights |= known.differs(entity, (kind, place));
+    }
+    let cameras = scene.cameras.iter().map(|(camera, maps, ambient, fog)| {
+        let maps = maps.map(|of| (&of.diffuse_map, &of.specular_map, of.intensity, of.rotation));
+        (camera, maps, ambient, fog)
+    });
+    let now = number_of((
+        cameras.collect::<Vec<_>>(),
+        scene.ambient.as_deref().map(|light| (light.color, light.brightness)),
+    ));
+    lights |= std::mem::replace(&mut *around, now) != now;
+    let mut casters = meshes_gone + mesh_events > 0;
+    for (entity, shape, place) in &scene.meshes {
+        casters |= known.differs(entity, (shape, place));
+    }
+    casters |= scene.skins.iter().flat_map(|skin| &skin.joints).any(|at| scene.moved.contains(*at));
+    changes.grids += u64::from(grid_events > 0);
+    changes.lights += u64::from(lights);
+    changes.casters += u64::from(casters);
+}

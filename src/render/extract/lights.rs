@@ -1,0 +1,79 @@
+//! What the renderer takes from the app's lights beyond what Bevy extracts of them.
+
+use bevy::camera::visibility::InheritedVisibility;
+use bevy::prelude::*;
+use bevy::render::Extract;
+use bevy::render::sync_world::RenderEntity;
+
+use crate::VdbSun;
+use crate::render::gpu::non_negative;
+
+/// The directional lights that shine on volumes otherwise than on meshes.
+#[derive(Clone, Debug, Default, Resource)]
+pub(crate) struct ExtractedSuns(pub Vec<ExtractedSun>);
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ExtractedSun {
+    /// To the light in world space, to the bit as Bevy has it.
+    pub direction: Vec3,
+    /// Of its illuminance.
+    pub factor: f32,
+    /// Radians; without rays to the light, 0.
+    pub angular_diameter: f32,
+    pub samples: u32,
+}
+
+/// Radians; a wider sun's shadows are all edge.
+const WIDEST_SUN: f32 = 1.0;
+const MOST_SAMPLES: u32 = 256;
+
+pub(crate) fn extract_suns(
+    lights: Extract<
+        Query<(&GlobalTransform, &VdbSun, &InheritedVisibility), With<DirectionalLight>>,
+    >,
+    mut extracted: ResMut<ExtractedSuns>,
+) {
+    let sound = |sun: &VdbSun| {
+        (0.0..=WIDEST_SUN).contains(&sun.angular_diameter)
+            && (1..=MOST_SAMPLES).contains(&sun.samples)
+    };
+    if lights.iter().any(|(_, sun, _)| !sound(sun)) {
+        warn_once!(
+            "a VdbSun shines with the nearest values that make sense: give it an angular_diameter from 0 \
+             to 1 and samples from 1 to 256"
+        );
+    }
+    let suns = lights.iter().filter(|(_, sun, visible)| {
+        visible.get() && (sun.intensity != 1.0 || sun.angular_diameter > 0.0)
+    });
+    extracted.0.clear();
+    extracted.0.extend(suns.map(|(transform, sun, _)| ExtractedSun {
+        direction: transform.back().into(),
+        factor: non_negative(sun.intensity),
+        angular_diameter: non_negative(sun.angular_diameter).min(WIDEST_SUN),
+        samples: sun.samples.clamp(1, MOST_SAMPLES),
+    }));
+}
+
+/// The environment maps of a camera: a component of render entities.
+#[derive(Clone, Copy, Component, Debug, PartialEq)]
+pub(crate) struct ExtractedEnvironment {
+    pub diffuse: AssetId<Image>,
+    pub specular: AssetId<Image>,
+}
+
+pub(crate) fn extract_environments(
+    mut commands: Commands,
+    cameras: Extract<Query<(RenderEntity, Option<&EnvironmentMapLight>), With<Camera3d>>>,
+) {
+    for (entity, maps) in &cameras {
+        let mut entity = commands.entity(entity);
+        match maps {
+            Some(maps) => entity.insert(ExtractedEnvironment {
+                diffuse: maps.diffuse_map.id(),
+                specular: maps.specular_map.id(),
+            }),
+            None => entity.remove::<ExtractedEnvironment>(),
+        };
+    }
+}

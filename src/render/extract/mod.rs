@@ -1,0 +1,39 @@
+//! From the app's world to the renderer's.
+
+mod auxiliary;
+mod changes;
+mod lights;
+mod volumes;
+mod warnings;
+
+use bevy::prelude::*;
+use bevy::render::{ExtractSchedule, RenderApp};
+
+pub(super) use auxiliary::AuxiliaryGrid;
+pub(super) use changes::SceneChanges;
+pub(super) use lights::{ExtractedEnvironment, ExtractedSuns};
+pub(super) use volumes::{ExtractedVolume, ExtractedVolumes};
+pub(super) use warnings::{Setting, Trouble, Warned};
+
+/// Extracts volumes, what Bevy does not extract of their lights, and what has changed in the scene.
+pub(crate) struct ExtractPlugin;
+
+impl Plugin for ExtractPlugin {
+    fn build(&self, app: &mut App) {
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
+        render_app
+            .init_resource::<ExtractedVolumes>()
+            .init_resource::<ExtractedSuns>()
+            .init_resource::<Warned>()
+            .init_resource::<SceneChanges>()
+            .add_systems(
+                ExtractSchedule,
+                (
+                    volumes::extract_volumes,
+                    lights::extract_suns,
+                    lights::extract_environments,
+                    changes::extract_changes,
+                ),
+            );
+    }
+}

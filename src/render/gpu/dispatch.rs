@@ -1,0 +1,36 @@
+//! Compute passes with a thread for every pixel of a view's picture.
+
+use bevy::prelude::*;
+use bevy::render::diagnostic::RecordDiagnostics;
+use bevy::render::render_resource::{BindGroup, ComputePassDescriptor, ComputePipeline};
+use bevy::render::renderer::RenderContext;
+
+/// Pixels per edge of a tile: of a workgroup, and of the rays that share a start.
+pub(crate) const TILE: u32 = 8;
+
+/// Tiles of a picture.
+pub(crate) fn tiles(size: UVec2) -> UVec2 {
+    (size + TILE - 1) / TILE
+}
+
+/// Runs a shader with workgroups of 8×8 threads, timed under the name of the pass.
+pub(crate) fn dispatch_over_picture(
+    context: &mut RenderContext,
+    name: &'static str,
+    pipeline: &ComputePipeline,
+    bind_group: &BindGroup,
+    picture: UVec2,
+) {
+    let diagnostics = context.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let span = diagnostics.time_span(context.command_encoder(), name);
+    {
+        let descriptor = ComputePassDescriptor { label: Some(name), timestamp_writes: None };
+        let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, bind_group, &[]);
+        let groups = tiles(picture);
+        pass.dispatch_workgroups(groups.x, groups.y, 1);
+    }
+    span.end(context.command_encoder());
+}

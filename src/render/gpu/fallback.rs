@@ -1,0 +1,62 @@
+//! Pipelines as they last worked. While a shader is being edited, its pipelines are compiled anew, or fail
+//! to compile with an error that Bevy logs; until they compile again, the last good ones go on drawing.
+
+use std::hash::Hash;
+use std::sync::{PoisonError, RwLock};
+
+use bevy::platform::collections::HashMap;
+use bevy::prelude::*;
+use bevy::render::render_resource::{
+    CachedComputePipelineId, CachedRenderPipelineId, ComputePipeline, PipelineCache, RenderPipeline,
+};
+
+/// Every pipeline that has been looked up with success.
+#[derive(Default, Resource)]
+pub(crate) struct PipelineFallback {
+    compute: LastGood<CachedComputePipelineId, ComputePipeline>,
+    render: LastGood<CachedRenderPipelineId, RenderPipeline>,
+}
+
+impl PipelineFallback {
+    /// The pipeline as it is now, or as it last worked.
+    pub fn compute(
+        &self,
+        cache: &PipelineCache,
+        id: CachedComputePipelineId,
+    ) -> Option<ComputePipeline> {
+        let now = cache.get_compute_pipeline(id);
+        self.compute.remember(id, now, |a, b| a.id() == b.id())
+    }
+
+    /// The same of a pipeline that draws.
+    pub fn render(
+        &self,
+        cache: &PipelineCache,
+        id: CachedRenderPipelineId,
+    ) -> Option<RenderPipeline> {
+        let now = cache.get_render_pipeline(id);
+        self.render.remember(id, now, |a, b| a.id() == b.id())
+    }
+}
+
+struct LastGood<K, P>(RwLock<HashMap<K, P>>);
+
+impl<K, P> Default for LastGood<K, P> {
+    fn default() -> Self {
+        Self(RwLock::default())
+    }
+}
+
+impl<K: Eq + Hash, P: Clone> LastGood<K, P> {
+    /// Remembers a pipeline that is there; gives the last one otherwise.
+    fn remember(&self, id: K, now: Option<&P>, same: impl Fn(&P, &P) -> bool) -> Option<P> {
+        let known = self.0.read().unwrap_or_else(PoisonError::into_inner);
+        let last = known.get(&id);
+        let Some(now) = now else { return last.cloned() };
+        if !last.is_some_and(|last| same(last, now)) {
+            drop(known);
+            self.0.write().unwrap_or_else(PoisonError::into_inner).insert(id, now.clone());
+        }
+        Some(now.clone())
+    }
+}

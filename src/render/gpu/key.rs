@@ -1,0 +1,34 @@
+//! Names of packed grids.
+
+use bevy::asset::UntypedAssetId;
+use bevy::prelude::*;
+
+use crate::{VdbGrid, VdbVectorGrid};
+
+/// Names a packed grid: its asset and, for a grid of floats, its level of detail (0 is the grid itself);
+/// for a vector grid, its component.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct GridKey(UntypedAssetId, u32);
+
+impl From<AssetId<VdbGrid>> for GridKey {
+    fn from(id: AssetId<VdbGrid>) -> Self {
+        Self(id.untyped(), 0)
+    }
+}
+
+impl GridKey {
+    /// A level of detail of a grid of floats.
+    pub fn level(self, level: usize) -> Self {
+        Self(self.0, level as u32)
+    }
+
+    /// Whether this is a coarser level of a grid of floats, or a further component of a vector grid.
+    pub fn is_further(self) -> bool {
+        self.1 > 0
+    }
+
+    /// A component of a grid of vectors.
+    pub fn component(id: AssetId<VdbVectorGrid>, component: u32) -> Self {
+        Self(id.untyped(), component)
+    }
+}

@@ -1,0 +1,76 @@
+//! The parts that the layouts, textures and shader defs of all passes are made of.
+
+use bevy::image::ToExtents;
+use bevy::prelude::*;
+use bevy::render::render_resource::binding_types::{
+    storage_buffer_read_only_sized, texture_2d, texture_depth_2d, texture_depth_2d_multisampled,
+    texture_storage_2d,
+};
+use bevy::render::render_resource::{
+    BindGroupLayoutDescriptor, BindGroupLayoutEntryBuilder, StorageTextureAccess,
+    TextureDescriptor, TextureDimension, TextureFormat, TextureSampleType, TextureUsages,
+};
+use bevy::shader::ShaderDefVal;
+
+/// The group of the crate's own bindings in shaders that also bind Bevy's two groups.
+pub(crate) const GROUP: u32 = 2;
+
+/// The depth of the opaque meshes.
+pub(crate) fn scene_depth(multisampled: bool) -> BindGroupLayoutEntryBuilder {
+    if multisampled { texture_depth_2d_multisampled() } else { texture_depth_2d() }
+}
+
+/// A texture that is read texel by texel.
+pub(crate) fn read() -> BindGroupLayoutEntryBuilder {
+    texture_2d(TextureSampleType::Float { filterable: false })
+}
+
+/// A texture that is written.
+pub(crate) fn write(format: TextureFormat) -> BindGroupLayoutEntryBuilder {
+    texture_storage_2d(format, StorageTextureAccess::WriteOnly)
+}
+
+/// A buffer that is read.
+pub(crate) fn storage_read() -> BindGroupLayoutEntryBuilder {
+    storage_buffer_read_only_sized(false, None)
+}
+
+/// A group without bindings.
+pub(crate) fn empty_layout() -> BindGroupLayoutDescriptor {
+    BindGroupLayoutDescriptor { label: "vdb_empty".into(), entries: Vec::new() }
+}
+
+/// The shader defs that are on.
+pub(crate) fn defs<const N: usize>(
+    all: [(bool, &'static str); N],
+) -> impl Iterator<Item = ShaderDefVal> {
+    all.into_iter().filter(|(on, _)| *on).map(|(_, def)| def.into())
+}
+
+/// The shader defs of a pool in pages, by log₂ of the words of a page.
+pub(crate) fn page_defs(bits: Option<u32>) -> impl Iterator<Item = ShaderDefVal> {
+    bits.into_iter().flat_map(|bits| ["PAGED".into(), ShaderDefVal::UInt("PAGE_BITS".into(), bits)])
+}
+
+/// The shader def of the format of samples, where all grids have the same.
+pub(crate) fn sample_format_def(format: Option<u32>) -> impl Iterator<Item = ShaderDefVal> {
+    format.into_iter().map(|format| ShaderDefVal::UInt("FORMAT".into(), format))
+}
+
+/// A texture that one pass writes and the next reads.
+pub(crate) fn picture_texture(
+    label: &'static str,
+    format: TextureFormat,
+    size: UVec2,
+) -> TextureDescriptor<'static> {
+    TextureDescriptor {
+        label: Some(label),
+        size: size.to_extents(),
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: TextureDimension::D2,
+        format,
+        usage: TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    }
+}

@@ -1,0 +1,36 @@
+//! What every pass builds on: mirrors of the shaders' structs, layouts, shaders, pipelines.
+
+mod dispatch;
+mod fallback;
+mod key;
+mod layout;
+mod numbers;
+mod shaders;
+pub(crate) mod types;
+
+use bevy::prelude::*;
+use bevy::render::{GpuResourceAppExt, RenderApp, RenderStartup};
+
+pub(super) use dispatch::{TILE, dispatch_over_picture, tiles};
+pub(super) use fallback::PipelineFallback;
+pub(super) use key::GridKey;
+pub(super) use layout::{
+    GROUP, defs, empty_layout, page_defs, picture_texture, read, sample_format_def, scene_depth,
+    storage_read, write,
+};
+pub(super) use numbers::{affine, golden, non_negative};
+pub(super) use shaders::{Shaders, load_shaders};
+
+#[cfg(feature = "egui")]
+pub(crate) use shaders::reload as reload_shaders;
+
+/// Embeds the shaders, and keeps pipelines while their shaders are edited.
+pub(crate) struct GpuPlugin;
+
+impl Plugin for GpuPlugin {
+    fn build(&self, app: &mut App) {
+        shaders::embed(app);
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
+        render_app.init_gpu_resource::<PipelineFallback>().add_systems(RenderStartup, load_shaders);
+    }
+}

@@ -1,0 +1,188 @@
+//! The structs of `assets/shaders/types.wgsl`, field by field. WGSL aligns a `vec3` to 16 bytes, so
+//! each is followed by a scalar; a test compares the offsets with those that naga computes.
+
+use bytemuck::{Pod, Zeroable};
+use vdb_core::view::GpuRays;
+
+pub(crate) const KIND_SURFACE: u32 = 0;
+pub(crate) const KIND_FOG: u32 = 1;
+pub(crate) const KIND_SMOOTH: u32 = 2;
+pub(crate) const KIND_EMISSION: u32 = 3;
+pub(crate) const KIND_BLACKBODY: u32 = 4;
+pub(crate) const KIND_COLOR: u32 = 5;
+
+/// A surface without a colour of its own grids.
+pub(crate) const NO_COLOR: u32 = u32::MAX;
+/// Of a volume that is left out: no shader looks for it.
+pub(crate) const KIND_NONE: u32 = 6;
+
+/// One volume as one view sees it.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Volume {
+    pub rays: GpuRays,
+    pub normal_x: [f32; 3],
+    pub grid: u32,
+    pub normal_y: [f32; 3],
+    pub kind: u32,
+    pub normal_z: [f32; 3],
+    pub density_scale: f32,
+    pub lattice_x: [f32; 3],
+    pub anisotropy: f32,
+    pub lattice_y: [f32; 3],
+    pub perceptual_roughness: f32,
+    pub lattice_z: [f32; 3],
+    pub metallic: f32,
+    pub base_color: [f32; 3],
+    pub reflectance: f32,
+    pub emissive: [f32; 3],
+    pub tiles_first: u32,
+    pub base: [i32; 3],
+    pub tiles_last: u32,
+    pub color_grids: u32,
+    pub background: f32,
+    pub temperature_scale: f32,
+    pub temperature_offset: f32,
+    pub box_min: [f32; 3],
+    pub flags: u32,
+    pub box_max: [f32; 3],
+    pub fog_step: f32,
+    pub run_min: [f32; 3],
+    pub light_step: f32,
+    pub run_max: [f32; 3],
+    pub shadow_step: f32,
+}
+
+/// Bits of [`Volume::flags`].
+pub(crate) const NO_CASTER: u32 = 1;
+pub(crate) const NO_RECEIVER: u32 = 2;
+
+/// Directional lights that a view has at most, as Bevy has it.
+pub(crate) const MOST_SUNS: usize = 10;
+
+/// A view.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct View {
+    pub t_from_depth: [f32; 4],
+    pub depth_from_t: [f32; 4],
+    pub dir: [f32; 3],
+    pub t_near: f32,
+    pub dir_x: [f32; 3],
+    pub t_far: f32,
+    pub dir_y: [f32; 3],
+    pub exposure: f32,
+    pub eye: [f32; 3],
+    pub volume_first: u32,
+    pub eye_x: [f32; 3],
+    pub volume_count: u32,
+    pub eye_y: [f32; 3],
+    pub volumes_beside: u32,
+    pub size: [u32; 2],
+    pub origin: [u32; 2],
+    pub steps_scale: f32,
+    pub reflections: u32,
+    pub overlays: u32,
+    pub sun_count: u32,
+    pub slabs: u32,
+    pub tile_words: u32,
+    pub group_bits: u32,
+    pub keeps_starts: u32,
+    pub picture: [u32; 2],
+    pub shadow_range: f32,
+    pub reflection_range: f32,
+    pub suns: [[f32; 4]; MOST_SUNS],
+    pub disks: [[f32; 4]; MOST_SUNS],
+    pub turn: f32,
+    pub frame: u32,
+    pub shift: [f32; 2],
+    pub most_frames: u32,
+    pub pads: [u32; 3],
+}
+
+/// Where the traced picture goes in the target.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Placement {
+    pub origin: [u32; 2],
+    pub size: [u32; 2],
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use naga::{Module, TypeInner};
+    use naga_oil::compose::{
+        ComposableModuleDescriptor, Composer, NagaModuleDescriptor, ShaderLanguage,
+    };
+    use std::mem::offset_of;
+    use vdb_core::pack::GridHeader;
+
+    /// A module that uses a struct of `types.wgsl`, so that it is not left out.
+    fn compose(text: &str) -> Module {
+        let mut composer = Composer::default();
+        let source = include_str!("../../../assets/shaders/types.wgsl");
+        let types = ComposableModuleDescriptor {
+            source,
+            file_path: "types.wgsl",
+            language: ShaderLanguage::Wgsl,
+            ..Default::default()
+        };
+        composer.add_composable_module(types).map(drop).unwrap();
+        let using = NagaModuleDescriptor { source: text, file_path: "test", ..Default::default() };
+        composer.make_naga_module(using).unwrap()
+    }
+
+    fn check(module: &Module, name: &str, size: usize, fields: &[(&str, usize)]) {
+        let found = module.types.iter().find_map(|(_, ty)| match (&ty.name, &ty.inner) {
+            (Some(own), TypeInner::Struct { members, span }) if own.contains(name) => {
+                Some((members, *span))
+            }
+            _ => None,
+        });
+        let (members, span) = found.unwrap_or_else(|| panic!("no struct {name}"));
+        let theirs: Vec<(&str, usize)> = members
+            .iter()
+            .map(|member| (member.name.as_deref().unwrap(), member.offset as usize))
+            .collect();
+        assert_eq!(theirs, fields, "the fields of {name}");
+        assert_eq!(span as usize, size, "the size of {name}");
+    }
+
+    macro_rules! fields {
+        ($ty:ty: $($field:ident),*) => {
+            [$((stringify!($field), offset_of!($ty, $field))),*]
+        };
+    }
+
+    #[test]
+    fn structs_have_the_layout_of_the_shaders() {
+        let module = compose(
+            "#import bevy_vdb::types::{Grid, View, Volume}
+             @group(0) @binding(0) var<storage, read> grids: array<Grid>;
+             @group(0) @binding(1) var<storage, read> volumes: array<Volume>;
+             @group(0) @binding(2) var<uniform> view: View;
+             @compute @workgroup_size(1) fn main() {
+                 let sum = grids[0].crown + volumes[0].grid + view.volume_count;
+             }",
+        );
+        let grid = fields!(GridHeader: crown_origin, crown_levels, occupied_min, crown,
+            occupied_max, regions, heads, masks, leaf_records, records, samples, palette, format,
+            brick_words, scale);
+        check(&module, "Grid", size_of::<GridHeader>(), &grid);
+        let rays = fields!(GpuRays: eye_cell, eye_frac, eye_x, eye_y, dir, dir_rest, dir_x, dir_y);
+        check(&module, "Rays", size_of::<GpuRays>(), &rays);
+        let volume = fields!(Volume: rays, normal_x, grid, normal_y, kind, normal_z,
+            density_scale, lattice_x, anisotropy, lattice_y, perceptual_roughness, lattice_z,
+            metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last, color_grids,
+            background, temperature_scale, temperature_offset, box_min, flags, box_max, fog_step,
+            run_min, light_step, run_max, shadow_step);
+        check(&module, "Volume", size_of::<Volume>(), &volume);
+        let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
+            exposure, eye, volume_first, eye_x, volume_count, eye_y, volumes_beside, size, origin,
+            steps_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
+            keeps_starts, picture, shadow_range, reflection_range, suns, disks, turn, frame,
+            shift, most_frames);
+        check(&module, "View", size_of::<View>(), &view);
+    }
+}

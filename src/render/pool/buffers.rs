@@ -1,0 +1,96 @@
+//! The buffers of the pool.
+
+use bevy::prelude::*;
+use bevy::render::render_resource::{Buffer, BufferDescriptor, BufferUsages, CommandEncoder};
+use bevy::render::renderer::{RenderDevice, RenderQueue};
+use vdb_core::pack::GridHeader;
+
+use super::paging::{PAGES, Paging, Range};
+
+/// The buffers that shaders bind.
+#[derive(Debug)]
+pub(crate) struct PoolBuffers {
+    pub grids: Buffer,
+    pages: Vec<Buffer>,
+    pub paging: Paging,
+}
+
+impl PoolBuffers {
+    /// A buffer for each binding; those beyond the last page are not read.
+    pub fn pages(&self) -> [&Buffer; PAGES] {
+        std::array::from_fn(|i| self.pages.get(i).unwrap_or(&self.pages[0]))
+    }
+
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        self.grids.size() + self.pages.iter().map(|page| page.size()).sum::<u64>()
+    }
+
+    /// Whether the pool is cut into several pages.
+    pub fn is_paged(&self) -> bool {
+        self.pages.len() > 1
+    }
+
+    pub fn new(device: &RenderDevice, words: u64, limit: u64, grids: usize) -> Self {
+        let make = |label, size| {
+            device.create_buffer(&BufferDescriptor {
+                label: Some(label),
+                size,
+                usage: BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            })
+        };
+        let paging = Paging::new(words, limit);
+        Self {
+            grids: make("vdb_grids", (grids * size_of::<GridHeader>()) as u64),
+            pages: paging.pages(words).map(|words| make("vdb_words", words * 4)).collect(),
+            paging,
+        }
+    }
+
+    /// Writes what shaders know of a grid.
+    pub fn write_header(&self, queue: &RenderQueue, index: u32, header: &GridHeader) -> u64 {
+        let bytes = size_of::<GridHeader>() as u64;
+        queue.write_buffer(&self.grids, u64::from(index) * bytes, bytemuck::bytes_of(header));
+        bytes
+    }
+
+    /// Copies words from a buffer, from byte `at` on, and gives the byte after them.
+    pub fn copy_in(
+        &self,
+        encoder: &mut CommandEncoder,
+        from: &Buffer,
+        mut at: u64,
+        words: std::ops::Range<u32>,
+    ) -> u64 {
+        let range = Range { first: words.start, count: words.end - words.start };
+        for (page, to, piece) in self.paging.pieces(range) {
+            let bytes = u64::from(piece.count) * 4;
+            encoder.copy_buffer_to_buffer(from, at, &self.pages[page], to * 4, bytes);
+            at += bytes;
+        }
+        at
+    }
+
+    pub fn write(&self, queue: &RenderQueue, range: Range, words: &[u32]) -> u64 {
+        for (page, at, piece) in self.paging.pieces(range) {
+            let start = (piece.first - range.first) as usize;
+            let words = &words[start..start + piece.count as usize];
+            queue.write_buffer(&self.pages[page], at * 4, bytemuck::cast_slice(words));
+        }
+        u64::from(range.count) * 4
+    }
+
+    pub fn copy(&self, encoder: &mut CommandEncoder, from: &Self, old: Range, new: Range) {
+        for (page, at, piece) in self.paging.pieces(new) {
+            let source = Range { first: old.first + (piece.first - new.first), count: piece.count };
+            let mut to = at;
+            for (from_page, at, piece) in from.paging.pieces(source) {
+                let (source, target) = (&from.pages[from_page], &self.pages[page]);
+                let bytes = u64::from(piece.count) * 4;
+                encoder.copy_buffer_to_buffer(source, at * 4, target, to * 4, bytes);
+                to += u64::from(piece.count);
+            }
+        }
+    }
+}

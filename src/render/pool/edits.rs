@@ -1,0 +1,93 @@
+//! From grids whose voxels change to the pool: the words that it does not have yet, and no others.
+
+use std::ops::Range;
+
+use bevy::prelude::*;
+use bevy::render::Extract;
+use vdb_core::pack::edit::Changes;
+
+use super::edited::{EditedGrid, EditedWords, ExtractedEdits};
+use super::residency::VdbTreePool;
+use crate::render::gpu::GridKey;
+use crate::{VdbEmission, VdbGrid, VdbVolume};
+
+/// Copies in one commit at most, unless there is nothing between them: from then on, a copy costs more
+/// than the words between it and the next.
+const MOST_COPIES: usize = 4096;
+
+/// Finds what the pool lacks of the grids that entities show. It is asked for what it has, so that
+/// nothing is lost where a frame is not drawn, or a device has been.
+pub(crate) fn extract_edits(
+    volumes: Extract<Query<(&VdbVolume, Option<&VdbEmission>)>>,
+    grids: Extract<Res<Assets<VdbGrid>>>,
+    pool: Res<VdbTreePool>,
+    mut edits: ResMut<ExtractedEdits>,
+) {
+    edits.clear();
+    for (volume, emission) in &volumes {
+        let shining = emission.and_then(|emission| match emission {
+            VdbEmission::Temperature { grid, .. } | VdbEmission::Scalar { grid, .. } => Some(grid),
+            VdbEmission::Color { .. } => None,
+        });
+        for handle in [Some(&volume.0), shining].into_iter().flatten() {
+            let key = GridKey::from(handle.id());
+            if let Some(grid) = grids.get(handle)
+                && let Some(own) = grid.edits()
+                && edits.get(&key).is_none()
+            {
+                let changes = pool.revision(key).map_or(Changes::All, |held| own.since(held));
+                let words = match changes {
+                    Changes::All if pool.is_refused(&key) => EditedWords::Left,
+                    Changes::All => EditedWords::All(grid.packed().clone()),
+                    Changes::Words(ranges) => {
+                        let few = few(ranges).into_iter();
+                        let words = |range: &Range<u32>| {
+                            grid.packed().words[range.start as usize..range.end as usize].to_vec()
+                        };
+                        EditedWords::Changed(
+                            few.map(|range| (range.clone(), words(&range))).collect(),
+                        )
+                    }
+                };
+                let (revision, count) = (own.revision(), grid.packed().words.len());
+                edits.insert(key, EditedGrid { revision, count, words });
+            }
+        }
+    }
+}
+
+/// The same ranges, with those that are close to each other as one until there are few enough.
+fn few(mut ranges: Vec<Range<u32>>) -> Vec<Range<u32>> {
+    let mut gap = 64;
+    while ranges.len() > MOST_COPIES {
+        gap *= 2;
+        ranges.dedup_by(|next, range| {
+            let near = next.start - range.end <= gap;
+            if near {
+                range.end = next.end;
+            }
+            near
+        });
+    }
+    ranges
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn there_are_few_copies_and_all_words_are_in_them() {
+        let ranges: Vec<Range<u32>> =
+            (0..20_000).map(|i| i * 1000 + i % 7..i * 1000 + i % 7 + 3).collect();
+        let few = super::few(ranges.clone());
+        assert!(few.len() <= MOST_COPIES && few.windows(2).all(|two| two[0].end < two[1].start));
+        let holds = |range: &Range<u32>| {
+            let at = few.partition_point(|one| one.end < range.end);
+            few[at].start <= range.start
+        };
+        assert!(ranges.iter().all(holds));
+        let few_enough = vec![0..3, 100..105];
+        assert_eq!(super::few(few_enough.clone()), few_enough);
+    }
+}

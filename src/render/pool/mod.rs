@@ -1,0 +1,32 @@
+//! Packed grids on the GPU.
+
+mod buffers;
+mod edited;
+mod edits;
+mod paging;
+mod residency;
+mod usage;
+
+use bevy::prelude::*;
+use bevy::render::{ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems};
+
+pub(super) use buffers::PoolBuffers;
+pub(super) use residency::VdbTreePool;
+pub use usage::VdbGpuUsage;
+
+/// Keeps the grids that entities show in storage buffers.
+pub(super) struct PoolPlugin;
+
+impl Plugin for PoolPlugin {
+    fn build(&self, app: &mut App) {
+        let usage = VdbGpuUsage::default();
+        app.insert_resource(usage.clone());
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
+        render_app
+            .insert_resource(usage)
+            .init_resource::<edited::ExtractedEdits>()
+            .init_gpu_resource::<VdbTreePool>()
+            .add_systems(ExtractSchedule, edits::extract_edits)
+            .add_systems(Render, residency::update_tree_pool.in_set(RenderSystems::PrepareAssets));
+    }
+}

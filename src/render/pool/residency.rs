@@ -1,0 +1,315 @@
+//! The pool of packed grids on the GPU: one copy of each grid however many entities show it, freed
+//! with the last of them.
+//!
+//! The pool is one run of words. Where a shader cannot bind as much at once, it is cut into pages. Of grids
+//! whose voxels change, only what has changed is written, as long as they have as many words.
+
+use std::sync::Arc;
+
+use bevy::platform::collections::{HashMap, HashSet};
+use bevy::prelude::*;
+use bevy::render::render_resource::CommandEncoderDescriptor;
+use bevy::render::renderer::{RenderDevice, RenderQueue};
+use bevy::render::sync_world::MainEntity;
+use vdb_core::pack::{GridHeader, PackedGrid};
+
+use super::buffers::PoolBuffers;
+use super::edited::{self, EditedGrid, EditedWords, ExtractedEdits};
+use super::paging::{Paging, Range};
+use super::usage::VdbGpuUsage;
+use crate::render::extract::{ExtractedVolume, ExtractedVolumes};
+use crate::render::gpu::GridKey;
+
+#[derive(Debug)]
+struct Resident {
+    packed: Arc<PackedGrid>,
+    /// Which of its words are there, if it is edited; `packed` then has none.
+    revision: Option<u64>,
+    place: Range,
+    /// Index in the buffer of headers.
+    index: u32,
+}
+
+impl Resident {
+    /// What shaders know of the grid where it lies.
+    fn header(&self) -> GridHeader {
+        self.packed.header(self.place.first)
+    }
+}
+
+/// All grids that some entity shows.
+#[derive(Debug, Default, Resource)]
+pub(crate) struct VdbTreePool {
+    resident: HashMap<GridKey, Resident>,
+    /// Grids that do not fit, so that each is told of once.
+    refused: HashSet<GridKey>,
+    buffers: Option<PoolBuffers>,
+}
+
+impl VdbTreePool {
+    pub fn buffers(&self) -> Option<&PoolBuffers> {
+        self.buffers.as_ref()
+    }
+
+    /// log₂ of the words of a page, where there are several.
+    pub fn page_bits(&self) -> Option<u32> {
+        let buffers = self.buffers.as_ref()?;
+        buffers.is_paged().then_some(buffers.paging.bits)
+    }
+
+    /// How the samples of all grids are kept, if they are kept alike: shaders then need not ask.
+    pub fn format(&self) -> Option<u32> {
+        let mut formats = self.resident.values().filter_map(|grid| grid.packed.sample_format());
+        let first = formats.next()?;
+        formats.all(|format| format == first).then_some(first)
+    }
+
+    /// Which words of an edited grid are there.
+    pub fn revision(&self, grid: GridKey) -> Option<u64> {
+        self.resident.get(&grid)?.revision
+    }
+
+    /// Whether a grid has been found not to fit.
+    pub fn is_refused(&self, grid: &GridKey) -> bool {
+        self.refused.contains(grid)
+    }
+
+    /// Whether the words of a grid are there, or all but those that an edit has changed since.
+    fn holds(&self, grid: &GridKey, packed: &Arc<PackedGrid>, edits: &ExtractedEdits) -> bool {
+        self.resident.get(grid).is_some_and(|resident| match edits.get(grid) {
+            None => Arc::ptr_eq(&resident.packed, packed),
+            Some(edited) => matches!(edited.words, EditedWords::Changed(_)),
+        })
+    }
+
+    /// The index of a grid's header, if the grid is there.
+    pub fn index(&self, grid: GridKey) -> Option<u32> {
+        self.resident.get(&grid).map(|resident| resident.index)
+    }
+
+    /// Whether the pool has anything of a volume that can be seen.
+    pub fn shows(&self, volume: &ExtractedVolume) -> bool {
+        let is_there =
+            |key, packed: &PackedGrid| packed.occupied.is_some() && self.index(key).is_some();
+        is_there(volume.grid, &volume.packed)
+            || volume.auxiliary.emission.iter().any(|grid| is_there(grid.key, &grid.packed))
+    }
+}
+
+/// Uploads grids that are new or have changed, and drops those that nothing shows any more.
+///
+/// The pool has no holes: when the set of grids changes, buffers of the new size are made, and
+/// what stays is copied on the GPU.
+pub(crate) fn update_tree_pool(
+    volumes: Res<ExtractedVolumes>,
+    mut pool: ResMut<VdbTreePool>,
+    mut edits: ResMut<ExtractedEdits>,
+    usage: Res<VdbGpuUsage>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+) {
+    let mut wanted = Wanted::default();
+    for (entity, volume) in &volumes.0 {
+        let levels = [&volume.packed].into_iter().chain(&*volume.levels).enumerate();
+        for (level, packed) in levels {
+            let name: &str = &volume.name;
+            wanted.entry(volume.grid.level(level)).or_insert((entity, name, packed));
+        }
+        for grid in volume.auxiliary.all() {
+            wanted.entry(grid.key).or_insert((entity, &volume.name, &grid.packed));
+        }
+    }
+    pool.refused.retain(|grid| wanted.contains_key(grid));
+    let missing = wanted
+        .iter()
+        .any(|(key, (.., packed))| !pool.holds(key, packed, &edits) && !pool.refused.contains(key));
+    let left_over = pool.resident.keys().any(|grid| !wanted.contains_key(grid));
+    let mut written = 0;
+    if missing || left_over {
+        written += pool.rebuild(&wanted, &edits, &usage, &device, &queue);
+    }
+    written += pool.write_edits(&wanted, &edits, &device, &queue);
+    usage.add_written(written);
+    // Before the next edit, which would have to copy words that are held here.
+    edits.clear();
+}
+
+/// The grids that entities show, each with one such entity and its name for messages.
+type Wanted<'a> = HashMap<GridKey, (&'a MainEntity, &'a str, &'a Arc<PackedGrid>)>;
+
+impl VdbTreePool {
+    /// Packs the pool anew, and gives the bytes that have been sent to it.
+    fn rebuild(
+        &mut self,
+        wanted: &Wanted,
+        edits: &ExtractedEdits,
+        usage: &VdbGpuUsage,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> u64 {
+        let limits = device.limits();
+        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+        let written = self.pack(wanted, edits, limit, device, queue);
+        let bytes = self.buffers.as_ref().map_or(0, PoolBuffers::bytes);
+        usage.set(self.resident.len() as u64, bytes);
+        written
+    }
+
+    /// Writes what has changed of edited grids whose other words are there.
+    fn write_edits(
+        &mut self,
+        wanted: &Wanted,
+        edits: &ExtractedEdits,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> u64 {
+        let Some(buffers) = &self.buffers else { return 0 };
+        let (mut written, mut encoder) = (0, None);
+        for (grid, resident) in &mut self.resident {
+            let (Some(edited), Some((.., outline))) = (edits.get(grid), wanted.get(grid)) else {
+                continue;
+            };
+            let EditedWords::Changed(changed) = &edited.words else { continue };
+            if resident.revision == Some(edited.revision) {
+                continue;
+            }
+            let label = CommandEncoderDescriptor { label: Some("vdb_edits") };
+            let encoder = encoder.get_or_insert_with(|| device.create_command_encoder(&label));
+            written += edited::write(device, encoder, buffers, resident.place.first, changed);
+            resident.packed = Arc::clone(outline);
+            resident.revision = Some(edited.revision);
+            written += buffers.write_header(queue, resident.index, &resident.header());
+        }
+        if let Some(encoder) = encoder {
+            queue.submit([encoder.finish()]);
+        }
+        written
+    }
+
+    fn pack(
+        &mut self,
+        wanted: &Wanted,
+        edits: &ExtractedEdits,
+        limit: u64,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> u64 {
+        // What is there comes first, so that a grid too many never drives out one that is shown; then what
+        // there is only to save time.
+        let mut order: Vec<_> = wanted.iter().collect();
+        order.sort_by_key(|(grid, _)| (grid.is_further(), !self.resident.contains_key(*grid)));
+        let mut words = 0;
+        let mut next = HashMap::default();
+        for (grid, (entity, name, packed)) in order {
+            let edited = edits.get(grid);
+            let count = edited.map_or(packed.words.len(), |edited| edited.count);
+            let before = words;
+            match place(&mut words, count as u64, limit) {
+                // There is room now, so that its words are asked for.
+                Ok(_) if edited.is_some_and(|edited| !self.has_words(grid, edited)) => {
+                    words = before;
+                    self.refused.remove(grid);
+                }
+                Ok(place) => {
+                    let index = next.len() as u32;
+                    let revision = edited.map(|edited| match edited.words {
+                        EditedWords::All(_) => Some(edited.revision),
+                        _ => self.revision(*grid),
+                    });
+                    let (packed, revision) = (Arc::clone(packed), revision.flatten());
+                    next.insert(*grid, Resident { packed, revision, place, index });
+                    self.refused.remove(grid);
+                }
+                // Without a coarser level, a finer one is shown.
+                Err(what) if self.refused.insert(*grid) && !grid.is_further() => {
+                    error!("grid '{name}' of entity {} is not shown: {what}", entity.id());
+                }
+                Err(_) => {}
+            }
+        }
+        let old = std::mem::replace(&mut self.resident, next);
+        let old_buffers = self.buffers.take();
+        if self.resident.is_empty() {
+            return 0;
+        }
+        let mut written = 0;
+        let buffers = PoolBuffers::new(device, words, limit, self.resident.len());
+        let mut encoder = device
+            .create_command_encoder(&CommandEncoderDescriptor { label: Some("vdb_pool_move") });
+        for (grid, resident) in &self.resident {
+            let stays = old.get(grid).filter(|old| match (old.revision, resident.revision) {
+                (None, None) => Arc::ptr_eq(&old.packed, &resident.packed),
+                (old, own) => old == own,
+            });
+            match (stays, &old_buffers, edits.get(grid)) {
+                (Some(old), Some(from), _) => {
+                    buffers.copy(&mut encoder, from, old.place, resident.place);
+                }
+                (.., Some(EditedGrid { words: EditedWords::All(all), .. })) => {
+                    written += buffers.write(queue, resident.place, &all.words);
+                }
+                _ => written += buffers.write(queue, resident.place, &resident.packed.words),
+            }
+            written += buffers.write_header(queue, resident.index, &resident.header());
+        }
+        queue.submit([encoder.finish()]);
+        self.buffers = Some(buffers);
+        written
+    }
+
+    /// Whether an edited grid can be put into the pool: from what it has, or from all words.
+    fn has_words(&self, grid: &GridKey, edited: &EditedGrid) -> bool {
+        match edited.words {
+            EditedWords::All(_) => true,
+            EditedWords::Changed(_) => self.revision(*grid).is_some(),
+            EditedWords::Left => false,
+        }
+    }
+}
+
+/// Puts a grid of so many words behind those that are spoken for; a binding has `limit` bytes at most.
+fn place(words: &mut u64, count: u64, limit: u64) -> Result<Range, String> {
+    let end = *words + count;
+    let capacity = Paging::capacity(limit);
+    if end > capacity {
+        return Err(format!(
+            "with it the grids take {} MiB, and shaders on this GPU read at most {} MiB; show fewer \
+             or smaller grids, keep values in fewer bits with the loader setting values, or keep \
+             less of a level set with half_width",
+            (end * 4) >> 20,
+            (capacity * 4) >> 20
+        ));
+    }
+    let range = Range { first: *words as u32, count: count as u32 };
+    *words = end;
+    Ok(range)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::pool::paging::PAGES;
+    use vdb_core::pack::PackKind;
+    use vdb_core::tree::Vdb543;
+
+    fn packed(voxels: i32) -> PackedGrid {
+        let mut tree = Vdb543::new(0.0);
+        (0..voxels).for_each(|i| tree.set(IVec3::new(i * 8, 0, 0), 1.0));
+        PackedGrid::new(&tree, PackKind::Fog).unwrap()
+    }
+
+    #[test]
+    fn grids_stand_side_by_side_and_a_full_pool_refuses() {
+        let (one, two) = (packed(1), packed(2));
+        let (first, second) = (one.words.len() as u64, two.words.len() as u64);
+        let mut words = 0;
+        assert_eq!(place(&mut words, first, 1 << 30).unwrap().first, 0);
+        assert_eq!(u64::from(place(&mut words, second, 1 << 30).unwrap().first), first);
+        assert_eq!(words, first + second);
+
+        let limit = 4 * (words + second).div_ceil(PAGES as u64) / 2;
+        let message = place(&mut words, second, limit).unwrap_err();
+        assert!(message.contains("MiB") && message.contains("half_width"), "{message}");
+        assert_eq!(words, first + second, "a refused grid left a gap");
+    }
+}

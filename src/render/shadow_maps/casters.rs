@@ -1,0 +1,118 @@
+//! The volumes that cast shadows, as each shadow map shows them.
+
+use std::any::TypeId;
+
+use bevy::camera::visibility::RenderLayers;
+use bevy::math::{DAffine3, DMat4, DVec3};
+use bevy::prelude::*;
+use bevy::render::sync_world::MainEntity;
+use bevy::render::view::{ExtractedView, RenderVisibleEntities};
+use vdb_core::pack::PackKind;
+use vdb_core::view::ViewRays;
+
+use crate::VdbQuality;
+use crate::render::extract::{ExtractedSuns, ExtractedVolume, ExtractedVolumes};
+use crate::render::gpu::{affine, types};
+use crate::render::pool::VdbTreePool;
+use crate::render::view::{Eye, Shown, view_data, volume_data, world_corners};
+
+/// A volume that casts shadows.
+pub(super) struct Caster<'a> {
+    entity: MainEntity,
+    volume: &'a ExtractedVolume,
+    shown: Shown<'a>,
+}
+
+/// Volumes as the shader gets them, and what each map shows of them.
+#[derive(Default)]
+pub(super) struct Cast {
+    pub volumes: Vec<types::Volume>,
+    pub maps: Vec<(Option<Entity>, Entity, types::View)>,
+}
+
+impl Cast {
+    pub fn add(
+        &mut self,
+        (camera, turn): (Option<Entity>, f32),
+        (map, view): (Entity, &ExtractedView),
+        casters: &[Caster],
+        layers: impl Fn(&RenderLayers) -> bool,
+    ) {
+        let casters = || casters.iter().filter(|caster| layers(&caster.volume.layers));
+        let size = view.viewport.zw();
+        let (world_from_view, clip_from_view) =
+            set_back(view, casters().flat_map(|caster| world_corners(caster.volume)));
+        let Some(mut rays) = ViewRays::new(clip_from_view) else { return };
+        if is_parallel(clip_from_view) {
+            rays.t_near = 0.0;
+        }
+        let clip_from_world = clip_from_view * DMat4::from(world_from_view.inverse());
+        let first = self.volumes.len();
+        let quality = VdbQuality::default();
+        for caster in casters() {
+            let eye = Eye { rays: &rays, world_from_view, size };
+            let range = caster.shown.tile_range(clip_from_world, size);
+            if range.count() > 0
+                && let Some(data) = volume_data(caster.entity, &caster.shown, eye, &quality, None)
+            {
+                let [tiles_first, tiles_last] = range.words();
+                self.volumes.push(types::Volume { tiles_first, tiles_last, ..data });
+            }
+        }
+        let count = self.volumes.len() - first;
+        if count > 0 {
+            let view = types::View {
+                volume_first: first as u32,
+                volume_count: count as u32,
+                size: size.to_array(),
+                turn,
+                ..view_data(&rays, world_from_view, &ExtractedSuns::default())
+            };
+            self.maps.push((camera, map, view));
+        }
+    }
+}
+
+fn is_parallel(clip_from_view: DMat4) -> bool {
+    clip_from_view.z_axis.w == 0.0
+}
+
+/// Where the rays of a light begin. Those of the sun begin before all that can stop them, which may be
+/// nearer to it than anything that a camera sees.
+fn set_back(view: &ExtractedView, corners: impl Iterator<Item = DVec3>) -> (DAffine3, DMat4) {
+    let world_from_view = affine(view.world_from_view.affine());
+    let clip_from_view = view.clip_from_view.as_dmat4();
+    if !is_parallel(clip_from_view) {
+        return (world_from_view, clip_from_view);
+    }
+    let view_from_world = world_from_view.inverse();
+    let nearest = corners.map(|at| view_from_world.transform_point3(at).z).fold(0.0, f64::max);
+    let back = DVec3::new(0.0, 0.0, nearest);
+    (
+        world_from_view * DAffine3::from_translation(back),
+        clip_from_view * DMat4::from_translation(back),
+    )
+}
+
+/// All that cast shadows, fogs first, which share the parts of their texels by their number.
+pub(super) fn casters<'a>(volumes: &'a ExtractedVolumes, pool: &VdbTreePool) -> Vec<Caster<'a>> {
+    let all = volumes
+        .0
+        .iter()
+        .filter(|(_, volume)| volume.visible && volume.casts && volume.packed.occupied.is_some());
+    let mut casters: Vec<_> = all
+        .filter_map(|(&entity, volume)| {
+            Some(Caster { entity, volume, shown: Shown::finest(volume, pool)? })
+        })
+        .collect();
+    casters.sort_unstable_by_key(|caster| {
+        (!matches!(caster.volume.packed.kind, PackKind::Fog), caster.entity)
+    });
+    casters
+}
+
+pub(super) fn sees_meshes(visible: &RenderVisibleEntities) -> bool {
+    visible.classes.get(&TypeId::of::<Mesh3d>()).is_some_and(|class| {
+        !class.entities_cpu_culling.is_empty() || !class.entities_gpu_culling.is_empty()
+    })
+}

@@ -1,0 +1,324 @@
+//! Shadows of volumes on meshes: in Bevy's shadow maps, after its own passes have drawn the meshes there,
+//! volumes are drawn as well, and all that Bevy lights finds them. Volumes themselves find each
+//! other's shadows by rays, exactly, so that for them the maps are kept as they were before.
+
+mod casters;
+mod mesh_maps;
+mod pipeline;
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use bevy::camera::visibility::RenderLayers;
+use bevy::core_pipeline::FullscreenShader;
+use bevy::core_pipeline::schedule::{Core3d, Core3dSystems};
+use bevy::diagnostic::FrameCount;
+use bevy::ecs::system::SystemParam;
+use bevy::pbr::{
+    LATE_SHADOW_PASS, LightEntity, ShadowView, ViewLightEntities, ViewShadowBindings,
+    per_view_shadow_pass, shared_shadow_pass,
+};
+use bevy::prelude::*;
+use bevy::render::camera::TemporalJitter;
+use bevy::render::diagnostic::RecordDiagnostics;
+use bevy::render::render_resource::{
+    BindGroup, BindGroupEntries, Buffer, BufferInitDescriptor, BufferUsages,
+    CachedRenderPipelineId, LoadOp, Operations, PipelineCache, RenderPassDepthStencilAttachment,
+    RenderPassDescriptor, RenderPipeline, SpecializedRenderPipelines, StoreOp,
+    TextureViewDimension,
+};
+use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
+use bevy::render::texture::TextureCache;
+use bevy::render::view::{ExtractedView, RenderVisibleEntities};
+use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
+
+use super::extract::ExtractedVolumes;
+use super::gpu::{GROUP, PipelineFallback, Shaders, empty_layout, load_shaders, types};
+use super::pool::{PoolBuffers, VdbTreePool};
+use super::trace::MeshShadowMaps;
+use super::view::{PrepareViews, ViewState, turn_of};
+use crate::features::Features;
+use crate::{VdbCamera, VdbQuality};
+use casters::{Cast, casters, sees_meshes};
+use mesh_maps::MeshMap;
+use pipeline::{CastKey, CastPipeline, MeshDepthPipeline};
+
+/// Draws volumes into Bevy's shadow maps.
+pub(super) struct ShadowMapsPlugin;
+
+impl Plugin for ShadowMapsPlugin {
+    fn build(&self, app: &mut App) {
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
+        render_app
+            .init_gpu_resource::<CastShadows>()
+            .init_gpu_resource::<SpecializedRenderPipelines<CastPipeline>>()
+            .init_gpu_resource::<SpecializedRenderPipelines<MeshDepthPipeline>>()
+            .add_systems(RenderStartup, init.after(load_shaders))
+            .add_systems(
+                Render,
+                prepare_casters.in_set(RenderSystems::PrepareResources).after(PrepareViews::Upload),
+            )
+            .add_systems(
+                Core3d,
+                cast.after(shared_shadow_pass::<LATE_SHADOW_PASS>)
+                    .after(per_view_shadow_pass::<LATE_SHADOW_PASS>)
+                    .before(Core3dSystems::MainPass),
+            );
+    }
+}
+
+fn init(mut commands: Commands, shaders: Res<Shaders>, fullscreen: Res<FullscreenShader>) {
+    commands.insert_resource(CastPipeline::new(&shaders));
+    commands.insert_resource(MeshDepthPipeline::new(&shaders, fullscreen.clone()));
+}
+
+/// What is drawn into shadow maps in this frame.
+#[derive(Default, Resource)]
+struct CastShadows {
+    draws: Vec<Draw>,
+    cast: Option<CachedRenderPipelineId>,
+    copy: Option<CachedRenderPipelineId>,
+    /// As meshes alone have them: of directional lights and spot lights, and of point lights.
+    directional: Option<MeshMap>,
+    point: Option<MeshMap>,
+    /// The maps that all cameras share are drawn for the first of them.
+    shared_done: AtomicBool,
+}
+
+/// The volumes in one shadow map.
+struct Draw {
+    /// The one that the map is for, or all.
+    camera: Option<Entity>,
+    map: Entity,
+    bind_group: BindGroup,
+    volumes: u32,
+}
+
+/// The pipelines of the pass.
+#[derive(SystemParam)]
+struct Pipelines<'w> {
+    cast: Res<'w, CastPipeline>,
+    copy: Res<'w, MeshDepthPipeline>,
+    specialized_cast: ResMut<'w, SpecializedRenderPipelines<CastPipeline>>,
+    specialized_copy: ResMut<'w, SpecializedRenderPipelines<MeshDepthPipeline>>,
+    cache: Res<'w, PipelineCache>,
+    fallback: Res<'w, PipelineFallback>,
+}
+
+/// What of a camera says whether volumes cast shadows for it.
+type CameraData<'a> = (
+    Entity,
+    (Option<&'a VdbCamera>, Option<&'a VdbQuality>),
+    &'a RenderVisibleEntities,
+    Option<&'a RenderLayers>,
+    &'a ViewLightEntities,
+    Option<&'a TemporalJitter>,
+);
+type MapData<'a> = (Entity, &'a ExtractedView, &'a LightEntity, &'a RenderLayers);
+
+/// Finds what casts shadows on meshes, for each map of each light that some camera wants them of.
+fn prepare_casters(
+    mut shadows: ResMut<CastShadows>,
+    mut mesh_maps: ResMut<MeshShadowMaps>,
+    volumes: Res<ExtractedVolumes>,
+    (pool, frame): (Res<VdbTreePool>, Res<FrameCount>),
+    cameras: Query<CameraData, With<Camera3d>>,
+    maps: Query<MapData, With<ShadowView>>,
+    traced: Query<(&ViewState, &ViewShadowBindings)>,
+    mut pipelines: Pipelines,
+    device: Res<RenderDevice>,
+    mut textures: ResMut<TextureCache>,
+) {
+    *shadows = default();
+    *mesh_maps = default();
+    let casters = casters(&volumes, &pool);
+    let Some(buffers) = pool.buffers().filter(|_| !casters.is_empty()) else { return };
+    let cast = list_maps(&casters, &cameras, &maps, *frame);
+    if cast.maps.is_empty() {
+        return;
+    }
+    let has = |kind| cast.volumes.iter().any(|volume| volume.kind == kind);
+    let key = CastKey {
+        features: Features::VOXELS.when(has(types::KIND_SURFACE))
+            | Features::SMOOTH.when(has(types::KIND_SMOOTH))
+            | Features::FOG.when(has(types::KIND_FOG)),
+        page_bits: pool.page_bits(),
+        sample_format: pool.format(),
+    };
+    let Pipelines {
+        cast: caster,
+        copy: copier,
+        specialized_cast,
+        specialized_copy,
+        cache,
+        fallback,
+    } = &mut pipelines;
+    let drawn = specialized_cast.specialize(cache, caster, key);
+    let lit = traced.iter().find(|(view, _)| {
+        view.prepared.as_ref().is_some_and(|view| view.key.has(Features::SHADOWS))
+    });
+    let copied = lit.map(|_| specialized_copy.specialize(cache, copier, ()));
+    let is_ready = |id: &CachedRenderPipelineId| fallback.render(cache, *id).is_some();
+    // A map with volumes in it is of use to them only if there is one without.
+    if !is_ready(&drawn) || !copied.iter().all(is_ready) {
+        return;
+    }
+    shadows.cast = Some(drawn);
+    shadows.copy = copied;
+    if let Some((_, bindings)) = lit {
+        let layout = cache.get_bind_group_layout(&copier.layout);
+        let mut copy = |texture, dimension| {
+            MeshMap::new(texture, dimension, &mut textures, &device, |entries| {
+                device.create_bind_group("vdb_mesh_depth", &layout, entries)
+            })
+        };
+        let is_point = |map: Entity| {
+            maps.get(map).is_ok_and(|(_, _, kind, _)| matches!(kind, LightEntity::Point { .. }))
+        };
+        if cast.maps.iter().any(|(_, map, _)| !is_point(*map)) {
+            let texture = &bindings.directional_light_depth_texture;
+            shadows.directional = Some(copy(texture, TextureViewDimension::D2Array));
+        }
+        if cast.maps.iter().any(|(_, map, _)| is_point(*map)) {
+            let texture = &bindings.point_light_depth_texture;
+            shadows.point = Some(copy(texture, TextureViewDimension::CubeArray));
+        }
+        mesh_maps.directional = shadows.directional.as_ref().map(|map| map.view.clone());
+        mesh_maps.point = shadows.point.as_ref().map(|map| map.view.clone());
+    }
+    shadows.draws = draws(cast, buffers, caster, cache, &device);
+}
+
+/// What each map shows of the volumes that cast shadows.
+fn list_maps(
+    casters: &[casters::Caster],
+    cameras: &Query<CameraData, With<Camera3d>>,
+    maps: &Query<MapData, With<ShadowView>>,
+    frame: FrameCount,
+) -> Cast {
+    let mut cast = Cast::default();
+    let mut wanted = false;
+    for (camera, (settings, quality), visible, layers, lights, jitter) in cameras {
+        let casts = settings.is_none_or(|camera| camera.enabled && camera.mesh_shadows)
+            && quality.is_none_or(|quality| quality.shadows);
+        if !casts || !sees_meshes(visible) {
+            continue;
+        }
+        wanted = true;
+        let layers = layers.cloned().unwrap_or_default();
+        for (map, view, _, light) in maps.iter_many(&lights.lights) {
+            let casts = |own: &RenderLayers| own.intersects(&layers) && own.intersects(light);
+            cast.add((Some(camera), turn_of(jitter, frame)), (map, view), casters, casts);
+        }
+    }
+    let shared = maps.iter().filter(|(_, _, kind, _)| {
+        wanted && matches!(kind, LightEntity::Point { .. } | LightEntity::Spot { .. })
+    });
+    for (map, view, _, light) in shared {
+        cast.add((None, 0.0), (map, view), casters, |own| own.intersects(light));
+    }
+    cast
+}
+
+/// Binds what is drawn into each map.
+fn draws(
+    cast: Cast,
+    pool: &PoolBuffers,
+    pipeline: &CastPipeline,
+    cache: &PipelineCache,
+    device: &RenderDevice,
+) -> Vec<Draw> {
+    let buffer = |label, contents: &[u8], usage| {
+        device.create_buffer_with_data(&BufferInitDescriptor {
+            label: Some(label),
+            contents,
+            usage,
+        })
+    };
+    let bytes = bytemuck::cast_slice(&cast.volumes);
+    let casting = buffer("vdb_casters", bytes, BufferUsages::STORAGE);
+    let layout = cache.get_bind_group_layout(&pipeline.layout);
+    let [page_a, page_b, page_c] = pool.pages();
+    let bind = |view: &Buffer| {
+        let entries = BindGroupEntries::sequential((
+            pool.grids.as_entire_binding(),
+            page_a.as_entire_binding(),
+            page_b.as_entire_binding(),
+            page_c.as_entire_binding(),
+            view.as_entire_binding(),
+            casting.as_entire_binding(),
+        ));
+        device.create_bind_group("vdb_cast", &layout, &entries)
+    };
+    let draw = |(camera, map, view): (_, _, types::View)| {
+        let uniform = buffer("vdb_cast_view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);
+        Draw { camera, map, bind_group: bind(&uniform), volumes: view.volume_count }
+    };
+    cast.maps.into_iter().map(draw).collect()
+}
+
+/// Keeps the maps of the view's lights as they are, then draws volumes into them.
+fn cast(
+    view: ViewQuery<(Entity, &ViewLightEntities)>,
+    maps: Query<&ShadowView>,
+    shadows: Res<CastShadows>,
+    cache: Res<PipelineCache>,
+    fallback: Res<PipelineFallback>,
+    device: Res<RenderDevice>,
+    mut context: RenderContext,
+) {
+    let (camera, lights) = view.into_inner();
+    let cast = shadows.cast.and_then(|id| fallback.render(&cache, id));
+    let Some(cast) = cast.filter(|_| !shadows.draws.is_empty()) else { return };
+    let is_first = !shadows.shared_done.swap(true, Ordering::Relaxed);
+    let diagnostics = context.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let span = diagnostics.time_span(context.command_encoder(), "vdb_cast");
+    if let Some(copy) = shadows.copy.and_then(|id| fallback.render(&cache, id)) {
+        // Later cameras have cascades of their own, and share the rest, which has volumes in it by now.
+        let own = if is_first { usize::MAX } else { lights.lights.len() };
+        copy_maps(&mut context, &shadows, &copy, own, is_first);
+    }
+    let empty = cache.get_bind_group_layout(&empty_layout());
+    let empty = device.create_bind_group("vdb_empty", &empty, &[]);
+    let own = |draw: &&Draw| draw.camera.map_or(is_first, |own| own == camera);
+    for draw in shadows.draws.iter().filter(own) {
+        let Ok(map) = maps.get(draw.map) else { continue };
+        let mut pass = context.begin_tracked_render_pass(RenderPassDescriptor {
+            label: Some("vdb_cast"),
+            depth_stencil_attachment: Some(map.depth_attachment.get_attachment(StoreOp::Store)),
+            ..default()
+        });
+        pass.set_render_pipeline(&cast);
+        pass.set_bind_group(0, &empty, &[]);
+        pass.set_bind_group(1, &empty, &[]);
+        pass.set_bind_group(GROUP as usize, &draw.bind_group, &[]);
+        pass.draw(0..4, 0..draw.volumes);
+    }
+    span.end(context.command_encoder());
+}
+
+/// Copies so many layers of the directional lights' map and, for the first camera, all of the point lights'.
+fn copy_maps(
+    context: &mut RenderContext,
+    shadows: &CastShadows,
+    copy: &RenderPipeline,
+    own: usize,
+    is_first: bool,
+) {
+    let directional = shadows.directional.iter().flat_map(|map| map.layers.iter().take(own));
+    let point = shadows.point.iter().filter(|_| is_first).flat_map(|map| &map.layers);
+    for (source, target) in directional.chain(point) {
+        let mut pass = context.begin_tracked_render_pass(RenderPassDescriptor {
+            label: Some("vdb_mesh_depth"),
+            depth_stencil_attachment: Some(RenderPassDepthStencilAttachment {
+                view: target,
+                depth_ops: Some(Operations { load: LoadOp::Clear(0.0), store: StoreOp::Store }),
+                stencil_ops: None,
+            }),
+            ..default()
+        });
+        pass.set_render_pipeline(copy);
+        pass.set_bind_group(0, source, &[]);
+        pass.draw(0..3, 0..1);
+    }
+}

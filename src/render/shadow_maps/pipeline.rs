@@ -1,0 +1,127 @@
+//! Pipelines that draw into Bevy's shadow maps.
+
+use bevy::core_pipeline::FullscreenShader;
+use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
+use bevy::prelude::*;
+use bevy::render::render_resource::binding_types::{texture_depth_2d, uniform_buffer_sized};
+use bevy::render::render_resource::{
+    BindGroupLayoutDescriptor, BindGroupLayoutEntries, CompareFunction, DepthBiasState,
+    DepthStencilState, FragmentState, PrimitiveState, PrimitiveTopology, RenderPipelineDescriptor,
+    ShaderStages, SpecializedRenderPipeline, StencilState, VertexState,
+};
+
+use crate::features::Features;
+use crate::render::gpu::{Shaders, empty_layout, page_defs, sample_format_def, storage_read};
+
+/// Draws volumes into a shadow map.
+#[derive(Debug, Resource)]
+pub(super) struct CastPipeline {
+    shaders: Shaders,
+    pub layout: BindGroupLayoutDescriptor,
+}
+
+/// As in [`ViewKey`](crate::render::view::ViewKey).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct CastKey {
+    pub features: Features,
+    pub page_bits: Option<u32>,
+    pub sample_format: Option<u32>,
+}
+
+impl CastPipeline {
+    pub fn new(shaders: &Shaders) -> Self {
+        let entries = BindGroupLayoutEntries::sequential(
+            ShaderStages::VERTEX_FRAGMENT,
+            (
+                storage_read(),
+                storage_read(),
+                storage_read(),
+                storage_read(),
+                uniform_buffer_sized(false, None),
+                storage_read(),
+            ),
+        );
+        let layout = BindGroupLayoutDescriptor::new("vdb_cast", &entries);
+        Self { shaders: shaders.clone(), layout }
+    }
+}
+
+impl SpecializedRenderPipeline for CastPipeline {
+    type Key = CastKey;
+
+    fn specialize(&self, key: CastKey) -> RenderPipelineDescriptor {
+        let kinds = key.features.defs().map(Into::into);
+        let shader_defs: Vec<_> = kinds
+            .chain(page_defs(key.page_bits))
+            .chain(sample_format_def(key.sample_format))
+            .chain(self.shaders.adapter_defs.iter().cloned())
+            .collect();
+        let vertex = VertexState {
+            shader: self.shaders.cast.clone(),
+            shader_defs: shader_defs.clone(),
+            entry_point: Some("quad".into()),
+            buffers: Vec::new(),
+        };
+        RenderPipelineDescriptor {
+            label: Some("vdb_cast".into()),
+            layout: vec![empty_layout(), empty_layout(), self.layout.clone()],
+            primitive: PrimitiveState { topology: PrimitiveTopology::TriangleStrip, ..default() },
+            fragment: Some(FragmentState {
+                shader: self.shaders.cast.clone(),
+                shader_defs,
+                entry_point: Some("stop".into()),
+                targets: Vec::new(),
+            }),
+            // Bevy's depth is 1 near and 0 far.
+            ..depth_only(vertex, CompareFunction::Greater)
+        }
+    }
+}
+
+/// Copies a layer of a shadow map; Bevy's textures do not allow the command that does.
+#[derive(Resource)]
+pub(super) struct MeshDepthPipeline {
+    shaders: Shaders,
+    fullscreen: FullscreenShader,
+    pub layout: BindGroupLayoutDescriptor,
+}
+
+impl MeshDepthPipeline {
+    pub fn new(shaders: &Shaders, fullscreen: FullscreenShader) -> Self {
+        let entries = BindGroupLayoutEntries::single(ShaderStages::FRAGMENT, texture_depth_2d());
+        let layout = BindGroupLayoutDescriptor::new("vdb_mesh_depth", &entries);
+        Self { shaders: shaders.clone(), fullscreen, layout }
+    }
+}
+
+impl SpecializedRenderPipeline for MeshDepthPipeline {
+    type Key = ();
+
+    fn specialize(&self, (): ()) -> RenderPipelineDescriptor {
+        RenderPipelineDescriptor {
+            label: Some("vdb_mesh_depth".into()),
+            layout: vec![self.layout.clone()],
+            fragment: Some(FragmentState {
+                shader: self.shaders.mesh_depth.clone(),
+                shader_defs: Vec::new(),
+                entry_point: Some("mesh_depth".into()),
+                targets: Vec::new(),
+            }),
+            ..depth_only(self.fullscreen.to_vertex_state(), CompareFunction::Always)
+        }
+    }
+}
+
+fn depth_only(vertex: VertexState, compare: CompareFunction) -> RenderPipelineDescriptor {
+    RenderPipelineDescriptor {
+        vertex,
+        depth_stencil: Some(DepthStencilState {
+            format: CORE_3D_DEPTH_FORMAT,
+            depth_write_enabled: Some(true),
+            depth_compare: Some(compare),
+            stencil: StencilState::default(),
+            bias: DepthBiasState::default(),
+        }),
+        ..default()
+    }
+}

@@ -1,0 +1,78 @@
+//! The pipeline of what tiles of pixels share.
+
+use bevy::prelude::*;
+use bevy::render::render_resource::binding_types::{storage_buffer_sized, uniform_buffer_sized};
+use bevy::render::render_resource::{
+    BindGroupLayoutDescriptor, BindGroupLayoutEntries, ComputePipelineDescriptor, ShaderStages,
+    SpecializedComputePipeline,
+};
+
+use super::lights::LightLayouts;
+use crate::features::Features;
+use crate::render::gpu::{Shaders, page_defs, scene_depth, storage_read};
+use crate::render::view::ViewKey;
+
+/// Finds where the rays of each tile of pixels can begin.
+#[derive(Debug, Resource)]
+pub(super) struct BeamsPipeline {
+    shaders: Shaders,
+    lights: LightLayouts,
+    /// Without and with multisampling.
+    layouts: [BindGroupLayoutDescriptor; 2],
+}
+
+/// Which variant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct BeamsKey {
+    features: Features,
+    page_bits: Option<u32>,
+}
+
+impl From<&ViewKey> for BeamsKey {
+    fn from(key: &ViewKey) -> Self {
+        let own = Features::MULTISAMPLED | Features::SCALED | Features::ACCUMULATED;
+        Self { features: key.features & own, page_bits: key.page_bits }
+    }
+}
+
+impl BeamsPipeline {
+    pub fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
+        let layouts = [false, true].map(|multisampled| {
+            let entries = BindGroupLayoutEntries::with_indices(
+                ShaderStages::COMPUTE,
+                (
+                    (0, storage_read()),
+                    (1, storage_read()),
+                    (2, storage_read()),
+                    (3, storage_read()),
+                    (4, uniform_buffer_sized(false, None)),
+                    (5, storage_read()),
+                    (6, scene_depth(multisampled)),
+                    (9, storage_buffer_sized(false, None)),
+                ),
+            );
+            BindGroupLayoutDescriptor::new("vdb_beams", &entries)
+        });
+        Self { shaders: shaders.clone(), lights: lights.clone(), layouts }
+    }
+
+    pub fn layout(&self, features: Features) -> &BindGroupLayoutDescriptor {
+        &self.layouts[usize::from(features.contains(Features::MULTISAMPLED))]
+    }
+}
+
+impl SpecializedComputePipeline for BeamsPipeline {
+    type Key = BeamsKey;
+
+    fn specialize(&self, key: BeamsKey) -> ComputePipelineDescriptor {
+        let own = key.features.defs().map(Into::into);
+        ComputePipelineDescriptor {
+            label: Some("vdb_beams".into()),
+            layout: self.lights.layouts(Features::empty(), self.layout(key.features)),
+            shader: self.shaders.beams.clone(),
+            shader_defs: own.chain(page_defs(key.page_bits)).collect(),
+            entry_point: Some("beams".into()),
+            ..default()
+        }
+    }
+}

@@ -1,0 +1,316 @@
+//! The compute pass of a view: which volumes the rays of each tile of pixels can meet and from where on,
+//! then the rays themselves.
+
+mod beams;
+mod blackbody;
+mod lights;
+mod pipeline;
+
+use bevy::core_pipeline::schedule::Core3d;
+use bevy::pbr::{MeshPipeline, MeshPipelineSystems};
+use bevy::prelude::*;
+use bevy::render::diagnostic::RecordDiagnostics;
+use bevy::render::render_resource::{
+    BindGroup, BindGroupEntries, Buffer, CachedComputePipelineId, ComputePassDescriptor,
+    DynamicBindGroupEntries, PipelineCache, SpecializedComputePipelines, TextureFormat,
+};
+use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
+use bevy::render::texture::TextureCache;
+use bevy::render::view::ViewDepthTexture;
+use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
+
+use super::gpu::{GROUP, PipelineFallback, Shaders, load_shaders, picture_texture, tiles};
+use super::pool::{PoolBuffers, VdbTreePool};
+use super::view::VdbSystems;
+use super::view::{
+    Picture, PrepareViews, PreparedView, ViewKey, ViewPicture, ViewState, VisibleVolumes,
+    VolumeBuffer,
+};
+use crate::features::Features;
+use beams::BeamsPipeline;
+use blackbody::BlackbodyColors;
+use lights::{AllLights, LightBindGroups, LightLayouts, ViewLights};
+use pipeline::TracePipeline;
+
+pub(super) use lights::MeshShadowMaps;
+
+/// Of a workgroup in `beams.wgsl`.
+const BEAM_THREADS: u32 = 64;
+/// Of a workgroup in `trace.wgsl`, one below the other.
+const TILES_OF_GROUP: u32 = 2;
+/// Workgroups on one axis, at most, on any GPU; threads go on from what others leave.
+const MOST_GROUPS: u32 = 65_535;
+
+/// Traces the rays of every view.
+pub(super) struct TracePlugin;
+
+impl Plugin for TracePlugin {
+    fn build(&self, app: &mut App) {
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
+        render_app.world_mut().register_required_components::<VisibleVolumes, TraceView>();
+        render_app
+            .init_gpu_resource::<MeshShadowMaps>()
+            .init_gpu_resource::<BlackbodyColors>()
+            .init_gpu_resource::<SpecializedComputePipelines<BeamsPipeline>>()
+            .init_gpu_resource::<SpecializedComputePipelines<TracePipeline>>()
+            .add_systems(RenderStartup, init.after(MeshPipelineSystems).after(load_shaders))
+            .add_systems(
+                Render,
+                (
+                    ask.in_set(PrepareViews::Ask),
+                    prepare.in_set(PrepareViews::Trace),
+                    (blackbody::prepare_blackbody, bind)
+                        .chain()
+                        .in_set(RenderSystems::PrepareBindGroups),
+                ),
+            )
+            .add_systems(Core3d, trace.in_set(VdbSystems::Trace));
+    }
+}
+
+/// Runs when the renderer starts, and again after a lost device.
+fn init(mut commands: Commands, shaders: Res<Shaders>, meshes: Res<MeshPipeline>) {
+    let lights = LightLayouts::new(&meshes);
+    commands.insert_resource(BeamsPipeline::new(&shaders, &lights));
+    commands.insert_resource(TracePipeline::new(&shaders, &lights));
+}
+
+/// What the trace keeps for a view.
+#[derive(Component, Default)]
+pub(super) struct TraceView {
+    pipelines: Option<Pipelines>,
+    /// What the tiles know of the volumes, of views with beams.
+    pub tiles: Option<Buffer>,
+    bind_groups: Option<BindGroups>,
+}
+
+/// The pipelines of a key.
+#[derive(Clone, Copy)]
+struct Pipelines {
+    trace: CachedComputePipelineId,
+    beams: Option<CachedComputePipelineId>,
+}
+
+struct BindGroups {
+    trace: BindGroup,
+    lights: LightBindGroups,
+    beams: Option<BindGroup>,
+    /// Bevy's groups for the beams, which need nothing of it.
+    nothing: LightBindGroups,
+}
+
+/// All pipelines.
+#[derive(bevy::ecs::system::SystemParam)]
+struct AllPipelines<'w> {
+    specialized_trace: ResMut<'w, SpecializedComputePipelines<TracePipeline>>,
+    specialized_beams: ResMut<'w, SpecializedComputePipelines<BeamsPipeline>>,
+    trace: Res<'w, TracePipeline>,
+    beams: Res<'w, BeamsPipeline>,
+    cache: Res<'w, PipelineCache>,
+}
+
+impl AllPipelines<'_> {
+    /// Those of a key; starts to compile them if they are new.
+    fn of(&mut self, key: &ViewKey) -> Pipelines {
+        let cache = &self.cache;
+        let trace = self.specialized_trace.specialize(cache, &self.trace, *key);
+        let beams = key
+            .has(Features::BEAMS)
+            .then(|| self.specialized_beams.specialize(cache, &self.beams, key.into()));
+        Pipelines { trace, beams }
+    }
+}
+
+fn ask(
+    mut views: Query<&mut ViewState>,
+    mut pipelines: AllPipelines,
+    fallback: Res<PipelineFallback>,
+) {
+    for mut view in &mut views {
+        view.wait_unless(|key| {
+            let own = pipelines.of(key);
+            let mut all = [Some(own.trace), own.beams].into_iter().flatten();
+            all.all(|id| fallback.compute(&pipelines.cache, id).is_some())
+        });
+    }
+}
+
+/// Makes the textures that the trace writes.
+fn prepare(
+    mut views: Query<(&ViewState, &mut TraceView, &mut ViewPicture)>,
+    mut pipelines: AllPipelines,
+    device: Res<RenderDevice>,
+    mut textures: ResMut<TextureCache>,
+) {
+    for (view, mut own, mut picture) in &mut views {
+        own.bind_groups = None;
+        let Some((prepared, _)) = view.prepared() else {
+            *own = default();
+            *picture = default();
+            continue;
+        };
+        own.pipelines = Some(pipelines.of(&prepared.key));
+        own.tiles = prepared
+            .key
+            .has(Features::BEAMS)
+            .then(|| prepared.layout.buffer(own.tiles.as_ref(), &device));
+        let mut texture =
+            |label, format| textures.get(&device, picture_texture(label, format, prepared.size()));
+        let traced = Picture {
+            color: texture("vdb_color", TextureFormat::Rgba16Float),
+            depth: texture("vdb_depth", TextureFormat::R32Float),
+            moving: prepared
+                .key
+                .has(Features::MOTION_VECTORS)
+                .then(|| texture("vdb_moving", TextureFormat::Rg32Uint)),
+        };
+        *picture = ViewPicture { traced: Some(traced.clone()), shown: Some(traced) };
+    }
+}
+
+/// Binds what the pass reads and writes.
+fn bind(
+    mut views: Query<(
+        &ViewState,
+        &mut TraceView,
+        &ViewPicture,
+        &ViewDepthTexture,
+        Option<ViewLights>,
+    )>,
+    (pool, volumes): (Res<VdbTreePool>, Res<VolumeBuffer>),
+    all_lights: AllLights,
+    blackbody: Res<BlackbodyColors>,
+    (trace, beams): (Res<TracePipeline>, Res<BeamsPipeline>),
+    cache: Res<PipelineCache>,
+    device: Res<RenderDevice>,
+) {
+    let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
+    for (view, mut own, picture, depth, view_lights) in &mut views {
+        let (Some((prepared, uniform)), Some(picture)) = (view.prepared(), &picture.traced) else {
+            continue;
+        };
+        let bind = |features, view| all_lights.bind(features, &trace.lights, view, &device, &cache);
+        let features = prepared.key.features;
+        let (Some(lights), Some(nothing)) =
+            (bind(features, view_lights), bind(Features::empty(), None))
+        else {
+            continue;
+        };
+        let inputs = Inputs { pool, uniform, volumes, depth, picture, tiles: own.tiles.as_ref() };
+        let table = blackbody.0.as_ref().filter(|_| prepared.key.has(Features::BLACKBODY));
+        if prepared.key.has(Features::BLACKBODY) && table.is_none() {
+            continue;
+        }
+        let layout = cache.get_bind_group_layout(trace.layout(features));
+        let group = inputs.trace_group(&layout, table, &device);
+        let layout = cache.get_bind_group_layout(beams.layout(features));
+        let beams = inputs.beams_group(&layout, &device);
+        own.bind_groups = Some(BindGroups { trace: group, lights, beams, nothing });
+    }
+}
+
+/// What the crate's own group binds.
+struct Inputs<'a> {
+    pool: &'a PoolBuffers,
+    uniform: &'a Buffer,
+    volumes: &'a Buffer,
+    depth: &'a ViewDepthTexture,
+    picture: &'a Picture,
+    tiles: Option<&'a Buffer>,
+}
+
+impl Inputs<'_> {
+    fn trace_group(
+        &self,
+        layout: &bevy::render::render_resource::BindGroupLayout,
+        blackbody: Option<&bevy::render::render_resource::TextureView>,
+        device: &RenderDevice,
+    ) -> BindGroup {
+        let [page_a, page_b, page_c] = self.pool.pages();
+        let mut entries = DynamicBindGroupEntries::sequential((
+            self.pool.grids.as_entire_binding(),
+            page_a.as_entire_binding(),
+            page_b.as_entire_binding(),
+            page_c.as_entire_binding(),
+            self.uniform.as_entire_binding(),
+            self.volumes.as_entire_binding(),
+            self.depth.view(),
+            &self.picture.color.default_view,
+            &self.picture.depth.default_view,
+        ));
+        if let Some(tiles) = self.tiles {
+            entries = entries.extend_with_indices(((9, tiles.as_entire_binding()),));
+        }
+        if let Some(moving) = &self.picture.moving {
+            entries = entries.extend_with_indices(((10, &moving.default_view),));
+        }
+        if let Some(table) = blackbody {
+            entries = entries.extend_with_indices(((11, table),));
+        }
+        device.create_bind_group("vdb_trace", layout, &entries)
+    }
+
+    fn beams_group(
+        &self,
+        layout: &bevy::render::render_resource::BindGroupLayout,
+        device: &RenderDevice,
+    ) -> Option<BindGroup> {
+        let tiles = self.tiles?;
+        let [page_a, page_b, page_c] = self.pool.pages();
+        let entries = BindGroupEntries::with_indices((
+            (0, self.pool.grids.as_entire_binding()),
+            (1, page_a.as_entire_binding()),
+            (2, page_b.as_entire_binding()),
+            (3, page_c.as_entire_binding()),
+            (4, self.uniform.as_entire_binding()),
+            (5, self.volumes.as_entire_binding()),
+            (6, self.depth.view()),
+            (9, tiles.as_entire_binding()),
+        ));
+        Some(device.create_bind_group("vdb_beams", layout, &entries))
+    }
+}
+
+/// Traces the rays of the view through its volumes.
+pub(super) fn trace(
+    view: ViewQuery<(&ViewState, &TraceView)>,
+    cache: Res<PipelineCache>,
+    fallback: Res<PipelineFallback>,
+    mut context: RenderContext,
+) {
+    let (state, own) = view.into_inner();
+    let Some((prepared, _)) = state.prepared().filter(|(prepared, _)| prepared.is_ready) else {
+        return;
+    };
+    let (Some(pipelines), Some(bind_groups)) = (own.pipelines, &own.bind_groups) else { return };
+    let Some(pipeline) = fallback.compute(&cache, pipelines.trace) else { return };
+    let beams = pipelines.beams.and_then(|id| fallback.compute(&cache, id));
+    let diagnostics = context.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let span = diagnostics.time_span(context.command_encoder(), "vdb_trace");
+    if let Some(tiles) = &own.tiles {
+        context.command_encoder().clear_buffer(tiles, 0, Some(prepared.layout.bits_size()));
+    }
+    {
+        let descriptor = ComputePassDescriptor { label: Some("vdb_trace"), timestamp_writes: None };
+        let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
+        if let (Some(beams), Some(bind_group)) = (&beams, &bind_groups.beams) {
+            pass.set_pipeline(beams);
+            let [nothing, none_either] = &bind_groups.nothing.groups;
+            pass.set_bind_group(0, nothing, &[]);
+            pass.set_bind_group(1, none_either, &[]);
+            pass.set_bind_group(GROUP, bind_group, &[]);
+            let PreparedView { data, most_tiles, .. } = prepared;
+            let each = most_tiles.div_ceil(BEAM_THREADS).clamp(1, MOST_GROUPS);
+            pass.dispatch_workgroups(data.volume_count.min(MOST_GROUPS), each, 1);
+        }
+        pass.set_pipeline(&pipeline);
+        let [lights, environment] = &bind_groups.lights.groups;
+        pass.set_bind_group(0, lights, &bind_groups.lights.offsets);
+        pass.set_bind_group(1, environment, &[]);
+        pass.set_bind_group(GROUP, &bind_groups.trace, &[]);
+        let tiles = tiles(prepared.size());
+        pass.dispatch_workgroups(tiles.x, tiles.y.div_ceil(TILES_OF_GROUP), 1);
+    }
+    span.end(context.command_encoder());
+}

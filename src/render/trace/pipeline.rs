@@ -1,0 +1,110 @@
+//! The pipeline that traces rays.
+
+use bevy::prelude::*;
+use bevy::render::render_resource::binding_types::uniform_buffer_sized;
+use bevy::render::render_resource::{
+    BindGroupLayoutDescriptor, ComputePipelineDescriptor, DynamicBindGroupLayoutEntries,
+    ShaderStages, SpecializedComputePipeline, TextureFormat,
+};
+
+use super::lights::LightLayouts;
+use crate::VdbRenderMode;
+use crate::features::Features;
+use crate::render::gpu::{
+    Shaders, page_defs, read, sample_format_def, scene_depth, storage_read, write,
+};
+use crate::render::view::ViewKey;
+
+/// What the layout of the crate's own group depends on.
+const LAYOUT: [Features; 4] =
+    [Features::MULTISAMPLED, Features::BEAMS, Features::MOTION_VECTORS, Features::BLACKBODY];
+
+#[derive(Debug, Resource)]
+pub(super) struct TracePipeline {
+    shaders: Shaders,
+    pub lights: LightLayouts,
+    /// For every subset of [`LAYOUT`].
+    layouts: [BindGroupLayoutDescriptor; 1 << LAYOUT.len()],
+}
+
+impl TracePipeline {
+    pub fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
+        let layouts = std::array::from_fn(|subset| {
+            let has = |feature| {
+                LAYOUT
+                    .iter()
+                    .position(|own| *own == feature)
+                    .is_some_and(|bit| subset >> bit & 1 == 1)
+            };
+            let mut entries = DynamicBindGroupLayoutEntries::sequential(
+                ShaderStages::COMPUTE,
+                (
+                    storage_read(),
+                    storage_read(),
+                    storage_read(),
+                    storage_read(),
+                    uniform_buffer_sized(false, None),
+                    storage_read(),
+                    scene_depth(has(Features::MULTISAMPLED)),
+                    write(TextureFormat::Rgba16Float),
+                    write(TextureFormat::R32Float),
+                ),
+            );
+            if has(Features::BEAMS) {
+                entries = entries.extend_with_indices(((9, storage_read()),));
+            }
+            if has(Features::MOTION_VECTORS) {
+                entries = entries.extend_with_indices(((10, write(TextureFormat::Rg32Uint)),));
+            }
+            if has(Features::BLACKBODY) {
+                entries = entries.extend_with_indices(((11, read()),));
+            }
+            BindGroupLayoutDescriptor::new("vdb_trace", &entries)
+        });
+        Self { shaders: shaders.clone(), lights: lights.clone(), layouts }
+    }
+
+    pub fn layout(&self, features: Features) -> &BindGroupLayoutDescriptor {
+        let bits = LAYOUT.iter().enumerate();
+        let subset =
+            bits.map(|(bit, own)| usize::from(features.contains(*own)) << bit).sum::<usize>();
+        &self.layouts[subset]
+    }
+}
+
+impl SpecializedComputePipeline for TracePipeline {
+    type Key = ViewKey;
+
+    fn specialize(&self, key: ViewKey) -> ComputePipelineDescriptor {
+        let features = key.features.difference(Features::PAGES);
+        let own = features.defs().chain(mode_def(key.mode)).map(Into::into);
+        ComputePipelineDescriptor {
+            label: Some("vdb_trace".into()),
+            layout: self.lights.layouts(key.features, self.layout(key.features)),
+            shader: self.shaders.trace.clone(),
+            shader_defs: own
+                .chain(self.lights.shader_defs(&key))
+                .chain(page_defs(key.page_bits))
+                .chain(sample_format_def(key.sample_format))
+                .chain(self.shaders.adapter_defs.iter().cloned())
+                .collect(),
+            entry_point: Some("trace".into()),
+            ..default()
+        }
+    }
+}
+
+/// The shader def of what a mode shows, if it is not all light.
+fn mode_def(mode: VdbRenderMode) -> Option<&'static str> {
+    match mode {
+        VdbRenderMode::Lit => None,
+        VdbRenderMode::Diffuse => Some("DIFFUSE_ONLY"),
+        VdbRenderMode::Glossy => Some("GLOSSY_ONLY"),
+        VdbRenderMode::Gray => Some("SHOW_GRAY"),
+        VdbRenderMode::Rgb => Some("SHOW_AXES"),
+        VdbRenderMode::HitVoxel => Some("SHOW_VOXELS"),
+        VdbRenderMode::Normals => Some("SHOW_NORMALS"),
+        VdbRenderMode::Depth => Some("SHOW_DEPTH"),
+        VdbRenderMode::Steps => Some("COUNT_STEPS"),
+    }
+}

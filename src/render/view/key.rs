@@ -1,0 +1,90 @@
+//! What a view's pipelines are specialised on, and which pipelines can draw for others.
+
+use crate::VdbRenderMode;
+use crate::features::Features;
+use crate::render::extract::AuxiliaryGrid;
+use crate::render::gpu::types;
+
+/// What a view's pipelines are specialised on; each pass takes from it what it depends on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub(crate) struct ViewKey {
+    pub features: Features,
+    pub mode: VdbRenderMode,
+    /// With shadows: the shader def of how the edges of Bevy's shadow maps are smoothed.
+    pub shadow_filter: Option<&'static str>,
+    /// log₂ of the words of a page, where the pool has several.
+    pub page_bits: Option<u32>,
+    /// The format of samples, where all grids have the same.
+    pub sample_format: Option<u32>,
+}
+
+impl ViewKey {
+    pub fn has(&self, feature: Features) -> bool {
+        self.features.contains(feature)
+    }
+
+    /// Whether pipelines of this key can draw in place of those that are wanted, while these are being
+    /// compiled. `present` is the light that the view has now, in whatever mode.
+    pub fn can_replace(&self, wanted: &Self, present: Features) -> bool {
+        let fixed = Features::MULTISAMPLED | Features::MOTION_VECTORS;
+        let bound = Features::ENVIRONMENT | Features::DISTANCE_FOG;
+        self.features & fixed == wanted.features & fixed
+            && self.page_bits == wanted.page_bits
+            && present.contains(self.features & bound)
+    }
+
+    /// The kind with which an entry is passed to the shaders, by the format of its samples:
+    /// [`types::KIND_NONE`] if they could not read it.
+    pub fn kind_for(&self, kind: u32, format: Option<u32>) -> u32 {
+        let is_known = kind != types::KIND_BLACKBODY || self.has(Features::BLACKBODY);
+        if is_known && self.reads(format) { kind } else { types::KIND_NONE }
+    }
+
+    /// Whether the shaders can read the grids of a surface's colour.
+    pub fn reads_colors(&self, colors: &[AuxiliaryGrid]) -> bool {
+        colors.iter().all(|grid| self.reads(grid.packed.sample_format()))
+    }
+
+    fn reads(&self, format: Option<u32>) -> bool {
+        self.sample_format.is_none() || format.is_none() || self.sample_format == format
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_fallback_cannot_read_is_left_out() {
+        let features = Features::VOXELS | Features::FOG | Features::LIGHT | Features::EMISSION;
+        let any = ViewKey { features, ..Default::default() };
+        let one = ViewKey {
+            features: features | Features::BLACKBODY,
+            sample_format: Some(1),
+            ..Default::default()
+        };
+        use types::{KIND_BLACKBODY, KIND_EMISSION, KIND_FOG, KIND_NONE, KIND_SURFACE};
+        for (key, kind, format, expected) in [
+            // Kelvins are no luminance.
+            (any, KIND_BLACKBODY, Some(2), KIND_NONE),
+            (one, KIND_BLACKBODY, Some(1), KIND_BLACKBODY),
+            (any, KIND_EMISSION, Some(2), KIND_EMISSION),
+            (one, KIND_EMISSION, Some(2), KIND_NONE),
+            (any, KIND_FOG, Some(2), KIND_FOG),
+            (one, KIND_FOG, Some(2), KIND_NONE),
+            (one, KIND_SURFACE, None, KIND_SURFACE),
+        ] {
+            assert_eq!(key.kind_for(kind, format), expected, "{kind} {format:?}");
+        }
+    }
+
+    #[test]
+    fn a_fallback_needs_the_light_that_it_was_compiled_for() {
+        let lit = |features| ViewKey { features: Features::LIGHT | features, ..Default::default() };
+        let (plain, with_maps) = (lit(Features::empty()), lit(Features::ENVIRONMENT));
+        assert!(with_maps.can_replace(&plain, Features::ENVIRONMENT));
+        assert!(!with_maps.can_replace(&plain, Features::empty()));
+        assert!(plain.can_replace(&with_maps, Features::empty()));
+        assert!(!plain.can_replace(&lit(Features::MOTION_VECTORS), Features::empty()));
+    }
+}

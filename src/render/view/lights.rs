@@ -1,0 +1,52 @@
+//! Which lights there are, and what they ask of the trace.
+
+use bevy::ecs::system::SystemParam;
+use bevy::light::ShadowFilteringMethod;
+use bevy::pbr::{ExtractedDirectionalLight, ExtractedPointLight};
+use bevy::prelude::*;
+use bevy::render::render_asset::RenderAssets;
+use bevy::render::texture::GpuImage;
+
+use crate::features::Features;
+use crate::render::extract::{ExtractedEnvironment, ExtractedSuns};
+
+/// Which lights there are.
+#[derive(SystemParam)]
+pub(super) struct Lights<'w, 's> {
+    suns: Query<'w, 's, &'static ExtractedDirectionalLight>,
+    local: Query<'w, 's, &'static ExtractedPointLight>,
+    images: Res<'w, RenderAssets<GpuImage>>,
+}
+
+impl Lights<'_, '_> {
+    /// What they ask of the trace of a view; with shadows, also the shader def of how Bevy smooths the
+    /// edges of shadow maps.
+    pub fn features(
+        &self,
+        shadows: bool,
+        filter: Option<&ShadowFilteringMethod>,
+        environment: Option<&ExtractedEnvironment>,
+        distance_fog: bool,
+        suns: &ExtractedSuns,
+    ) -> (Features, Option<&'static str>) {
+        let cast = self.suns.iter().any(|light| light.shadow_maps_enabled)
+            || self.local.iter().any(|light| light.shadow_maps_enabled);
+        let shadows = shadows && cast;
+        let filter = match filter.copied().unwrap_or_default() {
+            ShadowFilteringMethod::Hardware2x2 => "SHADOW_FILTER_METHOD_HARDWARE_2X2",
+            ShadowFilteringMethod::Gaussian => "SHADOW_FILTER_METHOD_GAUSSIAN",
+            ShadowFilteringMethod::Temporal => "SHADOW_FILTER_METHOD_TEMPORAL",
+        };
+        let soft = shadows && suns.0.iter().any(|sun| sun.angular_diameter > 0.0);
+        let has_maps = environment.is_some_and(|maps| {
+            [maps.diffuse, maps.specular].iter().all(|map| self.images.get(*map).is_some())
+        });
+        let features = Features::LIGHT
+            | Features::SHADOWS.when(shadows)
+            | Features::SOFT_SHADOWS.when(soft)
+            | Features::LAMPS.when(!self.local.is_empty())
+            | Features::ENVIRONMENT.when(has_maps)
+            | Features::DISTANCE_FOG.when(distance_fog);
+        (features, shadows.then_some(filter))
+    }
+}

@@ -1,0 +1,189 @@
+//! The list of volumes of one view: an entry for each grid that rays can meet, and whose it is.
+
+use bevy::math::{DAffine3, DMat4, DVec3};
+use bevy::prelude::*;
+use bevy::render::sync_world::MainEntity;
+
+use super::auxiliary::{color_data, emission_data, world_from_index};
+use super::tiles::TileRange;
+use super::volume::{Eye, Shown, index_box, volume_data};
+use crate::VdbQuality;
+use crate::features::Features;
+use crate::render::extract::{AuxiliaryGrid, ExtractedVolume, ExtractedVolumes, Warned};
+use crate::render::gpu::types;
+use crate::render::pool::VdbTreePool;
+
+/// One entry.
+pub(crate) struct Entry {
+    /// Whose it is.
+    pub owner: MainEntity,
+    world_from_index: DAffine3,
+    /// What of it can stop or dim a ray, in its index space.
+    index_box: Option<(DVec3, DVec3)>,
+    /// How its samples are kept, if it has any.
+    pub sample_format: Option<u32>,
+}
+
+impl Entry {
+    fn of_volume(owner: MainEntity, shown: &Shown) -> Self {
+        Self {
+            owner,
+            world_from_index: shown.world_from_index(),
+            index_box: shown.index_box(),
+            sample_format: shown.sample_format(),
+        }
+    }
+
+    fn of_auxiliary(owner: MainEntity, volume: &ExtractedVolume, grid: &AuxiliaryGrid) -> Self {
+        Self {
+            owner,
+            world_from_index: world_from_index(grid, volume),
+            index_box: index_box(&grid.packed),
+            sample_format: grid.packed.sample_format(),
+        }
+    }
+
+    /// The tiles of a picture of so many pixels that show it.
+    pub fn tile_range(&self, clip_from_world: DMat4, size: UVec2) -> TileRange {
+        let Some((min, max)) = self.index_box else { return TileRange::NONE };
+        TileRange::of_box(clip_from_world * DMat4::from(self.world_from_index), min, max, size)
+    }
+}
+
+/// What a view makes entries with.
+#[derive(Clone, Copy)]
+pub(super) struct EntryMaker<'a> {
+    pub volumes: &'a ExtractedVolumes,
+    pub pool: &'a VdbTreePool,
+    pub eye: Eye<'a>,
+    pub quality: &'a VdbQuality,
+    /// What the view shows none of.
+    pub left_out: Features,
+}
+
+impl EntryMaker<'_> {
+    /// The entries of one volume; none, if it cannot be shown. Says what is wrong with it if there is
+    /// someone to tell.
+    fn entries(
+        &self,
+        owner: MainEntity,
+        with_emission: bool,
+        mut warned: Option<&mut Warned>,
+    ) -> Vec<(types::Volume, Entry)> {
+        let mut all = Vec::new();
+        let Some(volume) = self.volumes.0.get(&owner) else { return all };
+        let detail = f64::from(self.quality.detail);
+        if let Some(shown) = Shown::new(volume, self.pool, self.eye, detail) {
+            let warned = warned.as_deref_mut();
+            let data = volume_data(owner, &shown, self.eye, self.quality, warned);
+            all.extend(data.map(|data| (data, Entry::of_volume(owner, &shown))));
+        }
+        if with_emission {
+            let view = (self.eye.rays, self.eye.world_from_view);
+            let grids = emission_data(owner, volume, self.pool, view, warned);
+            let entry = |grid| Entry::of_auxiliary(owner, volume, grid);
+            all.extend(grids.into_iter().map(|(data, grid)| (data, entry(grid))));
+        }
+        all.retain(|(data, _)| !self.left_out.intersects(feature_of(data.kind)));
+        all
+    }
+}
+
+/// The feature by which shaders show entries of a kind.
+fn feature_of(kind: u32) -> Features {
+    match kind {
+        types::KIND_SURFACE => Features::VOXELS,
+        types::KIND_SMOOTH => Features::SMOOTH,
+        types::KIND_FOG => Features::FOG,
+        types::KIND_EMISSION | types::KIND_BLACKBODY => Features::EMISSION,
+        _ => Features::empty(),
+    }
+}
+
+/// Kinds of entries, a bit for each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Kinds(u32);
+
+impl Kinds {
+    fn of(list: &[types::Volume]) -> Self {
+        Self(list.iter().fold(0, |all, volume| all | 1 << volume.kind))
+    }
+
+    /// Whether an entry has one of some kinds.
+    pub fn has<const N: usize>(self, kinds: [u32; N]) -> bool {
+        kinds.iter().any(|kind| self.0 >> kind & 1 != 0)
+    }
+}
+
+/// All that the rays of a view can meet, in the order of the list that the shaders have.
+pub(crate) struct ViewList {
+    /// As the shaders have it: the entries, then the grids that colour them. Places in it count from
+    /// its own first entry.
+    pub data: Vec<types::Volume>,
+    /// What the view sees, then what only its shadows and reflections do.
+    pub entries: Vec<Entry>,
+    /// How many of them it sees.
+    pub seen: usize,
+    pub kinds_seen: Kinds,
+    /// Of what is beside the view as well.
+    pub kinds: Kinds,
+    /// Whether grids colour surfaces.
+    pub colors: bool,
+    /// Whether fog is sampled, not integrated.
+    pub fog_steps: bool,
+}
+
+impl ViewList {
+    /// The list of a view, by the volumes that it sees and those beside it; `None` if it sees nothing.
+    /// `is_lit`: whether emission and colours are shown; `mirrors`: whether reflections are.
+    pub fn new(
+        maker: EntryMaker,
+        [seen, beside]: [&[MainEntity]; 2],
+        (is_lit, mirrors): (bool, bool),
+        warned: &mut Warned,
+    ) -> Option<Self> {
+        let (mut data, mut entries) = (Vec::new(), Vec::with_capacity(seen.len() + beside.len()));
+        for entity in seen {
+            for (volume, entry) in maker.entries(*entity, is_lit, Some(&mut *warned)) {
+                data.push(volume);
+                entries.push(entry);
+            }
+        }
+        let seen = entries.len();
+        if seen == 0 {
+            return None;
+        }
+        let kinds_seen = Kinds::of(&data);
+        for entity in beside {
+            // Fire casts no shadows, but mirrors show it.
+            for (volume, entry) in maker.entries(*entity, mirrors && is_lit, None) {
+                data.push(volume);
+                entries.push(entry);
+            }
+        }
+        let kinds = Kinds::of(&data);
+        let fog_steps =
+            data.iter().any(|volume| volume.kind == types::KIND_FOG && volume.fog_step > 0.0);
+        let mut list = Self { data, entries, seen, kinds_seen, kinds, colors: false, fog_steps };
+        if is_lit {
+            list.add_colors(maker);
+        }
+        Some(list)
+    }
+
+    /// Adds the grids that colour surfaces, behind all that rays can meet.
+    fn add_colors(&mut self, maker: EntryMaker) {
+        let view = (maker.eye.rays, maker.eye.world_from_view);
+        for (i, entry) in self.entries.iter().enumerate() {
+            let kind = self.data[i].kind;
+            if matches!(kind, types::KIND_SURFACE | types::KIND_SMOOTH)
+                && let Some(volume) = maker.volumes.0.get(&entry.owner)
+                && let Some(colors) = color_data(volume, maker.pool, view)
+            {
+                self.colors = true;
+                self.data[i].color_grids = self.data.len() as u32;
+                self.data.extend(colors);
+            }
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! What a camera sees of the volumes, worked out on the CPU: its settings, its list of volumes, and the
+//! numbers that its shaders get.
+
+mod auxiliary;
+mod bvh;
+mod key;
+mod lights;
+mod list;
+mod prepare;
+mod resolve;
+mod sets;
+mod settings;
+mod state;
+mod tiles;
+mod uniform;
+mod visible;
+mod volume;
+
+use bevy::core_pipeline::core_3d::{prepare_core_3d_depth_textures, prepare_prepass_textures};
+use bevy::prelude::*;
+use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderSystems};
+
+pub(super) use key::ViewKey;
+pub(super) use prepare::VolumeBuffer;
+pub(super) use sets::PrepareViews;
+pub use sets::VdbSystems;
+pub(super) use settings::MEAN_BYTES;
+pub(super) use state::{Picture, PreparedView, ViewPicture, ViewState};
+pub(super) use uniform::{turn_of, view_data};
+pub(super) use visible::VisibleVolumes;
+pub(super) use volume::{Eye, Shown, volume_data, world_corners};
+
+/// Works out what each camera sees of the volumes.
+pub(super) struct ViewPlugin;
+
+impl Plugin for ViewPlugin {
+    fn build(&self, app: &mut App) {
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
+        use PrepareViews::*;
+        render_app
+            .init_gpu_resource::<VolumeBuffer>()
+            .configure_sets(
+                Render,
+                (Find, Resolve, Ask, Prepare, Adjust, Upload)
+                    .chain()
+                    .in_set(RenderSystems::PrepareResources),
+            )
+            .configure_sets(
+                Render,
+                (Upload, Trace, Upscale, Accumulate, Composite)
+                    .chain()
+                    .in_set(RenderSystems::PrepareResources),
+            )
+            .configure_sets(Render, Find.before(prepare_core_3d_depth_textures))
+            .configure_sets(Render, Resolve.after(prepare_prepass_textures))
+            .add_systems(
+                Render,
+                (
+                    (visible::find_visible, visible::make_depth_readable).chain().in_set(Find),
+                    resolve::resolve_views.in_set(Resolve),
+                    prepare::prepare_views.in_set(Prepare),
+                    prepare::upload_views.in_set(Upload),
+                ),
+            );
+    }
+}

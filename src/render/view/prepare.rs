@@ -1,0 +1,187 @@
+//! What each view gets, once it is known which pipelines are there: all that shaders are told.
+
+use bevy::diagnostic::FrameCount;
+use bevy::math::DMat4;
+use bevy::prelude::*;
+use bevy::render::camera::{ExtractedCamera, TemporalJitter};
+use bevy::render::render_resource::{BufferInitDescriptor, BufferUsages, RawBufferVec};
+use bevy::render::renderer::{RenderDevice, RenderQueue};
+use bevy::render::sync_world::MainEntity;
+use bevy::render::view::ExtractedView;
+
+use super::bvh;
+use super::key::ViewKey;
+use super::settings::rays;
+use super::state::{PreparedView, ResolvedView, ViewState};
+use super::tiles::TileLayout;
+use super::uniform::{overlay_bits, turn_of, view_data};
+use crate::VdbRenderMode;
+use crate::features::Features;
+use crate::render::extract::{ExtractedSuns, ExtractedVolume, ExtractedVolumes};
+use crate::render::gpu::{non_negative, types};
+
+/// What turns luminance into the camera's values. WGSL has no infinities: with this and the bounds of
+/// materials, products stay within f32.
+const MOST_EXPOSURE: f32 = 1e12;
+/// World units that a ray goes, at most: `FAR` of the shaders.
+const FARTHEST: f32 = 1e30;
+
+/// The volumes of all views of the frame.
+#[derive(Resource)]
+pub(crate) struct VolumeBuffer(pub RawBufferVec<types::Volume>);
+
+impl Default for VolumeBuffer {
+    fn default() -> Self {
+        Self(RawBufferVec::new(BufferUsages::STORAGE))
+    }
+}
+
+/// What of the scene views are prepared with.
+type Scene<'w> = (Res<'w, ExtractedVolumes>, Res<'w, ExtractedSuns>, Res<'w, FrameCount>);
+
+/// Chooses the pipelines of each view, and fills in what its shaders are told.
+pub(super) fn prepare_views(
+    mut views: Query<(&mut ViewState, &ExtractedView, &ExtractedCamera, Option<&TemporalJitter>)>,
+    scene: Scene,
+) {
+    for (mut state, view, camera, jitter) in &mut views {
+        let before = state.prepared.take();
+        let Some(resolved) = state.resolved.take() else { continue };
+        let chosen = choose(&resolved, before.as_ref());
+        state.prepared = Some(prepare(resolved, chosen, (view, camera, jitter), &scene));
+    }
+}
+
+/// The key of the pipelines that draw a view.
+struct Chosen {
+    key: ViewKey,
+    is_ready: bool,
+    is_fallback: bool,
+}
+
+/// The pipelines that are asked for or, until they have been compiled, those that drew before, if they
+/// can: so nothing leaves the picture because something else enters it.
+fn choose(resolved: &ResolvedView, before: Option<&PreparedView>) -> Chosen {
+    let (wanted, present) = (resolved.key, resolved.settings.lights_present);
+    let before = before.filter(|before| before.is_ready && before.key != wanted);
+    match before {
+        Some(before) if !resolved.is_ready && before.key.can_replace(&wanted, present) => {
+            Chosen { key: before.key, is_ready: true, is_fallback: true }
+        }
+        _ => Chosen { key: wanted, is_ready: resolved.is_ready, is_fallback: false },
+    }
+}
+
+fn prepare(
+    resolved: ResolvedView,
+    chosen: Chosen,
+    (view, camera, jitter): (&ExtractedView, &ExtractedCamera, Option<&TemporalJitter>),
+    (all, suns, frame): &Scene,
+) -> PreparedView {
+    let ResolvedView { settings, rays: view_rays, world_from_view, clip_from_view, .. } = &resolved;
+    let (key, quality) = (chosen.key, &settings.quality);
+    let picture = settings.picture;
+    let size = if key.has(Features::SCALED) { rays(picture, quality.resolution) } else { picture };
+    let (volumes, owners, most_tiles) = fill_list(&resolved, &key, size, all);
+    let list = &resolved.list;
+    let layout = TileLayout::new(size, list.seen as u32);
+    let data = types::View {
+        exposure: non_negative(camera.exposure).min(MOST_EXPOSURE),
+        volume_count: list.seen as u32,
+        volumes_beside: (list.entries.len() - list.seen) as u32,
+        size: size.to_array(),
+        origin: view.viewport.xy().to_array(),
+        steps_scale: non_negative(settings.camera.steps_scale).max(1.0),
+        reflections: settings.reflections,
+        slabs: quality.fog_slabs,
+        picture: picture.to_array(),
+        shadow_range: quality.shadow_range.min(FARTHEST),
+        reflection_range: quality.reflection_range.min(FARTHEST),
+        overlays: overlay_bits(settings.camera.overlays),
+        tile_words: layout.tile_words,
+        group_bits: layout.group_bits,
+        keeps_starts: u32::from(layout.keeps_starts),
+        turn: turn_of(jitter, **frame),
+        frame: jitter.map_or(0, |_| frame.0),
+        most_frames: quality.accumulate,
+        ..view_data(view_rays, *world_from_view, suns)
+    };
+    let fogs = [types::KIND_FOG, types::KIND_EMISSION, types::KIND_BLACKBODY];
+    PreparedView {
+        key,
+        is_ready: chosen.is_ready,
+        is_fallback: chosen.is_fallback,
+        data,
+        volumes,
+        owners,
+        layout,
+        most_tiles,
+        clip_from_view: *clip_from_view,
+        has_surfaces: list.kinds_seen.has([types::KIND_SURFACE, types::KIND_SMOOTH]),
+        // Steps are shown where no surface is, too, and a pixel may show a surface in less than half of
+        // the frames that are accumulated.
+        has_fog: (list.kinds_seen.has(fogs) && settings.shows_fog())
+            || settings.camera.mode == VdbRenderMode::Steps
+            || key.has(Features::ACCUMULATED),
+        uniform: None,
+    }
+}
+
+/// The list as the chosen pipelines can read it, whose its entries are, and the most tiles of one.
+fn fill_list(
+    resolved: &ResolvedView,
+    key: &ViewKey,
+    size: UVec2,
+    all: &ExtractedVolumes,
+) -> (Vec<types::Volume>, Vec<MainEntity>, u32) {
+    let list = &resolved.list;
+    let mut volumes = list.data.clone();
+    let clip_from_world =
+        resolved.clip_from_view.as_dmat4() * DMat4::from(resolved.world_from_view.inverse());
+    let owners: Vec<_> = list.entries.iter().map(|entry| entry.owner).collect();
+    let owned: Vec<&ExtractedVolume> = owners.iter().filter_map(|own| all.0.get(own)).collect();
+    let mut most_tiles = 0;
+    for (i, (data, entry)) in volumes.iter_mut().zip(&list.entries).enumerate() {
+        data.kind = key.kind_for(data.kind, entry.sample_format);
+        if !owned.get(i).is_some_and(|volume| key.reads_colors(&volume.auxiliary.colors)) {
+            data.color_grids = types::NO_COLOR;
+        }
+        if i < list.seen {
+            let range = entry.tile_range(clip_from_world, size);
+            most_tiles = most_tiles.max(range.count());
+            [data.tiles_first, data.tiles_last] = range.words();
+        }
+    }
+    if key.has(Features::MANY) {
+        let eye = resolved.world_from_view.transform_point3(resolved.rays.eye);
+        bvh::fill(&mut volumes[..owned.len()], &owned, eye);
+    }
+    (volumes, owners, most_tiles)
+}
+
+/// Uploads what shaders are told of views and volumes.
+pub(super) fn upload_views(
+    mut views: Query<&mut ViewState>,
+    mut volume_buffer: ResMut<VolumeBuffer>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+) {
+    volume_buffer.0.clear();
+    for mut state in &mut views {
+        let Some(prepared) = &mut state.prepared else { continue };
+        let first = volume_buffer.0.len() as u32;
+        prepared.data.volume_first = first;
+        for volume in &mut prepared.volumes {
+            if volume.color_grids != types::NO_COLOR {
+                volume.color_grids += first;
+            }
+        }
+        volume_buffer.0.extend(prepared.volumes.iter().copied());
+        prepared.uniform = Some(device.create_buffer_with_data(&BufferInitDescriptor {
+            label: Some("vdb_view"),
+            contents: bytemuck::bytes_of(&prepared.data),
+            usage: BufferUsages::UNIFORM,
+        }));
+    }
+    volume_buffer.0.write_buffer(&device, &queue);
+}

@@ -1,0 +1,208 @@
+//! What each view asks for: its settings, its rays, its list of volumes, the key of its pipelines.
+
+use bevy::camera::MainPassResolutionOverride;
+use bevy::camera::visibility::RenderLayers;
+use bevy::core_pipeline::prepass::{MotionVectorPrepass, ViewPrepassTextures};
+use bevy::ecs::query::QueryData;
+use bevy::ecs::system::SystemParam;
+use bevy::light::ShadowFilteringMethod;
+use bevy::pbr::DistanceFog;
+use bevy::prelude::*;
+use bevy::render::camera::TemporalJitter;
+use bevy::render::renderer::RenderDevice;
+use bevy::render::sync_world::MainEntity;
+use bevy::render::view::{ExtractedView, Msaa};
+use vdb_core::view::ViewRays;
+
+use super::bvh;
+use super::key::ViewKey;
+use super::lights::Lights;
+use super::list::{EntryMaker, ViewList};
+use super::settings::{ResolvedSettings, accumulates};
+use super::state::{ResolvedView, ViewState};
+use super::visible::VisibleVolumes;
+use super::volume::Eye;
+use crate::features::Features;
+use crate::measure::LeftOut;
+use crate::render::extract::{
+    ExtractedEnvironment, ExtractedSuns, ExtractedVolumes, Trouble, Warned,
+};
+use crate::render::gpu::{affine, types};
+use crate::render::pool::VdbTreePool;
+use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbRenderMode, VdbTraversal};
+
+/// What a view has.
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub(super) struct ViewData {
+    camera_entity: &'static MainEntity,
+    seen: &'static VisibleVolumes,
+    state: &'static mut ViewState,
+    view: &'static ExtractedView,
+    settings: Option<&'static VdbCamera>,
+    quality: Option<&'static VdbQuality>,
+    left_out: Option<&'static LeftOut>,
+    msaa: &'static Msaa,
+    layers: Option<&'static RenderLayers>,
+    shadow_filter: Option<&'static ShadowFilteringMethod>,
+    environment: Option<&'static ExtractedEnvironment>,
+    has_distance_fog: Has<DistanceFog>,
+    jitter: Option<&'static TemporalJitter>,
+    resolution: Option<&'static MainPassResolutionOverride>,
+    has_motion: Has<MotionVectorPrepass>,
+    prepass: Option<&'static ViewPrepassTextures>,
+}
+
+/// What views are resolved with.
+#[derive(SystemParam)]
+pub(super) struct Resolver<'w, 's> {
+    volumes: Res<'w, ExtractedVolumes>,
+    suns: Res<'w, ExtractedSuns>,
+    lights: Lights<'w, 's>,
+    pool: Res<'w, VdbTreePool>,
+    warned: ResMut<'w, Warned>,
+    device: Res<'w, RenderDevice>,
+}
+
+/// Works out what each view asks for.
+pub(super) fn resolve_views(mut views: Query<ViewData>, mut resolver: Resolver) {
+    for mut view in &mut views {
+        view.state.resolved = resolver.resolve(&view);
+    }
+    resolver.warned.end_frame();
+}
+
+impl Resolver<'_, '_> {
+    /// What a view asks for; `None` if there is nothing to draw.
+    fn resolve(&mut self, of: &ViewDataItem) -> Option<ResolvedView> {
+        let settings = self.settings(of);
+        let picture = settings.picture;
+        let mut clip_from_view = of.view.clip_from_view;
+        if let Some(jitter) = of.jitter {
+            jitter.jitter_projection(&mut clip_from_view, picture.as_vec2());
+        }
+        let rays = ViewRays::new(clip_from_view.as_dmat4())?;
+        if picture.min_element() == 0 {
+            return None;
+        }
+        let world_from_view = affine(of.view.world_from_view.affine());
+        let beside = if settings.looks_beside() {
+            self.volumes.beside(&of.seen.0, &of.layers.cloned().unwrap_or_default())
+        } else {
+            Vec::new()
+        };
+        let mut ids = [of.seen.0.clone(), beside];
+        let many = settings.looks_beside() && ids.iter().map(Vec::len).sum::<usize>() > bvh::FEW;
+        if many {
+            ids.iter_mut().for_each(|ids| bvh::sort(ids, &self.volumes));
+        }
+        let maker = EntryMaker {
+            volumes: &self.volumes,
+            pool: &self.pool,
+            eye: Eye { rays: &rays, world_from_view, size: picture },
+            quality: &settings.quality,
+            left_out: settings.left_out,
+        };
+        let shown = (settings.is_lit(), settings.reflections > 0);
+        let list =
+            ViewList::new(maker, ids.each_ref().map(Vec::as_slice), shown, &mut self.warned)?;
+        let key = view_key(of, &settings, &list, many, &self.pool);
+        Some(ResolvedView {
+            settings,
+            rays,
+            world_from_view,
+            clip_from_view,
+            list,
+            key,
+            is_ready: true,
+        })
+    }
+
+    /// What the settings of a view come to; says what is wrong with them.
+    fn settings(&mut self, of: &ViewDataItem) -> ResolvedSettings {
+        let mut camera = of.settings.cloned().unwrap_or_default();
+        let (mut quality, wrong) = of.quality.copied().unwrap_or_default().sound();
+        let left_out = of.left_out.copied().unwrap_or_default().0;
+        left_out.leave_out(&mut camera, &mut quality);
+        let picture = of.resolution.map_or(of.view.viewport.zw(), |size| size.0);
+        let is_jittered = of.jitter.is_some();
+        let accumulates = accumulates(&quality, camera.mode, is_jittered, picture, &self.device);
+        for trouble in [wrong.map(Trouble::CameraQuality), accumulates.err()].into_iter().flatten()
+        {
+            if let Some(text) = self.warned.note(*of.camera_entity, "", trouble) {
+                warn!("{text}");
+            }
+        }
+        let (lights_present, shadow_filter) = self.lights.features(
+            quality.shadows,
+            of.shadow_filter,
+            of.environment,
+            of.has_distance_fog,
+            &self.suns,
+        );
+        // The other modes that are lit show parts of the light, without what lies before it.
+        let mut lights = lights_present;
+        lights
+            .set(Features::DISTANCE_FOG, of.has_distance_fog && camera.mode == VdbRenderMode::Lit);
+        let is_lit = camera.mode.is_lit();
+        // Of what is only diffuse, no ray sees a reflection.
+        let mirrors = matches!(camera.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
+        ResolvedSettings {
+            lights: lights.when(is_lit),
+            shadow_filter: shadow_filter.filter(|_| is_lit),
+            lights_present,
+            reflections: if mirrors { quality.reflections } else { 0 },
+            accumulates: accumulates.unwrap_or(false),
+            camera,
+            quality,
+            left_out,
+            picture,
+        }
+    }
+}
+
+/// The pipelines that a view asks for.
+fn view_key(
+    of: &ViewDataItem,
+    settings: &ResolvedSettings,
+    list: &ViewList,
+    many: bool,
+    pool: &VdbTreePool,
+) -> ViewKey {
+    let ResolvedSettings { camera, quality, .. } = settings;
+    let fog = list.kinds.has([types::KIND_FOG]) && settings.shows_fog();
+    let emission = list.kinds.has([types::KIND_EMISSION, types::KIND_BLACKBODY]);
+    let motion_vectors = of.prepass.is_some_and(|all| all.motion_vectors.is_some());
+    let traversal = match quality.traversal {
+        VdbTraversal::HddaSdf => Features::BEAMS,
+        VdbTraversal::Hdda => Features::HDDA,
+        VdbTraversal::Dda => Features::DDA,
+        VdbTraversal::March => Features::MARCH,
+    };
+    let multiple_scattering = camera.multiple_scattering && fog && settings.is_lit();
+    let features = settings.lights
+        | traversal
+        | Features::MULTISAMPLED.when(of.msaa.samples() > 1)
+        | Features::VOXELS.when(list.kinds.has([types::KIND_SURFACE]))
+        | Features::SMOOTH.when(list.kinds.has([types::KIND_SMOOTH]))
+        | Features::FOG.when(fog || emission)
+        | Features::FOG_STEPS.when(fog && list.fog_steps)
+        | Features::EMISSION.when(emission)
+        | Features::BLACKBODY.when(list.kinds.has([types::KIND_BLACKBODY]))
+        | Features::COLORS.when(list.colors)
+        | Features::MULTIPLE_SCATTERING.when(multiple_scattering)
+        | Features::MANY.when(many)
+        | Features::PAGES.when(pool.page_bits().is_some())
+        | Features::MOTION_VECTORS.when(of.has_motion && motion_vectors)
+        | Features::REFLECTIONS.when(settings.reflections > 0)
+        | Features::OVERLAYS.when(camera.overlays != VdbOverlays::default())
+        | Features::SCALED.when(quality.resolution < 1.0)
+        | Features::ACCUMULATED.when(settings.accumulates);
+    ViewKey {
+        features,
+        mode: camera.mode,
+        shadow_filter: settings.shadow_filter,
+        page_bits: pool.page_bits(),
+        sample_format: pool.format(),
+    }
+}

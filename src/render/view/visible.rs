@@ -1,0 +1,59 @@
+//! Which volumes each view sees.
+
+use std::any::TypeId;
+
+use bevy::prelude::*;
+use bevy::render::camera::ExtractedCamera;
+use bevy::render::render_resource::TextureUsages;
+use bevy::render::sync_world::MainEntity;
+use bevy::render::view::RenderVisibleEntities;
+
+use super::state::{ViewPicture, ViewState};
+use crate::render::extract::ExtractedVolumes;
+use crate::render::pool::VdbTreePool;
+use crate::{VdbCamera, VdbVolume};
+
+/// On views that see at least one volume: which. What passes keep for a view is required by this
+/// component, and goes with it.
+#[derive(Component, Debug, Default)]
+#[require(ViewState, ViewPicture)]
+pub(crate) struct VisibleVolumes(pub Vec<MainEntity>);
+
+/// Finds the volumes of each view whose grid is on the GPU.
+pub(super) fn find_visible(
+    mut commands: Commands,
+    volumes: Res<ExtractedVolumes>,
+    pool: Res<VdbTreePool>,
+    views: Query<
+        (Entity, &RenderVisibleEntities, Option<&VdbCamera>, Has<VisibleVolumes>),
+        (With<ExtractedCamera>, With<Camera3d>),
+    >,
+) {
+    for (view, visible, camera, had) in &views {
+        let mut seen: Vec<MainEntity> = Vec::new();
+        if camera.is_none_or(|camera| camera.enabled)
+            && let Some(class) = visible.classes.get(&TypeId::of::<VdbVolume>())
+        {
+            let shown = |entity: &MainEntity| {
+                volumes.0.get(entity).is_some_and(|volume| pool.shows(volume))
+            };
+            let here = class.entities_cpu_culling.iter().map(|(_, entity)| *entity);
+            let here = here.chain(class.entities_gpu_culling.keys().copied());
+            seen.extend(here.filter(shown));
+        }
+        if !seen.is_empty() {
+            // An order of their own, so that the picture does not depend on that of spawning.
+            seen.sort_unstable();
+            commands.entity(view).insert(VisibleVolumes(seen));
+        } else if had {
+            commands.entity(view).remove_with_requires::<VisibleVolumes>();
+        }
+    }
+}
+
+/// Lets the trace read the depth of the opaque meshes.
+pub(super) fn make_depth_readable(mut views: Query<&mut Camera3d, With<VisibleVolumes>>) {
+    for mut camera in &mut views {
+        camera.depth_texture_usages.0 |= TextureUsages::TEXTURE_BINDING.bits();
+    }
+}

@@ -1,0 +1,283 @@
+//! One volume as one view sees it: its rays, its matrices, its material.
+
+use bevy::math::{BVec3, DAffine3, DMat4, DVec3};
+use bevy::prelude::*;
+use bevy::render::sync_world::MainEntity;
+use vdb_core::pack::{PackKind, PackedGrid};
+use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
+
+use super::tiles::TileRange;
+use crate::render::extract::{ExtractedVolume, Setting, Trouble, Warned};
+use crate::render::gpu::{affine, non_negative, types};
+use crate::render::pool::VdbTreePool;
+use crate::{VdbMaterial, VdbQuality};
+
+// What a shader computes with must not exceed f32, which it may assume: infinities are not for WGSL.
+// With these, albedo · light · exposure stays below 10³⁵ under any light that Bevy can be given in
+// earnest. No picture shows the difference.
+
+/// Luminance; the sun's surface has 2·10⁹ cd/m².
+const MOST_LIGHT: f32 = 1e15;
+/// Albedo: one above 1 is not physical, but Bevy's colours allow it.
+const MOST_ALBEDO: f32 = 1e6;
+/// Extinction per unit of density.
+const MOST_EXTINCTION: f32 = 1e30;
+/// Anisotropy, in size: beyond, f32 does not tell the directions into which most of the light goes.
+const MOST_ANISOTROPY: f32 = 0.99;
+/// Cells per edge of the largest nodes below the root.
+const LARGEST_NODE: i32 = 4096;
+
+/// A volume at one of its levels of detail.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Shown<'a> {
+    volume: &'a ExtractedVolume,
+    packed: &'a PackedGrid,
+    world_from_index: DAffine3,
+    /// Index of its header in the pool.
+    grid: u32,
+}
+
+/// A view's rays, where it stands, and the pixels of its picture.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Eye<'a> {
+    pub rays: &'a ViewRays,
+    pub world_from_view: DAffine3,
+    pub size: UVec2,
+}
+
+impl<'a> Shown<'a> {
+    /// The coarsest level whose voxels cover no more than `detail` pixels, of those that are on the GPU.
+    /// Nothing, if the grid itself is not there.
+    pub fn new(
+        volume: &'a ExtractedVolume,
+        pool: &VdbTreePool,
+        eye: Eye,
+        detail: f64,
+    ) -> Option<Self> {
+        let finest = Self::finest(volume, pool)?;
+        let wanted = finest.coarseness(eye, detail);
+        let mut level = wanted.min(volume.levels.len() as f64) as usize;
+        while level > 0 {
+            if let Some(grid) = pool.index(volume.grid.level(level)) {
+                let scale = f64::from(1_u32 << level);
+                let packed = &volume.levels[level - 1];
+                let world_from_index =
+                    finest.world_from_index * DAffine3::from_scale(DVec3::splat(scale));
+                return Some(Self { packed, world_from_index, grid, ..finest });
+            }
+            level -= 1;
+        }
+        Some(finest)
+    }
+
+    /// The grid itself, if it is on the GPU.
+    pub fn finest(volume: &'a ExtractedVolume, pool: &VdbTreePool) -> Option<Self> {
+        let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
+        let grid = pool.index(volume.grid)?;
+        Some(Self { volume, packed: &volume.packed, world_from_index, grid })
+    }
+
+    /// log₂ of how much larger voxels could be to cover `detail` pixels where they are nearest to the eye.
+    fn coarseness(&self, eye: Eye, detail: f64) -> f64 {
+        let Some((low, high)) = index_box(self.packed).filter(|_| detail > 0.0) else { return 0.0 };
+        let view_from_index = eye.world_from_view.inverse() * self.world_from_index;
+        // The corner with the least depth: along the view's axis, as t is.
+        let depth = |i: usize| {
+            let is_high = BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
+            -view_from_index.transform_point3(DVec3::select(is_high, high, low)).z
+        };
+        let nearest = (0..8).map(depth).fold(f64::INFINITY, f64::min).max(eye.rays.t_near);
+        let rays = eye.rays;
+        let across = |eye: DVec3, dir: DVec3, pixels: u32| {
+            (eye + nearest * dir).length() * 2.0 / f64::from(pixels)
+        };
+        let pixel = f64::min(
+            across(rays.eye_x, rays.dir_x, eye.size.x),
+            across(rays.eye_y, rays.dir_y, eye.size.y),
+        );
+        let axes = view_from_index.matrix3;
+        let edges = [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.length());
+        let voxel = edges.into_iter().fold(0.0, f64::max);
+        let coarseness = (detail * pixel / voxel).log2();
+        if coarseness.is_finite() { coarseness.max(0.0) } else { 0.0 }
+    }
+
+    /// How its samples are kept, if it has any.
+    pub fn sample_format(&self) -> Option<u32> {
+        self.packed.sample_format()
+    }
+
+    pub fn world_from_index(&self) -> DAffine3 {
+        self.world_from_index
+    }
+
+    /// What of it can stop or dim a ray, in its index space.
+    pub fn index_box(&self) -> Option<(DVec3, DVec3)> {
+        index_box(self.packed)
+    }
+
+    /// The tiles of a picture of so many pixels that show it.
+    pub fn tile_range(&self, clip_from_world: DMat4, size: UVec2) -> TileRange {
+        let Some((min, max)) = index_box(self.packed) else { return TileRange::NONE };
+        TileRange::of_box(clip_from_world * DMat4::from(self.world_from_index), min, max, size)
+    }
+}
+
+/// What the shader gets of a volume, or nothing if it cannot be shown. Says what is wrong with it if
+/// there is someone to tell.
+pub(crate) fn volume_data(
+    entity: MainEntity,
+    shown: &Shown,
+    eye: Eye,
+    quality: &VdbQuality,
+    warned: Option<&mut Warned>,
+) -> Option<types::Volume> {
+    let Shown { volume, packed, world_from_index, grid } = *shown;
+    let lattice = LatticeRays::new(eye.rays, eye.world_from_view, world_from_index, packed);
+    let (quality, wrong) = volume.quality.over(quality).sound();
+    if let Some(warned) = warned {
+        let shown = match &lattice {
+            Ok(rays) => rays.is_coarse(eye.size.x).then_some(Trouble::Coarse),
+            Err(why) => Some(Trouble::NotShown(*why)),
+        };
+        let setting = wrong_setting(&volume.material).map(Trouble::Setting);
+        let quality = wrong.map(Trouble::Quality);
+        for trouble in [shown, setting, quality].into_iter().flatten() {
+            if let Some(text) = warned.note(entity, &volume.name, trouble) {
+                warn!("{text}");
+            }
+        }
+    }
+    let rays = lattice.ok()?;
+    let normal = rays.normal;
+    let lattice = world_from_index.inverse().matrix3;
+    let material = &volume.material;
+    let kind = match packed.kind {
+        PackKind::Surface { .. } => types::KIND_SURFACE,
+        PackKind::Smooth { .. } => types::KIND_SMOOTH,
+        PackKind::Fog => types::KIND_FOG,
+    };
+    let array = |v: DVec3| v.as_vec3().to_array();
+    let capped = |color: Vec3, most: f32| color.to_array().map(|c| non_negative(c).min(most));
+    Some(types::Volume {
+        rays: GpuRays::from(&rays),
+        grid,
+        kind,
+        normal_x: array(normal.x_axis),
+        normal_y: array(normal.y_axis),
+        normal_z: array(normal.z_axis),
+        lattice_x: array(lattice.x_axis),
+        lattice_y: array(lattice.y_axis),
+        lattice_z: array(lattice.z_axis),
+        density_scale: non_negative(material.density_scale).min(MOST_EXTINCTION),
+        anisotropy: anisotropy(material.anisotropy),
+        perceptual_roughness: share(material.perceptual_roughness),
+        metallic: share(material.metallic),
+        reflectance: share(material.reflectance),
+        base_color: capped(material.base_color.to_linear().to_vec3(), MOST_ALBEDO),
+        emissive: capped(material.emissive.to_vec3(), MOST_LIGHT),
+        color_grids: types::NO_COLOR,
+        fog_step: quality.fog_step,
+        light_step: quality.fog_light_step,
+        shadow_step: quality.fog_shadow_step,
+        base: packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
+        flags: if volume.casts { 0 } else { types::NO_CASTER }
+            | if volume.receives { 0 } else { types::NO_RECEIVER },
+        ..default()
+    })
+}
+
+/// The corners of the boxes of all of a volume in world space: of its grid at every level of detail, and
+/// of what shines in it.
+pub(crate) fn world_corners(volume: &ExtractedVolume) -> impl Iterator<Item = DVec3> + use<'_> {
+    let world_from_local = affine(volume.world_from_local);
+    let levels = [&volume.packed].into_iter().chain(&*volume.levels).enumerate();
+    let levels = levels.map(|(level, packed)| {
+        let scale = DAffine3::from_scale(DVec3::splat(f64::from(1_u32 << level)));
+        (packed, volume.local_from_index * scale)
+    });
+    let shining =
+        volume.auxiliary.emission.iter().map(|part| (&part.packed, part.local_from_index));
+    levels.chain(shining).flat_map(move |(packed, local_from_index)| {
+        let world_from_index = world_from_local * local_from_index;
+        index_box(packed).into_iter().flat_map(move |(min, max)| {
+            (0..8).map(move |i| {
+                let is_max = BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
+                world_from_index.transform_point3(DVec3::select(is_max, max, min))
+            })
+        })
+    })
+}
+
+/// What of a grid can stop or dim a ray, in its index space.
+pub(super) fn index_box(packed: &PackedGrid) -> Option<(DVec3, DVec3)> {
+    let occupied = packed.occupied?;
+    let origin = packed.base.as_dvec3() + packed.kind.lattice_origin();
+    Some((origin + occupied.min.as_dvec3(), origin + occupied.max.as_dvec3() + 1.0))
+}
+
+/// From 0 to 1; no number is 0.
+fn share(x: f32) -> f32 {
+    non_negative(x).min(1.0)
+}
+
+/// What a shader can compute with; no number is 0.
+fn anisotropy(x: f32) -> f32 {
+    if x.is_nan() { 0.0 } else { x.clamp(-MOST_ANISOTROPY, MOST_ANISOTROPY) }
+}
+
+/// The first setting of a material that makes no sense.
+fn wrong_setting(material: &VdbMaterial) -> Option<Setting> {
+    let color = |c: LinearRgba| [c.red, c.green, c.blue].iter().all(|&c| c >= 0.0 && c.is_finite());
+    let is_share = |x: f32| (0.0..=1.0).contains(&x);
+    let settings = [
+        (color(material.base_color.to_linear()), Setting::BaseColor),
+        (color(material.emissive), Setting::Emissive),
+        (is_share(material.perceptual_roughness), Setting::PerceptualRoughness),
+        (is_share(material.metallic), Setting::Metallic),
+        (is_share(material.reflectance), Setting::Reflectance),
+        (
+            material.density_scale >= 0.0 && material.density_scale.is_finite(),
+            Setting::DensityScale,
+        ),
+        ((-1.0..=1.0).contains(&material.anisotropy), Setting::Anisotropy),
+    ];
+    settings.into_iter().find(|(sound, _)| !sound).map(|(_, setting)| setting)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_that_make_no_sense_are_found() {
+        let plain = VdbMaterial::default;
+        assert_eq!(wrong_setting(&plain()), None);
+        let black =
+            VdbMaterial { perceptual_roughness: 0.0, metallic: 1.0, anisotropy: -1.0, ..plain() };
+        assert_eq!(wrong_setting(&black), None);
+        for x in [f32::NAN, -0.1, 1.1, f32::INFINITY] {
+            let found = wrong_setting(&VdbMaterial { perceptual_roughness: x, ..plain() });
+            assert_eq!(found, Some(Setting::PerceptualRoughness), "{x}");
+            let found = wrong_setting(&VdbMaterial { metallic: x, ..plain() });
+            assert_eq!(found, Some(Setting::Metallic), "{x}");
+            let found = wrong_setting(&VdbMaterial { reflectance: x, ..plain() });
+            assert_eq!(found, Some(Setting::Reflectance), "{x}");
+            assert!((0.0..=1.0).contains(&share(x)), "{x}");
+        }
+        for x in [f32::NAN, -1.1, 1.1, f32::INFINITY] {
+            let found = wrong_setting(&VdbMaterial { anisotropy: x, ..plain() });
+            assert_eq!(found, Some(Setting::Anisotropy), "{x}");
+            assert!(anisotropy(x).abs() < 1.0, "{x}");
+        }
+        for x in [f32::NAN, -0.1, f32::INFINITY] {
+            let color = LinearRgba::rgb(0.0, x, 0.0);
+            let found = wrong_setting(&VdbMaterial { base_color: color.into(), ..plain() });
+            assert_eq!(found, Some(Setting::BaseColor), "{x}");
+            let found = wrong_setting(&VdbMaterial { emissive: color, ..plain() });
+            assert_eq!(found, Some(Setting::Emissive), "{x}");
+            let found = wrong_setting(&VdbMaterial { density_scale: x, ..plain() });
+            assert_eq!(found, Some(Setting::DensityScale), "{x}");
+        }
+    }
+}
