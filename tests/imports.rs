@@ -58,48 +58,68 @@ impl Modules {
             let end = start + code[start..].find(';').expect("the end of an import");
             rest.push_str(&code[at..start]);
             for (path, name) in expand(&code[start + 3..end]) {
-                let path = absolute(module, &path);
                 exports.insert(name, path.clone());
                 imports.push(path);
             }
             at = end;
         }
         rest.push_str(&code[at..]);
-        imports.extend(inline_paths(&rest).iter().map(|path| absolute(module, path)));
+        imports.extend(inline_paths(&rest));
         self.imports.insert(module.to_owned(), imports);
         self.exports.insert(module.to_owned(), exports);
     }
 
-    /// The module that has what a path names; what is passed on is looked for where it comes from.
-    fn owner(&self, path: &str, depth: u32) -> Option<String> {
-        let path = path.strip_prefix("crate")?;
-        let parts: Vec<&str> = path.split("::").filter(|part| !part.is_empty()).collect();
+    /// The module that has what a path in a module names; what is passed on is looked for where it comes
+    /// from. `None` for other crates.
+    fn owner(&self, module: &str, path: &str, depth: u32) -> Option<String> {
+        let path = self.absolute(module, path)?;
         let mut module = String::new();
-        for (i, part) in parts.iter().enumerate() {
-            let child =
-                if module.is_empty() { (*part).to_owned() } else { format!("{module}::{part}") };
+        for (i, part) in path.iter().enumerate() {
+            let child = join(&module, part);
             if self.imports.contains_key(&child) {
                 module = child;
                 continue;
             }
-            let further = self.exports.get(&module).and_then(|exports| exports.get(*part));
-            return match further {
-                Some(target) if depth < 8 && target.starts_with("crate") => {
-                    let tail: String =
-                        parts[i + 1..].iter().map(|part| format!("::{part}")).collect();
-                    self.owner(&format!("{target}{tail}"), depth + 1)
-                }
-                Some(_) => None,
-                None => Some(module),
+            let Some(further) = self.exports.get(&module).and_then(|exports| exports.get(part))
+            else {
+                return Some(module);
             };
+            let target =
+                [further.as_str()].into_iter().chain(path[i + 1..].iter().map(String::as_str));
+            let target = target.collect::<Vec<_>>().join("::");
+            return if depth < 8 { self.owner(&module, &target, depth + 1) } else { None };
         }
         Some(module)
+    }
+
+    /// A path from the root of the crate; `None` if it begins in another crate.
+    fn absolute(&self, module: &str, path: &str) -> Option<Vec<String>> {
+        let mut at: Vec<&str> = module.split("::").filter(|part| !part.is_empty()).collect();
+        let mut parts: Vec<&str> = path.split("::").filter(|part| !part.is_empty()).collect();
+        match parts.first() {
+            Some(&"crate") => {
+                at.clear();
+                parts.remove(0);
+            }
+            Some(&"self") => {
+                parts.remove(0);
+            }
+            Some(&"super") => {
+                while parts.first() == Some(&"super") {
+                    parts.remove(0);
+                    at.pop();
+                }
+            }
+            Some(first) if self.imports.contains_key(&join(module, first)) => {}
+            _ => return None,
+        }
+        Some(at.into_iter().chain(parts).map(str::to_owned).collect())
     }
 
     /// What each module imports from.
     fn edges(&self) -> BTreeMap<String, BTreeSet<String>> {
         let edges = self.imports.iter().map(|(module, paths)| {
-            let owners = paths.iter().filter_map(|path| self.owner(path, 0));
+            let owners = paths.iter().filter_map(|path| self.owner(module, path, 0));
             (module.clone(), owners.filter(|owner| owner != module).collect())
         });
         edges.collect()
@@ -187,25 +207,8 @@ fn inline_paths(code: &str) -> Vec<String> {
     paths
 }
 
-/// A path from the root of the crate. A first part that is no keyword may be a child of the module.
-fn absolute(module: &str, path: &str) -> String {
-    let mut at: Vec<&str> = module.split("::").filter(|part| !part.is_empty()).collect();
-    let mut parts = path.split("::").peekable();
-    match parts.peek() {
-        Some(&"crate") => return path.to_owned(),
-        Some(&"self") => {
-            parts.next();
-        }
-        Some(&"super") => {
-            while parts.peek() == Some(&"super") {
-                parts.next();
-                at.pop();
-            }
-        }
-        _ => {}
-    }
-    at.extend(parts);
-    ["crate"].into_iter().chain(at).collect::<Vec<_>>().join("::")
+fn join(module: &str, part: &str) -> String {
+    if module.is_empty() { part.to_owned() } else { format!("{module}::{part}") }
 }
 
 /// The groups of modules that import each other in circles.

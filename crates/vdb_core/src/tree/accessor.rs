@@ -16,8 +16,15 @@ enum Last<'a, L: Node> {
     Tile(ValueAt<L::Value>),
 }
 
+impl<C: Node> Tree<C> {
+    /// A reader that remembers where it was last; for many look-ups close to each other.
+    pub fn accessor(&self) -> Accessor<'_, C> {
+        Accessor::new(self)
+    }
+}
+
 impl<'a, C: Node> Accessor<'a, C> {
-    pub(super) fn new(tree: &'a Tree<C>) -> Self {
+    fn new(tree: &'a Tree<C>) -> Self {
         Self { tree, last: None }
     }
 

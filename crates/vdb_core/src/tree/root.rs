@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Accessor, CoordBox, Found, IVec3, Node, TreeStats, Value, ValueAt};
+use super::{CoordBox, Found, IVec3, Node, TreeStats, Value, ValueAt};
 
 /// A VDB tree, which is its own root node: unbounded in index space, and as large in memory as
 /// what it holds.
@@ -148,12 +148,6 @@ impl<C: Node> Tree<C> {
             RootEntry::Tile { .. } => unreachable!("it has just become a child"),
         }
     }
-
-    /// A reader that remembers where it was last; for many look-ups close to each other.
-    pub fn accessor(&self) -> Accessor<'_, C> {
-        Accessor::new(self)
-    }
-
     /// Everything stored, active or not, voxel by voxel and tile by tile.
     pub fn values(&self) -> impl Iterator<Item = ValueAt<C::Value>> + '_ {
         self.entries().flat_map(|(origin, entry)| {
@@ -227,6 +221,6 @@ impl<C: Node> Tree<C> {
 
     /// Active voxels, those that active tiles cover counted in.
     pub fn active_voxel_count(&self) -> u64 {
-        self.stats().active_voxels::<C>()
+        self.stats().active_voxels(&C::value_log2_dims())
     }
 }

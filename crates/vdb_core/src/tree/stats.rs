@@ -1,7 +1,5 @@
 //! Counts over a tree.
 
-use super::Node;
-
 /// What one level of a tree holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LevelStats {
@@ -44,11 +42,12 @@ impl TreeStats {
         self.levels[1..].iter().map(|level| level.active_values).sum()
     }
 
-    /// Active voxels in a tree whose root has children of type `C`, with those under active tiles.
-    pub(super) fn active_voxels<C: Node>(&self) -> u64 {
+    /// Active voxels, with those under active tiles; `value_log2_dims` has the extent of a value of each
+    /// level, as log₂ of the voxels per edge.
+    pub(super) fn active_voxels(&self, value_log2_dims: &[u32]) -> u64 {
         self.levels
             .iter()
-            .zip(C::value_log2_dims())
+            .zip(value_log2_dims)
             .map(|(level, log2_dim)| level.active_values.saturating_mul(1 << (3 * log2_dim)))
             .fold(0, u64::saturating_add)
     }

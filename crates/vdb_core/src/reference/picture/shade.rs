@@ -4,9 +4,9 @@ use std::{f64::consts::PI, ops::ControlFlow};
 
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 
-use super::{
-    super::{Ray, cells::visit_cells, cubic::Cubic, fog::density, radiance::phase},
-    Blocky, Fog, Scene, Smooth, Tracer, VolumeKind,
+use super::scene::{Scene, VolumeKind};
+use crate::reference::{
+    Blocky, Fog, Ray, Smooth, cells::visit_cells, cubic::Cubic, fog::density, radiance::phase,
 };
 use crate::tree::Node;
 
@@ -23,6 +23,13 @@ pub(super) struct Prepared<'a, C: Node<Value = f32>> {
     scene: &'a Scene<'a, C>,
     volumes: Vec<(DAffine3, DAffine3, Tracer<'a, C>)>,
     sun: DVec3,
+}
+
+/// The tracer of a volume.
+enum Tracer<'a, C: Node<Value = f32>> {
+    Smooth(Smooth<'a, C>, Vec3),
+    Blocky(Blocky<'a, C>, Vec3),
+    Fog { fog: Fog<'a, C>, extinction: f64, albedo: Vec3, emission: Vec3, anisotropy: f64 },
 }
 
 /// A point on a surface.
