@@ -11,7 +11,7 @@ use super::accumulate::{AccumulateView, Accumulated, Mean};
 use super::composite::CompositeView;
 use super::trace::TraceView;
 use super::upscale::UpscaleView;
-use super::view::{Picture, PreparedView, ViewPicture, ViewState};
+use super::view::{PreparedView, ViewPicture, ViewState};
 use crate::diagnostics::{
     VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
 };
@@ -62,20 +62,22 @@ fn of_view(
     buffers.add("vdb_view", uniform, "the camera");
     buffers.add_some("vdb_placement", &composite.placement, "the viewport");
     if let Some(traced) = &picture.traced {
-        let names = ["vdb_color", "vdb_depth", "vdb_moving"];
-        buffers.add_picture(
-            names,
-            traced,
-            ["what rays see", "where they see it", "motion vectors"],
-        );
+        buffers.push("vdb_color", bytes(&traced.color), "what rays see");
+        buffers.push("vdb_depth", bytes(&traced.depth), "where they see it");
     }
     buffers.add_some("vdb_tiles", &trace.tiles, "tiles of rays share their starts");
+    if let Some(moving) = picture.traced.as_ref().and_then(|traced| traced.moving.as_ref()) {
+        buffers.push("vdb_moving", bytes(moving), "motion vectors");
+    }
     buffers.add_some("vdb_motion", &composite.motion, "motion vectors");
     if let Some(upscaled) = &upscale.picture {
-        let names = ["vdb_color_upscaled", "vdb_depth_upscaled", "vdb_moving_upscaled"];
-        let fewer = "there are fewer rays than pixels";
-        let moving = "motion vectors, of fewer rays than pixels";
-        buffers.add_picture(names, upscaled, [fewer, fewer, moving]);
+        let why = "there are fewer rays than pixels";
+        buffers.push("vdb_color_upscaled", bytes(&upscaled.color), why);
+        buffers.push("vdb_depth_upscaled", bytes(&upscaled.depth), why);
+        if let Some(moving) = &upscaled.moving {
+            let why = "motion vectors, of fewer rays than pixels";
+            buffers.push("vdb_moving_upscaled", bytes(moving), why);
+        }
     }
     if let Some(mean) = accumulate.accumulated.as_ref().and_then(Accumulated::mean) {
         buffers.add_mean(mean);
@@ -125,14 +127,6 @@ impl Buffers {
     fn add_some(&mut self, name: &'static str, buffer: &Option<Buffer>, why: &'static str) {
         if let Some(buffer) = buffer {
             self.add(name, buffer, why);
-        }
-    }
-
-    fn add_picture(&mut self, names: [&'static str; 3], picture: &Picture, why: [&'static str; 3]) {
-        self.push(names[0], bytes(&picture.color), why[0]);
-        self.push(names[1], bytes(&picture.depth), why[1]);
-        if let Some(moving) = &picture.moving {
-            self.push(names[2], bytes(moving), why[2]);
         }
     }
 
