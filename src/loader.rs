@@ -11,7 +11,7 @@ use bevy::prelude::*;
 use bevy::tasks::AsyncComputeTaskPool;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, ValueFormat};
+use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, PackedTogether, ValueFormat};
 use vdb_core::tree::{Vdb543, trim_narrow_band};
 use vdb_core::{AnyTree, Grid, GridSelection, ProgressFn, ReadOptions};
 
@@ -209,6 +209,7 @@ impl AssetLoader for VdbLoader {
             let options = PackOptions {
                 format: settings.values.into(),
                 progress: Some(running.goes_on()),
+                together: Some(PackedTogether::default()),
                 ..PackOptions::default()
             };
             // Decoding and packing take all the cores there are; Bevy's IO threads are not for it.

@@ -81,7 +81,7 @@ impl fmt::Debug for LevelOptions {
 /// Time is in proportion to the memory of both trees, and cancelling takes a few milliseconds.
 ///
 /// # Errors
-/// When the coarser tree would take more than the finer one and more than [`Limits::SMALL`], as where
+/// When the coarser tree would take more than the finer one and more than [`Limits::SMALL_LEVEL`], as where
 /// large tiles of different values lie side by side, or more than [`Limits::level_bytes`]; and when
 /// progress was told to stop.
 pub fn half_resolution(
@@ -99,18 +99,15 @@ pub fn half_resolution(
     })
 }
 
-fn halved(
-    tree: &Vdb543<f32>,
-    coarsening: Coarsening,
-    work: &Work,
-) -> Result<Vdb543<f32>, Stop> {
-    let halving = Halving { tree, coarsening };
+fn halved(tree: &Vdb543<f32>, coarsening: Coarsening, work: &Work) -> Result<Vdb543<f32>, Stop> {
+    let halving = Halving { tree, coarsening, work };
     let mut coarser = Tree::new(halving.uniform(tree.background()).0);
     let uppers = halving.uppers();
     work.add_steps(uppers.len() as u64);
     for origin in uppers.into_iter().map(IVec3::from) {
+        let upper = halving.upper(origin)?;
         work.step(1)?;
-        match halving.upper(origin) {
+        match upper {
             Built::Node(node) => coarser.insert_child(node),
             Built::Tile(value, active) => {
                 if active || value.to_bits() != coarser.background().to_bits() {
@@ -154,6 +151,7 @@ type Samples = [(i64, i64); 3];
 struct Halving<'a> {
     tree: &'a Vdb543<f32>,
     coarsening: Coarsening,
+    work: &'a Work<'a>,
 }
 
 /// Edge of a leaf.
@@ -213,27 +211,51 @@ impl Halving<'_> {
         Some(self.uniform(value))
     }
 
-    fn upper(&self, origin: IVec3) -> Built<Upper> {
+    fn upper(&self, origin: IVec3) -> Result<Built<Upper>, Stop> {
         if let Some((value, active)) = self.tile::<Upper>(origin) {
-            return Built::Tile(value, active);
+            return Ok(Built::Tile(value, active));
         }
-        let slots = (0..Upper::SIZE).into_par_iter();
-        let slots = slots.map(|slot| self.lower(origin + Upper::slot_offset(slot))).collect();
-        built(internal(origin, slots))
+        self.node::<Upper>(|| {
+            let slots = (0..Upper::SIZE).into_par_iter();
+            let slots = slots.map(|slot| self.lower(origin + Upper::slot_offset(slot)));
+            Ok(internal(origin, slots.collect::<Result<_, Stop>>()?))
+        })
     }
 
-    fn lower(&self, origin: IVec3) -> Built<Lower> {
+    fn lower(&self, origin: IVec3) -> Result<Built<Lower>, Stop> {
         if let Some((value, active)) = self.tile::<Lower>(origin) {
-            return Built::Tile(value, active);
+            return Ok(Built::Tile(value, active));
         }
-        let slots = (0..Lower::SIZE).map(|slot| self.leaf(origin + Lower::slot_offset(slot)));
-        built(internal(origin, slots.collect()))
+        self.node::<Lower>(|| {
+            let slots = (0..Lower::SIZE).map(|slot| self.leaf(origin + Lower::slot_offset(slot)));
+            Ok(internal(origin, slots.collect::<Result<_, Stop>>()?))
+        })
     }
 
-    fn leaf(&self, origin: IVec3) -> Built<Leaf> {
-        if let Some((value, active)) = self.tile::<Leaf>(origin) {
-            return Built::Tile(value, active);
+    /// A node for which memory has been asked before, or the tile that it turns out to be.
+    fn node<N: Node<Value = f32>>(
+        &self,
+        make: impl FnOnce() -> Result<Box<N>, Stop>,
+    ) -> Result<Built<N>, Stop> {
+        // A value a slot, or a child's address and the value: near enough, and known beforehand.
+        let bytes = (size_of::<N>() + N::SIZE * size_of::<f32>()) as u64;
+        self.work.step(0)?;
+        self.work.take(bytes)?;
+        let node = built(make()?);
+        if let Built::Tile(..) = node {
+            self.work.give_back(bytes);
         }
+        Ok(node)
+    }
+
+    fn leaf(&self, origin: IVec3) -> Result<Built<Leaf>, Stop> {
+        if let Some((value, active)) = self.tile::<Leaf>(origin) {
+            return Ok(Built::Tile(value, active));
+        }
+        self.node::<Leaf>(|| Ok(self.leaf_of_samples(origin)))
+    }
+
+    fn leaf_of_samples(&self, origin: IVec3) -> Box<Leaf> {
         let mut leaf = Leaf::filled(origin, 0.0, false);
         let samples = self.samples(origin, Leaf::TOTAL_LOG2_DIM);
         let block = Block::of(self.tree, samples);
@@ -252,7 +274,7 @@ impl Halving<'_> {
             leaf.values_slice_mut()[slot] = value;
             leaf.value_mask_mut().set(slot, active);
         }
-        built(leaf)
+        leaf
     }
 
     /// The value of all samples of a box, if the tree says that they are alike.
