@@ -139,7 +139,20 @@ fn make_levels(tree: &Vdb543<f32>, kind: PackKind) {
             }
         };
         match half_resolution(finer, coarsening, &LevelOptions::default()) {
-            Ok(coarser) => levels.push(coarser),
+            Ok(coarser) => match PackedGrid::new(&coarser, kind) {
+                // As long as there is something to see, as in the app.
+                Ok(PackedGrid { occupied: Some(cells), .. }) => {
+                    levels.push(coarser);
+                    if (cells.max - cells.min).max_element() < 32 {
+                        break;
+                    }
+                }
+                Ok(_) => break,
+                Err(error) => {
+                    println!("level {}: {error}", levels.len() + 1);
+                    break;
+                }
+            },
             Err(error) => {
                 assert!(matches!(error, Error::LimitExceeded { .. }), "{error:?}");
                 println!("level {}: {error}", levels.len() + 1);
@@ -208,7 +221,7 @@ fn packing_and_levels_report_and_can_be_cancelled() {
     use std::ops::ControlFlow;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU64, Ordering};
-    let tree = leaves(3000, 16);
+    let tree = leaves(1000, 16);
     let steps = Arc::new(AtomicU64::new(0));
     let last = Arc::new(AtomicU64::new(0));
     for stop_after in [u64::MAX, 0, 1, 5] {
