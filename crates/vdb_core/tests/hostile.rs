@@ -284,3 +284,38 @@ fn short_files_cannot_ask_for_much() {
     }
     assert!(tried > 300, "{tried}");
 }
+
+/// Nothing of what a file says reaches a terminal or a log as it is, by whatever way it is printed.
+#[test]
+fn text_of_files_is_escaped() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/ansi.vdb");
+    let file = VdbFile::open(path).unwrap();
+    let grid = &file.grids[0];
+    assert!(
+        grid.name.contains('\u{1b}') && grid.name.contains('\n'),
+        "the name is as it stands there"
+    );
+    assert!(file.grid(&grid.name).is_some());
+    let mut shown: Vec<String> = file.skipped.iter().map(|grid| grid.reason.to_string()).collect();
+    let metadata =
+        std::iter::once(&file.metadata).chain(file.grids.iter().map(|grid| &grid.metadata));
+    shown.extend(metadata.flat_map(|map| map.iter().map(|(_, value)| value.to_string())));
+    let asked = |name: &str| {
+        let grids = vdb_core::GridSelection::Names(vec![name.to_owned()]);
+        let bytes = file.write(&WriteOptions::default()).unwrap();
+        VdbFile::read(&bytes, &ReadOptions { grids, ..ReadOptions::default() })
+    };
+    assert_eq!(asked(&grid.name).unwrap().grids.len(), 1);
+    shown.push(asked("\u{1b}[2J\u{202e}").unwrap_err().to_string());
+    shown.push(VdbFile::open("no/such/\u{1b}[2J\u{202e}\n.vdb").unwrap_err().to_string());
+    assert!(shown.len() >= 5, "{shown:?}");
+    assert!(shown.iter().any(|text| text.contains(r"\u{1b}")), "{shown:?}");
+    for text in &shown {
+        assert!(!text.contains(|c: char| c.is_control() || c == '\u{202e}'), "{text:?}");
+        assert!(text.len() < 2000, "{} bytes", text.len());
+    }
+    // A name of a megabyte in a message.
+    let long = "x".repeat(1 << 20);
+    assert!(asked(&long).unwrap_err().to_string().len() < 2000);
+    assert!(vdb_core::MetaValue::String(long).to_string().len() < 10_000);
+}
