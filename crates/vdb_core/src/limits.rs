@@ -4,7 +4,7 @@
 /// [`Error::LimitExceeded`](crate::Error::LimitExceeded).
 ///
 /// The defaults protect a desktop with 8 GB of memory: the bytes of a file, its trees and its metadata
-/// stand there at the same time while it is read, and take 5.5 GiB at the very most. Raise them for
+/// stand there at the same time while it is read, and take less than 6 GiB at the very most. Raise them for
 /// larger files that are to be trusted, and lower them for files of strangers. Whatever they are, nothing
 /// is allocated for a node before its masks and the length of its values have been seen in the file.
 /// The least that a node can take there bounds what a file can ask for: of floats about 17 times its

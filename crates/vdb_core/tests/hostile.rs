@@ -8,7 +8,9 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use vdb_core::{AnyTree, Codec, Compression, Error, Limits, ReadOptions, VdbFile, WriteOptions};
+use vdb_core::{
+    AnyTree, Codec, Compression, Error, FileBuffer, Limits, ReadOptions, VdbFile, WriteOptions,
+};
 
 /// A fixed sequence of numbers, so that a failure repeats (xorshift64*, Vigna 2014).
 struct Random(u64);
@@ -207,6 +209,20 @@ fn use_all(file: &VdbFile) {
     assert!(!format!("{:?}", file.metadata).is_empty());
 }
 
+/// The same of a file that comes in by and by.
+fn in_pieces(bytes: &[u8]) -> Result<(), Error> {
+    let options = limits();
+    let mut buffer = FileBuffer::new(options.limits.clone(), Some(bytes.len() as u64));
+    let mut rest = bytes;
+    while let Some(room) = buffer.room()? {
+        let (now, later) = rest.split_at(room.len().min(rest.len()).min(1 << 12));
+        room[..now.len()].copy_from_slice(now);
+        buffer.filled(now.len());
+        rest = later;
+    }
+    VdbFile::read(&buffer.into_bytes(), &options).map(|_| ())
+}
+
 #[test]
 fn changed_files_are_read_or_refused() {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<u64>().ok());
@@ -240,6 +256,12 @@ fn changed_files_are_read_or_refused() {
         let start = Instant::now();
         let result = std::panic::catch_unwind(|| VdbFile::read(&bytes, &limits()).inspect(use_all));
         slowest = slowest.max(start.elapsed());
+        if round % 8 == 0 {
+            assert_eq!(
+                in_pieces(&bytes).ok(),
+                result.as_ref().is_ok_and(|r| r.is_ok()).then_some(())
+            );
+        }
         match result {
             Ok(Ok(_)) => read += 1,
             Ok(Err(Error::LimitExceeded { .. })) => limited += 1,

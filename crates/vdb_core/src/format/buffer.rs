@@ -15,19 +15,20 @@ const MOST: usize = 8 << 20;
 /// to grid; only a stream is read to its end, for it does not say where its grids are.
 ///
 /// ```
-/// use std::io::Read;
-/// use vdb_core::{Error, FileBuffer, Limits};
+/// use std::io::{self, Read};
+/// use vdb_core::{FileBuffer, ReadOptions, VdbFile};
 ///
-/// fn bytes_of(mut source: impl Read, length: Option<u64>) -> Result<Vec<u8>, Box<dyn std::error::Error>> {
-///     let mut buffer = FileBuffer::new(Limits::default(), length);
+/// fn read(mut source: impl Read, length: Option<u64>) -> Result<VdbFile, Box<dyn std::error::Error>> {
+///     let options = ReadOptions::default();
+///     let mut buffer = FileBuffer::new(options.limits.clone(), length);
 ///     while let Some(room) = buffer.room()? {
 ///         let count = source.read(room)?;
 ///         buffer.filled(count);
 ///     }
-///     Ok(buffer.into_bytes())
+///     Ok(VdbFile::read(&buffer.into_bytes(), &options)?)
 /// }
 ///
-/// let error = bytes_of(std::io::repeat(0), None).unwrap_err();
+/// let error = read(io::repeat(0), None).unwrap_err();
 /// assert!(error.to_string().contains("this is no VDB file"));
 /// ```
 #[derive(Debug)]
