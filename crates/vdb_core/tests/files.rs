@@ -167,6 +167,14 @@ fn no_more_is_read_than_is_needed() {
     let message = result.unwrap_err().to_string();
     assert!(read == (1 << 20) + 1 || read <= (1 << 20) + chunk, "{read}");
     assert!(message.contains("Limits::file_bytes"), "{message}");
+    // More metadata, or more grids, than may be: what says so.
+    for at in [57, 61] {
+        let mut many = one_voxel().write(&WriteOptions::default()).unwrap();
+        many[at..at + 4].copy_from_slice(&u32::MAX.to_le_bytes());
+        let (read, result) = intake(&mut Endless { start: &many, read: 0 }, &limits, Some(1 << 30));
+        let message = result.unwrap_err().to_string();
+        assert!(read <= chunk && message.contains("4294967295"), "{read}: {message}");
+    }
     // A grid that says to end far behind the file, or behind the limit.
     let mut far = one_voxel().write(&WriteOptions::default()).unwrap();
     let end = far.len() as u64;

@@ -75,20 +75,22 @@ impl FileBuffer {
         }
         let wanted = ((end - filled).min(MOST as u64) as usize).max(LEAST);
         if self.bytes.len() < self.filled + wanted.min(LEAST) {
-            self.grow(self.filled + wanted, length.map(|length| length.min(end)))?;
+            self.grow(self.filled + wanted, end)?;
         }
         Ok(Some(&mut self.bytes[self.filled..]))
     }
 
-    /// Makes it `length` bytes, and takes memory for `known` if so many are known to come.
-    fn grow(&mut self, length: usize, known: Option<u64>) -> Result<(), Error> {
-        let known = known.and_then(|known| usize::try_from(known).ok()).unwrap_or(0);
-        // Twice as many each time, so that bytes are moved seldom.
-        let capacity = length.max(known).max((2 * self.bytes.capacity()).min(known));
-        let more = capacity.saturating_sub(self.bytes.len());
-        let taken = match known {
-            0 => self.bytes.try_reserve(more),
-            _ => self.bytes.try_reserve_exact(more),
+    /// Makes it `length` bytes, of which `end` are needed in all, as far as is known.
+    fn grow(&mut self, length: usize, end: u64) -> Result<(), Error> {
+        let bytes = |count: u64| usize::try_from(count).unwrap_or(usize::MAX);
+        let (capacity, taken) = match self.length.map(bytes) {
+            // At once what is sure to come; and twice as much each time, so that bytes are moved seldom.
+            Some(whole) => {
+                let doubled = self.bytes.capacity().saturating_mul(2);
+                let capacity = bytes(end).max(doubled).min(whole).max(length);
+                (capacity, self.bytes.try_reserve_exact(capacity - self.bytes.len()))
+            }
+            None => (length, self.bytes.try_reserve(length - self.bytes.len())),
         };
         taken.map_err(|_| {
             let what = format!("there is no memory for {capacity} bytes of the file");

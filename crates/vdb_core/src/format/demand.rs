@@ -88,7 +88,7 @@ impl Follower {
                 ahead.at = cursor.at() as u64;
                 if header.has_offsets { Stage::MetadataCount } else { Stage::Stream }
             }
-            Stage::MetadataCount => Stage::Metadata(ahead.u32()?),
+            Stage::MetadataCount => Stage::Metadata(ahead.count(limits.metadata_entries)?),
             Stage::Metadata(0) => Stage::GridCount,
             Stage::Metadata(left) => {
                 for _ in 0..3 {
@@ -96,7 +96,12 @@ impl Follower {
                 }
                 Stage::Metadata(left - 1)
             }
-            Stage::GridCount => Stage::Grids(ahead.u32()?),
+            Stage::GridCount => {
+                let count = ahead.count(limits.grids)?;
+                // The reader looks whether so many fit, before it looks at the first.
+                ahead.need(u64::from(count) * SMALLEST as u64)?;
+                Stage::Grids(count)
+            }
             Stage::Grids(0) => {
                 // Up to where the last grid ends.
                 ahead.need(0)?;
@@ -146,6 +151,12 @@ impl Ahead<'_> {
 
     fn u32(&mut self) -> Result<u32, Demand> {
         self.take().map(u32::from_le_bytes)
+    }
+
+    /// A number of things, of which there may be so many.
+    fn count(&mut self, most: u64) -> Result<u32, Demand> {
+        let count = self.u32()?;
+        if u64::from(count) <= most { Ok(count) } else { Err(Demand::Nothing) }
     }
 
     fn i64(&mut self) -> Result<i64, Demand> {
