@@ -10,6 +10,7 @@ mod edits;
 mod extras;
 #[cfg(feature = "egui")]
 mod inspector;
+mod labels;
 mod levels;
 mod loader;
 mod measure;
@@ -52,6 +53,7 @@ pub use render::{VdbGpuUsage, VdbSystems};
 pub use roles::VdbRoles;
 pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};
 pub use vdb_core;
+pub use vdb_core::Limits as VdbLimits;
 pub use vdb_core::pack::edit::{Voxel as VdbVoxel, VoxelEdit as VdbEdit};
 pub use vector_grid::VdbVectorGrid;
 

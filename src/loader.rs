@@ -1,20 +1,23 @@
 //! `.vdb` bytes → [`VdbFile`] with its [`VdbGrid`]s, off the main thread.
 
+use std::io::SeekFrom;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bevy::asset::io::Reader;
-use bevy::asset::{AssetLoader, AssetPath, LoadContext};
+use bevy::asset::{AssetLoader, AssetPath, AsyncReadExt, AsyncSeekExt, LoadContext};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use bevy::tasks::AsyncComputeTaskPool;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
+use vdb_core::display::escaped;
 use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, PackedTogether, ValueFormat};
 use vdb_core::tree::{Vdb543, trim_narrow_band};
-use vdb_core::{AnyTree, Grid, GridSelection, ProgressFn, ReadOptions};
+use vdb_core::{AnyTree, FileBuffer, Grid, GridSelection, Limits, ProgressFn, ReadOptions};
 
+use crate::labels::labels;
 use crate::{VdbFile, VdbGrid, VdbGridError, VdbVectorGrid};
 
 /// Loads `.vdb` files. Registered by [`VdbRenderPlugin`](crate::VdbRenderPlugin).
@@ -24,7 +27,20 @@ pub struct VdbLoader {
 }
 
 /// How a `.vdb` file is loaded; for `asset_server.load_builder().with_settings(…)` or a `.meta`
-/// file.
+/// file. What is left out there has its default:
+///
+/// ```ron
+/// (
+///     meta_format_version: "1.0",
+///     asset: Load(
+///         loader: "bevy_vdb::loader::VdbLoader",
+///         settings: (
+///             grids: Some(["density"]),
+///             limits: (file_bytes: 8_000_000_000, tree_bytes: 24_000_000_000),
+///         ),
+///     ),
+/// )
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct VdbLoaderSettings {
@@ -41,6 +57,9 @@ pub struct VdbLoaderSettings {
     pub smooth: bool,
     /// In how many bits the GPU gets the samples of fog and of smooth surfaces.
     pub values: VdbValues,
+    /// What the file may ask of the machine before loading it is given up. The defaults protect a desktop with
+    /// 8 GB of memory; raise them for files that are larger and to be trusted.
+    pub limits: Limits,
 }
 
 impl Default for VdbLoaderSettings {
@@ -51,6 +70,7 @@ impl Default for VdbLoaderSettings {
             render_as: VdbRenderAs::Auto,
             smooth: true,
             values: VdbValues::Exact,
+            limits: Limits::default(),
         }
     }
 }
@@ -107,7 +127,7 @@ pub enum VdbLoaderError {
     #[error(transparent)]
     File(#[from] vdb_core::Error),
     /// The file has grids, but none that can be shown.
-    #[error("no grid of the file can be shown: {}", .0.join("; "))]
+    #[error("no grid of the file can be shown: {}", few(.0).join("; "))]
     NothingToShow(Vec<String>),
     /// The settings make no sense.
     #[error("loader setting {0}")]
@@ -200,25 +220,25 @@ impl AssetLoader for VdbLoader {
         load_context: &mut LoadContext<'_>,
     ) -> Result<VdbFile, VdbLoaderError> {
         settings.check()?;
-        let mut bytes = Vec::new();
-        reader.read_to_end(&mut bytes).await?;
+        let bytes = read(reader, &settings.limits).await?;
         let path = load_context.path().clone_owned();
         let running = Running::new(&self.progress, &path, bytes.len() as u64);
         let decoded = {
             let (settings, report) = (settings.clone(), running.report());
             let options = PackOptions {
                 format: settings.values.into(),
+                limits: settings.limits.clone(),
                 progress: Some(running.goes_on()),
                 together: Some(PackedTogether::default()),
                 ..PackOptions::default()
             };
             // Decoding and packing take all the cores there are; Bevy's IO threads are not for it.
             AsyncComputeTaskPool::get()
-                .spawn(async move { decode(&bytes, &settings, report, options) })
+                .spawn(async move { decode(bytes, &settings, report, options) })
                 .await?
         };
-        for problem in &decoded.problems {
-            warn!("{path}: {problem}");
+        for problem in few(&decoded.problems) {
+            warn!("{}: {problem}", escaped(&path.to_string()));
         }
         let mut file = VdbFile {
             grids: Vec::new(),
@@ -258,6 +278,35 @@ impl VdbLoaderSettings {
     }
 }
 
+/// The bytes of a file: no more than its grids lie in, and none but the first of what is no VDB file.
+async fn read(reader: &mut dyn Reader, limits: &Limits) -> Result<Vec<u8>, VdbLoaderError> {
+    let mut buffer = FileBuffer::new(limits.clone(), length(reader).await?);
+    while let Some(room) = buffer.room()? {
+        let count = reader.read(room).await?;
+        buffer.filled(count);
+    }
+    Ok(buffer.into_bytes())
+}
+
+/// How long a file is, where its source can tell.
+async fn length(reader: &mut dyn Reader) -> Result<Option<u64>, std::io::Error> {
+    let Ok(reader) = reader.seekable() else { return Ok(None) };
+    let Ok(end) = reader.seek(SeekFrom::End(0)).await else { return Ok(None) };
+    reader.seek(SeekFrom::Start(0)).await?;
+    // Devices say 0, too.
+    Ok(Some(end).filter(|end| *end > 0))
+}
+
+/// Grids that were left out and are told of one by one; a file can have thousands.
+const MOST_PROBLEMS: usize = 8;
+
+/// The first of many lines, and how many more there are.
+fn few(problems: &[String]) -> Vec<String> {
+    let (first, rest) = problems.split_at(problems.len().min(MOST_PROBLEMS));
+    let rest = (!rest.is_empty()).then(|| format!("and {} more grids were skipped", rest.len()));
+    first.iter().cloned().chain(rest).collect()
+}
+
 struct Decoded {
     file: vdb_core::VdbFile,
     grids: Vec<(String, VdbGrid)>,
@@ -267,25 +316,27 @@ struct Decoded {
 }
 
 fn decode(
-    bytes: &[u8],
+    bytes: Vec<u8>,
     settings: &VdbLoaderSettings,
     report: Arc<ProgressFn>,
     pack: PackOptions,
 ) -> Result<Decoded, VdbLoaderError> {
     let options = ReadOptions {
-        limits: pack.limits.clone(),
+        limits: settings.limits.clone(),
         grids: settings.grids.clone().map_or(GridSelection::All, GridSelection::Names),
         progress: Some(report),
     };
-    let mut file = vdb_core::VdbFile::read(bytes, &options)?;
+    let mut file = vdb_core::VdbFile::read(&bytes, &options)?;
+    // Packing has use for the memory.
+    drop(bytes);
     let skipped = file.skipped.iter();
     let mut problems: Vec<String> = skipped
-        .map(|grid| format!("grid '{}' was skipped: {}", grid.unique_name, grid.reason))
+        .map(|grid| format!("grid '{}' was skipped: {}", escaped(&grid.unique_name), grid.reason))
         .collect();
     let (mut grids, mut vector_grids) = (Vec::new(), Vec::new());
     let mut shared = Shared::new(pack);
-    for grid in std::mem::take(&mut file.grids) {
-        let label = grid.unique_name.clone();
+    let labels = labels(file.grids.iter().map(|grid| &*grid.unique_name));
+    for (grid, label) in std::mem::take(&mut file.grids).into_iter().zip(labels) {
         match prepare(grid, settings, &mut shared) {
             Ok(Prepared::Floats(grid)) => grids.push((label, grid)),
             Ok(Prepared::Vectors(grid)) => vector_grids.push((label, grid)),

@@ -76,7 +76,8 @@ impl VdbVectorGrid {
         Ok(Self { name, world_from_index, metadata, tree, packed })
     }
 
-    /// The grid's name in its file; may be empty.
+    /// The grid's name in its file; may be empty. It is as the file has it:
+    /// [`vdb_core::display::escaped`] makes it safe to show.
     pub fn name(&self) -> &str {
         &self.name
     }

@@ -111,7 +111,7 @@ pub(super) fn extract_volumes(
             grid: volume.0.id().into(),
             packed: grid.outline(),
             levels: grid.levels().cloned().unwrap_or_default(),
-            name: grid.shared_name(),
+            name: grid.shown_name().clone(),
             world_from_local,
             world_from_local_before: before
                 .get(&entity)

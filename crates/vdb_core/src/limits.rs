@@ -4,28 +4,34 @@
 /// detail with [`Error::LimitExceeded`](crate::Error::LimitExceeded), packing it with
 /// [`PackError::LimitExceeded`](crate::pack::PackError::LimitExceeded).
 ///
-/// The defaults are far above any file seen in production and below what a desktop can bear; who
-/// reads files of strangers sets them lower. Whatever they are, nothing is allocated for a node
-/// before its masks and the length of its values have been seen in the file. The least that a node
-/// can take there bounds what a file can ask for: of floats about 17 times its own size, of vectors
-/// in f64 about 100 times.
+/// The defaults protect a desktop with 8 GB of memory: the bytes of a file, its trees and its metadata
+/// stand there at the same time while it is read, and take less than 6 GiB at the very most. Raise them for
+/// larger files that are to be trusted, and lower them for files of strangers. Whatever they are, nothing
+/// is allocated for a node before its masks and the length of its values have been seen in the file.
+/// The least that a node can take there bounds what a file can ask for: of floats about 17 times its
+/// own size, of vectors in f64 about 100 times.
+///
+/// With the feature `serde` it can stand in a file of settings, where what is left out has its default.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
 #[non_exhaustive]
 pub struct Limits {
-    /// Bytes of the file itself.
+    /// Bytes of the file itself: 2 GiB by default.
     pub file_bytes: u64,
-    /// Grids of a file.
+    /// Grids of a file: 65,536 by default.
     pub grids: u64,
-    /// Entries of one metadata map.
+    /// Entries of all metadata maps together: 1,048,576 by default, which are 16 for each of the most grids.
     pub metadata_entries: u64,
-    /// Bytes of one string or metadata value.
+    /// Bytes of all names, types and metadata values together, as they stand in the file: 64 MiB by
+    /// default. In memory they can take some seven times that.
     pub metadata_bytes: u64,
-    /// Nodes of all trees together, root nodes and root tiles counted in.
+    /// Nodes of all trees together, root nodes and root tiles counted in: 2²⁵ by default.
     pub nodes: u64,
     /// Voxels stored in leaves, of all trees together, active or not. Tiles do not count, however
-    /// large they are.
+    /// large they are. 2³⁴ by default, which only trees of bits reach within [`Limits::tree_bytes`].
     pub voxels: u64,
-    /// Bytes of memory of all trees together.
+    /// Bytes of memory of all trees together: 3 GiB by default, about 700 million voxels of floats in
+    /// leaves.
     pub tree_bytes: u64,
     /// Bytes of memory that packing a grid takes at its peak, the packed grid included and its tree not:
     /// 3 GiB by default. Grids that are packed [together](crate::pack::PackedTogether) count as one.
@@ -65,13 +71,13 @@ impl Limits {
 impl Default for Limits {
     fn default() -> Self {
         Self {
-            file_bytes: 64 << 30,
+            file_bytes: 2 << 30,
             grids: 1 << 16,
-            metadata_entries: 1 << 16,
-            metadata_bytes: 256 << 20,
-            nodes: 1 << 28,
-            voxels: 1 << 36,
-            tree_bytes: 64 << 30,
+            metadata_entries: 1 << 20,
+            metadata_bytes: 64 << 20,
+            nodes: 1 << 25,
+            voxels: 1 << 34,
+            tree_bytes: 3 << 30,
             packed_bytes: 3 << 30,
             packed_growth: 12,
             level_bytes: 2 << 30,
