@@ -1,12 +1,16 @@
 //! The same grid at half the resolution, for what is far away.
 
 use std::collections::BTreeSet;
+use std::fmt;
+use std::sync::Arc;
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::grow::{Built, built, internal};
 use super::{Found, IVec3, InternalNode, LeafNode, Node, RootEntry, Slot, Tree, Vdb543};
+use crate::work::{Stop, Work};
+use crate::{Error, Limits, ProgressFn};
 
 type Leaf = LeafNode<f32, 3>;
 type Lower = InternalNode<Leaf, 4>;
@@ -51,15 +55,59 @@ const FOG_TAPS: [f32; 7] = {
     [-0.25 * b, -0.5 * b, side, 0.5 + b, side, -0.5 * b, -0.25 * b]
 };
 
+/// How to make a level of detail.
+#[derive(Clone, Default)]
+pub struct LevelOptions {
+    /// What it may take: [`Limits::level_bytes`].
+    pub limits: Limits,
+    /// Is told of progress, in steps, and may cancel.
+    pub progress: Option<Arc<ProgressFn>>,
+}
+
+impl fmt::Debug for LevelOptions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("LevelOptions")
+            .field("limits", &self.limits)
+            .field("progress", &self.progress.as_ref().map(|_| "…"))
+            .finish()
+    }
+}
+
 /// The tree of every second sample: its sample `ijk` is where `2 · ijk` was.
 ///
 /// An eighth of the samples of a fog and a quarter of those of a level set are left. `ijk` of the coarser
 /// tree are `2 · ijk` of the finer one in index space: its transform is the same after a scale of 2.
-pub fn half_resolution(tree: &Vdb543<f32>, coarsening: Coarsening) -> Vdb543<f32> {
-    let halving = Halving { tree, coarsening };
+///
+/// Time is in proportion to the memory of both trees, and cancelling takes a few milliseconds.
+///
+/// # Errors
+/// When the coarser tree would take more than the finer one and more than [`Limits::SMALL_LEVEL`], as where
+/// large tiles of different values lie side by side, or more than [`Limits::level_bytes`]; and when
+/// progress was told to stop.
+pub fn half_resolution(
+    tree: &Vdb543<f32>,
+    coarsening: Coarsening,
+    options: &LevelOptions,
+) -> Result<Vdb543<f32>, Error> {
+    let limit = options.limits.level(tree.stats().bytes);
+    let work = Work::new(options.progress.as_ref(), 0, limit);
+    halved(tree, coarsening, &work).map_err(|stop| match stop {
+        Stop::Cancelled => Error::cancelled(),
+        Stop::Memory { needed, limit } => {
+            Error::limit(format!("{needed} bytes of a level of detail"), "level_bytes", limit)
+        }
+    })
+}
+
+fn halved(tree: &Vdb543<f32>, coarsening: Coarsening, work: &Work) -> Result<Vdb543<f32>, Stop> {
+    let halving = Halving { tree, coarsening, work };
     let mut coarser = Tree::new(halving.uniform(tree.background()).0);
-    for origin in halving.uppers().into_iter().map(IVec3::from) {
-        match halving.upper(origin) {
+    let uppers = halving.uppers();
+    work.add_steps(uppers.len() as u64);
+    for origin in uppers.into_iter().map(IVec3::from) {
+        let upper = halving.upper(origin)?;
+        work.step(1)?;
+        match upper {
             Built::Node(node) => coarser.insert_child(node),
             Built::Tile(value, active) => {
                 if active || value.to_bits() != coarser.background().to_bits() {
@@ -68,7 +116,7 @@ pub fn half_resolution(tree: &Vdb543<f32>, coarsening: Coarsening) -> Vdb543<f32
             }
         }
     }
-    coarser
+    Ok(coarser)
 }
 
 /// By how much the values of a level set change from a voxel to the next across the surface: its edge in
@@ -103,6 +151,7 @@ type Samples = [(i64, i64); 3];
 struct Halving<'a> {
     tree: &'a Vdb543<f32>,
     coarsening: Coarsening,
+    work: &'a Work<'a>,
 }
 
 /// Edge of a leaf.
@@ -162,27 +211,51 @@ impl Halving<'_> {
         Some(self.uniform(value))
     }
 
-    fn upper(&self, origin: IVec3) -> Built<Upper> {
+    fn upper(&self, origin: IVec3) -> Result<Built<Upper>, Stop> {
         if let Some((value, active)) = self.tile::<Upper>(origin) {
-            return Built::Tile(value, active);
+            return Ok(Built::Tile(value, active));
         }
-        let slots = (0..Upper::SIZE).into_par_iter();
-        let slots = slots.map(|slot| self.lower(origin + Upper::slot_offset(slot))).collect();
-        built(internal(origin, slots))
+        self.node::<Upper>(|| {
+            let slots = (0..Upper::SIZE).into_par_iter();
+            let slots = slots.map(|slot| self.lower(origin + Upper::slot_offset(slot)));
+            Ok(internal(origin, slots.collect::<Result<_, Stop>>()?))
+        })
     }
 
-    fn lower(&self, origin: IVec3) -> Built<Lower> {
+    fn lower(&self, origin: IVec3) -> Result<Built<Lower>, Stop> {
         if let Some((value, active)) = self.tile::<Lower>(origin) {
-            return Built::Tile(value, active);
+            return Ok(Built::Tile(value, active));
         }
-        let slots = (0..Lower::SIZE).map(|slot| self.leaf(origin + Lower::slot_offset(slot)));
-        built(internal(origin, slots.collect()))
+        self.node::<Lower>(|| {
+            let slots = (0..Lower::SIZE).map(|slot| self.leaf(origin + Lower::slot_offset(slot)));
+            Ok(internal(origin, slots.collect::<Result<_, Stop>>()?))
+        })
     }
 
-    fn leaf(&self, origin: IVec3) -> Built<Leaf> {
-        if let Some((value, active)) = self.tile::<Leaf>(origin) {
-            return Built::Tile(value, active);
+    /// A node for which memory has been asked before, or the tile that it turns out to be.
+    fn node<N: Node<Value = f32>>(
+        &self,
+        make: impl FnOnce() -> Result<Box<N>, Stop>,
+    ) -> Result<Built<N>, Stop> {
+        // A value a slot, or a child's address and the value: near enough, and known beforehand.
+        let bytes = (size_of::<N>() + N::SIZE * size_of::<f32>()) as u64;
+        self.work.step(0)?;
+        self.work.take(bytes)?;
+        let node = built(make()?);
+        if let Built::Tile(..) = node {
+            self.work.give_back(bytes);
         }
+        Ok(node)
+    }
+
+    fn leaf(&self, origin: IVec3) -> Result<Built<Leaf>, Stop> {
+        if let Some((value, active)) = self.tile::<Leaf>(origin) {
+            return Ok(Built::Tile(value, active));
+        }
+        self.node::<Leaf>(|| Ok(self.leaf_of_samples(origin)))
+    }
+
+    fn leaf_of_samples(&self, origin: IVec3) -> Box<Leaf> {
         let mut leaf = Leaf::filled(origin, 0.0, false);
         let samples = self.samples(origin, Leaf::TOTAL_LOG2_DIM);
         let block = Block::of(self.tree, samples);
@@ -201,7 +274,7 @@ impl Halving<'_> {
             leaf.values_slice_mut()[slot] = value;
             leaf.value_mask_mut().set(slot, active);
         }
-        built(leaf)
+        leaf
     }
 
     /// The value of all samples of a box, if the tree says that they are alike.
@@ -514,6 +587,10 @@ mod tests {
     use super::*;
     use crate::synth::{Uniform, build, level_set};
     use crate::tree::CoordBox;
+
+    fn half_resolution(tree: &Vdb543<f32>, coarsening: Coarsening) -> Vdb543<f32> {
+        super::half_resolution(tree, coarsening, &LevelOptions::default()).unwrap()
+    }
 
     const DISTANCES: Coarsening = Coarsening::Surface { iso: 0.0, voxel: Some(1.0) };
 
