@@ -20,6 +20,7 @@ mod plugin;
 mod quality;
 #[cfg(feature = "record")]
 mod record;
+mod reload;
 mod render;
 mod roles;
 mod spatial_query;

@@ -18,12 +18,14 @@ use vdb_core::tree::{Vdb543, trim_narrow_band};
 use vdb_core::{AnyTree, FileBuffer, Grid, GridSelection, Limits, ProgressFn, ReadOptions};
 
 use crate::labels::labels;
+use crate::reload::{LoadedFile, LoadedFiles};
 use crate::{VdbFile, VdbGrid, VdbGridError, VdbVectorGrid};
 
 /// Loads `.vdb` files. Registered by [`VdbRenderPlugin`](crate::VdbRenderPlugin).
 #[derive(Clone, Default, TypePath)]
 pub struct VdbLoader {
     progress: VdbLoadProgress,
+    loaded: LoadedFiles,
 }
 
 /// How a `.vdb` file is loaded; for `asset_server.load_builder().with_settings(…)` or a `.meta`
@@ -203,8 +205,8 @@ impl Drop for Running {
 }
 
 impl VdbLoader {
-    pub(crate) fn new(progress: VdbLoadProgress) -> Self {
-        Self { progress }
+    pub(crate) fn new(progress: VdbLoadProgress, loaded: LoadedFiles) -> Self {
+        Self { progress, loaded }
     }
 }
 
@@ -240,6 +242,11 @@ impl AssetLoader for VdbLoader {
         for problem in few(&decoded.problems) {
             warn!("{}: {problem}", escaped(&path.to_string()));
         }
+        self.loaded.push(LoadedFile {
+            path: path.without_label().into_owned(),
+            grids: decoded.grids.iter().map(|(label, _)| label.clone()).collect(),
+            vector_grids: decoded.vector_grids.iter().map(|(label, _)| label.clone()).collect(),
+        });
         let mut file = VdbFile {
             grids: Vec::new(),
             named_grids: HashMap::default(),

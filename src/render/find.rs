@@ -11,6 +11,7 @@ use bevy::render::view::RenderVisibleEntities;
 use super::bind::ViewBindGroups;
 use super::extract::ExtractedVolumes;
 use super::gpu_tree::VdbTreePool;
+use super::pipeline::ViewPipelines;
 use super::resources::ViewResources;
 use crate::{VdbCamera, VdbVolume};
 
@@ -47,6 +48,18 @@ pub(super) fn find_views(
         } else if had {
             commands.entity(view).remove::<(ViewVolumes, ViewResources, ViewBindGroups)>();
         }
+    }
+}
+
+/// Takes from all views what a GPU that was lost has made for them. At the first start there is nothing.
+pub(super) fn forget_views(
+    mut commands: Commands,
+    views: Query<Entity, Or<(With<ViewVolumes>, With<ViewResources>, With<ViewPipelines>)>>,
+) {
+    for view in &views {
+        commands
+            .entity(view)
+            .remove::<(ViewVolumes, ViewResources, ViewBindGroups, ViewPipelines)>();
     }
 }
 

@@ -86,8 +86,9 @@ pub(crate) fn build(app: &mut App) {
         .init_resource::<extract::ExtractedSuns>()
         .init_resource::<edits::ExtractedEdits>()
         .init_resource::<warnings::Warned>()
-        .init_resource::<cast::CastShadows>()
         .init_resource::<changes::SceneChanges>()
+        // What follows is of one GPU, and begins anew with the next.
+        .init_gpu_resource::<cast::CastShadows>()
         .init_gpu_resource::<kept::KeptPipelines>()
         .init_gpu_resource::<VdbTreePool>()
         .init_gpu_resource::<prepare::VolumeBuffer>()
@@ -99,7 +100,7 @@ pub(crate) fn build(app: &mut App) {
         .init_gpu_resource::<SpecializedRenderPipelines<CompositePipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<CastPipeline>>()
         .init_gpu_resource::<SpecializedRenderPipelines<MeshDepthPipeline>>()
-        .add_systems(RenderStartup, pipeline::init.after(MeshPipelineSystems))
+        .add_systems(RenderStartup, (pipeline::init.after(MeshPipelineSystems), find::forget_views))
         .add_systems(
             ExtractSchedule,
             (
