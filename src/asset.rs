@@ -7,6 +7,7 @@ use bevy::math::{DAffine3, DVec3};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use thiserror::Error;
+use vdb_core::display::escaped;
 use vdb_core::pack::{PackError, PackKind, PackedGrid};
 use vdb_core::tree::Vdb543;
 use vdb_core::{GridClass, Metadata, SkippedGrid};
@@ -18,7 +19,8 @@ use crate::{VdbEdit, VdbValues, VdbVectorGrid};
 ///
 /// Its grids are labelled by name, `"smoke.vdb#density"`. Where a name is empty or shared, the
 /// label is the grid's unique name: `"#[0]"` for the first of several unnamed grids, `"#density[1]"`
-/// for the second of that name.
+/// for the second of that name. In a label, `#`, `//` and what cannot be shown are escaped (`a#b` is
+/// `"#a\u{23}b"`), and an ellipsis stands for what comes after 256 characters.
 #[derive(Asset, Clone, Debug, TypePath)]
 pub struct VdbFile {
     /// The grids of floats that were loaded, in the order of the file.
@@ -37,6 +39,8 @@ pub struct VdbFile {
 #[derive(Asset, Clone, Debug, TypePath)]
 pub struct VdbGrid {
     name: Arc<str>,
+    /// The same, made safe to show.
+    shown_name: Arc<str>,
     class: GridClass,
     world_from_index: DAffine3,
     metadata: Metadata,
@@ -56,9 +60,12 @@ pub enum VdbGridError {
     #[error("{0}")]
     Transform(String),
     /// Its values are neither floats nor vectors of them.
-    #[error("grids of type {0} cannot be shown; only Tree_float_5_4_3 and Tree_vec3s_5_4_3 can")]
+    #[error(
+        "grids of type {} cannot be shown; only Tree_float_5_4_3 and Tree_vec3s_5_4_3 can",
+        escaped(.0)
+    )]
     Type(String),
-    /// It does not fit the GPU's layout.
+    /// It does not fit the GPU's layout, or exceeds a limit.
     #[error(transparent)]
     Pack(#[from] PackError),
 }
@@ -79,15 +86,10 @@ impl VdbGrid {
             PackKind::Surface { .. } | PackKind::Smooth { .. } => GridClass::LevelSet,
             PackKind::Fog => GridClass::FogVolume,
         };
-        Self::from_parts(
-            name.into(),
-            class,
-            world_from_index,
-            Metadata::default(),
-            Arc::new(tree),
-            kind,
-            VdbValues::Exact,
-        )
+        check_transform(world_from_index)?;
+        let packed = Arc::new(PackedGrid::new(&tree, kind)?);
+        let (name, metadata, values) = (name.into(), Metadata::default(), VdbValues::Exact);
+        Self::from_parts(name, class, world_from_index, metadata, Arc::new(tree), values, packed)
     }
 
     /// The same grid with samples of other bits on the GPU.
@@ -111,19 +113,31 @@ impl VdbGrid {
         Ok(self)
     }
 
+    /// A grid of its parts; `packed` is the tree, with samples as `values` say.
     pub(crate) fn from_parts(
         name: Arc<str>,
         class: GridClass,
         world_from_index: DAffine3,
         metadata: Metadata,
         tree: Arc<Vdb543<f32>>,
-        kind: PackKind,
         values: VdbValues,
+        packed: Arc<PackedGrid>,
     ) -> Result<Self, VdbGridError> {
         check_transform(world_from_index)?;
-        let packed = Arc::new(PackedGrid::with_format(&tree, kind, values.into())?);
         let (levels, edits) = (None, None);
-        Ok(Self { name, class, world_from_index, metadata, tree, packed, levels, values, edits })
+        let shown_name = shown(&name);
+        Ok(Self {
+            name,
+            shown_name,
+            class,
+            world_from_index,
+            metadata,
+            tree,
+            packed,
+            levels,
+            values,
+            edits,
+        })
     }
 
     /// Changes voxels, and brings what rays meet, on the CPU and on the GPU, up to date with them: at
@@ -203,14 +217,15 @@ impl VdbGrid {
         if self.edits.is_some() { Arc::new(self.packed.outline()) } else { self.packed.clone() }
     }
 
-    /// The grid's name in its file; may be empty.
+    /// The grid's name in its file; may be empty. It is as the file has it:
+    /// [`vdb_core::display::escaped`] makes it safe to show.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The name, shared: for messages about the grid elsewhere.
-    pub(crate) fn shared_name(&self) -> Arc<str> {
-        self.name.clone()
+    /// The name as it can be shown: for messages about the grid, and the panel.
+    pub(crate) fn shown_name(&self) -> &Arc<str> {
+        &self.shown_name
     }
 
     /// What the file says that the values mean.
@@ -264,6 +279,12 @@ impl VdbGrid {
     pub fn world_bounds(&self) -> Option<(DVec3, DVec3)> {
         world_bounds(&self.packed, self.world_from_index)
     }
+}
+
+/// A name without what a terminal would obey.
+fn shown(name: &Arc<str>) -> Arc<str> {
+    let shown = escaped(name).to_string();
+    if *shown == **name { name.clone() } else { shown.into() }
 }
 
 /// Whether a transform can place a grid.

@@ -11,6 +11,7 @@ mod extras;
 mod features;
 #[cfg(feature = "egui")]
 mod inspector;
+mod labels;
 mod levels;
 mod loader;
 mod measure;
@@ -20,6 +21,7 @@ mod plugin;
 mod quality;
 #[cfg(feature = "record")]
 mod record;
+mod reload;
 mod render;
 mod roles;
 mod spatial_query;
@@ -53,6 +55,7 @@ pub use render::{VdbGpuUsage, VdbSystems};
 pub use roles::VdbRoles;
 pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};
 pub use vdb_core;
+pub use vdb_core::Limits as VdbLimits;
 pub use vdb_core::pack::edit::{Voxel as VdbVoxel, VoxelEdit as VdbEdit};
 pub use vector_grid::VdbVectorGrid;
 

@@ -1,30 +1,48 @@
 //! `.vdb` bytes → [`VdbFile`] with its [`VdbGrid`]s, off the main thread.
 
+use std::io::SeekFrom;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bevy::asset::io::Reader;
-use bevy::asset::{AssetLoader, AssetPath, LoadContext};
+use bevy::asset::{AssetLoader, AssetPath, AsyncReadExt, AsyncSeekExt, LoadContext};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use bevy::tasks::AsyncComputeTaskPool;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-use vdb_core::pack::{PackKind, ValueFormat};
-use vdb_core::tree::trim_narrow_band;
-use vdb_core::{AnyTree, Grid, GridSelection, Limits, ProgressFn, ReadOptions};
+use vdb_core::display::escaped;
+use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, PackedTogether, ValueFormat};
+use vdb_core::tree::{Vdb543, trim_narrow_band};
+use vdb_core::{AnyTree, FileBuffer, Grid, GridSelection, Limits, ProgressFn, ReadOptions};
 
+use crate::labels::labels;
+use crate::reload::{LoadedFile, LoadedFiles};
 use crate::{VdbFile, VdbGrid, VdbGridError, VdbVectorGrid};
 
 /// Loads `.vdb` files. Registered by [`VdbRenderPlugin`](crate::VdbRenderPlugin).
 #[derive(Clone, Default, TypePath)]
 pub struct VdbLoader {
     progress: VdbLoadProgress,
+    loaded: LoadedFiles,
 }
 
 /// How a `.vdb` file is loaded; for `asset_server.load_builder().with_settings(…)` or a `.meta`
-/// file.
+/// file. What is left out there has its default:
+///
+/// ```ron
+/// (
+///     meta_format_version: "1.0",
+///     asset: Load(
+///         loader: "bevy_vdb::loader::VdbLoader",
+///         settings: (
+///             grids: Some(["density"]),
+///             limits: (file_bytes: 8_000_000_000, tree_bytes: 24_000_000_000),
+///         ),
+///     ),
+/// )
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct VdbLoaderSettings {
@@ -41,6 +59,9 @@ pub struct VdbLoaderSettings {
     pub smooth: bool,
     /// In how many bits the GPU gets the samples of fog and of smooth surfaces.
     pub values: VdbValues,
+    /// What the file may ask of the machine before loading it is given up. The defaults protect a desktop with
+    /// 8 GB of memory; raise them for files that are larger and to be trusted.
+    pub limits: Limits,
 }
 
 impl Default for VdbLoaderSettings {
@@ -51,6 +72,7 @@ impl Default for VdbLoaderSettings {
             render_as: VdbRenderAs::Auto,
             smooth: true,
             values: VdbValues::Exact,
+            limits: Limits::default(),
         }
     }
 }
@@ -107,7 +129,7 @@ pub enum VdbLoaderError {
     #[error(transparent)]
     File(#[from] vdb_core::Error),
     /// The file has grids, but none that can be shown.
-    #[error("no grid of the file can be shown: {}", .0.join("; "))]
+    #[error("no grid of the file can be shown: {}", few(.0).join("; "))]
     NothingToShow(Vec<String>),
     /// The settings make no sense.
     #[error("loader setting {0}")]
@@ -149,6 +171,15 @@ impl Running {
         Self { progress: progress.clone(), path: path.clone(), wanted }
     }
 
+    /// What packing calls as it goes on.
+    fn goes_on(&self) -> Arc<ProgressFn> {
+        let wanted = self.wanted.clone();
+        Arc::new(move |_, _| {
+            let wanted = wanted.load(Ordering::Relaxed);
+            if wanted { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        })
+    }
+
     /// What the decoder calls as it goes on.
     fn report(&self) -> Arc<ProgressFn> {
         let (progress, path, wanted) =
@@ -174,8 +205,8 @@ impl Drop for Running {
 }
 
 impl VdbLoader {
-    pub(crate) fn new(progress: VdbLoadProgress) -> Self {
-        Self { progress }
+    pub(crate) fn new(progress: VdbLoadProgress, loaded: LoadedFiles) -> Self {
+        Self { progress, loaded }
     }
 }
 
@@ -191,20 +222,31 @@ impl AssetLoader for VdbLoader {
         load_context: &mut LoadContext<'_>,
     ) -> Result<VdbFile, VdbLoaderError> {
         settings.check()?;
-        let mut bytes = Vec::new();
-        reader.read_to_end(&mut bytes).await?;
+        let bytes = read(reader, &settings.limits).await?;
         let path = load_context.path().clone_owned();
         let running = Running::new(&self.progress, &path, bytes.len() as u64);
         let decoded = {
             let (settings, report) = (settings.clone(), running.report());
+            let options = PackOptions {
+                format: settings.values.into(),
+                limits: settings.limits.clone(),
+                progress: Some(running.goes_on()),
+                together: Some(PackedTogether::default()),
+                ..PackOptions::default()
+            };
             // Decoding and packing take all the cores there are; Bevy's IO threads are not for it.
             AsyncComputeTaskPool::get()
-                .spawn(async move { decode(&bytes, &settings, report) })
+                .spawn(async move { decode(bytes, &settings, report, options) })
                 .await?
         };
-        for problem in &decoded.problems {
-            warn!("{path}: {problem}");
+        for problem in few(&decoded.problems) {
+            warn!("{}: {problem}", escaped(&path.to_string()));
         }
+        self.loaded.push(LoadedFile {
+            path: path.without_label().into_owned(),
+            grids: decoded.grids.iter().map(|(label, _)| label.clone()).collect(),
+            vector_grids: decoded.vector_grids.iter().map(|(label, _)| label.clone()).collect(),
+        });
         let mut file = VdbFile {
             grids: Vec::new(),
             named_grids: HashMap::default(),
@@ -243,6 +285,35 @@ impl VdbLoaderSettings {
     }
 }
 
+/// The bytes of a file: no more than its grids lie in, and none but the first of what is no VDB file.
+async fn read(reader: &mut dyn Reader, limits: &Limits) -> Result<Vec<u8>, VdbLoaderError> {
+    let mut buffer = FileBuffer::new(limits.clone(), length(reader).await?);
+    while let Some(room) = buffer.room()? {
+        let count = reader.read(room).await?;
+        buffer.filled(count);
+    }
+    Ok(buffer.into_bytes())
+}
+
+/// How long a file is, where its source can tell.
+async fn length(reader: &mut dyn Reader) -> Result<Option<u64>, std::io::Error> {
+    let Ok(reader) = reader.seekable() else { return Ok(None) };
+    let Ok(end) = reader.seek(SeekFrom::End(0)).await else { return Ok(None) };
+    reader.seek(SeekFrom::Start(0)).await?;
+    // Devices say 0, too.
+    Ok(Some(end).filter(|end| *end > 0))
+}
+
+/// Grids that were left out and are told of one by one; a file can have thousands.
+const MOST_PROBLEMS: usize = 8;
+
+/// The first of many lines, and how many more there are.
+fn few(problems: &[String]) -> Vec<String> {
+    let (first, rest) = problems.split_at(problems.len().min(MOST_PROBLEMS));
+    let rest = (!rest.is_empty()).then(|| format!("and {} more grids were skipped", rest.len()));
+    first.iter().cloned().chain(rest).collect()
+}
+
 struct Decoded {
     file: vdb_core::VdbFile,
     grids: Vec<(String, VdbGrid)>,
@@ -252,24 +323,28 @@ struct Decoded {
 }
 
 fn decode(
-    bytes: &[u8],
+    bytes: Vec<u8>,
     settings: &VdbLoaderSettings,
     report: Arc<ProgressFn>,
+    pack: PackOptions,
 ) -> Result<Decoded, VdbLoaderError> {
     let options = ReadOptions {
-        limits: Limits::default(),
+        limits: settings.limits.clone(),
         grids: settings.grids.clone().map_or(GridSelection::All, GridSelection::Names),
         progress: Some(report),
     };
-    let mut file = vdb_core::VdbFile::read(bytes, &options)?;
+    let mut file = vdb_core::VdbFile::read(&bytes, &options)?;
+    // Packing has use for the memory.
+    drop(bytes);
     let skipped = file.skipped.iter();
     let mut problems: Vec<String> = skipped
-        .map(|grid| format!("grid '{}' was skipped: {}", grid.unique_name, grid.reason))
+        .map(|grid| format!("grid '{}' was skipped: {}", escaped(&grid.unique_name), grid.reason))
         .collect();
     let (mut grids, mut vector_grids) = (Vec::new(), Vec::new());
-    for grid in std::mem::take(&mut file.grids) {
-        let label = grid.unique_name.clone();
-        match prepare(grid, settings) {
+    let mut shared = Shared::new(pack);
+    let labels = labels(file.grids.iter().map(|grid| &*grid.unique_name));
+    for (grid, label) in std::mem::take(&mut file.grids).into_iter().zip(labels) {
+        match prepare(grid, settings, &mut shared) {
             Ok(Prepared::Floats(grid)) => grids.push((label, grid)),
             Ok(Prepared::Vectors(grid)) => vector_grids.push((label, grid)),
             Err(reason) => problems.push(format!("grid '{label}' was skipped: {reason}")),
@@ -281,12 +356,73 @@ fn decode(
     Ok(Decoded { file, grids, vector_grids, problems })
 }
 
+/// Trees that have been packed: instances have one tree, which is packed once.
+struct Shared {
+    options: PackOptions,
+    /// By the address of the tree that was read, how it meets rays, and the half-width of its band.
+    floats: HashMap<(usize, [u32; 3]), Floats>,
+    /// By the address of the tree.
+    vectors: HashMap<usize, Vectors>,
+}
+
+/// The tree that was read, which keeps its address from others; what is shown of it; and that packed.
+type Floats = (Arc<Vdb543<f32>>, Arc<Vdb543<f32>>, Result<Arc<PackedGrid>, PackError>);
+type Vectors = (Arc<Vdb543<[f32; 3]>>, Result<[Arc<PackedGrid>; 3], PackError>);
+
+impl Shared {
+    fn new(options: PackOptions) -> Self {
+        Self { options, floats: HashMap::default(), vectors: HashMap::default() }
+    }
+
+    /// What is shown of a tree, packed. The band of a level set is narrowed to a half-width in the units
+    /// of its values.
+    fn floats(
+        &mut self,
+        tree: Arc<Vdb543<f32>>,
+        kind: PackKind,
+        half_width: Option<f32>,
+    ) -> Result<(Arc<Vdb543<f32>>, Arc<PackedGrid>), PackError> {
+        let (kind_code, iso) = match kind {
+            PackKind::Surface { iso } => (0, iso),
+            PackKind::Smooth { iso } => (1, iso),
+            PackKind::Fog => (2, 0.0),
+        };
+        let width_bits = half_width.map_or(u32::MAX, f32::to_bits);
+        let key = (Arc::as_ptr(&tree).addr(), [kind_code, iso.to_bits(), width_bits]);
+        let (_, shown, packed) = self.floats.entry(key).or_insert_with(|| {
+            let shown = match half_width {
+                Some(half_width) => Arc::new(trim_narrow_band(&tree, half_width)),
+                None => tree.clone(),
+            };
+            let packed = PackedGrid::with_options(&shown, kind, &self.options).map(Arc::new);
+            (tree, shown, packed)
+        });
+        Ok((shown.clone(), packed.clone()?))
+    }
+
+    /// The components of a tree of vectors, packed.
+    fn vectors(
+        &mut self,
+        tree: &Arc<Vdb543<[f32; 3]>>,
+    ) -> Result<[Arc<PackedGrid>; 3], PackError> {
+        let (_, packed) = self
+            .vectors
+            .entry(Arc::as_ptr(tree).addr())
+            .or_insert_with(|| (tree.clone(), VdbVectorGrid::pack(tree, &self.options)));
+        packed.clone()
+    }
+}
+
 enum Prepared {
     Floats(VdbGrid),
     Vectors(VdbVectorGrid),
 }
 
-fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<Prepared, VdbGridError> {
+fn prepare(
+    grid: Grid,
+    settings: &VdbLoaderSettings,
+    shared: &mut Shared,
+) -> Result<Prepared, VdbGridError> {
     let world_from_index = grid.transform.linear().ok_or_else(|| {
         VdbGridError::Transform(format!(
             "a transform of type {} cannot be shown; export the grid with a linear transform",
@@ -298,7 +434,8 @@ fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<Prepared, VdbGrid
         AnyTree::Float(tree) => tree,
         AnyTree::Vec3s(tree) => {
             let (place, metadata) = (world_from_index, grid.metadata);
-            return VdbVectorGrid::from_parts(name, place, metadata, tree, values)
+            let packed = shared.vectors(&tree)?;
+            return VdbVectorGrid::from_parts(name, place, metadata, tree, packed)
                 .map(Prepared::Vectors);
         }
         _ => return Err(VdbGridError::Type(grid.type_name)),
@@ -312,13 +449,15 @@ fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<Prepared, VdbGrid
         PackKind::Surface { iso } if settings.smooth => PackKind::Smooth { iso },
         kind => kind,
     };
-    let tree = match (settings.half_width, kind) {
-        (Some(half_width), PackKind::Surface { iso: 0.0 } | PackKind::Smooth { iso: 0.0 }) => {
+    let half_width = match kind {
+        PackKind::Surface { iso: 0.0 } | PackKind::Smooth { iso: 0.0 } => {
             let voxel = grid.transform.voxel_size().min_element() as f32;
-            Arc::new(trim_narrow_band(&tree, half_width * voxel))
+            settings.half_width.map(|half_width| half_width * voxel)
         }
-        _ => tree,
+        _ => None,
     };
-    VdbGrid::from_parts(name, grid.class, world_from_index, grid.metadata, tree, kind, values)
+    let (tree, packed) = shared.floats(tree, kind, half_width)?;
+    let (class, metadata) = (grid.class, grid.metadata);
+    VdbGrid::from_parts(name, class, world_from_index, metadata, tree, values, packed)
         .map(Prepared::Floats)
 }

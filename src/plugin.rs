@@ -8,6 +8,7 @@ use crate::bounds::update_bounds;
 use crate::dial::turn_dials;
 use crate::levels::{PendingLevels, make_levels};
 use crate::measure::{LeftOut, measure_features};
+use crate::reload::{LoadedFiles, tell_of_lost_grids};
 use crate::render;
 use crate::{
     VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,
@@ -24,12 +25,13 @@ pub struct VdbRenderPlugin;
 
 impl Plugin for VdbRenderPlugin {
     fn build(&self, app: &mut App) {
-        let progress = VdbLoadProgress::default();
+        let (progress, loaded) = (VdbLoadProgress::default(), LoadedFiles::default());
         app.init_asset::<VdbGrid>()
             .init_asset::<VdbVectorGrid>()
             .init_asset::<VdbFile>()
-            .register_asset_loader(VdbLoader::new(progress.clone()))
+            .register_asset_loader(VdbLoader::new(progress.clone(), loaded.clone()))
             .insert_resource(progress)
+            .insert_resource(loaded)
             .register_type::<VdbVolume>()
             .register_type::<VdbMaterial>()
             .register_type::<VdbColorGrid>()
@@ -41,6 +43,7 @@ impl Plugin for VdbRenderPlugin {
             .register_type::<VdbDial>()
             .register_type::<VdbMeasureFeatures>()
             .init_resource::<VdbDiagnostics>()
+            .add_systems(Update, tell_of_lost_grids)
             .add_systems(Last, (measure_features, turn_dials).chain())
             .init_resource::<PendingLevels>()
             .add_systems(

@@ -226,6 +226,133 @@ fn each_failure_is_one_clear_message() {
     std::fs::remove_dir_all(folder).unwrap();
 }
 
+/// A file that says to be so long and has no blocks on the disk.
+fn sparse(path: &Path, start: &[u8], length: u64) {
+    std::fs::write(path, start).unwrap();
+    std::fs::OpenOptions::new().write(true).open(path).unwrap().set_len(length).unwrap();
+}
+
+#[test]
+fn what_is_no_file_of_ours_is_refused_at_once() {
+    let folder = std::env::temp_dir().join(format!("bevy_vdb_refused_{}", std::process::id()));
+    std::fs::create_dir_all(folder.join("folder.vdb")).unwrap();
+    let whole = std::fs::read(data("kinds.vdb")).unwrap();
+    sparse(&folder.join("zeros.vdb"), b"", 3 << 30);
+    sparse(&folder.join("long.vdb"), &whole, 3 << 30);
+    let mut cases = vec![
+        ("zeros.vdb", "this is no VDB file"),
+        (
+            "long.vdb",
+            "3221225472 bytes of file exceed the limit of 2147483648 (`Limits::file_bytes`)",
+        ),
+        ("folder.vdb", "folder.vdb"),
+    ];
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("/dev/zero", folder.join("device.vdb")).unwrap();
+        cases.push(("device.vdb", "this is no VDB file"));
+    }
+    for (name, said) in cases {
+        let mut app = app();
+        let start = Instant::now();
+        let file: Handle<VdbFile> = load(&app, folder.join(name));
+        let message = failure(&mut app, &file);
+        assert!(message.contains(said) && message.contains(name), "{name}: {message}");
+        assert!(start.elapsed() < Duration::from_secs(5), "{name} took {:?}", start.elapsed());
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn limits_are_settings() {
+    let folder = std::env::temp_dir().join(format!("bevy_vdb_limits_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let whole = std::fs::read(data("kinds.vdb")).unwrap();
+    // By code.
+    let mut app = app();
+    let few = |settings: &mut VdbLoaderSettings| settings.limits.nodes = 10;
+    let server = app.world().resource::<AssetServer>();
+    let file: Handle<VdbFile> = server.load_builder().with_settings(few).load(data("kinds.vdb"));
+    let message = failure(&mut app, &file);
+    assert!(message.contains("exceed the limit of 10 (`Limits::nodes`)"), "{message}");
+    // By a file of settings, in which all others keep their defaults.
+    let meta = |limits: &str| {
+        format!(
+            "(meta_format_version: \"1.0\", asset: Load(loader: \"bevy_vdb::loader::VdbLoader\", \
+             settings: (limits: ({limits}))))"
+        )
+    };
+    sparse(&folder.join("long.vdb"), &whole, 3 << 30);
+    for (name, limits, said) in [
+        ("small.vdb", "file_bytes: 1_000", Some("exceed the limit of 1000 (`Limits::file_bytes`)")),
+        ("long.vdb", "file_bytes: 4_000_000_000", None),
+    ] {
+        let path = folder.join(name);
+        if !path.exists() {
+            std::fs::write(&path, &whole).unwrap();
+        }
+        std::fs::write(folder.join(format!("{name}.meta")), meta(limits)).unwrap();
+        let mut app = self::app();
+        let file: Handle<VdbFile> = load(&app, path);
+        match said {
+            Some(said) => {
+                let message = failure(&mut app, &file);
+                assert!(message.contains(said), "{message}");
+            }
+            None => assert_eq!(loaded(&mut app, &file).grids.len(), 2),
+        }
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// Names with escapes that a terminal obeys, and such as Bevy's paths have no place for.
+#[test]
+fn labels_can_be_shown_and_loaded() {
+    let folder = std::env::temp_dir().join(format!("bevy_vdb_labels_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("names.vdb");
+    let names =
+        ["\u{1b}[2J\u{202e}", "a#b", "http://x", "density", "fire/core", "Dichte für Rauch"];
+    let grid = |name: &str| Grid::new(name, AnyTree::Float(Vdb543::new(0.0_f32).into()));
+    let grids = names.map(grid).into();
+    vdb_core::VdbFile::new(grids).save(&path, &WriteOptions::default()).unwrap();
+    let mut app = app();
+    let file: Handle<VdbFile> = load(&app, &path);
+    let file = loaded(&mut app, &file);
+    let labels = [
+        r"\u{1b}[2J\u{202e}",
+        r"a\u{23}b",
+        r"http:/\u{2f}x",
+        "density",
+        "fire/core",
+        "Dichte für Rauch",
+    ];
+    for (label, name) in labels.into_iter().zip(names) {
+        let grid = loaded(&mut app, &file.named_grids[label]);
+        assert_eq!(grid.name(), name);
+        let asked = format!("{}#{label}", path.display());
+        let found: Handle<VdbGrid> = app.world().resource::<AssetServer>().load(asked);
+        assert_eq!(found, file.named_grids[label]);
+    }
+    // Bevy lists them where one is asked for that is not there.
+    let asked = format!("{}#smoke", path.display());
+    let wrong: Handle<VdbGrid> = app.world().resource::<AssetServer>().load(asked);
+    let message = failure(&mut app, &wrong);
+    assert!(message.contains(r"\u{1b}") && message.contains("density"), "{message}");
+    assert!(!message.contains(['\u{1b}', '\u{202e}']), "{message:?}");
+    // And what the loader itself says of such a file.
+    let hostile: Handle<VdbFile> = load(&app, data("hostile/ansi.vdb"));
+    let hostile = until(&mut app, "the file or an error", |world| {
+        match world.resource::<AssetServer>().load_state(&hostile) {
+            LoadState::Failed(error) => Some(error.to_string()),
+            LoadState::Loaded => Some(String::new()),
+            _ => None,
+        }
+    });
+    assert!(!hostile.contains('\u{1b}'), "{hostile:?}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
 #[test]
 fn a_changed_file_is_reloaded() {
     let folder = std::env::temp_dir().join(format!("bevy_vdb_reload_{}", std::process::id()));

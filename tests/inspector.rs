@@ -178,6 +178,52 @@ fn the_panel_opens_and_closes() {
     assert!(panel.find(Role::Button, "Volumes").is_some(), "F2 opens it again");
 }
 
+/// Names and metadata of a file that hide, turn round or forge what stands there.
+#[test]
+fn text_of_files_is_escaped() {
+    let name = "\u{1b}[2J\u{202e}x\nblob, level set";
+    let folder = std::env::temp_dir().join(format!("bevy_vdb_panel_text_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("text.vdb");
+    let mut tree = Vdb543::new(0.0_f32);
+    tree.set(IVec3::ONE, 1.0);
+    let mut grids = ["", "2"].map(|end| {
+        vdb_core::Grid::new(format!("{name}{end}"), vdb_core::AnyTree::Float(tree.clone().into()))
+    });
+    grids[0].metadata.insert(name, vdb_core::MetaValue::String(name.into()));
+    let file = vdb_core::VdbFile::new(grids.into());
+    file.save(&path, &vdb_core::WriteOptions::default()).unwrap();
+    let mut panel = Panel::new(PackKind::Fog);
+    let handle: Handle<VdbFile> = panel.world().resource::<AssetServer>().load(path);
+    let start = std::time::Instant::now();
+    let file = loop {
+        panel.frame([]);
+        if let Some(file) = panel.world().resource::<Assets<VdbFile>>().get(&handle) {
+            break file.clone();
+        }
+        assert!(start.elapsed() < std::time::Duration::from_secs(60), "the file did not come");
+    };
+    let volume = panel.volume;
+    panel.world().entity_mut(volume).insert(VdbVolume(file.grids[0].clone()));
+    panel.click(Role::Button, "Grid");
+    panel.look();
+    let metadata = panel.nodes.iter().filter_map(|(_, node)| node.label());
+    let metadata = metadata.filter(|label| label.starts_with("Metadata")).map(str::to_owned).next();
+    panel.click(Role::Button, &metadata.expect("the grid has metadata"));
+    panel.look();
+    let shown = panel.nodes.iter().flat_map(|(_, node)| [node.label(), node.value()]).flatten();
+    let shown: Vec<&str> = shown.collect();
+    let escaped = shown.iter().filter(|text| text.contains(r"\u{1b}[2J\u{202e}x\nblob")).count();
+    // The volume, its grid among those of the file, the name of the grid, and what its metadata say.
+    assert!(escaped >= 5, "{shown:?}");
+    for text in shown {
+        // The panel's own breaks of lines are between numbers.
+        let raw = text.contains(['\u{1b}', '\u{202e}']) || text.contains("\nblob");
+        assert!(!raw, "{text:?}");
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
 #[test]
 fn controls_of_a_camera_change_that() {
     let mut panel = Panel::new(PackKind::Smooth { iso: 0.0 });

@@ -3,6 +3,8 @@
 #[path = "picture/accumulate.rs"]
 mod accumulate;
 mod common;
+#[path = "picture/device_loss.rs"]
+mod device_loss;
 #[path = "picture/diagnostics.rs"]
 mod diagnostics;
 #[path = "picture/edits.rs"]

@@ -273,7 +273,22 @@ fn videos_have_the_size_the_length_and_the_picture() {
     assert!(at(2, 2)[1] < 20 && at(60, 60)[1] < 20);
 }
 
-/// The first file is a pipe that nobody reads, so that the encoder stands still until somebody does.
+/// A program in place of `ffmpeg`, in the folder of what is recorded: a script, in which `$target` is the
+/// file that it is to write.
+#[cfg(unix)]
+fn program(folder: &Path, lines: &str) -> PathBuf {
+    use std::os::unix::fs::PermissionsExt;
+    let (text, program) = (folder.join("encoder.sh"), folder.join("encoder"));
+    let begin = "for target; do :; done; target=${target#file:}";
+    std::fs::write(&text, format!("#!/bin/sh\n{begin}\n{lines}\n")).unwrap();
+    std::fs::set_permissions(&text, std::fs::Permissions::from_mode(0o755)).unwrap();
+    // By another process: a file that this one has written may be open in one that it is just starting,
+    // and then cannot be run.
+    assert!(Command::new("cp").args([&text, &program]).status().unwrap().success());
+    program
+}
+
+/// An encoder that stands still until there is a file of some name.
 #[cfg(unix)]
 #[test]
 fn a_slow_encoder_costs_frames_or_time() {
@@ -283,49 +298,96 @@ fn a_slow_encoder_costs_frames_or_time() {
     let mut stage = stage();
     let (camera, _) = camera(&mut stage);
     for when_full in [VdbRecordWhenFull::Drop, VdbRecordWhenFull::Wait] {
-        let target = folder("record_slow");
-        let pipe = target.join("00000000.png");
-        assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let folder = folder("record_slow");
+        let (go_on, target) = (folder.join("go_on"), folder.join("film.mp4"));
+        let wait = format!("while [ ! -e {} ]; do sleep 0.01; done", go_on.display());
         let settings = VdbRecordSettings {
             frame_rate: 1000,
             when_full,
             queue: 2,
             max_frames: Some(40),
-            ..VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence)
+            ffmpeg: program(&folder, &format!("{wait}; cat > $target")),
+            ..VdbRecordSettings::new(&target, VdbRecordFormat::Mp4)
         };
         start(&mut stage, camera, settings);
         let waits = when_full == VdbRecordWhenFull::Wait;
-        let reader = waits.then(|| {
-            let pipe = pipe.clone();
+        let other = waits.then(|| {
+            let go_on = go_on.clone();
             std::thread::spawn(move || {
                 std::thread::sleep(Duration::from_secs(1));
-                std::fs::read(pipe).unwrap()
+                std::fs::write(go_on, "").unwrap();
             })
         });
         let begin = Instant::now();
         stage.update(25);
         let stuck = status(&mut stage, camera);
-        if let Some(reader) = reader {
+        // What the pipe to the program holds: 64 KiB on Linux.
+        let pipe = (1 << 16) / u64::from(4 * SIZE.x * SIZE.y);
+        if let Some(other) = other {
             assert!(begin.elapsed() > Duration::from_millis(900), "it did not wait: {stuck:?}");
             assert_eq!(stuck.dropped, 0);
-            reader.join().unwrap();
+            other.join().unwrap();
         } else {
-            assert_eq!(stuck.written, 0);
+            assert!(stuck.written <= pipe, "{stuck:?}");
             // Buffers, the queue, and what the encoder has: see VdbRecordSettings::queue.
-            assert!(stuck.captured <= 2 + 6, "{stuck:?}");
+            assert!(stuck.captured <= 2 + 6 + pipe, "{stuck:?}");
             assert_eq!(stuck.captured + stuck.dropped, 25);
-            std::fs::read(&pipe).unwrap();
+            std::fs::write(&go_on, "").unwrap();
         }
-        std::fs::remove_file(&pipe).unwrap();
         let ended = wait_for_end(&mut stage, camera);
         assert!(ended.status.error.is_none(), "{ended:?}");
         println!("{when_full:?}: {:?}", ended.status);
         // Whatever was left out, the recording has its length.
         assert_eq!(ended.status.written, 40);
-        assert_eq!(std::fs::read_dir(&target).unwrap().count(), 39);
+        let length = std::fs::metadata(&target).unwrap().len();
+        assert_eq!(length, 40 * 4 * u64::from(SIZE.x * SIZE.y));
         assert_eq!(ended.status.captured == 40, waits);
         assert_eq!(ended.status.dropped == 0, waits);
     }
+}
+
+/// One that stands still for ever costs the recording, not the app, which draws on and can be left.
+#[cfg(unix)]
+#[test]
+fn an_encoder_that_hangs_ends_the_recording_and_not_the_app() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = stage();
+    let (camera, _) = camera(&mut stage);
+    let folder = folder("record_hangs");
+    let settings = VdbRecordSettings {
+        stall_timeout: Duration::from_secs(1),
+        queue: 2,
+        ffmpeg: program(&folder, "printf begun > $target; exec sleep 600"),
+        ..VdbRecordSettings::new(folder.join("film.mp4"), VdbRecordFormat::Mp4)
+    };
+    let begin = Instant::now();
+    start(&mut stage, camera, settings.clone());
+    let ended = wait_for_end(&mut stage, camera);
+    assert!(begin.elapsed() < Duration::from_secs(30), "{:?}", begin.elapsed());
+    assert!(matches!(ended.status.error, Some(VdbRecordError::Stalled { .. })), "{ended:?}");
+    let unfinished = ended.status.unfinished.unwrap();
+    assert_eq!(std::fs::read(&unfinished).unwrap(), b"begun");
+    // The app draws on, and the recorder can be used again.
+    stage.update(10);
+    let target = self::folder("record_hung");
+    let sequence = VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence);
+    start(&mut stage, camera, VdbRecordSettings { max_frames: Some(2), ..sequence });
+    assert!(wait_for_end(&mut stage, camera).status.error.is_none());
+    // What was not finished is not overwritten either; asked to, it hangs again, and the app goes.
+    start(&mut stage, camera, settings.clone());
+    let refused = wait_for_end(&mut stage, camera).status.error;
+    assert!(
+        matches!(&refused, Some(VdbRecordError::Exists { path }) if *path == unfinished),
+        "{refused:?}"
+    );
+    let drops = VdbRecordSettings { when_full: VdbRecordWhenFull::Drop, ..settings };
+    start(&mut stage, camera, VdbRecordSettings { overwrite: true, ..drops });
+    stage.update(20);
+    let begin = Instant::now();
+    drop(stage);
+    assert!(begin.elapsed() < Duration::from_secs(30), "{:?}", begin.elapsed());
 }
 
 #[test]
@@ -401,6 +463,41 @@ fn real_time_is_kept_by_leaving_out_and_repeating() {
     // At least those of the second in which nothing was drawn are repeated.
     assert!(captured + 18 <= written, "{captured} captured, {written} written");
     assert_eq!(sequence(&target).len() as u64, written);
+}
+
+/// An app that was suspended: a still picture for a while, not for as long as it was.
+#[test]
+fn a_long_gap_in_real_time_is_cut() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = stage();
+    let (camera, _) = camera(&mut stage);
+    let target = folder("record_gap");
+    let settings = VdbRecordSettings {
+        frame_rate: 100,
+        clock: VdbRecordClock::RealTime,
+        max_gap: Duration::from_millis(200),
+        ..VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence)
+    };
+    start(&mut stage, camera, settings);
+    let begin = Instant::now();
+    stage.update(3);
+    for _ in 0..2 {
+        std::thread::sleep(Duration::from_secs(2));
+        stage.update(3);
+    }
+    stage.world().get::<VdbRecorder>(camera).unwrap().stop();
+    let all = begin.elapsed();
+    let status = wait_for_end(&mut stage, camera).status;
+    assert!(status.error.is_none(), "{status:?}");
+    // Two seconds, less what is filled, twice.
+    assert!(status.cut >= 2 * 180, "{status:?}");
+    assert!(status.written >= 2 * 20, "{status:?}");
+    // Nothing else is lost: what is written and what is cut are the time that there was.
+    let frames = (all.as_secs_f64() * 100.0) as u64;
+    assert!(status.written + status.cut <= frames + 2, "{status:?}, {frames} in all");
+    assert_eq!(sequence(&target).len() as u64, status.written);
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::sync::{Arc, Weak};
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_egui::egui;
+use vdb_core::display::{escaped, quoted};
 use vdb_core::tree::{TreeStats, Vdb543};
 
 use super::VdbInspector;
@@ -12,6 +13,9 @@ use crate::{VdbGrid, VdbVolume};
 
 /// Levels of the tree, from the leaves up.
 const LEVELS: [&str; 4] = ["leaves, 8³", "nodes of 128³", "nodes of 4,096³", "root"];
+
+/// Entries of metadata that are shown. A file may have a million, which would be laid out in each frame.
+const MOST_ENTRIES: usize = 200;
 
 /// The counts of the tree that was looked at last: to count is to walk through all of it.
 #[derive(Default)]
@@ -41,7 +45,7 @@ fn statistics(ui: &mut egui::Ui, grid: &VdbGrid, stats: &TreeStats) {
     let megabytes = |bytes: u64| format!("{:.2} MB", bytes as f64 / 1e6);
     let mut rows: Vec<(String, String)> = Vec::new();
     let mut row = |name: &str, value: String| rows.push((name.into(), value));
-    row("grid", format!("{:?}, {}", grid.name(), grid.class().name()));
+    row("grid", format!("{}, {}", quoted(grid.name()), grid.class().name()));
     row("active voxels", thousands(grid.tree().active_voxel_count()));
     for (level, name) in stats.levels.iter().zip(LEVELS) {
         let tiles = match (name == LEVELS[0], level.active_values) {
@@ -67,8 +71,12 @@ fn statistics(ui: &mut egui::Ui, grid: &VdbGrid, stats: &TreeStats) {
         return;
     }
     ui.collapsing(format!("Metadata ({})", metadata.len()), |ui| {
-        let rows = metadata.iter().map(|(name, value)| (name.to_owned(), value.to_string()));
+        let entries = metadata.iter().take(MOST_ENTRIES);
+        let rows = entries.map(|(name, value)| (escaped(name).to_string(), value.to_string()));
         table(ui, "metadata", &rows.collect::<Vec<_>>());
+        if metadata.len() > MOST_ENTRIES {
+            ui.weak(format!("and {} more", thousands((metadata.len() - MOST_ENTRIES) as u64)));
+        }
     });
 }
 

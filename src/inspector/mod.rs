@@ -25,6 +25,7 @@ use bevy::render::RenderApp;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_egui::render::egui_pass;
 use bevy_egui::{EguiContext, EguiPlugin, EguiPrimaryContextPass, PrimaryEguiContext, egui};
+use vdb_core::display::escaped;
 
 pub use models::VdbModelPicked;
 
@@ -192,7 +193,10 @@ fn section<M: 'static>(
 
 /// What went wrong.
 fn complain(ui: &mut egui::Ui, what: impl Into<String>) {
-    ui.colored_label(ui.visuals().error_fg_color, what.into());
+    // Bevy's words may have the path of a file in them.
+    let lines: Vec<String> =
+        what.into().lines().take(20).map(|line| escaped(line).at_most(2_000).to_string()).collect();
+    ui.colored_label(ui.visuals().error_fg_color, lines.join("\n"));
 }
 
 /// A slider that leaves a value beyond its range alone until somebody moves it.

@@ -10,6 +10,7 @@ use bevy::tasks::futures::check_ready;
 use bevy::tasks::futures_lite::StreamExt;
 use bevy::tasks::{IoTaskPool, Task};
 use bevy_egui::egui;
+use vdb_core::display::escaped;
 
 use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbRoles, VdbVolume};
 
@@ -59,7 +60,10 @@ pub(super) fn show(
         egui::ComboBox::from_label("model").selected_text(shown).truncate().show_ui(ui, |ui| {
             for path in models.found.iter().flatten() {
                 let selected = own.is_some_and(|own| own.path() == path);
-                if ui.selectable_label(selected, path.display().to_string()).clicked() {
+                if ui
+                    .selectable_label(selected, escaped(&path.to_string_lossy()).to_string())
+                    .clicked()
+                {
                     let path = AssetPath::from_path_buf(path.clone());
                     let volume = volume.as_ref().map(|(entity, _)| *entity);
                     picked.write(VdbModelPicked { path, volume });
@@ -75,7 +79,7 @@ pub(super) fn show(
         }
     });
     for (_, path, _) in &models.opening {
-        ui.label(format!("loading {path} …"));
+        ui.label(format!("loading {} …", escaped(&path.to_string())));
     }
     if let Some(error) = &models.error {
         super::complain(ui, error);
@@ -83,7 +87,7 @@ pub(super) fn show(
 }
 
 fn file_name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+    escaped(&path.file_name().unwrap_or_default().to_string_lossy()).to_string()
 }
 
 /// Takes over what has been found.

@@ -60,6 +60,7 @@ pub(super) fn show(
             let edit = ui.add(edit);
             edit.labelled_by(ui.label(what).id);
         });
+        ui.checkbox(&mut settings.overwrite, "overwrite");
         super::pick(ui, "time", &mut settings.clock, &CLOCKS);
         ui.add(super::slider(&mut settings.frame_rate, 1..=120).text("frames a second"));
     });

@@ -44,7 +44,7 @@ pub(super) fn show(
     for entity in entities {
         let Ok((_, volume, mut visibility, name, ..)) = volumes.get_mut(entity) else { continue };
         let name = match (name, grids.get(&volume.0)) {
-            (None, Some(grid)) if !grid.name().is_empty() => grid.name().to_owned(),
+            (None, Some(grid)) if !grid.name().is_empty() => grid.shown_name().to_string(),
             _ => entity_name(entity, name),
         };
         ui.horizontal(|ui| {

@@ -237,18 +237,43 @@ impl Capture {
 
     /// The number of the frame that is made now, if the recording needs one now.
     fn due(&mut self, now: Instant) -> Option<u64> {
-        let settings = &self.session.settings;
+        let session = self.session.clone();
+        let settings = &session.settings;
         let slot = match settings.clock {
             VdbRecordClock::FixedStep => self.next,
-            VdbRecordClock::RealTime => {
-                let began = *self.began.get_or_insert(now);
-                slot_at(now.saturating_duration_since(began), settings.frame_rate)
-            }
+            VdbRecordClock::RealTime => self.slot_in_real_time(now),
         };
         // The last one is taken late rather than not at all.
         let last = settings.max_frames.map_or(u64::MAX, |max| max.saturating_sub(1));
         let slot = slot.min(last);
         (slot >= self.next.min(last)).then_some(slot)
+    }
+
+    /// The number of the frame of this moment. What is too long of a gap is taken out of the recording's
+    /// time.
+    fn slot_in_real_time(&mut self, now: Instant) -> u64 {
+        let settings = &self.session.settings;
+        let rate = settings.frame_rate;
+        let began = self.began.get_or_insert(now);
+        let slot = slot_at(now.saturating_duration_since(*began), rate);
+        let last = self.next.saturating_add(slot_at(settings.max_gap, rate));
+        let cut = slot.saturating_sub(last);
+        if cut == 0 {
+            return slot;
+        }
+        let seconds = |frames: u64| frames as f64 / f64::from(rate.max(1));
+        *began += Duration::from_secs_f64(seconds(cut));
+        if self.session.cut(cut) {
+            warn!(
+                "recording to {}: for {:.1} s there was no new frame; {:.1} s of them are filled with the \
+                 one before (VdbRecordSettings::max_gap), the rest is left out, as it will be of further \
+                 gaps",
+                settings.target.display(),
+                seconds(slot - self.next),
+                seconds(last - self.next),
+            );
+        }
+        last
     }
 
     /// Sees to a texture of the camera's size; false if that has changed, which ends the recording.
@@ -309,14 +334,25 @@ impl Capture {
         })
     }
 
-    /// Waits until a buffer can be had: for the GPU, and for room in the queue.
+    /// Waits until a buffer can be had: for the GPU, and for room in the queue. For neither without an
+    /// end: a GPU that hangs ends the recording as an encoder does.
     fn wait_for_buffer(&mut self, device: &RenderDevice) {
+        let (begin, limit) = (Instant::now(), self.session.settings.stall_timeout);
+        let mut delivering = Duration::ZERO;
         while self.free.is_empty() && self.staged.len() >= BUFFERS {
             if let Some(frame) = self.ready.take() {
+                let begin = Instant::now();
                 self.session.deliver(frame, true).ok();
+                delivering += begin.elapsed();
             }
-            if !self.read_oldest() && device.poll(PollType::wait_indefinitely()).is_err() {
-                return;
+            if self.read_oldest() {
+                continue;
+            }
+            let left = limit.saturating_sub(begin.elapsed().saturating_sub(delivering));
+            let wait = PollType::Wait { submission_index: None, timeout: Some(left) };
+            if device.poll(wait).is_err() || left.is_zero() {
+                self.session.lose(self.staged.len());
+                self.staged.clear();
             }
         }
     }

@@ -1,14 +1,18 @@
 //! Frames into files, on a thread of their own.
 
-use std::fs;
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::Receiver;
 
 use bevy::math::UVec2;
 
 use super::ffmpeg::Ffmpeg;
-use super::session::Frame;
+use super::pulse::Pulse;
+use super::session::{Frame, Session};
 use super::{VdbRecordError, VdbRecordFormat, VdbRecordSettings};
 
 /// Where frames of one size go.
@@ -18,37 +22,37 @@ pub(super) trait Encoder {
     /// Writes the frame before once more.
     fn repeat(&mut self, pixels: &[u8]) -> Result<(), VdbRecordError>;
 
-    /// Makes the file whole; also after an error, which it may say more of.
+    /// Makes the file whole, unless there was an error, which it may say more of.
     fn finish(self: Box<Self>) -> Result<(), VdbRecordError>;
 }
 
-/// Encodes until no more frames can come; calls back for each that has been written.
-pub(super) fn encode(
-    settings: &VdbRecordSettings,
-    frames: &Receiver<Frame>,
-    mut written: impl FnMut(),
-) -> Result<(), VdbRecordError> {
-    let is_sequence = settings.format == VdbRecordFormat::PngSequence;
-    let folder = if is_sequence { Some(&*settings.target) } else { settings.target.parent() };
-    // So that this error comes even if no frame does.
-    if let Some(folder) = folder.filter(|folder| !folder.as_os_str().is_empty()) {
-        fs::create_dir_all(folder).map_err(|error| cannot_write(folder, error))?;
-    }
-    let Ok(mut frame) = frames.recv() else { return Err(VdbRecordError::NoFrames) };
-    let mut encoder: Box<dyn Encoder> = match settings.format {
-        VdbRecordFormat::PngSequence => Box::new(PngSequence::new(&settings.target, frame.size)),
+/// Encodes until no more frames can come.
+pub(super) fn encode(session: &Session, frames: &Receiver<Frame>) -> Result<(), VdbRecordError> {
+    let (settings, pulse) = (&session.settings, &session.pulse);
+    // So that these errors come even if no frame does.
+    make_folder(settings)?;
+    refuse_existing(settings)?;
+    let receive = || {
+        pulse.set_idle(true);
+        let frame = frames.recv().ok();
+        pulse.set_idle(false);
+        frame
+    };
+    let Some(mut frame) = receive() else { return Err(VdbRecordError::NoFrames) };
+    let mut encoder: Box<dyn Encoder + '_> = match settings.format {
+        VdbRecordFormat::PngSequence => Box::new(PngSequence::new(settings, pulse, frame.size)),
         VdbRecordFormat::Mp4 | VdbRecordFormat::WebM => {
-            Box::new(Ffmpeg::start("ffmpeg", settings, frame.size)?)
+            Box::new(Ffmpeg::start(settings, pulse, frame.size)?)
         }
     };
     let mut write_all = || {
         loop {
             encoder.write(&frame.pixels)?;
-            written();
-            let Ok(next) = frames.recv() else { return Ok(()) };
+            session.count_written();
+            let Some(next) = receive() else { return Ok(()) };
             for _ in frame.slot + 1..next.slot {
                 encoder.repeat(&frame.pixels)?;
-                written();
+                session.count_written();
             }
             frame = next;
         }
@@ -58,12 +62,86 @@ pub(super) fn encode(
     encoder.finish().and(result)
 }
 
-pub(super) fn cannot_write(path: &Path, error: std::io::Error) -> VdbRecordError {
+pub(super) fn cannot_write(path: &Path, error: io::Error) -> VdbRecordError {
     VdbRecordError::Write { path: path.to_owned(), source: Arc::new(error) }
 }
 
-struct PngSequence {
-    folder: PathBuf,
+/// Where a video stands until it is whole: `film.part.mp4` beside `film.mp4`. Pictures have no such place
+/// that anyone could want to look at.
+pub(super) fn part_of(settings: &VdbRecordSettings) -> Option<PathBuf> {
+    if settings.format == VdbRecordFormat::PngSequence {
+        return None;
+    }
+    let target = &settings.target;
+    let mut name = target.file_stem().map(OsString::from).unwrap_or_default();
+    name.push(".part");
+    if let Some(extension) = target.extension() {
+        name.push(".");
+        name.push(extension);
+    }
+    Some(target.with_file_name(name))
+}
+
+fn make_folder(settings: &VdbRecordSettings) -> Result<(), VdbRecordError> {
+    let is_sequence = settings.format == VdbRecordFormat::PngSequence;
+    let folder = if is_sequence { Some(&*settings.target) } else { settings.target.parent() };
+    match folder.filter(|folder| !folder.as_os_str().is_empty()) {
+        Some(folder) => fs::create_dir_all(folder).map_err(|error| cannot_write(folder, error)),
+        None => Ok(()),
+    }
+}
+
+/// That nothing of an earlier recording is replaced, or goes on where this one ends, unless asked for.
+fn refuse_existing(settings: &VdbRecordSettings) -> Result<(), VdbRecordError> {
+    if settings.overwrite {
+        return Ok(());
+    }
+    match part_of(settings) {
+        Some(part) => is_free(&part).and_then(|()| is_free(&settings.target)),
+        None => {
+            let pictures = pictures_in(&settings.target)
+                .map_err(|error| cannot_write(&settings.target, error))?;
+            match pictures.into_iter().min() {
+                Some((_, path)) => Err(VdbRecordError::Exists { path }),
+                None => Ok(()),
+            }
+        }
+    }
+}
+
+pub(super) fn is_free(path: &Path) -> Result<(), VdbRecordError> {
+    match fs::symlink_metadata(path) {
+        Ok(_) => Err(VdbRecordError::Exists { path: path.to_owned() }),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(error) => Err(cannot_write(path, error)),
+    }
+}
+
+/// What a picture of a sequence is called.
+fn picture(number: u64) -> String {
+    format!("{number:08}.png")
+}
+
+/// The pictures of a sequence in a folder, with their numbers.
+fn pictures_in(folder: &Path) -> io::Result<Vec<(u64, PathBuf)>> {
+    let mut pictures = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name();
+        let number = name.to_str().and_then(|name| name.strip_suffix(".png")?.parse().ok());
+        if let Some(number) = number.filter(|number| *name == *picture(*number)) {
+            pictures.push((number, entry.path()));
+        }
+    }
+    Ok(pictures)
+}
+
+struct PngSequence<'a> {
+    folder: &'a Path,
+    /// Where a picture is until it is whole.
+    part: PathBuf,
+    overwrite: bool,
+    pulse: &'a Pulse,
     size: UVec2,
     /// The number of the next file.
     next: u64,
@@ -72,9 +150,21 @@ struct PngSequence {
     file: Vec<u8>,
 }
 
-impl PngSequence {
-    fn new(folder: &Path, size: UVec2) -> Self {
-        Self { folder: folder.to_owned(), size, next: 0, rgb: Vec::new(), file: Vec::new() }
+impl<'a> PngSequence<'a> {
+    fn new(settings: &'a VdbRecordSettings, pulse: &'a Pulse, size: UVec2) -> Self {
+        static SEQUENCES: AtomicU64 = AtomicU64::new(0);
+        let own = SEQUENCES.fetch_add(1, Ordering::Relaxed);
+        Self {
+            folder: &settings.target,
+            // Of no other recording, should one go into the same folder.
+            part: settings.target.join(format!("vdb_record_{}_{own}.part", std::process::id())),
+            overwrite: settings.overwrite,
+            pulse,
+            size,
+            next: 0,
+            rgb: Vec::new(),
+            file: Vec::new(),
+        }
     }
 
     fn compress(&mut self) -> Result<(), png::EncodingError> {
@@ -91,21 +181,49 @@ impl PngSequence {
     }
 
     fn save(&mut self) -> Result<(), VdbRecordError> {
-        let path = self.folder.join(format!("{:08}.png", self.next));
+        let path = self.folder.join(picture(self.next));
         self.next += 1;
-        fs::write(&path, &self.file).map_err(|error| {
-            // Half a picture would spoil the sequence.
-            fs::remove_file(&path).ok();
+        if !self.overwrite {
+            is_free(&path)?;
+        }
+        self.save_as(&path).map_err(|error| {
+            fs::remove_file(&self.part).ok();
             cannot_write(&path, error)
         })
     }
+
+    /// Half a picture never has a picture's name.
+    fn save_as(&self, path: &Path) -> io::Result<()> {
+        let mut file = File::create(&self.part)?;
+        write_in_parts(&mut file, &self.file, self.pulse)?;
+        drop(file);
+        fs::rename(&self.part, path)?;
+        self.pulse.beat();
+        Ok(())
+    }
 }
 
-impl Encoder for PngSequence {
+/// Writes with a sign of life every now and then; not at all once nobody waits for it.
+pub(super) fn write_in_parts(
+    mut to: impl Write,
+    bytes: &[u8],
+    pulse: &Pulse,
+) -> Result<(), io::Error> {
+    for part in bytes.chunks(1 << 16) {
+        to.write_all(part)?;
+        if pulse.is_given_up() {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        pulse.beat();
+    }
+    Ok(())
+}
+
+impl Encoder for PngSequence<'_> {
     fn write(&mut self, pixels: &[u8]) -> Result<(), VdbRecordError> {
         self.rgb.clear();
         self.rgb.extend(pixels.chunks_exact(4).flat_map(|pixel| &pixel[..3]));
-        self.compress().map_err(|error| cannot_write(&self.folder, error.into()))?;
+        self.compress().map_err(|error| cannot_write(self.folder, error.into()))?;
         self.save()
     }
 
@@ -113,7 +231,18 @@ impl Encoder for PngSequence {
         self.save()
     }
 
+    /// A sequence that has been overwritten does not go on with pictures of the one before.
     fn finish(self: Box<Self>) -> Result<(), VdbRecordError> {
+        if !self.overwrite || self.next == 0 || self.pulse.is_given_up() {
+            return Ok(());
+        }
+        let cannot = |error| cannot_write(self.folder, error);
+        for (number, path) in pictures_in(self.folder).map_err(cannot)? {
+            if number >= self.next {
+                fs::remove_file(&path).map_err(|error| cannot_write(&path, error))?;
+                self.pulse.beat();
+            }
+        }
         Ok(())
     }
 }

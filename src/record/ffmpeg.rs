@@ -1,67 +1,125 @@
 //! The program `ffmpeg`, which is given raw pictures through a pipe.
 
 use std::ffi::OsString;
-use std::io::{self, Read, Write};
-use std::process::{Child, ChildStdin, Command, Stdio};
+use std::fs::{self, File};
+use std::io::{self, Read};
+use std::path::PathBuf;
+use std::process::{ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::Arc;
-use std::thread::{self, JoinHandle};
+use std::sync::mpsc::{self, Receiver};
+use std::thread;
+use std::time::Duration;
 
 use bevy::math::UVec2;
 
-use super::encode::Encoder;
+use super::encode::{Encoder, cannot_write, is_free, part_of, write_in_parts};
+use super::pulse::Pulse;
 use super::{VdbRecordError, VdbRecordFormat, VdbRecordSettings};
 
-pub(super) struct Ffmpeg {
-    child: Child,
+/// How long the program's last words are waited for, once it has ended: a program that it has started may
+/// keep their pipe open.
+const LAST_WORDS: Duration = Duration::from_secs(1);
+
+pub(super) struct Ffmpeg<'a> {
+    settings: &'a VdbRecordSettings,
+    /// It has the program.
+    pulse: &'a Pulse,
+    part: PathBuf,
     /// Closed at the end, which tells the program that all has come.
     pictures: Option<ChildStdin>,
-    /// Reads what the program says, so that it never waits for somebody who does.
-    said: Option<JoinHandle<String>>,
+    /// The end of what the program has said.
+    said: Receiver<String>,
 }
 
-impl Ffmpeg {
-    /// Starts a program of that name on the `PATH`.
+impl<'a> Ffmpeg<'a> {
     pub fn start(
-        program: &str,
-        settings: &VdbRecordSettings,
+        settings: &'a VdbRecordSettings,
+        pulse: &'a Pulse,
         size: UVec2,
     ) -> Result<Self, VdbRecordError> {
-        let mut child = Command::new(program)
+        let part = part_of(settings).unwrap_or_else(|| settings.target.clone());
+        reserve(settings, &part)?;
+        let started = Command::new(&settings.ffmpeg)
             .args(arguments(settings, size))
+            // With its protocol, so that no name can be taken for an option or another protocol.
+            .arg([OsString::from("file:"), part.clone().into()].into_iter().collect::<OsString>())
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
-            .spawn()
-            .map_err(|error| match error.kind() {
-                io::ErrorKind::NotFound => VdbRecordError::FfmpegMissing,
+            .spawn();
+        let mut child = started.map_err(|error| {
+            fs::remove_file(&part).ok();
+            match error.kind() {
+                io::ErrorKind::NotFound => {
+                    VdbRecordError::FfmpegMissing { program: settings.ffmpeg.clone() }
+                }
                 _ => VdbRecordError::Ffmpeg {
                     status: "it did not start".into(),
                     said: error.to_string(),
                 },
-            })?;
-        let pictures = child.stdin.take();
-        let said = child.stderr.take().map(|stderr| thread::spawn(|| end_of(stderr)));
-        Ok(Self { child, pictures, said })
+            }
+        })?;
+        let (pictures, stderr) = (child.stdin.take(), child.stderr.take());
+        // All of it is read, or the program would wait for somebody who does.
+        let (words, said) = mpsc::channel();
+        thread::spawn(move || words.send(stderr.map(end_of).unwrap_or_default()).ok());
+        pulse.guard(child);
+        Ok(Self { settings, pulse, part, pictures, said })
     }
 
     fn wait(&mut self) -> Result<(), VdbRecordError> {
         self.pictures = None;
-        let status = self.child.wait();
-        let said = self.said.take().and_then(|said| said.join().ok()).unwrap_or_default();
-        let status = match status {
+        let status = match self.status() {
             Ok(status) if status.success() => return Ok(()),
             Ok(status) => status.to_string(),
             Err(error) => error.to_string(),
         };
+        let said = self.said.recv_timeout(LAST_WORDS).unwrap_or_default();
         let said = if said.is_empty() { "it said nothing".into() } else { said };
         Err(VdbRecordError::Ffmpeg { status, said })
     }
+
+    /// Waits for its end. A file that grows is a sign of life.
+    fn status(&self) -> io::Result<ExitStatus> {
+        let mut known = 0;
+        loop {
+            if let Some(status) = self.pulse.try_wait()? {
+                return Ok(status);
+            }
+            let length = fs::metadata(&self.part).map_or(known, |file| file.len());
+            if length != known {
+                known = length;
+                self.pulse.beat();
+            }
+            // One that was killed and does not end hangs in a call of the system.
+            let is_given_up = self.pulse.is_given_up();
+            thread::sleep(Duration::from_millis(if is_given_up { 1000 } else { 5 }));
+        }
+    }
+
+    /// Gives the video its name.
+    fn name(&self) -> Result<(), VdbRecordError> {
+        let target = &self.settings.target;
+        if !self.settings.overwrite {
+            is_free(target)?;
+        }
+        fs::rename(&self.part, target).map_err(|error| cannot_write(target, error))
+    }
 }
 
-impl Encoder for Ffmpeg {
+/// Makes the file that the program is to write, so that no other recording does.
+fn reserve(settings: &VdbRecordSettings, part: &PathBuf) -> Result<(), VdbRecordError> {
+    let made = if settings.overwrite { File::create(part) } else { File::create_new(part) };
+    made.map(drop).map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => VdbRecordError::Exists { path: part.clone() },
+        _ => cannot_write(part, error),
+    })
+}
+
+impl Encoder for Ffmpeg<'_> {
     fn write(&mut self, pixels: &[u8]) -> Result<(), VdbRecordError> {
         let Some(pipe) = &mut self.pictures else { return Ok(()) };
-        pipe.write_all(pixels).map_err(|error| VdbRecordError::Write {
+        write_in_parts(pipe, pixels, self.pulse).map_err(|error| VdbRecordError::Write {
             path: "the pipe to ffmpeg".into(),
             source: Arc::new(error),
         })
@@ -72,15 +130,12 @@ impl Encoder for Ffmpeg {
     }
 
     fn finish(mut self: Box<Self>) -> Result<(), VdbRecordError> {
-        self.wait()
-    }
-}
-
-impl Drop for Ffmpeg {
-    /// No process stays behind that nobody has waited for.
-    fn drop(&mut self) {
-        self.pictures = None;
-        self.child.wait().ok();
+        let result = self.wait();
+        // An empty file is of no use to anyone.
+        if fs::metadata(&self.part).is_ok_and(|file| file.is_file() && file.len() == 0) {
+            fs::remove_file(&self.part).ok();
+        }
+        result.and_then(|()| self.name())
     }
 }
 
@@ -117,10 +172,6 @@ fn arguments(settings: &VdbRecordSettings, size: UVec2) -> Vec<OsString> {
     list += &format!(" -g {rate} -f {}", if is_mp4 { "mp4" } else { "webm" });
     let mut list: Vec<OsString> = list.split(' ').map(OsString::from).collect();
     list.extend(settings.ffmpeg_args.iter().map(OsString::from));
-    // With its protocol, so that no name can be taken for an option or another protocol.
-    let mut file = OsString::from("file:");
-    file.push(&settings.target);
-    list.push(file);
     list
 }
 
@@ -130,11 +181,21 @@ mod tests {
 
     #[test]
     fn a_missing_program_is_told() {
-        let settings = VdbRecordSettings::new("a.mp4", VdbRecordFormat::Mp4);
-        let result = Ffmpeg::start("ffmpeg-that-is-not-there", &settings, UVec2::splat(2));
+        let target = std::env::temp_dir().join(format!("missing_{}.mp4", std::process::id()));
+        let settings = VdbRecordSettings {
+            ffmpeg: "ffmpeg-that-is-not-there".into(),
+            ..VdbRecordSettings::new(target, VdbRecordFormat::Mp4)
+        };
+        let pulse = Pulse::default();
+        let result = Ffmpeg::start(&settings, &pulse, UVec2::splat(2));
         let Err(error) = result else { panic!("it was there") };
-        assert!(matches!(error, VdbRecordError::FfmpegMissing), "{error:?}");
-        assert!(error.to_string().contains("apt install ffmpeg"), "{error}");
+        assert!(matches!(error, VdbRecordError::FfmpegMissing { .. }), "{error:?}");
+        let said = error.to_string();
+        assert!(
+            said.contains("apt install ffmpeg") && said.contains("that-is-not-there"),
+            "{said}"
+        );
+        assert!(!part_of(&settings).unwrap().exists(), "an empty file is left behind");
     }
 
     #[test]

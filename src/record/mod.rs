@@ -1,11 +1,13 @@
 //! Recording of what a camera shows: the cargo feature `record`.
 //!
 //! A frame goes from the camera's own texture (`capture`, on the render thread) through a bounded
-//! queue (`session`) to a thread that encodes it (`encode`, `ffmpeg`).
+//! queue (`session`) to a thread that encodes it (`encode`, `ffmpeg`), and that is waited for only as long
+//! as it shows signs of life (`pulse`).
 
 mod capture;
 mod encode;
 mod ffmpeg;
+mod pulse;
 mod session;
 mod settings;
 
@@ -73,7 +75,7 @@ pub struct VdbRecorder {
 }
 
 impl VdbRecorder {
-    /// Begins with the present frame. Whatever stands at the target is overwritten.
+    /// Begins with the present frame.
     ///
     /// # Errors
     ///
@@ -109,14 +111,15 @@ impl Drop for VdbRecorder {
     }
 }
 
-/// A recording has ended and its file is whole: a message.
+/// A recording has ended: a message. Its file is whole, unless there was an error.
 #[derive(Clone, Debug, Message)]
 pub struct VdbRecordEnded {
     /// The camera, which may have been despawned since.
     pub camera: Entity,
     /// Where the recording is.
     pub target: PathBuf,
-    /// The last counts, and the error if there was one. Up to the error, the recording can be played.
+    /// The last counts, and the error if there was one. Up to the error, the recording can be played:
+    /// pictures where they were to be, a video perhaps as [`unfinished`](VdbRecordStatus::unfinished).
     pub status: VdbRecordStatus,
 }
 
@@ -125,12 +128,28 @@ pub struct VdbRecordEnded {
 struct Recordings(Vec<(Entity, Arc<Session>)>);
 
 impl Drop for Recordings {
-    /// What the encoder has is written before the app goes.
+    /// What the encoder has is written before the app goes, unless it hangs.
     fn drop(&mut self) {
         for (_, session) in &self.0 {
             session.close();
             session.join();
+            tell(session, &session.status());
         }
+    }
+}
+
+/// Says why a recording did not end as asked.
+fn tell(session: &Session, status: &VdbRecordStatus) {
+    let target = session.settings.target.display();
+    match (&status.error, &status.unfinished) {
+        (Some(error), None) => error!("recording to {target}: {error}"),
+        (Some(error), Some(unfinished)) => {
+            let unfinished = unfinished.display();
+            error!(
+                "recording to {target}: {error}. What was written until then is in {unfinished}"
+            );
+        }
+        (None, _) => {}
     }
 }
 
@@ -146,15 +165,12 @@ fn watch_recordings(
         }
     }
     recordings.0.retain(|(camera, session)| {
-        let status = session.status();
-        if status.phase != VdbRecordPhase::Ended {
+        if !session.end_if_stalled() {
             return true;
         }
         session.join();
-        let target = session.settings.target.clone();
-        if let Some(error) = &status.error {
-            error!("recording to {}: {error}", target.display());
-        }
+        let (status, target) = (session.status(), session.settings.target.clone());
+        tell(session, &status);
         ended.write(VdbRecordEnded { camera: *camera, target, status });
         false
     });

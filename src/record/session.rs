@@ -1,15 +1,20 @@
 //! One recording: what the component, the renderer and the encoder's thread share.
 
-use std::sync::mpsc::{self, SyncSender, TrySendError};
+use std::sync::mpsc::{self, Receiver, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
 
 use bevy::math::UVec2;
 
-use super::encode;
+use super::encode::{self, part_of};
+use super::pulse::{Patience, Pulse};
 use super::{
     VdbRecordError, VdbRecordPhase, VdbRecordSettings, VdbRecordStatus, VdbRecordWhenFull,
 };
+
+/// How often those look who wait for an encoder.
+const LOOK: Duration = Duration::from_millis(1);
 
 /// A picture on its way to the encoder.
 #[derive(Debug)]
@@ -24,6 +29,8 @@ pub(super) struct Frame {
 #[derive(Debug)]
 pub(super) struct Session {
     pub settings: VdbRecordSettings,
+    /// Of the encoder.
+    pub pulse: Pulse,
     state: Mutex<State>,
 }
 
@@ -35,23 +42,33 @@ struct State {
     /// The encoder ends when this, and what has been cloned from it, is gone.
     queue: Option<SyncSender<Frame>>,
     encoder: Option<JoinHandle<()>>,
+    patience: Patience,
 }
 
 impl Session {
     pub fn start(settings: VdbRecordSettings) -> Result<Arc<Self>, VdbRecordError> {
+        Self::start_with(settings, encode::encode)
+    }
+
+    /// With another encoder than that of the settings.
+    pub fn start_with(
+        settings: VdbRecordSettings,
+        encode: impl FnOnce(&Self, &Receiver<Frame>) -> Result<(), VdbRecordError> + Send + 'static,
+    ) -> Result<Arc<Self>, VdbRecordError> {
         if settings.frame_rate == 0 {
             return Err(VdbRecordError::NoFrameRate);
         }
         let (queue, frames) = mpsc::sync_channel(settings.queue);
         let status = VdbRecordStatus { phase: VdbRecordPhase::Recording, ..Default::default() };
-        let state = State { status, in_flight: 0, queue: Some(queue), encoder: None };
-        let session = Arc::new(Self { settings, state: Mutex::new(state) });
+        let patience = Patience::new(Instant::now());
+        let state = State { status, in_flight: 0, queue: Some(queue), encoder: None, patience };
+        let pulse = Pulse::default();
+        let session = Arc::new(Self { settings, pulse, state: Mutex::new(state) });
         let shared = session.clone();
         let encoder = thread::Builder::new()
             .name("vdb_record".into())
             .spawn(move || {
-                let written = || shared.state().status.written += 1;
-                let result = encode::encode(&shared.settings, &frames, written);
+                let result = encode(&shared, &frames);
                 // Before the phase says that all is over: whoever waits for room gets on.
                 drop(frames);
                 shared.end(result);
@@ -88,23 +105,42 @@ impl Session {
         self.state().status.dropped += 1;
     }
 
+    /// Counts frames of a gap that is not filled; whether they are the first.
+    pub fn cut(&self, frames: u64) -> bool {
+        let mut state = self.state();
+        let is_first = state.status.cut == 0;
+        state.status.cut += frames;
+        is_first
+    }
+
+    /// Counts a frame that is in the file.
+    pub fn count_written(&self) {
+        self.state().status.written += 1;
+    }
+
     /// Hands a captured frame to the encoder; gives it back when the queue is full and the frame is
-    /// not to wait for room.
-    pub fn deliver(&self, frame: Frame, wait: bool) -> Result<(), Frame> {
-        // Not under the lock: the encoder needs it to get on.
-        let queue = self.state().queue.clone();
-        if let Some(queue) = queue {
-            if wait {
-                // An error is an encoder that has ended, which says why itself.
-                queue.send(frame).ok();
-            } else if let Err(TrySendError::Full(frame)) = queue.try_send(frame) {
-                return Err(frame);
+    /// not to wait for room. It waits as long as the encoder gets on.
+    pub fn deliver(&self, mut frame: Frame, wait: bool) -> Result<(), Frame> {
+        // Not under the lock: the encoder needs it to get on. An error is an encoder that has ended, which
+        // says why itself.
+        while let Some(queue) = self.queue()
+            && let Err(TrySendError::Full(refused)) = queue.try_send(frame)
+        {
+            if !wait {
+                return Err(refused);
             }
+            frame = refused;
+            self.end_if_stalled();
+            thread::sleep(LOOK);
         }
         let mut state = self.state();
         state.in_flight = state.in_flight.saturating_sub(1);
         state.close_when_drained();
         Ok(())
+    }
+
+    fn queue(&self) -> Option<SyncSender<Frame>> {
+        self.state().queue.clone()
     }
 
     /// No further frames.
@@ -146,16 +182,53 @@ impl Session {
     }
 
     fn end(&self, result: Result<(), VdbRecordError>) {
+        let part = part_of(&self.settings).filter(|part| part.exists());
         let mut state = self.state();
+        // One that was given up is over already.
+        if state.status.phase == VdbRecordPhase::Ended {
+            return;
+        }
         state.status.phase = VdbRecordPhase::Ended;
         if let Err(error) = result {
+            // Another recording's is not this one's.
+            let is_own =
+                |part: &_| !matches!(&error, VdbRecordError::Exists { path } if path == part);
+            state.status.unfinished = part.filter(is_own);
             state.status.error.get_or_insert(error);
         }
         state.queue = None;
     }
 
-    /// Waits for the encoder's thread.
+    /// Ends the recording if its encoder has stood still for longer than the settings allow; whether it is
+    /// at its end, of whatever cause. To be asked by all who wait for the encoder, and in every frame.
+    pub fn end_if_stalled(&self) -> bool {
+        let mut state = self.state();
+        if state.status.phase == VdbRecordPhase::Ended {
+            return true;
+        }
+        let limit = self.settings.stall_timeout;
+        if !state.patience.is_over(&self.pulse, limit, Instant::now()) {
+            return false;
+        }
+        self.pulse.give_up();
+        let has_begun = self.pulse.has_child();
+        state.status.phase = VdbRecordPhase::Ended;
+        state.status.error = Some(VdbRecordError::Stalled { after: limit });
+        // Nothing is asked of the disk here: it may be what hangs.
+        state.status.unfinished = part_of(&self.settings).filter(|_| has_begun);
+        // The thread is not waited for. Should it get on one day, it finds that it was given up.
+        (state.queue, state.encoder) = (None, None);
+        true
+    }
+
+    /// Waits for the encoder's thread, as long as it gets on.
     pub fn join(&self) {
+        while !self.end_if_stalled() {
+            if self.state().encoder.as_ref().is_none_or(JoinHandle::is_finished) {
+                break;
+            }
+            thread::sleep(LOOK);
+        }
         let encoder = self.state().encoder.take();
         if let Some(encoder) = encoder {
             encoder.join().ok();

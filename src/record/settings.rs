@@ -10,13 +10,14 @@ use bevy::math::UVec2;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VdbRecordFormat {
     /// PNG files `00000000.png`, `00000001.png`, … in a folder, which is the target; without loss, and
-    /// without any other program.
+    /// without any other program. Each has its name once it is whole.
     PngSequence,
     /// H.264 in MP4, by the program `ffmpeg` (with `libx264`). A width or height that is odd loses its
     /// last column or row. In fragments of a second, so that the file can be played up to where an
-    /// encoder was killed.
+    /// encoder was killed. Until it is whole, `film.mp4` is called `film.part.mp4`.
     Mp4,
-    /// VP9 in WebM, by the program `ffmpeg` (with `libvpx-vp9`).
+    /// VP9 in WebM, by the program `ffmpeg` (with `libvpx-vp9`). Until it is whole, `film.webm` is called
+    /// `film.part.webm`.
     WebM,
 }
 
@@ -28,14 +29,15 @@ pub enum VdbRecordClock {
     /// Below 4 frames a second, also raise the `max_delta` of `Time<Virtual>`, a quarter of a second.
     FixedStep,
     /// The app's time is that of the clock on the wall, and so is the recording's. Where the app has no
-    /// new frame in time the last one is repeated; where it has too many some are left out.
+    /// new frame in time the last one is repeated, for [`VdbRecordSettings::max_gap`] at most; where it
+    /// has too many some are left out.
     RealTime,
 }
 
 /// What happens to a frame when the encoder is so far behind that the queue is full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VdbRecordWhenFull {
-    /// The app waits for the encoder.
+    /// The app waits for the encoder, as long as that gets on: see [`VdbRecordSettings::stall_timeout`].
     Wait,
     /// The frame is left out, and the one before it is repeated, so that the recording keeps its time.
     Drop,
@@ -48,6 +50,12 @@ pub struct VdbRecordSettings {
     pub target: PathBuf,
     /// What is written.
     pub format: VdbRecordFormat,
+    /// Whether a recording that stands at the target is replaced; `false` by default: the new one then
+    /// ends before its first frame with [`VdbRecordError::Exists`]. Of a sequence of PNG files that is any
+    /// file in the folder that is called as one of a sequence, since it would be taken for a part of this
+    /// one. They are replaced one by one, and those that the new sequence does not reach are removed at
+    /// its end.
+    pub overwrite: bool,
     /// Frames a second, at least 1. 30 by default.
     pub frame_rate: u32,
     /// [`VdbRecordClock::FixedStep`] by default.
@@ -59,6 +67,17 @@ pub struct VdbRecordSettings {
     pub queue: usize,
     /// How long the recording is at most, in its own frames: it then stops by itself.
     pub max_frames: Option<u64>,
+    /// How long the encoder may do nothing at all, although it has something to do, before it is given up
+    /// and the recording ends with [`VdbRecordError::Stalled`]: 20 seconds by default. No longer than that
+    /// do [`VdbRecordWhenFull::Wait`] and the end of the app wait for an encoder that hangs. Time in which
+    /// the app itself was suspended does not count.
+    pub stall_timeout: Duration,
+    /// With [`VdbRecordClock::RealTime`], the longest time without a new frame that is filled by repeating
+    /// the last one: 5 seconds by default. Of a longer one (the app was suspended, its window minimised)
+    /// the rest is left out of the recording, with a warning, and counted in [`VdbRecordStatus::cut`].
+    pub max_gap: Duration,
+    /// The program that makes videos: `ffmpeg` by default, which is looked for on the `PATH`.
+    pub ffmpeg: PathBuf,
     /// Further arguments for `ffmpeg`, before the file and after those of the format, which they
     /// overrule: `["-crf", "12"]` is a finer picture in a larger file.
     pub ffmpeg_args: Vec<String>,
@@ -70,11 +89,15 @@ impl VdbRecordSettings {
         Self {
             target: target.into(),
             format,
+            overwrite: false,
             frame_rate: 30,
             clock: VdbRecordClock::FixedStep,
             when_full: VdbRecordWhenFull::Wait,
             queue: 8,
             max_frames: None,
+            stall_timeout: Duration::from_secs(20),
+            max_gap: Duration::from_secs(5),
+            ffmpeg: "ffmpeg".into(),
             ffmpeg_args: Vec::new(),
         }
     }
@@ -95,7 +118,8 @@ pub enum VdbRecordPhase {
     Recording,
     /// No more frames are taken; the last are being written.
     Finishing,
-    /// The file is whole, and the recorder can be started again.
+    /// The file is whole, unless there is an [error](VdbRecordStatus::error), and the recorder can be
+    /// started again.
     Ended,
 }
 
@@ -110,6 +134,11 @@ pub struct VdbRecordStatus {
     pub dropped: u64,
     /// Frames that the encoder has been given and has taken, repeated ones among them.
     pub written: u64,
+    /// Frames of gaps that were too long to be filled: see [`VdbRecordSettings::max_gap`].
+    pub cut: u64,
+    /// Where a video stands that its encoder has not finished, `film.part.mp4` instead of `film.mp4`: it
+    /// can be played as far as it goes.
+    pub unfinished: Option<PathBuf>,
     /// Why it ended, if it did not end as asked.
     pub error: Option<VdbRecordError>,
 }
@@ -136,6 +165,16 @@ pub enum VdbRecordError {
         own: u32,
         /// Frames a second of the other.
         kept: u32,
+    },
+    /// Something stands where the recording is to go.
+    #[error(
+        "{} is already there; set VdbRecordSettings::overwrite if it is to be replaced, or record to \
+         another place",
+        path.display()
+    )]
+    Exists {
+        /// A file of the recording before.
+        path: PathBuf,
     },
     /// It was stopped before there was anything.
     #[error(
@@ -172,10 +211,24 @@ pub enum VdbRecordError {
     },
     /// There is no `ffmpeg`.
     #[error(
-        "the program ffmpeg is not on the PATH; install it (Debian: apt install ffmpeg), or record as \
-         VdbRecordFormat::PngSequence"
+        "the program {} is not on the PATH; install it (Debian: apt install ffmpeg), or record as \
+         VdbRecordFormat::PngSequence",
+        program.display()
     )]
-    FfmpegMissing,
+    FfmpegMissing {
+        /// [`VdbRecordSettings::ffmpeg`].
+        program: PathBuf,
+    },
+    /// The encoder hangs, or the disk that it writes to.
+    #[error(
+        "the encoder has done nothing for {} s (VdbRecordSettings::stall_timeout) and was given up; does \
+         the disk or the program ffmpeg hang?",
+        after.as_secs_f64()
+    )]
+    Stalled {
+        /// How long it was waited for.
+        after: Duration,
+    },
     /// `ffmpeg` could not be started, failed, or was killed.
     #[error("ffmpeg ended too early ({status}): {said}")]
     Ffmpeg {

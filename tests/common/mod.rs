@@ -4,6 +4,7 @@
 
 mod adapter;
 
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use bevy::app::{PluginsState, ScheduleRunnerPlugin};
@@ -86,15 +87,25 @@ impl Stage {
 
     /// With further plugins.
     pub fn with(add: impl FnOnce(&mut App)) -> Self {
-        Self::made(true, add)
+        Self::made(true, None, add)
+    }
+
+    /// One whose assets are in a folder, which is watched.
+    pub fn watching(folder: &Path) -> Self {
+        Self::made(true, Some(folder), |_| {})
     }
 
     /// One that compiles pipelines beside its frames, as apps do.
     pub fn compiling_beside() -> Self {
-        Self::made(false, |_| {})
+        Self::made(false, None, |_| {})
     }
 
-    fn made(synchronous_pipeline_compilation: bool, add: impl FnOnce(&mut App)) -> Self {
+    fn made(
+        synchronous_pipeline_compilation: bool,
+        watched: Option<&Path>,
+        add: impl FnOnce(&mut App),
+    ) -> Self {
+        let assets = watched.unwrap_or(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/assets")));
         let mut app = App::new();
         app.add_plugins((
             DefaultPlugins
@@ -105,9 +116,9 @@ impl Stage {
                 })
                 .set(RenderPlugin { synchronous_pipeline_compilation, ..default() })
                 .set(AssetPlugin {
-                    file_path: concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into(),
+                    file_path: assets.display().to_string(),
                     unapproved_path_mode: UnapprovedPathMode::Allow,
-                    watch_for_changes_override: Some(false),
+                    watch_for_changes_override: Some(watched.is_some()),
                     ..default()
                 })
                 .disable::<WinitPlugin>()

@@ -4,9 +4,12 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::display::{ERROR_CHARS, escaped, quoted};
+
 /// Why a file, or a grid of it, could not be read or written.
 ///
-/// Its `Display` is one line: where, what, and what to do about it.
+/// Its `Display` is one line: where, what, and what to do about it. What it says in the words of the file is
+/// [escaped](crate::display::escaped).
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system refused: no such file, no permission, disk full.
@@ -18,7 +21,10 @@ pub enum Error {
         source: Arc<std::io::Error>,
     },
     /// The bytes are not what the format prescribes.
-    #[error("{place}{what}. The file is damaged or no VDB file; export it again from its program")]
+    #[error(
+        "{place}{}. The file is damaged or no VDB file; export it again from its program",
+        shown(what)
+    )]
     Invalid {
         /// Where in the file.
         place: Place,
@@ -26,7 +32,7 @@ pub enum Error {
         what: String,
     },
     /// The file may be sound, but uses what is not implemented here.
-    #[error("{place}{what}")]
+    #[error("{place}{}", shown(what))]
     NotSupported {
         /// Where in the file.
         place: Place,
@@ -35,7 +41,8 @@ pub enum Error {
     },
     /// The file asks for more than [`Limits`](crate::Limits) allow.
     #[error(
-        "{place}{what} exceed the limit of {limit} (`Limits::{name}`); raise it if the file is to be trusted"
+        "{place}{} exceed the limit of {limit} (`Limits::{name}`); raise it if the file is to be trusted",
+        shown(what)
     )]
     LimitExceeded {
         /// Where in the file.
@@ -47,8 +54,16 @@ pub enum Error {
         /// Its value.
         limit: u64,
     },
+    /// The path leads to nothing that can be read from or replaced: a folder, a pipe, a device.
+    #[error("{place}{what}")]
+    NotAFile {
+        /// Which path.
+        place: Place,
+        /// What is there instead, and what to do.
+        what: String,
+    },
     /// A grid was asked for by a name that the file does not list.
-    #[error("{place}the file has no grid {name:?}")]
+    #[error("{place}the file has no grid {}", quoted(name))]
     NoSuchGrid {
         /// Where in the file.
         place: Place,
@@ -61,6 +76,11 @@ pub enum Error {
         /// Where in the file.
         place: Place,
     },
+}
+
+/// A description, which may quote the file.
+fn shown(what: &str) -> impl fmt::Display + '_ {
+    escaped(what).at_most(ERROR_CHARS)
 }
 
 /// Where in which file something went wrong; parts that are not known are `None`.
@@ -78,11 +98,12 @@ impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut separator = "";
         if let Some(path) = &self.path {
-            write!(f, "{}", path.display())?;
+            // The file's name is the sender's, too. No path that a system takes is longer.
+            write!(f, "{}", escaped(&path.to_string_lossy()).at_most(4096))?;
             separator = ", ";
         }
         if let Some(grid) = &self.grid {
-            write!(f, "{separator}grid {grid:?}")?;
+            write!(f, "{separator}grid {}", quoted(grid))?;
             separator = ", ";
         }
         if let Some(offset) = self.offset {
@@ -106,6 +127,10 @@ impl Error {
         Self::LimitExceeded { place: Place::default(), what: what.into(), name, limit }
     }
 
+    pub(crate) fn not_a_file(what: impl Into<String>) -> Self {
+        Self::NotAFile { place: Place::default(), what: what.into() }
+    }
+
     pub(crate) fn io(source: std::io::Error) -> Self {
         Self::Io { place: Place::default(), source: Arc::new(source) }
     }
@@ -121,6 +146,7 @@ impl Error {
             | Self::Invalid { place, .. }
             | Self::NotSupported { place, .. }
             | Self::LimitExceeded { place, .. }
+            | Self::NotAFile { place, .. }
             | Self::NoSuchGrid { place, .. }
             | Self::Cancelled { place } => place,
         }
@@ -132,6 +158,7 @@ impl Error {
             | Self::Invalid { place, .. }
             | Self::NotSupported { place, .. }
             | Self::LimitExceeded { place, .. }
+            | Self::NotAFile { place, .. }
             | Self::NoSuchGrid { place, .. }
             | Self::Cancelled { place } => place,
         }

@@ -287,7 +287,8 @@ pub enum GridSelection {
     Names(Vec<String>),
 }
 
-/// Is told how many bytes of how many are done; [`ControlFlow::Break`] cancels the reading.
+/// Is told how much of how much is done, of a file in bytes, of packing and levels of detail in steps;
+/// [`ControlFlow::Break`] cancels the work.
 ///
 /// Called from several threads, in order of neither bytes nor time.
 pub type ProgressFn = dyn Fn(u64, u64) -> ControlFlow<()> + Send + Sync;
@@ -336,25 +337,20 @@ impl VdbFile {
     /// Reads a file from disk, with default options.
     ///
     /// # Errors
-    /// Those of [`VdbFile::read`], and what the system says; each names the path.
+    /// Those of [`VdbFile::open_with`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self, Error> {
         Self::open_with(path, &ReadOptions::default())
     }
 
-    /// Reads a file from disk.
+    /// Reads a file from disk. Memory is taken for those bytes alone that its grids lie in, and only once the
+    /// file is known to be a VDB file and not too long: see [`FileBuffer`](crate::FileBuffer).
     ///
     /// # Errors
-    /// Those of [`VdbFile::read`], and what the system says; each names the path.
+    /// Those of [`VdbFile::read`], and what the system says; each names the path. What is no regular file,
+    /// such as a folder, a pipe or a device, is [`Error::NotAFile`]: its bytes, once they are in memory,
+    /// are for [`VdbFile::read`].
     pub fn open_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Self, Error> {
-        let read = || {
-            let length = std::fs::metadata(&path).map_err(Error::io)?.len();
-            if length > options.limits.file_bytes {
-                let what = format!("{length} bytes of file");
-                return Err(Error::limit(what, "file_bytes", options.limits.file_bytes));
-            }
-            Self::read(&std::fs::read(&path).map_err(Error::io)?, options)
-        };
-        read().map_err(|error: Error| error.in_file(&path))
+        crate::format::open_file(path.as_ref(), options).map_err(|error| error.in_file(&path))
     }
 
     /// A file of these grids, without metadata.
@@ -381,11 +377,18 @@ impl VdbFile {
         crate::format::write_file(self, options)
     }
 
-    /// Writes a file to disk, as [`VdbFile::write`] does. A crash or a full disk leaves what stood
-    /// there before.
+    /// Writes a file to disk, as [`VdbFile::write`] does. Whatever happens, a crash or a full disk, the path
+    /// has what stood there before or the new file, whole: it is written beside the old one, brought to
+    /// the disk, and then put in its place.
+    ///
+    /// An existing file is replaced with its permissions, owner and group kept; access-control lists
+    /// and other names (hard links) are not. Of a symbolic link, what it leads to is replaced or made, and
+    /// the link stays.
     ///
     /// # Errors
-    /// Those of [`VdbFile::write`], and what the system says; each names the path.
+    /// Those of [`VdbFile::write`], and what the system says; each names the path. What is no regular file,
+    /// such as a folder, a pipe or a device, is [`Error::NotAFile`] and stays as it is; so do a file that is
+    /// read-only, and one whose owner and group cannot be kept.
     pub fn save(&self, path: impl AsRef<Path>, options: &WriteOptions) -> Result<(), Error> {
         crate::format::save_file(self, path.as_ref(), options).map_err(|error| error.in_file(&path))
     }

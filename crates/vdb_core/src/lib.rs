@@ -13,6 +13,7 @@ struct Readme;
 
 mod blackbody;
 mod codec;
+pub mod display;
 mod error;
 mod format;
 #[cfg(fuzzing)]
@@ -27,9 +28,11 @@ pub mod synth;
 mod transform;
 pub mod tree;
 pub mod view;
+mod work;
 
 pub use blackbody::{BlackbodyTable, blackbody};
 pub use error::{Error, Place};
+pub use format::FileBuffer;
 pub use grid::{
     AnyTree, Codec, Compression, Grid, GridClass, GridSelection, ProgressFn, ReadOptions,
     SkippedGrid, VdbFile, WriteOptions,

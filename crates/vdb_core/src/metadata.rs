@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use crate::display::escaped;
+
 /// Names with typed values, sorted by name (OpenVDB's `MetaMap`).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Metadata {
@@ -132,7 +134,8 @@ impl MetaValue {
     }
 }
 
-/// For people: without the name of its type, text as it is, of bytes only how many.
+/// For people: without the name of its type, text [escaped] and cut after 4,096 characters, of bytes only how
+/// many.
 impl fmt::Display for MetaValue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -141,7 +144,7 @@ impl fmt::Display for MetaValue {
             Self::Int64(value) => write!(f, "{value}"),
             Self::Float(value) => write!(f, "{value:?}"),
             Self::Double(value) => write!(f, "{value:?}"),
-            Self::String(text) => f.write_str(text),
+            Self::String(text) => write!(f, "{}", escaped(text).at_most(4096)),
             Self::Vec2i(values) => write!(f, "{values:?}"),
             Self::Vec2s(values) => write!(f, "{values:?}"),
             Self::Vec2d(values) => write!(f, "{values:?}"),

@@ -8,7 +8,9 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use vdb_core::{AnyTree, Codec, Compression, Error, Limits, ReadOptions, VdbFile, WriteOptions};
+use vdb_core::{
+    AnyTree, Codec, Compression, Error, FileBuffer, Limits, ReadOptions, VdbFile, WriteOptions,
+};
 
 /// A fixed sequence of numbers, so that a failure repeats (xorshift64*, Vigna 2014).
 struct Random(u64);
@@ -207,6 +209,20 @@ fn use_all(file: &VdbFile) {
     assert!(!format!("{:?}", file.metadata).is_empty());
 }
 
+/// The same of a file that comes in by and by.
+fn in_pieces(bytes: &[u8]) -> Result<(), Error> {
+    let options = limits();
+    let mut buffer = FileBuffer::new(options.limits.clone(), Some(bytes.len() as u64));
+    let mut rest = bytes;
+    while let Some(room) = buffer.room()? {
+        let (now, later) = rest.split_at(room.len().min(rest.len()).min(1 << 12));
+        room[..now.len()].copy_from_slice(now);
+        buffer.filled(now.len());
+        rest = later;
+    }
+    VdbFile::read(&buffer.into_bytes(), &options).map(|_| ())
+}
+
 #[test]
 fn changed_files_are_read_or_refused() {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<u64>().ok());
@@ -240,6 +256,12 @@ fn changed_files_are_read_or_refused() {
         let start = Instant::now();
         let result = std::panic::catch_unwind(|| VdbFile::read(&bytes, &limits()).inspect(use_all));
         slowest = slowest.max(start.elapsed());
+        if round % 8 == 0 {
+            assert_eq!(
+                in_pieces(&bytes).ok(),
+                result.as_ref().is_ok_and(|r| r.is_ok()).then_some(())
+            );
+        }
         match result {
             Ok(Ok(_)) => read += 1,
             Ok(Err(Error::LimitExceeded { .. })) => limited += 1,
@@ -283,4 +305,39 @@ fn short_files_cannot_ask_for_much() {
         }
     }
     assert!(tried > 300, "{tried}");
+}
+
+/// Nothing of what a file says reaches a terminal or a log as it is, by whatever way it is printed.
+#[test]
+fn text_of_files_is_escaped() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/hostile/ansi.vdb");
+    let file = VdbFile::open(path).unwrap();
+    let grid = &file.grids[0];
+    assert!(
+        grid.name.contains('\u{1b}') && grid.name.contains('\n'),
+        "the name is as it stands there"
+    );
+    assert!(file.grid(&grid.name).is_some());
+    let mut shown: Vec<String> = file.skipped.iter().map(|grid| grid.reason.to_string()).collect();
+    let metadata =
+        std::iter::once(&file.metadata).chain(file.grids.iter().map(|grid| &grid.metadata));
+    shown.extend(metadata.flat_map(|map| map.iter().map(|(_, value)| value.to_string())));
+    let asked = |name: &str| {
+        let grids = vdb_core::GridSelection::Names(vec![name.to_owned()]);
+        let bytes = file.write(&WriteOptions::default()).unwrap();
+        VdbFile::read(&bytes, &ReadOptions { grids, ..ReadOptions::default() })
+    };
+    assert_eq!(asked(&grid.name).unwrap().grids.len(), 1);
+    shown.push(asked("\u{1b}[2J\u{202e}").unwrap_err().to_string());
+    shown.push(VdbFile::open("no/such/\u{1b}[2J\u{202e}\n.vdb").unwrap_err().to_string());
+    assert!(shown.len() >= 5, "{shown:?}");
+    assert!(shown.iter().any(|text| text.contains(r"\u{1b}")), "{shown:?}");
+    for text in &shown {
+        assert!(!text.contains(|c: char| c.is_control() || c == '\u{202e}'), "{text:?}");
+        assert!(text.len() < 2000, "{} bytes", text.len());
+    }
+    // A name of a megabyte in a message.
+    let long = "x".repeat(1 << 20);
+    assert!(asked(&long).unwrap_err().to_string().len() < 2000);
+    assert!(vdb_core::MetaValue::String(long).to_string().len() < 10_000);
 }

@@ -67,6 +67,88 @@ fn people_can_read_it() {
     assert!(out.contains("a file of its own with zip + active values: "), "{out}");
 }
 
+/// A file whose names, types, metadata and unique tag have escapes that a terminal obeys.
+#[test]
+fn text_of_the_file_is_escaped() {
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/hostile/ansi.vdb");
+    for options in [&[file][..], &[file, "--json"], &[file, "--sizes"]] {
+        let output = info(options);
+        assert!(output.status.success(), "{output:?}");
+        for bytes in [&output.stdout, &output.stderr] {
+            let raw = bytes.iter().find(|byte| byte.is_ascii_control() && **byte != b'\n');
+            assert_eq!(raw, None, "{}", text(bytes).escape_debug());
+            assert!(!text(bytes).lines().any(|line| line.starts_with("FAKE")), "{}", text(bytes));
+        }
+    }
+    // What it says is still there to be seen.
+    assert!(text(&info(&[file]).stdout).contains(r"\u{1b}[31mRED"));
+}
+
+#[cfg(unix)]
+#[test]
+fn what_ends_the_output_is_no_panic() {
+    use std::process::Stdio;
+    let good = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/kinds.vdb");
+    // More than a pipe holds, and nobody who reads it.
+    let mut child = Command::new(env!("CARGO_BIN_EXE_vdb_info"))
+        .args([good; 2000])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+    if let Ok(full) = std::fs::OpenOptions::new().write(true).open("/dev/full") {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_vdb_info"));
+        let output = command.arg(good).stdout(full.try_clone().unwrap()).output().unwrap();
+        assert_eq!(output.status.code(), Some(1));
+        assert_eq!(text(&output.stderr).lines().count(), 1, "{output:?}");
+        // And nobody to tell, either.
+        let mut command = Command::new(env!("CARGO_BIN_EXE_vdb_info"));
+        let status = command.arg("no/such.vdb").stderr(full).status().unwrap();
+        assert_eq!(status.code(), Some(1));
+    }
+}
+
+/// Within as little memory as the program itself needs.
+#[cfg(unix)]
+#[test]
+fn what_is_no_file_costs_no_memory() {
+    let folder = std::env::temp_dir().join(format!("vdb_info_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let [huge, long, pipe, odd] =
+        ["huge.vdb", "long.vdb", "pipe.vdb", "\u{1b}[31m.vdb"].map(|name| folder.join(name));
+    let kinds = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/kinds.vdb");
+    std::fs::File::create(&huge).unwrap().set_len(3 << 30).unwrap();
+    std::fs::copy(kinds, &long).unwrap();
+    std::fs::OpenOptions::new().write(true).open(&long).unwrap().set_len(3 << 29).unwrap();
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let within = |arguments: &[&std::ffi::OsStr]| {
+        Command::new("sh")
+            .args(["-c", "ulimit -v 600000; exec timeout 20 \"$0\" \"$@\""])
+            .arg(env!("CARGO_BIN_EXE_vdb_info"))
+            .args(arguments)
+            .output()
+            .unwrap()
+    };
+    for path in [huge.as_path(), &pipe, &odd, &folder, Path::new("/dev/zero")] {
+        let output = within(&[path.as_os_str()]);
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        let said = text(&output.stderr);
+        assert_eq!(said.lines().count(), 1, "{said}");
+        assert!(!said.contains('\u{1b}'), "{said:?}");
+    }
+    // Three grids of a few kilobytes, and behind them 1.5 GiB of nothing.
+    let output = within(&[long.as_os_str()]);
+    assert!(output.status.success(), "{output:?}");
+    assert!(text(&output.stdout).contains("\"density\""));
+    // Those who trust a file say so.
+    let output = within(&[huge.as_os_str(), "--no-limits".as_ref()]);
+    assert!(text(&output.stderr).contains("this is no VDB file"), "{output:?}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
 #[test]
 fn what_cannot_be_read_is_said_and_the_rest_is_shown() {
     let good = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/empty_and_one.vdb");

@@ -1,6 +1,6 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::Arc;
+use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
 use bevy::math::UVec2;
@@ -104,18 +104,22 @@ fn pictures_are_what_was_captured_and_gaps_repeat() {
     assert_eq!(fs::read_dir(&target).unwrap().count(), 6);
 }
 
-/// An encoder that stands still: its first file is a pipe that nobody reads yet.
-#[cfg(unix)]
+/// An encoder that stands still with its first frame until it is told to go on.
 #[test]
 fn a_full_queue_gives_frames_back_or_waits() {
     let target = folder("queue");
-    let pipe = target.join("00000000.png");
-    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let settings = VdbRecordSettings {
         queue: 2,
         ..VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence)
     };
-    let session = Session::start(settings).unwrap();
+    let (go_on, gate) = mpsc::channel();
+    let session = Session::start_with(settings, move |session, frames| {
+        let first = frames.recv();
+        gate.recv().ok();
+        first.into_iter().chain(frames).for_each(|_| session.count_written());
+        Ok(())
+    })
+    .unwrap();
     // One at the encoder, two in the queue.
     (0..3).for_each(|slot| send(&session, frame(slot)));
     assert!(session.claim());
@@ -129,8 +133,7 @@ fn a_full_queue_gives_frames_back_or_waits() {
     std::thread::sleep(Duration::from_millis(100));
     assert!(!waiting.is_finished(), "a frame did not wait for room");
     assert_eq!(session.status().written, 0);
-    let first = fs::read(&pipe).unwrap();
-    assert!(first.starts_with(b"\x89PNG"));
+    go_on.send(()).unwrap();
     assert!(waiting.join().unwrap());
     let status = end(&session);
     assert!(status.error.is_none(), "{status:?}");
@@ -153,14 +156,12 @@ fn a_folder_that_cannot_be_made_is_named() {
     }
 }
 
-/// `/dev/full` is a disk without room.
-#[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_ends_a_sequence_with_whole_pictures() {
-    let target = folder("full");
-    std::os::unix::fs::symlink("/dev/full", target.join("00000002.png")).unwrap();
-    let session =
-        Session::start(VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence)).unwrap();
+fn a_picture_that_cannot_be_written_ends_a_sequence_of_whole_ones() {
+    let target = folder("obstacle");
+    fs::create_dir(target.join("00000002.png")).unwrap();
+    let settings = VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence);
+    let session = Session::start(VdbRecordSettings { overwrite: true, ..settings }).unwrap();
     for slot in 0..20 {
         if session.claim() {
             session.deliver(frame(slot), true).ok();
@@ -169,9 +170,25 @@ fn a_full_disk_ends_a_sequence_with_whole_pictures() {
     let status = end(&session);
     assert_eq!(status.written, 2);
     let error = status.error.unwrap().to_string();
-    assert!(error.contains("00000002.png") && error.contains("No space left"), "{error}");
-    assert_eq!(fs::read_dir(&target).unwrap().count(), 2);
+    assert!(error.contains("00000002.png"), "{error}");
+    assert_eq!(fs::read_dir(&target).unwrap().count(), 3);
     (0..2).for_each(|file| drop(read_png(&target.join(format!("{file:08}.png")))));
+}
+
+/// `/dev/full` is a disk without room.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_leaves_no_half_picture() {
+    let target = folder("full");
+    let settings = VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence);
+    let pulse = Pulse::default();
+    let mut sequence = PngSequence::new(&settings, &pulse, SIZE);
+    sequence.write(&frame(0).pixels).unwrap();
+    std::os::unix::fs::symlink("/dev/full", &sequence.part).unwrap();
+    let error = sequence.write(&frame(1).pixels).unwrap_err().to_string();
+    assert!(error.contains("00000001.png") && error.contains("No space left"), "{error}");
+    assert_eq!(fs::read_dir(&target).unwrap().count(), 1);
+    read_png(&target.join("00000000.png"));
 }
 
 #[cfg(target_os = "linux")]
@@ -181,8 +198,9 @@ fn a_full_disk_ends_a_video() {
         return;
     }
     let target = folder("full_video").join("full.mp4");
-    std::os::unix::fs::symlink("/dev/full", &target).unwrap();
-    let session = Session::start(VdbRecordSettings::new(&target, VdbRecordFormat::Mp4)).unwrap();
+    std::os::unix::fs::symlink("/dev/full", target.with_extension("part.mp4")).unwrap();
+    let settings = VdbRecordSettings::new(&target, VdbRecordFormat::Mp4);
+    let session = Session::start(VdbRecordSettings { overwrite: true, ..settings }).unwrap();
     for slot in 0..200 {
         if session.claim() {
             session.deliver(noise(slot), true).ok();
@@ -191,6 +209,7 @@ fn a_full_disk_ends_a_video() {
     let error = end(&session).error.unwrap();
     assert!(matches!(&error, VdbRecordError::Ffmpeg { .. }), "{error:?}");
     assert!(error.to_string().contains("No space left on device"), "{error}");
+    assert!(!target.exists(), "what is cut short looks whole");
 }
 
 /// The process that writes a file, among this one's children.
@@ -229,13 +248,14 @@ fn a_killed_encoder_leaves_a_video_that_plays() {
         .unwrap();
         // Until seconds of it are on the disk.
         let mut slot = 0;
+        let part = part_of(&session.settings).unwrap();
         let large = |path: &Path| fs::metadata(path).is_ok_and(|file| file.len() > 200_000);
-        while !large(&target) {
+        while !large(&part) {
             assert!(slot < 2000, "nothing is written");
             send(&session, noise(slot));
             slot += 1;
         }
-        let id = encoder_of(&target).to_string();
+        let id = encoder_of(&part).to_string();
         assert!(Command::new("kill").args(["-9", &id]).status().unwrap().success());
         // The app goes on as if nothing were.
         for slot in slot..slot + 50 {
@@ -247,7 +267,9 @@ fn a_killed_encoder_leaves_a_video_that_plays() {
         let error = status.error.unwrap();
         assert!(matches!(&error, VdbRecordError::Ffmpeg { .. }), "{error:?}");
         assert!(error.to_string().contains("signal: 9"), "{error}");
-        let playable = count_frames(&target);
+        assert!(!target.exists(), "what is cut short looks whole");
+        assert_eq!(status.unfinished.as_ref(), Some(&part));
+        let playable = count_frames(&part);
         println!("{name}: {slot} frames sent until the kill, {playable} can be played");
         assert!(playable >= 10, "{playable} of {slot} frames can be played");
     }
@@ -318,6 +340,10 @@ fn what_makes_no_sense_is_refused() {
     assert!(matches!(status.error, Some(VdbRecordError::NoFrames)), "{status:?}");
     recorder.start(settings).unwrap();
 }
+
+mod existing;
+#[cfg(unix)]
+mod stalls;
 
 #[test]
 fn frames_that_do_not_come_are_told() {

@@ -99,7 +99,7 @@ pub(crate) fn extract_volumes(
             grid: volume.0.id().into(),
             packed: grid.outline(),
             levels: grid.levels().cloned().unwrap_or_default(),
-            name: grid.shared_name(),
+            name: grid.shown_name().clone(),
             world_from_local,
             world_from_local_before: before
                 .get(&entity)

@@ -18,7 +18,7 @@ mod volume;
 
 use bevy::core_pipeline::core_3d::{prepare_core_3d_depth_textures, prepare_prepass_textures};
 use bevy::prelude::*;
-use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderSystems};
+use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
 pub(super) use key::ViewKey;
 pub(super) use prepare::VolumeBuffer;
@@ -39,6 +39,7 @@ impl Plugin for ViewPlugin {
         use PrepareViews::*;
         render_app
             .init_gpu_resource::<VolumeBuffer>()
+            .add_systems(RenderStartup, visible::forget_views)
             .configure_sets(
                 Render,
                 (Find, Resolve, Ask, Prepare, Adjust, Upload)

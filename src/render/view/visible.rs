@@ -51,6 +51,13 @@ pub(super) fn find_visible(
     }
 }
 
+/// Takes from all views what a GPU that was lost has made for them. At the first start there is nothing.
+pub(super) fn forget_views(mut commands: Commands, views: Query<Entity, With<VisibleVolumes>>) {
+    for view in &views {
+        commands.entity(view).remove_with_requires::<VisibleVolumes>();
+    }
+}
+
 /// Lets the trace read the depth of the opaque meshes.
 pub(super) fn make_depth_readable(mut views: Query<&mut Camera3d, With<VisibleVolumes>>) {
     for mut camera in &mut views {

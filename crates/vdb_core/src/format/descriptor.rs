@@ -2,7 +2,8 @@
 
 use super::cursor::Cursor;
 use super::metadata::write_sized;
-use crate::{Error, Limits};
+use super::topology::Budget;
+use crate::Error;
 
 /// Stands between the name of a grid and the number that makes it unique.
 pub(crate) const SEPARATOR: u8 = 0x1e;
@@ -38,8 +39,8 @@ impl Descriptor {
     }
 }
 
-pub(crate) fn read(cursor: &mut Cursor<'_>, limits: &Limits) -> Result<Descriptor, Error> {
-    let at = cursor.at();
+pub(crate) fn read(cursor: &mut Cursor<'_>, budget: &mut Budget<'_>) -> Result<Descriptor, Error> {
+    let (at, limits) = (cursor.at(), budget.limits);
     let raw_name = cursor.sized_bytes(limits)?.to_owned();
     let (name, unique_name) = names(&raw_name);
     let full_type = cursor.string(limits)?;
@@ -52,6 +53,8 @@ pub(crate) fn read(cursor: &mut Cursor<'_>, limits: &Limits) -> Result<Descripto
     let _block_at = cursor.i64()?;
     let end_at = cursor.i64()?;
     let past = cursor.at();
+    let text = raw_name.len() + full_type.len() + parent.len();
+    budget.add_text(text).map_err(|error| error.at(at))?;
     Ok(Descriptor {
         raw_name,
         name,

@@ -12,6 +12,7 @@ use super::header::{self, Header};
 use super::topology::{self, Budget};
 use super::values::Encoding;
 use super::{metadata, transform};
+use crate::display::{escaped, quoted};
 use crate::{
     AnyTree, Compression, Error, Grid, GridClass, GridSelection, Limits, Metadata, ReadOptions,
     SkippedGrid, Transform, VdbFile,
@@ -52,21 +53,19 @@ struct Head {
 
 pub(crate) fn read(bytes: &[u8], options: &ReadOptions) -> Result<VdbFile, Error> {
     let limits = &options.limits;
-    if bytes.len() as u64 > limits.file_bytes {
-        let what = format!("{} bytes of file", bytes.len());
-        return Err(Error::limit(what, "file_bytes", limits.file_bytes));
-    }
+    check_length(bytes.len() as u64, limits)?;
     let mut cursor = Cursor::new(bytes);
     let header = header::read(&mut cursor)?;
-    let file_metadata = metadata::read(&mut cursor, limits)?;
-    let count = read_count(&mut cursor, limits)?;
     let mut budget = Budget::new(limits);
+    let file_metadata = metadata::read(&mut cursor, &mut budget)?;
+    let count = read_count(&mut cursor, limits)?;
+    let selection = Selection::new(&options.grids);
     let listed = if header.has_offsets {
-        list_with_offsets(cursor, &header, count, options, &mut budget)?
+        list_with_offsets(cursor, &header, count, &selection, &mut budget)?
     } else {
-        list_stream(cursor, &header, count, options, &mut budget)?
+        list_stream(cursor, &header, count, &selection, &mut budget)?
     };
-    check_selection(&listed, &options.grids)?;
+    selection.check(&listed)?;
     let progress = Progress::new(bytes.len(), options.progress.as_deref());
     progress.add(0)?;
     let (grids, skipped) = finish(listed, &progress)?;
@@ -79,6 +78,15 @@ pub(crate) fn read(bytes: &[u8], options: &ReadOptions) -> Result<VdbFile, Error
         grids,
         skipped,
     })
+}
+
+/// Whether a file is not too long.
+pub(crate) fn check_length(length: u64, limits: &Limits) -> Result<(), Error> {
+    if length > limits.file_bytes {
+        let what = format!("{length} bytes of file");
+        return Err(Error::limit(what, "file_bytes", limits.file_bytes));
+    }
+    Ok(())
 }
 
 fn read_count(cursor: &mut Cursor<'_>, limits: &Limits) -> Result<usize, Error> {
@@ -101,27 +109,24 @@ fn list_with_offsets<'a>(
     mut cursor: Cursor<'a>,
     header: &Header,
     count: usize,
-    options: &ReadOptions,
+    selection: &Selection<'_>,
     budget: &mut Budget<'_>,
 ) -> Result<Vec<Listed<'a>>, Error> {
-    let limits = &options.limits;
     let mut descriptors = Vec::new();
     for _ in 0..count {
-        let descriptor = descriptor::read(&mut cursor, limits)?;
+        let descriptor = descriptor::read(&mut cursor, budget)?;
         cursor = cursor.moved_to(check_places(&descriptor, &cursor)?.end)?;
         descriptors.push(descriptor);
     }
     // An instance needs the tree of its parent, selected or not.
     let parents: HashSet<&[u8]> = descriptors
         .iter()
-        .filter(|descriptor| is_selected(descriptor, &options.grids))
+        .filter(|descriptor| selection.has(descriptor))
         .map(|descriptor| &*descriptor.parent)
         .collect();
     let needed: Vec<bool> = descriptors
         .iter()
-        .map(|descriptor| {
-            is_selected(descriptor, &options.grids) || parents.contains(&*descriptor.raw_name)
-        })
+        .map(|descriptor| selection.has(descriptor) || parents.contains(&*descriptor.raw_name))
         .collect();
     let mut listed = Vec::new();
     for (descriptor, needed) in descriptors.into_iter().zip(needed) {
@@ -130,7 +135,7 @@ fn list_with_offsets<'a>(
         }
         let places = check_places(&descriptor, &cursor)?;
         let mut grid = cursor.bounded(places.end).moved_to(places.start)?;
-        listed.push(read_grid(&mut grid, header, descriptor, options, budget)?);
+        listed.push(read_grid(&mut grid, header, descriptor, selection, budget)?);
     }
     Ok(listed)
 }
@@ -145,9 +150,9 @@ fn check_places(
     let invalid =
         |what: String| Err(Error::invalid(what).at(descriptor.at).in_grid(&descriptor.unique_name));
     match (place(descriptor.grid_at), place(descriptor.end_at)) {
-        (Some(_), Some(end)) if end > end_of_file => invalid(format!(
-            "the file is cut short: the grid ends at byte {end}, the file at {end_of_file}"
-        )),
+        (Some(_), Some(end)) if end > end_of_file => {
+            invalid(cut_short(end as u64, end_of_file as u64))
+        }
         (Some(start), Some(end)) if descriptor.past <= start && start <= end => Ok(start..end),
         _ => invalid(format!(
             "the grid lies from byte {} to {}, which cannot be",
@@ -156,18 +161,22 @@ fn check_places(
     }
 }
 
+pub(crate) fn cut_short(grid_end: u64, file_end: u64) -> String {
+    format!("the file is cut short: the grid ends at byte {grid_end}, the file at {file_end}")
+}
+
 /// Grids one after the other, as in a stream: where one ends the next begins.
 fn list_stream<'a>(
     mut cursor: Cursor<'a>,
     header: &Header,
     count: usize,
-    options: &ReadOptions,
+    selection: &Selection<'_>,
     budget: &mut Budget<'_>,
 ) -> Result<Vec<Listed<'a>>, Error> {
     let mut listed = Vec::new();
     for index in 0..count {
-        let descriptor = descriptor::read(&mut cursor, &options.limits)?;
-        let mut grid = read_grid(&mut cursor, header, descriptor, options, budget)?;
+        let descriptor = descriptor::read(&mut cursor, budget)?;
+        let mut grid = read_grid(&mut cursor, header, descriptor, selection, budget)?;
         let left = count - index - 1;
         if let (Source::None(reason), true) = (&mut grid.tree, left > 0) {
             // Nothing says how long the tree is, so that what follows is out of reach.
@@ -197,24 +206,41 @@ fn list_stream<'a>(
     Ok(listed)
 }
 
-fn is_selected(descriptor: &Descriptor, selection: &GridSelection) -> bool {
-    match selection {
-        GridSelection::All => true,
-        GridSelection::Names(names) => {
-            names.iter().any(|name| *name == descriptor.name || *name == descriptor.unique_name)
-        }
-    }
+/// The names that were asked for, to be looked up as often as there are grids.
+enum Selection<'a> {
+    All,
+    Names(&'a [String], HashSet<&'a str>),
 }
 
-fn check_selection(listed: &[Listed<'_>], selection: &GridSelection) -> Result<(), Error> {
-    let GridSelection::Names(names) = selection else { return Ok(()) };
-    for name in names {
-        let one = GridSelection::Names(vec![name.clone()]);
-        if !listed.iter().any(|grid| is_selected(&grid.descriptor, &one)) {
-            return Err(Error::NoSuchGrid { place: crate::Place::default(), name: name.clone() });
+impl<'a> Selection<'a> {
+    fn new(selection: &'a GridSelection) -> Self {
+        match selection {
+            GridSelection::All => Self::All,
+            GridSelection::Names(names) => {
+                Self::Names(names, names.iter().map(String::as_str).collect())
+            }
         }
     }
-    Ok(())
+
+    fn has(&self, descriptor: &Descriptor) -> bool {
+        let Self::Names(_, names) = self else { return true };
+        names.contains(&*descriptor.name) || names.contains(&*descriptor.unique_name)
+    }
+
+    /// Whether the file has them all.
+    fn check(&self, listed: &[Listed<'_>]) -> Result<(), Error> {
+        let Self::Names(names, _) = self else { return Ok(()) };
+        let there: HashSet<&str> = listed
+            .iter()
+            .flat_map(|grid| [&*grid.descriptor.name, &*grid.descriptor.unique_name])
+            .collect();
+        match names.iter().find(|name| !there.contains(name.as_str())) {
+            None => Ok(()),
+            Some(name) => {
+                Err(Error::NoSuchGrid { place: crate::Place::default(), name: name.clone() })
+            }
+        }
+    }
 }
 
 /// Reads past a grid. An error here is damage; what is merely not supported is noted in the result.
@@ -222,14 +248,14 @@ fn read_grid<'a>(
     cursor: &mut Cursor<'a>,
     header: &Header,
     descriptor: Descriptor,
-    options: &ReadOptions,
+    selection: &Selection<'_>,
     budget: &mut Budget<'_>,
 ) -> Result<Listed<'a>, Error> {
-    let selected = is_selected(&descriptor, &options.grids);
+    let selected = selection.has(&descriptor);
     let named = |error: Error| error.in_grid(&descriptor.unique_name);
     let known = scanner(&descriptor.type_name);
     let start = cursor.at();
-    let head = read_head(cursor, header, &descriptor, &options.limits).map_err(named);
+    let head = read_head(cursor, header, &descriptor, budget).map_err(named);
     let mut head = match head {
         // Who knows what a type that is not known has there.
         Err(error) if known.is_none() || matches!(error, Error::NotSupported { .. }) => Err(error),
@@ -240,7 +266,7 @@ fn read_grid<'a>(
         (Err(error), _) => Source::None(error.clone()),
         (Ok(_), None) => Source::None(named(Error::not_supported(format!(
             "grids of type {} are not supported",
-            descriptor.type_name
+            escaped(&descriptor.type_name)
         )))),
         (Ok(_), Some(_)) if descriptor.is_instance() => Source::Instance,
         (Ok(head), Some(scan)) => {
@@ -267,13 +293,13 @@ fn read_head(
     cursor: &mut Cursor<'_>,
     header: &Header,
     descriptor: &Descriptor,
-    limits: &Limits,
+    budget: &mut Budget<'_>,
 ) -> Result<Head, Error> {
     let compression = header::read_compression(cursor, header)?;
-    let metadata = metadata::read(cursor, limits)?;
+    let metadata = metadata::read(cursor, budget)?;
     // OpenVDB believes the metadata; only files that others wrote lack it.
     let half = metadata.get_bool("is_saved_as_half_float").unwrap_or(descriptor.half_suffix);
-    let transform = transform::read(cursor, header.version, limits)?;
+    let transform = transform::read(cursor, header.version, budget.limits)?;
     Ok(Head { compression, file_bytes: 0, metadata, transform, half })
 }
 
@@ -353,7 +379,8 @@ fn finish(
         let Some(owner) = owner else {
             let (_, parent) = descriptor::names(&descriptor.parent);
             return Err(invalid(format!(
-                "the grid shares the tree of {parent:?}, which the file does not have"
+                "the grid shares the tree of {}, which the file does not have",
+                quoted(&parent)
             ))
             .at(descriptor.at));
         };
@@ -367,7 +394,7 @@ fn finish(
                 if tree.type_name() != descriptor.type_name {
                     return Err(invalid(format!(
                         "the grid is a {} and shares a {}",
-                        descriptor.type_name,
+                        escaped(&descriptor.type_name),
                         tree.type_name()
                     )));
                 }

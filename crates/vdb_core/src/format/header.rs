@@ -8,6 +8,9 @@ use crate::{Codec, Compression, Error};
 /// The first eight bytes of every VDB file, `" BDV"` and four zeros.
 pub(crate) const MAGIC: [u8; 8] = 0x5644_4220_u64.to_le_bytes();
 
+/// The most bytes that the start of a file takes: magic number, three versions, two flags and the unique tag.
+pub(crate) const LONGEST: usize = 8 + 3 * 4 + 2 + 36;
+
 /// Versions of the format that are read. OpenVDB 2 to 13 wrote 218 and later.
 pub(crate) const VERSIONS: std::ops::RangeInclusive<u32> = 218..=225;
 

@@ -1,25 +1,29 @@
 //! Metadata maps: a count, then name, type name, length and value of each.
 
 use super::cursor::Cursor;
-use crate::{Error, Limits, MetaValue, Metadata};
+use super::topology::Budget;
+use crate::{Error, MetaValue, Metadata};
 
-pub(crate) fn read(cursor: &mut Cursor<'_>, limits: &Limits) -> Result<Metadata, Error> {
+pub(crate) fn read(cursor: &mut Cursor<'_>, budget: &mut Budget<'_>) -> Result<Metadata, Error> {
     let at = cursor.at();
     let count = cursor.u32()?;
-    if u64::from(count) > limits.metadata_entries {
-        let what = format!("{count} metadata entries");
-        return Err(Error::limit(what, "metadata_entries", limits.metadata_entries).at(at));
-    }
+    budget.add_entries(count).map_err(|error| error.at(at))?;
     let mut metadata = Metadata::default();
     for _ in 0..count {
-        let name = cursor.string(limits)?;
-        let type_name = cursor.string(limits)?;
-        let value = cursor.sized_bytes(limits)?;
+        let at = cursor.at();
+        let name = cursor.sized_bytes(budget.limits)?;
+        let type_name = cursor.sized_bytes(budget.limits)?;
+        let value = cursor.sized_bytes(budget.limits)?;
         // Types with two underscores are notes of OpenVDB to itself, such as the sizes of packed
         // leaves; they would be wrong as soon as the tree changed.
-        if !type_name.starts_with("__") {
-            metadata.insert(name, parse(&type_name, value));
+        if type_name.starts_with(b"__") {
+            continue;
         }
+        budget
+            .add_text(name.len() + type_name.len() + value.len())
+            .map_err(|error| error.at(at))?;
+        let text = |bytes| String::from_utf8_lossy(bytes);
+        metadata.insert(text(name), parse(&text(type_name), value));
     }
     Ok(metadata)
 }

@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::cursor::Cursor;
 use super::header::{FLOAT_FRUSTUM_BBOX, NEW_TRANSFORM};
 use super::metadata::write_sized;
+use crate::display::quoted;
 use crate::transform::{Affine, Frustum, Map};
 use crate::{Error, Limits, Transform};
 
@@ -40,7 +41,7 @@ fn read_linear(cursor: &mut Cursor<'_>, name: &str) -> Result<Map, Error> {
         }
         "UnitaryMap" => Map::Unitary(read_affine(cursor)?),
         "AffineMap" => Map::Affine(read_affine(cursor)?),
-        _ => return Err(Error::not_supported(format!("the map {name:?} is not known"))),
+        _ => return Err(Error::not_supported(format!("the map {} is not known", quoted(name)))),
     })
 }
 
@@ -98,8 +99,9 @@ fn rows_of(map: &Transform) -> Result<[[f64; 4]; 4], Error> {
 fn read_old(cursor: &mut Cursor<'_>, name: &str) -> Result<Map, Error> {
     if name != "LinearTransform" {
         return Err(Error::not_supported(format!(
-            "the transform {name:?} of format version 218; open the file in a current version of \
-             its program and save it again"
+            "the transform {} of format version 218; open the file in a current version of its \
+             program and save it again",
+            quoted(name)
         )));
     }
     let _box = (cursor.ivec3()?, cursor.ivec3()?);

@@ -1,10 +1,6 @@
 //! Writing a whole file.
 
 use std::collections::{HashMap, HashSet};
-use std::fs::{self, File};
-use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::descriptor::{self, SEPARATOR};
 use super::values::Encoding;
@@ -21,23 +17,37 @@ pub(crate) fn write(file: &VdbFile, options: &WriteOptions) -> Result<Vec<u8>, E
     out.extend(count.to_le_bytes());
     let names = unique_names(&file.grids);
     // The first grid that has a tree owns it; those after it are its instances.
-    let mut owners: Vec<usize> = Vec::new();
+    let mut owners: HashMap<(*const u8, bool), usize> = HashMap::new();
+    let mut figures: HashMap<*const u8, Figures> = HashMap::new();
     for (index, grid) in file.grids.iter().enumerate() {
-        let shares = |owner: &&usize| {
-            let other = &file.grids[**owner];
-            grid.saved_as_half == other.saved_as_half && grid.tree.shares_with(&other.tree)
-        };
-        let owner = owners.iter().find(shares).copied();
-        if owner.is_none() {
-            owners.push(index);
-        }
-        let parent = owner.map_or(&[][..], |owner| &names[owner]);
-        let (_, shown) = descriptor::names(&names[index]);
-        write_grid(&mut out, grid, &names[index], parent, options)
-            .map_err(|error| error.in_grid(&shown))?;
+        let address = grid.tree.address();
+        let owner = *owners.entry((address, grid.saved_as_half)).or_insert(index);
+        let parent = if owner == index { &[][..] } else { &names[owner] };
+        let figures = figures.entry(address).or_insert_with(|| Figures::of(&grid.tree));
+        write_grid(&mut out, grid, figures, &names[index], parent, options)
+            .map_err(|error| error.in_grid(&descriptor::names(&names[index]).1))?;
     }
     header::write_uuid(&mut out);
     Ok(out)
+}
+
+/// What OpenVDB says of every tree in the metadata of its grid, which programs show before they load it. To
+/// find it is to go through all of the tree.
+struct Figures {
+    bbox: [[i32; 3]; 2],
+    voxels: u64,
+    bytes: u64,
+}
+
+impl Figures {
+    fn of(tree: &AnyTree) -> Self {
+        let bbox = match tree.active_bbox() {
+            Some(bbox) => [bbox.min.to_array(), bbox.max.to_array()],
+            // OpenVDB's way of writing an empty box.
+            None => [[i32::MAX; 3], [i32::MIN; 3]],
+        };
+        Self { bbox, voxels: tree.active_voxel_count(), bytes: tree.stats().bytes }
+    }
 }
 
 /// The names as they stand in the file: with a number where there is none, or several alike.
@@ -66,6 +76,7 @@ fn unique_names(grids: &[Grid]) -> Vec<Vec<u8>> {
 fn write_grid(
     out: &mut Vec<u8>,
     grid: &Grid,
+    figures: &Figures,
     raw_name: &[u8],
     parent: &[u8],
     options: &WriteOptions,
@@ -80,7 +91,7 @@ fn write_grid(
     let start = out.len();
     header::write_compression(out, compression);
     let mut values_at = 0;
-    metadata::write(out, &complete_metadata(grid, compression))?;
+    metadata::write(out, &complete_metadata(grid, figures, compression))?;
     transform::write(out, &grid.transform)?;
     if parent.is_empty() {
         let encoding = Encoding {
@@ -99,7 +110,7 @@ fn write_grid(
 }
 
 /// The metadata of a grid, with what follows from the grid itself brought up to date.
-fn complete_metadata(grid: &Grid, compression: crate::Compression) -> Metadata {
+fn complete_metadata(grid: &Grid, figures: &Figures, compression: crate::Compression) -> Metadata {
     let mut metadata = grid.metadata.clone();
     if metadata.get_str("name").unwrap_or_default() != grid.name {
         metadata.insert("name", MetaValue::String(grid.name.clone()));
@@ -111,19 +122,12 @@ fn complete_metadata(grid: &Grid, compression: crate::Compression) -> Metadata {
     if grid.saved_as_half || metadata.get("is_saved_as_half_float").is_some() {
         metadata.insert("is_saved_as_half_float", MetaValue::Bool(grid.saved_as_half));
     }
-    // The figures that OpenVDB adds to every grid, which programs show before they load it.
-    let stats = grid.tree.stats();
-    let (min, max) = match grid.tree.active_bbox() {
-        Some(bbox) => (bbox.min.to_array(), bbox.max.to_array()),
-        // OpenVDB's way of writing an empty box.
-        None => ([i32::MAX; 3], [i32::MIN; 3]),
-    };
+    let Figures { bbox: [min, max], voxels, bytes } = *figures;
+    let number = |count: u64| MetaValue::Int64(i64::try_from(count).unwrap_or(i64::MAX));
     metadata.insert("file_bbox_min", MetaValue::Vec3i(min));
     metadata.insert("file_bbox_max", MetaValue::Vec3i(max));
-    let voxels = i64::try_from(grid.tree.active_voxel_count()).unwrap_or(i64::MAX);
-    metadata.insert("file_voxel_count", MetaValue::Int64(voxels));
-    let bytes = i64::try_from(stats.bytes).unwrap_or(i64::MAX);
-    metadata.insert("file_mem_bytes", MetaValue::Int64(bytes));
+    metadata.insert("file_voxel_count", number(voxels));
+    metadata.insert("file_mem_bytes", number(bytes));
     let codec = match compression.codec {
         Codec::None => None,
         Codec::Zip => Some("zip"),
@@ -134,42 +138,6 @@ fn complete_metadata(grid: &Grid, compression: crate::Compression) -> Metadata {
     let name = if parts.is_empty() { "none".into() } else { parts.join(" + ") };
     metadata.insert("file_compression", MetaValue::String(name));
     metadata
-}
-
-/// Writes a file beside the one it shall become, and puts it in its place when all of it is on the
-/// disk: whatever happens, the path has the old file or the new one, whole.
-pub(crate) fn save(file: &VdbFile, path: &Path, options: &WriteOptions) -> Result<(), Error> {
-    let bytes = write(file, options)?;
-    // What a link points to is replaced, not the link.
-    let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    let temporary = temporary_path(&path);
-    let result = write_whole(&temporary, &bytes, &path);
-    if result.is_err() {
-        // It may not exist; and the first error is the one to tell.
-        let _ = fs::remove_file(&temporary);
-    }
-    result.map_err(Error::io)
-}
-
-fn write_whole(temporary: &Path, bytes: &[u8], path: &Path) -> std::io::Result<()> {
-    let mut file = File::create_new(temporary)?;
-    file.write_all(bytes)?;
-    if let Ok(old) = fs::metadata(path) {
-        file.set_permissions(old.permissions())?;
-    }
-    file.sync_all()?;
-    drop(file);
-    fs::rename(temporary, path)
-}
-
-/// A name in the same folder that no other process or thread uses.
-fn temporary_path(path: &Path) -> PathBuf {
-    static NUMBER: AtomicU32 = AtomicU32::new(0);
-    let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-    let mut name = std::ffi::OsString::from(".");
-    name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{}-{number}.tmp", std::process::id()));
-    path.with_file_name(name)
 }
 
 impl AnyTree {

@@ -11,8 +11,8 @@ use vdb_core::{AnyTree, Grid, GridClass, SkippedGrid, Transform, VdbFile};
 const STEPS: usize = 24;
 const PLACES: usize = 14;
 
-pub fn file(path: &str, file: &VdbFile, has_offsets: bool) -> String {
-    let name = Path::new(path).file_name().unwrap_or_default().to_string_lossy();
+pub fn file(path: &Path, file: &VdbFile, has_offsets: bool) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
     let mut grids: Vec<(&str, String)> = Vec::new();
     grids.extend(file.grids.iter().map(|grid| (grid.name.as_str(), self::grid(grid))));
     grids.extend(file.skipped.iter().map(|grid| (grid.name.as_str(), skipped(grid))));

@@ -1,18 +1,22 @@
 //! A file for people to read.
 
 use std::fmt::Write;
+use std::path::Path;
 
+use vdb_core::display::{escaped, quoted};
 use vdb_core::{
     AnyTree, Codec, Compression, Error, Grid, MetaValue, Metadata, VdbFile, WriteOptions,
 };
 
-pub fn file(path: &str, file: &VdbFile, with_sizes: bool) -> String {
+pub fn file(path: &Path, file: &VdbFile, with_sizes: bool) -> String {
     let mut out = String::new();
     let (major, minor) = file.library_version;
     let _ = writeln!(
         out,
-        "{path}: format {}, written by OpenVDB {major}.{minor}, {}",
-        file.version, file.uuid
+        "{}: format {}, written by OpenVDB {major}.{minor}, {}",
+        escaped(&path.to_string_lossy()).at_most(4096),
+        file.version,
+        escaped(&file.uuid)
     );
     metadata(&mut out, "  ", &file.metadata);
     for grid in &file.grids {
@@ -22,7 +26,12 @@ pub fn file(path: &str, file: &VdbFile, with_sizes: bool) -> String {
         }
     }
     for grid in &file.skipped {
-        let _ = writeln!(out, "\n{:?}: {}, not read", grid.unique_name, grid.type_name);
+        let _ = writeln!(
+            out,
+            "\n{}: {}, not read",
+            quoted(&grid.unique_name),
+            escaped(&grid.type_name)
+        );
         let _ = writeln!(out, "  {}", grid.reason);
         if let Some(entries) = &grid.metadata {
             metadata(&mut out, "    ", entries);
@@ -34,9 +43,9 @@ pub fn file(path: &str, file: &VdbFile, with_sizes: bool) -> String {
 fn grid(out: &mut String, grid: &Grid) {
     let half = if grid.saved_as_half { ", saved as half" } else { "" };
     let class = grid.class.name();
-    let _ = writeln!(out, "\n{:?}: {}, {class}{half}", grid.unique_name, grid.type_name);
+    let _ = writeln!(out, "\n{}: {}, {class}{half}", quoted(&grid.unique_name), grid.type_name);
     if let Some(parent) = &grid.instance_of {
-        let _ = writeln!(out, "  shares the tree of {parent:?}");
+        let _ = writeln!(out, "  shares the tree of {}", quoted(parent));
     }
     let size = grid.transform.voxel_size();
     let origin = grid.transform.world_from_index(glam::DVec3::ZERO);
@@ -131,9 +140,10 @@ fn background(tree: &AnyTree) -> String {
 fn metadata(out: &mut String, indent: &str, metadata: &Metadata) {
     for (name, value) in metadata.iter() {
         let shown = match value {
-            MetaValue::String(text) => format!("{text:?}"),
+            MetaValue::String(text) => quoted(text).at_most(4096).to_string(),
             value => value.to_string(),
         };
-        let _ = writeln!(out, "{indent}{name} ({}): {shown}", value.type_name());
+        let (name, type_name) = (escaped(name), escaped(value.type_name()));
+        let _ = writeln!(out, "{indent}{name} ({type_name}): {shown}");
     }
 }

@@ -20,7 +20,7 @@ use std::ops::Range;
 
 pub use voxels::{Voxel, VoxelEdit};
 
-use super::{PackError, PackedGrid, ValueFormat, build};
+use super::{PackError, PackOptions, PackedGrid, ValueFormat, build};
 use crate::tree::{RootEntry, Vdb543};
 use content::View;
 use sections::Sections;
@@ -86,8 +86,11 @@ impl Editor {
     /// [`Editor::edit`] alone: the first time by packing all of it anew, then by what has changed. It
     /// is the same packed grid each time, or a clone of it.
     ///
-    /// Where tiles of 4096³ voxels, or all that the tree does not hold, can stop or dim a ray, it is
-    /// always packed anew.
+    /// Time is in proportion to the cubes of 8³ voxels that have changed; where some have become empty, or
+    /// not empty, to the regions of 128³ around them; and, by little, to all regions, for the box around
+    /// them and the tree over them. Packing anew takes the time of [`PackedGrid::new`], in proportion to
+    /// all nodes: once the room is used up, which comes the more rarely the more there is, and always
+    /// where tiles of 4096³ voxels, or all that the tree does not hold, can stop or dim a ray.
     ///
     /// # Errors
     /// As [`PackedGrid::new`]. The packed grid is then empty, until a commit succeeds.
@@ -117,7 +120,8 @@ impl Editor {
         let large =
             view.rule.counts(tree.background()) || tree.entries().any(|(_, entry)| counts(entry));
         self.packed = false;
-        let whole = build::pack(tree, packed.kind, ValueFormat::Full).and_then(|whole| {
+        let options = PackOptions { format: ValueFormat::Full, ..PackOptions::default() };
+        let whole = build::pack(tree, packed.kind, &options).and_then(|whole| {
             let spread = if large { None } else { Sections::spread(&whole)? };
             Ok(spread.map_or((whole, None), |(packed, sections)| (packed, Some(sections))))
         });

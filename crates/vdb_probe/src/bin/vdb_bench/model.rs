@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use vdb_core::pack::PackKind;
 use vdb_core::synth::models;
-use vdb_core::tree::{Coarsening, CoordBox, Vdb543, half_resolution, voxel_in_distances};
+use vdb_core::tree::{
+    Coarsening, CoordBox, LevelOptions, Vdb543, half_resolution, voxel_in_distances,
+};
 use vdb_core::{AnyTree, GridClass, ReadOptions, Transform, VdbFile};
 
 /// Where a model comes from.
@@ -75,7 +77,8 @@ impl Model {
             } else {
                 Coarsening::Fog
             };
-            model.tree = half_resolution(&model.tree, coarsening).into();
+            let half = half_resolution(&model.tree, coarsening, &LevelOptions::default());
+            model.tree = half.map_err(|error| error.to_string())?.into();
         }
         if source.level > 0 {
             model.name = format!("{}@{}", model.name, source.level);

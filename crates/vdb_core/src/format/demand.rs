@@ -1,0 +1,175 @@
+//! How many bytes of a file its reader will look at.
+
+use super::cursor::Cursor;
+use super::descriptor::SMALLEST;
+use super::{file, header};
+use crate::{Error, Limits};
+
+/// What of a file has to be there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Demand {
+    /// What is there is all that the reader looks at, or enough for it to say what is wrong.
+    Nothing,
+    /// The file up to this byte; then to be asked again.
+    UpTo(u64),
+    /// As far as it goes: in a stream, nothing says where grids end.
+    All,
+}
+
+/// Follows a file from header to metadata and from grid to grid, which say where the next stands.
+#[derive(Debug, Default)]
+pub(crate) struct Follower {
+    /// What has been gone over.
+    at: u64,
+    stage: Stage,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+enum Stage {
+    #[default]
+    Magic,
+    Header,
+    MetadataCount,
+    /// Entries of metadata that are left.
+    Metadata(u32),
+    GridCount,
+    /// Grids that are left.
+    Grids(u32),
+    Stream,
+}
+
+impl Follower {
+    /// Whether the first bytes have been those of a VDB file.
+    pub(crate) fn is_vdb(&self) -> bool {
+        !matches!(self.stage, Stage::Magic)
+    }
+
+    /// What the reader needs, by the bytes from the file's start that are there. `length` is that of the file,
+    /// where it is known.
+    ///
+    /// # Errors
+    /// When a grid ends behind the file.
+    pub(crate) fn demand(
+        &mut self,
+        bytes: &[u8],
+        length: Option<u64>,
+        limits: &Limits,
+    ) -> Result<Demand, Error> {
+        loop {
+            match self.step(bytes, limits) {
+                Ok(()) => {}
+                Err(Demand::UpTo(end)) if length.is_some_and(|length| end > length) => {
+                    let length = length.unwrap_or_default();
+                    if let Stage::Grids(_) = self.stage
+                        && self.at > length
+                    {
+                        return Err(Error::invalid(file::cut_short(self.at, length)));
+                    }
+                    // The reader says what is missing.
+                    return Ok(Demand::UpTo(length));
+                }
+                Err(demand) => return Ok(demand),
+            }
+        }
+    }
+
+    /// One step onwards; or what stops it.
+    fn step(&mut self, bytes: &[u8], limits: &Limits) -> Result<(), Demand> {
+        let mut ahead = Ahead { bytes, at: self.at, limits };
+        let next = match self.stage {
+            Stage::Magic if ahead.take()? == header::MAGIC => Stage::Header,
+            Stage::Magic => return Err(Demand::Nothing),
+            Stage::Header => {
+                if bytes.len() < header::LONGEST {
+                    return Err(Demand::UpTo(header::LONGEST as u64));
+                }
+                let mut cursor = Cursor::new(bytes);
+                let header = header::read(&mut cursor).map_err(|_| Demand::Nothing)?;
+                ahead.at = cursor.at() as u64;
+                if header.has_offsets { Stage::MetadataCount } else { Stage::Stream }
+            }
+            Stage::MetadataCount => Stage::Metadata(ahead.count(limits.metadata_entries)?),
+            Stage::Metadata(0) => Stage::GridCount,
+            Stage::Metadata(left) => {
+                for _ in 0..3 {
+                    ahead.sized()?;
+                }
+                Stage::Metadata(left - 1)
+            }
+            Stage::GridCount => {
+                let count = ahead.count(limits.grids)?;
+                // The reader looks whether so many fit, before it looks at the first.
+                ahead.need(u64::from(count) * SMALLEST as u64)?;
+                Stage::Grids(count)
+            }
+            Stage::Grids(0) => {
+                // Up to where the last grid ends.
+                ahead.need(0)?;
+                return Err(Demand::Nothing);
+            }
+            Stage::Grids(left) => {
+                ahead.need(SMALLEST as u64)?;
+                for _ in 0..3 {
+                    ahead.sized()?;
+                }
+                let [_, _, end] = [ahead.i64()?, ahead.i64()?, ahead.i64()?];
+                let past = ahead.at;
+                // The reader refuses what goes backwards.
+                ahead.at =
+                    u64::try_from(end).ok().filter(|end| *end >= past).ok_or(Demand::Nothing)?;
+                Stage::Grids(left - 1)
+            }
+            Stage::Stream => return Err(Demand::All),
+        };
+        (self.at, self.stage) = (ahead.at, next);
+        Ok(())
+    }
+}
+
+/// A place in bytes that may not be there yet.
+struct Ahead<'a> {
+    bytes: &'a [u8],
+    at: u64,
+    limits: &'a Limits,
+}
+
+impl Ahead<'_> {
+    /// So many bytes from here on have to be there.
+    fn need(&self, count: u64) -> Result<(), Demand> {
+        match self.at.saturating_add(count) {
+            end if end > self.bytes.len() as u64 => Err(Demand::UpTo(end)),
+            _ => Ok(()),
+        }
+    }
+
+    fn take<const N: usize>(&mut self) -> Result<[u8; N], Demand> {
+        self.need(N as u64)?;
+        let taken = self.bytes[self.at as usize..].first_chunk::<N>();
+        self.at += N as u64;
+        taken.copied().ok_or(Demand::Nothing)
+    }
+
+    fn u32(&mut self) -> Result<u32, Demand> {
+        self.take().map(u32::from_le_bytes)
+    }
+
+    /// A number of things, of which there may be so many.
+    fn count(&mut self, most: u64) -> Result<u32, Demand> {
+        let count = self.u32()?;
+        if u64::from(count) <= most { Ok(count) } else { Err(Demand::Nothing) }
+    }
+
+    fn i64(&mut self) -> Result<i64, Demand> {
+        self.take().map(i64::from_le_bytes)
+    }
+
+    /// Goes past a length and so many bytes, which need not be there.
+    fn sized(&mut self) -> Result<(), Demand> {
+        let length = u64::from(self.u32()?);
+        if length > self.limits.metadata_bytes {
+            return Err(Demand::Nothing);
+        }
+        self.at += length;
+        Ok(())
+    }
+}

@@ -1,0 +1,56 @@
+//! Reading a file from disk.
+
+use std::fs::{self, File, FileType};
+use std::io::{ErrorKind, Read};
+use std::path::Path;
+
+use super::FileBuffer;
+use crate::{Error, ReadOptions, VdbFile};
+
+pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<VdbFile, Error> {
+    // To open a pipe is to wait for whoever writes into it.
+    check_regular(&fs::metadata(path).map_err(Error::io)?.file_type())?;
+    let mut file = File::open(path).map_err(Error::io)?;
+    let metadata = file.metadata().map_err(Error::io)?;
+    check_regular(&metadata.file_type())?;
+    let mut buffer = FileBuffer::new(options.limits.clone(), Some(metadata.len()));
+    while let Some(room) = buffer.room()? {
+        match file.read(room) {
+            Ok(count) => buffer.filled(count),
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) => return Err(Error::io(error)),
+        }
+    }
+    VdbFile::read(&buffer.into_bytes(), options)
+}
+
+fn check_regular(file_type: &FileType) -> Result<(), Error> {
+    match kind(file_type) {
+        None => Ok(()),
+        Some("a folder") => Err(Error::not_a_file("this is a folder; name a file in it")),
+        Some(kind) => Err(Error::not_a_file(format!(
+            "this is {kind} and no regular file; write what comes from there into a file first"
+        ))),
+    }
+}
+
+/// What a path leads to that is no regular file.
+pub(super) fn kind(file_type: &FileType) -> Option<&'static str> {
+    if file_type.is_file() {
+        return None;
+    }
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::FileTypeExt;
+        if file_type.is_fifo() {
+            return Some("a pipe");
+        }
+        if file_type.is_socket() {
+            return Some("a socket");
+        }
+        if file_type.is_char_device() || file_type.is_block_device() {
+            return Some("a device");
+        }
+    }
+    Some(if file_type.is_dir() { "a folder" } else { "something else" })
+}

@@ -1,0 +1,50 @@
+//! Survives the loss of its GPU: a driver that is updated or has crashed, a graphics card that is unplugged.
+//! D destroys the device; what was in the picture is back a moment later.
+
+use bevy::prelude::*;
+use bevy::render::error_handler::{ErrorType, RenderError, RenderErrorHandler, RenderErrorPolicy};
+use bevy::render::renderer::RenderDevice;
+use bevy::render::settings::RenderCreation;
+use bevy_vdb::prelude::*;
+
+fn main() {
+    App::new()
+        .add_plugins((DefaultPlugins, VdbRenderPlugin))
+        .insert_resource(RenderErrorHandler(recover))
+        .add_systems(Startup, setup)
+        .add_systems(Update, (turn, lose))
+        .run();
+}
+
+/// Bevy's own handler quits the app, whatever has happened. Anything but a lost GPU is a fault in a program,
+/// which another device would not mend.
+fn recover(error: &RenderError, world: &mut World, _: &mut World) -> RenderErrorPolicy {
+    if let ErrorType::DeviceLost = error.ty {
+        // With the settings that the app's RenderPlugin has.
+        return RenderErrorPolicy::Recover(RenderCreation::default());
+    }
+    world.write_message(AppExit::error());
+    RenderErrorPolicy::StopRendering
+}
+
+fn lose(keys: Res<ButtonInput<KeyCode>>, device: Res<RenderDevice>) {
+    if keys.just_pressed(KeyCode::KeyD) {
+        device.wgpu_device().destroy();
+    }
+}
+
+fn setup(mut commands: Commands, assets: Res<AssetServer>) {
+    commands.spawn(VdbVolume(assets.load("models/teapot.vdb#surface")));
+    commands.spawn((
+        VdbVolume(assets.load("models/cloud.vdb#density")),
+        VdbMaterial { density_scale: 4.0, ..default() },
+    ));
+    let eye = Transform::from_xyz(3.0, 4.5, 12.0).looking_at(Vec3::new(0.5, 2.2, -1.0), Vec3::Y);
+    commands.spawn((Camera3d::default(), eye, AmbientLight { brightness: 130.0, ..default() }));
+    let sun = DirectionalLight { illuminance: 3_000.0, shadow_maps_enabled: true, ..default() };
+    commands.spawn((sun, Transform::from_xyz(-6.0, 8.0, 5.0).looking_at(Vec3::ZERO, Vec3::Y)));
+}
+
+fn turn(time: Res<Time>, mut volumes: Query<&mut Transform, With<VdbVolume>>) {
+    volumes.iter_mut().for_each(|mut volume| volume.rotate_y(0.3 * time.delta_secs()));
+}

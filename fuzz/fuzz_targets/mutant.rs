@@ -1,0 +1,6 @@
+//! Files of such trees, damaged, and all that follows reading.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|bytes: &[u8]| vdb_fuzz::mutant(bytes));

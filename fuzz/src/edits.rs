@@ -1,0 +1,144 @@
+//! Voxels that change, against the same tree packed as a whole.
+
+use vdb_core::pack::edit::{Changes, Editor, Voxel};
+use vdb_core::pack::layout::{CHILD, MIXED, OCCUPIED};
+use vdb_core::pack::{PackKind, PackedGrid, ValueFormat, walk};
+use vdb_core::synth::Random;
+use vdb_core::tree::{CoordBox, IVec3, Node, Vdb543};
+use vdb_core::{AnyTree, Grid, VdbFile};
+
+use super::{CORNERS, FLOATS, pick, rays, round_trip};
+
+/// Commits of one grid, and edits before each.
+const COMMITS: usize = 3;
+const EDITS: u64 = 6;
+
+/// log₂ of the cells per edge from which on cubes are of the crown's, which may cut the void otherwise.
+const LARGEST: u32 = 7;
+
+/// Edits a copy of a tree; after each commit, words and answers are those of a grid packed anew.
+pub(super) fn check(tree: &Vdb543<f32>, kind: PackKind, random: &mut Random) {
+    let Ok(mut packed) = PackedGrid::new(tree, kind) else { return };
+    let (mut tree, mut editor) = (tree.clone(), Editor::default());
+    let mut mirror = packed.words.clone();
+    for _ in 0..COMMITS {
+        let places = edit(&mut editor, &mut tree, random);
+        match editor.commit(&tree, &mut packed) {
+            Err(_) => return,
+            Ok(Changes::All) => mirror.clone_from(&packed.words),
+            Ok(Changes::Words(ranges)) => {
+                assert!(ranges.windows(2).all(|two| two[0].end < two[1].start), "{ranges:?}");
+                for range in ranges {
+                    let range = range.start as usize..range.end as usize;
+                    assert!(!range.is_empty());
+                    mirror[range.clone()].copy_from_slice(&packed.words[range]);
+                }
+            }
+        }
+        assert!(mirror == packed.words, "a change was not told of");
+        compare(&tree, &packed, &places, random);
+    }
+    let mut grid = Grid::new("edited", AnyTree::Float(tree.into()));
+    grid.saved_as_half = random.below(4) == 0;
+    round_trip::check(&VdbFile::new(vec![grid]), random);
+}
+
+/// A few edits of every sort, and where they were.
+fn edit(editor: &mut Editor, tree: &mut Vdb543<f32>, random: &mut Random) -> Vec<IVec3> {
+    let origins: Vec<IVec3> = tree.leaves().take(1000).map(Node::origin).collect();
+    let mut places = Vec::new();
+    let mut edit = editor.edit(tree);
+    for _ in 0..1 + random.below(EDITS) {
+        let at = place(random, &origins);
+        let voxel = Voxel { value: pick(random, &FLOATS), active: random.below(2) == 0 };
+        let size = 1 + random.below(20) as i32;
+        let bbox = CoordBox { min: at, max: at.saturating_add(IVec3::splat(size)) };
+        match random.below(6) {
+            0 => edit.fill(bbox, voxel),
+            1 => edit.update(bbox, |ijk, old| {
+                let keep = (ijk.x ^ ijk.y ^ ijk.z) & 1 == 0;
+                if keep { old } else { voxel }
+            }),
+            2 => {
+                let empty = Voxel { value: edit.tree().background(), active: false };
+                edit.fill(bbox, empty);
+            }
+            // There and back.
+            3 => {
+                let old = edit.voxel(at);
+                edit.set_voxel(at, voxel);
+                edit.set_voxel(at, old);
+            }
+            _ => {
+                edit.set_voxel(at, voxel);
+                assert_eq!(edit.get(at).to_bits(), voxel.value.to_bits());
+            }
+        }
+        places.extend([at, bbox.max]);
+    }
+    places
+}
+
+/// In a leaf, beside it, or at a corner of something.
+fn place(random: &mut Random, origins: &[IVec3]) -> IVec3 {
+    let mut base = IVec3::from_array([0; 3].map(|_| pick(random, &CORNERS)));
+    if random.below(2) == 0 && !origins.is_empty() {
+        base = pick(random, origins);
+    }
+    let offset = IVec3::from_array([0; 3].map(|_| random.below(10) as i32 - 1));
+    base.saturating_add(offset)
+}
+
+fn compare(tree: &Vdb543<f32>, packed: &PackedGrid, places: &[IVec3], random: &mut Random) {
+    let Ok(whole) = PackedGrid::with_format(tree, packed.kind, ValueFormat::Full) else { return };
+    assert_eq!(rays::bounds(packed), rays::bounds(&whole));
+    let Some(bounds) = rays::bounds(&whole) else { return };
+    for &place in places {
+        for i in 0..27 {
+            let side = IVec3::new(i / 9, i / 3 % 3, i % 3) - 1;
+            for step in [1, 8] {
+                let ijk = place.saturating_add(side * step);
+                // Rays look at cells of the box alone.
+                if bounds.contains(ijk) {
+                    compare_cell(packed, &whole, ijk, random.below(8) as u32);
+                }
+            }
+        }
+    }
+    for _ in 0..8 {
+        compare_ray(packed, &whole, bounds, random);
+    }
+}
+
+fn compare_cell(one: &PackedGrid, two: &PackedGrid, ijk: IVec3, octant: u32) {
+    let [a, b] = [one, two].map(|grid| walk::locate(grid, ijk.wrapping_sub(grid.base), octant));
+    let cut = |span: walk::Span| {
+        let reach = if span.log_dim < LARGEST { span.reach } else { 0 };
+        (span.occupied(), span.log_dim.min(LARGEST), reach)
+    };
+    assert_eq!(cut(a), cut(b), "{ijk} octant {octant}: {a:?} {b:?}");
+    let flags = CHILD | OCCUPIED | MIXED;
+    assert_eq!(a.word & flags, b.word & flags, "{ijk}");
+    if a.occupied() && !matches!(one.kind, PackKind::Surface { .. }) && !a.constant() {
+        let [a, b] = [(one, a), (two, b)].map(|(grid, span)| {
+            walk::corners(grid, span, ijk.wrapping_sub(grid.base)).map(f32::to_bits)
+        });
+        assert_eq!(a, b, "{ijk}");
+    }
+}
+
+fn compare_ray(one: &PackedGrid, two: &PackedGrid, bounds: CoordBox, random: &mut Random) {
+    let Some(ray) = rays::near(one, bounds, random) else { return };
+    // The same ray from the base of the other.
+    let moved = one.base.wrapping_sub(two.base);
+    let other = walk::Ray { cell: ray.cell.wrapping_add(moved), ..ray };
+    let hit = |grid: &PackedGrid, ray| {
+        let hit = walk::first_hit(grid, ray)?;
+        Some((hit.cell.wrapping_add(grid.base), hit.t.to_bits(), hit.axis))
+    };
+    assert_eq!(hit(one, &ray), hit(two, &other), "{ray:?}");
+    if one.kind == PackKind::Fog {
+        let (a, b) = (walk::optical_length(one, &ray), walk::optical_length(two, &other));
+        assert!(a == b || (a - b).abs() <= 1e-5 * a.abs(), "{ray:?}: {a} and {b}");
+    }
+}

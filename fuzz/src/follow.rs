@@ -1,0 +1,131 @@
+//! All that follows reading, one after the other.
+
+use vdb_core::pack::{PackKind, PackedGrid, ValueFormat};
+use vdb_core::synth::Random;
+use vdb_core::tree::{
+    Coarsening, Node, Vdb543, half_resolution, map_values, trim_narrow_band, voxel_in_distances,
+};
+use vdb_core::{AnyTree, GridClass, Transform, VdbFile};
+
+use super::{FLOATS, edits, pick, rays, round_trip};
+
+/// Trees of a file that are gone through; writing and reading take all of them.
+const TREES: usize = 2;
+
+/// Levels of detail of one grid.
+const LEVELS: usize = 10;
+
+/// Shorter than this, in cells, a grid is not made coarser still; as in the plugin.
+const SMALLEST: u64 = 32;
+
+/// Writes, reads, packs, asks and edits.
+pub(super) fn file(file: &VdbFile, seed: u64) {
+    let mut random = Random::new(seed);
+    round_trip::check(file, &mut random);
+    for (i, grid) in file.grids.iter().enumerate() {
+        let bbox = grid.tree.active_bbox();
+        assert_eq!(bbox.is_some(), grid.tree.active_voxel_count() > 0);
+        let shared = file.grids[..i].iter().any(|other| grid.tree.shares_with(&other.tree));
+        if shared || i >= TREES {
+            continue;
+        }
+        match &grid.tree {
+            AnyTree::Float(tree) => self::grid(tree, grid.class, &grid.transform, &mut random),
+            AnyTree::Vec3s(tree) => {
+                let axis = random.below(3) as usize;
+                let tree = map_values(tree, |value| value[axis]);
+                self::grid(&tree, GridClass::FogVolume, &grid.transform, &mut random);
+            }
+            _ => {}
+        }
+    }
+}
+
+fn grid(tree: &Vdb543<f32>, class: GridClass, transform: &Transform, random: &mut Random) {
+    let iso = pick(random, &[0.0, 0.5, -1.0, 1e-45, 1e29, tree.background()]);
+    let iso = if iso.abs() < 1e30 { iso } else { 0.0 };
+    // One of each: what is left out now comes with the next input.
+    let kinds = [
+        PackKind::suited(class, tree),
+        PackKind::Surface { iso },
+        PackKind::Smooth { iso },
+        PackKind::Fog,
+    ];
+    let kind = pick(random, &kinds);
+    if !is_affordable(tree, kind) {
+        return;
+    }
+    let format = pick(random, &[ValueFormat::Full, ValueFormat::Half, ValueFormat::Byte]);
+    if let Ok(packed) = PackedGrid::new(tree, kind) {
+        rays::check(tree, &packed, transform, random);
+        if let Ok(other) = PackedGrid::with_format(tree, kind, format) {
+            assert_eq!(other.occupied, packed.occupied, "{kind:?} {format:?}");
+            rays::walk(&other, random);
+        }
+        match random.below(3) {
+            0 => levels(tree, packed, class, random),
+            1 => pruned(tree, random),
+            _ => edits::check(tree, kind, random),
+        }
+    }
+}
+
+/// Each level of detail as the plugin makes them.
+fn levels(tree: &Vdb543<f32>, packed: PackedGrid, class: GridClass, random: &mut Random) {
+    let (mut coarser, mut level) = (None, packed);
+    let kind = level.kind;
+    for _ in 0..LEVELS {
+        let cells = level.occupied.map_or(0, |cells| cells.dim().into_iter().max().unwrap_or(0));
+        if cells < SMALLEST {
+            return;
+        }
+        let finer = coarser.as_ref().unwrap_or(tree);
+        let coarsening = match kind {
+            PackKind::Fog => Coarsening::Fog,
+            PackKind::Surface { iso } | PackKind::Smooth { iso } => {
+                let is_distance = class == GridClass::LevelSet && iso == 0.0;
+                let voxel = if is_distance { voxel_in_distances(finer) } else { None };
+                Coarsening::Surface { iso, voxel }
+            }
+        };
+        let made = half_resolution(finer, coarsening);
+        let (before, after) = (finer.stats().bytes, made.stats().bytes);
+        assert!(after <= 2 * before + (8 << 20), "{before} bytes become {after}");
+        let Ok(packed) = PackedGrid::new(&made, kind) else { return };
+        rays::walk(&packed, random);
+        (level, coarser) = (packed, Some(made));
+    }
+}
+
+/// Pruning changes no voxel; a narrower band is one.
+fn pruned(tree: &Vdb543<f32>, random: &mut Random) {
+    let mut pruned = tree.clone();
+    pruned.prune();
+    assert_eq!(pruned.active_voxel_count(), tree.active_voxel_count());
+    assert_eq!(pruned.active_bbox(), tree.active_bbox());
+    for leaf in tree.leaves() {
+        let at = leaf.origin() + random.below(8) as i32;
+        let [a, b] = [tree, &pruned].map(|tree| tree.probe(at));
+        assert_eq!((a.0.to_bits(), a.1), (b.0.to_bits(), b.1), "{at}");
+    }
+    let half_width = pick(random, &FLOATS);
+    let trimmed = trim_narrow_band(tree, half_width);
+    assert!(trimmed.stats().leaf_count() <= tree.stats().leaf_count());
+}
+
+/// Whether the tiles have little enough surface. Packing and levels of detail cost as much as that, not
+/// as much as there are tiles.
+fn is_affordable(tree: &Vdb543<f32>, kind: PackKind) -> bool {
+    let background = tree.background();
+    let solid = match kind {
+        PackKind::Fog => background > 0.0,
+        PackKind::Surface { iso } | PackKind::Smooth { iso } => background < iso,
+    };
+    let is_void = |value: f32| !solid && value.to_bits() == background.to_bits();
+    let cubes: u64 = tree
+        .values()
+        .filter(|value| value.log2_dim > 3 && !is_void(value.value))
+        .map(|value| 6 << (2 * (value.log2_dim - 3)))
+        .sum();
+    cubes <= 1 << 14
+}

@@ -1,0 +1,118 @@
+//! What happens to a file after it has been read: packing, levels of detail, rays, edits, writing and
+//! reading again.
+//!
+//! The fuzz targets and the replay of their inputs on a stable compiler
+//! (`crates/vdb_core/tests/fuzz_corpus.rs`) run the same code. Everything follows from the bytes of the
+//! input, so that a failure repeats.
+
+mod damage;
+mod edits;
+mod follow;
+mod generate;
+mod rays;
+mod round_trip;
+mod seeds;
+
+use arbitrary::Unstructured;
+use vdb_core::synth::Random;
+use vdb_core::{Limits, ReadOptions, VdbFile, WriteOptions};
+
+pub use seeds::write_seeds;
+
+/// Bytes of memory that the trees of one input may take. What follows reading costs a multiple of it.
+const TREE_BYTES: u64 = 16 << 20;
+
+/// A whole file, byte by byte as it is.
+pub fn file(bytes: &[u8]) {
+    let mut options = ReadOptions::default();
+    options.limits = limits();
+    if let Ok(file) = VdbFile::read(bytes, &options) {
+        let trees: u64 = file.grids.iter().map(|grid| grid.tree.stats().bytes).sum();
+        let instances = 1 + file.grids.len() as u64;
+        assert!(trees <= (TREE_BYTES + (4 << 20)) * instances, "{trees} bytes of tree");
+        follow::file(&file, seed(bytes));
+    }
+}
+
+/// Trees made by choices that the bytes stand for: no reader in the way.
+pub fn tree(bytes: &[u8]) {
+    let mut choices = Unstructured::new(bytes);
+    if let Ok(file) = generate::file(&mut choices) {
+        follow::file(&file, seed(bytes));
+    }
+}
+
+/// The same trees as a file whose bytes are then damaged where it hurts.
+pub fn mutant(bytes: &[u8]) {
+    let mut choices = Unstructured::new(bytes);
+    let Ok(file) = generate::file(&mut choices) else { return };
+    let stream = choices.ratio(1, 8).unwrap_or(false);
+    let options = WriteOptions { stream, ..WriteOptions::default() };
+    let Ok(mut written) = file.write(&options) else { return };
+    if damage::damage(&mut written, &mut choices).is_ok() {
+        self::file(&written);
+    }
+}
+
+fn limits() -> Limits {
+    let mut limits = Limits::default();
+    limits.tree_bytes = TREE_BYTES;
+    limits.metadata_bytes = 1 << 20;
+    limits
+}
+
+/// A number that follows from the bytes (FNV-1a), for rays and edits.
+fn seed(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+    })
+}
+
+/// One of a few.
+fn pick<T: Copy>(random: &mut Random, from: &[T]) -> T {
+    from[random.below(from.len() as u64) as usize]
+}
+
+/// Coordinates at which something changes: the ends of the index space and the corners of nodes.
+const CORNERS: [i32; 16] = [
+    0,
+    8,
+    -8,
+    64,
+    128,
+    -128,
+    1024,
+    4096,
+    -4096,
+    8192,
+    1 << 24,
+    1 << 30,
+    -(1 << 30),
+    i32::MIN,
+    i32::MAX,
+    i32::MAX - 4095,
+];
+
+/// Floats that are unlike others.
+const FLOATS: [f32; 20] = [
+    0.0,
+    -0.0,
+    1.0,
+    -1.0,
+    0.5,
+    -0.5,
+    0.25,
+    3.0,
+    -3.0,
+    1e-45,
+    -1e-45,
+    1e-39,
+    f32::MIN_POSITIVE,
+    65_504.0,
+    1e30,
+    f32::MAX,
+    f32::MIN,
+    f32::INFINITY,
+    f32::NEG_INFINITY,
+    f32::NAN,
+];

@@ -1,0 +1,77 @@
+//! The labels of a file's grids: what stands after `#` in the path of an asset.
+
+use std::collections::HashSet;
+
+use vdb_core::display::{SHOWN_CHARS, escaped};
+
+/// A label for each name, in their order: the name itself, where Bevy can find an asset by it and a log can show
+/// it, and no grid before has it.
+///
+/// Bevy takes what comes after the last `#` of a path for its label, has no empty labels and none with `://`, and
+/// lists them when one is asked for that is not there. So what cannot be shown is
+/// [escaped](vdb_core::display::escaped), and so are `#` and the second of two slashes; grids whose labels would be
+/// the same, or empty, get the next free number as OpenVDB counts: `density[1]`.
+pub(crate) fn labels<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
+    let mut taken: HashSet<String> = HashSet::new();
+    // Where to go on counting, so that a thousand grids of one name are not counted anew for each.
+    let mut next = bevy::platform::collections::HashMap::<String, usize>::default();
+    let mut all = Vec::new();
+    for name in names {
+        let shown = escaped(name).at_most(SHOWN_CHARS).to_string();
+        let plain = shown.replace('#', r"\u{23}").replace("//", r"/\u{2f}");
+        let mut label = plain.clone();
+        let number = next.entry(plain.clone()).or_insert(usize::from(!plain.is_empty()));
+        while label.is_empty() || taken.contains(&label) {
+            label = format!("{plain}[{number}]");
+            *number += 1;
+        }
+        taken.insert(label.clone());
+        all.push(label);
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use bevy::asset::AssetPath;
+
+    use super::*;
+
+    #[test]
+    fn plain_names_are_their_labels() {
+        let names =
+            ["density", "density[1]", "[0]", "Dichte für Rauch", "fire/core", "a b", "v1.2"];
+        assert_eq!(labels(names.into_iter()), names);
+    }
+
+    #[test]
+    fn every_grid_is_found_by_its_label() {
+        let long = "x".repeat(10_000);
+        let names = [
+            "",
+            "a#b",
+            "http://x",
+            "a",
+            "a",
+            "a[1]",
+            "",
+            "\u{1b}[2J\n",
+            "\u{1b}[2J\n",
+            &long,
+            &long,
+        ];
+        let labels = labels(names.into_iter());
+        assert_eq!(labels.iter().collect::<HashSet<_>>().len(), names.len(), "{labels:?}");
+        for label in &labels {
+            assert!(
+                !label.contains(char::is_control) && label.len() < 2 * SHOWN_CHARS,
+                "{label:?}"
+            );
+            let path = format!("smoke.vdb#{label}");
+            let parsed = AssetPath::try_parse(&path).unwrap();
+            assert_eq!(parsed.label(), Some(label.as_str()));
+            assert_eq!(parsed.path().to_str(), Some("smoke.vdb"));
+        }
+        assert_eq!(labels[3..6], ["a", "a[1]", "a[1][1]"]);
+    }
+}

@@ -1,0 +1,123 @@
+//! Whether an encoder still gets on, so that nobody waits for ever for one that does not.
+
+use std::process::{Child, ExitStatus};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// The signs of life of an encoder's thread, and what it takes to end it.
+#[derive(Debug, Default)]
+pub(super) struct Pulse {
+    beats: AtomicU64,
+    /// It waits for the next frame, and owes nobody anything.
+    idle: AtomicBool,
+    given_up: AtomicBool,
+    /// The program that encodes, where there is one.
+    child: Mutex<Option<Child>>,
+}
+
+impl Pulse {
+    /// The encoder has done a part of its work.
+    pub fn beat(&self) {
+        self.beats.fetch_add(1, Ordering::Relaxed);
+    }
+
+    pub fn set_idle(&self, idle: bool) {
+        self.beat();
+        self.idle.store(idle, Ordering::SeqCst);
+    }
+
+    /// Whether nobody waits for the encoder any more. What it has not finished stays unfinished.
+    pub fn is_given_up(&self) -> bool {
+        self.given_up.load(Ordering::SeqCst)
+    }
+
+    /// Ends the program. The encoder's thread may hang in a call of the system all the same, and is left
+    /// to itself.
+    pub fn give_up(&self) {
+        self.given_up.store(true, Ordering::SeqCst);
+        if let Some(child) = &mut *self.child() {
+            child.kill().ok();
+        }
+    }
+
+    /// Leaves the program to whoever gives up, which may have happened while it was being started.
+    pub fn guard(&self, mut child: Child) {
+        let mut guarded = self.child();
+        if self.is_given_up() {
+            child.kill().ok();
+        }
+        *guarded = Some(child);
+    }
+
+    /// Whether there is a program.
+    pub fn has_child(&self) -> bool {
+        self.child().is_some()
+    }
+
+    /// How the program ended, if it has.
+    pub fn try_wait(&self) -> std::io::Result<Option<ExitStatus>> {
+        self.child().as_mut().map_or(Ok(None), Child::try_wait)
+    }
+
+    fn child(&self) -> MutexGuard<'_, Option<Child>> {
+        self.child.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// For how long those who wait have seen no sign of life.
+#[derive(Debug)]
+pub(super) struct Patience {
+    beats: u64,
+    quiet: Duration,
+    looked: Instant,
+}
+
+/// More than that between two looks, and the app itself stood still: suspended, or in a debugger. The
+/// encoder may have had no chance.
+const LONGEST_LOOK: Duration = Duration::from_secs(1);
+
+impl Patience {
+    pub fn new(now: Instant) -> Self {
+        Self { beats: 0, quiet: Duration::ZERO, looked: now }
+    }
+
+    /// Whether there has been no sign of life for longer than that.
+    pub fn is_over(&mut self, pulse: &Pulse, limit: Duration, now: Instant) -> bool {
+        let beats = pulse.beats.load(Ordering::Relaxed);
+        let looked = std::mem::replace(&mut self.looked, now);
+        if pulse.idle.load(Ordering::SeqCst) || beats != self.beats {
+            (self.beats, self.quiet) = (beats, Duration::ZERO);
+            return false;
+        }
+        self.quiet += now.saturating_duration_since(looked).min(LONGEST_LOOK);
+        self.quiet > limit
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_time_in_which_the_encoder_could_get_on_counts() {
+        let (pulse, start) = (Pulse::default(), Instant::now());
+        let at = |seconds: f64| start + Duration::from_secs_f64(seconds);
+        let limit = Duration::from_secs(3);
+        let mut patience = Patience::new(start);
+        assert!(!patience.is_over(&pulse, limit, at(0.9)));
+        // An hour in which the app was suspended.
+        assert!(!patience.is_over(&pulse, limit, at(3600.0)));
+        assert!(!patience.is_over(&pulse, limit, at(3601.0)));
+        pulse.beat();
+        for step in 0..4 {
+            assert!(!patience.is_over(&pulse, limit, at(3602.0 + f64::from(step))), "{step}");
+        }
+        assert!(patience.is_over(&pulse, limit, at(3606.0)));
+        // One that has nothing to do may stay so.
+        pulse.set_idle(true);
+        (0..60).for_each(|step| {
+            assert!(!patience.is_over(&pulse, limit, at(3607.0 + f64::from(step))));
+        });
+    }
+}

@@ -1,0 +1,74 @@
+//! Files that are loaded again while they are shown. A file that cannot be loaded leaves all as it was, and
+//! Bevy says why; of one that can, but lacks a grid that is shown, nobody would say anything.
+
+use std::collections::HashSet;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use bevy::asset::{AssetPath, UntypedAssetId};
+use bevy::prelude::*;
+
+use crate::{VdbColorGrid, VdbEmission, VdbVolume};
+
+/// The files that have been loaded since it was last looked, from the loader's threads to the app.
+#[derive(Clone, Debug, Default, Resource)]
+pub(crate) struct LoadedFiles(Arc<Mutex<Vec<LoadedFile>>>);
+
+/// What there is of a file, by label.
+#[derive(Debug)]
+pub(crate) struct LoadedFile {
+    pub path: AssetPath<'static>,
+    pub grids: HashSet<String>,
+    pub vector_grids: HashSet<String>,
+}
+
+impl LoadedFiles {
+    pub fn push(&self, file: LoadedFile) {
+        let mut files = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        files.retain(|known| known.path != file.path);
+        files.push(file);
+    }
+
+    fn take(&self) -> Vec<LoadedFile> {
+        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// Says which grids are shown that their file has no longer. Bevy keeps an asset as long as it has handles.
+pub(crate) fn tell_of_lost_grids(
+    loaded: Res<LoadedFiles>,
+    server: Res<AssetServer>,
+    volumes: Query<(Option<&VdbVolume>, Option<&VdbEmission>, Option<&VdbColorGrid>)>,
+) {
+    let files = loaded.take();
+    if files.is_empty() {
+        return;
+    }
+    let mut shown: HashSet<(UntypedAssetId, bool)> = HashSet::new();
+    for (volume, emission, color) in &volumes {
+        let own = volume.map(|volume| (volume.0.id().untyped(), false));
+        let color = color.map(|color| (color.0.id().untyped(), true));
+        let emission = emission.map(|emission| match emission {
+            VdbEmission::Temperature { grid, .. } | VdbEmission::Scalar { grid, .. } => {
+                (grid.id().untyped(), false)
+            }
+            VdbEmission::Color { grid, .. } => (grid.id().untyped(), true),
+        });
+        shown.extend([own, emission, color].into_iter().flatten());
+    }
+    for file in files {
+        for &(id, is_vector) in &shown {
+            let Some(path) = server.get_path(id) else { continue };
+            let labels = if is_vector { &file.vector_grids } else { &file.grids };
+            if path.without_label() == file.path
+                && let Some(label) = path.label().filter(|label| !labels.contains(*label))
+                && server.is_loaded(id)
+            {
+                warn!(
+                    "{}: after it was loaded again, the file has no grid '{label}' to show; the one before \
+                     stays",
+                    file.path
+                );
+            }
+        }
+    }
+}
