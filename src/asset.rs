@@ -58,7 +58,7 @@ pub enum VdbGridError {
     /// Its values are neither floats nor vectors of them.
     #[error("grids of type {0} cannot be shown; only Tree_float_5_4_3 and Tree_vec3s_5_4_3 can")]
     Type(String),
-    /// It does not fit the GPU's layout.
+    /// It does not fit the GPU's layout, or exceeds a limit.
     #[error(transparent)]
     Pack(#[from] PackError),
 }
@@ -79,15 +79,10 @@ impl VdbGrid {
             PackKind::Surface { .. } | PackKind::Smooth { .. } => GridClass::LevelSet,
             PackKind::Fog => GridClass::FogVolume,
         };
-        Self::from_parts(
-            name.into(),
-            class,
-            world_from_index,
-            Metadata::default(),
-            Arc::new(tree),
-            kind,
-            VdbValues::Exact,
-        )
+        check_transform(world_from_index)?;
+        let packed = Arc::new(PackedGrid::new(&tree, kind)?);
+        let (name, metadata, values) = (name.into(), Metadata::default(), VdbValues::Exact);
+        Self::from_parts(name, class, world_from_index, metadata, Arc::new(tree), values, packed)
     }
 
     /// The same grid with samples of other bits on the GPU.
@@ -111,17 +106,17 @@ impl VdbGrid {
         Ok(self)
     }
 
+    /// A grid of its parts; `packed` is the tree, with samples as `values` say.
     pub(crate) fn from_parts(
         name: Arc<str>,
         class: GridClass,
         world_from_index: DAffine3,
         metadata: Metadata,
         tree: Arc<Vdb543<f32>>,
-        kind: PackKind,
         values: VdbValues,
+        packed: Arc<PackedGrid>,
     ) -> Result<Self, VdbGridError> {
         check_transform(world_from_index)?;
-        let packed = Arc::new(PackedGrid::with_format(&tree, kind, values.into())?);
         let (levels, edits) = (None, None);
         Ok(Self { name, class, world_from_index, metadata, tree, packed, levels, values, edits })
     }

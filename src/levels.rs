@@ -9,7 +9,7 @@ use bevy::tasks::futures::check_ready;
 use bevy::tasks::{AsyncComputeTaskPool, Task};
 use vdb_core::GridClass;
 use vdb_core::pack::{PackKind, PackedGrid, ValueFormat};
-use vdb_core::tree::{Coarsening, half_resolution, voxel_in_distances};
+use vdb_core::tree::{Coarsening, LevelOptions, half_resolution, voxel_in_distances};
 
 use crate::{VdbCamera, VdbGrid, VdbQuality, VdbVolume};
 
@@ -99,11 +99,20 @@ fn coarser(grid: &VdbGrid) -> Arc<[Arc<PackedGrid>]> {
                 Coarsening::Surface { iso, voxel }
             }
         };
-        tree = Arc::new(half_resolution(&tree, coarsening));
-        // A coarser tree takes less than the one before, so that it fits as well.
+        tree = match half_resolution(&tree, coarsening, &LevelOptions::default()) {
+            Ok(coarser) => Arc::new(coarser),
+            Err(error) => {
+                warn!("grid '{}' has no coarser levels of detail: {error}", grid.name());
+                break;
+            }
+        };
         match PackedGrid::with_format(&tree, packed.kind, format) {
             Ok(level) if level.occupied.is_some() => levels.push(Arc::new(level)),
-            _ => break,
+            Ok(_) => break,
+            Err(error) => {
+                warn!("grid '{}' has no coarser levels of detail: {error}", grid.name());
+                break;
+            }
         }
     }
     levels.into()

@@ -11,9 +11,9 @@ use bevy::prelude::*;
 use bevy::tasks::AsyncComputeTaskPool;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-use vdb_core::pack::{PackKind, ValueFormat};
-use vdb_core::tree::trim_narrow_band;
-use vdb_core::{AnyTree, Grid, GridSelection, Limits, ProgressFn, ReadOptions};
+use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, ValueFormat};
+use vdb_core::tree::{Vdb543, trim_narrow_band};
+use vdb_core::{AnyTree, Grid, GridSelection, ProgressFn, ReadOptions};
 
 use crate::{VdbFile, VdbGrid, VdbGridError, VdbVectorGrid};
 
@@ -149,6 +149,15 @@ impl Running {
         Self { progress: progress.clone(), path: path.clone(), wanted }
     }
 
+    /// What packing calls as it goes on.
+    fn goes_on(&self) -> Arc<ProgressFn> {
+        let wanted = self.wanted.clone();
+        Arc::new(move |_, _| {
+            let wanted = wanted.load(Ordering::Relaxed);
+            if wanted { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        })
+    }
+
     /// What the decoder calls as it goes on.
     fn report(&self) -> Arc<ProgressFn> {
         let (progress, path, wanted) =
@@ -197,9 +206,14 @@ impl AssetLoader for VdbLoader {
         let running = Running::new(&self.progress, &path, bytes.len() as u64);
         let decoded = {
             let (settings, report) = (settings.clone(), running.report());
+            let options = PackOptions {
+                format: settings.values.into(),
+                progress: Some(running.goes_on()),
+                ..PackOptions::default()
+            };
             // Decoding and packing take all the cores there are; Bevy's IO threads are not for it.
             AsyncComputeTaskPool::get()
-                .spawn(async move { decode(&bytes, &settings, report) })
+                .spawn(async move { decode(&bytes, &settings, report, options) })
                 .await?
         };
         for problem in &decoded.problems {
@@ -255,9 +269,10 @@ fn decode(
     bytes: &[u8],
     settings: &VdbLoaderSettings,
     report: Arc<ProgressFn>,
+    pack: PackOptions,
 ) -> Result<Decoded, VdbLoaderError> {
     let options = ReadOptions {
-        limits: Limits::default(),
+        limits: pack.limits.clone(),
         grids: settings.grids.clone().map_or(GridSelection::All, GridSelection::Names),
         progress: Some(report),
     };
@@ -267,9 +282,10 @@ fn decode(
         .map(|grid| format!("grid '{}' was skipped: {}", grid.unique_name, grid.reason))
         .collect();
     let (mut grids, mut vector_grids) = (Vec::new(), Vec::new());
+    let mut shared = Shared::new(pack);
     for grid in std::mem::take(&mut file.grids) {
         let label = grid.unique_name.clone();
-        match prepare(grid, settings) {
+        match prepare(grid, settings, &mut shared) {
             Ok(Prepared::Floats(grid)) => grids.push((label, grid)),
             Ok(Prepared::Vectors(grid)) => vector_grids.push((label, grid)),
             Err(reason) => problems.push(format!("grid '{label}' was skipped: {reason}")),
@@ -281,12 +297,73 @@ fn decode(
     Ok(Decoded { file, grids, vector_grids, problems })
 }
 
+/// Trees that have been packed: instances have one tree, which is packed once.
+struct Shared {
+    options: PackOptions,
+    /// By the address of the tree that was read, how it meets rays, and the half-width of its band.
+    floats: HashMap<(usize, [u32; 3]), Floats>,
+    /// By the address of the tree.
+    vectors: HashMap<usize, Vectors>,
+}
+
+/// The tree that was read, which keeps its address from others; what is shown of it; and that packed.
+type Floats = (Arc<Vdb543<f32>>, Arc<Vdb543<f32>>, Result<Arc<PackedGrid>, PackError>);
+type Vectors = (Arc<Vdb543<[f32; 3]>>, Result<[Arc<PackedGrid>; 3], PackError>);
+
+impl Shared {
+    fn new(options: PackOptions) -> Self {
+        Self { options, floats: HashMap::default(), vectors: HashMap::default() }
+    }
+
+    /// What is shown of a tree, packed. The band of a level set is narrowed to a half-width in the units
+    /// of its values.
+    fn floats(
+        &mut self,
+        tree: Arc<Vdb543<f32>>,
+        kind: PackKind,
+        half_width: Option<f32>,
+    ) -> Result<(Arc<Vdb543<f32>>, Arc<PackedGrid>), PackError> {
+        let (kind_code, iso) = match kind {
+            PackKind::Surface { iso } => (0, iso),
+            PackKind::Smooth { iso } => (1, iso),
+            PackKind::Fog => (2, 0.0),
+        };
+        let width_bits = half_width.map_or(u32::MAX, f32::to_bits);
+        let key = (Arc::as_ptr(&tree).addr(), [kind_code, iso.to_bits(), width_bits]);
+        let (_, shown, packed) = self.floats.entry(key).or_insert_with(|| {
+            let shown = match half_width {
+                Some(half_width) => Arc::new(trim_narrow_band(&tree, half_width)),
+                None => tree.clone(),
+            };
+            let packed = PackedGrid::with_options(&shown, kind, &self.options).map(Arc::new);
+            (tree, shown, packed)
+        });
+        Ok((shown.clone(), packed.clone()?))
+    }
+
+    /// The components of a tree of vectors, packed.
+    fn vectors(
+        &mut self,
+        tree: &Arc<Vdb543<[f32; 3]>>,
+    ) -> Result<[Arc<PackedGrid>; 3], PackError> {
+        let (_, packed) = self
+            .vectors
+            .entry(Arc::as_ptr(tree).addr())
+            .or_insert_with(|| (tree.clone(), VdbVectorGrid::pack(tree, &self.options)));
+        packed.clone()
+    }
+}
+
 enum Prepared {
     Floats(VdbGrid),
     Vectors(VdbVectorGrid),
 }
 
-fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<Prepared, VdbGridError> {
+fn prepare(
+    grid: Grid,
+    settings: &VdbLoaderSettings,
+    shared: &mut Shared,
+) -> Result<Prepared, VdbGridError> {
     let world_from_index = grid.transform.linear().ok_or_else(|| {
         VdbGridError::Transform(format!(
             "a transform of type {} cannot be shown; export the grid with a linear transform",
@@ -298,7 +375,8 @@ fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<Prepared, VdbGrid
         AnyTree::Float(tree) => tree,
         AnyTree::Vec3s(tree) => {
             let (place, metadata) = (world_from_index, grid.metadata);
-            return VdbVectorGrid::from_parts(name, place, metadata, tree, values)
+            let packed = shared.vectors(&tree)?;
+            return VdbVectorGrid::from_parts(name, place, metadata, tree, packed)
                 .map(Prepared::Vectors);
         }
         _ => return Err(VdbGridError::Type(grid.type_name)),
@@ -312,13 +390,15 @@ fn prepare(grid: Grid, settings: &VdbLoaderSettings) -> Result<Prepared, VdbGrid
         PackKind::Surface { iso } if settings.smooth => PackKind::Smooth { iso },
         kind => kind,
     };
-    let tree = match (settings.half_width, kind) {
-        (Some(half_width), PackKind::Surface { iso: 0.0 } | PackKind::Smooth { iso: 0.0 }) => {
+    let half_width = match kind {
+        PackKind::Surface { iso: 0.0 } | PackKind::Smooth { iso: 0.0 } => {
             let voxel = grid.transform.voxel_size().min_element() as f32;
-            Arc::new(trim_narrow_band(&tree, half_width * voxel))
+            settings.half_width.map(|half_width| half_width * voxel)
         }
-        _ => tree,
+        _ => None,
     };
-    VdbGrid::from_parts(name, grid.class, world_from_index, grid.metadata, tree, kind, values)
+    let (tree, packed) = shared.floats(tree, kind, half_width)?;
+    let (class, metadata) = (grid.class, grid.metadata);
+    VdbGrid::from_parts(name, class, world_from_index, metadata, tree, values, packed)
         .map(Prepared::Floats)
 }

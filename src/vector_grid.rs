@@ -6,11 +6,11 @@ use bevy::asset::Asset;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use vdb_core::Metadata;
-use vdb_core::pack::{PackKind, PackedGrid};
+use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid};
 use vdb_core::tree::{Vdb543, map_values};
 
 use crate::asset::{check_transform, world_bounds};
-use crate::{VdbGridError, VdbValues};
+use crate::VdbGridError;
 
 /// One grid of vectors: what [`VdbColorGrid`](crate::VdbColorGrid) and
 /// [`VdbEmission::Color`](crate::VdbEmission::Color) point to. `"smoke.vdb#Cd"` is one, where a file has
@@ -44,25 +44,35 @@ impl VdbVectorGrid {
         world_from_index: DAffine3,
     ) -> Result<Self, VdbGridError> {
         let (name, metadata) = (name.into(), Metadata::default());
-        Self::from_parts(name, world_from_index, metadata, Arc::new(tree), VdbValues::Exact)
+        check_transform(world_from_index)?;
+        let packed = Self::pack(&tree, &PackOptions::default())?;
+        Self::from_parts(name, world_from_index, metadata, Arc::new(tree), packed)
     }
 
+    /// The components as the GPU walks them.
+    pub(crate) fn pack(
+        tree: &Vdb543<[f32; 3]>,
+        options: &PackOptions,
+    ) -> Result<[Arc<PackedGrid>; 3], PackError> {
+        let pack = |component: usize| {
+            let has_background = tree.background()[component] > 0.0;
+            let least = if has_background { ALMOST_ZERO } else { f32::NEG_INFINITY };
+            // The larger of a number and no number is the number.
+            let own = map_values(tree, |value| value[component].max(least));
+            PackedGrid::with_options(&own, PackKind::Fog, options).map(Arc::new)
+        };
+        Ok([pack(0)?, pack(1)?, pack(2)?])
+    }
+
+    /// A grid of its parts.
     pub(crate) fn from_parts(
         name: Arc<str>,
         world_from_index: DAffine3,
         metadata: Metadata,
         tree: Arc<Vdb543<[f32; 3]>>,
-        values: VdbValues,
+        packed: [Arc<PackedGrid>; 3],
     ) -> Result<Self, VdbGridError> {
         check_transform(world_from_index)?;
-        let pack = |component: usize| {
-            let has_background = tree.background()[component] > 0.0;
-            let least = if has_background { ALMOST_ZERO } else { f32::NEG_INFINITY };
-            // The larger of a number and no number is the number.
-            let own = map_values(&tree, |value| value[component].max(least));
-            PackedGrid::with_format(&own, PackKind::Fog, values.into()).map(Arc::new)
-        };
-        let packed = [pack(0)?, pack(1)?, pack(2)?];
         Ok(Self { name, world_from_index, metadata, tree, packed })
     }
 

@@ -287,7 +287,8 @@ pub enum GridSelection {
     Names(Vec<String>),
 }
 
-/// Is told how many bytes of how many are done; [`ControlFlow::Break`] cancels the reading.
+/// Is told how much of how much is done, of a file in bytes, of packing and levels of detail in steps;
+/// [`ControlFlow::Break`] cancels the work.
 ///
 /// Called from several threads, in order of neither bytes nor time.
 pub type ProgressFn = dyn Fn(u64, u64) -> ControlFlow<()> + Send + Sync;

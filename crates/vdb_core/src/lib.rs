@@ -27,6 +27,7 @@ pub mod synth;
 mod transform;
 pub mod tree;
 pub mod view;
+mod work;
 
 pub use blackbody::{BlackbodyTable, blackbody};
 pub use error::{Error, Place};

@@ -1,7 +1,8 @@
 //! Ceilings on what a file may ask for.
 
-/// What a file may ask of the machine before reading it is given up with
-/// [`Error::LimitExceeded`](crate::Error::LimitExceeded).
+/// What a file may ask of the machine before work on it is given up: reading it and making levels of
+/// detail with [`Error::LimitExceeded`](crate::Error::LimitExceeded), packing it with
+/// [`PackError::LimitExceeded`](crate::pack::PackError::LimitExceeded).
 ///
 /// The defaults are far above any file seen in production and below what a desktop can bear; who
 /// reads files of strangers sets them lower. Whatever they are, nothing is allocated for a node
@@ -26,6 +27,35 @@ pub struct Limits {
     pub voxels: u64,
     /// Bytes of memory of all trees together.
     pub tree_bytes: u64,
+    /// Bytes of memory that packing a grid takes at its peak, the packed grid included and its tree not.
+    pub packed_bytes: u64,
+    /// Bytes that packing a grid takes at its peak for each byte that its tree takes. Grids of up to
+    /// [`Limits::SMALL`] bytes are never refused for it. Time is in proportion to memory, so that this
+    /// bounds both by the size of the file.
+    pub packed_growth: u64,
+    /// Bytes of memory of the tree of a level of detail. One of more than [`Limits::SMALL`] bytes that
+    /// takes more than the tree that it is made of is refused, too: it is worth nothing.
+    pub level_bytes: u64,
+}
+
+impl Limits {
+    /// Bytes that packing a grid, or a level of detail, may take however small its tree is.
+    pub const SMALL: u64 = 32 << 20;
+
+    /// Bytes that packing may take, and the field that says so, of a tree that takes some.
+    pub(crate) fn packing(&self, tree_bytes: u64) -> (u64, &'static str) {
+        let growth = tree_bytes.saturating_mul(self.packed_growth).max(Self::SMALL);
+        if growth < self.packed_bytes {
+            (growth, "packed_growth")
+        } else {
+            (self.packed_bytes, "packed_bytes")
+        }
+    }
+
+    /// Bytes that a level of detail may take.
+    pub(crate) fn level(&self, tree_bytes: u64) -> u64 {
+        tree_bytes.max(Self::SMALL).min(self.level_bytes)
+    }
 }
 
 impl Default for Limits {
@@ -38,6 +68,9 @@ impl Default for Limits {
             nodes: 1 << 28,
             voxels: 1 << 36,
             tree_bytes: 64 << 30,
+            packed_bytes: 4 << 30,
+            packed_growth: 12,
+            level_bytes: 2 << 30,
         }
     }
 }

@@ -6,7 +6,8 @@ use glam::IVec3;
 use rayon::prelude::*;
 
 use super::mixed::{self, Ghosts};
-use super::{PackError, PackKind, PackedGrid, ValueFormat, assemble, bits, cells, layout::*};
+use super::options::{PackOptions, Packing};
+use super::{PackError, PackKind, PackedGrid, assemble, bits, cells, layout::*};
 use crate::tree::{CoordBox, InternalNode, LeafNode, Node, RootEntry, Slot, Vdb543};
 
 pub(super) type Leaf = LeafNode<f32, 3>;
@@ -254,8 +255,12 @@ impl Sources<'_> {
 pub(super) fn pack(
     tree: &Vdb543<f32>,
     kind: PackKind,
-    format: ValueFormat,
+    options: &PackOptions,
 ) -> Result<PackedGrid, PackError> {
+    let packing = Packing::new(tree, options);
+    packing.add_steps(2);
+    packing.step(1)?;
+    let format = options.format;
     let mut builder = Builder::default();
     let background = builder.tile(tree.background());
     debug_assert_eq!(background, BACKGROUND);

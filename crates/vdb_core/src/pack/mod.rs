@@ -29,6 +29,7 @@ pub mod exact;
 pub mod layout;
 mod leaps;
 mod mixed;
+mod options;
 mod values;
 pub mod walk;
 
@@ -38,6 +39,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::IVec3;
 use thiserror::Error;
 
+pub use options::PackOptions;
 pub use values::ValueFormat;
 
 use crate::grid::GridClass;
@@ -102,13 +104,16 @@ pub struct PackedGrid {
 }
 
 impl PackedGrid {
-    /// Packs a grid with its samples as they are. Costs a few passes over its leaves, in parallel.
+    /// Packs a grid with its samples as they are, within the default [`Limits`](crate::Limits).
+    ///
+    /// Time and memory are in proportion to the nodes and tiles of the tree, whatever the tiles cover:
+    /// a few passes over its leaves, in parallel.
     ///
     /// # Errors
-    /// When the grid has more nodes or distinct tile values than 28 bits can number, or takes more
-    /// than 2³² words.
+    /// When the grid exceeds a limit, has more nodes or distinct tile values than 28 bits can number,
+    /// or takes more than 2³² words.
     pub fn new(tree: &Vdb543<f32>, kind: PackKind) -> Result<Self, PackError> {
-        Self::with_format(tree, kind, ValueFormat::Exact)
+        Self::with_options(tree, kind, &PackOptions::default())
     }
 
     /// Packs a grid with its samples in a format.
@@ -120,7 +125,19 @@ impl PackedGrid {
         kind: PackKind,
         format: ValueFormat,
     ) -> Result<Self, PackError> {
-        build::pack(tree, kind, format)
+        Self::with_options(tree, kind, &PackOptions { format, ..PackOptions::default() })
+    }
+
+    /// Packs a grid as the options say; progress is counted in steps, and every few milliseconds.
+    ///
+    /// # Errors
+    /// As [`PackedGrid::new`], and when progress was told to stop.
+    pub fn with_options(
+        tree: &Vdb543<f32>,
+        kind: PackKind,
+        options: &PackOptions,
+    ) -> Result<Self, PackError> {
+        build::pack(tree, kind, options)
     }
 
     /// What a shader knows of the grid when its first word has this number in the pool.
@@ -195,6 +212,7 @@ pub struct GridHeader {
 
 /// Why a grid could not be packed.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum PackError {
     /// More of something than can be numbered.
     #[error(
@@ -209,4 +227,20 @@ pub enum PackError {
         /// How much there may be.
         limit: u64,
     },
+    /// More memory than [`Limits`](crate::Limits) allow.
+    #[error(
+        "packing the grid takes {needed} bytes or more, which exceeds the limit of {limit} \
+         (`Limits::{name}`); raise it if the file is to be trusted"
+    )]
+    LimitExceeded {
+        /// The field of [`Limits`](crate::Limits).
+        name: &'static str,
+        /// The bytes that were known to be needed.
+        needed: u64,
+        /// The bytes that packing this grid may take.
+        limit: u64,
+    },
+    /// The progress function cancelled it.
+    #[error("packing was cancelled")]
+    Cancelled,
 }

@@ -1,12 +1,16 @@
 //! The same grid at half the resolution, for what is far away.
 
 use std::collections::BTreeSet;
+use std::fmt;
+use std::sync::Arc;
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::grow::{Built, built, internal};
 use super::{Found, IVec3, InternalNode, LeafNode, Node, RootEntry, Slot, Tree, Vdb543};
+use crate::work::{Stop, Work};
+use crate::{Error, Limits, ProgressFn};
 
 type Leaf = LeafNode<f32, 3>;
 type Lower = InternalNode<Leaf, 4>;
@@ -51,14 +55,61 @@ const FOG_TAPS: [f32; 7] = {
     [-0.25 * b, -0.5 * b, side, 0.5 + b, side, -0.5 * b, -0.25 * b]
 };
 
+/// How to make a level of detail.
+#[derive(Clone, Default)]
+pub struct LevelOptions {
+    /// What it may take: [`Limits::level_bytes`].
+    pub limits: Limits,
+    /// Is told of progress, in steps, and may cancel.
+    pub progress: Option<Arc<ProgressFn>>,
+}
+
+impl fmt::Debug for LevelOptions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("LevelOptions")
+            .field("limits", &self.limits)
+            .field("progress", &self.progress.as_ref().map(|_| "…"))
+            .finish()
+    }
+}
+
 /// The tree of every second sample: its sample `ijk` is where `2 · ijk` was.
 ///
 /// An eighth of the samples of a fog and a quarter of those of a level set are left. `ijk` of the coarser
 /// tree are `2 · ijk` of the finer one in index space: its transform is the same after a scale of 2.
-pub fn half_resolution(tree: &Vdb543<f32>, coarsening: Coarsening) -> Vdb543<f32> {
+///
+/// Time is in proportion to the memory of both trees, and cancelling takes a few milliseconds.
+///
+/// # Errors
+/// When the coarser tree would take more than the finer one and more than [`Limits::SMALL`], as where
+/// large tiles of different values lie side by side, or more than [`Limits::level_bytes`]; and when
+/// progress was told to stop.
+pub fn half_resolution(
+    tree: &Vdb543<f32>,
+    coarsening: Coarsening,
+    options: &LevelOptions,
+) -> Result<Vdb543<f32>, Error> {
+    let limit = options.limits.level(tree.stats().bytes);
+    let work = Work::new(options.progress.as_ref(), 0, limit);
+    halved(tree, coarsening, &work).map_err(|stop| match stop {
+        Stop::Cancelled => Error::cancelled(),
+        Stop::Memory { needed, limit } => {
+            Error::limit(format!("{needed} bytes of a level of detail"), "level_bytes", limit)
+        }
+    })
+}
+
+fn halved(
+    tree: &Vdb543<f32>,
+    coarsening: Coarsening,
+    work: &Work,
+) -> Result<Vdb543<f32>, Stop> {
     let halving = Halving { tree, coarsening };
     let mut coarser = Tree::new(halving.uniform(tree.background()).0);
-    for origin in halving.uppers().into_iter().map(IVec3::from) {
+    let uppers = halving.uppers();
+    work.add_steps(uppers.len() as u64);
+    for origin in uppers.into_iter().map(IVec3::from) {
+        work.step(1)?;
         match halving.upper(origin) {
             Built::Node(node) => coarser.insert_child(node),
             Built::Tile(value, active) => {
@@ -68,7 +119,7 @@ pub fn half_resolution(tree: &Vdb543<f32>, coarsening: Coarsening) -> Vdb543<f32
             }
         }
     }
-    coarser
+    Ok(coarser)
 }
 
 /// By how much the values of a level set change from a voxel to the next across the surface: its edge in
@@ -514,6 +565,10 @@ mod tests {
     use super::*;
     use crate::synth::{Uniform, build, level_set};
     use crate::tree::CoordBox;
+
+    fn half_resolution(tree: &Vdb543<f32>, coarsening: Coarsening) -> Vdb543<f32> {
+        super::half_resolution(tree, coarsening, &LevelOptions::default()).unwrap()
+    }
 
     const DISTANCES: Coarsening = Coarsening::Surface { iso: 0.0, voxel: Some(1.0) };
 

@@ -27,7 +27,7 @@ use std::fmt::Debug;
 pub use accessor::Accessor;
 pub use band::trim_narrow_band;
 pub use bits::{Active, BitLeaf, BitValues};
-pub use coarser::{Coarsening, half_resolution, voxel_in_distances};
+pub use coarser::{Coarsening, LevelOptions, half_resolution, voxel_in_distances};
 pub use coords::CoordBox;
 pub use glam::IVec3;
 pub use internal::{InternalNode, Slot};

@@ -20,7 +20,7 @@ use std::ops::Range;
 
 pub use voxels::{Voxel, VoxelEdit};
 
-use super::{PackError, PackedGrid, ValueFormat, build};
+use super::{PackError, PackOptions, PackedGrid, ValueFormat, build};
 use crate::tree::{RootEntry, Vdb543};
 use content::View;
 use sections::Sections;
@@ -117,7 +117,8 @@ impl Editor {
         let large =
             view.rule.counts(tree.background()) || tree.entries().any(|(_, entry)| counts(entry));
         self.packed = false;
-        let whole = build::pack(tree, packed.kind, ValueFormat::Full).and_then(|whole| {
+        let options = PackOptions { format: ValueFormat::Full, ..PackOptions::default() };
+        let whole = build::pack(tree, packed.kind, &options).and_then(|whole| {
             let spread = if large { None } else { Sections::spread(&whole)? };
             Ok(spread.map_or((whole, None), |(packed, sections)| (packed, Some(sections))))
         });

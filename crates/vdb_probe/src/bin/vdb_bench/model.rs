@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use vdb_core::pack::PackKind;
 use vdb_core::synth::models;
-use vdb_core::tree::{Coarsening, CoordBox, Vdb543, half_resolution, voxel_in_distances};
+use vdb_core::tree::{
+    Coarsening, CoordBox, LevelOptions, Vdb543, half_resolution, voxel_in_distances,
+};
 use vdb_core::{AnyTree, GridClass, ReadOptions, Transform, VdbFile};
 
 /// Where a model comes from.
@@ -75,7 +77,7 @@ impl Model {
             } else {
                 Coarsening::Fog
             };
-            model.tree = half_resolution(&model.tree, coarsening).into();
+            model.tree = half_resolution(&model.tree, coarsening, &LevelOptions::default())?.into();
         }
         if source.level > 0 {
             model.name = format!("{}@{}", model.name, source.level);
