@@ -9,8 +9,8 @@ use vdb_core::Metadata;
 use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid};
 use vdb_core::tree::{Vdb543, map_values};
 
-use crate::asset::{check_transform, world_bounds};
 use crate::VdbGridError;
+use crate::asset::{check_transform, world_bounds};
 
 /// One grid of vectors: what [`VdbColorGrid`](crate::VdbColorGrid) and
 /// [`VdbEmission::Color`](crate::VdbEmission::Color) point to. `"smoke.vdb#Cd"` is one, where a file has

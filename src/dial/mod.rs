@@ -156,14 +156,14 @@ pub(crate) fn gpu_time(store: &DiagnosticsStore) -> Option<(Instant, f32)> {
 }
 
 /// How far a volume's box is from the eye, in world units.
-fn distance(view: &GlobalTransform, volume: &GlobalTransform, aabb: &Aabb) -> f32 {
+pub(crate) fn distance(view: &GlobalTransform, volume: &GlobalTransform, aabb: &Aabb) -> f32 {
     let eye = volume.affine().inverse().transform_point3(view.translation());
     let (min, max) = (Vec3::from(aabb.min()), Vec3::from(aabb.max()));
     volume.transform_point(eye.clamp(min, max)).distance(view.translation())
 }
 
 /// World units that a pixel shows at a distance.
-fn pixel_size(projection: &Projection, height: u32, distance: f32) -> f32 {
+pub(crate) fn pixel_size(projection: &Projection, height: u32, distance: f32) -> f32 {
     let whole = match projection {
         Projection::Perspective(lens) => 2.0 * (0.5 * lens.fov).tan() * distance,
         Projection::Orthographic(lens) => lens.area.height(),
