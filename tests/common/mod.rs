@@ -6,7 +6,9 @@ mod adapter;
 
 use std::sync::{Arc, Mutex};
 
-use bevy::app::{PluginsState, ScheduleRunnerPlugin};
+use bevy::app::{
+    PluginsState, ScheduleRunnerPlugin, TaskPoolOptions, TaskPoolThreadAssignmentPolicy,
+};
 use bevy::asset::{AssetPlugin, RenderAssetUsages, UnapprovedPathMode};
 use bevy::camera::{Hdr, RenderTarget};
 use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
@@ -86,15 +88,33 @@ impl Stage {
 
     /// With further plugins.
     pub fn with(add: impl FnOnce(&mut App)) -> Self {
-        Self::made(true, add)
+        Self::made(true, TaskPoolPlugin::default(), add)
     }
 
     /// One that compiles pipelines beside its frames, as apps do.
     pub fn compiling_beside() -> Self {
-        Self::made(false, |_| {})
+        Self::made(false, TaskPoolPlugin::default(), |_| {})
     }
 
-    fn made(synchronous_pipeline_compilation: bool, add: impl FnOnce(&mut App)) -> Self {
+    /// The same on a machine of few cores, where Bevy has one thread for all that takes long. The first app
+    /// of a program says so for all of them.
+    pub fn compiling_on_one_thread() -> Self {
+        let one = TaskPoolThreadAssignmentPolicy {
+            min_threads: 1,
+            max_threads: 1,
+            percent: 1.0,
+            on_thread_spawn: None,
+            on_thread_destroy: None,
+        };
+        let task_pool_options = TaskPoolOptions { async_compute: one, ..default() };
+        Self::made(false, TaskPoolPlugin { task_pool_options }, |_| {})
+    }
+
+    fn made(
+        synchronous_pipeline_compilation: bool,
+        pools: TaskPoolPlugin,
+        add: impl FnOnce(&mut App),
+    ) -> Self {
         let mut app = App::new();
         app.add_plugins((
             DefaultPlugins
@@ -104,6 +124,7 @@ impl Stage {
                     ..default()
                 })
                 .set(RenderPlugin { synchronous_pipeline_compilation, ..default() })
+                .set(pools)
                 .set(AssetPlugin {
                     file_path: concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into(),
                     unapproved_path_mode: UnapprovedPathMode::Allow,
