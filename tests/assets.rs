@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use bevy::asset::{AssetPlugin, LoadState, UnapprovedPathMode};
+use bevy::asset::{AssetPlugin, LoadState, LoadedUntypedAsset, UnapprovedPathMode};
 use bevy::camera::primitives::Aabb;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
@@ -327,7 +327,9 @@ fn a_grid_without_a_label_is_the_one_that_the_file_is_about() {
         assert_eq!(loaded(&mut app, &file).grids.len(), grids.len());
         let untyped =
             app.world().resource::<AssetServer>().load_builder().load_untyped(path.clone());
-        let untyped = loaded(&mut app, &untyped).handle;
+        let untyped = until(&mut app, "the asset", |world| {
+            Some(world.resource::<Assets<LoadedUntypedAsset>>().get(&untyped)?.handle.clone())
+        });
         assert!(untyped.try_typed::<VdbFile>().is_ok(), "what has no type is a file");
         std::fs::remove_dir_all(folder).unwrap();
     }
