@@ -44,6 +44,8 @@ pub(super) struct CastShadows {
     draws: Vec<Draw>,
     pub cast: Option<CachedRenderPipelineId>,
     pub copy: Option<CachedRenderPipelineId>,
+    /// Whether they are being compiled.
+    pub is_waiting: bool,
     /// As meshes alone have them: of directional lights and spot lights, and of point lights.
     pub directional: Option<MeshDepth>,
     pub point: Option<MeshDepth>,
@@ -213,6 +215,7 @@ pub(super) fn prepare_casters(
     let is_ready = |id: &CachedRenderPipelineId| kept.render(&pipeline_cache, *id).is_some();
     // A map with volumes in it is of use to them only if there is one without.
     if !is_ready(&drawn) || !copied.iter().all(is_ready) {
+        shadows.is_waiting = true;
         return;
     }
     shadows.cast = Some(drawn);

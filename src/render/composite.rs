@@ -22,7 +22,7 @@ pub(super) fn composite(
         &ViewTarget,
         &ViewDepthTexture,
         &ViewUniformOffset,
-        &ViewPipelines,
+        &mut ViewPipelines,
         &ViewBindGroups,
         Option<&MainPassResolutionOverride>,
         Option<&ViewPrepassTextures>,
@@ -31,13 +31,14 @@ pub(super) fn composite(
     kept: Res<KeptPipelines>,
     mut context: RenderContext,
 ) {
-    let (camera, target, depth, view_uniform, view_pipelines, bind_groups, resolution, prepass) =
+    let (camera, target, depth, view_uniform, mut view_pipelines, bind_groups, resolution, prepass) =
         view.into_inner();
     // Nothing has been traced before the trace's own pipeline is there.
     if !view_pipelines.is_ready {
         return;
     }
     let draws = [view_pipelines.surface, view_pipelines.fog];
+    let wanted = draws.iter().flatten().count();
     let draws = draws.into_iter().flatten();
     // Surfaces do not wait for fog, nor fog for surfaces.
     let ready: Vec<_> = draws.filter_map(|id| kept.render(&pipelines, id)).collect();
@@ -71,6 +72,7 @@ pub(super) fn composite(
     }
     let offset = [view_uniform.offset];
     let offsets = if view_pipelines.tonemaps { &offset[..] } else { &[] };
+    view_pipelines.is_drawn = ready.len() == wanted && !view_pipelines.stands_in;
     for pipeline in ready {
         pass.set_render_pipeline(pipeline);
         pass.set_bind_group(0, &bind_groups.composite, offsets);

@@ -109,6 +109,8 @@ pub(super) struct ViewList<'a> {
     pub entries: Vec<Entry<'a>>,
     /// How many of them it sees.
     pub seen: usize,
+    /// The volumes of these, in the order of their entities.
+    pub listed: Vec<MainEntity>,
     pub kinds_seen: Kinds,
     /// Of what is beside the view as well.
     pub kinds: Kinds,
@@ -131,13 +133,19 @@ impl<'a> ViewList<'a> {
     ) -> Option<Self> {
         let first = list.len();
         let mut entries = Vec::with_capacity(seen.len() + beside.len());
+        let mut listed = Vec::with_capacity(seen.len());
         for entity in seen {
             let Some(volume) = volumes.0.get(entity) else { continue };
+            let before = entries.len();
             for (data, entry) in made.of(*entity, volume, is_lit, Some(&mut *warned)) {
                 list.push(data);
                 entries.push(entry);
             }
+            if entries.len() > before {
+                listed.push(*entity);
+            }
         }
+        listed.sort_unstable();
         let seen = entries.len();
         if seen == 0 {
             return None;
@@ -168,6 +176,6 @@ impl<'a> ViewList<'a> {
                 list.extend(data);
             }
         }
-        Some(Self { entries, seen, kinds_seen, kinds, colors, fog_steps })
+        Some(Self { entries, seen, listed, kinds_seen, kinds, colors, fog_steps })
     }
 }

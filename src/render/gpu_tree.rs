@@ -4,6 +4,7 @@
 //! The pool is one run of words. Where a shader cannot bind as much at once, it is cut into pages. Of grids
 //! whose voxels change, only what has changed is written, as long as they have as many words.
 
+use std::any::TypeId;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -29,14 +30,20 @@ pub struct VdbGpuUsage(Arc<Usage>);
 #[derive(Debug, Default)]
 struct Usage {
     grids: AtomicU64,
+    levels: AtomicU64,
     bytes: AtomicU64,
     bytes_written: AtomicU64,
 }
 
 impl VdbGpuUsage {
-    /// Grids on the GPU, each counted once, and each of its levels of detail; one of vectors is three.
+    /// Grids on the GPU, each counted once: of floats or of vectors, with its levels of detail or without.
     pub fn grids(&self) -> u64 {
         self.0.grids.load(Ordering::Relaxed)
+    }
+
+    /// Coarser copies of them, for [`VdbQuality::detail`](crate::VdbQuality::detail).
+    pub fn levels(&self) -> u64 {
+        self.0.levels.load(Ordering::Relaxed)
     }
 
     /// Bytes of the buffers that hold them.
@@ -62,9 +69,19 @@ impl From<AssetId<VdbGrid>> for GridKey {
 }
 
 impl GridKey {
+    /// The asset.
+    pub fn asset(self) -> UntypedAssetId {
+        self.0
+    }
+
     /// A level of detail of a grid of floats.
     pub fn level(self, level: usize) -> Self {
         Self(self.0, level as u32)
+    }
+
+    /// Whether it is a coarser level of a grid of floats.
+    fn is_coarser(&self) -> bool {
+        self.1 > 0 && self.0.type_id() == TypeId::of::<VdbGrid>()
     }
 
     /// A component of a grid of vectors.
@@ -203,7 +220,10 @@ impl VdbTreePool {
         let limits = device.limits();
         let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
         let written = self.pack(wanted, edits, limit, device, queue);
-        usage.0.grids.store(self.resident.len() as u64, Ordering::Relaxed);
+        let assets: HashSet<_> = self.resident.keys().map(|key| key.asset()).collect();
+        let levels = self.resident.keys().filter(|key| key.is_coarser());
+        usage.0.grids.store(assets.len() as u64, Ordering::Relaxed);
+        usage.0.levels.store(levels.count() as u64, Ordering::Relaxed);
         let bytes = self.buffers.as_ref().map_or(0, |buffers| {
             buffers.grids.size() + buffers.pages.iter().map(|page| page.size()).sum::<u64>()
         });

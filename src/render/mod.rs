@@ -10,6 +10,7 @@ mod cast;
 mod cast_pipeline;
 mod changes;
 mod composite;
+mod drawn;
 mod edits;
 mod entries;
 mod extract;
@@ -56,6 +57,7 @@ pub use gpu_tree::VdbGpuUsage;
 pub(crate) use shaders::reload as reload_shaders;
 
 use crate::VdbDiagnostics;
+use crate::volume_state::DrawnVolumes;
 use accumulate::AccumulatePipeline;
 use beams_pipeline::BeamsPipeline;
 use cast_pipeline::{CastPipeline, MeshDepthPipeline};
@@ -77,11 +79,14 @@ pub(crate) fn build(app: &mut App) {
     shaders::embed(app);
     let usage = VdbGpuUsage::default();
     app.insert_resource(usage.clone());
+    let drawn = DrawnVolumes::default();
+    app.insert_resource(drawn.clone());
     let diagnostics = app.world().resource::<VdbDiagnostics>().clone();
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
     render_app
         .insert_resource(usage)
         .insert_resource(diagnostics)
+        .insert_resource(drawn)
         .init_resource::<extract::ExtractedVolumes>()
         .init_resource::<extract::ExtractedSuns>()
         .init_resource::<edits::ExtractedEdits>()
@@ -128,7 +133,7 @@ pub(crate) fn build(app: &mut App) {
                     .after(prepare::prepare_views),
                 ((blackbody::prepare_blackbody, bind::prepare_bind_groups).chain(), report::report)
                     .in_set(RenderSystems::PrepareBindGroups),
-                kept::keep_pipelines.in_set(RenderSystems::Cleanup),
+                (kept::keep_pipelines, drawn::report_drawn).in_set(RenderSystems::Cleanup),
             ),
         )
         .configure_sets(

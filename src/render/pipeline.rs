@@ -45,6 +45,8 @@ pub(super) struct ViewPipelines {
     pub is_ready: bool,
     /// Whether that is not all that is wanted.
     pub stands_in: bool,
+    /// Whether all that is wanted has been drawn in this frame.
+    pub is_drawn: bool,
     /// Where the view sees a surface.
     pub surface: Option<CachedRenderPipelineId>,
     /// Where the view sees fog.

@@ -250,7 +250,9 @@ impl ViewMaker<'_, '_> {
             let seen = list.entries[..list.seen].iter().map(|entry| entry.volume);
             matrices(of.view, clip_from_view, of.view_before, seen)
         });
-        let frame = ViewFrame { key: &key, data: &data, layout, most_tiles, motion, accumulated };
+        let listed = list.listed.clone();
+        let frame =
+            ViewFrame { key: &key, data: &data, layout, most_tiles, motion, accumulated, listed };
         let resources = ViewResources::new(frame, of.before, &self.device, &mut self.textures);
         let (specialized, cache) = (&mut self.specialized, &self.cache);
         Some((resources, with_composites(pipelines, specialized, cache, of, &wishes, &list)))

@@ -7,6 +7,7 @@ use bevy::render::render_resource::{
     TextureUsages,
 };
 use bevy::render::renderer::RenderDevice;
+use bevy::render::sync_world::MainEntity;
 use bevy::render::texture::{CachedTexture, TextureCache};
 
 use super::accumulate::Accumulated;
@@ -47,6 +48,8 @@ pub(super) struct ViewResources {
     /// What the tiles know of the volumes, and how it is laid out.
     pub tile_data: Option<(Buffer, TileLayout)>,
     pub motion: Option<ViewMotion>,
+    /// The volumes that the view sees and that can be shown, in the order of their entities.
+    pub listed: Vec<MainEntity>,
     pub volumes: u32,
     /// Those that shadows and reflections look at, and the view does not.
     pub volumes_beside: u32,
@@ -70,6 +73,7 @@ pub(super) struct ViewFrame<'a> {
     /// Of the view and its volumes, where it has motion vectors.
     pub motion: Option<Vec<Mat4>>,
     pub accumulated: Option<Accumulated>,
+    pub listed: Vec<MainEntity>,
 }
 
 impl ViewResources {
@@ -110,6 +114,7 @@ impl ViewResources {
             depth: texture("vdb_depth", TextureFormat::R32Float, size),
             tile_data,
             motion,
+            listed: frame.listed,
             volumes: data.volume_count,
             volumes_beside: data.volumes_beside,
             most_tiles: frame.most_tiles,

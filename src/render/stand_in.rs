@@ -71,6 +71,7 @@ impl Specialized<'_> {
             key,
             is_ready,
             stands_in: false,
+            is_drawn: false,
             surface: None,
             fog: None,
             tonemaps: false,

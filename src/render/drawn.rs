@@ -1,0 +1,75 @@
+//! Which volumes are in the picture, for [`VdbVolumeState`].
+
+use std::sync::Arc;
+
+use bevy::asset::UntypedAssetId;
+use bevy::ecs::entity::EntityHashMap;
+use bevy::prelude::*;
+use bevy::render::camera::ExtractedCamera;
+use vdb_core::pack::PackedGrid;
+
+use super::cast::CastShadows;
+use super::extract::{ExtractedVolume, ExtractedVolumes};
+use super::find::ViewVolumes;
+use super::gpu_tree::{GridKey, VdbTreePool};
+use super::pipeline::ViewPipelines;
+use super::resources::ViewResources;
+use crate::VdbVolumeState;
+use crate::volume_state::DrawnVolumes;
+
+/// Tells the app's world, once a frame has been drawn.
+pub(super) fn report_drawn(
+    volumes: Res<ExtractedVolumes>,
+    pool: Res<VdbTreePool>,
+    shadows: Res<CastShadows>,
+    views: Query<
+        (&ViewVolumes, Option<(&ViewResources, &ViewPipelines)>),
+        (With<ExtractedCamera>, With<Camera3d>),
+    >,
+    drawn: Res<DrawnVolumes>,
+    mut states: Local<EntityHashMap<(UntypedAssetId, VdbVolumeState)>>,
+) {
+    states.clear();
+    for (entity, volume) in &volumes.0 {
+        states.insert(entity.id(), (volume.grid.asset(), on_the_gpu(volume, &pool)));
+    }
+    for (seen, made) in &views {
+        for entity in &seen.0 {
+            let Some((_, state)) = states.get_mut(&entity.id()) else { continue };
+            let here = match made {
+                Some((resources, pipelines)) if resources.listed.binary_search(entity).is_ok() => {
+                    if pipelines.is_drawn && !shadows.is_waiting {
+                        VdbVolumeState::Drawn
+                    } else {
+                        VdbVolumeState::Preparing
+                    }
+                }
+                _ => VdbVolumeState::NotShown,
+            };
+            *state = both(*state, here);
+        }
+    }
+    drawn.set(&mut states);
+}
+
+/// What there is to say of a volume before any view has been asked.
+fn on_the_gpu(volume: &ExtractedVolume, pool: &VdbTreePool) -> VdbVolumeState {
+    let own = (&volume.grid, &volume.packed);
+    let parts = volume.extras.parts().map(|part| (&part.key, &part.packed));
+    let comes = |(key, packed): (&GridKey, &Arc<PackedGrid>)| {
+        packed.occupied.is_some() && pool.index(*key).is_none() && !pool.is_refused(key)
+    };
+    if std::iter::once(own).chain(parts).any(comes) {
+        VdbVolumeState::Preparing
+    } else if pool.is_refused(&volume.grid) {
+        VdbVolumeState::NotShown
+    } else {
+        VdbVolumeState::Unseen
+    }
+}
+
+/// What two views, or the GPU and a view, say of a volume: it is drawn when it is wherever it is seen.
+fn both(a: VdbVolumeState, b: VdbVolumeState) -> VdbVolumeState {
+    use VdbVolumeState::{Drawn, NotShown, Preparing, Unseen};
+    [Preparing, Drawn, NotShown].into_iter().find(|state| [a, b].contains(state)).unwrap_or(Unseen)
+}
