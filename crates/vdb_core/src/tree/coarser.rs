@@ -99,7 +99,11 @@ pub fn half_resolution(
     })
 }
 
-fn halved(tree: &Vdb543<f32>, coarsening: Coarsening, work: &Work) -> Result<Vdb543<f32>, Stop> {
+fn halved(
+    tree: &Vdb543<f32>,
+    coarsening: Coarsening,
+    work: &Work,
+) -> Result<Vdb543<f32>, Stop> {
     let halving = Halving { tree, coarsening };
     let mut coarser = Tree::new(halving.uniform(tree.background()).0);
     let uppers = halving.uppers();
