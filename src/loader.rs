@@ -8,7 +8,7 @@ use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, ValueFormat};
+use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, PackedTogether, ValueFormat};
 use vdb_core::tree::{Vdb543, trim_narrow_band};
 use vdb_core::{AnyTree, Grid, GridClass, GridSelection, ReadOptions};
 
@@ -272,6 +272,7 @@ impl Shared {
         let options = PackOptions {
             format: settings.values.into(),
             progress: Some(job.packing()),
+            together: Some(PackedTogether::default()),
             ..PackOptions::default()
         };
         Self { options, floats: HashMap::default(), vectors: HashMap::default() }

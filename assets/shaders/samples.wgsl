@@ -8,7 +8,7 @@
 
 #import bevy_vdb::types::Grid
 #import bevy_vdb::bindings::word_at
-#import bevy_vdb::tree::{CHILD, LEAF_NUMBER_BITS, PAYLOAD, WIDE, Span, block_of}
+#import bevy_vdb::tree::{CHILD, LEAF_NUMBER_BITS, PAYLOAD, Span, block_of}
 
 const FLOATS: u32 = 0u;
 const HALVES: u32 = 1u;
@@ -59,12 +59,10 @@ fn halves(at: u32, odd: bool) -> vec2<f32> {
     return unpack2x16float(select(low, (low >> 16u) | (high << 16u), odd));
 }
 
-// The corners of a cell of a mixed tile.
-fn tile_corners(grid: Grid, tile: u32, cell: vec3<i32>) -> Corners {
-    let last = vec3(select(7, 127, (tile & WIDE) != 0u));
-    // What is beyond the tile on each axis.
-    let beyond = select(vec3(0u), vec3(4u, 2u, 1u), (cell & last) == last);
-    let yz = vec4(0u, beyond.z, beyond.y, beyond.y + beyond.z);
+// The corners of a cell on the high sides of a mixed tile, on some axes: 4, 2 and 1 for x, y and z.
+fn tile_corners(grid: Grid, tile: u32, sides: u32) -> Corners {
+    let yz = vec4(0u, 1u, 2u, 3u) & vec4(sides);
+    let x = sides & 4u;
     return Corners(
         vec4(
             tile_value(grid, tile + yz.x),
@@ -73,10 +71,10 @@ fn tile_corners(grid: Grid, tile: u32, cell: vec3<i32>) -> Corners {
             tile_value(grid, tile + yz.w),
         ),
         vec4(
-            tile_value(grid, tile + beyond.x + yz.x),
-            tile_value(grid, tile + beyond.x + yz.y),
-            tile_value(grid, tile + beyond.x + yz.z),
-            tile_value(grid, tile + beyond.x + yz.w),
+            tile_value(grid, tile + x + yz.x),
+            tile_value(grid, tile + x + yz.y),
+            tile_value(grid, tile + x + yz.z),
+            tile_value(grid, tile + x + yz.w),
         ),
     );
 }
@@ -130,7 +128,7 @@ struct FogCell {
 
 fn fog_cell(grid: Grid, span: Span, cell: vec3<i32>) -> FogCell {
     if (span.word & CHILD) == 0u {
-        return FogCell(tile_corners(grid, span.word, cell), 0.0, 1.0);
+        return FogCell(tile_corners(grid, span.word, span.leaf), 0.0, 1.0);
     }
     let brick = brick_of(grid, span.leaf);
     return FogCell(brick_corners(grid, brick, brick_slot(cell)), brick.offset, brick.scale);
@@ -140,7 +138,7 @@ fn fog_cell(grid: Grid, span: Span, cell: vec3<i32>) -> FogCell {
 // the grid's scale.
 fn surface_corners(grid: Grid, span: Span, cell: vec3<i32>) -> Corners {
     if (span.word & CHILD) == 0u {
-        return tile_corners(grid, span.word, cell);
+        return tile_corners(grid, span.word, span.leaf);
     }
     let blocks = (span.word >> LEAF_NUMBER_BITS) & ((1u << block_of(cell)) - 1u);
     let number = word_at(grid.leaf_records + span.leaf) + countOneBits(blocks);

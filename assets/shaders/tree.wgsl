@@ -11,7 +11,7 @@
 const CHILD: u32 = 0x80000000u;
 const OCCUPIED: u32 = 0x40000000u;
 const MIXED: u32 = 0x20000000u;
-const WIDE: u32 = 0x10000000u;
+const FILLED: u32 = 0x10000000u;
 const PAYLOAD: u32 = 0x0fffffffu;
 
 const LEAF_BITS: u32 = 3u;
@@ -26,7 +26,8 @@ struct Span {
     reach: u32,
     // The word of a tile or a leaf that a ray meets; 0 where nothing is.
     word: u32,
-    // The number of the leaf.
+    // The number of the leaf; of a cell of a mixed tile, the axes on which it is the tile's last: 4, 2 and
+    // 1 for x, y and z.
     leaf: u32,
 }
 
@@ -100,12 +101,26 @@ fn empty_span(log_dim: u32, reach: u32) -> Span {
 #endif
 }
 
-// The span of a tile.
-fn tile_span(tile: u32, log_dim: u32, octant: u32) -> Span {
+// The span of a tile around a local cell.
+fn tile_span(tile: u32, log_dim: u32, octant: u32, cell: vec3<i32>) -> Span {
     if (tile & OCCUPIED) == 0u {
         return empty_span(log_dim, reach_of(tile, octant));
     }
-    return Span(select(log_dim, 0u, (tile & MIXED) != 0u), 0u, tile, 0u);
+    if (tile & MIXED) == 0u {
+        return Span(log_dim, 0u, tile, 0u);
+    }
+    // How many cells of the tile follow on each axis.
+    let after = ~bitcast<vec3<u32>>(cell) & vec3((1u << log_dim) - 1u);
+    let sides = dot(vec3<u32>(after == vec3(0u)), vec3(4u, 2u, 1u));
+    if sides != 0u {
+        return Span(0u, 0u, tile, sides);
+    }
+    // The largest cube around the cell without cells on the high sides.
+    let log_inner = firstLeadingBit(min(min(after.x, after.y), after.z));
+    if (tile & FILLED) == 0u {
+        return empty_span(log_inner, 0u);
+    }
+    return Span(log_inner, 0u, tile & ~MIXED, 0u);
 }
 
 // The word of the smallest slot over a local cell of the grid's box.
@@ -151,7 +166,7 @@ fn block_of(cell: vec3<i32>) -> u32 {
 fn locate(grid: Grid, cell: vec3<i32>, octant: u32, place: ptr<function, Place>) -> Span {
     let slot = locate_slot(grid, cell, place);
     if (slot & CHILD) == 0u {
-        return tile_span(slot, (*place).log_dim, octant);
+        return tile_span(slot, (*place).log_dim, octant, cell);
     }
     // Read anew for each cell of a block: it is close by, and two registers less to keep.
     let leaf = (*place).head + (slot & LEAF_NUMBER);

@@ -27,20 +27,24 @@ pub struct Limits {
     pub voxels: u64,
     /// Bytes of memory of all trees together.
     pub tree_bytes: u64,
-    /// Bytes of memory that packing a grid takes at its peak, the packed grid included and its tree not.
+    /// Bytes of memory that packing a grid takes at its peak, the packed grid included and its tree not:
+    /// 3 GiB by default. Grids that are packed [together](crate::pack::PackedTogether) count as one.
     pub packed_bytes: u64,
-    /// Bytes that packing a grid takes at its peak for each byte that its tree takes. Grids of up to
-    /// [`Limits::SMALL`] bytes are never refused for it. Time is in proportion to memory, so that this
+    /// Bytes that packing a grid takes at its peak for each byte that its tree takes: 12 by default. Grids
+    /// of up to [`Limits::SMALL`] bytes are never refused for it. Time is in proportion to memory, so that this
     /// bounds both by the size of the file.
     pub packed_growth: u64,
-    /// Bytes of memory of the tree of a level of detail. One of more than [`Limits::SMALL`] bytes that
-    /// takes more than the tree that it is made of is refused, too: it is worth nothing.
+    /// Bytes of memory of the nodes that are made for a level of detail, those that turn out to be tiles
+    /// counted: 2 GiB by default. Where they take more than [`Limits::SMALL_LEVEL`] and more than the
+    /// tree that they are made of, the level is refused, too: it is worth nothing.
     pub level_bytes: u64,
 }
 
 impl Limits {
-    /// Bytes that packing a grid, or a level of detail, may take however small its tree is.
-    pub const SMALL: u64 = 32 << 20;
+    /// Bytes that packing a grid may take however small its tree is.
+    pub const SMALL: u64 = 64 << 20;
+    /// Bytes that a level of detail may take however small the tree is that it is made of.
+    pub const SMALL_LEVEL: u64 = 48 << 20;
 
     /// Bytes that packing may take, and the field that says so, of a tree that takes some.
     pub(crate) fn packing(&self, tree_bytes: u64) -> (u64, &'static str) {
@@ -54,7 +58,7 @@ impl Limits {
 
     /// Bytes that a level of detail may take.
     pub(crate) fn level(&self, tree_bytes: u64) -> u64 {
-        tree_bytes.max(Self::SMALL).min(self.level_bytes)
+        tree_bytes.max(Self::SMALL_LEVEL).min(self.level_bytes)
     }
 }
 
@@ -68,7 +72,7 @@ impl Default for Limits {
             nodes: 1 << 28,
             voxels: 1 << 36,
             tree_bytes: 64 << 30,
-            packed_bytes: 4 << 30,
+            packed_bytes: 3 << 30,
             packed_growth: 12,
             level_bytes: 2 << 30,
         }

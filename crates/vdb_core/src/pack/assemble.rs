@@ -1,14 +1,16 @@
-//! From the tree of words in index space to the words of a packed grid.
-
-use std::collections::HashMap;
+//! From the parts of a tree, in index space, to the words of a packed grid.
 
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::build::{self, Builder, Sources};
-use super::crown::{self, Crown};
+use super::build::{self, CrownTile, Parts};
+use super::content::{Rule, Sources};
+use super::crown::{self, Crown, SOLID};
 use super::layout::*;
 use super::leaps::{self, Chunk};
+use super::options::Packing;
+use super::palette::{Palette, TILE_BYTES};
+use super::region;
 use super::values::{self, Steps, Stored, ValueFormat};
 use super::{GridHeader, PackError, PackKind, PackedGrid, blocks, bricks};
 use crate::tree::CoordBox;
@@ -22,47 +24,17 @@ pub(super) const ALL_EXTENT: u32 = 1 << 25;
 /// The box of a grid without anything to see, which is never shown: it does not matter.
 pub(super) const NOWHERE: CoordBox = CoordBox { min: IVec3::ZERO, max: IVec3::NEG_ONE };
 
-/// Level of crown slots of 2048 cells: a tile of the root, 4096 cells, is eight of them.
-const ROOT_TILE_LEVEL: u32 = 2;
-/// Regions per edge of such a slot.
-const ROOT_TILE_REGIONS: i32 = 16;
-
-/// Regions and tiles over the regions that they stand for, in index space, without tiles of the
-/// background that no ray meets.
-struct Parts<'a> {
-    /// 16³ nodes: region, words.
-    nodes: Vec<(IVec3, &'a [u32])>,
-    /// Tiles of 128³: region, word.
-    tiles: Vec<(IVec3, u32)>,
-    /// Tiles of 4096³: the first of their regions, word.
-    root_tiles: Vec<(IVec3, u32)>,
-}
-
-fn parts(builder: &Builder) -> Parts<'_> {
-    let mut parts = Parts { nodes: Vec::new(), tiles: Vec::new(), root_tiles: Vec::new() };
-    for (origin, &word) in &builder.root {
-        let first = IVec3::from_array(*origin) >> REGION_BITS as i32;
-        if is_background(word) {
-            continue;
-        }
-        if word & CHILD == 0 {
-            parts.root_tiles.push((first, word));
-            continue;
-        }
-        for (slot, &word) in builder.uppers[(word & PAYLOAD) as usize].iter().enumerate() {
-            if is_background(word) {
-                continue;
-            }
-            let s = slot as i32;
-            let region = first + IVec3::new(s >> 10, s >> 5 & 31, s & 31);
-            if word & CHILD == 0 {
-                parts.tiles.push((region, word));
-            } else {
-                parts.nodes.push((region, &*builder.lowers[(word & PAYLOAD) as usize]));
-            }
-        }
+impl CrownTile {
+    /// The regions that it stands for.
+    fn regions(&self) -> CoordBox {
+        CoordBox::cube(self.at << (2 * self.level) as i32, 2 * self.level)
     }
-    parts
+
+    /// Its cells that can stop or dim a ray.
+    fn occupied(&self, kind: PackKind) -> Option<CoordBox> {
+        let shift = REGION_BITS + 2 * self.level;
+        self.tile.occupied_box(Rule::of(kind), CoordBox::cube(self.at << shift as i32, shift))
+    }
 }
 
 /// Where local coordinates and the crown begin, in regions, and how many levels the crown has.
@@ -73,26 +45,19 @@ struct Frame {
 }
 
 impl Frame {
-    /// Everything but tiles of the background is somewhere in the frame.
+    /// All parts are somewhere in the frame.
     fn new(parts: &Parts) -> Self {
-        let single = parts.nodes.iter().map(|(region, _)| *region);
-        let single = single.chain(parts.tiles.iter().map(|(region, _)| *region));
-        let wide: Vec<IVec3> = parts.root_tiles.iter().map(|(region, _)| *region).collect();
-        let ends = wide.iter().map(|first| *first + (2 * ROOT_TILE_REGIONS - 1));
-        let all = single.chain(wide.iter().copied()).chain(ends);
-        let bounds = all.fold(None, |bounds: Option<(IVec3, IVec3)>, region| {
-            let (first, last) = bounds.unwrap_or((region, region));
-            Some((first.min(region), last.max(region)))
-        });
-        let (mut first, last) = bounds.unwrap_or_default();
-        if !wide.is_empty() {
-            first &= -2 * ROOT_TILE_REGIONS;
-        }
-        let extent = (last - first).max_element() as u32 + 1;
+        let regions = parts.regions.iter().map(|region| CoordBox::voxel(region.at));
+        let all = regions.chain(parts.tiles.iter().map(CrownTile::regions));
+        let bounds = all.reduce(CoordBox::union).unwrap_or(CoordBox::voxel(IVec3::ZERO));
+        let highest = parts.tiles.iter().map(|tile| tile.level).max().unwrap_or(0);
+        let first = bounds.min & -(1 << (2 * highest));
+        let extent = (bounds.max - first).max_element() as u32 + 1;
         // Local coordinates start at zero; in a grid so wide that they could overflow, the crown
         // spans the whole index space instead. Either way slots are aligned to their own size.
         if extent < WIDE {
-            Self { base: first, crown_origin: IVec3::ZERO, levels: crown::levels(extent) }
+            let levels = crown::levels(extent).max(highest + 1);
+            Self { base: first, crown_origin: IVec3::ZERO, levels }
         } else {
             let levels = crown::levels(ALL_EXTENT);
             Self { base: IVec3::ZERO, crown_origin: ALL_FIRST, levels }
@@ -105,89 +70,60 @@ impl Frame {
     }
 }
 
-/// Whether a word is a tile of the background, which is tile value 0, that no ray meets.
-fn is_background(word: u32) -> bool {
-    word == 0
-}
-
-fn set_root_tile(crown: &mut Crown, first: IVec3, word: u32) {
-    for i in 0..8 {
-        let part = IVec3::new(i >> 2, i >> 1 & 1, i & 1);
-        crown.set(first / ROOT_TILE_REGIONS + part, ROOT_TILE_LEVEL, word);
-    }
-}
-
-/// A region, with the masks of its leaves and their numbers in the builder.
-struct Region {
-    words: Vec<u32>,
-    masks: Vec<u32>,
-    leaves: Vec<u32>,
-}
-
-fn occupied_leaves(words: &[u32]) -> Chunk {
-    let mut chunk = Chunk::default();
-    for (slot, word) in words.iter().enumerate() {
-        chunk[slot >> 8][slot >> 4 & 15] |= u16::from(word & OCCUPIED != 0) << (slot & 15);
-    }
-    chunk
-}
-
-fn region(words: &[u32], codes: &[u32], masks: &[[u32; LEAF_MASK_WORDS]]) -> Region {
-    let mut region =
-        Region { words: Vec::with_capacity(REGION_WORDS), masks: Vec::new(), leaves: Vec::new() };
-    for (&word, &code) in words.iter().zip(codes) {
-        region.words.push(match word & (CHILD | OCCUPIED) {
-            OCCUPIED => word,
-            0 | CHILD => code,
-            _ => {
-                let leaf = word & PAYLOAD;
-                let mask = &masks[leaf as usize];
-                let number = region.leaves.len() as u32;
-                let blocks = mask.chunks_exact(2).enumerate();
-                let blocks = blocks.map(|(i, pair)| u32::from(pair[0] | pair[1] != 0) << i);
-                region.masks.extend(mask);
-                region.leaves.push(leaf);
-                CHILD | blocks.sum::<u32>() << LEAF_NUMBER_BITS | number
-            }
-        });
-    }
-    region
-}
-
-/// The crown, and the regions in its order.
+/// The crown over all parts, and the words of the regions in its order.
 fn traversal(
-    parts: &Parts,
+    parts: &mut Parts,
     frame: &Frame,
-    masks: &[[u32; LEAF_MASK_WORDS]],
-) -> (Vec<u32>, Vec<Region>) {
-    const SOLID: Chunk = [[u16::MAX; 16]; 16];
+    palette: &mut Palette,
+    packing: &Packing,
+) -> Result<Crown, PackError> {
     let mut crown = Crown::new(frame.levels);
-    let mut chunks: HashMap<IVec3, Chunk> = HashMap::new();
-    for &(first, word) in parts.root_tiles.iter().filter(|(_, word)| word & OCCUPIED != 0) {
-        set_root_tile(&mut crown, frame.place(first), word);
-    }
-    let wide: HashMap<IVec3, u32> = parts.root_tiles.iter().copied().collect();
-    for &(region, word) in parts.tiles.iter().filter(|(_, word)| word & OCCUPIED != 0) {
-        crown.set(frame.place(region), 0, word);
-        chunks.insert(region, SOLID);
-    }
-    let any = |words: &[u32]| words.iter().any(|word| word & OCCUPIED != 0);
-    let occupied: Vec<_> = parts.nodes.iter().filter(|(_, words)| any(words)).collect();
-    for (number, (region, words)) in occupied.iter().enumerate() {
-        crown.set(frame.place(*region), 0, CHILD | number as u32);
-        chunks.insert(*region, occupied_leaves(words));
-    }
-    crown.add_leaps();
-    let chunk_at = |region: IVec3| {
-        let wide_tile = || wide.get(&(region & (-2 * ROOT_TILE_REGIONS)));
-        let solid = || wide_tile().is_some_and(|word| word & OCCUPIED != 0).then_some(&SOLID);
-        chunks.get(&region).or_else(solid)
+    let mut taken = 0;
+    let mut set = |at: IVec3, level: u32, word: u32| {
+        crown.set(at, level, word);
+        // Once more in the packed grid; what is needed for leaps is never more than as much again.
+        let bytes = 3 * crown.bytes();
+        packing.take(bytes - taken)?;
+        taken = bytes;
+        Ok::<(), PackError>(())
     };
-    let regions = occupied
-        .par_iter()
-        .map(|(at, words)| region(words, &leaps::codes(|beside| chunk_at(*at + beside)), masks))
-        .collect();
-    (crown.into_words(), regions)
+    for CrownTile { level, at, tile } in &parts.tiles {
+        packing.take(TILE_BYTES)?;
+        let at = frame.place(*at << (2 * level) as i32) >> (2 * level) as i32;
+        set(at, *level, palette.word(*tile))?;
+    }
+    for (number, region) in parts.regions.iter().enumerate() {
+        set(frame.place(region.at), 0, CHILD | number as u32)?;
+    }
+    build::check("nodes of the crown", crown.bytes() / 272)?;
+    crown.add_leaps(|| packing.step(0))?;
+    let chunks: Vec<Chunk> =
+        parts.regions.par_iter().map(|region| region::chunk(&region.words)).collect();
+    let chunk_at = |at: IVec3| match crown.find(frame.place(at), 0).0 {
+        word if word & CHILD != 0 => Some(&chunks[(word & PAYLOAD) as usize]),
+        word if word & OCCUPIED != 0 => Some(&SOLID),
+        _ => None,
+    };
+    let numbers: Vec<_> =
+        parts.regions.iter().map(|region| palette.merge(&region.palette)).collect();
+    palette.check()?;
+    parts.regions.par_iter_mut().zip(numbers).try_for_each(|(region, numbers)| {
+        packing.step(1)?;
+        let at = region.at;
+        let codes = leaps::codes(|beside| chunk_at(at + beside));
+        for (word, code) in region.words.iter_mut().zip(codes) {
+            match *word & (CHILD | OCCUPIED) {
+                0 => *word = code,
+                OCCUPIED => {
+                    let own = *word & PAYLOAD;
+                    *word = *word & !PAYLOAD | numbers.get(&own).copied().unwrap_or(0);
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    })?;
+    Ok(crown)
 }
 
 /// The number of the next word.
@@ -199,14 +135,14 @@ fn end(words: &[u32]) -> Result<u32, PackError> {
 pub(super) fn assemble(
     kind: PackKind,
     format: ValueFormat,
-    builder: &Builder,
-    sources: &Sources,
-    occupied: Option<CoordBox>,
-    masks: &[[u32; LEAF_MASK_WORDS]],
+    mut parts: Parts,
+    packing: &Packing,
 ) -> Result<PackedGrid, PackError> {
-    let parts = parts(builder);
     let frame = Frame::new(&parts);
     let base = frame.base << REGION_BITS as i32;
+    let boxes = parts.regions.iter().filter_map(|region| region.occupied);
+    let boxes = boxes.chain(parts.tiles.iter().filter_map(|tile| tile.occupied(kind)));
+    let occupied = boxes.reduce(CoordBox::union);
     let occupied = occupied.map(|b| CoordBox { min: b.min - base, max: b.max - base });
     let bounds = occupied.unwrap_or(NOWHERE);
     let mut header = GridHeader {
@@ -216,35 +152,45 @@ pub(super) fn assemble(
         occupied_max: bounds.max.to_array(),
         ..GridHeader::default()
     };
-    let (mut words, regions) = traversal(&parts, &frame, masks);
+    let mut palette = Palette::new(kind);
+    let mut words = traversal(&mut parts, &frame, &mut palette, packing)?.into_words();
     header.heads = end(&words)?;
-    let mut leaves = Vec::new();
-    for region in &regions {
-        words.push(leaves.len() as u32);
-        leaves.extend(region.leaves.iter().map(|&leaf| sources.origin(leaf)));
+    let mut leaves = 0;
+    for region in &parts.regions {
+        words.push(leaves);
+        leaves += region.masks.len() as u32;
     }
     header.regions = end(&words)?;
-    regions.iter().for_each(|region| words.extend(&region.words));
+    let own_words = parts.regions.len() * REGION_WORDS + leaves as usize * LEAF_MASK_WORDS;
+    words.reserve_exact(own_words);
+    for region in &mut parts.regions {
+        words.extend(&std::mem::take(&mut region.words));
+    }
     header.masks = end(&words)?;
-    regions.iter().for_each(|region| words.extend(&region.masks));
-    drop(regions);
+    for region in &mut parts.regions {
+        words.extend(std::mem::take(&mut region.masks).as_flattened());
+    }
+    let leaves: Vec<&Sources> = parts.regions.iter().flat_map(|region| &region.sources).collect();
     let mut majorant = 0.0;
     match kind {
         PackKind::Surface { .. } => {}
         PackKind::Smooth { .. } => {
-            add_blocks(kind, format, sources, &leaves, &mut words, &mut header)?;
+            add_blocks(kind, format, &leaves, &mut words, &mut header, packing)?;
         }
         PackKind::Fog => {
-            majorant = bricks::largest_density(sources.leaves(), sources.tile_values());
-            add_bricks(format, sources, &leaves, majorant, &mut words, &mut header)?;
+            majorant = bricks::largest_density(&leaves, &palette.values);
+            let own = (&*leaves, &*palette.values);
+            add_bricks(format, own, majorant, &mut words, &mut header, packing)?;
         }
     }
     header.palette = end(&words)?;
     if !matches!(kind, PackKind::Surface { .. }) {
         // Those of a smooth surface are in units of its samples.
         let scale = if kind == PackKind::Fog { 1.0 } else { header.scale };
-        let tiles = sources.tile_values().iter().map(|&value| values::tile(kind, value, scale));
+        let tiles = palette.values.iter().map(|&value| values::tile(kind, value, scale));
         words.extend(tiles.map(f32::to_bits));
+        // The word after the last sample is read for nothing now and then.
+        words.push(0);
     }
     end(&words)?;
     Ok(PackedGrid { kind, base, occupied, words, header, majorant })
@@ -253,16 +199,14 @@ pub(super) fn assemble(
 /// Samples of fog.
 fn add_bricks(
     format: ValueFormat,
-    sources: &Sources,
-    leaves: &[IVec3],
+    (leaves, tiles): (&[&Sources], &[f32]),
     majorant: f32,
     words: &mut Vec<u32>,
     header: &mut GridHeader,
+    packing: &Packing,
 ) -> Result<(), PackError> {
     let factor = values::half_factor(majorant);
-    let stored = values::stored(format, || {
-        bricks::densities_fit_half(sources.leaves(), sources.tile_values(), factor)
-    });
+    let stored = values::stored(format, || bricks::densities_fit_half(leaves, tiles, factor));
     header.scale = stored.scale(factor);
     let brick_words = bricks::brick_words(stored);
     header.format = stored as u32;
@@ -270,23 +214,31 @@ fn add_bricks(
     header.samples = end(words)?;
     let count = words.len() as u64 + leaves.len() as u64 * brick_words as u64;
     build::check_at_most("words", count, u32::MAX.into())?;
+    // They are copied where the vector grows.
+    packing.take(4 * (count + words.len() as u64))?;
+    words.reserve_exact(leaves.len() * brick_words + tiles.len() + 1);
+    packing.give_back(4 * words.len() as u64);
     words.resize(count as usize, 0);
-    bricks::write_bricks(sources, stored, factor, leaves, &mut words[header.samples as usize..]);
-    Ok(())
+    let out = &mut words[header.samples as usize..];
+    bricks::write_bricks(leaves, stored, factor, out, packing)
 }
 
 /// Samples of a smooth surface.
 fn add_blocks(
     kind: PackKind,
     format: ValueFormat,
-    sources: &Sources,
-    leaves: &[IVec3],
+    leaves: &[&Sources],
     words: &mut Vec<u32>,
     header: &mut GridHeader,
+    packing: &Packing,
 ) -> Result<(), PackError> {
-    let blocks = blocks::blocks(sources, kind, leaves, &words[header.masks as usize..]);
+    let blocks = blocks::blocks(kind, leaves, &words[header.masks as usize..], packing)?;
     build::check_at_most("samples", blocks.samples.len() as u64, u32::MAX.into())?;
     header.leaf_records = end(words)?;
+    let own_words = blocks.firsts.len() + blocks.records.len() + blocks.samples.len();
+    packing.take(4 * words.len() as u64)?;
+    words.reserve(own_words);
+    packing.give_back(4 * words.len() as u64);
     words.extend(&blocks.firsts);
     header.records = end(words)?;
     words.extend(&blocks.records);

@@ -1,12 +1,12 @@
 //! The samples of smooth surfaces: those at the corners of the cells that a surface passes through.
 
-use glam::IVec3;
 use rayon::prelude::*;
 
-use super::PackKind;
 use super::bricks::{self, Brick};
-use super::build::Sources;
+use super::content::Sources;
 use super::layout::*;
+use super::options::Packing;
+use super::{PackError, PackKind};
 
 /// Records of blocks and their samples, of any number of leaves.
 #[derive(Default)]
@@ -22,27 +22,31 @@ pub(super) struct Blocks {
 /// Leaves that one thread takes at once.
 const LEAVES: usize = 256;
 
-/// The blocks of leaves with these origins and masks.
+/// The blocks of leaves with these masks.
 pub(super) fn blocks(
-    sources: &Sources,
     kind: PackKind,
-    origins: &[IVec3],
+    leaves: &[&Sources],
     masks: &[u32],
-) -> Blocks {
+    packing: &Packing,
+) -> Result<Blocks, PackError> {
     let masks = masks.as_chunks::<LEAF_MASK_WORDS>().0;
-    let parts: Vec<Blocks> = origins
+    packing.add_steps(leaves.len().div_ceil(LEAVES) as u64);
+    let parts: Vec<Blocks> = leaves
         .par_chunks(LEAVES)
         .zip(masks.par_chunks(LEAVES))
-        .map(|(origins, masks)| {
+        .map(|(leaves, masks)| {
+            packing.step(1)?;
             let mut part = Blocks::default();
             let mut brick = [0.0; BRICK_VALUES];
-            for (origin, mask) in origins.iter().zip(masks) {
-                bricks::gather(|at| sources.at(at), kind, *origin, &mut brick);
+            for (sources, mask) in leaves.iter().zip(masks) {
+                bricks::gather(sources, kind, &mut brick);
                 part.add_leaf(mask, &brick);
             }
-            part
+            // Once more where they are put together, and once in the packed grid.
+            packing.take(3 * part.bytes())?;
+            Ok(part)
         })
-        .collect();
+        .collect::<Result<_, PackError>>()?;
     let mut all = Blocks::default();
     for part in parts {
         let records = (all.records.len() / RECORD_WORDS) as u32;
@@ -54,10 +58,14 @@ pub(super) fn blocks(
         }
         all.samples.extend(&part.samples);
     }
-    all
+    Ok(all)
 }
 
 impl Blocks {
+    fn bytes(&self) -> u64 {
+        4 * (self.firsts.len() + self.records.len() + self.samples.len()) as u64
+    }
+
     /// Adds a leaf behind those that are there.
     pub fn add_leaf(&mut self, mask: &[u32; LEAF_MASK_WORDS], brick: &Brick) {
         self.firsts.push((self.records.len() / RECORD_WORDS) as u32);

@@ -1,31 +1,20 @@
 //! The samples of leaves with the first ones of their neighbours: bricks of fog, blocks of surfaces.
 
-use glam::IVec3;
 use rayon::prelude::*;
 
-use super::PackKind;
-use super::build::{Leaf, Source, Sources};
+use super::content::{self, Source, Sources, corner};
 use super::layout::*;
+use super::options::Packing;
 use super::values::{self, Steps, Stored};
+use super::{PackError, PackKind};
 
 /// Samples `x·90 + y·10 + z` of a leaf-sized cube and of its neighbours on the high side.
 pub(super) type Brick = [f32; BRICK_VALUES];
 
-/// The samples of the cube at an origin, as they are kept; `source` tells what covers the leaf-sized
-/// cube that holds a voxel.
-pub(super) fn gather<'a>(
-    source: impl Fn(IVec3) -> Source<'a>,
-    kind: PackKind,
-    origin: IVec3,
-    brick: &mut Brick,
-) {
-    for side in 0..8 {
-        let side = IVec3::new(side >> 2, side >> 1 & 1, side & 1);
-        let source = match origin.checked_add(side * 8) {
-            Some(at) => source(at),
-            // Beyond the index space there is nothing to see.
-            None => Source::Constant(f32::NAN),
-        };
+/// The samples of a cube, as they are kept.
+pub(super) fn gather(sources: &Sources, kind: PackKind, brick: &mut Brick) {
+    for (side, source) in sources.iter().enumerate() {
+        let side = corner(side);
         let range = |high: i32| if high == 0 { 0..8 } else { 8..9 };
         for x in range(side.x) {
             for y in range(side.y) {
@@ -43,7 +32,7 @@ pub(super) fn gather<'a>(
                             out.fill(values::safe(kind, row[0]));
                         }
                     }
-                    Source::Constant(value) => out.fill(values::safe(kind, value)),
+                    Source::Constant(value) => out.fill(values::safe(kind, *value)),
                 }
             }
         }
@@ -55,39 +44,60 @@ pub(super) fn brick_words(stored: Stored) -> usize {
     stored.words(BRICK_VALUES) + if stored == Stored::Byte { 2 } else { 0 }
 }
 
-/// The bricks of leaves with these origins, one after the other; `factor` is that of values in 16 bits.
+/// Bricks that one thread writes at once.
+const BRICKS: usize = 128;
+
+/// The bricks of leaves, one after the other; `factor` is that of values in 16 bits.
 pub(super) fn write_bricks(
-    sources: &Sources,
+    leaves: &[&Sources],
     stored: Stored,
     factor: f32,
-    origins: &[IVec3],
     out: &mut [u32],
-) {
-    out.par_chunks_exact_mut(brick_words(stored)).zip(origins).for_each(|(out, origin)| {
-        let mut brick = [0.0; BRICK_VALUES];
-        gather(|at| sources.at(at), PackKind::Fog, *origin, &mut brick);
-        if stored == Stored::Byte {
-            let steps = Steps::between(&brick);
-            out[..2].copy_from_slice(&[steps.offset.to_bits(), steps.scale.to_bits()]);
-            values::write_bytes(&brick, &mut out[2..], |value| steps.code(value));
-        } else {
-            values::write_floats(stored, &brick, factor, out);
-        }
-    });
+    packing: &Packing,
+) -> Result<(), PackError> {
+    let words = brick_words(stored);
+    packing.add_steps(leaves.len().div_ceil(BRICKS) as u64);
+    out.par_chunks_mut(BRICKS * words).zip(leaves.par_chunks(BRICKS)).try_for_each(
+        |(out, leaves)| {
+            packing.step(1)?;
+            for (out, sources) in out.chunks_exact_mut(words).zip(leaves) {
+                write_brick(sources, stored, factor, out);
+            }
+            Ok(())
+        },
+    )
+}
+
+fn write_brick(sources: &Sources, stored: Stored, factor: f32, out: &mut [u32]) {
+    let mut brick = [0.0; BRICK_VALUES];
+    gather(sources, PackKind::Fog, &mut brick);
+    if stored == Stored::Byte {
+        let steps = Steps::between(&brick);
+        out[..2].copy_from_slice(&[steps.offset.to_bits(), steps.scale.to_bits()]);
+        values::write_bytes(&brick, &mut out[2..], |value| steps.code(value));
+    } else {
+        values::write_floats(stored, &brick, factor, out);
+    }
 }
 
 /// Whether 16 bits hold every density of some leaves and of all tiles, once multiplied by a factor.
-pub(super) fn densities_fit_half(leaves: &[&Leaf], tiles: &[f32], factor: f32) -> bool {
+pub(super) fn densities_fit_half(leaves: &[&Sources], tiles: &[f32], factor: f32) -> bool {
     let fit = |values: &[f32]| {
         values.iter().all(|&v| values::all_fit_half(&[values::safe(PackKind::Fog, v)], factor))
     };
-    fit(tiles) && leaves.par_iter().all(|leaf| fit(leaf.values_slice()))
+    let leaf_fits = |sources: &&Sources| {
+        sources.iter().enumerate().all(|(side, source)| match source {
+            Source::Constant(value) => fit(&[*value]),
+            // Those beside it are leaves of their own where they have a density.
+            Source::Leaf(leaf) => side > 0 || fit(leaf.values_slice()),
+        })
+    };
+    fit(tiles) && leaves.par_iter().all(leaf_fits)
 }
 
 /// The largest density of some leaves and of all tiles.
-pub(super) fn largest_density(leaves: &[&Leaf], tiles: &[f32]) -> f32 {
-    let of = |values: &[f32]| {
-        values.iter().map(|&value| values::safe(PackKind::Fog, value)).fold(0.0, f32::max)
-    };
-    leaves.par_iter().map(|leaf| of(leaf.values_slice())).reduce(|| 0.0, f32::max).max(of(tiles))
+pub(super) fn largest_density(leaves: &[&Sources], tiles: &[f32]) -> f32 {
+    let tiles = tiles.iter().map(|&value| values::density(value)).fold(0.0, f32::max);
+    let leaves = leaves.par_iter().map(|sources| content::largest_density(sources));
+    leaves.reduce(|| tiles, f32::max)
 }

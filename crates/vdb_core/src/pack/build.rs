@@ -1,256 +1,86 @@
-//! From tree to words.
+//! From tree to words: which cubes of the crown are tiles, and which are regions.
+//!
+//! A tile stays a tile, however large, and eight values tell of the cells along its high sides, as long
+//! as tiles as large as itself cover what lies there. Where something finer does, it is cut: never
+//! further than what it touches is, so that there are no more cubes than in proportion to the nodes of
+//! the tree.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::mixed::{self, Ghosts};
+use super::content::{Leaf, Tile, corner};
 use super::options::{PackOptions, Packing};
-use super::{PackError, PackKind, PackedGrid, assemble, bits, cells, layout::*};
-use crate::tree::{CoordBox, InternalNode, LeafNode, Node, RootEntry, Slot, Vdb543};
+use super::region::{self, Built, Region};
+use super::{PackError, PackKind, PackedGrid, assemble, layout::*};
+use crate::tree::{InternalNode, RootEntry, Slot, Vdb543};
 
-pub(super) type Leaf = LeafNode<f32, 3>;
-type Lower = InternalNode<Leaf, 4>;
+pub(super) type Lower = InternalNode<Leaf, 4>;
 type Upper = InternalNode<Lower, 5>;
 
-/// The word of the background's tile, which is the first that is asked for.
-const BACKGROUND: u32 = 0;
+/// Level of the largest slots of the crown that a tile of the root, 4096 cells, is made of: 2048 cells.
+const ROOT_TILE_LEVEL: u32 = 2;
+/// Slots of the crown per edge of a 32³ node, by their level.
+const fn slots_per_edge(level: u32) -> i32 {
+    32 >> (2 * level)
+}
 
-/// The tree as words while it grows: each slot is a [`CHILD`] with the number of a node of the next
-/// level or of a leaf, or else a place in the palette of values; in both, [`OCCUPIED`] says that
-/// something there can stop or dim a ray, and [`MIXED`] marks tiles as in [`layout`](super::layout).
-/// All coordinates are in index space.
+/// What covers a cube of 128³ voxels.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Wide<'a> {
+    Lower(&'a Lower),
+    /// All of one value. Beyond the index space that is no number.
+    Tile(f32),
+}
+
+/// What covers a cube of 4096³ voxels.
+#[derive(Clone, Copy)]
+enum Widest<'a> {
+    Upper(&'a Upper),
+    Tile(f32),
+}
+
+/// A tile in the crown.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CrownTile {
+    /// The level of its slot; level 0 holds regions.
+    pub level: u32,
+    /// In slots of that level, in index space.
+    pub at: IVec3,
+    pub tile: Tile,
+}
+
+/// What of a tree a ray can meet: disjoint cubes, in index space.
 #[derive(Default)]
-pub(super) struct Builder {
-    /// Cell words of the root, by origin.
-    pub root: BTreeMap<[i32; 3], u32>,
-    /// Slots of 32³ nodes.
-    pub uppers: Vec<Box<[u32]>>,
-    /// Slots of 16³ nodes.
-    pub lowers: Vec<Box<[u32]>>,
-    /// Distinct tile values by their bits, with their number.
-    palette: BTreeMap<u32, u32>,
-    /// Values of tiles, and, eight by eight, those that mixed tiles touch, their own first.
-    pub tile_values: Vec<f32>,
-    /// The last one asked for, bits and number: tiles of one value stand side by side.
-    last_tile: Option<(u32, u32)>,
+pub(super) struct Parts<'a> {
+    pub tiles: Vec<CrownTile>,
+    pub regions: Vec<Region<'a>>,
 }
 
-impl Builder {
-    /// The word of a tile, not occupied.
-    pub(super) fn tile(&mut self, value: f32) -> u32 {
-        let bits = value.to_bits();
-        if let Some((_, number)) = self.last_tile.filter(|last| last.0 == bits) {
-            return number;
-        }
-        let next = self.tile_values.len() as u32;
-        let number = *self.palette.entry(bits).or_insert(next);
-        if number == next {
-            self.tile_values.push(value);
-        }
-        self.last_tile = Some((bits, number & PAYLOAD));
-        number & PAYLOAD
-    }
-
-    /// The word of the smallest cube that covers a voxel: a leaf's or a tile's.
-    pub(super) fn word_at(&self, ijk: IVec3) -> u32 {
-        let root = self.root.get(&Upper::origin_of(ijk).to_array());
-        let mut word = root.copied().unwrap_or(BACKGROUND);
-        if word & CHILD != 0 {
-            word = self.uppers[(word & PAYLOAD) as usize][upper_slot(ijk)];
-            if word & CHILD != 0 {
-                word = self.lowers[(word & PAYLOAD) as usize][region_slot(ijk)];
-            }
-        }
-        word
-    }
-
-    /// The word of the tile that covers a cube of `2^log2` voxels per edge (3 or 7), if one does.
-    pub(super) fn tile_over(&self, ijk: IVec3, log2: u32) -> Option<u32> {
-        let root = self.root.get(&Upper::origin_of(ijk).to_array());
-        let mut word = root.copied().unwrap_or(BACKGROUND);
-        if word & CHILD != 0 {
-            word = self.uppers[(word & PAYLOAD) as usize][upper_slot(ijk)];
-            if word & CHILD != 0 && log2 == LEAF_BITS {
-                word = self.lowers[(word & PAYLOAD) as usize][region_slot(ijk)];
-            }
-        }
-        (word & CHILD == 0).then_some(word)
-    }
-
-    /// The origins of tiles of `2^log2` voxels per edge (3 or 7) that are marked as mixed.
-    pub(super) fn marked(&self, log2: u32) -> Vec<IVec3> {
-        let mut marked = Vec::new();
-        for (origin, &word) in self.root.iter().filter(|(_, word)| **word & CHILD != 0) {
-            let origin = IVec3::from_array(*origin);
-            for (slot, &word) in self.uppers[(word & PAYLOAD) as usize].iter().enumerate() {
-                let origin = origin + Upper::slot_offset(slot);
-                if word & CHILD == 0 {
-                    if log2 == REGION_BITS && word & MIXED != 0 {
-                        marked.push(origin);
-                    }
-                } else if log2 == LEAF_BITS {
-                    let words = self.lowers[(word & PAYLOAD) as usize].iter().enumerate();
-                    let words = words.filter(|(_, word)| *word & (CHILD | MIXED) == MIXED);
-                    marked.extend(words.map(|(slot, _)| origin + Lower::slot_offset(slot)));
-                }
-            }
-        }
-        marked
-    }
-
-    /// Appends values to the palette, and gives the place of the first.
-    pub(super) fn add_tuple(&mut self, values: &[f32; 8]) -> u32 {
-        let first = self.tile_values.len() as u32;
-        self.tile_values.extend(values);
-        first
-    }
-
-    /// The value of a tile.
-    pub(super) fn tile_value(&self, word: u32) -> f32 {
-        self.tile_values[(word & PAYLOAD) as usize]
-    }
-
-    /// The word over the node-sized cube of `2^log2` voxels per edge that holds `ijk` (3, 7 or 12),
-    /// with all nodes down to it made where they are missing.
-    pub(super) fn word_mut(&mut self, ijk: IVec3, log2: u32) -> &mut u32 {
-        let root = self.root.entry(Upper::origin_of(ijk).to_array()).or_insert(BACKGROUND);
-        if log2 == UPPER_BITS {
-            return root;
-        }
-        let upper = descend(root, &mut self.uppers, UPPER_SLOTS);
-        let word = &mut upper[upper_slot(ijk)];
-        if log2 == REGION_BITS {
-            return word;
-        }
-        let lower = descend(word, &mut self.lowers, REGION_WORDS);
-        &mut lower[region_slot(ijk)]
-    }
-
-    /// Sets [`OCCUPIED`] wherever something below has it.
-    fn lift_occupied(&mut self) {
-        let occupied = |words: &[u32]| words.iter().any(|word| word & OCCUPIED != 0);
-        let lowers: Vec<bool> = self.lowers.par_iter().map(|node| occupied(node)).collect();
-        let lift = |word: &mut u32, below: &[bool]| {
-            if *word & CHILD != 0 && below[(*word & PAYLOAD) as usize] {
-                *word |= OCCUPIED;
-            }
-        };
-        for word in self.uppers.iter_mut().flat_map(|node| node.iter_mut()) {
-            lift(word, &lowers);
-        }
-        let uppers: Vec<bool> = self.uppers.iter().map(|node| occupied(node)).collect();
-        for word in self.root.values_mut() {
-            lift(word, &uppers);
-        }
-    }
-
-    /// The box of occupied cells, to the precision of leaf masks and mixed tiles.
-    fn occupied_box(&self, masks: &[u32]) -> Option<CoordBox> {
-        let cube = |origin, log2| Some(CoordBox::cube(origin, log2));
-        let below = |word: u32, origin: IVec3, log2| match word & (CHILD | OCCUPIED) {
-            0 | CHILD => None,
-            OCCUPIED => cube(origin, log2),
-            _ => Some(CoordBox::voxel(origin)), // replaced by the caller, who knows the level
-        };
-        let union = |a: Option<CoordBox>, b: Option<CoordBox>| match (a, b) {
-            (Some(a), Some(b)) => Some(a.union(b)),
-            (a, b) => a.or(b),
-        };
-        let in_lower = |number: u32, origin: IVec3| {
-            self.lowers[number as usize]
-                .iter()
-                .enumerate()
-                .map(|(slot, &word)| {
-                    let at = origin + Lower::slot_offset(slot);
-                    let found = below(word, at, LEAF_BITS)?;
-                    if word & CHILD == 0 {
-                        return Some(found);
-                    }
-                    bits::mask_box(&masks[(word & PAYLOAD) as usize * LEAF_MASK_WORDS..], at)
-                })
-                .fold(None, union)
-        };
-        self.root
-            .iter()
-            .map(|(origin, &word)| {
-                let origin = IVec3::from_array(*origin);
-                let found = below(word, origin, UPPER_BITS)?;
-                if word & CHILD == 0 {
-                    return Some(found);
-                }
-                self.uppers[(word & PAYLOAD) as usize]
-                    .par_iter()
-                    .enumerate()
-                    .map(|(slot, &word)| {
-                        let at = origin + Upper::slot_offset(slot);
-                        let found = below(word, at, REGION_BITS)?;
-                        if word & CHILD == 0 {
-                            return Some(found);
-                        }
-                        in_lower(word & PAYLOAD, at)
-                    })
-                    .reduce(|| None, union)
-            })
-            .fold(None, union)
-    }
+/// A cube of 128³ cells that is looked at leaf by leaf.
+struct Fine<'a> {
+    at: IVec3,
+    /// What covers it, and its neighbours on the high side.
+    sources: [Wide<'a>; 8],
+    /// Whether the tree does not hold it.
+    is_void: bool,
 }
 
-/// The node that a word leads to; made from the word's tile when it is none yet.
-fn descend<'a>(word: &mut u32, nodes: &'a mut Vec<Box<[u32]>>, words: usize) -> &'a mut [u32] {
-    if *word & CHILD == 0 {
-        nodes.push(vec![*word; words].into_boxed_slice());
-        *word = CHILD | (nodes.len() - 1) as u32 & PAYLOAD;
-    }
-    &mut nodes[(*word & PAYLOAD) as usize]
+/// A cube of 4096³ cells, and what was found in it.
+struct Cube<'a> {
+    kind: PackKind,
+    origin: IVec3,
+    /// What covers it, and its neighbours on the high side.
+    sources: [Widest<'a>; 8],
+    /// Whether the tree does not hold it.
+    is_void: bool,
+    tiles: Vec<CrownTile>,
+    fine: Vec<Fine<'a>>,
 }
 
-/// What covers a leaf-sized cube.
-pub(super) enum Source<'a> {
-    Leaf(&'a Leaf),
-    Constant(f32),
-}
-
-/// Where the values of cubes come from.
-pub(super) struct Sources<'a> {
-    builder: &'a Builder,
-    leaves: &'a [&'a Leaf],
-    ghosts: &'a Ghosts,
-}
-
-impl Sources<'_> {
-    /// What covers the leaf-sized cube that holds a voxel.
-    pub fn at(&self, ijk: IVec3) -> Source<'_> {
-        let word = self.builder.word_at(ijk);
-        let number = (word & PAYLOAD) as usize;
-        if word & CHILD == 0 {
-            return Source::Constant(self.builder.tile_value(word));
-        }
-        match self.leaves.get(number) {
-            Some(leaf) => Source::Leaf(leaf),
-            None => Source::Constant(self.ghosts.values[number - self.leaves.len()]),
-        }
-    }
-
-    /// The origin of a leaf or a ghost.
-    pub fn origin(&self, number: u32) -> IVec3 {
-        let number = number as usize;
-        match self.leaves.get(number) {
-            Some(leaf) => leaf.origin(),
-            None => self.ghosts.origins[number - self.leaves.len()],
-        }
-    }
-
-    pub fn leaves(&self) -> &[&Leaf] {
-        self.leaves
-    }
-
-    /// The palette.
-    pub fn tile_values(&self) -> &[f32] {
-        &self.builder.tile_values
-    }
-}
+/// Cubes that one thread takes at once.
+const CUBES: usize = 64;
 
 pub(super) fn pack(
     tree: &Vdb543<f32>,
@@ -258,53 +88,14 @@ pub(super) fn pack(
     options: &PackOptions,
 ) -> Result<PackedGrid, PackError> {
     let packing = Packing::new(tree, options);
-    packing.add_steps(2);
-    packing.step(1)?;
-    let format = options.format;
-    let mut builder = Builder::default();
-    let background = builder.tile(tree.background());
-    debug_assert_eq!(background, BACKGROUND);
-    let leaves = copy_topology(tree, kind, &mut builder);
-    check("leaves", leaves.len() as u64)?;
-
-    let rule = match kind {
-        PackKind::Surface { iso } | PackKind::Smooth { iso } => cells::Rule::Crossing(iso),
-        PackKind::Fog => cells::Rule::Density,
-    };
-    let planes: Vec<bits::Planes> =
-        leaves.par_iter().map(|leaf| bits::planes(leaf, |value| rule.counts(value))).collect();
-    let solid = matches!(kind, PackKind::Surface { .. });
-    let mut masks: Vec<[u32; LEAF_MASK_WORDS]> = if solid {
-        planes.par_iter().map(bits::mask).collect()
-    } else {
-        let leaves = leaves.par_iter().zip(&planes);
-        leaves
-            .map(|(leaf, own)| cells::cell_mask(&builder, rule, &planes, leaf.origin(), own))
-            .collect()
-    };
-    for (leaf, mask) in leaves.iter().zip(&masks) {
-        if mask.iter().any(|&word| word != 0) {
-            *builder.word_mut(leaf.origin(), LEAF_BITS) |= OCCUPIED;
-        }
-    }
-    let mut ghosts = Ghosts::default();
-    if !solid {
-        cells::mark_mixed_tiles(tree, rule, &leaves, &planes, &mut builder);
-        ghosts = mixed::resolve(&mut builder, rule, &planes);
-        masks.append(&mut ghosts.masks);
-    }
-    builder.lift_occupied();
-    check("leaves", masks.len() as u64)?;
-    check("distinct tile values", builder.tile_values.len() as u64)?;
-    check("32³ nodes", builder.uppers.len() as u64)?;
-    check("16³ nodes", builder.lowers.len() as u64)?;
-
-    let occupied = builder.occupied_box(masks.as_flattened());
-    let sources = Sources { builder: &builder, leaves: &leaves, ghosts: &ghosts };
-    assemble::assemble(kind, format, &builder, &sources, occupied, &masks)
+    let parts = parts(tree, kind, &packing)?;
+    check("regions", parts.regions.len() as u64)?;
+    let packed = assemble::assemble(kind, options.format, parts, &packing)?;
+    packing.done(&packed);
+    Ok(packed)
 }
 
-fn check(what: &'static str, count: u64) -> Result<(), PackError> {
+pub(super) fn check(what: &'static str, count: u64) -> Result<(), PackError> {
     check_at_most(what, count, PAYLOAD.into())
 }
 
@@ -312,54 +103,234 @@ pub(super) fn check_at_most(what: &'static str, count: u64, limit: u64) -> Resul
     if count > limit { Err(PackError::TooLarge { what, count, limit }) } else { Ok(()) }
 }
 
-/// Copies nodes and tiles, and returns the leaves in the order of their numbers.
-fn copy_topology<'a>(
+/// What of a tree a ray can meet.
+fn parts<'a>(
     tree: &'a Vdb543<f32>,
     kind: PackKind,
-    builder: &mut Builder,
-) -> Vec<&'a Leaf> {
-    let mut leaves = Vec::new();
-    let tile = |builder: &mut Builder, value: f32| {
-        let solid = match kind {
-            PackKind::Surface { iso } => value < iso,
-            // Nothing is inside a solid but more of it: a surface is at changes of sign alone.
-            PackKind::Smooth { .. } => false,
-            PackKind::Fog => value > 0.0,
-        };
-        builder.tile(value) | if solid { OCCUPIED } else { 0 }
-    };
-    for (origin, entry) in tree.entries() {
-        let upper = match entry {
-            RootEntry::Tile { value, .. } => {
-                let word = tile(builder, *value);
-                builder.root.insert(origin.to_array(), word);
-                continue;
+    packing: &Packing,
+) -> Result<Parts<'a>, PackError> {
+    let cubes = cubes(tree, kind, packing)?;
+    packing.add_steps(cubes.len() as u64);
+    let found: Vec<(Vec<CrownTile>, Vec<Fine>)> = cubes
+        .par_chunks(CUBES)
+        .map(|origins| {
+            let (mut tiles, mut fine) = (Vec::new(), Vec::new());
+            for origin in origins {
+                packing.step(1)?;
+                let cube = Cube::of(tree, kind, IVec3::from_array(*origin)).resolved();
+                let bytes = size_of_val(&*cube.tiles) + size_of_val(&*cube.fine);
+                packing.take(2 * bytes as u64)?;
+                tiles.extend(cube.tiles);
+                fine.extend(cube.fine);
             }
-            RootEntry::Child(upper) => upper,
-        };
-        let mut upper_words = vec![0; UPPER_SLOTS].into_boxed_slice();
-        for (slot, word) in upper_words.iter_mut().enumerate() {
-            let lower = match upper.slot_at(slot) {
-                Slot::Tile(value, _) => {
-                    *word = tile(builder, value);
-                    continue;
-                }
-                Slot::Child(lower) => lower,
-            };
-            let lower_words = (0..REGION_WORDS).map(|slot| match lower.slot_at(slot) {
-                Slot::Tile(value, _) => tile(builder, value),
-                Slot::Child(leaf) => {
-                    leaves.push(leaf);
-                    CHILD | (leaves.len() - 1) as u32 & PAYLOAD
-                }
-            });
-            let lower_words = lower_words.collect();
-            builder.lowers.push(lower_words);
-            *word = CHILD | (builder.lowers.len() - 1) as u32 & PAYLOAD;
-        }
-        builder.uppers.push(upper_words);
-        let word = CHILD | (builder.uppers.len() - 1) as u32 & PAYLOAD;
-        builder.root.insert(origin.to_array(), word);
+            Ok((tiles, fine))
+        })
+        .collect::<Result<_, PackError>>()?;
+    let mut parts = Parts::default();
+    let mut fine = Vec::new();
+    for (own_tiles, own_fine) in found {
+        parts.tiles.extend(own_tiles);
+        fine.extend(own_fine);
     }
-    leaves
+    packing.add_steps(2 * fine.len() as u64);
+    let built: Vec<Built> = fine
+        .par_iter()
+        .map_init(Vec::new, |around, fine| {
+            packing.step(1)?;
+            let built = region::built(kind, fine.at, &fine.sources, fine.is_void, around);
+            packing.take(built.bytes())?;
+            Ok(built)
+        })
+        .collect::<Result<_, PackError>>()?;
+    for (fine, built) in fine.iter().zip(built) {
+        match built {
+            Built::Tile(Tile::Empty) => {}
+            Built::Tile(tile) => parts.tiles.push(CrownTile { level: 0, at: fine.at, tile }),
+            Built::Region(region) => parts.regions.push(*region),
+        }
+    }
+    Ok(parts)
+}
+
+/// The origins of all cubes of 4096³ where something may be: those of the root's entries, and those
+/// whose cells have samples in them.
+fn cubes(
+    tree: &Vdb543<f32>,
+    kind: PackKind,
+    packing: &Packing,
+) -> Result<Vec<[i32; 3]>, PackError> {
+    let solid = matches!(kind, PackKind::Surface { .. });
+    let background = tree.background();
+    let mut cubes = BTreeSet::new();
+    for (origin, entry) in tree.entries() {
+        if let RootEntry::Tile { value, .. } = entry
+            && Tile::of(kind, &[*value, background, *value, *value, *value, *value, *value, *value])
+                == Tile::Empty
+            && Tile::of(kind, &[background, *value, *value, *value, *value, *value, *value, *value])
+                == Tile::Empty
+        {
+            continue;
+        }
+        // What a set takes for an entry, and the list that it becomes.
+        packing.take(8 * 48)?;
+        for side in 0..if solid { 1 } else { 8 } {
+            if let Some(at) = origin.checked_sub(corner(side) << UPPER_BITS as i32) {
+                cubes.insert(at.to_array());
+            }
+        }
+    }
+    Ok(cubes.into_iter().collect())
+}
+
+impl<'a> Cube<'a> {
+    fn of(tree: &'a Vdb543<f32>, kind: PackKind, origin: IVec3) -> Self {
+        let source = |side: usize| {
+            let Some(at) = origin.checked_add(corner(side) << UPPER_BITS as i32) else {
+                return Widest::Tile(f32::NAN);
+            };
+            match tree.entry(at) {
+                None => Widest::Tile(tree.background()),
+                Some(RootEntry::Tile { value, .. }) => Widest::Tile(*value),
+                Some(RootEntry::Child(upper)) => Widest::Upper(upper),
+            }
+        };
+        let sources = std::array::from_fn(source);
+        let is_void = tree.entry(origin).is_none();
+        Self { kind, origin, sources, is_void, tiles: Vec::new(), fine: Vec::new() }
+    }
+
+    fn resolved(mut self) -> Self {
+        if let Widest::Upper(_) = self.sources[0] {
+            self.slots();
+        } else {
+            for part in 0..8 {
+                let at = corner(part);
+                if let Some(tile) = self.of_tile(ROOT_TILE_LEVEL, at) {
+                    self.push(ROOT_TILE_LEVEL, at, tile);
+                }
+            }
+        }
+        self
+    }
+
+    fn push(&mut self, level: u32, at: IVec3, tile: Tile) {
+        if tile != Tile::Empty {
+            let first = self.origin >> (REGION_BITS + 2 * level) as i32;
+            self.tiles.push(CrownTile { level, at: first + at, tile });
+        }
+    }
+
+    /// All cubes of 128³, along rows: most of them are of tiles of one value, beside their like.
+    fn slots(&mut self) {
+        const EDGE: usize = 33;
+        let rows: Vec<Option<u32>> = (0..EDGE * EDGE)
+            .map(|row| self.row((row / EDGE) as i32, (row % EDGE) as i32))
+            .collect();
+        for (x, y) in (0..32).flat_map(|x| (0..32).map(move |y| (x, y))) {
+            let row = x * EDGE + y;
+            let around = [rows[row], rows[row + 1], rows[row + EDGE], rows[row + EDGE + 1]];
+            let at = |z: i32| IVec3::new(x as i32, y as i32, z);
+            match around[0] {
+                Some(bits) if around.iter().all(|other| *other == Some(bits)) => {
+                    let tile = self.tile(&[f32::from_bits(bits); 8]);
+                    (0..32).for_each(|z| self.push(0, at(z), tile));
+                }
+                _ => {
+                    for z in 0..32 {
+                        if let Some(tile) = self.slot(at(z)) {
+                            self.push(0, at(z), tile);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// The bits of the value of a row of cubes of 128³ along z and of the one behind it, if they are
+    /// tiles of one value.
+    fn row(&self, x: i32, y: i32) -> Option<u32> {
+        let mut cubes = (0..=32).map(|z| match self.source(IVec3::new(x, y, z)) {
+            Wide::Tile(value) => Some(value.to_bits()),
+            Wide::Lower(_) => None,
+        });
+        let first = cubes.next()??;
+        cubes.all(|other| other == Some(first)).then_some(first)
+    }
+
+    /// What covers a cube of 128³, of 32 and one behind them on each axis.
+    fn source(&self, at: IVec3) -> Wide<'a> {
+        let (beyond, slot): (IVec3, IVec3) = (at >> 5, at & 31);
+        match self.sources[(beyond.x << 2 | beyond.y << 1 | beyond.z) as usize] {
+            Widest::Tile(value) => Wide::Tile(value),
+            Widest::Upper(upper) => {
+                match upper.slot_at((slot.x << 10 | slot.y << 5 | slot.z) as usize) {
+                    Slot::Tile(value, _) => Wide::Tile(value),
+                    Slot::Child(lower) => Wide::Lower(lower),
+                }
+            }
+        }
+    }
+
+    /// What a slot of the crown is that a tile of the root covers; `None` where it has been cut.
+    fn of_tile(&mut self, level: u32, at: IVec3) -> Option<Tile> {
+        let last = slots_per_edge(level) - 1;
+        let high = at.to_array().map(|c| usize::from(c == last));
+        let sides = high[0] << 2 | high[1] << 1 | high[2];
+        let mut values = [0.0; 8];
+        let mut is_whole = true;
+        for (i, value) in values.iter_mut().enumerate() {
+            match self.sources[i & sides] {
+                Widest::Tile(own) => *value = own,
+                Widest::Upper(_) => is_whole = false,
+            }
+        }
+        if is_whole {
+            return Some(self.tile(&values));
+        }
+        if level == 0 {
+            return self.slot(at);
+        }
+        let slots = (0..64).map(|i| IVec3::new(i >> 4, i >> 2 & 3, i & 3));
+        let mut found: Vec<(IVec3, Tile)> = Vec::new();
+        for slot in slots.map(|slot| 4 * at + slot) {
+            found.extend(self.of_tile(level - 1, slot).map(|tile| (slot, tile)));
+        }
+        let first = found.first().map(|(_, tile)| *tile);
+        if let Some(tile) = first
+            && found.len() == 64
+            && matches!(tile, Tile::Empty | Tile::Plain(_))
+            && found.iter().all(|(_, other)| *other == tile)
+        {
+            return Some(tile);
+        }
+        for (slot, tile) in found {
+            self.push(level - 1, slot, tile);
+        }
+        None
+    }
+
+    /// What a cube of 128³ is; `None` where it is looked at leaf by leaf.
+    fn slot(&mut self, at: IVec3) -> Option<Tile> {
+        let solid = matches!(self.kind, PackKind::Surface { .. });
+        // No cell of a surface of voxels looks further.
+        let sources: [Wide; 8] =
+            std::array::from_fn(|side| self.source(at + corner(if solid { 0 } else { side })));
+        let mut values = [0.0; 8];
+        for (value, source) in values.iter_mut().zip(&sources) {
+            match source {
+                Wide::Tile(own) => *value = *own,
+                Wide::Lower(_) => {
+                    let at = (self.origin >> REGION_BITS as i32) + at;
+                    self.fine.push(Fine { at, sources, is_void: self.is_void });
+                    return None;
+                }
+            }
+        }
+        Some(self.tile(&values))
+    }
+
+    fn tile(&self, values: &[f32; 8]) -> Tile {
+        let tile = Tile::of(self.kind, values);
+        if self.is_void { tile.hollow() } else { tile }
+    }
 }

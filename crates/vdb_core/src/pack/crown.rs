@@ -1,8 +1,9 @@
 //! The 64-ary tree over regions of 128³ cells.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use glam::IVec3;
+use rayon::prelude::*;
 
 use super::layout::{CHILD, CROWN_WORDS, OCCUPIED, REGION_BITS};
 use super::leaps::{self, CHUNK_BITS, Chunk};
@@ -16,6 +17,11 @@ pub(super) fn levels(extent: u32) -> u32 {
 /// Slots of 2^`LARGEST` cells per edge and more are leapt over one by one: planes further away could
 /// leave 32 bits.
 const LARGEST: u32 = 24;
+
+/// Occupied slots times nodes up to which each slot is compared with each of them.
+const FEW: usize = 64;
+/// What tiles fill.
+pub(super) const SOLID: Chunk = [[u16::MAX; 16]; 16];
 
 fn slot_of(part: IVec3) -> usize {
     (part.x << 4 | part.y << 2 | part.z) as usize
@@ -62,79 +68,137 @@ impl Crown {
         }
     }
 
-    /// Writes into each empty slot how far a ray can leap from there.
-    pub fn add_leaps(&mut self) {
+    /// The word over the slot of `level` at `at`, in slots of that level, and the level of its own slot,
+    /// which is no lower. Beyond the crown all is empty.
+    pub fn find(&self, at: IVec3, level: u32) -> (u32, u32) {
+        let span = 2 * (self.levels - level.min(self.levels)) as i32;
+        if level >= self.levels || (at.x | at.y | at.z) >> span != 0 {
+            return (0, level);
+        }
+        let mut node = 0;
+        let mut here = self.levels - 1;
+        loop {
+            let place = at >> (2 * (here - level)) as i32;
+            let word = self.nodes[node][slot_of(place & 3)];
+            if word & CHILD == 0 || here == level {
+                return (word, here);
+            }
+            node = (word & !CHILD) as usize;
+            here -= 1;
+        }
+    }
+
+    /// Bytes of its nodes.
+    pub fn bytes(&self) -> u64 {
+        (self.nodes.len() * (size_of::<[u32; CROWN_WORDS]>() + size_of::<(u32, IVec3)>())) as u64
+    }
+
+    /// Writes into each empty slot how far a ray can leap from there. `step` is asked whether to go on.
+    pub fn add_leaps<E: Send>(&mut self, step: impl Fn() -> Result<(), E> + Sync) -> Result<(), E> {
         for level in 0..self.levels {
             if REGION_BITS + 2 * level > LARGEST {
                 break;
             }
-            let slots: Vec<(usize, usize, IVec3)> = (self.places.iter().enumerate())
-                .filter(|(_, (of, _))| *of == level)
-                .flat_map(|(node, (_, place))| {
-                    (0..CROWN_WORDS).map(move |slot| (node, slot, *place * 4 + offset_of(slot)))
+            let (chunks, nodes) = self.chunks(level);
+            let nodes: Vec<(IVec3, Vec<usize>)> =
+                nodes.into_iter().map(|(chunk, nodes)| (IVec3::from(chunk), nodes)).collect();
+            let codes: Vec<Vec<[u32; CROWN_WORDS]>> = nodes
+                .par_iter()
+                .map(|(chunk, nodes)| {
+                    step()?;
+                    let chunk_at = |beside: IVec3| self.chunk_at(&chunks, *chunk + beside, level);
+                    Ok(self.codes(nodes, chunk_at))
                 })
+                .collect::<Result<_, E>>()?;
+            for (node, codes) in
+                nodes.iter().flat_map(|(_, nodes)| nodes).zip(codes.iter().flatten())
+            {
+                for (word, code) in self.nodes[*node].iter_mut().zip(codes) {
+                    if *word & (CHILD | OCCUPIED) == 0 {
+                        *word = *code;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The chunk of a level at a place.
+    fn chunk_at<'a>(
+        &self,
+        chunks: &'a HashMap<IVec3, Chunk>,
+        at: IVec3,
+        level: u32,
+    ) -> Option<&'a Chunk> {
+        chunks.get(&at).or_else(|| {
+            // Of two levels more, a slot is as large as the chunk.
+            let (word, _) = self.find(at, level + CHUNK_BITS as u32 / 2);
+            (word & (CHILD | OCCUPIED) == OCCUPIED).then_some(&SOLID)
+        })
+    }
+
+    /// How far rays can leap from the empty slots of nodes of one chunk.
+    fn codes<'a>(
+        &self,
+        nodes: &[usize],
+        chunk_at: impl Fn(IVec3) -> Option<&'a Chunk>,
+    ) -> Vec<[u32; CROWN_WORDS]> {
+        let in_chunk = |node: usize, slot: usize| {
+            (self.places[node].1 * 4 + offset_of(slot)) & ((1 << CHUNK_BITS) - 1)
+        };
+        if let Some(few) = leaps::few_around(&chunk_at, FEW / nodes.len()) {
+            let code = |node: usize, slot: usize| leaps::code(in_chunk(node, slot), &few);
+            return nodes
+                .iter()
+                .map(|&node| std::array::from_fn(|slot| code(node, slot)))
                 .collect();
-            let mut chunks: HashMap<IVec3, Chunk> = HashMap::new();
-            for &(node, slot, at) in &slots {
-                if self.nodes[node][slot] & (CHILD | OCCUPIED) != 0 {
-                    mark_box(&mut chunks, at, at);
-                }
+        }
+        let codes = leaps::codes(chunk_at);
+        let code = |node: usize, slot: usize| {
+            let at = in_chunk(node, slot);
+            codes[(at.x << (2 * CHUNK_BITS) | at.y << CHUNK_BITS | at.z) as usize]
+        };
+        nodes.iter().map(|&node| std::array::from_fn(|slot| code(node, slot))).collect()
+    }
+
+    /// The slots of a level that are not empty, by chunks, and the nodes of each chunk. Where tiles
+    /// of higher levels fill all of a chunk, there is none.
+    fn chunks(&self, level: u32) -> (HashMap<IVec3, Chunk>, BTreeMap<[i32; 3], Vec<usize>>) {
+        let (mut chunks, mut nodes) = (HashMap::new(), BTreeMap::new());
+        for (node, (of, place)) in self.places.iter().enumerate() {
+            // Slots of the level per edge of one of the node's.
+            let size = match of.checked_sub(level) {
+                Some(0) => 1,
+                Some(1) => 4,
+                _ => continue,
+            };
+            let first = *place * 4 * size;
+            let chunk = first >> CHUNK_BITS;
+            if size == 1 {
+                let own: &mut Vec<usize> = nodes.entry(chunk.to_array()).or_default();
+                own.push(node);
             }
-            self.add_larger_tiles(level, &mut chunks);
-            let mut codes: HashMap<IVec3, Vec<u32>> = HashMap::new();
-            for (node, slot, at) in slots {
-                let chunk = at >> CHUNK_BITS;
-                let of_chunk = codes
-                    .entry(chunk)
-                    .or_insert_with(|| leaps::codes(|beside| chunks.get(&(chunk + beside))));
-                let word = &mut self.nodes[node][slot];
-                if *word & (CHILD | OCCUPIED) == 0 {
-                    let inside = at & ((1 << CHUNK_BITS) - 1);
-                    let cell = inside.x << (2 * CHUNK_BITS) | inside.y << CHUNK_BITS | inside.z;
-                    *word = of_chunk[cell as usize];
+            for (slot, word) in self.nodes[node].iter().enumerate() {
+                let filled = if size == 1 { CHILD | OCCUPIED } else { OCCUPIED };
+                let is_tile = word & CHILD == 0;
+                if word & filled != 0 && (size == 1 || is_tile) {
+                    let at = (first + offset_of(slot) * size) & ((1 << CHUNK_BITS) - 1);
+                    mark(chunks.entry(chunk).or_default(), at, size);
                 }
             }
         }
+        (chunks, nodes)
     }
-
-    /// Marks what occupied tiles of higher levels cover of the chunks beside those that are there.
-    fn add_larger_tiles(&self, level: u32, chunks: &mut HashMap<IVec3, Chunk>) {
-        for ((of, place), words) in self.places.iter().zip(&self.nodes) {
-            if *of <= level {
-                continue;
-            }
-            for (slot, word) in words.iter().enumerate() {
-                if word & (CHILD | OCCUPIED) != OCCUPIED {
-                    continue;
-                }
-                let at = *place * 4 + offset_of(slot);
-                let shift = 2 * (of - level) as i32;
-                let (first, last) = (at << shift, ((at + 1) << shift) - 1);
-                mark_box(chunks, first, last);
-            }
-        }
-    }
-
     pub fn into_words(self) -> Vec<u32> {
         self.nodes.into_flattened()
     }
 }
 
-fn mark_box(chunks: &mut HashMap<IVec3, Chunk>, first: IVec3, last: IVec3) {
-    let (low, high) = (first >> CHUNK_BITS, last >> CHUNK_BITS);
-    for x in low.x..=high.x {
-        for y in low.y..=high.y {
-            for z in low.z..=high.z {
-                let at = IVec3::new(x, y, z);
-                let from = (first - (at << CHUNK_BITS)).max(IVec3::ZERO);
-                let to = (last - (at << CHUNK_BITS)).min(IVec3::splat((1 << CHUNK_BITS) - 1));
-                let chunk = chunks.entry(at).or_default();
-                let row = (((1_u32 << (to.z + 1)) - 1) & !((1_u32 << from.z) - 1)) as u16;
-                for plane in &mut chunk[from.x as usize..=to.x as usize] {
-                    plane[from.y as usize..=to.y as usize].iter_mut().for_each(|r| *r |= row);
-                }
-            }
-        }
+/// Marks a cube of some slots per edge.
+fn mark(chunk: &mut Chunk, at: IVec3, size: i32) {
+    let row = (((1_u32 << size) - 1) << at.z) as u16;
+    for plane in &mut chunk[at.x as usize..(at.x + size) as usize] {
+        plane[at.y as usize..(at.y + size) as usize].iter_mut().for_each(|own| *own |= row);
     }
 }
 
@@ -167,7 +231,7 @@ mod tests {
             crown.set(IVec3::from_array(*region), 0, CHILD | number as u32);
         }
         crown.set(IVec3::new(2, 2, 2), 2, OCCUPIED | 9);
-        crown.add_leaps();
+        crown.add_leaps(|| Ok::<(), ()>(())).unwrap();
         let words = crown.into_words();
         for (number, region) in regions.iter().enumerate() {
             let found = find(&words, levels, IVec3::from_array(*region));

@@ -16,12 +16,19 @@
 //! |---|---|---|
 //! | [`CHILD`] | something below can stop or dim a ray | in the crown, the number of a node (higher levels) or of a region; in a region, a leaf: see below |
 //! | [`OCCUPIED`] | a tile that does so all over, with one value | where its value is in the palette |
-//! | [`OCCUPIED`] and [`MIXED`] | a tile beside tiles of other values: looked at cell by cell | where the eight values of the tile and its neighbours on the high side are in the palette; [`WIDE`] if the tile has 128³ cells, else it has 8³ |
+//! | [`OCCUPIED`] and [`MIXED`] | a tile beside tiles of other values: its cells along its high sides differ; [`FILLED`] if the others can stop or dim a ray, too | where the eight values of the tile and its neighbours on the high side are in the palette |
 //! | none of these | empty | for each octant of directions three bits: see [`reach`] |
 //!
 //! A leaf's word has the leaf's number within its region in the low [`LEAF_NUMBER_BITS`] bits, and
 //! above them a bit for each of its eight blocks of 4³ that is not empty. The leaves of region `r`
 //! begin with number `heads[r]`.
+//!
+//! **Tiles** have the size of their slot: 8³ cells in a region, 128³, 512³ or 2048³ in the crown (a tile
+//! of OpenVDB's root is eight of the last). A cell of a mixed tile that is not the last of the tile on any
+//! axis has the tile's own value at all its corners, so that a ray crosses the cubes of such cells at once;
+//! one that is the last on some axes has the values of the tile and of those neighbours on the high side
+//! that lie on these axes: of the eight values, `x·4 + y·2 + z`. A mixed tile says nothing of what it does
+//! not touch, and each of its neighbours on the high side is covered by a single tile, or was cut.
 //!
 //! **Leaf masks** are eight blocks of 4³ cells, 64 bits each: block `x/4·4 + y/4·2 + z/4`, bit
 //! `(x%4)·16 + (y%4)·4 + z%4`, low word first.
@@ -51,12 +58,12 @@ use glam::IVec3;
 pub const CHILD: u32 = 1 << 31;
 /// A tile that can stop or dim a ray.
 pub const OCCUPIED: u32 = 1 << 30;
-/// A tile whose lattice cells differ.
+/// A tile whose lattice cells along its high sides differ from the others.
 pub const MIXED: u32 = 1 << 29;
-/// A mixed tile of 128³ cells.
-pub const WIDE: u32 = 1 << 28;
+/// A mixed tile whose other cells can stop or dim a ray, too.
+pub const FILLED: u32 = 1 << 28;
 /// The bits that number a child or a value of the palette.
-pub const PAYLOAD: u32 = WIDE - 1;
+pub const PAYLOAD: u32 = FILLED - 1;
 
 /// log₂ of the cells per edge of a leaf.
 pub const LEAF_BITS: u32 = 3;
@@ -98,13 +105,6 @@ pub fn reach(word: u32, octant: u32) -> u32 {
 pub fn crown_slot(region: IVec3, level: u32) -> usize {
     let part = region >> (2 * level) as i32 & 3;
     (part.x << 4 | part.y << 2 | part.z) as usize
-}
-
-/// The slot of a local cell in the 32³ node of OpenVDB that holds it.
-#[inline]
-pub(super) fn upper_slot(cell: IVec3) -> usize {
-    let part = |c: i32| (c >> REGION_BITS) as usize & 31;
-    part(cell.x) << 10 | part(cell.y) << 5 | part(cell.z)
 }
 
 /// The slot of a local cell in the region that holds it.

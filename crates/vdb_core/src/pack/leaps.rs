@@ -14,8 +14,7 @@ const EDGE: usize = 1 << CHUNK_BITS;
 /// The occupied cells of a chunk: for each x and y a row along z, bit z.
 pub(super) type Chunk = [[u16; EDGE]; EDGE];
 
-/// Edges of cubes, by the code that names them; `layout::leap` has the same.
-#[cfg(test)]
+/// Edges of cubes, by the code that names them; `layout::reach` has the same.
 pub(super) const SIZES: [usize; 8] = [1, 2, 3, 4, 6, 8, 12, 16];
 
 /// A chunk and those that follow it in one octant, turned over so that they follow upwards: rows of
@@ -112,6 +111,52 @@ pub(super) fn codes<'a>(chunk_at: impl Fn(IVec3) -> Option<&'a Chunk>) -> Vec<u3
     codes
 }
 
+/// The occupied cells of a chunk and of its neighbours, as seen from the chunk's first, if there are no
+/// more than `most`.
+pub(super) fn few_around<'a>(
+    chunk_at: impl Fn(IVec3) -> Option<&'a Chunk>,
+    most: usize,
+) -> Option<Vec<IVec3>> {
+    let mut cells = Vec::new();
+    for i in 0..27 {
+        let beside = IVec3::new(i / 9, i / 3 % 3, i % 3) - 1;
+        let Some(chunk) = chunk_at(beside) else { continue };
+        for (x, plane) in chunk.iter().enumerate() {
+            for (y, &row) in plane.iter().enumerate().filter(|(_, row)| **row != 0) {
+                if cells.len() + row.count_ones() as usize > most {
+                    return None;
+                }
+                let inside = (0..EDGE).filter(|z| row >> z & 1 == 1);
+                let cell = |z| (beside << CHUNK_BITS) + IVec3::new(x as i32, y as i32, z as i32);
+                cells.extend(inside.map(cell));
+            }
+        }
+    }
+    Some(cells)
+}
+
+/// The code of an empty cell of a chunk with few occupied cells in it and around it: as [`codes`] has
+/// it, in time that follows from how many there are.
+pub(super) fn code(cell: IVec3, occupied: &[IVec3]) -> u32 {
+    let mut sizes = [EDGE as i32; 8];
+    for other in occupied {
+        let away = *other - cell;
+        // A cube that begins at the cell reaches the other where its edge is longer than that.
+        let distance = away.abs().max_element();
+        for (octant, size) in sizes.iter_mut().enumerate() {
+            let turned = turned(octant as u32);
+            let ahead = |axis: usize| if turned[axis] { away[axis] <= 0 } else { away[axis] >= 0 };
+            if ahead(0) && ahead(1) && ahead(2) {
+                *size = distance.min(*size);
+            }
+        }
+    }
+    // An occupied cell is no cube.
+    let code_of =
+        |size: i32| SIZES.iter().filter(|own| **own <= size.max(1) as usize).count() as u32 - 1;
+    (0..8).map(|octant| code_of(sizes[octant]) << (3 * octant)).sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -140,11 +185,15 @@ mod tests {
                 })
             };
             let codes = codes(|part| chunks.get(&part));
+            let few = few_around(|part| chunks.get(&part), 27 * 4096).expect("there are no more");
             for _ in 0..2000 {
                 let slot = random.below(4096) as usize;
                 let cell = IVec3::new(slot as i32 >> 8, slot as i32 >> 4 & 15, slot as i32 & 15);
                 if occupied(cell) {
                     continue;
+                }
+                if few.len() < 2000 {
+                    assert_eq!(code(cell, &few), codes[slot], "{cell}");
                 }
                 for octant in 0..8 {
                     let step = turned(octant).map(|turned| if turned { -1 } else { 1 });

@@ -22,14 +22,15 @@ mod bits;
 mod blocks;
 mod bricks;
 mod build;
-mod cells;
+mod content;
 mod crown;
 pub mod edit;
 pub mod exact;
 pub mod layout;
 mod leaps;
-mod mixed;
 mod options;
+mod palette;
+mod region;
 mod values;
 pub mod walk;
 
@@ -39,7 +40,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::IVec3;
 use thiserror::Error;
 
-pub use options::PackOptions;
+pub use options::{PackOptions, PackedTogether};
 pub use values::ValueFormat;
 
 use crate::grid::GridClass;
@@ -237,7 +238,7 @@ pub enum PackError {
         name: &'static str,
         /// The bytes that were known to be needed.
         needed: u64,
-        /// The bytes that packing this grid may take.
+        /// The bytes that packing this grid may take, less those of grids packed together with it.
         limit: u64,
     },
     /// The progress function cancelled it.

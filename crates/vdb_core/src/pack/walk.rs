@@ -134,7 +134,8 @@ pub struct Span {
     pub reach: u32,
     /// The word of a tile or a leaf that a ray meets; 0 where nothing is.
     pub word: u32,
-    /// The number of the leaf.
+    /// The number of the leaf; of a cell of a mixed tile, the axes on which it is the tile's last: 4, 2
+    /// and 1 for x, y and z.
     pub leaf: u32,
 }
 
@@ -173,13 +174,27 @@ fn find_crown(grid: &PackedGrid, cell: IVec3) -> Option<(u32, u32)> {
     }
 }
 
-/// The span of a tile.
-fn tile_span(word: u32, log_dim: u32, octant: u32) -> Span {
-    match word & (OCCUPIED | MIXED) {
-        OCCUPIED => Span { log_dim, reach: 0, word, leaf: 0 },
-        0 | MIXED => Span::empty(log_dim, reach(word, octant)),
-        _ => Span { log_dim: 0, reach: 0, word, leaf: 0 },
+/// The span of a tile around a local cell.
+fn tile_span(word: u32, log_dim: u32, octant: u32, cell: IVec3) -> Span {
+    if word & OCCUPIED == 0 {
+        return Span::empty(log_dim, reach(word, octant));
     }
+    if word & MIXED == 0 {
+        return Span { log_dim, reach: 0, word, leaf: 0 };
+    }
+    // How many cells of the tile follow on each axis.
+    let after = !cell & ((1 << log_dim) - 1);
+    let sides = after.cmpeq(IVec3::ZERO);
+    if sides.any() {
+        let sides = u32::from(sides.x) << 2 | u32::from(sides.y) << 1 | u32::from(sides.z);
+        return Span { log_dim: 0, reach: 0, word, leaf: sides };
+    }
+    // The largest cube around the cell without cells on the high sides.
+    let log_dim = after.min_element().ilog2();
+    if word & FILLED == 0 {
+        return Span::empty(log_dim, 0);
+    }
+    Span { log_dim, reach: 0, word: word & !MIXED, leaf: 0 }
 }
 
 /// What a ray meets at a local cell. (The shader keeps what it has found while the ray stays near.)
@@ -188,12 +203,12 @@ pub fn locate(grid: &PackedGrid, cell: IVec3, octant: u32) -> Span {
     // A ray looks at cells of the box only, which the crown covers.
     let Some((word, level)) = find_crown(grid, cell) else { return Span::empty(0, 0) };
     if word & CHILD == 0 {
-        return tile_span(word, REGION_BITS + 2 * level, octant);
+        return tile_span(word, REGION_BITS + 2 * level, octant, cell);
     }
     let region = (word & PAYLOAD) as usize;
     let word = grid.words[header.regions as usize + region * REGION_WORDS + region_slot(cell)];
     if word & CHILD == 0 {
-        return tile_span(word, LEAF_BITS, octant);
+        return tile_span(word, LEAF_BITS, octant, cell);
     }
     let number = word & ((1 << LEAF_NUMBER_BITS) - 1);
     let leaf = grid.words[header.heads as usize + region] + number;
@@ -231,12 +246,8 @@ pub fn corners(grid: &PackedGrid, span: Span, cell: IVec3) -> [f32; 8] {
     let header = grid.header(0);
     let corner = |i: usize| IVec3::new(i as i32 >> 2, i as i32 >> 1 & 1, i as i32 & 1);
     if span.word & CHILD == 0 {
-        let last = if span.word & WIDE != 0 { 127 } else { 7 };
-        let high = cell.map(|c| i32::from(c & last == last));
         return std::array::from_fn(|i| {
-            let side = corner(i) & high;
-            let index = (side.x << 2 | side.y << 1 | side.z) as u32;
-            let value = palette(grid, (span.word & PAYLOAD) + index);
+            let value = palette(grid, (span.word & PAYLOAD) + (i as u32 & span.leaf));
             if grid.kind == super::PackKind::Fog { value } else { value * header.scale }
         });
     }

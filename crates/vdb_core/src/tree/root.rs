@@ -62,7 +62,7 @@ impl<C: Node> Tree<C> {
         self.entries.insert(C::origin_of(ijk).to_array(), RootEntry::Tile { value, active });
     }
 
-    pub(super) fn entry(&self, ijk: IVec3) -> Option<&RootEntry<C>> {
+    pub(crate) fn entry(&self, ijk: IVec3) -> Option<&RootEntry<C>> {
         self.entries.get(&C::origin_of(ijk).to_array())
     }
 

@@ -6,13 +6,16 @@ use std::ops::Range;
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::content::{Content, View};
+use super::content::View;
 use super::runs::{Run, rounded};
-use super::sections::{Frame, Region, Sections, chunk, rebased};
+use super::sections::{Frame, Region, Sections, rebased};
 use super::slots::{Cubes, slot_origin};
-use crate::pack::blocks::Blocks;
+use crate::pack::blocks::{self, Blocks};
+use crate::pack::content::{Content, Tile};
 use crate::pack::layout::*;
 use crate::pack::leaps::{self, Chunk};
+use crate::pack::palette::tile_word;
+use crate::pack::region::{chunk, leaf_word};
 use crate::pack::{PackKind, PackedGrid, bricks, values};
 
 /// Something has no room where it is.
@@ -128,7 +131,7 @@ impl Commit<'_> {
         let mut leaves = 0;
         for (slot, content) in &contents {
             let word = self.words.get(first + *slot as u32);
-            match (word & CHILD != 0, matches!(content, Content::Leaf(..))) {
+            match (word & CHILD != 0, matches!(content, Content::Leaf(_))) {
                 (true, false) => {
                     region.used.set(leaf_of(word) as usize, false);
                     self.drop_samples(region.leaves.first + leaf_of(word));
@@ -145,24 +148,18 @@ impl Commit<'_> {
             let at_word = first + slot as u32;
             let old = self.words.get(at_word);
             let word = match content {
-                Content::Leaf(mask, samples) => {
+                Content::Leaf(mask) => {
                     let leaf = if old & CHILD != 0 {
                         leaf_of(old)
                     } else {
                         region.used.first_free(region.leaves.size).ok_or(NoRoom)? as u32
                     };
                     region.used.set(leaf as usize, true);
-                    let blocks = mask.chunks_exact(2).enumerate();
-                    let blocks = blocks.map(|(i, pair)| u32::from(pair[0] | pair[1] != 0) << i);
-                    let blocks: u32 = blocks.sum();
-                    self.leaf(slot_origin(at, slot), region.leaves.first + leaf, mask, samples)?;
-                    CHILD | blocks << LEAF_NUMBER_BITS | leaf
+                    self.leaf(slot_origin(at, slot), region.leaves.first + leaf, &mask)?;
+                    leaf_word(&mask, leaf)
                 }
-                Content::Empty if old & (CHILD | OCCUPIED) == 0 => old,
-                Content::Empty => 0,
-                _ if self.says(old, &content) => old,
-                Content::Tile(value) => self.tile(value)?,
-                Content::Mixed(values) => self.tuple(&values)?,
+                Content::Tile(tile) if self.says(old, &tile) => old,
+                Content::Tile(tile) => self.tile(tile)?,
             };
             self.words.put(at_word, &[word]);
         }
@@ -193,11 +190,14 @@ impl Commit<'_> {
             return Ok(Some(region.clone()));
         }
         let word = region.map_or(0, |region| region.word);
-        let same = |content: &Content| match content {
-            Content::Empty => word == 0,
-            _ => self.says(word, content),
+        let tile = self.words.packed.tile_of(word);
+        let kept_kind = self.words.packed.kept_kind();
+        let part = |slot: usize| tile.part(kept_kind, sides_of(slot));
+        let same = |(slot, content): &(usize, Content)| match content {
+            Content::Tile(own) => same_tile(self.words.packed.kind, &part(*slot), own),
+            Content::Leaf(_) => false,
         };
-        if contents.iter().all(|(_, content)| same(content)) {
+        if contents.iter().all(same) {
             return Ok(None);
         }
         if !Frame::of(self.words.packed).covers(at) {
@@ -206,60 +206,70 @@ impl Commit<'_> {
         let number = self.sections.free_regions.pop().ok_or(NoRoom)?;
         let first = self.words.packed.header.region(number).start as u32;
         // Whatever stands there from a region that has gone.
-        self.words.put(first, &[word; REGION_WORDS]);
+        let words: Vec<u32> = match tile {
+            Tile::Empty | Tile::Plain(_) => vec![word; REGION_WORDS],
+            _ => {
+                let parts: [Tile; 8] = std::array::from_fn(|sides| tile.part(kept_kind, sides));
+                let mut words = [0; 8];
+                for (word, part) in words.iter_mut().zip(parts) {
+                    *word = self.kept_tile(part)?;
+                }
+                (0..REGION_WORDS).map(|slot| words[sides_of(slot)]).collect()
+            }
+        };
+        self.words.put(first, &words);
         self.crown = true;
         Ok(Some(Region::new(CHILD | number)))
     }
 
     /// Whether a word is a tile with this content.
-    fn says(&self, word: u32, content: &Content) -> bool {
+    fn says(&self, word: u32, content: &Tile) -> bool {
         let packed = &*self.words.packed;
-        let value = |i: usize| {
-            f32::from_bits(packed.words[(packed.header.palette + (word & PAYLOAD)) as usize + i])
-        };
-        match (content, word & (CHILD | OCCUPIED | MIXED)) {
-            (Content::Tile(_), OCCUPIED) if packed.kind != PackKind::Fog => true,
-            (Content::Tile(own), OCCUPIED) => value(0) == values::safe(packed.kind, *own),
-            (Content::Mixed(own), word) if word == OCCUPIED | MIXED => {
-                (0..8).all(|i| value(i) == values::safe(packed.kind, own[i]))
+        word & CHILD == 0 && same_tile(packed.kind, &packed.tile_of(word), content)
+    }
+
+    /// The word of a tile with values of the tree.
+    fn tile(&mut self, tile: Tile) -> Result<u32, NoRoom> {
+        let kind = self.words.packed.kind;
+        self.kept_tile(tile.map(|value| values::tile(kind, value, 1.0)))
+    }
+
+    /// The word of a tile with values as they are kept.
+    fn kept_tile(&mut self, tile: Tile) -> Result<u32, NoRoom> {
+        let first = match &tile {
+            Tile::Empty => 0,
+            Tile::Plain(_) if self.words.packed.kind != PackKind::Fog => 0,
+            Tile::Plain(value) => {
+                let bits = value.to_bits();
+                let index = match self.sections.tiles.get(&bits) {
+                    Some(&index) => index,
+                    None => self.add_values(&[*value])?,
+                };
+                self.sections.tiles.insert(bits, index);
+                index
             }
-            _ => false,
-        }
-    }
-
-    fn tile(&mut self, value: f32) -> Result<u32, NoRoom> {
-        if self.words.packed.kind != PackKind::Fog {
-            return Ok(OCCUPIED);
-        }
-        let bits = value.to_bits();
-        let index = match self.sections.tiles.get(&bits) {
-            Some(&index) => index,
-            None => self.add_values(&[value])?,
+            Tile::Mixed(values) | Tile::Border(values) => {
+                let bits = values.map(f32::to_bits);
+                let index = match self.sections.tuples.get(&bits) {
+                    Some(&index) => index,
+                    None => self.add_values(values)?,
+                };
+                self.sections.tuples.insert(bits, index);
+                index
+            }
         };
-        self.sections.tiles.insert(bits, index);
-        Ok(OCCUPIED | index)
-    }
-
-    fn tuple(&mut self, tuple: &[f32; 8]) -> Result<u32, NoRoom> {
-        let bits = tuple.map(f32::to_bits);
-        let index = match self.sections.tuples.get(&bits) {
-            Some(&index) => index,
-            None => self.add_values(tuple)?,
-        };
-        self.sections.tuples.insert(bits, index);
-        Ok(OCCUPIED | MIXED | index)
+        Ok(tile_word(&tile, first))
     }
 
     /// Appends values to the palette, and gives the place of the first.
     fn add_values(&mut self, own: &[f32]) -> Result<u32, NoRoom> {
-        let (first, kind) = (self.sections.palette_end, self.words.packed.kind);
+        let first = self.sections.palette_end;
         let end = first + own.len() as u32;
         if end > self.sections.palette_room || end > PAYLOAD {
             return Err(NoRoom);
         }
-        let safe: Vec<u32> =
-            own.iter().map(|&value| values::tile(kind, value, 1.0).to_bits()).collect();
-        self.words.put(self.words.packed.header.palette + first, &safe);
+        let bits: Vec<u32> = own.iter().map(|value| value.to_bits()).collect();
+        self.words.put(self.words.packed.header.palette + first, &bits);
         self.sections.palette_end = end;
         Ok(first)
     }
@@ -269,20 +279,20 @@ impl Commit<'_> {
         &mut self,
         origin: IVec3,
         place: u32,
-        mask: Box<[u32; LEAF_MASK_WORDS]>,
-        samples: u32,
+        mask: &[u32; LEAF_MASK_WORDS],
     ) -> Result<(), NoRoom> {
-        self.words.put(self.words.packed.header.mask(place), &*mask);
+        self.words.put(self.words.packed.header.mask(place), mask);
         let blocks = match self.words.packed.kind {
             PackKind::Surface { .. } => return Ok(()),
             PackKind::Fog => None,
             PackKind::Smooth { .. } => {
+                let samples = blocks::samples_of(mask);
                 if self.sections.samples_of[place as usize].size != rounded(samples) {
                     self.drop_samples(place);
                     let run = self.sections.samples.take(samples).ok_or(NoRoom)?;
                     self.sections.samples_of[place as usize] = run;
                 }
-                Some((mask, self.sections.samples_of[place as usize]))
+                Some((Box::new(*mask), self.sections.samples_of[place as usize]))
             }
         };
         self.leaves.push(Leaf { origin, place, blocks });
@@ -320,7 +330,7 @@ impl Commit<'_> {
     /// Gathers the samples of leaves.
     fn samples(&mut self, view: &View) {
         let gather = |leaf: &Leaf, brick: &mut bricks::Brick| {
-            bricks::gather(|at| view.source(at), view.kind, leaf.origin, brick);
+            bricks::gather(&view.sources(leaf.origin), view.kind, brick);
         };
         // The words of each leaf: its records where it has them, and its samples.
         let gathered = |leaves: &[Leaf]| -> Vec<(Vec<u32>, Vec<u32>)> {
@@ -405,6 +415,19 @@ impl Commit<'_> {
         }
         self.sections.set_box(self.words.packed);
     }
+}
+
+/// The sides of a region's high faces that a slot of it lies along.
+fn sides_of(slot: usize) -> usize {
+    let high = |c: usize| usize::from(c & 15 == 15);
+    high(slot >> 8) << 2 | high(slot >> 4) << 1 | high(slot)
+}
+
+/// Whether a tile as it is kept is what one of the tree becomes.
+fn same_tile(kind: PackKind, kept: &Tile, own: &Tile) -> bool {
+    let solids = matches!((kept, own), (Tile::Plain(_), Tile::Plain(_)));
+    // Of a solid, no value is asked for.
+    solids && kind != PackKind::Fog || *kept == own.map(|value| values::tile(kind, value, 1.0))
 }
 
 /// Ranges in order, with those that overlap or are close to each other as one.

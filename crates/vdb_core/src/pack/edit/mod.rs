@@ -86,8 +86,11 @@ impl Editor {
     /// [`Editor::edit`] alone: the first time by packing all of it anew, then by what has changed. It
     /// is the same packed grid each time, or a clone of it.
     ///
-    /// Where tiles of 4096³ voxels, or all that the tree does not hold, can stop or dim a ray, it is
-    /// always packed anew.
+    /// Time is in proportion to the cubes of 8³ voxels that have changed; where some have become empty, or
+    /// not empty, to the regions of 128³ around them; and, by little, to all regions, for the box around
+    /// them and the tree over them. Packing anew takes the time of [`PackedGrid::new`], in proportion to
+    /// all nodes: once the room is used up, which comes the more rarely the more there is, and always
+    /// where tiles of 4096³ voxels, or all that the tree does not hold, can stop or dim a ray.
     ///
     /// # Errors
     /// As [`PackedGrid::new`]. The packed grid is then empty, until a commit succeeds.

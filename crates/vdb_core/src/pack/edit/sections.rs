@@ -1,6 +1,7 @@
 //! A packed grid with room to spare: every section of its words can grow where it is.
 
 use std::collections::{BTreeMap, HashMap};
+use std::convert::Infallible;
 use std::ops::Range;
 
 use glam::IVec3;
@@ -8,9 +9,11 @@ use rayon::prelude::*;
 
 use super::runs::{Run, Runs};
 use super::slots::{Slots, slot_origin};
+use crate::pack::content::{Rule, Tile};
 use crate::pack::crown::{self, Crown};
 use crate::pack::layout::*;
 use crate::pack::leaps::Chunk;
+use crate::pack::region::chunk;
 use crate::pack::{GridHeader, PackError, PackKind, PackedGrid, assemble, bits, blocks, build};
 use crate::tree::CoordBox;
 
@@ -300,11 +303,35 @@ impl PackedGrid {
         (records, &self.words[first..][..blocks::samples_of(mask) as usize])
     }
 
+    /// The tile of a word that is none of a region, a node or a leaf, with its values as they are kept.
+    pub(super) fn tile_of(&self, word: u32) -> Tile {
+        let first = (self.header.palette + (word & PAYLOAD)) as usize;
+        let value = |i: usize| f32::from_bits(self.words[first + i]);
+        match word & (OCCUPIED | MIXED | FILLED) {
+            OCCUPIED if self.kind == PackKind::Fog => Tile::Plain(value(0)),
+            // Of a solid, no value is asked for.
+            OCCUPIED => Tile::Plain(0.0),
+            word if word == OCCUPIED | MIXED | FILLED => Tile::Mixed(std::array::from_fn(value)),
+            word if word == OCCUPIED | MIXED => Tile::Border(std::array::from_fn(value)),
+            _ => Tile::Empty,
+        }
+    }
+
+    /// The kind of grid that values as they are kept are of: a surface's are counted from the iso-value on.
+    pub(super) fn kept_kind(&self) -> PackKind {
+        match self.kind {
+            PackKind::Surface { .. } => PackKind::Surface { iso: 0.0 },
+            PackKind::Smooth { .. } => PackKind::Smooth { iso: 0.0 },
+            PackKind::Fog => PackKind::Fog,
+        }
+    }
+
     /// The box around the occupied cells of a region, in index space.
     pub(super) fn box_of(&self, at: [i32; 3], region: &Region) -> Option<CoordBox> {
         let at = IVec3::from_array(at);
         let Some(number) = region.number() else {
-            return Some(CoordBox::cube(at << REGION_BITS as i32, REGION_BITS));
+            let cube = CoordBox::cube(at << REGION_BITS as i32, REGION_BITS);
+            return self.tile_of(region.word).occupied_box(Rule::of(self.kept_kind()), cube);
         };
         let words = self.words[self.header.region(number)].iter().enumerate();
         let boxes = words.filter_map(|(slot, &word)| {
@@ -313,7 +340,8 @@ impl PackedGrid {
                 let leaf = word & ((1 << LEAF_NUMBER_BITS) - 1);
                 bits::mask_box(self.mask(region.leaves.first + leaf), origin)
             } else {
-                (word & OCCUPIED != 0).then(|| CoordBox::cube(origin, LEAF_BITS))
+                let cube = CoordBox::cube(origin, LEAF_BITS);
+                self.tile_of(word).occupied_box(Rule::of(self.kept_kind()), cube)
             }
         });
         boxes.reduce(CoordBox::union)
@@ -373,13 +401,12 @@ impl Frame {
         for (at, region) in regions {
             crown.set(self.place(IVec3::from_array(*at)), 0, region.word);
         }
-        crown.add_leaps();
+        let Ok(()) = crown.add_leaps(|| Ok::<(), Infallible>(()));
         crown.into_words()
     }
 }
 
-/// The regions and tiles of a crown, in index space; `None` where a tile is larger than a region, or
-/// looked at cell by cell.
+/// The regions and tiles of a crown, in index space; `None` where a tile is larger than a region.
 fn regions_of(packed: &PackedGrid) -> Option<Vec<(IVec3, u32)>> {
     let header = &packed.header;
     let origin = (packed.base >> REGION_BITS as i32) + IVec3::from_array(header.crown_origin);
@@ -391,7 +418,6 @@ fn regions_of(packed: &PackedGrid) -> Option<Vec<(IVec3, u32)>> {
             let place = place * 4 + crown::offset_of(slot);
             match (word & (CHILD | OCCUPIED), level) {
                 (0, _) => {}
-                (_, 0) if word & (CHILD | MIXED) == MIXED => return None,
                 (_, 0) => found.push((origin + place, word)),
                 (OCCUPIED, _) => return None,
                 _ => open.push((word & PAYLOAD, level - 1, place)),
@@ -399,14 +425,4 @@ fn regions_of(packed: &PackedGrid) -> Option<Vec<(IVec3, u32)>> {
         }
     }
     Some(found)
-}
-
-/// The leaf-sized cubes of a region's words that are not empty.
-pub(super) fn chunk(words: &[u32]) -> Chunk {
-    let mut chunk = Chunk::default();
-    for (slot, word) in words.iter().enumerate() {
-        let full = word & (CHILD | OCCUPIED) != 0;
-        chunk[slot >> 8][slot >> 4 & 15] |= u16::from(full) << (slot & 15);
-    }
-    chunk
 }

@@ -28,6 +28,10 @@ impl Voxel {
 /// Changes the voxels of a grid; all coordinates are in index space.
 ///
 /// What is written is read back at once.
+///
+/// A voxel costs a look-up, and, where a tile covers it, the nodes down to a leaf, one of each size: 150 KB
+/// and some microseconds at most, however large the tile is. Boxes cost what their docs say; there is no bound
+/// but the size of the box.
 #[derive(Debug)]
 pub struct VoxelEdit<'a> {
     pub(super) tree: &'a mut Vdb543<f32>,
@@ -95,7 +99,8 @@ impl VoxelEdit<'_> {
 
     /// Gives each voxel of a box a value and a state that follow from what it has and where it is. The
     /// function is called from several threads, once for each voxel of the box; what it leaves alone
-    /// costs nothing further. Leaves that become all alike become tiles.
+    /// costs nothing further. Leaves that become all alike become tiles. Time is in proportion to the
+    /// voxels of the box.
     pub fn update(&mut self, bbox: CoordBox, f: impl Fn(IVec3, Voxel) -> Voxel + Sync) {
         let cubes: Vec<IVec3> = cubes(bbox).collect();
         let tree = &*self.tree;

@@ -1,0 +1,293 @@
+//! What a cube of the lattice holds, from what covers it and its seven neighbours on the high side.
+//!
+//! A trilinear cell has its samples on its own voxel and on the next ones, so that nothing else can
+//! matter to a cube of cells.
+
+use glam::IVec3;
+
+use super::bits;
+use super::layout::*;
+use super::{PackKind, values};
+use crate::tree::{CoordBox, LeafNode};
+
+pub(super) type Leaf = LeafNode<f32, 3>;
+
+/// What makes a cell occupied.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Rule {
+    /// A sample above zero at one of its corners.
+    Density,
+    /// Samples below and not below this value at its corners.
+    Crossing(f32),
+}
+
+impl Rule {
+    pub fn of(kind: PackKind) -> Self {
+        match kind {
+            PackKind::Surface { iso } | PackKind::Smooth { iso } => Self::Crossing(iso),
+            PackKind::Fog => Self::Density,
+        }
+    }
+
+    /// Whether a sample counts: is above zero, or below the value.
+    pub fn counts(self, value: f32) -> bool {
+        match self {
+            Self::Density => value > 0.0,
+            Self::Crossing(iso) => value < iso,
+        }
+    }
+
+    /// Whether there is nothing to tell cells of these two values, and cells between them, apart.
+    pub fn same(self, a: f32, b: f32) -> bool {
+        match self {
+            Self::Density => a == b,
+            Self::Crossing(_) => self.counts(a) == self.counts(b),
+        }
+    }
+}
+
+/// What a tile is to a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Tile {
+    Empty,
+    /// Stops or dims a ray all over, with this value.
+    Plain(f32),
+    /// Stops or dims a ray all over, and touches other values: its own, and those of its neighbours on the
+    /// high side. Cells that are not along its high sides have its own.
+    Mixed([f32; 8]),
+    /// The same where only cells along its high sides can stop or dim a ray.
+    Border([f32; 8]),
+}
+
+impl Tile {
+    /// Of a tile of the first of these values, beside tiles of the others.
+    pub fn of(kind: PackKind, values: &[f32; 8]) -> Self {
+        let (rule, own) = (Rule::of(kind), values[0]);
+        let solid = match kind {
+            PackKind::Surface { .. } => return Self::plain(own, rule.counts(own)),
+            // Nothing is inside a solid but more of it: a surface is at changes of sign alone.
+            PackKind::Smooth { .. } => false,
+            PackKind::Fog => rule.counts(own),
+        };
+        let mixed = values.iter().any(|&value| !rule.same(value, own))
+            && values.iter().any(|&value| rule.counts(value));
+        match (mixed, solid) {
+            (true, true) => Self::Mixed(*values),
+            (true, false) => Self::Border(*values),
+            (false, _) => Self::plain(own, solid),
+        }
+    }
+
+    /// The same of what the tree does not hold: a background is nothing of its own.
+    pub fn hollow(self) -> Self {
+        match self {
+            Self::Plain(_) => Self::Empty,
+            Self::Mixed(values) => Self::Border(values),
+            tile => tile,
+        }
+    }
+
+    fn plain(value: f32, solid: bool) -> Self {
+        if solid { Self::Plain(value) } else { Self::Empty }
+    }
+
+    /// A tile of other values.
+    pub fn map(self, f: impl Fn(f32) -> f32) -> Self {
+        match self {
+            Self::Empty => Self::Empty,
+            Self::Plain(value) => Self::Plain(f(value)),
+            Self::Mixed(values) => Self::Mixed(values.map(f)),
+            Self::Border(values) => Self::Border(values.map(f)),
+        }
+    }
+
+    /// A part of the tile that lies along its high sides on the axes of `sides` alone.
+    pub fn part(self, kind: PackKind, sides: usize) -> Self {
+        let values = match self {
+            Self::Empty | Self::Plain(_) => return self,
+            Self::Mixed(values) | Self::Border(values) => values,
+        };
+        let part = Self::of(kind, &std::array::from_fn(|i| values[i & sides]));
+        if matches!(self, Self::Border(_)) { part.hollow() } else { part }
+    }
+
+    /// The box of its cells that can stop or dim a ray.
+    pub fn occupied_box(&self, rule: Rule, cube: CoordBox) -> Option<CoordBox> {
+        let values = match self {
+            Self::Empty => return None,
+            Self::Plain(_) | Self::Mixed(_) => return Some(cube),
+            Self::Border(values) => values,
+        };
+        let part = |sides: usize| {
+            let own = (0..8).filter(|i| i & !sides == 0).map(|i| values[i]);
+            let any = own.clone().any(|value| rule.counts(value));
+            let occupied = any && (rule == Rule::Density || !own.clone().all(|v| rule.counts(v)));
+            let mut part = cube;
+            for axis in 0..3 {
+                match sides >> (2 - axis) & 1 {
+                    1 => part.min[axis] = cube.max[axis],
+                    _ => part.max[axis] = cube.max[axis] - 1,
+                }
+            }
+            occupied.then_some(part)
+        };
+        (1..8).filter_map(part).reduce(CoordBox::union)
+    }
+}
+
+/// What covers a cube of 8³ voxels.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Source<'a> {
+    Leaf(&'a Leaf),
+    /// All of one value. Beyond the index space that is no number, which no rule counts.
+    Constant(f32),
+}
+
+/// What covers a cube of 8³ voxels, and its neighbours on the high side: `x·4 + y·2 + z`.
+pub(super) type Sources<'a> = [Source<'a>; 8];
+
+/// The value of a cube and its neighbours where all have one.
+pub(super) fn one_value(sources: &Sources) -> Option<f32> {
+    let Source::Constant(own) = sources[0] else { return None };
+    let same = |source: &Source| match source {
+        Source::Constant(other) => other.to_bits() == own.to_bits(),
+        Source::Leaf(_) => false,
+    };
+    sources[1..].iter().all(same).then_some(own)
+}
+
+/// What a cube of 8³ cells holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Content {
+    Tile(Tile),
+    /// Occupied cells.
+    Leaf([u32; LEAF_MASK_WORDS]),
+}
+
+impl Content {
+    pub const EMPTY: Self = Self::Tile(Tile::Empty);
+
+    /// Of the cube that is covered by the first of these.
+    pub fn of(kind: PackKind, sources: &Sources) -> Self {
+        let rule = Rule::of(kind);
+        let filled = |mask: [u32; LEAF_MASK_WORDS]| {
+            mask.iter().any(|&word| word != 0).then_some(Self::Leaf(mask))
+        };
+        let own = match sources[0] {
+            Source::Leaf(leaf) => {
+                let mask = if matches!(kind, PackKind::Surface { .. }) {
+                    bits::mask(&bits::planes(leaf, |value| rule.counts(value)))
+                } else {
+                    rows_mask(&rows(rule, sources), rule)
+                };
+                return filled(mask).unwrap_or(Self::EMPTY);
+            }
+            Source::Constant(own) => own,
+        };
+        let mut values = [own; 8];
+        for (value, source) in values.iter_mut().zip(sources) {
+            match source {
+                Source::Constant(constant) => *value = *constant,
+                Source::Leaf(_) if matches!(kind, PackKind::Surface { .. }) => {}
+                Source::Leaf(_) => {
+                    let filled = filled(rows_mask(&rows(rule, sources), rule));
+                    return filled.unwrap_or(Self::Tile(Tile::of(kind, &[own; 8])));
+                }
+            }
+        }
+        Self::Tile(Tile::of(kind, &values))
+    }
+
+    pub fn is_empty(&self) -> bool {
+        *self == Self::EMPTY
+    }
+}
+
+/// For each (x, y) of 9 × 9, the samples along z that count, from a cube and its neighbours.
+type Rows = [[u16; 9]; 9];
+
+/// The samples that count of a cube and of the first ones on its high sides.
+fn rows(rule: Rule, sources: &Sources) -> Rows {
+    match rule {
+        Rule::Density => rows_by(|value| value > 0.0, sources),
+        Rule::Crossing(iso) => rows_by(|value| value < iso, sources),
+    }
+}
+
+fn rows_by(counts: impl Fn(f32) -> bool, sources: &Sources) -> Rows {
+    let mut rows: Rows = [[0; 9]; 9];
+    // One bit each of values side by side.
+    let bits = |values: &[f32]| -> u64 {
+        let bits = values.iter().enumerate();
+        bits.fold(0, |bits, (bit, &value)| bits | u64::from(counts(value)) << bit)
+    };
+    for (side, source) in sources.iter().enumerate() {
+        let high = corner(side);
+        let (x, y) = (8 * high.x as usize, 8 * high.y as usize);
+        let (to_x, to_y) = (if x == 8 { 9 } else { 8 }, if y == 8 { 9 } else { 8 });
+        let values = match source {
+            Source::Leaf(leaf) => leaf.values_slice(),
+            Source::Constant(value) => {
+                let row = if counts(*value) { if high.z == 0 { 0xff } else { 0x100 } } else { 0 };
+                for rows in &mut rows[x..to_x] {
+                    rows[y..to_y].iter_mut().for_each(|own| *own |= row);
+                }
+                continue;
+            }
+        };
+        for (rows, plane) in rows[x..to_x].iter_mut().zip(values.chunks_exact(64)) {
+            let rows = &mut rows[y..to_y];
+            if high.z == 1 {
+                for (own, row) in rows.iter_mut().zip(plane.chunks_exact(8)) {
+                    *own |= u16::from(counts(row[0])) << 8;
+                }
+            } else if rows.len() == 1 {
+                rows[0] |= bits(&plane[..8]) as u16;
+            } else {
+                let plane = bits(plane);
+                for (y, own) in rows.iter_mut().enumerate() {
+                    *own |= (plane >> (8 * y) & 0xff) as u16;
+                }
+            }
+        }
+    }
+    rows
+}
+
+/// The occupied cells among the samples that count.
+fn rows_mask(rows: &Rows, rule: Rule) -> [u32; LEAF_MASK_WORDS] {
+    let cells = std::array::from_fn(|x| {
+        (0..8).fold(0, |plane, y| {
+            let corners = [rows[x][y], rows[x + 1][y], rows[x][y + 1], rows[x + 1][y + 1]];
+            let any = corners.iter().fold(0, |any, row| any | row);
+            let all = corners.iter().fold(u16::MAX, |all, row| all & row);
+            let cells = match rule {
+                Rule::Density => any | any >> 1,
+                Rule::Crossing(_) => (any | any >> 1) & !(all & all >> 1),
+            };
+            plane | u64::from(cells & 0xff) << (8 * y)
+        })
+    });
+    bits::mask(&cells)
+}
+
+/// The neighbour of a number, `x·4 + y·2 + z`, as a step.
+pub(super) fn corner(side: usize) -> IVec3 {
+    let side = side as i32;
+    IVec3::new(side >> 2, side >> 1 & 1, side & 1)
+}
+
+/// The largest density that the cells of a cube have.
+pub(super) fn largest_density(sources: &Sources) -> f32 {
+    let of = |source: &Source| match source {
+        Source::Constant(value) => values::density(*value),
+        Source::Leaf(_) => 0.0,
+    };
+    let own = match sources[0] {
+        Source::Leaf(leaf) => {
+            leaf.values_slice().iter().map(|&value| values::density(value)).fold(0.0, f32::max)
+        }
+        Source::Constant(_) => 0.0,
+    };
+    sources.iter().map(of).fold(own, f32::max)
+}

@@ -1,0 +1,172 @@
+//! Cubes of 128³ cells, leaf by leaf.
+
+use glam::IVec3;
+
+use super::PackKind;
+use super::bits;
+use super::build::Wide;
+use super::content::{Content, Rule, Source, Sources, Tile, corner, one_value};
+use super::layout::*;
+use super::leaps::Chunk;
+use super::palette::{Palette, TILE_BYTES};
+use crate::tree::{CoordBox, Slot};
+
+/// A cube of 128³ cells that is not all alike.
+pub(super) struct Region<'a> {
+    /// In index space, in regions.
+    pub at: IVec3,
+    /// Words of [`layout`](super::layout), but for how far rays can leap, with tiles by their place in the
+    /// region's own palette.
+    pub words: Box<[u32]>,
+    /// The leaves' masks, in the order of their numbers.
+    pub masks: Vec<[u32; LEAF_MASK_WORDS]>,
+    /// What covers the leaves; not of a surface of voxels.
+    pub sources: Vec<Sources<'a>>,
+    pub palette: Palette,
+    /// Around its occupied cells, in index space.
+    pub occupied: Option<CoordBox>,
+}
+
+/// What a cube of 128³ turns out to be.
+pub(super) enum Built<'a> {
+    Tile(Tile),
+    Region(Box<Region<'a>>),
+}
+
+impl Built<'_> {
+    /// Bytes that it takes, with its words in the packed grid.
+    pub fn bytes(&self) -> u64 {
+        let Self::Region(region) = self else { return 0 };
+        let leaves = 2 * size_of_val(&*region.masks) + size_of_val(&*region.sources);
+        let palette = region.palette.values.len() as u64 / 8 * TILE_BYTES;
+        2 * 4 * REGION_WORDS as u64 + leaves as u64 + palette + size_of::<Region>() as u64
+    }
+}
+
+/// Edge of a region and of what its cells look at beyond it, in leaves.
+const AROUND: usize = 17;
+
+fn around_slot(at: IVec3) -> usize {
+    (at.x as usize * AROUND + at.y as usize) * AROUND + at.z as usize
+}
+
+/// What a region is made of, which the tree may not hold itself. `around` is room to work in.
+pub(super) fn built<'a>(
+    kind: PackKind,
+    at: IVec3,
+    wide: &[Wide<'a>; 8],
+    is_void: bool,
+    around: &mut Vec<Source<'a>>,
+) -> Built<'a> {
+    fill(around, wide);
+    let rule = Rule::of(kind);
+    let is_sampled = !matches!(kind, PackKind::Surface { .. });
+    let steps: [usize; 8] = std::array::from_fn(|side| around_slot(corner(side)));
+    let mut region = Region {
+        at,
+        words: vec![0; REGION_WORDS].into_boxed_slice(),
+        masks: Vec::new(),
+        sources: Vec::new(),
+        palette: Palette::new(kind),
+        occupied: None,
+    };
+    let content = |sources: &Sources| match Content::of(kind, sources) {
+        Content::Tile(tile) if is_void => Content::Tile(tile.hollow()),
+        content => content,
+    };
+    // Most cubes are of one value beside their like.
+    let mut last = (f32::NAN, content(&[Source::Constant(f32::NAN); 8]));
+    let mut first = None;
+    // Nothing beside it can matter to what lies within a tile.
+    let inner = match wide[0] {
+        Wide::Tile(value) => Some(content(&[Source::Constant(value); 8])),
+        Wide::Lower(_) => None,
+    };
+    let mut all_alike = true;
+    for slot in 0..REGION_WORDS {
+        let s = slot as i32;
+        let cube = IVec3::new(s >> 8, s >> 4 & 15, s & 15);
+        if let Some(inner) = inner
+            && inner.is_empty()
+            && cube.max_element() < 15
+        {
+            first.get_or_insert(inner);
+            continue;
+        }
+        let place = around_slot(cube);
+        let sources: Sources = steps.map(|step| around[place + step]);
+        let content = match one_value(&sources) {
+            Some(value) if value.to_bits() == last.0.to_bits() => last.1,
+            _ => content(&sources),
+        };
+        if let Source::Constant(value) = sources[0]
+            && matches!(content, Content::Tile(Tile::Empty | Tile::Plain(_)))
+        {
+            last = (value, content);
+        }
+        all_alike &= *first.get_or_insert(content) == content;
+        if content.is_empty() {
+            continue;
+        }
+        let origin = (at << REGION_BITS as i32) + (cube << LEAF_BITS as i32);
+        let (word, occupied) = match content {
+            Content::Tile(tile) => {
+                let cube = CoordBox::cube(origin, LEAF_BITS);
+                (region.palette.word(tile), tile.occupied_box(rule, cube))
+            }
+            Content::Leaf(mask) => {
+                let number = region.masks.len() as u32;
+                region.masks.push(mask);
+                if is_sampled {
+                    region.sources.push(sources);
+                }
+                (leaf_word(&mask, number), bits::mask_box(&mask, origin))
+            }
+        };
+        region.words[slot] = word;
+        let boxes = [region.occupied, occupied];
+        region.occupied = boxes.into_iter().flatten().reduce(CoordBox::union);
+    }
+    match first {
+        Some(Content::Tile(tile @ (Tile::Empty | Tile::Plain(_)))) if all_alike => {
+            Built::Tile(tile)
+        }
+        _ => Built::Region(Box::new(region)),
+    }
+}
+
+/// What covers the leaves of a region, and of its neighbours those beside it.
+fn fill<'a>(around: &mut Vec<Source<'a>>, wide: &[Wide<'a>; 8]) {
+    around.clear();
+    for x in 0..AROUND {
+        for y in 0..AROUND {
+            for z in 0..AROUND {
+                let slot = (x & 15) << 8 | (y & 15) << 4 | z & 15;
+                around.push(match wide[(x >> 4) << 2 | (y >> 4) << 1 | z >> 4] {
+                    Wide::Tile(value) => Source::Constant(value),
+                    Wide::Lower(lower) => match lower.slot_at(slot) {
+                        Slot::Tile(value, _) => Source::Constant(value),
+                        Slot::Child(leaf) => Source::Leaf(leaf),
+                    },
+                });
+            }
+        }
+    }
+}
+
+/// The word of a leaf with a number in its region.
+pub(super) fn leaf_word(mask: &[u32; LEAF_MASK_WORDS], number: u32) -> u32 {
+    let blocks = mask.chunks_exact(2).enumerate();
+    let blocks = blocks.map(|(i, pair)| u32::from(pair[0] | pair[1] != 0) << i);
+    CHILD | blocks.sum::<u32>() << LEAF_NUMBER_BITS | number
+}
+
+/// The leaf-sized cubes of a region's words that are not empty.
+pub(super) fn chunk(words: &[u32]) -> Chunk {
+    let mut chunk = Chunk::default();
+    for (slot, word) in words.iter().enumerate() {
+        let full = word & (CHILD | OCCUPIED) != 0;
+        chunk[slot >> 8][slot >> 4 & 15] |= u16::from(full) << (slot & 15);
+    }
+    chunk
+}
