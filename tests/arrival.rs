@@ -3,7 +3,7 @@
 
 mod common;
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use bevy::math::DVec3;
@@ -20,6 +20,13 @@ const SIZE: UVec2 = UVec2::new(64, 48);
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
 /// Updates after which something is not going to happen any more.
 const PATIENCE: usize = 20_000;
+
+/// There is one thread for all tests of this program: each has it to itself.
+static THREAD: Mutex<()> = Mutex::new(());
+
+fn alone() -> MutexGuard<'static, ()> {
+    THREAD.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// A stage, and a camera that looks at its middle from a distance.
 fn stage(distance: f32) -> (Stage, Handle<Image>, Entity) {
@@ -67,6 +74,7 @@ fn wait_for(stage: &mut Stage, volume: Entity, wanted: VdbVolumeState) -> usize 
 /// The signal comes in the frame after the first one with the volume, no sooner and no later, once.
 #[test]
 fn a_volume_is_drawn_when_it_is_in_the_picture() {
+    let _alone = alone();
     if !has_gpu() {
         return;
     }
@@ -132,6 +140,7 @@ fn a_volume_is_drawn_when_it_is_in_the_picture() {
 /// Levels of detail take long, and the picture does not wait for them: they are begun when it is there.
 #[test]
 fn the_picture_comes_before_levels_of_detail() {
+    let _alone = alone();
     if !has_gpu() {
         return;
     }
@@ -175,6 +184,7 @@ fn the_picture_comes_before_levels_of_detail() {
 /// While a file is decoded and packed, Bevy's one thread for pipelines is free.
 #[test]
 fn loading_holds_no_thread_of_bevys() {
+    let _alone = alone();
     let folder = std::env::temp_dir().join(format!("bevy_vdb_arrival_{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let path = folder.join("large.vdb");
