@@ -221,7 +221,10 @@ fn a_file_that_takes_too_much_memory_is_one_message() {
     let file: Handle<VdbFile> = load(&app, &path);
     let message = failure(&mut app, &file);
     std::fs::remove_file(&path).unwrap();
-    assert!(message.contains("'strewn'") && message.contains("`Limits::packed_growth`"), "{message}");
+    assert!(
+        message.contains("'strewn'") && message.contains("`Limits::packed_growth`"),
+        "{message}"
+    );
 }
 
 #[test]

@@ -6,6 +6,9 @@ use bevy::asset::UntypedAssetId;
 use bevy::ecs::entity::EntityHashMap;
 use bevy::prelude::*;
 use bevy::render::camera::ExtractedCamera;
+use bevy::render::render_resource::{
+    CachedPipeline, CachedPipelineState, PipelineCache, PipelineDescriptor,
+};
 use vdb_core::pack::PackedGrid;
 
 use super::cast::CastShadows;
@@ -27,9 +30,11 @@ pub(super) fn report_drawn(
         (With<ExtractedCamera>, With<Camera3d>),
     >,
     drawn: Res<DrawnVolumes>,
+    pipelines: Res<PipelineCache>,
     mut states: Local<EntityHashMap<(UntypedAssetId, VdbVolumeState)>>,
 ) {
     states.clear();
+    let is_shown = !pipelines.pipelines().any(is_missed);
     for (entity, volume) in &volumes.0 {
         states.insert(entity.id(), (volume.grid.asset(), on_the_gpu(volume, &pool)));
     }
@@ -38,7 +43,7 @@ pub(super) fn report_drawn(
             let Some((_, state)) = states.get_mut(&entity.id()) else { continue };
             let here = match made {
                 Some((resources, pipelines)) if resources.listed.binary_search(entity).is_ok() => {
-                    if pipelines.is_drawn && !shadows.is_waiting {
+                    if pipelines.is_drawn && is_shown && !shadows.is_waiting {
                         VdbVolumeState::Drawn
                     } else {
                         VdbVolumeState::Preparing
@@ -50,6 +55,18 @@ pub(super) fn report_drawn(
         }
     }
     drawn.set(&mut states);
+}
+
+/// Bevy's pipelines that take a camera's picture to where it is shown, by their labels.
+const LAST_PASSES: [&str; 2] = ["blit pipeline", "tonemapping pipeline"];
+
+/// Whether a pipeline is one of these, and is not there yet: then the picture is not either.
+fn is_missed(pipeline: &CachedPipeline) -> bool {
+    let PipelineDescriptor::RenderPipelineDescriptor(descriptor) = &pipeline.descriptor else {
+        return false;
+    };
+    descriptor.label.as_deref().is_some_and(|label| LAST_PASSES.contains(&label))
+        && !matches!(pipeline.state, CachedPipelineState::Ok(_))
 }
 
 /// What there is to say of a volume before any view has been asked.
