@@ -3,6 +3,7 @@
 
 use bevy::prelude::*;
 use bevy::render::error_handler::{ErrorType, RenderError, RenderErrorHandler, RenderErrorPolicy};
+use bevy::render::render_resource::PollType;
 use bevy::render::renderer::RenderDevice;
 use bevy::render::settings::RenderCreation;
 use bevy_vdb::prelude::*;
@@ -30,6 +31,8 @@ fn recover(error: &RenderError, world: &mut World, _: &mut World) -> RenderError
 fn lose(keys: Res<ButtonInput<KeyCode>>, device: Res<RenderDevice>) {
     if keys.just_pressed(KeyCode::KeyD) {
         device.wgpu_device().destroy();
+        // Tells Bevy, as a device that is lost by itself does at once.
+        device.poll(PollType::wait_indefinitely()).ok();
     }
 }
 

@@ -9,8 +9,8 @@ fn main() {
 }
 
 pub(crate) fn setup(mut commands: Commands, assets: Res<AssetServer>) {
-    // A file is a set of grids, each with a name: `#surface` is the grid in here.
-    let teapot = assets.load("models/teapot.vdb#surface");
+    // The surface or the density in a file. Of several grids, `teapot.vdb#surface` names one.
+    let teapot = assets.load("models/teapot.vdb");
     // A volume is placed like a mesh. The model is 6.4 wide and stands on the plane y = 0.
     commands.spawn((VdbVolume(teapot), Transform::from_scale(Vec3::splat(0.5))));
     // Any 3D camera sees it,

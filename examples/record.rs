@@ -12,8 +12,8 @@ use bevy::render::RenderPlugin;
 use bevy::render::render_resource::TextureFormat;
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
+use bevy_vdb::VdbRecordPhase;
 use bevy_vdb::prelude::*;
-use bevy_vdb::{VdbGpuUsage, VdbRecordPhase};
 
 const FRAMES: u64 = 90;
 
@@ -31,7 +31,7 @@ fn main() -> AppExit {
             VdbRecordPlugin,
         ))
         .add_systems(Startup, setup)
-        .add_systems(Update, (turn, begin, leave).chain())
+        .add_systems(Update, (turn, leave).chain())
         .run()
 }
 
@@ -46,23 +46,16 @@ fn setup(mut commands: Commands, assets: Res<AssetServer>, mut images: ResMut<As
         Transform::from_xyz(0.0, 3.0, 7.0).looking_at(Vec3::Y, Vec3::Y),
         VdbRecorder::default(),
     ));
-    commands.spawn(VdbVolume(assets.load("models/teapot.vdb#surface")));
+    // Not before there is something to be seen.
+    commands.spawn(VdbVolume(assets.load("models/teapot.vdb"))).observe(begin);
     commands.spawn((
         DirectionalLight { illuminance: 6_000.0, ..default() },
         Transform::default().looking_to(Vec3::new(-1.0, -2.0, -1.0), Vec3::Y),
     ));
 }
 
-/// Frames after the grid has come to the GPU until all pipelines have been made.
-const SETTLED: u32 = 4;
-
-/// When the volume is there to be seen.
-fn begin(usage: Res<VdbGpuUsage>, mut recorder: Single<&mut VdbRecorder>, mut frames: Local<u32>) {
-    *frames += u32::from(usage.grids() > 0);
-    if *frames != SETTLED {
-        return;
-    }
-    *frames += 1;
+/// When the volume is in the picture.
+fn begin(_: On<VdbVolumeDrawn>, mut recorder: Single<&mut VdbRecorder>) {
     let target = PathBuf::from(std::env::args().nth(1).unwrap_or("teapot.mp4".into()));
     let format = match target.extension().and_then(|extension| extension.to_str()) {
         Some("mp4") => VdbRecordFormat::Mp4,

@@ -1,5 +1,6 @@
 //! Grids and files as assets.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use bevy::asset::Asset;
@@ -10,7 +11,7 @@ use thiserror::Error;
 use vdb_core::display::escaped;
 use vdb_core::pack::{PackError, PackKind, PackedGrid};
 use vdb_core::tree::Vdb543;
-use vdb_core::{GridClass, Metadata, SkippedGrid};
+use vdb_core::{AnyTree, GridClass, Metadata, SkippedGrid, Transform, WriteOptions};
 
 use crate::edits::Edits;
 use crate::{VdbEdit, VdbValues, VdbVectorGrid};
@@ -202,6 +203,35 @@ impl VdbGrid {
         Ok(())
     }
 
+    /// The grid as `vdb_core` has it, with its name, class, transform, metadata and values, what has been
+    /// edited included: to be written, or changed and made a [`VdbGrid`] again by [`VdbGrid::new`]. Both
+    /// share the tree: as long as this is kept, an edit copies it.
+    ///
+    /// ```no_run
+    /// # use bevy_vdb::{VdbGrid, vdb_core};
+    /// # fn both(density: &VdbGrid, flame: &VdbGrid) -> Result<(), vdb_core::Error> {
+    /// // Several grids in one file.
+    /// let file = vdb_core::VdbFile::new(vec![density.to_grid(), flame.to_grid()]);
+    /// file.save("fire.vdb", &vdb_core::WriteOptions::default())
+    /// # }
+    /// ```
+    pub fn to_grid(&self) -> vdb_core::Grid {
+        let tree = AnyTree::Float(self.tree.clone());
+        core_grid(&self.name, self.class, self.world_from_index, &self.metadata, tree)
+    }
+
+    /// Writes the grid as it is now, what has been edited included, into a `.vdb` file of its own, which
+    /// OpenVDB and what is built on it reads. A crash or a full disk leaves what stood there before.
+    ///
+    /// This takes as long as compressing and writing do: for a grid of many megabytes, clone it (clones share
+    /// their voxels) and save it in a task.
+    ///
+    /// # Errors
+    /// What the system says, with the path; and when a name or a value is longer than the format can say.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), vdb_core::Error> {
+        vdb_core::VdbFile::new(vec![self.to_grid()]).save(path, &WriteOptions::default())
+    }
+
     /// Whether voxels have been edited, and may be again at no more cost than theirs.
     pub fn is_edited(&self) -> bool {
         self.edits.is_some()
@@ -287,10 +317,27 @@ fn shown(name: &Arc<str>) -> Arc<str> {
     if *shown == **name { name.clone() } else { shown.into() }
 }
 
+/// A grid of `vdb_core`.
+pub(crate) fn core_grid(
+    name: &str,
+    class: GridClass,
+    world_from_index: DAffine3,
+    metadata: &Metadata,
+    tree: AnyTree,
+) -> vdb_core::Grid {
+    let mut grid = vdb_core::Grid::new(name, tree);
+    grid.class = class;
+    grid.metadata = metadata.clone();
+    // It could be inverted when the grid was made.
+    grid.transform = Transform::affine(world_from_index).unwrap_or_default();
+    grid
+}
+
 /// Whether a transform can place a grid.
 pub(crate) fn check_transform(world_from_index: DAffine3) -> Result<(), VdbGridError> {
+    let can_be_saved = Transform::affine(world_from_index).is_some();
     let inverse = world_from_index.inverse();
-    if !inverse.is_finite() || !world_from_index.is_finite() {
+    if !can_be_saved || !inverse.is_finite() || !world_from_index.is_finite() {
         return Err(VdbGridError::Transform(format!(
             "the transform from index space to the world, {world_from_index}, cannot be inverted"
         )));

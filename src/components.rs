@@ -4,17 +4,19 @@ use bevy::camera::visibility::{VisibilityClass, add_visibility_class};
 use bevy::prelude::*;
 use bevy::render::extract_component::ExtractComponent;
 
-use crate::VdbGrid;
+use crate::volume_state::ToldDrawn;
+use crate::{VdbGrid, VdbVolumeState};
 
-/// Shows a grid. `commands.spawn(VdbVolume(asset_server.load("smoke.vdb#density")))` is enough.
+/// Shows a grid. `commands.spawn(VdbVolume(asset_server.load("smoke.vdb")))` is enough where a file has one
+/// grid to show; `"smoke.vdb#density"` names one.
 ///
 /// The grid stands in the entity's space as its file says (the grid's own transform, from index
 /// space to the file's world); the entity's [`Transform`] then places it in Bevy's world: any
 /// rotation, scale and mirror. [`Visibility`] and `RenderLayers` are obeyed. While the asset is on
-/// its way, or if it never arrives, nothing is drawn.
+/// its way, or if it never arrives, nothing is drawn; [`VdbVolumeState`] says how far it is.
 #[derive(Clone, Component, Debug, Default, PartialEq, Eq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
-#[require(Transform, Visibility, VisibilityClass, VdbMaterial)]
+#[require(Transform, Visibility, VisibilityClass, VdbMaterial, VdbVolumeState, ToldDrawn)]
 #[component(on_add = add_visibility_class::<VdbVolume>)]
 pub struct VdbVolume(pub Handle<VdbGrid>);
 

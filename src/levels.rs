@@ -1,44 +1,57 @@
-//! Levels of detail: each grid again at a half, a quarter … of its resolution, made while the app goes on
-//! where a camera asks for them.
+//! Levels of detail: each grid again at a half, a quarter … of its resolution, made beside the frames where
+//! a camera asks for them.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use bevy::platform::collections::{HashMap, HashSet};
+use bevy::camera::primitives::Aabb;
+use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
+use bevy::tasks::Task;
 use bevy::tasks::futures::check_ready;
-use bevy::tasks::{AsyncComputeTaskPool, Task};
-use vdb_core::GridClass;
-use vdb_core::pack::{PackKind, PackedGrid, ValueFormat};
+use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, ValueFormat};
 use vdb_core::tree::{Coarsening, LevelOptions, half_resolution, voxel_in_distances};
+use vdb_core::{GridClass, ProgressFn};
 
-use crate::{VdbCamera, VdbGrid, VdbQuality, VdbVolume};
+use crate::dial::{distance, pixel_size};
+use crate::{VdbCamera, VdbGrid, VdbQuality, VdbVolume, VdbVolumeState, background};
 
 /// Of its longest edge, in cells: a grid that is smaller is not made coarser still.
 const SMALLEST: i32 = 16;
 
-/// The grids whose coarser levels are being made.
+/// The grid whose coarser levels are being made.
 #[derive(Debug, Default, Resource)]
-pub(crate) struct PendingLevels {
-    tasks: HashMap<AssetId<VdbGrid>, Task<Levels>>,
-}
+pub(crate) struct PendingLevels(Option<Pending>);
 
-/// The coarser levels of a grid, and which grid that was.
 #[derive(Debug)]
-struct Levels {
+struct Pending {
+    id: AssetId<VdbGrid>,
     of: Arc<PackedGrid>,
-    levels: Arc<[Arc<PackedGrid>]>,
+    levels: Task<Levels>,
+    wanted: Arc<AtomicBool>,
 }
 
-/// Makes the levels that cameras ask for, and drops them when none does any more.
+impl Drop for Pending {
+    fn drop(&mut self) {
+        self.wanted.store(false, Ordering::Relaxed);
+    }
+}
+
+type Levels = Arc<[Arc<PackedGrid>]>;
+
+/// Makes the levels that cameras ask for, and drops them when none does any more: of the volumes that are in
+/// the picture, as that comes first, and of one grid at a time, first of that whose voxels are the smallest
+/// in it.
 pub(crate) fn make_levels(
-    cameras: Query<(&VdbCamera, &VdbQuality)>,
-    volumes: Query<&VdbVolume>,
+    cameras: Query<(&VdbCamera, &VdbQuality, &Camera, &Projection, &GlobalTransform)>,
+    volumes: Query<(&VdbVolume, &VdbVolumeState, &GlobalTransform, &Aabb)>,
     mut grids: ResMut<Assets<VdbGrid>>,
     mut pending: ResMut<PendingLevels>,
     mut made: Local<HashSet<AssetId<VdbGrid>>>,
 ) {
-    if !cameras.iter().any(|(camera, quality)| camera.enabled && quality.detail > 0.0) {
-        pending.tasks.clear();
+    if !cameras.iter().any(|(camera, quality, ..)| camera.enabled && quality.detail > 0.0) {
+        pending.0 = None;
         for id in made.drain() {
             if let Some(mut grid) = grids.get_mut(id) {
                 grid.set_levels(None);
@@ -46,45 +59,89 @@ pub(crate) fn make_levels(
         }
         return;
     }
-    for volume in &volumes {
-        let id = volume.0.id();
-        let Some(grid) = grids.get(id) else { continue };
-        // They would be out of date by the next edit, and make it copy what they are made of.
-        if !grid.is_edited() && grid.levels().is_none() && !pending.tasks.contains_key(&id) {
-            let grid = grid.clone();
-            let task = AsyncComputeTaskPool::get()
-                .spawn(async move { Levels { of: grid.packed().clone(), levels: coarser(&grid) } });
-            pending.tasks.insert(id, task);
-        }
-    }
-    let mut done = Vec::new();
-    for (id, task) in &mut pending.tasks {
-        if let Some(levels) = check_ready(task) {
-            done.push((*id, levels));
-        }
-    }
-    for (id, made_of) in done {
-        pending.tasks.remove(&id);
+    if let Some(Pending { id, of, levels, .. }) = &mut pending.0 {
         // Of a grid that has changed since they are worth nothing.
-        if grids.get(id).is_some_and(|grid| Arc::ptr_eq(grid.packed(), &made_of.of))
-            && let Some(mut grid) = grids.get_mut(id)
+        let is_same = grids.get(*id).is_some_and(|grid| Arc::ptr_eq(grid.packed(), of));
+        let ready = if is_same { check_ready(levels) } else { None };
+        if let Some(levels) = ready
+            && let Some(mut grid) = grids.get_mut(*id)
         {
-            grid.set_levels(Some(made_of.levels));
-            made.insert(id);
+            grid.set_levels(Some(levels));
+            made.insert(*id);
+        } else if is_same {
+            return;
         }
+        pending.0 = None;
+    }
+    let drawn = volumes.iter().filter(|(_, state, ..)| **state == VdbVolumeState::Drawn);
+    let asked = drawn.filter_map(|(volume, _, at, aabb)| {
+        let grid = grids.get(&volume.0)?;
+        // They would be out of date by the next edit, and make it copy what they are made of.
+        if grid.is_edited() || grid.levels().is_some() {
+            return None;
+        }
+        let need = cameras.iter().map(|camera| need(camera, grid, at, aabb)).fold(0.0, f32::max);
+        (need >= 1.0).then_some((need, volume.0.id(), grid))
+    });
+    if let Some((_, id, grid)) = asked.max_by(|a, b| a.0.total_cmp(&b.0)) {
+        pending.0 = Some(begin(id, grid.clone()));
     }
 }
 
+/// How many times as large the voxels of a grid may be, where a volume is nearest to a camera. From 2 on,
+/// a coarser level is shown; it should be there by then.
+fn need(
+    (settings, quality, camera, projection, view): (
+        &VdbCamera,
+        &VdbQuality,
+        &Camera,
+        &Projection,
+        &GlobalTransform,
+    ),
+    grid: &VdbGrid,
+    at: &GlobalTransform,
+    aabb: &Aabb,
+) -> f32 {
+    if !settings.enabled || !(quality.detail > 0.0) {
+        return 0.0;
+    }
+    let height = camera.physical_viewport_size().map_or(1, |size| size.y).max(1);
+    let pixel = pixel_size(projection, height, distance(view, at, aabb));
+    let world_from_index =
+        Mat3::from(at.affine().matrix3) * grid.world_from_index().matrix3.as_mat3();
+    let axes = [world_from_index.x_axis, world_from_index.y_axis, world_from_index.z_axis];
+    let voxel = axes.into_iter().map(Vec3::length).fold(0.0, f32::max);
+    quality.detail.min(64.0) * pixel / voxel
+}
+
+fn begin(id: AssetId<VdbGrid>, grid: VdbGrid) -> Pending {
+    let wanted = Arc::new(AtomicBool::new(true));
+    let (of, asked) = (grid.packed().clone(), wanted.clone());
+    let goes_on: Arc<ProgressFn> = Arc::new(move |_, _| match asked.load(Ordering::Relaxed) {
+        true => ControlFlow::Continue(()),
+        false => ControlFlow::Break(()),
+    });
+    Pending { id, of, levels: background::improve(move || coarser(&grid, goes_on)), wanted }
+}
+
 /// A grid at half its resolution, at half of that, and so on.
-fn coarser(grid: &VdbGrid) -> Arc<[Arc<PackedGrid>]> {
+fn coarser(grid: &VdbGrid, goes_on: Arc<ProgressFn>) -> Levels {
     let packed = grid.packed();
     let format = match packed.sample_format() {
         Some(1) => ValueFormat::Half,
         Some(2) => ValueFormat::Byte,
         _ => ValueFormat::Exact,
     };
+    let options = LevelOptions { progress: Some(goes_on.clone()), ..default() };
+    let packing = PackOptions { format, progress: Some(goes_on.clone()), ..default() };
     let mut tree = Arc::clone(grid.tree());
     let mut levels: Vec<Arc<PackedGrid>> = Vec::new();
+    let has_none = |error: &dyn std::fmt::Display| {
+        // One that is no longer wanted is no news.
+        if goes_on(0, 0).is_continue() {
+            warn!("grid '{}' has no coarser levels of detail: {error}", grid.name());
+        }
+    };
     loop {
         let finest = levels.last().unwrap_or(packed);
         let cells = finest.occupied.map_or(0, |cells| (cells.max - cells.min).max_element());
@@ -99,18 +156,18 @@ fn coarser(grid: &VdbGrid) -> Arc<[Arc<PackedGrid>]> {
                 Coarsening::Surface { iso, voxel }
             }
         };
-        tree = match half_resolution(&tree, coarsening, &LevelOptions::default()) {
+        tree = match half_resolution(&tree, coarsening, &options) {
             Ok(coarser) => Arc::new(coarser),
             Err(error) => {
-                warn!("grid '{}' has no coarser levels of detail: {error}", grid.name());
+                has_none(&error);
                 break;
             }
         };
-        match PackedGrid::with_format(&tree, packed.kind, format) {
+        match PackedGrid::with_options(&tree, packed.kind, &packing) {
             Ok(level) if level.occupied.is_some() => levels.push(Arc::new(level)),
-            Ok(_) => break,
+            Ok(_) | Err(PackError::Cancelled) => break,
             Err(error) => {
-                warn!("grid '{}' has no coarser levels of detail: {error}", grid.name());
+                has_none(&error);
                 break;
             }
         }

@@ -2,6 +2,7 @@
 #![deny(missing_docs)]
 
 mod asset;
+mod background;
 mod bounds;
 mod components;
 mod diagnostics;
@@ -9,6 +10,7 @@ mod dial;
 mod edits;
 mod extras;
 mod features;
+mod grid_loader;
 #[cfg(feature = "egui")]
 mod inspector;
 mod labels;
@@ -18,6 +20,7 @@ mod measure;
 #[cfg(feature = "picking")]
 mod picking;
 mod plugin;
+mod progress;
 mod quality;
 #[cfg(feature = "record")]
 mod record;
@@ -26,6 +29,7 @@ mod render;
 mod roles;
 mod spatial_query;
 mod vector_grid;
+mod volume_state;
 
 pub use asset::{VdbFile, VdbGrid, VdbGridError};
 pub use components::{
@@ -36,15 +40,15 @@ pub use diagnostics::{
 };
 pub use dial::VdbDial;
 pub use extras::{VdbColorGrid, VdbEmission};
+pub use grid_loader::{VdbGridLoader, VdbVectorGridLoader};
 #[cfg(feature = "egui")]
 pub use inspector::{VdbInspector, VdbInspectorPlugin, VdbModelPicked};
-pub use loader::{
-    VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbValues,
-};
+pub use loader::{VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbValues};
 pub use measure::{VdbFeatureCost, VdbFeatureCosts, VdbMeasureFeatures};
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
 pub use plugin::VdbRenderPlugin;
+pub use progress::{VdbFileProgress, VdbLoadProgress};
 pub use quality::{VdbQuality, VdbVolumeQuality};
 #[cfg(feature = "record")]
 pub use record::{
@@ -58,14 +62,16 @@ pub use vdb_core;
 pub use vdb_core::Limits as VdbLimits;
 pub use vdb_core::pack::edit::{Voxel as VdbVoxel, VoxelEdit as VdbEdit};
 pub use vector_grid::VdbVectorGrid;
+pub use volume_state::{VdbVolumeDrawn, VdbVolumeState};
 
 /// What a game usually needs: `use bevy_vdb::prelude::*;`
 pub mod prelude {
     pub use crate::{
         VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,
-        VdbMaterial, VdbOverlays, VdbQuality, VdbRayCastSettings, VdbRayHit, VdbRenderMode,
-        VdbRenderPlugin, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVectorGrid, VdbVolume,
-        VdbVolumeQuality, VdbVoxel,
+        VdbLoadProgress, VdbLoaderSettings, VdbMaterial, VdbOverlays, VdbQuality,
+        VdbRayCastSettings, VdbRayHit, VdbRenderAs, VdbRenderMode, VdbRenderPlugin,
+        VdbSpatialQuery, VdbSun, VdbTraversal, VdbValues, VdbVectorGrid, VdbVolume, VdbVolumeDrawn,
+        VdbVolumeQuality, VdbVolumeState, VdbVoxel,
     };
     pub use crate::{VdbFeatureCosts, VdbMeasureFeatures};
     #[cfg(feature = "egui")]
@@ -76,4 +82,5 @@ pub mod prelude {
     pub use crate::{
         VdbRecordEnded, VdbRecordFormat, VdbRecordPlugin, VdbRecordSettings, VdbRecorder,
     };
+    pub use vdb_core::pack::PackKind;
 }

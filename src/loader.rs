@@ -1,28 +1,29 @@
 //! `.vdb` bytes → [`VdbFile`] with its [`VdbGrid`]s, off the main thread.
 
 use std::io::SeekFrom;
-use std::ops::ControlFlow;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 use bevy::asset::io::Reader;
-use bevy::asset::{AssetLoader, AssetPath, AsyncReadExt, AsyncSeekExt, LoadContext};
+use bevy::asset::{AssetLoader, AsyncReadExt, AsyncSeekExt, LoadContext};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
-use bevy::tasks::AsyncComputeTaskPool;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 use vdb_core::display::escaped;
 use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, PackedTogether, ValueFormat};
 use vdb_core::tree::{Vdb543, trim_narrow_band};
-use vdb_core::{AnyTree, FileBuffer, Grid, GridSelection, Limits, ProgressFn, ReadOptions};
+use vdb_core::{AnyTree, FileBuffer, Grid, GridClass, GridSelection, Limits, ReadOptions};
 
+use crate::background;
 use crate::labels::labels;
+use crate::progress::{Job, Running};
 use crate::reload::{LoadedFile, LoadedFiles};
-use crate::{VdbFile, VdbGrid, VdbGridError, VdbVectorGrid};
+use crate::{VdbFile, VdbGrid, VdbGridError, VdbLoadProgress, VdbVectorGrid};
 
-/// Loads `.vdb` files. Registered by [`VdbRenderPlugin`](crate::VdbRenderPlugin).
+/// Loads `.vdb` files as [`VdbFile`]s, with a labelled asset for each grid. Registered by
+/// [`VdbRenderPlugin`](crate::VdbRenderPlugin). In `.meta` files it is `"bevy_vdb::VdbLoader"`.
 #[derive(Clone, Default, TypePath)]
+#[type_path = "bevy_vdb"]
 pub struct VdbLoader {
     progress: VdbLoadProgress,
     loaded: LoadedFiles,
@@ -59,9 +60,6 @@ pub struct VdbLoaderSettings {
     pub smooth: bool,
     /// In how many bits the GPU gets the samples of fog and of smooth surfaces.
     pub values: VdbValues,
-    /// What the file may ask of the machine before loading it is given up. The defaults protect a desktop with
-    /// 8 GB of memory; raise them for files that are larger and to be trusted.
-    pub limits: Limits,
 }
 
 impl Default for VdbLoaderSettings {
@@ -72,7 +70,6 @@ impl Default for VdbLoaderSettings {
             render_as: VdbRenderAs::Auto,
             smooth: true,
             values: VdbValues::Exact,
-            limits: Limits::default(),
         }
     }
 }
@@ -131,77 +128,20 @@ pub enum VdbLoaderError {
     /// The file has grids, but none that can be shown.
     #[error("no grid of the file can be shown: {}", few(.0).join("; "))]
     NothingToShow(Vec<String>),
+    /// A grid was asked for without its label, and the file does not say which: it has these.
+    #[error("the file has several grids that could be meant: name one of them after its path, {}", after_paths(.0))]
+    WhichGrid(Vec<String>),
+    /// A grid was asked for without its label, and the file has none of this type.
+    #[error("the file has no grid of {0} that could be meant; it has {1}")]
+    NoSuchGrid(&'static str, String),
     /// The settings make no sense.
     #[error("loader setting {0}")]
     Settings(String),
 }
 
-/// How far the files are that are being loaded: a resource.
-#[derive(Clone, Debug, Default, Resource)]
-pub struct VdbLoadProgress {
-    files: Arc<Mutex<Files>>,
-}
-
-/// Bytes done and bytes of all, by path.
-type Files = HashMap<AssetPath<'static>, (u64, u64)>;
-
-impl VdbLoadProgress {
-    /// The files being loaded, with the bytes done and the bytes of all.
-    pub fn files(&self) -> Vec<(AssetPath<'static>, u64, u64)> {
-        self.lock().iter().map(|(path, (done, all))| (path.clone(), *done, *all)).collect()
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Files> {
-        self.files.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// A file being decoded. Bevy drops the task that loads an asset, and this with it, when the last
-/// handle to the asset goes: then the decoding stops too.
-struct Running {
-    progress: VdbLoadProgress,
-    path: AssetPath<'static>,
-    wanted: Arc<AtomicBool>,
-}
-
-impl Running {
-    fn new(progress: &VdbLoadProgress, path: &AssetPath<'static>, all: u64) -> Self {
-        progress.lock().insert(path.clone(), (0, all));
-        let wanted = Arc::new(AtomicBool::new(true));
-        Self { progress: progress.clone(), path: path.clone(), wanted }
-    }
-
-    /// What packing calls as it goes on.
-    fn goes_on(&self) -> Arc<ProgressFn> {
-        let wanted = self.wanted.clone();
-        Arc::new(move |_, _| {
-            let wanted = wanted.load(Ordering::Relaxed);
-            if wanted { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
-        })
-    }
-
-    /// What the decoder calls as it goes on.
-    fn report(&self) -> Arc<ProgressFn> {
-        let (progress, path, wanted) =
-            (self.progress.clone(), self.path.clone(), self.wanted.clone());
-        Arc::new(move |done, all| {
-            if !wanted.load(Ordering::Relaxed) {
-                return ControlFlow::Break(());
-            }
-            // Reports of several threads may overtake each other.
-            if let Some(entry) = progress.lock().get_mut(&path) {
-                *entry = (done.max(entry.0), all);
-            }
-            ControlFlow::Continue(())
-        })
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        self.wanted.store(false, Ordering::Relaxed);
-        self.progress.lock().remove(&self.path);
-    }
+/// Labels of grids as they stand after paths.
+fn after_paths(labels: &[String]) -> String {
+    labels.iter().map(|label| format!("`#{label}`")).collect::<Vec<_>>().join(", ")
 }
 
 impl VdbLoader {
@@ -221,24 +161,8 @@ impl AssetLoader for VdbLoader {
         settings: &VdbLoaderSettings,
         load_context: &mut LoadContext<'_>,
     ) -> Result<VdbFile, VdbLoaderError> {
-        settings.check()?;
-        let bytes = read(reader, &settings.limits).await?;
+        let decoded = load_with(&self.progress, reader, settings, load_context, decode).await?;
         let path = load_context.path().clone_owned();
-        let running = Running::new(&self.progress, &path, bytes.len() as u64);
-        let decoded = {
-            let (settings, report) = (settings.clone(), running.report());
-            let options = PackOptions {
-                format: settings.values.into(),
-                limits: settings.limits.clone(),
-                progress: Some(running.goes_on()),
-                together: Some(PackedTogether::default()),
-                ..PackOptions::default()
-            };
-            // Decoding and packing take all the cores there are; Bevy's IO threads are not for it.
-            AsyncComputeTaskPool::get()
-                .spawn(async move { decode(bytes, &settings, report, options) })
-                .await?
-        };
         for problem in few(&decoded.problems) {
             warn!("{}: {problem}", escaped(&path.to_string()));
         }
@@ -271,6 +195,22 @@ impl AssetLoader for VdbLoader {
     }
 }
 
+/// Reads a file, and makes something of it off the main thread.
+pub(crate) async fn load_with<T: Send + Sync + 'static>(
+    progress: &VdbLoadProgress,
+    reader: &mut dyn Reader,
+    settings: &VdbLoaderSettings,
+    load_context: &LoadContext<'_>,
+    make: fn(Vec<u8>, &VdbLoaderSettings, &Arc<Job>) -> Result<T, VdbLoaderError>,
+) -> Result<T, VdbLoaderError> {
+    settings.check()?;
+    let bytes = take_in(reader, &settings.limits).await?;
+    let path = load_context.path().clone_owned();
+    let running = Running::new(progress, &path, bytes.len() as u64);
+    let (settings, job) = (settings.clone(), running.job());
+    background::run(move || make(bytes, &settings, &job)).await
+}
+
 impl VdbLoaderSettings {
     fn check(&self) -> Result<(), VdbLoaderError> {
         match (self.half_width, self.render_as) {
@@ -286,7 +226,7 @@ impl VdbLoaderSettings {
 }
 
 /// The bytes of a file: no more than its grids lie in, and none but the first of what is no VDB file.
-async fn read(reader: &mut dyn Reader, limits: &Limits) -> Result<Vec<u8>, VdbLoaderError> {
+async fn take_in(reader: &mut dyn Reader, limits: &Limits) -> Result<Vec<u8>, VdbLoaderError> {
     let mut buffer = FileBuffer::new(limits.clone(), length(reader).await?);
     while let Some(room) = buffer.room()? {
         let count = reader.read(room).await?;
@@ -322,26 +262,36 @@ struct Decoded {
     problems: Vec<String>,
 }
 
-fn decode(
+/// The grids that settings ask for, and what is to be said of those that cannot be read.
+pub(crate) fn read(
     bytes: Vec<u8>,
     settings: &VdbLoaderSettings,
-    report: Arc<ProgressFn>,
-    pack: PackOptions,
-) -> Result<Decoded, VdbLoaderError> {
+    job: &Arc<Job>,
+) -> Result<(vdb_core::VdbFile, Vec<String>), VdbLoaderError> {
     let options = ReadOptions {
         limits: settings.limits.clone(),
         grids: settings.grids.clone().map_or(GridSelection::All, GridSelection::Names),
-        progress: Some(report),
+        progress: Some(job.decoding()),
     };
-    let mut file = vdb_core::VdbFile::read(&bytes, &options)?;
+    let file = vdb_core::VdbFile::read(&bytes, &options)?;
     // Packing has use for the memory.
     drop(bytes);
     let skipped = file.skipped.iter();
-    let mut problems: Vec<String> = skipped
+    let problems = skipped
         .map(|grid| format!("grid '{}' was skipped: {}", escaped(&grid.unique_name), grid.reason))
         .collect();
+    Ok((file, problems))
+}
+
+fn decode(
+    bytes: Vec<u8>,
+    settings: &VdbLoaderSettings,
+    job: &Arc<Job>,
+) -> Result<Decoded, VdbLoaderError> {
+    let (mut file, mut problems) = read(bytes, settings, job)?;
     let (mut grids, mut vector_grids) = (Vec::new(), Vec::new());
-    let mut shared = Shared::new(pack);
+    let mut shared = Shared::new(settings, job);
+    job.begin_packing(file.grids.len());
     let labels = labels(file.grids.iter().map(|grid| &*grid.unique_name));
     for (grid, label) in std::mem::take(&mut file.grids).into_iter().zip(labels) {
         match prepare(grid, settings, &mut shared) {
@@ -349,6 +299,7 @@ fn decode(
             Ok(Prepared::Vectors(grid)) => vector_grids.push((label, grid)),
             Err(reason) => problems.push(format!("grid '{label}' was skipped: {reason}")),
         }
+        job.end_grid();
     }
     if grids.is_empty() && vector_grids.is_empty() && !problems.is_empty() {
         return Err(VdbLoaderError::NothingToShow(problems));
@@ -357,7 +308,7 @@ fn decode(
 }
 
 /// Trees that have been packed: instances have one tree, which is packed once.
-struct Shared {
+pub(crate) struct Shared {
     options: PackOptions,
     /// By the address of the tree that was read, how it meets rays, and the half-width of its band.
     floats: HashMap<(usize, [u32; 3]), Floats>,
@@ -370,7 +321,14 @@ type Floats = (Arc<Vdb543<f32>>, Arc<Vdb543<f32>>, Result<Arc<PackedGrid>, PackE
 type Vectors = (Arc<Vdb543<[f32; 3]>>, Result<[Arc<PackedGrid>; 3], PackError>);
 
 impl Shared {
-    fn new(options: PackOptions) -> Self {
+    pub fn new(settings: &VdbLoaderSettings, job: &Arc<Job>) -> Self {
+        let options = PackOptions {
+            format: settings.values.into(),
+            limits: settings.limits.clone(),
+            progress: Some(job.packing()),
+            together: Some(PackedTogether::default()),
+            ..PackOptions::default()
+        };
         Self { options, floats: HashMap::default(), vectors: HashMap::default() }
     }
 
@@ -401,10 +359,7 @@ impl Shared {
     }
 
     /// The components of a tree of vectors, packed.
-    fn vectors(
-        &mut self,
-        tree: &Arc<Vdb543<[f32; 3]>>,
-    ) -> Result<[Arc<PackedGrid>; 3], PackError> {
+    fn vectors(&mut self, tree: &Arc<Vdb543<[f32; 3]>>) -> Result<[Arc<PackedGrid>; 3], PackError> {
         let (_, packed) = self
             .vectors
             .entry(Arc::as_ptr(tree).addr())
@@ -413,12 +368,25 @@ impl Shared {
     }
 }
 
-enum Prepared {
+pub(crate) enum Prepared {
     Floats(VdbGrid),
     Vectors(VdbVectorGrid),
 }
 
-fn prepare(
+/// How a grid of floats is shown.
+pub(crate) fn kind(tree: &Vdb543<f32>, class: GridClass, settings: &VdbLoaderSettings) -> PackKind {
+    let kind = match settings.render_as {
+        VdbRenderAs::Surface { iso } => PackKind::Surface { iso },
+        VdbRenderAs::Fog => PackKind::Fog,
+        VdbRenderAs::Auto => PackKind::suited(class, tree),
+    };
+    match kind {
+        PackKind::Surface { iso } if settings.smooth => PackKind::Smooth { iso },
+        kind => kind,
+    }
+}
+
+pub(crate) fn prepare(
     grid: Grid,
     settings: &VdbLoaderSettings,
     shared: &mut Shared,
@@ -440,15 +408,7 @@ fn prepare(
         }
         _ => return Err(VdbGridError::Type(grid.type_name)),
     };
-    let kind = match settings.render_as {
-        VdbRenderAs::Surface { iso } => PackKind::Surface { iso },
-        VdbRenderAs::Fog => PackKind::Fog,
-        VdbRenderAs::Auto => PackKind::suited(grid.class, &tree),
-    };
-    let kind = match kind {
-        PackKind::Surface { iso } if settings.smooth => PackKind::Smooth { iso },
-        kind => kind,
-    };
+    let kind = kind(&tree, grid.class, settings);
     let half_width = match kind {
         PackKind::Surface { iso: 0.0 } | PackKind::Smooth { iso: 0.0 } => {
             let voxel = grid.transform.voxel_size().min_element() as f32;

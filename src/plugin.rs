@@ -1,5 +1,6 @@
 //! The plugin.
 
+use bevy::asset::AssetTrackingSystems;
 use bevy::camera::visibility::VisibilitySystems;
 use bevy::prelude::*;
 use bevy::render::extract_component::ExtractComponentPlugin;
@@ -10,10 +11,11 @@ use crate::levels::{PendingLevels, make_levels};
 use crate::measure::{LeftOut, measure_features};
 use crate::reload::{LoadedFiles, tell_of_lost_grids};
 use crate::render;
+use crate::volume_state::update_states;
 use crate::{
-    VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,
+    VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid, VdbGridLoader,
     VdbLoadProgress, VdbLoader, VdbMaterial, VdbMeasureFeatures, VdbQuality, VdbSun, VdbVectorGrid,
-    VdbVolume, VdbVolumeQuality,
+    VdbVectorGridLoader, VdbVolume, VdbVolumeQuality, VdbVolumeState,
 };
 
 /// Loads `.vdb` files and shows [`VdbVolume`]s in every `Camera3d`.
@@ -29,10 +31,14 @@ impl Plugin for VdbRenderPlugin {
         app.init_asset::<VdbGrid>()
             .init_asset::<VdbVectorGrid>()
             .init_asset::<VdbFile>()
+            // Where nothing says what a file is to be, Bevy takes the loader that came last.
+            .register_asset_loader(VdbGridLoader::new(progress.clone()))
+            .register_asset_loader(VdbVectorGridLoader::new(progress.clone()))
             .register_asset_loader(VdbLoader::new(progress.clone(), loaded.clone()))
             .insert_resource(progress)
             .insert_resource(loaded)
             .register_type::<VdbVolume>()
+            .register_type::<VdbVolumeState>()
             .register_type::<VdbMaterial>()
             .register_type::<VdbColorGrid>()
             .register_type::<VdbEmission>()
@@ -44,6 +50,7 @@ impl Plugin for VdbRenderPlugin {
             .register_type::<VdbMeasureFeatures>()
             .init_resource::<VdbDiagnostics>()
             .add_systems(Update, tell_of_lost_grids)
+            .add_systems(PreUpdate, update_states.after(AssetTrackingSystems))
             .add_systems(Last, (measure_features, turn_dials).chain())
             .init_resource::<PendingLevels>()
             .add_systems(

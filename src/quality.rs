@@ -48,8 +48,9 @@ pub struct VdbQuality {
     /// by default.
     pub fog_slabs: u32,
     /// Levels of detail: how many pixels a voxel may cover, at most, of the copies at a half, a quarter
-    /// … of their resolution that are shown of volumes far away. They are made in the background once a
-    /// camera asks for them, and take a third more memory of a surface, a seventh of fog. 0, the
+    /// … of their resolution that are shown of volumes far away. They are made in the background, one grid
+    /// after the other, of volumes that are in the picture of a camera that asks for them, so far away
+    /// that their voxels are no larger than that; they take a third more memory of a surface, a seventh of fog. 0, the
     /// default, shows grids as they are, and with that every hit where it is; what they cost grows with
     /// their voxels. With 1, what a volume costs follows the pixels that it covers, not its voxels. At
     /// most 64.

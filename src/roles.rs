@@ -25,6 +25,9 @@ const FLAMES: [f32; 2] = [1_500.0, 3_000.0];
 /// What Blender's Principled Volume takes.
 const HEAT: [f32; 2] = [0.0, 1_000.0];
 
+/// The name of a surface: what Houdini calls it.
+const SURFACE: &str = "surface";
+
 /// How names of surfaces begin that Blender's simulations have about a fluid.
 const HELPERS: &str = "phi_";
 
@@ -75,32 +78,83 @@ impl VdbFile {
     /// ```
     pub fn roles(&self, grids: &Assets<VdbGrid>) -> VdbRoles {
         let there = self.grids.iter().filter_map(|handle| Some((handle, grids.get(handle)?)));
-        let (fogs, surfaces): (Vec<_>, Vec<_>) =
-            there.partition(|(_, grid)| matches!(grid.kind(), PackKind::Fog));
-        let called = |name: &str| fogs.iter().find(|(_, grid)| is(grid.name(), name));
-        // Blender writes every grid that it has, those with nothing in them as well.
-        let burns = |(_, grid): &&(_, &VdbGrid)| grid.world_bounds().is_some();
-        let fire = FIRES.iter().find_map(|(name, _)| called(name).filter(burns));
-        let density = DENSITIES.iter().find_map(|name| called(name)).or_else(|| {
-            let others = fogs.iter().find(|(handle, _)| fire.is_none_or(|(own, _)| own != handle));
-            others.or(fogs.first())
-        });
-        let density = density.map(|(handle, _)| (*handle).clone());
-        let emission = fire
-            .filter(|(handle, _)| density.as_ref() != Some(*handle))
-            .map(|(handle, grid)| VdbEmission::guess((*handle).clone(), grid));
+        let (handles, grids): (Vec<_>, Vec<_>) = there.unzip();
+        let candidates: Vec<_> = grids.iter().map(|grid| Candidate::of(grid)).collect();
+        let parts = parts(&candidates);
+        let emission =
+            parts.fire.map(|fire| VdbEmission::guess(handles[fire].clone(), grids[fire]));
         let colors = COLORS.iter().find_map(|name| {
             let mut vectors = self.vector_grids.iter();
             vectors.find(|(label, _)| is(label, name)).map(|(_, grid)| VdbColorGrid(grid.clone()))
         });
-        let helps = |grid: &VdbGrid| {
-            let start = grid.name().get(..HELPERS.len());
-            density.is_some() && start.is_some_and(|start| is(start, HELPERS))
-        };
-        let surfaces = surfaces.into_iter().filter(|(_, grid)| !helps(grid));
-        let surfaces = surfaces.map(|(handle, _)| handle.clone()).collect();
-        VdbRoles { surfaces, density, emission, colors }
+        VdbRoles {
+            surfaces: parts.surfaces.iter().map(|surface| handles[*surface].clone()).collect(),
+            density: parts.density.map(|density| handles[density].clone()),
+            emission,
+            colors,
+        }
     }
+}
+
+/// What is known of a grid when it gets its part.
+pub(crate) struct Candidate<'a> {
+    pub name: &'a str,
+    pub is_fog: bool,
+    /// Whether there is nothing to see of it.
+    pub is_empty: bool,
+}
+
+impl<'a> Candidate<'a> {
+    fn of(grid: &'a VdbGrid) -> Self {
+        Self {
+            name: grid.name(),
+            is_fog: grid.kind() == PackKind::Fog,
+            is_empty: grid.world_bounds().is_none(),
+        }
+    }
+}
+
+/// Grids by the parts that they play, by their places in a list.
+struct Parts {
+    surfaces: Vec<usize>,
+    density: Option<usize>,
+    fire: Option<usize>,
+}
+
+fn parts(all: &[Candidate]) -> Parts {
+    let fogs = || (0..all.len()).filter(|i| all[*i].is_fog);
+    let called = |name: &str| fogs().find(|i| is(all[*i].name, name));
+    // Blender writes every grid that it has, those with nothing in them as well.
+    let fire = FIRES.iter().find_map(|(name, _)| called(name).filter(|i| !all[*i].is_empty));
+    let density = DENSITIES.iter().find_map(|name| called(name));
+    let density = density.or_else(|| fogs().find(|i| fire != Some(*i)).or(fogs().next()));
+    let helps = |name: &str| {
+        density.is_some() && name.get(..HELPERS.len()).is_some_and(|start| is(start, HELPERS))
+    };
+    let surfaces = (0..all.len()).filter(|i| !all[*i].is_fog && !helps(all[*i].name)).collect();
+    Parts { surfaces, density, fire: fire.filter(|fire| density != Some(*fire)) }
+}
+
+/// The one grid that a file is about: its surface, or what dims light. `None` where there are several that
+/// could be.
+pub(crate) fn main_grid(all: &[Candidate]) -> Option<usize> {
+    let Parts { surfaces, density, fire } = parts(all);
+    match (&surfaces[..], density) {
+        ([], density) => {
+            let is_named = |i: &usize| DENSITIES.iter().any(|name| is(all[*i].name, name));
+            let fogs = (0..all.len()).filter(|i| all[*i].is_fog && fire != Some(*i)).count();
+            density.filter(|density| is_named(density) || fogs == 1)
+        }
+        ([surface], None) => Some(*surface),
+        (several, None) => several.iter().copied().find(|i| is(all[*i].name, SURFACE)),
+        (_, Some(_)) => None,
+    }
+}
+
+/// The same among grids of vectors, by their names.
+pub(crate) fn main_vectors(names: &[&str]) -> Option<usize> {
+    let called = |name: &&str| names.iter().position(|own| is(own, name));
+    COLORS.iter().find_map(called).or((names.len() == 1).then_some(0))
 }
 
 fn is(name: &str, what: &str) -> bool {
@@ -137,4 +191,40 @@ impl VdbEmission {
 fn tenth(bounds: Option<(DVec3, DVec3)>) -> f32 {
     let tenth = bounds.map_or(1.0, |(low, high)| (0.1 * high.distance(low)) as f32);
     if tenth.is_normal() { tenth } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_grid_that_a_file_is_about_is_found_or_asked_for() {
+        let main = |all: &[(&'static str, bool)]| {
+            let candidate = |&(name, is_fog)| Candidate { name, is_fog, is_empty: false };
+            main_grid(&all.iter().map(candidate).collect::<Vec<_>>())
+        };
+        let (fog, surface) = (true, false);
+        for (all, expected) in [
+            (&[("ls_dragon", surface)][..], Some(0)),
+            (&[("", surface)], Some(0)),
+            (&[("ls", fog)], Some(0)),
+            // Blender's and Houdini's smoke.
+            (&[("temperature", fog), ("density", fog), ("flame", fog), ("shadow", fog)], Some(1)),
+            (&[("phi_obstacle", surface), ("Density", fog), ("heat", fog)], Some(1)),
+            (&[("heat", fog), ("fuel", fog)], Some(1)),
+            (&[("temperature", fog)], Some(0)),
+            (&[("collision", surface), ("surface", surface)], Some(1)),
+            // These could be any.
+            (&[("left", surface), ("right", surface)], None),
+            (&[("a", fog), ("b", fog)], None),
+            (&[("surface", surface), ("density", fog)], None),
+            (&[], None),
+        ] {
+            assert_eq!(main(all), expected, "{all:?}");
+        }
+        assert_eq!(main_vectors(&["vel", "cd"]), Some(1));
+        assert_eq!(main_vectors(&["vel"]), Some(0));
+        assert_eq!(main_vectors(&["vel", "rest"]), None);
+        assert_eq!(main_vectors(&[]), None);
+    }
 }

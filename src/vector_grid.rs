@@ -1,16 +1,17 @@
 //! Grids of vectors as assets: colours.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use bevy::asset::Asset;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
-use vdb_core::Metadata;
 use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid};
 use vdb_core::tree::{Vdb543, map_values};
+use vdb_core::{AnyTree, GridClass, Metadata, WriteOptions};
 
-use crate::asset::{check_transform, world_bounds};
 use crate::VdbGridError;
+use crate::asset::{check_transform, core_grid, world_bounds};
 
 /// One grid of vectors: what [`VdbColorGrid`](crate::VdbColorGrid) and
 /// [`VdbEmission::Color`](crate::VdbEmission::Color) point to. `"smoke.vdb#Cd"` is one, where a file has
@@ -100,6 +101,21 @@ impl VdbVectorGrid {
     /// The components as the GPU has them.
     pub fn packed(&self) -> &[Arc<PackedGrid>; 3] {
         &self.packed
+    }
+
+    /// The grid as `vdb_core` has it, with its name, transform, metadata and values. Both share the tree.
+    pub fn to_grid(&self) -> vdb_core::Grid {
+        let tree = AnyTree::Vec3s(self.tree.clone());
+        let class = GridClass::Unknown;
+        core_grid(&self.name, class, self.world_from_index, &self.metadata, tree)
+    }
+
+    /// Writes the grid into a `.vdb` file of its own, as [`VdbGrid::save`](crate::VdbGrid::save) does.
+    ///
+    /// # Errors
+    /// What the system says, with the path; and when a name or a value is longer than the format can say.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), vdb_core::Error> {
+        vdb_core::VdbFile::new(vec![self.to_grid()]).save(path, &WriteOptions::default())
     }
 
     /// The box around all components above zero, in the file's world: lowest and highest corner. `None`

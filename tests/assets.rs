@@ -1,19 +1,20 @@
 //! Files as assets, in an app without a renderer: labels, settings, errors, reloading.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bevy::asset::{AssetPlugin, LoadState, UnapprovedPathMode};
+use bevy::asset::{AssetPlugin, LoadState, LoadedUntypedAsset, UnapprovedPathMode};
 use bevy::camera::primitives::Aabb;
-use bevy::math::DAffine3;
+use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use bevy_vdb::{
-    VdbEmission, VdbFile, VdbGrid, VdbLoadProgress, VdbLoaderSettings, VdbRenderAs,
-    VdbRenderPlugin, VdbVolume,
+    VdbEmission, VdbFile, VdbFileProgress, VdbGrid, VdbLoadProgress, VdbLoaderSettings,
+    VdbRenderAs, VdbRenderPlugin, VdbVectorGrid, VdbVolume, VdbVolumeState,
 };
 use vdb_core::pack::PackKind;
 use vdb_core::tree::Vdb543;
-use vdb_core::{AnyTree, Grid, WriteOptions};
+use vdb_core::{AnyTree, Grid, GridClass, WriteOptions};
 
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("crates/vdb_core/tests/data").join(name)
@@ -27,6 +28,23 @@ fn app() -> App {
         VdbRenderPlugin,
     ));
     app
+}
+
+/// A folder for the files of a test, and a file of grids of floats in it: level sets, or fog.
+fn file_of(test: &str, grids: &[(&str, GridClass)]) -> (PathBuf, PathBuf) {
+    let folder = std::env::temp_dir().join(format!("bevy_vdb_{test}_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let grid = |(name, class): &(&str, GridClass)| {
+        let mut tree = Vdb543::new(if *class == GridClass::LevelSet { 1.0 } else { 0.0 });
+        tree.set(IVec3::ZERO, if *class == GridClass::LevelSet { -1.0 } else { 2.0 });
+        let mut grid = Grid::new(*name, AnyTree::Float(tree.into()));
+        grid.class = *class;
+        grid
+    };
+    let path = folder.join("grids.vdb");
+    let file = vdb_core::VdbFile::new(grids.iter().map(grid).collect());
+    file.save(&path, &WriteOptions::default()).unwrap();
+    (folder, path)
 }
 
 /// Updates the app until something is there; panics with a message after a minute.
@@ -165,6 +183,48 @@ fn grids_of_vectors_are_assets_too() {
     let seen = grid.packed().each_ref().map(|packed| packed.occupied.is_some());
     assert_eq!(seen, [true, false, true]);
     std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn instances_of_one_tree_are_packed_once() {
+    let mut tree = Vdb543::new(0.0);
+    (0..64).for_each(|i| tree.set(IVec3::splat(3 * i), 1.0));
+    let tree = AnyTree::Float(Arc::new(tree));
+    let grids = (0..3000).map(|i| Grid::new(format!("copy {i}"), tree.clone()));
+    let bytes = vdb_core::VdbFile::new(grids.collect()).write(&WriteOptions::default()).unwrap();
+    let path = std::env::temp_dir().join(format!("bevy_vdb_instances_{}.vdb", std::process::id()));
+    std::fs::write(&path, bytes).unwrap();
+    let mut app = app();
+    let file: Handle<VdbFile> = load(&app, &path);
+    let file = loaded(&mut app, &file);
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!(file.grids.len(), 3000);
+    let first = loaded(&mut app, &file.grids[0]);
+    for grid in &file.grids {
+        let grid = loaded(&mut app, grid);
+        assert!(Arc::ptr_eq(grid.packed(), first.packed()), "{} is packed anew", grid.name());
+    }
+}
+
+#[test]
+fn a_file_that_takes_too_much_memory_is_one_message() {
+    // Tiles of the root far apart, each with its own nodes over it and around it.
+    let mut tree = Vdb543::new(0.0);
+    for i in 0..50_000 {
+        tree.insert_tile(IVec3::new(i % 37, i / 37 % 37, i / 1369) * 65_536, 1.0, true);
+    }
+    let grid = Grid::new("strewn", AnyTree::Float(Arc::new(tree)));
+    let bytes = vdb_core::VdbFile::new(vec![grid]).write(&WriteOptions::default()).unwrap();
+    let path = std::env::temp_dir().join(format!("bevy_vdb_strewn_{}.vdb", std::process::id()));
+    std::fs::write(&path, bytes).unwrap();
+    let mut app = app();
+    let file: Handle<VdbFile> = load(&app, &path);
+    let message = failure(&mut app, &file);
+    std::fs::remove_file(&path).unwrap();
+    assert!(
+        message.contains("'strewn'") && message.contains("`Limits::packed_growth`"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -395,8 +455,10 @@ fn progress_is_told_and_a_dropped_handle_stops_the_load() {
         world.resource::<Assets<VdbFile>>().get(&file).map(drop)
     });
     assert!(!seen.is_empty(), "no progress was told");
-    assert!(seen.iter().all(|(_, done, of)| done <= of && *of == all), "{seen:?}");
-    assert!(seen.is_sorted_by_key(|(_, done, _)| *done), "progress went back");
+    let is_sound = |file: &VdbFileProgress| file.bytes_decoded <= file.bytes && file.bytes == all;
+    assert!(seen.iter().all(is_sound), "{seen:?}");
+    assert!(seen.is_sorted_by_key(|file| file.fraction()), "progress went back");
+    assert!(seen.iter().any(|file| file.packed > 0.0), "packing is progress, too");
     assert_eq!(app.world().resource::<VdbLoadProgress>().files(), [], "it has ended");
 
     let mut app = self::app();
@@ -411,4 +473,133 @@ fn progress_is_told_and_a_dropped_handle_stops_the_load() {
     });
     assert!(start.elapsed() < Duration::from_secs(5));
     assert_eq!(app.world().resource::<Assets<VdbFile>>().len(), 0, "it was loaded all the same");
+}
+
+/// The likeliest beginner's mistake is none: a file without a label is the grid that it is about.
+#[test]
+fn a_grid_without_a_label_is_the_one_that_the_file_is_about() {
+    let (set, fog) = (GridClass::LevelSet, GridClass::FogVolume);
+    let mut app = app();
+    for (test, grids, name) in [
+        ("one", &[("ls_teapot", set)][..], "ls_teapot"),
+        ("smoke", &[("temperature", fog), ("density", fog), ("flame", fog)], "density"),
+        ("unnamed", &[("", fog)], ""),
+    ] {
+        let (folder, path) = file_of(test, grids);
+        let grid: Handle<VdbGrid> = load(&app, &path);
+        let grid = loaded(&mut app, &grid);
+        assert_eq!(
+            (grid.name(), grid.class()),
+            (name, grids.iter().find(|of| of.0 == name).unwrap().1)
+        );
+        // As a file, by type or by none, it is still all of it.
+        let file: Handle<VdbFile> = load(&app, &path);
+        assert_eq!(loaded(&mut app, &file).grids.len(), grids.len());
+        let untyped =
+            app.world().resource::<AssetServer>().load_builder().load_untyped(path.clone());
+        let untyped = until(&mut app, "the asset", |world| {
+            Some(world.resource::<Assets<LoadedUntypedAsset>>().get(&untyped)?.handle.clone())
+        });
+        assert!(untyped.try_typed::<VdbFile>().is_ok(), "what has no type is a file");
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+    // Settings go for it as well.
+    let (folder, path) = file_of("settings", &[("left", set), ("right", set)]);
+    let server = app.world().resource::<AssetServer>();
+    let right = server
+        .load_builder()
+        .with_settings(|settings: &mut VdbLoaderSettings| {
+            settings.grids = Some(vec!["right".into()]);
+            settings.smooth = false;
+        })
+        .load(path);
+    let right: VdbGrid = loaded(&mut app, &right);
+    assert_eq!((right.name(), right.kind()), ("right", PackKind::Surface { iso: 0.0 }));
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn where_a_grid_could_be_several_the_message_has_their_labels() {
+    let (set, fog) = (GridClass::LevelSet, GridClass::FogVolume);
+    let mut app = app();
+    for (test, grids) in
+        [("two", [("left", set), ("right", set)]), ("both", [("surface", set), ("density", fog)])]
+    {
+        let (folder, path) = file_of(test, &grids);
+        let grid: Handle<VdbGrid> = load(&app, &path);
+        let message = failure(&mut app, &grid);
+        println!("{message}");
+        let labels = grids.map(|(name, _)| format!("`#{name}`"));
+        assert!(message.contains("name one of them after its path"), "{message}");
+        assert!(labels.iter().all(|label| message.contains(label)), "{message}");
+        // A volume says that nothing will come.
+        let volume = app.world_mut().spawn(VdbVolume(grid)).id();
+        app.update();
+        assert_eq!(app.world().get(volume), Some(&VdbVolumeState::Failed));
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+    let (folder, path) = file_of("none", &[("density", fog)]);
+    let vectors: Handle<VdbVectorGrid> = load(&app, &path);
+    let message = failure(&mut app, &vectors);
+    println!("{message}");
+    assert!(message.contains("no grid of vectors") && message.contains("density"), "{message}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// The `.meta` file of the guide, as it stands there, beside a file.
+#[test]
+fn the_guides_meta_file_has_settings() {
+    let guide = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/guide.md");
+    let guide = std::fs::read_to_string(guide).unwrap();
+    let (_, rest) = guide.split_once("```ron\n").expect("a .meta file in the guide");
+    let (meta, _) = rest.split_once("```").unwrap();
+    let (folder, path) = file_of("meta", &[("density", GridClass::FogVolume)]);
+    std::fs::write(folder.join("grids.vdb.meta"), meta).unwrap();
+    let mut app = app();
+    let label = format!("{}#density", path.display());
+    let density: Handle<VdbGrid> = app.world().resource::<AssetServer>().load(label);
+    let density = loaded(&mut app, &density);
+    // What the guide sets: 16 bits, of which 2 is the code of bytes and 1 that of halves.
+    assert_eq!(density.packed().sample_format(), Some(1));
+    assert!(meta.contains("values: Half"), "{meta}");
+    // And what it does without is as it is without.
+    let all: Handle<VdbFile> = load(&app, &path);
+    assert_eq!(loaded(&mut app, &all).grids.len(), 1);
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// What has been edited is in the file, and in the grid that `vdb_core` gets.
+#[test]
+fn grids_are_saved_as_they_are_now() {
+    let (folder, path) = file_of("save", &[("surface", GridClass::LevelSet)]);
+    let mut app = app();
+    let grid: Handle<VdbGrid> = load(&app, &path);
+    let mut grid = loaded(&mut app, &grid);
+    let at = IVec3::new(40, -3, 7);
+    grid.edit(|voxels| voxels.set(at, -0.25)).unwrap();
+    let core = grid.to_grid();
+    assert_eq!((core.name.as_str(), core.class), ("surface", GridClass::LevelSet));
+    let AnyTree::Float(tree) = &core.tree else { panic!("{}", core.type_name) };
+    assert!(std::sync::Arc::ptr_eq(tree, grid.tree()), "nothing is copied");
+    drop(core);
+    // Over the file that it came from, and once more.
+    for _ in 0..2 {
+        grid.save(&path).unwrap();
+    }
+    let again = vdb_core::VdbFile::open(&path).unwrap();
+    let own = &again.grids[0];
+    let AnyTree::Float(tree) = &own.tree else { panic!("{}", own.type_name) };
+    assert_eq!((tree.get(at), tree.get(IVec3::ZERO), tree.get(IVec3::ONE)), (-0.25, -1.0, 1.0));
+    assert_eq!(tree.active_voxel_count(), grid.tree().active_voxel_count());
+    assert_eq!(own.transform.linear(), Some(grid.world_from_index()));
+
+    let turned =
+        DAffine3::from_rotation_y(0.3) * DAffine3::from_translation(DVec3::new(1.0, 2.0, 3.0));
+    let made = VdbGrid::new("", Vdb543::new(0.0), turned, PackKind::Fog).unwrap();
+    made.save(&path).unwrap();
+    let again = vdb_core::VdbFile::open(&path).unwrap();
+    assert_eq!(again.grids[0].transform.linear(), Some(turned));
+    let wrong = made.save(folder.join("no_such_folder/file.vdb")).unwrap_err().to_string();
+    assert!(wrong.contains("no_such_folder"), "{wrong}");
+    std::fs::remove_dir_all(folder).unwrap();
 }

@@ -112,6 +112,12 @@ fn density_in(grid: Grid, place: Place, sample: Sample) -> f32 {
 // How many times its length a step becomes at most.
 const MOST_STRIDE: f32 = 8.0;
 
+// The largest f32 below 1.
+const BELOW_ONE: f32 = 0.999999940395355224609375;
+
+// Cells from its first sample on that a ray is sampled at most: farther, an f32 counts cells by the hundred.
+const FARTHEST: f32 = 1073741824.0;     // 2^30
+
 // Next to 1: an f32 times this is another one, however large. A loop that adds 1 to it alone would stand
 // still from 2^24 on.
 const ONWARDS: f32 = 1.00000011920928955078125;
@@ -150,11 +156,14 @@ fn stepped_length(
     let is_down = course.flip != vec3(0);
     let way = select(course.speed, -course.speed, is_down);
     let inverse = select(course.inverse, -course.inverse, is_down);
-    let samples = Samples(local_cell(course, near.cell), unturned(course, near.frac), way);
+    // Below 1, so that no sample is behind the cell, whichever way the ray goes.
+    let origin = min(unturned(course, near.frac), vec3(BELOW_ONE));
+    let samples = Samples(local_cell(course, near.cell), origin, way);
     let t_step = step / length(course.speed);
     let per_step = 1.0 / t_step;
     let exits = anchor_t(near, course, course.last + 1u);
-    let t_end = min(min(min(exits.x, exits.y), exits.z), near.end);
+    let farthest = FARTHEST * min(min(course.inverse.x, course.inverse.y), course.inverse.z);
+    let t_end = min(min(min(exits.x, exits.y), exits.z), min(near.end, farthest));
     // Of T^(-1/3), as a power of 2.
     let growth = dims * 0.48089835;
     var place = nowhere(samples.cell);
@@ -177,7 +186,9 @@ fn stepped_length(
             let low = here.cell & vec3(-size);
             let ahead = i32(reach_of(slot, course.octant) << place.log_dim);
             let planes = select(low + (size + ahead), low - ahead, is_down);
-            let out = (vec3<f32>(planes - samples.cell) - samples.origin) * inverse;
+            // A plane ahead may be so far that only an unsigned number has it.
+            let cells = vec3<f32>(bitcast<vec3<u32>>(select(planes - samples.cell, samples.cell - planes, is_down)));
+            let out = (select(cells, -cells, is_down) - samples.origin) * inverse;
             k = max(max(k + 1.0, k * ONWARDS), ceil(min(min(out.x, out.y), out.z) * per_step - 0.5));
             continue;
         }

@@ -157,8 +157,7 @@ fn run(args: &Args) -> Result<(), String> {
             summary += &dial::flights(&mut stage, scene, (&target, camera), &args.budgets)?;
             continue;
         }
-        let mut camera =
-            Shooting { stage: &mut stage, camera, target, runs: args.runs, grids: scene.grids() };
+        let mut camera = Shooting { stage: &mut stage, camera, target, runs: args.runs };
         let exact = camera.shots(scene.base(VdbQuality::EXACT), scene.has_surface);
         let oracle = oracle::hold(scene, &exact, size)?;
         let (mut rows, mut pictures) = (Vec::new(), Vec::new());
@@ -222,8 +221,6 @@ struct Shooting<'a> {
     camera: Entity,
     target: Handle<Image>,
     runs: usize,
-    /// Of the scene, without levels of detail.
-    grids: u64,
 }
 
 impl Shooting<'_> {
@@ -232,7 +229,7 @@ impl Shooting<'_> {
             // As the reference tracer has it.
             let camera = VdbCamera { mode, multiple_scattering: false, ..default() };
             self.stage.world().entity_mut(self.camera).insert((quality, camera));
-            wait_for_levels(self.stage, self.grids, quality.detail > 0.0);
+            wait_for_levels(self.stage, quality.detail > 0.0);
             self.stage.picture(&self.target)
         };
         let surface =
@@ -279,12 +276,13 @@ pub fn newest_times(world: &World) -> Option<(Instant, [f64; PASSES.len()])> {
     Some((trace.time, ms))
 }
 
-/// Goes on until all levels of detail are there, which are made in the background, or gone again.
-fn wait_for_levels(stage: &mut Stage, own: u64, wanted: bool) {
-    for _ in 0..20_000 {
+/// Goes on until levels of detail are there, which are made in the background where they can be seen, or gone
+/// again.
+fn wait_for_levels(stage: &mut Stage, wanted: bool) {
+    for _ in 0..2_000 {
         stage.update(1);
-        let grids = stage.world().resource::<VdbGpuUsage>().grids();
-        if grids > 0 && (grids > own) == wanted {
+        let levels = stage.world().resource::<VdbGpuUsage>().levels();
+        if (levels > 0) == wanted {
             break;
         }
         std::thread::sleep(std::time::Duration::from_millis(1));

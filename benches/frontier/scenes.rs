@@ -151,11 +151,6 @@ impl Scene {
         if self.sweep.is_lit_fog() { half } else { size }
     }
 
-    /// How many grids it has.
-    pub fn grids(&self) -> u64 {
-        self.volumes.len() as u64 + u64::from(self.fire.is_some())
-    }
-
     /// Whether the reference tracer can say what it looks like.
     pub fn is_simple(&self) -> bool {
         self.volumes.len() == 1 && self.fire.is_none()

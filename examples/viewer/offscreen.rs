@@ -144,16 +144,15 @@ struct Bar {
 
 impl Bar {
     fn show(&mut self, progress: &VdbLoadProgress) {
-        const WIDTH: u64 = 40;
+        const WIDTH: usize = 40;
         let files = progress.files();
-        let (done, all) = files.iter().fold((0, 0), |sum, file| (sum.0 + file.1, sum.1 + file.2));
-        if all == 0 || !std::io::stderr().is_terminal() {
+        let Some(part) = progress.fraction().filter(|_| std::io::stderr().is_terminal()) else {
             return;
-        }
-        let full = (done * WIDTH / all).min(WIDTH);
+        };
+        let full = (part * WIDTH as f32) as usize;
         let bar: String = (0..WIDTH).map(|i| if i < full { '#' } else { '.' }).collect();
-        let megabytes = all as f64 / 1e6;
-        eprint!("\rloading [{bar}] {:3} % of {megabytes:.1} MB", done * 100 / all);
+        let megabytes = files.iter().map(|file| file.bytes).sum::<u64>() as f64 / 1e6;
+        eprint!("\rloading [{bar}] {:3.0} % of {megabytes:.1} MB", 100.0 * part);
         // What cannot be shown of the progress changes nothing of it.
         let _ = std::io::stderr().flush();
         self.drawn = true;

@@ -27,12 +27,11 @@ pub fn show(
             if files.is_empty() {
                 ui.label("loading …");
             }
-            for (path, done, all) in files {
-                let name = path.path().file_name().unwrap_or_default().to_string_lossy();
-                let text =
-                    format!("{name}: {:.1} of {:.1} MB", done as f64 / 1e6, all as f64 / 1e6);
-                let part = if all == 0 { 0.0 } else { done as f32 / all as f32 };
-                ui.add(egui::ProgressBar::new(part).desired_width(420.0).text(text));
+            for file in files {
+                let name = file.path.path().file_name().unwrap_or_default().to_string_lossy();
+                let text = format!("{name}: {:.1} MB", file.bytes as f64 / 1e6);
+                let bar = egui::ProgressBar::new(file.fraction()).desired_width(420.0);
+                ui.add(bar.text(text));
             }
         });
     }

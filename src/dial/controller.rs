@@ -7,6 +7,13 @@ pub(super) const MARKS: usize = 8;
 /// marks are the furthest apart.
 const PRIOR: [f32; MARKS] = [1.0, 0.3, 0.2, 0.1, 0.06, 0.03, 0.018, 0.01];
 
+/// The last mark, with which frames are as quick as the dial can make them.
+const QUICKEST: usize = MARKS - 1;
+/// The first mark with fewer rays than pixels: if that gains nothing, none does.
+const TELLING: usize = 4;
+/// The best mark while the budget cannot be kept: the eye finds no difference to the first.
+const BEST_OVER_BUDGET: usize = 1;
+
 /// Frames after a turn whose times are of frames before it.
 const LATENCY: usize = 4;
 /// Frames whose median counts, after a turn and of those that tell of a cut.
@@ -28,27 +35,44 @@ const SHORTER: f32 = 1.3;
 /// and above what it was.
 const CREEP_WINDOW: usize = 16;
 const CREEP: (f32, f32) = (1.1, 1.06);
+/// A turn to a quicker mark that leaves more of the time than this has gained nothing.
+const GAIN: f32 = 0.9;
+/// Where the budget cannot be kept: how many times as long as with the quickest mark a frame may take. A
+/// mark that saves no more than a quarter of the frame is not worth what it takes from the picture.
+const ALLOWANCE: f32 = 1.35;
+/// Frames after which a budget that could not be kept is tried again, at first and at most: each time that
+/// it is in vain, twice as many.
+const RETRY: (u32, u32) = (128, 4096);
+/// How many times as long as allowed a better mark may have been found to take to be measured once more, when
+/// the picture is given back.
+const DOUBT: f32 = 1.2;
+/// Times after a turn are taken until they differ by no more than this times the root of how many they are:
+/// what jumps about takes longer to be compared.
+const STEADY: f32 = 0.15;
 
 /// Keeps the time of a frame within a budget: after a cut it looks for the best mark that fits, and then
-/// holds that until the next.
+/// holds that until the next. Where none fits, because most of the time is nothing that the marks have to
+/// do with, it holds the best of those that are hardly slower than the quickest.
 #[derive(Clone, Debug)]
 pub(super) struct Controller {
     mark: usize,
-    /// What each mark costs beside the first, as far as it is known.
-    ratios: [f32; MARKS],
-    /// Which have been measured since the cut.
-    known: [bool; MARKS],
+    /// The time of each mark that has been measured since the cut.
+    measured: [Option<f32>; MARKS],
     /// The last times, all of this mark.
     times: Vec<f32>,
     ignored: usize,
-    /// The mark before the last turn, and its time then.
-    before: Option<(usize, f32)>,
+    /// The mark before the last turn, while it has not been measured what that was worth.
+    before: Option<usize>,
     /// Frames since the cut, while it looks for the best mark.
     age: usize,
     /// The mean of so many frames, while it holds one.
     held: Option<(f32, usize)>,
     /// What it was last asked to keep.
     budget: f32,
+    /// The time of the quickest mark, where that was above the budget.
+    floor: Option<f32>,
+    /// Frames until the budget is tried again then, and how many there are to be the next time.
+    retry: (u32, u32),
 }
 
 impl Default for Controller {
@@ -60,20 +84,27 @@ impl Default for Controller {
 impl Controller {
     pub fn at(mark: usize) -> Self {
         Self {
-            mark: mark.min(MARKS - 1),
-            ratios: PRIOR,
-            known: [false; MARKS],
+            mark: mark.min(QUICKEST),
+            measured: [None; MARKS],
             times: Vec::new(),
             ignored: LATENCY,
             before: None,
             age: 0,
             held: None,
             budget: 0.0,
+            floor: None,
+            retry: (0, RETRY.0),
         }
     }
 
     pub fn mark(&self) -> usize {
         self.mark
+    }
+
+    /// Tells that frames are not drawn with the mark for now, as while its pipelines are being compiled.
+    pub fn wait(&mut self) {
+        self.ignored = LATENCY;
+        self.times.clear();
     }
 
     /// Takes the time of another frame, in milliseconds, and the budget; gives the mark for the next.
@@ -86,6 +117,7 @@ impl Controller {
             *self = Self { budget, ..Self::at(self.mark) };
         }
         self.age += 1;
+        self.retry.0 = self.retry.0.saturating_sub(1);
         if self.ignored > 0 {
             self.ignored -= 1;
             return self.mark;
@@ -95,11 +127,15 @@ impl Controller {
             self.times.remove(0);
         }
         if let Some((mean, frames)) = self.held {
-            if self.is_cut(mean, budget) {
-                let last = self.times.len() - WINDOW;
-                let times = self.times.split_off(last);
-                *self = Self { times, ignored: 0, budget, ..Self::at(self.mark) };
-            } else if let Some(now) = self.median(CUT_WINDOW).filter(|now| *now > LONGER * mean) {
+            let tries = self.floor.is_some() && self.retry.0 == 0;
+            if self.is_cut(mean) || tries && self.mark <= BEST_OVER_BUDGET {
+                self.start_over();
+            } else if tries {
+                self.give_back();
+                return self.mark;
+            } else if let Some(now) = self.median(CUT_WINDOW)
+                && (LONGER * mean..AIM * self.goal()).contains(&now)
+            {
                 // It takes longer, and fits by far.
                 self.held = Some((now, CUT_WINDOW));
                 return self.mark;
@@ -111,10 +147,28 @@ impl Controller {
                 return self.mark;
             }
         }
-        if let Some(now) = self.median(WINDOW) {
-            self.search(now, budget);
+        if let Some(now) = self.steady() {
+            self.search(now);
         }
         self.mark
+    }
+
+    /// The median of the last times, once they are enough to tell.
+    fn steady(&self) -> Option<f32> {
+        let median = self.median(self.times.len().max(WINDOW))?;
+        let count = self.times.len() as f32;
+        let [least, most] = self.range(0..self.times.len());
+        // A few of many numbers lie closer together than all of them.
+        let spread = (most - least) * (count + 1.0) / (count - 1.0);
+        let is_steady = spread <= STEADY * median * count.sqrt();
+        (is_steady || self.times.len() == CREEP_WINDOW).then_some(median)
+    }
+
+    /// The least and the largest of some times.
+    fn range(&self, of: std::ops::Range<usize>) -> [f32; 2] {
+        let of = &self.times[of];
+        let least = of.iter().copied().fold(f32::INFINITY, f32::min);
+        [least, of.iter().copied().fold(0.0, f32::max)]
     }
 
     /// The median of the last times.
@@ -124,162 +178,143 @@ impl Controller {
         Some(last[of / 2])
     }
 
+    /// The budget, or what can be kept instead.
+    fn goal(&self) -> f32 {
+        self.floor.map_or(self.budget, |floor| self.budget.max(ALLOWANCE * floor))
+    }
+
     /// Whether what is held is of another scene.
-    fn is_cut(&self, mean: f32, budget: f32) -> bool {
+    fn is_cut(&self, mean: f32) -> bool {
+        let goal = self.goal();
         let is_far = self.median(CUT_WINDOW).is_some_and(|now| {
-            now > LONGER * mean && now > AIM * budget || now * SHORTER < mean && self.mark > 0
+            now > LONGER * mean && now > AIM * goal || now * SHORTER < mean && self.mark > 0
         });
+        if self.floor.is_some() {
+            // It is known that there is little to be won: to look again, noise is not enough.
+            return is_far && self.is_apart();
+        }
         let lately = self.times.iter().sum::<f32>() / self.times.len() as f32;
-        let creeps = lately > CREEP.0 * budget && lately > CREEP.1 * mean;
+        let creeps = lately > CREEP.0 * goal && lately > CREEP.1 * mean;
         is_far || creeps && self.times.len() == CREEP_WINDOW
     }
 
-    fn search(&mut self, now: f32, budget: f32) {
-        self.learn(now);
-        let expected = |mark: usize| now * self.ratios[mark] / self.ratios[self.mark];
-        // What has been measured needs no room to spare.
-        let fits =
-            |mark: &usize| expected(*mark) <= budget * if self.known[*mark] { FITS } else { AIM };
-        let best = (0..MARKS).find(fits).unwrap_or(MARKS - 1);
+    /// Whether the last times are all longer, or all shorter, than those before.
+    fn is_apart(&self) -> bool {
+        let all = self.times.len();
+        if all < CUT_WINDOW + WINDOW {
+            return false;
+        }
+        let ([before, most], [least, now]) =
+            (self.range(0..all - CUT_WINDOW), self.range(all - CUT_WINDOW..all));
+        least > most || now < before
+    }
+
+    /// Begins a search with the last times.
+    fn start_over(&mut self) {
+        let times = self.times.split_off(self.times.len().saturating_sub(WINDOW));
+        let Self { budget, retry, .. } = *self;
+        *self = Self { times, ignored: 0, budget, retry, ..Self::at(self.mark) };
+    }
+
+    /// Where the budget cannot be kept, tries the next better mark again.
+    fn give_back(&mut self) {
+        (self.held, self.retry.0) = (None, RETRY.0);
+        self.turn(self.mark - 1);
+        self.measured[self.mark] = None;
+    }
+
+    fn turn(&mut self, mark: usize) {
+        self.before = (mark > self.mark).then_some(self.mark);
+        self.mark = mark;
+        self.times.clear();
+        self.ignored = LATENCY;
+    }
+
+    fn search(&mut self, now: f32) {
+        self.measured[self.mark] = Some(now);
+        let then = self.before.take().and_then(|before| self.measured[before]);
+        let is_futile = then.is_some_and(|then| now > GAIN * then);
+        if now <= FITS * self.budget {
+            (self.floor, self.retry) = (None, (0, RETRY.0));
+        }
         let mut wanted = self.mark;
-        if now > FITS * budget {
-            wanted = best.max(self.mark + 1).min(MARKS - 1);
-        } else if self.age <= UPWARDS {
-            wanted = best.min(self.mark);
-            let may_try = wanted == self.mark && wanted > 0 && now <= SPARE * budget;
-            if may_try && !self.known[wanted - 1] {
+        if now > FITS * self.goal() {
+            let was_in_vain = self.retry.1 > RETRY.0;
+            wanted = if self.mark == QUICKEST || is_futile && self.mark >= TELLING {
+                if self.floor.replace(now).is_none() {
+                    self.retry = (self.retry.1, (2 * self.retry.1).min(RETRY.1));
+                }
+                let knows_better = self.measured[..self.mark].iter().any(Option::is_some);
+                if knows_better { self.best_within(DOUBT) } else { TELLING }
+            } else if self.floor.is_none() && (is_futile || was_in_vain) {
+                TELLING.max(self.mark + 1)
+            } else {
+                self.best().max(self.mark + 1)
+            };
+        } else if self.age <= UPWARDS || self.floor.is_some() {
+            wanted = self.best().min(self.mark);
+            let may_try = wanted == self.mark && now <= SPARE * self.budget;
+            if may_try && wanted > 0 && self.measured[wanted - 1].is_none() {
                 wanted -= 1;
             }
         }
         if wanted != self.mark {
-            self.before = Some((self.mark, now));
-            self.mark = wanted;
-            self.times.clear();
-            self.ignored = LATENCY;
+            self.turn(wanted);
         } else if self.age >= SEARCH {
             let mean = self.times.iter().sum::<f32>() / self.times.len() as f32;
             self.held = Some((mean, self.times.len()));
-        }
-    }
-
-    /// What the first times after a turn tell: what the turn was worth, of what was expected. That is likely
-    /// true of other turns, too.
-    fn learn(&mut self, now: f32) {
-        self.known[self.mark] = true;
-        let Some((mark, then)) = self.before.take() else { return };
-        let own = self.mark;
-        self.ratios[own] = self.ratios[mark] * now / then;
-        let worth = (now / then).ln() / (PRIOR[own] / PRIOR[mark]).ln();
-        // Downwards there is always something to be gained.
-        let worth = worth.clamp(if own > mark { 0.25 } else { 0.0 }, 2.0);
-        for other in (0..MARKS).filter(|other| !self.known[*other]) {
-            if (other < mark) != (own > mark) {
-                self.ratios[other] = self.ratios[own] * (PRIOR[other] / PRIOR[own]).powf(worth);
+            if self.mark > BEST_OVER_BUDGET {
+                self.retry.0 = self.retry.0.min(RETRY.0);
             }
         }
     }
+
+    /// The best mark that fits.
+    fn best(&self) -> usize {
+        self.best_within(1.0)
+    }
+
+    /// The best mark that takes no more than so many times as long as one that fits.
+    fn best_within(&self, times: f32) -> usize {
+        let goal = times * self.goal();
+        // What has been measured needs no room to spare.
+        let is_known = |mark: usize| self.measured[mark].is_some() || self.floor.is_some();
+        let part = |mark: usize| if is_known(mark) { FITS } else { AIM };
+        let first = if self.floor.is_some() { BEST_OVER_BUDGET } else { 0 };
+        let fits = |mark: &usize| self.expected(*mark) <= goal * part(*mark);
+        (first..MARKS).find(fits).unwrap_or(QUICKEST)
+    }
+
+    /// The time that a mark likely takes, by what has been measured.
+    fn expected(&self, mark: usize) -> f32 {
+        let time = |at: usize| self.measured[at].map(|ms| (at, ms));
+        if let Some(ms) = self.measured[mark] {
+            return ms;
+        }
+        let (mut better, mut quicker) =
+            ((0..mark).rev().filter_map(time), (mark + 1..MARKS).filter_map(time));
+        match (better.next(), quicker.next()) {
+            // Of the time between two, a part is the same for all marks.
+            (Some((a, slow)), Some((b, fast))) => {
+                let part = (PRIOR[mark] - PRIOR[b]) / (PRIOR[a] - PRIOR[b]);
+                fast + part * (slow - fast)
+            }
+            // Beyond them, turns are worth what they have been. Downwards there is always something to be
+            // gained.
+            (Some(last), None) => beyond(mark, last, better.next(), 0.25),
+            (None, Some(first)) => beyond(mark, first, quicker.next(), 0.0),
+            (None, None) => f32::INFINITY,
+        }
+    }
+}
+
+/// What is expected of a mark beyond the last that has been measured, and the one before that.
+fn beyond(mark: usize, (last, ms): (usize, f32), before: Option<(usize, f32)>, least: f32) -> f32 {
+    let worth = before.map_or(1.0, |(before, then)| {
+        ((ms / then).ln() / (PRIOR[last] / PRIOR[before]).ln()).clamp(least, 2.0)
+    });
+    ms * (PRIOR[mark] / PRIOR[last]).powf(worth)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// What frames cost: the first mark's time, and what the others have of it.
-    struct Scene {
-        ms: f32,
-        ratios: [f32; MARKS],
-    }
-
-    /// In [0, 1), evenly: the high bits of a linear congruence.
-    fn random(state: &mut u64) -> f32 {
-        *state =
-            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (*state >> 40) as f32 / (1_u64 << 24) as f32
-    }
-
-    /// The marks of so many frames, whose times come late and are noisy.
-    fn run(
-        controller: &mut Controller,
-        scene: &Scene,
-        frames: usize,
-        (budget, noise): (f32, f32),
-        seed: &mut u64,
-    ) -> Vec<usize> {
-        let mut pending = std::collections::VecDeque::from([controller.mark(); 3]);
-        (0..frames)
-            .map(|_| {
-                pending.push_back(controller.mark());
-                let drawn = pending.pop_front().unwrap_or(0);
-                let noise = 1.0 + noise * (2.0 * random(seed) - 1.0);
-                controller.next(scene.ms * scene.ratios[drawn] * noise, budget)
-            })
-            .collect()
-    }
-
-    const FOG: [f32; MARKS] = [1.0, 0.35, 0.3, 0.15, 0.08, 0.04, 0.02, 0.01];
-    /// Only the marks with fewer rays than pixels save anything.
-    const SURFACE: [f32; MARKS] = [1.0, 1.0, 1.0, 1.0, 0.5, 0.26, 0.14, 0.08];
-    const NOTHING: [f32; MARKS] = [1.0; MARKS];
-
-    /// A camera that cuts from scene to scene: within 30 frames after each cut the dial stands still, as far
-    /// up as the budget allows, and goes on standing still.
-    #[test]
-    fn the_dial_settles_after_every_cut_and_stays() {
-        const BUDGET: f32 = 4.0;
-        const SETTLED: usize = 30;
-        let mut seed = 1;
-        for noise in [0.0, 0.05, 0.1] {
-            let mut controller = Controller::default();
-            let (mut cuts, mut last) = (0, 0.0);
-            for (i, ratios) in
-                [FOG, SURFACE, FOG, NOTHING, SURFACE, FOG].iter().cycle().take(60).enumerate()
-            {
-                // Cuts that times tell of.
-                let mut cost = |of: [f32; MARKS]| {
-                    let ms = 0.5 * 200_f32.powf(random(&mut seed));
-                    (ms, ms * of[controller.mark()])
-                };
-                let is_told = |now: f32| now > 1.5 * last || last > 1.5 * now;
-                let ms = std::iter::repeat_with(|| cost(*ratios)).find(|(_, now)| is_told(*now));
-                let ms = ms.unwrap().0;
-                let scene = Scene { ms, ratios: *ratios };
-                let cost = |mark: usize| ms * ratios[mark];
-                let marks = run(&mut controller, &scene, 330, (BUDGET, noise), &mut seed);
-                let end = marks[329];
-                let settled = marks.iter().rposition(|mark| *mark != end).map_or(0, |at| at + 1);
-                assert!(
-                    settled <= SETTLED,
-                    "cut {i}, {ms} ms, noise {noise}: {settled} frames, {marks:?}"
-                );
-                assert!(cost(end) <= BUDGET * 1.08 || end == MARKS - 1, "{ms}: {} ms", cost(end));
-                // Of the better ones, but for the next, none would fit by far.
-                let better = (1..end).map(|mark| mark - 1).find(|mark| cost(*mark) < 0.45 * BUDGET);
-                assert!(better.is_none(), "cut {i}, {ms} ms: {end}, not {better:?}: {ratios:?}");
-                cuts += usize::from(end != marks[0]);
-                last = cost(end);
-            }
-            assert!(cuts > 10, "{cuts} cuts turned the dial");
-        }
-    }
-
-    #[test]
-    fn another_budget_is_a_cut() {
-        let mut controller = Controller::default();
-        let scene = Scene { ms: 0.2, ratios: FOG };
-        for (budget, mark) in [(1e-4, MARKS - 1), (1e6, 0), (0.1, 1), (1e-4, MARKS - 1), (0.1, 1)] {
-            let marks = run(&mut controller, &scene, 60, (budget, 0.0), &mut 1);
-            assert!(marks[30..].iter().all(|now| *now == mark), "{budget} ms: {marks:?}");
-        }
-    }
-
-    #[test]
-    fn what_is_no_time_turns_nothing() {
-        let mut controller = Controller::at(3);
-        for ms in [f32::NAN, f32::INFINITY, -1.0] {
-            (0..100).for_each(|_| assert_eq!(controller.next(ms, 1.0), 3));
-        }
-        for budget in [f32::NAN, 0.0, -1.0] {
-            (0..100).for_each(|_| assert_eq!(controller.next(1.0, budget), 3));
-        }
-    }
-}
+mod tests;

@@ -2,14 +2,14 @@
 
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
+use bevy::tasks::Task;
 use bevy::tasks::futures::check_ready;
-use bevy::tasks::{AsyncComputeTaskPool, Task};
 use bevy_egui::egui;
 use vdb_core::pack::PackKind;
 
 use super::models::{self, Models, VdbModelPicked};
 use super::{VdbInspector, entity_name};
-use crate::{VdbGrid, VdbGridError, VdbVolume};
+use crate::{VdbGrid, VdbGridError, VdbVolume, background};
 
 /// A volume's grid being made ready to be shown otherwise.
 #[derive(Component)]
@@ -72,7 +72,7 @@ pub(super) fn show(
     };
     if let Some(kind) = pick_kind(ui, grid.kind()) {
         let grid = grid.clone();
-        let task = AsyncComputeTaskPool::get().spawn(async move { grid.with_kind(kind) });
+        let task = background::run(move || grid.with_kind(kind));
         commands.entity(entity).insert(Repacking(task)).remove::<NotRepacked>();
     }
     if repacking {

@@ -7,7 +7,9 @@ mod adapter;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use bevy::app::{PluginsState, ScheduleRunnerPlugin};
+use bevy::app::{
+    PluginsState, ScheduleRunnerPlugin, TaskPoolOptions, TaskPoolThreadAssignmentPolicy,
+};
 use bevy::asset::{AssetPlugin, RenderAssetUsages, UnapprovedPathMode};
 use bevy::camera::{Hdr, RenderTarget};
 use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
@@ -87,22 +89,37 @@ impl Stage {
 
     /// With further plugins.
     pub fn with(add: impl FnOnce(&mut App)) -> Self {
-        Self::made(true, None, add)
+        Self::made(true, None, TaskPoolPlugin::default(), add)
     }
 
     /// One whose assets are in a folder, which is watched.
     pub fn watching(folder: &Path) -> Self {
-        Self::made(true, Some(folder), |_| {})
+        Self::made(true, Some(folder), TaskPoolPlugin::default(), |_| {})
     }
 
     /// One that compiles pipelines beside its frames, as apps do.
     pub fn compiling_beside() -> Self {
-        Self::made(false, None, |_| {})
+        Self::made(false, None, TaskPoolPlugin::default(), |_| {})
+    }
+
+    /// The same on a machine of few cores, where Bevy has one thread for all that takes long. The first app
+    /// of a program says so for all of them.
+    pub fn compiling_on_one_thread() -> Self {
+        let one = TaskPoolThreadAssignmentPolicy {
+            min_threads: 1,
+            max_threads: 1,
+            percent: 1.0,
+            on_thread_spawn: None,
+            on_thread_destroy: None,
+        };
+        let task_pool_options = TaskPoolOptions { async_compute: one, ..default() };
+        Self::made(false, None, TaskPoolPlugin { task_pool_options }, |_| {})
     }
 
     fn made(
         synchronous_pipeline_compilation: bool,
         watched: Option<&Path>,
+        pools: TaskPoolPlugin,
         add: impl FnOnce(&mut App),
     ) -> Self {
         let assets = watched.unwrap_or(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/assets")));
@@ -115,6 +132,7 @@ impl Stage {
                     ..default()
                 })
                 .set(RenderPlugin { synchronous_pipeline_compilation, ..default() })
+                .set(pools)
                 .set(AssetPlugin {
                     file_path: assets.display().to_string(),
                     unapproved_path_mode: UnapprovedPathMode::Allow,

@@ -2,9 +2,11 @@
 
 use std::process::Command;
 
+use bevy::light::{CascadeShadowConfigBuilder, DirectionalLightShadowMap};
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy::render::error_handler::{ErrorType, RenderErrorHandler, RenderErrorPolicy};
+use bevy::render::render_resource::PollType;
 use bevy::render::renderer::RenderDevice;
 use bevy::render::settings::RenderCreation;
 use bevy_vdb::{VdbEmission, VdbGrid, VdbMaterial, VdbQuality, VdbVolume, VdbVoxel};
@@ -13,8 +15,9 @@ use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
 use super::common::{Picture, Stage, has_gpu};
-use super::{SIZE, SURFACE, looking};
+use super::{SURFACE, looking};
 
+const SIZE: UVec2 = UVec2::new(48, 32);
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
 const VOXEL: f64 = 0.1;
 /// Set in the process that loses its GPU: whatever a driver does then, other tests do not suffer from it.
@@ -26,6 +29,8 @@ const ALONE: &str = "BEVY_VDB_LOSE_DEVICE";
 struct Scene {
     stage: Stage,
     edited: Handle<VdbGrid>,
+    /// What shines has no levels of detail.
+    fire: AssetId<VdbGrid>,
     targets: [Handle<Image>; 2],
 }
 
@@ -36,6 +41,8 @@ impl Scene {
             ErrorType::DeviceLost => RenderErrorPolicy::Recover(RenderCreation::default()),
             _ => panic!("{error:?}"),
         }));
+        // Drivers without a GPU take long for large ones.
+        stage.world().insert_resource(DirectionalLightShadowMap { size: 256 });
         let targets = [stage.target(SIZE), stage.target(SIZE)];
         let view = looking(Vec3::new(3.0, 5.0, 8.0));
         let near = stage.camera(&targets[0], view);
@@ -48,6 +55,7 @@ impl Scene {
         let torus = stage.grid(level_set::torus(DVec3::ZERO, 24.0, 6.0), SURFACE, VOXEL);
         let cloud = stage.grid(fog::sphere(DVec3::ZERO, 16.0, 6.0), PackKind::Fog, VOXEL);
         let fire = stage.grid(fog::sphere(DVec3::ZERO, 9.0, 6.0), PackKind::Fog, VOXEL);
+        let fire_id = fire.id();
         let at = Transform::from_xyz;
         let glows =
             VdbEmission::Temperature { grid: fire, scale: 1500.0, offset: 500.0, strength: 1e-3 };
@@ -62,8 +70,9 @@ impl Scene {
         world.spawn((Mesh3d(floor), MeshMaterial3d(matt), at(0.0, -2.0, 0.0)));
         let sun = DirectionalLight { illuminance: 3.0, shadow_maps_enabled: true, ..default() };
         let down = Transform::default().looking_to(Vec3::new(-0.4, -1.0, -0.3), Vec3::Y);
-        world.spawn((sun, down));
-        Self { stage, edited: ball, targets }
+        let cascades = CascadeShadowConfigBuilder { num_cascades: 1, ..default() }.build();
+        world.spawn((sun, down, cascades));
+        Self { stage, edited: ball, fire: fire_id, targets }
     }
 
     /// Takes the voxels of a cube out of the ball.
@@ -77,17 +86,31 @@ impl Scene {
 
     /// What both cameras show, once nothing is on its way to the GPU or back.
     fn pictures(&mut self) -> [Picture; 2] {
-        self.stage.update(20);
+        let has_levels = |(id, grid): (AssetId<VdbGrid>, &VdbGrid)| {
+            grid.levels().is_some() || grid.is_edited() || id == self.fire
+        };
+        for _ in 0..10_000 {
+            if self.stage.app.world().resource::<Assets<VdbGrid>>().iter().all(has_levels) {
+                break;
+            }
+            self.stage.update(1);
+        }
+        // For as many frames as are put together.
+        self.stage.update(8);
         let targets = self.targets.clone();
         let pictures = targets.map(|target| self.stage.picture(&target));
         // Bevy keeps the buffers that pictures come back in for ten frames, and would use them with another
         // GPU (bevy_render 0.19.1, gpu_readback.rs).
-        self.stage.update(20);
+        self.stage.update(12);
         pictures
     }
 
     fn lose_device(&mut self) {
-        self.stage.world().resource::<RenderDevice>().wgpu_device().destroy();
+        let device = self.stage.world().resource::<RenderDevice>();
+        device.wgpu_device().destroy();
+        // Where it is lost by itself, wgpu says so at once; of one that is destroyed, when it is polled. A
+        // frame that is drawn before panics in Bevy (bevy_render 0.19.1, StorageBuffer::write_buffer).
+        device.poll(PollType::wait_indefinitely()).ok();
         self.stage.update(1);
     }
 }
@@ -121,7 +144,7 @@ fn all_volumes_come_back_after_a_lost_gpu() {
     scene.dig(2, 9);
     let before = scene.pictures();
     let lit = before[0].count(|pixel| pixel.max_element() > 0.1);
-    assert!(lit > 1000, "{lit} pixels of {SIZE} show something");
+    assert!(lit > 300, "{lit} pixels of {SIZE} show something");
     for round in 0..2 {
         scene.lose_device();
         let after = scene.pictures();

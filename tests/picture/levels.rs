@@ -11,17 +11,18 @@ use super::common::{Picture, Stage, has_gpu};
 use super::need::{all_steps, counting};
 use super::{SIZE, SURFACE, looking, pixel_ray};
 
-/// Goes on until the pool has so many grids, or has had long enough.
-fn wait_for(stage: &mut Stage, grids: u64) {
+/// Goes on until the pool has so many grids with so many coarser levels, or has had long enough.
+fn wait_for(stage: &mut Stage, grids: u64, levels: u64) {
     let usage = stage.world().resource::<VdbGpuUsage>().clone();
     for _ in 0..2000 {
         stage.update(1);
-        if usage.grids() == grids {
+        if (usage.grids(), usage.levels()) == (grids, levels) {
             return;
         }
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
-    panic!("{} grids on the GPU, not {grids}", usage.grids());
+    let there = (usage.grids(), usage.levels());
+    panic!("grids and levels on the GPU: {there:?}, not {:?}", (grids, levels));
 }
 
 /// The stage's camera with levels of detail or without.
@@ -73,7 +74,7 @@ fn far_surfaces_are_shown_by_coarser_grids() {
     let grid = stage.grid(level_set::sphere(DVec3::ZERO, RADIUS / VOXEL), kind, VOXEL);
     stage.world().spawn((VdbVolume(grid), VdbMaterial::default()));
     ask(&mut stage, camera, VdbRenderMode::Normals, 0.0);
-    wait_for(&mut stage, 1);
+    wait_for(&mut stage, 1, 0);
     let exact = stage.picture(&target);
     exact.save("levels_exact");
     let (off, wrong) = errors(&exact, view, 0.01 * VOXEL);
@@ -82,7 +83,7 @@ fn far_surfaces_are_shown_by_coarser_grids() {
     assert!(off < turn && wrong == 0, "normals are off by {off}°, {wrong} pixels are wrong");
 
     ask(&mut stage, camera, VdbRenderMode::Normals, 1.0);
-    wait_for(&mut stage, 1 + LEVELS);
+    wait_for(&mut stage, 1, LEVELS);
     let coarse = stage.picture(&target);
     coarse.save("levels_coarse");
     // Voxels eight times as large, 25 across the ball.
@@ -95,7 +96,7 @@ fn far_surfaces_are_shown_by_coarser_grids() {
     *stage.world().get_mut::<Transform>(camera).unwrap() = near;
     let with = stage.picture(&target);
     ask(&mut stage, camera, VdbRenderMode::Normals, 0.0);
-    wait_for(&mut stage, 1);
+    wait_for(&mut stage, 1, 0);
     assert!(stage.picture(&target) == with, "a near surface is not shown as it is");
     *stage.world().get_mut::<Transform>(camera).unwrap() = view;
     assert!(stage.picture(&target) == exact, "what was exact is so no more");
@@ -115,11 +116,11 @@ fn far_fog_dims_as_much() {
     let material = VdbMaterial { base_color: Color::BLACK, density_scale: 0.3, ..default() };
     stage.world().spawn((VdbVolume(grid), material));
     ask(&mut stage, camera, VdbRenderMode::Lit, 0.0);
-    wait_for(&mut stage, 1);
+    wait_for(&mut stage, 1, 0);
     let exact = stage.picture(&target);
     exact.save("levels_fog");
     ask(&mut stage, camera, VdbRenderMode::Lit, 1.0);
-    wait_for(&mut stage, 1 + LEVELS);
+    wait_for(&mut stage, 1, LEVELS);
     let coarse = stage.picture(&target);
     let pairs = exact.pixels.iter().zip(&coarse.pixels);
     let dimmed = |pixel: &Vec4| f64::from(1.0 - pixel.x);
@@ -158,15 +159,13 @@ fn twice_the_voxels_far_away_cost_the_same() {
             let volume = stage.world().spawn((VdbVolume(grid), material)).id();
             let quality = VdbQuality { detail, ..default() };
             stage.world().entity_mut(camera).insert((counting(), quality));
-            let usage = stage.world().resource::<VdbGpuUsage>().clone();
             // Down to less than 32 voxels.
             let levels = if detail > 0.0 { (edge / 32.0).log2() as u64 } else { 0 };
-            wait_for(&mut stage, 1 + levels);
+            wait_for(&mut stage, 1, levels);
             let picture = stage.picture(&target);
             picture.save(&format!("need_{name}_{edge}_{detail}"));
             stage.world().despawn(volume);
-            wait_for(&mut stage, 0);
-            assert_eq!(usage.grids(), 0);
+            wait_for(&mut stage, 0, 0);
             all_steps(&picture)
         };
         let [once, twice] = [128.0, 256.0].map(|edge| cost(edge, 1.0));

@@ -49,7 +49,7 @@ const TREES: [(&str, fn() -> Vdb543<f32>); 6] = [
         let places: Vec<IVec3> = (0..50_000).map(|_| IVec3::new(at(), at(), at())).collect();
         root_tiles(50_000, move |i| places[i as usize])
     }),
-    ("upper nodes of tiles", || upper_nodes(100)),
+    ("upper nodes of tiles", || upper_nodes(50)),
     ("lower nodes with a leaf each", || leaves(800, 256)),
     ("leaves apart from each other", || leaves(6000, 16)),
     ("leaves in nodes of their own", || leaves(90, 8192)),
@@ -95,7 +95,7 @@ fn child() {
     let trees = match TREES.iter().find(|(own, _)| *own == name) {
         Some((_, make)) => vec![make().into()],
         None => {
-            let path = Path::new("tests/data/hostile").join(&name).with_extension("vdb");
+            let path = Path::new("tests/data/hostile").join(format!("{name}.vdb"));
             let file = VdbFile::open(path).unwrap_or_else(|error| panic!("{error}"));
             let floats = file.grids.into_iter().filter_map(|grid| match grid.tree {
                 AnyTree::Float(tree) => Some(tree),

@@ -208,22 +208,46 @@ type Rows = [[u16; 9]; 9];
 
 /// The samples that count of a cube and of the first ones on its high sides.
 fn rows(rule: Rule, sources: &Sources) -> Rows {
+    match rule {
+        Rule::Density => rows_by(|value| value > 0.0, sources),
+        Rule::Crossing(iso) => rows_by(|value| value < iso, sources),
+    }
+}
+
+fn rows_by(counts: impl Fn(f32) -> bool, sources: &Sources) -> Rows {
     let mut rows: Rows = [[0; 9]; 9];
+    // One bit each of values side by side.
+    let bits = |values: &[f32]| -> u64 {
+        let bits = values.iter().enumerate();
+        bits.fold(0, |bits, (bit, &value)| bits | u64::from(counts(value)) << bit)
+    };
     for (side, source) in sources.iter().enumerate() {
         let high = corner(side);
-        let range = |high: i32| if high == 0 { 0..8 } else { 8..9 };
-        for x in range(high.x) {
-            for y in range(high.y) {
-                let counted = match source {
-                    Source::Constant(value) => u16::from(rule.counts(*value)) * 0xff,
-                    Source::Leaf(leaf) => {
-                        let first = (x & 7) << 6 | (y & 7) << 3;
-                        let length = if high.z == 0 { 8 } else { 1 };
-                        let row = leaf.values_slice()[first..first + length].iter().enumerate();
-                        row.fold(0, |bits, (z, &value)| bits | u16::from(rule.counts(value)) << z)
-                    }
-                };
-                rows[x][y] |= if high.z == 0 { counted } else { (counted & 1) << 8 };
+        let (x, y) = (8 * high.x as usize, 8 * high.y as usize);
+        let (to_x, to_y) = (if x == 8 { 9 } else { 8 }, if y == 8 { 9 } else { 8 });
+        let values = match source {
+            Source::Leaf(leaf) => leaf.values_slice(),
+            Source::Constant(value) => {
+                let row = if counts(*value) { if high.z == 0 { 0xff } else { 0x100 } } else { 0 };
+                for rows in &mut rows[x..to_x] {
+                    rows[y..to_y].iter_mut().for_each(|own| *own |= row);
+                }
+                continue;
+            }
+        };
+        for (rows, plane) in rows[x..to_x].iter_mut().zip(values.chunks_exact(64)) {
+            let rows = &mut rows[y..to_y];
+            if high.z == 1 {
+                for (own, row) in rows.iter_mut().zip(plane.chunks_exact(8)) {
+                    *own |= u16::from(counts(row[0])) << 8;
+                }
+            } else if rows.len() == 1 {
+                rows[0] |= bits(&plane[..8]) as u16;
+            } else {
+                let plane = bits(plane);
+                for (y, own) in rows.iter_mut().enumerate() {
+                    *own |= (plane >> (8 * y) & 0xff) as u16;
+                }
             }
         }
     }

@@ -77,10 +77,22 @@ pub(super) fn built<'a>(
     // Most cubes are of one value beside their like.
     let mut last = (f32::NAN, content(&[Source::Constant(f32::NAN); 8]));
     let mut first = None;
+    // Nothing beside it can matter to what lies within a tile.
+    let inner = match wide[0] {
+        Wide::Tile(value) => Some(content(&[Source::Constant(value); 8])),
+        Wide::Lower(_) => None,
+    };
     let mut all_alike = true;
     for slot in 0..REGION_WORDS {
         let s = slot as i32;
         let cube = IVec3::new(s >> 8, s >> 4 & 15, s & 15);
+        if let Some(inner) = inner
+            && inner.is_empty()
+            && cube.max_element() < 15
+        {
+            first.get_or_insert(inner);
+            continue;
+        }
         let place = around_slot(cube);
         let sources: Sources = steps.map(|step| around[place + step]);
         let content = match one_value(&sources) {

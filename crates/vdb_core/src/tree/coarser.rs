@@ -241,8 +241,9 @@ impl Halving<'_> {
         make: impl FnOnce() -> Result<Box<N>, Stop>,
     ) -> Result<Built<N>, Stop> {
         self.work.step(0)?;
-        // A value a slot: near enough, and known beforehand.
-        self.work.take((size_of::<N>() + N::SIZE * size_of::<f32>()) as u64)?;
+        // A value a slot, which a leaf has in itself: near enough, and known beforehand.
+        let tiles = if N::LEVEL > 0 { N::SIZE * size_of::<f32>() } else { 0 };
+        self.work.take((size_of::<N>() + tiles) as u64)?;
         Ok(built(make()?))
     }
 

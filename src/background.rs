@@ -1,0 +1,80 @@
+//! Long work beside the frames, on threads of its own.
+//!
+//! Bevy compiles pipelines on its `AsyncComputeTaskPool`, which is one thread where there are few cores: who
+//! holds that for long keeps the window black. So decoding, packing and levels of detail have pools of their
+//! own, made when they are first needed. Where there are no threads, as on the web, they are Bevy's
+//! single-threaded ones, and work is done when it is asked for.
+
+use std::sync::LazyLock;
+
+use bevy::tasks::{Task, TaskPool, TaskPoolBuilder, available_parallelism};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+/// What somebody waits for: as many at a time as Bevy has threads for such work. Within, files are decoded
+/// and grids packed by all cores.
+static WAITED_FOR: LazyLock<TaskPool> = LazyLock::new(|| pool("VDB loading", cores()));
+
+/// What only makes things better: one after the other.
+static IMPROVEMENTS: LazyLock<TaskPool> = LazyLock::new(|| pool("VDB details", 1));
+
+/// The cores that it may take, so that frames have the others. `None` where there are no threads.
+static IMPROVING: LazyLock<Option<ThreadPool>> = LazyLock::new(|| {
+    let name = |i| format!("VDB details ({i})");
+    ThreadPoolBuilder::new().num_threads(cores()).thread_name(name).build().ok()
+});
+
+/// A quarter of the cores, as Bevy has it for its own.
+fn cores() -> usize {
+    (available_parallelism() / 4).clamp(1, 4)
+}
+
+fn pool(name: &str, threads: usize) -> TaskPool {
+    TaskPoolBuilder::new().num_threads(threads).thread_name(name.into()).build()
+}
+
+/// Does what somebody waits for.
+pub(crate) fn run<T: Send + Sync + 'static>(
+    work: impl FnOnce() -> T + Send + Sync + 'static,
+) -> Task<T> {
+    WAITED_FOR.spawn(async move { work() })
+}
+
+/// Does what can wait, with few cores.
+pub(crate) fn improve<T: Send + Sync + 'static>(
+    work: impl FnOnce() -> T + Send + Sync + 'static,
+) -> Task<T> {
+    IMPROVEMENTS.spawn(async move {
+        match &*IMPROVING {
+            Some(few) => few.install(work),
+            None => work(),
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::tasks::block_on;
+
+    /// In the pool of a few cores, work that splits itself stays there.
+    #[test]
+    fn improvements_take_a_few_cores() {
+        let threads =
+            || (rayon::current_num_threads(), std::thread::current().name().map(String::from));
+        let (count, name) = block_on(improve(threads));
+        assert!(count == cores() && name.is_some_and(|name| name.starts_with("VDB details (")));
+        let (_, name) = block_on(run(threads));
+        assert!(name.is_some_and(|name| name.starts_with("VDB loading")));
+    }
+
+    /// Neither waits for the other.
+    #[test]
+    fn what_is_waited_for_overtakes_improvements() {
+        let (go_on, held) = std::sync::mpsc::channel::<()>();
+        let held = std::sync::Mutex::new(held);
+        let slow = improve(move || held.lock().is_ok_and(|held| held.recv().is_ok()));
+        assert_eq!(block_on(run(|| 7)), 7);
+        go_on.send(()).unwrap();
+        assert!(block_on(slow));
+    }
+}

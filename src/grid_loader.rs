@@ -1,0 +1,157 @@
+//! `.vdb` bytes → the one grid that the file is about, for loads that name no grid.
+
+use std::sync::Arc;
+
+use bevy::asset::io::Reader;
+use bevy::asset::{AssetLoader, LoadContext};
+use bevy::prelude::*;
+use vdb_core::display::escaped;
+use vdb_core::pack::PackKind;
+use vdb_core::{AnyTree, Grid};
+
+use crate::labels::labels;
+use crate::loader::{Prepared, Shared, kind, load_with, prepare, read};
+use crate::progress::Job;
+use crate::roles::{Candidate, main_grid, main_vectors};
+use crate::{
+    VdbGrid, VdbGridError, VdbLoadProgress, VdbLoaderError, VdbLoaderSettings, VdbVectorGrid,
+};
+
+/// Loads the grid that a `.vdb` file is about, where none is named: `"teapot.vdb"` as a [`VdbGrid`] is its
+/// one surface, or the density of smoke, as [`VdbFile::roles`](crate::VdbFile::roles) tells them by their
+/// names. Where that leaves a choice, the error lists the labels there are. Other grids are neither packed
+/// nor kept. Registered by [`VdbRenderPlugin`](crate::VdbRenderPlugin). In `.meta` files it is
+/// `"bevy_vdb::VdbGridLoader"`.
+#[derive(Clone, Default, TypePath)]
+#[type_path = "bevy_vdb"]
+pub struct VdbGridLoader {
+    progress: VdbLoadProgress,
+}
+
+/// The same for [`VdbVectorGrid`]s: the colours of a file, or its one grid of vectors.
+#[derive(Clone, Default, TypePath)]
+#[type_path = "bevy_vdb"]
+pub struct VdbVectorGridLoader {
+    progress: VdbLoadProgress,
+}
+
+impl VdbGridLoader {
+    pub(crate) fn new(progress: VdbLoadProgress) -> Self {
+        Self { progress }
+    }
+}
+
+impl VdbVectorGridLoader {
+    pub(crate) fn new(progress: VdbLoadProgress) -> Self {
+        Self { progress }
+    }
+}
+
+impl AssetLoader for VdbGridLoader {
+    type Asset = VdbGrid;
+    type Settings = VdbLoaderSettings;
+    type Error = VdbLoaderError;
+
+    async fn load(
+        &self,
+        reader: &mut dyn Reader,
+        settings: &VdbLoaderSettings,
+        load_context: &mut LoadContext<'_>,
+    ) -> Result<VdbGrid, VdbLoaderError> {
+        load_with(&self.progress, reader, settings, load_context, decode_grid).await
+    }
+
+    fn extensions(&self) -> &[&str] {
+        &["vdb"]
+    }
+}
+
+impl AssetLoader for VdbVectorGridLoader {
+    type Asset = VdbVectorGrid;
+    type Settings = VdbLoaderSettings;
+    type Error = VdbLoaderError;
+
+    async fn load(
+        &self,
+        reader: &mut dyn Reader,
+        settings: &VdbLoaderSettings,
+        load_context: &mut LoadContext<'_>,
+    ) -> Result<VdbVectorGrid, VdbLoaderError> {
+        load_with(&self.progress, reader, settings, load_context, decode_vectors).await
+    }
+
+    fn extensions(&self) -> &[&str] {
+        &["vdb"]
+    }
+}
+
+fn decode_grid(
+    bytes: Vec<u8>,
+    settings: &VdbLoaderSettings,
+    job: &Arc<Job>,
+) -> Result<VdbGrid, VdbLoaderError> {
+    let is_float = |grid: &Grid| matches!(grid.tree, AnyTree::Float(_));
+    let pick = |grids: &[Grid]| {
+        let candidates: Vec<_> = grids.iter().map(|grid| candidate(grid, settings)).collect();
+        main_grid(&candidates)
+    };
+    match decode_one(bytes, settings, job, "floats", is_float, pick)? {
+        Prepared::Floats(grid) => Ok(grid),
+        Prepared::Vectors(_) => Err(VdbLoaderError::NothingToShow(Vec::new())),
+    }
+}
+
+fn decode_vectors(
+    bytes: Vec<u8>,
+    settings: &VdbLoaderSettings,
+    job: &Arc<Job>,
+) -> Result<VdbVectorGrid, VdbLoaderError> {
+    let is_vectors = |grid: &Grid| matches!(grid.tree, AnyTree::Vec3s(_));
+    let pick = |grids: &[Grid]| {
+        let names: Vec<_> = grids.iter().map(|grid| grid.name.as_str()).collect();
+        main_vectors(&names)
+    };
+    match decode_one(bytes, settings, job, "vectors", is_vectors, pick)? {
+        Prepared::Vectors(grid) => Ok(grid),
+        Prepared::Floats(_) => Err(VdbLoaderError::NothingToShow(Vec::new())),
+    }
+}
+
+/// Packs one of the grids of a type.
+fn decode_one(
+    bytes: Vec<u8>,
+    settings: &VdbLoaderSettings,
+    job: &Arc<Job>,
+    type_name: &'static str,
+    is_of_type: impl Fn(&Grid) -> bool,
+    pick: impl Fn(&[Grid]) -> Option<usize>,
+) -> Result<Prepared, VdbLoaderError> {
+    let (file, problems) = read(bytes, settings, job)?;
+    let (mut grids, others): (Vec<Grid>, Vec<Grid>) = file.grids.into_iter().partition(is_of_type);
+    if grids.is_empty() {
+        let mut there = labels_of(&others);
+        there.extend(problems);
+        let there = if there.is_empty() { "none".into() } else { there.join(", ") };
+        return Err(VdbLoaderError::NoSuchGrid(type_name, there));
+    }
+    let picked = pick(&grids).ok_or_else(|| VdbLoaderError::WhichGrid(labels_of(&grids)))?;
+    let grid = grids.swap_remove(picked);
+    drop((grids, others));
+    let name = escaped(&grid.unique_name).to_string();
+    job.begin_packing(1);
+    prepare(grid, settings, &mut Shared::new(settings, job)).map_err(|reason: VdbGridError| {
+        VdbLoaderError::NothingToShow(vec![format!("grid '{name}' was skipped: {reason}")])
+    })
+}
+
+fn labels_of(grids: &[Grid]) -> Vec<String> {
+    labels(grids.iter().map(|grid| &*grid.unique_name))
+}
+
+fn candidate<'a>(grid: &'a Grid, settings: &VdbLoaderSettings) -> Candidate<'a> {
+    let AnyTree::Float(tree) = &grid.tree else {
+        return Candidate { name: &grid.name, is_fog: false, is_empty: true };
+    };
+    let is_fog = kind(tree, grid.class, settings) == PackKind::Fog;
+    Candidate { name: &grid.name, is_fog, is_empty: tree.active_bbox().is_none() }
+}

@@ -1,0 +1,193 @@
+//! How far files are that are being loaded.
+
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use bevy::asset::AssetPath;
+use bevy::prelude::*;
+use vdb_core::ProgressFn;
+
+/// How far the files are that are being loaded: a resource. A grid that is loaded is still on its way to the
+/// picture: [`VdbVolumeState`](crate::VdbVolumeState).
+#[derive(Clone, Debug, Default, Resource)]
+pub struct VdbLoadProgress {
+    files: Arc<Mutex<Vec<Entry>>>,
+}
+
+/// How far a file is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VdbFileProgress {
+    /// The file.
+    pub path: AssetPath<'static>,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// Bytes that have been decoded.
+    pub bytes_decoded: u64,
+    /// The part of its grids that has been packed for the GPU, from 0 to 1.
+    pub packed: f32,
+}
+
+impl VdbFileProgress {
+    /// How far it is in all, from 0 to 1: half of it is decoding, half is packing.
+    pub fn fraction(&self) -> f32 {
+        let decoded =
+            if self.bytes == 0 { 0.0 } else { self.bytes_decoded as f32 / self.bytes as f32 };
+        0.5 * (decoded + self.packed)
+    }
+}
+
+impl VdbLoadProgress {
+    /// The files being loaded, those first that began first.
+    pub fn files(&self) -> Vec<VdbFileProgress> {
+        self.lock().iter().map(|entry| entry.file.clone()).collect()
+    }
+
+    /// How far all files are that are being loaded, from 0 to 1, each by its bytes. `None` where there
+    /// are none.
+    pub fn fraction(&self) -> Option<f32> {
+        let files = self.lock();
+        // Files without bytes count, too.
+        let weight = |entry: &Entry| entry.file.bytes.max(1) as f32;
+        let all: f32 = files.iter().map(weight).sum();
+        let done: f32 = files.iter().map(|entry| weight(entry) * entry.file.fraction()).sum();
+        (!files.is_empty()).then(|| done / all)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<Entry>> {
+        self.files.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[derive(Debug)]
+struct Entry {
+    file: VdbFileProgress,
+    /// Grids that there are to pack, and that have been.
+    grids: usize,
+    grids_packed: usize,
+    job: Arc<Job>,
+}
+
+/// A file being loaded. Bevy drops the task that loads an asset, and this with it, when the last
+/// handle to the asset goes: then the work stops, too.
+pub(crate) struct Running(Arc<Job>);
+
+/// What the work says of itself.
+#[derive(Debug)]
+pub(crate) struct Job {
+    progress: VdbLoadProgress,
+    wanted: AtomicBool,
+}
+
+impl Running {
+    pub fn new(progress: &VdbLoadProgress, path: &AssetPath<'static>, bytes: u64) -> Self {
+        let job = Arc::new(Job { progress: progress.clone(), wanted: AtomicBool::new(true) });
+        let file = VdbFileProgress { path: path.clone(), bytes, bytes_decoded: 0, packed: 0.0 };
+        let entry = Entry { file, grids: 1, grids_packed: 0, job: job.clone() };
+        progress.lock().push(entry);
+        Self(job)
+    }
+
+    pub fn job(&self) -> Arc<Job> {
+        self.0.clone()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.0.wanted.store(false, Ordering::Relaxed);
+        self.0.progress.lock().retain(|entry| !Arc::ptr_eq(&entry.job, &self.0));
+    }
+}
+
+impl Job {
+    /// What the decoder calls as it goes on.
+    pub fn decoding(self: &Arc<Self>) -> Arc<ProgressFn> {
+        self.report(|entry, done, all| {
+            entry.file.bytes = all;
+            // Reports of several threads may overtake each other.
+            entry.file.bytes_decoded = done.max(entry.file.bytes_decoded);
+        })
+    }
+
+    /// What packing a grid calls as it goes on.
+    pub fn packing(self: &Arc<Self>) -> Arc<ProgressFn> {
+        self.report(|entry, done, all| {
+            let part = if all == 0 { 0.0 } else { done as f32 / all as f32 };
+            let packed = (entry.grids_packed as f32 + part) / entry.grids as f32;
+            entry.file.packed = entry.file.packed.max(packed.min(1.0));
+        })
+    }
+
+    /// Says how many grids there are to pack.
+    pub fn begin_packing(self: &Arc<Self>, grids: usize) {
+        self.with_entry(|entry| entry.grids = grids.max(1));
+    }
+
+    /// Says that another one is packed.
+    pub fn end_grid(self: &Arc<Self>) {
+        self.with_entry(|entry| {
+            entry.grids_packed += 1;
+            entry.file.packed = (entry.grids_packed as f32 / entry.grids as f32).min(1.0);
+        });
+    }
+
+    fn report(
+        self: &Arc<Self>,
+        note: impl Fn(&mut Entry, u64, u64) + Send + Sync + 'static,
+    ) -> Arc<ProgressFn> {
+        let job = self.clone();
+        Arc::new(move |done, all| {
+            if !job.wanted.load(Ordering::Relaxed) {
+                return ControlFlow::Break(());
+            }
+            job.with_entry(|entry| note(entry, done, all));
+            ControlFlow::Continue(())
+        })
+    }
+
+    fn with_entry(self: &Arc<Self>, note: impl FnOnce(&mut Entry)) {
+        if let Some(entry) =
+            self.progress.lock().iter_mut().find(|entry| Arc::ptr_eq(&entry.job, self))
+        {
+            note(entry);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decoding_and_packing_are_told_apart_and_added_up() {
+        let progress = VdbLoadProgress::default();
+        assert_eq!(progress.fraction(), None);
+        let path = AssetPath::parse("smoke.vdb");
+        let (running, twin) =
+            (Running::new(&progress, &path, 100), Running::new(&progress, &path, 300));
+        assert_eq!(progress.fraction(), Some(0.0));
+        let job = running.job();
+        let (decoding, packing) = (job.decoding(), job.packing());
+        assert!(decoding(60, 100).is_continue() && decoding(40, 100).is_continue());
+        assert_eq!(progress.files()[0].bytes_decoded, 60, "it went back");
+        assert!(decoding(100, 100).is_continue());
+        assert_eq!(progress.files()[0].fraction(), 0.5);
+        job.begin_packing(2);
+        assert!(packing(1, 2).is_continue());
+        assert_eq!(progress.files()[0].packed, 0.25);
+        // Steps become more.
+        assert!(packing(1, 4).is_continue());
+        assert_eq!(progress.files()[0].packed, 0.25);
+        job.end_grid();
+        job.end_grid();
+        assert_eq!(progress.files()[0].fraction(), 1.0);
+        assert_eq!(progress.fraction(), Some(0.25));
+        drop(running);
+        assert!(packing(2, 2).is_break(), "nobody wants it any more");
+        assert_eq!(progress.files().len(), 1, "another load of the file goes on");
+        assert!(twin.job().decoding()(300, 300).is_continue());
+        drop(twin);
+        assert_eq!(progress.files(), []);
+    }
+}
