@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The stages of the renderer, each of which may import from those before it.
-const STAGES: [&str; 10] = [
+const STAGES: [&str; 11] = [
     "render::gpu",
     "render::extract",
     "render::pool",
@@ -17,6 +17,7 @@ const STAGES: [&str; 10] = [
     "render::shadow_maps",
     "render::composite",
     "render::report",
+    "render::drawn",
 ];
 
 /// The modules of a crate: by path (`render::gpu`, the root is empty) what each imports, and what it

@@ -3,6 +3,7 @@
 
 mod accumulate;
 mod composite;
+mod drawn;
 mod extract;
 mod gpu;
 mod pool;
@@ -39,6 +40,7 @@ impl Plugin for RenderVolumesPlugin {
             shadow_maps::ShadowMapsPlugin,
             composite::CompositePlugin,
             report::ReportPlugin,
+            drawn::DrawnPlugin,
         ));
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
         render_app.configure_sets(

@@ -71,6 +71,8 @@ pub(super) struct CompositeView {
     /// Where what is seen was a frame ago: what [`motion::matrices`] makes.
     pub motion: Option<Buffer>,
     bind_group: Option<BindGroup>,
+    /// Whether all that the view asks for has been drawn in this frame.
+    pub is_drawn: bool,
 }
 
 /// Chooses the pipelines, and uploads where the picture goes and where it was.
@@ -176,7 +178,7 @@ fn composite(
         &ViewDepthTexture,
         &ViewUniformOffset,
         &ViewState,
-        &CompositeView,
+        &mut CompositeView,
         Option<&MainPassResolutionOverride>,
         Option<&ViewPrepassTextures>,
     )>,
@@ -184,13 +186,16 @@ fn composite(
     fallback: Res<PipelineFallback>,
     mut context: RenderContext,
 ) {
-    let (camera, target, depth, view_uniform, state, own, resolution, prepass) = view.into_inner();
+    let (camera, target, depth, view_uniform, state, mut own, resolution, prepass) =
+        view.into_inner();
     // Nothing has been traced before the trace's own pipeline is there.
     let Some((prepared, _)) = state.prepared().filter(|(prepared, _)| prepared.is_ready) else {
         return;
     };
-    let Some(bind_group) = &own.bind_group else { return };
-    let draws = [own.surface, own.fog].into_iter().flatten();
+    let Some(bind_group) = own.bind_group.clone() else { return };
+    let draws = [own.surface, own.fog];
+    let wanted = draws.iter().flatten().count();
+    let draws = draws.into_iter().flatten();
     // Surfaces do not wait for fog, nor fog for surfaces.
     let ready: Vec<_> = draws.filter_map(|id| fallback.render(&cache, id)).collect();
     if ready.is_empty() {
@@ -223,10 +228,11 @@ fn composite(
         pass.set_camera_viewport(&viewport);
     }
     let offset = [view_uniform.offset];
+    own.is_drawn = ready.len() == wanted && !prepared.is_fallback;
     let offsets = if own.tonemaps { &offset[..] } else { &[] };
     for pipeline in &ready {
         pass.set_render_pipeline(pipeline);
-        pass.set_bind_group(0, bind_group, offsets);
+        pass.set_bind_group(0, &bind_group, offsets);
         pass.draw(0..3, 0..1);
     }
     span.end(&mut pass);

@@ -1,5 +1,7 @@
 //! Names of packed grids.
 
+use std::any::TypeId;
+
 use bevy::asset::UntypedAssetId;
 use bevy::prelude::*;
 
@@ -17,6 +19,16 @@ impl From<AssetId<VdbGrid>> for GridKey {
 }
 
 impl GridKey {
+    /// The asset.
+    pub fn asset(self) -> UntypedAssetId {
+        self.0
+    }
+
+    /// Whether this is a coarser level of a grid of floats.
+    pub fn is_coarser(self) -> bool {
+        self.1 > 0 && self.0.type_id() == TypeId::of::<VdbGrid>()
+    }
+
     /// A level of detail of a grid of floats.
     pub fn level(self, level: usize) -> Self {
         Self(self.0, level as u32)

@@ -151,7 +151,9 @@ impl VdbTreePool {
         let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
         let written = self.pack(wanted, edits, limit, device, queue);
         let bytes = self.buffers.as_ref().map_or(0, PoolBuffers::bytes);
-        usage.set(self.resident.len() as u64, bytes);
+        let assets: HashSet<_> = self.resident.keys().map(|key| key.asset()).collect();
+        let levels = self.resident.keys().filter(|key| key.is_coarser()).count();
+        usage.set(assets.len() as u64, levels as u64, bytes);
         written
     }
 

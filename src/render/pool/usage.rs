@@ -12,14 +12,20 @@ pub struct VdbGpuUsage(Arc<Usage>);
 #[derive(Debug, Default)]
 struct Usage {
     grids: AtomicU64,
+    levels: AtomicU64,
     bytes: AtomicU64,
     bytes_written: AtomicU64,
 }
 
 impl VdbGpuUsage {
-    /// Grids on the GPU, each counted once, and each of its levels of detail; one of vectors is three.
+    /// Grids on the GPU, each counted once: of floats or of vectors, with its levels of detail or without.
     pub fn grids(&self) -> u64 {
         self.0.grids.load(Ordering::Relaxed)
+    }
+
+    /// Coarser copies of them, for [`VdbQuality::detail`](crate::VdbQuality::detail).
+    pub fn levels(&self) -> u64 {
+        self.0.levels.load(Ordering::Relaxed)
     }
 
     /// Bytes of the buffers that hold them.
@@ -33,8 +39,9 @@ impl VdbGpuUsage {
     }
 
     /// Notes what the pool holds now.
-    pub(crate) fn set(&self, grids: u64, bytes: u64) {
+    pub(crate) fn set(&self, grids: u64, levels: u64, bytes: u64) {
         self.0.grids.store(grids, Ordering::Relaxed);
+        self.0.levels.store(levels, Ordering::Relaxed);
         self.0.bytes.store(bytes, Ordering::Relaxed);
     }
 

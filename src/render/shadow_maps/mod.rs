@@ -73,10 +73,12 @@ fn init(mut commands: Commands, shaders: Res<Shaders>, fullscreen: Res<Fullscree
 
 /// What is drawn into shadow maps in this frame.
 #[derive(Default, Resource)]
-struct CastShadows {
+pub(super) struct CastShadows {
     draws: Vec<Draw>,
     cast: Option<CachedRenderPipelineId>,
     copy: Option<CachedRenderPipelineId>,
+    /// Whether they are being compiled.
+    pub is_waiting: bool,
     /// As meshes alone have them: of directional lights and spot lights, and of point lights.
     directional: Option<MeshMap>,
     point: Option<MeshMap>,
@@ -160,6 +162,7 @@ fn prepare_casters(
     let is_ready = |id: &CachedRenderPipelineId| fallback.render(cache, *id).is_some();
     // A map with volumes in it is of use to them only if there is one without.
     if !is_ready(&drawn) || !copied.iter().all(is_ready) {
+        shadows.is_waiting = true;
         return;
     }
     shadows.cast = Some(drawn);

@@ -1,0 +1,109 @@
+//! Which volumes are in the picture, for [`VdbVolumeState`].
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use bevy::asset::UntypedAssetId;
+use bevy::ecs::entity::EntityHashMap;
+use bevy::prelude::*;
+use bevy::render::camera::ExtractedCamera;
+use bevy::render::render_resource::{
+    CachedPipeline, CachedPipelineState, PipelineCache, PipelineDescriptor,
+};
+use bevy::render::sync_world::MainEntity;
+use bevy::render::{Render, RenderApp, RenderSystems};
+use vdb_core::pack::PackedGrid;
+
+use super::composite::CompositeView;
+use super::extract::{ExtractedVolume, ExtractedVolumes};
+use super::gpu::GridKey;
+use super::pool::VdbTreePool;
+use super::shadow_maps::CastShadows;
+use super::view::{ViewState, VisibleVolumes};
+use crate::VdbVolumeState;
+use crate::volume_state::DrawnVolumes;
+
+/// Tells the app's world which volumes are in the picture, once a frame has been drawn.
+pub(super) struct DrawnPlugin;
+
+impl Plugin for DrawnPlugin {
+    fn build(&self, app: &mut App) {
+        let drawn = DrawnVolumes::default();
+        app.insert_resource(drawn.clone());
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
+        render_app
+            .insert_resource(drawn)
+            .add_systems(Render, report_drawn.in_set(RenderSystems::Cleanup));
+    }
+}
+
+fn report_drawn(
+    volumes: Res<ExtractedVolumes>,
+    pool: Res<VdbTreePool>,
+    shadows: Res<CastShadows>,
+    views: Query<
+        (&VisibleVolumes, &ViewState, &CompositeView),
+        (With<ExtractedCamera>, With<Camera3d>),
+    >,
+    drawn: Res<DrawnVolumes>,
+    pipelines: Res<PipelineCache>,
+    mut states: Local<EntityHashMap<(UntypedAssetId, VdbVolumeState)>>,
+) {
+    states.clear();
+    let is_shown = !pipelines.pipelines().any(is_missed);
+    for (entity, volume) in &volumes.0 {
+        states.insert(entity.id(), (volume.grid.asset(), on_the_gpu(volume, &pool)));
+    }
+    for (seen, state, composite) in &views {
+        let listed: Option<BTreeSet<MainEntity>> = state.prepared().map(|(view, _)| {
+            view.owners[..view.data.volume_count as usize].iter().copied().collect()
+        });
+        let is_drawn = composite.is_drawn && is_shown && !shadows.is_waiting;
+        for entity in &seen.0 {
+            let Some((_, state)) = states.get_mut(&entity.id()) else { continue };
+            let here = if !listed.as_ref().is_some_and(|listed| listed.contains(entity)) {
+                VdbVolumeState::NotShown
+            } else if is_drawn {
+                VdbVolumeState::Drawn
+            } else {
+                VdbVolumeState::Preparing
+            };
+            *state = both(*state, here);
+        }
+    }
+    drawn.set(&mut states);
+}
+
+/// Bevy's pipelines that take a camera's picture to where it is shown, by their labels.
+const LAST_PASSES: [&str; 2] = ["blit pipeline", "tonemapping pipeline"];
+
+/// Whether a pipeline is one of these, and is not there yet: then the picture is not either.
+fn is_missed(pipeline: &CachedPipeline) -> bool {
+    let PipelineDescriptor::RenderPipelineDescriptor(descriptor) = &pipeline.descriptor else {
+        return false;
+    };
+    descriptor.label.as_deref().is_some_and(|label| LAST_PASSES.contains(&label))
+        && !matches!(pipeline.state, CachedPipelineState::Ok(_))
+}
+
+/// What there is to say of a volume before any view has been asked.
+fn on_the_gpu(volume: &ExtractedVolume, pool: &VdbTreePool) -> VdbVolumeState {
+    let own = (volume.grid, &volume.packed);
+    let further = volume.auxiliary.all().map(|grid| (grid.key, &grid.packed));
+    let comes = |(key, packed): (GridKey, &Arc<PackedGrid>)| {
+        packed.occupied.is_some() && pool.index(key).is_none() && !pool.is_refused(&key)
+    };
+    if std::iter::once(own).chain(further).any(comes) {
+        VdbVolumeState::Preparing
+    } else if pool.is_refused(&volume.grid) {
+        VdbVolumeState::NotShown
+    } else {
+        VdbVolumeState::Unseen
+    }
+}
+
+/// What two views, or the GPU and a view, say of a volume: it is drawn when it is wherever it is seen.
+fn both(a: VdbVolumeState, b: VdbVolumeState) -> VdbVolumeState {
+    use VdbVolumeState::{Drawn, NotShown, Preparing, Unseen};
+    [Preparing, Drawn, NotShown].into_iter().find(|state| [a, b].contains(state)).unwrap_or(Unseen)
+}
