@@ -36,7 +36,7 @@ pub struct VdbLoader {
 /// (
 ///     meta_format_version: "1.0",
 ///     asset: Load(
-///         loader: "bevy_vdb::loader::VdbLoader",
+///         loader: "bevy_vdb::VdbLoader",
 ///         settings: (
 ///             grids: Some(["density"]),
 ///             limits: (file_bytes: 8_000_000_000, tree_bytes: 24_000_000_000),
