@@ -18,7 +18,7 @@ use crate::dial::{distance, pixel_size};
 use crate::{VdbCamera, VdbGrid, VdbQuality, VdbVolume, VdbVolumeState, background};
 
 /// Of its longest edge, in cells: a grid that is smaller is not made coarser still.
-const SMALLEST: i32 = 16;
+const SMALLEST: u64 = 16;
 
 /// The grid whose coarser levels are being made.
 #[derive(Debug, Default, Resource)]
@@ -144,8 +144,9 @@ fn coarser(grid: &VdbGrid, goes_on: Arc<ProgressFn>) -> Levels {
     };
     loop {
         let finest = levels.last().unwrap_or(packed);
-        let cells = finest.occupied.map_or(0, |cells| (cells.max - cells.min).max_element());
-        if cells < 2 * SMALLEST {
+        // 64 bits, because a grid may span the whole of the index space.
+        let cells = finest.occupied.map_or([0; 3], |cells| cells.dim());
+        if cells.into_iter().max() <= Some(2 * SMALLEST) {
             break;
         }
         let coarsening = match packed.kind {

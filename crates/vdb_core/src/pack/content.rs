@@ -5,7 +5,7 @@
 
 use glam::IVec3;
 
-use super::bits;
+use super::bits::{self, Planes};
 use super::layout::*;
 use super::{PackKind, values};
 use crate::tree::{CoordBox, LeafNode};
@@ -167,18 +167,18 @@ pub(super) enum Content {
 impl Content {
     pub const EMPTY: Self = Self::Tile(Tile::Empty);
 
-    /// Of the cube that is covered by the first of these.
-    pub fn of(kind: PackKind, sources: &Sources) -> Self {
+    /// Of the cube that is covered by the first of these; `planes` are the samples that count of each.
+    pub fn of(kind: PackKind, sources: &Sources, planes: impl Fn(usize) -> Planes) -> Self {
         let rule = Rule::of(kind);
         let filled = |mask: [u32; LEAF_MASK_WORDS]| {
             mask.iter().any(|&word| word != 0).then_some(Self::Leaf(mask))
         };
         let own = match sources[0] {
-            Source::Leaf(leaf) => {
+            Source::Leaf(_) => {
                 let mask = if matches!(kind, PackKind::Surface { .. }) {
-                    bits::mask(&bits::planes(leaf, |value| rule.counts(value)))
+                    bits::mask(&planes(0))
                 } else {
-                    rows_mask(&rows(rule, sources), rule)
+                    mask(rule, &planes)
                 };
                 return filled(mask).unwrap_or(Self::EMPTY);
             }
@@ -190,7 +190,7 @@ impl Content {
                 Source::Constant(constant) => *value = *constant,
                 Source::Leaf(_) if matches!(kind, PackKind::Surface { .. }) => {}
                 Source::Leaf(_) => {
-                    let filled = filled(rows_mask(&rows(rule, sources), rule));
+                    let filled = filled(mask(rule, &planes));
                     return filled.unwrap_or(Self::Tile(Tile::of(kind, &[own; 8])));
                 }
             }
@@ -206,48 +206,68 @@ impl Content {
 /// For each (x, y) of 9 × 9, the samples along z that count, from a cube and its neighbours.
 type Rows = [[u16; 9]; 9];
 
-/// The samples that count of a cube and of the first ones on its high sides.
-fn rows(rule: Rule, sources: &Sources) -> Rows {
+/// The samples that count of what covers a cube. Of a neighbour, those are enough that lie beside the cube.
+pub(super) fn planes(rule: Rule, source: &Source, side: usize) -> Planes {
+    let leaf = match source {
+        Source::Constant(value) => return [if rule.counts(*value) { u64::MAX } else { 0 }; 8],
+        Source::Leaf(leaf) => leaf,
+    };
+    if side == 0 {
+        return counted(rule, leaf);
+    }
+    let high = corner(side);
+    let mut planes = [0; 8];
+    let range = |high: i32| 0..if high == 0 { 8 } else { 1 };
+    for x in range(high.x) {
+        for y in range(high.y) {
+            for z in range(high.z) {
+                let counts = rule.counts(leaf.values_slice()[x << 6 | y << 3 | z]);
+                planes[x] |= u64::from(counts) << (8 * y + z);
+            }
+        }
+    }
+    planes
+}
+
+/// The samples of a leaf that count.
+pub(super) fn counted(rule: Rule, leaf: &Leaf) -> Planes {
     match rule {
-        Rule::Density => rows_by(|value| value > 0.0, sources),
-        Rule::Crossing(iso) => rows_by(|value| value < iso, sources),
+        Rule::Density => bits::planes(leaf, |value| value > 0.0),
+        Rule::Crossing(iso) => bits::planes(leaf, |value| value < iso),
     }
 }
 
-fn rows_by(counts: impl Fn(f32) -> bool, sources: &Sources) -> Rows {
-    let mut rows: Rows = [[0; 9]; 9];
-    // One bit each of values side by side.
-    let bits = |values: &[f32]| -> u64 {
-        let bits = values.iter().enumerate();
-        bits.fold(0, |bits, (bit, &value)| bits | u64::from(counts(value)) << bit)
-    };
-    for (side, source) in sources.iter().enumerate() {
+/// The occupied cells of a cube, by the samples that count of what covers it and its neighbours.
+fn mask(rule: Rule, planes: impl Fn(usize) -> Planes) -> [u32; LEAF_MASK_WORDS] {
+    let planes: [Planes; 8] = std::array::from_fn(planes);
+    // Most cubes beside a surface are on one side of it.
+    let (mut any, mut all) = (0, u64::MAX);
+    for (side, planes) in planes.iter().enumerate() {
         let high = corner(side);
-        let (x, y) = (8 * high.x as usize, 8 * high.y as usize);
-        let (to_x, to_y) = (if x == 8 { 9 } else { 8 }, if y == 8 { 9 } else { 8 });
-        let values = match source {
-            Source::Leaf(leaf) => leaf.values_slice(),
-            Source::Constant(value) => {
-                let row = if counts(*value) { if high.z == 0 { 0xff } else { 0x100 } } else { 0 };
-                for rows in &mut rows[x..to_x] {
-                    rows[y..to_y].iter_mut().for_each(|own| *own |= row);
-                }
-                continue;
-            }
-        };
-        for (rows, plane) in rows[x..to_x].iter_mut().zip(values.chunks_exact(64)) {
-            let rows = &mut rows[y..to_y];
-            if high.z == 1 {
-                for (own, row) in rows.iter_mut().zip(plane.chunks_exact(8)) {
-                    *own |= u16::from(counts(row[0])) << 8;
-                }
-            } else if rows.len() == 1 {
-                rows[0] |= bits(&plane[..8]) as u16;
-            } else {
-                let plane = bits(plane);
-                for (y, own) in rows.iter_mut().enumerate() {
-                    *own |= (plane >> (8 * y) & 0xff) as u16;
-                }
+        let in_y = if high.y == 0 { u64::MAX } else { 0xff };
+        let in_z = if high.z == 0 { u64::MAX } else { 0x0101_0101_0101_0101 };
+        for plane in &planes[..if high.x == 0 { 8 } else { 1 }] {
+            any |= plane & in_y & in_z;
+            all &= plane | !(in_y & in_z);
+        }
+    }
+    match rule {
+        Rule::Density if any == 0 => [0; LEAF_MASK_WORDS],
+        Rule::Crossing(_) if any == 0 || all == u64::MAX => [0; LEAF_MASK_WORDS],
+        _ => rows_mask(&rows(&planes), rule),
+    }
+}
+
+/// The samples that count of a cube and of the first ones on its high sides.
+fn rows(planes: &[Planes; 8]) -> Rows {
+    let mut rows: Rows = [[0; 9]; 9];
+    for (side, planes) in planes.iter().enumerate() {
+        let high = corner(side);
+        let range = |high: i32| if high == 0 { 0..8 } else { 8..9 };
+        for x in range(high.x) {
+            for y in range(high.y) {
+                let row = (planes[x & 7] >> (8 * (y & 7)) & 0xff) as u16;
+                rows[x][y] |= if high.z == 0 { row } else { (row & 1) << 8 };
             }
         }
     }
