@@ -1,6 +1,7 @@
 //! Files as assets, in an app without a renderer: labels, settings, errors, reloading.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bevy::asset::{AssetPlugin, LoadState, UnapprovedPathMode};
@@ -165,6 +166,45 @@ fn grids_of_vectors_are_assets_too() {
     let seen = grid.packed().each_ref().map(|packed| packed.occupied.is_some());
     assert_eq!(seen, [true, false, true]);
     std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn instances_of_one_tree_are_packed_once() {
+    let mut tree = Vdb543::new(0.0);
+    (0..64).for_each(|i| tree.set(IVec3::splat(3 * i), 1.0));
+    let tree = AnyTree::Float(Arc::new(tree));
+    let grids = (0..3000).map(|i| Grid::new(format!("copy {i}"), tree.clone()));
+    let bytes = vdb_core::VdbFile::new(grids.collect()).write(&WriteOptions::default()).unwrap();
+    let path = std::env::temp_dir().join(format!("bevy_vdb_instances_{}.vdb", std::process::id()));
+    std::fs::write(&path, bytes).unwrap();
+    let mut app = app();
+    let file: Handle<VdbFile> = load(&app, &path);
+    let file = loaded(&mut app, &file);
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!(file.grids.len(), 3000);
+    let first = loaded(&mut app, &file.grids[0]);
+    for grid in &file.grids {
+        let grid = loaded(&mut app, grid);
+        assert!(Arc::ptr_eq(grid.packed(), first.packed()), "{} is packed anew", grid.name());
+    }
+}
+
+#[test]
+fn a_file_that_takes_too_much_memory_is_one_message() {
+    // Tiles of the root far apart, each with its own nodes over it and around it.
+    let mut tree = Vdb543::new(0.0);
+    for i in 0..50_000 {
+        tree.insert_tile(IVec3::new(i % 37, i / 37 % 37, i / 1369) * 65_536, 1.0, true);
+    }
+    let grid = Grid::new("strewn", AnyTree::Float(Arc::new(tree)));
+    let bytes = vdb_core::VdbFile::new(vec![grid]).write(&WriteOptions::default()).unwrap();
+    let path = std::env::temp_dir().join(format!("bevy_vdb_strewn_{}.vdb", std::process::id()));
+    std::fs::write(&path, bytes).unwrap();
+    let mut app = app();
+    let file: Handle<VdbFile> = load(&app, &path);
+    let message = failure(&mut app, &file);
+    std::fs::remove_file(&path).unwrap();
+    assert!(message.contains("'strewn'") && message.contains("`Limits::packed_growth`"), "{message}");
 }
 
 #[test]

@@ -34,8 +34,9 @@ pub struct Limits {
     /// of up to [`Limits::SMALL`] bytes are never refused for it. Time is in proportion to memory, so that this
     /// bounds both by the size of the file.
     pub packed_growth: u64,
-    /// Bytes of memory of the tree of a level of detail: 2 GiB by default. One of more than [`Limits::SMALL_LEVEL`] bytes that
-    /// takes more than the tree that it is made of is refused, too: it is worth nothing.
+    /// Bytes of memory of the nodes that are made for a level of detail, those that turn out to be tiles
+    /// counted: 2 GiB by default. Where they take more than [`Limits::SMALL_LEVEL`] and more than the
+    /// tree that they are made of, the level is refused, too: it is worth nothing.
     pub level_bytes: u64,
 }
 
@@ -43,7 +44,7 @@ impl Limits {
     /// Bytes that packing a grid may take however small its tree is.
     pub const SMALL: u64 = 64 << 20;
     /// Bytes that a level of detail may take however small the tree is that it is made of.
-    pub const SMALL_LEVEL: u64 = 16 << 20;
+    pub const SMALL_LEVEL: u64 = 48 << 20;
 
     /// Bytes that packing may take, and the field that says so, of a tree that takes some.
     pub(crate) fn packing(&self, tree_bytes: u64) -> (u64, &'static str) {

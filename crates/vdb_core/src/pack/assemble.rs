@@ -88,9 +88,12 @@ fn traversal(
         Ok::<(), PackError>(())
     };
     for CrownTile { level, at, tile } in &parts.tiles {
-        packing.take(TILE_BYTES)?;
         let at = frame.place(*at << (2 * level) as i32) >> (2 * level) as i32;
+        let before = palette.values.len();
         set(at, *level, palette.word(*tile))?;
+        if palette.values.len() > before {
+            packing.take(TILE_BYTES)?;
+        }
     }
     for (number, region) in parts.regions.iter().enumerate() {
         set(frame.place(region.at), 0, CHILD | number as u32)?;

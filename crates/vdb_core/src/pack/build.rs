@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::content::{Leaf, Tile, corner};
 use super::options::{PackOptions, Packing};
-use super::region::{self, Built, Region};
+use super::region::{self, Around, Built, Region};
 use super::{PackError, PackKind, PackedGrid, assemble, layout::*};
 use crate::tree::{InternalNode, RootEntry, Slot, Vdb543};
 
@@ -135,7 +135,7 @@ fn parts<'a>(
     packing.add_steps(2 * fine.len() as u64);
     let built: Vec<Built> = fine
         .par_iter()
-        .map_init(Vec::new, |around, fine| {
+        .map_init(Around::default, |around, fine| {
             packing.step(1)?;
             let built = region::built(kind, fine.at, &fine.sources, fine.is_void, around);
             packing.take(built.bytes())?;
@@ -313,8 +313,10 @@ impl<'a> Cube<'a> {
     fn slot(&mut self, at: IVec3) -> Option<Tile> {
         let solid = matches!(self.kind, PackKind::Surface { .. });
         // No cell of a surface of voxels looks further.
-        let sources: [Wide; 8] =
-            std::array::from_fn(|side| self.source(at + corner(if solid { 0 } else { side })));
+        let sources: [Wide; 8] = std::array::from_fn(|side| match side {
+            1.. if solid => Wide::Tile(f32::NAN),
+            _ => self.source(at + corner(side)),
+        });
         let mut values = [0.0; 8];
         for (value, source) in values.iter_mut().zip(&sources) {
             match source {

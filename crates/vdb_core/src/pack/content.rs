@@ -5,7 +5,7 @@
 
 use glam::IVec3;
 
-use super::bits;
+use super::bits::{self, Planes};
 use super::layout::*;
 use super::{PackKind, values};
 use crate::tree::{CoordBox, LeafNode};
@@ -167,18 +167,18 @@ pub(super) enum Content {
 impl Content {
     pub const EMPTY: Self = Self::Tile(Tile::Empty);
 
-    /// Of the cube that is covered by the first of these.
-    pub fn of(kind: PackKind, sources: &Sources) -> Self {
+    /// Of the cube that is covered by the first of these; `planes` are the samples that count of each.
+    pub fn of(kind: PackKind, sources: &Sources, planes: impl Fn(usize) -> Planes) -> Self {
         let rule = Rule::of(kind);
         let filled = |mask: [u32; LEAF_MASK_WORDS]| {
             mask.iter().any(|&word| word != 0).then_some(Self::Leaf(mask))
         };
         let own = match sources[0] {
-            Source::Leaf(leaf) => {
+            Source::Leaf(_) => {
                 let mask = if matches!(kind, PackKind::Surface { .. }) {
-                    bits::mask(&bits::planes(leaf, |value| rule.counts(value)))
+                    bits::mask(&planes(0))
                 } else {
-                    rows_mask(&rows(rule, sources), rule)
+                    rows_mask(&rows(&planes), rule)
                 };
                 return filled(mask).unwrap_or(Self::EMPTY);
             }
@@ -190,7 +190,7 @@ impl Content {
                 Source::Constant(constant) => *value = *constant,
                 Source::Leaf(_) if matches!(kind, PackKind::Surface { .. }) => {}
                 Source::Leaf(_) => {
-                    let filled = filled(rows_mask(&rows(rule, sources), rule));
+                    let filled = filled(rows_mask(&rows(&planes), rule));
                     return filled.unwrap_or(Self::Tile(Tile::of(kind, &[own; 8])));
                 }
             }
@@ -206,24 +206,47 @@ impl Content {
 /// For each (x, y) of 9 × 9, the samples along z that count, from a cube and its neighbours.
 type Rows = [[u16; 9]; 9];
 
+/// The samples that count of what covers a cube. Of a neighbour, those are enough that lie beside the cube.
+pub(super) fn planes(rule: Rule, source: &Source, side: usize) -> Planes {
+    let leaf = match source {
+        Source::Constant(value) => return [if rule.counts(*value) { u64::MAX } else { 0 }; 8],
+        Source::Leaf(leaf) => leaf,
+    };
+    if side == 0 {
+        return counted(rule, leaf);
+    }
+    let high = corner(side);
+    let mut planes = [0; 8];
+    let range = |high: i32| 0..if high == 0 { 8 } else { 1 };
+    for x in range(high.x) {
+        for y in range(high.y) {
+            for z in range(high.z) {
+                let counts = rule.counts(leaf.values_slice()[x << 6 | y << 3 | z]);
+                planes[x] |= u64::from(counts) << (8 * y + z);
+            }
+        }
+    }
+    planes
+}
+
+/// The samples of a leaf that count.
+pub(super) fn counted(rule: Rule, leaf: &Leaf) -> Planes {
+    match rule {
+        Rule::Density => bits::planes(leaf, |value| value > 0.0),
+        Rule::Crossing(iso) => bits::planes(leaf, |value| value < iso),
+    }
+}
+
 /// The samples that count of a cube and of the first ones on its high sides.
-fn rows(rule: Rule, sources: &Sources) -> Rows {
+fn rows(planes: impl Fn(usize) -> Planes) -> Rows {
     let mut rows: Rows = [[0; 9]; 9];
-    for (side, source) in sources.iter().enumerate() {
-        let high = corner(side);
+    for side in 0..8 {
+        let (planes, high) = (planes(side), corner(side));
         let range = |high: i32| if high == 0 { 0..8 } else { 8..9 };
         for x in range(high.x) {
             for y in range(high.y) {
-                let counted = match source {
-                    Source::Constant(value) => u16::from(rule.counts(*value)) * 0xff,
-                    Source::Leaf(leaf) => {
-                        let first = (x & 7) << 6 | (y & 7) << 3;
-                        let length = if high.z == 0 { 8 } else { 1 };
-                        let row = leaf.values_slice()[first..first + length].iter().enumerate();
-                        row.fold(0, |bits, (z, &value)| bits | u16::from(rule.counts(value)) << z)
-                    }
-                };
-                rows[x][y] |= if high.z == 0 { counted } else { (counted & 1) << 8 };
+                let row = (planes[x & 7] >> (8 * (y & 7)) & 0xff) as u16;
+                rows[x][y] |= if high.z == 0 { row } else { (row & 1) << 8 };
             }
         }
     }

@@ -3,9 +3,9 @@
 use glam::IVec3;
 
 use super::PackKind;
-use super::bits;
+use super::bits::{self, Planes};
 use super::build::Wide;
-use super::content::{Content, Rule, Source, Sources, Tile, corner, one_value};
+use super::content::{self, Content, Rule, Source, Sources, Tile, corner, one_value};
 use super::layout::*;
 use super::leaps::Chunk;
 use super::palette::{Palette, TILE_BYTES};
@@ -56,10 +56,11 @@ pub(super) fn built<'a>(
     at: IVec3,
     wide: &[Wide<'a>; 8],
     is_void: bool,
-    around: &mut Vec<Source<'a>>,
+    around: &mut Around<'a>,
 ) -> Built<'a> {
-    fill(around, wide);
     let rule = Rule::of(kind);
+    around.fill(rule, wide);
+    let Around { sources: around, numbers, leaves, .. } = &*around;
     let is_sampled = !matches!(kind, PackKind::Surface { .. });
     let steps: [usize; 8] = std::array::from_fn(|side| around_slot(corner(side)));
     let mut region = Region {
@@ -70,22 +71,40 @@ pub(super) fn built<'a>(
         palette: Palette::new(kind),
         occupied: None,
     };
-    let content = |sources: &Sources| match Content::of(kind, sources) {
-        Content::Tile(tile) if is_void => Content::Tile(tile.hollow()),
-        content => content,
+    let content = |sources: &Sources, place: usize| {
+        let planes = |side: usize| match sources[side] {
+            Source::Leaf(_) => leaves[usize::from(numbers[place + steps[side]])],
+            Source::Constant(_) => content::planes(rule, &sources[side], side),
+        };
+        match Content::of(kind, sources, planes) {
+            Content::Tile(tile) if is_void => Content::Tile(tile.hollow()),
+            content => content,
+        }
     };
     // Most cubes are of one value beside their like.
-    let mut last = (f32::NAN, content(&[Source::Constant(f32::NAN); 8]));
+    let mut last = (f32::NAN, content(&[Source::Constant(f32::NAN); 8], 0));
     let mut first = None;
+    // Nothing beside it can matter to what lies within a tile.
+    let inner = match wide[0] {
+        Wide::Tile(value) => Some(content(&[Source::Constant(value); 8], 0)),
+        Wide::Lower(_) => None,
+    };
     let mut all_alike = true;
     for slot in 0..REGION_WORDS {
         let s = slot as i32;
         let cube = IVec3::new(s >> 8, s >> 4 & 15, s & 15);
+        if let Some(inner) = inner
+            && inner.is_empty()
+            && cube.max_element() < 15
+        {
+            first.get_or_insert(inner);
+            continue;
+        }
         let place = around_slot(cube);
         let sources: Sources = steps.map(|step| around[place + step]);
         let content = match one_value(&sources) {
             Some(value) if value.to_bits() == last.0.to_bits() => last.1,
-            _ => content(&sources),
+            _ => content(&sources, place),
         };
         if let Source::Constant(value) = sources[0]
             && matches!(content, Content::Tile(Tile::Empty | Tile::Plain(_)))
@@ -123,20 +142,39 @@ pub(super) fn built<'a>(
     }
 }
 
-/// What covers the leaves of a region, and of its neighbours those beside it.
-fn fill<'a>(around: &mut Vec<Source<'a>>, wide: &[Wide<'a>; 8]) {
-    around.clear();
-    for x in 0..AROUND {
-        for y in 0..AROUND {
-            for z in 0..AROUND {
-                let slot = (x & 15) << 8 | (y & 15) << 4 | z & 15;
-                around.push(match wide[(x >> 4) << 2 | (y >> 4) << 1 | z >> 4] {
-                    Wide::Tile(value) => Source::Constant(value),
-                    Wide::Lower(lower) => match lower.slot_at(slot) {
-                        Slot::Tile(value, _) => Source::Constant(value),
-                        Slot::Child(leaf) => Source::Leaf(leaf),
-                    },
-                });
+/// What covers the leaves of a region, and of its neighbours those beside it: room to work in.
+#[derive(Default)]
+pub(super) struct Around<'a> {
+    sources: Vec<Source<'a>>,
+    /// Of each leaf among them, its number.
+    numbers: Vec<u16>,
+    /// By that, the samples that count.
+    leaves: Vec<Planes>,
+}
+
+impl<'a> Around<'a> {
+    fn fill(&mut self, rule: Rule, wide: &[Wide<'a>; 8]) {
+        self.sources.clear();
+        self.numbers.clear();
+        self.leaves.clear();
+        for x in 0..AROUND {
+            for y in 0..AROUND {
+                for z in 0..AROUND {
+                    let slot = (x & 15) << 8 | (y & 15) << 4 | z & 15;
+                    let source = match wide[(x >> 4) << 2 | (y >> 4) << 1 | z >> 4] {
+                        Wide::Tile(value) => Source::Constant(value),
+                        Wide::Lower(lower) => match lower.slot_at(slot) {
+                            Slot::Tile(value, _) => Source::Constant(value),
+                            Slot::Child(leaf) => Source::Leaf(leaf),
+                        },
+                    };
+                    // There are 17³ at most.
+                    self.numbers.push(self.leaves.len() as u16);
+                    if let Source::Leaf(leaf) = source {
+                        self.leaves.push(content::counted(rule, leaf));
+                    }
+                    self.sources.push(source);
+                }
             }
         }
     }

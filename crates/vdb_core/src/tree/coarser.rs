@@ -78,12 +78,12 @@ impl fmt::Debug for LevelOptions {
 /// An eighth of the samples of a fog and a quarter of those of a level set are left. `ijk` of the coarser
 /// tree are `2 · ijk` of the finer one in index space: its transform is the same after a scale of 2.
 ///
-/// Time is in proportion to the memory of both trees, and cancelling takes a few milliseconds.
+/// Time is in proportion to the nodes that are looked into, and cancelling takes a few milliseconds.
 ///
 /// # Errors
-/// When the coarser tree would take more than the finer one and more than [`Limits::SMALL_LEVEL`], as where
-/// large tiles of different values lie side by side, or more than [`Limits::level_bytes`]; and when
-/// progress was told to stop.
+/// When the nodes that it takes to find the coarser tree need more memory than the finer tree and more than
+/// [`Limits::SMALL_LEVEL`], as where large tiles of different values lie side by side, or more than
+/// [`Limits::level_bytes`]; and when progress was told to stop.
 pub fn half_resolution(
     tree: &Vdb543<f32>,
     coarsening: Coarsening,
@@ -206,50 +206,49 @@ impl Halving<'_> {
         })
     }
 
-    fn tile<N: Node>(&self, origin: IVec3) -> Option<(f32, bool)> {
-        let value = self.one_value(self.samples(origin, N::TOTAL_LOG2_DIM))?;
+    fn tile<N: Node>(&self, roots: &Roots, origin: IVec3) -> Option<(f32, bool)> {
+        let value = roots.one_value(self.samples(origin, N::TOTAL_LOG2_DIM))?;
         Some(self.uniform(value))
     }
 
     fn upper(&self, origin: IVec3) -> Result<Built<Upper>, Stop> {
-        if let Some((value, active)) = self.tile::<Upper>(origin) {
+        let roots = &Roots::around(self.tree, origin);
+        if let Some((value, active)) = self.tile::<Upper>(roots, origin) {
             return Ok(Built::Tile(value, active));
         }
         self.node::<Upper>(|| {
             let slots = (0..Upper::SIZE).into_par_iter();
-            let slots = slots.map(|slot| self.lower(origin + Upper::slot_offset(slot)));
+            let slots = slots.map(|slot| self.lower(roots, origin + Upper::slot_offset(slot)));
             Ok(internal(origin, slots.collect::<Result<_, Stop>>()?))
         })
     }
 
-    fn lower(&self, origin: IVec3) -> Result<Built<Lower>, Stop> {
-        if let Some((value, active)) = self.tile::<Lower>(origin) {
+    fn lower(&self, roots: &Roots, origin: IVec3) -> Result<Built<Lower>, Stop> {
+        if let Some((value, active)) = self.tile::<Lower>(roots, origin) {
             return Ok(Built::Tile(value, active));
         }
         self.node::<Lower>(|| {
-            let slots = (0..Lower::SIZE).map(|slot| self.leaf(origin + Lower::slot_offset(slot)));
+            let slots =
+                (0..Lower::SIZE).map(|slot| self.leaf(roots, origin + Lower::slot_offset(slot)));
             Ok(internal(origin, slots.collect::<Result<_, Stop>>()?))
         })
     }
 
-    /// A node for which memory has been asked before, or the tile that it turns out to be.
+    /// A node for which memory has been asked before, or the tile that it turns out to be. That costs as
+    /// much to find out, and counts.
     fn node<N: Node<Value = f32>>(
         &self,
         make: impl FnOnce() -> Result<Box<N>, Stop>,
     ) -> Result<Built<N>, Stop> {
-        // A value a slot, or a child's address and the value: near enough, and known beforehand.
-        let bytes = (size_of::<N>() + N::SIZE * size_of::<f32>()) as u64;
         self.work.step(0)?;
-        self.work.take(bytes)?;
-        let node = built(make()?);
-        if let Built::Tile(..) = node {
-            self.work.give_back(bytes);
-        }
-        Ok(node)
+        // A value a slot, which a leaf has in itself: near enough, and known beforehand.
+        let tiles = if N::LEVEL > 0 { N::SIZE * size_of::<f32>() } else { 0 };
+        self.work.take((size_of::<N>() + tiles) as u64)?;
+        Ok(built(make()?))
     }
 
-    fn leaf(&self, origin: IVec3) -> Result<Built<Leaf>, Stop> {
-        if let Some((value, active)) = self.tile::<Leaf>(origin) {
+    fn leaf(&self, roots: &Roots, origin: IVec3) -> Result<Built<Leaf>, Stop> {
+        if let Some((value, active)) = self.tile::<Leaf>(roots, origin) {
             return Ok(Built::Tile(value, active));
         }
         self.node::<Leaf>(|| Ok(self.leaf_of_samples(origin)))
@@ -276,20 +275,45 @@ impl Halving<'_> {
         }
         leaf
     }
+}
+
+/// What the root of the finer tree has where one of the largest nodes of the coarser tree has its samples.
+struct Roots<'a> {
+    /// The first of them, in units of their size.
+    first: [i64; 3],
+    background: f32,
+    entries: Vec<Option<&'a RootEntry<Upper>>>,
+}
+
+/// Of them, on each axis: two in the node, and one on either side.
+const ROOTS: i64 = 4;
+
+impl<'a> Roots<'a> {
+    /// Around the node of the coarser tree at an origin.
+    fn around(tree: &'a Vdb543<f32>, origin: IVec3) -> Self {
+        let first = origin.to_array().map(|c| 2 * (i64::from(c) >> Upper::TOTAL_LOG2_DIM) - 1);
+        let mut entries = Vec::with_capacity(ROOTS.pow(3) as usize);
+        each([(0, ROOTS - 1); 3], |c| {
+            let at = [0, 1, 2].map(|axis| (first[axis] + c[axis]) << Upper::TOTAL_LOG2_DIM);
+            entries.push(match at.map(i32::try_from) {
+                [Ok(x), Ok(y), Ok(z)] => tree.entry(IVec3::new(x, y, z)),
+                _ => None,
+            });
+            true
+        });
+        Self { first, background: tree.background(), entries }
+    }
 
     /// The value of all samples of a box, if the tree says that they are alike.
     fn one_value(&self, samples: Samples) -> Option<f32> {
-        let edge = 1_i64 << Upper::TOTAL_LOG2_DIM;
         let mut one = None;
-        let slots = samples.map(|(low, high)| (low.div_euclid(edge), high.div_euclid(edge)));
-        each(slots, |slot| {
-            let origin = slot.map(|c| i32::try_from(c * edge).ok());
-            let entry = match origin {
-                [Some(x), Some(y), Some(z)] => self.tree.entry(IVec3::new(x, y, z)),
-                _ => None,
-            };
-            match entry {
-                None => same(&mut one, self.tree.background()),
+        let slots = [0, 1, 2].map(|axis| {
+            let of = |c: i64| (c >> Upper::TOTAL_LOG2_DIM) - self.first[axis];
+            (of(samples[axis].0), of(samples[axis].1))
+        });
+        each(slots, |[x, y, z]| {
+            match self.entries[((x * ROOTS + y) * ROOTS + z) as usize] {
+                None => same(&mut one, self.background),
                 Some(RootEntry::Tile { value, .. }) => same(&mut one, *value),
                 Some(RootEntry::Child(upper)) => {
                     within(&**upper, samples, &mut one, |lower, one| {

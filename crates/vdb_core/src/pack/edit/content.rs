@@ -3,7 +3,7 @@
 use glam::IVec3;
 
 use crate::pack::PackKind;
-use crate::pack::content::{Content, Rule, Source, Sources, corner, largest_density};
+use crate::pack::content::{Content, Rule, Source, Sources, corner, largest_density, planes};
 use crate::tree::{Found, Vdb543};
 
 /// How a grid is looked at.
@@ -34,7 +34,8 @@ impl<'a> View<'a> {
 
     /// The content of the cube at an origin.
     pub fn content(&self, origin: IVec3) -> Content {
-        Content::of(self.kind, &self.sources(origin))
+        let sources = self.sources(origin);
+        Content::of(self.kind, &sources, |side| planes(self.rule, &sources[side], side))
     }
 
     /// The largest density of the cube at an origin.

@@ -77,7 +77,8 @@ impl Model {
             } else {
                 Coarsening::Fog
             };
-            model.tree = half_resolution(&model.tree, coarsening, &LevelOptions::default())?.into();
+            let coarser = half_resolution(&model.tree, coarsening, &LevelOptions::default());
+            model.tree = coarser.map_err(|error| error.to_string())?.into();
         }
         if source.level > 0 {
             model.name = format!("{}@{}", model.name, source.level);
