@@ -27,8 +27,10 @@ use crate::{VdbGrid, VdbMaterial, VdbVolume};
 /// `TransformSystems::Propagate`. Volumes whose grid is not loaded, or whose transform cannot be
 /// inverted, are passed over, as in the picture.
 ///
-/// A ray costs as many steps as the GPU's; a nearest hit among several volumes, one walk a volume
-/// whose box the ray passes. Answers come from what the asset holds anyway, [`VdbGrid::tree`] and
+/// A ray costs as many steps as the GPU's: at most 3 · 4096 through each 4096³ node of a grid on its way,
+/// and mostly some tens, however far it goes and wherever the grid lies
+/// ([`GridQuery::first_hit`](vdb_core::query::GridQuery::first_hit) has the bound); a nearest hit among several
+/// volumes, one walk a volume whose box the ray passes. Answers come from what the asset holds anyway, [`VdbGrid::tree`] and
 /// [`VdbGrid::packed`]: nothing is kept for them.
 #[derive(SystemParam)]
 pub struct VdbSpatialQuery<'w, 's> {

@@ -11,7 +11,7 @@
 #import bevy_vdb::exact::Course
 #import bevy_vdb::anchor::{Anchor, anchor_exit, anchored}
 #import bevy_vdb::fog::ANCHOR_RANGE
-#import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, local_cell, planes_behind, unturned}
+#import bevy_vdb::hdda::{Walk, advance, confirm, local_cell, planes_behind, unturned}
 #import bevy_vdb::samples::{FogCell, fog_cell, tile_value, trilinear}
 #import bevy_vdb::tree::{Span, empty_cell, locate, nowhere, span_constant, span_occupied}
 
@@ -89,7 +89,7 @@ fn mean_heat(
 fn heat_length(volume: u32, grid: Grid, course: Course, enters: Walk) -> vec3<f32> {
     var walk = enters;
     var place = nowhere(local_cell(course, walk.rel));
-    var near = Anchor(vec3(0u), vec3(0.0), 0.0);
+    var near = Anchor(vec3(0u), vec3(0.0), 0.0, FAR);
     var in_run = false;
     var t_from = 0.0;
     var sum = vec3(0.0);
@@ -102,7 +102,7 @@ fn heat_length(volume: u32, grid: Grid, course: Course, enters: Walk) -> vec3<f3
             continue;
         }
         if !in_run || any(here.rel - near.cell > vec3(ANCHOR_RANGE)) {
-            let own = confirm(course, here, begin_of(enters));
+            let own = confirm(course, here);
             if !own.inside {
                 walk = advance(course, here, empty_cell());
                 continue;
@@ -112,8 +112,8 @@ fn heat_length(volume: u32, grid: Grid, course: Course, enters: Walk) -> vec3<f3
         }
         walk = advance(course, here, span);
         let plane = planes_behind(course, here.rel, span);
-        let t_to = max(anchor_exit(near, course, plane, walk.axis, walk.t), t_from);
-        let t_end = min(t_to, course.t_max - near.t);
+        let t_to = max(anchor_exit(near, course, plane, walk.axis), t_from);
+        let t_end = min(t_to, near.end);
         sum += (t_end - t_from) * mean_heat(volume, grid, course, near, here, span, t_from, t_end);
         t_from = t_to;
         in_run = !span_constant(span);

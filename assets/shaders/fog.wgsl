@@ -5,8 +5,8 @@
 #import bevy_vdb::exact::Course
 #import bevy_vdb::samples::{brick_corners, brick_of, brick_slot, fog_cell, tile_value, trilinear}
 #import bevy_vdb::tree::{CHILD, LEAF_NUMBER, OCCUPIED, Place, REGION_BITS, Span, empty_cell, locate, locate_slot, nowhere, reach_of, span_constant, span_occupied}
-#import bevy_vdb::anchor::{Anchor, anchor_exit, anchored}
-#import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, enter, local_cell, plane_t, planes_behind, unturned}
+#import bevy_vdb::anchor::{Anchor, anchor_exit, anchor_t, anchored}
+#import bevy_vdb::hdda::{FAR, Walk, advance, box_exit, confirm, count_step, enter, local_cell, plane_t, planes_behind, unturned}
 
 // Half the distance between the two points of Gauss and Legendre on an interval of length 1.
 const GAUSS: f32 = 0.28867513;
@@ -35,6 +35,9 @@ fn mean_density(
 // Cells that a walk may be away from its anchor before it gets a new one.
 const ANCHOR_RANGE: u32 = 64u;
 
+// What ∫ density dt is at most: that of the greatest densities exceeds f32 where a ray takes long to pass.
+const MOST_LENGTH: f32 = 3e38;
+
 // ∫ density dt along the course, up to `enough`. Within one trilinear cell the density is a cubic in
 // t, which the two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
 //
@@ -43,7 +46,7 @@ const ANCHOR_RANGE: u32 = 64u;
 fn optical_length(grid: Grid, course: Course, enters: Walk, enough: f32) -> f32 {
     var walk = enters;
     var place = nowhere(local_cell(course, walk.rel));
-    var near = Anchor(vec3(0u), vec3(0.0), 0.0);
+    var near = Anchor(vec3(0u), vec3(0.0), 0.0, FAR);
     var in_run = false;
     var t_from = 0.0;
     var sum = 0.0;
@@ -57,7 +60,7 @@ fn optical_length(grid: Grid, course: Course, enters: Walk, enough: f32) -> f32 
             continue;
         }
         if !in_run || any(here.rel - near.cell > vec3(ANCHOR_RANGE)) {
-            let own = confirm(course, here, begin_of(enters));
+            let own = confirm(course, here);
             if !own.inside {
                 walk = advance(course, here, empty_cell());
                 continue;
@@ -67,15 +70,15 @@ fn optical_length(grid: Grid, course: Course, enters: Walk, enough: f32) -> f32 
         }
         walk = advance(course, here, span);
         let plane = planes_behind(course, here.rel, span);
-        let t_to = max(anchor_exit(near, course, plane, walk.axis, walk.t), t_from);
-        let t_end = min(t_to, course.t_max - near.t);
+        let t_to = max(anchor_exit(near, course, plane, walk.axis), t_from);
+        let t_end = min(t_to, near.end);
         let mean = mean_density(grid, course, near, here, span, t_from, t_end);
         sum += (t_end - t_from) * mean;
         t_from = t_to;
         // Of a mixed tile, cells without density count as void.
         in_run = mean > 0.0 && !span_constant(span);
     }
-    return sum;
+    return min(sum, MOST_LENGTH);
 }
 
 // A ray between samples of a fog: places in cells of the lattice, from the cell of its anchor on.
@@ -109,6 +112,16 @@ fn density_in(grid: Grid, place: Place, sample: Sample) -> f32 {
 // How many times its length a step becomes at most.
 const MOST_STRIDE: f32 = 8.0;
 
+// The largest f32 below 1.
+const BELOW_ONE: f32 = 0.999999940395355224609375;
+
+// Cells from its first sample on that a ray is sampled at most: farther, an f32 counts cells by the hundred.
+const FARTHEST: f32 = 1073741824.0;     // 2^30
+
+// Next to 1: an f32 times this is another one, however large. A loop that adds 1 to it alone would stand
+// still from 2^24 on.
+const ONWARDS: f32 = 1.00000011920928955078125;
+
 // Cells from the ray's own within which f32 says where a sample is to a thousandth of a voxel.
 const CLOSE: u32 = 8192u;
 
@@ -128,13 +141,11 @@ fn stepped_length(
     dims: f32,
 ) -> f32 {
     let entries = select(vec3(course.t_min), plane_t(course, course.first), course.before);
-    let exits = plane_t(course, course.last + 1u);
     let t_in = max(max(max(entries.x, entries.y), entries.z), course.t_min);
-    let t_out = min(min(min(exits.x, exits.y), exits.z), course.t_max);
-    if !course.meets || !(t_in < t_out) {
+    if !course.meets || !(t_in < min(box_exit(course), course.t_max)) {
         return 0.0;
     }
-    var near = Anchor(vec3(0u), course.frac, 0.0);
+    var near = Anchor(vec3(0u), course.frac, 0.0, course.t_max);
     if any(course.last >= vec3(CLOSE)) {
         let enters = enter(course);
         if !enters.inside {
@@ -145,10 +156,14 @@ fn stepped_length(
     let is_down = course.flip != vec3(0);
     let way = select(course.speed, -course.speed, is_down);
     let inverse = select(course.inverse, -course.inverse, is_down);
-    let samples = Samples(local_cell(course, near.cell), unturned(course, near.frac), way);
+    // Below 1, so that no sample is behind the cell, whichever way the ray goes.
+    let origin = min(unturned(course, near.frac), vec3(BELOW_ONE));
+    let samples = Samples(local_cell(course, near.cell), origin, way);
     let t_step = step / length(course.speed);
     let per_step = 1.0 / t_step;
-    let t_end = t_out - near.t;
+    let exits = anchor_t(near, course, course.last + 1u);
+    let farthest = FARTHEST * min(min(course.inverse.x, course.inverse.y), course.inverse.z);
+    let t_end = min(min(min(exits.x, exits.y), exits.z), min(near.end, farthest));
     // Of T^(-1/3), as a power of 2.
     let growth = dims * 0.48089835;
     var place = nowhere(samples.cell);
@@ -171,12 +186,14 @@ fn stepped_length(
             let low = here.cell & vec3(-size);
             let ahead = i32(reach_of(slot, course.octant) << place.log_dim);
             let planes = select(low + (size + ahead), low - ahead, is_down);
-            let out = (vec3<f32>(planes - samples.cell) - samples.origin) * inverse;
-            k = max(k + 1.0, ceil(min(min(out.x, out.y), out.z) * per_step - 0.5));
+            // A plane ahead may be so far that only an unsigned number has it.
+            let cells = vec3<f32>(bitcast<vec3<u32>>(select(planes - samples.cell, samples.cell - planes, is_down)));
+            let out = (select(cells, -cells, is_down) - samples.origin) * inverse;
+            k = max(max(k + 1.0, k * ONWARDS), ceil(min(min(out.x, out.y), out.z) * per_step - 0.5));
             continue;
         }
         sum += part * density_in(grid, place, here);
-        k += stride;
+        k = max(k + stride, k * ONWARDS);
     }
-    return sum;
+    return min(sum, MOST_LENGTH);
 }

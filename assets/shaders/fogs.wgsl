@@ -5,7 +5,7 @@
 #import bevy_vdb::bindings::grids
 #import bevy_vdb::candidates::{end_of, next_volume, start_of}
 #import bevy_vdb::fog::{optical_length, stepped_length}
-#import bevy_vdb::hdda::{FAR, course_of, enter, enter_at, plane_t}
+#import bevy_vdb::hdda::{FAR, box_exit, course_of, enter, enter_at}
 #import bevy_vdb::scene::{view, volumes}
 #import bevy_vdb::segment::{NONE, Segment, ray_of}
 #ifdef EMISSION
@@ -102,9 +102,8 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
         if walk.inside && walk.t < t_max {
             met += 1u;
             last_met = i;
-            let exits = plane_t(course, course.last + 1u);
             t_first = min(t_first, walk.t);
-            t_last = max(t_last, min(min(min(exits.x, exits.y), exits.z), t_max));
+            t_last = max(t_last, min(box_exit(course), t_max));
         }
     }
     var fog = Fog(vec3(0.0), 0.0, t_first, t_first, NONE);

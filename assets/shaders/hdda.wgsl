@@ -7,7 +7,7 @@
 
 #import bevy_vdb::types::{Grid, Ray}
 #import bevy_vdb::tree::{Span, empty_cell, locate, nowhere, span_occupied}
-#import bevy_vdb::exact::{T_ERROR, Course, component_f, component_u, is_zero, plane_before}
+#import bevy_vdb::exact::{T_ERROR, WHOLE, Course, beginning, component_f, component_u, ending, is_zero, plane_before}
 
 // Where a course is on its way through the lattice.
 struct Walk {
@@ -22,8 +22,12 @@ const FAR: f32 = 1e30;
 // Slower than this a ray reaches no other cell within the index space, but on the spot; dividing by
 // less could exceed what f32 holds.
 const IDLE: f32 = 3.2311742677852644e-27;   // 2^-88
-// The largest component of a direction is not smaller than this.
+// The largest component of a direction is not smaller than this, nor larger than that; a ray that is
+// slower or faster meets nothing.
 const SLOWEST: f32 = 9.313225746154785e-10; // 2^-30
+const FASTEST: f32 = 1073741824.0;          // 2^30
+// Later than all planes of the grid's box, and times a speed within f32.
+const NEVER: f32 = 1.8446744073709552e19;   // 2^64
 
 #ifdef COUNT_STEPS
 // Cells and larger cubes that the ray has looked at.
@@ -45,9 +49,10 @@ fn course_of(grid: Grid, ray: Ray) -> Course {
     let low = select(grid.occupied_min, ~grid.occupied_max, down);
     let high = select(grid.occupied_max, ~grid.occupied_min, down);
     let speed = select(abs(ray.dir), vec3(0.0), zero);
+    let fastest = max(max(speed.x, speed.y), speed.z);
     let before = cell < low;
     let octant = dot(vec3<u32>(down), vec3(4u, 2u, 1u));
-    return Course(
+    var course = Course(
         flip,
         cell,
         select(ray.frac, 1.0 - ray.frac, down),
@@ -56,11 +61,62 @@ fn course_of(grid: Grid, ray: Ray) -> Course {
         select(vec3(0u), bitcast<vec3<u32>>(low - cell), before),
         bitcast<vec3<u32>>(high - cell),
         before,
-        all(cell <= high) && any(speed >= vec3(SLOWEST)),
+        vec3(0u),
+        all(cell <= high) && fastest >= SLOWEST && fastest <= FASTEST && has_span(ray),
         octant,
-        ray.t_min,
-        ray.t_max,
+        begin_t(ray),
+        end_t(ray),
     );
+    set_ends(&course);
+    return course;
+}
+
+// Whether the ends of a ray are such: numbers, the first one finite, and in this order. By their bits, as
+// WGSL does not promise that other numbers are told from these.
+fn has_span(ray: Ray) -> bool {
+    let is_finite = (bitcast<u32>(ray.t_min) & 0x7fffffffu) < INFINITE;
+    let is_ahead = bitcast<u32>(ray.t_max) <= INFINITE || is_zero(vec3(ray.t_max)).x;
+    return is_finite && is_ahead && begin_t(ray) <= end_t(ray);
+}
+
+// The bits of infinity; those of no number, and of all below zero, are more.
+const INFINITE: u32 = 0x7f800000u;
+
+// Where a ray begins: there is nothing of it behind its origin. What hardware may take for zero is zero.
+fn begin_t(ray: Ray) -> f32 {
+    return select(ray.t_min, 0.0, ray.t_min < 0.0 || is_zero(vec3(ray.t_min)).x);
+}
+
+fn end_t(ray: Ray) -> f32 {
+    let is_endless = bitcast<u32>(ray.t_max) == INFINITE || ray.t_max > FAR;
+    return select(select(ray.t_max, 0.0, is_zero(vec3(ray.t_max)).x), FAR, is_endless);
+}
+
+// Where a course leaves the grid's box.
+fn box_exit(course: Course) -> f32 {
+    let exits = ((vec3<f32>(course.last) + 1.0) - course.frac) * course.inverse;
+    return min(min(exits.x, exits.y), exits.z);
+}
+
+// Makes the ends of a course exact, where they are in the grid's box or so close to it that f32 does not
+// tell. Elsewhere they do not matter: all that the course comes to is between them.
+fn set_ends(course: ptr<function, Course>) {
+    if (*course).t_max < FAR {
+        if (*course).t_max * (1.0 - T_ERROR) > box_exit(*course) {
+            (*course).t_max = FAR;
+        } else {
+            (*course).last = min((*course).last, ending(*course));
+        }
+    }
+    if (*course).t_min > 0.0 {
+        let entries = select(vec3(-1.0), plane_t(*course, (*course).first), (*course).before);
+        let touches = max(max(entries.x, entries.y), entries.z) <= (*course).t_min * (1.0 + T_ERROR);
+        if touches {
+            let begin = beginning(*course);
+            (*course).begin = begin.cell;
+            (*course).meets = (*course).meets && !begin.is_beyond;
+        }
+    }
 }
 
 // The local cell that is so many cells ahead.
@@ -112,29 +168,25 @@ fn cells_reached(course: Course, t: f32, before: vec3<u32>) -> vec3<u32> {
 
 // The start of the walk: a cell of the grid's box on the course.
 fn enter(course: Course) -> Walk {
-    if !course.meets {
-        return Walk(vec3(0u), 0.0, 3u, false);
+    // The planes of the box that are crossed after the ray's beginning.
+    let ahead = course.begin < course.first;
+    if !any(ahead) {
+        let inside = course.meets && all(course.begin <= course.last);
+        return Walk(course.begin, course.t_min, 3u, inside);
     }
-    let near = select(vec3(-1.0), plane_t(course, course.first), course.before);
-    let t_near = max(max(near.x, near.y), near.z);
-    if t_near < course.t_min || !any(course.before) {
-        let at = course.frac + course.t_min * course.speed;
-        // A place in a plane belongs to the cell above it, which is the one behind where turned over.
-        let cell = select(floor(at), ceil(at) - 1.0, course.flip != vec3(0));
-        let rel = vec3<u32>(cell);
-        let in_box = all(rel >= course.first) && all(rel <= course.last);
-        return Walk(rel, course.t_min, 3u, course.t_min <= course.t_max && in_box);
-    }
+    let near = select(vec3(-1.0), plane_t(course, course.first), ahead);
+    let t = max(max(near.x, near.y), near.z);
     // Beyond the last, where the ray has left the box on another axis before it comes in on this one.
-    let rel = cells_reached(course, t_near, course.first);
-    let axis = select(select(2u, 1u, near.y == t_near), 0u, near.x == t_near);
-    return Walk(rel, t_near, axis, t_near <= course.t_max && all(rel <= course.last));
+    let rel = cells_reached(course, t, max(course.first, course.begin));
+    let axis = select(select(2u, 1u, near.y == t), 0u, near.x == t);
+    let inside = course.meets && t < NEVER && all(rel <= course.last);
+    return Walk(rel, max(t, course.t_min), axis, inside);
 }
 
 // The start of the walk where it is known that nothing can stop the ray before `t_start`: there, if
-// that is in the box. Its cell is one that is empty, so that its precision does not matter.
+// that is in the box, or in cells just before it.
 fn enter_at(course: Course, t_start: f32) -> Walk {
-    let rel = vec3<u32>(course.frac + t_start * course.speed);
+    let rel = cells_reached(course, t_start, course.begin);
     if t_start <= course.t_min || any(rel < course.first) {
         return enter(course);
     }
@@ -142,12 +194,12 @@ fn enter_at(course: Course, t_start: f32) -> Walk {
     return Walk(rel, t_start, 0u, inside);
 }
 
-// The planes at the end of a span, one on each axis.
+// The planes at the end of a span, one on each axis, modulo 2^32: beyond the index space they seem to lie
+// behind the cell.
 fn planes_behind(course: Course, rel: vec3<u32>, span: Span) -> vec3<u32> {
-    let size = 1i << span.log_dim;
-    let low = (course.cell + bitcast<vec3<i32>>(rel)) & vec3(-size);
-    let ahead = low + (size + i32(span.reach << span.log_dim));
-    return bitcast<vec3<u32>>(ahead - course.cell);
+    let offset = bitcast<vec3<u32>>(course.cell) + rel;
+    let size = 1u << span.log_dim;
+    return rel + (((span.reach + 1u) << span.log_dim) - (offset & vec3(size - 1u)));
 }
 
 // Steps out of the span that holds the walk's cell.
@@ -155,12 +207,20 @@ fn planes_behind(course: Course, rel: vec3<u32>, span: Span) -> vec3<u32> {
 // Which plane is crossed next is exact; how many planes of the other axes have been crossed by then is
 // a lower bound. Where it is too low, the walk crosses those planes next, in cells beside the ray that
 // it does not touch: all that it does touch are visited. The course never turns back and passes at
-// least one plane, so a walk takes at most as many steps as the box has cells along its three edges:
-// the loops around this end.
+// least one plane, the face of a span: the loops around this end after as many steps as the spans of the
+// box have faces along its three edges, and the cells of the box have at most.
 fn advance(course: Course, walk: Walk, span: Span) -> Walk {
-    let plane = planes_behind(course, walk.rel, span);
-    let exits = plane_t(course, plane);
-    let t = min(min(exits.x, exits.y), exits.z);
+    var plane = planes_behind(course, walk.rel, span);
+    var exits = plane_t(course, plane);
+    var t = min(min(exits.x, exits.y), exits.z);
+    // Nothing goes back, but planes beyond the index space seem to: the ray leaves them with the space.
+    let is_at_end = t < 0.5 * walk.t;
+    if is_at_end {
+        let beyond = plane <= walk.rel;
+        plane = select(plane, vec3(0u), beyond);
+        exits = select(exits, (WHOLE - course.frac) * course.inverse, beyond);
+        t = min(min(exits.x, exits.y), exits.z);
+    }
     let second = max(min(exits.x, exits.y), min(max(exits.x, exits.y), exits.z));
     var across = exits == vec3(t);
     if second <= t * (1.0 + T_ERROR) {
@@ -169,25 +229,21 @@ fn advance(course: Course, walk: Walk, span: Span) -> Walk {
     }
     let axis = select(select(2u, 1u, across.y), 0u, across.x);
     let rel = select(cells_reached(course, t, walk.rel), plane, across);
-    return Walk(rel, t, axis, t <= course.t_max && all(rel <= course.last));
+    return Walk(rel, t, axis, all(rel <= course.last) && !(is_at_end && any(rel < walk.rel)));
 }
 
-// The cell in which a ray begins: there, it comes in by no face.
-fn begin_of(walk: Walk) -> vec3<u32> {
-    return select(vec3(0u), walk.rel, walk.axis == 3u);
-}
-
-// Whether the ray itself comes into the walk's cell, where and by which face: `begin` is the cell in
-// which the ray begins. The answer does not depend on the way by which the walk has come.
-fn confirm(course: Course, walk: Walk, begin: vec3<u32>) -> Walk {
-    let crossed = walk.rel > begin;
+// Whether the ray itself comes into the walk's cell, where and by which face; one that begins there comes
+// in by none. The answer does not depend on the way by which the walk has come.
+fn confirm(course: Course, walk: Walk) -> Walk {
+    let crossed = walk.rel > course.begin;
     if !any(crossed) {
-        return walk;
+        return Walk(walk.rel, course.t_min, 3u, true);
     }
     let near = select(vec3(-1.0), plane_t(course, walk.rel), crossed);
     let t = max(max(near.x, near.y), near.z);
     let second = max(min(near.x, near.y), min(max(near.x, near.y), near.z));
-    let exits = plane_t(course, walk.rel + 1u);
+    let behind = walk.rel + 1u;
+    let exits = select(plane_t(course, behind), (WHOLE - course.frac) * course.inverse, behind == vec3(0u));
     var axis = select(select(2u, 1u, near.y == t), 0u, near.x == t);
     var inside = true;
     if second * (1.0 + T_ERROR) >= t || min(min(exits.x, exits.y), exits.z) <= t * (1.0 + T_ERROR) {
@@ -195,11 +251,16 @@ fn confirm(course: Course, walk: Walk, begin: vec3<u32>) -> Walk {
         let plane = component_u(walk.rel, axis);
         for (var own = 0u; own < 3u && inside; own++) {
             if own != axis {
-                inside = !plane_before(course, own, component_u(walk.rel, own) + 1u, axis, plane);
+                inside = !plane_before(course, own, component_u(behind, own), axis, plane);
             }
         }
     }
     return Walk(walk.rel, component_f(near, axis), axis, inside);
+}
+
+// A t on a course, which rounding must not lead out of it.
+fn within(course: Course, t: f32) -> f32 {
+    return clamp(t, course.t_min, course.t_max);
 }
 
 // The first occupied cell on a ray.
@@ -230,9 +291,9 @@ fn first_hit(grid: Grid, course: Course, enters: Walk) -> Hit {
             }
         }
         if found {
-            let hit = confirm(course, walk, begin_of(enters));
+            let hit = confirm(course, walk);
             if hit.inside {
-                return Hit(cell, hit.t, hit.axis, hit.t <= course.t_max);
+                return Hit(cell, within(course, hit.t), hit.axis, true);
             }
             walk = advance(course, walk, empty_cell());
         }

@@ -6,7 +6,7 @@
 #import bevy_vdb::tree::{Place, empty_cell, locate, span_constant, span_occupied}
 #import bevy_vdb::anchor::{Anchor, anchor_exit, anchored}
 #import bevy_vdb::fog::{ANCHOR_RANGE, mean_density}
-#import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, enter, local_cell, planes_behind}
+#import bevy_vdb::hdda::{FAR, Walk, advance, confirm, count_step, enter, local_cell, planes_behind}
 
 // Voxels between places where a fog is asked for something: `step`, and more the longer the longest edge of
 // its box is than `edge`, so that what large fogs cost has a bound.
@@ -33,7 +33,7 @@ fn march_of(course: Course, enters: Walk, step: f32) -> March {
     return March(
         enters,
         begin_of(enters),
-        Anchor(vec3(0u), vec3(0.0), 0.0),
+        Anchor(vec3(0u), vec3(0.0), 0.0, FAR),
         0.0,
         false,
         false,
@@ -84,7 +84,7 @@ fn next_stretch(
         let next = advance(course, here, span);
         let plane = planes_behind(course, here.rel, span);
         let t_cell = max(anchor_exit(near, course, plane, next.axis, next.t), t_done);
-        let t_last = max(min(t_cell, course.t_max - near.t), t_done);
+        let t_last = max(min(t_cell, near.end), t_done);
         if stretch.density == 0.0 {
             let steps = floor((near.t + t_done - (*march).t_box) / (*march).t_step) + 1.0;
             t_out = (*march).t_box + steps * (*march).t_step;

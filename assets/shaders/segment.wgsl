@@ -62,7 +62,6 @@ fn to_lattice(volume: u32, v: vec3<f32>) -> vec3<f32> {
 
 // Cells from the eye within which a place has an integer cell.
 const FARTHEST: f32 = 1073741824.0;     // 2^30
-const FASTEST: f32 = 1073741824.0;
 
 // The ray of a segment in the lattice of a volume.
 fn ray_of(segment: Segment, volume: u32, t_max: f32) -> Ray {
@@ -72,8 +71,7 @@ fn ray_of(segment: Segment, volume: u32, t_max: f32) -> Ray {
         return ray;
     }
     let way = ray.frac + start.t * ray.dir + to_lattice(volume, start.shift);
-    let dir = to_lattice(volume, segment.dir);
-    ray.dir = dir;
+    ray.dir = to_lattice(volume, segment.dir);
     if start.own == volume {
         ray.cell = start.cell;
         ray.frac = start.frac;
@@ -86,9 +84,6 @@ fn ray_of(segment: Segment, volume: u32, t_max: f32) -> Ray {
             // Too far away to be met.
             ray.dir = vec3(0.0);
         }
-    }
-    if max(max(abs(dir.x), abs(dir.y)), abs(dir.z)) > FASTEST {
-        ray.dir = vec3(0.0);
     }
     return ray;
 }

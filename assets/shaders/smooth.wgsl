@@ -6,7 +6,7 @@
 #import bevy_vdb::exact::Course
 #import bevy_vdb::samples::{surface_corners, trilinear, trilinear_gradient}
 #import bevy_vdb::tree::{empty_cell, locate, nowhere, span_occupied}
-#import bevy_vdb::hdda::{Walk, advance, begin_of, confirm, count_step, local_cell, unturned}
+#import bevy_vdb::hdda::{Walk, advance, confirm, count_step, local_cell, unturned, within}
 
 struct SurfaceHit {
     found: bool,
@@ -137,15 +137,15 @@ fn first_root(grid: Grid, course: Course, enters: Walk) -> SurfaceHit {
             continue;
         }
 #endif
-        let here = confirm(course, walk, begin_of(enters));
+        let here = confirm(course, walk);
         walk = advance(course, walk, empty_cell());
         if !here.inside {
             continue;
         }
         let c = surface_corners(grid, span, cell);
         let near = anchored(course, here.rel, here.axis, here.t);
-        let exit = anchor_exit(near, course, here.rel + 1u, walk.axis, walk.t);
-        let length = max(min(exit, course.t_max - near.t), 0.0);
+        let exit = anchor_exit(near, course, here.rel + 1u, walk.axis);
+        let length = max(min(exit, near.end), 0.0);
         let start = unturned(course, near.frac);
         let way = length * select(course.speed, -course.speed, course.flip != vec3(0));
         // Four values of the cubic, then its coefficients.
@@ -176,7 +176,7 @@ fn first_root(grid: Grid, course: Course, enters: Walk) -> SurfaceHit {
             let off = trilinear(c, first) / select(slope, 1.0, slope == 0.0);
             s = saturate(s - select(0.0, off, slope != 0.0 && abs(off) < 0.01));
             let at = saturate(start + s * way);
-            return SurfaceHit(true, here.t + s * length, grid.scale * trilinear_gradient(c, at), here.axis);
+            return SurfaceHit(true, within(course, here.t + s * length), grid.scale * trilinear_gradient(c, at), here.axis);
         }
         known = true;
         was_negative = f_3 < 0.0;

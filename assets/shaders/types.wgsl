@@ -132,7 +132,7 @@ struct View {
 struct Ray {
     cell: vec3<i32>,
     frac: vec3<f32>,    // a multiple of 2^-24, from 0 up to but not 1
-    dir: vec3<f32>,     // the largest component between 2^-30 and 2^30 in size
-    t_min: f32,
-    t_max: f32,
+    dir: vec3<f32>,     // the largest component from 2^-30 to 2^30 in size; others meet nothing
+    t_min: f32,         // below 0 counts as 0
+    t_max: f32,         // what is at exactly t_max is met; before t_min, or no number, nothing is
 }

@@ -2,6 +2,7 @@
 //! differ, on rays made to be hard.
 
 use glam::{DVec3, Vec3};
+use vdb_core::pack::exact::T_ERROR;
 use vdb_core::pack::walk::{self, first_hit};
 use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::reference::{Blocky, Occupied, Ray};
@@ -26,16 +27,25 @@ fn check(tree: &Vdb543<f32>, count: usize, seed: u64) {
         let ray = walk::Ray::from_index(&grid, ray.cell, ray.frac, dir);
         let Some(cell) = ray.cell.checked_add(grid.base) else { continue };
         // Half a voxel between lattice and index space: exact, as the fraction has 24 bits.
-        let exact = Ray::new(cell, ray.frac - 0.5, ray.dir).with_span(0.0, ray.t_max).flushed();
-        let expected = oracle.first_voxel(&exact);
-        let found = first_hit(&grid, &ray);
-        let expected = expected.map(|hit| (hit.ijk, hit.face.map_or(3, |face| face.axis.into())));
-        let found = found.map(|hit| (hit.cell + grid.base, hit.axis));
-        assert_eq!(found, expected, "{ray:?} (seed {seed}, ray {tried})");
-        met += usize::from(expected.is_some());
+        let exact = Ray::new(cell, ray.frac - 0.5, ray.dir).flushed();
+        for exact in [exact, rays::ended(&mut random, exact, bbox, 0.5)] {
+            let ray = walk::Ray { t_min: exact.t_min, t_max: exact.t_max, ..ray };
+            let exact = exact.flushed();
+            let hit = oracle.first_voxel(&exact);
+            let expected = hit.map(|hit| (hit.ijk, hit.face.map_or(3, |face| face.axis.into())));
+            let found = first_hit(&grid, &ray);
+            let voxel = found.map(|hit| (hit.cell + grid.base, hit.axis));
+            assert_eq!(voxel, expected, "{ray:?} (seed {seed}, ray {tried})");
+            if let (Some(hit), Some(found)) = (hit, found) {
+                let off = (f64::from(found.t) - hit.t).abs();
+                assert!(off <= hit.t * f64::from(T_ERROR), "{found:?}, not {hit:?}: {ray:?}");
+                assert!((exact.begin()..=exact.t_max).contains(&found.t), "{found:?} of {ray:?}");
+            }
+            met += usize::from(expected.is_some());
+        }
         tried += 1;
     }
-    println!("{count} rays, {met} meet a voxel, none differs");
+    println!("2 · {count} rays, {met} meet a voxel, none differs");
     assert!(met * 20 > count, "hardly a ray met anything: {met}");
 }
 

@@ -2,8 +2,9 @@
 
 use glam::{UVec3, Vec3};
 
-use super::exact::{FRAC_BITS, is_zero, plane_distance, split};
-use super::walk::{Course, Walk};
+use super::course::{Course, FAR};
+use super::exact::{FRAC_BITS, beginning, is_zero, plane_distance, reached_at, split};
+use super::walk::Walk;
 
 /// Where a course enters a cell: what is worked out close by has the precision of what is close by.
 #[derive(Clone, Copy, Debug)]
@@ -14,6 +15,8 @@ pub struct Anchor {
     pub frac: Vec3,
     /// Where on the course, to within f32.
     pub t: f32,
+    /// Where the course ends, from the anchor on; `FAR` where it leaves the box before.
+    pub end: f32,
 }
 
 impl Anchor {
@@ -27,15 +30,36 @@ impl Anchor {
 const CREEP: f32 = 1.0 / 256.0;
 
 impl Anchor {
-    /// Where the course leaves a cube, from the anchor on: by the plane that the walk crosses next, at
-    /// about `t_next`. Where the ray creeps along that axis, the anchor's own rounding could move the
-    /// plane's `t` by far; what the walk has from the ray's own numbers is better.
-    pub fn exit(&self, course: &Course, plane: UVec3, axis: usize, t_next: f32) -> f32 {
+    /// Where the course leaves a cube, from the anchor on: by the plane of an axis that the walk crosses
+    /// next. Where the ray creeps along that axis, the anchor's own rounding would move the plane's `t`
+    /// by far; where it is on its fastest axis then is known to 2⁻²⁴ of a cell, however far away that
+    /// is.
+    pub fn exit(&self, course: &Course, plane: UVec3, axis: usize) -> f32 {
         let exits = self.plane_t(course, plane);
         if !creeps(course, axis) {
             return exits[axis];
         }
-        (t_next - self.t).min(exits[course.speed.max_position()])
+        let swift = course.speed.max_position();
+        let place = place_at(course, swift, axis, plane[axis]);
+        self.swift_t(course, swift, place).min(exits[swift])
+    }
+
+    /// The parameter, from the anchor on, at which a course is at a place of its fastest axis, in units
+    /// of 2⁻²⁴ cells from its own cell on.
+    fn swift_t(&self, course: &Course, swift: usize, place: u64) -> f32 {
+        // A rounding of 2⁻²⁴ may lead behind the anchor.
+        let ahead = place.saturating_sub(u64::from(self.cell[swift]) << FRAC_BITS);
+        let way = ahead as f32 / (1 << FRAC_BITS) as f32 - self.frac[swift];
+        (way * course.inverse[swift]).max(0.0)
+    }
+
+    /// The end of a course, from the anchor on.
+    fn end_from(&self, course: &Course) -> f32 {
+        if course.t_max >= FAR {
+            return FAR;
+        }
+        let swift = course.speed.max_position();
+        self.swift_t(course, swift, reached_at(course, swift, course.t_max).units)
     }
 }
 
@@ -43,9 +67,9 @@ fn creeps(course: &Course, axis: usize) -> bool {
     course.speed[axis] < CREEP * course.speed.max_element()
 }
 
-/// Where in a cell the ray is along one axis when it crosses a plane of another, rounded to 2⁻²⁴:
-/// `frac + (distance / speed of the other) · speed`, in integers.
-fn place(course: &Course, own: usize, cell: u32, axis: usize, plane: u32) -> f32 {
+/// Where a course is on one axis when it crosses a plane of another, in units of 2⁻²⁴ cells from its own
+/// cell on, rounded down: `frac + (distance / speed of the other) · speed`, in integers.
+fn place_at(course: &Course, own: usize, axis: usize, plane: u32) -> u64 {
     let mut way = 0;
     if !is_zero(course.speed[own]) {
         let (mantissa, exponent) = split(course.speed[own]);
@@ -57,11 +81,15 @@ fn place(course: &Course, own: usize, cell: u32, axis: usize, plane: u32) -> f32
         } else {
             product.checked_shr(shift.unsigned_abs()).unwrap_or(0)
         };
-        way = (scaled / u128::from(divisor)) as u32;
+        way = (scaled / u128::from(divisor)) as u64;
     }
-    let start = (course.frac[own] * (1 << FRAC_BITS) as f32) as u32;
+    way.wrapping_add((course.frac[own] * (1 << FRAC_BITS) as f32) as u64)
+}
+
+/// The same in a cell that it is in then, from 0 to 1.
+fn place(course: &Course, own: usize, cell: u32, axis: usize, plane: u32) -> f32 {
     // Modulo 2³², which the cell's own place is well within.
-    let at = start.wrapping_add(way).wrapping_sub(cell << FRAC_BITS);
+    let at = (place_at(course, own, axis, plane) as u32).wrapping_sub(cell << FRAC_BITS);
     // A rounding of 2⁻²⁴ may lead out of the cell.
     (at as i32).clamp(0, 1 << FRAC_BITS) as f32 / (1 << FRAC_BITS) as f32
 }
@@ -95,21 +123,23 @@ fn place_near(course: &Course, rel: UVec3, axis: usize) -> Vec3 {
 
 /// Where the walk enters its cell.
 pub fn anchored(course: &Course, walk: &Walk) -> Anchor {
+    let near = Anchor { cell: walk.rel, frac: place_in(course, walk), t: walk.t, end: FAR };
+    Anchor { end: near.end_from(course), ..near }
+}
+
+/// Where in the cell that is.
+fn place_in(course: &Course, walk: &Walk) -> Vec3 {
     let axis = walk.axis as usize;
-    let frac = if axis > 2 {
-        // A shader's rays begin close to the eye.
-        let at = course.frac + walk.t * course.speed - walk.rel.as_vec3();
-        at.clamp(Vec3::ZERO, Vec3::ONE)
-    } else if walk.rel.max_element() < NEAR
-        && course.speed.max_element() <= STEEPEST * course.speed[axis]
+    if axis > 2 {
+        return beginning(course).frac;
+    }
+    if walk.rel.max_element() < NEAR && course.speed.max_element() <= STEEPEST * course.speed[axis]
     {
         let mut frac = place_near(course, walk.rel, axis);
         frac[axis] = 0.0;
-        frac
-    } else {
-        Vec3::from_array([0, 1, 2].map(|own| {
-            if own == axis { 0.0 } else { place(course, own, walk.rel[own], axis, walk.rel[axis]) }
-        }))
-    };
-    Anchor { cell: walk.rel, frac, t: walk.t }
+        return frac;
+    }
+    Vec3::from_array([0, 1, 2].map(|own| {
+        if own == axis { 0.0 } else { place(course, own, walk.rel[own], axis, walk.rel[axis]) }
+    }))
 }

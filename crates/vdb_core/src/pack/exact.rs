@@ -1,12 +1,19 @@
-//! Which of two planes a ray crosses first, exactly: the twin of `assets/shaders/exact.wgsl`.
+//! Which of two planes a ray crosses first, and where it is at a `t`, exactly: the twin of
+//! `assets/shaders/exact.wgsl`.
 //!
 //! A walk compares `t = (plane - origin) / dir` of planes on different axes. In f32 that is right to
 //! a few units in the last place, which is enough nearly always; where it is not, the same numbers
 //! are compared as integers. A ray's origin is an integer cell and a fraction of 24 bits, so the
 //! distance to a plane is an integer of at most 56 bits in units of 2⁻²⁴; a direction is 24 bits
 //! and an exponent; and `x/d < y/e` is `x·e < y·d`, two products of 80 bits.
+//!
+//! Where a ray begins and ends is a place, `frac + t · speed`: a product of 48 bits and an exponent,
+//! and an integer of 24 bits. So the cells there are integers, too, and no plane is ever compared with
+//! a `t`: a ray crosses before its end what is not beyond the cells in which it ends.
 
-use super::walk::Course;
+use glam::{IVec3, UVec3, Vec3};
+
+use super::course::Course;
 
 /// Bits of a ray's fraction.
 pub const FRAC_BITS: u32 = 24;
@@ -22,15 +29,119 @@ pub fn is_zero(x: f32) -> bool {
     x.to_bits() & 0x7f80_0000 == 0
 }
 
+/// The end of the index space from its first cell on. A plane there is given as 0, where no plane
+/// ahead is.
+pub(super) const WHOLE: f32 = (1_u64 << 32) as f32;
+
+/// A fraction of a cell in units of 2⁻²⁴.
+fn units(frac: f32) -> u64 {
+    (frac * (1 << FRAC_BITS) as f32) as u64
+}
+
 /// The distance from a course's origin to a plane on an axis, in units of 2⁻²⁴ cells.
 pub fn plane_distance(course: &Course, axis: usize, plane: u32) -> u64 {
-    (u64::from(plane) << FRAC_BITS) - (course.frac[axis] * (1 << FRAC_BITS) as f32) as u64
+    let cells = if plane == 0 { 1 << 32 } else { u64::from(plane) };
+    (cells << FRAC_BITS) - units(course.frac[axis])
+}
+
+/// Where a course crosses a plane, to within half of [`T_ERROR`].
+fn crossing(course: &Course, (axis, plane): (usize, u32)) -> f32 {
+    let cells = if plane == 0 { WHOLE } else { plane as f32 };
+    (cells - course.frac[axis]) * course.inverse[axis]
 }
 
 /// The 24 bits of a number that is not zero, and its exponent.
 pub(super) fn split(x: f32) -> (u32, u32) {
     let bits = x.to_bits();
     (bits & 0x007f_ffff | 0x0080_0000, bits >> 23)
+}
+
+/// Where a course is on an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Reached {
+    /// From the low end of the course's own cell, in units of 2⁻²⁴ cells, rounded down.
+    pub units: u64,
+    /// Whether that has cut nothing off.
+    pub is_exact: bool,
+}
+
+/// A place that no cell of the index space has.
+const BEYOND: u64 = 1 << 63;
+
+/// Where a course is on an axis at a `t`, which is 0 or more: `frac + t · speed`, in integers. Both
+/// numbers have 24 bits and an exponent. A place so far away that no cell of the index space is there
+/// is given as one such place.
+pub(super) fn reached_at(course: &Course, axis: usize, t: f32) -> Reached {
+    let start = units(course.frac[axis]);
+    let speed = course.speed[axis];
+    if t == 0.0 || speed == 0.0 {
+        return Reached { units: start, is_exact: true };
+    }
+    let ((digits_t, exponent_t), (digits_speed, exponent_speed)) = (split(t), split(speed));
+    // Of 48 bits.
+    let digits = u64::from(digits_t) * u64::from(digits_speed);
+    // 150 each for the exponents of digits that are whole numbers, and 24 for the unit.
+    let shift = exponent_t as i32 + exponent_speed as i32 - 276;
+    if shift > 15 {
+        return Reached { units: BEYOND, is_exact: true };
+    }
+    if shift <= -48 {
+        return Reached { units: start, is_exact: false };
+    }
+    let size = shift.unsigned_abs();
+    let way = if shift < 0 { digits >> size } else { digits << size };
+    Reached { units: way + start, is_exact: shift >= 0 || way << size == digits }
+}
+
+/// Cells on an axis that a course has crossed the planes of at a place, and whether the index space
+/// has as many. At a plane, it has crossed it.
+fn crossed_at(units: u64) -> (u32, bool) {
+    ((units >> FRAC_BITS) as u32, units >> (FRAC_BITS + 32) != 0)
+}
+
+/// A place that belongs to the cell before a plane where it is in one: so it is on an axis turned
+/// over, where voxels are half-open the other way.
+fn held_back(reached: Reached, is_turned: bool) -> u64 {
+    let in_plane = reached.is_exact && reached.units & ((1 << FRAC_BITS) - 1) == 0;
+    // An axis turned over has a way of at least one unit.
+    reached.units - u64::from(is_turned && in_plane)
+}
+
+/// Where a course begins.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Beginning {
+    pub cell: UVec3,
+    /// In it, from 0 to 1.
+    pub frac: Vec3,
+    pub is_beyond: bool,
+}
+
+pub(super) fn beginning(course: &Course) -> Beginning {
+    let mut begin = Beginning { cell: UVec3::ZERO, frac: course.frac, is_beyond: false };
+    if course.t_min == 0.0 {
+        return begin;
+    }
+    for axis in 0..3 {
+        let reached = reached_at(course, axis, course.t_min);
+        let units = held_back(reached, course.flip.cmpne(IVec3::ZERO).test(axis));
+        let (cells, is_beyond) = crossed_at(units);
+        begin.cell[axis] = cells;
+        // One unit before a plane is in it.
+        let place = (units & ((1 << FRAC_BITS) - 1)) + u64::from(units != reached.units);
+        begin.frac[axis] = place as f32 / (1 << FRAC_BITS) as f32;
+        begin.is_beyond |= is_beyond;
+    }
+    begin
+}
+
+/// The last cells that a course comes to before it ends: a plane at its very end is crossed.
+pub(super) fn ending(course: &Course) -> UVec3 {
+    UVec3::from_array([0, 1, 2].map(|axis| {
+        match crossed_at(reached_at(course, axis, course.t_max).units) {
+            (cells, false) => cells,
+            (_, true) => u32::MAX,
+        }
+    }))
 }
 
 /// Whether a course crosses plane `a` of one axis before plane `b` of another. Planes crossed at
@@ -43,8 +154,7 @@ pub(super) fn split(x: f32) -> (u32, u32) {
 /// difference modulo 2⁶⁴.
 pub fn plane_before(course: &Course, a: (usize, u32), b: (usize, u32)) -> bool {
     let (speed_a, speed_b) = (course.speed[a.0], course.speed[b.0]);
-    let t = |(axis, plane): (usize, u32)| (plane as f32 - course.frac[axis]) * course.inverse[axis];
-    let (t_a, t_b) = (t(a), t(b));
+    let (t_a, t_b) = (crossing(course, a), crossing(course, b));
     if speed_a == 0.0 || t_a > t_b * (1.0 + T_ERROR) {
         return false;
     }

@@ -23,6 +23,7 @@ mod blocks;
 mod bricks;
 mod build;
 mod content;
+mod course;
 mod crown;
 pub mod edit;
 pub mod exact;

@@ -4,125 +4,14 @@
 //! A ray is given in *local lattice* coordinates of one grid: `p(t) = cell + frac + t · dir`. It is
 //! walked as a [`Course`], which runs upwards on every axis.
 
-use glam::{BVec3, DVec3, IVec3, UVec3, Vec3};
+use glam::{IVec3, UVec3, Vec3};
 
 use super::PackedGrid;
 use super::anchor::{Anchor, anchored};
-use super::exact::{FRAC_BITS, T_ERROR, is_zero, plane_before};
+use super::course::FAR;
+pub use super::course::{Course, Ray};
+use super::exact::{T_ERROR, WHOLE, plane_before};
 use super::layout::*;
-
-/// A ray in local lattice coordinates.
-#[derive(Clone, Copy, Debug)]
-pub struct Ray {
-    /// The cell of the origin.
-    pub cell: IVec3,
-    /// Where in that cell the origin lies: a multiple of 2⁻²⁴, from 0 up to but not 1.
-    pub frac: Vec3,
-    /// Cells per unit of `t`; the largest component must be of a size between 2⁻³⁰ and 2³⁰. A ray
-    /// that is slower meets nothing.
-    pub dir: Vec3,
-    /// Where the ray starts.
-    pub t_min: f32,
-    /// Where it ends.
-    pub t_max: f32,
-}
-
-impl Ray {
-    /// The ray of a grid nearest to one in index space, `p(t) = cell + frac + t · dir`: the fraction
-    /// is rounded down to 24 bits, the direction is as it is. From `t = 0` on without an end.
-    pub fn from_index(grid: &PackedGrid, cell: IVec3, frac: Vec3, dir: Vec3) -> Self {
-        let from = frac.as_dvec3() - grid.kind.lattice_origin();
-        let units = f64::from(1 << FRAC_BITS);
-        // Just below a whole number, the difference rounds up to 1.
-        let frac = ((from - from.floor()) * units).floor().min(DVec3::splat(units - 1.0)) / units;
-        let cell = cell.wrapping_add(from.floor().as_ivec3()).wrapping_sub(grid.base);
-        Self { cell, frac: frac.as_vec3(), dir, t_min: 0.0, t_max: FAR }
-    }
-}
-
-/// A ray turned over on the axes where it runs down, so that it runs up on all of them: cell `c`
-/// becomes `!c`, and all that is ahead has larger coordinates. Cells are counted from the ray's own.
-#[derive(Clone, Copy, Debug)]
-pub struct Course {
-    /// -1 on the axes that are turned over, else 0.
-    pub flip: IVec3,
-    /// The ray's own cell, turned over.
-    pub cell: IVec3,
-    /// Where in that cell the ray begins, from 0 to 1: a multiple of 2⁻²⁴.
-    pub frac: Vec3,
-    /// Cells per unit of `t`, 0 or more; what hardware may take for zero is zero.
-    pub speed: Vec3,
-    /// One over that, or over `IDLE`, the least speed that counts, where it is less.
-    pub inverse: Vec3,
-    /// The grid's box: its first cells ahead (0 where the ray is in or beyond them) and its last.
-    pub first: UVec3,
-    /// The last cells of the box.
-    pub last: UVec3,
-    /// Whether the box is ahead of the ray on an axis.
-    before: BVec3,
-    /// Whether the ray can meet the box at all.
-    meets: bool,
-    /// The octant of its direction.
-    pub octant: u32,
-    t_min: f32,
-    t_max: f32,
-}
-
-/// Slower than this a ray reaches no other cell within the index space, but on the spot; dividing by
-/// less could exceed what f32 holds.
-const IDLE: f32 = 1.0 / (1_u128 << 88) as f32;
-/// `t` of planes that are never reached.
-const FAR: f32 = 1e30;
-/// The largest component of a direction is not smaller than this.
-const SLOWEST: f32 = 1.0 / (1 << 30) as f32;
-
-impl Course {
-    /// The course of a ray through a grid.
-    pub fn new(grid: &PackedGrid, ray: &Ray) -> Self {
-        let bounds = grid.occupied.unwrap_or(crate::tree::CoordBox::voxel(IVec3::ZERO));
-        let zero = BVec3::from_array(ray.dir.to_array().map(is_zero));
-        let down = ray.dir.cmplt(Vec3::ZERO) & !zero;
-        let flip = IVec3::select(down, IVec3::NEG_ONE, IVec3::ZERO);
-        let cell = ray.cell ^ flip;
-        let min = IVec3::select(down, !bounds.max, bounds.min);
-        let max = IVec3::select(down, !bounds.min, bounds.max);
-        let speed = Vec3::select(zero, Vec3::ZERO, ray.dir.abs());
-        let before = cell.cmplt(min);
-        let rel = |ahead: IVec3| ahead.wrapping_sub(cell).as_uvec3();
-        Self {
-            flip,
-            cell,
-            frac: Vec3::select(down, 1.0 - ray.frac, ray.frac),
-            speed,
-            inverse: 1.0 / speed.max(Vec3::splat(IDLE)),
-            first: UVec3::select(before, rel(min), UVec3::ZERO),
-            last: rel(max),
-            before,
-            meets: grid.occupied.is_some()
-                && cell.cmple(max).all()
-                && speed.max_element() >= SLOWEST,
-            octant: u32::from(down.x) << 2 | u32::from(down.y) << 1 | u32::from(down.z),
-            t_min: ray.t_min,
-            t_max: ray.t_max,
-        }
-    }
-
-    /// The local cell that is so many cells ahead.
-    pub fn local(&self, rel: UVec3) -> IVec3 {
-        self.cell.wrapping_add(rel.as_ivec3()) ^ self.flip
-    }
-
-    /// A place within a cell as the lattice has it.
-    fn unturned(&self, u: Vec3) -> Vec3 {
-        Vec3::select(self.flip.cmpne(IVec3::ZERO), 1.0 - u, u)
-    }
-
-    /// Where the course crosses planes ahead of it, one on each axis, to within [`T_ERROR`]. The
-    /// integers are exact; the ray's own numbers come in only at the end.
-    fn plane_t(&self, plane: UVec3) -> Vec3 {
-        (plane.as_vec3() - self.frac) * self.inverse
-    }
-}
 
 /// What covers a cell: everything alike over a cube of `2^log_dim` cells per edge, and over `reach`
 /// more such cubes ahead.
@@ -328,36 +217,32 @@ fn axis_of(v: Vec3, t: f32) -> usize {
     }
 }
 
+/// Later than all planes of the grid's box, and times a speed within f32.
+const NEVER: f32 = (1_u128 << 64) as f32;
+
 /// The start of the walk: a cell of the grid's box on the course.
 pub fn enter(course: &Course) -> Walk {
-    let nothing = Walk { rel: UVec3::ZERO, t: 0.0, axis: 3, inside: false };
-    if !course.meets {
-        return nothing;
+    // The planes of the box that are crossed after the ray's beginning.
+    let ahead = course.begin.cmplt(course.first);
+    if !ahead.any() {
+        let inside = course.meets && course.begin.cmple(course.last).all();
+        return Walk { rel: course.begin, t: course.t_min, axis: 3, inside };
     }
-    let near = Vec3::select(course.before, course.plane_t(course.first), Vec3::NEG_ONE);
+    let near = Vec3::select(ahead, course.plane_t(course.first), Vec3::NEG_ONE);
     let t = near.max_element();
-    if t < course.t_min || !course.before.any() {
-        let at = course.frac + course.t_min * course.speed;
-        // A place in a plane belongs to the cell above it, which is the one behind where turned over.
-        let down = course.flip.cmpne(IVec3::ZERO);
-        let cell = Vec3::select(down, at.ceil() - 1.0, at.floor());
-        let rel = cell.as_uvec3();
-        let in_box = rel.cmpge(course.first).all() && rel.cmple(course.last).all();
-        let inside = course.t_min <= course.t_max && in_box;
-        return Walk { rel, t: course.t_min, axis: 3, inside };
-    }
     // Beyond the last, where the ray has left the box on another axis before it comes in on this one.
-    let rel = cells_reached(course, t, course.first);
-    let inside = t <= course.t_max && rel.cmple(course.last).all();
-    Walk { rel, t, axis: axis_of(near, t) as u32, inside }
+    let rel = cells_reached(course, t, course.first.max(course.begin));
+    let inside = course.meets && t < NEVER && rel.cmple(course.last).all();
+    Walk { rel, t: t.max(course.t_min), axis: axis_of(near, t) as u32, inside }
 }
 
-/// The planes at the end of a span, one on each axis.
-pub(crate) fn planes_behind(course: &Course, rel: UVec3, span: Span) -> UVec3 {
-    let size = 1_i32.wrapping_shl(span.log_dim);
-    let low = course.cell.wrapping_add(rel.as_ivec3()) & size.wrapping_neg();
-    let ahead = low.wrapping_add(IVec3::splat(size.wrapping_mul(1 + span.reach as i32)));
-    ahead.wrapping_sub(course.cell).as_uvec3()
+/// The planes at the end of a span, one on each axis, modulo 2³²: beyond the index space they seem to
+/// lie behind the cell.
+fn planes_behind(course: &Course, rel: UVec3, span: Span) -> UVec3 {
+    let offset = course.cell.as_uvec3().wrapping_add(rel);
+    let size = 1_u32 << span.log_dim;
+    let ahead = UVec3::splat((span.reach + 1) << span.log_dim);
+    rel.wrapping_add(ahead.wrapping_sub(offset & UVec3::splat(size - 1)))
 }
 
 /// Steps out of the span that holds the walk's cell.
@@ -365,49 +250,57 @@ pub(crate) fn planes_behind(course: &Course, rel: UVec3, span: Span) -> UVec3 {
 /// Which plane is crossed next is exact; how many planes of the other axes have been crossed by then
 /// is a lower bound. Where it is too low, the walk crosses those planes next, in cells beside the ray
 /// that it does not touch: all that it does touch are visited. The course never turns back and passes
-/// at least one plane, so a walk takes at most as many steps as the box has cells along its three
-/// edges.
+/// at least one plane, the face of a span: a walk takes at most as many steps as the spans of the box
+/// have faces along its three edges, and the cells of the box have at most.
 pub fn advance(course: &Course, walk: &Walk, span: Span) -> Walk {
-    let plane = planes_behind(course, walk.rel, span);
-    let exits = course.plane_t(plane);
+    let mut plane = planes_behind(course, walk.rel, span);
+    let mut exits = course.plane_t(plane);
+    // Nothing goes back, but planes beyond the index space seem to: the ray leaves them with the space.
+    let is_at_end = exits.min_element() < 0.5 * walk.t;
+    if is_at_end {
+        let beyond = plane.cmple(walk.rel);
+        plane = UVec3::select(beyond, UVec3::ZERO, plane);
+        exits = Vec3::select(beyond, (WHOLE - course.frac) * course.inverse, exits);
+    }
     let axis = first_axis(course, plane, exits);
     let t = exits[axis];
     let mut rel = cells_reached(course, t, walk.rel);
-    debug_assert!(rel.cmplt(plane).all(), "beyond a plane that is not crossed yet");
+    let passed = |own: usize| plane[own] != 0 && rel[own] >= plane[own];
+    debug_assert!(!(0..3).any(passed), "beyond a plane that is not crossed yet");
     rel[axis] = plane[axis];
-    let inside = t <= course.t_max && rel.cmple(course.last).all();
+    let inside = rel.cmple(course.last).all() && !(is_at_end && rel.cmplt(walk.rel).any());
     Walk { rel, t, axis: axis as u32, inside }
 }
 
-/// The cell in which a ray begins: there, it comes in by no face.
-fn begin_of(walk: &Walk) -> UVec3 {
-    if walk.axis == 3 { walk.rel } else { UVec3::ZERO }
-}
-
-/// Whether the ray itself comes into the walk's cell, where and by which face: `begin` is the cell in
-/// which the ray begins. The answer does not depend on the way by which the walk has come.
-fn confirm(course: &Course, walk: &Walk, begin: UVec3) -> Walk {
-    let crossed = walk.rel.cmpgt(begin);
+/// Whether the ray itself comes into the walk's cell, where and by which face; one that begins there
+/// comes in by none. The answer does not depend on the way by which the walk has come.
+fn confirm(course: &Course, walk: &Walk) -> Walk {
+    let crossed = walk.rel.cmpgt(course.begin);
     if !crossed.any() {
-        return *walk;
+        return Walk { rel: walk.rel, t: course.t_min, axis: 3, inside: true };
     }
     let near = Vec3::select(crossed, course.plane_t(walk.rel), Vec3::NEG_ONE);
     let t = near.max_element();
     let mut axis = axis_of(near, t);
     let second = near[(axis + 1) % 3].max(near[(axis + 2) % 3]);
-    let exits = course.plane_t(walk.rel.wrapping_add(UVec3::ONE));
+    let behind = walk.rel.wrapping_add(UVec3::ONE);
+    let at_end = (WHOLE - course.frac) * course.inverse;
+    let exits = Vec3::select(behind.cmpeq(UVec3::ZERO), at_end, course.plane_t(behind));
     let mut inside = true;
     if second * (1.0 + T_ERROR) >= t || exits.min_element() <= t * (1.0 + T_ERROR) {
         let plane = |own: usize| (own, walk.rel[own]);
         let later = |last, own| last == 3 || !plane_before(course, plane(own), plane(last));
         let crossed = (0..3).filter(|&own| crossed.test(own));
         axis = crossed.fold(3, |last, own| if later(last, own) { own } else { last });
-        let left = |own| {
-            own != axis && plane_before(course, (own, walk.rel[own].wrapping_add(1)), plane(axis))
-        };
+        let left = |own| own != axis && plane_before(course, (own, behind[own]), plane(axis));
         inside = !(0..3).any(left);
     }
     Walk { rel: walk.rel, t: near[axis], axis: axis as u32, inside }
+}
+
+/// A `t` on a course, which rounding must not lead out of it.
+fn within(course: &Course, t: f32) -> f32 {
+    t.clamp(course.t_min, course.t_max)
 }
 
 /// The first occupied cell on a ray.
@@ -425,15 +318,13 @@ pub struct Hit {
 pub fn first_hit(grid: &PackedGrid, ray: &Ray) -> Option<Hit> {
     let course = Course::new(grid, ray);
     let mut walk = enter(&course);
-    let begin = begin_of(&walk);
     while walk.inside {
         let cell = course.local(walk.rel);
         let mut span = locate(grid, cell, course.octant);
         if span.occupied() {
-            let hit = confirm(&course, &walk, begin);
+            let hit = confirm(&course, &walk);
             if hit.inside {
-                let found = Hit { cell, t: hit.t, axis: hit.axis };
-                return Some(found).filter(|hit| hit.t <= course.t_max);
+                return Some(Hit { cell, t: within(&course, hit.t), axis: hit.axis });
             }
             span = Span::empty(0, 0);
         }
@@ -455,6 +346,10 @@ const GAUSS: f32 = 0.288_675_13;
 /// Cells that a walk may be away from its anchor before it gets a new one.
 const ANCHOR_RANGE: u32 = 64;
 
+/// What `∫ density dt` is at most: that of the greatest densities exceeds f32 where a ray takes long to
+/// pass.
+const MOST_LENGTH: f32 = 3e38;
+
 /// ∫ density dt along the ray. Within one trilinear cell the density is a cubic in `t`, which the
 /// two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
 ///
@@ -463,8 +358,7 @@ const ANCHOR_RANGE: u32 = 64;
 pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
     let course = Course::new(grid, ray);
     let mut walk = enter(&course);
-    let begin = begin_of(&walk);
-    let mut near = Anchor { cell: UVec3::ZERO, frac: Vec3::ZERO, t: 0.0 };
+    let mut near = Anchor { cell: UVec3::ZERO, frac: Vec3::ZERO, t: 0.0, end: FAR };
     let mut in_run = false;
     let mut from = 0.0;
     let mut sum = 0.0;
@@ -477,7 +371,7 @@ pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
             continue;
         }
         if !in_run || here.rel.wrapping_sub(near.cell).max_element() > ANCHOR_RANGE {
-            let own = confirm(&course, &here, begin);
+            let own = confirm(&course, &here);
             if !own.inside {
                 walk = advance(&course, &here, Span::empty(0, 0));
                 continue;
@@ -487,15 +381,15 @@ pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
         }
         walk = advance(&course, &here, span);
         let plane = planes_behind(&course, here.rel, span);
-        let to = near.exit(&course, plane, walk.axis as usize, walk.t).max(from);
-        let end = to.min(course.t_max - near.t);
+        let to = near.exit(&course, plane, walk.axis as usize).max(from);
+        let end = to.min(near.end);
         let mean = mean_density(grid, &course, &near, &here, span, (from, end));
         sum += (end - from) * mean;
         from = to;
         // Of a mixed tile, cells without density count as void.
         in_run = mean > 0.0 && !span.constant();
     }
-    sum
+    sum.min(MOST_LENGTH)
 }
 
 /// The mean density between two parameters from the anchor on, within the cube of a span.
@@ -511,7 +405,7 @@ fn mean_density(
         return palette(grid, span.word & PAYLOAD);
     }
     let corners = corners(grid, span, course.local(walk.rel));
-    let origin = near.frac - (walk.rel - near.cell).as_vec3();
+    let origin = near.frac - walk.rel.wrapping_sub(near.cell).as_vec3();
     let at = |s: f32| {
         let t = from + (to - from) * s;
         let u = (origin + t * course.speed).clamp(Vec3::ZERO, Vec3::ONE);

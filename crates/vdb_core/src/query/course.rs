@@ -5,10 +5,12 @@ use glam::{DVec3, IVec3, UVec3};
 use super::IndexRay;
 use crate::pack::PackedGrid;
 use crate::pack::exact::FRAC_BITS;
-use crate::pack::walk::{Course, Ray, Span, Walk, advance, enter, locate, planes_behind};
+use crate::pack::walk::{Course, Ray, Span, Walk, advance, enter, locate};
 
-/// Cells before the grid's box at which a ray from farther away begins.
+/// Cells before the grid's box at which a ray from farther away begins, where 32 bits have such cells.
 const MARGIN: f64 = 1.0;
+/// The lowest cell there is, and the end of the highest.
+const ENDS: [f64; 2] = [-2_147_483_648.0, 2_147_483_648.0];
 
 /// A ray in local lattice coordinates, of which the fastest component is 1 cell per unit of the
 /// walk's `t`.
@@ -16,7 +18,9 @@ const MARGIN: f64 = 1.0;
 pub(super) struct LocalRay {
     pub ray: Ray,
     /// Where it begins, on the index ray,
-    t_begin: f64,
+    pub t_begin: f64,
+    /// by a plane across which axis, if not with it,
+    pub begin_axis: usize,
     /// and how many units of the walk's `t` are one of the index ray's.
     pub speed: f64,
 }
@@ -26,14 +30,14 @@ impl LocalRay {
     pub fn new(grid: &PackedGrid, ray: &IndexRay) -> Option<Self> {
         let bounds = grid.occupied?;
         let origin = ray.origin - grid.base.as_dvec3() - grid.kind.lattice_origin();
-        let low = bounds.min.as_dvec3() - MARGIN;
-        let high = bounds.max.as_dvec3() + 1.0 + MARGIN;
+        let low = (bounds.min.as_dvec3() - MARGIN).max(DVec3::splat(ENDS[0]));
+        let high = (bounds.max.as_dvec3() + 1.0 + MARGIN).min(DVec3::splat(ENDS[1]));
         let speed = ray.dir.abs().max_element();
         let finite = origin.is_finite() && ray.dir.is_finite();
         if !finite || speed == 0.0 || ray.t_max.is_nan() {
             return None;
         }
-        let (mut t_begin, mut t_end) = (0.0_f64, ray.t_max);
+        let (mut t_begin, mut begin_axis, mut t_end) = (0.0_f64, 0, ray.t_max);
         for axis in 0..3 {
             if ray.dir[axis] == 0.0 {
                 if origin[axis] < low[axis] || origin[axis] > high[axis] {
@@ -42,25 +46,29 @@ impl LocalRay {
                 continue;
             }
             let [a, b] = [low, high].map(|plane| (plane[axis] - origin[axis]) / ray.dir[axis]);
-            t_begin = t_begin.max(a.min(b));
+            if a.min(b) > t_begin {
+                (t_begin, begin_axis) = (a.min(b), axis);
+            }
             t_end = t_end.min(a.max(b));
         }
         if t_begin > t_end {
             return None;
         }
-        let from = origin + t_begin * ray.dir;
+        // Rounding may lead out of the box, and what is in the plane at its high end is just before it.
+        let from = (origin + t_begin * ray.dir).clamp(low, high);
+        let cell = from.floor().min(DVec3::splat(ENDS[1] - 1.0));
         let units = f64::from(1 << FRAC_BITS);
         // Just below a whole number, the difference rounds up to 1.
-        let frac = ((from - from.floor()) * units).floor().min(DVec3::splat(units - 1.0)) / units;
+        let frac = ((from - cell) * units).floor().min(DVec3::splat(units - 1.0)) / units;
         let ray = Ray {
-            cell: from.floor().as_ivec3(),
+            cell: cell.as_ivec3(),
             frac: frac.as_vec3(),
             dir: (ray.dir / speed).as_vec3(),
             t_min: 0.0,
             // Ends where it should by the f64 that the walk's t is converted to.
             t_max: (((t_end - t_begin) * speed) as f32).next_up().min(1e30),
         };
-        Some(Self { ray, t_begin, speed })
+        Some(Self { ray, t_begin, begin_axis, speed })
     }
 
     /// The index ray's `t`.
@@ -111,14 +119,16 @@ pub(super) struct Passage {
 impl Passage {
     /// `None` where the ray only comes near: a walk also looks at cells beside it.
     fn new(course: &Course, walk: &Walk, span: Span) -> Option<Self> {
-        let size = 2_f64.powi(span.log_dim as i32);
-        let high: UVec3 = planes_behind(course, walk.rel, span);
-        let (high, frac) = (high.as_dvec3(), course.frac.as_dvec3());
+        let size = 1_u32 << span.log_dim;
+        let offset = course.cell.as_uvec3().wrapping_add(walk.rel) & UVec3::splat(size - 1);
+        // In f64, as the end of the index space exceeds 32 bits.
+        let low = walk.rel.as_dvec3() - offset.as_dvec3();
+        let (high, frac) = (low + f64::from(size), course.frac.as_dvec3());
         let speed = course.speed.as_dvec3();
         let mut t = [0.0, f64::INFINITY];
         for axis in 0..3 {
             if speed[axis] > 0.0 {
-                t[0] = t[0].max((high[axis] - size - frac[axis]) / speed[axis]);
+                t[0] = t[0].max((low[axis] - frac[axis]) / speed[axis]);
                 t[1] = t[1].min((high[axis] - frac[axis]) / speed[axis]);
             }
         }

@@ -7,7 +7,7 @@ use super::{
     cells::Corners,
     field::{Block, Field},
     planes::Planes,
-    walk::{Span, Walk},
+    walk::{Span, Walk, outside_of_index_space},
 };
 use crate::tree::{IVec3, Node, Tree};
 
@@ -97,11 +97,16 @@ impl<'a, C: Node<Value = f32>> Blocky<'a, C> {
                 // No voxels there, so that not even an occupied background counts.
                 Some(span) => span,
                 None => {
-                    let (span, value, active) = match self.field.block(&mut accessor, cell) {
-                        Block::Tile(span, value, active) => (span, value, active),
-                        Block::Voxel(value, active) => (Span::cell(cell), value, active),
+                    let (span, occupied) = match self.field.block(&mut accessor, cell) {
+                        Block::Tile(span, value, active) => {
+                            let holds = self.occupied.holds(value, active);
+                            (span, holds && !self.field.is_void(cell))
+                        }
+                        Block::Voxel(value, active) => {
+                            (Span::cell(cell), self.occupied.holds(value, active))
+                        }
                     };
-                    if self.occupied.holds(value, active) {
+                    if occupied {
                         let face = walk
                             .entered()
                             .map(|(axis, step)| Face { axis: axis as u8, sign: -step as i8 });
@@ -118,16 +123,6 @@ impl<'a, C: Node<Value = f32>> Blocky<'a, C> {
     }
 }
 
-/// The half-space without voxels in which a cell lies, if it does not lie in the index space.
-fn outside_of_index_space(cell: [i64; 3]) -> Option<Span> {
-    let (low, high) = (i64::from(i32::MIN), i64::from(i32::MAX));
-    (0..3).find_map(|axis| match cell[axis] {
-        c if c < low => Some(Span::slab(axis, -super::planes::FAR, low - 1)),
-        c if c > high => Some(Span::slab(axis, high + 1, super::planes::FAR)),
-        _ => None,
-    })
-}
-
 /// The first occupied voxel on a ray and the face through which the ray enters it. **Exact**: voxel
 /// and face are what the real numbers of the ray say, whatever they are.
 ///
@@ -137,6 +132,7 @@ fn outside_of_index_space(cell: [i64; 3]) -> Option<Span> {
 ///   crossed at the same `t` are crossed one after the other, x before y before z, and the voxels
 ///   between them count. The face of the hit is that of the last plane crossed.
 /// - A crossing at exactly `t_max` counts. A zero component of the direction never crosses.
+/// - Where the root of the tree has no entry there are no voxels, whatever the background.
 ///
 /// For many rays, prepare the tree once with [`Blocky::new`].
 pub fn first_voxel<C: Node<Value = f32>>(

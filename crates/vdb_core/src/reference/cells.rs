@@ -9,7 +9,7 @@ use super::{
     cubic::Cubic,
     field::Field,
     planes::Planes,
-    walk::{Span, Walk},
+    walk::{Span, Walk, outside_of_index_space},
 };
 use crate::tree::Node;
 
@@ -118,7 +118,7 @@ impl Stretch {
 }
 
 /// Calls `visit` for the stretches of a ray in their order, those of no length left out, until it
-/// breaks. `convert` makes a number of each sample.
+/// breaks. `convert` makes a number of each sample. Cells without a number in the index space are none.
 pub(super) fn visit_cells<C: Node, R>(
     field: &Field<'_, C>,
     ray: &Ray,
@@ -130,6 +130,11 @@ pub(super) fn visit_cells<C: Node, R>(
     let mut accessor = field.tree().accessor();
     for _ in 0..=field.max_steps() {
         let cell = walk.cell();
+        if let Some(span) = outside_of_index_space(cell) {
+            let exit = walk.exit(span)?;
+            walk.cross(span, exit);
+            continue;
+        }
         let even = field.even_cells(&mut accessor, cell);
         let span = even.map_or(Span::cell(cell), |(span, _)| span);
         let exit = walk.exit(span);

@@ -24,6 +24,8 @@ pub(super) struct Field<'a, C: Node> {
     tree: &'a Tree<C>,
     /// The lowest voxels of the slots on each axis that hold an entry of the root, ascending.
     slots: [Vec<i64>; 3],
+    /// The lowest voxels of the root's entries, ascending.
+    entries: Vec<[i64; 3]>,
 }
 
 /// Voxels per edge of a slot of the root.
@@ -40,7 +42,15 @@ impl<'a, C: Node> Field<'a, C> {
             slots.dedup();
             slots
         });
-        Self { tree, slots }
+        let mut entries: Vec<[i64; 3]> =
+            tree.entries().map(|(origin, _)| origin.to_array().map(i64::from)).collect();
+        entries.sort_unstable();
+        Self { tree, slots, entries }
+    }
+
+    /// Whether a voxel lies where the root has no entry.
+    pub fn is_void(&self, voxel: [i64; 3]) -> bool {
+        self.entries.binary_search(&voxel.map(|c| c & -edge::<C>())).is_err()
     }
 
     pub fn tree(&self) -> &'a Tree<C> {

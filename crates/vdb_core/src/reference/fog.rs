@@ -20,11 +20,14 @@ pub struct Estimate {
     pub error: f64,
 }
 
-/// The density that a sample stands for: a negative one and a NaN are none at all, an infinite one
-/// is the greatest f32. Samples are clamped, and then interpolated.
+/// The greatest sample there is, and the least with a minus: others count as these.
+pub(super) const GREATEST: f32 = 1e30;
+
+/// The density that a sample stands for: a negative one and a NaN are none at all, what is above 10³⁰
+/// is 10³⁰. Samples are clamped, and then interpolated.
 pub fn density(sample: f32) -> f64 {
     // A NaN fails the comparison.
-    if sample > 0.0 { f64::from(sample.min(f32::MAX)) } else { 0.0 }
+    if sample > 0.0 { f64::from(sample.min(GREATEST)) } else { 0.0 }
 }
 
 /// The roundoff of f64.

@@ -56,8 +56,8 @@ const SAME_ROOT: f64 = 0.5;
 
 impl<C: Node<Value = f32>> Smooth<'_, C> {
     /// Judges an answer: `t` of the first surface, or nothing. `noise` is the bound of the error of
-    /// the interpolant in the tracer that is judged, in units of the values; a dip or a graze that
-    /// is smaller excuses it.
+    /// the interpolant in the tracer that is judged, in parts of the greatest distance of a corner of
+    /// the cell from the iso-value; a dip or a graze that is smaller excuses it.
     pub fn judge(&self, ray: &Ray, answer: Option<f64>, noise: f64) -> SurfaceVerdict {
         self.judge_within(ray, answer, noise, SAME_ROOT).0
     }
@@ -89,7 +89,9 @@ impl<C: Node<Value = f32>> Smooth<'_, C> {
             let back = overlooked.is_some_and(|entering: bool| entering != hit.entering);
             match verdict {
                 SurfaceVerdict::Missed if back => overlooked = None,
-                SurfaceVerdict::Missed if hit.depth <= noise => overlooked = Some(hit.entering),
+                SurfaceVerdict::Missed if hit.depth <= noise * hit.largest => {
+                    overlooked = Some(hit.entering)
+                }
                 SurfaceVerdict::Off(_) => return (excuse(verdict), Some(hit)),
                 _ => return (verdict, Some(hit)),
             }
@@ -108,7 +110,7 @@ fn judge(
 ) -> SurfaceVerdict {
     let at_graze = |t: f64| {
         let near = |t0: f64| (t - t0).abs() * voxels <= reach;
-        trace.graze.is_some_and(|graze| graze.value <= noise && near(graze.t))
+        trace.graze.is_some_and(|graze| graze.value <= noise * graze.largest && near(graze.t))
     };
     match (answer, trace.hit) {
         (None, None) => SurfaceVerdict::BothMiss,

@@ -8,7 +8,10 @@
 //! - The trilinear *cell* `ijk` is the cube `[ijk, ijk + 1]` between the samples `ijk + {0, 1}³`.
 //! - A [`Ray`] is `p(t) = cell + frac + t · dir` in index space, in the very f32 numbers that a
 //!   shader gets; they are taken for exact.
-//! - Outside of the 32-bit index space there are no voxels; interpolation sees background there.
+//! - Outside of the 32-bit index space there are no voxels and no cells; the cells at its upper end see
+//!   the background there. Where the root of a tree has no entry there are no voxels.
+//! - A negative `t_min` counts as 0. A ray whose direction's largest component is not from 2⁻³⁰ to 2³⁰ in
+//!   size, or that ends before it begins, meets nothing.
 //!
 //! # What there is
 //!

@@ -15,10 +15,11 @@ pub struct Ray {
     pub cell: IVec3,
     /// The rest of the origin, in voxels; normally in `[0, 1]`, at most 2³¹ in magnitude.
     pub frac: Vec3,
-    /// Voxels per unit of `t`; need not be of unit length. Zeros, of either sign, and denormal
-    /// numbers mean what they say.
+    /// Voxels per unit of `t`; need not be of unit length, but the largest component must be of a size
+    /// from 2⁻³⁰ to 2³⁰. Zeros, of either sign, and denormal numbers mean what they say.
     pub dir: Vec3,
-    /// Where the ray begins, in units of `t`.
+    /// Where the ray begins, in units of `t`. A negative number counts as 0: a ray has nothing behind
+    /// its origin.
     pub t_min: f32,
     /// Where the ray ends, in units of `t`; may be infinite.
     pub t_max: f32,
@@ -44,20 +45,39 @@ impl Ray {
         Self { t_min, t_max, ..self }
     }
 
-    /// The ray with denormal fractions and direction components made zero, of the same sign: what
-    /// hardware that flushes denormal numbers (as WGSL lets it) makes of the ray.
+    /// The ray with all that is denormal made zero, of the same sign: what hardware that flushes
+    /// denormal numbers (as WGSL lets it) makes of the ray.
     pub fn flushed(self) -> Self {
         let flush = |c: f32| if c.is_subnormal() { 0.0_f32.copysign(c) } else { c };
-        Self { frac: self.frac.map(flush), dir: self.dir.map(flush), ..self }
+        Self {
+            frac: self.frac.map(flush),
+            dir: self.dir.map(flush),
+            t_min: flush(self.t_min),
+            t_max: flush(self.t_max),
+            ..self
+        }
+    }
+
+    /// Where the ray begins: [`t_min`](Self::t_min), or 0.
+    pub fn begin(&self) -> f32 {
+        if self.t_min < 0.0 { 0.0 } else { self.t_min }
     }
 
     /// Whether the ray is one that can be traced: all numbers finite (`t_max` may be infinite), the
-    /// fraction at most 2³¹ in magnitude and `t_min <= t_max`. Any other ray hits nothing.
+    /// fraction at most 2³¹ in magnitude, the largest component of the direction from 2⁻³⁰ to 2³⁰ in
+    /// size, and an end that is not before the beginning. Any other ray hits nothing.
     pub fn is_valid(&self) -> bool {
-        let frac_fits = self.frac.abs().max_element() <= (1_u32 << 31) as f32;
+        let largest = |v: Vec3| v.abs().max_element();
         let finite = self.frac.is_finite() && self.dir.is_finite() && self.t_min.is_finite();
-        finite && frac_fits && self.t_min <= self.t_max
+        let fits = largest(self.frac) <= (1_u32 << 31) as f32
+            && (Self::SLOWEST..=Self::FASTEST).contains(&largest(self.dir));
+        finite && fits && self.begin() <= self.t_max
     }
+
+    /// The least size of the largest component of a direction.
+    pub const SLOWEST: f32 = 1.0 / (1 << 30) as f32;
+    /// The greatest size of any component of a direction.
+    pub const FASTEST: f32 = (1 << 30) as f32;
 
     /// The point at `t` in index space, rounded to f64: good to about `2⁻⁵² (|cell| + |t · dir|)`.
     pub fn at(&self, t: f64) -> DVec3 {

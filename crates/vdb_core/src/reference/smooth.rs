@@ -9,6 +9,7 @@ use super::{
     cells::{Corners, Samples, Stretch, visit_cells},
     cubic::{Cubic, Signs},
     field::Field,
+    fog::GREATEST,
 };
 use crate::tree::{IVec3, Node, Tree};
 
@@ -31,6 +32,9 @@ pub struct SurfaceHit {
     /// no longer followed once it is an eighth of that of any corner of the cell. Where it is below
     /// the error of an evaluation in f32, a tracer in f32 may well see no root here.
     pub depth: f64,
+    /// The greatest distance of a corner of the cell from the iso-value: what that error is in
+    /// proportion to.
+    pub largest: f64,
 }
 
 impl SurfaceHit {
@@ -47,6 +51,8 @@ pub struct Graze {
     pub t: f64,
     /// The distance of the interpolant from the iso-value, in units of the values.
     pub value: f64,
+    /// The greatest distance of a corner of the cell from the iso-value.
+    pub largest: f64,
 }
 
 /// All that [`trace_surface`] finds.
@@ -65,8 +71,7 @@ pub struct SurfaceTrace {
 /// - Only a change of sign is a surface. A touch without one (a double root) is none, nor is a
 ///   beginning on the surface; where the interpolant is zero for a while and then changes sign, the
 ///   root is the end of that while.
-/// - Where a corner of a cell is NaN or infinite, the cell is a hole: no root lies in it, and
-///   the sign before it is forgotten.
+/// - Samples are clamped, and then interpolated: a NaN is the iso-value, what is beyond ±10³⁰ is ±10³⁰.
 /// - Certainty: along the chord in a cell the interpolant is a cubic, whose roots are isolated by
 ///   the signs of its Bernstein coefficients. With `M` the greatest distance of a corner from `iso`,
 ///   no root is missed or invented where the interpolant exceeds 2⁻⁴⁶ `M`, for a ray displaced by
@@ -112,27 +117,32 @@ impl<'a, C: Node<Value = f32>> Smooth<'a, C> {
         let at = ray.frac.as_dvec3() + t * ray.dir.as_dvec3();
         let cell = [0, 1, 2].map(|axis| i64::from(ray.cell[axis]) + at[axis].floor() as i64);
         let corners = self.field.corners(&mut self.field.tree().accessor(), cell);
-        let convert = |value: f32| f64::from(value) - f64::from(self.iso);
-        let corners = Corners(corners.map(convert));
+        let corners = Corners(corners.map(|value| distance(value, self.iso)));
         let largest = corners.0.iter().fold(0.0, |most: f64, corner| most.max(corner.abs()));
         (corners.at(at - at.floor()), largest)
     }
 
     fn scan(&self, ray: &Ray, grazes: bool) -> SurfaceTrace {
         let mut scan = Scan { grazes, ..Scan::default() };
-        let convert = |value: f32| f64::from(value) - f64::from(self.iso);
+        let convert = |value: f32| distance(value, self.iso);
         visit_cells(&self.field, ray, convert, |stretch| scan.stretch(ray, stretch));
         SurfaceTrace { hit: scan.hit.map(|(hit, _)| hit), graze: scan.graze }
     }
 }
 
+/// How far a sample is above the iso-value.
+fn distance(sample: f32, iso: f32) -> f64 {
+    let sample = if sample.is_nan() { iso } else { sample.clamp(-GREATEST, GREATEST) };
+    f64::from(sample) - f64::from(iso)
+}
+
 /// What is known of the interpolant so far.
 #[derive(Debug, Default)]
 struct Scan {
-    /// The last sign other than zero; 0 when there was none, or a hole came after.
+    /// The last sign other than zero; 0 when there was none.
     sign: i8,
     /// The last distance from the iso-value, and whether it was closer than the one before.
-    last: Option<(f64, f64, bool)>,
+    last: Option<(Graze, bool)>,
     graze: Option<Graze>,
     /// Whether grazes are wanted.
     grazes: bool,
@@ -145,19 +155,8 @@ impl Scan {
         let bound = match &stretch.samples {
             Samples::Even(value) => value.abs(),
             // `max` would pass over a NaN.
-            Samples::Cell(corners) => corners
-                .0
-                .iter()
-                .fold(0.0, |m, v| if v.abs() > m || v.is_nan() { v.abs() } else { m }),
+            Samples::Cell(corners) => corners.0.iter().fold(0.0, |m: f64, v| m.max(v.abs())),
         };
-        if !bound.is_finite() {
-            (self.sign, self.last) = (0, None);
-            return if self.hit.is_some() {
-                ControlFlow::Break(())
-            } else {
-                ControlFlow::Continue(())
-            };
-        }
         // Between samples of one sign there is no other sign.
         let side = stretch.samples.sign();
         if side != 0 && self.sign * side >= 0 && self.hit.is_none() && !self.grazes {
@@ -168,10 +167,10 @@ impl Scan {
         match (cubic.first_change(self.sign, bound / (1_u64 << 46) as f64), &mut self.hit) {
             (Signs::Kept(sign), None) => {
                 self.sign = sign;
-                self.approach(stretch, &cubic, 1.0);
+                self.approach(stretch, &cubic, bound, 1.0);
             }
             (Signs::Changed(s, sign), None) => {
-                self.approach(stretch, &cubic, s);
+                self.approach(stretch, &cubic, bound, s);
                 let t = stretch.t_at(s);
                 let gradient = match &stretch.samples {
                     Samples::Even(_) => DVec3::ZERO,
@@ -184,6 +183,7 @@ impl Scan {
                     gradient,
                     entering: sign < 0,
                     depth: 0.0,
+                    largest: bound,
                 };
                 self.sign = sign;
                 self.hit = Some((hit, bound / 8.0));
@@ -201,25 +201,25 @@ impl Scan {
     }
 
     /// Notes where, up to `end`, the interpolant comes close to the iso-value and turns away.
-    fn approach(&mut self, stretch: &Stretch, cubic: &Cubic, end: f64) {
+    fn approach(&mut self, stretch: &Stretch, cubic: &Cubic, largest: f64, end: f64) {
         if !self.grazes {
             return;
         }
         let inner = cubic.extrema().filter(|s| *s < end);
         for s in std::iter::once(0.0).chain(inner).chain([end]) {
-            let (t, value) = (stretch.t_at(s), cubic.at(s).abs());
+            let here = Graze { t: stretch.t_at(s), value: cubic.at(s).abs(), largest };
             let closer = match self.last {
                 None => false,
-                Some((_, last, closer)) if value == last => closer,
-                Some((t, last, closer)) => {
-                    let nearest = self.graze.is_none_or(|graze| last < graze.value);
-                    if closer && value > last && nearest {
-                        self.graze = Some(Graze { t, value: last });
+                Some((last, closer)) if here.value == last.value => closer,
+                Some((last, closer)) => {
+                    let nearest = self.graze.is_none_or(|graze| last.value < graze.value);
+                    if closer && here.value > last.value && nearest {
+                        self.graze = Some(last);
                     }
-                    value < last
+                    here.value < last.value
                 }
             };
-            self.last = Some((t, value, closer));
+            self.last = Some((here, closer));
         }
     }
 

@@ -28,6 +28,16 @@ impl Span {
     }
 }
 
+/// The half-space without voxels and cells in which a cell lies, if it does not lie in the index space.
+pub(super) fn outside_of_index_space(cell: [i64; 3]) -> Option<Span> {
+    let (low, high) = (i64::from(i32::MIN), i64::from(i32::MAX));
+    (0..3).find_map(|axis| match cell[axis] {
+        c if c < low => Some(Span::slab(axis, -FAR, low - 1)),
+        c if c > high => Some(Span::slab(axis, high + 1, FAR)),
+        _ => None,
+    })
+}
+
 /// Where on a ray the walk stands: a cell, and the plane through which it was entered.
 ///
 /// Crossings are ordered by `t`, and at the same `t` by axis, x before y before z. The walk visits
@@ -49,14 +59,15 @@ impl Walk {
         if !ray.is_valid() {
             return None;
         }
+        let t_min = ray.begin();
         let mut cell = [0; 3];
         for (axis, cell) in cell.iter_mut().enumerate() {
-            let above = planes.coordinate(axis, f64::from(ray.t_min)).floor();
+            let above = planes.coordinate(axis, f64::from(t_min)).floor();
             // A saturating cast, so that no sum overflows; then corrected by exact questions. A
             // start beyond FAR stays there: it is outside of the index space either way.
             let guess = planes.origin(axis) + (above as i64).clamp(-2 * FAR, 2 * FAR);
             *cell = guess.clamp(-FAR, FAR);
-            let is_below = |n| planes.side(Plane { axis, n }, ray.t_min) == Ordering::Less;
+            let is_below = |n| planes.side(Plane { axis, n }, t_min) == Ordering::Less;
             while *cell > -FAR && is_below(*cell) {
                 *cell -= 1;
             }
@@ -64,7 +75,7 @@ impl Walk {
                 *cell += 1;
             }
         }
-        Some(Self { planes, cell, entered: None, t_min: ray.t_min, t_max: ray.t_max })
+        Some(Self { planes, cell, entered: None, t_min, t_max: ray.t_max })
     }
 
     /// The cell of the lattice.

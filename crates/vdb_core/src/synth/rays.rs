@@ -108,6 +108,48 @@ pub fn far(random: &mut Random, bbox: CoordBox) -> Option<(Ray, f32)> {
     Some((Ray::new(IVec3::new(x, y, z), frac, eighths.as_vec3() / 8.0), n as f32))
 }
 
+/// A `t` at which something is decided: where a ray crosses a plane of a lattice of cells, whose planes
+/// lie `offset` before whole numbers; a plane of a box of cells, or any; or one step in the last place
+/// beside. Sometimes any `t` between those of such planes, and sometimes none of all this.
+fn plane_t(random: &mut Random, ray: &Ray, bbox: CoordBox, offset: f64) -> f32 {
+    let axis = random.below(3) as usize;
+    let (low, high) = (i64::from(bbox.min[axis]), i64::from(bbox.max[axis]) + 1);
+    let plane = match random.below(4) {
+        0 => low,
+        1 => high,
+        _ => low - 2 + random.below((high - low + 5) as u64) as i64,
+    };
+    let way = (plane - i64::from(ray.cell[axis])) as f64 - offset - f64::from(ray.frac[axis]);
+    let t = way / f64::from(ray.dir[axis]);
+    match random.below(8) {
+        0 => pick(random, &[0.0, -0.0, -1.0, 1e-45, -1e-45, f32::MIN_POSITIVE, 1e30, f32::MAX]),
+        1 if t.is_finite() => (t * 2.0 * random.unit()) as f32,
+        _ if t.is_finite() => nudge(random, t as f32),
+        // Along this axis the ray does not move.
+        _ => 0.0,
+    }
+}
+
+/// The same ray with ends where they are hard to decide, for a lattice whose planes lie `offset` before
+/// whole numbers, and a box of its cells. Every sixteenth ends before it begins or at no number.
+pub fn ended(random: &mut Random, ray: Ray, bbox: CoordBox, offset: f64) -> Ray {
+    let mut t_min = plane_t(random, &ray, bbox, offset);
+    let mut t_max = plane_t(random, &ray, bbox, offset);
+    match random.below(16) {
+        0 => std::mem::swap(&mut t_min, &mut t_max),
+        1..=4 => t_min = 0.0,
+        5..=8 => t_max = f32::INFINITY,
+        9 => t_max = t_min,
+        10 if random.below(8) == 0 => {
+            t_min = pick(random, &[f32::NAN, f32::INFINITY, f32::NEG_INFINITY]);
+        }
+        11 if random.below(8) == 0 => t_max = pick(random, &[f32::NAN, f32::NEG_INFINITY]),
+        _ if t_max < t_min => std::mem::swap(&mut t_min, &mut t_max),
+        _ => {}
+    }
+    ray.with_span(t_min, t_max)
+}
+
 /// A direction without denormal numbers (which shaders may take for zero), times a power of two
 /// that brings its largest component to between 1 and 2. `None` where nothing is left.
 pub fn normalized(dir: Vec3) -> Option<Vec3> {

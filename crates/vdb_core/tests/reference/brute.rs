@@ -36,7 +36,7 @@ impl Exact {
     pub fn new(ray: &Ray) -> Self {
         let origin = [0, 1, 2].map(|a| halves(2 * i64::from(ray.cell[a])) + exact(ray.frac[a]));
         let t_max = (ray.t_max < f32::INFINITY).then(|| exact(ray.t_max));
-        Self { origin, dir: ray.dir.to_array().map(exact), t_min: exact(ray.t_min), t_max }
+        Self { origin, dir: ray.dir.to_array().map(exact), t_min: exact(ray.t_min.max(0.0)), t_max }
     }
 
     /// `floor(p(t_min) + 1/2)`.
@@ -102,6 +102,11 @@ pub fn first_voxel(
     ray: &Ray,
     bbox: CoordBox,
 ) -> Option<(IVec3, Option<(u8, i8)>)> {
+    let largest = ray.dir.abs().max_element();
+    if !(2.0_f32.powi(-30)..=2.0_f32.powi(30)).contains(&largest) || ray.t_max < ray.t_min.max(0.0)
+    {
+        return None;
+    }
     let exact = Exact::new(ray);
     let (mut cell, mut face) = (exact.start(), None);
     loop {

@@ -75,7 +75,7 @@ impl<'a> Scene<'a> {
         let cell = IVec3::from_array(ray.cell).wrapping_add(self.grid.base);
         let frac = glam::Vec3::from_array(ray.frac) + self.grid.kind.lattice_origin() as f32;
         let dir = glam::Vec3::from_array(ray.dir);
-        Ray::new(cell, frac, dir).flushed().with_span(ray.t_min, ray.t_max)
+        Ray::new(cell, frac, dir).with_span(ray.t_min, ray.t_max).flushed()
     }
 
     /// More steps than this a walk does not take: the cells of the box along its three edges.

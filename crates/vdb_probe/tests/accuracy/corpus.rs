@@ -71,15 +71,14 @@ pub fn run(suite: &mut Suite) {
 
 fn send_through(suite: &Suite, sum: &mut Sum, name: &str, tree: &Tree, kind: PackKind) {
     let Some(scene) = Scene::new(suite.gpu, tree, kind) else { return };
-    let capped = if kind == PackKind::Fog { fog::capped(tree) } else { None };
-    let scene = Scene { tree: capped.as_ref().unwrap_or(tree), ..scene };
     let targets = Targets::new(tree, &scene.grid);
     if targets.is_empty() {
         return;
     }
-    let make = |random: &mut Random| match random.below(2) {
+    let make = |random: &mut Random| match random.below(3) {
         0 => given::plain(random, &targets, &scene.grid),
-        _ => given::hard(random, &targets, &scene.grid),
+        1 => given::hard(random, &targets, &scene.grid),
+        _ => given::ended(random, &targets, &scene.grid),
     };
     let (seed, times) = (hash(name), suite.some_times());
     let rays = match kind {

@@ -3,7 +3,6 @@
 use vdb_core::pack::PackKind;
 use vdb_core::reference::{Fog, standard};
 use vdb_core::synth::Random;
-use vdb_core::tree::ValueAt;
 use vdb_probe::{ProbeHit, ProbeRay};
 
 use crate::case::{Scene, Suite, hash, reproduced, send};
@@ -21,6 +20,9 @@ const HOMOGENEOUS: f64 = 1e-4;
 
 /// Rays of each grid of the matrix in the short form, of either kind.
 const RAYS: usize = 3_000;
+/// The same with ends, and from far away nearly along an axis.
+const ENDED: usize = 1_500;
+const CREEPING: usize = 1_500;
 
 /// Optical depths of a grid from end to end, at its greatest density. Each ray is judged at all.
 pub const DEPTHS: [f64; 7] = [1e-9, 1e-3, 1.0, 10.0, 1e3, 1e6, 1e9];
@@ -81,20 +83,6 @@ pub fn row(group: &'static str, case: &str, bound: f64, tally: &Tally) -> Row {
     row.and(tally.steep, "thin edges of dense fog")
 }
 
-/// The greatest density that is shown: what is above counts as this.
-const GREATEST: f32 = 1e30;
-
-/// The grid as it is shown, if it has densities above the greatest.
-pub fn capped(tree: &Tree) -> Option<Tree> {
-    let above = |value: &ValueAt<f32>| value.value > GREATEST;
-    let mut capped: Option<Tree> = None;
-    for voxel in tree.values().filter(above) {
-        assert_eq!(voxel.log2_dim, 0, "a tile of infinite density");
-        capped.get_or_insert_with(|| tree.clone()).set(voxel.origin, GREATEST);
-    }
-    capped
-}
-
 /// All rows of given rays.
 pub fn run(suite: &mut Suite) {
     for Named { name, make } in grids::fogs() {
@@ -106,17 +94,20 @@ pub fn run(suite: &mut Suite) {
 
 fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
     let scene = Scene::new(suite.gpu, tree, KIND).expect("there is a density");
-    let capped = capped(tree);
-    let scene = Scene { tree: capped.as_ref().unwrap_or(tree), ..scene };
     let targets = Targets::new(tree, &scene.grid);
     let bound = if name.starts_with("homogeneous") { HOMOGENEOUS } else { TRANSMITTANCE };
     let judge = Judge::new(&scene, targets.reach(), bound);
-    for (kind, make) in [("random", given::plain as given::Make), ("hard", given::hard)] {
+    for (kind, make, count) in [
+        ("random", given::plain as given::Make, RAYS),
+        ("hard", given::hard, RAYS),
+        ("ends", given::ended, ENDED),
+        ("creeping", given::creeping, CREEPING),
+    ] {
         let make = |random: &mut Random| make(random, &targets, &scene.grid);
         let seed = hash(name) ^ hash(kind);
         let judge =
             |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
-        let tally = send(suite, &scene, seed, RAYS * suite.some_times(), &make, &judge);
+        let tally = send(suite, &scene, seed, count * suite.some_times(), &make, &judge);
         let row = row("fog", &format!("{name}, {kind}"), bound, &tally);
         suite.report.add(row, &tally);
     }

@@ -1,7 +1,8 @@
-//! Rays that are given: at random, and made to be hard.
+//! Rays that are given: at random, made to be hard, with ends, and from far away nearly along an axis.
 
-use glam::{DVec3, IVec3};
+use glam::{DVec3, IVec3, Vec3};
 use vdb_core::pack::{PackedGrid, walk};
+use vdb_core::reference::Ray;
 use vdb_core::synth::{Random, rays};
 use vdb_core::tree::{CoordBox, Node, Vdb543};
 use vdb_probe::ProbeRay;
@@ -53,7 +54,7 @@ impl Targets {
 pub type Make = fn(&mut Random, &Targets, &PackedGrid) -> ProbeRay;
 
 /// A ray of the shader from one in index space, unless it begins where none can.
-fn made(grid: &PackedGrid, cell: IVec3, frac: glam::Vec3, dir: glam::Vec3) -> Option<ProbeRay> {
+fn made(grid: &PackedGrid, cell: IVec3, frac: Vec3, dir: Vec3) -> Option<ProbeRay> {
     let dir = rays::normalized(dir)?;
     let ray = walk::Ray::from_index(grid, cell, frac, dir);
     let fits = ray.cell.checked_add(grid.base).is_some()
@@ -70,18 +71,22 @@ fn persist(mut attempt: impl FnMut() -> Option<ProbeRay>) -> ProbeRay {
 pub fn plain(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> ProbeRay {
     persist(|| {
         let target = targets.pick(random);
-        let center = (target.min.as_dvec3() + target.max.as_dvec3()) * 0.5;
-        let radius = target.dim().map(|edge| edge as f64);
-        let radius = DVec3::from_array(radius).length() * 0.5 + 1.0;
-        let mut vector = || DVec3::from_array([0; 3].map(|_| random.range(-1.0, 1.0)));
-        let origin = center + vector() * radius * 3.0;
-        let dir = center + vector() * radius * 0.6 - origin;
-        let cell = origin.floor();
-        if cell.abs().max_element() >= f64::from(i32::MAX - 1) {
-            return None;
-        }
-        made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir.as_vec3())
+        plain_at(random, target, grid)
     })
+}
+
+fn plain_at(random: &mut Random, target: CoordBox, grid: &PackedGrid) -> Option<ProbeRay> {
+    let center = (target.min.as_dvec3() + target.max.as_dvec3()) * 0.5;
+    let radius = target.dim().map(|edge| edge as f64);
+    let radius = DVec3::from_array(radius).length() * 0.5 + 1.0;
+    let mut vector = || DVec3::from_array([0; 3].map(|_| random.range(-1.0, 1.0)));
+    let origin = center + vector() * radius * 3.0;
+    let dir = center + vector() * radius * 0.6 - origin;
+    let cell = origin.floor();
+    if cell.abs().max_element() >= f64::from(i32::MAX - 1) {
+        return None;
+    }
+    made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir.as_vec3())
 }
 
 /// Through, along and beside faces, edges and corners of a target's voxels, every fourth from up to
@@ -89,10 +94,60 @@ pub fn plain(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> Probe
 pub fn hard(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> ProbeRay {
     persist(|| {
         let target = targets.pick(random);
-        let ray = match random.below(4) {
-            0 => rays::far(random, target)?.0,
-            _ => rays::adversarial(random, target),
+        hard_at(random, target, grid)
+    })
+}
+
+fn hard_at(random: &mut Random, target: CoordBox, grid: &PackedGrid) -> Option<ProbeRay> {
+    let ray = match random.below(4) {
+        0 => rays::far(random, target)?.0,
+        _ => rays::adversarial(random, target),
+    };
+    made(grid, ray.cell, ray.frac, ray.dir)
+}
+
+/// Both kinds, beginning and ending at planes of the grid's box and of a target's cells, a step in the
+/// last place beside them, and anywhere.
+pub fn ended(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> ProbeRay {
+    persist(|| {
+        let target = targets.pick(random);
+        let mut ray = match random.below(4) {
+            0 => plain_at(random, target, grid)?,
+            _ => hard_at(random, target, grid)?,
         };
-        made(grid, ray.cell, ray.frac, ray.dir)
+        let local = CoordBox { min: target.min - grid.base, max: target.max - grid.base };
+        let whole = random.below(2) == 0;
+        let bounds = grid.occupied.filter(|_| whole).unwrap_or(local);
+        let of = Ray::new(ray.cell.into(), ray.frac.into(), ray.dir.into());
+        let ended = rays::ended(random, of, bounds, 0.0);
+        (ray.t_min, ray.t_max) = (ended.t_min, ended.t_max);
+        Some(ray)
+    })
+}
+
+/// From up to 2²⁷ voxels away along one axis, through a target; a ten millionth to a twentieth as fast along
+/// the others.
+pub fn creeping(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> ProbeRay {
+    persist(|| {
+        let target = targets.pick(random);
+        let swift = random.below(3) as usize;
+        let mut sign = || if random.below(2) == 0 { 1.0 } else { -1.0 };
+        let signs = DVec3::new(sign(), sign(), sign());
+        let mut slow = || match random.below(8) {
+            0 => 0.0,
+            _ => 10.0_f64.powf(random.range(-7.0, -1.3)),
+        };
+        let mut dir = signs * DVec3::new(slow(), slow(), slow());
+        dir[swift] = signs[swift] * random.range(1.0, 2.0);
+        let dir: Vec3 = dir.as_vec3();
+        let size = DVec3::from_array(target.dim().map(|edge| edge as f64));
+        let at =
+            target.min.as_dvec3() + size * DVec3::new(random.unit(), random.unit(), random.unit());
+        let origin = at - 2.0_f64.powf(random.range(4.0, 26.9)) * dir.as_dvec3();
+        let cell = origin.floor();
+        if cell.abs().max_element() >= f64::from(i32::MAX - 1) {
+            return None;
+        }
+        made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir)
     })
 }

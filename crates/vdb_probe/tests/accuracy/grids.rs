@@ -63,6 +63,25 @@ pub fn noise(bbox: CoordBox, background: f32, seed: u64) -> Tree {
     build(background, bbox, |_| Uniform::No, value)
 }
 
+/// A ball of nothing in a background below the iso-value.
+fn hollow() -> Tree {
+    let ball = level_set::sphere(DVec3::new(5.3, -3.7, 40.1), 20.3);
+    let mut tree = Vdb543::new(-ball.background());
+    for voxel in ball.active_values() {
+        tree.set(voxel.origin, -voxel.value);
+    }
+    // What is inactive within, too.
+    for x in -16..=26 {
+        for y in -24..=17 {
+            for z in 19..=61 {
+                let voxel = IVec3::new(x, y, z);
+                tree.set(voxel, -ball.get(voxel));
+            }
+        }
+    }
+    tree
+}
+
 /// A tile of each level, leaves beside them, and a tile of the root, of a value.
 pub fn tiles(value: f32, background: f32) -> Tree {
     let mut tree = Vdb543::new(background);
@@ -95,6 +114,7 @@ pub fn solids() -> Vec<Named> {
         named("truss", || solid(&sparse::truss(cube(-30, 33), 9, 2))),
         named("random voxels, 1 %", || solid(&sparse::random(cube(-40, 40), 0.01, 5))),
         named("random voxels, 30 %", || solid(&sparse::random(cube(-12, 13), 0.3, 6))),
+        named("hollow in a solid background", hollow),
     ];
     grids.extend(level_sets());
     grids
@@ -124,6 +144,7 @@ pub fn crossings() -> Vec<Named> {
         named("box one voxel thick", || solid(&sparse::box_shell(cube(-20, 13)))),
         named("truss", || solid(&sparse::truss(cube(-30, 33), 9, 2))),
         named("tiles of two levels", || blocks(-1.0, 1.0)),
+        named("hollow in a solid background", hollow),
     ]);
     grids
 }

@@ -49,6 +49,7 @@ impl Row {
         Self::of_errors(group, case, unit, bound, &tally.errors)
             .counts(tally)
             .and(tally.near_double, "near-double")
+            .and(tally.at_end, "at an end of the ray")
             .and(tally.cut, "longer than llvmpipe's loops")
     }
 
@@ -222,12 +223,16 @@ impl Report {
         };
         let blocky = |row: &Row| row.unit == "of t";
         let hard = |row: &Row| blocky(row) && row.case.ends_with(", hard");
+        let ends = |row: &Row| row.case.ends_with(", ends");
         let wrong: u64 = own().filter(|row| blocky(row)).map(|row| row.wrong).sum();
         format!(
-            "{} rays to first voxels, {} of them made to be hard: {wrong} wrong. {} rays in all. {}",
+            "{} rays to first voxels, {} of them made to be hard, {} with ends: {wrong} wrong. {} rays in \
+             all, {} with ends. {}",
             rays(&blocky),
             rays(&hard),
+            rays(&|row| blocky(row) && ends(row)),
             rays(&|row| row.group != "rays"),
+            rays(&ends),
             match self.broken() {
                 0 => "Every bound holds.".to_owned(),
                 broken => format!("{broken} bounds are BROKEN."),

@@ -27,7 +27,7 @@ const ROOT_REACH: f64 = 1e-3;
 /// Voxels across the ray within which it touches another cell.
 const TOUCHING: f64 = 1.0 / (1 << 20) as f64;
 /// A dip past the surface, or a distance from it, that may be overlooked or taken for a root, in
-/// parts of the grid's background or of a cell's greatest corner: a few roundings of an f32
+/// parts of the greatest distance of a corner of its cell from the iso-value: a few roundings of an f32
 /// interpolant.
 const NOISE: f64 = 1e-6;
 /// Voxels from the eye up to which positions are held to their bound as they are. Farther away, an
@@ -36,13 +36,15 @@ const NEAR: f64 = 1000.0;
 
 /// Rays of each grid of the matrix in the short form, of either kind.
 const RAYS: usize = 6_000;
+/// The same with ends, and from far away nearly along an axis.
+const ENDED: usize = 3_000;
+const CREEPING: usize = 3_000;
 
 /// What judges the answers about a grid.
 pub struct Judge<'a> {
     scene: &'a Scene<'a>,
     roots: Smooth<'a, Upper>,
     gradients: Blocky<'a, Upper>,
-    noise: f64,
 }
 
 impl<'a> Judge<'a> {
@@ -52,7 +54,6 @@ impl<'a> Judge<'a> {
             scene,
             roots: Smooth::new(tree, scene.iso()),
             gradients: Blocky::new(tree, Occupied::Active),
-            noise: NOISE * f64::from(tree.background().abs()),
         }
     }
 
@@ -65,12 +66,11 @@ impl<'a> Judge<'a> {
             way if way <= NEAR => 0.0,
             way => way * f64::from(T_ERROR),
         });
-        let (verdict, root) =
-            standard::judge(&self.roots, &exact, found, self.noise, 0.5 + granted);
-        let own = Vec3::from_array(hit.gradient).as_dvec3();
         let reach = ROOT_REACH + granted;
+        let (verdict, root) = standard::judge(&self.roots, &exact, found, NOISE, 0.5 + granted);
+        let own = Vec3::from_array(hit.gradient).as_dvec3();
         let is_near = || found.is_some_and(|t| self.is_near(&exact, t, reach, own));
-        let is_double = || root.is_some_and(|root| root.depth <= self.noise);
+        let is_double = || root.is_some_and(|root| root.depth <= NOISE * root.largest);
         tally.met += u64::from(verdict != SurfaceVerdict::BothMiss);
         let mut wrong = !self.scene.is_sound(hit);
         match (verdict, root) {
@@ -80,6 +80,11 @@ impl<'a> Judge<'a> {
                 tally.near_double += 1;
             }
             (SurfaceVerdict::Invented, _) if is_near() => tally.near_double += 1,
+            (SurfaceVerdict::Missed | SurfaceVerdict::Invented, root)
+                if self.is_at_end(&exact, found, root.map(|root| root.t), granted) =>
+            {
+                tally.at_end += 1;
+            }
             (SurfaceVerdict::Missed | SurfaceVerdict::Invented, _) => wrong = true,
             (SurfaceVerdict::Off(off), root) => {
                 let error = (off - granted).max(0.0);
@@ -103,6 +108,28 @@ impl<'a> Judge<'a> {
             tally.wrong += 1;
             tally.show(|| format!("{}: {verdict:?}, {hit:?}, not {root:?}", reproduced(ray)));
         }
+    }
+
+    /// Whether an answer is right for the same ray that begins, or ends, a little sooner or later: a root
+    /// that is as close to an end as a position is good may be met or not.
+    fn is_at_end(&self, ray: &Ray, found: Option<f64>, root: Option<f64>, granted: f64) -> bool {
+        let speed = ray.dir.as_dvec3().length();
+        let far = found.into_iter().chain(root).fold(0.0, f64::max) * speed;
+        let rounding = if far <= NEAR { 0.0 } else { far * f64::from(T_ERROR) };
+        let reach = (ROOT_REACH + rounding) / speed;
+        let moved = |t: f32, by: f64| (f64::from(t) + by * reach) as f32;
+        let spans = [-1.0, 0.0, 1.0].into_iter().flat_map(|begin| {
+            [-1.0, 0.0, 1.0].map(|end| (moved(ray.begin(), begin), moved(ray.t_max, end)))
+        });
+        spans.into_iter().any(|(t_min, t_max)| {
+            let ray = ray.with_span(t_min, t_max);
+            let judged = standard::judge(&self.roots, &ray, found, NOISE, 0.5 + granted);
+            match judged.0 {
+                SurfaceVerdict::BothMiss => true,
+                SurfaceVerdict::Off(off) => off <= FARTHEST_OFF + granted,
+                _ => false,
+            }
+        })
     }
 
     /// How far a normal is off, in degrees, and whether it is right only because one close by is
@@ -146,14 +173,16 @@ impl<'a> Judge<'a> {
     /// The distance of the interpolant from the iso-value, in parts of its noise.
     fn over_noise(&self, ray: &Ray, t: f64) -> f64 {
         let (value, largest) = self.roots.value(ray, t);
-        value.abs() / self.noise.max(NOISE * largest).max(f64::MIN_POSITIVE)
+        value.abs() / (NOISE * largest).max(f64::MIN_POSITIVE)
     }
 
     /// The least angle, in degrees, between a gradient and the true ones within so many voxels of a
     /// place on a ray.
     fn least_angle(&self, ray: &Ray, t: f64, own: DVec3, reach: f64) -> f64 {
         let reach = reach / ray.dir.as_dvec3().length();
-        let at = |t: f64| self.angle_at(ray, t, own);
+        // One that changes the value by less than its noise has no direction.
+        let least_length = NOISE * self.roots.value(ray, t).1 / ROOT_REACH;
+        let at = |t: f64| self.angle_at(ray, t, own, least_length);
         // The best of a few places, then ever closer around it: between the faces of cells, a
         // gradient turns steadily along a ray.
         let places = (-16..=16).map(|i| t + reach * f64::from(i) / 16.0);
@@ -168,13 +197,12 @@ impl<'a> Judge<'a> {
 
     /// The angle between a gradient and the true one at a place on a ray, or in a cell that touches
     /// it, in degrees.
-    fn angle_at(&self, ray: &Ray, t: f64, own: DVec3) -> f64 {
+    fn angle_at(&self, ray: &Ray, t: f64, own: DVec3, least_length: f64) -> f64 {
         let point = ray.at(t);
         let beside = (0..8).map(|i| {
             let side = DVec3::from_array([0, 1, 2].map(|axis| f64::from(2 * (i >> axis & 1) - 1)));
             let truth = self.gradients.gradient(point, point + side * TOUCHING);
-            // One that changes the value by less than its noise has no direction.
-            let none = own.length().max(truth.length()) <= self.noise / ROOT_REACH;
+            let none = own.length().max(truth.length()) <= least_length;
             if none { 0.0 } else { angle(own, truth) }
         });
         beside.fold(f64::INFINITY, f64::min)
@@ -229,12 +257,17 @@ fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
     let scene = Scene::new(suite.gpu, tree, KIND).expect("there is a surface");
     let targets = Targets::new(tree, &scene.grid);
     let judge = Judge::new(&scene);
-    for (kind, make) in [("random", given::plain as given::Make), ("hard", given::hard)] {
+    for (kind, make, count) in [
+        ("random", given::plain as given::Make, RAYS),
+        ("hard", given::hard, RAYS),
+        ("ends", given::ended, ENDED),
+        ("creeping", given::creeping, CREEPING),
+    ] {
         let make = |random: &mut Random| make(random, &targets, &scene.grid);
         let seed = hash(name) ^ hash(kind);
         let judge =
             |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge.judge(ray, hit, tally);
-        let tally = send(suite, &scene, seed, RAYS * suite.some_times(), &make, &judge);
+        let tally = send(suite, &scene, seed, count * suite.some_times(), &make, &judge);
         add_rows(suite, "smooth", &format!("{name}, {kind}"), &tally, false);
     }
 }

@@ -76,6 +76,8 @@ pub struct Tally {
     pub wrong_faces: u64,
     /// Roots missed or invented within the stated noise of a double root.
     pub near_double: u64,
+    /// Roots met or missed as close to an end of a ray as a position is good.
+    pub at_end: u64,
     /// Rays that used up the steps of the nudged walk.
     pub stuck: u64,
     /// Rays through so many cells that llvmpipe ends their shader: not judged.
@@ -100,6 +102,7 @@ impl Tally {
         self.wrong += other.wrong;
         self.wrong_faces += other.wrong_faces;
         self.near_double += other.near_double;
+        self.at_end += other.at_end;
         self.stuck += other.stuck;
         self.cut += other.cut;
         self.steep += other.steep;

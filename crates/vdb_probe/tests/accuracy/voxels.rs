@@ -17,6 +17,8 @@ pub const KIND: PackKind = PackKind::Surface { iso: 0.0 };
 
 /// Rays of each grid of the matrix in the short form, of either kind.
 const RAYS: usize = 22_000;
+/// The same with ends.
+const ENDED: usize = 40_000;
 
 /// Holds an answer against the reference tracer.
 pub fn judge(
@@ -69,18 +71,21 @@ pub fn run(suite: &mut Suite) {
     }
 }
 
-/// Random rays and hard ones through a grid.
+/// Random rays, hard ones and ones with ends through a grid.
 fn given_rays(suite: &mut Suite, name: &str, tree: &Tree) {
     let scene = Scene::new(suite.gpu, tree, KIND).expect("there are voxels");
     let targets = Targets::new(tree, &scene.grid);
     let oracle = Blocky::new(tree, Occupied::BelowIso(0.0));
     let judge =
         |ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally| judge(&scene, &oracle, ray, hit, tally);
-    let count = RAYS * suite.times;
-    for (kind, make) in [("random", given::plain as given::Make), ("hard", given::hard)] {
+    for (kind, make, count) in [
+        ("random", given::plain as given::Make, RAYS),
+        ("hard", given::hard, RAYS),
+        ("ends", given::ended, ENDED),
+    ] {
         let make = |random: &mut Random| make(random, &targets, &scene.grid);
         let seed = hash(name) ^ hash(kind);
-        let tally = send(suite, &scene, seed, count, &make, &judge);
+        let tally = send(suite, &scene, seed, count * suite.times, &make, &judge);
         let row = Row::new(
             "voxels",
             format!("{name}, {kind}"),

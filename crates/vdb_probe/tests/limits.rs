@@ -1,0 +1,190 @@
+//! Rays at the limits of what the conventions allow, in the shaders: `docs/accuracy.md` says what they meet.
+
+use glam::{IVec3, Vec3};
+use vdb_core::pack::{PackKind, PackedGrid, walk};
+use vdb_core::reference::{Blocky, Occupied, Ray};
+use vdb_core::synth::fog;
+use vdb_core::tree::{CoordBox, Vdb543};
+use vdb_probe::{Gpu, GpuGrid, Probe, ProbeHit, ProbeKind, ProbeRay};
+
+const SURFACE: PackKind = PackKind::Surface { iso: 0.0 };
+const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
+
+fn cube(min: i32, max: i32) -> CoordBox {
+    CoordBox { min: IVec3::splat(min), max: IVec3::splat(max) }
+}
+
+/// Solid voxels in a background of 1.
+fn solid(bbox: CoordBox) -> Vdb543<f32> {
+    let mut tree = Vdb543::new(1.0);
+    for x in bbox.min.x..=bbox.max.x {
+        for y in bbox.min.y..=bbox.max.y {
+            (bbox.min.z..=bbox.max.z).for_each(|z| tree.set(IVec3::new(x, y, z), -1.0));
+        }
+    }
+    tree
+}
+
+fn send(gpu: &Gpu, grid: &PackedGrid, rays: &[walk::Ray], defs: &[&str]) -> Vec<ProbeHit> {
+    let kind = match grid.kind {
+        PackKind::Surface { .. } => ProbeKind::Voxels,
+        PackKind::Smooth { .. } => ProbeKind::Smooth,
+        PackKind::Fog => ProbeKind::Fog,
+    };
+    let rays: Vec<ProbeRay> = rays.iter().map(|&ray| ray.into()).collect();
+    Probe::with_defs(gpu, kind, defs).send(&GpuGrid::new(gpu, grid), &rays)
+}
+
+fn ray(grid: &PackedGrid, cell: IVec3, dir: Vec3, span: (f32, f32)) -> walk::Ray {
+    let ray = walk::Ray::from_index(grid, cell, Vec3::splat(0.25), dir);
+    walk::Ray { t_min: span.0, t_max: span.1, ..ray }
+}
+
+#[test]
+fn directions_and_ends_at_their_limits() {
+    let Some(gpu) = Gpu::find() else { return };
+    let tree = solid(cube(-4, 5));
+    let grid = PackedGrid::new(&tree, SURFACE).unwrap();
+    let oracle = Blocky::new(&tree, Occupied::BelowIso(0.0));
+    let (nan, endless) = (f32::NAN, f32::INFINITY);
+    let mut rays = Vec::new();
+    for size in [-40, -31, -30, -29, 0, 29, 30, 31, 60] {
+        let dir = Vec3::new(-1.0, 0.01, 0.0) * 2.0_f32.powi(size);
+        rays.push(ray(&grid, IVec3::new(50, 0, 0), dir, (0.0, endless)));
+    }
+    for dir in [Vec3::ZERO, Vec3::splat(1e-40)] {
+        rays.push(ray(&grid, IVec3::ZERO, dir, (0.0, endless)));
+    }
+    for t_min in [0.0, -0.0, -1e-45, 1e-45, -7.0, 3.0, 100.0, 1e38, nan, endless, -endless] {
+        for t_max in [0.0, -0.0, -1e-45, 1e-45, -7.0, 2.0, 3.0, 1e38, nan, endless, -endless] {
+            for from in [0, 5, 7] {
+                rays.push(ray(&grid, IVec3::new(from, 0, 0), Vec3::NEG_X, (t_min, t_max)));
+            }
+        }
+    }
+    let hits = send(&gpu, &grid, &rays, &[]);
+    for (ray, hit) in rays.iter().zip(hits) {
+        let cell = ray.cell + grid.base;
+        let exact = Ray::new(cell, ray.frac - 0.5, ray.dir).with_span(ray.t_min, ray.t_max);
+        let expected = oracle.first_voxel(&exact.flushed());
+        let expected = expected.map(|hit| (hit.ijk, hit.face.map_or(3, |face| face.axis.into())));
+        let found = (hit.hit != 0).then(|| (IVec3::from_array(hit.cell) + grid.base, hit.axis));
+        assert_eq!(found, expected, "{ray:?}");
+        let on_cpu = walk::first_hit(&grid, ray).map(|hit| (hit.cell + grid.base, hit.axis));
+        assert_eq!(on_cpu, expected, "{ray:?}");
+    }
+}
+
+/// Along each axis, beginning where the ray comes into the box, a step in the last place beside that, and
+/// a cell before it and behind it: nothing that is ahead is lost.
+#[test]
+fn no_ray_is_lost_that_begins_at_the_box() {
+    let Some(gpu) = Gpu::find() else { return };
+    // No face is a border of leaves: a mixed tile there has one density when it is sampled.
+    let (surface, dense) = (solid(cube(-37, 37)), fog::block(cube(-37, 37), 0.5));
+    for (tree, kind, defs) in [
+        (&surface, SURFACE, &[][..]),
+        (&surface, SMOOTH, &[]),
+        (&dense, PackKind::Fog, &[]),
+        (&dense, PackKind::Fog, &["STEP=1"]),
+    ] {
+        let grid = PackedGrid::new(tree, kind).unwrap();
+        let bounds = grid.occupied.unwrap();
+        let mut rays = Vec::new();
+        let mut ends = Vec::new();
+        for axis in 0..3 {
+            for sign in [1.0_f32, -1.0] {
+                for (away, speed) in [(77, 0.1_f32), (1_000_003, 0.3), (30_001, 1.0), (5, 3.0)] {
+                    let mut dir = Vec3::splat(1e-9);
+                    dir[axis] = sign * speed;
+                    let mut cell = IVec3::splat(3);
+                    cell[axis] = (sign * -(away + 41) as f32) as i32;
+                    let ray = ray(&grid, cell, dir, (0.0, f32::INFINITY));
+                    let plane = if sign > 0.0 { bounds.min } else { bounds.max + 1 }[axis];
+                    let way = f64::from(plane - ray.cell[axis]) - f64::from(ray.frac[axis]);
+                    let t = way / f64::from(dir[axis]);
+                    for cells in [-1.0, 0.0, 0.25] {
+                        let t_min = (t + cells / f64::from(speed)) as f32;
+                        for t_min in [t_min.next_down(), t_min, t_min.next_up()] {
+                            rays.push(walk::Ray { t_min, ..ray });
+                            // Where that is, along the axis, from the middle of the grid on.
+                            let way = f64::from(t_min) * f64::from(dir[axis]);
+                            let cell = f64::from(ray.cell[axis] + grid.base[axis]);
+                            ends.push((cell + f64::from(ray.frac[axis]) + way) * f64::from(sign));
+                        }
+                    }
+                }
+            }
+        }
+        for ((ray, hit), begin) in rays.iter().zip(send(&gpu, &grid, &rays, defs)).zip(ends) {
+            let speed = ray.dir.abs().max_element();
+            if kind == PackKind::Fog {
+                // 74 voxels between the outermost samples, and half of one on either side.
+                let all = 0.5 * 75.0;
+                let depth = f64::from(hit.optical_length) * f64::from(speed);
+                // Of a sample each quarter of a voxel, one may stand before the beginning.
+                let off = if defs.is_empty() { 1e-3 } else { 0.13 };
+                let rest = all - 0.25 * (begin + 38.0).clamp(0.0, 1.0).powi(2);
+                assert!((depth - rest).abs() < off, "{depth} for {rest}, {defs:?}: {ray:?}");
+            } else {
+                assert_eq!(hit.hit, 1, "{kind:?} {ray:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_greatest_optical_depth_is_finite() {
+    let Some(gpu) = Gpu::find() else { return };
+    let tree = fog::block(cube(-60, 60), f32::INFINITY);
+    let grid = PackedGrid::new(&tree, PackKind::Fog).unwrap();
+    let slowest = 2.0_f32.powi(-29);
+    let rays = [Vec3::X, Vec3::new(-0.3, 1.0, 0.1)]
+        .map(|dir| ray(&grid, IVec3::new(2, 1, 0), dir * slowest, (0.0, f32::INFINITY)));
+    for defs in [&[][..], &["STEP=4"]] {
+        for hit in send(&gpu, &grid, &rays, defs) {
+            assert_eq!(hit.optical_length, 3e38, "{defs:?}");
+        }
+    }
+    assert_eq!(walk::optical_length(&grid, &rays[0]), 3e38);
+}
+
+/// From one end of index space to the other: every walk ends, and meets what the one on the CPU meets.
+#[test]
+fn through_all_of_index_space() {
+    let Some(gpu) = Gpu::find() else { return };
+    let (low, high) = (IVec3::splat(i32::MIN), IVec3::splat(i32::MAX));
+    let ends = [low, high, IVec3::new(i32::MAX, i32::MIN, i32::MIN)];
+    let tree_of = |value: f32, background: f32| {
+        let mut tree = Vdb543::new(background);
+        ends.iter().for_each(|&end| tree.set(end, value));
+        tree
+    };
+    let rays: Vec<walk::Ray> = [low, high, low + 1, high - 1, IVec3::ZERO]
+        .into_iter()
+        .flat_map(|cell| {
+            let dirs = [Vec3::ONE, Vec3::NEG_ONE, Vec3::X, Vec3::NEG_Y, Vec3::new(1.0, 1e-9, 0.5)];
+            dirs.into_iter().flat_map(move |dir| {
+                [0.0, 1.0, 4e9].map(|t_min| {
+                    let frac = Vec3::splat(0.5);
+                    walk::Ray { cell, frac, dir, t_min, t_max: f32::INFINITY }
+                })
+            })
+        })
+        .collect();
+    let grid = PackedGrid::new(&tree_of(-1.0, 1.0), SURFACE).unwrap();
+    for (ray, hit) in rays.iter().zip(send(&gpu, &grid, &rays, &[])) {
+        let found = (hit.hit != 0).then(|| (IVec3::from_array(hit.cell), hit.axis));
+        let on_cpu = walk::first_hit(&grid, ray).map(|hit| (hit.cell, hit.axis));
+        assert_eq!(found, on_cpu, "{ray:?}");
+        assert!(hit.steps < 10_000, "{} steps: {ray:?}", hit.steps);
+    }
+    let grid = PackedGrid::new(&tree_of(1.0, 0.0), PackKind::Fog).unwrap();
+    for (ray, hit) in rays.iter().zip(send(&gpu, &grid, &rays, &[])) {
+        let on_cpu = walk::optical_length(&grid, ray);
+        assert!((hit.optical_length - on_cpu).abs() < 1e-3, "{hit:?}, not {on_cpu}: {ray:?}");
+    }
+    for hit in send(&gpu, &grid, &rays, &["STEP=1"]) {
+        assert!(hit.optical_length < 10.0 && hit.steps < 10_000, "{hit:?}");
+    }
+}
