@@ -14,7 +14,7 @@ use vdb_core::tree::{Coarsening, LevelOptions, half_resolution, voxel_in_distanc
 use crate::{VdbCamera, VdbGrid, VdbQuality, VdbVolume};
 
 /// Of its longest edge, in cells: a grid that is smaller is not made coarser still.
-const SMALLEST: i32 = 16;
+const SMALLEST: u64 = 16;
 
 /// The grids whose coarser levels are being made.
 #[derive(Debug, Default, Resource)]
@@ -87,8 +87,9 @@ fn coarser(grid: &VdbGrid) -> Arc<[Arc<PackedGrid>]> {
     let mut levels: Vec<Arc<PackedGrid>> = Vec::new();
     loop {
         let finest = levels.last().unwrap_or(packed);
-        let cells = finest.occupied.map_or(0, |cells| (cells.max - cells.min).max_element());
-        if cells < 2 * SMALLEST {
+        // 64 bits, because a grid may span the whole of the index space.
+        let cells = finest.occupied.map_or([0; 3], |cells| cells.dim());
+        if cells.into_iter().max() <= Some(2 * SMALLEST) {
             break;
         }
         let coarsening = match packed.kind {

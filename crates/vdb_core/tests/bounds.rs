@@ -143,7 +143,7 @@ fn make_levels(tree: &Vdb543<f32>, kind: PackKind) {
                 // As long as there is something to see, as in the app.
                 Ok(PackedGrid { occupied: Some(cells), .. }) => {
                     levels.push(coarser);
-                    if (cells.max - cells.min).max_element() < 32 {
+                    if cells.dim().into_iter().max() < Some(32) {
                         break;
                     }
                 }

@@ -178,7 +178,7 @@ impl Content {
                 let mask = if matches!(kind, PackKind::Surface { .. }) {
                     bits::mask(&planes(0))
                 } else {
-                    rows_mask(&rows(&planes), rule)
+                    mask(rule, &planes)
                 };
                 return filled(mask).unwrap_or(Self::EMPTY);
             }
@@ -190,7 +190,7 @@ impl Content {
                 Source::Constant(constant) => *value = *constant,
                 Source::Leaf(_) if matches!(kind, PackKind::Surface { .. }) => {}
                 Source::Leaf(_) => {
-                    let filled = filled(rows_mask(&rows(&planes), rule));
+                    let filled = filled(mask(rule, &planes));
                     return filled.unwrap_or(Self::Tile(Tile::of(kind, &[own; 8])));
                 }
             }
@@ -237,11 +237,32 @@ pub(super) fn counted(rule: Rule, leaf: &Leaf) -> Planes {
     }
 }
 
+/// The occupied cells of a cube, by the samples that count of what covers it and its neighbours.
+fn mask(rule: Rule, planes: impl Fn(usize) -> Planes) -> [u32; LEAF_MASK_WORDS] {
+    let planes: [Planes; 8] = std::array::from_fn(planes);
+    // Most cubes beside a surface are on one side of it.
+    let (mut any, mut all) = (0, u64::MAX);
+    for (side, planes) in planes.iter().enumerate() {
+        let high = corner(side);
+        let in_y = if high.y == 0 { u64::MAX } else { 0xff };
+        let in_z = if high.z == 0 { u64::MAX } else { 0x0101_0101_0101_0101 };
+        for plane in &planes[..if high.x == 0 { 8 } else { 1 }] {
+            any |= plane & in_y & in_z;
+            all &= plane | !(in_y & in_z);
+        }
+    }
+    match rule {
+        Rule::Density if any == 0 => [0; LEAF_MASK_WORDS],
+        Rule::Crossing(_) if any == 0 || all == u64::MAX => [0; LEAF_MASK_WORDS],
+        _ => rows_mask(&rows(&planes), rule),
+    }
+}
+
 /// The samples that count of a cube and of the first ones on its high sides.
-fn rows(planes: impl Fn(usize) -> Planes) -> Rows {
+fn rows(planes: &[Planes; 8]) -> Rows {
     let mut rows: Rows = [[0; 9]; 9];
-    for side in 0..8 {
-        let (planes, high) = (planes(side), corner(side));
+    for (side, planes) in planes.iter().enumerate() {
+        let high = corner(side);
         let range = |high: i32| if high == 0 { 0..8 } else { 8..9 };
         for x in range(high.x) {
             for y in range(high.y) {
