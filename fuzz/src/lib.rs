@@ -65,11 +65,14 @@ fn tree_bytes(file: &VdbFile) -> u64 {
     (0..file.grids.len()).filter(own).map(|i| file.grids[i].tree.stats().bytes).sum()
 }
 
+/// What reading, packing and levels of detail may take of one input.
 fn limits() -> Limits {
     let mut limits = Limits::default();
     limits.tree_bytes = TREE_BYTES;
     limits.metadata_bytes = 1 << 20;
     limits.grids = 64;
+    limits.packed_bytes = 16 * TREE_BYTES;
+    limits.level_bytes = 4 * TREE_BYTES;
     limits
 }
 
