@@ -1,13 +1,14 @@
 //! All that follows reading, one after the other.
 
-use vdb_core::pack::{PackKind, PackedGrid, ValueFormat};
+use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, ValueFormat};
 use vdb_core::synth::Random;
 use vdb_core::tree::{
-    Coarsening, Node, Vdb543, half_resolution, map_values, trim_narrow_band, voxel_in_distances,
+    Coarsening, LevelOptions, Node, Vdb543, half_resolution, map_values, trim_narrow_band,
+    voxel_in_distances,
 };
 use vdb_core::{AnyTree, GridClass, Transform, VdbFile};
 
-use super::{FLOATS, edits, pick, rays, round_trip};
+use super::{FLOATS, edits, limits, pick, rays, round_trip};
 
 /// Trees of a file that are gone through; writing and reading take all of them.
 const TREES: usize = 2;
@@ -52,13 +53,10 @@ fn grid(tree: &Vdb543<f32>, class: GridClass, transform: &Transform, random: &mu
         PackKind::Fog,
     ];
     let kind = pick(random, &kinds);
-    if !is_affordable(tree, kind) {
-        return;
-    }
     let format = pick(random, &[ValueFormat::Full, ValueFormat::Half, ValueFormat::Byte]);
-    if let Ok(packed) = PackedGrid::new(tree, kind) {
+    if let Ok(packed) = pack(tree, kind, ValueFormat::Exact) {
         rays::check(tree, &packed, transform, random);
-        if let Ok(other) = PackedGrid::with_format(tree, kind, format) {
+        if let Ok(other) = pack(tree, kind, format) {
             assert_eq!(other.occupied, packed.occupied, "{kind:?} {format:?}");
             rays::walk(&other, random);
         }
@@ -68,6 +66,11 @@ fn grid(tree: &Vdb543<f32>, class: GridClass, transform: &Transform, random: &mu
             _ => edits::check(tree, kind, random),
         }
     }
+}
+
+fn pack(tree: &Vdb543<f32>, kind: PackKind, format: ValueFormat) -> Result<PackedGrid, PackError> {
+    let options = PackOptions { format, limits: limits(), ..PackOptions::default() };
+    PackedGrid::with_options(tree, kind, &options)
 }
 
 /// Each level of detail as the plugin makes them.
@@ -88,10 +91,11 @@ fn levels(tree: &Vdb543<f32>, packed: PackedGrid, class: GridClass, random: &mut
                 Coarsening::Surface { iso, voxel }
             }
         };
-        let made = half_resolution(finer, coarsening);
-        let (before, after) = (finer.stats().bytes, made.stats().bytes);
-        assert!(after <= 2 * before + (8 << 20), "{before} bytes become {after}");
-        let Ok(packed) = PackedGrid::new(&made, kind) else { return };
+        let options = LevelOptions { limits: limits(), ..LevelOptions::default() };
+        let Ok(made) = half_resolution(finer, coarsening, &options) else { return };
+        let (most, bytes) = (options.limits.level_bytes, made.stats().bytes);
+        assert!(bytes <= most + (1 << 20), "{bytes} bytes of a level that may take {most}");
+        let Ok(packed) = pack(&made, kind, ValueFormat::Exact) else { return };
         rays::walk(&packed, random);
         (level, coarser) = (packed, Some(made));
     }
@@ -111,21 +115,4 @@ fn pruned(tree: &Vdb543<f32>, random: &mut Random) {
     let half_width = pick(random, &FLOATS);
     let trimmed = trim_narrow_band(tree, half_width);
     assert!(trimmed.stats().leaf_count() <= tree.stats().leaf_count());
-}
-
-/// Whether the tiles have little enough surface. Packing and levels of detail cost as much as that, not
-/// as much as there are tiles.
-fn is_affordable(tree: &Vdb543<f32>, kind: PackKind) -> bool {
-    let background = tree.background();
-    let solid = match kind {
-        PackKind::Fog => background > 0.0,
-        PackKind::Surface { iso } | PackKind::Smooth { iso } => background < iso,
-    };
-    let is_void = |value: f32| !solid && value.to_bits() == background.to_bits();
-    let cubes: u64 = tree
-        .values()
-        .filter(|value| value.log2_dim > 3 && !is_void(value.value))
-        .map(|value| 6 << (2 * (value.log2_dim - 3)))
-        .sum();
-    cubes <= 1 << 14
 }

@@ -14,10 +14,10 @@ use super::{CORNERS, FLOATS};
 /// Steps by which a tree grows.
 const STEPS: usize = 12;
 
-/// What the choices stand for: up to four grids, some of them instances.
+/// What the choices stand for: up to three grids, some of them instances.
 pub(super) fn file(choices: &mut Unstructured) -> Result<VdbFile> {
     let mut grids: Vec<Grid> = Vec::new();
-    for _ in 0..choices.int_in_range(1..=4)? {
+    for _ in 0..choices.int_in_range(1..=3)? {
         let tree = match grids.last() {
             Some(last) if choices.ratio(1, 4)? => last.tree.clone(),
             _ => tree(choices)?,
@@ -66,17 +66,31 @@ fn float(choices: &mut Unstructured) -> Result<f32> {
     })
 }
 
-/// A place close to a corner of something.
-fn place(choices: &mut Unstructured) -> Result<IVec3> {
-    // Most are close to each other.
-    let far = choices.ratio(1, 4)?;
-    let mut axis = || -> Result<i32> {
-        let corner = if far { *choices.choose(&CORNERS)? } else { 0 };
+/// A corner at which a tree is at home.
+fn home(choices: &mut Unstructured) -> Result<IVec3> {
+    if choices.ratio(3, 4)? {
+        return Ok(IVec3::ZERO);
+    }
+    Ok(IVec3::new(
+        *choices.choose(&CORNERS)?,
+        *choices.choose(&CORNERS)?,
+        *choices.choose(&CORNERS)?,
+    ))
+}
+
+/// A place close to home, or now and then at a corner anywhere: each of those costs a large node.
+fn place(choices: &mut Unstructured, home: IVec3) -> Result<IVec3> {
+    let far = choices.ratio(1, 16)?;
+    let mut axis = |home: i32| -> Result<i32> {
         let away = i32::from(choices.arbitrary::<i8>()?);
-        let away = if far { away.signum() * (away & 1) } else { away / 4 };
-        Ok(corner.saturating_add(away))
+        Ok(if far {
+            choices.choose(&CORNERS)?.saturating_add(away.signum() * (away & 1))
+        } else {
+            // Mostly on one side.
+            home.saturating_add(if away < -100 { -1 } else { away.max(-1) / 4 })
+        })
     };
-    Ok(IVec3::new(axis()?, axis()?, axis()?))
+    Ok(IVec3::new(axis(home.x)?, axis(home.y)?, axis(home.z)?))
 }
 
 type Lower<L> = InternalNode<L, 4>;
@@ -88,8 +102,9 @@ fn grown<T: vdb_core::tree::Value>(
     value: fn(f32) -> T,
 ) -> Result<Arc<Vdb543<T>>> {
     let mut tree = Tree::new(value(float(choices)?));
+    let home = home(choices)?;
     for _ in 0..choices.int_in_range(0..=STEPS)? {
-        let (at, float, active) = (place(choices)?, float(choices)?, choices.arbitrary()?);
+        let (at, float, active) = (place(choices, home)?, float(choices)?, choices.arbitrary()?);
         let value_at = value(float);
         match choices.int_in_range(0..=11)? {
             0 | 1 => tree.set(at, value_at),
@@ -173,8 +188,10 @@ fn leaf<T: vdb_core::tree::Value>(
 
 fn bools(choices: &mut Unstructured) -> Result<BoolTree> {
     let mut tree = BoolTree::new(choices.arbitrary()?);
+    let home = home(choices)?;
     for _ in 0..choices.int_in_range(0..=STEPS)? {
-        let (at, value, active) = (place(choices)?, choices.arbitrary()?, choices.arbitrary()?);
+        let (at, value, active) =
+            (place(choices, home)?, choices.arbitrary()?, choices.arbitrary()?);
         match choices.int_in_range(4..=11)? {
             4 => tree.set(at, value),
             5 => tree.set_inactive(at, value),
@@ -191,9 +208,9 @@ fn bools(choices: &mut Unstructured) -> Result<BoolTree> {
 
 /// States alone: the value of everything is whether it is active.
 fn states(choices: &mut Unstructured) -> Result<MaskTree> {
-    let mut tree = MaskTree::new(false);
+    let (mut tree, home) = (MaskTree::new(false), home(choices)?);
     for _ in 0..choices.int_in_range(0..=STEPS)? {
-        let (at, active) = (place(choices)?, choices.arbitrary()?);
+        let (at, active) = (place(choices, home)?, choices.arbitrary()?);
         match choices.int_in_range(5..=11)? {
             5 => tree.set(at, true),
             6 => tree.set_inactive(at, false),

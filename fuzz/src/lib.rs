@@ -19,17 +19,17 @@ use vdb_core::{Limits, ReadOptions, VdbFile, WriteOptions};
 
 pub use seeds::write_seeds;
 
-/// Bytes of memory that the trees of one input may take. What follows reading costs a multiple of it.
-const TREE_BYTES: u64 = 16 << 20;
+/// Bytes of memory that the trees of one input may take: a dozen of the large nodes of floats. What
+/// follows reading costs a multiple of it.
+const TREE_BYTES: u64 = 2 << 20;
 
 /// A whole file, byte by byte as it is.
 pub fn file(bytes: &[u8]) {
     let mut options = ReadOptions::default();
     options.limits = limits();
     if let Ok(file) = VdbFile::read(bytes, &options) {
-        let trees: u64 = file.grids.iter().map(|grid| grid.tree.stats().bytes).sum();
-        let instances = 1 + file.grids.len() as u64;
-        assert!(trees <= (TREE_BYTES + (4 << 20)) * instances, "{trees} bytes of tree");
+        let trees = tree_bytes(&file);
+        assert!(trees <= TREE_BYTES + (1 << 20), "{trees} bytes of tree");
         follow::file(&file, seed(bytes));
     }
 }
@@ -37,7 +37,9 @@ pub fn file(bytes: &[u8]) {
 /// Trees made by choices that the bytes stand for: no reader in the way.
 pub fn tree(bytes: &[u8]) {
     let mut choices = Unstructured::new(bytes);
-    if let Ok(file) = generate::file(&mut choices) {
+    if let Ok(file) = generate::file(&mut choices)
+        && tree_bytes(&file) <= TREE_BYTES
+    {
         follow::file(&file, seed(bytes));
     }
 }
@@ -54,10 +56,23 @@ pub fn mutant(bytes: &[u8]) {
     }
 }
 
+/// Bytes that the trees of a file take, each once.
+fn tree_bytes(file: &VdbFile) -> u64 {
+    let own = |i: &usize| {
+        let tree = &file.grids[*i].tree;
+        !file.grids[..*i].iter().any(|other| tree.shares_with(&other.tree))
+    };
+    (0..file.grids.len()).filter(own).map(|i| file.grids[i].tree.stats().bytes).sum()
+}
+
+/// What reading, packing and levels of detail may take of one input.
 fn limits() -> Limits {
     let mut limits = Limits::default();
     limits.tree_bytes = TREE_BYTES;
     limits.metadata_bytes = 1 << 20;
+    limits.grids = 64;
+    limits.packed_bytes = 16 * TREE_BYTES;
+    limits.level_bytes = 4 * TREE_BYTES;
     limits
 }
 
