@@ -60,6 +60,9 @@ pub struct VdbLoaderSettings {
     pub smooth: bool,
     /// In how many bits the GPU gets the samples of fog and of smooth surfaces.
     pub values: VdbValues,
+    /// What the file may ask of the machine before loading it is given up. The defaults protect a desktop with
+    /// 8 GB of memory; raise them for files that are larger and to be trusted.
+    pub limits: Limits,
 }
 
 impl Default for VdbLoaderSettings {
@@ -70,6 +73,7 @@ impl Default for VdbLoaderSettings {
             render_as: VdbRenderAs::Auto,
             smooth: true,
             values: VdbValues::Exact,
+            limits: Limits::default(),
         }
     }
 }
