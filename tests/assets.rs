@@ -338,7 +338,7 @@ fn limits_are_settings() {
     // By a file of settings, in which all others keep their defaults.
     let meta = |limits: &str| {
         format!(
-            "(meta_format_version: \"1.0\", asset: Load(loader: \"bevy_vdb::loader::VdbLoader\", \
+            "(meta_format_version: \"1.0\", asset: Load(loader: \"bevy_vdb::VdbLoader\", \
              settings: (limits: ({limits}))))"
         )
     };

@@ -17,7 +17,6 @@ fn step_of(grid: Grid, step: f32, edge: f32) -> f32 {
 
 struct March {
     walk: Walk,         // the cell that comes next
-    begin: vec3<u32>,   // where the walk began, as `confirm` asks for it
     near: Anchor,
     t_done: f32,        // how far the cell is done, from the anchor on, if it is begun
     is_begun: bool,
@@ -32,7 +31,6 @@ struct March {
 fn march_of(course: Course, enters: Walk, step: f32) -> March {
     return March(
         enters,
-        begin_of(enters),
         Anchor(vec3(0u), vec3(0.0), 0.0, FAR),
         0.0,
         false,
@@ -71,7 +69,7 @@ fn next_stretch(
         }
         let is_far = any(here.rel - (*march).near.cell > vec3(ANCHOR_RANGE));
         if !(*march).is_begun && (!(*march).in_run || is_far) {
-            let own = confirm(course, here, (*march).begin);
+            let own = confirm(course, here);
             if !own.inside {
                 (*march).walk = advance(course, here, empty_cell());
                 continue;
@@ -83,7 +81,7 @@ fn next_stretch(
         let t_done = (*march).t_done;
         let next = advance(course, here, span);
         let plane = planes_behind(course, here.rel, span);
-        let t_cell = max(anchor_exit(near, course, plane, next.axis, next.t), t_done);
+        let t_cell = max(anchor_exit(near, course, plane, next.axis), t_done);
         let t_last = max(min(t_cell, near.end), t_done);
         if stretch.density == 0.0 {
             let steps = floor((near.t + t_done - (*march).t_box) / (*march).t_step) + 1.0;
