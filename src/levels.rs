@@ -102,7 +102,7 @@ fn need(
     at: &GlobalTransform,
     aabb: &Aabb,
 ) -> f32 {
-    if !settings.enabled || !(quality.detail > 0.0) {
+    if !settings.enabled || quality.detail.is_nan() || quality.detail <= 0.0 {
         return 0.0;
     }
     let height = camera.physical_viewport_size().map_or(1, |size| size.y).max(1);

@@ -25,8 +25,7 @@ const TREE_BYTES: u64 = 2 << 20;
 
 /// A whole file, byte by byte as it is.
 pub fn file(bytes: &[u8]) {
-    let mut options = ReadOptions::default();
-    options.limits = limits();
+    let options = ReadOptions { limits: limits(), ..ReadOptions::default() };
     if let Ok(file) = VdbFile::read(bytes, &options) {
         let trees = tree_bytes(&file);
         assert!(trees <= TREE_BYTES + (1 << 20), "{trees} bytes of tree");
