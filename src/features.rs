@@ -35,6 +35,7 @@ bitflags! {
         const ACCUMULATED = 1 << 23;
         const MULTISAMPLED = 1 << 24;
         const PAGES = 1 << 25;
+        const WIDE_GRIDS = 1 << 26;
     }
 }
 
@@ -83,7 +84,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 26] = [
+pub(crate) const FEATURES: [Feature; 27] = [
     row(Features::VOXELS, &["SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -161,6 +162,12 @@ pub(crate) const FEATURES: [Feature; 26] = [
     .without(|_, quality| quality.accumulate = 0),
     row(Features::MULTISAMPLED, &["MULTISAMPLED"], "multisampled depth", "the camera has MSAA"),
     row(Features::PAGES, &["PAGED"], "pages", "grids exceed one binding of the GPU"),
+    row(
+        Features::WIDE_GRIDS,
+        &["WIDE_GRIDS"],
+        "wide grids",
+        "a grid is more than 2^22 voxels wide",
+    ),
 ];
 
 impl Features {

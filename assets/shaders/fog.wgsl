@@ -118,9 +118,23 @@ const BELOW_ONE: f32 = 0.999999940395355224609375;
 // Cells from its first sample on that a ray is sampled at most: farther, an f32 counts cells by the hundred.
 const FARTHEST: f32 = 1073741824.0;     // 2^30
 
-// Next to 1: an f32 times this is another one, however large. A loop that adds 1 to it alone would stand
-// still from 2^24 on.
+// From 2^24 steps on, an f32 plus 1 can be itself, and a loop that adds 1 would stand still.
+#ifdef WIDE_GRIDS
+// Next to 1: an f32 times this is another one, however large.
 const ONWARDS: f32 = 1.00000011920928955078125;
+#else
+// What a ray through other grids is divided into at most; where that is too few, steps are longer.
+const MOST_STEPS: f32 = 8388608.0;      // 2^23
+#endif
+
+// The number of a step from which the ray goes on, at least a step after the last.
+fn onwards(k: f32, next: f32) -> f32 {
+#ifdef WIDE_GRIDS
+    return max(next, k * ONWARDS);
+#else
+    return next;
+#endif
+}
 
 // Cells from the ray's own within which f32 says where a sample is to a thousandth of a voxel.
 const CLOSE: u32 = 8192u;
@@ -159,11 +173,15 @@ fn stepped_length(
     // Below 1, so that no sample is behind the cell, whichever way the ray goes.
     let origin = min(unturned(course, near.frac), vec3(BELOW_ONE));
     let samples = Samples(local_cell(course, near.cell), origin, way);
-    let t_step = step / length(course.speed);
-    let per_step = 1.0 / t_step;
     let exits = anchor_t(near, course, course.last + 1u);
     let farthest = FARTHEST * min(min(course.inverse.x, course.inverse.y), course.inverse.z);
     let t_end = min(min(min(exits.x, exits.y), exits.z), min(near.end, farthest));
+#ifdef WIDE_GRIDS
+    let t_step = step / length(course.speed);
+#else
+    let t_step = max(step / length(course.speed), t_end / MOST_STEPS);
+#endif
+    let per_step = 1.0 / t_step;
     // Of T^(-1/3), as a power of 2.
     let growth = dims * 0.48089835;
     var place = nowhere(samples.cell);
@@ -189,11 +207,11 @@ fn stepped_length(
             // A plane ahead may be so far that only an unsigned number has it.
             let cells = vec3<f32>(bitcast<vec3<u32>>(select(planes - samples.cell, samples.cell - planes, is_down)));
             let out = (select(cells, -cells, is_down) - samples.origin) * inverse;
-            k = max(max(k + 1.0, k * ONWARDS), ceil(min(min(out.x, out.y), out.z) * per_step - 0.5));
+            k = onwards(k, max(k + 1.0, ceil(min(min(out.x, out.y), out.z) * per_step - 0.5)));
             continue;
         }
         sum += part * density_in(grid, place, here);
-        k = max(k + stride, k * ONWARDS);
+        k = onwards(k, k + stride);
     }
     return min(sum, MOST_LENGTH);
 }

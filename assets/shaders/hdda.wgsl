@@ -213,14 +213,17 @@ fn advance(course: Course, walk: Walk, span: Span) -> Walk {
     var plane = planes_behind(course, walk.rel, span);
     var exits = plane_t(course, plane);
     var t = min(min(exits.x, exits.y), exits.z);
-    // Nothing goes back, but planes beyond the index space seem to: the ray leaves them with the space.
-    let is_at_end = t < 0.5 * walk.t;
-    if is_at_end {
+#ifdef WIDE_GRIDS
+    // A ray never goes back, but planes beyond the index space seem to lie behind it: it crosses them where
+    // the index space ends. Only wide grids (`PackedGrid::is_wide`) have spans that end there; a
+    // branch in this loop costs others a twentieth of their time.
+    if t < 0.5 * walk.t {
         let beyond = plane <= walk.rel;
         plane = select(plane, vec3(0u), beyond);
         exits = select(exits, (WHOLE - course.frac) * course.inverse, beyond);
         t = min(min(exits.x, exits.y), exits.z);
     }
+#endif
     let second = max(min(exits.x, exits.y), min(max(exits.x, exits.y), exits.z));
     var across = exits == vec3(t);
     if second <= t * (1.0 + T_ERROR) {
@@ -229,7 +232,11 @@ fn advance(course: Course, walk: Walk, span: Span) -> Walk {
     }
     let axis = select(select(2u, 1u, across.y), 0u, across.x);
     let rel = select(cells_reached(course, t, walk.rel), plane, across);
-    return Walk(rel, t, axis, all(rel <= course.last) && !(is_at_end && any(rel < walk.rel)));
+#ifdef WIDE_GRIDS
+    return Walk(rel, t, axis, all(rel <= course.last) && all(rel >= walk.rel));
+#else
+    return Walk(rel, t, axis, all(rel <= course.last));
+#endif
 }
 
 // Whether the ray itself comes into the walk's cell, where and by which face; one that begins there comes

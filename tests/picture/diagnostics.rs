@@ -110,9 +110,9 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     assert_eq!(stage.report(camera), None, "everything is gone with what asked for it");
 }
 
-/// With the GPU's own times: no time is enough for the fastest, and any is for the most exact.
+/// With the GPU's own times: without need the dial holds the most exact settings, for a third of what these
+/// take it gives some up, and given that time again, it takes them back.
 #[test]
-#[ignore = "a budget out of reach no longer settles at the coarsest marks; to be asked with one within reach"]
 fn the_dial_is_turned_by_what_the_gpu_takes() {
     if !has_gpu() {
         return;
@@ -127,30 +127,39 @@ fn the_dial_is_turned_by_what_the_gpu_takes() {
     let own = VdbQuality { shadow_range: 7.0, ..VdbQuality::HIGH };
     stage.world().entity_mut(camera).insert(own);
     stage.picture(&target);
-    let mut turned = |frame_ms: f32, to: (f32, f32)| {
+    // The settings at which it stands still, and the median time of a frame with them.
+    let mut settled = |frame_ms: f32| {
         stage.world().entity_mut(camera).insert(VdbDial::Budget { frame_ms });
         let mut frames = 0;
         let mut last = *stage.world().get::<VdbQuality>(camera).unwrap();
-        // Until it has stood still there for so long: times come from the GPU many frames late.
-        let mut still = 0;
-        while still < 60 || (last.resolution, last.fog_light_step) != to {
+        let mut times = Vec::new();
+        // Times come from the GPU many frames late.
+        while times.len() < 60 {
             stage.update(1);
             let now = *stage.world().get::<VdbQuality>(camera).unwrap();
-            still = if now == last { still + 1 } else { 0 };
+            if now != last {
+                times.clear();
+            }
             last = now;
+            let store = stage.world().resource::<bevy::diagnostic::DiagnosticsStore>();
+            times.push(VdbDiagnostics::pass_ms(store, "vdb_trace").unwrap_or(0.0));
             frames += 1;
-            assert!(frames < 1200, "at {frame_ms} ms the dial settles at {last:?}, not at {to:?}");
+            assert!(frames < 1200, "at {frame_ms} ms the dial does not settle: {last:?}");
         }
-        println!("{frame_ms} ms: after {} frames {last:?}", frames - 60);
-        last
+        let late = &mut times[30..];
+        late.sort_by(f64::total_cmp);
+        println!("{frame_ms} ms: after {} frames {} ms, {last:?}", frames - 60, late[15]);
+        (last, late[15])
     };
-    turned(1e-4, (0.25, 16.0));
-    let most = turned(1e6, (1.0, VdbQuality::EXACT.fog_light_step));
-    assert_eq!(most.shadow_range, 7.0, "it is not the dial's");
-    stage.picture(&target);
-    let store = stage.world().resource::<bevy::diagnostic::DiagnosticsStore>();
-    let ms = VdbDiagnostics::pass_ms(store, "vdb_trace");
-    assert!(ms.is_some_and(|ms| ms > 0.0), "{ms:?}");
+    let (exact, most) = settled(1e6);
+    assert_eq!((exact.resolution, exact.fog_light_step), (1.0, VdbQuality::EXACT.fog_light_step));
+    assert!(most > 0.0, "{most} ms");
+    let (coarse, least) = settled(most as f32 / 3.0);
+    assert!(coarse.fog_light_step > exact.fog_light_step, "{coarse:?}");
+    assert!(least < 0.4 * most, "{least} ms of {most}");
+    let (again, _) = settled(1e6);
+    assert_eq!(again, exact);
+    assert_eq!(again.shadow_range, 7.0, "it is not the dial's");
 }
 
 /// An error in pixels: near by, fog is asked for more often than far away.

@@ -1,5 +1,8 @@
 //! Single rays: what goes in, what comes out.
 
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex};
+
 use bytemuck::{Pod, Zeroable};
 use vdb_core::pack::{PackedGrid, walk};
 use vdb_core::view::GpuRays;
@@ -87,6 +90,7 @@ pub struct GpuGrid {
     buffers: Vec<(u32, wgpu::Buffer)>,
     /// log₂ of the words of a page, where there are several.
     bits: Option<u32>,
+    is_wide: bool,
 }
 
 /// The bindings of the pages of words, as `bindings.wgsl` has them.
@@ -94,7 +98,7 @@ const PAGES: [u32; 3] = [1, 2, 3];
 
 impl GpuGrid {
     /// Uploads a grid, in pages where a shader cannot bind as much at once; kernels need its
-    /// [`defs`](Self::defs).
+    /// [`defs`](Self::defs), which a [`Probe`] sees to.
     ///
     /// # Panics
     /// When it is larger than [`Self::capacity`].
@@ -132,12 +136,14 @@ impl GpuGrid {
             let words = grid.words.chunks(page).nth(i).unwrap_or_default();
             buffers.push((binding, gpu.storage(bytemuck::cast_slice(words))));
         }
-        Self { buffers, bits }
+        Self { buffers, bits, is_wide: grid.is_wide() }
     }
 
-    /// What the shaders have to know of the pages.
+    /// What the shaders have to know of the grid and its pages.
     pub fn defs(&self) -> Vec<String> {
-        self.bits.map_or_else(Vec::new, |bits| vec!["PAGED".into(), format!("PAGE_BITS={bits}")])
+        let pages = self.bits.map(|bits| ["PAGED".into(), format!("PAGE_BITS={bits}")]);
+        let wide = self.is_wide.then(|| "WIDE_GRIDS".into());
+        pages.into_iter().flatten().chain(wide).collect()
     }
 
     /// The buffers with their bindings.
@@ -146,45 +152,53 @@ impl GpuGrid {
     }
 }
 
-/// The kernel of one question.
+/// The kernels of one question.
 #[derive(Debug)]
 pub struct Probe<'a> {
     gpu: &'a Gpu,
-    given: Kernel,
-    picture: Kernel,
+    entry: &'static str,
+    defs: Vec<String>,
+    /// Those that grids have asked for so far, by all their defs.
+    kernels: Mutex<HashMap<Vec<String>, Arc<Kernel>>>,
 }
 
 /// Rays of a dispatch along x; as in `probe.wgsl`.
 const ROW: u32 = 64 * 32768;
 
 impl<'a> Probe<'a> {
-    /// Compiles the shaders.
+    /// Kernels are compiled when a grid first needs them.
     pub fn new(gpu: &'a Gpu, kind: ProbeKind) -> Self {
         Self::with_defs(gpu, kind, &[])
     }
 
-    /// Compiles the shaders with more defs.
+    /// The shaders with more defs.
     pub fn with_defs(gpu: &'a Gpu, kind: ProbeKind, defs: Defs) -> Self {
         let entry = match kind {
             ProbeKind::Voxels => "probe_voxels",
             ProbeKind::Smooth => "probe_smooth",
             ProbeKind::Fog => "probe_fog",
         };
-        let source = include_str!("probe.wgsl");
-        let given: Vec<_> = defs.iter().copied().chain(["COUNT_STEPS"]).collect();
-        let picture: Vec<_> = given.iter().copied().chain(["PICTURE"]).collect();
-        Self {
-            gpu,
-            given: gpu.kernel(source, entry, &given),
-            picture: gpu.kernel(source, entry, &picture),
-        }
+        let defs = defs.iter().chain(&["COUNT_STEPS"]).map(|def| (*def).to_owned()).collect();
+        Self { gpu, entry, defs, kernels: Mutex::default() }
+    }
+
+    /// The kernel for a grid, with one def more if there is one.
+    fn kernel(&self, grid: &GpuGrid, more: Option<&str>) -> Arc<Kernel> {
+        let mut defs = self.defs.clone();
+        defs.extend(grid.defs().into_iter().chain(more.map(Into::into)));
+        let mut kernels = self.kernels.lock().expect("no kernel panics half-compiled");
+        let kernel = kernels.entry(defs).or_insert_with_key(|defs| {
+            let defs: Vec<&str> = defs.iter().map(String::as_str).collect();
+            Arc::new(self.gpu.kernel(include_str!("probe.wgsl"), self.entry, &defs))
+        });
+        kernel.clone()
     }
 
     /// Sends given rays through a grid.
     pub fn send(&self, grid: &GpuGrid, rays: &[ProbeRay]) -> Vec<ProbeHit> {
         let setup = Setup { size: [0; 2], count: rays.len() as u32, pad: 0 };
         let rays = self.gpu.storage(bytemuck::cast_slice(rays));
-        self.run(&self.given, grid, setup, &[(4, &rays)])
+        self.run(&self.kernel(grid, None), grid, setup, &[(4, &rays)])
     }
 
     /// Sends the rays of a picture of so many pixels through a grid, row by row, with the starts that
@@ -199,7 +213,8 @@ impl<'a> Probe<'a> {
         let view = self.gpu.storage(bytemuck::bytes_of(view));
         let bytes = u64::from(setup.count) * size_of::<ProbeRay>() as u64;
         let made = self.gpu.output(bytes);
-        let hits = self.run(&self.picture, grid, setup, &[(7, &view), (8, &made)]);
+        let hits =
+            self.run(&self.kernel(grid, Some("PICTURE")), grid, setup, &[(7, &view), (8, &made)]);
         (bytemuck::pod_collect_to_vec(&self.gpu.read(&made, bytes)), hits)
     }
 

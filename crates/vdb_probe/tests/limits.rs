@@ -188,3 +188,53 @@ fn through_all_of_index_space() {
         assert!(hit.optical_length < 10.0 && hit.steps < 10_000, "{hit:?}");
     }
 }
+
+/// Grids on either side of the width from which shaders look out for the end of the index space, with rays
+/// that leap over all of it.
+#[test]
+fn rays_cross_the_widest_grids() {
+    let Some(gpu) = Gpu::find() else { return };
+    let mut are_wide = Vec::new();
+    for bits in [20, 22, 23, 32] {
+        let half = 1_i64 << (bits - 1);
+        let ends = [-half as i32, (half - 1) as i32];
+        let mut tree = Vdb543::new(1.0);
+        for i in 0..8 {
+            tree.set(
+                IVec3::from_array([4, 2, 1].map(|axis| ends[usize::from(i & axis != 0)])),
+                -1.0,
+            );
+        }
+        let grid = PackedGrid::new(&tree, SURFACE).unwrap();
+        are_wide.push(grid.is_wide());
+        let mut rays = Vec::new();
+        for from in [i32::MIN, ends[0], -77, 3, ends[1], i32::MAX] {
+            for (axis, sign) in [0, 1, 2].into_iter().flat_map(|axis| [(axis, 1.0), (axis, -1.0)]) {
+                for other in ends {
+                    let mut cell = IVec3::splat(other);
+                    cell[axis] = from;
+                    let mut dir = Vec3::ZERO;
+                    dir[axis] = sign;
+                    rays.push(ray(&grid, cell, dir, (0.0, f32::INFINITY)));
+                    // Past the voxels, through nothing.
+                    cell[(axis + 1) % 3] ^= 1 << 12;
+                    rays.push(ray(&grid, cell, dir, (0.0, f32::INFINITY)));
+                    dir[(axis + 1) % 3] = 1e-3;
+                    rays.push(ray(&grid, cell, dir, (0.0, f32::INFINITY)));
+                }
+            }
+        }
+        let mut met = 0;
+        for (ray, hit) in rays.iter().zip(send(&gpu, &grid, &rays, &[])) {
+            let expected = walk::first_hit(&grid, ray).map(|hit| (hit.cell.to_array(), hit.axis));
+            met += usize::from(expected.is_some());
+            assert_eq!(
+                (hit.hit != 0).then_some((hit.cell, hit.axis)),
+                expected,
+                "2^{bits}: {ray:?}"
+            );
+        }
+        assert!(met > rays.len() / 9, "2^{bits}: {met} of {} rays meet a voxel", rays.len());
+    }
+    assert_eq!(are_wide, [false, false, true, true]);
+}

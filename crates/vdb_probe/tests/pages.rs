@@ -38,10 +38,8 @@ fn pages_answer_as_one_piece_does() {
             most_pages = most_pages.max(grid.words.len().div_ceil(page));
             let whole = GpuGrid::paged(&gpu, &grid, None);
             let cut = GpuGrid::paged(&gpu, &grid, Some(page.ilog2()));
-            let defs = cut.defs();
-            let defs: Vec<&str> = defs.iter().map(String::as_str).collect();
-            let expected = Probe::new(&gpu, ask).send(&whole, &rays);
-            let hits = Probe::with_defs(&gpu, ask, &defs).send(&cut, &rays);
+            let probe = Probe::new(&gpu, ask);
+            let [expected, hits] = [whole, cut].map(|grid| probe.send(&grid, &rays));
             let met = |hit: &&vdb_probe::ProbeHit| hit.hit == 1 || hit.optical_length > 0.0;
             let met = expected.iter().filter(met).count();
             assert!(met > RAYS / 10, "{met} rays meet something");

@@ -64,6 +64,11 @@ impl VdbTreePool {
         formats.all(|format| format == first).then_some(first)
     }
 
+    /// Whether a grid is so wide that shaders have to look out for the end of the index space.
+    pub fn has_wide_grids(&self) -> bool {
+        self.resident.values().any(|grid| grid.packed.is_wide())
+    }
+
     /// Which words of an edited grid are there.
     pub fn revision(&self, grid: GridKey) -> Option<u64> {
         self.resident.get(&grid)?.revision

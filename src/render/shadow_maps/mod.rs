@@ -142,7 +142,8 @@ fn prepare_casters(
     let key = CastKey {
         features: Features::VOXELS.when(has(types::KIND_SURFACE))
             | Features::SMOOTH.when(has(types::KIND_SMOOTH))
-            | Features::FOG.when(has(types::KIND_FOG)),
+            | Features::FOG.when(has(types::KIND_FOG))
+            | Features::WIDE_GRIDS.when(pool.has_wide_grids()),
         page_bits: pool.page_bits(),
         sample_format: pool.format(),
     };

@@ -30,7 +30,10 @@ pub(super) struct BeamsKey {
 
 impl From<&ViewKey> for BeamsKey {
     fn from(key: &ViewKey) -> Self {
-        let own = Features::MULTISAMPLED | Features::SCALED | Features::ACCUMULATED;
+        let own = Features::MULTISAMPLED
+            | Features::SCALED
+            | Features::ACCUMULATED
+            | Features::WIDE_GRIDS;
         Self { features: key.features & own, page_bits: key.page_bits }
     }
 }

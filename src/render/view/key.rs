@@ -28,7 +28,9 @@ impl ViewKey {
     pub fn can_replace(&self, wanted: &Self, present: Features) -> bool {
         let fixed = Features::MULTISAMPLED | Features::MOTION_VECTORS;
         let bound = Features::ENVIRONMENT | Features::DISTANCE_FOG;
-        self.features & fixed == wanted.features & fixed
+        let is_safe = self.has(Features::WIDE_GRIDS) || !wanted.has(Features::WIDE_GRIDS);
+        is_safe
+            && self.features & fixed == wanted.features & fixed
             && self.page_bits == wanted.page_bits
             && present.contains(self.features & bound)
     }
@@ -86,5 +88,13 @@ mod tests {
         assert!(!with_maps.can_replace(&plain, Features::empty()));
         assert!(plain.can_replace(&with_maps, Features::empty()));
         assert!(!plain.can_replace(&lit(Features::MOTION_VECTORS), Features::empty()));
+    }
+
+    #[test]
+    fn a_fallback_ends_its_loops_in_wide_grids() {
+        let plain = ViewKey::default();
+        let wide = ViewKey { features: Features::WIDE_GRIDS, ..Default::default() };
+        assert!(wide.can_replace(&plain, Features::empty()));
+        assert!(!plain.can_replace(&wide, Features::empty()));
     }
 }

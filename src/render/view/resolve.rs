@@ -193,6 +193,7 @@ fn view_key(
         | Features::MULTIPLE_SCATTERING.when(multiple_scattering)
         | Features::MANY.when(many)
         | Features::PAGES.when(pool.page_bits().is_some())
+        | Features::WIDE_GRIDS.when(pool.has_wide_grids())
         | Features::MOTION_VECTORS.when(of.has_motion && motion_vectors)
         | Features::REFLECTIONS.when(settings.reflections > 0)
         | Features::OVERLAYS.when(camera.overlays != VdbOverlays::default())

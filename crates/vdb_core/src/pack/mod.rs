@@ -130,6 +130,17 @@ impl PackedGrid {
         Self::with_options(tree, kind, &PackOptions { format, ..PackOptions::default() })
     }
 
+    /// Whether cells are so many that shaders need the def `WIDE_GRIDS`: more than 2^22 per axis.
+    ///
+    /// Shaders count the cells of a ray from its own, in 32 bits. It can have any cell: from there to the last
+    /// cell of the box, and on from that over the longest span of empty cells, a grid that is not wide takes
+    /// less than 2^32, and steps as long as a voxel are few enough to be counted in an f32.
+    pub fn is_wide(&self) -> bool {
+        let extent =
+            |occupied: CoordBox| occupied.max.wrapping_sub(occupied.min).as_uvec3().max_element();
+        self.occupied.is_some_and(|occupied| extent(occupied) >= 1 << 22)
+    }
+
     /// Packs a grid as the options say; progress is counted in steps, and every few milliseconds.
     ///
     /// # Errors

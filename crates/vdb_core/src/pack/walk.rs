@@ -255,7 +255,8 @@ fn planes_behind(course: &Course, rel: UVec3, span: Span) -> UVec3 {
 pub fn advance(course: &Course, walk: &Walk, span: Span) -> Walk {
     let mut plane = planes_behind(course, walk.rel, span);
     let mut exits = course.plane_t(plane);
-    // Nothing goes back, but planes beyond the index space seem to: the ray leaves them with the space.
+    // A ray never goes back, but planes beyond the index space seem to lie behind it: it crosses them where
+    // the index space ends.
     let is_at_end = exits.min_element() < 0.5 * walk.t;
     if is_at_end {
         let beyond = plane.cmple(walk.rel);
