@@ -7,7 +7,7 @@ use bevy::diagnostic::DiagnosticsStore;
 use bevy::prelude::*;
 use std::time::Instant;
 
-use crate::diagnostics::{PASSES, newest};
+use crate::quality::diagnostics::gpu_time;
 use crate::{VdbDiagnostics, VdbGrid, VdbMeasureFeatures, VdbQuality, VdbVolume};
 use controller::{Controller, MARKS};
 
@@ -144,15 +144,6 @@ pub(crate) fn turn_dials(
         };
         quality.set_if_neq(turned);
     }
-}
-
-/// The GPU's newest time for all passes of a frame, in milliseconds, and when it came.
-pub(crate) fn gpu_time(store: &DiagnosticsStore) -> Option<(Instant, f32)> {
-    let [first, ..] = PASSES;
-    let trace = newest(store, first)?;
-    let all = PASSES.iter().filter_map(|pass| newest(store, pass));
-    let ms: f64 = all.filter(|pass| pass.time == trace.time).map(|pass| pass.value).sum();
-    Some((trace.time, ms as f32))
 }
 
 /// How far a volume's box is from the eye, in world units.

@@ -1,6 +1,7 @@
 //! What volumes cost, for whoever wants to show it.
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 use bevy::diagnostic::{DiagnosticMeasurement, DiagnosticPath, DiagnosticsStore};
 use bevy::platform::collections::HashMap;
@@ -113,4 +114,13 @@ pub struct VdbBufferReport {
     pub bytes: u64,
     /// What asks for it.
     pub why: &'static str,
+}
+
+/// The GPU's newest time for all passes of a frame, in milliseconds, and when it came.
+pub(crate) fn gpu_time(store: &DiagnosticsStore) -> Option<(Instant, f32)> {
+    let [first, ..] = PASSES;
+    let trace = newest(store, first)?;
+    let all = PASSES.iter().filter_map(|pass| newest(store, pass));
+    let ms: f64 = all.filter(|pass| pass.time == trace.time).map(|pass| pass.value).sum();
+    Some((trace.time, ms as f32))
 }

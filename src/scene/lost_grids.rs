@@ -2,36 +2,12 @@
 //! Bevy says why; of one that can, but lacks a grid that is shown, nobody would say anything.
 
 use std::collections::HashSet;
-use std::sync::{Arc, Mutex, PoisonError};
 
-use bevy::asset::{AssetPath, UntypedAssetId};
+use bevy::asset::UntypedAssetId;
 use bevy::prelude::*;
 
+use crate::asset::loaded::LoadedFiles;
 use crate::{VdbColorGrid, VdbEmission, VdbVolume};
-
-/// The files that have been loaded since it was last looked, from the loader's threads to the app.
-#[derive(Clone, Debug, Default, Resource)]
-pub(crate) struct LoadedFiles(Arc<Mutex<Vec<LoadedFile>>>);
-
-/// What there is of a file, by label.
-#[derive(Debug)]
-pub(crate) struct LoadedFile {
-    pub path: AssetPath<'static>,
-    pub grids: HashSet<String>,
-    pub vector_grids: HashSet<String>,
-}
-
-impl LoadedFiles {
-    pub fn push(&self, file: LoadedFile) {
-        let mut files = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        files.retain(|known| known.path != file.path);
-        files.push(file);
-    }
-
-    fn take(&self) -> Vec<LoadedFile> {
-        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-}
 
 /// Says which grids are shown that their file has no longer. Bevy keeps an asset as long as it has handles.
 pub(crate) fn tell_of_lost_grids(
