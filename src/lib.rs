@@ -7,8 +7,6 @@ mod inspector;
 mod plugin;
 pub mod prelude;
 mod quality;
-#[cfg(feature = "record")]
-mod record;
 mod render;
 mod scene;
 
@@ -16,17 +14,17 @@ pub use asset::{
     VdbFile, VdbFileProgress, VdbGrid, VdbGridError, VdbGridLoader, VdbLoadProgress, VdbLoader,
     VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbValues, VdbVectorGrid, VdbVectorGridLoader,
 };
+#[cfg(feature = "record")]
+pub use bevy_vdb_record::{
+    VdbRecordClock, VdbRecordEnded, VdbRecordError, VdbRecordFormat, VdbRecordPhase,
+    VdbRecordPlugin, VdbRecordSettings, VdbRecordStatus, VdbRecordWhenFull, VdbRecorder,
+};
 #[cfg(feature = "egui")]
 pub use inspector::{VdbInspector, VdbInspectorPlugin, VdbModelPicked};
 pub use plugin::{VdbPlugins, VdbRenderPlugin};
 pub use quality::{
     VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbDial, VdbFeatureCost, VdbFeatureCosts,
     VdbFeatureReport, VdbMeasureFeatures, VdbPassReport, VdbQuality, VdbVolumeQuality,
-};
-#[cfg(feature = "record")]
-pub use record::{
-    VdbRecordClock, VdbRecordEnded, VdbRecordError, VdbRecordFormat, VdbRecordPhase,
-    VdbRecordPlugin, VdbRecordSettings, VdbRecordStatus, VdbRecordWhenFull, VdbRecorder,
 };
 pub use render::{VdbGpuUsage, VdbSystems};
 pub use scene::{

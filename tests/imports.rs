@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The stages of the crate, each of which may import from those before it.
-const STAGES: [&str; 17] = [
+const STAGES: [&str; 16] = [
     "asset",
     "scene",
     "quality",
@@ -21,31 +21,24 @@ const STAGES: [&str; 17] = [
     "render::composite",
     "render::report",
     "render::drawn",
-    "record",
     "inspector",
     "plugin",
 ];
 
 /// The circles that are left, crate by crate. One that is cut leaves this list.
-const KNOWN: [(&str, &[&str]); 2] = [
-    (
-        "bevy_vdb",
-        &["inspector, inspector::models", "record::encode, record::ffmpeg, record::session"],
-    ),
-    (
-        "vdb_core",
-        &[
-            "format::buffer, format::buffers, format::build, format::demand, format::descriptor, \
+const KNOWN: [(&str, &[&str]); 1] = [(
+    "vdb_core",
+    &[
+        "format::buffer, format::buffers, format::build, format::demand, format::descriptor, \
              format::file, format::header, format::metadata, format::open, format::save, \
              format::topology, format::transform, format::values, format::write, grid",
-            "pack, pack::options, pack::values",
-            "pack::anchor, pack::walk",
-            "pack::assemble, pack::build, pack::palette, pack::region",
-            "pack::course, pack::exact",
-            "query, query::course",
-        ],
-    ),
-];
+        "pack, pack::options, pack::values",
+        "pack::anchor, pack::walk",
+        "pack::assemble, pack::build, pack::palette, pack::region",
+        "pack::course, pack::exact",
+        "query, query::course",
+    ],
+)];
 
 /// The modules of a crate: by path (`render::gpu`, the root is empty) what each imports, and what it
 /// passes on under which name.

@@ -3,7 +3,8 @@
 use bevy::prelude::*;
 use bevy_egui::egui;
 
-use super::{VdbInspector, entity_name};
+use super::state::VdbInspector;
+use super::widgets::entity_name;
 use crate::{VdbCamera, VdbRenderMode};
 
 const MODES: [(&str, VdbRenderMode); 9] = [
@@ -25,7 +26,7 @@ pub(super) fn show(
 ) {
     let mut chosen = inspector.camera;
     let names = cameras.iter().map(|(entity, _, _, name)| (entity, entity_name(entity, name)));
-    super::pick_entity(ui, "camera", &mut chosen, names);
+    super::widgets::pick_entity(ui, "camera", &mut chosen, names);
     if chosen != inspector.camera {
         inspector.camera = chosen;
     }
@@ -39,9 +40,9 @@ pub(super) fn show(
     ui.label(format!("facing {:.3}, {:.3}, {:.3}", facing.x, facing.y, facing.z));
     let mut new = camera.clone();
     ui.checkbox(&mut new.enabled, "shows volumes");
-    super::pick(ui, "mode", &mut new.mode, &MODES);
+    super::widgets::pick(ui, "mode", &mut new.mode, &MODES);
     if new.mode == VdbRenderMode::Steps {
-        let scale = super::slider(&mut new.steps_scale, 1.0..=2_000.0).logarithmic(true);
+        let scale = super::widgets::slider(&mut new.steps_scale, 1.0..=2_000.0).logarithmic(true);
         ui.add(scale.text("hottest, steps"));
     }
     ui.checkbox(&mut new.mesh_shadows, "shadows on meshes");

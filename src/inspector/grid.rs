@@ -8,7 +8,7 @@ use bevy_egui::egui;
 use vdb_core::display::{escaped, quoted};
 use vdb_core::tree::{TreeStats, Vdb543};
 
-use super::VdbInspector;
+use super::state::VdbInspector;
 use crate::{VdbGrid, VdbVolume};
 
 /// Levels of the tree, from the leaves up.

@@ -4,7 +4,7 @@ use bevy::prelude::*;
 use bevy_egui::egui;
 use vdb_core::pack::PackKind;
 
-use super::VdbInspector;
+use super::state::VdbInspector;
 use crate::{VdbGrid, VdbMaterial, VdbVolume};
 
 pub(super) fn show(
@@ -26,13 +26,13 @@ pub(super) fn show(
     emissive(ui, &mut new.emissive);
     let fog = grids.get(&volume.0).is_some_and(|grid| matches!(grid.kind(), PackKind::Fog));
     if fog {
-        let density = super::slider(&mut new.density_scale, 0.0..=1_000.0);
+        let density = super::widgets::slider(&mut new.density_scale, 0.0..=1_000.0);
         ui.add(density.logarithmic(true).smallest_positive(1e-3).text("density scale"));
-        ui.add(super::slider(&mut new.anisotropy, -0.99..=0.99).text("anisotropy"));
+        ui.add(super::widgets::slider(&mut new.anisotropy, -0.99..=0.99).text("anisotropy"));
     } else {
-        ui.add(super::slider(&mut new.perceptual_roughness, 0.0..=1.0).text("roughness"));
-        ui.add(super::slider(&mut new.metallic, 0.0..=1.0).text("metallic"));
-        ui.add(super::slider(&mut new.reflectance, 0.0..=1.0).text("reflectance"));
+        ui.add(super::widgets::slider(&mut new.perceptual_roughness, 0.0..=1.0).text("roughness"));
+        ui.add(super::widgets::slider(&mut new.metallic, 0.0..=1.0).text("metallic"));
+        ui.add(super::widgets::slider(&mut new.reflectance, 0.0..=1.0).text("reflectance"));
     }
     material.set_if_neq(new);
 }
@@ -42,8 +42,9 @@ fn emissive(ui: &mut egui::Ui, emissive: &mut LinearRgba) {
     let mut luminance = emissive.red.max(emissive.green).max(emissive.blue);
     let tint = if luminance > 0.0 { *emissive / luminance } else { LinearRgba::WHITE };
     let mut rgb = tint.to_f32_array_no_alpha();
-    let slider =
-        super::slider(&mut luminance, 0.0..=100_000.0).logarithmic(true).smallest_positive(0.01);
+    let slider = super::widgets::slider(&mut luminance, 0.0..=100_000.0)
+        .logarithmic(true)
+        .smallest_positive(0.01);
     let mut changed = ui.add(slider.suffix(" cd/m²").text("emissive")).changed();
     if luminance > 0.0 {
         let button = |ui: &mut egui::Ui| egui::color_picker::color_edit_button_rgb(ui, &mut rgb);

@@ -13,9 +13,11 @@ mod quality;
 #[cfg(feature = "record")]
 mod recording;
 mod roles;
+mod state;
 mod sun;
 mod tools;
 mod volumes;
+mod widgets;
 
 use bevy::core_pipeline::schedule::{Core3d, Core3dSystems};
 use bevy::diagnostic::FrameTimeDiagnosticsPlugin;
@@ -25,9 +27,9 @@ use bevy::render::RenderApp;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_egui::render::egui_pass;
 use bevy_egui::{EguiContext, EguiPlugin, EguiPrimaryContextPass, PrimaryEguiContext, egui};
-use vdb_core::display::escaped;
 
 pub use models::VdbModelPicked;
+pub use state::VdbInspector;
 
 use crate::{VdbCamera, VdbVolume};
 
@@ -62,27 +64,6 @@ pub struct VdbInspectorPlugin {
 impl Default for VdbInspectorPlugin {
     fn default() -> Self {
         Self { replaces_models: true }
-    }
-}
-
-/// The state of the panel: a resource.
-#[derive(Clone, Debug, Resource)]
-pub struct VdbInspector {
-    /// Whether it is open, as at the start.
-    pub open: bool,
-    /// The key that opens and closes it. F2 by default.
-    pub key: Option<KeyCode>,
-    /// The [`VdbVolume`] whose figures and material are shown; by itself one of those there are.
-    pub volume: Option<Entity>,
-    /// The camera whose settings are shown; by itself the one that has the panel.
-    pub camera: Option<Entity>,
-    /// The `DirectionalLight` that is shown; by itself one of those there are.
-    pub sun: Option<Entity>,
-}
-
-impl Default for VdbInspector {
-    fn default() -> Self {
-        Self { open: true, key: Some(KeyCode::F2), volume: None, camera: None, sun: None }
     }
 }
 
@@ -186,70 +167,7 @@ fn section<M: 'static>(
 ) {
     egui::CollapsingHeader::new(title).default_open(open).show(ui, |ui| {
         if let Err(error) = world.run_system_cached_with(system, ui) {
-            complain(ui, error.to_string());
+            widgets::complain(ui, error.to_string());
         }
     });
-}
-
-/// What went wrong.
-fn complain(ui: &mut egui::Ui, what: impl Into<String>) {
-    // Bevy's words may have the path of a file in them.
-    let lines: Vec<String> =
-        what.into().lines().take(20).map(|line| escaped(line).at_most(2_000).to_string()).collect();
-    ui.colored_label(ui.visuals().error_fg_color, lines.join("\n"));
-}
-
-/// A slider that leaves a value beyond its range alone until somebody moves it.
-fn slider<'a, N: egui::emath::Numeric>(
-    value: &'a mut N,
-    range: std::ops::RangeInclusive<N>,
-) -> egui::Slider<'a> {
-    egui::Slider::new(value, range).clamping(egui::SliderClamping::Edits).max_decimals(3)
-}
-
-/// A setting to be picked from a few; whether it has changed.
-fn pick<T: Copy + PartialEq>(
-    ui: &mut egui::Ui,
-    label: &str,
-    value: &mut T,
-    all: &[(&str, T)],
-) -> bool {
-    let before = *value;
-    let now = all.iter().find(|(_, one)| *one == before).map_or("", |(name, _)| *name);
-    egui::ComboBox::from_label(label).selected_text(now).show_ui(ui, |ui| {
-        for (name, one) in all {
-            // By keyboard, too, a choice ends the choosing.
-            if ui.selectable_value(value, *one, *name).clicked() {
-                ui.close();
-            }
-        }
-    });
-    *value != before
-}
-
-/// One among entities, by name, where there are several.
-fn pick_entity(
-    ui: &mut egui::Ui,
-    label: &str,
-    value: &mut Option<Entity>,
-    all: impl Iterator<Item = (Entity, String)>,
-) {
-    let all: Vec<_> = all.collect();
-    if all.len() < 2 {
-        return;
-    }
-    let name = |entity| all.iter().find(|(one, _)| Some(*one) == entity).map(|(_, name)| name);
-    let now = name(*value).cloned().unwrap_or_default();
-    egui::ComboBox::from_label(label).selected_text(now).show_ui(ui, |ui| {
-        for (entity, name) in &all {
-            if ui.selectable_value(value, Some(*entity), name).clicked() {
-                ui.close();
-            }
-        }
-    });
-}
-
-/// A name for people.
-fn entity_name(entity: Entity, name: Option<&Name>) -> String {
-    name.map_or_else(|| entity.to_string(), |name| name.to_string())
 }

@@ -82,7 +82,7 @@ pub(super) fn show(
         ui.label(format!("loading {} …", escaped(&path.to_string())));
     }
     if let Some(error) = &models.error {
-        super::complain(ui, error);
+        super::widgets::complain(ui, error);
     }
 }
 

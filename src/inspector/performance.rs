@@ -6,7 +6,7 @@ use bevy::diagnostic::{DiagnosticsStore, FrameTimeDiagnosticsPlugin};
 use bevy::prelude::*;
 use bevy_egui::egui;
 
-use super::VdbInspector;
+use super::state::VdbInspector;
 use crate::{VdbFeatureCosts, VdbGpuUsage, VdbMeasureFeatures};
 
 /// Bars of the histogram.
@@ -27,7 +27,7 @@ pub(super) fn show(
     mut commands: Commands,
 ) {
     let Some(store) = store else {
-        super::complain(ui, "Bevy's DiagnosticsPlugin is missing");
+        super::widgets::complain(ui, "Bevy's DiagnosticsPlugin is missing");
         return;
     };
     if let Some(times) = store.get(&FrameTimeDiagnosticsPlugin::FRAME_TIME) {

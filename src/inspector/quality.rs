@@ -3,7 +3,7 @@
 use bevy::prelude::*;
 use bevy_egui::egui;
 
-use super::VdbInspector;
+use super::state::VdbInspector;
 use crate::{VdbQuality, VdbTraversal};
 
 const TRAVERSALS: [(&str, VdbTraversal); 4] = [
@@ -29,18 +29,18 @@ pub(super) fn show(
         }
     });
     ui.checkbox(&mut new.shadows, "shadows");
-    ui.add(super::slider(&mut new.reflections, 0..=16).text("reflections"));
+    ui.add(super::widgets::slider(&mut new.reflections, 0..=16).text("reflections"));
     let mut exact = new.fog_step == 0.0;
     if ui.checkbox(&mut exact, "fog cell by cell, exactly").changed() {
         new.fog_step = if exact { 0.0 } else { 1.0 };
     }
     if !exact {
-        let step = super::slider(&mut new.fog_step, 0.25..=16.0).logarithmic(true);
+        let step = super::widgets::slider(&mut new.fog_step, 0.25..=16.0).logarithmic(true);
         ui.add(step.text("voxels a sample"));
     }
-    ui.add(super::slider(&mut new.detail, 0.0..=64.0).text("pixels a voxel of copies"));
-    ui.add(super::slider(&mut new.resolution, 0.25..=1.0).text("rays a pixel"));
-    ui.add(super::slider(&mut new.accumulate, 0..=256).text("frames in a mean"));
-    super::pick(ui, "rays", &mut new.traversal, &TRAVERSALS);
+    ui.add(super::widgets::slider(&mut new.detail, 0.0..=64.0).text("pixels a voxel of copies"));
+    ui.add(super::widgets::slider(&mut new.resolution, 0.25..=1.0).text("rays a pixel"));
+    ui.add(super::widgets::slider(&mut new.accumulate, 0..=256).text("frames in a mean"));
+    super::widgets::pick(ui, "rays", &mut new.traversal, &TRAVERSALS);
     quality.set_if_neq(new);
 }

@@ -3,7 +3,7 @@
 use bevy::prelude::*;
 use bevy_egui::egui;
 
-use super::VdbInspector;
+use super::state::VdbInspector;
 use crate::{
     VdbRecordClock, VdbRecordEnded, VdbRecordFormat, VdbRecordPhase, VdbRecordSettings, VdbRecorder,
 };
@@ -43,7 +43,7 @@ pub(super) fn show(
     let status = recorders.get(camera).map(VdbRecorder::status).unwrap_or_default();
     let busy = [VdbRecordPhase::Recording, VdbRecordPhase::Finishing].contains(&status.phase);
     ui.add_enabled_ui(!busy, |ui| {
-        if super::pick(ui, "format", &mut settings.format, &FORMATS) {
+        if super::widgets::pick(ui, "format", &mut settings.format, &FORMATS) {
             let stem = target.trim_end_matches(".mp4").trim_end_matches(".webm").to_owned();
             *target = match settings.format {
                 VdbRecordFormat::PngSequence => stem,
@@ -61,8 +61,8 @@ pub(super) fn show(
             edit.labelled_by(ui.label(what).id);
         });
         ui.checkbox(&mut settings.overwrite, "overwrite");
-        super::pick(ui, "time", &mut settings.clock, &CLOCKS);
-        ui.add(super::slider(&mut settings.frame_rate, 1..=120).text("frames a second"));
+        super::widgets::pick(ui, "time", &mut settings.clock, &CLOCKS);
+        ui.add(super::widgets::slider(&mut settings.frame_rate, 1..=120).text("frames a second"));
     });
     match status.phase {
         VdbRecordPhase::Idle | VdbRecordPhase::Ended => {
@@ -95,6 +95,6 @@ pub(super) fn show(
     }
     let error = refused.clone().or_else(|| status.error.map(|error| error.to_string()));
     if let Some(error) = error {
-        super::complain(ui, error);
+        super::widgets::complain(ui, error);
     }
 }

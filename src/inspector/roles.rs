@@ -5,7 +5,7 @@ use bevy::prelude::*;
 use bevy_egui::egui;
 use vdb_core::pack::PackKind;
 
-use super::VdbInspector;
+use super::state::VdbInspector;
 use super::volumes::FromFile;
 use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbVectorGrid, VdbVolume};
 
@@ -44,7 +44,7 @@ pub(super) fn show(
         let grid = |(label, grid)| (label, if other == Some(label) { &own } else { grid });
         let all: Vec<_> = scalars.iter().map(|(label, one)| grid((&**label, one))).collect();
         let mut grid = &own;
-        if super::pick(ui, "grid", &mut grid, &all) {
+        if super::widgets::pick(ui, "grid", &mut grid, &all) {
             volume.0 = grid.clone();
         }
     }
@@ -151,9 +151,9 @@ fn pick<T: Clone + PartialEq>(
 fn adjust(ui: &mut egui::Ui, emission: &mut VdbEmission) {
     match emission {
         VdbEmission::Temperature { scale, offset, strength, .. } => {
-            let kelvin = super::slider(scale, 0.0..=10_000.0).logarithmic(true);
+            let kelvin = super::widgets::slider(scale, 0.0..=10_000.0).logarithmic(true);
             ui.add(kelvin.smallest_positive(0.1).text("kelvin a unit"));
-            ui.add(super::slider(offset, 0.0..=5_000.0).text("kelvin of 0"));
+            ui.add(super::widgets::slider(offset, 0.0..=5_000.0).text("kelvin of 0"));
             glow(ui, strength);
         }
         VdbEmission::Color { strength, .. } => glow(ui, strength),
@@ -163,6 +163,6 @@ fn adjust(ui: &mut egui::Ui, emission: &mut VdbEmission) {
 }
 
 fn glow(ui: &mut egui::Ui, strength: &mut f32) {
-    let slider = super::slider(strength, 0.0..=100_000.0).logarithmic(true);
+    let slider = super::widgets::slider(strength, 0.0..=100_000.0).logarithmic(true);
     ui.add(slider.smallest_positive(1e-6).max_decimals(6).text("glow"));
 }

@@ -3,8 +3,10 @@
 use bevy::prelude::*;
 use bevy_egui::egui;
 
+use super::ball;
 use super::material::color;
-use super::{VdbInspector, ball, entity_name};
+use super::state::VdbInspector;
+use super::widgets::entity_name;
 use crate::VdbSun;
 
 /// Brighter than direct sunlight at noon, lx.
@@ -26,7 +28,7 @@ pub(super) fn show(
 ) {
     let mut chosen = inspector.sun;
     let names = suns.iter().map(|(entity, .., name)| (entity, entity_name(entity, name)));
-    super::pick_entity(ui, "light", &mut chosen, names);
+    super::widgets::pick_entity(ui, "light", &mut chosen, names);
     if chosen != inspector.sun {
         inspector.sun = chosen;
     }
@@ -55,10 +57,11 @@ pub(super) fn show(
             ui.checkbox(&mut new.shadow_maps_enabled, "throws shadows");
         });
     });
-    let illuminance = super::slider(&mut new.illuminance, 0.0..=BRIGHTEST).logarithmic(true);
+    let illuminance =
+        super::widgets::slider(&mut new.illuminance, 0.0..=BRIGHTEST).logarithmic(true);
     ui.add(illuminance.smallest_positive(1.0).suffix(" lx").text("illuminance"));
     let mut intensity = volume_sun.as_ref().map_or(1.0, |sun| sun.intensity);
-    let slider = super::slider(&mut intensity, 0.0..=10.0).text("× on volumes");
+    let slider = super::widgets::slider(&mut intensity, 0.0..=10.0).text("× on volumes");
     if ui.add(slider).changed() {
         match volume_sun {
             Some(mut sun) => sun.intensity = intensity,

@@ -8,7 +8,8 @@ use bevy_egui::egui;
 use vdb_core::pack::PackKind;
 
 use super::models::{self, Models, VdbModelPicked};
-use super::{VdbInspector, entity_name};
+use super::state::VdbInspector;
+use super::widgets::entity_name;
 use crate::asset::background;
 use crate::{VdbGrid, VdbGridError, VdbVolume};
 
@@ -80,7 +81,7 @@ pub(super) fn show(
         ui.label("being made ready …");
     }
     if let Some(NotRepacked(why)) = not_repacked {
-        super::complain(ui, why);
+        super::widgets::complain(ui, why);
     }
 }
 
@@ -97,7 +98,7 @@ fn pick_kind(ui: &mut egui::Ui, kind: PackKind) -> Option<PackKind> {
     let (smooth, voxels) = (PackKind::Smooth { iso }, PackKind::Surface { iso });
     let mut wanted = kind;
     let all = [("fog", PackKind::Fog), ("smooth surface", smooth), ("voxels", voxels)];
-    let mut changed = super::pick(ui, "shown as", &mut wanted, &all);
+    let mut changed = super::widgets::pick(ui, "shown as", &mut wanted, &all);
     if let PackKind::Surface { iso } | PackKind::Smooth { iso } = &mut wanted {
         ui.horizontal(|ui| {
             let value = egui::DragValue::new(iso).speed(0.01).update_while_editing(false);

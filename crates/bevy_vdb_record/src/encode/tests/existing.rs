@@ -18,7 +18,7 @@ fn contents(folder: &Path) -> Vec<(String, Vec<u8>)> {
 
 /// Records two frames.
 fn record(settings: VdbRecordSettings) -> VdbRecordStatus {
-    let session = Session::start(settings).unwrap();
+    let session = start(settings).unwrap();
     for slot in 0..2 {
         if session.claim() {
             session.deliver(frame(slot), true).ok();
@@ -88,7 +88,7 @@ fn a_sequence_that_is_overwritten_ends_where_the_new_one_does() {
 fn two_recordings_do_not_share_a_target() {
     let target = folder("shared");
     let settings = VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence);
-    let sessions = [0, 1].map(|_| Session::start(settings.clone()).unwrap());
+    let sessions = [0, 1].map(|_| start(settings.clone()).unwrap());
     send(&sessions[0], frame(0));
     while sessions[0].status().written == 0 {
         std::thread::sleep(Duration::from_millis(1));

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use bevy::math::UVec2;
 
-use super::encode::{self, part_of};
 use super::pulse::{Patience, Pulse};
+use super::target::part_of;
 use super::{
     VdbRecordError, VdbRecordPhase, VdbRecordSettings, VdbRecordStatus, VdbRecordWhenFull,
 };
@@ -46,12 +46,8 @@ struct State {
 }
 
 impl Session {
-    pub fn start(settings: VdbRecordSettings) -> Result<Arc<Self>, VdbRecordError> {
-        Self::start_with(settings, encode::encode)
-    }
-
-    /// With another encoder than that of the settings.
-    pub fn start_with(
+    /// Begins a recording whose frames `encode` takes, on a thread of its own, until no more can come.
+    pub fn start(
         settings: VdbRecordSettings,
         encode: impl FnOnce(&Self, &Receiver<Frame>) -> Result<(), VdbRecordError> + Send + 'static,
     ) -> Result<Arc<Self>, VdbRecordError> {

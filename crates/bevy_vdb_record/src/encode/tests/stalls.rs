@@ -51,7 +51,7 @@ fn a_program_that_stops_reading_is_given_up() {
     for (name, line) in [("hangs", "exec sleep 60"), ("child_hangs", "sleep 60")] {
         let settings = script(name, &format!("printf begun > $target; {line}"));
         let begin = Instant::now();
-        let session = Session::start(settings.clone()).unwrap();
+        let session = start(settings.clone()).unwrap();
         send_many(&session);
         assert!(begin.elapsed() >= LIMIT, "{name}: it was not waited for");
         let status = end(&session);
@@ -65,7 +65,7 @@ fn a_program_that_stops_reading_is_given_up() {
 #[test]
 fn a_program_that_hangs_does_not_hold_up_the_end_of_the_app() {
     let settings = script("exit", "printf begun > $target; sleep 60");
-    let session = Session::start(settings.clone()).unwrap();
+    let session = start(settings.clone()).unwrap();
     for slot in 0..40 {
         if session.claim() && session.deliver(noise(slot), false).is_err() {
             break;
@@ -82,7 +82,7 @@ fn a_program_that_hangs_does_not_hold_up_the_end_of_the_app() {
 fn a_program_that_does_not_end_is_given_up() {
     let settings = script("endless", "printf begun > $target; cat > /dev/null; sleep 60");
     let begin = Instant::now();
-    let session = Session::start(settings.clone()).unwrap();
+    let session = start(settings.clone()).unwrap();
     send_many(&session);
     let status = end(&session);
     assert!(begin.elapsed() < SEEN, "{:?}", begin.elapsed());
@@ -101,7 +101,7 @@ fn a_slow_program_is_not_given_up() {
     );
     let settings = VdbRecordSettings { stall_timeout: 2 * LIMIT, ..settings };
     let begin = Instant::now();
-    let session = Session::start(settings.clone()).unwrap();
+    let session = start(settings.clone()).unwrap();
     send_many(&session);
     let status = end(&session);
     assert!(begin.elapsed() > Duration::from_secs(2), "{:?}", begin.elapsed());
@@ -120,7 +120,7 @@ fn an_encoder_that_comes_back_too_late_writes_nothing() {
     };
     let (go_on, gate) = mpsc::channel();
     let (over, is_over) = mpsc::channel();
-    let session = Session::start_with(settings, move |session, frames| {
+    let session = Session::start(settings, move |session, frames| {
         gate.recv().ok();
         let result = encode(session, frames);
         over.send(result.is_err()).ok();

@@ -14,6 +14,10 @@ use super::*;
 
 const SIZE: UVec2 = UVec2::new(48, 32);
 
+fn start(settings: VdbRecordSettings) -> Result<Arc<Session>, VdbRecordError> {
+    Session::start(settings, encode)
+}
+
 /// An empty folder.
 fn folder(name: &str) -> PathBuf {
     let path = std::env::temp_dir().join(format!("bevy_vdb_{name}_{}", std::process::id()));
@@ -90,8 +94,7 @@ fn count_frames(path: &Path) -> u64 {
 #[test]
 fn pictures_are_what_was_captured_and_gaps_repeat() {
     let target = folder("png").join("new").join("sequence");
-    let session =
-        Session::start(VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence)).unwrap();
+    let session = start(VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence)).unwrap();
     [0, 1, 4, 5].into_iter().for_each(|slot| send(&session, frame(slot)));
     let status = end(&session);
     assert!(status.error.is_none(), "{status:?}");
@@ -113,7 +116,7 @@ fn a_full_queue_gives_frames_back_or_waits() {
         ..VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence)
     };
     let (go_on, gate) = mpsc::channel();
-    let session = Session::start_with(settings, move |session, frames| {
+    let session = Session::start(settings, move |session, frames| {
         let first = frames.recv();
         gate.recv().ok();
         first.into_iter().chain(frames).for_each(|_| session.count_written());
@@ -145,8 +148,7 @@ fn a_folder_that_cannot_be_made_is_named() {
     let file = folder("unwritable").join("file");
     fs::write(&file, "").unwrap();
     for format in [VdbRecordFormat::PngSequence, VdbRecordFormat::Mp4] {
-        let session =
-            Session::start(VdbRecordSettings::new(file.join("in").join("it"), format)).unwrap();
+        let session = start(VdbRecordSettings::new(file.join("in").join("it"), format)).unwrap();
         let error = end(&session).error.unwrap();
         assert!(matches!(&error, VdbRecordError::Write { .. }), "{error:?}");
         assert!(error.to_string().contains(file.to_str().unwrap()), "{error}");
@@ -161,7 +163,7 @@ fn a_picture_that_cannot_be_written_ends_a_sequence_of_whole_ones() {
     let target = folder("obstacle");
     fs::create_dir(target.join("00000002.png")).unwrap();
     let settings = VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence);
-    let session = Session::start(VdbRecordSettings { overwrite: true, ..settings }).unwrap();
+    let session = start(VdbRecordSettings { overwrite: true, ..settings }).unwrap();
     for slot in 0..20 {
         if session.claim() {
             session.deliver(frame(slot), true).ok();
@@ -200,7 +202,7 @@ fn a_full_disk_ends_a_video() {
     let target = folder("full_video").join("full.mp4");
     std::os::unix::fs::symlink("/dev/full", target.with_extension("part.mp4")).unwrap();
     let settings = VdbRecordSettings::new(&target, VdbRecordFormat::Mp4);
-    let session = Session::start(VdbRecordSettings { overwrite: true, ..settings }).unwrap();
+    let session = start(VdbRecordSettings { overwrite: true, ..settings }).unwrap();
     for slot in 0..200 {
         if session.claim() {
             session.deliver(noise(slot), true).ok();
@@ -241,11 +243,9 @@ fn a_killed_encoder_leaves_a_video_that_plays() {
     }
     for (format, name) in [(VdbRecordFormat::Mp4, "a.mp4"), (VdbRecordFormat::WebM, "a.webm")] {
         let target = folder("killed").join(name);
-        let session = Session::start(VdbRecordSettings {
-            frame_rate: 10,
-            ..VdbRecordSettings::new(&target, format)
-        })
-        .unwrap();
+        let session =
+            start(VdbRecordSettings { frame_rate: 10, ..VdbRecordSettings::new(&target, format) })
+                .unwrap();
         // Until seconds of it are on the disk.
         let mut slot = 0;
         let part = part_of(&session.settings).unwrap();
@@ -281,7 +281,7 @@ fn colours_survive_a_video() {
         return;
     }
     let target = folder("colours").join("a.mp4");
-    let session = Session::start(VdbRecordSettings::new(&target, VdbRecordFormat::Mp4)).unwrap();
+    let session = start(VdbRecordSettings::new(&target, VdbRecordFormat::Mp4)).unwrap();
     (0..12).for_each(|slot| send(&session, frame(slot)));
     let status = end(&session);
     assert!(status.error.is_none(), "{status:?}");
@@ -312,7 +312,7 @@ fn arguments_overrule_those_of_the_format() {
     }
     let size = |crf: &str| {
         let target = folder("arguments").join(format!("{crf}.mp4"));
-        let session = Session::start(VdbRecordSettings {
+        let session = start(VdbRecordSettings {
             ffmpeg_args: vec!["-crf".into(), crf.into()],
             ..VdbRecordSettings::new(&target, VdbRecordFormat::Mp4)
         })
@@ -349,7 +349,7 @@ mod stalls;
 fn frames_that_do_not_come_are_told() {
     let target = folder("lost");
     let settings = VdbRecordSettings::new(&target, VdbRecordFormat::PngSequence);
-    let session = Session::start(settings).unwrap();
+    let session = start(settings).unwrap();
     send(&session, frame(0));
     assert!(session.claim() && session.claim());
     session.close();

@@ -12,8 +12,8 @@ use std::time::Duration;
 
 use bevy::math::UVec2;
 
-use super::encode::{Encoder, cannot_write, is_free, part_of, write_in_parts};
 use super::pulse::Pulse;
+use super::target::{Encoder, cannot_write, is_free, part_of, write_in_parts};
 use super::{VdbRecordError, VdbRecordFormat, VdbRecordSettings};
 
 /// How long the program's last words are waited for, once it has ended: a program that it has started may

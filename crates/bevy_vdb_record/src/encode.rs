@@ -1,10 +1,8 @@
 //! Frames into files, on a thread of their own.
 
-use std::ffi::OsString;
 use std::fs::{self, File};
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::Receiver;
 
@@ -13,18 +11,8 @@ use bevy::math::UVec2;
 use super::ffmpeg::Ffmpeg;
 use super::pulse::Pulse;
 use super::session::{Frame, Session};
+use super::target::{Encoder, cannot_write, is_free, part_of, write_in_parts};
 use super::{VdbRecordError, VdbRecordFormat, VdbRecordSettings};
-
-/// Where frames of one size go.
-pub(super) trait Encoder {
-    fn write(&mut self, pixels: &[u8]) -> Result<(), VdbRecordError>;
-
-    /// Writes the frame before once more.
-    fn repeat(&mut self, pixels: &[u8]) -> Result<(), VdbRecordError>;
-
-    /// Makes the file whole, unless there was an error, which it may say more of.
-    fn finish(self: Box<Self>) -> Result<(), VdbRecordError>;
-}
 
 /// Encodes until no more frames can come.
 pub(super) fn encode(session: &Session, frames: &Receiver<Frame>) -> Result<(), VdbRecordError> {
@@ -62,26 +50,6 @@ pub(super) fn encode(session: &Session, frames: &Receiver<Frame>) -> Result<(), 
     encoder.finish().and(result)
 }
 
-pub(super) fn cannot_write(path: &Path, error: io::Error) -> VdbRecordError {
-    VdbRecordError::Write { path: path.to_owned(), source: Arc::new(error) }
-}
-
-/// Where a video stands until it is whole: `film.part.mp4` beside `film.mp4`. Pictures have no such place
-/// that anyone could want to look at.
-pub(super) fn part_of(settings: &VdbRecordSettings) -> Option<PathBuf> {
-    if settings.format == VdbRecordFormat::PngSequence {
-        return None;
-    }
-    let target = &settings.target;
-    let mut name = target.file_stem().map(OsString::from).unwrap_or_default();
-    name.push(".part");
-    if let Some(extension) = target.extension() {
-        name.push(".");
-        name.push(extension);
-    }
-    Some(target.with_file_name(name))
-}
-
 fn make_folder(settings: &VdbRecordSettings) -> Result<(), VdbRecordError> {
     let is_sequence = settings.format == VdbRecordFormat::PngSequence;
     let folder = if is_sequence { Some(&*settings.target) } else { settings.target.parent() };
@@ -106,14 +74,6 @@ fn refuse_existing(settings: &VdbRecordSettings) -> Result<(), VdbRecordError> {
                 None => Ok(()),
             }
         }
-    }
-}
-
-pub(super) fn is_free(path: &Path) -> Result<(), VdbRecordError> {
-    match fs::symlink_metadata(path) {
-        Ok(_) => Err(VdbRecordError::Exists { path: path.to_owned() }),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        Err(error) => Err(cannot_write(path, error)),
     }
 }
 
@@ -201,22 +161,6 @@ impl<'a> PngSequence<'a> {
         self.pulse.beat();
         Ok(())
     }
-}
-
-/// Writes with a sign of life every now and then; not at all once nobody waits for it.
-pub(super) fn write_in_parts(
-    mut to: impl Write,
-    bytes: &[u8],
-    pulse: &Pulse,
-) -> Result<(), io::Error> {
-    for part in bytes.chunks(1 << 16) {
-        to.write_all(part)?;
-        if pulse.is_given_up() {
-            return Err(io::ErrorKind::TimedOut.into());
-        }
-        pulse.beat();
-    }
-    Ok(())
 }
 
 impl Encoder for PngSequence<'_> {

@@ -1,8 +1,12 @@
-//! Recording of what a camera shows: the cargo feature `record`.
+//! Records what a Bevy camera shows into PNG files or, by `ffmpeg`, into videos.
+//!
+//! `bevy_vdb` re-exports this crate behind its feature `record`; nothing in it knows of volumes.
 //!
 //! A frame goes from the camera's own texture (`capture`, on the render thread) through a bounded
 //! queue (`session`) to a thread that encodes it (`encode`, `ffmpeg`), and that is waited for only as long
 //! as it shows signs of life (`pulse`).
+
+#![deny(missing_docs)]
 
 mod capture;
 mod encode;
@@ -10,6 +14,7 @@ mod ffmpeg;
 mod pulse;
 mod session;
 mod settings;
+mod target;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -25,12 +30,11 @@ pub use settings::{
 use session::Session;
 
 /// Records what cameras show into pictures or videos, through a [`VdbRecorder`] on the camera. Needs
-/// the cargo feature `record`, and a renderer; a window is not needed.
+/// a renderer; a window is not needed.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
-/// # use bevy_vdb::prelude::*;
-/// # use bevy_vdb::{VdbRecordEnded, VdbRecordFormat, VdbRecordSettings};
+/// # use bevy_vdb_record::{VdbRecordEnded, VdbRecordFormat, VdbRecordSettings, VdbRecorder};
 /// // Ten seconds at 30 frames a second, however long a frame takes.
 /// fn begin(mut recorder: Single<&mut VdbRecorder>) -> Result {
 ///     recorder.start(VdbRecordSettings {
@@ -87,7 +91,7 @@ impl VdbRecorder {
         if busy.contains(&self.status().phase) {
             return Err(VdbRecordError::AlreadyRecording);
         }
-        self.session = Some(Session::start(settings)?);
+        self.session = Some(Session::start(settings, encode::encode)?);
         Ok(())
     }
 
