@@ -92,7 +92,7 @@ pub struct VdbCamera {
     pub overlays: VdbOverlays,
     /// Whether fog scatters light more than once: what makes clouds white. On by default; it is an
     /// approximation, with nearly no cost beside the light that is scattered once. How far off either is
-    /// from all the light there is, is in `docs/fog.md`. Of lamps and suns without shadows fog scatters all
+    /// from all the light there is, is in `docs/reference/fog.md`. Of lamps and suns without shadows fog scatters all
     /// light once either way, as nothing dims what comes to it.
     pub multiple_scattering: bool,
     /// [`VdbRenderMode::Steps`]: how many steps of the walk have the hottest colour. More than 0;
@@ -163,7 +163,7 @@ impl VdbRenderMode {
 }
 
 /// How rays find what they meet. All but [`March`](Self::March) show the same picture, to the last bit;
-/// what they cost is told in `docs/benchmarks.md`, and shown by [`VdbRenderMode::Steps`].
+/// what they cost is told in `docs/internals/notebook.md`, and shown by [`VdbRenderMode::Steps`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 pub enum VdbTraversal {

@@ -78,8 +78,8 @@ impl Default for VdbLoaderSettings {
     }
 }
 
-/// In how many bits the GPU has samples; what each costs and loses is in `docs/benchmarks.md`. A surface
-/// of voxels has none.
+/// The sample format on the GPU; `docs/reference/benchmarks.md` has the cost and loss of each. A surface
+/// of voxels has no samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum VdbValues {
     /// As the file has them: in 16 bits where that loses nothing, as for files that were saved so, else

@@ -8,7 +8,7 @@ use crate::VdbTraversal;
 /// Every knob by which a camera trades accuracy for speed. Every `Camera3d` has one; what it shows at
 /// all is [`VdbCamera`](crate::VdbCamera)'s to say.
 ///
-/// The presets are points of measured fronts of time against error; `docs/quality.md` has the plots.
+/// The presets are points of measured fronts of time against error; `docs/reference/quality.md` has the plots.
 /// [`VdbDial`](crate::VdbDial) turns the knobs by itself. Values that cannot be honoured are
 /// replaced by the nearest that can, and a warning says so.
 #[derive(Clone, Component, Copy, Debug, PartialEq, Reflect, ExtractComponent)]
