@@ -64,7 +64,7 @@ pub use vdb_core::pack::edit::{Voxel as VdbVoxel, VoxelEdit as VdbEdit};
 pub use vector_grid::VdbVectorGrid;
 pub use volume_state::{VdbVolumeDrawn, VdbVolumeState};
 
-/// What a game usually needs: `use bevy_vdb::prelude::*;`
+/// The items that most games need: `use bevy_vdb::prelude::*;`
 pub mod prelude {
     pub use crate::{
         VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,
@@ -84,3 +84,8 @@ pub mod prelude {
     };
     pub use vdb_core::pack::PackKind;
 }
+
+/// The code of the guide, compiled by `cargo test --doc`.
+#[cfg(all(doctest, feature = "record"))]
+#[doc = include_str!("../docs/guide/recipes.md")]
+mod guide {}

@@ -29,8 +29,8 @@ pub struct VdbLoader {
     loaded: LoadedFiles,
 }
 
-/// How a `.vdb` file is loaded; for `asset_server.load_builder().with_settings(…)` or a `.meta`
-/// file. What is left out there has its default:
+/// How a `.vdb` file is loaded, for `asset_server.load_builder().with_settings(…)` or a `.meta`
+/// file. Settings left out of a `.meta` file keep their defaults:
 ///
 /// ```ron
 /// (
@@ -47,21 +47,21 @@ pub struct VdbLoader {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct VdbLoaderSettings {
-    /// Names of the grids to load; the others are not even decompressed. `None`: all.
+    /// The names of the grids to load; others are not even decompressed. `None`: all.
     pub grids: Option<Vec<String>>,
-    /// Level sets: how much of the narrow band to keep on each side of the surface, in voxels; the
-    /// rest costs memory and shows nothing. At least 2. `None`: all that the file has.
+    /// The width of the narrow band to keep on each side of a level set, in voxels. The rest costs
+    /// memory and is never seen. At least 2. `None`: everything in the file.
     pub half_width: Option<f32>,
     /// Whether grids are surfaces or fog.
     pub render_as: VdbRenderAs,
-    /// Whether surfaces are smooth, where the trilinear interpolant passes through the iso-value, on by
-    /// default. Otherwise they are made of voxels, and only bits of them are on the GPU: less than half
-    /// the time and a fifth of the memory.
+    /// Whether surfaces follow the trilinear interpolant. On by default. Otherwise they consist of
+    /// voxels, for which the GPU only holds bits: less than half the time and a fifth of the
+    /// memory.
     pub smooth: bool,
-    /// In how many bits the GPU gets the samples of fog and of smooth surfaces.
+    /// The sample format of fog and smooth surfaces on the GPU.
     pub values: VdbValues,
-    /// What the file may ask of the machine before loading it is given up. The defaults protect a desktop with
-    /// 8 GB of memory; raise them for files that are larger and to be trusted.
+    /// How much of the machine a file may demand before loading is aborted. The defaults protect a
+    /// desktop with 8 GB of memory; raise them for larger files that you trust.
     pub limits: Limits,
 }
 
@@ -78,19 +78,19 @@ impl Default for VdbLoaderSettings {
     }
 }
 
-/// The sample format on the GPU; `docs/reference/benchmarks.md` has the cost and loss of each. A surface
-/// of voxels has no samples.
+/// The sample format on the GPU. `docs/reference/benchmarks.md` has the cost and loss of each. A
+/// surface of voxels has no samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum VdbValues {
-    /// As the file has them: in 16 bits where that loses nothing, as for files that were saved so, else
-    /// in 32.
+    /// As in the file: 16 bits where that loses nothing, as in files saved that way, otherwise 32.
     #[default]
     Exact,
-    /// Floats of 16 bits: relative errors of 2⁻¹² at most.
+    /// 16-bit floats: relative errors of at most 2⁻¹².
     Half,
-    /// Bytes. Of fog, 255 steps from the least to the largest density of each leaf of 8³ voxels; of a
-    /// smooth surface, steps of 1/127 of the largest distance that a cell on it has (about √3 voxels),
-    /// such that no sign changes: the surface keeps its holes and gets no new ones.
+    /// Bytes. For fog, 255 steps from the smallest to the largest density in each leaf of 8³
+    /// voxels. For a smooth surface, steps of 1/127 of the largest distance in a surface cell
+    /// (about √3 voxels), rounded so that no sign changes: the surface keeps its holes and gets no
+    /// new ones.
     Byte,
 }
 
@@ -104,19 +104,19 @@ impl From<VdbValues> for ValueFormat {
     }
 }
 
-/// Whether grids are shown as surfaces or as fog.
+/// Whether grids are displayed as surfaces or as fog.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum VdbRenderAs {
-    /// As their class says: level sets are surfaces, fog volumes are fog. A grid without a class is
-    /// taken for a level set if its background is above zero and its values go below.
+    /// Decided by the class: level sets are surfaces, fog volumes are fog. A grid without a class
+    /// is a level set if its background is positive and some of its values are negative.
     #[default]
     Auto,
-    /// Surfaces at this iso-value: what is below it is solid.
+    /// Surfaces at this iso-value; values below it are solid.
     Surface {
         /// In the units of the values; 0 for a level set.
         iso: f32,
     },
-    /// Fog: the values are densities.
+    /// Fog: values are densities.
     Fog,
 }
 
@@ -126,24 +126,25 @@ pub enum VdbLoaderError {
     /// The file could not be read.
     #[error("reading the file failed: {0}")]
     Io(#[from] std::io::Error),
-    /// The file is not what it should be.
+    /// The file is invalid.
     #[error(transparent)]
     File(#[from] vdb_core::Error),
-    /// The file has grids, but none that can be shown.
+    /// The file has grids, but none that can be displayed.
     #[error("no grid of the file can be shown: {}", few(.0).join("; "))]
     NothingToShow(Vec<String>),
-    /// A grid was asked for without its label, and the file does not say which: it has these.
+    /// A grid was requested without a label, and the file has several candidates, with these
+    /// labels.
     #[error("the file has several grids that could be meant: name one of them after its path, {}", after_paths(.0))]
     WhichGrid(Vec<String>),
-    /// A grid was asked for without its label, and the file has none of this type.
+    /// A grid was requested without a label, and the file has none of this type.
     #[error("the file has no grid of {0} that could be meant; it has {1}")]
     NoSuchGrid(&'static str, String),
-    /// The settings make no sense.
+    /// A setting is invalid.
     #[error("loader setting {0}")]
     Settings(String),
 }
 
-/// Labels of grids as they stand after paths.
+/// Labels as they appear after paths.
 fn after_paths(labels: &[String]) -> String {
     labels.iter().map(|label| format!("`#{label}`")).collect::<Vec<_>>().join(", ")
 }
@@ -199,7 +200,7 @@ impl AssetLoader for VdbLoader {
     }
 }
 
-/// Reads a file, and makes something of it off the main thread.
+/// Reads a file and processes it off the main thread.
 pub(crate) async fn load_with<T: Send + Sync + 'static>(
     progress: &VdbLoadProgress,
     reader: &mut dyn Reader,
@@ -229,7 +230,8 @@ impl VdbLoaderSettings {
     }
 }
 
-/// The bytes of a file: no more than its grids lie in, and none but the first of what is no VDB file.
+/// The bytes of a file: only those that contain its grids, and only the first ones of a file that
+/// is no VDB file.
 async fn take_in(reader: &mut dyn Reader, limits: &Limits) -> Result<Vec<u8>, VdbLoaderError> {
     let mut buffer = FileBuffer::new(limits.clone(), length(reader).await?);
     while let Some(room) = buffer.room()? {
@@ -239,7 +241,7 @@ async fn take_in(reader: &mut dyn Reader, limits: &Limits) -> Result<Vec<u8>, Vd
     Ok(buffer.into_bytes())
 }
 
-/// How long a file is, where its source can tell.
+/// The length of a file, if its source can tell.
 async fn length(reader: &mut dyn Reader) -> Result<Option<u64>, std::io::Error> {
     let Ok(reader) = reader.seekable() else { return Ok(None) };
     let Ok(end) = reader.seek(SeekFrom::End(0)).await else { return Ok(None) };
@@ -248,10 +250,10 @@ async fn length(reader: &mut dyn Reader) -> Result<Option<u64>, std::io::Error> 
     Ok(Some(end).filter(|end| *end > 0))
 }
 
-/// Grids that were left out and are told of one by one; a file can have thousands.
+/// The number of skipped grids reported individually; a file can have thousands.
 const MOST_PROBLEMS: usize = 8;
 
-/// The first of many lines, and how many more there are.
+/// The first of many lines, and the number of the others.
 fn few(problems: &[String]) -> Vec<String> {
     let (first, rest) = problems.split_at(problems.len().min(MOST_PROBLEMS));
     let rest = (!rest.is_empty()).then(|| format!("and {} more grids were skipped", rest.len()));
@@ -262,11 +264,11 @@ struct Decoded {
     file: vdb_core::VdbFile,
     grids: Vec<(String, VdbGrid)>,
     vector_grids: Vec<(String, VdbVectorGrid)>,
-    /// Grids left out, with the reason.
+    /// Skipped grids, with the reason.
     problems: Vec<String>,
 }
 
-/// The grids that settings ask for, and what is to be said of those that cannot be read.
+/// The grids selected by the settings, and reports about those that cannot be read.
 pub(crate) fn read(
     bytes: Vec<u8>,
     settings: &VdbLoaderSettings,
@@ -311,16 +313,16 @@ fn decode(
     Ok(Decoded { file, grids, vector_grids, problems })
 }
 
-/// Trees that have been packed: instances have one tree, which is packed once.
+/// Packed trees: instances share one tree, which is packed once.
 pub(crate) struct Shared {
     options: PackOptions,
-    /// By the address of the tree that was read, how it meets rays, and the half-width of its band.
+    /// By the address of the tree, its kind, and the half-width of its band.
     floats: HashMap<(usize, [u32; 3]), Floats>,
     /// By the address of the tree.
     vectors: HashMap<usize, Vectors>,
 }
 
-/// The tree that was read, which keeps its address from others; what is shown of it; and that packed.
+/// The tree that was read, which reserves its address; the displayed tree; and the packed tree.
 type Floats = (Arc<Vdb543<f32>>, Arc<Vdb543<f32>>, Result<Arc<PackedGrid>, PackError>);
 type Vectors = (Arc<Vdb543<[f32; 3]>>, Result<[Arc<PackedGrid>; 3], PackError>);
 
@@ -335,8 +337,8 @@ impl Shared {
         Self { options, floats: HashMap::default(), vectors: HashMap::default() }
     }
 
-    /// What is shown of a tree, packed. The band of a level set is narrowed to a half-width in the units
-    /// of its values.
+    /// The displayed part of a tree, packed. The band of a level set is narrowed to a half-width in
+    /// the units of its values.
     fn floats(
         &mut self,
         tree: Arc<Vdb543<f32>>,
@@ -361,7 +363,7 @@ impl Shared {
         Ok((shown.clone(), packed.clone()?))
     }
 
-    /// The components of a tree of vectors, packed.
+    /// The components of a vector tree, packed.
     fn vectors(&mut self, tree: &Arc<Vdb543<[f32; 3]>>) -> Result<[Arc<PackedGrid>; 3], PackError> {
         let (_, packed) = self
             .vectors
@@ -376,7 +378,7 @@ pub(crate) enum Prepared {
     Vectors(VdbVectorGrid),
 }
 
-/// How a grid of floats is shown.
+/// How a float grid is displayed.
 pub(crate) fn kind(tree: &Vdb543<f32>, class: GridClass, settings: &VdbLoaderSettings) -> PackKind {
     let kind = match settings.render_as {
         VdbRenderAs::Surface { iso } => PackKind::Surface { iso },

@@ -18,10 +18,10 @@ use crate::{
     VdbVectorGridLoader, VdbVolume, VdbVolumeQuality, VdbVolumeState,
 };
 
-/// Loads `.vdb` files and shows [`VdbVolume`]s in every `Camera3d`.
+/// Loads `.vdb` files and displays [`VdbVolume`]s in every `Camera3d`.
 ///
-/// Without a renderer (a server, a test with `MinimalPlugins` and `AssetPlugin`) it still loads
-/// files and keeps their bounds.
+/// Without a renderer (on a server, or in a test with `MinimalPlugins` and `AssetPlugin`) it still
+/// loads files and keeps bounds up to date.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct VdbRenderPlugin;
 

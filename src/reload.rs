@@ -1,5 +1,5 @@
-//! Files that are loaded again while they are shown. A file that cannot be loaded leaves all as it was, and
-//! Bevy says why; of one that can, but lacks a grid that is shown, nobody would say anything.
+//! Files that are reloaded while displayed. If loading fails, everything stays as it was, and Bevy
+//! logs the reason. If it succeeds but the file lacks a grid that is displayed, this module warns.
 
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -9,11 +9,11 @@ use bevy::prelude::*;
 
 use crate::{VdbColorGrid, VdbEmission, VdbVolume};
 
-/// The files that have been loaded since it was last looked, from the loader's threads to the app.
+/// The files loaded since the last check, passed from loader threads to the app.
 #[derive(Clone, Debug, Default, Resource)]
 pub(crate) struct LoadedFiles(Arc<Mutex<Vec<LoadedFile>>>);
 
-/// What there is of a file, by label.
+/// The contents of a file, by label.
 #[derive(Debug)]
 pub(crate) struct LoadedFile {
     pub path: AssetPath<'static>,
@@ -33,7 +33,8 @@ impl LoadedFiles {
     }
 }
 
-/// Says which grids are shown that their file has no longer. Bevy keeps an asset as long as it has handles.
+/// Warns of displayed grids that their file no longer has. Bevy keeps an asset as long as it has
+/// handles.
 pub(crate) fn tell_of_lost_grids(
     loaded: Res<LoadedFiles>,
     server: Res<AssetServer>,

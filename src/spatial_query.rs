@@ -111,8 +111,7 @@ pub enum VdbRayVisibility {
 }
 
 impl VdbSpatialQuery<'_, '_> {
-    /// The first thing that a ray meets in each volume, nearest first. Volumes do not hide each other
-    /// from it.
+    /// The first hit of a ray in each volume, nearest first. Volumes do not occlude each other.
     pub fn cast_ray(&self, ray: Ray3d, settings: &VdbRayCastSettings) -> Vec<VdbRayHit> {
         let mut hits: Vec<VdbRayHit> =
             self.cast(ray, settings).filter_map(|cast| cast(settings.max_distance)).collect();
@@ -120,7 +119,7 @@ impl VdbSpatialQuery<'_, '_> {
         hits
     }
 
-    /// The first thing that a ray meets in any volume.
+    /// The first hit of a ray in any volume.
     pub fn cast_ray_nearest(&self, ray: Ray3d, settings: &VdbRayCastSettings) -> Option<VdbRayHit> {
         let mut nearest: Option<VdbRayHit> = None;
         for cast in self.cast(ray, settings) {
@@ -137,7 +136,7 @@ impl VdbSpatialQuery<'_, '_> {
         nearest
     }
 
-    /// For each volume that is asked about, what casts the ray up to a distance.
+    /// The function that casts the ray up to a distance, for each selected volume.
     fn cast(
         &self,
         ray: Ray3d,
@@ -162,24 +161,24 @@ impl VdbSpatialQuery<'_, '_> {
             })
     }
 
-    /// The value at the voxel around a place in the world; `None` where the entity shows no grid.
+    /// The value of the voxel around a point in world space; `None` if the entity shows no grid.
     pub fn nearest(&self, entity: Entity, place: Vec3) -> Option<f32> {
         self.placed(entity).map(|placed| placed.query().nearest(placed.index(place)))
     }
 
-    /// The trilinear interpolant at a place in the world; `None` where the entity shows no grid.
+    /// The trilinear interpolant at a point in world space; `None` if the entity shows no grid.
     pub fn trilinear(&self, entity: Entity, place: Vec3) -> Option<f32> {
         self.placed(entity).map(|placed| placed.query().trilinear(placed.index(place)))
     }
 
-    /// Whether a place in the world is in a solid voxel, on the inner side of a smooth surface, or in
-    /// fog; `false` where the entity shows no grid.
+    /// Whether a point in world space is in a solid voxel, inside a smooth surface, or in fog;
+    /// `false` if the entity shows no grid.
     pub fn contains(&self, entity: Entity, place: Vec3) -> bool {
         self.placed(entity).is_some_and(|placed| placed.query().contains(placed.index(place)))
     }
 
-    /// From the index space of an entity's grid, whose voxel `ijk` is the cube of edge 1 around the
-    /// point `(i, j, k)`, to the world; `None` where the entity shows no grid.
+    /// The transform from the index space of an entity's grid, whose voxel `ijk` is the unit cube
+    /// around the point `(i, j, k)`, to world space; `None` if the entity shows no grid.
     pub fn world_from_index(&self, entity: Entity) -> Option<DAffine3> {
         self.placed(entity).map(|placed| placed.world_from_index)
     }
@@ -190,7 +189,7 @@ impl VdbSpatialQuery<'_, '_> {
     }
 }
 
-/// A grid where it stands in the world.
+/// A grid placed in the world.
 struct Placed<'a> {
     grid: &'a VdbGrid,
     world_from_index: DAffine3,

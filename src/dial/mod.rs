@@ -145,7 +145,7 @@ pub(crate) fn turn_dials(
     }
 }
 
-/// The GPU's newest time for all passes of a frame, in milliseconds, and when it came.
+/// The latest GPU time of all passes of a frame, in milliseconds, and when it arrived.
 pub(crate) fn gpu_time(store: &DiagnosticsStore) -> Option<(Instant, f32)> {
     let [first, ..] = PASSES;
     let trace = newest(store, first)?;
@@ -154,14 +154,14 @@ pub(crate) fn gpu_time(store: &DiagnosticsStore) -> Option<(Instant, f32)> {
     Some((trace.time, ms as f32))
 }
 
-/// How far a volume's box is from the eye, in world units.
+/// The distance from the eye to a volume's box, in world units.
 pub(crate) fn distance(view: &GlobalTransform, volume: &GlobalTransform, aabb: &Aabb) -> f32 {
     let eye = volume.affine().inverse().transform_point3(view.translation());
     let (min, max) = (Vec3::from(aabb.min()), Vec3::from(aabb.max()));
     volume.transform_point(eye.clamp(min, max)).distance(view.translation())
 }
 
-/// World units that a pixel shows at a distance.
+/// The size of a pixel at a distance, in world units.
 pub(crate) fn pixel_size(projection: &Projection, height: u32, distance: f32) -> f32 {
     let whole = match projection {
         Projection::Perspective(lens) => 2.0 * (0.5 * lens.fov).tan() * distance,
@@ -171,7 +171,7 @@ pub(crate) fn pixel_size(projection: &Projection, height: u32, distance: f32) ->
     whole / height as f32
 }
 
-/// The quickest settings that are right to so many pixels, where a pixel shows so many voxels.
+/// The fastest settings accurate to this many pixels, where a pixel covers this many voxels.
 fn within(pixels: f32, voxels_per_pixel: f32) -> VdbQuality {
     let pixels = if pixels > 0.0 { pixels.min(8.0) } else { 0.0 };
     let voxels = pixels * voxels_per_pixel;
