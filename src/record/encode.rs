@@ -1,4 +1,4 @@
-//! Frames into files, on a thread of their own.
+//! Encodes frames to files, on a dedicated thread.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -15,14 +15,14 @@ use super::pulse::Pulse;
 use super::session::{Frame, Session};
 use super::{VdbRecordError, VdbRecordFormat, VdbRecordSettings};
 
-/// Where frames of one size go.
+/// A destination for frames of one size.
 pub(super) trait Encoder {
     fn write(&mut self, pixels: &[u8]) -> Result<(), VdbRecordError>;
 
-    /// Writes the frame before once more.
+    /// Writes the previous frame again.
     fn repeat(&mut self, pixels: &[u8]) -> Result<(), VdbRecordError>;
 
-    /// Makes the file whole, unless there was an error, which it may say more of.
+    /// Completes the file, or reports more about an earlier error.
     fn finish(self: Box<Self>) -> Result<(), VdbRecordError>;
 }
 
@@ -66,8 +66,8 @@ pub(super) fn cannot_write(path: &Path, error: io::Error) -> VdbRecordError {
     VdbRecordError::Write { path: path.to_owned(), source: Arc::new(error) }
 }
 
-/// Where a video stands until it is whole: `film.part.mp4` beside `film.mp4`. Pictures have no such place
-/// that anyone could want to look at.
+/// The path of an incomplete video: `film.part.mp4` beside `film.mp4`. Images have no such path
+/// that anyone might look for.
 pub(super) fn part_of(settings: &VdbRecordSettings) -> Option<PathBuf> {
     if settings.format == VdbRecordFormat::PngSequence {
         return None;
@@ -91,7 +91,8 @@ fn make_folder(settings: &VdbRecordSettings) -> Result<(), VdbRecordError> {
     }
 }
 
-/// That nothing of an earlier recording is replaced, or goes on where this one ends, unless asked for.
+/// Ensures that nothing of an earlier recording is replaced, or continues after this one, unless
+/// requested.
 fn refuse_existing(settings: &VdbRecordSettings) -> Result<(), VdbRecordError> {
     if settings.overwrite {
         return Ok(());
@@ -117,12 +118,12 @@ pub(super) fn is_free(path: &Path) -> Result<(), VdbRecordError> {
     }
 }
 
-/// What a picture of a sequence is called.
+/// The file name of an image in a sequence.
 fn picture(number: u64) -> String {
     format!("{number:08}.png")
 }
 
-/// The pictures of a sequence in a folder, with their numbers.
+/// The images of a sequence in a folder, with their numbers.
 fn pictures_in(folder: &Path) -> io::Result<Vec<(u64, PathBuf)>> {
     let mut pictures = Vec::new();
     for entry in fs::read_dir(folder)? {
@@ -138,7 +139,7 @@ fn pictures_in(folder: &Path) -> io::Result<Vec<(u64, PathBuf)>> {
 
 struct PngSequence<'a> {
     folder: &'a Path,
-    /// Where a picture is until it is whole.
+    /// The path of an incomplete image.
     part: PathBuf,
     overwrite: bool,
     pulse: &'a Pulse,
@@ -192,7 +193,7 @@ impl<'a> PngSequence<'a> {
         })
     }
 
-    /// Half a picture never has a picture's name.
+    /// An incomplete image never has an image's name.
     fn save_as(&self, path: &Path) -> io::Result<()> {
         let mut file = File::create(&self.part)?;
         write_in_parts(&mut file, &self.file, self.pulse)?;
@@ -203,7 +204,7 @@ impl<'a> PngSequence<'a> {
     }
 }
 
-/// Writes with a sign of life every now and then; not at all once nobody waits for it.
+/// Writes in parts with regular signs of progress; stops once nobody waits.
 pub(super) fn write_in_parts(
     mut to: impl Write,
     bytes: &[u8],
@@ -231,7 +232,7 @@ impl Encoder for PngSequence<'_> {
         self.save()
     }
 
-    /// A sequence that has been overwritten does not go on with pictures of the one before.
+    /// Removes images of an overwritten sequence beyond the end of this one.
     fn finish(self: Box<Self>) -> Result<(), VdbRecordError> {
         if !self.overwrite || self.next == 0 || self.pulse.is_given_up() {
             return Ok(());
