@@ -1,12 +1,15 @@
 //! Data flows one way: the files of a crate import each other in no circle, but for those that are listed here,
-//! and each stage of the renderer imports only from the stages before it.
+//! and each stage imports only from the stages before it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The stages of the renderer, each of which may import from those before it.
-const STAGES: [&str; 11] = [
+/// The stages of the crate, each of which may import from those before it.
+const STAGES: [&str; 17] = [
+    "asset",
+    "scene",
+    "quality",
     "render::gpu",
     "render::extract",
     "render::pool",
@@ -18,6 +21,9 @@ const STAGES: [&str; 11] = [
     "render::composite",
     "render::report",
     "render::drawn",
+    "record",
+    "inspector",
+    "plugin",
 ];
 
 /// The circles that are left, crate by crate. One that is cut leaves this list.
@@ -80,7 +86,7 @@ impl Modules {
             let end = start + code[start..].find(';').expect("the end of an import");
             rest.push_str(&code[at..start]);
             for (path, name) in expand(&code[start + 3..end]) {
-                exports.insert(name, path.clone());
+                exports.entry(name).or_insert(path.clone());
                 imports.push(path);
             }
             at = end;

@@ -9,7 +9,8 @@ use vdb_core::pack::PackKind;
 
 use super::models::{self, Models, VdbModelPicked};
 use super::{VdbInspector, entity_name};
-use crate::{VdbGrid, VdbGridError, VdbVolume, background};
+use crate::asset::background;
+use crate::{VdbGrid, VdbGridError, VdbVolume};
 
 /// A volume's grid being repacked as another kind.
 #[derive(Component)]

@@ -21,7 +21,7 @@ use super::pool::VdbTreePool;
 use super::shadow_maps::CastShadows;
 use super::view::{ViewState, VisibleVolumes};
 use crate::VdbVolumeState;
-use crate::volume_state::DrawnVolumes;
+use crate::scene::track::DrawnVolumes;
 
 /// Tells the app's world which volumes are in the picture, once a frame has been drawn.
 pub(super) struct DrawnPlugin;

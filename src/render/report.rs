@@ -12,7 +12,7 @@ use super::composite::CompositeView;
 use super::trace::TraceView;
 use super::upscale::UpscaleView;
 use super::view::{PreparedView, ViewPicture, ViewState};
-use crate::diagnostics::{
+use crate::quality::diagnostics::{
     VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
 };
 

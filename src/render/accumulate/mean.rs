@@ -7,7 +7,7 @@ use bevy::render::render_resource::{Buffer, BufferDescriptor, BufferUsages, Text
 use bevy::render::renderer::RenderDevice;
 use bevy::render::texture::CachedTexture;
 
-use crate::features::Features;
+use crate::quality::features::Features;
 use crate::render::extract::SceneChanges;
 use crate::render::gpu::{golden, picture_texture, types};
 use crate::render::view::{MEAN_BYTES, PreparedView, ViewKey};

@@ -22,7 +22,7 @@ use super::gpu::{
 use super::upscale::upscale;
 use super::view::VdbSystems;
 use super::view::{Picture, PrepareViews, ViewKey, ViewPicture, ViewState, VisibleVolumes};
-use crate::features::Features;
+use crate::quality::features::Features;
 
 pub(super) use mean::{Accumulated, Mean};
 

@@ -31,7 +31,7 @@ use super::extract::ExtractedVolumes;
 use super::gpu::{PipelineFallback, Shaders, load_shaders, types};
 use super::view::VdbSystems;
 use super::view::{PrepareViews, ViewPicture, ViewState, VisibleVolumes};
-use crate::features::Features;
+use crate::quality::features::Features;
 use pipeline::{CompositeKey, CompositePipeline, ToneKey};
 
 /// Draws the picture of every view.

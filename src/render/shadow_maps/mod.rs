@@ -36,7 +36,7 @@ use super::gpu::{GROUP, PipelineFallback, Shaders, empty_layout, load_shaders, t
 use super::pool::{PoolBuffers, VdbTreePool};
 use super::trace::MeshShadowMaps;
 use super::view::{PrepareViews, ViewState, turn_of};
-use crate::features::Features;
+use crate::quality::features::Features;
 use crate::{VdbCamera, VdbQuality};
 use casters::{Cast, casters, sees_meshes};
 use mesh_maps::MeshMap;

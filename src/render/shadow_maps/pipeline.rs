@@ -10,7 +10,7 @@ use bevy::render::render_resource::{
     ShaderStages, SpecializedRenderPipeline, StencilState, VertexState,
 };
 
-use crate::features::Features;
+use crate::quality::features::Features;
 use crate::render::gpu::{Shaders, empty_layout, page_defs, sample_format_def, storage_read};
 
 /// Draws volumes into a shadow map.

@@ -8,7 +8,7 @@ use bevy::render::render_resource::{
 };
 
 use super::lights::LightLayouts;
-use crate::features::Features;
+use crate::quality::features::Features;
 use crate::render::gpu::{Shaders, page_defs, scene_depth, storage_read};
 use crate::render::view::ViewKey;
 

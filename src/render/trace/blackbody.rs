@@ -9,7 +9,7 @@ use bevy::render::render_resource::{
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use vdb_core::BlackbodyTable;
 
-use crate::features::Features;
+use crate::quality::features::Features;
 use crate::render::view::ViewState;
 
 /// The table, while a view needs it.

@@ -22,7 +22,7 @@ use bevy::render::texture::{FallbackImage, GpuImage};
 use bevy::render::view::{ViewUniformOffset, ViewUniforms};
 use bevy::shader::ShaderDefVal;
 
-use crate::features::Features;
+use crate::quality::features::Features;
 use crate::render::extract::ExtractedEnvironment;
 use crate::render::gpu::empty_layout;
 use crate::render::view::ViewKey;

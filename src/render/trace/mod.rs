@@ -26,7 +26,7 @@ use super::view::{
     Picture, PrepareViews, PreparedView, ViewKey, ViewPicture, ViewState, VisibleVolumes,
     VolumeBuffer,
 };
-use crate::features::Features;
+use crate::quality::features::Features;
 use beams::BeamsPipeline;
 use blackbody::BlackbodyColors;
 use lights::{AllLights, LightBindGroups, LightLayouts, ViewLights};

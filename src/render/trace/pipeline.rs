@@ -9,7 +9,7 @@ use bevy::render::render_resource::{
 
 use super::lights::LightLayouts;
 use crate::VdbRenderMode;
-use crate::features::Features;
+use crate::quality::features::Features;
 use crate::render::gpu::{
     Shaders, page_defs, read, sample_format_def, scene_depth, storage_read, write,
 };

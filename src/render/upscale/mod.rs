@@ -21,7 +21,7 @@ use super::gpu::{
 use super::trace::trace;
 use super::view::VdbSystems;
 use super::view::{Picture, PrepareViews, ViewKey, ViewPicture, ViewState, VisibleVolumes};
-use crate::features::Features;
+use crate::quality::features::Features;
 
 /// Fills in the pixels between the rays, in views with fewer rays than pixels.
 pub(super) struct UpscalePlugin;

@@ -1,7 +1,7 @@
 //! What a view's pipelines are specialised on, and which pipelines can draw for others.
 
 use crate::VdbRenderMode;
-use crate::features::Features;
+use crate::quality::features::Features;
 use crate::render::extract::AuxiliaryGrid;
 use crate::render::gpu::types;
 

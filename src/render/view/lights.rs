@@ -7,7 +7,7 @@ use bevy::prelude::*;
 use bevy::render::render_asset::RenderAssets;
 use bevy::render::texture::GpuImage;
 
-use crate::features::Features;
+use crate::quality::features::Features;
 use crate::render::extract::{ExtractedEnvironment, ExtractedSuns};
 
 /// Which lights there are.

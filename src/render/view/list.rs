@@ -8,7 +8,7 @@ use super::auxiliary::{color_data, emission_data, world_from_index};
 use super::tiles::TileRange;
 use super::volume::{Eye, Shown, index_box, volume_data};
 use crate::VdbQuality;
-use crate::features::Features;
+use crate::quality::features::Features;
 use crate::render::extract::{AuxiliaryGrid, ExtractedVolume, ExtractedVolumes, Warned};
 use crate::render::gpu::types;
 use crate::render::pool::VdbTreePool;

@@ -16,7 +16,7 @@ use super::state::{PreparedView, ResolvedView, ViewState};
 use super::tiles::TileLayout;
 use super::uniform::{overlay_bits, turn_of, view_data};
 use crate::VdbRenderMode;
-use crate::features::Features;
+use crate::quality::features::Features;
 use crate::render::extract::{ExtractedSuns, ExtractedVolume, ExtractedVolumes};
 use crate::render::gpu::{non_negative, types};
 

@@ -22,8 +22,8 @@ use super::settings::{ResolvedSettings, accumulates};
 use super::state::{ResolvedView, ViewState};
 use super::visible::VisibleVolumes;
 use super::volume::Eye;
-use crate::features::Features;
-use crate::measure::LeftOut;
+use crate::quality::LeftOut;
+use crate::quality::features::Features;
 use crate::render::extract::{
     ExtractedEnvironment, ExtractedSuns, ExtractedVolumes, Trouble, Warned,
 };

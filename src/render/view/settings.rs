@@ -3,7 +3,7 @@
 use bevy::prelude::*;
 use bevy::render::renderer::RenderDevice;
 
-use crate::features::Features;
+use crate::quality::features::Features;
 use crate::render::extract::Trouble;
 use crate::{VdbCamera, VdbQuality, VdbRenderMode};
 

@@ -1,41 +1,20 @@
-//! Grids and files as assets.
+//! Float grids as assets.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use bevy::asset::Asset;
 use bevy::math::{DAffine3, DVec3};
-use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
-use thiserror::Error;
 use vdb_core::display::escaped;
-use vdb_core::pack::{PackError, PackKind, PackedGrid};
+use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::tree::Vdb543;
-use vdb_core::{AnyTree, GridClass, Metadata, SkippedGrid, Transform, WriteOptions};
+use vdb_core::{AnyTree, GridClass, Metadata, WriteOptions};
 
-use crate::edits::Edits;
-use crate::{VdbEdit, VdbValues, VdbVectorGrid};
-
-/// A `.vdb` file: the root asset of `asset_server.load::<VdbFile>("smoke.vdb")`.
-///
-/// Its grids are labelled by name, `"smoke.vdb#density"`. Where a name is empty or shared, the
-/// label is the grid's unique name: `"#[0]"` for the first of several unnamed grids,
-/// `"#density[1]"` for the second grid of that name. In labels, `#`, `//` and unprintable
-/// characters are escaped (`a#b` is `"#a\u{23}b"`), and an ellipsis replaces everything after 256
-/// characters.
-#[derive(Asset, Clone, Debug, TypePath)]
-pub struct VdbFile {
-    /// The float grids that were loaded, in file order.
-    pub grids: Vec<Handle<VdbGrid>>,
-    /// The float grids by label.
-    pub named_grids: HashMap<String, Handle<VdbGrid>>,
-    /// The vector grids that were loaded, by label.
-    pub vector_grids: HashMap<String, Handle<VdbVectorGrid>>,
-    /// The metadata of the file.
-    pub metadata: Metadata,
-    /// Grids in the file that cannot be displayed, with the reason.
-    pub skipped: Vec<SkippedGrid>,
-}
+use super::common::{VdbGridError, check_transform, core_grid, index_bounds, world_bounds};
+use super::edits::Edits;
+use super::settings::VdbValues;
+use crate::VdbEdit;
 
 /// A float grid, ready for display by a [`VdbVolume`](crate::VdbVolume).
 #[derive(Asset, Clone, Debug, TypePath)]
@@ -53,23 +32,6 @@ pub struct VdbGrid {
     /// The requested sample format. While voxels are edited, samples are kept in full.
     values: VdbValues,
     edits: Option<Box<Edits>>,
-}
-
-/// Why a tree cannot become a [`VdbGrid`].
-#[derive(Clone, Debug, Error)]
-pub enum VdbGridError {
-    /// The transform is not linear or cannot be inverted.
-    #[error("{0}")]
-    Transform(String),
-    /// The values are neither floats nor vectors of floats.
-    #[error(
-        "grids of type {} cannot be shown; only Tree_float_5_4_3 and Tree_vec3s_5_4_3 can",
-        escaped(.0)
-    )]
-    Type(String),
-    /// The grid does not fit the GPU's layout, or exceeds a limit.
-    #[error(transparent)]
-    Pack(#[from] PackError),
 }
 
 impl VdbGrid {
@@ -316,52 +278,4 @@ impl VdbGrid {
 fn shown(name: &Arc<str>) -> Arc<str> {
     let shown = escaped(name).to_string();
     if *shown == **name { name.clone() } else { shown.into() }
-}
-
-/// Converts to a `vdb_core` grid.
-pub(crate) fn core_grid(
-    name: &str,
-    class: GridClass,
-    world_from_index: DAffine3,
-    metadata: &Metadata,
-    tree: AnyTree,
-) -> vdb_core::Grid {
-    let mut grid = vdb_core::Grid::new(name, tree);
-    grid.class = class;
-    grid.metadata = metadata.clone();
-    // It could be inverted when the grid was made.
-    grid.transform = Transform::affine(world_from_index).unwrap_or_default();
-    grid
-}
-
-/// Checks that a transform can place a grid.
-pub(crate) fn check_transform(world_from_index: DAffine3) -> Result<(), VdbGridError> {
-    let can_be_saved = Transform::affine(world_from_index).is_some();
-    let inverse = world_from_index.inverse();
-    if !can_be_saved || !inverse.is_finite() || !world_from_index.is_finite() {
-        return Err(VdbGridError::Transform(format!(
-            "the transform from index space to the world, {world_from_index}, cannot be inverted"
-        )));
-    }
-    Ok(())
-}
-
-fn index_bounds(packed: &PackedGrid) -> Option<(DVec3, DVec3)> {
-    let cells = packed.occupied?;
-    let base = packed.base.as_dvec3() + packed.kind.lattice_origin();
-    Some((cells.min.as_dvec3() + base, cells.max.as_dvec3() + base + 1.0))
-}
-
-/// The bounds of everything visible in a packed grid, in the file's world.
-pub(crate) fn world_bounds(
-    packed: &PackedGrid,
-    world_from_index: DAffine3,
-) -> Option<(DVec3, DVec3)> {
-    let (low, high) = index_bounds(packed)?;
-    let corners = (0..8).map(|i| {
-        let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
-        world_from_index.transform_point3(DVec3::new(pick(0), pick(1), pick(2)))
-    });
-    let low = corners.clone().fold(DVec3::INFINITY, DVec3::min);
-    Some((low, corners.fold(DVec3::NEG_INFINITY, DVec3::max)))
 }

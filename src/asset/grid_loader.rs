@@ -9,10 +9,10 @@ use vdb_core::display::escaped;
 use vdb_core::pack::PackKind;
 use vdb_core::{AnyTree, Grid};
 
-use crate::labels::labels;
-use crate::loader::{Prepared, Shared, kind, load_with, prepare, read};
-use crate::progress::Job;
-use crate::roles::{Candidate, main_grid, main_vectors};
+use crate::asset::labels::labels;
+use crate::asset::loader::{Prepared, Shared, kind, load_with, prepare, read};
+use crate::asset::parts::{Candidate, main_grid, main_vectors};
+use crate::asset::progress::Job;
 use crate::{
     VdbGrid, VdbGridError, VdbLoadProgress, VdbLoaderError, VdbLoaderSettings, VdbVectorGrid,
 };

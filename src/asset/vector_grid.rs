@@ -10,8 +10,7 @@ use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid};
 use vdb_core::tree::{Vdb543, map_values};
 use vdb_core::{AnyTree, GridClass, Metadata, WriteOptions};
 
-use crate::VdbGridError;
-use crate::asset::{check_transform, core_grid, world_bounds};
+use super::common::{VdbGridError, check_transform, core_grid, world_bounds};
 
 /// A vector grid, for [`VdbColorGrid`](crate::VdbColorGrid) and
 /// [`VdbEmission::Color`](crate::VdbEmission::Color), such as `"smoke.vdb#Cd"`.

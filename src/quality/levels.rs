@@ -14,8 +14,9 @@ use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, ValueFormat};
 use vdb_core::tree::{Coarsening, LevelOptions, half_resolution, voxel_in_distances};
 use vdb_core::{GridClass, ProgressFn};
 
-use crate::dial::{distance, pixel_size};
-use crate::{VdbCamera, VdbGrid, VdbQuality, VdbVolume, VdbVolumeState, background};
+use crate::asset::background;
+use crate::quality::dial::{distance, pixel_size};
+use crate::{VdbCamera, VdbGrid, VdbQuality, VdbVolume, VdbVolumeState};
 
 /// A grid whose longest edge is shorter, in cells, is not reduced further.
 const SMALLEST: u64 = 16;

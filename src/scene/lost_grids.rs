@@ -2,36 +2,12 @@
 //! logs the reason. If it succeeds but the file lacks a grid that is displayed, this module warns.
 
 use std::collections::HashSet;
-use std::sync::{Arc, Mutex, PoisonError};
 
-use bevy::asset::{AssetPath, UntypedAssetId};
+use bevy::asset::UntypedAssetId;
 use bevy::prelude::*;
 
+use crate::asset::loaded::LoadedFiles;
 use crate::{VdbColorGrid, VdbEmission, VdbVolume};
-
-/// The files loaded since the last check, passed from loader threads to the app.
-#[derive(Clone, Debug, Default, Resource)]
-pub(crate) struct LoadedFiles(Arc<Mutex<Vec<LoadedFile>>>);
-
-/// The contents of a file, by label.
-#[derive(Debug)]
-pub(crate) struct LoadedFile {
-    pub path: AssetPath<'static>,
-    pub grids: HashSet<String>,
-    pub vector_grids: HashSet<String>,
-}
-
-impl LoadedFiles {
-    pub fn push(&self, file: LoadedFile) {
-        let mut files = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        files.retain(|known| known.path != file.path);
-        files.push(file);
-    }
-
-    fn take(&self) -> Vec<LoadedFile> {
-        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-}
 
 /// Warns of displayed grids that their file no longer has. Bevy keeps an asset as long as it has
 /// handles.

@@ -7,7 +7,7 @@ use bevy::diagnostic::DiagnosticsStore;
 use bevy::prelude::*;
 use std::time::Instant;
 
-use crate::diagnostics::{PASSES, newest};
+use crate::quality::diagnostics::gpu_time;
 use crate::{VdbDiagnostics, VdbGrid, VdbMeasureFeatures, VdbQuality, VdbVolume};
 use controller::{Controller, MARKS};
 
@@ -143,15 +143,6 @@ pub(crate) fn turn_dials(
         };
         quality.set_if_neq(turned);
     }
-}
-
-/// The latest GPU time of all passes of a frame, in milliseconds, and when it arrived.
-pub(crate) fn gpu_time(store: &DiagnosticsStore) -> Option<(Instant, f32)> {
-    let [first, ..] = PASSES;
-    let trace = newest(store, first)?;
-    let all = PASSES.iter().filter_map(|pass| newest(store, pass));
-    let ms: f64 = all.filter(|pass| pass.time == trace.time).map(|pass| pass.value).sum();
-    Some((trace.time, ms as f32))
 }
 
 /// The distance from the eye to a volume's box, in world units.

@@ -7,8 +7,8 @@ use bevy::diagnostic::DiagnosticsStore;
 use bevy::prelude::*;
 use bevy::render::extract_component::ExtractComponent;
 
-use crate::dial::gpu_time;
-use crate::features::{FEATURES, Feature, Features};
+use crate::quality::diagnostics::gpu_time;
+use crate::quality::features::{FEATURES, Feature, Features};
 use crate::{VdbCameraReport, VdbDiagnostics};
 
 /// Measures the costs of the features of a camera. Over some hundreds of frames, each feature is

@@ -1,4 +1,4 @@
-//! How far a volume is from being visible.
+//! Keeps the states of volumes consistent with assets and renderer.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -6,79 +6,8 @@ use bevy::asset::UntypedAssetId;
 use bevy::ecs::entity::EntityHashMap;
 use bevy::prelude::*;
 
+use super::volume_state::{ToldDrawn, VdbVolumeDrawn, VdbVolumeState};
 use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbVolume};
-
-/// How far a volume is from being visible, as of the last rendered frame: a component of every
-/// [`VdbVolume`].
-///
-/// A loading screen can end once every volume is settled:
-///
-/// ```no_run
-/// # use bevy::prelude::*;
-/// # use bevy_vdb::prelude::*;
-/// # #[derive(Component)] struct LoadingScreen;
-/// fn end_loading(
-///     mut commands: Commands,
-///     volumes: Query<&VdbVolumeState>,
-///     screen: Single<Entity, With<LoadingScreen>>,
-/// ) {
-///     if volumes.iter().all(|state| state.is_settled()) {
-///         commands.entity(*screen).despawn();
-///     }
-/// }
-/// ```
-///
-/// To be notified of the first frame with a volume, observe [`VdbVolumeDrawn`].
-#[derive(Clone, Component, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
-#[reflect(Component, Clone, Debug, Default, PartialEq, Hash)]
-pub enum VdbVolumeState {
-    /// Its grid, or that of a [`VdbEmission`] or [`VdbColorGrid`], is being read, decoded and
-    /// packed. See [`VdbLoadProgress`](crate::VdbLoadProgress).
-    #[default]
-    Loading,
-    /// Its grid could not be loaded. Bevy has logged the reason.
-    Failed,
-    /// Its grids are on their way to the GPU, or a pipeline that a camera needs is being compiled.
-    /// Meanwhile, the volume is drawn as far as existing pipelines can.
-    Preparing,
-    /// It cannot be shown: it does not fit the GPU, or its transform is out of range. A message
-    /// gives the reason.
-    NotShown,
-    /// Its grids are on the GPU, but no camera sees it: it is hidden, empty or out of view, or
-    /// there is no renderer.
-    Unseen,
-    /// It is displayed completely by every camera that sees it.
-    Drawn,
-}
-
-impl VdbVolumeState {
-    /// Whether there is nothing left to wait for: the volume is drawn, or will not be unless
-    /// something changes.
-    pub fn is_settled(self) -> bool {
-        !matches!(self, Self::Loading | Self::Preparing)
-    }
-}
-
-/// A volume is on screen for the first time: an event of its entity, triggered in the following
-/// frame. Triggered again when the volume gets another grid.
-///
-/// ```no_run
-/// # use bevy::prelude::*;
-/// # use bevy_vdb::prelude::*;
-/// # fn setup(mut commands: Commands, assets: Res<AssetServer>) {
-/// let smoke = VdbVolume(assets.load("smoke.vdb"));
-/// commands.spawn(smoke).observe(|drawn: On<VdbVolumeDrawn>| println!("{} is there", drawn.entity));
-/// # }
-/// ```
-#[derive(Clone, Copy, Debug, EntityEvent, PartialEq, Eq)]
-pub struct VdbVolumeDrawn {
-    /// The entity of the volume.
-    pub entity: Entity,
-}
-
-/// The grid with which the volume was reported as drawn.
-#[derive(Clone, Component, Debug, Default)]
-pub(crate) struct ToldDrawn(Option<AssetId<VdbGrid>>);
 
 /// The state of volumes in the last rendered frame, with their grids. A resource of both worlds.
 #[derive(Clone, Debug, Default, Resource)]

@@ -4,7 +4,7 @@ use bevy::camera::visibility::{VisibilityClass, add_visibility_class};
 use bevy::prelude::*;
 use bevy::render::extract_component::ExtractComponent;
 
-use crate::volume_state::ToldDrawn;
+use crate::scene::volume_state::ToldDrawn;
 use crate::{VdbGrid, VdbVolumeState};
 
 /// Displays a grid. `commands.spawn(VdbVolume(asset_server.load("smoke.vdb")))` suffices for a file

@@ -1,6 +1,7 @@
 //! What volumes cost, and why.
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 use bevy::diagnostic::{DiagnosticMeasurement, DiagnosticPath, DiagnosticsStore};
 use bevy::platform::collections::HashMap;
@@ -115,4 +116,13 @@ pub struct VdbBufferReport {
     pub bytes: u64,
     /// The setting or component that requires it.
     pub why: &'static str,
+}
+
+/// The latest GPU time of all passes of a frame, in milliseconds, and when it arrived.
+pub(crate) fn gpu_time(store: &DiagnosticsStore) -> Option<(Instant, f32)> {
+    let [first, ..] = PASSES;
+    let trace = newest(store, first)?;
+    let all = PASSES.iter().filter_map(|pass| newest(store, pass));
+    let ms: f64 = all.filter(|pass| pass.time == trace.time).map(|pass| pass.value).sum();
+    Some((trace.time, ms as f32))
 }

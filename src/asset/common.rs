@@ -1,0 +1,73 @@
+//! Errors, transforms and bounds shared by float and vector grids.
+
+use bevy::math::{DAffine3, DVec3};
+use thiserror::Error;
+use vdb_core::display::escaped;
+use vdb_core::pack::{PackError, PackedGrid};
+use vdb_core::{AnyTree, GridClass, Metadata, Transform};
+
+/// Why a tree cannot become a [`VdbGrid`](crate::VdbGrid).
+#[derive(Clone, Debug, Error)]
+pub enum VdbGridError {
+    /// The transform is not linear or cannot be inverted.
+    #[error("{0}")]
+    Transform(String),
+    /// The values are neither floats nor vectors of floats.
+    #[error(
+        "grids of type {} cannot be shown; only Tree_float_5_4_3 and Tree_vec3s_5_4_3 can",
+        escaped(.0)
+    )]
+    Type(String),
+    /// The grid does not fit the GPU's layout, or exceeds a limit.
+    #[error(transparent)]
+    Pack(#[from] PackError),
+}
+
+/// Converts to a `vdb_core` grid.
+pub(crate) fn core_grid(
+    name: &str,
+    class: GridClass,
+    world_from_index: DAffine3,
+    metadata: &Metadata,
+    tree: AnyTree,
+) -> vdb_core::Grid {
+    let mut grid = vdb_core::Grid::new(name, tree);
+    grid.class = class;
+    grid.metadata = metadata.clone();
+    // It could be inverted when the grid was made.
+    grid.transform = Transform::affine(world_from_index).unwrap_or_default();
+    grid
+}
+
+/// Checks that a transform can place a grid.
+pub(crate) fn check_transform(world_from_index: DAffine3) -> Result<(), VdbGridError> {
+    let can_be_saved = Transform::affine(world_from_index).is_some();
+    let inverse = world_from_index.inverse();
+    if !can_be_saved || !inverse.is_finite() || !world_from_index.is_finite() {
+        return Err(VdbGridError::Transform(format!(
+            "the transform from index space to the world, {world_from_index}, cannot be inverted"
+        )));
+    }
+    Ok(())
+}
+
+/// The bounds of everything visible in a packed grid, in index space.
+pub(crate) fn index_bounds(packed: &PackedGrid) -> Option<(DVec3, DVec3)> {
+    let cells = packed.occupied?;
+    let base = packed.base.as_dvec3() + packed.kind.lattice_origin();
+    Some((cells.min.as_dvec3() + base, cells.max.as_dvec3() + base + 1.0))
+}
+
+/// The bounds of everything visible in a packed grid, in the file's world.
+pub(crate) fn world_bounds(
+    packed: &PackedGrid,
+    world_from_index: DAffine3,
+) -> Option<(DVec3, DVec3)> {
+    let (low, high) = index_bounds(packed)?;
+    let corners = (0..8).map(|i| {
+        let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
+        world_from_index.transform_point3(DVec3::new(pick(0), pick(1), pick(2)))
+    });
+    let low = corners.clone().fold(DVec3::INFINITY, DVec3::min);
+    Some((low, corners.fold(DVec3::NEG_INFINITY, DVec3::max)))
+}

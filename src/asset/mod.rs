@@ -1,0 +1,46 @@
+//! Files and grids as assets: reading, packing, editing and saving them.
+
+pub(crate) mod background;
+mod common;
+pub(crate) mod edits;
+mod file;
+mod grid;
+mod grid_loader;
+mod labels;
+pub(crate) mod loaded;
+mod loader;
+pub(crate) mod parts;
+mod progress;
+mod settings;
+mod vector_grid;
+
+use bevy::prelude::*;
+
+pub use common::VdbGridError;
+pub use file::VdbFile;
+pub use grid::VdbGrid;
+pub use grid_loader::{VdbGridLoader, VdbVectorGridLoader};
+pub use loader::{VdbLoader, VdbLoaderError};
+pub use progress::{VdbFileProgress, VdbLoadProgress};
+pub use settings::{VdbLoaderSettings, VdbRenderAs, VdbValues};
+pub use vector_grid::VdbVectorGrid;
+
+use loaded::LoadedFiles;
+
+/// Loads `.vdb` files.
+pub(crate) struct AssetPlugin;
+
+impl Plugin for AssetPlugin {
+    fn build(&self, app: &mut App) {
+        let (progress, loaded) = (VdbLoadProgress::default(), LoadedFiles::default());
+        app.init_asset::<VdbGrid>()
+            .init_asset::<VdbVectorGrid>()
+            .init_asset::<VdbFile>()
+            // Where nothing says what a file is to be, Bevy takes the loader that came last.
+            .register_asset_loader(VdbGridLoader::new(progress.clone()))
+            .register_asset_loader(VdbVectorGridLoader::new(progress.clone()))
+            .register_asset_loader(VdbLoader::new(progress.clone(), loaded.clone()))
+            .insert_resource(progress)
+            .insert_resource(loaded);
+    }
+}

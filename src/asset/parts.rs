@@ -1,0 +1,134 @@
+//! The roles of a file's grids, identified by the names that programs give them.
+
+use vdb_core::pack::PackKind;
+
+use super::grid::VdbGrid;
+
+/// Names of densities in OpenVDB, Blender, Houdini and `EmberGen`.
+const DENSITIES: [&str; 2] = ["density", "smoke"];
+
+/// Names of emission grids, and the temperatures in kelvin that 0 and 1 stand for. Fire comes
+/// before heat, which smoke has as well.
+pub(crate) const FIRES: [(&str, [f32; 2]); 7] = [
+    ("flame", FLAMES),
+    ("flames", FLAMES),
+    ("fire", FLAMES),
+    ("burn", FLAMES),
+    ("temperature", HEAT),
+    ("heat", HEAT),
+    ("temp", HEAT),
+];
+/// Ignition and maximum temperature of fuel: Blender's defaults.
+const FLAMES: [f32; 2] = [1_500.0, 3_000.0];
+/// The temperature in Blender's Principled Volume.
+pub(crate) const HEAT: [f32; 2] = [0.0, 1_000.0];
+
+/// Houdini's name for a surface.
+const SURFACE: &str = "surface";
+
+/// The prefix of auxiliary surfaces in Blender's fluid simulations.
+const HELPERS: &str = "phi_";
+
+/// Names of colours: Houdini's, and common ones.
+pub(crate) const COLORS: [&str; 4] = ["cd", "color", "colour", "albedo"];
+
+/// What is known of a grid when its role is chosen.
+pub(crate) struct Candidate<'a> {
+    pub name: &'a str,
+    pub is_fog: bool,
+    /// Whether there is nothing to see.
+    pub is_empty: bool,
+}
+
+impl<'a> Candidate<'a> {
+    pub fn of(grid: &'a VdbGrid) -> Self {
+        Self {
+            name: grid.name(),
+            is_fog: grid.kind() == PackKind::Fog,
+            is_empty: grid.world_bounds().is_none(),
+        }
+    }
+}
+
+/// Roles, as positions in a list of grids.
+pub(crate) struct Parts {
+    pub surfaces: Vec<usize>,
+    pub density: Option<usize>,
+    pub fire: Option<usize>,
+}
+
+pub(crate) fn parts(all: &[Candidate]) -> Parts {
+    let fogs = || (0..all.len()).filter(|i| all[*i].is_fog);
+    let called = |name: &str| fogs().find(|i| is(all[*i].name, name));
+    // Blender writes every grid that it has, those with nothing in them as well.
+    let fire = FIRES.iter().find_map(|(name, _)| called(name).filter(|i| !all[*i].is_empty));
+    let density = DENSITIES.iter().find_map(|name| called(name));
+    let density = density.or_else(|| fogs().find(|i| fire != Some(*i)).or(fogs().next()));
+    let helps = |name: &str| {
+        density.is_some() && name.get(..HELPERS.len()).is_some_and(|start| is(start, HELPERS))
+    };
+    let surfaces = (0..all.len()).filter(|i| !all[*i].is_fog && !helps(all[*i].name)).collect();
+    Parts { surfaces, density, fire: fire.filter(|fire| density != Some(*fire)) }
+}
+
+/// The main grid of a file: its surface, or its fog. `None` if there are several candidates.
+pub(crate) fn main_grid(all: &[Candidate]) -> Option<usize> {
+    let Parts { surfaces, density, fire } = parts(all);
+    match (&surfaces[..], density) {
+        ([], density) => {
+            let is_named = |i: &usize| DENSITIES.iter().any(|name| is(all[*i].name, name));
+            let fogs = (0..all.len()).filter(|i| all[*i].is_fog && fire != Some(*i)).count();
+            density.filter(|density| is_named(density) || fogs == 1)
+        }
+        ([surface], None) => Some(*surface),
+        (several, None) => several.iter().copied().find(|i| is(all[*i].name, SURFACE)),
+        (_, Some(_)) => None,
+    }
+}
+
+/// The main vector grid, by name.
+pub(crate) fn main_vectors(names: &[&str]) -> Option<usize> {
+    let called = |name: &&str| names.iter().position(|own| is(own, name));
+    COLORS.iter().find_map(called).or((names.len() == 1).then_some(0))
+}
+
+/// Whether two names are equal, ignoring case.
+pub(crate) fn is(name: &str, what: &str) -> bool {
+    name.eq_ignore_ascii_case(what)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_grid_that_a_file_is_about_is_found_or_asked_for() {
+        let main = |all: &[(&'static str, bool)]| {
+            let candidate = |&(name, is_fog)| Candidate { name, is_fog, is_empty: false };
+            main_grid(&all.iter().map(candidate).collect::<Vec<_>>())
+        };
+        let (fog, surface) = (true, false);
+        for (all, expected) in [
+            (&[("ls_dragon", surface)][..], Some(0)),
+            (&[("", surface)], Some(0)),
+            (&[("ls", fog)], Some(0)),
+            // Blender's and Houdini's smoke.
+            (&[("temperature", fog), ("density", fog), ("flame", fog), ("shadow", fog)], Some(1)),
+            (&[("phi_obstacle", surface), ("Density", fog), ("heat", fog)], Some(1)),
+            (&[("heat", fog), ("fuel", fog)], Some(1)),
+            (&[("temperature", fog)], Some(0)),
+            (&[("collision", surface), ("surface", surface)], Some(1)),
+            // These could be any.
+            (&[("left", surface), ("right", surface)], None),
+            (&[("a", fog), ("b", fog)], None),
+            (&[("surface", surface), ("density", fog)], None),
+            (&[], None),
+        ] {
+            assert_eq!(main(all), expected, "{all:?}");
+        }
+        assert_eq!(main_vectors(&["vel", "cd"]), Some(1));
+        assert_eq!(main_vectors(&["vel"]), Some(0));
+        assert_eq!(main_vectors(&["vel", "rest"]), None);
+        assert_eq!(main_vectors(&[]), None);
+    }
+}

@@ -1,0 +1,96 @@
+//! How files are loaded.
+
+use serde::{Deserialize, Serialize};
+use vdb_core::Limits;
+use vdb_core::pack::ValueFormat;
+
+/// How a `.vdb` file is loaded, for `asset_server.load_builder().with_settings(…)` or a `.meta`
+/// file. Settings left out of a `.meta` file keep their defaults:
+///
+/// ```ron
+/// (
+///     meta_format_version: "1.0",
+///     asset: Load(
+///         loader: "bevy_vdb::VdbLoader",
+///         settings: (
+///             grids: Some(["density"]),
+///             limits: (file_bytes: 8_000_000_000, tree_bytes: 24_000_000_000),
+///         ),
+///     ),
+/// )
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct VdbLoaderSettings {
+    /// The names of the grids to load; others are not even decompressed. `None`: all.
+    pub grids: Option<Vec<String>>,
+    /// The width of the narrow band to keep on each side of a level set, in voxels. The rest costs
+    /// memory and is never seen. At least 2. `None`: everything in the file.
+    pub half_width: Option<f32>,
+    /// Whether grids are surfaces or fog.
+    pub render_as: VdbRenderAs,
+    /// Whether surfaces follow the trilinear interpolant. On by default. Otherwise they consist of
+    /// voxels, for which the GPU only holds bits: less than half the time and a fifth of the
+    /// memory.
+    pub smooth: bool,
+    /// The sample format of fog and smooth surfaces on the GPU.
+    pub values: VdbValues,
+    /// How much of the machine a file may demand before loading is aborted. The defaults protect a
+    /// desktop with 8 GB of memory; raise them for larger files that you trust.
+    pub limits: Limits,
+}
+
+impl Default for VdbLoaderSettings {
+    fn default() -> Self {
+        Self {
+            grids: None,
+            half_width: None,
+            render_as: VdbRenderAs::Auto,
+            smooth: true,
+            values: VdbValues::Exact,
+            limits: Limits::default(),
+        }
+    }
+}
+
+/// The sample format on the GPU. `docs/reference/benchmarks.md` has the cost and loss of each. A
+/// surface of voxels has no samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum VdbValues {
+    /// As in the file: 16 bits where that loses nothing, as in files saved that way, otherwise 32.
+    #[default]
+    Exact,
+    /// 16-bit floats: relative errors of at most 2⁻¹².
+    Half,
+    /// Bytes. For fog, 255 steps from the smallest to the largest density in each leaf of 8³
+    /// voxels. For a smooth surface, steps of 1/127 of the largest distance in a surface cell
+    /// (about √3 voxels), rounded so that no sign changes: the surface keeps its holes and gets no
+    /// new ones.
+    Byte,
+}
+
+impl From<VdbValues> for ValueFormat {
+    fn from(values: VdbValues) -> Self {
+        match values {
+            VdbValues::Exact => Self::Exact,
+            VdbValues::Half => Self::Half,
+            VdbValues::Byte => Self::Byte,
+        }
+    }
+}
+
+/// Whether grids are displayed as surfaces or as fog.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum VdbRenderAs {
+    /// Decided by the class: level sets are surfaces, fog volumes are fog. A grid without a class
+    /// is a level set if its background is positive and some of its values are negative.
+    #[default]
+    Auto,
+    /// Surfaces at this iso-value; values below it are solid.
+    Surface {
+        /// In the units of the values; 0 for a level set.
+        iso: f32,
+    },
+    /// Fog: values are densities.
+    Fog,
+}

@@ -1,0 +1,17 @@
+//! The items that most games need: `use bevy_vdb::prelude::*;`
+
+pub use crate::{
+    VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,
+    VdbLoadProgress, VdbLoaderSettings, VdbMaterial, VdbOverlays, VdbPlugins, VdbQuality,
+    VdbRayCastSettings, VdbRayHit, VdbRenderAs, VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery,
+    VdbSun, VdbTraversal, VdbValues, VdbVectorGrid, VdbVolume, VdbVolumeDrawn, VdbVolumeQuality,
+    VdbVolumeState, VdbVoxel,
+};
+pub use crate::{VdbFeatureCosts, VdbMeasureFeatures};
+#[cfg(feature = "egui")]
+pub use crate::{VdbInspector, VdbInspectorPlugin};
+#[cfg(feature = "picking")]
+pub use crate::{VdbPickingPlugin, VdbPickingSettings};
+#[cfg(feature = "record")]
+pub use crate::{VdbRecordEnded, VdbRecordFormat, VdbRecordPlugin, VdbRecordSettings, VdbRecorder};
+pub use vdb_core::pack::PackKind;

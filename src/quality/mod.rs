@@ -1,0 +1,38 @@
+//! Accuracy against time: the settings of cameras and volumes, their automatic adjustment, and
+//! their costs.
+
+mod cost;
+pub(crate) mod diagnostics;
+mod dial;
+pub(crate) mod features;
+mod levels;
+mod settings;
+
+use bevy::asset::AssetEventSystems;
+use bevy::prelude::*;
+
+pub(crate) use cost::LeftOut;
+pub use cost::{VdbFeatureCost, VdbFeatureCosts, VdbMeasureFeatures};
+pub use diagnostics::{
+    VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
+};
+pub use dial::VdbDial;
+pub use settings::{VdbQuality, VdbVolumeQuality};
+
+/// Adjusts dials, measures costs, and generates the levels of detail that cameras ask for.
+pub(crate) struct QualityPlugin;
+
+impl Plugin for QualityPlugin {
+    fn build(&self, app: &mut App) {
+        app.register_type::<VdbQuality>()
+            .register_type::<VdbVolumeQuality>()
+            .register_type::<VdbDial>()
+            .register_type::<VdbMeasureFeatures>()
+            .init_resource::<VdbDiagnostics>()
+            .init_resource::<levels::PendingLevels>()
+            .add_systems(PostUpdate, levels::make_levels.before(AssetEventSystems))
+            .add_systems(Last, (cost::measure_features, dial::turn_dials).chain());
+        // As the components of `scene`.
+        app.try_register_required_components::<Camera3d, VdbQuality>().ok();
+    }
+}

@@ -1,0 +1,52 @@
+//! Volumes as entities: their components, bounds and states, and ray casts on the CPU.
+
+mod bounds;
+mod components;
+mod emission;
+mod lost_grids;
+#[cfg(feature = "picking")]
+mod picking;
+mod roles;
+mod spatial_query;
+pub(crate) mod track;
+mod volume_state;
+
+use bevy::asset::{AssetEventSystems, AssetTrackingSystems};
+use bevy::camera::visibility::VisibilitySystems;
+use bevy::prelude::*;
+
+pub use components::{
+    VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
+};
+pub use emission::{VdbColorGrid, VdbEmission};
+#[cfg(feature = "picking")]
+pub use picking::{VdbPickingPlugin, VdbPickingSettings};
+pub use roles::VdbRoles;
+pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};
+pub use volume_state::{VdbVolumeDrawn, VdbVolumeState};
+
+/// Keeps the bounds and states of volumes up to date.
+pub(crate) struct ScenePlugin;
+
+impl Plugin for ScenePlugin {
+    fn build(&self, app: &mut App) {
+        app.register_type::<VdbVolume>()
+            .register_type::<VdbVolumeState>()
+            .register_type::<VdbMaterial>()
+            .register_type::<VdbColorGrid>()
+            .register_type::<VdbEmission>()
+            .register_type::<VdbCamera>()
+            .register_type::<VdbSun>()
+            .add_systems(PreUpdate, track::update_states.after(AssetTrackingSystems))
+            .add_systems(Update, lost_grids::tell_of_lost_grids)
+            .add_systems(
+                PostUpdate,
+                bounds::update_bounds
+                    .in_set(VisibilitySystems::CalculateBounds)
+                    .after(AssetEventSystems),
+            );
+        // So that every camera shows its settings. Bevy refuses once a camera has been spawned; one
+        // without the component is treated as if it had the default.
+        app.try_register_required_components::<Camera3d, VdbCamera>().ok();
+    }
+}

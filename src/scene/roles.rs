@@ -1,0 +1,103 @@
+//! What the grids of a file are for, identified by name.
+
+use bevy::math::DVec3;
+use bevy::prelude::*;
+
+use crate::asset::parts::{COLORS, Candidate, FIRES, HEAT, is, parts};
+use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbVectorGrid};
+
+/// Temperatures above this are in kelvin; other units stay far below.
+const KELVIN: f32 = 100.0;
+
+/// The largest number of values examined to find out.
+const LOOKED_AT: usize = 1 << 20;
+
+/// Luminance in cd/m² of the first guess for fire at its hottest, through a tenth of its box: white
+/// at Bevy's default exposure.
+const LUMINANCE: f32 = 1_000.0;
+
+/// The grids of a [`VdbFile`] by role: see [`VdbFile::roles`].
+#[derive(Clone, Debug, Default)]
+pub struct VdbRoles {
+    /// All surfaces, in file order. If there is a density, without Blender's auxiliary ones, such
+    /// as `phi_obstacle`.
+    pub surfaces: Vec<Handle<VdbGrid>>,
+    /// The fog: a grid called `density` or `smoke`, otherwise the first fog grid.
+    pub density: Option<Handle<VdbGrid>>,
+    /// The emission within the fog: a first guess ([`VdbEmission::guess`]) for another non-empty
+    /// fog grid, called `flame`, `flames`, `fire`, `burn`, `temperature`, `heat` or `temp`, in this
+    /// order.
+    pub emission: Option<VdbEmission>,
+    /// The colour of the surfaces: a vector grid called `Cd`, `color`, `colour` or `albedo`.
+    pub colors: Option<VdbColorGrid>,
+}
+
+impl VdbFile {
+    /// Identifies the grids of the file by the names that Blender, Houdini and `EmberGen` give
+    /// them, ignoring case.
+    ///
+    /// ```no_run
+    /// # use bevy::prelude::*;
+    /// # use bevy_vdb::prelude::*;
+    /// # fn smoke(mut commands: Commands, file: &VdbFile, grids: Res<Assets<VdbGrid>>) {
+    /// let roles = file.roles(&grids);
+    /// if let Some(density) = roles.density {
+    ///     let mut smoke = commands.spawn(VdbVolume(density));
+    ///     if let Some(fire) = roles.emission {
+    ///         smoke.insert(fire);
+    ///     }
+    /// }
+    /// # }
+    /// ```
+    pub fn roles(&self, grids: &Assets<VdbGrid>) -> VdbRoles {
+        let there = self.grids.iter().filter_map(|handle| Some((handle, grids.get(handle)?)));
+        let (handles, grids): (Vec<_>, Vec<_>) = there.unzip();
+        let candidates: Vec<_> = grids.iter().map(|grid| Candidate::of(grid)).collect();
+        let parts = parts(&candidates);
+        let emission =
+            parts.fire.map(|fire| VdbEmission::guess(handles[fire].clone(), grids[fire]));
+        let colors = COLORS.iter().find_map(|name| {
+            let mut vectors = self.vector_grids.iter();
+            vectors.find(|(label, _)| is(label, name)).map(|(_, grid)| VdbColorGrid(grid.clone()))
+        });
+        VdbRoles {
+            surfaces: parts.surfaces.iter().map(|surface| handles[*surface].clone()).collect(),
+            density: parts.density.map(|density| handles[density].clone()),
+            emission,
+            colors,
+        }
+    }
+}
+
+impl VdbEmission {
+    /// A first guess at how a grid emits, by its name and values: black bodies, in kelvin if any
+    /// value exceeds 100; otherwise 1,500 K at 0 to 3,000 K at 1 for `flame` and similar names, and
+    /// 1,000 K at 1 for others. The strength suits Bevy's default exposure: the hottest value has
+    /// 1,000 cd/m² through a tenth of the grid's box.
+    pub fn guess(handle: Handle<VdbGrid>, grid: &VdbGrid) -> Self {
+        let values = || grid.tree().active_values().take(LOOKED_AT).map(|at| at.value);
+        let most = values().fold(0.0, f32::max);
+        let by_name = FIRES.iter().find(|(name, _)| is(grid.name(), name));
+        let (offset, scale) = match by_name.map_or(HEAT, |(_, kelvin)| *kelvin) {
+            _ if most > KELVIN => (0.0, 1.0),
+            [none, one] => (none, one - none),
+        };
+        let hottest = f64::from(scale * most + offset);
+        let [r, g, b] = vdb_core::blackbody(hottest);
+        let luminance = (0.2126 * r + 0.7152 * g + 0.0722 * b) as f32;
+        let strength = LUMINANCE / (luminance.max(1.0) * tenth(grid.world_bounds()));
+        Self::Temperature { grid: handle, scale, offset, strength }
+    }
+
+    /// A first guess at how a colour grid emits: 1 has 1,000 cd/m² through a tenth of the grid's
+    /// box.
+    pub fn guess_color(handle: Handle<VdbVectorGrid>, grid: &VdbVectorGrid) -> Self {
+        Self::Color { grid: handle, strength: LUMINANCE / tenth(grid.world_bounds()) }
+    }
+}
+
+/// A tenth of the diagonal of a box; 1 if there is none.
+fn tenth(bounds: Option<(DVec3, DVec3)>) -> f32 {
+    let tenth = bounds.map_or(1.0, |(low, high)| (0.1 * high.distance(low)) as f32);
+    if tenth.is_normal() { tenth } else { 1.0 }
+}
