@@ -85,45 +85,55 @@ impl Feature {
 
 /// All features, in the order of reports.
 pub(crate) const FEATURES: [Feature; 27] = [
-    row(Features::VOXELS, &["SURFACES"], "voxels", "a surface is shown voxel by voxel")
+    row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
-    row(Features::SMOOTH, &["SMOOTH"], "smooth surfaces", "a surface is shown between samples")
+    row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
         .without_grids(),
-    row(Features::FOG, &["FOGS"], "fog", "a fog is seen, or throws shadows or is reflected")
+    row(Features::FOG, &["VDB_FOGS"], "fog", "a fog is seen, or throws shadows or is reflected")
         .without_grids(),
-    row(Features::FOG_STEPS, &["FOG_STEPS"], "sampled fog", "VdbQuality::fog_step is more than 0"),
-    row(Features::EMISSION, &["EMISSION"], "emission", "a volume has a VdbEmission")
+    row(
+        Features::FOG_STEPS,
+        &["VDB_FOG_STEPS"],
+        "sampled fog",
+        "VdbQuality::fog_step is more than 0",
+    ),
+    row(Features::EMISSION, &["VDB_EMISSION"], "emission", "a volume has a VdbEmission")
         .without_grids(),
-    row(Features::BLACKBODY, &["BLACKBODY"], "black bodies", "it is VdbEmission::Temperature"),
-    row(Features::COLORS, &["COLORS"], "colours", "a surface has a VdbColorGrid"),
+    row(Features::BLACKBODY, &["VDB_BLACKBODY"], "black bodies", "it is VdbEmission::Temperature"),
+    row(Features::COLORS, &["VDB_COLORS"], "colours", "a surface has a VdbColorGrid"),
     row(
         Features::MULTIPLE_SCATTERING,
-        &["MULTIPLE_SCATTERING"],
+        &["VDB_MULTIPLE_SCATTERING"],
         "light scattered again",
         "VdbCamera::multiple_scattering, and there is a fog",
     )
     .without(|camera, _| camera.multiple_scattering = false),
     row(
         Features::MANY,
-        &["MANY"],
+        &["VDB_MANY"],
         "hierarchy",
         "rays of shadows or reflections have many volumes to meet",
     ),
-    row(Features::BEAMS, &["BEAMS"], "beams", "VdbTraversal::HddaSdf shares the starts of rays")
-        .without(|_, quality| quality.traversal = VdbTraversal::Hdda),
-    row(Features::HDDA, &["HDDA"], "strides", "VdbTraversal::Hdda"),
-    row(Features::DDA, &["DDA"], "single steps", "VdbTraversal::Dda"),
-    row(Features::MARCH, &["MARCH", "DDA"], "marching", "VdbTraversal::March"),
-    row(Features::LIGHT, &["LIT"], "light", "the mode shows light"),
-    row(Features::SHADOWS, &["SHADOWS"], "shadows", "a light has shadow_maps_enabled")
+    row(
+        Features::BEAMS,
+        &["VDB_BEAMS"],
+        "beams",
+        "VdbTraversal::HddaSdf shares the starts of rays",
+    )
+    .without(|_, quality| quality.traversal = VdbTraversal::Hdda),
+    row(Features::HDDA, &["VDB_HDDA"], "strides", "VdbTraversal::Hdda"),
+    row(Features::DDA, &["VDB_DDA"], "single steps", "VdbTraversal::Dda"),
+    row(Features::MARCH, &["VDB_MARCH", "VDB_DDA"], "marching", "VdbTraversal::March"),
+    row(Features::LIGHT, &["VDB_LIT"], "light", "the mode shows light"),
+    row(Features::SHADOWS, &["VDB_SHADOWS"], "shadows", "a light has shadow_maps_enabled")
         .without(|_, quality| quality.shadows = false),
     row(
         Features::SOFT_SHADOWS,
-        &["SOFT_SUNS"],
+        &["VDB_SOFT_SUNS"],
         "soft shadows",
         "VdbSun::angular_diameter is more than 0",
     ),
-    row(Features::LAMPS, &["LOCAL_LIGHTS"], "lamps", "there are point or spot lights"),
+    row(Features::LAMPS, &["VDB_LOCAL_LIGHTS"], "lamps", "there are point or spot lights"),
     row(
         Features::ENVIRONMENT,
         &["ENVIRONMENT_MAP"],
@@ -133,38 +143,38 @@ pub(crate) const FEATURES: [Feature; 27] = [
     row(Features::DISTANCE_FOG, &["DISTANCE_FOG"], "distance fog", "the camera has a DistanceFog"),
     row(
         Features::REFLECTIONS,
-        &["REFLECTIONS"],
+        &["VDB_REFLECTIONS"],
         "reflections",
         "VdbQuality::reflections is more than 0",
     )
     .without(|_, quality| quality.reflections = 0),
     row(
         Features::MOTION_VECTORS,
-        &["MOTION_VECTORS"],
+        &["VDB_MOTION_VECTORS"],
         "motion vectors",
         "the camera has a MotionVectorPrepass, as TAA brings along",
     ),
-    row(Features::OVERLAYS, &["OVERLAYS"], "overlays", "VdbCamera::overlays")
+    row(Features::OVERLAYS, &["VDB_OVERLAYS"], "overlays", "VdbCamera::overlays")
         .without(|camera, _| camera.overlays = VdbOverlays::default()),
     row(
         Features::SCALED,
-        &["SCALED"],
+        &["VDB_SCALED"],
         "fewer rays than pixels",
         "VdbQuality::resolution is less than 1",
     )
     .without(|_, quality| quality.resolution = 1.0),
     row(
         Features::ACCUMULATED,
-        &["ACCUMULATED"],
+        &["VDB_ACCUMULATED"],
         "accumulation",
         "VdbQuality::accumulate is more than 1",
     )
     .without(|_, quality| quality.accumulate = 0),
     row(Features::MULTISAMPLED, &["MULTISAMPLED"], "multisampled depth", "the camera has MSAA"),
-    row(Features::PAGES, &["PAGED"], "pages", "grids exceed one binding of the GPU"),
+    row(Features::PAGES, &["VDB_PAGED"], "pages", "grids exceed one binding of the GPU"),
     row(
         Features::WIDE_GRIDS,
-        &["WIDE_GRIDS"],
+        &["VDB_WIDE_GRIDS"],
         "wide grids",
         "a grid is more than 2^22 voxels wide",
     ),

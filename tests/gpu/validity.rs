@@ -1,6 +1,8 @@
 //! Every variant of every shader passes naga's validator, composed with Bevy's own modules as Bevy
 //! has them.
 
+use std::path::{Path, PathBuf};
+
 use bevy::prelude::*;
 use bevy::shader::{Shader, ShaderImport};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -17,12 +19,16 @@ fn source(name: &str) -> String {
 /// The crate's modules: the shaders that say where they are imported from.
 fn modules() -> Vec<Shader> {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/shaders");
-    let entries = std::fs::read_dir(folder).expect("the shaders can be read");
-    let shaders = entries.map(|entry| {
-        let path = entry.expect("the shaders can be read").path();
-        let name = path.file_stem().expect("a name").to_string_lossy().into_owned();
-        Shader::from_wgsl(source(&name), name)
-    });
+    let in_folder = |path: &Path| -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(path).expect("the shaders can be read");
+        entries.map(|entry| entry.expect("the shaders can be read").path()).collect()
+    };
+    let shaders =
+        in_folder(folder.as_ref()).into_iter().flat_map(|path| in_folder(&path)).map(|path| {
+            let name = path.strip_prefix(folder).expect("a shader").with_extension("");
+            let name = name.to_string_lossy().into_owned();
+            Shader::from_wgsl(source(&name), name)
+        });
     shaders.filter(|shader| matches!(shader.import_path, ShaderImport::Custom(_))).collect()
 }
 
@@ -108,73 +114,92 @@ fn every_variant_of_the_trace_is_valid() {
     let mut composer = composer();
     let mut variants = 0;
     let mut check = |defs: &[&[&str]]| {
-        check(&mut composer, "trace", &defs.concat());
+        check(&mut composer, "trace/trace", &defs.concat());
         variants += 1;
     };
-    let shadows = ["SHADOWS", "SHADOW_FILTER_METHOD_GAUSSIAN"];
-    for kinds in subsets(&["SURFACES", "SMOOTH", "FOGS"]) {
+    let shadows = ["VDB_SHADOWS", "SHADOW_FILTER_METHOD_GAUSSIAN"];
+    for kinds in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS"]) {
         // What is shown without light.
         for mode in ["NORMALS", "DEPTH", "GRAY", "AXES", "VOXELS"] {
-            for with in subsets(&["BEAMS", "OVERLAYS", "MOTION_VECTORS"]) {
-                check(&[&kinds, &[format!("SHOW_{mode}").as_str()], &with]);
+            for with in subsets(&["VDB_BEAMS", "VDB_OVERLAYS", "VDB_MOTION_VECTORS"]) {
+                check(&[&kinds, &[format!("VDB_SHOW_{mode}").as_str()], &with]);
             }
         }
-        for walk in
-            [vec!["COUNT_STEPS"], vec!["COUNT_STEPS", "HDDA"], vec!["COUNT_STEPS", "DDA", "MARCH"]]
-        {
+        for walk in [
+            vec!["VDB_COUNT_STEPS"],
+            vec!["VDB_COUNT_STEPS", "VDB_HDDA"],
+            vec!["VDB_COUNT_STEPS", "VDB_DDA", "VDB_MARCH"],
+        ] {
             check(&[&kinds, &walk]);
         }
         // Light.
-        for lights in subsets(&["LOCAL_LIGHTS", "ENVIRONMENT_MAP", "REFLECTIONS", "DISTANCE_FOG"]) {
-            let even = if lights.contains(&"LOCAL_LIGHTS") { &[][..] } else { &["EVEN_LIGHT"] };
-            check(&[&["LIT"], &kinds, &lights, even]);
-            check(&[&["LIT", "MOTION_VECTORS"], &kinds, &lights, &shadows]);
-            if kinds.contains(&"FOGS") {
-                check(&[&["LIT", "MULTIPLE_SCATTERING"], &kinds, &lights, even]);
-                check(&[&["LIT", "MULTIPLE_SCATTERING"], &kinds, &lights, &shadows]);
+        for lights in
+            subsets(&["VDB_LOCAL_LIGHTS", "ENVIRONMENT_MAP", "VDB_REFLECTIONS", "DISTANCE_FOG"])
+        {
+            let even =
+                if lights.contains(&"VDB_LOCAL_LIGHTS") { &[][..] } else { &["VDB_EVEN_LIGHT"] };
+            check(&[&["VDB_LIT"], &kinds, &lights, even]);
+            check(&[&["VDB_LIT", "VDB_MOTION_VECTORS"], &kinds, &lights, &shadows]);
+            if kinds.contains(&"VDB_FOGS") {
+                check(&[&["VDB_LIT", "VDB_MULTIPLE_SCATTERING"], &kinds, &lights, even]);
+                check(&[&["VDB_LIT", "VDB_MULTIPLE_SCATTERING"], &kinds, &lights, &shadows]);
             }
         }
-        check(&[&["LIT", "LOCAL_LIGHTS", "OVERLAYS", "MULTISAMPLED", "BEAMS"], &kinds, &shadows]);
+        check(&[
+            &["VDB_LIT", "VDB_LOCAL_LIGHTS", "VDB_OVERLAYS", "MULTISAMPLED", "VDB_BEAMS"],
+            &kinds,
+            &shadows,
+        ]);
         // Further grids.
-        for extras in subsets(&["EMISSION", "BLACKBODY", "COLORS"]) {
-            if extras.contains(&"BLACKBODY") && !extras.contains(&"EMISSION") {
+        for extras in subsets(&["VDB_EMISSION", "VDB_BLACKBODY", "VDB_COLORS"]) {
+            if extras.contains(&"VDB_BLACKBODY") && !extras.contains(&"VDB_EMISSION") {
                 continue;
             }
-            check(&[&["LIT", "EVEN_LIGHT"], &kinds, &extras]);
+            check(&[&["VDB_LIT", "VDB_EVEN_LIGHT"], &kinds, &extras]);
             check(&[
-                &["LIT", "LOCAL_LIGHTS", "DISTANCE_FOG", "REFLECTIONS"],
+                &["VDB_LIT", "VDB_LOCAL_LIGHTS", "DISTANCE_FOG", "VDB_REFLECTIONS"],
                 &kinds,
                 &extras,
                 &shadows,
             ]);
         }
-        for part in ["DIFFUSE_ONLY", "GLOSSY_ONLY"] {
-            check(&[&["LIT", "LOCAL_LIGHTS", "ENVIRONMENT_MAP", "MULTISAMPLED", part], &kinds]);
+        for part in ["VDB_DIFFUSE_ONLY", "VDB_GLOSSY_ONLY"] {
+            check(&[
+                &["VDB_LIT", "VDB_LOCAL_LIGHTS", "ENVIRONMENT_MAP", "MULTISAMPLED", part],
+                &kinds,
+            ]);
         }
     }
     for filter in ["HARDWARE_2X2", "TEMPORAL"] {
         let filter = format!("SHADOW_FILTER_METHOD_{filter}");
-        check(&[&["LIT", "SURFACES", "LOCAL_LIGHTS", "SHADOWS", &filter]]);
+        check(&[&["VDB_LIT", "VDB_SURFACES", "VDB_LOCAL_LIGHTS", "VDB_SHADOWS", &filter]]);
     }
-    check(&[&["LIT", "SURFACES", "DFG_LUT", "EVEN_LIGHT"]]);
+    check(&[&["VDB_LIT", "VDB_SURFACES", "DFG_LUT", "VDB_EVEN_LIGHT"]]);
     // Many volumes, and suns with a size.
-    for with in subsets(&["MANY", "SOFT_SUNS", "REFLECTIONS", "BEAMS"]) {
-        check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS"], &with, &shadows]);
+    for with in subsets(&["VDB_MANY", "VDB_SOFT_SUNS", "VDB_REFLECTIONS", "VDB_BEAMS"]) {
+        check(&[&["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS"], &with, &shadows]);
     }
     // Grids in pages, and samples of one format.
     for format in ["FORMAT=0", "FORMAT=1", "FORMAT=2"] {
-        check(&[&["LIT", "SMOOTH", "FOGS", format], &shadows]);
-        check(&[&["LIT", "FOGS", "FOG_STEPS", "EVEN_LIGHT", format]]);
+        check(&[&["VDB_LIT", "VDB_SMOOTH", "VDB_FOGS", format], &shadows]);
+        check(&[&["VDB_LIT", "VDB_FOGS", "VDB_FOG_STEPS", "VDB_EVEN_LIGHT", format]]);
     }
-    check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS", "PAGED", "PAGE_BITS=20"], &shadows]);
+    check(&[
+        &["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_PAGED", "PAGE_BITS=20"],
+        &shadows,
+    ]);
     // Fewer rays than pixels.
-    for kinds in subsets(&["SURFACES", "FOGS", "MULTISAMPLED"]) {
-        check(&[&["LIT", "SCALED", "LOCAL_LIGHTS", "DISTANCE_FOG"], &kinds, &shadows]);
-        check(&[&["SHOW_DEPTH", "SCALED"], &kinds]);
+    for kinds in subsets(&["VDB_SURFACES", "VDB_FOGS", "MULTISAMPLED"]) {
+        check(&[&["VDB_LIT", "VDB_SCALED", "VDB_LOCAL_LIGHTS", "DISTANCE_FOG"], &kinds, &shadows]);
+        check(&[&["VDB_SHOW_DEPTH", "VDB_SCALED"], &kinds]);
     }
     // Frames put together.
-    for with in subsets(&["SCALED", "SOFT_SUNS", "REFLECTIONS", "BEAMS"]) {
-        check(&[&["LIT", "SURFACES", "SMOOTH", "FOGS", "ACCUMULATED"], &with, &shadows]);
+    for with in subsets(&["VDB_SCALED", "VDB_SOFT_SUNS", "VDB_REFLECTIONS", "VDB_BEAMS"]) {
+        check(&[
+            &["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_ACCUMULATED"],
+            &with,
+            &shadows,
+        ]);
     }
     assert_eq!(
         variants,
@@ -185,37 +210,37 @@ fn every_variant_of_the_trace_is_valid() {
 #[test]
 fn the_upscaling_is_valid() {
     let mut composer = composer();
-    for defs in subsets(&["MULTISAMPLED", "MOTION_VECTORS", "ACCUMULATED"]) {
-        check(&mut composer, "upscale", &defs);
+    for defs in subsets(&["MULTISAMPLED", "VDB_MOTION_VECTORS", "VDB_ACCUMULATED"]) {
+        check(&mut composer, "upscale/upscale", &defs);
     }
 }
 
 #[test]
 fn the_means_of_frames_are_valid() {
     let mut composer = composer();
-    for defs in subsets(&["MULTISAMPLED", "SCALED"]) {
-        check(&mut composer, "accumulate", &[&["ACCUMULATED"], &defs[..]].concat());
+    for defs in subsets(&["MULTISAMPLED", "VDB_SCALED"]) {
+        check(&mut composer, "accumulate/accumulate", &[&["VDB_ACCUMULATED"], &defs[..]].concat());
     }
 }
 
 #[test]
 fn the_beams_are_valid() {
     let mut composer = composer();
-    for defs in subsets(&["MULTISAMPLED", "SCALED", "ACCUMULATED"]) {
-        check(&mut composer, "beams", &defs);
-        check(&mut composer, "beams", &[&defs, &["PAGED", "PAGE_BITS=20"][..]].concat());
+    for defs in subsets(&["MULTISAMPLED", "VDB_SCALED", "VDB_ACCUMULATED"]) {
+        check(&mut composer, "trace/beams", &defs);
+        check(&mut composer, "trace/beams", &[&defs, &["VDB_PAGED", "PAGE_BITS=20"][..]].concat());
     }
 }
 
 #[test]
 fn what_is_drawn_into_shadow_maps_is_valid() {
     let mut composer = composer();
-    for kinds in subsets(&["SURFACES", "SMOOTH", "FOGS"]) {
-        check(&mut composer, "cast", &kinds);
+    for kinds in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS"]) {
+        check(&mut composer, "shadow_maps/cast", &kinds);
         for format in ["FORMAT=0", "FORMAT=1", "FORMAT=2"] {
-            let with = ["PAGED", "PAGE_BITS=20", format];
-            check(&mut composer, "cast", &[&kinds, &with[..]].concat());
+            let with = ["VDB_PAGED", "PAGE_BITS=20", format];
+            check(&mut composer, "shadow_maps/cast", &[&kinds, &with[..]].concat());
         }
     }
-    check(&mut composer, "mesh_depth", &[]);
+    check(&mut composer, "shadow_maps/mesh_depth", &[]);
 }

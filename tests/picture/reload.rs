@@ -25,7 +25,7 @@ use super::{GREEN, SIZE, glow, looking};
 
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
 
-const TRACE: &str = include_str!("../../assets/shaders/trace.wgsl");
+const TRACE: &str = include_str!("../../assets/shaders/trace/trace.wgsl");
 
 /// A shader that does not compile leaves the picture as it was; a sound one is seen.
 #[test]
@@ -41,7 +41,7 @@ fn a_broken_shader_leaves_the_last_good_one() {
     let before = stage.picture(&target);
     assert!(before.center().y > 0.5, "nothing is there");
     let edit = |stage: &mut Stage, source: String| {
-        let path = "embedded://bevy_vdb/shaders/trace.wgsl";
+        let path = "embedded://bevy_vdb/shaders/trace/trace.wgsl";
         let shader: Handle<Shader> = stage.world().resource::<AssetServer>().load(path);
         let mut shaders = stage.world().resource_mut::<Assets<Shader>>();
         shaders.insert(shader.id(), Shader::from_wgsl(source, path)).unwrap();

@@ -41,7 +41,7 @@ fn luminance(color: [f64; 3]) -> f64 {
     0.2126 * color[0] + 0.7152 * color[1] + 0.0722 * color[2]
 }
 
-/// [`blackbody`] as a table: what `assets/shaders/emission.wgsl` looks up.
+/// [`blackbody`] as a table: what `assets/shaders/trace/emission.wgsl` looks up.
 ///
 /// Temperatures are at even steps of their logarithm. Each entry is the colour for a luminance of 1, and
 /// the logarithm of the luminance: between entries both are nearly linear.
@@ -78,7 +78,7 @@ impl BlackbodyTable {
     }
 
     /// The colour at a temperature, cd/m², with nothing negative in it: the twin of `blackbody` in
-    /// `assets/shaders/emission.wgsl`.
+    /// `assets/shaders/trace/emission.wgsl`.
     pub fn look_up(&self, kelvin: f32) -> [f32; 3] {
         if kelvin.is_nan() || kelvin < Self::COLDEST as f32 {
             return [0.0; 3];

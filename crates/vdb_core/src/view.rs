@@ -194,7 +194,7 @@ impl LatticeRays {
     }
 }
 
-/// The struct `Rays` of `assets/shaders/types.wgsl`, field by field: [`LatticeRays`] in f32.
+/// The struct `Rays` of `assets/shaders/gpu/types.wgsl`, field by field: [`LatticeRays`] in f32.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GpuRays {
@@ -243,7 +243,7 @@ impl From<&LatticeRays> for GpuRays {
 
 impl GpuRays {
     /// The ray through a point of the picture: the twin of `ray_through` in
-    /// `assets/shaders/rays.wgsl`.
+    /// `assets/shaders/traversal/rays.wgsl`.
     ///
     /// Each component of the direction is off by at most
     /// `2⁻²⁴ |dir| + 2⁻²⁰ (|dir_x| + |dir_y|)`, component by component: the rounding of the sum, and,

@@ -1,13 +1,13 @@
 // Sends rays through grid 0 and writes what they meet. The rays are given, or those of a picture.
 
-#import bevy_vdb::types::{Ray, Rays}
-#import bevy_vdb::bindings::grids
-#import bevy_vdb::rays::{ndc_of, ray_through}
-#import bevy_vdb::fog::{optical_length, stepped_length}
-#import bevy_vdb::beam::{beam_of, beam_start}
-#import bevy_vdb::hdda::{FAR, Walk, course_of, enter_at, first_hit, steps}
-#import bevy_vdb::exact::Course
-#import bevy_vdb::smooth::first_root
+#import bevy_vdb::gpu::types::{Ray, Rays}
+#import bevy_vdb::gpu::bindings::grids
+#import bevy_vdb::traversal::rays::{ndc_of, ray_through}
+#import bevy_vdb::traversal::fog::{optical_length, stepped_length}
+#import bevy_vdb::traversal::beam::{beam_of, beam_start}
+#import bevy_vdb::traversal::hdda::{FAR, Walk, course_of, enter_at, first_hit, steps}
+#import bevy_vdb::traversal::exact::Course
+#import bevy_vdb::traversal::smooth::first_root
 #import vdb_probe::single_rays::{ProbeHit, ProbeRay}
 
 struct Setup {
@@ -29,14 +29,14 @@ fn number(id: vec3<u32>) -> u32 {
     return id.y * ROW + id.x;
 }
 
-#ifdef PICTURE
+#ifdef VDB_PICTURE
 fn pixel_of(i: u32) -> vec2<u32> {
     return vec2(i % setup.size.x, i / setup.size.x);
 }
 #endif
 
 fn ray(i: u32) -> Ray {
-#ifdef PICTURE
+#ifdef VDB_PICTURE
     let ray = ray_through(view, ndc_of(pixel_of(i), setup.size), 0.0, FAR);
     made[i] = ProbeRay(ray.cell, ray.t_min, ray.frac, ray.t_max, ray.dir);
     return ray;
@@ -48,7 +48,7 @@ fn ray(i: u32) -> Ray {
 
 // The rays of a picture begin where those of their tile can, as in the trace.
 fn start_of(course: Course, i: u32) -> f32 {
-#ifdef PICTURE
+#ifdef VDB_PICTURE
     return beam_start(grids[0], beam_of(grids[0], view, pixel_of(i) / 8u, setup.size, 0.0));
 #else
     return course.t_min;
@@ -84,9 +84,9 @@ fn probe_fog(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
         let course = course_of(grids[0], ray(i));
-#ifdef STEP
+#ifdef VDB_STEP
         // In quarters of a voxel.
-        let length = stepped_length(grids[0], course, start_of(course, i), 3e38, 0.25 * f32(#{STEP}u), 0.0);
+        let length = stepped_length(grids[0], course, start_of(course, i), 3e38, 0.25 * f32(#{VDB_STEP}u), 0.0);
 #else
         let length = optical_length(grids[0], course, enters(course, i), 3e38);
 #endif

@@ -5,23 +5,23 @@ use naga_oil::compose::{
     ComposableModuleDescriptor, Composer, NagaModuleDescriptor, ShaderDefValue, ShaderLanguage,
 };
 
-/// Shader defs: a name alone is set to `true`, `NAME=7` to a number.
+/// Shader defs without their prefix `VDB_`: a name alone is set to `true`, `NAME=7` to a number.
 pub type Defs<'a> = &'a [&'a str];
 
 /// The modules that others import and that need nothing of Bevy's, in an order in which each finds
 /// those before it.
 const MODULES: [(&str, &str); 12] = [
-    ("types", include_str!("../../../assets/shaders/types.wgsl")),
-    ("bindings", include_str!("../../../assets/shaders/bindings.wgsl")),
-    ("rays", include_str!("../../../assets/shaders/rays.wgsl")),
-    ("tree", include_str!("../../../assets/shaders/tree.wgsl")),
-    ("samples", include_str!("../../../assets/shaders/samples.wgsl")),
-    ("exact", include_str!("../../../assets/shaders/exact.wgsl")),
-    ("hdda", include_str!("../../../assets/shaders/hdda.wgsl")),
-    ("beam", include_str!("../../../assets/shaders/beam.wgsl")),
-    ("anchor", include_str!("../../../assets/shaders/anchor.wgsl")),
-    ("smooth", include_str!("../../../assets/shaders/smooth.wgsl")),
-    ("fog", include_str!("../../../assets/shaders/fog.wgsl")),
+    ("gpu/types", include_str!("../../../assets/shaders/gpu/types.wgsl")),
+    ("gpu/bindings", include_str!("../../../assets/shaders/gpu/bindings.wgsl")),
+    ("traversal/rays", include_str!("../../../assets/shaders/traversal/rays.wgsl")),
+    ("traversal/tree", include_str!("../../../assets/shaders/traversal/tree.wgsl")),
+    ("traversal/samples", include_str!("../../../assets/shaders/traversal/samples.wgsl")),
+    ("traversal/exact", include_str!("../../../assets/shaders/traversal/exact.wgsl")),
+    ("traversal/hdda", include_str!("../../../assets/shaders/traversal/hdda.wgsl")),
+    ("traversal/beam", include_str!("../../../assets/shaders/traversal/beam.wgsl")),
+    ("traversal/rebase", include_str!("../../../assets/shaders/traversal/rebase.wgsl")),
+    ("traversal/smooth", include_str!("../../../assets/shaders/traversal/smooth.wgsl")),
+    ("traversal/fog", include_str!("../../../assets/shaders/traversal/fog.wgsl")),
     ("single_rays", include_str!("single_rays.wgsl")),
 ];
 
@@ -45,9 +45,9 @@ pub fn compose(source: &str, defs: Defs) -> naga::Module {
     let on = |def: &&str| match def.split_once('=') {
         Some((name, number)) => {
             let number = number.parse().unwrap_or_else(|_| panic!("{def} is no number"));
-            (name.to_owned(), ShaderDefValue::UInt(number))
+            (format!("VDB_{name}"), ShaderDefValue::UInt(number))
         }
-        None => ((*def).to_owned(), ShaderDefValue::Bool(true)),
+        None => (format!("VDB_{def}"), ShaderDefValue::Bool(true)),
     };
     let made = composer.make_naga_module(NagaModuleDescriptor {
         source,

@@ -83,9 +83,9 @@ impl SpecializedRenderPipeline for CompositePipeline {
 
     fn specialize(&self, key: CompositeKey) -> RenderPipelineDescriptor {
         let own = [
-            (key.fog_alone, "FOG_ALONE"),
-            (key.motion, "MOTION_VECTORS"),
-            (key.emission, "EMISSION"),
+            (key.fog_alone, "VDB_FOG_ALONE"),
+            (key.motion, "VDB_MOTION_VECTORS"),
+            (key.emission, "VDB_EMISSION"),
         ];
         let mut shader_defs: Vec<_> = defs(own).collect();
         if let Some(tone) = key.tone {

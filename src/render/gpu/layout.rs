@@ -49,12 +49,13 @@ pub(crate) fn defs<const N: usize>(
 
 /// The shader defs of a pool in pages, by log₂ of the words of a page.
 pub(crate) fn page_defs(bits: Option<u32>) -> impl Iterator<Item = ShaderDefVal> {
-    bits.into_iter().flat_map(|bits| ["PAGED".into(), ShaderDefVal::UInt("PAGE_BITS".into(), bits)])
+    bits.into_iter()
+        .flat_map(|bits| ["VDB_PAGED".into(), ShaderDefVal::UInt("VDB_PAGE_BITS".into(), bits)])
 }
 
 /// The shader def of the format of samples, where all grids have the same.
 pub(crate) fn sample_format_def(format: Option<u32>) -> impl Iterator<Item = ShaderDefVal> {
-    format.into_iter().map(|format| ShaderDefVal::UInt("FORMAT".into(), format))
+    format.into_iter().map(|format| ShaderDefVal::UInt("VDB_FORMAT".into(), format))
 }
 
 /// A texture that one pass writes and the next reads.

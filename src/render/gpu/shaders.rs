@@ -17,35 +17,42 @@ macro_rules! shaders {
 
 /// Modules that others import.
 const IMPORTS: [(&str, &[u8]); 25] = shaders![
-    "types",
-    "bindings",
-    "rays",
-    "tree",
-    "samples",
-    "exact",
-    "hdda",
-    "beam",
-    "anchor",
-    "smooth",
-    "fog",
-    "emission",
-    "march",
-    "picture",
-    "scene",
-    "segment",
-    "hierarchy",
-    "candidates",
-    "surface",
-    "color",
-    "occlusion",
-    "scattering",
-    "lights",
-    "fogs",
-    "show"
+    "gpu/types",
+    "gpu/bindings",
+    "traversal/rays",
+    "traversal/tree",
+    "traversal/samples",
+    "traversal/exact",
+    "traversal/hdda",
+    "traversal/beam",
+    "traversal/rebase",
+    "traversal/smooth",
+    "traversal/fog",
+    "trace/emission",
+    "traversal/march",
+    "view/picture",
+    "view/scene",
+    "trace/segment",
+    "trace/bvh",
+    "trace/candidates",
+    "trace/surface",
+    "trace/color",
+    "trace/occlusion",
+    "trace/scattering",
+    "trace/lights",
+    "trace/fogs",
+    "trace/show"
 ];
 /// What runs.
-const PROGRAMS: [(&str, &[u8]); 7] =
-    shaders!["beams", "trace", "upscale", "accumulate", "composite", "cast", "mesh_depth"];
+const PROGRAMS: [(&str, &[u8]); 7] = shaders![
+    "trace/beams",
+    "trace/trace",
+    "upscale/upscale",
+    "accumulate/accumulate",
+    "composite/composite",
+    "shadow_maps/cast",
+    "shadow_maps/mesh_depth"
+];
 
 pub(crate) fn embed(app: &mut App) {
     let registry = app.world_mut().resource_mut::<EmbeddedAssetRegistry>();
@@ -104,7 +111,7 @@ impl Shaders {
         let _imports = IMPORTS.map(load);
         // A driver for CPUs runs rays in step, through all branches that any of them takes.
         let is_cpu = adapter.device_type == DeviceType::Cpu;
-        let adapter_defs = if is_cpu { vec!["IN_STEP".into()] } else { Vec::new() };
+        let adapter_defs = if is_cpu { vec!["VDB_IN_STEP".into()] } else { Vec::new() };
         Self {
             beams,
             trace,
@@ -116,5 +123,45 @@ impl Shaders {
             adapter_defs,
             _imports,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::quality::features::FEATURES;
+
+    /// Shader defs of ours that are no features of a view: what a mode shows, formats, the adapter, and
+    /// programs that `vdb_probe` has beside these.
+    const OTHERS: [&str; 14] = [
+        "VDB_COUNT_STEPS",
+        "VDB_DIFFUSE_ONLY",
+        "VDB_EVEN_LIGHT",
+        "VDB_FOG_ALONE",
+        "VDB_FORMAT",
+        "VDB_GLOSSY_ONLY",
+        "VDB_IN_STEP",
+        "VDB_PAGED",
+        "VDB_PAGE_BITS",
+        "VDB_SHOW_AXES",
+        "VDB_SHOW_DEPTH",
+        "VDB_SHOW_GRAY",
+        "VDB_SHOW_NORMALS",
+        "VDB_SHOW_VOXELS",
+    ];
+
+    /// A def that is misspelt switches nothing on, and nobody says so.
+    #[test]
+    fn shaders_ask_for_defs_that_are_set_and_for_no_others() {
+        let sources = IMPORTS.into_iter().chain(PROGRAMS).map(|(_, source)| source);
+        let all: String = sources.map(|source| String::from_utf8_lossy(source)).collect();
+        let words = all.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+        let asked: BTreeSet<_> = words.filter(|word| word.starts_with("VDB_")).collect();
+        let features = FEATURES.iter().flat_map(|feature| feature.defs).copied();
+        let set: BTreeSet<_> =
+            features.chain(OTHERS).filter(|def| def.starts_with("VDB_")).collect();
+        assert_eq!(asked, set);
     }
 }

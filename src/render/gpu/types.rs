@@ -1,4 +1,4 @@
-//! The structs of `assets/shaders/types.wgsl`, field by field. WGSL aligns a `vec3` to 16 bytes, so
+//! The structs of `assets/shaders/gpu/types.wgsl`, field by field. WGSL aligns a `vec3` to 16 bytes, so
 //! each is followed by a scalar; a test compares the offsets with those that naga computes.
 
 use bytemuck::{Pod, Zeroable};
@@ -121,7 +121,7 @@ mod tests {
     /// A module that uses a struct of `types.wgsl`, so that it is not left out.
     fn compose(text: &str) -> Module {
         let mut composer = Composer::default();
-        let source = include_str!("../../../assets/shaders/types.wgsl");
+        let source = include_str!("../../../assets/shaders/gpu/types.wgsl");
         let types = ComposableModuleDescriptor {
             source,
             file_path: "types.wgsl",

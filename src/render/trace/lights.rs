@@ -120,7 +120,7 @@ impl LightLayouts {
         let even = is_lit && !key.features.intersects(placed);
         let defs = [
             key.shadow_filter,
-            even.then_some("EVEN_LIGHT"),
+            even.then_some("VDB_EVEN_LIGHT"),
             (is_lit && self.has_table).then_some("DFG_LUT"),
         ];
         defs.into_iter().flatten().map(ShaderDefVal::from)

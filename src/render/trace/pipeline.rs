@@ -98,13 +98,13 @@ impl SpecializedComputePipeline for TracePipeline {
 fn mode_def(mode: VdbRenderMode) -> Option<&'static str> {
     match mode {
         VdbRenderMode::Lit => None,
-        VdbRenderMode::Diffuse => Some("DIFFUSE_ONLY"),
-        VdbRenderMode::Glossy => Some("GLOSSY_ONLY"),
-        VdbRenderMode::Gray => Some("SHOW_GRAY"),
-        VdbRenderMode::Rgb => Some("SHOW_AXES"),
-        VdbRenderMode::HitVoxel => Some("SHOW_VOXELS"),
-        VdbRenderMode::Normals => Some("SHOW_NORMALS"),
-        VdbRenderMode::Depth => Some("SHOW_DEPTH"),
-        VdbRenderMode::Steps => Some("COUNT_STEPS"),
+        VdbRenderMode::Diffuse => Some("VDB_DIFFUSE_ONLY"),
+        VdbRenderMode::Glossy => Some("VDB_GLOSSY_ONLY"),
+        VdbRenderMode::Gray => Some("VDB_SHOW_GRAY"),
+        VdbRenderMode::Rgb => Some("VDB_SHOW_AXES"),
+        VdbRenderMode::HitVoxel => Some("VDB_SHOW_VOXELS"),
+        VdbRenderMode::Normals => Some("VDB_SHOW_NORMALS"),
+        VdbRenderMode::Depth => Some("VDB_SHOW_DEPTH"),
+        VdbRenderMode::Steps => Some("VDB_COUNT_STEPS"),
     }
 }

@@ -1,6 +1,6 @@
 //! Many volumes, so that rays which begin anywhere need not look at all of them: in the list of a
 //! view they stand near their neighbours in space, and the boxes of runs of them are a tree, which
-//! `hierarchy.wgsl` goes through.
+//! `bvh.wgsl` goes through.
 
 use bevy::math::DVec3;
 use bevy::render::sync_world::MainEntity;

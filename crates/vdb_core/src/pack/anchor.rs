@@ -1,4 +1,4 @@
-//! Where a ray is within a cell, however far it has come: the twin of `assets/shaders/anchor.wgsl`.
+//! Where a ray is within a cell, however far it has come: the twin of `assets/shaders/traversal/rebase.wgsl`.
 
 use glam::{UVec3, Vec3};
 

@@ -1,4 +1,4 @@
-//! Rays, and the courses that they are walked as: the beginning of `assets/shaders/hdda.wgsl`.
+//! Rays, and the courses that they are walked as: the beginning of `assets/shaders/traversal/hdda.wgsl`.
 
 use glam::{BVec3, DVec3, IVec3, UVec3, Vec3};
 

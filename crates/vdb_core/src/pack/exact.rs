@@ -1,5 +1,5 @@
 //! Which of two planes a ray crosses first, and where it is at a `t`, exactly: the twin of
-//! `assets/shaders/exact.wgsl`.
+//! `assets/shaders/traversal/exact.wgsl`.
 //!
 //! A walk compares `t = (plane - origin) / dir` of planes on different axes. In f32 that is right to
 //! a few units in the last place, which is enough nearly always; where it is not, the same numbers

@@ -1,4 +1,4 @@
-//! The layout that `assets/shaders/tree.wgsl` and `samples.wgsl` mirror.
+//! The layout that `assets/shaders/traversal/tree.wgsl` and `samples.wgsl` mirror.
 //!
 //! A packed grid is one run of words: a *traversal tree*, which says where a ray can end and how far
 //! it can leap where it cannot, and behind it the *samples* that a ray needs where it has come to

@@ -130,7 +130,7 @@ impl PackedGrid {
         Self::with_options(tree, kind, &PackOptions { format, ..PackOptions::default() })
     }
 
-    /// Whether cells are so many that shaders need the def `WIDE_GRIDS`: more than 2^22 per axis.
+    /// Whether cells are so many that shaders need the def `VDB_WIDE_GRIDS`: more than 2^22 per axis.
     ///
     /// Shaders count the cells of a ray from its own, in 32 bits. It can have any cell: from there to the last
     /// cell of the box, and on from that over the longest span of empty cells, a grid that is not wide takes
@@ -185,7 +185,7 @@ impl PackedGrid {
     }
 }
 
-/// A packed grid in the pool: the struct `Grid` of `assets/shaders/types.wgsl`, field by field.
+/// A packed grid in the pool: the struct `Grid` of `assets/shaders/gpu/types.wgsl`, field by field.
 /// Places are numbers of words in the pool.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]

@@ -1,4 +1,4 @@
-//! The shader's walk on the CPU, function by function: the twin of `assets/shaders/tree.wgsl`,
+//! The shader's walk on the CPU, function by function: the twin of `assets/shaders/traversal/tree.wgsl`,
 //! `hdda.wgsl` and, for a grid's own values in full, of `fog.wgsl`. Same names, same order of operations, f32; read them side by side.
 //!
 //! A ray is given in *local lattice* coordinates of one grid: `p(t) = cell + frac + t · dir`. It is

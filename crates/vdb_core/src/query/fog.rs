@@ -1,4 +1,4 @@
-//! Where a fog has taken its share of the light: the twin of `assets/shaders/fog.wgsl`, in f64.
+//! Where a fog has taken its share of the light: the twin of `assets/shaders/traversal/fog.wgsl`, in f64.
 
 use glam::IVec3;
 

@@ -1,5 +1,5 @@
 //! The first place where the trilinear interpolant passes through the iso-value: the twin of
-//! `assets/shaders/smooth.wgsl`, in f64.
+//! `assets/shaders/traversal/smooth.wgsl`, in f64.
 
 use glam::IVec3;
 

@@ -6,8 +6,8 @@
 // In its favour: a ray from outside begins where it enters the grid's box, however far away its eye
 // is, and the look-ups are this project's.
 
-#import bevy_vdb::bindings::grids
-#import bevy_vdb::tree::{locate, nowhere, span_occupied}
+#import bevy_vdb::gpu::bindings::grids
+#import bevy_vdb::traversal::tree::{locate, nowhere, span_occupied}
 #import vdb_probe::single_rays::{ProbeHit, ProbeRay}
 
 @group(2) @binding(4) var<storage, read> given: array<ProbeRay>;

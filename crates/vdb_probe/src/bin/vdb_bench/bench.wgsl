@@ -1,15 +1,15 @@
 // One thread a pixel: primary rays of a picture, or the same in an order without neighbours.
 
-#import bevy_vdb::types::Rays
-#import bevy_vdb::bindings::grids
-#import bevy_vdb::rays::{ndc_of, ray_through}
-#import bevy_vdb::beam::{beam_of, beam_start}
-#import bevy_vdb::hdda::{FAR, course_of, enter_at, first_hit}
-#ifdef COUNT_STEPS
-#import bevy_vdb::hdda::steps
+#import bevy_vdb::gpu::types::Rays
+#import bevy_vdb::gpu::bindings::grids
+#import bevy_vdb::traversal::rays::{ndc_of, ray_through}
+#import bevy_vdb::traversal::beam::{beam_of, beam_start}
+#import bevy_vdb::traversal::hdda::{FAR, course_of, enter_at, first_hit}
+#ifdef VDB_COUNT_STEPS
+#import bevy_vdb::traversal::hdda::steps
 #endif
-#import bevy_vdb::smooth::first_root
-#import bevy_vdb::fog::{optical_length, stepped_length}
+#import bevy_vdb::traversal::smooth::first_root
+#import bevy_vdb::traversal::fog::{optical_length, stepped_length}
 
 struct Setup {
     size: vec2<u32>,
@@ -37,7 +37,7 @@ fn beams(@builtin(global_invocation_id) id: vec3<u32>) {
     starts[id.y * tiles.x + id.x] = beam_start(grids[0], beam);
 }
 
-#ifdef SHUFFLED
+#ifdef VDB_SHUFFLED
 // A permutation of the numbers below 2^bits: odd multiplications and shifts to the right, each of which
 // can be undone.
 fn mixed(x: u32) -> u32 {
@@ -58,7 +58,7 @@ fn number_of(id: vec3<u32>) -> u32 {
         return NONE;
     }
     let own = id.y * setup.size.x + id.x;
-#ifdef SHUFFLED
+#ifdef VDB_SHUFFLED
     let count = setup.size.x * setup.size.y;
     var number = mixed(own);
     // The cycle that a number lies on comes back below the count.
@@ -72,7 +72,7 @@ fn number_of(id: vec3<u32>) -> u32 {
 }
 
 fn pixel_of(number: u32, id: vec3<u32>) -> vec2<u32> {
-#ifdef SHUFFLED
+#ifdef VDB_SHUFFLED
     return vec2(number % setup.size.x, number / setup.size.x);
 #else
     return id.xy;
@@ -81,21 +81,21 @@ fn pixel_of(number: u32, id: vec3<u32>) -> vec2<u32> {
 
 // The t before which nothing can stop a pixel's ray; shuffled rays have no neighbours to share it with.
 fn start_of(id: vec3<u32>) -> f32 {
-#ifdef BEAMS
+#ifdef VDB_BEAMS
     return starts[(id.y / 8u) * ((setup.size.x + 7u) / 8u) + id.x / 8u];
 #else
     return 0.0;
 #endif
 }
 
-#ifdef FOG
+#ifdef VDB_FOG
 const MISS: f32 = 1.0;
 #else
 const MISS: f32 = -1.0;
 #endif
 
 fn put(number: u32, value: f32) {
-#ifdef COUNT_STEPS
+#ifdef VDB_COUNT_STEPS
     out[number] = f32(steps);
 #else
     out[number] = value;
@@ -119,21 +119,21 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     let ray = ray_through(view, ndc_of(pixel_of(number, id), setup.size), 0.0, FAR);
     let course = course_of(grids[0], ray);
     let enter = enter_at(course, start);
-#ifdef FOG
+#ifdef VDB_FOG
     // In voxels, not in t.
     let scale = setup.density_scale * length(ray.dir);
-#ifdef STEP
+#ifdef VDB_STEP
     // In quarters of a voxel. Beyond 9, less than a 8,000th of the light is left.
-    let depth = scale * stepped_length(grids[0], course, start, 9.0 / scale, 0.25 * f32(#{STEP}u), scale);
+    let depth = scale * stepped_length(grids[0], course, start, 9.0 / scale, 0.25 * f32(#{VDB_STEP}u), scale);
 #else
     // Beyond 16, a transmittance is below that of 16 bits beside 1.
     let depth = scale * optical_length(grids[0], course, enter, 16.0 / scale);
 #endif
     put(number, exp(-depth));
-#else ifdef SMOOTH
+#else ifdef VDB_SMOOTH
     let hit = first_root(grids[0], course, enter);
     put(number, select(MISS, hit.t, hit.found));
-#ifndef COUNT_STEPS
+#ifndef VDB_COUNT_STEPS
     if hit.found {
         normals[number] = vec4(normalize(hit.gradient), 0.0);
     }

@@ -1,0 +1,88 @@
+// Puts the traced picture into the camera's target. Two draws share it: surfaces, which also write
+// their depth, and fog on its own, which is tested against the depth of the meshes but writes none.
+
+#import bevy_core_pipeline::fullscreen_vertex_shader::FullscreenVertexOutput
+#ifdef TONEMAP_IN_SHADER
+#import bevy_render::view::View
+#import bevy_core_pipeline::tonemapping::tone_mapping
+#endif
+
+@group(0) @binding(0) var traced_color: texture_2d<f32>;
+@group(0) @binding(1) var traced_depth: texture_2d<f32>;
+struct Placement {
+    origin: vec2<u32>,
+    size: vec2<u32>,
+}
+@group(0) @binding(2) var<uniform> placement: Placement;
+#ifdef TONEMAP_IN_SHADER
+@group(0) @binding(3) var<uniform> view: View;
+#endif
+
+#ifdef VDB_MOTION_VECTORS
+// The volume that each pixel moves with, in the view's list, or none that is in it; and the bits of
+// the depth of the place that moves.
+@group(0) @binding(6) var moving: texture_2d<u32>;
+// From the clip space of the view's rays: to that of this frame without jitter, then to that of the
+// last frame, volume by volume.
+@group(0) @binding(7) var<storage, read> clips: array<mat4x4<f32>>;
+
+// How far a pixel has come since the last frame, as Bevy has it: in widths and heights of the
+// viewport, y downwards. The fourth component says whether this is known.
+fn motion_of(pixel: vec2<u32>) -> vec4<f32> {
+    let mover = textureLoad(moving, pixel, 0).xy;
+    if mover.x >= arrayLength(&clips) - 1u {
+        return vec4(0.0);
+    }
+    let uv = (vec2<f32>(pixel) + 0.5) / vec2<f32>(placement.size);
+    let place = vec4(2.0 * uv.x - 1.0, 1.0 - 2.0 * uv.y, bitcast<f32>(mover.y), 1.0);
+    let now = clips[0] * place;
+    let before = clips[mover.x + 1u] * place;
+    // What was behind the camera has come from beyond the picture.
+    let come = now.xy / now.w - before.xy / max(before.w, 1e-6 * now.w);
+    return vec4(clamp(come * vec2(0.5, -0.5), vec2(-100.0), vec2(100.0)), 0.0, 1.0);
+}
+#endif
+
+struct Output {
+    @location(0) color: vec4<f32>,
+#ifdef VDB_MOTION_VECTORS
+    @location(1) motion: vec4<f32>,
+#endif
+    @builtin(frag_depth) depth: f32,
+}
+
+@fragment
+fn composite(in: FullscreenVertexOutput) -> Output {
+    let pixel = min(vec2<u32>(in.position.xy) - placement.origin, placement.size - 1u);
+    let depth = textureLoad(traced_depth, pixel, 0).x;
+    var color = textureLoad(traced_color, pixel, 0);
+#ifdef VDB_FOG_ALONE
+    if depth >= 0.0 || depth < -2.5 {
+        discard;
+    }
+    let at = -1.0 - depth;
+#else
+    if depth < 0.0 {
+        discard;
+    }
+    let at = depth;
+#endif
+#ifdef TONEMAP_IN_SHADER
+    // Without HDR, Bevy tonemaps what it draws, not the finished picture. The curve bends colour,
+    // not coverage, so coverage is taken out for it.
+#ifdef VDB_EMISSION
+    // What shines covers nothing: the more light there is for its coverage, the less is taken out.
+    let brightest = max(max(color.r, color.g), color.b);
+    let cover = mix(color.a, 1.0, saturate(1.0 - color.a / max(brightest, 1e-4)));
+#else
+    let cover = color.a;
+#endif
+    let straight = vec4(color.rgb / max(cover, 1e-4), 1.0);
+    color = vec4(tone_mapping(straight, view.color_grading).rgb * cover, color.a);
+#endif
+#ifdef VDB_MOTION_VECTORS
+    return Output(color, motion_of(pixel), at);
+#else
+    return Output(color, at);
+#endif
+}

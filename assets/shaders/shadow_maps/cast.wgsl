@@ -1,0 +1,104 @@
+// Volumes in a shadow map of Bevy's: an instance for each of them, a quad over the texels that can show
+// it, and in every texel the place where the light's ray is stopped.
+
+#import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
+#import bevy_vdb::traversal::rays::ndc_of
+#import bevy_vdb::gpu::bindings::grids
+#import bevy_vdb::traversal::hdda::{FAR, course_of, enter, first_hit, local_cell}
+#import bevy_vdb::view::scene::{view, volumes}
+#import bevy_vdb::trace::segment::{ray_of, view_segment}
+#ifdef VDB_SMOOTH
+#import bevy_vdb::traversal::smooth::first_root
+#endif
+#ifdef VDB_FOGS
+#import bevy_vdb::traversal::march::{march_of, next_stretch, step_of}
+#import bevy_vdb::traversal::tree::nowhere
+#endif
+
+// Texels per edge of a tile: `TILE` in `src/render/tiles.rs`.
+const TILE: f32 = 8.0;
+
+struct Quad {
+    @builtin(position) position: vec4<f32>,
+    @location(0) @interpolate(flat) instance: u32,
+}
+
+@vertex
+fn quad(@builtin(vertex_index) corner: u32, @builtin(instance_index) instance: u32) -> Quad {
+    let tiles_first = volumes[view.volume_first + instance].tiles_first;
+    let tiles_last = volumes[view.volume_first + instance].tiles_last;
+    let is_last = vec2((corner & 1u) != 0u, (corner & 2u) != 0u);
+    let tile = select(
+        vec2(tiles_first & 0xffffu, tiles_first >> 16u),
+        vec2(tiles_last & 0xffffu, tiles_last >> 16u) + 1u,
+        is_last,
+    );
+    let at = TILE * vec2<f32>(tile) / vec2<f32>(view.size);
+    return Quad(vec4(2.0 * at.x - 1.0, 1.0 - 2.0 * at.y, 0.5, 1.0), instance);
+}
+
+#ifdef VDB_FOGS
+// Light in fog goes out little by little, but a texel has one depth. So each texel stops its ray where
+// the light has fallen to a part of its own: 64 parts in squares of 8×8 texels, after Bayer 1973, "An
+// optimum method for two-level rendition of continuous-tone pictures", whose patterns are so fine that
+// what a shadow map is smoothed with takes them for even. The digits of further fogs begin elsewhere,
+// which makes their parts independent of the first one's. Where frames are put together, they turn.
+fn part_of(texel: vec2<u32>, fog: u32) -> f32 {
+    var digits = 0u;
+    for (var i = 0u; i < 3u; i++) {
+        let bit = (texel >> vec2(i)) & vec2(1u);
+        digits |= (2u * (bit.x ^ bit.y) + bit.y) << (2u * ((2u - i + fog % 3u) % 3u));
+    }
+    return max(fract((f32(digits) + 0.5) / 64.0 + view.turn), 1e-6);
+}
+
+// Voxels between the places where a fog is looked at, and along the longest edge of its box from which on
+// there are more. Maps may be for several cameras, so none of their settings is asked for.
+const STEP: f32 = 1.0;
+const EDGE: f32 = 256.0;
+#endif
+
+@fragment
+fn stop(in: Quad) -> @builtin(frag_depth) f32 {
+    let texel = vec2<u32>(in.position.xy);
+    let volume = view.volume_first + in.instance;
+    let grid = grids[volumes[volume].grid];
+    let segment = view_segment(ndc_of(texel, view.size));
+    let course = course_of(grid, ray_of(segment, volume, FAR));
+    let walk = enter(course);
+    var t = FAR;
+#ifdef VDB_SURFACES
+    if volumes[volume].kind == KIND_SURFACE {
+        let hit = first_hit(grid, course, walk);
+        t = select(FAR, hit.t, hit.found);
+    }
+#endif
+#ifdef VDB_SMOOTH
+    if volumes[volume].kind == KIND_SMOOTH {
+        let root = first_root(grid, course, walk);
+        t = select(FAR, root.t, root.found);
+    }
+#endif
+#ifdef VDB_FOGS
+    if volumes[volume].kind == KIND_FOG && walk.inside {
+        let scale = volumes[volume].density_scale * length(segment.dir);
+        var rest = -log(part_of(texel, in.instance)) / max(scale, 1e-30);
+        var march = march_of(course, walk, step_of(grid, STEP, EDGE));
+        var place = nowhere(local_cell(course, walk.rel));
+        while march.walk.inside {
+            let stretch = next_stretch(grid, course, &march, &place, 1e30);
+            if stretch.density >= rest {
+                t = mix(stretch.t_first, 2.0 * stretch.t_middle - stretch.t_first, rest / max(stretch.density, 1e-30));
+                break;
+            }
+            rest -= stretch.density;
+        }
+    }
+#endif
+    if t >= FAR {
+        discard;
+    }
+    // What lies before the nearest depth is at it.
+    let m = view.depth_from_t;
+    return saturate((m.x * t + m.y) / (m.z * t + m.w));
+}

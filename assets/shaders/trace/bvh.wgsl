@@ -1,0 +1,65 @@
+// Which volumes a ray from anywhere may meet, where there are many. They stand in the list near their
+// neighbours in space, so that the boxes of runs of 4, 16, 64… of them are a tree: in its order, the
+// list is gone through from left to right, past whole runs whose box the ray misses. Written by
+// `src/render/hierarchy.rs`.
+#define_import_path bevy_vdb::trace::bvh
+
+#import bevy_vdb::view::scene::{scene_end, view, volumes}
+#import bevy_vdb::trace::segment::{Segment, from_eye}
+
+// Runs are of 4^10 volumes at most.
+const MOST_LEVEL: u32 = 10u;
+
+// The level of the longest run that begins at `k`.
+fn level_at(k: u32) -> u32 {
+    return firstTrailingBit(k | (1u << (2u * MOST_LEVEL))) / 2u;
+}
+
+// Whether a ray, from the eye's place on, meets a box before `t_max`.
+fn meets_box(origin: vec3<f32>, dir: vec3<f32>, low: vec3<f32>, high: vec3<f32>, t_max: f32) -> bool {
+    let speed = select(dir, select(vec3(-1e-30), vec3(1e-30), dir >= vec3(0.0)), abs(dir) < vec3(1e-30));
+    let a = (low - origin) / speed;
+    let b = (high - origin) / speed;
+    let near = min(a, b);
+    let far = max(a, b);
+    let t_in = max(max(near.x, near.y), near.z);
+    let t_out = min(min(far.x, far.y), far.z);
+    return t_in <= t_out && t_out >= 0.0 && t_in <= t_max;
+}
+
+// Where the box of the run of 4^level volumes that begins at `k` is kept: no two have the same place.
+fn slot_of(k: u32, level: u32) -> u32 {
+    return k + select(level, 4u * (level - 3u), level > 3u);
+}
+
+// The first volume from `first` on whose box a segment that is not the view's meets; past the last one, if
+// there is none. Every step of the loop goes on in the list or down a level.
+fn next_met(segment: Segment, first: u32, t_max: f32) -> u32 {
+    let count = scene_end() - view.volume_first;
+    let origin = from_eye(segment.start);
+    var k = first - view.volume_first;
+    var level = level_at(k);
+    while k < count {
+        if level == 0u {
+            let i = view.volume_first + k;
+            if meets_box(origin, segment.dir, volumes[i].box_min, volumes[i].box_max, t_max) {
+                return i;
+            }
+            k += 1u;
+            level = level_at(k);
+            continue;
+        }
+        let slot = slot_of(k, level);
+        // Of a short run at the end, there may be no place for a box.
+        if slot < count {
+            let at = view.volume_first + slot;
+            if !meets_box(origin, segment.dir, volumes[at].run_min, volumes[at].run_max, t_max) {
+                k += 1u << (2u * level);
+                level = level_at(k);
+                continue;
+            }
+        }
+        level -= 1u;
+    }
+    return scene_end();
+}

@@ -1,0 +1,48 @@
+// The colours that grids give to surfaces.
+#define_import_path bevy_vdb::trace::color
+
+#import bevy_vdb::gpu::bindings::grids
+#import bevy_vdb::traversal::hdda::FAR
+#import bevy_vdb::traversal::samples::{fog_cell, tile_value, trilinear}
+#import bevy_vdb::view::scene::volumes
+#import bevy_vdb::trace::segment::{NONE, Segment, ray_of}
+#import bevy_vdb::traversal::tree::{locate, nowhere, span_constant, span_occupied}
+
+// The value of a grid at a place on a segment: trilinear between samples, the background outside.
+fn value_along(segment: Segment, t: f32, volume: u32) -> f32 {
+    let grid = grids[volumes[volume].grid];
+    let background = volumes[volume].background;
+    let ray = ray_of(segment, volume, FAR);
+    let way = ray.frac + t * ray.dir;
+    let whole = floor(way);
+    let cell = ray.cell + vec3<i32>(whole);
+    if any(cell < grid.occupied_min) || any(cell > grid.occupied_max) {
+        return background;
+    }
+    var place = nowhere(cell);
+    let span = locate(grid, cell, 0u, &place);
+    if !span_occupied(span) {
+        return background;
+    }
+    if span_constant(span) {
+        return tile_value(grid, span.word);
+    }
+    let values = fog_cell(grid, span, cell);
+    return values.offset + values.scale * trilinear(values.corners, way - whole);
+}
+
+// What the base colour of a surface is multiplied by at a place on a segment.
+fn color_along(segment: Segment, t: f32, surface: u32) -> vec3<f32> {
+    let first = volumes[surface].color_grids;
+    if first == NONE {
+        return vec3(1.0);
+    }
+    return min(
+        vec3(
+            value_along(segment, t, first),
+            value_along(segment, t, first + 1u),
+            value_along(segment, t, first + 2u),
+        ),
+        vec3(1e6),
+    );
+}

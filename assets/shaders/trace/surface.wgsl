@@ -1,0 +1,125 @@
+// The nearest surface on a ray, and where rays go on from there.
+#define_import_path bevy_vdb::trace::surface
+
+#import bevy_vdb::gpu::types::{KIND_SMOOTH, KIND_SURFACE, Ray}
+#import bevy_vdb::gpu::bindings::grids
+#import bevy_vdb::traversal::exact::Course
+#import bevy_vdb::traversal::rebase::anchored
+#import bevy_vdb::traversal::hdda::{FAR, Hit, course_of, enter_at, first_hit, unturned}
+#import bevy_vdb::view::scene::{scene_end, view, volumes}
+#import bevy_vdb::trace::segment::{Point, Segment, along, quantised, ray_of}
+#ifdef VDB_SMOOTH
+#import bevy_vdb::traversal::smooth::first_root
+#endif
+
+// What a ray has met.
+struct Surface {
+    found: bool,
+    volume: u32,
+    t: f32,
+    cell: vec3<i32>,        // local
+    place: vec3<f32>,       // in the cell, 0 to 1
+    gradient: vec3<f32>,    // outwards, in the lattice, not of unit length
+    is_face: bool,          // of a voxel
+}
+
+fn no_surface() -> Surface {
+    return Surface(false, 0u, 0.0, vec3(0), vec3(0.0), vec3(0.0), false);
+}
+
+// A voxel's face, outwards; where a ray began inside the voxel, one that looks along z.
+fn face_normal(course: Course, axis: u32) -> vec3<f32> {
+    let across = vec3(axis == 0u, axis == 1u, axis >= 2u);
+    let outwards = select(vec3(-1.0), vec3(1.0), course.flip != vec3(0));
+    return select(vec3(0.0), outwards, across);
+}
+
+#ifdef VDB_SURFACES
+// The first voxel of a volume on a ray.
+fn meet_voxels(volume: u32, ray: Ray, start: f32) -> Surface {
+    let grid = grids[volumes[volume].grid];
+    let course = course_of(grid, ray);
+    let hit = first_hit(grid, course, enter_at(course, start));
+    if !hit.found {
+        return no_surface();
+    }
+    let rel = bitcast<vec3<u32>>((hit.cell ^ course.flip) - course.cell);
+    let place = unturned(course, anchored(course, rel, hit.axis, hit.t).frac);
+    return Surface(true, volume, hit.t, hit.cell, place, face_normal(course, hit.axis), true);
+}
+#endif
+
+#ifdef VDB_SMOOTH
+// The first root of a volume on a ray.
+fn meet_smooth(volume: u32, ray: Ray, start: f32) -> Surface {
+    let grid = grids[volumes[volume].grid];
+    let course = course_of(grid, ray);
+    let root = first_root(grid, course, enter_at(course, start));
+    if !root.found {
+        return no_surface();
+    }
+    let way = ray.frac + root.t * ray.dir;
+    let whole = floor(way);
+    let face = face_normal(course, root.axis);
+    // A gradient may be zero where eight values are alike.
+    let gradient = select(face, root.gradient, any(abs(root.gradient) > vec3(1e-30)));
+    return Surface(true, volume, root.t, ray.cell + vec3<i32>(whole), way - whole, gradient, false);
+}
+#endif
+
+// The nearer of two.
+fn nearer(a: Surface, b: Surface) -> Surface {
+    if b.found && (!a.found || b.t < a.t) {
+        return b;
+    }
+    return a;
+}
+
+// A vector of any size, made to length 1.
+fn unit(v: vec3<f32>) -> vec3<f32> {
+    // Scaled first: its square can be more, or less, than f32 holds.
+    let largest = max(max(abs(v.x), abs(v.y)), abs(v.z));
+    return normalize(v / max(largest, 1e-30));
+}
+
+// World-space unit normal, outwards.
+fn normal_of(surface: Surface) -> vec3<f32> {
+    let v = volumes[surface.volume].normal_x * surface.gradient.x
+        + volumes[surface.volume].normal_y * surface.gradient.y
+        + volumes[surface.volume].normal_z * surface.gradient.z;
+    return unit(v);
+}
+
+// Cells that rays from a smooth surface begin above it. The trilinear interpolant of a surface whose
+// radius of curvature is R cells has bumps of 1 / 4R cells, on which light that grazes the surface would
+// throw shadows: this is above those of all surfaces with R of 2.5 or more.
+const LIFT: f32 = 0.1;
+// And for each cell that the ray has come, what f32 may get wrong of the place.
+const LIFT_FAR: f32 = 4.76837158203125e-7;   // 2^-21
+
+// Where rays leave a surface on the side that a segment came from.
+//
+// From a voxel's face, they leave from the empty cell before it: the walk is exact, so that they
+// cannot come back to the voxel. Less than 2^-24 cells lie between the face and where they begin.
+fn leave(segment: Segment, surface: Surface) -> Point {
+    var point = along(segment, surface.t);
+    point.own = surface.volume;
+    point.cell = surface.cell;
+    if surface.is_face {
+        let outwards = vec3<i32>(surface.gradient);
+        point.cell += outwards;
+        // The lower neighbour is left at its upper end, the upper one at its lower end.
+        let place = select(surface.place, vec3(1.0), outwards < vec3(0));
+        point.frac = quantised(select(place, vec3(0.0), outwards > vec3(0)));
+        return point;
+    }
+    let ray = ray_of(segment, surface.volume, FAR);
+    let way = max(max(abs(ray.dir.x), abs(ray.dir.y)), abs(ray.dir.z)) * surface.t;
+    let upwards = unit(surface.gradient);
+    let above = select(upwards, -upwards, dot(upwards, ray.dir) > 0.0);
+    let start = surface.place + (LIFT + LIFT_FAR * way) * above;
+    let whole = floor(start);
+    point.cell += vec3<i32>(whole);
+    point.frac = quantised(start - whole);
+    return point;
+}

@@ -1,0 +1,337 @@
+// The hierarchical walk through a packed grid. Twin: `crates/vdb_core/src/pack/walk.rs`.
+//
+// Cells are integers, and the ray parameter is always measured from the ray's own origin, so that
+// nothing accumulates. Which plane is crossed first is decided in f32 where that is certain, and
+// exactly where it is not: the cells and faces of a walk are those of the ray's very numbers.
+#define_import_path bevy_vdb::traversal::hdda
+
+#import bevy_vdb::gpu::types::{Grid, Ray}
+#import bevy_vdb::traversal::tree::{Span, empty_cell, locate, nowhere, span_occupied}
+#import bevy_vdb::traversal::exact::{T_ERROR, WHOLE, Course, beginning, component_f, component_u, ending, is_zero, plane_before}
+
+// Where a course is on its way through the lattice.
+struct Walk {
+    rel: vec3<u32>,     // the cell, counted from the course's own
+    t: f32,             // where the course enters it
+    axis: u32,          // of the face by which; 3: it started inside
+    inside: bool,       // whether the cell is in the grid's box and before the ray's end
+}
+
+// t of planes that are never reached.
+const FAR: f32 = 1e30;
+// Slower than this a ray reaches no other cell within the index space, but on the spot; dividing by
+// less could exceed what f32 holds.
+const IDLE: f32 = 3.2311742677852644e-27;   // 2^-88
+// The largest component of a direction is not smaller than this, nor larger than that; a ray that is
+// slower or faster meets nothing.
+const SLOWEST: f32 = 9.313225746154785e-10; // 2^-30
+const FASTEST: f32 = 1073741824.0;          // 2^30
+// Later than all planes of the grid's box, and times a speed within f32.
+const NEVER: f32 = 1.8446744073709552e19;   // 2^64
+
+#ifdef VDB_COUNT_STEPS
+// Cells and larger cubes that the ray has looked at.
+var<private> steps: u32;
+#endif
+
+fn count_step() {
+#ifdef VDB_COUNT_STEPS
+    steps += 1u;
+#endif
+}
+
+// The course of a ray through a grid.
+fn course_of(grid: Grid, ray: Ray) -> Course {
+    let zero = is_zero(ray.dir);
+    let down = (ray.dir < vec3(0.0)) & !zero;
+    let flip = select(vec3(0), vec3(-1), down);
+    let cell = ray.cell ^ flip;
+    let low = select(grid.occupied_min, ~grid.occupied_max, down);
+    let high = select(grid.occupied_max, ~grid.occupied_min, down);
+    let speed = select(abs(ray.dir), vec3(0.0), zero);
+    let fastest = max(max(speed.x, speed.y), speed.z);
+    let before = cell < low;
+    let octant = dot(vec3<u32>(down), vec3(4u, 2u, 1u));
+    var course = Course(
+        flip,
+        cell,
+        select(ray.frac, 1.0 - ray.frac, down),
+        speed,
+        1.0 / max(speed, vec3(IDLE)),
+        select(vec3(0u), bitcast<vec3<u32>>(low - cell), before),
+        bitcast<vec3<u32>>(high - cell),
+        before,
+        vec3(0u),
+        all(cell <= high) && fastest >= SLOWEST && fastest <= FASTEST && has_span(ray),
+        octant,
+        begin_t(ray),
+        end_t(ray),
+    );
+    set_ends(&course);
+    return course;
+}
+
+// Whether the ends of a ray are such: numbers, the first one finite, and in this order. By their bits, as
+// WGSL does not promise that other numbers are told from these.
+fn has_span(ray: Ray) -> bool {
+    let is_finite = (bitcast<u32>(ray.t_min) & 0x7fffffffu) < INFINITE;
+    let is_ahead = bitcast<u32>(ray.t_max) <= INFINITE || is_zero(vec3(ray.t_max)).x;
+    return is_finite && is_ahead && begin_t(ray) <= end_t(ray);
+}
+
+// The bits of infinity; those of no number, and of all below zero, are more.
+const INFINITE: u32 = 0x7f800000u;
+
+// Where a ray begins: there is nothing of it behind its origin. What hardware may take for zero is zero.
+fn begin_t(ray: Ray) -> f32 {
+    return select(ray.t_min, 0.0, ray.t_min < 0.0 || is_zero(vec3(ray.t_min)).x);
+}
+
+fn end_t(ray: Ray) -> f32 {
+    let is_endless = bitcast<u32>(ray.t_max) == INFINITE || ray.t_max > FAR;
+    return select(select(ray.t_max, 0.0, is_zero(vec3(ray.t_max)).x), FAR, is_endless);
+}
+
+// Where a course leaves the grid's box.
+fn box_exit(course: Course) -> f32 {
+    let exits = ((vec3<f32>(course.last) + 1.0) - course.frac) * course.inverse;
+    return min(min(exits.x, exits.y), exits.z);
+}
+
+// Makes the ends of a course exact, where they are in the grid's box or so close to it that f32 does not
+// tell. Elsewhere they do not matter: all that the course comes to is between them.
+fn set_ends(course: ptr<function, Course>) {
+    if (*course).t_max < FAR {
+        if (*course).t_max * (1.0 - T_ERROR) > box_exit(*course) {
+            (*course).t_max = FAR;
+        } else {
+            (*course).last = min((*course).last, ending(*course));
+        }
+    }
+    if (*course).t_min > 0.0 {
+        let entries = select(vec3(-1.0), plane_t(*course, (*course).first), (*course).before);
+        let touches = max(max(entries.x, entries.y), entries.z) <= (*course).t_min * (1.0 + T_ERROR);
+        if touches {
+            let begin = beginning(*course);
+            (*course).begin = begin.cell;
+            (*course).meets = (*course).meets && !begin.is_beyond;
+        }
+    }
+}
+
+// The local cell that is so many cells ahead.
+fn local_cell(course: Course, rel: vec3<u32>) -> vec3<i32> {
+    return (course.cell + bitcast<vec3<i32>>(rel)) ^ course.flip;
+}
+
+// A place within a cell, 0 to 1, as the lattice has it.
+fn unturned(course: Course, u: vec3<f32>) -> vec3<f32> {
+    return select(u, 1.0 - u, course.flip != vec3(0));
+}
+
+// Where the course crosses planes ahead of it, one on each axis, to within T_ERROR. The integers are
+// exact; the ray's own numbers come in only at the end.
+fn plane_t(course: Course, plane: vec3<u32>) -> vec3<f32> {
+    return (vec3<f32>(plane) - course.frac) * course.inverse;
+}
+
+// The first, or the last, of the planes of some axes that a course crosses, one on each axis; 3 for no
+// axis at all. One loop with one comparison in it: compilers put functions in place of their calls,
+// and this one is long.
+fn ordered(course: Course, plane: vec3<u32>, axes: vec3<bool>, want_first: bool) -> u32 {
+    var best = 3u;
+    for (var axis = 0u; axis < 3u; axis++) {
+        let of_interest = select(select(axes.z, axes.y, axis == 1u), axes.x, axis == 0u);
+        if of_interest {
+            var better = best == 3u;
+            if !better {
+                let own = component_u(plane, axis);
+                let best_plane = component_u(plane, best);
+                better = plane_before(course, best, best_plane, axis, own) != want_first;
+            }
+            best = select(best, axis, better);
+        }
+    }
+    return best;
+}
+
+// Cells that a course has come to for certain at about t, on each axis, or the walk before. It may be a
+// cell further: then the walk crosses that plane next.
+//
+// What f32 may get wrong, a sixteenth of T_ERROR, is less than what is taken off: where t is that of a
+// plane or earlier, no cell behind that plane is reached.
+fn cells_reached(course: Course, t: f32, before: vec3<u32>) -> vec3<u32> {
+    // Conversions saturate.
+    let at = (course.frac - T_ERROR) + (t * (1.0 - T_ERROR)) * course.speed;
+    return max(vec3<u32>(at), before);
+}
+
+// The start of the walk: a cell of the grid's box on the course.
+fn enter(course: Course) -> Walk {
+    // The planes of the box that are crossed after the ray's beginning.
+    let ahead = course.begin < course.first;
+    if !any(ahead) {
+        let inside = course.meets && all(course.begin <= course.last);
+        return Walk(course.begin, course.t_min, 3u, inside);
+    }
+    let near = select(vec3(-1.0), plane_t(course, course.first), ahead);
+    let t = max(max(near.x, near.y), near.z);
+    // Beyond the last, where the ray has left the box on another axis before it comes in on this one.
+    let rel = cells_reached(course, t, max(course.first, course.begin));
+    let axis = select(select(2u, 1u, near.y == t), 0u, near.x == t);
+    let inside = course.meets && t < NEVER && all(rel <= course.last);
+    return Walk(rel, max(t, course.t_min), axis, inside);
+}
+
+// The start of the walk where it is known that nothing can stop the ray before `t_start`: there, if
+// that is in the box, or in cells just before it.
+fn enter_at(course: Course, t_start: f32) -> Walk {
+    let rel = cells_reached(course, t_start, course.begin);
+    if t_start <= course.t_min || any(rel < course.first) {
+        return enter(course);
+    }
+    let inside = course.meets && t_start <= course.t_max && all(rel <= course.last);
+    return Walk(rel, t_start, 0u, inside);
+}
+
+// The planes at the end of a span, one on each axis, modulo 2^32: beyond the index space they seem to lie
+// behind the cell.
+fn planes_behind(course: Course, rel: vec3<u32>, span: Span) -> vec3<u32> {
+    let offset = bitcast<vec3<u32>>(course.cell) + rel;
+    let size = 1u << span.log_dim;
+    return rel + (((span.reach + 1u) << span.log_dim) - (offset & vec3(size - 1u)));
+}
+
+// Steps out of the span that holds the walk's cell.
+//
+// Which plane is crossed next is exact; how many planes of the other axes have been crossed by then is
+// a lower bound. Where it is too low, the walk crosses those planes next, in cells beside the ray that
+// it does not touch: all that it does touch are visited. The course never turns back and passes at
+// least one plane, the face of a span: the loops around this end after as many steps as the spans of the
+// box have faces along its three edges, and the cells of the box have at most.
+fn advance(course: Course, walk: Walk, span: Span) -> Walk {
+    var plane = planes_behind(course, walk.rel, span);
+    var exits = plane_t(course, plane);
+    var t = min(min(exits.x, exits.y), exits.z);
+#ifdef VDB_WIDE_GRIDS
+    // A ray never goes back, but planes beyond the index space seem to lie behind it: it crosses them where
+    // the index space ends. Only wide grids (`PackedGrid::is_wide`) have spans that end there; a
+    // branch in this loop costs others a twentieth of their time.
+    if t < 0.5 * walk.t {
+        let beyond = plane <= walk.rel;
+        plane = select(plane, vec3(0u), beyond);
+        exits = select(exits, (WHOLE - course.frac) * course.inverse, beyond);
+        t = min(min(exits.x, exits.y), exits.z);
+    }
+#endif
+    let second = max(min(exits.x, exits.y), min(max(exits.x, exits.y), exits.z));
+    var across = exits == vec3(t);
+    if second <= t * (1.0 + T_ERROR) {
+        // At once means x before y before z.
+        across = vec3(0u, 1u, 2u) == vec3(ordered(course, plane, vec3(true), true));
+    }
+    let axis = select(select(2u, 1u, across.y), 0u, across.x);
+    let rel = select(cells_reached(course, t, walk.rel), plane, across);
+#ifdef VDB_WIDE_GRIDS
+    return Walk(rel, t, axis, all(rel <= course.last) && all(rel >= walk.rel));
+#else
+    return Walk(rel, t, axis, all(rel <= course.last));
+#endif
+}
+
+// Whether the ray itself comes into the walk's cell, where and by which face; one that begins there comes
+// in by none. The answer does not depend on the way by which the walk has come.
+fn confirm(course: Course, walk: Walk) -> Walk {
+    let crossed = walk.rel > course.begin;
+    if !any(crossed) {
+        return Walk(walk.rel, course.t_min, 3u, true);
+    }
+    let near = select(vec3(-1.0), plane_t(course, walk.rel), crossed);
+    let t = max(max(near.x, near.y), near.z);
+    let second = max(min(near.x, near.y), min(max(near.x, near.y), near.z));
+    let behind = walk.rel + 1u;
+    let exits = select(plane_t(course, behind), (WHOLE - course.frac) * course.inverse, behind == vec3(0u));
+    var axis = select(select(2u, 1u, near.y == t), 0u, near.x == t);
+    var inside = true;
+    if second * (1.0 + T_ERROR) >= t || min(min(exits.x, exits.y), exits.z) <= t * (1.0 + T_ERROR) {
+        axis = ordered(course, walk.rel, crossed, false);
+        let plane = component_u(walk.rel, axis);
+        for (var own = 0u; own < 3u && inside; own++) {
+            if own != axis {
+                inside = !plane_before(course, own, component_u(behind, own), axis, plane);
+            }
+        }
+    }
+    return Walk(walk.rel, component_f(near, axis), axis, inside);
+}
+
+// A t on a course, which rounding must not lead out of it.
+fn within(course: Course, t: f32) -> f32 {
+    return clamp(t, course.t_min, course.t_max);
+}
+
+// The first occupied cell on a ray.
+struct Hit {
+    cell: vec3<i32>,
+    t: f32,             // where the ray enters it
+    axis: u32,          // of the face by which; 3: it started inside
+    found: bool,
+}
+
+fn first_hit(grid: Grid, course: Course, enters: Walk) -> Hit {
+#ifdef VDB_MARCH
+    return first_sample(grid, course, enters);
+#else
+    var walk = enters;
+    var place = nowhere(local_cell(course, walk.rel));
+    while walk.inside {
+        // A loop of its own, so that rays that go side by side confirm their hits together.
+        var cell = vec3(0);
+        var found = false;
+        while walk.inside && !found {
+            count_step();
+            cell = local_cell(course, walk.rel);
+            let span = locate(grid, cell, course.octant, &place);
+            found = span_occupied(span);
+            if !found {
+                walk = advance(course, walk, span);
+            }
+        }
+        if found {
+            let hit = confirm(course, walk);
+            if hit.inside {
+                return Hit(cell, within(course, hit.t), hit.axis, true);
+            }
+            walk = advance(course, walk, empty_cell());
+        }
+    }
+    return Hit(vec3(0), 0.0, 3u, false);
+#endif
+}
+
+#ifdef VDB_MARCH
+// Cells between two samples.
+const MARCH_STEP: f32 = 0.5;
+
+// The first occupied cell among samples at even distances: what others pass over and find late is what
+// the walk is measured by.
+fn first_sample(grid: Grid, course: Course, enters: Walk) -> Hit {
+    var place = nowhere(local_cell(course, enters.rel));
+    let step = MARCH_STEP / length(course.speed);
+    for (var i = 0u; enters.inside; i++) {
+        count_step();
+        let t = enters.t + f32(i) * step;
+        let rel = max(vec3<u32>(course.frac + t * course.speed), enters.rel);
+        if t > course.t_max || any(rel > course.last) {
+            break;
+        }
+        let cell = local_cell(course, rel);
+        if span_occupied(locate(grid, cell, course.octant, &place)) {
+            let near = plane_t(course, rel);
+            let axis = select(select(2u, 1u, near.y > max(near.x, near.z)), 0u, near.x > max(near.y, near.z));
+            return Hit(cell, t, axis, true);
+        }
+    }
+    return Hit(vec3(0), 0.0, 3u, false);
+}
+#endif

@@ -1,0 +1,185 @@
+// The first place where the trilinear interpolant passes through the iso-value.
+#define_import_path bevy_vdb::traversal::smooth
+
+#import bevy_vdb::gpu::types::Grid
+#import bevy_vdb::traversal::rebase::{anchor_exit, anchored}
+#import bevy_vdb::traversal::exact::Course
+#import bevy_vdb::traversal::samples::{surface_corners, trilinear, trilinear_gradient}
+#import bevy_vdb::traversal::tree::{empty_cell, locate, nowhere, span_occupied}
+#import bevy_vdb::traversal::hdda::{Walk, advance, confirm, count_step, local_cell, unturned, within}
+
+struct SurfaceHit {
+    found: bool,
+    t: f32,
+    // In index space, not of unit length.
+    gradient: vec3<f32>,
+    // The face of the cell that the ray came in by; 3: it began inside.
+    axis: u32,
+}
+
+// A step of the root finder, as a part of the way through a cell, after which it need not go on: Newton's
+// steps become smaller by their square.
+const ROOT_STEP: f32 = 0.000003814697265625;    // 2^-18
+
+// A cubic by its coefficients, a.x + s·(a.y + s·(a.z + s·a.w)).
+fn cubic_at(a: vec4<f32>, s: f32) -> f32 {
+    return a.x + s * (a.y + s * (a.z + s * a.w));
+}
+
+// The root between two places where a cubic has the values f_low and f_high of different signs.
+fn bracketed(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32) -> f32 {
+    var low = s_low;
+    var high = s_high;
+    let negative = f_low < 0.0;
+    // As if it were a line, but not at an end: one that is a root, too, would be taken for the one that is
+    // looked for. Then Newton's step where it stays between the two, else the middle.
+    var s = low + (high - low) * clamp(f_low / (f_low - f_high), 0.0625, 0.9375);
+    for (var i = 0u; i < 16u; i++) {
+        let f = cubic_at(a, s);
+        if (f < 0.0) == negative {
+            low = s;
+        } else {
+            high = s;
+        }
+        let slope = a.y + s * (2.0 * a.z + s * 3.0 * a.w);
+        let newton = s - f / select(slope, 1.0, slope == 0.0);
+        let inside = newton > low && newton < high && slope != 0.0;
+        let next = select(0.5 * (low + high), newton, inside);
+        let done = abs(next - s) <= ROOT_STEP;
+        s = next;
+        if done {
+            break;
+        }
+    }
+    return s;
+}
+
+// The first change of sign between 0 and 1, or 2 if there is none, of a cubic with the values f_start and
+// f_end there.
+fn first_change(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
+    // Bézier's control points: the cubic changes its sign no more often than they do.
+    let second_point = f_start + a.y / 3.0;
+    let third_point = f_end - (a.y + 2.0 * a.z + 3.0 * a.w) / 3.0;
+    let is_negative = vec4(f_start, second_point, third_point, f_end) < vec4(0.0);
+    let changes = vec3<u32>(is_negative.xyz != is_negative.yzw);
+    let count = changes.x + changes.y + changes.z;
+    if count == 0u {
+        return 2.0;
+    }
+    if count == 1u {
+        return bracketed(a, 0.0, 1.0, f_start, f_end);
+    }
+    return first_of_several(a, f_start, f_end);
+}
+
+// The same where there may be several changes. Between its extrema a cubic has at most one.
+fn first_of_several(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
+    // 3·a.w·s² + 2·a.z·s + a.y = 0, without the difference of near-equal numbers.
+    let b = a.z;
+    let root = b * b - 3.0 * a.w * a.y;
+    var ends = vec3(2.0, 2.0, 1.0);
+    if root > 0.0 {
+        let q = -(b + select(-sqrt(root), sqrt(root), b >= 0.0));
+        let r_0 = select(2.0, q / (3.0 * a.w), abs(a.w) > 1e-30);
+        let r_1 = select(2.0, a.y / q, abs(q) > 1e-30);
+        ends = vec3(min(r_0, r_1), max(r_0, r_1), 1.0);
+    }
+    var low = 0.0;
+    var f_low = f_start;
+    for (var i = 0u; i < 3u; i++) {
+        let high = select(select(ends.z, ends.y, i == 1u), ends.x, i == 0u);
+        if high > 0.0 && (high < 1.0 || i == 2u) {
+            let f_high = select(cubic_at(a, high), f_end, i == 2u);
+            if (f_high < 0.0) != (f_low < 0.0) {
+                return bracketed(a, low, high, f_low, f_high);
+            }
+            low = high;
+            f_low = f_high;
+        }
+    }
+    return 2.0;
+}
+
+fn nothing() -> SurfaceHit {
+    return SurfaceHit(false, 0.0, vec3(0.0), 3u);
+}
+
+// The first root of the interpolant on a course; its values are counted from the iso-value.
+fn first_root(grid: Grid, course: Course, enters: Walk) -> SurfaceHit {
+    var walk = enters;
+    var place = nowhere(local_cell(course, walk.rel));
+    // Whether the interpolant was negative at the end of the cell before: a sign that changes just
+    // between two cells is a root, too, and rounding must not lose it.
+    var known = false;
+    var was_negative = false;
+    while walk.inside {
+        count_step();
+        var cell = local_cell(course, walk.rel);
+        var span = locate(grid, cell, course.octant, &place);
+#ifdef VDB_IN_STEP
+        // Each ray goes on to a cell of its own first: what follows is dear, and one takes along all.
+        while !span_occupied(span) && walk.inside {
+            walk = advance(course, walk, span);
+            known = false;
+            if walk.inside {
+                count_step();
+                cell = local_cell(course, walk.rel);
+                span = locate(grid, cell, course.octant, &place);
+            }
+        }
+        if !walk.inside {
+            break;
+        }
+#else
+        if !span_occupied(span) {
+            walk = advance(course, walk, span);
+            known = false;
+            continue;
+        }
+#endif
+        let here = confirm(course, walk);
+        walk = advance(course, walk, empty_cell());
+        if !here.inside {
+            continue;
+        }
+        let c = surface_corners(grid, span, cell);
+        let near = anchored(course, here.rel, here.axis, here.t);
+        let exit = anchor_exit(near, course, here.rel + 1u, walk.axis);
+        let length = max(min(exit, near.end), 0.0);
+        let start = unturned(course, near.frac);
+        let way = length * select(course.speed, -course.speed, course.flip != vec3(0));
+        // Four values of the cubic, then its coefficients.
+        let f_0 = trilinear(c, start);
+        let f_1 = trilinear(c, saturate(start + way / 3.0));
+        let f_2 = trilinear(c, saturate(start + way * (2.0 / 3.0)));
+        let f_3 = trilinear(c, saturate(start + way));
+        let d_1 = f_1 - f_0;
+        let d_2 = f_2 - 2.0 * f_1 + f_0;
+        let d_3 = f_3 - 3.0 * f_2 + 3.0 * f_1 - f_0;
+        let a = vec4(
+            f_0,
+            3.0 * d_1 - 1.5 * d_2 + d_3,
+            4.5 * (d_2 - d_3),
+            4.5 * d_3,
+        );
+        var s = 2.0;
+        if known && was_negative != (f_0 < 0.0) {
+            s = 0.0;
+        } else {
+            s = first_change(a, f_0, f_3);
+        }
+        if s <= 1.0 {
+            // The cubic's coefficients have the rounding of four values, many times over; one step of
+            // Newton's on the interpolant itself takes most of that away.
+            let first = saturate(start + s * way);
+            let slope = dot(trilinear_gradient(c, first), way);
+            let off = trilinear(c, first) / select(slope, 1.0, slope == 0.0);
+            s = saturate(s - select(0.0, off, slope != 0.0 && abs(off) < 0.01));
+            let at = saturate(start + s * way);
+            return SurfaceHit(true, within(course, here.t + s * length), grid.scale * trilinear_gradient(c, at), here.axis);
+        }
+        known = true;
+        was_negative = f_3 < 0.0;
+    }
+    return nothing();
+}

@@ -1,0 +1,181 @@
+// Looking things up in a packed grid. The layout, and why it is so, is told in
+// `crates/vdb_core/src/pack/layout.rs`; the twin of this file is `pack/walk.rs` beside it.
+//
+// Every index is in range by construction: words come from the packer alone, and a ray looks at cells
+// of the grid's box only, which the crown covers.
+#define_import_path bevy_vdb::traversal::tree
+
+#import bevy_vdb::gpu::types::Grid
+#import bevy_vdb::gpu::bindings::word_at
+
+const CHILD: u32 = 0x80000000u;
+const OCCUPIED: u32 = 0x40000000u;
+const MIXED: u32 = 0x20000000u;
+const FILLED: u32 = 0x10000000u;
+const PAYLOAD: u32 = 0x0fffffffu;
+
+const LEAF_BITS: u32 = 3u;
+const REGION_BITS: u32 = 7u;
+const LEAF_NUMBER_BITS: u32 = 12u;
+const LEAF_NUMBER: u32 = 0xfffu;
+
+// What covers a cell: everything alike over a cube of 2^log_dim cells per edge, and over `reach` more
+// such cubes ahead.
+struct Span {
+    log_dim: u32,
+    reach: u32,
+    // The word of a tile or a leaf that a ray meets; 0 where nothing is.
+    word: u32,
+    // The number of the leaf; of a cell of a mixed tile, the axes on which it is the tile's last: 4, 2 and
+    // 1 for x, y and z.
+    leaf: u32,
+}
+
+// A cell in which nothing is.
+fn empty_cell() -> Span {
+    return Span(0u, 0u, 0u, 0u);
+}
+
+fn span_occupied(span: Span) -> bool {
+    return span.word != 0u;
+}
+
+// Whether the cube is occupied all over with one value.
+fn span_constant(span: Span) -> bool {
+    return (span.word & (CHILD | MIXED)) == 0u;
+}
+
+fn crown_slot(region: vec3<i32>, level: u32) -> u32 {
+    let part = vec3<u32>(region >> vec3(2u * level)) & vec3(3u);
+    return (part.x << 4u) | (part.y << 2u) | part.z;
+}
+
+fn region_slot(cell: vec3<i32>) -> u32 {
+    let c = vec3<u32>(cell >> vec3(LEAF_BITS)) & vec3(15u);
+    return (c.x << 8u) | (c.y << 4u) | c.z;
+}
+
+// The word of the crown over a local cell, and its level.
+fn find_crown(grid: Grid, cell: vec3<i32>) -> vec2<u32> {
+    let at = (cell >> vec3(REGION_BITS)) - grid.crown_origin;
+    var level = grid.crown_levels - 1u;
+    var found = word_at(grid.crown + crown_slot(at, level));
+    while (found & CHILD) != 0u && level > 0u {
+        level -= 1u;
+        found = word_at(grid.crown + ((found & PAYLOAD) << 6u) + crown_slot(at, level));
+    }
+    return vec2(found, level);
+}
+
+// What has been found where a ray is; kept while the ray stays near.
+struct Place {
+    cell: vec3<i32>,
+    // The word of the smallest slot that covers the cell, and log₂ of that slot's edge.
+    word: u32,
+    log_dim: u32,
+    // Of a region: its first word, and the number of its first leaf.
+    region: u32,
+    head: u32,
+}
+
+// Nowhere near the cell.
+fn nowhere(cell: vec3<i32>) -> Place {
+    return Place(~cell, 0u, 0u, 0u, 0u);
+}
+
+// Slots beyond its own that a ray of an octant can leap over from an empty one.
+fn reach_of(word: u32, octant: u32) -> u32 {
+    let code = (word >> (3u * octant)) & 7u;
+    // Nibbles of the reach by code: 0, 1, 2, 3, 5, 7, 11, 15.
+    return (0xfb753210u >> (4u * code)) & 15u;
+}
+
+// The span of an empty cube. Without leaps, or without the tree's cubes, for comparison.
+fn empty_span(log_dim: u32, reach: u32) -> Span {
+#ifdef VDB_DDA
+    return empty_cell();
+#else ifdef VDB_HDDA
+    return Span(select(0u, log_dim, log_dim >= LEAF_BITS), 0u, 0u, 0u);
+#else
+    return Span(log_dim, reach, 0u, 0u);
+#endif
+}
+
+// The span of a tile around a local cell.
+fn tile_span(tile: u32, log_dim: u32, octant: u32, cell: vec3<i32>) -> Span {
+    if (tile & OCCUPIED) == 0u {
+        return empty_span(log_dim, reach_of(tile, octant));
+    }
+    if (tile & MIXED) == 0u {
+        return Span(log_dim, 0u, tile, 0u);
+    }
+    // How many cells of the tile follow on each axis.
+    let after = ~bitcast<vec3<u32>>(cell) & vec3((1u << log_dim) - 1u);
+    let sides = dot(vec3<u32>(after == vec3(0u)), vec3(4u, 2u, 1u));
+    if sides != 0u {
+        return Span(0u, 0u, tile, sides);
+    }
+    // The largest cube around the cell without cells on the high sides.
+    let log_inner = firstLeadingBit(min(min(after.x, after.y), after.z));
+    if (tile & FILLED) == 0u {
+        return empty_span(log_inner, 0u);
+    }
+    return Span(log_inner, 0u, tile & ~MIXED, 0u);
+}
+
+// The word of the smallest slot over a local cell of the grid's box.
+fn locate_slot(grid: Grid, cell: vec3<i32>, place: ptr<function, Place>) -> u32 {
+    let apart = cell ^ (*place).cell;
+    let moved = bitcast<u32>(apart.x | apart.y | apart.z);
+    (*place).cell = cell;
+    if (moved >> REGION_BITS) != 0u {
+        let found = find_crown(grid, cell);
+        (*place).word = found.x;
+        (*place).log_dim = REGION_BITS + 2u * found.y;
+        if (found.x & CHILD) != 0u {
+            let number = found.x & PAYLOAD;
+            (*place).log_dim = LEAF_BITS;
+            (*place).region = grid.regions + (number << 12u);
+            (*place).head = word_at(grid.heads + number);
+        }
+    }
+    if (*place).log_dim == LEAF_BITS && (moved >> LEAF_BITS) != 0u {
+        (*place).word = word_at((*place).region + region_slot(cell));
+    }
+    return (*place).word;
+}
+
+// The block of 4³ cells around a local cell, in a leaf with this word and number: bits x·16 + y·4 + z,
+// low word first.
+fn block_at(grid: Grid, cell: vec3<i32>, leaf_word: u32, leaf: u32) -> vec2<u32> {
+    let block = block_of(cell);
+    if ((leaf_word >> (LEAF_NUMBER_BITS + block)) & 1u) == 0u {
+        return vec2(0u);
+    }
+    let mask = grid.masks + (leaf << 4u) + 2u * block;
+    return vec2(word_at(mask), word_at(mask + 1u));
+}
+
+// The number of a cell's block in its leaf.
+fn block_of(cell: vec3<i32>) -> u32 {
+    let c = vec3<u32>(cell) & vec3(4u);
+    return c.x | (c.y >> 1u) | (c.z >> 2u);
+}
+
+// What a ray of an octant meets at a local cell of the grid's box.
+fn locate(grid: Grid, cell: vec3<i32>, octant: u32, place: ptr<function, Place>) -> Span {
+    let slot = locate_slot(grid, cell, place);
+    if (slot & CHILD) == 0u {
+        return tile_span(slot, (*place).log_dim, octant, cell);
+    }
+    // Read anew for each cell of a block: it is close by, and two registers less to keep.
+    let leaf = (*place).head + (slot & LEAF_NUMBER);
+    let block = block_at(grid, cell, slot, leaf);
+    if (block.x | block.y) == 0u {
+        return empty_span(2u, 0u);
+    }
+    let c = vec3<u32>(cell) & vec3(3u);
+    let bit = ((c.x & 1u) << 4u) | (c.y << 2u) | c.z;
+    let on = (select(block.y, block.x, (c.x & 2u) == 0u) >> bit) & 1u;
+    return Span(0u, 0u, select(0u, slot, on == 1u), leaf);
+}

@@ -1,0 +1,110 @@
+// A picture of fewer rays than pixels to one of all pixels: each takes after those of the four rays around it
+// that have seen what it shows. One thread a pixel.
+
+#import bevy_vdb::gpu::types::View
+#import bevy_vdb::view::picture::{depth_of_meshes, pixel_of, t_of_depth}
+
+@group(0) @binding(0) var<uniform> view: View;
+#ifdef MULTISAMPLED
+@group(0) @binding(1) var scene_depth: texture_depth_multisampled_2d;
+#else
+@group(0) @binding(1) var scene_depth: texture_depth_2d;
+#endif
+// What the trace has written; `trace.wgsl` says how.
+@group(0) @binding(2) var traced_color: texture_2d<f32>;
+@group(0) @binding(3) var traced_depth: texture_2d<f32>;
+// The same for all pixels.
+@group(0) @binding(4) var out_color: texture_storage_2d<rgba16float, write>;
+@group(0) @binding(5) var out_depth: texture_storage_2d<r32float, write>;
+#ifdef VDB_MOTION_VECTORS
+@group(0) @binding(6) var traced_moving: texture_2d<u32>;
+@group(0) @binding(7) var out_moving: texture_storage_2d<rg32uint, write>;
+#endif
+
+// How much two depths of one surface differ between neighbouring rays, at most, relative to themselves.
+const SAME_SURFACE: f32 = 0.05;
+
+// What a ray has found.
+struct Sample {
+    ray: vec2<u32>,
+    color: vec4<f32>,
+    depth: f32,
+    t: f32,             // of a surface
+    weight: f32,
+}
+
+// The t of the opaque meshes at a pixel of the viewport.
+fn mesh_t(pixel: vec2<u32>) -> f32 {
+    return t_of_depth(view.t_from_depth, depth_of_meshes(scene_depth, pixel + view.origin));
+}
+
+// From 0 to 1.
+fn likeness(a: f32, b: f32) -> f32 {
+    return saturate(1.0 - abs(a - b) / max(max(abs(a), abs(b)), 1e-30));
+}
+
+// `nearness` is from 0 to 1.
+fn sample_of(ray: vec2<u32>, nearness: f32, own_t: f32) -> Sample {
+    let depth = textureLoad(traced_depth, ray, 0).x;
+    let color = textureLoad(traced_color, ray, 0);
+    let t = t_of_depth(view.t_from_depth, depth);
+    var weight = nearness + 1e-3;
+    // A ray that a mesh has ended elsewhere knows of what is before that alone.
+    if depth < 0.0 || t > own_t {
+        let alike = likeness(mesh_t(pixel_of(ray, view.size, view.picture, view.shift)), own_t);
+        weight *= max(alike * alike * alike, 1e-4);
+    }
+    return Sample(ray, color, depth, t, weight);
+}
+
+@compute @workgroup_size(8, 8, 1)
+fn upscale(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = id.xy;
+    if any(pixel >= view.picture) {
+        return;
+    }
+    let own_t = mesh_t(pixel);
+    let scale = vec2<f32>(view.size) / vec2<f32>(view.picture);
+    let place = (vec2<f32>(pixel) + 0.5) * scale - 0.5 - view.shift;
+    let low = floor(place);
+    let part = place - low;
+    var samples: array<Sample, 4>;
+    var first = 0u;
+    for (var i = 0u; i < 4u; i++) {
+        let beside = vec2(i & 1u, i >> 1u);
+        let ray = clamp(vec2<i32>(low) + vec2<i32>(beside), vec2(0), vec2<i32>(view.size) - 1);
+        let near = select(1.0 - part, part, beside == vec2(1u));
+        samples[i] = sample_of(vec2<u32>(ray), near.x * near.y, own_t);
+        if samples[i].weight > samples[first].weight {
+            first = i;
+        }
+    }
+    // What the likeliest shows, and what of the others is of the same: so edges stay edges.
+    let own = samples[first];
+    let is_surface = own.depth >= 0.0;
+    var color = vec4(0.0);
+    var depth = 0.0;
+    var weight = 0.0;
+    var fog_depth = -1.0;
+    for (var i = 0u; i < 4u; i++) {
+        let other = samples[i];
+        if (other.depth >= 0.0) != is_surface {
+            continue;
+        }
+        if is_surface && likeness(other.t, own.t) < 1.0 - SAME_SURFACE {
+            continue;
+        }
+        color += other.weight * other.color;
+        depth += other.weight * other.depth;
+        weight += other.weight;
+        if other.depth < 0.0 && other.depth > -2.5 {
+            fog_depth = max(fog_depth, -1.0 - other.depth);
+        }
+    }
+    depth = select(select(-3.0, -1.0 - fog_depth, fog_depth >= 0.0), depth / weight, is_surface);
+    textureStore(out_color, pixel, color / weight);
+    textureStore(out_depth, pixel, vec4(depth, 0.0, 0.0, 0.0));
+#ifdef VDB_MOTION_VECTORS
+    textureStore(out_moving, pixel, textureLoad(traced_moving, own.ray, 0));
+#endif
+}
