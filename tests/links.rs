@@ -107,7 +107,9 @@ fn exists(path: &Path) -> bool {
     let mut resolved = PathBuf::new();
     for component in path.components() {
         match component {
-            Component::ParentDir => drop(resolved.pop()),
+            Component::ParentDir => {
+                resolved.pop();
+            }
             other => resolved.push(other),
         }
     }
@@ -182,8 +184,9 @@ fn paths_in_code_spans_exist() {
         for path in spans(&text).flat_map(paths) {
             count += 1;
             // Relative to the repository, or to the crate that the page belongs to.
-            let folders = file.ancestors().skip(1).take_while(|folder| folder.starts_with(root()));
-            if !folders.into_iter().any(|folder| exists(&folder.join(&path))) {
+            let mut folders =
+                file.ancestors().skip(1).take_while(|folder| folder.starts_with(root()));
+            if !folders.any(|folder| exists(&folder.join(&path))) {
                 missing.push(format!("{}: {path}", name(file)));
             }
         }
