@@ -1,5 +1,5 @@
-//! Survives the loss of its GPU: a driver that is updated or has crashed, a graphics card that is unplugged.
-//! D destroys the device; what was in the picture is back a moment later.
+//! Survives the loss of its GPU, as after a driver update or crash or when a graphics card is
+//! unplugged. D destroys the device; everything is back on screen a moment later.
 
 use bevy::prelude::*;
 use bevy::render::error_handler::{ErrorType, RenderError, RenderErrorHandler, RenderErrorPolicy};
@@ -17,8 +17,8 @@ fn main() {
         .run();
 }
 
-/// Bevy's own handler quits the app, whatever has happened. Anything but a lost GPU is a fault in a program,
-/// which another device would not mend.
+/// Bevy's default handler quits the app on any error. Errors other than a lost GPU are bugs, which
+/// another device would not fix.
 fn recover(error: &RenderError, world: &mut World, _: &mut World) -> RenderErrorPolicy {
     if let ErrorType::DeviceLost = error.ty {
         // With the settings that the app's RenderPlugin has.

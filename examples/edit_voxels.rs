@@ -1,7 +1,7 @@
-//! A sculptor: a ball of clay whose voxels change each frame. A tool winds a groove around it and sets
-//! beads between the turns; with the mouse, the left button digs and the right one adds.
+//! A sculptor: a ball of clay whose voxels change every frame. A tool winds a groove around it and
+//! sets beads between the turns; with the mouse, the left button digs and the right one adds.
 //!
-//! `cargo run --example edit_voxels` opens a window, `… picture.png 800x450` writes a picture.
+//! `cargo run --example edit_voxels` opens a window, `… picture.png 800x450` writes an image.
 
 use std::f32::consts::{PI, TAU};
 
@@ -14,14 +14,14 @@ use bevy_vdb::vdb_core::tree::CoordBox;
 
 mod helpers;
 
-/// World units.
+/// In world units.
 const VOXEL: f32 = 0.02;
 const RADIUS: f32 = 1.6;
-/// Of the groove around the ball, and how long it takes, in seconds.
+/// Of the groove around the ball, and the seconds that it takes.
 const TURNS: f32 = 7.0;
 const SECONDS: f32 = 3.0;
 const BEADS: f32 = 90.0;
-/// Places of the tool in a frame.
+/// Positions of the tool per frame.
 const DABS: u32 = 20;
 
 fn main() -> AppExit {
@@ -37,18 +37,18 @@ fn main() -> AppExit {
         .run()
 }
 
-/// Where the tool is to work in this frame.
+/// Where the tool works in this frame.
 #[derive(Default, Resource)]
 struct Brush(Vec<Dab>);
 
-/// A ball that is taken from the clay or added to it, in world units.
+/// A ball that is removed from the clay or added to it, in world units.
 struct Dab {
     at: Vec3,
     radius: f32,
     adds: bool,
 }
 
-/// What shows where the tool is.
+/// Marks the position of the tool.
 #[derive(Component)]
 struct Tool;
 
@@ -80,7 +80,7 @@ fn setup(
     Ok(())
 }
 
-/// The tool on its way from the top to the bottom.
+/// Moves the tool from top to bottom.
 fn wind(time: Res<Time>, mut brush: ResMut<Brush>, mut tool: Single<&mut Transform, With<Tool>>) {
     brush.0.clear();
     let (now, before) = (time.elapsed_secs() / SECONDS, time.delta_secs() / SECONDS);
@@ -107,7 +107,7 @@ fn wind(time: Res<Time>, mut brush: ResMut<Brush>, mut tool: Single<&mut Transfo
     }
 }
 
-/// The mouse, where there is one.
+/// The mouse, if there is one.
 fn point(
     window: Option<Single<&Window>>,
     camera: Single<(&Camera, &GlobalTransform)>,
@@ -127,7 +127,7 @@ fn point(
     brush.0.extend(hit.map(|hit| Dab { at: hit.position, radius: 0.12, adds }));
 }
 
-/// Works on the clay: a level set stays one by the least or the largest of two distances.
+/// Edits the clay. The minimum or maximum of two distances keeps a level set a level set.
 fn carve(
     brush: Res<Brush>,
     clay: Single<&VdbVolume>,

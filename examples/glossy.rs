@@ -1,9 +1,9 @@
-//! Mirrors and metals: balls of gold from polished to rough, a teapot of chrome, a gyroid of copper and
-//! a ring, on a dark plate, all volumes, that show each other and the studio around them.
+//! Mirrors and metals: gold balls from polished to rough, a chrome teapot, a copper gyroid and a
+//! ring on a dark plate. All are volumes, and reflect each other and the studio around them.
 //!
-//! Rough surfaces reflect in one direction a pixel, by chance: Bevy's temporal anti-aliasing evens that
-//! out. `cargo run --example glossy` opens a window: R switches how many times reflections go on.
-//! `… picture.png 800x450` writes a picture.
+//! Rough surfaces reflect in one random direction per pixel; Bevy's temporal anti-aliasing averages
+//! the noise. `cargo run --example glossy` opens a window, where R cycles through numbers of
+//! reflections. `… picture.png 800x450` writes an image.
 
 use bevy::anti_alias::taa::TemporalAntiAliasing;
 use bevy::camera::Hdr;

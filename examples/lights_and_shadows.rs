@@ -1,10 +1,11 @@
-//! Volumes under lights: a teapot of metal and one of clay, and a cloud above them, on a floor of voxels,
-//! beside a pillar and before a wall that are meshes, with a sun and a lamp that throw shadows, a bulb, and a
-//! sky to reflect.
+//! Volumes under lights: a metal teapot, one of clay and a cloud above them on a voxel floor,
+//! beside a pillar and in front of a wall that are meshes, with a sun and a lamp that cast shadows,
+//! a bulb, and a sky to reflect.
 //!
-//! `cargo run --example lights_and_shadows` opens a window: S switches shadows, P those on meshes, A how large
-//! the sun is, R how many times reflections go on, L the borders of leaves, and M goes through the modes.
-//! `cargo run --example lights_and_shadows picture.png 800x450` writes a picture, without a window.
+//! `cargo run --example lights_and_shadows` opens a window: S toggles shadows, P those on meshes, A
+//! the size of the sun, R the number of reflections, L the borders of leaves, and M cycles through
+//! the modes. `cargo run --example lights_and_shadows picture.png 800x450` writes an image without
+//! a window.
 
 use bevy::camera::Hdr;
 use bevy::light::{CascadeShadowConfigBuilder, DirectionalLightShadowMap, EnvironmentMapLight};
@@ -57,7 +58,7 @@ fn volumes(mut commands: Commands, assets: Res<AssetServer>) {
     ));
 }
 
-/// A grid needs no file.
+/// A grid without a file.
 fn floor(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
     let mut tree = Vdb543::new(1.0);
     for x in -60..60 {

@@ -1,6 +1,6 @@
-//! Many volumes: a thousand teapots, which are one grid on the GPU, and 48 grids that are all different.
+//! Many volumes: a thousand teapots that share one grid on the GPU, and 48 different grids.
 //!
-//! `cargo run --example many_volumes` opens a window, `… picture.png 800x450` writes a picture.
+//! `cargo run --example many_volumes` opens a window, `… picture.png 800x450` writes an image.
 
 use std::f32::consts::{FRAC_PI_2, TAU};
 
@@ -18,7 +18,7 @@ mod helpers;
 
 const TEAPOTS: u32 = 1000;
 const GRIDS: u32 = 48;
-/// Of the turn from each thing to the next, so that they are spread evenly.
+/// The angle between neighbours that distributes them evenly.
 const GOLDEN_ANGLE: f32 = 2.399_963_2;
 
 fn main() -> AppExit {
@@ -30,7 +30,7 @@ fn main() -> AppExit {
         .run()
 }
 
-/// Turns about its own y axis, in radians a second.
+/// Rotation about the entity's own y axis, in radians per second.
 #[derive(Component)]
 struct Turns(f32);
 
@@ -40,7 +40,7 @@ fn turn(time: Res<Time>, mut things: Query<(&mut Transform, &Turns)>) {
     }
 }
 
-/// On a disc like the seeds of a sunflower. Each has a transform and a material of its own.
+/// On a disc like the seeds of a sunflower. Each has its own transform and material.
 fn teapots(mut commands: Commands, assets: Res<AssetServer>) {
     let teapot: Handle<VdbGrid> = assets.load("models/teapot.vdb#surface");
     for i in 0..TEAPOTS {
@@ -93,7 +93,7 @@ fn grids(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
     }
 }
 
-/// Each of another size or proportion.
+/// Each with a different size or proportion.
 fn shape(i: u32) -> (Vdb543<f32>, PackKind) {
     let smooth = PackKind::Smooth { iso: 0.0 };
     let part = f64::from(i) / f64::from(GRIDS);

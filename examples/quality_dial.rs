@@ -1,8 +1,8 @@
-//! What quality costs: a cloud over a teapot, lit by a sun that throws shadows, and a dial.
+//! The cost of quality: a cloud over a teapot, lit by a sun that casts shadows, and a dial.
 //!
-//! `cargo run --example quality_dial`: keys 1 to 4 set the presets, from exact to fast; B gives the passes of
-//! volumes a budget of 4 ms, and E lets them be off by a pixel. Every second it says what is on, what it
-//! takes, and why.
+//! `cargo run --example quality_dial`: keys 1 to 4 set the presets, from exact to fast; B gives the
+//! volume passes a budget of 4 ms, and E allows an error of one pixel. Every second it prints the
+//! features that are on, their costs, and why they are on.
 
 use std::time::Duration;
 
@@ -20,7 +20,7 @@ fn main() {
     app.add_systems(Update, tell.run_if(on_timer(Duration::from_secs(1)))).run();
 }
 
-/// What is in it, and what keys do.
+/// The scene and the keys.
 pub fn scene(app: &mut App) {
     app.insert_resource(GlobalAmbientLight::NONE)
         .add_systems(Startup, setup)

@@ -1,5 +1,5 @@
-//! Points at volumes with the mouse: a ring and the normal where a surface is met, or where a fog has
-//! taken half the light, and a cube around the voxel of a surface. A click prints what is there.
+//! Points at volumes with the mouse: a ring and the normal where a surface is hit, or where fog has
+//! absorbed half the light, and a cube around the voxel of a surface. A click prints the hit.
 //!
 //! With the cargo feature `picking`, Bevy's own pointer events do the same: see `VdbPickingPlugin`.
 
@@ -15,11 +15,11 @@ fn main() {
     app.run();
 }
 
-/// What is under the mouse.
+/// The hit under the mouse.
 #[derive(Default, Resource)]
 pub struct Pointed(pub Option<VdbRayHit>);
 
-/// The volumes, and what points at them.
+/// The volumes, and the markers of the hit.
 pub fn scene(app: &mut App) {
     app.init_resource::<Pointed>()
         .insert_resource(ClearColor(Color::srgb(0.22, 0.24, 0.27)))
@@ -44,7 +44,7 @@ fn setup(mut commands: Commands, assets: Res<AssetServer>, mut gizmos: ResMut<Gi
     config.line.width = 3.0;
 }
 
-/// The ray through the mouse, and the nearest volume on it.
+/// The ray through the mouse pointer, and the nearest volume on it.
 fn point(
     window: Single<&Window>,
     camera: Single<(&Camera, &GlobalTransform)>,

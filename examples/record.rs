@@ -1,5 +1,5 @@
-//! Records a turn around the teapot without a window: into a video, with the program `ffmpeg`, or into
-//! a folder of PNG files. `cargo run --features record --example record -- teapot.mp4 640x360`
+//! Records a turntable of the teapot without a window: into a video, with the `ffmpeg` program, or
+//! into a folder of PNG files. `cargo run --features record --example record -- teapot.mp4 640x360`
 
 use std::f32::consts::TAU;
 use std::path::PathBuf;
@@ -54,7 +54,7 @@ fn setup(mut commands: Commands, assets: Res<AssetServer>, mut images: ResMut<As
     ));
 }
 
-/// When the volume is in the picture.
+/// Starts once the volume is on screen.
 fn begin(_: On<VdbVolumeDrawn>, mut recorder: Single<&mut VdbRecorder>) {
     let target = PathBuf::from(std::env::args().nth(1).unwrap_or("teapot.mp4".into()));
     let format = match target.extension().and_then(|extension| extension.to_str()) {
@@ -68,7 +68,7 @@ fn begin(_: On<VdbVolumeDrawn>, mut recorder: Single<&mut VdbRecorder>) {
     }
 }
 
-/// Once around in the time of the recording, in which time goes by frames.
+/// One turn over the length of the recording, whose time advances by frames.
 fn turn(
     time: Res<Time>,
     recorder: Single<&VdbRecorder>,

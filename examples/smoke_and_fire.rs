@@ -1,8 +1,9 @@
-//! Several grids on a volume: a fire, whose smoke is one grid and whose temperature is another; and a ball
-//! that has its colours from a grid. All of them are made here, from formulas, as a file would have them.
+//! Several grids in one volume: a fire with its smoke and temperature in two grids, and a ball
+//! coloured by a grid. All of them are generated here from formulas, as a file would contain them.
 //!
-//! `cargo run --example smoke_and_fire` opens a window: up and down make the fire hotter and colder.
-//! `cargo run --example smoke_and_fire picture.png 480x270` writes a picture, without a window.
+//! `cargo run --example smoke_and_fire` opens a window: up and down make the fire hotter and
+//! colder. `cargo run --example smoke_and_fire picture.png 480x270` writes an image without a
+//! window.
 
 use bevy::camera::Hdr;
 use bevy::light::DirectionalLightShadowMap;
@@ -26,7 +27,7 @@ fn main() -> AppExit {
         .run()
 }
 
-/// Voxels of 0.05, as all grids here have them.
+/// Voxels of 0.05, for all grids here.
 fn world_from_index() -> DAffine3 {
     DAffine3::from_scale_rotation_translation(
         DVec3::splat(0.05),
@@ -83,13 +84,13 @@ fn spawn(
     Ok(())
 }
 
-/// How far flames lick to the side at a height, in voxels.
+/// The sideways displacement of flames at a height, in voxels.
 fn sway(y: f64, phase: f64) -> f64 {
     let high = y / 70.0;
     high * (4.0 * (0.16 * y + phase).sin() + 2.5 * (0.37 * y + 2.0 * phase).sin())
 }
 
-/// How far a point is within a column that sways, from 1 in its middle to 0 at its rim.
+/// How far a point is inside a swaying column, from 1 on its axis to 0 at its rim.
 fn column(p: DVec3, radius: f64, phase: f64) -> f64 {
     let (x, z) = (p.x - sway(p.y, phase), p.z - sway(p.y, phase + 1.7));
     let angle = z.atan2(x);
@@ -98,7 +99,7 @@ fn column(p: DVec3, radius: f64, phase: f64) -> f64 {
     1.0 - x.hypot(z) / (radius * ragged * curls).max(0.1)
 }
 
-/// Kelvin: three tongues, hottest in the middle and low down.
+/// Kelvin: three tongues of flame, hottest in the middle and near the ground.
 fn temperature() -> Vdb543<f32> {
     let bbox = CoordBox { min: IVec3::new(-24, 0, -24), max: IVec3::new(24, 72, 24) };
     fog::from_values(bbox, |ijk| {

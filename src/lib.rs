@@ -37,3 +37,8 @@ pub use scene::{VdbPickingPlugin, VdbPickingSettings};
 pub use vdb_core;
 pub use vdb_core::Limits as VdbLimits;
 pub use vdb_core::pack::edit::{Voxel as VdbVoxel, VoxelEdit as VdbEdit};
+
+/// The code of the guide, compiled by `cargo test --doc`.
+#[cfg(all(doctest, feature = "record"))]
+#[doc = include_str!("../docs/guide/recipes.md")]
+mod guide {}

@@ -10,10 +10,10 @@ use crate::render::RenderVolumesPlugin;
 use crate::scene::ScenePlugin;
 use crate::{VdbCamera, VdbQuality};
 
-/// Loads `.vdb` files and shows [`VdbVolume`](crate::VdbVolume)s in every `Camera3d`.
+/// Loads `.vdb` files and displays [`VdbVolume`](crate::VdbVolume)s in every `Camera3d`.
 ///
-/// Without a renderer (a server, a test with `MinimalPlugins` and `AssetPlugin`) it still loads
-/// files and keeps their bounds.
+/// Without a renderer (on a server, or in a test with `MinimalPlugins` and `AssetPlugin`) it still
+/// loads files and keeps bounds up to date.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct VdbRenderPlugin;
 
@@ -39,7 +39,7 @@ impl Plugin for VdbRenderPlugin {
     }
 }
 
-/// [`VdbRenderPlugin`], and the plugins of all cargo features that are on: picking, recording and the
+/// [`VdbRenderPlugin`], and the plugins of all enabled cargo features: picking, recording and the
 /// inspector.
 ///
 /// ```no_run

@@ -1,4 +1,4 @@
-//! What a game usually needs: `use bevy_vdb::prelude::*;`
+//! The items that most games need: `use bevy_vdb::prelude::*;`
 
 pub use crate::{
     VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,

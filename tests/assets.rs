@@ -549,7 +549,7 @@ fn where_a_grid_could_be_several_the_message_has_their_labels() {
 /// The `.meta` file of the guide, as it stands there, beside a file.
 #[test]
 fn the_guides_meta_file_has_settings() {
-    let guide = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/guide.md");
+    let guide = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/guide/assets.md");
     let guide = std::fs::read_to_string(guide).unwrap();
     let (_, rest) = guide.split_once("```ron\n").expect("a .meta file in the guide");
     let (meta, _) = rest.split_once("```").unwrap();

@@ -1,8 +1,11 @@
-//! docs/guide.md has every message of the plugin and of the reader, with its cause and its cure.
+//! `docs/guide/troubleshooting.md` has every message of the plugin and of the reader, with its cause and its
+//! remedy.
 
 use std::path::Path;
 
 use vdb_core::view::CannotShow;
+
+const GUIDE: &str = "docs/guide/troubleshooting.md";
 
 /// What a line of code says to a person, after one of these.
 const SPEAKERS: [&str; 3] = ["#[error(", " warn!(", " error!("];
@@ -54,7 +57,7 @@ fn messages(folder: &Path, found: &mut Vec<(String, String)>) {
 #[test]
 fn every_message_is_in_the_guide() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let guide = std::fs::read_to_string(root.join("docs/guide.md")).expect("the guide");
+    let guide = std::fs::read_to_string(root.join(GUIDE)).expect("the guide");
     let mut found = Vec::new();
     messages(&root.join("src"), &mut found);
     messages(&root.join("crates/vdb_core/src"), &mut found);
@@ -68,7 +71,7 @@ fn every_message_is_in_the_guide() {
         .iter()
         .filter(|(_, message)| fixed_part(message).is_some_and(|part| !guide.contains(&part)))
         .collect();
-    assert!(missing.is_empty(), "give docs/guide.md a row for each of {missing:#?}");
+    assert!(missing.is_empty(), "give {GUIDE} a row for each of {missing:#?}");
 }
 
 /// What people copy is what is built and drawn.

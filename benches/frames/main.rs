@@ -1,5 +1,5 @@
-//! Frames of whole apps: what recording costs them, what voxels that change do, and what a frame is made
-//! of. `scripts/bench-frames` builds and runs it; `docs/benchmarks.md` tells of it.
+//! Frame times of whole apps: the cost of recording and of edits, and how a frame's time is spent.
+//! `scripts/bench-frames` builds and runs it; results are in `docs/reference/benchmarks.md`.
 
 #[path = "../common/warm.rs"]
 mod warm;

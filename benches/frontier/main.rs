@@ -1,6 +1,6 @@
 //! What speed costs: pictures of a set of scenes over the knobs of `VdbQuality`, each with its time on
 //! the GPU and what it gets wrong beside the one of `VdbQuality::EXACT`, which is held against the
-//! reference tracer itself. `scripts/frontier` builds and runs it; `docs/quality.md` tells of it.
+//! reference tracer itself. `scripts/frontier` builds and runs it; results are in `docs/reference/quality.md`.
 
 #[path = "../../tests/common/mod.rs"]
 mod common;

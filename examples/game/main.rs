@@ -1,9 +1,9 @@
-//! A small game: a rover on a volcanic island. The island is a level set and its smoke is fog; the sea,
-//! the trees, the hut and the rover are meshes. The sun goes from morning to evening.
+//! A small game: a rover on a volcanic island. The island is a level set and its smoke is fog; the
+//! sea, the trees, the hut and the rover are meshes. The sun moves from morning to evening.
 //!
-//! `cargo run --example game` opens a window: W A S D or the arrows drive; without them it drives by
-//! itself. `… picture.png 800x450` writes a picture, and with the feature `record` `… game.mp4` a film
-//! of ten seconds.
+//! `cargo run --example game` opens a window: W A S D or the arrow keys drive; otherwise the rover
+//! drives itself. `… picture.png 800x450` writes an image, and with the feature `record`, `…
+//! game.mp4` a ten-second film.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
@@ -29,21 +29,22 @@ fn main() -> AppExit {
         .run()
 }
 
-/// The rover and where it drives: on what a ray from above meets.
+/// The rover. A downward ray cast finds the ground that it drives on.
 #[derive(Component)]
 struct Rover {
-    /// About the y axis, in radians.
+    /// Rotation about the y axis, in radians.
     heading: f32,
-    /// World units a second.
+    /// World units per second.
     speed: f32,
 }
 
-/// How far from the middle of the island the rover drives by itself, and with how much gas.
+/// The distance from the centre of the island at which the rover drives by itself, and its
+/// throttle.
 const ROUND: f32 = 17.5;
 const BY_ITSELF: f32 = 0.6;
-/// World units a second.
+/// World units per second.
 const FASTEST: f32 = 8.0;
-/// How much of the way to its place the camera goes in a second, to begin with.
+/// How much of the way to its target the camera moves per second, initially.
 const NIMBLE: f32 = 3.0;
 
 fn rover(
@@ -123,7 +124,7 @@ fn drive(
     *transform = facing.with_translation(ground.position);
 }
 
-/// The camera follows the rover from behind, the volcano in sight.
+/// The camera follows the rover, with the volcano in view.
 fn follow(
     time: Res<Time>,
     rover: Single<(&Transform, &Rover), Without<Camera3d>>,
@@ -176,7 +177,7 @@ fn sky(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
     ));
 }
 
-/// Seconds from sunrise to sunset; it begins in the morning.
+/// Seconds from sunrise to sunset, starting in the morning.
 const DAY: f32 = 12.0;
 
 fn day(

@@ -1,4 +1,4 @@
-//! Shows `.vdb` files, in a window or as a PNG; `viewer --help` says how.
+//! Shows `.vdb` files in a window or renders them to PNG; `viewer --help` lists the options.
 
 mod adapter;
 mod app;
@@ -20,7 +20,7 @@ use std::process::ExitCode;
 
 use args::Args;
 
-/// Where the picture goes when nobody says where and there is no window to show it in.
+/// The path of the image if none is given and there is no window.
 const DEFAULT_PICTURE: &str = "viewer.png";
 
 fn main() -> ExitCode {

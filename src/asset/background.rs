@@ -1,29 +1,29 @@
-//! Long work beside the frames, on threads of its own.
+//! Long-running work on dedicated threads.
 //!
-//! Bevy compiles pipelines on its `AsyncComputeTaskPool`, which is one thread where there are few cores: who
-//! holds that for long keeps the window black. So decoding, packing and levels of detail have pools of their
-//! own, made when they are first needed. Where there are no threads, as on the web, they are Bevy's
-//! single-threaded ones, and work is done when it is asked for.
+//! Bevy compiles pipelines on its `AsyncComputeTaskPool`, which has one thread if there are few
+//! cores, so occupying it for long keeps the window black. Decoding, packing and levels of detail
+//! therefore have their own pools, created on first use. Without threads, as on the web, they are
+//! Bevy's single-threaded ones, and work is done when it is requested.
 
 use std::sync::LazyLock;
 
 use bevy::tasks::{Task, TaskPool, TaskPoolBuilder, available_parallelism};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// What somebody waits for: as many at a time as Bevy has threads for such work. Within, files are decoded
-/// and grids packed by all cores.
+/// Work that somebody waits for: as many tasks at a time as Bevy has threads for such work. Within
+/// them, files are decoded and grids packed on all cores.
 static WAITED_FOR: LazyLock<TaskPool> = LazyLock::new(|| pool("VDB loading", cores()));
 
-/// What only makes things better: one after the other.
+/// Work that only improves things, one task at a time.
 static IMPROVEMENTS: LazyLock<TaskPool> = LazyLock::new(|| pool("VDB details", 1));
 
-/// The cores that it may take, so that frames have the others. `None` where there are no threads.
+/// The cores for improvements, so that frames have the others. `None` without threads.
 static IMPROVING: LazyLock<Option<ThreadPool>> = LazyLock::new(|| {
     let name = |i| format!("VDB details ({i})");
     ThreadPoolBuilder::new().num_threads(cores()).thread_name(name).build().ok()
 });
 
-/// A quarter of the cores, as Bevy has it for its own.
+/// A quarter of the cores, as Bevy reserves for its own pool.
 fn cores() -> usize {
     (available_parallelism() / 4).clamp(1, 4)
 }
@@ -32,14 +32,14 @@ fn pool(name: &str, threads: usize) -> TaskPool {
     TaskPoolBuilder::new().num_threads(threads).thread_name(name.into()).build()
 }
 
-/// Does what somebody waits for.
+/// Runs work that somebody waits for.
 pub(crate) fn run<T: Send + Sync + 'static>(
     work: impl FnOnce() -> T + Send + Sync + 'static,
 ) -> Task<T> {
     WAITED_FOR.spawn(async move { work() })
 }
 
-/// Does what can wait, with few cores.
+/// Runs work that can wait, on few cores.
 pub(crate) fn improve<T: Send + Sync + 'static>(
     work: impl FnOnce() -> T + Send + Sync + 'static,
 ) -> Task<T> {
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
     use bevy::tasks::block_on;
 
-    /// In the pool of a few cores, work that splits itself stays there.
+    /// Parallel work in the small pool stays there.
     #[test]
     fn improvements_take_a_few_cores() {
         let threads =
@@ -67,7 +67,7 @@ mod tests {
         assert!(name.is_some_and(|name| name.starts_with("VDB loading")));
     }
 
-    /// Neither waits for the other.
+    /// Neither pool waits for the other.
     #[test]
     fn what_is_waited_for_overtakes_improvements() {
         let (go_on, held) = std::sync::mpsc::channel::<()>();

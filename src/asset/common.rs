@@ -1,4 +1,4 @@
-//! What grids of floats and grids of vectors have in common: errors, transforms and bounds.
+//! Errors, transforms and bounds shared by float and vector grids.
 
 use bevy::math::{DAffine3, DVec3};
 use thiserror::Error;
@@ -6,24 +6,24 @@ use vdb_core::display::escaped;
 use vdb_core::pack::{PackError, PackedGrid};
 use vdb_core::{AnyTree, GridClass, Metadata, Transform};
 
-/// Why a tree could not be made a [`VdbGrid`](crate::VdbGrid).
+/// Why a tree cannot become a [`VdbGrid`](crate::VdbGrid).
 #[derive(Clone, Debug, Error)]
 pub enum VdbGridError {
-    /// Its transform is not linear or cannot be inverted.
+    /// The transform is not linear or cannot be inverted.
     #[error("{0}")]
     Transform(String),
-    /// Its values are neither floats nor vectors of them.
+    /// The values are neither floats nor vectors of floats.
     #[error(
         "grids of type {} cannot be shown; only Tree_float_5_4_3 and Tree_vec3s_5_4_3 can",
         escaped(.0)
     )]
     Type(String),
-    /// It does not fit the GPU's layout, or exceeds a limit.
+    /// The grid does not fit the GPU's layout, or exceeds a limit.
     #[error(transparent)]
     Pack(#[from] PackError),
 }
 
-/// A grid of `vdb_core`.
+/// Converts to a `vdb_core` grid.
 pub(crate) fn core_grid(
     name: &str,
     class: GridClass,
@@ -39,7 +39,7 @@ pub(crate) fn core_grid(
     grid
 }
 
-/// Whether a transform can place a grid.
+/// Checks that a transform can place a grid.
 pub(crate) fn check_transform(world_from_index: DAffine3) -> Result<(), VdbGridError> {
     let can_be_saved = Transform::affine(world_from_index).is_some();
     let inverse = world_from_index.inverse();
@@ -51,14 +51,14 @@ pub(crate) fn check_transform(world_from_index: DAffine3) -> Result<(), VdbGridE
     Ok(())
 }
 
-/// The box around all that can be seen of a packed grid, in index space.
+/// The bounds of everything visible in a packed grid, in index space.
 pub(crate) fn index_bounds(packed: &PackedGrid) -> Option<(DVec3, DVec3)> {
     let cells = packed.occupied?;
     let base = packed.base.as_dvec3() + packed.kind.lattice_origin();
     Some((cells.min.as_dvec3() + base, cells.max.as_dvec3() + base + 1.0))
 }
 
-/// The box around all that can be seen of a packed grid, in the file's world.
+/// The bounds of everything visible in a packed grid, in the file's world.
 pub(crate) fn world_bounds(
     packed: &PackedGrid,
     world_from_index: DAffine3,

@@ -1,4 +1,4 @@
-//! Voxels that change while an app runs, and what the GPU has not been told of yet.
+//! Voxels that change while an app runs, and the changes that the GPU has not received yet.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use vdb_core::tree::Vdb543;
 
 use crate::VdbEdit;
 
-/// What keeps a grid in step with its voxels.
+/// Keeps a grid consistent with its voxels.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Edits {
     editor: Editor,
@@ -18,7 +18,7 @@ pub(crate) struct Edits {
 }
 
 impl Edits {
-    /// Changes voxels of a tree, and its packed grid with them.
+    /// Changes voxels of a tree and updates its packed grid.
     pub fn edit<R>(
         &mut self,
         tree: &mut Arc<Vdb543<f32>>,
@@ -35,27 +35,28 @@ impl Edits {
         changes.map(|_| done)
     }
 
-    /// Names the words of the packed grid as they are now: no other words, of any grid, have this number.
+    /// Identifies the current words of the packed grid: no other words, of any grid, have this
+    /// number.
     pub fn revision(&self) -> u64 {
         self.journal.revision
     }
 
-    /// What has changed since the words had a number.
+    /// The changes since a revision.
     pub fn since(&self, revision: u64) -> Changes {
         self.journal.since(revision)
     }
 }
 
-/// Commits that a journal remembers at most: one that reads it each frame never needs as many.
+/// The number of commits that a journal keeps; a reader that runs every frame never needs as many.
 const MOST_COMMITS: usize = 64;
 
-/// The last changes of a grid's words.
+/// The latest changes of a grid's words.
 #[derive(Clone, Debug)]
 struct Journal {
     revision: u64,
-    /// From which revision on, and what has changed then; one after the other.
+    /// The revision before each commit and what it changed, in order.
     commits: VecDeque<(u64, Changes)>,
-    /// Words that they have changed, all together.
+    /// The total number of changed words.
     words: usize,
 }
 
@@ -78,7 +79,7 @@ fn count(changes: &Changes) -> usize {
 }
 
 impl Journal {
-    /// Remembers changes of a grid that now has so many words.
+    /// Records changes of a grid that now has this many words.
     fn add(&mut self, changes: Changes, words: usize) {
         if changes == Changes::Words(Vec::new()) {
             return;

@@ -1,4 +1,4 @@
-//! Grids of floats as assets.
+//! Float grids as assets.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,30 +16,30 @@ use super::edits::Edits;
 use super::settings::VdbValues;
 use crate::VdbEdit;
 
-/// One grid of floats, ready to be shown: what [`VdbVolume`](crate::VdbVolume) points to.
+/// A float grid, ready for display by a [`VdbVolume`](crate::VdbVolume).
 #[derive(Asset, Clone, Debug, TypePath)]
 pub struct VdbGrid {
     name: Arc<str>,
-    /// The same, made safe to show.
+    /// The name, escaped for display.
     shown_name: Arc<str>,
     class: GridClass,
     world_from_index: DAffine3,
     metadata: Metadata,
     tree: Arc<Vdb543<f32>>,
     packed: Arc<PackedGrid>,
-    /// Where they have been made: at a half of the resolution, at a quarter …
+    /// The levels of detail that have been generated: half resolution, a quarter …
     levels: Option<Arc<[Arc<PackedGrid>]>>,
-    /// As asked for; while voxels are edited, samples are kept in full.
+    /// The requested sample format. While voxels are edited, samples are kept in full.
     values: VdbValues,
     edits: Option<Box<Edits>>,
 }
 
 impl VdbGrid {
-    /// A grid of one's own, made in memory: `world_from_index` places voxel `ijk`, a point of index
-    /// space, in the space of the entity that shows the grid.
+    /// Makes a grid from a tree in memory. `world_from_index` maps voxel `ijk`, a point in index
+    /// space, to the local space of the entity that shows the grid.
     ///
     /// # Errors
-    /// When the transform cannot be inverted, or the tree is larger than a GPU grid can be.
+    /// If the transform cannot be inverted, or the tree is larger than a GPU grid can be.
     pub fn new(
         name: impl Into<Arc<str>>,
         tree: Vdb543<f32>,
@@ -56,10 +56,10 @@ impl VdbGrid {
         Self::from_parts(name, class, world_from_index, metadata, Arc::new(tree), values, packed)
     }
 
-    /// The same grid with samples of other bits on the GPU.
+    /// Changes the sample format on the GPU.
     ///
     /// # Errors
-    /// When the tree is larger than a GPU grid can be.
+    /// If the tree is larger than a GPU grid can be.
     pub fn with_values(mut self, values: VdbValues) -> Result<Self, VdbGridError> {
         let packed = PackedGrid::with_format(&self.tree, self.packed.kind, values.into())?;
         self.packed = Arc::new(packed);
@@ -67,17 +67,17 @@ impl VdbGrid {
         Ok(self)
     }
 
-    /// The same grid shown otherwise, as fog or as a surface, with its samples as they are.
+    /// Changes how the grid is displayed, as fog or as a surface.
     ///
     /// # Errors
-    /// When the tree is larger than a GPU grid can be.
+    /// If the tree is larger than a GPU grid can be.
     pub fn with_kind(mut self, kind: PackKind) -> Result<Self, VdbGridError> {
         self.packed = Arc::new(PackedGrid::new(&self.tree, kind)?);
         (self.levels, self.edits, self.values) = (None, None, VdbValues::Exact);
         Ok(self)
     }
 
-    /// A grid of its parts; `packed` is the tree, with samples as `values` say.
+    /// A grid from its parts; `packed` is the tree with samples in the format of `values`.
     pub(crate) fn from_parts(
         name: Arc<str>,
         class: GridClass,
@@ -104,9 +104,9 @@ impl VdbGrid {
         })
     }
 
-    /// Changes voxels, and brings what rays meet, on the CPU and on the GPU, up to date with them: at
-    /// once for [`VdbSpatialQuery`](crate::VdbSpatialQuery) and picking, in the same frame for the
-    /// picture, where a system of `Update` does it.
+    /// Changes voxels, and updates everything that rays hit on the CPU and the GPU: immediately for
+    /// [`VdbSpatialQuery`](crate::VdbSpatialQuery) and picking, and in the same frame for rendering
+    /// if a system in `Update` does it.
     ///
     /// ```no_run
     /// # use bevy::prelude::*;
@@ -127,37 +127,37 @@ impl VdbGrid {
     /// }
     /// ```
     ///
-    /// [`VdbSpatialQuery`](crate::VdbSpatialQuery) reads `Assets<VdbGrid>`, which a system that edits
-    /// writes: what is asked before an edit is asked by a system before.
+    /// [`VdbSpatialQuery`](crate::VdbSpatialQuery) reads `Assets<VdbGrid>`, which an editing system
+    /// writes, so put queries that precede an edit into an earlier system.
     ///
-    /// Coordinates are those of index space: from a place in the world they come by
-    /// [`VdbSpatialQuery::world_from_index`](crate::VdbSpatialQuery::world_from_index), or with the hit
-    /// of a ray. A level set stays one where what is written is a distance in its units; a file's are
-    /// world units.
+    /// Coordinates are in index space. Convert a point in world space with
+    /// [`VdbSpatialQuery::world_from_index`](crate::VdbSpatialQuery::world_from_index), or use the
+    /// voxel of a ray hit. A level set stays valid if the values written are distances in its
+    /// units, which are world units of the file.
     ///
-    /// A file that is loaded again replaces what has been edited.
+    /// Loading the file again discards the edits.
     ///
-    /// **What it costs.** The first edit packs the whole grid anew, with room for it to grow by half:
-    /// that is time, and memory on the GPU, that only edited grids take; and their samples are kept in 32
-    /// bits. From then on an edit costs what it changes. Once the room is used up, all is packed
-    /// anew, with new room. Nothing is copied as long as no one else holds [`VdbGrid::tree`] or
-    /// [`VdbGrid::packed`]: else both are, once. A grid that is edited has no levels of detail:
+    /// **Cost.** The first edit packs the whole grid again, with room to grow by half and samples
+    /// in 32 bits, which takes time and GPU memory that unedited grids do not need. After that, the
+    /// cost of an edit is proportional to the changes. When the room is used up, everything is
+    /// packed again with new room. Nothing is copied unless somebody else holds [`VdbGrid::tree`]
+    /// or [`VdbGrid::packed`]; then both are, once. An edited grid has no levels of detail until
     /// [`VdbGrid::finish_edits`].
     ///
     /// # Errors
-    /// When the tree has become larger than a GPU grid can be. The tree then has the edit, and nothing of
-    /// the grid is shown until another one succeeds.
+    /// If the tree has become larger than a GPU grid can be. The tree then contains the edit, and
+    /// nothing of the grid is displayed until another edit succeeds.
     pub fn edit<R>(&mut self, f: impl FnOnce(&mut VdbEdit) -> R) -> Result<R, VdbGridError> {
         self.levels = None;
         let edits = self.edits.get_or_insert_default();
         Ok(edits.edit(&mut self.tree, &mut self.packed, f)?)
     }
 
-    /// Packs the grid as if it had been loaded as it is now: without room to grow, its samples in as many
-    /// bits as were asked for, and with levels of detail where cameras ask for them.
+    /// Packs the grid as if it had been loaded in its current state: without room to grow, in the
+    /// requested sample format, and with levels of detail if cameras ask for them.
     ///
     /// # Errors
-    /// When the tree is larger than a GPU grid can be.
+    /// If the tree is larger than a GPU grid can be.
     pub fn finish_edits(&mut self) -> Result<(), VdbGridError> {
         if self.edits.is_some() {
             let packed = PackedGrid::with_format(&self.tree, self.kind(), self.values.into())?;
@@ -166,9 +166,9 @@ impl VdbGrid {
         Ok(())
     }
 
-    /// The grid as `vdb_core` has it, with its name, class, transform, metadata and values, what has been
-    /// edited included: to be written, or changed and made a [`VdbGrid`] again by [`VdbGrid::new`]. Both
-    /// share the tree: as long as this is kept, an edit copies it.
+    /// Converts the grid to a `vdb_core` grid with its name, class, transform, metadata and current
+    /// values. [`VdbGrid::new`] converts it back. Both share the tree: while the result exists, an
+    /// edit copies the tree.
     ///
     /// ```no_run
     /// # use bevy_vdb::{VdbGrid, vdb_core};
@@ -183,19 +183,19 @@ impl VdbGrid {
         core_grid(&self.name, self.class, self.world_from_index, &self.metadata, tree)
     }
 
-    /// Writes the grid as it is now, what has been edited included, into a `.vdb` file of its own, which
-    /// OpenVDB and what is built on it reads. A crash or a full disk leaves what stood there before.
+    /// Writes the grid with all its edits to a `.vdb` file that OpenVDB programs can read. A crash
+    /// or a full disk leaves the previous file intact.
     ///
-    /// This takes as long as compressing and writing do: for a grid of many megabytes, clone it (clones share
+    /// This blocks while compressing and writing. For large grids, clone the grid (clones share
     /// their voxels) and save it in a task.
     ///
     /// # Errors
-    /// What the system says, with the path; and when a name or a value is longer than the format can say.
+    /// The operating system's error, with the path; or a name or value too long for the format.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), vdb_core::Error> {
         vdb_core::VdbFile::new(vec![self.to_grid()]).save(path, &WriteOptions::default())
     }
 
-    /// Whether voxels have been edited, and may be again at no more cost than theirs.
+    /// Whether the grid has been edited, so that another edit costs only what it changes.
     pub fn is_edited(&self) -> bool {
         self.edits.is_some()
     }
@@ -204,56 +204,56 @@ impl VdbGrid {
         self.edits.as_deref()
     }
 
-    /// What the renderer keeps of the packed grid from frame to frame. Of one that is edited it has no
-    /// words, or they would have to be copied before they can change.
+    /// The part of the packed grid that the renderer keeps between frames. Without words for an
+    /// edited grid, which would otherwise have to be copied before they can change.
     pub(crate) fn outline(&self) -> Arc<PackedGrid> {
         if self.edits.is_some() { Arc::new(self.packed.outline()) } else { self.packed.clone() }
     }
 
-    /// The grid's name in its file; may be empty. It is as the file has it:
-    /// [`vdb_core::display::escaped`] makes it safe to show.
+    /// The grid's name as stored in the file; may be empty. [`vdb_core::display::escaped`] makes it
+    /// safe to display.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The name as it can be shown: for messages about the grid, and the panel.
+    /// The name, safe to display in messages and the panel.
     pub(crate) fn shown_name(&self) -> &Arc<str> {
         &self.shown_name
     }
 
-    /// What the file says that the values mean.
+    /// The class stored in the file, which says what the values mean.
     pub fn class(&self) -> GridClass {
         self.class
     }
 
-    /// Whether the grid is shown as a surface or as fog.
+    /// Whether the grid is displayed as a surface or as fog.
     pub fn kind(&self) -> PackKind {
         self.packed.kind
     }
 
-    /// From index space, where voxel `ijk` is a point, to the file's world.
+    /// The transform from index space, where voxel `ijk` is a point, to the file's world.
     pub fn world_from_index(&self) -> DAffine3 {
         self.world_from_index
     }
 
-    /// What the file says of the grid.
+    /// The metadata of the grid.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
 
-    /// The values.
+    /// The tree of values.
     pub fn tree(&self) -> &Arc<Vdb543<f32>> {
         &self.tree
     }
 
-    /// The grid as the GPU walks it.
+    /// The grid in the GPU layout.
     pub fn packed(&self) -> &Arc<PackedGrid> {
         &self.packed
     }
 
-    /// The same at a half of the resolution, at a quarter and so on, as far as it goes: sample `ijk` of the
-    /// first is where `2 · ijk` is in index space. `None` where no camera has asked for them (see
-    /// [`VdbQuality::detail`](crate::VdbQuality::detail)) or they are still being made.
+    /// The levels of detail: the grid at half resolution, a quarter and so on. Sample `ijk` of the
+    /// first is at `2 · ijk` in index space. `None` while no camera has asked for them (see
+    /// [`VdbQuality::detail`](crate::VdbQuality::detail)) or they are being generated.
     pub fn levels(&self) -> Option<&Arc<[Arc<PackedGrid>]>> {
         self.levels.as_ref()
     }
@@ -262,19 +262,19 @@ impl VdbGrid {
         self.levels = levels;
     }
 
-    /// The box around all that can be seen, in index space: lowest and highest corner. `None` when
-    /// there is nothing to see.
+    /// The bounds of everything visible in index space: lowest and highest corner. `None` if there
+    /// is nothing to see.
     pub fn index_bounds(&self) -> Option<(DVec3, DVec3)> {
         index_bounds(&self.packed)
     }
 
-    /// The box around all that can be seen, in the file's world: lowest and highest corner.
+    /// The bounds of everything visible in the file's world: lowest and highest corner.
     pub fn world_bounds(&self) -> Option<(DVec3, DVec3)> {
         world_bounds(&self.packed, self.world_from_index)
     }
 }
 
-/// A name without what a terminal would obey.
+/// A name without terminal escapes.
 fn shown(name: &Arc<str>) -> Arc<str> {
     let shown = escaped(name).to_string();
     if *shown == **name { name.clone() } else { shown.into() }

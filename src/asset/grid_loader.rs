@@ -1,4 +1,4 @@
-//! `.vdb` bytes → the one grid that the file is about, for loads that name no grid.
+//! `.vdb` bytes → the main grid of a file, for loads without a label.
 
 use std::sync::Arc;
 
@@ -17,10 +17,10 @@ use crate::{
     VdbGrid, VdbGridError, VdbLoadProgress, VdbLoaderError, VdbLoaderSettings, VdbVectorGrid,
 };
 
-/// Loads the grid that a `.vdb` file is about, where none is named: `"teapot.vdb"` as a [`VdbGrid`] is its
-/// one surface, or the density of smoke, as [`VdbFile::roles`](crate::VdbFile::roles) tells them by their
-/// names. Where that leaves a choice, the error lists the labels there are. Other grids are neither packed
-/// nor kept. Registered by [`VdbRenderPlugin`](crate::VdbRenderPlugin). In `.meta` files it is
+/// Loads the main grid of a `.vdb` file: `"teapot.vdb"` as a [`VdbGrid`] is its only surface, or
+/// the density of smoke, identified by name as in [`VdbFile::roles`](crate::VdbFile::roles). If
+/// several grids qualify, the error lists the labels. Other grids are neither packed nor kept.
+/// Registered by [`VdbRenderPlugin`](crate::VdbRenderPlugin). In `.meta` files it is
 /// `"bevy_vdb::VdbGridLoader"`.
 #[derive(Clone, Default, TypePath)]
 #[type_path = "bevy_vdb"]
@@ -28,7 +28,7 @@ pub struct VdbGridLoader {
     progress: VdbLoadProgress,
 }
 
-/// The same for [`VdbVectorGrid`]s: the colours of a file, or its one grid of vectors.
+/// Loads the main [`VdbVectorGrid`] of a `.vdb` file: its colours, or its only vector grid.
 #[derive(Clone, Default, TypePath)]
 #[type_path = "bevy_vdb"]
 pub struct VdbVectorGridLoader {
@@ -117,7 +117,7 @@ fn decode_vectors(
     }
 }
 
-/// Packs one of the grids of a type.
+/// Packs one grid of a type.
 fn decode_one(
     bytes: Vec<u8>,
     settings: &VdbLoaderSettings,

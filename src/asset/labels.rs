@@ -1,16 +1,16 @@
-//! The labels of a file's grids: what stands after `#` in the path of an asset.
+//! The labels of a file's grids: the part after `#` in an asset path.
 
 use std::collections::HashSet;
 
 use vdb_core::display::{SHOWN_CHARS, escaped};
 
-/// A label for each name, in their order: the name itself, where Bevy can find an asset by it and a log can show
-/// it, and no grid before has it.
+/// A label for each name, in order: the name itself, if Bevy can find an asset by it, a log can
+/// print it, and no earlier grid has it.
 ///
-/// Bevy takes what comes after the last `#` of a path for its label, has no empty labels and none with `://`, and
-/// lists them when one is asked for that is not there. So what cannot be shown is
-/// [escaped](vdb_core::display::escaped), and so are `#` and the second of two slashes; grids whose labels would be
-/// the same, or empty, get the next free number as OpenVDB counts: `density[1]`.
+/// Bevy takes everything after the last `#` of a path for the label, rejects empty labels and those
+/// with `://`, and lists all labels when an unknown one is requested. So unprintable characters are
+/// [escaped](vdb_core::display::escaped), and so are `#` and the second of two slashes. Grids with
+/// equal or empty labels get the next free number, counted as in OpenVDB: `density[1]`.
 pub(crate) fn labels<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     let mut taken: HashSet<String> = HashSet::new();
     // Where to go on counting, so that a thousand grids of one name are not counted anew for each.

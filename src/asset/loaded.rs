@@ -1,4 +1,4 @@
-//! Which files have been loaded: from the loader's threads to the app.
+//! Files that have been loaded, passed from loader threads to the app.
 
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -6,11 +6,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
 
-/// The files that have been loaded since it was last looked.
+/// The files loaded since the last check.
 #[derive(Clone, Debug, Default, Resource)]
 pub(crate) struct LoadedFiles(Arc<Mutex<Vec<LoadedFile>>>);
 
-/// What there is of a file, by label.
+/// The contents of a file, by label.
 #[derive(Debug)]
 pub(crate) struct LoadedFile {
     pub path: AssetPath<'static>,

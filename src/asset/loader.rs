@@ -38,24 +38,25 @@ pub enum VdbLoaderError {
     /// The file could not be read.
     #[error("reading the file failed: {0}")]
     Io(#[from] std::io::Error),
-    /// The file is not what it should be.
+    /// The file is invalid.
     #[error(transparent)]
     File(#[from] vdb_core::Error),
-    /// The file has grids, but none that can be shown.
+    /// The file has grids, but none that can be displayed.
     #[error("no grid of the file can be shown: {}", few(.0).join("; "))]
     NothingToShow(Vec<String>),
-    /// A grid was asked for without its label, and the file does not say which: it has these.
+    /// A grid was requested without a label, and the file has several candidates, with these
+    /// labels.
     #[error("the file has several grids that could be meant: name one of them after its path, {}", after_paths(.0))]
     WhichGrid(Vec<String>),
-    /// A grid was asked for without its label, and the file has none of this type.
+    /// A grid was requested without a label, and the file has none of this type.
     #[error("the file has no grid of {0} that could be meant; it has {1}")]
     NoSuchGrid(&'static str, String),
-    /// The settings make no sense.
+    /// A setting is invalid.
     #[error("loader setting {0}")]
     Settings(String),
 }
 
-/// Labels of grids as they stand after paths.
+/// Labels as they appear after paths.
 fn after_paths(labels: &[String]) -> String {
     labels.iter().map(|label| format!("`#{label}`")).collect::<Vec<_>>().join(", ")
 }
@@ -111,7 +112,7 @@ impl AssetLoader for VdbLoader {
     }
 }
 
-/// Reads a file, and makes something of it off the main thread.
+/// Reads a file and processes it off the main thread.
 pub(crate) async fn load_with<T: Send + Sync + 'static>(
     progress: &VdbLoadProgress,
     reader: &mut dyn Reader,
@@ -141,7 +142,8 @@ impl VdbLoaderSettings {
     }
 }
 
-/// The bytes of a file: no more than its grids lie in, and none but the first of what is no VDB file.
+/// The bytes of a file: only those that contain its grids, and only the first ones of a file that
+/// is no VDB file.
 async fn take_in(reader: &mut dyn Reader, limits: &Limits) -> Result<Vec<u8>, VdbLoaderError> {
     let mut buffer = FileBuffer::new(limits.clone(), length(reader).await?);
     while let Some(room) = buffer.room()? {
@@ -151,7 +153,7 @@ async fn take_in(reader: &mut dyn Reader, limits: &Limits) -> Result<Vec<u8>, Vd
     Ok(buffer.into_bytes())
 }
 
-/// How long a file is, where its source can tell.
+/// The length of a file, if its source can tell.
 async fn length(reader: &mut dyn Reader) -> Result<Option<u64>, std::io::Error> {
     let Ok(reader) = reader.seekable() else { return Ok(None) };
     let Ok(end) = reader.seek(SeekFrom::End(0)).await else { return Ok(None) };
@@ -160,10 +162,10 @@ async fn length(reader: &mut dyn Reader) -> Result<Option<u64>, std::io::Error> 
     Ok(Some(end).filter(|end| *end > 0))
 }
 
-/// Grids that were left out and are told of one by one; a file can have thousands.
+/// The number of skipped grids reported individually; a file can have thousands.
 const MOST_PROBLEMS: usize = 8;
 
-/// The first of many lines, and how many more there are.
+/// The first of many lines, and the number of the others.
 fn few(problems: &[String]) -> Vec<String> {
     let (first, rest) = problems.split_at(problems.len().min(MOST_PROBLEMS));
     let rest = (!rest.is_empty()).then(|| format!("and {} more grids were skipped", rest.len()));
@@ -174,11 +176,11 @@ struct Decoded {
     file: vdb_core::VdbFile,
     grids: Vec<(String, VdbGrid)>,
     vector_grids: Vec<(String, VdbVectorGrid)>,
-    /// Grids left out, with the reason.
+    /// Skipped grids, with the reason.
     problems: Vec<String>,
 }
 
-/// The grids that settings ask for, and what is to be said of those that cannot be read.
+/// The grids selected by the settings, and reports about those that cannot be read.
 pub(crate) fn read(
     bytes: Vec<u8>,
     settings: &VdbLoaderSettings,
@@ -223,16 +225,16 @@ fn decode(
     Ok(Decoded { file, grids, vector_grids, problems })
 }
 
-/// Trees that have been packed: instances have one tree, which is packed once.
+/// Packed trees: instances share one tree, which is packed once.
 pub(crate) struct Shared {
     options: PackOptions,
-    /// By the address of the tree that was read, how it meets rays, and the half-width of its band.
+    /// By the address of the tree, its kind, and the half-width of its band.
     floats: HashMap<(usize, [u32; 3]), Floats>,
     /// By the address of the tree.
     vectors: HashMap<usize, Vectors>,
 }
 
-/// The tree that was read, which keeps its address from others; what is shown of it; and that packed.
+/// The tree that was read, which reserves its address; the displayed tree; and the packed tree.
 type Floats = (Arc<Vdb543<f32>>, Arc<Vdb543<f32>>, Result<Arc<PackedGrid>, PackError>);
 type Vectors = (Arc<Vdb543<[f32; 3]>>, Result<[Arc<PackedGrid>; 3], PackError>);
 
@@ -247,8 +249,8 @@ impl Shared {
         Self { options, floats: HashMap::default(), vectors: HashMap::default() }
     }
 
-    /// What is shown of a tree, packed. The band of a level set is narrowed to a half-width in the units
-    /// of its values.
+    /// The displayed part of a tree, packed. The band of a level set is narrowed to a half-width in
+    /// the units of its values.
     fn floats(
         &mut self,
         tree: Arc<Vdb543<f32>>,
@@ -273,7 +275,7 @@ impl Shared {
         Ok((shown.clone(), packed.clone()?))
     }
 
-    /// The components of a tree of vectors, packed.
+    /// The components of a vector tree, packed.
     fn vectors(&mut self, tree: &Arc<Vdb543<[f32; 3]>>) -> Result<[Arc<PackedGrid>; 3], PackError> {
         let (_, packed) = self
             .vectors
@@ -288,7 +290,7 @@ pub(crate) enum Prepared {
     Vectors(VdbVectorGrid),
 }
 
-/// How a grid of floats is shown.
+/// How a float grid is displayed.
 pub(crate) fn kind(tree: &Vdb543<f32>, class: GridClass, settings: &VdbLoaderSettings) -> PackKind {
     let kind = match settings.render_as {
         VdbRenderAs::Surface { iso } => PackKind::Surface { iso },

@@ -1,14 +1,14 @@
-//! The parts that the grids of a file play, by the names that programs give them.
+//! The roles of a file's grids, identified by the names that programs give them.
 
 use vdb_core::pack::PackKind;
 
 use super::grid::VdbGrid;
 
-/// Names of densities: OpenVDB's own, Blender's and Houdini's, `EmberGen`'s.
+/// Names of densities in OpenVDB, Blender, Houdini and `EmberGen`.
 const DENSITIES: [&str; 2] = ["density", "smoke"];
 
-/// Names of what shines, and how many kelvin 0 and 1 stand for there; those of fire itself before those of
-/// heat, which smoke has, too.
+/// Names of emission grids, and the temperatures in kelvin that 0 and 1 stand for. Fire comes
+/// before heat, which smoke has as well.
 pub(crate) const FIRES: [(&str, [f32; 2]); 7] = [
     ("flame", FLAMES),
     ("flames", FLAMES),
@@ -18,25 +18,25 @@ pub(crate) const FIRES: [(&str, [f32; 2]); 7] = [
     ("heat", HEAT),
     ("temp", HEAT),
 ];
-/// Where fuel burns at the least, and at the most: Blender's defaults.
+/// Ignition and maximum temperature of fuel: Blender's defaults.
 const FLAMES: [f32; 2] = [1_500.0, 3_000.0];
-/// What Blender's Principled Volume takes.
+/// The temperature in Blender's Principled Volume.
 pub(crate) const HEAT: [f32; 2] = [0.0, 1_000.0];
 
-/// The name of a surface: what Houdini calls it.
+/// Houdini's name for a surface.
 const SURFACE: &str = "surface";
 
-/// How names of surfaces begin that Blender's simulations have about a fluid.
+/// The prefix of auxiliary surfaces in Blender's fluid simulations.
 const HELPERS: &str = "phi_";
 
-/// Names of colours: Houdini's, and plain ones.
+/// Names of colours: Houdini's, and common ones.
 pub(crate) const COLORS: [&str; 4] = ["cd", "color", "colour", "albedo"];
 
-/// What is known of a grid when it gets its part.
+/// What is known of a grid when its role is chosen.
 pub(crate) struct Candidate<'a> {
     pub name: &'a str,
     pub is_fog: bool,
-    /// Whether there is nothing to see of it.
+    /// Whether there is nothing to see.
     pub is_empty: bool,
 }
 
@@ -50,7 +50,7 @@ impl<'a> Candidate<'a> {
     }
 }
 
-/// Grids by the parts that they play, by their places in a list.
+/// Roles, as positions in a list of grids.
 pub(crate) struct Parts {
     pub surfaces: Vec<usize>,
     pub density: Option<usize>,
@@ -71,8 +71,7 @@ pub(crate) fn parts(all: &[Candidate]) -> Parts {
     Parts { surfaces, density, fire: fire.filter(|fire| density != Some(*fire)) }
 }
 
-/// The one grid that a file is about: its surface, or what dims light. `None` where there are several that
-/// could be.
+/// The main grid of a file: its surface, or its fog. `None` if there are several candidates.
 pub(crate) fn main_grid(all: &[Candidate]) -> Option<usize> {
     let Parts { surfaces, density, fire } = parts(all);
     match (&surfaces[..], density) {
@@ -87,13 +86,13 @@ pub(crate) fn main_grid(all: &[Candidate]) -> Option<usize> {
     }
 }
 
-/// The same among grids of vectors, by their names.
+/// The main vector grid, by name.
 pub(crate) fn main_vectors(names: &[&str]) -> Option<usize> {
     let called = |name: &&str| names.iter().position(|own| is(own, name));
     COLORS.iter().find_map(called).or((names.len() == 1).then_some(0))
 }
 
-/// Whether two names are the same but for the case of their letters.
+/// Whether two names are equal, ignoring case.
 pub(crate) fn is(name: &str, what: &str) -> bool {
     name.eq_ignore_ascii_case(what)
 }

@@ -1,4 +1,4 @@
-//! How far files are that are being loaded.
+//! Progress of files that are being loaded.
 
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,28 +8,28 @@ use bevy::asset::AssetPath;
 use bevy::prelude::*;
 use vdb_core::ProgressFn;
 
-/// How far the files are that are being loaded: a resource. A grid that is loaded is still on its way to the
-/// picture: [`VdbVolumeState`](crate::VdbVolumeState).
+/// Progress of the files that are being loaded: a resource. A loaded grid is not necessarily on
+/// screen yet; see [`VdbVolumeState`](crate::VdbVolumeState).
 #[derive(Clone, Debug, Default, Resource)]
 pub struct VdbLoadProgress {
     files: Arc<Mutex<Vec<Entry>>>,
 }
 
-/// How far a file is.
+/// Progress of one file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VdbFileProgress {
     /// The file.
     pub path: AssetPath<'static>,
-    /// Bytes of the file.
+    /// The size of the file in bytes.
     pub bytes: u64,
-    /// Bytes that have been decoded.
+    /// The bytes that have been decoded.
     pub bytes_decoded: u64,
-    /// The part of its grids that has been packed for the GPU, from 0 to 1.
+    /// The fraction of its grids that has been packed for the GPU, from 0 to 1.
     pub packed: f32,
 }
 
 impl VdbFileProgress {
-    /// How far it is in all, from 0 to 1: half of it is decoding, half is packing.
+    /// The total progress, from 0 to 1: half for decoding, half for packing.
     pub fn fraction(&self) -> f32 {
         let decoded =
             if self.bytes == 0 { 0.0 } else { self.bytes_decoded as f32 / self.bytes as f32 };
@@ -38,13 +38,13 @@ impl VdbFileProgress {
 }
 
 impl VdbLoadProgress {
-    /// The files being loaded, those first that began first.
+    /// The files being loaded, the earliest first.
     pub fn files(&self) -> Vec<VdbFileProgress> {
         self.lock().iter().map(|entry| entry.file.clone()).collect()
     }
 
-    /// How far all files are that are being loaded, from 0 to 1, each by its bytes. `None` where there
-    /// are none.
+    /// The progress of all files being loaded, from 0 to 1, weighted by size. `None` if there are
+    /// none.
     pub fn fraction(&self) -> Option<f32> {
         let files = self.lock();
         // Files without bytes count, too.
@@ -62,17 +62,17 @@ impl VdbLoadProgress {
 #[derive(Debug)]
 struct Entry {
     file: VdbFileProgress,
-    /// Grids that there are to pack, and that have been.
+    /// Grids to pack, and grids packed.
     grids: usize,
     grids_packed: usize,
     job: Arc<Job>,
 }
 
-/// A file being loaded. Bevy drops the task that loads an asset, and this with it, when the last
-/// handle to the asset goes: then the work stops, too.
+/// A file being loaded. When the last handle to an asset is dropped, Bevy drops the task that loads
+/// it, and this with it: then the work stops, too.
 pub(crate) struct Running(Arc<Job>);
 
-/// What the work says of itself.
+/// The progress that the work reports.
 #[derive(Debug)]
 pub(crate) struct Job {
     progress: VdbLoadProgress,
@@ -101,7 +101,7 @@ impl Drop for Running {
 }
 
 impl Job {
-    /// What the decoder calls as it goes on.
+    /// The callback of the decoder.
     pub fn decoding(self: &Arc<Self>) -> Arc<ProgressFn> {
         self.report(|entry, done, all| {
             entry.file.bytes = all;
@@ -110,7 +110,7 @@ impl Job {
         })
     }
 
-    /// What packing a grid calls as it goes on.
+    /// The callback of packing a grid.
     pub fn packing(self: &Arc<Self>) -> Arc<ProgressFn> {
         self.report(|entry, done, all| {
             let part = if all == 0 { 0.0 } else { done as f32 / all as f32 };
@@ -119,12 +119,12 @@ impl Job {
         })
     }
 
-    /// Says how many grids there are to pack.
+    /// Sets the number of grids to pack.
     pub fn begin_packing(self: &Arc<Self>, grids: usize) {
         self.with_entry(|entry| entry.grids = grids.max(1));
     }
 
-    /// Says that another one is packed.
+    /// Counts another packed grid.
     pub fn end_grid(self: &Arc<Self>) {
         self.with_entry(|entry| {
             entry.grids_packed += 1;

@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 use vdb_core::Limits;
 use vdb_core::pack::ValueFormat;
 
-/// How a `.vdb` file is loaded; for `asset_server.load_builder().with_settings(…)` or a `.meta`
-/// file. What is left out there has its default:
+/// How a `.vdb` file is loaded, for `asset_server.load_builder().with_settings(…)` or a `.meta`
+/// file. Settings left out of a `.meta` file keep their defaults:
 ///
 /// ```ron
 /// (
@@ -22,21 +22,21 @@ use vdb_core::pack::ValueFormat;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct VdbLoaderSettings {
-    /// Names of the grids to load; the others are not even decompressed. `None`: all.
+    /// The names of the grids to load; others are not even decompressed. `None`: all.
     pub grids: Option<Vec<String>>,
-    /// Level sets: how much of the narrow band to keep on each side of the surface, in voxels; the
-    /// rest costs memory and shows nothing. At least 2. `None`: all that the file has.
+    /// The width of the narrow band to keep on each side of a level set, in voxels. The rest costs
+    /// memory and is never seen. At least 2. `None`: everything in the file.
     pub half_width: Option<f32>,
     /// Whether grids are surfaces or fog.
     pub render_as: VdbRenderAs,
-    /// Whether surfaces are smooth, where the trilinear interpolant passes through the iso-value, on by
-    /// default. Otherwise they are made of voxels, and only bits of them are on the GPU: less than half
-    /// the time and a fifth of the memory.
+    /// Whether surfaces follow the trilinear interpolant. On by default. Otherwise they consist of
+    /// voxels, for which the GPU only holds bits: less than half the time and a fifth of the
+    /// memory.
     pub smooth: bool,
-    /// In how many bits the GPU gets the samples of fog and of smooth surfaces.
+    /// The sample format of fog and smooth surfaces on the GPU.
     pub values: VdbValues,
-    /// What the file may ask of the machine before loading it is given up. The defaults protect a desktop with
-    /// 8 GB of memory; raise them for files that are larger and to be trusted.
+    /// How much of the machine a file may demand before loading is aborted. The defaults protect a
+    /// desktop with 8 GB of memory; raise them for larger files that you trust.
     pub limits: Limits,
 }
 
@@ -53,19 +53,19 @@ impl Default for VdbLoaderSettings {
     }
 }
 
-/// In how many bits the GPU has samples; what each costs and loses is in `docs/benchmarks.md`. A surface
-/// of voxels has none.
+/// The sample format on the GPU. `docs/reference/benchmarks.md` has the cost and loss of each. A
+/// surface of voxels has no samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum VdbValues {
-    /// As the file has them: in 16 bits where that loses nothing, as for files that were saved so, else
-    /// in 32.
+    /// As in the file: 16 bits where that loses nothing, as in files saved that way, otherwise 32.
     #[default]
     Exact,
-    /// Floats of 16 bits: relative errors of 2⁻¹² at most.
+    /// 16-bit floats: relative errors of at most 2⁻¹².
     Half,
-    /// Bytes. Of fog, 255 steps from the least to the largest density of each leaf of 8³ voxels; of a
-    /// smooth surface, steps of 1/127 of the largest distance that a cell on it has (about √3 voxels),
-    /// such that no sign changes: the surface keeps its holes and gets no new ones.
+    /// Bytes. For fog, 255 steps from the smallest to the largest density in each leaf of 8³
+    /// voxels. For a smooth surface, steps of 1/127 of the largest distance in a surface cell
+    /// (about √3 voxels), rounded so that no sign changes: the surface keeps its holes and gets no
+    /// new ones.
     Byte,
 }
 
@@ -79,18 +79,18 @@ impl From<VdbValues> for ValueFormat {
     }
 }
 
-/// Whether grids are shown as surfaces or as fog.
+/// Whether grids are displayed as surfaces or as fog.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum VdbRenderAs {
-    /// As their class says: level sets are surfaces, fog volumes are fog. A grid without a class is
-    /// taken for a level set if its background is above zero and its values go below.
+    /// Decided by the class: level sets are surfaces, fog volumes are fog. A grid without a class
+    /// is a level set if its background is positive and some of its values are negative.
     #[default]
     Auto,
-    /// Surfaces at this iso-value: what is below it is solid.
+    /// Surfaces at this iso-value; values below it are solid.
     Surface {
         /// In the units of the values; 0 for a level set.
         iso: f32,
     },
-    /// Fog: the values are densities.
+    /// Fog: values are densities.
     Fog,
 }

@@ -1,4 +1,4 @@
-//! Grids of vectors as assets: colours.
+//! Vector grids as assets: colours.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,13 +12,12 @@ use vdb_core::{AnyTree, GridClass, Metadata, WriteOptions};
 
 use super::common::{VdbGridError, check_transform, core_grid, world_bounds};
 
-/// One grid of vectors: what [`VdbColorGrid`](crate::VdbColorGrid) and
-/// [`VdbEmission::Color`](crate::VdbEmission::Color) point to. `"smoke.vdb#Cd"` is one, where a file has
-/// such a grid.
+/// A vector grid, for [`VdbColorGrid`](crate::VdbColorGrid) and
+/// [`VdbEmission::Color`](crate::VdbEmission::Color), such as `"smoke.vdb#Cd"`.
 ///
-/// Its components are linear Rec.709, as stored; what is below zero counts as zero. On the GPU it is three
-/// grids of floats, one a component, each with its own tree: a component that is zero in most places takes
-/// little, and each is looked up as a density is.
+/// Components are linear Rec. 709, as stored; negative values count as zero. On the GPU it is three
+/// float grids, one per component, each with its own tree: a component that is mostly zero takes
+/// little memory, and each is looked up like a density.
 #[derive(Asset, Clone, Debug, TypePath)]
 pub struct VdbVectorGrid {
     name: Arc<str>,
@@ -28,16 +27,16 @@ pub struct VdbVectorGrid {
     packed: [Arc<PackedGrid>; 3],
 }
 
-/// What stands for zero where the background is not zero, which is what the trees on the GPU have nothing
-/// of. A power of two, so that halves keep it.
+/// Replaces zero where the background is not zero, because the trees on the GPU leave zeros out. A
+/// power of two, so 16-bit floats represent it.
 const ALMOST_ZERO: f32 = 1.0 / (1 << 24) as f32;
 
 impl VdbVectorGrid {
-    /// A grid of one's own, made in memory: `world_from_index` places voxel `ijk`, a point of index
-    /// space, in the space of the entity that uses the grid.
+    /// Makes a grid from a tree in memory. `world_from_index` maps voxel `ijk`, a point in index
+    /// space, to the local space of the entity that uses the grid.
     ///
     /// # Errors
-    /// When the transform cannot be inverted, or the tree is larger than a GPU grid can be.
+    /// If the transform cannot be inverted, or the tree is larger than a GPU grid can be.
     pub fn new(
         name: impl Into<Arc<str>>,
         tree: Vdb543<[f32; 3]>,
@@ -49,7 +48,7 @@ impl VdbVectorGrid {
         Self::from_parts(name, world_from_index, metadata, Arc::new(tree), packed)
     }
 
-    /// The components as the GPU walks them.
+    /// The components in the GPU layout.
     pub(crate) fn pack(
         tree: &Vdb543<[f32; 3]>,
         options: &PackOptions,
@@ -64,7 +63,7 @@ impl VdbVectorGrid {
         Ok([pack(0)?, pack(1)?, pack(2)?])
     }
 
-    /// A grid of its parts.
+    /// A grid from its parts.
     pub(crate) fn from_parts(
         name: Arc<str>,
         world_from_index: DAffine3,
@@ -76,49 +75,50 @@ impl VdbVectorGrid {
         Ok(Self { name, world_from_index, metadata, tree, packed })
     }
 
-    /// The grid's name in its file; may be empty. It is as the file has it:
-    /// [`vdb_core::display::escaped`] makes it safe to show.
+    /// The grid's name as stored in the file; may be empty. [`vdb_core::display::escaped`] makes it
+    /// safe to display.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// From index space, where voxel `ijk` is a point, to the file's world.
+    /// The transform from index space, where voxel `ijk` is a point, to the file's world.
     pub fn world_from_index(&self) -> DAffine3 {
         self.world_from_index
     }
 
-    /// What the file says of the grid.
+    /// The metadata of the grid.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
 
-    /// The values.
+    /// The tree of values.
     pub fn tree(&self) -> &Arc<Vdb543<[f32; 3]>> {
         &self.tree
     }
 
-    /// The components as the GPU has them.
+    /// The components in the GPU layout.
     pub fn packed(&self) -> &[Arc<PackedGrid>; 3] {
         &self.packed
     }
 
-    /// The grid as `vdb_core` has it, with its name, transform, metadata and values. Both share the tree.
+    /// Converts the grid to a `vdb_core` grid with its name, transform, metadata and values. Both
+    /// share the tree.
     pub fn to_grid(&self) -> vdb_core::Grid {
         let tree = AnyTree::Vec3s(self.tree.clone());
         let class = GridClass::Unknown;
         core_grid(&self.name, class, self.world_from_index, &self.metadata, tree)
     }
 
-    /// Writes the grid into a `.vdb` file of its own, as [`VdbGrid::save`](crate::VdbGrid::save) does.
+    /// Writes the grid to a `.vdb` file, like [`VdbGrid::save`](crate::VdbGrid::save).
     ///
     /// # Errors
-    /// What the system says, with the path; and when a name or a value is longer than the format can say.
+    /// The operating system's error, with the path; or a name or value too long for the format.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), vdb_core::Error> {
         vdb_core::VdbFile::new(vec![self.to_grid()]).save(path, &WriteOptions::default())
     }
 
-    /// The box around all components above zero, in the file's world: lowest and highest corner. `None`
-    /// when there is none.
+    /// The bounds of all positive components in the file's world: lowest and highest corner. `None`
+    /// if there are none.
     pub fn world_bounds(&self) -> Option<(DVec3, DVec3)> {
         let boxes =
             self.packed.iter().filter_map(|packed| world_bounds(packed, self.world_from_index));

@@ -1,4 +1,4 @@
-//! A lit ball that shows where light comes from, and is turned with the mouse or the arrow keys.
+//! A lit ball that shows the direction of a light, rotated with the mouse or the arrow keys.
 
 use std::f32::consts::TAU;
 
@@ -7,14 +7,14 @@ use bevy_egui::egui;
 
 /// Radius of the ball, in points.
 const RADIUS: f32 = 44.0;
-/// How far an arrow key turns it, in radians.
+/// Rotation per press of an arrow key, in radians.
 const STEP: f32 = 5.0 * TAU / 360.0;
-/// Rings and sectors that it is drawn with.
+/// Rings and sectors of its mesh.
 const RINGS: u32 = 10;
 const SECTORS: u32 = 32;
 
-/// `to_light` is of unit length, in the camera's space: x to the right, y up, z towards the viewer.
-/// Whether it has changed.
+/// Shows the ball and returns whether the direction changed. `to_light` has unit length, in camera
+/// space: x right, y up, z towards the viewer.
 pub(super) fn show(ui: &mut egui::Ui, label: &str, to_light: &mut Vec3) -> bool {
     let size = egui::Vec2::splat(2.0 * RADIUS + 8.0);
     let (area, response) = ui.allocate_exact_size(size, egui::Sense::click_and_drag());
@@ -45,18 +45,18 @@ pub(super) fn show(ui: &mut egui::Ui, label: &str, to_light: &mut Vec3) -> bool 
     *to_light != before
 }
 
-/// Screens have y downwards.
+/// Flips y, which points downwards on screens.
 fn vector(points: egui::Vec2) -> Vec2 {
     Vec2::new(points.x, -points.y)
 }
 
-/// The point of the unit ball that is seen at a place; at its rim for places beside it.
+/// The visible point of the unit ball at a position, or on its rim for positions outside.
 fn under(place: Vec2) -> Vec3 {
     let place = place.clamp_length_max(1.0);
     place.extend((1.0 - place.length_squared()).max(0.0).sqrt()).normalize_or(Vec3::Z)
 }
 
-/// A direction after the ball has been rolled by so many radii to the right and up.
+/// A direction after rolling the ball by this many radii to the right and up.
 fn turned(direction: Vec3, roll: Vec2) -> Vec3 {
     let angle = roll.length();
     let Some(axis) = Vec3::new(-roll.y, roll.x, 0.0).try_normalize() else { return direction };

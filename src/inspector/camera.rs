@@ -1,4 +1,4 @@
-//! Where the camera is, and what it shows of volumes.
+//! The camera's position, and what it displays of volumes.
 
 use bevy::prelude::*;
 use bevy_egui::egui;

@@ -1,4 +1,4 @@
-//! What is in the grid of the selected volume.
+//! Statistics of the selected volume's grid.
 
 use std::sync::{Arc, Weak};
 
@@ -14,10 +14,11 @@ use crate::{VdbGrid, VdbVolume};
 /// Levels of the tree, from the leaves up.
 const LEVELS: [&str; 4] = ["leaves, 8³", "nodes of 128³", "nodes of 4,096³", "root"];
 
-/// Entries of metadata that are shown. A file may have a million, which would be laid out in each frame.
+/// The number of metadata entries shown. A file may have a million, which would be laid out every
+/// frame.
 const MOST_ENTRIES: usize = 200;
 
-/// The counts of the tree that was looked at last: to count is to walk through all of it.
+/// The counts of the last tree, because counting visits all of it.
 #[derive(Default)]
 pub(super) struct Counted(Weak<Vdb543<f32>>, Option<TreeStats>);
 
@@ -107,7 +108,7 @@ fn thousands(number: u64) -> String {
     text
 }
 
-/// Four digits are enough to tell things apart.
+/// Four digits, enough to tell values apart.
 fn three(v: DVec3) -> String {
     let number = |x: f64| match x.abs() {
         0.0 => "0".to_owned(),

@@ -1,7 +1,7 @@
-//! A panel that shows and changes all there is about volumes: the cargo feature `egui`.
+//! A panel that displays and edits everything about volumes: the cargo feature `egui`.
 //!
-//! A section of the panel is a system in a file of its own. It is handed the place to draw into, and
-//! changes components as any system of an app does; it writes only what someone has changed.
+//! Each section of the panel is a system in its own file. It receives the place to draw into, edits
+//! components like any system of an app, and writes only what the user has changed.
 
 mod ball;
 mod camera;
@@ -33,12 +33,12 @@ pub use state::VdbInspector;
 
 use crate::{VdbCamera, VdbVolume};
 
-/// Width of the panel, and its distance from the borders of the window, in points.
+/// Width of the panel and its margin to the window, in points.
 const WIDTH: f32 = 300.0;
 const MARGIN: f32 = 8.0;
 
-/// A panel for developers, over the picture of the camera that has the primary context of `bevy_egui`
-/// (the first one that is spawned, where nobody says otherwise). Needs the cargo feature `egui`.
+/// An inspector panel over the image of the camera with the primary context of `bevy_egui`, by
+/// default the first one spawned. Needs the cargo feature `egui`.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -46,18 +46,18 @@ const MARGIN: f32 = 8.0;
 /// App::new().add_plugins((DefaultPlugins, VdbRenderPlugin, VdbInspectorPlugin::default())).run();
 /// ```
 ///
-/// It brings `EguiPlugin` along, and Bevy's diagnostics of frames and of the GPU, unless the app has
-/// added them before; an app that adds any of them does so before this plugin. Recording has a place in
-/// the panel if the app has the plugin of the feature `record`.
+/// Adds `EguiPlugin` and Bevy's frame and GPU diagnostics unless the app has added them; an app
+/// that adds any of them does so before this plugin. The panel has a section for recording if the
+/// app has the plugin of the feature `record`.
 ///
-/// By keyboard: F2 opens and closes it ([`VdbInspector::key`]), Tab goes from one control to the next,
-/// Space presses buttons, arrows move sliders, and Ctrl with plus and minus changes the size of all. What
-/// other systems do with keys and with the mouse is for them to leave out while the panel has either:
-/// `bevy_egui`'s `EguiWantsInput` says so.
+/// Keyboard: F2 toggles the panel ([`VdbInspector::key`]), Tab moves between controls, Space
+/// presses buttons, arrows move sliders, and Ctrl with plus and minus changes the size. Other
+/// systems should ignore keyboard and mouse while the panel uses them: see `EguiWantsInput` of
+/// `bevy_egui`.
 #[derive(Clone, Copy, Debug)]
 pub struct VdbInspectorPlugin {
-    /// Whether a model that is picked in the panel takes the place of the selected volume's, on by
-    /// default. Otherwise that is up to the app: [`VdbModelPicked`].
+    /// Whether a model picked in the panel replaces that of the selected volume. On by default.
+    /// Otherwise the app handles [`VdbModelPicked`].
     pub replaces_models: bool,
 }
 
@@ -103,7 +103,7 @@ fn toggle(keys: Option<Res<ButtonInput<KeyCode>>>, mut inspector: ResMut<VdbInsp
     }
 }
 
-/// Finds something to show for what is not selected, or is gone.
+/// Selects something for every selection that is empty or gone.
 fn select(
     mut inspector: ResMut<VdbInspector>,
     volumes: Query<Entity, With<VdbVolume>>,
@@ -157,7 +157,7 @@ fn panel(world: &mut World) {
     }
 }
 
-/// A part of the panel that can be folded.
+/// A collapsible section of the panel.
 fn section<M: 'static>(
     ui: &mut egui::Ui,
     world: &mut World,

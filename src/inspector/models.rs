@@ -1,4 +1,4 @@
-//! The models in the app's assets, and one of them in place of another.
+//! The models among the app's assets, and replacing one by another.
 
 use std::path::{Path, PathBuf};
 
@@ -14,30 +14,30 @@ use vdb_core::display::escaped;
 
 use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbRoles, VdbVolume};
 
-/// Entries of folders that are looked at, at most: links may go round in circles.
+/// The number of directory entries visited, because links may form cycles.
 const MOST_ENTRIES: usize = 100_000;
 
-/// Someone has picked a model in the panel: a message. Where
-/// [`replaces_models`](super::VdbInspectorPlugin::replaces_models) is off, the app shows it.
+/// The user has picked a model in the panel: a message. If
+/// [`replaces_models`](super::VdbInspectorPlugin::replaces_models) is off, the app displays it.
 #[derive(Clone, Debug, Message)]
 pub struct VdbModelPicked {
-    /// The `.vdb` file, among the app's assets.
+    /// The `.vdb` file among the app's assets.
     pub path: AssetPath<'static>,
-    /// The volume that was selected.
+    /// The selected volume.
     pub volume: Option<Entity>,
 }
 
-/// What is known of the models.
+/// The known models.
 #[derive(Debug, Default, Resource)]
 pub(super) struct Models {
-    /// `.vdb` files among the assets, by ascending path; `None` until they have been asked for.
+    /// `.vdb` files among the assets, by ascending path; `None` until they have been requested.
     found: Option<Vec<PathBuf>>,
     searching: Option<Task<Result<Vec<PathBuf>, String>>>,
-    /// Files on their way into volumes.
+    /// Files being loaded, and the volumes that will show them.
     opening: Vec<(Entity, AssetPath<'static>, Handle<VdbFile>)>,
-    /// Files that volumes have got a grid of: their other grids stay, to be picked.
+    /// Files of which volumes show a grid: their other grids stay loaded, to choose from.
     opened: HashMap<Entity, Handle<VdbFile>>,
-    /// What went wrong last.
+    /// The last error.
     error: Option<String>,
 }
 
@@ -90,7 +90,7 @@ fn file_name(path: &Path) -> String {
     escaped(&path.file_name().unwrap_or_default().to_string_lossy()).to_string()
 }
 
-/// Takes over what has been found.
+/// Receives the models that were found.
 pub(super) fn search(mut models: ResMut<Models>) {
     let models = models.bypass_change_detection();
     let Some(result) = models.searching.as_mut().and_then(check_ready) else { return };
@@ -101,7 +101,7 @@ pub(super) fn search(mut models: ResMut<Models>) {
     }));
 }
 
-/// All `.vdb` files of the app's own assets.
+/// All `.vdb` files among the app's own assets.
 async fn find(assets: AssetServer) -> Result<Vec<PathBuf>, String> {
     let source = assets.get_source(AssetSourceId::Default).map_err(|error| error.to_string())?;
     let mut found = in_folders(source.reader()).await?;
@@ -134,7 +134,7 @@ async fn in_folders(reader: &dyn ErasedAssetReader) -> Result<Vec<PathBuf>, Stri
     Ok(found)
 }
 
-/// Loads what is picked, and once it is there puts it in the place of the volume's grid.
+/// Loads the picked model, and replaces the volume's grid once it is there.
 pub(super) fn replace(
     mut commands: Commands,
     mut models: ResMut<Models>,

@@ -1,4 +1,4 @@
-//! Frames a second, how long frames take, and what the GPU does in them.
+//! Frame rate, frame times, and GPU times of passes.
 
 use std::time::Duration;
 
@@ -11,11 +11,11 @@ use crate::{VdbFeatureCosts, VdbGpuUsage, VdbMeasureFeatures};
 
 /// Bars of the histogram.
 const BARS: usize = 32;
-/// Passes that are listed, at most.
+/// The largest number of passes listed.
 const PASSES: usize = 6;
-/// Points: of the names of most passes, and of their times.
+/// Widths in points, sufficient for the names of most passes, and for their times.
 const PASS_WIDTH: f32 = 132.0;
-/// A pass that has not run for so long is not listed.
+/// A pass that has not run for this long is not listed.
 const GONE: Duration = Duration::from_secs(1);
 
 pub(super) fn show(
@@ -65,7 +65,7 @@ pub(super) fn show(
     }
 }
 
-/// What features cost, the dearest first.
+/// Costs of features, the most expensive first.
 fn show_costs(ui: &mut egui::Ui, costs: &VdbFeatureCosts) {
     let mut features = costs.features.clone();
     features.sort_by(|a, b| b.ms.total_cmp(&a.ms));
@@ -81,7 +81,7 @@ fn show_costs(ui: &mut egui::Ui, costs: &VdbFeatureCosts) {
     });
 }
 
-/// Passes with the milliseconds that they take on the GPU, the dearest first. A pass that runs for
+/// Passes with their GPU times in milliseconds, the most expensive first. A pass that runs for
 /// several views has the time of one.
 fn passes(store: &DiagnosticsStore) -> Vec<(String, f64)> {
     let mut passes: Vec<(String, f64)> = store
@@ -130,14 +130,14 @@ fn draw(ui: &mut egui::Ui, times: &[f64]) {
     }
 }
 
-/// The value below which a part of them lies.
+/// The quantile at a fraction.
 fn at(ascending: &[f64], part: f64) -> Option<f64> {
     let last = ascending.len().checked_sub(1)?;
     ascending.get((part * last as f64).round() as usize).copied()
 }
 
-/// How many of the times (milliseconds, ascending) each bar has, and how many milliseconds wide a bar
-/// is: such that all fit and the last bar ends at 1, 2 or 5 times a power of ten.
+/// The width of a bar in milliseconds and the number of times in each (milliseconds, ascending).
+/// All times fit, and the last bar ends at 1, 2 or 5 times a power of ten.
 fn histogram(times: &[f64]) -> (f64, [u32; BARS]) {
     let longest = times.last().copied().unwrap_or(0.0).clamp(1e-3, 1e6);
     let power = 10_f64.powf(longest.log10().floor());

@@ -1,4 +1,4 @@
-//! Records what the camera shows.
+//! Recording of the camera.
 
 use bevy::prelude::*;
 use bevy_egui::egui;
@@ -16,7 +16,7 @@ const FORMATS: [(&str, VdbRecordFormat); 3] = [
 const CLOCKS: [(&str, VdbRecordClock); 2] =
     [("every frame", VdbRecordClock::FixedStep), ("in real time", VdbRecordClock::RealTime)];
 
-/// What the next recording is to be.
+/// Settings of the next recording.
 pub(super) struct Next(VdbRecordSettings, String, Option<String>);
 
 impl Default for Next {

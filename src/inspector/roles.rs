@@ -1,4 +1,4 @@
-//! What the grids of its file are for the selected volume: density or surface, fire, colours.
+//! The roles of a file's grids in the selected volume: density or surface, fire, colours.
 
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
@@ -9,7 +9,7 @@ use super::state::VdbInspector;
 use super::volumes::FromFile;
 use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbVectorGrid, VdbVolume};
 
-/// Grids of a file that are loaded, by label.
+/// Loaded grids of a file, by label.
 type Labelled<A> = Vec<(String, Handle<A>)>;
 
 pub(super) fn show(
@@ -82,7 +82,7 @@ pub(super) fn show(
     }
 }
 
-/// The grids of one file that are there, by ascending label.
+/// The loaded grids of one file, by ascending label.
 fn of_file<A: Asset>(assets: &AssetServer, all: &Assets<A>, file: &AssetPath) -> Labelled<A> {
     let own = all.ids().filter_map(|id| {
         let path = assets.get_path(id)?;
@@ -94,7 +94,7 @@ fn of_file<A: Asset>(assets: &AssetServer, all: &Assets<A>, file: &AssetPath) ->
     own
 }
 
-/// What may shine.
+/// A grid that may emit.
 #[derive(Clone, PartialEq)]
 enum Fire {
     Fog(Handle<VdbGrid>),
@@ -125,7 +125,8 @@ impl Fire {
     }
 }
 
-/// One of a few, or none; whether it has changed. What is not one of them has a name of its own.
+/// A choice between a few values or none; returns whether it has changed. A current value outside
+/// the list gets a name of its own.
 fn pick<T: Clone + PartialEq>(
     ui: &mut egui::Ui,
     label: &str,
@@ -147,7 +148,7 @@ fn pick<T: Clone + PartialEq>(
     *value != before
 }
 
-/// How it shines.
+/// The parameters of the emission.
 fn adjust(ui: &mut egui::Ui, emission: &mut VdbEmission) {
     match emission {
         VdbEmission::Temperature { scale, offset, strength, .. } => {

@@ -1,19 +1,19 @@
-//! What the panel shows.
+//! The state of the panel.
 
 use bevy::prelude::*;
 
 /// The state of the panel: a resource.
 #[derive(Clone, Debug, Resource)]
 pub struct VdbInspector {
-    /// Whether it is open, as at the start.
+    /// Whether the panel is open, which it is initially.
     pub open: bool,
-    /// The key that opens and closes it. F2 by default.
+    /// The key that toggles the panel. F2 by default.
     pub key: Option<KeyCode>,
-    /// The [`VdbVolume`](crate::VdbVolume) whose figures and material are shown; by itself one of those there are.
+    /// The selected [`VdbVolume`](crate::VdbVolume); any of the existing ones by default.
     pub volume: Option<Entity>,
-    /// The camera whose settings are shown; by itself the one that has the panel.
+    /// The selected camera; the one with the panel by default.
     pub camera: Option<Entity>,
-    /// The `DirectionalLight` that is shown; by itself one of those there are.
+    /// The selected `DirectionalLight`; any of the existing ones by default.
     pub sun: Option<Entity>,
 }
 

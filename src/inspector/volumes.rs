@@ -1,4 +1,4 @@
-//! The volumes of the app, and which grid the selected one shows how.
+//! The volumes of the app, and how the selected one is displayed.
 
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
@@ -13,15 +13,15 @@ use super::widgets::entity_name;
 use crate::asset::background;
 use crate::{VdbGrid, VdbGridError, VdbVolume};
 
-/// A volume's grid being made ready to be shown otherwise.
+/// A volume's grid being repacked as another kind.
 #[derive(Component)]
 pub(super) struct Repacking(Task<Result<VdbGrid, VdbGridError>>);
 
-/// The grid of a file that a volume showed before it was made ready to be shown otherwise.
+/// The grid from the file that a volume showed before repacking.
 #[derive(Component)]
 pub(super) struct FromFile(pub(super) AssetPath<'static>);
 
-/// Why a grid could not be.
+/// Why repacking failed.
 #[derive(Component)]
 pub(super) struct NotRepacked(String);
 
@@ -89,7 +89,7 @@ fn checkbox_info(on: bool, label: &str) -> egui::WidgetInfo {
     egui::WidgetInfo::selected(egui::WidgetType::Checkbox, true, on, label)
 }
 
-/// The kind that someone wants instead.
+/// The kind that the user selects.
 fn pick_kind(ui: &mut egui::Ui, kind: PackKind) -> Option<PackKind> {
     let iso = match kind {
         PackKind::Surface { iso } | PackKind::Smooth { iso } => iso,
@@ -110,7 +110,7 @@ fn pick_kind(ui: &mut egui::Ui, kind: PackKind) -> Option<PackKind> {
     (changed && wanted != kind).then_some(wanted)
 }
 
-/// Shows grids that have been made ready.
+/// Displays grids that have been repacked.
 pub(super) fn finish_repacking(
     mut commands: Commands,
     mut grids: ResMut<Assets<VdbGrid>>,

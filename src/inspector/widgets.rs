@@ -1,10 +1,10 @@
-//! Controls that several sections have.
+//! Controls shared by several sections.
 
 use bevy::prelude::*;
 use bevy_egui::egui;
 use vdb_core::display::escaped;
 
-/// What went wrong.
+/// An error message.
 pub(super) fn complain(ui: &mut egui::Ui, what: impl Into<String>) {
     // Bevy's words may have the path of a file in them.
     let lines: Vec<String> =
@@ -12,7 +12,7 @@ pub(super) fn complain(ui: &mut egui::Ui, what: impl Into<String>) {
     ui.colored_label(ui.visuals().error_fg_color, lines.join("\n"));
 }
 
-/// A slider that leaves a value beyond its range alone until somebody moves it.
+/// A slider that leaves a value out of its range unchanged until the user moves it.
 pub(super) fn slider<'a, N: egui::emath::Numeric>(
     value: &'a mut N,
     range: std::ops::RangeInclusive<N>,
@@ -20,7 +20,7 @@ pub(super) fn slider<'a, N: egui::emath::Numeric>(
     egui::Slider::new(value, range).clamping(egui::SliderClamping::Edits).max_decimals(3)
 }
 
-/// A setting to be picked from a few; whether it has changed.
+/// A choice between a few values; returns whether it has changed.
 pub(super) fn pick<T: Copy + PartialEq>(
     ui: &mut egui::Ui,
     label: &str,
@@ -40,7 +40,7 @@ pub(super) fn pick<T: Copy + PartialEq>(
     *value != before
 }
 
-/// One among entities, by name, where there are several.
+/// A choice between entities by name, shown if there are several.
 pub(super) fn pick_entity(
     ui: &mut egui::Ui,
     label: &str,
@@ -62,7 +62,7 @@ pub(super) fn pick_entity(
     });
 }
 
-/// A name for people.
+/// The name of an entity, or its number.
 pub(super) fn entity_name(entity: Entity, name: Option<&Name>) -> String {
     name.map_or_else(|| entity.to_string(), |name| name.to_string())
 }

@@ -1,4 +1,5 @@
-//! What each feature of a camera costs: the time that its passes take with it, less the time without it.
+//! Costs of the features of a camera: the time of its passes with a feature, minus the time
+//! without.
 
 use std::time::Instant;
 
@@ -10,59 +11,61 @@ use crate::quality::diagnostics::gpu_time;
 use crate::quality::features::{FEATURES, Feature, Features};
 use crate::{VdbCameraReport, VdbDiagnostics};
 
-/// Measures what the features of a camera cost: a component of cameras. Over some hundreds of frames each feature
-/// is left out in turn, in the picture, too; then this component goes, and [`VdbFeatureCosts`] is there. What
-/// the app has set stays as it is, and a [`VdbDial`](crate::VdbDial) stands still meanwhile. Cameras
-/// are measured one after the other. The scene should stand still.
+/// Measures the costs of the features of a camera. Over some hundreds of frames, each feature is
+/// turned off in turn, visibly; then this component is replaced by [`VdbFeatureCosts`]. The app's
+/// settings are unchanged, and a [`VdbDial`](crate::VdbDial) pauses meanwhile. Several cameras are
+/// measured one after the other. The scene should not change.
 #[derive(Clone, Component, Copy, Debug, Default, PartialEq, Eq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 #[require(Measuring, LeftOut)]
 pub struct VdbMeasureFeatures;
 
-/// What the features of a camera cost, when they were measured: a component that [`VdbMeasureFeatures`] leaves.
+/// The costs of the features of a camera, left by [`VdbMeasureFeatures`].
 #[derive(Clone, Component, Debug, Default, PartialEq)]
 pub struct VdbFeatureCosts {
-    /// Milliseconds of a frame with all features.
+    /// Milliseconds per frame with all features.
     pub total_ms: f64,
-    /// What each costs, by the names of [`VdbFeatureReport`](crate::VdbFeatureReport): of those that can be
-    /// left out. They need not add up to the total, as one feature may do another's work.
+    /// The cost of each optional feature, named as in
+    /// [`VdbFeatureReport`](crate::VdbFeatureReport). The costs need not add up to the total,
+    /// because features overlap.
     pub features: Vec<VdbFeatureCost>,
-    /// Whether these are times of the GPU for the passes of volumes, of all cameras. Without Bevy's
-    /// `RenderDiagnosticsPlugin`, or where the adapter has no timestamps, they are from frame to frame.
+    /// Whether these are GPU times of the volume passes of all cameras. Without Bevy's
+    /// `RenderDiagnosticsPlugin`, or on an adapter without timestamps, they are times between
+    /// frames.
     pub is_gpu_time: bool,
 }
 
-/// What a feature costs.
+/// The cost of a feature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VdbFeatureCost {
-    /// Such as `fog`.
+    /// The name, such as `fog`.
     pub name: &'static str,
-    /// Milliseconds of a frame: the difference of medians. Below 0, it saves so many.
+    /// Milliseconds per frame, a difference of medians. Negative if the feature saves time.
     pub ms: f64,
 }
 
-/// What a camera is without at the moment.
+/// The features that a camera is drawn without at the moment.
 #[derive(Clone, Component, Copy, Debug, Default, ExtractComponent)]
 pub(crate) struct LeftOut(pub Features);
 
-/// How far a measurement is.
+/// The state of a measurement.
 #[derive(Clone, Component, Debug, Default)]
 pub(crate) struct Measuring {
-    /// Without each, and before and after that with all.
+    /// Without each feature in turn, and with all before and after.
     plan: Vec<Option<&'static Feature>>,
     medians: Vec<f64>,
     samples: Vec<f64>,
     skipped: usize,
     last: Option<Instant>,
-    /// Frames in which the GPU has told nothing at all.
+    /// Consecutive frames without a GPU time.
     untold: usize,
 }
 
-/// Times that are not counted after something has been left out: they come from the GPU frames late.
+/// Times to skip after turning a feature off, because GPU times arrive frames late.
 const SKIPPED: usize = 16;
 /// Times of which the median is taken.
 const TAKEN: usize = 17;
-/// Frames without a timestamp after which there is none to come.
+/// Frames without a timestamp after which none is expected.
 const PATIENCE: usize = 30;
 
 impl Measuring {
@@ -74,7 +77,7 @@ impl Measuring {
         self.plan = [None].into_iter().chain(own).collect();
     }
 
-    /// Takes a time in; whether it was the last that was needed of this part of the plan.
+    /// Adds a time; returns whether this step of the plan is complete.
     fn take(&mut self, ms: f64) -> bool {
         if self.skipped < SKIPPED {
             self.skipped += 1;
@@ -113,7 +116,7 @@ impl Measuring {
     }
 }
 
-/// Goes on with a measurement.
+/// Advances a measurement.
 pub(crate) fn measure_features(
     mut commands: Commands,
     mut cameras: Query<(Entity, &mut Measuring, &mut LeftOut), With<VdbMeasureFeatures>>,
@@ -163,7 +166,7 @@ pub(crate) fn measure_features(
 mod tests {
     use super::*;
 
-    /// Of a GPU of which all is known: what each feature adds, whose times come late, with outliers.
+    /// A simulated GPU whose features have known costs, with delayed times and outliers.
     #[test]
     fn what_each_feature_adds_is_found() {
         let names = ["fog", "shadows", "beams"];

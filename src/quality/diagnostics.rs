@@ -1,4 +1,4 @@
-//! What volumes cost, for whoever wants to show it.
+//! What volumes cost, and why.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -7,11 +7,11 @@ use bevy::diagnostic::{DiagnosticMeasurement, DiagnosticPath, DiagnosticsStore};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 
-/// The passes that volumes add to a view, in their order.
+/// The passes that volumes add to a view, in order.
 pub(crate) const PASSES: [&str; 4] =
     ["vdb_trace", "vdb_upscale", "vdb_accumulate", "vdb_composite"];
 
-/// The last time of a pass on the GPU.
+/// The latest GPU time of a pass.
 pub(crate) fn newest<'a>(
     store: &'a DiagnosticsStore,
     pass: &str,
@@ -19,21 +19,22 @@ pub(crate) fn newest<'a>(
     store.get(&DiagnosticPath::new(format!("render/{pass}/elapsed_gpu")))?.measurement()
 }
 
-/// What each camera has for volumes on the GPU, what it takes, and why it is there: a resource of the
-/// app's world, as of the last frame that was prepared.
+/// What each camera has on the GPU for volumes, and why: a resource of the main world, as of the
+/// last prepared frame.
 ///
-/// Times are Bevy's diagnostics `render/vdb_trace/elapsed_gpu`, and so on by
-/// [`VdbPassReport::name`], which `RenderDiagnosticsPlugin` keeps: of all cameras together.
+/// Pass times are Bevy's diagnostics `render/vdb_trace/elapsed_gpu` and so on, by
+/// [`VdbPassReport::name`], which `RenderDiagnosticsPlugin` measures for all cameras together.
 #[derive(Clone, Debug, Default, Resource)]
 pub struct VdbDiagnostics(Arc<Mutex<HashMap<Entity, VdbCameraReport>>>);
 
 impl VdbDiagnostics {
-    /// Of a camera that sees a volume; `None` of one that sees none, for which there is nothing on the GPU.
+    /// The report of a camera; `None` if it sees no volume, in which case it has nothing on the
+    /// GPU.
     pub fn camera(&self, camera: Entity) -> Option<VdbCameraReport> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).get(&camera).cloned()
     }
 
-    /// All cameras that see a volume.
+    /// The reports of all cameras that see a volume.
     pub fn cameras(&self) -> Vec<(Entity, VdbCameraReport)> {
         let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let mut all: Vec<_> =
@@ -42,8 +43,8 @@ impl VdbDiagnostics {
         all
     }
 
-    /// Milliseconds that a pass took on the GPU in the last frame that was measured, by its name. `None`
-    /// without `RenderDiagnosticsPlugin`, or where the adapter has no timestamps.
+    /// The GPU time of a pass in the last measured frame, in milliseconds. `None` without
+    /// `RenderDiagnosticsPlugin` or on an adapter without timestamps.
     pub fn pass_ms(store: &DiagnosticsStore, pass: &str) -> Option<f64> {
         newest(store, pass).map(|measured| measured.value)
     }
@@ -53,25 +54,26 @@ impl VdbDiagnostics {
     }
 }
 
-/// What a camera has for volumes.
+/// What a camera has on the GPU for volumes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VdbCameraReport {
-    /// Volumes in the picture, and grids that shine in them.
+    /// The number of visible volumes and emission grids.
     pub volumes: u32,
-    /// Those out of it, which shadows and reflections look at.
+    /// The number of volumes out of view that appear in shadows or reflections.
     pub volumes_beside: u32,
-    /// Rays along the width and the height of the picture.
+    /// Rays along the width and height of the image.
     pub rays: UVec2,
-    /// Frames whose mean is shown, with [`VdbQuality::accumulate`](crate::VdbQuality::accumulate), however
-    /// many of them still count; 0, where what is shown is this frame alone.
+    /// The number of frames whose mean is displayed, with
+    /// [`VdbQuality::accumulate`](crate::VdbQuality::accumulate); 0 if only the current frame is.
     pub frames: u32,
-    /// Whether a pipeline is being compiled, and what was there before is drawn meanwhile.
+    /// Whether a pipeline is being compiled while an earlier one draws.
     pub is_compiling: bool,
-    /// What is compiled in.
+    /// The features compiled into the shaders.
     pub features: Vec<VdbFeatureReport>,
-    /// What is run.
+    /// The passes that run.
     pub passes: Vec<VdbPassReport>,
-    /// What is kept for this camera alone; grids are in [`VdbGpuUsage`](crate::VdbGpuUsage).
+    /// Buffers and textures of this camera alone. For grids, see
+    /// [`VdbGpuUsage`](crate::VdbGpuUsage).
     pub buffers: Vec<VdbBufferReport>,
 }
 
@@ -87,36 +89,36 @@ impl VdbCameraReport {
     }
 }
 
-/// A feature that a camera's shaders have.
+/// A feature of a camera's shaders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct VdbFeatureReport {
-    /// Such as `fog`.
+    /// The name, such as `fog`.
     pub name: &'static str,
-    /// What asks for it.
+    /// The setting or component that requires it.
     pub why: &'static str,
 }
 
 /// A pass of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct VdbPassReport {
-    /// As in the paths of Bevy's diagnostics.
+    /// The name, as in the paths of Bevy's diagnostics.
     pub name: &'static str,
-    /// What asks for it.
+    /// The setting or component that requires it.
     pub why: &'static str,
 }
 
 /// A buffer or texture of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct VdbBufferReport {
-    /// Its label on the GPU.
+    /// The label on the GPU.
     pub name: &'static str,
-    /// How large it is.
+    /// The size in bytes.
     pub bytes: u64,
-    /// What asks for it.
+    /// The setting or component that requires it.
     pub why: &'static str,
 }
 
-/// The GPU's newest time for all passes of a frame, in milliseconds, and when it came.
+/// The latest GPU time of all passes of a frame, in milliseconds, and when it arrived.
 pub(crate) fn gpu_time(store: &DiagnosticsStore) -> Option<(Instant, f32)> {
     let [first, ..] = PASSES;
     let trace = newest(store, first)?;

@@ -1,12 +1,12 @@
-//! The features that a view's shaders are specialised on: one table, from which pipeline keys, shader defs,
-//! diagnostics and the measurement of costs are made.
+//! The features that a view's shaders are specialised on: one table, from which pipeline keys,
+//! shader defs, diagnostics and cost measurements are derived.
 
 use bitflags::bitflags;
 
 use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbTraversal};
 
 bitflags! {
-    /// What a view's shaders are compiled with.
+    /// The features that a view's shaders are compiled with.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub(crate) struct Features: u32 {
         const VOXELS = 1 << 0;
@@ -43,13 +43,13 @@ bitflags! {
 #[derive(Debug)]
 pub(crate) struct Feature {
     pub flag: Features,
-    /// Shader defs that switch it on.
+    /// Shader defs that turn it on.
     pub defs: &'static [&'static str],
-    /// In [`VdbFeatureReport`](crate::VdbFeatureReport).
+    /// The name in [`VdbFeatureReport`](crate::VdbFeatureReport).
     pub name: &'static str,
-    /// What asks for it.
+    /// The setting or component that requires it.
     pub why: &'static str,
-    /// How its cost is measured: by what is without it.
+    /// How to draw a camera without it, to measure its cost.
     pub without: Option<Without>,
 }
 
@@ -181,7 +181,7 @@ pub(crate) const FEATURES: [Feature; 27] = [
 ];
 
 impl Features {
-    /// A feature, if it is on.
+    /// The features if `on`, otherwise none.
     pub fn when(self, on: bool) -> Self {
         if on { self } else { Self::empty() }
     }

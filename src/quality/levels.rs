@@ -1,5 +1,5 @@
-//! Levels of detail: each grid again at a half, a quarter … of its resolution, made beside the frames where
-//! a camera asks for them.
+//! Levels of detail: grids at half resolution, a quarter and so on, generated in the background
+//! when a camera asks for them.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -18,10 +18,10 @@ use crate::asset::background;
 use crate::quality::dial::{distance, pixel_size};
 use crate::{VdbCamera, VdbGrid, VdbQuality, VdbVolume, VdbVolumeState};
 
-/// Of its longest edge, in cells: a grid that is smaller is not made coarser still.
+/// A grid whose longest edge is shorter, in cells, is not reduced further.
 const SMALLEST: u64 = 16;
 
-/// The grid whose coarser levels are being made.
+/// The grid whose levels are being generated.
 #[derive(Debug, Default, Resource)]
 pub(crate) struct PendingLevels(Option<Pending>);
 
@@ -41,9 +41,8 @@ impl Drop for Pending {
 
 type Levels = Arc<[Arc<PackedGrid>]>;
 
-/// Makes the levels that cameras ask for, and drops them when none does any more: of the volumes that are in
-/// the picture, as that comes first, and of one grid at a time, first of that whose voxels are the smallest
-/// in it.
+/// Generates the levels that cameras ask for, and drops them when none does: only for volumes in
+/// view, and for one grid at a time, starting with the one with the smallest voxels on screen.
 pub(crate) fn make_levels(
     cameras: Query<(&VdbCamera, &VdbQuality, &Camera, &Projection, &GlobalTransform)>,
     volumes: Query<(&VdbVolume, &VdbVolumeState, &GlobalTransform, &Aabb)>,
@@ -89,8 +88,8 @@ pub(crate) fn make_levels(
     }
 }
 
-/// How many times as large the voxels of a grid may be, where a volume is nearest to a camera. From 2 on,
-/// a coarser level is shown; it should be there by then.
+/// The factor by which the voxels of a grid may be larger, at the point of a volume nearest to a
+/// camera. From 2 on, a coarser level is displayed, and should exist by then.
 fn need(
     (settings, quality, camera, projection, view): (
         &VdbCamera,

@@ -1,4 +1,5 @@
-//! Accuracy against time: the settings of cameras and volumes, what turns them, and what they cost.
+//! Accuracy against time: the settings of cameras and volumes, their automatic adjustment, and
+//! their costs.
 
 mod cost;
 pub(crate) mod diagnostics;
@@ -18,7 +19,7 @@ pub use diagnostics::{
 pub use dial::VdbDial;
 pub use settings::{VdbQuality, VdbVolumeQuality};
 
-/// Turns dials, measures costs, and makes the levels of detail that cameras ask for.
+/// Adjusts dials, measures costs, and generates the levels of detail that cameras ask for.
 pub(crate) struct QualityPlugin;
 
 impl Plugin for QualityPlugin {

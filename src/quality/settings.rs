@@ -1,78 +1,84 @@
-//! What a camera trades accuracy for speed by.
+//! Settings that trade accuracy for speed.
 
 use bevy::prelude::*;
 use bevy::render::extract_component::ExtractComponent;
 
 use crate::VdbTraversal;
 
-/// Every knob by which a camera trades accuracy for speed. Every `Camera3d` has one; what it shows at
-/// all is [`VdbCamera`](crate::VdbCamera)'s to say.
+/// Every setting by which a camera trades accuracy for speed. Added to every `Camera3d`; what the
+/// camera displays is up to [`VdbCamera`](crate::VdbCamera).
 ///
-/// The presets are points of measured fronts of time against error; `docs/quality.md` has the plots.
-/// [`VdbDial`](crate::VdbDial) turns the knobs by itself. Values that cannot be honoured are
-/// replaced by the nearest that can, and a warning says so.
+/// The presets are points of measured time–error fronts; `docs/reference/quality.md` has the plots.
+/// [`VdbDial`](crate::VdbDial) adjusts the settings automatically. Invalid values are replaced by
+/// the nearest valid ones, with a warning.
 #[derive(Clone, Component, Copy, Debug, PartialEq, Reflect, ExtractComponent)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbQuality {
-    /// How rays find what they meet. All but one ways show the same; none is quicker than the default.
+    /// How rays traverse grids. The default is the fastest.
     pub traversal: VdbTraversal,
-    /// Whether lights that throw shadows (`shadow_maps_enabled`) throw them on volumes: those of
-    /// volumes, by a ray to each such light from each pixel, and those of meshes, from Bevy's shadow
-    /// maps. On by default; without such a light it costs nothing.
+    /// Whether lights with `shadow_maps_enabled` cast shadows on volumes: those of volumes by one
+    /// ray per light and pixel, those of meshes from Bevy's shadow maps. On by default; costs
+    /// nothing without such a light.
     pub shadows: bool,
-    /// How far from a place a volume can be to throw a shadow on it, in world units. 0 or more;
+    /// The largest distance at which a volume casts shadows on a point, in world units. 0 or more;
     /// infinite by default.
     pub shadow_range: f32,
-    /// How many times a ray goes on from a surface to what it reflects. With 0, the default, surfaces
-    /// reflect the camera's `EnvironmentMapLight` alone; with 1 volumes, too; with 2 volumes in
-    /// volumes. Rough surfaces reflect in one direction a pixel, by chance: that is for temporal
-    /// anti-aliasing, or [`accumulate`](Self::accumulate), to even out. At most 16. It is a part of a
-    /// scene's look, so all presets have 0.
+    /// The number of reflections a ray follows, 0 to 16. With 0, the default, surfaces reflect only
+    /// the camera's `EnvironmentMapLight`; with 1, they reflect volumes; with 2, volumes that
+    /// reflect volumes.
+    ///
+    /// Rough surfaces reflect in one random direction per pixel; temporal anti-aliasing or
+    /// [`accumulate`](Self::accumulate) averages the noise. The number of bounces is part of a
+    /// scene's look, so every preset has 0.
     pub reflections: u32,
-    /// How far from a surface a volume can be to be reflected in it, in world units. 0 or more;
+    /// The largest distance at which a volume is reflected in a surface, in world units. 0 or more;
     /// infinite by default.
     pub reflection_range: f32,
-    /// Voxels between the places where a ray samples the density of a fog that is lit evenly (no lamps
-    /// near, no shadows) and overlaps no other. From ¼ to 16; 0, the default, integrates cell by cell,
-    /// exactly.
+    /// The distance in voxels between density samples of evenly lit fog (no lamps nearby, no
+    /// shadows) that overlaps no other. From ¼ to 16; 0, the default, integrates exactly, cell by
+    /// cell.
     pub fog_step: f32,
-    /// Voxels of fog along a ray that are lit as one, where light differs from place to place; of what
-    /// is reflected, four times as many. From ¼ to 64, 2 by default. In a fog of more than 128 voxels
-    /// along an edge it grows with it, so that what a ray costs has a bound.
+    /// The length in voxels of the stretches of a ray through fog that share one lighting sample,
+    /// where light varies; four times that in reflections. From ¼ to 64, 2 by default. Grows with
+    /// grids of more than 128 voxels along an edge, which bounds the cost of a ray.
     pub fog_light_step: f32,
-    /// Voxels between the densities that a ray from a place in fog to a light sums up. From ¼ to 64, 1
-    /// by default. In a fog of more than 256 voxels along an edge it grows with it.
+    /// The distance in voxels between density samples on rays from fog to lights. From ¼ to 64, 1
+    /// by default. Grows with grids of more than 256 voxels along an edge.
     pub fog_shadow_step: f32,
-    /// Into how many slabs the part of a ray is cut that overlapping fogs share; within one, they are
-    /// taken as evenly mixed and evenly lit. Of what is reflected, a quarter of them. From 1 to 256, 32
+    /// The number of slabs into which a ray is divided where fogs overlap; within a slab they are
+    /// treated as evenly mixed and evenly lit. A quarter of that in reflections. From 1 to 256, 32
     /// by default.
     pub fog_slabs: u32,
-    /// Levels of detail: how many pixels a voxel may cover, at most, of the copies at a half, a quarter
-    /// … of their resolution that are shown of volumes far away. They are made in the background, one grid
-    /// after the other, of volumes that are in the picture of a camera that asks for them, so far away
-    /// that their voxels are no larger than that; they take a third more memory of a surface, a seventh of fog. 0, the
-    /// default, shows grids as they are, and with that every hit where it is; what they cost grows with
-    /// their voxels. With 1, what a volume costs follows the pixels that it covers, not its voxels. At
-    /// most 64.
+    /// Levels of detail: the largest size in pixels of the voxels of the half, quarter … resolution
+    /// copies that are displayed of distant volumes. At most 64. With 1, the cost of a volume
+    /// follows the pixels that it covers. With 0, the default, grids are shown at full resolution,
+    /// and the cost grows with their voxels.
+    ///
+    /// Levels are generated in the background, one grid after the other, for volumes that are in
+    /// view of a camera that asks for them and so far away that their voxels are no larger than
+    /// that. They take a third more memory for a surface, and a seventh for fog.
     pub detail: f32,
-    /// Rays per pixel, along each axis of the picture: at 0.5, a ray for four pixels. Pixels between
-    /// take after those of their neighbours that belong to the same surface. From 0.25 to 1, 1 by
-    /// default.
+    /// Rays per pixel along each axis of the image: 0.5 traces one ray per four pixels. The
+    /// remaining pixels are interpolated from neighbours that belong to the same surface. From 0.25
+    /// to 1, 1 by default.
     pub resolution: f32,
-    /// Frames whose mean is shown while nothing changes in what the camera sees: not the camera, nor a
-    /// volume, a light, or a mesh before them or that throws shadows on them. Rays go through each place of a
-    /// pixel in turn, so that edges of volumes become smooth; of fewer rays than pixels, through each pixel,
-    /// so that the picture becomes that of all; and so do soft shadows and rough reflections. A first frame
-    /// shows what it does without. Takes 44 bytes a pixel, once the second frame is there. What shaders alone
-    /// change, such as the shadows of meshes that they bend, fades over so many frames. Up to 256; 0, the
-    /// default, and 1 are off. Not with temporal anti-aliasing, which does the same, nor in modes that show
-    /// no light.
+    /// Temporal accumulation: the number of frames whose mean is displayed while nothing changes in
+    /// view, that is, neither the camera, nor a volume, a light, or a mesh in front of them or
+    /// casting shadows on them. Up to 256; 0, the default, and 1 turn it off.
+    ///
+    /// Rays pass through different positions of their pixels in turn, which smooths the edges of
+    /// volumes, soft shadows and rough reflections, and recovers full detail if there are fewer
+    /// rays than pixels. The first frame looks as it does without. Takes 44 bytes per pixel from
+    /// the second frame on. Changes made by shaders alone, such as shadows of meshes that they
+    /// deform, fade in over this many frames.
+    ///
+    /// Off with temporal anti-aliasing, which does the same, and in unlit modes.
     pub accumulate: u32,
 }
 
 impl VdbQuality {
-    /// What others are measured against. Fog is lit at steps so small that smaller ones change nothing
-    /// that a 16-bit float could show.
+    /// The reference. Fog is lit in steps so small that smaller ones change nothing that a 16-bit
+    /// float could represent.
     pub const EXACT: Self = Self {
         traversal: VdbTraversal::HddaSdf,
         shadows: true,
@@ -87,10 +93,10 @@ impl VdbQuality {
         resolution: 1.0,
         accumulate: 0,
     };
-    /// The default: no difference that the eye could find.
+    /// The default: no visible difference from [`EXACT`](Self::EXACT).
     pub const HIGH: Self =
         Self { fog_light_step: 2.0, fog_shadow_step: 1.0, fog_slabs: 32, ..Self::EXACT };
-    /// Fog by samples, and fewer of them.
+    /// Sampled fog, with fewer lighting and shadow samples.
     pub const BALANCED: Self = Self {
         fog_step: 1.0,
         fog_light_step: 4.0,
@@ -98,7 +104,8 @@ impl VdbQuality {
         fog_slabs: 16,
         ..Self::HIGH
     };
-    /// A ray for four pixels, too, and copies of volumes far away, which take memory ([`VdbQuality::detail`]).
+    /// Also one ray per four pixels, and levels of detail, which take memory
+    /// ([`VdbQuality::detail`]).
     pub const FAST: Self = Self {
         fog_step: 2.0,
         fog_light_step: 8.0,
@@ -108,7 +115,7 @@ impl VdbQuality {
         resolution: 0.5,
         ..Self::BALANCED
     };
-    /// The presets by name, from the most accurate to the quickest.
+    /// The presets by name, from the most accurate to the fastest.
     pub const PRESETS: [(&str, Self); 4] = [
         ("exact", Self::EXACT),
         ("high", Self::HIGH),
@@ -116,7 +123,7 @@ impl VdbQuality {
         ("fast", Self::FAST),
     ];
 
-    /// With the nearest values that make sense, and the name of the first that made none.
+    /// The nearest valid settings, and the name of the first that was invalid.
     pub(crate) fn sound(&self) -> (Self, Option<&'static str>) {
         let mut wrong = None;
         let mut within = |name, value: f32, least: f32, most: f32, otherwise: f32| {
@@ -172,21 +179,20 @@ impl Default for VdbQuality {
     }
 }
 
-/// What a volume has otherwise than the cameras' [`VdbQuality`]: a component of volumes. What is `None`
-/// is the camera's to say.
+/// Overrides the camera's [`VdbQuality`] for one volume. `None` keeps the camera's value.
 #[derive(Clone, Component, Copy, Debug, Default, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbVolumeQuality {
-    /// In place of [`VdbQuality::fog_step`], in voxels.
+    /// Replaces [`VdbQuality::fog_step`], in voxels.
     pub fog_step: Option<f32>,
-    /// In place of [`VdbQuality::fog_light_step`], in voxels.
+    /// Replaces [`VdbQuality::fog_light_step`], in voxels.
     pub fog_light_step: Option<f32>,
-    /// In place of [`VdbQuality::fog_shadow_step`], in voxels.
+    /// Replaces [`VdbQuality::fog_shadow_step`], in voxels.
     pub fog_shadow_step: Option<f32>,
 }
 
 impl VdbVolumeQuality {
-    /// What a camera takes for the volume.
+    /// The settings of a camera for this volume.
     pub(crate) fn over(&self, camera: &VdbQuality) -> VdbQuality {
         VdbQuality {
             fog_step: self.fog_step.unwrap_or(camera.fog_step),
@@ -197,9 +203,9 @@ impl VdbVolumeQuality {
     }
 }
 
-/// How often a ray is sent on, at most.
+/// The largest number of bounces.
 const MOST_REFLECTIONS: u32 = 16;
-/// Voxels between samples of fog: with less, steps would only cost.
+/// Voxels between samples of fog: smaller steps would only add cost.
 const LEAST_STEP: f32 = 0.25;
 const MOST_STEP: f32 = 64.0;
 const MOST_FOG_STEP: f32 = 16.0;

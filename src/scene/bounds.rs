@@ -5,8 +5,8 @@ use bevy::prelude::*;
 
 use crate::{VdbEmission, VdbGrid, VdbVectorGrid, VdbVolume};
 
-/// Gives a volume the box of its grid, and of what shines in it, once the grid is there, and again when
-/// any of them changes.
+/// Gives a volume the bounds of its grid and its emission once they are loaded, and again when any
+/// of them changes.
 pub(crate) fn update_bounds(
     mut commands: Commands,
     mut events: MessageReader<AssetEvent<VdbGrid>>,
@@ -58,7 +58,7 @@ pub(crate) fn update_bounds(
     }
 }
 
-/// The asset that is there, or there again, after an event.
+/// The asset that an event reports as loaded or reloaded.
 fn arrived<A: Asset>(event: &AssetEvent<A>) -> Option<AssetId<A>> {
     match event {
         AssetEvent::Added { id } | AssetEvent::Modified { id } => Some(*id),

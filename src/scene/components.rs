@@ -1,4 +1,4 @@
-//! What an app says about volumes, cameras and suns.
+//! Components of volumes, cameras and suns.
 
 use bevy::camera::visibility::{VisibilityClass, add_visibility_class};
 use bevy::prelude::*;
@@ -7,51 +7,50 @@ use bevy::render::extract_component::ExtractComponent;
 use crate::scene::volume_state::ToldDrawn;
 use crate::{VdbGrid, VdbVolumeState};
 
-/// Shows a grid. `commands.spawn(VdbVolume(asset_server.load("smoke.vdb")))` is enough where a file has one
-/// grid to show; `"smoke.vdb#density"` names one.
+/// Displays a grid. `commands.spawn(VdbVolume(asset_server.load("smoke.vdb")))` suffices for a file
+/// with one displayable grid; `"smoke.vdb#density"` names one of several.
 ///
-/// The grid stands in the entity's space as its file says (the grid's own transform, from index
-/// space to the file's world); the entity's [`Transform`] then places it in Bevy's world: any
-/// rotation, scale and mirror. [`Visibility`] and `RenderLayers` are obeyed. While the asset is on
-/// its way, or if it never arrives, nothing is drawn; [`VdbVolumeState`] says how far it is.
+/// The entity's local space is the world of the grid's file: the grid's own transform maps index
+/// space to it, and the entity's [`Transform`] places it in Bevy's world, with any rotation, scale
+/// and mirroring. [`Visibility`] and `RenderLayers` are obeyed. Nothing is drawn until the asset
+/// has loaded; [`VdbVolumeState`] reports its progress.
 #[derive(Clone, Component, Debug, Default, PartialEq, Eq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 #[require(Transform, Visibility, VisibilityClass, VdbMaterial, VdbVolumeState, ToldDrawn)]
 #[component(on_add = add_visibility_class::<VdbVolume>)]
 pub struct VdbVolume(pub Handle<VdbGrid>);
 
-/// The look of a volume. Surfaces have the same terms and defaults as Bevy's `StandardMaterial`, and
-/// look the same under the same lights.
+/// The appearance of a volume. Surfaces use the terms and defaults of Bevy's `StandardMaterial`,
+/// and match a mesh with the same material in the same light.
 ///
-/// Values out of range, and such that are no numbers, are replaced by the nearest that make sense, and
-/// a warning says so.
+/// Values that are NaN or out of range are replaced by the nearest valid ones, with a warning.
 #[derive(Clone, Component, Debug, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbMaterial {
-    /// Surfaces: the colour of what they reflect, diffusely or, of a metal, as a mirror; times that of a
-    /// [`VdbColorGrid`](crate::VdbColorGrid), if there is one. Fog: the
-    /// single-scattering albedo, the part of the light it meets that it sends on. White by default.
+    /// Surfaces: the reflected colour, diffuse or, for metals, specular, multiplied by the
+    /// [`VdbColorGrid`](crate::VdbColorGrid) if there is one. Fog: the single-scattering albedo,
+    /// the fraction of light that is scattered rather than absorbed. White by default.
     pub base_color: Color,
-    /// Luminance of its own, in cd/m²: of a surface; of fog, where it is opaque (fire has a grid of its
-    /// own: [`VdbEmission`](crate::VdbEmission)). Black by default.
+    /// Emitted luminance in cd/m², for fog where it is opaque. Black by default. For fire, use a
+    /// [`VdbEmission`](crate::VdbEmission).
     pub emissive: LinearRgba,
-    /// Surfaces: from 0, a mirror, to 1, with no highlights to speak of. 0.5 by default. Lights have no
-    /// highlights smaller than those of 0.089.
+    /// Surfaces: from 0, a mirror, to 1, without noticeable highlights. 0.5 by default. Highlights
+    /// of lights are never smaller than at 0.089.
     pub perceptual_roughness: f32,
-    /// Surfaces: from 0, not a metal, to 1, a metal. 0 by default.
+    /// Surfaces: from 0, a dielectric, to 1, a metal. 0 by default.
     pub metallic: f32,
-    /// Surfaces that are not of metal: how much they reflect when seen head on, from 0 to 1, of which
-    /// 0.5 is 4 % of the light. 0.5 by default.
+    /// Dielectric surfaces: reflectance at normal incidence, from 0 to 1, where 0.5 is 4 % of the
+    /// light. 0.5 by default.
     pub reflectance: f32,
-    /// Fog: extinction coefficient per unit of density, in 1 / world unit: light is dimmed to 1/e
+    /// Fog: the extinction coefficient per unit of density, in 1 / world unit. Light drops to 1/e
     /// after `1 / (density · density_scale)`. 0 or more, 1 by default.
     pub density_scale: f32,
-    /// Fog: the mean cosine of the angle by which it turns light when it scatters it, after Henyey and
-    /// Greenstein: from -1, all back to where it came from, by 0, evenly into all directions, to 1, all
-    /// straight on. 0 by default; clouds have 0.8 and more. Nearer to -1 and 1 than 0.99 is taken as that.
+    /// Fog: the mean cosine of the scattering angle (Henyey–Greenstein), from -1, backwards,
+    /// through 0, isotropic, to 1, forwards. 0 by default; clouds have 0.8 and more. Clamped to
+    /// ±0.99.
     ///
-    /// Of environment maps, fog scatters what one direction has more than the opposite one: finer
-    /// features it takes as even.
+    /// Light from environment maps is scattered with low angular resolution: fog sees the
+    /// difference between opposite directions, and treats finer features as uniform.
     pub anisotropy: f32,
 }
 
@@ -69,34 +68,37 @@ impl Default for VdbMaterial {
     }
 }
 
-/// What a camera shows of volumes. Every `Camera3d` has one; how well and how fast it does is for
+/// What a camera displays of volumes. Added to every `Camera3d`. For accuracy and speed, see
 /// [`VdbQuality`](crate::VdbQuality).
 #[derive(Clone, Component, Debug, PartialEq, Reflect, ExtractComponent)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbCamera {
-    /// Whether the camera shows volumes at all. To pick which, use `RenderLayers`.
+    /// Whether the camera displays volumes at all. To select individual volumes, use
+    /// `RenderLayers`.
     pub enabled: bool,
-    /// What it shows of them.
+    /// What the camera displays of volumes.
     pub mode: VdbRenderMode,
-    /// Whether volumes throw shadows on meshes: the shadow maps of lights that throw
-    /// shadows (`shadow_maps_enabled`) then show volumes as well, drawn
-    /// by a ray to each texel that may. Their edges are those of the maps, as the edges of the shadows of
-    /// meshes are; fog dims light in 64 steps, which the smoothing of the maps evens out
-    /// (`ShadowFilteringMethod::Gaussian`, Bevy's default, best of all). Maps of point and spot lights are for
-    /// all cameras: volumes are in them if one of these wants them there. On by default; without such a
-    /// light, a mesh in the picture and a volume somewhere, it costs nothing. Not with
-    /// [`VdbQuality::shadows`](crate::VdbQuality::shadows) off, and not of volumes that are
+    /// Whether volumes cast shadows on meshes. On by default.
+    ///
+    /// Volumes are drawn into the shadow maps of lights with `shadow_maps_enabled`, by one ray per
+    /// affected texel. The resolution of the edges is that of the maps, as for shadows of meshes.
+    /// Fog attenuates light in 64 steps, which shadow filtering smooths, best with Bevy's default
+    /// `ShadowFilteringMethod::Gaussian`. The maps of point and spot lights are shared by all
+    /// cameras: they include volumes if any camera has this on.
+    ///
+    /// Costs nothing without such a light, a mesh in view and a volume. Off where
+    /// [`VdbQuality::shadows`](crate::VdbQuality::shadows) is off, and for volumes with
     /// `NotShadowCaster`.
     pub mesh_shadows: bool,
-    /// Borders of the tree's nodes on surfaces, in any mode.
+    /// Borders of the tree's nodes, drawn on surfaces in any mode.
     pub overlays: VdbOverlays,
-    /// Whether fog scatters light more than once: what makes clouds white. On by default; it is an
-    /// approximation, with nearly no cost beside the light that is scattered once. How far off either is
-    /// from all the light there is, is in `docs/fog.md`. Of lamps and suns without shadows fog scatters all
-    /// light once either way, as nothing dims what comes to it.
+    /// Whether fog scatters light more than once, which is what makes clouds white. On by default.
+    /// It is an approximation that costs almost nothing on top of single scattering;
+    /// `docs/reference/fog.md` has the error of both. Light from lamps and suns without shadows is
+    /// scattered once in either case, because it is not attenuated on its way in.
     pub multiple_scattering: bool,
-    /// [`VdbRenderMode::Steps`]: how many steps of the walk have the hottest colour. More than 0;
-    /// 200 by default.
+    /// The number of traversal steps shown in the hottest colour of [`VdbRenderMode::Steps`]. More
+    /// than 0; 200 by default.
     pub steps_scale: f32,
 }
 
@@ -113,91 +115,90 @@ impl Default for VdbCamera {
     }
 }
 
-/// Which nodes of the tree have their borders drawn on surfaces: lines as wide everywhere in the
-/// picture, left out where nodes are smaller than a few pixels.
+/// The tree nodes whose borders are drawn on surfaces. Lines have the same width everywhere in the
+/// image, and are omitted where nodes are smaller than a few pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 pub struct VdbOverlays {
-    /// Leaves, 8³ voxels: cyan.
+    /// Leaf nodes, 8³ voxels: cyan.
     pub leaves: bool,
-    /// The nodes above them, 128³ voxels: red.
+    /// Lower internal nodes, 128³ voxels: red.
     pub lower: bool,
-    /// The nodes above those, 4,096³ voxels: blue.
+    /// Upper internal nodes, 4,096³ voxels: blue.
     pub upper: bool,
 }
 
-/// What a camera shows of volumes.
+/// What a camera displays of volumes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 pub enum VdbRenderMode {
-    /// The picture: surfaces and fog under all lights that reach them, with all that surfaces reflect.
-    /// It is the sum of [`Diffuse`](Self::Diffuse) and [`Glossy`](Self::Glossy).
+    /// The final image: lit surfaces and fog, with reflections. The sum of
+    /// [`Diffuse`](Self::Diffuse) and [`Glossy`](Self::Glossy).
     #[default]
     Lit,
-    /// The part of the picture that does not change with the viewer's place: what surfaces scatter and
-    /// send by themselves, and fog. No highlights, no reflections.
+    /// The view-independent part of the image: diffuse reflection and emission of surfaces, and
+    /// fog. No highlights, no reflections.
     Diffuse,
-    /// The other part: highlights of lights and reflections, on surfaces alone. Fog dims them.
+    /// The view-dependent part: highlights and reflections on surfaces, attenuated by fog.
     Glossy,
-    /// Faces of voxels told apart in gray, without light: those above bright, those below dark. Fog
-    /// is left out here and below, but for [`Steps`](Self::Steps).
+    /// Voxel faces in shades of grey, without lighting: bright above, dark below. Fog is left out
+    /// in this and the following modes, except [`Steps`](Self::Steps).
     Gray,
-    /// The axes of the grid across which the surface lies: x red, y green, z blue.
+    /// The axes that the surface faces: x red, y green, z blue.
     Rgb,
-    /// World-space normals of surfaces, from -1…1 to 0…1.
+    /// World-space normals of surfaces, mapped from -1…1 to 0…1.
     Normals,
-    /// Depth of surfaces as in the depth buffer: 1 at the near plane, 0 infinitely far away.
+    /// Depth of surfaces as in the depth buffer: 1 at the near plane, 0 at infinity.
     Depth,
-    /// A colour for each voxel, or for each cell between samples of a smooth surface, by its index
-    /// modulo 128.
+    /// A colour for each voxel, or for each cell of a smooth surface, derived from its index modulo
+    /// 128.
     HitVoxel,
-    /// Steps of the walk through the tree, light blue (none) to red ([`VdbCamera::steps_scale`]).
+    /// Traversal steps, from light blue (none) to red ([`VdbCamera::steps_scale`]).
     Steps,
 }
 
 impl VdbRenderMode {
-    /// Whether lights have a part in it.
+    /// Whether the mode depends on lights.
     pub(crate) fn is_lit(self) -> bool {
         matches!(self, Self::Lit | Self::Diffuse | Self::Glossy)
     }
 }
 
-/// How rays find what they meet. All but [`March`](Self::March) show the same picture, to the last bit;
-/// what they cost is told in `docs/benchmarks.md`, and shown by [`VdbRenderMode::Steps`].
+/// How rays traverse a grid. All but [`March`](Self::March) render the same image, to the last bit.
+/// `docs/internals/notebook.md` compares their cost, and [`VdbRenderMode::Steps`] visualises it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 pub enum VdbTraversal {
-    /// Samples at every half voxel, for comparison: passes over corners of voxels and finds surfaces
-    /// late. Surfaces that are shown smooth, and fog, are walked as with [`Dda`](Self::Dda).
+    /// Samples every half voxel, for comparison: misses corners of voxels and finds surfaces late.
+    /// Smooth surfaces and fog are traversed as with [`Dda`](Self::Dda).
     March,
     /// Voxel by voxel.
     Dda,
-    /// In strides over the empty nodes of the tree.
+    /// Hierarchical: skips empty nodes of the tree.
     Hdda,
-    /// In leaps over all that is known to be empty ahead, from a start that the rays of a tile of
-    /// 8×8 pixels share.
+    /// Hierarchical, and skips the largest known empty cube ahead, from a start shared by the rays
+    /// of a tile of 8×8 pixels (beam optimisation).
     #[default]
     HddaSdf,
 }
 
-/// Makes a `DirectionalLight` shine on volumes otherwise than on meshes. Without it, every light shines
-/// on both alike.
+/// Makes a `DirectionalLight` affect volumes differently from meshes.
 ///
-/// Lights in the very same direction are told apart by nothing: the factor goes for all of them.
+/// Lights in exactly the same direction cannot be told apart: the factor applies to all of them.
 #[derive(Clone, Component, Debug, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 #[require(DirectionalLight)]
 pub struct VdbSun {
-    /// Factor on the light's illuminance, for volumes only. 0 or more, 1 by default.
+    /// Multiplies the light's illuminance on volumes. 0 or more, 1 by default.
     pub intensity: f32,
-    /// How large the light is in the sky, in radians, which makes the edges of shadows that volumes throw
-    /// on surfaces of volumes as soft: as wide as the distance of what throws them times this. From 0,
-    /// the default, for sharp edges, to 1; the Sun's is 0.0093. Fog is shaded as from its middle, and
-    /// shadows from and on meshes are Bevy's, whose `soft_shadow_size` is for that.
+    /// The apparent size of the light in radians, which softens the shadows that volumes cast on
+    /// surfaces of volumes: the penumbra is as wide as the distance to the caster times this angle.
+    /// From 0, the default, for hard edges, to 1; the Sun has 0.0093. Fog is lit as from the
+    /// light's centre. Shadows from and on meshes are Bevy's; see its `soft_shadow_size`.
     pub angular_diameter: f32,
-    /// Rays that each pixel sends to a light with a size: from 1 to 256, 16 by default. Fewer make grain,
-    /// which stands still in the picture unless the camera has temporal anti-aliasing, or
-    /// [`VdbQuality::accumulate`](crate::VdbQuality::accumulate), which even it out.
+    /// Shadow rays per pixel for a light with a size: 1 to 256, 16 by default. Fewer produce noise,
+    /// which stays fixed in the image unless the camera has temporal anti-aliasing or
+    /// [`VdbQuality::accumulate`](crate::VdbQuality::accumulate), which average it.
     pub samples: u32,
 }
 

@@ -1,73 +1,73 @@
-//! Further grids of a volume: what colours it, and what shines in it.
+//! Auxiliary grids of a volume: colour and emission.
 
 use bevy::prelude::*;
 
 use crate::{VdbGrid, VdbVectorGrid};
 
-/// A colour from place to place: a grid of vectors beside the one of a [`VdbVolume`](crate::VdbVolume),
-/// as a rule of the same file (Houdini calls it `Cd`), whose value where a ray meets the surface multiplies
-/// the material's base colour. Linear Rec.709.
+/// Colours a surface with a vector grid, usually from the same file as the
+/// [`VdbVolume`](crate::VdbVolume)'s grid (Houdini calls it `Cd`). Its value at the hit point, in
+/// linear Rec. 709, multiplies the material's base colour.
 ///
-/// The grid may have another transform than the volume's: both stand in the world of their file, which the
-/// entity's `Transform` places. Between samples it is trilinear, and outside of them its background. Surfaces
-/// alone are coloured; fog has the colour of its [`VdbMaterial`](crate::VdbMaterial).
+/// The grid may have a different transform from the volume's: both are placed in the world of their
+/// file, which the entity's `Transform` maps to Bevy's. It is interpolated trilinearly, and outside
+/// its samples has the background value. Only surfaces are coloured; fog has the colour of its
+/// [`VdbMaterial`](crate::VdbMaterial).
 #[derive(Clone, Component, Debug, Default, PartialEq, Eq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbColorGrid(pub Handle<VdbVectorGrid>);
 
-/// Light that a volume sends of its own, out of a second grid: fire. For entities with a
-/// [`VdbVolume`](crate::VdbVolume), whose density dims it.
+/// Makes a volume emit light from a second grid: fire. For entities with a
+/// [`VdbVolume`](crate::VdbVolume), whose density attenuates it.
 ///
-/// A place with the emission coefficient `ε`, in cd/m² per world unit, adds `ε ds` to the luminance of a ray
-/// that passes it for `ds`; what is before it dims that: `L = ∫ T ε ds`, with `T` the part of light that
-/// the fogs of the scene let through. So a layer of thickness `L` without smoke has `ε L`, and one that
-/// absorbs with the coefficient `σ` has `ε/σ · (1 - e^(-σL))`. What shines need not be dense: where the
-/// density is zero, fire is seen as well. (The `emissive` of a material, in contrast, is the luminance of fog
-/// where it is opaque.)
+/// With the emission coefficient `ε`, in cd/m² per world unit, the luminance along a ray is `L = ∫
+/// T ε ds`, where `T` is the transmittance of all fog in front. A layer of thickness `L` without
+/// smoke has the luminance `ε L`; one that absorbs with coefficient `σ` has `ε/σ · (1 - e^(-σL))`.
+/// Fire is visible even where the density is zero. (A material's `emissive`, in contrast, is the
+/// luminance of opaque fog.)
 ///
-/// The grids stand in the file's world, as that of the volume does, and may have other transforms. Between
-/// samples they are trilinear; only what is above zero shines. Their light is seen by cameras, directly and in
-/// reflections; other things are not lit by it.
+/// The grids are placed in the file's world, like the volume's, and may have different transforms.
+/// They are interpolated trilinearly, and only positive values emit. Cameras see the light directly
+/// and in reflections; it does not light other objects.
 #[derive(Clone, Component, Debug, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 pub enum VdbEmission {
-    /// Black bodies: `ε = strength · B(scale · value + offset)`, with `B` the luminance and colour of a
-    /// black body, by Planck's law and the CIE's observer of 1931.
+    /// Black bodies: `ε = strength · B(scale · value + offset)`, with `B` the luminance and colour
+    /// of a black body by Planck's law and the CIE 1931 observer.
     ///
-    /// Programs write temperatures in units of their own. Kelvin have a `scale` of 1. Where 1 stands
-    /// for something hot, as in Houdini's and Blender's `temperature`, `scale` is how hot in kelvin: 1,000
-    /// is what Blender's Principled Volume takes. Blender's `flame`, from 0 to 1, goes from the
-    /// temperature at which fuel burns to the highest one: a `scale` and an `offset` of 1,500 each by its
-    /// defaults. Flames of candles and wood have 1,100 to 1,900 K.
+    /// Programs store temperatures in different units. Kelvin have a `scale` of 1. Where 1 stands
+    /// for "hot", as in Houdini's and Blender's `temperature`, `scale` is that temperature in
+    /// kelvin; Blender's Principled Volume uses 1,000. Blender's `flame`, from 0 to 1, runs from
+    /// the ignition temperature to the maximum: with Blender's defaults, a `scale` and an `offset`
+    /// of 1,500 each. Flames of candles and wood are at 1,100 to 1,900 K.
     Temperature {
-        /// What is above zero shines. Has to be one that is shown as fog.
+        /// Positive values emit. The grid must be loaded as fog.
         grid: Handle<VdbGrid>,
         /// Kelvin per unit of the values. 0 or more.
         scale: f32,
-        /// Kelvin added to that, where the value is above zero.
+        /// Kelvin added where the value is positive.
         offset: f32,
-        /// How much of a black body's luminance a world unit of depth has, in 1 / world unit: by Kirchhoff's
-        /// law the absorption coefficient of the hot gas and soot. 0 or more.
+        /// The fraction of a black body's luminance emitted per world unit of depth, in 1 / world
+        /// unit: by Kirchhoff's law, the absorption coefficient of the hot gas and soot. 0 or more.
         strength: f32,
     },
     /// Values as they are: `ε = color · value`.
     Scalar {
-        /// What is above zero shines. Has to be one that is shown as fog.
+        /// Positive values emit. The grid must be loaded as fog.
         grid: Handle<VdbGrid>,
-        /// For a value of 1, in cd/m² per world unit.
+        /// Emission for a value of 1, in cd/m² per world unit.
         color: LinearRgba,
     },
     /// Colours: `ε = strength · value`.
     Color {
-        /// Linear Rec.709; what is above zero shines.
+        /// Linear Rec. 709; positive values emit.
         grid: Handle<VdbVectorGrid>,
-        /// cd/m² per world unit for a value of 1. 0 or more.
+        /// Emission for a value of 1, in cd/m² per world unit. 0 or more.
         strength: f32,
     },
 }
 
 impl VdbEmission {
-    /// Black bodies whose temperatures are in kelvin, with a strength of 1.
+    /// Black bodies with temperatures in kelvin and a strength of 1.
     pub fn kelvin(grid: Handle<VdbGrid>) -> Self {
         Self::Temperature { grid, scale: 1.0, offset: 0.0, strength: 1.0 }
     }

@@ -1,5 +1,5 @@
-//! Files that are loaded again while they are shown. A file that cannot be loaded leaves all as it was, and
-//! Bevy says why; of one that can, but lacks a grid that is shown, nobody would say anything.
+//! Files that are reloaded while displayed. If loading fails, everything stays as it was, and Bevy
+//! logs the reason. If it succeeds but the file lacks a grid that is displayed, this module warns.
 
 use std::collections::HashSet;
 
@@ -9,7 +9,8 @@ use bevy::prelude::*;
 use crate::asset::loaded::LoadedFiles;
 use crate::{VdbColorGrid, VdbEmission, VdbVolume};
 
-/// Says which grids are shown that their file has no longer. Bevy keeps an asset as long as it has handles.
+/// Warns of displayed grids that their file no longer has. Bevy keeps an asset as long as it has
+/// handles.
 pub(crate) fn tell_of_lost_grids(
     loaded: Res<LoadedFiles>,
     server: Res<AssetServer>,

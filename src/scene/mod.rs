@@ -1,4 +1,4 @@
-//! Volumes as entities: their components, bounds and states, and rays sent through them on the CPU.
+//! Volumes as entities: their components, bounds and states, and ray casts on the CPU.
 
 mod bounds;
 mod components;

@@ -8,9 +8,8 @@ use bevy::prelude::*;
 
 use crate::{VdbCamera, VdbRayCastSettings, VdbRayVisibility, VdbSpatialQuery};
 
-/// Lets pointers hover, click and drag [`VdbVolume`](crate::VdbVolume)s: a backend of Bevy's picking,
-/// beside those of meshes and of the user interface. Needs the cargo feature `picking`, and
-/// `DefaultPlugins` (or `DefaultPickingPlugins`) beside it.
+/// Lets pointers hover, click and drag [`VdbVolume`](crate::VdbVolume)s: a backend of Bevy's
+/// picking. Needs the cargo feature `picking` and `DefaultPlugins` or `DefaultPickingPlugins`.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -27,20 +26,21 @@ use crate::{VdbCamera, VdbRayCastSettings, VdbRayVisibility, VdbSpatialQuery};
 /// ```
 ///
 /// A volume is under a pointer where the camera shows it: see [`VdbSpatialQuery`]. Depth is the
-/// distance from the near plane, as for meshes, so that the nearer of a mesh and a volume is hovered.
-/// `Pickable`, `RenderLayers`, visibility, viewports and [`VdbCamera::enabled`] are obeyed. The
-/// [`HitData`] has the [`VdbRayHit`](crate::VdbRayHit) as its `extra`.
+/// distance from the near plane, as for meshes, so whichever is nearer is hovered. `Pickable`,
+/// `RenderLayers`, visibility, viewports and [`VdbCamera::enabled`] are obeyed. The [`HitData`]
+/// contains the [`VdbRayHit`](crate::VdbRayHit) as its `extra`.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct VdbPickingPlugin;
 
-/// How volumes are picked: a resource.
+/// Settings for picking volumes: a resource.
 #[derive(Clone, Debug, PartialEq, Reflect, Resource)]
 #[reflect(Resource, Clone, Debug, Default, PartialEq)]
 pub struct VdbPickingSettings {
-    /// The optical depth at which a fog is under a pointer: see
-    /// [`VdbRayCastSettings::optical_depth`]. `ln 2` by default; infinity to point through fog.
+    /// The optical depth at which fog counts as hit: see [`VdbRayCastSettings::optical_depth`]. `ln
+    /// 2` by default; infinity to point through fog.
     pub optical_depth: f32,
-    /// Whether volumes that are not seen can be picked. [`VdbRayVisibility::VisibleInView`] by default.
+    /// Whether volumes that no camera sees can be picked. [`VdbRayVisibility::VisibleInView`] by
+    /// default.
     pub visibility: VdbRayVisibility,
 }
 
@@ -106,7 +106,7 @@ fn update_hits(
     }
 }
 
-/// Where the camera's picture ends along a ray; infinity where it does not.
+/// The distance to the far plane along a ray; infinity if there is none.
 fn distance_to_far_plane(camera: &Camera, transform: &GlobalTransform, ray: Ray3d) -> f32 {
     let ndc = camera.world_to_ndc(transform, ray.origin);
     let end = ndc.and_then(|ndc| camera.ndc_to_world(transform, ndc.with_z(0.0)));

@@ -1,4 +1,4 @@
-//! What the grids of a file are for, by what programs call them.
+//! What the grids of a file are for, identified by name.
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
@@ -6,34 +6,35 @@ use bevy::prelude::*;
 use crate::asset::parts::{COLORS, Candidate, FIRES, HEAT, is, parts};
 use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbVectorGrid};
 
-/// Values of temperatures above this are kelvin: programs that count otherwise stay far below.
+/// Temperatures above this are in kelvin; other units stay far below.
 const KELVIN: f32 = 100.0;
 
-/// Values that are looked at, at most, to find that out.
+/// The largest number of values examined to find out.
 const LOOKED_AT: usize = 1 << 20;
 
-/// cd/m² that fire has by a first guess where it is hottest, through a tenth of its box: what is white by
-/// Bevy's default exposure.
+/// Luminance in cd/m² of the first guess for fire at its hottest, through a tenth of its box: white
+/// at Bevy's default exposure.
 const LUMINANCE: f32 = 1_000.0;
 
-/// The grids of a [`VdbFile`] by the parts that they play: [`VdbFile::roles`].
+/// The grids of a [`VdbFile`] by role: see [`VdbFile::roles`].
 #[derive(Clone, Debug, Default)]
 pub struct VdbRoles {
-    /// All surfaces, in the order of the file; where there is a density, without Blender's `phi_obstacle`
-    /// and its like, between which the fluid was simulated.
+    /// All surfaces, in file order. If there is a density, without Blender's auxiliary ones, such
+    /// as `phi_obstacle`.
     pub surfaces: Vec<Handle<VdbGrid>>,
-    /// What dims light: fog called `density` or `smoke`, else the first fog there is.
+    /// The fog: a grid called `density` or `smoke`, otherwise the first fog grid.
     pub density: Option<Handle<VdbGrid>>,
-    /// What shines in the density: a first guess ([`VdbEmission::guess`]) for another fog, not empty, called `flame`,
-    /// `flames`, `fire`, `burn`, `temperature`, `heat` or `temp`, in this order.
+    /// The emission within the fog: a first guess ([`VdbEmission::guess`]) for another non-empty
+    /// fog grid, called `flame`, `flames`, `fire`, `burn`, `temperature`, `heat` or `temp`, in this
+    /// order.
     pub emission: Option<VdbEmission>,
-    /// What colours the surfaces: vectors called `Cd`, `color`, `colour` or `albedo`.
+    /// The colour of the surfaces: a vector grid called `Cd`, `color`, `colour` or `albedo`.
     pub colors: Option<VdbColorGrid>,
 }
 
 impl VdbFile {
-    /// What the file's grids are for, by their names, as Blender, Houdini and `EmberGen` give them. Capital
-    /// letters are as good as small ones.
+    /// Identifies the grids of the file by the names that Blender, Houdini and `EmberGen` give
+    /// them, ignoring case.
     ///
     /// ```no_run
     /// # use bevy::prelude::*;
@@ -69,10 +70,10 @@ impl VdbFile {
 }
 
 impl VdbEmission {
-    /// A first guess at how a grid shines, by its name and its values: as black bodies, with kelvin for values
-    /// if any is above 100; else `flame` and its like from 1,500 K at 0 to 3,000 K at 1, and all others 1,000 K
-    /// at 1. Its strength is for Bevy's default exposure: what is hottest has 1,000 cd/m² through a tenth of
-    /// the grid's box.
+    /// A first guess at how a grid emits, by its name and values: black bodies, in kelvin if any
+    /// value exceeds 100; otherwise 1,500 K at 0 to 3,000 K at 1 for `flame` and similar names, and
+    /// 1,000 K at 1 for others. The strength suits Bevy's default exposure: the hottest value has
+    /// 1,000 cd/m² through a tenth of the grid's box.
     pub fn guess(handle: Handle<VdbGrid>, grid: &VdbGrid) -> Self {
         let values = || grid.tree().active_values().take(LOOKED_AT).map(|at| at.value);
         let most = values().fold(0.0, f32::max);
@@ -88,13 +89,14 @@ impl VdbEmission {
         Self::Temperature { grid: handle, scale, offset, strength }
     }
 
-    /// A first guess at how a grid of colours shines: 1 has 1,000 cd/m² through a tenth of the grid's box.
+    /// A first guess at how a colour grid emits: 1 has 1,000 cd/m² through a tenth of the grid's
+    /// box.
     pub fn guess_color(handle: Handle<VdbVectorGrid>, grid: &VdbVectorGrid) -> Self {
         Self::Color { grid: handle, strength: LUMINANCE / tenth(grid.world_bounds()) }
     }
 }
 
-/// A tenth of the diagonal of a box; 1 where there is none.
+/// A tenth of the diagonal of a box; 1 if there is none.
 fn tenth(bounds: Option<(DVec3, DVec3)>) -> f32 {
     let tenth = bounds.map_or(1.0, |(low, high)| (0.1 * high.distance(low)) as f32);
     if tenth.is_normal() { tenth } else { 1.0 }

@@ -1,4 +1,4 @@
-//! Rays and points against the volumes of an app, on the CPU.
+//! Ray casts and point samples against the volumes of an app, on the CPU.
 
 use bevy::ecs::system::SystemParam;
 use bevy::math::{DAffine3, DVec3};
@@ -7,9 +7,9 @@ use vdb_core::query::{GridQuery, IndexRay};
 
 use crate::{VdbGrid, VdbMaterial, VdbVolume};
 
-/// Casts rays against [`VdbVolume`]s and reads their values, with the answers of the picture: the
-/// voxel and the face that are seen, the root of the trilinear interpolant where a surface is smooth,
-/// and the place in a fog where it has taken its share of the light.
+/// Casts rays against [`VdbVolume`]s and samples their values, with the results of the rendered
+/// image: the visible voxel and face, the root of the trilinear interpolant on a smooth surface, or
+/// the point in fog where a given fraction of the light is lost.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -23,15 +23,15 @@ use crate::{VdbGrid, VdbMaterial, VdbVolume};
 /// }
 /// ```
 ///
-/// Volumes stand where their [`GlobalTransform`] says: that of the last frame, for systems before
-/// `TransformSystems::Propagate`. Volumes whose grid is not loaded, or whose transform cannot be
-/// inverted, are passed over, as in the picture.
+/// Volumes are placed by their [`GlobalTransform`], which for systems before
+/// `TransformSystems::Propagate` is that of the last frame. Volumes whose grid is not loaded, or
+/// whose transform cannot be inverted, are skipped, as in the image.
 ///
-/// A ray costs as many steps as the GPU's: at most 3 · 4096 through each 4096³ node of a grid on its way,
-/// and mostly some tens, however far it goes and wherever the grid lies
-/// ([`GridQuery::first_hit`](vdb_core::query::GridQuery::first_hit) has the bound); a nearest hit among several
-/// volumes, one walk a volume whose box the ray passes. Answers come from what the asset holds anyway, [`VdbGrid::tree`] and
-/// [`VdbGrid::packed`]: nothing is kept for them.
+/// A ray takes as many steps as on the GPU: at most 3 · 4096 through each 4096³ node on its way,
+/// and usually some tens, regardless of its length and the grid's position
+/// ([`GridQuery::first_hit`](vdb_core::query::GridQuery::first_hit) states the bound). The nearest
+/// hit among several volumes takes one traversal per volume whose box the ray crosses. Queries use
+/// [`VdbGrid::tree`] and [`VdbGrid::packed`], and need no further memory.
 #[derive(SystemParam)]
 pub struct VdbSpatialQuery<'w, 's> {
     grids: Res<'w, Assets<VdbGrid>>,
@@ -49,21 +49,21 @@ pub struct VdbSpatialQuery<'w, 's> {
     >,
 }
 
-/// What a ray meets: see [`VdbSpatialQuery::cast_ray`].
+/// A hit: see [`VdbSpatialQuery::cast_ray`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct VdbRayHit {
     /// The volume.
     pub entity: Entity,
-    /// Where, in the world.
+    /// The point, in world space.
     pub position: Vec3,
-    /// Outwards, in the world, of unit length: of the face of the voxel that the ray comes in by; of
-    /// a smooth surface and of a fog along the gradient. Against the ray where there is none: where
-    /// the ray begins in a voxel, or the gradient is zero.
+    /// The outward unit normal, in world space: of the voxel face through which the ray enters, or
+    /// along the gradient of a smooth surface or fog. Opposite to the ray where there is none, that
+    /// is, where the ray begins in a voxel or the gradient is zero.
     pub normal: Vec3,
-    /// From the ray's beginning, in world units.
+    /// The distance from the ray's origin, in world units.
     pub distance: f32,
-    /// The voxel, in the grid's index space: the one that the ray comes into, or the one around the
-    /// place on a smooth surface or in a fog.
+    /// The voxel in the grid's index space: the one that the ray enters, or the one around the
+    /// point on a smooth surface or in fog.
     pub voxel: IVec3,
     /// The value of that voxel.
     pub value: f32,
@@ -71,18 +71,18 @@ pub struct VdbRayHit {
     pub begins_inside: bool,
 }
 
-/// What a ray is cast against.
+/// What a ray can hit.
 #[derive(Clone, Copy)]
 pub struct VdbRayCastSettings<'a> {
-    /// Where the ray ends, in world units from its beginning; 0 or more. Infinity by default.
+    /// The length of the ray, in world units. 0 or more; infinite by default.
     pub max_distance: f32,
-    /// The optical depth, from the ray's beginning, at which a fog counts as met: 0 where it begins,
-    /// `-ln(transmittance)` elsewhere, infinity to pass through all fog. `ln 2` by default, where half
-    /// the light is left. Each fog counts alone.
+    /// The optical depth from the ray's origin at which fog counts as hit: 0 where fog begins,
+    /// `-ln(transmittance)` elsewhere, infinity to ignore fog. `ln 2` by default, where half the
+    /// light is left. Each fog volume counts separately.
     pub optical_depth: f32,
-    /// Whether hidden volumes are met, too.
+    /// Whether hidden volumes can be hit.
     pub visibility: VdbRayVisibility,
-    /// Which volumes are met. All by default.
+    /// Selects volumes. All by default.
     pub filter: &'a dyn Fn(Entity) -> bool,
 }
 
@@ -97,22 +97,21 @@ impl Default for VdbRayCastSettings<'_> {
     }
 }
 
-/// Which volumes a ray is cast against, by their visibility.
+/// Selects volumes by visibility.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 pub enum VdbRayVisibility {
-    /// Hidden or not.
+    /// All volumes, hidden or not.
     Any,
-    /// Those that [`Visibility`] does not hide, seen by a camera or not.
+    /// Volumes that [`Visibility`] does not hide, whether or not a camera sees them.
     #[default]
     Visible,
-    /// Those that a camera saw in the last frame.
+    /// Volumes that a camera saw in the last frame.
     VisibleInView,
 }
 
 impl VdbSpatialQuery<'_, '_> {
-    /// The first thing that a ray meets in each volume, nearest first. Volumes do not hide each other
-    /// from it.
+    /// The first hit of a ray in each volume, nearest first. Volumes do not occlude each other.
     pub fn cast_ray(&self, ray: Ray3d, settings: &VdbRayCastSettings) -> Vec<VdbRayHit> {
         let mut hits: Vec<VdbRayHit> =
             self.cast(ray, settings).filter_map(|cast| cast(settings.max_distance)).collect();
@@ -120,7 +119,7 @@ impl VdbSpatialQuery<'_, '_> {
         hits
     }
 
-    /// The first thing that a ray meets in any volume.
+    /// The first hit of a ray in any volume.
     pub fn cast_ray_nearest(&self, ray: Ray3d, settings: &VdbRayCastSettings) -> Option<VdbRayHit> {
         let mut nearest: Option<VdbRayHit> = None;
         for cast in self.cast(ray, settings) {
@@ -137,7 +136,7 @@ impl VdbSpatialQuery<'_, '_> {
         nearest
     }
 
-    /// For each volume that is asked about, what casts the ray up to a distance.
+    /// The function that casts the ray up to a distance, for each selected volume.
     fn cast(
         &self,
         ray: Ray3d,
@@ -162,24 +161,24 @@ impl VdbSpatialQuery<'_, '_> {
             })
     }
 
-    /// The value at the voxel around a place in the world; `None` where the entity shows no grid.
+    /// The value of the voxel around a point in world space; `None` if the entity shows no grid.
     pub fn nearest(&self, entity: Entity, place: Vec3) -> Option<f32> {
         self.placed(entity).map(|placed| placed.query().nearest(placed.index(place)))
     }
 
-    /// The trilinear interpolant at a place in the world; `None` where the entity shows no grid.
+    /// The trilinear interpolant at a point in world space; `None` if the entity shows no grid.
     pub fn trilinear(&self, entity: Entity, place: Vec3) -> Option<f32> {
         self.placed(entity).map(|placed| placed.query().trilinear(placed.index(place)))
     }
 
-    /// Whether a place in the world is in a solid voxel, on the inner side of a smooth surface, or in
-    /// fog; `false` where the entity shows no grid.
+    /// Whether a point in world space is in a solid voxel, inside a smooth surface, or in fog;
+    /// `false` if the entity shows no grid.
     pub fn contains(&self, entity: Entity, place: Vec3) -> bool {
         self.placed(entity).is_some_and(|placed| placed.query().contains(placed.index(place)))
     }
 
-    /// From the index space of an entity's grid, whose voxel `ijk` is the cube of edge 1 around the
-    /// point `(i, j, k)`, to the world; `None` where the entity shows no grid.
+    /// The transform from the index space of an entity's grid, whose voxel `ijk` is the unit cube
+    /// around the point `(i, j, k)`, to world space; `None` if the entity shows no grid.
     pub fn world_from_index(&self, entity: Entity) -> Option<DAffine3> {
         self.placed(entity).map(|placed| placed.world_from_index)
     }
@@ -190,7 +189,7 @@ impl VdbSpatialQuery<'_, '_> {
     }
 }
 
-/// A grid where it stands in the world.
+/// A grid placed in the world.
 struct Placed<'a> {
     grid: &'a VdbGrid,
     world_from_index: DAffine3,

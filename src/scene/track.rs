@@ -1,4 +1,4 @@
-//! Keeps the states of volumes up to date with assets and renderer.
+//! Keeps the states of volumes consistent with assets and renderer.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -9,13 +9,12 @@ use bevy::prelude::*;
 use super::volume_state::{ToldDrawn, VdbVolumeDrawn, VdbVolumeState};
 use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbVolume};
 
-/// What has become of volumes in the last frame that was drawn: with which grid, and how far they got.
-/// A resource of both worlds.
+/// The state of volumes in the last rendered frame, with their grids. A resource of both worlds.
 #[derive(Clone, Debug, Default, Resource)]
 pub(crate) struct DrawnVolumes(Arc<Mutex<EntityHashMap<(UntypedAssetId, VdbVolumeState)>>>);
 
 impl DrawnVolumes {
-    /// Takes what a frame tells, and gives back the memory of an older one's.
+    /// Takes the states of a frame, and returns the memory of older ones.
     pub fn set(&self, volumes: &mut EntityHashMap<(UntypedAssetId, VdbVolumeState)>) {
         std::mem::swap(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner), volumes);
     }
@@ -27,7 +26,7 @@ impl DrawnVolumes {
     }
 }
 
-/// Brings the states up to date with what the renderer tells.
+/// Updates the states from the renderer's report.
 pub(crate) fn update_states(
     mut commands: Commands,
     mut volumes: Query<(
@@ -62,7 +61,7 @@ pub(crate) fn update_states(
     }
 }
 
-/// The grids of a volume besides its own.
+/// The auxiliary grids of a volume.
 fn further_grids(
     emission: Option<&VdbEmission>,
     color: Option<&VdbColorGrid>,

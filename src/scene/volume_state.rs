@@ -1,13 +1,13 @@
-//! How far a volume is on its way into the picture.
+//! How far a volume is from being visible.
 
 use bevy::prelude::*;
 
 use crate::VdbGrid;
 
-/// How far a volume is on its way into the picture: a component of every [`VdbVolume`](crate::VdbVolume), as of the last frame
-/// that was drawn.
+/// How far a volume is from being visible, as of the last rendered frame: a component of every
+/// [`VdbVolume`](crate::VdbVolume).
 ///
-/// A loading screen ends when nothing is on its way any more:
+/// A loading screen can end once every volume is settled:
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -24,39 +24,40 @@ use crate::VdbGrid;
 /// }
 /// ```
 ///
-/// [`VdbVolumeDrawn`] tells of the first frame with a volume.
+/// To be notified of the first frame with a volume, observe [`VdbVolumeDrawn`].
 #[derive(Clone, Component, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq, Hash)]
 pub enum VdbVolumeState {
-    /// Its grid, or one of its [`VdbEmission`](crate::VdbEmission) or
-    /// [`VdbColorGrid`](crate::VdbColorGrid), is being read, decoded and packed:
-    /// [`VdbLoadProgress`](crate::VdbLoadProgress) says how far it is.
+    /// Its grid, or that of a [`VdbEmission`](crate::VdbEmission) or
+    /// [`VdbColorGrid`](crate::VdbColorGrid), is being read, decoded and packed. See
+    /// [`VdbLoadProgress`](crate::VdbLoadProgress).
     #[default]
     Loading,
-    /// Its grid could not be loaded. Bevy has logged why.
+    /// Its grid could not be loaded. Bevy has logged the reason.
     Failed,
-    /// Its grids are on their way to the GPU, or a pipeline is being compiled that a camera needs for all of
-    /// what it is to show. What earlier pipelines can show is in the picture meanwhile.
+    /// Its grids are on their way to the GPU, or a pipeline that a camera needs is being compiled.
+    /// Meanwhile, the volume is drawn as far as existing pipelines can.
     Preparing,
-    /// It cannot be shown: it does not fit the GPU, or cameras that see it cannot compute with its numbers.
-    /// A message says why.
+    /// It cannot be shown: it does not fit the GPU, or its transform is out of range. A message
+    /// gives the reason.
     NotShown,
-    /// Its grids are on the GPU, and no camera sees it: it is hidden, empty or out of the picture, or there
-    /// is no renderer.
+    /// Its grids are on the GPU, but no camera sees it: it is hidden, empty or out of view, or
+    /// there is no renderer.
     Unseen,
-    /// It is in the picture, with all that it is to have, of every camera that sees it.
+    /// It is displayed completely by every camera that sees it.
     Drawn,
 }
 
 impl VdbVolumeState {
-    /// Whether nothing is left to wait for: it is drawn, or will not be as things are.
+    /// Whether there is nothing left to wait for: the volume is drawn, or will not be unless
+    /// something changes.
     pub fn is_settled(self) -> bool {
         !matches!(self, Self::Loading | Self::Preparing)
     }
 }
 
-/// A volume is in the picture for the first time: an event of its entity, triggered in the frame after that
-/// picture. Of every volume, and again of one that has got another grid.
+/// A volume is on screen for the first time: an event of its entity, triggered in the following
+/// frame. Triggered again when the volume gets another grid.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -68,10 +69,10 @@ impl VdbVolumeState {
 /// ```
 #[derive(Clone, Copy, Debug, EntityEvent, PartialEq, Eq)]
 pub struct VdbVolumeDrawn {
-    /// The volume's.
+    /// The entity of the volume.
     pub entity: Entity,
 }
 
-/// With which grid it has been told that a volume is drawn.
+/// The grid with which the volume was reported as drawn.
 #[derive(Clone, Component, Debug, Default)]
 pub(crate) struct ToldDrawn(pub Option<AssetId<VdbGrid>>);

@@ -232,7 +232,7 @@ fn a_cloud_is_closer_to_all_the_light_there_is() {
     }
 }
 
-/// Prints the tables of docs/fog.md: `cargo test --features picking,record --test picture -- --ignored
+/// Prints the tables of docs/reference/fog.md: `cargo test --features picking,record --test picture -- --ignored
 /// --nocapture errors_of_multiple_scattering`.
 #[test]
 #[ignore = "a table, in minutes"]

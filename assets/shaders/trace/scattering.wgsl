@@ -9,7 +9,7 @@
 // Surroundings that shine evenly: two streams through a layer of the ray's optical depth (Schuster 1905,
 // "Radiation through a foggy atmosphere"), which have a closed form. What of them is not absorbed is seen.
 //
-// docs/fog.md has what both get wrong, beside light scattered once.
+// docs/reference/fog.md has the error of both, beside that of single scattering.
 #define_import_path bevy_vdb::trace::scattering
 
 // Where no light throws shadows, there is no depth towards it to halve.

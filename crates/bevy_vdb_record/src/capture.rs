@@ -1,7 +1,7 @@
 //! Frames from cameras into memory, on the render thread.
 //!
-//! Each is drawn once more into an 8-bit texture, whatever the camera's own format, and copied from
-//! there into one of a few buffers, which the GPU hands over some frames later.
+//! Each is copied by a draw into an 8-bit texture, whatever the camera's own format, and from there
+//! into one of a few buffers, which the GPU returns some frames later.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
@@ -21,7 +21,7 @@ use bevy::render::{Extract, ExtractSchedule, GpuResourceAppExt, Render, RenderAp
 use super::session::{Frame, Session};
 use super::{VdbRecordClock, VdbRecordError, VdbRecorder};
 
-/// The buffers of a recording: while one is read the GPU can fill others.
+/// The buffers of a recording: while one is read, the GPU can fill others.
 const BUFFERS: usize = 3;
 const FORMAT: TextureFormat = TextureFormat::Rgba8UnormSrgb;
 
@@ -45,31 +45,31 @@ pub(super) fn build(app: &mut App) {
 #[derive(Default, Resource)]
 struct Captures(Vec<Capture>);
 
-/// One recording, as the renderer has it.
+/// The render-world state of a recording.
 struct Capture {
     camera: MainEntity,
     session: Arc<Session>,
-    /// When this frame was made, if the camera still wants it recorded.
+    /// The time of this frame, if the camera still wants it recorded.
     now: Option<Instant>,
-    /// When the first frame was.
+    /// The time of the first frame.
     began: Option<Instant>,
     /// The number of the next frame.
     next: u64,
     surface: Option<Surface>,
     free: Vec<Buffer>,
-    /// What `prepare` has made ready for `capture`.
+    /// The data prepared by `prepare` for `capture`.
     shot: Option<Shot>,
-    /// Frames on their way, in their order.
+    /// Frames on their way, in order.
     staged: VecDeque<Staged>,
     /// A frame that has arrived and waits for room in the queue.
     ready: Option<Frame>,
 }
 
-/// The texture that frames are drawn into: as large as the camera's own.
+/// The texture that frames are drawn into, with the size of the camera's own.
 struct Surface {
     texture: Texture,
     view: TextureView,
-    /// The part that is recorded: the camera's viewport.
+    /// The recorded part: the camera's viewport.
     part: URect,
 }
 
@@ -83,7 +83,7 @@ struct Staged {
     slot: u64,
     size: UVec2,
     buffer: Buffer,
-    /// Whether the buffer could be mapped, once that is known; nothing before it has been asked.
+    /// Whether mapping the buffer succeeded, once known; `None` until it has been requested.
     mapped: Option<Arc<OnceLock<bool>>>,
 }
 
@@ -204,7 +204,7 @@ fn capture(
     }
 }
 
-/// Asks for what has been copied, after that has been submitted.
+/// Maps the copied buffers after submission.
 fn read_back(mut captures: ResMut<Captures>) {
     for capture in &mut captures.0 {
         // A camera that was not drawn after all.
@@ -235,7 +235,7 @@ impl Capture {
         }
     }
 
-    /// The number of the frame that is made now, if the recording needs one now.
+    /// The number of the current frame, if the recording needs one now.
     fn due(&mut self, now: Instant) -> Option<u64> {
         let session = self.session.clone();
         let settings = &session.settings;
@@ -249,8 +249,8 @@ impl Capture {
         (slot >= self.next.min(last)).then_some(slot)
     }
 
-    /// The number of the frame of this moment. What is too long of a gap is taken out of the recording's
-    /// time.
+    /// The number of the frame for this moment. The excess of a long gap is cut from the
+    /// recording's time.
     fn slot_in_real_time(&mut self, now: Instant) -> u64 {
         let settings = &self.session.settings;
         let rate = settings.frame_rate;
@@ -276,7 +276,8 @@ impl Capture {
         last
     }
 
-    /// Sees to a texture of the camera's size; false if that has changed, which ends the recording.
+    /// Ensures a texture of the camera's size; false if the size has changed, which ends the
+    /// recording.
     fn fit(
         &mut self,
         device: &RenderDevice,
@@ -334,8 +335,8 @@ impl Capture {
         })
     }
 
-    /// Waits until a buffer can be had: for the GPU, and for room in the queue. For neither without an
-    /// end: a GPU that hangs ends the recording as an encoder does.
+    /// Waits for a free buffer: for the GPU, and for room in the queue. A GPU that hangs ends the
+    /// recording, as an encoder does.
     fn wait_for_buffer(&mut self, device: &RenderDevice) {
         let (begin, limit) = (Instant::now(), self.session.settings.stall_timeout);
         let mut delivering = Duration::ZERO;
@@ -357,7 +358,7 @@ impl Capture {
         }
     }
 
-    /// Hands over what has arrived, as far as there is room.
+    /// Delivers arrived frames as far as there is room.
     fn deliver(&mut self) {
         loop {
             if let Some(frame) = self.ready.take()
@@ -372,7 +373,7 @@ impl Capture {
         }
     }
 
-    /// Reads the oldest frame, if it has arrived and the one before is not still waiting.
+    /// Reads the oldest frame, if it has arrived and no earlier one is still waiting.
     fn read_oldest(&mut self) -> bool {
         if self.ready.is_some() {
             return false;
@@ -401,14 +402,14 @@ impl Capture {
 }
 
 impl Drop for Capture {
-    /// The renderer goes, or its GPU is another: what is still on its way does not arrive.
+    /// The renderer goes away, or its GPU is replaced: frames on their way do not arrive.
     fn drop(&mut self) {
         self.session.lose(self.staged.len() + usize::from(self.ready.is_some()));
     }
 }
 
-/// The frame of a recording that is nearest to a time after its beginning: nearest, so that an app that
-/// draws at the recording's own rate, but not evenly, has one frame for each.
+/// The frame of a recording nearest to a time after its start. Rounding to the nearest gives an app
+/// that renders at the recording's rate, but unevenly, one frame for each.
 fn slot_at(since: Duration, frame_rate: u32) -> u64 {
     (since.as_secs_f64() * f64::from(frame_rate)).round() as u64
 }
@@ -417,7 +418,7 @@ fn row(size: UVec2) -> u32 {
     size.x * 4
 }
 
-/// Bytes from one row of a buffer to the next, as GPUs want them.
+/// Bytes from one row of a buffer to the next, aligned as GPUs require.
 fn padded_row(size: UVec2) -> u32 {
     RenderDevice::align_copy_bytes_per_row(row(size) as usize) as u32
 }

@@ -1,4 +1,4 @@
-//! Frames into files, on a thread of their own.
+//! Encodes frames to files, on a dedicated thread.
 
 use std::fs::{self, File};
 use std::io;
@@ -59,7 +59,8 @@ fn make_folder(settings: &VdbRecordSettings) -> Result<(), VdbRecordError> {
     }
 }
 
-/// That nothing of an earlier recording is replaced, or goes on where this one ends, unless asked for.
+/// Ensures that nothing of an earlier recording is replaced, or continues after this one, unless
+/// requested.
 fn refuse_existing(settings: &VdbRecordSettings) -> Result<(), VdbRecordError> {
     if settings.overwrite {
         return Ok(());
@@ -77,12 +78,12 @@ fn refuse_existing(settings: &VdbRecordSettings) -> Result<(), VdbRecordError> {
     }
 }
 
-/// What a picture of a sequence is called.
+/// The file name of an image in a sequence.
 fn picture(number: u64) -> String {
     format!("{number:08}.png")
 }
 
-/// The pictures of a sequence in a folder, with their numbers.
+/// The images of a sequence in a folder, with their numbers.
 fn pictures_in(folder: &Path) -> io::Result<Vec<(u64, PathBuf)>> {
     let mut pictures = Vec::new();
     for entry in fs::read_dir(folder)? {
@@ -98,7 +99,7 @@ fn pictures_in(folder: &Path) -> io::Result<Vec<(u64, PathBuf)>> {
 
 struct PngSequence<'a> {
     folder: &'a Path,
-    /// Where a picture is until it is whole.
+    /// The path of an incomplete image.
     part: PathBuf,
     overwrite: bool,
     pulse: &'a Pulse,
@@ -152,7 +153,7 @@ impl<'a> PngSequence<'a> {
         })
     }
 
-    /// Half a picture never has a picture's name.
+    /// An incomplete image never has an image's name.
     fn save_as(&self, path: &Path) -> io::Result<()> {
         let mut file = File::create(&self.part)?;
         write_in_parts(&mut file, &self.file, self.pulse)?;
@@ -175,7 +176,7 @@ impl Encoder for PngSequence<'_> {
         self.save()
     }
 
-    /// A sequence that has been overwritten does not go on with pictures of the one before.
+    /// Removes images of an overwritten sequence beyond the end of this one.
     fn finish(self: Box<Self>) -> Result<(), VdbRecordError> {
         if !self.overwrite || self.next == 0 || self.pulse.is_given_up() {
             return Ok(());

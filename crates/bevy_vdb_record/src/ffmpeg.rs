@@ -1,4 +1,4 @@
-//! The program `ffmpeg`, which is given raw pictures through a pipe.
+//! The `ffmpeg` program, which receives raw images through a pipe.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -16,18 +16,18 @@ use super::pulse::Pulse;
 use super::target::{Encoder, cannot_write, is_free, part_of, write_in_parts};
 use super::{VdbRecordError, VdbRecordFormat, VdbRecordSettings};
 
-/// How long the program's last words are waited for, once it has ended: a program that it has started may
-/// keep their pipe open.
+/// How long to wait for the program's last output after it exits: a program it has started may keep
+/// the pipe open.
 const LAST_WORDS: Duration = Duration::from_secs(1);
 
 pub(super) struct Ffmpeg<'a> {
     settings: &'a VdbRecordSettings,
-    /// It has the program.
+    /// Owns the child process.
     pulse: &'a Pulse,
     part: PathBuf,
-    /// Closed at the end, which tells the program that all has come.
+    /// Closed at the end, which tells the program that there is no more input.
     pictures: Option<ChildStdin>,
-    /// The end of what the program has said.
+    /// The end of the program's output.
     said: Receiver<String>,
 }
 
@@ -79,7 +79,7 @@ impl<'a> Ffmpeg<'a> {
         Err(VdbRecordError::Ffmpeg { status, said })
     }
 
-    /// Waits for its end. A file that grows is a sign of life.
+    /// Waits for the program to exit. A growing file is a sign of progress.
     fn status(&self) -> io::Result<ExitStatus> {
         let mut known = 0;
         loop {
@@ -97,7 +97,7 @@ impl<'a> Ffmpeg<'a> {
         }
     }
 
-    /// Gives the video its name.
+    /// Renames the video to its final name.
     fn name(&self) -> Result<(), VdbRecordError> {
         let target = &self.settings.target;
         if !self.settings.overwrite {
@@ -107,7 +107,7 @@ impl<'a> Ffmpeg<'a> {
     }
 }
 
-/// Makes the file that the program is to write, so that no other recording does.
+/// Creates the file that the program will write, so that no other recording does.
 fn reserve(settings: &VdbRecordSettings, part: &PathBuf) -> Result<(), VdbRecordError> {
     let made = if settings.overwrite { File::create(part) } else { File::create_new(part) };
     made.map(drop).map_err(|error| match error.kind() {
@@ -139,7 +139,7 @@ impl Encoder for Ffmpeg<'_> {
     }
 }
 
-/// The last of what is said, at most a few lines.
+/// The last lines of an output, at most a few.
 fn end_of(mut stderr: impl Read) -> String {
     const KEPT: usize = 1000;
     let (mut end, mut chunk) = (Vec::new(), [0; 4096]);

@@ -2,9 +2,9 @@
 //!
 //! `bevy_vdb` re-exports this crate behind its feature `record`; nothing in it knows of volumes.
 //!
-//! A frame goes from the camera's own texture (`capture`, on the render thread) through a bounded
-//! queue (`session`) to a thread that encodes it (`encode`, `ffmpeg`), and that is waited for only as long
-//! as it shows signs of life (`pulse`).
+//! A frame goes from the camera's texture (`capture`, on the render thread) through a bounded queue
+//! (`session`) to an encoder thread (`encode`, `ffmpeg`), which is waited for only while it makes
+//! progress (`pulse`).
 
 #![deny(missing_docs)]
 
@@ -29,8 +29,8 @@ pub use settings::{
 
 use session::Session;
 
-/// Records what cameras show into pictures or videos, through a [`VdbRecorder`] on the camera. Needs
-/// a renderer; a window is not needed.
+/// Records cameras with a [`VdbRecorder`] into images or videos. Needs a
+/// renderer; a window is not needed.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -52,8 +52,8 @@ use session::Session;
 /// }
 /// ```
 ///
-/// A video is made by the program `ffmpeg`, which must be on the `PATH`; a sequence of PNG files needs
-/// nothing. Not on the web, where there are neither files nor programs.
+/// Videos need the `ffmpeg` program on the `PATH`; PNG sequences need nothing. Not available on the
+/// web, which has neither files nor programs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct VdbRecordPlugin;
 
@@ -67,25 +67,25 @@ impl Plugin for VdbRecordPlugin {
     }
 }
 
-/// Records the camera that it is on: a component of a `Camera3d`.
+/// Records its camera: a component of a `Camera3d`.
 ///
-/// What is recorded is what this camera draws, after tonemapping and with the user interface that is
-/// drawn into it: its viewport, not what other cameras put beside or over it. Colours are sRGB, 8 bits
-/// a channel, without alpha. Taken off the camera, or despawned with it, it ends the recording as
-/// [`stop`](Self::stop) does.
+/// The recording contains what this camera draws, after tonemapping and with the user interface
+/// drawn into it: its viewport, but not what other cameras draw beside or over it. Colours are
+/// sRGB, 8 bits per channel, without alpha. Removing the component or despawning the camera ends
+/// the recording like [`stop`](Self::stop).
 #[derive(Component, Debug, Default)]
 pub struct VdbRecorder {
     session: Option<Arc<Session>>,
 }
 
 impl VdbRecorder {
-    /// Begins with the present frame.
+    /// Starts recording with the current frame.
     ///
     /// # Errors
     ///
-    /// While the recording before is not at its [end](VdbRecordPhase::Ended), and for settings that
-    /// make no sense. All else that can go wrong (a folder that cannot be written, no `ffmpeg`) comes
-    /// later, in [`status`](Self::status) and [`VdbRecordEnded`].
+    /// If the previous recording has not [ended](VdbRecordPhase::Ended), or the settings are
+    /// invalid. All other failures (an unwritable folder, a missing `ffmpeg`) are reported later,
+    /// by [`status`](Self::status) and [`VdbRecordEnded`].
     pub fn start(&mut self, settings: VdbRecordSettings) -> Result<(), VdbRecordError> {
         let busy = [VdbRecordPhase::Recording, VdbRecordPhase::Finishing];
         if busy.contains(&self.status().phase) {
@@ -95,15 +95,15 @@ impl VdbRecorder {
         Ok(())
     }
 
-    /// Takes no further frames. Those already taken are still written, while the app goes on: the
-    /// file is whole when [`VdbRecordEnded`] comes.
+    /// Stops taking frames. Frames already taken are still written while the app continues; the
+    /// file is complete when [`VdbRecordEnded`] is sent.
     pub fn stop(&self) {
         if let Some(session) = &self.session {
             session.stop();
         }
     }
 
-    /// How far the recording is that was started last.
+    /// The status of the latest recording.
     pub fn status(&self) -> VdbRecordStatus {
         self.session.as_ref().map_or_else(Default::default, |session| session.status())
     }
@@ -115,15 +115,15 @@ impl Drop for VdbRecorder {
     }
 }
 
-/// A recording has ended: a message. Its file is whole, unless there was an error.
+/// A recording has ended: a message. Its file is complete unless there was an error.
 #[derive(Clone, Debug, Message)]
 pub struct VdbRecordEnded {
     /// The camera, which may have been despawned since.
     pub camera: Entity,
-    /// Where the recording is.
+    /// The path of the recording.
     pub target: PathBuf,
-    /// The last counts, and the error if there was one. Up to the error, the recording can be played:
-    /// pictures where they were to be, a video perhaps as [`unfinished`](VdbRecordStatus::unfinished).
+    /// The final counts, and the error if there was one. Everything before the error can be played:
+    /// images at the target, a video possibly as [`unfinished`](VdbRecordStatus::unfinished).
     pub status: VdbRecordStatus,
 }
 
@@ -132,7 +132,7 @@ pub struct VdbRecordEnded {
 struct Recordings(Vec<(Entity, Arc<Session>)>);
 
 impl Drop for Recordings {
-    /// What the encoder has is written before the app goes, unless it hangs.
+    /// Writes what the encoder has before the app exits, unless the encoder hangs.
     fn drop(&mut self) {
         for (_, session) in &self.0 {
             session.close();
@@ -142,7 +142,7 @@ impl Drop for Recordings {
     }
 }
 
-/// Says why a recording did not end as asked.
+/// Logs why a recording did not end as requested.
 fn tell(session: &Session, status: &VdbRecordStatus) {
     let target = session.settings.target.display();
     match (&status.error, &status.unfinished) {
@@ -180,14 +180,14 @@ fn watch_recordings(
     });
 }
 
-/// The app's time while a recording keeps it.
+/// The app's time while a recording controls it.
 struct KeptTime {
     frame_rate: u32,
-    /// What the app had before.
+    /// The strategy of the app before.
     before: TimeUpdateStrategy,
 }
 
-/// One step of time a frame, while there is a recording that wants it.
+/// Advances time by one step per frame while a recording requests it.
 fn keep_time(
     recordings: Res<Recordings>,
     mut strategy: ResMut<TimeUpdateStrategy>,

@@ -1,23 +1,24 @@
-//! Whether an encoder still gets on, so that nobody waits for ever for one that does not.
+//! Detects whether an encoder still makes progress, so that nobody waits forever for one that does
+//! not.
 
 use std::process::{Child, ExitStatus};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The signs of life of an encoder's thread, and what it takes to end it.
+/// Signs of progress of an encoder thread, and the means to end it.
 #[derive(Debug, Default)]
 pub(super) struct Pulse {
     beats: AtomicU64,
-    /// It waits for the next frame, and owes nobody anything.
+    /// The encoder waits for the next frame and has nothing to do.
     idle: AtomicBool,
     given_up: AtomicBool,
-    /// The program that encodes, where there is one.
+    /// The encoding program, if there is one.
     child: Mutex<Option<Child>>,
 }
 
 impl Pulse {
-    /// The encoder has done a part of its work.
+    /// The encoder has completed a part of its work.
     pub fn beat(&self) {
         self.beats.fetch_add(1, Ordering::Relaxed);
     }
@@ -27,13 +28,12 @@ impl Pulse {
         self.idle.store(idle, Ordering::SeqCst);
     }
 
-    /// Whether nobody waits for the encoder any more. What it has not finished stays unfinished.
+    /// Whether nobody waits for the encoder any more. Its unfinished work stays unfinished.
     pub fn is_given_up(&self) -> bool {
         self.given_up.load(Ordering::SeqCst)
     }
 
-    /// Ends the program. The encoder's thread may hang in a call of the system all the same, and is left
-    /// to itself.
+    /// Ends the program. The encoder thread may still hang in a system call, and is abandoned.
     pub fn give_up(&self) {
         self.given_up.store(true, Ordering::SeqCst);
         if let Some(child) = &mut *self.child() {
@@ -41,7 +41,7 @@ impl Pulse {
         }
     }
 
-    /// Leaves the program to whoever gives up, which may have happened while it was being started.
+    /// Hands the program to whoever gives up, which may have happened while it was being started.
     pub fn guard(&self, mut child: Child) {
         let mut guarded = self.child();
         if self.is_given_up() {
@@ -55,7 +55,7 @@ impl Pulse {
         self.child().is_some()
     }
 
-    /// How the program ended, if it has.
+    /// The program's exit status, if it has exited.
     pub fn try_wait(&self) -> std::io::Result<Option<ExitStatus>> {
         self.child().as_mut().map_or(Ok(None), Child::try_wait)
     }
@@ -65,7 +65,7 @@ impl Pulse {
     }
 }
 
-/// For how long those who wait have seen no sign of life.
+/// How long a waiter has seen no sign of progress.
 #[derive(Debug)]
 pub(super) struct Patience {
     beats: u64,
@@ -73,8 +73,8 @@ pub(super) struct Patience {
     looked: Instant,
 }
 
-/// More than that between two looks, and the app itself stood still: suspended, or in a debugger. The
-/// encoder may have had no chance.
+/// If more time passes between two checks, the app itself was suspended or in a debugger, and the
+/// encoder may have had no chance to run.
 const LONGEST_LOOK: Duration = Duration::from_secs(1);
 
 impl Patience {
@@ -82,7 +82,7 @@ impl Patience {
         Self { beats: 0, quiet: Duration::ZERO, looked: now }
     }
 
-    /// Whether there has been no sign of life for longer than that.
+    /// Whether there has been no sign of progress for longer than the limit.
     pub fn is_over(&mut self, pulse: &Pulse, limit: Duration, now: Instant) -> bool {
         let beats = pulse.beats.load(Ordering::Relaxed);
         let looked = std::mem::replace(&mut self.looked, now);

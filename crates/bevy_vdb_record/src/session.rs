@@ -1,4 +1,4 @@
-//! One recording: what the component, the renderer and the encoder's thread share.
+//! One recording: the state shared by the component, the renderer and the encoder thread.
 
 use std::sync::mpsc::{self, Receiver, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -13,23 +13,23 @@ use super::{
     VdbRecordError, VdbRecordPhase, VdbRecordSettings, VdbRecordStatus, VdbRecordWhenFull,
 };
 
-/// How often those look who wait for an encoder.
+/// The polling interval of those who wait for an encoder.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// A picture on its way to the encoder.
+/// An image on its way to the encoder.
 #[derive(Debug)]
 pub(super) struct Frame {
-    /// Its number in the recording. Numbers that are left out are filled by repeating.
+    /// Its number in the recording. Missing numbers are filled by repetition.
     pub slot: u64,
     pub size: UVec2,
-    /// RGBA in sRGB, row by row from the top left, 4 bytes a pixel; alpha means nothing.
+    /// RGBA in sRGB, row by row from the top left, 4 bytes per pixel; alpha is unused.
     pub pixels: Vec<u8>,
 }
 
 #[derive(Debug)]
 pub(super) struct Session {
     pub settings: VdbRecordSettings,
-    /// Of the encoder.
+    /// The progress of the encoder.
     pub pulse: Pulse,
     state: Mutex<State>,
 }
@@ -37,16 +37,16 @@ pub(super) struct Session {
 #[derive(Debug)]
 struct State {
     status: VdbRecordStatus,
-    /// Frames captured that are not yet in the queue.
+    /// Frames captured that are not in the queue yet.
     in_flight: usize,
-    /// The encoder ends when this, and what has been cloned from it, is gone.
+    /// The encoder ends when this and all its clones are dropped.
     queue: Option<SyncSender<Frame>>,
     encoder: Option<JoinHandle<()>>,
     patience: Patience,
 }
 
 impl Session {
-    /// Begins a recording whose frames `encode` takes, on a thread of its own, until no more can come.
+    /// Starts a recording; `encode` runs on its own thread until no more frames can come.
     pub fn start(
         settings: VdbRecordSettings,
         encode: impl FnOnce(&Self, &Receiver<Frame>) -> Result<(), VdbRecordError> + Send + 'static,
@@ -82,7 +82,7 @@ impl Session {
         self.state().status.clone()
     }
 
-    /// Whether further frames are wanted.
+    /// Whether more frames are wanted.
     pub fn is_recording(&self) -> bool {
         self.state().status.phase == VdbRecordPhase::Recording
     }
@@ -96,12 +96,12 @@ impl Session {
         wanted
     }
 
-    /// Counts a frame that is left out.
+    /// Counts a dropped frame.
     pub fn drop_frame(&self) {
         self.state().status.dropped += 1;
     }
 
-    /// Counts frames of a gap that is not filled; whether they are the first.
+    /// Counts frames of a gap that is not filled; returns whether they are the first.
     pub fn cut(&self, frames: u64) -> bool {
         let mut state = self.state();
         let is_first = state.status.cut == 0;
@@ -109,13 +109,13 @@ impl Session {
         is_first
     }
 
-    /// Counts a frame that is in the file.
+    /// Counts a frame written to the file.
     pub fn count_written(&self) {
         self.state().status.written += 1;
     }
 
-    /// Hands a captured frame to the encoder; gives it back when the queue is full and the frame is
-    /// not to wait for room. It waits as long as the encoder gets on.
+    /// Passes a captured frame to the encoder. Returns it if the queue is full and `wait` is false.
+    /// Otherwise waits as long as the encoder makes progress.
     pub fn deliver(&self, mut frame: Frame, wait: bool) -> Result<(), Frame> {
         // Not under the lock: the encoder needs it to get on. An error is an encoder that has ended, which
         // says why itself.
@@ -139,12 +139,12 @@ impl Session {
         self.state().queue.clone()
     }
 
-    /// No further frames.
+    /// Accepts no more frames.
     pub fn stop(&self) {
         self.finish(None);
     }
 
-    /// No further frames, and the reason.
+    /// Accepts no more frames, and records the reason.
     pub fn fail(&self, error: VdbRecordError) {
         self.finish(Some(error));
     }
@@ -158,7 +158,7 @@ impl Session {
         state.close_when_drained();
     }
 
-    /// Frames that were captured do not come.
+    /// Reports captured frames that will not arrive.
     pub fn lose(&self, frames: usize) {
         if frames == 0 {
             return;
@@ -170,7 +170,7 @@ impl Session {
         state.close_when_drained();
     }
 
-    /// No further frames, and none that are still on their way from the GPU.
+    /// Accepts no more frames, including those on their way from the GPU.
     pub fn close(&self) {
         let lost = self.state().in_flight;
         self.lose(lost);
@@ -195,8 +195,9 @@ impl Session {
         state.queue = None;
     }
 
-    /// Ends the recording if its encoder has stood still for longer than the settings allow; whether it is
-    /// at its end, of whatever cause. To be asked by all who wait for the encoder, and in every frame.
+    /// Ends the recording if its encoder has made no progress for longer than the settings allow;
+    /// returns whether it has ended for any reason. Called every frame, and by everyone who waits
+    /// for the encoder.
     pub fn end_if_stalled(&self) -> bool {
         let mut state = self.state();
         if state.status.phase == VdbRecordPhase::Ended {
@@ -217,7 +218,7 @@ impl Session {
         true
     }
 
-    /// Waits for the encoder's thread, as long as it gets on.
+    /// Waits for the encoder thread as long as it makes progress.
     pub fn join(&self) {
         while !self.end_if_stalled() {
             if self.state().encoder.as_ref().is_none_or(JoinHandle::is_finished) {

@@ -1,4 +1,4 @@
-//! What is recorded how, how far it is, and what can go wrong.
+//! Settings, status and errors of recordings.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -6,85 +6,86 @@ use std::time::Duration;
 
 use bevy::math::UVec2;
 
-/// What the pictures are written as.
+/// The output format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VdbRecordFormat {
-    /// PNG files `00000000.png`, `00000001.png`, … in a folder, which is the target; without loss, and
-    /// without any other program. Each has its name once it is whole.
+    /// PNG files `00000000.png`, `00000001.png`, … in the target folder: lossless, without any
+    /// other program. A file gets its name when it is complete.
     PngSequence,
-    /// H.264 in MP4, by the program `ffmpeg` (with `libx264`). A width or height that is odd loses its
-    /// last column or row. In fragments of a second, so that the file can be played up to where an
-    /// encoder was killed. Until it is whole, `film.mp4` is called `film.part.mp4`.
+    /// H.264 in MP4, by the `ffmpeg` program (with `libx264`). An odd width or height loses its
+    /// last column or row. Fragmented every second, so the file can be played up to where an
+    /// encoder was killed. Until complete, `film.mp4` is called `film.part.mp4`.
     Mp4,
-    /// VP9 in WebM, by the program `ffmpeg` (with `libvpx-vp9`). Until it is whole, `film.webm` is called
-    /// `film.part.webm`.
+    /// VP9 in WebM, by the `ffmpeg` program (with `libvpx-vp9`). Until complete, `film.webm` is
+    /// called `film.part.webm`.
     WebM,
 }
 
-/// What a frame of the recording is in time.
+/// How the time of the recording relates to that of the app.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VdbRecordClock {
-    /// The app's time goes on by one frame of the recording with every frame of the app, however long
-    /// that takes: for films. While it records, Bevy's `TimeUpdateStrategy` is that of the recording.
-    /// Below 4 frames a second, also raise the `max_delta` of `Time<Virtual>`, a quarter of a second.
+    /// The app's time advances by one recorded frame per frame, however long rendering takes: for
+    /// films. Sets Bevy's `TimeUpdateStrategy` while recording. Below 4 frames per second, also
+    /// raise the `max_delta` of `Time<Virtual>`, which is a quarter of a second.
     FixedStep,
-    /// The app's time is that of the clock on the wall, and so is the recording's. Where the app has no
-    /// new frame in time the last one is repeated, for [`VdbRecordSettings::max_gap`] at most; where it
-    /// has too many some are left out.
+    /// The app and the recording run in real time. If the app has no new frame in time, the last
+    /// one is repeated, for up to [`VdbRecordSettings::max_gap`]; if it has too many, some are left
+    /// out.
     RealTime,
 }
 
-/// What happens to a frame when the encoder is so far behind that the queue is full.
+/// What happens to a frame when the queue to the encoder is full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VdbRecordWhenFull {
-    /// The app waits for the encoder, as long as that gets on: see [`VdbRecordSettings::stall_timeout`].
+    /// The app waits for the encoder as long as it makes progress: see
+    /// [`VdbRecordSettings::stall_timeout`].
     Wait,
-    /// The frame is left out, and the one before it is repeated, so that the recording keeps its time.
+    /// The frame is dropped and the previous one repeated, so that the recording keeps time.
     Drop,
 }
 
-/// How to record: see [`VdbRecorder::start`](crate::VdbRecorder::start).
+/// Settings of a recording: see [`VdbRecorder::start`](crate::VdbRecorder::start).
 #[derive(Clone, Debug, PartialEq)]
 pub struct VdbRecordSettings {
-    /// The file, or for [`VdbRecordFormat::PngSequence`] the folder. Folders on the way are made.
+    /// The file, or for [`VdbRecordFormat::PngSequence`] the folder. Missing folders are created.
     pub target: PathBuf,
-    /// What is written.
+    /// The output format.
     pub format: VdbRecordFormat,
-    /// Whether a recording that stands at the target is replaced; `false` by default: the new one then
-    /// ends before its first frame with [`VdbRecordError::Exists`]. Of a sequence of PNG files that is any
-    /// file in the folder that is called as one of a sequence, since it would be taken for a part of this
-    /// one. They are replaced one by one, and those that the new sequence does not reach are removed at
+    /// Whether to replace an existing recording. `false` by default: the new recording then ends
+    /// before its first frame with [`VdbRecordError::Exists`]. For a PNG sequence, any file in the
+    /// folder with the name of a frame counts, because it would be taken for a part of the new one.
+    /// Files are replaced one by one, and those beyond the end of the new sequence are removed at
     /// its end.
     pub overwrite: bool,
-    /// Frames a second, at least 1. 30 by default.
+    /// Frames per second, at least 1. 30 by default.
     pub frame_rate: u32,
     /// [`VdbRecordClock::FixedStep`] by default.
     pub clock: VdbRecordClock,
     /// [`VdbRecordWhenFull::Wait`] by default.
     pub when_full: VdbRecordWhenFull,
-    /// How many frames may wait for the encoder: 8 by default. A frame has 4 bytes a pixel, and up to
-    /// 6 more are held between the GPU and the file.
+    /// The number of frames that may wait for the encoder: 8 by default. A frame takes 4 bytes per
+    /// pixel, and up to 6 more are held between the GPU and the file.
     pub queue: usize,
-    /// How long the recording is at most, in its own frames: it then stops by itself.
+    /// The maximum length in recorded frames, after which the recording stops.
     pub max_frames: Option<u64>,
-    /// How long the encoder may do nothing at all, although it has something to do, before it is given up
-    /// and the recording ends with [`VdbRecordError::Stalled`]: 20 seconds by default. No longer than that
-    /// do [`VdbRecordWhenFull::Wait`] and the end of the app wait for an encoder that hangs. Time in which
-    /// the app itself was suspended does not count.
+    /// How long the encoder may make no progress before it is abandoned and the recording ends with
+    /// [`VdbRecordError::Stalled`]: 20 seconds by default. [`VdbRecordWhenFull::Wait`] and the exit
+    /// of the app wait no longer than that. Time in which the app was suspended does not count.
     pub stall_timeout: Duration,
-    /// With [`VdbRecordClock::RealTime`], the longest time without a new frame that is filled by repeating
-    /// the last one: 5 seconds by default. Of a longer one (the app was suspended, its window minimised)
-    /// the rest is left out of the recording, with a warning, and counted in [`VdbRecordStatus::cut`].
+    /// With [`VdbRecordClock::RealTime`], the longest gap that is filled by repeating the last
+    /// frame: 5 seconds by default. The rest of a longer gap (the app was suspended, its window
+    /// minimised) is left out of the recording, with a warning, and counted in
+    /// [`VdbRecordStatus::cut`].
     pub max_gap: Duration,
-    /// The program that makes videos: `ffmpeg` by default, which is looked for on the `PATH`.
+    /// The program that encodes videos: `ffmpeg` by default, looked up on the `PATH`.
     pub ffmpeg: PathBuf,
-    /// Further arguments for `ffmpeg`, before the file and after those of the format, which they
-    /// overrule: `["-crf", "12"]` is a finer picture in a larger file.
+    /// Additional arguments for `ffmpeg`, before the file and after those of the format, which they
+    /// override: `["-crf", "12"]` gives higher quality in a larger file.
     pub ffmpeg_args: Vec<String>,
 }
 
 impl VdbRecordSettings {
-    /// The defaults, which are those of a film: every frame, with a fixed step of time.
+    /// Settings for a film: every frame, with a fixed time step.
     pub fn new(target: impl Into<PathBuf>, format: VdbRecordFormat) -> Self {
         Self {
             target: target.into(),
@@ -103,138 +104,138 @@ impl VdbRecordSettings {
     }
 }
 
-/// How long a frame is.
+/// The duration of a frame.
 pub(super) fn frame_time(frame_rate: u32) -> Duration {
     Duration::from_secs(1) / frame_rate.max(1)
 }
 
-/// How far a recording is.
+/// The phase of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum VdbRecordPhase {
     /// Nothing has been recorded.
     #[default]
     Idle,
-    /// Frames are taken.
+    /// Frames are being captured.
     Recording,
-    /// No more frames are taken; the last are being written.
+    /// No more frames are captured; the last are being written.
     Finishing,
-    /// The file is whole, unless there is an [error](VdbRecordStatus::error), and the recorder can be
-    /// started again.
+    /// The file is complete, unless there is an [error](VdbRecordStatus::error), and the recorder
+    /// can be started again.
     Ended,
 }
 
-/// The counts of a recording.
+/// The status of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct VdbRecordStatus {
-    /// How far it is.
+    /// The phase of the recording.
     pub phase: VdbRecordPhase,
-    /// Frames taken from the camera.
+    /// Frames captured from the camera.
     pub captured: u64,
-    /// Frames left out because the queue was full.
+    /// Frames dropped because the queue was full.
     pub dropped: u64,
-    /// Frames that the encoder has been given and has taken, repeated ones among them.
+    /// Frames that the encoder has accepted, including repeated ones.
     pub written: u64,
-    /// Frames of gaps that were too long to be filled: see [`VdbRecordSettings::max_gap`].
+    /// Frames left out of gaps that were too long to fill: see [`VdbRecordSettings::max_gap`].
     pub cut: u64,
-    /// Where a video stands that its encoder has not finished, `film.part.mp4` instead of `film.mp4`: it
-    /// can be played as far as it goes.
+    /// The path of a video that its encoder has not finished, such as `film.part.mp4`; it can be
+    /// played as far as it goes.
     pub unfinished: Option<PathBuf>,
-    /// Why it ended, if it did not end as asked.
+    /// Why the recording ended, if not as requested.
     pub error: Option<VdbRecordError>,
 }
 
-/// What ends a recording, or keeps it from beginning.
+/// Why a recording ended or could not start.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum VdbRecordError {
-    /// One recorder, one recording.
+    /// The recorder already has a recording.
     #[error("this camera is already being recorded; stop that, and wait until it has ended")]
     AlreadyRecording,
-    /// No frames a second.
+    /// The frame rate is 0.
     #[error("a recording needs at least 1 frame a second; set VdbRecordSettings::frame_rate")]
     NoFrameRate,
-    /// The thread that encodes could not be started.
+    /// The encoder thread could not be started.
     #[error("cannot start a thread to encode on: {0}")]
     Thread(Arc<std::io::Error>),
-    /// Two recordings cannot both say how long a frame of the app is.
+    /// Two recordings request different fixed time steps.
     #[error(
         "a recording with a fixed step at {own} frames a second was asked for while another keeps the \
          app's time at {kept}; give both the same frame_rate"
     )]
     OtherFrameRate {
-        /// Frames a second of this recording.
+        /// Frames per second of this recording.
         own: u32,
-        /// Frames a second of the other.
+        /// Frames per second of the other.
         kept: u32,
     },
-    /// Something stands where the recording is to go.
+    /// The target exists.
     #[error(
         "{} is already there; set VdbRecordSettings::overwrite if it is to be replaced, or record to \
          another place",
         path.display()
     )]
     Exists {
-        /// A file of the recording before.
+        /// A file of the earlier recording.
         path: PathBuf,
     },
-    /// It was stopped before there was anything.
+    /// The recording was stopped before its first frame.
     #[error(
         "it was stopped before the camera had drawn a frame; is the camera a Camera3d, active, and its \
          window or image there?"
     )]
     NoFrames,
-    /// A video has one size.
+    /// The size of a video cannot change.
     #[error(
         "the camera's picture changed its size from {from} to {to} pixels; the recording ends with the \
          frame before"
     )]
     Resized {
-        /// Width and height until then, in pixels.
+        /// The previous width and height in pixels.
         from: UVec2,
-        /// Width and height since, in pixels.
+        /// The new width and height in pixels.
         to: UVec2,
     },
-    /// The GPU did not hand over a frame.
+    /// The GPU did not deliver a frame.
     #[error(
         "{frames} frames were lost between the GPU and the encoder: the app ended, or its GPU failed"
     )]
     Lost {
-        /// How many had been captured and were not there to be encoded.
+        /// The number of frames captured but not encoded.
         frames: usize,
     },
-    /// A file or folder cannot be made or written.
+    /// A file or folder cannot be created or written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
-        /// Which.
+        /// The path.
         path: PathBuf,
-        /// Why.
+        /// The operating system's error.
         source: Arc<std::io::Error>,
     },
-    /// There is no `ffmpeg`.
+    /// `ffmpeg` was not found.
     #[error(
         "the program {} is not on the PATH; install it (Debian: apt install ffmpeg), or record as \
          VdbRecordFormat::PngSequence",
         program.display()
     )]
     FfmpegMissing {
-        /// [`VdbRecordSettings::ffmpeg`].
+        /// The value of [`VdbRecordSettings::ffmpeg`].
         program: PathBuf,
     },
-    /// The encoder hangs, or the disk that it writes to.
+    /// The encoder, or the disk it writes to, hangs.
     #[error(
         "the encoder has done nothing for {} s (VdbRecordSettings::stall_timeout) and was given up; does \
          the disk or the program ffmpeg hang?",
         after.as_secs_f64()
     )]
     Stalled {
-        /// How long it was waited for.
+        /// How long the recording waited.
         after: Duration,
     },
     /// `ffmpeg` could not be started, failed, or was killed.
     #[error("ffmpeg ended too early ({status}): {said}")]
     Ffmpeg {
-        /// How it ended.
+        /// The exit status.
         status: String,
-        /// The end of what it said.
+        /// The end of its output.
         said: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Where frames go: what every encoder does, and the files that it writes.
+//! Destinations of frames: the interface of encoders, and the files they write.
 
 use std::ffi::OsString;
 use std::fs;
@@ -9,14 +9,14 @@ use std::sync::Arc;
 use super::pulse::Pulse;
 use super::{VdbRecordError, VdbRecordFormat, VdbRecordSettings};
 
-/// Where frames of one size go.
+/// A destination for frames of one size.
 pub(super) trait Encoder {
     fn write(&mut self, pixels: &[u8]) -> Result<(), VdbRecordError>;
 
-    /// Writes the frame before once more.
+    /// Writes the previous frame again.
     fn repeat(&mut self, pixels: &[u8]) -> Result<(), VdbRecordError>;
 
-    /// Makes the file whole, unless there was an error, which it may say more of.
+    /// Completes the file, or reports more about an earlier error.
     fn finish(self: Box<Self>) -> Result<(), VdbRecordError>;
 }
 
@@ -24,8 +24,8 @@ pub(super) fn cannot_write(path: &Path, error: io::Error) -> VdbRecordError {
     VdbRecordError::Write { path: path.to_owned(), source: Arc::new(error) }
 }
 
-/// Where a video stands until it is whole: `film.part.mp4` beside `film.mp4`. Pictures have no such place
-/// that anyone could want to look at.
+/// The path of an incomplete video: `film.part.mp4` beside `film.mp4`. Images have no such path
+/// that anyone might look for.
 pub(super) fn part_of(settings: &VdbRecordSettings) -> Option<PathBuf> {
     if settings.format == VdbRecordFormat::PngSequence {
         return None;
@@ -48,7 +48,7 @@ pub(super) fn is_free(path: &Path) -> Result<(), VdbRecordError> {
     }
 }
 
-/// Writes with a sign of life every now and then; not at all once nobody waits for it.
+/// Writes in parts with regular signs of progress; stops once nobody waits.
 pub(super) fn write_in_parts(
     mut to: impl Write,
     bytes: &[u8],

@@ -1,25 +1,25 @@
-//! Text from files, made safe to show.
+//! Text from files, made safe to display.
 //!
-//! Names, types and metadata are whatever a file says: escapes that a terminal obeys, line breaks that forge a
-//! line of a log, marks that turn the direction of writing, megabytes. They are kept as they are, so that
-//! a grid is found by its name and written back under it, and escaped where they are shown. What
-//! implements `Display` here does so by itself: [`Error`](crate::Error), [`Place`](crate::Place),
-//! [`MetaValue`](crate::MetaValue). Plain `String`s, such as [`Grid::name`](crate::Grid::name), go
-//! through [`escaped`] or [`quoted`].
+//! Names, types and metadata contain whatever a file says: terminal escapes, line breaks that forge
+//! log lines, bidirectional marks, megabytes. They are stored unchanged, so that a grid is found by
+//! its name and written back under it, and escaped on display. [`Error`](crate::Error),
+//! [`Place`](crate::Place) and [`MetaValue`](crate::MetaValue) do this in their `Display`. For
+//! plain `String`s, such as [`Grid::name`](crate::Grid::name), use [`escaped`] or [`quoted`].
 
 use std::fmt::{self, Display, Formatter, Write};
 
-/// Characters of text from a file that are shown, unless [`Escaped::at_most`] says otherwise.
+/// The number of characters displayed of text from a file, unless [`Escaped::at_most`] says
+/// otherwise.
 pub const SHOWN_CHARS: usize = 256;
 
-/// Characters of an error's description that are shown: room for several names of [`SHOWN_CHARS`].
+/// The number of characters displayed of an error's description, which has room for several names
+/// of [`SHOWN_CHARS`].
 pub(crate) const ERROR_CHARS: usize = 4 * SHOWN_CHARS;
 
-/// Letters that have no ink, and that Unicode counts as printable all the same: fillers of Hangul and
-/// the blank of Braille.
+/// Letters without ink that Unicode counts as printable: Hangul fillers and the Braille blank.
 const BLANK: [char; 5] = ['\u{115f}', '\u{1160}', '\u{3164}', '\u{ffa0}', '\u{2800}'];
 
-/// Text in which nothing but plain, visible characters is left: see [`escaped`] and [`quoted`].
+/// Text reduced to plain, visible characters: see [`escaped`] and [`quoted`].
 #[derive(Clone, Copy, Debug)]
 pub struct Escaped<'a> {
     text: &'a str,
@@ -27,9 +27,9 @@ pub struct Escaped<'a> {
     most: usize,
 }
 
-/// Text on one line: `\n`, `\u{1b}` and the like stand for control characters, changes of direction,
-/// invisible and unassigned characters. Quotes and backslashes stay, so that it may be applied twice.
-/// Beyond [`SHOWN_CHARS`] an ellipsis stands for the rest.
+/// Escapes text to a single line: control characters, bidirectional marks, and invisible and
+/// unassigned characters become `\n`, `\u{1b}` and so on. Quotes and backslashes stay, so escaping
+/// twice is harmless. After [`SHOWN_CHARS`] an ellipsis replaces the rest.
 ///
 /// ```
 /// use vdb_core::display::escaped;
@@ -42,13 +42,13 @@ pub fn escaped(text: &str) -> Escaped<'_> {
     Escaped { text, quotes: false, most: SHOWN_CHARS }
 }
 
-/// The same in double quotes; those within have a backslash, as in `{:?}`.
+/// The same in double quotes, with inner quotes escaped as in `{:?}`.
 pub fn quoted(text: &str) -> Escaped<'_> {
     Escaped { quotes: true, ..escaped(text) }
 }
 
 impl Escaped<'_> {
-    /// The same with so many characters of the text at most.
+    /// Limits the number of characters displayed.
     #[must_use]
     pub fn at_most(self, chars: usize) -> Self {
         Self { most: chars, ..self }

@@ -1,4 +1,4 @@
-//! What can go wrong with a file, and where.
+//! Errors in files, and where they are.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -6,74 +6,74 @@ use std::sync::Arc;
 
 use crate::display::{ERROR_CHARS, escaped, quoted};
 
-/// Why a file, or a grid of it, could not be read or written.
+/// Why a file, or one of its grids, could not be read or written.
 ///
-/// Its `Display` is one line: where, what, and what to do about it. What it says in the words of the file is
+/// `Display` is one line: where, what, and what to do about it. Text from the file is
 /// [escaped](crate::display::escaped).
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum Error {
-    /// The operating system refused: no such file, no permission, disk full.
+    /// An error of the operating system: no such file, no permission, disk full.
     #[error("{place}{source}")]
     Io {
-        /// Where in the file.
+        /// The position in the file.
         place: Place,
-        /// What the system said.
+        /// The operating system's error.
         source: Arc<std::io::Error>,
     },
-    /// The bytes are not what the format prescribes.
+    /// The bytes violate the format.
     #[error(
         "{place}{}. The file is damaged or no VDB file; export it again from its program",
         shown(what)
     )]
     Invalid {
-        /// Where in the file.
+        /// The position in the file.
         place: Place,
         /// What is wrong.
         what: String,
     },
-    /// The file may be sound, but uses what is not implemented here.
+    /// The file may be sound, but uses a feature that is not supported.
     #[error("{place}{}", shown(what))]
     NotSupported {
-        /// Where in the file.
+        /// The position in the file.
         place: Place,
         /// What is not supported, and what to do instead.
         what: String,
     },
-    /// The file asks for more than [`Limits`](crate::Limits) allow.
+    /// The file exceeds one of the [`Limits`](crate::Limits).
     #[error(
         "{place}{} exceed the limit of {limit} (`Limits::{name}`); raise it if the file is to be trusted",
         shown(what)
     )]
     LimitExceeded {
-        /// Where in the file.
+        /// The position in the file.
         place: Place,
-        /// What there is too much of, with the amount asked for.
+        /// What exceeds the limit, with the amount requested.
         what: String,
-        /// The field of [`Limits`](crate::Limits) that says so.
+        /// The name of the field in [`Limits`](crate::Limits).
         name: &'static str,
-        /// Its value.
+        /// The value of the limit.
         limit: u64,
     },
-    /// The path leads to nothing that can be read from or replaced: a folder, a pipe, a device.
+    /// The path leads to something that cannot be read or replaced: a folder, a pipe, a device.
     #[error("{place}{what}")]
     NotAFile {
-        /// Which path.
+        /// The path.
         place: Place,
         /// What is there instead, and what to do.
         what: String,
     },
-    /// A grid was asked for by a name that the file does not list.
+    /// A grid was requested by a name that the file does not list.
     #[error("{place}the file has no grid {}", quoted(name))]
     NoSuchGrid {
-        /// Where in the file.
+        /// The position in the file.
         place: Place,
-        /// The name asked for.
+        /// The requested name.
         name: String,
     },
-    /// The progress callback asked to stop.
+    /// The progress callback requested cancellation.
     #[error("{place}reading was cancelled")]
     Cancelled {
-        /// Where in the file.
+        /// The position in the file.
         place: Place,
     },
 }
@@ -83,14 +83,14 @@ fn shown(what: &str) -> impl fmt::Display + '_ {
     escaped(what).at_most(ERROR_CHARS)
 }
 
-/// Where in which file something went wrong; parts that are not known are `None`.
+/// A position in a file; unknown parts are `None`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Place {
     /// The file.
     pub path: Option<PathBuf>,
-    /// The grid, by its unique name.
+    /// The unique name of the grid.
     pub grid: Option<String>,
-    /// The byte, counted from the start of the file.
+    /// The byte offset from the start of the file.
     pub offset: Option<u64>,
 }
 
@@ -139,7 +139,7 @@ impl Error {
         Self::Cancelled { place: Place::default() }
     }
 
-    /// Where it went wrong.
+    /// The position of the error.
     pub fn place(&self) -> &Place {
         match self {
             Self::Io { place, .. }
@@ -164,19 +164,19 @@ impl Error {
         }
     }
 
-    /// The same error, at this byte unless it knows a nearer one.
+    /// Adds a byte offset, unless the error has one already.
     pub(crate) fn at(mut self, offset: usize) -> Self {
         self.place_mut().offset.get_or_insert(offset as u64);
         self
     }
 
-    /// The same error, of this grid.
+    /// Adds the name of a grid.
     pub(crate) fn in_grid(mut self, name: &str) -> Self {
         self.place_mut().grid.get_or_insert_with(|| name.to_owned());
         self
     }
 
-    /// The same error, of this file. For whoever reads the bytes and knows where they came from.
+    /// Adds the path of the file, for callers that read the bytes themselves.
     pub fn in_file(mut self, path: impl AsRef<Path>) -> Self {
         self.place_mut().path.get_or_insert_with(|| path.as_ref().to_owned());
         self

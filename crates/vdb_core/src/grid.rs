@@ -1,4 +1,4 @@
-//! A file and its grids, read.
+//! Files and grids in memory.
 
 use std::fmt;
 use std::ops::ControlFlow;
@@ -27,7 +27,7 @@ use crate::{Error, Limits, Metadata, Transform};
 /// # Ok::<(), vdb_core::Error>(())
 /// ```
 ///
-/// And the other way:
+/// Writing works the other way round:
 ///
 /// ```
 /// use glam::{DVec3, IVec3};
@@ -48,50 +48,50 @@ use crate::{Error, Limits, Metadata, Transform};
 /// ```
 #[derive(Clone, Debug)]
 pub struct VdbFile {
-    /// Version of the file format, 218 to 225.
+    /// The version of the file format, 218 to 225.
     pub version: u32,
-    /// Version (major, minor) of the OpenVDB library that wrote the file.
+    /// The version (major, minor) of the OpenVDB library that wrote the file.
     pub library_version: (u32, u32),
     /// The unique tag of the file, in hexadecimal with hyphens.
     pub uuid: String,
-    /// What the file says of itself.
+    /// The metadata of the file.
     pub metadata: Metadata,
-    /// The grids, in the order of the file.
+    /// The grids, in file order.
     pub grids: Vec<Grid>,
-    /// Grids that the file lists and that cannot be read, in the order of the file.
+    /// Grids that the file lists but that cannot be read, in file order.
     pub skipped: Vec<SkippedGrid>,
 }
 
-/// A grid: a tree, and where it stands in the world.
+/// A grid: a tree and its placement in the world.
 #[derive(Clone, Debug)]
 pub struct Grid {
-    /// The name; may be empty, and several grids of a file may have the same.
+    /// The name; may be empty or shared by several grids of a file.
     pub name: String,
-    /// The name with a number where several grids have the same one or none: `density[1]`.
+    /// The name, with a number if it is empty or shared: `density[1]`.
     pub unique_name: String,
     /// The type of the tree as OpenVDB spells it: `Tree_float_5_4_3`.
     pub type_name: String,
     /// What the values mean.
     pub class: GridClass,
-    /// Whether floating-point values stand in the file with 16 bits.
+    /// Whether floating-point values are stored with 16 bits.
     pub saved_as_half: bool,
     /// How the values are compressed in the file.
     pub compression: Compression,
-    /// Bytes that the grid takes in the file that it was read from; 0 for one that was not read.
+    /// The bytes that the grid takes in the file it was read from; 0 if it was not read from one.
     pub file_bytes: u64,
     /// The unique name of the grid whose tree this one shares.
     pub instance_of: Option<String>,
-    /// World from index space.
+    /// The transform from index space to world space.
     pub transform: Transform,
-    /// What the file says of the grid.
+    /// The metadata of the grid.
     pub metadata: Metadata,
-    /// The values.
+    /// The tree of values.
     pub tree: AnyTree,
 }
 
 impl Grid {
-    /// A grid of this name and these values: nothing said of their meaning, one voxel a world unit,
-    /// saved in full and compressed as OpenVDB does it.
+    /// Makes a grid of unknown class with one voxel per world unit, saved in full precision with
+    /// OpenVDB's default compression.
     pub fn new(name: impl Into<String>, tree: AnyTree) -> Self {
         let name = name.into();
         Self {
@@ -110,22 +110,22 @@ impl Grid {
     }
 }
 
-/// A grid that the file lists and that was not read.
+/// A grid that the file lists but that was not read.
 #[derive(Clone, Debug)]
 pub struct SkippedGrid {
     /// The name; may be empty.
     pub name: String,
-    /// The name with a number where several grids have the same one or none.
+    /// The name, with a number if it is empty or shared.
     pub unique_name: String,
     /// The type of the tree as the file spells it: `Tree_ptdataidx32_5_4_3`.
     pub type_name: String,
     /// What the values mean.
     pub class: GridClass,
-    /// Whether floating-point values stand in the file with 16 bits.
+    /// Whether floating-point values are stored with 16 bits.
     pub saved_as_half: bool,
-    /// World from index space, where it could be read.
+    /// The transform from index space to world space, if it could be read.
     pub transform: Option<Transform>,
-    /// What the file says of the grid, where it could be read.
+    /// The metadata of the grid, if it could be read.
     pub metadata: Option<Metadata>,
     /// Why the grid was not read.
     pub reason: Error,
@@ -134,19 +134,19 @@ pub struct SkippedGrid {
 /// What the values of a grid mean (OpenVDB's `GridClass`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum GridClass {
-    /// Nothing is said.
+    /// Not specified.
     #[default]
     Unknown,
-    /// Signed distance to a surface in world units, negative inside, clamped to a narrow band.
+    /// Signed distances to a surface in world units, negative inside, clamped to a narrow band.
     LevelSet,
-    /// A density: zero outside, one inside.
+    /// Densities: zero outside, one inside.
     FogVolume,
-    /// Vectors whose components stand on the faces of the voxels.
+    /// Vectors whose components are located on the faces of voxels.
     Staggered,
 }
 
 impl GridClass {
-    /// The name, as OpenVDB spells it.
+    /// The name as OpenVDB spells it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Unknown => "unknown",
@@ -168,32 +168,32 @@ impl GridClass {
 /// How the values of a grid are compressed in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Compression {
-    /// What packs the bytes of the values.
+    /// The codec of the values.
     pub codec: Codec,
-    /// Whether inactive values that are few and alike are left out.
+    /// Whether inactive values are left out where there are at most two different ones.
     pub active_mask: bool,
 }
 
 impl Default for Compression {
-    /// What OpenVDB does unless told otherwise.
+    /// OpenVDB's default.
     fn default() -> Self {
         Self { codec: Codec::Blosc, active_mask: true }
     }
 }
 
-/// What packs the bytes of the values.
+/// The codec of the values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Codec {
-    /// Nothing: the bytes stand as they are.
+    /// Uncompressed.
     None,
-    /// zlib. OpenVDB writes it for grids that are neither level set nor fog volume.
+    /// zlib. OpenVDB uses it for grids that are neither level sets nor fog volumes.
     Zip,
-    /// Blosc with LZ4 and byte shuffle, OpenVDB's choice.
+    /// Blosc with LZ4 and byte shuffle, OpenVDB's default.
     #[default]
     Blosc,
 }
 
-/// A tree of any value type. Grids that are instances of one another share it.
+/// A tree of any value type. Instances share it.
 #[derive(Clone, Debug)]
 pub enum AnyTree {
     /// `Tree_float_5_4_3`
@@ -206,7 +206,7 @@ pub enum AnyTree {
     Int64(Arc<Vdb543<i64>>),
     /// `Tree_bool_5_4_3`
     Bool(Arc<BoolTree>),
-    /// `Tree_mask_5_4_3`: the state is the value
+    /// `Tree_mask_5_4_3`: the state is the value.
     Mask(Arc<MaskTree>),
     /// `Tree_vec3s_5_4_3`
     Vec3s(Arc<Vdb543<[f32; 3]>>),
@@ -216,7 +216,7 @@ pub enum AnyTree {
     Vec3i(Arc<Vdb543<[i32; 3]>>),
 }
 
-/// Runs one expression for a tree of whatever type it is.
+/// Evaluates an expression for a tree of any type.
 macro_rules! with_tree {
     ($any:expr, $tree:ident => $body:expr) => {
         match $any {
@@ -260,57 +260,57 @@ impl AnyTree {
         with_tree!(self, tree => tree.stats())
     }
 
-    /// The smallest box around all active values; `None` when there is none.
+    /// The smallest box that contains all active values; `None` if there are none.
     pub fn active_bbox(&self) -> Option<CoordBox> {
         with_tree!(self, tree => tree.active_bbox())
     }
 
-    /// Active voxels, those that active tiles cover counted in.
+    /// The number of active voxels, including those covered by active tiles.
     pub fn active_voxel_count(&self) -> u64 {
         with_tree!(self, tree => tree.active_voxel_count())
     }
 
-    /// Whether both are one and the same tree in memory, as instances are.
+    /// Whether both are the same tree in memory, as instances are.
     pub fn shares_with(&self, other: &Self) -> bool {
         self.address() == other.address()
     }
 }
 
-/// Which grids of a file to read.
+/// Selects grids of a file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum GridSelection {
     /// All that can be read.
     #[default]
     All,
-    /// Those with these names; `density[1]` is one grid, `density` is all of that name. A name that
-    /// the file does not list is an error.
+    /// Grids with these names; `density[1]` is one grid, `density` all grids of that name. A name
+    /// that the file does not list is an error.
     Names(Vec<String>),
 }
 
-/// Is told how much of how much is done, of a file in bytes, of packing and levels of detail in steps;
-/// [`ControlFlow::Break`] cancels the work.
+/// A progress callback with the amount done and the total: bytes for reading, steps for packing and
+/// levels of detail. [`ControlFlow::Break`] cancels the work.
 ///
-/// Called from several threads, in order of neither bytes nor time.
+/// Called from several threads, in no particular order.
 pub type ProgressFn = dyn Fn(u64, u64) -> ControlFlow<()> + Send + Sync;
 
 /// How to read a file.
 #[derive(Clone, Default)]
 pub struct ReadOptions {
-    /// What the file may ask for.
+    /// Limits on what the file may demand.
     pub limits: Limits,
     /// Which grids to read.
     pub grids: GridSelection,
-    /// Is told of progress, and may cancel.
+    /// Reports progress, and may cancel.
     pub progress: Option<Arc<ProgressFn>>,
 }
 
 /// How to write a file.
 #[derive(Clone, Debug, Default)]
 pub struct WriteOptions {
-    /// How to compress every grid; `None`: each as it says itself.
+    /// The compression of every grid; `None` keeps each grid's own.
     pub compression: Option<Compression>,
-    /// Leave out where each grid ends, as what is written to a pipe must. Such a file can only be
-    /// read as a whole.
+    /// Omits the end positions of grids, as necessary when writing to a pipe. Such a file can only
+    /// be read as a whole.
     pub stream: bool,
 }
 
@@ -325,16 +325,16 @@ impl fmt::Debug for ReadOptions {
 }
 
 impl VdbFile {
-    /// Reads a file that stands in memory.
+    /// Reads a file from memory.
     ///
     /// # Errors
-    /// When the bytes are no VDB file, are damaged or exceed a limit. A grid of a type that is not
-    /// supported is no error: it goes to [`VdbFile::skipped`].
+    /// If the bytes are no VDB file, are damaged or exceed a limit. A grid of an unsupported type
+    /// is not an error: it is listed in [`VdbFile::skipped`].
     pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Self, Error> {
         crate::format::read_file(bytes, options)
     }
 
-    /// Reads a file from disk, with default options.
+    /// Reads a file from disk with default options.
     ///
     /// # Errors
     /// Those of [`VdbFile::open_with`].
@@ -342,18 +342,19 @@ impl VdbFile {
         Self::open_with(path, &ReadOptions::default())
     }
 
-    /// Reads a file from disk. Memory is taken for those bytes alone that its grids lie in, and only once the
-    /// file is known to be a VDB file and not too long: see [`FileBuffer`](crate::FileBuffer).
+    /// Reads a file from disk. Memory is only allocated for the bytes that contain its grids, and
+    /// only once the file is known to be a VDB file within the limits: see
+    /// [`FileBuffer`](crate::FileBuffer).
     ///
     /// # Errors
-    /// Those of [`VdbFile::read`], and what the system says; each names the path. What is no regular file,
-    /// such as a folder, a pipe or a device, is [`Error::NotAFile`]: its bytes, once they are in memory,
-    /// are for [`VdbFile::read`].
+    /// Those of [`VdbFile::read`] and of the operating system, with the path. Anything but a
+    /// regular file, such as a folder, a pipe or a device, is [`Error::NotAFile`]; read its bytes
+    /// yourself and pass them to [`VdbFile::read`].
     pub fn open_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Self, Error> {
         crate::format::open_file(path.as_ref(), options).map_err(|error| error.in_file(&path))
     }
 
-    /// A file of these grids, without metadata.
+    /// Makes a file from grids, without metadata.
     pub fn new(grids: Vec<Grid>) -> Self {
         Self {
             version: crate::format::WRITTEN_VERSION,
@@ -365,35 +366,34 @@ impl VdbFile {
         }
     }
 
-    /// The bytes of a file of version 224, which every OpenVDB since 3.2 reads.
+    /// Serialises a file in version 224, which OpenVDB reads since version 3.2.
     ///
-    /// Grids whose tree is one and the same are written as instances. Of the rest of the struct the
-    /// metadata is written; versions and tag are those of the writing, and what stands in
-    /// [`VdbFile::skipped`] is not there to be written.
+    /// Grids that share a tree are written as instances. The metadata is written; versions and tag
+    /// are set anew, and [`VdbFile::skipped`] is ignored.
     ///
     /// # Errors
-    /// When a name or a value is longer than the format can say.
+    /// If a name or a value is too long for the format.
     pub fn write(&self, options: &WriteOptions) -> Result<Vec<u8>, Error> {
         crate::format::write_file(self, options)
     }
 
-    /// Writes a file to disk, as [`VdbFile::write`] does. Whatever happens, a crash or a full disk, the path
-    /// has what stood there before or the new file, whole: it is written beside the old one, brought to
-    /// the disk, and then put in its place.
+    /// Writes a file to disk as [`VdbFile::write`] does. After a crash or with a full disk, the
+    /// path has either the previous file or the complete new one: the new file is written beside
+    /// the old one, flushed to disk, and then moved into its place.
     ///
-    /// An existing file is replaced with its permissions, owner and group kept; access-control lists
-    /// and other names (hard links) are not. Of a symbolic link, what it leads to is replaced or made, and
-    /// the link stays.
+    /// Permissions, owner and group of an existing file are kept; access-control lists and hard
+    /// links are not. If the path is a symbolic link, its target is replaced or created, and the
+    /// link stays.
     ///
     /// # Errors
-    /// Those of [`VdbFile::write`], and what the system says; each names the path. What is no regular file,
-    /// such as a folder, a pipe or a device, is [`Error::NotAFile`] and stays as it is; so do a file that is
-    /// read-only, and one whose owner and group cannot be kept.
+    /// Those of [`VdbFile::write`] and of the operating system, with the path. Anything but a
+    /// regular file, such as a folder, a pipe or a device, is [`Error::NotAFile`] and left as it
+    /// is; so are read-only files, and files whose owner and group cannot be kept.
     pub fn save(&self, path: impl AsRef<Path>, options: &WriteOptions) -> Result<(), Error> {
         crate::format::save_file(self, path.as_ref(), options).map_err(|error| error.in_file(&path))
     }
 
-    /// The first grid of this name, or of this unique name.
+    /// The first grid with this name or unique name.
     pub fn grid(&self, name: &str) -> Option<&Grid> {
         self.grids.iter().find(|grid| grid.name == name || grid.unique_name == name)
     }

@@ -1,12 +1,12 @@
 //! OpenVDB trees in Rust: the `.vdb` file format, the tree, its packing for the GPU and an f64
-//! reference tracer. No Bevy and no GPU in here, so that it builds, tests and fuzzes in seconds.
+//! reference tracer. Independent of Bevy and GPUs, so it builds, tests and fuzzes in seconds.
 //!
-//! Data flows one way: file bytes → [`VdbFile::read`] → [`tree`] → [`pack`] → [`query`]; `reference`
-//! hangs off [`tree`] alone, so that it can judge everything built on `pack`.
+//! Data flows one way: file bytes → [`VdbFile::read`] → [`tree`] → [`pack`] → [`query`].
+//! `reference` depends on [`tree`] alone, so that it can judge everything built on `pack`.
 
 #![deny(missing_docs)]
 
-/// The example of the README is a test.
+/// Compiles the example of the README.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

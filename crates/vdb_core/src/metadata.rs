@@ -1,4 +1,4 @@
-//! Metadata: what a file says about itself and about each grid, by name.
+//! Metadata of files and grids, by name.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -11,7 +11,7 @@ pub struct Metadata {
     entries: BTreeMap<String, MetaValue>,
 }
 
-/// A metadata value: one of the types that OpenVDB registers, or the bytes of any other.
+/// A metadata value: one of OpenVDB's registered types, or the bytes of any other type.
 #[derive(Clone, Debug, PartialEq)]
 pub enum MetaValue {
     /// `bool`
@@ -44,27 +44,27 @@ pub enum MetaValue {
     Vec4s([f32; 4]),
     /// `vec4d`
     Vec4d([f64; 4]),
-    /// `mat4s`: row by row, as OpenVDB multiplies (row vectors from the left)
+    /// `mat4s`: row-major, for row vectors multiplied from the left.
     Mat4s([f32; 16]),
-    /// `mat4d`: row by row, as OpenVDB multiplies (row vectors from the left)
+    /// `mat4d`: row-major, for row vectors multiplied from the left.
     Mat4d([f64; 16]),
-    /// A type that is not registered, or a value whose length is not that of its type, or a string
-    /// that is no UTF-8: its bytes as they stand in the file.
+    /// An unregistered type, a value of the wrong length for its type, or a string that is not
+    /// UTF-8: its bytes as stored in the file.
     Unknown {
         /// The name of the type.
         type_name: String,
-        /// The value.
+        /// The bytes of the value.
         bytes: Vec<u8>,
     },
 }
 
 impl Metadata {
-    /// The value of this name.
+    /// The value with this name.
     pub fn get(&self, name: &str) -> Option<&MetaValue> {
         self.entries.get(name)
     }
 
-    /// The value of this name, when it is a string.
+    /// The value with this name, if it is a string.
     pub fn get_str(&self, name: &str) -> Option<&str> {
         match self.get(name) {
             Some(MetaValue::String(text)) => Some(text),
@@ -72,7 +72,7 @@ impl Metadata {
         }
     }
 
-    /// The truth of the value of this name, when it is a `bool` or an integer.
+    /// The truth value of the value with this name, if it is a `bool` or an integer.
     pub fn get_bool(&self, name: &str) -> Option<bool> {
         match self.get(name) {
             Some(MetaValue::Bool(value)) => Some(*value),
@@ -82,34 +82,34 @@ impl Metadata {
         }
     }
 
-    /// Sets a value, in place of the one of this name.
+    /// Sets a value, replacing any with the same name.
     pub fn insert(&mut self, name: impl Into<String>, value: MetaValue) {
         self.entries.insert(name.into(), value);
     }
 
-    /// Takes the value of this name out.
+    /// Removes and returns the value with this name.
     pub fn remove(&mut self, name: &str) -> Option<MetaValue> {
         self.entries.remove(name)
     }
 
-    /// All names and values, by ascending name.
+    /// All names and values, sorted by name.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (&str, &MetaValue)> + '_ {
         self.entries.iter().map(|(name, value)| (name.as_str(), value))
     }
 
-    /// How many values there are.
+    /// The number of values.
     pub fn len(&self) -> usize {
         self.entries.len()
     }
 
-    /// Whether there is no value.
+    /// Whether there are no values.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 }
 
 impl MetaValue {
-    /// The name of the type, as OpenVDB spells it.
+    /// The name of the type as OpenVDB spells it.
     pub fn type_name(&self) -> &str {
         match self {
             Self::Bool(_) => "bool",
@@ -134,8 +134,8 @@ impl MetaValue {
     }
 }
 
-/// For people: without the name of its type, text [escaped] and cut after 4,096 characters, of bytes only how
-/// many.
+/// For display: without the type's name; text is [escaped] and cut after 4,096 characters, and of
+/// bytes only the number is given.
 impl fmt::Display for MetaValue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

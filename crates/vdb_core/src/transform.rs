@@ -1,19 +1,19 @@
-//! Where a grid stands: the map from index space (voxels) to world space.
+//! Transforms from index space (voxels) to world space.
 
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::Error;
 
-/// The map of a grid from index space to world space, as its file gives it.
+/// The transform of a grid from index space to world space, as stored in its file.
 ///
-/// Positions come out as OpenVDB computes them, bit for bit: each kind of map is evaluated in its
-/// own order of operations, in f64. Index space has voxel `ijk` around the point `ijk`.
+/// Positions match OpenVDB's bit for bit: each kind of map is evaluated in its own order of
+/// operations, in f64. In index space, voxel `ijk` is centred at the point `ijk`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transform {
     pub(crate) map: Map,
 }
 
-/// The kinds of map that OpenVDB has.
+/// The kinds of map in OpenVDB.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Map {
     UniformScale(DVec3),
@@ -26,28 +26,28 @@ pub(crate) enum Map {
     NonlinearFrustum(Frustum),
 }
 
-/// A 4×4 matrix by rows that multiplies row vectors from the left, with the inverse of the same.
+/// A 4×4 matrix in row-major order that multiplies row vectors from the left, and its inverse.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Affine {
     pub(crate) rows: [[f64; 4]; 4],
     inverse: DAffine3,
 }
 
-/// A box of index space, tapered into the frustum of a camera and placed by a linear map.
+/// A box in index space, tapered into a camera frustum and placed by a linear map.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Frustum {
     /// Corners of the box in index space.
     pub(crate) min: DVec3,
     pub(crate) max: DVec3,
-    /// Near plane width over far plane width.
+    /// The width of the near plane divided by that of the far plane.
     pub(crate) taper: f64,
-    /// Distance of the planes over the near plane's width.
+    /// The distance between the planes divided by the width of the near plane.
     pub(crate) depth: f64,
     pub(crate) second: Affine,
 }
 
 impl Affine {
-    /// `None` when no inverse exists, or the last column is not (0, 0, 0, 1).
+    /// `None` if the matrix is singular, or its last column is not (0, 0, 0, 1).
     pub(crate) fn new(rows: [[f64; 4]; 4]) -> Option<Self> {
         let affine = forward(&rows);
         let inverse = affine.inverse();
@@ -109,9 +109,9 @@ impl Default for Transform {
 }
 
 impl Transform {
-    /// Voxels of the same size along every axis, and where voxel (0, 0, 0) stands.
+    /// Cubic voxels of a size, with voxel (0, 0, 0) at `translation`.
     ///
-    /// `None` when the size is zero or not finite, or the translation is not finite.
+    /// `None` if the size is zero or not finite, or the translation is not finite.
     pub fn uniform(voxel_size: f64, translation: DVec3) -> Option<Self> {
         let scale = DVec3::splat(voxel_size);
         let map = if translation == DVec3::ZERO {
@@ -122,7 +122,7 @@ impl Transform {
         Self { map }.checked().ok()
     }
 
-    /// Any linear map; `None` when it has no inverse or is not finite.
+    /// Any linear map; `None` if it is singular or not finite.
     pub fn affine(world_from_index: DAffine3) -> Option<Self> {
         let DAffine3 { matrix3: m, translation: t } = world_from_index;
         let row = |v: DVec3, w: f64| [v.x, v.y, v.z, w];
@@ -130,7 +130,7 @@ impl Transform {
         Affine::new(rows).map(|affine| Self { map: Map::Affine(affine) })
     }
 
-    /// The same transform, when it can be inverted.
+    /// The transform, if it can be inverted.
     pub(crate) fn checked(self) -> Result<Self, Error> {
         let (scale, translation) = match &self.map {
             Map::UniformScale(scale) | Map::Scale(scale) => (*scale, DVec3::ZERO),
@@ -179,12 +179,12 @@ impl Transform {
         }
     }
 
-    /// Whether the map is linear; only a frustum is not.
+    /// Whether the map is linear; all but frustums are.
     pub fn is_linear(&self) -> bool {
         !matches!(self.map, Map::NonlinearFrustum(_))
     }
 
-    /// The world position of a point of index space.
+    /// The world position of a point in index space.
     pub fn world_from_index(&self, p: DVec3) -> DVec3 {
         match &self.map {
             Map::UniformScale(scale) | Map::Scale(scale) => p * *scale,
@@ -196,7 +196,7 @@ impl Transform {
         }
     }
 
-    /// The point of index space at a world position.
+    /// The point in index space at a world position.
     pub fn index_from_world(&self, p: DVec3) -> DVec3 {
         match &self.map {
             Map::UniformScale(scale) | Map::Scale(scale) => p * scale.recip(),
@@ -208,7 +208,7 @@ impl Transform {
         }
     }
 
-    /// The map as a matrix, world from index; `None` for a frustum.
+    /// The map as a matrix from index to world space; `None` for a frustum.
     pub fn linear(&self) -> Option<DAffine3> {
         Some(match &self.map {
             Map::UniformScale(scale) | Map::Scale(scale) => DAffine3::from_scale(*scale),
@@ -222,7 +222,7 @@ impl Transform {
         })
     }
 
-    /// The size of the voxel around the origin of index space, along its own axes, in world units.
+    /// The size of the voxel at the origin of index space along its own axes, in world units.
     pub fn voxel_size(&self) -> DVec3 {
         let origin = self.world_from_index(DVec3::ZERO);
         let along = |axis: DVec3| (self.world_from_index(axis) - origin).length();

@@ -1,4 +1,4 @@
-//! Rays at the limits of what the conventions allow, in the shaders: `docs/accuracy.md` says what they meet.
+//! Rays at the limits of the conventions in `docs/reference/accuracy.md`, in the shaders.
 
 use glam::{IVec3, Vec3};
 use vdb_core::pack::{PackKind, PackedGrid, walk};

@@ -1,77 +1,79 @@
-//! From measured times to a mark on the dial: no clock, no GPU, so that a test can be both.
+//! From measured times to a mark on the dial. Independent of clocks and GPUs, so that tests can
+//! simulate both.
 
 /// Marks on the dial.
 pub(super) const MARKS: usize = 8;
 
-/// What each mark costs beside the first, before anything has been measured: of lit fog, for which the
-/// marks are the furthest apart.
+/// The assumed cost of each mark relative to the first, before measurements: that of lit fog, for
+/// which the marks differ most.
 const PRIOR: [f32; MARKS] = [1.0, 0.3, 0.2, 0.1, 0.06, 0.03, 0.018, 0.01];
 
-/// The last mark, with which frames are as quick as the dial can make them.
+/// The last mark, the fastest that the dial offers.
 const QUICKEST: usize = MARKS - 1;
-/// The first mark with fewer rays than pixels: if that gains nothing, none does.
+/// The first mark with fewer rays than pixels: if that saves nothing, no mark does.
 const TELLING: usize = 4;
-/// The best mark while the budget cannot be kept: the eye finds no difference to the first.
+/// The best mark while the budget cannot be kept: visually equal to the first.
 const BEST_OVER_BUDGET: usize = 1;
 
-/// Frames after a turn whose times are of frames before it.
+/// Frames after a change whose times belong to earlier frames.
 const LATENCY: usize = 4;
-/// Frames whose median counts, after a turn and of those that tell of a cut.
+/// Frames whose median counts after a change, and for detecting a cut.
 const WINDOW: usize = 3;
 const CUT_WINDOW: usize = 5;
-/// Frames after a cut in which the dial may be turned to better marks, and in which it is turned at all.
+/// Frames after a cut in which the dial may move to better marks, and in which it moves at all.
 const UPWARDS: usize = 18;
 const SEARCH: usize = 24;
-/// The part of the budget that a mark may be expected to take for the dial to be turned to it.
+/// The fraction of the budget that a mark may be expected to take in order to be chosen.
 const AIM: f32 = 0.85;
-/// The part of the budget that it may be found to take.
+/// The fraction of the budget that a chosen mark may turn out to take.
 const FITS: f32 = 0.97;
-/// The part of the budget below which the next better mark is tried once, whatever is expected of it.
+/// The fraction of the budget below which the next better mark is tried once, whatever its expected
+/// time.
 const SPARE: f32 = 0.5;
-/// How much longer frames take after a cut, at least, where they come near the budget; and how much shorter.
+/// The ratio by which frames near the budget must become slower to count as a cut; and faster.
 const LONGER: f32 = 1.15;
 const SHORTER: f32 = 1.3;
-/// What creeps up on the budget is seen to by the mean of so many frames, if it is so much above the budget
-/// and above what it was.
+/// Slow growth is detected from the mean of this many frames, if it exceeds the budget and its
+/// earlier value by this much.
 const CREEP_WINDOW: usize = 16;
 const CREEP: (f32, f32) = (1.1, 1.06);
-/// A turn to a quicker mark that leaves more of the time than this has gained nothing.
+/// A change to a faster mark that leaves more than this fraction of the time has gained nothing.
 const GAIN: f32 = 0.9;
-/// Where the budget cannot be kept: how many times as long as with the quickest mark a frame may take. A
-/// mark that saves no more than a quarter of the frame is not worth what it takes from the picture.
+/// If the budget cannot be kept: the time a frame may take relative to the fastest mark. A mark
+/// that saves no more than a quarter of the frame is not worth its loss of quality.
 const ALLOWANCE: f32 = 1.35;
-/// Frames after which a budget that could not be kept is tried again, at first and at most: each time that
-/// it is in vain, twice as many.
+/// Frames until an unreachable budget is tried again, initially and at most, doubling with each
+/// failure.
 const RETRY: (u32, u32) = (128, 4096);
-/// How many times as long as allowed a better mark may have been found to take to be measured once more, when
-/// the picture is given back.
+/// By how much a better mark may have exceeded the allowance and still be measured again when
+/// quality is restored.
 const DOUBT: f32 = 1.2;
-/// Times after a turn are taken until they differ by no more than this times the root of how many they are:
-/// what jumps about takes longer to be compared.
+/// Times after a change are collected until they differ by no more than this times the square root
+/// of their number: noisy times take longer to compare.
 const STEADY: f32 = 0.15;
 
-/// Keeps the time of a frame within a budget: after a cut it looks for the best mark that fits, and then
-/// holds that until the next. Where none fits, because most of the time is nothing that the marks have to
-/// do with, it holds the best of those that are hardly slower than the quickest.
+/// Keeps frame times within a budget: after a cut it searches for the best mark that fits, and
+/// holds it until the next cut. If none fits, because most of the time does not depend on the
+/// marks, it holds the best of those that are hardly slower than the fastest.
 #[derive(Clone, Debug)]
 pub(super) struct Controller {
     mark: usize,
-    /// The time of each mark that has been measured since the cut.
+    /// The time of each mark measured since the cut.
     measured: [Option<f32>; MARKS],
-    /// The last times, all of this mark.
+    /// The latest times, all of this mark.
     times: Vec<f32>,
     ignored: usize,
-    /// The mark before the last turn, while it has not been measured what that was worth.
+    /// The mark before the last change, until the gain has been measured.
     before: Option<usize>,
-    /// Frames since the cut, while it looks for the best mark.
+    /// Frames since the cut, while searching.
     age: usize,
-    /// The mean of so many frames, while it holds one.
+    /// The mean and the number of frames, while holding a mark.
     held: Option<(f32, usize)>,
-    /// What it was last asked to keep.
+    /// The budget of the last frame.
     budget: f32,
-    /// The time of the quickest mark, where that was above the budget.
+    /// The time of the fastest mark, if it exceeded the budget.
     floor: Option<f32>,
-    /// Frames until the budget is tried again then, and how many there are to be the next time.
+    /// Frames until the budget is tried again in that case, and the next interval.
     retry: (u32, u32),
 }
 
@@ -101,13 +103,15 @@ impl Controller {
         self.mark
     }
 
-    /// Tells that frames are not drawn with the mark for now, as while its pipelines are being compiled.
+    /// Reports that frames are not drawn with the mark for now, for example while its pipelines are
+    /// compiled.
     pub fn wait(&mut self) {
         self.ignored = LATENCY;
         self.times.clear();
     }
 
-    /// Takes the time of another frame, in milliseconds, and the budget; gives the mark for the next.
+    /// Takes the time of a frame in milliseconds and the budget; returns the mark for the next
+    /// frame.
     pub fn next(&mut self, ms: f32, budget: f32) -> usize {
         if !(ms.is_finite() && ms >= 0.0 && budget > 0.0) {
             return self.mark;
@@ -153,7 +157,7 @@ impl Controller {
         self.mark
     }
 
-    /// The median of the last times, once they are enough to tell.
+    /// The median of the latest times, once there are enough.
     fn steady(&self) -> Option<f32> {
         let median = self.median(self.times.len().max(WINDOW))?;
         let count = self.times.len() as f32;
@@ -164,14 +168,14 @@ impl Controller {
         (is_steady || self.times.len() == CREEP_WINDOW).then_some(median)
     }
 
-    /// The least and the largest of some times.
+    /// The smallest and the largest of some times.
     fn range(&self, of: std::ops::Range<usize>) -> [f32; 2] {
         let of = &self.times[of];
         let least = of.iter().copied().fold(f32::INFINITY, f32::min);
         [least, of.iter().copied().fold(0.0, f32::max)]
     }
 
-    /// The median of the last times.
+    /// The median of the latest times.
     fn median(&self, of: usize) -> Option<f32> {
         let mut last = self.times[self.times.len().checked_sub(of)?..].to_vec();
         last.sort_by(f32::total_cmp);
@@ -183,7 +187,7 @@ impl Controller {
         self.floor.map_or(self.budget, |floor| self.budget.max(ALLOWANCE * floor))
     }
 
-    /// Whether what is held is of another scene.
+    /// Whether the held time belongs to another scene.
     fn is_cut(&self, mean: f32) -> bool {
         let goal = self.goal();
         let is_far = self.median(CUT_WINDOW).is_some_and(|now| {
@@ -198,7 +202,7 @@ impl Controller {
         is_far || creeps && self.times.len() == CREEP_WINDOW
     }
 
-    /// Whether the last times are all longer, or all shorter, than those before.
+    /// Whether the latest times are all longer, or all shorter, than those before.
     fn is_apart(&self) -> bool {
         let all = self.times.len();
         if all < CUT_WINDOW + WINDOW {
@@ -209,14 +213,14 @@ impl Controller {
         least > most || now < before
     }
 
-    /// Begins a search with the last times.
+    /// Starts a search from the latest times.
     fn start_over(&mut self) {
         let times = self.times.split_off(self.times.len().saturating_sub(WINDOW));
         let Self { budget, retry, .. } = *self;
         *self = Self { times, ignored: 0, budget, retry, ..Self::at(self.mark) };
     }
 
-    /// Where the budget cannot be kept, tries the next better mark again.
+    /// If the budget cannot be kept, tries the next better mark again.
     fn give_back(&mut self) {
         (self.held, self.retry.0) = (None, RETRY.0);
         self.turn(self.mark - 1);
@@ -274,7 +278,7 @@ impl Controller {
         self.best_within(1.0)
     }
 
-    /// The best mark that takes no more than so many times as long as one that fits.
+    /// The best mark that takes at most this multiple of the time that fits.
     fn best_within(&self, times: f32) -> usize {
         let goal = times * self.goal();
         // What has been measured needs no room to spare.
@@ -285,7 +289,7 @@ impl Controller {
         (first..MARKS).find(fits).unwrap_or(QUICKEST)
     }
 
-    /// The time that a mark likely takes, by what has been measured.
+    /// The expected time of a mark, from the measurements.
     fn expected(&self, mark: usize) -> f32 {
         let time = |at: usize| self.measured[at].map(|ms| (at, ms));
         if let Some(ms) = self.measured[mark] {
@@ -308,7 +312,7 @@ impl Controller {
     }
 }
 
-/// What is expected of a mark beyond the last that has been measured, and the one before that.
+/// The expected time of a mark beyond the last measured one, and the one before that.
 fn beyond(mark: usize, (last, ms): (usize, f32), before: Option<(usize, f32)>, least: f32) -> f32 {
     let worth = before.map_or(1.0, |(before, then)| {
         ((ms / then).ln() / (PRIOR[last] / PRIOR[before]).ln()).clamp(least, 2.0)

@@ -1,4 +1,4 @@
-//! Turns a camera's quality by itself: to a time, or to an error.
+//! Adjusts a camera's quality automatically, to a frame budget or an error.
 
 mod controller;
 
@@ -11,34 +11,33 @@ use crate::quality::diagnostics::gpu_time;
 use crate::{VdbDiagnostics, VdbGrid, VdbMeasureFeatures, VdbQuality, VdbVolume};
 use controller::{Controller, MARKS};
 
-/// Turns the knobs of a camera's [`VdbQuality`] by itself: a component of cameras. It sets the steps of fog,
-/// its slabs and the resolution, along the measured front, and leaves the other knobs alone.
+/// Adjusts the [`VdbQuality`] of a camera automatically. Sets the fog steps, `fog_slabs` and
+/// `resolution` along the measured front, and leaves other settings alone.
 #[derive(Clone, Component, Copy, Debug, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 #[require(VdbDialState)]
 pub enum VdbDial {
-    /// The best that takes no longer than so many milliseconds of the GPU's time for the passes of
-    /// volumes, of all cameras together. It settles within 30 frames after a cut.
+    /// The best quality whose volume passes, for all cameras together, take no more than this GPU
+    /// time. Settles within 30 frames of a cut.
     ///
-    /// The GPU's time comes from Bevy's `RenderDiagnosticsPlugin`. Without it, or on an adapter without
-    /// timestamps, the time from frame to frame is taken, and a warning says so. Much of that may be
-    /// nothing that the dial can change: the app's own systems, or a display that frames wait for. Where the
-    /// budget is out of reach for that, the picture is not given up for it: the dial holds the best mark
-    /// that takes no more than 1.35 times as long as the quickest, and now and then tries again, ever more
-    /// seldom.
+    /// GPU times come from Bevy's `RenderDiagnosticsPlugin`. Without it, or on an adapter without
+    /// timestamps, the time between frames is used, with a warning. Much of that may be beyond the
+    /// dial's control, such as the app's own systems or vertical sync. If that makes the budget
+    /// unreachable, quality is not sacrificed in vain: the dial holds the best mark that takes no
+    /// more than 1.35 times as long as the cheapest, and tries again at growing intervals.
     Budget {
-        /// More than 0.
+        /// Milliseconds. More than 0.
         frame_ms: f32,
     },
-    /// The quickest that shows nothing further from where it is than so many pixels: rays apart by no more,
-    /// and steps in fog that are no longer than that where the nearest volume begins.
+    /// The fastest settings whose errors stay within this many pixels: rays are no further apart,
+    /// and fog steps no longer than that at the near side of the nearest volume.
     MaxError {
         /// 0 or more.
         pixels: f32,
     },
 }
 
-/// What a dial knows.
+/// The state of a dial.
 #[derive(Clone, Component, Debug, Default)]
 pub(crate) struct VdbDialState {
     controller: Controller,
@@ -47,8 +46,8 @@ pub(crate) struct VdbDialState {
     frames: u32,
 }
 
-/// The marks of the dial, from the most accurate to the quickest: points of the front of lit fog, of which
-/// the later ones have fewer rays, too, as surfaces ask for.
+/// The marks of the dial, from the most accurate to the fastest: points on the front of lit fog.
+/// The later ones also trace fewer rays, which is what surfaces need.
 const DIAL: [VdbQuality; MARKS] = [
     VdbQuality::EXACT,
     VdbQuality::HIGH,
@@ -66,10 +65,10 @@ const DIAL: [VdbQuality; MARKS] = [
     },
 ];
 
-/// Frames without a timestamp after which there is none to come.
+/// Frames without a timestamp after which none is expected.
 const PATIENCE: u32 = 30;
 
-/// Turns the dials.
+/// Adjusts all cameras with a dial.
 pub(crate) fn turn_dials(
     mut cameras: Query<
         (
@@ -146,14 +145,14 @@ pub(crate) fn turn_dials(
     }
 }
 
-/// How far a volume's box is from the eye, in world units.
+/// The distance from the eye to a volume's box, in world units.
 pub(crate) fn distance(view: &GlobalTransform, volume: &GlobalTransform, aabb: &Aabb) -> f32 {
     let eye = volume.affine().inverse().transform_point3(view.translation());
     let (min, max) = (Vec3::from(aabb.min()), Vec3::from(aabb.max()));
     volume.transform_point(eye.clamp(min, max)).distance(view.translation())
 }
 
-/// World units that a pixel shows at a distance.
+/// The size of a pixel at a distance, in world units.
 pub(crate) fn pixel_size(projection: &Projection, height: u32, distance: f32) -> f32 {
     let whole = match projection {
         Projection::Perspective(lens) => 2.0 * (0.5 * lens.fov).tan() * distance,
@@ -163,7 +162,7 @@ pub(crate) fn pixel_size(projection: &Projection, height: u32, distance: f32) ->
     whole / height as f32
 }
 
-/// The quickest settings that are right to so many pixels, where a pixel shows so many voxels.
+/// The fastest settings accurate to this many pixels, where a pixel covers this many voxels.
 fn within(pixels: f32, voxels_per_pixel: f32) -> VdbQuality {
     let pixels = if pixels > 0.0 { pixels.min(8.0) } else { 0.0 };
     let voxels = pixels * voxels_per_pixel;

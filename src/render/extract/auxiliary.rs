@@ -15,7 +15,7 @@ const MOST_EMISSION: f32 = 1e15;
 /// Kelvin, and kelvin per unit.
 const MOST_KELVIN: f32 = 1e9;
 
-/// The grids of a volume besides its own.
+/// The auxiliary grids of a volume.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AuxiliaryGrids {
     /// What shines: one grid, or one a component of the colour.

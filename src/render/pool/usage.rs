@@ -1,11 +1,11 @@
-//! What the pool takes, for the app.
+//! GPU memory used by the pool.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use bevy::prelude::*;
 
-/// What volumes take on the GPU: a resource of the app's world.
+/// GPU memory used by volumes: a resource of the main world.
 #[derive(Clone, Debug, Default, Resource)]
 pub struct VdbGpuUsage(Arc<Usage>);
 
@@ -18,34 +18,36 @@ struct Usage {
 }
 
 impl VdbGpuUsage {
-    /// Grids on the GPU, each counted once: of floats or of vectors, with its levels of detail or without.
+    /// The number of grids on the GPU, float or vector, each counted once, with or without levels
+    /// of detail.
     pub fn grids(&self) -> u64 {
         self.0.grids.load(Ordering::Relaxed)
     }
 
-    /// Coarser copies of them, for [`VdbQuality::detail`](crate::VdbQuality::detail).
+    /// The number of levels of detail on the GPU, for
+    /// [`VdbQuality::detail`](crate::VdbQuality::detail).
     pub fn levels(&self) -> u64 {
         self.0.levels.load(Ordering::Relaxed)
     }
 
-    /// Bytes of the buffers that hold them.
+    /// The size of the buffers that hold them, in bytes.
     pub fn bytes(&self) -> u64 {
         self.0.bytes.load(Ordering::Relaxed)
     }
 
-    /// Bytes that have been sent to these buffers since the app began: it grows by what an edit changes.
+    /// The number of bytes sent to these buffers since the app started.
     pub fn bytes_written(&self) -> u64 {
         self.0.bytes_written.load(Ordering::Relaxed)
     }
 
-    /// Notes what the pool holds now.
+    /// Records what the pool holds.
     pub(crate) fn set(&self, grids: u64, levels: u64, bytes: u64) {
         self.0.grids.store(grids, Ordering::Relaxed);
         self.0.levels.store(levels, Ordering::Relaxed);
         self.0.bytes.store(bytes, Ordering::Relaxed);
     }
 
-    /// Notes bytes that have been sent.
+    /// Records bytes that have been sent.
     pub(crate) fn add_written(&self, bytes: u64) {
         self.0.bytes_written.fetch_add(bytes, Ordering::Relaxed);
     }

@@ -5,9 +5,9 @@ use bevy::prelude::*;
 /// The steps that volumes add to Bevy's `Core3d` schedule, for each camera that sees one.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum VdbSystems {
-    /// Walks the rays: after the opaque meshes, whose depth ends them.
+    /// Traces rays, after opaque meshes, whose depth ends them.
     Trace,
-    /// Puts the picture into the camera's target and depth: before transmissive and transparent
+    /// Composites the image into the camera's target and depth, before transmissive and transparent
     /// meshes.
     Composite,
 }
@@ -15,18 +15,18 @@ pub enum VdbSystems {
 /// The steps in which views are prepared.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum PrepareViews {
-    /// What each view sees.
+    /// Finds the visible volumes of each view.
     Find,
-    /// What it asks for.
+    /// Resolves what each view asks for.
     Resolve,
-    /// Each pass says whether it has the pipelines for that.
+    /// Passes report whether their pipelines are ready.
     Ask,
-    /// What the view gets.
+    /// Prepares the data of each view.
     Prepare,
-    /// Passes may change it.
+    /// Passes may adjust the data.
     Adjust,
     Upload,
-    /// Passes make their textures, in the order in which they run.
+    /// Passes create their textures, in the order in which they run.
     Trace,
     Upscale,
     Accumulate,

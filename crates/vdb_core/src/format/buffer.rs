@@ -1,18 +1,20 @@
-//! The bytes of a file as they come in.
+//! The bytes of a file as they arrive.
 
 use super::demand::{Demand, Follower};
 use super::file;
 use crate::{Error, Limits};
 
-/// Bytes that are read at a time, at least and at most.
+/// The smallest and the largest number of bytes to read at a time.
 const LEAST: usize = 64 << 10;
 const MOST: usize = 8 << 20;
 
-/// The bytes of a file, read piece by piece from whatever has them, for [`VdbFile::read`](crate::VdbFile::read).
+/// The bytes of a file, read piece by piece from any source, for
+/// [`VdbFile::read`](crate::VdbFile::read).
 ///
-/// What is no VDB file shows with its first eight bytes, and one that is too long before memory is taken
-/// for it. Reading ends where the last grid does, or with the first thing that is wrong on the way from grid
-/// to grid; only a stream is read to its end, for it does not say where its grids are.
+/// A file of another format is recognised by its first eight bytes, and one that exceeds the limits
+/// before memory is allocated for it. Reading ends after the last grid, or at the first error on
+/// the way from grid to grid. Only a stream is read to its end, because it does not say where its
+/// grids are.
 ///
 /// ```
 /// use std::io::{self, Read};
@@ -36,24 +38,25 @@ pub struct FileBuffer {
     limits: Limits,
     length: Option<u64>,
     follower: Follower,
-    /// What has been read, and behind it room for more.
+    /// The bytes read, followed by room for more.
     bytes: Vec<u8>,
     filled: usize,
     ended: bool,
 }
 
 impl FileBuffer {
-    /// Without a byte so far. `length` is that of the whole file, where it is known.
+    /// Makes an empty buffer. `length` is that of the whole file, if known.
     pub fn new(limits: Limits, length: Option<u64>) -> Self {
         let follower = Follower::default();
         Self { limits, length, follower, bytes: Vec::new(), filled: 0, ended: false }
     }
 
-    /// Where the next bytes of the file belong, as many as are wanted at once; `None` when no more are needed.
+    /// The room for the next bytes of the file, as many as are wanted at once; `None` if no more
+    /// are needed.
     ///
     /// # Errors
-    /// When the file is longer than [`Limits::file_bytes`] or cut short, or there is no memory for it. That it is
-    /// no VDB file is for [`VdbFile::read`](crate::VdbFile::read) to say.
+    /// If the file is longer than [`Limits::file_bytes`] or cut short, or memory is exhausted.
+    /// Other formats are reported by [`VdbFile::read`](crate::VdbFile::read).
     pub fn room(&mut self) -> Result<Option<&mut [u8]>, Error> {
         let (length, filled) = (self.length, self.filled as u64);
         let demand = self.follower.demand(&self.bytes[..self.filled], length, &self.limits)?;
@@ -80,7 +83,7 @@ impl FileBuffer {
         Ok(Some(&mut self.bytes[self.filled..]))
     }
 
-    /// Makes it `length` bytes, of which `end` are needed in all, as far as is known.
+    /// Resizes to `length` bytes, of which `end` are needed in total, as far as is known.
     fn grow(&mut self, length: usize, end: u64) -> Result<(), Error> {
         let bytes = |count: u64| usize::try_from(count).unwrap_or(usize::MAX);
         let (capacity, taken) = match self.length.map(bytes) {
@@ -100,23 +103,24 @@ impl FileBuffer {
         Ok(())
     }
 
-    /// So many bytes have been put at the start of the room. None means that the file has ended.
+    /// Reports the number of bytes put at the start of the room. Zero means that the file has
+    /// ended.
     pub fn filled(&mut self, count: usize) {
         self.ended = count == 0;
         self.filled = (self.filled + count).min(self.bytes.len());
     }
 
-    /// Bytes that are there.
+    /// The number of bytes read.
     pub fn len(&self) -> usize {
         self.filled
     }
 
-    /// Whether no byte is there.
+    /// Whether no byte has been read.
     pub fn is_empty(&self) -> bool {
         self.filled == 0
     }
 
-    /// What has been read.
+    /// The bytes read.
     pub fn into_bytes(mut self) -> Vec<u8> {
         self.bytes.truncate(self.filled);
         self.bytes

@@ -8,7 +8,7 @@ use half::slice::HalfFloatSliceExt;
 
 use super::PackKind;
 
-/// In how many bits the samples of a grid are kept. What is lost by each is in `docs/benchmarks.md`.
+/// The sample format of a packed grid. `docs/reference/benchmarks.md` has the size and loss of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum ValueFormat {
     /// As the tree has them: in 16 bits where that loses nothing (most files are saved so), else in

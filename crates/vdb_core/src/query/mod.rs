@@ -1,12 +1,12 @@
-//! What a ray meets in a grid, and what is at a point, on the CPU: for games and for picking.
+//! Ray casts and point samples against a grid on the CPU, for games and picking.
 //!
-//! The answers are those of the picture. The cells that a ray touches come from [`walk`], the twin of
-//! the shader's walk, exactly; within them the samples are those of the tree, and what the shader
-//! works out in f32 is worked out in f64 here: roots of the trilinear interpolant as `smooth.wgsl`
-//! finds them, optical depth as `fog.wgsl` adds it up.
+//! The results are those of the rendered image. The cells that a ray touches come from [`walk`],
+//! the exact twin of the shader's traversal. Within cells, samples are those of the tree, and what
+//! the shader computes in f32 is computed in f64: roots of the trilinear interpolant as in
+//! `smooth.wgsl`, optical depth as in `fog.wgsl`.
 //!
-//! Points and rays are in *index space*, where the sample `ijk` is the point `(i, j, k)` and the
-//! voxel `ijk` is the cube of edge 1 around it.
+//! Points and rays are in *index space*, where sample `ijk` is the point `(i, j, k)` and voxel
+//! `ijk` is the unit cube around it.
 
 mod course;
 mod cubic;
@@ -24,11 +24,11 @@ use samples::Samples;
 /// A ray in index space, `p(t) = origin + t · dir` for `t` from 0 to `t_max`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IndexRay {
-    /// Where it begins.
+    /// The origin.
     pub origin: DVec3,
-    /// Voxels per unit of `t`; of any length but zero.
+    /// Voxels per unit of `t`; any non-zero length.
     pub dir: DVec3,
-    /// Where it ends; may be infinite.
+    /// The end; may be infinite.
     pub t_max: f64,
 }
 
@@ -39,24 +39,24 @@ impl IndexRay {
     }
 }
 
-/// What a ray meets.
+/// A hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IndexHit {
-    /// Where on the ray.
+    /// The ray parameter.
     pub t: f64,
-    /// The voxel there: the one that the ray comes into, for voxels; the one around the point, for
-    /// smooth surfaces and fog.
+    /// The voxel: the one that the ray enters, for voxels; the one around the point, for smooth
+    /// surfaces and fog.
     pub ijk: IVec3,
-    /// Outwards, of any length: the normal of the face for voxels, the gradient of the interpolant
-    /// for smooth surfaces, and its opposite for fog, which is outside where it is thin. A gradient:
-    /// it goes to the world by the inverse transpose. Zero where the ray begins in a voxel, or the
-    /// interpolant is flat.
+    /// The outward direction, of any length: the face normal for voxels, the gradient of the
+    /// interpolant for smooth surfaces, and the negative gradient for fog, whose outside is where
+    /// it is thin. Transform it to world space by the inverse transpose. Zero if the ray begins in
+    /// a voxel or the interpolant is flat.
     pub normal: DVec3,
     /// Whether the ray begins in a solid voxel.
     pub begins_inside: bool,
 }
 
-/// Asks about one grid: its tree, and the same tree packed.
+/// Queries one grid: its tree, and the same tree packed.
 #[derive(Clone, Copy, Debug)]
 pub struct GridQuery<'a> {
     tree: &'a Vdb543<f32>,
@@ -64,22 +64,23 @@ pub struct GridQuery<'a> {
 }
 
 impl<'a> GridQuery<'a> {
-    /// `packed` must have been made of `tree`.
+    /// `packed` must have been made from `tree`.
     pub fn new(tree: &'a Vdb543<f32>, packed: &'a PackedGrid) -> Self {
         Self { tree, packed }
     }
 
-    /// The first thing on a ray: a solid voxel, a root of the trilinear interpolant, or the place
-    /// where `∫ density dt` from the ray's beginning on passes `enough`, by the grid's kind.
+    /// The first hit on a ray, by the grid's kind: a solid voxel, a root of the trilinear
+    /// interpolant, or the point where `∫ density dt` from the origin exceeds `enough`.
     ///
-    /// A ray is rounded close to the grid, not at its origin: to 2⁻²⁴ of a voxel where it comes into
-    /// the grid's box and 2⁻²⁴ of the way from there, however far away it begins. A ray whose numbers
-    /// are not finite (but for `t_max`, which may be infinite) meets nothing.
+    /// A ray is rounded near the grid, not at its origin: to 2⁻²⁴ voxel where it enters the grid's
+    /// box, and 2⁻²⁴ of the distance from there, however distant its origin. A ray whose numbers
+    /// are not finite (except `t_max`, which may be infinite) hits nothing.
     ///
-    /// It takes time in proportion to the cubes that the ray passes, of which empty ones are as large as
-    /// the tree's, or larger: at most 3 · 4096 steps through each of the tree's 4096³ nodes on its way, and
-    /// some tens through the void between two of them. A tile of fog is one step, but for its cells at
-    /// the border. The bound holds for any ray, wherever in index space the grid lies.
+    /// The time is proportional to the number of cubes that the ray crosses, of which empty ones
+    /// are at least as large as the tree's: at most 3 · 4096 steps through each 4096³ node on its
+    /// way, and some tens through the gap between two nodes. A tile of fog is one step, except for
+    /// the cells at its border. The bound holds for any ray and any position of the grid in index
+    /// space.
     pub fn first_hit(&self, ray: &IndexRay, enough: f64) -> Option<IndexHit> {
         let local = LocalRay::new(self.packed, ray)?;
         let hit = match self.packed.kind {
@@ -113,21 +114,21 @@ impl<'a> GridQuery<'a> {
         Some(IndexHit { t: local.t_from_walk(way), ijk, normal, begins_inside: false })
     }
 
-    /// The value at the sample nearest to a point, as the grid is shown: densities are 0 or more, and
+    /// The value of the sample nearest to a point, as displayed: densities are not negative, and
     /// there is no NaN.
     pub fn nearest(&self, point: DVec3) -> f32 {
         self.samples().value(nearest_voxel(point).map(i64::from))
     }
 
-    /// The trilinear interpolant at a point, as the grid is shown: densities are 0 or more, and there
-    /// is no NaN.
+    /// The trilinear interpolant at a point, as displayed: densities are not negative, and there is
+    /// no NaN.
     pub fn trilinear(&self, point: DVec3) -> f32 {
         let cell = point.floor();
         self.samples().corners(cell.to_array().map(|c| c as i64)).at(point - cell) as f32
     }
 
-    /// Whether a point is in something: in a solid voxel, where the interpolant is below the
-    /// iso-value of a smooth surface, or where a density is above zero.
+    /// Whether a point is inside: in a solid voxel, where the interpolant is below the iso-value of
+    /// a smooth surface, or where the density is positive.
     pub fn contains(&self, point: DVec3) -> bool {
         match self.packed.kind {
             PackKind::Surface { iso } => self.nearest(point) < iso,
@@ -137,7 +138,7 @@ impl<'a> GridQuery<'a> {
     }
 }
 
-/// The voxel around a point; of those at the ends of the index space where it lies beyond.
+/// The voxel around a point, clamped to index space.
 fn nearest_voxel(point: DVec3) -> [i32; 3] {
     point.to_array().map(|c| (c + 0.5).floor() as i32)
 }

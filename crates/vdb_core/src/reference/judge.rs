@@ -1,23 +1,24 @@
-//! Answers of an f32 tracer, held against the reference.
+//! Verdicts on the answers of an f32 tracer.
 
 use super::{Blocky, Face, Ray, Smooth, SurfaceHit, SurfaceTrace};
 use crate::tree::{IVec3, Node};
 
-/// What an answer to "which voxel first, through which face" is worth.
+/// A verdict on the first voxel and the face entered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum VoxelVerdict {
-    /// Voxel and face are right.
+    /// Voxel and face are correct.
     Right,
-    /// Right for the ray with its denormal numbers flushed to zero ([`Ray::flushed`]), as hardware may.
+    /// Correct for the ray with its denormals flushed to zero ([`Ray::flushed`]), as hardware may
+    /// do.
     RightWhenFlushed,
-    /// The right voxel, the wrong face.
+    /// The correct voxel, but the wrong face.
     WrongFace,
     /// The wrong voxel, or one where there is none, or none where there is one.
     WrongVoxel,
 }
 
 impl<C: Node<Value = f32>> Blocky<'_, C> {
-    /// Judges an answer: a voxel and the face entered (`None`: the ray begins inside), or nothing.
+    /// Judges an answer: a voxel and the face entered (`None`: the ray begins inside), or a miss.
     pub fn judge(&self, ray: &Ray, answer: Option<(IVec3, Option<Face>)>) -> VoxelVerdict {
         let truth = |ray: &Ray| self.first_voxel(ray).map(|hit| (hit.ijk, hit.face));
         let exact = truth(ray);
@@ -35,36 +36,36 @@ impl<C: Node<Value = f32>> Blocky<'_, C> {
     }
 }
 
-/// What an answer to "where is the surface" is worth.
+/// A verdict on the position of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SurfaceVerdict {
-    /// Neither sees a surface.
+    /// Both miss.
     BothMiss,
-    /// Both see one, so many voxels apart along the ray.
+    /// Both hit, this many voxels apart along the ray.
     Off(f64),
-    /// One sees a surface where the other does not, or another one, and the interpolant comes within
-    /// the noise granted of a double root there. To be listed and counted.
+    /// Only one hits, or they hit different surfaces, and the interpolant comes within the
+    /// permitted noise of a double root there. To be listed and counted.
     NearDouble,
     /// A surface was missed.
     Missed,
-    /// A surface was seen where there is none.
+    /// A surface was invented.
     Invented,
 }
 
-/// Voxels between two answers that are about the same root.
+/// The largest distance in voxels between two answers about the same root.
 const SAME_ROOT: f64 = 0.5;
 
 impl<C: Node<Value = f32>> Smooth<'_, C> {
-    /// Judges an answer: `t` of the first surface, or nothing. `noise` is the bound of the error of
-    /// the interpolant in the tracer that is judged, in parts of the greatest distance of a corner of
-    /// the cell from the iso-value; a dip or a graze that is smaller excuses it.
+    /// Judges an answer: `t` of the first surface, or a miss. `noise` bounds the error of the
+    /// interpolant in the tracer under test, relative to the largest distance of a cell corner from
+    /// the iso-value; a smaller dip or graze excuses the answer.
     pub fn judge(&self, ray: &Ray, answer: Option<f64>, noise: f64) -> SurfaceVerdict {
         self.judge_within(ray, answer, noise, SAME_ROOT).0
     }
 
-    /// [`Smooth::judge`] for answers that are about the same root when they are up to `reach` voxels
-    /// apart, with the root that the answer was held against: from far away, an f32 has no room for
-    /// half a voxel.
+    /// [`Smooth::judge`] for answers up to `reach` voxels apart that count as the same root, with
+    /// the root that the answer was compared with: for distant surfaces, f32 cannot resolve half a
+    /// voxel.
     pub fn judge_within(
         &self,
         ray: &Ray,

@@ -1,11 +1,11 @@
-//! The light that a fog scatters any number of times, by paths drawn at random.
+//! Multiple scattering in fog, by path tracing.
 //!
-//! A path runs against the light, from the viewer. Where it is scattered next is drawn by delta
-//! tracking (Woodcock et al. 1965): places are drawn for a fog that is as dense everywhere as this one
-//! is at most, and each counts with the part of that density that is there. What comes from the sun is
-//! asked for at each of these places, by ratio tracking (Novák et al. 2014, "Residual ratio tracking
-//! for estimating attenuation in participating media"). Neither has a step, and both have the right
-//! mean, however few paths there are; how far the mean of some is off, their spread says.
+//! A path runs against the light, from the viewer. The next scattering event is sampled by delta
+//! tracking (Woodcock et al. 1965): events are sampled for a homogeneous fog of the maximum
+//! density, and each is accepted with the fraction of that density at its position. Sunlight at
+//! each event is estimated by ratio tracking (Novák et al. 2014, "Residual ratio tracking for
+//! estimating attenuation in participating media"). Neither has a step size, and both are unbiased
+//! for any number of paths; the spread of the samples gives the error.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -16,63 +16,65 @@ use crate::{
     tree::{Accessor, Node, Tree},
 };
 
-/// What scatters, and what light there is. Lengths are voxels: for grids whose voxels are cubes.
+/// The fog and its light. Lengths are in voxels, for grids with cubic voxels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scattering {
-    /// Extinction for a density of 1, per voxel; finite and not negative. What a path takes grows with
-    /// the optical depth, and with its square where nothing is absorbed.
+    /// Extinction per voxel for a density of 1; finite and not negative. The cost of a path grows
+    /// with the optical depth, and with its square if nothing is absorbed.
     pub extinction: f64,
-    /// The mean cosine of the angle by which light is turned, after Henyey and Greenstein; above -1 and
-    /// below 1.
+    /// The mean cosine of the scattering angle (Henyey–Greenstein); between -1 and 1, exclusively.
     pub anisotropy: f64,
-    /// Towards the sun, in index space, of unit length.
+    /// The unit vector towards the sun, in index space.
     pub to_sun: DVec3,
-    /// How many times light is scattered at most: 1 for what [`radiance()`](super::radiance()) integrates,
-    /// `u32::MAX` for all there is.
+    /// The maximum number of scattering events: 1 for what [`radiance()`](super::radiance())
+    /// integrates, `u32::MAX` for all.
     pub orders: u32,
 }
 
-/// The mean of many drawn numbers.
+/// The mean of many samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Mean {
     /// The mean.
     pub value: f64,
-    /// Its standard error: two of three means are off by less than it, 997 of 1,000 by less than three.
+    /// Its standard error: two of three means are off by less than it, 997 of 1,000 by less than
+    /// three times it.
     pub standard_error: f64,
 }
 
-/// What comes to the viewer, for one albedo.
+/// The light that reaches the viewer, for one albedo.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PathLight {
-    /// Of a sun that has an irradiance of 1 on what faces it: what is scattered of it.
+    /// The scattered light of a sun with an irradiance of 1 on a surface facing it.
     pub sun: Mean,
-    /// Of surroundings that have a radiance of 1 everywhere, with what shines through unscattered.
+    /// The light of surroundings with a uniform radiance of 1, including unscattered light from
+    /// behind.
     pub surroundings: Mean,
 }
 
-/// Draws paths through the density of one tree.
+/// Traces paths through the density of a tree.
 #[derive(Debug)]
 pub struct Paths<'a, C: Node<Value = f32>> {
     field: Field<'a, C>,
-    /// The greatest density, and where there is any.
+    /// The maximum density, and the bounds of all density.
     most: f64,
     low: DVec3,
     high: DVec3,
 }
 
-/// Paths that one sequence of random numbers draws: the sequence of each follows from its number, so that
-/// the result does not depend on the number of threads.
+/// Paths per random sequence. Each sequence is derived from its number, so the result does not
+/// depend on the number of threads.
 const BATCH: u32 = 64;
 
-/// Transmittance below which every other ray to the sun is given up, and the others count twice.
+/// The transmittance below which every other ray to the sun is terminated, and the others count
+/// twice.
 const FAINT: f64 = 0.01;
 
-/// Sums of numbers and of their squares.
+/// Sums of samples and of their squares.
 type Sums = [f64; 2];
 
 impl<'a, C: Node<Value = f32>> Paths<'a, C> {
-    /// Finds where the tree has a density, and the greatest; `None` for a fog without an end, which has
-    /// one in the background.
+    /// Finds the bounds and the maximum of the density; `None` for infinite fog, with density in
+    /// the background.
     pub fn new(tree: &'a Tree<C>) -> Option<Self> {
         let mut paths = Self {
             field: Field::new(tree),
@@ -90,9 +92,9 @@ impl<'a, C: Node<Value = f32>> Paths<'a, C> {
         (density(tree.background()) == 0.0).then_some(paths)
     }
 
-    /// What comes along a ray to its beginning, `origin`, for each of some albedos: the same paths serve
-    /// all, so that their errors go together. The direction, in index space, is of unit length. Equal
-    /// seeds draw equal paths.
+    /// The light along a ray to its `origin`, for several albedos: all use the same paths, so their
+    /// errors are correlated. The direction is a unit vector in index space. Equal seeds give equal
+    /// paths.
     pub fn light(
         &self,
         (origin, direction): (DVec3, DVec3),
@@ -134,7 +136,7 @@ impl<'a, C: Node<Value = f32>> Paths<'a, C> {
         (0..albedos.len()).map(light).collect()
     }
 
-    /// Where a ray is between the first and the last density, in voxels from a place on.
+    /// The interval of a ray between the first and the last density, in voxels from the origin.
     fn span(&self, origin: DVec3, direction: DVec3) -> Option<[f64; 2]> {
         let mut span = [0.0_f64, f64::INFINITY];
         for axis in 0..3 {
@@ -152,18 +154,18 @@ impl<'a, C: Node<Value = f32>> Paths<'a, C> {
     }
 }
 
-/// What draws paths, one after the other.
+/// Traces paths one after the other.
 struct Tracer<'p, 'a, C: Node<Value = f32>> {
     paths: &'p Paths<'a, C>,
     scattering: &'p Scattering,
-    /// The greatest extinction per voxel.
+    /// The maximum extinction per voxel.
     rate: f64,
     accessor: Accessor<'a, C>,
     random: Random,
 }
 
 impl<C: Node<Value = f32>> Tracer<'_, '_, C> {
-    /// Draws a path and adds what it brings.
+    /// Traces a path and adds its contribution.
     fn add(&mut self, origin: DVec3, direction: DVec3, albedos: &[f64], sums: &mut [[Sums; 2]]) {
         let Scattering { anisotropy, to_sun, orders, .. } = *self.scattering;
         // Paths go on by the chance of the greatest albedo, and count for the others with what is left.
@@ -197,7 +199,7 @@ impl<C: Node<Value = f32>> Tracer<'_, '_, C> {
         }
     }
 
-    /// The part of the greatest density that there is at a place.
+    /// The density at a point as a fraction of the maximum.
     fn part(&mut self, place: DVec3) -> f64 {
         let cell = place.floor();
         let corners =
@@ -205,12 +207,12 @@ impl<C: Node<Value = f32>> Tracer<'_, '_, C> {
         Corners(corners.map(density)).at(place - cell) / self.paths.most
     }
 
-    /// How far it is to the next place that a fog as dense as the greatest density would scatter at.
+    /// The distance to the next event in homogeneous fog of the maximum density.
     fn flight(&mut self) -> f64 {
         -(-self.random.unit()).ln_1p() / self.rate
     }
 
-    /// Where light from a place is scattered next; `None` if it leaves the fog.
+    /// The next scattering event of light from a point; `None` if it leaves the fog.
     fn next(&mut self, origin: DVec3, direction: DVec3) -> Option<DVec3> {
         let [mut t, end] = self.paths.span(origin, direction)?;
         loop {
@@ -226,7 +228,7 @@ impl<C: Node<Value = f32>> Tracer<'_, '_, C> {
         }
     }
 
-    /// A number with the mean of the transmittance.
+    /// A sample whose mean is the transmittance.
     fn transmittance(&mut self, origin: DVec3, direction: DVec3) -> f64 {
         let Some([mut t, end]) = self.paths.span(origin, direction) else { return 1.0 };
         let mut passed = 1.0;

@@ -1,4 +1,4 @@
-//! The light that a fog sends along a ray: emitted, and scattered once from the sun.
+//! Emission and single scattering of sunlight in fog along a ray.
 
 use std::{f64::consts::PI, ops::ControlFlow};
 
@@ -12,25 +12,25 @@ use super::{
 };
 use crate::tree::{Node, Tree};
 
-/// What a fog does to light, per unit of its density.
+/// The optical properties of fog per unit of density.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Medium {
     /// Extinction for a density of 1 per unit of `t` on the view ray, as in
     /// [`transmittance`](super::transmittance); not negative.
     pub extinction_scale: f64,
-    /// Radiance emitted per unit of optical depth: what an infinitely deep fog would glow with.
+    /// Radiance emitted per unit of optical depth, which is the radiance of infinitely deep fog.
     pub emission: f64,
-    /// The part of extinction that is scattering.
+    /// The fraction of extinction that is scattering.
     pub albedo: f64,
     /// The value of the phase function for the angle between sun and view, per steradian: `1/4π`
-    /// for isotropic scattering. (Both directions are the same all along a ray.)
+    /// for isotropic scattering. (Both directions are constant along a ray.)
     pub phase: f64,
 }
 
 /// A light at infinity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sun {
-    /// Towards the sun, in index space; need not be of unit length.
+    /// The direction towards the sun, in index space, of any length.
     pub dir: DVec3,
     /// Extinction for a density of 1 per unit of `dir`: `scale · |world_from_index · dir|`.
     pub extinction_scale: f64,
@@ -38,20 +38,20 @@ pub struct Sun {
     pub irradiance: f64,
 }
 
-/// The part of the light that is turned by an angle with this cosine when it is scattered, per steradian:
-/// `(1 - g²) / (4π (1 + g² - 2g·cos)^(3/2))`, after Henyey and Greenstein, with `g` above -1 and below 1.
+/// The Henyey–Greenstein phase function for the cosine of an angle, per steradian: `(1 - g²) / (4π
+/// (1 + g² - 2g·cos)^(3/2))`, with `g` between -1 and 1, exclusively.
 pub fn phase(anisotropy: f64, cosine: f64) -> f64 {
     let g = anisotropy;
     (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * cosine).powf(1.5))
 }
 
-/// What arrives at the beginning of a ray.
+/// The light that arrives at the origin of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Radiance {
-    /// The light of the fog. Its error is proven for the emitted part; for the scattered part it is
+    /// The light of the fog. The error is proven for the emitted part; for the scattered part it is
     /// the difference of two orders of quadrature, which is no proof.
     pub radiance: Estimate,
-    /// The part of the light from behind the fog that arrives; its error is proven.
+    /// The fraction of light from behind the fog that arrives; its error is proven.
     pub transmittance: Estimate,
 }
 

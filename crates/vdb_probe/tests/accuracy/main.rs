@@ -1,5 +1,5 @@
 //! The accuracy suite: the shaders against the f64 reference tracer, over a matrix of extremes. It
-//! prints one table and fails when a bound is broken; `docs/accuracy.md` explains the bounds.
+//! prints one table and fails when a bound is broken; `docs/reference/accuracy.md` lists the bounds.
 //!
 //! | variable | |
 //! |---|---|
