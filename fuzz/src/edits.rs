@@ -11,7 +11,7 @@ use super::follow::pack;
 use super::{CORNERS, FLOATS, pick, rays, round_trip};
 
 /// Commits of one grid at most, and edits before each.
-const COMMITS: u64 = 3;
+const COMMITS: u64 = 2;
 const EDITS: u64 = 6;
 
 /// log₂ of the cells per edge from which on cubes are of the crown's, which may cut the void otherwise.

@@ -14,7 +14,7 @@ use super::{FLOATS, edits, limits, pick, rays, round_trip};
 const TREES: usize = 2;
 
 /// Levels of detail of one grid.
-const LEVELS: usize = 10;
+const LEVELS: usize = 4;
 
 /// Shorter than this, in cells, a grid is not made coarser still; as in the plugin.
 const SMALLEST: u64 = 32;
