@@ -246,7 +246,9 @@ impl<'a> Halving<'a> {
     }
 
     fn lower(&self, roots: &Roots, origin: IVec3) -> Result<Built<Lower>, Stop> {
-        self.done.fetch_add(1, Ordering::Relaxed);
+        if self.done.fetch_add(1, Ordering::Relaxed).is_multiple_of(1024) {
+            self.report()?;
+        }
         if let Some((value, active)) = self.tile::<Lower>(roots, origin) {
             return Ok(Built::Tile(value, active));
         }
