@@ -270,8 +270,9 @@ fn progress_runs_from_zero_to_a_total_that_stays() {
             assert_eq!(reports.first().map(|report| report.0), Some(0), "{what} of tree {i}");
             assert_eq!(reports.last().map(|report| report.0), Some(all), "{what} of tree {i}");
             let largest = reports.windows(2).map(|two| two[1].0 - two[0].0).max();
-            // Of one with work in all stages.
-            assert!(i != 1 || largest < Some(all / 2), "{what} jumps: {reports:?}");
+            // No value lies below the iso-value of surfaces: they have no samples to gather.
+            let has_all_stages = i == 1 && !what.starts_with("S");
+            assert!(!has_all_stages || largest < Some(all / 2), "{what} jumps: {reports:?}");
         };
         for kind in KINDS {
             let progress = Some(progress.clone());
