@@ -95,8 +95,12 @@ impl Block {
         Self { edge, values }
     }
 
-    pub fn at(&self, [x, y, z]: [usize; 3]) -> f32 {
-        self.values[(x * self.edge + y) * self.edge + z]
+    pub fn index(&self, [x, y, z]: [usize; 3]) -> usize {
+        (x * self.edge + y) * self.edge + z
+    }
+
+    pub fn at(&self, place: [usize; 3]) -> f32 {
+        self.values[self.index(place)]
     }
 
     /// Whether what is solid at a place goes on further inwards: then a sample that is left is in it,

@@ -73,6 +73,12 @@ impl Rings {
         self.0.iter_mut().for_each(|value| *value = widened(*value, width));
         let unknown = |value: f32| value.abs() >= 2.0 * width;
         let mut uphill: Vec<Option<Vec3>> = vec![None; self.0.len()];
+        // Of each row of the block, the samples within the band, bit by bit.
+        let bit = |(z, value): (usize, &f32)| u32::from(value.abs() < width) << z;
+        let rows = block.values.chunks_exact(block.edge);
+        let known: Vec<u32> = rows.map(|row| row.iter().enumerate().map(bit).sum()).collect();
+        // Of the block's samples, once they have been asked for: several samples look at each.
+        let mut slopes: Vec<Option<Option<Vec3>>> = vec![None; block.values.len()];
         for ring in 1..=2 {
             let (values, directions) = (self.0.clone(), uphill.clone());
             let inner = (ring as i64, (RINGED - 1 - ring) as i64);
@@ -83,14 +89,19 @@ impl Rings {
                     return true;
                 }
                 if ring == 1 {
-                    each([(-2, 2); 3], |side| {
-                        let at = [0, 1, 2].map(|axis| 2 * c[axis] as i64 + 2 + side[axis]);
-                        let at = at.map(|c| c as usize);
-                        if block.at(at).abs() < width {
-                            line.meet(block.at(at), block.uphill(at, width), side, 0.5 * voxel);
+                    for (x, y) in (-2..=2).flat_map(|x| (-2..=2).map(move |y| (x, y))) {
+                        let [i, j] = [(c[0], x), (c[1], y)]
+                            .map(|(c, side)| (2 * c as i64 + 2 + side) as usize);
+                        let mut row = known[i * block.edge + j] >> (2 * c[2]) & 0x1f;
+                        while row != 0 {
+                            let z = row.trailing_zeros() as usize;
+                            row &= row - 1;
+                            let at = [i, j, 2 * c[2] + z];
+                            let slope = &mut slopes[block.index(at)];
+                            let slope = *slope.get_or_insert_with(|| block.uphill(at, width));
+                            line.meet(block.at(at), slope, [x, y, z as i64 - 2], 0.5 * voxel);
                         }
-                        true
-                    });
+                    }
                 } else {
                     each([(-1, 1); 3], |side| {
                         let at = [0, 1, 2].map(|axis| (c[axis] as i64 + side[axis]) as usize);
@@ -138,6 +149,9 @@ impl Line {
         let way = Vec3::from_array(side.map(|side| -side as f32));
         let along = uphill.dot(way);
         let outwards = if self.is_inside { -along } else { along };
+        if outwards.is_nan() || outwards <= 0.0 {
+            return;
+        }
         let cosine = outwards / way.length().max(1.0);
         if cosine > self.cosine {
             let value = value + along * edge;
