@@ -19,9 +19,9 @@ use vdb_core::{Limits, ReadOptions, VdbFile, WriteOptions};
 
 pub use seeds::write_seeds;
 
-/// Bytes of memory that the trees of one input may take: a dozen of the large nodes of floats. What
-/// follows reading costs a multiple of it.
-const TREE_BYTES: u64 = 2 << 20;
+/// Bytes of memory that the trees of one input may take: four of the large nodes of floats. What
+/// follows reading costs a multiple of it, and many small inputs find more than a few large ones.
+const TREE_BYTES: u64 = 640 << 10;
 
 /// A whole file, byte by byte as it is.
 pub fn file(bytes: &[u8]) {
@@ -70,8 +70,8 @@ fn limits() -> Limits {
     limits.tree_bytes = TREE_BYTES;
     limits.metadata_bytes = 1 << 20;
     limits.grids = 64;
-    limits.packed_bytes = 16 * TREE_BYTES;
-    limits.level_bytes = 4 * TREE_BYTES;
+    limits.packed_bytes = 8 * TREE_BYTES;
+    limits.level_bytes = TREE_BYTES;
     limits
 }
 

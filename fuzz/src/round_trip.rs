@@ -1,7 +1,7 @@
 //! What is written reads as what was meant, and from then on nothing changes any more.
 
 use vdb_core::synth::Random;
-use vdb_core::tree::{Node, Tree, Value};
+use vdb_core::tree::{Cube, Dim, InternalNode, Node, RootEntry, Slot, Tree, Value};
 use vdb_core::{
     AnyTree, Codec, Compression, Grid, MetaValue, Metadata, ReadOptions, VdbFile, WriteOptions,
 };
@@ -72,24 +72,55 @@ fn own_metadata(grid: &Grid) -> Vec<(&str, &MetaValue)> {
     Metadata::iter(&grid.metadata).filter(|(name, _)| own(name)).collect()
 }
 
+type Lower<L> = InternalNode<L, 4>;
+type Upper<L> = InternalNode<Lower<L>, 5>;
+
 /// Whether two trees store the same, voxel by voxel and tile by tile, bit for bit, with their states.
-pub(super) fn same_tree<C: Node>(a: &Tree<C>, b: &Tree<C>, exact: bool) -> bool {
-    let same = |a: C::Value, b: C::Value| !exact || a.same(b);
-    let (mut a_values, mut b_values) = (a.values(), b.values());
-    same(a.background(), b.background())
-        && loop {
-            match (a_values.next(), b_values.next()) {
-                (None, None) => break true,
-                (Some(x), Some(y)) => {
-                    let place =
-                        (x.origin, x.log2_dim, x.active) == (y.origin, y.log2_dim, y.active);
-                    if !place || !same(x.value, y.value) {
-                        break false;
-                    }
-                }
-                _ => break false,
-            }
+/// Unless `exact`, values may differ.
+pub(super) fn same_tree<L: Node<Leaf = L>>(
+    a: &Tree<Upper<L>>,
+    b: &Tree<Upper<L>>,
+    exact: bool,
+) -> bool {
+    let lower = |a: &Lower<L>, b: &Lower<L>| same_node(a, b, exact, |a, b| same_leaf(a, b, exact));
+    let entry = |a: &RootEntry<Upper<L>>, b: &RootEntry<Upper<L>>| match (a, b) {
+        (RootEntry::Child(a), RootEntry::Child(b)) => same_node(a, b, exact, lower),
+        (RootEntry::Tile { value: x, active: on }, RootEntry::Tile { value, active }) => {
+            on == active && same(*x, *value, exact)
         }
+        _ => false,
+    };
+    same(a.background(), b.background(), exact)
+        && a.entries().len() == b.entries().len()
+        && a.entries().zip(b.entries()).all(|((at, a), (place, b))| at == place && entry(a, b))
+}
+
+fn same<T: Value>(a: T, b: T, exact: bool) -> bool {
+    !exact || a.same(b)
+}
+
+fn same_node<C: Node, const LOG2: u32>(
+    a: &InternalNode<C, LOG2>,
+    b: &InternalNode<C, LOG2>,
+    exact: bool,
+    child: impl Fn(&C, &C) -> bool,
+) -> bool
+where
+    Dim<LOG2>: Cube,
+{
+    let slot = |i: usize| match (a.slot_at(i), b.slot_at(i)) {
+        (Slot::Child(a), Slot::Child(b)) => child(a, b),
+        (Slot::Tile(x, on), Slot::Tile(value, active)) => on == active && same(x, value, exact),
+        _ => false,
+    };
+    a.origin() == b.origin() && (0..InternalNode::<C, LOG2>::SIZE).all(slot)
+}
+
+fn same_leaf<L: Node>(a: &L, b: &L, exact: bool) -> bool {
+    a.origin() == b.origin()
+        && a.values()
+            .zip(b.values())
+            .all(|(a, b)| a.active == b.active && same(a.value, b.value, exact))
 }
 
 fn same_any(a: &AnyTree, b: &AnyTree, exact: bool) -> bool {

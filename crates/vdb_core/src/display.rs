@@ -1,25 +1,25 @@
-//! Text from files, made safe to display.
+//! Safe display of text from files.
 //!
-//! Names, types and metadata contain whatever a file says: terminal escapes, line breaks that forge
-//! log lines, bidirectional marks, megabytes. They are stored unchanged, so that a grid is found by
-//! its name and written back under it, and escaped on display. [`Error`](crate::Error),
-//! [`Place`](crate::Place) and [`MetaValue`](crate::MetaValue) do this in their `Display`. For
-//! plain `String`s, such as [`Grid::name`](crate::Grid::name), use [`escaped`] or [`quoted`].
+//! Names, types and metadata in a file can contain anything: terminal escape sequences, line breaks that
+//! forge log entries, characters that reverse the writing direction, or megabytes of text. They are stored
+//! unchanged, so that a grid can be looked up by its name and written back under it, and are escaped only
+//! for display. The `Display` implementations of [`Error`](crate::Error), [`Place`](crate::Place) and
+//! [`MetaValue`](crate::MetaValue) already do this; pass plain `String`s, such as
+//! [`Grid::name`](crate::Grid::name), through [`escaped`] or [`quoted`].
 
 use std::fmt::{self, Display, Formatter, Write};
 
-/// The number of characters displayed of text from a file, unless [`Escaped::at_most`] says
-/// otherwise.
+/// The most characters of text from a file to show, unless [`Escaped::at_most`] sets another limit.
 pub const SHOWN_CHARS: usize = 256;
 
-/// The number of characters displayed of an error's description, which has room for several names
-/// of [`SHOWN_CHARS`].
+/// The most characters of an error's description to show: room for several names of [`SHOWN_CHARS`].
 pub(crate) const ERROR_CHARS: usize = 4 * SHOWN_CHARS;
 
-/// Letters without ink that Unicode counts as printable: Hangul fillers and the Braille blank.
+/// Invisible characters that Unicode nevertheless classes as printable: the Hangul fillers and the
+/// Braille blank.
 const BLANK: [char; 5] = ['\u{115f}', '\u{1160}', '\u{3164}', '\u{ffa0}', '\u{2800}'];
 
-/// Text reduced to plain, visible characters: see [`escaped`] and [`quoted`].
+/// Text that displays with plain, visible characters only; made by [`escaped`] and [`quoted`].
 #[derive(Clone, Copy, Debug)]
 pub struct Escaped<'a> {
     text: &'a str,
@@ -27,9 +27,11 @@ pub struct Escaped<'a> {
     most: usize,
 }
 
-/// Escapes text to a single line: control characters, bidirectional marks, and invisible and
-/// unassigned characters become `\n`, `\u{1b}` and so on. Quotes and backslashes stay, so escaping
-/// twice is harmless. After [`SHOWN_CHARS`] an ellipsis replaces the rest.
+/// Escapes text so that it displays on one line.
+///
+/// Control characters, direction changes, and invisible or unassigned characters become escapes such as
+/// `\n` and `\u{1b}`. Quotes and backslashes are left alone, so that escaping twice changes nothing more.
+/// Text longer than [`SHOWN_CHARS`] ends in an ellipsis.
 ///
 /// ```
 /// use vdb_core::display::escaped;
@@ -42,13 +44,14 @@ pub fn escaped(text: &str) -> Escaped<'_> {
     Escaped { text, quotes: false, most: SHOWN_CHARS }
 }
 
-/// The same in double quotes, with inner quotes escaped as in `{:?}`.
+/// Escapes text as [`escaped`] does and puts it in double quotes. Double quotes and backslashes within it
+/// get a backslash, as in `{:?}`.
 pub fn quoted(text: &str) -> Escaped<'_> {
     Escaped { quotes: true, ..escaped(text) }
 }
 
 impl Escaped<'_> {
-    /// Limits the number of characters displayed.
+    /// Limits the display to the first `chars` characters of the text.
     #[must_use]
     pub fn at_most(self, chars: usize) -> Self {
         Self { most: chars, ..self }
@@ -61,12 +64,12 @@ impl Display for Escaped<'_> {
         let (shown, rest) = self.text.split_at(cut);
         let quote = if self.quotes { "\"" } else { "" };
         f.write_str(quote)?;
-        // What `str::escape_debug` would escape and shall stay, or would leave and shall not.
+        // Characters that `str::escape_debug` treats differently: quotes, backslashes and blanks.
         let apart = |c: char| "\"'\\".contains(c) || BLANK.contains(&c);
         for piece in shown.split_inclusive(apart) {
             let last = piece.chars().next_back().filter(|last| apart(*last));
             let plain = &piece[..piece.len() - last.map_or(0, char::len_utf8)];
-            // As a whole, so that marks that combine with the letter before them stay.
+            // All at once, so that a combining mark stays with the letter before it.
             write!(f, "{}", plain.escape_debug())?;
             match last {
                 Some(blank) if BLANK.contains(&blank) => write!(f, "{}", blank.escape_unicode())?,

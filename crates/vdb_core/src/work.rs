@@ -1,57 +1,60 @@
-//! Long work that can be followed, cancelled, and kept within a budget of memory.
+//! Long work that reports its progress, can be cancelled, and stays within a budget of memory.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 use crate::ProgressFn;
 
 /// Why work was given up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stop {
-    /// As whoever follows it asked for.
+    /// The progress function asked for it.
     Cancelled,
-    /// It needs so many bytes at least, which is more than it may take.
+    /// The work needs at least `needed` bytes, which is more than it may take.
     Memory { needed: u64, limit: u64 },
 }
 
-/// Work of a known number of steps. Shared by the threads that do it.
+/// Work of a known number of steps, shared by the threads that do it.
 pub(crate) struct Work<'a> {
     progress: Option<&'a Arc<ProgressFn>>,
-    steps: AtomicU64,
-    done: AtomicU64,
+    steps: u64,
+    /// The steps of the last report. Reports are made one at a time, so that they never go back.
+    reported: Mutex<u64>,
     cancelled: AtomicBool,
     taken: AtomicU64,
     limit: u64,
 }
 
 impl<'a> Work<'a> {
-    /// Work that may take so many bytes.
+    /// Work in `steps` steps, which may take `limit` bytes.
     pub fn new(progress: Option<&'a Arc<ProgressFn>>, steps: u64, limit: u64) -> Self {
         Self {
             progress,
-            steps: AtomicU64::new(steps),
-            done: AtomicU64::new(0),
+            steps,
+            reported: Mutex::new(0),
             cancelled: AtomicBool::new(false),
             taken: AtomicU64::new(0),
             limit,
         }
     }
 
-    /// Says that so many steps are done, and asks whether to go on. Steps take milliseconds at most.
-    pub fn step(&self, steps: u64) -> Result<(), Stop> {
-        if let Some(progress) = self.progress {
-            let all = self.steps.load(Ordering::Relaxed);
-            let done = self.done.fetch_add(steps, Ordering::Relaxed) + steps;
-            if progress(done.min(all), all).is_break() {
+    /// Reports how many steps are done in all, unless another thread is reporting just now, and asks
+    /// whether to go on. To be called every few milliseconds.
+    pub fn report(&self, done: u64) -> Result<(), Stop> {
+        if let Some(progress) = self.progress
+            && let Ok(mut reported) = self.reported.try_lock()
+        {
+            *reported = done.min(self.steps).max(*reported);
+            if progress(*reported, self.steps).is_break() {
                 self.cancelled.store(true, Ordering::Relaxed);
             }
         }
         if self.cancelled.load(Ordering::Relaxed) { Err(Stop::Cancelled) } else { Ok(()) }
     }
 
-    /// Adds steps that have become known.
-    pub fn add_steps(&self, steps: u64) {
-        self.steps.fetch_add(steps, Ordering::Relaxed);
+    /// Reports that all steps are done.
+    pub fn finish(&self) -> Result<(), Stop> {
+        self.report(self.steps)
     }
 
     /// Asks for memory, before it is taken.

@@ -248,6 +248,49 @@ fn packing_and_levels_report_and_can_be_cancelled() {
 }
 
 #[test]
+fn progress_runs_from_zero_to_a_total_that_stays() {
+    use std::ops::ControlFlow;
+    use std::sync::{Arc, Mutex};
+    let trees = [Vdb543::new(0.0), leaves(1000, 16), upper_nodes(3), root_tiles(9, IVec3::splat)];
+    for (i, tree) in trees.iter().enumerate() {
+        let reports: Arc<Mutex<Vec<(u64, u64)>>> = Arc::default();
+        let seen = reports.clone();
+        let progress: Arc<vdb_core::ProgressFn> = Arc::new(move |done, all| {
+            seen.lock().unwrap().push((done, all));
+            ControlFlow::Continue(())
+        });
+        let check = |what: &str| {
+            let reports = std::mem::take(&mut *reports.lock().unwrap());
+            let all = reports[0].1;
+            assert!(
+                reports.iter().all(|report| report.1 == all),
+                "{what} of tree {i}: {reports:?}"
+            );
+            assert!(reports.is_sorted(), "{what} of tree {i} goes back: {reports:?}");
+            assert_eq!(reports.first().map(|report| report.0), Some(0), "{what} of tree {i}");
+            assert_eq!(reports.last().map(|report| report.0), Some(all), "{what} of tree {i}");
+            let largest = reports.windows(2).map(|two| two[1].0 - two[0].0).max();
+            // No value lies below the iso-value of surfaces: they have no samples to gather.
+            let has_all_stages = i == 1 && !what.starts_with("S");
+            assert!(!has_all_stages || largest < Some(all / 2), "{what} jumps: {reports:?}");
+        };
+        for kind in KINDS {
+            let progress = Some(progress.clone());
+            let options = PackOptions { progress, ..PackOptions::default() };
+            PackedGrid::with_options(tree, kind, &options).unwrap();
+            check(&format!("{kind:?}"));
+        }
+        if i < 2 {
+            let options = LevelOptions { progress: Some(progress.clone()), ..Default::default() };
+            half_resolution(tree, Coarsening::Fog, &options).unwrap();
+            if i == 1 {
+                check("a level");
+            }
+        }
+    }
+}
+
+#[test]
 fn limits_of_files_are_those_of_reading() {
     // What is read is read within the same limits.
     let mut options = ReadOptions::default();

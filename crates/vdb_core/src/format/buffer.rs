@@ -1,20 +1,20 @@
-//! The bytes of a file as they arrive.
+//! Incremental reading of a file's bytes.
 
 use super::demand::{Demand, Follower};
 use super::file;
 use crate::{Error, Limits};
 
-/// The smallest and the largest number of bytes to read at a time.
+/// Fewest and most bytes to read at a time.
 const LEAST: usize = 64 << 10;
 const MOST: usize = 8 << 20;
 
-/// The bytes of a file, read piece by piece from any source, for
+/// A buffer to read a file into piece by piece, from any source, for
 /// [`VdbFile::read`](crate::VdbFile::read).
 ///
-/// A file of another format is recognised by its first eight bytes, and one that exceeds the limits
-/// before memory is allocated for it. Reading ends after the last grid, or at the first error on
-/// the way from grid to grid. Only a stream is read to its end, because it does not say where its
-/// grids are.
+/// It reads no more than it has to. A file in another format is recognised by its first eight bytes, and a
+/// file that is too long before memory is allocated for it. Reading ends after the last grid, or at the first
+/// error on the way from one grid to the next. Only a file without grid offsets, written as a stream, is
+/// read to its end.
 ///
 /// ```
 /// use std::io::{self, Read};
@@ -38,29 +38,29 @@ pub struct FileBuffer {
     limits: Limits,
     length: Option<u64>,
     follower: Follower,
-    /// The bytes read, followed by room for more.
+    /// The bytes read so far, followed by room for more.
     bytes: Vec<u8>,
     filled: usize,
     ended: bool,
 }
 
 impl FileBuffer {
-    /// Makes an empty buffer. `length` is that of the whole file, if known.
+    /// An empty buffer. `length` is the length of the whole file in bytes, if it is known.
     pub fn new(limits: Limits, length: Option<u64>) -> Self {
         let follower = Follower::default();
         Self { limits, length, follower, bytes: Vec::new(), filled: 0, ended: false }
     }
 
-    /// The room for the next bytes of the file, as many as are wanted at once; `None` if no more
-    /// are needed.
+    /// The room to read the next bytes of the file into, or `None` when no more bytes are needed. Call
+    /// [`filled`](Self::filled) with the number of bytes read.
     ///
     /// # Errors
-    /// If the file is longer than [`Limits::file_bytes`] or cut short, or memory is exhausted.
-    /// Other formats are reported by [`VdbFile::read`](crate::VdbFile::read).
+    /// If the file is longer than [`Limits::file_bytes`] or truncated, or memory runs out. A file in another
+    /// format is no error here, but in [`VdbFile::read`](crate::VdbFile::read).
     pub fn room(&mut self) -> Result<Option<&mut [u8]>, Error> {
         let (length, filled) = (self.length, self.filled as u64);
         let demand = self.follower.demand(&self.bytes[..self.filled], length, &self.limits)?;
-        // What is another format is told of as such, however long it is.
+        // A file in another format is reported as such, however long it is.
         if self.follower.is_vdb() {
             file::check_length(length.unwrap_or(filled), &self.limits)?;
         }
@@ -70,7 +70,7 @@ impl FileBuffer {
                 file::check_length(end, &self.limits)?;
                 end
             }
-            // One byte more than there may be, to see whether it is there.
+            // One byte more than the limit, to find out whether the file exceeds it.
             (Demand::All, None) => self.limits.file_bytes.saturating_add(1),
         };
         if self.ended || end <= filled {
@@ -83,11 +83,12 @@ impl FileBuffer {
         Ok(Some(&mut self.bytes[self.filled..]))
     }
 
-    /// Resizes to `length` bytes, of which `end` are needed in total, as far as is known.
+    /// Grows the buffer to `length` bytes. `end` is the number of bytes needed in all, as far as is known.
     fn grow(&mut self, length: usize, end: u64) -> Result<(), Error> {
         let bytes = |count: u64| usize::try_from(count).unwrap_or(usize::MAX);
         let (capacity, taken) = match self.length.map(bytes) {
-            // At once what is sure to come; and twice as much each time, so that bytes are moved seldom.
+            // All bytes that are known to come at once, and otherwise twice as many each time, so that
+            // bytes are seldom moved.
             Some(whole) => {
                 let doubled = self.bytes.capacity().saturating_mul(2);
                 let capacity = bytes(end).max(doubled).min(whole).max(length);
@@ -103,19 +104,18 @@ impl FileBuffer {
         Ok(())
     }
 
-    /// Reports the number of bytes put at the start of the room. Zero means that the file has
-    /// ended.
+    /// Records that `count` bytes have been read into the start of the room. 0 marks the end of the file.
     pub fn filled(&mut self, count: usize) {
         self.ended = count == 0;
         self.filled = (self.filled + count).min(self.bytes.len());
     }
 
-    /// The number of bytes read.
+    /// The number of bytes read so far.
     pub fn len(&self) -> usize {
         self.filled
     }
 
-    /// Whether no byte has been read.
+    /// Whether no bytes have been read yet.
     pub fn is_empty(&self) -> bool {
         self.filled == 0
     }

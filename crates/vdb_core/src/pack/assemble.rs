@@ -8,7 +8,7 @@ use super::content::{Rule, Sources};
 use super::crown::{self, Crown, SOLID};
 use super::layout::*;
 use super::leaps::{self, Chunk};
-use super::options::Packing;
+use super::options::{Packing, Stage};
 use super::palette::{Palette, TILE_BYTES};
 use super::region;
 use super::values::{self, Steps, Stored, ValueFormat};
@@ -99,7 +99,8 @@ fn traversal(
         set(frame.place(region.at), 0, CHILD | number as u32)?;
     }
     build::check("nodes of the crown", crown.bytes() / 272)?;
-    crown.add_leaps(|| packing.step(0))?;
+    let progress = packing.begin(Stage::Leaps, parts.regions.len());
+    crown.add_leaps(|| progress.advance(0))?;
     let chunks: Vec<Chunk> =
         parts.regions.par_iter().map(|region| region::chunk(&region.words)).collect();
     let chunk_at = |at: IVec3| match crown.find(frame.place(at), 0).0 {
@@ -111,7 +112,7 @@ fn traversal(
         parts.regions.iter().map(|region| palette.merge(&region.palette)).collect();
     palette.check()?;
     parts.regions.par_iter_mut().zip(numbers).try_for_each(|(region, numbers)| {
-        packing.step(1)?;
+        progress.advance(1)?;
         let at = region.at;
         let codes = leaps::codes(|beside| chunk_at(at + beside));
         for (word, code) in region.words.iter_mut().zip(codes) {

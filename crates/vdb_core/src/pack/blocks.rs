@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::bricks::{self, Brick};
 use super::content::Sources;
 use super::layout::*;
-use super::options::Packing;
+use super::options::{Packing, Stage};
 use super::{PackError, PackKind};
 
 /// Records of blocks and their samples, of any number of leaves.
@@ -30,12 +30,12 @@ pub(super) fn blocks(
     packing: &Packing,
 ) -> Result<Blocks, PackError> {
     let masks = masks.as_chunks::<LEAF_MASK_WORDS>().0;
-    packing.add_steps(leaves.len().div_ceil(LEAVES) as u64);
+    let progress = packing.begin(Stage::Samples, leaves.len());
     let parts: Vec<Blocks> = leaves
         .par_chunks(LEAVES)
         .zip(masks.par_chunks(LEAVES))
         .map(|(leaves, masks)| {
-            packing.step(1)?;
+            progress.advance(leaves.len())?;
             let mut part = Blocks::default();
             let mut brick = [0.0; BRICK_VALUES];
             for (sources, mask) in leaves.iter().zip(masks) {

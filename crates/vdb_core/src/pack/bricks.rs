@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::content::{self, Source, Sources, corner};
 use super::layout::*;
-use super::options::Packing;
+use super::options::{Packing, Stage};
 use super::values::{self, Steps, Stored};
 use super::{PackError, PackKind};
 
@@ -56,10 +56,10 @@ pub(super) fn write_bricks(
     packing: &Packing,
 ) -> Result<(), PackError> {
     let words = brick_words(stored);
-    packing.add_steps(leaves.len().div_ceil(BRICKS) as u64);
+    let progress = packing.begin(Stage::Samples, leaves.len());
     out.par_chunks_mut(BRICKS * words).zip(leaves.par_chunks(BRICKS)).try_for_each(
         |(out, leaves)| {
-            packing.step(1)?;
+            progress.advance(leaves.len())?;
             for (out, sources) in out.chunks_exact_mut(words).zip(leaves) {
                 write_brick(sources, stored, factor, out);
             }

@@ -11,7 +11,7 @@ use glam::IVec3;
 use rayon::prelude::*;
 
 use super::content::{Leaf, Tile, corner};
-use super::options::{PackOptions, Packing};
+use super::options::{PackOptions, Packing, Stage};
 use super::region::{self, Around, Built, Region};
 use super::{PackError, PackKind, PackedGrid, assemble, layout::*};
 use crate::tree::{InternalNode, RootEntry, Slot, Vdb543};
@@ -87,11 +87,11 @@ pub(super) fn pack(
     kind: PackKind,
     options: &PackOptions,
 ) -> Result<PackedGrid, PackError> {
-    let packing = Packing::new(tree, options);
+    let packing = Packing::new(tree, kind, options)?;
     let parts = parts(tree, kind, &packing)?;
     check("regions", parts.regions.len() as u64)?;
     let packed = assemble::assemble(kind, options.format, parts, &packing)?;
-    packing.done(&packed);
+    packing.finish(&packed)?;
     Ok(packed)
 }
 
@@ -110,13 +110,13 @@ fn parts<'a>(
     packing: &Packing,
 ) -> Result<Parts<'a>, PackError> {
     let cubes = cubes(tree, kind, packing)?;
-    packing.add_steps(cubes.len() as u64);
+    let progress = packing.begin(Stage::Cubes, cubes.len());
     let found: Vec<(Vec<CrownTile>, Vec<Fine>)> = cubes
         .par_chunks(CUBES)
         .map(|origins| {
             let (mut tiles, mut fine) = (Vec::new(), Vec::new());
             for origin in origins {
-                packing.step(1)?;
+                progress.advance(1)?;
                 let cube = Cube::of(tree, kind, IVec3::from_array(*origin)).resolved();
                 let bytes = size_of_val(&*cube.tiles) + size_of_val(&*cube.fine);
                 packing.take(2 * bytes as u64)?;
@@ -132,11 +132,11 @@ fn parts<'a>(
         parts.tiles.extend(own_tiles);
         fine.extend(own_fine);
     }
-    packing.add_steps(2 * fine.len() as u64);
+    let progress = packing.begin(Stage::Regions, fine.len());
     let built: Vec<Built> = fine
         .par_iter()
         .map_init(Around::default, |around, fine| {
-            packing.step(1)?;
+            progress.advance(1)?;
             let built = region::built(kind, fine.at, &fine.sources, fine.is_void, around);
             packing.take(built.bytes())?;
             Ok(built)

@@ -1,9 +1,10 @@
-//! How to pack a grid, and what packing may take.
+//! How to pack a grid, and how much memory packing may take.
 
 use std::fmt;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::{PackError, PackedGrid, ValueFormat};
+use super::{PackError, PackKind, PackedGrid, ValueFormat};
 use crate::tree::Vdb543;
 use crate::work::{Stop, Work};
 use crate::{Limits, ProgressFn};
@@ -11,22 +12,24 @@ use crate::{Limits, ProgressFn};
 /// How to pack a grid.
 #[derive(Clone, Default)]
 pub struct PackOptions {
-    /// In how many bits samples are kept.
+    /// The format in which samples are stored.
     pub format: ValueFormat,
-    /// What packing may take: [`Limits::packed_bytes`] and [`Limits::packed_growth`].
+    /// Memory limits. Packing obeys [`Limits::packed_bytes`] and [`Limits::packed_growth`].
     pub limits: Limits,
-    /// Is told of progress, in steps, and may cancel.
+    /// Called with the steps done and the total, every few milliseconds and by one thread at a time; may
+    /// cancel. The total is estimated before packing begins and does not change. Steps never decrease,
+    /// and reach the total when the grid is packed.
     pub progress: Option<Arc<ProgressFn>>,
-    /// The grids that count as one before the limits, as those of a file should: clones of one value are
-    /// one set of grids. `None`: each grid for itself.
+    /// Makes the limits apply to several grids together, such as those of one file: give each of them a
+    /// clone of the same [`PackedTogether`]. With `None`, they apply to this grid alone.
     pub together: Option<PackedTogether>,
 }
 
-/// Grids that have been packed, which may take no more together than one grid may.
+/// A running total over grids that share their limits. Clones share one total.
 #[derive(Clone, Debug, Default)]
 pub struct PackedTogether(Arc<Mutex<Totals>>);
 
-/// Bytes of trees, and of what they became.
+/// Bytes of the trees, and of the grids packed from them.
 #[derive(Debug, Default)]
 struct Totals {
     trees: u64,
@@ -50,16 +53,39 @@ impl fmt::Debug for PackOptions {
     }
 }
 
-/// The packing of a grid on its way.
+/// The stages of packing, in their order.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Stage {
+    /// Cubes of 4096³ cells are looked through.
+    Cubes,
+    /// Cubes of 128³ cells are built, leaf by leaf.
+    Regions,
+    /// Empty cells learn how far rays can skip from them.
+    Leaps,
+    /// Samples are gathered and written.
+    Samples,
+}
+
+/// Stages of packing.
+const STAGES: usize = 4;
+
+/// A grid being packed: its progress and its memory.
 pub(super) struct Packing<'a> {
     work: Work<'a>,
+    /// The step at which each stage begins, and the one at which the last ends.
+    stages: [u64; STAGES + 1],
     limit_name: &'static str,
     together: Option<&'a PackedTogether>,
 }
 
 impl<'a> Packing<'a> {
-    pub fn new(tree: &Vdb543<f32>, options: &'a PackOptions) -> Self {
-        let mut tree_bytes = tree.stats().bytes;
+    pub fn new(
+        tree: &Vdb543<f32>,
+        kind: PackKind,
+        options: &'a PackOptions,
+    ) -> Result<Self, PackError> {
+        let stats = tree.stats();
+        let mut tree_bytes = stats.bytes;
         let mut packed_bytes = 0;
         let together = options.together.as_ref();
         if let Some(together) = together {
@@ -68,30 +94,42 @@ impl<'a> Packing<'a> {
             (tree_bytes, packed_bytes) = (totals.trees, totals.packed);
         }
         let (limit, limit_name) = options.limits.packing(tree_bytes);
-        let work = Work::new(options.progress.as_ref(), 0, limit.saturating_sub(packed_bytes));
-        Self { work, limit_name, together }
+        // What each stage takes, in about 25 µs of one thread.
+        let regions = stats.levels.get(1).map_or(0, |level| level.nodes);
+        let samples = match kind {
+            PackKind::Surface { .. } => 0,
+            PackKind::Smooth { .. } | PackKind::Fog => stats.leaf_count().div_ceil(8),
+        };
+        let mut stages = [0; STAGES + 1];
+        let steps = [1 + 8 * tree.entries().len() as u64, 8 * regions, 2 * regions, samples];
+        for (i, steps) in steps.into_iter().enumerate() {
+            stages[i + 1] = stages[i] + steps;
+        }
+        let limit = limit.saturating_sub(packed_bytes);
+        let work = Work::new(options.progress.as_ref(), stages[STAGES], limit);
+        let packing = Self { work, stages, limit_name, together };
+        packing.asked(packing.work.report(0))?;
+        Ok(packing)
     }
 
-    /// Counts what has been packed.
-    pub fn done(&self, packed: &PackedGrid) {
+    /// Adds a packed grid to the total, and reports the last step.
+    pub fn finish(&self, packed: &PackedGrid) -> Result<(), PackError> {
+        self.asked(self.work.finish())?;
         if let Some(together) = self.together {
             together.totals().packed += packed.bytes();
         }
+        Ok(())
     }
 
-    /// Says that so many steps are done, and asks whether to go on.
-    pub fn step(&self, steps: u64) -> Result<(), PackError> {
-        self.work.step(steps).map_err(|stop| self.error(stop))
-    }
-
-    /// Adds steps that have become known.
-    pub fn add_steps(&self, steps: u64) {
-        self.work.add_steps(steps);
+    /// Begins a stage, which goes through some items.
+    pub fn begin(&self, stage: Stage, items: usize) -> Progress<'_> {
+        let [begin, end] = [0, 1].map(|next| self.stages[stage as usize + next]);
+        Progress { packing: self, begin, steps: end - begin, items, done: AtomicU64::new(0) }
     }
 
     /// Asks for memory, before it is taken.
     pub fn take(&self, bytes: u64) -> Result<(), PackError> {
-        self.work.take(bytes).map_err(|stop| self.error(stop))
+        self.asked(self.work.take(bytes))
     }
 
     /// Gives memory back.
@@ -99,12 +137,31 @@ impl<'a> Packing<'a> {
         self.work.give_back(bytes);
     }
 
-    fn error(&self, stop: Stop) -> PackError {
-        match stop {
+    fn asked(&self, answer: Result<(), Stop>) -> Result<(), PackError> {
+        answer.map_err(|stop| match stop {
             Stop::Cancelled => PackError::Cancelled,
             Stop::Memory { needed, limit } => {
                 PackError::LimitExceeded { name: self.limit_name, needed, limit }
             }
-        }
+        })
+    }
+}
+
+/// How far a stage is. Shared by the threads that work on it.
+pub(super) struct Progress<'a> {
+    packing: &'a Packing<'a>,
+    begin: u64,
+    steps: u64,
+    items: usize,
+    done: AtomicU64,
+}
+
+impl Progress<'_> {
+    /// Reports `items` more as done, and asks whether to go on. 0 of them only ask.
+    pub fn advance(&self, items: usize) -> Result<(), PackError> {
+        let done = self.done.fetch_add(items as u64, Ordering::Relaxed) + items as u64;
+        let part = u128::from(self.steps) * u128::from(done) / self.items.max(1) as u128;
+        let steps = u64::try_from(part).unwrap_or(u64::MAX).min(self.steps);
+        self.packing.asked(self.packing.work.report(self.begin + steps))
     }
 }

@@ -1,0 +1,321 @@
+//! The same grid at half the resolution, for what is far away.
+
+mod alike;
+mod block;
+mod fog;
+mod surface;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeSet, HashMap};
+use std::fmt;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, PoisonError, RwLock};
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use self::alike::{Roots, Samples, each};
+use self::block::{Block, Cubes, TileBits};
+use self::surface::{Rings, widened};
+use super::grow::{Built, built, internal};
+use super::{IVec3, InternalNode, LeafNode, Node, Tree, Vdb543};
+use crate::work::{Stop, Work};
+use crate::{Error, Limits, ProgressFn};
+
+type Leaf = LeafNode<f32, 3>;
+type Lower = InternalNode<Leaf, 4>;
+type Upper = InternalNode<Lower, 5>;
+
+/// What the values of a grid are, and so what becomes of them at half the resolution.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Coarsening {
+    /// Densities: the trilinear interpolant comes as close to what it was as it can, nearly in the
+    /// mean of squares. Its integral over all of space stays the same, but for what would be below
+    /// zero.
+    Fog,
+    /// What has a surface where it passes through an iso-value, solid below it. Samples stay where
+    /// they are. A sheet or a strut so thin that none of the samples left is within it is made one
+    /// sample thick, so that nothing vanishes.
+    Surface {
+        /// The value at the surface.
+        iso: f32,
+        /// Of values that are distances, the edge of a voxel in their units; see
+        /// [`voxel_in_distances`]. Then the band around the surface is made as many samples wide as
+        /// it was.
+        voxel: Option<f32>,
+    },
+}
+
+impl Coarsening {
+    /// Samples of the finer tree around one of the coarser tree that it depends on.
+    fn reach(self) -> i64 {
+        match self {
+            Self::Fog => fog::TAPS as i64 / 2,
+            // Two rings of coarse samples, and what may be too thin for the outer one.
+            Self::Surface { .. } => 6,
+        }
+    }
+}
+
+/// How to make a level of detail.
+#[derive(Clone, Default)]
+pub struct LevelOptions {
+    /// What it may take: [`Limits::level_bytes`].
+    pub limits: Limits,
+    /// Is told of progress, in steps, and may cancel.
+    pub progress: Option<Arc<ProgressFn>>,
+}
+
+impl fmt::Debug for LevelOptions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("LevelOptions")
+            .field("limits", &self.limits)
+            .field("progress", &self.progress.as_ref().map(|_| "…"))
+            .finish()
+    }
+}
+
+/// The tree of every second sample: its sample `ijk` is where `2 · ijk` was.
+///
+/// An eighth of the samples of a fog and a quarter of those of a level set are left. `ijk` of the coarser
+/// tree are `2 · ijk` of the finer one in index space: its transform is the same after a scale of 2.
+///
+/// Time is in proportion to the nodes that are looked into, and cancelling takes a few milliseconds.
+///
+/// # Errors
+/// When the nodes that it takes to find the coarser tree need more memory than the finer tree and more than
+/// [`Limits::SMALL_LEVEL`], as where large tiles of different values lie side by side, or more than
+/// [`Limits::level_bytes`]; and when progress was told to stop.
+pub fn half_resolution(
+    tree: &Vdb543<f32>,
+    coarsening: Coarsening,
+    options: &LevelOptions,
+) -> Result<Vdb543<f32>, Error> {
+    let limit = options.limits.level(tree.stats().bytes);
+    let uppers = uppers(tree, coarsening);
+    let steps = uppers.len() as u64 * Upper::SIZE as u64;
+    let work = Work::new(options.progress.as_ref(), steps, limit);
+    halved(tree, coarsening, uppers, &work).map_err(|stop| match stop {
+        Stop::Cancelled => Error::cancelled(),
+        Stop::Memory { needed, limit } => {
+            Error::limit(format!("{needed} bytes of a level of detail"), "level_bytes", limit)
+        }
+    })
+}
+
+fn halved(
+    tree: &Vdb543<f32>,
+    coarsening: Coarsening,
+    uppers: BTreeSet<[i32; 3]>,
+    work: &Work,
+) -> Result<Vdb543<f32>, Stop> {
+    let halving = Halving::new(tree, coarsening, work);
+    let mut coarser = Tree::new(halving.uniform(tree.background()).0);
+    for (i, origin) in uppers.into_iter().map(IVec3::from).enumerate() {
+        halving.done.store((i * Upper::SIZE) as u64, Ordering::Relaxed);
+        halving.report()?;
+        match halving.upper(origin)? {
+            Built::Node(node) => coarser.insert_child(node),
+            Built::Tile(value, active) => {
+                if active || value.to_bits() != coarser.background().to_bits() {
+                    coarser.insert_tile(origin, value, active);
+                }
+            }
+        }
+    }
+    work.finish()?;
+    Ok(coarser)
+}
+
+/// The origins of the largest nodes of the coarser tree that may not be background.
+fn uppers(tree: &Vdb543<f32>, coarsening: Coarsening) -> BTreeSet<[i32; 3]> {
+    let reach = coarsening.reach();
+    let edge = 1_i64 << Upper::TOTAL_LOG2_DIM;
+    let entries = tree.entries().flat_map(|(origin, _)| {
+        let ends = origin.to_array().map(|low| {
+            let (low, high) = (i64::from(low) - reach, i64::from(low) + edge - 1 + reach);
+            let of = |c: i64| c.div_euclid(2).div_euclid(edge) * edge;
+            [of(low), of(high)]
+        });
+        (0..8).map(move |i| [0, 1, 2].map(|axis| ends[axis][i >> axis & 1] as i32))
+    });
+    entries.collect()
+}
+
+/// By how much the values of a level set change from a voxel to the next across the surface: its edge in
+/// their units, whatever they are. `None` where too little of a band is known to tell.
+pub fn voxel_in_distances(tree: &Vdb543<f32>) -> Option<f32> {
+    // Of so many leaves, taken evenly.
+    const LEAVES: usize = 1024;
+    let width = tree.background().abs();
+    let every = tree.leaves().count().div_ceil(LEAVES).max(1);
+    let mut slopes = Vec::new();
+    for leaf in tree.leaves().step_by(every) {
+        let values = leaf.values_slice();
+        // Those with all six neighbours in the leaf.
+        each([(1, EDGE as i64 - 2); 3], |c| {
+            let at = ((c[0] * 8 + c[1]) * 8 + c[2]) as usize;
+            let pairs = [64, 8, 1].map(|step| [values[at - step], values[at + step]]);
+            if pairs.iter().flatten().all(|value| value.abs() < width) {
+                slopes.push(0.5 * Vec3::from_array(pairs.map(|[low, high]| high - low)).length());
+            }
+            true
+        });
+    }
+    let middle = slopes.len() / 2;
+    let median =
+        (!slopes.is_empty()).then(|| *slopes.select_nth_unstable_by(middle, f32::total_cmp).1)?;
+    (median > 0.0 && median.is_finite()).then_some(median)
+}
+
+struct Halving<'a> {
+    tree: &'a Vdb543<f32>,
+    coarsening: Coarsening,
+    work: &'a Work<'a>,
+    /// Slots of the largest nodes that are done.
+    done: AtomicU64,
+    /// Leaves that depend on tiles alone, by the values of these tiles. Thousands of leaves along the
+    /// border of large tiles are alike, so that each of them is worked out once.
+    tile_leaves: RwLock<HashMap<TileBits, Arc<Leaf>>>,
+}
+
+/// Most leaves that are kept for others like them: a megabyte.
+const TILE_LEAVES: usize = 512;
+
+/// Edge of a leaf.
+const EDGE: usize = 8;
+
+impl<'a> Halving<'a> {
+    fn new(tree: &'a Vdb543<f32>, coarsening: Coarsening, work: &'a Work<'a>) -> Self {
+        Self { tree, coarsening, work, done: AtomicU64::new(0), tile_leaves: RwLock::default() }
+    }
+
+    fn report(&self) -> Result<(), Stop> {
+        self.work.report(self.done.load(Ordering::Relaxed))
+    }
+
+    /// A sample of the coarser tree, and whether it is active.
+    fn sample(&self, value: f32) -> (f32, bool) {
+        match self.coarsening {
+            // NaN is no density.
+            Coarsening::Fog => (value.max(0.0), value > 0.0),
+            Coarsening::Surface { voxel: Some(_), .. } => {
+                (value, value.abs() < 2.0 * self.tree.background().abs())
+            }
+            Coarsening::Surface { .. } => {
+                (value, value.to_bits() != self.tree.background().to_bits())
+            }
+        }
+    }
+
+    /// What a sample becomes among its like.
+    fn uniform(&self, value: f32) -> (f32, bool) {
+        match self.coarsening {
+            Coarsening::Surface { voxel: Some(_), .. } => {
+                self.sample(widened(value, self.tree.background().abs()))
+            }
+            _ => self.sample(value),
+        }
+    }
+
+    /// The samples that those of a cube of the coarser tree depend on.
+    fn samples(&self, origin: IVec3, log2_dim: u32) -> Samples {
+        let reach = self.coarsening.reach();
+        origin.to_array().map(|low| {
+            let low = 2 * i64::from(low);
+            (low - reach, low + 2 * ((1 << log2_dim) - 1) + reach)
+        })
+    }
+
+    fn tile<N: Node>(&self, roots: &Roots, origin: IVec3) -> Option<(f32, bool)> {
+        let value = roots.one_value(self.samples(origin, N::TOTAL_LOG2_DIM))?;
+        Some(self.uniform(value))
+    }
+
+    fn upper(&self, origin: IVec3) -> Result<Built<Upper>, Stop> {
+        let roots = &Roots::around(self.tree, origin);
+        if let Some((value, active)) = self.tile::<Upper>(roots, origin) {
+            return Ok(Built::Tile(value, active));
+        }
+        self.node::<Upper>(|| {
+            let slots = (0..Upper::SIZE).into_par_iter();
+            let slots = slots.map(|slot| self.lower(roots, origin + Upper::slot_offset(slot)));
+            Ok(internal(origin, slots.collect::<Result<_, Stop>>()?))
+        })
+    }
+
+    fn lower(&self, roots: &Roots, origin: IVec3) -> Result<Built<Lower>, Stop> {
+        if self.done.fetch_add(1, Ordering::Relaxed).is_multiple_of(1024) {
+            self.report()?;
+        }
+        if let Some((value, active)) = self.tile::<Lower>(roots, origin) {
+            return Ok(Built::Tile(value, active));
+        }
+        self.node::<Lower>(|| {
+            let slots =
+                (0..Lower::SIZE).map(|slot| self.leaf(roots, origin + Lower::slot_offset(slot)));
+            Ok(internal(origin, slots.collect::<Result<_, Stop>>()?))
+        })
+    }
+
+    /// A node for which memory has been asked before, or the tile that it turns out to be. That costs as
+    /// much to find out, and counts.
+    fn node<N: Node<Value = f32>>(
+        &self,
+        make: impl FnOnce() -> Result<Box<N>, Stop>,
+    ) -> Result<Built<N>, Stop> {
+        self.report()?;
+        // A value a slot, which a leaf has in itself: near enough, and known beforehand.
+        let tiles = if N::LEVEL > 0 { N::SIZE * size_of::<f32>() } else { 0 };
+        self.work.take((size_of::<N>() + tiles) as u64)?;
+        Ok(built(make()?))
+    }
+
+    fn leaf(&self, roots: &Roots, origin: IVec3) -> Result<Built<Leaf>, Stop> {
+        if let Some((value, active)) = self.tile::<Leaf>(roots, origin) {
+            return Ok(Built::Tile(value, active));
+        }
+        self.node::<Leaf>(|| Ok(self.leaf_at(origin)))
+    }
+
+    fn leaf_at(&self, origin: IVec3) -> Box<Leaf> {
+        let cubes = Cubes::around(self.tree, self.samples(origin, Leaf::TOTAL_LOG2_DIM));
+        let Some(bits) = cubes.tile_bits() else { return self.leaf_of(origin, &cubes) };
+        let known = self.tile_leaves.read().unwrap_or_else(PoisonError::into_inner);
+        if let Some(leaf) = known.get(&bits) {
+            let mut copy = Leaf::filled(origin, 0.0, false);
+            copy.values_slice_mut().copy_from_slice(leaf.values_slice());
+            *copy.value_mask_mut() = leaf.value_mask().clone();
+            return copy;
+        }
+        drop(known);
+        let leaf = self.leaf_of(origin, &cubes);
+        let mut known = self.tile_leaves.write().unwrap_or_else(PoisonError::into_inner);
+        if known.len() < TILE_LEAVES {
+            known.insert(bits, Arc::from(leaf.clone()));
+        }
+        leaf
+    }
+
+    fn leaf_of(&self, origin: IVec3, cubes: &Cubes) -> Box<Leaf> {
+        let block = Block::of(cubes);
+        let values = match self.coarsening {
+            Coarsening::Fog => fog::mean_densities(&block),
+            Coarsening::Surface { iso, voxel } => {
+                let mut rings = Rings::new(&block, iso);
+                if let Some(voxel) = voxel {
+                    rings.widen(&block, self.tree.background().abs(), 2.0 * voxel);
+                }
+                rings.inner()
+            }
+        };
+        let mut leaf = Leaf::filled(origin, 0.0, false);
+        for (slot, value) in values.into_iter().enumerate() {
+            let (value, active) = self.sample(value);
+            leaf.values_slice_mut()[slot] = value;
+            leaf.value_mask_mut().set(slot, active);
+        }
+        leaf
+    }
+}
