@@ -1,87 +1,107 @@
-//! What the levels of detail of a grid cost in the making: `cargo bench -p vdb_core --bench levels [-- FILE.vdb …]`
+//! Making the levels of detail of a grid: `cargo bench -p vdb_core --bench levels [-- FILE.vdb …]`
+//!
+//! Times of packing a grid, and of making and packing all its coarser levels. Beside these it prints the
+//! memory that the levels take.
 
-use std::error::Error;
-use std::time::Instant;
+mod grids;
 
+use std::sync::LazyLock;
+
+use divan::Bencher;
 use glam::DVec3;
+use grids::{BenchGrid, Shown};
+use vdb_core::GridClass;
 use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{Coarsening, LevelOptions, Vdb543, half_resolution, voxel_in_distances};
-use vdb_core::{AnyTree, GridClass, VdbFile};
 
-/// Of its longest edge, in cells: a grid that is smaller is not made coarser still.
+/// Longest edge, in cells, of the smallest grid that is made coarser still, halved.
 const SMALLEST: i32 = 16;
 
-fn main() -> Result<(), Box<dyn Error>> {
-    println!(
-        "{} threads; seconds to pack a grid, and to make and pack all its coarser levels; what these take \
-         of the grid's packed bytes.",
-        rayon::current_num_threads()
-    );
-    println!(
-        "| grid | active voxels | packed, MB | packing, s | levels | in the making, s | memory |"
-    );
-    println!("|---|---|---|---|---|---|---|");
-    let smooth = PackKind::Smooth { iso: 0.0 };
-    let ball = level_set::sphere(DVec3::ZERO, 250.0);
-    measure("ball, 500 voxels across", &ball, smooth, true)?;
-    let gyroid = level_set::gyroid(DVec3::ZERO, 128.0, 24.0);
-    measure("gyroid in a ball, 256 across", &gyroid, smooth, true)?;
-    measure("cloud, 256 across", &fog::cloud(128.0, 1), PackKind::Fog, false)?;
-    // `cargo bench` adds an option of its own.
-    for file in std::env::args().skip(1).filter(|a| a != "--bench") {
-        for grid in VdbFile::open(&file)?.grids {
-            let AnyTree::Float(tree) = &grid.tree else { continue };
-            let kind = match PackKind::suited(grid.class, tree) {
-                PackKind::Surface { iso } => PackKind::Smooth { iso },
-                kind => kind,
-            };
-            let name = format!("{file} {}", grid.name);
-            measure(&name, tree, kind, grid.class == GridClass::LevelSet)?;
-        }
+static GRIDS: LazyLock<Vec<BenchGrid>> = LazyLock::new(|| {
+    let grid = |name: &str, class, tree: Vdb543<f32>| BenchGrid {
+        name: name.into(),
+        class,
+        tree: tree.into(),
+    };
+    grids::grids(|| {
+        vec![
+            grid(
+                "ball, 500 voxels across",
+                GridClass::LevelSet,
+                level_set::sphere(DVec3::ZERO, 250.0),
+            ),
+            grid(
+                "gyroid in a ball, 256 across",
+                GridClass::LevelSet,
+                level_set::gyroid(DVec3::ZERO, 128.0, 24.0),
+            ),
+            grid("cloud, 256 across", GridClass::FogVolume, fog::cloud(128.0, 1)),
+        ]
+    })
+});
+
+fn main() {
+    println!("{} threads", rayon::current_num_threads());
+    grids::run();
+    println!("\n| grid | active voxels | packed, MB | levels | memory of the levels |");
+    println!("|---|---|---|---|---|");
+    for shown in shown() {
+        let packed = pack(&shown.grid.tree, shown.kind);
+        let levels = levels(shown, &packed);
+        let bytes = |packed: &PackedGrid| 4.0 * packed.words.len() as f64;
+        println!(
+            "| {shown} | {} | {:.1} | {} | {:.0} % |",
+            shown.grid.tree.active_voxel_count(),
+            bytes(&packed) / 1e6,
+            levels.len(),
+            100.0 * levels.iter().map(bytes).sum::<f64>() / bytes(&packed)
+        );
     }
-    Ok(())
 }
 
-/// As `bevy_vdb` makes them.
-fn measure(
-    name: &str,
-    tree: &Vdb543<f32>,
-    kind: PackKind,
-    is_distance: bool,
-) -> Result<(), Box<dyn Error>> {
-    let start = Instant::now();
-    let packed = PackedGrid::new(tree, kind)?;
-    let packing = start.elapsed().as_secs_f64();
-    let start = Instant::now();
+/// The grids as `bevy_vdb` shows them unless it is asked for voxels.
+fn shown() -> Vec<Shown> {
+    let mut shown = grids::shown(&GRIDS);
+    shown.retain(|shown| !matches!(shown.kind, PackKind::Surface { .. }));
+    shown
+}
+
+#[divan::bench(args = shown(), sample_count = 5, sample_size = 1)]
+fn pack_grid(shown: Shown) -> PackedGrid {
+    pack(&shown.grid.tree, shown.kind)
+}
+
+#[divan::bench(args = shown(), sample_count = 3, sample_size = 1)]
+fn make_levels(bencher: Bencher, shown: Shown) {
+    let packed = pack(&shown.grid.tree, shown.kind);
+    bencher.bench_local(|| levels(shown, &packed));
+}
+
+fn pack(tree: &Vdb543<f32>, kind: PackKind) -> PackedGrid {
+    PackedGrid::new(tree, kind).expect("the grid can be packed")
+}
+
+/// All coarser levels, as `bevy_vdb` makes them.
+fn levels(shown: Shown, packed: &PackedGrid) -> Vec<PackedGrid> {
     let (mut coarser, mut levels): (Option<Vdb543<f32>>, Vec<PackedGrid>) = (None, Vec::new());
     loop {
-        let finer = levels.last().unwrap_or(&packed);
+        let finer = levels.last().unwrap_or(packed);
         let cells = finer.occupied.map_or(0, |cells| (cells.max - cells.min).max_element());
         if cells < 2 * SMALLEST {
-            break;
+            return levels;
         }
-        let from = coarser.as_ref().unwrap_or(tree);
-        let coarsening = match kind {
+        let from = coarser.as_ref().unwrap_or(&shown.grid.tree);
+        let coarsening = match shown.kind {
             PackKind::Fog => Coarsening::Fog,
             PackKind::Surface { iso } | PackKind::Smooth { iso } => {
-                let voxel = if is_distance { voxel_in_distances(from) } else { None };
-                Coarsening::Surface { iso, voxel }
+                let is_distance = shown.grid.class == GridClass::LevelSet;
+                Coarsening::Surface { iso, voxel: voxel_in_distances(from).filter(|_| is_distance) }
             }
         };
-        let half = half_resolution(from, coarsening, &LevelOptions::default())?;
-        levels.push(PackedGrid::new(&half, kind)?);
+        let half = half_resolution(from, coarsening, &LevelOptions::default())
+            .expect("the grid can be made coarser");
+        levels.push(pack(&half, shown.kind));
         coarser = Some(half);
     }
-    let making = start.elapsed().as_secs_f64();
-    let bytes = |packed: &PackedGrid| 4.0 * packed.words.len() as f64;
-    let (own, all) = (bytes(&packed), levels.iter().map(bytes).sum::<f64>());
-    println!(
-        "| {name} | {} | {:.1} | {packing:.2} | {} | {making:.2} | {:.0} % |",
-        tree.active_voxel_count(),
-        own / 1e6,
-        levels.len(),
-        100.0 * all / own
-    );
-    Ok(())
 }
