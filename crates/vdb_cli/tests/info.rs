@@ -3,7 +3,7 @@
 #[path = "../../vdb_core/tests/corpus_files/mod.rs"]
 mod corpus_files;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Output};
 
 use corpus_files::{corpus, files};
@@ -127,6 +127,7 @@ fn what_ends_the_output_is_no_panic() {
 #[cfg(unix)]
 #[test]
 fn what_is_no_file_costs_no_memory() {
+    use std::path::Path;
     let folder = std::env::temp_dir().join(format!("vdb_cli_info_{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let [huge, long, pipe, odd] =
