@@ -1,67 +1,82 @@
-//! Rays that one core casts in a second: `cargo bench -p vdb_core --bench query -- FILE.vdb …`
+//! Rays on one core: `cargo bench -p vdb_core --bench query [-- FILE.vdb …]`
+//!
+//! Rays of a view row by row, and rays from all around at random, as rays per second. Beside these it
+//! prints the part of them that hits. Without files it takes the bundled models.
 
-use std::error::Error;
-use std::hint::black_box;
-use std::path::Path;
-use std::time::Instant;
+mod grids;
 
+use std::sync::LazyLock;
+
+use divan::Bencher;
+use divan::counter::ItemsCount;
 use glam::DVec3;
-use vdb_core::pack::{PackKind, PackedGrid};
+use grids::{BenchGrid, Shown};
+use vdb_core::pack::PackedGrid;
 use vdb_core::query::{GridQuery, IndexRay};
 use vdb_core::synth::Random;
-use vdb_core::{AnyTree, GridClass, VdbFile};
+use vdb_core::tree::CoordBox;
 
 /// Rays of each kind.
 const RAYS: usize = 1 << 18;
-/// Times that they are cast; the fastest counts.
-const ROUNDS: usize = 5;
+/// Times that they are cast.
+const ROUNDS: u32 = 5;
 
-fn main() -> Result<(), Box<dyn Error>> {
-    // `cargo bench` adds an option of its own.
-    let files: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
-    if files.is_empty() {
-        println!("nothing measured; cargo bench -p vdb_core --bench query -- FILE.vdb …");
-        return Ok(());
+static GRIDS: LazyLock<Vec<BenchGrid>> = LazyLock::new(|| {
+    let models = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/models");
+    grids::grids(|| {
+        let read = |name| grids::read(&format!("{models}/{name}.vdb"));
+        ["teapot", "cloud"].into_iter().flat_map(read).collect()
+    })
+});
+
+fn main() {
+    grids::run();
+    println!("\n| grid | view hits | random hits |\n|---|---|---|");
+    for shown in grids::shown(&GRIDS) {
+        let (packed, cells) = packed(shown);
+        let hits = |rays: &[IndexRay]| {
+            100.0 * count_hits(&shown, &packed, rays, cells) as f64 / rays.len() as f64
+        };
+        println!("| {shown} | {:.0} % | {:.0} % |", hits(&view(cells)), hits(&random(cells)));
     }
-    println!(
-        "Million rays a second, one core; of a view row by row, and from all around at random."
-    );
-    println!("| grid | shown as | view | met | random | met |");
-    println!("|---|---|---|---|---|---|");
-    for file in &files {
-        for grid in VdbFile::open(file)?.grids {
-            let AnyTree::Float(tree) = &grid.tree else { continue };
-            let kinds = match grid.class {
-                GridClass::LevelSet => {
-                    &[PackKind::Surface { iso: 0.0 }, PackKind::Smooth { iso: 0.0 }][..]
-                }
-                _ => &[PackKind::Fog],
-            };
-            for &kind in kinds {
-                let packed = PackedGrid::new(tree, kind)?;
-                let Some(cells) = packed.occupied else { continue };
-                let low = (cells.min + packed.base).as_dvec3();
-                let size = (cells.max - cells.min).as_dvec3();
-                let query = GridQuery::new(tree, &packed);
-                let (view, random) = (view(low, size), random(low, size));
-                let (seen, met) = (measure(&query, &view, size), measure(&query, &random, size));
-                println!(
-                    "| {} | {} | {:.2} | {:.0} % | {:.2} | {:.0} % |",
-                    Path::new(file).file_stem().unwrap_or_default().to_string_lossy(),
-                    match kind {
-                        PackKind::Surface { .. } => "voxels",
-                        PackKind::Smooth { .. } => "smooth surface",
-                        PackKind::Fog => "fog",
-                    },
-                    seen.0 / 1e6,
-                    100.0 * seen.1,
-                    met.0 / 1e6,
-                    100.0 * met.1,
-                );
-            }
-        }
-    }
-    Ok(())
+}
+
+#[divan::bench(args = grids::shown(&GRIDS), sample_count = ROUNDS, sample_size = 1)]
+fn view_rays(bencher: Bencher, shown: Shown) {
+    cast(bencher, shown, view);
+}
+
+#[divan::bench(args = grids::shown(&GRIDS), sample_count = ROUNDS, sample_size = 1)]
+fn random_rays(bencher: Bencher, shown: Shown) {
+    cast(bencher, shown, random);
+}
+
+fn cast(bencher: Bencher, shown: Shown, rays: fn(CoordBox) -> Vec<IndexRay>) {
+    let (packed, cells) = packed(shown);
+    let rays = rays(cells);
+    bencher
+        .counter(ItemsCount::of_iter(&rays))
+        .bench_local(|| count_hits(&shown, &packed, &rays, cells));
+}
+
+/// The grid packed, and its cells in index space.
+fn packed(shown: Shown) -> (PackedGrid, CoordBox) {
+    let packed = PackedGrid::new(&shown.grid.tree, shown.kind).expect("the grid can be packed");
+    let cells = packed.occupied.expect("the grid is not empty");
+    let cells = CoordBox { min: cells.min + packed.base, max: cells.max + packed.base };
+    (packed, cells)
+}
+
+fn count_hits(shown: &Shown, packed: &PackedGrid, rays: &[IndexRay], cells: CoordBox) -> usize {
+    let query = GridQuery::new(&shown.grid.tree, packed);
+    // For fog, the optical depth at which half the light would be gone after a tenth of the box's least
+    // edge at half density.
+    let enough = 0.1 * size(cells).min_element() * 0.5;
+    rays.iter().filter(|ray| query.first_hit(ray, enough).is_some()).count()
+}
+
+fn size(cells: CoordBox) -> DVec3 {
+    (cells.max - cells.min).as_dvec3()
 }
 
 fn towards(origin: DVec3, target: DVec3) -> IndexRay {
@@ -69,7 +84,8 @@ fn towards(origin: DVec3, target: DVec3) -> IndexRay {
 }
 
 /// The rays of a square picture, from a corner of the box's diagonal.
-fn view(low: DVec3, size: DVec3) -> Vec<IndexRay> {
+fn view(cells: CoordBox) -> Vec<IndexRay> {
+    let (low, size) = (cells.min.as_dvec3(), size(cells));
     let edge = (RAYS as f64).sqrt();
     let (middle, radius) = (low + 0.5 * size, 0.5 * size.length());
     let back = DVec3::new(0.6, 0.5, 1.0).normalize();
@@ -84,7 +100,8 @@ fn view(low: DVec3, size: DVec3) -> Vec<IndexRay> {
 }
 
 /// Rays from a sphere around the box through points in it.
-fn random(low: DVec3, size: DVec3) -> Vec<IndexRay> {
+fn random(cells: CoordBox) -> Vec<IndexRay> {
+    let (low, size) = (cells.min.as_dvec3(), size(cells));
     let mut random = Random::new(1);
     let mut point = || DVec3::new(random.unit(), random.unit(), random.unit());
     (0..RAYS)
@@ -93,18 +110,4 @@ fn random(low: DVec3, size: DVec3) -> Vec<IndexRay> {
             towards(low + 0.5 * size + size.length() * side, low + point() * size)
         })
         .collect()
-}
-
-/// Rays a second, and the part of them that met something.
-fn measure(query: &GridQuery, rays: &[IndexRay], size: DVec3) -> (f64, f64) {
-    // A cloud as dense as most: half the light is gone after a tenth of its height.
-    let enough = 0.1 * size.min_element() * 0.5;
-    let mut best = f64::INFINITY;
-    let mut met = 0;
-    for _ in 0..ROUNDS {
-        let start = Instant::now();
-        met = black_box(rays.iter().filter(|ray| query.first_hit(ray, enough).is_some()).count());
-        best = best.min(start.elapsed().as_secs_f64());
-    }
-    (rays.len() as f64 / best, met as f64 / rays.len() as f64)
 }

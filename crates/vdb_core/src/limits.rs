@@ -47,6 +47,20 @@ pub struct Limits {
 }
 
 impl Limits {
+    /// Every limit at its maximum, for files that are to be trusted.
+    pub const UNLIMITED: Self = Self {
+        file_bytes: u64::MAX,
+        grids: u64::MAX,
+        metadata_entries: u64::MAX,
+        metadata_bytes: u64::MAX,
+        nodes: u64::MAX,
+        voxels: u64::MAX,
+        tree_bytes: u64::MAX,
+        packed_bytes: u64::MAX,
+        packed_growth: u64::MAX,
+        level_bytes: u64::MAX,
+    };
+
     /// Bytes that packing a grid may take however small its tree is.
     pub const SMALL: u64 = 64 << 20;
     /// Bytes that a level of detail may take however small the tree is that it is made of.

@@ -207,9 +207,9 @@ fn a_grid_of_unknown_type_harms_no_other() {
         "grid \"flag\": grids of type Tree_what_5_4_3 are not supported"
     );
     // The same for a map that nobody knows.
-    let file = read(&renamed(&original, "AffineMap", "UnknowMap"));
+    let file = read(&renamed(&original, "AffineMap", "SecretMap"));
     assert_eq!((file.grids.len(), file.skipped.len()), (3, 1));
-    assert!(file.skipped[0].reason.to_string().contains("\"UnknowMap\""));
+    assert!(file.skipped[0].reason.to_string().contains("\"SecretMap\""));
     // In a stream nothing says where the next grid is.
     let stream = WriteOptions { stream: true, ..WriteOptions::default() };
     let stream = read(&original).write(&stream).unwrap();

@@ -1,14 +1,28 @@
-//! The program `vdb_info`.
+//! The command `vdb info`.
 
+#[path = "../../vdb_core/tests/corpus_files/mod.rs"]
 mod corpus_files;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Output};
 
 use corpus_files::{corpus, files};
 
+/// The files that the crate of the format keeps for its tests.
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../vdb_core/tests/data");
+
+fn vdb() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_vdb"));
+    command.arg("info");
+    command
+}
+
 fn info(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_vdb_info")).args(arguments).output().unwrap()
+    vdb().args(arguments).output().unwrap()
+}
+
+fn data(name: &str) -> String {
+    format!("{DATA}/{name}")
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -17,7 +31,7 @@ fn text(bytes: &[u8]) -> String {
 
 /// The JSON files of the crate and, where it is there, of the corpus.
 fn figures() -> Vec<PathBuf> {
-    let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data")];
+    let mut folders = vec![PathBuf::from(DATA)];
     if let Some(corpus) = corpus() {
         folders.extend(["openvdb-written", "real"].map(|folder| corpus.join(folder)));
     }
@@ -50,8 +64,8 @@ fn json_is_that_of_openvdb_letter_by_letter() {
 
 #[test]
 fn people_can_read_it() {
-    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/kinds.vdb");
-    let output = info(&[file, "--sizes"]);
+    let file = data("kinds.vdb");
+    let output = info(&[&file, "--sizes"]);
     assert!(output.status.success() && output.stderr.is_empty());
     let out = text(&output.stdout);
     for line in [
@@ -70,8 +84,8 @@ fn people_can_read_it() {
 /// A file whose names, types, metadata and unique tag have escapes that a terminal obeys.
 #[test]
 fn text_of_the_file_is_escaped() {
-    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/hostile/ansi.vdb");
-    for options in [&[file][..], &[file, "--json"], &[file, "--sizes"]] {
+    let file = data("hostile/ansi.vdb");
+    for options in [&[file.as_str()][..], &[&file, "--json"], &[&file, "--sizes"]] {
         let output = info(options);
         assert!(output.status.success(), "{output:?}");
         for bytes in [&output.stdout, &output.stderr] {
@@ -81,17 +95,17 @@ fn text_of_the_file_is_escaped() {
         }
     }
     // What it says is still there to be seen.
-    assert!(text(&info(&[file]).stdout).contains(r"\u{1b}[31mRED"));
+    assert!(text(&info(&[&file]).stdout).contains(r"\u{1b}[31mRED"));
 }
 
 #[cfg(unix)]
 #[test]
 fn what_ends_the_output_is_no_panic() {
     use std::process::Stdio;
-    let good = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/kinds.vdb");
+    let good = data("kinds.vdb");
     // More than a pipe holds, and nobody who reads it.
-    let mut child = Command::new(env!("CARGO_BIN_EXE_vdb_info"))
-        .args([good; 2000])
+    let mut child = vdb()
+        .args([good.as_str(); 2000])
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
@@ -100,13 +114,11 @@ fn what_ends_the_output_is_no_panic() {
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
     if let Ok(full) = std::fs::OpenOptions::new().write(true).open("/dev/full") {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_vdb_info"));
-        let output = command.arg(good).stdout(full.try_clone().unwrap()).output().unwrap();
+        let output = vdb().arg(&good).stdout(full.try_clone().unwrap()).output().unwrap();
         assert_eq!(output.status.code(), Some(1));
         assert_eq!(text(&output.stderr).lines().count(), 1, "{output:?}");
         // And nobody to tell, either.
-        let mut command = Command::new(env!("CARGO_BIN_EXE_vdb_info"));
-        let status = command.arg("no/such.vdb").stderr(full).status().unwrap();
+        let status = vdb().arg("no/such.vdb").stderr(full).status().unwrap();
         assert_eq!(status.code(), Some(1));
     }
 }
@@ -115,11 +127,12 @@ fn what_ends_the_output_is_no_panic() {
 #[cfg(unix)]
 #[test]
 fn what_is_no_file_costs_no_memory() {
-    let folder = std::env::temp_dir().join(format!("vdb_info_{}", std::process::id()));
+    use std::path::Path;
+    let folder = std::env::temp_dir().join(format!("vdb_cli_info_{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let [huge, long, pipe, odd] =
         ["huge.vdb", "long.vdb", "pipe.vdb", "\u{1b}[31m.vdb"].map(|name| folder.join(name));
-    let kinds = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/kinds.vdb");
+    let kinds = data("kinds.vdb");
     std::fs::File::create(&huge).unwrap().set_len(3 << 30).unwrap();
     std::fs::copy(kinds, &long).unwrap();
     std::fs::OpenOptions::new().write(true).open(&long).unwrap().set_len(3 << 29).unwrap();
@@ -127,7 +140,7 @@ fn what_is_no_file_costs_no_memory() {
     let within = |arguments: &[&std::ffi::OsStr]| {
         Command::new("sh")
             .args(["-c", "ulimit -v 600000; exec timeout 20 \"$0\" \"$@\""])
-            .arg(env!("CARGO_BIN_EXE_vdb_info"))
+            .args([env!("CARGO_BIN_EXE_vdb"), "info"])
             .args(arguments)
             .output()
             .unwrap()
@@ -151,11 +164,62 @@ fn what_is_no_file_costs_no_memory() {
 
 #[test]
 fn what_cannot_be_read_is_said_and_the_rest_is_shown() {
-    let good = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/empty_and_one.vdb");
-    let output = info(&["no/such.vdb", good]);
+    let good = data("empty_and_one.vdb");
+    let output = info(&["no/such.vdb", &good]);
     assert_eq!(output.status.code(), Some(1));
     assert!(text(&output.stderr).starts_with("no/such.vdb: "), "{output:?}");
     assert!(text(&output.stdout).contains("\"one_voxel\""));
     assert_eq!(info(&[]).status.code(), Some(2));
-    assert_eq!(info(&["--what", good]).status.code(), Some(2));
+    assert_eq!(info(&["--what", &good]).status.code(), Some(2));
+}
+
+/// The names that OpenVDB's figures have, and every value, are read by a reader of JSON.
+#[test]
+fn json_is_json() {
+    let output = info(&["--json", &data("kinds.vdb")]);
+    let file: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(file["file"], "kinds.vdb");
+    let grids = file["grids"].as_array().unwrap();
+    let density = grids.iter().find(|grid| grid["name"] == "density").unwrap();
+    assert_eq!(density["active_voxels"], "515");
+    assert_eq!(density["active_bbox"], serde_json::json!([[15, 15, 15], [25, 25, 25]]));
+}
+
+/// Help and version are no errors; a wrong command line is, and a terminal obeys none of it.
+#[test]
+fn command_line() {
+    let vdb = |arguments: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_vdb")).args(arguments).output().unwrap()
+    };
+    for arguments in [&["--help"][..], &["help", "info"], &["info", "--help"], &["--version"]] {
+        let output = vdb(arguments);
+        assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+        assert!(!output.stdout.is_empty());
+    }
+    for arguments in [&[][..], &["info"], &["draw"], &["info", "--\u{1b}[31m", "a.vdb"]] {
+        let output = vdb(arguments);
+        assert_eq!(output.status.code(), Some(2), "{output:?}");
+        assert!(output.stdout.is_empty() && text(&output.stderr).contains("Usage"), "{output:?}");
+        assert!(!text(&output.stderr).contains('\u{1b}'), "{output:?}");
+    }
+}
+
+/// A progress bar is for terminals: nothing of it is in a pipe, and all of it is gone from a terminal
+/// when the file has been read.
+#[cfg(target_os = "linux")]
+#[test]
+fn progress_is_shown_on_a_terminal_alone() {
+    let command = format!("{} info {}", env!("CARGO_BIN_EXE_vdb"), data("kinds.vdb"));
+    let script = Command::new("script").args(["-qec", &command, "/dev/null"]).output();
+    let Ok(terminal) = script else {
+        eprintln!("SKIPPED: there is no program `script` to run another in a terminal");
+        return;
+    };
+    assert!(terminal.status.success(), "{terminal:?}");
+    let shown = text(&terminal.stdout);
+    assert!(shown.contains("kinds.vdb ["), "{shown:?}");
+    let [bar, file] = ["kinds.vdb [", "\"density\""].map(|part| shown.find(part));
+    assert!(bar < file, "{shown:?}");
+    assert!(shown.contains("\r\u{1b}[2K"), "the bar stays: {shown:?}");
+    assert!(info(&[&data("kinds.vdb")]).stderr.is_empty());
 }

@@ -1,0 +1,48 @@
+//! `vdb`, a command-line tool for OpenVDB files. Each subcommand is a module.
+
+mod info;
+mod limits;
+mod progress;
+mod terminal;
+
+use std::process::ExitCode;
+
+use clap::error::ErrorKind;
+use clap::{Parser, Subcommand};
+
+/// Works with OpenVDB files
+#[derive(Parser)]
+#[command(name = "vdb", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Info(info::Args),
+}
+
+fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(message) => return usage(&message),
+    };
+    match cli.command {
+        Command::Info(args) => info::run(&args),
+    }
+}
+
+/// Prints help or what is wrong with the command line, which names files and so is escaped.
+fn usage(message: &clap::Error) -> ExitCode {
+    let text = message.render().to_string();
+    match message.kind() {
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
+            terminal::print(&text, ExitCode::SUCCESS).break_value().unwrap_or(ExitCode::SUCCESS)
+        }
+        _ => {
+            text.lines().for_each(terminal::complain);
+            ExitCode::from(2)
+        }
+    }
+}

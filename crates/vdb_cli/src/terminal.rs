@@ -1,0 +1,30 @@
+//! Standard output and standard error, either of which may be closed or full.
+
+use std::io::{self, ErrorKind, Write};
+use std::ops::ControlFlow;
+use std::process::ExitCode;
+
+use vdb_core::display::escaped;
+
+/// Characters of a line on standard error.
+const LINE_CHARS: usize = 16 << 10;
+
+/// Writes text to standard output. Breaks with an exit code when no more can be written: with `code` if
+/// the reader has closed the pipe, as `head` does after some lines, and with a failure, which is
+/// reported, for any other reason.
+pub fn print(text: &str, code: ExitCode) -> ControlFlow<ExitCode> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Ok(()) => ControlFlow::Continue(()),
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => ControlFlow::Break(code),
+        Err(error) => {
+            complain(&format!("cannot write the output: {error}"));
+            ControlFlow::Break(ExitCode::FAILURE)
+        }
+    }
+}
+
+/// Writes one line to standard error, escaped.
+pub fn complain(line: &str) {
+    let _ = writeln!(io::stderr(), "{}", escaped(line).at_most(LINE_CHARS));
+}
