@@ -211,12 +211,12 @@ impl Scene {
             match self.sweep {
                 Sweep::Surface => {
                     for traversal in [
-                        VdbTraversal::HddaSdf,
+                        VdbTraversal::HddaSkip,
                         VdbTraversal::Hdda,
                         VdbTraversal::Dda,
                         VdbTraversal::March,
                     ] {
-                        if traversal == VdbTraversal::HddaSdf || resolution == 1.0 {
+                        if traversal == VdbTraversal::HddaSkip || resolution == 1.0 {
                             add(VdbQuality { traversal, ..base });
                         }
                     }

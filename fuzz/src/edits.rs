@@ -1,8 +1,8 @@
 //! Voxels that change, against the same tree packed as a whole.
 
 use vdb_core::pack::edit::{Changes, Editor, Voxel};
-use vdb_core::pack::layout::{CHILD, MIXED, OCCUPIED};
-use vdb_core::pack::{PackKind, PackedGrid, ValueFormat, walk};
+use vdb_core::pack::layout::{BOUNDARY, CHILD, OCCUPIED};
+use vdb_core::pack::{PackKind, PackedGrid, ValueFormat, traverse};
 use vdb_core::synth::Random;
 use vdb_core::tree::{CoordBox, IVec3, Node, Vdb543};
 use vdb_core::{AnyTree, Grid, VdbFile};
@@ -14,7 +14,7 @@ use super::{CORNERS, FLOATS, pick, rays, round_trip};
 const COMMITS: u64 = 2;
 const EDITS: u64 = 6;
 
-/// log₂ of the cells per edge from which on cubes are of the crown's, which may cut the void otherwise.
+/// log₂ of the cells per edge from which on cubes are of the top-level tree's, which may cut the void otherwise.
 const LARGEST: u32 = 7;
 
 /// Edits a copy of a tree; after each commit, words and answers are those of a grid packed anew.
@@ -115,17 +115,17 @@ fn compare(tree: &Vdb543<f32>, packed: &PackedGrid, places: &[IVec3], random: &m
 }
 
 fn compare_cell(one: &PackedGrid, two: &PackedGrid, ijk: IVec3, octant: u32) {
-    let [a, b] = [one, two].map(|grid| walk::locate(grid, ijk.wrapping_sub(grid.base), octant));
-    let cut = |span: walk::Span| {
-        let reach = if span.log_dim < LARGEST { span.reach } else { 0 };
+    let [a, b] = [one, two].map(|grid| traverse::locate(grid, ijk.wrapping_sub(grid.base), octant));
+    let cut = |span: traverse::Span| {
+        let reach = if span.log_dim < LARGEST { span.skip } else { 0 };
         (span.occupied(), span.log_dim.min(LARGEST), reach)
     };
     assert_eq!(cut(a), cut(b), "{ijk} octant {octant}: {a:?} {b:?}");
-    let flags = CHILD | OCCUPIED | MIXED;
+    let flags = CHILD | OCCUPIED | BOUNDARY;
     assert_eq!(a.word & flags, b.word & flags, "{ijk}");
     if a.occupied() && !matches!(one.kind, PackKind::Surface { .. }) && !a.constant() {
         let [a, b] = [(one, a), (two, b)].map(|(grid, span)| {
-            walk::corners(grid, span, ijk.wrapping_sub(grid.base)).map(f32::to_bits)
+            traverse::corners(grid, span, ijk.wrapping_sub(grid.base)).map(f32::to_bits)
         });
         assert_eq!(a, b, "{ijk}");
     }
@@ -135,14 +135,14 @@ fn compare_ray(one: &PackedGrid, two: &PackedGrid, bounds: CoordBox, random: &mu
     let Some(ray) = rays::near(one, bounds, random) else { return };
     // The same ray from the base of the other.
     let moved = one.base.wrapping_sub(two.base);
-    let other = walk::Ray { cell: ray.cell.wrapping_add(moved), ..ray };
+    let other = traverse::Ray { cell: ray.cell.wrapping_add(moved), ..ray };
     let hit = |grid: &PackedGrid, ray| {
-        let hit = walk::first_hit(grid, ray)?;
+        let hit = traverse::first_hit(grid, ray)?;
         Some((hit.cell.wrapping_add(grid.base), hit.t.to_bits(), hit.axis))
     };
     assert_eq!(hit(one, &ray), hit(two, &other), "{ray:?}");
     if one.kind == PackKind::Fog {
-        let (a, b) = (walk::optical_length(one, &ray), walk::optical_length(two, &other));
+        let (a, b) = (traverse::optical_length(one, &ray), traverse::optical_length(two, &other));
         assert!(a == b || (a - b).abs() <= 1e-5 * a.abs(), "{ray:?}: {a} and {b}");
     }
 }

@@ -65,7 +65,7 @@ fn grid(tree: &Vdb543<f32>, class: GridClass, transform: &Transform, random: &mu
             let format = pick(random, &[ValueFormat::Full, ValueFormat::Half, ValueFormat::Byte]);
             let Ok(other) = pack(tree, kind, format) else { return };
             assert_eq!(other.occupied, packed.occupied, "{kind:?} {format:?}");
-            rays::walk(&other, random);
+            rays::dda(&other, random);
         }
     }
 }
@@ -102,7 +102,7 @@ fn levels(tree: &Vdb543<f32>, packed: PackedGrid, class: GridClass, random: &mut
         let (most, bytes) = (options.limits.level_bytes, made.stats().bytes);
         assert!(bytes <= most + (1 << 20), "{bytes} bytes of a level that may take {most}");
         let Ok(packed) = pack(&made, kind, ValueFormat::Exact) else { return };
-        rays::walk(&packed, random);
+        rays::dda(&packed, random);
         (level, coarser) = (packed, Some(made));
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DMat4, DVec3, Vec2};
 use vdb_core::Transform;
-use vdb_core::pack::{PackKind, PackedGrid, walk};
+use vdb_core::pack::{PackKind, PackedGrid, traverse};
 use vdb_core::query::{GridQuery, IndexHit, IndexRay};
 use vdb_core::reference::{Blocky, Occupied, Ray};
 use vdb_core::synth::{Random, rays};
@@ -38,7 +38,7 @@ pub(super) fn check(
     if let PackKind::Surface { iso } = packed.kind {
         judge(tree, &query, iso, bounds, random);
     }
-    walk(packed, random);
+    dda(packed, random);
     view(packed, transform, random);
 }
 
@@ -88,23 +88,23 @@ fn judge(tree: &Vdb543<f32>, query: &GridQuery, iso: f32, bounds: CoordBox, rand
     }
 }
 
-/// The walk itself, which reads words as the shader does: none of them out of its bounds.
-pub(super) fn walk(packed: &PackedGrid, random: &mut Random) {
+/// The traversal itself, which reads words as the shader does: none of them out of its bounds.
+pub(super) fn dda(packed: &PackedGrid, random: &mut Random) {
     let Some(bounds) = bounds(packed) else { return };
     for _ in 0..RAYS {
         if let Some(ray) = near(packed, bounds, random) {
-            let _ = walk::first_hit(packed, &ray);
+            let _ = traverse::first_hit(packed, &ray);
             if packed.kind == PackKind::Fog {
-                let depth = walk::optical_length(packed, &ray);
+                let depth = traverse::optical_length(packed, &ray);
                 assert!(!depth.is_nan(), "{depth}: {ray:?}");
             }
         }
         let at = inside(random, bounds).as_ivec3().clamp(bounds.min, bounds.max);
         let cell = at.wrapping_sub(packed.base);
-        let span = walk::locate(packed, cell, random.below(8) as u32);
+        let span = traverse::locate(packed, cell, random.below(8) as u32);
         let samples = !matches!(packed.kind, PackKind::Surface { .. });
         if samples && span.occupied() && !span.constant() {
-            assert!(walk::corners(packed, span, cell).iter().all(|value| value.is_finite()));
+            assert!(traverse::corners(packed, span, cell).iter().all(|value| value.is_finite()));
         }
     }
 }
@@ -114,14 +114,14 @@ pub(super) fn near(
     packed: &PackedGrid,
     bounds: CoordBox,
     random: &mut Random,
-) -> Option<walk::Ray> {
+) -> Option<traverse::Ray> {
     let edge = bounds.dim().into_iter().max().unwrap_or(0);
     let far = |corner: IVec3| corner.to_array().iter().any(|c| c.unsigned_abs() >= 1 << 29);
     if edge >= 1 << 29 || far(bounds.min) || far(bounds.max) {
         return None;
     }
     let ray = rays::adversarial(random, bounds);
-    Some(walk::Ray::from_index(packed, ray.cell, ray.frac, rays::normalized(ray.dir)?))
+    Some(traverse::Ray::from_index(packed, ray.cell, ray.frac, rays::normalized(ray.dir)?))
 }
 
 /// What a camera makes of the grid where its file puts it.
@@ -137,7 +137,7 @@ fn view(packed: &PackedGrid, transform: &Transform, random: &mut Random) {
     let gpu = GpuRays::from(&lattice);
     for ndc in [Vec2::ZERO, Vec2::new(0.3, -0.9), Vec2::ONE] {
         let ray = gpu.ray_through(ndc, rays.t_near as f32, rays.t_far as f32);
-        let _ = walk::first_hit(packed, &ray);
+        let _ = traverse::first_hit(packed, &ray);
     }
 }
 

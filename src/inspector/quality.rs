@@ -7,10 +7,10 @@ use super::state::VdbInspector;
 use crate::{VdbQuality, VdbTraversal};
 
 const TRAVERSALS: [(&str, VdbTraversal); 4] = [
-    ("leaps", VdbTraversal::HddaSdf),
+    ("leaps", VdbTraversal::HddaSkip),
     ("HDDA", VdbTraversal::Hdda),
     ("DDA", VdbTraversal::Dda),
-    ("marching", VdbTraversal::March),
+    ("ray marching", VdbTraversal::March),
 ];
 
 pub(super) fn show(

@@ -169,7 +169,7 @@ mod tests {
     /// A simulated GPU whose features have known costs, with delayed times and outliers.
     #[test]
     fn what_each_feature_adds_is_found() {
-        let names = ["fog", "shadows", "beams"];
+        let names = ["fog", "shadows", "beam optimisation"];
         let report = VdbCameraReport {
             features: names
                 .map(|name| crate::VdbFeatureReport { name, why: "" })
@@ -198,7 +198,7 @@ mod tests {
             assert!(frame < 1000);
         }
         let costs = measuring.costs();
-        let expected = [("fog", 4.0), ("beams", -1.0), ("shadows", 1.5)];
+        let expected = [("fog", 4.0), ("beam optimisation", -1.0), ("shadows", 1.5)];
         assert_eq!(costs.features.len(), expected.len());
         for (cost, (name, ms)) in costs.features.iter().zip(expected) {
             assert!(cost.name == name && (cost.ms - ms).abs() < 5e-3, "{cost:?}, not {ms}");

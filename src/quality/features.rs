@@ -104,26 +104,26 @@ pub(crate) const FEATURES: [Feature; 27] = [
     row(
         Features::MULTIPLE_SCATTERING,
         &["VDB_MULTIPLE_SCATTERING"],
-        "light scattered again",
+        "multiple scattering",
         "VdbCamera::multiple_scattering, and there is a fog",
     )
     .without(|camera, _| camera.multiple_scattering = false),
     row(
         Features::MANY,
         &["VDB_MANY"],
-        "hierarchy",
+        "bounding volume hierarchy",
         "rays of shadows or reflections have many volumes to meet",
     ),
     row(
         Features::BEAMS,
         &["VDB_BEAMS"],
-        "beams",
-        "VdbTraversal::HddaSdf shares the starts of rays",
+        "beam optimisation",
+        "VdbTraversal::HddaSkip shares the starts of rays",
     )
     .without(|_, quality| quality.traversal = VdbTraversal::Hdda),
-    row(Features::HDDA, &["VDB_HDDA"], "strides", "VdbTraversal::Hdda"),
-    row(Features::DDA, &["VDB_DDA"], "single steps", "VdbTraversal::Dda"),
-    row(Features::MARCH, &["VDB_MARCH", "VDB_DDA"], "marching", "VdbTraversal::March"),
+    row(Features::HDDA, &["VDB_HDDA"], "hierarchical DDA", "VdbTraversal::Hdda"),
+    row(Features::DDA, &["VDB_DDA"], "DDA", "VdbTraversal::Dda"),
+    row(Features::MARCH, &["VDB_MARCH", "VDB_DDA"], "ray marching", "VdbTraversal::March"),
     row(Features::LIGHT, &["VDB_LIT"], "light", "the mode shows light"),
     row(Features::SHADOWS, &["VDB_SHADOWS"], "shadows", "a light has shadow_maps_enabled")
         .without(|_, quality| quality.shadows = false),
@@ -133,7 +133,7 @@ pub(crate) const FEATURES: [Feature; 27] = [
         "soft shadows",
         "VdbSun::angular_diameter is more than 0",
     ),
-    row(Features::LAMPS, &["VDB_LOCAL_LIGHTS"], "lamps", "there are point or spot lights"),
+    row(Features::LAMPS, &["VDB_LOCAL_LIGHTS"], "local lights", "there are point or spot lights"),
     row(
         Features::ENVIRONMENT,
         &["ENVIRONMENT_MAP"],

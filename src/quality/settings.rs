@@ -80,7 +80,7 @@ impl VdbQuality {
     /// The reference. Fog is lit in steps so small that smaller ones change nothing that a 16-bit
     /// float could represent.
     pub const EXACT: Self = Self {
-        traversal: VdbTraversal::HddaSdf,
+        traversal: VdbTraversal::HddaSkip,
         shadows: true,
         shadow_range: f32::INFINITY,
         reflections: 0,

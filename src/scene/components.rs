@@ -179,7 +179,7 @@ pub enum VdbTraversal {
     /// Hierarchical, and skips the largest known empty cube ahead, from a start shared by the rays
     /// of a tile of 8×8 pixels (beam optimisation).
     #[default]
-    HddaSdf,
+    HddaSkip,
 }
 
 /// Makes a `DirectionalLight` affect volumes differently from meshes.

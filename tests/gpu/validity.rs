@@ -125,12 +125,12 @@ fn every_variant_of_the_trace_is_valid() {
                 check(&[&kinds, &[format!("VDB_SHOW_{mode}").as_str()], &with]);
             }
         }
-        for walk in [
+        for dda in [
             vec!["VDB_COUNT_STEPS"],
             vec!["VDB_COUNT_STEPS", "VDB_HDDA"],
             vec!["VDB_COUNT_STEPS", "VDB_DDA", "VDB_MARCH"],
         ] {
-            check(&[&kinds, &walk]);
+            check(&[&kinds, &dda]);
         }
         // Light.
         for lights in

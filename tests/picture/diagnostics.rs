@@ -76,10 +76,10 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
 
     let grid = stage.ball_of_fog(15.0, 5.0);
     let cloud = stage.world().spawn((VdbVolume(grid), glow(GREEN))).id();
-    let seen = "voxels, fog, light scattered again, beams, light";
+    let seen = "voxels, fog, multiple scattering, beam optimisation, light";
     check(&mut stage, "fog", seen, both, plain);
     stage.world().entity_mut(camera).insert(VdbQuality { fog_step: 2.0, ..default() });
-    let seen = "voxels, fog, sampled fog, light scattered again, beams, light";
+    let seen = "voxels, fog, sampled fog, multiple scattering, beam optimisation, light";
     check(&mut stage, "sampled fog", seen, both, plain);
     let once = VdbCamera { multiple_scattering: false, ..default() };
     stage.world().entity_mut(camera).insert(once);

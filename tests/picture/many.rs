@@ -21,7 +21,7 @@ fn places() -> impl Iterator<Item = Transform> {
 
 /// The picture through the tiles' lists, and the one of rays that look at every volume.
 fn both(stage: &mut Stage, target: &Handle<Image>, camera: Entity) -> [Picture; 2] {
-    [VdbTraversal::HddaSdf, VdbTraversal::Hdda].map(|traversal| {
+    [VdbTraversal::HddaSkip, VdbTraversal::Hdda].map(|traversal| {
         stage.world().entity_mut(camera).insert(VdbQuality { traversal, ..default() });
         stage.picture(target)
     })

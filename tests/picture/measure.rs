@@ -54,7 +54,7 @@ fn what_features_cost_is_measured() {
     let costs = stage.world().get::<VdbFeatureCosts>(camera).unwrap().clone();
     println!("after {frames} frames: {costs:.2?}");
     let names: Vec<_> = costs.features.iter().map(|cost| cost.name).collect();
-    assert_eq!(names, ["voxels", "fog", "beams", "shadows"]);
+    assert_eq!(names, ["voxels", "fog", "beam optimisation", "shadows"]);
     assert!(costs.is_gpu_time && costs.total_ms > 0.0);
     let part = |name: &str| {
         costs.features.iter().find(|cost| cost.name == name).unwrap().ms / costs.total_ms

@@ -75,7 +75,7 @@ fn behind_a_wall_rays_take_no_step() {
             stage.world().entity_mut(camera).insert((msaa, projection, counting()));
             let grid = stage.grid(tree.clone(), kind, 0.1);
             stage.world().spawn(VdbVolume(grid));
-            for traversal in [VdbTraversal::HddaSdf, VdbTraversal::Hdda] {
+            for traversal in [VdbTraversal::HddaSkip, VdbTraversal::Hdda] {
                 let quality = VdbQuality { traversal, ..default() };
                 stage.world().entity_mut(camera).insert(quality);
                 let open = stage.picture(&target);

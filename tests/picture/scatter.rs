@@ -226,7 +226,7 @@ fn a_cloud_is_closer_to_all_the_light_there_is() {
         let right: Vec<_> = paths.iter().map(|(at, _, l)| (*at, SUN * l[0].sun.value)).collect();
         let [once, again] =
             [false, true].map(|multiple| error(&cloud.show(depth, 0.0, 1.0, multiple), &right));
-        println!("depth {depth}: {once} off, with light scattered again {again}");
+        println!("depth {depth}: {once} off, with multiple scattering {again}");
         assert!(again < bound, "depth {depth}: {again} off");
         assert!(depth < 1.0 || again < 0.5 * once, "depth {depth}: {again}, and {once} without");
     }

@@ -1,5 +1,5 @@
-// The mean of the frames of a picture, while nothing changes in it: what a ray has seen goes into the pixel that
-// it went through. One thread a pixel.
+// The mean of the frames of a picture, while nothing changes in it: what a ray has seen goes into the pixel
+// that it went through. One thread a pixel.
 
 #import bevy_vdb::gpu::types::View
 #import bevy_vdb::view::picture::{depth_of_meshes, pixel_of}

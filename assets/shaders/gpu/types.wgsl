@@ -4,12 +4,12 @@
 
 // A packed grid in the pool. Places are numbers of words.
 struct Grid {
-    crown_origin: vec3<i32>,    // local, in regions of 128³ cells
-    crown_levels: u32,
+    top_origin: vec3<i32>,    // local, in lower nodes of 128³ cells
+    top_levels: u32,
     occupied_min: vec3<i32>,    // local lattice cells that can stop or dim a ray, both included
-    crown: u32,
+    top: u32,
     occupied_max: vec3<i32>,
-    regions: u32,
+    lower_nodes: u32,
     heads: u32,
     masks: u32,
     leaf_records: u32,
@@ -122,7 +122,7 @@ struct View {
     suns: array<vec4<f32>, MOST_SUNS>,
     // The tangent of half the angle of each, and how many rays a place sends there.
     disks: array<vec4<f32>, MOST_SUNS>,
-    turn: f32,                  // what the frame adds to chance, 0 to 1
+    turn: f32,                  // what the frame adds to random numbers, 0 to 1
     frame: u32,                 // which of those that are put together; 0, if none are
     shift: vec2<f32>,           // of rays from the middle of what they stand for, in rays, y downwards
     most_frames: u32,           // in a mean of frames

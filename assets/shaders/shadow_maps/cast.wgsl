@@ -4,7 +4,7 @@
 #import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::traversal::rays::ndc_of
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::traversal::hdda::{FAR, course_of, enter, first_hit, local_cell}
+#import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter, first_hit, local_cell}
 #import bevy_vdb::view::scene::{view, volumes}
 #import bevy_vdb::trace::segment::{ray_of, view_segment}
 #ifdef VDB_SMOOTH
@@ -64,29 +64,29 @@ fn stop(in: Quad) -> @builtin(frag_depth) f32 {
     let volume = view.volume_first + in.instance;
     let grid = grids[volumes[volume].grid];
     let segment = view_segment(ndc_of(texel, view.size));
-    let course = course_of(grid, ray_of(segment, volume, FAR));
-    let walk = enter(course);
+    let mirrored = mirrored_ray(grid, ray_of(segment, volume, FAR));
+    let dda = enter(mirrored);
     var t = FAR;
 #ifdef VDB_SURFACES
     if volumes[volume].kind == KIND_SURFACE {
-        let hit = first_hit(grid, course, walk);
+        let hit = first_hit(grid, mirrored, dda);
         t = select(FAR, hit.t, hit.found);
     }
 #endif
 #ifdef VDB_SMOOTH
     if volumes[volume].kind == KIND_SMOOTH {
-        let root = first_root(grid, course, walk);
+        let root = first_root(grid, mirrored, dda);
         t = select(FAR, root.t, root.found);
     }
 #endif
 #ifdef VDB_FOGS
-    if volumes[volume].kind == KIND_FOG && walk.inside {
+    if volumes[volume].kind == KIND_FOG && dda.inside {
         let scale = volumes[volume].density_scale * length(segment.dir);
         var rest = -log(part_of(texel, in.instance)) / max(scale, 1e-30);
-        var march = march_of(course, walk, step_of(grid, STEP, EDGE));
-        var place = nowhere(local_cell(course, walk.rel));
-        while march.walk.inside {
-            let stretch = next_stretch(grid, course, &march, &place, 1e30);
+        var march = march_of(mirrored, dda, step_of(grid, STEP, EDGE));
+        var place = nowhere(local_cell(mirrored, dda.rel));
+        while march.dda.inside {
+            let stretch = next_stretch(grid, mirrored, &march, &place, 1e30);
             if stretch.density >= rest {
                 t = mix(stretch.t_first, 2.0 * stretch.t_middle - stretch.t_first, rest / max(stretch.density, 1e-30));
                 break;

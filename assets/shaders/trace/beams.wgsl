@@ -1,5 +1,5 @@
-// A thread for every tile of 8×8 pixels that shows a volume: whether the tile's rays can meet it before they end
-// at the opaque meshes, and where those to it can begin.
+// A thread for every tile of 8×8 pixels that shows a volume: whether the tile's rays can meet it before they
+// end at the opaque meshes, and where those to it can begin.
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::gpu::types::Rays

@@ -4,14 +4,14 @@
 #import bevy_vdb::gpu::types::{Grid, KIND_BLACKBODY, KIND_EMISSION}
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::fog::optical_length
-#import bevy_vdb::traversal::hdda::{FAR, course_of, enter_at}
+#import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter_at}
 #import bevy_vdb::view::scene::volumes
 #import bevy_vdb::trace::segment::{Segment, ray_of}
 #ifdef VDB_BLACKBODY
-#import bevy_vdb::traversal::exact::Course
-#import bevy_vdb::traversal::rebase::{Anchor, anchor_exit, anchored}
-#import bevy_vdb::traversal::fog::ANCHOR_RANGE
-#import bevy_vdb::traversal::hdda::{Walk, advance, confirm, local_cell, planes_behind, unturned}
+#import bevy_vdb::traversal::exact::MirroredRay
+#import bevy_vdb::traversal::rebase::{Rebased, rebased_exit, rebased_at}
+#import bevy_vdb::traversal::fog::REBASE_RANGE
+#import bevy_vdb::traversal::hdda::{Dda, advance, confirm, local_cell, planes_behind, unmirrored}
 #import bevy_vdb::traversal::samples::{FogCell, fog_cell, tile_value, trilinear}
 #import bevy_vdb::traversal::tree::{Span, empty_cell, locate, nowhere, span_constant, span_occupied}
 
@@ -46,27 +46,27 @@ const OUTER: f32 = 0.43056816;
 const INNER_WEIGHT: f32 = 0.32607258;
 const OUTER_WEIGHT: f32 = 0.17392742;
 
-// A part of a course within a cell.
+// A part of a mirrored ray within a cell.
 struct Chord {
     cell: FogCell,
-    first: vec3<f32>,   // in the cell, on the course's axes
+    first: vec3<f32>,   // in the cell, on the mirrored ray's axes
     last: vec3<f32>,
 }
 
-fn heat_on(volume: u32, course: Course, chord: Chord, share: f32) -> vec3<f32> {
-    let at = unturned(course, saturate(mix(chord.first, chord.last, share)));
+fn heat_on(volume: u32, mirrored: MirroredRay, chord: Chord, share: f32) -> vec3<f32> {
+    let at = unmirrored(mirrored, saturate(mix(chord.first, chord.last, share)));
     return heat(volume, chord.cell.offset + chord.cell.scale * trilinear(chord.cell.corners, at));
 }
 
-// The mean luminance of what glows between two parameters from the anchor on, within the cube of a span. The
-// light of a black body goes up by far more than its temperature: of two points, as a density has them,
-// a cell from cold to hot would get three quarters of its light wrong, of four, less than a hundredth.
+// The mean luminance of what glows between two parameters from the rebased origin on, within the cube of a
+// span. The light of a black body goes up by far more than its temperature: of two points, as a density has
+// them, a cell from cold to hot would get three quarters of its light wrong, of four, less than a hundredth.
 fn mean_heat(
     volume: u32,
     grid: Grid,
-    course: Course,
-    near: Anchor,
-    walk: Walk,
+    mirrored: MirroredRay,
+    near: Rebased,
+    dda: Dda,
     span: Span,
     t_from: f32,
     t_to: f32,
@@ -74,47 +74,47 @@ fn mean_heat(
     if span_constant(span) {
         return heat(volume, tile_value(grid, span.word));
     }
-    let origin = near.frac - vec3<f32>(walk.rel - near.cell);
+    let origin = near.frac - vec3<f32>(dda.rel - near.cell);
     let chord = Chord(
-        fog_cell(grid, span, local_cell(course, walk.rel)),
-        origin + t_from * course.speed,
-        origin + t_to * course.speed,
+        fog_cell(grid, span, local_cell(mirrored, dda.rel)),
+        origin + t_from * mirrored.speed,
+        origin + t_to * mirrored.speed,
     );
-    let inner = heat_on(volume, course, chord, 0.5 - INNER) + heat_on(volume, course, chord, 0.5 + INNER);
-    let outer = heat_on(volume, course, chord, 0.5 - OUTER) + heat_on(volume, course, chord, 0.5 + OUTER);
+    let inner = heat_on(volume, mirrored, chord, 0.5 - INNER) + heat_on(volume, mirrored, chord, 0.5 + INNER);
+    let outer = heat_on(volume, mirrored, chord, 0.5 - OUTER) + heat_on(volume, mirrored, chord, 0.5 + OUTER);
     return INNER_WEIGHT * inner + OUTER_WEIGHT * outer;
 }
 
-// ∫ B dt along a course, cell by cell as `optical_length` walks.
-fn heat_length(volume: u32, grid: Grid, course: Course, enters: Walk) -> vec3<f32> {
-    var walk = enters;
-    var place = nowhere(local_cell(course, walk.rel));
-    var near = Anchor(vec3(0u), vec3(0.0), 0.0, FAR);
+// ∫ B dt along a mirrored ray, cell by cell as `optical_length` traverses.
+fn heat_length(volume: u32, grid: Grid, mirrored: MirroredRay, enters: Dda) -> vec3<f32> {
+    var dda = enters;
+    var place = nowhere(local_cell(mirrored, dda.rel));
+    var near = Rebased(vec3(0u), vec3(0.0), 0.0, FAR);
     var in_run = false;
     var t_from = 0.0;
     var sum = vec3(0.0);
-    while walk.inside {
-        let here = walk;
-        let span = locate(grid, local_cell(course, here.rel), course.octant, &place);
+    while dda.inside {
+        let here = dda;
+        let span = locate(grid, local_cell(mirrored, here.rel), mirrored.octant, &place);
         if !span_occupied(span) {
-            walk = advance(course, here, span);
+            dda = advance(mirrored, here, span);
             in_run = false;
             continue;
         }
-        if !in_run || any(here.rel - near.cell > vec3(ANCHOR_RANGE)) {
-            let own = confirm(course, here);
+        if !in_run || any(here.rel - near.cell > vec3(REBASE_RANGE)) {
+            let own = confirm(mirrored, here);
             if !own.inside {
-                walk = advance(course, here, empty_cell());
+                dda = advance(mirrored, here, empty_cell());
                 continue;
             }
-            near = anchored(course, own.rel, own.axis, own.t);
+            near = rebased_at(mirrored, own.rel, own.axis, own.t);
             t_from = 0.0;
         }
-        walk = advance(course, here, span);
-        let plane = planes_behind(course, here.rel, span);
-        let t_to = max(anchor_exit(near, course, plane, walk.axis), t_from);
+        dda = advance(mirrored, here, span);
+        let plane = planes_behind(mirrored, here.rel, span);
+        let t_to = max(rebased_exit(near, mirrored, plane, dda.axis), t_from);
         let t_end = min(t_to, near.end);
-        sum += (t_end - t_from) * mean_heat(volume, grid, course, near, here, span, t_from, t_end);
+        sum += (t_end - t_from) * mean_heat(volume, grid, mirrored, near, here, span, t_from, t_end);
         t_from = t_to;
         in_run = !span_constant(span);
     }
@@ -135,16 +135,16 @@ fn emitted(segment: Segment, volume: u32, start: f32, t_min: f32, t_max: f32) ->
     var ray = ray_of(segment, volume, t_max);
     ray.t_min = t_min;
     let grid = grids[volumes[volume].grid];
-    let course = course_of(grid, ray);
-    let enters = enter_at(course, start);
+    let mirrored = mirrored_ray(grid, ray);
+    let enters = enter_at(mirrored, start);
     let unit = length(segment.dir);
 #ifdef VDB_BLACKBODY
     if volumes[volume].kind == KIND_BLACKBODY {
-        let light = min(heat_length(volume, grid, course, enters), vec3(MOST_LIGHT));
+        let light = min(heat_length(volume, grid, mirrored, enters), vec3(MOST_LIGHT));
         return min(volumes[volume].emissive * unit * light, vec3(MOST_LIGHT));
     }
 #endif
-    let values = min(optical_length(grid, course, enters, FAR), MOST_LIGHT);
+    let values = min(optical_length(grid, mirrored, enters, FAR), MOST_LIGHT);
     return min(volumes[volume].emissive * unit * values, vec3(MOST_LIGHT));
 }
 

@@ -5,7 +5,7 @@
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::candidates::{end_of, next_volume, start_of}
 #import bevy_vdb::traversal::fog::{optical_length, stepped_length}
-#import bevy_vdb::traversal::hdda::{FAR, box_exit, course_of, enter, enter_at}
+#import bevy_vdb::traversal::hdda::{FAR, box_exit, mirrored_ray, enter, enter_at}
 #import bevy_vdb::view::scene::{view, volumes}
 #import bevy_vdb::trace::segment::{NONE, Segment, ray_of}
 #ifdef VDB_EMISSION
@@ -55,19 +55,19 @@ fn depth_of_part(
     var ray = ray_of(segment, volume, t_max);
     ray.t_min = t_min;
     let grid = grids[volumes[volume].grid];
-    let course = course_of(grid, ray);
+    let mirrored = mirrored_ray(grid, ray);
     let thin = max(scale, 1e-30);
 #ifdef VDB_FOG_STEPS
     // A part of a ray may be shorter than a step.
     var fog = 0.0;
     let step = volumes[volume].fog_step;
     if is_whole && step > 0.0 {
-        fog = stepped_length(grid, course, start, OPAQUE / thin, step, scale);
+        fog = stepped_length(grid, mirrored, start, OPAQUE / thin, step, scale);
     } else {
-        fog = optical_length(grid, course, enter_at(course, start), OPAQUE / thin);
+        fog = optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE / thin);
     }
 #else
-    let fog = optical_length(grid, course, enter_at(course, start), OPAQUE / thin);
+    let fog = optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE / thin);
 #endif
     // At most 100, and not by way of a product that f32 does not hold.
     return scale * min(fog, 100.0 / thin);
@@ -82,9 +82,9 @@ fn is_medium(volume: u32) -> bool {
 #endif
 }
 
-// All fogs of a segment in front of `t_max`. Radiance of one fog with an even source S and optical depth
-// τ is S·(1 - e^-τ), exactly; where light differs from place to place, the segment is cut into stretches,
-// and where several overlap, into slabs. What shines, E in all of a slab, is taken as evenly mixed with the
+// All fogs of a segment in front of `t_max`. Radiance of one fog with an even source S and optical depth τ is
+// S·(1 - e^-τ), exactly; where light differs from place to place, the segment is cut into stretches, and
+// where several overlap, into slabs. What shines, E in all of a slab, is taken as evenly boundary with the
 // fogs there: E·(1 - e^-τ) / τ of it leaves the slab.
 fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     var met = 0u;
@@ -97,13 +97,13 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
         if !is_medium(i) {
             continue;
         }
-        let course = course_of(grids[volumes[i].grid], ray_of(segment, i, t_max));
-        let walk = enter(course);
-        if walk.inside && walk.t < t_max {
+        let mirrored = mirrored_ray(grids[volumes[i].grid], ray_of(segment, i, t_max));
+        let dda = enter(mirrored);
+        if dda.inside && dda.t < t_max {
             met += 1u;
             last_met = i;
-            t_first = min(t_first, walk.t);
-            t_last = max(t_last, min(box_exit(course), t_max));
+            t_first = min(t_first, dda.t);
+            t_last = max(t_last, min(box_exit(mirrored), t_max));
         }
     }
     var fog = Fog(vec3(0.0), 0.0, t_first, t_first, NONE);
@@ -118,7 +118,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     }
 #endif
 #endif
-    // Within one slab, fogs are taken as evenly mixed and evenly lit.
+    // Within one slab, fogs are taken as evenly boundary and evenly lit.
     let shared_slabs = select(max(view.slabs / REFLECTED, 1u), view.slabs, segment.is_view);
     let slabs = select(shared_slabs, 1u, is_whole);
 #ifdef VDB_LIT
@@ -215,19 +215,19 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
     var fog = Fog(vec3(0.0), 0.0, t_first, t_first, volume);
     var t_sum = 0.0;
     let grid = grids[volumes[volume].grid];
-    let course = course_of(grid, ray_of(segment, volume, t_max));
-    let enters = enter_at(course, start_of(segment, volume, pixel));
+    let mirrored = mirrored_ray(grid, ray_of(segment, volume, t_max));
+    let enters = enter_at(mirrored, start_of(segment, volume, pixel));
     let scale = volumes[volume].density_scale * length(segment.dir);
     let most = 100.0 / max(scale, 1e-30);
     let anisotropy = volumes[volume].anisotropy;
     let around = surroundings(normalize(segment.dir));
     let step = volumes[volume].light_step * select(f32(REFLECTED), 1.0, segment.is_view);
     var scatters = Gathered();
-    var march = march_of(course, enters, step_of(grid, step, LIGHT_EDGE));
+    var march = march_of(mirrored, enters, step_of(grid, step, LIGHT_EDGE));
     march.t_box -= chance_of_frame(0.41421356) * march.t_step;
-    var place = nowhere(local_cell(course, enters.rel));
-    while march.walk.inside && fog.optical_depth <= OPAQUE {
-        let stretch = next_stretch(grid, course, &march, &place, most);
+    var place = nowhere(local_cell(mirrored, enters.rel));
+    while march.dda.inside && fog.optical_depth <= OPAQUE {
+        let stretch = next_stretch(grid, mirrored, &march, &place, most);
         let depth = scale * min(stretch.density, most);
         if depth > 0.0 {
             let t = clamp(seen_middle(stretch, depth), stretch.t_first, t_max);

@@ -120,9 +120,9 @@ fn sun_disk(lights: Reaching, light: u32) -> vec4<f32> {
     return disk;
 }
 
-// The part of a round sun's light that comes to a place, by rays to places spread evenly over its disk,
-// after Vogel 1979, "A better way to construct the sunflower head", turned by chance for each pixel: by
-// the noise of Jorge Jimenez's that neighbours share evenly among them.
+// The part of a round sun's light that comes to a place, by rays to places spread evenly over its disk, after
+// Vogel 1979, "A better way to construct the sunflower head", turned by random numbers for each pixel: by the
+// noise of Jorge Jimenez's that neighbours share evenly among them.
 fn soft_transmittance(at: Lit, point: Point, to_sun: vec3<f32>, tangent: f32, samples: u32) -> f32 {
     let across = select(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), abs(to_sun.x) > 0.5);
     let right = normalize(cross(across, to_sun));
@@ -195,8 +195,8 @@ fn visibility(at: Lit, point: Point, lights: Reaching, i: u32) -> f32 {
 #endif
 }
 
-// How rough a surface is to a ray that rough surfaces have sent there: no less than they are. By chance,
-// such a ray meets a sharp highlight in one pixel of many, where all should see a little of it.
+// How rough a surface is to a ray that rough surfaces have sent there: no less than they are. By random
+// numbers, such a ray meets a sharp highlight in one pixel of many, where all should see a little of it.
 fn roughness_seen(volume: u32, so_far: f32) -> f32 {
     return max(volumes[volume].perceptual_roughness, so_far);
 }

@@ -3,7 +3,7 @@
 
 #import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE, NO_CASTER}
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::traversal::hdda::{course_of, enter, first_hit}
+#import bevy_vdb::traversal::hdda::{mirrored_ray, enter, first_hit}
 #import bevy_vdb::view::scene::{scene_end, view, volumes}
 #import bevy_vdb::trace::segment::{Point, Segment, ray_of}
 #ifdef VDB_MANY
@@ -58,18 +58,18 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
         }
 #endif
         let grid = grids[volumes[i].grid];
-        let course = course_of(grid, ray_of(segment, i, range));
-        let walk = enter(course);
-        if !walk.inside {
+        let mirrored = mirrored_ray(grid, ray_of(segment, i, range));
+        let dda = enter(mirrored);
+        if !dda.inside {
             continue;
         }
 #ifdef VDB_SURFACES
-        if volumes[i].kind == KIND_SURFACE && first_hit(grid, course, walk).found {
+        if volumes[i].kind == KIND_SURFACE && first_hit(grid, mirrored, dda).found {
             depth = DARK;
         }
 #endif
 #ifdef VDB_SMOOTH
-        if volumes[i].kind == KIND_SMOOTH && first_root(grid, course, walk).found {
+        if volumes[i].kind == KIND_SMOOTH && first_root(grid, mirrored, dda).found {
             depth = DARK;
         }
 #endif
@@ -79,9 +79,9 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
             var fog = 0.0;
             if in_fog {
                 let step = step_of(grid, volumes[i].shadow_step, SHADOW_EDGE);
-                fog = stepped_length(grid, course, 0.0, DARK / scale, step, 0.0);
+                fog = stepped_length(grid, mirrored, 0.0, DARK / scale, step, 0.0);
             } else {
-                fog = optical_length(grid, course, walk, DARK / scale);
+                fog = optical_length(grid, mirrored, dda, DARK / scale);
             }
             depth += scale * min(fog, 100.0 / scale);
         }

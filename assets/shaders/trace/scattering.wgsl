@@ -2,9 +2,9 @@
 //
 // Lights, by octaves: Wrenninge, Kulla and Lundqvist 2013, "Oz: The Great and Volumetric". Light that is
 // scattered again reaches deeper and from all sides more evenly; each octave has half the optical depth
-// towards the light (all share one ray to it), a rounder phase function, and a part of the light. Theirs is
-// a fixed part, so that fog too thin to scatter anything again shines twice as bright; here it is the chance
-// that the light meets the fog again, by the ray's own optical depth, and the albedo.
+// towards the light (all share one ray to it), a rounder phase function, and a part of the light. Theirs is a
+// fixed part, so that fog too thin to scatter anything again shines twice as bright; here it is the random
+// numbers that the light meets the fog again, by the ray's own optical depth, and the albedo.
 //
 // Surroundings that shine evenly: two streams through a layer of the ray's optical depth (Schuster 1905,
 // "Radiation through a foggy atmosphere"), which have a closed form. What of them is not absorbed is seen.

@@ -51,7 +51,7 @@ fn world_position(point: Point) -> vec3<f32> {
     return view.eye + from_eye(point);
 }
 
-// Fractions of a cell as the walk wants them.
+// Fractions of a cell as the traversal wants them.
 fn quantised(frac: vec3<f32>) -> vec3<f32> {
     return clamp(floor(frac * 16777216.0), vec3(0.0), vec3(16777215.0)) / 16777216.0;
 }

@@ -3,9 +3,9 @@
 
 #import bevy_vdb::gpu::types::{KIND_SMOOTH, KIND_SURFACE, Ray}
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::traversal::exact::Course
-#import bevy_vdb::traversal::rebase::anchored
-#import bevy_vdb::traversal::hdda::{FAR, Hit, course_of, enter_at, first_hit, unturned}
+#import bevy_vdb::traversal::exact::MirroredRay
+#import bevy_vdb::traversal::rebase::rebased_at
+#import bevy_vdb::traversal::hdda::{FAR, Hit, mirrored_ray, enter_at, first_hit, unmirrored}
 #import bevy_vdb::view::scene::{scene_end, view, volumes}
 #import bevy_vdb::trace::segment::{Point, Segment, along, quantised, ray_of}
 #ifdef VDB_SMOOTH
@@ -28,9 +28,9 @@ fn no_surface() -> Surface {
 }
 
 // A voxel's face, outwards; where a ray began inside the voxel, one that looks along z.
-fn face_normal(course: Course, axis: u32) -> vec3<f32> {
+fn face_normal(mirrored: MirroredRay, axis: u32) -> vec3<f32> {
     let across = vec3(axis == 0u, axis == 1u, axis >= 2u);
-    let outwards = select(vec3(-1.0), vec3(1.0), course.flip != vec3(0));
+    let outwards = select(vec3(-1.0), vec3(1.0), mirrored.mirror != vec3(0));
     return select(vec3(0.0), outwards, across);
 }
 
@@ -38,14 +38,14 @@ fn face_normal(course: Course, axis: u32) -> vec3<f32> {
 // The first voxel of a volume on a ray.
 fn meet_voxels(volume: u32, ray: Ray, start: f32) -> Surface {
     let grid = grids[volumes[volume].grid];
-    let course = course_of(grid, ray);
-    let hit = first_hit(grid, course, enter_at(course, start));
+    let mirrored = mirrored_ray(grid, ray);
+    let hit = first_hit(grid, mirrored, enter_at(mirrored, start));
     if !hit.found {
         return no_surface();
     }
-    let rel = bitcast<vec3<u32>>((hit.cell ^ course.flip) - course.cell);
-    let place = unturned(course, anchored(course, rel, hit.axis, hit.t).frac);
-    return Surface(true, volume, hit.t, hit.cell, place, face_normal(course, hit.axis), true);
+    let rel = bitcast<vec3<u32>>((hit.cell ^ mirrored.mirror) - mirrored.cell);
+    let place = unmirrored(mirrored, rebased_at(mirrored, rel, hit.axis, hit.t).frac);
+    return Surface(true, volume, hit.t, hit.cell, place, face_normal(mirrored, hit.axis), true);
 }
 #endif
 
@@ -53,14 +53,14 @@ fn meet_voxels(volume: u32, ray: Ray, start: f32) -> Surface {
 // The first root of a volume on a ray.
 fn meet_smooth(volume: u32, ray: Ray, start: f32) -> Surface {
     let grid = grids[volumes[volume].grid];
-    let course = course_of(grid, ray);
-    let root = first_root(grid, course, enter_at(course, start));
+    let mirrored = mirrored_ray(grid, ray);
+    let root = first_root(grid, mirrored, enter_at(mirrored, start));
     if !root.found {
         return no_surface();
     }
     let way = ray.frac + root.t * ray.dir;
     let whole = floor(way);
-    let face = face_normal(course, root.axis);
+    let face = face_normal(mirrored, root.axis);
     // A gradient may be zero where eight values are alike.
     let gradient = select(face, root.gradient, any(abs(root.gradient) > vec3(1e-30)));
     return Surface(true, volume, root.t, ray.cell + vec3<i32>(whole), way - whole, gradient, false);
@@ -99,7 +99,7 @@ const LIFT_FAR: f32 = 4.76837158203125e-7;   // 2^-21
 
 // Where rays leave a surface on the side that a segment came from.
 //
-// From a voxel's face, they leave from the empty cell before it: the walk is exact, so that they
+// From a voxel's face, they leave from the empty cell before it: the traversal is exact, so that they
 // cannot come back to the voxel. Less than 2^-24 cells lie between the face and where they begin.
 fn leave(segment: Segment, surface: Surface) -> Point {
     var point = along(segment, surface.t);

@@ -3,25 +3,25 @@
 
 #import bevy_vdb::gpu::types::{Grid, Rays}
 #import bevy_vdb::traversal::rays::ray_through
-#import bevy_vdb::traversal::tree::{CHILD, OCCUPIED, locate_slot, nowhere, reach_of}
-#import bevy_vdb::traversal::exact::Course
-#import bevy_vdb::traversal::hdda::{FAR, course_of}
+#import bevy_vdb::traversal::tree::{CHILD, OCCUPIED, locate_slot, nowhere, skip_of}
+#import bevy_vdb::traversal::exact::MirroredRay
+#import bevy_vdb::traversal::hdda::{FAR, mirrored_ray}
 
 // Leaps of a beam; it may end anywhere, so that this bounds its cost alone.
-const LEAPS: u32 = 48u;
+const SKIPS: u32 = 48u;
 // Cells behind its middle ray that no ray of a beam begins.
 const FURTHEST: i32 = 1073741824;
 // What f32 may get wrong of a place, relative to its distance, and in cells.
 const RELATIVE: f32 = 3.814697265625e-6;    // 2^-18
 const MARGIN: f32 = 0.0009765625;           // 2^-10
 
-// The rays of a tile of pixels: on the axes of the middle ray's course they are within a box that moves
+// The rays of a tile of pixels: on the axes of the middle ray's mirrored ray they are within a box that moves
 // and grows with t.
 struct Beam {
-    course: Course,
+    mirrored: MirroredRay,
     slowest: vec3<f32>,
     fastest: vec3<f32>,
-    behind: vec3<f32>,      // the low corner at t = 0, from the course's own cell
+    behind: vec3<f32>,      // the low corner at t = 0, from the mirrored ray's own cell
     ahead: vec3<f32>,       // the high corner
     one_octant: bool,       // if not, nothing can be said about them
 }
@@ -32,54 +32,54 @@ fn beam_of(grid: Grid, rays: Rays, tile: vec2<u32>, size: vec2<u32>, t_min: f32)
     let middle = vec2<f32>(8u * tile + 4u) * pixel - 1.0;
     // The middles of a tile's pixels are up to 3½ pixels from its own.
     let half = 3.6 * pixel;
-    let course = course_of(grid, ray_through(rays, vec2(middle.x, -middle.y), t_min, FAR));
+    let mirrored = mirrored_ray(grid, ray_through(rays, vec2(middle.x, -middle.y), t_min, FAR));
     let wide = half.x * abs(rays.eye_x) + half.y * abs(rays.eye_y) + MARGIN;
-    let widening = half.x * abs(rays.dir_x) + half.y * abs(rays.dir_y) + RELATIVE * course.speed;
-    let slowest = course.speed - widening;
-    let fastest = course.speed + widening;
+    let widening = half.x * abs(rays.dir_x) + half.y * abs(rays.dir_y) + RELATIVE * mirrored.speed;
+    let slowest = mirrored.speed - widening;
+    let fastest = mirrored.speed + widening;
     let one_octant = all(slowest > vec3(0.0));
-    return Beam(course, slowest, fastest, course.frac - wide, course.frac + wide, one_octant);
+    return Beam(mirrored, slowest, fastest, mirrored.frac - wide, mirrored.frac + wide, one_octant);
 }
 
 // A t before which no ray of the beam is in the grid's box.
 fn beam_touch(grid: Grid, beam: Beam) -> f32 {
-    let course = beam.course;
+    let mirrored = beam.mirrored;
     // Where the middle ray begins beyond the box, others may not.
-    if !beam.one_octant || !course.meets {
-        return course.t_min;
+    if !beam.one_octant || !mirrored.meets {
+        return mirrored.t_min;
     }
-    let first = vec3<f32>(course.first);
-    let touch = select(vec3(course.t_min), (first - beam.ahead) / beam.fastest, course.before);
-    return max(max(max(touch.x, touch.y), touch.z), course.t_min);
+    let first = vec3<f32>(mirrored.first);
+    let touch = select(vec3(mirrored.t_min), (first - beam.ahead) / beam.fastest, mirrored.before);
+    return max(max(max(touch.x, touch.y), touch.z), mirrored.t_min);
 }
 
-// A t before which nothing can stop a ray of the beam, found by leaps over what is empty; FAR where
+// A t before which nothing can stop a ray of the beam, found by skips over what is empty; FAR where
 // nothing can.
 fn beam_start(grid: Grid, beam: Beam) -> f32 {
-    let course = beam.course;
-    if !beam.one_octant || !course.meets {
-        return course.t_min;
+    let mirrored = beam.mirrored;
+    if !beam.one_octant || !mirrored.meets {
+        return mirrored.t_min;
     }
     // The box begins here, from the middle ray's own cell: where that is within it, behind it.
-    let box_low = select(grid.occupied_min, ~grid.occupied_max, course.flip != vec3(0)) - course.cell;
+    let box_low = select(grid.occupied_min, ~grid.occupied_max, mirrored.mirror != vec3(0)) - mirrored.cell;
     // Further behind than 32 bits can say.
-    let lowest = select(box_low, vec3(-FURTHEST), !course.before & (box_low > vec3(0)));
+    let lowest = select(box_low, vec3(-FURTHEST), !mirrored.before & (box_low > vec3(0)));
     var t = beam_touch(grid, beam);
-    var place = nowhere(course.cell ^ course.flip);
-    for (var leap = 0u; leap < LEAPS; leap++) {
+    var place = nowhere(mirrored.cell ^ mirrored.mirror);
+    for (var skip = 0u; skip < SKIPS; skip++) {
         // The low corner of the beam; cells below the box are as empty as those in it.
         let corner = vec3<i32>(floor(beam.behind + t * beam.slowest));
         let cell = max(corner, lowest);
-        if any(vec3<u32>(max(cell, vec3(0))) > course.last) {
+        if any(vec3<u32>(max(cell, vec3(0))) > mirrored.last) {
             return FAR;
         }
-        let slot = locate_slot(grid, (course.cell + cell) ^ course.flip, &place);
+        let slot = locate_slot(grid, (mirrored.cell + cell) ^ mirrored.mirror, &place);
         if (slot & (CHILD | OCCUPIED)) != 0u {
             return t;
         }
         let size = 1i << place.log_dim;
-        let low = (course.cell + cell) & vec3(-size);
-        let far = low + size * (1 + i32(reach_of(slot, course.octant))) - course.cell;
+        let low = (mirrored.cell + cell) & vec3(-size);
+        let far = low + size * (1 + i32(skip_of(slot, mirrored.octant))) - mirrored.cell;
         // All of the beam stays in the empty cube until its high corner reaches an end of it.
         let out = (vec3<f32>(far) - beam.ahead) / beam.fastest;
         let next = min(min(out.x, out.y), out.z);

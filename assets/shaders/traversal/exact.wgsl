@@ -8,8 +8,8 @@ const T_ERROR: f32 = 1.9073486328125e-6;    // 2^-19
 
 // A ray turned over on the axes where it runs down, so that it runs up on all of them: cell `c`
 // becomes `~c`, and all that is ahead has larger coordinates. Cells are counted from the ray's own.
-struct Course {
-    flip: vec3<i32>,        // -1 on the axes that are turned over, else 0
+struct MirroredRay {
+    mirror: vec3<i32>,        // -1 on the axes that are turned over, else 0
     cell: vec3<i32>,        // the ray's own, turned over
     frac: vec3<f32>,        // where in it the ray begins, 0 to 1: a multiple of 2^-24
     speed: vec3<f32>,       // cells per unit of t, 0 or more, nothing denormal
@@ -40,17 +40,17 @@ fn component_u(v: vec3<u32>, axis: u32) -> u32 {
 // The end of the index space from its first cell on. A plane there is given as 0, where no plane ahead is.
 const WHOLE: f32 = 4294967296.0;    // 2^32
 
-// The distance from a course's origin to a plane on an axis, in units of 2^-24 cells, low word first;
+// The distance from a mirrored ray's origin to a plane on an axis, in units of 2^-24 cells, low word first;
 // at most 56 bits.
-fn plane_distance(course: Course, axis: u32, plane: u32) -> vec2<u32> {
-    let frac = u32(component_f(course.frac, axis) * 16777216.0);
+fn plane_distance(mirrored: MirroredRay, axis: u32, plane: u32) -> vec2<u32> {
+    let frac = u32(component_f(mirrored.frac, axis) * 16777216.0);
     return minus(vec2(plane << 24u, select(plane >> 8u, 0x1000000u, plane == 0u)), vec2(frac, 0u));
 }
 
-// Where a course crosses a plane, to within half of T_ERROR.
-fn crossing(course: Course, axis: u32, plane: u32) -> f32 {
+// Where a mirrored ray crosses a plane, to within half of T_ERROR.
+fn crossing(mirrored: MirroredRay, axis: u32, plane: u32) -> f32 {
     let cells = select(f32(plane), WHOLE, plane == 0u);
-    return (cells - component_f(course.frac, axis)) * component_f(course.inverse, axis);
+    return (cells - component_f(mirrored.frac, axis)) * component_f(mirrored.inverse, axis);
 }
 
 // x · m modulo 2^64, for m of 24 bits: digits of 16 bits, so that no product overflows a u32.
@@ -89,21 +89,21 @@ fn minus(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
     return vec2(a.x - b.x, a.y - b.y - select(0u, 1u, a.x < b.x));
 }
 
-// Where a course is on an axis.
+// Where a mirrored ray is on an axis.
 struct Reached {
-    units: vec2<u32>,   // from the low end of the course's own cell, in units of 2^-24 cells, rounded down
+    units: vec2<u32>,   // from the low end of the mirrored ray's own cell, in units of 2^-24 cells, rounded down
     is_exact: bool,     // whether that has cut nothing off
 }
 
 // A place that no cell of the index space has.
 const BEYOND: u32 = 0x80000000u;
 
-// Where a course is on an axis at a t, which is 0 or more: frac + t·speed, in integers. Both numbers have
-// 24 bits and an exponent. A place so far away that no cell of the index space is there is given as one
+// Where a mirrored ray is on an axis at a t, which is 0 or more: frac + t·speed, in integers. Both numbers
+// have 24 bits and an exponent. A place so far away that no cell of the index space is there is given as one
 // such place.
-fn reached_at(course: Course, axis: u32, t: f32) -> Reached {
-    let start = u32(component_f(course.frac, axis) * 16777216.0);
-    let speed = component_f(course.speed, axis);
+fn reached_at(mirrored: MirroredRay, axis: u32, t: f32) -> Reached {
+    let start = u32(component_f(mirrored.frac, axis) * 16777216.0);
+    let speed = component_f(mirrored.speed, axis);
     if t == 0.0 || speed == 0.0 {
         return Reached(vec2(start, 0u), true);
     }
@@ -129,8 +129,8 @@ fn reached_at(course: Course, axis: u32, t: f32) -> Reached {
     return Reached(vec2(low, way.y + select(0u, 1u, low < start)), is_exact);
 }
 
-// Cells on an axis that a course has crossed the planes of at a place, and whether the index space has as
-// many. At a plane, it has crossed it.
+// Cells on an axis that a mirrored ray has crossed the planes of at a place, and whether the index space has
+// as many. At a plane, it has crossed it.
 struct Crossed {
     cells: u32,
     is_beyond: bool,
@@ -148,22 +148,22 @@ fn held_back(reached: Reached, is_turned: bool) -> vec2<u32> {
     return select(reached.units, minus(reached.units, vec2(1u, 0u)), is_turned && in_plane);
 }
 
-// The same on all axes: where the course begins.
+// The same on all axes: where the mirrored ray begins.
 struct Beginning {
     cell: vec3<u32>,
     frac: vec3<f32>,    // in it, 0 to 1
     is_beyond: bool,
 }
 
-fn beginning(course: Course) -> Beginning {
-    var begin = Beginning(vec3(0u), course.frac, false);
-    if course.t_min == 0.0 {
+fn beginning(mirrored: MirroredRay) -> Beginning {
+    var begin = Beginning(vec3(0u), mirrored.frac, false);
+    if mirrored.t_min == 0.0 {
         return begin;
     }
     for (var axis = 0u; axis < 3u; axis++) {
         let across = vec3(0u, 1u, 2u) == vec3(axis);
-        let reached = reached_at(course, axis, course.t_min);
-        let units = held_back(reached, any(across & (course.flip != vec3(0))));
+        let reached = reached_at(mirrored, axis, mirrored.t_min);
+        let units = held_back(reached, any(across & (mirrored.mirror != vec3(0))));
         let crossed = crossed_at(units);
         begin.cell = select(begin.cell, vec3(crossed.cells), across);
         // One unit before a plane is in it.
@@ -174,18 +174,18 @@ fn beginning(course: Course) -> Beginning {
     return begin;
 }
 
-// The last cells that a course comes to before it ends: a plane at its very end is crossed.
-fn ending(course: Course) -> vec3<u32> {
+// The last cells that a mirrored ray comes to before it ends: a plane at its very end is crossed.
+fn ending(mirrored: MirroredRay) -> vec3<u32> {
     var last = vec3(0xffffffffu);
     for (var axis = 0u; axis < 3u; axis++) {
-        let crossed = crossed_at(reached_at(course, axis, course.t_max).units);
+        let crossed = crossed_at(reached_at(mirrored, axis, mirrored.t_max).units);
         let across = vec3(0u, 1u, 2u) == vec3(axis);
         last = select(last, vec3(crossed.cells), across & vec3(!crossed.is_beyond));
     }
     return last;
 }
 
-// Whether a course crosses plane a of one axis before plane b of another. Planes crossed at once count
+// Whether a mirrored ray crosses plane a of one axis before plane b of another. Planes crossed at once count
 // in the order x, y, z.
 //
 // Where f32 does not tell, the two are the same to within 2^-18, and so are the integers
@@ -193,11 +193,11 @@ fn ending(course: Course) -> vec3<u32> {
 // the difference of the exponents. The lesser of two nearly equal numbers is the unshifted one, or no
 // larger, and that has 80 bits: their difference has at most 63, and its sign is that of the
 // difference modulo 2^64.
-fn plane_before(course: Course, axis_a: u32, plane_a: u32, axis_b: u32, plane_b: u32) -> bool {
-    let speed_a = component_f(course.speed, axis_a);
-    let speed_b = component_f(course.speed, axis_b);
-    let t_a = crossing(course, axis_a, plane_a);
-    let t_b = crossing(course, axis_b, plane_b);
+fn plane_before(mirrored: MirroredRay, axis_a: u32, plane_a: u32, axis_b: u32, plane_b: u32) -> bool {
+    let speed_a = component_f(mirrored.speed, axis_a);
+    let speed_b = component_f(mirrored.speed, axis_b);
+    let t_a = crossing(mirrored, axis_a, plane_a);
+    let t_b = crossing(mirrored, axis_b, plane_b);
     if speed_a == 0.0 || t_a > t_b * (1.0 + T_ERROR) {
         return false;
     }
@@ -206,8 +206,8 @@ fn plane_before(course: Course, axis_a: u32, plane_a: u32, axis_b: u32, plane_b:
     }
     let bits_a = bitcast<u32>(speed_a);
     let bits_b = bitcast<u32>(speed_b);
-    let p = product_low(plane_distance(course, axis_a, plane_a), (bits_b & 0x7fffffu) | 0x800000u);
-    let q = product_low(plane_distance(course, axis_b, plane_b), (bits_a & 0x7fffffu) | 0x800000u);
+    let p = product_low(plane_distance(mirrored, axis_a, plane_a), (bits_b & 0x7fffffu) | 0x800000u);
+    let q = product_low(plane_distance(mirrored, axis_b, plane_b), (bits_a & 0x7fffffu) | 0x800000u);
     let exponent_a = bits_a >> 23u;
     let exponent_b = bits_b >> 23u;
     // p · 2^exponent b < q · 2^exponent a

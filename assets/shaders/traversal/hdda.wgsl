@@ -1,18 +1,18 @@
-// The hierarchical walk through a packed grid. Twin: `crates/vdb_core/src/pack/walk.rs`.
+// The hierarchical traversal through a packed grid. Twin: `crates/vdb_core/src/pack/traverse.rs`.
 //
 // Cells are integers, and the ray parameter is always measured from the ray's own origin, so that
 // nothing accumulates. Which plane is crossed first is decided in f32 where that is certain, and
-// exactly where it is not: the cells and faces of a walk are those of the ray's very numbers.
+// exactly where it is not: the cells and faces of a traversal are those of the ray's very numbers.
 #define_import_path bevy_vdb::traversal::hdda
 
 #import bevy_vdb::gpu::types::{Grid, Ray}
 #import bevy_vdb::traversal::tree::{Span, empty_cell, locate, nowhere, span_occupied}
-#import bevy_vdb::traversal::exact::{T_ERROR, WHOLE, Course, beginning, component_f, component_u, ending, is_zero, plane_before}
+#import bevy_vdb::traversal::exact::{T_ERROR, WHOLE, MirroredRay, beginning, component_f, component_u, ending, is_zero, plane_before}
 
-// Where a course is on its way through the lattice.
-struct Walk {
-    rel: vec3<u32>,     // the cell, counted from the course's own
-    t: f32,             // where the course enters it
+// Where a mirrored ray is on its way through the lattice.
+struct Dda {
+    rel: vec3<u32>,     // the cell, counted from the mirrored ray's own
+    t: f32,             // where the mirrored ray enters it
     axis: u32,          // of the face by which; 3: it started inside
     inside: bool,       // whether the cell is in the grid's box and before the ray's end
 }
@@ -40,20 +40,20 @@ fn count_step() {
 #endif
 }
 
-// The course of a ray through a grid.
-fn course_of(grid: Grid, ray: Ray) -> Course {
+// The mirrored ray of a ray through a grid.
+fn mirrored_ray(grid: Grid, ray: Ray) -> MirroredRay {
     let zero = is_zero(ray.dir);
     let down = (ray.dir < vec3(0.0)) & !zero;
-    let flip = select(vec3(0), vec3(-1), down);
-    let cell = ray.cell ^ flip;
+    let mirror = select(vec3(0), vec3(-1), down);
+    let cell = ray.cell ^ mirror;
     let low = select(grid.occupied_min, ~grid.occupied_max, down);
     let high = select(grid.occupied_max, ~grid.occupied_min, down);
     let speed = select(abs(ray.dir), vec3(0.0), zero);
     let fastest = max(max(speed.x, speed.y), speed.z);
     let before = cell < low;
     let octant = dot(vec3<u32>(down), vec3(4u, 2u, 1u));
-    var course = Course(
-        flip,
+    var mirrored = MirroredRay(
+        mirror,
         cell,
         select(ray.frac, 1.0 - ray.frac, down),
         speed,
@@ -67,8 +67,8 @@ fn course_of(grid: Grid, ray: Ray) -> Course {
         begin_t(ray),
         end_t(ray),
     );
-    set_ends(&course);
-    return course;
+    set_ends(&mirrored);
+    return mirrored;
 }
 
 // Whether the ends of a ray are such: numbers, the first one finite, and in this order. By their bits, as
@@ -92,53 +92,53 @@ fn end_t(ray: Ray) -> f32 {
     return select(select(ray.t_max, 0.0, is_zero(vec3(ray.t_max)).x), FAR, is_endless);
 }
 
-// Where a course leaves the grid's box.
-fn box_exit(course: Course) -> f32 {
-    let exits = ((vec3<f32>(course.last) + 1.0) - course.frac) * course.inverse;
+// Where a mirrored ray leaves the grid's box.
+fn box_exit(mirrored: MirroredRay) -> f32 {
+    let exits = ((vec3<f32>(mirrored.last) + 1.0) - mirrored.frac) * mirrored.inverse;
     return min(min(exits.x, exits.y), exits.z);
 }
 
-// Makes the ends of a course exact, where they are in the grid's box or so close to it that f32 does not
-// tell. Elsewhere they do not matter: all that the course comes to is between them.
-fn set_ends(course: ptr<function, Course>) {
-    if (*course).t_max < FAR {
-        if (*course).t_max * (1.0 - T_ERROR) > box_exit(*course) {
-            (*course).t_max = FAR;
+// Makes the ends of a mirrored ray exact, where they are in the grid's box or so close to it that f32 does
+// not tell. Elsewhere they do not matter: all that the mirrored ray comes to is between them.
+fn set_ends(mirrored: ptr<function, MirroredRay>) {
+    if (*mirrored).t_max < FAR {
+        if (*mirrored).t_max * (1.0 - T_ERROR) > box_exit(*mirrored) {
+            (*mirrored).t_max = FAR;
         } else {
-            (*course).last = min((*course).last, ending(*course));
+            (*mirrored).last = min((*mirrored).last, ending(*mirrored));
         }
     }
-    if (*course).t_min > 0.0 {
-        let entries = select(vec3(-1.0), plane_t(*course, (*course).first), (*course).before);
-        let touches = max(max(entries.x, entries.y), entries.z) <= (*course).t_min * (1.0 + T_ERROR);
+    if (*mirrored).t_min > 0.0 {
+        let entries = select(vec3(-1.0), plane_t(*mirrored, (*mirrored).first), (*mirrored).before);
+        let touches = max(max(entries.x, entries.y), entries.z) <= (*mirrored).t_min * (1.0 + T_ERROR);
         if touches {
-            let begin = beginning(*course);
-            (*course).begin = begin.cell;
-            (*course).meets = (*course).meets && !begin.is_beyond;
+            let begin = beginning(*mirrored);
+            (*mirrored).begin = begin.cell;
+            (*mirrored).meets = (*mirrored).meets && !begin.is_beyond;
         }
     }
 }
 
 // The local cell that is so many cells ahead.
-fn local_cell(course: Course, rel: vec3<u32>) -> vec3<i32> {
-    return (course.cell + bitcast<vec3<i32>>(rel)) ^ course.flip;
+fn local_cell(mirrored: MirroredRay, rel: vec3<u32>) -> vec3<i32> {
+    return (mirrored.cell + bitcast<vec3<i32>>(rel)) ^ mirrored.mirror;
 }
 
 // A place within a cell, 0 to 1, as the lattice has it.
-fn unturned(course: Course, u: vec3<f32>) -> vec3<f32> {
-    return select(u, 1.0 - u, course.flip != vec3(0));
+fn unmirrored(mirrored: MirroredRay, u: vec3<f32>) -> vec3<f32> {
+    return select(u, 1.0 - u, mirrored.mirror != vec3(0));
 }
 
-// Where the course crosses planes ahead of it, one on each axis, to within T_ERROR. The integers are
+// Where the mirrored ray crosses planes ahead of it, one on each axis, to within T_ERROR. The integers are
 // exact; the ray's own numbers come in only at the end.
-fn plane_t(course: Course, plane: vec3<u32>) -> vec3<f32> {
-    return (vec3<f32>(plane) - course.frac) * course.inverse;
+fn plane_t(mirrored: MirroredRay, plane: vec3<u32>) -> vec3<f32> {
+    return (vec3<f32>(plane) - mirrored.frac) * mirrored.inverse;
 }
 
-// The first, or the last, of the planes of some axes that a course crosses, one on each axis; 3 for no
+// The first, or the last, of the planes of some axes that a mirrored ray crosses, one on each axis; 3 for no
 // axis at all. One loop with one comparison in it: compilers put functions in place of their calls,
 // and this one is long.
-fn ordered(course: Course, plane: vec3<u32>, axes: vec3<bool>, want_first: bool) -> u32 {
+fn ordered(mirrored: MirroredRay, plane: vec3<u32>, axes: vec3<bool>, want_first: bool) -> u32 {
     var best = 3u;
     for (var axis = 0u; axis < 3u; axis++) {
         let of_interest = select(select(axes.z, axes.y, axis == 1u), axes.x, axis == 0u);
@@ -147,7 +147,7 @@ fn ordered(course: Course, plane: vec3<u32>, axes: vec3<bool>, want_first: bool)
             if !better {
                 let own = component_u(plane, axis);
                 let best_plane = component_u(plane, best);
-                better = plane_before(course, best, best_plane, axis, own) != want_first;
+                better = plane_before(mirrored, best, best_plane, axis, own) != want_first;
             }
             best = select(best, axis, better);
         }
@@ -155,72 +155,72 @@ fn ordered(course: Course, plane: vec3<u32>, axes: vec3<bool>, want_first: bool)
     return best;
 }
 
-// Cells that a course has come to for certain at about t, on each axis, or the walk before. It may be a
-// cell further: then the walk crosses that plane next.
+// Cells that a mirrored ray has come to for certain at about t, on each axis, or the traversal before. It may
+// be a cell further: then the traversal crosses that plane next.
 //
-// What f32 may get wrong, a sixteenth of T_ERROR, is less than what is taken off: where t is that of a
-// plane or earlier, no cell behind that plane is reached.
-fn cells_reached(course: Course, t: f32, before: vec3<u32>) -> vec3<u32> {
+// What f32 may get wrong, a sixteenth of T_ERROR, is less than what is taken off: where t is that of a plane
+// or earlier, no cell behind that plane is reached.
+fn cells_passed(mirrored: MirroredRay, t: f32, before: vec3<u32>) -> vec3<u32> {
     // Conversions saturate.
-    let at = (course.frac - T_ERROR) + (t * (1.0 - T_ERROR)) * course.speed;
+    let at = (mirrored.frac - T_ERROR) + (t * (1.0 - T_ERROR)) * mirrored.speed;
     return max(vec3<u32>(at), before);
 }
 
-// The start of the walk: a cell of the grid's box on the course.
-fn enter(course: Course) -> Walk {
+// The start of the traversal: a cell of the grid's box on the mirrored ray.
+fn enter(mirrored: MirroredRay) -> Dda {
     // The planes of the box that are crossed after the ray's beginning.
-    let ahead = course.begin < course.first;
+    let ahead = mirrored.begin < mirrored.first;
     if !any(ahead) {
-        let inside = course.meets && all(course.begin <= course.last);
-        return Walk(course.begin, course.t_min, 3u, inside);
+        let inside = mirrored.meets && all(mirrored.begin <= mirrored.last);
+        return Dda(mirrored.begin, mirrored.t_min, 3u, inside);
     }
-    let near = select(vec3(-1.0), plane_t(course, course.first), ahead);
+    let near = select(vec3(-1.0), plane_t(mirrored, mirrored.first), ahead);
     let t = max(max(near.x, near.y), near.z);
     // Beyond the last, where the ray has left the box on another axis before it comes in on this one.
-    let rel = cells_reached(course, t, max(course.first, course.begin));
+    let rel = cells_passed(mirrored, t, max(mirrored.first, mirrored.begin));
     let axis = select(select(2u, 1u, near.y == t), 0u, near.x == t);
-    let inside = course.meets && t < NEVER && all(rel <= course.last);
-    return Walk(rel, max(t, course.t_min), axis, inside);
+    let inside = mirrored.meets && t < NEVER && all(rel <= mirrored.last);
+    return Dda(rel, max(t, mirrored.t_min), axis, inside);
 }
 
-// The start of the walk where it is known that nothing can stop the ray before `t_start`: there, if
+// The start of the traversal where it is known that nothing can stop the ray before `t_start`: there, if
 // that is in the box, or in cells just before it.
-fn enter_at(course: Course, t_start: f32) -> Walk {
-    let rel = cells_reached(course, t_start, course.begin);
-    if t_start <= course.t_min || any(rel < course.first) {
-        return enter(course);
+fn enter_at(mirrored: MirroredRay, t_start: f32) -> Dda {
+    let rel = cells_passed(mirrored, t_start, mirrored.begin);
+    if t_start <= mirrored.t_min || any(rel < mirrored.first) {
+        return enter(mirrored);
     }
-    let inside = course.meets && t_start <= course.t_max && all(rel <= course.last);
-    return Walk(rel, t_start, 0u, inside);
+    let inside = mirrored.meets && t_start <= mirrored.t_max && all(rel <= mirrored.last);
+    return Dda(rel, t_start, 0u, inside);
 }
 
 // The planes at the end of a span, one on each axis, modulo 2^32: beyond the index space they seem to lie
 // behind the cell.
-fn planes_behind(course: Course, rel: vec3<u32>, span: Span) -> vec3<u32> {
-    let offset = bitcast<vec3<u32>>(course.cell) + rel;
+fn planes_behind(mirrored: MirroredRay, rel: vec3<u32>, span: Span) -> vec3<u32> {
+    let offset = bitcast<vec3<u32>>(mirrored.cell) + rel;
     let size = 1u << span.log_dim;
-    return rel + (((span.reach + 1u) << span.log_dim) - (offset & vec3(size - 1u)));
+    return rel + (((span.skip + 1u) << span.log_dim) - (offset & vec3(size - 1u)));
 }
 
-// Steps out of the span that holds the walk's cell.
+// Steps out of the span that holds the traversal's cell.
 //
 // Which plane is crossed next is exact; how many planes of the other axes have been crossed by then is
-// a lower bound. Where it is too low, the walk crosses those planes next, in cells beside the ray that
-// it does not touch: all that it does touch are visited. The course never turns back and passes at
+// a lower bound. Where it is too low, the traversal crosses those planes next, in cells beside the ray that
+// it does not touch: all that it does touch are visited. The mirrored ray never turns back and passes at
 // least one plane, the face of a span: the loops around this end after as many steps as the spans of the
 // box have faces along its three edges, and the cells of the box have at most.
-fn advance(course: Course, walk: Walk, span: Span) -> Walk {
-    var plane = planes_behind(course, walk.rel, span);
-    var exits = plane_t(course, plane);
+fn advance(mirrored: MirroredRay, dda: Dda, span: Span) -> Dda {
+    var plane = planes_behind(mirrored, dda.rel, span);
+    var exits = plane_t(mirrored, plane);
     var t = min(min(exits.x, exits.y), exits.z);
 #ifdef VDB_WIDE_GRIDS
     // A ray never goes back, but planes beyond the index space seem to lie behind it: it crosses them where
     // the index space ends. Only wide grids (`PackedGrid::is_wide`) have spans that end there; a
     // branch in this loop costs others a twentieth of their time.
-    if t < 0.5 * walk.t {
-        let beyond = plane <= walk.rel;
+    if t < 0.5 * dda.t {
+        let beyond = plane <= dda.rel;
         plane = select(plane, vec3(0u), beyond);
-        exits = select(exits, (WHOLE - course.frac) * course.inverse, beyond);
+        exits = select(exits, (WHOLE - mirrored.frac) * mirrored.inverse, beyond);
         t = min(min(exits.x, exits.y), exits.z);
     }
 #endif
@@ -228,46 +228,46 @@ fn advance(course: Course, walk: Walk, span: Span) -> Walk {
     var across = exits == vec3(t);
     if second <= t * (1.0 + T_ERROR) {
         // At once means x before y before z.
-        across = vec3(0u, 1u, 2u) == vec3(ordered(course, plane, vec3(true), true));
+        across = vec3(0u, 1u, 2u) == vec3(ordered(mirrored, plane, vec3(true), true));
     }
     let axis = select(select(2u, 1u, across.y), 0u, across.x);
-    let rel = select(cells_reached(course, t, walk.rel), plane, across);
+    let rel = select(cells_passed(mirrored, t, dda.rel), plane, across);
 #ifdef VDB_WIDE_GRIDS
-    return Walk(rel, t, axis, all(rel <= course.last) && all(rel >= walk.rel));
+    return Dda(rel, t, axis, all(rel <= mirrored.last) && all(rel >= dda.rel));
 #else
-    return Walk(rel, t, axis, all(rel <= course.last));
+    return Dda(rel, t, axis, all(rel <= mirrored.last));
 #endif
 }
 
-// Whether the ray itself comes into the walk's cell, where and by which face; one that begins there comes
-// in by none. The answer does not depend on the way by which the walk has come.
-fn confirm(course: Course, walk: Walk) -> Walk {
-    let crossed = walk.rel > course.begin;
+// Whether the ray itself comes into the traversal's cell, where and by which face; one that begins there
+// comes in by none. The answer does not depend on the way by which the traversal has come.
+fn confirm(mirrored: MirroredRay, dda: Dda) -> Dda {
+    let crossed = dda.rel > mirrored.begin;
     if !any(crossed) {
-        return Walk(walk.rel, course.t_min, 3u, true);
+        return Dda(dda.rel, mirrored.t_min, 3u, true);
     }
-    let near = select(vec3(-1.0), plane_t(course, walk.rel), crossed);
+    let near = select(vec3(-1.0), plane_t(mirrored, dda.rel), crossed);
     let t = max(max(near.x, near.y), near.z);
     let second = max(min(near.x, near.y), min(max(near.x, near.y), near.z));
-    let behind = walk.rel + 1u;
-    let exits = select(plane_t(course, behind), (WHOLE - course.frac) * course.inverse, behind == vec3(0u));
+    let behind = dda.rel + 1u;
+    let exits = select(plane_t(mirrored, behind), (WHOLE - mirrored.frac) * mirrored.inverse, behind == vec3(0u));
     var axis = select(select(2u, 1u, near.y == t), 0u, near.x == t);
     var inside = true;
     if second * (1.0 + T_ERROR) >= t || min(min(exits.x, exits.y), exits.z) <= t * (1.0 + T_ERROR) {
-        axis = ordered(course, walk.rel, crossed, false);
-        let plane = component_u(walk.rel, axis);
+        axis = ordered(mirrored, dda.rel, crossed, false);
+        let plane = component_u(dda.rel, axis);
         for (var own = 0u; own < 3u && inside; own++) {
             if own != axis {
-                inside = !plane_before(course, own, component_u(behind, own), axis, plane);
+                inside = !plane_before(mirrored, own, component_u(behind, own), axis, plane);
             }
         }
     }
-    return Walk(walk.rel, component_f(near, axis), axis, inside);
+    return Dda(dda.rel, component_f(near, axis), axis, inside);
 }
 
-// A t on a course, which rounding must not lead out of it.
-fn within(course: Course, t: f32) -> f32 {
-    return clamp(t, course.t_min, course.t_max);
+// A t on a mirrored ray, which rounding must not lead out of it.
+fn within(mirrored: MirroredRay, t: f32) -> f32 {
+    return clamp(t, mirrored.t_min, mirrored.t_max);
 }
 
 // The first occupied cell on a ray.
@@ -278,31 +278,31 @@ struct Hit {
     found: bool,
 }
 
-fn first_hit(grid: Grid, course: Course, enters: Walk) -> Hit {
+fn first_hit(grid: Grid, mirrored: MirroredRay, enters: Dda) -> Hit {
 #ifdef VDB_MARCH
-    return first_sample(grid, course, enters);
+    return first_sample(grid, mirrored, enters);
 #else
-    var walk = enters;
-    var place = nowhere(local_cell(course, walk.rel));
-    while walk.inside {
+    var dda = enters;
+    var place = nowhere(local_cell(mirrored, dda.rel));
+    while dda.inside {
         // A loop of its own, so that rays that go side by side confirm their hits together.
         var cell = vec3(0);
         var found = false;
-        while walk.inside && !found {
+        while dda.inside && !found {
             count_step();
-            cell = local_cell(course, walk.rel);
-            let span = locate(grid, cell, course.octant, &place);
+            cell = local_cell(mirrored, dda.rel);
+            let span = locate(grid, cell, mirrored.octant, &place);
             found = span_occupied(span);
             if !found {
-                walk = advance(course, walk, span);
+                dda = advance(mirrored, dda, span);
             }
         }
         if found {
-            let hit = confirm(course, walk);
+            let hit = confirm(mirrored, dda);
             if hit.inside {
-                return Hit(cell, within(course, hit.t), hit.axis, true);
+                return Hit(cell, within(mirrored, hit.t), hit.axis, true);
             }
-            walk = advance(course, walk, empty_cell());
+            dda = advance(mirrored, dda, empty_cell());
         }
     }
     return Hit(vec3(0), 0.0, 3u, false);
@@ -314,20 +314,20 @@ fn first_hit(grid: Grid, course: Course, enters: Walk) -> Hit {
 const MARCH_STEP: f32 = 0.5;
 
 // The first occupied cell among samples at even distances: what others pass over and find late is what
-// the walk is measured by.
-fn first_sample(grid: Grid, course: Course, enters: Walk) -> Hit {
-    var place = nowhere(local_cell(course, enters.rel));
-    let step = MARCH_STEP / length(course.speed);
+// the traversal is measured by.
+fn first_sample(grid: Grid, mirrored: MirroredRay, enters: Dda) -> Hit {
+    var place = nowhere(local_cell(mirrored, enters.rel));
+    let step = MARCH_STEP / length(mirrored.speed);
     for (var i = 0u; enters.inside; i++) {
         count_step();
         let t = enters.t + f32(i) * step;
-        let rel = max(vec3<u32>(course.frac + t * course.speed), enters.rel);
-        if t > course.t_max || any(rel > course.last) {
+        let rel = max(vec3<u32>(mirrored.frac + t * mirrored.speed), enters.rel);
+        if t > mirrored.t_max || any(rel > mirrored.last) {
             break;
         }
-        let cell = local_cell(course, rel);
-        if span_occupied(locate(grid, cell, course.octant, &place)) {
-            let near = plane_t(course, rel);
+        let cell = local_cell(mirrored, rel);
+        if span_occupied(locate(grid, cell, mirrored.octant, &place)) {
+            let near = plane_t(mirrored, rel);
             let axis = select(select(2u, 1u, near.y > max(near.x, near.z)), 0u, near.x > max(near.y, near.z));
             return Hit(cell, t, axis, true);
         }

@@ -2,11 +2,11 @@
 #define_import_path bevy_vdb::traversal::march
 
 #import bevy_vdb::gpu::types::Grid
-#import bevy_vdb::traversal::exact::Course
+#import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::tree::{Place, empty_cell, locate, span_constant, span_occupied}
-#import bevy_vdb::traversal::rebase::{Anchor, anchor_exit, anchored}
-#import bevy_vdb::traversal::fog::{ANCHOR_RANGE, mean_density}
-#import bevy_vdb::traversal::hdda::{FAR, Walk, advance, confirm, count_step, enter, local_cell, planes_behind}
+#import bevy_vdb::traversal::rebase::{Rebased, rebased_exit, rebased_at}
+#import bevy_vdb::traversal::fog::{REBASE_RANGE, mean_density}
+#import bevy_vdb::traversal::hdda::{FAR, Dda, advance, confirm, count_step, enter, local_cell, planes_behind}
 
 // Voxels between places where a fog is asked for something: `step`, and more the longer the longest edge of
 // its box is than `edge`, so that what large fogs cost has a bound.
@@ -16,9 +16,9 @@ fn step_of(grid: Grid, step: f32, edge: f32) -> f32 {
 }
 
 struct March {
-    walk: Walk,         // the cell that comes next
-    near: Anchor,
-    t_done: f32,        // how far the cell is done, from the anchor on, if it is begun
+    dda: Dda,         // the cell that comes next
+    near: Rebased,
+    t_done: f32,        // how far the cell is done, from the rebased origin on, if it is begun
     is_begun: bool,
     in_run: bool,
     // Stretches end at multiples of the step behind the place where the ray comes into the grid's box: places
@@ -28,15 +28,15 @@ struct March {
 }
 
 // `step` is in voxels.
-fn march_of(course: Course, enters: Walk, step: f32) -> March {
+fn march_of(mirrored: MirroredRay, enters: Dda, step: f32) -> March {
     return March(
         enters,
-        Anchor(vec3(0u), vec3(0.0), 0.0, FAR),
+        Rebased(vec3(0u), vec3(0.0), 0.0, FAR),
         0.0,
         false,
         false,
-        enter(course).t,
-        step / length(course.speed),
+        enter(mirrored).t,
+        step / length(mirrored.speed),
     );
 }
 
@@ -47,10 +47,10 @@ struct Stretch {
 }
 
 // The next stretch that has a density. Every step of the loop goes into the next cell or takes a part of
-// this one, so that it ends where the walk does. `most` is for what exceeds f32.
+// this one, so that it ends where the traversal does. `most` is for what exceeds f32.
 fn next_stretch(
     grid: Grid,
-    course: Course,
+    mirrored: MirroredRay,
     march: ptr<function, March>,
     place: ptr<function, Place>,
     most: f32,
@@ -58,30 +58,30 @@ fn next_stretch(
     var stretch = Stretch(0.0, 0.0, 0.0);
     var moment = 0.0;
     var t_out = 0.0;
-    while (*march).walk.inside {
+    while (*march).dda.inside {
         count_step();
-        let here = (*march).walk;
-        let span = locate(grid, local_cell(course, here.rel), course.octant, place);
+        let here = (*march).dda;
+        let span = locate(grid, local_cell(mirrored, here.rel), mirrored.octant, place);
         if !span_occupied(span) {
-            (*march).walk = advance(course, here, span);
+            (*march).dda = advance(mirrored, here, span);
             (*march).in_run = false;
             continue;
         }
-        let is_far = any(here.rel - (*march).near.cell > vec3(ANCHOR_RANGE));
+        let is_far = any(here.rel - (*march).near.cell > vec3(REBASE_RANGE));
         if !(*march).is_begun && (!(*march).in_run || is_far) {
-            let own = confirm(course, here);
+            let own = confirm(mirrored, here);
             if !own.inside {
-                (*march).walk = advance(course, here, empty_cell());
+                (*march).dda = advance(mirrored, here, empty_cell());
                 continue;
             }
-            (*march).near = anchored(course, own.rel, own.axis, own.t);
+            (*march).near = rebased_at(mirrored, own.rel, own.axis, own.t);
             (*march).t_done = 0.0;
         }
         let near = (*march).near;
         let t_done = (*march).t_done;
-        let next = advance(course, here, span);
-        let plane = planes_behind(course, here.rel, span);
-        let t_cell = max(anchor_exit(near, course, plane, next.axis), t_done);
+        let next = advance(mirrored, here, span);
+        let plane = planes_behind(mirrored, here.rel, span);
+        let t_cell = max(rebased_exit(near, mirrored, plane, next.axis), t_done);
         let t_last = max(min(t_cell, near.end), t_done);
         if stretch.density == 0.0 {
             let steps = floor((near.t + t_done - (*march).t_box) / (*march).t_step) + 1.0;
@@ -96,7 +96,7 @@ fn next_stretch(
             // That is rounding.
             t_end = min(t_last, t_done + (*march).t_step);
         }
-        let mean = mean_density(grid, course, near, here, span, t_done, t_end);
+        let mean = mean_density(grid, mirrored, near, here, span, t_done, t_end);
         let part = min((t_end - t_done) * mean, most);
         if part > 0.0 {
             if stretch.density == 0.0 {
@@ -113,8 +113,8 @@ fn next_stretch(
             }
         } else {
             (*march).t_done = t_cell;
-            (*march).walk = next;
-            // Of a mixed tile, cells without density count as void.
+            (*march).dda = next;
+            // Of a boundary tile, cells without density count as void.
             (*march).in_run = mean > 0.0 && !span_constant(span);
         }
     }

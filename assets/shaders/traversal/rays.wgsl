@@ -13,7 +13,7 @@ fn ndc_of(pixel: vec2<u32>, size: vec2<u32>) -> vec2<f32> {
 fn ray_through(rays: Rays, ndc: vec2<f32>, t_min: f32, t_max: f32) -> Ray {
     let eye = rays.eye_frac + (ndc.x * rays.eye_x + ndc.y * rays.eye_y);
     let whole = floor(eye);
-    // 24 bits: the walk compares planes in units of 2^-24 cells. Just below a whole number, the
+    // 24 bits: the traversal compares planes in units of 2^-24 cells. Just below a whole number, the
     // difference rounds up to 1.
     let frac = min(floor((eye - whole) * 16777216.0), vec3(16777215.0)) / 16777216.0;
     // The large part last, so that its rounding is the only one of its size.

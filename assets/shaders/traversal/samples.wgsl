@@ -1,5 +1,5 @@
 // The samples at the corners of occupied cells. How they are stored, and why so, is told in
-// `crates/vdb_core/src/pack/layout.rs`; twin: `corners` in `pack/walk.rs`.
+// `crates/vdb_core/src/pack/layout.rs`; twin: `corners` in `pack/traverse.rs`.
 //
 // Every index is in range: leaves, records and places in the palette come from the packer, and so does
 // the bit of each sample asked for, because a cell that is occupied has all its corners kept. The word
@@ -59,7 +59,7 @@ fn halves(at: u32, odd: bool) -> vec2<f32> {
     return unpack2x16float(select(low, (low >> 16u) | (high << 16u), odd));
 }
 
-// The corners of a cell on the high sides of a mixed tile, on some axes: 4, 2 and 1 for x, y and z.
+// The corners of a cell on the high sides of a boundary tile, on some axes: 4, 2 and 1 for x, y and z.
 fn tile_corners(grid: Grid, tile: u32, sides: u32) -> Corners {
     let yz = vec4(0u, 1u, 2u, 3u) & vec4(sides);
     let x = sides & 4u;

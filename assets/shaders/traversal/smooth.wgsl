@@ -2,11 +2,11 @@
 #define_import_path bevy_vdb::traversal::smooth
 
 #import bevy_vdb::gpu::types::Grid
-#import bevy_vdb::traversal::rebase::{anchor_exit, anchored}
-#import bevy_vdb::traversal::exact::Course
+#import bevy_vdb::traversal::rebase::{rebased_exit, rebased_at}
+#import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::samples::{surface_corners, trilinear, trilinear_gradient}
 #import bevy_vdb::traversal::tree::{empty_cell, locate, nowhere, span_occupied}
-#import bevy_vdb::traversal::hdda::{Walk, advance, confirm, count_step, local_cell, unturned, within}
+#import bevy_vdb::traversal::hdda::{Dda, advance, confirm, count_step, local_cell, unmirrored, within}
 
 struct SurfaceHit {
     found: bool,
@@ -104,50 +104,50 @@ fn nothing() -> SurfaceHit {
     return SurfaceHit(false, 0.0, vec3(0.0), 3u);
 }
 
-// The first root of the interpolant on a course; its values are counted from the iso-value.
-fn first_root(grid: Grid, course: Course, enters: Walk) -> SurfaceHit {
-    var walk = enters;
-    var place = nowhere(local_cell(course, walk.rel));
+// The first root of the interpolant on a mirrored ray; its values are counted from the iso-value.
+fn first_root(grid: Grid, mirrored: MirroredRay, enters: Dda) -> SurfaceHit {
+    var dda = enters;
+    var place = nowhere(local_cell(mirrored, dda.rel));
     // Whether the interpolant was negative at the end of the cell before: a sign that changes just
     // between two cells is a root, too, and rounding must not lose it.
     var known = false;
     var was_negative = false;
-    while walk.inside {
+    while dda.inside {
         count_step();
-        var cell = local_cell(course, walk.rel);
-        var span = locate(grid, cell, course.octant, &place);
+        var cell = local_cell(mirrored, dda.rel);
+        var span = locate(grid, cell, mirrored.octant, &place);
 #ifdef VDB_IN_STEP
         // Each ray goes on to a cell of its own first: what follows is dear, and one takes along all.
-        while !span_occupied(span) && walk.inside {
-            walk = advance(course, walk, span);
+        while !span_occupied(span) && dda.inside {
+            dda = advance(mirrored, dda, span);
             known = false;
-            if walk.inside {
+            if dda.inside {
                 count_step();
-                cell = local_cell(course, walk.rel);
-                span = locate(grid, cell, course.octant, &place);
+                cell = local_cell(mirrored, dda.rel);
+                span = locate(grid, cell, mirrored.octant, &place);
             }
         }
-        if !walk.inside {
+        if !dda.inside {
             break;
         }
 #else
         if !span_occupied(span) {
-            walk = advance(course, walk, span);
+            dda = advance(mirrored, dda, span);
             known = false;
             continue;
         }
 #endif
-        let here = confirm(course, walk);
-        walk = advance(course, walk, empty_cell());
+        let here = confirm(mirrored, dda);
+        dda = advance(mirrored, dda, empty_cell());
         if !here.inside {
             continue;
         }
         let c = surface_corners(grid, span, cell);
-        let near = anchored(course, here.rel, here.axis, here.t);
-        let exit = anchor_exit(near, course, here.rel + 1u, walk.axis);
+        let near = rebased_at(mirrored, here.rel, here.axis, here.t);
+        let exit = rebased_exit(near, mirrored, here.rel + 1u, dda.axis);
         let length = max(min(exit, near.end), 0.0);
-        let start = unturned(course, near.frac);
-        let way = length * select(course.speed, -course.speed, course.flip != vec3(0));
+        let start = unmirrored(mirrored, near.frac);
+        let way = length * select(mirrored.speed, -mirrored.speed, mirrored.mirror != vec3(0));
         // Four values of the cubic, then its coefficients.
         let f_0 = trilinear(c, start);
         let f_1 = trilinear(c, saturate(start + way / 3.0));
@@ -176,7 +176,7 @@ fn first_root(grid: Grid, course: Course, enters: Walk) -> SurfaceHit {
             let off = trilinear(c, first) / select(slope, 1.0, slope == 0.0);
             s = saturate(s - select(0.0, off, slope != 0.0 && abs(off) < 0.01));
             let at = saturate(start + s * way);
-            return SurfaceHit(true, within(course, here.t + s * length), grid.scale * trilinear_gradient(c, at), here.axis);
+            return SurfaceHit(true, within(mirrored, here.t + s * length), grid.scale * trilinear_gradient(c, at), here.axis);
         }
         known = true;
         was_negative = f_3 < 0.0;

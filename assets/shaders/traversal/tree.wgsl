@@ -1,8 +1,8 @@
 // Looking things up in a packed grid. The layout, and why it is so, is told in
-// `crates/vdb_core/src/pack/layout.rs`; the twin of this file is `pack/walk.rs` beside it.
+// `crates/vdb_core/src/pack/layout.rs`; the twin of this file is `pack/traverse.rs` beside it.
 //
 // Every index is in range by construction: words come from the packer alone, and a ray looks at cells
-// of the grid's box only, which the crown covers.
+// of the grid's box only, which the top-level tree covers.
 #define_import_path bevy_vdb::traversal::tree
 
 #import bevy_vdb::gpu::types::Grid
@@ -10,12 +10,12 @@
 
 const CHILD: u32 = 0x80000000u;
 const OCCUPIED: u32 = 0x40000000u;
-const MIXED: u32 = 0x20000000u;
+const BOUNDARY: u32 = 0x20000000u;
 const FILLED: u32 = 0x10000000u;
 const PAYLOAD: u32 = 0x0fffffffu;
 
 const LEAF_BITS: u32 = 3u;
-const REGION_BITS: u32 = 7u;
+const LOWER_BITS: u32 = 7u;
 const LEAF_NUMBER_BITS: u32 = 12u;
 const LEAF_NUMBER: u32 = 0xfffu;
 
@@ -23,10 +23,10 @@ const LEAF_NUMBER: u32 = 0xfffu;
 // such cubes ahead.
 struct Span {
     log_dim: u32,
-    reach: u32,
+    skip: u32,
     // The word of a tile or a leaf that a ray meets; 0 where nothing is.
     word: u32,
-    // The number of the leaf; of a cell of a mixed tile, the axes on which it is the tile's last: 4, 2 and
+    // The number of the leaf; of a cell of a boundary tile, the axes on which it is the tile's last: 4, 2 and
     // 1 for x, y and z.
     leaf: u32,
 }
@@ -42,27 +42,27 @@ fn span_occupied(span: Span) -> bool {
 
 // Whether the cube is occupied all over with one value.
 fn span_constant(span: Span) -> bool {
-    return (span.word & (CHILD | MIXED)) == 0u;
+    return (span.word & (CHILD | BOUNDARY)) == 0u;
 }
 
-fn crown_slot(region: vec3<i32>, level: u32) -> u32 {
-    let part = vec3<u32>(region >> vec3(2u * level)) & vec3(3u);
+fn top_slot(lower_node: vec3<i32>, level: u32) -> u32 {
+    let part = vec3<u32>(lower_node >> vec3(2u * level)) & vec3(3u);
     return (part.x << 4u) | (part.y << 2u) | part.z;
 }
 
-fn region_slot(cell: vec3<i32>) -> u32 {
+fn lower_slot(cell: vec3<i32>) -> u32 {
     let c = vec3<u32>(cell >> vec3(LEAF_BITS)) & vec3(15u);
     return (c.x << 8u) | (c.y << 4u) | c.z;
 }
 
-// The word of the crown over a local cell, and its level.
-fn find_crown(grid: Grid, cell: vec3<i32>) -> vec2<u32> {
-    let at = (cell >> vec3(REGION_BITS)) - grid.crown_origin;
-    var level = grid.crown_levels - 1u;
-    var found = word_at(grid.crown + crown_slot(at, level));
+// The word of the top-level tree over a local cell, and its level.
+fn find_top(grid: Grid, cell: vec3<i32>) -> vec2<u32> {
+    let at = (cell >> vec3(LOWER_BITS)) - grid.top_origin;
+    var level = grid.top_levels - 1u;
+    var found = word_at(grid.top + top_slot(at, level));
     while (found & CHILD) != 0u && level > 0u {
         level -= 1u;
-        found = word_at(grid.crown + ((found & PAYLOAD) << 6u) + crown_slot(at, level));
+        found = word_at(grid.top + ((found & PAYLOAD) << 6u) + top_slot(at, level));
     }
     return vec2(found, level);
 }
@@ -73,8 +73,8 @@ struct Place {
     // The word of the smallest slot that covers the cell, and log₂ of that slot's edge.
     word: u32,
     log_dim: u32,
-    // Of a region: its first word, and the number of its first leaf.
-    region: u32,
+    // Of a lower node: its first word, and the number of its first leaf.
+    lower_node: u32,
     head: u32,
 }
 
@@ -83,30 +83,30 @@ fn nowhere(cell: vec3<i32>) -> Place {
     return Place(~cell, 0u, 0u, 0u, 0u);
 }
 
-// Slots beyond its own that a ray of an octant can leap over from an empty one.
-fn reach_of(word: u32, octant: u32) -> u32 {
+// Slots beyond its own that a ray of an octant can skip over from an empty one.
+fn skip_of(word: u32, octant: u32) -> u32 {
     let code = (word >> (3u * octant)) & 7u;
     // Nibbles of the reach by code: 0, 1, 2, 3, 5, 7, 11, 15.
     return (0xfb753210u >> (4u * code)) & 15u;
 }
 
-// The span of an empty cube. Without leaps, or without the tree's cubes, for comparison.
-fn empty_span(log_dim: u32, reach: u32) -> Span {
+// The span of an empty cube. Without skips, or without the tree's cubes, for comparison.
+fn empty_span(log_dim: u32, skip: u32) -> Span {
 #ifdef VDB_DDA
     return empty_cell();
 #else ifdef VDB_HDDA
     return Span(select(0u, log_dim, log_dim >= LEAF_BITS), 0u, 0u, 0u);
 #else
-    return Span(log_dim, reach, 0u, 0u);
+    return Span(log_dim, skip, 0u, 0u);
 #endif
 }
 
 // The span of a tile around a local cell.
 fn tile_span(tile: u32, log_dim: u32, octant: u32, cell: vec3<i32>) -> Span {
     if (tile & OCCUPIED) == 0u {
-        return empty_span(log_dim, reach_of(tile, octant));
+        return empty_span(log_dim, skip_of(tile, octant));
     }
-    if (tile & MIXED) == 0u {
+    if (tile & BOUNDARY) == 0u {
         return Span(log_dim, 0u, tile, 0u);
     }
     // How many cells of the tile follow on each axis.
@@ -120,7 +120,7 @@ fn tile_span(tile: u32, log_dim: u32, octant: u32, cell: vec3<i32>) -> Span {
     if (tile & FILLED) == 0u {
         return empty_span(log_inner, 0u);
     }
-    return Span(log_inner, 0u, tile & ~MIXED, 0u);
+    return Span(log_inner, 0u, tile & ~BOUNDARY, 0u);
 }
 
 // The word of the smallest slot over a local cell of the grid's box.
@@ -128,19 +128,19 @@ fn locate_slot(grid: Grid, cell: vec3<i32>, place: ptr<function, Place>) -> u32 
     let apart = cell ^ (*place).cell;
     let moved = bitcast<u32>(apart.x | apart.y | apart.z);
     (*place).cell = cell;
-    if (moved >> REGION_BITS) != 0u {
-        let found = find_crown(grid, cell);
+    if (moved >> LOWER_BITS) != 0u {
+        let found = find_top(grid, cell);
         (*place).word = found.x;
-        (*place).log_dim = REGION_BITS + 2u * found.y;
+        (*place).log_dim = LOWER_BITS + 2u * found.y;
         if (found.x & CHILD) != 0u {
             let number = found.x & PAYLOAD;
             (*place).log_dim = LEAF_BITS;
-            (*place).region = grid.regions + (number << 12u);
+            (*place).lower_node = grid.lower_nodes + (number << 12u);
             (*place).head = word_at(grid.heads + number);
         }
     }
     if (*place).log_dim == LEAF_BITS && (moved >> LEAF_BITS) != 0u {
-        (*place).word = word_at((*place).region + region_slot(cell));
+        (*place).word = word_at((*place).lower_node + lower_slot(cell));
     }
     return (*place).word;
 }

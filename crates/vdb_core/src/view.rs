@@ -1,11 +1,11 @@
-//! From cameras and transforms to the rays that a shader walks, in f64: what reaches the GPU is an
+//! From cameras and transforms to the rays that a shader traverses, in f64: what reaches the GPU is an
 //! integer cell, a fraction and directions, so that precision does not depend on where in the world
 //! or in index space a grid lies.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DAffine3, DMat3, DMat4, DVec3, IVec3, Vec2, Vec3};
 
-use crate::pack::{PackedGrid, walk};
+use crate::pack::{PackedGrid, traverse};
 
 /// The rays of a view, in view space: through a point of the picture in normalised device
 /// coordinates, `p(t) = (eye + ndc.x·eye_x + ndc.y·eye_y) + t·(dir + ndc.x·dir_x + ndc.y·dir_y)`
@@ -250,16 +250,16 @@ impl GpuRays {
     /// on the GPU, that of `ndc` and of the products. Each component of the origin is off by at most
     /// `1.5 · 2⁻²⁴ + 2⁻²⁰ (|eye_x| + |eye_y|)`: the rounding of the fraction to f32 and then down to
     /// 24 bits, and, in orthographic views, that of `ndc` and of the products.
-    pub fn ray_through(&self, ndc: Vec2, t_min: f32, t_max: f32) -> walk::Ray {
+    pub fn ray_through(&self, ndc: Vec2, t_min: f32, t_max: f32) -> traverse::Ray {
         let vector = Vec3::from_array;
         let start = ndc.x * vector(self.eye_x) + ndc.y * vector(self.eye_y);
         let eye = vector(self.eye_frac) + start;
         let whole = eye.floor();
         let units = (1 << 24) as f32;
         let turn = vector(self.dir_rest) + ndc.x * vector(self.dir_x) + ndc.y * vector(self.dir_y);
-        walk::Ray {
+        traverse::Ray {
             cell: IVec3::from_array(self.eye_cell) + whole.as_ivec3(),
-            // 24 bits: the walk compares planes in units of 2⁻²⁴ cells. Just below a whole number,
+            // 24 bits: the traversal compares planes in units of 2⁻²⁴ cells. Just below a whole number,
             // the difference rounds up to 1.
             frac: ((eye - whole) * units).floor().min(Vec3::splat(units - 1.0)) / units,
             dir: vector(self.dir) + turn,

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 use vdb_core::pack::edit::{Changes, Editor, Voxel};
-use vdb_core::pack::layout::{CHILD, MIXED, OCCUPIED};
-use vdb_core::pack::{PackKind, PackedGrid, ValueFormat, walk};
+use vdb_core::pack::layout::{BOUNDARY, CHILD, OCCUPIED};
+use vdb_core::pack::{PackKind, PackedGrid, ValueFormat, traverse};
 use vdb_core::synth::{Random, fog, level_set, rays};
 use vdb_core::tree::{CoordBox, IVec3, Node, Vdb543};
 
@@ -93,10 +93,11 @@ fn compare_slots(one: &PackedGrid, two: &PackedGrid, at: IVec3, bounds: CoordBox
                     continue;
                 }
                 for octant in 0..8 {
-                    let [a, b] = [one, two].map(|grid| walk::locate(grid, ijk - grid.base, octant));
-                    let cut = |span: walk::Span| {
-                        let reach = if span.log_dim < LARGEST { span.reach } else { 0 };
-                        (span.occupied(), span.log_dim.min(LARGEST), reach)
+                    let [a, b] =
+                        [one, two].map(|grid| traverse::locate(grid, ijk - grid.base, octant));
+                    let cut = |span: traverse::Span| {
+                        let skip = if span.log_dim < LARGEST { span.skip } else { 0 };
+                        (span.occupied(), span.log_dim.min(LARGEST), skip)
                     };
                     assert_eq!(cut(a), cut(b), "{ijk} octant {octant}: {a:?} {b:?}");
                 }
@@ -114,14 +115,14 @@ fn compare_cells(one: &PackedGrid, two: &PackedGrid, leaf: IVec3, bounds: CoordB
         if !bounds.contains(ijk) {
             continue;
         }
-        let [a, b] = [one, two].map(|grid| walk::locate(grid, ijk.wrapping_sub(grid.base), 0));
-        let cut = |span: walk::Span| (span.occupied(), span.log_dim.min(LARGEST));
+        let [a, b] = [one, two].map(|grid| traverse::locate(grid, ijk.wrapping_sub(grid.base), 0));
+        let cut = |span: traverse::Span| (span.occupied(), span.log_dim.min(LARGEST));
         assert_eq!(cut(a), cut(b), "{ijk}: {a:?} {b:?}");
-        let flags = CHILD | OCCUPIED | MIXED;
+        let flags = CHILD | OCCUPIED | BOUNDARY;
         assert_eq!(a.word & flags, b.word & flags, "{ijk}");
         if a.occupied() && !matches!(one.kind, PackKind::Surface { .. }) && !a.constant() {
             let [a, b] = [(one, a), (two, b)].map(|(grid, span)| {
-                walk::corners(grid, span, ijk.wrapping_sub(grid.base)).map(f32::to_bits)
+                traverse::corners(grid, span, ijk.wrapping_sub(grid.base)).map(f32::to_bits)
             });
             assert_eq!(a, b, "{ijk}");
         }
@@ -131,14 +132,14 @@ fn compare_cells(one: &PackedGrid, two: &PackedGrid, leaf: IVec3, bounds: CoordB
 fn compare_ray(one: &PackedGrid, two: &PackedGrid, random: &mut Random, bounds: CoordBox) {
     let ray = rays::adversarial(random, bounds);
     let Some(dir) = rays::normalized(ray.dir) else { return };
-    let local = |grid: &PackedGrid| walk::Ray::from_index(grid, ray.cell, ray.frac, dir);
+    let local = |grid: &PackedGrid| traverse::Ray::from_index(grid, ray.cell, ray.frac, dir);
     let hit = |grid: &PackedGrid| {
-        let hit = walk::first_hit(grid, &local(grid))?;
+        let hit = traverse::first_hit(grid, &local(grid))?;
         Some((hit.cell + grid.base, hit.t.to_bits(), hit.axis))
     };
     assert_eq!(hit(one), hit(two), "{ray:?}");
     if one.kind == PackKind::Fog {
-        let depth = |grid: &PackedGrid| walk::optical_length(grid, &local(grid));
+        let depth = |grid: &PackedGrid| traverse::optical_length(grid, &local(grid));
         let (a, b) = (depth(one), depth(two));
         assert!((a - b).abs() <= 1e-5 * a.abs(), "{ray:?}: {a} and {b}");
     }

@@ -3,7 +3,7 @@
 
 use glam::{IVec3, Vec3};
 use proptest::prelude::*;
-use vdb_core::pack::walk::{self, first_hit, optical_length};
+use vdb_core::pack::traverse::{self, first_hit, optical_length};
 use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::query::{GridQuery, IndexRay};
 use vdb_core::reference::{Blocky, Fog, Occupied, Ray};
@@ -81,7 +81,7 @@ fn shot() -> impl Strategy<Value = Shot> {
 impl Shot {
     /// The ray in local coordinates of a grid with these voxels, and the same in index space, which is
     /// `half` a voxel away; none where 32 bits do not have it.
-    fn ray(&self, grid: &PackedGrid, voxels: &[IVec3]) -> Option<(walk::Ray, Ray)> {
+    fn ray(&self, grid: &PackedGrid, voxels: &[IVec3]) -> Option<(traverse::Ray, Ray)> {
         let mut dir = self.dir;
         if let Some(aim) = self.aim {
             let way = voxels[aim % voxels.len()].as_dvec3() - self.cell.as_dvec3();
@@ -93,7 +93,8 @@ impl Shot {
         let bounds = grid.occupied?;
         let ray = Ray::new(cell, self.frac, dir);
         let ray = rays::ended(&mut Random::new(self.seed), ray, bounds, 0.0);
-        let local = walk::Ray { cell, frac: self.frac, dir, t_min: ray.t_min, t_max: ray.t_max };
+        let local =
+            traverse::Ray { cell, frac: self.frac, dir, t_min: ray.t_min, t_max: ray.t_max };
         let frac = self.frac + grid.kind.lattice_origin() as f32;
         Some((local, Ray { cell: self.cell, frac, ..ray }.flushed()))
     }
@@ -179,7 +180,7 @@ fn through_all_of_index_space() {
     let bounds = grid.occupied.unwrap();
     assert_eq!(bounds, CoordBox { min: low, max: high });
     let hit = |cell: IVec3, dir: Vec3, t_min: f32| {
-        let ray = walk::Ray { cell, frac: Vec3::splat(0.5), dir, t_min, t_max: f32::INFINITY };
+        let ray = traverse::Ray { cell, frac: Vec3::splat(0.5), dir, t_min, t_max: f32::INFINITY };
         first_hit(&grid, &ray).map(|hit| (hit.cell, hit.axis))
     };
     assert_eq!(hit(low, Vec3::ONE, 0.0), Some((low, 3)));

@@ -1,7 +1,7 @@
 //! Packed grids against the trees that they come from: every cell, every value.
 
 use glam::Vec3;
-use vdb_core::pack::{PackKind, PackedGrid, walk};
+use vdb_core::pack::{PackKind, PackedGrid, traverse};
 use vdb_core::reference::{Blocky, Occupied, Ray, optical_depth};
 use vdb_core::synth::Random;
 use vdb_core::tree::{CoordBox, IVec3, Vdb543};
@@ -24,13 +24,13 @@ fn check(tree: &Vdb543<f32>, kind: PackKind, boxes: &[CoordBox]) -> PackedGrid {
                             corners(ijk).any(inside) && !corners(ijk).all(inside)
                         }
                     };
-                    let span = walk::locate(&grid, local, 0);
-                    let mixed_tile =
-                        span.occupied() && span.word & vdb_core::pack::layout::MIXED != 0;
+                    let span = traverse::locate(&grid, local, 0);
+                    let boundary_tile =
+                        span.occupied() && span.word & vdb_core::pack::layout::BOUNDARY != 0;
                     // A mixed tile may hold empty cells: it is exact in what it shows, not in what
                     // it looks at. Everything else is occupied if and only if the tree says so.
-                    assert!(span.occupied() == expected || mixed_tile, "{ijk}: {span:?}");
-                    if span.occupied() && !mixed_tile {
+                    assert!(span.occupied() == expected || boundary_tile, "{ijk}: {span:?}");
+                    if span.occupied() && !boundary_tile {
                         assert!(grid.occupied.unwrap().contains(local), "{ijk} is outside the box");
                     }
                     check_samples(tree, &grid, ijk, span);
@@ -44,7 +44,7 @@ fn check(tree: &Vdb543<f32>, kind: PackKind, boxes: &[CoordBox]) -> PackedGrid {
 }
 
 /// The samples of an occupied cell, as they are.
-fn check_samples(tree: &Vdb543<f32>, grid: &PackedGrid, ijk: IVec3, span: walk::Span) {
+fn check_samples(tree: &Vdb543<f32>, grid: &PackedGrid, ijk: IVec3, span: traverse::Span) {
     let iso = match grid.kind {
         PackKind::Surface { .. } => return,
         PackKind::Smooth { iso } => iso,
@@ -54,7 +54,7 @@ fn check_samples(tree: &Vdb543<f32>, grid: &PackedGrid, ijk: IVec3, span: walk::
         let value = tree.get(ijk);
         assert!(corners(ijk).all(|corner| tree.get(corner) == value), "{ijk} is not constant");
     } else if span.occupied() {
-        let kept = walk::corners(grid, span, ijk.wrapping_sub(grid.base));
+        let kept = traverse::corners(grid, span, ijk.wrapping_sub(grid.base));
         let expected = corners(ijk).map(|corner| tree.get(corner) - iso);
         assert!(kept.into_iter().eq(expected), "{ijk}: {kept:?}");
     }
@@ -144,7 +144,7 @@ fn fog_cells_reach_over_the_borders_of_leaves_and_nodes() {
 }
 
 #[test]
-fn dense_tiles_of_every_level_are_mixed_at_their_borders_only() {
+fn dense_tiles_of_every_level_are_boundary_tiles_at_their_borders_only() {
     let mut tree = Vdb543::new(0.0);
     for x in 0..8 {
         for y in 0..8 {
@@ -166,7 +166,7 @@ fn dense_tiles_of_every_level_are_mixed_at_their_borders_only() {
     let grid = check(&tree, PackKind::Fog, &boxes);
     let inside = IVec3::new(1000, -2000, 1000) - grid.base;
     assert!(
-        walk::locate(&grid, inside, 0).log_dim >= 7,
+        traverse::locate(&grid, inside, 0).log_dim >= 7,
         "the middle of a root tile is taken cell by cell"
     );
 }
@@ -273,20 +273,21 @@ fn rays_through_tiles_are_those_of_the_oracle() {
             let cell = corner + start.as_ivec3();
             let frac = ((beside - 140.0 * dir - start) * 4096.0).floor() / 4096.0;
 
-            let ray = walk::Ray { t_max: 300.0, ..walk::Ray::from_index(&fog, cell, frac, dir) };
+            let ray =
+                traverse::Ray { t_max: 300.0, ..traverse::Ray::from_index(&fog, cell, frac, dir) };
             let exact = Ray::new(cell, frac, dir).with_span(0.0, 300.0);
-            let found = f64::from(walk::optical_length(&fog, &ray));
+            let found = f64::from(traverse::optical_length(&fog, &ray));
             let expected = optical_depth(&tree, &exact).value;
             let error = (found - expected).abs();
             assert!(error < 1e-4 * (1.0 + expected), "{found}, not {expected}: {ray:?} ({round})");
             dimmed += usize::from(expected > 0.0);
 
             let Some(_) = solid.occupied else { continue };
-            let ray = walk::Ray::from_index(&solid, cell, frac, dir);
+            let ray = traverse::Ray::from_index(&solid, cell, frac, dir);
             let exact = Ray::new(ray.cell + solid.base, ray.frac - 0.5, dir);
             let exact = exact.with_span(0.0, ray.t_max).flushed();
             let expected = oracle.first_voxel(&exact).map(|hit| hit.ijk);
-            let found = walk::first_hit(&solid, &ray).map(|hit| hit.cell + solid.base);
+            let found = traverse::first_hit(&solid, &ray).map(|hit| hit.cell + solid.base);
             assert_eq!(found, expected, "{ray:?} ({round})");
             met += usize::from(expected.is_some());
         }
@@ -313,11 +314,11 @@ fn check_tiles(tree: &Vdb543<f32>, kind: PackKind, boxes: &[CoordBox]) {
         let any = samples.iter().any(|&value| counts(value));
         let all = samples.iter().all(|&value| counts(value));
         let expected = any && (kind == PackKind::Fog || !all);
-        let span = walk::locate(&grid, local, 0);
-        let is_mixed = span.occupied() && span.word & vdb_core::pack::layout::MIXED != 0;
+        let span = traverse::locate(&grid, local, 0);
+        let is_boundary = span.occupied() && span.word & vdb_core::pack::layout::BOUNDARY != 0;
         let void = is_void(ijk) && counts(tree.background());
-        assert!(span.occupied() == expected || is_mixed || void, "{kind:?} {ijk}: {span:?}");
-        if span.occupied() && (expected || !is_mixed) {
+        assert!(span.occupied() == expected || is_boundary || void, "{kind:?} {ijk}: {span:?}");
+        if span.occupied() && (expected || !is_boundary) {
             assert!(bounds.contains(local), "{kind:?} {ijk} is outside the box");
         }
         check_samples_safe(tree, &grid, ijk, span);
@@ -325,7 +326,7 @@ fn check_tiles(tree: &Vdb543<f32>, kind: PackKind, boxes: &[CoordBox]) {
 }
 
 /// The samples of an occupied cell, as a shader gets them.
-fn check_samples_safe(tree: &Vdb543<f32>, grid: &PackedGrid, ijk: IVec3, span: walk::Span) {
+fn check_samples_safe(tree: &Vdb543<f32>, grid: &PackedGrid, ijk: IVec3, span: traverse::Span) {
     let safe = |corner: IVec3| match grid.kind {
         PackKind::Fog => tree.get(corner).max(0.0),
         PackKind::Surface { iso } | PackKind::Smooth { iso } => tree.get(corner) - iso,
@@ -333,7 +334,7 @@ fn check_samples_safe(tree: &Vdb543<f32>, grid: &PackedGrid, ijk: IVec3, span: w
     if span.occupied() && span.constant() {
         assert!(corners(ijk).all(|corner| safe(corner) == safe(ijk)), "{ijk} is not constant");
     } else if span.occupied() {
-        let kept = walk::corners(grid, span, ijk.wrapping_sub(grid.base));
+        let kept = traverse::corners(grid, span, ijk.wrapping_sub(grid.base));
         assert!(kept.into_iter().eq(corners(ijk).map(safe)), "{ijk}: {kept:?} of {span:?}");
     }
 }
@@ -351,10 +352,10 @@ fn values_that_a_shader_cannot_hold_are_made_safe() {
         let mut seen = 0;
         for x in -1..=6 {
             let cell = IVec3::new(x, 0, 0) - grid.base;
-            let span = walk::locate(&grid, cell, 0);
+            let span = traverse::locate(&grid, cell, 0);
             if span.occupied() {
                 seen += 1;
-                let kept = walk::corners(&grid, span, cell);
+                let kept = traverse::corners(&grid, span, cell);
                 assert!(kept.iter().all(|v| v.is_finite()), "{kept:?}");
                 assert!(kind != PackKind::Fog || kept.iter().all(|v| *v >= 0.0), "{kept:?}");
             }

@@ -3,7 +3,7 @@
 
 use glam::{DVec3, Vec3};
 use vdb_core::pack::exact::T_ERROR;
-use vdb_core::pack::walk::{self, first_hit};
+use vdb_core::pack::traverse::{self, first_hit};
 use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::reference::{Blocky, Occupied, Ray};
 use vdb_core::synth::{Random, level_set, rays, sparse};
@@ -24,12 +24,12 @@ fn check(tree: &Vdb543<f32>, count: usize, seed: u64) {
         };
         let Some(ray) = ray else { continue };
         let Some(dir) = rays::normalized(ray.dir) else { continue };
-        let ray = walk::Ray::from_index(&grid, ray.cell, ray.frac, dir);
+        let ray = traverse::Ray::from_index(&grid, ray.cell, ray.frac, dir);
         let Some(cell) = ray.cell.checked_add(grid.base) else { continue };
         // Half a voxel between lattice and index space: exact, as the fraction has 24 bits.
         let exact = Ray::new(cell, ray.frac - 0.5, ray.dir).flushed();
         for exact in [exact, rays::ended(&mut random, exact, bbox, 0.5)] {
-            let ray = walk::Ray { t_min: exact.t_min, t_max: exact.t_max, ..ray };
+            let ray = traverse::Ray { t_min: exact.t_min, t_max: exact.t_max, ..ray };
             let exact = exact.flushed();
             let hit = oracle.first_voxel(&exact);
             let expected = hit.map(|hit| (hit.ijk, hit.face.map_or(3, |face| face.axis.into())));
@@ -89,7 +89,7 @@ fn two_million_voxels_of_nothing() {
         let dir = (to - from).as_vec3();
         // From beyond the first voxel, so that the walk has to leave it.
         let start = from + (to - from).signum();
-        let ray = walk::Ray::from_index(&grid, start, Vec3::ZERO, dir);
+        let ray = traverse::Ray::from_index(&grid, start, Vec3::ZERO, dir);
         let hit = first_hit(&grid, &ray).map(|hit| hit.cell + grid.base);
         assert_eq!(hit, Some(to), "from {from}");
     }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 
 use bytemuck::{Pod, Zeroable};
-use vdb_core::pack::{PackedGrid, walk};
+use vdb_core::pack::{PackedGrid, traverse};
 use vdb_core::view::GpuRays;
 
 use crate::gpu::{Gpu, Kernel};
@@ -27,8 +27,8 @@ pub struct ProbeRay {
     pad: f32,
 }
 
-impl From<walk::Ray> for ProbeRay {
-    fn from(ray: walk::Ray) -> Self {
+impl From<traverse::Ray> for ProbeRay {
+    fn from(ray: traverse::Ray) -> Self {
         Self {
             cell: ray.cell.to_array(),
             t_min: ray.t_min,
@@ -56,7 +56,7 @@ pub struct ProbeHit {
     pub t: f32,
     /// ∫ density dt.
     pub optical_length: f32,
-    /// Steps of the walk.
+    /// Steps of the traversal.
     pub steps: u32,
     pad: f32,
 }

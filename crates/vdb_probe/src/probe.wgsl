@@ -5,8 +5,8 @@
 #import bevy_vdb::traversal::rays::{ndc_of, ray_through}
 #import bevy_vdb::traversal::fog::{optical_length, stepped_length}
 #import bevy_vdb::traversal::beam::{beam_of, beam_start}
-#import bevy_vdb::traversal::hdda::{FAR, Walk, course_of, enter_at, first_hit, steps}
-#import bevy_vdb::traversal::exact::Course
+#import bevy_vdb::traversal::hdda::{FAR, Dda, mirrored_ray, enter_at, first_hit, steps}
+#import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::smooth::first_root
 #import vdb_probe::single_rays::{ProbeHit, ProbeRay}
 
@@ -47,24 +47,24 @@ fn ray(i: u32) -> Ray {
 }
 
 // The rays of a picture begin where those of their tile can, as in the trace.
-fn start_of(course: Course, i: u32) -> f32 {
+fn start_of(mirrored: MirroredRay, i: u32) -> f32 {
 #ifdef VDB_PICTURE
     return beam_start(grids[0], beam_of(grids[0], view, pixel_of(i) / 8u, setup.size, 0.0));
 #else
-    return course.t_min;
+    return mirrored.t_min;
 #endif
 }
 
-fn enters(course: Course, i: u32) -> Walk {
-    return enter_at(course, start_of(course, i));
+fn enters(mirrored: MirroredRay, i: u32) -> Dda {
+    return enter_at(mirrored, start_of(mirrored, i));
 }
 
 @compute @workgroup_size(64)
 fn probe_voxels(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
-        let course = course_of(grids[0], ray(i));
-        let hit = first_hit(grids[0], course, enters(course, i));
+        let mirrored = mirrored_ray(grids[0], ray(i));
+        let hit = first_hit(grids[0], mirrored, enters(mirrored, i));
         hits[i] = ProbeHit(hit.cell, hit.axis, vec3(0.0), u32(hit.found), hit.t, 0.0, steps);
     }
 }
@@ -73,8 +73,8 @@ fn probe_voxels(@builtin(global_invocation_id) id: vec3<u32>) {
 fn probe_smooth(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
-        let course = course_of(grids[0], ray(i));
-        let hit = first_root(grids[0], course, enters(course, i));
+        let mirrored = mirrored_ray(grids[0], ray(i));
+        let hit = first_root(grids[0], mirrored, enters(mirrored, i));
         hits[i] = ProbeHit(vec3(0), hit.axis, hit.gradient, u32(hit.found), hit.t, 0.0, steps);
     }
 }
@@ -83,12 +83,12 @@ fn probe_smooth(@builtin(global_invocation_id) id: vec3<u32>) {
 fn probe_fog(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
-        let course = course_of(grids[0], ray(i));
+        let mirrored = mirrored_ray(grids[0], ray(i));
 #ifdef VDB_STEP
         // In quarters of a voxel.
-        let length = stepped_length(grids[0], course, start_of(course, i), 3e38, 0.25 * f32(#{VDB_STEP}u), 0.0);
+        let length = stepped_length(grids[0], mirrored, start_of(mirrored, i), 3e38, 0.25 * f32(#{VDB_STEP}u), 0.0);
 #else
-        let length = optical_length(grids[0], course, enters(course, i), 3e38);
+        let length = optical_length(grids[0], mirrored, enters(mirrored, i), 3e38);
 #endif
         hits[i] = ProbeHit(vec3(0), 3u, vec3(0.0), 0u, 0.0, length, steps);
     }

@@ -1,7 +1,7 @@
 //! Fog by samples at even distances, beside the exact integral and closed forms.
 
 use glam::{DVec3, IVec3, Vec3};
-use vdb_core::pack::{PackKind, PackedGrid, ValueFormat, walk};
+use vdb_core::pack::{PackKind, PackedGrid, ValueFormat, traverse};
 use vdb_core::synth::{Random, fog};
 use vdb_core::tree::{CoordBox, Vdb543};
 use vdb_probe::{Gpu, GpuGrid, Probe, ProbeKind, ProbeRay};
@@ -22,7 +22,7 @@ fn rays(grid: &PackedGrid, shift: IVec3) -> Vec<ProbeRay> {
         let (from, to) = (place(60.0), place(20.0));
         let cell = from.floor();
         let dir = (to - from).normalize();
-        walk::Ray::from_index(grid, cell.as_ivec3() + shift, from - cell, dir).into()
+        traverse::Ray::from_index(grid, cell.as_ivec3() + shift, from - cell, dir).into()
     };
     (0..RAYS).map(|_| ray()).collect()
 }
@@ -67,7 +67,7 @@ fn a_block_of_tiles_has_the_length_of_its_chord() {
     assert!(tree.stats().active_tiles() > 0);
     let grid = pack(&tree, ValueFormat::Exact);
     let along = |dir: Vec3, cell: IVec3| -> ProbeRay {
-        walk::Ray::from_index(&grid, cell, Vec3::splat(0.3), dir).into()
+        traverse::Ray::from_index(&grid, cell, Vec3::splat(0.3), dir).into()
     };
     let rays = [
         along(Vec3::X, IVec3::new(-50, 60, 60)),

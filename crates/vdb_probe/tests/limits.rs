@@ -1,7 +1,7 @@
 //! Rays at the limits of the conventions in `docs/reference/accuracy.md`, in the shaders.
 
 use glam::{IVec3, Vec3};
-use vdb_core::pack::{PackKind, PackedGrid, walk};
+use vdb_core::pack::{PackKind, PackedGrid, traverse};
 use vdb_core::reference::{Blocky, Occupied, Ray};
 use vdb_core::synth::fog;
 use vdb_core::tree::{CoordBox, Vdb543};
@@ -25,7 +25,7 @@ fn solid(bbox: CoordBox) -> Vdb543<f32> {
     tree
 }
 
-fn send(gpu: &Gpu, grid: &PackedGrid, rays: &[walk::Ray], defs: &[&str]) -> Vec<ProbeHit> {
+fn send(gpu: &Gpu, grid: &PackedGrid, rays: &[traverse::Ray], defs: &[&str]) -> Vec<ProbeHit> {
     let kind = match grid.kind {
         PackKind::Surface { .. } => ProbeKind::Voxels,
         PackKind::Smooth { .. } => ProbeKind::Smooth,
@@ -35,9 +35,9 @@ fn send(gpu: &Gpu, grid: &PackedGrid, rays: &[walk::Ray], defs: &[&str]) -> Vec<
     Probe::with_defs(gpu, kind, defs).send(&GpuGrid::new(gpu, grid), &rays)
 }
 
-fn ray(grid: &PackedGrid, cell: IVec3, dir: Vec3, span: (f32, f32)) -> walk::Ray {
-    let ray = walk::Ray::from_index(grid, cell, Vec3::splat(0.25), dir);
-    walk::Ray { t_min: span.0, t_max: span.1, ..ray }
+fn ray(grid: &PackedGrid, cell: IVec3, dir: Vec3, span: (f32, f32)) -> traverse::Ray {
+    let ray = traverse::Ray::from_index(grid, cell, Vec3::splat(0.25), dir);
+    traverse::Ray { t_min: span.0, t_max: span.1, ..ray }
 }
 
 #[test]
@@ -70,7 +70,7 @@ fn directions_and_ends_at_their_limits() {
         let expected = expected.map(|hit| (hit.ijk, hit.face.map_or(3, |face| face.axis.into())));
         let found = (hit.hit != 0).then(|| (IVec3::from_array(hit.cell) + grid.base, hit.axis));
         assert_eq!(found, expected, "{ray:?}");
-        let on_cpu = walk::first_hit(&grid, ray).map(|hit| (hit.cell + grid.base, hit.axis));
+        let on_cpu = traverse::first_hit(&grid, ray).map(|hit| (hit.cell + grid.base, hit.axis));
         assert_eq!(on_cpu, expected, "{ray:?}");
     }
 }
@@ -80,7 +80,7 @@ fn directions_and_ends_at_their_limits() {
 #[test]
 fn no_ray_is_lost_that_begins_at_the_box() {
     let Some(gpu) = Gpu::find() else { return };
-    // No face is a border of leaves: a mixed tile there has one density when it is sampled.
+    // No face is a border of leaves: a boundary tile there has one density when it is sampled.
     let (surface, dense) = (solid(cube(-37, 37)), fog::block(cube(-37, 37), 0.5));
     for (tree, kind, defs) in [
         (&surface, SURFACE, &[][..]),
@@ -106,7 +106,7 @@ fn no_ray_is_lost_that_begins_at_the_box() {
                     for cells in [-1.0, 0.0, 0.25] {
                         let t_min = (t + cells / f64::from(speed)) as f32;
                         for t_min in [t_min.next_down(), t_min, t_min.next_up()] {
-                            rays.push(walk::Ray { t_min, ..ray });
+                            rays.push(traverse::Ray { t_min, ..ray });
                             // Where that is, along the axis, from the middle of the grid on.
                             let way = f64::from(t_min) * f64::from(dir[axis]);
                             let cell = f64::from(ray.cell[axis] + grid.base[axis]);
@@ -146,10 +146,10 @@ fn the_greatest_optical_depth_is_finite() {
             assert_eq!(hit.optical_length, 3e38, "{defs:?}");
         }
     }
-    assert_eq!(walk::optical_length(&grid, &rays[0]), 3e38);
+    assert_eq!(traverse::optical_length(&grid, &rays[0]), 3e38);
 }
 
-/// From one end of index space to the other: every walk ends, and meets what the one on the CPU meets.
+/// From one end of index space to the other: every traversal ends, and meets what the one on the CPU meets.
 #[test]
 fn through_all_of_index_space() {
     let Some(gpu) = Gpu::find() else { return };
@@ -160,14 +160,14 @@ fn through_all_of_index_space() {
         ends.iter().for_each(|&end| tree.set(end, value));
         tree
     };
-    let rays: Vec<walk::Ray> = [low, high, low + 1, high - 1, IVec3::ZERO]
+    let rays: Vec<traverse::Ray> = [low, high, low + 1, high - 1, IVec3::ZERO]
         .into_iter()
         .flat_map(|cell| {
             let dirs = [Vec3::ONE, Vec3::NEG_ONE, Vec3::X, Vec3::NEG_Y, Vec3::new(1.0, 1e-9, 0.5)];
             dirs.into_iter().flat_map(move |dir| {
                 [0.0, 1.0, 4e9].map(|t_min| {
                     let frac = Vec3::splat(0.5);
-                    walk::Ray { cell, frac, dir, t_min, t_max: f32::INFINITY }
+                    traverse::Ray { cell, frac, dir, t_min, t_max: f32::INFINITY }
                 })
             })
         })
@@ -175,13 +175,13 @@ fn through_all_of_index_space() {
     let grid = PackedGrid::new(&tree_of(-1.0, 1.0), SURFACE).unwrap();
     for (ray, hit) in rays.iter().zip(send(&gpu, &grid, &rays, &[])) {
         let found = (hit.hit != 0).then(|| (IVec3::from_array(hit.cell), hit.axis));
-        let on_cpu = walk::first_hit(&grid, ray).map(|hit| (hit.cell, hit.axis));
+        let on_cpu = traverse::first_hit(&grid, ray).map(|hit| (hit.cell, hit.axis));
         assert_eq!(found, on_cpu, "{ray:?}");
         assert!(hit.steps < 10_000, "{} steps: {ray:?}", hit.steps);
     }
     let grid = PackedGrid::new(&tree_of(1.0, 0.0), PackKind::Fog).unwrap();
     for (ray, hit) in rays.iter().zip(send(&gpu, &grid, &rays, &[])) {
-        let on_cpu = walk::optical_length(&grid, ray);
+        let on_cpu = traverse::optical_length(&grid, ray);
         assert!((hit.optical_length - on_cpu).abs() < 1e-3, "{hit:?}, not {on_cpu}: {ray:?}");
     }
     for hit in send(&gpu, &grid, &rays, &["STEP=1"]) {
@@ -190,7 +190,7 @@ fn through_all_of_index_space() {
 }
 
 /// Grids on either side of the width from which shaders look out for the end of the index space, with rays
-/// that leap over all of it.
+/// that skip over all of it.
 #[test]
 fn rays_cross_the_widest_grids() {
     let Some(gpu) = Gpu::find() else { return };
@@ -226,7 +226,8 @@ fn rays_cross_the_widest_grids() {
         }
         let mut met = 0;
         for (ray, hit) in rays.iter().zip(send(&gpu, &grid, &rays, &[])) {
-            let expected = walk::first_hit(&grid, ray).map(|hit| (hit.cell.to_array(), hit.axis));
+            let expected =
+                traverse::first_hit(&grid, ray).map(|hit| (hit.cell.to_array(), hit.axis));
             met += usize::from(expected.is_some());
             assert_eq!(
                 (hit.hit != 0).then_some((hit.cell, hit.axis)),

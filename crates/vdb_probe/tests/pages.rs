@@ -1,7 +1,7 @@
 //! A grid larger than one binding, as small as that can be made: cut into pages, it answers alike.
 
 use glam::DVec3;
-use vdb_core::pack::{PackKind, PackedGrid, ValueFormat, walk};
+use vdb_core::pack::{PackKind, PackedGrid, ValueFormat, traverse};
 use vdb_core::synth::{Random, level_set};
 use vdb_probe::{Gpu, GpuGrid, Probe, ProbeKind, ProbeRay};
 
@@ -15,7 +15,7 @@ fn rays(grid: &PackedGrid, random: &mut Random) -> Vec<ProbeRay> {
         };
         let (from, to) = (place(40.0), place(20.0));
         let cell = from.floor();
-        walk::Ray::from_index(grid, cell.as_ivec3(), from - cell, to - from).into()
+        traverse::Ray::from_index(grid, cell.as_ivec3(), from - cell, to - from).into()
     };
     (0..RAYS).map(|_| ray()).collect()
 }

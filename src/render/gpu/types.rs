@@ -163,11 +163,11 @@ mod tests {
              @group(0) @binding(1) var<storage, read> volumes: array<Volume>;
              @group(0) @binding(2) var<uniform> view: View;
              @compute @workgroup_size(1) fn main() {
-                 let sum = grids[0].crown + volumes[0].grid + view.volume_count;
+                 let sum = grids[0].top + volumes[0].grid + view.volume_count;
              }",
         );
-        let grid = fields!(GridHeader: crown_origin, crown_levels, occupied_min, crown,
-            occupied_max, regions, heads, masks, leaf_records, records, samples, palette, format,
+        let grid = fields!(GridHeader: top_origin, top_levels, occupied_min, top,
+            occupied_max, lower_nodes, heads, masks, leaf_records, records, samples, palette, format,
             brick_words, scale);
         check(&module, "Grid", size_of::<GridHeader>(), &grid);
         let rays = fields!(GpuRays: eye_cell, eye_frac, eye_x, eye_y, dir, dir_rest, dir_x, dir_y);

@@ -174,7 +174,7 @@ fn view_key(
     let emission = list.kinds.has([types::KIND_EMISSION, types::KIND_BLACKBODY]);
     let motion_vectors = of.prepass.is_some_and(|all| all.motion_vectors.is_some());
     let traversal = match quality.traversal {
-        VdbTraversal::HddaSdf => Features::BEAMS,
+        VdbTraversal::HddaSkip => Features::BEAMS,
         VdbTraversal::Hdda => Features::HDDA,
         VdbTraversal::Dda => Features::DDA,
         VdbTraversal::March => Features::MARCH,

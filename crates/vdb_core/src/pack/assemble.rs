@@ -3,91 +3,91 @@
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::build::{self, CrownTile, Parts};
+use super::build::{self, Parts, TopTile};
 use super::content::{Rule, Sources};
-use super::crown::{self, Crown, SOLID};
 use super::layout::*;
-use super::leaps::{self, Chunk};
+use super::lower_node;
 use super::options::{Packing, Stage};
 use super::palette::{Palette, TILE_BYTES};
-use super::region;
+use super::skips::{self, Chunk};
+use super::top_tree::{self, SOLID, TopTree};
 use super::values::{self, Steps, Stored, ValueFormat};
 use super::{GridHeader, PackError, PackKind, PackedGrid, blocks, bricks};
 use crate::tree::CoordBox;
 
-/// Regions per axis from which on local coordinates do not start at zero.
+/// Lower nodes per axis from which on local coordinates do not start at zero.
 pub(super) const WIDE: u32 = 1 << 23;
-/// The lowest region of the index space.
+/// The lowest lower node of the index space.
 pub(super) const ALL_FIRST: IVec3 = IVec3::splat(-1 << 24);
-/// Regions per axis of the index space.
+/// Lower nodes per axis of the index space.
 pub(super) const ALL_EXTENT: u32 = 1 << 25;
 /// The box of a grid without anything to see, which is never shown: it does not matter.
 pub(super) const NOWHERE: CoordBox = CoordBox { min: IVec3::ZERO, max: IVec3::NEG_ONE };
 
-impl CrownTile {
-    /// The regions that it stands for.
-    fn regions(&self) -> CoordBox {
+impl TopTile {
+    /// The lower nodes that it stands for.
+    fn lower_nodes(&self) -> CoordBox {
         CoordBox::cube(self.at << (2 * self.level) as i32, 2 * self.level)
     }
 
     /// Its cells that can stop or dim a ray.
     fn occupied(&self, kind: PackKind) -> Option<CoordBox> {
-        let shift = REGION_BITS + 2 * self.level;
+        let shift = LOWER_BITS + 2 * self.level;
         self.tile.occupied_box(Rule::of(kind), CoordBox::cube(self.at << shift as i32, shift))
     }
 }
 
-/// Where local coordinates and the crown begin, in regions, and how many levels the crown has.
+/// Where local coordinates and the top-level tree begin, in lower nodes, and how many levels the top-level tree has.
 struct Frame {
     base: IVec3,
-    crown_origin: IVec3,
+    top_origin: IVec3,
     levels: u32,
 }
 
 impl Frame {
     /// All parts are somewhere in the frame.
     fn new(parts: &Parts) -> Self {
-        let regions = parts.regions.iter().map(|region| CoordBox::voxel(region.at));
-        let all = regions.chain(parts.tiles.iter().map(CrownTile::regions));
+        let lower_nodes = parts.lower_nodes.iter().map(|lower_node| CoordBox::voxel(lower_node.at));
+        let all = lower_nodes.chain(parts.tiles.iter().map(TopTile::lower_nodes));
         let bounds = all.reduce(CoordBox::union).unwrap_or(CoordBox::voxel(IVec3::ZERO));
         let highest = parts.tiles.iter().map(|tile| tile.level).max().unwrap_or(0);
         let first = bounds.min & -(1 << (2 * highest));
         let extent = (bounds.max - first).max_element() as u32 + 1;
-        // Local coordinates start at zero; in a grid so wide that they could overflow, the crown
+        // Local coordinates start at zero; in a grid so wide that they could overflow, the top-level tree
         // spans the whole index space instead. Either way slots are aligned to their own size.
         if extent < WIDE {
-            let levels = crown::levels(extent).max(highest + 1);
-            Self { base: first, crown_origin: IVec3::ZERO, levels }
+            let levels = top_tree::levels(extent).max(highest + 1);
+            Self { base: first, top_origin: IVec3::ZERO, levels }
         } else {
-            let levels = crown::levels(ALL_EXTENT);
-            Self { base: IVec3::ZERO, crown_origin: ALL_FIRST, levels }
+            let levels = top_tree::levels(ALL_EXTENT);
+            Self { base: IVec3::ZERO, top_origin: ALL_FIRST, levels }
         }
     }
 
-    /// A region of index space as the crown counts it.
-    fn place(&self, region: IVec3) -> IVec3 {
-        region - self.base - self.crown_origin
+    /// A lower node of index space as the top-level tree counts it.
+    fn place(&self, lower_node: IVec3) -> IVec3 {
+        lower_node - self.base - self.top_origin
     }
 }
 
-/// The crown over all parts, and the words of the regions in its order.
+/// The top-level tree over all parts, and the words of the lower nodes in its order.
 fn traversal(
     parts: &mut Parts,
     frame: &Frame,
     palette: &mut Palette,
     packing: &Packing,
-) -> Result<Crown, PackError> {
-    let mut crown = Crown::new(frame.levels);
+) -> Result<TopTree, PackError> {
+    let mut top = TopTree::new(frame.levels);
     let mut taken = 0;
     let mut set = |at: IVec3, level: u32, word: u32| {
-        crown.set(at, level, word);
-        // Once more in the packed grid; what is needed for leaps is never more than as much again.
-        let bytes = 3 * crown.bytes();
+        top.set(at, level, word);
+        // Once more in the packed grid; what is needed for skips is never more than as much again.
+        let bytes = 3 * top.bytes();
         packing.take(bytes - taken)?;
         taken = bytes;
         Ok::<(), PackError>(())
     };
-    for CrownTile { level, at, tile } in &parts.tiles {
+    for TopTile { level, at, tile } in &parts.tiles {
         let at = frame.place(*at << (2 * level) as i32) >> (2 * level) as i32;
         let before = palette.values.len();
         set(at, *level, palette.word(*tile))?;
@@ -95,27 +95,30 @@ fn traversal(
             packing.take(TILE_BYTES)?;
         }
     }
-    for (number, region) in parts.regions.iter().enumerate() {
-        set(frame.place(region.at), 0, CHILD | number as u32)?;
+    for (number, lower_node) in parts.lower_nodes.iter().enumerate() {
+        set(frame.place(lower_node.at), 0, CHILD | number as u32)?;
     }
-    build::check("nodes of the crown", crown.bytes() / 272)?;
-    let progress = packing.begin(Stage::Leaps, parts.regions.len());
-    crown.add_leaps(|| progress.advance(0))?;
-    let chunks: Vec<Chunk> =
-        parts.regions.par_iter().map(|region| region::chunk(&region.words)).collect();
-    let chunk_at = |at: IVec3| match crown.find(frame.place(at), 0).0 {
+    build::check("nodes of the top", top.bytes() / 272)?;
+    let progress = packing.begin(Stage::Skips, parts.lower_nodes.len());
+    top.add_skips(|| progress.advance(0))?;
+    let chunks: Vec<Chunk> = parts
+        .lower_nodes
+        .par_iter()
+        .map(|lower_node| lower_node::chunk(&lower_node.words))
+        .collect();
+    let chunk_at = |at: IVec3| match top.find(frame.place(at), 0).0 {
         word if word & CHILD != 0 => Some(&chunks[(word & PAYLOAD) as usize]),
         word if word & OCCUPIED != 0 => Some(&SOLID),
         _ => None,
     };
     let numbers: Vec<_> =
-        parts.regions.iter().map(|region| palette.merge(&region.palette)).collect();
+        parts.lower_nodes.iter().map(|lower_node| palette.merge(&lower_node.palette)).collect();
     palette.check()?;
-    parts.regions.par_iter_mut().zip(numbers).try_for_each(|(region, numbers)| {
+    parts.lower_nodes.par_iter_mut().zip(numbers).try_for_each(|(lower_node, numbers)| {
         progress.advance(1)?;
-        let at = region.at;
-        let codes = leaps::codes(|beside| chunk_at(at + beside));
-        for (word, code) in region.words.iter_mut().zip(codes) {
+        let at = lower_node.at;
+        let codes = skips::codes(|beside| chunk_at(at + beside));
+        for (word, code) in lower_node.words.iter_mut().zip(codes) {
             match *word & (CHILD | OCCUPIED) {
                 0 => *word = code,
                 OCCUPIED => {
@@ -127,7 +130,7 @@ fn traversal(
         }
         Ok(())
     })?;
-    Ok(crown)
+    Ok(top)
 }
 
 /// The number of the next word.
@@ -143,15 +146,15 @@ pub(super) fn assemble(
     packing: &Packing,
 ) -> Result<PackedGrid, PackError> {
     let frame = Frame::new(&parts);
-    let base = frame.base << REGION_BITS as i32;
-    let boxes = parts.regions.iter().filter_map(|region| region.occupied);
+    let base = frame.base << LOWER_BITS as i32;
+    let boxes = parts.lower_nodes.iter().filter_map(|lower_node| lower_node.occupied);
     let boxes = boxes.chain(parts.tiles.iter().filter_map(|tile| tile.occupied(kind)));
     let occupied = boxes.reduce(CoordBox::union);
     let occupied = occupied.map(|b| CoordBox { min: b.min - base, max: b.max - base });
     let bounds = occupied.unwrap_or(NOWHERE);
     let mut header = GridHeader {
-        crown_origin: frame.crown_origin.to_array(),
-        crown_levels: frame.levels,
+        top_origin: frame.top_origin.to_array(),
+        top_levels: frame.levels,
         occupied_min: bounds.min.to_array(),
         occupied_max: bounds.max.to_array(),
         ..GridHeader::default()
@@ -160,21 +163,22 @@ pub(super) fn assemble(
     let mut words = traversal(&mut parts, &frame, &mut palette, packing)?.into_words();
     header.heads = end(&words)?;
     let mut leaves = 0;
-    for region in &parts.regions {
+    for lower_node in &parts.lower_nodes {
         words.push(leaves);
-        leaves += region.masks.len() as u32;
+        leaves += lower_node.masks.len() as u32;
     }
-    header.regions = end(&words)?;
-    let own_words = parts.regions.len() * REGION_WORDS + leaves as usize * LEAF_MASK_WORDS;
+    header.lower_nodes = end(&words)?;
+    let own_words = parts.lower_nodes.len() * LOWER_WORDS + leaves as usize * LEAF_MASK_WORDS;
     words.reserve_exact(own_words);
-    for region in &mut parts.regions {
-        words.extend(&std::mem::take(&mut region.words));
+    for lower_node in &mut parts.lower_nodes {
+        words.extend(&std::mem::take(&mut lower_node.words));
     }
     header.masks = end(&words)?;
-    for region in &mut parts.regions {
-        words.extend(std::mem::take(&mut region.masks).as_flattened());
+    for lower_node in &mut parts.lower_nodes {
+        words.extend(std::mem::take(&mut lower_node.masks).as_flattened());
     }
-    let leaves: Vec<&Sources> = parts.regions.iter().flat_map(|region| &region.sources).collect();
+    let leaves: Vec<&Sources> =
+        parts.lower_nodes.iter().flat_map(|lower_node| &lower_node.sources).collect();
     let mut majorant = 0.0;
     match kind {
         PackKind::Surface { .. } => {}

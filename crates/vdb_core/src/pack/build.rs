@@ -1,4 +1,4 @@
-//! From tree to words: which cubes of the crown are tiles, and which are regions.
+//! From tree to words: which cubes of the top-level tree are tiles, and which are lower nodes.
 //!
 //! A tile stays a tile, however large, and eight values tell of the cells along its high sides, as long
 //! as tiles as large as itself cover what lies there. Where something finer does, it is cut: never
@@ -11,17 +11,17 @@ use glam::IVec3;
 use rayon::prelude::*;
 
 use super::content::{Leaf, Tile, corner};
+use super::lower_node::{self, Around, Built, LowerNode};
 use super::options::{PackOptions, Packing, Stage};
-use super::region::{self, Around, Built, Region};
 use super::{PackError, PackKind, PackedGrid, assemble, layout::*};
 use crate::tree::{InternalNode, RootEntry, Slot, Vdb543};
 
 pub(super) type Lower = InternalNode<Leaf, 4>;
 type Upper = InternalNode<Lower, 5>;
 
-/// Level of the largest slots of the crown that a tile of the root, 4096 cells, is made of: 2048 cells.
+/// Level of the largest slots of the top-level tree that a tile of the root, 4096 cells, is made of: 2048 cells.
 const ROOT_TILE_LEVEL: u32 = 2;
-/// Slots of the crown per edge of a 32³ node, by their level.
+/// Slots of the top-level tree per edge of a 32³ node, by their level.
 const fn slots_per_edge(level: u32) -> i32 {
     32 >> (2 * level)
 }
@@ -41,10 +41,10 @@ enum Widest<'a> {
     Tile(f32),
 }
 
-/// A tile in the crown.
+/// A tile in the top-level tree.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct CrownTile {
-    /// The level of its slot; level 0 holds regions.
+pub(super) struct TopTile {
+    /// The level of its slot; level 0 holds lower nodes.
     pub level: u32,
     /// In slots of that level, in index space.
     pub at: IVec3,
@@ -54,8 +54,8 @@ pub(super) struct CrownTile {
 /// What of a tree a ray can meet: disjoint cubes, in index space.
 #[derive(Default)]
 pub(super) struct Parts<'a> {
-    pub tiles: Vec<CrownTile>,
-    pub regions: Vec<Region<'a>>,
+    pub tiles: Vec<TopTile>,
+    pub lower_nodes: Vec<LowerNode<'a>>,
 }
 
 /// A cube of 128³ cells that is looked at leaf by leaf.
@@ -75,7 +75,7 @@ struct Cube<'a> {
     sources: [Widest<'a>; 8],
     /// Whether the tree does not hold it.
     is_void: bool,
-    tiles: Vec<CrownTile>,
+    tiles: Vec<TopTile>,
     fine: Vec<Fine<'a>>,
 }
 
@@ -89,7 +89,7 @@ pub(super) fn pack(
 ) -> Result<PackedGrid, PackError> {
     let packing = Packing::new(tree, kind, options)?;
     let parts = parts(tree, kind, &packing)?;
-    check("regions", parts.regions.len() as u64)?;
+    check("lower_nodes", parts.lower_nodes.len() as u64)?;
     let packed = assemble::assemble(kind, options.format, parts, &packing)?;
     packing.finish(&packed)?;
     Ok(packed)
@@ -111,7 +111,7 @@ fn parts<'a>(
 ) -> Result<Parts<'a>, PackError> {
     let cubes = cubes(tree, kind, packing)?;
     let progress = packing.begin(Stage::Cubes, cubes.len());
-    let found: Vec<(Vec<CrownTile>, Vec<Fine>)> = cubes
+    let found: Vec<(Vec<TopTile>, Vec<Fine>)> = cubes
         .par_chunks(CUBES)
         .map(|origins| {
             let (mut tiles, mut fine) = (Vec::new(), Vec::new());
@@ -132,12 +132,12 @@ fn parts<'a>(
         parts.tiles.extend(own_tiles);
         fine.extend(own_fine);
     }
-    let progress = packing.begin(Stage::Regions, fine.len());
+    let progress = packing.begin(Stage::LowerNodes, fine.len());
     let built: Vec<Built> = fine
         .par_iter()
         .map_init(Around::default, |around, fine| {
             progress.advance(1)?;
-            let built = region::built(kind, fine.at, &fine.sources, fine.is_void, around);
+            let built = lower_node::built(kind, fine.at, &fine.sources, fine.is_void, around);
             packing.take(built.bytes())?;
             Ok(built)
         })
@@ -145,8 +145,8 @@ fn parts<'a>(
     for (fine, built) in fine.iter().zip(built) {
         match built {
             Built::Tile(Tile::Empty) => {}
-            Built::Tile(tile) => parts.tiles.push(CrownTile { level: 0, at: fine.at, tile }),
-            Built::Region(region) => parts.regions.push(*region),
+            Built::Tile(tile) => parts.tiles.push(TopTile { level: 0, at: fine.at, tile }),
+            Built::LowerNode(lower_node) => parts.lower_nodes.push(*lower_node),
         }
     }
     Ok(parts)
@@ -215,8 +215,8 @@ impl<'a> Cube<'a> {
 
     fn push(&mut self, level: u32, at: IVec3, tile: Tile) {
         if tile != Tile::Empty {
-            let first = self.origin >> (REGION_BITS + 2 * level) as i32;
-            self.tiles.push(CrownTile { level, at: first + at, tile });
+            let first = self.origin >> (LOWER_BITS + 2 * level) as i32;
+            self.tiles.push(TopTile { level, at: first + at, tile });
         }
     }
 
@@ -271,7 +271,7 @@ impl<'a> Cube<'a> {
         }
     }
 
-    /// What a slot of the crown is that a tile of the root covers; `None` where it has been cut.
+    /// What a slot of the top-level tree is that a tile of the root covers; `None` where it has been cut.
     fn of_tile(&mut self, level: u32, at: IVec3) -> Option<Tile> {
         let last = slots_per_edge(level) - 1;
         let high = at.to_array().map(|c| usize::from(c == last));
@@ -322,7 +322,7 @@ impl<'a> Cube<'a> {
             match source {
                 Wide::Tile(own) => *value = *own,
                 Wide::Lower(_) => {
-                    let at = (self.origin >> REGION_BITS as i32) + at;
+                    let at = (self.origin >> LOWER_BITS as i32) + at;
                     self.fine.push(Fine { at, sources, is_void: self.is_void });
                     return None;
                 }

@@ -54,7 +54,7 @@ pub(super) enum Tile {
     Plain(f32),
     /// Stops or dims a ray all over, and touches other values: its own, and those of its neighbours on the
     /// high side. Cells that are not along its high sides have its own.
-    Mixed([f32; 8]),
+    Boundary([f32; 8]),
     /// The same where only cells along its high sides can stop or dim a ray.
     Border([f32; 8]),
 }
@@ -69,10 +69,10 @@ impl Tile {
             PackKind::Smooth { .. } => false,
             PackKind::Fog => rule.counts(own),
         };
-        let mixed = values.iter().any(|&value| !rule.same(value, own))
+        let boundary = values.iter().any(|&value| !rule.same(value, own))
             && values.iter().any(|&value| rule.counts(value));
-        match (mixed, solid) {
-            (true, true) => Self::Mixed(*values),
+        match (boundary, solid) {
+            (true, true) => Self::Boundary(*values),
             (true, false) => Self::Border(*values),
             (false, _) => Self::plain(own, solid),
         }
@@ -82,7 +82,7 @@ impl Tile {
     pub fn hollow(self) -> Self {
         match self {
             Self::Plain(_) => Self::Empty,
-            Self::Mixed(values) => Self::Border(values),
+            Self::Boundary(values) => Self::Border(values),
             tile => tile,
         }
     }
@@ -96,7 +96,7 @@ impl Tile {
         match self {
             Self::Empty => Self::Empty,
             Self::Plain(value) => Self::Plain(f(value)),
-            Self::Mixed(values) => Self::Mixed(values.map(f)),
+            Self::Boundary(values) => Self::Boundary(values.map(f)),
             Self::Border(values) => Self::Border(values.map(f)),
         }
     }
@@ -105,7 +105,7 @@ impl Tile {
     pub fn part(self, kind: PackKind, sides: usize) -> Self {
         let values = match self {
             Self::Empty | Self::Plain(_) => return self,
-            Self::Mixed(values) | Self::Border(values) => values,
+            Self::Boundary(values) | Self::Border(values) => values,
         };
         let part = Self::of(kind, &std::array::from_fn(|i| values[i & sides]));
         if matches!(self, Self::Border(_)) { part.hollow() } else { part }
@@ -115,7 +115,7 @@ impl Tile {
     pub fn occupied_box(&self, rule: Rule, cube: CoordBox) -> Option<CoordBox> {
         let values = match self {
             Self::Empty => return None,
-            Self::Plain(_) | Self::Mixed(_) => return Some(cube),
+            Self::Plain(_) | Self::Boundary(_) => return Some(cube),
             Self::Border(values) => values,
         };
         let part = |sides: usize| {

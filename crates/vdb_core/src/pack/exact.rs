@@ -1,7 +1,7 @@
 //! Which of two planes a ray crosses first, and where it is at a `t`, exactly: the twin of
 //! `assets/shaders/traversal/exact.wgsl`.
 //!
-//! A walk compares `t = (plane - origin) / dir` of planes on different axes. In f32 that is right to
+//! A traversal compares `t = (plane - origin) / dir` of planes on different axes. In f32 that is right to
 //! a few units in the last place, which is enough nearly always; where it is not, the same numbers
 //! are compared as integers. A ray's origin is an integer cell and a fraction of 24 bits, so the
 //! distance to a plane is an integer of at most 56 bits in units of 2⁻²⁴; a direction is 24 bits
@@ -13,7 +13,7 @@
 
 use glam::{IVec3, UVec3, Vec3};
 
-use super::course::Course;
+use super::mirrored_ray::MirroredRay;
 
 /// Bits of a ray's fraction.
 pub const FRAC_BITS: u32 = 24;
@@ -38,16 +38,16 @@ fn units(frac: f32) -> u64 {
     (frac * (1 << FRAC_BITS) as f32) as u64
 }
 
-/// The distance from a course's origin to a plane on an axis, in units of 2⁻²⁴ cells.
-pub fn plane_distance(course: &Course, axis: usize, plane: u32) -> u64 {
+/// The distance from a mirrored ray's origin to a plane on an axis, in units of 2⁻²⁴ cells.
+pub fn plane_distance(mirrored: &MirroredRay, axis: usize, plane: u32) -> u64 {
     let cells = if plane == 0 { 1 << 32 } else { u64::from(plane) };
-    (cells << FRAC_BITS) - units(course.frac[axis])
+    (cells << FRAC_BITS) - units(mirrored.frac[axis])
 }
 
-/// Where a course crosses a plane, to within half of [`T_ERROR`].
-fn crossing(course: &Course, (axis, plane): (usize, u32)) -> f32 {
+/// Where a mirrored ray crosses a plane, to within half of [`T_ERROR`].
+fn crossing(mirrored: &MirroredRay, (axis, plane): (usize, u32)) -> f32 {
     let cells = if plane == 0 { WHOLE } else { plane as f32 };
-    (cells - course.frac[axis]) * course.inverse[axis]
+    (cells - mirrored.frac[axis]) * mirrored.inverse[axis]
 }
 
 /// The 24 bits of a number that is not zero, and its exponent.
@@ -56,10 +56,10 @@ pub(super) fn split(x: f32) -> (u32, u32) {
     (bits & 0x007f_ffff | 0x0080_0000, bits >> 23)
 }
 
-/// Where a course is on an axis.
+/// Where a mirrored ray is on an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Reached {
-    /// From the low end of the course's own cell, in units of 2⁻²⁴ cells, rounded down.
+    /// From the low end of the mirrored ray's own cell, in units of 2⁻²⁴ cells, rounded down.
     pub units: u64,
     /// Whether that has cut nothing off.
     pub is_exact: bool,
@@ -68,12 +68,12 @@ pub(super) struct Reached {
 /// A place that no cell of the index space has.
 const BEYOND: u64 = 1 << 63;
 
-/// Where a course is on an axis at a `t`, which is 0 or more: `frac + t · speed`, in integers. Both
+/// Where a mirrored ray is on an axis at a `t`, which is 0 or more: `frac + t · speed`, in integers. Both
 /// numbers have 24 bits and an exponent. A place so far away that no cell of the index space is there
 /// is given as one such place.
-pub(super) fn reached_at(course: &Course, axis: usize, t: f32) -> Reached {
-    let start = units(course.frac[axis]);
-    let speed = course.speed[axis];
+pub(super) fn reached_at(mirrored: &MirroredRay, axis: usize, t: f32) -> Reached {
+    let start = units(mirrored.frac[axis]);
+    let speed = mirrored.speed[axis];
     if t == 0.0 || speed == 0.0 {
         return Reached { units: start, is_exact: true };
     }
@@ -93,7 +93,7 @@ pub(super) fn reached_at(course: &Course, axis: usize, t: f32) -> Reached {
     Reached { units: way + start, is_exact: shift >= 0 || way << size == digits }
 }
 
-/// Cells on an axis that a course has crossed the planes of at a place, and whether the index space
+/// Cells on an axis that a mirrored ray has crossed the planes of at a place, and whether the index space
 /// has as many. At a plane, it has crossed it.
 fn crossed_at(units: u64) -> (u32, bool) {
     ((units >> FRAC_BITS) as u32, units >> (FRAC_BITS + 32) != 0)
@@ -107,7 +107,7 @@ fn held_back(reached: Reached, is_turned: bool) -> u64 {
     reached.units - u64::from(is_turned && in_plane)
 }
 
-/// Where a course begins.
+/// Where a mirrored ray begins.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Beginning {
     pub cell: UVec3,
@@ -116,14 +116,14 @@ pub(super) struct Beginning {
     pub is_beyond: bool,
 }
 
-pub(super) fn beginning(course: &Course) -> Beginning {
-    let mut begin = Beginning { cell: UVec3::ZERO, frac: course.frac, is_beyond: false };
-    if course.t_min == 0.0 {
+pub(super) fn beginning(mirrored: &MirroredRay) -> Beginning {
+    let mut begin = Beginning { cell: UVec3::ZERO, frac: mirrored.frac, is_beyond: false };
+    if mirrored.t_min == 0.0 {
         return begin;
     }
     for axis in 0..3 {
-        let reached = reached_at(course, axis, course.t_min);
-        let units = held_back(reached, course.flip.cmpne(IVec3::ZERO).test(axis));
+        let reached = reached_at(mirrored, axis, mirrored.t_min);
+        let units = held_back(reached, mirrored.mirror.cmpne(IVec3::ZERO).test(axis));
         let (cells, is_beyond) = crossed_at(units);
         begin.cell[axis] = cells;
         // One unit before a plane is in it.
@@ -134,17 +134,17 @@ pub(super) fn beginning(course: &Course) -> Beginning {
     begin
 }
 
-/// The last cells that a course comes to before it ends: a plane at its very end is crossed.
-pub(super) fn ending(course: &Course) -> UVec3 {
+/// The last cells that a mirrored ray comes to before it ends: a plane at its very end is crossed.
+pub(super) fn ending(mirrored: &MirroredRay) -> UVec3 {
     UVec3::from_array([0, 1, 2].map(|axis| {
-        match crossed_at(reached_at(course, axis, course.t_max).units) {
+        match crossed_at(reached_at(mirrored, axis, mirrored.t_max).units) {
             (cells, false) => cells,
             (_, true) => u32::MAX,
         }
     }))
 }
 
-/// Whether a course crosses plane `a` of one axis before plane `b` of another. Planes crossed at
+/// Whether a mirrored ray crosses plane `a` of one axis before plane `b` of another. Planes crossed at
 /// once count in the order x, y, z.
 ///
 /// Where f32 does not tell, the two are the same to within 2⁻¹⁸, and so are the integers `p`
@@ -152,9 +152,9 @@ pub(super) fn ending(course: &Course) -> UVec3 {
 /// the difference of the exponents. The lesser of two nearly equal numbers is the unshifted one, or
 /// no larger, and that has 80 bits: their difference has at most 63, and its sign is that of the
 /// difference modulo 2⁶⁴.
-pub fn plane_before(course: &Course, a: (usize, u32), b: (usize, u32)) -> bool {
-    let (speed_a, speed_b) = (course.speed[a.0], course.speed[b.0]);
-    let (t_a, t_b) = (crossing(course, a), crossing(course, b));
+pub fn plane_before(mirrored: &MirroredRay, a: (usize, u32), b: (usize, u32)) -> bool {
+    let (speed_a, speed_b) = (mirrored.speed[a.0], mirrored.speed[b.0]);
+    let (t_a, t_b) = (crossing(mirrored, a), crossing(mirrored, b));
     if speed_a == 0.0 || t_a > t_b * (1.0 + T_ERROR) {
         return false;
     }
@@ -162,8 +162,8 @@ pub fn plane_before(course: &Course, a: (usize, u32), b: (usize, u32)) -> bool {
         return true;
     }
     let ((digits_a, exponent_a), (digits_b, exponent_b)) = (split(speed_a), split(speed_b));
-    let p = plane_distance(course, a.0, a.1).wrapping_mul(u64::from(digits_b));
-    let q = plane_distance(course, b.0, b.1).wrapping_mul(u64::from(digits_a));
+    let p = plane_distance(mirrored, a.0, a.1).wrapping_mul(u64::from(digits_b));
+    let q = plane_distance(mirrored, b.0, b.1).wrapping_mul(u64::from(digits_a));
     // p · 2^exponent b < q · 2^exponent a
     let least = exponent_a.min(exponent_b);
     let shifted = |x: u64, shift: u32| x.checked_shl(shift).unwrap_or(0);

@@ -1,33 +1,33 @@
 //! The layout that `assets/shaders/traversal/tree.wgsl` and `samples.wgsl` mirror.
 //!
 //! A packed grid is one run of words: a *traversal tree*, which says where a ray can end and how far
-//! it can leap where it cannot, and behind it the *samples* that a ray needs where it has come to
+//! it can skip where it cannot, and behind it the *samples* that a ray needs where it has come to
 //! something: none for a surface of voxels. The tree has three storeys:
 //!
-//! - the **crown**, a tree of nodes of 4³ slots over *regions* of 128³ cells, as many levels as the
+//! - the **top-level tree**, a tree of nodes of 4³ slots over *lower nodes* of 128³ cells, as many levels as the
 //!   grid's extent asks for (a voxel two million away costs some nodes, not a table). A node is
-//!   [`CROWN_WORDS`] words, slot `x·16 + y·4 + z`;
-//! - **regions**, [`REGION_WORDS`] words for the 16³ leaves in them, slot `x·256 + y·16 + z`;
+//!   [`TOP_WORDS`] words, slot `x·16 + y·4 + z`;
+//! - **lower nodes**, [`LOWER_WORDS`] words for the 16³ leaves in them, slot `x·256 + y·16 + z`;
 //! - **leaves** of 8³ cells.
 //!
-//! **Words**, in crown and regions alike:
+//! **Words**, in top-level tree and lower nodes alike:
 //!
 //! | word | meaning | the other bits |
 //! |---|---|---|
-//! | [`CHILD`] | something below can stop or dim a ray | in the crown, the number of a node (higher levels) or of a region; in a region, a leaf: see below |
+//! | [`CHILD`] | something below can stop or dim a ray | in the top-level tree, the number of a node (higher levels) or of a lower node; in a lower node, a leaf: see below |
 //! | [`OCCUPIED`] | a tile that does so all over, with one value | where its value is in the palette |
-//! | [`OCCUPIED`] and [`MIXED`] | a tile beside tiles of other values: its cells along its high sides differ; [`FILLED`] if the others can stop or dim a ray, too | where the eight values of the tile and its neighbours on the high side are in the palette |
+//! | [`OCCUPIED`] and [`BOUNDARY`] | a tile beside tiles of other values: its cells along its high sides differ; [`FILLED`] if the others can stop or dim a ray, too | where the eight values of the tile and its neighbours on the high side are in the palette |
 //! | none of these | empty | for each octant of directions three bits: see [`reach`] |
 //!
-//! A leaf's word has the leaf's number within its region in the low [`LEAF_NUMBER_BITS`] bits, and
-//! above them a bit for each of its eight blocks of 4³ that is not empty. The leaves of region `r`
+//! A leaf's word has the leaf's number within its lower node in the low [`LEAF_NUMBER_BITS`] bits, and
+//! above them a bit for each of its eight blocks of 4³ that is not empty. The leaves of lower node `r`
 //! begin with number `heads[r]`.
 //!
-//! **Tiles** have the size of their slot: 8³ cells in a region, 128³, 512³ or 2048³ in the crown (a tile
-//! of OpenVDB's root is eight of the last). A cell of a mixed tile that is not the last of the tile on any
+//! **Tiles** have the size of their slot: 8³ cells in a lower node, 128³, 512³ or 2048³ in the top-level tree (a tile
+//! of OpenVDB's root is eight of the last). A cell of a boundary tile that is not the last of the tile on any
 //! axis has the tile's own value at all its corners, so that a ray crosses the cubes of such cells at once;
 //! one that is the last on some axes has the values of the tile and of those neighbours on the high side
-//! that lie on these axes: of the eight values, `x·4 + y·2 + z`. A mixed tile says nothing of what it does
+//! that lie on these axes: of the eight values, `x·4 + y·2 + z`. A boundary tile says nothing of what it does
 //! not touch, and each of its neighbours on the high side is covered by a single tile, or was cut.
 //!
 //! **Leaf masks** are eight blocks of 4³ cells, 64 bits each: block `x/4·4 + y/4·2 + z/4`, bit
@@ -59,23 +59,23 @@ pub const CHILD: u32 = 1 << 31;
 /// A tile that can stop or dim a ray.
 pub const OCCUPIED: u32 = 1 << 30;
 /// A tile whose lattice cells along its high sides differ from the others.
-pub const MIXED: u32 = 1 << 29;
-/// A mixed tile whose other cells can stop or dim a ray, too.
+pub const BOUNDARY: u32 = 1 << 29;
+/// A boundary tile whose other cells can stop or dim a ray, too.
 pub const FILLED: u32 = 1 << 28;
 /// The bits that number a child or a value of the palette.
 pub const PAYLOAD: u32 = FILLED - 1;
 
 /// log₂ of the cells per edge of a leaf.
 pub const LEAF_BITS: u32 = 3;
-/// log₂ of the cells per edge of a region.
-pub const REGION_BITS: u32 = 7;
+/// log₂ of the cells per edge of a lower node.
+pub const LOWER_BITS: u32 = 7;
 /// log₂ of the voxels per edge of a 32³ node of OpenVDB.
 pub const UPPER_BITS: u32 = 12;
 
-/// Words of a crown node.
-pub const CROWN_WORDS: usize = 1 << 6;
-/// Words of a region.
-pub const REGION_WORDS: usize = 1 << 12;
+/// Words of a top-level tree node.
+pub const TOP_WORDS: usize = 1 << 6;
+/// Words of a lower node.
+pub const LOWER_WORDS: usize = 1 << 12;
 /// Slots of a 32³ node of OpenVDB.
 pub const UPPER_SLOTS: usize = 1 << 15;
 /// Words of a leaf's mask.
@@ -88,28 +88,28 @@ pub const BRICK_VALUES: usize = 9 * 9 * 10;
 pub const RECORD_WORDS: usize = 6;
 /// The lowest bit of the count in a word of a record.
 pub const RECORD_COUNT: u32 = 25;
-/// Bits of a leaf's number within its region.
+/// Bits of a leaf's number within its lower node.
 pub const LEAF_NUMBER_BITS: u32 = 12;
 
-/// Slots, beyond its own, that a ray of an octant can leap over from an empty slot: all slots of the
+/// Slots, beyond its own, that a ray of an octant can skip over from an empty slot: all slots of the
 /// cube that begins with it, this many more per edge, and lies in the ray's octant are empty.
 #[inline]
-pub fn reach(word: u32, octant: u32) -> u32 {
+pub fn skip(word: u32, octant: u32) -> u32 {
     let code = word >> (3 * octant) & 7;
     // Nibbles of the reach by code: 0, 1, 2, 3, 5, 7, 11, 15.
     0xfb75_3210 >> (4 * code) & 15
 }
 
-/// The slot of a region in the crown node of a level that covers it; level 0 holds the regions.
+/// The slot of a lower node in the top-level tree node of a level that covers it; level 0 holds the lower nodes.
 #[inline]
-pub fn crown_slot(region: IVec3, level: u32) -> usize {
-    let part = region >> (2 * level) as i32 & 3;
+pub fn top_slot(lower_node: IVec3, level: u32) -> usize {
+    let part = lower_node >> (2 * level) as i32 & 3;
     (part.x << 4 | part.y << 2 | part.z) as usize
 }
 
-/// The slot of a local cell in the region that holds it.
+/// The slot of a local cell in the lower node that holds it.
 #[inline]
-pub fn region_slot(cell: IVec3) -> usize {
+pub fn lower_slot(cell: IVec3) -> usize {
     let part = |c: i32| (c >> LEAF_BITS) as usize & 15;
     part(cell.x) << 8 | part(cell.y) << 4 | part(cell.z)
 }

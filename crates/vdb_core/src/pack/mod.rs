@@ -13,27 +13,27 @@
 //! Samples stand apart, only those of occupied cells, and are read only where a ray meets one; a
 //! surface of voxels has none. Everything is addressed by 32-bit indices from the start of the grid's
 //! own words, so that a grid can lie anywhere in a pool. [`layout`] is the contract that the shader
-//! modules mirror; [`walk`] is the shader's walk on the CPU, function by function, for tests and for
+//! modules mirror; [`dda`] is the shader's traversal on the CPU, function by function, for tests and for
 //! reading side by side.
 
-pub mod anchor;
 mod assemble;
 mod bits;
 mod blocks;
 mod bricks;
 mod build;
 mod content;
-mod course;
-mod crown;
 pub mod edit;
 pub mod exact;
 pub mod layout;
-mod leaps;
+mod lower_node;
+mod mirrored_ray;
 mod options;
 mod palette;
-mod region;
+pub mod rebase;
+mod skips;
+mod top_tree;
+pub mod traverse;
 mod values;
-pub mod walk;
 
 pub(crate) use values::{density, distance};
 
@@ -87,7 +87,7 @@ impl PackKind {
     }
 }
 
-/// A grid in the words that the GPU walks.
+/// A grid in the words that the GPU traverses.
 #[derive(Clone, Debug)]
 pub struct PackedGrid {
     /// What was packed.
@@ -157,8 +157,8 @@ impl PackedGrid {
     pub fn header(&self, first: u32) -> GridHeader {
         let own = &self.header;
         GridHeader {
-            crown: own.crown + first,
-            regions: own.regions + first,
+            top: own.top + first,
+            lower_nodes: own.lower_nodes + first,
             heads: own.heads + first,
             masks: own.masks + first,
             leaf_records: own.leaf_records + first,
@@ -190,19 +190,19 @@ impl PackedGrid {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GridHeader {
-    /// Local coordinate of the crown's slot 0, in regions.
-    pub crown_origin: [i32; 3],
-    /// How many levels of 4³ nodes stand over the regions.
-    pub crown_levels: u32,
+    /// Local coordinate of the top-level tree's slot 0, in lower nodes.
+    pub top_origin: [i32; 3],
+    /// How many levels of 4³ nodes stand over the lower nodes.
+    pub top_levels: u32,
     /// Lowest local cell that can stop or dim a ray.
     pub occupied_min: [i32; 3],
-    /// The crown.
-    pub crown: u32,
+    /// The top-level tree.
+    pub top: u32,
     /// Highest local cell that can stop or dim a ray.
     pub occupied_max: [i32; 3],
-    /// The first region.
-    pub regions: u32,
-    /// For each region, the number of its first leaf.
+    /// The first lower node.
+    pub lower_nodes: u32,
+    /// For each lower node, the number of its first leaf.
     pub heads: u32,
     /// The first leaf's mask.
     pub masks: u32,

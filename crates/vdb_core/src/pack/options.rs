@@ -59,9 +59,9 @@ pub(super) enum Stage {
     /// Cubes of 4096³ cells are looked through.
     Cubes,
     /// Cubes of 128³ cells are built, leaf by leaf.
-    Regions,
+    LowerNodes,
     /// Empty cells learn how far rays can skip from them.
-    Leaps,
+    Skips,
     /// Samples are gathered and written.
     Samples,
 }
@@ -95,13 +95,14 @@ impl<'a> Packing<'a> {
         }
         let (limit, limit_name) = options.limits.packing(tree_bytes);
         // What each stage takes, in about 25 µs of one thread.
-        let regions = stats.levels.get(1).map_or(0, |level| level.nodes);
+        let lower_nodes = stats.levels.get(1).map_or(0, |level| level.nodes);
         let samples = match kind {
             PackKind::Surface { .. } => 0,
             PackKind::Smooth { .. } | PackKind::Fog => stats.leaf_count().div_ceil(8),
         };
         let mut stages = [0; STAGES + 1];
-        let steps = [1 + 8 * tree.entries().len() as u64, 8 * regions, 2 * regions, samples];
+        let steps =
+            [1 + 8 * tree.entries().len() as u64, 8 * lower_nodes, 2 * lower_nodes, samples];
         for (i, steps) in steps.into_iter().enumerate() {
             stages[i + 1] = stages[i] + steps;
         }

@@ -6,7 +6,7 @@ use super::content::Tile;
 use super::layout::*;
 use super::{PackError, PackKind, build};
 
-/// Values of tiles, and eight by eight those that mixed tiles touch, each kept once.
+/// Values of tiles, and eight by eight those that boundary tiles touch, each kept once.
 #[derive(Debug)]
 pub(super) struct Palette {
     kind: PackKind,
@@ -40,13 +40,13 @@ impl Palette {
             // Of a solid, no value is asked for.
             Tile::Plain(_) if self.kind != PackKind::Fog => return OCCUPIED,
             Tile::Plain(value) => *self.singles.entry(value.to_bits()).or_insert(end),
-            Tile::Mixed(values) | Tile::Border(values) => {
+            Tile::Boundary(values) | Tile::Border(values) => {
                 *self.tuples.entry(values.map(f32::to_bits)).or_insert(end)
             }
         };
         if first == end {
             match &tile {
-                Tile::Mixed(values) | Tile::Border(values) => self.values.extend(values),
+                Tile::Boundary(values) | Tile::Border(values) => self.values.extend(values),
                 Tile::Plain(value) => self.values.push(*value),
                 Tile::Empty => {}
             }
@@ -73,7 +73,7 @@ pub(super) fn tile_word(tile: &Tile, first: u32) -> u32 {
     match tile {
         Tile::Empty => 0,
         Tile::Plain(_) => OCCUPIED | first,
-        Tile::Mixed(_) => OCCUPIED | MIXED | FILLED | first,
-        Tile::Border(_) => OCCUPIED | MIXED | first,
+        Tile::Boundary(_) => OCCUPIED | BOUNDARY | FILLED | first,
+        Tile::Border(_) => OCCUPIED | BOUNDARY | first,
     }
 }

@@ -2,8 +2,8 @@
 
 use glam::IVec3;
 
-use super::course::LocalRay;
 use super::cubic::Cubic;
+use super::mirrored_ray::LocalRay;
 use super::samples::Samples;
 use super::{IndexHit, IndexRay, nearest_voxel};
 use crate::pack::PackedGrid;
@@ -30,7 +30,7 @@ pub(super) fn first_opaque(
         if part > 0.0 && sum + part >= enough {
             let s = cubic.integral_reaches((enough - sum) / length);
             let at = low + (high - low) * s;
-            let t = local.t_from_walk(at);
+            let t = local.t_from_dda(at);
             return Some(IndexHit {
                 t,
                 ijk: IVec3::from_array(nearest_voxel(ray.at(t))),

@@ -1,6 +1,6 @@
 //! Ray casts and point samples against a grid on the CPU, for games and picking.
 //!
-//! The results are those of the rendered image. The cells that a ray touches come from [`walk`],
+//! The results are those of the rendered image. The cells that a ray touches come from [`dda`],
 //! the exact twin of the shader's traversal. Within cells, samples are those of the tree, and what
 //! the shader computes in f32 is computed in f64: roots of the trilinear interpolant as in
 //! `smooth.wgsl`, optical depth as in `fog.wgsl`.
@@ -8,17 +8,17 @@
 //! Points and rays are in *index space*, where sample `ijk` is the point `(i, j, k)` and voxel
 //! `ijk` is the unit cube around it.
 
-mod course;
 mod cubic;
 mod fog;
+mod mirrored_ray;
 mod samples;
 mod smooth;
 
 use glam::{DVec3, IVec3};
 
-use crate::pack::{PackKind, PackedGrid, walk};
+use crate::pack::{PackKind, PackedGrid, traverse};
 use crate::tree::Vdb543;
-use course::LocalRay;
+use mirrored_ray::LocalRay;
 use samples::Samples;
 
 /// A ray in index space, `p(t) = origin + t · dir` for `t` from 0 to `t_max`.
@@ -100,7 +100,7 @@ impl<'a> GridQuery<'a> {
     }
 
     fn first_voxel(&self, local: &LocalRay) -> Option<IndexHit> {
-        let hit = walk::first_hit(self.packed, &local.ray)?;
+        let hit = traverse::first_hit(self.packed, &local.ray)?;
         let ijk = hit.cell.wrapping_add(self.packed.base);
         let begins = hit.axis > 2;
         let mut normal = DVec3::ZERO;
@@ -111,7 +111,7 @@ impl<'a> GridQuery<'a> {
         let axis = if begins { local.begin_axis } else { hit.axis as usize };
         normal[axis] = -f64::from(local.ray.dir[axis].signum());
         let way = if begins { 0.0 } else { local.face_t(hit.cell, axis) };
-        Some(IndexHit { t: local.t_from_walk(way), ijk, normal, begins_inside: false })
+        Some(IndexHit { t: local.t_from_dda(way), ijk, normal, begins_inside: false })
     }
 
     /// The value of the sample nearest to a point, as displayed: densities are not negative, and

@@ -3,8 +3,8 @@
 
 use glam::IVec3;
 
-use super::course::LocalRay;
 use super::cubic::Cubic;
+use super::mirrored_ray::LocalRay;
 use super::samples::Samples;
 use super::{IndexHit, IndexRay, nearest_voxel};
 use crate::pack::PackedGrid;
@@ -39,7 +39,7 @@ pub(super) fn first_root(
             },
         };
         let at = low + (high - low) * s;
-        let t = local.t_from_walk(at);
+        let t = local.t_from_dda(at);
         return Some(IndexHit {
             t,
             ijk: IVec3::from_array(nearest_voxel(ray.at(t))),

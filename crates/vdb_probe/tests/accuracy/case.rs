@@ -70,7 +70,7 @@ impl<'a> Scene<'a> {
 
     /// The ray in index space whose numbers are those that the shader has: the half voxel between
     /// the lattice of voxels and index space is exact, as fractions have 24 bits. Denormal numbers
-    /// count as zero in the walk, on all hardware.
+    /// count as zero in the traversal, on all hardware.
     pub fn exact(&self, ray: &ProbeRay) -> Ray {
         let cell = IVec3::from_array(ray.cell).wrapping_add(self.grid.base);
         let frac = glam::Vec3::from_array(ray.frac) + self.grid.kind.lattice_origin() as f32;
@@ -78,7 +78,7 @@ impl<'a> Scene<'a> {
         Ray::new(cell, frac, dir).with_span(ray.t_min, ray.t_max).flushed()
     }
 
-    /// More steps than this a walk does not take: the cells of the box along its three edges.
+    /// More steps than this a traversal does not take: the cells of the box along its three edges.
     pub fn most_steps(&self) -> u64 {
         self.grid.occupied.map_or(0, |bounds| bounds.dim().iter().sum())
     }
@@ -96,7 +96,7 @@ impl<'a> Scene<'a> {
 pub fn reproduced(ray: &ProbeRay) -> String {
     let ProbeRay { cell, frac, dir, t_min, t_max, .. } = ray;
     format!(
-        "walk::Ray {{ cell: {cell:?}.into(), frac: {frac:?}.into(), dir: {dir:?}.into(), \
+        "traverse::Ray {{ cell: {cell:?}.into(), frac: {frac:?}.into(), dir: {dir:?}.into(), \
          t_min: {t_min:?}, t_max: {t_max:?} }}"
     )
 }
@@ -161,7 +161,7 @@ fn chunks(
 }
 
 /// Mesa's llvmpipe ends a shader after 65,535 iterations of all its loops together. From so many
-/// steps of a walk on, its answers tell nothing; a GPU's do.
+/// steps of a traversal on, its answers tell nothing; a GPU's do.
 const LLVMPIPE_STEPS: u32 = 2000;
 
 /// Judges the answers to rays.

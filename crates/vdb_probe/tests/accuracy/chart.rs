@@ -17,7 +17,7 @@ const GOOD: &str = "#2f7d4f";
 const BAD: &str = "#c23b22";
 const DOTS: [(&str, &str); 3] = [("p50", "#9db8d9"), ("p99.99", "#4a7fbf"), ("max", "#173f73")];
 
-/// The whole picture: to the left first voxels, how many are wrong here and by the nudged walk, and
+/// The whole picture: to the left first voxels, how many are wrong here and by the nudged traversal, and
 /// below the errors of the rays themselves and of fog, to the right those of smooth surfaces, all in
 /// parts of their bounds.
 pub fn svg(report: &Report) -> String {
@@ -69,7 +69,7 @@ fn wrong_voxels(svg: &mut Svg, report: &Report, rows: &[&Row], x: f64, y: f64) {
         y - 26.0 + LINE,
         "start",
         &format!(r#"fill="{BAD}""#),
-        "bars: by a walk that nudges its position by 4e-4 a step",
+        "bars: by a dda that nudges its position by 4e-4 a step",
     );
     let bottom = y + LINE * rows.len() as f64;
     for decade in 0..=DOWN as i32 {
@@ -94,7 +94,7 @@ fn wrong_voxels(svg: &mut Svg, report: &Report, rows: &[&Row], x: f64, y: f64) {
         }
     }
     svg.text(zero - 6.0, y - 8.0, "end", &format!(r#"fill="{GOOD}""#), "wrong here");
-    svg.text(zero + PLOT / 2.0, bottom + 2.2 * LINE, "middle", "", "of the rays, nudged walk");
+    svg.text(zero + PLOT / 2.0, bottom + 2.2 * LINE, "middle", "", "of the rays, nudged dda");
 }
 
 /// Dots: errors in parts of their bounds, on a scale of decades; the bound is the line at 1.

@@ -1,7 +1,7 @@
 //! Rays that are given: at random, made to be hard, with ends, and from far away nearly along an axis.
 
 use glam::{DVec3, IVec3, Vec3};
-use vdb_core::pack::{PackedGrid, walk};
+use vdb_core::pack::{PackedGrid, traverse};
 use vdb_core::reference::Ray;
 use vdb_core::synth::{Random, rays};
 use vdb_core::tree::{CoordBox, Node, Vdb543};
@@ -24,7 +24,7 @@ impl Targets {
         let bounds = grid.occupied.expect("there is something to see");
         if bounds.dim().into_iter().all(|edge| edge <= SMALL) {
             let bbox = CoordBox { min: bounds.min + grid.base, max: bounds.max + grid.base };
-            // The box of cells has whole leaves in it where tiles are mixed.
+            // The box of cells has whole leaves in it where tiles are boundary.
             let active = tree.active_bbox().and_then(|active| active.intersection(bbox));
             return Self(vec![active.unwrap_or(bbox)]);
         }
@@ -56,7 +56,7 @@ pub type Make = fn(&mut Random, &Targets, &PackedGrid) -> ProbeRay;
 /// A ray of the shader from one in index space, unless it begins where none can.
 fn made(grid: &PackedGrid, cell: IVec3, frac: Vec3, dir: Vec3) -> Option<ProbeRay> {
     let dir = rays::normalized(dir)?;
-    let ray = walk::Ray::from_index(grid, cell, frac, dir);
+    let ray = traverse::Ray::from_index(grid, cell, frac, dir);
     let fits = ray.cell.checked_add(grid.base).is_some()
         && ray.cell.to_array().iter().all(|c| c.unsigned_abs() <= FARTHEST as u32);
     fits.then(|| ray.into())

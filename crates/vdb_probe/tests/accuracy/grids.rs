@@ -98,7 +98,7 @@ pub fn tiles(value: f32, background: f32) -> Tree {
     tree
 }
 
-/// What is hard on a walk, solid below zero.
+/// What is hard on a traversal, solid below zero.
 pub fn solids() -> Vec<Named> {
     let far = IVec3::splat(2_000_000);
     let mut grids = vec![

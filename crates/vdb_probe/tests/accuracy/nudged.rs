@@ -1,4 +1,4 @@
-//! The same voxels by the walk of the thesis, which nudges its position: what the design buys. Shown
+//! The same voxels by the traversal of the thesis, which nudges its position: what the design buys. Shown
 //! beside the suite's table, held to nothing.
 
 use vdb_core::reference::{Blocky, Occupied, standard};
@@ -88,8 +88,8 @@ fn row(case: String, tally: &Tally) -> Row {
     row.and(tally.wrong_faces, "faces alone").and(tally.stuck, "stood still")
 }
 
-/// The views of the suite of the grid at the origin of index space, where this walk is at its best,
-/// with the very rays that the suite's own walk gets.
+/// The views of the suite of the grid at the origin of index space, where this traversal is at its best,
+/// with the very rays that the suite's own traversal gets.
 fn cameras(suite: &Suite, kernel: &Kernel) -> Vec<Row> {
     let tree = grids::ball(0);
     let scene = Scene::new(suite.gpu, &tree, voxels::KIND).expect("there are voxels");

@@ -1,4 +1,4 @@
-// The walk of the thesis, for comparison, from its description: an f32 position in the space of the
+// The traversal of the thesis, for comparison, from its description: an f32 position in the space of the
 // grid; at each step the size of the empty node at that position, the nearest of its planes ahead,
 // and the position moved there and a little further, so that it lies in the next node. A thousand
 // steps at most.

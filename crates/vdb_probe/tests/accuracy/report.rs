@@ -133,7 +133,7 @@ pub struct Report {
     pub seed: u64,
     pub times: usize,
     pub rows: Vec<Row>,
-    /// Rows that are not held to anything, beside the others: of the nudged walk.
+    /// Rows that are not held to anything, beside the others: of the nudged traversal.
     pub beside: Vec<Row>,
     printed: usize,
 }
@@ -250,7 +250,7 @@ impl Report {
 
 /// Above the table beside.
 const BESIDE: &str =
-    "The same questions to a walk that nudges its position by 4e-4 a step, 1000 steps at most:";
+    "The same questions to a dda that nudges its position by 4e-4 a step, 1000 steps at most:";
 
 fn beside_header() -> String {
     format!("{:<52} {:>13} {:>13} {:>9}  {}", "case", "rays", "wrong voxels", "", "of which")

@@ -78,7 +78,7 @@ pub struct Tally {
     pub near_double: u64,
     /// Roots met or missed as close to an end of a ray as a position is good.
     pub at_end: u64,
-    /// Rays that used up the steps of the nudged walk.
+    /// Rays that used up the steps of the nudged traversal.
     pub stuck: u64,
     /// Rays through so many cells that llvmpipe ends their shader: not judged.
     pub cut: u64,

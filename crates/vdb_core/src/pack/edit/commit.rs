@@ -8,14 +8,14 @@ use rayon::prelude::*;
 
 use super::content::View;
 use super::runs::{Run, rounded};
-use super::sections::{Frame, Region, Sections, rebased};
+use super::sections::{Frame, LowerNode, Sections, rebased};
 use super::slots::{Cubes, slot_origin};
 use crate::pack::blocks::{self, Blocks};
 use crate::pack::content::{Content, Tile};
 use crate::pack::layout::*;
-use crate::pack::leaps::{self, Chunk};
+use crate::pack::lower_node::{chunk, leaf_word};
 use crate::pack::palette::tile_word;
-use crate::pack::region::{chunk, leaf_word};
+use crate::pack::skips::{self, Chunk};
 use crate::pack::{PackKind, PackedGrid, bricks, values};
 
 /// Something has no room where it is.
@@ -76,10 +76,10 @@ struct Commit<'a> {
     words: Words<'a>,
     /// Leaves whose samples are to be gathered.
     leaves: Vec<Leaf>,
-    /// Regions where leaf-sized cubes have become empty, or not empty.
+    /// Lower nodes where leaf-sized cubes have become empty, or not empty.
     moved: Vec<IVec3>,
-    /// Whether regions have come or gone.
-    crown: bool,
+    /// Whether lower nodes have come or gone.
+    top: bool,
 }
 
 /// Packs the lattice cells of some cubes anew, and gives the words that have changed, in order.
@@ -89,8 +89,8 @@ pub(super) fn commit(
     view: &View,
     cubes: Cubes,
 ) -> Result<Vec<Range<u32>>, NoRoom> {
-    let regions = cubes.into_regions();
-    let contents: Vec<Vec<(usize, Content)>> = regions
+    let lower_nodes = cubes.into_lower_nodes();
+    let contents: Vec<Vec<(usize, Content)>> = lower_nodes
         .par_iter()
         .map(|(at, slots)| {
             let slots: Vec<usize> = slots.iter().collect();
@@ -102,30 +102,29 @@ pub(super) fn commit(
         let largest = |(at, slots): &(IVec3, super::slots::Slots)| {
             slots.iter().map(|slot| view.largest(slot_origin(*at, slot))).fold(0.0, f32::max)
         };
-        let largest = regions.par_iter().map(largest).reduce(|| 0.0, f32::max);
+        let largest = lower_nodes.par_iter().map(largest).reduce(|| 0.0, f32::max);
         packed.majorant = packed.majorant.max(largest);
     }
     let words = Words { packed, changed: Vec::new() };
-    let mut commit =
-        Commit { sections, words, leaves: Vec::new(), moved: Vec::new(), crown: false };
-    for ((at, _), contents) in regions.iter().zip(contents) {
-        commit.region(*at, contents)?;
+    let mut commit = Commit { sections, words, leaves: Vec::new(), moved: Vec::new(), top: false };
+    for ((at, _), contents) in lower_nodes.iter().zip(contents) {
+        commit.lower_node(*at, contents)?;
     }
     commit.samples(view);
-    commit.leaps();
-    commit.crown()?;
-    commit.boxes(&regions);
+    commit.skips();
+    commit.top()?;
+    commit.boxes(&lower_nodes);
     Ok(merged(commit.words.changed))
 }
 
 impl Commit<'_> {
-    /// Gives slots of a region what they hold.
-    fn region(&mut self, at: IVec3, contents: Vec<(usize, Content)>) -> Result<(), NoRoom> {
+    /// Gives slots of a lower node what they hold.
+    fn lower_node(&mut self, at: IVec3, contents: Vec<(usize, Content)>) -> Result<(), NoRoom> {
         let key = at.to_array();
-        let Some(mut region) = self.opened(at, &contents)? else { return Ok(()) };
+        let Some(mut lower_node) = self.opened(at, &contents)? else { return Ok(()) };
         let header = self.words.packed.header;
-        let number = region.word & PAYLOAD;
-        let first = header.region(number).start as u32;
+        let number = lower_node.word & PAYLOAD;
+        let first = header.lower_node(number).start as u32;
         let leaf_of = |word: u32| word & ((1 << LEAF_NUMBER_BITS) - 1);
 
         let mut leaves = 0;
@@ -133,16 +132,16 @@ impl Commit<'_> {
             let word = self.words.get(first + *slot as u32);
             match (word & CHILD != 0, matches!(content, Content::Leaf(_))) {
                 (true, false) => {
-                    region.used.set(leaf_of(word) as usize, false);
-                    self.drop_samples(region.leaves.first + leaf_of(word));
+                    lower_node.used.set(leaf_of(word) as usize, false);
+                    self.drop_samples(lower_node.leaves.first + leaf_of(word));
                 }
                 (false, true) => leaves += 1,
                 _ => {}
             }
         }
-        leaves += region.used.count();
-        if leaves > region.leaves.size {
-            self.move_leaves(&mut region, number, leaves)?;
+        leaves += lower_node.used.count();
+        if leaves > lower_node.leaves.size {
+            self.move_leaves(&mut lower_node, number, leaves)?;
         }
         for (slot, content) in contents {
             let at_word = first + slot as u32;
@@ -152,10 +151,10 @@ impl Commit<'_> {
                     let leaf = if old & CHILD != 0 {
                         leaf_of(old)
                     } else {
-                        region.used.first_free(region.leaves.size).ok_or(NoRoom)? as u32
+                        lower_node.used.first_free(lower_node.leaves.size).ok_or(NoRoom)? as u32
                     };
-                    region.used.set(leaf as usize, true);
-                    self.leaf(slot_origin(at, slot), region.leaves.first + leaf, &mask)?;
+                    lower_node.used.set(leaf as usize, true);
+                    self.leaf(slot_origin(at, slot), lower_node.leaves.first + leaf, &mask)?;
                     leaf_word(&mask, leaf)
                 }
                 Content::Tile(tile) if self.says(old, &tile) => old,
@@ -163,33 +162,33 @@ impl Commit<'_> {
             };
             self.words.put(at_word, &[word]);
         }
-        let now = chunk(&self.words.packed.words[header.region(number)]);
-        if self.sections.regions.get(&key).is_none_or(|before| before.chunk != now) {
+        let now = chunk(&self.words.packed.words[header.lower_node(number)]);
+        if self.sections.lower_nodes.get(&key).is_none_or(|before| before.chunk != now) {
             self.moved.push(at);
         }
-        region.chunk = now;
-        if region.is_empty() {
-            self.sections.places.give_back(region.leaves);
-            self.sections.free_regions.push(number);
-            self.sections.regions.remove(&key);
-            self.crown = true;
+        lower_node.chunk = now;
+        if lower_node.is_empty() {
+            self.sections.places.give_back(lower_node.leaves);
+            self.sections.free_lower_nodes.push(number);
+            self.sections.lower_nodes.remove(&key);
+            self.top = true;
         } else {
-            self.sections.regions.insert(key, region);
+            self.sections.lower_nodes.insert(key, lower_node);
         }
         Ok(())
     }
 
-    /// The region at a place, with words of its own; `None` where it goes on as nothing or as a tile.
+    /// The lower node at a place, with words of its own; `None` where it goes on as nothing or as a tile.
     fn opened(
         &mut self,
         at: IVec3,
         contents: &[(usize, Content)],
-    ) -> Result<Option<Region>, NoRoom> {
-        let region = self.sections.regions.get(&at.to_array());
-        if let Some(region) = region.filter(|region| region.number().is_some()) {
-            return Ok(Some(region.clone()));
+    ) -> Result<Option<LowerNode>, NoRoom> {
+        let lower_node = self.sections.lower_nodes.get(&at.to_array());
+        if let Some(lower_node) = lower_node.filter(|lower_node| lower_node.number().is_some()) {
+            return Ok(Some(lower_node.clone()));
         }
-        let word = region.map_or(0, |region| region.word);
+        let word = lower_node.map_or(0, |lower_node| lower_node.word);
         let tile = self.words.packed.tile_of(word);
         let kept_kind = self.words.packed.kept_kind();
         let part = |slot: usize| tile.part(kept_kind, sides_of(slot));
@@ -203,23 +202,23 @@ impl Commit<'_> {
         if !Frame::of(self.words.packed).covers(at) {
             return Err(NoRoom);
         }
-        let number = self.sections.free_regions.pop().ok_or(NoRoom)?;
-        let first = self.words.packed.header.region(number).start as u32;
-        // Whatever stands there from a region that has gone.
+        let number = self.sections.free_lower_nodes.pop().ok_or(NoRoom)?;
+        let first = self.words.packed.header.lower_node(number).start as u32;
+        // Whatever stands there from a lower node that has gone.
         let words: Vec<u32> = match tile {
-            Tile::Empty | Tile::Plain(_) => vec![word; REGION_WORDS],
+            Tile::Empty | Tile::Plain(_) => vec![word; LOWER_WORDS],
             _ => {
                 let parts: [Tile; 8] = std::array::from_fn(|sides| tile.part(kept_kind, sides));
                 let mut words = [0; 8];
                 for (word, part) in words.iter_mut().zip(parts) {
                     *word = self.kept_tile(part)?;
                 }
-                (0..REGION_WORDS).map(|slot| words[sides_of(slot)]).collect()
+                (0..LOWER_WORDS).map(|slot| words[sides_of(slot)]).collect()
             }
         };
         self.words.put(first, &words);
-        self.crown = true;
-        Ok(Some(Region::new(CHILD | number)))
+        self.top = true;
+        Ok(Some(LowerNode::new(CHILD | number)))
     }
 
     /// Whether a word is a tile with this content.
@@ -248,7 +247,7 @@ impl Commit<'_> {
                 self.sections.tiles.insert(bits, index);
                 index
             }
-            Tile::Mixed(values) | Tile::Border(values) => {
+            Tile::Boundary(values) | Tile::Border(values) => {
                 let bits = values.map(f32::to_bits);
                 let index = match self.sections.tuples.get(&bits) {
                     Some(&index) => index,
@@ -305,13 +304,18 @@ impl Commit<'_> {
         }
     }
 
-    /// Moves the leaves of a region to where there is room for so many.
-    fn move_leaves(&mut self, region: &mut Region, number: u32, leaves: u32) -> Result<(), NoRoom> {
-        let least = (leaves + leaves / 4).min(REGION_WORDS as u32);
+    /// Moves the leaves of a lower node to where there is room for so many.
+    fn move_leaves(
+        &mut self,
+        lower_node: &mut LowerNode,
+        number: u32,
+        leaves: u32,
+    ) -> Result<(), NoRoom> {
+        let least = (leaves + leaves / 4).min(LOWER_WORDS as u32);
         let run = self.sections.places.take(least).ok_or(NoRoom)?;
         let header = self.words.packed.header;
-        for leaf in region.used.iter() {
-            let (from, to) = (region.leaves.first + leaf as u32, run.first + leaf as u32);
+        for leaf in lower_node.used.iter() {
+            let (from, to) = (lower_node.leaves.first + leaf as u32, run.first + leaf as u32);
             self.words.copy(header.mask(from), header.mask(to), LEAF_MASK_WORDS as u32);
             if header.leaf_words() > 0 {
                 self.words.copy(header.leaf(from), header.leaf(to), header.leaf_words());
@@ -321,8 +325,8 @@ impl Commit<'_> {
                 self.sections.samples_of[to as usize] = samples;
             }
         }
-        self.sections.places.give_back(region.leaves);
-        region.leaves = run;
+        self.sections.places.give_back(lower_node.leaves);
+        lower_node.leaves = run;
         self.words.put(header.heads + number, &[run.first]);
         Ok(())
     }
@@ -356,27 +360,29 @@ impl Commit<'_> {
         }
     }
 
-    /// Writes how far rays can leap, in the regions around those where cubes have become empty, or have
+    /// Writes how far rays can skip, in the lower nodes around those where cubes have become empty, or have
     /// ceased to be.
-    fn leaps(&mut self) {
+    fn skips(&mut self) {
         let mut around = BTreeSet::new();
         for at in &self.moved {
             for i in 0..27 {
                 around.insert((*at + IVec3::new(i / 9, i / 3 % 3, i % 3) - 1).to_array());
             }
         }
-        let regions = &self.sections.regions;
-        let around = around.into_iter().filter_map(|at| Some((at, regions.get(&at)?.number()?)));
+        let lower_nodes = &self.sections.lower_nodes;
+        let around =
+            around.into_iter().filter_map(|at| Some((at, lower_nodes.get(&at)?.number()?)));
         let around: Vec<([i32; 3], u32)> = around.collect();
-        let chunk_at = |at: IVec3| -> Option<&Chunk> { Some(&regions.get(&at.to_array())?.chunk) };
+        let chunk_at =
+            |at: IVec3| -> Option<&Chunk> { Some(&lower_nodes.get(&at.to_array())?.chunk) };
         let codes: Vec<(u32, Vec<u32>)> = around
             .into_par_iter()
             .map(|(at, number)| {
-                (number, leaps::codes(|beside| chunk_at(IVec3::from_array(at) + beside)))
+                (number, skips::codes(|beside| chunk_at(IVec3::from_array(at) + beside)))
             })
             .collect();
         for (number, mut codes) in codes {
-            let place = self.words.packed.header.region(number);
+            let place = self.words.packed.header.lower_node(number);
             for (code, &word) in codes.iter_mut().zip(&self.words.packed.words[place.clone()]) {
                 if word & (CHILD | OCCUPIED) != 0 {
                     *code = word;
@@ -386,38 +392,38 @@ impl Commit<'_> {
         }
     }
 
-    fn crown(&mut self) -> Result<(), NoRoom> {
-        if self.crown {
-            let crown = Frame::of(self.words.packed).crown(&self.sections.regions);
-            if crown.len() > self.sections.crown_room as usize {
+    fn top(&mut self) -> Result<(), NoRoom> {
+        if self.top {
+            let top = Frame::of(self.words.packed).top(&self.sections.lower_nodes);
+            if top.len() > self.sections.top_room as usize {
                 return Err(NoRoom);
             }
-            self.words.put_each(self.words.packed.header.crown, &crown);
+            self.words.put_each(self.words.packed.header.top, &top);
         }
         Ok(())
     }
 
-    /// The boxes around the occupied cells of regions, and of all of them.
+    /// The boxes around the occupied cells of lower nodes, and of all of them.
     fn boxes(&mut self, changed: &[(IVec3, super::slots::Slots)]) {
         let packed = &*self.words.packed;
-        let regions = &self.sections.regions;
+        let lower_nodes = &self.sections.lower_nodes;
         let boxes: Vec<_> = changed
             .par_iter()
             .filter_map(|(at, _)| {
                 let at = at.to_array();
-                Some((at, packed.box_of(at, regions.get(&at)?)))
+                Some((at, packed.box_of(at, lower_nodes.get(&at)?)))
             })
             .collect();
         for (at, occupied) in boxes {
-            if let Some(region) = self.sections.regions.get_mut(&at) {
-                region.occupied = occupied;
+            if let Some(lower_node) = self.sections.lower_nodes.get_mut(&at) {
+                lower_node.occupied = occupied;
             }
         }
         self.sections.set_box(self.words.packed);
     }
 }
 
-/// The sides of a region's high faces that a slot of it lies along.
+/// The sides of a lower node's high faces that a slot of it lies along.
 fn sides_of(slot: usize) -> usize {
     let high = |c: usize| usize::from(c & 15 == 15);
     high(slot >> 8) << 2 | high(slot >> 4) << 1 | high(slot)

@@ -1,9 +1,9 @@
 //! Voxels that change, and the words with them.
 //!
 //! A grid that is being edited is packed with room to spare: behind what each section of its words has
-//! there is as much again by half, and the leaves of a region are a run of places with some to spare.
+//! there is as much again by half, and the leaves of a lower node are a run of places with some to spare.
 //! After an edit only those leaves are packed anew whose lattice cells have samples that changed, the
-//! leaps of the regions around them where leaves came or went, and the crown where regions did. Where
+//! skips of the lower nodes around them where leaves came or went, and the top-level tree where lower nodes did. Where
 //! there is no room left, all is packed anew, with new room: the more there is, the rarer.
 //!
 //! What rays meet is what they meet in the same tree packed as a whole; samples are kept in 32 bits, so
@@ -87,7 +87,7 @@ impl Editor {
     /// is the same packed grid each time, or a clone of it.
     ///
     /// Time is in proportion to the cubes of 8³ voxels that have changed; where some have become empty, or
-    /// not empty, to the regions of 128³ around them; and, by little, to all regions, for the box around
+    /// not empty, to the lower nodes of 128³ around them; and, by little, to all lower nodes, for the box around
     /// them and the tree over them. Packing anew takes the time of [`PackedGrid::new`], in proportion to
     /// all nodes: once the room is used up, which comes the more rarely the more there is, and always
     /// where tiles of 4096³ voxels, or all that the tree does not hold, can stop or dim a ray.

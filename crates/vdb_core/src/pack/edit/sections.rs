@@ -10,10 +10,10 @@ use rayon::prelude::*;
 use super::runs::{Run, Runs};
 use super::slots::{Slots, slot_origin};
 use crate::pack::content::{Rule, Tile};
-use crate::pack::crown::{self, Crown};
 use crate::pack::layout::*;
-use crate::pack::leaps::Chunk;
-use crate::pack::region::chunk;
+use crate::pack::lower_node::chunk;
+use crate::pack::skips::Chunk;
+use crate::pack::top_tree::{self, TopTree};
 use crate::pack::{GridHeader, PackError, PackKind, PackedGrid, assemble, bits, blocks, build};
 use crate::tree::CoordBox;
 
@@ -23,21 +23,21 @@ const LEAF_RECORD_WORDS: u32 = LEAF_RECORDS * RECORD_WORDS as u32;
 
 /// What is known of 128³ cells that are not empty.
 #[derive(Clone, Debug)]
-pub(super) struct Region {
-    /// In the crown: a tile, or a region and its number.
+pub(super) struct LowerNode {
+    /// In the top-level tree: a tile, or a lower node and its number.
     pub word: u32,
     /// The leaf-sized cubes in it that are not empty.
     pub chunk: Chunk,
     /// Where its leaves are.
     pub leaves: Run,
-    /// Their numbers within the region.
+    /// Their numbers within the lower node.
     pub used: Slots,
     /// Around its occupied cells, in index space.
     pub occupied: Option<CoordBox>,
 }
 
-impl Region {
-    /// Nothing yet, with a word of the crown.
+impl LowerNode {
+    /// Nothing yet, with a word of the top-level tree.
     pub fn new(word: u32) -> Self {
         let full = word & CHILD == 0;
         Self {
@@ -49,7 +49,7 @@ impl Region {
         }
     }
 
-    /// The number of the region, if it is not a tile.
+    /// The number of the lower node, if it is not a tile.
     pub fn number(&self) -> Option<u32> {
         (self.word & CHILD != 0).then_some(self.word & PAYLOAD)
     }
@@ -63,9 +63,9 @@ impl Region {
 #[derive(Clone, Debug)]
 pub(super) struct Sections {
     /// By their place in index space, in units of their size.
-    pub regions: BTreeMap<[i32; 3], Region>,
-    /// Numbers of regions that are not in use.
-    pub free_regions: Vec<u32>,
+    pub lower_nodes: BTreeMap<[i32; 3], LowerNode>,
+    /// Numbers of lower nodes that are not in use.
+    pub free_lower_nodes: Vec<u32>,
     /// Places of leaves: of their masks, records, bricks.
     pub places: Runs,
     /// Samples of smooth surfaces.
@@ -79,8 +79,8 @@ pub(super) struct Sections {
     pub palette_end: u32,
     /// Where the palette has to end.
     pub palette_room: u32,
-    /// Words that the crown has room for.
-    pub crown_room: u32,
+    /// Words that the top-level tree has room for.
+    pub top_room: u32,
 }
 
 /// Half as much again, and not too little.
@@ -93,7 +93,7 @@ impl Sections {
     /// has room for half as much again. `None` where there are tiles of more than 128³ cells.
     pub fn spread(packed: &PackedGrid) -> Result<Option<(PackedGrid, Self)>, PackError> {
         let old = &packed.header;
-        let Some(found) = regions_of(packed) else { return Ok(None) };
+        let Some(found) = lower_nodes_of(packed) else { return Ok(None) };
         let smooth = matches!(packed.kind, PackKind::Smooth { .. });
         let leaves_end = match packed.kind {
             PackKind::Surface { .. } => old.palette,
@@ -101,41 +101,41 @@ impl Sections {
             PackKind::Fog => old.samples,
         };
         let (count, leaves) =
-            (old.regions - old.heads, (leaves_end - old.masks) / LEAF_MASK_WORDS as u32);
+            (old.lower_nodes - old.heads, (leaves_end - old.masks) / LEAF_MASK_WORDS as u32);
         let leaves_of = |number: u32| {
             let head = |number: u32| packed.words[(old.heads + number) as usize];
             head(number)..if number + 1 < count { head(number + 1) } else { leaves }
         };
 
         let mut places = Runs::new(u32::MAX);
-        let mut regions = BTreeMap::new();
+        let mut lower_nodes = BTreeMap::new();
         for (at, word) in found {
-            let mut region = Region::new(word);
-            if let Some(number) = region.number() {
+            let mut lower_node = LowerNode::new(word);
+            if let Some(number) = lower_node.number() {
                 let leaves = leaves_of(number).len() as u32;
-                let least = (leaves + leaves / 8 + 2).min(REGION_WORDS as u32);
-                region.leaves = places.take(least).unwrap_or_default();
-                (0..leaves as usize).for_each(|leaf| region.used.set(leaf, true));
-                region.chunk = chunk(&packed.words[old.region(number)]);
+                let least = (leaves + leaves / 8 + 2).min(LOWER_WORDS as u32);
+                lower_node.leaves = places.take(least).unwrap_or_default();
+                (0..leaves as usize).for_each(|leaf| lower_node.used.set(leaf, true));
+                lower_node.chunk = chunk(&packed.words[old.lower_node(number)]);
             }
-            regions.insert(at.to_array(), region);
+            lower_nodes.insert(at.to_array(), lower_node);
         }
         let place_room = roomy(places.end(), 256);
         let mut samples = Runs::new(u32::MAX);
         let mut samples_of = vec![Run::default(); if smooth { place_room as usize } else { 0 }];
         if smooth {
-            for (region, number) in numbered(&regions) {
-                for (place, leaf) in (region.leaves.first..).zip(leaves_of(number)) {
+            for (lower_node, number) in numbered(&lower_nodes) {
+                for (place, leaf) in (lower_node.leaves.first..).zip(leaves_of(number)) {
                     let kept = blocks::samples_of(packed.mask(leaf));
                     samples_of[place as usize] = samples.take(kept).unwrap_or_default();
                 }
             }
         }
 
-        let frame = Frame::around(&regions);
-        let crown = frame.crown(&regions);
-        let crown_room = roomy(crown.len() as u32, 8 * CROWN_WORDS as u32);
-        let region_room = roomy(count, 16);
+        let frame = Frame::around(&lower_nodes);
+        let top = frame.top(&lower_nodes);
+        let top_room = roomy(top.len() as u32, 8 * TOP_WORDS as u32);
+        let lower_room = roomy(count, 16);
         let sample_room = roomy(samples.end(), 1 << 14);
         let palette_end = packed.words.len() as u32 - old.palette;
         let palette_room = if matches!(packed.kind, PackKind::Surface { .. }) {
@@ -152,11 +152,11 @@ impl Sections {
         };
         let places_of = |words: u32| u64::from(place_room) * u64::from(words);
         let mut header = GridHeader {
-            crown_origin: frame.crown_origin.to_array(),
-            crown_levels: frame.levels,
-            crown: section(crown_room.into()),
-            heads: section(region_room.into()),
-            regions: section(u64::from(region_room) * REGION_WORDS as u64),
+            top_origin: frame.top_origin.to_array(),
+            top_levels: frame.levels,
+            top: section(top_room.into()),
+            heads: section(lower_room.into()),
+            lower_nodes: section(u64::from(lower_room) * LOWER_WORDS as u64),
             masks: section(places_of(LEAF_MASK_WORDS as u32)),
             ..*old
         };
@@ -176,15 +176,15 @@ impl Sections {
         let mut put = |first: u32, from: &[u32]| {
             words[first as usize..first as usize + from.len()].copy_from_slice(from);
         };
-        put(header.crown, &crown);
+        put(header.top, &top);
         if smooth {
             let firsts: Vec<u32> = (0..place_room).map(|place| place * LEAF_RECORDS).collect();
             put(header.leaf_records, &firsts);
         }
-        for (region, number) in numbered(&regions) {
-            put(header.heads + number, &[region.leaves.first]);
-            put(header.region(number).start as u32, &packed.words[old.region(number)]);
-            for (place, leaf) in (region.leaves.first..).zip(leaves_of(number)) {
+        for (lower_node, number) in numbered(&lower_nodes) {
+            put(header.heads + number, &[lower_node.leaves.first]);
+            put(header.lower_node(number).start as u32, &packed.words[old.lower_node(number)]);
+            for (place, leaf) in (lower_node.leaves.first..).zip(leaves_of(number)) {
                 put(header.mask(place), packed.mask(leaf));
                 match packed.kind {
                     PackKind::Surface { .. } => {}
@@ -204,15 +204,15 @@ impl Sections {
         if palette_room > 0 {
             put(header.palette, &packed.words[old.palette as usize..]);
         }
-        let base = frame.base << REGION_BITS as i32;
+        let base = frame.base << LOWER_BITS as i32;
         let (kind, majorant) = (packed.kind, packed.majorant);
         let mut spread = PackedGrid { kind, base, occupied: None, words, header, majorant };
-        let boxes: Vec<_> = regions.par_iter().map(|(at, r)| spread.box_of(*at, r)).collect();
-        for (region, occupied) in regions.values_mut().zip(boxes) {
-            region.occupied = occupied;
+        let boxes: Vec<_> = lower_nodes.par_iter().map(|(at, r)| spread.box_of(*at, r)).collect();
+        for (lower_node, occupied) in lower_nodes.values_mut().zip(boxes) {
+            lower_node.occupied = occupied;
         }
         let mut sections = Self {
-            free_regions: (count..region_room).rev().collect(),
+            free_lower_nodes: (count..lower_room).rev().collect(),
             places: places.with_capacity(place_room),
             samples: samples.with_capacity(sample_room),
             samples_of,
@@ -220,16 +220,16 @@ impl Sections {
             tuples: HashMap::new(),
             palette_end,
             palette_room,
-            crown_room,
-            regions,
+            top_room,
+            lower_nodes,
         };
         sections.set_box(&mut spread);
         Ok(Some((spread, sections)))
     }
 
-    /// Gives a grid the box around all regions.
+    /// Gives a grid the box around all lower nodes.
     pub fn set_box(&mut self, packed: &mut PackedGrid) {
-        let boxes = self.regions.values().filter_map(|region| region.occupied);
+        let boxes = self.lower_nodes.values().filter_map(|lower_node| lower_node.occupied);
         let base = packed.base;
         let occupied = boxes.reduce(CoordBox::union);
         packed.occupied = occupied.map(|b| CoordBox { min: b.min - base, max: b.max - base });
@@ -239,9 +239,11 @@ impl Sections {
     }
 }
 
-/// The regions that are not tiles, with their numbers.
-fn numbered(regions: &BTreeMap<[i32; 3], Region>) -> impl Iterator<Item = (&Region, u32)> {
-    regions.values().filter_map(|region| Some((region, region.number()?)))
+/// The lower nodes that are not tiles, with their numbers.
+fn numbered(
+    lower_nodes: &BTreeMap<[i32; 3], LowerNode>,
+) -> impl Iterator<Item = (&LowerNode, u32)> {
+    lower_nodes.values().filter_map(|lower_node| Some((lower_node, lower_node.number()?)))
 }
 
 /// Records of a leaf whose samples begin elsewhere: `first` is where.
@@ -256,10 +258,10 @@ pub(super) fn rebased(records: &[u32], first: u32) -> Vec<u32> {
 
 /// The words of sections by the numbers of what is in them.
 impl GridHeader {
-    /// Of a region.
-    pub(super) fn region(&self, number: u32) -> Range<usize> {
-        let first = self.regions as usize + number as usize * REGION_WORDS;
-        first..first + REGION_WORDS
+    /// Of a lower node.
+    pub(super) fn lower_node(&self, number: u32) -> Range<usize> {
+        let first = self.lower_nodes as usize + number as usize * LOWER_WORDS;
+        first..first + LOWER_WORDS
     }
 
     /// The first of a leaf's mask.
@@ -303,16 +305,18 @@ impl PackedGrid {
         (records, &self.words[first..][..blocks::samples_of(mask) as usize])
     }
 
-    /// The tile of a word that is none of a region, a node or a leaf, with its values as they are kept.
+    /// The tile of a word that is none of a lower node, a node or a leaf, with its values as they are kept.
     pub(super) fn tile_of(&self, word: u32) -> Tile {
         let first = (self.header.palette + (word & PAYLOAD)) as usize;
         let value = |i: usize| f32::from_bits(self.words[first + i]);
-        match word & (OCCUPIED | MIXED | FILLED) {
+        match word & (OCCUPIED | BOUNDARY | FILLED) {
             OCCUPIED if self.kind == PackKind::Fog => Tile::Plain(value(0)),
             // Of a solid, no value is asked for.
             OCCUPIED => Tile::Plain(0.0),
-            word if word == OCCUPIED | MIXED | FILLED => Tile::Mixed(std::array::from_fn(value)),
-            word if word == OCCUPIED | MIXED => Tile::Border(std::array::from_fn(value)),
+            word if word == OCCUPIED | BOUNDARY | FILLED => {
+                Tile::Boundary(std::array::from_fn(value))
+            }
+            word if word == OCCUPIED | BOUNDARY => Tile::Border(std::array::from_fn(value)),
             _ => Tile::Empty,
         }
     }
@@ -326,19 +330,19 @@ impl PackedGrid {
         }
     }
 
-    /// The box around the occupied cells of a region, in index space.
-    pub(super) fn box_of(&self, at: [i32; 3], region: &Region) -> Option<CoordBox> {
+    /// The box around the occupied cells of a lower node, in index space.
+    pub(super) fn box_of(&self, at: [i32; 3], lower_node: &LowerNode) -> Option<CoordBox> {
         let at = IVec3::from_array(at);
-        let Some(number) = region.number() else {
-            let cube = CoordBox::cube(at << REGION_BITS as i32, REGION_BITS);
-            return self.tile_of(region.word).occupied_box(Rule::of(self.kept_kind()), cube);
+        let Some(number) = lower_node.number() else {
+            let cube = CoordBox::cube(at << LOWER_BITS as i32, LOWER_BITS);
+            return self.tile_of(lower_node.word).occupied_box(Rule::of(self.kept_kind()), cube);
         };
-        let words = self.words[self.header.region(number)].iter().enumerate();
+        let words = self.words[self.header.lower_node(number)].iter().enumerate();
         let boxes = words.filter_map(|(slot, &word)| {
             let origin = slot_origin(at, slot);
             if word & CHILD != 0 {
                 let leaf = word & ((1 << LEAF_NUMBER_BITS) - 1);
-                bits::mask_box(self.mask(region.leaves.first + leaf), origin)
+                bits::mask_box(self.mask(lower_node.leaves.first + leaf), origin)
             } else {
                 let cube = CoordBox::cube(origin, LEAF_BITS);
                 self.tile_of(word).occupied_box(Rule::of(self.kept_kind()), cube)
@@ -348,74 +352,74 @@ impl PackedGrid {
     }
 }
 
-/// Where local coordinates and the crown begin, in regions, and how many levels the crown has.
+/// Where local coordinates and the top-level tree begin, in lower nodes, and how many levels the top-level tree has.
 pub(super) struct Frame {
     base: IVec3,
-    crown_origin: IVec3,
+    top_origin: IVec3,
     levels: u32,
 }
 
 impl Frame {
     /// With half of it to spare on all sides.
-    fn around(regions: &BTreeMap<[i32; 3], Region>) -> Self {
-        let all = regions.keys().map(|at| CoordBox::voxel(IVec3::from_array(*at)));
+    fn around(lower_nodes: &BTreeMap<[i32; 3], LowerNode>) -> Self {
+        let all = lower_nodes.keys().map(|at| CoordBox::voxel(IVec3::from_array(*at)));
         let bounds = all.reduce(CoordBox::union).unwrap_or(CoordBox::voxel(IVec3::ZERO));
         let extent = bounds.max - bounds.min + 1;
-        let levels = crown::levels((2 * extent.max_element() as u32).max(8));
+        let levels = top_tree::levels((2 * extent.max_element() as u32).max(8));
         let span = 1_i64 << (2 * levels);
         if span > assemble::WIDE.into() {
             return Self {
                 base: IVec3::ZERO,
-                crown_origin: assemble::ALL_FIRST,
-                levels: crown::levels(assemble::ALL_EXTENT),
+                top_origin: assemble::ALL_FIRST,
+                levels: top_tree::levels(assemble::ALL_EXTENT),
             };
         }
         let margin = (IVec3::splat(span as i32) - extent) / 2;
         let base = (bounds.min - margin).max(assemble::ALL_FIRST);
-        Self { base, crown_origin: IVec3::ZERO, levels }
+        Self { base, top_origin: IVec3::ZERO, levels }
     }
 
     /// Of a grid.
     pub fn of(packed: &PackedGrid) -> Self {
         Self {
-            base: packed.base >> REGION_BITS as i32,
-            crown_origin: IVec3::from_array(packed.header.crown_origin),
-            levels: packed.header.crown_levels,
+            base: packed.base >> LOWER_BITS as i32,
+            top_origin: IVec3::from_array(packed.header.top_origin),
+            levels: packed.header.top_levels,
         }
     }
 
-    /// A region of index space as the crown counts it.
-    fn place(&self, region: IVec3) -> IVec3 {
-        region - self.base - self.crown_origin
+    /// A lower node of index space as the top-level tree counts it.
+    fn place(&self, lower_node: IVec3) -> IVec3 {
+        lower_node - self.base - self.top_origin
     }
 
-    /// Whether the crown covers a region.
-    pub fn covers(&self, region: IVec3) -> bool {
-        let at = self.place(region);
+    /// Whether the top-level tree covers a lower node.
+    pub fn covers(&self, lower_node: IVec3) -> bool {
+        let at = self.place(lower_node);
         (at.x | at.y | at.z) >> (2 * self.levels) == 0
     }
 
-    /// The words of the crown over all regions.
-    pub fn crown(&self, regions: &BTreeMap<[i32; 3], Region>) -> Vec<u32> {
-        let mut crown = Crown::new(self.levels);
-        for (at, region) in regions {
-            crown.set(self.place(IVec3::from_array(*at)), 0, region.word);
+    /// The words of the top-level tree over all lower nodes.
+    pub fn top(&self, lower_nodes: &BTreeMap<[i32; 3], LowerNode>) -> Vec<u32> {
+        let mut top = TopTree::new(self.levels);
+        for (at, lower_node) in lower_nodes {
+            top.set(self.place(IVec3::from_array(*at)), 0, lower_node.word);
         }
-        let Ok(()) = crown.add_leaps(|| Ok::<(), Infallible>(()));
-        crown.into_words()
+        let Ok(()) = top.add_skips(|| Ok::<(), Infallible>(()));
+        top.into_words()
     }
 }
 
-/// The regions and tiles of a crown, in index space; `None` where a tile is larger than a region.
-fn regions_of(packed: &PackedGrid) -> Option<Vec<(IVec3, u32)>> {
+/// The lower nodes and tiles of a top-level tree, in index space; `None` where a tile is larger than a lower node.
+fn lower_nodes_of(packed: &PackedGrid) -> Option<Vec<(IVec3, u32)>> {
     let header = &packed.header;
-    let origin = (packed.base >> REGION_BITS as i32) + IVec3::from_array(header.crown_origin);
+    let origin = (packed.base >> LOWER_BITS as i32) + IVec3::from_array(header.top_origin);
     let mut found = Vec::new();
-    let mut open = vec![(0, header.crown_levels - 1, IVec3::ZERO)];
+    let mut open = vec![(0, header.top_levels - 1, IVec3::ZERO)];
     while let Some((node, level, place)) = open.pop() {
-        let first = header.crown as usize + node as usize * CROWN_WORDS;
-        for (slot, &word) in packed.words[first..first + CROWN_WORDS].iter().enumerate() {
-            let place = place * 4 + crown::offset_of(slot);
+        let first = header.top as usize + node as usize * TOP_WORDS;
+        for (slot, &word) in packed.words[first..first + TOP_WORDS].iter().enumerate() {
+            let place = place * 4 + top_tree::offset_of(slot);
             match (word & (CHILD | OCCUPIED), level) {
                 (0, _) => {}
                 (_, 0) => found.push((origin + place, word)),

@@ -4,18 +4,18 @@ use std::collections::HashMap;
 
 use glam::IVec3;
 
-use crate::pack::layout::{LEAF_BITS, REGION_BITS, REGION_WORDS};
+use crate::pack::layout::{LEAF_BITS, LOWER_BITS, LOWER_WORDS};
 
-/// log₂ of the slots per edge of a region.
-const SLOT_BITS: i32 = (REGION_BITS - LEAF_BITS) as i32;
+/// log₂ of the slots per edge of a lower node.
+const SLOT_BITS: i32 = (LOWER_BITS - LEAF_BITS) as i32;
 
-/// Some of the slots of a region, a bit each.
+/// Some of the slots of a lower node, a bit each.
 #[derive(Clone, Debug)]
-pub(super) struct Slots([u64; REGION_WORDS / 64]);
+pub(super) struct Slots([u64; LOWER_WORDS / 64]);
 
 impl Default for Slots {
     fn default() -> Self {
-        Self([0; REGION_WORDS / 64])
+        Self([0; LOWER_WORDS / 64])
     }
 }
 
@@ -49,49 +49,49 @@ impl Slots {
     }
 }
 
-/// The lowest voxel of a slot of a region.
-pub(super) fn slot_origin(region: IVec3, slot: usize) -> IVec3 {
+/// The lowest voxel of a slot of a lower node.
+pub(super) fn slot_origin(lower_node: IVec3, slot: usize) -> IVec3 {
     let slot = slot as i32;
     let offset = IVec3::new(slot >> 8, slot >> 4 & 15, slot & 15);
-    (region << REGION_BITS as i32) + (offset << LEAF_BITS as i32)
+    (lower_node << LOWER_BITS as i32) + (offset << LEAF_BITS as i32)
 }
 
-/// Leaf-sized cubes of the index space, by region. A cube is named by its lowest voxel over 8.
+/// Leaf-sized cubes of the index space, by lower node. A cube is named by its lowest voxel over 8.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cubes {
     numbers: HashMap<IVec3, usize>,
-    regions: Vec<(IVec3, Slots)>,
+    lower_nodes: Vec<(IVec3, Slots)>,
     /// The one that the last cube was in: cubes come side by side.
     last: usize,
 }
 
 impl Cubes {
     pub fn is_empty(&self) -> bool {
-        self.regions.is_empty()
+        self.lower_nodes.is_empty()
     }
 
     pub fn insert(&mut self, cube: IVec3) {
-        let region = cube >> SLOT_BITS;
-        if self.regions.get(self.last).is_none_or(|(last, _)| *last != region) {
-            self.last = *self.numbers.entry(region).or_insert_with(|| {
-                self.regions.push((region, Slots::default()));
-                self.regions.len() - 1
+        let lower_node = cube >> SLOT_BITS;
+        if self.lower_nodes.get(self.last).is_none_or(|(last, _)| *last != lower_node) {
+            self.last = *self.numbers.entry(lower_node).or_insert_with(|| {
+                self.lower_nodes.push((lower_node, Slots::default()));
+                self.lower_nodes.len() - 1
             });
         }
         let part = cube & ((1 << SLOT_BITS) - 1);
         let slot = part.x << (2 * SLOT_BITS) | part.y << SLOT_BITS | part.z;
-        self.regions[self.last].1.set(slot as usize, true);
+        self.lower_nodes[self.last].1.set(slot as usize, true);
     }
 
     /// These and their neighbours on the low side, whose lattice cells have samples in them.
     pub fn with_low_sides(&self) -> Self {
         let lowest = i32::MIN >> LEAF_BITS;
         let mut all = Self::default();
-        for (region, slots) in &self.regions {
+        for (lower_node, slots) in &self.lower_nodes {
             for side in 0..8 {
                 let side = IVec3::new(side >> 2, side >> 1 & 1, side & 1);
                 for slot in slots.iter() {
-                    let cube = (slot_origin(*region, slot) >> LEAF_BITS as i32) - side;
+                    let cube = (slot_origin(*lower_node, slot) >> LEAF_BITS as i32) - side;
                     if cube.min_element() >= lowest {
                         all.insert(cube);
                     }
@@ -101,10 +101,10 @@ impl Cubes {
         all
     }
 
-    /// The regions with their slots, in an order of their own that follows from the cubes alone.
-    pub fn into_regions(self) -> Vec<(IVec3, Slots)> {
-        let mut regions = self.regions;
-        regions.sort_unstable_by_key(|(region, _)| region.to_array());
-        regions
+    /// The lower nodes with their slots, in an order of their own that follows from the cubes alone.
+    pub fn into_lower_nodes(self) -> Vec<(IVec3, Slots)> {
+        let mut lower_nodes = self.lower_nodes;
+        lower_nodes.sort_unstable_by_key(|(lower_node, _)| lower_node.to_array());
+        lower_nodes
     }
 }

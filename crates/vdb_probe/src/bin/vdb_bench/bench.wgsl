@@ -4,7 +4,7 @@
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::rays::{ndc_of, ray_through}
 #import bevy_vdb::traversal::beam::{beam_of, beam_start}
-#import bevy_vdb::traversal::hdda::{FAR, course_of, enter_at, first_hit}
+#import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter_at, first_hit}
 #ifdef VDB_COUNT_STEPS
 #import bevy_vdb::traversal::hdda::steps
 #endif
@@ -40,7 +40,7 @@ fn beams(@builtin(global_invocation_id) id: vec3<u32>) {
 #ifdef VDB_SHUFFLED
 // A permutation of the numbers below 2^bits: odd multiplications and shifts to the right, each of which
 // can be undone.
-fn mixed(x: u32) -> u32 {
+fn boundary(x: u32) -> u32 {
     let all = (1u << setup.bits) - 1u;
     var y = (x * 0x9e3779b1u) & all;
     y ^= y >> (setup.bits / 2u);
@@ -60,10 +60,10 @@ fn number_of(id: vec3<u32>) -> u32 {
     let own = id.y * setup.size.x + id.x;
 #ifdef VDB_SHUFFLED
     let count = setup.size.x * setup.size.y;
-    var number = mixed(own);
+    var number = boundary(own);
     // The cycle that a number lies on comes back below the count.
     while number >= count {
-        number = mixed(number);
+        number = boundary(number);
     }
     return number;
 #else
@@ -117,21 +117,21 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let ray = ray_through(view, ndc_of(pixel_of(number, id), setup.size), 0.0, FAR);
-    let course = course_of(grids[0], ray);
-    let enter = enter_at(course, start);
+    let mirrored = mirrored_ray(grids[0], ray);
+    let enter = enter_at(mirrored, start);
 #ifdef VDB_FOG
     // In voxels, not in t.
     let scale = setup.density_scale * length(ray.dir);
 #ifdef VDB_STEP
     // In quarters of a voxel. Beyond 9, less than a 8,000th of the light is left.
-    let depth = scale * stepped_length(grids[0], course, start, 9.0 / scale, 0.25 * f32(#{VDB_STEP}u), scale);
+    let depth = scale * stepped_length(grids[0], mirrored, start, 9.0 / scale, 0.25 * f32(#{VDB_STEP}u), scale);
 #else
     // Beyond 16, a transmittance is below that of 16 bits beside 1.
-    let depth = scale * optical_length(grids[0], course, enter, 16.0 / scale);
+    let depth = scale * optical_length(grids[0], mirrored, enter, 16.0 / scale);
 #endif
     put(number, exp(-depth));
 #else ifdef VDB_SMOOTH
-    let hit = first_root(grids[0], course, enter);
+    let hit = first_root(grids[0], mirrored, enter);
     put(number, select(MISS, hit.t, hit.found));
 #ifndef VDB_COUNT_STEPS
     if hit.found {
@@ -139,7 +139,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 #endif
 #else
-    let hit = first_hit(grids[0], course, enter);
+    let hit = first_hit(grids[0], mirrored, enter);
     put(number, select(MISS, hit.t, hit.found));
 #endif
 }

@@ -1,4 +1,4 @@
-//! How far a ray can leap from an empty cell: the largest cube of empty cells that begins there, in
+//! How far a ray can skip from an empty cell: the largest cube of empty cells that begins there, in
 //! each of the eight directions that a ray can take.
 //!
 //! A ray never turns back on any axis, so that only what lies in its own octant matters to it: the
@@ -207,8 +207,8 @@ mod tests {
                     let code = (codes[slot] >> (3 * octant) & 7) as usize;
                     assert!(is_empty(SIZES[code]), "{cell} octant {octant}: {code}");
                     assert!(code == 7 || !is_empty(SIZES[code + 1]), "{cell} octant {octant}");
-                    let reach = super::super::layout::reach(codes[slot], octant);
-                    assert_eq!(reach as usize + 1, SIZES[code]);
+                    let skip = super::super::layout::skip(codes[slot], octant);
+                    assert_eq!(skip as usize + 1, SIZES[code]);
                 }
             }
         }

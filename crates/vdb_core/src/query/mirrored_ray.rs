@@ -1,11 +1,11 @@
-//! A ray as the walk takes it, in f32 and integers, and where it is within cells, in f64.
+//! A ray as the traversal takes it, in f32 and integers, and where it is within cells, in f64.
 
 use glam::{DVec3, IVec3, UVec3};
 
 use super::IndexRay;
 use crate::pack::PackedGrid;
 use crate::pack::exact::FRAC_BITS;
-use crate::pack::walk::{Course, Ray, Span, Walk, advance, enter, locate};
+use crate::pack::traverse::{Dda, MirroredRay, Ray, Span, advance, enter, locate};
 
 /// Cells before the grid's box at which a ray from farther away begins, where 32 bits have such cells.
 const MARGIN: f64 = 1.0;
@@ -13,7 +13,7 @@ const MARGIN: f64 = 1.0;
 const ENDS: [f64; 2] = [-2_147_483_648.0, 2_147_483_648.0];
 
 /// A ray in local lattice coordinates, of which the fastest component is 1 cell per unit of the
-/// walk's `t`.
+/// traversal's `t`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LocalRay {
     pub ray: Ray,
@@ -21,7 +21,7 @@ pub(super) struct LocalRay {
     pub t_begin: f64,
     /// by a plane across which axis, if not with it,
     pub begin_axis: usize,
-    /// and how many units of the walk's `t` are one of the index ray's.
+    /// and how many units of the traversal's `t` are one of the index ray's.
     pub speed: f64,
 }
 
@@ -65,18 +65,18 @@ impl LocalRay {
             frac: frac.as_vec3(),
             dir: (ray.dir / speed).as_vec3(),
             t_min: 0.0,
-            // Ends where it should by the f64 that the walk's t is converted to.
+            // Ends where it should by the f64 that the traversal's t is converted to.
             t_max: (((t_end - t_begin) * speed) as f32).next_up().min(1e30),
         };
         Some(Self { ray, t_begin, begin_axis, speed })
     }
 
     /// The index ray's `t`.
-    pub fn t_from_walk(&self, t: f64) -> f64 {
+    pub fn t_from_dda(&self, t: f64) -> f64 {
         self.t_begin + t / self.speed
     }
 
-    /// The walk's `t` at which the ray comes into a cell by a face across an axis.
+    /// The traversal's `t` at which the ray comes into a cell by a face across an axis.
     pub fn face_t(&self, cell: IVec3, axis: usize) -> f64 {
         let up = self.ray.dir[axis] > 0.0;
         let plane = i64::from(cell[axis]) + i64::from(!up) - i64::from(self.ray.cell[axis]);
@@ -86,15 +86,15 @@ impl LocalRay {
 
     /// The spans of occupied cells that the ray passes through, in order.
     pub fn spans<'a>(&self, grid: &'a PackedGrid) -> impl Iterator<Item = Passage> + use<'a> {
-        let course = Course::new(grid, &self.ray);
-        let mut walk = enter(&course);
+        let mirrored = MirroredRay::new(grid, &self.ray);
+        let mut dda = enter(&mirrored);
         std::iter::from_fn(move || {
-            while walk.inside {
-                let span = locate(grid, course.local(walk.rel), course.octant);
-                let here = walk;
-                walk = advance(&course, &here, span);
+            while dda.inside {
+                let span = locate(grid, mirrored.local(dda.rel), mirrored.octant);
+                let here = dda;
+                dda = advance(&mirrored, &here, span);
                 if span.occupied()
-                    && let Some(passage) = Passage::new(&course, &here, span)
+                    && let Some(passage) = Passage::new(&mirrored, &here, span)
                 {
                     return Some(passage);
                 }
@@ -109,7 +109,7 @@ impl LocalRay {
 pub(super) struct Passage {
     /// A local cell of it.
     pub cell: IVec3,
-    /// Where the ray comes in and goes out, in units of the walk's `t`.
+    /// Where the ray comes in and goes out, in units of the traversal's `t`.
     pub t: [f64; 2],
     /// Where the ray begins, from the cell on, in cells.
     from: DVec3,
@@ -117,14 +117,14 @@ pub(super) struct Passage {
 }
 
 impl Passage {
-    /// `None` where the ray only comes near: a walk also looks at cells beside it.
-    fn new(course: &Course, walk: &Walk, span: Span) -> Option<Self> {
+    /// `None` where the ray only comes near: a traversal also looks at cells beside it.
+    fn new(mirrored: &MirroredRay, dda: &Dda, span: Span) -> Option<Self> {
         let size = 1_u32 << span.log_dim;
-        let offset = course.cell.as_uvec3().wrapping_add(walk.rel) & UVec3::splat(size - 1);
+        let offset = mirrored.cell.as_uvec3().wrapping_add(dda.rel) & UVec3::splat(size - 1);
         // In f64, as the end of the index space exceeds 32 bits.
-        let low = walk.rel.as_dvec3() - offset.as_dvec3();
-        let (high, frac) = (low + f64::from(size), course.frac.as_dvec3());
-        let speed = course.speed.as_dvec3();
+        let low = dda.rel.as_dvec3() - offset.as_dvec3();
+        let (high, frac) = (low + f64::from(size), mirrored.frac.as_dvec3());
+        let speed = mirrored.speed.as_dvec3();
         let mut t = [0.0, f64::INFINITY];
         for axis in 0..3 {
             if speed[axis] > 0.0 {
@@ -135,8 +135,8 @@ impl Passage {
         if t[0] >= t[1] {
             return None;
         }
-        let cell = course.local(walk.rel);
-        let (from, down) = (frac - walk.rel.as_dvec3(), course.flip.cmpne(IVec3::ZERO));
+        let cell = mirrored.local(dda.rel);
+        let (from, down) = (frac - dda.rel.as_dvec3(), mirrored.mirror.cmpne(IVec3::ZERO));
         Some(Self {
             cell,
             t,

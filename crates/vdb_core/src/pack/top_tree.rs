@@ -1,20 +1,20 @@
-//! The 64-ary tree over regions of 128³ cells.
+//! The 64-ary tree over lower nodes of 128³ cells.
 
 use std::collections::{BTreeMap, HashMap};
 
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::layout::{CHILD, CROWN_WORDS, OCCUPIED, REGION_BITS};
-use super::leaps::{self, CHUNK_BITS, Chunk};
+use super::layout::{CHILD, LOWER_BITS, OCCUPIED, TOP_WORDS};
+use super::skips::{self, CHUNK_BITS, Chunk};
 
-/// Levels needed over `extent` regions per axis at most (1 or more).
+/// Levels needed over `extent` lower nodes per axis at most (1 or more).
 pub(super) fn levels(extent: u32) -> u32 {
     // Each level multiplies the span by four; one at least, so that there is a node to start from.
     (1..).find(|level| 1_u64 << (2 * level) >= u64::from(extent)).unwrap_or(16)
 }
 
-/// Slots of 2^`LARGEST` cells per edge and more are leapt over one by one: planes further away could
+/// Slots of 2^`LARGEST` cells per edge and more are skipped over one by one: planes further away could
 /// leave 32 bits.
 const LARGEST: u32 = 24;
 
@@ -33,21 +33,21 @@ pub(super) fn offset_of(slot: usize) -> IVec3 {
     IVec3::new(slot >> 4, slot >> 2 & 3, slot & 3)
 }
 
-/// Crown nodes, the top first.
-pub(super) struct Crown {
+/// The nodes of the top-level tree, the root first.
+pub(super) struct TopTree {
     levels: u32,
-    nodes: Vec<[u32; CROWN_WORDS]>,
+    nodes: Vec<[u32; TOP_WORDS]>,
     /// Of each node: its level, and its place, in nodes of that level.
     places: Vec<(u32, IVec3)>,
 }
 
-impl Crown {
+impl TopTree {
     pub fn new(levels: u32) -> Self {
-        let nodes = vec![[0; CROWN_WORDS]];
+        let nodes = vec![[0; TOP_WORDS]];
         Self { levels, nodes, places: vec![(levels - 1, IVec3::ZERO)] }
     }
 
-    /// Sets the word of the slot of `level` (0: regions) at `at`, in slots of that level.
+    /// Sets the word of the slot of `level` (0: lower nodes) at `at`, in slots of that level.
     pub fn set(&mut self, at: IVec3, level: u32, word: u32) {
         let mut node = 0;
         for here in (level..self.levels).rev() {
@@ -60,7 +60,7 @@ impl Crown {
             if self.nodes[node][slot] & CHILD == 0 {
                 // A tile that is cut into smaller ones leaves itself in each of them.
                 let tile = self.nodes[node][slot];
-                self.nodes.push([tile; CROWN_WORDS]);
+                self.nodes.push([tile; TOP_WORDS]);
                 self.places.push((here - 1, place));
                 self.nodes[node][slot] = CHILD | (self.nodes.len() - 1) as u32;
             }
@@ -69,7 +69,7 @@ impl Crown {
     }
 
     /// The word over the slot of `level` at `at`, in slots of that level, and the level of its own slot,
-    /// which is no lower. Beyond the crown all is empty.
+    /// which is no lower. Beyond the top-level tree all is empty.
     pub fn find(&self, at: IVec3, level: u32) -> (u32, u32) {
         let span = 2 * (self.levels - level.min(self.levels)) as i32;
         if level >= self.levels || (at.x | at.y | at.z) >> span != 0 {
@@ -90,19 +90,19 @@ impl Crown {
 
     /// Bytes of its nodes.
     pub fn bytes(&self) -> u64 {
-        (self.nodes.len() * (size_of::<[u32; CROWN_WORDS]>() + size_of::<(u32, IVec3)>())) as u64
+        (self.nodes.len() * (size_of::<[u32; TOP_WORDS]>() + size_of::<(u32, IVec3)>())) as u64
     }
 
-    /// Writes into each empty slot how far a ray can leap from there. `step` is asked whether to go on.
-    pub fn add_leaps<E: Send>(&mut self, step: impl Fn() -> Result<(), E> + Sync) -> Result<(), E> {
+    /// Writes into each empty slot how far a ray can skip from there. `step` is asked whether to go on.
+    pub fn add_skips<E: Send>(&mut self, step: impl Fn() -> Result<(), E> + Sync) -> Result<(), E> {
         for level in 0..self.levels {
-            if REGION_BITS + 2 * level > LARGEST {
+            if LOWER_BITS + 2 * level > LARGEST {
                 break;
             }
             let (chunks, nodes) = self.chunks(level);
             let nodes: Vec<(IVec3, Vec<usize>)> =
                 nodes.into_iter().map(|(chunk, nodes)| (IVec3::from(chunk), nodes)).collect();
-            let codes: Vec<Vec<[u32; CROWN_WORDS]>> = nodes
+            let codes: Vec<Vec<[u32; TOP_WORDS]>> = nodes
                 .par_iter()
                 .map(|(chunk, nodes)| {
                     step()?;
@@ -137,23 +137,23 @@ impl Crown {
         })
     }
 
-    /// How far rays can leap from the empty slots of nodes of one chunk.
+    /// How far rays can skip from the empty slots of nodes of one chunk.
     fn codes<'a>(
         &self,
         nodes: &[usize],
         chunk_at: impl Fn(IVec3) -> Option<&'a Chunk>,
-    ) -> Vec<[u32; CROWN_WORDS]> {
+    ) -> Vec<[u32; TOP_WORDS]> {
         let in_chunk = |node: usize, slot: usize| {
             (self.places[node].1 * 4 + offset_of(slot)) & ((1 << CHUNK_BITS) - 1)
         };
-        if let Some(few) = leaps::few_around(&chunk_at, FEW / nodes.len()) {
-            let code = |node: usize, slot: usize| leaps::code(in_chunk(node, slot), &few);
+        if let Some(few) = skips::few_around(&chunk_at, FEW / nodes.len()) {
+            let code = |node: usize, slot: usize| skips::code(in_chunk(node, slot), &few);
             return nodes
                 .iter()
                 .map(|&node| std::array::from_fn(|slot| code(node, slot)))
                 .collect();
         }
-        let codes = leaps::codes(chunk_at);
+        let codes = skips::codes(chunk_at);
         let code = |node: usize, slot: usize| {
             let at = in_chunk(node, slot);
             codes[(at.x << (2 * CHUNK_BITS) | at.y << CHUNK_BITS | at.z) as usize]
@@ -204,65 +204,69 @@ fn mark(chunk: &mut Chunk, at: IVec3, size: i32) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::layout::{crown_slot, reach};
+    use super::super::layout::{skip, top_slot};
     use super::*;
 
-    /// The word over a region, and the level of its slot.
-    fn find(words: &[u32], levels: u32, region: IVec3) -> (u32, u32) {
+    /// The word over a lower node, and the level of its slot.
+    fn find(words: &[u32], levels: u32, lower_node: IVec3) -> (u32, u32) {
         let mut node = 0;
         for level in (0..levels).rev() {
-            let word = words[node + crown_slot(region, level)];
+            let word = words[node + top_slot(lower_node, level)];
             if word & CHILD == 0 || level == 0 {
                 return (level, word);
             }
-            node = (word & !CHILD) as usize * CROWN_WORDS;
+            node = (word & !CHILD) as usize * TOP_WORDS;
         }
         unreachable!()
     }
 
     #[test]
-    fn every_region_is_found_and_leaps_stay_clear_of_all() {
+    fn every_lower_node_is_found_and_skips_stay_clear_of_all() {
         let far = (1 << 20) - 1;
-        let regions = [[0, 0, 0], [0, 0, 1], [3, 3, 3], [4, 0, 0], [77, 1000, 5], [far, far, far]];
+        let lower_nodes =
+            [[0, 0, 0], [0, 0, 1], [3, 3, 3], [4, 0, 0], [77, 1000, 5], [far, far, far]];
         let levels = levels(1 << 20);
         assert_eq!(levels, 10);
-        let mut crown = Crown::new(levels);
-        for (number, region) in regions.iter().enumerate() {
-            crown.set(IVec3::from_array(*region), 0, CHILD | number as u32);
+        let mut top = TopTree::new(levels);
+        for (number, lower_node) in lower_nodes.iter().enumerate() {
+            top.set(IVec3::from_array(*lower_node), 0, CHILD | number as u32);
         }
-        crown.set(IVec3::new(2, 2, 2), 2, OCCUPIED | 9);
-        crown.add_leaps(|| Ok::<(), ()>(())).unwrap();
-        let words = crown.into_words();
-        for (number, region) in regions.iter().enumerate() {
-            let found = find(&words, levels, IVec3::from_array(*region));
-            assert_eq!(found, (0, CHILD | number as u32), "{region:?}");
+        top.set(IVec3::new(2, 2, 2), 2, OCCUPIED | 9);
+        top.add_skips(|| Ok::<(), ()>(())).unwrap();
+        let words = top.into_words();
+        for (number, lower_node) in lower_nodes.iter().enumerate() {
+            let found = find(&words, levels, IVec3::from_array(*lower_node));
+            assert_eq!(found, (0, CHILD | number as u32), "{lower_node:?}");
         }
         assert_eq!(find(&words, levels, IVec3::splat(40)), (2, OCCUPIED | 9));
         let empty = [[1, 0, 0], [far, far, far - 1], [77, 1000, 6], [5, 0, 0], [12, 12, 12]];
-        for region in empty.map(IVec3::from_array) {
-            let (level, word) = find(&words, levels, region);
-            assert_eq!(word & (CHILD | OCCUPIED), 0, "{region}");
+        for lower_node in empty.map(IVec3::from_array) {
+            let (level, word) = find(&words, levels, lower_node);
+            assert_eq!(word & (CHILD | OCCUPIED), 0, "{lower_node}");
             for octant in 0..8 {
                 let size = 1 << (2 * level);
-                let at = region & -size;
-                let reach = reach(word, octant) as i32 * size;
+                let at = lower_node & -size;
+                let skip = skip(word, octant) as i32 * size;
                 let low = IVec3::new(octant as i32 >> 2, octant as i32 >> 1, octant as i32) & 1;
-                let (first, last) = (at - low * reach, at + (1 - low) * reach + size - 1);
-                let inside = |region: [i32; 3]| {
-                    let region = IVec3::from_array(region);
-                    region.cmpge(first).all() && region.cmple(last).all()
+                let (first, last) = (at - low * skip, at + (1 - low) * skip + size - 1);
+                let inside = |lower_node: [i32; 3]| {
+                    let lower_node = IVec3::from_array(lower_node);
+                    lower_node.cmpge(first).all() && lower_node.cmple(last).all()
                 };
-                assert!(!regions.iter().any(|region| inside(*region)), "{at} octant {octant}");
+                assert!(
+                    !lower_nodes.iter().any(|lower_node| inside(*lower_node)),
+                    "{at} octant {octant}"
+                );
                 let meets =
                     first.cmple(IVec3::splat(47)).all() && last.cmpge(IVec3::splat(32)).all();
-                assert!(!meets, "{at} octant {octant} leaps into the tile");
+                assert!(!meets, "{at} octant {octant} skips into the tile");
             }
         }
         assert!(words.len() < 64 * 40, "{} words for seven entries", words.len());
     }
 
     #[test]
-    fn one_level_spans_four_regions() {
+    fn one_level_spans_four_lower_nodes() {
         assert_eq!((levels(1), levels(4), levels(5), levels(16), levels(17)), (1, 1, 2, 2, 3));
     }
 }

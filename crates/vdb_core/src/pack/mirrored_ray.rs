@@ -1,4 +1,4 @@
-//! Rays, and the courses that they are walked as: the beginning of `assets/shaders/traversal/hdda.wgsl`.
+//! Rays, and the mirrored rays that they are traversed as: the beginning of `assets/shaders/traversal/hdda.wgsl`.
 
 use glam::{BVec3, DVec3, IVec3, UVec3, Vec3};
 
@@ -39,9 +39,9 @@ impl Ray {
 /// A ray turned over on the axes where it runs down, so that it runs up on all of them: cell `c`
 /// becomes `!c`, and all that is ahead has larger coordinates. Cells are counted from the ray's own.
 #[derive(Clone, Copy, Debug)]
-pub struct Course {
+pub struct MirroredRay {
     /// -1 on the axes that are turned over, else 0.
-    pub flip: IVec3,
+    pub mirror: IVec3,
     /// The ray's own cell, turned over.
     pub cell: IVec3,
     /// Where in that cell the ray begins, from 0 to 1: a multiple of 2⁻²⁴.
@@ -78,22 +78,22 @@ pub(super) const FAR: f32 = 1e30;
 const SLOWEST: f32 = 1.0 / (1 << 30) as f32;
 const FASTEST: f32 = (1 << 30) as f32;
 
-impl Course {
-    /// The course of a ray through a grid.
+impl MirroredRay {
+    /// The mirrored ray of a ray through a grid.
     pub fn new(grid: &PackedGrid, ray: &Ray) -> Self {
         let bounds = grid.occupied.unwrap_or(crate::tree::CoordBox::voxel(IVec3::ZERO));
         let zero = BVec3::from_array(ray.dir.to_array().map(is_zero));
         let down = ray.dir.cmplt(Vec3::ZERO) & !zero;
-        let flip = IVec3::select(down, IVec3::NEG_ONE, IVec3::ZERO);
-        let cell = ray.cell ^ flip;
+        let mirror = IVec3::select(down, IVec3::NEG_ONE, IVec3::ZERO);
+        let cell = ray.cell ^ mirror;
         let min = IVec3::select(down, !bounds.max, bounds.min);
         let max = IVec3::select(down, !bounds.min, bounds.max);
         let speed = Vec3::select(zero, Vec3::ZERO, ray.dir.abs());
         let fastest = speed.max_element();
         let before = cell.cmplt(min);
         let rel = |ahead: IVec3| ahead.wrapping_sub(cell).as_uvec3();
-        let mut course = Self {
-            flip,
+        let mut mirrored = Self {
+            mirror,
             cell,
             frac: Vec3::select(down, 1.0 - ray.frac, ray.frac),
             speed,
@@ -110,17 +110,17 @@ impl Course {
             t_min: begin_t(ray),
             t_max: end_t(ray),
         };
-        course.set_ends();
-        course
+        mirrored.set_ends();
+        mirrored
     }
 
-    /// Where the course leaves the grid's box.
+    /// Where the mirrored ray leaves the grid's box.
     fn box_exit(&self) -> f32 {
         (((self.last.as_vec3() + 1.0) - self.frac) * self.inverse).min_element()
     }
 
-    /// Makes the ends of the course exact, where they are in the grid's box or so close to it that f32
-    /// does not tell. Elsewhere they do not matter: all that the course comes to is between them.
+    /// Makes the ends of the mirrored ray exact, where they are in the grid's box or so close to it that f32
+    /// does not tell. Elsewhere they do not matter: all that the mirrored ray comes to is between them.
     fn set_ends(&mut self) {
         if self.t_max < FAR {
             if self.t_max * (1.0 - T_ERROR) > self.box_exit() {
@@ -142,15 +142,15 @@ impl Course {
 
     /// The local cell that is so many cells ahead.
     pub fn local(&self, rel: UVec3) -> IVec3 {
-        self.cell.wrapping_add(rel.as_ivec3()) ^ self.flip
+        self.cell.wrapping_add(rel.as_ivec3()) ^ self.mirror
     }
 
     /// A place within a cell as the lattice has it.
-    pub(super) fn unturned(&self, u: Vec3) -> Vec3 {
-        Vec3::select(self.flip.cmpne(IVec3::ZERO), 1.0 - u, u)
+    pub(super) fn unmirrored(&self, u: Vec3) -> Vec3 {
+        Vec3::select(self.mirror.cmpne(IVec3::ZERO), 1.0 - u, u)
     }
 
-    /// Where the course crosses planes ahead of it, one on each axis, to within [`T_ERROR`]. The
+    /// Where the mirrored ray crosses planes ahead of it, one on each axis, to within [`T_ERROR`]. The
     /// integers are exact; the ray's own numbers come in only at the end.
     pub(super) fn plane_t(&self, plane: UVec3) -> Vec3 {
         (plane.as_vec3() - self.frac) * self.inverse

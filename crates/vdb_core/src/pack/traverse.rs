@@ -1,17 +1,17 @@
-//! The shader's walk on the CPU, function by function: the twin of `assets/shaders/traversal/tree.wgsl`,
+//! The shader's traversal on the CPU, function by function: the twin of `assets/shaders/traversal/tree.wgsl`,
 //! `hdda.wgsl` and, for a grid's own values in full, of `fog.wgsl`. Same names, same order of operations, f32; read them side by side.
 //!
 //! A ray is given in *local lattice* coordinates of one grid: `p(t) = cell + frac + t · dir`. It is
-//! walked as a [`Course`], which runs upwards on every axis.
+//! traversed as a [`MirroredRay`], which runs upwards on every axis.
 
 use glam::{IVec3, UVec3, Vec3};
 
 use super::PackedGrid;
-use super::anchor::{Anchor, anchored};
-use super::course::FAR;
-pub use super::course::{Course, Ray};
 use super::exact::{T_ERROR, WHOLE, plane_before};
 use super::layout::*;
+use super::mirrored_ray::FAR;
+pub use super::mirrored_ray::{MirroredRay, Ray};
+use super::rebase::{Rebased, rebased_at};
 
 /// What covers a cell: everything alike over a cube of `2^log_dim` cells per edge, and over `reach`
 /// more such cubes ahead.
@@ -20,17 +20,17 @@ pub struct Span {
     /// log₂ of the edge, in cells.
     pub log_dim: u32,
     /// Cubes ahead on each axis that are empty, too.
-    pub reach: u32,
+    pub skip: u32,
     /// The word of a tile or a leaf that a ray meets; 0 where nothing is.
     pub word: u32,
-    /// The number of the leaf; of a cell of a mixed tile, the axes on which it is the tile's last: 4, 2
+    /// The number of the leaf; of a cell of a boundary tile, the axes on which it is the tile's last: 4, 2
     /// and 1 for x, y and z.
     pub leaf: u32,
 }
 
 impl Span {
-    const fn empty(log_dim: u32, reach: u32) -> Self {
-        Self { log_dim, reach, word: 0, leaf: 0 }
+    const fn empty(log_dim: u32, skip: u32) -> Self {
+        Self { log_dim, skip, word: 0, leaf: 0 }
     }
 
     /// Whether a ray meets something here.
@@ -40,25 +40,25 @@ impl Span {
 
     /// Whether the cube is occupied all over with one value.
     pub fn constant(&self) -> bool {
-        self.word & (CHILD | MIXED) == 0
+        self.word & (CHILD | BOUNDARY) == 0
     }
 }
 
-/// The word of the crown over a local cell, and its level; `None` outside of the crown.
-fn find_crown(grid: &PackedGrid, cell: IVec3) -> Option<(u32, u32)> {
+/// The word of the top-level tree over a local cell, and its level; `None` outside of the top-level tree.
+fn find_top(grid: &PackedGrid, cell: IVec3) -> Option<(u32, u32)> {
     let header = grid.header(0);
-    let at = (cell >> REGION_BITS as i32) - IVec3::from_array(header.crown_origin);
-    if (at.x | at.y | at.z) >> (2 * header.crown_levels) != 0 {
+    let at = (cell >> LOWER_BITS as i32) - IVec3::from_array(header.top_origin);
+    if (at.x | at.y | at.z) >> (2 * header.top_levels) != 0 {
         return None;
     }
-    let mut level = header.crown_levels - 1;
-    let mut node = header.crown as usize;
+    let mut level = header.top_levels - 1;
+    let mut node = header.top as usize;
     loop {
-        let word = grid.words[node + crown_slot(at, level)];
+        let word = grid.words[node + top_slot(at, level)];
         if word & CHILD == 0 || level == 0 {
             return Some((word, level));
         }
-        node = header.crown as usize + (word & PAYLOAD) as usize * CROWN_WORDS;
+        node = header.top as usize + (word & PAYLOAD) as usize * TOP_WORDS;
         level -= 1;
     }
 }
@@ -66,48 +66,49 @@ fn find_crown(grid: &PackedGrid, cell: IVec3) -> Option<(u32, u32)> {
 /// The span of a tile around a local cell.
 fn tile_span(word: u32, log_dim: u32, octant: u32, cell: IVec3) -> Span {
     if word & OCCUPIED == 0 {
-        return Span::empty(log_dim, reach(word, octant));
+        return Span::empty(log_dim, skip(word, octant));
     }
-    if word & MIXED == 0 {
-        return Span { log_dim, reach: 0, word, leaf: 0 };
+    if word & BOUNDARY == 0 {
+        return Span { log_dim, skip: 0, word, leaf: 0 };
     }
     // How many cells of the tile follow on each axis.
     let after = !cell & ((1 << log_dim) - 1);
     let sides = after.cmpeq(IVec3::ZERO);
     if sides.any() {
         let sides = u32::from(sides.x) << 2 | u32::from(sides.y) << 1 | u32::from(sides.z);
-        return Span { log_dim: 0, reach: 0, word, leaf: sides };
+        return Span { log_dim: 0, skip: 0, word, leaf: sides };
     }
     // The largest cube around the cell without cells on the high sides.
     let log_dim = after.min_element().ilog2();
     if word & FILLED == 0 {
         return Span::empty(log_dim, 0);
     }
-    Span { log_dim, reach: 0, word: word & !MIXED, leaf: 0 }
+    Span { log_dim, skip: 0, word: word & !BOUNDARY, leaf: 0 }
 }
 
 /// What a ray meets at a local cell. (The shader keeps what it has found while the ray stays near.)
 pub fn locate(grid: &PackedGrid, cell: IVec3, octant: u32) -> Span {
     let header = grid.header(0);
-    // A ray looks at cells of the box only, which the crown covers.
-    let Some((word, level)) = find_crown(grid, cell) else { return Span::empty(0, 0) };
+    // A ray looks at cells of the box only, which the top-level tree covers.
+    let Some((word, level)) = find_top(grid, cell) else { return Span::empty(0, 0) };
     if word & CHILD == 0 {
-        return tile_span(word, REGION_BITS + 2 * level, octant, cell);
+        return tile_span(word, LOWER_BITS + 2 * level, octant, cell);
     }
-    let region = (word & PAYLOAD) as usize;
-    let word = grid.words[header.regions as usize + region * REGION_WORDS + region_slot(cell)];
+    let lower_node = (word & PAYLOAD) as usize;
+    let word =
+        grid.words[header.lower_nodes as usize + lower_node * LOWER_WORDS + lower_slot(cell)];
     if word & CHILD == 0 {
         return tile_span(word, LEAF_BITS, octant, cell);
     }
     let number = word & ((1 << LEAF_NUMBER_BITS) - 1);
-    let leaf = grid.words[header.heads as usize + region] + number;
+    let leaf = grid.words[header.heads as usize + lower_node] + number;
     let (index, bit) = mask_bit(cell);
     if word >> (LEAF_NUMBER_BITS + index as u32 / 2) & 1 == 0 {
         return Span::empty(2, 0);
     }
     let mask = header.masks as usize + leaf as usize * LEAF_MASK_WORDS;
     let on = grid.words[mask + index] >> bit & 1 == 1;
-    if on { Span { log_dim: 0, reach: 0, word, leaf } } else { Span::empty(0, 0) }
+    if on { Span { log_dim: 0, skip: 0, word, leaf } } else { Span::empty(0, 0) }
 }
 
 /// A value of the palette.
@@ -169,12 +170,12 @@ pub fn corners(grid: &PackedGrid, span: Span, cell: IVec3) -> [f32; 8] {
     })
 }
 
-/// Where a course is on its way through the lattice.
+/// Where a mirrored ray is on its way through the lattice.
 #[derive(Clone, Copy, Debug)]
-pub struct Walk {
-    /// The cell, counted from the course's own.
+pub struct Dda {
+    /// The cell, counted from the mirrored ray's own.
     pub rel: UVec3,
-    /// Where the course enters it.
+    /// Where the mirrored ray enters it.
     pub t: f32,
     /// The axis of the face by which; 3 where it started inside.
     pub axis: u32,
@@ -184,25 +185,25 @@ pub struct Walk {
 
 /// The axis of the plane that is crossed first of three, one on each axis. At once means x before y
 /// before z.
-fn first_axis(course: &Course, plane: UVec3, t: Vec3) -> usize {
+fn first_axis(mirrored: &MirroredRay, plane: UVec3, t: Vec3) -> usize {
     let least = t.min_element();
     let first = axis_of(t, least);
     let others = t[(first + 1) % 3].min(t[(first + 2) % 3]);
     if others > least * (1.0 + T_ERROR) {
         return first;
     }
-    let of_two = if plane_before(course, (0, plane.x), (1, plane.y)) { 0 } else { 1 };
-    if plane_before(course, (of_two, plane[of_two]), (2, plane.z)) { of_two } else { 2 }
+    let of_two = if plane_before(mirrored, (0, plane.x), (1, plane.y)) { 0 } else { 1 };
+    if plane_before(mirrored, (of_two, plane[of_two]), (2, plane.z)) { of_two } else { 2 }
 }
 
-/// Cells that a course has come to for certain at about `t`, on each axis, or the walk before. It may be
-/// a cell further: then the walk crosses that plane next.
+/// Cells that a mirrored ray has come to for certain at about `t`, on each axis, or the traversal before. It may be
+/// a cell further: then the traversal crosses that plane next.
 ///
 /// What f32 may get wrong, a sixteenth of [`T_ERROR`], is less than what is taken off: where `t` is that
 /// of a plane or earlier, no cell behind that plane is reached.
-fn cells_reached(course: &Course, t: f32, before: UVec3) -> UVec3 {
+fn cells_passed(mirrored: &MirroredRay, t: f32, before: UVec3) -> UVec3 {
     // Conversions saturate.
-    let at = (course.frac - T_ERROR) + (t * (1.0 - T_ERROR)) * course.speed;
+    let at = (mirrored.frac - T_ERROR) + (t * (1.0 - T_ERROR)) * mirrored.speed;
     at.as_uvec3().max(before)
 }
 
@@ -220,88 +221,88 @@ fn axis_of(v: Vec3, t: f32) -> usize {
 /// Later than all planes of the grid's box, and times a speed within f32.
 const NEVER: f32 = (1_u128 << 64) as f32;
 
-/// The start of the walk: a cell of the grid's box on the course.
-pub fn enter(course: &Course) -> Walk {
+/// The start of the traversal: a cell of the grid's box on the mirrored ray.
+pub fn enter(mirrored: &MirroredRay) -> Dda {
     // The planes of the box that are crossed after the ray's beginning.
-    let ahead = course.begin.cmplt(course.first);
+    let ahead = mirrored.begin.cmplt(mirrored.first);
     if !ahead.any() {
-        let inside = course.meets && course.begin.cmple(course.last).all();
-        return Walk { rel: course.begin, t: course.t_min, axis: 3, inside };
+        let inside = mirrored.meets && mirrored.begin.cmple(mirrored.last).all();
+        return Dda { rel: mirrored.begin, t: mirrored.t_min, axis: 3, inside };
     }
-    let near = Vec3::select(ahead, course.plane_t(course.first), Vec3::NEG_ONE);
+    let near = Vec3::select(ahead, mirrored.plane_t(mirrored.first), Vec3::NEG_ONE);
     let t = near.max_element();
     // Beyond the last, where the ray has left the box on another axis before it comes in on this one.
-    let rel = cells_reached(course, t, course.first.max(course.begin));
-    let inside = course.meets && t < NEVER && rel.cmple(course.last).all();
-    Walk { rel, t: t.max(course.t_min), axis: axis_of(near, t) as u32, inside }
+    let rel = cells_passed(mirrored, t, mirrored.first.max(mirrored.begin));
+    let inside = mirrored.meets && t < NEVER && rel.cmple(mirrored.last).all();
+    Dda { rel, t: t.max(mirrored.t_min), axis: axis_of(near, t) as u32, inside }
 }
 
 /// The planes at the end of a span, one on each axis, modulo 2³²: beyond the index space they seem to
 /// lie behind the cell.
-fn planes_behind(course: &Course, rel: UVec3, span: Span) -> UVec3 {
-    let offset = course.cell.as_uvec3().wrapping_add(rel);
+fn planes_behind(mirrored: &MirroredRay, rel: UVec3, span: Span) -> UVec3 {
+    let offset = mirrored.cell.as_uvec3().wrapping_add(rel);
     let size = 1_u32 << span.log_dim;
-    let ahead = UVec3::splat((span.reach + 1) << span.log_dim);
+    let ahead = UVec3::splat((span.skip + 1) << span.log_dim);
     rel.wrapping_add(ahead.wrapping_sub(offset & UVec3::splat(size - 1)))
 }
 
-/// Steps out of the span that holds the walk's cell.
+/// Steps out of the span that holds the traversal's cell.
 ///
 /// Which plane is crossed next is exact; how many planes of the other axes have been crossed by then
-/// is a lower bound. Where it is too low, the walk crosses those planes next, in cells beside the ray
-/// that it does not touch: all that it does touch are visited. The course never turns back and passes
-/// at least one plane, the face of a span: a walk takes at most as many steps as the spans of the box
+/// is a lower bound. Where it is too low, the traversal crosses those planes next, in cells beside the ray
+/// that it does not touch: all that it does touch are visited. The mirrored ray never turns back and passes
+/// at least one plane, the face of a span: a traversal takes at most as many steps as the spans of the box
 /// have faces along its three edges, and the cells of the box have at most.
-pub fn advance(course: &Course, walk: &Walk, span: Span) -> Walk {
-    let mut plane = planes_behind(course, walk.rel, span);
-    let mut exits = course.plane_t(plane);
+pub fn advance(mirrored: &MirroredRay, dda: &Dda, span: Span) -> Dda {
+    let mut plane = planes_behind(mirrored, dda.rel, span);
+    let mut exits = mirrored.plane_t(plane);
     // A ray never goes back, but planes beyond the index space seem to lie behind it: it crosses them where
     // the index space ends.
-    let is_at_end = exits.min_element() < 0.5 * walk.t;
+    let is_at_end = exits.min_element() < 0.5 * dda.t;
     if is_at_end {
-        let beyond = plane.cmple(walk.rel);
+        let beyond = plane.cmple(dda.rel);
         plane = UVec3::select(beyond, UVec3::ZERO, plane);
-        exits = Vec3::select(beyond, (WHOLE - course.frac) * course.inverse, exits);
+        exits = Vec3::select(beyond, (WHOLE - mirrored.frac) * mirrored.inverse, exits);
     }
-    let axis = first_axis(course, plane, exits);
+    let axis = first_axis(mirrored, plane, exits);
     let t = exits[axis];
-    let mut rel = cells_reached(course, t, walk.rel);
+    let mut rel = cells_passed(mirrored, t, dda.rel);
     let passed = |own: usize| plane[own] != 0 && rel[own] >= plane[own];
     debug_assert!(!(0..3).any(passed), "beyond a plane that is not crossed yet");
     rel[axis] = plane[axis];
-    let inside = rel.cmple(course.last).all() && !(is_at_end && rel.cmplt(walk.rel).any());
-    Walk { rel, t, axis: axis as u32, inside }
+    let inside = rel.cmple(mirrored.last).all() && !(is_at_end && rel.cmplt(dda.rel).any());
+    Dda { rel, t, axis: axis as u32, inside }
 }
 
-/// Whether the ray itself comes into the walk's cell, where and by which face; one that begins there
-/// comes in by none. The answer does not depend on the way by which the walk has come.
-fn confirm(course: &Course, walk: &Walk) -> Walk {
-    let crossed = walk.rel.cmpgt(course.begin);
+/// Whether the ray itself comes into the traversal's cell, where and by which face; one that begins there
+/// comes in by none. The answer does not depend on the way by which the traversal has come.
+fn confirm(mirrored: &MirroredRay, dda: &Dda) -> Dda {
+    let crossed = dda.rel.cmpgt(mirrored.begin);
     if !crossed.any() {
-        return Walk { rel: walk.rel, t: course.t_min, axis: 3, inside: true };
+        return Dda { rel: dda.rel, t: mirrored.t_min, axis: 3, inside: true };
     }
-    let near = Vec3::select(crossed, course.plane_t(walk.rel), Vec3::NEG_ONE);
+    let near = Vec3::select(crossed, mirrored.plane_t(dda.rel), Vec3::NEG_ONE);
     let t = near.max_element();
     let mut axis = axis_of(near, t);
     let second = near[(axis + 1) % 3].max(near[(axis + 2) % 3]);
-    let behind = walk.rel.wrapping_add(UVec3::ONE);
-    let at_end = (WHOLE - course.frac) * course.inverse;
-    let exits = Vec3::select(behind.cmpeq(UVec3::ZERO), at_end, course.plane_t(behind));
+    let behind = dda.rel.wrapping_add(UVec3::ONE);
+    let at_end = (WHOLE - mirrored.frac) * mirrored.inverse;
+    let exits = Vec3::select(behind.cmpeq(UVec3::ZERO), at_end, mirrored.plane_t(behind));
     let mut inside = true;
     if second * (1.0 + T_ERROR) >= t || exits.min_element() <= t * (1.0 + T_ERROR) {
-        let plane = |own: usize| (own, walk.rel[own]);
-        let later = |last, own| last == 3 || !plane_before(course, plane(own), plane(last));
+        let plane = |own: usize| (own, dda.rel[own]);
+        let later = |last, own| last == 3 || !plane_before(mirrored, plane(own), plane(last));
         let crossed = (0..3).filter(|&own| crossed.test(own));
         axis = crossed.fold(3, |last, own| if later(last, own) { own } else { last });
-        let left = |own| own != axis && plane_before(course, (own, behind[own]), plane(axis));
+        let left = |own| own != axis && plane_before(mirrored, (own, behind[own]), plane(axis));
         inside = !(0..3).any(left);
     }
-    Walk { rel: walk.rel, t: near[axis], axis: axis as u32, inside }
+    Dda { rel: dda.rel, t: near[axis], axis: axis as u32, inside }
 }
 
-/// A `t` on a course, which rounding must not lead out of it.
-fn within(course: &Course, t: f32) -> f32 {
-    t.clamp(course.t_min, course.t_max)
+/// A `t` on a mirrored ray, which rounding must not lead out of it.
+fn within(mirrored: &MirroredRay, t: f32) -> f32 {
+    t.clamp(mirrored.t_min, mirrored.t_max)
 }
 
 /// The first occupied cell on a ray.
@@ -317,19 +318,19 @@ pub struct Hit {
 
 /// The first occupied cell on a ray.
 pub fn first_hit(grid: &PackedGrid, ray: &Ray) -> Option<Hit> {
-    let course = Course::new(grid, ray);
-    let mut walk = enter(&course);
-    while walk.inside {
-        let cell = course.local(walk.rel);
-        let mut span = locate(grid, cell, course.octant);
+    let mirrored = MirroredRay::new(grid, ray);
+    let mut dda = enter(&mirrored);
+    while dda.inside {
+        let cell = mirrored.local(dda.rel);
+        let mut span = locate(grid, cell, mirrored.octant);
         if span.occupied() {
-            let hit = confirm(&course, &walk);
+            let hit = confirm(&mirrored, &dda);
             if hit.inside {
-                return Some(Hit { cell, t: within(&course, hit.t), axis: hit.axis });
+                return Some(Hit { cell, t: within(&mirrored, hit.t), axis: hit.axis });
             }
             span = Span::empty(0, 0);
         }
-        walk = advance(&course, &walk, span);
+        dda = advance(&mirrored, &dda, span);
     }
     None
 }
@@ -344,8 +345,8 @@ fn trilinear(corners: &[f32; 8], u: Vec3) -> f32 {
 /// Half the distance between the two points of Gauss and Legendre on an interval of length 1.
 const GAUSS: f32 = 0.288_675_13;
 
-/// Cells that a walk may be away from its anchor before it gets a new one.
-const ANCHOR_RANGE: u32 = 64;
+/// Cells that a traversal may be away from its rebased origin before it gets a new one.
+const REBASE_RANGE: u32 = 64;
 
 /// What `∫ density dt` is at most: that of the greatest densities exceeds f32 where a ray takes long to
 /// pass.
@@ -354,63 +355,63 @@ const MOST_LENGTH: f32 = 3e38;
 /// ∫ density dt along the ray. Within one trilinear cell the density is a cubic in `t`, which the
 /// two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
 ///
-/// Anchors stand where a run of cells with a density begins: a place that does not depend on how the
+/// Rebased origins stand where a run of cells with a density begins: a place that does not depend on how the
 /// tree cuts the void into cubes, so that a grid looks the same, bit for bit, wherever it stands.
 pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
-    let course = Course::new(grid, ray);
-    let mut walk = enter(&course);
-    let mut near = Anchor { cell: UVec3::ZERO, frac: Vec3::ZERO, t: 0.0, end: FAR };
+    let mirrored = MirroredRay::new(grid, ray);
+    let mut dda = enter(&mirrored);
+    let mut near = Rebased { cell: UVec3::ZERO, frac: Vec3::ZERO, t: 0.0, end: FAR };
     let mut in_run = false;
     let mut from = 0.0;
     let mut sum = 0.0;
-    while walk.inside {
-        let span = locate(grid, course.local(walk.rel), course.octant);
-        let here = walk;
+    while dda.inside {
+        let span = locate(grid, mirrored.local(dda.rel), mirrored.octant);
+        let here = dda;
         if !span.occupied() {
-            walk = advance(&course, &here, span);
+            dda = advance(&mirrored, &here, span);
             in_run = false;
             continue;
         }
-        if !in_run || here.rel.wrapping_sub(near.cell).max_element() > ANCHOR_RANGE {
-            let own = confirm(&course, &here);
+        if !in_run || here.rel.wrapping_sub(near.cell).max_element() > REBASE_RANGE {
+            let own = confirm(&mirrored, &here);
             if !own.inside {
-                walk = advance(&course, &here, Span::empty(0, 0));
+                dda = advance(&mirrored, &here, Span::empty(0, 0));
                 continue;
             }
-            near = anchored(&course, &own);
+            near = rebased_at(&mirrored, &own);
             from = 0.0;
         }
-        walk = advance(&course, &here, span);
-        let plane = planes_behind(&course, here.rel, span);
-        let to = near.exit(&course, plane, walk.axis as usize).max(from);
+        dda = advance(&mirrored, &here, span);
+        let plane = planes_behind(&mirrored, here.rel, span);
+        let to = near.exit(&mirrored, plane, dda.axis as usize).max(from);
         let end = to.min(near.end);
-        let mean = mean_density(grid, &course, &near, &here, span, (from, end));
+        let mean = mean_density(grid, &mirrored, &near, &here, span, (from, end));
         sum += (end - from) * mean;
         from = to;
-        // Of a mixed tile, cells without density count as void.
+        // Of a boundary tile, cells without density count as void.
         in_run = mean > 0.0 && !span.constant();
     }
     sum.min(MOST_LENGTH)
 }
 
-/// The mean density between two parameters from the anchor on, within the cube of a span.
+/// The mean density between two parameters from the rebased origin on, within the cube of a span.
 fn mean_density(
     grid: &PackedGrid,
-    course: &Course,
-    near: &Anchor,
-    walk: &Walk,
+    mirrored: &MirroredRay,
+    near: &Rebased,
+    dda: &Dda,
     span: Span,
     (from, to): (f32, f32),
 ) -> f32 {
     if span.constant() {
         return palette(grid, span.word & PAYLOAD);
     }
-    let corners = corners(grid, span, course.local(walk.rel));
-    let origin = near.frac - walk.rel.wrapping_sub(near.cell).as_vec3();
+    let corners = corners(grid, span, mirrored.local(dda.rel));
+    let origin = near.frac - dda.rel.wrapping_sub(near.cell).as_vec3();
     let at = |s: f32| {
         let t = from + (to - from) * s;
-        let u = (origin + t * course.speed).clamp(Vec3::ZERO, Vec3::ONE);
-        trilinear(&corners, course.unturned(u))
+        let u = (origin + t * mirrored.speed).clamp(Vec3::ZERO, Vec3::ONE);
+        trilinear(&corners, mirrored.unmirrored(u))
     };
     0.5 * (at(0.5 - GAUSS) + at(0.5 + GAUSS))
 }

@@ -7,16 +7,16 @@ use super::bits::{self, Planes};
 use super::build::Wide;
 use super::content::{self, Content, Rule, Source, Sources, Tile, corner, one_value};
 use super::layout::*;
-use super::leaps::Chunk;
 use super::palette::{Palette, TILE_BYTES};
+use super::skips::Chunk;
 use crate::tree::{CoordBox, Slot};
 
 /// A cube of 128³ cells that is not all alike.
-pub(super) struct Region<'a> {
-    /// In index space, in regions.
+pub(super) struct LowerNode<'a> {
+    /// In index space, in lower nodes.
     pub at: IVec3,
-    /// Words of [`layout`](super::layout), but for how far rays can leap, with tiles by their place in the
-    /// region's own palette.
+    /// Words of [`layout`](super::layout), but for how far rays can skip, with tiles by their place in the
+    /// lower node's own palette.
     pub words: Box<[u32]>,
     /// The leaves' masks, in the order of their numbers.
     pub masks: Vec<[u32; LEAF_MASK_WORDS]>,
@@ -30,27 +30,27 @@ pub(super) struct Region<'a> {
 /// What a cube of 128³ turns out to be.
 pub(super) enum Built<'a> {
     Tile(Tile),
-    Region(Box<Region<'a>>),
+    LowerNode(Box<LowerNode<'a>>),
 }
 
 impl Built<'_> {
     /// Bytes that it takes, with its words in the packed grid.
     pub fn bytes(&self) -> u64 {
-        let Self::Region(region) = self else { return 0 };
-        let leaves = 2 * size_of_val(&*region.masks) + size_of_val(&*region.sources);
-        let palette = region.palette.values.len() as u64 / 8 * TILE_BYTES;
-        2 * 4 * REGION_WORDS as u64 + leaves as u64 + palette + size_of::<Region>() as u64
+        let Self::LowerNode(lower_node) = self else { return 0 };
+        let leaves = 2 * size_of_val(&*lower_node.masks) + size_of_val(&*lower_node.sources);
+        let palette = lower_node.palette.values.len() as u64 / 8 * TILE_BYTES;
+        2 * 4 * LOWER_WORDS as u64 + leaves as u64 + palette + size_of::<LowerNode>() as u64
     }
 }
 
-/// Edge of a region and of what its cells look at beyond it, in leaves.
+/// Edge of a lower node and of what its cells look at beyond it, in leaves.
 const AROUND: usize = 17;
 
 fn around_slot(at: IVec3) -> usize {
     (at.x as usize * AROUND + at.y as usize) * AROUND + at.z as usize
 }
 
-/// What a region is made of, which the tree may not hold itself. `around` is room to work in.
+/// What a lower node is made of, which the tree may not hold itself. `around` is room to work in.
 pub(super) fn built<'a>(
     kind: PackKind,
     at: IVec3,
@@ -63,9 +63,9 @@ pub(super) fn built<'a>(
     let Around { sources: around, numbers, leaves, .. } = &*around;
     let is_sampled = !matches!(kind, PackKind::Surface { .. });
     let steps: [usize; 8] = std::array::from_fn(|side| around_slot(corner(side)));
-    let mut region = Region {
+    let mut lower_node = LowerNode {
         at,
-        words: vec![0; REGION_WORDS].into_boxed_slice(),
+        words: vec![0; LOWER_WORDS].into_boxed_slice(),
         masks: Vec::new(),
         sources: Vec::new(),
         palette: Palette::new(kind),
@@ -90,7 +90,7 @@ pub(super) fn built<'a>(
         Wide::Lower(_) => None,
     };
     let mut all_alike = true;
-    for slot in 0..REGION_WORDS {
+    for slot in 0..LOWER_WORDS {
         let s = slot as i32;
         let cube = IVec3::new(s >> 8, s >> 4 & 15, s & 15);
         if let Some(inner) = inner
@@ -115,34 +115,34 @@ pub(super) fn built<'a>(
         if content.is_empty() {
             continue;
         }
-        let origin = (at << REGION_BITS as i32) + (cube << LEAF_BITS as i32);
+        let origin = (at << LOWER_BITS as i32) + (cube << LEAF_BITS as i32);
         let (word, occupied) = match content {
             Content::Tile(tile) => {
                 let cube = CoordBox::cube(origin, LEAF_BITS);
-                (region.palette.word(tile), tile.occupied_box(rule, cube))
+                (lower_node.palette.word(tile), tile.occupied_box(rule, cube))
             }
             Content::Leaf(mask) => {
-                let number = region.masks.len() as u32;
-                region.masks.push(mask);
+                let number = lower_node.masks.len() as u32;
+                lower_node.masks.push(mask);
                 if is_sampled {
-                    region.sources.push(sources);
+                    lower_node.sources.push(sources);
                 }
                 (leaf_word(&mask, number), bits::mask_box(&mask, origin))
             }
         };
-        region.words[slot] = word;
-        let boxes = [region.occupied, occupied];
-        region.occupied = boxes.into_iter().flatten().reduce(CoordBox::union);
+        lower_node.words[slot] = word;
+        let boxes = [lower_node.occupied, occupied];
+        lower_node.occupied = boxes.into_iter().flatten().reduce(CoordBox::union);
     }
     match first {
         Some(Content::Tile(tile @ (Tile::Empty | Tile::Plain(_)))) if all_alike => {
             Built::Tile(tile)
         }
-        _ => Built::Region(Box::new(region)),
+        _ => Built::LowerNode(Box::new(lower_node)),
     }
 }
 
-/// What covers the leaves of a region, and of its neighbours those beside it: room to work in.
+/// What covers the leaves of a lower node, and of its neighbours those beside it: room to work in.
 #[derive(Default)]
 pub(super) struct Around<'a> {
     sources: Vec<Source<'a>>,
@@ -180,14 +180,14 @@ impl<'a> Around<'a> {
     }
 }
 
-/// The word of a leaf with a number in its region.
+/// The word of a leaf with a number in its lower node.
 pub(super) fn leaf_word(mask: &[u32; LEAF_MASK_WORDS], number: u32) -> u32 {
     let blocks = mask.chunks_exact(2).enumerate();
     let blocks = blocks.map(|(i, pair)| u32::from(pair[0] | pair[1] != 0) << i);
     CHILD | blocks.sum::<u32>() << LEAF_NUMBER_BITS | number
 }
 
-/// The leaf-sized cubes of a region's words that are not empty.
+/// The leaf-sized cubes of a lower node's words that are not empty.
 pub(super) fn chunk(words: &[u32]) -> Chunk {
     let mut chunk = Chunk::default();
     for (slot, word) in words.iter().enumerate() {
