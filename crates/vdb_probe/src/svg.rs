@@ -22,11 +22,11 @@ impl Svg {
     }
 
     /// Text, `start`, `middle` or `end` of which is at a place; `style` is further attributes.
-    pub fn text(&mut self, x: f64, y: f64, rebased: &str, style: &str, text: &str) {
+    pub fn text(&mut self, x: f64, y: f64, anchor: &str, style: &str, text: &str) {
         let text = text.replace('&', "&amp;").replace('<', "&lt;");
         let _ = writeln!(
             self.0,
-            r#"<text x="{x:.1}" y="{y:.1}" text-rebased="{rebased}" {style}>{text}</text>"#
+            r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}" {style}>{text}</text>"#
         );
     }
 

@@ -2,7 +2,7 @@
 
 use super::cursor::Cursor;
 use super::header::NODE_MASK_COMPRESSION;
-use super::topology::{TreeContext, read_mask};
+use super::masks::{TreeContext, read_mask, write_mask, write_origin};
 use super::value_types::FileValue;
 use super::values::{self, NodeValues};
 use crate::Error;
@@ -38,15 +38,6 @@ pub(crate) trait FileLeaf: Node<Leaf = Self, Value: FileValue> {
         context: &TreeContext<Self::Value>,
         scratch: &mut PackScratch,
     );
-}
-
-/// Appends a mask, as [`read_mask`] reads it.
-pub(crate) fn write_mask(out: &mut Vec<u8>, words: &[u64]) {
-    out.extend(words.iter().flat_map(|word| word.to_le_bytes()));
-}
-
-pub(crate) fn write_origin(out: &mut Vec<u8>, origin: IVec3) {
-    out.extend(origin.to_array().into_iter().flat_map(i32::to_le_bytes));
 }
 
 /// Finds the values of a leaf: its mask as it counts for them, and the values.

@@ -9,9 +9,8 @@ use rayon::prelude::*;
 use super::buffers::FileLeaf;
 use super::cursor::Cursor;
 use super::header::NODE_MASK_COMPRESSION;
-use super::topology::{
-    LEAF_MASK, Middle, MiddleScan, Scan, TreeContext, Upper, UpperScan, locate_tiles, read_mask,
-};
+use super::masks::{TreeContext, read_mask};
+use super::topology::{LEAF_MASK, Middle, MiddleScan, Scan, Upper, UpperScan, locate_tiles};
 use super::value_types::FileValue;
 use crate::codec::Scratch;
 use crate::codec::mask::spread;

@@ -1,8 +1,8 @@
 //! What the file lists of each grid: names, type and places.
 
+use super::budget::Budget;
 use super::cursor::Cursor;
 use super::metadata::write_sized;
-use super::topology::Budget;
 use crate::Error;
 
 /// Stands between the name of a grid and the number that makes it unique.

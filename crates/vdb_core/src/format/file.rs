@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::budget::Budget;
 use super::build::Progress;
 use super::cursor::Cursor;
 use super::descriptor::{self, Descriptor};
 use super::header::{self, Header};
-use super::topology::{self, Budget};
+use super::topology;
 use super::values::Encoding;
 use super::{metadata, transform};
 use crate::display::{escaped, quoted};

@@ -1,7 +1,7 @@
 //! Metadata maps: a count, then name, type name, length and value of each.
 
+use super::budget::Budget;
 use super::cursor::Cursor;
-use super::topology::Budget;
 use crate::{Error, MetaValue, Metadata};
 
 pub(crate) fn read(cursor: &mut Cursor<'_>, budget: &mut Budget<'_>) -> Result<Metadata, Error> {

@@ -1,5 +1,6 @@
 //! The `.vdb` format, one file per part. OpenVDB's own source is its only specification.
 
+mod budget;
 mod buffer;
 mod buffers;
 mod build;
@@ -8,6 +9,7 @@ mod demand;
 mod descriptor;
 mod file;
 mod header;
+mod masks;
 mod metadata;
 mod open;
 mod save;
@@ -15,19 +17,15 @@ mod topology;
 mod transform;
 mod value_types;
 mod values;
+mod vdb_file;
 mod write;
 
 pub use buffer::FileBuffer;
-pub(crate) use file::read as read_file;
-pub(crate) use header::WRITTEN_VERSION;
-pub(crate) use open::open as open_file;
-pub(crate) use save::save as save_file;
-pub(crate) use write::write as write_file;
 
 /// Reads one part of a file and forgets it.
 #[cfg(fuzzing)]
 pub(crate) fn fuzz_head(which: u8, bytes: &[u8], limits: &crate::Limits) {
-    let (mut cursor, mut budget) = (cursor::Cursor::new(bytes), topology::Budget::new(limits));
+    let (mut cursor, mut budget) = (cursor::Cursor::new(bytes), budget::Budget::new(limits));
     match which % 4 {
         0 => drop(header::read(&mut cursor)),
         1 => drop(metadata::read(&mut cursor, &mut budget)),

@@ -9,14 +9,16 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::buffers::{FileLeaf, write_mask, write_origin};
+use super::budget::Budget;
+use super::buffers::FileLeaf;
 use super::cursor::Cursor;
 use super::header::NODE_MASK_COMPRESSION;
+use super::masks::{TreeContext, read_mask, write_mask, write_origin};
 use super::value_types::FileValue;
 use super::values::{self, Encoding, NodeValues};
+use crate::Error;
 use crate::codec::PackScratch;
 use crate::tree::{Cube, Dim, IVec3, InternalNode, Mask, Node, RootEntry, Slot, Tree};
-use crate::{Error, Limits};
 
 thread_local! {
     static SCRATCH: RefCell<PackScratch> = RefCell::default();
@@ -26,70 +28,6 @@ thread_local! {
 pub(crate) type Middle<L> = InternalNode<L, 4>;
 /// The nodes below the root, 4096³ voxels each.
 pub(crate) type Upper<L> = InternalNode<Middle<L>, 5>;
-
-/// What a file has asked for so far, against what it may.
-pub(crate) struct Budget<'a> {
-    pub(crate) limits: &'a Limits,
-    nodes: u64,
-    voxels: u64,
-    bytes: u64,
-    entries: u64,
-    text: u64,
-}
-
-impl<'a> Budget<'a> {
-    pub(crate) fn new(limits: &'a Limits) -> Self {
-        Self { limits, nodes: 0, voxels: 0, bytes: 0, entries: 0, text: 0 }
-    }
-
-    /// Takes in the entries of one metadata map.
-    pub(crate) fn add_entries(&mut self, count: u32) -> Result<(), Error> {
-        self.entries += u64::from(count);
-        let limit = self.limits.metadata_entries;
-        if self.entries > limit {
-            let what = format!("{} metadata entries", self.entries);
-            return Err(Error::limit(what, "metadata_entries", limit));
-        }
-        Ok(())
-    }
-
-    /// Takes in names, types or metadata values.
-    pub(crate) fn add_text(&mut self, bytes: usize) -> Result<(), Error> {
-        self.text = self.text.saturating_add(bytes as u64);
-        let limit = self.limits.metadata_bytes;
-        if self.text > limit {
-            let what = format!("{} bytes of names and metadata", self.text);
-            return Err(Error::limit(what, "metadata_bytes", limit));
-        }
-        Ok(())
-    }
-
-    /// Takes in `count` nodes of `bytes` each, every one with `voxels` voxels of its own.
-    fn add(&mut self, count: usize, bytes: usize, voxels: usize) -> Result<(), Error> {
-        let add = |sum: &mut u64, each: usize| {
-            *sum = sum.saturating_add((count as u64).saturating_mul(each as u64));
-            *sum
-        };
-        let limits = self.limits;
-        for (sum, limit, name) in [
-            (add(&mut self.nodes, 1), limits.nodes, "nodes"),
-            (add(&mut self.voxels, voxels), limits.voxels, "voxels"),
-            (add(&mut self.bytes, bytes), limits.tree_bytes, "tree_bytes"),
-        ] {
-            if sum > limit {
-                let unit = if name == "tree_bytes" { "bytes of memory for trees" } else { name };
-                return Err(Error::limit(format!("{sum} {unit}"), name, limit));
-            }
-        }
-        Ok(())
-    }
-}
-
-/// What every node of a tree needs to know.
-pub(crate) struct TreeContext<T> {
-    pub(crate) encoding: Encoding,
-    pub(crate) background: T,
-}
 
 /// Where the nodes of a tree stand.
 pub(crate) struct Scan<'a, L: FileLeaf> {
@@ -249,19 +187,6 @@ impl<L: FileLeaf> Scan<'_, L> {
 fn internal_bytes<T, const LOG2: u32>(children: usize) -> usize {
     let slots = 1usize << (3 * LOG2);
     slots * size_of::<T>() + slots / 8 * 2 + slots / 64 * 4 + children * 8 + 128
-}
-
-/// A mask, one bit a slot, lowest slot in the lowest bit of the first byte.
-pub(crate) fn read_mask<const LOG2: u32>(cursor: &mut Cursor<'_>) -> Result<Mask<LOG2>, Error>
-where
-    Dim<LOG2>: Cube,
-{
-    let mut mask = Mask::filled(false);
-    let bytes = cursor.take(Mask::<LOG2>::SIZE / 8)?;
-    for (word, bytes) in mask.words_mut().iter_mut().zip(bytes.as_chunks().0) {
-        *word = u64::from_le_bytes(*bytes);
-    }
-    Ok(mask)
 }
 
 /// Reads past the tiles of an internal node.

@@ -3,16 +3,19 @@
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::build::{self, Parts, TopTile};
 use super::content::{Rule, Sources};
+use super::error::{PackError, check, check_at_most};
+use super::grid::{GridHeader, PackedGrid};
+use super::kind::PackKind;
 use super::layout::*;
 use super::lower_node;
 use super::options::{Packing, Stage};
 use super::palette::{Palette, TILE_BYTES};
+use super::parts::{Parts, TopTile};
 use super::skips::{self, Chunk};
 use super::top_tree::{self, SOLID, TopTree};
 use super::values::{self, Steps, Stored, ValueFormat};
-use super::{GridHeader, PackError, PackKind, PackedGrid, blocks, bricks};
+use super::{blocks, bricks};
 use crate::tree::CoordBox;
 
 /// Lower nodes per axis from which on local coordinates do not start at zero.
@@ -98,7 +101,7 @@ fn traversal(
     for (number, lower_node) in parts.lower_nodes.iter().enumerate() {
         set(frame.place(lower_node.at), 0, CHILD | number as u32)?;
     }
-    build::check("nodes of the top", top.bytes() / 272)?;
+    check("nodes of the top", top.bytes() / 272)?;
     let progress = packing.begin(Stage::Skips, parts.lower_nodes.len());
     top.add_skips(|| progress.advance(0))?;
     let chunks: Vec<Chunk> = parts
@@ -135,7 +138,7 @@ fn traversal(
 
 /// The number of the next word.
 fn end(words: &[u32]) -> Result<u32, PackError> {
-    build::check_at_most("words", words.len() as u64, u32::MAX.into())?;
+    check_at_most("words", words.len() as u64, u32::MAX.into())?;
     Ok(words.len() as u32)
 }
 
@@ -221,7 +224,7 @@ fn add_bricks(
     header.brick_words = brick_words as u32;
     header.samples = end(words)?;
     let count = words.len() as u64 + leaves.len() as u64 * brick_words as u64;
-    build::check_at_most("words", count, u32::MAX.into())?;
+    check_at_most("words", count, u32::MAX.into())?;
     // They are copied where the vector grows.
     packing.take(4 * (count + words.len() as u64))?;
     words.reserve_exact(leaves.len() * brick_words + tiles.len() + 1);
@@ -241,7 +244,7 @@ fn add_blocks(
     packing: &Packing,
 ) -> Result<(), PackError> {
     let blocks = blocks::blocks(kind, leaves, &words[header.masks as usize..], packing)?;
-    build::check_at_most("samples", blocks.samples.len() as u64, u32::MAX.into())?;
+    check_at_most("samples", blocks.samples.len() as u64, u32::MAX.into())?;
     header.leaf_records = end(words)?;
     let own_words = blocks.firsts.len() + blocks.records.len() + blocks.samples.len();
     packing.take(4 * words.len() as u64)?;

@@ -10,13 +10,19 @@ use std::collections::BTreeSet;
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::content::{Leaf, Tile, corner};
-use super::lower_node::{self, Around, Built, LowerNode};
+use super::assemble;
+use super::content::{Tile, corner};
+use super::error::{PackError, check};
+use super::grid::PackedGrid;
+use super::kind::PackKind;
+use super::layout::*;
+use super::lower_node::{self, Around, Built};
 use super::options::{PackOptions, Packing, Stage};
-use super::{PackError, PackKind, PackedGrid, assemble, layout::*};
+use super::parts::{Parts, TopTile};
+use super::values::ValueFormat;
+use super::wide::{Lower, Wide};
 use crate::tree::{InternalNode, RootEntry, Slot, Vdb543};
 
-pub(super) type Lower = InternalNode<Leaf, 4>;
 type Upper = InternalNode<Lower, 5>;
 
 /// Level of the largest slots of the top-level tree that a tile of the root, 4096 cells, is made of: 2048 cells.
@@ -26,36 +32,11 @@ const fn slots_per_edge(level: u32) -> i32 {
     32 >> (2 * level)
 }
 
-/// What covers a cube of 128³ voxels.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Wide<'a> {
-    Lower(&'a Lower),
-    /// All of one value. Beyond the index space that is no number.
-    Tile(f32),
-}
-
 /// What covers a cube of 4096³ voxels.
 #[derive(Clone, Copy)]
 enum Widest<'a> {
     Upper(&'a Upper),
     Tile(f32),
-}
-
-/// A tile in the top-level tree.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct TopTile {
-    /// The level of its slot; level 0 holds lower nodes.
-    pub level: u32,
-    /// In slots of that level, in index space.
-    pub at: IVec3,
-    pub tile: Tile,
-}
-
-/// What of a tree a ray can meet: disjoint cubes, in index space.
-#[derive(Default)]
-pub(super) struct Parts<'a> {
-    pub tiles: Vec<TopTile>,
-    pub lower_nodes: Vec<LowerNode<'a>>,
 }
 
 /// A cube of 128³ cells that is looked at leaf by leaf.
@@ -82,6 +63,44 @@ struct Cube<'a> {
 /// Cubes that one thread takes at once.
 const CUBES: usize = 64;
 
+impl PackedGrid {
+    /// Packs a grid with its samples as they are, within the default [`Limits`](crate::Limits).
+    ///
+    /// Time and memory are in proportion to the nodes and tiles of the tree, whatever the tiles cover:
+    /// a few passes over its leaves, in parallel.
+    ///
+    /// # Errors
+    /// When the grid exceeds a limit, has more nodes or distinct tile values than 28 bits can number,
+    /// or takes more than 2³² words.
+    pub fn new(tree: &Vdb543<f32>, kind: PackKind) -> Result<Self, PackError> {
+        Self::with_options(tree, kind, &PackOptions::default())
+    }
+
+    /// Packs a grid with its samples in a format.
+    ///
+    /// # Errors
+    /// As [`PackedGrid::new`].
+    pub fn with_format(
+        tree: &Vdb543<f32>,
+        kind: PackKind,
+        format: ValueFormat,
+    ) -> Result<Self, PackError> {
+        Self::with_options(tree, kind, &PackOptions { format, ..PackOptions::default() })
+    }
+
+    /// Packs a grid as the options say; progress is counted in steps, and every few milliseconds.
+    ///
+    /// # Errors
+    /// As [`PackedGrid::new`], and when progress was told to stop.
+    pub fn with_options(
+        tree: &Vdb543<f32>,
+        kind: PackKind,
+        options: &PackOptions,
+    ) -> Result<Self, PackError> {
+        pack(tree, kind, options)
+    }
+}
+
 pub(super) fn pack(
     tree: &Vdb543<f32>,
     kind: PackKind,
@@ -89,18 +108,10 @@ pub(super) fn pack(
 ) -> Result<PackedGrid, PackError> {
     let packing = Packing::new(tree, kind, options)?;
     let parts = parts(tree, kind, &packing)?;
-    check("lower_nodes", parts.lower_nodes.len() as u64)?;
+    check("lower nodes", parts.lower_nodes.len() as u64)?;
     let packed = assemble::assemble(kind, options.format, parts, &packing)?;
     packing.finish(&packed)?;
     Ok(packed)
-}
-
-pub(super) fn check(what: &'static str, count: u64) -> Result<(), PackError> {
-    check_at_most(what, count, PAYLOAD.into())
-}
-
-pub(super) fn check_at_most(what: &'static str, count: u64, limit: u64) -> Result<(), PackError> {
-    if count > limit { Err(PackError::TooLarge { what, count, limit }) } else { Ok(()) }
 }
 
 /// What of a tree a ray can meet.

@@ -2,13 +2,13 @@
 
 use glam::IVec3;
 
-use super::PackKind;
 use super::bits::{self, Planes};
-use super::build::Wide;
 use super::content::{self, Content, Rule, Source, Sources, Tile, corner, one_value};
+use super::kind::PackKind;
 use super::layout::*;
 use super::palette::{Palette, TILE_BYTES};
 use super::skips::Chunk;
+use super::wide::Wide;
 use crate::tree::{CoordBox, Slot};
 
 /// A cube of 128³ cells that is not all alike.

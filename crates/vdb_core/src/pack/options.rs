@@ -4,7 +4,10 @@ use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::{PackError, PackKind, PackedGrid, ValueFormat};
+use super::error::PackError;
+use super::grid::PackedGrid;
+use super::kind::PackKind;
+use super::values::ValueFormat;
 use crate::tree::Vdb543;
 use crate::work::{Stop, Work};
 use crate::{Limits, ProgressFn};

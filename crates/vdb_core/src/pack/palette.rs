@@ -3,8 +3,9 @@
 use std::collections::HashMap;
 
 use super::content::Tile;
+use super::error::{PackError, check};
+use super::kind::PackKind;
 use super::layout::*;
-use super::{PackError, PackKind, build};
 
 /// Values of tiles, and eight by eight those that boundary tiles touch, each kept once.
 #[derive(Debug)]
@@ -64,7 +65,7 @@ impl Palette {
     }
 
     pub fn check(&self) -> Result<(), PackError> {
-        build::check("values of tiles", self.values.len() as u64)
+        check("values of tiles", self.values.len() as u64)
     }
 }
 

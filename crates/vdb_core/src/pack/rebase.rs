@@ -3,8 +3,7 @@
 use glam::{UVec3, Vec3};
 
 use super::exact::{FRAC_BITS, beginning, is_zero, plane_distance, reached_at, split};
-use super::mirrored_ray::{FAR, MirroredRay};
-use super::traverse::Dda;
+use super::mirrored_ray::{Dda, FAR, MirroredRay};
 
 /// Where a mirrored ray enters a cell: what is worked out close by has the precision of what is close by.
 #[derive(Clone, Copy, Debug)]

@@ -6,14 +6,15 @@
 
 use glam::{IVec3, UVec3, Vec3};
 
-use super::PackedGrid;
 use super::exact::{T_ERROR, WHOLE, plane_before};
+use super::grid::PackedGrid;
 use super::layout::*;
 use super::mirrored_ray::FAR;
-pub use super::mirrored_ray::{MirroredRay, Ray};
+pub use super::mirrored_ray::{Dda, MirroredRay};
+pub use super::ray::Ray;
 use super::rebase::{Rebased, rebased_at};
 
-/// What covers a cell: everything alike over a cube of `2^log_dim` cells per edge, and over `reach`
+/// What covers a cell: everything alike over a cube of `2^log_dim` cells per edge, and over `skip`
 /// more such cubes ahead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
@@ -168,19 +169,6 @@ pub fn corners(grid: &PackedGrid, span: Span, cell: IVec3) -> [f32; 8] {
         let index = record[RECORD_WORDS - 1] + (plane >> RECORD_COUNT) + below.count_ones();
         sample(grid, header.samples, index, (-127.5 * header.scale, header.scale))
     })
-}
-
-/// Where a mirrored ray is on its way through the lattice.
-#[derive(Clone, Copy, Debug)]
-pub struct Dda {
-    /// The cell, counted from the mirrored ray's own.
-    pub rel: UVec3,
-    /// Where the mirrored ray enters it.
-    pub t: f32,
-    /// The axis of the face by which; 3 where it started inside.
-    pub axis: u32,
-    /// Whether the cell is in the grid's box and before the ray's end.
-    pub inside: bool,
 }
 
 /// The axis of the plane that is crossed first of three, one on each axis. At once means x before y

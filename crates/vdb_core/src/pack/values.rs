@@ -6,7 +6,7 @@
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 
-use super::PackKind;
+use super::kind::PackKind;
 
 /// The sample format of a packed grid. `docs/reference/benchmarks.md` has the size and loss of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

@@ -3,9 +3,9 @@
 use glam::IVec3;
 
 use super::cubic::Cubic;
-use super::mirrored_ray::LocalRay;
+use super::index_ray::{IndexHit, IndexRay, nearest_voxel};
+use super::local_ray::LocalRay;
 use super::samples::Samples;
-use super::{IndexHit, IndexRay, nearest_voxel};
 use crate::pack::PackedGrid;
 
 /// Where `∫ density dt` passes `enough`, in units of the index ray's `t`; where there is first any

@@ -1,6 +1,6 @@
 //! Ray casts and point samples against a grid on the CPU, for games and picking.
 //!
-//! The results are those of the rendered image. The cells that a ray touches come from [`dda`],
+//! The results are those of the rendered image. The cells that a ray touches come from [`traverse`],
 //! the exact twin of the shader's traversal. Within cells, samples are those of the tree, and what
 //! the shader computes in f32 is computed in f64: roots of the trilinear interpolant as in
 //! `smooth.wgsl`, optical depth as in `fog.wgsl`.
@@ -10,51 +10,19 @@
 
 mod cubic;
 mod fog;
-mod mirrored_ray;
+mod index_ray;
+mod local_ray;
 mod samples;
 mod smooth;
 
-use glam::{DVec3, IVec3};
+use glam::DVec3;
 
 use crate::pack::{PackKind, PackedGrid, traverse};
 use crate::tree::Vdb543;
-use mirrored_ray::LocalRay;
+use index_ray::nearest_voxel;
+pub use index_ray::{IndexHit, IndexRay};
+use local_ray::LocalRay;
 use samples::Samples;
-
-/// A ray in index space, `p(t) = origin + t · dir` for `t` from 0 to `t_max`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct IndexRay {
-    /// The origin.
-    pub origin: DVec3,
-    /// Voxels per unit of `t`; any non-zero length.
-    pub dir: DVec3,
-    /// The end; may be infinite.
-    pub t_max: f64,
-}
-
-impl IndexRay {
-    /// The point at `t`.
-    pub fn at(&self, t: f64) -> DVec3 {
-        self.origin + t * self.dir
-    }
-}
-
-/// A hit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct IndexHit {
-    /// The ray parameter.
-    pub t: f64,
-    /// The voxel: the one that the ray enters, for voxels; the one around the point, for smooth
-    /// surfaces and fog.
-    pub ijk: IVec3,
-    /// The outward direction, of any length: the face normal for voxels, the gradient of the
-    /// interpolant for smooth surfaces, and the negative gradient for fog, whose outside is where
-    /// it is thin. Transform it to world space by the inverse transpose. Zero if the ray begins in
-    /// a voxel or the interpolant is flat.
-    pub normal: DVec3,
-    /// Whether the ray begins in a solid voxel.
-    pub begins_inside: bool,
-}
 
 /// Queries one grid: its tree, and the same tree packed.
 #[derive(Clone, Copy, Debug)]
@@ -136,9 +104,4 @@ impl<'a> GridQuery<'a> {
             PackKind::Fog => self.trilinear(point) > 0.0,
         }
     }
-}
-
-/// The voxel around a point, clamped to index space.
-fn nearest_voxel(point: DVec3) -> [i32; 3] {
-    point.to_array().map(|c| (c + 0.5).floor() as i32)
 }

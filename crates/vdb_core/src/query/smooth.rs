@@ -4,9 +4,9 @@
 use glam::IVec3;
 
 use super::cubic::Cubic;
-use super::mirrored_ray::LocalRay;
+use super::index_ray::{IndexHit, IndexRay, nearest_voxel};
+use super::local_ray::LocalRay;
 use super::samples::Samples;
-use super::{IndexHit, IndexRay, nearest_voxel};
 use crate::pack::PackedGrid;
 
 /// The first root of the interpolant minus `iso` on a ray.

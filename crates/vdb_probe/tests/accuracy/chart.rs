@@ -69,7 +69,7 @@ fn wrong_voxels(svg: &mut Svg, report: &Report, rows: &[&Row], x: f64, y: f64) {
         y - 26.0 + LINE,
         "start",
         &format!(r#"fill="{BAD}""#),
-        "bars: by a dda that nudges its position by 4e-4 a step",
+        "bars: by a traversal that nudges its position by 4e-4 a step",
     );
     let bottom = y + LINE * rows.len() as f64;
     for decade in 0..=DOWN as i32 {
@@ -94,7 +94,7 @@ fn wrong_voxels(svg: &mut Svg, report: &Report, rows: &[&Row], x: f64, y: f64) {
         }
     }
     svg.text(zero - 6.0, y - 8.0, "end", &format!(r#"fill="{GOOD}""#), "wrong here");
-    svg.text(zero + PLOT / 2.0, bottom + 2.2 * LINE, "middle", "", "of the rays, nudged dda");
+    svg.text(zero + PLOT / 2.0, bottom + 2.2 * LINE, "middle", "", "of the rays, nudged traversal");
 }
 
 /// Dots: errors in parts of their bounds, on a scale of decades; the bound is the line at 1.

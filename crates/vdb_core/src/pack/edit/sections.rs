@@ -10,11 +10,12 @@ use rayon::prelude::*;
 use super::runs::{Run, Runs};
 use super::slots::{Slots, slot_origin};
 use crate::pack::content::{Rule, Tile};
+use crate::pack::error::check_at_most;
 use crate::pack::layout::*;
 use crate::pack::lower_node::chunk;
 use crate::pack::skips::Chunk;
 use crate::pack::top_tree::{self, TopTree};
-use crate::pack::{GridHeader, PackError, PackKind, PackedGrid, assemble, bits, blocks, build};
+use crate::pack::{GridHeader, PackError, PackKind, PackedGrid, assemble, bits, blocks};
 use crate::tree::CoordBox;
 
 /// Records that each leaf of a smooth surface has room for: one for each of its blocks.
@@ -170,7 +171,7 @@ impl Sections {
             PackKind::Fog => header.samples = section(places_of(old.brick_words)),
         }
         header.palette = section(palette_room.into());
-        build::check_at_most("words", end, u32::MAX.into())?;
+        check_at_most("words", end, u32::MAX.into())?;
 
         let mut words = vec![0; end as usize];
         let mut put = |first: u32, from: &[u32]| {

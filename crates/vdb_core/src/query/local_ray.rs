@@ -2,7 +2,7 @@
 
 use glam::{DVec3, IVec3, UVec3};
 
-use super::IndexRay;
+use super::index_ray::IndexRay;
 use crate::pack::PackedGrid;
 use crate::pack::exact::FRAC_BITS;
 use crate::pack::traverse::{Dda, MirroredRay, Ray, Span, advance, enter, locate};

@@ -1,0 +1,76 @@
+//! Files: reading, opening, writing and saving them.
+
+use std::path::Path;
+
+use super::{file, header, open, save, write};
+use crate::{Error, Grid, Metadata, ReadOptions, VdbFile, WriteOptions};
+
+impl VdbFile {
+    /// Reads a file from memory.
+    ///
+    /// # Errors
+    /// If the bytes are no VDB file, are damaged or exceed a limit. A grid of an unsupported type
+    /// is not an error: it is listed in [`VdbFile::skipped`].
+    pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Self, Error> {
+        file::read(bytes, options)
+    }
+
+    /// Reads a file from disk with default options.
+    ///
+    /// # Errors
+    /// Those of [`VdbFile::open_with`].
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, Error> {
+        Self::open_with(path, &ReadOptions::default())
+    }
+
+    /// Reads a file from disk. Memory is only allocated for the bytes that contain its grids, and
+    /// only once the file is known to be a VDB file within the limits: see
+    /// [`FileBuffer`](crate::FileBuffer).
+    ///
+    /// # Errors
+    /// Those of [`VdbFile::read`] and of the operating system, with the path. Anything but a
+    /// regular file, such as a folder, a pipe or a device, is [`Error::NotAFile`]; read its bytes
+    /// yourself and pass them to [`VdbFile::read`].
+    pub fn open_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Self, Error> {
+        open::open(path.as_ref(), options).map_err(|error| error.in_file(&path))
+    }
+
+    /// Makes a file from grids, without metadata.
+    pub fn new(grids: Vec<Grid>) -> Self {
+        Self {
+            version: header::WRITTEN_VERSION,
+            library_version: (0, 0),
+            uuid: String::new(),
+            metadata: Metadata::default(),
+            grids,
+            skipped: Vec::new(),
+        }
+    }
+
+    /// Serialises a file in version 224, which OpenVDB reads since version 3.2.
+    ///
+    /// Grids that share a tree are written as instances. The metadata is written; versions and tag
+    /// are set anew, and [`VdbFile::skipped`] is ignored.
+    ///
+    /// # Errors
+    /// If a name or a value is too long for the format.
+    pub fn write(&self, options: &WriteOptions) -> Result<Vec<u8>, Error> {
+        write::write(self, options)
+    }
+
+    /// Writes a file to disk as [`VdbFile::write`] does. After a crash or with a full disk, the
+    /// path has either the previous file or the complete new one: the new file is written beside
+    /// the old one, flushed to disk, and then moved into its place.
+    ///
+    /// Permissions, owner and group of an existing file are kept; access-control lists and hard
+    /// links are not. If the path is a symbolic link, its target is replaced or created, and the
+    /// link stays.
+    ///
+    /// # Errors
+    /// Those of [`VdbFile::write`] and of the operating system, with the path. Anything but a
+    /// regular file, such as a folder, a pipe or a device, is [`Error::NotAFile`] and left as it
+    /// is; so are read-only files, and files whose owner and group cannot be kept.
+    pub fn save(&self, path: impl AsRef<Path>, options: &WriteOptions) -> Result<(), Error> {
+        save::save(self, path.as_ref(), options).map_err(|error| error.in_file(&path))
+    }
+}
