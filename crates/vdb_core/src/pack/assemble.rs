@@ -101,7 +101,7 @@ fn traversal(
     for (number, lower_node) in parts.lower_nodes.iter().enumerate() {
         set(frame.place(lower_node.at), 0, CHILD | number as u32)?;
     }
-    check("nodes of the top", top.bytes() / 272)?;
+    check("nodes of the top-level tree", top.bytes() / 272)?;
     let progress = packing.begin(Stage::Skips, parts.lower_nodes.len());
     top.add_skips(|| progress.advance(0))?;
     let chunks: Vec<Chunk> = parts

@@ -249,8 +249,7 @@ impl Report {
 }
 
 /// Above the table beside.
-const BESIDE: &str =
-    "The same questions to a traversal that nudges its position by 4e-4 a step, 1000 steps at most:";
+const BESIDE: &str = "The same questions to a traversal that nudges its position by 4e-4 a step, 1000 steps at most:";
 
 fn beside_header() -> String {
     format!("{:<52} {:>13} {:>13} {:>9}  {}", "case", "rays", "wrong voxels", "", "of which")
