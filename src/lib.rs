@@ -1,5 +1,48 @@
-#![doc = include_str!("../README.md")]
+//! OpenVDB volumes for the [Bevy](https://bevy.org) game engine: level sets and fog from `.vdb` files, ray-traced
+//! on the GPU inside a Bevy scene.
+//!
+//! Add [`VdbRenderPlugin`], or [`VdbPlugins`] for the plugins of all enabled cargo features, and spawn a
+//! [`VdbVolume`]:
+//!
+//! ```no_run
+//! use bevy::prelude::*;
+//! use bevy_vdb::prelude::*;
+//!
+//! fn main() {
+//!     App::new().add_plugins((DefaultPlugins, VdbPlugins)).add_systems(Startup, setup).run();
+//! }
+//!
+//! fn setup(mut commands: Commands, assets: Res<AssetServer>) {
+//!     commands.spawn(VdbVolume(assets.load("models/teapot.vdb")));
+//!     commands.spawn((Camera3d::default(), Transform::from_xyz(0.0, 2.0, 9.0)));
+//!     commands.spawn(DirectionalLight { illuminance: 3_000.0, ..default() });
+//! }
+//! ```
+//!
+//! # Where to find what
+//!
+//! - **Assets**: [`VdbFile`], [`VdbGrid`] and [`VdbVectorGrid`], loaded with [`VdbLoaderSettings`].
+//!   `VdbGrid::new` makes a grid in memory, [`VdbGrid::edit`] changes voxels at run time and
+//!   [`VdbGrid::save`] writes a file. [`VdbLoadProgress`] reports what is being loaded.
+//! - **Volumes**: [`VdbVolume`] with a [`VdbMaterial`], and [`VdbEmission`] or [`VdbColorGrid`] for further
+//!   grids. [`VdbVolumeState`] says how far a volume is from being rendered.
+//! - **Cameras**: [`VdbCamera`] has modes and overlays, [`VdbQuality`] the settings that trade accuracy for
+//!   time. [`VdbDial`] adjusts these to a frame budget, and [`VdbMeasureFeatures`] measures their costs.
+//! - **Queries**: [`VdbSpatialQuery`] casts rays and samples points on the CPU, with the results of the
+//!   rendered image.
+//! - **Figures**: [`VdbDiagnostics`] lists each camera's passes and buffers, and why it has them.
+//!
+//! # Cargo features
+//!
+//! - `picking`: volumes under Bevy's pointers, by `VdbPickingPlugin`.
+//! - `egui`: a panel to inspect and change everything, by `VdbInspectorPlugin`.
+//! - `record`: cameras recorded to PNG files or videos, by `VdbRecordPlugin`.
+//!
+//! The guide, measured accuracy and benchmarks are in the
+//! [repository](https://github.com/bevy-vdb/bevy_vdb/tree/main/docs).
+
 #![deny(missing_docs)]
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
 mod asset;
 #[cfg(feature = "egui")]
@@ -42,3 +85,8 @@ pub use vdb_core::pack::edit::{Voxel as VdbVoxel, VoxelEdit as VdbEdit};
 #[cfg(all(doctest, feature = "record"))]
 #[doc = include_str!("../docs/guide/recipes.md")]
 mod guide {}
+
+/// The code of the README, likewise.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+mod readme {}

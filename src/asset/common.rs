@@ -8,6 +8,7 @@ use vdb_core::{AnyTree, GridClass, Metadata, Transform};
 
 /// Why a tree cannot become a [`VdbGrid`](crate::VdbGrid).
 #[derive(Clone, Debug, Error)]
+#[non_exhaustive]
 pub enum VdbGridError {
     /// The transform is not linear or cannot be inverted.
     #[error("{0}")]

@@ -34,6 +34,7 @@ pub struct VdbLoader {
 
 /// Why a `.vdb` file could not be loaded. Bevy logs it with the path of the file.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum VdbLoaderError {
     /// The file could not be read.
     #[error("reading the file failed: {0}")]

@@ -56,6 +56,7 @@ impl Default for VdbLoaderSettings {
 /// The sample format on the GPU. `docs/reference/benchmarks.md` has the cost and loss of each. A
 /// surface of voxels has no samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum VdbValues {
     /// As in the file: 16 bits where that loses nothing, as in files saved that way, otherwise 32.
     #[default]
@@ -81,6 +82,7 @@ impl From<VdbValues> for ValueFormat {
 
 /// Whether grids are displayed as surfaces or as fog.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum VdbRenderAs {
     /// Decided by the class: level sets are surfaces, fog volumes are fog. A grid without a class
     /// is a level set if its background is positive and some of its values are negative.

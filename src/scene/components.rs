@@ -131,6 +131,7 @@ pub struct VdbOverlays {
 /// What a camera displays of volumes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
+#[non_exhaustive]
 pub enum VdbRenderMode {
     /// The final image: lit surfaces and fog, with reflections. The sum of
     /// [`Diffuse`](Self::Diffuse) and [`Glossy`](Self::Glossy).
@@ -168,6 +169,7 @@ impl VdbRenderMode {
 /// `docs/internals/notebook.md` compares their cost, and [`VdbRenderMode::Steps`] visualises it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
+#[non_exhaustive]
 pub enum VdbTraversal {
     /// Samples every half voxel, for comparison: misses corners of voxels and finds surfaces late.
     /// Smooth surfaces and fog are traversed as with [`Dda`](Self::Dda).

@@ -100,6 +100,7 @@ impl Default for VdbRayCastSettings<'_> {
 /// Selects volumes by visibility.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
+#[non_exhaustive]
 pub enum VdbRayVisibility {
     /// All volumes, hidden or not.
     Any,

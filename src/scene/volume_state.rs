@@ -27,6 +27,7 @@ use crate::VdbGrid;
 /// To be notified of the first frame with a volume, observe [`VdbVolumeDrawn`].
 #[derive(Clone, Component, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq, Hash)]
+#[non_exhaustive]
 pub enum VdbVolumeState {
     /// Its grid, or that of a [`VdbEmission`](crate::VdbEmission) or
     /// [`VdbColorGrid`](crate::VdbColorGrid), is being read, decoded and packed. See

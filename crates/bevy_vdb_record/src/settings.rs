@@ -146,6 +146,7 @@ pub struct VdbRecordStatus {
 
 /// Why a recording ended or could not start.
 #[derive(Clone, Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum VdbRecordError {
     /// The recorder already has a recording.
     #[error("this camera is already being recorded; stop that, and wait until it has ended")]

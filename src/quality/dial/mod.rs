@@ -16,6 +16,7 @@ use controller::{Controller, MARKS};
 #[derive(Clone, Component, Copy, Debug, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 #[require(VdbDialState)]
+#[non_exhaustive]
 pub enum VdbDial {
     /// The best quality whose volume passes, for all cameras together, take no more than this GPU
     /// time. Settles within 30 frames of a cut.

@@ -158,7 +158,7 @@ mod tests {
     #[test]
     fn structs_have_the_layout_of_the_shaders() {
         let module = compose(
-            "#import bevy_vdb::types::{Grid, View, Volume}
+            "#import bevy_vdb::gpu::types::{Grid, View, Volume}
              @group(0) @binding(0) var<storage, read> grids: array<Grid>;
              @group(0) @binding(1) var<storage, read> volumes: array<Volume>;
              @group(0) @binding(2) var<uniform> view: View;

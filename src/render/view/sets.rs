@@ -4,6 +4,7 @@ use bevy::prelude::*;
 
 /// The steps that volumes add to Bevy's `Core3d` schedule, for each camera that sees one.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum VdbSystems {
     /// Traces rays, after opaque meshes, whose depth ends them.
     Trace,
