@@ -59,7 +59,7 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
         report
     };
     let sphere = stage.green_sphere(Transform::default());
-    let report = check(&mut stage, "voxels", "voxels, beams, light", both, plain);
+    let report = check(&mut stage, "voxels", "voxels, beam optimisation, light", both, plain);
     let pixels = u64::from(SIZE.x * SIZE.y);
     let bytes = |name: &str, report: &VdbCameraReport| {
         report.buffers.iter().find(|buffer| buffer.name == name).unwrap().bytes
@@ -71,7 +71,7 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
 
     let mode = |mode| VdbCamera { mode, ..default() };
     stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
-    check(&mut stage, "without light", "voxels, beams", both, plain);
+    check(&mut stage, "without light", "voxels, beam optimisation", both, plain);
     stage.world().entity_mut(camera).insert(VdbCamera::default());
 
     let grid = stage.ball_of_fog(15.0, 5.0);
@@ -83,21 +83,21 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     check(&mut stage, "sampled fog", seen, both, plain);
     let once = VdbCamera { multiple_scattering: false, ..default() };
     stage.world().entity_mut(camera).insert(once);
-    let seen = "voxels, fog, sampled fog, beams, light";
+    let seen = "voxels, fog, sampled fog, beam optimisation, light";
     check(&mut stage, "light scattered once", seen, both, plain);
     stage.world().despawn(cloud);
-    check(&mut stage, "no fog any more", "voxels, beams, light", both, plain);
+    check(&mut stage, "no fog any more", "voxels, beam optimisation, light", both, plain);
 
     let sun = DirectionalLight { shadow_maps_enabled: true, ..default() };
     let sun = stage.world().spawn(sun).id();
-    check(&mut stage, "shadows", "voxels, beams, light, shadows", both, plain);
+    check(&mut stage, "shadows", "voxels, beam optimisation, light, shadows", both, plain);
     stage.world().despawn(sun);
     let half = VdbQuality { resolution: 0.5, ..default() };
     stage.world().entity_mut(camera).insert((half, DepthPrepass, MotionVectorPrepass));
     let report = check(
         &mut stage,
         "motion, and fewer rays",
-        "voxels, beams, light, motion vectors, fewer rays than pixels",
+        "voxels, beam optimisation, light, motion vectors, fewer rays than pixels",
         "vdb_trace, vdb_upscale, vdb_composite",
         "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_tiles, vdb_moving, vdb_motion, \
          vdb_color_upscaled, vdb_depth_upscaled, vdb_moving_upscaled",
