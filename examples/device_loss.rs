@@ -30,6 +30,8 @@ fn recover(error: &RenderError, world: &mut World, _: &mut World) -> RenderError
 
 fn lose(keys: Res<ButtonInput<KeyCode>>, device: Res<RenderDevice>) {
     if keys.just_pressed(KeyCode::KeyD) {
+        // Bevy 0.19.1 panics if it is still reading back a buffer of its lights.
+        device.poll(PollType::wait_indefinitely()).ok();
         device.wgpu_device().destroy();
         // Tells Bevy, as a device that is lost by itself does at once.
         device.poll(PollType::wait_indefinitely()).ok();

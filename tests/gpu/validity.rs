@@ -180,12 +180,12 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS"], &with, &shadows]);
     }
     // Grids in pages, and samples of one format.
-    for format in ["FORMAT=0", "FORMAT=1", "FORMAT=2"] {
+    for format in ["VDB_FORMAT=0", "VDB_FORMAT=1", "VDB_FORMAT=2"] {
         check(&[&["VDB_LIT", "VDB_SMOOTH", "VDB_FOGS", format], &shadows]);
         check(&[&["VDB_LIT", "VDB_FOGS", "VDB_FOG_STEPS", "VDB_EVEN_LIGHT", format]]);
     }
     check(&[
-        &["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_PAGED", "PAGE_BITS=20"],
+        &["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_PAGED", "VDB_PAGE_BITS=20"],
         &shadows,
     ]);
     // Fewer rays than pixels.
@@ -228,7 +228,11 @@ fn the_beams_are_valid() {
     let mut composer = composer();
     for defs in subsets(&["MULTISAMPLED", "VDB_SCALED", "VDB_ACCUMULATED"]) {
         check(&mut composer, "trace/beams", &defs);
-        check(&mut composer, "trace/beams", &[&defs, &["VDB_PAGED", "PAGE_BITS=20"][..]].concat());
+        check(
+            &mut composer,
+            "trace/beams",
+            &[&defs, &["VDB_PAGED", "VDB_PAGE_BITS=20"][..]].concat(),
+        );
     }
 }
 
@@ -237,8 +241,8 @@ fn what_is_drawn_into_shadow_maps_is_valid() {
     let mut composer = composer();
     for kinds in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS"]) {
         check(&mut composer, "shadow_maps/cast", &kinds);
-        for format in ["FORMAT=0", "FORMAT=1", "FORMAT=2"] {
-            let with = ["VDB_PAGED", "PAGE_BITS=20", format];
+        for format in ["VDB_FORMAT=0", "VDB_FORMAT=1", "VDB_FORMAT=2"] {
+            let with = ["VDB_PAGED", "VDB_PAGE_BITS=20", format];
             check(&mut composer, "shadow_maps/cast", &[&kinds, &with[..]].concat());
         }
     }

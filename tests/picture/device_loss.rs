@@ -107,6 +107,9 @@ impl Scene {
 
     fn lose_device(&mut self) {
         let device = self.stage.world().resource::<RenderDevice>();
+        // A buffer of Bevy's lights that is still being read back then panics (bevy_pbr 0.19.1,
+        // cluster_on_gpu.rs, schedule_readback_buffer_map): nothing is on its way.
+        device.poll(PollType::wait_indefinitely()).ok();
         device.wgpu_device().destroy();
         // Where it is lost by itself, wgpu says so at once; of one that is destroyed, when it is polled. A
         // frame that is drawn before panics in Bevy (bevy_render 0.19.1, StorageBuffer::write_buffer).

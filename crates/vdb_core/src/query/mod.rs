@@ -42,7 +42,8 @@ impl<'a> GridQuery<'a> {
     ///
     /// A ray is rounded near the grid, not at its origin: to 2⁻²⁴ voxel where it enters the grid's
     /// box, and 2⁻²⁴ of the distance from there, however distant its origin. A ray whose numbers
-    /// are not finite (except `t_max`, which may be infinite) hits nothing.
+    /// are not finite (except `t_max`, which may be infinite) hits nothing, nor does one so slow that
+    /// the hit's `t` exceeds the largest f64.
     ///
     /// The time is proportional to the number of cubes that the ray crosses, of which empty ones
     /// are at least as large as the tree's: at most 3 · 4096 steps through each 4096³ node on its
@@ -60,7 +61,8 @@ impl<'a> GridQuery<'a> {
                 fog::first_opaque(self.packed, &mut self.samples(), &local, enough, ray)
             }
         };
-        hit.filter(|hit| hit.t <= ray.t_max)
+        // On the slowest rays there are, `t` of what lies ahead can exceed the largest f64.
+        hit.filter(|hit| hit.t.is_finite() && hit.t <= ray.t_max)
     }
 
     fn samples(&self) -> Samples<'a> {
