@@ -188,12 +188,17 @@ fn every_variant_of_the_trace_is_valid() {
         &["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_PAGED", "VDB_PAGE_BITS=20"],
         &shadows,
     ]);
+    // Grids of many cells.
+    for with in subsets(&["VDB_HDDA", "VDB_FOG_STEPS"]) {
+        let wide = ["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_WIDE_GRIDS"];
+        check(&[&wide, &with, &shadows]);
+    }
     // Fewer rays than pixels.
     for kinds in subsets(&["VDB_SURFACES", "VDB_FOGS", "MULTISAMPLED"]) {
         check(&[&["VDB_LIT", "VDB_SCALED", "VDB_LOCAL_LIGHTS", "DISTANCE_FOG"], &kinds, &shadows]);
         check(&[&["VDB_SHOW_DEPTH", "VDB_SCALED"], &kinds]);
     }
-    // Frames put together.
+    // Temporal accumulation.
     for with in subsets(&["VDB_SCALED", "VDB_SOFT_SUNS", "VDB_REFLECTIONS", "VDB_BEAMS"]) {
         check(&[
             &["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_ACCUMULATED"],
@@ -203,7 +208,7 @@ fn every_variant_of_the_trace_is_valid() {
     }
     assert_eq!(
         variants,
-        8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 16 + 16
+        8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 4 + 16 + 16
     );
 }
 
@@ -226,7 +231,7 @@ fn the_means_of_frames_are_valid() {
 #[test]
 fn the_beams_are_valid() {
     let mut composer = composer();
-    for defs in subsets(&["MULTISAMPLED", "VDB_SCALED", "VDB_ACCUMULATED"]) {
+    for defs in subsets(&["MULTISAMPLED", "VDB_SCALED", "VDB_ACCUMULATED", "VDB_WIDE_GRIDS"]) {
         check(&mut composer, "trace/beams", &defs);
         check(
             &mut composer,
@@ -241,6 +246,8 @@ fn what_is_drawn_into_shadow_maps_is_valid() {
     let mut composer = composer();
     for kinds in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS"]) {
         check(&mut composer, "shadow_maps/cast", &kinds);
+        let wide = [&kinds, &["VDB_WIDE_GRIDS"][..]].concat();
+        check(&mut composer, "shadow_maps/cast", &wide);
         for format in ["VDB_FORMAT=0", "VDB_FORMAT=1", "VDB_FORMAT=2"] {
             let with = ["VDB_PAGED", "VDB_PAGE_BITS=20", format];
             check(&mut composer, "shadow_maps/cast", &[&kinds, &with[..]].concat());

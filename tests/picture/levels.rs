@@ -11,7 +11,7 @@ use super::common::{Picture, Stage, has_gpu};
 use super::need::{all_steps, counting};
 use super::{SIZE, SURFACE, looking, pixel_ray};
 
-/// Goes on until the pool has so many grids with so many coarser levels, or has had long enough.
+/// Updates until the pool has `grids` grids with `levels` coarser levels, or the time is up.
 fn wait_for(stage: &mut Stage, grids: u64, levels: u64) {
     let usage = stage.world().resource::<VdbGpuUsage>().clone();
     for _ in 0..2000 {

@@ -204,7 +204,7 @@ fn stepped_length(
             let low = here.cell & vec3(-size);
             let ahead = i32(skip_of(slot, mirrored.octant) << place.log_dim);
             let planes = select(low + (size + ahead), low - ahead, is_down);
-            // A plane ahead may be so far that only an unsigned number has it.
+            // A plane ahead can be more than 2^31 cells away, which only an unsigned number can hold.
             let cells = vec3<f32>(bitcast<vec3<u32>>(select(planes - samples.cell, samples.cell - planes, is_down)));
             let out = (select(cells, -cells, is_down) - samples.origin) * inverse;
             k = onwards(k, max(k + 1.0, ceil(min(min(out.x, out.y), out.z) * per_step - 0.5)));

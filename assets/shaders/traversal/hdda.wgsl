@@ -71,7 +71,7 @@ fn mirrored_ray(grid: Grid, ray: Ray) -> MirroredRay {
     return mirrored;
 }
 
-// Whether the ends of a ray are such: numbers, the first one finite, and in this order. By their bits, as
+// Whether the ends of a ray are valid: no NaNs, the first one finite, and in order. Compared by their bits, as
 // WGSL does not promise that other numbers are told from these.
 fn has_span(ray: Ray) -> bool {
     let is_finite = (bitcast<u32>(ray.t_min) & 0x7fffffffu) < INFINITE;
@@ -119,7 +119,7 @@ fn set_ends(mirrored: ptr<function, MirroredRay>) {
     }
 }
 
-// The local cell that is so many cells ahead.
+// The local cell `rel` cells ahead of the ray's own.
 fn local_cell(mirrored: MirroredRay, rel: vec3<u32>) -> vec3<i32> {
     return (mirrored.cell + bitcast<vec3<i32>>(rel)) ^ mirrored.mirror;
 }

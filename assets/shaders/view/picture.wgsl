@@ -3,8 +3,8 @@
 
 #import bevy_vdb::traversal::hdda::FAR
 
-// The pixel, of a picture of so many, that a ray of a view of so many rays goes through: in the middle of
-// those that it stands for, but for the shift of the view.
+// The pixel that a ray goes through: the middle one of those that it stands for, moved by `shift`. `rays` and
+// `picture` are the numbers of rays and of pixels along each axis.
 fn pixel_of(ray: vec2<u32>, rays: vec2<u32>, picture: vec2<u32>, shift: vec2<f32>) -> vec2<u32> {
 #ifdef VDB_ACCUMULATED
     let place = (vec2<f32>(ray) + 0.5 + shift) * vec2<f32>(picture) / vec2<f32>(rays);

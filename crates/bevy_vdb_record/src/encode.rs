@@ -46,7 +46,7 @@ pub(super) fn encode(session: &Session, frames: &Receiver<Frame>) -> Result<(), 
         }
     };
     let result: Result<(), VdbRecordError> = write_all();
-    // What went wrong at the pipe is told better by how the program ended.
+    // The program's exit status explains a broken pipe better than the pipe does.
     encoder.finish().and(result)
 }
 

@@ -11,7 +11,7 @@ use vdb_core::display::escaped;
 /// Characters of a file's name beside its bar.
 const NAME_CHARS: usize = 40;
 
-/// How far the work on one file is. Shown on a terminal only, and gone once it is dropped.
+/// The progress of the work on one file. Shown on a terminal only, and gone once it is dropped.
 pub struct Progress(ProgressBar);
 
 impl Progress {
@@ -20,7 +20,7 @@ impl Progress {
         let style = ProgressStyle::with_template("{msg} [{bar:30}] {bytes}/{total_bytes}")
             .unwrap_or_else(|_| ProgressStyle::default_bar())
             .progress_chars("=> ");
-        // Hidden by itself where standard error is no terminal.
+        // indicatif hides it by itself if standard error is not a terminal.
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
         bar.set_style(style);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -28,7 +28,7 @@ impl Progress {
         Self(bar)
     }
 
-    /// For the options of what is to be followed.
+    /// The callback for the options of the work to follow.
     pub fn callback(&self) -> Arc<ProgressFn> {
         let bar = self.0.clone();
         Arc::new(move |done, all| {

@@ -94,7 +94,7 @@ fn text_of_the_file_is_escaped() {
             assert!(!text(bytes).lines().any(|line| line.starts_with("FAKE")), "{}", text(bytes));
         }
     }
-    // What it says is still there to be seen.
+    // The text is still displayed, escaped.
     assert!(text(&info(&[&file]).stdout).contains(r"\u{1b}[31mRED"));
 }
 

@@ -140,7 +140,7 @@ impl Controller {
             } else if let Some(now) = self.median(CUT_WINDOW)
                 && (LONGER * mean..AIM * self.goal()).contains(&now)
             {
-                // It takes longer, and fits by far.
+                // It takes longer, but is still well within the budget.
                 self.held = Some((now, CUT_WINDOW));
                 return self.mark;
             } else {

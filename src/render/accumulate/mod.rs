@@ -6,22 +6,21 @@ use bevy::core_pipeline::schedule::Core3d;
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{storage_buffer_sized, uniform_buffer_sized};
 use bevy::render::render_resource::{
-    BindGroup, BindGroupLayoutDescriptor, CachedComputePipelineId, ComputePipelineDescriptor,
-    DynamicBindGroupEntries, DynamicBindGroupLayoutEntries, PipelineCache, ShaderStages,
-    SpecializedComputePipeline, SpecializedComputePipelines, TextureFormat,
+    BindGroup, CachedComputePipelineId, DynamicBindGroupEntries, DynamicBindGroupLayoutEntries,
+    PipelineCache, ShaderStages, TextureFormat,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use bevy::render::view::ViewDepthTexture;
-use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
+use bevy::render::{Render, RenderApp, RenderSystems};
 use bevy::shader::Shader;
 
 use super::extract::SceneChanges;
-use super::gpu::{
-    PipelineFallback, Shaders, dispatch_over_picture, load_shaders, read, scene_depth, write,
-};
+use super::gpu::{PipelineFallback, Shaders, read, scene_depth, write};
 use super::upscale::upscale;
-use super::view::VdbSystems;
-use super::view::{Picture, PrepareViews, ViewKey, ViewPicture, ViewState, VisibleVolumes};
+use super::view::{
+    Picture, PicturePass, PicturePipeline, PicturePipelines, PrepareViews, VdbSystems, ViewPicture,
+    ViewState, VisibleVolumes, add_picture_pass, run_picture_pass,
+};
 use crate::quality::features::Features;
 
 pub(super) use mean::{Accumulated, Mean};
@@ -33,13 +32,11 @@ impl Plugin for AccumulatePlugin {
     fn build(&self, app: &mut App) {
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
         render_app.world_mut().register_required_components::<VisibleVolumes, AccumulateView>();
+        add_picture_pass::<AccumulatePass>(render_app);
         render_app
-            .init_gpu_resource::<SpecializedComputePipelines<AccumulatePipeline>>()
-            .add_systems(RenderStartup, init.after(load_shaders))
             .add_systems(
                 Render,
                 (
-                    ask.in_set(PrepareViews::Ask),
                     count_frames.in_set(PrepareViews::Adjust),
                     hand_on.in_set(PrepareViews::Accumulate),
                     bind.in_set(RenderSystems::PrepareBindGroups),
@@ -47,10 +44,6 @@ impl Plugin for AccumulatePlugin {
             )
             .add_systems(Core3d, accumulate.in_set(VdbSystems::Trace).after(upscale));
     }
-}
-
-fn init(mut commands: Commands, shaders: Res<Shaders>) {
-    commands.insert_resource(AccumulatePipeline::new(&shaders));
 }
 
 /// What the pass keeps for a view that accumulates frames.
@@ -63,101 +56,51 @@ pub(super) struct AccumulateView {
     bind_group: Option<BindGroup>,
 }
 
-#[derive(Debug, Resource)]
-struct AccumulatePipeline {
-    shader: Handle<Shader>,
-    /// Without and with multisampling, each with as many rays as pixels and with fewer.
-    layouts: [[BindGroupLayoutDescriptor; 2]; 2],
-}
+struct AccumulatePass;
 
-/// The features that the pass depends on.
-const OWN: Features = Features::MULTISAMPLED.union(Features::SCALED).union(Features::ACCUMULATED);
+impl PicturePass for AccumulatePass {
+    const LABEL: &'static str = "vdb_accumulate";
+    const ENTRY_POINT: &'static str = "accumulate";
+    const FEATURE: Features = Features::ACCUMULATED;
+    const DEPENDS_ON: Features =
+        Features::MULTISAMPLED.union(Features::SCALED).union(Features::ACCUMULATED);
+    const OPTION: Features = Features::SCALED;
 
-impl AccumulatePipeline {
-    fn new(shaders: &Shaders) -> Self {
-        let layout = |multisampled: bool, scaled: bool| {
-            let mut entries = DynamicBindGroupLayoutEntries::sequential(
-                ShaderStages::COMPUTE,
-                (
-                    uniform_buffer_sized(false, None),
-                    scene_depth(multisampled),
-                    read(),
-                    read(),
-                    storage_buffer_sized(false, None),
-                    write(TextureFormat::Rgba16Float),
-                    write(TextureFormat::R32Float),
-                ),
-            );
-            if scaled {
-                entries = entries.extend_with_indices(((7, read()), (8, read())));
-            }
-            BindGroupLayoutDescriptor::new("vdb_accumulate", &entries)
-        };
-        let both = [false, true];
-        let layouts = both.map(|samples| both.map(|scaled| layout(samples, scaled)));
-        Self { shader: shaders.accumulate.clone(), layouts }
+    fn shader(shaders: &Shaders) -> &Handle<Shader> {
+        &shaders.accumulate
     }
 
-    fn layout(&self, features: Features) -> &BindGroupLayoutDescriptor {
-        let is_on = |feature| usize::from(features.contains(feature));
-        &self.layouts[is_on(Features::MULTISAMPLED)][is_on(Features::SCALED)]
-    }
-}
-
-impl SpecializedComputePipeline for AccumulatePipeline {
-    type Key = Features;
-
-    fn specialize(&self, features: Features) -> ComputePipelineDescriptor {
-        ComputePipelineDescriptor {
-            label: Some("vdb_accumulate".into()),
-            layout: vec![self.layout(features).clone()],
-            shader: self.shader.clone(),
-            shader_defs: features.defs().map(Into::into).collect(),
-            entry_point: Some("accumulate".into()),
-            ..default()
+    fn entries(multisampled: bool, scaled: bool) -> DynamicBindGroupLayoutEntries {
+        let mut entries = DynamicBindGroupLayoutEntries::sequential(
+            ShaderStages::COMPUTE,
+            (
+                uniform_buffer_sized(false, None),
+                scene_depth(multisampled),
+                read(),
+                read(),
+                storage_buffer_sized(false, None),
+                write(TextureFormat::Rgba16Float),
+                write(TextureFormat::R32Float),
+            ),
+        );
+        if scaled {
+            entries = entries.extend_with_indices(((7, read()), (8, read())));
         }
-    }
-}
-
-/// The pipeline of a view's key, if the view accumulates frames.
-fn pipeline_of(
-    key: &ViewKey,
-    specialized: &mut SpecializedComputePipelines<AccumulatePipeline>,
-    pipeline: &AccumulatePipeline,
-    cache: &PipelineCache,
-) -> Option<CachedComputePipelineId> {
-    let is_wanted = key.has(Features::ACCUMULATED);
-    is_wanted.then(|| specialized.specialize(cache, pipeline, key.features & OWN))
-}
-
-fn ask(
-    mut views: Query<&mut ViewState>,
-    mut specialized: ResMut<SpecializedComputePipelines<AccumulatePipeline>>,
-    pipeline: Res<AccumulatePipeline>,
-    cache: Res<PipelineCache>,
-    fallback: Res<PipelineFallback>,
-) {
-    for mut view in &mut views {
-        view.wait_unless(|key| {
-            let id = pipeline_of(key, &mut specialized, &pipeline, &cache);
-            id.is_none_or(|id| fallback.compute(&cache, id).is_some())
-        });
+        entries
     }
 }
 
 /// Finds which frame this is since something has changed, and tells the shaders.
 fn count_frames(
     mut views: Query<(&mut ViewState, &mut AccumulateView)>,
-    mut specialized: ResMut<SpecializedComputePipelines<AccumulatePipeline>>,
-    pipeline: Res<AccumulatePipeline>,
-    cache: Res<PipelineCache>,
+    mut pipelines: PicturePipelines<AccumulatePass>,
     changes: Res<SceneChanges>,
     device: Res<RenderDevice>,
 ) {
     for (mut view, mut own) in &mut views {
         let before = std::mem::take(&mut *own).accumulated;
         let Some(prepared) = &mut view.prepared else { continue };
-        own.pipeline = pipeline_of(&prepared.key, &mut specialized, &pipeline, &cache);
+        own.pipeline = pipelines.of(&prepared.key);
         if own.pipeline.is_some() {
             let fingerprint = mean::fingerprint(prepared, &changes);
             let next = Accumulated::next(before, fingerprint, prepared.picture(), &device);
@@ -182,7 +125,7 @@ fn hand_on(mut views: Query<(&ViewState, &mut AccumulateView, &mut ViewPicture)>
 
 fn bind(
     mut views: Query<(&ViewState, &mut AccumulateView, &ViewPicture, &ViewDepthTexture)>,
-    pipeline: Res<AccumulatePipeline>,
+    pipeline: Res<PicturePipeline<AccumulatePass>>,
     cache: Res<PipelineCache>,
     device: Res<RenderDevice>,
 ) {
@@ -205,7 +148,7 @@ fn bind(
             entries = entries.extend_with_indices(((7, color), (8, depth)));
         }
         let layout = cache.get_bind_group_layout(pipeline.layout(prepared.key.features));
-        let group = device.create_bind_group("vdb_accumulate", &layout, &entries);
+        let group = device.create_bind_group(AccumulatePass::LABEL, &layout, &entries);
         own.bind_group = Some(group);
     }
 }
@@ -218,16 +161,12 @@ fn accumulate(
     mut context: RenderContext,
 ) {
     let (state, own) = view.into_inner();
-    let (Some(id), Some(bind_group)) = (own.pipeline, &own.bind_group) else { return };
-    let Some((prepared, _)) = state.prepared().filter(|(prepared, _)| prepared.is_ready) else {
-        return;
-    };
-    let Some(pipeline) = fallback.compute(&cache, id) else { return };
-    dispatch_over_picture(
-        &mut context,
-        "vdb_accumulate",
-        &pipeline,
+    let (pipeline, bind_group) = (own.pipeline, own.bind_group.as_ref());
+    run_picture_pass::<AccumulatePass>(
+        state,
+        pipeline,
         bind_group,
-        prepared.picture(),
+        (&cache, &fallback),
+        &mut context,
     );
 }

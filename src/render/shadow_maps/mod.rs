@@ -301,7 +301,7 @@ fn cast(
     span.end(context.command_encoder());
 }
 
-/// Copies so many layers of the directional lights' map and, for the first camera, all of the point lights'.
+/// Copies some layers of the directional lights' map and, for the first camera, all of the point lights'.
 fn copy_maps(
     context: &mut RenderContext,
     shadows: &CastShadows,

@@ -43,7 +43,7 @@ impl Entry {
         }
     }
 
-    /// The tiles of a picture of so many pixels that show it.
+    /// The tiles that show it, in a picture of `size` pixels.
     pub fn tile_range(&self, clip_from_world: DMat4, size: UVec2) -> TileRange {
         let Some((min, max)) = self.index_box else { return TileRange::NONE };
         TileRange::of_box(clip_from_world * DMat4::from(self.world_from_index), min, max, size)

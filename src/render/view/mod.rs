@@ -6,6 +6,7 @@ mod bvh;
 mod key;
 mod lights;
 mod list;
+mod picture_pass;
 mod prepare;
 mod resolve;
 mod sets;
@@ -21,6 +22,9 @@ use bevy::prelude::*;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
 pub(super) use key::ViewKey;
+pub(super) use picture_pass::{
+    PicturePass, PicturePipeline, PicturePipelines, add_picture_pass, run_picture_pass,
+};
 pub(super) use prepare::VolumeBuffer;
 pub(super) use sets::PrepareViews;
 pub use sets::VdbSystems;

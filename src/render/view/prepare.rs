@@ -159,7 +159,7 @@ fn fill_list(
     (volumes, owners, most_tiles)
 }
 
-/// Uploads what shaders are told of views and volumes.
+/// Uploads the uniforms of views and the list of volumes.
 pub(super) fn upload_views(
     mut views: Query<&mut ViewState>,
     mut volume_buffer: ResMut<VolumeBuffer>,

@@ -116,7 +116,7 @@ impl<'a> Shown<'a> {
         index_box(self.packed)
     }
 
-    /// The tiles of a picture of so many pixels that show it.
+    /// The tiles that show it, in a picture of `size` pixels.
     pub fn tile_range(&self, clip_from_world: DMat4, size: UVec2) -> TileRange {
         let Some((min, max)) = index_box(self.packed) else { return TileRange::NONE };
         TileRange::of_box(clip_from_world * DMat4::from(self.world_from_index), min, max, size)

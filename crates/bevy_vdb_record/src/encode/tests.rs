@@ -107,7 +107,7 @@ fn pictures_are_what_was_captured_and_gaps_repeat() {
     assert_eq!(fs::read_dir(&target).unwrap().count(), 6);
 }
 
-/// An encoder that stands still with its first frame until it is told to go on.
+/// An encoder that stalls on its first frame until it is released.
 #[test]
 fn a_full_queue_gives_frames_back_or_waits() {
     let target = folder("queue");

@@ -98,7 +98,7 @@ impl Follower {
             }
             Stage::GridCount => {
                 let count = ahead.count(limits.grids)?;
-                // The reader looks whether so many fit, before it looks at the first.
+                // The reader checks that the whole count fits before it reads the first.
                 ahead.need(u64::from(count) * SMALLEST as u64)?;
                 Stage::Grids(count)
             }
@@ -153,7 +153,7 @@ impl Ahead<'_> {
         self.take().map(u32::from_le_bytes)
     }
 
-    /// A number of things, of which there may be so many.
+    /// A count, with its upper limit.
     fn count(&mut self, most: u64) -> Result<u32, Demand> {
         let count = self.u32()?;
         if u64::from(count) <= most { Ok(count) } else { Err(Demand::Nothing) }
@@ -163,7 +163,7 @@ impl Ahead<'_> {
         self.take().map(i64::from_le_bytes)
     }
 
-    /// Goes past a length and so many bytes, which need not be there.
+    /// Skips a length and that many bytes, whether or not they are present.
     fn sized(&mut self) -> Result<(), Demand> {
         let length = u64::from(self.u32()?);
         if length > self.limits.metadata_bytes {

@@ -25,7 +25,7 @@ pub struct PackedGrid {
 }
 
 impl PackedGrid {
-    /// Whether cells are so many that shaders need the def `VDB_WIDE_GRIDS`: more than 2^22 per axis.
+    /// Whether the grid spans more than 2^22 cells on an axis, so that shaders need the def `VDB_WIDE_GRIDS`.
     ///
     /// Shaders count the cells of a ray from its own, in 32 bits. It can have any cell: from there to the last
     /// cell of the box, and on from that over the longest span of empty cells, a grid that is not wide takes

@@ -37,7 +37,7 @@ pub struct MirroredRay {
 /// `t` of planes that are never reached.
 pub(super) const FAR: f32 = 1e30;
 impl MirroredRay {
-    /// The local cell that is so many cells ahead.
+    /// The local cell `rel` cells ahead of the ray's own.
     pub fn local(&self, rel: UVec3) -> IVec3 {
         self.cell.wrapping_add(rel.as_ivec3()) ^ self.mirror
     }

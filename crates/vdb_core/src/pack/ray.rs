@@ -108,7 +108,7 @@ impl MirroredRay {
     }
 }
 
-/// Whether the ends of a ray are such: numbers, the first one finite, and in this order.
+/// Whether the ends of a ray are valid: no NaNs, the first one finite, and in order.
 fn has_span(ray: &Ray) -> bool {
     ray.t_min.is_finite() && !ray.t_max.is_nan() && begin_t(ray) <= end_t(ray)
 }

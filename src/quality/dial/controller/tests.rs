@@ -200,7 +200,7 @@ fn the_dial_recovers_when_the_time_is_its_own_again() {
             }
         }
     }
-    // From over the budget to where the marks could keep it: no better frame tells of that.
+    // From over the budget to a time that other marks could keep: no better frame indicates that.
     let mut controller = Controller::default();
     let busy = Scene { overhead: 60.0, ms: 100.0, ratios: SURFACE };
     run(&mut controller, &busy, 120, (BUDGET, 0.0), &mut seed);

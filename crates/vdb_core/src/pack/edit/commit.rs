@@ -304,7 +304,7 @@ impl Commit<'_> {
         }
     }
 
-    /// Moves the leaves of a lower node to where there is room for so many.
+    /// Moves the leaves of a lower node to a run of slots with enough room.
     fn move_leaves(
         &mut self,
         lower_node: &mut LowerNode,

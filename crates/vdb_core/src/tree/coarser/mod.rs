@@ -63,7 +63,7 @@ impl Coarsening {
 pub struct LevelOptions {
     /// What it may take: [`Limits::level_bytes`].
     pub limits: Limits,
-    /// Is told of progress, in steps, and may cancel.
+    /// Called with the progress, in steps; may cancel.
     pub progress: Option<Arc<ProgressFn>>,
 }
 
@@ -146,7 +146,7 @@ fn uppers(tree: &Vdb543<f32>, coarsening: Coarsening) -> BTreeSet<[i32; 3]> {
 /// By how much the values of a level set change from a voxel to the next across the surface: its edge in
 /// their units, whatever they are. `None` where too little of a band is known to tell.
 pub fn voxel_in_distances(tree: &Vdb543<f32>) -> Option<f32> {
-    // Of so many leaves, taken evenly.
+    // Of a limited number of leaves, evenly spaced.
     const LEAVES: usize = 1024;
     let width = tree.background().abs();
     let every = tree.leaves().count().div_ceil(LEAVES).max(1);
