@@ -51,7 +51,7 @@ pub(crate) struct LeftOut(pub Features);
 /// The state of a measurement.
 #[derive(Clone, Component, Debug, Default)]
 pub(crate) struct Measuring {
-    /// Without each feature in turn, and with all before and after.
+    /// Each feature to be left out in turn; `None`, for all features, before and after each.
     plan: Vec<Option<&'static Feature>>,
     medians: Vec<f64>,
     samples: Vec<f64>,
@@ -61,11 +61,11 @@ pub(crate) struct Measuring {
     untold: usize,
 }
 
-/// Times to skip after turning a feature off, because GPU times arrive frames late.
+/// The number of times skipped after each step, because GPU times arrive frames late.
 const SKIPPED: usize = 16;
-/// Times of which the median is taken.
+/// The number of times whose median is taken.
 const TAKEN: usize = 17;
-/// Frames without a timestamp after which none is expected.
+/// The number of frames without a GPU time after which none is expected.
 const PATIENCE: usize = 30;
 
 impl Measuring {
@@ -102,7 +102,8 @@ impl Measuring {
         let (with, without): (Vec<_>, Vec<_>) =
             self.plan.iter().zip(&self.medians).partition(|(part, _)| part.is_none());
         let total_ms = with.iter().map(|(_, ms)| *ms).sum::<f64>() / with.len().max(1) as f64;
-        // Beside what all took just before and after, so that a clock that slowly changes does not count.
+        // Compared with the times of all features just before and after, to cancel the drift of the
+        // GPU's clock rate.
         let features = without.iter().zip(with.windows(2)).filter_map(|((part, ms), with)| {
             let name = (**part)?.name;
             let all = 0.5 * with.iter().map(|(_, ms)| *ms).sum::<f64>();
@@ -190,7 +191,7 @@ mod tests {
         while let Some(part) = measuring.plan.get(measuring.medians.len()) {
             frame += 1;
             let slow = if frame % 7 == 0 { 5.0 } else { 0.0 };
-            // Everything takes a little longer with each frame.
+            // The GPU slows down a little with each frame.
             slower += 1e-3;
             late.push_back(ms_without(*part) + slow + slower);
             let ms = late.pop_front().unwrap();

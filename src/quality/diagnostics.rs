@@ -1,4 +1,4 @@
-//! What volumes cost, and why.
+//! Diagnostics: the passes and buffers of each camera, and the reason for each.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -19,8 +19,8 @@ pub(crate) fn newest<'a>(
     store.get(&DiagnosticPath::new(format!("render/{pass}/elapsed_gpu")))?.measurement()
 }
 
-/// What each camera has on the GPU for volumes, and why: a resource of the main world, as of the
-/// last prepared frame.
+/// The passes, features and buffers of each camera for volumes, and the reason for each: a resource
+/// of the main world, as of the last prepared frame.
 ///
 /// Pass times are Bevy's diagnostics `render/vdb_trace/elapsed_gpu` and so on, by
 /// [`VdbPassReport::name`], which `RenderDiagnosticsPlugin` measures for all cameras together.
@@ -28,8 +28,8 @@ pub(crate) fn newest<'a>(
 pub struct VdbDiagnostics(Arc<Mutex<HashMap<Entity, VdbCameraReport>>>);
 
 impl VdbDiagnostics {
-    /// The report of a camera; `None` if it sees no volume, in which case it has nothing on the
-    /// GPU.
+    /// The report of a camera; `None` if the camera sees no volume, in which case it has nothing on
+    /// the GPU.
     pub fn camera(&self, camera: Entity) -> Option<VdbCameraReport> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).get(&camera).cloned()
     }
@@ -54,7 +54,7 @@ impl VdbDiagnostics {
     }
 }
 
-/// What a camera has on the GPU for volumes.
+/// The passes, features and buffers of a camera for volumes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VdbCameraReport {
     /// The number of visible volumes and emission grids.

@@ -43,7 +43,7 @@ bitflags! {
 #[derive(Debug)]
 pub(crate) struct Feature {
     pub flag: Features,
-    /// Shader defs that turn it on.
+    /// The shader defs that enable the feature.
     pub defs: &'static [&'static str],
     /// The name in [`VdbFeatureReport`](crate::VdbFeatureReport).
     pub name: &'static str,
@@ -89,7 +89,7 @@ pub(crate) const FEATURES: [Feature; 27] = [
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
         .without_grids(),
-    row(Features::FOG, &["VDB_FOGS"], "fog", "a fog is seen, or throws shadows or is reflected")
+    row(Features::FOG, &["VDB_FOGS"], "fog", "a fog is in view, casts shadows or is reflected")
         .without_grids(),
     row(
         Features::FOG_STEPS,
@@ -99,7 +99,12 @@ pub(crate) const FEATURES: [Feature; 27] = [
     ),
     row(Features::EMISSION, &["VDB_EMISSION"], "emission", "a volume has a VdbEmission")
         .without_grids(),
-    row(Features::BLACKBODY, &["VDB_BLACKBODY"], "black bodies", "it is VdbEmission::Temperature"),
+    row(
+        Features::BLACKBODY,
+        &["VDB_BLACKBODY"],
+        "black bodies",
+        "the emission is VdbEmission::Temperature",
+    ),
     row(Features::COLORS, &["VDB_COLORS"], "colours", "a surface has a VdbColorGrid"),
     row(
         Features::MULTIPLE_SCATTERING,
@@ -112,13 +117,13 @@ pub(crate) const FEATURES: [Feature; 27] = [
         Features::MANY,
         &["VDB_MANY"],
         "bounding volume hierarchy",
-        "rays of shadows or reflections have many volumes to meet",
+        "shadow or reflection rays can meet many volumes",
     ),
     row(
         Features::BEAMS,
         &["VDB_BEAMS"],
         "beam optimisation",
-        "VdbTraversal::HddaSkip shares the starts of rays",
+        "VdbTraversal::HddaSkip: the rays of a tile share a start",
     )
     .without(|_, quality| quality.traversal = VdbTraversal::Hdda),
     row(Features::HDDA, &["VDB_HDDA"], "hierarchical DDA", "VdbTraversal::Hdda"),
@@ -152,7 +157,7 @@ pub(crate) const FEATURES: [Feature; 27] = [
         Features::MOTION_VECTORS,
         &["VDB_MOTION_VECTORS"],
         "motion vectors",
-        "the camera has a MotionVectorPrepass, as TAA brings along",
+        "the camera has a MotionVectorPrepass, which TAA requires",
     ),
     row(Features::OVERLAYS, &["VDB_OVERLAYS"], "overlays", "VdbCamera::overlays")
         .without(|camera, _| camera.overlays = VdbOverlays::default()),
@@ -186,12 +191,12 @@ impl Features {
         if on { self } else { Self::empty() }
     }
 
-    /// The rows of the table that are on.
+    /// The rows of these features in the table.
     pub fn rows(self) -> impl Iterator<Item = &'static Feature> {
         FEATURES.iter().filter(move |feature| self.contains(feature.flag))
     }
 
-    /// The shader defs of what is on.
+    /// The shader defs of these features.
     pub fn defs(self) -> impl Iterator<Item = &'static str> {
         self.rows().flat_map(|feature| feature.defs).copied()
     }

@@ -41,8 +41,9 @@ impl Drop for Pending {
 
 type Levels = Arc<[Arc<PackedGrid>]>;
 
-/// Generates the levels that cameras ask for, and drops them when none does: only for volumes in
-/// view, and for one grid at a time, starting with the one with the smallest voxels on screen.
+/// Generates the levels that cameras ask for, only for volumes in view and for one grid at a time,
+/// starting with the one with the smallest voxels on screen. Drops all levels once no camera asks
+/// for any.
 pub(crate) fn make_levels(
     cameras: Query<(&VdbCamera, &VdbQuality, &Camera, &Projection, &GlobalTransform)>,
     volumes: Query<(&VdbVolume, &VdbVolumeState, &GlobalTransform, &Aabb)>,
@@ -60,7 +61,7 @@ pub(crate) fn make_levels(
         return;
     }
     if let Some(Pending { id, of, levels, .. }) = &mut pending.0 {
-        // Of a grid that has changed since they are worth nothing.
+        // Levels of a grid that has changed in the meantime are discarded.
         let is_same = grids.get(*id).is_some_and(|grid| Arc::ptr_eq(grid.packed(), of));
         let ready = if is_same { check_ready(levels) } else { None };
         if let Some(levels) = ready
@@ -76,7 +77,8 @@ pub(crate) fn make_levels(
     let drawn = volumes.iter().filter(|(_, state, ..)| **state == VdbVolumeState::Drawn);
     let asked = drawn.filter_map(|(volume, _, at, aabb)| {
         let grid = grids.get(&volume.0)?;
-        // They would be out of date by the next edit, and make it copy what they are made of.
+        // The next edit would make the levels obsolete, and while they are generated they share the
+        // tree, which the edit would have to copy.
         if grid.is_edited() || grid.levels().is_some() {
             return None;
         }
@@ -124,7 +126,7 @@ fn begin(id: AssetId<VdbGrid>, grid: VdbGrid) -> Pending {
     Pending { id, of, levels: background::improve(move || coarser(&grid, goes_on)), wanted }
 }
 
-/// A grid at half its resolution, at half of that, and so on.
+/// A grid at half its resolution, a quarter and so on.
 fn coarser(grid: &VdbGrid, goes_on: Arc<ProgressFn>) -> Levels {
     let packed = grid.packed();
     let format = match packed.sample_format() {
@@ -137,14 +139,14 @@ fn coarser(grid: &VdbGrid, goes_on: Arc<ProgressFn>) -> Levels {
     let mut tree = Arc::clone(grid.tree());
     let mut levels: Vec<Arc<PackedGrid>> = Vec::new();
     let has_none = |error: &dyn std::fmt::Display| {
-        // One that is no longer wanted is no news.
+        // Not if the failure is that the levels are no longer wanted.
         if goes_on(0, 0).is_continue() {
             warn!("grid '{}' has no coarser levels of detail: {error}", grid.name());
         }
     };
     loop {
         let finest = levels.last().unwrap_or(packed);
-        // 64 bits, because a grid may span the whole of the index space.
+        // In 64 bits, because a grid may span the whole index space.
         let cells = finest.occupied.map_or([0; 3], |cells| cells.dim());
         if cells.into_iter().max() <= Some(2 * SMALLEST) {
             break;

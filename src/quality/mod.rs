@@ -32,7 +32,8 @@ impl Plugin for QualityPlugin {
             .init_resource::<levels::PendingLevels>()
             .add_systems(PostUpdate, levels::make_levels.before(AssetEventSystems))
             .add_systems(Last, (cost::measure_features, dial::turn_dials).chain());
-        // As the components of `scene`.
+        // Bevy refuses this once a camera has been spawned; cameras without the component are
+        // treated as if they had the default.
         app.try_register_required_components::<Camera3d, VdbQuality>().ok();
     }
 }

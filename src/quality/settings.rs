@@ -5,8 +5,8 @@ use bevy::render::extract_component::ExtractComponent;
 
 use crate::VdbTraversal;
 
-/// Every setting by which a camera trades accuracy for speed. Added to every `Camera3d`; what the
-/// camera displays is up to [`VdbCamera`](crate::VdbCamera).
+/// All settings of a camera that trade accuracy for speed. Added to every `Camera3d`. What the
+/// camera displays is set by [`VdbCamera`](crate::VdbCamera).
 ///
 /// The presets are points of measured time–error fronts; `docs/reference/quality.md` has the plots.
 /// [`VdbDial`](crate::VdbDial) adjusts the settings automatically. Invalid values are replaced by
@@ -16,8 +16,8 @@ use crate::VdbTraversal;
 pub struct VdbQuality {
     /// How rays traverse grids. The default is the fastest.
     pub traversal: VdbTraversal,
-    /// Whether lights with `shadow_maps_enabled` cast shadows on volumes: those of volumes by one
-    /// ray per light and pixel, those of meshes from Bevy's shadow maps. On by default; costs
+    /// Whether volumes receive shadows from lights with `shadow_maps_enabled`: those of volumes by
+    /// one ray per light and pixel, those of meshes from Bevy's shadow maps. On by default; costs
     /// nothing without such a light.
     pub shadows: bool,
     /// The largest distance at which a volume casts shadows on a point, in world units. 0 or more;
@@ -39,24 +39,24 @@ pub struct VdbQuality {
     /// cell.
     pub fog_step: f32,
     /// The length in voxels of the stretches of a ray through fog that share one lighting sample,
-    /// where light varies; four times that in reflections. From ¼ to 64, 2 by default. Grows with
-    /// grids of more than 128 voxels along an edge, which bounds the cost of a ray.
+    /// where light varies; four times that in reflections. From ¼ to 64, 2 by default. Larger for
+    /// grids of more than 128 voxels along an edge, in proportion, which bounds the cost of a ray.
     pub fog_light_step: f32,
     /// The distance in voxels between density samples on rays from fog to lights. From ¼ to 64, 1
-    /// by default. Grows with grids of more than 256 voxels along an edge.
+    /// by default. Larger for grids of more than 256 voxels along an edge, in proportion.
     pub fog_shadow_step: f32,
     /// The number of slabs into which a ray is divided where fogs overlap; within a slab they are
     /// treated as evenly mixed and evenly lit. A quarter of that in reflections. From 1 to 256, 32
     /// by default.
     pub fog_slabs: u32,
-    /// Levels of detail: the largest size in pixels of the voxels of the half, quarter … resolution
-    /// copies that are displayed of distant volumes. At most 64. With 1, the cost of a volume
-    /// follows the pixels that it covers. With 0, the default, grids are shown at full resolution,
-    /// and the cost grows with their voxels.
+    /// Levels of detail: distant volumes are displayed at half, a quarter … of their resolution, as
+    /// long as the voxels of the copy are no larger than this many pixels. At most 64. With 1, the
+    /// cost of a volume is proportional to the pixels that it covers. With 0, the default, grids
+    /// are shown at full resolution, and the cost grows with the number of their voxels.
     ///
-    /// Levels are generated in the background, one grid after the other, for volumes that are in
-    /// view of a camera that asks for them and so far away that their voxels are no larger than
-    /// that. They take a third more memory for a surface, and a seventh for fog.
+    /// Levels are generated in the background, one grid after the other, for volumes in view whose
+    /// own voxels are no larger than that. They take a third more memory for a surface, and a
+    /// seventh more for fog.
     pub detail: f32,
     /// Rays per pixel along each axis of the image: 0.5 traces one ray per four pixels. The
     /// remaining pixels are interpolated from neighbours that belong to the same surface. From 0.25
@@ -104,7 +104,7 @@ impl VdbQuality {
         fog_slabs: 16,
         ..Self::HIGH
     };
-    /// Also one ray per four pixels, and levels of detail, which take memory
+    /// Still fewer samples, one ray per four pixels, and levels of detail, which take memory
     /// ([`VdbQuality::detail`]).
     pub const FAST: Self = Self {
         fog_step: 2.0,
@@ -205,7 +205,7 @@ impl VdbVolumeQuality {
 
 /// The largest number of bounces.
 const MOST_REFLECTIONS: u32 = 16;
-/// Voxels between samples of fog: smaller steps would only add cost.
+/// The shortest step through fog, in voxels; shorter ones would only add cost.
 const LEAST_STEP: f32 = 0.25;
 const MOST_STEP: f32 = 64.0;
 const MOST_FOG_STEP: f32 = 16.0;

@@ -1,5 +1,5 @@
-//! From measured times to a mark on the dial. Independent of clocks and GPUs, so that tests can
-//! simulate both.
+//! The controller that turns measured times into a mark on the dial. Independent of clocks and
+//! GPUs, so that tests can simulate both.
 
 /// Marks on the dial.
 pub(super) const MARKS: usize = 8;
@@ -8,19 +8,20 @@ pub(super) const MARKS: usize = 8;
 /// which the marks differ most.
 const PRIOR: [f32; MARKS] = [1.0, 0.3, 0.2, 0.1, 0.06, 0.03, 0.018, 0.01];
 
-/// The last mark, the fastest that the dial offers.
+/// The last mark, which is the fastest.
 const QUICKEST: usize = MARKS - 1;
 /// The first mark with fewer rays than pixels: if that saves nothing, no mark does.
 const TELLING: usize = 4;
 /// The best mark while the budget cannot be kept: visually equal to the first.
 const BEST_OVER_BUDGET: usize = 1;
 
-/// Frames after a change whose times belong to earlier frames.
+/// The number of frames after a change whose times belong to earlier frames.
 const LATENCY: usize = 4;
-/// Frames whose median counts after a change, and for detecting a cut.
+/// The number of frames whose median counts: after a change, and for detecting a cut.
 const WINDOW: usize = 3;
 const CUT_WINDOW: usize = 5;
-/// Frames after a cut in which the dial may move to better marks, and in which it moves at all.
+/// The number of frames after a cut in which the dial may move to better marks, and in which it may
+/// move in either direction.
 const UPWARDS: usize = 18;
 const SEARCH: usize = 24;
 /// The fraction of the budget that a mark may be expected to take in order to be chosen.
@@ -30,37 +31,38 @@ const FITS: f32 = 0.97;
 /// The fraction of the budget below which the next better mark is tried once, whatever its expected
 /// time.
 const SPARE: f32 = 0.5;
-/// The ratio by which frames near the budget must become slower to count as a cut; and faster.
+/// The ratios by which frames near the budget must become slower, or any frames faster, to count as
+/// a cut.
 const LONGER: f32 = 1.15;
 const SHORTER: f32 = 1.3;
-/// Slow growth is detected from the mean of this many frames, if it exceeds the budget and its
-/// earlier value by this much.
+/// Slow growth is detected from the mean of this many frames, if it exceeds the budget and the
+/// earlier mean by these factors.
 const CREEP_WINDOW: usize = 16;
 const CREEP: (f32, f32) = (1.1, 1.06);
-/// A change to a faster mark that leaves more than this fraction of the time has gained nothing.
+/// A change to a faster mark is futile if more than this fraction of the time remains.
 const GAIN: f32 = 0.9;
-/// If the budget cannot be kept: the time a frame may take relative to the fastest mark. A mark
-/// that saves no more than a quarter of the frame is not worth its loss of quality.
+/// If the budget cannot be kept: the time that a frame may take relative to the fastest mark. A
+/// saving of no more than a quarter of the frame is not worth the loss of quality.
 const ALLOWANCE: f32 = 1.35;
 /// Frames until an unreachable budget is tried again, initially and at most, doubling with each
 /// failure.
 const RETRY: (u32, u32) = (128, 4096);
-/// By how much a better mark may have exceeded the allowance and still be measured again when
-/// quality is restored.
+/// The factor by which a better mark may have exceeded the allowance and still be measured again
+/// when quality is restored.
 const DOUBT: f32 = 1.2;
-/// Times after a change are collected until they differ by no more than this times the square root
-/// of their number: noisy times take longer to compare.
+/// Times after a change are collected until their relative spread is at most this times the square
+/// root of their number, so noisy times are averaged over more frames.
 const STEADY: f32 = 0.15;
 
-/// Keeps frame times within a budget: after a cut it searches for the best mark that fits, and
-/// holds it until the next cut. If none fits, because most of the time does not depend on the
-/// marks, it holds the best of those that are hardly slower than the fastest.
+/// Keeps frame times within a budget: after a cut, the controller searches for the best mark that
+/// fits, and holds it until the next cut. If no mark fits, because most of the time does not depend
+/// on the mark, it holds the best of those that are hardly slower than the fastest.
 #[derive(Clone, Debug)]
 pub(super) struct Controller {
     mark: usize,
     /// The time of each mark measured since the cut.
     measured: [Option<f32>; MARKS],
-    /// The latest times, all of this mark.
+    /// The latest times, all measured with this mark.
     times: Vec<f32>,
     ignored: usize,
     /// The mark before the last change, until the gain has been measured.
@@ -73,7 +75,8 @@ pub(super) struct Controller {
     budget: f32,
     /// The time of the fastest mark, if it exceeded the budget.
     floor: Option<f32>,
-    /// Frames until the budget is tried again in that case, and the next interval.
+    /// While the budget cannot be kept: the number of frames until it is tried again, and the next
+    /// interval.
     retry: (u32, u32),
 }
 
@@ -103,7 +106,7 @@ impl Controller {
         self.mark
     }
 
-    /// Reports that frames are not drawn with the mark for now, for example while its pipelines are
+    /// Reports that the mark does not affect frames yet, for example while its pipelines are being
     /// compiled.
     pub fn wait(&mut self) {
         self.ignored = LATENCY;
@@ -116,7 +119,7 @@ impl Controller {
         if !(ms.is_finite() && ms >= 0.0 && budget > 0.0) {
             return self.mark;
         }
-        // Another budget is a cut, whatever the times say.
+        // A new budget is a cut, regardless of the times.
         if budget != self.budget {
             *self = Self { budget, ..Self::at(self.mark) };
         }
@@ -140,7 +143,7 @@ impl Controller {
             } else if let Some(now) = self.median(CUT_WINDOW)
                 && (LONGER * mean..AIM * self.goal()).contains(&now)
             {
-                // It takes longer, but is still well within the budget.
+                // Slower than before, but still well within the budget.
                 self.held = Some((now, CUT_WINDOW));
                 return self.mark;
             } else {
@@ -157,18 +160,18 @@ impl Controller {
         self.mark
     }
 
-    /// The median of the latest times, once there are enough.
+    /// The median of the latest times, once there are enough for their noise.
     fn steady(&self) -> Option<f32> {
         let median = self.median(self.times.len().max(WINDOW))?;
         let count = self.times.len() as f32;
         let [least, most] = self.range(0..self.times.len());
-        // A few of many numbers lie closer together than all of them.
+        // The expected range of a small sample is smaller than that of the distribution.
         let spread = (most - least) * (count + 1.0) / (count - 1.0);
         let is_steady = spread <= STEADY * median * count.sqrt();
         (is_steady || self.times.len() == CREEP_WINDOW).then_some(median)
     }
 
-    /// The smallest and the largest of some times.
+    /// The minimum and the maximum of some of the times.
     fn range(&self, of: std::ops::Range<usize>) -> [f32; 2] {
         let of = &self.times[of];
         let least = of.iter().copied().fold(f32::INFINITY, f32::min);
@@ -182,19 +185,19 @@ impl Controller {
         Some(last[of / 2])
     }
 
-    /// The budget, or what can be kept instead.
+    /// The budget, or the time that can be kept instead.
     fn goal(&self) -> f32 {
         self.floor.map_or(self.budget, |floor| self.budget.max(ALLOWANCE * floor))
     }
 
-    /// Whether the held time belongs to another scene.
+    /// Whether the scene has changed since the mean time of the held mark was measured.
     fn is_cut(&self, mean: f32) -> bool {
         let goal = self.goal();
         let is_far = self.median(CUT_WINDOW).is_some_and(|now| {
             now > LONGER * mean && now > AIM * goal || now * SHORTER < mean && self.mark > 0
         });
         if self.floor.is_some() {
-            // It is known that there is little to be won: to look again, noise is not enough.
+            // A new search is unlikely to gain much, so noise must not trigger it.
             return is_far && self.is_apart();
         }
         let lately = self.times.iter().sum::<f32>() / self.times.len() as f32;
@@ -202,7 +205,7 @@ impl Controller {
         is_far || creeps && self.times.len() == CREEP_WINDOW
     }
 
-    /// Whether the latest times are all longer, or all shorter, than those before.
+    /// Whether the latest times are all longer, or all shorter, than the earlier ones.
     fn is_apart(&self) -> bool {
         let all = self.times.len();
         if all < CUT_WINDOW + WINDOW {
@@ -220,7 +223,7 @@ impl Controller {
         *self = Self { times, ignored: 0, budget, retry, ..Self::at(self.mark) };
     }
 
-    /// If the budget cannot be kept, tries the next better mark again.
+    /// Tries the next better mark again while the budget cannot be kept.
     fn give_back(&mut self) {
         (self.held, self.retry.0) = (None, RETRY.0);
         self.turn(self.mark - 1);
@@ -281,7 +284,7 @@ impl Controller {
     /// The best mark that takes at most this multiple of the time that fits.
     fn best_within(&self, times: f32) -> usize {
         let goal = times * self.goal();
-        // What has been measured needs no room to spare.
+        // Measured times need no safety margin.
         let is_known = |mark: usize| self.measured[mark].is_some() || self.floor.is_some();
         let part = |mark: usize| if is_known(mark) { FITS } else { AIM };
         let first = if self.floor.is_some() { BEST_OVER_BUDGET } else { 0 };
@@ -298,13 +301,13 @@ impl Controller {
         let (mut better, mut quicker) =
             ((0..mark).rev().filter_map(time), (mark + 1..MARKS).filter_map(time));
         match (better.next(), quicker.next()) {
-            // Of the time between two, a part is the same for all marks.
+            // Interpolates linearly, because part of the time is the same for all marks.
             (Some((a, slow)), Some((b, fast))) => {
                 let part = (PRIOR[mark] - PRIOR[b]) / (PRIOR[a] - PRIOR[b]);
                 fast + part * (slow - fast)
             }
-            // Beyond them, turns are worth what they have been. Downwards there is always something to be
-            // gained.
+            // Extrapolates the saving of the last two measured marks. Towards faster marks, some
+            // saving is always assumed.
             (Some(last), None) => beyond(mark, last, better.next(), 0.25),
             (None, Some(first)) => beyond(mark, first, quicker.next(), 0.0),
             (None, None) => f32::INFINITY,
@@ -312,7 +315,8 @@ impl Controller {
     }
 }
 
-/// The expected time of a mark beyond the last measured one, and the one before that.
+/// The expected time of a mark beyond the last measured one, extrapolated from that and the
+/// measured one before it. `least` is the smallest assumed saving.
 fn beyond(mark: usize, (last, ms): (usize, f32), before: Option<(usize, f32)>, least: f32) -> f32 {
     let worth = before.map_or(1.0, |(before, then)| {
         ((ms / then).ln() / (PRIOR[last] / PRIOR[before]).ln()).clamp(least, 2.0)

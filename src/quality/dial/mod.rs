@@ -1,4 +1,4 @@
-//! Adjusts a camera's quality automatically, to a frame budget or an error.
+//! Automatic adjustment of a camera's quality to a frame budget or an error bound.
 
 mod controller;
 
@@ -12,14 +12,14 @@ use crate::{VdbDiagnostics, VdbGrid, VdbMeasureFeatures, VdbQuality, VdbVolume};
 use controller::{Controller, MARKS};
 
 /// Adjusts the [`VdbQuality`] of a camera automatically. Sets the fog steps, `fog_slabs` and
-/// `resolution` along the measured front, and leaves other settings alone.
+/// `resolution` along the measured time–error front, and leaves other settings alone.
 #[derive(Clone, Component, Copy, Debug, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 #[require(VdbDialState)]
 #[non_exhaustive]
 pub enum VdbDial {
     /// The best quality whose volume passes, for all cameras together, take no more than this GPU
-    /// time. Settles within 30 frames of a cut.
+    /// time. Settles within 30 frames after a cut.
     ///
     /// GPU times come from Bevy's `RenderDiagnosticsPlugin`. Without it, or on an adapter without
     /// timestamps, the time between frames is used, with a warning. Much of that may be beyond the
@@ -47,8 +47,8 @@ pub(crate) struct VdbDialState {
     frames: u32,
 }
 
-/// The marks of the dial, from the most accurate to the fastest: points on the front of lit fog.
-/// The later ones also trace fewer rays, which is what surfaces need.
+/// The marks of the dial, from the most accurate to the fastest: points on the time–error front of
+/// lit fog. The later ones also trace fewer rays, which is the only saving for surfaces.
 const DIAL: [VdbQuality; MARKS] = [
     VdbQuality::EXACT,
     VdbQuality::HIGH,
@@ -66,7 +66,7 @@ const DIAL: [VdbQuality; MARKS] = [
     },
 ];
 
-/// Frames without a timestamp after which none is expected.
+/// The number of frames without a GPU time after which none is expected.
 const PATIENCE: u32 = 30;
 
 /// Adjusts all cameras with a dial.
@@ -103,8 +103,8 @@ pub(crate) fn turn_dials(
                     None => {
                         if !std::mem::replace(&mut state.warned, true) {
                             warn!(
-                                "the dial of camera {entity} goes by the time from frame to frame: the \
-                                 adapter tells none of its own, or RenderDiagnosticsPlugin is not there"
+                                "the dial of camera {entity} uses the time between frames: the \
+                                 adapter has no timestamps, or RenderDiagnosticsPlugin is missing"
                             );
                         }
                         time.as_deref().map(|time| 1e3 * time.delta_secs())
@@ -170,12 +170,12 @@ fn within(pixels: f32, voxels_per_pixel: f32) -> VdbQuality {
     let exact = VdbQuality::EXACT;
     let step = |least: f32| voxels.clamp(least, 16.0);
     VdbQuality {
-        // Shorter ones would take longer than the exact way.
+        // Shorter steps would take longer than exact integration.
         fog_step: if voxels < 0.5 { 0.0 } else { step(0.5) },
         fog_light_step: step(exact.fog_light_step),
         fog_shadow_step: step(exact.fog_shadow_step),
         fog_slabs: if pixels > 0.0 { VdbQuality::HIGH.fog_slabs } else { exact.fog_slabs },
-        // Rays so many pixels apart, and one.
+        // Rays are 1 + `pixels` pixels apart.
         resolution: (1.0 / (1.0 + pixels)).max(0.25),
         ..exact
     }
@@ -208,7 +208,7 @@ mod tests {
                 let found = within(pixels, voxels);
                 assert_eq!(found.sound(), (found, None), "{pixels} {voxels}");
                 assert!(1.0 / found.resolution - 1.0 <= pixels + 1e-5);
-                // Beyond 8 pixels there is nothing more to be gained.
+                // Errors beyond 8 pixels are treated as 8.
                 assert!(found.fog_step <= pixels.min(8.0) * voxels);
             }
         }

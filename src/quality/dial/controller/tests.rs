@@ -1,8 +1,9 @@
-//! Apps and adapters of which all is known: what each mark costs, and what no mark changes.
+//! Tests with simulated apps and adapters, for which the cost of each mark is known.
 
 use super::*;
 
-/// What frames cost: what no mark changes, the first mark's time, and what the others have of it.
+/// The cost of frames in milliseconds: the part that no mark changes, the time of the first mark,
+/// and the times of all marks relative to it.
 #[derive(Clone, Copy)]
 struct Scene {
     overhead: f32,
@@ -16,13 +17,13 @@ impl Scene {
     }
 }
 
-/// In [0, 1), evenly: the high bits of a linear congruence.
+/// Uniform random numbers in [0, 1): the high bits of a linear congruential generator.
 fn random(state: &mut u64) -> f32 {
     *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
     (*state >> 40) as f32 / (1_u64 << 24) as f32
 }
 
-/// The marks of so many frames, whose times come late and are noisy.
+/// The marks chosen over a number of frames whose times are delayed and noisy.
 fn run(
     controller: &mut Controller,
     scene: &Scene,
@@ -46,8 +47,8 @@ const FOG: [f32; MARKS] = [1.0, 0.35, 0.3, 0.15, 0.08, 0.04, 0.02, 0.01];
 const SURFACE: [f32; MARKS] = [1.0, 1.0, 1.0, 1.0, 0.5, 0.26, 0.14, 0.08];
 const NOTHING: [f32; MARKS] = [1.0; MARKS];
 
-/// A camera that cuts from scene to scene: within 30 frames after each cut the dial stands still, as far
-/// up as the budget allows, and goes on standing still.
+/// A camera cuts from scene to scene: within 30 frames after each cut, the dial settles at the best
+/// mark that the budget allows, and stays there.
 #[test]
 fn the_dial_settles_after_every_cut_and_stays() {
     const BUDGET: f32 = 4.0;
@@ -59,7 +60,7 @@ fn the_dial_settles_after_every_cut_and_stays() {
         for (i, ratios) in
             [FOG, SURFACE, FOG, NOTHING, SURFACE, FOG].iter().cycle().take(60).enumerate()
         {
-            // Cuts that times tell of.
+            // Only cuts that change the time noticeably.
             let mut cost = |of: [f32; MARKS]| {
                 let ms = 0.5 * 200_f32.powf(random(&mut seed));
                 (ms, ms * of[controller.mark()])
@@ -72,7 +73,7 @@ fn the_dial_settles_after_every_cut_and_stays() {
             let marks = run(&mut controller, &scene, 330, (BUDGET, noise), &mut seed);
             let end = marks[329];
             if cost(QUICKEST) > FITS * BUDGET * (1.0 - noise) {
-                // Out of reach, and likely tried again.
+                // The budget is out of reach, and may be tried again at any time.
                 last = cost(end);
                 assert!(cost(end) <= 1.4 * BUDGET.max(cost(QUICKEST)), "{ms}: {end}");
                 continue;
@@ -83,7 +84,7 @@ fn the_dial_settles_after_every_cut_and_stays() {
                 "cut {i}, {ms} ms, noise {noise}: {settled} frames, {marks:?}"
             );
             assert!(cost(end) <= BUDGET * 1.08, "{ms}: {} ms", cost(end));
-            // Of the better ones, but for the next, none would fit by far.
+            // No better mark, except for the next one, would fit with a large margin.
             let better = (1..end).map(|mark| mark - 1).find(|mark| cost(*mark) < 0.45 * BUDGET);
             assert!(better.is_none(), "cut {i}, {ms} ms: {end}, not {better:?}: {ratios:?}");
             cuts += usize::from(end != marks[0]);
@@ -103,18 +104,18 @@ fn another_budget_is_a_cut() {
     }
 }
 
-/// Marks one after the other, and for how many frames each.
+/// Run lengths: each mark, with the number of consecutive frames.
 fn runs(marks: &[usize]) -> Vec<(usize, usize)> {
     marks.chunk_by(|a, b| a == b).map(|run| (run[0], run.len())).collect()
 }
 
-/// Frames in which the picture is worse than what the eye would not find.
+/// The number of frames with a visible loss of quality.
 fn sacrificed(marks: &[usize]) -> usize {
     marks.iter().filter(|mark| **mark > BEST_OVER_BUDGET).count()
 }
 
-/// Frames that take longer than the budget whatever is shown: a slow processor, or a display that is
-/// waited for. The picture is not given up for it.
+/// Frames that exceed the budget with any mark, because of a slow CPU or vertical sync: quality is
+/// not sacrificed.
 #[test]
 fn time_that_no_mark_saves_costs_no_picture() {
     const BUDGET: f32 = 50.0;
@@ -131,7 +132,7 @@ fn time_that_no_mark_saves_costs_no_picture() {
                 );
                 let found = sacrificed(&marks[60..]);
                 assert!(found < 300, "{what}: {found} of 5940 frames");
-                // Ever more seldom.
+                // Retries become ever rarer.
                 let late = sacrificed(&marks[4000..]);
                 assert!(late <= 50, "{what}: {late} of the last 2000 frames");
                 if noise == 0.0 {
@@ -144,7 +145,7 @@ fn time_that_no_mark_saves_costs_no_picture() {
     }
 }
 
-/// Times that jump about as those of a busy machine do, up to fourfold, hardly one like the next.
+/// Times as noisy as those of a busy machine, varying up to fourfold.
 #[test]
 fn noise_above_the_budget_costs_no_picture() {
     for of in 1..=20 {
@@ -160,8 +161,8 @@ fn noise_above_the_budget_costs_no_picture() {
     }
 }
 
-/// Where the budget is out of reach, but the marks save most of a frame, what they save is taken: all but
-/// a fifth of what the quickest would.
+/// Where the budget is out of reach, but the marks save most of a frame, the dial takes the saving:
+/// the frame takes at most `ALLOWANCE` times as long as with the fastest mark.
 #[test]
 fn what_can_be_won_above_the_budget_is() {
     for ratios in [FOG, SURFACE] {
@@ -176,8 +177,8 @@ fn what_can_be_won_above_the_budget_is() {
     }
 }
 
-/// When what took the time is gone, so is all that was done for it: at once where it shows, else when the
-/// budget is tried again.
+/// When other work no longer takes the time, quality is restored: at once if the times show it,
+/// otherwise when the budget is tried again.
 #[test]
 fn the_dial_recovers_when_the_time_is_its_own_again() {
     const BUDGET: f32 = 50.0;
@@ -200,7 +201,7 @@ fn the_dial_recovers_when_the_time_is_its_own_again() {
             }
         }
     }
-    // From over the budget to a time that other marks could keep: no better frame indicates that.
+    // The budget comes within reach of other marks, but no frame time drops enough to show it.
     let mut controller = Controller::default();
     let busy = Scene { overhead: 60.0, ms: 100.0, ratios: SURFACE };
     run(&mut controller, &busy, 120, (BUDGET, 0.0), &mut seed);
@@ -209,7 +210,7 @@ fn the_dial_recovers_when_the_time_is_its_own_again() {
     assert!(free.cost(marks[299]) <= BUDGET, "{marks:?}");
 }
 
-/// Frames that another mark's pipelines draw say nothing of this one's.
+/// Frames drawn with the pipelines of another mark do not count for this one.
 #[test]
 fn frames_while_pipelines_are_compiled_do_not_count() {
     let mut controller = Controller::default();
