@@ -1,12 +1,12 @@
-//! Bounding boxes, so that Bevy's culling applies to volumes.
+//! Bounding boxes of volumes, for Bevy's culling.
 
 use bevy::camera::primitives::Aabb;
 use bevy::prelude::*;
 
 use crate::{VdbEmission, VdbGrid, VdbVectorGrid, VdbVolume};
 
-/// Gives a volume the bounds of its grid and its emission once they are loaded, and again when any
-/// of them changes.
+/// Sets the [`Aabb`] of a volume to the bounds of its grid and its emission once they are loaded,
+/// and updates it when one of them changes.
 pub(crate) fn update_bounds(
     mut commands: Commands,
     mut events: MessageReader<AssetEvent<VdbGrid>>,
@@ -49,7 +49,7 @@ pub(crate) fn update_bounds(
                 let aabb = Aabb::from_min_max(low.as_vec3(), high.as_vec3());
                 commands.entity(entity).insert(aabb);
             }
-            // Not there yet: the box of another grid would cull this one wrongly.
+            // The grid has not been loaded; the box of the previous one would cull it wrongly.
             (None, Some(_)) => {
                 commands.entity(entity).remove::<Aabb>();
             }

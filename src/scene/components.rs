@@ -39,8 +39,8 @@ pub struct VdbMaterial {
     pub perceptual_roughness: f32,
     /// Surfaces: from 0, a dielectric, to 1, a metal. 0 by default.
     pub metallic: f32,
-    /// Dielectric surfaces: reflectance at normal incidence, from 0 to 1, where 0.5 is 4 % of the
-    /// light. 0.5 by default.
+    /// Dielectric surfaces: reflectance at normal incidence, from 0 to 1, where 0.5 stands for 4 %.
+    /// 0.5 by default.
     pub reflectance: f32,
     /// Fog: the extinction coefficient per unit of density, in 1 / world unit. Light drops to 1/e
     /// after `1 / (density · density_scale)`. 0 or more, 1 by default.
@@ -68,15 +68,15 @@ impl Default for VdbMaterial {
     }
 }
 
-/// What a camera displays of volumes. Added to every `Camera3d`. For accuracy and speed, see
-/// [`VdbQuality`](crate::VdbQuality).
+/// The camera's settings for the display of volumes. Added to every `Camera3d`. For accuracy and
+/// speed, see [`VdbQuality`](crate::VdbQuality).
 #[derive(Clone, Component, Debug, PartialEq, Reflect, ExtractComponent)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbCamera {
-    /// Whether the camera displays volumes at all. To select individual volumes, use
+    /// Whether the camera displays volumes. On by default. To select individual volumes, use
     /// `RenderLayers`.
     pub enabled: bool,
-    /// What the camera displays of volumes.
+    /// The quantity that the camera displays.
     pub mode: VdbRenderMode,
     /// Whether volumes cast shadows on meshes. On by default.
     ///
@@ -84,17 +84,17 @@ pub struct VdbCamera {
     /// affected texel. The resolution of the edges is that of the maps, as for shadows of meshes.
     /// Fog attenuates light in 64 steps, which shadow filtering smooths, best with Bevy's default
     /// `ShadowFilteringMethod::Gaussian`. The maps of point and spot lights are shared by all
-    /// cameras: they include volumes if any camera has this on.
+    /// cameras: they include volumes if any camera has this setting on.
     ///
     /// Costs nothing without such a light, a mesh in view and a volume. Off where
     /// [`VdbQuality::shadows`](crate::VdbQuality::shadows) is off, and for volumes with
     /// `NotShadowCaster`.
     pub mesh_shadows: bool,
-    /// Borders of the tree's nodes, drawn on surfaces in any mode.
+    /// The tree nodes whose borders are drawn on surfaces, in any mode.
     pub overlays: VdbOverlays,
-    /// Whether fog scatters light more than once, which is what makes clouds white. On by default.
-    /// It is an approximation that costs almost nothing on top of single scattering;
-    /// `docs/reference/fog.md` has the error of both. Light from lamps and suns without shadows is
+    /// Multiple scattering: whether fog scatters light more than once, which makes clouds white. On
+    /// by default. The approximation costs almost nothing on top of single scattering;
+    /// `docs/reference/fog.md` has the errors of both. Light from lamps and suns without shadows is
     /// scattered once in either case, because it is not attenuated on its way in.
     pub multiple_scattering: bool,
     /// The number of traversal steps shown in the hottest colour of [`VdbRenderMode::Steps`]. More
@@ -128,7 +128,7 @@ pub struct VdbOverlays {
     pub upper: bool,
 }
 
-/// What a camera displays of volumes.
+/// The quantity that a camera displays of volumes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 #[non_exhaustive]

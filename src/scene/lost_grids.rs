@@ -1,5 +1,6 @@
-//! Files that are reloaded while displayed. If loading fails, everything stays as it was, and Bevy
-//! logs the reason. If it succeeds but the file lacks a grid that is displayed, this module warns.
+//! Warnings about files that are reloaded while their grids are displayed. If loading fails,
+//! everything stays as it was, and Bevy logs the reason. If loading succeeds, but the file no
+//! longer has a grid that is displayed, this module warns.
 
 use std::collections::HashSet;
 
@@ -9,8 +10,8 @@ use bevy::prelude::*;
 use crate::asset::loaded::LoadedFiles;
 use crate::{VdbColorGrid, VdbEmission, VdbVolume};
 
-/// Warns of displayed grids that their file no longer has. Bevy keeps an asset as long as it has
-/// handles.
+/// Warns of displayed grids that are no longer in their file. They stay on screen, because Bevy
+/// keeps an asset as long as it has handles.
 pub(crate) fn tell_of_lost_grids(
     loaded: Res<LoadedFiles>,
     server: Res<AssetServer>,
@@ -41,8 +42,8 @@ pub(crate) fn tell_of_lost_grids(
                 && server.is_loaded(id)
             {
                 warn!(
-                    "{}: after it was loaded again, the file has no grid '{label}' to show; the one before \
-                     stays",
+                    "{}: the reloaded file no longer has the grid '{label}'; the previous one \
+                     stays in use",
                     file.path
                 );
             }

@@ -45,8 +45,8 @@ impl Plugin for ScenePlugin {
                     .in_set(VisibilitySystems::CalculateBounds)
                     .after(AssetEventSystems),
             );
-        // So that every camera shows its settings. Bevy refuses once a camera has been spawned; one
-        // without the component is treated as if it had the default.
+        // Every camera has its settings as a component. Bevy refuses this once a camera has been
+        // spawned; cameras without the component are treated as if they had the default.
         app.try_register_required_components::<Camera3d, VdbCamera>().ok();
     }
 }

@@ -1,4 +1,4 @@
-//! Volumes under pointers, for Bevy's picking: the cargo feature `picking`.
+//! A backend of Bevy's picking for volumes: the cargo feature `picking`.
 
 use bevy::camera::visibility::RenderLayers;
 use bevy::picking::PickingSystems;
@@ -26,9 +26,9 @@ use crate::{VdbCamera, VdbRayCastSettings, VdbRayVisibility, VdbSpatialQuery};
 /// ```
 ///
 /// A volume is under a pointer where the camera shows it: see [`VdbSpatialQuery`]. Depth is the
-/// distance from the near plane, as for meshes, so whichever is nearer is hovered. `Pickable`,
-/// `RenderLayers`, visibility, viewports and [`VdbCamera::enabled`] are obeyed. The [`HitData`]
-/// contains the [`VdbRayHit`](crate::VdbRayHit) as its `extra`.
+/// distance from the near plane, as for meshes, so the nearer of a mesh and a volume is hovered.
+/// `Pickable`, `RenderLayers`, visibility, viewports and [`VdbCamera::enabled`] are obeyed. The
+/// `extra` of the [`HitData`] is the [`VdbRayHit`](crate::VdbRayHit).
 #[derive(Clone, Copy, Debug, Default)]
 pub struct VdbPickingPlugin;
 

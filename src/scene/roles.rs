@@ -1,4 +1,4 @@
-//! What the grids of a file are for, identified by name.
+//! The roles of the grids of a file, identified by name.
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
@@ -9,18 +9,18 @@ use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbVectorGrid};
 /// Temperatures above this are in kelvin; other units stay far below.
 const KELVIN: f32 = 100.0;
 
-/// The largest number of values examined to find out.
+/// The largest number of values examined to detect kelvin.
 const LOOKED_AT: usize = 1 << 20;
 
-/// Luminance in cd/m² of the first guess for fire at its hottest, through a tenth of its box: white
-/// at Bevy's default exposure.
+/// The luminance in cd/m² of guessed emission: of the hottest value, through a tenth of the grid's
+/// box. White at Bevy's default exposure.
 const LUMINANCE: f32 = 1_000.0;
 
 /// The grids of a [`VdbFile`] by role: see [`VdbFile::roles`].
 #[derive(Clone, Debug, Default)]
 pub struct VdbRoles {
-    /// All surfaces, in file order. If there is a density, without Blender's auxiliary ones, such
-    /// as `phi_obstacle`.
+    /// All surfaces, in file order; if there is a density, without Blender's auxiliary surfaces,
+    /// such as `phi_obstacle`.
     pub surfaces: Vec<Handle<VdbGrid>>,
     /// The fog: a grid called `density` or `smoke`, otherwise the first fog grid.
     pub density: Option<Handle<VdbGrid>>,
@@ -70,10 +70,10 @@ impl VdbFile {
 }
 
 impl VdbEmission {
-    /// A first guess at how a grid emits, by its name and values: black bodies, in kelvin if any
-    /// value exceeds 100; otherwise 1,500 K at 0 to 3,000 K at 1 for `flame` and similar names, and
-    /// 1,000 K at 1 for others. The strength suits Bevy's default exposure: the hottest value has
-    /// 1,000 cd/m² through a tenth of the grid's box.
+    /// A first guess at the emission of a grid, by its name and values: black bodies, in kelvin if
+    /// any value exceeds 100; otherwise 1,500 K at 0 to 3,000 K at 1 for `flame` and similar names,
+    /// and 1,000 K at 1 for others. The strength suits Bevy's default exposure: the hottest value
+    /// has 1,000 cd/m² through a tenth of the grid's box.
     pub fn guess(handle: Handle<VdbGrid>, grid: &VdbGrid) -> Self {
         let values = || grid.tree().active_values().take(LOOKED_AT).map(|at| at.value);
         let most = values().fold(0.0, f32::max);
@@ -89,8 +89,8 @@ impl VdbEmission {
         Self::Temperature { grid: handle, scale, offset, strength }
     }
 
-    /// A first guess at how a colour grid emits: 1 has 1,000 cd/m² through a tenth of the grid's
-    /// box.
+    /// A first guess at the emission of a colour grid: a value of 1 has 1,000 cd/m² through a tenth
+    /// of the grid's box.
     pub fn guess_color(handle: Handle<VdbVectorGrid>, grid: &VdbVectorGrid) -> Self {
         Self::Color { grid: handle, strength: LUMINANCE / tenth(grid.world_bounds()) }
     }

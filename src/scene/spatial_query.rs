@@ -7,9 +7,9 @@ use vdb_core::query::{GridQuery, IndexRay};
 
 use crate::{VdbGrid, VdbMaterial, VdbVolume};
 
-/// Casts rays against [`VdbVolume`]s and samples their values, with the results of the rendered
-/// image: the visible voxel and face, the root of the trilinear interpolant on a smooth surface, or
-/// the point in fog where a given fraction of the light is lost.
+/// Casts rays against [`VdbVolume`]s and samples their values. Hits agree with the rendered image:
+/// the visible voxel and face, the root of the trilinear interpolant on a smooth surface, or the
+/// point in fog where a given fraction of the light is lost.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -28,10 +28,10 @@ use crate::{VdbGrid, VdbMaterial, VdbVolume};
 /// whose transform cannot be inverted, are skipped, as in the image.
 ///
 /// A ray takes as many steps as on the GPU: at most 3 · 4096 through each 4096³ node on its way,
-/// and usually some tens, regardless of its length and the grid's position
+/// and usually a few dozen, regardless of its length and the grid's position
 /// ([`GridQuery::first_hit`](vdb_core::query::GridQuery::first_hit) states the bound). The nearest
 /// hit among several volumes takes one traversal per volume whose box the ray crosses. Queries use
-/// [`VdbGrid::tree`] and [`VdbGrid::packed`], and need no further memory.
+/// [`VdbGrid::tree`] and [`VdbGrid::packed`], and need no additional memory.
 #[derive(SystemParam)]
 pub struct VdbSpatialQuery<'w, 's> {
     grids: Res<'w, Assets<VdbGrid>>,
@@ -71,7 +71,7 @@ pub struct VdbRayHit {
     pub begins_inside: bool,
 }
 
-/// What a ray can hit.
+/// The length of a ray, and the volumes that it can hit.
 #[derive(Clone, Copy)]
 pub struct VdbRayCastSettings<'a> {
     /// The length of the ray, in world units. 0 or more; infinite by default.
@@ -80,7 +80,7 @@ pub struct VdbRayCastSettings<'a> {
     /// `-ln(transmittance)` elsewhere, infinity to ignore fog. `ln 2` by default, where half the
     /// light is left. Each fog volume counts separately.
     pub optical_depth: f32,
-    /// Whether hidden volumes can be hit.
+    /// Whether hidden volumes can be hit. [`VdbRayVisibility::Visible`] by default.
     pub visibility: VdbRayVisibility,
     /// Selects volumes. All by default.
     pub filter: &'a dyn Fn(Entity) -> bool,
@@ -137,7 +137,7 @@ impl VdbSpatialQuery<'_, '_> {
         nearest
     }
 
-    /// The function that casts the ray up to a distance, for each selected volume.
+    /// For each selected volume, a function that casts the ray up to a given distance.
     fn cast(
         &self,
         ray: Ray3d,
@@ -155,7 +155,7 @@ impl VdbSpatialQuery<'_, '_> {
             })
             .filter_map(move |(entity, volume, material, transform, ..)| {
                 let placed = Placed::new(self.grids.get(&volume.0)?, transform)?;
-                // Infinite where there is no fog to speak of.
+                // Infinite where the fog has no extinction.
                 let enough =
                     f64::from(settings.optical_depth) / f64::from(material.density_scale.max(0.0));
                 Some(move |most| placed.cast(entity, ray, most, enough))

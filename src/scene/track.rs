@@ -1,4 +1,4 @@
-//! Keeps the states of volumes consistent with assets and renderer.
+//! Updates of the states of volumes, from assets and the renderer.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -14,7 +14,7 @@ use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbVolume};
 pub(crate) struct DrawnVolumes(Arc<Mutex<EntityHashMap<(UntypedAssetId, VdbVolumeState)>>>);
 
 impl DrawnVolumes {
-    /// Takes the states of a frame, and returns the memory of older ones.
+    /// Sets the states of a frame; `volumes` gets the map of an earlier frame, to reuse its memory.
     pub fn set(&self, volumes: &mut EntityHashMap<(UntypedAssetId, VdbVolumeState)>) {
         std::mem::swap(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner), volumes);
     }

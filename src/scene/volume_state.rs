@@ -1,11 +1,11 @@
-//! How far a volume is from being visible.
+//! The states of volumes, from loading to being drawn.
 
 use bevy::prelude::*;
 
 use crate::VdbGrid;
 
-/// How far a volume is from being visible, as of the last rendered frame: a component of every
-/// [`VdbVolume`](crate::VdbVolume).
+/// The state of a volume, from loading to being drawn, as of the last rendered frame: a component
+/// of every [`VdbVolume`](crate::VdbVolume).
 ///
 /// A loading screen can end once every volume is settled:
 ///
@@ -29,15 +29,15 @@ use crate::VdbGrid;
 #[reflect(Component, Clone, Debug, Default, PartialEq, Hash)]
 #[non_exhaustive]
 pub enum VdbVolumeState {
-    /// Its grid, or that of a [`VdbEmission`](crate::VdbEmission) or
+    /// Its grid, or the grid of its [`VdbEmission`](crate::VdbEmission) or
     /// [`VdbColorGrid`](crate::VdbColorGrid), is being read, decoded and packed. See
     /// [`VdbLoadProgress`](crate::VdbLoadProgress).
     #[default]
     Loading,
     /// Its grid could not be loaded. Bevy has logged the reason.
     Failed,
-    /// Its grids are on their way to the GPU, or a pipeline that a camera needs is being compiled.
-    /// Meanwhile, the volume is drawn as far as existing pipelines can.
+    /// Its grids are being uploaded to the GPU, or a pipeline that a camera needs is being
+    /// compiled. Until then, the volume is drawn as far as existing pipelines allow.
     Preparing,
     /// It cannot be shown: it does not fit the GPU, or its transform is out of range. A message
     /// gives the reason.
@@ -57,8 +57,8 @@ impl VdbVolumeState {
     }
 }
 
-/// A volume is on screen for the first time: an event of its entity, triggered in the following
-/// frame. Triggered again when the volume gets another grid.
+/// An event of a volume's entity, triggered in the frame after the volume first appears on screen,
+/// and again after its grid has been replaced by another.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
