@@ -530,7 +530,7 @@ fn where_a_grid_could_be_several_the_message_has_their_labels() {
         let message = failure(&mut app, &grid);
         println!("{message}");
         let labels = grids.map(|(name, _)| format!("`#{name}`"));
-        assert!(message.contains("name one of them after its path"), "{message}");
+        assert!(message.contains("append the label of one to the path"), "{message}");
         assert!(labels.iter().all(|label| message.contains(label)), "{message}");
         // A volume says that nothing will come.
         let volume = app.world_mut().spawn(VdbVolume(grid)).id();

@@ -10,14 +10,15 @@ use std::sync::LazyLock;
 use bevy::tasks::{Task, TaskPool, TaskPoolBuilder, available_parallelism};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// Work that somebody waits for: as many tasks at a time as Bevy has threads for such work. Within
-/// them, files are decoded and grids packed on all cores.
+/// Urgent work: as many concurrent tasks as Bevy has threads for such work. Within a task, files
+/// are decoded and grids are packed on all cores.
 static WAITED_FOR: LazyLock<TaskPool> = LazyLock::new(|| pool("VDB loading", cores()));
 
-/// Work that only improves things, one task at a time.
+/// Work that can wait, one task at a time.
 static IMPROVEMENTS: LazyLock<TaskPool> = LazyLock::new(|| pool("VDB details", 1));
 
-/// The cores for improvements, so that frames have the others. `None` without threads.
+/// The threads for work that can wait: few, so that frames have the other cores. `None` on
+/// platforms without threads.
 static IMPROVING: LazyLock<Option<ThreadPool>> = LazyLock::new(|| {
     let name = |i| format!("VDB details ({i})");
     ThreadPoolBuilder::new().num_threads(cores()).thread_name(name).build().ok()
@@ -32,7 +33,7 @@ fn pool(name: &str, threads: usize) -> TaskPool {
     TaskPoolBuilder::new().num_threads(threads).thread_name(name.into()).build()
 }
 
-/// Runs work that somebody waits for.
+/// Runs urgent work.
 pub(crate) fn run<T: Send + Sync + 'static>(
     work: impl FnOnce() -> T + Send + Sync + 'static,
 ) -> Task<T> {
@@ -56,7 +57,7 @@ mod tests {
     use super::*;
     use bevy::tasks::block_on;
 
-    /// Parallel work in the small pool stays there.
+    /// Parallel work in the small pool does not use the threads of others.
     #[test]
     fn improvements_take_a_few_cores() {
         let threads =

@@ -35,7 +35,7 @@ pub(crate) fn core_grid(
     let mut grid = vdb_core::Grid::new(name, tree);
     grid.class = class;
     grid.metadata = metadata.clone();
-    // It could be inverted when the grid was made.
+    // `check_transform` has made sure that the transform is valid.
     grid.transform = Transform::affine(world_from_index).unwrap_or_default();
     grid
 }

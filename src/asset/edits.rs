@@ -35,8 +35,8 @@ impl Edits {
         changes.map(|_| done)
     }
 
-    /// Identifies the current words of the packed grid: no other words, of any grid, have this
-    /// number.
+    /// A unique number for the current words of the packed grid: no other words, of any grid, have
+    /// the same.
     pub fn revision(&self) -> u64 {
         self.journal.revision
     }
@@ -92,7 +92,8 @@ impl Journal {
         }
         self.words += count(&changes);
         self.commits.push_back((before, changes));
-        // Who has not read for so long gets all words, which are no more.
+        // A reader whose revision has been dropped gets all words of the grid, which are no more
+        // than the changes would be.
         while self.commits.len() > MOST_COMMITS || self.words > words {
             let Some((_, oldest)) = self.commits.pop_front() else { break };
             self.words -= count(&oldest);
@@ -131,10 +132,10 @@ mod tests {
         assert_eq!(journal.since(start), Changes::Words(vec![0..10, 500..510]));
         assert_eq!(journal.since(middle), words(0));
         assert_eq!(journal.since(journal.revision), Changes::Words(Vec::new()));
-        // Another one's words are not these.
+        // The revision of another grid is unknown.
         assert_eq!(journal.since(Journal::default().revision), Changes::All);
 
-        // Two that go on from the same words have others from then on.
+        // A clone diverges after its next change.
         let (common, mut other) = (journal.revision, journal.clone());
         journal.add(words(20), 1000);
         other.add(words(30), 1000);

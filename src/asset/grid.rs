@@ -29,7 +29,7 @@ pub struct VdbGrid {
     packed: Arc<PackedGrid>,
     /// The levels of detail that have been generated: half resolution, a quarter …
     levels: Option<Arc<[Arc<PackedGrid>]>>,
-    /// The requested sample format. While voxels are edited, samples are kept in full.
+    /// The requested sample format. While voxels are being edited, samples have 32 bits.
     values: VdbValues,
     edits: Option<Box<Edits>>,
 }
@@ -117,7 +117,7 @@ impl VdbGrid {
     ///     let (middle, radius) = (IVec3::new(40, 12, 7), 9.0);
     ///     let bbox = CoordBox { min: middle - 12, max: middle + 12 };
     ///     grid.edit(|voxels| {
-    ///         // What is in the ball is no longer in the level set.
+    ///         // Subtracts the ball from the level set.
     ///         voxels.update(bbox, |ijk, old| {
     ///             let depth = radius - (ijk - middle).as_vec3().length();
     ///             VdbVoxel { value: old.value.max(depth), ..old }
@@ -140,9 +140,9 @@ impl VdbGrid {
     /// **Cost.** The first edit packs the whole grid again, with room to grow by half and samples
     /// in 32 bits, which takes time and GPU memory that unedited grids do not need. After that, the
     /// cost of an edit is proportional to the changes. When the room is used up, everything is
-    /// packed again with new room. Nothing is copied unless somebody else holds [`VdbGrid::tree`]
-    /// or [`VdbGrid::packed`]; then both are, once. An edited grid has no levels of detail until
-    /// [`VdbGrid::finish_edits`].
+    /// packed again with new room. Nothing is copied unless other code holds [`VdbGrid::tree`] or
+    /// [`VdbGrid::packed`]; then each of them is copied once. An edited grid has no levels of
+    /// detail until [`VdbGrid::finish_edits`].
     ///
     /// # Errors
     /// If the tree has become larger than a GPU grid can be. The tree then contains the edit, and
@@ -204,8 +204,8 @@ impl VdbGrid {
         self.edits.as_deref()
     }
 
-    /// The part of the packed grid that the renderer keeps between frames. Without words for an
-    /// edited grid, which would otherwise have to be copied before they can change.
+    /// The part of the packed grid that the renderer keeps between frames. For an edited grid, it
+    /// has no words, because the next edit would have to copy words that are shared.
     pub(crate) fn outline(&self) -> Arc<PackedGrid> {
         if self.edits.is_some() { Arc::new(self.packed.outline()) } else { self.packed.clone() }
     }
@@ -263,7 +263,7 @@ impl VdbGrid {
     }
 
     /// The bounds of everything visible in index space: lowest and highest corner. `None` if there
-    /// is nothing to see.
+    /// is nothing to display.
     pub fn index_bounds(&self) -> Option<(DVec3, DVec3)> {
         index_bounds(&self.packed)
     }

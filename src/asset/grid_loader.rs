@@ -1,4 +1,4 @@
-//! `.vdb` bytes → the main grid of a file, for loads without a label.
+//! The loaders of a file's main grid, for loads without a label.
 
 use std::sync::Arc;
 
@@ -28,7 +28,8 @@ pub struct VdbGridLoader {
     progress: VdbLoadProgress,
 }
 
-/// Loads the main [`VdbVectorGrid`] of a `.vdb` file: its colours, or its only vector grid.
+/// Loads the main [`VdbVectorGrid`] of a `.vdb` file: its colours, or its only vector grid. In
+/// `.meta` files it is `"bevy_vdb::VdbVectorGridLoader"`.
 #[derive(Clone, Default, TypePath)]
 #[type_path = "bevy_vdb"]
 pub struct VdbVectorGridLoader {

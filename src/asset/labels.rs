@@ -13,7 +13,7 @@ use vdb_core::display::{SHOWN_CHARS, escaped};
 /// equal or empty labels get the next free number, counted as in OpenVDB: `density[1]`.
 pub(crate) fn labels<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     let mut taken: HashSet<String> = HashSet::new();
-    // Where to go on counting, so that a thousand grids of one name are not counted anew for each.
+    // The next number for each name, so that many grids with the same name take linear time.
     let mut next = bevy::platform::collections::HashMap::<String, usize>::default();
     let mut all = Vec::new();
     for name in names {

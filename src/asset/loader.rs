@@ -1,4 +1,5 @@
-//! `.vdb` bytes → [`VdbFile`] with its [`VdbGrid`]s, off the main thread.
+//! The loader of whole files: from `.vdb` bytes to a [`VdbFile`] with its [`VdbGrid`]s, off the
+//! main thread.
 
 use std::io::SeekFrom;
 use std::sync::Arc;
@@ -47,7 +48,10 @@ pub enum VdbLoaderError {
     NothingToShow(Vec<String>),
     /// A grid was requested without a label, and the file has several candidates, with these
     /// labels.
-    #[error("the file has several grids that could be meant: name one of them after its path, {}", after_paths(.0))]
+    #[error(
+        "the file has several grids that could be meant: append the label of one to the path, {}",
+        after_paths(.0)
+    )]
     WhichGrid(Vec<String>),
     /// A grid was requested without a label, and the file has none of this type.
     #[error("the file has no grid of {0} that could be meant; it has {1}")]
@@ -154,19 +158,19 @@ async fn take_in(reader: &mut dyn Reader, limits: &Limits) -> Result<Vec<u8>, Vd
     Ok(buffer.into_bytes())
 }
 
-/// The length of a file, if its source can tell.
+/// The length of a file, if its source knows it.
 async fn length(reader: &mut dyn Reader) -> Result<Option<u64>, std::io::Error> {
     let Ok(reader) = reader.seekable() else { return Ok(None) };
     let Ok(end) = reader.seek(SeekFrom::End(0)).await else { return Ok(None) };
     reader.seek(SeekFrom::Start(0)).await?;
-    // Devices say 0, too.
+    // Devices report a length of 0.
     Ok(Some(end).filter(|end| *end > 0))
 }
 
 /// The number of skipped grids reported individually; a file can have thousands.
 const MOST_PROBLEMS: usize = 8;
 
-/// The first of many lines, and the number of the others.
+/// The first [`MOST_PROBLEMS`] lines, and the number of the others.
 fn few(problems: &[String]) -> Vec<String> {
     let (first, rest) = problems.split_at(problems.len().min(MOST_PROBLEMS));
     let rest = (!rest.is_empty()).then(|| format!("and {} more grids were skipped", rest.len()));
@@ -193,7 +197,7 @@ pub(crate) fn read(
         progress: Some(job.decoding()),
     };
     let file = vdb_core::VdbFile::read(&bytes, &options)?;
-    // Packing has use for the memory.
+    // Frees the memory for packing.
     drop(bytes);
     let skipped = file.skipped.iter();
     let problems = skipped
@@ -235,7 +239,8 @@ pub(crate) struct Shared {
     vectors: HashMap<usize, Vectors>,
 }
 
-/// The tree that was read, which reserves its address; the displayed tree; and the packed tree.
+/// The tree that was read, held so that no other tree can have its address; the displayed tree; and
+/// the packed tree.
 type Floats = (Arc<Vdb543<f32>>, Arc<Vdb543<f32>>, Result<Arc<PackedGrid>, PackError>);
 type Vectors = (Arc<Vdb543<[f32; 3]>>, Result<[Arc<PackedGrid>; 3], PackError>);
 
@@ -291,7 +296,7 @@ pub(crate) enum Prepared {
     Vectors(VdbVectorGrid),
 }
 
-/// How a float grid is displayed.
+/// The kind, surface or fog, as which a float grid is displayed.
 pub(crate) fn kind(tree: &Vdb543<f32>, class: GridClass, settings: &VdbLoaderSettings) -> PackKind {
     let kind = match settings.render_as {
         VdbRenderAs::Surface { iso } => PackKind::Surface { iso },

@@ -36,7 +36,8 @@ impl Plugin for AssetPlugin {
         app.init_asset::<VdbGrid>()
             .init_asset::<VdbVectorGrid>()
             .init_asset::<VdbFile>()
-            // Where nothing says what a file is to be, Bevy takes the loader that came last.
+            // Where neither the load nor a `.meta` file determines the asset type, Bevy uses the
+            // loader registered last.
             .register_asset_loader(VdbGridLoader::new(progress.clone()))
             .register_asset_loader(VdbVectorGridLoader::new(progress.clone()))
             .register_asset_loader(VdbLoader::new(progress.clone(), loaded.clone()))

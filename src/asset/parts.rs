@@ -7,8 +7,8 @@ use super::grid::VdbGrid;
 /// Names of densities in OpenVDB, Blender, Houdini and `EmberGen`.
 const DENSITIES: [&str; 2] = ["density", "smoke"];
 
-/// Names of emission grids, and the temperatures in kelvin that 0 and 1 stand for. Fire comes
-/// before heat, which smoke has as well.
+/// Names of emission grids, and the temperatures in kelvin that 0 and 1 stand for. Names of fire
+/// come before those of heat, because smoke without fire has heat, too.
 pub(crate) const FIRES: [(&str, [f32; 2]); 7] = [
     ("flame", FLAMES),
     ("flames", FLAMES),
@@ -20,7 +20,7 @@ pub(crate) const FIRES: [(&str, [f32; 2]); 7] = [
 ];
 /// Ignition and maximum temperature of fuel: Blender's defaults.
 const FLAMES: [f32; 2] = [1_500.0, 3_000.0];
-/// The temperature in Blender's Principled Volume.
+/// The default temperature of Blender's Principled Volume.
 pub(crate) const HEAT: [f32; 2] = [0.0, 1_000.0];
 
 /// Houdini's name for a surface.
@@ -32,11 +32,11 @@ const HELPERS: &str = "phi_";
 /// Names of colours: Houdini's, and common ones.
 pub(crate) const COLORS: [&str; 4] = ["cd", "color", "colour", "albedo"];
 
-/// What is known of a grid when its role is chosen.
+/// The properties of a grid by which its role is chosen.
 pub(crate) struct Candidate<'a> {
     pub name: &'a str,
     pub is_fog: bool,
-    /// Whether there is nothing to see.
+    /// Whether the grid has nothing to display.
     pub is_empty: bool,
 }
 
@@ -60,7 +60,7 @@ pub(crate) struct Parts {
 pub(crate) fn parts(all: &[Candidate]) -> Parts {
     let fogs = || (0..all.len()).filter(|i| all[*i].is_fog);
     let called = |name: &str| fogs().find(|i| is(all[*i].name, name));
-    // Blender writes every grid that it has, those with nothing in them as well.
+    // Blender writes empty grids, too.
     let fire = FIRES.iter().find_map(|(name, _)| called(name).filter(|i| !all[*i].is_empty));
     let density = DENSITIES.iter().find_map(|name| called(name));
     let density = density.or_else(|| fogs().find(|i| fire != Some(*i)).or(fogs().next()));
@@ -118,7 +118,7 @@ mod tests {
             (&[("heat", fog), ("fuel", fog)], Some(1)),
             (&[("temperature", fog)], Some(0)),
             (&[("collision", surface), ("surface", surface)], Some(1)),
-            // These could be any.
+            // Ambiguous.
             (&[("left", surface), ("right", surface)], None),
             (&[("a", fog), ("b", fog)], None),
             (&[("surface", surface), ("density", fog)], None),

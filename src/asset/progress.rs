@@ -47,7 +47,7 @@ impl VdbLoadProgress {
     /// none.
     pub fn fraction(&self) -> Option<f32> {
         let files = self.lock();
-        // Files without bytes count, too.
+        // Empty files must not make the sum zero.
         let weight = |entry: &Entry| entry.file.bytes.max(1) as f32;
         let all: f32 = files.iter().map(weight).sum();
         let done: f32 = files.iter().map(|entry| weight(entry) * entry.file.fraction()).sum();
@@ -69,7 +69,7 @@ struct Entry {
 }
 
 /// A file being loaded. When the last handle to an asset is dropped, Bevy drops the task that loads
-/// it, and this with it: then the work stops, too.
+/// it and, with it, this guard, which cancels the work.
 pub(crate) struct Running(Arc<Job>);
 
 /// The progress that the work reports.
@@ -105,7 +105,7 @@ impl Job {
     pub fn decoding(self: &Arc<Self>) -> Arc<ProgressFn> {
         self.report(|entry, done, all| {
             entry.file.bytes = all;
-            // Reports of several threads may overtake each other.
+            // Reports of several threads may arrive out of order.
             entry.file.bytes_decoded = done.max(entry.file.bytes_decoded);
         })
     }
@@ -176,7 +176,7 @@ mod tests {
         job.begin_packing(2);
         assert!(packing(1, 2).is_continue());
         assert_eq!(progress.files()[0].packed, 0.25);
-        // Steps become more.
+        // The number of steps may grow.
         assert!(packing(1, 4).is_continue());
         assert_eq!(progress.files()[0].packed, 0.25);
         job.end_grid();

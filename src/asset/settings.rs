@@ -1,11 +1,11 @@
-//! How files are loaded.
+//! Settings of the loaders.
 
 use serde::{Deserialize, Serialize};
 use vdb_core::Limits;
 use vdb_core::pack::ValueFormat;
 
-/// How a `.vdb` file is loaded, for `asset_server.load_builder().with_settings(…)` or a `.meta`
-/// file. Settings left out of a `.meta` file keep their defaults:
+/// Settings for loading a `.vdb` file, for `asset_server.load_builder().with_settings(…)` or a
+/// `.meta` file. Settings left out of a `.meta` file keep their defaults:
 ///
 /// ```ron
 /// (
@@ -22,7 +22,7 @@ use vdb_core::pack::ValueFormat;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct VdbLoaderSettings {
-    /// The names of the grids to load; others are not even decompressed. `None`: all.
+    /// The names of the grids to load; others are not decompressed. `None`: all.
     pub grids: Option<Vec<String>>,
     /// The width of the narrow band to keep on each side of a level set, in voxels. The rest costs
     /// memory and is never seen. At least 2. `None`: everything in the file.
@@ -30,12 +30,12 @@ pub struct VdbLoaderSettings {
     /// Whether grids are surfaces or fog.
     pub render_as: VdbRenderAs,
     /// Whether surfaces follow the trilinear interpolant. On by default. Otherwise they consist of
-    /// voxels, for which the GPU only holds bits: less than half the time and a fifth of the
-    /// memory.
+    /// voxels, for which the GPU only holds occupancy bits: less than half the time and a fifth of
+    /// the memory.
     pub smooth: bool,
     /// The sample format of fog and smooth surfaces on the GPU.
     pub values: VdbValues,
-    /// How much of the machine a file may demand before loading is aborted. The defaults protect a
+    /// The resources that a file may demand before loading is aborted. The defaults protect a
     /// desktop with 8 GB of memory; raise them for larger files that you trust.
     pub limits: Limits,
 }
@@ -53,12 +53,13 @@ impl Default for VdbLoaderSettings {
     }
 }
 
-/// The sample format on the GPU. `docs/reference/benchmarks.md` has the cost and loss of each. A
-/// surface of voxels has no samples.
+/// The sample format on the GPU. `docs/reference/benchmarks.md` has the cost and loss of each
+/// format. A surface of voxels has no samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum VdbValues {
-    /// As in the file: 16 bits where that loses nothing, as in files saved that way, otherwise 32.
+    /// Lossless: 16-bit floats where they represent all values exactly, as in files saved with half
+    /// floats; otherwise 32-bit floats.
     #[default]
     Exact,
     /// 16-bit floats: relative errors of at most 2⁻¹².

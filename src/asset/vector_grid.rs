@@ -15,9 +15,9 @@ use super::common::{VdbGridError, check_transform, core_grid, world_bounds};
 /// A vector grid, for [`VdbColorGrid`](crate::VdbColorGrid) and
 /// [`VdbEmission::Color`](crate::VdbEmission::Color), such as `"smoke.vdb#Cd"`.
 ///
-/// Components are linear Rec. 709, as stored; negative values count as zero. On the GPU it is three
-/// float grids, one per component, each with its own tree: a component that is mostly zero takes
-/// little memory, and each is looked up like a density.
+/// Components are linear Rec. 709, as stored; negative values count as zero. On the GPU, a vector
+/// grid is three float grids, one per component, each with its own tree: a component that is mostly
+/// zero takes little memory, and each is looked up like a density.
 #[derive(Asset, Clone, Debug, TypePath)]
 pub struct VdbVectorGrid {
     name: Arc<str>,
@@ -27,8 +27,8 @@ pub struct VdbVectorGrid {
     packed: [Arc<PackedGrid>; 3],
 }
 
-/// Replaces zero where the background is not zero, because the trees on the GPU leave zeros out. A
-/// power of two, so 16-bit floats represent it.
+/// Replaces zero where the background is not zero, because the trees on the GPU omit zeros. A power
+/// of two, which 16-bit floats represent exactly.
 const ALMOST_ZERO: f32 = 1.0 / (1 << 24) as f32;
 
 impl VdbVectorGrid {
@@ -56,7 +56,7 @@ impl VdbVectorGrid {
         let pack = |component: usize| {
             let has_background = tree.background()[component] > 0.0;
             let least = if has_background { ALMOST_ZERO } else { f32::NEG_INFINITY };
-            // The larger of a number and no number is the number.
+            // `f32::max` returns the other operand if one is NaN.
             let own = map_values(tree, |value| value[component].max(least));
             PackedGrid::with_options(&own, PackKind::Fog, options).map(Arc::new)
         };
