@@ -237,23 +237,23 @@ fn controls_of_a_camera_change_that() {
         assert_eq!(panel.get::<VdbCamera>(camera).mode, mode);
     }
     panel.choose("mode", "steps");
-    panel.slide("hottest, steps", 50.0);
+    panel.slide("steps shown in red", 50.0);
     panel.click(Role::CheckBox, "leaves");
     panel.click(Role::CheckBox, "4,096³");
     panel.click(Role::CheckBox, "shadows on meshes");
-    panel.click(Role::CheckBox, "fog scatters light again");
+    panel.click(Role::CheckBox, "multiple scattering");
     panel.click(Role::CheckBox, "shows volumes");
     panel.click(Role::Button, "Quality");
     panel.click(Role::Button, "exact");
     panel.click(Role::Button, "balanced");
     panel.click(Role::CheckBox, "shadows");
     panel.slide("reflections", 3.0);
-    panel.click(Role::CheckBox, "fog cell by cell, exactly");
-    panel.click(Role::CheckBox, "fog cell by cell, exactly");
-    panel.slide("voxels a sample", 4.0);
-    panel.slide("pixels a voxel of copies", 1.5);
-    panel.slide("rays a pixel", 0.5);
-    panel.slide("frames in a mean", 16.0);
+    panel.click(Role::CheckBox, "exact fog, cell by cell");
+    panel.click(Role::CheckBox, "exact fog, cell by cell");
+    panel.slide("voxels per sample", 4.0);
+    panel.slide("detail, pixels per voxel", 1.5);
+    panel.slide("resolution", 0.5);
+    panel.slide("accumulated frames", 16.0);
     panel.click(Role::Button, "measure features");
     assert!(panel.app.world().get::<VdbMeasureFeatures>(camera).is_some());
     panel.choose("rays", "HDDA");
@@ -314,7 +314,7 @@ fn controls_of_fog_change_its_material() {
 #[test]
 fn controls_of_the_sun_change_that() {
     let mut panel = Panel::new(PackKind::Fog);
-    panel.click(Role::CheckBox, "throws shadows");
+    panel.click(Role::CheckBox, "casts shadows");
     panel.slide("illuminance", 20_000.0);
     panel.slide("× on volumes", 2.5);
     let light = panel.get::<DirectionalLight>(panel.sun);
@@ -453,9 +453,9 @@ fn the_grids_of_a_file_are_picked_for_their_parts() {
         panel.choose("fire", pick);
         assert_eq!(fire(&panel), source);
     }
-    panel.slide("kelvin a unit", 2_000.0);
-    panel.slide("kelvin of 0", 100.0);
-    panel.slide("glow", 0.5);
+    panel.slide("kelvin per unit", 2_000.0);
+    panel.slide("kelvin at 0", 100.0);
+    panel.slide("strength", 0.5);
     let Some(VdbEmission::Temperature { scale, offset, strength, .. }) =
         panel.app.world().get::<VdbEmission>(volume)
     else {

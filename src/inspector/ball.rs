@@ -5,11 +5,11 @@ use std::f32::consts::TAU;
 use bevy::prelude::*;
 use bevy_egui::egui;
 
-/// Radius of the ball, in points.
+/// The radius of the ball, in points.
 const RADIUS: f32 = 44.0;
-/// Rotation per press of an arrow key, in radians.
+/// The rotation per press of an arrow key, in radians.
 const STEP: f32 = 5.0 * TAU / 360.0;
-/// Rings and sectors of its mesh.
+/// The rings and sectors of the ball's mesh.
 const RINGS: u32 = 10;
 const SECTORS: u32 = 32;
 
@@ -40,8 +40,7 @@ pub(super) fn show(ui: &mut egui::Ui, label: &str, to_light: &mut Vec3) -> bool 
         *to_light = turned(*to_light, STEP * Vec2::new(across, up));
     }
     draw(ui, area.center(), *to_light, &response);
-    response
-        .on_hover_text("where the light comes from, as the camera sees it: drag, click or arrows");
+    response.on_hover_text("direction of the light, seen from the camera: drag, click or arrows");
     *to_light != before
 }
 
@@ -68,7 +67,8 @@ fn draw(ui: &egui::Ui, center: egui::Pos2, to_light: Vec3, response: &egui::Resp
     let place = |v: Vec3| center + RADIUS * egui::vec2(v.x, -v.y);
     let mut mesh = egui::Mesh::default();
     for ring in 0..=RINGS {
-        // Rings are as far apart on the ball, not in the picture: the rim is where shades change.
+        // Rings are equally spaced on the ball, so they are dense near the rim on screen, where the
+        // shading changes most.
         let from_middle = 0.25 * TAU * ring as f32 / RINGS as f32;
         for sector in 0..SECTORS {
             let (sin, cos) = (TAU * sector as f32 / SECTORS as f32).sin_cos();
@@ -92,7 +92,7 @@ fn draw(ui: &egui::Ui, center: egui::Pos2, to_light: Vec3, response: &egui::Resp
         egui::Stroke::new(1.0, visuals.bg_stroke.color)
     };
     painter.circle_stroke(center, RADIUS, rim);
-    // Where the light stands: a dot in front of the ball, a ring behind it.
+    // The light: a dot if it is in front of the ball, a ring if it is behind.
     let color = egui::Color32::from_rgb(255, 190, 60);
     if to_light.z >= 0.0 {
         painter.circle_filled(place(to_light), 4.0, color);
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn the_ball_rolls_with_the_mouse() {
-        // A point in the middle goes where the mouse goes, and on over the rim to the back.
+        // The middle follows the mouse, and continues over the rim to the back.
         assert!(turned(Vec3::Z, Vec2::new(0.1, 0.0)).x > 0.09);
         assert!(turned(Vec3::Z, Vec2::new(0.0, 0.1)).y > 0.09);
         assert!(close(turned(Vec3::Z, Vec2::new(TAU / 4.0, 0.0)), Vec3::X));

@@ -1,4 +1,4 @@
-//! The camera's position, and what it displays of volumes.
+//! The position of the camera, and its settings for the display of volumes.
 
 use bevy::prelude::*;
 use bevy_egui::egui;
@@ -43,11 +43,11 @@ pub(super) fn show(
     super::widgets::pick(ui, "mode", &mut new.mode, &MODES);
     if new.mode == VdbRenderMode::Steps {
         let scale = super::widgets::slider(&mut new.steps_scale, 1.0..=2_000.0).logarithmic(true);
-        ui.add(scale.text("hottest, steps"));
+        ui.add(scale.text("steps shown in red"));
     }
     ui.checkbox(&mut new.mesh_shadows, "shadows on meshes");
-    ui.checkbox(&mut new.multiple_scattering, "fog scatters light again");
-    ui.label("borders of nodes:");
+    ui.checkbox(&mut new.multiple_scattering, "multiple scattering");
+    ui.label("node borders:");
     ui.horizontal(|ui| {
         ui.checkbox(&mut new.overlays.leaves, "leaves");
         ui.checkbox(&mut new.overlays.lower, "128³");

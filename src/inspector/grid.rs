@@ -18,7 +18,7 @@ const LEVELS: [&str; 4] = ["leaves, 8³", "nodes of 128³", "nodes of 4,096³", 
 /// frame.
 const MOST_ENTRIES: usize = 200;
 
-/// The counts of the last tree, because counting visits all of it.
+/// The statistics of the last displayed tree, cached because counting visits every node.
 #[derive(Default)]
 pub(super) struct Counted(Weak<Vdb543<f32>>, Option<TreeStats>);
 
@@ -108,7 +108,7 @@ fn thousands(number: u64) -> String {
     text
 }
 
-/// Four digits, enough to tell values apart.
+/// The components of a vector, with about four significant digits.
 fn three(v: DVec3) -> String {
     let number = |x: f64| match x.abs() {
         0.0 => "0".to_owned(),

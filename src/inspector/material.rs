@@ -1,4 +1,4 @@
-//! The look of the selected volume.
+//! The material of the selected volume.
 
 use bevy::prelude::*;
 use bevy_egui::egui;
@@ -37,7 +37,8 @@ pub(super) fn show(
     material.set_if_neq(new);
 }
 
-/// A colour of unit brightness, and how bright it is: luminance has no end.
+/// The emissive colour, edited as a colour of unit brightness and a luminance, which colour pickers
+/// cannot represent.
 fn emissive(ui: &mut egui::Ui, emissive: &mut LinearRgba) {
     let mut luminance = emissive.red.max(emissive.green).max(emissive.blue);
     let tint = if luminance > 0.0 { *emissive / luminance } else { LinearRgba::WHITE };
@@ -55,7 +56,7 @@ fn emissive(ui: &mut egui::Ui, emissive: &mut LinearRgba) {
     }
 }
 
-/// A button for a colour with its name; whether it has changed.
+/// A colour button with a label; returns whether the colour has changed.
 pub(super) fn color(
     ui: &mut egui::Ui,
     name: &str,

@@ -1,7 +1,7 @@
 //! A panel that displays and edits everything about volumes: the cargo feature `egui`.
 //!
-//! Each section of the panel is a system in its own file. It receives the place to draw into, edits
-//! components like any system of an app, and writes only what the user has changed.
+//! Each section of the panel is a system in its own file. It receives the `egui::Ui` to draw into,
+//! edits components like any system of an app, and writes only what the user has changed.
 
 mod ball;
 mod camera;
@@ -33,7 +33,7 @@ pub use state::VdbInspector;
 
 use crate::{VdbCamera, VdbVolume};
 
-/// Width of the panel and its margin to the window, in points.
+/// The width of the panel, and its margin to the edge of the window, in points.
 const WIDTH: f32 = 300.0;
 const MARGIN: f32 = 8.0;
 
@@ -56,8 +56,8 @@ const MARGIN: f32 = 8.0;
 /// `bevy_egui`.
 #[derive(Clone, Copy, Debug)]
 pub struct VdbInspectorPlugin {
-    /// Whether a model picked in the panel replaces that of the selected volume. On by default.
-    /// Otherwise the app handles [`VdbModelPicked`].
+    /// Whether a model picked in the panel replaces the model of the selected volume. On by
+    /// default. Otherwise the app handles [`VdbModelPicked`].
     pub replaces_models: bool,
 }
 
@@ -85,8 +85,8 @@ impl Plugin for VdbInspectorPlugin {
             .add_systems(Update, (toggle, models::search, volumes::finish_repacking))
             .add_systems(EguiPrimaryContextPass, (select, panel).chain());
         if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
-            // It has no place of its own among the passes after tonemapping, which would draw over it or
-            // change its colours.
+            // `bevy_egui` does not order its pass relative to post-processing, which could draw
+            // over the panel or change its colours.
             let in_between = (|| {}).after(Core3dSystems::PostProcess).before(egui_pass);
             render_app.add_systems(Core3d, in_between);
         }
@@ -103,7 +103,7 @@ fn toggle(keys: Option<Res<ButtonInput<KeyCode>>>, mut inspector: ResMut<VdbInsp
     }
 }
 
-/// Selects something for every selection that is empty or gone.
+/// Replaces every selection that is empty or no longer exists.
 fn select(
     mut inspector: ResMut<VdbInspector>,
     volumes: Query<Entity, With<VdbVolume>>,

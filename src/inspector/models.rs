@@ -1,4 +1,4 @@
-//! The models among the app's assets, and replacing one by another.
+//! The models among the app's assets, and the replacement of a volume's model.
 
 use std::path::{Path, PathBuf};
 
@@ -14,10 +14,10 @@ use vdb_core::display::escaped;
 
 use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbRoles, VdbVolume};
 
-/// The number of directory entries visited, because links may form cycles.
+/// The largest number of directory entries visited, because links may form cycles.
 const MOST_ENTRIES: usize = 100_000;
 
-/// The user has picked a model in the panel: a message. If
+/// A message: the user has picked a model in the panel. If
 /// [`replaces_models`](super::VdbInspectorPlugin::replaces_models) is off, the app displays it.
 #[derive(Clone, Debug, Message)]
 pub struct VdbModelPicked {
@@ -35,7 +35,8 @@ pub(super) struct Models {
     searching: Option<Task<Result<Vec<PathBuf>, String>>>,
     /// Files being loaded, and the volumes that will show them.
     opening: Vec<(Entity, AssetPath<'static>, Handle<VdbFile>)>,
-    /// Files of which volumes show a grid: their other grids stay loaded, to choose from.
+    /// Files whose grids are displayed; the handles keep their other grids loaded, for the user to
+    /// choose from.
     opened: HashMap<Entity, Handle<VdbFile>>,
     /// The last error.
     error: Option<String>,
@@ -115,9 +116,9 @@ async fn in_folders(reader: &dyn ErasedAssetReader) -> Result<Vec<PathBuf>, Stri
         let entries = reader.read_directory(&folder).await;
         let mut entries = match entries {
             Ok(entries) => entries,
-            // One that is not for us to read hides no other.
+            // An unreadable folder must not hide the others.
             Err(_) if folder != Path::new("") => continue,
-            Err(error) => return Err(format!("the folder of assets cannot be listed: {error}")),
+            Err(error) => return Err(format!("the asset folder cannot be listed: {error}")),
         };
         while let Some(path) = entries.next().await {
             seen += 1;
@@ -134,7 +135,7 @@ async fn in_folders(reader: &dyn ErasedAssetReader) -> Result<Vec<PathBuf>, Stri
     Ok(found)
 }
 
-/// Loads the picked model, and replaces the volume's grid once it is there.
+/// Loads the picked model, and replaces the volume's grid once the file has been loaded.
 pub(super) fn replace(
     mut commands: Commands,
     mut models: ResMut<Models>,

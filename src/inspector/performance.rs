@@ -9,11 +9,11 @@ use bevy_egui::egui;
 use super::state::VdbInspector;
 use crate::{VdbFeatureCosts, VdbGpuUsage, VdbMeasureFeatures};
 
-/// Bars of the histogram.
+/// The number of bars of the histogram.
 const BARS: usize = 32;
 /// The largest number of passes listed.
 const PASSES: usize = 6;
-/// Widths in points, sufficient for the names of most passes, and for their times.
+/// The width of the column of names in points, sufficient for most passes.
 const PASS_WIDTH: f32 = 132.0;
 /// A pass that has not run for this long is not listed.
 const GONE: Duration = Duration::from_secs(1);
@@ -36,7 +36,7 @@ pub(super) fn show(
         draw(ui, &times);
     }
     let passes = passes(&store);
-    // As passes come and go the times stay where they are.
+    // A fixed width keeps the column of times in place as passes come and go.
     let grid = egui::Grid::new("passes").num_columns(2).min_col_width(PASS_WIDTH).striped(true);
     grid.show(ui, |ui| {
         for (name, milliseconds) in passes.iter().take(PASSES) {
@@ -46,7 +46,7 @@ pub(super) fn show(
         }
     });
     if passes.is_empty() {
-        ui.weak("The GPU tells no times of passes.");
+        ui.weak("The GPU reports no pass times.");
     }
     if let Some(usage) = usage {
         let (grids, megabytes) = (usage.grids(), usage.bytes() as f64 / 1e6);
@@ -56,7 +56,7 @@ pub(super) fn show(
     let Some(camera) = inspector.camera else { return };
     let Ok((costs, is_measuring)) = cameras.get(camera) else { return };
     if is_measuring {
-        ui.weak("Leaves out each feature in turn …");
+        ui.weak("Turning off each feature in turn …");
     } else if ui.button("measure features").clicked() {
         commands.entity(camera).insert(VdbMeasureFeatures);
     }
@@ -70,7 +70,7 @@ fn show_costs(ui: &mut egui::Ui, costs: &VdbFeatureCosts) {
     let mut features = costs.features.clone();
     features.sort_by(|a, b| b.ms.total_cmp(&a.ms));
     egui::Grid::new("features").num_columns(2).striped(true).show(ui, |ui| {
-        let whole = if costs.is_gpu_time { "all passes" } else { "a frame" };
+        let whole = if costs.is_gpu_time { "all passes" } else { "whole frame" };
         for (name, ms) in
             [(whole, costs.total_ms)].into_iter().chain(features.iter().map(|f| (f.name, f.ms)))
         {
@@ -98,11 +98,11 @@ fn passes(store: &DiagnosticsStore) -> Vec<(String, f64)> {
     passes
 }
 
-/// `times` in milliseconds, ascending.
+/// Draws the frame rate and a histogram of frame times (milliseconds, ascending).
 fn draw(ui: &mut egui::Ui, times: &[f64]) {
     let (Some(median), Some(slow)) = (at(times, 0.5), at(times, 0.99)) else { return };
     let rate = 1e3 / median.max(1e-6);
-    ui.label(format!("{rate:.0} FPS, {median:.1} ms a frame, at worst {slow:.1} ms"));
+    ui.label(format!("{rate:.0} FPS, median {median:.1} ms, 99th percentile {slow:.1} ms"));
     let (width, counts) = histogram(times);
     let size = egui::vec2(ui.available_width(), 48.0);
     let (area, response) = ui.allocate_exact_size(size, egui::Sense::hover());
@@ -130,7 +130,7 @@ fn draw(ui: &mut egui::Ui, times: &[f64]) {
     }
 }
 
-/// The quantile at a fraction.
+/// The quantile of sorted values at a fraction from 0 to 1.
 fn at(ascending: &[f64], part: f64) -> Option<f64> {
     let last = ascending.len().checked_sub(1)?;
     ascending.get((part * last as f64).round() as usize).copied()
@@ -165,7 +165,7 @@ mod tests {
             assert_eq!(counts[(time / width) as usize] as usize, own.count(), "{time}");
         }
         assert_eq!(counts.iter().sum::<u32>(), 5);
-        // The longest is at the very end.
+        // The longest time belongs to the last bar.
         assert_eq!(histogram(&[5.0]).1[BARS - 1], 1);
         assert_eq!(histogram(&[]).1, [0; BARS]);
         assert_eq!(histogram(&[0.0]).1[0], 1);

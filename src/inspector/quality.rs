@@ -1,4 +1,4 @@
-//! What the picture may cost.
+//! The quality settings of the camera.
 
 use bevy::prelude::*;
 use bevy_egui::egui;
@@ -7,7 +7,7 @@ use super::state::VdbInspector;
 use crate::{VdbQuality, VdbTraversal};
 
 const TRAVERSALS: [(&str, VdbTraversal); 4] = [
-    ("leaps", VdbTraversal::HddaSkip),
+    ("HDDA with skipping", VdbTraversal::HddaSkip),
     ("HDDA", VdbTraversal::Hdda),
     ("DDA", VdbTraversal::Dda),
     ("ray marching", VdbTraversal::March),
@@ -31,16 +31,16 @@ pub(super) fn show(
     ui.checkbox(&mut new.shadows, "shadows");
     ui.add(super::widgets::slider(&mut new.reflections, 0..=16).text("reflections"));
     let mut exact = new.fog_step == 0.0;
-    if ui.checkbox(&mut exact, "fog cell by cell, exactly").changed() {
+    if ui.checkbox(&mut exact, "exact fog, cell by cell").changed() {
         new.fog_step = if exact { 0.0 } else { 1.0 };
     }
     if !exact {
         let step = super::widgets::slider(&mut new.fog_step, 0.25..=16.0).logarithmic(true);
-        ui.add(step.text("voxels a sample"));
+        ui.add(step.text("voxels per sample"));
     }
-    ui.add(super::widgets::slider(&mut new.detail, 0.0..=64.0).text("pixels a voxel of copies"));
-    ui.add(super::widgets::slider(&mut new.resolution, 0.25..=1.0).text("rays a pixel"));
-    ui.add(super::widgets::slider(&mut new.accumulate, 0..=256).text("frames in a mean"));
+    ui.add(super::widgets::slider(&mut new.detail, 0.0..=64.0).text("detail, pixels per voxel"));
+    ui.add(super::widgets::slider(&mut new.resolution, 0.25..=1.0).text("resolution"));
+    ui.add(super::widgets::slider(&mut new.accumulate, 0..=256).text("accumulated frames"));
     super::widgets::pick(ui, "rays", &mut new.traversal, &TRAVERSALS);
     quality.set_if_neq(new);
 }

@@ -62,7 +62,7 @@ pub(super) fn show(
         });
         ui.checkbox(&mut settings.overwrite, "overwrite");
         super::widgets::pick(ui, "time", &mut settings.clock, &CLOCKS);
-        ui.add(super::widgets::slider(&mut settings.frame_rate, 1..=120).text("frames a second"));
+        ui.add(super::widgets::slider(&mut settings.frame_rate, 1..=120).text("frames per second"));
     });
     match status.phase {
         VdbRecordPhase::Idle | VdbRecordPhase::Ended => {
@@ -87,11 +87,11 @@ pub(super) fn show(
                 recorder.stop();
             }
         }
-        VdbRecordPhase::Finishing => _ = ui.label("the last frames are being written …"),
+        VdbRecordPhase::Finishing => _ = ui.label("writing the last frames …"),
     }
     if status.phase != VdbRecordPhase::Idle {
         let (written, dropped) = (status.written, status.dropped);
-        ui.label(format!("{written} frames written, {dropped} left out"));
+        ui.label(format!("{written} frames written, {dropped} dropped"));
     }
     let error = refused.clone().or_else(|| status.error.map(|error| error.to_string()));
     if let Some(error) = error {

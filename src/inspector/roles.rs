@@ -1,4 +1,4 @@
-//! The roles of a file's grids in the selected volume: density or surface, fire, colours.
+//! The roles of a file's grids in the selected volume: density or surface, emission, colours.
 
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
@@ -39,7 +39,7 @@ pub(super) fn show(
     };
     let own = volume.0.clone();
     if scalars.len() > 1 {
-        // One that is shown otherwise than the file says is still that grid of the file.
+        // A repacked grid still counts as the grid of the file that it was made from.
         let other = from_file.filter(|_| own.path().is_none()).and_then(|FromFile(at)| at.label());
         let grid = |(label, grid)| (label, if other == Some(label) { &own } else { grid });
         let all: Vec<_> = scalars.iter().map(|(label, one)| grid((&**label, one))).collect();
@@ -125,8 +125,8 @@ impl Fire {
     }
 }
 
-/// A choice between a few values or none; returns whether it has changed. A current value outside
-/// the list gets a name of its own.
+/// A drop-down list of values and "none"; returns whether the choice has changed. A value that is
+/// not in the list is shown as `otherwise`.
 fn pick<T: Clone + PartialEq>(
     ui: &mut egui::Ui,
     label: &str,
@@ -153,17 +153,17 @@ fn adjust(ui: &mut egui::Ui, emission: &mut VdbEmission) {
     match emission {
         VdbEmission::Temperature { scale, offset, strength, .. } => {
             let kelvin = super::widgets::slider(scale, 0.0..=10_000.0).logarithmic(true);
-            ui.add(kelvin.smallest_positive(0.1).text("kelvin a unit"));
-            ui.add(super::widgets::slider(offset, 0.0..=5_000.0).text("kelvin of 0"));
+            ui.add(kelvin.smallest_positive(0.1).text("kelvin per unit"));
+            ui.add(super::widgets::slider(offset, 0.0..=5_000.0).text("kelvin at 0"));
             glow(ui, strength);
         }
         VdbEmission::Color { strength, .. } => glow(ui, strength),
-        // Colours of light beyond all bounds have no control; the app has chosen this one.
+        // There is no control for a colour of unbounded luminance, which only apps can set.
         VdbEmission::Scalar { .. } => {}
     }
 }
 
 fn glow(ui: &mut egui::Ui, strength: &mut f32) {
     let slider = super::widgets::slider(strength, 0.0..=100_000.0).logarithmic(true);
-    ui.add(slider.smallest_positive(1e-6).max_decimals(6).text("glow"));
+    ui.add(slider.smallest_positive(1e-6).max_decimals(6).text("strength"));
 }

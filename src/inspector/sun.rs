@@ -1,4 +1,4 @@
-//! A directional light: where from, of what colour, how strong.
+//! A directional light: its direction, colour and illuminance.
 
 use bevy::prelude::*;
 use bevy_egui::egui;
@@ -9,7 +9,7 @@ use super::state::VdbInspector;
 use super::widgets::entity_name;
 use crate::VdbSun;
 
-/// Brighter than direct sunlight at noon, lx.
+/// The largest illuminance, in lux: more than direct sunlight at noon.
 const BRIGHTEST: f32 = 150_000.0;
 
 pub(super) fn show(
@@ -43,7 +43,7 @@ pub(super) fn show(
     let mut new = *light;
     ui.horizontal(|ui| {
         if ball::show(ui, "direction of the sun", &mut to_light) {
-            // What the light hangs on, if anything, stays as it is.
+            // Only the light's own transform changes, not that of its parent.
             let parent = global.rotation() * transform.rotation.inverse();
             let back = parent.inverse() * (view * to_light);
             let up = if back.y.abs() > 0.999 { Vec3::Z } else { Vec3::Y };
@@ -54,7 +54,7 @@ pub(super) fn show(
             if color(ui, "sun's colour", |ui| ui.color_edit_button_rgb(&mut rgb)) {
                 new.color = Color::srgb_from_array(rgb);
             }
-            ui.checkbox(&mut new.shadow_maps_enabled, "throws shadows");
+            ui.checkbox(&mut new.shadow_maps_enabled, "casts shadows");
         });
     });
     let illuminance =
@@ -73,7 +73,7 @@ pub(super) fn show(
     }
 }
 
-/// Whether nothing has changed of what is shown here.
+/// Whether the properties shown in the panel are equal.
 fn same(a: &DirectionalLight, b: &DirectionalLight) -> bool {
     (a.color, a.illuminance, a.shadow_maps_enabled)
         == (b.color, b.illuminance, b.shadow_maps_enabled)

@@ -1,4 +1,4 @@
-//! What else one needs at hand.
+//! Tools for development.
 
 use bevy::prelude::*;
 use bevy_egui::egui;
@@ -7,9 +7,9 @@ use crate::render;
 
 pub(super) fn show(InMut(ui): InMut<egui::Ui>, mut commands: Commands, mut said: Local<String>) {
     let button = ui.button("Reload shaders");
-    let button = button.on_hover_text("from the folder that the crate was built in, where it is");
+    let button = button.on_hover_text("from the source folder of the crate, if it exists");
     if button.clicked() {
-        *said = "reloaded; what is wrong with them is in the log".into();
+        *said = "reloaded; errors are in the log".into();
         commands.queue(render::reload_shaders);
     }
     if !said.is_empty() {

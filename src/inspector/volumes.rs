@@ -1,4 +1,4 @@
-//! The volumes of the app, and how the selected one is displayed.
+//! The volumes of the app, and the kind, fog or surface, of the selected one.
 
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
@@ -69,7 +69,7 @@ pub(super) fn show(
     };
     models::show(ui, &mut models, &assets, &mut picked, Some((entity, volume)));
     let Some(grid) = grids.get(&volume.0) else {
-        ui.label("the grid is not there");
+        ui.label("the grid has not been loaded");
         return;
     };
     if let Some(kind) = pick_kind(ui, grid.kind()) {
@@ -78,7 +78,7 @@ pub(super) fn show(
         commands.entity(entity).insert(Repacking(task)).remove::<NotRepacked>();
     }
     if repacking {
-        ui.label("being made ready …");
+        ui.label("repacking …");
     }
     if let Some(NotRepacked(why)) = not_repacked {
         super::widgets::complain(ui, why);
@@ -89,7 +89,7 @@ fn checkbox_info(on: bool, label: &str) -> egui::WidgetInfo {
     egui::WidgetInfo::selected(egui::WidgetType::Checkbox, true, on, label)
 }
 
-/// The kind that the user selects.
+/// The kind that the user has selected, if it has changed.
 fn pick_kind(ui: &mut egui::Ui, kind: PackKind) -> Option<PackKind> {
     let iso = match kind {
         PackKind::Surface { iso } | PackKind::Smooth { iso } => iso,

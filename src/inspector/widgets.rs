@@ -4,9 +4,9 @@ use bevy::prelude::*;
 use bevy_egui::egui;
 use vdb_core::display::escaped;
 
-/// An error message.
+/// Shows an error message.
 pub(super) fn complain(ui: &mut egui::Ui, what: impl Into<String>) {
-    // Bevy's words may have the path of a file in them.
+    // Bevy's messages may contain the path of a file.
     let lines: Vec<String> =
         what.into().lines().take(20).map(|line| escaped(line).at_most(2_000).to_string()).collect();
     ui.colored_label(ui.visuals().error_fg_color, lines.join("\n"));
@@ -20,7 +20,7 @@ pub(super) fn slider<'a, N: egui::emath::Numeric>(
     egui::Slider::new(value, range).clamping(egui::SliderClamping::Edits).max_decimals(3)
 }
 
-/// A choice between a few values; returns whether it has changed.
+/// A drop-down list of values; returns whether the choice has changed.
 pub(super) fn pick<T: Copy + PartialEq>(
     ui: &mut egui::Ui,
     label: &str,
@@ -31,7 +31,7 @@ pub(super) fn pick<T: Copy + PartialEq>(
     let now = all.iter().find(|(_, one)| *one == before).map_or("", |(name, _)| *name);
     egui::ComboBox::from_label(label).selected_text(now).show_ui(ui, |ui| {
         for (name, one) in all {
-            // By keyboard, too, a choice ends the choosing.
+            // Closes the list after a choice by keyboard, too.
             if ui.selectable_value(value, *one, *name).clicked() {
                 ui.close();
             }
@@ -40,7 +40,7 @@ pub(super) fn pick<T: Copy + PartialEq>(
     *value != before
 }
 
-/// A choice between entities by name, shown if there are several.
+/// A drop-down list of entities by name, shown if there are several.
 pub(super) fn pick_entity(
     ui: &mut egui::Ui,
     label: &str,
