@@ -1,4 +1,4 @@
-//! Which volumes are in the picture, for [`VdbVolumeState`].
+//! The state of each volume in the last frame, for [`VdbVolumeState`].
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ use super::view::{ViewState, VisibleVolumes};
 use crate::VdbVolumeState;
 use crate::scene::track::DrawnVolumes;
 
-/// Tells the app's world which volumes are in the picture, once a frame has been drawn.
+/// Reports the states of volumes to the app's world after each frame.
 pub(super) struct DrawnPlugin;
 
 impl Plugin for DrawnPlugin {
@@ -74,10 +74,11 @@ fn report_drawn(
     drawn.set(&mut states);
 }
 
-/// Bevy's pipelines that take a camera's picture to where it is shown, by their labels.
+/// The labels of Bevy's pipelines that bring a camera's image to its target.
 const LAST_PASSES: [&str; 2] = ["blit pipeline", "tonemapping pipeline"];
 
-/// Whether a pipeline is one of these, and is not there yet: then the picture is not either.
+/// Whether a pipeline is one of [`LAST_PASSES`] and has not been compiled, so the image is not
+/// displayed yet.
 fn is_missed(pipeline: &CachedPipeline) -> bool {
     let PipelineDescriptor::RenderPipelineDescriptor(descriptor) = &pipeline.descriptor else {
         return false;
@@ -86,7 +87,7 @@ fn is_missed(pipeline: &CachedPipeline) -> bool {
         && !matches!(pipeline.state, CachedPipelineState::Ok(_))
 }
 
-/// What there is to say of a volume before any view has been asked.
+/// The state of a volume regardless of views: whether its grids are on the GPU.
 fn on_the_gpu(volume: &ExtractedVolume, pool: &VdbTreePool) -> VdbVolumeState {
     let own = (volume.grid, &volume.packed);
     let further = volume.auxiliary.all().map(|grid| (grid.key, &grid.packed));
@@ -102,7 +103,8 @@ fn on_the_gpu(volume: &ExtractedVolume, pool: &VdbTreePool) -> VdbVolumeState {
     }
 }
 
-/// What two views, or the GPU and a view, say of a volume: it is drawn when it is wherever it is seen.
+/// Combines the states of a volume in two views, or on the GPU and in a view: it counts as drawn
+/// when every view that sees it draws it.
 fn both(a: VdbVolumeState, b: VdbVolumeState) -> VdbVolumeState {
     use VdbVolumeState::{Drawn, NotShown, Preparing, Unseen};
     [Preparing, Drawn, NotShown].into_iter().find(|state| [a, b].contains(state)).unwrap_or(Unseen)

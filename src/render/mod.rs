@@ -1,5 +1,5 @@
-//! From the app's world to the picture. A folder is a stage, and imports only from the stages above it:
-//! [`gpu`], [`extract`], [`pool`], [`view`], then one plugin for each pass.
+//! Rendering: from the app's world to the image. A folder is a stage, and imports only from earlier
+//! stages: [`gpu`], [`extract`], [`pool`], [`view`], then one plugin per pass.
 
 mod accumulate;
 mod composite;
@@ -24,7 +24,7 @@ pub(crate) use gpu::reload_shaders;
 pub use pool::VdbGpuUsage;
 pub use view::VdbSystems;
 
-/// Draws volumes.
+/// Renders volumes: adds the plugins of all stages.
 pub(crate) struct RenderVolumesPlugin;
 
 impl Plugin for RenderVolumesPlugin {

@@ -1,4 +1,4 @@
-//! What each view has, for [`VdbDiagnostics`].
+//! Reports of the passes, features and buffers of each view, for [`VdbDiagnostics`].
 
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
@@ -16,7 +16,7 @@ use crate::quality::diagnostics::{
     VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
 };
 
-/// Tells the app's world what each camera has.
+/// Reports to the app's world what each camera uses.
 pub(super) struct ReportPlugin;
 
 impl Plugin for ReportPlugin {
@@ -29,7 +29,7 @@ impl Plugin for ReportPlugin {
     }
 }
 
-/// What the passes have of a view.
+/// The components of all passes on a view.
 type ViewData<'a> = (
     &'a MainEntity,
     &'a ViewState,
@@ -62,10 +62,10 @@ fn of_view(
     buffers.add("vdb_view", uniform, "the camera");
     buffers.add_some("vdb_placement", &composite.placement, "the viewport");
     if let Some(traced) = &picture.traced {
-        buffers.push("vdb_color", bytes(&traced.color), "what rays see");
-        buffers.push("vdb_depth", bytes(&traced.depth), "where they see it");
+        buffers.push("vdb_color", bytes(&traced.color), "the colours of the traced image");
+        buffers.push("vdb_depth", bytes(&traced.depth), "the depths of the traced image");
     }
-    buffers.add_some("vdb_tiles", &trace.tiles, "tiles of rays share their starts");
+    buffers.add_some("vdb_tiles", &trace.tiles, "the rays of a tile share a start");
     if let Some(moving) = picture.traced.as_ref().and_then(|traced| traced.moving.as_ref()) {
         buffers.push("vdb_moving", bytes(moving), "motion vectors");
     }
@@ -75,7 +75,7 @@ fn of_view(
         buffers.push("vdb_color_upscaled", bytes(&upscaled.color), why);
         buffers.push("vdb_depth_upscaled", bytes(&upscaled.depth), why);
         if let Some(moving) = &upscaled.moving {
-            let why = "motion vectors, of fewer rays than pixels";
+            let why = "motion vectors, with fewer rays than pixels";
             buffers.push("vdb_moving_upscaled", bytes(moving), why);
         }
     }
@@ -103,10 +103,10 @@ fn features(prepared: &PreparedView) -> Vec<VdbFeatureReport> {
 fn passes(upscale: &UpscaleView, frames: u32, composite: &CompositeView) -> Vec<VdbPassReport> {
     let is_composited = composite.surface.is_some() || composite.fog.is_some();
     let all = [
-        (true, "vdb_trace", "a volume is in the picture"),
+        (true, "vdb_trace", "a volume is in view"),
         (upscale.pipeline.is_some(), "vdb_upscale", "VdbQuality::resolution is less than 1"),
         (frames > 0, "vdb_accumulate", "VdbQuality::accumulate, and nothing has changed"),
-        (is_composited, "vdb_composite", "what was traced is shown"),
+        (is_composited, "vdb_composite", "the traced image is displayed"),
     ];
     let on = all.into_iter().filter(|(on, ..)| *on);
     on.map(|(_, name, why)| VdbPassReport { name, why }).collect()
@@ -131,14 +131,14 @@ impl Buffers {
     }
 
     fn add_mean(&mut self, mean: &Mean) {
-        let why = "frames are put together";
+        let why = "frames are accumulated";
         self.add("vdb_means", &mean.buffer, why);
         self.push("vdb_color_mean", bytes(&mean.color), why);
         self.push("vdb_depth_mean", bytes(&mean.depth), why);
     }
 }
 
-/// Of a texture.
+/// The size of a texture in bytes.
 fn bytes(texture: &CachedTexture) -> u64 {
     let size = texture.texture.size();
     let texel = texture.texture.format().block_copy_size(None).unwrap_or(0);

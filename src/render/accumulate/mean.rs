@@ -1,4 +1,4 @@
-//! What a view has over its frames.
+//! The mean of a view's frames.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
@@ -12,17 +12,17 @@ use crate::render::extract::SceneChanges;
 use crate::render::gpu::{golden, picture_texture, types};
 use crate::render::view::{MEAN_BYTES, PreparedView, ViewKey};
 
-/// What a view has over its frames.
+/// The accumulation state of a view.
 pub(crate) struct Accumulated {
-    /// Of all that it shows.
+    /// The hash of everything in view.
     fingerprint: u64,
-    /// Frames since that has changed. The first is shown as it is, and kept nowhere, so that pictures
-    /// that change with each frame cost no more than others.
+    /// The number of frames since the fingerprint last changed. The first frame is displayed
+    /// directly and not stored, so a view that changes every frame costs nothing extra.
     pub frame: u32,
     mean: Option<Mean>,
 }
 
-/// What is there from the second frame on.
+/// The mean, from the second frame on.
 pub(crate) struct Mean {
     size: UVec2,
     pub buffer: Buffer,
@@ -30,7 +30,7 @@ pub(crate) struct Mean {
     pub depth: CachedTexture,
 }
 
-/// A number for all that a view shows.
+/// A hash of everything in view.
 pub(super) fn fingerprint(prepared: &PreparedView, changes: &SceneChanges) -> u64 {
     let mut hasher = DefaultHasher::new();
     (prepared.key, prepared.is_ready, changes_of(&prepared.key, changes)).hash(&mut hasher);
@@ -39,14 +39,14 @@ pub(super) fn fingerprint(prepared: &PreparedView, changes: &SceneChanges) -> u6
     hasher.finish()
 }
 
-/// What a view sees of the changes to the scene.
+/// The counters of scene changes that affect a view.
 fn changes_of(key: &ViewKey, changes: &SceneChanges) -> [u64; 3] {
     let seen = |feature, count| if key.has(feature) { count } else { 0 };
     [changes.grids, seen(Features::LIGHT, changes.lights), seen(Features::SHADOWS, changes.casters)]
 }
 
 impl Accumulated {
-    /// The next frame.
+    /// The state of the next frame.
     pub fn next(
         before: Option<Self>,
         fingerprint: u64,
@@ -66,23 +66,24 @@ impl Accumulated {
         Self { fingerprint, frame, mean }
     }
 
-    /// What is shown in place of this frame.
+    /// The mean, if it is displayed instead of this frame.
     pub fn shown(&self) -> Option<&Mean> {
         self.mean.as_ref().filter(|_| self.frame > 0)
     }
 
-    /// What is there, shown or not.
+    /// The mean, displayed or not.
     pub fn mean(&self) -> Option<&Mean> {
         self.mean.as_ref()
     }
 
-    /// Tells the shaders which frame this is.
+    /// Sets the number of the frame, its random offset and its subpixel jitter for the shaders.
     pub fn place(&self, view: &mut types::View, is_scaled: bool) {
         let frame = self.frame;
         view.frame = frame;
         view.turn = golden(frame);
-        // The first ray of a mean is the one that a single frame has. Where rays are fewer than pixels,
-        // that one goes through no pixel's middle.
+        // The first ray of a mean goes through the centre, like that of a single frame. With fewer
+        // rays than pixels, the centre of a ray's footprint is not the centre of a pixel, so it is
+        // not repeated.
         view.shift = shift(if is_scaled { frame } else { frame.saturating_sub(1) });
     }
 }
@@ -109,13 +110,12 @@ impl Mean {
     }
 }
 
-/// Places in a square from -½ to ½, which are spread over it as evenly as may be however many they are:
-/// after Martin Roberts 2018, "The unreasonable effectiveness of quasirandom sequences". The first is
-/// its middle.
+/// A low-discrepancy sequence of points in a square from -½ to ½, starting at its centre: Martin
+/// Roberts 2018, "The unreasonable effectiveness of quasirandom sequences".
 fn shift(i: u32) -> [f32; 2] {
     // Powers of the plastic number: the real root of x³ = x + 1.
     let plastic = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
-    // What rounds up to ½ would be in the next pixel.
+    // A value rounded up to ½ would be in the next pixel.
     let below_half = 0.5_f32.next_down();
     plastic.map(|a: f64| (((0.5 + f64::from(i) * a).fract() - 0.5) as f32).min(below_half))
 }
@@ -127,8 +127,8 @@ mod tests {
     #[test]
     fn rays_come_to_all_of_a_pixel_evenly() {
         assert_eq!(shift(0), [0.0; 2]);
-        // With a half and a quarter of the rays along each axis, as few as there may be, each pixel has one of
-        // its own after so many frames.
+        // With half and a quarter of the rays along each axis, the smallest resolution, every pixel
+        // has had a ray of its own after this many frames.
         for (edge, rays) in [(2, 4), (4, 24)] {
             let mut parts = vec![0; edge * edge];
             for i in 1..=rays {

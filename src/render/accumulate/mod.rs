@@ -1,4 +1,4 @@
-//! The mean of a view's frames, while nothing changes in what it sees.
+//! Temporal accumulation: the mean of a view's frames, while nothing changes in view.
 
 mod mean;
 
@@ -25,7 +25,7 @@ use crate::quality::features::Features;
 
 pub(super) use mean::{Accumulated, Mean};
 
-/// Shows the mean of frames, in views that ask for it, while nothing changes in what they see.
+/// Displays the mean of frames while nothing changes in view, in views with accumulation.
 pub(super) struct AccumulatePlugin;
 
 impl Plugin for AccumulatePlugin {
@@ -46,11 +46,11 @@ impl Plugin for AccumulatePlugin {
     }
 }
 
-/// What the pass keeps for a view that accumulates frames.
+/// The mean, pipeline and bind group of the pass for a view that accumulates frames.
 #[derive(Component, Default)]
 pub(super) struct AccumulateView {
     pub accumulated: Option<Accumulated>,
-    /// The frame that is added, where it has more pixels than rays.
+    /// The upscaled frame that is added, in views with fewer rays than pixels.
     frame: Option<Picture>,
     pipeline: Option<CachedComputePipelineId>,
     bind_group: Option<BindGroup>,
@@ -90,7 +90,7 @@ impl PicturePass for AccumulatePass {
     }
 }
 
-/// Finds which frame this is since something has changed, and tells the shaders.
+/// Counts frames since the last change in view, and passes the number to the shaders.
 fn count_frames(
     mut views: Query<(&mut ViewState, &mut AccumulateView)>,
     mut pipelines: PicturePipelines<AccumulatePass>,
@@ -110,7 +110,7 @@ fn count_frames(
     }
 }
 
-/// Takes the frame, and hands on the mean in its place.
+/// Takes the frame, and hands on the mean instead.
 fn hand_on(mut views: Query<(&ViewState, &mut AccumulateView, &mut ViewPicture)>) {
     for (view, mut own, mut picture) in &mut views {
         let Some(mean) = own.accumulated.as_ref().and_then(Accumulated::shown) else { continue };
@@ -153,7 +153,7 @@ fn bind(
     }
 }
 
-/// Adds this frame to the mean, in views that have one.
+/// Adds this frame to the mean.
 fn accumulate(
     view: ViewQuery<(&ViewState, &AccumulateView)>,
     cache: Res<PipelineCache>,

@@ -1,5 +1,5 @@
-//! The traced picture into the camera's target and depth, and into Bevy's prepass textures where the
-//! camera has motion vectors.
+//! The composite pass: draws the traced image into the camera's target and depth, and into Bevy's
+//! prepass textures if the camera has motion vectors.
 
 mod motion;
 mod pipeline;
@@ -34,7 +34,7 @@ use super::view::{PrepareViews, ViewPicture, ViewState, VisibleVolumes};
 use crate::quality::features::Features;
 use pipeline::{CompositeKey, CompositePipeline, ToneKey};
 
-/// Draws the picture of every view.
+/// Composites the image of every view.
 pub(super) struct CompositePlugin;
 
 impl Plugin for CompositePlugin {
@@ -59,23 +59,23 @@ fn init(mut commands: Commands, shaders: Res<Shaders>, fullscreen: Res<Fullscree
     commands.insert_resource(CompositePipeline::new(&shaders, fullscreen.clone()));
 }
 
-/// What the pass keeps for a view.
+/// The pipelines, buffers and bind group of the pass for a view.
 #[derive(Component, Default)]
 pub(super) struct CompositeView {
-    /// Where the view sees a surface.
+    /// Draws pixels with a surface.
     pub surface: Option<CachedRenderPipelineId>,
-    /// Where pixels may be covered that show no surface.
+    /// Draws pixels with fog but no surface.
     pub fog: Option<CachedRenderPipelineId>,
     tonemaps: bool,
     pub placement: Option<Buffer>,
-    /// Where what is seen was a frame ago: what [`motion::matrices`] makes.
+    /// The matrices of [`motion::matrices`].
     pub motion: Option<Buffer>,
     bind_group: Option<BindGroup>,
-    /// Whether all that the view asks for has been drawn in this frame.
+    /// Whether this frame was drawn with all required pipelines.
     pub is_drawn: bool,
 }
 
-/// Chooses the pipelines, and uploads where the picture goes and where it was.
+/// Chooses the pipelines, and uploads the placement of the image and the motion matrices.
 fn prepare(
     mut views: Query<(
         &ViewState,
@@ -130,7 +130,7 @@ fn prepare(
     }
 }
 
-/// Binds the picture.
+/// Creates the bind groups.
 fn bind(
     mut views: Query<(&mut CompositeView, &ViewPicture, Option<&Tonemapping>)>,
     pipeline: Res<CompositePipeline>,
@@ -169,8 +169,8 @@ fn bind(
     }
 }
 
-/// Blends the picture over the opaque meshes, in the target's own linear colours, and writes the
-/// depth of surfaces, so that transparent meshes sort with them.
+/// Blends the image over the opaque meshes, in the target's linear colours, and writes the depth of
+/// surfaces, so that they occlude transparent meshes behind them.
 fn composite(
     view: ViewQuery<(
         &ExtractedCamera,
@@ -188,7 +188,7 @@ fn composite(
 ) {
     let (camera, target, depth, view_uniform, state, mut own, resolution, prepass) =
         view.into_inner();
-    // Nothing has been traced before the trace's own pipeline is there.
+    // Nothing has been traced until the pipelines of the trace have been compiled.
     let Some((prepared, _)) = state.prepared().filter(|(prepared, _)| prepared.is_ready) else {
         return;
     };
@@ -238,7 +238,8 @@ fn composite(
     span.end(&mut pass);
     drop(pass);
 
-    // Whoever reads motion vectors chooses among them by the prepass's depth, which Bevy, too, copies.
+    // Readers of motion vectors select among them by the prepass's depth, a copy of the depth
+    // texture, which Bevy also makes by copying.
     if let Some(prepass) = prepass
         && let Some(copy) = &prepass.depth
     {

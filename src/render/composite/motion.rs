@@ -1,4 +1,4 @@
-//! Where what a view shows was a frame ago, for Bevy's motion vectors.
+//! Matrices to the previous frame, for Bevy's motion vectors.
 
 use bevy::core_pipeline::prepass::PreviousViewData;
 use bevy::math::{DAffine3, DMat4};
@@ -8,11 +8,11 @@ use bevy::render::view::ExtractedView;
 use crate::render::extract::ExtractedVolume;
 use crate::render::gpu::affine;
 
-/// From the clip space of a view's rays, whose jitter its projection has, to the clip space of this
-/// frame without jitter, then to that of the last frame for each of the volumes seen.
+/// Matrices from the clip space of a view's rays, with jitter: first to the clip space of this
+/// frame without jitter, then, for each visible volume, to that of the previous frame.
 ///
-/// Of views and transforms that have stayed as they were, all are the same to the bit: the world's
-/// place in a view is rounded to f32 as Bevy rounds it for [`PreviousViewData`], for both frames.
+/// If neither the view nor a volume has moved, the matrices are equal bit for bit: for both frames,
+/// `view_from_world` is rounded to f32 as Bevy rounds it for [`PreviousViewData`].
 pub(super) fn matrices<'a>(
     view: &ExtractedView,
     clip_from_view: Mat4,
@@ -39,7 +39,7 @@ pub(super) fn matrices<'a>(
     matrices
 }
 
-/// From where a volume is to where it was; nothing if it has stayed.
+/// The transform from a volume's current position to the previous one; `None` if it has not moved.
 fn way_back(volume: &ExtractedVolume) -> Option<DAffine3> {
     let (now, then) = (volume.world_from_local, volume.world_from_local_before);
     (now != then).then(|| affine(then) * affine(now).inverse())

@@ -1,4 +1,4 @@
-//! The pipeline that draws the traced picture.
+//! The pipeline that draws the traced image.
 
 use bevy::core_pipeline::FullscreenShader;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
@@ -31,17 +31,17 @@ pub(super) struct CompositePipeline {
 pub(super) struct CompositeKey {
     pub format: TextureFormat,
     pub samples: u32,
-    /// Of cameras without HDR.
+    /// Tonemapping, for cameras without HDR.
     pub tone: Option<ToneKey>,
-    /// Draws fog that has no surface behind it, rather than surfaces.
+    /// Whether to draw pixels with fog but no surface, rather than those with a surface.
     pub fog_alone: bool,
-    /// Whether motion vectors are drawn, too.
+    /// Whether to draw motion vectors, too.
     pub motion: bool,
-    /// Whether something shines that covers nothing.
+    /// Whether there is emission, which has no coverage.
     pub emission: bool,
 }
 
-/// How a camera without HDR tonemaps each thing that it draws.
+/// Tonemapping of a camera without HDR, which each of its shaders applies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct ToneKey {
     pub tonemapping: Tonemapping,
@@ -97,7 +97,7 @@ impl SpecializedRenderPipeline for CompositePipeline {
                 shader_defs.push("DEBAND_DITHER".into());
             }
         }
-        // The colour is multiplied with coverage already.
+        // The colour is premultiplied with coverage.
         let over = BlendComponent {
             src_factor: BlendFactor::One,
             dst_factor: BlendFactor::OneMinusSrcAlpha,
@@ -112,7 +112,7 @@ impl SpecializedRenderPipeline for CompositePipeline {
         };
         let mut targets = vec![target(key.format, over)];
         if key.motion {
-            // Where there is nothing to say, the motion of what is behind stays.
+            // An alpha of 0 keeps the motion vector of what is behind.
             let known = BlendComponent { src_factor: BlendFactor::SrcAlpha, ..over };
             targets.push(target(MOTION_VECTOR_PREPASS_FORMAT, known));
         }
@@ -129,7 +129,7 @@ impl SpecializedRenderPipeline for CompositePipeline {
             depth_stencil: Some(DepthStencilState {
                 format: CORE_3D_DEPTH_FORMAT,
                 depth_write_enabled: Some(!key.fog_alone),
-                // Bevy's depth is 1 near and 0 far.
+                // Reversed depth: 1 is near and 0 is far.
                 depth_compare: Some(CompareFunction::GreaterEqual),
                 stencil: StencilState::default(),
                 bias: DepthBiasState::default(),

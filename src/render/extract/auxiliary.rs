@@ -1,4 +1,4 @@
-//! The auxiliary grids of a volume: those that emit light in it, and those that colour it.
+//! The auxiliary grids of a volume: emission and colours.
 
 use std::sync::Arc;
 
@@ -10,23 +10,23 @@ use super::warnings::{Setting, Trouble};
 use crate::render::gpu::{GridKey, non_negative, types};
 use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbVectorGrid};
 
-/// Emission coefficients and their factors, with which no sum along a ray exceeds f32.
+/// The largest emission coefficient, and the largest factor: no sum along a ray exceeds f32.
 const MOST_EMISSION: f32 = 1e15;
-/// Kelvin, and kelvin per unit.
+/// The largest temperature in kelvin, and in kelvin per unit.
 const MOST_KELVIN: f32 = 1e9;
 
 /// The auxiliary grids of a volume.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AuxiliaryGrids {
-    /// What shines: one grid, or one a component of the colour.
+    /// The emission: one grid, or one per component of its colour.
     pub emission: Vec<AuxiliaryGrid>,
-    /// The colour of a surface: red, green, blue; or none.
+    /// The colour of a surface, as three grids: red, green and blue. Empty without a colour grid.
     pub colors: Vec<AuxiliaryGrid>,
-    /// What is wrong with them.
+    /// A problem with the emission.
     pub trouble: Option<Trouble>,
 }
 
-/// A packed grid beside a volume's own.
+/// A packed grid of emission, or of a component of a colour.
 #[derive(Clone, Debug)]
 pub(crate) struct AuxiliaryGrid {
     pub key: GridKey,
@@ -34,7 +34,7 @@ pub(crate) struct AuxiliaryGrid {
     pub local_from_index: DAffine3,
     pub kind: u32,
     pub emissive: Vec3,
-    /// Kelvin per unit, and added.
+    /// The scale in kelvin per unit, and the offset in kelvin.
     pub temperature: Vec2,
     pub background: f32,
 }
@@ -55,7 +55,7 @@ fn components(id: AssetId<VdbVectorGrid>, grid: &VdbVectorGrid, kind: u32) -> Ve
 }
 
 impl AuxiliaryGrids {
-    /// What there is of them.
+    /// The auxiliary grids whose assets have been loaded.
     pub fn new(
         (emission, color): (Option<&VdbEmission>, Option<&VdbColorGrid>),
         (grids, vectors): (&Assets<VdbGrid>, &Assets<VdbVectorGrid>),
@@ -119,12 +119,12 @@ impl AuxiliaryGrids {
         });
     }
 
-    /// All of them.
+    /// All auxiliary grids.
     pub fn all(&self) -> impl Iterator<Item = &AuxiliaryGrid> {
         self.emission.iter().chain(&self.colors)
     }
 
-    /// Whether any of them emits light.
+    /// Whether there is emission.
     pub fn is_emissive(&self) -> bool {
         self.emission.iter().any(|part| part.packed.occupied.is_some())
     }
@@ -134,7 +134,7 @@ fn capped(x: f32) -> f32 {
     non_negative(x).min(MOST_EMISSION)
 }
 
-/// The first setting that makes no sense.
+/// The first invalid field.
 fn wrong_setting(emission: &VdbEmission) -> Option<Setting> {
     let sound = |x: f32| x >= 0.0 && x.is_finite();
     match emission {

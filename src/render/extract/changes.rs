@@ -1,5 +1,5 @@
-//! Whether something has changed in the scene that is not among what is prepared for a view: grids,
-//! lights, and meshes that throw shadows. Asked only while a camera puts frames together.
+//! Detection of changes in the scene that the data prepared for a view does not contain: grids,
+//! lights, and meshes that cast shadows. Runs only while a camera accumulates frames.
 
 use std::fmt::{self, Debug, Write};
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -15,7 +15,7 @@ use bevy::render::Extract;
 
 use crate::{VdbGrid, VdbQuality, VdbVectorGrid};
 
-/// Counts of what has changed.
+/// The numbers of frames in which parts of the scene have changed.
 #[derive(Clone, Copy, Debug, Default, Resource)]
 pub(crate) struct SceneChanges {
     pub grids: u64,
@@ -51,7 +51,7 @@ type MeshData<'a> = (
 type Surroundings<'a> =
     (Entity, Option<&'a EnvironmentMapLight>, Option<&'a AmbientLight>, Option<&'a DistanceFog>);
 
-/// What of the app's world says so.
+/// The parts of the app's world that are watched for changes.
 #[derive(SystemParam)]
 pub(crate) struct Scene<'w, 's> {
     qualities: Query<'w, 's, &'static VdbQuality>,
@@ -74,19 +74,19 @@ pub(crate) struct Scene<'w, 's> {
     ),
 }
 
-/// What things have been like. What is touched is not always changed.
+/// Hashes of entities, because Bevy's change detection also reports writes of equal values.
 #[derive(Default)]
 pub(crate) struct Known(EntityHashMap<u64>);
 
 impl Known {
-    /// Notes what a thing is like; whether it was otherwise, or is new.
+    /// Stores the hash of an entity's components; returns whether it is new or has changed.
     fn differs(&mut self, entity: Entity, what: impl Debug) -> bool {
         let number = number_of(what);
         self.0.insert(entity, number) != Some(number)
     }
 }
 
-/// A number for a thing, by all that there is to say of it.
+/// A hash of a value's `Debug` output.
 fn number_of(what: impl Debug) -> u64 {
     struct Text(DefaultHasher);
     impl Write for Text {

@@ -1,4 +1,4 @@
-//! What the renderer takes from the app's lights beyond what Bevy extracts of them.
+//! Extraction of light properties that Bevy does not extract.
 
 use bevy::camera::visibility::InheritedVisibility;
 use bevy::prelude::*;
@@ -8,22 +8,23 @@ use bevy::render::sync_world::RenderEntity;
 use crate::VdbSun;
 use crate::render::gpu::non_negative;
 
-/// The directional lights that shine on volumes otherwise than on meshes.
+/// The directional lights that light volumes differently from meshes.
 #[derive(Clone, Debug, Default, Resource)]
 pub(crate) struct ExtractedSuns(pub Vec<ExtractedSun>);
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ExtractedSun {
-    /// To the light in world space, to the bit as Bevy has it.
+    /// The direction to the light in world space, equal to Bevy's bit for bit, so that shaders can
+    /// identify the light.
     pub direction: Vec3,
-    /// Of its illuminance.
+    /// The factor of the light's illuminance on volumes.
     pub factor: f32,
-    /// Radians; without rays to the light, 0.
+    /// The apparent size in radians; 0 for hard shadows.
     pub angular_diameter: f32,
     pub samples: u32,
 }
 
-/// Radians; a wider sun's shadows are all edge.
+/// The largest apparent size in radians; the shadow of a larger sun would be nothing but penumbra.
 const WIDEST_SUN: f32 = 1.0;
 const MOST_SAMPLES: u32 = 256;
 
@@ -39,8 +40,8 @@ pub(crate) fn extract_suns(
     };
     if lights.iter().any(|(_, sun, _)| !sound(sun)) {
         warn_once!(
-            "a VdbSun shines with the nearest values that make sense: give it an angular_diameter from 0 \
-             to 1 and samples from 1 to 256"
+            "a VdbSun is used with the nearest valid values: give it an angular_diameter from 0 to \
+             1 and samples from 1 to 256"
         );
     }
     let suns = lights.iter().filter(|(_, sun, visible)| {

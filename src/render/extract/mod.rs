@@ -1,4 +1,4 @@
-//! From the app's world to the renderer's.
+//! Extraction from the app's world to the render world.
 
 mod auxiliary;
 mod changes;
@@ -15,7 +15,7 @@ pub(super) use lights::{ExtractedEnvironment, ExtractedSuns};
 pub(super) use volumes::{ExtractedVolume, ExtractedVolumes};
 pub(super) use warnings::{Setting, Trouble, Warned};
 
-/// Extracts volumes, what Bevy does not extract of their lights, and what has changed in the scene.
+/// Extracts volumes, light properties that Bevy does not extract, and changes in the scene.
 pub(crate) struct ExtractPlugin;
 
 impl Plugin for ExtractPlugin {

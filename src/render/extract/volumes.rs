@@ -1,4 +1,4 @@
-//! The volumes of the app's world, each frame.
+//! Extraction of the volumes of the app's world, every frame.
 
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
 use bevy::light::{NotShadowCaster, NotShadowReceiver};
@@ -15,12 +15,12 @@ use crate::{
     VdbColorGrid, VdbEmission, VdbGrid, VdbMaterial, VdbVectorGrid, VdbVolume, VdbVolumeQuality,
 };
 
-/// Every volume whose grid has arrived, visible or not.
+/// All volumes whose grids have been loaded, visible or not.
 #[derive(Debug, Default, Resource)]
 pub(crate) struct ExtractedVolumes(pub MainEntityHashMap<ExtractedVolume>);
 
 impl ExtractedVolumes {
-    /// The visible volumes of some layers that are not among those given, in an order of their own.
+    /// The visible volumes of some layers that are not in `seen`, sorted by entity.
     pub fn beside(&self, seen: &[MainEntity], layers: &RenderLayers) -> Vec<MainEntity> {
         let all = self.0.iter();
         let mut beside: Vec<_> = all
@@ -40,26 +40,27 @@ impl ExtractedVolumes {
 #[derive(Clone, Debug)]
 pub(crate) struct ExtractedVolume {
     pub grid: GridKey,
-    /// Without words where voxels are edited: those that change come by [`ExtractedEdits`](crate::render::pool).
+    /// The packed grid; without words if its voxels are edited, whose changes come through
+    /// [`ExtractedEdits`](crate::render::pool).
     pub packed: Arc<PackedGrid>,
-    /// Its levels of detail, where a camera asks for them; see [`VdbGrid::levels`].
+    /// The levels of detail, if a camera asks for them; see [`VdbGrid::levels`].
     pub levels: Arc<[Arc<PackedGrid>]>,
-    /// For messages.
+    /// The grid's name, for messages.
     pub name: Arc<str>,
     pub world_from_local: Affine3A,
-    /// A frame ago; of a new volume, the same.
+    /// The transform of the previous frame; for a new volume, that of this frame.
     pub world_from_local_before: Affine3A,
     pub local_from_index: bevy::math::DAffine3,
     pub material: VdbMaterial,
     pub quality: VdbVolumeQuality,
-    /// Whether it is to be shown, in the picture or not.
+    /// Whether the volume is not hidden, in view or not.
     pub visible: bool,
-    /// Whether it throws shadows.
+    /// Whether the volume casts shadows.
     pub casts: bool,
-    /// Whether shadows are thrown on it.
+    /// Whether the volume receives shadows.
     pub receives: bool,
     pub layers: RenderLayers,
-    /// Of a volume that is not to be shown, none.
+    /// The auxiliary grids; none if the volume is hidden.
     pub auxiliary: AuxiliaryGrids,
 }
 

@@ -1,32 +1,33 @@
-//! What an app is told of volumes that cannot be shown as they should: once, while it lasts.
+//! Warnings about volumes that cannot be displayed as requested: each once, as long as it lasts.
 
 use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
 use vdb_core::view::CannotShow;
 
-/// What is wrong with a volume in a view.
+/// A problem with a volume in a view, or with a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Trouble {
-    /// The numbers are beyond what a shader can compute with.
+    /// The volume is not displayed, because its numbers exceed the range of a shader.
     NotShown(CannotShow),
-    /// It is shown, but pixels are closer together than f32 tells directions apart.
+    /// The volume is displayed, but f32 cannot distinguish the rays of neighbouring pixels.
     Coarse,
-    /// What is to shine in it is a surface.
+    /// The volume's emission grid is a surface.
     NoDensity,
-    /// It is shown, but with a value that makes sense instead of its material's or its emission's.
+    /// An invalid field of the volume's material or emission was replaced by the nearest valid
+    /// value.
     Setting(Setting),
-    /// It is shown, but with a value that makes sense instead of its own `VdbVolumeQuality`'s.
+    /// An invalid field of the volume's `VdbVolumeQuality` was replaced by the nearest valid value.
     Quality(&'static str),
-    /// Of a camera: the same of its `VdbQuality`.
+    /// An invalid field of the camera's `VdbQuality` was replaced by the nearest valid value.
     CameraQuality(&'static str),
-    /// Of a camera: what jitters its picture puts frames together already.
+    /// The camera is jittered, so frames are already averaged by temporal anti-aliasing.
     Jittered,
-    /// Of a camera: its pixels' means do not fit into a buffer.
+    /// The means of all pixels of the camera exceed the largest buffer.
     TooManyPixels,
 }
 
-/// A setting of a material, or of what shines.
+/// A field of a material or an emission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Setting {
     BaseColor,
@@ -43,7 +44,7 @@ pub(crate) enum Setting {
 }
 
 impl Setting {
-    /// Its name, and what it has to be.
+    /// The name of the field, and a description of valid values.
     fn describe(self) -> (&'static str, &'static str) {
         match self {
             Self::BaseColor => ("base_color", "components that are finite and not negative"),
@@ -60,7 +61,7 @@ impl Setting {
         }
     }
 
-    /// The component that has it.
+    /// The component that has the field.
     fn component(self) -> &'static str {
         match self {
             Self::EmissionScale
@@ -72,7 +73,7 @@ impl Setting {
     }
 }
 
-/// What has been told of, and what is wrong in this frame.
+/// The problems already reported, and those of this frame.
 #[derive(Debug, Default, Resource)]
 pub(crate) struct Warned {
     told: HashSet<(MainEntity, Trouble)>,
@@ -80,7 +81,7 @@ pub(crate) struct Warned {
 }
 
 impl Warned {
-    /// Notes what is wrong in this frame; gives what to say of it if that is new.
+    /// Records a problem in this frame; returns the message if the problem is new.
     pub fn note(&mut self, entity: MainEntity, name: &str, trouble: Trouble) -> Option<String> {
         let is_new = self.now.insert((entity, trouble)) && !self.told.contains(&(entity, trouble));
         is_new.then(|| {
@@ -88,38 +89,38 @@ impl Warned {
             match trouble {
                 Trouble::NotShown(why) => format!("{volume} is not shown: {why}"),
                 Trouble::Coarse => format!(
-                    "{volume} is shown coarsely: the camera's field of view is so narrow that a \
-                     pixel is finer than the directions of rays in f32; widen it, or bring the \
+                    "{volume} is shown coarsely: the camera's field of view is so narrow that f32 \
+                     cannot distinguish the rays of neighbouring pixels; widen it, or move the \
                      camera closer"
                 ),
                 Trouble::NoDensity => format!(
-                    "{volume} does not shine: the grid of its VdbEmission is a surface; load it with \
-                     the loader setting render_as as fog"
+                    "{volume} does not emit light: the grid of its VdbEmission is a surface; load \
+                     it as fog with VdbLoaderSettings::render_as"
                 ),
                 Trouble::Quality(setting) => format!(
-                    "{volume} is shown with the nearest {setting} that makes sense: the documentation \
-                     of VdbQuality has the range for its VdbVolumeQuality"
+                    "{volume} is shown with the nearest valid {setting}: see the documentation of \
+                     VdbQuality for the range of this field of its VdbVolumeQuality"
                 ),
                 Trouble::CameraQuality(setting) => format!(
-                    "the camera of entity {} shows volumes with the nearest {setting} that makes sense: \
-                     the documentation of VdbQuality has the range",
+                    "the camera of entity {} shows volumes with the nearest valid {setting}: see \
+                     the documentation of VdbQuality for its range",
                     entity.id()
                 ),
                 Trouble::Jittered => format!(
                     "the camera of entity {} accumulates no frames of volumes: its temporal \
-                     anti-aliasing does that; set VdbQuality::accumulate to 0, or take that away",
+                     anti-aliasing already does; set VdbQuality::accumulate to 0, or remove the \
+                     anti-aliasing",
                     entity.id()
                 ),
                 Trouble::TooManyPixels => format!(
-                    "the camera of entity {} accumulates no frames of volumes: its picture has more \
-                     pixels than a buffer of this GPU holds",
+                    "the camera of entity {} accumulates no frames of volumes: its image has more \
+                     pixels than a buffer of this GPU can hold",
                     entity.id()
                 ),
                 Trouble::Setting(setting) => {
                     let (name, wanted) = setting.describe();
                     format!(
-                        "{volume} is shown with the nearest {name} that makes sense: give its {} \
-                         {wanted}",
+                        "{volume} is shown with the nearest valid {name}: give its {} {wanted}",
                         setting.component()
                     )
                 }
@@ -127,7 +128,7 @@ impl Warned {
         })
     }
 
-    /// Forgets what is over.
+    /// Forgets problems that this frame no longer has.
     pub fn end_frame(&mut self) {
         self.told = std::mem::take(&mut self.now);
     }

@@ -1,14 +1,14 @@
-//! Compute passes with a thread for every pixel of a view's picture.
+//! Full-screen dispatch: compute passes with a thread for every pixel of a view's image.
 
 use bevy::prelude::*;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{BindGroup, ComputePassDescriptor, ComputePipeline};
 use bevy::render::renderer::RenderContext;
 
-/// Pixels per edge of a tile: of a workgroup, and of the rays that share a start.
+/// The edge of a tile in pixels: of a workgroup, and of the rays that share a start.
 pub(crate) const TILE: u32 = 8;
 
-/// Tiles of a picture.
+/// The number of tiles along each axis of an image.
 pub(crate) fn tiles(size: UVec2) -> UVec2 {
     (size + TILE - 1) / TILE
 }

@@ -1,5 +1,5 @@
-//! Pipelines as they last worked. While a shader is being edited, its pipelines are compiled anew, or fail
-//! to compile with an error that Bevy logs; until they compile again, the last good ones go on drawing.
+//! Pipeline fallback. While a shader is edited, its pipelines are recompiled, or fail to compile
+//! with an error that Bevy logs. Until they compile again, the last working ones are used.
 
 use std::hash::Hash;
 use std::sync::{PoisonError, RwLock};
@@ -10,7 +10,7 @@ use bevy::render::render_resource::{
     CachedComputePipelineId, CachedRenderPipelineId, ComputePipeline, PipelineCache, RenderPipeline,
 };
 
-/// Every pipeline that has been looked up with success.
+/// All pipelines that have been looked up successfully.
 #[derive(Default, Resource)]
 pub(crate) struct PipelineFallback {
     compute: LastGood<CachedComputePipelineId, ComputePipeline>,
@@ -18,7 +18,7 @@ pub(crate) struct PipelineFallback {
 }
 
 impl PipelineFallback {
-    /// The pipeline as it is now, or as it last worked.
+    /// The current compute pipeline, or the last one that compiled.
     pub fn compute(
         &self,
         cache: &PipelineCache,
@@ -28,7 +28,7 @@ impl PipelineFallback {
         self.compute.remember(id, now, |a, b| a.id() == b.id())
     }
 
-    /// The same of a pipeline that draws.
+    /// The current render pipeline, or the last one that compiled.
     pub fn render(
         &self,
         cache: &PipelineCache,
@@ -48,7 +48,7 @@ impl<K, P> Default for LastGood<K, P> {
 }
 
 impl<K: Eq + Hash, P: Clone> LastGood<K, P> {
-    /// Remembers a pipeline that is there; gives the last one otherwise.
+    /// Remembers and returns the current pipeline, or returns the last one if there is none.
     fn remember(&self, id: K, now: Option<&P>, same: impl Fn(&P, &P) -> bool) -> Option<P> {
         let known = self.0.read().unwrap_or_else(PoisonError::into_inner);
         let last = known.get(&id);

@@ -1,4 +1,4 @@
-//! Names of packed grids.
+//! Identifiers of packed grids.
 
 use std::any::TypeId;
 
@@ -7,8 +7,8 @@ use bevy::prelude::*;
 
 use crate::{VdbGrid, VdbVectorGrid};
 
-/// Names a packed grid: its asset and, for a grid of floats, its level of detail (0 is the grid itself);
-/// for a vector grid, its component.
+/// Identifies a packed grid: by its asset and, for a float grid, its level of detail (0 is the grid
+/// itself) or, for a vector grid, its component.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct GridKey(UntypedAssetId, u32);
 
@@ -24,22 +24,23 @@ impl GridKey {
         self.0
     }
 
-    /// Whether this is a coarser level of a grid of floats.
+    /// Whether this is a coarser level of a float grid.
     pub fn is_coarser(self) -> bool {
         self.1 > 0 && self.0.type_id() == TypeId::of::<VdbGrid>()
     }
 
-    /// A level of detail of a grid of floats.
+    /// A level of detail of a float grid.
     pub fn level(self, level: usize) -> Self {
         Self(self.0, level as u32)
     }
 
-    /// Whether this is a coarser level of a grid of floats, or a further component of a vector grid.
+    /// Whether this is a coarser level of a float grid, or a component of a vector grid other than
+    /// the first.
     pub fn is_further(self) -> bool {
         self.1 > 0
     }
 
-    /// A component of a grid of vectors.
+    /// A component of a vector grid.
     pub fn component(id: AssetId<VdbVectorGrid>, component: u32) -> Self {
         Self(id.untyped(), component)
     }

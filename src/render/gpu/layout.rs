@@ -1,4 +1,4 @@
-//! The parts that the layouts, textures and shader defs of all passes are made of.
+//! Building blocks of bind group layouts, textures and shader defs, shared by all passes.
 
 use bevy::image::ToExtents;
 use bevy::prelude::*;
@@ -15,27 +15,27 @@ use bevy::shader::ShaderDefVal;
 /// The group of the crate's own bindings in shaders that also bind Bevy's two groups.
 pub(crate) const GROUP: u32 = 2;
 
-/// The depth of the opaque meshes.
+/// The depth texture of opaque meshes.
 pub(crate) fn scene_depth(multisampled: bool) -> BindGroupLayoutEntryBuilder {
     if multisampled { texture_depth_2d_multisampled() } else { texture_depth_2d() }
 }
 
-/// A texture that is read texel by texel.
+/// A texture read without filtering.
 pub(crate) fn read() -> BindGroupLayoutEntryBuilder {
     texture_2d(TextureSampleType::Float { filterable: false })
 }
 
-/// A texture that is written.
+/// A write-only storage texture.
 pub(crate) fn write(format: TextureFormat) -> BindGroupLayoutEntryBuilder {
     texture_storage_2d(format, StorageTextureAccess::WriteOnly)
 }
 
-/// A buffer that is read.
+/// A read-only storage buffer.
 pub(crate) fn storage_read() -> BindGroupLayoutEntryBuilder {
     storage_buffer_read_only_sized(false, None)
 }
 
-/// A group without bindings.
+/// The layout of a group without bindings.
 pub(crate) fn empty_layout() -> BindGroupLayoutDescriptor {
     BindGroupLayoutDescriptor { label: "vdb_empty".into(), entries: Vec::new() }
 }
@@ -47,13 +47,13 @@ pub(crate) fn defs<const N: usize>(
     all.into_iter().filter(|(on, _)| *on).map(|(_, def)| def.into())
 }
 
-/// The shader defs of a pool in pages, by log₂ of the words of a page.
+/// The shader defs of a paged pool, from log₂ of the number of words per page.
 pub(crate) fn page_defs(bits: Option<u32>) -> impl Iterator<Item = ShaderDefVal> {
     bits.into_iter()
         .flat_map(|bits| ["VDB_PAGED".into(), ShaderDefVal::UInt("VDB_PAGE_BITS".into(), bits)])
 }
 
-/// The shader def of the format of samples, where all grids have the same.
+/// The shader def of the sample format, if all grids have the same.
 pub(crate) fn sample_format_def(format: Option<u32>) -> impl Iterator<Item = ShaderDefVal> {
     format.into_iter().map(|format| ShaderDefVal::UInt("VDB_FORMAT".into(), format))
 }

@@ -1,4 +1,4 @@
-//! What every pass builds on: mirrors of the shaders' structs, layouts, shaders, pipelines.
+//! The basis of all passes: mirrors of the shaders' structs, layouts, shaders, pipeline fallback.
 
 mod dispatch;
 mod fallback;
@@ -24,7 +24,7 @@ pub(super) use shaders::{Shaders, load_shaders};
 #[cfg(feature = "egui")]
 pub(crate) use shaders::reload as reload_shaders;
 
-/// Embeds the shaders, and keeps pipelines while their shaders are edited.
+/// Embeds and loads the shaders, and keeps working pipelines while shaders are edited.
 pub(crate) struct GpuPlugin;
 
 impl Plugin for GpuPlugin {

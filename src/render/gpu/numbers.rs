@@ -1,14 +1,14 @@
-//! Numbers on their way to shaders.
+//! Conversions of numbers for shaders.
 
 use bevy::math::{Affine3A, DAffine3, DMat3};
 
-/// The number, or 0 where it is negative or NaN; infinity becomes the largest `f32`. WGSL has no
-/// infinities.
+/// Replaces negative numbers and NaN by 0, and infinity by the largest `f32`: WGSL may assume that
+/// there are no infinities and NaNs.
 pub(crate) fn non_negative(x: f32) -> f32 {
     if x > 0.0 { x.min(f32::MAX) } else { 0.0 }
 }
 
-/// The same transform in f64.
+/// Converts a transform to f64.
 pub(crate) fn affine(m: Affine3A) -> DAffine3 {
     DAffine3 {
         matrix3: DMat3::from_cols(
@@ -20,7 +20,8 @@ pub(crate) fn affine(m: Affine3A) -> DAffine3 {
     }
 }
 
-/// Multiples of the golden section, from 0 up to but not 1: spread evenly.
+/// The fractional part of a multiple of the golden ratio, in [0, 1): an additive recurrence with
+/// low discrepancy.
 pub(crate) fn golden(frame: u32) -> f32 {
     (f64::from(frame) * 0.618_033_988_749_895).fract() as f32
 }

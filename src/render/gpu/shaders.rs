@@ -1,4 +1,4 @@
-//! The shaders, embedded in the binary; with Bevy's feature `embedded_watcher` an edited file under
+//! The shaders, embedded in the binary. With Bevy's feature `embedded_watcher`, an edited file in
 //! `assets/shaders/` is reloaded while the app runs.
 
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ macro_rules! shaders {
     };
 }
 
-/// Modules that others import.
+/// The modules that shaders import.
 const IMPORTS: [(&str, &[u8]); 25] = shaders![
     "gpu/types",
     "gpu/bindings",
@@ -43,7 +43,7 @@ const IMPORTS: [(&str, &[u8]); 25] = shaders![
     "trace/fogs",
     "trace/show"
 ];
-/// What runs.
+/// The shaders with entry points.
 const PROGRAMS: [(&str, &[u8]); 7] = shaders![
     "trace/beams",
     "trace/trace",
@@ -62,8 +62,8 @@ pub(crate) fn embed(app: &mut App) {
     }
 }
 
-/// Loads all shaders again: from the folder of the crate, where it still lies where it was built; what
-/// is in the binary otherwise.
+/// Reloads all shaders: from the source folder of the crate if it still exists, otherwise from the
+/// binary.
 #[cfg(feature = "egui")]
 pub(crate) fn reload(world: &mut World) {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/assets/shaders"));
@@ -80,7 +80,7 @@ pub(crate) fn reload(world: &mut World) {
     }
 }
 
-/// The shaders that pipelines are made of; keeps the modules that they import alive.
+/// Handles of the shaders with entry points, and of the modules that they import.
 #[derive(Clone, Debug, Resource)]
 pub(crate) struct Shaders {
     pub beams: Handle<Shader>,
@@ -90,7 +90,7 @@ pub(crate) struct Shaders {
     pub composite: Handle<Shader>,
     pub cast: Handle<Shader>,
     pub mesh_depth: Handle<Shader>,
-    /// What all pipelines that walk through grids are compiled with on this adapter.
+    /// The shader defs of this adapter, for all pipelines that traverse grids.
     pub adapter_defs: Vec<ShaderDefVal>,
     _imports: [Handle<Shader>; IMPORTS.len()],
 }
@@ -109,7 +109,8 @@ impl Shaders {
         let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
         let [beams, trace, upscale, accumulate, composite, cast, mesh_depth] = PROGRAMS.map(load);
         let _imports = IMPORTS.map(load);
-        // A driver for CPUs runs rays in step, through all branches that any of them takes.
+        // A software driver runs the rays of a group in lockstep, through every branch that any of
+        // them takes.
         let is_cpu = adapter.device_type == DeviceType::Cpu;
         let adapter_defs = if is_cpu { vec!["VDB_IN_STEP".into()] } else { Vec::new() };
         Self {
@@ -133,8 +134,8 @@ mod tests {
     use super::*;
     use crate::quality::features::FEATURES;
 
-    /// Shader defs of ours that are no features of a view: what a mode shows, formats, the adapter, and
-    /// programs that `vdb_probe` has beside these.
+    /// Shader defs that are not features of a view: those of render modes, formats and adapters,
+    /// and those of the programs of `vdb_probe`.
     const OTHERS: [&str; 14] = [
         "VDB_COUNT_STEPS",
         "VDB_DIFFUSE_ONLY",
@@ -152,7 +153,7 @@ mod tests {
         "VDB_SHOW_VOXELS",
     ];
 
-    /// A def that is misspelt switches nothing on, and nobody says so.
+    /// A misspelt shader def has no effect, and is not reported.
     #[test]
     fn shaders_ask_for_defs_that_are_set_and_for_no_others() {
         let sources = IMPORTS.into_iter().chain(PROGRAMS).map(|(_, source)| source);

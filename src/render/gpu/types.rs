@@ -1,5 +1,6 @@
-//! The structs of `assets/shaders/gpu/types.wgsl`, field by field. WGSL aligns a `vec3` to 16 bytes, so
-//! each is followed by a scalar; a test compares the offsets with those that naga computes.
+//! The structs of `assets/shaders/gpu/types.wgsl`, field by field. WGSL aligns a `vec3` to 16
+//! bytes, so each is followed by a scalar; a test compares the offsets with those that naga
+//! computes.
 
 use bytemuck::{Pod, Zeroable};
 use vdb_core::view::GpuRays;
@@ -11,9 +12,9 @@ pub(crate) const KIND_EMISSION: u32 = 3;
 pub(crate) const KIND_BLACKBODY: u32 = 4;
 pub(crate) const KIND_COLOR: u32 = 5;
 
-/// A surface without a colour of its own grids.
+/// [`Volume::color_grids`] of a surface without a colour grid.
 pub(crate) const NO_COLOR: u32 = u32::MAX;
-/// Of a volume that is left out: no shader looks for it.
+/// The kind of an entry that shaders ignore.
 pub(crate) const KIND_NONE: u32 = 6;
 
 /// One volume as one view sees it.
@@ -57,10 +58,10 @@ pub(crate) struct Volume {
 pub(crate) const NO_CASTER: u32 = 1;
 pub(crate) const NO_RECEIVER: u32 = 2;
 
-/// Directional lights that a view has at most, as Bevy has it.
+/// The largest number of directional lights of a view, as in Bevy.
 pub(crate) const MOST_SUNS: usize = 10;
 
-/// A view.
+/// The uniform of a view.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct View {
@@ -100,7 +101,7 @@ pub(crate) struct View {
     pub pads: [u32; 3],
 }
 
-/// Where the traced picture goes in the target.
+/// The rectangle of the traced image in the target.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Placement {
@@ -118,7 +119,7 @@ mod tests {
     use std::mem::offset_of;
     use vdb_core::pack::GridHeader;
 
-    /// A module that uses a struct of `types.wgsl`, so that it is not left out.
+    /// Composes a module that uses structs of `types.wgsl`; unused ones would be omitted.
     fn compose(text: &str) -> Module {
         let mut composer = Composer::default();
         let source = include_str!("../../../assets/shaders/gpu/types.wgsl");

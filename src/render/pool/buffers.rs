@@ -16,17 +16,18 @@ pub(crate) struct PoolBuffers {
 }
 
 impl PoolBuffers {
-    /// A buffer for each binding; those beyond the last page are not read.
+    /// A buffer for each binding. Bindings beyond the last page repeat the first page, and are not
+    /// read.
     pub fn pages(&self) -> [&Buffer; PAGES] {
         std::array::from_fn(|i| self.pages.get(i).unwrap_or(&self.pages[0]))
     }
 
-    /// Bytes of all buffers.
+    /// The size of all buffers in bytes.
     pub fn bytes(&self) -> u64 {
         self.grids.size() + self.pages.iter().map(|page| page.size()).sum::<u64>()
     }
 
-    /// Whether the pool is cut into several pages.
+    /// Whether the pool is divided into several pages.
     pub fn is_paged(&self) -> bool {
         self.pages.len() > 1
     }
@@ -48,14 +49,14 @@ impl PoolBuffers {
         }
     }
 
-    /// Writes what shaders know of a grid.
+    /// Writes the header of a grid; returns its size in bytes.
     pub fn write_header(&self, queue: &RenderQueue, index: u32, header: &GridHeader) -> u64 {
         let bytes = size_of::<GridHeader>() as u64;
         queue.write_buffer(&self.grids, u64::from(index) * bytes, bytemuck::bytes_of(header));
         bytes
     }
 
-    /// Copies words from a buffer, from byte `at` on, and gives the byte after them.
+    /// Copies words from a buffer, starting at byte `at`; returns the offset after them.
     pub fn copy_in(
         &self,
         encoder: &mut CommandEncoder,

@@ -1,4 +1,4 @@
-//! Words of edited grids, on their way from the app's world to the pool.
+//! Changed words of edited grids, from their extraction to their upload.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -12,26 +12,26 @@ use vdb_core::pack::PackedGrid;
 use super::buffers::PoolBuffers;
 use crate::render::gpu::GridKey;
 
-/// What the grids that are edited have of new words, from the extraction until they are uploaded.
+/// The edited grids with their changed words, from extraction until upload.
 #[derive(Debug, Default, Resource)]
 pub(crate) struct ExtractedEdits(HashMap<GridKey, EditedGrid>);
 
-/// An edited grid, as of a revision.
+/// An edited grid at a revision.
 #[derive(Debug)]
 pub(crate) struct EditedGrid {
     pub revision: u64,
-    /// Of the whole grid.
+    /// The number of words of the whole grid.
     pub count: usize,
     pub words: EditedWords,
 }
 
 #[derive(Debug)]
 pub(crate) enum EditedWords {
-    /// To be written over those that the pool has.
+    /// The changed words, which overwrite those in the pool.
     Changed(Vec<(Range<u32>, Vec<u32>)>),
-    /// All. Let go of before the next edit, or it has to copy them.
+    /// All words. Dropped before the next edit, which would otherwise have to copy them.
     All(Arc<PackedGrid>),
-    /// Not asked for: the grid did not fit into the pool.
+    /// No words, because the grid did not fit into the pool.
     Left,
 }
 
@@ -44,14 +44,14 @@ impl ExtractedEdits {
         self.0.insert(grid, edited);
     }
 
-    /// Lets go of all words.
+    /// Drops all words.
     pub fn clear(&mut self) {
         self.0.clear();
     }
 }
 
-/// Writes changed words of a grid whose first word has this number in the pool: through one buffer, however
-/// many places they go to. Gives how many bytes these are.
+/// Writes the changed words of a grid that starts at word `first` of the pool, through a single
+/// staging buffer for all ranges. Returns the number of bytes.
 pub(crate) fn write(
     device: &RenderDevice,
     encoder: &mut CommandEncoder,

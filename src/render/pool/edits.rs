@@ -1,4 +1,4 @@
-//! From grids whose voxels change to the pool: the words that it does not have yet, and no others.
+//! Extraction of edits: the words of edited grids that the pool does not have yet.
 
 use std::ops::Range;
 
@@ -11,12 +11,12 @@ use super::residency::VdbTreePool;
 use crate::render::gpu::GridKey;
 use crate::{VdbEmission, VdbGrid, VdbVolume};
 
-/// Copies in one commit at most, unless there is nothing between them: from then on, a copy costs more
-/// than the words between it and the next.
+/// The largest number of copies per grid and frame. Beyond that, ranges that are close to each
+/// other are merged: a further copy costs more than the unchanged words between two ranges.
 const MOST_COPIES: usize = 4096;
 
-/// Finds what the pool lacks of the grids that entities show. It is asked for what it has, so that
-/// nothing is lost where a frame is not drawn, or a device has been.
+/// Finds the words that the pool lacks of the displayed grids. Comparing with the revisions in the
+/// pool loses no edit if a frame is not drawn or the device is lost.
 pub(crate) fn extract_edits(
     volumes: Extract<Query<(&VdbVolume, Option<&VdbEmission>)>>,
     grids: Extract<Res<Assets<VdbGrid>>>,
@@ -56,7 +56,7 @@ pub(crate) fn extract_edits(
     }
 }
 
-/// The same ranges, with those that are close to each other as one until there are few enough.
+/// Merges ranges that are close to each other until there are at most [`MOST_COPIES`].
 fn few(mut ranges: Vec<Range<u32>>) -> Vec<Range<u32>> {
     let mut gap = 64;
     while ranges.len() > MOST_COPIES {

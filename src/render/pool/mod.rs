@@ -1,4 +1,4 @@
-//! Packed grids on the GPU.
+//! The pool: packed grids in storage buffers on the GPU.
 
 mod buffers;
 mod edited;
@@ -14,7 +14,7 @@ pub(super) use buffers::PoolBuffers;
 pub(super) use residency::VdbTreePool;
 pub use usage::VdbGpuUsage;
 
-/// Keeps the grids that entities show in storage buffers.
+/// Keeps the displayed grids in storage buffers.
 pub(super) struct PoolPlugin;
 
 impl Plugin for PoolPlugin {

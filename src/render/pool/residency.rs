@@ -1,8 +1,9 @@
-//! The pool of packed grids on the GPU: one copy of each grid however many entities show it, freed
-//! with the last of them.
+//! The pool of packed grids on the GPU: one copy of each grid, regardless of the number of entities
+//! that display it, freed with the last of them.
 //!
-//! The pool is one run of words. Where a shader cannot bind as much at once, it is cut into pages. Of grids
-//! whose voxels change, only what has changed is written, as long as they have as many words.
+//! The pool is a contiguous range of words, divided into pages if it exceeds one storage binding.
+//! Of a grid whose voxels are edited, only changed words are written, as long as the number of
+//! words stays the same.
 
 use std::sync::Arc;
 
@@ -23,25 +24,25 @@ use crate::render::gpu::GridKey;
 #[derive(Debug)]
 struct Resident {
     packed: Arc<PackedGrid>,
-    /// Which of its words are there, if it is edited; `packed` then has none.
+    /// The revision of the words in the pool, if the grid is edited; `packed` then has no words.
     revision: Option<u64>,
     place: Range,
-    /// Index in the buffer of headers.
+    /// The index in the buffer of headers.
     index: u32,
 }
 
 impl Resident {
-    /// What shaders know of the grid where it lies.
+    /// The header of the grid, for its place in the pool.
     fn header(&self) -> GridHeader {
         self.packed.header(self.place.first)
     }
 }
 
-/// All grids that some entity shows.
+/// All displayed grids.
 #[derive(Debug, Default, Resource)]
 pub(crate) struct VdbTreePool {
     resident: HashMap<GridKey, Resident>,
-    /// Grids that do not fit, so that each is told of once.
+    /// The grids that do not fit, so that each is reported once.
     refused: HashSet<GridKey>,
     buffers: Option<PoolBuffers>,
 }
@@ -51,35 +52,35 @@ impl VdbTreePool {
         self.buffers.as_ref()
     }
 
-    /// log₂ of the words of a page, where there are several.
+    /// log₂ of the number of words per page, if there are several pages.
     pub fn page_bits(&self) -> Option<u32> {
         let buffers = self.buffers.as_ref()?;
         buffers.is_paged().then_some(buffers.paging.bits)
     }
 
-    /// How the samples of all grids are kept, if they are kept alike: shaders then need not ask.
+    /// The sample format, if all grids have the same: shaders are then compiled for it.
     pub fn format(&self) -> Option<u32> {
         let mut formats = self.resident.values().filter_map(|grid| grid.packed.sample_format());
         let first = formats.next()?;
         formats.all(|format| format == first).then_some(first)
     }
 
-    /// Whether a grid is so wide that shaders have to look out for the end of the index space.
+    /// Whether a grid is so wide that shaders must handle the end of the index space.
     pub fn has_wide_grids(&self) -> bool {
         self.resident.values().any(|grid| grid.packed.is_wide())
     }
 
-    /// Which words of an edited grid are there.
+    /// The revision of an edited grid's words in the pool.
     pub fn revision(&self, grid: GridKey) -> Option<u64> {
         self.resident.get(&grid)?.revision
     }
 
-    /// Whether a grid has been found not to fit.
+    /// Whether a grid was refused because it does not fit.
     pub fn is_refused(&self, grid: &GridKey) -> bool {
         self.refused.contains(grid)
     }
 
-    /// Whether the words of a grid are there, or all but those that an edit has changed since.
+    /// Whether the pool has the words of a grid, except those changed by later edits.
     fn holds(&self, grid: &GridKey, packed: &Arc<PackedGrid>, edits: &ExtractedEdits) -> bool {
         self.resident.get(grid).is_some_and(|resident| match edits.get(grid) {
             None => Arc::ptr_eq(&resident.packed, packed),
@@ -87,12 +88,12 @@ impl VdbTreePool {
         })
     }
 
-    /// The index of a grid's header, if the grid is there.
+    /// The index of a grid's header, if the grid is in the pool.
     pub fn index(&self, grid: GridKey) -> Option<u32> {
         self.resident.get(&grid).map(|resident| resident.index)
     }
 
-    /// Whether the pool has anything of a volume that can be seen.
+    /// Whether the pool has a non-empty grid of a volume: its own, or its emission.
     pub fn shows(&self, volume: &ExtractedVolume) -> bool {
         let is_there =
             |key, packed: &PackedGrid| packed.occupied.is_some() && self.index(key).is_some();
@@ -101,10 +102,10 @@ impl VdbTreePool {
     }
 }
 
-/// Uploads grids that are new or have changed, and drops those that nothing shows any more.
+/// Uploads grids that are new or have changed, and drops those that are no longer displayed.
 ///
-/// The pool has no holes: when the set of grids changes, buffers of the new size are made, and
-/// what stays is copied on the GPU.
+/// The pool has no holes: when the set of grids changes, new buffers of the right size are created,
+/// and the grids that stay are copied on the GPU.
 pub(crate) fn update_tree_pool(
     volumes: Res<ExtractedVolumes>,
     mut pool: ResMut<VdbTreePool>,
@@ -135,15 +136,15 @@ pub(crate) fn update_tree_pool(
     }
     written += pool.write_edits(&wanted, &edits, &device, &queue);
     usage.add_written(written);
-    // Before the next edit, which would have to copy words that are held here.
+    // The next edit would have to copy words that are still shared here.
     edits.clear();
 }
 
-/// The grids that entities show, each with one such entity and its name for messages.
+/// The displayed grids, each with one of its entities, and the name for messages.
 type Wanted<'a> = HashMap<GridKey, (&'a MainEntity, &'a str, &'a Arc<PackedGrid>)>;
 
 impl VdbTreePool {
-    /// Packs the pool anew, and gives the bytes that have been sent to it.
+    /// Rebuilds the pool; returns the number of bytes uploaded.
     fn rebuild(
         &mut self,
         wanted: &Wanted,
@@ -162,7 +163,8 @@ impl VdbTreePool {
         written
     }
 
-    /// Writes what has changed of edited grids whose other words are there.
+    /// Writes the changed words of edited grids whose other words are in the pool; returns the
+    /// number of bytes.
     fn write_edits(
         &mut self,
         wanted: &Wanted,
@@ -201,8 +203,8 @@ impl VdbTreePool {
         device: &RenderDevice,
         queue: &RenderQueue,
     ) -> u64 {
-        // What is there comes first, so that a grid too many never drives out one that is shown; then what
-        // there is only to save time.
+        // Coarser levels, which only save time, come last. Before them, resident grids come first,
+        // so that a new grid never displaces a displayed one.
         let mut order: Vec<_> = wanted.iter().collect();
         order.sort_by_key(|(grid, _)| (grid.is_further(), !self.resident.contains_key(*grid)));
         let mut words = 0;
@@ -212,7 +214,7 @@ impl VdbTreePool {
             let count = edited.map_or(packed.words.len(), |edited| edited.count);
             let before = words;
             match place(&mut words, count as u64, limit) {
-                // There is room now, so that its words are asked for.
+                // The grid fits now, so its words are requested from the next frame on.
                 Ok(_) if edited.is_some_and(|edited| !self.has_words(grid, edited)) => {
                     words = before;
                     self.refused.remove(grid);
@@ -227,7 +229,7 @@ impl VdbTreePool {
                     next.insert(*grid, Resident { packed, revision, place, index });
                     self.refused.remove(grid);
                 }
-                // Without a coarser level, a finer one is shown.
+                // A missing coarser level is no error: a finer one is displayed.
                 Err(what) if self.refused.insert(*grid) && !grid.is_further() => {
                     error!("grid '{name}' of entity {} is not shown: {what}", entity.id());
                 }
@@ -264,7 +266,7 @@ impl VdbTreePool {
         written
     }
 
-    /// Whether an edited grid can be put into the pool: from what it has, or from all words.
+    /// Whether an edited grid can be put into the new pool: from the old pool, or from all words.
     fn has_words(&self, grid: &GridKey, edited: &EditedGrid) -> bool {
         match edited.words {
             EditedWords::All(_) => true,
@@ -274,15 +276,15 @@ impl VdbTreePool {
     }
 }
 
-/// Puts a grid of so many words behind those that are spoken for; a binding has `limit` bytes at most.
+/// Allocates `count` words after the `words` that are taken; a binding has at most `limit` bytes.
 fn place(words: &mut u64, count: u64, limit: u64) -> Result<Range, String> {
     let end = *words + count;
     let capacity = Paging::capacity(limit);
     if end > capacity {
         return Err(format!(
-            "with it the grids take {} MiB, and shaders on this GPU read at most {} MiB; show fewer \
-             or smaller grids, keep values in fewer bits with the loader setting values, or keep \
-             less of a level set with half_width",
+            "with it, the grids take {} MiB, but shaders on this GPU can read at most {} MiB; show \
+             fewer or smaller grids, store values in fewer bits (VdbLoaderSettings::values), or \
+             keep less of level sets (VdbLoaderSettings::half_width)",
             (end * 4) >> 20,
             (capacity * 4) >> 20
         ));

@@ -1,11 +1,11 @@
-//! GPU memory used by the pool.
+//! The GPU memory used by the pool.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use bevy::prelude::*;
 
-/// GPU memory used by volumes: a resource of the main world.
+/// The GPU memory used by grids: a resource of the main world.
 #[derive(Clone, Debug, Default, Resource)]
 pub struct VdbGpuUsage(Arc<Usage>);
 
@@ -30,7 +30,7 @@ impl VdbGpuUsage {
         self.0.levels.load(Ordering::Relaxed)
     }
 
-    /// The size of the buffers that hold them, in bytes.
+    /// The size of the buffers that hold grids, in bytes.
     pub fn bytes(&self) -> u64 {
         self.0.bytes.load(Ordering::Relaxed)
     }
@@ -40,14 +40,14 @@ impl VdbGpuUsage {
         self.0.bytes_written.load(Ordering::Relaxed)
     }
 
-    /// Records what the pool holds.
+    /// Records the contents of the pool.
     pub(crate) fn set(&self, grids: u64, levels: u64, bytes: u64) {
         self.0.grids.store(grids, Ordering::Relaxed);
         self.0.levels.store(levels, Ordering::Relaxed);
         self.0.bytes.store(bytes, Ordering::Relaxed);
     }
 
-    /// Records bytes that have been sent.
+    /// Records uploaded bytes.
     pub(crate) fn add_written(&self, bytes: u64) {
         self.0.bytes_written.fetch_add(bytes, Ordering::Relaxed);
     }

@@ -1,4 +1,4 @@
-//! The volumes that cast shadows, as each shadow map shows them.
+//! The volumes that cast shadows on meshes, and their data for each shadow map.
 
 use std::any::TypeId;
 
@@ -23,7 +23,7 @@ pub(super) struct Caster<'a> {
     shown: Shown<'a>,
 }
 
-/// Volumes as the shader gets them, and what each map shows of them.
+/// The shader data of the casters of each map.
 #[derive(Default)]
 pub(super) struct Cast {
     pub volumes: Vec<types::Volume>,
@@ -77,8 +77,8 @@ fn is_parallel(clip_from_view: DMat4) -> bool {
     clip_from_view.z_axis.w == 0.0
 }
 
-/// Where the rays of a light begin. Those of the sun begin before all that can stop them, which may be
-/// nearer to it than anything that a camera sees.
+/// The transform and projection of a light's rays. For a sun, the origin is moved back in front of
+/// all casters, which may be nearer to the sun than anything that a camera sees.
 fn set_back(view: &ExtractedView, corners: impl Iterator<Item = DVec3>) -> (DAffine3, DMat4) {
     let world_from_view = affine(view.world_from_view.affine());
     let clip_from_view = view.clip_from_view.as_dmat4();
@@ -94,7 +94,8 @@ fn set_back(view: &ExtractedView, corners: impl Iterator<Item = DVec3>) -> (DAff
     )
 }
 
-/// All that cast shadows, fogs first, which share the parts of their texels by their number.
+/// All volumes that cast shadows, fogs first, because their numbers select their thresholds in a
+/// texel.
 pub(super) fn casters<'a>(volumes: &'a ExtractedVolumes, pool: &VdbTreePool) -> Vec<Caster<'a>> {
     let all = volumes
         .0
@@ -111,6 +112,7 @@ pub(super) fn casters<'a>(volumes: &'a ExtractedVolumes, pool: &VdbTreePool) -> 
     casters
 }
 
+/// Whether a camera sees a mesh that could receive shadows.
 pub(super) fn sees_meshes(visible: &RenderVisibleEntities) -> bool {
     visible.classes.get(&TypeId::of::<Mesh3d>()).is_some_and(|class| {
         !class.entities_cpu_culling.is_empty() || !class.entities_gpu_culling.is_empty()

@@ -1,4 +1,4 @@
-//! Copies of Bevy's shadow maps, from before volumes are drawn into them.
+//! Copies of Bevy's shadow maps, made before volumes are drawn into them.
 
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
 use bevy::prelude::*;
@@ -9,10 +9,10 @@ use bevy::render::render_resource::{
 use bevy::render::renderer::RenderDevice;
 use bevy::render::texture::TextureCache;
 
-/// A copy of a texture of Bevy's.
+/// A copy of one of Bevy's shadow map textures.
 pub(super) struct MeshMap {
     pub view: TextureView,
-    /// What is read and what is written, layer by layer.
+    /// For each layer, the bind group of the source and the view of the target.
     pub layers: Vec<(BindGroup, TextureView)>,
 }
 

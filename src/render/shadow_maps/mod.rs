@@ -1,6 +1,6 @@
-//! Shadows of volumes on meshes: in Bevy's shadow maps, after its own passes have drawn the meshes there,
-//! volumes are drawn as well, and all that Bevy lights finds them. Volumes themselves find each
-//! other's shadows by rays, exactly, so that for them the maps are kept as they were before.
+//! Shadows of volumes on meshes. After Bevy's own passes have drawn meshes into the shadow maps,
+//! volumes are drawn into them, so everything that Bevy lights receives their shadows. Volumes
+//! shadow each other by rays, exactly, and use copies of the maps made before.
 
 mod casters;
 mod mesh_maps;
@@ -71,24 +71,24 @@ fn init(mut commands: Commands, shaders: Res<Shaders>, fullscreen: Res<Fullscree
     commands.insert_resource(MeshDepthPipeline::new(&shaders, fullscreen.clone()));
 }
 
-/// What is drawn into shadow maps in this frame.
+/// The draws into shadow maps in this frame.
 #[derive(Default, Resource)]
 pub(super) struct CastShadows {
     draws: Vec<Draw>,
     cast: Option<CachedRenderPipelineId>,
     copy: Option<CachedRenderPipelineId>,
-    /// Whether they are being compiled.
+    /// Whether a pipeline is being compiled, so nothing is drawn.
     pub is_waiting: bool,
-    /// As meshes alone have them: of directional lights and spot lights, and of point lights.
+    /// Copies with meshes alone, of the maps of directional and spot lights, and of point lights.
     directional: Option<MeshMap>,
     point: Option<MeshMap>,
-    /// The maps that all cameras share are drawn for the first of them.
+    /// Whether the maps shared by all cameras have been drawn; the first camera draws them.
     shared_done: AtomicBool,
 }
 
 /// The volumes in one shadow map.
 struct Draw {
-    /// The one that the map is for, or all.
+    /// The camera that the map belongs to; `None` if all cameras share it.
     camera: Option<Entity>,
     map: Entity,
     bind_group: BindGroup,
@@ -106,7 +106,7 @@ struct Pipelines<'w> {
     fallback: Res<'w, PipelineFallback>,
 }
 
-/// What of a camera says whether volumes cast shadows for it.
+/// The components of a camera that determine which volumes cast shadows for it.
 type CameraData<'a> = (
     Entity,
     (Option<&'a VdbCamera>, Option<&'a VdbQuality>),
@@ -117,7 +117,7 @@ type CameraData<'a> = (
 );
 type MapData<'a> = (Entity, &'a ExtractedView, &'a LightEntity, &'a RenderLayers);
 
-/// Finds what casts shadows on meshes, for each map of each light that some camera wants them of.
+/// Lists the casters of each shadow map that a camera needs, and creates the bind groups.
 fn prepare_casters(
     mut shadows: ResMut<CastShadows>,
     mut mesh_maps: ResMut<MeshShadowMaps>,
@@ -161,7 +161,8 @@ fn prepare_casters(
     });
     let copied = lit.map(|_| specialized_copy.specialize(cache, copier, ()));
     let is_ready = |id: &CachedRenderPipelineId| fallback.render(cache, *id).is_some();
-    // A map with volumes in it is of use to them only if there is one without.
+    // Volumes need a copy of the maps without volumes, so nothing is drawn until copies can be
+    // made.
     if !is_ready(&drawn) || !copied.iter().all(is_ready) {
         shadows.is_waiting = true;
         return;
@@ -192,7 +193,7 @@ fn prepare_casters(
     shadows.draws = draws(cast, buffers, caster, cache, &device);
 }
 
-/// What each map shows of the volumes that cast shadows.
+/// The casters in each shadow map.
 fn list_maps(
     casters: &[casters::Caster],
     cameras: &Query<CameraData, With<Camera3d>>,
@@ -223,7 +224,7 @@ fn list_maps(
     cast
 }
 
-/// Binds what is drawn into each map.
+/// Creates the bind group of each map.
 fn draws(
     cast: Cast,
     pool: &PoolBuffers,
@@ -260,7 +261,7 @@ fn draws(
     cast.maps.into_iter().map(draw).collect()
 }
 
-/// Keeps the maps of the view's lights as they are, then draws volumes into them.
+/// Copies the shadow maps of the view's lights, then draws volumes into them.
 fn cast(
     view: ViewQuery<(Entity, &ViewLightEntities)>,
     maps: Query<&ShadowView>,
@@ -278,7 +279,7 @@ fn cast(
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_cast");
     if let Some(copy) = shadows.copy.and_then(|id| fallback.render(&cache, id)) {
-        // Later cameras have cascades of their own, and share the rest, which has volumes in it by now.
+        // Later cameras copy only their own cascades: the shared maps already have volumes in them.
         let own = if is_first { usize::MAX } else { lights.lights.len() };
         copy_maps(&mut context, &shadows, &copy, own, is_first);
     }
@@ -301,7 +302,8 @@ fn cast(
     span.end(context.command_encoder());
 }
 
-/// Copies some layers of the directional lights' map and, for the first camera, all of the point lights'.
+/// Copies the first layers of the map of directional and spot lights and, for the first camera, all
+/// layers of the map of point lights.
 fn copy_maps(
     context: &mut RenderContext,
     shadows: &CastShadows,

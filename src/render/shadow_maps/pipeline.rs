@@ -1,4 +1,4 @@
-//! Pipelines that draw into Bevy's shadow maps.
+//! The pipelines that draw volumes into Bevy's shadow maps, and copy the maps.
 
 use bevy::core_pipeline::FullscreenShader;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
@@ -20,7 +20,8 @@ pub(super) struct CastPipeline {
     pub layout: BindGroupLayoutDescriptor,
 }
 
-/// As in [`ViewKey`](crate::render::view::ViewKey).
+/// The key of a pipeline variant; its fields are those of
+/// [`ViewKey`](crate::render::view::ViewKey).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct CastKey {
     pub features: Features,
@@ -72,13 +73,13 @@ impl SpecializedRenderPipeline for CastPipeline {
                 entry_point: Some("stop".into()),
                 targets: Vec::new(),
             }),
-            // Bevy's depth is 1 near and 0 far.
+            // Reversed depth: 1 is near and 0 is far.
             ..depth_only(vertex, CompareFunction::Greater)
         }
     }
 }
 
-/// Copies a layer of a shadow map; Bevy's textures do not allow the command that does.
+/// Copies a layer of a shadow map by drawing, because Bevy's textures lack the usage `COPY_SRC`.
 #[derive(Resource)]
 pub(super) struct MeshDepthPipeline {
     shaders: Shaders,

@@ -1,4 +1,4 @@
-//! The pipeline of what tiles of pixels share.
+//! The pipeline of beam optimisation (Laine and Karras 2010) and tile culling.
 
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{storage_buffer_sized, uniform_buffer_sized};
@@ -12,7 +12,7 @@ use crate::quality::features::Features;
 use crate::render::gpu::{Shaders, page_defs, scene_depth, storage_read};
 use crate::render::view::ViewKey;
 
-/// Finds where the rays of each tile of pixels can begin.
+/// Computes, for each tile of pixels, which volumes its rays can meet and where the rays can start.
 #[derive(Debug, Resource)]
 pub(super) struct BeamsPipeline {
     shaders: Shaders,
@@ -21,7 +21,7 @@ pub(super) struct BeamsPipeline {
     layouts: [BindGroupLayoutDescriptor; 2],
 }
 
-/// Which variant.
+/// The key of a pipeline variant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct BeamsKey {
     features: Features,

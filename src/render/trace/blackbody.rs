@@ -1,5 +1,5 @@
-//! The colours of black bodies on the GPU: a texture, there while a view shows something that glows by
-//! its temperature.
+//! The colours of black bodies on the GPU: a texture that exists while a view displays black-body
+//! emission.
 
 use bevy::prelude::*;
 use bevy::render::render_resource::{
@@ -12,11 +12,11 @@ use vdb_core::BlackbodyTable;
 use crate::quality::features::Features;
 use crate::render::view::ViewState;
 
-/// The table, while a view needs it.
+/// The texture, while a view needs it.
 #[derive(Debug, Default, Resource)]
 pub(super) struct BlackbodyColors(pub Option<TextureView>);
 
-/// Makes the table for the first view that needs it, and drops it with the last.
+/// Creates the texture for the first view that needs it, and drops it after the last.
 pub(super) fn prepare_blackbody(
     views: Query<&ViewState>,
     mut colors: ResMut<BlackbodyColors>,

@@ -1,5 +1,5 @@
-//! What Bevy has prepared of the lights of a view, for the trace to bind: its buffers, shadow maps and
-//! environment maps as they are, under the numbers that `bevy_pbr::mesh_view_bindings` gives them.
+//! Bind groups of the lights of a view: the buffers, shadow maps and environment maps that Bevy has
+//! prepared, under the binding numbers of `bevy_pbr::mesh_view_bindings`.
 
 use bevy::ecs::query::QueryData;
 use bevy::ecs::system::SystemParam;
@@ -27,26 +27,27 @@ use crate::render::extract::ExtractedEnvironment;
 use crate::render::gpu::empty_layout;
 use crate::render::view::ViewKey;
 
-/// Bevy's shadow maps as meshes alone have drawn them, where volumes have been drawn into Bevy's own since:
-/// volumes find each other's shadows by rays.
+/// Copies of Bevy's shadow maps with meshes alone, made where volumes are then drawn into Bevy's
+/// own. The trace uses the copies, because volumes shadow each other by rays.
 #[derive(Debug, Default, Resource)]
 pub(crate) struct MeshShadowMaps {
-    /// Of directional lights and spot lights.
+    /// The maps of directional lights and spot lights.
     pub directional: Option<TextureView>,
+    /// The maps of point lights.
     pub point: Option<TextureView>,
 }
 
-/// Bindings of Bevy's group 0 for shadow maps, their samplers included.
+/// The bindings in Bevy's group 0 of shadow maps and their samplers.
 const SHADOW_MAPS: [u32; 4] = [2, 3, 5, 6];
-/// And for what is needed always: view, lights, clusters, globals, light probes.
+/// The bindings that are always needed: view, lights, clusters, globals, light probes.
 const LIGHTS: [u32; 7] = [0, 1, 8, 9, 10, 11, 12];
-/// And for the table of how much light surfaces reflect, where Bevy has one: with its feature
+/// The bindings of the DFG look-up table (directional albedo), which exists with Bevy's feature
 /// `dfg_lut`.
 const TABLE: [u32; 2] = [37, 38];
-/// And for [`DistanceFog`].
+/// The binding of [`DistanceFog`].
 const FOG: u32 = 13;
 
-/// Layouts of Bevy's two groups, for compute shaders.
+/// The layouts of Bevy's two groups, for compute shaders.
 #[derive(Clone, Debug)]
 pub(super) struct LightLayouts {
     /// Without and with shadow maps, each without and with distance fog.
@@ -87,7 +88,7 @@ impl LightLayouts {
         }
     }
 
-    /// Of groups 0 and 1; without light, both are empty.
+    /// The layouts of groups 0 and 1; empty in unlit views.
     pub fn groups(&self, features: Features) -> [&BindGroupLayoutDescriptor; 2] {
         if !features.contains(Features::LIGHT) {
             return [&self.nothing; 2];
@@ -100,7 +101,7 @@ impl LightLayouts {
         ]
     }
 
-    /// Bevy's groups, then the crate's own.
+    /// The layouts of Bevy's groups, then that of the crate's own group.
     pub fn layouts(
         &self,
         features: Features,
@@ -109,10 +110,10 @@ impl LightLayouts {
         self.groups(features).into_iter().chain([own]).cloned().collect()
     }
 
-    /// What the light of a view is compiled with, besides its features.
+    /// The shader defs of the light of a view, besides those of its features.
     ///
-    /// With motion vectors or distance fog, the place of what is seen of a volume's fog matters, as it
-    /// does for light that changes from place to place.
+    /// Fog is lit evenly (`VDB_EVEN_LIGHT`) only if its position along the ray does not matter.
+    /// Position matters for light that varies in space, and for motion vectors and distance fog.
     pub fn shader_defs(&self, key: &ViewKey) -> impl Iterator<Item = ShaderDefVal> {
         let placed =
             Features::SHADOWS | Features::LAMPS | Features::MOTION_VECTORS | Features::DISTANCE_FOG;
@@ -127,14 +128,14 @@ impl LightLayouts {
     }
 }
 
-/// Bevy's groups, and where in its buffers a view is.
+/// The bind groups of Bevy's groups, with the dynamic offsets of a view.
 #[derive(Clone, Debug)]
 pub(super) struct LightBindGroups {
     pub groups: [BindGroup; 2],
     pub offsets: Vec<u32>,
 }
 
-/// What Bevy has on a view.
+/// Bevy's light components on a view.
 #[derive(QueryData)]
 pub(super) struct ViewLights {
     view: &'static ViewUniformOffset,
@@ -146,7 +147,7 @@ pub(super) struct ViewLights {
     fog: Option<&'static ViewFogUniformOffset>,
 }
 
-/// What Bevy has for all views.
+/// Bevy's light resources for all views.
 #[derive(SystemParam)]
 pub(super) struct AllLights<'w> {
     views: Res<'w, ViewUniforms>,
@@ -163,8 +164,8 @@ pub(super) struct AllLights<'w> {
 }
 
 impl AllLights<'_> {
-    /// The groups of a view; `None` while Bevy has not prepared all of it, or without an image that it
-    /// needs. Without light, they are empty.
+    /// The bind groups of a view; empty in unlit views. `None` until Bevy has prepared all
+    /// resources, including images.
     pub fn bind(
         &self,
         features: Features,

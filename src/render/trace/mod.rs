@@ -1,5 +1,5 @@
-//! The compute pass of a view: which volumes the rays of each tile of pixels can meet and from where on,
-//! then the rays themselves.
+//! The trace: a compute pass per view that finds which volumes the rays of each tile can meet and
+//! where they start (beam optimisation), then traces the rays.
 
 mod beams;
 mod blackbody;
@@ -34,11 +34,12 @@ use pipeline::TracePipeline;
 
 pub(super) use lights::MeshShadowMaps;
 
-/// Of a workgroup in `beams.wgsl`.
+/// The threads of a workgroup in `beams.wgsl`.
 const BEAM_THREADS: u32 = 64;
-/// Of a workgroup in `trace.wgsl`, one below the other.
+/// The tiles of a workgroup in `trace.wgsl`, one below the other.
 const TILES_OF_GROUP: u32 = 2;
-/// Workgroups on one axis, at most, on any GPU; threads go on from what others leave.
+/// The most workgroups along one axis of a dispatch that WebGPU guarantees. With fewer groups than
+/// work, the threads loop.
 const MOST_GROUPS: u32 = 65_535;
 
 /// Traces the rays of every view.
@@ -75,11 +76,11 @@ fn init(mut commands: Commands, shaders: Res<Shaders>, meshes: Res<MeshPipeline>
     commands.insert_resource(TracePipeline::new(&shaders, &lights));
 }
 
-/// What the trace keeps for a view.
+/// The pipelines, tile buffer and bind groups of the trace for a view.
 #[derive(Component, Default)]
 pub(super) struct TraceView {
     pipelines: Option<Pipelines>,
-    /// What the tiles know of the volumes, of views with beams.
+    /// The volumes and ray starts of each tile, in views with beam optimisation.
     pub tiles: Option<Buffer>,
     bind_groups: Option<BindGroups>,
 }
@@ -95,11 +96,11 @@ struct BindGroups {
     trace: BindGroup,
     lights: LightBindGroups,
     beams: Option<BindGroup>,
-    /// Bevy's groups for the beams, which need nothing of it.
+    /// The empty groups 0 and 1 of the beam pipeline.
     nothing: LightBindGroups,
 }
 
-/// All pipelines.
+/// The pipelines of all keys.
 #[derive(bevy::ecs::system::SystemParam)]
 struct AllPipelines<'w> {
     specialized_trace: ResMut<'w, SpecializedComputePipelines<TracePipeline>>,
@@ -110,7 +111,7 @@ struct AllPipelines<'w> {
 }
 
 impl AllPipelines<'_> {
-    /// Those of a key; starts to compile them if they are new.
+    /// The pipelines of a key; starts to compile new ones.
     fn of(&mut self, key: &ViewKey) -> Pipelines {
         let cache = &self.cache;
         let trace = self.specialized_trace.specialize(cache, &self.trace, *key);
@@ -135,7 +136,7 @@ fn ask(
     }
 }
 
-/// Makes the textures that the trace writes.
+/// Creates the tile buffers, and the textures that the trace writes.
 fn prepare(
     mut views: Query<(&ViewState, &mut TraceView, &mut ViewPicture)>,
     mut pipelines: AllPipelines,
@@ -168,7 +169,7 @@ fn prepare(
     }
 }
 
-/// Binds what the pass reads and writes.
+/// Creates the bind groups.
 fn bind(
     mut views: Query<(
         &ViewState,
@@ -209,7 +210,7 @@ fn bind(
     }
 }
 
-/// What the crate's own group binds.
+/// The resources of the crate's own group.
 struct Inputs<'a> {
     pool: &'a PoolBuffers,
     uniform: &'a Buffer,
@@ -271,7 +272,7 @@ impl Inputs<'_> {
     }
 }
 
-/// Traces the rays of the view through its volumes.
+/// Runs the beam optimisation, then traces the rays of the view.
 pub(super) fn trace(
     view: ViewQuery<(&ViewState, &TraceView)>,
     cache: Res<PipelineCache>,

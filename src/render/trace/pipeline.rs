@@ -15,7 +15,7 @@ use crate::render::gpu::{
 };
 use crate::render::view::ViewKey;
 
-/// What the layout of the crate's own group depends on.
+/// The features that the layout of the crate's own group depends on.
 const LAYOUT: [Features; 4] =
     [Features::MULTISAMPLED, Features::BEAMS, Features::MOTION_VECTORS, Features::BLACKBODY];
 
@@ -94,7 +94,7 @@ impl SpecializedComputePipeline for TracePipeline {
     }
 }
 
-/// The shader def of what a mode shows, if it is not all light.
+/// The shader def of a render mode; [`VdbRenderMode::Lit`] has none.
 fn mode_def(mode: VdbRenderMode) -> Option<&'static str> {
     match mode {
         VdbRenderMode::Lit => None,

@@ -1,4 +1,4 @@
-//! Pictures of fewer rays than pixels, to all pixels.
+//! Upscaling: interpolates an image with fewer rays than pixels.
 
 use bevy::core_pipeline::schedule::Core3d;
 use bevy::prelude::*;
@@ -21,7 +21,7 @@ use super::view::{
 };
 use crate::quality::features::Features;
 
-/// Fills in the pixels between the rays, in views with fewer rays than pixels.
+/// Interpolates the pixels between the rays, in views with fewer rays than pixels.
 pub(super) struct UpscalePlugin;
 
 impl Plugin for UpscalePlugin {
@@ -41,11 +41,11 @@ impl Plugin for UpscalePlugin {
     }
 }
 
-/// What the pass keeps for a view with fewer rays than pixels.
+/// The pipeline, textures and bind group of the pass for a view with fewer rays than pixels.
 #[derive(Component, Default)]
 pub(super) struct UpscaleView {
     pub pipeline: Option<CachedComputePipelineId>,
-    /// As the trace writes it, for every pixel.
+    /// The upscaled image, in the formats of the traced one.
     pub picture: Option<Picture>,
     bind_group: Option<BindGroup>,
 }
@@ -86,7 +86,7 @@ impl PicturePass for UpscalePass {
     }
 }
 
-/// Makes the textures that the pass writes, and hands them on.
+/// Creates the textures that the pass writes, and hands them on.
 fn prepare(
     mut views: Query<(&ViewState, &mut UpscaleView, &mut ViewPicture)>,
     mut pipelines: PicturePipelines<UpscalePass>,

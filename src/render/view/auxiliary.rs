@@ -1,7 +1,7 @@
-//! Auxiliary grids as entries of a view's list. Each is an entry of its own, with rays of its own, computed
-//! in f64 on the CPU as those of every volume, so that grids of other transforms need no more than those that
-//! share one. Grids that emit light stand among the volumes that a view sees, and are traversed as they are;
-//! colours stand behind all that rays meet, and are only looked up.
+//! Auxiliary grids in a view's volume list. Each is an entry of its own, whose rays are computed in
+//! f64 on the CPU like those of every volume, so a transform that differs from the volume's costs
+//! nothing extra. Emission grids are among the volumes that the view sees, and are traversed like
+//! them. Colour grids come after all entries that rays can meet, and are only looked up.
 
 use bevy::math::DAffine3;
 use bevy::prelude::*;
@@ -12,15 +12,15 @@ use crate::render::extract::{AuxiliaryGrid, ExtractedVolume, Trouble, Warned};
 use crate::render::gpu::{affine, types};
 use crate::render::pool::VdbTreePool;
 
-/// In world space.
+/// The transform of an auxiliary grid.
 pub(super) fn world_from_index(grid: &AuxiliaryGrid, volume: &ExtractedVolume) -> DAffine3 {
     affine(volume.world_from_local) * grid.local_from_index
 }
 
-/// A view, as entries of its list of volumes ask for it.
+/// The rays and the transform of a view.
 pub(crate) type View<'a> = (&'a ViewRays, DAffine3);
 
-/// The entry of one grid.
+/// The entry of a grid.
 fn entry_data(
     part: &AuxiliaryGrid,
     volume: &ExtractedVolume,
@@ -47,7 +47,7 @@ fn entry_data(
     })
 }
 
-/// The entries of what shines in a volume; says what is wrong if there is someone to tell.
+/// The entries of a volume's emission. Warns of problems if `warned` is given.
 pub(crate) fn emission_data<'a>(
     entity: MainEntity,
     volume: &'a ExtractedVolume,
@@ -74,7 +74,7 @@ pub(crate) fn emission_data<'a>(
     entries
 }
 
-/// The three entries of a volume's colour, where it has one.
+/// The three entries of a volume's colour, if it has one.
 pub(crate) fn color_data(
     volume: &ExtractedVolume,
     pool: &VdbTreePool,

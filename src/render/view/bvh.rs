@@ -1,6 +1,6 @@
-//! Many volumes, so that rays which begin anywhere need not look at all of them: in the list of a
-//! view they stand near their neighbours in space, and the boxes of runs of them are a tree, which
-//! `bvh.wgsl` goes through.
+//! A bounding volume hierarchy for shadow and reflection rays in views with many volumes: the
+//! volume list is sorted in Morton order, and the boxes of runs of consecutive volumes form an
+//! implicit tree, which `bvh.wgsl` traverses.
 
 use bevy::math::DVec3;
 use bevy::render::sync_world::MainEntity;
@@ -9,14 +9,14 @@ use super::volume::world_corners;
 use crate::render::extract::{ExtractedVolume, ExtractedVolumes};
 use crate::render::gpu::types::Volume;
 
-/// So many volumes are looked at one by one.
+/// The largest number of volumes that rays test one by one.
 pub(crate) const FEW: usize = 8;
-/// Volumes of a run for each of the next longer one.
+/// The branching factor of the hierarchy.
 const BRANCHES: usize = 4;
-/// Runs are of 4¹⁰ volumes at most.
+/// The number of levels: the longest runs have 4¹⁰ volumes.
 const MOST_LEVEL: u32 = 10;
 
-/// A box in world space, from a view's eye on.
+/// A box in world space, relative to a view's eye.
 #[derive(Clone, Copy, Debug)]
 struct Bounds {
     min: DVec3,
@@ -30,18 +30,19 @@ impl Bounds {
         points.fold(Self::NOTHING, |all, at| Self { min: all.min.min(at), max: all.max.max(at) })
     }
 
-    /// Grown by what rounding may make of it, and of rays that meet it.
+    /// The box in f32, enlarged by the rounding errors of boxes and rays.
     fn rounded(self) -> [[f32; 3]; 2] {
         let farthest = self.min.abs().max(self.max.abs()).max_element();
         let by = farthest * 1e-5;
-        // No box at all would be one that no comparison holds for.
+        // For an empty box, whose infinite bounds minus infinity would be NaN.
         let by = if by.is_finite() { by } else { 0.0 };
         [(self.min - by).as_vec3().to_array(), (self.max + by).as_vec3().to_array()]
     }
 }
 
-/// The same volumes in an order in which neighbours in space are neighbours: that of Morton 1966, "A computer
-/// oriented geodetic data base". It depends on nothing but where they are and which.
+/// Sorts volumes in Morton order, in which neighbours in space are close to each other (Morton
+/// 1966, "A computer oriented geodetic data base"). The order depends only on positions and
+/// entities.
 pub(crate) fn sort(entities: &mut [MainEntity], volumes: &ExtractedVolumes) {
     let middle = |entity: &MainEntity| {
         let corners = Bounds::of(world_corners(volumes.0.get(entity)?));
@@ -55,7 +56,7 @@ pub(crate) fn sort(entities: &mut [MainEntity], volumes: &ExtractedVolumes) {
     });
 }
 
-/// The bits of three numbers below 2¹⁰, in turns.
+/// The Morton code of three numbers below 2¹⁰: their bits interleaved.
 fn morton(at: [u32; 3]) -> u32 {
     (0..10).fold(0, |code, bit| {
         let [x, y, z] = at.map(|x| x >> bit & 1);
@@ -63,7 +64,7 @@ fn morton(at: [u32; 3]) -> u32 {
     })
 }
 
-/// Writes boxes into the list of a view that shows these volumes from an eye.
+/// Writes the boxes of volumes and runs into a view's volume list, relative to the eye.
 pub(crate) fn fill(list: &mut [Volume], shown: &[&ExtractedVolume], eye: DVec3) {
     let boxes = shown.iter().map(|volume| {
         let corners = world_corners(volume);
@@ -86,7 +87,8 @@ pub(crate) fn fill(list: &mut [Volume], shown: &[&ExtractedVolume], eye: DVec3) 
     }
 }
 
-/// Where the box of a run that begins at `first` is kept: no two have the same place.
+/// The index of the entry that stores the box of the run of a level that begins at `first`; unique
+/// for every run.
 fn slot(first: usize, level: u32) -> usize {
     let level = level as usize;
     first + if level > 3 { 4 * (level - 3) } else { level }

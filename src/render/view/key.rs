@@ -1,20 +1,21 @@
-//! What a view's pipelines are specialised on, and which pipelines can draw for others.
+//! The key that a view's pipelines are specialised on, and the rules by which pipelines of one key
+//! can replace those of another.
 
 use crate::VdbRenderMode;
 use crate::quality::features::Features;
 use crate::render::extract::AuxiliaryGrid;
 use crate::render::gpu::types;
 
-/// What a view's pipelines are specialised on; each pass takes from it what it depends on.
+/// The key that a view's pipelines are specialised on; each pass uses the parts that it depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(crate) struct ViewKey {
     pub features: Features,
     pub mode: VdbRenderMode,
-    /// With shadows: the shader def of how the edges of Bevy's shadow maps are smoothed.
+    /// The shader def of Bevy's shadow filtering, in views with shadows.
     pub shadow_filter: Option<&'static str>,
-    /// log₂ of the words of a page, where the pool has several.
+    /// log₂ of the number of words per page, if the pool has several pages.
     pub page_bits: Option<u32>,
-    /// The format of samples, where all grids have the same.
+    /// The sample format, if all grids have the same.
     pub sample_format: Option<u32>,
 }
 
@@ -23,8 +24,8 @@ impl ViewKey {
         self.features.contains(feature)
     }
 
-    /// Whether pipelines of this key can draw in place of those that are wanted, while these are being
-    /// compiled. `present` is the light that the view has now, in whatever mode.
+    /// Whether pipelines of this key can be used while those of `wanted` are being compiled.
+    /// `present` are the features of the lights in the scene, regardless of the render mode.
     pub fn can_replace(&self, wanted: &Self, present: Features) -> bool {
         let fixed = Features::MULTISAMPLED | Features::MOTION_VECTORS;
         let bound = Features::ENVIRONMENT | Features::DISTANCE_FOG;
@@ -35,8 +36,8 @@ impl ViewKey {
             && present.contains(self.features & bound)
     }
 
-    /// The kind with which an entry is passed to the shaders, by the format of its samples:
-    /// [`types::KIND_NONE`] if they could not read it.
+    /// The kind of an entry for the shaders: `kind`, or [`types::KIND_NONE`] if they cannot read a
+    /// grid of this kind or sample format.
     pub fn kind_for(&self, kind: u32, format: Option<u32>) -> u32 {
         let is_known = kind != types::KIND_BLACKBODY || self.has(Features::BLACKBODY);
         if is_known && self.reads(format) { kind } else { types::KIND_NONE }
@@ -67,7 +68,7 @@ mod tests {
         };
         use types::{KIND_BLACKBODY, KIND_EMISSION, KIND_FOG, KIND_NONE, KIND_SURFACE};
         for (key, kind, format, expected) in [
-            // Kelvins are no luminance.
+            // Without the feature, kelvin would be read as luminance.
             (any, KIND_BLACKBODY, Some(2), KIND_NONE),
             (one, KIND_BLACKBODY, Some(1), KIND_BLACKBODY),
             (any, KIND_EMISSION, Some(2), KIND_EMISSION),

@@ -1,4 +1,4 @@
-//! Which lights there are, and what they ask of the trace.
+//! The lights in the scene, and the features that they require of the trace.
 
 use bevy::ecs::system::SystemParam;
 use bevy::light::ShadowFilteringMethod;
@@ -10,7 +10,7 @@ use bevy::render::texture::GpuImage;
 use crate::quality::features::Features;
 use crate::render::extract::{ExtractedEnvironment, ExtractedSuns};
 
-/// Which lights there are.
+/// The lights in the scene.
 #[derive(SystemParam)]
 pub(super) struct Lights<'w, 's> {
     suns: Query<'w, 's, &'static ExtractedDirectionalLight>,
@@ -19,8 +19,8 @@ pub(super) struct Lights<'w, 's> {
 }
 
 impl Lights<'_, '_> {
-    /// What they ask of the trace of a view; with shadows, also the shader def of how Bevy smooths the
-    /// edges of shadow maps.
+    /// The features that the lights require of a view's trace and, with shadows, the shader def of
+    /// Bevy's shadow filtering.
     pub fn features(
         &self,
         shadows: bool,

@@ -1,4 +1,4 @@
-//! The list of volumes of one view: an entry for each grid that rays can meet, and whose it is.
+//! The volume list of a view: an entry for each grid that rays can meet, with its entity.
 
 use bevy::math::{DAffine3, DMat4, DVec3};
 use bevy::prelude::*;
@@ -13,14 +13,14 @@ use crate::render::extract::{AuxiliaryGrid, ExtractedVolume, ExtractedVolumes, W
 use crate::render::gpu::types;
 use crate::render::pool::VdbTreePool;
 
-/// One entry.
+/// An entry of the list.
 pub(crate) struct Entry {
-    /// Whose it is.
+    /// The entity of the volume.
     pub owner: MainEntity,
     world_from_index: DAffine3,
-    /// What of it can stop or dim a ray, in its index space.
+    /// The box of everything that can stop or dim a ray, in index space.
     index_box: Option<(DVec3, DVec3)>,
-    /// How its samples are kept, if it has any.
+    /// The sample format, if the grid has samples.
     pub sample_format: Option<u32>,
 }
 
@@ -43,27 +43,27 @@ impl Entry {
         }
     }
 
-    /// The tiles that show it, in a picture of `size` pixels.
+    /// The tiles that show the entry, in an image of `size` pixels.
     pub fn tile_range(&self, clip_from_world: DMat4, size: UVec2) -> TileRange {
         let Some((min, max)) = self.index_box else { return TileRange::NONE };
         TileRange::of_box(clip_from_world * DMat4::from(self.world_from_index), min, max, size)
     }
 }
 
-/// What a view makes entries with.
+/// The inputs for the entries of a view.
 #[derive(Clone, Copy)]
 pub(super) struct EntryMaker<'a> {
     pub volumes: &'a ExtractedVolumes,
     pub pool: &'a VdbTreePool,
     pub eye: Eye<'a>,
     pub quality: &'a VdbQuality,
-    /// What the view shows none of.
+    /// The features whose entries are left out.
     pub left_out: Features,
 }
 
 impl EntryMaker<'_> {
-    /// The entries of one volume; none, if it cannot be shown. Says what is wrong with it if there is
-    /// someone to tell.
+    /// The entries of a volume; none if it cannot be displayed. Warns of problems if `warned` is
+    /// given.
     fn entries(
         &self,
         owner: MainEntity,
@@ -89,7 +89,7 @@ impl EntryMaker<'_> {
     }
 }
 
-/// The feature by which shaders show entries of a kind.
+/// The feature that displays entries of a kind.
 fn feature_of(kind: u32) -> Features {
     match kind {
         types::KIND_SURFACE => Features::VOXELS,
@@ -100,7 +100,7 @@ fn feature_of(kind: u32) -> Features {
     }
 }
 
-/// Kinds of entries, a bit for each.
+/// A set of kinds of entries, one bit each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Kinds(u32);
 
@@ -109,33 +109,34 @@ impl Kinds {
         Self(list.iter().fold(0, |all, volume| all | 1 << volume.kind))
     }
 
-    /// Whether an entry has one of some kinds.
+    /// Whether the set contains any of these kinds.
     pub fn has<const N: usize>(self, kinds: [u32; N]) -> bool {
         kinds.iter().any(|kind| self.0 >> kind & 1 != 0)
     }
 }
 
-/// All that the rays of a view can meet, in the order of the list that the shaders have.
+/// The volume list of a view, in the order of the shaders.
 pub(crate) struct ViewList {
-    /// As the shaders have it: the entries, then the grids that colour them. Places in it count from
-    /// its own first entry.
+    /// The shader data: the entries, then the grids that colour them. Indices are relative to the
+    /// first entry.
     pub data: Vec<types::Volume>,
-    /// What the view sees, then what only its shadows and reflections do.
+    /// The entries in view, then those that only appear in shadows and reflections.
     pub entries: Vec<Entry>,
-    /// How many of them it sees.
+    /// The number of entries in view.
     pub seen: usize,
+    /// The kinds of the entries in view.
     pub kinds_seen: Kinds,
-    /// Of what is beside the view as well.
+    /// The kinds of all entries.
     pub kinds: Kinds,
     /// Whether grids colour surfaces.
     pub colors: bool,
-    /// Whether fog is sampled, not integrated.
+    /// Whether any fog is sampled rather than integrated.
     pub fog_steps: bool,
 }
 
 impl ViewList {
-    /// The list of a view, by the volumes that it sees and those beside it; `None` if it sees nothing.
-    /// `is_lit`: whether emission and colours are shown; `mirrors`: whether reflections are.
+    /// Lists the volumes in view and those beside it; `None` if the view sees nothing. `is_lit` is
+    /// whether emission and colours are displayed, `mirrors` whether reflections are.
     pub fn new(
         maker: EntryMaker,
         [seen, beside]: [&[MainEntity]; 2],
@@ -155,7 +156,7 @@ impl ViewList {
         }
         let kinds_seen = Kinds::of(&data);
         for entity in beside {
-            // Fire casts no shadows, but mirrors show it.
+            // Emission casts no shadows, but is reflected.
             for (volume, entry) in maker.entries(*entity, mirrors && is_lit, None) {
                 data.push(volume);
                 entries.push(entry);
@@ -171,7 +172,7 @@ impl ViewList {
         Some(list)
     }
 
-    /// Adds the grids that colour surfaces, behind all that rays can meet.
+    /// Adds the grids that colour surfaces, after all entries that rays can meet.
     fn add_colors(&mut self, maker: EntryMaker) {
         let view = (maker.eye.rays, maker.eye.world_from_view);
         for (i, entry) in self.entries.iter().enumerate() {

@@ -1,5 +1,5 @@
-//! What a camera sees of the volumes, worked out on the CPU: its settings, its list of volumes, and the
-//! numbers that its shaders get.
+//! The CPU side of each view: visible volumes, resolved settings, the volume list, and the data of
+//! the shaders.
 
 mod auxiliary;
 mod bvh;
@@ -34,7 +34,7 @@ pub(super) use uniform::{turn_of, view_data};
 pub(super) use visible::VisibleVolumes;
 pub(super) use volume::{Eye, Shown, volume_data, world_corners};
 
-/// Works out what each camera sees of the volumes.
+/// Prepares the data of each view that sees volumes.
 pub(super) struct ViewPlugin;
 
 impl Plugin for ViewPlugin {

@@ -1,4 +1,4 @@
-//! Compute passes over all pixels of a view's picture: their pipelines, and waiting for them.
+//! Compute passes over all pixels of a view's image: their pipelines, and waiting for these.
 
 use std::marker::PhantomData;
 
@@ -20,16 +20,16 @@ use super::state::ViewState;
 use crate::quality::features::Features;
 use crate::render::gpu::{PipelineFallback, Shaders, dispatch_over_picture, load_shaders};
 
-/// A compute pass over all pixels of a view's picture.
+/// A compute pass over all pixels of a view's image.
 pub(crate) trait PicturePass: Send + Sync + 'static {
-    /// The name of its pipeline and its time span.
+    /// The name of the pipeline and of the pass's time span.
     const LABEL: &'static str;
     const ENTRY_POINT: &'static str;
-    /// The feature of views that have the pass.
+    /// The feature that enables the pass.
     const FEATURE: Features;
-    /// All features that its shader depends on.
+    /// All features that the shader depends on.
     const DEPENDS_ON: Features;
-    /// The feature besides multisampling that its bindings depend on.
+    /// The feature, besides multisampling, that the bindings depend on.
     const OPTION: Features;
 
     fn shader(shaders: &Shaders) -> &Handle<Shader>;
@@ -38,7 +38,8 @@ pub(crate) trait PicturePass: Send + Sync + 'static {
     fn entries(multisampled: bool, option: bool) -> DynamicBindGroupLayoutEntries;
 }
 
-/// Registers the pipelines of a pass, and makes views wait until theirs is compiled.
+/// Registers the pipelines of a pass, and delays new settings of views until their pipeline has
+/// been compiled.
 pub(crate) fn add_picture_pass<P: PicturePass>(render_app: &mut SubApp) {
     render_app
         .init_gpu_resource::<SpecializedComputePipelines<PicturePipeline<P>>>()
@@ -89,7 +90,7 @@ impl<P: PicturePass> SpecializedComputePipeline for PicturePipeline<P> {
     }
 }
 
-/// The pipelines of a pass, by the keys of views.
+/// The pipelines of a pass, by view key.
 #[derive(SystemParam)]
 pub(crate) struct PicturePipelines<'w, P: PicturePass> {
     specialized: ResMut<'w, SpecializedComputePipelines<PicturePipeline<P>>>,
@@ -119,7 +120,7 @@ fn ask<P: PicturePass>(
     }
 }
 
-/// Runs a pass in a view that is ready.
+/// Runs a pass for a view that is ready.
 pub(crate) fn run_picture_pass<P: PicturePass>(
     state: &ViewState,
     pipeline: Option<CachedComputePipelineId>,

@@ -1,4 +1,4 @@
-//! What each view gets, once it is known which pipelines are there: all that shaders are told.
+//! Preparation of views, once it is known which pipelines are ready: the data of their shaders.
 
 use bevy::diagnostic::FrameCount;
 use bevy::math::DMat4;
@@ -20,10 +20,10 @@ use crate::quality::features::Features;
 use crate::render::extract::{ExtractedSuns, ExtractedVolume, ExtractedVolumes};
 use crate::render::gpu::{non_negative, types};
 
-/// What turns luminance into the camera's values. WGSL has no infinities: with this and the bounds of
-/// materials, products stay within f32.
+/// The largest exposure. With the bounds of materials, it keeps products within f32, because WGSL
+/// may assume that there are no infinities.
 const MOST_EXPOSURE: f32 = 1e12;
-/// World units that a ray goes, at most: `FAR` of the shaders.
+/// The largest length of a ray in world units: `FAR` in the shaders.
 const FARTHEST: f32 = 1e30;
 
 /// The volumes of all views of the frame.
@@ -36,10 +36,10 @@ impl Default for VolumeBuffer {
     }
 }
 
-/// What of the scene views are prepared with.
+/// The resources for preparing views.
 type Scene<'w> = (Res<'w, ExtractedVolumes>, Res<'w, ExtractedSuns>, Res<'w, FrameCount>);
 
-/// Chooses the pipelines of each view, and fills in what its shaders are told.
+/// Chooses the pipelines of each view, and prepares the data of its shaders.
 pub(super) fn prepare_views(
     mut views: Query<(&mut ViewState, &ExtractedView, &ExtractedCamera, Option<&TemporalJitter>)>,
     scene: Scene,
@@ -52,15 +52,15 @@ pub(super) fn prepare_views(
     }
 }
 
-/// The key of the pipelines that draw a view.
+/// The key of the pipelines chosen for a view.
 struct Chosen {
     key: ViewKey,
     is_ready: bool,
     is_fallback: bool,
 }
 
-/// The pipelines that are asked for or, until they have been compiled, those that drew before, if they
-/// can: so nothing leaves the picture because something else enters it.
+/// Chooses the required pipelines or, until they have been compiled, those of the previous frame,
+/// if they can replace them: no volume vanishes because another one appears.
 fn choose(resolved: &ResolvedView, before: Option<&PreparedView>) -> Chosen {
     let (wanted, present) = (resolved.key, resolved.settings.lights_present);
     let before = before.filter(|before| before.is_ready && before.key != wanted);
@@ -118,8 +118,8 @@ fn prepare(
         most_tiles,
         clip_from_view: *clip_from_view,
         has_surfaces: list.kinds_seen.has([types::KIND_SURFACE, types::KIND_SMOOTH]),
-        // Steps are shown where no surface is, too, and a pixel may show a surface in less than half of
-        // the frames that are accumulated.
+        // Steps are also shown where there is no surface, and a pixel may show a surface in less
+        // than half of the accumulated frames.
         has_fog: (list.kinds_seen.has(fogs) && settings.shows_fog())
             || settings.camera.mode == VdbRenderMode::Steps
             || key.has(Features::ACCUMULATED),
@@ -127,7 +127,8 @@ fn prepare(
     }
 }
 
-/// The list as the chosen pipelines can read it, whose its entries are, and the most tiles of one.
+/// The volume list as the chosen pipelines can read it, the entities of its entries, and the
+/// largest number of tiles of an entry.
 fn fill_list(
     resolved: &ResolvedView,
     key: &ViewKey,
@@ -159,7 +160,7 @@ fn fill_list(
     (volumes, owners, most_tiles)
 }
 
-/// Uploads the uniforms of views and the list of volumes.
+/// Uploads the uniforms and the volume lists of views.
 pub(super) fn upload_views(
     mut views: Query<&mut ViewState>,
     mut volume_buffer: ResMut<VolumeBuffer>,

@@ -1,4 +1,5 @@
-//! What each view asks for: its settings, its rays, its list of volumes, the key of its pipelines.
+//! Resolution of views: settings, rays, volume list and pipeline key, before it is known which
+//! pipelines are ready.
 
 use bevy::camera::MainPassResolutionOverride;
 use bevy::camera::visibility::RenderLayers;
@@ -31,7 +32,7 @@ use crate::render::gpu::{affine, types};
 use crate::render::pool::VdbTreePool;
 use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbRenderMode, VdbTraversal};
 
-/// What a view has.
+/// The components of a view.
 #[derive(QueryData)]
 #[query_data(mutable)]
 pub(super) struct ViewData {
@@ -53,7 +54,7 @@ pub(super) struct ViewData {
     prepass: Option<&'static ViewPrepassTextures>,
 }
 
-/// What views are resolved with.
+/// The resources for resolving views.
 #[derive(SystemParam)]
 pub(super) struct Resolver<'w, 's> {
     volumes: Res<'w, ExtractedVolumes>,
@@ -64,7 +65,7 @@ pub(super) struct Resolver<'w, 's> {
     device: Res<'w, RenderDevice>,
 }
 
-/// Works out what each view asks for.
+/// Resolves each view.
 pub(super) fn resolve_views(mut views: Query<ViewData>, mut resolver: Resolver) {
     for mut view in &mut views {
         view.state.resolved = resolver.resolve(&view);
@@ -73,7 +74,7 @@ pub(super) fn resolve_views(mut views: Query<ViewData>, mut resolver: Resolver) 
 }
 
 impl Resolver<'_, '_> {
-    /// What a view asks for; `None` if there is nothing to draw.
+    /// Resolves a view; `None` if there is nothing to draw.
     fn resolve(&mut self, of: &ViewDataItem) -> Option<ResolvedView> {
         let settings = self.settings(of);
         let picture = settings.picture;
@@ -118,7 +119,7 @@ impl Resolver<'_, '_> {
         })
     }
 
-    /// What the settings of a view come to; says what is wrong with them.
+    /// Resolves the settings of a view, and warns of invalid ones.
     fn settings(&mut self, of: &ViewDataItem) -> ResolvedSettings {
         let mut camera = of.settings.cloned().unwrap_or_default();
         let (mut quality, wrong) = of.quality.copied().unwrap_or_default().sound();
@@ -140,12 +141,12 @@ impl Resolver<'_, '_> {
             of.has_distance_fog,
             &self.suns,
         );
-        // The other modes that are lit show parts of the light, without what lies before it.
+        // The other lit modes show parts of the light, without the fog in front.
         let mut lights = lights_present;
         lights
             .set(Features::DISTANCE_FOG, of.has_distance_fog && camera.mode == VdbRenderMode::Lit);
         let is_lit = camera.mode.is_lit();
-        // Of what is only diffuse, no ray sees a reflection.
+        // Diffuse light needs no reflection rays.
         let mirrors = matches!(camera.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
         ResolvedSettings {
             lights: lights.when(is_lit),
@@ -161,7 +162,7 @@ impl Resolver<'_, '_> {
     }
 }
 
-/// The pipelines that a view asks for.
+/// The key of the pipelines that a view requires.
 fn view_key(
     of: &ViewDataItem,
     settings: &ResolvedSettings,

@@ -18,7 +18,7 @@ pub enum VdbSystems {
 pub(crate) enum PrepareViews {
     /// Finds the visible volumes of each view.
     Find,
-    /// Resolves what each view asks for.
+    /// Resolves the settings of each view.
     Resolve,
     /// Passes report whether their pipelines are ready.
     Ask,
@@ -26,6 +26,7 @@ pub(crate) enum PrepareViews {
     Prepare,
     /// Passes may adjust the data.
     Adjust,
+    /// Uploads the data.
     Upload,
     /// Passes create their textures, in the order in which they run.
     Trace,

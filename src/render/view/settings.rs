@@ -1,4 +1,4 @@
-//! What the settings of a view come to in a frame.
+//! The resolved settings of a view in a frame.
 
 use bevy::prelude::*;
 use bevy::render::renderer::RenderDevice;
@@ -7,21 +7,21 @@ use crate::quality::features::Features;
 use crate::render::extract::Trouble;
 use crate::{VdbCamera, VdbQuality, VdbRenderMode};
 
-/// What the settings of a view come to in a frame.
+/// The resolved settings of a view in a frame.
 pub(crate) struct ResolvedSettings {
     pub camera: VdbCamera,
     pub quality: VdbQuality,
-    /// Drawn without them, to measure what they cost.
+    /// The features that are turned off to measure their cost.
     pub left_out: Features,
-    /// The light that the scene has, in whatever mode.
+    /// The features of the lights in the scene, regardless of the render mode.
     pub lights_present: Features,
-    /// That which the mode shows.
+    /// The features of the lights that the render mode shows.
     pub lights: Features,
     pub shadow_filter: Option<&'static str>,
-    /// How many times rays are mirrored.
+    /// The number of reflections that a ray follows.
     pub reflections: u32,
     pub accumulates: bool,
-    /// Pixels.
+    /// The size of the image in pixels.
     pub picture: UVec2,
 }
 
@@ -30,21 +30,22 @@ impl ResolvedSettings {
         self.camera.mode.is_lit()
     }
 
-    /// Other modes are about surfaces: fog is neither traced nor compiled for them.
+    /// Whether the mode shows fog. For other modes, fog is neither traced nor compiled.
     pub fn shows_fog(&self) -> bool {
         self.is_lit() || self.camera.mode == VdbRenderMode::Steps
     }
 
-    /// Whether what the view does not see may cast shadows into the picture, or be reflected there.
+    /// Whether volumes out of view may cast shadows into view or be reflected.
     pub fn looks_beside(&self) -> bool {
         self.lights.contains(Features::SHADOWS) || self.reflections > 0
     }
 }
 
-/// Bytes of the shader's `Mean`, one for each pixel of a view that accumulates frames.
+/// The size of the shader's `Mean` in bytes; there is one for each pixel of a view that accumulates
+/// frames.
 pub(crate) const MEAN_BYTES: u64 = 32;
 
-/// Whether frames of a view are accumulated; if they are to be, but cannot, why not.
+/// Whether frames of a view are accumulated. If requested but impossible, the error is the reason.
 pub(super) fn accumulates(
     quality: &VdbQuality,
     mode: VdbRenderMode,
@@ -65,7 +66,7 @@ pub(super) fn accumulates(
     }
 }
 
-/// Rays along each axis of a picture.
+/// The number of rays along each axis of an image.
 pub(super) fn rays(picture: UVec2, resolution: f32) -> UVec2 {
     (picture.as_vec2() * resolution).ceil().as_uvec2().clamp(UVec2::ONE, picture.max(UVec2::ONE))
 }

@@ -1,4 +1,4 @@
-//! What is worked out for a view each frame, from which all passes take what they need.
+//! The per-frame state of a view, which all passes read.
 
 use bevy::math::DAffine3;
 use bevy::prelude::*;
@@ -13,21 +13,21 @@ use super::settings::ResolvedSettings;
 use super::tiles::TileLayout;
 use crate::render::gpu::types;
 
-/// On views that see at least one volume.
+/// The state of a view that sees at least one volume.
 #[derive(Component, Default)]
 pub(crate) struct ViewState {
-    /// What the view asks for, this frame.
+    /// The resolved settings of this frame, until they are prepared.
     pub(super) resolved: Option<ResolvedView>,
-    /// What it gets.
+    /// The data that the passes use.
     pub prepared: Option<PreparedView>,
 }
 
-/// What a view asks for.
+/// A resolved view: what its settings require.
 pub(crate) struct ResolvedView {
     pub settings: ResolvedSettings,
     pub rays: ViewRays,
     pub world_from_view: DAffine3,
-    /// With jitter.
+    /// The projection, with jitter.
     pub clip_from_view: Mat4,
     pub list: ViewList,
     pub key: ViewKey,
@@ -35,7 +35,7 @@ pub(crate) struct ResolvedView {
     pub is_ready: bool,
 }
 
-/// What a view gets: the pipelines' key, and all that shaders are told.
+/// A prepared view: the key of its pipelines, and the data of its shaders.
 pub(crate) struct PreparedView {
     pub key: ViewKey,
     /// Whether all pipelines of the key have been compiled.
@@ -43,43 +43,44 @@ pub(crate) struct PreparedView {
     /// Whether these pipelines draw in place of others that are being compiled.
     pub is_fallback: bool,
     pub data: types::View,
-    /// Its list of volumes.
+    /// The volume list.
     pub volumes: Vec<types::Volume>,
-    /// Whose the entries are that rays look at, in the order of the list.
+    /// The entities of the entries that rays can meet, in the order of the list.
     pub owners: Vec<MainEntity>,
     pub layout: TileLayout,
-    /// The most tiles that show one volume.
+    /// The largest number of tiles that show one volume.
     pub most_tiles: u32,
-    /// With jitter.
+    /// The projection, with jitter.
     pub clip_from_view: Mat4,
-    /// Whether surfaces may be in the picture.
+    /// Whether surfaces may be in view.
     pub has_surfaces: bool,
-    /// Whether pixels may be covered that show no surface.
+    /// Whether pixels without a surface may be covered.
     pub has_fog: bool,
-    /// Made of `data`, once every pass has had its say.
+    /// The uniform buffer of `data`, once all passes have adjusted it.
     pub uniform: Option<Buffer>,
 }
 
 impl PreparedView {
-    /// Rays along each axis.
+    /// The number of rays along each axis.
     pub fn size(&self) -> UVec2 {
         self.data.size.into()
     }
 
-    /// Pixels of the viewport.
+    /// The size of the viewport in pixels.
     pub fn picture(&self) -> UVec2 {
         self.data.picture.into()
     }
 }
 
 impl ViewState {
-    /// What the passes prepare in this frame.
+    /// The prepared view and its uniform buffer.
     pub fn prepared(&self) -> Option<(&PreparedView, &Buffer)> {
         let prepared = self.prepared.as_ref()?;
         Some((prepared, prepared.uniform.as_ref()?))
     }
 
-    /// What this view asks for has pipelines that are not compiled yet.
+    /// Marks the resolved view as not ready unless `is_ready` returns true for its key: a pass
+    /// calls this if its pipelines may still be compiling.
     pub fn wait_unless(&mut self, is_ready: impl FnOnce(&ViewKey) -> bool) {
         if let Some(resolved) = &mut self.resolved {
             resolved.is_ready &= is_ready(&resolved.key);
@@ -87,21 +88,21 @@ impl ViewState {
     }
 }
 
-/// A picture that passes hand on.
+/// An image that passes hand on.
 #[derive(Clone)]
 pub(crate) struct Picture {
     pub color: CachedTexture,
     pub depth: CachedTexture,
-    /// Which volume each pixel moves with, and the depth of the place that moves; of views with motion
-    /// vectors.
+    /// For each pixel, the volume that it moves with and the depth of the moving point; in views
+    /// with motion vectors.
     pub moving: Option<CachedTexture>,
 }
 
-/// On views that see at least one volume: their picture, as it is handed from pass to pass.
+/// The image of a view that sees at least one volume, handed from pass to pass.
 #[derive(Component, Default)]
 pub(crate) struct ViewPicture {
-    /// One texel a ray.
+    /// The output of the trace, with one texel per ray.
     pub traced: Option<Picture>,
-    /// What the last pass has made of it.
+    /// The output of the last pass so far.
     pub shown: Option<Picture>,
 }

@@ -1,5 +1,4 @@
-//! What tiles of a picture know of its volumes: which of them their rays can meet at all, and where
-//! the rays to each can begin.
+//! Tiles of an image: which volumes the rays of each tile can meet, and where they can start.
 
 use bevy::math::{BVec3, DMat4, DVec2, DVec3};
 use bevy::prelude::*;
@@ -8,11 +7,11 @@ use bevy::render::renderer::RenderDevice;
 
 use crate::render::gpu::{TILE, tiles};
 
-/// The most words that a view keeps of its tiles: 16 MiB.
+/// The largest tile buffer of a view, in words: 16 MiB.
 const MOST_WORDS: u64 = 1 << 22;
 
-/// The tiles that show a box: the first and the last column and row. The first are after the last where
-/// none does.
+/// The range of tiles that show a box: the first and the last column and row. Empty if `first` is
+/// beyond `last`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct TileRange {
     pub first: UVec2,
@@ -22,8 +21,8 @@ pub(crate) struct TileRange {
 impl TileRange {
     pub const NONE: Self = Self { first: UVec2::ONE, last: UVec2::ZERO };
 
-    /// Of a box in a space that a matrix takes to the clip space of a picture. All tiles, where a part of
-    /// the box is beside or behind the eye, and none, where all of it is behind.
+    /// The tiles that show a box, given the matrix from its space to clip space: no tiles if the
+    /// whole box is behind the eye, and all tiles if part of it is.
     pub fn of_box(clip_from_box: DMat4, min: DVec3, max: DVec3, size: UVec2) -> Self {
         let whole = Self { first: UVec2::ZERO, last: tiles(size).saturating_sub(UVec2::ONE) };
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
@@ -42,7 +41,7 @@ impl TileRange {
             low = low.min(ndc);
             high = high.max(ndc);
         }
-        // Rows go downwards. A pixel more, for what f32 has of the rays.
+        // Rows go downwards. One more pixel on each side covers the rounding of rays to f32.
         let at = |ndc: DVec2| (0.5 + 0.5 * ndc * DVec2::new(1.0, -1.0)) * size.as_dvec2();
         let (first, last) =
             (at(DVec2::new(low.x, high.y)) - 1.0, at(DVec2::new(high.x, low.y)) + 1.0);
@@ -55,26 +54,27 @@ impl TileRange {
         }
     }
 
-    /// As the shader has them.
+    /// The range as the shader reads it: 16 bits each for column and row.
     pub fn words(self) -> [u32; 2] {
         [self.first, self.last].map(|tile| tile.x | tile.y << 16)
     }
 
-    /// How many tiles.
+    /// The number of tiles.
     pub fn count(self) -> u32 {
         (self.last + 1).saturating_sub(self.first).element_product()
     }
 }
 
-/// How a buffer of words is laid out: for each tile, a bit for each volume of the view, or for each
-/// group of volumes where they are very many; then, if there is room, for each volume and tile a start.
+/// The layout of the tile buffer: for each tile, a bit for each volume of the view, or for each
+/// group of volumes if there are very many; then, if there is room, a ray start for each volume and
+/// tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct TileLayout {
     tiles: u64,
     volumes: u64,
-    /// Words of bits of a tile.
+    /// The number of words of bits per tile.
     pub tile_words: u32,
-    /// log₂ of the volumes that share a bit.
+    /// log₂ of the number of volumes that share a bit.
     pub group_bits: u32,
     pub keeps_starts: bool,
 }
@@ -85,14 +85,14 @@ impl TileLayout {
         let volumes = u64::from(volumes);
         let words = |group_bits: u32| volumes.div_ceil(1 << group_bits).div_ceil(32).max(1);
         let fits = |group_bits: &u32| words(*group_bits) * tiles <= MOST_WORDS;
-        // One word a tile there always is.
+        // With 31, every tile has one word.
         let group_bits = (0..32).find(fits).unwrap_or(31);
         let tile_words = words(group_bits);
         let keeps_starts = group_bits == 0 && tiles * (tile_words + volumes) <= MOST_WORDS;
         Self { tiles, volumes, tile_words: tile_words as u32, group_bits, keeps_starts }
     }
 
-    /// Bytes of the bits, which come first.
+    /// The size of the bits, which come first, in bytes.
     pub fn bits_size(&self) -> u64 {
         4 * self.tiles * u64::from(self.tile_words)
     }
@@ -101,14 +101,14 @@ impl TileLayout {
         self.bits_size() + if self.keeps_starts { 4 * self.tiles * self.volumes } else { 0 }
     }
 
-    /// A buffer of this layout: the one from before if it is as large.
+    /// A buffer of this layout: the previous one if it has the same size.
     pub fn buffer(&self, before: Option<&Buffer>, device: &RenderDevice) -> Buffer {
         let kept = before.filter(|buffer| buffer.size() == self.size()).cloned();
         kept.unwrap_or_else(|| {
             device.create_buffer(&BufferDescriptor {
                 label: Some("vdb_tiles"),
                 size: self.size(),
-                // The bits are cleared for each frame.
+                // `COPY_DST`, because the bits are cleared every frame.
                 usage: BufferUsages::STORAGE | BufferUsages::COPY_DST,
                 mapped_at_creation: false,
             })
@@ -138,12 +138,12 @@ mod tests {
         let size = UVec2::new(160, 80);
         let clip = DMat4::perspective_infinite_reverse_rh(90_f64.to_radians(), 2.0, 0.1);
         let cube = |center: DVec3| TileRange::of_box(clip, center - 0.5, center + 0.5, size);
-        // Its front is 9 before the eye, so that it is ±0.5 / 9 · 40 pixels large.
+        // The front of the cube is at distance 9, so it covers ±0.5 / 9 · 40 pixels.
         let middle = cube(DVec3::new(0.0, 0.0, -9.5));
         assert_eq!((middle.first, middle.last), (UVec2::new(9, 4), UVec2::new(10, 5)));
         assert_eq!(middle.count(), 4);
         let up_left = cube(DVec3::new(-18.0, 9.0, -10.0));
-        // It ends at row 7.6, and a pixel more is in the next tile.
+        // The cube ends at row 7.6, and one more pixel is in the next tile.
         assert_eq!((up_left.first, up_left.last), (UVec2::ZERO, UVec2::ONE));
         for beside in [DVec3::new(30.0, 0.0, -10.0), DVec3::new(0.0, -20.0, -10.0)] {
             assert_eq!(cube(beside).count(), 0, "{beside}");

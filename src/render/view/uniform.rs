@@ -1,4 +1,4 @@
-//! The struct `View` of the shaders.
+//! The uniform of a view: the struct `View` of the shaders.
 
 use bevy::diagnostic::FrameCount;
 use bevy::math::DAffine3;
@@ -10,10 +10,10 @@ use crate::VdbOverlays;
 use crate::render::extract::ExtractedSuns;
 use crate::render::gpu::{golden, types};
 
-/// Of a sun's illuminance.
+/// The largest factor of a sun's illuminance.
 const MOST_FACTOR: f32 = 1e6;
 
-/// A view's rays and suns.
+/// The part of the uniform with the rays and suns of a view.
 pub(crate) fn view_data(
     rays: &ViewRays,
     world_from_view: DAffine3,
@@ -44,7 +44,8 @@ pub(crate) fn view_data(
     }
 }
 
-/// What a frame adds to chance, from 0 to 1: nothing, unless frames of the view are put together.
+/// The offset that a frame adds to random numbers, from 0 to 1; 0 unless the view is jittered, so
+/// that noise stays fixed where nothing averages frames.
 pub(crate) fn turn_of(jitter: Option<&TemporalJitter>, frame: FrameCount) -> f32 {
     jitter.map_or(0.0, |_| golden(frame.0))
 }

@@ -1,4 +1,4 @@
-//! Which volumes each view sees.
+//! The visible volumes of each view.
 
 use std::any::TypeId;
 
@@ -13,13 +13,13 @@ use crate::render::extract::ExtractedVolumes;
 use crate::render::pool::VdbTreePool;
 use crate::{VdbCamera, VdbVolume};
 
-/// On views that see at least one volume: which. What passes keep for a view is required by this
-/// component, and goes with it.
+/// The visible volumes of a view that sees at least one, sorted. This component requires those that
+/// passes keep for a view, which are removed with it.
 #[derive(Component, Debug, Default)]
 #[require(ViewState, ViewPicture)]
 pub(crate) struct VisibleVolumes(pub Vec<MainEntity>);
 
-/// Finds the volumes of each view whose grid is on the GPU.
+/// Finds the visible volumes of each view whose grids are on the GPU.
 pub(super) fn find_visible(
     mut commands: Commands,
     volumes: Res<ExtractedVolumes>,
@@ -42,7 +42,7 @@ pub(super) fn find_visible(
             seen.extend(here.filter(shown));
         }
         if !seen.is_empty() {
-            // An order of their own, so that the picture does not depend on that of spawning.
+            // Sorted, so that the image does not depend on the order of spawning.
             seen.sort_unstable();
             commands.entity(view).insert(VisibleVolumes(seen));
         } else if had {
@@ -51,14 +51,14 @@ pub(super) fn find_visible(
     }
 }
 
-/// Takes from all views what a GPU that was lost has made for them. At the first start there is nothing.
+/// Removes the resources of a lost GPU from all views. At the first start there are none.
 pub(super) fn forget_views(mut commands: Commands, views: Query<Entity, With<VisibleVolumes>>) {
     for view in &views {
         commands.entity(view).remove_with_requires::<VisibleVolumes>();
     }
 }
 
-/// Lets the trace read the depth of the opaque meshes.
+/// Makes the depth of opaque meshes readable by the trace.
 pub(super) fn make_depth_readable(mut views: Query<&mut Camera3d, With<VisibleVolumes>>) {
     for mut camera in &mut views {
         camera.depth_texture_usages.0 |= TextureUsages::TEXTURE_BINDING.bits();

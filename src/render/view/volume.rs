@@ -1,4 +1,4 @@
-//! One volume as one view sees it: its rays, its matrices, its material.
+//! The data of a volume in a view: rays, matrices and material.
 
 use bevy::math::{BVec3, DAffine3, DMat4, DVec3};
 use bevy::prelude::*;
@@ -12,19 +12,20 @@ use crate::render::gpu::{affine, non_negative, types};
 use crate::render::pool::VdbTreePool;
 use crate::{VdbMaterial, VdbQuality};
 
-// What a shader computes with must not exceed f32, which it may assume: infinities are not for WGSL.
-// With these, albedo · light · exposure stays below 10³⁵ under any light that Bevy can be given in
-// earnest. No picture shows the difference.
+// WGSL may assume that there are no infinities, so no value in a shader may exceed f32. With these
+// limits, albedo · light · exposure stays below 10³⁵ for any realistic light, and no image changes
+// visibly.
 
-/// Luminance; the sun's surface has 2·10⁹ cd/m².
+/// The largest luminance in cd/m²; the sun's surface has 2·10⁹.
 const MOST_LIGHT: f32 = 1e15;
-/// Albedo: one above 1 is not physical, but Bevy's colours allow it.
+/// The largest albedo. Values above 1 are not physical, but Bevy's colours allow them.
 const MOST_ALBEDO: f32 = 1e6;
-/// Extinction per unit of density.
+/// The largest extinction per unit of density.
 const MOST_EXTINCTION: f32 = 1e30;
-/// Anisotropy, in size: beyond, f32 does not tell the directions into which most of the light goes.
+/// The largest absolute value of the anisotropy: beyond, f32 cannot resolve the directions into
+/// which most of the light is scattered.
 const MOST_ANISOTROPY: f32 = 0.99;
-/// Cells per edge of the largest nodes below the root.
+/// The edge of the largest nodes below the root, in cells.
 const LARGEST_NODE: i32 = 4096;
 
 /// A volume at one of its levels of detail.
@@ -33,11 +34,11 @@ pub(crate) struct Shown<'a> {
     volume: &'a ExtractedVolume,
     packed: &'a PackedGrid,
     world_from_index: DAffine3,
-    /// Index of its header in the pool.
+    /// The index of the grid's header in the pool.
     grid: u32,
 }
 
-/// A view's rays, where it stands, and the pixels of its picture.
+/// The rays, the transform and the image size in pixels of a view.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Eye<'a> {
     pub rays: &'a ViewRays,
@@ -46,8 +47,8 @@ pub(crate) struct Eye<'a> {
 }
 
 impl<'a> Shown<'a> {
-    /// The coarsest level whose voxels cover no more than `detail` pixels, of those that are on the GPU.
-    /// Nothing, if the grid itself is not there.
+    /// The coarsest level on the GPU whose voxels cover no more than `detail` pixels. `None` if the
+    /// grid itself is not on the GPU.
     pub fn new(
         volume: &'a ExtractedVolume,
         pool: &VdbTreePool,
@@ -77,11 +78,12 @@ impl<'a> Shown<'a> {
         Some(Self { volume, packed: &volume.packed, world_from_index, grid })
     }
 
-    /// log₂ of how much larger voxels could be to cover `detail` pixels where they are nearest to the eye.
+    /// log₂ of the factor by which voxels could be larger and still cover at most `detail` pixels
+    /// at the point nearest to the eye.
     fn coarseness(&self, eye: Eye, detail: f64) -> f64 {
         let Some((low, high)) = index_box(self.packed).filter(|_| detail > 0.0) else { return 0.0 };
         let view_from_index = eye.world_from_view.inverse() * self.world_from_index;
-        // The corner with the least depth: along the view's axis, as t is.
+        // The depth of the nearest corner along the view axis, like t.
         let depth = |i: usize| {
             let is_high = BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
             -view_from_index.transform_point3(DVec3::select(is_high, high, low)).z
@@ -102,7 +104,7 @@ impl<'a> Shown<'a> {
         if coarseness.is_finite() { coarseness.max(0.0) } else { 0.0 }
     }
 
-    /// How its samples are kept, if it has any.
+    /// The sample format, if the grid has samples.
     pub fn sample_format(&self) -> Option<u32> {
         self.packed.sample_format()
     }
@@ -111,20 +113,20 @@ impl<'a> Shown<'a> {
         self.world_from_index
     }
 
-    /// What of it can stop or dim a ray, in its index space.
+    /// The box of everything that can stop or dim a ray, in index space.
     pub fn index_box(&self) -> Option<(DVec3, DVec3)> {
         index_box(self.packed)
     }
 
-    /// The tiles that show it, in a picture of `size` pixels.
+    /// The tiles that show the volume, in an image of `size` pixels.
     pub fn tile_range(&self, clip_from_world: DMat4, size: UVec2) -> TileRange {
         let Some((min, max)) = index_box(self.packed) else { return TileRange::NONE };
         TileRange::of_box(clip_from_world * DMat4::from(self.world_from_index), min, max, size)
     }
 }
 
-/// What the shader gets of a volume, or nothing if it cannot be shown. Says what is wrong with it if
-/// there is someone to tell.
+/// The shader data of a volume, or `None` if it cannot be displayed. Warns of problems if `warned`
+/// is given.
 pub(crate) fn volume_data(
     entity: MainEntity,
     shown: &Shown,
@@ -187,8 +189,8 @@ pub(crate) fn volume_data(
     })
 }
 
-/// The corners of the boxes of all of a volume in world space: of its grid at every level of detail, and
-/// of what shines in it.
+/// The corners of all boxes of a volume in world space: of its grid at every level of detail, and
+/// of its emission.
 pub(crate) fn world_corners(volume: &ExtractedVolume) -> impl Iterator<Item = DVec3> + use<'_> {
     let world_from_local = affine(volume.world_from_local);
     let levels = [&volume.packed].into_iter().chain(&*volume.levels).enumerate();
@@ -209,24 +211,24 @@ pub(crate) fn world_corners(volume: &ExtractedVolume) -> impl Iterator<Item = DV
     })
 }
 
-/// What of a grid can stop or dim a ray, in its index space.
+/// The box of everything in a grid that can stop or dim a ray, in index space.
 pub(super) fn index_box(packed: &PackedGrid) -> Option<(DVec3, DVec3)> {
     let occupied = packed.occupied?;
     let origin = packed.base.as_dvec3() + packed.kind.lattice_origin();
     Some((origin + occupied.min.as_dvec3(), origin + occupied.max.as_dvec3() + 1.0))
 }
 
-/// From 0 to 1; no number is 0.
+/// Clamps to 0–1; NaN becomes 0.
 fn share(x: f32) -> f32 {
     non_negative(x).min(1.0)
 }
 
-/// What a shader can compute with; no number is 0.
+/// Clamps to the range that shaders can compute with; NaN becomes 0.
 fn anisotropy(x: f32) -> f32 {
     if x.is_nan() { 0.0 } else { x.clamp(-MOST_ANISOTROPY, MOST_ANISOTROPY) }
 }
 
-/// The first setting of a material that makes no sense.
+/// The first invalid field of a material.
 fn wrong_setting(material: &VdbMaterial) -> Option<Setting> {
     let color = |c: LinearRgba| [c.red, c.green, c.blue].iter().all(|&c| c >= 0.0 && c.is_finite());
     let is_share = |x: f32| (0.0..=1.0).contains(&x);
