@@ -1,8 +1,8 @@
-//! OpenVDB volumes for the [Bevy](https://bevy.org) game engine: level sets and fog from `.vdb` files, ray-traced
-//! on the GPU inside a Bevy scene.
+//! OpenVDB volumes for the [Bevy](https://bevy.org) game engine: level sets and fog from `.vdb`
+//! files, ray-traced on the GPU inside a Bevy scene.
 //!
-//! Add [`VdbRenderPlugin`], or [`VdbPlugins`] for the plugins of all enabled cargo features, and spawn a
-//! [`VdbVolume`]:
+//! Add [`VdbRenderPlugin`], or [`VdbPlugins`] for the plugins of all enabled cargo features, and
+//! spawn a [`VdbVolume`]:
 //!
 //! ```no_run
 //! use bevy::prelude::*;
@@ -19,24 +19,26 @@
 //! }
 //! ```
 //!
-//! # Where to find what
+//! # Overview
 //!
 //! - **Assets**: [`VdbFile`], [`VdbGrid`] and [`VdbVectorGrid`], loaded with [`VdbLoaderSettings`].
 //!   `VdbGrid::new` makes a grid in memory, [`VdbGrid::edit`] changes voxels at run time and
 //!   [`VdbGrid::save`] writes a file. [`VdbLoadProgress`] reports what is being loaded.
-//! - **Volumes**: [`VdbVolume`] with a [`VdbMaterial`], and [`VdbEmission`] or [`VdbColorGrid`] for further
-//!   grids. [`VdbVolumeState`] says how far a volume is from being rendered.
-//! - **Cameras**: [`VdbCamera`] has modes and overlays, [`VdbQuality`] the settings that trade accuracy for
-//!   time. [`VdbDial`] adjusts these to a frame budget, and [`VdbMeasureFeatures`] measures their costs.
-//! - **Queries**: [`VdbSpatialQuery`] casts rays and samples points on the CPU, with the results of the
+//! - **Volumes**: [`VdbVolume`] with a [`VdbMaterial`], and [`VdbEmission`] or [`VdbColorGrid`] for
+//!   further grids. [`VdbVolumeState`] reports whether a volume is loading, prepared or drawn.
+//! - **Cameras**: [`VdbCamera`] has modes and overlays, [`VdbQuality`] the settings that trade
+//!   accuracy for speed. [`VdbDial`] adjusts these to a frame budget, and [`VdbMeasureFeatures`]
+//!   measures their costs.
+//! - **Queries**: [`VdbSpatialQuery`] casts rays and samples points on the CPU, and agrees with the
 //!   rendered image.
-//! - **Figures**: [`VdbDiagnostics`] lists each camera's passes and buffers, and why it has them.
+//! - **Diagnostics**: [`VdbDiagnostics`] lists each camera's passes and buffers, and the reason for
+//!   each.
 //!
 //! # Cargo features
 //!
-//! - `picking`: volumes under Bevy's pointers, by `VdbPickingPlugin`.
-//! - `egui`: a panel to inspect and change everything, by `VdbInspectorPlugin`.
-//! - `record`: cameras recorded to PNG files or videos, by `VdbRecordPlugin`.
+//! - `picking`: `VdbPickingPlugin`, a backend of Bevy's picking for volumes.
+//! - `egui`: `VdbInspectorPlugin`, a panel to inspect and edit everything.
+//! - `record`: `VdbRecordPlugin`, which records cameras to PNG files or videos.
 //!
 //! The guide, measured accuracy and benchmarks are in the
 //! [repository](https://github.com/bevy-vdb/bevy_vdb/tree/main/docs).
@@ -81,12 +83,12 @@ pub use vdb_core;
 pub use vdb_core::Limits as VdbLimits;
 pub use vdb_core::pack::edit::{Voxel as VdbVoxel, VoxelEdit as VdbEdit};
 
-/// The code of the guide, compiled by `cargo test --doc`.
+/// The code in the guide, compiled by `cargo test --doc`.
 #[cfg(all(doctest, feature = "record"))]
 #[doc = include_str!("../docs/guide/recipes.md")]
 mod guide {}
 
-/// The code of the README, likewise.
+/// The code in the README, likewise.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 mod readme {}

@@ -1,4 +1,4 @@
-//! The plugin, and the group of all plugins.
+//! The main plugin, and the group of all plugins.
 
 use bevy::app::PluginGroupBuilder;
 use bevy::prelude::*;
@@ -32,8 +32,8 @@ impl Plugin for VdbRenderPlugin {
             ));
         } else {
             error!(
-                "volumes are not shown: VdbRenderPlugin takes lights from Bevy's PbrPlugin; add that, or \
-                 DefaultPlugins, before it"
+                "volumes are not shown: VdbRenderPlugin needs Bevy's PbrPlugin for lights; add it, \
+                 or DefaultPlugins, before VdbRenderPlugin"
             );
         }
     }
