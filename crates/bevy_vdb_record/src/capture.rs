@@ -1,7 +1,7 @@
-//! Frames from cameras into memory, on the render thread.
+//! Capture of frames from cameras into memory, on the render thread.
 //!
-//! Each is copied by a draw into an 8-bit texture, whatever the camera's own format, and from there
-//! into one of a few buffers, which the GPU returns some frames later.
+//! Each frame is drawn into an 8-bit texture, regardless of the camera's own format, and copied
+//! from there into one of a few buffers, which can be read some frames later.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
@@ -21,14 +21,14 @@ use bevy::render::{Extract, ExtractSchedule, GpuResourceAppExt, Render, RenderAp
 use super::session::{Frame, Session};
 use super::{VdbRecordClock, VdbRecordError, VdbRecorder};
 
-/// The buffers of a recording: while one is read, the GPU can fill others.
+/// The number of buffers of a recording: while one is read, the GPU can fill others.
 const BUFFERS: usize = 3;
 const FORMAT: TextureFormat = TextureFormat::Rgba8UnormSrgb;
 
 pub(super) fn build(app: &mut App) {
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
     render_app
-        // A new GPU begins with none: what the old one had is lost.
+        // Recreated with a new GPU, because the frames on the old one are lost.
         .init_gpu_resource::<Captures>()
         .add_systems(ExtractSchedule, extract_recorders)
         .add_systems(
@@ -38,7 +38,7 @@ pub(super) fn build(app: &mut App) {
                 read_back.in_set(RenderSystems::Cleanup),
             ),
         )
-        // All that draws into a camera's texture is before that; some of it not in a set.
+        // After everything that draws into a camera's texture, some of which is in no set.
         .add_systems(Core3d, capture.after(upscaling));
 }
 
@@ -59,9 +59,9 @@ struct Capture {
     free: Vec<Buffer>,
     /// The data prepared by `prepare` for `capture`.
     shot: Option<Shot>,
-    /// Frames on their way, in order.
+    /// Frames that have not been read back, in order.
     staged: VecDeque<Staged>,
-    /// A frame that has arrived and waits for room in the queue.
+    /// A frame that has been read back and waits for room in the queue.
     ready: Option<Frame>,
 }
 
@@ -122,7 +122,7 @@ fn prepare(
             continue;
         };
         let view = views.iter().find(|(camera, ..)| **camera == capture.camera);
-        // A window that is minimised has none.
+        // The camera of a minimised window has no view.
         let Some((_, target, camera)) = view else { continue };
         let Some(slot) = capture.due(now) else { continue };
         if !capture.fit(&device, target, camera) {
@@ -135,7 +135,7 @@ fn prepare(
             source_space: target.compositing_space,
         };
         let pipeline = pipelines.specialize(&cache, &blit, key);
-        // Or the first frames would be missing.
+        // Otherwise the first frames would be missing.
         cache.block_on_render_pipeline(pipeline);
         if capture.session.waits() {
             capture.wait_for_buffer(&device);
@@ -207,7 +207,7 @@ fn capture(
 /// Maps the copied buffers after submission.
 fn read_back(mut captures: ResMut<Captures>) {
     for capture in &mut captures.0 {
-        // A camera that was not drawn after all.
+        // The shot is left over if the camera was not drawn.
         capture.free.extend(capture.shot.take().map(|shot| shot.buffer));
         for staged in capture.staged.iter_mut().filter(|staged| staged.mapped.is_none()) {
             let mapped = Arc::new(OnceLock::new());
@@ -243,7 +243,7 @@ impl Capture {
             VdbRecordClock::FixedStep => self.next,
             VdbRecordClock::RealTime => self.slot_in_real_time(now),
         };
-        // The last one is taken late rather than not at all.
+        // The last frame is taken even if it is late.
         let last = settings.max_frames.map_or(u64::MAX, |max| max.saturating_sub(1));
         let slot = slot.min(last);
         (slot >= self.next.min(last)).then_some(slot)
@@ -265,9 +265,9 @@ impl Capture {
         *began += Duration::from_secs_f64(seconds(cut));
         if self.session.cut(cut) {
             warn!(
-                "recording to {}: for {:.1} s there was no new frame; {:.1} s of them are filled with the \
-                 one before (VdbRecordSettings::max_gap), the rest is left out, as it will be of further \
-                 gaps",
+                "recording to {}: there was no new frame for {:.1} s; {:.1} s are filled with the \
+                 previous frame (VdbRecordSettings::max_gap), and the rest is left out, as in any \
+                 further gap",
                 settings.target.display(),
                 seconds(slot - self.next),
                 seconds(last - self.next),
@@ -299,7 +299,7 @@ impl Capture {
                 self.session.fail(VdbRecordError::Resized { from, to });
                 return false;
             }
-            // The same picture elsewhere in a window of the same or another size.
+            // The viewport has moved, or the window has another size; the image is the same size.
             surface.part = part;
             if surface.texture.size() == whole {
                 return true;
@@ -336,7 +336,7 @@ impl Capture {
     }
 
     /// Waits for a free buffer: for the GPU, and for room in the queue. A GPU that hangs ends the
-    /// recording, as an encoder does.
+    /// recording, like an encoder that hangs.
     fn wait_for_buffer(&mut self, device: &RenderDevice) {
         let (begin, limit) = (Instant::now(), self.session.settings.stall_timeout);
         let mut delivering = Duration::ZERO;
@@ -358,7 +358,7 @@ impl Capture {
         }
     }
 
-    /// Delivers arrived frames as far as there is room.
+    /// Delivers frames that have been read back, as long as there is room in the queue.
     fn deliver(&mut self) {
         loop {
             if let Some(frame) = self.ready.take()
@@ -373,7 +373,8 @@ impl Capture {
         }
     }
 
-    /// Reads the oldest frame, if it has arrived and no earlier one is still waiting.
+    /// Reads the oldest frame, if its buffer is mapped and no earlier frame is waiting; returns
+    /// whether a frame was read or lost.
     fn read_oldest(&mut self) -> bool {
         if self.ready.is_some() {
             return false;
@@ -402,14 +403,14 @@ impl Capture {
 }
 
 impl Drop for Capture {
-    /// The renderer goes away, or its GPU is replaced: frames on their way do not arrive.
+    /// Counts frames that will not arrive, because the renderer is dropped or its GPU replaced.
     fn drop(&mut self) {
         self.session.lose(self.staged.len() + usize::from(self.ready.is_some()));
     }
 }
 
-/// The frame of a recording nearest to a time after its start. Rounding to the nearest gives an app
-/// that renders at the recording's rate, but unevenly, one frame for each.
+/// The number of the frame nearest to a time after the start of a recording. Because of the
+/// rounding, an app that renders unevenly at the recording's rate still provides each frame once.
 fn slot_at(since: Duration, frame_rate: u32) -> u64 {
     (since.as_secs_f64() * f64::from(frame_rate)).round() as u64
 }

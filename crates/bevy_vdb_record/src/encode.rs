@@ -1,4 +1,4 @@
-//! Encodes frames to files, on a dedicated thread.
+//! The encoder thread, which writes frames to files.
 
 use std::fs::{self, File};
 use std::io;
@@ -14,10 +14,10 @@ use super::session::{Frame, Session};
 use super::target::{Encoder, cannot_write, is_free, part_of, write_in_parts};
 use super::{VdbRecordError, VdbRecordFormat, VdbRecordSettings};
 
-/// Encodes until no more frames can come.
+/// Encodes frames until no more can arrive.
 pub(super) fn encode(session: &Session, frames: &Receiver<Frame>) -> Result<(), VdbRecordError> {
     let (settings, pulse) = (&session.settings, &session.pulse);
-    // So that these errors come even if no frame does.
+    // Before the first frame, so that these errors are reported even if none arrives.
     make_folder(settings)?;
     refuse_existing(settings)?;
     let receive = || {
@@ -59,8 +59,8 @@ fn make_folder(settings: &VdbRecordSettings) -> Result<(), VdbRecordError> {
     }
 }
 
-/// Ensures that nothing of an earlier recording is replaced, or continues after this one, unless
-/// requested.
+/// Refuses to replace files of an earlier recording, or to leave some of them after the end of this
+/// one, unless requested.
 fn refuse_existing(settings: &VdbRecordSettings) -> Result<(), VdbRecordError> {
     if settings.overwrite {
         return Ok(());
@@ -117,7 +117,7 @@ impl<'a> PngSequence<'a> {
         let own = SEQUENCES.fetch_add(1, Ordering::Relaxed);
         Self {
             folder: &settings.target,
-            // Of no other recording, should one go into the same folder.
+            // Unique, in case another recording uses the same folder.
             part: settings.target.join(format!("vdb_record_{}_{own}.part", std::process::id())),
             overwrite: settings.overwrite,
             pulse,
@@ -133,7 +133,7 @@ impl<'a> PngSequence<'a> {
         let mut encoder = png::Encoder::new(&mut self.file, self.size.x, self.size.y);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
-        // Frames must come as fast as the app draws them.
+        // Compression must keep up with the app's frame rate.
         encoder.set_compression(png::Compression::Fast);
         encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
         let mut writer = encoder.write_header()?;
@@ -153,7 +153,7 @@ impl<'a> PngSequence<'a> {
         })
     }
 
-    /// An incomplete image never has an image's name.
+    /// Writes to a temporary name first, so an incomplete file never has the name of an image.
     fn save_as(&self, path: &Path) -> io::Result<()> {
         let mut file = File::create(&self.part)?;
         write_in_parts(&mut file, &self.file, self.pulse)?;

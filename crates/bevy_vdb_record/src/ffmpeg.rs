@@ -16,8 +16,8 @@ use super::pulse::Pulse;
 use super::target::{Encoder, cannot_write, is_free, part_of, write_in_parts};
 use super::{VdbRecordError, VdbRecordFormat, VdbRecordSettings};
 
-/// How long to wait for the program's last output after it exits: a program it has started may keep
-/// the pipe open.
+/// The time to wait for the program's last output after it exits, because a child of the program
+/// may keep the pipe open.
 const LAST_WORDS: Duration = Duration::from_secs(1);
 
 pub(super) struct Ffmpeg<'a> {
@@ -41,7 +41,8 @@ impl<'a> Ffmpeg<'a> {
         reserve(settings, &part)?;
         let started = Command::new(&settings.ffmpeg)
             .args(arguments(settings, size))
-            // With its protocol, so that no name can be taken for an option or another protocol.
+            // With an explicit protocol, so that no name is taken for an option or another
+            // protocol.
             .arg([OsString::from("file:"), part.clone().into()].into_iter().collect::<OsString>())
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
@@ -60,7 +61,7 @@ impl<'a> Ffmpeg<'a> {
             }
         })?;
         let (pictures, stderr) = (child.stdin.take(), child.stderr.take());
-        // All of it is read, or the program would wait for somebody who does.
+        // Reads all output, or the program would block on a full pipe.
         let (words, said) = mpsc::channel();
         thread::spawn(move || words.send(stderr.map(end_of).unwrap_or_default()).ok());
         pulse.guard(child);
@@ -75,7 +76,7 @@ impl<'a> Ffmpeg<'a> {
             Err(error) => error.to_string(),
         };
         let said = self.said.recv_timeout(LAST_WORDS).unwrap_or_default();
-        let said = if said.is_empty() { "it said nothing".into() } else { said };
+        let said = if said.is_empty() { "no output".into() } else { said };
         Err(VdbRecordError::Ffmpeg { status, said })
     }
 
@@ -91,7 +92,7 @@ impl<'a> Ffmpeg<'a> {
                 known = length;
                 self.pulse.beat();
             }
-            // One that was killed and does not end hangs in a call of the system.
+            // A killed program that does not exit hangs in a system call.
             let is_given_up = self.pulse.is_given_up();
             thread::sleep(Duration::from_millis(if is_given_up { 1000 } else { 5 }));
         }
@@ -131,7 +132,7 @@ impl Encoder for Ffmpeg<'_> {
 
     fn finish(mut self: Box<Self>) -> Result<(), VdbRecordError> {
         let result = self.wait();
-        // An empty file is of no use to anyone.
+        // Removes the reserved file if the program has written nothing.
         if fs::metadata(&self.part).is_ok_and(|file| file.is_file() && file.len() == 0) {
             fs::remove_file(&self.part).ok();
         }
@@ -139,7 +140,7 @@ impl Encoder for Ffmpeg<'_> {
     }
 }
 
-/// The last lines of an output, at most a few.
+/// The last 1,000 bytes of an output.
 fn end_of(mut stderr: impl Read) -> String {
     const KEPT: usize = 1000;
     let (mut end, mut chunk) = (Vec::new(), [0; 4096]);
@@ -158,9 +159,10 @@ fn arguments(settings: &VdbRecordSettings, size: UVec2) -> Vec<OsString> {
          -framerate {rate} -i pipe:0 -vf",
         size.x, size.y
     );
-    // Chroma has half the resolution: what every player can show. H.264 wants even sizes for that.
+    // Chroma has half the resolution, which every player supports. For that, H.264 needs even
+    // sizes.
     list += if is_mp4 { " crop=trunc(iw/2)*2:trunc(ih/2)*2:0:0," } else { " " };
-    // Colours as they are: sRGB has the primaries of BT.709 and a curve of its own.
+    // Tags the colours as sRGB, which has the primaries of BT.709 and its own transfer function.
     list += "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p -colorspace bt709 \
              -color_primaries bt709 -color_trc iec61966-2-1 -color_range tv";
     list += if is_mp4 {
@@ -168,7 +170,7 @@ fn arguments(settings: &VdbRecordSettings, size: UVec2) -> Vec<OsString> {
     } else {
         " -c:v libvpx-vp9 -crf 24 -b:v 0 -row-mt 1 -deadline realtime -cpu-used 5"
     };
-    // A key frame a second: with it a fragment is whole.
+    // One key frame per second, because a fragment ends before each key frame.
     list += &format!(" -g {rate} -f {}", if is_mp4 { "mp4" } else { "webm" });
     let mut list: Vec<OsString> = list.split(' ').map(OsString::from).collect();
     list.extend(settings.ffmpeg_args.iter().map(OsString::from));

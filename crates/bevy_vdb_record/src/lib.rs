@@ -1,10 +1,11 @@
-//! Records what a Bevy camera shows into PNG files or, by `ffmpeg`, into videos.
+//! Records the image of a Bevy camera to PNG files or, with the `ffmpeg` program, to videos.
 //!
-//! `bevy_vdb` re-exports this crate behind its feature `record`; nothing in it knows of volumes.
+//! `bevy_vdb` re-exports this crate with its feature `record`; the crate itself is independent of
+//! volumes.
 //!
 //! A frame goes from the camera's texture (`capture`, on the render thread) through a bounded queue
-//! (`session`) to an encoder thread (`encode`, `ffmpeg`), which is waited for only while it makes
-//! progress (`pulse`).
+//! (`session`) to an encoder thread (`encode`, `ffmpeg`). The app waits for the encoder only as
+//! long as it makes progress (`pulse`).
 
 #![deny(missing_docs)]
 
@@ -29,13 +30,12 @@ pub use settings::{
 
 use session::Session;
 
-/// Records cameras with a [`VdbRecorder`] into images or videos. Needs a
-/// renderer; a window is not needed.
+/// Records cameras with a [`VdbRecorder`] to images or videos. Needs a renderer, but no window.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
 /// # use bevy_vdb_record::{VdbRecordEnded, VdbRecordFormat, VdbRecordSettings, VdbRecorder};
-/// // Ten seconds at 30 frames a second, however long a frame takes.
+/// // Ten seconds at 30 frames per second, regardless of the time that rendering takes.
 /// fn begin(mut recorder: Single<&mut VdbRecorder>) -> Result {
 ///     recorder.start(VdbRecordSettings {
 ///         max_frames: Some(300),
@@ -52,8 +52,8 @@ use session::Session;
 /// }
 /// ```
 ///
-/// Videos need the `ffmpeg` program on the `PATH`; PNG sequences need nothing. Not available on the
-/// web, which has neither files nor programs.
+/// Videos need the `ffmpeg` program on the `PATH`; PNG sequences need no other program. Not
+/// available on the web, where apps can neither write files nor run programs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct VdbRecordPlugin;
 
@@ -69,10 +69,10 @@ impl Plugin for VdbRecordPlugin {
 
 /// Records its camera: a component of a `Camera3d`.
 ///
-/// The recording contains what this camera draws, after tonemapping and with the user interface
-/// drawn into it: its viewport, but not what other cameras draw beside or over it. Colours are
-/// sRGB, 8 bits per channel, without alpha. Removing the component or despawning the camera ends
-/// the recording like [`stop`](Self::stop).
+/// The recording contains the viewport of this camera, after tonemapping and with the user
+/// interface that it draws, but without the output of other cameras. Colours are sRGB, 8 bits per
+/// channel, without alpha. Removing the component or despawning the camera ends the recording like
+/// [`stop`](Self::stop).
 #[derive(Component, Debug, Default)]
 pub struct VdbRecorder {
     session: Option<Arc<Session>>,
@@ -95,8 +95,8 @@ impl VdbRecorder {
         Ok(())
     }
 
-    /// Stops taking frames. Frames already taken are still written while the app continues; the
-    /// file is complete when [`VdbRecordEnded`] is sent.
+    /// Stops capturing frames. Captured frames are still written while the app continues; the file
+    /// is complete when [`VdbRecordEnded`] is sent.
     pub fn stop(&self) {
         if let Some(session) = &self.session {
             session.stop();
@@ -115,24 +115,25 @@ impl Drop for VdbRecorder {
     }
 }
 
-/// A recording has ended: a message. Its file is complete unless there was an error.
+/// A message: a recording has ended. Its file is complete unless there was an error.
 #[derive(Clone, Debug, Message)]
 pub struct VdbRecordEnded {
     /// The camera, which may have been despawned since.
     pub camera: Entity,
     /// The path of the recording.
     pub target: PathBuf,
-    /// The final counts, and the error if there was one. Everything before the error can be played:
-    /// images at the target, a video possibly as [`unfinished`](VdbRecordStatus::unfinished).
+    /// The final counts, and the error if there was one. Everything recorded before an error can be
+    /// played: images at the target, a video possibly as
+    /// [`unfinished`](VdbRecordStatus::unfinished).
     pub status: VdbRecordStatus,
 }
 
-/// Every recording that has not ended, in the order of their starts.
+/// All recordings that have not ended, in the order in which they were started.
 #[derive(Debug, Default, Resource)]
 struct Recordings(Vec<(Entity, Arc<Session>)>);
 
 impl Drop for Recordings {
-    /// Writes what the encoder has before the app exits, unless the encoder hangs.
+    /// Waits for the encoders before the app exits, unless they hang.
     fn drop(&mut self) {
         for (_, session) in &self.0 {
             session.close();
@@ -142,16 +143,14 @@ impl Drop for Recordings {
     }
 }
 
-/// Logs why a recording did not end as requested.
+/// Logs the error of a recording, if there was one.
 fn tell(session: &Session, status: &VdbRecordStatus) {
     let target = session.settings.target.display();
     match (&status.error, &status.unfinished) {
         (Some(error), None) => error!("recording to {target}: {error}"),
         (Some(error), Some(unfinished)) => {
             let unfinished = unfinished.display();
-            error!(
-                "recording to {target}: {error}. What was written until then is in {unfinished}"
-            );
+            error!("recording to {target}: {error}. The unfinished video is in {unfinished}");
         }
         (None, _) => {}
     }
@@ -183,7 +182,7 @@ fn watch_recordings(
 /// The app's time while a recording controls it.
 struct KeptTime {
     frame_rate: u32,
-    /// The strategy of the app before.
+    /// The app's previous strategy.
     before: TimeUpdateStrategy,
 }
 

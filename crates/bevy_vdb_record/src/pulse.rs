@@ -1,5 +1,4 @@
-//! Detects whether an encoder still makes progress, so that nobody waits forever for one that does
-//! not.
+//! Detection of encoders that make no progress, so that the app does not wait for them forever.
 
 use std::process::{Child, ExitStatus};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -10,7 +9,7 @@ use std::time::{Duration, Instant};
 #[derive(Debug, Default)]
 pub(super) struct Pulse {
     beats: AtomicU64,
-    /// The encoder waits for the next frame and has nothing to do.
+    /// Whether the encoder has nothing to do and waits for the next frame.
     idle: AtomicBool,
     given_up: AtomicBool,
     /// The encoding program, if there is one.
@@ -18,7 +17,7 @@ pub(super) struct Pulse {
 }
 
 impl Pulse {
-    /// The encoder has completed a part of its work.
+    /// Reports that the encoder has completed a part of its work.
     pub fn beat(&self) {
         self.beats.fetch_add(1, Ordering::Relaxed);
     }
@@ -28,12 +27,12 @@ impl Pulse {
         self.idle.store(idle, Ordering::SeqCst);
     }
 
-    /// Whether nobody waits for the encoder any more. Its unfinished work stays unfinished.
+    /// Whether the encoder has been abandoned; its unfinished work stays unfinished.
     pub fn is_given_up(&self) -> bool {
         self.given_up.load(Ordering::SeqCst)
     }
 
-    /// Ends the program. The encoder thread may still hang in a system call, and is abandoned.
+    /// Kills the program, and abandons the encoder thread, which may hang in a system call.
     pub fn give_up(&self) {
         self.given_up.store(true, Ordering::SeqCst);
         if let Some(child) = &mut *self.child() {
@@ -41,7 +40,8 @@ impl Pulse {
         }
     }
 
-    /// Hands the program to whoever gives up, which may have happened while it was being started.
+    /// Stores the program, so that [`give_up`](Self::give_up) can kill it; kills it at once if the
+    /// encoder was abandoned while the program was being started.
     pub fn guard(&self, mut child: Child) {
         let mut guarded = self.child();
         if self.is_given_up() {
@@ -65,7 +65,7 @@ impl Pulse {
     }
 }
 
-/// How long a waiter has seen no sign of progress.
+/// The time without a sign of progress.
 #[derive(Debug)]
 pub(super) struct Patience {
     beats: u64,
@@ -73,8 +73,8 @@ pub(super) struct Patience {
     looked: Instant,
 }
 
-/// If more time passes between two checks, the app itself was suspended or in a debugger, and the
-/// encoder may have had no chance to run.
+/// The longest time between two checks that counts. If more has passed, the app itself was
+/// suspended or in a debugger, and the encoder may have had no chance to run.
 const LONGEST_LOOK: Duration = Duration::from_secs(1);
 
 impl Patience {
@@ -106,7 +106,7 @@ mod tests {
         let limit = Duration::from_secs(3);
         let mut patience = Patience::new(start);
         assert!(!patience.is_over(&pulse, limit, at(0.9)));
-        // An hour in which the app was suspended.
+        // The app was suspended for an hour.
         assert!(!patience.is_over(&pulse, limit, at(3600.0)));
         assert!(!patience.is_over(&pulse, limit, at(3601.0)));
         pulse.beat();
@@ -114,7 +114,7 @@ mod tests {
             assert!(!patience.is_over(&pulse, limit, at(3602.0 + f64::from(step))), "{step}");
         }
         assert!(patience.is_over(&pulse, limit, at(3606.0)));
-        // One that has nothing to do may stay so.
+        // An idle encoder makes no progress, and is not abandoned.
         pulse.set_idle(true);
         (0..60).for_each(|step| {
             assert!(!patience.is_over(&pulse, limit, at(3607.0 + f64::from(step))));

@@ -1,4 +1,4 @@
-//! One recording: the state shared by the component, the renderer and the encoder thread.
+//! The state of a recording, shared by the component, the renderer and the encoder thread.
 
 use std::sync::mpsc::{self, Receiver, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -13,13 +13,13 @@ use super::{
     VdbRecordError, VdbRecordPhase, VdbRecordSettings, VdbRecordStatus, VdbRecordWhenFull,
 };
 
-/// The polling interval of those who wait for an encoder.
+/// The polling interval when waiting for an encoder.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// An image on its way to the encoder.
+/// A frame for the encoder.
 #[derive(Debug)]
 pub(super) struct Frame {
-    /// Its number in the recording. Missing numbers are filled by repetition.
+    /// The frame's number in the recording. Missing numbers are filled by repetition.
     pub slot: u64,
     pub size: UVec2,
     /// RGBA in sRGB, row by row from the top left, 4 bytes per pixel; alpha is unused.
@@ -39,14 +39,14 @@ struct State {
     status: VdbRecordStatus,
     /// Frames captured that are not in the queue yet.
     in_flight: usize,
-    /// The encoder ends when this and all its clones are dropped.
+    /// The queue to the encoder, which ends when this sender and all its clones are dropped.
     queue: Option<SyncSender<Frame>>,
     encoder: Option<JoinHandle<()>>,
     patience: Patience,
 }
 
 impl Session {
-    /// Starts a recording; `encode` runs on its own thread until no more frames can come.
+    /// Starts a recording; `encode` runs on its own thread until no more frames can arrive.
     pub fn start(
         settings: VdbRecordSettings,
         encode: impl FnOnce(&Self, &Receiver<Frame>) -> Result<(), VdbRecordError> + Send + 'static,
@@ -65,7 +65,7 @@ impl Session {
             .name("vdb_record".into())
             .spawn(move || {
                 let result = encode(&shared, &frames);
-                // Before the phase says that all is over: whoever waits for room gets on.
+                // Before the phase changes, so that a sender waiting for room continues.
                 drop(frames);
                 shared.end(result);
             })
@@ -117,8 +117,8 @@ impl Session {
     /// Passes a captured frame to the encoder. Returns it if the queue is full and `wait` is false.
     /// Otherwise waits as long as the encoder makes progress.
     pub fn deliver(&self, mut frame: Frame, wait: bool) -> Result<(), Frame> {
-        // Not under the lock: the encoder needs it to get on. An error is an encoder that has ended, which
-        // says why itself.
+        // Without holding the lock, which the encoder needs. Sending fails otherwise only if the
+        // encoder has ended, which reports the reason itself.
         while let Some(queue) = self.queue()
             && let Err(TrySendError::Full(refused)) = queue.try_send(frame)
         {
@@ -180,13 +180,13 @@ impl Session {
     fn end(&self, result: Result<(), VdbRecordError>) {
         let part = part_of(&self.settings).filter(|part| part.exists());
         let mut state = self.state();
-        // One that was given up is over already.
+        // An abandoned recording has already ended.
         if state.status.phase == VdbRecordPhase::Ended {
             return;
         }
         state.status.phase = VdbRecordPhase::Ended;
         if let Err(error) = result {
-            // Another recording's is not this one's.
+            // If the file exists, it belongs to another recording.
             let is_own =
                 |part: &_| !matches!(&error, VdbRecordError::Exists { path } if path == part);
             state.status.unfinished = part.filter(is_own);
@@ -196,8 +196,8 @@ impl Session {
     }
 
     /// Ends the recording if its encoder has made no progress for longer than the settings allow;
-    /// returns whether it has ended for any reason. Called every frame, and by everyone who waits
-    /// for the encoder.
+    /// returns whether it has ended for any reason. Called every frame, and repeatedly while
+    /// waiting for the encoder.
     pub fn end_if_stalled(&self) -> bool {
         let mut state = self.state();
         if state.status.phase == VdbRecordPhase::Ended {
@@ -211,9 +211,9 @@ impl Session {
         let has_begun = self.pulse.has_child();
         state.status.phase = VdbRecordPhase::Ended;
         state.status.error = Some(VdbRecordError::Stalled { after: limit });
-        // Nothing is asked of the disk here: it may be what hangs.
+        // Without accessing the disk, which may hang.
         state.status.unfinished = part_of(&self.settings).filter(|_| has_begun);
-        // The thread is not waited for. Should it get on one day, it finds that it was given up.
+        // The thread is not joined. If it ever continues, it finds that it was abandoned.
         (state.queue, state.encoder) = (None, None);
         true
     }

@@ -9,24 +9,25 @@ use bevy::math::UVec2;
 /// The output format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VdbRecordFormat {
-    /// PNG files `00000000.png`, `00000001.png`, … in the target folder: lossless, without any
+    /// PNG files `00000000.png`, `00000001.png`, … in the target folder: lossless, and needs no
     /// other program. A file gets its name when it is complete.
     PngSequence,
     /// H.264 in MP4, by the `ffmpeg` program (with `libx264`). An odd width or height loses its
-    /// last column or row. Fragmented every second, so the file can be played up to where an
-    /// encoder was killed. Until complete, `film.mp4` is called `film.part.mp4`.
+    /// last column or row. Fragmented every second, so if the encoder is killed, the file can be
+    /// played up to that point. Until complete, `film.mp4` is called `film.part.mp4`.
     Mp4,
     /// VP9 in WebM, by the `ffmpeg` program (with `libvpx-vp9`). Until complete, `film.webm` is
     /// called `film.part.webm`.
     WebM,
 }
 
-/// How the time of the recording relates to that of the app.
+/// The relation between the time of a recording and that of the app.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VdbRecordClock {
-    /// The app's time advances by one recorded frame per frame, however long rendering takes: for
-    /// films. Sets Bevy's `TimeUpdateStrategy` while recording. Below 4 frames per second, also
-    /// raise the `max_delta` of `Time<Virtual>`, which is a quarter of a second.
+    /// The app's time advances by the duration of one recorded frame per frame, regardless of the
+    /// time that rendering takes: for films. Sets Bevy's `TimeUpdateStrategy` while recording.
+    /// Below 4 frames per second, also raise the `max_delta` of `Time<Virtual>`, which is a quarter
+    /// of a second.
     FixedStep,
     /// The app and the recording run in real time. If the app has no new frame in time, the last
     /// one is repeated, for up to [`VdbRecordSettings::max_gap`]; if it has too many, some are left
@@ -34,10 +35,10 @@ pub enum VdbRecordClock {
     RealTime,
 }
 
-/// What happens to a frame when the queue to the encoder is full.
+/// The behaviour when the queue to the encoder is full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VdbRecordWhenFull {
-    /// The app waits for the encoder as long as it makes progress: see
+    /// The app waits for the encoder as long as the encoder makes progress: see
     /// [`VdbRecordSettings::stall_timeout`].
     Wait,
     /// The frame is dropped and the previous one repeated, so that the recording keeps time.
@@ -53,9 +54,9 @@ pub struct VdbRecordSettings {
     pub format: VdbRecordFormat,
     /// Whether to replace an existing recording. `false` by default: the new recording then ends
     /// before its first frame with [`VdbRecordError::Exists`]. For a PNG sequence, any file in the
-    /// folder with the name of a frame counts, because it would be taken for a part of the new one.
-    /// Files are replaced one by one, and those beyond the end of the new sequence are removed at
-    /// its end.
+    /// folder with the name of a frame counts as an existing recording, because it would be taken
+    /// for a part of the new one. With `true`, files are replaced one by one, and those beyond the
+    /// end of the new sequence are removed when the recording ends.
     pub overwrite: bool,
     /// Frames per second, at least 1. 30 by default.
     pub frame_rate: u32,
@@ -68,19 +69,19 @@ pub struct VdbRecordSettings {
     pub queue: usize,
     /// The maximum length in recorded frames, after which the recording stops.
     pub max_frames: Option<u64>,
-    /// How long the encoder may make no progress before it is abandoned and the recording ends with
+    /// The time without progress after which the encoder is abandoned and the recording ends with
     /// [`VdbRecordError::Stalled`]: 20 seconds by default. [`VdbRecordWhenFull::Wait`] and the exit
     /// of the app wait no longer than that. Time in which the app was suspended does not count.
     pub stall_timeout: Duration,
     /// With [`VdbRecordClock::RealTime`], the longest gap that is filled by repeating the last
-    /// frame: 5 seconds by default. The rest of a longer gap (the app was suspended, its window
-    /// minimised) is left out of the recording, with a warning, and counted in
+    /// frame: 5 seconds by default. The rest of a longer gap (because the app was suspended or its
+    /// window minimised) is left out of the recording, with a warning, and counted in
     /// [`VdbRecordStatus::cut`].
     pub max_gap: Duration,
     /// The program that encodes videos: `ffmpeg` by default, looked up on the `PATH`.
     pub ffmpeg: PathBuf,
-    /// Additional arguments for `ffmpeg`, before the file and after those of the format, which they
-    /// override: `["-crf", "12"]` gives higher quality in a larger file.
+    /// Additional arguments for `ffmpeg`, placed before the file and after those of the format,
+    /// which they override: `["-crf", "12"]` gives higher quality in a larger file.
     pub ffmpeg_args: Vec<String>,
 }
 
@@ -140,27 +141,27 @@ pub struct VdbRecordStatus {
     /// The path of a video that its encoder has not finished, such as `film.part.mp4`; it can be
     /// played as far as it goes.
     pub unfinished: Option<PathBuf>,
-    /// Why the recording ended, if not as requested.
+    /// The error, if the recording did not end as requested.
     pub error: Option<VdbRecordError>,
 }
 
-/// Why a recording ended or could not start.
+/// The reason why a recording failed or could not start.
 #[derive(Clone, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum VdbRecordError {
     /// The recorder already has a recording.
-    #[error("this camera is already being recorded; stop that, and wait until it has ended")]
+    #[error("this camera is already being recorded; stop that recording, and wait for its end")]
     AlreadyRecording,
     /// The frame rate is 0.
-    #[error("a recording needs at least 1 frame a second; set VdbRecordSettings::frame_rate")]
+    #[error("a recording needs at least 1 frame per second; set VdbRecordSettings::frame_rate")]
     NoFrameRate,
     /// The encoder thread could not be started.
-    #[error("cannot start a thread to encode on: {0}")]
+    #[error("cannot start the encoder thread: {0}")]
     Thread(Arc<std::io::Error>),
     /// Two recordings request different fixed time steps.
     #[error(
-        "a recording with a fixed step at {own} frames a second was asked for while another keeps the \
-         app's time at {kept}; give both the same frame_rate"
+        "a recording with a fixed step cannot run at {own} frames per second while another one \
+         runs at {kept}; give both the same frame_rate"
     )]
     OtherFrameRate {
         /// Frames per second of this recording.
@@ -170,8 +171,8 @@ pub enum VdbRecordError {
     },
     /// The target exists.
     #[error(
-        "{} is already there; set VdbRecordSettings::overwrite if it is to be replaced, or record to \
-         another place",
+        "{} already exists; set VdbRecordSettings::overwrite to replace it, or choose another \
+         target",
         path.display()
     )]
     Exists {
@@ -180,14 +181,14 @@ pub enum VdbRecordError {
     },
     /// The recording was stopped before its first frame.
     #[error(
-        "it was stopped before the camera had drawn a frame; is the camera a Camera3d, active, and its \
-         window or image there?"
+        "the recording was stopped before the camera had drawn a frame; check that the camera is \
+         an active Camera3d whose window or image exists"
     )]
     NoFrames,
     /// The size of a video cannot change.
     #[error(
-        "the camera's picture changed its size from {from} to {to} pixels; the recording ends with the \
-         frame before"
+        "the size of the camera's image changed from {from} to {to} pixels; the recording ends \
+         with the previous frame"
     )]
     Resized {
         /// The previous width and height in pixels.
@@ -197,7 +198,8 @@ pub enum VdbRecordError {
     },
     /// The GPU did not deliver a frame.
     #[error(
-        "{frames} frames were lost between the GPU and the encoder: the app ended, or its GPU failed"
+        "{frames} frames were lost between the GPU and the encoder: the app exited, or the GPU \
+         failed"
     )]
     Lost {
         /// The number of frames captured but not encoded.
@@ -223,16 +225,16 @@ pub enum VdbRecordError {
     },
     /// The encoder, or the disk it writes to, hangs.
     #[error(
-        "the encoder has done nothing for {} s (VdbRecordSettings::stall_timeout) and was given up; does \
-         the disk or the program ffmpeg hang?",
+        "the encoder has made no progress for {} s (VdbRecordSettings::stall_timeout) and was \
+         abandoned; check whether the disk or ffmpeg hangs",
         after.as_secs_f64()
     )]
     Stalled {
-        /// How long the recording waited.
+        /// The time that the recording waited.
         after: Duration,
     },
     /// `ffmpeg` could not be started, failed, or was killed.
-    #[error("ffmpeg ended too early ({status}): {said}")]
+    #[error("ffmpeg failed ({status}): {said}")]
     Ffmpeg {
         /// The exit status.
         status: String,

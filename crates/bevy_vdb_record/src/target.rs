@@ -1,4 +1,4 @@
-//! Destinations of frames: the interface of encoders, and the files they write.
+//! The interface of encoders, and the files that they write.
 
 use std::ffi::OsString;
 use std::fs;
@@ -24,8 +24,8 @@ pub(super) fn cannot_write(path: &Path, error: io::Error) -> VdbRecordError {
     VdbRecordError::Write { path: path.to_owned(), source: Arc::new(error) }
 }
 
-/// The path of an incomplete video: `film.part.mp4` beside `film.mp4`. Images have no such path
-/// that anyone might look for.
+/// The path of an incomplete video: `film.part.mp4` beside `film.mp4`. `None` for images, whose
+/// incomplete files are of no use.
 pub(super) fn part_of(settings: &VdbRecordSettings) -> Option<PathBuf> {
     if settings.format == VdbRecordFormat::PngSequence {
         return None;
@@ -48,7 +48,7 @@ pub(super) fn is_free(path: &Path) -> Result<(), VdbRecordError> {
     }
 }
 
-/// Writes in parts with regular signs of progress; stops once nobody waits.
+/// Writes in parts and reports progress after each; stops if the encoder has been abandoned.
 pub(super) fn write_in_parts(
     mut to: impl Write,
     bytes: &[u8],

@@ -26,7 +26,7 @@ fn folder(name: &str) -> PathBuf {
     path
 }
 
-/// Whether videos can be made and looked at; says aloud where a test is left out.
+/// Whether videos can be encoded and decoded; otherwise prints that a test is skipped.
 fn has_ffmpeg() -> bool {
     let found = ["ffmpeg", "ffprobe"]
         .iter()
@@ -62,7 +62,7 @@ fn send(session: &Session, frame: Frame) {
     assert!(session.deliver(frame, true).is_ok());
 }
 
-/// Stops, and waits for the end.
+/// Stops the recording, and waits for its end.
 fn end(session: &Session) -> VdbRecordStatus {
     session.stop();
     session.join();
@@ -80,7 +80,7 @@ fn read_png(path: &Path) -> (UVec2, Vec<u8>) {
     (UVec2::new(info.width, info.height), pixels)
 }
 
-/// How many frames of a video can be decoded, after what its tables say.
+/// The number of frames of a video that can be decoded.
 fn count_frames(path: &Path) -> u64 {
     let output = Command::new("ffprobe")
         .args(["-v", "error", "-count_frames", "-select_streams", "v:0"])
@@ -123,7 +123,7 @@ fn a_full_queue_gives_frames_back_or_waits() {
         Ok(())
     })
     .unwrap();
-    // One at the encoder, two in the queue.
+    // One frame is at the encoder, and two are in the queue.
     (0..3).for_each(|slot| send(&session, frame(slot)));
     assert!(session.claim());
     let refused = session.deliver(frame(3), false);
@@ -152,7 +152,7 @@ fn a_folder_that_cannot_be_made_is_named() {
         let error = end(&session).error.unwrap();
         assert!(matches!(&error, VdbRecordError::Write { .. }), "{error:?}");
         assert!(error.to_string().contains(file.to_str().unwrap()), "{error}");
-        // Whoever goes on is not held up.
+        // Sending more frames does not block.
         assert!(!session.claim());
         assert!(session.deliver(frame(0), true).is_ok());
     }
@@ -177,7 +177,7 @@ fn a_picture_that_cannot_be_written_ends_a_sequence_of_whole_ones() {
     (0..2).for_each(|file| drop(read_png(&target.join(format!("{file:08}.png")))));
 }
 
-/// `/dev/full` is a disk without room.
+/// `/dev/full` behaves like a full disk.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_leaves_no_half_picture() {
@@ -214,7 +214,7 @@ fn a_full_disk_ends_a_video() {
     assert!(!target.exists(), "what is cut short looks whole");
 }
 
-/// The process that writes a file, among this one's children.
+/// The id of the `ffmpeg` process that writes a file.
 #[cfg(target_os = "linux")]
 fn encoder_of(target: &Path) -> u32 {
     let until = Instant::now() + Duration::from_secs(20);
@@ -246,7 +246,7 @@ fn a_killed_encoder_leaves_a_video_that_plays() {
         let session =
             start(VdbRecordSettings { frame_rate: 10, ..VdbRecordSettings::new(&target, format) })
                 .unwrap();
-        // Until seconds of it are on the disk.
+        // Until a few seconds of video are on the disk.
         let mut slot = 0;
         let part = part_of(&session.settings).unwrap();
         let large = |path: &Path| fs::metadata(path).is_ok_and(|file| file.len() > 200_000);
@@ -257,7 +257,7 @@ fn a_killed_encoder_leaves_a_video_that_plays() {
         }
         let id = encoder_of(&part).to_string();
         assert!(Command::new("kill").args(["-9", &id]).status().unwrap().success());
-        // The app goes on as if nothing were.
+        // The app continues to send frames.
         for slot in slot..slot + 50 {
             if session.claim() {
                 session.deliver(noise(slot), true).ok();
@@ -295,7 +295,7 @@ fn colours_survive_a_video() {
     assert_eq!(frames.len(), 12);
     for (slot, pixels) in frames.into_iter().enumerate() {
         let middle = &pixels[pixels.len() / 2..][..3];
-        // 8 bits of luma and chroma in their short range, and what the coding leaves out.
+        // The rounding of luma and chroma to 8 bits in limited range, and coding losses.
         let near = |(a, b): (&u8, u8)| a.abs_diff(b) <= 4;
         assert!(
             middle.iter().zip(color(slot as u64)).all(near),

@@ -1,8 +1,8 @@
-//! What stands at the target already.
+//! Recordings whose targets exist.
 
 use super::*;
 
-/// What is in the files of a folder, by their names.
+/// The names and contents of the files in a folder, sorted.
 fn contents(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let mut files: Vec<_> = fs::read_dir(folder)
         .unwrap()
@@ -30,7 +30,7 @@ fn record(settings: VdbRecordSettings) -> VdbRecordStatus {
 #[test]
 fn a_recording_is_not_overwritten_unasked() {
     let folder = folder("existing");
-    // Also one that two frames would not reach: it would be taken for a part of the new sequence.
+    // Files beyond the end of the new sequence count, too: they would be taken for a part of it.
     for (format, target, there) in [
         (VdbRecordFormat::PngSequence, "", "00000000.png"),
         (VdbRecordFormat::PngSequence, "", "00000070.png"),
@@ -53,7 +53,7 @@ fn a_recording_is_not_overwritten_unasked() {
     }
 }
 
-/// Other names are other people's.
+/// Files with other names do not belong to a sequence.
 #[test]
 fn what_is_no_picture_of_a_sequence_stands_in_nobodys_way() {
     let target = folder("others");
@@ -83,7 +83,7 @@ fn a_sequence_that_is_overwritten_ends_where_the_new_one_does() {
     (0..2).for_each(|number| drop(read_png(&target.join(picture(number)))));
 }
 
-/// Two at once into one folder, and into one video: the first gets it, and neither is spoilt.
+/// Two simultaneous recordings to one folder: the first one gets it, and is not damaged.
 #[test]
 fn two_recordings_do_not_share_a_target() {
     let target = folder("shared");
@@ -93,7 +93,7 @@ fn two_recordings_do_not_share_a_target() {
     while sessions[0].status().written == 0 {
         std::thread::sleep(Duration::from_millis(1));
     }
-    // It may have found out already, and take no frame.
+    // The second recording may have failed already, and then takes no frame.
     if sessions[1].claim() {
         sessions[1].deliver(frame(1), true).ok();
     }

@@ -4,20 +4,21 @@ use std::os::unix::fs::PermissionsExt;
 
 use super::*;
 
-/// How long an encoder may hang in here, and how long it takes at most until that is seen: machines are
-/// busy.
+/// The stall timeout of these tests, and the longest time until a stall is detected on a busy
+/// machine.
 const LIMIT: Duration = Duration::from_millis(400);
 const SEEN: Duration = Duration::from_secs(10);
 
-/// Settings for a video in an empty folder, by a program that is this script; `$target` is its file.
+/// Settings for a video in an empty folder, encoded by a shell script; `$target` is the file to
+/// write.
 fn script(name: &str, lines: &str) -> VdbRecordSettings {
     let folder = folder(name);
     let (text, program) = (folder.join("encoder.sh"), folder.join("encoder"));
     let begin = "for target; do :; done; target=${target#file:}";
     fs::write(&text, format!("#!/bin/sh\n{begin}\n{lines}\n")).unwrap();
     fs::set_permissions(&text, fs::Permissions::from_mode(0o755)).unwrap();
-    // By another process: a file that this one has written may be open in one that it is just starting,
-    // and then cannot be run.
+    // Copied by another process: a file written by this one may still be open in a child that is
+    // just starting, and then cannot be executed.
     assert!(Command::new("cp").args([&text, &program]).status().unwrap().success());
     VdbRecordSettings {
         ffmpeg: program,
@@ -26,7 +27,7 @@ fn script(name: &str, lines: &str) -> VdbRecordSettings {
     }
 }
 
-/// More than a pipe and a queue hold.
+/// Sends more frames than a pipe and a queue hold.
 fn send_many(session: &Session) {
     for slot in 0..100 {
         if session.claim() {
@@ -40,12 +41,12 @@ fn assert_stalled(status: &VdbRecordStatus, settings: &VdbRecordSettings) {
     assert!(matches!(error, VdbRecordError::Stalled { after } if *after == LIMIT), "{error}");
     let part = settings.target.with_extension("part.mp4");
     assert_eq!(status.unfinished.as_ref(), Some(&part));
-    // What it has written is there, and does not look whole.
+    // The output so far is kept, under the name of an unfinished video.
     assert_eq!(fs::read(part).unwrap(), b"begun");
     assert!(!settings.target.exists());
 }
 
-/// Also one that has a program of its own, which keeps the pipe open when it is killed itself.
+/// Including a program with a child, which keeps the pipe open after the program is killed.
 #[test]
 fn a_program_that_stops_reading_is_given_up() {
     for (name, line) in [("hangs", "exec sleep 60"), ("child_hangs", "sleep 60")] {
@@ -61,7 +62,7 @@ fn a_program_that_stops_reading_is_given_up() {
     }
 }
 
-/// The app goes, with a queue that nobody empties.
+/// The app exits while the queue is full and never drained.
 #[test]
 fn a_program_that_hangs_does_not_hold_up_the_end_of_the_app() {
     let settings = script("exit", "printf begun > $target; sleep 60");
@@ -90,7 +91,7 @@ fn a_program_that_does_not_end_is_given_up() {
     assert_stalled(&status, &settings);
 }
 
-/// A file that grows is a sign of life, and so is a pipe that is emptied.
+/// A growing file counts as progress, and so does reading from the pipe.
 #[test]
 fn a_slow_program_is_not_given_up() {
     let settings = script(
@@ -110,7 +111,7 @@ fn a_slow_program_is_not_given_up() {
     assert_eq!(fs::read_dir(settings.target.parent().unwrap()).unwrap().count(), 3);
 }
 
-/// A disk that hangs, and comes back when the recording is over.
+/// A disk hangs, and recovers after the recording has ended.
 #[test]
 fn an_encoder_that_comes_back_too_late_writes_nothing() {
     let target = folder("late");
