@@ -21,7 +21,7 @@ fn main() {
 /// another device would not fix.
 fn recover(error: &RenderError, world: &mut World, _: &mut World) -> RenderErrorPolicy {
     if let ErrorType::DeviceLost = error.ty {
-        // With the settings that the app's RenderPlugin has.
+        // The settings of the app's RenderPlugin, which are the default ones.
         return RenderErrorPolicy::Recover(RenderCreation::default());
     }
     world.write_message(AppExit::error());
@@ -30,10 +30,10 @@ fn recover(error: &RenderError, world: &mut World, _: &mut World) -> RenderError
 
 fn lose(keys: Res<ButtonInput<KeyCode>>, device: Res<RenderDevice>) {
     if keys.just_pressed(KeyCode::KeyD) {
-        // Bevy 0.19.1 panics if it is still reading back a buffer of its lights.
+        // Bevy 0.19.1 panics if it is still reading back one of its light buffers.
         device.poll(PollType::wait_indefinitely()).ok();
         device.wgpu_device().destroy();
-        // Tells Bevy, as a device that is lost by itself does at once.
+        // Notifies Bevy, which happens automatically when a device is really lost.
         device.poll(PollType::wait_indefinitely()).ok();
     }
 }

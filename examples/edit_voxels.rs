@@ -14,30 +14,30 @@ use bevy_vdb::vdb_core::tree::CoordBox;
 
 mod helpers;
 
-/// In world units.
+/// The size of a voxel and the radius of the ball, in world units.
 const VOXEL: f32 = 0.02;
 const RADIUS: f32 = 1.6;
-/// Of the groove around the ball, and the seconds that it takes.
+/// The turns of the groove around the ball, and the seconds that it takes.
 const TURNS: f32 = 7.0;
 const SECONDS: f32 = 3.0;
 const BEADS: f32 = 90.0;
-/// Positions of the tool per frame.
+/// The number of tool positions per frame.
 const DABS: u32 = 20;
 
 fn main() -> AppExit {
     helpers::app()
         .insert_resource(GlobalAmbientLight { brightness: 250.0, ..default() })
         .insert_resource(ClearColor(Color::srgb(0.09, 0.1, 0.13)))
-        // Until the groove is done.
+        // Until the groove is finished.
         .insert_resource(helpers::Frames(30 * SECONDS as u32))
         .init_resource::<Brush>()
         .add_systems(Startup, setup)
-        // What asks about volumes reads their grids, and what edits them writes these: one after the other.
+        // Queries read the grids of volumes, and edits write them, so they are separate systems.
         .add_systems(Update, (wind, point, carve).chain())
         .run()
 }
 
-/// Where the tool works in this frame.
+/// The edits of this frame.
 #[derive(Default, Resource)]
 struct Brush(Vec<Dab>);
 
@@ -72,7 +72,7 @@ fn setup(
     let bead = (Mesh3d(meshes.add(Sphere::new(0.06))), MeshMaterial3d(materials.add(glow)));
     commands.spawn((Tool, bead, Transform::from_scale(Vec3::ZERO)));
     let eye = Transform::from_xyz(2.2, 1.9, 4.2).looking_at(Vec3::ZERO, Vec3::Y);
-    // There is no mesh for its shadow to fall on.
+    // There is no mesh for the shadow of the clay to fall on.
     let settings = VdbCamera { mesh_shadows: false, ..default() };
     commands.spawn((Camera3d::default(), settings, eye));
     let sun = DirectionalLight { illuminance: 9_000.0, shadow_maps_enabled: true, ..default() };
@@ -88,7 +88,7 @@ fn wind(time: Res<Time>, mut brush: ResMut<Brush>, mut tool: Single<&mut Transfo
         tool.scale = Vec3::ZERO;
         return;
     }
-    // From the middle of the ball, after a part of the way.
+    // The direction from the middle of the ball to the tool.
     let toward = |around: f32, down: f32| {
         Quat::from_rotation_y(around * TAU * TURNS) * Quat::from_rotation_x(down * PI) * Vec3::Y
     };
@@ -99,7 +99,7 @@ fn wind(time: Res<Time>, mut brush: ResMut<Brush>, mut tool: Single<&mut Transfo
         tool.translation = at;
     }
     tool.scale = Vec3::ONE;
-    // Every few frames a bead, on the ridge between this turn and the last one.
+    // Every few frames, adds a bead on the ridge between this turn and the previous one.
     let bead = |now: f32| (now * BEADS) as u32;
     if now > 1.0 / TURNS && bead(now) != bead(now - before) {
         let at = RADIUS * toward(now, now - 0.5 / TURNS);
@@ -107,7 +107,7 @@ fn wind(time: Res<Time>, mut brush: ResMut<Brush>, mut tool: Single<&mut Transfo
     }
 }
 
-/// The mouse, if there is one.
+/// Digs or adds clay with the mouse, if there is a window.
 fn point(
     window: Option<Single<&Window>>,
     camera: Single<(&Camera, &GlobalTransform)>,

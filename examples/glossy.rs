@@ -26,7 +26,7 @@ const CHROME: Color = Color::linear_rgb(0.85, 0.87, 0.9);
 fn main() -> AppExit {
     helpers::app()
         .insert_resource(GlobalAmbientLight::NONE)
-        // What temporal anti-aliasing gathers.
+        // Enough frames for temporal anti-aliasing.
         .insert_resource(helpers::Frames(32))
         .add_systems(Startup, (things, camera))
         .add_systems(Update, keys)

@@ -28,7 +28,7 @@ fn main() -> AppExit {
 
 fn volumes(mut commands: Commands, assets: Res<AssetServer>) {
     let teapot: Handle<VdbGrid> = assets.load("models/teapot.vdb#surface");
-    // The same terms as a StandardMaterial has.
+    // The fields have the meaning of those of a StandardMaterial.
     commands.spawn((
         VdbVolume(teapot.clone()),
         VdbMaterial {
@@ -50,7 +50,7 @@ fn volumes(mut commands: Commands, assets: Res<AssetServer>) {
             .with_rotation(Quat::from_rotation_y(2.5))
             .with_scale(Vec3::splat(0.45)),
     ));
-    // Fog dims the light that goes through it, and shades itself.
+    // Fog attenuates the light that passes through it, and casts shadows on itself.
     commands.spawn((
         VdbVolume(assets.load("models/cloud.vdb#density")),
         VdbMaterial { density_scale: 6.0, ..default() },
@@ -58,7 +58,7 @@ fn volumes(mut commands: Commands, assets: Res<AssetServer>) {
     ));
 }
 
-/// A grid without a file.
+/// Spawns a floor, a grid made in memory.
 fn floor(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
     let mut tree = Vdb543::new(1.0);
     for x in -60..60 {
@@ -93,13 +93,13 @@ fn pillar(
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    // Its shadow falls on volumes, and theirs on it.
+    // Its shadow falls on volumes, and their shadows fall on it.
     commands.spawn((
         Mesh3d(meshes.add(Cylinder::new(0.15, 2.5))),
         MeshMaterial3d(materials.add(Color::srgb(0.5, 0.5, 0.5))),
         Transform::from_xyz(3.3, 1.25, 0.9),
     ));
-    // The sun throws the shadows of the teapots and of the cloud on it.
+    // The sun casts the shadows of the teapots and the cloud on this wall.
     commands.spawn((
         Mesh3d(meshes.add(Cuboid::new(12.0, 3.2, 0.1))),
         MeshMaterial3d(materials.add(Color::srgb(0.6, 0.55, 0.5))),
@@ -107,15 +107,15 @@ fn pillar(
     ));
 }
 
-/// Of the sun, in radians.
+/// Apparent sizes of the sun, in radians.
 const SIZES: [f32; 3] = [0.0, 0.05, 0.2];
 
 fn lights(mut commands: Commands) {
     commands.spawn((
         DirectionalLight { illuminance: 6_000.0, shadow_maps_enabled: true, ..default() },
-        // Larger than the Sun's 0.0093, so that edges are seen to be soft.
+        // Larger than the Sun's 0.0093, so that soft edges are visible.
         VdbSun { angular_diameter: SIZES[1], ..default() },
-        // Maps that reach no farther than there is something have finer texels.
+        // Shadow maps that end where the scene ends have finer texels.
         CascadeShadowConfigBuilder { num_cascades: 2, maximum_distance: 20.0, ..default() }.build(),
         Transform::from_xyz(4.0, 4.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y),
     ));
@@ -150,7 +150,7 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
         Camera3d::default(),
         Hdr,
         sky,
-        // Shadows are on as they are on in the lights.
+        // Shadows are on by default, for lights with `shadow_maps_enabled`.
         VdbQuality { reflections: 2, ..default() },
         Transform::from_xyz(0.0, 3.2, 7.5).looking_at(Vec3::new(0.0, 1.4, 0.0), Vec3::Y),
     ));

@@ -40,7 +40,8 @@ fn turn(time: Res<Time>, mut things: Query<(&mut Transform, &Turns)>) {
     }
 }
 
-/// On a disc like the seeds of a sunflower. Each has its own transform and material.
+/// Spawns teapots on a disc, arranged like sunflower seeds, each with its own transform and
+/// material.
 fn teapots(mut commands: Commands, assets: Res<AssetServer>) {
     let teapot: Handle<VdbGrid> = assets.load("models/teapot.vdb#surface");
     for i in 0..TEAPOTS {
@@ -62,7 +63,7 @@ fn teapots(mut commands: Commands, assets: Res<AssetServer>) {
     }
 }
 
-/// On a sphere above the disc.
+/// Spawns the different grids on a sphere above the disc.
 fn grids(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
     for i in 0..GRIDS {
         let (tree, kind) = shape(i);
@@ -93,7 +94,7 @@ fn grids(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
     }
 }
 
-/// Each with a different size or proportion.
+/// The tree of a shape; each has a different size or proportion.
 fn shape(i: u32) -> (Vdb543<f32>, PackKind) {
     let smooth = PackKind::Smooth { iso: 0.0 };
     let part = f64::from(i) / f64::from(GRIDS);
@@ -106,7 +107,7 @@ fn shape(i: u32) -> (Vdb543<f32>, PackKind) {
             let half = DVec3::new(14.0 + 10.0 * part, 18.0, 22.0 - 10.0 * part);
             (level_set::cuboid(-half, half), smooth)
         }
-        // Its voxels are to be seen.
+        // Displayed voxel by voxel.
         4 => {
             let tree = level_set::torus(center, 18.0, 5.0 + 5.0 * part);
             (tree, PackKind::Surface { iso: 0.0 })

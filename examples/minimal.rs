@@ -1,5 +1,5 @@
-//! The smallest app that shows a `.vdb` file: the plugin, a volume, a camera and a light. The README
-//! contains the same code.
+//! The smallest app that shows a `.vdb` file: the plugin, a volume, a camera and a light. The
+//! README contains the same code.
 
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;

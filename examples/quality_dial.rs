@@ -14,7 +14,7 @@ use bevy_vdb::prelude::*;
 
 fn main() {
     let mut app = App::new();
-    // `RenderDiagnosticsPlugin` has the GPU tell the times that a budget goes by.
+    // `RenderDiagnosticsPlugin` measures the GPU times that a budget applies to.
     app.add_plugins((DefaultPlugins, VdbRenderPlugin, RenderDiagnosticsPlugin));
     scene(&mut app);
     app.add_systems(Update, tell.run_if(on_timer(Duration::from_secs(1)))).run();
@@ -31,9 +31,9 @@ fn setup(mut commands: Commands, assets: Res<AssetServer>) {
     commands.spawn((
         VdbVolume(assets.load("models/cloud.vdb#density")),
         VdbMaterial { density_scale: 4.0, ..default() },
-        // A setting of its own, whatever the camera has.
+        // Overrides the camera's setting for this volume.
         VdbVolumeQuality { fog_shadow_step: Some(2.0), ..default() },
-        // In its file it stands behind the teapot, and above.
+        // In its file, the cloud is behind and above the teapot.
         Transform::from_xyz(-0.2, 0.7, 2.0).with_scale(Vec3::splat(0.4)),
     ));
     commands.spawn((
@@ -84,7 +84,7 @@ fn tell(
     for pass in &report.passes {
         let ms = VdbDiagnostics::pass_ms(&store, pass.name);
         let ms = ms.map_or("?".into(), |ms| format!("{ms:.2}"));
-        info!("  {} takes {ms} ms: {}", pass.name, pass.why);
+        info!("  {}, {ms} ms: {}", pass.name, pass.why);
     }
-    info!("  {:.1} MB beside the grids", report.bytes() as f64 / 1e6);
+    info!("  {:.1} MB besides the grids", report.bytes() as f64 / 1e6);
 }

@@ -1,5 +1,6 @@
-//! Points at volumes with the mouse: a ring and the normal where a surface is hit, or where fog has
-//! absorbed half the light, and a cube around the voxel of a surface. A click prints the hit.
+//! Points at volumes with the mouse: a ring and an arrow show the position and the normal where a
+//! surface is hit, or where fog has absorbed half the light; a cube marks the voxel of a surface. A
+//! click prints the hit.
 //!
 //! With the cargo feature `picking`, Bevy's own pointer events do the same: see `VdbPickingPlugin`.
 
@@ -38,13 +39,13 @@ fn setup(mut commands: Commands, assets: Res<AssetServer>, mut gizmos: ResMut<Gi
     commands.spawn((Camera3d::default(), eye, AmbientLight { brightness: 130.0, ..default() }));
     let sun = DirectionalLight { illuminance: 3_000.0, ..default() };
     commands.spawn((sun, Transform::from_xyz(-6.0, 8.0, 5.0).looking_at(Vec3::ZERO, Vec3::Y)));
-    // In front of everything.
+    // Gizmos are drawn in front of everything.
     let (config, _) = gizmos.config_mut::<DefaultGizmoConfigGroup>();
     config.depth_bias = -1.0;
     config.line.width = 3.0;
 }
 
-/// The ray through the mouse pointer, and the nearest volume on it.
+/// Finds the nearest hit of the ray through the mouse pointer.
 fn point(
     window: Single<&Window>,
     camera: Single<(&Camera, &GlobalTransform)>,

@@ -1,5 +1,5 @@
-//! Records a turntable of the teapot without a window: into a video, with the `ffmpeg` program, or
-//! into a folder of PNG files. `cargo run --features record --example record -- teapot.mp4 640x360`
+//! Records a turntable of the teapot without a window: to a video, with the `ffmpeg` program, or to
+//! a folder of PNG files. `cargo run --features record --example record -- teapot.mp4 640x360`
 
 use std::f32::consts::TAU;
 use std::path::PathBuf;
@@ -46,7 +46,7 @@ fn setup(mut commands: Commands, assets: Res<AssetServer>, mut images: ResMut<As
         Transform::from_xyz(0.0, 3.0, 7.0).looking_at(Vec3::Y, Vec3::Y),
         VdbRecorder::default(),
     ));
-    // Not before there is something to be seen.
+    // Recording starts once the teapot is visible.
     commands.spawn(VdbVolume(assets.load("models/teapot.vdb"))).observe(begin);
     commands.spawn((
         DirectionalLight { illuminance: 6_000.0, ..default() },
@@ -54,7 +54,7 @@ fn setup(mut commands: Commands, assets: Res<AssetServer>, mut images: ResMut<As
     ));
 }
 
-/// Starts once the volume is on screen.
+/// Starts recording once the volume is visible.
 fn begin(_: On<VdbVolumeDrawn>, mut recorder: Single<&mut VdbRecorder>) {
     let target = PathBuf::from(std::env::args().nth(1).unwrap_or("teapot.mp4".into()));
     let format = match target.extension().and_then(|extension| extension.to_str()) {
@@ -68,7 +68,7 @@ fn begin(_: On<VdbVolumeDrawn>, mut recorder: Single<&mut VdbRecorder>) {
     }
 }
 
-/// One turn over the length of the recording, whose time advances by frames.
+/// Makes one turn over the length of the recording, whose time advances by frames.
 fn turn(
     time: Res<Time>,
     recorder: Single<&VdbRecorder>,

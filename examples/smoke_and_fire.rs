@@ -27,7 +27,7 @@ fn main() -> AppExit {
         .run()
 }
 
-/// Voxels of 0.05, for all grids here.
+/// The transform of all grids, with voxels of 0.05 world units.
 fn world_from_index() -> DAffine3 {
     DAffine3::from_scale_rotation_translation(
         DVec3::splat(0.05),
@@ -44,7 +44,7 @@ fn spawn(
     let mut add = |name: &str, tree, kind| -> Result<_, VdbGridError> {
         Ok(grids.add(VdbGrid::new(name, tree, world_from_index(), kind)?))
     };
-    // Smoke absorbs nearly all light. The fire in it has kelvin for its values.
+    // Smoke absorbs much of the light. The values of the fire are in kelvin.
     let smoke = add("density", smoke(), PackKind::Fog)?;
     let temperature = add("temperature", temperature(), PackKind::Fog)?;
     commands.spawn((
@@ -53,7 +53,7 @@ fn spawn(
         VdbEmission::Temperature { grid: temperature, scale: 1.0, offset: 0.0, strength: 0.5 },
         Transform::from_xyz(-0.7, 0.0, 0.0),
     ));
-    // A colour that goes round the ball, where its surface is and a little beside it.
+    // Colours that vary around the ball, in the narrow band of its surface.
     let ball = level_set::sphere(DVec3::new(0.0, 14.0, 0.0), 14.0);
     let mut colors = Vdb543::new([0.0; 3]);
     for voxel in ball.active_values() {
@@ -90,7 +90,7 @@ fn sway(y: f64, phase: f64) -> f64 {
     high * (4.0 * (0.16 * y + phase).sin() + 2.5 * (0.37 * y + 2.0 * phase).sin())
 }
 
-/// How far a point is inside a swaying column, from 1 on its axis to 0 at its rim.
+/// The depth of a point in a swaying column, from 1 on its axis to 0 at its rim.
 fn column(p: DVec3, radius: f64, phase: f64) -> f64 {
     let (x, z) = (p.x - sway(p.y, phase), p.z - sway(p.y, phase + 1.7));
     let angle = z.atan2(x);
@@ -99,7 +99,7 @@ fn column(p: DVec3, radius: f64, phase: f64) -> f64 {
     1.0 - x.hypot(z) / (radius * ragged * curls).max(0.1)
 }
 
-/// Kelvin: three tongues of flame, hottest in the middle and near the ground.
+/// Temperatures in kelvin: three tongues of flame, hottest in the middle and near the ground.
 fn temperature() -> Vdb543<f32> {
     let bbox = CoordBox { min: IVec3::new(-24, 0, -24), max: IVec3::new(24, 72, 24) };
     fog::from_values(bbox, |ijk| {

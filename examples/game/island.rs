@@ -1,4 +1,4 @@
-//! The island and what comes out of it: grids made from formulas.
+//! The island and its smoke: grids generated from formulas.
 
 use bevy::math::{DAffine3, DVec2, DVec3};
 use bevy::prelude::*;
@@ -10,19 +10,19 @@ use bevy_vdb::vdb_core::tree::{CoordBox, Vdb543};
 #[derive(Component)]
 pub struct Island;
 
-/// A cloud of smoke and how fast it turns about y, in radians a second.
+/// A plume of smoke; `turns` is its rotation about the y axis in radians per second.
 #[derive(Component)]
 pub struct Smoke {
     pub turns: f32,
 }
 
-/// World units.
+/// The voxel sizes of the ground and of the smoke, in world units.
 const VOXEL: f64 = 0.2;
 const SMOKE_VOXEL: f64 = 0.25;
-/// Half of the island's width with the ground of the sea around it.
+/// Half the width of the island with the sea floor around it, in world units.
 const REACH: f64 = 34.0;
 
-/// Noise of waves, about -1 to 1.
+/// Noise from sums of waves, about -1 to 1.
 fn waves(p: DVec2) -> f64 {
     let turn = DVec2::from_angle(0.9);
     let (mut at, mut size, mut sum) = (p, 1.0, 0.0);
@@ -33,7 +33,7 @@ fn waves(p: DVec2) -> f64 {
     sum
 }
 
-/// Height of the ground above the sea at a place seen from above.
+/// The height of the ground above the sea at a point (x, z).
 pub fn height(p: DVec2) -> f64 {
     let r = p.length();
     let shore = 1.8 * (1.0 - (r / 27.0).powi(4)) + 0.1;
@@ -53,7 +53,8 @@ pub fn spawn(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
         },
         |ijk| {
             let p = ijk * VOXEL;
-            // Heights over the slope's length are no more than distances; the sides are cut.
+            // Dividing heights by the steepest slope gives lower bounds of distances. The sides are
+            // cut off.
             let ground = (p.y - height(p.xz())) / 2.9;
             let sides = (p.xz().abs().max_element() - REACH).max(-3.5 - p.y);
             ground.max(sides) / VOXEL
@@ -61,7 +62,7 @@ pub fn spawn(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
     );
     let mut add = |name: &str, tree: Vdb543<f32>, voxel: f64, kind: PackKind| {
         let grid = VdbGrid::new(name, tree, DAffine3::from_scale(DVec3::splat(voxel)), kind);
-        grid.map(|grid| grids.add(grid)).inspect_err(|why| error!("there is no {name}: {why}")).ok()
+        grid.map(|grid| grids.add(grid)).inspect_err(|why| error!("{name} is left out: {why}")).ok()
     };
     if let Some(ground) = add("ground", ground, VOXEL, PackKind::Smooth { iso: 0.0 }) {
         commands.spawn((
@@ -97,7 +98,7 @@ pub fn spawn(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
             Transform::from_xyz(0.0, 5.4, 0.0),
         ));
     }
-    // What glows at the bottom of the crater, and lights the smoke from below.
+    // The glow at the bottom of the crater, which lights the smoke from below.
     commands.spawn((
         PointLight {
             color: Color::srgb(1.0, 0.35, 0.1),
@@ -110,7 +111,7 @@ pub fn spawn(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
     ));
 }
 
-/// Of the plume, whose foot is at the origin.
+/// The density of the plume, whose foot is at the origin.
 fn density(p: DVec3) -> f64 {
     let part = p.y / 24.0;
     let middle = DVec2::new((3.0 * part).sin() * 1.6 * part, (4.1 * part).cos() * 1.2 * part);

@@ -44,7 +44,7 @@ const ROUND: f32 = 17.5;
 const BY_ITSELF: f32 = 0.6;
 /// World units per second.
 const FASTEST: f32 = 8.0;
-/// How much of the way to its target the camera moves per second, initially.
+/// The rate, per second, at which the camera approaches its target.
 const NIMBLE: f32 = 3.0;
 
 fn rover(
@@ -99,7 +99,7 @@ fn drive(
     let (gas, turn) = if *by_hand {
         (gas, 1.6 * left)
     } else {
-        // Around the volcano: straight on, and back to the circle where it is left.
+        // Drives around the volcano, steering back to the circle.
         let at = transform.translation.xz();
         let along = -at.y.atan2(at.x) - PI;
         let wanted = along - 0.15 * (at.length() - ROUND);
@@ -115,7 +115,7 @@ fn drive(
     let settings = VdbRayCastSettings { filter: &only_the_island, ..default() };
     let Some(ground) = volumes.cast_ray_nearest(down, &settings) else { return };
     if ground.position.y < 0.0 {
-        // No boat.
+        // The rover cannot swim.
         rover.speed = 0.0;
         return;
     }
@@ -140,7 +140,7 @@ fn follow(
         let near = (NIMBLE * time.delta_secs()).min(1.0);
         camera.translation = camera.translation.lerp(eye, near);
     } else {
-        // As far behind as it will stay.
+        // Starts at the distance at which the camera trails the moving rover.
         camera.translation = eye + rover.speed / NIMBLE * behind;
         *is_there = true;
     }

@@ -1,11 +1,11 @@
-//! Ordinary meshes, which stand on the island: the sea, trees, a hut and a lighthouse.
+//! Ordinary meshes around and on the island: the sea, trees, a hut and a lighthouse.
 
 use bevy::math::{DVec2, FloatExt};
 use bevy::prelude::*;
 
 use crate::island::height;
 
-/// A point of the ground.
+/// The point of the ground at x and z.
 fn ground(x: f32, z: f32) -> Vec3 {
     Vec3::new(x, height(DVec2::new(x.into(), z.into())) as f32, z)
 }

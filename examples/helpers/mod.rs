@@ -1,7 +1,9 @@
-//! What the examples share: a window, or a picture or a film without one.
+//! Shared by the examples: an app with a window, or one that writes an image or a film without a
+//! window.
 //!
-//! `cargo run --example NAME` opens a window. `cargo run --example NAME picture.png 800x450` writes a
-//! picture; with the feature `record`, `film.mp4`, `film.webm` or a folder get ten seconds.
+//! `cargo run --example NAME` opens a window. `cargo run --example NAME picture.png 800x450` writes
+//! an image. With the feature `record`, `film.mp4`, `film.webm` or a folder instead of the image
+//! records ten seconds.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -20,35 +22,36 @@ use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use bevy_vdb::prelude::*;
 
-/// How many frames a picture shows the end of, from when all is there: for what moves, and for what
-/// Bevy gathers over several frames. There are 30 a second.
+/// The number of frames, at 30 per second, that run before an image is taken, after everything has
+/// been loaded: for motion, and for effects that Bevy accumulates over several frames.
 #[derive(Clone, Copy, Resource)]
 pub struct Frames(pub u32);
 
 const FRAME_TIME: Duration = Duration::from_nanos(1_000_000_000 / 30);
 
-/// Updates from when all is there until no pipeline is missing: meshes and their materials take some
-/// to come to the GPU.
+/// The number of updates with everything loaded and all pipelines compiled before output starts:
+/// meshes and their materials take a few to reach the GPU.
 const SETTLED: u32 = 4;
 
-/// Texels along an edge of shadow maps: `most` in a window. Volumes trace a ray for each of them: for a
-/// picture, no more than it can show.
+/// The edge of shadow maps in texels: `most` in a window. For an image it depends on the image's
+/// size, because volumes trace a ray for each texel.
 #[allow(dead_code, reason = "each example uses a part of this")]
 pub fn shadow_map_size(most: u32) -> usize {
     let shown = canvas().map_or(most, |canvas| 2 * canvas.size.y.next_power_of_two());
     shown.clamp(128, most) as usize
 }
 
-/// What stands for a window where there is none.
+/// The output if there is no window.
 struct Canvas {
     path: PathBuf,
     size: UVec2,
 }
 
-/// Bevy's default plugins and [`VdbRenderPlugin`], for what the command line asks for.
+/// An app with Bevy's default plugins and [`VdbRenderPlugin`], with a window or with the output
+/// that the command line requests.
 pub fn app() -> App {
     let mut app = App::new();
-    // Found wherever the program is run from.
+    // Independent of the current folder.
     let assets = AssetPlugin {
         file_path: concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into(),
         ..default()
@@ -63,7 +66,7 @@ pub fn app() -> App {
                 exit_condition: ExitCondition::DontExit,
                 ..default()
             };
-            // That a driver is slow is no news to who has no other.
+            // Without warnings that the driver is slow.
             let filter = "warn,bevy_render::renderer=error,wgpu_hal=error".into();
             app.add_plugins((
                 DefaultPlugins
@@ -71,13 +74,13 @@ pub fn app() -> App {
                     .set(no_window)
                     .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
                     .set(LogPlugin { filter, ..default() })
-                    // What is drawn is what was just updated.
+                    // Each frame is drawn before the next update.
                     .disable::<PipelinedRenderingPlugin>()
                     .disable::<WinitPlugin>(),
                 VdbRenderPlugin,
             ))
             .init_resource::<Frames>()
-            // Time goes by frames: a picture is the same every time.
+            // Time advances by frames, so that images are reproducible.
             .insert_resource(TimeUpdateStrategy::ManualDuration(FRAME_TIME))
             .set_runner(move |app| draw(app, &canvas));
             #[cfg(feature = "record")]
@@ -93,7 +96,7 @@ impl Default for Frames {
     }
 }
 
-/// What the command line asks for: nothing for a window.
+/// The output that the command line requests; `None` for a window.
 fn canvas() -> Option<Canvas> {
     let mut arguments = std::env::args().skip(1);
     let path = PathBuf::from(arguments.next()?);
@@ -106,7 +109,7 @@ fn canvas() -> Option<Canvas> {
     Some(Canvas { path, size: UVec2::new(x, y) })
 }
 
-/// Runs an app without a window until its picture is written.
+/// Runs an app without a window until its output has been written.
 fn draw(mut app: App, canvas: &Canvas) -> AppExit {
     while app.plugins_state() == PluginsState::Adding {
         bevy::tasks::tick_global_task_pools_on_main_thread();
@@ -131,7 +134,7 @@ fn draw(mut app: App, canvas: &Canvas) -> AppExit {
             Ok(true) => settled += 1,
             Ok(false) => std::thread::sleep(Duration::from_millis(1)),
             Err(why) => {
-                error!("there is no picture: {why}");
+                error!("no image was written: {why}");
                 return AppExit::error();
             }
         }
@@ -148,7 +151,7 @@ fn draw(mut app: App, canvas: &Canvas) -> AppExit {
             },
         );
     } else if let Err(why) = film(&mut app, &canvas.path) {
-        error!("there is no film: {why}");
+        error!("no film was written: {why}");
         return AppExit::error();
     }
     loop {
@@ -159,7 +162,8 @@ fn draw(mut app: App, canvas: &Canvas) -> AppExit {
     }
 }
 
-/// Whether all volumes are loaded, and all pipelines made that the last frame asked for.
+/// Whether all volumes have been loaded, and all pipelines that the last frame needed have been
+/// compiled.
 fn is_there(app: &mut App) -> Result<bool, String> {
     let mut volumes = app.world_mut().query::<&VdbVolume>();
     let world = app.world();
@@ -178,7 +182,7 @@ fn is_there(app: &mut App) -> Result<bool, String> {
         return Ok(false);
     }
     let failed = pipelines.pipelines().any(|one| matches!(one.state, CachedPipelineState::Err(_)));
-    if failed { Err("a shader does not compile; what is wrong is above".into()) } else { Ok(true) }
+    if failed { Err("a shader does not compile; see the error above".into()) } else { Ok(true) }
 }
 
 fn save(picture: &Image, path: &Path) -> AppExit {
@@ -186,13 +190,13 @@ fn save(picture: &Image, path: &Path) -> AppExit {
     match saved.and_then(|all| all.to_rgb8().save(path).map_err(|error| error.to_string())) {
         Ok(()) => AppExit::Success,
         Err(why) => {
-            error!("{}: the picture could not be written: {why}", path.display());
+            error!("{}: the image could not be written: {why}", path.display());
             AppExit::error()
         }
     }
 }
 
-/// Begins to record the one camera there is.
+/// Starts recording the only camera.
 #[cfg(feature = "record")]
 fn film(app: &mut App, path: &Path) -> Result<(), String> {
     let mut cameras = app.world_mut().query_filtered::<Entity, With<Camera3d>>();
@@ -213,7 +217,7 @@ fn film(app: &mut App, path: &Path) -> Result<(), String> {
 
 #[cfg(not(feature = "record"))]
 fn film(_: &mut App, path: &Path) -> Result<(), String> {
-    Err(format!("{} is no .png; films need the feature record", path.display()))
+    Err(format!("{} is not a .png file; films need the feature record", path.display()))
 }
 
 #[cfg(feature = "record")]

@@ -1,4 +1,4 @@
-//! A photographer's studio as an environment map: what bright metal needs to look like metal.
+//! A photo studio as an environment map: polished metal needs something to reflect.
 
 use std::f32::consts::TAU;
 
@@ -10,19 +10,19 @@ use bevy::render::render_resource::{
     Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension,
 };
 
-/// Pixels along an edge of the sharpest map, and of the most blurred.
+/// The edge of the sharpest and of the most blurred mip level, in pixels.
 const EDGES: [u32; 2] = [256, 8];
 
-/// A lamp behind a large screen.
+/// A softbox: a lamp behind a large screen.
 struct Screen {
-    /// To the right, up and towards it: of unit length.
+    /// Unit vectors to the right, upwards and towards the screen.
     axes: [Vec3; 3],
-    /// Half the width and height, over the distance.
+    /// Half the width and height, divided by the distance.
     half: Vec2,
     color: Vec3,
 }
 
-/// Radiance of a room where its dark grey walls are 1.
+/// The room; its radiance is relative to that of its grey walls.
 struct Studio([Screen; 4]);
 
 impl Studio {
@@ -54,15 +54,15 @@ impl Studio {
     }
 }
 
-/// How a direction is spread about another: the half vector of a mirror of this roughness, after
-/// Walter et al. 2007 (GGX), or the cosine for what is scattered evenly.
+/// The distribution of sampled directions: GGX half vectors for rough mirrors (Walter et al. 2007),
+/// or cosine-weighted directions for diffuse reflection.
 #[derive(Clone, Copy)]
 enum Lobe {
     Mirror { alpha: f32 },
     Cosine,
 }
 
-/// The mean of the radiance about a direction.
+/// The mean radiance around a direction.
 fn mean(studio: &Studio, around: Vec3, lobe: Lobe, samples: u32) -> Vec3 {
     let (x, y) = around.any_orthonormal_pair();
     let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
@@ -89,7 +89,7 @@ fn mean(studio: &Studio, around: Vec3, lobe: Lobe, samples: u32) -> Vec3 {
     sum / weight
 }
 
-/// A cube map of which each step to a smaller size has what rougher surfaces see.
+/// A cube map whose smaller mip levels are for rougher surfaces.
 fn cube(edges: [u32; 2], of: impl Fn(Vec3, f32) -> Vec3) -> Image {
     let steps = edges[0].ilog2() - edges[1].ilog2();
     let mut data = Vec::new();
@@ -100,7 +100,7 @@ fn cube(edges: [u32; 2], of: impl Fn(Vec3, f32) -> Vec3) -> Image {
             for pixel in 0..edge * edge {
                 let at = UVec2::new(pixel % edge, pixel / edge).as_vec2() + 0.5;
                 let Vec2 { x: u, y: v } = 2.0 * at / edge as f32 - 1.0;
-                // The faces of a cube map are left-handed: z is turned.
+                // Cube maps are left-handed, so z is negated.
                 let dir = match face {
                     0 => Vec3::new(1.0, -v, u),
                     1 => Vec3::new(-1.0, -v, -u),
@@ -130,7 +130,7 @@ fn cube(edges: [u32; 2], of: impl Fn(Vec3, f32) -> Vec3) -> Image {
     image
 }
 
-/// The studio as a light and as a background; grey walls have a luminance in cd/m².
+/// The studio as a light and as a background; `luminance` is that of the grey walls in cd/m².
 pub fn studio(images: &mut Assets<Image>, luminance: f32) -> (EnvironmentMapLight, Skybox) {
     let studio = Studio::new();
     let mirrored = cube(EDGES, |dir, roughness| match roughness {

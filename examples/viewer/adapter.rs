@@ -1,4 +1,4 @@
-//! Is there a GPU, or Mesa's lavapipe? Bevy panics where there is none, so it is asked before.
+//! Checks for a GPU or a software driver such as Mesa's lavapipe, because Bevy panics without one.
 
 use std::fmt;
 
@@ -6,17 +6,17 @@ use bevy::math::UVec2;
 use bevy::render::settings::{Backends, WgpuSettings};
 use bevy::tasks::block_on;
 
-/// What to do without one.
-pub const ADVICE: &str = "Install a Vulkan driver: that of the GPU, or Mesa's, which also has one \
-that needs no GPU (Debian, Ubuntu: sudo apt-get install mesa-vulkan-drivers libvulkan1).";
+/// Advice if there is no adapter.
+pub const ADVICE: &str = "Install a Vulkan driver: the driver of the GPU, or Mesa's, which can \
+also run without a GPU (Debian, Ubuntu: sudo apt-get install mesa-vulkan-drivers libvulkan1).";
 
 #[derive(Clone, Debug)]
 pub enum Error {
-    /// There is no adapter at all.
+    /// There is no adapter.
     None(String),
-    /// There is one, but it does not run compute shaders.
+    /// The adapter cannot run compute shaders.
     NoCompute(String),
-    /// The picture is larger than it can draw.
+    /// The image is larger than the adapter's largest texture.
     TooLarge { size: UVec2, adapter: String, most: u32 },
 }
 
@@ -24,15 +24,15 @@ impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::None(why) => write!(f, "no GPU adapter found ({why})"),
-            Self::NoCompute(adapter) => write!(f, "{adapter} does not run compute shaders"),
+            Self::NoCompute(adapter) => write!(f, "{adapter} cannot run compute shaders"),
             Self::TooLarge { size, adapter, most } => {
-                write!(f, "--size {}x{}: {adapter} draws at most {most}x{most}", size.x, size.y)
+                write!(f, "--size {}x{}: {adapter} supports at most {most}x{most}", size.x, size.y)
             }
         }
     }
 }
 
-/// Asks as Bevy will ask, and whether the adapter can draw pictures of a size.
+/// Requests an adapter like Bevy, and checks that it supports images of a size.
 pub fn find(size: Option<UVec2>) -> Result<(), Error> {
     let settings = WgpuSettings::default();
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {

@@ -20,40 +20,40 @@ use crate::{select, volumes};
 /// With Bevy's default exposure, a white surface that faces this sun is just below white.
 pub const SUN_ILLUMINANCE: f32 = 3_000.0;
 
-/// Luminance of the sky all around, cd/m².
+/// The luminance of the uniform sky, in cd/m².
 pub const SKY_LUMINANCE: f32 = 200.0;
 
-/// Before tonemapping.
+/// The background colour before tonemapping.
 pub const BACKGROUND: LinearRgba = LinearRgba::rgb(0.045, 0.052, 0.065);
 
-/// Loads the files, and makes the scene once they are there.
+/// Loads the files, and spawns the scene once they have been loaded.
 pub struct ViewerPlugin(pub Args);
 
-/// What is asked for.
+/// The options of the command line, or for files opened later.
 #[derive(Resource)]
 pub struct Settings(pub Args);
 
-/// Show these files in place of what is shown: a message.
+/// A message: display these files instead of the current ones.
 #[derive(Clone, Debug, Message)]
 pub struct Open(pub Vec<PathBuf>);
 
-/// How far it is.
+/// The progress of loading.
 #[derive(Default, Resource)]
 pub struct Status {
     waiting: Vec<(PathBuf, Handle<VdbFile>)>,
     pub arrived: Vec<(PathBuf, Handle<VdbFile>)>,
-    /// Files and grids that cannot be shown, with the reason.
+    /// Files and grids that cannot be displayed, with the reason.
     pub errors: Vec<String>,
-    /// Set once everything is there that will be.
+    /// The view; set once all files have been loaded or have failed.
     pub view: Option<View>,
 }
 
-/// What goes when other files are opened.
+/// Marks entities that are despawned when other files are opened.
 #[derive(Component)]
 pub struct OfFiles;
 
-/// Where the files are: `assets/` of this package, where edited models are loaded again at once,
-/// and anywhere else, by absolute path.
+/// Loads files from `assets/` of this package, where they are reloaded when they change, and from
+/// anywhere else by absolute path.
 pub fn asset_plugin() -> AssetPlugin {
     AssetPlugin {
         file_path: asset_root().display().to_string(),
@@ -66,7 +66,7 @@ pub fn asset_root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("assets")
 }
 
-/// A camera as the viewer has it; `Camera` and where it stands are up to the caller.
+/// The camera of the viewer, without `Camera` and `Transform`.
 pub fn camera(args: &Args) -> impl Bundle {
     (
         Camera3d::default(),
@@ -83,7 +83,8 @@ pub fn camera(args: &Args) -> impl Bundle {
     )
 }
 
-/// A curve that leaves colours alone up to where they would burn out; numbers are shown as they are.
+/// The tonemapping of a render mode: a curve that only changes bright colours for light, and none
+/// for data.
 pub fn tonemapping(mode: VdbRenderMode) -> Tonemapping {
     match mode {
         VdbRenderMode::Lit | VdbRenderMode::Diffuse | VdbRenderMode::Glossy => {
@@ -124,7 +125,7 @@ fn load(assets: Res<AssetServer>, settings: Res<Settings>, mut status: ResMut<St
     }
 }
 
-/// Clears the scene, and loads what is to be shown instead.
+/// Clears the scene, and loads other files.
 fn open(
     mut commands: Commands,
     mut messages: MessageReader<Open>,
@@ -133,13 +134,13 @@ fn open(
     mut settings: ResMut<Settings>,
     mut status: ResMut<Status>,
 ) {
-    // Files that are dropped together may come one by one.
+    // Files that are dropped together may arrive one by one.
     let files: Vec<PathBuf> = messages.read().flat_map(|Open(files)| files.clone()).collect();
     if files.is_empty() {
         return;
     }
     old.iter().for_each(|entity| commands.entity(entity).despawn());
-    // What was said of the grids and the camera was said of other files.
+    // Options about grids and the camera belong to the previous files.
     let args = &mut settings.0;
     *args = args.of_other_files(files);
     *status = Status::default();
@@ -158,7 +159,7 @@ fn light(mut commands: Commands, settings: Res<Settings>) {
     commands.spawn((Name::new("sun"), sun, Transform::default().looking_to(-towards, up)));
 }
 
-/// Waits for the files; then spawns the volumes and looks at them.
+/// Waits for the files, then spawns the volumes and places the camera.
 fn arrive(
     mut commands: Commands,
     assets: Res<AssetServer>,
@@ -208,7 +209,7 @@ fn arrive(
         }
     }
     status.errors.extend(errors);
-    // With nothing to see, the view is of the origin.
+    // Without a visible grid, the camera looks at the origin.
     let view = View::new(&settings.0, bounds.unwrap_or((DVec3::NEG_ONE, DVec3::ONE)));
     for camera in &cameras {
         let projection = PerspectiveProjection {
@@ -229,13 +230,13 @@ fn arrive(
     status.view = Some(view);
 }
 
-/// Where Bevy's shadow maps are sharp: as far as the ground goes.
+/// The cascades of Bevy's shadow maps, which cover the ground.
 fn cascades(view: &View) -> bevy::light::CascadeShadowConfig {
     let near = view.near as f32;
     let far = (view.eye.distance(view.target) + 4.0 * view.radius()) as f32;
     let far = far.max(2.0 * near);
     let first = near + (far - near) / 8.0;
-    // Bevy refuses bounds that are not in their order, as those of sizes beyond f32.
+    // Bevy panics if the bounds are not ascending, which happens if they exceed f32.
     if !(near < first && first < far && far.is_finite()) {
         return default();
     }
@@ -248,7 +249,7 @@ fn cascades(view: &View) -> bevy::light::CascadeShadowConfig {
     .build()
 }
 
-/// A plane below, and a ball that stands at the edge of the box around the volumes.
+/// Spawns a plane below the volumes, and a ball beside their bounding box.
 fn spawn_ground(
     commands: &mut Commands,
     mut meshes: ResMut<Assets<Mesh>>,
@@ -286,7 +287,7 @@ fn spawn_ground(
     ));
 }
 
-/// Why a file was not loaded, without what Bevy says around it.
+/// The reason why a file was not loaded, without the text that Bevy adds.
 fn reason(error: &AssetLoadError) -> String {
     match error {
         AssetLoadError::AssetLoaderError(error) => match error.error().downcast_ref() {

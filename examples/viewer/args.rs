@@ -10,57 +10,57 @@ use bevy_vdb::{VdbOverlays, VdbRenderMode};
 use lexopt::Arg;
 
 pub const HELP: &str = "\
-Shows OpenVDB files: level sets as surfaces, fog volumes as fog.
+Displays OpenVDB files: level sets as surfaces, fog volumes as fog.
 
 Usage: viewer [FILE.vdb …] [options]
 
-With a display, a window: drop files onto it, F1 lists its keys. Without one, or with --out, a PNG.
-Without FILE, the model that comes with bevy_vdb.
+With a display, opens a window: drop files onto it, or press F1 for a list of keys. Without a
+display, or with --out, writes a PNG. Without FILE, shows the model bundled with bevy_vdb.
 
-  --grid NAME       show this grid, and others only if they are named too; by default all level sets,
-                    and of the fogs `density`, with its fire and with colours by their names
+  --grid NAME       show this grid; may be repeated, and hides all others. By default, all level
+                    sets and the fog `density` are shown, with fire and colours found by name
   --surface NAME[=ISO]
-                    show a grid as a surface, whatever its class is [0]
-  --fog NAME        or as fog
-  --fire NAME       the grid that shines in the fog: temperatures or colours
-  --heat K,OFFSET   kelvin: K times the values of a grid of temperatures, and OFFSET
-  --glow X          how bright the fire is: the strength of its emission
-  --no-fire         nothing shines
-  --colors NAME     the grid of vectors that colours surfaces
-  --no-colors       none does
-  --out FILE.png    write a picture (without a display: viewer.png) and print its path
-  --size WxH        of the picture or the window, in pixels [1280x720]
-  --eye X,Y,Z       where the camera stands, in the file's world [sees all]
-  --target X,Y,Z    what it looks at [the middle of all]
-  --fov DEGREES     vertical field of view [45]
-  --mode NAME       lit, its parts diffuse and glossy, gray, rgb, voxels, normals, depth or steps (of
-                    the walk through the tree) [lit]
-  --density X       fog: extinction per unit of density and of world length [1]
+                    show a grid as a surface, regardless of its class [0]
+  --fog NAME        show a grid as fog
+  --fire NAME       the grid that emits light in the fog: temperatures or colours
+  --heat K,OFFSET   temperatures in kelvin: K times the value plus OFFSET
+  --glow X          the brightness of the fire: the strength of its emission
+  --no-fire         no emission
+  --colors NAME     the vector grid that colours surfaces
+  --no-colors       no colours from grids
+  --out FILE.png    write an image and print its path [without a display: viewer.png]
+  --size WxH        the size of the image or the window, in pixels [1280x720]
+  --eye X,Y,Z       the position of the camera in the file's world [everything in view]
+  --target X,Y,Z    the point that the camera looks at [the middle of everything]
+  --fov DEGREES     the vertical field of view [45]
+  --mode NAME       lit, its parts diffuse and glossy, gray, rgb, voxels, normals, depth, or steps
+                    (of the traversal) [lit]
+  --density X       fog: extinction per unit of density and world unit [1]
   --sun X,Y,Z       the direction towards the sun [-0.6,0.75,0.5]
-  --no-shadows      the sun throws none
-  --scatter-once    fog does not scatter light again, as --cpu never has it
-  --borders NAMES   of the tree's nodes, on surfaces: of leaves, lower, upper, with commas
-  --voxels          level sets voxel by voxel, rather than smooth
-  --ground          a plane below and a ball beside the volumes, both meshes
-  --no-panel        a window without the panel, until F2 opens it
-  --cpu             trace on the CPU, without a GPU: a picture, slowly
-  -h, --help        this
+  --no-shadows      the sun casts no shadows
+  --scatter-once    no multiple scattering in fog, as with --cpu
+  --borders NAMES   the borders of tree nodes on surfaces: leaves, lower, upper, comma-separated
+  --voxels          show level sets voxel by voxel rather than smooth
+  --ground          add a plane below and a ball beside the volumes, both meshes
+  --no-panel        open the window without the panel (F2 toggles it)
+  --cpu             trace on the CPU, slowly, without a GPU; writes an image
+  -h, --help        print this help
 ";
 
-/// The largest edge of a picture; what all GPUs can do is less than this, and they are asked.
+/// The largest edge of an image. The limit of the GPU, which is checked later, is lower.
 const MAX_EDGE: u32 = 32_768;
 
-/// What to show, and how.
+/// The options of the viewer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Args {
-    /// Absolute. At least one.
+    /// Absolute paths, at least one.
     pub files: Vec<PathBuf>,
-    /// Names; none for those that suit.
+    /// The names of the grids to show; empty for a selection by class and name.
     pub grids: Vec<String>,
-    /// Grids to be shown otherwise than their class says.
+    /// Grids shown differently from their class.
     pub kinds: Vec<(String, Shown)>,
     pub fire: Part,
-    /// Kelvin a unit, and of 0; by the grid's name and values where nobody says.
+    /// Kelvin per unit, and kelvin at 0; guessed from the grid's name and values by default.
     pub heat: Option<[f32; 2]>,
     pub glow: Option<f32>,
     pub colors: Part,
@@ -68,11 +68,11 @@ pub struct Args {
     pub size: UVec2,
     pub eye: Option<DVec3>,
     pub target: Option<DVec3>,
-    /// Vertical, radians.
+    /// The vertical field of view in radians.
     pub fov_y: f64,
     pub mode: VdbRenderMode,
     pub density: f32,
-    /// Towards it; finite and not zero.
+    /// The direction towards the sun; finite and not zero.
     pub sun: DVec3,
     pub shadows: bool,
     pub scatters_again: bool,
@@ -83,17 +83,17 @@ pub struct Args {
     pub cpu: bool,
 }
 
-/// A grid that is something for the volumes.
+/// The grid for a role: fire or colours.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Part {
-    /// As names suggest, unless grids to show are named.
+    /// Chosen by name; no grid if the grids to show are named.
     #[default]
     ByName,
     Nothing,
     Named(String),
 }
 
-/// How a grid is shown.
+/// Fog or surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shown {
     Fog,
@@ -101,13 +101,13 @@ pub enum Shown {
 }
 
 impl Args {
-    /// The same for other files: what was said of grids and of the camera was said of the old ones.
+    /// The options for other files, without those about grids and the camera.
     pub fn of_other_files(&self, files: Vec<PathBuf>) -> Self {
         let Self { grids, kinds, fire, heat, glow, colors, eye, target, .. } = Self::default();
         Self { files, grids, kinds, fire, heat, glow, colors, eye, target, ..self.clone() }
     }
 
-    /// Names of all grids that are of use; none for all there are.
+    /// The names of the grids to load; empty for all.
     pub fn loaded(&self) -> Vec<String> {
         let roles = [&self.fire, &self.colors].into_iter().filter_map(|role| match role {
             Part::Named(name) => Some(name),
@@ -117,7 +117,7 @@ impl Args {
         all.cloned().collect()
     }
 
-    /// `None`: help is asked for.
+    /// Parses the command line; `None` if help is requested.
     pub fn from_command_line() -> Result<Option<Self>, String> {
         Self::parse(lexopt::Parser::from_env())
     }
@@ -192,7 +192,7 @@ impl Default for Args {
             fov_y: 45_f64.to_radians(),
             mode: VdbRenderMode::Lit,
             density: 1.0,
-            // Over the left shoulder of the camera where nobody moves it.
+            // Over the left shoulder of the default camera.
             sun: DVec3::new(-0.6, 0.75, 0.5),
             shadows: true,
             scatters_again: true,
@@ -206,7 +206,8 @@ impl Default for Args {
 }
 
 impl fmt::Display for Args {
-    /// The command line, for a shell, less the name of the program: what is not as by default.
+    /// Writes the options that differ from the defaults as a shell command line, without the name
+    /// of the program.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let default = Self::default();
         let mut words: Vec<String> =
@@ -282,7 +283,7 @@ impl fmt::Display for Args {
     }
 }
 
-/// For a POSIX shell.
+/// Quotes a word for a POSIX shell.
 fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+,:@%".contains(c);
     if !word.is_empty() && word.chars().all(plain) {
@@ -291,19 +292,19 @@ fn quoted(word: &str) -> String {
     format!("'{}'", word.replace('\'', "'\\''"))
 }
 
-/// The model that comes with the crate.
+/// The model bundled with the crate.
 fn bundled() -> PathBuf {
     [env!("CARGO_MANIFEST_DIR"), "assets/models/teapot.vdb"].iter().collect()
 }
 
-/// Names as `--borders` has them.
+/// The names of `--borders`.
 const NODES: [(&str, fn(&mut VdbOverlays) -> &mut bool); 3] = [
     ("leaves", |overlays| &mut overlays.leaves),
     ("lower", |overlays| &mut overlays.lower),
     ("upper", |overlays| &mut overlays.upper),
 ];
 
-/// Names as `--mode` has them.
+/// The names of `--mode`.
 pub const MODES: [(&str, VdbRenderMode); 9] = [
     ("lit", VdbRenderMode::Lit),
     ("diffuse", VdbRenderMode::Diffuse),
@@ -316,7 +317,7 @@ pub const MODES: [(&str, VdbRenderMode); 9] = [
     ("steps", VdbRenderMode::Steps),
 ];
 
-/// The value of an option; where it is wrong, the option and what it should be.
+/// The value of an option. Errors name the option and valid values.
 fn value<T>(
     parser: &mut lexopt::Parser,
     option: &str,
@@ -334,7 +335,7 @@ fn name(value: &OsStr) -> Result<String, String> {
     Ok(text(value)?.to_owned())
 }
 
-/// `NAME=ISO`, or a name alone: an `=` that no number follows is part of it.
+/// Parses `NAME=ISO` or `NAME`; an `=` that is not followed by a number is part of the name.
 fn surface(value: &OsStr) -> Result<(String, Shown), String> {
     let text = text(value)?;
     let number = |iso: &str| f32::from_str(iso).ok().filter(|iso| iso.is_finite());
@@ -378,10 +379,10 @@ fn point(value: &OsStr) -> Result<DVec3, String> {
 
 fn direction(value: &OsStr) -> Result<DVec3, String> {
     let direction = point(value)?;
-    // It goes into an f32.
+    // The direction is converted to f32.
     let length = direction.as_vec3().length();
     let usable = length.is_normal() && length.recip().is_normal();
-    usable.then_some(direction).ok_or_else(|| "it is no direction".into())
+    usable.then_some(direction).ok_or_else(|| "it is not a direction".into())
 }
 
 fn overlays(value: &OsStr) -> Result<VdbOverlays, String> {
@@ -418,7 +419,7 @@ fn picture_path(value: &OsStr) -> Result<PathBuf, String> {
     }
 }
 
-/// Bevy takes relative paths for relative to the asset folder; a user means the current one.
+/// Makes a path absolute: users mean the current folder, but Bevy the asset folder.
 fn absolute(file: OsString) -> Result<PathBuf, String> {
     std::path::absolute(&file).map_err(|error| format!("{}: {error}", file.display()))
 }

@@ -1,4 +1,4 @@
-//! The same picture by the reference tracer, for machines without any GPU adapter.
+//! Rendering with the reference tracer, for machines without a GPU adapter.
 
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
@@ -12,25 +12,25 @@ use crate::app::{BACKGROUND, SKY_LUMINANCE, SUN_ILLUMINANCE, Status};
 use crate::args::Args;
 use crate::framing::View;
 
-/// Refuses what there is no reference for, before anything is loaded.
+/// Refuses options that the reference tracer does not support, before anything is loaded.
 pub fn check(args: &Args) -> Result<(), String> {
     match args.mode {
         VdbRenderMode::Lit | VdbRenderMode::Depth => {}
-        _ => return Err("on the CPU there are the modes lit and depth only".into()),
+        _ => return Err("on the CPU, only the modes lit and depth are available".into()),
     }
     if args.ground {
-        eprintln!("viewer: the tracer on the CPU shows no meshes: no --ground");
+        eprintln!("viewer: the CPU tracer does not support meshes: --ground is ignored");
     }
     Ok(())
 }
 
-/// Traces what the app has loaded.
+/// Renders the volumes of the app.
 pub fn draw(app: &mut App, args: &Args) -> Result<Vec<[u8; 3]>, String> {
-    let view = app.world().resource::<Status>().view.ok_or("nothing is loaded")?;
+    let view = app.world().resource::<Status>().view.ok_or("nothing has been loaded")?;
     let mut extras =
         app.world_mut().query_filtered::<(), Or<(With<VdbEmission>, With<VdbColorGrid>)>>();
     if extras.iter(app.world()).next().is_some() {
-        eprintln!("viewer: the tracer on the CPU shows no fire, and no colours of grids");
+        eprintln!("viewer: the CPU tracer does not support emission and colour grids");
     }
     let mut volumes = app.world_mut().query::<(&VdbVolume, &VdbMaterial, &Visibility)>();
     let world = app.world();
@@ -83,7 +83,8 @@ fn kind(grid: &VdbGrid, material: &VdbMaterial) -> VolumeKind {
     }
 }
 
-/// What Bevy's depth buffer has: the near plane's distance over that of the surface, along the view.
+/// The values of Bevy's depth buffer: the distance of the near plane divided by that of the
+/// surface, both along the view axis.
 fn depth(picture: &Picture, view: &View, size: UVec2) -> Vec<[u8; 3]> {
     let camera = view.camera();
     let forward = (view.target - view.eye).normalize();
@@ -98,7 +99,7 @@ fn depth(picture: &Picture, view: &View, size: UVec2) -> Vec<[u8; 3]> {
     pixels.collect()
 }
 
-/// Twin of Bevy's `tonemapping_pbr_neutral`.
+/// The equivalent of Bevy's `tonemapping_pbr_neutral`.
 fn pbr_neutral(color: Vec3) -> Vec3 {
     const START: f32 = 0.8 - 0.04;
     const DESATURATION: f32 = 0.15;
@@ -114,7 +115,7 @@ fn pbr_neutral(color: Vec3) -> Vec3 {
     (color * new_peak / peak).lerp(Vec3::splat(new_peak), mix)
 }
 
-/// Linear to sRGB, 8 bits.
+/// Converts a linear colour to sRGB with 8 bits per channel.
 fn encode(color: Vec3) -> [u8; 3] {
     Srgba::from(LinearRgba::from_vec3(color)).to_u8_array_no_alpha()
 }

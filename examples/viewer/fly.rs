@@ -1,4 +1,5 @@
-//! A camera that flies: as fast at any frame rate, and as fast as suits the size of what is shown.
+//! A flying camera. Its speed is independent of the frame rate, and proportional to the size of the
+//! scene.
 
 use bevy::input::mouse::{AccumulatedMouseMotion, AccumulatedMouseScroll, MouseScrollUnit};
 use bevy::prelude::*;
@@ -7,19 +8,19 @@ use bevy_egui::input::EguiWantsInput;
 use crate::app::Status;
 use crate::window::Orbit;
 
-/// Radians a pixel.
+/// The rotation per pixel of mouse motion, in radians.
 const LOOK: f32 = 0.003;
-/// Faster with each notch of the wheel.
+/// The factor of the speed per notch of the mouse wheel.
 const NOTCH: f32 = 1.2;
-/// With Shift.
+/// The factor of the speed with Shift.
 const FAST: f32 = 4.0;
-/// A frame longer than this is a hitch, not flight.
+/// The longest time step in seconds; longer frames are hitches.
 const LONGEST: f32 = 0.25;
 
 #[derive(Resource)]
 pub struct Fly {
     pub on: bool,
-    /// Radii of the scene a second.
+    /// The speed in radii of the scene per second.
     pub speed: f32,
 }
 
@@ -29,7 +30,7 @@ impl Default for Fly {
     }
 }
 
-/// `F`.
+/// Toggles flying when F is pressed.
 pub fn toggle(
     keys: Res<ButtonInput<KeyCode>>,
     status: Res<Status>,
@@ -83,12 +84,12 @@ pub fn fly(
     }
 }
 
-/// Where `seconds` of flight lead. `wish` is in the camera's space.
+/// The displacement after `seconds` of flight. `wish` is a direction in view space.
 fn step(rotation: Quat, wish: Vec3, speed: f32, seconds: f32) -> Vec3 {
     rotation * wish.normalize_or_zero() * speed * seconds.min(LONGEST)
 }
 
-/// Looks around by a motion in pixels; the horizon stays level.
+/// Rotates the camera by a mouse motion in pixels; the horizon stays level.
 fn turn(camera: &mut Transform, motion: Vec2) {
     let (yaw, pitch, _) = camera.rotation.to_euler(EulerRot::YXZ);
     let pitch = (pitch - LOOK * motion.y).clamp(-1.55, 1.55);

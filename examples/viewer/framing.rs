@@ -1,4 +1,4 @@
-//! Where the camera stands.
+//! The position of the camera.
 
 use bevy::math::DVec3;
 use bevy::transform::components::Transform;
@@ -7,24 +7,24 @@ use bevy_vdb::vdb_core::reference::picture::{Camera, Projection};
 
 use crate::args::Args;
 
-/// From what is looked at to the camera, where nobody says.
+/// The default direction from the target to the camera.
 const DIRECTION: DVec3 = DVec3::new(0.45, 0.35, 0.82);
 
-/// A camera and the world that it is for.
+/// A camera, and the bounds of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     pub eye: DVec3,
     pub target: DVec3,
-    /// Radians.
+    /// The vertical field of view in radians.
     pub fov_y: f64,
-    /// Lowest and highest corner of all that is shown.
+    /// The lowest and the highest corner of everything displayed.
     pub bounds: (DVec3, DVec3),
-    /// Distance of the near plane.
+    /// The distance of the near plane.
     pub near: f64,
 }
 
 impl View {
-    /// As asked for; what is not asked for is chosen so that all is in the picture.
+    /// The requested view; by default, everything is in the image.
     pub fn new(args: &Args, bounds: (DVec3, DVec3)) -> Self {
         let middle = (bounds.0 + bounds.1) / 2.0;
         let target = args.target.unwrap_or(middle);
@@ -35,7 +35,8 @@ impl View {
         let radius = ((bounds.1 - bounds.0).length() / 2.0).max(f64::from(f32::MIN_POSITIVE));
         // An eye far outside gets a near plane to match: f32 resolves depth in proportion to it.
         let near = 1e-3 * radius.max(0.1 * eye.distance(middle));
-        // The mode shows the depth buffer, near / distance: black with a near plane this near.
+        // The mode shows the depth buffer, near / distance, which would be black with this near
+        // plane.
         let near = match args.mode {
             VdbRenderMode::Depth => near.max(0.9 * (eye.distance(middle) - radius)),
             _ => near,
@@ -48,19 +49,19 @@ impl View {
         (self.bounds.1 - self.bounds.0).length() / 2.0
     }
 
-    /// Where the camera stands.
+    /// The transform of the camera.
     pub fn transform(&self) -> Transform {
         Transform::from_translation(self.eye.as_vec3())
             .looking_at(self.target.as_vec3(), self.up().as_vec3())
     }
 
-    /// What is up in the picture: y, unless the camera looks along it.
+    /// The up direction of the image: y, unless the camera looks along it.
     pub fn up(&self) -> DVec3 {
         let forward = (self.target - self.eye).normalize_or(DVec3::NEG_Z);
         if forward.cross(DVec3::Y).length() < 1e-3 { DVec3::NEG_Z } else { DVec3::Y }
     }
 
-    /// For the tracer on the CPU.
+    /// The camera for the reference tracer.
     pub fn camera(&self) -> Camera {
         Camera {
             eye: self.eye,
@@ -71,7 +72,7 @@ impl View {
     }
 }
 
-/// The least distance from the target at which all corners of the box are in the picture.
+/// The smallest distance from the target at which all corners of the box are in the image.
 fn fit(args: &Args, (low, high): (DVec3, DVec3), target: DVec3, direction: DVec3) -> f64 {
     let right = DVec3::Y.cross(direction).normalize();
     let up = direction.cross(right);

@@ -10,30 +10,30 @@ use crate::fly::Fly;
 use crate::framing::View;
 use crate::window::Orbit;
 
-/// What F1 shows.
+/// The list of keys that F1 shows.
 pub const HELP: [(&str, &str); 15] = [
     ("F1", "this list"),
     ("F2", "the panel"),
-    ("drop a file", "shows it in place of what is there"),
+    ("drop a file", "open it instead of the current files"),
     ("left, right button", "orbit, pan; while flying, look around"),
-    ("wheel", "nearer and farther; while flying, faster and slower"),
+    ("wheel", "zoom; while flying, change the speed"),
     ("one, two fingers", "orbit; pan and zoom"),
-    ("Home", "all in view"),
-    ("F", "fly, or back to orbiting"),
-    ("W A S D", "fly ahead, left, back, right"),
+    ("Home", "everything in view"),
+    ("F", "switch between flying and orbiting"),
+    ("W A S D", "fly forwards, left, backwards, right"),
     ("E, Q", "fly up, down"),
     ("Shift", "fly four times as fast"),
     ("1 … 9", "modes: lit, diffuse, glossy, gray, rgb, voxels, normals, depth, steps"),
-    ("C", "prints the command line that shows this again"),
-    ("Tab, Space, arrows", "go through the panel"),
-    ("Ctrl +, Ctrl -", "larger, smaller"),
+    ("C", "print the command line that reproduces the view"),
+    ("Tab, Space, arrows", "control the panel"),
+    ("Ctrl +, Ctrl -", "larger or smaller text"),
 ];
 
 /// Whether the list is shown.
 #[derive(Default, Resource)]
 pub struct Help(pub bool);
 
-/// Whether keys are for the window, not for a text in the panel.
+/// Whether the panel does not use the keyboard.
 pub fn are_free(egui: Option<Res<EguiWantsInput>>) -> bool {
     egui.is_none_or(|egui| !egui.wants_any_keyboard_input())
 }
@@ -65,7 +65,7 @@ pub fn press(
     }
 }
 
-/// `Home`: the view that one has of the volumes that are visible now, where nobody chooses it.
+/// Returns to the default view of the visible volumes when Home is pressed.
 pub fn go_home(
     keys: Res<ButtonInput<KeyCode>>,
     settings: Res<Settings>,

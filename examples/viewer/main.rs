@@ -43,11 +43,11 @@ fn main() -> ExitCode {
 
 fn show(args: Args) -> Result<(), String> {
     if args.out.is_none() && !args.cpu && window::display() {
-        // Bevy panics without a GPU: look first.
+        // Bevy panics without a GPU, so check first.
         adapter::find(None).map_err(|error| format!("{error}.\n{}", adapter::ADVICE))?;
         match window::build(&args) {
             Ok(app) => return window::run(app),
-            Err(error) => eprintln!("viewer: no window: {error}; writing a picture instead"),
+            Err(error) => eprintln!("viewer: no window: {error}; writing an image instead"),
         }
     }
     let path = args.out.clone().unwrap_or_else(|| DEFAULT_PICTURE.into());

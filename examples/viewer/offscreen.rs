@@ -1,4 +1,4 @@
-//! A picture without a window.
+//! Images without a window.
 
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
@@ -23,27 +23,27 @@ use crate::app::{self, Settings, Status, ViewerPlugin};
 use crate::args::Args;
 use crate::cpu;
 
-/// Who makes the picture.
+/// The processor that renders the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tracer {
     Gpu,
     Cpu,
 }
 
-/// Frames in a row with all pipelines and grids in place before the picture is taken: meshes and
-/// their materials take a frame or two to reach the GPU.
+/// The number of consecutive frames with all pipelines and grids in place before the image is
+/// taken: meshes and their materials take a frame or two to reach the GPU.
 const SETTLED_FRAMES: u32 = 4;
 
-/// Frames that a grid may take to reach the GPU.
+/// The number of frames that a grid may take to reach the GPU.
 const GRID_FRAMES: u32 = 16;
 
-/// Pipelines are compiled by the driver, on a slow machine slowly; longer than this is never.
+/// The time after which drawing has failed. Compiling pipelines can be slow.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// sRGB, 8 bits each, row by row from the top left.
+/// sRGB pixels with 8 bits per channel, row by row from the top left.
 type Pixels = Vec<[u8; 3]>;
 
-/// Loads the files and draws them.
+/// Loads the files, and renders an image of them.
 pub fn picture(args: Args, tracer: Tracer) -> Result<Pixels, String> {
     if tracer == Tracer::Cpu {
         cpu::check(&args)?;
@@ -69,7 +69,8 @@ pub fn picture(args: Args, tracer: Tracer) -> Result<Pixels, String> {
 }
 
 fn log_plugin() -> LogPlugin {
-    // Failed files are told of here, once; that a driver is slow is no news to who has no other.
+    // Without Bevy's messages about failed files, which the viewer reports itself, and without
+    // warnings that the driver is slow.
     let filter = "warn,bevy_asset=off,bevy_render::renderer=error,\
                   bevy_render::gpu_readback=error,wgpu_hal=error";
     LogPlugin { filter: filter.into(), ..default() }
@@ -87,7 +88,7 @@ fn with_renderer() -> App {
             .set(AssetPlugin { watch_for_changes_override: Some(false), ..app::asset_plugin() })
             .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
             .set(log_plugin())
-            // One frame after another: what is drawn is what was just updated.
+            // Each frame is drawn before the next update.
             .disable::<PipelinedRenderingPlugin>()
             .disable::<WinitPlugin>()
             .disable::<TerminalCtrlCHandlerPlugin>(),
@@ -95,14 +96,14 @@ fn with_renderer() -> App {
     app
 }
 
-/// A camera that draws into a picture which can be read back.
+/// Spawns a camera that draws into an image that can be read back.
 fn spawn_camera(app: &mut App, args: &Args) {
     let mut target =
         Image::new_target_texture(args.size.x, args.size.y, TextureFormat::Rgba8UnormSrgb, None);
     target.texture_descriptor.usage |= TextureUsages::COPY_SRC;
     target.asset_usage = RenderAssetUsages::all();
     let target = app.world_mut().resource_mut::<Assets<Image>>().add(target);
-    // Until all is there, there is nothing to draw.
+    // There is nothing to draw until all files have been loaded.
     let camera = Camera { is_active: false, ..default() };
     app.world_mut().spawn((app::camera(args), camera, RenderTarget::Image(target.into())));
 }
@@ -118,13 +119,13 @@ fn without_renderer() -> App {
     app
 }
 
-/// Runs the app until the files are there.
+/// Runs the app until the files have been loaded.
 fn load(app: &mut App) -> Result<(), String> {
     let mut bar = Bar::default();
     while app.world().resource::<Status>().view.is_none() {
         app.update();
         if app.should_exit().is_some() {
-            return Err("the renderer stopped; what it said is above".into());
+            return Err("the renderer stopped; see the messages above".into());
         }
         bar.show(app.world().resource::<VdbLoadProgress>());
         std::thread::sleep(Duration::from_millis(5));
@@ -153,7 +154,7 @@ impl Bar {
         let bar: String = (0..WIDTH).map(|i| if i < full { '#' } else { '.' }).collect();
         let megabytes = files.iter().map(|file| file.bytes).sum::<u64>() as f64 / 1e6;
         eprint!("\rloading [{bar}] {:3.0} % of {megabytes:.1} MB", 100.0 * part);
-        // What cannot be shown of the progress changes nothing of it.
+        // A failure to display the progress is harmless.
         let _ = std::io::stderr().flush();
         self.drawn = true;
     }
@@ -165,11 +166,11 @@ impl Bar {
     }
 }
 
-/// What came back from the GPU.
+/// The bytes read back from the GPU.
 #[derive(Default, Resource)]
 struct Received(Option<Vec<u8>>);
 
-/// Draws until everything is in the picture, and reads it back.
+/// Draws until everything is in the image, and reads it back.
 fn draw(app: &mut App, args: &Args) -> Result<Pixels, String> {
     let mut cameras = app.world_mut().query::<(&mut Camera, &RenderTarget)>();
     let mut target = None;
@@ -182,10 +183,10 @@ fn draw(app: &mut App, args: &Args) -> Result<Pixels, String> {
     let frame = |app: &mut App| {
         app.update();
         if app.should_exit().is_some() {
-            return Err("the renderer stopped; what it said is above".to_owned());
+            return Err("the renderer stopped; see the messages above".to_owned());
         }
         if start.elapsed() > PATIENCE {
-            return Err(format!("no picture after {} s", PATIENCE.as_secs()));
+            return Err(format!("no image after {} s", PATIENCE.as_secs()));
         }
         Ok(())
     };
@@ -211,7 +212,7 @@ fn draw(app: &mut App, args: &Args) -> Result<Pixels, String> {
     }
 }
 
-/// Whether all pipelines that the last frame asked for are there.
+/// Whether all pipelines that the last frame needed have been compiled.
 fn pipelines_ready(app: &App) -> Result<bool, String> {
     let Some(render_app) = app.get_sub_app(RenderApp) else { return Ok(false) };
     let Some(cache) = render_app.world().get_resource::<PipelineCache>() else { return Ok(false) };
@@ -219,10 +220,10 @@ fn pipelines_ready(app: &App) -> Result<bool, String> {
         return Ok(false);
     }
     let failed = cache.pipelines().any(|one| matches!(one.state, CachedPipelineState::Err(_)));
-    if failed { Err("a shader does not compile; what is wrong is above".into()) } else { Ok(true) }
+    if failed { Err("a shader does not compile; see the error above".into()) } else { Ok(true) }
 }
 
-/// Whether all grids that can be seen are on the GPU.
+/// Whether all visible grids are on the GPU.
 fn grids_ready(app: &mut App, frames: u32) -> Result<bool, String> {
     let mut volumes = app.world_mut().query::<(&VdbVolume, &ViewVisibility)>();
     let world = app.world();
@@ -246,15 +247,15 @@ fn grids_ready(app: &mut App, frames: u32) -> Result<bool, String> {
     }
     let files = &world.resource::<Settings>().0.files;
     let files: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
-    Err(format!("{}: the GPU did not take the grids", files.join(", ")))
+    Err(format!("{}: the grids could not be uploaded to the GPU", files.join(", ")))
 }
 
-/// The picture out of what the GPU gives: RGBA, rows padded.
+/// Converts the bytes from the GPU, which are RGBA in padded rows.
 fn pixels(bytes: &[u8], size: UVec2) -> Result<Pixels, String> {
     let row = bytes.len() / size.y as usize;
     if row < 4 * size.x as usize {
         return Err(format!(
-            "the GPU gave {} bytes for {} x {} pixels",
+            "the GPU returned {} bytes for {} x {} pixels",
             bytes.len(),
             size.x,
             size.y

@@ -1,4 +1,4 @@
-//! What the window says over the picture: how far files are, what is wrong with them, its keys.
+//! Text over the image: the progress of loading, errors, and a list of keys.
 
 use bevy::prelude::*;
 use bevy_egui::{EguiContexts, egui};
@@ -18,7 +18,7 @@ pub fn show(
     let context = contexts.ctx_mut()?.clone();
     if hovering.0 {
         notice(&context, "drop", egui::Align2::CENTER_CENTER, |ui| {
-            ui.heading("Drop it to show it");
+            ui.heading("Drop it to open it");
         });
     }
     let files = progress.files();
@@ -60,7 +60,7 @@ pub fn show(
     if !help.0 && status.view.is_some() && status.errors.is_empty() {
         let corner = egui::Align2::LEFT_BOTTOM;
         let area = egui::Area::new("hint".into()).anchor(corner, [12.0, -8.0]).interactable(false);
-        // Whatever is behind it.
+        // A dark frame keeps the text readable on any background.
         let back = egui::Frame::new().fill(egui::Color32::from_black_alpha(140)).inner_margin(4);
         area.show(&context, |ui| back.show(ui, |ui| ui.label("F1: keys")));
     }

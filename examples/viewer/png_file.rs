@@ -1,4 +1,4 @@
-//! Writes pictures.
+//! PNG files.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use bevy::math::UVec2;
 
-/// `pixels` are sRGB, 8 bits each, row by row from the top left.
+/// Writes an image. `pixels` are sRGB with 8 bits per channel, row by row from the top left.
 pub fn write(path: &Path, size: UVec2, pixels: &[[u8; 3]]) -> Result<(), String> {
     let write = || -> Result<(), png::EncodingError> {
         let mut encoder = png::Encoder::new(BufWriter::new(File::create(path)?), size.x, size.y);
@@ -16,6 +16,5 @@ pub fn write(path: &Path, size: UVec2, pixels: &[[u8; 3]]) -> Result<(), String>
         writer.write_image_data(pixels.as_flattened())?;
         writer.finish()
     };
-    write()
-        .map_err(|error| format!("{}: the picture could not be written: {error}", path.display()))
+    write().map_err(|error| format!("{}: the image could not be written: {error}", path.display()))
 }

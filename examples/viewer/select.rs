@@ -1,4 +1,4 @@
-//! Which grids of a file to show, and as what.
+//! Selection of the grids of a file, and of their roles and kinds.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use bevy_vdb::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbRoles, VdbVectorG
 
 use crate::args::{Args, Part, Shown};
 
-/// The grid that shines.
+/// The grid of an emission.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Source {
     Fog(Handle<VdbGrid>),
@@ -45,7 +45,7 @@ pub fn source(emission: &VdbEmission) -> Source {
     }
 }
 
-/// What `--glow` sets.
+/// The strength of an emission, which `--glow` sets.
 pub fn glow(emission: &VdbEmission) -> Option<f32> {
     match emission {
         VdbEmission::Temperature { strength, .. } | VdbEmission::Color { strength, .. } => {
@@ -55,7 +55,7 @@ pub fn glow(emission: &VdbEmission) -> Option<f32> {
     }
 }
 
-/// What shines in the fog of a file: what is asked for, or else what has the name of a fire.
+/// The emission in the fog of a file: as requested, or the grid with the name of a fire.
 pub fn emission(
     args: &Args,
     file: &VdbFile,
@@ -83,7 +83,7 @@ pub fn emission(
     Some(emission)
 }
 
-/// What colours the surfaces of a file.
+/// The colours of the surfaces of a file: as requested, or by name.
 pub fn colors(args: &Args, file: &VdbFile, by_name: &VdbRoles) -> Option<VdbColorGrid> {
     match &args.colors {
         Part::ByName if args.grids.is_empty() => by_name.colors.clone(),
@@ -92,7 +92,7 @@ pub fn colors(args: &Args, file: &VdbFile, by_name: &VdbRoles) -> Option<VdbColo
     }
 }
 
-/// What is asked for by name and in none of the files.
+/// The grids that are requested by name, but in none of the files, with their options.
 pub fn missing<'a>(args: &'a Args, files: &[(&Path, &VdbFile)]) -> Vec<(&'static str, &'a str)> {
     let role = |option: &'static str, role: &'a Part| match role {
         Part::Named(name) => Some((option, name.as_str())),
@@ -117,7 +117,7 @@ pub fn missing<'a>(args: &'a Args, files: &[(&Path, &VdbFile)]) -> Vec<(&'static
     .collect()
 }
 
-/// How a grid is shown, smooth or not.
+/// Whether a kind is fog or a surface, smooth or not.
 pub fn shown_as(kind: PackKind) -> Shown {
     match kind {
         PackKind::Fog => Shown::Fog,
@@ -125,7 +125,7 @@ pub fn shown_as(kind: PackKind) -> Shown {
     }
 }
 
-/// The kind that is asked for, where a grid has another one.
+/// The requested kind of a grid, if it differs from its own.
 pub fn other_kind(args: &Args, label: &str, own: PackKind) -> Option<PackKind> {
     let (_, wanted) = args.kinds.iter().rev().find(|(name, _)| name == label)?;
     if shown_as(own) == *wanted {
@@ -138,7 +138,7 @@ pub fn other_kind(args: &Args, label: &str, own: PackKind) -> Option<PackKind> {
     })
 }
 
-/// One line on a grid, for people.
+/// A one-line description of a grid.
 pub fn describe(label: &str, grid: &VdbGrid) -> String {
     let bounds = grid.index_bounds().map_or_else(
         || "empty".to_owned(),

@@ -1,4 +1,4 @@
-//! What is shown, as the window's title and as a command line that shows it again.
+//! The state of the viewer, as the window's title and as a command line that reproduces it.
 
 use bevy::asset::AssetPath;
 use bevy::camera::Camera3d;
@@ -15,7 +15,7 @@ use crate::args::{Args, MODES, Part, Shown};
 use crate::select;
 use crate::volumes::Label;
 
-/// What the state of the viewer is in.
+/// The resources and components that make up the state of the viewer.
 #[derive(SystemParam)]
 pub struct State<'w, 's> {
     settings: Res<'w, Settings>,
@@ -46,7 +46,7 @@ pub struct State<'w, 's> {
 }
 
 impl State<'_, '_> {
-    /// The command line that shows this.
+    /// The options that reproduce the state.
     pub fn args(&self) -> Args {
         let mut args = Args { out: None, cpu: false, ..self.settings.0.clone() };
         let camera = self.cameras.iter().next();
@@ -56,7 +56,7 @@ impl State<'_, '_> {
             args.scatters_again = camera.multiple_scattering;
             let moved = transform.translation.distance(view.eye.as_vec3());
             let turned = transform.rotation.angle_between(view.transform().rotation);
-            // The camera that orbits works its place out of angles.
+            // Tolerances, because the orbit camera computes its position from angles.
             if moved > 1e-4 * view.radius() as f32 || turned > 1e-3 {
                 let orbit = orbit.filter(|orbit| orbit.enabled);
                 let distance = orbit.and_then(|orbit| orbit.radius).unwrap_or(view.radius() as f32);
@@ -96,12 +96,12 @@ impl State<'_, '_> {
         args
     }
 
-    /// What is shown otherwise than the files say.
+    /// Sets the options about grids that are shown differently from their class.
     fn kinds(&self, args: &mut Args) {
         let volumes = self.volumes.iter();
         let kinds = volumes.filter_map(|(label, volume, ..)| {
             let kind = self.grids.get(&volume.0)?.kind();
-            // One that has come out of its file is as the file says.
+            // A grid with an asset path is unchanged.
             let shown = select::shown_as(kind);
             let other = volume.0.path().is_none() && shown != select::shown_as(label.kind);
             Some((kind, other.then(|| (label.name.clone(), shown))))
@@ -153,13 +153,13 @@ impl State<'_, '_> {
         };
     }
 
-    /// What shines in volumes that are shown, and what colours them.
+    /// The emission and colours of visible volumes.
     fn seen(&self) -> impl Iterator<Item = (Option<&VdbEmission>, Option<&VdbColorGrid>)> {
         let seen = self.roles.iter().filter(|(visible, ..)| **visible != Visibility::Hidden);
         seen.map(|(_, emission, colors)| (emission, colors))
     }
 
-    /// What names suggest for the files that are shown, unless grids to show are named.
+    /// The roles by name of the grids in each file; empty if the grids to show are named.
     fn by_name(&self, args: &Args) -> Vec<VdbRoles> {
         if !args.grids.is_empty() {
             return Vec::new();
@@ -173,7 +173,7 @@ impl State<'_, '_> {
         seen.map(|(label, volume, material, _)| (label, volume, material))
     }
 
-    /// What a window manager shows.
+    /// The title of the window.
     fn title(&self) -> String {
         let names = self.settings.0.files.iter().filter_map(|file| file.file_name());
         let names: Vec<_> = names.map(|name| name.to_string_lossy()).collect();
@@ -194,7 +194,7 @@ impl State<'_, '_> {
     }
 }
 
-/// What the grid of a volume is called in its file.
+/// The name of a volume's grid in its file.
 fn name<'a>(label: &'a Label, volume: &'a VdbVolume) -> &'a str {
     volume.0.path().and_then(|path| path.label()).unwrap_or(&label.name)
 }
@@ -213,14 +213,14 @@ pub fn update_title(mut windows: ParamSet<(State, Query<&mut Window, With<Primar
     }
 }
 
-/// `C`, and the end.
+/// Prints the command line when C is pressed, and on exit.
 pub fn print(state: State, keys: Res<ButtonInput<KeyCode>>, mut exits: MessageReader<AppExit>) {
     if keys.just_pressed(KeyCode::KeyC) || exits.read().next().is_some() {
         println!("{}", command_line(&state.args()));
     }
 }
 
-/// For a shell.
+/// The command line for a shell.
 pub fn command_line(args: &Args) -> String {
     let program = std::env::args().next().unwrap_or_else(|| "viewer".into());
     format!("{program} {args}")

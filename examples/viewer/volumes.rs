@@ -11,17 +11,17 @@ use crate::app::OfFiles;
 use crate::args::Args;
 use crate::select;
 
-/// The grid of a file that a volume is for.
+/// The grid of a file that a volume displays.
 #[derive(Component)]
 pub struct Label {
     pub name: String,
-    /// Whether it is shown unless somebody says otherwise.
+    /// Whether the grid is shown by default.
     pub suits: bool,
-    /// How, unless somebody says otherwise.
+    /// The default kind.
     pub kind: PackKind,
 }
 
-/// A volume to be.
+/// A volume to be spawned.
 struct Volume {
     label: Label,
     handle: Handle<VdbGrid>,
@@ -29,10 +29,11 @@ struct Volume {
     shown: bool,
 }
 
-/// Lowest and highest corner.
+/// The lowest and the highest corner.
 pub type Bounds = (DVec3, DVec3);
 
-/// Spawns the volumes of a file, says what there is, and gives the box of what is shown; or what is wrong.
+/// Spawns the volumes of a file, and prints a list of its grids. Returns the bounds of everything
+/// displayed.
 pub fn spawn(
     commands: &mut Commands,
     args: &Args,
@@ -52,7 +53,7 @@ pub fn spawn(
         let (Some((name, _)), Some(grid)) = (label, grids.get(handle).cloned()) else { continue };
         let suits = roles.surfaces.contains(handle) || roles.density.as_ref() == Some(handle);
         let label = Label { name: name.clone(), suits, kind: grid.kind() };
-        // A grid that was asked for by name is shown, whatever it is.
+        // A grid that is requested by name is shown, whatever its role.
         let named = args.grids.iter().any(|asked| asked == name || asked == grid.name());
         let shown = if args.grids.is_empty() { suits } else { named };
         let (handle, grid) = match select::other_kind(args, name, grid.kind()) {
@@ -66,7 +67,7 @@ pub fn spawn(
         volumes.push(Volume { label, handle, grid, shown });
     }
     let is_fog = |volume: &Volume| matches!(volume.grid.kind(), PackKind::Fog);
-    // Fire is in the smoke, or in whatever is shown instead.
+    // The emission belongs to the smoke or, without smoke, to another visible volume.
     let first = |test: &dyn Fn(&Volume) -> bool| {
         volumes.iter().position(|volume| volume.shown && test(volume))
     };

@@ -1,4 +1,4 @@
-//! The window: cameras to orbit and to fly, files that are dropped onto it, the panel.
+//! The window: orbit and fly cameras, dropped files, and the panel.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 
@@ -17,15 +17,15 @@ use crate::args::Args;
 use crate::framing::View;
 use crate::{fly, keys, overlay, state};
 
-/// Whether there is a display to show a window on.
+/// Whether there is a display for a window.
 pub fn display() -> bool {
     let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     !cfg!(all(unix, not(target_os = "macos"))) || set("DISPLAY") || set("WAYLAND_DISPLAY")
 }
 
-/// The app with its window; what the display says where it refuses one.
+/// Builds the app with its window; the error is the reason why there is no window.
 pub fn build(args: &Args) -> Result<App, String> {
-    // winit's plugin panics where the display cannot be reached: no message but ours then.
+    // winit's plugin panics if the display cannot be reached; its message is suppressed.
     let hook = take_hook();
     set_hook(Box::new(|_| {}));
     let built = catch_unwind(AssertUnwindSafe(|| app(args)));
@@ -37,11 +37,11 @@ pub fn build(args: &Args) -> Result<App, String> {
     })
 }
 
-/// Until it is closed.
+/// Runs the app until the window is closed.
 pub fn run(mut app: App) -> Result<(), String> {
     match app.run() {
         AppExit::Success => Ok(()),
-        AppExit::Error(_) => Err("stopped after an error; what happened is above".into()),
+        AppExit::Error(_) => Err("stopped after an error; see the messages above".into()),
     }
 }
 
@@ -58,14 +58,14 @@ fn app(args: &Args) -> App {
             .set(app::asset_plugin())
             .disable::<LogPlugin>(),
     )
-    // After the window's plugin: where that fails, the app for a picture logs in its own way.
+    // After the window's plugin: if that fails, the app for an image sets up its own logging.
     .add_plugins((LogPlugin::default(), PanOrbitCameraPlugin, InteractivePlugin(args.clone())));
     #[cfg(feature = "record")]
     app.add_plugins(VdbRecordPlugin);
     app
 }
 
-/// All that the window does, with a window or without.
+/// Everything interactive; independent of a window, for tests.
 pub struct InteractivePlugin(pub Args);
 
 impl Plugin for InteractivePlugin {
@@ -115,14 +115,14 @@ fn open_picked(mut picked: MessageReader<VdbModelPicked>, mut open: MessageWrite
     }
 }
 
-/// Pictures have a tone curve, numbers have none.
+/// Changes the tonemapping with the render mode.
 fn follow_mode(mut cameras: Query<(&VdbCamera, &mut Tonemapping), Changed<VdbCamera>>) {
     for (camera, mut tonemapping) in &mut cameras {
         tonemapping.set_if_neq(app::tonemapping(camera.mode));
     }
 }
 
-/// Hands the camera over to the mouse once it stands where it should.
+/// Gives control of the camera to the mouse once the view is set.
 fn begin_orbit(
     status: Res<Status>,
     fly: Res<fly::Fly>,
@@ -137,7 +137,7 @@ fn begin_orbit(
     }
 }
 
-/// Hands cameras to the mouse, and takes them back.
+/// Gives control of the cameras to the mouse, and takes it back.
 #[derive(SystemParam)]
 pub struct Orbit<'w, 's> {
     commands: Commands<'w, 's>,
@@ -145,14 +145,14 @@ pub struct Orbit<'w, 's> {
 }
 
 impl Orbit<'_, '_> {
-    /// Puts cameras where a view is from.
+    /// Moves the cameras to a view, and lets them orbit its target.
     pub fn stand(&mut self, view: &View) {
         let from_eye = view.eye.distance(view.target) as f32;
         self.cameras.iter_mut().for_each(|(_, mut camera)| *camera = view.transform());
         self.resume(view, from_eye);
     }
 
-    /// From where cameras are, around what is so far ahead.
+    /// Lets the cameras orbit the point at this distance ahead.
     pub fn resume(&mut self, view: &View, distance: f32) {
         for (entity, camera) in &self.cameras {
             let focus = camera.translation + distance * camera.forward();
@@ -166,7 +166,7 @@ impl Orbit<'_, '_> {
         }
     }
 
-    /// Leaves cameras alone.
+    /// Stops orbiting.
     pub fn rest(&mut self) {
         for (entity, _) in &self.cameras {
             self.commands.entity(entity).remove::<PanOrbitCamera>();
