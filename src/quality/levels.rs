@@ -18,7 +18,7 @@ use crate::asset::background;
 use crate::quality::dial::{distance, pixel_size};
 use crate::{VdbCamera, VdbGrid, VdbQuality, VdbVolume, VdbVolumeState};
 
-/// A grid whose longest edge is shorter, in cells, is not reduced further.
+/// Grids are not reduced further if their longest edge would become this short, in cells.
 const SMALLEST: u64 = 16;
 
 /// The grid whose levels are being generated.

@@ -186,7 +186,7 @@ impl Session {
         }
         state.status.phase = VdbRecordPhase::Ended;
         if let Err(error) = result {
-            // If the file exists, it belongs to another recording.
+            // A file that existed before belongs to another recording.
             let is_own =
                 |part: &_| !matches!(&error, VdbRecordError::Exists { path } if path == part);
             state.status.unfinished = part.filter(is_own);

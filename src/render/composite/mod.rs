@@ -238,8 +238,8 @@ fn composite(
     span.end(&mut pass);
     drop(pass);
 
-    // Readers of motion vectors select among them by the prepass's depth, a copy of the depth
-    // texture, which Bevy also makes by copying.
+    // Readers of motion vectors select among them by the prepass's depth, which Bevy, too, copies
+    // from the depth texture.
     if let Some(prepass) = prepass
         && let Some(copy) = &prepass.depth
     {

@@ -20,7 +20,7 @@ use crate::{VdbGrid, VdbQuality, VdbVectorGrid};
 pub(crate) struct SceneChanges {
     pub grids: u64,
     pub lights: u64,
-    /// Meshes that cast shadows.
+    /// Changes of meshes that cast shadows.
     pub casters: u64,
 }
 

@@ -15,8 +15,8 @@ use crate::{VdbEmission, VdbGrid, VdbVolume};
 /// other are merged: a further copy costs more than the unchanged words between two ranges.
 const MOST_COPIES: usize = 4096;
 
-/// Finds the words that the pool lacks of the displayed grids. Comparing with the revisions in the
-/// pool loses no edit if a frame is not drawn or the device is lost.
+/// Finds the words of displayed grids that the pool lacks, by comparing revisions, so that no edit
+/// is lost if a frame is not drawn or the device is lost.
 pub(crate) fn extract_edits(
     volumes: Extract<Query<(&VdbVolume, Option<&VdbEmission>)>>,
     grids: Extract<Res<Assets<VdbGrid>>>,

@@ -2,7 +2,7 @@
 //! that display it, freed with the last of them.
 //!
 //! The pool is a contiguous range of words, divided into pages if it exceeds one storage binding.
-//! Of a grid whose voxels are edited, only changed words are written, as long as the number of
+//! When voxels of a grid are edited, only the changed words are written, as long as the number of
 //! words stays the same.
 
 use std::sync::Arc;

@@ -141,7 +141,7 @@ impl Resolver<'_, '_> {
             of.has_distance_fog,
             &self.suns,
         );
-        // The other lit modes show parts of the light, without the fog in front.
+        // The other lit modes show parts of the light, without distance fog.
         let mut lights = lights_present;
         lights
             .set(Features::DISTANCE_FOG, of.has_distance_fog && camera.mode == VdbRenderMode::Lit);
