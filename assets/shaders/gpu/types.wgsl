@@ -74,9 +74,9 @@ struct Volume {
     flags: u32,                 // bits: throws no shadow, has none thrown on it
     box_max: vec3<f32>,
     fog_step: f32,              // voxels between samples of fog; 0 to integrate it
-    run_min: vec3<f32>,         // of a run of volumes (`bvh.wgsl`)
+    node_min: vec3<f32>,         // of a run of volumes (`bvh.wgsl`)
     light_step: f32,            // voxels of fog that are lit as one
-    run_max: vec3<f32>,
+    node_max: vec3<f32>,
     shadow_step: f32,           // voxels between samples of fog on the way from a place in fog to a light
 }
 
@@ -84,7 +84,7 @@ const NO_CASTER: u32 = 1u;
 const NO_RECEIVER: u32 = 2u;
 
 // The most directional lights that a view has in Bevy.
-const MOST_SUNS: u32 = 10u;
+const MAX_SUNS: u32 = 10u;
 
 // A view.
 struct View {
@@ -103,7 +103,7 @@ struct View {
     eye_x: vec3<f32>,
     volume_count: u32,
     eye_y: vec3<f32>,
-    volumes_beside: u32,        // after those, which the view does not see
+    offscreen_count: u32,        // after those, which the view does not see
     size: vec2<u32>,            // rays, along each axis; but for views of lower resolution, as `picture`
     origin: vec2<u32>,          // of the viewport in the target
     steps_scale: f32,           // steps shown as the hottest colour
@@ -113,19 +113,19 @@ struct View {
     slabs: u32,                 // of what overlapping fogs share of a ray
     tile_words: u32,            // of the bits that each tile has for the volumes it can meet
     group_bits: u32,            // log₂ of the volumes that share a bit
-    keeps_starts: u32,          // whether tiles know where rays begin, too
+    has_tile_starts: u32,          // whether tiles know where rays begin, too
     picture: vec2<u32>,         // pixels of the viewport
     shadow_range: f32,          // world units from a place to what can throw a shadow on it
     reflection_range: f32,      // and from a surface to what is reflected in it
     // Directional lights that shine on volumes otherwise than on meshes: the direction to the light,
     // as Bevy has it, and the factor.
-    suns: array<vec4<f32>, MOST_SUNS>,
+    suns: array<vec4<f32>, MAX_SUNS>,
     // The tangent of half the angle of each, and how many rays a place sends there.
-    disks: array<vec4<f32>, MOST_SUNS>,
-    turn: f32,                  // what the frame adds to random numbers, 0 to 1
+    disks: array<vec4<f32>, MAX_SUNS>,
+    random_offset: f32,                  // what the frame adds to random numbers, 0 to 1
     frame: u32,                 // which of those that are put together; 0, if none are
-    shift: vec2<f32>,           // of rays from the middle of what they stand for, in rays, y downwards
-    most_frames: u32,           // in a mean of frames
+    jitter: vec2<f32>,           // of rays from the middle of what they stand for, in rays, y downwards
+    max_frames: u32,           // in a mean of frames
 }
 
 // A ray in local lattice coordinates of one grid: p(t) = cell + frac + t·dir.

@@ -5,7 +5,7 @@
 #import bevy_vdb::gpu::types::Rays
 #import bevy_vdb::view::picture::{depth_of_meshes, t_of_depth}
 #import bevy_vdb::view::scene::{target_pixel, view, volumes}
-#import bevy_vdb::traversal::beam::{beam_of, beam_start, beam_touch}
+#import bevy_vdb::traversal::beam::{beam_of, beam_start_t, beam_box_t}
 #import bevy_vdb::traversal::hdda::FAR
 
 #ifdef MULTISAMPLED
@@ -39,13 +39,13 @@ fn beams(
         let shown = end - first;
         let count = shown.x * shown.y;
         for (var j = group.y * THREADS + thread; j < count; j += groups.y * THREADS) {
-            look(i, first + vec2(j % shown.x, j / shown.x));
+            cull_tile(i, first + vec2(j % shown.x, j / shown.x));
         }
     }
 }
 
 // Whether opaque meshes end all rays of a tile before they come to `t`. Nearly always one ray answers that.
-fn is_hidden(tile: vec2<u32>, t: f32) -> bool {
+fn is_occluded(tile: vec2<u32>, t: f32) -> bool {
     for (var i = 0u; i < 64u; i++) {
         let ray = 8u * tile + vec2(i & 7u, i >> 3u);
         if any(ray >= view.size) {
@@ -60,39 +60,39 @@ fn is_hidden(tile: vec2<u32>, t: f32) -> bool {
 }
 
 // The rays of a view, where frames are put together: all of them go through another place of their pixel.
-fn shifted(rays: Rays) -> Rays {
-    var shifted = rays;
-    let ndc = view.shift * vec2(2.0, -2.0) / vec2<f32>(view.size);
-    shifted.eye_frac += ndc.x * rays.eye_x + ndc.y * rays.eye_y;
-    shifted.dir_rest += ndc.x * rays.dir_x + ndc.y * rays.dir_y;
-    return shifted;
+fn jittered(rays: Rays) -> Rays {
+    var jittered = rays;
+    let ndc = view.jitter * vec2(2.0, -2.0) / vec2<f32>(view.size);
+    jittered.eye_frac += ndc.x * rays.eye_x + ndc.y * rays.eye_y;
+    jittered.dir_rest += ndc.x * rays.dir_x + ndc.y * rays.dir_y;
+    return jittered;
 }
 
-fn look(i: u32, tile: vec2<u32>) {
+fn cull_tile(i: u32, tile: vec2<u32>) {
     let size = (view.size + 7u) / 8u;
     if any(tile >= size) {
         return;
     }
     let volume = volumes[view.volume_first + i];
 #ifdef VDB_ACCUMULATED
-    let rays = shifted(volume.rays);
+    let rays = jittered_rays(volume.rays);
 #else
     let rays = volume.rays;
 #endif
     let beam = beam_of(grids[volume.grid], rays, tile, view.size, view.t_near);
     // The box alone, before the tree is looked into.
-    let touch = beam_touch(grids[volume.grid], beam);
-    if is_hidden(tile, touch) {
+    let t_box = beam_box_t(grids[volume.grid], beam);
+    if is_occluded(tile, t_box) {
         return;
     }
-    let start = beam_start(grids[volume.grid], beam);
-    if start >= FAR || (start > touch && is_hidden(tile, start)) {
+    let start = beam_start_t(grids[volume.grid], beam);
+    if start >= FAR || (start > t_box && is_occluded(tile, start)) {
         return;
     }
     let bit = i >> view.group_bits;
     let at = tile.y * size.x + tile.x;
     atomicOr(&tiles[at * view.tile_words + (bit >> 5u)], 1u << (bit & 31u));
-    if view.keeps_starts != 0u {
+    if view.has_tile_starts != 0u {
         let starts = size.x * size.y * (view.tile_words + i);
         atomicStore(&tiles[starts + at], bitcast<u32>(start));
     }

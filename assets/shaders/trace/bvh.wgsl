@@ -5,21 +5,21 @@
 #define_import_path bevy_vdb::trace::bvh
 
 #import bevy_vdb::view::scene::{scene_end, view, volumes}
-#import bevy_vdb::trace::segment::{Segment, from_eye}
+#import bevy_vdb::trace::segment::{Segment, position_from_eye}
 
 // Runs are of 4^10 volumes at most.
-const MOST_LEVEL: u32 = 10u;
+const MAX_LEVEL: u32 = 10u;
 
 // The level of the longest run that begins at `k`.
 fn level_at(k: u32) -> u32 {
-    return firstTrailingBit(k | (1u << (2u * MOST_LEVEL))) / 2u;
+    return firstTrailingBit(k | (1u << (2u * MAX_LEVEL))) / 2u;
 }
 
 // Whether a ray, from the eye's place on, meets a box before `t_max`.
 fn meets_box(origin: vec3<f32>, dir: vec3<f32>, low: vec3<f32>, high: vec3<f32>, t_max: f32) -> bool {
-    let speed = select(dir, select(vec3(-1e-30), vec3(1e-30), dir >= vec3(0.0)), abs(dir) < vec3(1e-30));
-    let a = (low - origin) / speed;
-    let b = (high - origin) / speed;
+    let safe_dir = select(dir, select(vec3(-1e-30), vec3(1e-30), dir >= vec3(0.0)), abs(dir) < vec3(1e-30));
+    let a = (low - origin) / safe_dir;
+    let b = (high - origin) / safe_dir;
     let near = min(a, b);
     let far = max(a, b);
     let t_in = max(max(near.x, near.y), near.z);
@@ -28,15 +28,15 @@ fn meets_box(origin: vec3<f32>, dir: vec3<f32>, low: vec3<f32>, high: vec3<f32>,
 }
 
 // Where the box of the run of 4^level volumes that begins at `k` is kept: no two have the same place.
-fn slot_of(k: u32, level: u32) -> u32 {
+fn node_slot(k: u32, level: u32) -> u32 {
     return k + select(level, 4u * (level - 3u), level > 3u);
 }
 
 // The first volume from `first` on whose box a segment that is not the view's meets; past the last one, if
 // there is none. Every step of the loop goes on in the list or down a level.
-fn next_met(segment: Segment, first: u32, t_max: f32) -> u32 {
+fn next_intersected(segment: Segment, first: u32, t_max: f32) -> u32 {
     let count = scene_end() - view.volume_first;
-    let origin = from_eye(segment.start);
+    let origin = position_from_eye(segment.start);
     var k = first - view.volume_first;
     var level = level_at(k);
     while k < count {
@@ -49,11 +49,11 @@ fn next_met(segment: Segment, first: u32, t_max: f32) -> u32 {
             level = level_at(k);
             continue;
         }
-        let slot = slot_of(k, level);
+        let slot = node_slot(k, level);
         // Of a short run at the end, there may be no place for a box.
         if slot < count {
             let at = view.volume_first + slot;
-            if !meets_box(origin, segment.dir, volumes[at].run_min, volumes[at].run_max, t_max) {
+            if !meets_box(origin, segment.dir, volumes[at].node_min, volumes[at].node_max, t_max) {
                 k += 1u << (2u * level);
                 level = level_at(k);
                 continue;

@@ -5,9 +5,9 @@
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::hdda::{mirrored_ray, enter, first_hit}
 #import bevy_vdb::view::scene::{scene_end, view, volumes}
-#import bevy_vdb::trace::segment::{Point, Segment, ray_of}
+#import bevy_vdb::trace::segment::{Point, Segment, lattice_ray}
 #ifdef VDB_MANY
-#import bevy_vdb::trace::bvh::next_met
+#import bevy_vdb::trace::bvh::next_intersected
 #endif
 #ifdef VDB_SMOOTH
 #import bevy_vdb::traversal::smooth::first_root
@@ -17,15 +17,15 @@
 #endif
 #ifdef VDB_FOGS
 #import bevy_vdb::traversal::fog::{optical_length, stepped_length}
-#import bevy_vdb::traversal::march::step_of
+#import bevy_vdb::traversal::march::scaled_step
 #endif
 
 // Optical depth through which no light is seen: e^-16 is below a 16-bit float's step beside 1. Light that is
 // scattered again has an eighth of it to pass, at least.
 #ifdef VDB_MULTIPLE_SCATTERING
-const DARK: f32 = 80.0;
+const OPAQUE_DEPTH: f32 = 80.0;
 #else
-const DARK: f32 = 16.0;
+const OPAQUE_DEPTH: f32 = 16.0;
 #endif
 
 // Voxels along the longest edge of a fog's box from which on there are more of them between the densities
@@ -33,9 +33,9 @@ const DARK: f32 = 16.0;
 const SHADOW_EDGE: f32 = 256.0;
 
 // The first volume from `i` on that a segment may meet before `distance`.
-fn next_before(segment: Segment, i: u32, distance: f32) -> u32 {
+fn next_occluder(segment: Segment, i: u32, distance: f32) -> u32 {
 #ifdef VDB_MANY
-    return next_met(segment, i, distance);
+    return next_intersected(segment, i, distance);
 #else
     return i;
 #endif
@@ -47,8 +47,8 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
     let segment = Segment(point, to_light, false, 0.0);
     let range = min(distance, view.shadow_range);
     var depth = 0.0;
-    var i = next_before(segment, view.volume_first, range);
-    for (; i < scene_end() && depth < DARK; i = next_before(segment, i + 1u, range)) {
+    var i = next_occluder(segment, view.volume_first, range);
+    for (; i < scene_end() && depth < OPAQUE_DEPTH; i = next_occluder(segment, i + 1u, range)) {
         if (volumes[i].flags & NO_CASTER) != 0u {
             continue;
         }
@@ -58,34 +58,34 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
         }
 #endif
         let grid = grids[volumes[i].grid];
-        let mirrored = mirrored_ray(grid, ray_of(segment, i, range));
+        let mirrored = mirrored_ray(grid, lattice_ray(segment, i, range));
         let dda = enter(mirrored);
         if !dda.inside {
             continue;
         }
 #ifdef VDB_SURFACES
         if volumes[i].kind == KIND_SURFACE && first_hit(grid, mirrored, dda).found {
-            depth = DARK;
+            depth = OPAQUE_DEPTH;
         }
 #endif
 #ifdef VDB_SMOOTH
         if volumes[i].kind == KIND_SMOOTH && first_root(grid, mirrored, dda).found {
-            depth = DARK;
+            depth = OPAQUE_DEPTH;
         }
 #endif
 #ifdef VDB_FOGS
         if volumes[i].kind == KIND_FOG {
             let scale = max(volumes[i].density_scale, 1e-30);
-            var fog = 0.0;
+            var density_integral = 0.0;
             if in_fog {
-                let step = step_of(grid, volumes[i].shadow_step, SHADOW_EDGE);
-                fog = stepped_length(grid, mirrored, 0.0, DARK / scale, step, 0.0);
+                let step = scaled_step(grid, volumes[i].shadow_step, SHADOW_EDGE);
+                density_integral = stepped_length(grid, mirrored, 0.0, OPAQUE_DEPTH / scale, step, 0.0);
             } else {
-                fog = optical_length(grid, mirrored, dda, DARK / scale);
+                density_integral = optical_length(grid, mirrored, dda, OPAQUE_DEPTH / scale);
             }
-            depth += scale * min(fog, 100.0 / scale);
+            depth += scale * min(density_integral, 100.0 / scale);
         }
 #endif
     }
-    return select(exp(-depth), 0.0, depth >= DARK);
+    return select(exp(-depth), 0.0, depth >= OPAQUE_DEPTH);
 }

@@ -24,82 +24,82 @@ const OCTAVES: u32 = 1u;
 #endif
 
 // The part of the anisotropy that the next octave has.
-const ROUNDER: f32 = 0.75;
+const OCTAVE_ANISOTROPY: f32 = 0.75;
 // The part of the light that is scattered again in a fog without an end that absorbs nothing, and the
 // optical depth at which it is half of that: with these, clouds in the light of suns all around them are
 // as bright as if they were not there, on the whole.
-const AGAIN: f32 = 0.9;
-const AGAIN_DEPTH: f32 = 2.0;
+const RESCATTERED: f32 = 0.9;
+const RESCATTER_DEPTH: f32 = 2.0;
 // What is behind this optical depth is not known: rays end there.
-const FATHOMED: f32 = 16.0;
+const MAX_DEPTH: f32 = 16.0;
 
 // What fog of albedo 1 scatters back along a ray at a place, cd/m².
-struct Light {
+struct InScattered {
     octaves: array<vec3<f32>, OCTAVES>,     // of lights
-    around: vec3<f32>,                      // of surroundings, as if nothing dimmed them
+    environment: vec3<f32>,                      // of surroundings, as if nothing dimmed them
     anisotropy: f32,                        // of that fog
 }
 
 // Sums over places on a ray, by how much is seen of each.
-struct Gathered {
+struct ScatteringSums {
     octaves: array<vec3<f32>, OCTAVES>,
 #ifdef VDB_MULTIPLE_SCATTERING
-    around: vec3<f32>,
+    environment: vec3<f32>,
     albedo: vec3<f32>,
     anisotropy: f32,
     weight: f32,
 #endif
 }
 
-fn gather(sums: ptr<function, Gathered>, weight: f32, albedo: vec3<f32>, light: Light) {
+fn add_sample(sums: ptr<function, ScatteringSums>, weight: f32, albedo: vec3<f32>, light: InScattered) {
 #ifdef VDB_MULTIPLE_SCATTERING
     for (var i = 0u; i < OCTAVES; i++) {
         (*sums).octaves[i] += weight * albedo * light.octaves[i];
     }
-    (*sums).around += weight * light.around;
+    (*sums).environment += weight * light.environment;
     (*sums).albedo += weight * albedo;
     (*sums).anisotropy += weight * light.anisotropy;
     (*sums).weight += weight;
 #else
-    (*sums).octaves[0] += weight * albedo * (light.octaves[0] + light.around);
+    (*sums).octaves[0] += weight * albedo * (light.octaves[0] + light.environment);
 #endif
 }
 
 // Adds what was gathered within a stretch.
-fn join(sums: ptr<function, Gathered>, weight: f32, stretch: Gathered) {
+fn add_sums(sums: ptr<function, ScatteringSums>, weight: f32, other: ScatteringSums) {
     for (var i = 0u; i < OCTAVES; i++) {
-        (*sums).octaves[i] += weight * stretch.octaves[i];
+        (*sums).octaves[i] += weight * other.octaves[i];
     }
 #ifdef VDB_MULTIPLE_SCATTERING
-    (*sums).around += weight * stretch.around;
-    (*sums).albedo += weight * stretch.albedo;
-    (*sums).anisotropy += weight * stretch.anisotropy;
-    (*sums).weight += weight * stretch.weight;
+    (*sums).environment += weight * other.environment;
+    (*sums).albedo += weight * other.albedo;
+    (*sums).anisotropy += weight * other.anisotropy;
+    (*sums).weight += weight * other.weight;
 #endif
 }
 
 // The light of all that was gathered along a ray through so much optical depth.
-fn light_of(sums: Gathered, optical_depth: f32) -> vec3<f32> {
-    var light = sums.octaves[0];
+fn scattered_radiance(sums: ScatteringSums, optical_depth: f32) -> vec3<f32> {
+    var radiance = sums.octaves[0];
 #ifdef VDB_MULTIPLE_SCATTERING
     let weight = max(sums.weight, 1e-30);
     let mean_albedo = sums.albedo / weight;
     let albedo = saturate(mean_albedo);
     let anisotropy = sums.anisotropy / weight;
-    let depth = min(optical_depth, FATHOMED);
-    let again = AGAIN * albedo * albedo * (depth / (depth + AGAIN_DEPTH));
-    var part = again;
+    let depth = min(optical_depth, MAX_DEPTH);
+    let rescattered = RESCATTERED * albedo * albedo * (depth / (depth + RESCATTER_DEPTH));
+    var octave_weight = rescattered;
     for (var i = 1u; i < OCTAVES; i++) {
-        light += part * sums.octaves[i];
-        part *= again;
+        radiance += octave_weight * sums.octaves[i];
+        octave_weight *= rescattered;
     }
     // Of even light, a layer without end absorbs 2a / (1 + a).
-    let absorbed = 1.0 - albedo;
-    let extinct = 1.0 - anisotropy * albedo;
-    let layer = sqrt(absorbed / extinct) * tanh(0.5 * depth * sqrt(absorbed * extinct));
-    let kept = max((1.0 - layer) / (1.0 + layer) - exp(-depth), vec3(0.0));
+    let absorption = 1.0 - albedo;
+    let reduced_extinction = 1.0 - anisotropy * albedo;
+    let layer_absorption = sqrt(absorption / reduced_extinction) * tanh(0.5 * depth * sqrt(absorption * reduced_extinction));
+    let returned = max((1.0 - layer_absorption) / (1.0 + layer_absorption) - exp(-depth), vec3(0.0));
     // An albedo above 1 gives light that there was not.
-    light += kept * max(mean_albedo, vec3(1.0)) * sums.around / weight;
+    radiance += returned * max(mean_albedo, vec3(1.0)) * sums.environment / weight;
 #endif
-    return light;
+    return radiance;
 }

@@ -4,12 +4,12 @@
 #import bevy_vdb::gpu::types::Ray
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::view::scene::{view, volumes}
-#import bevy_vdb::trace::segment::{Segment, ray_of}
-#import bevy_vdb::trace::surface::{Surface, unit}
+#import bevy_vdb::trace::segment::{Segment, lattice_ray}
+#import bevy_vdb::trace::surface::{Surface, safe_normalize}
 
 // Shares of the three axes in what a surface's normal is, with 1 in all.
-fn axis_shares(surface: Surface) -> vec3<f32> {
-    let n = unit(surface.gradient);
+fn axis_weights(surface: Surface) -> vec3<f32> {
+    let n = safe_normalize(surface.gradient);
     return n * n;
 }
 
@@ -17,7 +17,7 @@ fn axis_shares(surface: Surface) -> vec3<f32> {
 fn gray(surface: Surface) -> f32 {
     let up = vec3(0.72, 1.0, 0.56);
     let down = vec3(0.36, 0.2, 0.46);
-    return dot(axis_shares(surface), select(down, up, surface.gradient > vec3(0.0)));
+    return dot(axis_weights(surface), select(down, up, surface.gradient > vec3(0.0)));
 }
 
 // A colour of its own for each voxel, or cell between samples: by its place among 128³, so that it
@@ -40,45 +40,45 @@ const HALF_WIDTH: f32 = 0.75;
 const FEWEST_PIXELS: f32 = 4.0;
 
 // How much of a pixel a line covers that is so many pixels away.
-fn line(distance: f32) -> f32 {
+fn line_coverage(distance: f32) -> f32 {
     return saturate(HALF_WIDTH + 0.5 - distance);
 }
 
 // How much of the pixel the borders of nodes of so many cells per edge cover. `cells` is how many cells
 // a pixel spans along each axis.
-fn border(place: vec3<f32>, cells: vec3<f32>, edge: f32) -> f32 {
-    let within = place - edge * floor(place / edge);
-    let away = min(within, edge - within) / max(cells, vec3(1e-9));
-    let fade = saturate(edge / max(cells, vec3(1e-9)) / FEWEST_PIXELS - 1.0);
+fn border_coverage(position: vec3<f32>, footprint: vec3<f32>, edge: f32) -> f32 {
+    let in_node = position - edge * floor(position / edge);
+    let pixels = min(in_node, edge - in_node) / max(footprint, vec3(1e-9));
+    let fade = saturate(edge / max(footprint, vec3(1e-9)) / FEWEST_PIXELS - 1.0);
     // Along an axis that the surface does not run along, there is nothing to be near to.
-    let covers = select(vec3(line(away.x), line(away.y), line(away.z)) * fade, vec3(0.0), cells < vec3(1e-6));
-    return max(max(covers.x, covers.y), covers.z);
+    let coverage = select(vec3(line_coverage(pixels.x), line_coverage(pixels.y), line_coverage(pixels.z)) * fade, vec3(0.0), footprint < vec3(1e-6));
+    return max(max(coverage.x, coverage.y), coverage.z);
 }
 
 // Puts the borders of nodes on a colour. They lie on the surface, as wide in pixels wherever it is and
 // however it stands to the view.
-fn overlaid(color: vec3<f32>, segment: Segment, surface: Surface) -> vec3<f32> {
+fn with_overlays(color: vec3<f32>, segment: Segment, surface: Surface) -> vec3<f32> {
     let rays = volumes[surface.volume].rays;
-    let ray = ray_of(segment, surface.volume, FAR);
+    let ray = lattice_ray(segment, surface.volume, FAR);
     // From this pixel's place to the next one's on the plane that touches the surface.
-    let n = unit(surface.gradient);
+    let n = safe_normalize(surface.gradient);
     let slope = dot(n, ray.dir);
     let right = (rays.eye_x + surface.t * rays.dir_x) * (2.0 / f32(view.size.x));
     let down = (rays.eye_y + surface.t * rays.dir_y) * (2.0 / f32(view.size.y));
-    let ahead = ray.dir / select(slope, -1e-6, abs(slope) < 1e-6);
-    let cells = abs(right - dot(n, right) * ahead) + abs(down - dot(n, down) * ahead);
+    let along_ray = ray.dir / select(slope, -1e-6, abs(slope) < 1e-6);
+    let footprint = abs(right - dot(n, right) * along_ray) + abs(down - dot(n, down) * along_ray);
     // Of a voxel's face, the place across it is on a border of cells: exactly nothing is along it.
-    let along = select(cells, vec3(0.0), vec3(surface.is_face) & (n != vec3(0.0)));
-    let place = vec3<f32>((surface.cell + volumes[surface.volume].base) & vec3(4095)) + surface.place;
+    let face_footprint = select(footprint, vec3(0.0), vec3(surface.is_face) & (n != vec3(0.0)));
+    let position = vec3<f32>((surface.cell + volumes[surface.volume].base) & vec3(4095)) + surface.frac;
     var shown = color;
     if (view.overlays & 1u) != 0u {
-        shown = mix(shown, vec3(0.0, 1.0, 1.0), border(place, along, 8.0));
+        shown = mix(shown, vec3(0.0, 1.0, 1.0), border_coverage(position, face_footprint, 8.0));
     }
     if (view.overlays & 2u) != 0u {
-        shown = mix(shown, vec3(1.0, 0.0, 0.0), border(place, along, 128.0));
+        shown = mix(shown, vec3(1.0, 0.0, 0.0), border_coverage(position, face_footprint, 128.0));
     }
     if (view.overlays & 4u) != 0u {
-        shown = mix(shown, vec3(0.0, 0.0, 1.0), border(place, along, 4096.0));
+        shown = mix(shown, vec3(0.0, 0.0, 1.0), border_coverage(position, face_footprint, 4096.0));
     }
     return shown;
 }

@@ -142,10 +142,10 @@ fn crossed_at(units: vec2<u32>) -> Crossed {
 
 // A place that belongs to the cell before a plane where it is in one: so it is on an axis turned over,
 // where voxels are half-open the other way.
-fn held_back(reached: Reached, is_turned: bool) -> vec2<u32> {
+fn held_back(reached: Reached, is_mirrored: bool) -> vec2<u32> {
     let in_plane = reached.is_exact && (reached.units.x & 0xffffffu) == 0u;
     // An axis turned over has a way of at least one unit.
-    return select(reached.units, minus(reached.units, vec2(1u, 0u)), is_turned && in_plane);
+    return select(reached.units, minus(reached.units, vec2(1u, 0u)), is_mirrored && in_plane);
 }
 
 // The same on all axes: where the mirrored ray begins.
@@ -161,14 +161,14 @@ fn beginning(mirrored: MirroredRay) -> Beginning {
         return begin;
     }
     for (var axis = 0u; axis < 3u; axis++) {
-        let across = vec3(0u, 1u, 2u) == vec3(axis);
+        let axis_mask = vec3(0u, 1u, 2u) == vec3(axis);
         let reached = reached_at(mirrored, axis, mirrored.t_min);
-        let units = held_back(reached, any(across & (mirrored.mirror != vec3(0))));
+        let units = held_back(reached, any(axis_mask & (mirrored.mirror != vec3(0))));
         let crossed = crossed_at(units);
-        begin.cell = select(begin.cell, vec3(crossed.cells), across);
+        begin.cell = select(begin.cell, vec3(crossed.cells), axis_mask);
         // One unit before a plane is in it.
         let place = (units.x & 0xffffffu) + select(1u, 0u, all(units == reached.units));
-        begin.frac = select(begin.frac, vec3(f32(place) / 16777216.0), across);
+        begin.frac = select(begin.frac, vec3(f32(place) / 16777216.0), axis_mask);
         begin.is_beyond = begin.is_beyond || crossed.is_beyond;
     }
     return begin;
@@ -179,8 +179,8 @@ fn ending(mirrored: MirroredRay) -> vec3<u32> {
     var last = vec3(0xffffffffu);
     for (var axis = 0u; axis < 3u; axis++) {
         let crossed = crossed_at(reached_at(mirrored, axis, mirrored.t_max).units);
-        let across = vec3(0u, 1u, 2u) == vec3(axis);
-        last = select(last, vec3(crossed.cells), across & vec3(!crossed.is_beyond));
+        let axis_mask = vec3(0u, 1u, 2u) == vec3(axis);
+        last = select(last, vec3(crossed.cells), axis_mask & vec3(!crossed.is_beyond));
     }
     return last;
 }

@@ -6,7 +6,7 @@
 #define_import_path bevy_vdb::traversal::hdda
 
 #import bevy_vdb::gpu::types::{Grid, Ray}
-#import bevy_vdb::traversal::tree::{Span, empty_cell, locate, nowhere, span_occupied}
+#import bevy_vdb::traversal::tree::{Span, empty_cell, locate, new_accessor, span_occupied}
 #import bevy_vdb::traversal::exact::{T_ERROR, WHOLE, MirroredRay, beginning, component_f, component_u, ending, is_zero, plane_before}
 
 // Where a mirrored ray is on its way through the lattice.
@@ -21,7 +21,7 @@ struct Dda {
 const FAR: f32 = 1e30;
 // Slower than this a ray reaches no other cell within the index space, but on the spot; dividing by
 // less could exceed what f32 holds.
-const IDLE: f32 = 3.2311742677852644e-27;   // 2^-88
+const MIN_SPEED: f32 = 3.2311742677852644e-27;   // 2^-88
 // The largest component of a direction is not smaller than this, nor larger than that; a ray that is
 // slower or faster meets nothing.
 const SLOWEST: f32 = 9.313225746154785e-10; // 2^-30
@@ -57,12 +57,12 @@ fn mirrored_ray(grid: Grid, ray: Ray) -> MirroredRay {
         cell,
         select(ray.frac, 1.0 - ray.frac, down),
         speed,
-        1.0 / max(speed, vec3(IDLE)),
+        1.0 / max(speed, vec3(MIN_SPEED)),
         select(vec3(0u), bitcast<vec3<u32>>(low - cell), before),
         bitcast<vec3<u32>>(high - cell),
         before,
         vec3(0u),
-        all(cell <= high) && fastest >= SLOWEST && fastest <= FASTEST && has_span(ray),
+        all(cell <= high) && fastest >= SLOWEST && fastest <= FASTEST && has_valid_range(ray),
         octant,
         begin_t(ray),
         end_t(ray),
@@ -73,7 +73,7 @@ fn mirrored_ray(grid: Grid, ray: Ray) -> MirroredRay {
 
 // Whether the ends of a ray are valid: no NaNs, the first one finite, and in order. Compared by their bits, as
 // WGSL does not promise that other numbers are told from these.
-fn has_span(ray: Ray) -> bool {
+fn has_valid_range(ray: Ray) -> bool {
     let is_finite = (bitcast<u32>(ray.t_min) & 0x7fffffffu) < INFINITE;
     let is_ahead = bitcast<u32>(ray.t_max) <= INFINITE || is_zero(vec3(ray.t_max)).x;
     return is_finite && is_ahead && begin_t(ray) <= end_t(ray);
@@ -138,16 +138,16 @@ fn plane_t(mirrored: MirroredRay, plane: vec3<u32>) -> vec3<f32> {
 // The first, or the last, of the planes of some axes that a mirrored ray crosses, one on each axis; 3 for no
 // axis at all. One loop with one comparison in it: compilers put functions in place of their calls,
 // and this one is long.
-fn ordered(mirrored: MirroredRay, plane: vec3<u32>, axes: vec3<bool>, want_first: bool) -> u32 {
+fn extreme_axis(mirrored: MirroredRay, plane: vec3<u32>, axes: vec3<bool>, want_first: bool) -> u32 {
     var best = 3u;
     for (var axis = 0u; axis < 3u; axis++) {
-        let of_interest = select(select(axes.z, axes.y, axis == 1u), axes.x, axis == 0u);
-        if of_interest {
+        let is_candidate = select(select(axes.z, axes.y, axis == 1u), axes.x, axis == 0u);
+        if is_candidate {
             var better = best == 3u;
             if !better {
-                let own = component_u(plane, axis);
+                let own_plane = component_u(plane, axis);
                 let best_plane = component_u(plane, best);
-                better = plane_before(mirrored, best, best_plane, axis, own) != want_first;
+                better = plane_before(mirrored, best, best_plane, axis, own_plane) != want_first;
             }
             best = select(best, axis, better);
         }
@@ -225,13 +225,13 @@ fn advance(mirrored: MirroredRay, dda: Dda, span: Span) -> Dda {
     }
 #endif
     let second = max(min(exits.x, exits.y), min(max(exits.x, exits.y), exits.z));
-    var across = exits == vec3(t);
+    var crossed = exits == vec3(t);
     if second <= t * (1.0 + T_ERROR) {
         // At once means x before y before z.
-        across = vec3(0u, 1u, 2u) == vec3(ordered(mirrored, plane, vec3(true), true));
+        crossed = vec3(0u, 1u, 2u) == vec3(extreme_axis(mirrored, plane, vec3(true), true));
     }
-    let axis = select(select(2u, 1u, across.y), 0u, across.x);
-    let rel = select(cells_passed(mirrored, t, dda.rel), plane, across);
+    let axis = select(select(2u, 1u, crossed.y), 0u, crossed.x);
+    let rel = select(cells_passed(mirrored, t, dda.rel), plane, crossed);
 #ifdef VDB_WIDE_GRIDS
     return Dda(rel, t, axis, all(rel <= mirrored.last) && all(rel >= dda.rel));
 #else
@@ -254,7 +254,7 @@ fn confirm(mirrored: MirroredRay, dda: Dda) -> Dda {
     var axis = select(select(2u, 1u, near.y == t), 0u, near.x == t);
     var inside = true;
     if second * (1.0 + T_ERROR) >= t || min(min(exits.x, exits.y), exits.z) <= t * (1.0 + T_ERROR) {
-        axis = ordered(mirrored, dda.rel, crossed, false);
+        axis = extreme_axis(mirrored, dda.rel, crossed, false);
         let plane = component_u(dda.rel, axis);
         for (var own = 0u; own < 3u && inside; own++) {
             if own != axis {
@@ -278,12 +278,12 @@ struct Hit {
     found: bool,
 }
 
-fn first_hit(grid: Grid, mirrored: MirroredRay, enters: Dda) -> Hit {
+fn first_hit(grid: Grid, mirrored: MirroredRay, entry: Dda) -> Hit {
 #ifdef VDB_MARCH
-    return first_sample(grid, mirrored, enters);
+    return first_sample(grid, mirrored, entry);
 #else
-    var dda = enters;
-    var place = nowhere(local_cell(mirrored, dda.rel));
+    var dda = entry;
+    var accessor = new_accessor(local_cell(mirrored, dda.rel));
     while dda.inside {
         // A loop of its own, so that rays that go side by side confirm their hits together.
         var cell = vec3(0);
@@ -291,7 +291,7 @@ fn first_hit(grid: Grid, mirrored: MirroredRay, enters: Dda) -> Hit {
         while dda.inside && !found {
             count_step();
             cell = local_cell(mirrored, dda.rel);
-            let span = locate(grid, cell, mirrored.octant, &place);
+            let span = locate(grid, cell, mirrored.octant, &accessor);
             found = span_occupied(span);
             if !found {
                 dda = advance(mirrored, dda, span);
@@ -315,18 +315,18 @@ const MARCH_STEP: f32 = 0.5;
 
 // The first occupied cell among samples at even distances: what others pass over and find late is what
 // the traversal is measured by.
-fn first_sample(grid: Grid, mirrored: MirroredRay, enters: Dda) -> Hit {
-    var place = nowhere(local_cell(mirrored, enters.rel));
+fn first_sample(grid: Grid, mirrored: MirroredRay, entry: Dda) -> Hit {
+    var accessor = new_accessor(local_cell(mirrored, entry.rel));
     let step = MARCH_STEP / length(mirrored.speed);
-    for (var i = 0u; enters.inside; i++) {
+    for (var i = 0u; entry.inside; i++) {
         count_step();
-        let t = enters.t + f32(i) * step;
-        let rel = max(vec3<u32>(mirrored.frac + t * mirrored.speed), enters.rel);
+        let t = entry.t + f32(i) * step;
+        let rel = max(vec3<u32>(mirrored.frac + t * mirrored.speed), entry.rel);
         if t > mirrored.t_max || any(rel > mirrored.last) {
             break;
         }
         let cell = local_cell(mirrored, rel);
-        if span_occupied(locate(grid, cell, mirrored.octant, &place)) {
+        if span_occupied(locate(grid, cell, mirrored.octant, &accessor)) {
             let near = plane_t(mirrored, rel);
             let axis = select(select(2u, 1u, near.y > max(near.x, near.z)), 0u, near.x > max(near.y, near.z));
             return Hit(cell, t, axis, true);

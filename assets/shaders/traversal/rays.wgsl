@@ -17,6 +17,6 @@ fn ray_through(rays: Rays, ndc: vec2<f32>, t_min: f32, t_max: f32) -> Ray {
     // difference rounds up to 1.
     let frac = min(floor((eye - whole) * 16777216.0), vec3(16777215.0)) / 16777216.0;
     // The large part last, so that its rounding is the only one of its size.
-    let turn = rays.dir_rest + ndc.x * rays.dir_x + ndc.y * rays.dir_y;
-    return Ray(rays.eye_cell + vec3<i32>(whole), frac, rays.dir + turn, t_min, t_max);
+    let dir_offset = rays.dir_rest + ndc.x * rays.dir_x + ndc.y * rays.dir_y;
+    return Ray(rays.eye_cell + vec3<i32>(whole), frac, rays.dir + dir_offset, t_min, t_max);
 }

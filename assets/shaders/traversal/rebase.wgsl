@@ -184,9 +184,9 @@ fn place_in(mirrored: MirroredRay, rel: vec3<u32>, axis: u32) -> vec3<f32> {
     if axis > 2u {
         return beginning(mirrored).frac;
     }
-    let across = vec3(0u, 1u, 2u) == vec3(axis);
+    let axis_mask = vec3(0u, 1u, 2u) == vec3(axis);
     if all(rel < vec3(NEAR)) && fastest(mirrored) <= STEEPEST * component_f(mirrored.speed, axis) {
-        return select(place_near(mirrored, rel, axis), vec3(0.0), across);
+        return select(place_near(mirrored, rel, axis), vec3(0.0), axis_mask);
     }
     let plane = component_u(rel, axis);
     var frac = vec3(0.0);

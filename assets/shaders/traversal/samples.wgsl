@@ -35,14 +35,14 @@ fn tile_value(grid: Grid, tile: u32) -> f32 {
 }
 
 // Two samples that stand side by side, in the units in which they are kept.
-fn pair(grid: Grid, first: u32, index: u32) -> vec2<f32> {
+fn load_pair(grid: Grid, first: u32, index: u32) -> vec2<f32> {
     if format_of(grid) == FLOATS {
         let at = first + index;
         return vec2(bitcast<f32>(word_at(at)), bitcast<f32>(word_at(at + 1u)));
     }
     if format_of(grid) == HALVES {
         let at = first + (index >> 1u);
-        return halves(at, (index & 1u) == 1u);
+        return load_halves(at, (index & 1u) == 1u);
     }
     let at = first + (index >> 2u);
     let low = word_at(at);
@@ -53,7 +53,7 @@ fn pair(grid: Grid, first: u32, index: u32) -> vec2<f32> {
 }
 
 // Two halves, of which the first is the upper one of its word if it is odd.
-fn halves(at: u32, odd: bool) -> vec2<f32> {
+fn load_halves(at: u32, odd: bool) -> vec2<f32> {
     let low = word_at(at);
     let high = word_at(at + 1u);
     return unpack2x16float(select(low, (low >> 16u) | (high << 16u), odd));
@@ -109,13 +109,13 @@ fn brick_corners(grid: Grid, brick: Brick, slot: u32) -> Corners {
         let at = brick.first + (slot >> 1u);
         let odd = (slot & 1u) == 1u;
         return Corners(
-            vec4(halves(at, odd), halves(at + 5u, odd)),
-            vec4(halves(at + 45u, odd), halves(at + 50u, odd)),
+            vec4(load_halves(at, odd), load_halves(at + 5u, odd)),
+            vec4(load_halves(at + 45u, odd), load_halves(at + 50u, odd)),
         );
     }
     return Corners(
-        vec4(pair(grid, brick.first, slot), pair(grid, brick.first, slot + 10u)),
-        vec4(pair(grid, brick.first, slot + 90u), pair(grid, brick.first, slot + 100u)),
+        vec4(load_pair(grid, brick.first, slot), load_pair(grid, brick.first, slot + 10u)),
+        vec4(load_pair(grid, brick.first, slot + 90u), load_pair(grid, brick.first, slot + 100u)),
     );
 }
 
@@ -148,20 +148,20 @@ fn surface_corners(grid: Grid, span: Span, cell: vec3<i32>) -> Corners {
     let high = word_at(record + c.x + 1u);
     let first = word_at(record + 5u);
     // The samples before those of the cell, in its plane: at the lower y, and at the higher.
-    let here = (1u << (5u * c.y + c.z)) - 1u;
-    let next = (here << 5u) | 31u;
+    let row_mask = (1u << (5u * c.y + c.z)) - 1u;
+    let next_row_mask = (row_mask << 5u) | 31u;
     // Bytes are steps from below zero on.
     let zero = select(0.0, 127.5, format_of(grid) > HALVES);
     let low_first = first + (low >> 25u);
     let high_first = first + (high >> 25u);
     return Corners(
         vec4(
-            pair(grid, grid.samples, low_first + countOneBits(low & here)),
-            pair(grid, grid.samples, low_first + countOneBits(low & next)),
+            load_pair(grid, grid.samples, low_first + countOneBits(low & row_mask)),
+            load_pair(grid, grid.samples, low_first + countOneBits(low & next_row_mask)),
         ) - zero,
         vec4(
-            pair(grid, grid.samples, high_first + countOneBits(high & here)),
-            pair(grid, grid.samples, high_first + countOneBits(high & next)),
+            load_pair(grid, grid.samples, high_first + countOneBits(high & row_mask)),
+            load_pair(grid, grid.samples, high_first + countOneBits(high & next_row_mask)),
         ) - zero,
     );
 }

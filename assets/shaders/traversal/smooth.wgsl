@@ -5,7 +5,7 @@
 #import bevy_vdb::traversal::rebase::{rebased_exit, rebased_at}
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::samples::{surface_corners, trilinear, trilinear_gradient}
-#import bevy_vdb::traversal::tree::{empty_cell, locate, nowhere, span_occupied}
+#import bevy_vdb::traversal::tree::{empty_cell, locate, new_accessor, span_occupied}
 #import bevy_vdb::traversal::hdda::{Dda, advance, confirm, count_step, local_cell, unmirrored, within}
 
 struct SurfaceHit {
@@ -19,7 +19,7 @@ struct SurfaceHit {
 
 // A step of the root finder, as a part of the way through a cell, after which it need not go on: Newton's
 // steps become smaller by their square.
-const ROOT_STEP: f32 = 0.000003814697265625;    // 2^-18
+const ROOT_TOLERANCE: f32 = 0.000003814697265625;    // 2^-18
 
 // A cubic by its coefficients, a.x + s·(a.y + s·(a.z + s·a.w)).
 fn cubic_at(a: vec4<f32>, s: f32) -> f32 {
@@ -27,7 +27,7 @@ fn cubic_at(a: vec4<f32>, s: f32) -> f32 {
 }
 
 // The root between two places where a cubic has the values f_low and f_high of different signs.
-fn bracketed(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32) -> f32 {
+fn bracketed_root(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32) -> f32 {
     var low = s_low;
     var high = s_high;
     let negative = f_low < 0.0;
@@ -45,7 +45,7 @@ fn bracketed(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32) -> 
         let newton = s - f / select(slope, 1.0, slope == 0.0);
         let inside = newton > low && newton < high && slope != 0.0;
         let next = select(0.5 * (low + high), newton, inside);
-        let done = abs(next - s) <= ROOT_STEP;
+        let done = abs(next - s) <= ROOT_TOLERANCE;
         s = next;
         if done {
             break;
@@ -56,7 +56,7 @@ fn bracketed(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32) -> 
 
 // The first change of sign between 0 and 1, or 2 if there is none, of a cubic with the values f_start and
 // f_end there.
-fn first_change(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
+fn first_sign_change(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
     // Bézier's control points: the cubic changes its sign no more often than they do.
     let second_point = f_start + a.y / 3.0;
     let third_point = f_end - (a.y + 2.0 * a.z + 3.0 * a.w) / 3.0;
@@ -67,13 +67,13 @@ fn first_change(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
         return 2.0;
     }
     if count == 1u {
-        return bracketed(a, 0.0, 1.0, f_start, f_end);
+        return bracketed_root(a, 0.0, 1.0, f_start, f_end);
     }
-    return first_of_several(a, f_start, f_end);
+    return first_sign_change_of_several(a, f_start, f_end);
 }
 
 // The same where there may be several changes. Between its extrema a cubic has at most one.
-fn first_of_several(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
+fn first_sign_change_of_several(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
     // 3·a.w·s² + 2·a.z·s + a.y = 0, without the difference of near-equal numbers.
     let b = a.z;
     let root = b * b - 3.0 * a.w * a.y;
@@ -91,7 +91,7 @@ fn first_of_several(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
         if high > 0.0 && (high < 1.0 || i == 2u) {
             let f_high = select(cubic_at(a, high), f_end, i == 2u);
             if (f_high < 0.0) != (f_low < 0.0) {
-                return bracketed(a, low, high, f_low, f_high);
+                return bracketed_root(a, low, high, f_low, f_high);
             }
             low = high;
             f_low = f_high;
@@ -100,31 +100,31 @@ fn first_of_several(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
     return 2.0;
 }
 
-fn nothing() -> SurfaceHit {
+fn no_hit() -> SurfaceHit {
     return SurfaceHit(false, 0.0, vec3(0.0), 3u);
 }
 
 // The first root of the interpolant on a mirrored ray; its values are counted from the iso-value.
-fn first_root(grid: Grid, mirrored: MirroredRay, enters: Dda) -> SurfaceHit {
-    var dda = enters;
-    var place = nowhere(local_cell(mirrored, dda.rel));
+fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
+    var dda = entry;
+    var accessor = new_accessor(local_cell(mirrored, dda.rel));
     // Whether the interpolant was negative at the end of the cell before: a sign that changes just
     // between two cells is a root, too, and rounding must not lose it.
-    var known = false;
+    var has_previous = false;
     var was_negative = false;
     while dda.inside {
         count_step();
         var cell = local_cell(mirrored, dda.rel);
-        var span = locate(grid, cell, mirrored.octant, &place);
+        var span = locate(grid, cell, mirrored.octant, &accessor);
 #ifdef VDB_IN_STEP
         // Each ray goes on to a cell of its own first: what follows is dear, and one takes along all.
         while !span_occupied(span) && dda.inside {
             dda = advance(mirrored, dda, span);
-            known = false;
+            has_previous = false;
             if dda.inside {
                 count_step();
                 cell = local_cell(mirrored, dda.rel);
-                span = locate(grid, cell, mirrored.octant, &place);
+                span = locate(grid, cell, mirrored.octant, &accessor);
             }
         }
         if !dda.inside {
@@ -133,21 +133,21 @@ fn first_root(grid: Grid, mirrored: MirroredRay, enters: Dda) -> SurfaceHit {
 #else
         if !span_occupied(span) {
             dda = advance(mirrored, dda, span);
-            known = false;
+            has_previous = false;
             continue;
         }
 #endif
-        let here = confirm(mirrored, dda);
+        let confirmed = confirm(mirrored, dda);
         dda = advance(mirrored, dda, empty_cell());
-        if !here.inside {
+        if !confirmed.inside {
             continue;
         }
         let c = surface_corners(grid, span, cell);
-        let near = rebased_at(mirrored, here.rel, here.axis, here.t);
-        let exit = rebased_exit(near, mirrored, here.rel + 1u, dda.axis);
-        let length = max(min(exit, near.end), 0.0);
-        let start = unmirrored(mirrored, near.frac);
-        let way = length * select(mirrored.speed, -mirrored.speed, mirrored.mirror != vec3(0));
+        let rebased = rebased_at(mirrored, confirmed.rel, confirmed.axis, confirmed.t);
+        let exit = rebased_exit(rebased, mirrored, confirmed.rel + 1u, dda.axis);
+        let t_length = max(min(exit, rebased.end), 0.0);
+        let start = unmirrored(mirrored, rebased.frac);
+        let way = t_length * select(mirrored.speed, -mirrored.speed, mirrored.mirror != vec3(0));
         // Four values of the cubic, then its coefficients.
         let f_0 = trilinear(c, start);
         let f_1 = trilinear(c, saturate(start + way / 3.0));
@@ -163,23 +163,23 @@ fn first_root(grid: Grid, mirrored: MirroredRay, enters: Dda) -> SurfaceHit {
             4.5 * d_3,
         );
         var s = 2.0;
-        if known && was_negative != (f_0 < 0.0) {
+        if has_previous && was_negative != (f_0 < 0.0) {
             s = 0.0;
         } else {
-            s = first_change(a, f_0, f_3);
+            s = first_sign_change(a, f_0, f_3);
         }
         if s <= 1.0 {
             // The cubic's coefficients have the rounding of four values, many times over; one step of
             // Newton's on the interpolant itself takes most of that away.
-            let first = saturate(start + s * way);
-            let slope = dot(trilinear_gradient(c, first), way);
-            let off = trilinear(c, first) / select(slope, 1.0, slope == 0.0);
-            s = saturate(s - select(0.0, off, slope != 0.0 && abs(off) < 0.01));
-            let at = saturate(start + s * way);
-            return SurfaceHit(true, within(mirrored, here.t + s * length), grid.scale * trilinear_gradient(c, at), here.axis);
+            let first_guess = saturate(start + s * way);
+            let slope = dot(trilinear_gradient(c, first_guess), way);
+            let correction = trilinear(c, first_guess) / select(slope, 1.0, slope == 0.0);
+            s = saturate(s - select(0.0, correction, slope != 0.0 && abs(correction) < 0.01));
+            let root = saturate(start + s * way);
+            return SurfaceHit(true, within(mirrored, confirmed.t + s * t_length), grid.scale * trilinear_gradient(c, root), confirmed.axis);
         }
-        known = true;
+        has_previous = true;
         was_negative = f_3 < 0.0;
     }
-    return nothing();
+    return no_hit();
 }

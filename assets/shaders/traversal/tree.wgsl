@@ -68,7 +68,7 @@ fn find_top(grid: Grid, cell: vec3<i32>) -> vec2<u32> {
 }
 
 // What has been found where a ray is; kept while the ray stays near.
-struct Place {
+struct Accessor {
     cell: vec3<i32>,
     // The word of the smallest slot that covers the cell, and log₂ of that slot's edge.
     word: u32,
@@ -79,8 +79,8 @@ struct Place {
 }
 
 // Nowhere near the cell.
-fn nowhere(cell: vec3<i32>) -> Place {
-    return Place(~cell, 0u, 0u, 0u, 0u);
+fn new_accessor(cell: vec3<i32>) -> Accessor {
+    return Accessor(~cell, 0u, 0u, 0u, 0u);
 }
 
 // Slots beyond its own that a ray of an octant can skip over from an empty one.
@@ -124,25 +124,25 @@ fn tile_span(tile: u32, log_dim: u32, octant: u32, cell: vec3<i32>) -> Span {
 }
 
 // The word of the smallest slot over a local cell of the grid's box.
-fn locate_slot(grid: Grid, cell: vec3<i32>, place: ptr<function, Place>) -> u32 {
-    let apart = cell ^ (*place).cell;
-    let moved = bitcast<u32>(apart.x | apart.y | apart.z);
-    (*place).cell = cell;
+fn locate_slot(grid: Grid, cell: vec3<i32>, accessor: ptr<function, Accessor>) -> u32 {
+    let changed = cell ^ (*accessor).cell;
+    let moved = bitcast<u32>(changed.x | changed.y | changed.z);
+    (*accessor).cell = cell;
     if (moved >> LOWER_BITS) != 0u {
         let found = find_top(grid, cell);
-        (*place).word = found.x;
-        (*place).log_dim = LOWER_BITS + 2u * found.y;
+        (*accessor).word = found.x;
+        (*accessor).log_dim = LOWER_BITS + 2u * found.y;
         if (found.x & CHILD) != 0u {
             let number = found.x & PAYLOAD;
-            (*place).log_dim = LEAF_BITS;
-            (*place).lower_node = grid.lower_nodes + (number << 12u);
-            (*place).head = word_at(grid.heads + number);
+            (*accessor).log_dim = LEAF_BITS;
+            (*accessor).lower_node = grid.lower_nodes + (number << 12u);
+            (*accessor).head = word_at(grid.heads + number);
         }
     }
-    if (*place).log_dim == LEAF_BITS && (moved >> LEAF_BITS) != 0u {
-        (*place).word = word_at((*place).lower_node + lower_slot(cell));
+    if (*accessor).log_dim == LEAF_BITS && (moved >> LEAF_BITS) != 0u {
+        (*accessor).word = word_at((*accessor).lower_node + lower_slot(cell));
     }
-    return (*place).word;
+    return (*accessor).word;
 }
 
 // The block of 4³ cells around a local cell, in a leaf with this word and number: bits x·16 + y·4 + z,
@@ -163,13 +163,13 @@ fn block_of(cell: vec3<i32>) -> u32 {
 }
 
 // What a ray of an octant meets at a local cell of the grid's box.
-fn locate(grid: Grid, cell: vec3<i32>, octant: u32, place: ptr<function, Place>) -> Span {
-    let slot = locate_slot(grid, cell, place);
+fn locate(grid: Grid, cell: vec3<i32>, octant: u32, accessor: ptr<function, Accessor>) -> Span {
+    let slot = locate_slot(grid, cell, accessor);
     if (slot & CHILD) == 0u {
-        return tile_span(slot, (*place).log_dim, octant, cell);
+        return tile_span(slot, (*accessor).log_dim, octant, cell);
     }
     // Read anew for each cell of a block: it is close by, and two registers less to keep.
-    let leaf = (*place).head + (slot & LEAF_NUMBER);
+    let leaf = (*accessor).head + (slot & LEAF_NUMBER);
     let block = block_at(grid, cell, slot, leaf);
     if (block.x | block.y) == 0u {
         return empty_span(2u, 0u);

@@ -5,10 +5,10 @@
 
 // The pixel that a ray goes through: the middle one of those that it stands for, moved by `shift`. `rays` and
 // `picture` are the numbers of rays and of pixels along each axis.
-fn pixel_of(ray: vec2<u32>, rays: vec2<u32>, picture: vec2<u32>, shift: vec2<f32>) -> vec2<u32> {
+fn pixel_of(ray: vec2<u32>, rays: vec2<u32>, picture: vec2<u32>, jitter: vec2<f32>) -> vec2<u32> {
 #ifdef VDB_ACCUMULATED
-    let place = (vec2<f32>(ray) + 0.5 + shift) * vec2<f32>(picture) / vec2<f32>(rays);
-    return min(vec2<u32>(place), picture - 1u);
+    let position = (vec2<f32>(ray) + 0.5 + jitter) * vec2<f32>(picture) / vec2<f32>(rays);
+    return min(vec2<u32>(position), picture - 1u);
 #else
     return (2u * ray + 1u) * picture / (2u * rays);
 #endif

@@ -12,7 +12,7 @@
 // The pixel of the target that a ray of the view goes through.
 fn target_pixel(pixel: vec2<u32>) -> vec2<u32> {
 #ifdef VDB_SCALED
-    return view.origin + pixel_of(pixel, view.size, view.picture, view.shift);
+    return view.origin + pixel_of(pixel, view.size, view.picture, view.jitter);
 #else
     return view.origin + pixel;
 #endif
@@ -20,16 +20,16 @@ fn target_pixel(pixel: vec2<u32>) -> vec2<u32> {
 
 // A number from 0 up to but not 1 that the frames of a view share evenly among them, where they are put
 // together: the fractional parts of multiples of an irrational one. Otherwise 0.
-fn chance_of_frame(irrational: f32) -> f32 {
+fn frame_random(irrational: f32) -> f32 {
     return fract(f32(view.frame & 4095u) * irrational);
 }
 
 // One past the volumes that the view sees.
-fn seen_end() -> u32 {
+fn visible_end() -> u32 {
     return view.volume_first + view.volume_count;
 }
 
 // One past those that shadows and reflections look at too: what is out of the picture comes last.
 fn scene_end() -> u32 {
-    return seen_end() + view.volumes_beside;
+    return visible_end() + view.offscreen_count;
 }

@@ -80,10 +80,10 @@ impl Accumulated {
     pub fn place(&self, view: &mut types::View, is_scaled: bool) {
         let frame = self.frame;
         view.frame = frame;
-        view.turn = golden(frame);
+        view.random_offset = golden(frame);
         // The first ray of a mean is the one that a single frame has. Where rays are fewer than pixels,
         // that one goes through no pixel's middle.
-        view.shift = shift(if is_scaled { frame } else { frame.saturating_sub(1) });
+        view.jitter = shift(if is_scaled { frame } else { frame.saturating_sub(1) });
     }
 }
 
