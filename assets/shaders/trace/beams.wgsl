@@ -1,5 +1,6 @@
-// A thread for every tile of 8×8 pixels that shows a volume: whether the tile's rays can meet it before they
-// end at the opaque meshes, and where those to it can begin.
+// Beam optimisation and tile culling, after Laine and Karras 2010, "Efficient sparse voxel octrees". One
+// thread for each tile of 8×8 pixels that shows a volume: finds whether the tile's rays can hit the volume
+// before opaque meshes end them, and where those rays can start.
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::gpu::types::Rays
@@ -13,8 +14,8 @@
 #else
 @group(2) @binding(6) var scene_depth: texture_depth_2d;
 #endif
-// Bits, tile by tile, all zero before; then starts: rows of tiles, volume by volume. Bits are only ever
-// set, so that no order of threads shows.
+// Bits for each tile, zeroed beforehand; then starts, as rows of tiles for each volume. Bits are only ever
+// set, so the result does not depend on the order of threads.
 @group(2) @binding(9) var<storage, read_write> tiles: array<atomic<u32>>;
 
 const THREADS: u32 = 64u;
@@ -23,7 +24,7 @@ fn column_and_row(tile: u32) -> vec2<u32> {
     return vec2(tile & 0xffffu, tile >> 16u);
 }
 
-// Workgroups of a column share a volume.
+// The workgroups of a column share a volume.
 @compute @workgroup_size(64, 1, 1)
 fn beams(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -44,7 +45,7 @@ fn beams(
     }
 }
 
-// Whether opaque meshes end all rays of a tile before they come to `t`. Nearly always one ray answers that.
+// Whether opaque meshes end all rays of a tile before `t`. One ray is nearly always enough to tell.
 fn is_occluded(tile: vec2<u32>, t: f32) -> bool {
     for (var i = 0u; i < 64u; i++) {
         let ray = 8u * tile + vec2(i & 7u, i >> 3u);
@@ -59,7 +60,7 @@ fn is_occluded(tile: vec2<u32>, t: f32) -> bool {
     return true;
 }
 
-// The rays of a view, where frames are put together: all of them go through another place of their pixel.
+// The jittered rays of a view under temporal accumulation.
 fn jittered(rays: Rays) -> Rays {
     var jittered = rays;
     let ndc = view.jitter * vec2(2.0, -2.0) / vec2<f32>(view.size);
@@ -80,7 +81,7 @@ fn cull_tile(i: u32, tile: vec2<u32>) {
     let rays = volume.rays;
 #endif
     let beam = beam_of(grids[volume.grid], rays, tile, view.size, view.t_near);
-    // The box alone, before the tree is looked into.
+    // Test the box alone before descending into the tree.
     let t_box = beam_box_t(grids[volume.grid], beam);
     if is_occluded(tile, t_box) {
         return;

@@ -1,4 +1,4 @@
-// Which volumes a segment may meet, and from where on.
+// The volumes that a segment may hit, and where the search in each can start.
 #define_import_path bevy_vdb::trace::candidates
 
 #import bevy_vdb::view::scene::{scene_end, visible_end, view}
@@ -8,8 +8,9 @@
 #endif
 
 #ifdef VDB_BEAMS
-// For each tile of 8×8 pixels, a bit for each volume, or group of volumes, of the view that can stop a ray
-// of the tile; then, if they are kept, for each volume and tile the t before which nothing can.
+// For each tile of 8×8 pixels, one bit for each volume, or group of volumes, of the view that can stop a ray
+// of the tile. If there is room, these are followed by the t before which nothing can stop a ray, for each
+// volume and tile.
 @group(2) @binding(9) var<storage, read> tiles: array<u32>;
 
 fn tile_index(pixel: vec2<u32>) -> u32 {
@@ -17,7 +18,8 @@ fn tile_index(pixel: vec2<u32>) -> u32 {
 }
 #endif
 
-// The first volume from `i` on that a segment may meet before `t_max`; past the last one, if there is none.
+// The first volume from index `i` that a segment may hit before `t_max`; past the last index if there is
+// none.
 fn next_candidate(segment: Segment, pixel: vec2<u32>, i: u32, t_max: f32) -> u32 {
 #ifdef VDB_MANY
     if !segment.is_view {
@@ -25,7 +27,7 @@ fn next_candidate(segment: Segment, pixel: vec2<u32>, i: u32, t_max: f32) -> u32
     }
 #endif
 #ifdef VDB_BEAMS
-    // Other rays, and volumes that the view does not see, have no beams.
+    // Secondary rays, and volumes outside the view, have no tile bits.
     if segment.is_view && i < visible_end() {
         let words = tile_index(pixel) * view.tile_words;
         let bit = (i - view.volume_first) >> view.group_bits;
@@ -42,7 +44,7 @@ fn next_candidate(segment: Segment, pixel: vec2<u32>, i: u32, t_max: f32) -> u32
     return i;
 }
 
-// The t before which nothing of a volume can stop a ray.
+// The t before which nothing in a volume can stop a ray.
 fn start_t(segment: Segment, volume: u32, pixel: vec2<u32>) -> f32 {
 #ifdef VDB_BEAMS
     if segment.is_view && view.has_tile_starts != 0u {
@@ -54,7 +56,7 @@ fn start_t(segment: Segment, volume: u32, pixel: vec2<u32>) -> f32 {
     return segment.t_min;
 }
 
-// One past the volumes that a segment can meet.
+// One past the last volume that a segment can hit.
 fn volume_end(segment: Segment) -> u32 {
     return select(scene_end(), visible_end(), segment.is_view);
 }

@@ -1,4 +1,4 @@
-// The colours that grids give to surfaces.
+// Surface colours from grids.
 #define_import_path bevy_vdb::trace::color
 
 #import bevy_vdb::gpu::bindings::grids
@@ -8,7 +8,8 @@
 #import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
 #import bevy_vdb::traversal::tree::{locate, new_accessor, span_constant, span_occupied}
 
-// The value of a grid at a place on a segment: trilinear between samples, the background outside.
+// The value of a grid at a point on a segment: trilinear interpolation inside the grid, the background
+// outside.
 fn value_along(segment: Segment, t: f32, volume: u32) -> f32 {
     let grid = grids[volumes[volume].grid];
     let background = volumes[volume].background;
@@ -31,7 +32,7 @@ fn value_along(segment: Segment, t: f32, volume: u32) -> f32 {
     return values.offset + values.scale * trilinear(values.corners, position - whole);
 }
 
-// What the base colour of a surface is multiplied by at a place on a segment.
+// Factor for the base colour of a surface at a point on a segment.
 fn color_along(segment: Segment, t: f32, surface: u32) -> vec3<f32> {
     let first = volumes[surface].color_grids;
     if first == NONE {

@@ -1,4 +1,4 @@
-// Light that grids send of their own, seen along a segment.
+// Emission of grids along a segment.
 #define_import_path bevy_vdb::trace::emission
 
 #import bevy_vdb::gpu::types::{Grid, KIND_BLACKBODY, KIND_EMISSION}
@@ -15,15 +15,15 @@
 #import bevy_vdb::traversal::samples::{FogCell, fog_cell, tile_value, trilinear}
 #import bevy_vdb::traversal::tree::{Span, empty_cell, locate, new_accessor, span_constant, span_occupied}
 
-// By even steps of the logarithm of the temperature: the colour for a luminance of 1, and the logarithm of
-// the luminance. Twin: `BlackbodyTable` in `crates/vdb_core/src/blackbody.rs`.
+// Black-body colours in even steps of the logarithm of temperature: a colour with a luminance of 1, and the
+// logarithm of the luminance. Twin: `BlackbodyTable` in `crates/vdb_core/src/blackbody.rs`.
 @group(2) @binding(11) var blackbody_colors: texture_2d<f32>;
 
-// Kelvin of its first entry, and the logarithm of how much hotter the last one is.
+// Temperature of the first entry in kelvin, and the logarithm of the ratio of the last to the first.
 const MIN_KELVIN: f32 = 500.0;
 const LOG_RANGE: f32 = 4.382026634673881;   // ln 80
 
-// The luminance of a black body, cd/m².
+// Luminance of a black body, cd/m².
 fn blackbody(kelvin: f32) -> vec3<f32> {
     let last = textureDimensions(blackbody_colors).x - 1u;
     let steps = clamp(log(max(kelvin, MIN_KELVIN) / MIN_KELVIN) * (f32(last) / LOG_RANGE), 0.0, f32(last));
@@ -31,7 +31,7 @@ fn blackbody(kelvin: f32) -> vec3<f32> {
     let low = textureLoad(blackbody_colors, vec2(first, 0u), 0);
     let high = textureLoad(blackbody_colors, vec2(first + 1u, 0u), 0);
     let entry = mix(low, high, steps - f32(first));
-    // Cool ones have less blue than there can be.
+    // Cool black bodies are outside the gamut: their blue is negative.
     return select(vec3(0.0), max(entry.rgb, vec3(0.0)) * exp(entry.w), kelvin >= MIN_KELVIN);
 }
 
@@ -40,16 +40,16 @@ fn blackbody_emission(volume: u32, value: f32) -> vec3<f32> {
     return select(vec3(0.0), blackbody(kelvin), value > 0.0);
 }
 
-// Gauss and Legendre's four points on an interval of length 1: away from its middle, and their weights.
+// Four-point Gauss–Legendre quadrature on an interval of length 1: distances from the middle, and weights.
 const INNER: f32 = 0.16999052;
 const OUTER: f32 = 0.43056816;
 const INNER_WEIGHT: f32 = 0.32607258;
 const OUTER_WEIGHT: f32 = 0.17392742;
 
-// A part of a mirrored ray within a cell.
+// The part of a mirrored ray inside a cell.
 struct Chord {
     cell: FogCell,
-    first: vec3<f32>,   // in the cell, on the mirrored ray's axes
+    first: vec3<f32>,   // within the cell, on the axes of the mirrored ray
     last: vec3<f32>,
 }
 
@@ -58,9 +58,10 @@ fn chord_emission(volume: u32, mirrored: MirroredRay, chord: Chord, s: f32) -> v
     return blackbody_emission(volume, chord.cell.offset + chord.cell.scale * trilinear(chord.cell.corners, at));
 }
 
-// The mean luminance of what glows between two parameters from the rebased origin on, within the cube of a
-// span. The light of a black body goes up by far more than its temperature: of two points, as a density has
-// them, a cell from cold to hot would get three quarters of its light wrong, of four, less than a hundredth.
+// Mean luminance between two parameters, counted from the rebased origin, within the cube of a span. The
+// luminance of a black body grows much faster than its temperature. The two points that suffice for density
+// would get three quarters of the light wrong in a cell from cold to hot; four points get less than a
+// hundredth wrong.
 fn mean_emission(
     volume: u32,
     grid: Grid,
@@ -85,7 +86,7 @@ fn mean_emission(
     return INNER_WEIGHT * inner + OUTER_WEIGHT * outer;
 }
 
-// ∫ B dt along a mirrored ray, cell by cell as `optical_length` traverses.
+// ∫ B dt along a mirrored ray, cell by cell, with the same traversal as `optical_length`.
 fn integrated_emission(volume: u32, grid: Grid, mirrored: MirroredRay, entry: Dda) -> vec3<f32> {
     var dda = entry;
     var accessor = new_accessor(local_cell(mirrored, dda.rel));
@@ -122,15 +123,15 @@ fn integrated_emission(volume: u32, grid: Grid, mirrored: MirroredRay, entry: Dd
 }
 #endif
 
-// Whether a volume is a grid that shines.
+// Whether a volume is an emissive grid.
 fn is_emitter(volume: u32) -> bool {
     return volumes[volume].kind == KIND_EMISSION || volumes[volume].kind == KIND_BLACKBODY;
 }
 
-// No light is more than this: with exposure it is within f32.
+// Upper limit of emission, which stays within f32 when multiplied by the exposure.
 const MAX_EMISSION: f32 = 1e20;
 
-// ∫ ε ds over a part of a segment, which nothing shines on before `start`: cd/m².
+// ∫ ε ds over an interval of a segment, in cd/m². Nothing emits before `start`.
 fn segment_emission(segment: Segment, volume: u32, start: f32, t_min: f32, t_max: f32) -> vec3<f32> {
     var ray = lattice_ray(segment, volume, t_max);
     ray.t_min = t_min;
@@ -148,7 +149,7 @@ fn segment_emission(segment: Segment, volume: u32, start: f32, t_min: f32, t_max
     return min(volumes[volume].emissive * dir_length * length_sum, vec3(MAX_EMISSION));
 }
 
-// The part of light sent evenly within fog of an optical depth that leaves it: (1 - e^-τ) / τ.
+// Mean transmittance out of a homogeneous slab of an optical depth τ: (1 - e^-τ) / τ.
 fn mean_transmittance(depth: f32) -> f32 {
     let exact = (1.0 - exp(-depth)) / max(depth, 1e-2);
     return select(exact, 1.0 - depth * (0.5 - depth / 6.0), depth < 1e-2);

@@ -1,4 +1,4 @@
-// All fogs of a segment: what they hide, and what light they send.
+// All fogs along a segment: their optical depth and the light that they send.
 #define_import_path bevy_vdb::trace::fogs
 
 #import bevy_vdb::gpu::types::KIND_FOG
@@ -23,26 +23,26 @@
 #endif
 #endif
 
-// Optical depth from which on nothing behind is visible: e^-16 is below a 16-bit float's step
-// beside 1, by a factor of 4,000.
+// Optical depth beyond which nothing is visible: e^-16 is 1/4,000 of the step of 16-bit floats near 1.
 const OPAQUE_DEPTH: f32 = 16.0;
 
-// Voxels along the longest edge of a fog's box from which on longer stretches are lit as one.
+// Above this many voxels along the longest edge of a fog's box, the intervals that share one lighting sample
+// become longer in proportion.
 const LIGHT_EDGE: f32 = 128.0;
-// Of what is reflected, so many times as much is lit as one: each stretch asks for the light of every lamp.
+// In reflections, intervals are longer by this factor, because every interval evaluates every light.
 const REFLECTED_STEP_FACTOR: u32 = 4u;
 
 struct Fog {
     radiance: vec3<f32>,
     optical_depth: f32,
     t_first: f32,
-    // The mean t of what is seen of the fogs, weighed with how much of it is seen, and the volume
-    // that most of it is of, where slabs are.
+    // Mean t of the visible fog, weighted by visibility. With several slabs, `motion_volume` is the volume
+    // that contributes most to what is visible.
     t_mean: f32,
     motion_volume: u32,
 }
 
-// Optical depth of one fog over a part of a segment, which nothing stops before `start`.
+// Optical depth of one fog over an interval of a segment. Nothing stops the ray before `start`.
 fn fog_depth(
     segment: Segment,
     volume: u32,
@@ -58,7 +58,7 @@ fn fog_depth(
     let mirrored = mirrored_ray(grid, ray);
     let safe_scale = max(scale, 1e-30);
 #ifdef VDB_FOG_STEPS
-    // A part of a ray may be shorter than a step.
+    // An interval may be shorter than a step, so only whole rays are ray-marched.
     var density_integral = 0.0;
     let step = volumes[volume].fog_step;
     if is_whole && step > 0.0 {
@@ -69,11 +69,11 @@ fn fog_depth(
 #else
     let density_integral = optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE_DEPTH / safe_scale);
 #endif
-    // At most 100, and not by way of a product that f32 does not hold.
+    // At most 100. The limit is applied before the product, which might overflow.
     return scale * min(density_integral, 100.0 / safe_scale);
 }
 
-// Whether a volume dims a ray, or sends light along it.
+// Whether a volume attenuates a ray or emits light along it.
 fn is_medium(volume: u32) -> bool {
 #ifdef VDB_EMISSION
     return volumes[volume].kind == KIND_FOG || is_emitter(volume);
@@ -82,10 +82,10 @@ fn is_medium(volume: u32) -> bool {
 #endif
 }
 
-// All fogs of a segment in front of `t_max`. Radiance of one fog with an even source S and optical depth τ is
-// S·(1 - e^-τ), exactly; where light differs from place to place, the segment is cut into stretches, and
-// where several overlap, into slabs. What shines, E in all of a slab, is taken as evenly boundary with the
-// fogs there: E·(1 - e^-τ) / τ of it leaves the slab.
+// All fogs of a segment up to `t_max`. A homogeneous fog with source S and optical depth τ sends exactly
+// S·(1 - e^-τ). Where the lighting varies, the segment is divided into intervals; where several fogs
+// overlap, into slabs. Emission E within a slab is assumed to be evenly mixed with its fogs: E·(1 - e^-τ) /
+// τ of it leaves the slab.
 fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     var met_count = 0u;
     var last_met = 0u;
@@ -118,7 +118,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     }
 #endif
 #endif
-    // Within one slab, fogs are taken as evenly boundary and evenly lit.
+    // Within one slab, fogs are assumed to be evenly mixed and evenly lit.
     let shared_slabs = select(max(view.slabs / REFLECTED_STEP_FACTOR, 1u), view.slabs, segment.is_view);
     let slabs = select(shared_slabs, 1u, is_whole);
 #ifdef VDB_LIT
@@ -164,7 +164,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
                     thickest_depth = max(thickest_depth, volume_depth);
                     depth += volume_depth;
 #ifdef VDB_LIT
-                    // Fogs that scatter alike share the rays to the lights.
+                    // Fogs with the same phase function share their rays to the lights.
                     if light.anisotropy != volumes[i].anisotropy {
                         let jitter = fract(0.5 + frame_random(0.41421356)) - 0.5;
                         let t = 0.5 * (t_low + t_high) + jitter * (t_high - t_low);
@@ -202,7 +202,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
 #endif
     fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
 #ifdef VDB_EMISSION
-    // Where the light is from, as what shines need not hide anything.
+    // Emission need not attenuate anything, so weight t by radiance.
     fog.t_mean = select(fog.t_mean, t_radiance_sum / max(radiance_sum, 1e-30), radiance_sum > 1e-30);
 #endif
     return fog;
@@ -210,7 +210,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
 
 #ifdef VDB_LIT
 #ifndef VDB_EVEN_LIGHT
-// One fog of a segment under lights that are not the same everywhere.
+// One fog of a segment, under lighting that varies along it.
 fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_max: f32) -> Fog {
     var fog = Fog(vec3(0.0), 0.0, t_first, t_first, volume);
     var t_sum = 0.0;

@@ -1,6 +1,6 @@
-// Light on volumes: the lights and environment maps that Bevy has prepared for the view, in its units
-// (lux, candela, cd/m²), through its own functions, so that a volume looks as a mesh of the same
-// material does.
+// Lighting of volumes by the lights and environment maps that Bevy has prepared for the view, in Bevy's
+// units (lux, candela, cd/m²) and with Bevy's functions, so that a volume matches a mesh with the same
+// material.
 #define_import_path bevy_vdb::trace::lights
 
 #import bevy_pbr::ambient::ambient_light
@@ -30,21 +30,21 @@
 #import bevy_vdb::trace::segment::{NONE, Point}
 #import bevy_vdb::trace::scattering::{OCTAVES, OCTAVE_ANISOTROPY}
 
-// A place that is lit, as Bevy's functions ask for it.
+// A point to be lit, in the form that Bevy's functions require.
 struct ShadingPoint {
     position: vec3<f32>,    // world space
-    normal: vec3<f32>,      // world space, unit; zero in fog
-    // Of the pixel, in the target.
+    normal: vec3<f32>,      // world space, unit length; zero in fog
+    // Of the pixel, in the render target.
     coord: vec2<f32>,
-    // Whether the place is in the pixel; a reflected one is anywhere.
+    // Whether the point is visible at the pixel itself; reflected points may be anywhere.
     on_view_ray: bool,
 }
 
-// Which of Bevy's lights can reach a place: the directional ones, then those with a position.
+// The Bevy lights that can reach a point: directional lights first, then clustered lights.
 struct LightList {
     suns: u32,
     end: u32,
-    // Where the second kind begins in the list of the place's cluster, or NO_CLUSTER: all there are.
+    // Index of the first light of the point's cluster, or NO_CLUSTER to use all clustered lights.
     cluster_first: u32,
 }
 
@@ -71,7 +71,7 @@ fn lights_at(at: ShadingPoint) -> LightList {
 #endif
 }
 
-// The index in Bevy's list of a light that is not directional.
+// Index of a point or spot light in Bevy's list.
 fn local_light(lights: LightList, i: u32) -> u32 {
 #ifdef VDB_LOCAL_LIGHTS
     if lights.cluster_first != NO_CLUSTER {
@@ -85,7 +85,7 @@ fn is_spot(light: u32) -> bool {
     return (bevy::clustered_lights.data[light].flags & POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT) != 0u;
 }
 
-// What VdbSun says of a directional light.
+// The factor that `VdbSun` sets for a directional light.
 fn sun_factor(light: u32) -> f32 {
     let direction = bevy::lights.directional_lights[light].direction_to_light;
     var factor = 1.0;
@@ -95,7 +95,7 @@ fn sun_factor(light: u32) -> f32 {
     return factor;
 }
 
-// Towards a light, in world units; of a directional one, unit.
+// Vector to a light in world units; of unit length for directional lights.
 fn to_light(at: ShadingPoint, lights: LightList, i: u32) -> vec3<f32> {
     if i < lights.suns {
         return bevy::lights.directional_lights[i].direction_to_light;
@@ -108,7 +108,7 @@ fn to_light(at: ShadingPoint, lights: LightList, i: u32) -> vec3<f32> {
 }
 
 #ifdef VDB_SOFT_SUNS
-// What VdbSun says of the size of a light: as `View` has it.
+// The angular size that `VdbSun` sets for a light, as stored in `View`.
 fn sun_disk(lights: LightList, light: u32) -> vec4<f32> {
     var disk = vec4(0.0);
     if light < lights.suns {
@@ -120,9 +120,9 @@ fn sun_disk(lights: LightList, light: u32) -> vec4<f32> {
     return disk;
 }
 
-// The part of a round sun's light that comes to a place, by rays to places spread evenly over its disk, after
-// Vogel 1979, "A better way to construct the sunflower head", turned by random numbers for each pixel: by the
-// noise of Jorge Jimenez's that neighbours share evenly among them.
+// Mean transmittance towards a sun with an angular diameter. Samples are spread evenly over its disk after
+// Vogel 1979, "A better way to construct the sunflower head", and rotated per pixel by Jimenez's interleaved
+// gradient noise, which is evenly distributed among neighbouring pixels.
 fn soft_transmittance(at: ShadingPoint, point: Point, to_sun: vec3<f32>, tangent: f32, samples: u32) -> f32 {
     let helper = select(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), abs(to_sun.x) > 0.5);
     let right = normalize(cross(helper, to_sun));
@@ -143,8 +143,8 @@ fn soft_transmittance(at: ShadingPoint, point: Point, to_sun: vec3<f32>, tangent
 }
 #endif
 
-// The part of a light's rays that come to a place: what meshes leave of it, as Bevy's shadow maps
-// have it, then what volumes leave.
+// Fraction of a light that reaches a point: Bevy's shadow maps for meshes, times the transmittance of
+// volumes.
 fn visibility(at: ShadingPoint, point: Point, lights: LightList, i: u32) -> f32 {
 #ifdef VDB_SHADOWS
     let light_vector = to_light(at, lights, i);
@@ -195,17 +195,17 @@ fn visibility(at: ShadingPoint, point: Point, lights: LightList, i: u32) -> f32 
 #endif
 }
 
-// How rough a surface is to a ray that rough surfaces have sent there: no less than they are. By random
-// numbers, such a ray meets a sharp highlight in one pixel of many, where all should see a little of it.
+// Roughness of a surface to a path: at least that of the surfaces hit before. A path scattered by a rough
+// surface would otherwise find a sharp highlight in a few pixels only, instead of a little of it in all.
 fn path_roughness(volume: u32, roughness_so_far: f32) -> f32 {
     return max(volumes[volume].perceptual_roughness, roughness_so_far);
 }
 
-// What a surface sends to the viewer, cd/m².
+// Light from a surface towards the viewer, cd/m².
 struct Shaded {
-    radiance: vec3<f32>,       // its own, and that of lights and of the diffuse surroundings
-    ambient_specular: vec3<f32>,    // of the surroundings, as environment maps and the ambient light have them
-    specular_weight: vec3<f32>,      // the part that it reflects of what stands there instead
+    radiance: vec3<f32>,          // emission, direct light and diffuse ambient light
+    ambient_specular: vec3<f32>,  // specular light from environment maps and the ambient light
+    specular_weight: vec3<f32>,   // specular reflectance for light from other surfaces, which replaces the ambient light
 }
 
 fn shade(
@@ -270,18 +270,18 @@ fn shade(
     let no_occlusion = vec3(1.0);
     var diffuse = ambient_light(position, at.normal, view_dir, n_dot_v, lighting_input.diffuse_color, black, roughness, no_occlusion);
     var ambient_specular = ambient_light(position, at.normal, view_dir, n_dot_v, black, specular_color, roughness, no_occlusion);
-    // Of no colour at all, Bevy's approximation leaves a trace, which is in both.
+    // Bevy's approximation returns a small residue even for black; it is contained in both terms.
     let residue = ambient_light(position, at.normal, view_dir, n_dot_v, black, black, roughness, no_occlusion);
     ambient_specular -= residue;
 #ifdef ENVIRONMENT_MAP
-    // Of use with reflection probes, which are not taken into account.
+    // Only used by reflection probes, which are not supported.
     var ranges: ClusterableObjectIndexRanges;
     let environment = environment_map_light(&lighting_input, &ranges, false);
     diffuse += environment.diffuse;
     ambient_specular += environment.specular;
 #endif
 
-    // As Bevy has it for environment maps.
+    // As in Bevy's environment maps.
     let single_scattering = specular_color * lighting_input.F_ab.x + lighting_input.F_ab.y;
     let specular_weight = single_scattering * saturate(dot(specular_color, vec3(50.0 * 0.33)));
 #ifdef VDB_DIFFUSE_ONLY
@@ -293,11 +293,11 @@ fn shade(
 #endif
 }
 
-// A direction in which a surface reflects what is before it: of a rough one, one of many, by two numbers
-// from 0 up to but not 1.
+// The direction of a reflected ray, sampled from the distribution of microfacet normals if the surface is
+// rough. `random` is in [0, 1).
 fn sample_reflection(roughness: f32, normal: vec3<f32>, to_viewer: vec3<f32>, random: vec2<f32>) -> vec3<f32> {
     let mirror_dir = reflect(-to_viewer, normal);
-    // Below this, Bevy's own highlights get no smaller.
+    // Below this roughness, Bevy's own highlights do not become any smaller.
     if roughness < 0.089 {
         return mirror_dir;
     }
@@ -306,8 +306,8 @@ fn sample_reflection(roughness: f32, normal: vec3<f32>, to_viewer: vec3<f32>, ra
     return select(mirror_dir, normalize(direction), dot(direction, normal) > 1e-3);
 }
 
-// The part of the light that a fog turns by an angle with this cosine when it scatters it, per
-// steradian. Henyey and Greenstein 1941, "Diffuse radiation in the galaxy"; over all directions it is 1.
+// Henyey–Greenstein phase function per steradian, normalised over the sphere. Henyey and Greenstein 1941,
+// "Diffuse radiation in the galaxy".
 fn phase(anisotropy: f32, cosine: f32) -> f32 {
     // 1 + g² - 2·g·cos, from terms that do not cancel.
     let one_minus_g = 1.0 - anisotropy;
@@ -315,7 +315,7 @@ fn phase(anisotropy: f32, cosine: f32) -> f32 {
     return (1.0 - anisotropy * anisotropy) / (4.0 * PI * denominator * sqrt(denominator));
 }
 
-// Whether a light throws shadows.
+// Whether a light casts shadows.
 fn casts_shadows(lights: LightList, i: u32) -> bool {
     if i < lights.suns {
         return (bevy::lights.directional_lights[i].flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
@@ -328,15 +328,15 @@ fn casts_shadows(lights: LightList, i: u32) -> bool {
 #endif
 }
 
-// What a place in a fog of albedo 1 scatters back along a ray (world space, unit), of what comes to it
-// straight from lights, and in octaves of what comes to it otherwise, cd/m².
+// Light scattered along a ray (world space, unit length) at a point in fog with an albedo of 1, cd/m². The
+// first octave is single scattering; the others estimate multiple scattering.
 fn in_scattered(at: ShadingPoint, point: Point, ray: vec3<f32>, anisotropy: f32) -> array<vec3<f32>, OCTAVES> {
     var light = array<vec3<f32>, OCTAVES>();
     let lights = lights_at(at);
     for (var i = 0u; i < lights.end; i++) {
         let visible = visibility(at, point, lights, i);
         let light_vector = to_light(at, lights, i);
-        // Light that goes straight on comes from straight ahead.
+        // Forward scattering is towards the viewer from a light straight ahead.
         let cosine = clamp(dot(light_vector, ray) * inverseSqrt(max(dot(light_vector, light_vector), 1e-30)), -1.0, 1.0);
         var illuminance = vec3(0.0);
         if i < lights.suns {
@@ -350,7 +350,7 @@ fn in_scattered(at: ShadingPoint, point: Point, ray: vec3<f32>, anisotropy: f32)
         var octave_anisotropy = anisotropy;
         for (var octave = 0u; octave < OCTAVES && octave_visibility > 0.0; octave++) {
             light[octave] += (octave_visibility * phase(octave_anisotropy, cosine)) * illuminance;
-            // Half the optical depth; of light that nothing dims, all is in the first octave.
+            // Halves the optical depth. Without shadows, all light is in the first octave.
             octave_visibility = select(0.0, sqrt(octave_visibility), casts_shadows(lights, i));
             octave_anisotropy *= OCTAVE_ANISOTROPY;
         }
@@ -359,7 +359,7 @@ fn in_scattered(at: ShadingPoint, point: Point, ray: vec3<f32>, anisotropy: f32)
 }
 
 #ifdef VDB_LOCAL_LIGHTS
-// Lux on a surface that faces a point or spot light.
+// Illuminance in lux on a surface that faces a point or spot light.
 fn local_illuminance(at: ShadingPoint, light: u32) -> vec3<f32> {
     let data = bevy::clustered_lights.data[light];
     let light_vector = data.position_radius.xyz - at.position;
@@ -377,24 +377,24 @@ fn local_illuminance(at: ShadingPoint, light: u32) -> vec3<f32> {
 }
 #endif
 
-// The first two orders of the light that surrounds everything, cd/m².
+// The first two orders of the light from the environment, cd/m².
 struct EnvironmentLight {
     mean: vec3<f32>,
-    // What there is more of it straight ahead, as far as it grows evenly from behind to there: of any light
-    // around, Henyey and Greenstein's phase function leaves `anisotropy` times this.
+    // The linear term in the forward direction: radiance is about `mean + forward·cos θ`. The
+    // Henyey–Greenstein phase function scales this order by the anisotropy.
     forward: vec3<f32>,
 }
 
-// As seen along a ray (world space, unit).
+// The environment as seen along a ray (world space, unit length).
 fn environment_light(ray: vec3<f32>) -> EnvironmentLight {
     var light = EnvironmentLight(bevy::lights.ambient_color.rgb, vec3(0.0));
 #ifdef ENVIRONMENT_MAP
     if bevy::light_probes.view_cubemap_index >= 0 {
         var direction = quat_rotate(bevy::light_probes.view_rotation, ray);
-        // As Bevy has it: cube maps are left-handed.
+        // As in Bevy: cube maps are left-handed.
         direction.z = -direction.z;
-        // Each is a mean over a hemisphere, weighted with the cosine; six of them make that of the sphere.
-        // Of what grows evenly with the cosine, such a mean has 2/3.
+        // Each texel is a cosine-weighted mean over a hemisphere; the mean of six such texels is that of the
+        // sphere. For radiance proportional to the cosine, a hemisphere's mean is 2/3.
         var mean = vec3(0.0);
         var forward = vec3(0.0);
         for (var i = 0u; i < 6u; i++) {
@@ -412,8 +412,8 @@ fn environment_light(ray: vec3<f32>) -> EnvironmentLight {
 }
 
 #ifdef DISTANCE_FOG
-// What is seen of a place through Bevy's distance fog, as `bevy_pbr::pbr_functions::apply_fog` has it
-// for meshes. `color` is in the camera's values, and multiplied with coverage.
+// Applies Bevy's distance fog as `bevy_pbr::pbr_functions::apply_fog` does for meshes. `color` is multiplied
+// by the exposure and premultiplied by coverage.
 fn apply_distance_fog(color: vec3<f32>, coverage: f32, at: ShadingPoint) -> vec3<f32> {
     let from_camera = at.position - bevy::view.world_position;
     let distance = max(length(from_camera), 1e-30);

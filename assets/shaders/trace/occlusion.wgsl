@@ -1,4 +1,4 @@
-// Shadows that volumes throw, on themselves and on each other.
+// Shadows that volumes cast on themselves and on each other.
 #define_import_path bevy_vdb::trace::occlusion
 
 #import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE, NO_CASTER}
@@ -20,19 +20,19 @@
 #import bevy_vdb::traversal::march::scaled_step
 #endif
 
-// Optical depth through which no light is seen: e^-16 is below a 16-bit float's step beside 1. Light that is
-// scattered again has an eighth of it to pass, at least.
+// Optical depth beyond which no light is visible: e^-16 is less than the step of 16-bit floats near 1. With
+// multiple scattering, the last octave sees an eighth of the optical depth.
 #ifdef VDB_MULTIPLE_SCATTERING
 const OPAQUE_DEPTH: f32 = 80.0;
 #else
 const OPAQUE_DEPTH: f32 = 16.0;
 #endif
 
-// Voxels along the longest edge of a fog's box from which on there are more of them between the densities
-// that a ray from a place in fog sums up.
+// Above this many voxels along the longest edge of a fog's box, steps towards lights become longer in
+// proportion.
 const SHADOW_EDGE: f32 = 256.0;
 
-// The first volume from `i` on that a segment may meet before `distance`.
+// The first volume from index `i` that a segment may hit before `distance`.
 fn next_occluder(segment: Segment, i: u32, distance: f32) -> u32 {
 #ifdef VDB_MANY
     return next_intersected(segment, i, distance);
@@ -41,8 +41,8 @@ fn next_occluder(segment: Segment, i: u32, distance: f32) -> u32 {
 #endif
 }
 
-// The part of the light from a direction (world space, unit) that comes to a place from a distance of
-// so many world units. A place in fog is one of many along a ray, whose errors even out.
+// Transmittance between a point and a light in a direction (world space, unit length) at a distance in world
+// units. Points in fog are ray-marched, because the errors of many points on a ray average out.
 fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool) -> f32 {
     let segment = Segment(point, to_light, false, 0.0);
     let range = min(distance, view.shadow_range);

@@ -1,6 +1,6 @@
-// One thread a pixel: the nearest surface of all volumes, then all fogs in front of it; and the same
-// again for what the surface reflects.
-// Writes radiance times exposure, premultiplied with coverage, and a depth for the composite.
+// One thread per pixel: traces the nearest surface of all volumes, then all fogs in front of it, and repeats
+// this for reflections. Writes radiance times exposure, premultiplied by coverage, and a depth for the
+// composite.
 
 #import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::traversal::rays::ndc_of
@@ -45,21 +45,21 @@
 @group(2) @binding(6) var scene_depth: texture_depth_2d;
 #endif
 @group(2) @binding(7) var out_color: texture_storage_2d<rgba16float, write>;
-// A surface: its depth, 0 to 1. Fog alone: -1 - the depth where it begins. Nothing: -3.
+// Surface: its depth, 0 to 1. Fog only: -1 - the depth at which it begins. Nothing: -3.
 @group(2) @binding(8) var out_depth: texture_storage_2d<r32float, write>;
 
 const NO_DEPTH: f32 = -3.0;
 
 #ifdef VDB_MOTION_VECTORS
-// The volume that a pixel moves with, in the view's list, or NONE; and the bits of the depth of the
-// place that moves.
+// The volume that a pixel moves with, as an index into the view's list, or NONE; and the bits of the depth
+// of the point that moves.
 @group(2) @binding(10) var out_moving: texture_storage_2d<rg32uint, write>;
 #endif
 
-// What a 16-bit float can hold.
+// Just below the largest finite 16-bit float.
 const MAX_COLOR: f32 = 65000.0;
 
-// The t of whatever opaque meshes show at a pixel.
+// The t of the opaque meshes at a pixel.
 fn mesh_t(pixel: vec2<u32>) -> f32 {
     return t_of_depth(view.t_from_depth, depth_of_meshes(scene_depth, target_pixel(pixel)));
 }
@@ -96,20 +96,20 @@ fn nearest_surface(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Surface {
     return nearest;
 }
 
-// What the view's ray finds.
+// The result of tracing a view ray.
 struct PathResult {
-    color: vec3<f32>,       // luminance, or what is shown instead
+    color: vec3<f32>,       // luminance, or a colour of another render mode
     coverage: f32,
     depth: f32,
-    motion_volume: u32,             // the volume that it moves with, or NONE
+    motion_volume: u32,     // the volume that the pixel moves with, or NONE
     motion_depth: f32,
 }
 
 #ifdef VDB_LIT
 #ifdef VDB_REFLECTIONS
-// Two numbers from 0 up to but not 1, of a pixel's own, that neighbours share evenly among them: the
-// fractional parts of multiples of the plastic number's powers, as Martin Roberts has it, on a noise of
-// Jorge Jimenez's.
+// Two random numbers in [0, 1), evenly distributed among neighbouring pixels: the R2 sequence (Roberts 2018,
+// "The unreasonable effectiveness of quasirandom sequences"), offset by Jimenez's interleaved gradient
+// noise.
 fn random_pair(pixel: vec2<u32>, bounce: u32) -> vec2<f32> {
     let at = vec2<f32>(pixel) + 5.588238 * f32(bounce);
     let noise = fract(52.9829189 * fract(dot(at, vec2(0.06711056, 0.00583715))));
@@ -118,7 +118,7 @@ fn random_pair(pixel: vec2<u32>, bounce: u32) -> vec2<f32> {
 }
 #endif
 
-// What fogs add to the view's ray.
+// The fog in front of the first surface.
 struct FogLayer {
     radiance: vec3<f32>,
     coverage: f32,
@@ -126,12 +126,12 @@ struct FogLayer {
 }
 
 #ifdef DISTANCE_FOG
-// What the distance of a place on a ray of the view leaves of it.
+// Applies distance fog at a point of a view ray.
 fn with_distance_fog(color: vec3<f32>, coverage: f32, segment: Segment, t: f32, pixel: vec2<u32>) -> vec3<f32> {
     let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
     let at = ShadingPoint(world_position(point_at(segment, t)), vec3(0.0), coord, true);
 #ifdef VDB_EMISSION
-    // What shines covers nothing: of the distance's own light, it gets none.
+    // Emission has no coverage, so it must not add the distance fog's own light.
     let fog_alone = apply_distance_fog(vec3(0.0), 1.0, at);
     return apply_distance_fog(color, 1.0, at) - (1.0 - coverage) * fog_alone;
 #else
@@ -140,16 +140,16 @@ fn with_distance_fog(color: vec3<f32>, coverage: f32, segment: Segment, t: f32, 
 }
 #endif
 
-// The light along the view's ray.
+// Radiance along a view ray and its reflections.
 fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
     var result = PathResult(vec3(0.0), 0.0, NO_DEPTH, NONE, 0.0);
     var segment = primary;
     var t_max = t_end;
-    // The part of what a segment brings that is seen, and what is seen if it meets nothing.
+    // Throughput of the path so far, and the radiance to add if the next segment hits nothing.
     var throughput = vec3(1.0);
     var miss_radiance = vec3(0.0);
     var first_surface = no_surface();
-    // Of what is seen, the part that is of fogs before the first surface.
+    // The contribution of the fog before the first surface.
     var fog_layer = FogLayer(vec3(0.0), 0.0, 0.0);
     var roughness = 0.0;
     for (var bounce = 0u; bounce <= view.reflections; bounce++) {
@@ -179,7 +179,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
             result.coverage = 1.0 - transmittance * (1.0 - result.coverage);
             result.depth = select(result.depth, -1.0 - depth_of_t(fog.t_first), result.depth < 0.0);
             fog_layer = FogLayer(fog.radiance, 1.0 - transmittance, fog.t_mean);
-            // A pixel moves with what most of its light is from.
+            // A pixel moves with the volume that contributes most of its light.
             if transmittance < 0.5 {
                 result.motion_volume = fog.motion_volume;
                 result.motion_depth = depth_of_t(fog.t_mean);
@@ -193,7 +193,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
         let point = offset_origin(segment, surface);
         let outwards = normal_of(surface);
         let to_viewer = -normalize(segment.dir);
-        // Seen from within, a surface is lit from within.
+        // From the inside, a surface is lit on its inner side.
         let normal = select(outwards, -outwards, dot(outwards, to_viewer) < 0.0);
         let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
         let at = ShadingPoint(world_position(point_at(segment, surface.t)), normal, coord, segment.is_view);
@@ -207,7 +207,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
         miss_radiance = throughput * shaded.ambient_specular;
         throughput *= shaded.specular_weight;
 #ifdef VDB_REFLECTIONS
-        // Less than a step of 16-bit floats beside 1.
+        // Less than the step of 16-bit floats near 1.
         if bounce < view.reflections && max(max(throughput.x, throughput.y), throughput.z) > 1.0 / 4096.0 {
             let direction = sample_reflection(roughness, normal, to_viewer, random_pair(pixel, bounce));
             segment = Segment(point, direction, false, 0.0);
@@ -231,7 +231,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
     return result;
 }
 #else
-// What is shown of the surface that the view's ray meets.
+// The surface that a view ray hits, in the colours of the render mode.
 fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
     var result = PathResult(vec3(0.0), 0.0, NO_DEPTH, NONE, 0.0);
     let surface = nearest_surface(primary, pixel, t_end);
@@ -279,7 +279,7 @@ fn heat_map(x: f32) -> vec3<f32> {
 #endif
 #endif
 
-// With the borders of the tree's nodes, where the camera shows them.
+// Overlays the borders of tree nodes if the camera shows them.
 fn with_borders(color: vec3<f32>, segment: Segment, surface: Surface) -> vec3<f32> {
 #ifdef VDB_OVERLAYS
     if surface.found {
@@ -289,7 +289,7 @@ fn with_borders(color: vec3<f32>, segment: Segment, surface: Surface) -> vec3<f3
     return color;
 }
 
-// The same color with nothing infinite and no number that is none: lights may have them.
+// Replaces NaNs by 0 and infinities by the largest colour: lights may produce both.
 fn finite(color: vec3<f32>) -> vec3<f32> {
     let bits = bitcast<vec3<u32>>(color);
     let is_finite = (bits & vec3(0x7f800000u)) != vec3(0x7f800000u);
@@ -298,7 +298,7 @@ fn finite(color: vec3<f32>) -> vec3<f32> {
     return clamp(select(finite_color, vec3(MAX_COLOR), is_infinite), vec3(0.0), vec3(MAX_COLOR));
 }
 
-// Two tiles a group: half as many groups to start.
+// Two tiles per workgroup, which halves the number of workgroups to launch.
 @compute @workgroup_size(8, 16, 1)
 fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = id.xy;
