@@ -1,5 +1,5 @@
-// The mean of the frames of a picture, while nothing changes in it: what a ray has seen goes into the pixel
-// that it went through. One thread a pixel.
+// Averages the frames of a view while nothing in it changes. One thread per pixel: adds the result of the
+// ray that passes through the pixel.
 
 #import bevy_vdb::gpu::types::View
 #import bevy_vdb::view::picture::{depth_of_meshes, pixel_of}
@@ -10,31 +10,31 @@
 #else
 @group(0) @binding(1) var scene_depth: texture_depth_2d;
 #endif
-// What the trace has written; `trace.wgsl` says how.
+// Output of the trace; see `trace.wgsl`.
 @group(0) @binding(2) var traced_color: texture_2d<f32>;
 @group(0) @binding(3) var traced_depth: texture_2d<f32>;
 @group(0) @binding(4) var<storage, read_write> means: array<Mean>;
-// What is shown.
+// The accumulated image.
 @group(0) @binding(5) var out_color: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(6) var out_depth: texture_storage_2d<r32float, write>;
 #ifdef VDB_SCALED
-// The same of all pixels, by rays nearby.
+// The upscaled image, for pixels without a ray so far.
 @group(0) @binding(7) var upscaled_color: texture_2d<f32>;
 @group(0) @binding(8) var upscaled_depth: texture_2d<f32>;
 #endif
 
-// What rays have seen in a pixel.
+// Mean of the rays through a pixel.
 struct Mean {
     color: vec4<f32>,
-    depth: f32,         // as the trace has it: of the first surface; without any, where fog is nearest
-    surface_fraction: f32,      // the part of the rays that have met one
-    sample_count: u32,       // rays, up to `View::max_frames`
-    mesh_depth: f32,    // of the opaque meshes before which that is
+    depth: f32,             // of the first surface, else of the nearest fog; encoded as in `trace.wgsl`
+    surface_fraction: f32,  // fraction of the rays that hit a surface
+    sample_count: u32,      // number of rays, up to `View::max_frames`
+    mesh_depth: f32,        // depth of the opaque meshes that the mean is valid for
 }
 
 const NO_DEPTH: f32 = -3.0;
 
-// The ray that goes through a pixel, if one does.
+// The ray that passes through a pixel, if there is one.
 struct PixelRay {
     ray: vec2<u32>,
     exists: bool,
@@ -52,7 +52,7 @@ fn ray_through_pixel(pixel: vec2<u32>) -> PixelRay {
 #endif
 }
 
-// A depth of the same pixel as two rays tell it.
+// Combines the depths that two rays found for the same pixel.
 fn merged_depth(before: f32, latest: f32) -> f32 {
     if before >= 0.0 {
         return before;
@@ -60,7 +60,7 @@ fn merged_depth(before: f32, latest: f32) -> f32 {
     if latest >= 0.0 || before < -2.5 {
         return latest;
     }
-    // The nearer fog begins, the less this is.
+    // Encoded depths of fog: the smaller one is nearer.
     return select(min(before, latest), before, latest < -2.5);
 }
 
@@ -92,7 +92,7 @@ fn accumulate(@builtin(global_invocation_id) id: vec3<u32>) {
         mean = with_sample(mean, color, textureLoad(traced_depth, pixel_ray.ray, 0).x);
     }
     means[i] = mean;
-    // A surface that covers less than half of a pixel is shown, but hides nothing that comes later.
+    // A surface that covers less than half of a pixel is visible, but does not write depth.
     let is_opaque = mean.surface_fraction >= 0.5;
     var color = mean.color;
     var depth = select(mean.depth, -1.0 - mean.depth, mean.depth >= 0.0 && !is_opaque);

@@ -1,5 +1,5 @@
-// Volumes in a shadow map of Bevy's: an instance for each of them, a quad over the texels that can show
-// it, and in every texel the place where the light's ray is stopped.
+// Renders volumes into one of Bevy's shadow maps. Each volume is an instance: a quad over the texels that
+// may show it, whose fragments find the depth at which the light's ray is stopped.
 
 #import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::traversal::rays::ndc_of
@@ -15,7 +15,7 @@
 #import bevy_vdb::traversal::tree::new_accessor
 #endif
 
-// Texels per edge of a tile: `TILE` in `src/render/tiles.rs`.
+// Texels per edge of a tile: `TILE` in `src/render/view/tiles.rs`.
 const TILE: f32 = 8.0;
 
 struct Quad {
@@ -38,11 +38,12 @@ fn quad(@builtin(vertex_index) corner: u32, @builtin(instance_index) instance: u
 }
 
 #ifdef VDB_FOGS
-// Light in fog goes out little by little, but a texel has one depth. So each texel stops its ray where
-// the light has fallen to a part of its own: 64 parts in squares of 8×8 texels, after Bayer 1973, "An
-// optimum method for two-level rendition of continuous-tone pictures", whose patterns are so fine that
-// what a shadow map is smoothed with takes them for even. The digits of further fogs begin elsewhere,
-// which makes their parts independent of the first one's. Where frames are put together, they turn.
+// The transmittance at which a texel stops its ray. Fog attenuates light gradually, but a texel has a single
+// depth. Each texel therefore has a threshold of its own: 64 thresholds in squares of 8×8 texels, after
+// Bayer 1973, "An optimum method for two-level rendition of continuous-tone pictures", whose patterns are so
+// fine that shadow map filtering smooths them. The digits of further fogs are rotated, which makes their
+// thresholds independent of the first fog's. In views with temporal jitter, the thresholds change every
+// frame.
 fn dither_threshold(texel: vec2<u32>, fog: u32) -> f32 {
     var digits = 0u;
     for (var i = 0u; i < 3u; i++) {
@@ -52,8 +53,8 @@ fn dither_threshold(texel: vec2<u32>, fog: u32) -> f32 {
     return max(fract((f32(digits) + 0.5) / 64.0 + view.random_offset), 1e-6);
 }
 
-// Voxels between the places where a fog is looked at, and along the longest edge of its box from which on
-// there are more. Maps may be for several cameras, so none of their settings is asked for.
+// Voxels between samples of fog, and the longest edge of its box, in voxels, above which steps become
+// longer. Several cameras may share a shadow map, so their quality settings do not apply.
 const STEP: f32 = 1.0;
 const EDGE: f32 = 256.0;
 #endif
@@ -88,7 +89,11 @@ fn stop(in: Quad) -> @builtin(frag_depth) f32 {
         while march.dda.inside {
             let interval = next_interval(grid, mirrored, &march, &accessor, 1e30);
             if interval.density_integral >= remaining {
-                t = mix(interval.t_first, 2.0 * interval.t_mean - interval.t_first, remaining / max(interval.density_integral, 1e-30));
+                t = mix(
+                    interval.t_first,
+                    2.0 * interval.t_mean - interval.t_first,
+                    remaining / max(interval.density_integral, 1e-30),
+                );
                 break;
             }
             remaining -= interval.density_integral;
@@ -98,7 +103,7 @@ fn stop(in: Quad) -> @builtin(frag_depth) f32 {
     if t >= FAR {
         discard;
     }
-    // What lies before the nearest depth is at it.
+    // Clamp depths in front of the near plane to it.
     let m = view.depth_from_t;
     return saturate((m.x * t + m.y) / (m.z * t + m.w));
 }

@@ -55,7 +55,10 @@ struct Chord {
 
 fn chord_emission(volume: u32, mirrored: MirroredRay, chord: Chord, s: f32) -> vec3<f32> {
     let at = unmirrored(mirrored, saturate(mix(chord.first, chord.last, s)));
-    return blackbody_emission(volume, chord.cell.offset + chord.cell.scale * trilinear(chord.cell.corners, at));
+    return blackbody_emission(
+        volume,
+        chord.cell.offset + chord.cell.scale * trilinear(chord.cell.corners, at),
+    );
 }
 
 // Mean luminance between two parameters, counted from the rebased origin, within the cube of a span. The
@@ -81,8 +84,10 @@ fn mean_emission(
         origin + t_from * mirrored.speed,
         origin + t_to * mirrored.speed,
     );
-    let inner = chord_emission(volume, mirrored, chord, 0.5 - INNER) + chord_emission(volume, mirrored, chord, 0.5 + INNER);
-    let outer = chord_emission(volume, mirrored, chord, 0.5 - OUTER) + chord_emission(volume, mirrored, chord, 0.5 + OUTER);
+    let inner = chord_emission(volume, mirrored, chord, 0.5 - INNER)
+        + chord_emission(volume, mirrored, chord, 0.5 + INNER);
+    let outer = chord_emission(volume, mirrored, chord, 0.5 - OUTER)
+        + chord_emission(volume, mirrored, chord, 0.5 + OUTER);
     return INNER_WEIGHT * inner + OUTER_WEIGHT * outer;
 }
 
@@ -115,7 +120,8 @@ fn integrated_emission(volume: u32, grid: Grid, mirrored: MirroredRay, entry: Dd
         let plane = planes_behind(mirrored, current.rel, span);
         let t_to = max(rebased_exit(rebased, mirrored, plane, dda.axis), t_from);
         let t_end = min(t_to, rebased.end);
-        sum += (t_end - t_from) * mean_emission(volume, grid, mirrored, rebased, current, span, t_from, t_end);
+        sum += (t_end - t_from)
+            * mean_emission(volume, grid, mirrored, rebased, current, span, t_from, t_end);
         t_from = t_to;
         in_run = !span_constant(span);
     }

@@ -15,7 +15,8 @@
 #import bevy_vdb::view::scene::{frame_random, target_pixel}
 #import bevy_vdb::trace::segment::{point_at, world_position}
 #import bevy_vdb::trace::lights::{ShadingPoint, EnvironmentLight, in_scattered, environment_light}
-#import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, add_sums, scattered_radiance}
+#import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, add_sums}
+#import bevy_vdb::trace::scattering::scattered_radiance
 #ifndef VDB_EVEN_LIGHT
 #import bevy_vdb::traversal::hdda::local_cell
 #import bevy_vdb::traversal::march::{begin_march, next_interval, visible_mean_t, scaled_step}
@@ -64,10 +65,12 @@ fn fog_depth(
     if is_whole && step > 0.0 {
         density_integral = stepped_length(grid, mirrored, start, OPAQUE_DEPTH / safe_scale, step, scale);
     } else {
-        density_integral = optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE_DEPTH / safe_scale);
+        density_integral =
+            optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE_DEPTH / safe_scale);
     }
 #else
-    let density_integral = optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE_DEPTH / safe_scale);
+    let density_integral =
+        optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE_DEPTH / safe_scale);
 #endif
     // At most 100. The limit is applied before the product, which might overflow.
     return scale * min(density_integral, 100.0 / safe_scale);
@@ -84,8 +87,8 @@ fn is_medium(volume: u32) -> bool {
 
 // All fogs of a segment up to `t_max`. A homogeneous fog with source S and optical depth τ sends exactly
 // S·(1 - e^-τ). Where the lighting varies, the segment is divided into intervals; where several fogs
-// overlap, into slabs. Emission E within a slab is assumed to be evenly mixed with its fogs: E·(1 - e^-τ) /
-// τ of it leaves the slab.
+// overlap, into slabs. Emission E within a slab is assumed to be evenly mixed with its fogs: E·(1 - e^-τ)/τ
+// of it leaves the slab.
 fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     var met_count = 0u;
     var last_met = 0u;
@@ -245,11 +248,21 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
 }
 #endif
 
-fn in_scattered_at(segment: Segment, pixel: vec2<u32>, t: f32, anisotropy: f32, environment: EnvironmentLight) -> InScattered {
+fn in_scattered_at(
+    segment: Segment,
+    pixel: vec2<u32>,
+    t: f32,
+    anisotropy: f32,
+    environment: EnvironmentLight,
+) -> InScattered {
     let point = point_at(segment, t);
     let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
     let at = ShadingPoint(world_position(point), vec3(0.0), coord, segment.is_view);
     let light = in_scattered(at, point, normalize(segment.dir), anisotropy);
-    return InScattered(light, max(environment.mean + anisotropy * environment.forward, vec3(0.0)), anisotropy);
+    return InScattered(
+        light,
+        max(environment.mean + anisotropy * environment.forward, vec3(0.0)),
+        anisotropy,
+    );
 }
 #endif

@@ -4,17 +4,21 @@
 #define_import_path bevy_vdb::trace::lights
 
 #import bevy_pbr::ambient::ambient_light
-#import bevy_pbr::clustered_forward::{ClusterableObjectIndexRanges, get_clusterable_object_id, unpack_clusterable_object_index_ranges, view_fragment_cluster_index}
+#import bevy_pbr::clustered_forward::{ClusterableObjectIndexRanges, get_clusterable_object_id}
+#import bevy_pbr::clustered_forward::{unpack_clusterable_object_index_ranges, view_fragment_cluster_index}
 #import bevy_pbr::lighting
 #import bevy_pbr::mesh_view_bindings as bevy
-#import bevy_pbr::mesh_view_types::{DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT, POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE}
+#import bevy_pbr::mesh_view_types::{DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT}
+#import bevy_pbr::mesh_view_types::{POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT}
+#import bevy_pbr::mesh_view_types::POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE
 #import bevy_render::maths::PI
 #ifdef ENVIRONMENT_MAP
 #import bevy_pbr::environment_map::{environment_map_light, quat_rotate}
 #endif
 #ifdef DISTANCE_FOG
 #import bevy_pbr::fog
-#import bevy_pbr::mesh_view_types::{FOG_MODE_ATMOSPHERIC, FOG_MODE_EXPONENTIAL, FOG_MODE_EXPONENTIAL_SQUARED, FOG_MODE_LINEAR}
+#import bevy_pbr::mesh_view_types::{FOG_MODE_ATMOSPHERIC, FOG_MODE_EXPONENTIAL, FOG_MODE_EXPONENTIAL_SQUARED}
+#import bevy_pbr::mesh_view_types::FOG_MODE_LINEAR
 #endif
 #ifdef VDB_SHADOWS
 #import bevy_pbr::shadows
@@ -162,7 +166,13 @@ fn visibility(at: ShadingPoint, point: Point, lights: LightList, i: u32) -> f32 
         if (flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) == 0u {
             return 1.0;
         }
-        visible = shadows::fetch_directional_shadow(i, vec4(at.position, 1.0), at.normal, view_z(at.position), at.coord);
+        visible = shadows::fetch_directional_shadow(
+            i,
+            vec4(at.position, 1.0),
+            at.normal,
+            view_z(at.position),
+            at.coord,
+        );
     } else {
 #ifdef VDB_LOCAL_LIGHTS
         let light = local_light(lights, i);
@@ -205,7 +215,7 @@ fn path_roughness(volume: u32, roughness_so_far: f32) -> f32 {
 struct Shaded {
     radiance: vec3<f32>,          // emission, direct light and diffuse ambient light
     ambient_specular: vec3<f32>,  // specular light from environment maps and the ambient light
-    specular_weight: vec3<f32>,   // specular reflectance for light from other surfaces, which replaces the ambient light
+    specular_weight: vec3<f32>,   // reflectance for light from other surfaces, in place of the ambient light
 }
 
 fn shade(
@@ -250,7 +260,8 @@ fn shade(
         let visible = visibility(at, point, lights, i);
         if visible > 0.0 {
             if i < lights.suns {
-                direct_light += (visible * sun_factor(i)) * lighting::directional_light(i, &direct_input, true);
+                direct_light +=
+                    (visible * sun_factor(i)) * lighting::directional_light(i, &direct_input, true);
             } else {
 #ifdef VDB_LOCAL_LIGHTS
                 let local = local_light(lights, i);
@@ -268,10 +279,29 @@ fn shade(
     let black = vec3(0.0);
     let view_dir = to_viewer;
     let no_occlusion = vec3(1.0);
-    var diffuse = ambient_light(position, at.normal, view_dir, n_dot_v, lighting_input.diffuse_color, black, roughness, no_occlusion);
-    var ambient_specular = ambient_light(position, at.normal, view_dir, n_dot_v, black, specular_color, roughness, no_occlusion);
+    var diffuse = ambient_light(
+        position,
+        at.normal,
+        view_dir,
+        n_dot_v,
+        lighting_input.diffuse_color,
+        black,
+        roughness,
+        no_occlusion,
+    );
+    var ambient_specular = ambient_light(
+        position,
+        at.normal,
+        view_dir,
+        n_dot_v,
+        black,
+        specular_color,
+        roughness,
+        no_occlusion,
+    );
     // Bevy's approximation returns a small residue even for black; it is contained in both terms.
-    let residue = ambient_light(position, at.normal, view_dir, n_dot_v, black, black, roughness, no_occlusion);
+    let residue =
+        ambient_light(position, at.normal, view_dir, n_dot_v, black, black, roughness, no_occlusion);
     ambient_specular -= residue;
 #ifdef ENVIRONMENT_MAP
     // Only used by reflection probes, which are not supported.
@@ -295,7 +325,12 @@ fn shade(
 
 // The direction of a reflected ray, sampled from the distribution of microfacet normals if the surface is
 // rough. `random` is in [0, 1).
-fn sample_reflection(roughness: f32, normal: vec3<f32>, to_viewer: vec3<f32>, random: vec2<f32>) -> vec3<f32> {
+fn sample_reflection(
+    roughness: f32,
+    normal: vec3<f32>,
+    to_viewer: vec3<f32>,
+    random: vec2<f32>,
+) -> vec3<f32> {
     let mirror_dir = reflect(-to_viewer, normal);
     // Below this roughness, Bevy's own highlights do not become any smaller.
     if roughness < 0.089 {
@@ -330,14 +365,23 @@ fn casts_shadows(lights: LightList, i: u32) -> bool {
 
 // Light scattered along a ray (world space, unit length) at a point in fog with an albedo of 1, cd/m². The
 // first octave is single scattering; the others estimate multiple scattering.
-fn in_scattered(at: ShadingPoint, point: Point, ray: vec3<f32>, anisotropy: f32) -> array<vec3<f32>, OCTAVES> {
+fn in_scattered(
+    at: ShadingPoint,
+    point: Point,
+    ray: vec3<f32>,
+    anisotropy: f32,
+) -> array<vec3<f32>, OCTAVES> {
     var light = array<vec3<f32>, OCTAVES>();
     let lights = lights_at(at);
     for (var i = 0u; i < lights.end; i++) {
         let visible = visibility(at, point, lights, i);
         let light_vector = to_light(at, lights, i);
         // Forward scattering is towards the viewer from a light straight ahead.
-        let cosine = clamp(dot(light_vector, ray) * inverseSqrt(max(dot(light_vector, light_vector), 1e-30)), -1.0, 1.0);
+        let cosine = clamp(
+            dot(light_vector, ray) * inverseSqrt(max(dot(light_vector, light_vector), 1e-30)),
+            -1.0,
+            1.0,
+        );
         var illuminance = vec3(0.0);
         if i < lights.suns {
             illuminance = sun_factor(i) * bevy::lights.directional_lights[i].color.rgb;
@@ -400,7 +444,12 @@ fn environment_light(ray: vec3<f32>) -> EnvironmentLight {
         for (var i = 0u; i < 6u; i++) {
             let sign = select(1.0, -1.0, i >= 3u);
             let axis = select(vec3(0.0), vec3(sign), vec3(0u, 1u, 2u) == vec3(i % 3u));
-            let hemisphere = textureSampleLevel(bevy::diffuse_environment_map, bevy::environment_map_sampler, axis, 0.0).rgb;
+            let hemisphere = textureSampleLevel(
+                bevy::diffuse_environment_map,
+                bevy::environment_map_sampler,
+                axis,
+                0.0,
+            ).rgb;
             mean += hemisphere / 6.0;
             forward += hemisphere * (0.75 * dot(axis, direction));
         }
@@ -420,13 +469,22 @@ fn apply_distance_fog(color: vec3<f32>, coverage: f32, at: ShadingPoint) -> vec3
     var scattering = vec3(0.0);
     if bevy::fog.directional_light_color.a > 0.0 {
         for (var i = 0u; i < min(bevy::lights.n_directional_lights, MAX_SUNS); i++) {
-            let cosine = max(dot(from_camera / distance, bevy::lights.directional_lights[i].direction_to_light), 0.0);
+            let cosine = max(
+                dot(from_camera / distance, bevy::lights.directional_lights[i].direction_to_light),
+                0.0,
+            );
             var weight = pow(cosine, bevy::fog.directional_light_exponent);
 #ifdef VDB_SHADOWS
             let flags = bevy::lights.directional_lights[i].flags;
             if (flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u {
                 let z = view_z(at.position);
-                weight *= shadows::fetch_directional_shadow(i, vec4(at.position, 1.0), -from_camera / distance, z, at.coord);
+                weight *= shadows::fetch_directional_shadow(
+                    i,
+                    vec4(at.position, 1.0),
+                    -from_camera / distance,
+                    z,
+                    at.coord,
+                );
             }
 #endif
             scattering += weight * bevy::view.exposure * bevy::lights.directional_lights[i].color.rgb;

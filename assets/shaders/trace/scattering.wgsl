@@ -42,7 +42,7 @@ struct InScattered {
     anisotropy: f32,                        // of the fog
 }
 
-// Weighted sums over points on a ray; weights are visibilities.
+// Sums over points on a ray, weighted by how much of each is visible.
 struct ScatteringSums {
     octaves: array<vec3<f32>, OCTAVES>,
 #ifdef VDB_MULTIPLE_SCATTERING
@@ -98,7 +98,8 @@ fn scattered_radiance(sums: ScatteringSums, optical_depth: f32) -> vec3<f32> {
     // Under uniform light, an infinitely deep layer absorbs 2a / (1 + a).
     let absorption = 1.0 - albedo;
     let reduced_extinction = 1.0 - anisotropy * albedo;
-    let layer_absorption = sqrt(absorption / reduced_extinction) * tanh(0.5 * depth * sqrt(absorption * reduced_extinction));
+    let layer_absorption = sqrt(absorption / reduced_extinction)
+        * tanh(0.5 * depth * sqrt(absorption * reduced_extinction));
     let returned = max((1.0 - layer_absorption) / (1.0 + layer_absorption) - exp(-depth), vec3(0.0));
     // An albedo above 1 amplifies light.
     radiance += returned * max(mean_albedo, vec3(1.0)) * sums.environment / weight;

@@ -57,7 +57,9 @@ fn quantise_frac(frac: vec3<f32>) -> vec3<f32> {
 }
 
 fn lattice_from_world(volume: u32, v: vec3<f32>) -> vec3<f32> {
-    return volumes[volume].lattice_x * v.x + volumes[volume].lattice_y * v.y + volumes[volume].lattice_z * v.z;
+    return volumes[volume].lattice_x * v.x
+        + volumes[volume].lattice_y * v.y
+        + volumes[volume].lattice_z * v.z;
 }
 
 // Largest distance from the eye at which a point still has an integer cell, in cells.

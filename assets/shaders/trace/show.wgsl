@@ -51,7 +51,11 @@ fn border_coverage(position: vec3<f32>, footprint: vec3<f32>, edge: f32) -> f32 
     let pixels = min(in_node, edge - in_node) / max(footprint, vec3(1e-9));
     let fade = saturate(edge / max(footprint, vec3(1e-9)) / MIN_NODE_PIXELS - 1.0);
     // Along an axis perpendicular to the surface, there is no border to be near.
-    let coverage = select(vec3(line_coverage(pixels.x), line_coverage(pixels.y), line_coverage(pixels.z)) * fade, vec3(0.0), footprint < vec3(1e-6));
+    let coverage = select(
+        vec3(line_coverage(pixels.x), line_coverage(pixels.y), line_coverage(pixels.z)) * fade,
+        vec3(0.0),
+        footprint < vec3(1e-6),
+    );
     return max(max(coverage.x, coverage.y), coverage.z);
 }
 

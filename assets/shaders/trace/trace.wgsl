@@ -127,7 +127,13 @@ struct FogLayer {
 
 #ifdef DISTANCE_FOG
 // Applies distance fog at a point of a view ray.
-fn with_distance_fog(color: vec3<f32>, coverage: f32, segment: Segment, t: f32, pixel: vec2<u32>) -> vec3<f32> {
+fn with_distance_fog(
+    color: vec3<f32>,
+    coverage: f32,
+    segment: Segment,
+    t: f32,
+    pixel: vec2<u32>,
+) -> vec3<f32> {
     let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
     let at = ShadingPoint(world_position(point_at(segment, t)), vec3(0.0), coord, true);
 #ifdef VDB_EMISSION
@@ -224,7 +230,13 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
     let surface_color = result.color - fog_color;
     result.color = with_distance_fog(fog_color, fog_layer.coverage, primary, fog_layer.t, pixel);
     if first_surface.found {
-        result.color += with_distance_fog(surface_color, result.coverage - fog_layer.coverage, primary, first_surface.t, pixel);
+        result.color += with_distance_fog(
+            surface_color,
+            result.coverage - fog_layer.coverage,
+            primary,
+            first_surface.t,
+            pixel,
+        );
     }
 #endif
     result.color = with_borders(result.color, primary, first_surface);

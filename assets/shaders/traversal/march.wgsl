@@ -1,4 +1,4 @@
-// A ray's way through one fog, in stretches that are lit as one.
+// Marches a ray through one fog, in intervals that share one lighting sample.
 #define_import_path bevy_vdb::traversal::march
 
 #import bevy_vdb::gpu::types::Grid
@@ -8,21 +8,21 @@
 #import bevy_vdb::traversal::fog::{REBASE_RANGE, mean_density}
 #import bevy_vdb::traversal::hdda::{FAR, Dda, advance, confirm, count_step, enter, local_cell, planes_behind}
 
-// Voxels between places where a fog is asked for something: `step`, and more the longer the longest edge of
-// its box is than `edge`, so that what large fogs cost has a bound.
+// Step length in voxels: `step`, and proportionally longer if the longest edge of the fog's box exceeds
+// `edge`, which bounds the cost of large fogs.
 fn scaled_step(grid: Grid, step: f32, edge: f32) -> f32 {
     let size = vec3<f32>(grid.occupied_max) - vec3<f32>(grid.occupied_min) + 1.0;
     return step * max(1.0, max(max(size.x, size.y), size.z) / edge);
 }
 
 struct March {
-    dda: Dda,         // the cell that comes next
+    dda: Dda,       // the next cell
     rebased: Rebased,
-    t_done: f32,        // how far the cell is done, from the rebased origin on, if it is begun
+    t_done: f32,    // how much of a partly marched cell is done, from the rebased origin
     is_begun: bool,
     in_run: bool,
-    // Stretches end at multiples of the step behind the place where the ray comes into the grid's box: places
-    // that do not depend on the tree, so that neighbours in the picture see the light of neighbours.
+    // Intervals end at multiples of the step from where the ray enters the grid's box. These points do not
+    // depend on the tree, so neighbouring pixels sample the lighting at neighbouring points.
     t_box: f32,
     t_step: f32,
 }
@@ -41,13 +41,13 @@ fn begin_march(mirrored: MirroredRay, entry: Dda, step: f32) -> March {
 }
 
 struct Interval {
-    density_integral: f32,       // ∫ density dt; of none that is left, 0
-    t_first: f32,       // where its first density is
-    t_mean: f32,      // the mean t, by density
+    density_integral: f32,  // ∫ density dt; 0 if the ray is finished
+    t_first: f32,           // where its density begins
+    t_mean: f32,            // mean t, weighted by density
 }
 
-// The next stretch that has a density. Every step of the loop goes into the next cell or takes a part of
-// this one, so that it ends where the traversal does. `most` is for what exceeds f32.
+// The next interval that contains density. Each iteration either moves to the next cell or takes part of the
+// current one, so the loop ends with the traversal. `max_integral` prevents overflow.
 fn next_interval(
     grid: Grid,
     mirrored: MirroredRay,
@@ -93,7 +93,7 @@ fn next_interval(
                 (*march).is_begun = true;
                 break;
             }
-            // That is rounding.
+            // Due to rounding.
             t_end = min(t_last, t_done + (*march).t_step);
         }
         let mean = mean_density(grid, mirrored, rebased, current, span, t_done, t_end);
@@ -114,7 +114,7 @@ fn next_interval(
         } else {
             (*march).t_done = t_cell;
             (*march).dda = next;
-            // Of a boundary tile, cells without density count as void.
+            // In a boundary tile, cells without density count as empty.
             (*march).in_run = mean > 0.0 && !span_constant(span);
         }
     }
@@ -122,10 +122,10 @@ fn next_interval(
     return interval;
 }
 
-// The mean t of what a stretch of so much optical depth sends to the viewer: its front counts for more.
-// Exact where the density is even, and where there is little of it.
+// Mean t of the light that an interval of an optical depth sends to the viewer; its front contributes more.
+// Exact if density is constant, or if the optical depth is small.
 fn visible_mean_t(interval: Interval, optical_depth: f32) -> f32 {
-    // The mean of x from 0 to 1, weighted with e^(-depth·x).
+    // Mean of x in [0, 1], weighted by e^(-depth·x).
     let x = max(optical_depth, 1e-2);
     let homogeneous = 1.0 / x - exp(-x) / (1.0 - exp(-x));
     let weight = select(homogeneous, 0.5 - optical_depth / 12.0, optical_depth < 1e-2);

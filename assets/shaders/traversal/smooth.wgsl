@@ -1,4 +1,4 @@
-// The first place where the trilinear interpolant passes through the iso-value.
+// The first root of the trilinear interpolant: where a ray crosses the iso-surface.
 #define_import_path bevy_vdb::traversal::smooth
 
 #import bevy_vdb::gpu::types::Grid
@@ -11,28 +11,28 @@
 struct SurfaceHit {
     found: bool,
     t: f32,
-    // In index space, not of unit length.
+    // In index space, not normalised.
     gradient: vec3<f32>,
-    // The face of the cell that the ray came in by; 3: it began inside.
+    // Of the face through which the ray entered the cell; 3 if it began inside.
     axis: u32,
 }
 
-// A step of the root finder, as a part of the way through a cell, after which it need not go on: Newton's
-// steps become smaller by their square.
-const ROOT_TOLERANCE: f32 = 0.000003814697265625;    // 2^-18
+// The root finder stops when its step is below this fraction of the path through the cell: Newton's method
+// converges quadratically.
+const ROOT_TOLERANCE: f32 = 0.000003814697265625;   // 2^-18
 
-// A cubic by its coefficients, a.x + s·(a.y + s·(a.z + s·a.w)).
+// A cubic from its coefficients: a.x + s·(a.y + s·(a.z + s·a.w)).
 fn cubic_at(a: vec4<f32>, s: f32) -> f32 {
     return a.x + s * (a.y + s * (a.z + s * a.w));
 }
 
-// The root between two places where a cubic has the values f_low and f_high of different signs.
+// The root between two points where a cubic has the values f_low and f_high of opposite signs.
 fn bracketed_root(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32) -> f32 {
     var low = s_low;
     var high = s_high;
     let negative = f_low < 0.0;
-    // As if it were a line, but not at an end: one that is a root, too, would be taken for the one that is
-    // looked for. Then Newton's step where it stays between the two, else the middle.
+    // Start with linear interpolation, but not at an end, which may itself be a root and would be taken for
+    // the one sought. Then take Newton steps, or bisect where a step would leave the bracket.
     var s = low + (high - low) * clamp(f_low / (f_low - f_high), 0.0625, 0.9375);
     for (var i = 0u; i < 16u; i++) {
         let f = cubic_at(a, s);
@@ -54,10 +54,10 @@ fn bracketed_root(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32
     return s;
 }
 
-// The first change of sign between 0 and 1, or 2 if there is none, of a cubic with the values f_start and
-// f_end there.
+// The first sign change of a cubic in [0, 1], or 2 if there is none. f_start and f_end are its values at the
+// ends.
 fn first_sign_change(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
-    // Bézier's control points: the cubic changes its sign no more often than they do.
+    // Bézier control points: the cubic changes sign at most as often as they do.
     let second_point = f_start + a.y / 3.0;
     let third_point = f_end - (a.y + 2.0 * a.z + 3.0 * a.w) / 3.0;
     let is_negative = vec4(f_start, second_point, third_point, f_end) < vec4(0.0);
@@ -72,9 +72,9 @@ fn first_sign_change(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
     return first_sign_change_of_several(a, f_start, f_end);
 }
 
-// The same where there may be several changes. Between its extrema a cubic has at most one.
+// The same where there may be several sign changes. Between its extrema, a cubic has at most one.
 fn first_sign_change_of_several(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
-    // 3·a.w·s² + 2·a.z·s + a.y = 0, without the difference of near-equal numbers.
+    // 3·a.w·s² + 2·a.z·s + a.y = 0, without cancellation.
     let b = a.z;
     let root = b * b - 3.0 * a.w * a.y;
     var ends = vec3(2.0, 2.0, 1.0);
@@ -104,12 +104,12 @@ fn no_hit() -> SurfaceHit {
     return SurfaceHit(false, 0.0, vec3(0.0), 3u);
 }
 
-// The first root of the interpolant on a mirrored ray; its values are counted from the iso-value.
+// The first root of the interpolant on a mirrored ray. Values are relative to the iso-value.
 fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
     var dda = entry;
     var accessor = new_accessor(local_cell(mirrored, dda.rel));
-    // Whether the interpolant was negative at the end of the cell before: a sign that changes just
-    // between two cells is a root, too, and rounding must not lose it.
+    // Whether the interpolant was negative at the end of the previous cell. A sign change exactly between
+    // two cells is also a root, which rounding must not lose.
     var has_previous = false;
     var was_negative = false;
     while dda.inside {
@@ -117,7 +117,8 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
         var cell = local_cell(mirrored, dda.rel);
         var span = locate(grid, cell, mirrored.octant, &accessor);
 #ifdef VDB_IN_STEP
-        // Each ray goes on to a cell of its own first: what follows is dear, and one takes along all.
+        // First advance each ray to an occupied cell: what follows is expensive, and threads of a subgroup
+        // should run it together.
         while !span_occupied(span) && dda.inside {
             dda = advance(mirrored, dda, span);
             has_previous = false;
@@ -169,14 +170,19 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
             s = first_sign_change(a, f_0, f_3);
         }
         if s <= 1.0 {
-            // The cubic's coefficients have the rounding of four values, many times over; one step of
-            // Newton's on the interpolant itself takes most of that away.
+            // The coefficients amplify the rounding of the four values. One Newton step on the interpolant
+            // itself removes most of that error.
             let first_guess = saturate(start + s * way);
             let slope = dot(trilinear_gradient(c, first_guess), way);
             let correction = trilinear(c, first_guess) / select(slope, 1.0, slope == 0.0);
             s = saturate(s - select(0.0, correction, slope != 0.0 && abs(correction) < 0.01));
             let root = saturate(start + s * way);
-            return SurfaceHit(true, within(mirrored, confirmed.t + s * t_length), grid.scale * trilinear_gradient(c, root), confirmed.axis);
+            return SurfaceHit(
+                true,
+                within(mirrored, confirmed.t + s * t_length),
+                grid.scale * trilinear_gradient(c, root),
+                confirmed.axis,
+            );
         }
         has_previous = true;
         was_negative = f_3 < 0.0;

@@ -86,7 +86,8 @@ fn probe_fog(@builtin(global_invocation_id) id: vec3<u32>) {
         let mirrored = mirrored_ray(grids[0], ray(i));
 #ifdef VDB_STEP
         // In quarters of a voxel.
-        let length = stepped_length(grids[0], mirrored, start_t(mirrored, i), 3e38, 0.25 * f32(#{VDB_STEP}u), 0.0);
+        let length =
+            stepped_length(grids[0], mirrored, start_t(mirrored, i), 3e38, 0.25 * f32(#{VDB_STEP}u), 0.0);
 #else
         let length = optical_length(grids[0], mirrored, enters(mirrored, i), 3e38);
 #endif

@@ -124,7 +124,8 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     let scale = setup.density_scale * length(ray.dir);
 #ifdef VDB_STEP
     // In quarters of a voxel. Beyond 9, less than a 8,000th of the light is left.
-    let depth = scale * stepped_length(grids[0], mirrored, start, 9.0 / scale, 0.25 * f32(#{VDB_STEP}u), scale);
+    let depth = scale
+        * stepped_length(grids[0], mirrored, start, 9.0 / scale, 0.25 * f32(#{VDB_STEP}u), scale);
 #else
     // Beyond 16, a transmittance is below that of 16 bits beside 1.
     let depth = scale * optical_length(grids[0], mirrored, enter, 16.0 / scale);
