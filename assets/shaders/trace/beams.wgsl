@@ -61,7 +61,7 @@ fn is_occluded(tile: vec2<u32>, t: f32) -> bool {
 }
 
 // The jittered rays of a view under temporal accumulation.
-fn jittered(rays: Rays) -> Rays {
+fn jittered_rays(rays: Rays) -> Rays {
     var jittered = rays;
     let ndc = view.jitter * vec2(2.0, -2.0) / vec2<f32>(view.size);
     jittered.eye_frac += ndc.x * rays.eye_x + ndc.y * rays.eye_y;
