@@ -11,7 +11,7 @@
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::rebase::{Rebased, rebased_exit, rebased_at}
 #import bevy_vdb::traversal::fog::REBASE_RANGE
-#import bevy_vdb::traversal::hdda::{Dda, advance, confirm, local_cell, planes_behind, unmirrored}
+#import bevy_vdb::traversal::hdda::{Dda, advance, confirm, local_cell, exit_planes, unmirrored}
 #import bevy_vdb::traversal::samples::{FogCell, fog_cell, tile_value, trilinear}
 #import bevy_vdb::traversal::tree::{Span, empty_cell, locate, new_accessor, span_constant, span_occupied}
 
@@ -117,7 +117,7 @@ fn integrated_emission(volume: u32, grid: Grid, mirrored: MirroredRay, entry: Dd
             t_from = 0.0;
         }
         dda = advance(mirrored, current, span);
-        let plane = planes_behind(mirrored, current.rel, span);
+        let plane = exit_planes(mirrored, current.rel, span);
         let t_to = max(rebased_exit(rebased, mirrored, plane, dda.axis), t_from);
         let t_end = min(t_to, rebased.end);
         sum += (t_end - t_from)

@@ -123,13 +123,13 @@ fn reached_at(mirrored: MirroredRay, axis: u32, t: f32) -> Reached {
         return Reached(vec2(start, 0u), false);
     }
     let size = u32(abs(shift));
-    var way = shifted_low(digits, size);
+    var travelled = shifted_low(digits, size);
     if shift < 0 {
-        way = shifted_down(digits, size);
+        travelled = shifted_down(digits, size);
     }
-    let is_exact = shift >= 0 || all(shifted_low(way, size) == digits);
-    let low = way.x + start;
-    return Reached(vec2(low, way.y + select(0u, 1u, low < start)), is_exact);
+    let is_exact = shift >= 0 || all(shifted_low(travelled, size) == digits);
+    let low = travelled.x + start;
+    return Reached(vec2(low, travelled.y + select(0u, 1u, low < start)), is_exact);
 }
 
 // Number of planes on an axis that a mirrored ray has crossed at a position, and whether the index space has
@@ -145,7 +145,7 @@ fn crossed_at(units: vec2<u32>) -> Crossed {
 
 // Moves a position that lies exactly on a plane into the cell before it on mirrored axes, where voxels are
 // half-open at the other end.
-fn held_back(reached: Reached, is_mirrored: bool) -> vec2<u32> {
+fn before_plane(reached: Reached, is_mirrored: bool) -> vec2<u32> {
     let in_plane = reached.is_exact && (reached.units.x & 0xffffffu) == 0u;
     // On a mirrored axis, the position is at least one unit.
     return select(reached.units, minus(reached.units, vec2(1u, 0u)), is_mirrored && in_plane);
@@ -166,7 +166,7 @@ fn beginning(mirrored: MirroredRay) -> Beginning {
     for (var axis = 0u; axis < 3u; axis++) {
         let axis_mask = vec3(0u, 1u, 2u) == vec3(axis);
         let reached = reached_at(mirrored, axis, mirrored.t_min);
-        let units = held_back(reached, any(axis_mask & (mirrored.mirror != vec3(0))));
+        let units = before_plane(reached, any(axis_mask & (mirrored.mirror != vec3(0))));
         let crossed = crossed_at(units);
         begin.cell = select(begin.cell, vec3(crossed.cells), axis_mask);
         // A position moved one unit back is on the plane.

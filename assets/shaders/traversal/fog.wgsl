@@ -9,7 +9,7 @@
 #import bevy_vdb::traversal::tree::{locate, locate_slot, new_accessor, skip_of, span_constant, span_occupied}
 #import bevy_vdb::traversal::rebase::{Rebased, rebased_exit, rebased_t, rebased_at}
 #import bevy_vdb::traversal::hdda::{FAR, Dda, advance, box_exit, confirm, count_step, enter, local_cell}
-#import bevy_vdb::traversal::hdda::{plane_t, planes_behind, unmirrored}
+#import bevy_vdb::traversal::hdda::{plane_t, exit_planes, unmirrored}
 
 // Half the distance between the two Gauss–Legendre points on an interval of length 1.
 const GAUSS: f32 = 0.28867513;
@@ -40,7 +40,7 @@ fn mean_density(
 const REBASE_RANGE: u32 = 64u;
 
 // Upper limit of ∫ density dt. A slow ray through the largest densities would overflow f32.
-const MOST_LENGTH: f32 = 3e38;
+const MAX_LENGTH: f32 = 3e38;
 
 // ∫ density dt along a mirrored ray, up to `cutoff`. Within a trilinear cell, density is a cubic in t, which
 // two-point Gauss–Legendre quadrature integrates exactly, so there is no step size to choose.
@@ -73,7 +73,7 @@ fn optical_length(grid: Grid, mirrored: MirroredRay, entry: Dda, cutoff: f32) ->
             t_from = 0.0;
         }
         dda = advance(mirrored, current, span);
-        let plane = planes_behind(mirrored, current.rel, span);
+        let plane = exit_planes(mirrored, current.rel, span);
         let t_to = max(rebased_exit(rebased, mirrored, plane, dda.axis), t_from);
         let t_end = min(t_to, rebased.end);
         let mean = mean_density(grid, mirrored, rebased, current, span, t_from, t_end);
@@ -82,7 +82,7 @@ fn optical_length(grid: Grid, mirrored: MirroredRay, entry: Dda, cutoff: f32) ->
         // In a boundary tile, cells without density count as empty.
         in_run = mean > 0.0 && !span_constant(span);
     }
-    return min(sum, MOST_LENGTH);
+    return min(sum, MAX_LENGTH);
 }
 
 // A ray for sampling fog. Its origin is relative to the lattice cell `cell`.
@@ -222,5 +222,5 @@ fn stepped_length(
         sum += width * density_at(grid, accessor, point);
         k = next_step(k, k + stride);
     }
-    return min(sum, MOST_LENGTH);
+    return min(sum, MAX_LENGTH);
 }

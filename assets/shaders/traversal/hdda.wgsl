@@ -196,7 +196,7 @@ fn enter_at(mirrored: MirroredRay, t_start: f32) -> Dda {
 
 // Planes at the far end of a span, one on each axis, modulo 2^32. Planes beyond the index space wrap around
 // and seem to be behind the cell.
-fn planes_behind(mirrored: MirroredRay, rel: vec3<u32>, span: Span) -> vec3<u32> {
+fn exit_planes(mirrored: MirroredRay, rel: vec3<u32>, span: Span) -> vec3<u32> {
     let offset = bitcast<vec3<u32>>(mirrored.cell) + rel;
     let size = 1u << span.log_dim;
     return rel + (((span.skip + 1u) << span.log_dim) - (offset & vec3(size - 1u)));
@@ -210,7 +210,7 @@ fn planes_behind(mirrored: MirroredRay, rel: vec3<u32>, span: Span) -> vec3<u32>
 // least one plane, a face of a span. Loops of steps therefore end after at most as many iterations as the
 // spans of the box have faces along its three edges, which is at most the number of cells along them.
 fn advance(mirrored: MirroredRay, dda: Dda, span: Span) -> Dda {
-    var plane = planes_behind(mirrored, dda.rel, span);
+    var plane = exit_planes(mirrored, dda.rel, span);
     var exits = plane_t(mirrored, plane);
     var t = min(min(exits.x, exits.y), exits.z);
 #ifdef VDB_WIDE_GRIDS
@@ -270,7 +270,7 @@ fn confirm(mirrored: MirroredRay, dda: Dda) -> Dda {
 }
 
 // Clamps t to a mirrored ray, against rounding.
-fn within(mirrored: MirroredRay, t: f32) -> f32 {
+fn clamp_to_ray(mirrored: MirroredRay, t: f32) -> f32 {
     return clamp(t, mirrored.t_min, mirrored.t_max);
 }
 
@@ -304,7 +304,7 @@ fn first_hit(grid: Grid, mirrored: MirroredRay, entry: Dda) -> Hit {
         if found {
             let hit = confirm(mirrored, dda);
             if hit.inside {
-                return Hit(cell, within(mirrored, hit.t), hit.axis, true);
+                return Hit(cell, clamp_to_ray(mirrored, hit.t), hit.axis, true);
             }
             dda = advance(mirrored, dda, empty_cell());
         }

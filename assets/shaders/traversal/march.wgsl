@@ -6,7 +6,7 @@
 #import bevy_vdb::traversal::tree::{Accessor, empty_cell, locate, span_constant, span_occupied}
 #import bevy_vdb::traversal::rebase::{Rebased, rebased_exit, rebased_at}
 #import bevy_vdb::traversal::fog::{REBASE_RANGE, mean_density}
-#import bevy_vdb::traversal::hdda::{FAR, Dda, advance, confirm, count_step, enter, local_cell, planes_behind}
+#import bevy_vdb::traversal::hdda::{FAR, Dda, advance, confirm, count_step, enter, local_cell, exit_planes}
 
 // Step length in voxels: `step`, and proportionally longer if the longest edge of the fog's box exceeds
 // `edge`, which bounds the cost of large fogs.
@@ -80,7 +80,7 @@ fn next_interval(
         let rebased = (*march).rebased;
         let t_done = (*march).t_done;
         let next = advance(mirrored, current, span);
-        let plane = planes_behind(mirrored, current.rel, span);
+        let plane = exit_planes(mirrored, current.rel, span);
         let t_cell = max(rebased_exit(rebased, mirrored, plane, next.axis), t_done);
         let t_last = max(min(t_cell, rebased.end), t_done);
         if interval.density_integral == 0.0 {

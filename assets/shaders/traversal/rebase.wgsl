@@ -16,61 +16,61 @@ struct Rebased {
 }
 
 // Parameters, from the rebased origin, of one plane ahead on each axis.
-fn rebased_t(near: Rebased, mirrored: MirroredRay, plane: vec3<u32>) -> vec3<f32> {
-    return (vec3<f32>(plane - near.cell) - near.frac) * mirrored.inverse;
+fn rebased_t(rebased: Rebased, mirrored: MirroredRay, plane: vec3<u32>) -> vec3<f32> {
+    return (vec3<f32>(plane - rebased.cell) - rebased.frac) * mirrored.inverse;
 }
 
 // Below this fraction of its speed on the fastest axis, a ray counts as slow on an axis.
-const CREEP: f32 = 0.00390625;  // 2^-8
+const SLOW_RATIO: f32 = 0.00390625;  // 2^-8
 
 // Where a mirrored ray leaves a cube through the next plane of an axis, as a parameter from the rebased
 // origin. On a slow axis, the rounding of the rebased origin would change the plane's t by a lot. The
 // position on the fastest axis at that plane is known to 2^-24 of a cell at any distance, so use that
 // instead.
-fn rebased_exit(near: Rebased, mirrored: MirroredRay, plane: vec3<u32>, axis: u32) -> f32 {
-    let exits = rebased_t(near, mirrored, plane);
-    if !creeps(mirrored, axis) {
+fn rebased_exit(rebased: Rebased, mirrored: MirroredRay, plane: vec3<u32>, axis: u32) -> f32 {
+    let exits = rebased_t(rebased, mirrored, plane);
+    if !is_slow(mirrored, axis) {
         return component_f(exits, axis);
     }
-    let swift = swift_axis(mirrored);
-    let place = place_at(mirrored, swift, axis, component_u(plane, axis));
-    return min(swift_t(near, mirrored, swift, place), component_f(exits, swift));
+    let major = major_axis(mirrored);
+    let place = place_at(mirrored, major, axis, component_u(plane, axis));
+    return min(major_axis_t(rebased, mirrored, major, place), component_f(exits, major));
 }
 
 // Parameter, from the rebased origin, at which a mirrored ray is at a position on its fastest axis. The
 // position is in units of 2^-24 cells from the ray's own cell.
-fn swift_t(near: Rebased, mirrored: MirroredRay, swift: u32, place: vec2<u32>) -> f32 {
-    let cell = component_u(near.cell, swift);
+fn major_axis_t(rebased: Rebased, mirrored: MirroredRay, major: u32, place: vec2<u32>) -> f32 {
+    let cell = component_u(rebased.cell, major);
     let ahead = minus(place, vec2(cell << 24u, cell >> 8u));
     // Rounding by 2^-24 may lead to a position behind the rebased origin.
     let units = select(f32(ahead.y) * 4294967296.0 + f32(ahead.x), 0.0, (ahead.y >> 31u) != 0u);
-    let way = units / 16777216.0 - component_f(near.frac, swift);
-    return max(way * component_f(mirrored.inverse, swift), 0.0);
+    let cells_ahead = units / 16777216.0 - component_f(rebased.frac, major);
+    return max(cells_ahead * component_f(mirrored.inverse, major), 0.0);
 }
 
 // End of a mirrored ray, as a parameter from the rebased origin.
-fn end_from(near: Rebased, mirrored: MirroredRay) -> f32 {
+fn end_from(rebased: Rebased, mirrored: MirroredRay) -> f32 {
     if mirrored.t_max >= FAR {
         return FAR;
     }
-    let swift = swift_axis(mirrored);
-    return swift_t(near, mirrored, swift, reached_at(mirrored, swift, mirrored.t_max).units);
+    let major = major_axis(mirrored);
+    return major_axis_t(rebased, mirrored, major, reached_at(mirrored, major, mirrored.t_max).units);
 }
 
-fn fastest(mirrored: MirroredRay) -> f32 {
+fn max_speed(mirrored: MirroredRay) -> f32 {
     return max(max(mirrored.speed.x, mirrored.speed.y), mirrored.speed.z);
 }
 
-fn swift_axis(mirrored: MirroredRay) -> u32 {
+fn major_axis(mirrored: MirroredRay) -> u32 {
     return select(
         2u,
         select(0u, 1u, mirrored.speed.y > mirrored.speed.x),
-        mirrored.speed.z < fastest(mirrored),
+        mirrored.speed.z < max_speed(mirrored),
     );
 }
 
-fn creeps(mirrored: MirroredRay, axis: u32) -> bool {
-    return component_f(mirrored.speed, axis) < CREEP * fastest(mirrored);
+fn is_slow(mirrored: MirroredRay, axis: u32) -> bool {
+    return component_f(mirrored.speed, axis) < SLOW_RATIO * max_speed(mirrored);
 }
 
 // x · m, for x of 64 bits and m of 24, in digits of 16 bits so that no product overflows u32.
@@ -139,14 +139,14 @@ fn place_at(mirrored: MirroredRay, own: u32, axis: u32, plane: u32) -> vec2<u32>
     let bits_axis = bitcast<u32>(component_f(mirrored.speed, axis));
     let exponent_own = i32(bits_own >> 23u);
     let exponent_axis = i32(bits_axis >> 23u);
-    var way = vec2(0u);
+    var travelled = vec2(0u);
     if exponent_own > 0 {
         let p = product(plane_distance(mirrored, axis, plane), (bits_own & 0x7fffffu) | 0x800000u);
         let scaled = shifted(p, exponent_own - exponent_axis);
-        way = quotient(scaled, (bits_axis & 0x7fffffu) | 0x800000u);
+        travelled = quotient(scaled, (bits_axis & 0x7fffffu) | 0x800000u);
     }
-    let low = way.x + u32(component_f(mirrored.frac, own) * 16777216.0);
-    return vec2(low, way.y + select(0u, 1u, low < way.x));
+    let low = travelled.x + u32(component_f(mirrored.frac, own) * 16777216.0);
+    return vec2(low, travelled.y + select(0u, 1u, low < travelled.x));
 }
 
 // The same position within a cell that contains it, 0 to 1.
@@ -187,9 +187,9 @@ fn place_near(mirrored: MirroredRay, rel: vec3<u32>, axis: u32) -> vec3<f32> {
 // Rebases a mirrored ray to the point where it enters a cell through a plane of `axis`, at about t. An axis
 // of 3 means that the ray began inside.
 fn rebased_at(mirrored: MirroredRay, rel: vec3<u32>, axis: u32, t: f32) -> Rebased {
-    var near = Rebased(rel, place_in(mirrored, rel, axis), t, FAR);
-    near.end = end_from(near, mirrored);
-    return near;
+    var rebased = Rebased(rel, place_in(mirrored, rel, axis), t, FAR);
+    rebased.end = end_from(rebased, mirrored);
+    return rebased;
 }
 
 // Position within the cell at that point.
@@ -198,7 +198,7 @@ fn place_in(mirrored: MirroredRay, rel: vec3<u32>, axis: u32) -> vec3<f32> {
         return beginning(mirrored).frac;
     }
     let axis_mask = vec3(0u, 1u, 2u) == vec3(axis);
-    if all(rel < vec3(NEAR)) && fastest(mirrored) <= STEEPEST * component_f(mirrored.speed, axis) {
+    if all(rel < vec3(NEAR)) && max_speed(mirrored) <= STEEPEST * component_f(mirrored.speed, axis) {
         return select(place_near(mirrored, rel, axis), vec3(0.0), axis_mask);
     }
     let plane = component_u(rel, axis);

@@ -6,7 +6,7 @@
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::samples::{surface_corners, trilinear, trilinear_gradient}
 #import bevy_vdb::traversal::tree::{empty_cell, locate, new_accessor, span_occupied}
-#import bevy_vdb::traversal::hdda::{Dda, advance, confirm, count_step, local_cell, unmirrored, within}
+#import bevy_vdb::traversal::hdda::{Dda, advance, confirm, count_step, local_cell, unmirrored, clamp_to_ray}
 
 struct SurfaceHit {
     found: bool,
@@ -148,12 +148,12 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
         let exit = rebased_exit(rebased, mirrored, confirmed.rel + 1u, dda.axis);
         let t_length = max(min(exit, rebased.end), 0.0);
         let start = unmirrored(mirrored, rebased.frac);
-        let way = t_length * select(mirrored.speed, -mirrored.speed, mirrored.mirror != vec3(0));
+        let path = t_length * select(mirrored.speed, -mirrored.speed, mirrored.mirror != vec3(0));
         // Four values of the cubic, then its coefficients.
         let f_0 = trilinear(c, start);
-        let f_1 = trilinear(c, saturate(start + way / 3.0));
-        let f_2 = trilinear(c, saturate(start + way * (2.0 / 3.0)));
-        let f_3 = trilinear(c, saturate(start + way));
+        let f_1 = trilinear(c, saturate(start + path / 3.0));
+        let f_2 = trilinear(c, saturate(start + path * (2.0 / 3.0)));
+        let f_3 = trilinear(c, saturate(start + path));
         let d_1 = f_1 - f_0;
         let d_2 = f_2 - 2.0 * f_1 + f_0;
         let d_3 = f_3 - 3.0 * f_2 + 3.0 * f_1 - f_0;
@@ -172,14 +172,14 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
         if s <= 1.0 {
             // The coefficients amplify the rounding of the four values. One Newton step on the interpolant
             // itself removes most of that error.
-            let first_guess = saturate(start + s * way);
-            let slope = dot(trilinear_gradient(c, first_guess), way);
+            let first_guess = saturate(start + s * path);
+            let slope = dot(trilinear_gradient(c, first_guess), path);
             let correction = trilinear(c, first_guess) / select(slope, 1.0, slope == 0.0);
             s = saturate(s - select(0.0, correction, slope != 0.0 && abs(correction) < 0.01));
-            let root = saturate(start + s * way);
+            let root = saturate(start + s * path);
             return SurfaceHit(
                 true,
-                within(mirrored, confirmed.t + s * t_length),
+                clamp_to_ray(mirrored, confirmed.t + s * t_length),
                 grid.scale * trilinear_gradient(c, root),
                 confirmed.axis,
             );
