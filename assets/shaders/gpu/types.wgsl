@@ -122,8 +122,8 @@ struct View {
     // For each of them: tangent of the angular radius, and number of shadow rays per point.
     disks: array<vec4<f32>, MAX_SUNS>,
     random_offset: f32,     // offset of random numbers in this frame, 0 to 1
-    frame: u32,             // index of the accumulated frame; 0 without accumulation
-    jitter: vec2<f32>,      // number of the accumulated or jittered frame; 0 without either
+    frame: u32,             // number of the accumulated or jittered frame; 0 without either
+    jitter: vec2<f32>,      // offset of rays from their centres, in rays, y downwards
     max_frames: u32,        // largest number of frames in a mean
 }
 

@@ -38,7 +38,7 @@
 struct ShadingPoint {
     position: vec3<f32>,    // world space
     normal: vec3<f32>,      // world space, unit length; zero in fog
-    // Of the pixel, in the render target.
+    // Pixel coordinates in the render target.
     coord: vec2<f32>,
     // Whether the point is visible at the pixel itself; reflected points may be anywhere.
     on_view_ray: bool,
@@ -213,9 +213,9 @@ fn path_roughness(volume: u32, roughness_so_far: f32) -> f32 {
 
 // Light from a surface towards the viewer, cd/m².
 struct Shaded {
-    radiance: vec3<f32>,          // emission, direct light and diffuse ambient light
-    ambient_specular: vec3<f32>,  // specular light from environment maps and the ambient light
-    specular_weight: vec3<f32>,   // reflectance for light from other surfaces, in place of the ambient light
+    radiance: vec3<f32>,            // emission, direct light and diffuse ambient light
+    ambient_specular: vec3<f32>,    // specular light from environment maps and the ambient light
+    specular_weight: vec3<f32>,     // reflectance for light from other surfaces
 }
 
 fn shade(

@@ -13,7 +13,7 @@ struct SurfaceHit {
     t: f32,
     // In index space, not normalised.
     gradient: vec3<f32>,
-    // Of the face through which the ray entered the cell; 3 if it began inside.
+    // Axis of the face through which the ray entered the cell; 3 if it began inside.
     axis: u32,
 }
 
