@@ -84,7 +84,7 @@ fn of_view(
     }
     let report = VdbCameraReport {
         volumes: prepared.data.volume_count,
-        volumes_beside: prepared.data.volumes_beside,
+        volumes_beside: prepared.data.offscreen_count,
         rays: prepared.size(),
         frames,
         is_compiling: !prepared.is_ready || prepared.is_fallback,

@@ -48,11 +48,11 @@ fn a_broken_shader_leaves_the_last_good_one() {
         stage.update(8);
         stage.picture(&target)
     };
-    let wrote = "vec4(finite(found.color), found.coverage)";
+    let wrote = "vec4(finite(result.color), result.coverage)";
     assert!(TRACE.contains(wrote));
     let broken = edit(&mut stage, TRACE.replace(wrote, "vec4(no_such_thing)"));
     assert!(broken == before, "the broken shader shows");
-    let blue = "vec4(0.0, 0.0, found.coverage, found.coverage)";
+    let blue = "vec4(0.0, 0.0, result.coverage, result.coverage)";
     let mended = edit(&mut stage, TRACE.replace(wrote, blue));
     assert!(mended.center().z > 0.9 && mended.center().y < 0.1, "{}", mended.center());
     assert!(edit(&mut stage, TRACE.into()) == before);

@@ -1,5 +1,5 @@
-// Puts the traced picture into the camera's target. Two draws share it: surfaces, which also write
-// their depth, and fog on its own, which is tested against the depth of the meshes but writes none.
+// Draws the traced image into the camera's target, in two draws: surfaces, which also write depth, and fog
+// alone, which is tested against the depth of the meshes but writes none.
 
 #import bevy_core_pipeline::fullscreen_vertex_shader::FullscreenVertexOutput
 #ifdef TONEMAP_IN_SHADER
@@ -19,27 +19,27 @@ struct Placement {
 #endif
 
 #ifdef VDB_MOTION_VECTORS
-// The volume that each pixel moves with, in the view's list, or none that is in it; and the bits of
-// the depth of the place that moves.
+// The volume that each pixel moves with, as an index into the view's list, or an index outside it for none;
+// and the bits of the depth of the point that moves.
 @group(0) @binding(6) var moving: texture_2d<u32>;
-// From the clip space of the view's rays: to that of this frame without jitter, then to that of the
-// last frame, volume by volume.
+// From the clip space of the view's rays to that of this frame without jitter; then, for each volume, to
+// that of the previous frame.
 @group(0) @binding(7) var<storage, read> clips: array<mat4x4<f32>>;
 
-// How far a pixel has come since the last frame, as Bevy has it: in widths and heights of the
-// viewport, y downwards. The fourth component says whether this is known.
-fn motion_of(pixel: vec2<u32>) -> vec4<f32> {
-    let mover = textureLoad(moving, pixel, 0).xy;
-    if mover.x >= arrayLength(&clips) - 1u {
+// Motion vector in Bevy's convention: in viewport widths and heights, y downwards. The fourth component is 1
+// where the motion is known.
+fn motion_vector(pixel: vec2<u32>) -> vec4<f32> {
+    let motion_source = textureLoad(moving, pixel, 0).xy;
+    if motion_source.x >= arrayLength(&clips) - 1u {
         return vec4(0.0);
     }
     let uv = (vec2<f32>(pixel) + 0.5) / vec2<f32>(placement.size);
-    let place = vec4(2.0 * uv.x - 1.0, 1.0 - 2.0 * uv.y, bitcast<f32>(mover.y), 1.0);
-    let now = clips[0] * place;
-    let before = clips[mover.x + 1u] * place;
-    // What was behind the camera has come from beyond the picture.
-    let come = now.xy / now.w - before.xy / max(before.w, 1e-6 * now.w);
-    return vec4(clamp(come * vec2(0.5, -0.5), vec2(-100.0), vec2(100.0)), 0.0, 1.0);
+    let position = vec4(2.0 * uv.x - 1.0, 1.0 - 2.0 * uv.y, bitcast<f32>(motion_source.y), 1.0);
+    let now = clips[0] * position;
+    let before = clips[motion_source.x + 1u] * position;
+    // Points that were behind the camera came from outside the image.
+    let displacement = now.xy / now.w - before.xy / max(before.w, 1e-6 * now.w);
+    return vec4(clamp(displacement * vec2(0.5, -0.5), vec2(-100.0), vec2(100.0)), 0.0, 1.0);
 }
 #endif
 
@@ -60,29 +60,29 @@ fn composite(in: FullscreenVertexOutput) -> Output {
     if depth >= 0.0 || depth < -2.5 {
         discard;
     }
-    let at = -1.0 - depth;
+    let out_depth = -1.0 - depth;
 #else
     if depth < 0.0 {
         discard;
     }
-    let at = depth;
+    let out_depth = depth;
 #endif
 #ifdef TONEMAP_IN_SHADER
-    // Without HDR, Bevy tonemaps what it draws, not the finished picture. The curve bends colour,
-    // not coverage, so coverage is taken out for it.
+    // Without HDR, Bevy tonemaps each draw instead of the final image. The curve applies to colour, not to
+    // coverage, so divide by coverage first.
 #ifdef VDB_EMISSION
-    // What shines covers nothing: the more light there is for its coverage, the less is taken out.
+    // Emission has no coverage: the brighter the colour relative to its coverage, the less it is divided.
     let brightest = max(max(color.r, color.g), color.b);
-    let cover = mix(color.a, 1.0, saturate(1.0 - color.a / max(brightest, 1e-4)));
+    let alpha = mix(color.a, 1.0, saturate(1.0 - color.a / max(brightest, 1e-4)));
 #else
-    let cover = color.a;
+    let alpha = color.a;
 #endif
-    let straight = vec4(color.rgb / max(cover, 1e-4), 1.0);
-    color = vec4(tone_mapping(straight, view.color_grading).rgb * cover, color.a);
+    let straight = vec4(color.rgb / max(alpha, 1e-4), 1.0);
+    color = vec4(tone_mapping(straight, view.color_grading).rgb * alpha, color.a);
 #endif
 #ifdef VDB_MOTION_VECTORS
-    return Output(color, motion_of(pixel), at);
+    return Output(color, motion_vector(pixel), out_depth);
 #else
-    return Output(color, at);
+    return Output(color, out_depth);
 #endif
 }

@@ -1,4 +1,4 @@
-// The pool that holds every packed grid. Groups 0 and 1 are Bevy's own: lights and environment maps.
+// The pool of all packed grids. Groups 0 and 1 are Bevy's: lights and environment maps.
 #define_import_path bevy_vdb::gpu::bindings
 
 #import bevy_vdb::gpu::types::Grid
@@ -6,7 +6,7 @@
 @group(2) @binding(0) var<storage, read> grids: array<Grid>;
 @group(2) @binding(1) var<storage, read> page_a: array<u32>;
 #ifdef VDB_PAGED
-// More than one binding can hold: pages of 2^PAGE_BITS words.
+// Pages of 2^PAGE_BITS words, for pools larger than one binding can hold.
 @group(2) @binding(2) var<storage, read> page_b: array<u32>;
 @group(2) @binding(3) var<storage, read> page_c: array<u32>;
 #endif

@@ -1,21 +1,21 @@
-// Volumes in a shadow map of Bevy's: an instance for each of them, a quad over the texels that can show
-// it, and in every texel the place where the light's ray is stopped.
+// Renders volumes into one of Bevy's shadow maps. Each volume is an instance: a quad over the texels that
+// may show it, whose fragments find the depth at which the light's ray is stopped.
 
 #import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::traversal::rays::ndc_of
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter, first_hit, local_cell}
 #import bevy_vdb::view::scene::{view, volumes}
-#import bevy_vdb::trace::segment::{ray_of, view_segment}
+#import bevy_vdb::trace::segment::{lattice_ray, view_segment}
 #ifdef VDB_SMOOTH
 #import bevy_vdb::traversal::smooth::first_root
 #endif
 #ifdef VDB_FOGS
-#import bevy_vdb::traversal::march::{march_of, next_stretch, step_of}
-#import bevy_vdb::traversal::tree::nowhere
+#import bevy_vdb::traversal::march::{begin_march, next_interval, scaled_step}
+#import bevy_vdb::traversal::tree::new_accessor
 #endif
 
-// Texels per edge of a tile: `TILE` in `src/render/tiles.rs`.
+// Texels per edge of a tile: `TILE` in `src/render/view/tiles.rs`.
 const TILE: f32 = 8.0;
 
 struct Quad {
@@ -38,22 +38,23 @@ fn quad(@builtin(vertex_index) corner: u32, @builtin(instance_index) instance: u
 }
 
 #ifdef VDB_FOGS
-// Light in fog goes out little by little, but a texel has one depth. So each texel stops its ray where
-// the light has fallen to a part of its own: 64 parts in squares of 8×8 texels, after Bayer 1973, "An
-// optimum method for two-level rendition of continuous-tone pictures", whose patterns are so fine that
-// what a shadow map is smoothed with takes them for even. The digits of further fogs begin elsewhere,
-// which makes their parts independent of the first one's. Where frames are put together, they turn.
-fn part_of(texel: vec2<u32>, fog: u32) -> f32 {
+// The transmittance at which a texel stops its ray. Fog attenuates light gradually, but a texel has a single
+// depth. Each texel therefore has a threshold of its own: 64 thresholds in squares of 8×8 texels, after
+// Bayer 1973, "An optimum method for two-level rendition of continuous-tone pictures", whose patterns are so
+// fine that shadow map filtering smooths them. The digits of further fogs are rotated, which makes their
+// thresholds independent of the first fog's. In views with temporal jitter, the thresholds change every
+// frame.
+fn dither_threshold(texel: vec2<u32>, fog: u32) -> f32 {
     var digits = 0u;
     for (var i = 0u; i < 3u; i++) {
         let bit = (texel >> vec2(i)) & vec2(1u);
         digits |= (2u * (bit.x ^ bit.y) + bit.y) << (2u * ((2u - i + fog % 3u) % 3u));
     }
-    return max(fract((f32(digits) + 0.5) / 64.0 + view.turn), 1e-6);
+    return max(fract((f32(digits) + 0.5) / 64.0 + view.random_offset), 1e-6);
 }
 
-// Voxels between the places where a fog is looked at, and along the longest edge of its box from which on
-// there are more. Maps may be for several cameras, so none of their settings is asked for.
+// Voxels between samples of fog, and the longest edge of its box, in voxels, above which steps become
+// longer. Several cameras may share a shadow map, so their quality settings do not apply.
 const STEP: f32 = 1.0;
 const EDGE: f32 = 256.0;
 #endif
@@ -64,7 +65,7 @@ fn stop(in: Quad) -> @builtin(frag_depth) f32 {
     let volume = view.volume_first + in.instance;
     let grid = grids[volumes[volume].grid];
     let segment = view_segment(ndc_of(texel, view.size));
-    let mirrored = mirrored_ray(grid, ray_of(segment, volume, FAR));
+    let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, FAR));
     let dda = enter(mirrored);
     var t = FAR;
 #ifdef VDB_SURFACES
@@ -82,23 +83,27 @@ fn stop(in: Quad) -> @builtin(frag_depth) f32 {
 #ifdef VDB_FOGS
     if volumes[volume].kind == KIND_FOG && dda.inside {
         let scale = volumes[volume].density_scale * length(segment.dir);
-        var rest = -log(part_of(texel, in.instance)) / max(scale, 1e-30);
-        var march = march_of(mirrored, dda, step_of(grid, STEP, EDGE));
-        var place = nowhere(local_cell(mirrored, dda.rel));
+        var remaining = -log(dither_threshold(texel, in.instance)) / max(scale, 1e-30);
+        var march = begin_march(mirrored, dda, scaled_step(grid, STEP, EDGE));
+        var accessor = new_accessor(local_cell(mirrored, dda.rel));
         while march.dda.inside {
-            let stretch = next_stretch(grid, mirrored, &march, &place, 1e30);
-            if stretch.density >= rest {
-                t = mix(stretch.t_first, 2.0 * stretch.t_middle - stretch.t_first, rest / max(stretch.density, 1e-30));
+            let interval = next_interval(grid, mirrored, &march, &accessor, 1e30);
+            if interval.density_integral >= remaining {
+                t = mix(
+                    interval.t_first,
+                    2.0 * interval.t_mean - interval.t_first,
+                    remaining / max(interval.density_integral, 1e-30),
+                );
                 break;
             }
-            rest -= stretch.density;
+            remaining -= interval.density_integral;
         }
     }
 #endif
     if t >= FAR {
         discard;
     }
-    // What lies before the nearest depth is at it.
+    // Clamp depths in front of the near plane to it.
     let m = view.depth_from_t;
     return saturate((m.x * t + m.y) / (m.z * t + m.w));
 }

@@ -1,4 +1,4 @@
-// The depth of meshes in a layer of a shadow map, kept from what volumes are drawn over it.
+// Copies the depth of meshes from a layer of a shadow map before volumes are drawn over it.
 
 @group(0) @binding(0) var layer: texture_depth_2d;
 

@@ -1,11 +1,12 @@
-// A thread for every tile of 8×8 pixels that shows a volume: whether the tile's rays can meet it before they
-// end at the opaque meshes, and where those to it can begin.
+// Beam optimisation and tile culling, after Laine and Karras 2010, "Efficient sparse voxel octrees". One
+// thread for each tile of 8×8 pixels that shows a volume: finds whether the tile's rays can hit the volume
+// before opaque meshes end them, and where those rays can start.
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::gpu::types::Rays
 #import bevy_vdb::view::picture::{depth_of_meshes, t_of_depth}
 #import bevy_vdb::view::scene::{target_pixel, view, volumes}
-#import bevy_vdb::traversal::beam::{beam_of, beam_start, beam_touch}
+#import bevy_vdb::traversal::beam::{beam_of, beam_start_t, beam_box_t}
 #import bevy_vdb::traversal::hdda::FAR
 
 #ifdef MULTISAMPLED
@@ -13,8 +14,8 @@
 #else
 @group(2) @binding(6) var scene_depth: texture_depth_2d;
 #endif
-// Bits, tile by tile, all zero before; then starts: rows of tiles, volume by volume. Bits are only ever
-// set, so that no order of threads shows.
+// Bits for each tile, zeroed beforehand; then starts, as rows of tiles for each volume. Bits are only ever
+// set, so the result does not depend on the order of threads.
 @group(2) @binding(9) var<storage, read_write> tiles: array<atomic<u32>>;
 
 const THREADS: u32 = 64u;
@@ -23,7 +24,7 @@ fn column_and_row(tile: u32) -> vec2<u32> {
     return vec2(tile & 0xffffu, tile >> 16u);
 }
 
-// Workgroups of a column share a volume.
+// The workgroups of a column share a volume.
 @compute @workgroup_size(64, 1, 1)
 fn beams(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -39,13 +40,13 @@ fn beams(
         let shown = end - first;
         let count = shown.x * shown.y;
         for (var j = group.y * THREADS + thread; j < count; j += groups.y * THREADS) {
-            look(i, first + vec2(j % shown.x, j / shown.x));
+            cull_tile(i, first + vec2(j % shown.x, j / shown.x));
         }
     }
 }
 
-// Whether opaque meshes end all rays of a tile before they come to `t`. Nearly always one ray answers that.
-fn is_hidden(tile: vec2<u32>, t: f32) -> bool {
+// Whether opaque meshes end all rays of a tile before `t`. One ray is nearly always enough to tell.
+fn is_occluded(tile: vec2<u32>, t: f32) -> bool {
     for (var i = 0u; i < 64u; i++) {
         let ray = 8u * tile + vec2(i & 7u, i >> 3u);
         if any(ray >= view.size) {
@@ -59,40 +60,40 @@ fn is_hidden(tile: vec2<u32>, t: f32) -> bool {
     return true;
 }
 
-// The rays of a view, where frames are put together: all of them go through another place of their pixel.
-fn shifted(rays: Rays) -> Rays {
-    var shifted = rays;
-    let ndc = view.shift * vec2(2.0, -2.0) / vec2<f32>(view.size);
-    shifted.eye_frac += ndc.x * rays.eye_x + ndc.y * rays.eye_y;
-    shifted.dir_rest += ndc.x * rays.dir_x + ndc.y * rays.dir_y;
-    return shifted;
+// The jittered rays of a view under temporal accumulation.
+fn jittered_rays(rays: Rays) -> Rays {
+    var jittered = rays;
+    let ndc = view.jitter * vec2(2.0, -2.0) / vec2<f32>(view.size);
+    jittered.eye_frac += ndc.x * rays.eye_x + ndc.y * rays.eye_y;
+    jittered.dir_rest += ndc.x * rays.dir_x + ndc.y * rays.dir_y;
+    return jittered;
 }
 
-fn look(i: u32, tile: vec2<u32>) {
+fn cull_tile(i: u32, tile: vec2<u32>) {
     let size = (view.size + 7u) / 8u;
     if any(tile >= size) {
         return;
     }
     let volume = volumes[view.volume_first + i];
 #ifdef VDB_ACCUMULATED
-    let rays = shifted(volume.rays);
+    let rays = jittered_rays(volume.rays);
 #else
     let rays = volume.rays;
 #endif
     let beam = beam_of(grids[volume.grid], rays, tile, view.size, view.t_near);
-    // The box alone, before the tree is looked into.
-    let touch = beam_touch(grids[volume.grid], beam);
-    if is_hidden(tile, touch) {
+    // Test the box alone before descending into the tree.
+    let t_box = beam_box_t(grids[volume.grid], beam);
+    if is_occluded(tile, t_box) {
         return;
     }
-    let start = beam_start(grids[volume.grid], beam);
-    if start >= FAR || (start > touch && is_hidden(tile, start)) {
+    let start = beam_start_t(grids[volume.grid], beam);
+    if start >= FAR || (start > t_box && is_occluded(tile, start)) {
         return;
     }
     let bit = i >> view.group_bits;
     let at = tile.y * size.x + tile.x;
     atomicOr(&tiles[at * view.tile_words + (bit >> 5u)], 1u << (bit & 31u));
-    if view.keeps_starts != 0u {
+    if view.has_tile_starts != 0u {
         let starts = size.x * size.y * (view.tile_words + i);
         atomicStore(&tiles[starts + at], bitcast<u32>(start));
     }

@@ -1,25 +1,25 @@
-// Which volumes a ray from anywhere may meet, where there are many. They stand in the list near their
-// neighbours in space, so that the boxes of runs of 4, 16, 64… of them are a tree: in its order, the
-// list is gone through from left to right, past whole runs whose box the ray misses. Written by
-// `src/render/hierarchy.rs`.
+// Finds the volumes that a ray may hit where a scene has many. The list is ordered so that volumes close in
+// space are close in the list, so the bounding boxes of runs of 4, 16, 64… volumes form an implicit BVH.
+// Traversal goes through the list from left to right and skips whole runs whose box the ray misses. The
+// boxes are written by `src/render/view/bvh.rs`.
 #define_import_path bevy_vdb::trace::bvh
 
 #import bevy_vdb::view::scene::{scene_end, view, volumes}
-#import bevy_vdb::trace::segment::{Segment, from_eye}
+#import bevy_vdb::trace::segment::{Segment, position_from_eye}
 
-// Runs are of 4^10 volumes at most.
-const MOST_LEVEL: u32 = 10u;
+// Nodes contain at most 4^10 volumes.
+const MAX_LEVEL: u32 = 10u;
 
-// The level of the longest run that begins at `k`.
+// The level of the largest node that begins at `k`.
 fn level_at(k: u32) -> u32 {
-    return firstTrailingBit(k | (1u << (2u * MOST_LEVEL))) / 2u;
+    return firstTrailingBit(k | (1u << (2u * MAX_LEVEL))) / 2u;
 }
 
-// Whether a ray, from the eye's place on, meets a box before `t_max`.
+// Whether a ray hits a box before `t_max`. The origin and the box are relative to the view's eye.
 fn meets_box(origin: vec3<f32>, dir: vec3<f32>, low: vec3<f32>, high: vec3<f32>, t_max: f32) -> bool {
-    let speed = select(dir, select(vec3(-1e-30), vec3(1e-30), dir >= vec3(0.0)), abs(dir) < vec3(1e-30));
-    let a = (low - origin) / speed;
-    let b = (high - origin) / speed;
+    let safe_dir = select(dir, select(vec3(-1e-30), vec3(1e-30), dir >= vec3(0.0)), abs(dir) < vec3(1e-30));
+    let a = (low - origin) / safe_dir;
+    let b = (high - origin) / safe_dir;
     let near = min(a, b);
     let far = max(a, b);
     let t_in = max(max(near.x, near.y), near.z);
@@ -27,16 +27,16 @@ fn meets_box(origin: vec3<f32>, dir: vec3<f32>, low: vec3<f32>, high: vec3<f32>,
     return t_in <= t_out && t_out >= 0.0 && t_in <= t_max;
 }
 
-// Where the box of the run of 4^level volumes that begins at `k` is kept: no two have the same place.
-fn slot_of(k: u32, level: u32) -> u32 {
+// Index of the box of the node with 4^level volumes that begins at `k`. No two nodes share an index.
+fn node_slot(k: u32, level: u32) -> u32 {
     return k + select(level, 4u * (level - 3u), level > 3u);
 }
 
-// The first volume from `first` on whose box a segment that is not the view's meets; past the last one, if
-// there is none. Every step of the loop goes on in the list or down a level.
-fn next_met(segment: Segment, first: u32, t_max: f32) -> u32 {
+// The first volume, from index `first`, whose box a secondary ray hits; past the last index if there is
+// none. Every iteration moves forward in the list or down one level.
+fn next_intersected(segment: Segment, first: u32, t_max: f32) -> u32 {
     let count = scene_end() - view.volume_first;
-    let origin = from_eye(segment.start);
+    let origin = position_from_eye(segment.start);
     var k = first - view.volume_first;
     var level = level_at(k);
     while k < count {
@@ -49,11 +49,11 @@ fn next_met(segment: Segment, first: u32, t_max: f32) -> u32 {
             level = level_at(k);
             continue;
         }
-        let slot = slot_of(k, level);
-        // Of a short run at the end, there may be no place for a box.
+        let slot = node_slot(k, level);
+        // A short node at the end of the list may have no slot for its box.
         if slot < count {
             let at = view.volume_first + slot;
-            if !meets_box(origin, segment.dir, volumes[at].run_min, volumes[at].run_max, t_max) {
+            if !meets_box(origin, segment.dir, volumes[at].node_min, volumes[at].node_max, t_max) {
                 k += 1u << (2u * level);
                 level = level_at(k);
                 continue;

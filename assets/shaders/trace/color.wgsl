@@ -1,26 +1,27 @@
-// The colours that grids give to surfaces.
+// Surface colours from grids.
 #define_import_path bevy_vdb::trace::color
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::traversal::samples::{fog_cell, tile_value, trilinear}
 #import bevy_vdb::view::scene::volumes
-#import bevy_vdb::trace::segment::{NONE, Segment, ray_of}
-#import bevy_vdb::traversal::tree::{locate, nowhere, span_constant, span_occupied}
+#import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
+#import bevy_vdb::traversal::tree::{locate, new_accessor, span_constant, span_occupied}
 
-// The value of a grid at a place on a segment: trilinear between samples, the background outside.
+// The value of a grid at a point on a segment: trilinear interpolation inside the grid, the background
+// outside.
 fn value_along(segment: Segment, t: f32, volume: u32) -> f32 {
     let grid = grids[volumes[volume].grid];
     let background = volumes[volume].background;
-    let ray = ray_of(segment, volume, FAR);
-    let way = ray.frac + t * ray.dir;
-    let whole = floor(way);
+    let ray = lattice_ray(segment, volume, FAR);
+    let position = ray.frac + t * ray.dir;
+    let whole = floor(position);
     let cell = ray.cell + vec3<i32>(whole);
     if any(cell < grid.occupied_min) || any(cell > grid.occupied_max) {
         return background;
     }
-    var place = nowhere(cell);
-    let span = locate(grid, cell, 0u, &place);
+    var accessor = new_accessor(cell);
+    let span = locate(grid, cell, 0u, &accessor);
     if !span_occupied(span) {
         return background;
     }
@@ -28,10 +29,10 @@ fn value_along(segment: Segment, t: f32, volume: u32) -> f32 {
         return tile_value(grid, span.word);
     }
     let values = fog_cell(grid, span, cell);
-    return values.offset + values.scale * trilinear(values.corners, way - whole);
+    return values.offset + values.scale * trilinear(values.corners, position - whole);
 }
 
-// What the base colour of a surface is multiplied by at a place on a segment.
+// Factor for the base colour of a surface at a point on a segment.
 fn color_along(segment: Segment, t: f32, surface: u32) -> vec3<f32> {
     let first = volumes[surface].color_grids;
     if first == NONE {

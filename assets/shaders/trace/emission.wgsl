@@ -1,4 +1,4 @@
-// Light that grids send of their own, seen along a segment.
+// Emission of grids along a segment.
 #define_import_path bevy_vdb::trace::emission
 
 #import bevy_vdb::gpu::types::{Grid, KIND_BLACKBODY, KIND_EMISSION}
@@ -6,115 +6,122 @@
 #import bevy_vdb::traversal::fog::optical_length
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter_at}
 #import bevy_vdb::view::scene::volumes
-#import bevy_vdb::trace::segment::{Segment, ray_of}
+#import bevy_vdb::trace::segment::{Segment, lattice_ray}
 #ifdef VDB_BLACKBODY
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::rebase::{Rebased, rebased_exit, rebased_at}
 #import bevy_vdb::traversal::fog::REBASE_RANGE
-#import bevy_vdb::traversal::hdda::{Dda, advance, confirm, local_cell, planes_behind, unmirrored}
+#import bevy_vdb::traversal::hdda::{Dda, advance, confirm, local_cell, exit_planes, unmirrored}
 #import bevy_vdb::traversal::samples::{FogCell, fog_cell, tile_value, trilinear}
-#import bevy_vdb::traversal::tree::{Span, empty_cell, locate, nowhere, span_constant, span_occupied}
+#import bevy_vdb::traversal::tree::{Span, empty_cell, locate, new_accessor, span_constant, span_occupied}
 
-// By even steps of the logarithm of the temperature: the colour for a luminance of 1, and the logarithm of
-// the luminance. Twin: `BlackbodyTable` in `crates/vdb_core/src/blackbody.rs`.
+// Black-body colours in even steps of the logarithm of temperature: a colour with a luminance of 1, and the
+// logarithm of the luminance. Twin: `BlackbodyTable` in `crates/vdb_core/src/blackbody.rs`.
 @group(2) @binding(11) var blackbody_colors: texture_2d<f32>;
 
-// Kelvin of its first entry, and the logarithm of how much hotter the last one is.
-const COLDEST: f32 = 500.0;
+// Temperature of the first entry in kelvin, and the logarithm of the ratio of the last to the first.
+const MIN_KELVIN: f32 = 500.0;
 const LOG_RANGE: f32 = 4.382026634673881;   // ln 80
 
-// The luminance of a black body, cd/m².
+// Luminance of a black body, cd/m².
 fn blackbody(kelvin: f32) -> vec3<f32> {
     let last = textureDimensions(blackbody_colors).x - 1u;
-    let steps = clamp(log(max(kelvin, COLDEST) / COLDEST) * (f32(last) / LOG_RANGE), 0.0, f32(last));
+    let steps = clamp(log(max(kelvin, MIN_KELVIN) / MIN_KELVIN) * (f32(last) / LOG_RANGE), 0.0, f32(last));
     let first = min(u32(steps), last - 1u);
     let low = textureLoad(blackbody_colors, vec2(first, 0u), 0);
     let high = textureLoad(blackbody_colors, vec2(first + 1u, 0u), 0);
     let entry = mix(low, high, steps - f32(first));
-    // Cool ones have less blue than there can be.
-    return select(vec3(0.0), max(entry.rgb, vec3(0.0)) * exp(entry.w), kelvin >= COLDEST);
+    // Cool black bodies are outside the gamut: their blue is negative.
+    return select(vec3(0.0), max(entry.rgb, vec3(0.0)) * exp(entry.w), kelvin >= MIN_KELVIN);
 }
 
-fn heat(volume: u32, value: f32) -> vec3<f32> {
+fn blackbody_emission(volume: u32, value: f32) -> vec3<f32> {
     let kelvin = min(volumes[volume].temperature_scale * value, 1e9) + volumes[volume].temperature_offset;
     return select(vec3(0.0), blackbody(kelvin), value > 0.0);
 }
 
-// Gauss and Legendre's four points on an interval of length 1: away from its middle, and their weights.
+// Four-point Gauss–Legendre quadrature on an interval of length 1: distances from the middle, and weights.
 const INNER: f32 = 0.16999052;
 const OUTER: f32 = 0.43056816;
 const INNER_WEIGHT: f32 = 0.32607258;
 const OUTER_WEIGHT: f32 = 0.17392742;
 
-// A part of a mirrored ray within a cell.
+// The part of a mirrored ray inside a cell.
 struct Chord {
     cell: FogCell,
-    first: vec3<f32>,   // in the cell, on the mirrored ray's axes
+    first: vec3<f32>,   // within the cell, on the axes of the mirrored ray
     last: vec3<f32>,
 }
 
-fn heat_on(volume: u32, mirrored: MirroredRay, chord: Chord, share: f32) -> vec3<f32> {
-    let at = unmirrored(mirrored, saturate(mix(chord.first, chord.last, share)));
-    return heat(volume, chord.cell.offset + chord.cell.scale * trilinear(chord.cell.corners, at));
+fn chord_emission(volume: u32, mirrored: MirroredRay, chord: Chord, s: f32) -> vec3<f32> {
+    let at = unmirrored(mirrored, saturate(mix(chord.first, chord.last, s)));
+    return blackbody_emission(
+        volume,
+        chord.cell.offset + chord.cell.scale * trilinear(chord.cell.corners, at),
+    );
 }
 
-// The mean luminance of what glows between two parameters from the rebased origin on, within the cube of a
-// span. The light of a black body goes up by far more than its temperature: of two points, as a density has
-// them, a cell from cold to hot would get three quarters of its light wrong, of four, less than a hundredth.
-fn mean_heat(
+// Mean luminance between two parameters, counted from the rebased origin, within the cube of a span. The
+// luminance of a black body grows much faster than its temperature. The two points that suffice for density
+// would get three quarters of the light wrong in a cell from cold to hot; four points get less than a
+// hundredth wrong.
+fn mean_emission(
     volume: u32,
     grid: Grid,
     mirrored: MirroredRay,
-    near: Rebased,
+    rebased: Rebased,
     dda: Dda,
     span: Span,
     t_from: f32,
     t_to: f32,
 ) -> vec3<f32> {
     if span_constant(span) {
-        return heat(volume, tile_value(grid, span.word));
+        return blackbody_emission(volume, tile_value(grid, span.word));
     }
-    let origin = near.frac - vec3<f32>(dda.rel - near.cell);
+    let origin = rebased.frac - vec3<f32>(dda.rel - rebased.cell);
     let chord = Chord(
         fog_cell(grid, span, local_cell(mirrored, dda.rel)),
         origin + t_from * mirrored.speed,
         origin + t_to * mirrored.speed,
     );
-    let inner = heat_on(volume, mirrored, chord, 0.5 - INNER) + heat_on(volume, mirrored, chord, 0.5 + INNER);
-    let outer = heat_on(volume, mirrored, chord, 0.5 - OUTER) + heat_on(volume, mirrored, chord, 0.5 + OUTER);
+    let inner = chord_emission(volume, mirrored, chord, 0.5 - INNER)
+        + chord_emission(volume, mirrored, chord, 0.5 + INNER);
+    let outer = chord_emission(volume, mirrored, chord, 0.5 - OUTER)
+        + chord_emission(volume, mirrored, chord, 0.5 + OUTER);
     return INNER_WEIGHT * inner + OUTER_WEIGHT * outer;
 }
 
-// ∫ B dt along a mirrored ray, cell by cell as `optical_length` traverses.
-fn heat_length(volume: u32, grid: Grid, mirrored: MirroredRay, enters: Dda) -> vec3<f32> {
-    var dda = enters;
-    var place = nowhere(local_cell(mirrored, dda.rel));
-    var near = Rebased(vec3(0u), vec3(0.0), 0.0, FAR);
+// ∫ B dt along a mirrored ray, cell by cell, with the same traversal as `optical_length`.
+fn integrated_emission(volume: u32, grid: Grid, mirrored: MirroredRay, entry: Dda) -> vec3<f32> {
+    var dda = entry;
+    var accessor = new_accessor(local_cell(mirrored, dda.rel));
+    var rebased = Rebased(vec3(0u), vec3(0.0), 0.0, FAR);
     var in_run = false;
     var t_from = 0.0;
     var sum = vec3(0.0);
     while dda.inside {
-        let here = dda;
-        let span = locate(grid, local_cell(mirrored, here.rel), mirrored.octant, &place);
+        let current = dda;
+        let span = locate(grid, local_cell(mirrored, current.rel), mirrored.octant, &accessor);
         if !span_occupied(span) {
-            dda = advance(mirrored, here, span);
+            dda = advance(mirrored, current, span);
             in_run = false;
             continue;
         }
-        if !in_run || any(here.rel - near.cell > vec3(REBASE_RANGE)) {
-            let own = confirm(mirrored, here);
-            if !own.inside {
-                dda = advance(mirrored, here, empty_cell());
+        if !in_run || any(current.rel - rebased.cell > vec3(REBASE_RANGE)) {
+            let confirmed = confirm(mirrored, current);
+            if !confirmed.inside {
+                dda = advance(mirrored, current, empty_cell());
                 continue;
             }
-            near = rebased_at(mirrored, own.rel, own.axis, own.t);
+            rebased = rebased_at(mirrored, confirmed.rel, confirmed.axis, confirmed.t);
             t_from = 0.0;
         }
-        dda = advance(mirrored, here, span);
-        let plane = planes_behind(mirrored, here.rel, span);
-        let t_to = max(rebased_exit(near, mirrored, plane, dda.axis), t_from);
-        let t_end = min(t_to, near.end);
-        sum += (t_end - t_from) * mean_heat(volume, grid, mirrored, near, here, span, t_from, t_end);
+        dda = advance(mirrored, current, span);
+        let plane = exit_planes(mirrored, current.rel, span);
+        let t_to = max(rebased_exit(rebased, mirrored, plane, dda.axis), t_from);
+        let t_end = min(t_to, rebased.end);
+        sum += (t_end - t_from)
+            * mean_emission(volume, grid, mirrored, rebased, current, span, t_from, t_end);
         t_from = t_to;
         in_run = !span_constant(span);
     }
@@ -122,34 +129,34 @@ fn heat_length(volume: u32, grid: Grid, mirrored: MirroredRay, enters: Dda) -> v
 }
 #endif
 
-// Whether a volume is a grid that shines.
+// Whether a volume is an emissive grid.
 fn is_emitter(volume: u32) -> bool {
     return volumes[volume].kind == KIND_EMISSION || volumes[volume].kind == KIND_BLACKBODY;
 }
 
-// No light is more than this: with exposure it is within f32.
-const MOST_LIGHT: f32 = 1e20;
+// Upper limit of emission, which stays within f32 when multiplied by the exposure.
+const MAX_EMISSION: f32 = 1e20;
 
-// ∫ ε ds over a part of a segment, which nothing shines on before `start`: cd/m².
-fn emitted(segment: Segment, volume: u32, start: f32, t_min: f32, t_max: f32) -> vec3<f32> {
-    var ray = ray_of(segment, volume, t_max);
+// ∫ ε ds over an interval of a segment, in cd/m². Nothing emits before `start`.
+fn segment_emission(segment: Segment, volume: u32, start: f32, t_min: f32, t_max: f32) -> vec3<f32> {
+    var ray = lattice_ray(segment, volume, t_max);
     ray.t_min = t_min;
     let grid = grids[volumes[volume].grid];
     let mirrored = mirrored_ray(grid, ray);
-    let enters = enter_at(mirrored, start);
-    let unit = length(segment.dir);
+    let entry = enter_at(mirrored, start);
+    let dir_length = length(segment.dir);
 #ifdef VDB_BLACKBODY
     if volumes[volume].kind == KIND_BLACKBODY {
-        let light = min(heat_length(volume, grid, mirrored, enters), vec3(MOST_LIGHT));
-        return min(volumes[volume].emissive * unit * light, vec3(MOST_LIGHT));
+        let luminance = min(integrated_emission(volume, grid, mirrored, entry), vec3(MAX_EMISSION));
+        return min(volumes[volume].emissive * dir_length * luminance, vec3(MAX_EMISSION));
     }
 #endif
-    let values = min(optical_length(grid, mirrored, enters, FAR), MOST_LIGHT);
-    return min(volumes[volume].emissive * unit * values, vec3(MOST_LIGHT));
+    let length_sum = min(optical_length(grid, mirrored, entry, FAR), MAX_EMISSION);
+    return min(volumes[volume].emissive * dir_length * length_sum, vec3(MAX_EMISSION));
 }
 
-// The part of light sent evenly within fog of an optical depth that leaves it: (1 - e^-τ) / τ.
-fn escaping(depth: f32) -> f32 {
-    let thick = (1.0 - exp(-depth)) / max(depth, 1e-2);
-    return select(thick, 1.0 - depth * (0.5 - depth / 6.0), depth < 1e-2);
+// Mean transmittance out of a homogeneous slab of an optical depth τ: (1 - e^-τ) / τ.
+fn mean_transmittance(depth: f32) -> f32 {
+    let exact = (1.0 - exp(-depth)) / max(depth, 1e-2);
+    return select(exact, 1.0 - depth * (0.5 - depth / 6.0), depth < 1e-2);
 }

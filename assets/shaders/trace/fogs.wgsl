@@ -1,49 +1,50 @@
-// All fogs of a segment: what they hide, and what light they send.
+// All fogs along a segment: their optical depth and the light that they send.
 #define_import_path bevy_vdb::trace::fogs
 
 #import bevy_vdb::gpu::types::KIND_FOG
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::trace::candidates::{end_of, next_volume, start_of}
+#import bevy_vdb::trace::candidates::{volume_end, next_candidate, start_t}
 #import bevy_vdb::traversal::fog::{optical_length, stepped_length}
 #import bevy_vdb::traversal::hdda::{FAR, box_exit, mirrored_ray, enter, enter_at}
 #import bevy_vdb::view::scene::{view, volumes}
-#import bevy_vdb::trace::segment::{NONE, Segment, ray_of}
+#import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
 #ifdef VDB_EMISSION
-#import bevy_vdb::trace::emission::{emitted, escaping, is_emitter}
+#import bevy_vdb::trace::emission::{segment_emission, mean_transmittance, is_emitter}
 #endif
 #ifdef VDB_LIT
-#import bevy_vdb::view::scene::{chance_of_frame, target_pixel}
-#import bevy_vdb::trace::segment::{along, world_position}
-#import bevy_vdb::trace::lights::{Lit, Surroundings, scattered, surroundings}
-#import bevy_vdb::trace::scattering::{Gathered, Light, OCTAVES, gather, join, light_of}
+#import bevy_vdb::view::scene::{frame_random, target_pixel}
+#import bevy_vdb::trace::segment::{point_at, world_position}
+#import bevy_vdb::trace::lights::{ShadingPoint, EnvironmentLight, in_scattered, environment_light}
+#import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, add_sums}
+#import bevy_vdb::trace::scattering::scattered_radiance
 #ifndef VDB_EVEN_LIGHT
 #import bevy_vdb::traversal::hdda::local_cell
-#import bevy_vdb::traversal::march::{march_of, next_stretch, seen_middle, step_of}
-#import bevy_vdb::traversal::tree::nowhere
+#import bevy_vdb::traversal::march::{begin_march, next_interval, visible_mean_t, scaled_step}
+#import bevy_vdb::traversal::tree::new_accessor
 #endif
 #endif
 
-// Optical depth from which on nothing behind is visible: e^-16 is below a 16-bit float's step
-// beside 1, by a factor of 4,000.
-const OPAQUE: f32 = 16.0;
+// Optical depth beyond which nothing is visible: e^-16 is 1/4,000 of the step of 16-bit floats near 1.
+const OPAQUE_DEPTH: f32 = 16.0;
 
-// Voxels along the longest edge of a fog's box from which on longer stretches are lit as one.
+// Above this many voxels along the longest edge of a fog's box, the intervals that share one lighting sample
+// become longer in proportion.
 const LIGHT_EDGE: f32 = 128.0;
-// Of what is reflected, so many times as much is lit as one: each stretch asks for the light of every lamp.
-const REFLECTED: u32 = 4u;
+// In reflections, intervals are longer by this factor, because every interval evaluates every light.
+const REFLECTED_STEP_FACTOR: u32 = 4u;
 
 struct Fog {
     radiance: vec3<f32>,
     optical_depth: f32,
     t_first: f32,
-    // The mean t of what is seen of the fogs, weighed with how much of it is seen, and the volume
-    // that most of it is of, where slabs are.
+    // Mean t of the visible fog, weighted by visibility. With several slabs, `motion_volume` is the volume
+    // that contributes most to what is visible.
     t_mean: f32,
-    mover: u32,
+    motion_volume: u32,
 }
 
-// Optical depth of one fog over a part of a segment, which nothing stops before `start`.
-fn depth_of_part(
+// Optical depth of one fog over an interval of a segment. Nothing stops the ray before `start`.
+fn fog_depth(
     segment: Segment,
     volume: u32,
     start: f32,
@@ -52,28 +53,30 @@ fn depth_of_part(
     is_whole: bool,
 ) -> f32 {
     let scale = volumes[volume].density_scale * length(segment.dir);
-    var ray = ray_of(segment, volume, t_max);
+    var ray = lattice_ray(segment, volume, t_max);
     ray.t_min = t_min;
     let grid = grids[volumes[volume].grid];
     let mirrored = mirrored_ray(grid, ray);
-    let thin = max(scale, 1e-30);
+    let safe_scale = max(scale, 1e-30);
 #ifdef VDB_FOG_STEPS
-    // A part of a ray may be shorter than a step.
-    var fog = 0.0;
+    // An interval may be shorter than a step, so only whole rays are ray-marched.
+    var density_integral = 0.0;
     let step = volumes[volume].fog_step;
     if is_whole && step > 0.0 {
-        fog = stepped_length(grid, mirrored, start, OPAQUE / thin, step, scale);
+        density_integral = stepped_length(grid, mirrored, start, OPAQUE_DEPTH / safe_scale, step, scale);
     } else {
-        fog = optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE / thin);
+        density_integral =
+            optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE_DEPTH / safe_scale);
     }
 #else
-    let fog = optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE / thin);
+    let density_integral =
+        optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE_DEPTH / safe_scale);
 #endif
-    // At most 100, and not by way of a product that f32 does not hold.
-    return scale * min(fog, 100.0 / thin);
+    // At most 100. The limit is applied before the product, which might overflow.
+    return scale * min(density_integral, 100.0 / safe_scale);
 }
 
-// Whether a volume dims a ray, or sends light along it.
+// Whether a volume attenuates a ray or emits light along it.
 fn is_medium(volume: u32) -> bool {
 #ifdef VDB_EMISSION
     return volumes[volume].kind == KIND_FOG || is_emitter(volume);
@@ -82,35 +85,35 @@ fn is_medium(volume: u32) -> bool {
 #endif
 }
 
-// All fogs of a segment in front of `t_max`. Radiance of one fog with an even source S and optical depth τ is
-// S·(1 - e^-τ), exactly; where light differs from place to place, the segment is cut into stretches, and
-// where several overlap, into slabs. What shines, E in all of a slab, is taken as evenly boundary with the
-// fogs there: E·(1 - e^-τ) / τ of it leaves the slab.
+// All fogs of a segment up to `t_max`. A homogeneous fog with source S and optical depth τ sends exactly
+// S·(1 - e^-τ). Where the lighting varies, the segment is divided into intervals; where several fogs
+// overlap, into slabs. Emission E within a slab is assumed to be evenly mixed with its fogs: E·(1 - e^-τ)/τ
+// of it leaves the slab.
 fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
-    var met = 0u;
+    var met_count = 0u;
     var last_met = 0u;
     var t_first = FAR;
     var t_last = segment.t_min;
-    let end = end_of(segment);
-    let begin = next_volume(segment, pixel, view.volume_first, t_max);
-    for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u, t_max)) {
+    let end = volume_end(segment);
+    let first = next_candidate(segment, pixel, view.volume_first, t_max);
+    for (var i = first; i < end; i = next_candidate(segment, pixel, i + 1u, t_max)) {
         if !is_medium(i) {
             continue;
         }
-        let mirrored = mirrored_ray(grids[volumes[i].grid], ray_of(segment, i, t_max));
+        let mirrored = mirrored_ray(grids[volumes[i].grid], lattice_ray(segment, i, t_max));
         let dda = enter(mirrored);
         if dda.inside && dda.t < t_max {
-            met += 1u;
+            met_count += 1u;
             last_met = i;
             t_first = min(t_first, dda.t);
             t_last = max(t_last, min(box_exit(mirrored), t_max));
         }
     }
     var fog = Fog(vec3(0.0), 0.0, t_first, t_first, NONE);
-    if met == 0u {
+    if met_count == 0u {
         return fog;
     }
-    let is_whole = met == 1u;
+    let is_whole = met_count == 1u;
 #ifndef VDB_EVEN_LIGHT
 #ifdef VDB_LIT
     if is_whole && volumes[last_met].kind == KIND_FOG {
@@ -118,138 +121,148 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     }
 #endif
 #endif
-    // Within one slab, fogs are taken as evenly boundary and evenly lit.
-    let shared_slabs = select(max(view.slabs / REFLECTED, 1u), view.slabs, segment.is_view);
+    // Within one slab, fogs are assumed to be evenly mixed and evenly lit.
+    let shared_slabs = select(max(view.slabs / REFLECTED_STEP_FACTOR, 1u), view.slabs, segment.is_view);
     let slabs = select(shared_slabs, 1u, is_whole);
 #ifdef VDB_LIT
-    let around = surroundings(normalize(segment.dir));
-    var scatters = Gathered();
+    let environment = environment_light(normalize(segment.dir));
+    var sums = ScatteringSums();
 #endif
     var t_sum = 0.0;
 #ifdef VDB_EMISSION
-    var bright = 0.0;
-    var t_bright = 0.0;
+    var radiance_sum = 0.0;
+    var t_radiance_sum = 0.0;
 #endif
-    var most = 0.0;
-    for (var slab = 0u; slab < slabs && fog.optical_depth <= OPAQUE; slab++) {
+    var largest_weight = 0.0;
+    for (var slab = 0u; slab < slabs && fog.optical_depth <= OPAQUE_DEPTH; slab++) {
         var t_low = mix(t_first, t_last, f32(slab) / f32(slabs));
         var t_high = mix(t_first, t_last, f32(slab + 1u) / f32(slabs));
         var start = t_low;
         if is_whole {
             t_low = segment.t_min;
             t_high = t_max;
-            start = start_of(segment, last_met, pixel);
+            start = start_t(segment, last_met, pixel);
         }
         var depth = 0.0;
         var thickest = NONE;
-        var thickest_part = 0.0;
+        var thickest_depth = 0.0;
         var source = vec3(0.0);
 #ifdef VDB_LIT
-        var light = Light(array<vec3<f32>, OCTAVES>(), vec3(0.0), 2.0);
-        var slab_scatters = Gathered();
+        var light = InScattered(array<vec3<f32>, OCTAVES>(), vec3(0.0), 2.0);
+        var slab_sums = ScatteringSums();
 #endif
 #ifdef VDB_EMISSION
-        var shining = vec3(0.0);
+        var emission = vec3(0.0);
 #endif
-        for (var i = begin; i < end; i = next_volume(segment, pixel, i + 1u, t_max)) {
+        for (var i = first; i < end; i = next_candidate(segment, pixel, i + 1u, t_max)) {
 #ifdef VDB_EMISSION
             if is_emitter(i) && (!is_whole || i == last_met) {
-                shining += emitted(segment, i, start, t_low, t_high);
+                emission += segment_emission(segment, i, start, t_low, t_high);
             }
 #endif
             if volumes[i].kind == KIND_FOG && (!is_whole || i == last_met) {
-                let part = depth_of_part(segment, i, start, t_low, t_high, is_whole);
-                if part > 0.0 {
-                    thickest = select(thickest, i, part > thickest_part);
-                    thickest_part = max(thickest_part, part);
-                    depth += part;
+                let volume_depth = fog_depth(segment, i, start, t_low, t_high, is_whole);
+                if volume_depth > 0.0 {
+                    thickest = select(thickest, i, volume_depth > thickest_depth);
+                    thickest_depth = max(thickest_depth, volume_depth);
+                    depth += volume_depth;
 #ifdef VDB_LIT
-                    // Fogs that scatter alike share the rays to the lights.
+                    // Fogs with the same phase function share their rays to the lights.
                     if light.anisotropy != volumes[i].anisotropy {
-                        let aside = fract(0.5 + chance_of_frame(0.41421356)) - 0.5;
-                        let t = 0.5 * (t_low + t_high) + aside * (t_high - t_low);
-                        light = light_at(segment, pixel, t, volumes[i].anisotropy, around);
+                        let jitter = fract(0.5 + frame_random(0.41421356)) - 0.5;
+                        let t = 0.5 * (t_low + t_high) + jitter * (t_high - t_low);
+                        light = in_scattered_at(segment, pixel, t, volumes[i].anisotropy, environment);
                     }
-                    source += part * volumes[i].emissive;
-                    gather(&slab_scatters, part, volumes[i].base_color, light);
+                    source += volume_depth * volumes[i].emissive;
+                    add_sample(&slab_sums, volume_depth, volumes[i].base_color, light);
 #endif
                 }
             }
         }
 #ifdef VDB_EMISSION
         let radiance_before = fog.radiance;
-        fog.radiance += exp(-fog.optical_depth) * escaping(depth) * shining;
+        fog.radiance += exp(-fog.optical_depth) * mean_transmittance(depth) * emission;
 #endif
         if depth > 0.0 {
-            let seen = exp(-fog.optical_depth) * (1.0 - exp(-depth));
-            fog.radiance += seen * (source / max(depth, 1e-30));
+            let weight = exp(-fog.optical_depth) * (1.0 - exp(-depth));
+            fog.radiance += weight * (source / max(depth, 1e-30));
 #ifdef VDB_LIT
-            join(&scatters, seen / max(depth, 1e-30), slab_scatters);
+            add_sums(&sums, weight / max(depth, 1e-30), slab_sums);
 #endif
-            t_sum += seen * 0.5 * (t_low + t_high);
-            fog.mover = select(fog.mover, thickest, seen > most);
-            most = max(most, seen);
+            t_sum += weight * 0.5 * (t_low + t_high);
+            fog.motion_volume = select(fog.motion_volume, thickest, weight > largest_weight);
+            largest_weight = max(largest_weight, weight);
             fog.optical_depth += depth;
         }
 #ifdef VDB_EMISSION
         let added = dot(fog.radiance - radiance_before, vec3(1.0));
-        bright += added;
-        t_bright += added * 0.5 * (max(t_low, t_first) + min(t_high, t_last));
+        radiance_sum += added;
+        t_radiance_sum += added * 0.5 * (max(t_low, t_first) + min(t_high, t_last));
 #endif
     }
 #ifdef VDB_LIT
-    fog.radiance += light_of(scatters, fog.optical_depth);
+    fog.radiance += scattered_radiance(sums, fog.optical_depth);
 #endif
     fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
 #ifdef VDB_EMISSION
-    // Where the light is from, as what shines need not hide anything.
-    fog.t_mean = select(fog.t_mean, t_bright / max(bright, 1e-30), bright > 1e-30);
+    // Emission need not attenuate anything, so weight t by radiance.
+    fog.t_mean = select(fog.t_mean, t_radiance_sum / max(radiance_sum, 1e-30), radiance_sum > 1e-30);
 #endif
     return fog;
 }
 
 #ifdef VDB_LIT
 #ifndef VDB_EVEN_LIGHT
-// One fog of a segment under lights that are not the same everywhere.
+// One fog of a segment, under lighting that varies along it.
 fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_max: f32) -> Fog {
     var fog = Fog(vec3(0.0), 0.0, t_first, t_first, volume);
     var t_sum = 0.0;
     let grid = grids[volumes[volume].grid];
-    let mirrored = mirrored_ray(grid, ray_of(segment, volume, t_max));
-    let enters = enter_at(mirrored, start_of(segment, volume, pixel));
+    let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, t_max));
+    let entry = enter_at(mirrored, start_t(segment, volume, pixel));
     let scale = volumes[volume].density_scale * length(segment.dir);
-    let most = 100.0 / max(scale, 1e-30);
+    let max_integral = 100.0 / max(scale, 1e-30);
     let anisotropy = volumes[volume].anisotropy;
-    let around = surroundings(normalize(segment.dir));
-    let step = volumes[volume].light_step * select(f32(REFLECTED), 1.0, segment.is_view);
-    var scatters = Gathered();
-    var march = march_of(mirrored, enters, step_of(grid, step, LIGHT_EDGE));
-    march.t_box -= chance_of_frame(0.41421356) * march.t_step;
-    var place = nowhere(local_cell(mirrored, enters.rel));
-    while march.dda.inside && fog.optical_depth <= OPAQUE {
-        let stretch = next_stretch(grid, mirrored, &march, &place, most);
-        let depth = scale * min(stretch.density, most);
+    let environment = environment_light(normalize(segment.dir));
+    let step = volumes[volume].light_step * select(f32(REFLECTED_STEP_FACTOR), 1.0, segment.is_view);
+    var sums = ScatteringSums();
+    var march = begin_march(mirrored, entry, scaled_step(grid, step, LIGHT_EDGE));
+    march.t_box -= frame_random(0.41421356) * march.t_step;
+    var accessor = new_accessor(local_cell(mirrored, entry.rel));
+    while march.dda.inside && fog.optical_depth <= OPAQUE_DEPTH {
+        let interval = next_interval(grid, mirrored, &march, &accessor, max_integral);
+        let depth = scale * min(interval.density_integral, max_integral);
         if depth > 0.0 {
-            let t = clamp(seen_middle(stretch, depth), stretch.t_first, t_max);
-            let light = light_at(segment, pixel, t, anisotropy, around);
-            let seen = exp(-fog.optical_depth) * (1.0 - exp(-depth));
-            fog.radiance += seen * volumes[volume].emissive;
-            gather(&scatters, seen, volumes[volume].base_color, light);
-            t_sum += seen * t;
+            let t = clamp(visible_mean_t(interval, depth), interval.t_first, t_max);
+            let light = in_scattered_at(segment, pixel, t, anisotropy, environment);
+            let weight = exp(-fog.optical_depth) * (1.0 - exp(-depth));
+            fog.radiance += weight * volumes[volume].emissive;
+            add_sample(&sums, weight, volumes[volume].base_color, light);
+            t_sum += weight * t;
             fog.optical_depth += depth;
         }
     }
-    fog.radiance += light_of(scatters, fog.optical_depth);
+    fog.radiance += scattered_radiance(sums, fog.optical_depth);
     fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
     return fog;
 }
 #endif
 
-fn light_at(segment: Segment, pixel: vec2<u32>, t: f32, anisotropy: f32, around: Surroundings) -> Light {
-    let point = along(segment, t);
+fn in_scattered_at(
+    segment: Segment,
+    pixel: vec2<u32>,
+    t: f32,
+    anisotropy: f32,
+    environment: EnvironmentLight,
+) -> InScattered {
+    let point = point_at(segment, t);
     let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
-    let at = Lit(world_position(point), vec3(0.0), coord, segment.is_view);
-    let light = scattered(at, point, normalize(segment.dir), anisotropy);
-    return Light(light, max(around.mean + anisotropy * around.ahead, vec3(0.0)), anisotropy);
+    let at = ShadingPoint(world_position(point), vec3(0.0), coord, segment.is_view);
+    let light = in_scattered(at, point, normalize(segment.dir), anisotropy);
+    return InScattered(
+        light,
+        max(environment.mean + anisotropy * environment.forward, vec3(0.0)),
+        anisotropy,
+    );
 }
 #endif

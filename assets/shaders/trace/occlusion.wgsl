@@ -1,13 +1,13 @@
-// Shadows that volumes throw, on themselves and on each other.
+// Shadows that volumes cast on themselves and on each other.
 #define_import_path bevy_vdb::trace::occlusion
 
 #import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE, NO_CASTER}
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::hdda::{mirrored_ray, enter, first_hit}
 #import bevy_vdb::view::scene::{scene_end, view, volumes}
-#import bevy_vdb::trace::segment::{Point, Segment, ray_of}
+#import bevy_vdb::trace::segment::{Point, Segment, lattice_ray}
 #ifdef VDB_MANY
-#import bevy_vdb::trace::bvh::next_met
+#import bevy_vdb::trace::bvh::next_intersected
 #endif
 #ifdef VDB_SMOOTH
 #import bevy_vdb::traversal::smooth::first_root
@@ -17,38 +17,38 @@
 #endif
 #ifdef VDB_FOGS
 #import bevy_vdb::traversal::fog::{optical_length, stepped_length}
-#import bevy_vdb::traversal::march::step_of
+#import bevy_vdb::traversal::march::scaled_step
 #endif
 
-// Optical depth through which no light is seen: e^-16 is below a 16-bit float's step beside 1. Light that is
-// scattered again has an eighth of it to pass, at least.
+// Optical depth beyond which no light is visible: e^-16 is less than the step of 16-bit floats near 1. With
+// multiple scattering, the last octave sees an eighth of the optical depth.
 #ifdef VDB_MULTIPLE_SCATTERING
-const DARK: f32 = 80.0;
+const OPAQUE_DEPTH: f32 = 80.0;
 #else
-const DARK: f32 = 16.0;
+const OPAQUE_DEPTH: f32 = 16.0;
 #endif
 
-// Voxels along the longest edge of a fog's box from which on there are more of them between the densities
-// that a ray from a place in fog sums up.
+// Above this many voxels along the longest edge of a fog's box, steps towards lights become longer in
+// proportion.
 const SHADOW_EDGE: f32 = 256.0;
 
-// The first volume from `i` on that a segment may meet before `distance`.
-fn next_before(segment: Segment, i: u32, distance: f32) -> u32 {
+// The first volume from index `i` that a segment may hit before `distance`.
+fn next_occluder(segment: Segment, i: u32, distance: f32) -> u32 {
 #ifdef VDB_MANY
-    return next_met(segment, i, distance);
+    return next_intersected(segment, i, distance);
 #else
     return i;
 #endif
 }
 
-// The part of the light from a direction (world space, unit) that comes to a place from a distance of
-// so many world units. A place in fog is one of many along a ray, whose errors even out.
+// Transmittance between a point and a light in a direction (world space, unit length) at a distance in world
+// units. Points in fog are ray-marched, because the errors of many points on a ray average out.
 fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool) -> f32 {
     let segment = Segment(point, to_light, false, 0.0);
     let range = min(distance, view.shadow_range);
     var depth = 0.0;
-    var i = next_before(segment, view.volume_first, range);
-    for (; i < scene_end() && depth < DARK; i = next_before(segment, i + 1u, range)) {
+    var i = next_occluder(segment, view.volume_first, range);
+    for (; i < scene_end() && depth < OPAQUE_DEPTH; i = next_occluder(segment, i + 1u, range)) {
         if (volumes[i].flags & NO_CASTER) != 0u {
             continue;
         }
@@ -58,34 +58,34 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
         }
 #endif
         let grid = grids[volumes[i].grid];
-        let mirrored = mirrored_ray(grid, ray_of(segment, i, range));
+        let mirrored = mirrored_ray(grid, lattice_ray(segment, i, range));
         let dda = enter(mirrored);
         if !dda.inside {
             continue;
         }
 #ifdef VDB_SURFACES
         if volumes[i].kind == KIND_SURFACE && first_hit(grid, mirrored, dda).found {
-            depth = DARK;
+            depth = OPAQUE_DEPTH;
         }
 #endif
 #ifdef VDB_SMOOTH
         if volumes[i].kind == KIND_SMOOTH && first_root(grid, mirrored, dda).found {
-            depth = DARK;
+            depth = OPAQUE_DEPTH;
         }
 #endif
 #ifdef VDB_FOGS
         if volumes[i].kind == KIND_FOG {
             let scale = max(volumes[i].density_scale, 1e-30);
-            var fog = 0.0;
+            var density_integral = 0.0;
             if in_fog {
-                let step = step_of(grid, volumes[i].shadow_step, SHADOW_EDGE);
-                fog = stepped_length(grid, mirrored, 0.0, DARK / scale, step, 0.0);
+                let step = scaled_step(grid, volumes[i].shadow_step, SHADOW_EDGE);
+                density_integral = stepped_length(grid, mirrored, 0.0, OPAQUE_DEPTH / scale, step, 0.0);
             } else {
-                fog = optical_length(grid, mirrored, dda, DARK / scale);
+                density_integral = optical_length(grid, mirrored, dda, OPAQUE_DEPTH / scale);
             }
-            depth += scale * min(fog, 100.0 / scale);
+            depth += scale * min(density_integral, 100.0 / scale);
         }
 #endif
     }
-    return select(exp(-depth), 0.0, depth >= DARK);
+    return select(exp(-depth), 0.0, depth >= OPAQUE_DEPTH);
 }

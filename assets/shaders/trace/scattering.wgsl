@@ -1,18 +1,20 @@
-// What the fogs of a ray scatter to the viewer, once and again.
+// Single and multiple scattering of fog towards the viewer.
 //
-// Lights, by octaves: Wrenninge, Kulla and Lundqvist 2013, "Oz: The Great and Volumetric". Light that is
-// scattered again reaches deeper and from all sides more evenly; each octave has half the optical depth
-// towards the light (all share one ray to it), a rounder phase function, and a part of the light. Theirs is a
-// fixed part, so that fog too thin to scatter anything again shines twice as bright; here it is the random
-// numbers that the light meets the fog again, by the ray's own optical depth, and the albedo.
+// Light from light sources is split into octaves, after Wrenninge, Kulla and Lundqvist 2013, "Oz: The Great
+// and Volumetric". Light that has been scattered several times reaches deeper into fog, and more evenly from
+// all sides. Each octave therefore has half the optical depth towards the light (all octaves share one ray),
+// a more isotropic phase function, and a smaller share of the light. In the paper that share is constant, so
+// fog too thin to scatter light twice appears twice as bright. Here it is the probability that light is
+// scattered again, which depends on the optical depth of the ray and on the albedo.
 //
-// Surroundings that shine evenly: two streams through a layer of the ray's optical depth (Schuster 1905,
-// "Radiation through a foggy atmosphere"), which have a closed form. What of them is not absorbed is seen.
+// Uniform light from the environment uses the closed form of the two-stream approximation for a layer with
+// the optical depth of the ray (Schuster 1905, "Radiation through a foggy atmosphere"). The light that the
+// layer does not absorb is visible.
 //
-// docs/reference/fog.md has the error of both, beside that of single scattering.
+// docs/reference/fog.md compares the errors of both with those of single scattering.
 #define_import_path bevy_vdb::trace::scattering
 
-// Where no light throws shadows, there is no depth towards it to halve.
+// Without shadows, there is no optical depth towards the light to halve.
 #ifdef VDB_MULTIPLE_SCATTERING
 #ifdef VDB_SHADOWS
 const OCTAVES: u32 = 4u;
@@ -23,83 +25,84 @@ const OCTAVES: u32 = 1u;
 const OCTAVES: u32 = 1u;
 #endif
 
-// The part of the anisotropy that the next octave has.
-const ROUNDER: f32 = 0.75;
-// The part of the light that is scattered again in a fog without an end that absorbs nothing, and the
-// optical depth at which it is half of that: with these, clouds in the light of suns all around them are
-// as bright as if they were not there, on the whole.
-const AGAIN: f32 = 0.9;
-const AGAIN_DEPTH: f32 = 2.0;
-// What is behind this optical depth is not known: rays end there.
-const FATHOMED: f32 = 16.0;
+// Ratio of the anisotropy of each octave to that of the previous one.
+const OCTAVE_ANISOTROPY: f32 = 0.75;
+// Fraction of light that is scattered again in infinitely deep fog without absorption, and the optical depth
+// at which that fraction is halved. With these values, white clouds lit by suns from all sides are on
+// average as bright as their surroundings.
+const RESCATTERED: f32 = 0.9;
+const RESCATTER_DEPTH: f32 = 2.0;
+// Rays end at this optical depth, so the fog beyond it is unknown.
+const MAX_DEPTH: f32 = 16.0;
 
-// What fog of albedo 1 scatters back along a ray at a place, cd/m².
-struct Light {
-    octaves: array<vec3<f32>, OCTAVES>,     // of lights
-    around: vec3<f32>,                      // of surroundings, as if nothing dimmed them
-    anisotropy: f32,                        // of that fog
+// Light scattered along a ray at a point in fog with an albedo of 1, cd/m².
+struct InScattered {
+    octaves: array<vec3<f32>, OCTAVES>,     // from lights
+    environment: vec3<f32>,                 // from the environment, without attenuation
+    anisotropy: f32,                        // of the fog
 }
 
-// Sums over places on a ray, by how much is seen of each.
-struct Gathered {
+// Sums over points on a ray, weighted by how much of each is visible.
+struct ScatteringSums {
     octaves: array<vec3<f32>, OCTAVES>,
 #ifdef VDB_MULTIPLE_SCATTERING
-    around: vec3<f32>,
+    environment: vec3<f32>,
     albedo: vec3<f32>,
     anisotropy: f32,
     weight: f32,
 #endif
 }
 
-fn gather(sums: ptr<function, Gathered>, weight: f32, albedo: vec3<f32>, light: Light) {
+fn add_sample(sums: ptr<function, ScatteringSums>, weight: f32, albedo: vec3<f32>, light: InScattered) {
 #ifdef VDB_MULTIPLE_SCATTERING
     for (var i = 0u; i < OCTAVES; i++) {
         (*sums).octaves[i] += weight * albedo * light.octaves[i];
     }
-    (*sums).around += weight * light.around;
+    (*sums).environment += weight * light.environment;
     (*sums).albedo += weight * albedo;
     (*sums).anisotropy += weight * light.anisotropy;
     (*sums).weight += weight;
 #else
-    (*sums).octaves[0] += weight * albedo * (light.octaves[0] + light.around);
+    (*sums).octaves[0] += weight * albedo * (light.octaves[0] + light.environment);
 #endif
 }
 
-// Adds what was gathered within a stretch.
-fn join(sums: ptr<function, Gathered>, weight: f32, stretch: Gathered) {
+// Adds the sums over a slab.
+fn add_sums(sums: ptr<function, ScatteringSums>, weight: f32, other: ScatteringSums) {
     for (var i = 0u; i < OCTAVES; i++) {
-        (*sums).octaves[i] += weight * stretch.octaves[i];
+        (*sums).octaves[i] += weight * other.octaves[i];
     }
 #ifdef VDB_MULTIPLE_SCATTERING
-    (*sums).around += weight * stretch.around;
-    (*sums).albedo += weight * stretch.albedo;
-    (*sums).anisotropy += weight * stretch.anisotropy;
-    (*sums).weight += weight * stretch.weight;
+    (*sums).environment += weight * other.environment;
+    (*sums).albedo += weight * other.albedo;
+    (*sums).anisotropy += weight * other.anisotropy;
+    (*sums).weight += weight * other.weight;
 #endif
 }
 
-// The light of all that was gathered along a ray through so much optical depth.
-fn light_of(sums: Gathered, optical_depth: f32) -> vec3<f32> {
-    var light = sums.octaves[0];
+// Radiance scattered along a ray of an optical depth, from its sums.
+fn scattered_radiance(sums: ScatteringSums, optical_depth: f32) -> vec3<f32> {
+    var radiance = sums.octaves[0];
 #ifdef VDB_MULTIPLE_SCATTERING
     let weight = max(sums.weight, 1e-30);
     let mean_albedo = sums.albedo / weight;
     let albedo = saturate(mean_albedo);
     let anisotropy = sums.anisotropy / weight;
-    let depth = min(optical_depth, FATHOMED);
-    let again = AGAIN * albedo * albedo * (depth / (depth + AGAIN_DEPTH));
-    var part = again;
+    let depth = min(optical_depth, MAX_DEPTH);
+    let rescattered = RESCATTERED * albedo * albedo * (depth / (depth + RESCATTER_DEPTH));
+    var octave_weight = rescattered;
     for (var i = 1u; i < OCTAVES; i++) {
-        light += part * sums.octaves[i];
-        part *= again;
+        radiance += octave_weight * sums.octaves[i];
+        octave_weight *= rescattered;
     }
-    // Of even light, a layer without end absorbs 2a / (1 + a).
-    let absorbed = 1.0 - albedo;
-    let extinct = 1.0 - anisotropy * albedo;
-    let layer = sqrt(absorbed / extinct) * tanh(0.5 * depth * sqrt(absorbed * extinct));
-    let kept = max((1.0 - layer) / (1.0 + layer) - exp(-depth), vec3(0.0));
-    // An albedo above 1 gives light that there was not.
-    light += kept * max(mean_albedo, vec3(1.0)) * sums.around / weight;
+    // Under uniform light, an infinitely deep layer absorbs 2a / (1 + a).
+    let absorption = 1.0 - albedo;
+    let reduced_extinction = 1.0 - anisotropy * albedo;
+    let layer_absorption = sqrt(absorption / reduced_extinction)
+        * tanh(0.5 * depth * sqrt(absorption * reduced_extinction));
+    let returned = max((1.0 - layer_absorption) / (1.0 + layer_absorption) - exp(-depth), vec3(0.0));
+    // An albedo above 1 amplifies light.
+    radiance += returned * max(mean_albedo, vec3(1.0)) * sums.environment / weight;
 #endif
-    return light;
+    return radiance;
 }

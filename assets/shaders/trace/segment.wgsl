@@ -1,5 +1,5 @@
-// Rays that begin anywhere in the world, in the lattice of every volume: the view's own, and those
-// that go on from what they meet, to lights and to what is reflected.
+// Path segments: the view's own rays, and secondary rays towards lights and reflections. Each can be
+// expressed in the lattice of any volume.
 #define_import_path bevy_vdb::trace::segment
 
 #import bevy_vdb::gpu::types::Ray
@@ -9,19 +9,19 @@
 // No volume.
 const NONE: u32 = 0xffffffffu;
 
-// A place in the world. In the lattice of the volume whose surface it is on, it is known to 2^-24 of a
-// cell. In the others it is worked out from the view's ray, to within what f32 has of its length.
+// A point in the world. In the lattice of the volume whose surface it lies on, it is exact to 2^-24 of a
+// cell. In other lattices it is derived from the view ray, to within the f32 rounding of its distance.
 struct Point {
-    ndc: vec2<f32>,     // of the view's ray that leads there, directly or in the end
-    t: f32,             // how far along that ray
-    shift: vec3<f32>,   // and from there on; world space
-    own: u32,           // the volume with a place of its own, or NONE
+    ndc: vec2<f32>,     // of the view ray at the start of the path
+    t: f32,             // along that view ray
+    offset: vec3<f32>,  // from that point of the view ray, world space
+    volume: u32,        // the volume in whose lattice `cell` and `frac` are, or NONE
     cell: vec3<i32>,
-    frac: vec3<f32>,    // a multiple of 2^-24, from 0 up to but not 1
+    frac: vec3<f32>,    // a multiple of 2^-24 in [0, 1)
 }
 
-// A ray from a place. `dir` is in world space, per unit of t: of the view's own rays, t is the depth;
-// of others, world units.
+// A ray from a point. `dir` is in world space per unit of t. For view rays, t is depth; for all others, t is
+// in world units.
 struct Segment {
     start: Point,
     dir: vec3<f32>,
@@ -29,73 +29,75 @@ struct Segment {
     t_min: f32,
 }
 
-// A place on a ray of the view, in no lattice of its own.
-fn point_on_view(ndc: vec2<f32>, t: f32) -> Point {
+// A point on a view ray, not tied to any lattice.
+fn point_on_view_ray(ndc: vec2<f32>, t: f32) -> Point {
     return Point(ndc, t, vec3(0.0), NONE, vec3(0), vec3(0.0));
 }
 
 fn view_segment(ndc: vec2<f32>) -> Segment {
     let dir = view.dir + ndc.x * view.dir_x + ndc.y * view.dir_y;
-    return Segment(point_on_view(ndc, 0.0), dir, true, view.t_near);
+    return Segment(point_on_view_ray(ndc, 0.0), dir, true, view.t_near);
 }
 
-// Where a place is in the world, from the view's eye on.
-fn from_eye(point: Point) -> vec3<f32> {
+// Position relative to the view's eye, in world space.
+fn position_from_eye(point: Point) -> vec3<f32> {
     let ndc = point.ndc;
-    let aside = ndc.x * view.eye_x + ndc.y * view.eye_y;
-    return aside + point.t * (view.dir + ndc.x * view.dir_x + ndc.y * view.dir_y) + point.shift;
+    let eye_offset = ndc.x * view.eye_x + ndc.y * view.eye_y;
+    return eye_offset + point.t * (view.dir + ndc.x * view.dir_x + ndc.y * view.dir_y) + point.offset;
 }
 
-// Where a place is in the world.
+// Position in world space.
 fn world_position(point: Point) -> vec3<f32> {
-    return view.eye + from_eye(point);
+    return view.eye + position_from_eye(point);
 }
 
-// Fractions of a cell as the traversal wants them.
-fn quantised(frac: vec3<f32>) -> vec3<f32> {
+// Rounds fractions of a cell down to multiples of 2^-24, as the traversal requires.
+fn quantise_frac(frac: vec3<f32>) -> vec3<f32> {
     return clamp(floor(frac * 16777216.0), vec3(0.0), vec3(16777215.0)) / 16777216.0;
 }
 
-fn to_lattice(volume: u32, v: vec3<f32>) -> vec3<f32> {
-    return volumes[volume].lattice_x * v.x + volumes[volume].lattice_y * v.y + volumes[volume].lattice_z * v.z;
+fn lattice_from_world(volume: u32, v: vec3<f32>) -> vec3<f32> {
+    return volumes[volume].lattice_x * v.x
+        + volumes[volume].lattice_y * v.y
+        + volumes[volume].lattice_z * v.z;
 }
 
-// Cells from the eye within which a place has an integer cell.
-const FARTHEST: f32 = 1073741824.0;     // 2^30
+// Largest distance from the eye at which a point still has an integer cell, in cells.
+const MAX_CELL: f32 = 1073741824.0;     // 2^30
 
 // The ray of a segment in the lattice of a volume.
-fn ray_of(segment: Segment, volume: u32, t_max: f32) -> Ray {
+fn lattice_ray(segment: Segment, volume: u32, t_max: f32) -> Ray {
     let start = segment.start;
     var ray = ray_through(volumes[volume].rays, start.ndc, segment.t_min, t_max);
     if segment.is_view {
         return ray;
     }
-    let way = ray.frac + start.t * ray.dir + to_lattice(volume, start.shift);
-    ray.dir = to_lattice(volume, segment.dir);
-    if start.own == volume {
+    let from_cell = ray.frac + start.t * ray.dir + lattice_from_world(volume, start.offset);
+    ray.dir = lattice_from_world(volume, segment.dir);
+    if start.volume == volume {
         ray.cell = start.cell;
         ray.frac = start.frac;
     } else {
-        let near = clamp(way, vec3(-FARTHEST), vec3(FARTHEST - 128.0));
-        let whole = floor(near);
+        let clamped = clamp(from_cell, vec3(-MAX_CELL), vec3(MAX_CELL - 128.0));
+        let whole = floor(clamped);
         ray.cell += vec3<i32>(whole);
-        ray.frac = quantised(near - whole);
-        if any(near != way) {
-            // Too far away to be met.
+        ray.frac = quantise_frac(clamped - whole);
+        if any(clamped != from_cell) {
+            // Too far away to hit anything.
             ray.dir = vec3(0.0);
         }
     }
     return ray;
 }
 
-// A place on a segment.
-fn along(segment: Segment, t: f32) -> Point {
+// The point at t on a segment.
+fn point_at(segment: Segment, t: f32) -> Point {
     var point = segment.start;
-    point.own = NONE;
+    point.volume = NONE;
     if segment.is_view {
         point.t = t;
     } else {
-        point.shift += t * segment.dir;
+        point.offset += t * segment.dir;
     }
     return point;
 }

@@ -1,88 +1,95 @@
-// How far all rays of a tile of pixels can go at once before anything can stop one of them.
+// Beam optimisation (Laine and Karras 2010, "Efficient sparse voxel octrees"): how far all rays of a tile
+// can advance together before anything can stop one of them.
 #define_import_path bevy_vdb::traversal::beam
 
 #import bevy_vdb::gpu::types::{Grid, Rays}
 #import bevy_vdb::traversal::rays::ray_through
-#import bevy_vdb::traversal::tree::{CHILD, OCCUPIED, locate_slot, nowhere, skip_of}
+#import bevy_vdb::traversal::tree::{CHILD, OCCUPIED, locate_slot, new_accessor, skip_of}
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray}
 
-// Leaps of a beam; it may end anywhere, so that this bounds its cost alone.
-const SKIPS: u32 = 48u;
-// Cells behind its middle ray that no ray of a beam begins.
-const FURTHEST: i32 = 1073741824;
-// What f32 may get wrong of a place, relative to its distance, and in cells.
+// Maximum number of skips of a beam. A beam may end anywhere, so this limits its cost only.
+const MAX_SKIPS: u32 = 48u;
+// No ray of a beam begins further behind its middle ray than this, in cells.
+const MAX_CELLS_BEHIND: i32 = 1073741824;
+// Error bounds of positions in f32: relative to the distance, and in cells.
 const RELATIVE: f32 = 3.814697265625e-6;    // 2^-18
 const MARGIN: f32 = 0.0009765625;           // 2^-10
 
-// The rays of a tile of pixels: on the axes of the middle ray's mirrored ray they are within a box that moves
-// and grows with t.
+// The rays of a tile of pixels. On the axes of the mirrored middle ray, they lie in a box that moves and
+// grows with t.
 struct Beam {
     mirrored: MirroredRay,
     slowest: vec3<f32>,
     fastest: vec3<f32>,
-    behind: vec3<f32>,      // the low corner at t = 0, from the mirrored ray's own cell
-    ahead: vec3<f32>,       // the high corner
-    one_octant: bool,       // if not, nothing can be said about them
+    low: vec3<f32>,         // low corner at t = 0, relative to the middle ray's cell
+    high: vec3<f32>,        // high corner
+    has_one_octant: bool,   // if false, the rays point to different octants and cannot be bounded
 }
 
-// The beam of a tile of 8×8 pixels of a picture.
+// The beam of a tile of 8×8 pixels.
 fn beam_of(grid: Grid, rays: Rays, tile: vec2<u32>, size: vec2<u32>, t_min: f32) -> Beam {
     let pixel = 2.0 / vec2<f32>(size);
     let middle = vec2<f32>(8u * tile + 4u) * pixel - 1.0;
-    // The middles of a tile's pixels are up to 3½ pixels from its own.
+    // Pixel centres are up to 3½ pixels from the tile's centre.
     let half = 3.6 * pixel;
     let mirrored = mirrored_ray(grid, ray_through(rays, vec2(middle.x, -middle.y), t_min, FAR));
-    let wide = half.x * abs(rays.eye_x) + half.y * abs(rays.eye_y) + MARGIN;
-    let widening = half.x * abs(rays.dir_x) + half.y * abs(rays.dir_y) + RELATIVE * mirrored.speed;
-    let slowest = mirrored.speed - widening;
-    let fastest = mirrored.speed + widening;
-    let one_octant = all(slowest > vec3(0.0));
-    return Beam(mirrored, slowest, fastest, mirrored.frac - wide, mirrored.frac + wide, one_octant);
+    let half_width = half.x * abs(rays.eye_x) + half.y * abs(rays.eye_y) + MARGIN;
+    let growth = half.x * abs(rays.dir_x) + half.y * abs(rays.dir_y) + RELATIVE * mirrored.speed;
+    let slowest = mirrored.speed - growth;
+    let fastest = mirrored.speed + growth;
+    let has_one_octant = all(slowest > vec3(0.0));
+    return Beam(
+        mirrored,
+        slowest,
+        fastest,
+        mirrored.frac - half_width,
+        mirrored.frac + half_width,
+        has_one_octant,
+    );
 }
 
 // A t before which no ray of the beam is in the grid's box.
-fn beam_touch(grid: Grid, beam: Beam) -> f32 {
+fn beam_box_t(grid: Grid, beam: Beam) -> f32 {
     let mirrored = beam.mirrored;
-    // Where the middle ray begins beyond the box, others may not.
-    if !beam.one_octant || !mirrored.meets {
+    // If the middle ray begins past the box, other rays may not.
+    if !beam.has_one_octant || !mirrored.meets {
         return mirrored.t_min;
     }
     let first = vec3<f32>(mirrored.first);
-    let touch = select(vec3(mirrored.t_min), (first - beam.ahead) / beam.fastest, mirrored.before);
-    return max(max(max(touch.x, touch.y), touch.z), mirrored.t_min);
+    let t_box = select(vec3(mirrored.t_min), (first - beam.high) / beam.fastest, mirrored.before);
+    return max(max(max(t_box.x, t_box.y), t_box.z), mirrored.t_min);
 }
 
-// A t before which nothing can stop a ray of the beam, found by skips over what is empty; FAR where
-// nothing can.
-fn beam_start(grid: Grid, beam: Beam) -> f32 {
+// A t before which nothing can stop a ray of the beam, found by skipping empty space; FAR if nothing can.
+fn beam_start_t(grid: Grid, beam: Beam) -> f32 {
     let mirrored = beam.mirrored;
-    if !beam.one_octant || !mirrored.meets {
+    if !beam.has_one_octant || !mirrored.meets {
         return mirrored.t_min;
     }
-    // The box begins here, from the middle ray's own cell: where that is within it, behind it.
+    // Start of the box, relative to the middle ray's cell; behind that cell if the cell is in the box.
     let box_low = select(grid.occupied_min, ~grid.occupied_max, mirrored.mirror != vec3(0)) - mirrored.cell;
-    // Further behind than 32 bits can say.
-    let lowest = select(box_low, vec3(-FURTHEST), !mirrored.before & (box_low > vec3(0)));
-    var t = beam_touch(grid, beam);
-    var place = nowhere(mirrored.cell ^ mirrored.mirror);
-    for (var skip = 0u; skip < SKIPS; skip++) {
-        // The low corner of the beam; cells below the box are as empty as those in it.
-        let corner = vec3<i32>(floor(beam.behind + t * beam.slowest));
+    // Further behind than 32 bits can express.
+    let lowest = select(box_low, vec3(-MAX_CELLS_BEHIND), !mirrored.before & (box_low > vec3(0)));
+    var t = beam_box_t(grid, beam);
+    var accessor = new_accessor(mirrored.cell ^ mirrored.mirror);
+    for (var skip = 0u; skip < MAX_SKIPS; skip++) {
+        // Low corner of the beam. Cells below the box are as empty as those in it.
+        let corner = vec3<i32>(floor(beam.low + t * beam.slowest));
         let cell = max(corner, lowest);
         if any(vec3<u32>(max(cell, vec3(0))) > mirrored.last) {
             return FAR;
         }
-        let slot = locate_slot(grid, (mirrored.cell + cell) ^ mirrored.mirror, &place);
+        let slot = locate_slot(grid, (mirrored.cell + cell) ^ mirrored.mirror, &accessor);
         if (slot & (CHILD | OCCUPIED)) != 0u {
             return t;
         }
-        let size = 1i << place.log_dim;
+        let size = 1i << accessor.log_dim;
         let low = (mirrored.cell + cell) & vec3(-size);
         let far = low + size * (1 + i32(skip_of(slot, mirrored.octant))) - mirrored.cell;
-        // All of the beam stays in the empty cube until its high corner reaches an end of it.
-        let out = (vec3<f32>(far) - beam.ahead) / beam.fastest;
-        let next = min(min(out.x, out.y), out.z);
+        // The whole beam stays in the empty cube until its high corner reaches a far plane.
+        let t_out = (vec3<f32>(far) - beam.high) / beam.fastest;
+        let next = min(min(t_out.x, t_out.y), t_out.z);
         if !(next > t) {
             return t;
         }

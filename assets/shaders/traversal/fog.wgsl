@@ -1,21 +1,24 @@
-// What a fog does to a ray. Twin of the traversal: `optical_length` in `pack/traverse.rs`.
+// Optical depth of fog along a ray. Twin of the exact integration: `optical_length` in
+// `crates/vdb_core/src/pack/traverse.rs`.
 #define_import_path bevy_vdb::traversal::fog
 
 #import bevy_vdb::gpu::types::Grid
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::samples::{brick_corners, brick_of, brick_slot, fog_cell, tile_value, trilinear}
-#import bevy_vdb::traversal::tree::{CHILD, LEAF_NUMBER, OCCUPIED, Place, LOWER_BITS, Span, empty_cell, locate, locate_slot, nowhere, skip_of, span_constant, span_occupied}
+#import bevy_vdb::traversal::tree::{CHILD, LEAF_NUMBER, OCCUPIED, Accessor, LOWER_BITS, Span, empty_cell}
+#import bevy_vdb::traversal::tree::{locate, locate_slot, new_accessor, skip_of, span_constant, span_occupied}
 #import bevy_vdb::traversal::rebase::{Rebased, rebased_exit, rebased_t, rebased_at}
-#import bevy_vdb::traversal::hdda::{FAR, Dda, advance, box_exit, confirm, count_step, enter, local_cell, plane_t, planes_behind, unmirrored}
+#import bevy_vdb::traversal::hdda::{FAR, Dda, advance, box_exit, confirm, count_step, enter, local_cell}
+#import bevy_vdb::traversal::hdda::{plane_t, exit_planes, unmirrored}
 
-// Half the distance between the two points of Gauss and Legendre on an interval of length 1.
+// Half the distance between the two Gauss–Legendre points on an interval of length 1.
 const GAUSS: f32 = 0.28867513;
 
-// The mean density between two parameters from the rebased origin on, within the cube of a span.
+// Mean density between two parameters, counted from the rebased origin, within the cube of a span.
 fn mean_density(
     grid: Grid,
     mirrored: MirroredRay,
-    near: Rebased,
+    rebased: Rebased,
     dda: Dda,
     span: Span,
     t_from: f32,
@@ -24,194 +27,200 @@ fn mean_density(
     if span_constant(span) {
         return tile_value(grid, span.word);
     }
-    let fog = fog_cell(grid, span, local_cell(mirrored, dda.rel));
-    let origin = near.frac - vec3<f32>(dda.rel - near.cell);
+    let cell = fog_cell(grid, span, local_cell(mirrored, dda.rel));
+    let origin = rebased.frac - vec3<f32>(dda.rel - rebased.cell);
     let first = saturate(origin + mix(t_from, t_to, 0.5 - GAUSS) * mirrored.speed);
     let second = saturate(origin + mix(t_from, t_to, 0.5 + GAUSS) * mirrored.speed);
-    let sum = trilinear(fog.corners, unmirrored(mirrored, first)) + trilinear(fog.corners, unmirrored(mirrored, second));
-    return fog.offset + 0.5 * fog.scale * sum;
+    let sum = trilinear(cell.corners, unmirrored(mirrored, first))
+        + trilinear(cell.corners, unmirrored(mirrored, second));
+    return cell.offset + 0.5 * cell.scale * sum;
 }
 
-// Cells that a traversal may be away from its rebased origin before it gets a new one.
+// Cells that a traversal may move away from its rebased origin before it is rebased again.
 const REBASE_RANGE: u32 = 64u;
 
-// What ∫ density dt is at most: that of the greatest densities exceeds f32 where a ray takes long to pass.
-const MOST_LENGTH: f32 = 3e38;
+// Upper limit of ∫ density dt. A slow ray through the largest densities would overflow f32.
+const MAX_LENGTH: f32 = 3e38;
 
-// ∫ density dt along the mirrored ray, up to `enough`. Within one trilinear cell the density is a cubic in t,
-// which the two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
+// ∫ density dt along a mirrored ray, up to `cutoff`. Within a trilinear cell, density is a cubic in t, which
+// two-point Gauss–Legendre quadrature integrates exactly, so there is no step size to choose.
 //
-// Rebased origins stand where a run of cells with a density begins: a place that does not depend on how the
-// tree cuts the void into cubes, so that a grid looks the same, bit for bit, wherever it stands.
-fn optical_length(grid: Grid, mirrored: MirroredRay, enters: Dda, enough: f32) -> f32 {
-    var dda = enters;
-    var place = nowhere(local_cell(mirrored, dda.rel));
-    var near = Rebased(vec3(0u), vec3(0.0), 0.0, FAR);
+// The ray is rebased where a run of cells with density begins. This point does not depend on how the tree
+// divides empty space into cubes, so a grid looks the same, bit for bit, wherever it is.
+fn optical_length(grid: Grid, mirrored: MirroredRay, entry: Dda, cutoff: f32) -> f32 {
+    var dda = entry;
+    var accessor = new_accessor(local_cell(mirrored, dda.rel));
+    var rebased = Rebased(vec3(0u), vec3(0.0), 0.0, FAR);
     var in_run = false;
     var t_from = 0.0;
     var sum = 0.0;
-    while dda.inside && sum < enough {
+    while dda.inside && sum < cutoff {
         count_step();
-        var span = locate(grid, local_cell(mirrored, dda.rel), mirrored.octant, &place);
-        let here = dda;
+        var span = locate(grid, local_cell(mirrored, dda.rel), mirrored.octant, &accessor);
+        let current = dda;
         if !span_occupied(span) {
-            dda = advance(mirrored, here, span);
+            dda = advance(mirrored, current, span);
             in_run = false;
             continue;
         }
-        if !in_run || any(here.rel - near.cell > vec3(REBASE_RANGE)) {
-            let own = confirm(mirrored, here);
-            if !own.inside {
-                dda = advance(mirrored, here, empty_cell());
+        if !in_run || any(current.rel - rebased.cell > vec3(REBASE_RANGE)) {
+            let confirmed = confirm(mirrored, current);
+            if !confirmed.inside {
+                dda = advance(mirrored, current, empty_cell());
                 continue;
             }
-            near = rebased_at(mirrored, own.rel, own.axis, own.t);
+            rebased = rebased_at(mirrored, confirmed.rel, confirmed.axis, confirmed.t);
             t_from = 0.0;
         }
-        dda = advance(mirrored, here, span);
-        let plane = planes_behind(mirrored, here.rel, span);
-        let t_to = max(rebased_exit(near, mirrored, plane, dda.axis), t_from);
-        let t_end = min(t_to, near.end);
-        let mean = mean_density(grid, mirrored, near, here, span, t_from, t_end);
+        dda = advance(mirrored, current, span);
+        let plane = exit_planes(mirrored, current.rel, span);
+        let t_to = max(rebased_exit(rebased, mirrored, plane, dda.axis), t_from);
+        let t_end = min(t_to, rebased.end);
+        let mean = mean_density(grid, mirrored, rebased, current, span, t_from, t_end);
         sum += (t_end - t_from) * mean;
         t_from = t_to;
-        // Of a boundary tile, cells without density count as void.
+        // In a boundary tile, cells without density count as empty.
         in_run = mean > 0.0 && !span_constant(span);
     }
-    return min(sum, MOST_LENGTH);
+    return min(sum, MAX_LENGTH);
 }
 
-// A ray between samples of a fog: places in cells of the lattice, from the cell of its rebased origin on.
-struct Samples {
+// A ray for sampling fog. Its origin is relative to the lattice cell `cell`.
+struct SampledRay {
     cell: vec3<i32>,
     origin: vec3<f32>,
-    way: vec3<f32>,
+    dir: vec3<f32>,
 }
 
-// A place of a sample.
-struct Sample {
+// A sample position: a cell and a fraction in it.
+struct SamplePoint {
     cell: vec3<i32>,
     u: vec3<f32>,
 }
 
-fn sample_at(samples: Samples, t: f32) -> Sample {
-    let at = samples.origin + t * samples.way;
-    let whole = floor(at);
-    return Sample(samples.cell + vec3<i32>(whole), at - whole);
+fn sample_at(ray: SampledRay, t: f32) -> SamplePoint {
+    let position = ray.origin + t * ray.dir;
+    let whole = floor(position);
+    return SamplePoint(ray.cell + vec3<i32>(whole), position - whole);
 }
 
-// The density at a place in a leaf or a tile. At the border of a boundary tile, it is that of the tile.
-fn density_in(grid: Grid, place: Place, sample: Sample) -> f32 {
-    if (place.word & CHILD) == 0u {
-        return tile_value(grid, place.word);
+// Density at a point in a leaf or a tile. At the edge of a boundary tile, it is the tile's density.
+fn density_at(grid: Grid, accessor: Accessor, point: SamplePoint) -> f32 {
+    if (accessor.word & CHILD) == 0u {
+        return tile_value(grid, accessor.word);
     }
-    let brick = brick_of(grid, place.head + (place.word & LEAF_NUMBER));
-    return brick.offset + brick.scale * trilinear(brick_corners(grid, brick, brick_slot(sample.cell)), sample.u);
+    let brick = brick_of(grid, accessor.head + (accessor.word & LEAF_NUMBER));
+    return brick.offset
+        + brick.scale * trilinear(brick_corners(grid, brick, brick_slot(point.cell)), point.u);
 }
 
-// How many times its length a step becomes at most.
-const MOST_STRIDE: f32 = 8.0;
+// Largest step length, as a multiple of the first.
+const MAX_STRIDE: f32 = 8.0;
 
 // The largest f32 below 1.
 const BELOW_ONE: f32 = 0.999999940395355224609375;
 
-// Cells from its first sample on that a ray is sampled at most: farther, an f32 counts cells by the hundred.
-const FARTHEST: f32 = 1073741824.0;     // 2^30
+// Distance in cells from the first sample beyond which a ray is not sampled: f32 would skip cells by the
+// hundred.
+const MAX_DISTANCE: f32 = 1073741824.0;     // 2^30
 
-// From 2^24 steps on, an f32 plus 1 can be itself, and a loop that adds 1 would stand still.
+// Above 2^24, adding 1 to an f32 may not change it, and a loop that does so would never end.
 #ifdef VDB_WIDE_GRIDS
-// Next to 1: an f32 times this is another one, however large.
-const ONWARDS: f32 = 1.00000011920928955078125;
+// The next f32 after 1. Multiplying a larger f32 by it always changes the f32.
+const NEXT_FLOAT: f32 = 1.00000011920928955078125;
 #else
-// What a ray through other grids is divided into at most; where that is too few, steps are longer.
-const MOST_STEPS: f32 = 8388608.0;      // 2^23
+// Largest number of steps along a ray in other grids. If that is too few, steps become longer.
+const MAX_STEPS: f32 = 8388608.0;   // 2^23
 #endif
 
-// The number of a step from which the ray goes on, at least a step after the last.
-fn onwards(k: f32, next: f32) -> f32 {
+// The index of the next step, greater than `k` even in f32.
+fn next_step(k: f32, next: f32) -> f32 {
 #ifdef VDB_WIDE_GRIDS
-    return max(next, k * ONWARDS);
+    return max(next, k * NEXT_FLOAT);
 #else
     return next;
 #endif
 }
 
-// Cells from the ray's own within which f32 says where a sample is to a thousandth of a voxel.
-const CLOSE: u32 = 8192u;
+// Distance in cells from the ray's origin within which f32 locates a sample to a thousandth of a voxel.
+const PRECISE_RANGE: u32 = 8192u;
 
-// The same by the density in the middles of steps, the first of them `step` voxels long. They are counted
-// from the ray's own place, or from where it comes into the grid's box if that is far away: places that do
-// not depend on the tree. Nothing dims the ray before `start`; `dims` is the optical depth of a unit of what
-// is integrated.
+// ∫ density dt by ray marching, with density sampled in the middle of each step. The first step is `step`
+// voxels long. Steps are counted from the ray's origin, or, if that is far away, from where the ray enters
+// the grid's box: points that do not depend on the tree. Nothing attenuates the ray before `start`.
+// `extinction` is the optical depth per unit of the integral.
 //
-// Of the transmittance T, a step errs by T times what the optical depth errs, which grows with its square.
-// The least error for a number of steps has them in proportion to T^(-1/3).
+// An error in the optical depth of a step changes the transmittance T in proportion to T, and grows with the
+// square of the step length. For a given number of steps, the error is smallest with lengths proportional to
+// T^(-1/3).
 fn stepped_length(
     grid: Grid,
     mirrored: MirroredRay,
     start: f32,
-    enough: f32,
+    cutoff: f32,
     step: f32,
-    dims: f32,
+    extinction: f32,
 ) -> f32 {
-    let entries = select(vec3(mirrored.t_min), plane_t(mirrored, mirrored.first), mirrored.before);
-    let t_in = max(max(max(entries.x, entries.y), entries.z), mirrored.t_min);
+    let t_entry = select(vec3(mirrored.t_min), plane_t(mirrored, mirrored.first), mirrored.before);
+    let t_in = max(max(max(t_entry.x, t_entry.y), t_entry.z), mirrored.t_min);
     if !mirrored.meets || !(t_in < min(box_exit(mirrored), mirrored.t_max)) {
         return 0.0;
     }
-    var near = Rebased(vec3(0u), mirrored.frac, 0.0, mirrored.t_max);
-    if any(mirrored.last >= vec3(CLOSE)) {
-        let enters = enter(mirrored);
-        if !enters.inside {
+    var rebased = Rebased(vec3(0u), mirrored.frac, 0.0, mirrored.t_max);
+    if any(mirrored.last >= vec3(PRECISE_RANGE)) {
+        let entry = enter(mirrored);
+        if !entry.inside {
             return 0.0;
         }
-        near = rebased_at(mirrored, enters.rel, enters.axis, enters.t);
+        rebased = rebased_at(mirrored, entry.rel, entry.axis, entry.t);
     }
-    let is_down = mirrored.mirror != vec3(0);
-    let way = select(mirrored.speed, -mirrored.speed, is_down);
-    let inverse = select(mirrored.inverse, -mirrored.inverse, is_down);
-    // Below 1, so that no sample is behind the cell, whichever way the ray goes.
-    let origin = min(unmirrored(mirrored, near.frac), vec3(BELOW_ONE));
-    let samples = Samples(local_cell(mirrored, near.cell), origin, way);
-    let exits = rebased_t(near, mirrored, mirrored.last + 1u);
-    let farthest = FARTHEST * min(min(mirrored.inverse.x, mirrored.inverse.y), mirrored.inverse.z);
-    let t_end = min(min(min(exits.x, exits.y), exits.z), min(near.end, farthest));
+    let is_mirrored = mirrored.mirror != vec3(0);
+    let dir = select(mirrored.speed, -mirrored.speed, is_mirrored);
+    let inverse = select(mirrored.inverse, -mirrored.inverse, is_mirrored);
+    // Less than 1, so that no sample lies behind the cell in either direction.
+    let origin = min(unmirrored(mirrored, rebased.frac), vec3(BELOW_ONE));
+    let ray = SampledRay(local_cell(mirrored, rebased.cell), origin, dir);
+    let t_exit = rebased_t(rebased, mirrored, mirrored.last + 1u);
+    let farthest = MAX_DISTANCE * min(min(mirrored.inverse.x, mirrored.inverse.y), mirrored.inverse.z);
+    let t_end = min(min(min(t_exit.x, t_exit.y), t_exit.z), min(rebased.end, farthest));
 #ifdef VDB_WIDE_GRIDS
     let t_step = step / length(mirrored.speed);
 #else
-    let t_step = max(step / length(mirrored.speed), t_end / MOST_STEPS);
+    let t_step = max(step / length(mirrored.speed), t_end / MAX_STEPS);
 #endif
     let per_step = 1.0 / t_step;
-    // Of T^(-1/3), as a power of 2.
-    let growth = dims * 0.48089835;
-    var place = nowhere(samples.cell);
+    // The exponent of T^(-1/3), as a power of 2.
+    let growth = extinction * 0.48089835;
+    var accessor = new_accessor(ray.cell);
     var sum = 0.0;
-    var k = max(ceil((max(start, t_in) - near.t) * per_step - 0.5), 0.0);
-    while sum < enough && k * t_step < t_end {
-        let stride = min(exp2(growth * sum), MOST_STRIDE);
+    var k = max(ceil((max(start, t_in) - rebased.t) * per_step - 0.5), 0.0);
+    while sum < cutoff && k * t_step < t_end {
+        let stride = min(exp2(growth * sum), MAX_STRIDE);
         // The last step ends with the ray.
-        let part = min(stride * t_step, t_end - k * t_step);
-        var here = sample_at(samples, k * t_step + 0.5 * part);
-        let apart = here.cell ^ place.cell;
-        if ((apart.x | apart.y | apart.z) >> LOWER_BITS) != 0 {
-            // Rounding may lead a cell out of the box, and the top-level tree knows of nothing there.
-            here.cell = clamp(here.cell, grid.occupied_min, grid.occupied_max);
+        let width = min(stride * t_step, t_end - k * t_step);
+        var point = sample_at(ray, k * t_step + 0.5 * width);
+        let changed = point.cell ^ accessor.cell;
+        if ((changed.x | changed.y | changed.z) >> LOWER_BITS) != 0 {
+            // Rounding may move a cell out of the box, which the top-level tree does not cover.
+            point.cell = clamp(point.cell, grid.occupied_min, grid.occupied_max);
         }
-        let slot = locate_slot(grid, here.cell, &place);
+        let slot = locate_slot(grid, point.cell, &accessor);
         count_step();
         if (slot & (CHILD | OCCUPIED)) == 0u {
-            let size = 1i << place.log_dim;
-            let low = here.cell & vec3(-size);
-            let ahead = i32(skip_of(slot, mirrored.octant) << place.log_dim);
-            let planes = select(low + (size + ahead), low - ahead, is_down);
-            // A plane ahead can be more than 2^31 cells away, which only an unsigned number can hold.
-            let cells = vec3<f32>(bitcast<vec3<u32>>(select(planes - samples.cell, samples.cell - planes, is_down)));
-            let out = (select(cells, -cells, is_down) - samples.origin) * inverse;
-            k = onwards(k, max(k + 1.0, ceil(min(min(out.x, out.y), out.z) * per_step - 0.5)));
+            let size = 1i << accessor.log_dim;
+            let low = point.cell & vec3(-size);
+            let ahead = i32(skip_of(slot, mirrored.octant) << accessor.log_dim);
+            let planes = select(low + (size + ahead), low - ahead, is_mirrored);
+            // A plane ahead may be more than 2^31 cells away, which requires an unsigned integer.
+            let cells = vec3<f32>(
+                bitcast<vec3<u32>>(select(planes - ray.cell, ray.cell - planes, is_mirrored)),
+            );
+            let t_out = (select(cells, -cells, is_mirrored) - ray.origin) * inverse;
+            k = next_step(k, max(k + 1.0, ceil(min(min(t_out.x, t_out.y), t_out.z) * per_step - 0.5)));
             continue;
         }
-        sum += part * density_in(grid, place, here);
-        k = onwards(k, k + stride);
+        sum += width * density_at(grid, accessor, point);
+        k = next_step(k, k + stride);
     }
-    return min(sum, MOST_LENGTH);
+    return min(sum, MAX_LENGTH);
 }

@@ -1,9 +1,9 @@
-// The samples at the corners of occupied cells. How they are stored, and why so, is told in
-// `crates/vdb_core/src/pack/layout.rs`; twin: `corners` in `pack/traverse.rs`.
+// Samples at the corners of occupied cells. `crates/vdb_core/src/pack/layout.rs` describes how they are
+// stored and why. Twin: `corners` in `crates/vdb_core/src/pack/traverse.rs`.
 //
-// Every index is in range: leaves, records and places in the palette come from the packer, and so does
-// the bit of each sample asked for, because a cell that is occupied has all its corners kept. The word
-// after the last sample, which is read for nothing now and then, is the palette's first.
+// Every index is in range. Leaves, records and palette indices come from the packer. So do the bits of the
+// requested samples, because all corners of an occupied cell are stored. The word after the last sample,
+// which is sometimes read but not used, is the first word of the palette.
 #define_import_path bevy_vdb::traversal::samples
 
 #import bevy_vdb::gpu::types::Grid
@@ -13,14 +13,14 @@
 const FLOATS: u32 = 0u;
 const HALVES: u32 = 1u;
 
-// The samples at the corners of a trilinear cell: at the lower x (y0 z0, y0 z1, y1 z0,
-// y1 z1), and the same at the higher.
+// Samples at the corners of a trilinear cell: at the lower x (y0 z0, y0 z1, y1 z0, y1 z1), then the same at
+// the higher x.
 struct Corners {
     low: vec4<f32>,
     high: vec4<f32>,
 }
 
-// How a grid's samples are kept; known beforehand where all grids of a view have the same.
+// The sample format of a grid; a constant if all grids of a view share one format.
 fn format_of(grid: Grid) -> u32 {
 #ifdef VDB_FORMAT
     return #{VDB_FORMAT}u;
@@ -34,15 +34,15 @@ fn tile_value(grid: Grid, tile: u32) -> f32 {
     return bitcast<f32>(word_at(grid.palette + (tile & PAYLOAD)));
 }
 
-// Two samples that stand side by side, in the units in which they are kept.
-fn pair(grid: Grid, first: u32, index: u32) -> vec2<f32> {
+// Two consecutive samples, in stored units.
+fn load_pair(grid: Grid, first: u32, index: u32) -> vec2<f32> {
     if format_of(grid) == FLOATS {
         let at = first + index;
         return vec2(bitcast<f32>(word_at(at)), bitcast<f32>(word_at(at + 1u)));
     }
     if format_of(grid) == HALVES {
         let at = first + (index >> 1u);
-        return halves(at, (index & 1u) == 1u);
+        return load_halves(at, (index & 1u) == 1u);
     }
     let at = first + (index >> 2u);
     let low = word_at(at);
@@ -52,14 +52,14 @@ fn pair(grid: Grid, first: u32, index: u32) -> vec2<f32> {
     return vec2(f32(bytes & 255u), f32((bytes >> 8u) & 255u));
 }
 
-// Two halves, of which the first is the upper one of its word if it is odd.
-fn halves(at: u32, odd: bool) -> vec2<f32> {
+// Two consecutive 16-bit floats. If `odd`, the first is the upper half of its word.
+fn load_halves(at: u32, odd: bool) -> vec2<f32> {
     let low = word_at(at);
     let high = word_at(at + 1u);
     return unpack2x16float(select(low, (low >> 16u) | (high << 16u), odd));
 }
 
-// The corners of a cell on the high sides of a boundary tile, on some axes: 4, 2 and 1 for x, y and z.
+// Corners of a cell on the high sides of a boundary tile. `sides` is a bit mask: 4, 2 and 1 for x, y and z.
 fn tile_corners(grid: Grid, tile: u32, sides: u32) -> Corners {
     let yz = vec4(0u, 1u, 2u, 3u) & vec4(sides);
     let x = sides & 4u;
@@ -79,7 +79,7 @@ fn tile_corners(grid: Grid, tile: u32, sides: u32) -> Corners {
     );
 }
 
-// Where a leaf's brick of densities is, and what they are: offset + scale · what is kept.
+// A leaf's brick of densities. A density is offset + scale · stored value.
 struct Brick {
     first: u32,
     offset: f32,
@@ -102,24 +102,24 @@ fn brick_slot(cell: vec3<i32>) -> u32 {
     return c.x * 90u + c.y * 10u + c.z;
 }
 
-// What is kept at the corners of a cell of a brick, by the place of its lowest sample.
+// Stored values at the corners of a cell in a brick. `slot` is the index of its lowest sample.
 fn brick_corners(grid: Grid, brick: Brick, slot: u32) -> Corners {
     if format_of(grid) == HALVES {
-        // Rows are even, so that all four pairs are odd or none is.
+        // Rows have even lengths, so either all four pairs are odd or none is.
         let at = brick.first + (slot >> 1u);
         let odd = (slot & 1u) == 1u;
         return Corners(
-            vec4(halves(at, odd), halves(at + 5u, odd)),
-            vec4(halves(at + 45u, odd), halves(at + 50u, odd)),
+            vec4(load_halves(at, odd), load_halves(at + 5u, odd)),
+            vec4(load_halves(at + 45u, odd), load_halves(at + 50u, odd)),
         );
     }
     return Corners(
-        vec4(pair(grid, brick.first, slot), pair(grid, brick.first, slot + 10u)),
-        vec4(pair(grid, brick.first, slot + 90u), pair(grid, brick.first, slot + 100u)),
+        vec4(load_pair(grid, brick.first, slot), load_pair(grid, brick.first, slot + 10u)),
+        vec4(load_pair(grid, brick.first, slot + 90u), load_pair(grid, brick.first, slot + 100u)),
     );
 }
 
-// The densities in an occupied cell that is no constant tile's: offset + scale · what is at its corners.
+// Densities at the corners of an occupied cell outside constant tiles: offset + scale · corner value.
 struct FogCell {
     corners: Corners,
     offset: f32,
@@ -134,8 +134,8 @@ fn fog_cell(grid: Grid, span: Span, cell: vec3<i32>) -> FogCell {
     return FogCell(brick_corners(grid, brick, brick_slot(cell)), brick.offset, brick.scale);
 }
 
-// The values above the iso-value at the corners of a cell that a smooth surface passes through, in units of
-// the grid's scale.
+// Values relative to the iso-value at the corners of a cell that a smooth surface passes through, in units
+// of the grid's scale.
 fn surface_corners(grid: Grid, span: Span, cell: vec3<i32>) -> Corners {
     if (span.word & CHILD) == 0u {
         return tile_corners(grid, span.word, span.leaf);
@@ -147,21 +147,21 @@ fn surface_corners(grid: Grid, span: Span, cell: vec3<i32>) -> Corners {
     let low = word_at(record + c.x);
     let high = word_at(record + c.x + 1u);
     let first = word_at(record + 5u);
-    // The samples before those of the cell, in its plane: at the lower y, and at the higher.
-    let here = (1u << (5u * c.y + c.z)) - 1u;
-    let next = (here << 5u) | 31u;
-    // Bytes are steps from below zero on.
+    // Samples in the cell's plane that precede those of the cell, at the lower y and at the higher y.
+    let row_mask = (1u << (5u * c.y + c.z)) - 1u;
+    let next_row_mask = (row_mask << 5u) | 31u;
+    // Bytes are unsigned, with zero at 127.5.
     let zero = select(0.0, 127.5, format_of(grid) > HALVES);
     let low_first = first + (low >> 25u);
     let high_first = first + (high >> 25u);
     return Corners(
         vec4(
-            pair(grid, grid.samples, low_first + countOneBits(low & here)),
-            pair(grid, grid.samples, low_first + countOneBits(low & next)),
+            load_pair(grid, grid.samples, low_first + countOneBits(low & row_mask)),
+            load_pair(grid, grid.samples, low_first + countOneBits(low & next_row_mask)),
         ) - zero,
         vec4(
-            pair(grid, grid.samples, high_first + countOneBits(high & here)),
-            pair(grid, grid.samples, high_first + countOneBits(high & next)),
+            load_pair(grid, grid.samples, high_first + countOneBits(high & row_mask)),
+            load_pair(grid, grid.samples, high_first + countOneBits(high & next_row_mask)),
         ) - zero,
     );
 }
@@ -173,7 +173,7 @@ fn trilinear(c: Corners, u: vec3<f32>) -> f32 {
     return mix(z.x, z.y, u.z);
 }
 
-// Its gradient, in value per voxel.
+// Gradient of the trilinear interpolant, in values per voxel.
 fn trilinear_gradient(c: Corners, u: vec3<f32>) -> vec3<f32> {
     let dx = c.high - c.low;
     let dx_z = mix(dx.xy, dx.zw, u.y);

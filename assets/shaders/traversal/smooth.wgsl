@@ -1,38 +1,38 @@
-// The first place where the trilinear interpolant passes through the iso-value.
+// The first root of the trilinear interpolant: where a ray crosses the iso-surface.
 #define_import_path bevy_vdb::traversal::smooth
 
 #import bevy_vdb::gpu::types::Grid
 #import bevy_vdb::traversal::rebase::{rebased_exit, rebased_at}
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::samples::{surface_corners, trilinear, trilinear_gradient}
-#import bevy_vdb::traversal::tree::{empty_cell, locate, nowhere, span_occupied}
-#import bevy_vdb::traversal::hdda::{Dda, advance, confirm, count_step, local_cell, unmirrored, within}
+#import bevy_vdb::traversal::tree::{empty_cell, locate, new_accessor, span_occupied}
+#import bevy_vdb::traversal::hdda::{Dda, advance, confirm, count_step, local_cell, unmirrored, clamp_to_ray}
 
 struct SurfaceHit {
     found: bool,
     t: f32,
-    // In index space, not of unit length.
+    // In index space, not normalised.
     gradient: vec3<f32>,
-    // The face of the cell that the ray came in by; 3: it began inside.
+    // Axis of the face through which the ray entered the cell; 3 if it began inside.
     axis: u32,
 }
 
-// A step of the root finder, as a part of the way through a cell, after which it need not go on: Newton's
-// steps become smaller by their square.
-const ROOT_STEP: f32 = 0.000003814697265625;    // 2^-18
+// The root finder stops when its step is below this fraction of the path through the cell: Newton's method
+// converges quadratically.
+const ROOT_TOLERANCE: f32 = 0.000003814697265625;   // 2^-18
 
-// A cubic by its coefficients, a.x + s·(a.y + s·(a.z + s·a.w)).
+// A cubic from its coefficients: a.x + s·(a.y + s·(a.z + s·a.w)).
 fn cubic_at(a: vec4<f32>, s: f32) -> f32 {
     return a.x + s * (a.y + s * (a.z + s * a.w));
 }
 
-// The root between two places where a cubic has the values f_low and f_high of different signs.
-fn bracketed(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32) -> f32 {
+// The root between two points where a cubic has the values f_low and f_high of opposite signs.
+fn bracketed_root(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32) -> f32 {
     var low = s_low;
     var high = s_high;
     let negative = f_low < 0.0;
-    // As if it were a line, but not at an end: one that is a root, too, would be taken for the one that is
-    // looked for. Then Newton's step where it stays between the two, else the middle.
+    // Start with linear interpolation, but not at an end, which may itself be a root and would be taken for
+    // the one sought. Then take Newton steps, or bisect where a step would leave the bracket.
     var s = low + (high - low) * clamp(f_low / (f_low - f_high), 0.0625, 0.9375);
     for (var i = 0u; i < 16u; i++) {
         let f = cubic_at(a, s);
@@ -45,7 +45,7 @@ fn bracketed(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32) -> 
         let newton = s - f / select(slope, 1.0, slope == 0.0);
         let inside = newton > low && newton < high && slope != 0.0;
         let next = select(0.5 * (low + high), newton, inside);
-        let done = abs(next - s) <= ROOT_STEP;
+        let done = abs(next - s) <= ROOT_TOLERANCE;
         s = next;
         if done {
             break;
@@ -54,10 +54,10 @@ fn bracketed(a: vec4<f32>, s_low: f32, s_high: f32, f_low: f32, f_high: f32) -> 
     return s;
 }
 
-// The first change of sign between 0 and 1, or 2 if there is none, of a cubic with the values f_start and
-// f_end there.
-fn first_change(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
-    // Bézier's control points: the cubic changes its sign no more often than they do.
+// The first sign change of a cubic in [0, 1], or 2 if there is none. f_start and f_end are its values at the
+// ends.
+fn first_sign_change(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
+    // Bézier control points: the cubic changes sign at most as often as they do.
     let second_point = f_start + a.y / 3.0;
     let third_point = f_end - (a.y + 2.0 * a.z + 3.0 * a.w) / 3.0;
     let is_negative = vec4(f_start, second_point, third_point, f_end) < vec4(0.0);
@@ -67,14 +67,14 @@ fn first_change(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
         return 2.0;
     }
     if count == 1u {
-        return bracketed(a, 0.0, 1.0, f_start, f_end);
+        return bracketed_root(a, 0.0, 1.0, f_start, f_end);
     }
-    return first_of_several(a, f_start, f_end);
+    return first_sign_change_of_several(a, f_start, f_end);
 }
 
-// The same where there may be several changes. Between its extrema a cubic has at most one.
-fn first_of_several(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
-    // 3·a.w·s² + 2·a.z·s + a.y = 0, without the difference of near-equal numbers.
+// The same where there may be several sign changes. Between its extrema, a cubic has at most one.
+fn first_sign_change_of_several(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
+    // 3·a.w·s² + 2·a.z·s + a.y = 0, without cancellation.
     let b = a.z;
     let root = b * b - 3.0 * a.w * a.y;
     var ends = vec3(2.0, 2.0, 1.0);
@@ -91,7 +91,7 @@ fn first_of_several(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
         if high > 0.0 && (high < 1.0 || i == 2u) {
             let f_high = select(cubic_at(a, high), f_end, i == 2u);
             if (f_high < 0.0) != (f_low < 0.0) {
-                return bracketed(a, low, high, f_low, f_high);
+                return bracketed_root(a, low, high, f_low, f_high);
             }
             low = high;
             f_low = f_high;
@@ -100,31 +100,32 @@ fn first_of_several(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
     return 2.0;
 }
 
-fn nothing() -> SurfaceHit {
+fn no_hit() -> SurfaceHit {
     return SurfaceHit(false, 0.0, vec3(0.0), 3u);
 }
 
-// The first root of the interpolant on a mirrored ray; its values are counted from the iso-value.
-fn first_root(grid: Grid, mirrored: MirroredRay, enters: Dda) -> SurfaceHit {
-    var dda = enters;
-    var place = nowhere(local_cell(mirrored, dda.rel));
-    // Whether the interpolant was negative at the end of the cell before: a sign that changes just
-    // between two cells is a root, too, and rounding must not lose it.
-    var known = false;
+// The first root of the interpolant on a mirrored ray. Values are relative to the iso-value.
+fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
+    var dda = entry;
+    var accessor = new_accessor(local_cell(mirrored, dda.rel));
+    // Whether the interpolant was negative at the end of the previous cell. A sign change exactly between
+    // two cells is also a root, which rounding must not lose.
+    var has_previous = false;
     var was_negative = false;
     while dda.inside {
         count_step();
         var cell = local_cell(mirrored, dda.rel);
-        var span = locate(grid, cell, mirrored.octant, &place);
+        var span = locate(grid, cell, mirrored.octant, &accessor);
 #ifdef VDB_IN_STEP
-        // Each ray goes on to a cell of its own first: what follows is dear, and one takes along all.
+        // First advance each ray to an occupied cell: what follows is expensive, and threads of a subgroup
+        // should run it together.
         while !span_occupied(span) && dda.inside {
             dda = advance(mirrored, dda, span);
-            known = false;
+            has_previous = false;
             if dda.inside {
                 count_step();
                 cell = local_cell(mirrored, dda.rel);
-                span = locate(grid, cell, mirrored.octant, &place);
+                span = locate(grid, cell, mirrored.octant, &accessor);
             }
         }
         if !dda.inside {
@@ -133,26 +134,26 @@ fn first_root(grid: Grid, mirrored: MirroredRay, enters: Dda) -> SurfaceHit {
 #else
         if !span_occupied(span) {
             dda = advance(mirrored, dda, span);
-            known = false;
+            has_previous = false;
             continue;
         }
 #endif
-        let here = confirm(mirrored, dda);
+        let confirmed = confirm(mirrored, dda);
         dda = advance(mirrored, dda, empty_cell());
-        if !here.inside {
+        if !confirmed.inside {
             continue;
         }
         let c = surface_corners(grid, span, cell);
-        let near = rebased_at(mirrored, here.rel, here.axis, here.t);
-        let exit = rebased_exit(near, mirrored, here.rel + 1u, dda.axis);
-        let length = max(min(exit, near.end), 0.0);
-        let start = unmirrored(mirrored, near.frac);
-        let way = length * select(mirrored.speed, -mirrored.speed, mirrored.mirror != vec3(0));
+        let rebased = rebased_at(mirrored, confirmed.rel, confirmed.axis, confirmed.t);
+        let exit = rebased_exit(rebased, mirrored, confirmed.rel + 1u, dda.axis);
+        let t_length = max(min(exit, rebased.end), 0.0);
+        let start = unmirrored(mirrored, rebased.frac);
+        let path = t_length * select(mirrored.speed, -mirrored.speed, mirrored.mirror != vec3(0));
         // Four values of the cubic, then its coefficients.
         let f_0 = trilinear(c, start);
-        let f_1 = trilinear(c, saturate(start + way / 3.0));
-        let f_2 = trilinear(c, saturate(start + way * (2.0 / 3.0)));
-        let f_3 = trilinear(c, saturate(start + way));
+        let f_1 = trilinear(c, saturate(start + path / 3.0));
+        let f_2 = trilinear(c, saturate(start + path * (2.0 / 3.0)));
+        let f_3 = trilinear(c, saturate(start + path));
         let d_1 = f_1 - f_0;
         let d_2 = f_2 - 2.0 * f_1 + f_0;
         let d_3 = f_3 - 3.0 * f_2 + 3.0 * f_1 - f_0;
@@ -163,23 +164,28 @@ fn first_root(grid: Grid, mirrored: MirroredRay, enters: Dda) -> SurfaceHit {
             4.5 * d_3,
         );
         var s = 2.0;
-        if known && was_negative != (f_0 < 0.0) {
+        if has_previous && was_negative != (f_0 < 0.0) {
             s = 0.0;
         } else {
-            s = first_change(a, f_0, f_3);
+            s = first_sign_change(a, f_0, f_3);
         }
         if s <= 1.0 {
-            // The cubic's coefficients have the rounding of four values, many times over; one step of
-            // Newton's on the interpolant itself takes most of that away.
-            let first = saturate(start + s * way);
-            let slope = dot(trilinear_gradient(c, first), way);
-            let off = trilinear(c, first) / select(slope, 1.0, slope == 0.0);
-            s = saturate(s - select(0.0, off, slope != 0.0 && abs(off) < 0.01));
-            let at = saturate(start + s * way);
-            return SurfaceHit(true, within(mirrored, here.t + s * length), grid.scale * trilinear_gradient(c, at), here.axis);
+            // The coefficients amplify the rounding of the four values. One Newton step on the interpolant
+            // itself removes most of that error.
+            let first_guess = saturate(start + s * path);
+            let slope = dot(trilinear_gradient(c, first_guess), path);
+            let correction = trilinear(c, first_guess) / select(slope, 1.0, slope == 0.0);
+            s = saturate(s - select(0.0, correction, slope != 0.0 && abs(correction) < 0.01));
+            let root = saturate(start + s * path);
+            return SurfaceHit(
+                true,
+                clamp_to_ray(mirrored, confirmed.t + s * t_length),
+                grid.scale * trilinear_gradient(c, root),
+                confirmed.axis,
+            );
         }
-        known = true;
+        has_previous = true;
         was_negative = f_3 < 0.0;
     }
-    return nothing();
+    return no_hit();
 }

@@ -1,8 +1,8 @@
-// Looking things up in a packed grid. The layout, and why it is so, is told in
-// `crates/vdb_core/src/pack/layout.rs`; the twin of this file is `pack/traverse.rs` beside it.
+// Look-ups in a packed grid. `crates/vdb_core/src/pack/layout.rs` describes the layout and the reasons for
+// it. Twin: `crates/vdb_core/src/pack/traverse.rs`.
 //
-// Every index is in range by construction: words come from the packer alone, and a ray looks at cells
-// of the grid's box only, which the top-level tree covers.
+// Every index is in range by construction: words come from the packer only, and rays only look up cells of
+// the grid's box, which the top-level tree covers.
 #define_import_path bevy_vdb::traversal::tree
 
 #import bevy_vdb::gpu::types::Grid
@@ -19,19 +19,18 @@ const LOWER_BITS: u32 = 7u;
 const LEAF_NUMBER_BITS: u32 = 12u;
 const LEAF_NUMBER: u32 = 0xfffu;
 
-// What covers a cell: everything alike over a cube of 2^log_dim cells per edge, and over `reach` more
-// such cubes ahead.
+// A uniform region around a cell: a cube of 2^log_dim cells per edge, and `skip` more such cubes ahead.
 struct Span {
     log_dim: u32,
     skip: u32,
-    // The word of a tile or a leaf that a ray meets; 0 where nothing is.
+    // The word of the tile or leaf; 0 if the region is empty.
     word: u32,
-    // The number of the leaf; of a cell of a boundary tile, the axes on which it is the tile's last: 4, 2 and
-    // 1 for x, y and z.
+    // In leaves: the leaf's number. In boundary tiles: a bit mask of the axes on which the cell is the
+    // tile's last, 4, 2 and 1 for x, y and z.
     leaf: u32,
 }
 
-// A cell in which nothing is.
+// The span of an empty cell.
 fn empty_cell() -> Span {
     return Span(0u, 0u, 0u, 0u);
 }
@@ -40,7 +39,7 @@ fn span_occupied(span: Span) -> bool {
     return span.word != 0u;
 }
 
-// Whether the cube is occupied all over with one value.
+// Whether a single value fills the whole cube.
 fn span_constant(span: Span) -> bool {
     return (span.word & (CHILD | BOUNDARY)) == 0u;
 }
@@ -55,7 +54,7 @@ fn lower_slot(cell: vec3<i32>) -> u32 {
     return (c.x << 8u) | (c.y << 4u) | c.z;
 }
 
-// The word of the top-level tree over a local cell, and its level.
+// The word of the top-level tree that covers a local cell, and its level.
 fn find_top(grid: Grid, cell: vec3<i32>) -> vec2<u32> {
     let at = (cell >> vec3(LOWER_BITS)) - grid.top_origin;
     var level = grid.top_levels - 1u;
@@ -67,30 +66,30 @@ fn find_top(grid: Grid, cell: vec3<i32>) -> vec2<u32> {
     return vec2(found, level);
 }
 
-// What has been found where a ray is; kept while the ray stays near.
-struct Place {
+// Caches the path to the last cell that was looked up, like OpenVDB's `ValueAccessor`.
+struct Accessor {
     cell: vec3<i32>,
     // The word of the smallest slot that covers the cell, and log₂ of that slot's edge.
     word: u32,
     log_dim: u32,
-    // Of a lower node: its first word, and the number of its first leaf.
+    // The first word of the lower node, and the number of its first leaf.
     lower_node: u32,
     head: u32,
 }
 
-// Nowhere near the cell.
-fn nowhere(cell: vec3<i32>) -> Place {
-    return Place(~cell, 0u, 0u, 0u, 0u);
+// An accessor that caches nothing: its cell differs from `cell` in every bit.
+fn new_accessor(cell: vec3<i32>) -> Accessor {
+    return Accessor(~cell, 0u, 0u, 0u, 0u);
 }
 
-// Slots beyond its own that a ray of an octant can skip over from an empty one.
+// Number of further slots that a ray of an octant can skip from an empty slot.
 fn skip_of(word: u32, octant: u32) -> u32 {
     let code = (word >> (3u * octant)) & 7u;
-    // Nibbles of the reach by code: 0, 1, 2, 3, 5, 7, 11, 15.
+    // One nibble per code: 0, 1, 2, 3, 5, 7, 11, 15.
     return (0xfb753210u >> (4u * code)) & 15u;
 }
 
-// The span of an empty cube. Without skips, or without the tree's cubes, for comparison.
+// The span of an empty cube. `VDB_DDA` ignores cubes and `VDB_HDDA` ignores skips, for comparison.
 fn empty_span(log_dim: u32, skip: u32) -> Span {
 #ifdef VDB_DDA
     return empty_cell();
@@ -109,13 +108,13 @@ fn tile_span(tile: u32, log_dim: u32, octant: u32, cell: vec3<i32>) -> Span {
     if (tile & BOUNDARY) == 0u {
         return Span(log_dim, 0u, tile, 0u);
     }
-    // How many cells of the tile follow on each axis.
+    // Cells of the tile beyond this one on each axis.
     let after = ~bitcast<vec3<u32>>(cell) & vec3((1u << log_dim) - 1u);
     let sides = dot(vec3<u32>(after == vec3(0u)), vec3(4u, 2u, 1u));
     if sides != 0u {
         return Span(0u, 0u, tile, sides);
     }
-    // The largest cube around the cell without cells on the high sides.
+    // The largest cube around the cell that contains none of the cells on the high sides.
     let log_inner = firstLeadingBit(min(min(after.x, after.y), after.z));
     if (tile & FILLED) == 0u {
         return empty_span(log_inner, 0u);
@@ -123,30 +122,30 @@ fn tile_span(tile: u32, log_dim: u32, octant: u32, cell: vec3<i32>) -> Span {
     return Span(log_inner, 0u, tile & ~BOUNDARY, 0u);
 }
 
-// The word of the smallest slot over a local cell of the grid's box.
-fn locate_slot(grid: Grid, cell: vec3<i32>, place: ptr<function, Place>) -> u32 {
-    let apart = cell ^ (*place).cell;
-    let moved = bitcast<u32>(apart.x | apart.y | apart.z);
-    (*place).cell = cell;
+// The word of the smallest slot that covers a local cell of the grid's box.
+fn locate_slot(grid: Grid, cell: vec3<i32>, accessor: ptr<function, Accessor>) -> u32 {
+    let changed = cell ^ (*accessor).cell;
+    let moved = bitcast<u32>(changed.x | changed.y | changed.z);
+    (*accessor).cell = cell;
     if (moved >> LOWER_BITS) != 0u {
         let found = find_top(grid, cell);
-        (*place).word = found.x;
-        (*place).log_dim = LOWER_BITS + 2u * found.y;
+        (*accessor).word = found.x;
+        (*accessor).log_dim = LOWER_BITS + 2u * found.y;
         if (found.x & CHILD) != 0u {
             let number = found.x & PAYLOAD;
-            (*place).log_dim = LEAF_BITS;
-            (*place).lower_node = grid.lower_nodes + (number << 12u);
-            (*place).head = word_at(grid.heads + number);
+            (*accessor).log_dim = LEAF_BITS;
+            (*accessor).lower_node = grid.lower_nodes + (number << 12u);
+            (*accessor).head = word_at(grid.heads + number);
         }
     }
-    if (*place).log_dim == LEAF_BITS && (moved >> LEAF_BITS) != 0u {
-        (*place).word = word_at((*place).lower_node + lower_slot(cell));
+    if (*accessor).log_dim == LEAF_BITS && (moved >> LEAF_BITS) != 0u {
+        (*accessor).word = word_at((*accessor).lower_node + lower_slot(cell));
     }
-    return (*place).word;
+    return (*accessor).word;
 }
 
-// The block of 4³ cells around a local cell, in a leaf with this word and number: bits x·16 + y·4 + z,
-// low word first.
+// Occupancy of the block of 4³ cells around a local cell, in a leaf with this word and number: bit x·16 +
+// y·4 + z, low word first.
 fn block_at(grid: Grid, cell: vec3<i32>, leaf_word: u32, leaf: u32) -> vec2<u32> {
     let block = block_of(cell);
     if ((leaf_word >> (LEAF_NUMBER_BITS + block)) & 1u) == 0u {
@@ -156,20 +155,21 @@ fn block_at(grid: Grid, cell: vec3<i32>, leaf_word: u32, leaf: u32) -> vec2<u32>
     return vec2(word_at(mask), word_at(mask + 1u));
 }
 
-// The number of a cell's block in its leaf.
+// Index of a cell's block in its leaf.
 fn block_of(cell: vec3<i32>) -> u32 {
     let c = vec3<u32>(cell) & vec3(4u);
     return c.x | (c.y >> 1u) | (c.z >> 2u);
 }
 
-// What a ray of an octant meets at a local cell of the grid's box.
-fn locate(grid: Grid, cell: vec3<i32>, octant: u32, place: ptr<function, Place>) -> Span {
-    let slot = locate_slot(grid, cell, place);
+// The span around a local cell of the grid's box for a ray of an octant.
+fn locate(grid: Grid, cell: vec3<i32>, octant: u32, accessor: ptr<function, Accessor>) -> Span {
+    let slot = locate_slot(grid, cell, accessor);
     if (slot & CHILD) == 0u {
-        return tile_span(slot, (*place).log_dim, octant, cell);
+        return tile_span(slot, (*accessor).log_dim, octant, cell);
     }
-    // Read anew for each cell of a block: it is close by, and two registers less to keep.
-    let leaf = (*place).head + (slot & LEAF_NUMBER);
+    // Read again for every cell of a block: the words are in cache, and keeping them would take two
+    // registers.
+    let leaf = (*accessor).head + (slot & LEAF_NUMBER);
     let block = block_at(grid, cell, slot, leaf);
     if (block.x | block.y) == 0u {
         return empty_span(2u, 0u);

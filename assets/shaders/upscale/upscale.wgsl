@@ -1,5 +1,5 @@
-// A picture of fewer rays than pixels to one of all pixels: each takes after those of the four rays around it
-// that have seen what it shows. One thread a pixel.
+// Upscales the traced image to full resolution. One thread per pixel: blends those of the four nearest rays
+// that hit the surface the pixel shows.
 
 #import bevy_vdb::gpu::types::View
 #import bevy_vdb::view::picture::{depth_of_meshes, pixel_of, t_of_depth}
@@ -10,10 +10,10 @@
 #else
 @group(0) @binding(1) var scene_depth: texture_depth_2d;
 #endif
-// What the trace has written; `trace.wgsl` says how.
+// Output of the trace; see `trace.wgsl`.
 @group(0) @binding(2) var traced_color: texture_2d<f32>;
 @group(0) @binding(3) var traced_depth: texture_2d<f32>;
-// The same for all pixels.
+// The same at full resolution.
 @group(0) @binding(4) var out_color: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(5) var out_depth: texture_storage_2d<r32float, write>;
 #ifdef VDB_MOTION_VECTORS
@@ -21,15 +21,15 @@
 @group(0) @binding(7) var out_moving: texture_storage_2d<rg32uint, write>;
 #endif
 
-// How much two depths of one surface differ between neighbouring rays, at most, relative to themselves.
+// Largest relative difference in depth between neighbouring rays on one surface.
 const SAME_SURFACE: f32 = 0.05;
 
-// What a ray has found.
+// The result of one ray.
 struct Sample {
     ray: vec2<u32>,
     color: vec4<f32>,
     depth: f32,
-    t: f32,             // of a surface
+    t: f32,     // of a surface
     weight: f32,
 }
 
@@ -39,20 +39,20 @@ fn mesh_t(pixel: vec2<u32>) -> f32 {
 }
 
 // From 0 to 1.
-fn likeness(a: f32, b: f32) -> f32 {
+fn similarity(a: f32, b: f32) -> f32 {
     return saturate(1.0 - abs(a - b) / max(max(abs(a), abs(b)), 1e-30));
 }
 
-// `nearness` is from 0 to 1.
-fn sample_of(ray: vec2<u32>, nearness: f32, own_t: f32) -> Sample {
+// `bilinear_weight` is from 0 to 1.
+fn load_sample(ray: vec2<u32>, bilinear_weight: f32, own_t: f32) -> Sample {
     let depth = textureLoad(traced_depth, ray, 0).x;
     let color = textureLoad(traced_color, ray, 0);
     let t = t_of_depth(view.t_from_depth, depth);
-    var weight = nearness + 1e-3;
-    // A ray that a mesh has ended elsewhere knows of what is before that alone.
+    var weight = bilinear_weight + 1e-3;
+    // A ray ended by a different mesh only knows what is in front of that mesh.
     if depth < 0.0 || t > own_t {
-        let alike = likeness(mesh_t(pixel_of(ray, view.size, view.picture, view.shift)), own_t);
-        weight *= max(alike * alike * alike, 1e-4);
+        let mesh_similarity = similarity(mesh_t(pixel_of(ray, view.size, view.picture, view.jitter)), own_t);
+        weight *= max(mesh_similarity * mesh_similarity * mesh_similarity, 1e-4);
     }
     return Sample(ray, color, depth, t, weight);
 }
@@ -65,23 +65,23 @@ fn upscale(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let own_t = mesh_t(pixel);
     let scale = vec2<f32>(view.size) / vec2<f32>(view.picture);
-    let place = (vec2<f32>(pixel) + 0.5) * scale - 0.5 - view.shift;
-    let low = floor(place);
-    let part = place - low;
+    let position = (vec2<f32>(pixel) + 0.5) * scale - 0.5 - view.jitter;
+    let low = floor(position);
+    let fraction = position - low;
     var samples: array<Sample, 4>;
-    var first = 0u;
+    var best = 0u;
     for (var i = 0u; i < 4u; i++) {
-        let beside = vec2(i & 1u, i >> 1u);
-        let ray = clamp(vec2<i32>(low) + vec2<i32>(beside), vec2(0), vec2<i32>(view.size) - 1);
-        let near = select(1.0 - part, part, beside == vec2(1u));
-        samples[i] = sample_of(vec2<u32>(ray), near.x * near.y, own_t);
-        if samples[i].weight > samples[first].weight {
-            first = i;
+        let corner = vec2(i & 1u, i >> 1u);
+        let ray = clamp(vec2<i32>(low) + vec2<i32>(corner), vec2(0), vec2<i32>(view.size) - 1);
+        let weights = select(1.0 - fraction, fraction, corner == vec2(1u));
+        samples[i] = load_sample(vec2<u32>(ray), weights.x * weights.y, own_t);
+        if samples[i].weight > samples[best].weight {
+            best = i;
         }
     }
-    // What the likeliest shows, and what of the others is of the same: so edges stay edges.
-    let own = samples[first];
-    let is_surface = own.depth >= 0.0;
+    // Blend only what matches the best sample, to preserve edges.
+    let best_sample = samples[best];
+    let is_surface = best_sample.depth >= 0.0;
     var color = vec4(0.0);
     var depth = 0.0;
     var weight = 0.0;
@@ -91,7 +91,7 @@ fn upscale(@builtin(global_invocation_id) id: vec3<u32>) {
         if (other.depth >= 0.0) != is_surface {
             continue;
         }
-        if is_surface && likeness(other.t, own.t) < 1.0 - SAME_SURFACE {
+        if is_surface && similarity(other.t, best_sample.t) < 1.0 - SAME_SURFACE {
             continue;
         }
         color += other.weight * other.color;
@@ -105,6 +105,6 @@ fn upscale(@builtin(global_invocation_id) id: vec3<u32>) {
     textureStore(out_color, pixel, color / weight);
     textureStore(out_depth, pixel, vec4(depth, 0.0, 0.0, 0.0));
 #ifdef VDB_MOTION_VECTORS
-    textureStore(out_moving, pixel, textureLoad(traced_moving, own.ray, 0));
+    textureStore(out_moving, pixel, textureLoad(traced_moving, best_sample.ray, 0));
 #endif
 }

@@ -1,21 +1,21 @@
-// Pixels, rays and depths of a picture.
+// Pixels, rays and depths of the traced image.
 #define_import_path bevy_vdb::view::picture
 
 #import bevy_vdb::traversal::hdda::FAR
 
-// The pixel that a ray goes through: the middle one of those that it stands for, moved by `shift`. `rays` and
-// `picture` are the numbers of rays and of pixels along each axis.
-fn pixel_of(ray: vec2<u32>, rays: vec2<u32>, picture: vec2<u32>, shift: vec2<f32>) -> vec2<u32> {
+// The pixel that a ray passes through: the middle of the pixels that the ray represents, offset by `jitter`.
+// `rays` and `picture` are the numbers of rays and pixels along each axis.
+fn pixel_of(ray: vec2<u32>, rays: vec2<u32>, picture: vec2<u32>, jitter: vec2<f32>) -> vec2<u32> {
 #ifdef VDB_ACCUMULATED
-    let place = (vec2<f32>(ray) + 0.5 + shift) * vec2<f32>(picture) / vec2<f32>(rays);
-    return min(vec2<u32>(place), picture - 1u);
+    let position = (vec2<f32>(ray) + 0.5 + jitter) * vec2<f32>(picture) / vec2<f32>(rays);
+    return min(vec2<u32>(position), picture - 1u);
 #else
     return (2u * ray + 1u) * picture / (2u * rays);
 #endif
 }
 
 #ifdef MULTISAMPLED
-// The depth of the opaque meshes at a pixel of the target: the farthest of its samples, because the composite
+// Depth of the opaque meshes at a pixel of the target: the farthest of its samples, because the composite
 // tests each sample's own depth again.
 fn depth_of_meshes(scene_depth: texture_depth_multisampled_2d, at: vec2<u32>) -> f32 {
     var depth = 1.0;
@@ -25,13 +25,13 @@ fn depth_of_meshes(scene_depth: texture_depth_multisampled_2d, at: vec2<u32>) ->
     return depth;
 }
 #else
-// The depth of the opaque meshes at a pixel of the target.
+// Depth of the opaque meshes at a pixel of the target.
 fn depth_of_meshes(scene_depth: texture_depth_2d, at: vec2<u32>) -> f32 {
     return textureLoad(scene_depth, at, 0);
 }
 #endif
 
-// The t of a value in the depth buffer, by `View::t_from_depth`.
+// The t of a value in the depth buffer. `m` is `View::t_from_depth`.
 fn t_of_depth(m: vec4<f32>, depth: f32) -> f32 {
     let w = m.z * depth + m.w;
     return select(-(m.x * depth + m.y) / w, FAR, abs(w) < 1e-30);

@@ -4,7 +4,7 @@
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::rays::{ndc_of, ray_through}
 #import bevy_vdb::traversal::fog::{optical_length, stepped_length}
-#import bevy_vdb::traversal::beam::{beam_of, beam_start}
+#import bevy_vdb::traversal::beam::{beam_of, beam_start_t}
 #import bevy_vdb::traversal::hdda::{FAR, Dda, mirrored_ray, enter_at, first_hit, steps}
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::smooth::first_root
@@ -47,16 +47,16 @@ fn ray(i: u32) -> Ray {
 }
 
 // The rays of a picture begin where those of their tile can, as in the trace.
-fn start_of(mirrored: MirroredRay, i: u32) -> f32 {
+fn start_t(mirrored: MirroredRay, i: u32) -> f32 {
 #ifdef VDB_PICTURE
-    return beam_start(grids[0], beam_of(grids[0], view, pixel_of(i) / 8u, setup.size, 0.0));
+    return beam_start_t(grids[0], beam_of(grids[0], view, pixel_of(i) / 8u, setup.size, 0.0));
 #else
     return mirrored.t_min;
 #endif
 }
 
 fn enters(mirrored: MirroredRay, i: u32) -> Dda {
-    return enter_at(mirrored, start_of(mirrored, i));
+    return enter_at(mirrored, start_t(mirrored, i));
 }
 
 @compute @workgroup_size(64)
@@ -86,7 +86,8 @@ fn probe_fog(@builtin(global_invocation_id) id: vec3<u32>) {
         let mirrored = mirrored_ray(grids[0], ray(i));
 #ifdef VDB_STEP
         // In quarters of a voxel.
-        let length = stepped_length(grids[0], mirrored, start_of(mirrored, i), 3e38, 0.25 * f32(#{VDB_STEP}u), 0.0);
+        let length =
+            stepped_length(grids[0], mirrored, start_t(mirrored, i), 3e38, 0.25 * f32(#{VDB_STEP}u), 0.0);
 #else
         let length = optical_length(grids[0], mirrored, enters(mirrored, i), 3e38);
 #endif

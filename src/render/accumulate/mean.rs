@@ -80,11 +80,11 @@ impl Accumulated {
     pub fn place(&self, view: &mut types::View, is_scaled: bool) {
         let frame = self.frame;
         view.frame = frame;
-        view.turn = golden(frame);
+        view.random_offset = golden(frame);
         // The first ray of a mean goes through the centre, like that of a single frame. With fewer
         // rays than pixels, the centre of a ray's footprint is not the centre of a pixel, so it is
         // not repeated.
-        view.shift = shift(if is_scaled { frame } else { frame.saturating_sub(1) });
+        view.jitter = shift(if is_scaled { frame } else { frame.saturating_sub(1) });
     }
 }
 

@@ -48,9 +48,9 @@ pub(crate) struct Volume {
     pub flags: u32,
     pub box_max: [f32; 3],
     pub fog_step: f32,
-    pub run_min: [f32; 3],
+    pub node_min: [f32; 3],
     pub light_step: f32,
-    pub run_max: [f32; 3],
+    pub node_max: [f32; 3],
     pub shadow_step: f32,
 }
 
@@ -59,7 +59,7 @@ pub(crate) const NO_CASTER: u32 = 1;
 pub(crate) const NO_RECEIVER: u32 = 2;
 
 /// The largest number of directional lights of a view, as in Bevy.
-pub(crate) const MOST_SUNS: usize = 10;
+pub(crate) const MAX_SUNS: usize = 10;
 
 /// The uniform of a view.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -78,7 +78,7 @@ pub(crate) struct View {
     pub eye_x: [f32; 3],
     pub volume_count: u32,
     pub eye_y: [f32; 3],
-    pub volumes_beside: u32,
+    pub offscreen_count: u32,
     pub size: [u32; 2],
     pub origin: [u32; 2],
     pub steps_scale: f32,
@@ -88,16 +88,16 @@ pub(crate) struct View {
     pub slabs: u32,
     pub tile_words: u32,
     pub group_bits: u32,
-    pub keeps_starts: u32,
+    pub has_tile_starts: u32,
     pub picture: [u32; 2],
     pub shadow_range: f32,
     pub reflection_range: f32,
-    pub suns: [[f32; 4]; MOST_SUNS],
-    pub disks: [[f32; 4]; MOST_SUNS],
-    pub turn: f32,
+    pub suns: [[f32; 4]; MAX_SUNS],
+    pub disks: [[f32; 4]; MAX_SUNS],
+    pub random_offset: f32,
     pub frame: u32,
-    pub shift: [f32; 2],
-    pub most_frames: u32,
+    pub jitter: [f32; 2],
+    pub max_frames: u32,
     pub pads: [u32; 3],
 }
 
@@ -177,13 +177,13 @@ mod tests {
             density_scale, lattice_x, anisotropy, lattice_y, perceptual_roughness, lattice_z,
             metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last, color_grids,
             background, temperature_scale, temperature_offset, box_min, flags, box_max, fog_step,
-            run_min, light_step, run_max, shadow_step);
+            node_min, light_step, node_max, shadow_step);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
-            exposure, eye, volume_first, eye_x, volume_count, eye_y, volumes_beside, size, origin,
+            exposure, eye, volume_first, eye_x, volume_count, eye_y, offscreen_count, size, origin,
             steps_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
-            keeps_starts, picture, shadow_range, reflection_range, suns, disks, turn, frame,
-            shift, most_frames);
+            has_tile_starts, picture, shadow_range, reflection_range, suns, disks, random_offset,
+            frame, jitter, max_frames);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

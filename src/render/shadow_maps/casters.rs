@@ -65,7 +65,7 @@ impl Cast {
                 volume_first: first as u32,
                 volume_count: count as u32,
                 size: size.to_array(),
-                turn,
+                random_offset: turn,
                 ..view_data(&rays, world_from_view, &ExtractedSuns::default())
             };
             self.maps.push((camera, map, view));

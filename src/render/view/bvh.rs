@@ -81,7 +81,7 @@ pub(crate) fn fill(list: &mut [Volume], shown: &[&ExtractedVolume], eye: DVec3) 
             .collect();
         for (i, run) in boxes.iter().enumerate() {
             if let Some(volume) = list.get_mut(slot(i * BRANCHES.pow(level), level)) {
-                [volume.run_min, volume.run_max] = run.rounded();
+                [volume.node_min, volume.node_max] = run.rounded();
             }
         }
     }

@@ -88,7 +88,7 @@ fn prepare(
     let data = types::View {
         exposure: non_negative(camera.exposure).min(MOST_EXPOSURE),
         volume_count: list.seen as u32,
-        volumes_beside: (list.entries.len() - list.seen) as u32,
+        offscreen_count: (list.entries.len() - list.seen) as u32,
         size: size.to_array(),
         origin: view.viewport.xy().to_array(),
         steps_scale: non_negative(settings.camera.steps_scale).max(1.0),
@@ -100,10 +100,10 @@ fn prepare(
         overlays: overlay_bits(settings.camera.overlays),
         tile_words: layout.tile_words,
         group_bits: layout.group_bits,
-        keeps_starts: u32::from(layout.keeps_starts),
-        turn: turn_of(jitter, **frame),
+        has_tile_starts: u32::from(layout.keeps_starts),
+        random_offset: turn_of(jitter, **frame),
         frame: jitter.map_or(0, |_| frame.0),
-        most_frames: quality.accumulate,
+        max_frames: quality.accumulate,
         ..view_data(view_rays, *world_from_view, suns)
     };
     let fogs = [types::KIND_FOG, types::KIND_EMISSION, types::KIND_BLACKBODY];

@@ -19,8 +19,8 @@ pub(crate) fn view_data(
     world_from_view: DAffine3,
     suns: &ExtractedSuns,
 ) -> types::View {
-    let mut own = [[0.0; 4]; types::MOST_SUNS];
-    let mut disks = [[0.0; 4]; types::MOST_SUNS];
+    let mut own = [[0.0; 4]; types::MAX_SUNS];
+    let mut disks = [[0.0; 4]; types::MAX_SUNS];
     for ((own, disk), sun) in own.iter_mut().zip(&mut disks).zip(&suns.0) {
         *own = sun.direction.extend(sun.factor.min(MOST_FACTOR)).to_array();
         *disk = [(0.5 * sun.angular_diameter).tan(), sun.samples as f32, 0.0, 0.0];
@@ -39,7 +39,7 @@ pub(crate) fn view_data(
         t_far: rays.t_far as f32,
         suns: own,
         disks,
-        sun_count: suns.0.len().min(types::MOST_SUNS) as u32,
+        sun_count: suns.0.len().min(types::MAX_SUNS) as u32,
         ..default()
     }
 }

@@ -101,10 +101,10 @@ fn crossed_at(units: u64) -> (u32, bool) {
 
 /// A place that belongs to the cell before a plane where it is in one: so it is on an axis turned
 /// over, where voxels are half-open the other way.
-fn held_back(reached: Reached, is_turned: bool) -> u64 {
+fn before_plane(reached: Reached, is_mirrored: bool) -> u64 {
     let in_plane = reached.is_exact && reached.units & ((1 << FRAC_BITS) - 1) == 0;
     // An axis turned over has a way of at least one unit.
-    reached.units - u64::from(is_turned && in_plane)
+    reached.units - u64::from(is_mirrored && in_plane)
 }
 
 /// Where a mirrored ray begins.
@@ -123,7 +123,7 @@ pub(super) fn beginning(mirrored: &MirroredRay) -> Beginning {
     }
     for axis in 0..3 {
         let reached = reached_at(mirrored, axis, mirrored.t_min);
-        let units = held_back(reached, mirrored.mirror.cmpne(IVec3::ZERO).test(axis));
+        let units = before_plane(reached, mirrored.mirror.cmpne(IVec3::ZERO).test(axis));
         let (cells, is_beyond) = crossed_at(units);
         begin.cell[axis] = cells;
         // One unit before a plane is in it.

@@ -25,31 +25,31 @@ impl Rebased {
     }
 }
 
-/// Slower than this, relative to the fastest, a ray creeps along an axis.
-const CREEP: f32 = 1.0 / 256.0;
+/// Slower than this, relative to the fastest, a ray counts as slow on an axis.
+const SLOW_RATIO: f32 = 1.0 / 256.0;
 
 impl Rebased {
     /// Where the mirrored ray leaves a cube, from the rebased origin on: by the plane of an axis that the traversal crosses
-    /// next. Where the ray creeps along that axis, the rebased origin's own rounding would move the plane's `t`
+    /// next. Where the ray is slow on that axis, the rebased origin's own rounding would move the plane's `t`
     /// by far; where it is on its fastest axis then is known to 2⁻²⁴ of a cell, however far away that
     /// is.
     pub fn exit(&self, mirrored: &MirroredRay, plane: UVec3, axis: usize) -> f32 {
         let exits = self.plane_t(mirrored, plane);
-        if !creeps(mirrored, axis) {
+        if !is_slow(mirrored, axis) {
             return exits[axis];
         }
-        let swift = mirrored.speed.max_position();
-        let place = place_at(mirrored, swift, axis, plane[axis]);
-        self.swift_t(mirrored, swift, place).min(exits[swift])
+        let major = mirrored.speed.max_position();
+        let place = place_at(mirrored, major, axis, plane[axis]);
+        self.major_axis_t(mirrored, major, place).min(exits[major])
     }
 
     /// The parameter, from the rebased origin on, at which a mirrored ray is at a place of its fastest axis, in units
     /// of 2⁻²⁴ cells from its own cell on.
-    fn swift_t(&self, mirrored: &MirroredRay, swift: usize, place: u64) -> f32 {
+    fn major_axis_t(&self, mirrored: &MirroredRay, major: usize, place: u64) -> f32 {
         // A rounding of 2⁻²⁴ may lead behind the rebased origin.
-        let ahead = place.saturating_sub(u64::from(self.cell[swift]) << FRAC_BITS);
-        let way = ahead as f32 / (1 << FRAC_BITS) as f32 - self.frac[swift];
-        (way * mirrored.inverse[swift]).max(0.0)
+        let ahead = place.saturating_sub(u64::from(self.cell[major]) << FRAC_BITS);
+        let way = ahead as f32 / (1 << FRAC_BITS) as f32 - self.frac[major];
+        (way * mirrored.inverse[major]).max(0.0)
     }
 
     /// The end of a mirrored ray, from the rebased origin on.
@@ -57,13 +57,13 @@ impl Rebased {
         if mirrored.t_max >= FAR {
             return FAR;
         }
-        let swift = mirrored.speed.max_position();
-        self.swift_t(mirrored, swift, reached_at(mirrored, swift, mirrored.t_max).units)
+        let major = mirrored.speed.max_position();
+        self.major_axis_t(mirrored, major, reached_at(mirrored, major, mirrored.t_max).units)
     }
 }
 
-fn creeps(mirrored: &MirroredRay, axis: usize) -> bool {
-    mirrored.speed[axis] < CREEP * mirrored.speed.max_element()
+fn is_slow(mirrored: &MirroredRay, axis: usize) -> bool {
+    mirrored.speed[axis] < SLOW_RATIO * mirrored.speed.max_element()
 }
 
 /// Where a mirrored ray is on one axis when it crosses a plane of another, in units of 2⁻²⁴ cells from its own

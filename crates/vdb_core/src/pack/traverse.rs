@@ -227,7 +227,7 @@ pub fn enter(mirrored: &MirroredRay) -> Dda {
 
 /// The planes at the end of a span, one on each axis, modulo 2³²: beyond the index space they seem to
 /// lie behind the cell.
-fn planes_behind(mirrored: &MirroredRay, rel: UVec3, span: Span) -> UVec3 {
+fn exit_planes(mirrored: &MirroredRay, rel: UVec3, span: Span) -> UVec3 {
     let offset = mirrored.cell.as_uvec3().wrapping_add(rel);
     let size = 1_u32 << span.log_dim;
     let ahead = UVec3::splat((span.skip + 1) << span.log_dim);
@@ -242,7 +242,7 @@ fn planes_behind(mirrored: &MirroredRay, rel: UVec3, span: Span) -> UVec3 {
 /// at least one plane, the face of a span: a traversal takes at most as many steps as the spans of the box
 /// have faces along its three edges, and the cells of the box have at most.
 pub fn advance(mirrored: &MirroredRay, dda: &Dda, span: Span) -> Dda {
-    let mut plane = planes_behind(mirrored, dda.rel, span);
+    let mut plane = exit_planes(mirrored, dda.rel, span);
     let mut exits = mirrored.plane_t(plane);
     // A ray never goes back, but planes beyond the index space seem to lie behind it: it crosses them where
     // the index space ends.
@@ -289,7 +289,7 @@ fn confirm(mirrored: &MirroredRay, dda: &Dda) -> Dda {
 }
 
 /// A `t` on a mirrored ray, which rounding must not lead out of it.
-fn within(mirrored: &MirroredRay, t: f32) -> f32 {
+fn clamp_to_ray(mirrored: &MirroredRay, t: f32) -> f32 {
     t.clamp(mirrored.t_min, mirrored.t_max)
 }
 
@@ -314,7 +314,7 @@ pub fn first_hit(grid: &PackedGrid, ray: &Ray) -> Option<Hit> {
         if span.occupied() {
             let hit = confirm(&mirrored, &dda);
             if hit.inside {
-                return Some(Hit { cell, t: within(&mirrored, hit.t), axis: hit.axis });
+                return Some(Hit { cell, t: clamp_to_ray(&mirrored, hit.t), axis: hit.axis });
             }
             span = Span::empty(0, 0);
         }
@@ -338,7 +338,7 @@ const REBASE_RANGE: u32 = 64;
 
 /// What `∫ density dt` is at most: that of the greatest densities exceeds f32 where a ray takes long to
 /// pass.
-const MOST_LENGTH: f32 = 3e38;
+const MAX_LENGTH: f32 = 3e38;
 
 /// ∫ density dt along the ray. Within one trilinear cell the density is a cubic in `t`, which the
 /// two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
@@ -370,7 +370,7 @@ pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
             from = 0.0;
         }
         dda = advance(&mirrored, &here, span);
-        let plane = planes_behind(&mirrored, here.rel, span);
+        let plane = exit_planes(&mirrored, here.rel, span);
         let to = near.exit(&mirrored, plane, dda.axis as usize).max(from);
         let end = to.min(near.end);
         let mean = mean_density(grid, &mirrored, &near, &here, span, (from, end));
@@ -379,7 +379,7 @@ pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
         // Of a boundary tile, cells without density count as void.
         in_run = mean > 0.0 && !span.constant();
     }
-    sum.min(MOST_LENGTH)
+    sum.min(MAX_LENGTH)
 }
 
 /// The mean density between two parameters from the rebased origin on, within the cube of a span.

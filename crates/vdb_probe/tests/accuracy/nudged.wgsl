@@ -7,7 +7,7 @@
 // is, and the look-ups are this project's.
 
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::traversal::tree::{locate, nowhere, span_occupied}
+#import bevy_vdb::traversal::tree::{locate, new_accessor, span_occupied}
 #import vdb_probe::single_rays::{ProbeHit, ProbeRay}
 
 @group(2) @binding(4) var<storage, read> given: array<ProbeRay>;
@@ -57,10 +57,10 @@ fn nudged(@builtin(global_invocation_id) id: vec3<u32>) {
         at += dir * (entry + NUDGE);
     }
     var stuck = 0u;
-    var place = nowhere(vec3(0));
+    var place = new_accessor(vec3(0));
     if !is_missed {
         stuck = 1u;
-        place = nowhere(vec3<i32>(floor(at)) - base.xyz);
+        place = new_accessor(vec3<i32>(floor(at)) - base.xyz);
         for (; steps < MOST_STEPS; steps++) {
             let cell = vec3<i32>(floor(at)) - base.xyz;
             if any(cell < grid.occupied_min) || any(cell > grid.occupied_max) {

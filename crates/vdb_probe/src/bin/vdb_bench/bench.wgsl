@@ -3,7 +3,7 @@
 #import bevy_vdb::gpu::types::Rays
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::rays::{ndc_of, ray_through}
-#import bevy_vdb::traversal::beam::{beam_of, beam_start}
+#import bevy_vdb::traversal::beam::{beam_of, beam_start_t}
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter_at, first_hit}
 #ifdef VDB_COUNT_STEPS
 #import bevy_vdb::traversal::hdda::steps
@@ -34,7 +34,7 @@ fn beams(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let beam = beam_of(grids[0], view, id.xy, setup.size, 0.0);
-    starts[id.y * tiles.x + id.x] = beam_start(grids[0], beam);
+    starts[id.y * tiles.x + id.x] = beam_start_t(grids[0], beam);
 }
 
 #ifdef VDB_SHUFFLED
@@ -80,7 +80,7 @@ fn pixel_of(number: u32, id: vec3<u32>) -> vec2<u32> {
 }
 
 // The t before which nothing can stop a pixel's ray; shuffled rays have no neighbours to share it with.
-fn start_of(id: vec3<u32>) -> f32 {
+fn start_t(id: vec3<u32>) -> f32 {
 #ifdef VDB_BEAMS
     return starts[(id.y / 8u) * ((setup.size.x + 7u) / 8u) + id.x / 8u];
 #else
@@ -111,7 +111,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     if number == NONE {
         return;
     }
-    let start = start_of(id);
+    let start = start_t(id);
     if start == FAR {
         put(number, MISS);
         return;
@@ -124,7 +124,8 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     let scale = setup.density_scale * length(ray.dir);
 #ifdef VDB_STEP
     // In quarters of a voxel. Beyond 9, less than a 8,000th of the light is left.
-    let depth = scale * stepped_length(grids[0], mirrored, start, 9.0 / scale, 0.25 * f32(#{VDB_STEP}u), scale);
+    let depth = scale
+        * stepped_length(grids[0], mirrored, start, 9.0 / scale, 0.25 * f32(#{VDB_STEP}u), scale);
 #else
     // Beyond 16, a transmittance is below that of 16 bits beside 1.
     let depth = scale * optical_length(grids[0], mirrored, enter, 16.0 / scale);
