@@ -262,7 +262,7 @@ fn metadata(choices: &mut Unstructured) -> Result<Metadata> {
             6 => MetaValue::Mat4d([choices.arbitrary()?; 16]),
             7 => {
                 let type_name = (*choices.choose(&["float", "half", "\0", "string"])?).to_owned();
-                // Of no length that the type could have, and no text.
+                // A length that the type cannot have, and bytes that are not UTF-8.
                 MetaValue::Unknown { type_name, bytes: vec![0xff; choices.int_in_range(5..=40)?] }
             }
             _ => MetaValue::String(choices.arbitrary::<&str>()?.chars().take(300).collect()),

@@ -73,7 +73,6 @@ impl PackedGrid {
     /// # Errors
     /// If the grid exceeds a limit, has more nodes or distinct tile values than 28 bits can number,
     /// or takes more than 2³² words.
-    /// or takes more than 2³² words.
     pub fn new(tree: &Vdb543<f32>, kind: PackKind) -> Result<Self, PackError> {
         Self::with_options(tree, kind, &PackOptions::default())
     }

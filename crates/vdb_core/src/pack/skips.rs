@@ -4,7 +4,6 @@
 //! A ray never turns back on any axis, so only the cells in its own octant matter. The cube can
 //! therefore be larger than one centred on the cell, and takes three bits per octant. Sizes that
 //! three bits cannot represent are rounded down.
-//! bits cannot tell are rounded down.
 
 use glam::IVec3;
 

@@ -15,7 +15,6 @@
 //! exact; subtracting `frac` rounds once: Ñ = N (1 + δ), |δ| ≤ u. N is a multiple of 2⁻¹⁴⁹ below
 //! 2⁴⁴, and |d| lies in [2⁻¹⁴⁹, 2¹²⁸), so nothing under- or overflows in f64, and the division
 //! rounds once more: |t̃ - t| ≤ 2.1 u |t̃|.
-//! more: |t̃ - t| ≤ 2.1 u |t̃|.
 
 use std::cmp::Ordering;
 

@@ -20,7 +20,6 @@ pub const EDGES: std::ops::RangeInclusive<u32> = 256..=4096;
 ///
 /// # Panics
 /// If `edge` is not in [`EDGES`].
-/// When `edge` is not in [`EDGES`].
 pub fn gyroid(edge: u32) -> Vdb543<f32> {
     assert!(EDGES.contains(&edge), "a gyroid of {edge} voxels");
     let gyroid = Gyroid::new(edge);

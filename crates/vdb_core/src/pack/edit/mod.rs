@@ -37,7 +37,7 @@ use slots::Cubes;
 /// let mut tree = Vdb543::new(1.0);
 /// let mut packed = PackedGrid::new(&tree, kind)?;
 /// let mut editor = Editor::default();
-/// The first commit packs the whole grid, with spare room.
+/// // The first commit packs the whole grid, with spare room.
 /// editor.edit(&mut tree).set(IVec3::ZERO, -1.0);
 /// assert_eq!(editor.commit(&tree, &mut packed)?, Changes::All);
 /// editor.edit(&mut tree).set(IVec3::new(1, 0, 0), -1.0);
