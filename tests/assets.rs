@@ -300,7 +300,7 @@ fn what_is_no_file_of_ours_is_refused_at_once() {
     sparse(&folder.join("zeros.vdb"), b"", 3 << 30);
     sparse(&folder.join("long.vdb"), &whole, 3 << 30);
     let mut cases = vec![
-        ("zeros.vdb", "this is no VDB file"),
+        ("zeros.vdb", "this is not a VDB file"),
         (
             "long.vdb",
             "3221225472 bytes of file exceed the limit of 2147483648 (`Limits::file_bytes`)",
@@ -310,7 +310,7 @@ fn what_is_no_file_of_ours_is_refused_at_once() {
     #[cfg(unix)]
     {
         std::os::unix::fs::symlink("/dev/zero", folder.join("device.vdb")).unwrap();
-        cases.push(("device.vdb", "this is no VDB file"));
+        cases.push(("device.vdb", "this is not a VDB file"));
     }
     for (name, said) in cases {
         let mut app = app();

@@ -150,7 +150,7 @@ fn a_file_that_cannot_be_shown_is_one_clear_error() {
     std::fs::write(&text, "this is a text, not a volume, and long enough to be read")
         .expect("written");
     let said = refused(|c| _ = c.arg(&text));
-    assert!(said.contains("text.vdb") && said.contains("no VDB file"), "{said}");
+    assert!(said.contains("text.vdb") && said.contains("not a VDB file"), "{said}");
 
     let said = refused(|c| _ = c.arg(&text).arg("--cpu"));
     assert!(said.contains("text.vdb"), "{said}");

@@ -279,9 +279,9 @@ fn what_is_wrong_with_a_file_stands_in_the_window() {
         .expect("written");
     viewer.drop_file(&text);
     viewer.wait();
-    assert!(viewer.says("text.vdb: ") && viewer.says("no VDB file"));
+    assert!(viewer.says("text.vdb: ") && viewer.says("not a VDB file"));
     viewer.click("Close");
-    assert!(!viewer.says("no VDB file"));
+    assert!(!viewer.says("not a VDB file"));
     viewer.drop_file(Path::new("/nowhere/missing.vdb"));
     viewer.wait();
     assert!(viewer.says("missing.vdb: no such file"));

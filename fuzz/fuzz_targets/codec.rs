@@ -1,5 +1,5 @@
-//! Blosc, its `BloscLZ` streams, zip and 16-bit floats: the first byte says which, the next two
-//! how many bytes must come out.
+//! Fuzzes Blosc, its `BloscLZ` streams, zip and 16-bit floats. The first byte selects the decoder,
+//! and the next two are the length of its output.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

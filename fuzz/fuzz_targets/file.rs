@@ -1,4 +1,4 @@
-//! Whole files, and all that follows reading.
+//! Fuzzes whole files, and everything after reading.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

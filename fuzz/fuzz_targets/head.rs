@@ -1,4 +1,4 @@
-//! Header, metadata, descriptors and transforms: the first byte says which.
+//! Fuzzes header, metadata, descriptors and transforms; the first byte selects which.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,4 @@
-//! Files of such trees, damaged, and all that follows reading.
+//! Fuzzes damaged files of generated trees, and everything after reading.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

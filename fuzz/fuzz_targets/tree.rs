@@ -1,4 +1,4 @@
-//! Trees made by choices that the bytes stand for, and all that follows reading.
+//! Fuzzes trees generated from the input's bytes, and everything after reading.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,8 +1,8 @@
-//! Damage to the bytes of a file, aimed at what a reader acts on.
+//! Damage to the bytes of a file, aimed at those that control a reader.
 
 use arbitrary::{Result, Unstructured};
 
-/// Changes a few places of a file: numbers, pieces, names.
+/// Damages a few places of a file: numbers, pieces or names.
 pub(super) fn damage(bytes: &mut Vec<u8>, choices: &mut Unstructured) -> Result<()> {
     for _ in 0..choices.int_in_range(1..=6)? {
         if bytes.is_empty() {
@@ -35,7 +35,7 @@ pub(super) fn damage(bytes: &mut Vec<u8>, choices: &mut Unstructured) -> Result<
     Ok(())
 }
 
-/// Near the start, near the end, or right behind a number of the middle: masks are long.
+/// A position near the start, near the end, or anywhere: most bytes in the middle are masks.
 fn place(bytes: &[u8], choices: &mut Unstructured) -> Result<usize> {
     let last = bytes.len() - 1;
     Ok(match choices.int_in_range(0..=2)? {
@@ -45,7 +45,7 @@ fn place(bytes: &[u8], choices: &mut Unstructured) -> Result<usize> {
     })
 }
 
-/// A number that has broken readers before.
+/// A number of the kind that breaks readers.
 fn nasty(choices: &mut Unstructured, old: u64) -> Result<u64> {
     Ok(match choices.int_in_range(0..=9)? {
         0 => 0,
@@ -61,8 +61,8 @@ fn nasty(choices: &mut Unstructured, old: u64) -> Result<u64> {
     })
 }
 
-/// Gives one string of the file the text of another of the same length: an instance another parent, a
-/// parent a parent of its own, a tree another type.
+/// Replaces a string of the file by another of the same length: an instance gets another parent, a
+/// parent becomes an instance, or a tree gets another type.
 fn rename(bytes: &mut [u8], choices: &mut Unstructured) -> Result<()> {
     let texts: Vec<(usize, usize)> = (0..bytes.len().saturating_sub(4).min(4096))
         .filter_map(|at| {

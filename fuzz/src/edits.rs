@@ -1,4 +1,4 @@
-//! Voxels that change, against the same tree packed as a whole.
+//! Edited grids, compared with the same tree packed as a whole.
 
 use vdb_core::pack::edit::{Changes, Editor, Voxel};
 use vdb_core::pack::layout::{BOUNDARY, CHILD, OCCUPIED};
@@ -10,14 +10,16 @@ use vdb_core::{AnyTree, Grid, VdbFile};
 use super::follow::pack;
 use super::{CORNERS, FLOATS, pick, rays, round_trip};
 
-/// Commits of one grid at most, and edits before each.
+/// The most commits per grid, and the most edits before each.
 const COMMITS: u64 = 2;
 const EDITS: u64 = 6;
 
-/// log₂ of the cells per edge from which on cubes are of the top-level tree's, which may cut the void otherwise.
+/// log₂ of the cells per edge from which cubes belong to the top-level tree, which may divide empty
+/// space differently.
 const LARGEST: u32 = 7;
 
-/// Edits a copy of a tree; after each commit, words and answers are those of a grid packed anew.
+/// Edits a copy of a tree. After each commit, words and ray results must equal those of a newly
+/// packed grid.
 pub(super) fn check(tree: &Vdb543<f32>, kind: PackKind, random: &mut Random) {
     let Ok(mut packed) = pack(tree, kind, ValueFormat::Exact) else { return };
     let (mut tree, mut editor) = (tree.clone(), Editor::default());
@@ -47,7 +49,7 @@ pub(super) fn check(tree: &Vdb543<f32>, kind: PackKind, random: &mut Random) {
     round_trip::check(&VdbFile::new(vec![grid]), random);
 }
 
-/// A few edits of every sort, and where they were.
+/// Makes a few edits of all kinds, and returns their positions.
 fn edit(editor: &mut Editor, tree: &mut Vdb543<f32>, random: &mut Random) -> Vec<IVec3> {
     let origins: Vec<IVec3> = tree.leaves().take(1000).map(Node::origin).collect();
     let mut places = Vec::new();
@@ -67,7 +69,7 @@ fn edit(editor: &mut Editor, tree: &mut Vdb543<f32>, random: &mut Random) -> Vec
                 let empty = Voxel { value: edit.tree().background(), active: false };
                 edit.fill(bbox, empty);
             }
-            // There and back.
+            // A change that is reverted.
             3 => {
                 let old = edit.voxel(at);
                 edit.set_voxel(at, voxel);
@@ -83,7 +85,7 @@ fn edit(editor: &mut Editor, tree: &mut Vdb543<f32>, random: &mut Random) -> Vec
     places
 }
 
-/// In a leaf, beside it, or at a corner of something.
+/// A position in a leaf, next to one, or near a corner of the index space or of nodes.
 fn place(random: &mut Random, origins: &[IVec3]) -> IVec3 {
     let mut base = IVec3::from_array([0; 3].map(|_| pick(random, &CORNERS)));
     if random.below(2) == 0 && !origins.is_empty() {
@@ -102,7 +104,7 @@ fn compare(tree: &Vdb543<f32>, packed: &PackedGrid, places: &[IVec3], random: &m
             let side = IVec3::new(i / 9, i / 3 % 3, i % 3) - 1;
             for step in [1, 8] {
                 let ijk = place.saturating_add(side * step);
-                // Rays look at cells of the box alone.
+                // Rays only visit cells of the box.
                 if bounds.contains(ijk) {
                     compare_cell(packed, &whole, ijk, random.below(8) as u32);
                 }
@@ -133,7 +135,7 @@ fn compare_cell(one: &PackedGrid, two: &PackedGrid, ijk: IVec3, octant: u32) {
 
 fn compare_ray(one: &PackedGrid, two: &PackedGrid, bounds: CoordBox, random: &mut Random) {
     let Some(ray) = rays::near(one, bounds, random) else { return };
-    // The same ray from the base of the other.
+    // The same ray relative to the base of the other grid.
     let moved = one.base.wrapping_sub(two.base);
     let other = traverse::Ray { cell: ray.cell.wrapping_add(moved), ..ray };
     let hit = |grid: &PackedGrid, ray| {

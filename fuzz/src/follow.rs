@@ -1,4 +1,4 @@
-//! All that follows reading, one after the other.
+//! Everything that follows reading, in sequence.
 
 use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, ValueFormat};
 use vdb_core::synth::Random;
@@ -10,17 +10,17 @@ use vdb_core::{AnyTree, GridClass, Transform, VdbFile};
 
 use super::{FLOATS, edits, limits, pick, rays, round_trip};
 
-/// Trees of a file that are gone through; writing and reading take all of them.
+/// The most trees of a file to process; writing and reading process all of them.
 const TREES: usize = 2;
 
-/// Levels of detail of one grid.
+/// The most levels of detail of one grid.
 const LEVELS: usize = 4;
 
-/// Shorter than this, in cells, a grid is not made coarser still; as in the plugin.
+/// The extent in cells below which no coarser level is generated, as in the plugin.
 const SMALLEST: u64 = 32;
 
-/// Writes, reads, packs, asks and edits. Each input takes a few of these ways: what is left out now comes
-/// with the next one.
+/// Writes, reads, packs, queries and edits. Each input takes only some of these paths; other inputs
+/// take the others.
 pub(super) fn file(file: &VdbFile, seed: u64) {
     let mut random = Random::new(seed);
     if random.below(3) == 0 {
@@ -79,7 +79,7 @@ pub(super) fn pack(
     PackedGrid::with_options(tree, kind, &options)
 }
 
-/// Each level of detail as the plugin makes them.
+/// Generates levels of detail as the plugin does.
 fn levels(tree: &Vdb543<f32>, packed: PackedGrid, class: GridClass, random: &mut Random) {
     let (mut coarser, mut level) = (None, packed);
     let kind = level.kind;
@@ -107,7 +107,7 @@ fn levels(tree: &Vdb543<f32>, packed: PackedGrid, class: GridClass, random: &mut
     }
 }
 
-/// Pruning changes no voxel; a narrower band is one.
+/// Pruning must change no voxel. Trimming the narrow band must not add leaves.
 fn pruned(tree: &Vdb543<f32>, random: &mut Random) {
     let mut pruned = tree.clone();
     pruned.prune();

@@ -1,4 +1,4 @@
-//! Small files of every shape, from the choices of a fuzzer.
+//! Small files of every kind, generated from the choices of a fuzzer.
 
 use std::sync::Arc;
 
@@ -11,10 +11,10 @@ use vdb_core::{
 
 use super::{CORNERS, FLOATS};
 
-/// Steps by which a tree grows.
+/// The most steps in which a tree grows.
 const STEPS: usize = 12;
 
-/// What the choices stand for: up to three grids, some of them instances.
+/// A file generated from the choices: up to three grids, some of them instances.
 pub(super) fn file(choices: &mut Unstructured) -> Result<VdbFile> {
     let mut grids: Vec<Grid> = Vec::new();
     for _ in 0..choices.int_in_range(1..=3)? {
@@ -66,7 +66,7 @@ fn float(choices: &mut Unstructured) -> Result<f32> {
     })
 }
 
-/// A corner at which a tree is at home.
+/// The neighbourhood in which a tree grows.
 fn home(choices: &mut Unstructured) -> Result<IVec3> {
     if choices.ratio(3, 4)? {
         return Ok(IVec3::ZERO);
@@ -78,7 +78,7 @@ fn home(choices: &mut Unstructured) -> Result<IVec3> {
     ))
 }
 
-/// A place close to home, or now and then at a corner anywhere: each of those costs a large node.
+/// A position close to home, or occasionally at a distant corner: each of those costs a large node.
 fn place(choices: &mut Unstructured, home: IVec3) -> Result<IVec3> {
     let far = choices.ratio(1, 16)?;
     let mut axis = |home: i32| -> Result<i32> {
@@ -86,7 +86,7 @@ fn place(choices: &mut Unstructured, home: IVec3) -> Result<IVec3> {
         Ok(if far {
             choices.choose(&CORNERS)?.saturating_add(away.signum() * (away & 1))
         } else {
-            // Mostly on one side.
+            // Mostly on the positive side.
             home.saturating_add(if away < -100 { -1 } else { away.max(-1) / 4 })
         })
     };
@@ -96,7 +96,7 @@ fn place(choices: &mut Unstructured, home: IVec3) -> Result<IVec3> {
 type Lower<L> = InternalNode<L, 4>;
 type Upper<L> = InternalNode<Lower<L>, 5>;
 
-/// A tree that grows step by step: voxels, leaves, tiles and nodes full of tiles, at every level.
+/// A tree grown step by step: voxels, leaves, tiles and nodes full of tiles, at all levels.
 fn grown<T: vdb_core::tree::Value>(
     choices: &mut Unstructured,
     value: fn(f32) -> T,
@@ -125,7 +125,7 @@ fn grown<T: vdb_core::tree::Value>(
     Ok(Arc::new(tree))
 }
 
-/// Puts a tile at one of the levels, or a node full of them.
+/// Inserts a tile at one of the levels, or a node full of them.
 fn grow<L: Node<Leaf = L>>(
     tree: &mut Tree<Upper<L>>,
     step: i32,
@@ -135,7 +135,7 @@ fn grow<L: Node<Leaf = L>>(
 ) {
     match step {
         7 | 8 => tree.fill_leaf(at, value, active),
-        // A tile of 128³ in place of what has just been made there.
+        // A tile of 128³, in place of the node that was just created there.
         9 => {
             tree.touch_leaf(at);
             let origin = Upper::<L>::origin_of(at);
@@ -148,7 +148,7 @@ fn grow<L: Node<Leaf = L>>(
     }
 }
 
-/// A ball of distances, with its narrow band of three voxels.
+/// Sets a ball of signed distances, with a narrow band of three voxels.
 fn ball<T: vdb_core::tree::Value>(
     tree: &mut Vdb543<T>,
     center: IVec3,
@@ -206,7 +206,7 @@ fn bools(choices: &mut Unstructured) -> Result<BoolTree> {
     Ok(tree)
 }
 
-/// States alone: the value of everything is whether it is active.
+/// A mask tree, in which values are states.
 fn states(choices: &mut Unstructured) -> Result<MaskTree> {
     let (mut tree, home) = (MaskTree::new(false), home(choices)?);
     for _ in 0..choices.int_in_range(0..=STEPS)? {
@@ -220,7 +220,7 @@ fn states(choices: &mut Unstructured) -> Result<MaskTree> {
     Ok(tree)
 }
 
-/// Where a grid stands: plain, mirrored, huge, tiny, flat, or any numbers at all.
+/// A transform: ordinary, mirrored, huge, tiny, flat, or arbitrary.
 fn transform(choices: &mut Unstructured) -> Result<Option<Transform>> {
     let scales = [1.0, 0.1, -1.0, 1e-300, 1e300, 1e-30, 1e30, 0.0, 5e-324, 1e9, 1e-9];
     let size = *choices.choose(&scales)?;
@@ -262,7 +262,7 @@ fn metadata(choices: &mut Unstructured) -> Result<Metadata> {
             6 => MetaValue::Mat4d([choices.arbitrary()?; 16]),
             7 => {
                 let type_name = (*choices.choose(&["float", "half", "\0", "string"])?).to_owned();
-                // Of no length that the type could have, and no text.
+                // A length that the type cannot have, and bytes that are not UTF-8.
                 MetaValue::Unknown { type_name, bytes: vec![0xff; choices.int_in_range(5..=40)?] }
             }
             _ => MetaValue::String(choices.arbitrary::<&str>()?.chars().take(300).collect()),

@@ -1,9 +1,9 @@
-//! What happens to a file after it has been read: packing, levels of detail, rays, edits, writing and
-//! reading again.
+//! Everything that happens to a file after it has been read: packing, levels of detail, rays,
+//! edits, writing and reading again.
 //!
 //! The fuzz targets and the replay of their inputs on a stable compiler
-//! (`crates/vdb_core/tests/fuzz_corpus.rs`) run the same code. Everything follows from the bytes of the
-//! input, so that a failure repeats.
+//! (`crates/vdb_core/tests/fuzz_corpus.rs`) run the same code. Everything is derived from the bytes
+//! of the input, so that failures can be reproduced.
 
 mod damage;
 mod edits;
@@ -19,11 +19,11 @@ use vdb_core::{Limits, ReadOptions, VdbFile, WriteOptions};
 
 pub use seeds::write_seeds;
 
-/// Bytes of memory that the trees of one input may take: four of the large nodes of floats. What
-/// follows reading costs a multiple of it, and many small inputs find more than a few large ones.
+/// Bytes of memory that the trees of one input may take: four large nodes of floats. Everything
+/// after reading costs a multiple of that, and many small inputs find more than a few large ones.
 const TREE_BYTES: u64 = 640 << 10;
 
-/// A whole file, byte by byte as it is.
+/// Runs a whole file, given by its bytes.
 pub fn file(bytes: &[u8]) {
     let options = ReadOptions { limits: limits(), ..ReadOptions::default() };
     if let Ok(file) = VdbFile::read(bytes, &options) {
@@ -33,7 +33,7 @@ pub fn file(bytes: &[u8]) {
     }
 }
 
-/// Trees made by choices that the bytes stand for: no reader in the way.
+/// Runs trees generated from the bytes, without going through the reader.
 pub fn tree(bytes: &[u8]) {
     let mut choices = Unstructured::new(bytes);
     if let Ok(file) = generate::file(&mut choices)
@@ -43,7 +43,7 @@ pub fn tree(bytes: &[u8]) {
     }
 }
 
-/// The same trees as a file whose bytes are then damaged where it hurts.
+/// Runs the same trees as a file whose bytes are damaged.
 pub fn mutant(bytes: &[u8]) {
     let mut choices = Unstructured::new(bytes);
     let Ok(file) = generate::file(&mut choices) else { return };
@@ -55,7 +55,7 @@ pub fn mutant(bytes: &[u8]) {
     }
 }
 
-/// Bytes that the trees of a file take, each once.
+/// The memory of a file's trees, counting shared ones once.
 fn tree_bytes(file: &VdbFile) -> u64 {
     let own = |i: &usize| {
         let tree = &file.grids[*i].tree;
@@ -64,7 +64,7 @@ fn tree_bytes(file: &VdbFile) -> u64 {
     (0..file.grids.len()).filter(own).map(|i| file.grids[i].tree.stats().bytes).sum()
 }
 
-/// What reading, packing and levels of detail may take of one input.
+/// Limits for reading, packing and levels of detail of one input.
 fn limits() -> Limits {
     let mut limits = Limits::default();
     limits.tree_bytes = TREE_BYTES;
@@ -75,19 +75,19 @@ fn limits() -> Limits {
     limits
 }
 
-/// A number that follows from the bytes (FNV-1a), for rays and edits.
+/// A hash of the bytes (FNV-1a), as the seed for rays and edits.
 fn seed(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
         (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
     })
 }
 
-/// One of a few.
+/// One of several values.
 fn pick<T: Copy>(random: &mut Random, from: &[T]) -> T {
     from[random.below(from.len() as u64) as usize]
 }
 
-/// Coordinates at which something changes: the ends of the index space and the corners of nodes.
+/// Critical coordinates: the ends of the index space and the corners of nodes.
 const CORNERS: [i32; 16] = [
     0,
     8,
@@ -107,7 +107,7 @@ const CORNERS: [i32; 16] = [
     i32::MAX - 4095,
 ];
 
-/// Floats that are unlike others.
+/// Special floats.
 const FLOATS: [f32; 20] = [
     0.0,
     -0.0,

@@ -1,4 +1,4 @@
-//! Rays and points, plain and beyond all bounds.
+//! Rays and points, both ordinary and extreme.
 
 use glam::{DAffine3, DMat4, DVec3, Vec2};
 use vdb_core::Transform;
@@ -11,10 +11,10 @@ use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
 
 use super::{CORNERS, FLOATS, pick};
 
-/// Rays of each sort and grid.
+/// Rays of each kind per grid.
 const RAYS: usize = 6;
 
-/// Asks a grid about rays and points, and a view about the grid.
+/// Queries a grid with rays and points, and views it through a camera.
 pub(super) fn check(
     tree: &Vdb543<f32>,
     packed: &PackedGrid,
@@ -61,7 +61,7 @@ fn check_hit(query: &GridQuery, kind: PackKind, ray: &IndexRay, hit: &IndexHit) 
     }
 }
 
-/// Voxels and faces against the exact tracer, of rays that neither has to round.
+/// Compares voxels with the exact tracer, for rays that neither has to round.
 fn judge(tree: &Vdb543<f32>, query: &GridQuery, iso: f32, bounds: CoordBox, random: &mut Random) {
     let oracle = Blocky::new(tree, Occupied::BelowIso(iso));
     for _ in 0..RAYS {
@@ -88,7 +88,7 @@ fn judge(tree: &Vdb543<f32>, query: &GridQuery, iso: f32, bounds: CoordBox, rand
     }
 }
 
-/// The traversal itself, which reads words as the shader does: none of them out of its bounds.
+/// Runs the traversal itself, which reads words as the shader does: none may be out of bounds.
 pub(super) fn dda(packed: &PackedGrid, random: &mut Random) {
     let Some(bounds) = bounds(packed) else { return };
     for _ in 0..RAYS {
@@ -109,7 +109,8 @@ pub(super) fn dda(packed: &PackedGrid, random: &mut Random) {
     }
 }
 
-/// A ray as the shaders get them, near the grid's box; where that is of a size.
+/// A ray in the form that shaders get, near the grid's box; `None` if the box is too large or too
+/// far away.
 pub(super) fn near(
     packed: &PackedGrid,
     bounds: CoordBox,
@@ -124,7 +125,7 @@ pub(super) fn near(
     Some(traverse::Ray::from_index(packed, ray.cell, ray.frac, rays::normalized(ray.dir)?))
 }
 
-/// What a camera makes of the grid where its file puts it.
+/// Views the grid through a camera, where its transform places it.
 fn view(packed: &PackedGrid, transform: &Transform, random: &mut Random) {
     let projection = DMat4::perspective_infinite_reverse_rh(0.8, 1.7, 0.1);
     let (Some(rays), Some(world)) = (ViewRays::new(projection), transform.linear()) else { return };
@@ -141,7 +142,7 @@ fn view(packed: &PackedGrid, transform: &Transform, random: &mut Random) {
     }
 }
 
-/// A point of a box.
+/// A random point in a box.
 fn inside(random: &mut Random, bounds: CoordBox) -> DVec3 {
     let (low, high) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
     low + (high - low) * DVec3::new(random.unit(), random.unit(), random.unit())

@@ -1,4 +1,4 @@
-//! What is written reads as what was meant, and from then on nothing changes any more.
+//! Writing and reading: a file is read back as written, and further round trips change nothing.
 
 use vdb_core::synth::Random;
 use vdb_core::tree::{Cube, Dim, InternalNode, Node, RootEntry, Slot, Tree, Value};
@@ -15,8 +15,9 @@ pub(super) fn check(file: &VdbFile, random: &mut Random) {
     for (a, b) in file.grids.iter().zip(&again.grids) {
         assert_eq!(a.compression, b.compression);
     }
-    // Names have their numbers now, floats of 16 bits are what they are, and trees take the memory that
-    // a reader gives them: all comes back, byte by byte.
+    // After the first round trip, names have their numbers, 16-bit floats are rounded, and trees
+    // take the memory that a reader gives them. From then on, files must be identical, byte by
+    // byte.
     if random.below(2) == 0 {
         let twice = written(&again, &WriteOptions::default());
         let third = read(&twice);
@@ -39,8 +40,8 @@ fn read(bytes: &[u8]) -> VdbFile {
     read.unwrap_or_else(|error| panic!("what was written cannot be read: {error}"))
 }
 
-/// `first` if the one has never been written: then 16 bits have not yet cut its values, and its names
-/// may have numbers of their own.
+/// Compares two files. `first` is set if `a` has never been written: its values have then not yet
+/// been rounded to 16 bits, and its names may have numbers of their own.
 fn assert_same(a: &VdbFile, b: &VdbFile, first: bool) {
     assert_eq!(a.grids.len(), b.grids.len());
     assert!(b.skipped.is_empty(), "{:?}", b.skipped);
@@ -65,7 +66,7 @@ fn assert_same(a: &VdbFile, b: &VdbFile, first: bool) {
     }
 }
 
-/// The metadata that is the grid's own: the rest is worked out anew at each writing.
+/// The metadata of the grid itself; the rest is recomputed each time the file is written.
 fn own_metadata(grid: &Grid) -> Vec<(&str, &MetaValue)> {
     let computed = ["name", "class", "is_saved_as_half_float"];
     let own = |name: &str| !name.starts_with("file_") && !computed.contains(&name);
@@ -75,8 +76,8 @@ fn own_metadata(grid: &Grid) -> Vec<(&str, &MetaValue)> {
 type Lower<L> = InternalNode<L, 4>;
 type Upper<L> = InternalNode<Lower<L>, 5>;
 
-/// Whether two trees store the same, voxel by voxel and tile by tile, bit for bit, with their states.
-/// Unless `exact`, values may differ.
+/// Whether two trees store the same values and states, voxel by voxel and tile by tile, bit for
+/// bit. Unless `exact`, values may differ.
 pub(super) fn same_tree<L: Node<Leaf = L>>(
     a: &Tree<Upper<L>>,
     b: &Tree<Upper<L>>,

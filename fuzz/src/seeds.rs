@@ -1,4 +1,4 @@
-//! Inputs to start from, for which no file is needed.
+//! Seed inputs for fuzzing, generated without files.
 
 use std::path::Path;
 
@@ -8,11 +8,11 @@ use vdb_core::synth::Random;
 
 use super::generate;
 
-/// Writes choices for `tree` and `mutant`, and the small ones of the files that they stand for, for
+/// Writes inputs for `tree` and `mutant`, and the files generated from them, if they are small, for
 /// `file`, into folders of these names.
 ///
 /// # Errors
-/// What the system says.
+/// Errors of the operating system.
 pub fn write_seeds(folder: &Path, count: u64) -> std::io::Result<()> {
     let folders = ["tree", "mutant", "file"].map(|name| folder.join(name));
     for folder in &folders {

@@ -245,7 +245,7 @@ fn the_last_good_file_is_shown() {
     let third = watched.picture();
     write(&watched, b"no volume");
     let said = watched.complaint();
-    assert!(said.len() <= 2 && said[0].contains("this is no VDB file"), "{said:#?}");
+    assert!(said.len() <= 2 && said[0].contains("this is not a VDB file"), "{said:#?}");
     assert!(watched.picture() == third);
     assert!(watched.stage.world().resource::<Assets<VdbFile>>().contains(&file));
     fs::remove_dir_all(watched.path.parent().unwrap()).unwrap();

@@ -1,10 +1,10 @@
-//! The option that every command has which reads files.
+//! The option shared by all commands that read files.
 
 use vdb_core::Limits;
 
 #[derive(clap::Args)]
 pub struct LimitArgs {
-    /// Read files that ask for more memory than a desktop with 8 GB can spare
+    /// Read files that demand more memory than a desktop with 8 GB can spare
     #[arg(long)]
     no_limits: bool,
 }

@@ -33,7 +33,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// Prints help or what is wrong with the command line, which names files and so is escaped.
+/// Prints help, or what is wrong with the command line. The latter quotes file names, so it is
+/// escaped.
 fn usage(message: &clap::Error) -> ExitCode {
     let text = message.render().to_string();
     match message.kind() {

@@ -8,19 +8,19 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use vdb_core::ProgressFn;
 use vdb_core::display::escaped;
 
-/// Characters of a file's name beside its bar.
+/// The most characters of a file's name to show beside the bar.
 const NAME_CHARS: usize = 40;
 
-/// The progress of the work on one file. Shown on a terminal only, and gone once it is dropped.
+/// The progress of the work on one file. Shown only on a terminal, and cleared when dropped.
 pub struct Progress(ProgressBar);
 
 impl Progress {
-    /// Starts with reading, which counts bytes.
+    /// Starts a bar for reading, in bytes.
     pub fn reading(path: &Path) -> Self {
         let style = ProgressStyle::with_template("{msg} [{bar:30}] {bytes}/{total_bytes}")
             .unwrap_or_else(|_| ProgressStyle::default_bar())
             .progress_chars("=> ");
-        // indicatif hides it by itself if standard error is not a terminal.
+        // indicatif hides the bar if standard error is not a terminal.
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
         bar.set_style(style);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -28,12 +28,12 @@ impl Progress {
         Self(bar)
     }
 
-    /// The callback for the options of the work to follow.
+    /// A callback for [`ReadOptions`](vdb_core::ReadOptions).
     pub fn callback(&self) -> Arc<ProgressFn> {
         let bar = self.0.clone();
         Arc::new(move |done, all| {
             bar.set_length(all);
-            // Several threads report: the bar never goes back.
+            // Calls from several threads may arrive out of order; the bar never moves back.
             bar.set_position(bar.position().max(done));
             ControlFlow::Continue(())
         })

@@ -6,12 +6,12 @@ use std::process::ExitCode;
 
 use vdb_core::display::escaped;
 
-/// Characters of a line on standard error.
+/// The most characters of one line on standard error.
 const LINE_CHARS: usize = 16 << 10;
 
-/// Writes text to standard output. Breaks with an exit code when no more can be written: with `code` if
-/// the reader has closed the pipe, as `head` does after some lines, and with a failure, which is
-/// reported, for any other reason.
+/// Writes text to standard output. If no more can be written, breaks with an exit code: `code` if
+/// the reader has closed the pipe, as `head` does after some lines; otherwise a failure, which is
+/// reported.
 pub fn print(text: &str, code: ExitCode) -> ControlFlow<ExitCode> {
     let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {

@@ -71,7 +71,7 @@ fn people_can_read_it() {
     for line in [
         "\"density\": Tree_float_5_4_3, fog volume, saved as half",
         "  active from [15, 15, 15] to [25, 25, 25]: 11 x 11 x 11",
-        "  515 active voxels, of them 515 in leaves; 0 active tiles",
+        "  515 active voxels, 515 of them in leaves; 0 active tiles",
         "            7 leaves of 8^3, 515 active voxels",
         "  title (string): \"small grids of several kinds\"",
         "    answer (int32): 42",
@@ -158,7 +158,7 @@ fn what_is_no_file_costs_no_memory() {
     assert!(text(&output.stdout).contains("\"density\""));
     // Those who trust a file say so.
     let output = within(&[huge.as_os_str(), "--no-limits".as_ref()]);
-    assert!(text(&output.stderr).contains("this is no VDB file"), "{output:?}");
+    assert!(text(&output.stderr).contains("this is not a VDB file"), "{output:?}");
     std::fs::remove_dir_all(folder).unwrap();
 }
 

@@ -1,26 +1,27 @@
-//! What black bodies look like: Planck's law, seen with the eyes of the CIE's standard observer of 1931.
+//! Black-body colours: Planck's law integrated with the CIE 1931 standard observer.
 
-/// Planck's constant times the speed of light over Boltzmann's constant, m·K: the second radiation
-/// constant. (The numbers that it is made of are exact since the SI of 2019.)
+/// The second radiation constant, m·K: Planck's constant times the speed of light over Boltzmann's
+/// constant, all three of which are exact in the SI of 2019.
 const SECOND: f64 = PLANCK * LIGHT / BOLTZMANN;
 const PLANCK: f64 = 6.626_070_15e-34;
 const LIGHT: f64 = 299_792_458.0;
 const BOLTZMANN: f64 = 1.380_649e-23;
-/// Lumens in a watt where the eye is most sensitive.
+/// Luminous efficacy, lm/W, where the eye is most sensitive.
 const LUMENS: f64 = 683.002;
 
-/// Spectral radiance of a black body, W / (m² · sr · m), at a wavelength in metres: Planck's law.
+/// Planck's law: the spectral radiance of a black body, W / (m² · sr · m), at a wavelength in
+/// metres.
 fn planck(wavelength: f64, kelvin: f64) -> f64 {
     let first = 2.0 * PLANCK * LIGHT * LIGHT;
     first / wavelength.powi(5) / (SECOND / (wavelength * kelvin)).exp_m1()
 }
 
-/// The colour of a black body, cd/m²: linear Rec.709, as Bevy has it. Its luminance is `0.2126 R +
-/// 0.7152 G + 0.0722 B`. Below some 1,900 K it has less blue than that gamut has: that component is
-/// negative then.
+/// The colour of a black body in linear Rec.709, as Bevy uses it, in cd/m². Its luminance is
+/// `0.2126 R + 0.7152 G + 0.0722 B`. Below about 1,900 K the colour lies outside the gamut, and the
+/// blue component is negative.
 ///
-/// The integral of Planck's law times the colour matching functions of 1931, by sums over steps of 5 nm:
-/// from 1,000 K on, they are within 0.1 % of those over steps of 1 nm.
+/// Planck's law times the CIE 1931 colour matching functions, summed in steps of 5 nm. From 1,000 K
+/// upwards this is within 0.1 % of the sum in steps of 1 nm.
 pub fn blackbody(kelvin: f64) -> [f64; 3] {
     if kelvin.is_nan() || kelvin <= 0.0 {
         return [0.0; 3];
@@ -36,15 +37,15 @@ pub fn blackbody(kelvin: f64) -> [f64; 3] {
     REC_709_FROM_XYZ.map(|row| row[0] * xyz[0] + row[1] * xyz[1] + row[2] * xyz[2])
 }
 
-/// Luminance of linear Rec.709.
+/// The luminance of a linear Rec.709 colour.
 fn luminance(color: [f64; 3]) -> f64 {
     0.2126 * color[0] + 0.7152 * color[1] + 0.0722 * color[2]
 }
 
-/// [`blackbody`] as a table: what `assets/shaders/trace/emission.wgsl` looks up.
+/// A look-up table of [`blackbody`], for `assets/shaders/trace/emission.wgsl`.
 ///
-/// Temperatures are at even steps of their logarithm. Each entry is the colour for a luminance of 1, and
-/// the logarithm of the luminance: between entries both are nearly linear.
+/// Temperatures are evenly spaced on a logarithmic scale. Each entry holds the colour at a
+/// luminance of 1, and the logarithm of the luminance: both are nearly linear between entries.
 #[derive(Clone, Debug)]
 pub struct BlackbodyTable {
     entries: Vec<[f32; 4]>,
@@ -65,20 +66,21 @@ impl Default for BlackbodyTable {
 }
 
 impl BlackbodyTable {
-    /// Entries.
+    /// The number of entries.
     pub const ENTRIES: u32 = 1024;
-    /// Kelvin of the first; what is colder is dark: at this, 10⁻⁷ cd/m².
+    /// The temperature of the first entry, in kelvin. Anything colder is black: at this temperature
+    /// the luminance is 10⁻⁷ cd/m².
     pub const COLDEST: f64 = 500.0;
-    /// Kelvin of the last; what is hotter looks as this.
+    /// The temperature of the last entry, in kelvin. Anything hotter has the same colour.
     pub const HOTTEST: f64 = 40_000.0;
 
-    /// The entries, from cold to hot.
+    /// The entries, from the coldest to the hottest.
     pub fn entries(&self) -> &[[f32; 4]] {
         &self.entries
     }
 
-    /// The colour at a temperature, cd/m², with nothing negative in it: the twin of `blackbody` in
-    /// `assets/shaders/trace/emission.wgsl`.
+    /// The colour at a temperature, cd/m², with negative components clamped to zero: the twin of
+    /// `blackbody` in `assets/shaders/trace/emission.wgsl`.
     pub fn look_up(&self, kelvin: f32) -> [f32; 3] {
         if kelvin.is_nan() || kelvin < Self::COLDEST as f32 {
             return [0.0; 3];
@@ -94,18 +96,18 @@ impl BlackbodyTable {
     }
 }
 
-/// From the tristimulus values of 1931 to linear Rec.709, whose white is D65 (ITU-R BT.709-6).
+/// From CIE 1931 tristimulus values to linear Rec.709 with a D65 white point (ITU-R BT.709-6).
 const REC_709_FROM_XYZ: [[f64; 3]; 3] = [
     [3.240_969_942, -1.537_383_178, -0.498_610_760],
     [-0.969_243_636, 1.875_967_502, 0.041_555_057],
     [0.055_630_080, -0.203_976_959, 1.056_971_514],
 ];
 
-/// The wavelengths of [`CIE_1931`], nanometres: the first, and from one to the next.
+/// The first wavelength of [`CIE_1931`] and the distance between wavelengths, nanometres.
 const FIRST_NM: f64 = 380.0;
 const STEP_NM: f64 = 5.0;
 
-/// The colour matching functions x̄, ȳ and z̄ of the CIE's standard observer of 1931 (2°), CIE 018:2019.
+/// The colour matching functions x̄, ȳ and z̄ of the CIE 1931 standard observer (2°), CIE 018:2019.
 #[rustfmt::skip]
 const CIE_1931: [[f64; 3]; 81] = [
     [0.001_368, 0.000_039, 0.006_450_001],
@@ -195,7 +197,7 @@ const CIE_1931: [[f64; 3]; 81] = [
 mod tests {
     use super::*;
 
-    /// The chromaticity of a colour, by the inverse of the matrix: from the primaries of Rec.709.
+    /// The chromaticity of a linear Rec.709 colour, through the inverse of the matrix.
     fn chromaticity([r, g, b]: [f64; 3]) -> [f64; 2] {
         let x = 0.412_390_8 * r + 0.357_584_3 * g + 0.180_480_8 * b;
         let y = 0.212_639_0 * r + 0.715_168_7 * g + 0.072_192_3 * b;
@@ -205,10 +207,11 @@ mod tests {
 
     #[test]
     fn black_bodies_have_the_luminance_and_the_colours_that_are_known() {
-        // The candela was defined so: platinum that freezes, at 2,041.4 K, has 60 cd/cm².
+        // The candela was once defined by this: platinum at its freezing point, 2,041.4 K, has 60
+        // cd/cm².
         let platinum = luminance(blackbody(2041.4));
         assert!((platinum / 600_000.0 - 1.0).abs() < 0.01, "{platinum}");
-        // The CIE's illuminant A is a black body of 2,856 K (2,848 K by the constants of its day).
+        // CIE illuminant A is a black body of 2,856 K (2,848 K by the constants of its day).
         let [x, y] = chromaticity(blackbody(2855.5));
         assert!((x - 0.447_57).abs() < 2e-4 && (y - 0.407_45).abs() < 2e-4, "{x}, {y}");
         // Wien's displacement law: 2897.8 µm·K.
@@ -217,12 +220,13 @@ mod tests {
             let beside = [0.99, 1.01].map(|by| planck(peak * by, kelvin));
             assert!(beside.iter().all(|&beside| beside < planck(peak, kelvin)), "{kelvin}");
         }
-        // Stefan's and Boltzmann's: all of it is σT⁴/π.
+        // The Stefan–Boltzmann law: the integral over all wavelengths is σT⁴/π.
         let step = 1e-9;
         let all: f64 = (1..100_000).map(|i| planck(f64::from(i) * step, 3000.0) * step).sum();
         let exact = 5.670_374_419e-8 * 3000.0_f64.powi(4) / std::f64::consts::PI;
         assert!((all / exact - 1.0).abs() < 1e-3, "{all} {exact}");
-        // An even spectrum has an even sum: the functions are normalised so.
+        // An equal-energy spectrum has equal sums: the colour matching functions are normalised to
+        // that.
         let sums = [0, 1, 2].map(|i| CIE_1931.iter().map(|row| row[i]).sum::<f64>() * STEP_NM);
         assert!(sums.iter().all(|sum| (sum / 106.857 - 1.0).abs() < 1e-4), "{sums:?}");
         assert_eq!(blackbody(f64::NAN), [0.0; 3]);

@@ -64,12 +64,13 @@ impl Display for Escaped<'_> {
         let (shown, rest) = self.text.split_at(cut);
         let quote = if self.quotes { "\"" } else { "" };
         f.write_str(quote)?;
-        // Characters that `str::escape_debug` treats differently: quotes, backslashes and blanks.
+        // Quotes, backslashes and blanks, which `str::escape_debug` would treat differently.
         let apart = |c: char| "\"'\\".contains(c) || BLANK.contains(&c);
         for piece in shown.split_inclusive(apart) {
             let last = piece.chars().next_back().filter(|last| apart(*last));
             let plain = &piece[..piece.len() - last.map_or(0, char::len_utf8)];
-            // All at once, so that a combining mark stays with the letter before it.
+            // Escapes the piece as a whole, so that a combining mark stays with the letter before
+            // it.
             write!(f, "{}", plain.escape_debug())?;
             match last {
                 Some(blank) if BLANK.contains(&blank) => write!(f, "{}", blank.escape_unicode())?,
@@ -110,7 +111,7 @@ mod tests {
             let Some(c) = char::from_u32(code) else { continue };
             let shown = escaped(&format!("a{c}b{c}")).to_string();
             assert!(!shown.contains(c) && shown.starts_with("a\\"), "U+{code:04x}: {shown}");
-            // What has been escaped stays as it is.
+            // Escaping is idempotent.
             assert_eq!(escaped(&shown).to_string(), shown);
             assert!(!quoted(&format!("a{c}b")).to_string().contains(c));
         }

@@ -1,4 +1,4 @@
-//! Errors in files, and where they are.
+//! Errors in files, and their positions.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ pub enum Error {
     },
     /// The bytes violate the format.
     #[error(
-        "{place}{}. The file is damaged or no VDB file; export it again from its program",
+        "{place}{}. The file is damaged or not a VDB file; export it again from its program",
         shown(what)
     )]
     Invalid {
@@ -78,7 +78,7 @@ pub enum Error {
     },
 }
 
-/// A description, which may quote the file.
+/// A description, which may quote the file: escaped and shortened.
 fn shown(what: &str) -> impl fmt::Display + '_ {
     escaped(what).at_most(ERROR_CHARS)
 }
@@ -98,7 +98,8 @@ impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut separator = "";
         if let Some(path) = &self.path {
-            // The file's name is the sender's, too. No path that a system takes is longer.
+            // The path may come from an untrusted sender, too. No operating system accepts a longer
+            // one.
             write!(f, "{}", escaped(&path.to_string_lossy()).at_most(4096))?;
             separator = ", ";
         }

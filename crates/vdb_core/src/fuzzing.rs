@@ -1,15 +1,15 @@
-//! Parts of the reader, for `fuzz/` alone.
+//! Entry points into parts of the reader, for `fuzz/` only.
 
 use crate::Limits;
 use crate::codec::{Scratch, blosc, blosclz, half_float, zip};
 use crate::format::fuzz_head;
 
-/// One part of what stands in front of a tree.
+/// Reads one of the parts in front of a tree.
 pub fn head(which: u8, bytes: &[u8]) {
     fuzz_head(which, bytes, &Limits::default());
 }
 
-/// One decoder, which must fill `length` bytes or fail.
+/// Runs one decoder, which must fill `length` bytes or fail.
 pub fn codec(which: u8, length: usize, bytes: &[u8]) {
     let mut out = vec![0; length];
     let mut scratch = Scratch::default();

@@ -70,13 +70,14 @@ pub struct Grid {
     pub unique_name: String,
     /// The type of the tree as OpenVDB spells it: `Tree_float_5_4_3`.
     pub type_name: String,
-    /// What the values mean.
+    /// The meaning of the values.
     pub class: GridClass,
     /// Whether floating-point values are stored with 16 bits.
     pub saved_as_half: bool,
     /// How the values are compressed in the file.
     pub compression: Compression,
-    /// The bytes that the grid takes in the file it was read from; 0 if it was not read from one.
+    /// The length of the grid in the file it was read from, in bytes; 0 if it was not read from
+    /// one.
     pub file_bytes: u64,
     /// The unique name of the grid whose tree this one shares.
     pub instance_of: Option<String>,
@@ -118,7 +119,7 @@ pub struct SkippedGrid {
     pub unique_name: String,
     /// The type of the tree as the file spells it: `Tree_ptdataidx32_5_4_3`.
     pub type_name: String,
-    /// What the values mean.
+    /// The meaning of the values.
     pub class: GridClass,
     /// Whether floating-point values are stored with 16 bits.
     pub saved_as_half: bool,
@@ -130,7 +131,7 @@ pub struct SkippedGrid {
     pub reason: Error,
 }
 
-/// What the values of a grid mean (OpenVDB's `GridClass`).
+/// The meaning of a grid's values (OpenVDB's `GridClass`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum GridClass {
     /// Not specified.
@@ -169,7 +170,7 @@ impl GridClass {
 pub struct Compression {
     /// The codec of the values.
     pub codec: Codec,
-    /// Whether inactive values are left out where there are at most two different ones.
+    /// Whether inactive values are omitted where a node has at most two different ones.
     pub active_mask: bool,
 }
 
@@ -192,7 +193,7 @@ pub enum Codec {
     Blosc,
 }
 
-/// A tree of any value type. Instances share it.
+/// A tree of any value type. Instances share the tree.
 #[derive(Clone, Debug)]
 pub enum AnyTree {
     /// `Tree_float_5_4_3`
@@ -205,7 +206,7 @@ pub enum AnyTree {
     Int64(Arc<Vdb543<i64>>),
     /// `Tree_bool_5_4_3`
     Bool(Arc<BoolTree>),
-    /// `Tree_mask_5_4_3`: the state is the value.
+    /// `Tree_mask_5_4_3`: values are states.
     Mask(Arc<MaskTree>),
     /// `Tree_vec3s_5_4_3`
     Vec3s(Arc<Vdb543<[f32; 3]>>),
@@ -215,7 +216,7 @@ pub enum AnyTree {
     Vec3i(Arc<Vdb543<[i32; 3]>>),
 }
 
-/// Evaluates an expression for a tree of any type.
+/// Evaluates an expression for a tree of any value type.
 macro_rules! with_tree {
     ($any:expr, $tree:ident => $body:expr) => {
         match $any {
@@ -254,7 +255,7 @@ impl AnyTree {
         format!("Tree_{}_5_4_3", self.value_type())
     }
 
-    /// Nodes, tiles and bytes, level by level.
+    /// Nodes, tiles and bytes per level.
     pub fn stats(&self) -> TreeStats {
         with_tree!(self, tree => tree.stats())
     }
@@ -278,7 +279,7 @@ impl AnyTree {
 /// Selects grids of a file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum GridSelection {
-    /// All that can be read.
+    /// All grids that can be read.
     #[default]
     All,
     /// Grids with these names; `density[1]` is one grid, `density` all grids of that name. A name
@@ -286,30 +287,30 @@ pub enum GridSelection {
     Names(Vec<String>),
 }
 
-/// A progress callback with the amount done and the total: bytes for reading, steps for packing and
-/// levels of detail. [`ControlFlow::Break`] cancels the work.
+/// A progress callback. Its arguments are the amount done and the total, in bytes for reading and
+/// in steps for packing and levels of detail. [`ControlFlow::Break`] cancels the work.
 ///
 /// Called from several threads, in no particular order.
 pub type ProgressFn = dyn Fn(u64, u64) -> ControlFlow<()> + Send + Sync;
 
-/// How to read a file.
+/// Options for reading a file.
 #[derive(Clone, Default)]
 pub struct ReadOptions {
-    /// Limits on what the file may demand.
+    /// The limits on the resources that the file may demand.
     pub limits: Limits,
-    /// Which grids to read.
+    /// The grids to read.
     pub grids: GridSelection,
-    /// Reports progress, and may cancel.
+    /// Reports progress, and may cancel the work.
     pub progress: Option<Arc<ProgressFn>>,
 }
 
-/// How to write a file.
+/// Options for writing a file.
 #[derive(Clone, Debug, Default)]
 pub struct WriteOptions {
-    /// The compression of every grid; `None` keeps each grid's own.
+    /// The compression of all grids; `None` keeps the compression of each grid.
     pub compression: Option<Compression>,
-    /// Omits the end positions of grids, as necessary when writing to a pipe. Such a file can only
-    /// be read as a whole.
+    /// Omits the end offsets of grids, as necessary when writing to a pipe. Such a file can only be
+    /// read as a whole.
     pub stream: bool,
 }
 

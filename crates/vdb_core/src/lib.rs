@@ -1,8 +1,8 @@
-//! OpenVDB trees in Rust: the `.vdb` file format, the tree, its packing for the GPU and an f64
-//! reference tracer. Independent of Bevy and GPUs, so it builds, tests and fuzzes in seconds.
+//! OpenVDB trees in Rust: the `.vdb` file format, the tree, its packing for the GPU, and an f64
+//! reference tracer. Independent of Bevy and of GPUs, so it builds, tests and fuzzes in seconds.
 //!
 //! Data flows one way: file bytes → [`VdbFile::read`] → [`tree`] → [`pack`] → [`query`].
-//! `reference` depends on [`tree`] alone, so that it can judge everything built on `pack`.
+//! `reference` depends on [`tree`] alone, and can therefore judge everything built on `pack`.
 
 #![deny(missing_docs)]
 

@@ -1,53 +1,57 @@
-//! Ceilings on what a file may ask for.
+//! Limits on the resources that a file may demand.
 
-/// What a file may ask of the machine before work on it is given up: reading it and making levels of
-/// detail with [`Error::LimitExceeded`](crate::Error::LimitExceeded), packing it with
+/// Limits on the resources that a file may demand. Reading it and generating levels of detail fail
+/// with [`Error::LimitExceeded`](crate::Error::LimitExceeded), packing it with
 /// [`PackError::LimitExceeded`](crate::pack::PackError::LimitExceeded).
 ///
-/// The defaults protect a desktop with 8 GB of memory: the bytes of a file, its trees and its metadata
-/// stand there at the same time while it is read, and take less than 6 GiB at the very most. Raise them for
-/// larger files that are to be trusted, and lower them for files of strangers. Whatever they are, nothing
-/// is allocated for a node before its masks and the length of its values have been seen in the file.
-/// The least that a node can take there bounds what a file can ask for: of floats about 17 times its
-/// own size, of vectors in f64 about 100 times.
+/// The defaults protect a desktop with 8 GB of memory: while a file is read, its bytes, trees and
+/// metadata are in memory at the same time, and take less than 6 GiB in the worst case. Raise the
+/// limits for larger files that you trust, and lower them for files from strangers. Whatever the
+/// limits, nothing is allocated for a node before its masks and the length of its values have been
+/// read from the file. The smallest encoding of a node bounds the memory that a file can demand:
+/// about 17 times its own size for floats, and about 100 times for f64 vectors.
 ///
-/// With the feature `serde` it can stand in a file of settings, where what is left out has its default.
+/// With the feature `serde`, limits can be read from a settings file, where missing fields have
+/// their defaults.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
 #[non_exhaustive]
 pub struct Limits {
-    /// Bytes of the file itself: 2 GiB by default.
+    /// Bytes of the file: 2 GiB by default.
     pub file_bytes: u64,
-    /// Grids of a file: 65,536 by default.
+    /// Grids in a file: 65,536 by default.
     pub grids: u64,
-    /// Entries of all metadata maps together: 1,048,576 by default, which are 16 for each of the most grids.
+    /// Entries of all metadata maps together: 1,048,576 by default, which is 16 for each of 65,536
+    /// grids.
     pub metadata_entries: u64,
-    /// Bytes of all names, types and metadata values together, as they stand in the file: 64 MiB by
-    /// default. In memory they can take some seven times that.
+    /// Bytes of all names, types and metadata values together, as stored in the file: 64 MiB by
+    /// default. They can take about seven times as much in memory.
     pub metadata_bytes: u64,
-    /// Nodes of all trees together, root nodes and root tiles counted in: 2²⁵ by default.
+    /// Nodes of all trees together, including root nodes and root tiles: 2²⁵ by default.
     pub nodes: u64,
-    /// Voxels stored in leaves, of all trees together, active or not. Tiles do not count, however
-    /// large they are. 2³⁴ by default, which only trees of bits reach within [`Limits::tree_bytes`].
+    /// Voxels stored in the leaves of all trees together, active or not. Tiles do not count,
+    /// however large they are. 2³⁴ by default, which only trees of bits can reach within
+    /// [`Limits::tree_bytes`].
     pub voxels: u64,
-    /// Bytes of memory of all trees together: 3 GiB by default, about 700 million voxels of floats in
-    /// leaves.
+    /// Bytes of memory of all trees together: 3 GiB by default, which is about 700 million float
+    /// voxels in leaves.
     pub tree_bytes: u64,
-    /// Bytes of memory that packing a grid takes at its peak, the packed grid included and its tree not:
-    /// 3 GiB by default. Grids that are packed [together](crate::pack::PackedTogether) count as one.
+    /// Peak memory in bytes for packing a grid, including the packed grid but not its tree: 3 GiB
+    /// by default. Grids that are packed [together](crate::pack::PackedTogether) count as one.
     pub packed_bytes: u64,
-    /// Bytes that packing a grid takes at its peak for each byte that its tree takes: 12 by default. Grids
-    /// of up to [`Limits::SMALL`] bytes are never refused for it. Time is in proportion to memory, so that this
-    /// bounds both by the size of the file.
+    /// Peak memory for packing a grid, relative to the memory of its tree: 12 by default. Packing
+    /// that takes up to [`Limits::SMALL`] bytes is never refused for this reason. Time is
+    /// proportional to memory, so this limit bounds both by the size of the file.
     pub packed_growth: u64,
-    /// Bytes of memory of the nodes that are made for a level of detail, those that turn out to be tiles
-    /// counted: 2 GiB by default. Where they take more than [`Limits::SMALL_LEVEL`] and more than the
-    /// tree that they are made of, the level is refused, too: it is worth nothing.
+    /// Bytes of memory of the nodes generated for a level of detail, including those that turn out
+    /// to be tiles: 2 GiB by default. A level is also refused if it takes more than
+    /// [`Limits::SMALL_LEVEL`] and more than the tree it is generated from, since it would be
+    /// useless.
     pub level_bytes: u64,
 }
 
 impl Limits {
-    /// Every limit at its maximum, for files that are to be trusted.
+    /// All limits at their maximum, for trusted files.
     pub const UNLIMITED: Self = Self {
         file_bytes: u64::MAX,
         grids: u64::MAX,
@@ -61,12 +65,13 @@ impl Limits {
         level_bytes: u64::MAX,
     };
 
-    /// Bytes that packing a grid may take however small its tree is.
+    /// Bytes that packing a grid may always take, however small its tree is.
     pub const SMALL: u64 = 64 << 20;
-    /// Bytes that a level of detail may take however small the tree is that it is made of.
+    /// Bytes that a level of detail may always take, however small the tree is that it is generated
+    /// from.
     pub const SMALL_LEVEL: u64 = 48 << 20;
 
-    /// Bytes that packing may take, and the field that says so, of a tree that takes some.
+    /// The bytes that packing a tree of `tree_bytes` may take, and the name of the limit in force.
     pub(crate) fn packing(&self, tree_bytes: u64) -> (u64, &'static str) {
         let growth = tree_bytes.saturating_mul(self.packed_growth).max(Self::SMALL);
         if growth < self.packed_bytes {
@@ -76,7 +81,7 @@ impl Limits {
         }
     }
 
-    /// Bytes that a level of detail may take.
+    /// The bytes that a level of detail of a tree of `tree_bytes` may take.
     pub(crate) fn level(&self, tree_bytes: u64) -> u64 {
         tree_bytes.max(Self::SMALL_LEVEL).min(self.level_bytes)
     }

@@ -44,12 +44,12 @@ pub enum MetaValue {
     Vec4s([f32; 4]),
     /// `vec4d`
     Vec4d([f64; 4]),
-    /// `mat4s`: row-major, for row vectors multiplied from the left.
+    /// `mat4s`: row-major, multiplied by row vectors from the left.
     Mat4s([f32; 16]),
-    /// `mat4d`: row-major, for row vectors multiplied from the left.
+    /// `mat4d`: row-major, multiplied by row vectors from the left.
     Mat4d([f64; 16]),
-    /// An unregistered type, a value of the wrong length for its type, or a string that is not
-    /// UTF-8: its bytes as stored in the file.
+    /// The bytes, as stored in the file, of an unregistered type, of a value whose length does not
+    /// match its type, or of a string that is not UTF-8.
     Unknown {
         /// The name of the type.
         type_name: String,
@@ -72,7 +72,7 @@ impl Metadata {
         }
     }
 
-    /// The truth value of the value with this name, if it is a `bool` or an integer.
+    /// The value with this name as a truth value, if it is a `bool` or an integer.
     pub fn get_bool(&self, name: &str) -> Option<bool> {
         match self.get(name) {
             Some(MetaValue::Bool(value)) => Some(*value),
@@ -134,8 +134,8 @@ impl MetaValue {
     }
 }
 
-/// For display: without the type's name; text is [escaped] and cut after 4,096 characters, and of
-/// bytes only the number is given.
+/// Displays the value without its type. Text is [escaped] and cut after 4,096 characters; of raw
+/// bytes, only the number is shown.
 impl fmt::Display for MetaValue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -6,7 +6,7 @@ use crate::Error;
 
 /// The transform of a grid from index space to world space, as stored in its file.
 ///
-/// Positions match OpenVDB's bit for bit: each kind of map is evaluated in its own order of
+/// Positions match OpenVDB's bit for bit: each kind of map is evaluated in OpenVDB's order of
 /// operations, in f64. In index space, voxel `ijk` is centred at the point `ijk`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transform {
@@ -26,7 +26,7 @@ pub(crate) enum Map {
     NonlinearFrustum(Frustum),
 }
 
-/// A 4×4 matrix in row-major order that multiplies row vectors from the left, and its inverse.
+/// A 4×4 matrix in row-major order, multiplied by row vectors from the left, and its inverse.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Affine {
     pub(crate) rows: [[f64; 4]; 4],
@@ -102,14 +102,14 @@ impl Frustum {
 }
 
 impl Default for Transform {
-    /// One voxel is one world unit.
+    /// One voxel per world unit.
     fn default() -> Self {
         Self { map: Map::UniformScale(DVec3::ONE) }
     }
 }
 
 impl Transform {
-    /// Cubic voxels of a size, with voxel (0, 0, 0) at `translation`.
+    /// Cubic voxels of the given size, with voxel (0, 0, 0) at `translation`.
     ///
     /// `None` if the size is zero or not finite, or the translation is not finite.
     pub fn uniform(voxel_size: f64, translation: DVec3) -> Option<Self> {
@@ -137,7 +137,7 @@ impl Transform {
             Map::Translation(translation) => (DVec3::ONE, *translation),
             Map::UniformScaleTranslate { scale, translation }
             | Map::ScaleTranslate { scale, translation } => (*scale, *translation),
-            // An `Affine` exists only with its inverse.
+            // An `Affine` always has an inverse.
             Map::Unitary(_) | Map::Affine(_) => return Ok(self),
             Map::NonlinearFrustum(frustum) => {
                 let size = frustum.extents();
@@ -179,7 +179,7 @@ impl Transform {
         }
     }
 
-    /// Whether the map is linear; all but frustums are.
+    /// Whether the map is linear, as all but frustums are.
     pub fn is_linear(&self) -> bool {
         !matches!(self.map, Map::NonlinearFrustum(_))
     }

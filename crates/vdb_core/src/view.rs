@@ -1,40 +1,40 @@
-//! From cameras and transforms to the rays that a shader traverses, in f64: what reaches the GPU is an
-//! integer cell, a fraction and directions, so that precision does not depend on where in the world
-//! or in index space a grid lies.
+//! Rays of a view, computed in f64 from a camera and transforms. The GPU gets an integer cell, a
+//! fraction and directions, so that precision does not depend on a grid's position in the world or
+//! in index space.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DAffine3, DMat3, DMat4, DVec3, IVec3, Vec2, Vec3};
 
 use crate::pack::{PackedGrid, traverse};
 
-/// The rays of a view, in view space: through a point of the picture in normalised device
-/// coordinates, `p(t) = (eye + ndc.x·eye_x + ndc.y·eye_y) + t·(dir + ndc.x·dir_x + ndc.y·dir_y)`
-/// with `t` the depth along the view's axis.
+/// The rays of a view, in view space. Through a point of the image in normalised device
+/// coordinates, `p(t) = (eye + ndc.x·eye_x + ndc.y·eye_y) + t·(dir + ndc.x·dir_x +
+/// ndc.y·dir_y)`, with `t` the depth along the view axis.
 #[derive(Clone, Copy, Debug)]
 pub struct ViewRays {
-    /// Where the ray in the middle of the picture begins.
+    /// The origin of the ray through the centre of the image.
     pub eye: DVec3,
-    /// Its change with `ndc.x`; not zero in orthographic views only.
+    /// The change of the origin with `ndc.x`; zero except in orthographic views.
     pub eye_x: DVec3,
-    /// Its change with `ndc.y`.
+    /// The change of the origin with `ndc.y`.
     pub eye_y: DVec3,
-    /// The direction of the ray in the middle, per unit of `t`.
+    /// The direction of the ray through the centre, per unit of `t`.
     pub dir: DVec3,
-    /// Its change with `ndc.x`.
+    /// The change of the direction with `ndc.x`.
     pub dir_x: DVec3,
-    /// Its change with `ndc.y`.
+    /// The change of the direction with `ndc.y`.
     pub dir_y: DVec3,
     /// `t = -(x·depth + y) / (z·depth + w)`
     pub t_from_depth: [f64; 4],
     /// `depth = (x·t + y) / (z·t + w)`
     pub depth_from_t: [f64; 4],
-    /// `t` of the near plane.
+    /// The `t` of the near plane.
     pub t_near: f64,
-    /// `t` of the far plane; 10³⁰ where there is none.
+    /// The `t` of the far plane; 10³⁰ if there is none.
     pub t_far: f64,
 }
 
-/// `t` of what is infinitely far away.
+/// The `t` of points at infinity.
 const FAR: f64 = 1e30;
 
 impl ViewRays {
@@ -52,8 +52,8 @@ impl ViewRays {
             if z * depth + w == 0.0 { FAR } else { -(x * depth + y) / (z * depth + w) }
         };
         let p = &clip_from_view;
-        // The unprojected point of the picture is linear in ndc up to its fourth coordinate, which
-        // scales a ray through the origin and leaves a parallel ray where it is.
+        // The unprojected point is linear in ndc up to its fourth coordinate, which scales a ray
+        // through the origin and does not affect a parallel ray.
         let at = (m.z_axis * 0.5 + m.w_axis).truncate();
         let (at_x, at_y) = (m.x_axis.truncate(), m.y_axis.truncate());
         let flat = |v: DVec3| DVec3::new(v.x, v.y, 0.0);
@@ -78,33 +78,33 @@ impl ViewRays {
     }
 }
 
-/// The rays of a view in the local lattice coordinates of a grid, as [`ViewRays`] has them.
+/// The rays of a view in the local lattice coordinates of a grid; see [`ViewRays`].
 #[derive(Clone, Copy, Debug)]
 pub struct LatticeRays {
     /// The cell of the eye.
     pub eye_cell: IVec3,
-    /// Where in that cell the eye is, from 0 up to but not 1.
+    /// The position of the eye in that cell, from 0 up to but not including 1.
     pub eye_frac: DVec3,
-    /// Change of the eye with `ndc.x`, in cells.
+    /// The change of the eye with `ndc.x`, in cells.
     pub eye_x: DVec3,
-    /// Change of the eye with `ndc.y`, in cells.
+    /// The change of the eye with `ndc.y`, in cells.
     pub eye_y: DVec3,
-    /// Direction in the middle of the picture, in cells per unit of `t`.
+    /// The direction at the centre of the image, in cells per unit of `t`.
     pub dir: DVec3,
-    /// Change of the direction with `ndc.x`.
+    /// The change of the direction with `ndc.x`.
     pub dir_x: DVec3,
-    /// Change of the direction with `ndc.y`.
+    /// The change of the direction with `ndc.y`.
     pub dir_y: DVec3,
-    /// From gradients in index space to world-space normals, of any length.
+    /// The matrix from gradients in index space to world-space normals, of any length.
     pub normal: DMat3,
 }
 
-/// Why a volume cannot be shown meaningfully from a view.
+/// The reason why a volume cannot be shown from a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CannotShow {
     /// The entity's transform is not finite or has no inverse.
     Singular,
-    /// The camera is farther away than 2³⁰ voxels.
+    /// The camera is more than 2³⁰ voxels away.
     TooFar,
     /// A unit of the view's depth is less than 2⁻³⁰ voxels.
     TooLarge,
@@ -123,16 +123,16 @@ impl std::fmt::Display for CannotShow {
     }
 }
 
-/// Farther than this, an eye has no integer cell.
+/// The greatest distance of an eye, in cells, for which it has an integer cell.
 const MAX_CELL: f64 = (1 << 30) as f64;
-/// Cells that a ray may come along per unit of `t`; the inverse is the least.
+/// The greatest speed in cells per unit of `t`; its inverse is the least.
 const MAX_SPEED: f64 = (1 << 30) as f64;
 
 impl LatticeRays {
     /// The rays of a view through a grid.
     ///
     /// # Errors
-    /// When the numbers are beyond what a shader can compute with.
+    /// If the numbers exceed the range of a shader's arithmetic.
     pub fn new(
         rays: &ViewRays,
         world_from_view: DAffine3,
@@ -161,7 +161,7 @@ impl LatticeRays {
             dir: linear(rays.dir),
             dir_x: linear(rays.dir_x),
             dir_y: linear(rays.dir_y),
-            // Scaled, so that squares of what the shader computes stay within f32.
+            // Scaled so that squares computed by the shader stay within f32.
             normal: normal * (1.0 / largest),
         };
         let corners = [(0.0, 0.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
@@ -176,50 +176,51 @@ impl LatticeRays {
         Ok(rays)
     }
 
-    /// The direction of the ray through a point of the picture, in cells per unit of `t`.
+    /// The direction of the ray through a point of the image, in cells per unit of `t`.
     pub fn dir_at(&self, ndc_x: f64, ndc_y: f64) -> DVec3 {
         self.dir + ndc_x * self.dir_x + ndc_y * self.dir_y
     }
 
-    /// Where the ray through a point of the picture begins, relative to the cell of the eye.
+    /// The origin of the ray through a point of the image, relative to the cell of the eye.
     pub fn start_at(&self, ndc_x: f64, ndc_y: f64) -> DVec3 {
         self.eye_frac + ndc_x * self.eye_x + ndc_y * self.eye_y
     }
 
-    /// Whether pixels of a picture so many pixels wide lie closer together than f32 tells directions
-    /// apart: the picture is right, but coarse.
+    /// Whether the rays of neighbouring pixels, in an image of this width, are closer together than
+    /// f32 can distinguish: the image is correct, but coarse.
     pub fn is_coarse(&self, width: u32) -> bool {
         let pixel = 2.0 * self.dir_x.length() / f64::from(width.max(1));
         pixel > 0.0 && pixel < self.dir.length() / f64::from(1 << 24)
     }
 }
 
-/// The struct `Rays` of `assets/shaders/gpu/types.wgsl`, field by field: [`LatticeRays`] in f32.
+/// The rays of a grid in f32, which mirror the struct `Rays` of `assets/shaders/gpu/types.wgsl`
+/// field by field.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GpuRays {
     /// The cell of the eye.
     pub eye_cell: [i32; 3],
     pad_0: f32,
-    /// Where in that cell the eye is, from 0 to 1.
+    /// The position of the eye in that cell, from 0 to 1.
     pub eye_frac: [f32; 3],
     pad_1: f32,
-    /// Change of the eye with `ndc.x`.
+    /// The change of the eye with `ndc.x`.
     pub eye_x: [f32; 3],
     pad_2: f32,
-    /// Change of the eye with `ndc.y`.
+    /// The change of the eye with `ndc.y`.
     pub eye_y: [f32; 3],
     pad_3: f32,
-    /// The direction in the middle of the picture.
+    /// The direction at the centre of the image.
     pub dir: [f32; 3],
     pad_4: f32,
-    /// What its rounding to f32 left.
+    /// The remainder of the direction after rounding to f32.
     pub dir_rest: [f32; 3],
     pad_5: f32,
-    /// Change of the direction with `ndc.x`.
+    /// The change of the direction with `ndc.x`.
     pub dir_x: [f32; 3],
     pad_6: f32,
-    /// Change of the direction with `ndc.y`.
+    /// The change of the direction with `ndc.y`.
     pub dir_y: [f32; 3],
     pad_7: f32,
 }
@@ -242,14 +243,14 @@ impl From<&LatticeRays> for GpuRays {
 }
 
 impl GpuRays {
-    /// The ray through a point of the picture: the twin of `ray_through` in
+    /// The ray through a point of the image: the twin of `ray_through` in
     /// `assets/shaders/traversal/rays.wgsl`.
     ///
-    /// Each component of the direction is off by at most
-    /// `2⁻²⁴ |dir| + 2⁻²⁰ (|dir_x| + |dir_y|)`, component by component: the rounding of the sum, and,
-    /// on the GPU, that of `ndc` and of the products. Each component of the origin is off by at most
-    /// `1.5 · 2⁻²⁴ + 2⁻²⁰ (|eye_x| + |eye_y|)`: the rounding of the fraction to f32 and then down to
-    /// 24 bits, and, in orthographic views, that of `ndc` and of the products.
+    /// The error of each component of the direction is at most the same component of
+    /// `2⁻²⁴ |dir| + 2⁻²⁰ (|dir_x| + |dir_y|)`: the rounding of the sum and, on the GPU, of `ndc`
+    /// and of the products. The error of each component of the origin is at most
+    /// `1.5 · 2⁻²⁴ + 2⁻²⁰ (|eye_x| + |eye_y|)`: the rounding of the fraction to f32 and then down
+    /// to 24 bits and, in orthographic views, of `ndc` and of the products.
     pub fn ray_through(&self, ndc: Vec2, t_min: f32, t_max: f32) -> traverse::Ray {
         let vector = Vec3::from_array;
         let start = ndc.x * vector(self.eye_x) + ndc.y * vector(self.eye_y);
@@ -259,8 +260,8 @@ impl GpuRays {
         let turn = vector(self.dir_rest) + ndc.x * vector(self.dir_x) + ndc.y * vector(self.dir_y);
         traverse::Ray {
             cell: IVec3::from_array(self.eye_cell) + whole.as_ivec3(),
-            // 24 bits: the traversal compares planes in units of 2⁻²⁴ cells. Just below a whole number,
-            // the difference rounds up to 1.
+            // 24 bits, because the traversal compares planes in units of 2⁻²⁴ cells. For a
+            // difference just below a whole number, the subtraction rounds up to 1.
             frac: ((eye - whole) * units).floor().min(Vec3::splat(units - 1.0)) / units,
             dir: vector(self.dir) + turn,
             t_min,
@@ -338,7 +339,7 @@ mod tests {
 
     #[test]
     fn a_fraction_stays_below_one() {
-        // Of an orthographic view: just left of a cell's face.
+        // In an orthographic view, just left of a cell's face.
         let rays = GpuRays { eye_x: [1e-12; 3], dir: [0.0, 0.0, -1.0], ..GpuRays::default() };
         let ray = rays.ray_through(Vec2::NEG_X, 0.0, 1.0);
         assert_eq!(ray.cell, IVec3::NEG_ONE);
@@ -355,7 +356,7 @@ mod tests {
             let view = DAffine3::from_translation(DVec3::Z * 1e5);
             LatticeRays::new(&rays, view, DAffine3::IDENTITY, &grid).unwrap()
         };
-        // 0.01° are 1.7e-4: 2,928 steps of 2⁻²⁴.
+        // 0.01° are 1.7e-4 rad: 2,928 steps of 2⁻²⁴.
         let narrow = DMat4::perspective_infinite_reverse_rh(0.01_f64.to_radians(), 1.0, 0.1);
         assert!(!lattice(narrow).is_coarse(2_900));
         assert!(lattice(narrow).is_coarse(2_950));

@@ -1,24 +1,24 @@
-//! Long work that reports its progress, can be cancelled, and stays within a budget of memory.
+//! Long-running work with progress reports, cancellation and a memory budget.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use crate::ProgressFn;
 
-/// Why work was given up.
+/// The reason why work was stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stop {
-    /// The progress function asked for it.
+    /// The progress callback requested cancellation.
     Cancelled,
-    /// The work needs at least `needed` bytes, which is more than it may take.
+    /// The work needs at least `needed` bytes, which exceeds `limit`.
     Memory { needed: u64, limit: u64 },
 }
 
-/// Work of a known number of steps, shared by the threads that do it.
+/// Work of a known number of steps, shared by several threads.
 pub(crate) struct Work<'a> {
     progress: Option<&'a Arc<ProgressFn>>,
     steps: u64,
-    /// The steps of the last report. Reports are made one at a time, so that they never go back.
+    /// The steps of the last report. Reports are serialised, so that they never decrease.
     reported: Mutex<u64>,
     cancelled: AtomicBool,
     taken: AtomicU64,
@@ -26,7 +26,7 @@ pub(crate) struct Work<'a> {
 }
 
 impl<'a> Work<'a> {
-    /// Work in `steps` steps, which may take `limit` bytes.
+    /// Work in `steps` steps with a budget of `limit` bytes.
     pub fn new(progress: Option<&'a Arc<ProgressFn>>, steps: u64, limit: u64) -> Self {
         Self {
             progress,
@@ -38,8 +38,8 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Reports how many steps are done in all, unless another thread is reporting just now, and asks
-    /// whether to go on. To be called every few milliseconds.
+    /// Reports the total number of steps done, unless another thread is just reporting, and returns
+    /// an error if the work was cancelled. To be called every few milliseconds.
     pub fn report(&self, done: u64) -> Result<(), Stop> {
         if let Some(progress) = self.progress
             && let Ok(mut reported) = self.reported.try_lock()
@@ -57,14 +57,14 @@ impl<'a> Work<'a> {
         self.report(self.steps)
     }
 
-    /// Asks for memory, before it is taken.
+    /// Reserves memory before it is allocated.
     pub fn take(&self, bytes: u64) -> Result<(), Stop> {
         let before = self.taken.fetch_add(bytes, Ordering::Relaxed);
         let needed = before.saturating_add(bytes);
         if needed > self.limit { Err(Stop::Memory { needed, limit: self.limit }) } else { Ok(()) }
     }
 
-    /// Gives memory back.
+    /// Releases reserved memory.
     pub fn give_back(&self, bytes: u64) {
         self.taken.fetch_sub(bytes, Ordering::Relaxed);
     }

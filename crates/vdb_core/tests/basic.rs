@@ -157,9 +157,9 @@ fn errors_say_where_and_what() {
     assert!(matches!(error, Error::Io { .. }), "{error:?}");
     assert!(error.to_string().starts_with("no/such/smoke.vdb: "), "{error}");
     let error = VdbFile::read(b"", &ReadOptions::default()).unwrap_err();
-    assert!(error.to_string().starts_with("byte 0: this is no VDB file"), "{error}");
+    assert!(error.to_string().starts_with("byte 0: this is not a VDB file"), "{error}");
     let error = VdbFile::read(b"PNG\r\n and more", &ReadOptions::default()).unwrap_err();
-    assert!(error.to_string().starts_with("byte 0: this is no VDB file"), "{error}");
+    assert!(error.to_string().starts_with("byte 0: this is not a VDB file"), "{error}");
     for version in [200_u8, 217, 226] {
         let mut bytes = bytes("kinds.vdb");
         bytes[8] = version;

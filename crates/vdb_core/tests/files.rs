@@ -83,7 +83,7 @@ fn what_is_no_file_of_ours_is_refused_at_once() {
     let folder = Folder::new("refused");
     let huge = folder.path("huge.vdb");
     sparse(&huge, b"", 3 << 30);
-    assert!(refusal(&huge).contains("this is no VDB file"));
+    assert!(refusal(&huge).contains("this is not a VDB file"));
     let whole = fs::read(Path::new(DATA).join("kinds.vdb")).unwrap();
     sparse(&huge, &whole, 3 << 30);
     let message = refusal(&huge);
@@ -95,7 +95,7 @@ fn what_is_no_file_of_ours_is_refused_at_once() {
     {
         let pipe = folder.path("pipe.vdb");
         make_pipe(&pipe);
-        assert!(refusal(&pipe).contains("this is a pipe and no regular file"));
+        assert!(refusal(&pipe).contains("this is a pipe, not a regular file"));
         assert!(refusal(Path::new("/dev/zero")).contains("this is a device"));
         let link = folder.path("link.vdb");
         std::os::unix::fs::symlink("/dev/zero", &link).unwrap();
@@ -150,7 +150,7 @@ fn no_more_is_read_than_is_needed() {
     let whole = fs::read(Path::new(DATA).join("kinds.vdb")).unwrap();
     // Nothing of ours: the first bytes.
     let (read, result) = intake(&mut Endless { start: b"", read: 0 }, &limits, None);
-    assert!(read <= chunk && result.unwrap_err().to_string().contains("this is no VDB file"));
+    assert!(read <= chunk && result.unwrap_err().to_string().contains("this is not a VDB file"));
     // A file, and behind it zeros without end: the file.
     let (read, result) = intake(&mut Endless { start: &whole, read: 0 }, &limits, None);
     assert!(read <= whole.len() + chunk, "{read}");
@@ -266,7 +266,7 @@ fn a_save_replaces_files_alone() {
     let path = folder.path("taken");
     fs::create_dir(&path).unwrap();
     refused(&path, "this is a folder");
-    refused(&folder.path("no/such/folder.vdb"), "no file can be made in this folder");
+    refused(&folder.path("no/such/folder.vdb"), "no file can be created in this folder");
     let mut there = vec!["old.vdb", "taken"];
     #[cfg(unix)]
     {

@@ -1,4 +1,4 @@
-//! An adapter, and kernels on it.
+//! A GPU device, and compute kernels on it.
 
 use std::borrow::Cow;
 
@@ -8,7 +8,7 @@ use wgpu::util::DeviceExt;
 
 use crate::shaders::{Defs, compose};
 
-/// A device without a window.
+/// A headless GPU device.
 #[derive(Debug)]
 pub struct Gpu {
     device: wgpu::Device,
@@ -17,15 +17,15 @@ pub struct Gpu {
     timestamps: bool,
 }
 
-/// There is no adapter, or it gives no device.
+/// There is no adapter, or it provides no device.
 #[derive(Debug, Error)]
 #[error(
     "no GPU adapter ({0}); install Mesa's software driver (Debian: mesa-vulkan-drivers), or set \
-     BEVY_VDB_SKIP_GPU=1 to leave out what needs one"
+     BEVY_VDB_SKIP_GPU=1 to skip what needs one"
 )]
 pub struct NoGpu(String);
 
-/// The bind group of everything: 0 and 1 are Bevy's own where the shaders run there.
+/// The bind group used by all kernels: in Bevy, groups 0 and 1 are its own.
 const GROUP: u32 = 2;
 
 /// A compute pipeline with one bind group.
@@ -37,10 +37,10 @@ pub struct Kernel {
 }
 
 impl Gpu {
-    /// The adapter of this machine, with its own limits.
+    /// Opens the adapter of this machine, with its own limits.
     ///
     /// # Errors
-    /// When there is none.
+    /// If there is no adapter.
     pub fn new() -> Result<Self, NoGpu> {
         let instance = wgpu::Instance::default();
         let options = wgpu::RequestAdapterOptions {
@@ -62,12 +62,12 @@ impl Gpu {
         Ok(Self { device, queue, info: adapter.get_info(), timestamps })
     }
 
-    /// For tests: the adapter. `None`, said aloud, only where the environment asks for it
-    /// (`BEVY_VDB_SKIP_GPU`): elsewhere a missing adapter is a failure, or it would pass for a
-    /// success.
+    /// Opens the adapter for tests. Returns `None`, with a message, only if the environment permits
+    /// it (`BEVY_VDB_SKIP_GPU`); otherwise a missing adapter is a failure, since it could be
+    /// mistaken for success.
     ///
     /// # Panics
-    /// When there is no adapter and nothing allows that.
+    /// If there is no adapter and the environment does not permit that.
     pub fn find() -> Option<Self> {
         match Self::new() {
             Ok(gpu) => Some(gpu),
@@ -88,17 +88,17 @@ impl Gpu {
         }
     }
 
-    /// Whether the adapter is a program, not a GPU.
+    /// Whether the adapter is a software renderer.
     pub fn is_software(&self) -> bool {
         self.info.device_type == wgpu::DeviceType::Cpu
     }
 
-    /// Whether [`Gpu::time`] can tell.
+    /// Whether [`Gpu::time`] is supported.
     pub fn has_timestamps(&self) -> bool {
         self.timestamps
     }
 
-    /// The most bytes that a buffer can have and a shader reach through one binding.
+    /// The largest size in bytes of a buffer that a shader can access through one binding.
     pub fn max_binding(&self) -> u64 {
         let limits = self.device.limits();
         limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
@@ -107,9 +107,9 @@ impl Gpu {
     /// Compiles an entry point.
     ///
     /// # Panics
-    /// When the source is wrong, with naga's message.
+    /// If the source is invalid, with naga's message.
     pub fn kernel(&self, source: &str, entry: &str, defs: Defs) -> Kernel {
-        // As the crate does on such an adapter.
+        // As the plugin does on software adapters.
         let in_step: Defs = if self.is_software() { &["IN_STEP"] } else { &[] };
         let module = compose(source, &[defs, in_step].concat());
         let info = Validator::new(ValidationFlags::all(), Capabilities::all())
@@ -128,9 +128,9 @@ impl Gpu {
             source: wgpu::ShaderSource::Naga(Cow::Owned(module)),
         };
         #[allow(unsafe_code)]
-        // SAFETY: as Bevy compiles the crate's shaders. Every index is in range by construction (the
-        // words come from the packer, pixels and rays are compared with their number), and every
-        // loop ends (`hdda.wgsl` tells why).
+        // SAFETY: the same as in Bevy, which compiles the crate's shaders likewise. Every index is
+        // in range by construction (words come from the packer, and pixels and rays are compared
+        // with their number), and every loop terminates (`hdda.wgsl` explains why).
         let module = unsafe {
             let checks = wgpu::ShaderRuntimeChecks::unchecked();
             self.device.create_shader_module_trusted(descriptor, checks)
@@ -146,11 +146,11 @@ impl Gpu {
         Kernel { pipeline, bindings }
     }
 
-    /// A buffer that shaders read.
+    /// A buffer for shaders to read.
     pub fn storage(&self, bytes: &[u8]) -> wgpu::Buffer {
         self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: None,
-            // A binding must not be empty; a grid of tiles alone has no masks.
+            // A binding must not be empty, but a grid that consists of tiles has no masks.
             contents: if bytes.is_empty() { &[0; 16] } else { bytes },
             usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
         })
@@ -165,7 +165,7 @@ impl Gpu {
         })
     }
 
-    /// A buffer that shaders write.
+    /// A buffer for shaders to write.
     pub fn output(&self, bytes: u64) -> wgpu::Buffer {
         self.device.create_buffer(&wgpu::BufferDescriptor {
             label: None,
@@ -201,10 +201,10 @@ impl Gpu {
         self.queue.submit([encoder.finish()]);
     }
 
-    /// What stands in a buffer made by [`Gpu::output`].
+    /// Reads back a buffer created by [`Gpu::output`].
     ///
     /// # Panics
-    /// When the device is lost.
+    /// If the device is lost.
     pub fn read(&self, buffer: &wgpu::Buffer, bytes: u64) -> Vec<u8> {
         let back = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: None,
@@ -220,11 +220,11 @@ impl Gpu {
         back.slice(..).get_mapped_range().to_vec()
     }
 
-    /// Milliseconds that kernels take one after the other, as the GPU's own clock has it: one time
-    /// for each of `runs`.
+    /// The GPU time, in milliseconds, of running kernels one after the other, for each of `runs`
+    /// runs.
     ///
     /// # Panics
-    /// When the adapter has no timestamps.
+    /// If the adapter has no timestamps.
     pub fn time(&self, steps: &[Step], runs: u32) -> Vec<f64> {
         assert!(self.timestamps, "{} has no timestamps", self.info.name);
         let queries = self.device.create_query_set(&wgpu::QuerySetDescriptor {
@@ -255,18 +255,18 @@ impl Gpu {
     }
 }
 
-/// A kernel to run.
+/// A dispatch of a kernel.
 #[derive(Clone, Copy, Debug)]
 pub struct Step<'a> {
     /// The kernel.
     pub kernel: &'a Kernel,
-    /// What it binds.
+    /// The buffers with their binding numbers.
     pub buffers: &'a [(u32, &'a wgpu::Buffer)],
-    /// How many workgroups run.
+    /// The number of workgroups.
     pub groups: [u32; 3],
 }
 
-/// All kernels in one pass; wgpu keeps them in order where one reads what another wrote.
+/// Dispatches all kernels in one pass; wgpu inserts barriers where one reads the output of another.
 fn dispatch(
     encoder: &mut wgpu::CommandEncoder,
     steps: &[(&Step, &wgpu::BindGroup)],

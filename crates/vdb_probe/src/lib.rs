@@ -1,6 +1,6 @@
-//! The shaders of `assets/shaders`, run ray by ray without Bevy: composed by `naga_oil` and compiled
-//! unchecked, as Bevy does, on whatever adapter there is. For tests and benchmarks, with what else those
-//! have in common.
+//! Runs the shaders of `assets/shaders` ray by ray without Bevy, on any adapter. As in Bevy, they
+//! are composed by `naga_oil` and compiled without runtime checks. For tests and benchmarks, with
+//! utilities that these share.
 
 mod gpu;
 pub mod options;

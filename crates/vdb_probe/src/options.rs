@@ -1,4 +1,4 @@
-//! The command lines of the programs that measure: options with a value each, and other words.
+//! Command lines of the benchmark programs: options with one value each, and positional arguments.
 
 use std::fmt::Display;
 use std::ops::RangeBounds;
@@ -7,12 +7,12 @@ use std::str::FromStr;
 
 use glam::UVec2;
 
-/// Why a program does not run.
+/// The reason why a program does not run.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Stop {
-    /// It has nothing to do but to say this, such as its help.
+    /// There is nothing to do but print this text, such as the help.
     Told(String),
-    /// What is wrong with its command line.
+    /// The command line is wrong, with a message.
     Wrong(String),
 }
 
@@ -22,7 +22,7 @@ impl From<String> for Stop {
     }
 }
 
-/// Goes through a command line.
+/// Parses a command line.
 pub struct Options {
     help: &'static str,
     words: std::vec::IntoIter<String>,
@@ -30,9 +30,9 @@ pub struct Options {
 }
 
 impl Options {
-    /// That of this program.
+    /// The command line of this program.
     pub fn of_program(help: &'static str) -> Self {
-        // `cargo bench` adds an option of its own.
+        // `cargo bench` adds an option.
         Self::new(help, std::env::args().skip(1).filter(|word| word != "--bench").collect())
     }
 
@@ -40,8 +40,9 @@ impl Options {
         Self { help, words: words.into_iter(), option: String::new() }
     }
 
-    /// The next option, with its `--`, or another word; of an option, [`value`](Self::value) or
-    /// [`list`](Self::list) then have what follows. Stops where help is asked for.
+    /// The next option, including its `--`, or the next positional argument. After an option, get
+    /// its value with [`value`](Self::value) or [`list`](Self::list). Stops with the help text at
+    /// `--help`.
     pub fn next_word(&mut self) -> Result<Option<String>, Stop> {
         let Some(word) = self.words.next() else { return Ok(None) };
         if word == "--help" {
@@ -53,16 +54,16 @@ impl Options {
 
     fn text(&mut self) -> Result<String, Stop> {
         let value = self.words.next();
-        Ok(value.ok_or_else(|| format!("{} wants a value; see --help", self.option))?)
+        Ok(value.ok_or_else(|| format!("{} needs a value; see --help", self.option))?)
     }
 
-    /// The value of the option.
+    /// The value of the current option.
     pub fn value<T>(&mut self, parse: impl Fn(&str) -> Option<T>) -> Result<T, Stop> {
         let text = self.text()?;
         Ok(parse(&text).ok_or_else(|| self.not_understood(&text))?)
     }
 
-    /// The values of the option, separated by commas.
+    /// The comma-separated values of the current option.
     pub fn list<T>(&mut self, parse: impl Fn(&str) -> Option<T>) -> Result<Vec<T>, Stop> {
         let text = self.text()?;
         let items =
@@ -74,18 +75,18 @@ impl Options {
         format!("{} {value}: not understood; see --help", self.option)
     }
 
-    /// What to say of an option or a word that the program does not have.
+    /// The error for an unknown option or argument.
     pub fn unknown(&self) -> Stop {
         Stop::Wrong(format!("{}: no such option; see --help", self.option))
     }
 }
 
-/// A number within bounds.
+/// Parses a number within bounds.
 pub fn number<T: FromStr + PartialOrd>(range: impl RangeBounds<T>) -> impl Fn(&str) -> Option<T> {
     move |text| text.parse().ok().filter(|number| range.contains(number))
 }
 
-/// The size of a picture, such as 1920x1080, with edges within bounds.
+/// Parses an image size, such as 1920x1080, with edges within bounds.
 pub fn size(range: impl RangeBounds<u32>) -> impl Fn(&str) -> Option<UVec2> {
     let edge = number(range);
     move |text| {
@@ -94,7 +95,7 @@ pub fn size(range: impl RangeBounds<u32>) -> impl Fn(&str) -> Option<UVec2> {
     }
 }
 
-/// Runs a program with its arguments, and tells what goes wrong.
+/// Runs a program with its arguments, and reports errors.
 pub fn run<A, E: Display>(
     name: &str,
     args: Result<A, Stop>,
@@ -145,7 +146,7 @@ mod tests {
         assert_eq!(wrong("9", 0..9), told("9"));
         let mut all = options(&["--runs"]);
         all.next_word().unwrap();
-        let missing = Stop::Wrong("--runs wants a value; see --help".into());
+        let missing = Stop::Wrong("--runs needs a value; see --help".into());
         assert_eq!(all.value(number(0_u32..)), Err(missing));
         assert_eq!(all.unknown(), Stop::Wrong("--runs: no such option; see --help".into()));
     }
@@ -160,7 +161,7 @@ mod tests {
         for wrong in ["16", "16x", "x9", "16x101", "0x9", "16x9x4", "-1x9", "1e1x9"] {
             assert_eq!(size(1..=100)(wrong), None, "{wrong}");
         }
-        // No number is between others.
+        // NaN is within no bounds.
         assert_eq!(number(0.5..)("nan"), None);
     }
 }

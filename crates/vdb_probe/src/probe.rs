@@ -1,4 +1,4 @@
-//! Single rays: what goes in, what comes out.
+//! Inputs and outputs of single rays.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
@@ -16,11 +16,11 @@ use crate::shaders::Defs;
 pub struct ProbeRay {
     /// The cell of the origin.
     pub cell: [i32; 3],
-    /// Where the ray begins.
+    /// The start of the ray.
     pub t_min: f32,
-    /// Where in the cell.
+    /// The position of the origin in its cell.
     pub frac: [f32; 3],
-    /// Where the ray ends.
+    /// The end of the ray.
     pub t_max: f32,
     /// Cells per unit of `t`.
     pub dir: [f32; 3],
@@ -40,35 +40,35 @@ impl From<traverse::Ray> for ProbeRay {
     }
 }
 
-/// What a ray has met.
+/// The result of a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct ProbeHit {
     /// The voxel.
     pub cell: [i32; 3],
-    /// The axis of the face entered; 3: the ray began inside.
+    /// The axis of the face entered; 3 if the ray began inside.
     pub axis: u32,
-    /// Of a smooth surface, in index space, not of unit length.
+    /// The gradient of a smooth surface, in index space, of any length.
     pub gradient: [f32; 3],
-    /// 1 where there is a hit.
+    /// 1 for a hit, else 0.
     pub hit: u32,
-    /// Where.
+    /// The ray parameter of the hit.
     pub t: f32,
     /// ∫ density dt.
     pub optical_length: f32,
-    /// Steps of the traversal.
+    /// The number of traversal steps.
     pub steps: u32,
     pad: f32,
 }
 
-/// What is asked about a ray.
+/// The query to run for each ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProbeKind {
-    /// The first occupied voxel.
+    /// Finds the first occupied voxel.
     Voxels,
-    /// The first root of the interpolant.
+    /// Finds the first root of the interpolant.
     Smooth,
-    /// The optical depth.
+    /// Integrates the optical depth.
     Fog,
 }
 
@@ -76,9 +76,9 @@ pub enum ProbeKind {
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct Setup {
-    /// The picture, in pixels.
+    /// The size of the image, in pixels.
     size: [u32; 2],
-    /// How many rays.
+    /// The number of rays.
     count: u32,
     pad: u32,
 }
@@ -86,22 +86,22 @@ struct Setup {
 /// A packed grid on the GPU.
 #[derive(Debug)]
 pub struct GpuGrid {
-    /// With their bindings.
+    /// The buffers, with their bindings.
     buffers: Vec<(u32, wgpu::Buffer)>,
-    /// log₂ of the words of a page, where there are several.
+    /// log₂ of the words per page, if there are several pages.
     bits: Option<u32>,
     is_wide: bool,
 }
 
-/// The bindings of the pages of words, as `bindings.wgsl` has them.
+/// The bindings of the pages of words, as in `bindings.wgsl`.
 const PAGES: [u32; 3] = [1, 2, 3];
 
 impl GpuGrid {
-    /// Uploads a grid, in pages where a shader cannot bind as much at once; kernels need its
-    /// [`defs`](Self::defs), which a [`Probe`] sees to.
+    /// Uploads a grid, in several pages if it exceeds the largest binding. Kernels need its
+    /// [`defs`](Self::defs), which [`Probe`] adds.
     ///
     /// # Panics
-    /// When it is larger than [`Self::capacity`].
+    /// If the grid is larger than [`Self::capacity`].
     pub fn new(gpu: &Gpu, grid: &PackedGrid) -> Self {
         let page = Self::page(gpu);
         Self::paged(
@@ -111,12 +111,12 @@ impl GpuGrid {
         )
     }
 
-    /// Words of a page at most.
+    /// The most words per page.
     fn page(gpu: &Gpu) -> u64 {
         gpu.max_binding() / 4
     }
 
-    /// Words that shaders reach.
+    /// The most words that shaders can access.
     pub fn capacity(gpu: &Gpu) -> u64 {
         (PAGES.len() as u64) << Self::page(gpu).ilog2()
     }
@@ -124,7 +124,7 @@ impl GpuGrid {
     /// Uploads a grid in pages of `2^bits` words.
     ///
     /// # Panics
-    /// When that makes more pages than there are bindings.
+    /// If that takes more pages than there are bindings.
     pub fn paged(gpu: &Gpu, grid: &PackedGrid, bits: Option<u32>) -> Self {
         let mut buffers = vec![(0, gpu.storage(bytemuck::bytes_of(&grid.header(0))))];
         let page = bits.map_or(usize::MAX, |bits| 1 << bits);
@@ -139,7 +139,7 @@ impl GpuGrid {
         Self { buffers, bits, is_wide: grid.is_wide() }
     }
 
-    /// What the shaders have to know of the grid and its pages.
+    /// The shader defs for the grid and its pages.
     pub fn defs(&self) -> Vec<String> {
         let pages = self.bits.map(|bits| ["PAGED".into(), format!("PAGE_BITS={bits}")]);
         let wide = self.is_wide.then(|| "WIDE_GRIDS".into());
@@ -152,26 +152,26 @@ impl GpuGrid {
     }
 }
 
-/// The kernels of one question.
+/// The kernels of one query.
 #[derive(Debug)]
 pub struct Probe<'a> {
     gpu: &'a Gpu,
     entry: &'static str,
     defs: Vec<String>,
-    /// Those that grids have asked for so far, by all their defs.
+    /// Kernels compiled so far, by their defs.
     kernels: Mutex<HashMap<Vec<String>, Arc<Kernel>>>,
 }
 
-/// Rays of a dispatch along x; as in `probe.wgsl`.
+/// Rays per dispatch along x, as in `probe.wgsl`.
 const ROW: u32 = 64 * 32768;
 
 impl<'a> Probe<'a> {
-    /// Kernels are compiled when a grid first needs them.
+    /// A probe of a kind. Kernels are compiled when a grid first needs them.
     pub fn new(gpu: &'a Gpu, kind: ProbeKind) -> Self {
         Self::with_defs(gpu, kind, &[])
     }
 
-    /// The shaders with more defs.
+    /// A probe with additional shader defs.
     pub fn with_defs(gpu: &'a Gpu, kind: ProbeKind, defs: Defs) -> Self {
         let entry = match kind {
             ProbeKind::Voxels => "probe_voxels",
@@ -182,7 +182,7 @@ impl<'a> Probe<'a> {
         Self { gpu, entry, defs, kernels: Mutex::default() }
     }
 
-    /// The kernel for a grid, with one def more if there is one.
+    /// The kernel for a grid, with one additional def if there is one.
     fn kernel(&self, grid: &GpuGrid, more: Option<&str>) -> Arc<Kernel> {
         let mut defs = self.defs.clone();
         defs.extend(grid.defs().into_iter().chain(more.map(Into::into)));
@@ -194,15 +194,15 @@ impl<'a> Probe<'a> {
         kernel.clone()
     }
 
-    /// Sends given rays through a grid.
+    /// Traces given rays through a grid.
     pub fn send(&self, grid: &GpuGrid, rays: &[ProbeRay]) -> Vec<ProbeHit> {
         let setup = Setup { size: [0; 2], count: rays.len() as u32, pad: 0 };
         let rays = self.gpu.storage(bytemuck::cast_slice(rays));
         self.run(&self.kernel(grid, None), grid, setup, &[(4, &rays)])
     }
 
-    /// Sends the rays of a picture of so many pixels through a grid, row by row, with the starts that
-    /// those of a tile share; and the rays that the shader made of them.
+    /// Traces the rays of an image of `size` pixels through a grid, row by row, with ray starts
+    /// shared within tiles. Returns the rays generated by the shader, and their results.
     pub fn picture(
         &self,
         grid: &GpuGrid,

@@ -1,15 +1,15 @@
-//! From source to one module, as Bevy makes it.
+//! Composition of shader sources into one module, as in Bevy.
 
 use naga::valid::Capabilities;
 use naga_oil::compose::{
     ComposableModuleDescriptor, Composer, NagaModuleDescriptor, ShaderDefValue, ShaderLanguage,
 };
 
-/// Shader defs without their prefix `VDB_`: a name alone is set to `true`, `NAME=7` to a number.
+/// Shader defs without their prefix `VDB_`: a plain name is set to `true`, and `NAME=7` to a
+/// number.
 pub type Defs<'a> = &'a [&'a str];
 
-/// The modules that others import and that need nothing of Bevy's, in an order in which each finds
-/// those before it.
+/// The importable modules that do not depend on Bevy, ordered so that each comes after its imports.
 const MODULES: [(&str, &str); 12] = [
     ("gpu/types", include_str!("../../../assets/shaders/gpu/types.wgsl")),
     ("gpu/bindings", include_str!("../../../assets/shaders/gpu/bindings.wgsl")),
@@ -25,10 +25,10 @@ const MODULES: [(&str, &str); 12] = [
     ("single_rays", include_str!("single_rays.wgsl")),
 ];
 
-/// One module out of a source and all that it imports.
+/// Composes a source and everything it imports into one module.
 ///
 /// # Panics
-/// When the source is wrong, with naga's message, which says where.
+/// If the source is invalid, with naga's message and its position.
 pub fn compose(source: &str, defs: Defs) -> naga::Module {
     let mut composer = Composer::default().with_capabilities(Capabilities::all());
     for (name, text) in MODULES {

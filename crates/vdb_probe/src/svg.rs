@@ -1,18 +1,18 @@
-//! Drawings of figures: no more of SVG than they need.
+//! Minimal SVG output for charts.
 
 use std::fmt::Write as _;
 
 /// The colour of text.
 pub const INK: &str = "#1f2933";
-/// The colour of lines behind what is shown.
+/// The colour of lines in the background.
 pub const PALE: &str = "#d9e0e7";
 
-/// A growing drawing; places are in pixels.
+/// An SVG document being written. Positions are in pixels.
 #[derive(Clone, Debug)]
 pub struct Svg(String);
 
 impl Svg {
-    /// An empty one, white.
+    /// An empty drawing with a white background.
     pub fn new(width: f64, height: f64) -> Self {
         Self(format!(
             r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" font-family="sans-serif" font-size="10" fill="{INK}">
@@ -21,7 +21,8 @@ impl Svg {
         ))
     }
 
-    /// Text, `start`, `middle` or `end` of which is at a place; `style` is further attributes.
+    /// Adds text with its `start`, `middle` or `end` at a position; `style` is additional
+    /// attributes.
     pub fn text(&mut self, x: f64, y: f64, anchor: &str, style: &str, text: &str) {
         let text = text.replace('&', "&amp;").replace('<', "&lt;");
         let _ = writeln!(
@@ -30,7 +31,7 @@ impl Svg {
         );
     }
 
-    /// A line.
+    /// Adds a line.
     pub fn line(&mut self, from: (f64, f64), to: (f64, f64), color: &str, width: f64) {
         let ((x1, y1), (x2, y2)) = (from, to);
         let _ = writeln!(
@@ -39,7 +40,7 @@ impl Svg {
         );
     }
 
-    /// A bar to the right of a place, with it at half its height.
+    /// Adds a bar to the right of a position, vertically centred on it.
     pub fn bar(&mut self, x: f64, y: f64, (width, height): (f64, f64), color: &str) {
         let top = y - height / 2.0;
         let _ = writeln!(
@@ -48,12 +49,12 @@ impl Svg {
         );
     }
 
-    /// A dot.
+    /// Adds a dot.
     pub fn dot(&mut self, x: f64, y: f64, color: &str) {
         let _ = writeln!(self.0, r#"<circle cx="{x:.1}" cy="{y:.1}" r="3.2" fill="{color}"/>"#);
     }
 
-    /// The whole of it.
+    /// Returns the finished document.
     pub fn finish(self) -> String {
         self.0 + "</svg>\n"
     }

@@ -1,4 +1,5 @@
-//! A file as JSON, with the figures, keys and digits that the test corpus has of OpenVDB.
+//! JSON output: the statistics of a file with the keys, order and digits of OpenVDB's in the test
+//! corpus.
 
 mod format;
 
@@ -11,7 +12,7 @@ use vdb_core::{AnyTree, Grid, GridClass, SkippedGrid, Transform, VdbFile};
 
 use format::Format;
 
-/// Values are sampled at every 24th part of the active ones, at the first 14 of these.
+/// Every `active / STEPS`th active value is sampled, `PLACES` of them at most.
 const STEPS: usize = 24;
 const PLACES: usize = 14;
 
@@ -19,7 +20,7 @@ pub fn file(path: &Path, file: &VdbFile, has_offsets: bool) -> serde_json::Resul
     let mut grids: Vec<GridFigures> = file.grids.iter().map(grid).collect();
     grids.extend(file.skipped.iter().map(skipped));
     if has_offsets {
-        // As OpenVDB lists them; those of one name in the order of the file.
+        // OpenVDB lists grids by name, and those with equal names in file order.
         grids.sort_by_key(|grid| grid.name);
     }
     let file = FileFigures {
@@ -30,7 +31,7 @@ pub fn file(path: &Path, file: &VdbFile, has_offsets: bool) -> serde_json::Resul
     let mut out = Vec::new();
     file.serialize(&mut serde_json::Serializer::with_formatter(&mut out, Format::default()))?;
     out.push(b'\n');
-    // All of it is ASCII.
+    // JSON output is pure ASCII, so this replaces nothing.
     Ok(String::from_utf8_lossy(&out).into_owned())
 }
 
@@ -91,14 +92,14 @@ struct Sample {
 enum Value {
     Bool(bool),
     Int(i32),
-    /// 64 bits are more than the numbers of many readers of JSON have.
+    /// As a string: many JSON readers lose precision beyond 53 bits.
     Long(String),
     Real(Real),
     Ints([i32; 3]),
     Reals([Real; 3]),
 }
 
-/// A number, or its name where JSON has none.
+/// A number; NaN and infinities, which JSON lacks, are written as strings.
 #[derive(Clone, Copy)]
 struct Real(f64);
 
@@ -198,7 +199,7 @@ fn values<C: Node>(tree: &Tree<C>, show: &dyn Fn(C::Value) -> Value) -> ValueFig
     }
 }
 
-/// The figures of a tree that has no values.
+/// The statistics of a tree without values.
 fn mask<C: Node>(tree: &Tree<C>) -> ValueFigures {
     ValueFigures {
         background: None,

@@ -1,4 +1,4 @@
-//! `vdb info`: what is in a file.
+//! `vdb info`: lists the contents of files.
 
 mod json;
 mod text;
@@ -15,7 +15,7 @@ use crate::limits::LimitArgs;
 use crate::progress::Progress;
 use crate::terminal;
 
-/// Position of the byte that says whether grids have offsets, in every version that is read.
+/// Offset of the byte that says whether grids have offsets; the same in every supported version.
 const HAS_OFFSETS: usize = 20;
 
 /// Print the grids of files: types, boxes, transforms, sizes and metadata
@@ -24,8 +24,8 @@ pub struct Args {
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
 
-    /// Print JSON: the figures and sampled values that the test corpus has of each file, as OpenVDB
-    /// reads it, digit for digit
+    /// Print JSON: the statistics and sampled values that OpenVDB gives for the files of the test
+    /// corpus, digit for digit
     #[arg(long)]
     json: bool,
 
@@ -37,7 +37,7 @@ pub struct Args {
     limits: LimitArgs,
 }
 
-/// Prints all files that can be read. The exit code is that of the worst.
+/// Prints all readable files. The exit code is a failure if any file could not be read.
 pub fn run(args: &Args) -> ExitCode {
     let mut code = ExitCode::SUCCESS;
     for path in &args.files {
@@ -71,8 +71,8 @@ fn show(path: &Path, args: &Args) -> Result<String, String> {
     }
 }
 
-/// Whether the grids of a file have offsets: OpenVDB lists those that have by name. A file that is
-/// gone by now counts as one that has.
+/// Whether the grids of a file have offsets, in which case OpenVDB lists them by name. Defaults to
+/// `true` if the file can no longer be read.
 fn has_offsets(path: &Path) -> bool {
     let read = |path: &Path| -> io::Result<bool> {
         let mut start = [0; HAS_OFFSETS + 1];

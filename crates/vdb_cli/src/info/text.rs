@@ -1,4 +1,4 @@
-//! A file for people to read.
+//! Human-readable output.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -71,7 +71,7 @@ fn grid(out: &mut String, grid: &Grid) {
     let stats = grid.tree.stats();
     let _ = writeln!(
         out,
-        "  {} active voxels, of them {} in leaves; {} active tiles",
+        "  {} active voxels, {} of them in leaves; {} active tiles",
         grid.tree.active_voxel_count(),
         stats.active_leaf_voxels(),
         stats.active_tiles()

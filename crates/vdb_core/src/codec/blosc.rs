@@ -1,27 +1,28 @@
 //! Blosc 1 frames.
 //!
-//! A frame is a header of 16 bytes (format version, codec version, flags, bytes a value, then
-//! three little-endian u32: unpacked bytes, bytes a block, packed bytes), the start of each block,
-//! and the blocks. A block is one stream, or one for each byte of a value ("split"); a stream is
-//! its packed length and its bytes, which stand as they are where that length is the unpacked one.
+//! A frame is a header of 16 bytes (format version, codec version, flags, bytes per value, then
+//! three little-endian u32: uncompressed bytes, bytes per block, compressed bytes), the offset of
+//! each block, and the blocks. A block is one stream, or one for each byte of a value ("split"). A
+//! stream is its compressed length and its bytes; they are stored uncompressed if the two lengths
+//! are equal.
 
 use super::Scratch;
 use crate::Error;
 
 const HEADER: usize = 16;
-/// More bytes a value than this, and a block is never split.
+/// Blocks of larger values, in bytes, are never split.
 const MAX_SPLITS: usize = 16;
-/// Fewer values a block than this, and it is never split.
+/// Blocks of fewer values are never split.
 const MIN_SPLIT_VALUES: usize = 128;
 
 const BYTE_SHUFFLE: u8 = 1;
 const STORED: u8 = 2;
 const BIT_SHUFFLE: u8 = 4;
-/// Set by versions of Blosc yet to come.
+/// Reserved for future versions of Blosc.
 const FUTURE: u8 = 8;
 const NOT_SPLIT: u8 = 16;
 
-/// What packs a stream: the three highest bits of the flags.
+/// The codec of the streams: the three highest bits of the flags.
 #[derive(Clone, Copy)]
 enum Inner {
     BloscLz,
@@ -38,7 +39,7 @@ fn cut_short() -> Error {
     Error::invalid("a Blosc frame is cut short")
 }
 
-/// Unpacks a frame that must fill `out` exactly. Bytes after the frame do no harm.
+/// Decompresses a frame that must fill `out` exactly. Bytes after the frame are ignored.
 pub(crate) fn decode(frame: &[u8], out: &mut [u8], scratch: &mut Scratch) -> Result<(), Error> {
     let (Some(header), Some(unpacked), Some(block)) =
         (frame.first_chunk::<4>(), u32_at(frame, 4), u32_at(frame, 8))
@@ -74,7 +75,7 @@ pub(crate) fn decode(frame: &[u8], out: &mut [u8], scratch: &mut Scratch) -> Res
         other => return Err(Error::invalid(format!("a Blosc frame names codec {other}"))),
     };
     if block == 0 || value_bytes == 0 {
-        return Err(Error::invalid("a Blosc frame has blocks or values of no bytes"));
+        return Err(Error::invalid("a Blosc frame has blocks or values of zero bytes"));
     }
     let layout = Layout { flags, value_bytes: value_bytes.into(), block, inner };
     for (index, out) in out.chunks_mut(block).enumerate() {
@@ -85,17 +86,17 @@ pub(crate) fn decode(frame: &[u8], out: &mut [u8], scratch: &mut Scratch) -> Res
     Ok(())
 }
 
-/// What OpenVDB packs everything as: values of four bytes.
+/// Value size in frames written by OpenVDB, whatever the type.
 const VALUE_BYTES: usize = 4;
 
-/// Packs bytes into a frame of one block, LZ4 and byte shuffle, as OpenVDB does. `out` is emptied
-/// first; `false` when the frame would be no smaller than the bytes.
+/// Compresses bytes into a frame of one block with LZ4 and byte shuffle, as OpenVDB does. `out` is
+/// cleared first. Returns `false` if the frame would be no smaller than the bytes.
 pub(crate) fn encode(bytes: &[u8], out: &mut Vec<u8>, shuffled: &mut Vec<u8>) -> bool {
     out.clear();
     let values = bytes.len() / VALUE_BYTES;
     let shuffled = Scratch::room(shuffled, bytes.len());
     shuffle_bytes(bytes, shuffled);
-    // The rule by which readers that do not know the flag split.
+    // The rule by which readers that ignore `NOT_SPLIT` decide whether a block is split.
     let split = values >= MIN_SPLIT_VALUES && bytes.len().is_multiple_of(VALUE_BYTES);
     let flags = BYTE_SHUFFLE | 1 << 5 | if split { 0 } else { NOT_SPLIT };
     let length = |length: usize| (length as u32).to_le_bytes();
@@ -122,7 +123,7 @@ pub(crate) fn encode(bytes: &[u8], out: &mut Vec<u8>, shuffled: &mut Vec<u8>) ->
     out.len() < bytes.len()
 }
 
-/// Puts all first bytes of the values first, then all second ones, and so on.
+/// Groups the first bytes of all values, then the second bytes, and so on.
 fn shuffle_bytes(bytes: &[u8], out: &mut [u8]) {
     let (values, rest) = bytes.as_chunks::<VALUE_BYTES>();
     let (planes, last) = out.split_at_mut(values.len() * VALUE_BYTES);
@@ -134,11 +135,11 @@ fn shuffle_bytes(bytes: &[u8], out: &mut [u8]) {
     }
 }
 
-/// What the header says of every block.
+/// The properties of all blocks, from the header.
 struct Layout {
     flags: u8,
     value_bytes: usize,
-    /// Unpacked bytes of every block but the last, which may have fewer.
+    /// Uncompressed bytes of each block; the last may be shorter.
     block: usize,
     inner: Inner,
 }
@@ -196,21 +197,21 @@ impl Layout {
                 Inner::Zlib => super::zip::decode(stream, out, zip).ok().map(|()| out.len()),
             };
             if filled != Some(out.len()) {
-                return Err(Error::invalid("a stream of a Blosc frame does not unpack"));
+                return Err(Error::invalid("a stream of a Blosc frame cannot be decompressed"));
             }
         }
         Ok(())
     }
 }
 
-/// Brings the bytes of each value together again: all first bytes stand first, then all second
-/// ones, and so on; bytes that make no whole value stand last.
+/// Undoes the byte shuffle, which stores the first bytes of all values, then the second bytes, and
+/// so on. Bytes beyond the last whole value are stored last.
 fn unshuffle_bytes(shuffled: &[u8], out: &mut [u8], value_bytes: usize) {
     let values = out.len() / value_bytes;
     let (whole, rest) = out.split_at_mut(values * value_bytes);
     rest.copy_from_slice(&shuffled[whole.len()..]);
     if value_bytes == 4 {
-        // What OpenVDB writes, for every type of value.
+        // The common case: OpenVDB writes every value type like this.
         let (a, b) = shuffled.split_at(values);
         let (b, c) = b.split_at(values);
         let (c, d) = c.split_at(values);
@@ -228,8 +229,9 @@ fn unshuffle_bytes(shuffled: &[u8], out: &mut [u8], value_bytes: usize) {
     }
 }
 
-/// Brings the bits of each value together again: of the values, in eights, all lowest bits of the
-/// first byte stand first, and so on. Where the values make no whole eights, nothing was shuffled.
+/// Undoes the bit shuffle, which stores the lowest bits of the first bytes of all values, then the
+/// second lowest, and so on. If the number of values is not a multiple of eight, nothing was
+/// shuffled.
 fn unshuffle_bits(shuffled: &[u8], out: &mut [u8], value_bytes: usize) {
     let values = out.len() / value_bytes;
     if !values.is_multiple_of(8) {
@@ -255,7 +257,7 @@ mod tests {
 
     use super::*;
 
-    /// The bytes that were packed, by the same formulas as in the program that packed them.
+    /// The uncompressed data, by the same formulas as in the program that wrote the frames.
     fn original(kind: u8, length: usize) -> Vec<u8> {
         let mut random = 12345_u32;
         (0..length as u32)
@@ -272,8 +274,8 @@ mod tests {
             .collect()
     }
 
-    /// One frame: codec, shuffle, bytes a value and kind of data as numbers, then unpacked length,
-    /// block length and frame.
+    /// The frames of the C library: codec, shuffle, bytes per value and kind of data as numbers,
+    /// the uncompressed length, and the frame.
     fn frames() -> Vec<([u8; 4], usize, Vec<u8>)> {
         let packed: &[u8] = include_bytes!("../../tests/data/blosc_frames.gz");
         let mut bytes = Vec::new();
@@ -295,7 +297,7 @@ mod tests {
         for (head @ [codec, shuffle, value_bytes, kind], length, frame) in frames() {
             let mut out = vec![0xaa; length];
             let result = decode(&frame, &mut out, &mut scratch);
-            // What would not shrink is stored, whatever the codec, and so is readable.
+            // Data that compression would not shrink is stored, and can be read whatever the codec.
             let stored = frame[2] & STORED != 0 || length == 0;
             if [3, 5].contains(&codec) && !stored {
                 assert!(matches!(result, Err(Error::NotSupported { .. })), "{head:?}");
@@ -336,8 +338,7 @@ mod tests {
                 for value in [0, 1, 0x7f, 0x80, 0xff] {
                     let mut damaged = frame.clone();
                     damaged[at] = value;
-                    // Whether it unpacks is up to what was hit; that it ends and does not panic
-                    // is what is asked.
+                    // Damage may go unnoticed; decoding must only end without a panic.
                     let _ = decode(&damaged, &mut out, &mut scratch);
                 }
                 assert!(decode(&frame[..at], &mut out, &mut scratch).is_err() || at >= 16);

@@ -1,22 +1,24 @@
-//! `BloscLZ` streams, the oldest of Blosc's inner codecs: OpenVDB never writes them, others may.
+//! `BloscLZ` streams, the oldest of Blosc's inner codecs. OpenVDB never writes them, but others
+//! may.
 
-/// Matches reach this far back with 13 bits of distance, and further with 16 more.
+/// The largest distance of a match in 13 bits; longer ones take 16 bits more.
 const NEAR: usize = 8191;
 
-/// Unpacks a stream into `out`; how many bytes it filled, or `None` when the stream is damaged.
+/// Decompresses a stream into `out`. Returns the number of bytes written, or `None` if the stream
+/// is damaged.
 pub(crate) fn decode(mut stream: &[u8], out: &mut [u8]) -> Option<usize> {
     let mut filled = 0;
-    // The first three bits are the level of compression, which unpacking need not know.
+    // The top three bits are the compression level, which the decoder does not need.
     let mut control = next(&mut stream)? & 31;
     loop {
         if control < 32 {
-            // So many bytes, and one more, as they are.
+            // A literal run of `control + 1` bytes.
             let (literal, rest) = stream.split_at_checked(control + 1)?;
             out.get_mut(filled..filled + literal.len())?.copy_from_slice(literal);
             filled += literal.len();
             stream = rest;
         } else {
-            // A match: bytes that stood before.
+            // A match: a copy of earlier output.
             let mut length = (control >> 5) + 2;
             if length == 9 {
                 loop {
@@ -35,7 +37,7 @@ pub(crate) fn decode(mut stream: &[u8], out: &mut [u8]) -> Option<usize> {
             if length > out.len() - filled {
                 return None;
             }
-            // Byte by byte: the match may run into what it writes.
+            // Byte by byte, because a match may overlap its own output.
             for at in 0..length {
                 out[filled + at] = out[from + at];
             }

@@ -1,26 +1,26 @@
-//! Inactive values that were left out, put back (OpenVDB's `COMPRESS_ACTIVE_MASK`).
+//! Omission and restoration of inactive values (OpenVDB's `COMPRESS_ACTIVE_MASK`).
 
 use crate::tree::Value;
 
-/// Which inactive values a node stored: a byte in front of its values.
+/// The byte before a node's values that says which inactive values are stored.
 ///
-/// "Background" is that of the tree; its negation stands for the inside of a level set.
+/// "Background" is the background of the tree. Its negation is the interior value of a level set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum InactiveCase {
-    /// None: there are none, or all are the background.
+    /// None: there are no inactive values, or all are the background.
     Background = 0,
     /// None: all are the negated background.
     MinusBackground = 1,
-    /// One, which all have.
+    /// One, shared by all inactive slots.
     One = 2,
-    /// A selection mask: background where its bit is set, else negated background.
+    /// None, but a selection mask: background where its bit is set, else negated background.
     MaskOfBackgrounds = 3,
-    /// One and a selection mask: background where its bit is set, else that value.
+    /// One and a selection mask: background where its bit is set, else the stored value.
     MaskOfBackgroundAndOne = 4,
-    /// Two and a selection mask: the second where its bit is set, else the first.
+    /// Two and a selection mask: the second value where its bit is set, else the first.
     MaskOfTwo = 5,
-    /// All, among the active ones.
+    /// All, in slot order among the active ones.
     All = 6,
 }
 
@@ -40,7 +40,7 @@ impl InactiveCase {
         .find(|case| *case as u8 == byte)
     }
 
-    /// How many inactive values follow the byte.
+    /// The number of inactive values stored after the byte.
     pub(crate) fn stored_values(self) -> usize {
         match self {
             Self::One | Self::MaskOfBackgroundAndOne => 1,
@@ -55,10 +55,10 @@ impl InactiveCase {
     }
 }
 
-/// Moves the active values, which stand at the start of `values`, to their slots, and puts the
-/// inactive ones between them: `inactive[1]` where `selection` has a bit set, else `inactive[0]`.
+/// Moves the active values from the start of `values` to their slots, and fills the inactive slots:
+/// with `inactive[1]` where `selection` has a bit set, else with `inactive[0]`.
 ///
-/// `active` and `selection` have one bit a slot; `packed` is the number of bits set in `active`.
+/// `active` and `selection` have one bit per slot; `packed` is the number of bits set in `active`.
 pub(crate) fn spread<T: Value>(
     values: &mut [T],
     packed: usize,
@@ -91,10 +91,11 @@ pub(crate) fn spread<T: Value>(
     }
 }
 
-/// Which inactive values a node need store, and the two that its case chooses between.
+/// Chooses the smallest case for a node, and returns it with the two values that it selects
+/// between.
 ///
-/// `inactive` gives the values of its inactive slots (children left out). Values are compared bit
-/// for bit, so that `-0.0` and every NaN come back as they were.
+/// `inactive` yields the values of the inactive slots without children. Values are compared bit for
+/// bit, so that `-0.0` and every NaN are restored exactly.
 pub(crate) fn classify<T: Value>(
     inactive: impl IntoIterator<Item = T>,
     background: T,
@@ -116,7 +117,7 @@ pub(crate) fn classify<T: Value>(
         }
         [Some(one), None] if !one.same(background) => (InactiveCase::One, [one, background]),
         [Some(first), Some(second)] => {
-            // The background goes second: a bit of the selection mask stands for it.
+            // The background comes second: set bits of the selection mask stand for it.
             let pair = if first.same(background) { [second, first] } else { [first, second] };
             let case = match pair {
                 [_, second] if !second.same(background) => InactiveCase::MaskOfTwo,

@@ -1,7 +1,7 @@
-//! What packs the bytes of values: zlib, Blosc, 16-bit floats, and leaving inactive values out.
+//! Codecs for values: zlib, Blosc, 16-bit floats, and omission of inactive values.
 //!
-//! Every decoder fills a destination whose size the caller knows from the tree, never one that the
-//! packed bytes ask for.
+//! A decoder fills a destination whose size the caller knows from the tree, never one that the
+//! compressed data asks for.
 
 pub(crate) mod blosc;
 pub(crate) mod blosclz;
@@ -9,19 +9,19 @@ pub(crate) mod half_float;
 pub(crate) mod mask;
 pub(crate) mod zip;
 
-/// Room that decoders use again and again; one per thread.
+/// Reusable buffers of the decoders, one set per thread.
 #[derive(Default)]
 pub(crate) struct Scratch {
-    /// Bytes that were unpacked and wait to become values.
+    /// Decompressed bytes, not yet converted to values.
     pub(crate) bytes: Vec<u8>,
-    /// Bytes still shuffled.
+    /// Decompressed bytes, still shuffled.
     pub(crate) shuffled: Vec<u8>,
-    /// The state of the zlib decoder, 11 to 40 KB, made when the first zip stream comes.
+    /// The zlib decoder, 11 to 40 KB; created for the first zip stream.
     pub(crate) zip: Option<flate2::Decompress>,
 }
 
 impl Scratch {
-    /// The first `length` bytes of a buffer, whatever they hold.
+    /// The first `length` bytes of a buffer, with unspecified contents.
     pub(crate) fn room(buffer: &mut Vec<u8>, length: usize) -> &mut [u8] {
         if buffer.len() < length {
             buffer.resize(length, 0);
@@ -30,15 +30,15 @@ impl Scratch {
     }
 }
 
-/// Room that encoders use again and again; one per thread.
+/// Reusable buffers of the encoders, one set per thread.
 #[derive(Default)]
 pub(crate) struct PackScratch {
-    /// Values as bytes, not packed yet.
+    /// Values as bytes, not yet compressed.
     pub(crate) bytes: Vec<u8>,
     /// The same, shuffled.
     pub(crate) shuffled: Vec<u8>,
-    /// What came out.
+    /// Compressed bytes.
     pub(crate) packed: Vec<u8>,
-    /// The state of the zlib encoder, about 300 KB, made when the first zip stream is written.
+    /// The zlib encoder, about 300 KB; created for the first zip stream.
     pub(crate) zip: Option<flate2::Compress>,
 }

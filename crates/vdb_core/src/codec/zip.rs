@@ -4,7 +4,7 @@ use flate2::{Compress, Decompress, FlushCompress, FlushDecompress, Status};
 
 use crate::Error;
 
-/// Unpacks a zlib stream that must fill `out` exactly.
+/// Decompresses a zlib stream that must fill `out` exactly.
 pub(crate) fn decode(
     packed: &[u8],
     out: &mut [u8],
@@ -14,17 +14,17 @@ pub(crate) fn decode(
     decoder.reset(true);
     let expected = out.len();
     match decoder.decompress(packed, out, FlushDecompress::Finish) {
-        // The checksum at the end was right, too.
+        // The decoder has verified the checksum.
         Ok(Status::StreamEnd) if decoder.total_out() == expected as u64 => Ok(()),
         Ok(_) => {
             let got = decoder.total_out();
             Err(Error::invalid(format!("a zip stream holds {got} bytes or more, not {expected}")))
         }
-        Err(error) => Err(Error::invalid(format!("a zip stream does not unpack: {error}"))),
+        Err(error) => Err(Error::invalid(format!("a zip stream cannot be decompressed: {error}"))),
     }
 }
 
-/// Packs bytes into `out`, which is emptied first; `false` when they would not get smaller.
+/// Compresses bytes into `out`, which is cleared first. Returns `false` if they would not shrink.
 pub(crate) fn encode(bytes: &[u8], out: &mut Vec<u8>, state: &mut Option<Compress>) -> bool {
     let encoder = state.get_or_insert_with(|| Compress::new(flate2::Compression::default(), true));
     encoder.reset();

@@ -1,8 +1,8 @@
-//! What a file demands, counted against its limits.
+//! The resources a file demands, checked against its limits.
 
 use crate::{Error, Limits};
 
-/// What a file has asked for so far, against what it may.
+/// Running totals of what a file has demanded so far.
 pub(crate) struct Budget<'a> {
     pub(crate) limits: &'a Limits,
     nodes: u64,
@@ -17,7 +17,7 @@ impl<'a> Budget<'a> {
         Self { limits, nodes: 0, voxels: 0, bytes: 0, entries: 0, text: 0 }
     }
 
-    /// Takes in the entries of one metadata map.
+    /// Adds the entries of one metadata map.
     pub(crate) fn add_entries(&mut self, count: u32) -> Result<(), Error> {
         self.entries += u64::from(count);
         let limit = self.limits.metadata_entries;
@@ -28,7 +28,7 @@ impl<'a> Budget<'a> {
         Ok(())
     }
 
-    /// Takes in names, types or metadata values.
+    /// Adds bytes of names, types or metadata values.
     pub(crate) fn add_text(&mut self, bytes: usize) -> Result<(), Error> {
         self.text = self.text.saturating_add(bytes as u64);
         let limit = self.limits.metadata_bytes;
@@ -39,7 +39,7 @@ impl<'a> Budget<'a> {
         Ok(())
     }
 
-    /// Takes in `count` nodes of `bytes` each, every one with `voxels` voxels of its own.
+    /// Adds `count` nodes of `bytes` bytes and `voxels` voxels each.
     pub(crate) fn add(&mut self, count: usize, bytes: usize, voxels: usize) -> Result<(), Error> {
         let add = |sum: &mut u64, each: usize| {
             *sum = sum.saturating_add((count as u64).saturating_mul(each as u64));

@@ -4,17 +4,17 @@ use super::demand::{Demand, Follower};
 use super::file;
 use crate::{Error, Limits};
 
-/// Fewest and most bytes to read at a time.
+/// The least and the most bytes to read at a time.
 const LEAST: usize = 64 << 10;
 const MOST: usize = 8 << 20;
 
 /// A buffer to read a file into piece by piece, from any source, for
 /// [`VdbFile::read`](crate::VdbFile::read).
 ///
-/// It reads no more than it has to. A file in another format is recognised by its first eight bytes, and a
-/// file that is too long before memory is allocated for it. Reading ends after the last grid, or at the first
-/// error on the way from one grid to the next. Only a file without grid offsets, written as a stream, is
-/// read to its end.
+/// Reads no more than necessary: a file in another format is recognised by its first eight bytes,
+/// and an overlong file is rejected before memory is allocated for it. Reading ends after the last
+/// grid, or at the first error while following the grid offsets. Only a file without grid offsets,
+/// written as a stream, is read to its end.
 ///
 /// ```
 /// use std::io::{self, Read};
@@ -31,14 +31,14 @@ const MOST: usize = 8 << 20;
 /// }
 ///
 /// let error = read(io::repeat(0), None).unwrap_err();
-/// assert!(error.to_string().contains("this is no VDB file"));
+/// assert!(error.to_string().contains("this is not a VDB file"));
 /// ```
 #[derive(Debug)]
 pub struct FileBuffer {
     limits: Limits,
     length: Option<u64>,
     follower: Follower,
-    /// The bytes read so far, followed by room for more.
+    /// The bytes read so far, followed by free space.
     bytes: Vec<u8>,
     filled: usize,
     ended: bool,
@@ -51,16 +51,17 @@ impl FileBuffer {
         Self { limits, length, follower, bytes: Vec::new(), filled: 0, ended: false }
     }
 
-    /// The room to read the next bytes of the file into, or `None` when no more bytes are needed. Call
-    /// [`filled`](Self::filled) with the number of bytes read.
+    /// The space to read the next bytes of the file into, or `None` when no more bytes are needed.
+    /// Call [`filled`](Self::filled) with the number of bytes read.
     ///
     /// # Errors
-    /// If the file is longer than [`Limits::file_bytes`] or truncated, or memory runs out. A file in another
-    /// format is no error here, but in [`VdbFile::read`](crate::VdbFile::read).
+    /// If the file is longer than [`Limits::file_bytes`] or truncated, or memory runs out. A file
+    /// in another format is reported not here, but by [`VdbFile::read`](crate::VdbFile::read).
     pub fn room(&mut self) -> Result<Option<&mut [u8]>, Error> {
         let (length, filled) = (self.length, self.filled as u64);
         let demand = self.follower.demand(&self.bytes[..self.filled], length, &self.limits)?;
-        // A file in another format is reported as such, however long it is.
+        // Not before the format is known: a file in another format is reported as such, whatever
+        // its length.
         if self.follower.is_vdb() {
             file::check_length(length.unwrap_or(filled), &self.limits)?;
         }
@@ -70,7 +71,7 @@ impl FileBuffer {
                 file::check_length(end, &self.limits)?;
                 end
             }
-            // One byte more than the limit, to find out whether the file exceeds it.
+            // One byte more than the limit, to detect whether the file exceeds it.
             (Demand::All, None) => self.limits.file_bytes.saturating_add(1),
         };
         if self.ended || end <= filled {
@@ -83,12 +84,13 @@ impl FileBuffer {
         Ok(Some(&mut self.bytes[self.filled..]))
     }
 
-    /// Grows the buffer to `length` bytes. `end` is the number of bytes needed in all, as far as is known.
+    /// Grows the buffer to `length` bytes. `end` is the total number of bytes needed, as far as is
+    /// known.
     fn grow(&mut self, length: usize, end: u64) -> Result<(), Error> {
         let bytes = |count: u64| usize::try_from(count).unwrap_or(usize::MAX);
         let (capacity, taken) = match self.length.map(bytes) {
-            // All bytes that are known to come at once, and otherwise twice as many each time, so that
-            // bytes are seldom moved.
+            // Allocates all bytes known to be needed at once, and otherwise doubles the capacity,
+            // so that bytes are rarely moved.
             Some(whole) => {
                 let doubled = self.bytes.capacity().saturating_mul(2);
                 let capacity = bytes(end).max(doubled).min(whole).max(length);
@@ -104,7 +106,8 @@ impl FileBuffer {
         Ok(())
     }
 
-    /// Records that `count` bytes have been read into the start of the room. 0 marks the end of the file.
+    /// Records that `count` bytes have been read into the start of the free space. 0 marks the end
+    /// of the file.
     pub fn filled(&mut self, count: usize) {
         self.ended = count == 0;
         self.filled = (self.filled + count).min(self.bytes.len());

@@ -1,4 +1,4 @@
-//! The values of leaves: a second copy of the mask, then the values.
+//! Leaf values: a second copy of the leaf's mask, then its values.
 
 use super::cursor::Cursor;
 use super::header::NODE_MASK_COMPRESSION;
@@ -9,9 +9,9 @@ use crate::Error;
 use crate::codec::{PackScratch, Scratch};
 use crate::tree::{Active, BitLeaf, IVec3, LeafNode, Mask, Node};
 
-/// A leaf of 8³ voxels that a file can hold.
+/// A leaf of 8³ voxels that can be read from and written to a file.
 pub(crate) trait FileLeaf: Node<Leaf = Self, Value: FileValue> {
-    /// Reads past the values of a leaf.
+    /// Skips the values of a leaf.
     fn pass(
         cursor: &mut Cursor<'_>,
         context: &TreeContext<Self::Value>,
@@ -28,7 +28,7 @@ pub(crate) trait FileLeaf: Node<Leaf = Self, Value: FileValue> {
         scratch: &mut Scratch,
     ) -> Result<Box<Self>, Error>;
 
-    /// Which voxels are active.
+    /// The active voxels.
     fn mask(&self) -> &Mask<3>;
 
     /// Writes the values of a leaf.
@@ -40,7 +40,7 @@ pub(crate) trait FileLeaf: Node<Leaf = Self, Value: FileValue> {
     );
 }
 
-/// Finds the values of a leaf: its mask as it counts for them, and the values.
+/// Locates the values of a leaf. Returns the mask that applies to them, and the values.
 fn locate<'a, T: FileValue>(
     cursor: &mut Cursor<'a>,
     context: &TreeContext<T>,
@@ -49,8 +49,8 @@ fn locate<'a, T: FileValue>(
 ) -> Result<(Mask<3>, NodeValues<'a, T>), Error> {
     let encoding = &context.encoding;
     let own = read_mask(cursor)?;
-    // Both masks are the same in a sound file. OpenVDB takes the first where the file has offsets,
-    // and the second in a stream.
+    // The two masks are equal in a sound file. OpenVDB uses the first if the file has offsets, and
+    // the second in a stream.
     let mask = if encoding.has_offsets { topology.clone() } else { own };
     let mut buffers = 1;
     if encoding.version < NODE_MASK_COMPRESSION {
@@ -59,19 +59,19 @@ fn locate<'a, T: FileValue>(
     }
     let all = Mask::<3>::SIZE;
     let values = NodeValues::locate(cursor, encoding, context.background, all, || mask.count())?;
-    // Copies for multi-threaded filters, which very old programs wrote along.
+    // Very old programs also wrote copies for multi-threaded filters.
     for _ in 1..buffers {
         NodeValues::<T>::locate_packed(cursor, encoding, all)?;
     }
     Ok((mask, values))
 }
 
-/// Some leaves say where they stand, which the topology has said already.
+/// Some leaf types repeat their origin, which is already known from the topology.
 fn check_origin(cursor: &mut Cursor<'_>, origin: IVec3) -> Result<(), Error> {
     let at = cursor.at();
     let own = cursor.ivec3()?;
     if own != origin {
-        let what = format!("the leaf at {origin} says that it stands at {own}");
+        let what = format!("the leaf at {origin} gives its origin as {own}");
         return Err(Error::invalid(what).at(at));
     }
     Ok(())

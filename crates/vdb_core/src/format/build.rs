@@ -1,4 +1,4 @@
-//! The second pass over a tree: makes the nodes that the first has found, on all cores.
+//! The second pass over a tree: builds the nodes located by the first, on all cores.
 
 use std::cell::RefCell;
 use std::ops::ControlFlow;
@@ -17,18 +17,18 @@ use crate::codec::mask::spread;
 use crate::tree::{Cube, Dim, Mask, Node, Tree};
 use crate::{Error, ProgressFn};
 
-/// Leaves that one task makes: about 100 µs of work, so that cores share it out evenly and the
-/// sharing costs nothing.
+/// Leaves built per task: about 100 µs of work, enough to make scheduling free and little enough to
+/// balance the load.
 const LEAVES_PER_TASK: usize = 64;
 
 thread_local! {
     static SCRATCH: RefCell<Scratch> = RefCell::default();
 }
 
-/// The children of an upper node, each in its own box as the node holds them.
+/// The children of an upper node, boxed as the node stores them.
 type Children<L> = Vec<Box<Middle<L>>>;
 
-/// Counts bytes as they are done.
+/// Counts the bytes done and reports progress.
 pub(crate) struct Progress<'a> {
     done: AtomicU64,
     all: u64,
@@ -40,7 +40,7 @@ impl<'a> Progress<'a> {
         Self { done: AtomicU64::new(0), all: all as u64, tell }
     }
 
-    /// So many bytes more are done.
+    /// Adds bytes that are done.
     pub(crate) fn add(&self, bytes: usize) -> Result<(), Error> {
         let Some(tell) = self.tell else { return Ok(()) };
         let done = self.done.fetch_add(bytes as u64, Ordering::Relaxed) + bytes as u64;
@@ -52,7 +52,7 @@ impl<'a> Progress<'a> {
 }
 
 impl<'a, L: FileLeaf> Scan<'a, L> {
-    /// Makes the tree.
+    /// Builds the tree.
     pub(crate) fn build(self, progress: &Progress<'_>) -> Result<Tree<Upper<L>>, Error> {
         let middles = self
             .middles
@@ -60,7 +60,7 @@ impl<'a, L: FileLeaf> Scan<'a, L> {
             .map(|middle| self.build_middle(middle, progress).map(Some))
             .collect::<Result<Vec<_>, _>>()?;
         let mut middles = middles.into_iter();
-        // Each upper node takes its own from the front, as the first pass pushed them.
+        // Each upper node takes its own children from the front, in the order of the first pass.
         let parts: Vec<(&UpperScan, Children<L>)> = self
             .uppers
             .iter()
@@ -120,7 +120,7 @@ impl<'a, L: FileLeaf> Scan<'a, L> {
     }
 }
 
-/// Never seen: the first pass has counted the children by the same mask.
+/// Unreachable in practice: the first pass counted the children by the same mask.
 fn does_not_fit(at: usize) -> Error {
     Error::invalid("the children of a node do not fit its mask").at(at)
 }

@@ -1,11 +1,11 @@
-//! A place in the bytes of a file, and reading onwards from it.
+//! Sequential reading from a byte slice.
 
 use crate::{Error, Limits};
 
-/// Bytes of a file with a place in them. All numbers are little-endian.
+/// A position in the bytes of a file. All numbers are little-endian.
 #[derive(Clone, Copy)]
 pub(crate) struct Cursor<'a> {
-    /// The file, from its first byte, up to where this cursor may read.
+    /// The file from its first byte to the end of what this cursor may read.
     bytes: &'a [u8],
     /// Never past the end of `bytes`.
     at: usize,
@@ -25,21 +25,21 @@ impl<'a> Cursor<'a> {
         self.bytes.len() - self.at
     }
 
-    /// The same bytes from another place, which must not be past their end.
+    /// A cursor at another position in the same bytes, which must not be past their end.
     pub(crate) fn moved_to(&self, at: usize) -> Result<Self, Error> {
         if at > self.bytes.len() {
-            let what = format!("a place past the end of the data at byte {}", self.bytes.len());
+            let what = format!("an offset past the end of the data at byte {}", self.bytes.len());
             return Err(Error::invalid(what).at(at));
         }
         Ok(Self { bytes: self.bytes, at })
     }
 
-    /// Where the bytes end.
+    /// The end of the bytes.
     pub(crate) fn end(&self) -> usize {
         self.bytes.len()
     }
 
-    /// The same bytes from their start, with nothing to be read from `end` on.
+    /// A cursor at the start of the same bytes that cannot read beyond `end`.
     pub(crate) fn bounded(&self, end: usize) -> Self {
         Self::new(&self.bytes[..end.min(self.bytes.len())])
     }
@@ -47,7 +47,7 @@ impl<'a> Cursor<'a> {
     pub(crate) fn take(&mut self, length: usize) -> Result<&'a [u8], Error> {
         let Some(taken) = self.bytes[self.at..].get(..length) else {
             let there = self.remaining();
-            let what = format!("{length} bytes are needed and only {there} are there");
+            let what = format!("{length} bytes are needed, but only {there} are left");
             return Err(Error::invalid(what).at(self.at));
         };
         self.at += length;
@@ -56,7 +56,7 @@ impl<'a> Cursor<'a> {
 
     pub(crate) fn array<const N: usize>(&mut self) -> Result<[u8; N], Error> {
         let taken = self.take(N)?;
-        // `take` gives exactly as many bytes as it was asked for.
+        // Cannot fail, since `take` returns exactly the bytes requested.
         taken.try_into().map_err(|_| Error::invalid("a value is cut short").at(self.at))
     }
 
@@ -99,7 +99,7 @@ impl<'a> Cursor<'a> {
         self.take(length as usize)
     }
 
-    /// A length (u32) and that many bytes of text. Bytes that are no UTF-8 become U+FFFD.
+    /// A length (u32) and that many bytes of text. Invalid UTF-8 becomes U+FFFD.
     pub(crate) fn string(&mut self, limits: &Limits) -> Result<String, Error> {
         Ok(String::from_utf8_lossy(self.sized_bytes(limits)?).into_owned())
     }

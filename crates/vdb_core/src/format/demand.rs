@@ -1,25 +1,26 @@
-//! How many bytes of a file its reader will look at.
+//! The number of bytes of a file that its reader needs.
 
 use super::cursor::Cursor;
 use super::descriptor::SMALLEST;
 use super::{file, header};
 use crate::{Error, Limits};
 
-/// What of a file has to be there.
+/// The part of a file that the reader needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Demand {
-    /// What is there is all that the reader looks at, or enough for it to say what is wrong.
+    /// Nothing more: the bytes present are all that the reader needs, or enough for it to report
+    /// what is wrong.
     Nothing,
-    /// The file up to this byte; then to be asked again.
+    /// The file up to this byte; ask again then.
     UpTo(u64),
-    /// As far as it goes: in a stream, nothing says where grids end.
+    /// The whole file: in a stream, nothing says where grids end.
     All,
 }
 
-/// Follows a file from header to metadata and from grid to grid, which say where the next stands.
+/// Follows a file from its header to its metadata and from grid to grid, through their offsets.
 #[derive(Debug, Default)]
 pub(crate) struct Follower {
-    /// What has been gone over.
+    /// The offset up to which the file has been examined.
     at: u64,
     stage: Stage,
 }
@@ -30,25 +31,25 @@ enum Stage {
     Magic,
     Header,
     MetadataCount,
-    /// Entries of metadata that are left.
+    /// Metadata entries left to examine.
     Metadata(u32),
     GridCount,
-    /// Grids that are left.
+    /// Grids left to examine.
     Grids(u32),
     Stream,
 }
 
 impl Follower {
-    /// Whether the first bytes have been those of a VDB file.
+    /// Whether the file starts with the magic number of a VDB file.
     pub(crate) fn is_vdb(&self) -> bool {
         !matches!(self.stage, Stage::Magic)
     }
 
-    /// What the reader needs, by the bytes from the file's start that are there. `length` is that of the file,
-    /// where it is known.
+    /// What the reader needs beyond `bytes`, the start of the file. `length` is the length of the
+    /// file, if it is known.
     ///
     /// # Errors
-    /// When a grid ends behind the file.
+    /// If a grid ends beyond the end of the file.
     pub(crate) fn demand(
         &mut self,
         bytes: &[u8],
@@ -65,7 +66,7 @@ impl Follower {
                     {
                         return Err(Error::invalid(file::cut_short(self.at, length)));
                     }
-                    // The reader says what is missing.
+                    // The reader reports what is missing.
                     return Ok(Demand::UpTo(length));
                 }
                 Err(demand) => return Ok(demand),
@@ -73,7 +74,7 @@ impl Follower {
         }
     }
 
-    /// One step onwards; or what stops it.
+    /// Advances by one stage; fails with what it lacks.
     fn step(&mut self, bytes: &[u8], limits: &Limits) -> Result<(), Demand> {
         let mut ahead = Ahead { bytes, at: self.at, limits };
         let next = match self.stage {
@@ -98,12 +99,12 @@ impl Follower {
             }
             Stage::GridCount => {
                 let count = ahead.count(limits.grids)?;
-                // The reader checks that the whole count fits before it reads the first.
+                // The reader checks that all grids can fit before it reads the first.
                 ahead.need(u64::from(count) * SMALLEST as u64)?;
                 Stage::Grids(count)
             }
             Stage::Grids(0) => {
-                // Up to where the last grid ends.
+                // All bytes up to the end of the last grid.
                 ahead.need(0)?;
                 return Err(Demand::Nothing);
             }
@@ -114,7 +115,7 @@ impl Follower {
                 }
                 let [_, _, end] = [ahead.i64()?, ahead.i64()?, ahead.i64()?];
                 let past = ahead.at;
-                // The reader refuses what goes backwards.
+                // The reader rejects offsets that go backwards.
                 ahead.at =
                     u64::try_from(end).ok().filter(|end| *end >= past).ok_or(Demand::Nothing)?;
                 Stage::Grids(left - 1)
@@ -126,7 +127,7 @@ impl Follower {
     }
 }
 
-/// A place in bytes that may not be there yet.
+/// A position in bytes of which only the start may be present.
 struct Ahead<'a> {
     bytes: &'a [u8],
     at: u64,
@@ -134,7 +135,7 @@ struct Ahead<'a> {
 }
 
 impl Ahead<'_> {
-    /// So many bytes from here on have to be there.
+    /// Demands `count` bytes from here on.
     fn need(&self, count: u64) -> Result<(), Demand> {
         match self.at.saturating_add(count) {
             end if end > self.bytes.len() as u64 => Err(Demand::UpTo(end)),
@@ -153,7 +154,7 @@ impl Ahead<'_> {
         self.take().map(u32::from_le_bytes)
     }
 
-    /// A count, with its upper limit.
+    /// A count that must not exceed `most`.
     fn count(&mut self, most: u64) -> Result<u32, Demand> {
         let count = self.u32()?;
         if u64::from(count) <= most { Ok(count) } else { Err(Demand::Nothing) }

@@ -1,22 +1,22 @@
-//! What the file lists of each grid: names, type and places.
+//! Grid descriptors: the names, types and offsets that a file lists.
 
 use super::budget::Budget;
 use super::cursor::Cursor;
 use super::metadata::write_sized;
 use crate::Error;
 
-/// Stands between the name of a grid and the number that makes it unique.
+/// Separates the name of a grid from the number that makes it unique.
 pub(crate) const SEPARATOR: u8 = 0x1e;
-/// Ends the type of a grid whose floating-point values have 16 bits.
+/// The type suffix of grids whose floating-point values have 16 bits.
 pub(crate) const HALF_SUFFIX: &str = "_HalfFloat";
 
-/// The least bytes that a grid can take: three lengths and three places.
+/// The fewest bytes that a grid can take: three lengths and three offsets.
 pub(crate) const SMALLEST: usize = 3 * 4 + 3 * 8;
 
-/// One grid, as the file lists it.
+/// The descriptor of a grid.
 #[derive(Clone)]
 pub(crate) struct Descriptor {
-    /// As it stands in the file; that is how an instance names its parent.
+    /// The name as stored in the file, by which instances refer to their parent.
     pub(crate) raw_name: Vec<u8>,
     pub(crate) name: String,
     pub(crate) unique_name: String,
@@ -25,10 +25,10 @@ pub(crate) struct Descriptor {
     pub(crate) half_suffix: bool,
     /// The `raw_name` of the grid whose tree this one shares; empty if it has its own.
     pub(crate) parent: Vec<u8>,
-    /// Where the grid starts and where the next descriptor stands; without meaning in a stream.
+    /// The offsets of the grid and of the next descriptor; meaningless in a stream.
     pub(crate) grid_at: i64,
     pub(crate) end_at: i64,
-    /// Where this descriptor starts and ends.
+    /// The start and end offsets of this descriptor.
     pub(crate) at: usize,
     pub(crate) past: usize,
 }
@@ -49,7 +49,7 @@ pub(crate) fn read(cursor: &mut Cursor<'_>, budget: &mut Budget<'_>) -> Result<D
     let type_name = type_name.unwrap_or(&full_type).to_owned();
     let parent = cursor.sized_bytes(limits)?.to_owned();
     let grid_at = cursor.i64()?;
-    // Where the values start; reading on from the topology leads there, too.
+    // The offset of the values, which directly follow the topology anyway.
     let _block_at = cursor.i64()?;
     let end_at = cursor.i64()?;
     let past = cursor.at();
@@ -69,7 +69,7 @@ pub(crate) fn read(cursor: &mut Cursor<'_>, budget: &mut Budget<'_>) -> Result<D
     })
 }
 
-/// The name, and the name with its number as OpenVDB shows it: `density` and `density[1]`.
+/// The name, and the unique name as OpenVDB shows it: `density` and `density[1]`.
 pub(crate) fn names(raw: &[u8]) -> (String, String) {
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     match raw.iter().position(|byte| *byte == SEPARATOR) {
@@ -82,8 +82,8 @@ pub(crate) fn names(raw: &[u8]) -> (String, String) {
     }
 }
 
-/// Writes what is listed of a grid; where the three places stand, which
-/// [`write_places`] fills in once they are known.
+/// Writes a descriptor. Returns the position of its three offsets, for [`write_places`] to fill in
+/// once they are known.
 pub(crate) fn write(
     out: &mut Vec<u8>,
     raw_name: &[u8],
@@ -100,14 +100,14 @@ pub(crate) fn write(
     Ok(at)
 }
 
-/// Fills in where a grid starts, where its values start and where it ends.
+/// Fills in the offsets of a grid's start, values and end.
 pub(crate) fn write_places(out: &mut [u8], at: usize, places: [usize; 3]) {
     for (out, place) in out[at..].as_chunks_mut::<8>().0.iter_mut().zip(places) {
         *out = (place as i64).to_le_bytes();
     }
 }
 
-/// The name of a grid with a number.
+/// A grid name with a number, as stored in the file.
 pub(crate) fn numbered(name: &str, number: usize) -> Vec<u8> {
     let mut raw = name.as_bytes().to_vec();
     raw.push(SEPARATOR);

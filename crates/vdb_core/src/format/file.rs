@@ -1,4 +1,4 @@
-//! A whole file: header, metadata, and grid after grid.
+//! Whole files: header, metadata, and one grid after another.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -19,33 +19,33 @@ use crate::{
     SkippedGrid, Transform, VdbFile,
 };
 
-/// Makes a tree that has been scanned.
+/// Builds a scanned tree.
 type Build<'a> = Box<dyn FnOnce(&Progress<'_>) -> Result<AnyTree, Error> + Send + 'a>;
 
-/// A grid of the file, its tree not yet made.
+/// A listed grid whose tree is not yet built.
 struct Listed<'a> {
     descriptor: Descriptor,
     selected: bool,
-    /// What stands in front of the tree; or why it could not be read.
+    /// The part in front of the tree, or why it could not be read.
     head: Result<Head, Error>,
     tree: Source<'a>,
 }
 
-/// Where the tree of a grid comes from.
+/// The source of a grid's tree.
 enum Source<'a> {
     Own(Build<'a>),
-    /// Another grid has it.
+    /// The tree belongs to another grid.
     Instance,
-    /// It cannot be read.
+    /// The tree cannot be read.
     None(Error),
-    /// Nobody needs it.
+    /// The tree is not needed.
     NotAsked,
 }
 
-/// What stands in front of the tree.
+/// The part of a grid in front of its tree.
 struct Head {
     compression: Compression,
-    /// Of the grid, with all in front of the tree and the tree.
+    /// The length of the whole grid, tree included.
     file_bytes: usize,
     metadata: Metadata,
     transform: Transform,
@@ -81,7 +81,7 @@ pub(crate) fn read(bytes: &[u8], options: &ReadOptions) -> Result<VdbFile, Error
     })
 }
 
-/// Whether a file is not too long.
+/// Checks the length of a file.
 pub(crate) fn check_length(length: u64, limits: &Limits) -> Result<(), Error> {
     if length > limits.file_bytes {
         let what = format!("{length} bytes of file");
@@ -105,7 +105,7 @@ fn read_count(cursor: &mut Cursor<'_>, limits: &Limits) -> Result<usize, Error> 
     Ok(count)
 }
 
-/// Grids that say where they end: from one to the next, whatever stands in them.
+/// Lists the grids of a file with offsets, following the offsets from one grid to the next.
 fn list_with_offsets<'a>(
     mut cursor: Cursor<'a>,
     header: &Header,
@@ -141,7 +141,7 @@ fn list_with_offsets<'a>(
     Ok(listed)
 }
 
-/// Where a grid starts and ends, when that makes sense.
+/// The byte range of a grid, checked.
 fn check_places(
     descriptor: &Descriptor,
     cursor: &Cursor<'_>,
@@ -156,7 +156,7 @@ fn check_places(
         }
         (Some(start), Some(end)) if descriptor.past <= start && start <= end => Ok(start..end),
         _ => invalid(format!(
-            "the grid lies from byte {} to {}, which cannot be",
+            "the grid cannot extend from byte {} to {}",
             descriptor.grid_at, descriptor.end_at
         )),
     }
@@ -166,7 +166,7 @@ pub(crate) fn cut_short(grid_end: u64, file_end: u64) -> String {
     format!("the file is cut short: the grid ends at byte {grid_end}, the file at {file_end}")
 }
 
-/// Grids one after the other, as in a stream: where one ends the next begins.
+/// Lists the grids of a stream, where each grid begins at the end of the one before.
 fn list_stream<'a>(
     mut cursor: Cursor<'a>,
     header: &Header,
@@ -180,7 +180,8 @@ fn list_stream<'a>(
         let mut grid = read_grid(&mut cursor, header, descriptor, selection, budget)?;
         let left = count - index - 1;
         if let (Source::None(reason), true) = (&mut grid.tree, left > 0) {
-            // Nothing says how long the tree is, so that what follows is out of reach.
+            // Without offsets, the length of the tree is unknown and the rest of the file cannot be
+            // reached.
             if let Error::NotSupported { what, .. } = reason {
                 let rest = if left == 1 { "grid" } else { &format!("{left} grids") };
                 *what += &format!(
@@ -193,7 +194,7 @@ fn list_stream<'a>(
         }
         listed.push(grid);
     }
-    // Every grid had to be gone over; those that nobody asked for need not be made.
+    // Every grid had to be scanned, but only the selected grids and their parents are built.
     let parents: HashSet<Vec<u8>> = listed
         .iter()
         .filter(|grid| grid.selected)
@@ -207,7 +208,7 @@ fn list_stream<'a>(
     Ok(listed)
 }
 
-/// The names that were asked for, to be looked up as often as there are grids.
+/// The requested names, in a set for fast look-up.
 enum Selection<'a> {
     All,
     Names(&'a [String], HashSet<&'a str>),
@@ -228,7 +229,7 @@ impl<'a> Selection<'a> {
         names.contains(&*descriptor.name) || names.contains(&*descriptor.unique_name)
     }
 
-    /// Whether the file has them all.
+    /// Checks that the file has all requested grids.
     fn check(&self, listed: &[Listed<'_>]) -> Result<(), Error> {
         let Self::Names(names, _) = self else { return Ok(()) };
         let there: HashSet<&str> = listed
@@ -244,7 +245,7 @@ impl<'a> Selection<'a> {
     }
 }
 
-/// Reads past a grid. An error here is damage; what is merely not supported is noted in the result.
+/// Reads past a grid. Damage is an error; unsupported features are noted in the result.
 fn read_grid<'a>(
     cursor: &mut Cursor<'a>,
     header: &Header,
@@ -258,7 +259,7 @@ fn read_grid<'a>(
     let start = cursor.at();
     let head = read_head(cursor, header, &descriptor, budget).map_err(named);
     let mut head = match head {
-        // Who knows what a type that is not known has there.
+        // The layout of an unknown grid type is unknown, so a failure here does not mean damage.
         Err(error) if known.is_none() || matches!(error, Error::NotSupported { .. }) => Err(error),
         Err(error) => return Err(error),
         Ok(head) => Ok(head),
@@ -298,16 +299,16 @@ fn read_head(
 ) -> Result<Head, Error> {
     let compression = header::read_compression(cursor, header)?;
     let metadata = metadata::read(cursor, budget)?;
-    // OpenVDB believes the metadata; only files that others wrote lack it.
+    // OpenVDB trusts the metadata; only files from other writers lack this entry.
     let half = metadata.get_bool("is_saved_as_half_float").unwrap_or(descriptor.half_suffix);
     let transform = transform::read(cursor, header.version, budget.limits)?;
     Ok(Head { compression, file_bytes: 0, metadata, transform, half })
 }
 
-/// Reads past a tree of one type, and leaves what makes it.
+/// Reads past a tree of one type, and returns a function that builds it.
 type Scanner = for<'a> fn(&mut Cursor<'a>, Encoding, &mut Budget<'_>) -> Result<Build<'a>, Error>;
 
-/// What reads trees of this type.
+/// The scanner for trees of this type.
 fn scanner(type_name: &str) -> Option<Scanner> {
     macro_rules! scanner {
         ($variant:ident) => {
@@ -333,7 +334,8 @@ fn scanner(type_name: &str) -> Option<Scanner> {
     }
 }
 
-/// Makes the trees, hands them to their instances too, and sorts out what could not be read.
+/// Builds the trees, shares them with their instances, and separates the grids that could not be
+/// read.
 fn finish(
     listed: Vec<Listed<'_>>,
     progress: &Progress<'_>,
@@ -353,8 +355,8 @@ fn finish(
         .enumerate()
         .map(|(index, (descriptor, ..))| (&*descriptor.raw_name, index))
         .collect();
-    // OpenVDB never writes the instance of an instance, but nothing forbids it: two steps up are
-    // one more than can be needed.
+    // OpenVDB never writes an instance of an instance, but nothing forbids it: two steps up are
+    // already one more than necessary.
     let owner = |index: usize| {
         let mut index = index;
         for _ in 0..=2 {

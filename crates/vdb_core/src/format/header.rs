@@ -1,4 +1,4 @@
-//! The start of a file: magic number, versions, whether grids have offsets, unique tag.
+//! The file header: magic number, versions, grid offsets, unique tag.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
@@ -8,34 +8,34 @@ use crate::{Codec, Compression, Error};
 /// The first eight bytes of every VDB file, `" BDV"` and four zeros.
 pub(crate) const MAGIC: [u8; 8] = 0x5644_4220_u64.to_le_bytes();
 
-/// The most bytes that the start of a file takes: magic number, three versions, two flags and the unique tag.
+/// The greatest length of the header: magic number, three versions, two flags and the unique tag.
 pub(crate) const LONGEST: usize = 8 + 3 * 4 + 2 + 36;
 
-/// Versions of the format that are read. OpenVDB 2 to 13 wrote 218 and later.
+/// The supported versions of the format. OpenVDB 2 to 13 wrote 218 and later.
 pub(crate) const VERSIONS: std::ops::RangeInclusive<u32> = 218..=225;
 
-/// From here on each grid says how it is compressed, and nodes may leave inactive values out.
+/// Since this version, each grid has its own compression flags, and nodes may omit inactive values.
 pub(crate) const NODE_MASK_COMPRESSION: u32 = 222;
-/// From here on the header says whether the file is compressed; until grids say so themselves.
+/// Since this version, and before [`NODE_MASK_COMPRESSION`], the header has a compression flag.
 const SELECTIVE_COMPRESSION: u32 = 220;
-/// From here on the box of a frustum has corners in floating point.
+/// Since this version, the box of a frustum has floating-point corners.
 pub(crate) const FLOAT_FRUSTUM_BBOX: u32 = 221;
-/// From here on transforms are maps.
+/// Since this version, transforms are stored as maps.
 pub(crate) const NEW_TRANSFORM: u32 = 219;
 
-/// What the start of a file says.
+/// The contents of the file header.
 pub(crate) struct Header {
     pub(crate) version: u32,
     pub(crate) library_version: (u32, u32),
-    /// Whether each grid says where it ends; streams do not.
+    /// Whether each grid stores its end offset; streams do not.
     pub(crate) has_offsets: bool,
     pub(crate) uuid: String,
-    /// Of every grid, in versions before [`NODE_MASK_COMPRESSION`].
+    /// The compression of all grids, in versions before [`NODE_MASK_COMPRESSION`].
     pub(crate) compression: Compression,
 }
 
 pub(crate) fn read(cursor: &mut Cursor<'_>) -> Result<Header, Error> {
-    let magic = cursor.array::<8>().map_err(|_| Error::invalid("this is no VDB file").at(0))?;
+    let magic = cursor.array::<8>().map_err(|_| Error::invalid("this is not a VDB file").at(0))?;
     if magic.starts_with(b"NanoVDB") {
         return Err(Error::not_supported(
             "this is a NanoVDB file; convert it to .vdb with OpenVDB's `nanovdb_convert`",
@@ -43,7 +43,7 @@ pub(crate) fn read(cursor: &mut Cursor<'_>) -> Result<Header, Error> {
         .at(0));
     }
     if magic != MAGIC {
-        return Err(Error::invalid("this is no VDB file").at(0));
+        return Err(Error::invalid("this is not a VDB file").at(0));
     }
     let at = cursor.at();
     let version = cursor.u32()?;
@@ -68,12 +68,12 @@ pub(crate) fn read(cursor: &mut Cursor<'_>) -> Result<Header, Error> {
     Ok(Header { version, library_version, has_offsets, uuid, compression })
 }
 
-/// Bits of the number that says how a grid is compressed.
+/// Bits of a grid's compression flags.
 pub(crate) const ZIP: u32 = 1;
 pub(crate) const ACTIVE_MASK: u32 = 2;
 pub(crate) const BLOSC: u32 = 4;
 
-/// How one grid is compressed, which stands in front of its metadata.
+/// Reads the compression flags of a grid, which precede its metadata.
 pub(crate) fn read_compression(
     cursor: &mut Cursor<'_>,
     header: &Header,
@@ -87,7 +87,7 @@ pub(crate) fn read_compression(
         let what = format!("compression {flags:#x}, of which only the lowest three bits are known");
         return Err(Error::not_supported(what).at(at));
     }
-    // OpenVDB looks at Blosc first, should both be set.
+    // OpenVDB tests for Blosc first if both are set.
     let codec = match flags {
         _ if flags & BLOSC != 0 => Codec::Blosc,
         _ if flags & ZIP != 0 => Codec::Zip,
@@ -96,7 +96,7 @@ pub(crate) fn read_compression(
     Ok(Compression { codec, active_mask: flags & ACTIVE_MASK != 0 })
 }
 
-/// Writes the start of a file, up to its metadata.
+/// Writes the header, up to the metadata of the file.
 pub(crate) fn write(out: &mut Vec<u8>, has_offsets: bool) {
     out.extend(MAGIC);
     out.extend(WRITTEN_VERSION.to_le_bytes());
@@ -107,16 +107,16 @@ pub(crate) fn write(out: &mut Vec<u8>, has_offsets: bool) {
     out.extend([b'0'; UUID_BYTES]);
 }
 
-/// The version of the format that is written: every OpenVDB since 3.2 reads it, and what 225 adds
-/// (a tree of 16-bit values) is not written.
+/// The version to write: all of OpenVDB since 3.2 reads it. Version 225 only adds trees of 16-bit
+/// values, which are never written.
 pub(crate) const WRITTEN_VERSION: u32 = 224;
-/// The version of OpenVDB whose files ours are like.
+/// The version of OpenVDB whose output this matches.
 const WRITTEN_LIBRARY: [u32; 2] = [10, 0];
 /// Characters of the unique tag.
 const UUID_BYTES: usize = 36;
 
-/// Puts the unique tag into a file that is complete but for it. It follows from the bytes, so that
-/// the same grids make the same file, and different ones are told apart.
+/// Puts the unique tag into an otherwise complete file. The tag is a hash of the contents: equal
+/// grids make equal files, and different files have different tags.
 pub(crate) fn write_uuid(file: &mut [u8]) {
     const START: usize = 8 + 4 + 8 + 1;
     let mut hasher = DefaultHasher::new();
@@ -131,7 +131,7 @@ pub(crate) fn write_uuid(file: &mut [u8]) {
     }
 }
 
-/// How one grid is compressed, which stands in front of its metadata.
+/// Writes the compression flags of a grid, which precede its metadata.
 pub(crate) fn write_compression(out: &mut Vec<u8>, compression: Compression) {
     let codec = match compression.codec {
         Codec::None => 0,

@@ -1,17 +1,17 @@
-//! Parts that nodes of all levels have: masks, origins, and what the tree says of their values.
+//! Parts common to nodes of all levels: masks, origins, and the properties of their tree.
 
 use super::cursor::Cursor;
 use super::values::Encoding;
 use crate::Error;
 use crate::tree::{Cube, Dim, IVec3, Mask};
 
-/// What every node of a tree needs to know.
+/// The properties of a tree that are needed to read its nodes.
 pub(crate) struct TreeContext<T> {
     pub(crate) encoding: Encoding,
     pub(crate) background: T,
 }
 
-/// A mask, one bit a slot, lowest slot in the lowest bit of the first byte.
+/// Reads a mask: one bit per slot, lowest slot in the lowest bit of the first byte.
 pub(crate) fn read_mask<const LOG2: u32>(cursor: &mut Cursor<'_>) -> Result<Mask<LOG2>, Error>
 where
     Dim<LOG2>: Cube,

@@ -1,4 +1,4 @@
-//! Metadata maps: a count, then name, type name, length and value of each.
+//! Metadata maps: a count, then the name, type name, length and value of each entry.
 
 use super::budget::Budget;
 use super::cursor::Cursor;
@@ -14,8 +14,8 @@ pub(crate) fn read(cursor: &mut Cursor<'_>, budget: &mut Budget<'_>) -> Result<M
         let name = cursor.sized_bytes(budget.limits)?;
         let type_name = cursor.sized_bytes(budget.limits)?;
         let value = cursor.sized_bytes(budget.limits)?;
-        // Types with two underscores are notes of OpenVDB to itself, such as the sizes of packed
-        // leaves; they would be wrong as soon as the tree changed.
+        // Types that start with two underscores are OpenVDB's internal bookkeeping, such as the
+        // sizes of compressed leaves, and would be wrong as soon as the tree changed.
         if type_name.starts_with(b"__") {
             continue;
         }
@@ -28,7 +28,7 @@ pub(crate) fn read(cursor: &mut Cursor<'_>, budget: &mut Budget<'_>) -> Result<M
     Ok(metadata)
 }
 
-/// The value of a type that is known, when its length is right; else its bytes.
+/// A value of a known type if its length is correct, else its bytes.
 fn parse(type_name: &str, bytes: &[u8]) -> MetaValue {
     let value = match type_name {
         "bool" => <[u8; 1]>::try_from(bytes).ok().map(|[byte]| MetaValue::Bool(byte != 0)),
@@ -56,7 +56,7 @@ fn parse(type_name: &str, bytes: &[u8]) -> MetaValue {
     })
 }
 
-/// `N` numbers of `SIZE` bytes, when that is what the bytes are.
+/// `N` numbers of `SIZE` bytes each, if the length is correct.
 fn numbers<T, const SIZE: usize, const N: usize>(
     bytes: &[u8],
     from: fn([u8; SIZE]) -> T,

@@ -1,4 +1,4 @@
-//! The `.vdb` format, one file per part. OpenVDB's own source is its only specification.
+//! The `.vdb` file format, one module per part. OpenVDB's source is its only specification.
 
 mod budget;
 mod buffer;
@@ -22,7 +22,7 @@ mod write;
 
 pub use buffer::FileBuffer;
 
-/// Reads one part of a file and forgets it.
+/// Reads one part of a file, for fuzzing.
 #[cfg(fuzzing)]
 pub(crate) fn fuzz_head(which: u8, bytes: &[u8], limits: &crate::Limits) {
     let (mut cursor, mut budget) = (cursor::Cursor::new(bytes), budget::Budget::new(limits));

@@ -8,7 +8,7 @@ use super::FileBuffer;
 use crate::{Error, ReadOptions, VdbFile};
 
 pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<VdbFile, Error> {
-    // To open a pipe is to wait for whoever writes into it.
+    // Checked before opening: opening a pipe would block until someone writes to it.
     check_regular(&fs::metadata(path).map_err(Error::io)?.file_type())?;
     let mut file = File::open(path).map_err(Error::io)?;
     let metadata = file.metadata().map_err(Error::io)?;
@@ -29,12 +29,12 @@ fn check_regular(file_type: &FileType) -> Result<(), Error> {
         None => Ok(()),
         Some("a folder") => Err(Error::not_a_file("this is a folder; name a file in it")),
         Some(kind) => Err(Error::not_a_file(format!(
-            "this is {kind} and no regular file; write what comes from there into a file first"
+            "this is {kind}, not a regular file; save the data to a file first"
         ))),
     }
 }
 
-/// What a path leads to that is no regular file.
+/// What a path leads to, if it is not a regular file.
 pub(super) fn kind(file_type: &FileType) -> Option<&'static str> {
     if file_type.is_file() {
         return None;

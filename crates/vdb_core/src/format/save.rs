@@ -1,4 +1,5 @@
-//! Writing a file to disk, so that its path has the old one or the new one, whole.
+//! Saving to disk atomically: the path always has either the complete old file or the complete new
+//! one.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, ErrorKind, Write};
@@ -11,15 +12,15 @@ use crate::{Error, VdbFile, WriteOptions};
 pub(crate) fn save(file: &VdbFile, path: &Path, options: &WriteOptions) -> Result<(), Error> {
     let target = resolved(path).map_err(Error::io)?;
     let old = check_target(&target)?;
-    // Only now, for it takes longest.
+    // After the checks, because it takes longest.
     let bytes = write::write(file, options)?;
     replace(&Disk, &target, old.as_ref(), &bytes).map_err(Error::io)
 }
 
-/// Links that are followed, as Linux has it.
+/// The most symbolic links to follow, as on Linux.
 const MOST_LINKS: usize = 40;
 
-/// The path with the links followed that it leads to, though there be nothing at their end.
+/// The path with all symbolic links followed, even if their target does not exist.
 fn resolved(path: &Path) -> io::Result<PathBuf> {
     let mut path = path.to_owned();
     for _ in 0..MOST_LINKS {
@@ -36,7 +37,7 @@ fn resolved(path: &Path) -> io::Result<PathBuf> {
     ))
 }
 
-/// What is there, if it can be replaced.
+/// The metadata of the existing file, if there is one and it can be replaced.
 fn check_target(path: &Path) -> Result<Option<Metadata>, Error> {
     let metadata = match fs::symlink_metadata(path) {
         Ok(metadata) => metadata,
@@ -46,8 +47,8 @@ fn check_target(path: &Path) -> Result<Option<Metadata>, Error> {
     match open::kind(&metadata.file_type()) {
         Some("a folder") => Err(Error::not_a_file("this is a folder; name a file in it")),
         Some(kind) => Err(Error::not_a_file(format!(
-            "this is {kind}, in whose place no file is put; choose another path, or write there what \
-             `VdbFile::write` gives"
+            "this is {kind}, which is not replaced by a file; choose another path, or write the \
+             bytes of `VdbFile::write` to it"
         ))),
         None if metadata.permissions().readonly() => {
             let what = "this file is read-only; allow writing to it, or choose another path";
@@ -57,20 +58,20 @@ fn check_target(path: &Path) -> Result<Option<Metadata>, Error> {
     }
 }
 
-/// What saving asks of the system, each of which can fail: tests put their own in between.
+/// The file-system calls of saving. Tests substitute failing ones.
 trait System {
     type File: Write;
 
-    /// A new file, which nobody else may read for now if one is to be replaced.
+    /// Creates a file. If it replaces another, nobody else may read it for now.
     fn create(&self, path: &Path, replaces: bool) -> io::Result<Self::File>;
-    /// Gives it the owner, the group and then the permissions of the file that it replaces.
+    /// Gives a file the owner, the group and then the permissions of the file that it replaces.
     fn take_over(&self, file: &Self::File, old: &Metadata) -> io::Result<()>;
     fn sync(&self, file: &Self::File) -> io::Result<()>;
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
     fn remove(&self, path: &Path) -> io::Result<()>;
 }
 
-/// Puts a file of these bytes at a path, where `old` was.
+/// Replaces `old` at a path by a file with these bytes.
 fn replace<S: System>(
     system: &S,
     path: &Path,
@@ -81,7 +82,7 @@ fn replace<S: System>(
         move |error: io::Error| io::Error::new(error.kind(), format!("{what}: {error}"))
     };
     let (temporary, mut file) = create_beside(system, path, old.is_some()).map_err(failed(
-        "no file can be made in this folder (is it there, and may it be written to?)",
+        "no file can be created in this folder (does it exist, and is it writable?)",
     ))?;
     let written = (|| {
         file.write_all(bytes)
@@ -89,7 +90,7 @@ fn replace<S: System>(
             .map_err(failed("not saved, and left as it was, because writing failed"))?;
         if let Some(old) = old {
             system.take_over(&file, old).map_err(failed(
-                "not saved, because the owner and the permissions of the file that is there cannot be \
+                "not saved, because the owner and the permissions of the existing file cannot be \
                  kept (choose another path, or delete it first)",
             ))?;
         }
@@ -102,14 +103,14 @@ fn replace<S: System>(
             .map_err(failed("not saved, because the new file cannot be put in its place"))
     })();
     if written.is_err() {
-        // The first error is the one to tell.
+        // The first error is the one to report.
         let _ = system.remove(&temporary);
     }
     written
 }
 
-/// A new file in the same folder, under a name that nobody has: not a process whose number was the same,
-/// and who left its file behind, either.
+/// Creates a file in the same folder under an unused name. An earlier process with the same ID may
+/// have left its files behind.
 fn create_beside<S: System>(
     system: &S,
     path: &Path,
@@ -120,7 +121,7 @@ fn create_beside<S: System>(
     let mut tried = 0;
     loop {
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-        // Without the file's own name, which may be as long as names can be.
+        // The file's own name is left out, as it may already have the maximum length.
         let temporary = path.with_file_name(format!(".{}-{number}.vdb.tmp", std::process::id()));
         tried += 1;
         match system.create(&temporary, replaces) {
@@ -130,7 +131,7 @@ fn create_beside<S: System>(
     }
 }
 
-/// The disk as it is.
+/// The real file system.
 struct Disk;
 
 impl System for Disk {
@@ -157,7 +158,7 @@ impl System for Disk {
                 fchown(file, Some(old.uid()), Some(old.gid()))?;
             }
         }
-        // Last, because a change of the owner takes some of them away.
+        // Last, because a change of owner clears some permission bits.
         file.set_permissions(old.permissions())
     }
 
@@ -167,8 +168,8 @@ impl System for Disk {
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
         fs::rename(from, to)?;
-        // So that the name, too, outlives a loss of power. Not every system can, and the file is in its
-        // place, whole, whether or not.
+        // Makes the new name survive a loss of power. Not every system supports this, and the file
+        // is complete and in place either way.
         #[cfg(unix)]
         if let Some(folder) = to.parent() {
             let folder = if folder == Path::new("") { Path::new(".") } else { folder };

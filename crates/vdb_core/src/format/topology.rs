@@ -1,8 +1,8 @@
-//! The tree of a grid: nodes, masks and tiles first, then the values of all leaves.
+//! Trees in a file: nodes, masks and tiles first, then the values of all leaves.
 //!
-//! Reading has two passes. The first, here, goes over the bytes once, from length to length, and
-//! notes where each node stands; it unpacks nothing, and what it notes is smaller than what it has
-//! seen. The second, in [`super::build`], makes the nodes, on all cores.
+//! Reading takes two passes. The first, here, goes over the bytes once, from length to length, and
+//! notes the offset of each node. It decompresses nothing, and takes less memory than the bytes it
+//! has seen. The second, in [`super::build`], builds the nodes on all cores.
 
 use std::cell::RefCell;
 use std::ops::Range;
@@ -24,12 +24,12 @@ thread_local! {
     static SCRATCH: RefCell<PackScratch> = RefCell::default();
 }
 
-/// The nodes above the leaves, 128³ voxels each.
+/// A node above the leaves, 128³ voxels.
 pub(crate) type Middle<L> = InternalNode<L, 4>;
-/// The nodes below the root, 4096³ voxels each.
+/// A child of the root, 4096³ voxels.
 pub(crate) type Upper<L> = InternalNode<Middle<L>, 5>;
 
-/// Where the nodes of a tree stand.
+/// The offsets of the nodes of a tree.
 pub(crate) struct Scan<'a, L: FileLeaf> {
     pub(crate) context: TreeContext<L::Value>,
     /// The bytes of the file, up to the end of the grid.
@@ -37,27 +37,27 @@ pub(crate) struct Scan<'a, L: FileLeaf> {
     pub(crate) tiles: Vec<(IVec3, L::Value, bool)>,
     pub(crate) uppers: Vec<UpperScan>,
     pub(crate) middles: Vec<MiddleScan>,
-    /// Where the values of each leaf start; leaves in the order of the topology.
+    /// The offset of each leaf's values, in the order of the topology.
     pub(crate) leaves: Vec<usize>,
 }
 
 pub(crate) struct UpperScan {
     pub(crate) origin: IVec3,
-    /// Where its masks start.
+    /// The offset of its masks.
     pub(crate) at: usize,
     pub(crate) middles: Range<usize>,
 }
 
 pub(crate) struct MiddleScan {
     pub(crate) origin: IVec3,
-    /// Where its masks start.
+    /// The offset of its masks.
     pub(crate) at: usize,
-    /// Where the masks of its leaves start, [`LEAF_MASK`] bytes each.
+    /// The offset of its leaves' masks, [`LEAF_MASK`] bytes each.
     pub(crate) leaf_masks_at: usize,
     pub(crate) leaves: Range<usize>,
 }
 
-/// Bytes of the mask of a leaf.
+/// Bytes of a leaf's mask.
 pub(crate) const LEAF_MASK: usize = 64;
 
 /// Reads past the tree of a grid.
@@ -66,7 +66,7 @@ pub(crate) fn scan<'a, L: FileLeaf>(
     encoding: Encoding,
     budget: &mut Budget<'_>,
 ) -> Result<Scan<'a, L>, Error> {
-    // Once the number of buffers of each leaf; always 1 now, and nothing depends on it.
+    // Formerly the number of buffers per leaf; now always 1, and OpenVDB ignores it.
     let _buffers = cursor.u32()?;
     let background = L::Value::read(cursor)?;
     let context = TreeContext { encoding, background };
@@ -83,7 +83,7 @@ pub(crate) fn scan<'a, L: FileLeaf>(
         let at = cursor.at();
         let origin = root_origin::<L>(cursor)?;
         let tile = (origin, L::Value::read(cursor)?, cursor.u8()? != 0);
-        // A map entry: the key, the value, and about as much again.
+        // The size of a map entry: the key and the value, doubled for the map's own overhead.
         budget.add(1, 2 * size_of_val(&tile), 0).map_err(|error| error.at(at))?;
         scan.tiles.push(tile);
     }
@@ -101,7 +101,7 @@ fn root_origin<L: FileLeaf>(cursor: &mut Cursor<'_>) -> Result<IVec3, Error> {
     let at = cursor.at();
     let origin = cursor.ivec3()?;
     if origin != Upper::<L>::origin_of(origin) {
-        let what = format!("a node of the root stands at {origin}, no multiple of 4096 voxels");
+        let what = format!("an entry of the root is at {origin}, not a multiple of 4096 voxels");
         return Err(Error::invalid(what).at(at));
     }
     Ok(origin)
@@ -160,13 +160,13 @@ impl<L: FileLeaf> Scan<'_, L> {
         Ok(child_mask)
     }
 
-    /// Goes over the values of all leaves and notes where each one's start. They stand by ascending
-    /// origin of the root's children, in whatever order those stand.
+    /// Locates the values of all leaves. They are stored by ascending origin of the root's
+    /// children, whatever the order of the children themselves.
     fn find_buffers(&mut self, cursor: &mut Cursor<'_>) -> Result<(), Error> {
         let mut order: Vec<&UpperScan> = self.uppers.iter().collect();
         order.sort_by_key(|upper| upper.origin.to_array());
         if let Some(pair) = order.windows(2).find(|pair| pair[0].origin == pair[1].origin) {
-            let what = format!("two nodes stand at {}", pair[0].origin);
+            let what = format!("two nodes have the origin {}", pair[0].origin);
             return Err(Error::invalid(what).at(pair[1].at));
         }
         for middle in order.into_iter().flat_map(|upper| &self.middles[upper.middles.clone()]) {
@@ -183,7 +183,7 @@ impl<L: FileLeaf> Scan<'_, L> {
     }
 }
 
-/// The memory of an internal node, without its children's.
+/// The memory of an internal node without its children.
 fn internal_bytes<T, const LOG2: u32>(children: usize) -> usize {
     let slots = 1usize << (3 * LOG2);
     slots * size_of::<T>() + slots / 8 * 2 + slots / 64 * 4 + children * 8 + 128
@@ -201,13 +201,13 @@ where
 {
     let encoding = &context.encoding;
     let size = Mask::<LOG2>::SIZE;
-    // Old files leave out the slots of children; newer ones have a value there, without meaning.
+    // Old files omit the slots of children; newer ones store a meaningless value there.
     let old = encoding.version < NODE_MASK_COMPRESSION;
     let stored = if old { size - child_mask.count() } else { size };
     NodeValues::locate(cursor, encoding, context.background, stored, || value_mask.count())
 }
 
-/// Writes a tree: topology, then values. The place between the two comes back.
+/// Writes a tree: topology, then values. Returns the offset of the values.
 pub(crate) fn write<L: FileLeaf>(
     out: &mut Vec<u8>,
     tree: &Tree<Upper<L>>,
@@ -226,7 +226,7 @@ pub(crate) fn write<L: FileLeaf>(
         }
     }
     for count in [tiles.len(), uppers.len()] {
-        // The root has 2^60 places; memory ends before.
+        // The root can have 2⁶⁰ entries, but memory runs out before.
         let count = u32::try_from(count)
             .map_err(|_| Error::not_supported(format!("{count} entries of one root")))?;
         out.extend(count.to_le_bytes());
@@ -260,7 +260,7 @@ pub(crate) fn write<L: FileLeaf>(
     Ok(values_at)
 }
 
-/// Writes the parts on all cores, and appends them in their order.
+/// Writes parts on all cores, and appends them in order.
 fn append<T: Sync>(out: &mut Vec<u8>, parts: &[T], write: impl Fn(&mut Vec<u8>, &T) + Sync) {
     let written: Vec<Vec<u8>> = parts
         .par_iter()

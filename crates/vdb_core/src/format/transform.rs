@@ -45,7 +45,7 @@ fn read_linear(cursor: &mut Cursor<'_>, name: &str) -> Result<Map, Error> {
     })
 }
 
-/// The scale. After it stand the voxel size and three kinds of inverse, all of which follow from it.
+/// Reads a scale, and skips the voxel size and three kinds of inverse, all of which follow from it.
 fn read_scale(cursor: &mut Cursor<'_>) -> Result<DVec3, Error> {
     let scale = cursor.dvec3()?;
     cursor.take(4 * 3 * size_of::<f64>())?;
@@ -81,7 +81,7 @@ fn read_frustum(cursor: &mut Cursor<'_>, version: u32, limits: &Limits) -> Resul
     let second = Transform { map: read_linear(cursor, &name)? }.checked()?;
     let second = match second.map {
         Map::Unitary(affine) | Map::Affine(affine) => affine,
-        // OpenVDB itself makes a matrix of it, and writes it as such.
+        // OpenVDB also converts the map to a matrix and writes it as one.
         _ => affine(rows_of(&second)?)?,
     };
     Ok(Frustum { min, max, taper, depth, second })
@@ -95,7 +95,7 @@ fn rows_of(map: &Transform) -> Result<[[f64; 4]; 4], Error> {
     Ok([row(x, 0.0), row(y, 0.0), row(z, 0.0), row(linear.translation.to_array(), 1.0)])
 }
 
-/// Transforms of version 218: four matrices, of which two make the map.
+/// Reads a transform of version 218: four matrices, of which two make up the map.
 fn read_old(cursor: &mut Cursor<'_>, name: &str) -> Result<Map, Error> {
     if name != "LinearTransform" {
         return Err(Error::not_supported(format!(
@@ -117,7 +117,7 @@ fn read_old(cursor: &mut Cursor<'_>, name: &str) -> Result<Map, Error> {
     Ok(simplify(affine(product)?))
 }
 
-/// The simplest map that does the same, as OpenVDB chooses it for old files.
+/// The simplest equivalent map, as OpenVDB chooses it for old files.
 fn simplify(affine: Affine) -> Map {
     let m = affine.rows;
     let off_diagonal = (0..3).any(|i| (0..3).any(|j| i != j && m[i][j] != 0.0));
@@ -126,7 +126,7 @@ fn simplify(affine: Affine) -> Map {
     }
     let scale = DVec3::new(m[0][0], m[1][1], m[2][2]);
     let translation = DVec3::new(m[3][0], m[3][1], m[3][2]);
-    // OpenVDB's tolerance for two numbers being alike in f64.
+    // OpenVDB's tolerance for approximately equal f64 numbers.
     let uniform = (scale - DVec3::splat(scale.x)).abs().max_element() <= 1e-15;
     match (uniform, translation == DVec3::ZERO) {
         (true, true) => Map::UniformScale(DVec3::splat(scale.x)),
@@ -169,8 +169,8 @@ fn write_vec3(out: &mut Vec<u8>, vector: DVec3) {
     write_numbers(out, &vector.to_array());
 }
 
-/// The scale and what OpenVDB keeps beside it: voxel size, inverse, square of the inverse, and half
-/// of the inverse.
+/// Writes a scale and the values that OpenVDB stores with it: voxel size, inverse, square of the
+/// inverse, and half of the inverse.
 fn write_scale(out: &mut Vec<u8>, scale: DVec3) {
     let inverse = scale.recip();
     for vector in [scale, scale.abs(), inverse, inverse * inverse, inverse / 2.0] {

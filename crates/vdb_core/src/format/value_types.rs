@@ -1,30 +1,30 @@
-//! The types of value that a file can hold, as bytes.
+//! Value types of files, and their conversion from and to bytes.
 
 use super::cursor::Cursor;
 use crate::Error;
 use crate::codec::half_float;
 use crate::tree::Value;
 
-/// A value that a file can hold.
+/// A value that can be read from and written to a file.
 pub(crate) trait FileValue: Value {
     /// Bytes of one value.
     const BYTES: usize;
-    /// Bytes of one value that is saved with 16 bits a number; `None` where no number is a float.
+    /// Bytes of one value saved with 16 bits per number; `None` if its numbers are not floats.
     const HALF_BYTES: Option<usize>;
 
-    /// The value with its sign changed, which stands for the inside of a level set.
+    /// The negated value, which is the interior value of a level set.
     fn negated(self) -> Self;
-    /// `bytes` holds [`Self::BYTES`] for each value.
+    /// Reads values from [`Self::BYTES`] bytes each.
     fn from_bytes(bytes: &[u8], out: &mut [Self]);
-    /// `bytes` holds [`Self::HALF_BYTES`] for each value.
+    /// Reads values from [`Self::HALF_BYTES`] bytes each.
     fn from_half_bytes(bytes: &[u8], out: &mut [Self]);
-    /// Appends [`Self::BYTES`] for each value.
+    /// Appends [`Self::BYTES`] bytes for each value.
     fn to_bytes(values: &[Self], out: &mut Vec<u8>);
-    /// Appends [`Self::HALF_BYTES`] for each value.
+    /// Appends [`Self::HALF_BYTES`] bytes for each value.
     fn to_half_bytes(values: &[Self], out: &mut Vec<u8>);
-    /// What is left of the value when it is saved with 16 bits.
+    /// The value after a round trip through 16 bits.
     fn truncated(self) -> Self;
-    /// The memory of the values, where it is laid out as in a file.
+    /// The memory of the values, if its layout is that of a file.
     fn file_layout(values: &mut [Self]) -> Option<&mut [u8]>;
 
     fn read(cursor: &mut Cursor<'_>) -> Result<Self, Error> {
@@ -69,7 +69,7 @@ impl FileValue for bool {
     }
 }
 
-/// Numbers that values are made of.
+/// A number that values consist of.
 trait Number: bytemuck::Pod {
     const HALF: bool;
     fn negated(self) -> Self;
@@ -121,7 +121,7 @@ number!(
     |values: &[f32], out| half_float::extend_from_f32(values.iter().copied(), out),
     half_float::truncated
 );
-// OpenVDB, too, goes from 64 bits to 16 by way of 32.
+// OpenVDB also converts from 64 to 16 bits by way of 32.
 number!(
     f64,
     true,
@@ -147,7 +147,8 @@ number!(
     |v| v
 );
 
-/// Values of one number and of three. `$flat` and `$flat_mut` make numbers of a slice of values.
+/// Values of one number and of three. `$flat` and `$flat_mut` turn a slice of values into one of
+/// numbers.
 macro_rules! file_value {
     ($value:ty, $number:ty, $count:literal, $flat:expr, $flat_mut:expr, $map:expr) => {
         impl FileValue for $value {

@@ -1,4 +1,4 @@
-//! The values of one node: which inactive ones are left out, how the others are packed.
+//! The values of one node: omission of inactive values, and compression of the rest.
 
 use super::cursor::Cursor;
 use super::header::NODE_MASK_COMPRESSION;
@@ -7,19 +7,19 @@ use crate::codec::mask::{self, InactiveCase, spread};
 use crate::codec::{PackScratch, Scratch, blosc, zip};
 use crate::{Codec, Compression, Error};
 
-/// How the values of a grid stand in its file.
+/// The encoding of a grid's values in its file.
 #[derive(Clone, Copy)]
 pub(crate) struct Encoding {
     pub(crate) version: u32,
     pub(crate) compression: Compression,
-    /// Floats have 16 bits.
+    /// Whether floats have 16 bits.
     pub(crate) half: bool,
-    /// The file has grid offsets.
+    /// Whether the file has grid offsets.
     pub(crate) has_offsets: bool,
 }
 
 impl Encoding {
-    /// Bytes of one packed value.
+    /// Bytes of one uncompressed value in the file.
     fn value_bytes<T: FileValue>(&self) -> usize {
         self.half_bytes::<T>().unwrap_or(T::BYTES)
     }
@@ -29,12 +29,13 @@ impl Encoding {
     }
 }
 
-/// The values of one node, found but not unpacked.
+/// The values of one node, located but not decompressed.
 pub(crate) struct NodeValues<'a, T> {
-    /// Values that are packed: all of the node, or the active ones.
+    /// The number of stored values: all of the node, or the active ones.
     count: usize,
     inactive: [T; 2],
-    /// 64-bit words that choose between the two; empty means the first everywhere.
+    /// 64-bit words that select between the two inactive values; if empty, the first is used
+    /// throughout.
     selection: &'a [u8],
     packed: Packed<'a>,
 }
@@ -46,7 +47,7 @@ pub(crate) enum Packed<'a> {
 }
 
 impl<'a, T: FileValue> NodeValues<'a, T> {
-    /// Reads past the values of a node of `all` values, of which `active` have their bit set.
+    /// Reads past the values of a node with `all` slots, `active` of which have their bit set.
     pub(crate) fn locate(
         cursor: &mut Cursor<'a>,
         encoding: &Encoding,
@@ -59,7 +60,7 @@ impl<'a, T: FileValue> NodeValues<'a, T> {
         if encoding.version >= NODE_MASK_COMPRESSION {
             let byte = cursor.u8()?;
             case = InactiveCase::from_byte(byte).ok_or_else(|| {
-                Error::invalid(format!("{byte} is no case of inactive values (0 to 6 are)")).at(at)
+                Error::invalid(format!("{byte} is not a case of inactive values (0 to 6)")).at(at)
             })?;
         }
         let first =
@@ -75,7 +76,7 @@ impl<'a, T: FileValue> NodeValues<'a, T> {
         Ok(Self { count, inactive, selection, packed })
     }
 
-    /// Reads past one run of packed values.
+    /// Reads past one run of values.
     pub(crate) fn locate_packed(
         cursor: &mut Cursor<'a>,
         encoding: &Encoding,
@@ -83,7 +84,7 @@ impl<'a, T: FileValue> NodeValues<'a, T> {
     ) -> Result<Packed<'a>, Error> {
         let bytes = count * encoding.value_bytes::<T>();
         let codec = encoding.compression.codec;
-        // No 16-bit value, no length either.
+        // An empty run of 16-bit values is stored without a length.
         let nothing = count == 0 && encoding.half_bytes::<T>().is_some();
         if codec == Codec::None || nothing {
             return Ok(Packed::Raw(cursor.take(bytes)?));
@@ -91,7 +92,7 @@ impl<'a, T: FileValue> NodeValues<'a, T> {
         let at = cursor.at();
         let length = cursor.i64()?;
         if length <= 0 {
-            // What would not shrink stands as it is, and its length has a minus.
+            // Data that would not shrink is stored uncompressed, with its length negated.
             if length.unsigned_abs() != bytes as u64 {
                 let what =
                     format!("a node has {} bytes of values, not {bytes}", -length.max(-i64::MAX));
@@ -103,7 +104,7 @@ impl<'a, T: FileValue> NodeValues<'a, T> {
         Ok(if codec == Codec::Zip { Packed::Zip(packed) } else { Packed::Blosc(packed) })
     }
 
-    /// Fills `out`, which has one value a slot, as `active` has one bit a slot.
+    /// Fills `out`, which has one value per slot; `active` has one bit per slot.
     pub(crate) fn decode(
         &self,
         encoding: &Encoding,
@@ -122,7 +123,7 @@ impl<'a, T: FileValue> NodeValues<'a, T> {
     }
 }
 
-/// Unpacks one run of values.
+/// Decompresses one run of values.
 fn unpack<T: FileValue>(
     packed: &Packed<'_>,
     encoding: &Encoding,
@@ -135,7 +136,7 @@ fn unpack<T: FileValue>(
         convert(bytes, out);
         return Ok(());
     }
-    // Straight into place where the values lie in memory as they do in the file.
+    // Decompresses in place if values have the same layout in memory as in the file.
     if !half && let Some(bytes) = T::file_layout(out) {
         return unpack_bytes(packed, bytes, scratch);
     }
@@ -158,8 +159,8 @@ fn unpack_bytes(packed: &Packed<'_>, out: &mut [u8], scratch: &mut Scratch) -> R
     }
 }
 
-/// Writes the values of a node: `values` has one a slot, `active` one bit a slot, and slots of
-/// `children` do not count.
+/// Writes the values of a node. `values` has one value per slot and `active` one bit per slot;
+/// slots in `children` are ignored.
 pub(crate) fn write<T: FileValue>(
     out: &mut Vec<u8>,
     encoding: &Encoding,
@@ -179,7 +180,7 @@ pub(crate) fn write<T: FileValue>(
     let (case, [first, second]) = mask::classify(inactive, background, background.negated());
     out.push(case as u8);
     for value in &[first, second][..case.stored_values()] {
-        // At its full width, but with the digits of 16 bits.
+        // Stored in full width, but rounded to 16 bits.
         let half = encoding.half_bytes::<T>().is_some();
         T::to_bytes(&[if half { value.truncated() } else { *value }], out);
     }
@@ -221,7 +222,7 @@ fn pack<T: FileValue>(
         Codec::Zip => zip::encode(bytes, packed, zip),
         Codec::Blosc => blosc::encode(bytes, packed, shuffled),
     };
-    // A length with a minus says that the bytes stand as they are.
+    // A negative length marks uncompressed bytes.
     let (length, bytes) =
         if smaller { (packed.len() as i64, packed) } else { (-(bytes.len() as i64), bytes) };
     out.extend(length.to_le_bytes());

@@ -1,4 +1,4 @@
-//! Files: reading, opening, writing and saving them.
+//! Reading, opening, writing and saving files.
 
 use std::path::Path;
 
@@ -9,8 +9,8 @@ impl VdbFile {
     /// Reads a file from memory.
     ///
     /// # Errors
-    /// If the bytes are no VDB file, are damaged or exceed a limit. A grid of an unsupported type
-    /// is not an error: it is listed in [`VdbFile::skipped`].
+    /// If the bytes are not a VDB file, are damaged or exceed a limit. A grid of an unsupported
+    /// type is not an error: it is listed in [`VdbFile::skipped`].
     pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Self, Error> {
         file::read(bytes, options)
     }
@@ -47,10 +47,10 @@ impl VdbFile {
         }
     }
 
-    /// Serialises a file in version 224, which OpenVDB reads since version 3.2.
+    /// Serialises a file in version 224, which OpenVDB has read since version 3.2.
     ///
     /// Grids that share a tree are written as instances. The metadata is written; versions and tag
-    /// are set anew, and [`VdbFile::skipped`] is ignored.
+    /// are generated, and [`VdbFile::skipped`] is ignored.
     ///
     /// # Errors
     /// If a name or a value is too long for the format.

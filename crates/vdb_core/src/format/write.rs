@@ -16,7 +16,7 @@ pub(crate) fn write(file: &VdbFile, options: &WriteOptions) -> Result<Vec<u8>, E
         .map_err(|_| Error::not_supported(format!("{} grids in one file", file.grids.len())))?;
     out.extend(count.to_le_bytes());
     let names = unique_names(&file.grids);
-    // The first grid that has a tree owns it; those after it are its instances.
+    // The first grid with a tree owns it; later grids with the same tree are its instances.
     let mut owners: HashMap<(*const u8, bool), usize> = HashMap::new();
     let mut figures: HashMap<*const u8, Figures> = HashMap::new();
     for (index, grid) in file.grids.iter().enumerate() {
@@ -31,8 +31,8 @@ pub(crate) fn write(file: &VdbFile, options: &WriteOptions) -> Result<Vec<u8>, E
     Ok(out)
 }
 
-/// What OpenVDB says of every tree in the metadata of its grid, which programs show before they load it. To
-/// find it is to go through all of the tree.
+/// Statistics that OpenVDB stores in the metadata of each grid, and that programs show before
+/// loading it. Computing them takes a pass over the whole tree.
 struct Figures {
     bbox: [[i32; 3]; 2],
     voxels: u64,
@@ -43,14 +43,14 @@ impl Figures {
     fn of(tree: &AnyTree) -> Self {
         let bbox = match tree.active_bbox() {
             Some(bbox) => [bbox.min.to_array(), bbox.max.to_array()],
-            // OpenVDB's way of writing an empty box.
+            // OpenVDB's representation of an empty box.
             None => [[i32::MAX; 3], [i32::MIN; 3]],
         };
         Self { bbox, voxels: tree.active_voxel_count(), bytes: tree.stats().bytes }
     }
 }
 
-/// The names as they stand in the file: with a number where there is none, or several alike.
+/// Names as stored in the file, with a number if the name is empty or shared.
 fn unique_names(grids: &[Grid]) -> Vec<Vec<u8>> {
     let mut uses: HashMap<&str, usize> = HashMap::new();
     for grid in grids {
@@ -82,7 +82,7 @@ fn write_grid(
     options: &WriteOptions,
 ) -> Result<(), Error> {
     if grid.name.as_bytes().contains(&SEPARATOR) {
-        let what = "a name with the character U+001E, which the format keeps for itself; rename it";
+        let what = "a name with the character U+001E, which the format reserves; rename it";
         return Err(Error::not_supported(what));
     }
     let compression = options.compression.unwrap_or(grid.compression);
@@ -109,7 +109,7 @@ fn write_grid(
     Ok(())
 }
 
-/// The metadata of a grid, with what follows from the grid itself brought up to date.
+/// The metadata of a grid, with the entries derived from the grid itself updated.
 fn complete_metadata(grid: &Grid, figures: &Figures, compression: crate::Compression) -> Metadata {
     let mut metadata = grid.metadata.clone();
     if metadata.get_str("name").unwrap_or_default() != grid.name {
@@ -118,7 +118,7 @@ fn complete_metadata(grid: &Grid, figures: &Figures, compression: crate::Compres
     if GridClass::from_metadata(&metadata) != grid.class {
         metadata.insert("class", MetaValue::String(grid.class.name().into()));
     }
-    // Where it is missing it counts as false.
+    // A missing entry counts as false.
     if grid.saved_as_half || metadata.get("is_saved_as_half_float").is_some() {
         metadata.insert("is_saved_as_half_float", MetaValue::Bool(grid.saved_as_half));
     }
@@ -141,7 +141,7 @@ fn complete_metadata(grid: &Grid, figures: &Figures, compression: crate::Compres
 }
 
 impl AnyTree {
-    /// What tells this tree from every other in memory.
+    /// The address of the tree, which identifies it among all trees in memory.
     pub(crate) fn address(&self) -> *const u8 {
         with_tree!(self, tree => std::sync::Arc::as_ptr(tree).cast())
     }

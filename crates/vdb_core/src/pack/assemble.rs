@@ -1,4 +1,4 @@
-//! From the parts of a tree, in index space, to the words of a packed grid.
+//! Assembly of a packed grid's words from the parts of a tree in index space.
 
 use glam::IVec3;
 use rayon::prelude::*;
@@ -18,29 +18,30 @@ use super::values::{self, Steps, Stored, ValueFormat};
 use super::{blocks, bricks};
 use crate::tree::CoordBox;
 
-/// Lower nodes per axis from which on local coordinates do not start at zero.
+/// Extent in lower nodes, on any axis, from which local coordinates no longer start at zero.
 pub(super) const WIDE: u32 = 1 << 23;
 /// The lowest lower node of the index space.
 pub(super) const ALL_FIRST: IVec3 = IVec3::splat(-1 << 24);
 /// Lower nodes per axis of the index space.
 pub(super) const ALL_EXTENT: u32 = 1 << 25;
-/// The box of a grid without anything to see, which is never shown: it does not matter.
+/// The box of a grid without occupied cells; arbitrary, because such a grid is never drawn.
 pub(super) const NOWHERE: CoordBox = CoordBox { min: IVec3::ZERO, max: IVec3::NEG_ONE };
 
 impl TopTile {
-    /// The lower nodes that it stands for.
+    /// The lower nodes that the tile covers.
     fn lower_nodes(&self) -> CoordBox {
         CoordBox::cube(self.at << (2 * self.level) as i32, 2 * self.level)
     }
 
-    /// Its cells that can stop or dim a ray.
+    /// The box around the tile's cells that can stop or dim a ray.
     fn occupied(&self, kind: PackKind) -> Option<CoordBox> {
         let shift = LOWER_BITS + 2 * self.level;
         self.tile.occupied_box(Rule::of(kind), CoordBox::cube(self.at << shift as i32, shift))
     }
 }
 
-/// Where local coordinates and the top-level tree begin, in lower nodes, and how many levels the top-level tree has.
+/// The origins of local coordinates and of the top-level tree, in lower nodes, and the number of
+/// levels of the top-level tree.
 struct Frame {
     base: IVec3,
     top_origin: IVec3,
@@ -48,7 +49,7 @@ struct Frame {
 }
 
 impl Frame {
-    /// All parts are somewhere in the frame.
+    /// A frame that contains all parts.
     fn new(parts: &Parts) -> Self {
         let lower_nodes = parts.lower_nodes.iter().map(|lower_node| CoordBox::voxel(lower_node.at));
         let all = lower_nodes.chain(parts.tiles.iter().map(TopTile::lower_nodes));
@@ -56,8 +57,9 @@ impl Frame {
         let highest = parts.tiles.iter().map(|tile| tile.level).max().unwrap_or(0);
         let first = bounds.min & -(1 << (2 * highest));
         let extent = (bounds.max - first).max_element() as u32 + 1;
-        // Local coordinates start at zero; in a grid so wide that they could overflow, the top-level tree
-        // spans the whole index space instead. Either way slots are aligned to their own size.
+        // Local coordinates start at zero. In a grid so wide that they could overflow, the
+        // top-level tree spans the whole index space instead. Either way, slots are aligned to
+        // their own size.
         if extent < WIDE {
             let levels = top_tree::levels(extent).max(highest + 1);
             Self { base: first, top_origin: IVec3::ZERO, levels }
@@ -67,13 +69,14 @@ impl Frame {
         }
     }
 
-    /// A lower node of index space as the top-level tree counts it.
+    /// The position in the top-level tree of a lower node given in index space.
     fn place(&self, lower_node: IVec3) -> IVec3 {
         lower_node - self.base - self.top_origin
     }
 }
 
-/// The top-level tree over all parts, and the words of the lower nodes in its order.
+/// Builds the top-level tree over all parts, and completes the words of the lower nodes: skips, and
+/// places in the common palette.
 fn traversal(
     parts: &mut Parts,
     frame: &Frame,
@@ -84,7 +87,8 @@ fn traversal(
     let mut taken = 0;
     let mut set = |at: IVec3, level: u32, word: u32| {
         top.set(at, level, word);
-        // Once more in the packed grid; what is needed for skips is never more than as much again.
+        // The nodes are copied into the packed grid, and computing skips takes at most as much
+        // again.
         let bytes = 3 * top.bytes();
         packing.take(bytes - taken)?;
         taken = bytes;
@@ -136,7 +140,7 @@ fn traversal(
     Ok(top)
 }
 
-/// The number of the next word.
+/// The index of the next word.
 fn end(words: &[u32]) -> Result<u32, PackError> {
     check_at_most("words", words.len() as u64, u32::MAX.into())?;
     Ok(words.len() as u32)
@@ -196,18 +200,18 @@ pub(super) fn assemble(
     }
     header.palette = end(&words)?;
     if !matches!(kind, PackKind::Surface { .. }) {
-        // Those of a smooth surface are in units of its samples.
+        // The palette of a smooth surface is in units of its samples.
         let scale = if kind == PackKind::Fog { 1.0 } else { header.scale };
         let tiles = palette.values.iter().map(|&value| values::tile(kind, value, scale));
         words.extend(tiles.map(f32::to_bits));
-        // The word after the last sample is read for nothing now and then.
+        // Padding: some reads reach one word beyond the last sample, whose value is then unused.
         words.push(0);
     }
     end(&words)?;
     Ok(PackedGrid { kind, base, occupied, words, header, majorant })
 }
 
-/// Samples of fog.
+/// Appends the samples of fog.
 fn add_bricks(
     format: ValueFormat,
     (leaves, tiles): (&[&Sources], &[f32]),
@@ -225,7 +229,7 @@ fn add_bricks(
     header.samples = end(words)?;
     let count = words.len() as u64 + leaves.len() as u64 * brick_words as u64;
     check_at_most("words", count, u32::MAX.into())?;
-    // They are copied where the vector grows.
+    // The words so far are copied when the vector grows.
     packing.take(4 * (count + words.len() as u64))?;
     words.reserve_exact(leaves.len() * brick_words + tiles.len() + 1);
     packing.give_back(4 * words.len() as u64);
@@ -234,7 +238,7 @@ fn add_bricks(
     bricks::write_bricks(leaves, stored, factor, out, packing)
 }
 
-/// Samples of a smooth surface.
+/// Appends the samples of a smooth surface.
 fn add_blocks(
     kind: PackKind,
     format: ValueFormat,

@@ -1,14 +1,14 @@
-//! Leaves as bits: 512 voxels in eight planes of 64.
+//! Leaves as bit sets: 512 voxels in eight planes of 64.
 
 use glam::IVec3;
 
 use super::layout::{LEAF_MASK_WORDS, LEAF_VALUES};
 use crate::tree::{CoordBox, LeafNode};
 
-/// One bit a voxel: a plane for each x, in it bit `y·8 + z`.
+/// One bit per voxel: a plane for each x, with voxel (y, z) at bit `y·8 + z`.
 pub(super) type Planes = [u64; 8];
 
-/// The voxels of a leaf for which something holds.
+/// The voxels of a leaf that satisfy a predicate.
 pub(super) fn planes(leaf: &LeafNode<f32, 3>, holds: impl Fn(f32) -> bool) -> Planes {
     let mut planes = [0; 8];
     for (plane, values) in planes.iter_mut().zip(leaf.values_slice().chunks_exact(64)) {
@@ -34,9 +34,9 @@ pub(super) fn mask(planes: &Planes) -> [u32; LEAF_MASK_WORDS] {
     std::array::from_fn(|i| (blocks[i / 2] >> (32 * (i & 1))) as u32)
 }
 
-/// The box around the set bits of a mask; `origin` is the leaf's.
+/// The box around the set bits of a mask; `origin` is the origin of the leaf.
 pub(super) fn mask_box(mask: &[u32], origin: IVec3) -> Option<CoordBox> {
-    // For each axis, which of the eight coordinates have a bit.
+    // For each axis, the coordinates from 0 to 7 at which any bit is set.
     let (mut xs, mut ys, mut zs) = (0_u32, 0_u32, 0_u32);
     for (i, pair) in mask.chunks_exact(2).enumerate().take(LEAF_VALUES / 64) {
         let bits = u64::from(pair[0]) | u64::from(pair[1]) << 32;

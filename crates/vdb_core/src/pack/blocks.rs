@@ -1,4 +1,4 @@
-//! The samples of smooth surfaces: those at the corners of the cells that a surface passes through.
+//! Samples of smooth surfaces: those at the corners of cells that the surface passes through.
 
 use rayon::prelude::*;
 
@@ -8,18 +8,18 @@ use super::layout::*;
 use super::options::{Packing, Stage};
 use super::{PackError, PackKind};
 
-/// Records of blocks and their samples, of any number of leaves.
+/// Records of blocks and their samples, for any number of leaves.
 #[derive(Default)]
 pub(super) struct Blocks {
-    /// Of each leaf, the number of its first record.
+    /// For each leaf, the number of its first record.
     pub firsts: Vec<u32>,
-    /// [`RECORD_WORDS`] a block.
+    /// [`RECORD_WORDS`] words per block.
     pub records: Vec<u32>,
-    /// Values above the iso-value.
+    /// Values relative to the iso-value.
     pub samples: Vec<f32>,
 }
 
-/// Leaves that one thread takes at once.
+/// Leaves per parallel task.
 const LEAVES: usize = 256;
 
 /// The blocks of leaves with these masks.
@@ -42,7 +42,7 @@ pub(super) fn blocks(
                 bricks::gather(sources, kind, &mut brick);
                 part.add_leaf(mask, &brick);
             }
-            // Once more where they are put together, and once in the packed grid.
+            // Once here, once in the concatenation, and once in the packed grid.
             packing.take(3 * part.bytes())?;
             Ok(part)
         })
@@ -66,7 +66,7 @@ impl Blocks {
         4 * (self.firsts.len() + self.records.len() + self.samples.len()) as u64
     }
 
-    /// Adds a leaf behind those that are there.
+    /// Appends a leaf.
     pub fn add_leaf(&mut self, mask: &[u32; LEAF_MASK_WORDS], brick: &Brick) {
         self.firsts.push((self.records.len() / RECORD_WORDS) as u32);
         for (block, pair) in mask.chunks_exact(2).enumerate() {
@@ -87,13 +87,14 @@ impl Blocks {
     }
 }
 
-/// How many samples a leaf with this mask has.
+/// The number of samples of a leaf with this mask.
 pub(super) fn samples_of(mask: &[u32; LEAF_MASK_WORDS]) -> u32 {
     let cells = mask.chunks_exact(2).map(|pair| u64::from(pair[0]) | u64::from(pair[1]) << 32);
     cells.flat_map(corners).map(u32::count_ones).sum()
 }
 
-/// The samples at the corners of a block's cells: five planes across x, bit `y·5 + z`.
+/// The samples at the corners of a block's cells: five planes across x, with sample (y, z) at bit
+/// `y·5 + z`.
 fn corners(cells: u64) -> [u32; 5] {
     let mut planes = [0; 5];
     for x in 0..4 {

@@ -1,4 +1,4 @@
-//! The samples of leaves with the first ones of their neighbours: bricks of fog, blocks of surfaces.
+//! Samples of leaves with the adjacent ones of their neighbours: bricks of fog, blocks of surfaces.
 
 use rayon::prelude::*;
 
@@ -11,7 +11,7 @@ use super::{PackError, PackKind};
 /// Samples `x·90 + y·10 + z` of a leaf-sized cube and of its neighbours on the high side.
 pub(super) type Brick = [f32; BRICK_VALUES];
 
-/// The samples of a cube, as they are kept.
+/// Gathers the samples of a cube, as they are stored.
 pub(super) fn gather(sources: &Sources, kind: PackKind, brick: &mut Brick) {
     for (side, source) in sources.iter().enumerate() {
         let side = corner(side);
@@ -19,7 +19,8 @@ pub(super) fn gather(sources: &Sources, kind: PackKind, brick: &mut Brick) {
         for x in range(side.x) {
             for y in range(side.y) {
                 let row = &mut brick[x * 90 + y * 10..];
-                // What fills the row up is as the last, so that it changes no range.
+                // The padding repeats the last sample, so that it does not extend the range of
+                // values.
                 let out = if side.z == 0 { &mut row[..8] } else { &mut row[8..10] };
                 match source {
                     Source::Leaf(leaf) => {
@@ -39,15 +40,15 @@ pub(super) fn gather(sources: &Sources, kind: PackKind, brick: &mut Brick) {
     }
 }
 
-/// Words of a brick: where bytes have their steps, and the values.
+/// Words of a brick: the offset and size of the steps if samples are bytes, then the samples.
 pub(super) fn brick_words(stored: Stored) -> usize {
     stored.words(BRICK_VALUES) + if stored == Stored::Byte { 2 } else { 0 }
 }
 
-/// Bricks that one thread writes at once.
+/// Bricks per parallel task.
 const BRICKS: usize = 128;
 
-/// The bricks of leaves, one after the other; `factor` is that of values in 16 bits.
+/// Writes the bricks of leaves one after the other; 16-bit values are multiplied by `factor`.
 pub(super) fn write_bricks(
     leaves: &[&Sources],
     stored: Stored,
@@ -80,7 +81,7 @@ fn write_brick(sources: &Sources, stored: Stored, factor: f32, out: &mut [u32]) 
     }
 }
 
-/// Whether 16 bits hold every density of some leaves and of all tiles, once multiplied by a factor.
+/// Whether all densities of leaves and tiles, multiplied by `factor`, are exact in 16 bits.
 pub(super) fn densities_fit_half(leaves: &[&Sources], tiles: &[f32], factor: f32) -> bool {
     let fit = |values: &[f32]| {
         values.iter().all(|&v| values::all_fit_half(&[values::safe(PackKind::Fog, v)], factor))
@@ -88,14 +89,14 @@ pub(super) fn densities_fit_half(leaves: &[&Sources], tiles: &[f32], factor: f32
     let leaf_fits = |sources: &&Sources| {
         sources.iter().enumerate().all(|(side, source)| match source {
             Source::Constant(value) => fit(&[*value]),
-            // Those beside it are leaves of their own where they have a density.
+            // Neighbours with a density are leaves of their own, and are tested as such.
             Source::Leaf(leaf) => side > 0 || fit(leaf.values_slice()),
         })
     };
     fit(tiles) && leaves.par_iter().all(leaf_fits)
 }
 
-/// The largest density of some leaves and of all tiles.
+/// The largest density of leaves and tiles.
 pub(super) fn largest_density(leaves: &[&Sources], tiles: &[f32]) -> f32 {
     let tiles = tiles.iter().map(|&value| values::density(value)).fold(0.0, f32::max);
     let leaves = leaves.par_iter().map(|sources| content::largest_density(sources));

@@ -1,9 +1,10 @@
-//! From tree to words: which cubes of the top-level tree are tiles, and which are lower nodes.
+//! Packing of a tree: decides which cubes of the top-level tree are tiles and which are lower
+//! nodes.
 //!
-//! A tile stays a tile, however large, and eight values tell of the cells along its high sides, as long
-//! as tiles as large as itself cover what lies there. Where something finer does, it is cut: never
-//! further than what it touches is, so that there are no more cubes than in proportion to the nodes of
-//! the tree.
+//! A tile stays a single tile, however large, as long as its neighbours on the high side are
+//! covered by tiles at least as large: eight values then describe its cells along its high sides.
+//! Where a neighbour is finer, the tile is subdivided, but never further than the neighbour itself.
+//! The number of cubes is therefore proportional to the number of nodes in the tree.
 
 use std::collections::BTreeSet;
 
@@ -25,26 +26,26 @@ use crate::tree::{InternalNode, RootEntry, Slot, Vdb543};
 
 type Upper = InternalNode<Lower, 5>;
 
-/// Level of the largest slots of the top-level tree that a tile of the root, 4096 cells, is made of: 2048 cells.
+/// Level of the top-level slots into which a root tile of 4096³ cells is divided: 2048³ cells each.
 const ROOT_TILE_LEVEL: u32 = 2;
-/// Slots of the top-level tree per edge of a 32³ node, by their level.
+/// Top-level slots per edge of a 32³ node, by level.
 const fn slots_per_edge(level: u32) -> i32 {
     32 >> (2 * level)
 }
 
-/// What covers a cube of 4096³ voxels.
+/// The content of a cube of 4096³ voxels.
 #[derive(Clone, Copy)]
 enum Widest<'a> {
     Upper(&'a Upper),
     Tile(f32),
 }
 
-/// A cube of 128³ cells that is looked at leaf by leaf.
+/// A cube of 128³ cells that is packed leaf by leaf.
 struct Fine<'a> {
     at: IVec3,
-    /// What covers it, and its neighbours on the high side.
+    /// The contents of the cube and of its neighbours on the high side.
     sources: [Wide<'a>; 8],
-    /// Whether the tree does not hold it.
+    /// Whether the tree has no entry for the cube.
     is_void: bool,
 }
 
@@ -52,34 +53,34 @@ struct Fine<'a> {
 struct Cube<'a> {
     kind: PackKind,
     origin: IVec3,
-    /// What covers it, and its neighbours on the high side.
+    /// The contents of the cube and of its neighbours on the high side.
     sources: [Widest<'a>; 8],
-    /// Whether the tree does not hold it.
+    /// Whether the tree has no entry for the cube.
     is_void: bool,
     tiles: Vec<TopTile>,
     fine: Vec<Fine<'a>>,
 }
 
-/// Cubes that one thread takes at once.
+/// Cubes per parallel task.
 const CUBES: usize = 64;
 
 impl PackedGrid {
-    /// Packs a grid with its samples as they are, within the default [`Limits`](crate::Limits).
+    /// Packs a grid with exact samples, within the default [`Limits`](crate::Limits).
     ///
-    /// Time and memory are in proportion to the nodes and tiles of the tree, whatever the tiles cover:
-    /// a few passes over its leaves, in parallel.
+    /// Time and memory are proportional to the nodes and tiles of the tree, whatever the extent of
+    /// the tiles. Packing takes a few parallel passes over the leaves.
     ///
     /// # Errors
-    /// When the grid exceeds a limit, has more nodes or distinct tile values than 28 bits can number,
+    /// If the grid exceeds a limit, has more nodes or distinct tile values than 28 bits can number,
     /// or takes more than 2³² words.
     pub fn new(tree: &Vdb543<f32>, kind: PackKind) -> Result<Self, PackError> {
         Self::with_options(tree, kind, &PackOptions::default())
     }
 
-    /// Packs a grid with its samples in a format.
+    /// Packs a grid with its samples in a given format.
     ///
     /// # Errors
-    /// As [`PackedGrid::new`].
+    /// Those of [`PackedGrid::new`].
     pub fn with_format(
         tree: &Vdb543<f32>,
         kind: PackKind,
@@ -88,10 +89,10 @@ impl PackedGrid {
         Self::with_options(tree, kind, &PackOptions { format, ..PackOptions::default() })
     }
 
-    /// Packs a grid as the options say; progress is counted in steps, and every few milliseconds.
+    /// Packs a grid with the given options. Progress is reported in steps, every few milliseconds.
     ///
     /// # Errors
-    /// As [`PackedGrid::new`], and when progress was told to stop.
+    /// Those of [`PackedGrid::new`], and cancellation by the progress callback.
     pub fn with_options(
         tree: &Vdb543<f32>,
         kind: PackKind,
@@ -114,7 +115,7 @@ pub(super) fn pack(
     Ok(packed)
 }
 
-/// What of a tree a ray can meet.
+/// The parts of a tree that a ray can meet.
 fn parts<'a>(
     tree: &'a Vdb543<f32>,
     kind: PackKind,
@@ -163,7 +164,7 @@ fn parts<'a>(
     Ok(parts)
 }
 
-/// The origins of all cubes of 4096³ where something may be: those of the root's entries, and those
+/// The origins of all cubes of 4096³ that may be occupied: those of the root's entries, and those
 /// whose cells have samples in them.
 fn cubes(
     tree: &Vdb543<f32>,
@@ -182,7 +183,7 @@ fn cubes(
         {
             continue;
         }
-        // What a set takes for an entry, and the list that it becomes.
+        // The size of an entry in the set and in the list made from it.
         packing.take(8 * 48)?;
         for side in 0..if solid { 1 } else { 8 } {
             if let Some(at) = origin.checked_sub(corner(side) << UPPER_BITS as i32) {
@@ -231,7 +232,8 @@ impl<'a> Cube<'a> {
         }
     }
 
-    /// All cubes of 128³, along rows: most of them are of tiles of one value, beside their like.
+    /// Classifies all cubes of 128³ row by row, because most are tiles of one value among equal
+    /// tiles.
     fn slots(&mut self) {
         const EDGE: usize = 33;
         let rows: Vec<Option<u32>> = (0..EDGE * EDGE)
@@ -257,8 +259,8 @@ impl<'a> Cube<'a> {
         }
     }
 
-    /// The bits of the value of a row of cubes of 128³ along z and of the one behind it, if they are
-    /// tiles of one value.
+    /// The bits of the value that fills a row of cubes of 128³ along z and the cube after it, if
+    /// all of them are tiles of one value.
     fn row(&self, x: i32, y: i32) -> Option<u32> {
         let mut cubes = (0..=32).map(|z| match self.source(IVec3::new(x, y, z)) {
             Wide::Tile(value) => Some(value.to_bits()),
@@ -268,7 +270,8 @@ impl<'a> Cube<'a> {
         cubes.all(|other| other == Some(first)).then_some(first)
     }
 
-    /// What covers a cube of 128³, of 32 and one behind them on each axis.
+    /// The content of a cube of 128³. Coordinates run from 0 to 32, the last being that of the
+    /// neighbour.
     fn source(&self, at: IVec3) -> Wide<'a> {
         let (beyond, slot): (IVec3, IVec3) = (at >> 5, at & 31);
         match self.sources[(beyond.x << 2 | beyond.y << 1 | beyond.z) as usize] {
@@ -282,7 +285,8 @@ impl<'a> Cube<'a> {
         }
     }
 
-    /// What a slot of the top-level tree is that a tile of the root covers; `None` where it has been cut.
+    /// The tile in a top-level slot that is covered by a root tile; `None` if the slot was
+    /// subdivided.
     fn of_tile(&mut self, level: u32, at: IVec3) -> Option<Tile> {
         let last = slots_per_edge(level) - 1;
         let high = at.to_array().map(|c| usize::from(c == last));
@@ -320,10 +324,10 @@ impl<'a> Cube<'a> {
         None
     }
 
-    /// What a cube of 128³ is; `None` where it is looked at leaf by leaf.
+    /// The tile in a cube of 128³; `None` if the cube is packed leaf by leaf.
     fn slot(&mut self, at: IVec3) -> Option<Tile> {
         let solid = matches!(self.kind, PackKind::Surface { .. });
-        // No cell of a surface of voxels looks further.
+        // The cells of a voxel surface depend on no neighbours.
         let sources: [Wide; 8] = std::array::from_fn(|side| match side {
             1.. if solid => Wide::Tile(f32::NAN),
             _ => self.source(at + corner(side)),

@@ -1,7 +1,8 @@
-//! What a cube of the lattice holds, from what covers it and its seven neighbours on the high side.
+//! Contents of a cube of the lattice, derived from what covers it and its seven neighbours on the
+//! high side.
 //!
-//! A trilinear cell has its samples on its own voxel and on the next ones, so that nothing else can
-//! matter to a cube of cells.
+//! The samples of a trilinear cell are its own voxel and the next ones on each axis, so the
+//! contents of a cube of cells depend on nothing else.
 
 use glam::IVec3;
 
@@ -12,12 +13,12 @@ use crate::tree::{CoordBox, LeafNode};
 
 pub(super) type Leaf = LeafNode<f32, 3>;
 
-/// What makes a cell occupied.
+/// The condition for a cell to be occupied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Rule {
-    /// A sample above zero at one of its corners.
+    /// At least one corner sample is above zero.
     Density,
-    /// Samples below and not below this value at its corners.
+    /// Corner samples lie on both sides of this value.
     Crossing(f32),
 }
 
@@ -29,7 +30,7 @@ impl Rule {
         }
     }
 
-    /// Whether a sample counts: is above zero, or below the value.
+    /// Whether a sample counts: above zero, or below the value.
     pub fn counts(self, value: f32) -> bool {
         match self {
             Self::Density => value > 0.0,
@@ -37,7 +38,7 @@ impl Rule {
         }
     }
 
-    /// Whether there is nothing to tell cells of these two values, and cells between them, apart.
+    /// Whether cells of these two values, and cells between them, are indistinguishable to rays.
     pub fn same(self, a: f32, b: f32) -> bool {
         match self {
             Self::Density => a == b,
@@ -46,26 +47,27 @@ impl Rule {
     }
 }
 
-/// What a tile is to a ray.
+/// The effect of a tile on a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Tile {
     Empty,
-    /// Stops or dims a ray all over, with this value.
+    /// All cells are occupied, with this value.
     Plain(f32),
-    /// Stops or dims a ray all over, and touches other values: its own, and those of its neighbours on the
-    /// high side. Cells that are not along its high sides have its own.
+    /// All cells are occupied, and neighbours have other values. The eight values are those of the
+    /// tile and of its neighbours on the high side; only cells along the high sides depend on the
+    /// neighbours.
     Boundary([f32; 8]),
-    /// The same where only cells along its high sides can stop or dim a ray.
+    /// As `Boundary`, but only cells along the high sides can be occupied.
     Border([f32; 8]),
 }
 
 impl Tile {
-    /// Of a tile of the first of these values, beside tiles of the others.
+    /// A tile of the first of these values, with neighbours of the others.
     pub fn of(kind: PackKind, values: &[f32; 8]) -> Self {
         let (rule, own) = (Rule::of(kind), values[0]);
         let solid = match kind {
             PackKind::Surface { .. } => return Self::plain(own, rule.counts(own)),
-            // Nothing is inside a solid but more of it: a surface is at changes of sign alone.
+            // The interior of a solid is empty: there is a surface only where the sign changes.
             PackKind::Smooth { .. } => false,
             PackKind::Fog => rule.counts(own),
         };
@@ -78,7 +80,8 @@ impl Tile {
         }
     }
 
-    /// The same of what the tree does not hold: a background is nothing of its own.
+    /// The tile without its interior, where the tree has no entry: the background itself is not an
+    /// object.
     pub fn hollow(self) -> Self {
         match self {
             Self::Plain(_) => Self::Empty,
@@ -91,7 +94,7 @@ impl Tile {
         if solid { Self::Plain(value) } else { Self::Empty }
     }
 
-    /// A tile of other values.
+    /// The tile with its values mapped.
     pub fn map(self, f: impl Fn(f32) -> f32) -> Self {
         match self {
             Self::Empty => Self::Empty,
@@ -101,7 +104,7 @@ impl Tile {
         }
     }
 
-    /// A part of the tile that lies along its high sides on the axes of `sides` alone.
+    /// The part of the tile that lies along its high sides on the axes in `sides` only.
     pub fn part(self, kind: PackKind, sides: usize) -> Self {
         let values = match self {
             Self::Empty | Self::Plain(_) => return self,
@@ -111,7 +114,7 @@ impl Tile {
         if matches!(self, Self::Border(_)) { part.hollow() } else { part }
     }
 
-    /// The box of its cells that can stop or dim a ray.
+    /// The box of the tile's cells that can stop or dim a ray.
     pub fn occupied_box(&self, rule: Rule, cube: CoordBox) -> Option<CoordBox> {
         let values = match self {
             Self::Empty => return None,
@@ -135,18 +138,18 @@ impl Tile {
     }
 }
 
-/// What covers a cube of 8³ voxels.
+/// The content of a cube of 8³ voxels.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Source<'a> {
     Leaf(&'a Leaf),
-    /// All of one value. Beyond the index space that is no number, which no rule counts.
+    /// A cube of one value: NaN outside the index space, which no rule counts.
     Constant(f32),
 }
 
-/// What covers a cube of 8³ voxels, and its neighbours on the high side: `x·4 + y·2 + z`.
+/// The contents of a cube of 8³ voxels and its neighbours on the high side: `x·4 + y·2 + z`.
 pub(super) type Sources<'a> = [Source<'a>; 8];
 
-/// The value of a cube and its neighbours where all have one.
+/// The value of a cube and its neighbours, if all have the same.
 pub(super) fn one_value(sources: &Sources) -> Option<f32> {
     let Source::Constant(own) = sources[0] else { return None };
     let same = |source: &Source| match source {
@@ -156,18 +159,19 @@ pub(super) fn one_value(sources: &Sources) -> Option<f32> {
     sources[1..].iter().all(same).then_some(own)
 }
 
-/// What a cube of 8³ cells holds.
+/// The packed content of a cube of 8³ cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Content {
     Tile(Tile),
-    /// Occupied cells.
+    /// The mask of occupied cells.
     Leaf([u32; LEAF_MASK_WORDS]),
 }
 
 impl Content {
     pub const EMPTY: Self = Self::Tile(Tile::Empty);
 
-    /// Of the cube that is covered by the first of these; `planes` are the samples that count of each.
+    /// The content of the cube covered by the first source. `planes` gives the samples of each
+    /// source that count.
     pub fn of(kind: PackKind, sources: &Sources, planes: impl Fn(usize) -> Planes) -> Self {
         let rule = Rule::of(kind);
         let filled = |mask: [u32; LEAF_MASK_WORDS]| {
@@ -206,7 +210,7 @@ impl Content {
 /// For each (x, y) of 9 × 9, the samples along z that count, from a cube and its neighbours.
 type Rows = [[u16; 9]; 9];
 
-/// The samples that count of what covers a cube. Of a neighbour, those are enough that lie beside the cube.
+/// The samples of a source that count. Of a neighbour, only those adjacent to the cube are needed.
 pub(super) fn planes(rule: Rule, source: &Source, side: usize) -> Planes {
     let leaf = match source {
         Source::Constant(value) => return [if rule.counts(*value) { u64::MAX } else { 0 }; 8],
@@ -237,10 +241,10 @@ pub(super) fn counted(rule: Rule, leaf: &Leaf) -> Planes {
     }
 }
 
-/// The occupied cells of a cube, by the samples that count of what covers it and its neighbours.
+/// The occupied cells of a cube, from the samples that count in it and in its neighbours.
 fn mask(rule: Rule, planes: impl Fn(usize) -> Planes) -> [u32; LEAF_MASK_WORDS] {
     let planes: [Planes; 8] = std::array::from_fn(planes);
-    // Most cubes beside a surface are on one side of it.
+    // Early out: most cubes near a surface lie entirely on one side of it.
     let (mut any, mut all) = (0, u64::MAX);
     for (side, planes) in planes.iter().enumerate() {
         let high = corner(side);
@@ -258,7 +262,7 @@ fn mask(rule: Rule, planes: impl Fn(usize) -> Planes) -> [u32; LEAF_MASK_WORDS] 
     }
 }
 
-/// The samples that count of a cube and of the first ones on its high sides.
+/// The samples that count in a cube, and the first ones beyond its high sides.
 fn rows(planes: &[Planes; 8]) -> Rows {
     let mut rows: Rows = [[0; 9]; 9];
     for (side, planes) in planes.iter().enumerate() {
@@ -274,7 +278,7 @@ fn rows(planes: &[Planes; 8]) -> Rows {
     rows
 }
 
-/// The occupied cells among the samples that count.
+/// The occupied cells, from the samples that count.
 fn rows_mask(rows: &Rows, rule: Rule) -> [u32; LEAF_MASK_WORDS] {
     let cells = std::array::from_fn(|x| {
         (0..8).fold(0, |plane, y| {
@@ -291,13 +295,13 @@ fn rows_mask(rows: &Rows, rule: Rule) -> [u32; LEAF_MASK_WORDS] {
     bits::mask(&cells)
 }
 
-/// The neighbour of a number, `x·4 + y·2 + z`, as a step.
+/// The offset of neighbour `x·4 + y·2 + z`.
 pub(super) fn corner(side: usize) -> IVec3 {
     let side = side as i32;
     IVec3::new(side >> 2, side >> 1 & 1, side & 1)
 }
 
-/// The largest density that the cells of a cube have.
+/// The largest density in the cells of a cube.
 pub(super) fn largest_density(sources: &Sources) -> f32 {
     let of = |source: &Source| match source {
         Source::Constant(value) => values::density(*value),

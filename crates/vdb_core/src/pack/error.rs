@@ -1,27 +1,27 @@
-//! Why a grid cannot be packed.
+//! Errors of packing.
 
 use thiserror::Error;
 
 use super::layout::PAYLOAD;
 
-/// Why a grid could not be packed.
+/// An error that prevents packing a grid.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum PackError {
-    /// More of something than can be numbered.
+    /// The grid has more items than can be numbered.
     #[error(
         "the grid has {count} {what}, more than the {limit} that a GPU grid can address; \
          load it at a lower resolution or with a narrower band"
     )]
     TooLarge {
-        /// What there is too much of.
+        /// The items of which there are too many.
         what: &'static str,
-        /// How much there is.
+        /// The number of items.
         count: u64,
-        /// How much there may be.
+        /// The largest possible number.
         limit: u64,
     },
-    /// More memory than [`Limits`](crate::Limits) allow.
+    /// Packing would take more memory than [`Limits`](crate::Limits) allow.
     #[error(
         "packing the grid takes {needed} bytes or more, which exceeds the limit of {limit} \
          (`Limits::{name}`); raise it if the file is to be trusted"
@@ -29,12 +29,12 @@ pub enum PackError {
     LimitExceeded {
         /// The field of [`Limits`](crate::Limits).
         name: &'static str,
-        /// The bytes that were known to be needed.
+        /// The bytes known to be needed so far.
         needed: u64,
         /// The bytes that packing this grid may take, less those of grids packed together with it.
         limit: u64,
     },
-    /// The progress function cancelled it.
+    /// The progress callback requested cancellation.
     #[error("packing was cancelled")]
     Cancelled,
 }

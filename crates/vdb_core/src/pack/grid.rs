@@ -6,37 +6,39 @@ use glam::IVec3;
 use super::kind::PackKind;
 use crate::tree::CoordBox;
 
-/// A grid in the words that the GPU traverses.
+/// A grid packed into the words that the GPU traverses.
 #[derive(Clone, Debug)]
 pub struct PackedGrid {
-    /// What was packed.
+    /// The kind of grid that was packed.
     pub kind: PackKind,
-    /// Index-space cell that is *local* cell 0: all packed coordinates are relative to it. A
+    /// The index-space cell that is *local* cell 0: all packed coordinates are relative to it. A
     /// multiple of 128.
     pub base: IVec3,
-    /// The local lattice cells that can stop or dim a ray; `None` when there is none.
+    /// The box around the local lattice cells that can stop or dim a ray; `None` if there are none.
     pub occupied: Option<CoordBox>,
     /// The traversal tree, then the samples; see [`layout`].
     pub words: Vec<u32>,
-    /// Where in the words everything is.
+    /// The layout of the words.
     pub(super) header: GridHeader,
-    /// The largest value: an upper bound of the density anywhere in the grid.
+    /// The majorant: an upper bound of the density anywhere in the grid.
     pub majorant: f32,
 }
 
 impl PackedGrid {
-    /// Whether the grid spans more than 2^22 cells on an axis, so that shaders need the def `VDB_WIDE_GRIDS`.
+    /// Whether the grid spans more than 2²² cells on an axis, so that shaders need the def
+    /// `VDB_WIDE_GRIDS`.
     ///
-    /// Shaders count the cells of a ray from its own, in 32 bits. It can have any cell: from there to the last
-    /// cell of the box, and on from that over the longest span of empty cells, a grid that is not wide takes
-    /// less than 2^32, and steps as long as a voxel are few enough to be counted in an f32.
+    /// Shaders count cells from the ray's own cell, which can be any cell, in 32 bits. In a grid
+    /// that is not wide, the way from there to the last cell of the box, plus the longest span of
+    /// empty cells beyond, is less than 2³² cells; and voxel-sized steps are few enough to be
+    /// counted in an f32.
     pub fn is_wide(&self) -> bool {
         let extent =
             |occupied: CoordBox| occupied.max.wrapping_sub(occupied.min).as_uvec3().max_element();
         self.occupied.is_some_and(|occupied| extent(occupied) >= 1 << 22)
     }
 
-    /// What a shader knows of the grid when its first word has this number in the pool.
+    /// The grid's header for shaders, with its first word at index `first` of the pool.
     pub fn header(&self, first: u32) -> GridHeader {
         let own = &self.header;
         GridHeader {
@@ -52,36 +54,36 @@ impl PackedGrid {
         }
     }
 
-    /// The number by which shaders know how samples are kept; `None` where there are none.
+    /// The sample format as a number for shaders; `None` for grids without samples.
     pub fn sample_format(&self) -> Option<u32> {
         (!matches!(self.kind, PackKind::Surface { .. })).then_some(self.header.format)
     }
 
-    /// The same without its words: all that is to be known of it but for walking it.
+    /// A copy without words, with everything except what traversal needs.
     pub fn outline(&self) -> Self {
         Self { words: Vec::new(), header: self.header, ..*self }
     }
 
-    /// Bytes that the grid takes on the GPU.
+    /// Bytes of the grid on the GPU.
     pub fn bytes(&self) -> u64 {
         4 * self.words.len() as u64
     }
 }
 
-/// A packed grid in the pool: the struct `Grid` of `assets/shaders/gpu/types.wgsl`, field by field.
-/// Places are numbers of words in the pool.
+/// The header of a packed grid in the pool, which mirrors the struct `Grid` of
+/// `assets/shaders/gpu/types.wgsl` field by field. Indices count words of the pool.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GridHeader {
-    /// Local coordinate of the top-level tree's slot 0, in lower nodes.
+    /// Local coordinates of the top-level tree's slot 0, in lower nodes.
     pub top_origin: [i32; 3],
-    /// How many levels of 4³ nodes stand over the lower nodes.
+    /// The number of levels of 4³ nodes over the lower nodes.
     pub top_levels: u32,
-    /// Lowest local cell that can stop or dim a ray.
+    /// The lowest local cell that can stop or dim a ray, on each axis.
     pub occupied_min: [i32; 3],
     /// The top-level tree.
     pub top: u32,
-    /// Highest local cell that can stop or dim a ray.
+    /// The highest local cell that can stop or dim a ray, on each axis.
     pub occupied_max: [i32; 3],
     /// The first lower node.
     pub lower_nodes: u32,
@@ -95,13 +97,13 @@ pub struct GridHeader {
     pub records: u32,
     /// The first sample, or brick of samples.
     pub samples: u32,
-    /// The first value of tiles.
+    /// The first tile value.
     pub palette: u32,
-    /// How samples are kept: 0 in 32 bits, 1 in 16, 2 in bytes.
+    /// The sample format: 0 for 32 bits, 1 for 16, 2 for bytes.
     pub format: u32,
-    /// Words of a brick.
+    /// Words per brick.
     pub brick_words: u32,
-    /// What a sample is worth that is kept as 1; bytes of fog have steps of their own.
+    /// The value of a sample stored as 1. Bytes of fog have their own scale in each brick.
     pub scale: f32,
     pub(super) pad: [u32; 3],
 }

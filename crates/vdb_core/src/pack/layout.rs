@@ -1,68 +1,70 @@
-//! The layout that `assets/shaders/traversal/tree.wgsl` and `samples.wgsl` mirror.
+//! The memory layout of packed grids, which `assets/shaders/traversal/tree.wgsl` and `samples.wgsl`
+//! mirror.
 //!
-//! A packed grid is one run of words: a *traversal tree*, which says where a ray can end and how far
-//! it can skip where it cannot, and behind it the *samples* that a ray needs where it has come to
-//! something: none for a surface of voxels. The tree has three storeys:
+//! A packed grid is one run of words: a *traversal tree*, which says where a ray can end and how
+//! far it can skip where it cannot, followed by the *samples* of occupied cells (none for a surface
+//! of voxels). The tree has three parts:
 //!
-//! - the **top-level tree**, a tree of nodes of 4³ slots over *lower nodes* of 128³ cells, as many levels as the
-//!   grid's extent asks for (a voxel two million away costs some nodes, not a table). A node is
-//!   [`TOP_WORDS`] words, slot `x·16 + y·4 + z`;
+//! - the **top-level tree**, with nodes of 4³ slots over *lower nodes* of 128³ cells, and as many
+//!   levels as the grid's extent requires (a voxel two million away costs a few nodes, not a
+//!   table). A node is [`TOP_WORDS`] words, slot `x·16 + y·4 + z`;
 //! - **lower nodes**, [`LOWER_WORDS`] words for the 16³ leaves in them, slot `x·256 + y·16 + z`;
 //! - **leaves** of 8³ cells.
 //!
-//! **Words**, in top-level tree and lower nodes alike:
+//! **Words**, in the top-level tree and in lower nodes:
 //!
 //! | word | meaning | the other bits |
 //! |---|---|---|
 //! | [`CHILD`] | something below can stop or dim a ray | in the top-level tree, the number of a node (higher levels) or of a lower node; in a lower node, a leaf: see below |
-//! | [`OCCUPIED`] | a tile that does so all over, with one value | where its value is in the palette |
-//! | [`OCCUPIED`] and [`BOUNDARY`] | a tile beside tiles of other values: its cells along its high sides differ; [`FILLED`] if the others can stop or dim a ray, too | where the eight values of the tile and its neighbours on the high side are in the palette |
-//! | none of these | empty | for each octant of directions three bits: see [`reach`] |
+//! | [`OCCUPIED`] | a tile that can do so everywhere, with one value | the index of its value in the palette |
+//! | [`OCCUPIED`] and [`BOUNDARY`] | a tile beside tiles of other values: its cells along its high sides differ; [`FILLED`] if its other cells can also stop or dim a ray | the index of the eight values, of the tile and its neighbours on the high side, in the palette |
+//! | none of these | empty | three bits for each octant of directions: see [`skip`] |
 //!
-//! A leaf's word has the leaf's number within its lower node in the low [`LEAF_NUMBER_BITS`] bits, and
-//! above them a bit for each of its eight blocks of 4³ that is not empty. The leaves of lower node `r`
-//! begin with number `heads[r]`.
+//! A leaf's word has the leaf's number within its lower node in the low [`LEAF_NUMBER_BITS`] bits,
+//! followed by a bit for each of its eight blocks of 4³ that is not empty. The leaves of lower node
+//! `r` begin with number `heads[r]`.
 //!
-//! **Tiles** have the size of their slot: 8³ cells in a lower node, 128³, 512³ or 2048³ in the top-level tree (a tile
-//! of OpenVDB's root is eight of the last). A cell of a boundary tile that is not the last of the tile on any
-//! axis has the tile's own value at all its corners, so that a ray crosses the cubes of such cells at once;
-//! one that is the last on some axes has the values of the tile and of those neighbours on the high side
-//! that lie on these axes: of the eight values, `x·4 + y·2 + z`. A boundary tile says nothing of what it does
-//! not touch, and each of its neighbours on the high side is covered by a single tile, or was cut.
+//! **Tiles** have the size of their slot: 8³ cells in a lower node; 128³, 512³ or 2048³ in the
+//! top-level tree (a root tile of OpenVDB becomes eight of the last). In a boundary tile, a cell
+//! that is not the tile's last on any axis has the tile's own value at all its corners, so a ray
+//! crosses cubes of such cells in one step. A cell that is the last on some axes has the values of
+//! the tile and of those neighbours on the high side that lie on these axes: of the eight values,
+//! `x·4 + y·2 + z`. Each neighbour of a boundary tile on the high side is covered by a single tile;
+//! otherwise the tile was subdivided.
 //!
 //! **Leaf masks** are eight blocks of 4³ cells, 64 bits each: block `x/4·4 + y/4·2 + z/4`, bit
 //! `(x%4)·16 + (y%4)·4 + z%4`, low word first.
 //!
-//! **Samples of fog** are a *brick* a leaf, [`BRICK_VALUES`] samples `x·90 + y·10 + z`: the leaf's own
-//! and the first of its neighbours on the high side, so that no cell looks further. Most of them are
-//! needed; the last of each row of ten is none.
+//! **Samples of fog** are one *brick* per leaf, [`BRICK_VALUES`] samples `x·90 + y·10 + z`: the
+//! leaf's own and the adjacent ones of its neighbours on the high side, so that every cell finds
+//! its samples in one brick. The last value of each row of ten is padding.
 //!
-//! **Samples of a smooth surface** are those at the corners of cells that it passes through, few of a
-//! leaf. For each leaf, in the order of the masks, there is the number of the first *record* among
-//! those of the grid; a leaf has one for each of its blocks that is not empty. A record is
-//! [`RECORD_WORDS`] words: for each of the five planes of samples across x 25 bits, `y·5 + z`, for
-//! those that are kept, and from bit [`RECORD_COUNT`] on how many the planes before have; then the
-//! number of the block's first sample.
+//! **Samples of a smooth surface** are those at the corners of cells that it passes through, few
+//! per leaf. For each leaf, in the order of the masks, the number of its first *record* is stored;
+//! a leaf has one record for each of its blocks that is not empty. A record is [`RECORD_WORDS`]
+//! words: one for each of the five planes of samples across x, with 25 bits, `y·5 + z`, for the
+//! samples that are stored, and from bit [`RECORD_COUNT`] on the number of samples in the planes
+//! before; then the number of the block's first sample.
 //!
-//! **Values** are f32, f16 or bytes ([`ValueFormat`](super::ValueFormat)), packed into words from the
-//! low end. Those of 16 bits have been multiplied by a power of two, so that none is denormal. Bytes of
-//! a brick are steps from its least value on: two words before them hold that value and the step. Bytes
-//! of a smooth surface are steps from 127½ below zero on. What a step or a half is worth is in the
-//! grid's header, and the palette of a smooth surface is in these units, too.
+//! **Values** are f32, f16 or bytes ([`ValueFormat`](super::ValueFormat)), packed into words from
+//! the low end. 16-bit values have been multiplied by a power of two, so that none is denormal.
+//! Bytes of a brick count steps from its least value; two words before them hold that value and the
+//! step. Bytes of a smooth surface count steps from 127½ below zero. The value of a step, or of a
+//! 16-bit 1, is in the grid's header, and the palette of a smooth surface is in these units, too.
 //!
 //! **Octants** are numbered by the signs of a ray's direction, 4 for a negative x, 2 for y, 1 for z.
 
 use glam::IVec3;
 
-/// There is more below.
+/// A word with a child node, lower node or leaf.
 pub const CHILD: u32 = 1 << 31;
-/// A tile that can stop or dim a ray.
+/// A word for a tile that can stop or dim a ray.
 pub const OCCUPIED: u32 = 1 << 30;
-/// A tile whose lattice cells along its high sides differ from the others.
+/// A word for a tile whose lattice cells along its high sides differ from the others.
 pub const BOUNDARY: u32 = 1 << 29;
-/// A boundary tile whose other cells can stop or dim a ray, too.
+/// A word for a boundary tile whose other cells can also stop or dim a ray.
 pub const FILLED: u32 = 1 << 28;
-/// The bits that number a child or a value of the palette.
+/// The bits for the number of a child or the index of a value in the palette.
 pub const PAYLOAD: u32 = FILLED - 1;
 
 /// log₂ of the cells per edge of a leaf.
@@ -91,16 +93,18 @@ pub const RECORD_COUNT: u32 = 25;
 /// Bits of a leaf's number within its lower node.
 pub const LEAF_NUMBER_BITS: u32 = 12;
 
-/// Slots, beyond its own, that a ray of an octant can skip over from an empty slot: all slots of the
-/// cube that begins with it, this many more per edge, and lies in the ray's octant are empty.
+/// The number of slots beyond its own that a ray of an octant can skip from an empty slot: all
+/// slots are empty in the cube that begins with this slot, has this many more per edge, and extends
+/// in the direction of the octant.
 #[inline]
 pub fn skip(word: u32, octant: u32) -> u32 {
     let code = word >> (3 * octant) & 7;
-    // Nibbles of the reach by code: 0, 1, 2, 3, 5, 7, 11, 15.
+    // The skips as nibbles, by code: 0, 1, 2, 3, 5, 7, 11, 15.
     0xfb75_3210 >> (4 * code) & 15
 }
 
-/// The slot of a lower node in the top-level tree node of a level that covers it; level 0 holds the lower nodes.
+/// The slot in a top-level node of `level` that covers a lower node; level 0 has the lower nodes as
+/// children.
 #[inline]
 pub fn top_slot(lower_node: IVec3, level: u32) -> usize {
     let part = lower_node >> (2 * level) as i32 & 3;

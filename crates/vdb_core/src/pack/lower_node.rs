@@ -1,4 +1,4 @@
-//! Cubes of 128³ cells, leaf by leaf.
+//! Packing of cubes of 128³ cells, leaf by leaf.
 
 use glam::IVec3;
 
@@ -11,30 +11,30 @@ use super::skips::Chunk;
 use super::wide::Wide;
 use crate::tree::{CoordBox, Slot};
 
-/// A cube of 128³ cells that is not all alike.
+/// A cube of 128³ cells that is not uniform.
 pub(super) struct LowerNode<'a> {
-    /// In index space, in lower nodes.
+    /// Its position in index space, in lower nodes.
     pub at: IVec3,
-    /// Words of [`layout`](super::layout), but for how far rays can skip, with tiles by their place in the
-    /// lower node's own palette.
+    /// Words of [`layout`](super::layout), without skips, and with indices into the lower node's
+    /// own palette.
     pub words: Box<[u32]>,
-    /// The leaves' masks, in the order of their numbers.
+    /// The masks of the leaves, in the order of their numbers.
     pub masks: Vec<[u32; LEAF_MASK_WORDS]>,
-    /// What covers the leaves; not of a surface of voxels.
+    /// The contents of the leaves and their neighbours; empty for a surface of voxels.
     pub sources: Vec<Sources<'a>>,
     pub palette: Palette,
-    /// Around its occupied cells, in index space.
+    /// The box around the occupied cells, in index space.
     pub occupied: Option<CoordBox>,
 }
 
-/// What a cube of 128³ turns out to be.
+/// The result of packing a cube of 128³.
 pub(super) enum Built<'a> {
     Tile(Tile),
     LowerNode(Box<LowerNode<'a>>),
 }
 
 impl Built<'_> {
-    /// Bytes that it takes, with its words in the packed grid.
+    /// Bytes of the result, including its words in the packed grid.
     pub fn bytes(&self) -> u64 {
         let Self::LowerNode(lower_node) = self else { return 0 };
         let leaves = 2 * size_of_val(&*lower_node.masks) + size_of_val(&*lower_node.sources);
@@ -43,14 +43,15 @@ impl Built<'_> {
     }
 }
 
-/// Edge of a lower node and of what its cells look at beyond it, in leaves.
+/// Edge, in leaves, of a lower node and the neighbours that its cells depend on.
 const AROUND: usize = 17;
 
 fn around_slot(at: IVec3) -> usize {
     (at.x as usize * AROUND + at.y as usize) * AROUND + at.z as usize
 }
 
-/// What a lower node is made of, which the tree may not hold itself. `around` is room to work in.
+/// Packs a cube of 128³ cells, which need not exist as a node of the tree. `around` is scratch
+/// space.
 pub(super) fn built<'a>(
     kind: PackKind,
     at: IVec3,
@@ -81,10 +82,10 @@ pub(super) fn built<'a>(
             content => content,
         }
     };
-    // Most cubes are of one value beside their like.
+    // Most cubes have one value and equal neighbours, so the last result is reused.
     let mut last = (f32::NAN, content(&[Source::Constant(f32::NAN); 8], 0));
     let mut first = None;
-    // Nothing beside it can matter to what lies within a tile.
+    // The content of cubes inside a tile, which depend on no neighbours.
     let inner = match wide[0] {
         Wide::Tile(value) => Some(content(&[Source::Constant(value); 8], 0)),
         Wide::Lower(_) => None,
@@ -142,13 +143,14 @@ pub(super) fn built<'a>(
     }
 }
 
-/// What covers the leaves of a lower node, and of its neighbours those beside it: room to work in.
+/// The contents of the leaves of a lower node and of the adjacent ones in its neighbours; scratch
+/// space.
 #[derive(Default)]
 pub(super) struct Around<'a> {
     sources: Vec<Source<'a>>,
-    /// Of each leaf among them, its number.
+    /// The number of each source among the leaves.
     numbers: Vec<u16>,
-    /// By that, the samples that count.
+    /// The samples that count in each leaf, by its number.
     leaves: Vec<Planes>,
 }
 
@@ -168,7 +170,7 @@ impl<'a> Around<'a> {
                             Slot::Child(leaf) => Source::Leaf(leaf),
                         },
                     };
-                    // There are 17³ at most.
+                    // At most 17³, which fits.
                     self.numbers.push(self.leaves.len() as u16);
                     if let Source::Leaf(leaf) = source {
                         self.leaves.push(content::counted(rule, leaf));
@@ -180,14 +182,14 @@ impl<'a> Around<'a> {
     }
 }
 
-/// The word of a leaf with a number in its lower node.
+/// The word of leaf `number` of a lower node.
 pub(super) fn leaf_word(mask: &[u32; LEAF_MASK_WORDS], number: u32) -> u32 {
     let blocks = mask.chunks_exact(2).enumerate();
     let blocks = blocks.map(|(i, pair)| u32::from(pair[0] | pair[1] != 0) << i);
     CHILD | blocks.sum::<u32>() << LEAF_NUMBER_BITS | number
 }
 
-/// The leaf-sized cubes of a lower node's words that are not empty.
+/// The leaf-sized cubes that are not empty, from a lower node's words.
 pub(super) fn chunk(words: &[u32]) -> Chunk {
     let mut chunk = Chunk::default();
     for (slot, word) in words.iter().enumerate() {

@@ -1,7 +1,7 @@
-//! Tree → GPU words.
+//! Packing of trees into words for the GPU.
 //!
-//! A [`PackedGrid`] separates *where a ray can end* from *what is there*. The traversal structure
-//! is a tree of words and bits over the *lattice* of a grid, whose cells are
+//! A [`PackedGrid`] separates *where a ray can end* from *the values there*. The traversal
+//! structure is a tree of words and bits over the *lattice* of a grid, whose cells are
 //!
 //! - for a **surface** the voxels themselves: cell `ijk` is the cube of edge 1 centred on the
 //!   sample `ijk`, and it is *occupied* where the sample is below the iso-value;
@@ -10,11 +10,11 @@
 //! - for a **smooth surface** the same cells, occupied where samples lie on both sides of the
 //!   iso-value.
 //!
-//! Samples stand apart, only those of occupied cells, and are read only where a ray meets one; a
-//! surface of voxels has none. Everything is addressed by 32-bit indices from the start of the grid's
-//! own words, so that a grid can lie anywhere in a pool. [`layout`] is the contract that the shader
-//! modules mirror; [`traverse`] is the shader's traversal on the CPU, function by function, for tests and for
-//! reading side by side.
+//! Samples are stored separately, only for occupied cells, and are read only where a ray meets one;
+//! a surface of voxels has none. All indices are 32-bit and relative to the first of the grid's own
+//! words, so that a grid can be placed anywhere in a pool. [`layout`] is the contract that the
+//! shader modules mirror. [`traverse`] is the shader's traversal on the CPU, function by function,
+//! for tests and for reading side by side.
 
 mod assemble;
 mod bits;

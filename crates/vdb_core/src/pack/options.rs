@@ -1,4 +1,4 @@
-//! How to pack a grid, and how much memory packing may take.
+//! Options of packing, and its memory budget.
 
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,18 +12,18 @@ use crate::tree::Vdb543;
 use crate::work::{Stop, Work};
 use crate::{Limits, ProgressFn};
 
-/// How to pack a grid.
+/// Options for packing a grid.
 #[derive(Clone, Default)]
 pub struct PackOptions {
     /// The format in which samples are stored.
     pub format: ValueFormat,
     /// Memory limits. Packing obeys [`Limits::packed_bytes`] and [`Limits::packed_growth`].
     pub limits: Limits,
-    /// Called with the steps done and the total, every few milliseconds and by one thread at a time; may
-    /// cancel. The total is estimated before packing begins and does not change. Steps never decrease,
-    /// and reach the total when the grid is packed.
+    /// A callback with the number of steps done and the total, called every few milliseconds by one
+    /// thread at a time; it may cancel. The total is estimated before packing begins and does not
+    /// change. The number of steps never decreases, and reaches the total when the grid is packed.
     pub progress: Option<Arc<ProgressFn>>,
-    /// Makes the limits apply to several grids together, such as those of one file: give each of them a
+    /// Applies the limits to several grids together, such as those of one file: give each of them a
     /// clone of the same [`PackedTogether`]. With `None`, they apply to this grid alone.
     pub together: Option<PackedTogether>,
 }
@@ -32,7 +32,7 @@ pub struct PackOptions {
 #[derive(Clone, Debug, Default)]
 pub struct PackedTogether(Arc<Mutex<Totals>>);
 
-/// Bytes of the trees, and of the grids packed from them.
+/// Bytes of the trees so far, and of the grids packed from them.
 #[derive(Debug, Default)]
 struct Totals {
     trees: u64,
@@ -56,26 +56,26 @@ impl fmt::Debug for PackOptions {
     }
 }
 
-/// The stages of packing, in their order.
+/// The stages of packing, in order.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Stage {
-    /// Cubes of 4096³ cells are looked through.
+    /// Searching the cubes of 4096³ cells.
     Cubes,
-    /// Cubes of 128³ cells are built, leaf by leaf.
+    /// Packing cubes of 128³ cells, leaf by leaf.
     LowerNodes,
-    /// Empty cells learn how far rays can skip from them.
+    /// Computing skips for empty slots.
     Skips,
-    /// Samples are gathered and written.
+    /// Gathering and writing samples.
     Samples,
 }
 
-/// Stages of packing.
+/// The number of stages.
 const STAGES: usize = 4;
 
-/// A grid being packed: its progress and its memory.
+/// The progress and memory budget of one packing operation.
 pub(super) struct Packing<'a> {
     work: Work<'a>,
-    /// The step at which each stage begins, and the one at which the last ends.
+    /// The step at which each stage begins, and the end of the last.
     stages: [u64; STAGES + 1],
     limit_name: &'static str,
     together: Option<&'a PackedTogether>,
@@ -97,7 +97,7 @@ impl<'a> Packing<'a> {
             (tree_bytes, packed_bytes) = (totals.trees, totals.packed);
         }
         let (limit, limit_name) = options.limits.packing(tree_bytes);
-        // What each stage takes, in about 25 µs of one thread.
+        // The estimated cost of each stage, in steps of about 25 µs on one thread.
         let lower_nodes = stats.levels.get(1).map_or(0, |level| level.nodes);
         let samples = match kind {
             PackKind::Surface { .. } => 0,
@@ -116,7 +116,7 @@ impl<'a> Packing<'a> {
         Ok(packing)
     }
 
-    /// Adds a packed grid to the total, and reports the last step.
+    /// Adds a packed grid to the total, and reports completion.
     pub fn finish(&self, packed: &PackedGrid) -> Result<(), PackError> {
         self.asked(self.work.finish())?;
         if let Some(together) = self.together {
@@ -125,18 +125,18 @@ impl<'a> Packing<'a> {
         Ok(())
     }
 
-    /// Begins a stage, which goes through some items.
+    /// Begins a stage with a number of items.
     pub fn begin(&self, stage: Stage, items: usize) -> Progress<'_> {
         let [begin, end] = [0, 1].map(|next| self.stages[stage as usize + next]);
         Progress { packing: self, begin, steps: end - begin, items, done: AtomicU64::new(0) }
     }
 
-    /// Asks for memory, before it is taken.
+    /// Reserves memory before it is allocated.
     pub fn take(&self, bytes: u64) -> Result<(), PackError> {
         self.asked(self.work.take(bytes))
     }
 
-    /// Gives memory back.
+    /// Releases reserved memory.
     pub fn give_back(&self, bytes: u64) {
         self.work.give_back(bytes);
     }
@@ -151,7 +151,7 @@ impl<'a> Packing<'a> {
     }
 }
 
-/// How far a stage is. Shared by the threads that work on it.
+/// The progress of a stage, shared by its threads.
 pub(super) struct Progress<'a> {
     packing: &'a Packing<'a>,
     begin: u64,
@@ -161,7 +161,8 @@ pub(super) struct Progress<'a> {
 }
 
 impl Progress<'_> {
-    /// Reports `items` more as done, and asks whether to go on. 0 of them only ask.
+    /// Reports `items` more items as done, and returns an error if the work was cancelled. With 0,
+    /// only checks for cancellation.
     pub fn advance(&self, items: usize) -> Result<(), PackError> {
         let done = self.done.fetch_add(items as u64, Ordering::Relaxed) + items as u64;
         let part = u128::from(self.steps) * u128::from(done) / self.items.max(1) as u128;

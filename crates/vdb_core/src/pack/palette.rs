@@ -1,4 +1,4 @@
-//! The values of tiles.
+//! The palette of tile values.
 
 use std::collections::HashMap;
 
@@ -7,21 +7,21 @@ use super::error::{PackError, check};
 use super::kind::PackKind;
 use super::layout::*;
 
-/// Values of tiles, and eight by eight those that boundary tiles touch, each kept once.
+/// Deduplicated values of tiles, and tuples of eight for boundary tiles.
 #[derive(Debug)]
 pub(super) struct Palette {
     kind: PackKind,
     pub values: Vec<f32>,
-    /// Where they are, by their bits.
+    /// The indices of single values and of tuples, by their bits.
     singles: HashMap<u32, u32>,
     tuples: HashMap<[u32; 8], u32>,
-    /// What has been added, in order.
+    /// The tiles added and their indices, in order.
     added: Vec<(Tile, u32)>,
-    /// The last one asked for, and its word: tiles of one value stand side by side.
+    /// The last tile and its word, as a cache: equal tiles are usually adjacent.
     last: (Tile, u32),
 }
 
-/// Bytes that a tile takes in a palette, with what is needed to find it.
+/// Estimated bytes that a tile takes in a palette, including the hash maps.
 pub(super) const TILE_BYTES: u64 = 160;
 
 impl Palette {
@@ -38,7 +38,7 @@ impl Palette {
         let end = self.values.len() as u32;
         let first = match &tile {
             Tile::Empty => return 0,
-            // Of a solid, no value is asked for.
+            // The value of a solid tile is irrelevant.
             Tile::Plain(_) if self.kind != PackKind::Fog => return OCCUPIED,
             Tile::Plain(value) => *self.singles.entry(value.to_bits()).or_insert(end),
             Tile::Boundary(values) | Tile::Border(values) => {
@@ -58,7 +58,7 @@ impl Palette {
         word
     }
 
-    /// Adds what another palette has, and gives the words that its words become.
+    /// Adds the tiles of another palette. Returns the new index for each of its indices.
     pub fn merge(&mut self, other: &Self) -> HashMap<u32, u32> {
         let added = other.added.iter();
         added.map(|(tile, first)| (*first, self.word(*tile) & PAYLOAD)).collect()
@@ -69,7 +69,7 @@ impl Palette {
     }
 }
 
-/// The word of a tile whose values are at a place in the palette.
+/// The word of a tile with its values at index `first` of the palette.
 pub(super) fn tile_word(tile: &Tile, first: u32) -> u32 {
     match tile {
         Tile::Empty => 0,

@@ -1,4 +1,4 @@
-//! What of a tree a ray can meet.
+//! The parts of a tree that a ray can meet.
 
 use glam::IVec3;
 
@@ -8,14 +8,14 @@ use super::lower_node::LowerNode;
 /// A tile in the top-level tree.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TopTile {
-    /// The level of its slot; level 0 holds lower nodes.
+    /// The level of its slot. Slots of level 0 are as large as lower nodes.
     pub level: u32,
-    /// In slots of that level, in index space.
+    /// Its position in index space, in slots of that level.
     pub at: IVec3,
     pub tile: Tile,
 }
 
-/// What of a tree a ray can meet: disjoint cubes, in index space.
+/// The parts of a tree that a ray can meet: disjoint cubes in index space.
 #[derive(Default)]
 pub(super) struct Parts<'a> {
     pub tiles: Vec<TopTile>,

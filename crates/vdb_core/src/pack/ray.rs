@@ -1,4 +1,4 @@
-//! Rays, and how they are mirrored: the beginning of `assets/shaders/traversal/hdda.wgsl`.
+//! Rays and their mirroring: the first part of `assets/shaders/traversal/hdda.wgsl`.
 
 use glam::{BVec3, DVec3, IVec3, UVec3, Vec3};
 
@@ -11,42 +11,42 @@ use super::mirrored_ray::{FAR, MirroredRay};
 pub struct Ray {
     /// The cell of the origin.
     pub cell: IVec3,
-    /// Where in that cell the origin lies: a multiple of 2⁻²⁴, from 0 up to but not 1.
+    /// The position of the origin in that cell: a multiple of 2⁻²⁴ in [0, 1).
     pub frac: Vec3,
-    /// Cells per unit of `t`; the largest component must be of a size from 2⁻³⁰ to 2³⁰. A ray that is
-    /// slower or faster meets nothing. Denormal components count as zero.
+    /// Cells per unit of `t`. The magnitude of the largest component must be between 2⁻³⁰ and 2³⁰;
+    /// a slower or faster ray hits nothing. Denormal components count as zero.
     pub dir: Vec3,
-    /// Where the ray begins. A negative or denormal number counts as 0: a ray has nothing behind its
-    /// origin. A ray that begins at no finite number meets nothing.
+    /// The start of the ray. Negative and denormal numbers count as 0: a ray has no part behind its
+    /// origin. A ray whose start is not finite hits nothing.
     pub t_min: f32,
-    /// Where it ends; may be infinite. What lies at exactly `t_max` is met; a ray that ends before it
-    /// begins, or at a NaN, meets nothing.
+    /// The end of the ray; may be infinite. A crossing at exactly `t_max` counts. A ray that ends
+    /// before it begins, or whose end is NaN, hits nothing.
     pub t_max: f32,
 }
 
 impl Ray {
-    /// The ray of a grid nearest to one in index space, `p(t) = cell + frac + t · dir`: the fraction
-    /// is rounded down to 24 bits, the direction is as it is. From `t = 0` on without an end.
+    /// The ray of a grid nearest to one in index space, `p(t) = cell + frac + t · dir`: the
+    /// fraction is rounded down to 24 bits, and the direction is unchanged. It begins at `t = 0`
+    /// and has no end.
     pub fn from_index(grid: &PackedGrid, cell: IVec3, frac: Vec3, dir: Vec3) -> Self {
         let from = frac.as_dvec3() - grid.kind.lattice_origin();
         let units = f64::from(1 << FRAC_BITS);
-        // Just below a whole number, the difference rounds up to 1.
+        // For a difference just below a whole number, the subtraction rounds up to 1.
         let frac = ((from - from.floor()) * units).floor().min(DVec3::splat(units - 1.0)) / units;
         let cell = cell.wrapping_add(from.floor().as_ivec3()).wrapping_sub(grid.base);
         Self { cell, frac: frac.as_vec3(), dir, t_min: 0.0, t_max: FAR }
     }
 }
 
-/// Slower than this a ray reaches no other cell within the index space, but on the spot; dividing by
-/// less could exceed what f32 holds.
+/// Below this speed, a ray crosses no plane on the axis within the index space, unless it begins at
+/// one; dividing by less could overflow f32.
 const IDLE: f32 = 1.0 / (1_u128 << 88) as f32;
-/// The largest component of a direction is not smaller than this, nor larger than that; a ray that is
-/// slower or faster meets nothing.
+/// Bounds on the largest component of a direction; a slower or faster ray hits nothing.
 const SLOWEST: f32 = 1.0 / (1 << 30) as f32;
 const FASTEST: f32 = (1 << 30) as f32;
 
 impl MirroredRay {
-    /// The mirrored ray of a ray through a grid.
+    /// Mirrors a ray for traversing a grid.
     pub fn new(grid: &PackedGrid, ray: &Ray) -> Self {
         let bounds = grid.occupied.unwrap_or(crate::tree::CoordBox::voxel(IVec3::ZERO));
         let zero = BVec3::from_array(ray.dir.to_array().map(is_zero));
@@ -81,13 +81,14 @@ impl MirroredRay {
         mirrored
     }
 
-    /// Where the mirrored ray leaves the grid's box.
+    /// The `t` at which the mirrored ray leaves the grid's box.
     fn box_exit(&self) -> f32 {
         (((self.last.as_vec3() + 1.0) - self.frac) * self.inverse).min_element()
     }
 
-    /// Makes the ends of the mirrored ray exact, where they are in the grid's box or so close to it that f32
-    /// does not tell. Elsewhere they do not matter: all that the mirrored ray comes to is between them.
+    /// Makes the ends of the mirrored ray exact if they lie in the grid's box, or so close to it
+    /// that f32 cannot decide. Otherwise they do not matter, because the whole traversal lies
+    /// between them.
     fn set_ends(&mut self) {
         if self.t_max < FAR {
             if self.t_max * (1.0 - T_ERROR) > self.box_exit() {
@@ -108,13 +109,12 @@ impl MirroredRay {
     }
 }
 
-/// Whether the ends of a ray are valid: no NaNs, the first one finite, and in order.
+/// Whether the ends of a ray are valid: not NaN, the first one finite, and in order.
 fn has_span(ray: &Ray) -> bool {
     ray.t_min.is_finite() && !ray.t_max.is_nan() && begin_t(ray) <= end_t(ray)
 }
 
-/// Where a ray begins: there is nothing of it behind its origin. What hardware may take for zero is
-/// zero.
+/// The start of a ray: not behind its origin, and zero if denormal, as hardware may flush it.
 fn begin_t(ray: &Ray) -> f32 {
     if ray.t_min < 0.0 || is_zero(ray.t_min) { 0.0 } else { ray.t_min }
 }

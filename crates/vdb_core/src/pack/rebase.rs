@@ -1,38 +1,41 @@
-//! Where a ray is within a cell, however far it has come: the twin of `assets/shaders/traversal/rebase.wgsl`.
+//! Rebased origins, which locate a ray precisely within a cell however far it has come: the twin of
+//! `assets/shaders/traversal/rebase.wgsl`.
 
 use glam::{UVec3, Vec3};
 
 use super::exact::{FRAC_BITS, beginning, is_zero, plane_distance, reached_at, split};
 use super::mirrored_ray::{Dda, FAR, MirroredRay};
 
-/// Where a mirrored ray enters a cell: what is worked out close by has the precision of what is close by.
+/// The entry point of a mirrored ray into a cell. Nearby positions computed from it have the
+/// precision of small numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Rebased {
     /// The cell, counted from the mirrored ray's own.
     pub cell: UVec3,
-    /// Where in it, from 0 to 1, on the mirrored ray's axes.
+    /// The position in the cell, from 0 to 1, on the mirrored ray's axes.
     pub frac: Vec3,
-    /// Where on the mirrored ray, to within f32.
+    /// The `t` of the entry on the mirrored ray, to f32 precision.
     pub t: f32,
-    /// Where the mirrored ray ends, from the rebased origin on; `FAR` where it leaves the box before.
+    /// The end of the mirrored ray, measured from the rebased origin; `FAR` if the ray leaves the
+    /// box before.
     pub end: f32,
 }
 
 impl Rebased {
-    /// Parameters, from the rebased origin on, of planes ahead of it, one on each axis.
+    /// The parameters, from the rebased origin, of planes ahead of it, one on each axis.
     pub fn plane_t(&self, mirrored: &MirroredRay, plane: UVec3) -> Vec3 {
         (plane.wrapping_sub(self.cell).as_vec3() - self.frac) * mirrored.inverse
     }
 }
 
-/// Slower than this, relative to the fastest, a ray counts as slow on an axis.
+/// Speed relative to the fastest axis below which an axis counts as slow.
 const SLOW_RATIO: f32 = 1.0 / 256.0;
 
 impl Rebased {
-    /// Where the mirrored ray leaves a cube, from the rebased origin on: by the plane of an axis that the traversal crosses
-    /// next. Where the ray is slow on that axis, the rebased origin's own rounding would move the plane's `t`
-    /// by far; where it is on its fastest axis then is known to 2⁻²⁴ of a cell, however far away that
-    /// is.
+    /// The parameter, from the rebased origin, at which the mirrored ray leaves a cube through a
+    /// plane that the traversal crosses next. On a slow axis, the rounding of the rebased origin
+    /// would greatly change the plane's `t`. The position on the fastest axis at that crossing, in
+    /// contrast, is known to 2⁻²⁴ of a cell, however distant.
     pub fn exit(&self, mirrored: &MirroredRay, plane: UVec3, axis: usize) -> f32 {
         let exits = self.plane_t(mirrored, plane);
         if !is_slow(mirrored, axis) {
@@ -43,16 +46,16 @@ impl Rebased {
         self.major_axis_t(mirrored, major, place).min(exits[major])
     }
 
-    /// The parameter, from the rebased origin on, at which a mirrored ray is at a place of its fastest axis, in units
-    /// of 2⁻²⁴ cells from its own cell on.
+    /// The parameter, from the rebased origin, at which a mirrored ray reaches a position on its
+    /// fastest axis, given in units of 2⁻²⁴ cells from its own cell.
     fn major_axis_t(&self, mirrored: &MirroredRay, major: usize, place: u64) -> f32 {
-        // A rounding of 2⁻²⁴ may lead behind the rebased origin.
+        // Rounding by 2⁻²⁴ may lead behind the rebased origin.
         let ahead = place.saturating_sub(u64::from(self.cell[major]) << FRAC_BITS);
         let way = ahead as f32 / (1 << FRAC_BITS) as f32 - self.frac[major];
         (way * mirrored.inverse[major]).max(0.0)
     }
 
-    /// The end of a mirrored ray, from the rebased origin on.
+    /// The end of a mirrored ray, measured from the rebased origin.
     fn end_from(&self, mirrored: &MirroredRay) -> f32 {
         if mirrored.t_max >= FAR {
             return FAR;
@@ -66,8 +69,9 @@ fn is_slow(mirrored: &MirroredRay, axis: usize) -> bool {
     mirrored.speed[axis] < SLOW_RATIO * mirrored.speed.max_element()
 }
 
-/// Where a mirrored ray is on one axis when it crosses a plane of another, in units of 2⁻²⁴ cells from its own
-/// cell on, rounded down: `frac + (distance / speed of the other) · speed`, in integers.
+/// The position of a mirrored ray on one axis when it crosses a plane of another, in units of 2⁻²⁴
+/// cells from its own cell, rounded down: `frac + (distance / speed of the other) · speed`, in
+/// integers.
 fn place_at(mirrored: &MirroredRay, own: usize, axis: usize, plane: u32) -> u64 {
     let mut way = 0;
     if !is_zero(mirrored.speed[own]) {
@@ -85,26 +89,27 @@ fn place_at(mirrored: &MirroredRay, own: usize, axis: usize, plane: u32) -> u64 
     way.wrapping_add((mirrored.frac[own] * (1 << FRAC_BITS) as f32) as u64)
 }
 
-/// The same in a cell that it is in then, from 0 to 1.
+/// The same position within the cell that the ray is in, from 0 to 1.
 fn place(mirrored: &MirroredRay, own: usize, cell: u32, axis: usize, plane: u32) -> f32 {
-    // Modulo 2³², which the cell's own place is well within.
+    // Modulo 2³²; the position within the cell is far below that.
     let at = (place_at(mirrored, own, axis, plane) as u32).wrapping_sub(cell << FRAC_BITS);
-    // A rounding of 2⁻²⁴ may lead out of the cell.
+    // Rounding by 2⁻²⁴ may lead out of the cell.
     (at as i32).clamp(0, 1 << FRAC_BITS) as f32 / (1 << FRAC_BITS) as f32
 }
 
-/// Cells from the ray's own within which f32 is good enough: integers below this have 12 bits.
+/// Distance in cells from the ray's own within which f32 suffices: smaller integers have 12 bits.
 const NEAR: u32 = 4096;
-/// How much faster than along the axis crossed a ray may be along another one.
+/// Largest speed on another axis for which f32 suffices, relative to the axis crossed.
 const STEEPEST: f32 = 64.0;
 
-/// The first 12 bits of numbers; products of such halves are exact.
+/// The upper 12 bits of numbers; products of two such halves are exact.
 fn upper_half(x: Vec3) -> Vec3 {
     x.map(|x| f32::from_bits(x.to_bits() & 0xffff_f000))
 }
 
-/// The same in f32, near the ray's own cell, to 2⁻²³ of a cell times the ratio of speeds: way =
-/// distance · ratio of speeds, with what the rounding of the ratio has left, and all large terms exact.
+/// The same position in f32, near the ray's own cell, to 2⁻²³ of a cell times the ratio of speeds:
+/// position = distance · ratio of speeds, with the rounding error of the ratio compensated, and all
+/// large terms exact.
 fn place_near(mirrored: &MirroredRay, rel: UVec3, axis: usize) -> Vec3 {
     let plane = rel[axis] as f32;
     let speed = Vec3::splat(mirrored.speed[axis]);
@@ -120,13 +125,13 @@ fn place_near(mirrored: &MirroredRay, rel: UVec3, axis: usize) -> Vec3 {
     ((plane * high - rel.as_vec3()) + (mirrored.frac + small)).clamp(Vec3::ZERO, Vec3::ONE)
 }
 
-/// Where the traversal enters its cell.
+/// The rebased origin at the entry of the traversal's cell.
 pub fn rebased_at(mirrored: &MirroredRay, dda: &Dda) -> Rebased {
     let near = Rebased { cell: dda.rel, frac: place_in(mirrored, dda), t: dda.t, end: FAR };
     Rebased { end: near.end_from(mirrored), ..near }
 }
 
-/// Where in the cell that is.
+/// The entry point's position within its cell.
 fn place_in(mirrored: &MirroredRay, dda: &Dda) -> Vec3 {
     let axis = dda.axis as usize;
     if axis > 2 {

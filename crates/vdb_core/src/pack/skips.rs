@@ -1,9 +1,9 @@
-//! How far a ray can skip from an empty cell: the largest cube of empty cells that begins there, in
-//! each of the eight directions that a ray can take.
+//! Empty-space skipping: for each empty cell and each of the eight octants of directions, the
+//! largest empty cube that begins at the cell.
 //!
-//! A ray never turns back on any axis, so that only what lies in its own octant matters to it: the
-//! cube may be larger than one around the cell, and it costs three bits an octant. Sizes that three
-//! bits cannot tell are rounded down.
+//! A ray never turns back on any axis, so only the cells in its own octant matter. The cube can
+//! therefore be larger than one centred on the cell, and takes three bits per octant. Sizes that
+//! three bits cannot represent are rounded down.
 
 use glam::IVec3;
 
@@ -11,14 +11,14 @@ use glam::IVec3;
 pub(super) const CHUNK_BITS: i32 = 4;
 const EDGE: usize = 1 << CHUNK_BITS;
 
-/// The occupied cells of a chunk: for each x and y a row along z, bit z.
+/// The occupied cells of a chunk: for each x and y a row along z, one bit per cell.
 pub(super) type Chunk = [[u16; EDGE]; EDGE];
 
-/// Edges of cubes, by the code that names them; `layout::reach` has the same.
+/// Edges of cubes by code; [`layout::skip`](super::layout::skip) has the same.
 pub(super) const SIZES: [usize; 8] = [1, 2, 3, 4, 6, 8, 12, 16];
 
-/// A chunk and those that follow it in one octant, turned over so that they follow upwards: rows of
-/// 32 cells along z.
+/// A chunk and those that follow it in one octant, mirrored so that they follow upwards: rows of 32
+/// cells along z.
 type Window = [[u32; 2 * EDGE]; 2 * EDGE];
 
 /// Whether a direction is negative on an axis: octant bits 4, 2, 1 for x, y, z.
@@ -45,17 +45,18 @@ fn empty_cells<'a>(octant: u32, chunk_at: &impl Fn(IVec3) -> Option<&'a Chunk>) 
     window
 }
 
-/// From the cells where a cube of some size is empty to those where one larger by `shift` is, for the
-/// first `edge` rows and planes: cubes of the first size at both ends of each axis cover it, as long as
-/// `shift` is not larger than that size. What lies beyond the window is never asked for: the last cell
-/// of a cube of 16 that begins in the chunk is its 31st.
+/// Given the cells at which a cube of some size is empty, finds those at which a cube larger by
+/// `shift` is empty, for the first `edge` rows and planes. The larger cube is covered by cubes of
+/// the first size at both ends of each axis, provided `shift` does not exceed that size. Cells
+/// beyond the window are never needed: a cube of 16 that begins in the chunk ends at cell 30 or
+/// before.
 fn grown(cubes: &Window, shift: usize, edge: usize) -> Window {
     let mut window = *cubes;
     for plane in &mut window[..edge + shift] {
         for row in &mut plane[..edge + shift] {
             *row &= *row >> shift;
         }
-        // Rows further on are as they were.
+        // Rows further on are still unchanged.
         for y in 0..edge {
             plane[y] &= plane[y + shift];
         }
@@ -69,9 +70,9 @@ fn grown(cubes: &Window, shift: usize, edge: usize) -> Window {
     window
 }
 
-/// The codes of all cells of a chunk, three bits an octant, z fastest; of occupied cells they mean
-/// nothing. `chunk_at` gives the chunk itself for zero and its neighbours by their place beside it;
-/// where there is none, all is empty.
+/// The codes of all cells of a chunk, three bits per octant, z fastest; they are meaningless for
+/// occupied cells. `chunk_at` returns the chunk itself for zero, and its neighbours by their
+/// offset; a missing chunk is empty.
 pub(super) fn codes<'a>(chunk_at: impl Fn(IVec3) -> Option<&'a Chunk>) -> Vec<u32> {
     let mut codes = vec![0; EDGE * EDGE * EDGE];
     for octant in 0..8 {
@@ -89,7 +90,8 @@ pub(super) fn codes<'a>(chunk_at: impl Fn(IVec3) -> Option<&'a Chunk>) -> Vec<u3
             for y in 0..EDGE {
                 let first =
                     place(x, turned[0]) << (2 * CHUNK_BITS) | place(y, turned[1]) << CHUNK_BITS;
-                // A larger cube holds all smaller ones: how many there are is the code.
+                // A larger empty cube contains all smaller ones, so the code is the number of sizes
+                // that fit, less one.
                 let at = |window: &Window| window[x][y];
                 let high = at(&six);
                 let middle = at(&three) & !high | at(&twelve);
@@ -111,8 +113,8 @@ pub(super) fn codes<'a>(chunk_at: impl Fn(IVec3) -> Option<&'a Chunk>) -> Vec<u3
     codes
 }
 
-/// The occupied cells of a chunk and of its neighbours, as seen from the chunk's first, if there are no
-/// more than `most`.
+/// The occupied cells of a chunk and its neighbours, relative to the chunk's first cell, if there
+/// are at most `most`.
 pub(super) fn few_around<'a>(
     chunk_at: impl Fn(IVec3) -> Option<&'a Chunk>,
     most: usize,
@@ -135,13 +137,13 @@ pub(super) fn few_around<'a>(
     Some(cells)
 }
 
-/// The code of an empty cell of a chunk with few occupied cells in it and around it: as [`codes`] has
-/// it, in time that follows from how many there are.
+/// The code of an empty cell of a chunk with few occupied cells in and around it. Equal to that of
+/// [`codes`], in time proportional to the number of occupied cells.
 pub(super) fn code(cell: IVec3, occupied: &[IVec3]) -> u32 {
     let mut sizes = [EDGE as i32; 8];
     for other in occupied {
         let away = *other - cell;
-        // A cube that begins at the cell reaches the other where its edge is longer than that.
+        // A cube at the cell contains the other cell if its edge exceeds this distance.
         let distance = away.abs().max_element();
         for (octant, size) in sizes.iter_mut().enumerate() {
             let turned = turned(octant as u32);
@@ -151,7 +153,7 @@ pub(super) fn code(cell: IVec3, occupied: &[IVec3]) -> u32 {
             }
         }
     }
-    // An occupied cell is no cube.
+    // For an occupied cell, the size 0 counts as 1.
     let code_of =
         |size: i32| SIZES.iter().filter(|own| **own <= size.max(1) as usize).count() as u32 - 1;
     (0..8).map(|octant| code_of(sizes[octant]) << (3 * octant)).sum()

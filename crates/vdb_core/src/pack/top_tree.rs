@@ -8,26 +8,27 @@ use rayon::prelude::*;
 use super::layout::{CHILD, LOWER_BITS, OCCUPIED, TOP_WORDS};
 use super::skips::{self, CHUNK_BITS, Chunk};
 
-/// Levels needed over `extent` lower nodes per axis at most (1 or more).
+/// The levels needed for an extent of `extent` lower nodes per axis (1 or more).
 pub(super) fn levels(extent: u32) -> u32 {
-    // Each level multiplies the span by four; one at least, so that there is a node to start from.
+    // Each level multiplies the span by four. There is at least one level, so that there is a root
+    // node.
     (1..).find(|level| 1_u64 << (2 * level) >= u64::from(extent)).unwrap_or(16)
 }
 
-/// Slots of 2^`LARGEST` cells per edge and more are skipped over one by one: planes further away could
-/// leave 32 bits.
+/// log₂ of the slot edge, in cells, above which empty slots are not skipped together: planes
+/// further away could exceed 32 bits.
 const LARGEST: u32 = 24;
 
-/// Occupied slots times nodes up to which each slot is compared with each of them.
+/// Number of slots times nodes up to which each slot is compared with each occupied one.
 const FEW: usize = 64;
-/// What tiles fill.
+/// The chunk inside a tile.
 pub(super) const SOLID: Chunk = [[u16::MAX; 16]; 16];
 
 fn slot_of(part: IVec3) -> usize {
     (part.x << 4 | part.y << 2 | part.z) as usize
 }
 
-/// The place of a slot within its node.
+/// The offset of a slot within its node.
 pub(super) fn offset_of(slot: usize) -> IVec3 {
     let slot = slot as i32;
     IVec3::new(slot >> 4, slot >> 2 & 3, slot & 3)
@@ -37,7 +38,7 @@ pub(super) fn offset_of(slot: usize) -> IVec3 {
 pub(super) struct TopTree {
     levels: u32,
     nodes: Vec<[u32; TOP_WORDS]>,
-    /// Of each node: its level, and its place, in nodes of that level.
+    /// For each node, its level and its position in nodes of that level.
     places: Vec<(u32, IVec3)>,
 }
 
@@ -58,7 +59,7 @@ impl TopTree {
                 return;
             }
             if self.nodes[node][slot] & CHILD == 0 {
-                // A tile that is cut into smaller ones leaves itself in each of them.
+                // A subdivided tile fills all slots of the new node.
                 let tile = self.nodes[node][slot];
                 self.nodes.push([tile; TOP_WORDS]);
                 self.places.push((here - 1, place));
@@ -68,8 +69,8 @@ impl TopTree {
         }
     }
 
-    /// The word over the slot of `level` at `at`, in slots of that level, and the level of its own slot,
-    /// which is no lower. Beyond the top-level tree all is empty.
+    /// The word that covers the slot of `level` at `at`, in slots of that level, and the level of
+    /// the word's own slot, which is no lower. Everything beyond the top-level tree is empty.
     pub fn find(&self, at: IVec3, level: u32) -> (u32, u32) {
         let span = 2 * (self.levels - level.min(self.levels)) as i32;
         if level >= self.levels || (at.x | at.y | at.z) >> span != 0 {
@@ -88,12 +89,12 @@ impl TopTree {
         }
     }
 
-    /// Bytes of its nodes.
+    /// Bytes of the nodes.
     pub fn bytes(&self) -> u64 {
         (self.nodes.len() * (size_of::<[u32; TOP_WORDS]>() + size_of::<(u32, IVec3)>())) as u64
     }
 
-    /// Writes into each empty slot how far a ray can skip from there. `step` is asked whether to go on.
+    /// Writes the skips of all empty slots. `step` is called regularly and may cancel.
     pub fn add_skips<E: Send>(&mut self, step: impl Fn() -> Result<(), E> + Sync) -> Result<(), E> {
         for level in 0..self.levels {
             if LOWER_BITS + 2 * level > LARGEST {
@@ -123,7 +124,7 @@ impl TopTree {
         Ok(())
     }
 
-    /// The chunk of a level at a place.
+    /// The chunk of a level at a position.
     fn chunk_at<'a>(
         &self,
         chunks: &'a HashMap<IVec3, Chunk>,
@@ -131,13 +132,13 @@ impl TopTree {
         level: u32,
     ) -> Option<&'a Chunk> {
         chunks.get(&at).or_else(|| {
-            // Of two levels more, a slot is as large as the chunk.
+            // A slot two levels up is as large as the chunk.
             let (word, _) = self.find(at, level + CHUNK_BITS as u32 / 2);
             (word & (CHILD | OCCUPIED) == OCCUPIED).then_some(&SOLID)
         })
     }
 
-    /// How far rays can skip from the empty slots of nodes of one chunk.
+    /// The skips of the slots of all nodes in one chunk.
     fn codes<'a>(
         &self,
         nodes: &[usize],
@@ -161,12 +162,12 @@ impl TopTree {
         nodes.iter().map(|&node| std::array::from_fn(|slot| code(node, slot))).collect()
     }
 
-    /// The slots of a level that are not empty, by chunks, and the nodes of each chunk. Where tiles
-    /// of higher levels fill all of a chunk, there is none.
+    /// The occupied slots of a level by chunk, and the nodes in each chunk. Chunks that are filled
+    /// entirely by tiles of higher levels are left out.
     fn chunks(&self, level: u32) -> (HashMap<IVec3, Chunk>, BTreeMap<[i32; 3], Vec<usize>>) {
         let (mut chunks, mut nodes) = (HashMap::new(), BTreeMap::new());
         for (node, (of, place)) in self.places.iter().enumerate() {
-            // Slots of the level per edge of one of the node's.
+            // Slots of `level` per edge of a slot of this node.
             let size = match of.checked_sub(level) {
                 Some(0) => 1,
                 Some(1) => 4,
@@ -194,7 +195,7 @@ impl TopTree {
     }
 }
 
-/// Marks a cube of some slots per edge.
+/// Marks a cube with an edge of `size` slots.
 fn mark(chunk: &mut Chunk, at: IVec3, size: i32) {
     let row = (((1_u32 << size) - 1) << at.z) as u16;
     for plane in &mut chunk[at.x as usize..(at.x + size) as usize] {
@@ -207,7 +208,7 @@ mod tests {
     use super::super::layout::{skip, top_slot};
     use super::*;
 
-    /// The word over a lower node, and the level of its slot.
+    /// The word that covers a lower node, and the level of its slot.
     fn find(words: &[u32], levels: u32, lower_node: IVec3) -> (u32, u32) {
         let mut node = 0;
         for level in (0..levels).rev() {

@@ -1,5 +1,6 @@
-//! The shader's traversal on the CPU, function by function: the twin of `assets/shaders/traversal/tree.wgsl`,
-//! `hdda.wgsl` and, for a grid's own values in full, of `fog.wgsl`. Same names, same order of operations, f32; read them side by side.
+//! The shader's traversal on the CPU, function by function: the twin of
+//! `assets/shaders/traversal/tree.wgsl`, `hdda.wgsl` and, for exact trilinear fog, `fog.wgsl`. It
+//! uses f32, the same names and the same order of operations; read them side by side.
 //!
 //! A ray is given in *local lattice* coordinates of one grid: `p(t) = cell + frac + t · dir`. It is
 //! traversed as a [`MirroredRay`], which runs upwards on every axis.
@@ -14,18 +15,18 @@ pub use super::mirrored_ray::{Dda, MirroredRay};
 pub use super::ray::Ray;
 use super::rebase::{Rebased, rebased_at};
 
-/// What covers a cell: everything alike over a cube of `2^log_dim` cells per edge, and over `skip`
-/// more such cubes ahead.
+/// A region around a cell in which all cells are equal: a cube of `2^log_dim` cells per edge, and
+/// `skip` more such cubes ahead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
     /// log₂ of the edge, in cells.
     pub log_dim: u32,
-    /// Cubes ahead on each axis that are empty, too.
+    /// The number of further cubes ahead on each axis that are also empty.
     pub skip: u32,
-    /// The word of a tile or a leaf that a ray meets; 0 where nothing is.
+    /// The word of the tile or leaf that a ray meets; 0 if there is none.
     pub word: u32,
-    /// The number of the leaf; of a cell of a boundary tile, the axes on which it is the tile's last: 4, 2
-    /// and 1 for x, y and z.
+    /// The number of the leaf. For a cell of a boundary tile, the axes on which it is the tile's
+    /// last cell: 4, 2 and 1 for x, y and z.
     pub leaf: u32,
 }
 
@@ -39,13 +40,14 @@ impl Span {
         self.word != 0
     }
 
-    /// Whether the cube is occupied all over with one value.
+    /// Whether all of the cube is occupied with one value.
     pub fn constant(&self) -> bool {
         self.word & (CHILD | BOUNDARY) == 0
     }
 }
 
-/// The word of the top-level tree over a local cell, and its level; `None` outside of the top-level tree.
+/// The word of the top-level tree that covers a local cell, and its level; `None` outside the
+/// top-level tree.
 fn find_top(grid: &PackedGrid, cell: IVec3) -> Option<(u32, u32)> {
     let header = grid.header(0);
     let at = (cell >> LOWER_BITS as i32) - IVec3::from_array(header.top_origin);
@@ -72,7 +74,7 @@ fn tile_span(word: u32, log_dim: u32, octant: u32, cell: IVec3) -> Span {
     if word & BOUNDARY == 0 {
         return Span { log_dim, skip: 0, word, leaf: 0 };
     }
-    // How many cells of the tile follow on each axis.
+    // The number of further cells of the tile on each axis.
     let after = !cell & ((1 << log_dim) - 1);
     let sides = after.cmpeq(IVec3::ZERO);
     if sides.any() {
@@ -87,10 +89,10 @@ fn tile_span(word: u32, log_dim: u32, octant: u32, cell: IVec3) -> Span {
     Span { log_dim, skip: 0, word: word & !BOUNDARY, leaf: 0 }
 }
 
-/// What a ray meets at a local cell. (The shader keeps what it has found while the ray stays near.)
+/// The span at a local cell. (The shader caches the last result.)
 pub fn locate(grid: &PackedGrid, cell: IVec3, octant: u32) -> Span {
     let header = grid.header(0);
-    // A ray looks at cells of the box only, which the top-level tree covers.
+    // Traversal only visits cells of the grid's box, which the top-level tree covers.
     let Some((word, level)) = find_top(grid, cell) else { return Span::empty(0, 0) };
     if word & CHILD == 0 {
         return tile_span(word, LOWER_BITS + 2 * level, octant, cell);
@@ -121,7 +123,7 @@ fn half(bits: u32) -> f32 {
     half::f16::from_bits(bits as u16).to_f32()
 }
 
-/// A value that is kept in 32 bits, in 16, or in a byte of steps.
+/// Decodes a value stored in 32 bits, in 16, or in a byte.
 fn sample(grid: &PackedGrid, first: u32, index: u32, steps: (f32, f32)) -> f32 {
     let word = |per_word: u32| grid.words[(first + index / per_word) as usize];
     match grid.header(0).format {
@@ -131,8 +133,8 @@ fn sample(grid: &PackedGrid, first: u32, index: u32, steps: (f32, f32)) -> f32 {
     }
 }
 
-/// The samples at the corners of an occupied cell that is no constant tile's, `x·4 + y·2 + z`: of fog
-/// the densities, of a smooth surface the values above the iso-value.
+/// The samples at the corners of an occupied cell outside constant tiles, `x·4 + y·2 + z`:
+/// densities for fog, and values relative to the iso-value for a smooth surface.
 pub fn corners(grid: &PackedGrid, span: Span, cell: IVec3) -> [f32; 8] {
     let header = grid.header(0);
     let corner = |i: usize| IVec3::new(i as i32 >> 2, i as i32 >> 1 & 1, i as i32 & 1);
@@ -171,8 +173,8 @@ pub fn corners(grid: &PackedGrid, span: Span, cell: IVec3) -> [f32; 8] {
     })
 }
 
-/// The axis of the plane that is crossed first of three, one on each axis. At once means x before y
-/// before z.
+/// The axis of the plane that is crossed first of three, one on each axis. Ties are ordered x, y,
+/// z.
 fn first_axis(mirrored: &MirroredRay, plane: UVec3, t: Vec3) -> usize {
     let least = t.min_element();
     let first = axis_of(t, least);
@@ -184,11 +186,11 @@ fn first_axis(mirrored: &MirroredRay, plane: UVec3, t: Vec3) -> usize {
     if plane_before(mirrored, (of_two, plane[of_two]), (2, plane.z)) { of_two } else { 2 }
 }
 
-/// Cells that a mirrored ray has come to for certain at about `t`, on each axis, or the traversal before. It may be
-/// a cell further: then the traversal crosses that plane next.
+/// A lower bound on the cells that a mirrored ray has reached on each axis at about `t`, and at
+/// least `before`. It may be one cell too low; the traversal then crosses the missing plane next.
 ///
-/// What f32 may get wrong, a sixteenth of [`T_ERROR`], is less than what is taken off: where `t` is that
-/// of a plane or earlier, no cell behind that plane is reached.
+/// The margin subtracted exceeds the possible error of f32, a sixteenth of [`T_ERROR`]: if `t` is
+/// at or before the crossing of a plane, no cell behind that plane is returned.
 fn cells_passed(mirrored: &MirroredRay, t: f32, before: UVec3) -> UVec3 {
     // Conversions saturate.
     let at = (mirrored.frac - T_ERROR) + (t * (1.0 - T_ERROR)) * mirrored.speed;
@@ -206,12 +208,12 @@ fn axis_of(v: Vec3, t: f32) -> usize {
     }
 }
 
-/// Later than all planes of the grid's box, and times a speed within f32.
+/// A `t` later than all planes of the grid's box, whose product with a speed is still within f32.
 const NEVER: f32 = (1_u128 << 64) as f32;
 
 /// The start of the traversal: a cell of the grid's box on the mirrored ray.
 pub fn enter(mirrored: &MirroredRay) -> Dda {
-    // The planes of the box that are crossed after the ray's beginning.
+    // The planes of the box that are crossed after the ray's start.
     let ahead = mirrored.begin.cmplt(mirrored.first);
     if !ahead.any() {
         let inside = mirrored.meets && mirrored.begin.cmple(mirrored.last).all();
@@ -219,14 +221,15 @@ pub fn enter(mirrored: &MirroredRay) -> Dda {
     }
     let near = Vec3::select(ahead, mirrored.plane_t(mirrored.first), Vec3::NEG_ONE);
     let t = near.max_element();
-    // Beyond the last, where the ray has left the box on another axis before it comes in on this one.
+    // Beyond the last cell if the ray has left the box on another axis before entering it on this
+    // one.
     let rel = cells_passed(mirrored, t, mirrored.first.max(mirrored.begin));
     let inside = mirrored.meets && t < NEVER && rel.cmple(mirrored.last).all();
     Dda { rel, t: t.max(mirrored.t_min), axis: axis_of(near, t) as u32, inside }
 }
 
-/// The planes at the end of a span, one on each axis, modulo 2³²: beyond the index space they seem to
-/// lie behind the cell.
+/// The planes at the end of a span, one on each axis, modulo 2³². Planes beyond the index space
+/// appear to lie behind the cell.
 fn exit_planes(mirrored: &MirroredRay, rel: UVec3, span: Span) -> UVec3 {
     let offset = mirrored.cell.as_uvec3().wrapping_add(rel);
     let size = 1_u32 << span.log_dim;
@@ -234,18 +237,19 @@ fn exit_planes(mirrored: &MirroredRay, rel: UVec3, span: Span) -> UVec3 {
     rel.wrapping_add(ahead.wrapping_sub(offset & UVec3::splat(size - 1)))
 }
 
-/// Steps out of the span that holds the traversal's cell.
+/// Steps out of the span that contains the traversal's cell.
 ///
-/// Which plane is crossed next is exact; how many planes of the other axes have been crossed by then
-/// is a lower bound. Where it is too low, the traversal crosses those planes next, in cells beside the ray
-/// that it does not touch: all that it does touch are visited. The mirrored ray never turns back and passes
-/// at least one plane, the face of a span: a traversal takes at most as many steps as the spans of the box
-/// have faces along its three edges, and the cells of the box have at most.
+/// The plane that is crossed next is exact; the number of planes crossed by then on the other axes
+/// is a lower bound. Where it is too low, the traversal crosses the missing planes next, through
+/// cells beside the ray; every cell that the ray touches is visited. A mirrored ray never turns
+/// back, and each step crosses at least one plane, the face of a span. A traversal therefore takes
+/// at most as many steps as the spans in the box have faces along its three edges, which is at most
+/// as many as its cells have.
 pub fn advance(mirrored: &MirroredRay, dda: &Dda, span: Span) -> Dda {
     let mut plane = exit_planes(mirrored, dda.rel, span);
     let mut exits = mirrored.plane_t(plane);
-    // A ray never goes back, but planes beyond the index space seem to lie behind it: it crosses them where
-    // the index space ends.
+    // A ray never goes back, but planes beyond the index space appear to lie behind it: it crosses
+    // those at the end of the index space.
     let is_at_end = exits.min_element() < 0.5 * dda.t;
     if is_at_end {
         let beyond = plane.cmple(dda.rel);
@@ -262,8 +266,8 @@ pub fn advance(mirrored: &MirroredRay, dda: &Dda, span: Span) -> Dda {
     Dda { rel, t, axis: axis as u32, inside }
 }
 
-/// Whether the ray itself comes into the traversal's cell, where and by which face; one that begins there
-/// comes in by none. The answer does not depend on the way by which the traversal has come.
+/// Whether the ray itself enters the traversal's cell, and at what `t` and by which face; there is
+/// no face for a ray that begins there. The answer does not depend on the traversal's path.
 fn confirm(mirrored: &MirroredRay, dda: &Dda) -> Dda {
     let crossed = dda.rel.cmpgt(mirrored.begin);
     if !crossed.any() {
@@ -288,7 +292,7 @@ fn confirm(mirrored: &MirroredRay, dda: &Dda) -> Dda {
     Dda { rel: dda.rel, t: near[axis], axis: axis as u32, inside }
 }
 
-/// A `t` on a mirrored ray, which rounding must not lead out of it.
+/// Clamps a `t` to the span of a mirrored ray, which rounding must not leave.
 fn clamp_to_ray(mirrored: &MirroredRay, t: f32) -> f32 {
     t.clamp(mirrored.t_min, mirrored.t_max)
 }
@@ -298,9 +302,9 @@ fn clamp_to_ray(mirrored: &MirroredRay, t: f32) -> f32 {
 pub struct Hit {
     /// The local cell.
     pub cell: IVec3,
-    /// Where the ray enters it.
+    /// The `t` at which the ray enters the cell.
     pub t: f32,
-    /// The axis of the face that the ray entered by; 3 where it started inside.
+    /// The axis of the face through which the ray entered; 3 if it began inside.
     pub axis: u32,
 }
 
@@ -330,21 +334,22 @@ fn trilinear(corners: &[f32; 8], u: Vec3) -> f32 {
     mix(y(0), y(4), u.x)
 }
 
-/// Half the distance between the two points of Gauss and Legendre on an interval of length 1.
+/// Half the distance between the two Gauss–Legendre points on an interval of length 1.
 const GAUSS: f32 = 0.288_675_13;
 
-/// Cells that a traversal may be away from its rebased origin before it gets a new one.
+/// Distance in cells from a rebased origin after which the traversal takes a new one.
 const REBASE_RANGE: u32 = 64;
 
-/// What `∫ density dt` is at most: that of the greatest densities exceeds f32 where a ray takes long to
-/// pass.
+/// The upper bound of `∫ density dt`, which could overflow f32 for the greatest densities on a slow
+/// ray.
 const MAX_LENGTH: f32 = 3e38;
 
-/// ∫ density dt along the ray. Within one trilinear cell the density is a cubic in `t`, which the
-/// two-point rule of Gauss and Legendre integrates exactly: there is no step to choose.
+/// ∫ density dt along the ray. In a trilinear cell the density is a cubic in `t`, which two-point
+/// Gauss–Legendre quadrature integrates exactly, so there is no step size.
 ///
-/// Rebased origins stand where a run of cells with a density begins: a place that does not depend on how the
-/// tree cuts the void into cubes, so that a grid looks the same, bit for bit, wherever it stands.
+/// The origin is rebased where a run of cells with density begins. This position does not depend on
+/// how the tree divides empty space into cubes, so a grid looks the same, bit for bit, wherever it
+/// is in index space.
 pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
     let mirrored = MirroredRay::new(grid, ray);
     let mut dda = enter(&mirrored);
@@ -376,13 +381,13 @@ pub fn optical_length(grid: &PackedGrid, ray: &Ray) -> f32 {
         let mean = mean_density(grid, &mirrored, &near, &here, span, (from, end));
         sum += (end - from) * mean;
         from = to;
-        // Of a boundary tile, cells without density count as void.
+        // Cells of a boundary tile without density count as empty.
         in_run = mean > 0.0 && !span.constant();
     }
     sum.min(MAX_LENGTH)
 }
 
-/// The mean density between two parameters from the rebased origin on, within the cube of a span.
+/// The mean density between two parameters from the rebased origin, within the cube of a span.
 fn mean_density(
     grid: &PackedGrid,
     mirrored: &MirroredRay,

@@ -1,31 +1,31 @@
-//! How samples become words: safe values, in as few bits as asked for.
+//! Encoding of samples into words: sanitised values in the requested number of bits.
 //!
-//! WGSL may assume that there is no NaN and no infinity, and hardware may take denormal numbers for
-//! zero: neither is stored.
+//! WGSL implementations may assume that there are no NaNs and infinities, and may flush denormal
+//! numbers to zero, so none of these are stored.
 
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 
 use super::kind::PackKind;
 
-/// The sample format of a packed grid. `docs/reference/benchmarks.md` has the size and loss of each.
+/// The sample format of a packed grid. Sizes and losses are in `docs/reference/benchmarks.md`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum ValueFormat {
-    /// As the tree has them: in 16 bits where that loses nothing (most files are saved so), else in
+    /// Exact values: in 16 bits where these lose nothing (most files are saved that way), else in
     /// 32.
     #[default]
     Exact,
-    /// Floats of 32 bits, whatever the values are: what grids have whose voxels are being changed.
+    /// 32-bit floats in any case, as used for grids being edited.
     Full,
-    /// Floats of 16 bits: 11 bits of precision.
+    /// 16-bit floats, with 11 bits of precision.
     Half,
-    /// Bytes. Of fog, steps between the least and the largest density of each leaf; of a smooth surface,
-    /// steps between the largest distances, either way, that its cells have: the sign of every sample
-    /// is kept, so that no hole opens.
+    /// Bytes. For fog, steps between the least and the largest density of each leaf. For a smooth
+    /// surface, steps between the largest distances on either side of it; every sample keeps its
+    /// sign, so that no holes open.
     Byte,
 }
 
-/// How samples are kept in words.
+/// The encoding of stored samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub(super) enum Stored {
@@ -35,7 +35,7 @@ pub(super) enum Stored {
 }
 
 impl Stored {
-    /// Words that so many values take.
+    /// Words that `values` values take.
     pub fn words(self, values: usize) -> usize {
         match self {
             Self::Float => values,
@@ -44,29 +44,29 @@ impl Stored {
         }
     }
 
-    /// What a float is worth that is kept as 1, where halves have been multiplied by `factor`.
+    /// The value of a sample stored as 1, if 16-bit values have been multiplied by `factor`.
     pub fn scale(self, factor: f32) -> f32 {
         if self == Self::Half { 1.0 / factor } else { 1.0 }
     }
 }
 
-/// The largest value kept: along any ray that can be shown, a density adds up to less than infinity.
+/// The largest stored value: the integral of a density along any supported ray stays finite.
 pub(super) const MAX_VALUE: f32 = 1e30;
-/// The largest value of 16 bits, and the least that is not denormal.
+/// The largest 16-bit value, and the smallest that is not denormal.
 const MAX_HALF: f32 = 65_504.0;
 const LEAST_HALF: f32 = 1.0 / 16_384.0;
 
-/// A density that is one.
+/// A sample sanitised to a density: not negative, finite, and not NaN.
 pub(crate) fn density(value: f32) -> f32 {
     if value > 0.0 { value.min(MAX_VALUE) } else { 0.0 }
 }
 
-/// A sample of a surface that is a number.
+/// A sample sanitised to a distance: finite and not NaN.
 pub(crate) fn distance(value: f32, iso: f32) -> f32 {
     if value.is_nan() { iso } else { value.clamp(-MAX_VALUE, MAX_VALUE) }
 }
 
-/// A sample as it is kept: of fog a density, of a smooth surface the value above the iso-value.
+/// A sample as stored: a density for fog, the value relative to the iso-value for a smooth surface.
 pub(super) fn safe(kind: PackKind, value: f32) -> f32 {
     match kind {
         PackKind::Fog => density(value),
@@ -74,13 +74,13 @@ pub(super) fn safe(kind: PackKind, value: f32) -> f32 {
     }
 }
 
-/// The value of a tile as it is kept, in units of `scale`.
+/// The value of a tile as stored, in units of `scale`.
 pub(super) fn tile(kind: PackKind, value: f32, scale: f32) -> f32 {
     (safe(kind, value) / scale).clamp(-MAX_VALUE, MAX_VALUE)
 }
 
-/// The power of two by which values of up to `largest` are multiplied before they are kept in 16 bits:
-/// that loses nothing, and small ones are not denormal.
+/// The power of two by which values of up to `largest` are multiplied before storage in 16 bits.
+/// This is lossless, and keeps small values from becoming denormal.
 pub(super) fn half_factor(largest: f32) -> f32 {
     if largest > 0.0 {
         (MAX_HALF / largest).log2().floor().clamp(-100.0, 100.0).exp2()
@@ -89,13 +89,13 @@ pub(super) fn half_factor(largest: f32) -> f32 {
     }
 }
 
-/// Whether 16 bits hold a value as it is, and no hardware takes it for another.
+/// Whether a value is exact in 16 bits and not denormal, so that no hardware changes it.
 fn fits_half(value: f32) -> bool {
     let size = value.abs();
     value == 0.0 || (value.to_bits() & 0x1fff == 0 && (LEAST_HALF..=MAX_HALF).contains(&size))
 }
 
-/// How values are to be stored in a format.
+/// The encoding of values in a format.
 pub(super) fn stored(format: ValueFormat, mut all_fit_half: impl FnMut() -> bool) -> Stored {
     match format {
         ValueFormat::Byte => Stored::Byte,
@@ -105,13 +105,13 @@ pub(super) fn stored(format: ValueFormat, mut all_fit_half: impl FnMut() -> bool
     }
 }
 
-/// Whether 16 bits hold all of some values as they are, once multiplied by a factor.
+/// Whether all values, multiplied by `factor`, are exact in 16 bits.
 pub(super) fn all_fit_half(values: &[f32], factor: f32) -> bool {
     values.iter().all(|&value| fits_half(value * factor))
 }
 
-/// Writes values as floats of 32 bits, or, multiplied by a factor, of 16. A negative value stays
-/// negative.
+/// Writes values as 32-bit floats, or, multiplied by `factor`, as 16-bit floats. Negative values
+/// stay negative.
 pub(super) fn write_floats(stored: Stored, values: &[f32], factor: f32, out: &mut [u32]) {
     if stored == Stored::Float {
         for (word, value) in out.iter_mut().zip(values) {
@@ -135,7 +135,7 @@ pub(super) fn write_floats(stored: Stored, values: &[f32], factor: f32, out: &mu
     }
 }
 
-/// Writes values as bytes: `code` makes them.
+/// Writes values as bytes, encoded by `code`.
 pub(super) fn write_bytes(values: &[f32], out: &mut [u32], code: impl Fn(f32) -> u8) {
     for (word, values) in out.iter_mut().zip(values.chunks(4)) {
         let bytes = values.iter().enumerate();
@@ -143,7 +143,7 @@ pub(super) fn write_bytes(values: &[f32], out: &mut [u32], code: impl Fn(f32) ->
     }
 }
 
-/// Steps of even size: what a byte stands for is `offset + byte · scale`.
+/// Uniform quantisation: a byte represents `offset + byte · scale`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Steps {
     pub offset: f32,
@@ -151,25 +151,25 @@ pub(super) struct Steps {
 }
 
 impl Steps {
-    /// Between the least and the largest of some values, both of them exact.
+    /// Steps from the least to the largest of some values, both of them exact.
     pub fn between(values: &[f32]) -> Self {
         let least = values.iter().copied().fold(f32::INFINITY, f32::min);
         let largest = values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         Self { offset: least, scale: (largest - least) / 255.0 }
     }
 
-    /// The byte of a value between them.
+    /// The byte for a value in the range.
     pub fn code(self, value: f32) -> u8 {
         if self.scale > 0.0 { ((value - self.offset) / self.scale).round() as u8 } else { 0 }
     }
 
-    /// Evenly on both sides of zero, which is none of them, as far as `largest`.
+    /// Steps placed symmetrically about zero, which is not one of them, up to `largest`.
     pub fn around_zero(largest: f32) -> Self {
         let scale = (largest / 127.5).max(f32::MIN_POSITIVE);
         Self { offset: -127.5 * scale, scale }
     }
 
-    /// The byte of a value on the same side of zero: those below it are negative.
+    /// The byte for a value, on the same side of zero.
     pub fn signed_code(self, value: f32) -> u8 {
         let code = ((value / self.scale).floor() + 128.0) as u8;
         if value < 0.0 { code.min(127) } else { code.max(128) }
@@ -184,7 +184,7 @@ mod tests {
     fn sixteen_bits_keep_what_fits_and_every_sign() {
         let fit = [0.0, -0.0, 1.0, -0.5, 65_504.0, LEAST_HALF, 0.333_251_95];
         assert!(all_fit_half(&fit, 1.0));
-        // A small half is denormal; its multiple is not.
+        // As a 16-bit float the small value is denormal; multiplied, it is not.
         let small = f16::from_f32(3e-6).to_f32();
         assert!(!fits_half(small) && all_fit_half(&[small, 0.25], half_factor(0.25)));
         for largest in [1e-20, 0.3, 1.0, 65_504.0, 1e30] {

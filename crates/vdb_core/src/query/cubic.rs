@@ -1,6 +1,6 @@
-//! Cubics on `[0, 1]`: what the trilinear interpolant is along a ray in one cell.
+//! Cubics on `[0, 1]`, such as the trilinear interpolant along a ray in one cell.
 
-/// A cubic by its coefficients, the constant first.
+/// A cubic in the monomial basis, constant coefficient first.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cubic([f64; 4]);
 
@@ -33,7 +33,7 @@ impl Cubic {
         self.integral_to(1.0)
     }
 
-    /// The first change of sign. Between its extrema a cubic changes its sign at most once.
+    /// The first change of sign. A cubic changes sign at most once between two extrema.
     pub fn first_change(&self) -> Option<f64> {
         let negative = self.0[0] < 0.0;
         let mut low = 0.0;
@@ -46,8 +46,8 @@ impl Cubic {
         None
     }
 
-    /// Where the integral from 0 on has grown to an amount that it reaches; of a cubic that is nowhere
-    /// negative.
+    /// The parameter at which the integral from 0 reaches `amount`, for a cubic that is nowhere
+    /// negative and reaches it.
     pub fn integral_reaches(&self, amount: f64) -> f64 {
         if amount <= 0.0 {
             return 0.0;
@@ -55,8 +55,8 @@ impl Cubic {
         bracketed(|s| (self.integral_to(s) - amount, self.at(s)), 0.0, 1.0)
     }
 
-    /// Where the slope is zero, ascending: `3 d s² + 2 c s + b = 0`, without the difference of
-    /// near-equal numbers. NaN or infinite where there is none.
+    /// The extrema in ascending order: the roots of `3 d s² + 2 c s + b = 0`, computed without
+    /// cancellation. NaN or infinite where there is none.
     fn extrema(&self) -> [f64; 2] {
         let [_, b, c, d] = self.0;
         let q = -(c + (c * c - 3.0 * d * b).sqrt().copysign(c));
@@ -65,12 +65,13 @@ impl Cubic {
     }
 }
 
-/// The root between two places where a function, given with its slope, has different signs.
+/// The root between two points at which a function has different signs. `f` returns its value and
+/// slope.
 fn bracketed(f: impl Fn(f64) -> (f64, f64), mut low: f64, mut high: f64) -> f64 {
     let negative = f(low).0 < 0.0;
     let mut s = 0.5 * (low + high);
-    // Newton's step where it stays between the two, else the middle: of which there are no more than
-    // an f64 has bits.
+    // Newton's method, with bisection where a step would leave the bracket. Bisection takes no more
+    // steps than an f64 has bits.
     for _ in 0..64 {
         let (value, slope) = f(s);
         if (value < 0.0) == negative {
@@ -101,7 +102,7 @@ mod tests {
         for (roots, expected) in [
             ([0.2, 0.5, 0.9], Some(0.2)),
             ([-0.2, 0.5, 0.9], Some(0.5)),
-            // A double root is none.
+            // A double root is no change of sign.
             ([0.4, 0.4, 0.8], Some(0.8)),
             ([0.500, 0.501, 0.502], Some(0.5)),
             ([-1.0, 2.0, 3.0], None),
@@ -116,7 +117,7 @@ mod tests {
                 }
             }
         }
-        // Lines and parabolas, whose higher coefficients are zero.
+        // Lines and parabolas, with leading coefficients of zero.
         let line = sampled(|s| s - 0.3).first_change().unwrap();
         assert!((line - 0.3).abs() < 1e-12, "{line}");
         let parabola = sampled(|s| (s - 0.25) * (s - 0.75)).first_change().unwrap();

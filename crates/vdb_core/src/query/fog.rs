@@ -1,4 +1,4 @@
-//! Where a fog has taken its share of the light: the twin of `assets/shaders/traversal/fog.wgsl`, in f64.
+//! Opacity of fog along a ray: the twin of `assets/shaders/traversal/fog.wgsl`, in f64.
 
 use glam::IVec3;
 
@@ -8,9 +8,9 @@ use super::local_ray::LocalRay;
 use super::samples::Samples;
 use crate::pack::PackedGrid;
 
-/// Where `∫ density dt` passes `enough`, in units of the index ray's `t`; where there is first any
-/// density, if that is zero. Along a ray the density is a cubic in each trilinear cell, so that there
-/// is no step to choose.
+/// The point at which `∫ density dt` passes `enough`, in units of the index ray's `t`; if that is
+/// zero, the first point with any density. Along a ray the density is a cubic in each trilinear
+/// cell, so there is no step size.
 pub(super) fn first_opaque(
     grid: &PackedGrid,
     samples: &mut Samples,
@@ -21,7 +21,7 @@ pub(super) fn first_opaque(
     let mut sum = 0.0;
     for passage in local.spans(grid) {
         let cell = passage.cell.wrapping_add(grid.base);
-        // Of a tile of one density, any cell has the samples of all.
+        // In a constant tile, the samples of any cell will do.
         let corners = samples.corners(cell.to_array().map(i64::from));
         let [low, high] = passage.t;
         let length = (high - low) / local.speed;

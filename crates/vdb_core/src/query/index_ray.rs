@@ -25,12 +25,12 @@ impl IndexRay {
 pub struct IndexHit {
     /// The ray parameter.
     pub t: f64,
-    /// The voxel: the one that the ray enters, for voxels; the one around the point, for smooth
-    /// surfaces and fog.
+    /// The voxel. For voxels, the one that the ray enters; for smooth surfaces and fog, the one
+    /// around the point.
     pub ijk: IVec3,
     /// The outward direction, of any length: the face normal for voxels, the gradient of the
-    /// interpolant for smooth surfaces, and the negative gradient for fog, whose outside is where
-    /// it is thin. Transform it to world space by the inverse transpose. Zero if the ray begins in
+    /// interpolant for smooth surfaces, and the negative gradient for fog, which points towards
+    /// thinner fog. Transform it to world space by the inverse transpose. Zero if the ray begins in
     /// a voxel or the interpolant is flat.
     pub normal: DVec3,
     /// Whether the ray begins in a solid voxel.

@@ -1,4 +1,4 @@
-//! A ray as the traversal takes it, in f32 and integers, and where it is within cells, in f64.
+//! Rays for the traversal, in f32 and integers, with positions within cells in f64.
 
 use glam::{DVec3, IVec3, UVec3};
 
@@ -7,26 +7,28 @@ use crate::pack::PackedGrid;
 use crate::pack::exact::FRAC_BITS;
 use crate::pack::traverse::{Dda, MirroredRay, Ray, Span, advance, enter, locate};
 
-/// Cells before the grid's box at which a ray from farther away begins, where 32 bits have such cells.
+/// Cells in front of the grid's box at which a distant ray is made to begin, if 32 bits have such
+/// cells.
 const MARGIN: f64 = 1.0;
-/// The lowest cell there is, and the end of the highest.
+/// The lowest cell of the index space, and the end of the highest.
 const ENDS: [f64; 2] = [-2_147_483_648.0, 2_147_483_648.0];
 
-/// A ray in local lattice coordinates, of which the fastest component is 1 cell per unit of the
-/// traversal's `t`.
+/// A ray in local lattice coordinates whose fastest component is 1 cell per unit of the traversal's
+/// `t`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LocalRay {
     pub ray: Ray,
-    /// Where it begins, on the index ray,
+    /// The index ray's `t` at which this ray begins.
     pub t_begin: f64,
-    /// by a plane across which axis, if not with it,
+    /// The axis of the plane of the extended box at which it begins, unless that is the index ray's
+    /// own origin.
     pub begin_axis: usize,
-    /// and how many units of the traversal's `t` are one of the index ray's.
+    /// Units of the traversal's `t` per unit of the index ray's.
     pub speed: f64,
 }
 
 impl LocalRay {
-    /// `None` where the ray passes the grid's box by, or is none.
+    /// `None` if the ray misses the grid's box, or is invalid.
     pub fn new(grid: &PackedGrid, ray: &IndexRay) -> Option<Self> {
         let bounds = grid.occupied?;
         let origin = ray.origin - grid.base.as_dvec3() - grid.kind.lattice_origin();
@@ -54,18 +56,19 @@ impl LocalRay {
         if t_begin > t_end {
             return None;
         }
-        // Rounding may lead out of the box, and what is in the plane at its high end is just before it.
+        // Rounding may lead out of the box, and a point on the plane at its high end belongs to the
+        // cell before it.
         let from = (origin + t_begin * ray.dir).clamp(low, high);
         let cell = from.floor().min(DVec3::splat(ENDS[1] - 1.0));
         let units = f64::from(1 << FRAC_BITS);
-        // Just below a whole number, the difference rounds up to 1.
+        // For a difference just below a whole number, the subtraction rounds up to 1.
         let frac = ((from - cell) * units).floor().min(DVec3::splat(units - 1.0)) / units;
         let ray = Ray {
             cell: cell.as_ivec3(),
             frac: frac.as_vec3(),
             dir: (ray.dir / speed).as_vec3(),
             t_min: 0.0,
-            // Ends where it should by the f64 that the traversal's t is converted to.
+            // Rounded up, because hits are compared with the exact end in f64 later.
             t_max: (((t_end - t_begin) * speed) as f32).next_up().min(1e30),
         };
         Some(Self { ray, t_begin, begin_axis, speed })
@@ -76,7 +79,7 @@ impl LocalRay {
         self.t_begin + t / self.speed
     }
 
-    /// The traversal's `t` at which the ray comes into a cell by a face across an axis.
+    /// The traversal's `t` at which the ray enters a cell through its face on an axis.
     pub fn face_t(&self, cell: IVec3, axis: usize) -> f64 {
         let up = self.ray.dir[axis] > 0.0;
         let plane = i64::from(cell[axis]) + i64::from(!up) - i64::from(self.ray.cell[axis]);
@@ -104,20 +107,20 @@ impl LocalRay {
     }
 }
 
-/// The part of a ray in the cube of a span.
+/// The part of a ray inside the cube of a span.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Passage {
-    /// A local cell of it.
+    /// A local cell of the cube.
     pub cell: IVec3,
-    /// Where the ray comes in and goes out, in units of the traversal's `t`.
+    /// The `t` of the entry and of the exit, in units of the traversal's `t`.
     pub t: [f64; 2],
-    /// Where the ray begins, from the cell on, in cells.
+    /// The start of the ray relative to the cell, in cells.
     from: DVec3,
     dir: DVec3,
 }
 
 impl Passage {
-    /// `None` where the ray only comes near: a traversal also looks at cells beside it.
+    /// `None` if the ray misses the cube: a traversal also visits cells beside the ray.
     fn new(mirrored: &MirroredRay, dda: &Dda, span: Span) -> Option<Self> {
         let size = 1_u32 << span.log_dim;
         let offset = mirrored.cell.as_uvec3().wrapping_add(dda.rel) & UVec3::splat(size - 1);
@@ -145,12 +148,12 @@ impl Passage {
         })
     }
 
-    /// The place at `t` in the cell, 0 to 1 on each axis.
+    /// The position in the cell at `t`, from 0 to 1 on each axis.
     pub fn at(&self, t: f64) -> DVec3 {
         (self.from + t * self.dir).clamp(DVec3::ZERO, DVec3::ONE)
     }
 
-    /// The `t` of four places at even distances, from where the ray comes in to where it goes out.
+    /// The `t` of four evenly spaced points, from entry to exit.
     pub fn thirds(&self) -> [f64; 4] {
         let [low, high] = self.t;
         [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0].map(|s| low + (high - low) * s)

@@ -1,9 +1,9 @@
-//! Ray casts and point samples against a grid on the CPU, for games and picking.
+//! Ray casts and point samples in a grid on the CPU, for games and picking.
 //!
-//! The results are those of the rendered image. The cells that a ray touches come from [`traverse`],
-//! the exact twin of the shader's traversal. Within cells, samples are those of the tree, and what
-//! the shader computes in f32 is computed in f64: roots of the trilinear interpolant as in
-//! `smooth.wgsl`, optical depth as in `fog.wgsl`.
+//! Results match the rendered image. The cells that a ray touches are found by [`traverse`], the
+//! exact twin of the shader's traversal. Within cells, samples come from the tree, and the shader's
+//! f32 computations are done in f64: roots of the trilinear interpolant as in `smooth.wgsl`,
+//! optical depth as in `fog.wgsl`.
 //!
 //! Points and rays are in *index space*, where sample `ijk` is the point `(i, j, k)` and voxel
 //! `ijk` is the unit cube around it.
@@ -24,7 +24,7 @@ pub use index_ray::{IndexHit, IndexRay};
 use local_ray::LocalRay;
 use samples::Samples;
 
-/// Queries one grid: its tree, and the same tree packed.
+/// Queries of one grid, given as a tree and as the same tree packed.
 #[derive(Clone, Copy, Debug)]
 pub struct GridQuery<'a> {
     tree: &'a Vdb543<f32>,
@@ -32,24 +32,24 @@ pub struct GridQuery<'a> {
 }
 
 impl<'a> GridQuery<'a> {
-    /// `packed` must have been made from `tree`.
+    /// Queries of a tree. `packed` must have been made from `tree`.
     pub fn new(tree: &'a Vdb543<f32>, packed: &'a PackedGrid) -> Self {
         Self { tree, packed }
     }
 
-    /// The first hit on a ray, by the grid's kind: a solid voxel, a root of the trilinear
+    /// The first hit on a ray, according to the grid's kind: a solid voxel, a root of the trilinear
     /// interpolant, or the point where `∫ density dt` from the origin exceeds `enough`.
     ///
-    /// A ray is rounded near the grid, not at its origin: to 2⁻²⁴ voxel where it enters the grid's
-    /// box, and 2⁻²⁴ of the distance from there, however distant its origin. A ray whose numbers
-    /// are not finite (except `t_max`, which may be infinite) hits nothing, nor does one so slow that
+    /// A ray is rounded near the grid, not at its origin: to 2⁻²⁴ voxels where it enters the grid's
+    /// box, and to 2⁻²⁴ of the distance from there, however distant its origin is. A ray with
+    /// non-finite numbers (other than an infinite `t_max`) hits nothing, nor does one so slow that
     /// the hit's `t` exceeds the largest f64.
     ///
-    /// The time is proportional to the number of cubes that the ray crosses, of which empty ones
-    /// are at least as large as the tree's: at most 3 · 4096 steps through each 4096³ node on its
-    /// way, and some tens through the gap between two nodes. A tile of fog is one step, except for
-    /// the cells at its border. The bound holds for any ray and any position of the grid in index
-    /// space.
+    /// The time is proportional to the number of cubes that the ray crosses; empty cubes are at
+    /// least as large as those of the tree. That is at most 3 · 4096 steps through each 4096³ node
+    /// on its way, and some tens through the gap between two nodes. A tile of fog is one step,
+    /// except for the cells at its border. The bound holds for any ray and any position of the grid
+    /// in index space.
     pub fn first_hit(&self, ray: &IndexRay, enough: f64) -> Option<IndexHit> {
         let local = LocalRay::new(self.packed, ray)?;
         let hit = match self.packed.kind {
@@ -61,7 +61,7 @@ impl<'a> GridQuery<'a> {
                 fog::first_opaque(self.packed, &mut self.samples(), &local, enough, ray)
             }
         };
-        // On the slowest rays there are, `t` of what lies ahead can exceed the largest f64.
+        // On extremely slow rays, the `t` of a hit can exceed the largest f64.
         hit.filter(|hit| hit.t.is_finite() && hit.t <= ray.t_max)
     }
 
@@ -77,7 +77,8 @@ impl<'a> GridQuery<'a> {
         if begins && local.t_begin == 0.0 {
             return Some(IndexHit { t: 0.0, ijk, normal, begins_inside: true });
         }
-        // Where the box ends with the index space, a ray that comes into that begins in the box.
+        // If the box ends with the index space, a ray that enters the index space there begins in
+        // the box.
         let axis = if begins { local.begin_axis } else { hit.axis as usize };
         normal[axis] = -f64::from(local.ray.dir[axis].signum());
         let way = if begins { 0.0 } else { local.face_t(hit.cell, axis) };
@@ -85,13 +86,13 @@ impl<'a> GridQuery<'a> {
     }
 
     /// The value of the sample nearest to a point, as displayed: densities are not negative, and
-    /// there is no NaN.
+    /// NaNs are replaced.
     pub fn nearest(&self, point: DVec3) -> f32 {
         self.samples().value(nearest_voxel(point).map(i64::from))
     }
 
-    /// The trilinear interpolant at a point, as displayed: densities are not negative, and there is
-    /// no NaN.
+    /// The trilinear interpolant at a point, as displayed: densities are not negative, and NaNs are
+    /// replaced.
     pub fn trilinear(&self, point: DVec3) -> f32 {
         let cell = point.floor();
         self.samples().corners(cell.to_array().map(|c| c as i64)).at(point - cell) as f32

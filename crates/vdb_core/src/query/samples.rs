@@ -1,4 +1,4 @@
-//! The samples of a tree, as packing gives them to the shaders.
+//! Samples of a tree, sanitised as for packing.
 
 use glam::{DVec3, IVec3};
 
@@ -8,7 +8,7 @@ use crate::tree::{Accessor, Found, InternalNode, LeafNode, Node, Vdb543};
 type Leaf = LeafNode<f32, 3>;
 type Upper = InternalNode<InternalNode<Leaf, 4>, 5>;
 
-/// Reads samples close to each other.
+/// Reads samples, caching the last leaf.
 #[derive(Debug)]
 pub(super) struct Samples<'a> {
     accessor: Accessor<'a, Upper>,
@@ -28,7 +28,7 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// One sample; the background outside of the 32-bit index space.
+    /// One sample; the background outside the 32-bit index space.
     pub fn value(&mut self, ijk: [i64; 3]) -> f32 {
         let value = match ijk.map(i32::try_from) {
             [Ok(x), Ok(y), Ok(z)] => self.accessor.get(IVec3::new(x, y, z)),
@@ -41,7 +41,7 @@ impl<'a> Samples<'a> {
     pub fn corners(&mut self, ijk: [i64; 3]) -> Corners {
         let inner = ijk.iter().all(|c| c & 7 != 7);
         if inner && let [Ok(x), Ok(y), Ok(z)] = ijk.map(i32::try_from) {
-            // All in one leaf or one tile, as most are.
+            // The common case: all samples are in one leaf or one tile.
             let cell = IVec3::new(x, y, z);
             return Corners(match self.accessor.find(cell) {
                 Found::Leaf(leaf) => {
@@ -53,7 +53,7 @@ impl<'a> Samples<'a> {
         }
         Corners(CORNERS.map(|corner| {
             let [x, y, z] = corner.map(|c| c as i64);
-            // The end of the index space is not that of an i64.
+            // The index space ends long before i64 does.
             let at = [ijk[0].saturating_add(x), ijk[1].saturating_add(y), ijk[2].saturating_add(z)];
             self.value(at).into()
         }))
@@ -72,7 +72,7 @@ fn mix(a: f64, b: f64, u: f64) -> f64 {
 }
 
 impl Corners {
-    /// The interpolant at a place in the cell, 0 to 1 on each axis.
+    /// The interpolant at a position in the cell, from 0 to 1 on each axis.
     pub fn at(&self, u: DVec3) -> f64 {
         let c = &self.0;
         let z = |i: usize| mix(c[i], c[i + 1], u.z);
@@ -80,7 +80,7 @@ impl Corners {
         mix(y(0), y(4), u.x)
     }
 
-    /// Its gradient there, per voxel.
+    /// The gradient of the interpolant at a position in the cell, per voxel.
     pub fn gradient(&self, u: DVec3) -> DVec3 {
         let c = &self.0;
         let along = |step: usize, a: (usize, f64), b: (usize, f64)| {

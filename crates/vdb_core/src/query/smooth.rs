@@ -1,4 +1,4 @@
-//! The first place where the trilinear interpolant passes through the iso-value: the twin of
+//! The first crossing of the iso-value by the trilinear interpolant: the twin of
 //! `assets/shaders/traversal/smooth.wgsl`, in f64.
 
 use glam::IVec3;
@@ -17,8 +17,8 @@ pub(super) fn first_root(
     iso: f64,
     ray: &IndexRay,
 ) -> Option<IndexHit> {
-    // Whether the interpolant was negative where the cell before ended, and where that was: a sign
-    // that changes just between two cells is a root, too.
+    // The end of the previous cell and whether the interpolant was negative there: a change of sign
+    // exactly between two cells is a root, too.
     let mut before: Option<(f64, bool)> = None;
     for passage in local.spans(grid) {
         let cell = passage.cell.wrapping_add(grid.base);
@@ -26,12 +26,12 @@ pub(super) fn first_root(
         let [low, high] = passage.t;
         let f = passage.thirds().map(|t| corners.at(passage.at(t)) - iso);
         let negative = f[0] < 0.0;
-        // Both ends are worked out from the plane between the two cells.
+        // Both ends are computed from the plane between the two cells.
         let joined = before.filter(|(end, _)| low <= *end);
         before = Some((high, f[3] < 0.0));
         let s = match joined {
             Some((_, was)) if was != negative => 0.0,
-            // The cubic's own end may differ in the last place from the value there.
+            // The cubic at its end may differ in the last place from the value there.
             _ => match Cubic::through(f).first_change() {
                 Some(s) => s,
                 None if (f[3] < 0.0) != negative => 1.0,

@@ -11,15 +11,15 @@ use super::{
 };
 use crate::tree::{IVec3, Node, Tree};
 
-/// Which voxels a ray stops at.
+/// The criterion for occupied voxels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Occupied {
-    /// For level sets: the value is below the iso-value, active or not, so that the tiles of the
-    /// interior count. A NaN does not.
+    /// The value is below the iso-value, whether active or not, so that the interior tiles of level
+    /// sets count. NaNs do not count.
     BelowIso(f32),
     /// The voxel is active, or lies in an active tile.
     Active,
-    /// The value is above a threshold, active or not. A NaN is not.
+    /// The value is above a threshold, whether active or not. NaNs do not count.
     Above(f32),
 }
 
@@ -40,7 +40,7 @@ impl Occupied {
 pub struct Face {
     /// 0, 1, 2 for x, y, z.
     pub axis: u8,
-    /// +1 or -1: where on the axis the normal points, against the ray's direction.
+    /// +1 or -1: the direction of the normal on the axis, against the ray's direction.
     pub sign: i8,
 }
 
@@ -56,14 +56,14 @@ impl Face {
 pub struct VoxelHit {
     /// The voxel: the box `[ijk - 1/2, ijk + 1/2)` of index space.
     pub ijk: IVec3,
-    /// The face through which the ray enters; `None` when it begins inside.
+    /// The face through which the ray enters; `None` if it begins inside.
     pub face: Option<Face>,
-    /// Where on the ray it enters, in units of `t`, good to 2.1 · 2⁻⁵³ of itself; `t_min` when the
+    /// The `t` at which the ray enters, with a relative error of at most 2.1 · 2⁻⁵³; `t_min` if the
     /// ray begins inside. (The voxel and the face are exact.)
     pub t: f64,
 }
 
-/// Finds first voxels in one tree; see [`first_voxel`].
+/// Finds the first voxels on rays through one tree; see [`first_voxel`].
 #[derive(Debug)]
 pub struct Blocky<'a, C: Node<Value = f32>> {
     field: Field<'a, C>,
@@ -71,14 +71,14 @@ pub struct Blocky<'a, C: Node<Value = f32>> {
 }
 
 impl<'a, C: Node<Value = f32>> Blocky<'a, C> {
-    /// Prepares a tree: sorts the places of its root's entries.
+    /// Prepares a tree by sorting the positions of its root entries.
     pub fn new(tree: &'a Tree<C>, occupied: Occupied) -> Self {
         Self { field: Field::new(tree), occupied }
     }
 
-    /// The gradient at a point in index space, per voxel, of the trilinear interpolant of the cell
-    /// that holds another point, close by: at a face that is where a ray comes from or where it
-    /// goes. Not finite where a sample is not.
+    /// The gradient, per voxel, of the trilinear interpolant at a point in index space. The cell is
+    /// the one that contains `beside`, a point nearby, which selects a side of a face. Not finite
+    /// if a sample is not.
     pub fn gradient(&self, point: DVec3, beside: DVec3) -> DVec3 {
         let cell = beside.floor();
         let mut accessor = self.field.tree().accessor();
@@ -94,7 +94,7 @@ impl<'a, C: Node<Value = f32>> Blocky<'a, C> {
             let cell = walk.cell();
             let index_space = outside_of_index_space(cell);
             let span = match index_space {
-                // No voxels there, so that not even an occupied background counts.
+                // There are no voxels outside the index space, even with an occupied background.
                 Some(span) => span,
                 None => {
                     let (span, occupied) = match self.field.block(&mut accessor, cell) {
@@ -124,14 +124,15 @@ impl<'a, C: Node<Value = f32>> Blocky<'a, C> {
 }
 
 /// The first occupied voxel on a ray and the face through which the ray enters it. **Exact**: voxel
-/// and face are what the real numbers of the ray say, whatever they are.
+/// and face follow from the real numbers that define the ray, without rounding.
 ///
 /// - A voxel is the half-open box `[ijk - 1/2, ijk + 1/2)`: the ray begins in the voxel
 ///   `floor(p(t_min) + 1/2)`, and a ray that runs in a face belongs to the voxel above it.
-/// - A voxel is left at the plane of its face, `t = (n - 1/2 - origin) / dir`. Planes that are
-///   crossed at the same `t` are crossed one after the other, x before y before z, and the voxels
-///   between them count. The face of the hit is that of the last plane crossed.
-/// - A crossing at exactly `t_max` counts. A zero component of the direction never crosses.
+/// - A voxel is left at the plane of its face, `t = (n - 1/2 - origin) / dir`. Planes crossed at
+///   the same `t` are crossed one after the other, x before y before z, and the voxels between them
+///   count. The face of the hit is on the last plane crossed.
+/// - A crossing at exactly `t_max` counts. An axis with a direction component of zero is never
+///   crossed.
 /// - Where the root of the tree has no entry there are no voxels, whatever the background.
 ///
 /// For many rays, prepare the tree once with [`Blocky::new`].

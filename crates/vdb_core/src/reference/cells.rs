@@ -38,13 +38,14 @@ impl Corners {
 
     /// The interpolant along the chord from `a` to `b` (local coordinates): a cubic.
     ///
-    /// A trilinear function is affine in each coordinate, so its *polar form* along the chord is
-    /// the function itself with each coordinate taken from `a` or from `b`, averaged over which
-    /// ones; and the values of the polar form at (a,a,a), (a,a,b), (a,b,b), (b,b,b) are the
-    /// Bernstein coefficients (L. Ramshaw, "Blossoming: a connect-the-dots approach to splines",
-    /// 1987). Only weighted means of samples, so nothing cancels: for samples of at most `M` each
-    /// coefficient is good to 16 · 2⁻⁵³ M (three roundings for each of three interpolations, three
-    /// for the sum and its third, one for a sample minus an iso-value, and room).
+    /// A trilinear function is affine in each coordinate. Its *polar form* along the chord is
+    /// therefore the function itself with each coordinate taken from `a` or from `b`, averaged over
+    /// the choices of which; and the values of the polar form at (a,a,a), (a,a,b), (a,b,b), (b,b,b)
+    /// are the Bernstein coefficients (L. Ramshaw, "Blossoming: a connect-the-dots approach to
+    /// splines", 1987). Only weighted means of samples are taken, so nothing cancels. For samples
+    /// of at most `M`, the error of each coefficient is at most 16 · 2⁻⁵³ M: three roundings for
+    /// each of three interpolations, three for the sum and its third, one for a sample minus an
+    /// iso-value, and a margin.
     pub fn along(&self, a: DVec3, b: DVec3) -> Cubic {
         let at = |x: DVec3, y: DVec3, z: DVec3| self.at(DVec3::new(x.x, y.y, z.z));
         Cubic([
@@ -56,17 +57,17 @@ impl Corners {
     }
 }
 
-/// The samples on a stretch of a ray.
+/// The samples on an interval of a ray.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Samples {
-    /// All alike.
+    /// One value throughout.
     Even(f64),
     /// The corners of one cell.
     Cell(Corners),
 }
 
 impl Samples {
-    /// The sign of all samples; 0 where they differ, or one is zero.
+    /// The common sign of all samples; 0 if signs differ or a sample is zero.
     pub fn sign(&self) -> i8 {
         let of = |v: &f64| i8::from(*v > 0.0) - i8::from(*v < 0.0);
         match self {
@@ -82,13 +83,13 @@ impl Samples {
     }
 }
 
-/// A stretch of a ray within one trilinear cell, or within a box of equal samples.
+/// An interval of a ray within one trilinear cell, or within a box of equal samples.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stretch {
     planes: Planes,
-    /// The cell at the beginning.
+    /// The cell at the start.
     pub cell: [i64; 3],
-    /// Beginning and end, in units of `t`; the end may be infinite.
+    /// Start and end, in units of `t`; the end may be infinite.
     pub t: [f64; 2],
     pub samples: Samples,
 }
@@ -98,12 +99,12 @@ impl Stretch {
     pub fn local(&self, t: f64) -> DVec3 {
         DVec3::from_array([0, 1, 2].map(|axis| {
             let cells = (self.cell[axis] - self.planes.origin(axis)) as f64;
-            // A step across a face leaves a rounding error, of the size of that of t.
+            // Crossing a face leaves a rounding error proportional to that of `t`.
             (self.planes.coordinate(axis, t) - cells).clamp(0.0, 1.0)
         }))
     }
 
-    /// The interpolant from beginning to end.
+    /// The interpolant from start to end.
     pub fn cubic(&self) -> Cubic {
         match &self.samples {
             Samples::Even(value) => Cubic([*value; 4]),
@@ -111,14 +112,14 @@ impl Stretch {
         }
     }
 
-    /// `t` at a parameter in `[0, 1]` from beginning to end.
+    /// The `t` at a parameter in `[0, 1]` from start to end.
     pub fn t_at(&self, s: f64) -> f64 {
         if s == 0.0 { self.t[0] } else { self.t[0] + s * (self.t[1] - self.t[0]) }
     }
 }
 
-/// Calls `visit` for the stretches of a ray in their order, those of no length left out, until it
-/// breaks. `convert` makes a number of each sample. Cells without a number in the index space are none.
+/// Calls `visit` for the intervals of a ray in order, except for those of length zero, until it
+/// breaks. `convert` turns samples into numbers. Cells outside the index space are not visited.
 pub(super) fn visit_cells<C: Node, R>(
     field: &Field<'_, C>,
     ray: &Ray,

@@ -1,4 +1,4 @@
-//! Cubics on `[0, 1]` in Bernstein form: where they change sign, their extrema, their integral.
+//! Cubics on `[0, 1]` in Bernstein form: sign changes, extrema and integrals.
 
 /// A cubic on `[0, 1]` by its Bernstein coefficients.
 ///
@@ -8,16 +8,16 @@
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Cubic(pub [f64; 4]);
 
-/// How the sign of a cubic goes on, given the sign that it came with.
+/// The sign behaviour of a cubic, given the sign before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Signs {
-    /// It does not change; the sign at the end (0 while it has never been other than zero).
+    /// No change; the sign at the end (0 if no sign other than zero has occurred).
     Kept(i8),
-    /// It first changes at this parameter in `[0, 1]`, to this sign.
+    /// The parameter in `[0, 1]` of the first change, and the new sign.
     Changed(f64, i8),
 }
 
-/// Halvings until a root is as good as found: its bracket is 2⁻⁵⁰ of the interval.
+/// Bisections per root, which leave a bracket of 2⁻⁵⁰ of the interval.
 const HALVINGS: u32 = 50;
 
 impl Cubic {
@@ -59,11 +59,13 @@ impl Cubic {
         sums[0]
     }
 
-    /// The first change of sign, from `sign` (the last one other than zero before the interval, or
-    /// 0 if there was none). Coefficients of at most `noise` in magnitude count as zero.
+    /// The first change of sign, starting from `sign`: the last one other than zero before the
+    /// interval, or 0 if there was none. Coefficients of at most `noise` in magnitude count as
+    /// zero.
     ///
-    /// With coefficients good to 16u M (u = 2⁻⁵³, `M` their bound) and two roundings u M for each of
-    /// the 50 halvings, a `noise` of 128u M = 2⁻⁴⁶ M makes every sign that is used a proven one.
+    /// With coefficients accurate to 16u M (u = 2⁻⁵³, `M` their bound) and two roundings of u M for
+    /// each of the 50 bisections, a `noise` of 128u M = 2⁻⁴⁶ M ensures that every sign used is
+    /// correct.
     pub fn first_change(&self, sign: i8, noise: f64) -> Signs {
         self.change(sign, noise, 0.0, 1.0, HALVINGS)
     }
@@ -86,7 +88,8 @@ impl Cubic {
             return Signs::Changed(low, first);
         }
         if halvings == 0 {
-            // One change in this sliver, or two or three so close that f64 cannot part them.
+            // One change in this tiny interval, or two or three so close that f64 cannot separate
+            // them.
             return if last == before {
                 Signs::Kept(last)
             } else {
@@ -108,7 +111,8 @@ impl Cubic {
         // The slope over 3: p (1-s)² + 2 q s (1-s) + r s² = A s² + 2 B s + p.
         let (quad, lin) = (p - 2.0 * q + r, q - p);
         let root = (lin * lin - quad * p).max(0.0).sqrt();
-        // Citardauq for the root that would cancel (Press et al., "Numerical Recipes", 5.6).
+        // The citardauq formula for the root that would cancel (Press et al., "Numerical Recipes",
+        // 5.6).
         let sum = -(lin + root.copysign(lin));
         let (s, t) = (sum / quad, p / sum);
         let real = lin * lin >= quad * p;
@@ -141,7 +145,8 @@ mod tests {
 
     #[test]
     fn changes_of_sign_are_the_roots_of_odd_multiplicity() {
-        // Good to the bracket and to the noise over the slope, twice for the rounding of `along`.
+        // Accurate to the bracket and to the noise over the slope, doubled for the rounding of
+        // `along`.
         let changed = |cubic: Cubic, sign, at: f64| match first(cubic, sign) {
             Signs::Changed(s, _) => {
                 let slope = (cubic.at(at + 1e-7) - cubic.at(at - 1e-7)) / 2e-7;
@@ -152,25 +157,25 @@ mod tests {
         };
         changed(with_roots(1.0, 0.25, 0.5, 0.75), 0, 0.25);
         changed(with_roots(-1.0, 0.3, 2.0, 3.0), 1, 0.3);
-        // Two roots 1e-6 apart are two; a double root is none.
+        // Two roots 1e-6 apart are two; a double root is no change of sign.
         changed(with_roots(1.0, 0.5, 0.500001, 3.0), -1, 0.5);
         assert_eq!(first(with_roots(1.0, 0.5, 0.5, 3.0), -1), Signs::Kept(-1));
         assert_eq!(first(with_roots(-1.0, 0.5, 0.5, -3.0), -1), Signs::Kept(-1));
         // A double root, then a simple one.
         changed(with_roots(1.0, 0.25, 0.25, 0.8), -1, 0.8);
-        // A triple root: the noise hides where within its cube root.
+        // A triple root is determined only to the cube root of the noise.
         match first(with_roots(1.0, 0.5, 0.5, 0.5), -1) {
             Signs::Changed(s, 1) => assert!((s - 0.5).abs() < 1e-4, "{s}"),
             other => panic!("{other:?}"),
         }
-        // Begins beyond the zero of the cell before.
+        // The interval begins beyond the sign change at the end of the previous cell.
         assert_eq!(first(Cubic([1.0, 2.0, 2.0, 1.0]), -1), Signs::Changed(0.0, 1));
         assert_eq!(first(Cubic([0.0; 4]), 1), Signs::Kept(1));
     }
 
     #[test]
     fn the_integral_is_that_of_the_polynomial() {
-        // s³ - s, whose integral is s⁴/4 - s²/2.
+        // The integral of s³ - s is s⁴/4 - s²/2.
         let cubic = with_roots(1.0, -1.0, 0.0, 1.0);
         for s in [0.0, 0.2, 0.5, 0.9, 1.0_f64] {
             let expected = s.powi(4) / 4.0 - s * s / 2.0;

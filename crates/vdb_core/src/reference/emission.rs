@@ -1,4 +1,4 @@
-//! The light that one grid sends through the fog of another.
+//! The light that one grid emits through the fog of another.
 
 use std::ops::ControlFlow;
 
@@ -10,28 +10,29 @@ use super::{
 };
 use crate::tree::Node;
 
-/// A fog that dims light on its way, as a ray passes through it.
+/// Fog along a ray that attenuates light.
 #[derive(Debug)]
 pub struct Dimming<'a, C: Node<Value = f32>> {
     /// The densities.
     pub fog: &'a Fog<'a, C>,
     /// The ray in the fog's own index space.
     pub ray: Ray,
-    /// Extinction for a density of 1 per unit of `t`; not negative.
+    /// Extinction per unit of `t` for a density of 1; not negative.
     pub extinction_scale: f64,
 }
 
-/// The light that a grid sends along a ray to its beginning, through a fog of another grid,
+/// The light that a grid emits along a ray towards its start, through fog in another grid,
 ///
 /// ```text
 /// L = ∫ T(t) ε(v(t)) dt
 /// ```
 ///
-/// with `v` the trilinear value of the grid that sends light, taken as a density is, `ε` what `emission`
-/// makes of it, per unit of `t`, and `T` the transmittance of the fog from the beginning to `t`. `ray` is
-/// in the index space of that grid; at each `t` both rays are at the same place. The integral is by
-/// adaptive quadrature within the cells that both grids have in common, so that what is integrated is
-/// smooth; its error is the difference of two orders, which is no proof. `tolerance` is per unit of `t`.
+/// with `v` the trilinear value of the emitting grid, sanitised like a density; `ε` the function
+/// `emission` of it, per unit of `t`; and `T` the transmittance of the fog from the start to `t`.
+/// `ray` is in the index space of the emitting grid; both rays are at the same point for each `t`.
+/// The integral is computed by adaptive quadrature within the intersections of both grids' cells,
+/// in which the integrand is smooth. Its error is the difference of two orders, which is not a
+/// proven bound. `tolerance` is per unit of `t`.
 pub fn emitted<C: Node<Value = f32>>(
     emitter: &Fog<'_, C>,
     ray: &Ray,
@@ -60,11 +61,11 @@ fn value_at(stretch: &Stretch, t: f64) -> f64 {
     }
 }
 
-/// The optical depth of a fog from the beginning of a ray on.
+/// The optical depth of fog along a ray.
 #[derive(Default)]
 struct Depths {
     scale: f64,
-    /// The stretches with a density, each with the depth before it.
+    /// The intervals with density, each with the optical depth before it.
     stretches: Vec<(Stretch, f64)>,
     all: f64,
 }
@@ -76,7 +77,7 @@ impl Depths {
             let before = depths.all;
             let length = stretch.t[1] - stretch.t[0];
             let mean = stretch.cubic().mean();
-            // An endless stretch without a density has none.
+            // An infinite interval has no density, and adds nothing.
             if mean > 0.0 {
                 depths.all += mean * length;
                 depths.stretches.push((*stretch, before));
@@ -97,14 +98,14 @@ impl Depths {
         self.scale * (before + length * stretch.cubic().integral_to(share))
     }
 
-    /// A stretch of another grid, cut where this fog's begin and end.
+    /// Divides an interval of another grid at the ends of this fog's intervals.
     fn parts(&self, [low, high]: [f64; 2]) -> Vec<[f64; 2]> {
         let cuts = self.stretches.iter().flat_map(|(stretch, _)| stretch.t);
         let mut cuts: Vec<f64> = cuts.filter(|cut| low < *cut && *cut < high).collect();
         cuts.extend([low, high]);
         cuts.sort_by(f64::total_cmp);
         cuts.dedup();
-        // Beyond all nodes there is nothing that shines.
+        // The infinite interval beyond all nodes emits nothing.
         let ends = cuts.windows(2).map(|pair| [pair[0], pair[1]]);
         ends.filter(|[_, high]| high.is_finite()).collect()
     }

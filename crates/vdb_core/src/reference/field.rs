@@ -1,9 +1,9 @@
-//! A tree as a field over all of space, in boxes that a walk may cross in one stride.
+//! A tree as a field over all of space, divided into boxes that a walk can cross in one step.
 
 use super::walk::Span;
 use crate::tree::{Accessor, Found, IVec3, Node, Tree};
 
-/// What a walk finds at a voxel.
+/// The box of equal voxels around a voxel.
 pub(super) enum Block<T> {
     /// A box of voxels that share a value and a state (active or not).
     Tile(Span, T, bool),
@@ -11,20 +11,20 @@ pub(super) enum Block<T> {
     Voxel(T, bool),
 }
 
-/// A tree, with the places of its root's entries on each axis sorted, so that a ray crosses the
-/// void between far-away entries in one stride however far it is.
+/// A tree with the positions of its root entries sorted on each axis, so that a ray crosses the gap
+/// between distant entries in one step.
 ///
-/// *Loop bounds.* On one axis let the root's entries lie in `k` different slots. Every plane at
-/// which a walk may stop on that axis is a face of a voxel or a cell in one of these slots (at most
-/// `4096 k` for `Vdb543`), or an end of one of the `k + 1` gaps around them (two planes each), or
-/// an end of the index space (two). A walk crosses every plane once at most, so that
-/// [`Field::max_steps`], the sum over the axes, bounds its number of strides, for any ray.
+/// *Loop bounds.* On one axis, let the root entries lie in `k` different slots. Every plane at
+/// which a walk can stop on that axis is a face of a voxel or a cell in one of these slots (at most
+/// `4096 k` for `Vdb543`), an end of one of the `k + 1` gaps around them (two planes each), or an
+/// end of the index space (two). A walk crosses each plane at most once, so [`Field::max_steps`],
+/// the sum over the axes, bounds its number of steps for any ray.
 #[derive(Debug)]
 pub(super) struct Field<'a, C: Node> {
     tree: &'a Tree<C>,
-    /// The lowest voxels of the slots on each axis that hold an entry of the root, ascending.
+    /// On each axis, the lowest voxels of slots that hold a root entry, ascending.
     slots: [Vec<i64>; 3],
-    /// The lowest voxels of the root's entries, ascending.
+    /// The lowest voxels of the root entries, ascending.
     entries: Vec<[i64; 3]>,
 }
 
@@ -57,14 +57,14 @@ impl<'a, C: Node> Field<'a, C> {
         self.tree
     }
 
-    /// The bound that is proven above.
+    /// The bound on the steps of a walk, derived above.
     pub fn max_steps(&self) -> u64 {
         let planes = |slots: &Vec<i64>| (edge::<C>() as u64 + 2) * (slots.len() as u64 + 1) + 2;
         self.slots.iter().map(planes).sum()
     }
 
-    /// The gap between slots that holds a coordinate, if it lies in none; with `-FAR` and `FAR` for
-    /// the ends of the outermost gaps.
+    /// The gap between slots that contains a coordinate, if it lies in one; `-FAR` and `FAR` stand
+    /// for the ends of the outermost gaps.
     fn gap(&self, axis: usize, c: i64) -> Option<(i64, i64)> {
         let slots = &self.slots[axis];
         let next = slots.partition_point(|slot| *slot <= c);
@@ -73,14 +73,15 @@ impl<'a, C: Node> Field<'a, C> {
         (low <= c).then_some((low, high))
     }
 
-    /// The largest box known to be alike around a voxel; outside of the index space, background.
+    /// The largest box around a voxel that is known to be uniform; background outside the index
+    /// space.
     pub fn block(&self, accessor: &mut Accessor<'a, C>, voxel: [i64; 3]) -> Block<C::Value> {
         for (axis, c) in voxel.into_iter().enumerate() {
             if let Some((low, high)) = self.gap(axis, c) {
                 return Block::Tile(Span::slab(axis, low, high), self.tree.background(), false);
             }
         }
-        // No gap: the voxel lies in a slot on every axis, so in the index space.
+        // Not in a gap: the voxel lies in a slot on every axis, and therefore in the index space.
         let ijk = IVec3::from_array(voxel.map(|c| c as i32));
         match accessor.find(ijk) {
             Found::Leaf(leaf) => {
@@ -95,7 +96,7 @@ impl<'a, C: Node> Field<'a, C> {
         }
     }
 
-    /// The value of a voxel, background outside of the index space.
+    /// The value of a voxel; the background outside the index space.
     fn value(&self, accessor: &mut Accessor<'a, C>, voxel: [i64; 3]) -> C::Value {
         let [x, y, z] = voxel.map(|c| i32::try_from(c).ok());
         match (x, y, z) {
@@ -110,7 +111,7 @@ impl<'a, C: Node> Field<'a, C> {
         let corners = [0, 1, 2, 3, 4, 5, 6, 7];
         let last = (1 << <C::Leaf as Node>::TOTAL_LOG2_DIM) - 1;
         let whole = cell.map(|c| i32::try_from(c).ok().filter(|c| c & last != last));
-        // Mostly all corners lie in one leaf: one look-up for the eight.
+        // The common case: all corners are in one leaf, which takes a single look-up.
         if let [Some(x), Some(y), Some(z)] = whole {
             let ijk = IVec3::new(x, y, z);
             if let Found::Leaf(leaf) = accessor.find(ijk) {
@@ -124,15 +125,16 @@ impl<'a, C: Node> Field<'a, C> {
         })
     }
 
-    /// The trilinear cells around a cell whose corners all lie in one box of equal voxels, and
-    /// their value; `None` where the cell's corners may differ.
+    /// The box of trilinear cells around a cell whose corners all lie in one box of equal voxels,
+    /// and their value; `None` if the cell's corners may differ.
     pub fn even_cells(
         &self,
         accessor: &mut Accessor<'a, C>,
         cell: [i64; 3],
     ) -> Option<(Span, C::Value)> {
-        // A gap counts where it holds both layers of corners, even if a gap on an axis before it
-        // holds only one: else a ray along the rim of a gap would stop at every voxel of it.
+        // A gap counts if it contains both layers of corners, even if a gap on a previous axis
+        // contains only one of them. Otherwise a ray along the rim of a gap would stop at every
+        // voxel.
         let background = self.tree.background();
         for (axis, c) in cell.into_iter().enumerate() {
             if let Some((low, high)) = self.gap(axis, c)

@@ -1,4 +1,4 @@
-//! How much of the light passes: optical depth along a ray, integrated exactly.
+//! Optical depth and transmittance along a ray, integrated exactly.
 
 use std::ops::ControlFlow;
 
@@ -11,34 +11,34 @@ use super::{
 };
 use crate::tree::{Node, Tree};
 
-/// A number and a bound of its error.
+/// A number and a bound on its error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Estimate {
     /// The number.
     pub value: f64,
-    /// What it may be off by, at most.
+    /// The largest possible error.
     pub error: f64,
 }
 
-/// The greatest sample there is, and the least with a minus: others count as these.
+/// The largest sample magnitude; samples beyond it are clamped.
 pub(super) const GREATEST: f32 = 1e30;
 
-/// The density that a sample stands for: a negative one and a NaN are none at all, what is above 10³⁰
-/// is 10³⁰. Samples are clamped, and then interpolated.
+/// The density that a sample stands for: 0 if it is negative or NaN, and at most 10³⁰. Samples are
+/// clamped first, and then interpolated.
 pub fn density(sample: f32) -> f64 {
     // A NaN fails the comparison.
     if sample > 0.0 { f64::from(sample.min(GREATEST)) } else { 0.0 }
 }
 
-/// The roundoff of f64.
+/// The unit roundoff of f64.
 pub(super) const U: f64 = 1.0 / (1_u64 << 53) as f64;
 
-/// The error of the optical depth of one stretch.
+/// The error bound on the optical depth of one interval.
 ///
-/// With nonnegative samples nothing cancels: the mean of the coefficients is good to 20u of
-/// itself, and the product to one more. Beginning and end are good to 2.1u of themselves, and move
-/// the local coordinates by 4u of the distance gone along each axis; the interpolant changes by at
-/// most the largest sample when one of them moves by 1.
+/// Nonnegative samples cannot cancel: the mean of the coefficients has a relative error of 20u, and
+/// the product adds one more. The relative error of 2.1u in start and end moves the local
+/// coordinates by 4u of the distance travelled along each axis; the interpolant changes by at most
+/// the largest sample when one of them moves by 1.
 pub(super) fn stretch_error(ray: &Ray, t: [f64; 2], depth: f64, largest: f64) -> f64 {
     if depth == 0.0 && largest == 0.0 {
         return 0.0;
@@ -49,7 +49,7 @@ pub(super) fn stretch_error(ray: &Ray, t: [f64; 2], depth: f64, largest: f64) ->
     U * (21.0 * depth + 5.0 * far * largest) + moved * largest * (t[1] - t[0])
 }
 
-/// Optical depth of one stretch of a ray for an extinction of 1, and the bound of its error.
+/// The optical depth of one interval of a ray for an extinction of 1, with an error bound.
 pub(super) fn stretch_depth(ray: &Ray, stretch: &Stretch) -> Estimate {
     let (mean, largest) = match &stretch.samples {
         Samples::Even(value) => (*value, *value),
@@ -57,7 +57,7 @@ pub(super) fn stretch_depth(ray: &Ray, stretch: &Stretch) -> Estimate {
             (stretch.cubic().mean(), corners.0.iter().copied().fold(0.0, f64::max))
         }
     };
-    // 0 · ∞ is 0: nothing, however long.
+    // Avoids 0 · ∞: without density the depth is zero, however long the interval.
     if largest == 0.0 {
         return Estimate::default();
     }
@@ -67,22 +67,22 @@ pub(super) fn stretch_depth(ray: &Ray, stretch: &Stretch) -> Estimate {
 
 /// The integral of the trilinear density over a ray, `τ = ∫ σ(p(t)) dt`, per unit of `t`.
 ///
-/// Along a ray the density is a cubic in each cell, so the integral is a sum without any error but
-/// that of rounding, which the bound covers. Samples as in [`density`].
+/// Along a ray the density is a cubic in each cell, so the integral is a sum whose only error is
+/// rounding, which the bound covers. Samples are sanitised by [`density`].
 pub fn optical_depth<C: Node<Value = f32>>(tree: &Tree<C>, ray: &Ray) -> Estimate {
     Fog::new(tree).optical_depth(ray)
 }
 
-/// The integral over a ray of the density that is constant in each voxel's box,
-/// `[ijk - 1/2, ijk + 1/2)`, per unit of `t`: what nearest-neighbour look-ups see.
+/// The integral over a ray of a density that is constant in each voxel's box,
+/// `[ijk - 1/2, ijk + 1/2)`, per unit of `t`, as nearest-neighbour look-ups see it.
 pub fn optical_depth_nearest<C: Node<Value = f32>>(tree: &Tree<C>, ray: &Ray) -> Estimate {
     Fog::new(tree).optical_depth_nearest(ray)
 }
 
-/// The part of the light that passes along a ray, `T = exp(-extinction_scale · ∫ σ(p(t)) dt)`.
+/// The transmittance along a ray, `T = exp(-extinction_scale · ∫ σ(p(t)) dt)`.
 ///
-/// `extinction_scale` is extinction per unit of length for a density of 1, times the length that
-/// one unit of `t` stands for: `scale · |world_from_index · dir|`. It must not be negative.
+/// `extinction_scale` is the extinction per unit of length for a density of 1, times the length of
+/// one unit of `t`: `scale · |world_from_index · dir|`. It must not be negative.
 pub fn transmittance<C: Node<Value = f32>>(
     tree: &Tree<C>,
     ray: &Ray,
@@ -91,23 +91,23 @@ pub fn transmittance<C: Node<Value = f32>>(
     Fog::new(tree).transmittance(ray, extinction_scale)
 }
 
-/// `exp(-scale · depth)`, with its error: one relative to the value, and one at most 1.
+/// `exp(-scale · depth)`. Its error is relative to the value, and at most 1.
 pub(super) fn transmitted(depth: Estimate, scale: f64) -> Estimate {
     let value = if scale == 0.0 { 1.0 } else { (-scale * depth.value).exp() };
     let exponent = scale * (depth.error + U * depth.value);
-    // An infinite depth lets nothing pass, for sure.
+    // With an infinite depth, the transmittance is exactly zero.
     let error = if value == 0.0 { 0.0 } else { value * exponent.exp_m1() + 2.0 * U * value };
     Estimate { value, error: error.min(1.0) }
 }
 
-/// Integrates through the density of one tree.
+/// Integrates the density of one tree.
 #[derive(Debug)]
 pub struct Fog<'a, C: Node<Value = f32>> {
     pub(super) field: Field<'a, C>,
 }
 
 impl<'a, C: Node<Value = f32>> Fog<'a, C> {
-    /// Prepares a tree: sorts the places of its root's entries.
+    /// Prepares a tree by sorting the positions of its root entries.
     pub fn new(tree: &'a Tree<C>) -> Self {
         Self { field: Field::new(tree) }
     }
@@ -155,7 +155,7 @@ impl<'a, C: Node<Value = f32>> Fog<'a, C> {
     }
 }
 
-/// A sum of estimates of numbers that are not negative.
+/// A sum of estimates of nonnegative numbers.
 #[derive(Debug, Default)]
 pub(super) struct Sum {
     sum: Estimate,
@@ -169,7 +169,7 @@ impl Sum {
         self.terms += u64::from(term.value != 0.0);
     }
 
-    /// Every addition may round by u of the sum so far, which is at most the whole.
+    /// The sum. Each addition may round by u of the partial sum, which is at most the total.
     pub fn total(&self) -> Estimate {
         let rounding = self.terms as f64 * U * self.sum.value;
         Estimate { value: self.sum.value, error: self.sum.error + rounding }

@@ -13,7 +13,7 @@ pub enum VoxelVerdict {
     RightWhenFlushed,
     /// The correct voxel, but the wrong face.
     WrongFace,
-    /// The wrong voxel, or one where there is none, or none where there is one.
+    /// The wrong voxel, a hit where there is none, or a miss where there is a hit.
     WrongVoxel,
 }
 
@@ -44,11 +44,11 @@ pub enum SurfaceVerdict {
     /// Both hit, this many voxels apart along the ray.
     Off(f64),
     /// Only one hits, or they hit different surfaces, and the interpolant comes within the
-    /// permitted noise of a double root there. To be listed and counted.
+    /// permitted noise of a double root there. Such cases are to be listed and counted.
     NearDouble,
-    /// A surface was missed.
+    /// The answer misses a surface.
     Missed,
-    /// A surface was invented.
+    /// The answer hits a surface that does not exist.
     Invented,
 }
 
@@ -63,9 +63,9 @@ impl<C: Node<Value = f32>> Smooth<'_, C> {
         self.judge_within(ray, answer, noise, SAME_ROOT).0
     }
 
-    /// [`Smooth::judge`] for answers up to `reach` voxels apart that count as the same root, with
-    /// the root that the answer was compared with: for distant surfaces, f32 cannot resolve half a
-    /// voxel.
+    /// [`Smooth::judge`] for answers up to `reach` voxels apart that count as the same root. Also
+    /// returns the root that the answer was compared with. For distant surfaces, f32 cannot resolve
+    /// half a voxel.
     pub fn judge_within(
         &self,
         ray: &Ray,
@@ -75,10 +75,11 @@ impl<C: Node<Value = f32>> Smooth<'_, C> {
     ) -> (SurfaceVerdict, Option<SurfaceHit>) {
         let voxels = ray.dir.as_dvec3().length();
         let mut ray = *ray;
-        // The side on which a dip that may be overlooked began, until the ray has come back from it.
+        // The side on which an overlooked dip began, until the ray has left the dip.
         let mut overlooked = None;
         let mut excused = false;
-        // A ray passes every root once, and moves on by at least one step of f32 each time.
+        // Terminates: a ray passes each root once, and `t_min` grows by at least one f32 step each
+        // time.
         loop {
             let trace = self.trace(&ray);
             let verdict = judge(&trace, answer, noise, voxels, reach);

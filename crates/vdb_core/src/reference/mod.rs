@@ -1,6 +1,6 @@
-//! The reference tracer: exact ray casts through a tree on the CPU, without regard to speed. It
-//! judges the shaders, so it shares nothing with them or with `pack`; it reads
-//! [`tree`](crate::tree) alone.
+//! The reference tracer: exact ray casts through a tree on the CPU, regardless of speed. It judges
+//! the shaders, so it shares no code with them or with `pack`, and depends on [`tree`](crate::tree)
+//! alone.
 //!
 //! # Conventions
 //!

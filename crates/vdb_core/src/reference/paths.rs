@@ -85,7 +85,7 @@ impl<'a, C: Node<Value = f32>> Paths<'a, C> {
         for value in tree.values().filter(|value| density(value.value) > 0.0) {
             let bbox = value.bbox();
             paths.most = paths.most.max(density(value.value));
-            // Samples count in all cells around them.
+            // A sample contributes to all cells around it.
             paths.low = paths.low.min(bbox.min.as_dvec3() - 1.0);
             paths.high = paths.high.max(bbox.max.as_dvec3() + 1.0);
         }
@@ -106,7 +106,7 @@ impl<'a, C: Node<Value = f32>> Paths<'a, C> {
         let batch = |first: u32| {
             let number = u64::from(first / BATCH);
             let mut random = Random::new(seed ^ number.rotate_right(20));
-            // Sequences whose seeds are alike begin alike.
+            // Sequences with similar seeds begin similarly.
             for _ in 0..8 {
                 random.bits();
             }
@@ -168,7 +168,8 @@ impl<C: Node<Value = f32>> Tracer<'_, '_, C> {
     /// Traces a path and adds its contribution.
     fn add(&mut self, origin: DVec3, direction: DVec3, albedos: &[f64], sums: &mut [[Sums; 2]]) {
         let Scattering { anisotropy, to_sun, orders, .. } = *self.scattering;
-        // Paths go on by the chance of the greatest albedo, and count for the others with what is left.
+        // Paths continue with the probability of the greatest albedo; `left` is the relative
+        // throughput for the others.
         let greatest = albedos.iter().copied().fold(0.0, f64::max);
         let mut left = vec![1.0; albedos.len()];
         let mut sun = vec![0.0; albedos.len()];
@@ -183,7 +184,7 @@ impl<C: Node<Value = f32>> Tracer<'_, '_, C> {
                 break;
             }
             place = next;
-            // Light that goes straight on comes from straight ahead.
+            // With the sun straight ahead, light that is scattered forwards (cosine 1) is seen.
             let seen = phase(anisotropy, way.dot(to_sun)) * self.transmittance(place, to_sun);
             for (i, albedo) in albedos.iter().enumerate() {
                 left[i] *= albedo / greatest;
@@ -217,7 +218,7 @@ impl<C: Node<Value = f32>> Tracer<'_, '_, C> {
         let [mut t, end] = self.paths.span(origin, direction)?;
         loop {
             t += self.flight();
-            // Not a number where there is no density at all.
+            // NaN if there is no density anywhere.
             if t.is_nan() || t >= end {
                 return None;
             }
@@ -250,7 +251,7 @@ impl<C: Node<Value = f32>> Tracer<'_, '_, C> {
     /// A direction after scattering.
     fn turned(&mut self, way: DVec3, g: f64) -> DVec3 {
         let u = self.random.unit();
-        // The inverse of the phase function's integral over the cosine.
+        // Inverts the cumulative distribution of the phase function over the cosine.
         let cosine = if g.abs() < 1e-6 {
             2.0 * u - 1.0
         } else {

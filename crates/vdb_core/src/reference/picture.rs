@@ -1,4 +1,4 @@
-//! Pictures by the reference tracer: level sets and fogs, one sun, ambient light, no GPU.
+//! Images rendered by the reference tracer: level sets and fog, one sun, ambient light, no GPU.
 
 mod camera;
 mod look;
@@ -15,19 +15,19 @@ use shade::Prepared;
 
 use crate::tree::Node;
 
-/// A picture, row by row from the top left.
+/// An image, row by row from the top left.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// Pixels per row and rows.
+    /// Width and height in pixels.
     pub size: UVec2,
-    /// Linear RGB, premultiplied, and alpha.
+    /// Linear RGB, premultiplied by alpha, and alpha.
     pub color: Vec<Vec4>,
-    /// World distance along each pixel's ray to the surface; infinite where there is none. Fog has
-    /// no depth.
+    /// World distance along each pixel's ray to the surface; infinite if there is none. Fog has no
+    /// depth.
     pub depth: Vec<f32>,
 }
 
-/// Draws a scene, one ray through the middle of every pixel, rows in parallel.
+/// Renders a scene with one ray through the centre of each pixel, rows in parallel.
 pub fn render<C: Node<Value = f32>>(scene: &Scene<'_, C>, camera: &Camera, size: UVec2) -> Picture {
     let prepared = Prepared::new(scene);
     let pixels: Vec<(Vec4, f32)> = (0..size.y)

@@ -55,17 +55,18 @@ pub struct Radiance {
     pub transmittance: Estimate,
 }
 
-/// The light that a fog sends along a ray to its beginning,
+/// The light that fog sends along a ray towards its start,
 ///
 /// ```text
 /// L = ∫ T(t) σ(t) (emission + albedo · phase · irradiance · T_sun(p(t))) dt
 /// ```
 ///
-/// with `σ` the extinction, `T` the transmittance from the beginning to `t` and `T_sun` that from
-/// `p(t)` to the sun. As `T σ dt = -dT`, the emitted part is `emission · (1 - T)` without any
-/// quadrature, and the scattered part is integrated over `T` itself, so that a constant is conserved
-/// to rounding however dense the fog. `tolerance` is absolute, for the scattered part with a factor
-/// `albedo · phase · irradiance` of 1. A shadow ray begins at `p(t)` rounded to 2⁻²⁵ of a voxel.
+/// with `σ` the extinction, `T` the transmittance from the start to `t`, and `T_sun` that from
+/// `p(t)` to the sun. As `T σ dt = -dT`, the emitted part is `emission · (1 - T)` without
+/// quadrature, and the scattered part is integrated over `T` itself, so that a constant is
+/// conserved to rounding, however dense the fog. `tolerance` is absolute, for the scattered part
+/// with a factor `albedo · phase · irradiance` of 1. A shadow ray begins at `p(t)` rounded to 2⁻²⁵
+/// voxels.
 pub fn radiance<C: Node<Value = f32>>(
     tree: &Tree<C>,
     ray: &Ray,
@@ -110,7 +111,7 @@ impl<C: Node<Value = f32>> Fog<'_, C> {
             }
             let before = transmitted(depth.total(), scale);
             if before.value < tolerance / 1024.0 {
-                // All that is left is at most this.
+                // The rest is at most this.
                 scattered.error += before.value;
                 return ControlFlow::Break(());
             }
@@ -120,7 +121,7 @@ impl<C: Node<Value = f32>> Fog<'_, C> {
                 let point = ray.at(inner.t_where(absorbed));
                 self.transmittance(&Ray::from_f64(point, sun.dir), sun.extinction_scale).value
             };
-            // 1 - T over the stretch: the measure that is integrated over.
+            // 1 - T over the interval: the integration variable.
             let absorbed = -(-scale * part.value).exp_m1();
             let cells = (stretch.t[1] - stretch.t[0]) * f64::from(ray.dir.abs().max_element());
             let panels = cells.ceil().clamp(1.0, 64.0);
@@ -136,7 +137,7 @@ impl<C: Node<Value = f32>> Fog<'_, C> {
     }
 }
 
-/// Where in a stretch a given part of the light has been absorbed.
+/// Finds the point in an interval at which a given fraction of the light has been absorbed.
 struct Stretched<'a> {
     stretch: &'a Stretch,
     cubic: Cubic,
@@ -144,7 +145,7 @@ struct Stretched<'a> {
 }
 
 impl Stretched<'_> {
-    /// `t` where `1 - exp(-∫ σ)`, counted from the beginning of the stretch, is `absorbed`.
+    /// The `t` at which `1 - exp(-∫ σ)`, counted from the start of the interval, equals `absorbed`.
     fn t_where(&self, absorbed: f64) -> f64 {
         let depth = -(-absorbed).ln_1p() / self.scale;
         match self.stretch.samples {
@@ -152,7 +153,7 @@ impl Stretched<'_> {
             Samples::Cell(_) => {
                 let length = self.stretch.t[1] - self.stretch.t[0];
                 let (mut low, mut high) = (0.0, 1.0);
-                // The depth grows with s, as no density is negative: bisect.
+                // The depth increases with s, because no density is negative: bisect.
                 for _ in 0..40 {
                     let mid = 0.5 * (low + high);
                     let reached = length * self.cubic.integral_to(mid);
@@ -164,8 +165,9 @@ impl Stretched<'_> {
     }
 }
 
-/// Adaptive Simpson: halved until the halves agree with the whole to `tolerance` times the width
-/// (without the usual factor 1/15, which holds for smooth functions alone).
+/// Adaptive Simpson quadrature: intervals are halved until the halves agree with the whole to
+/// `tolerance` times the width (without the usual factor 1/15, which is valid for smooth functions
+/// only).
 pub(super) fn simpson(f: &impl Fn(f64) -> f64, a: f64, b: f64, tolerance: f64) -> Estimate {
     let mid = 0.5 * (a + b);
     refine(f, [a, mid, b], [f(a), f(mid), f(b)], tolerance, 24)

@@ -16,24 +16,25 @@ use crate::tree::{IVec3, Node, Tree};
 /// A point where a ray passes through the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceHit {
-    /// Where on the ray, in units of `t`.
+    /// The ray parameter.
     pub t: f64,
     /// The point in index space.
     pub position: DVec3,
     /// The trilinear cell: between the samples `cell + {0, 1}³`.
     pub cell: IVec3,
-    /// The gradient of the interpolant in that cell at the point, per voxel, in index space. It
-    /// points to where values grow: outward, for a level set. It jumps from cell to cell.
+    /// The gradient, per voxel, of that cell's interpolant at the point, in index space. It points
+    /// towards greater values: outwards, for a level set. It is discontinuous between cells.
     pub gradient: DVec3,
-    /// Whether values go from above the iso-value to below: into a level set.
+    /// Whether values change from above the iso-value to below: into a level set.
     pub entering: bool,
-    /// How close to a double root this is: the greatest distance from the iso-value that the
-    /// interpolant reaches before it next changes sign or the ray ends, in units of the values;
-    /// no longer followed once it is an eighth of that of any corner of the cell. Where it is below
-    /// the error of an evaluation in f32, a tracer in f32 may well see no root here.
+    /// A measure of how close this is to a double root: the greatest distance from the iso-value,
+    /// in units of the values, that the interpolant reaches before its next change of sign or the
+    /// end of the ray. It is not followed further once it reaches an eighth of the largest distance
+    /// of a corner of the cell. If it is below the error of an f32 evaluation, an f32 tracer may
+    /// legitimately find no root here.
     pub depth: f64,
-    /// The greatest distance of a corner of the cell from the iso-value: what that error is in
-    /// proportion to.
+    /// The greatest distance of a corner of the cell from the iso-value, to which that error is
+    /// proportional.
     pub largest: f64,
 }
 
@@ -44,10 +45,10 @@ impl SurfaceHit {
     }
 }
 
-/// Where a ray comes close to the surface and turns away.
+/// A point where a ray comes close to the surface and turns away.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Graze {
-    /// Where on the ray, in units of `t`.
+    /// The ray parameter.
     pub t: f64,
     /// The distance of the interpolant from the iso-value, in units of the values.
     pub value: f64,
@@ -55,39 +56,40 @@ pub struct Graze {
     pub largest: f64,
 }
 
-/// All that [`trace_surface`] finds.
+/// The result of [`trace_surface`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SurfaceTrace {
     /// The first surface.
     pub hit: Option<SurfaceHit>,
-    /// The closest graze before it. Where its value is below the error of an evaluation in f32, a
-    /// tracer in f32 may well see a root there.
+    /// The closest graze before the hit. If its value is below the error of an f32 evaluation, an
+    /// f32 tracer may legitimately find a root there.
     pub graze: Option<Graze>,
 }
 
-/// The first root of the trilinear interpolant minus `iso` along a ray: where it changes its sign,
-/// in either direction. All eight corners of every cell passed are considered.
+/// The first root of the trilinear interpolant minus `iso` along a ray: the first change of sign in
+/// either direction. All eight corners of every cell passed are considered.
 ///
-/// - Only a change of sign is a surface. A touch without one (a double root) is none, nor is a
-///   beginning on the surface; where the interpolant is zero for a while and then changes sign, the
-///   root is the end of that while.
-/// - Samples are clamped, and then interpolated: a NaN is the iso-value, what is beyond ±10³⁰ is ±10³⁰.
+/// - Only a change of sign is a surface. A touch without one (a double root) is not, nor is a start
+///   on the surface. Where the interpolant is zero for an interval and then changes sign, the root
+///   is the end of that interval.
+/// - Samples are clamped first, and then interpolated: a NaN becomes the iso-value, and values
+///   beyond ±10³⁰ become ±10³⁰.
 /// - Certainty: along the chord in a cell the interpolant is a cubic, whose roots are isolated by
-///   the signs of its Bernstein coefficients. With `M` the greatest distance of a corner from `iso`,
-///   no root is missed or invented where the interpolant exceeds 2⁻⁴⁶ `M`, for a ray displaced by
-///   less than 2⁻⁵⁰ of its length to there. `t` is then good to 2⁻⁵⁰ of the cell, plus
-///   2⁻⁴⁶ `M` over the slope, plus 2⁻⁵² of itself.
+///   the signs of its Bernstein coefficients. With `M` the greatest distance of a corner from
+///   `iso`, no root is missed or invented where the interpolant exceeds 2⁻⁴⁶ `M`, for a ray
+///   displaced by less than 2⁻⁵⁰ of its length to there. `t` is then accurate to 2⁻⁵⁰ of the cell,
+///   plus 2⁻⁴⁶ `M` over the slope, plus 2⁻⁵² of itself.
 pub fn first_root<C: Node<Value = f32>>(tree: &Tree<C>, iso: f32, ray: &Ray) -> Option<SurfaceHit> {
     Smooth::new(tree, iso).first_root(ray)
 }
 
-/// [`first_root`] together with how nearly it was another one: what an f32 tracer may be excused
-/// for.
+/// [`first_root`] with a measure of how nearly the result was different, for which an f32 tracer
+/// may be excused.
 pub fn trace_surface<C: Node<Value = f32>>(tree: &Tree<C>, iso: f32, ray: &Ray) -> SurfaceTrace {
     Smooth::new(tree, iso).trace(ray)
 }
 
-/// Finds roots in one tree; see [`first_root`].
+/// Finds the first roots on rays through one tree; see [`first_root`].
 #[derive(Debug)]
 pub struct Smooth<'a, C: Node<Value = f32>> {
     field: Field<'a, C>,
@@ -95,7 +97,7 @@ pub struct Smooth<'a, C: Node<Value = f32>> {
 }
 
 impl<'a, C: Node<Value = f32>> Smooth<'a, C> {
-    /// Prepares a tree: sorts the places of its root's entries.
+    /// Prepares a tree by sorting the positions of its root entries.
     pub fn new(tree: &'a Tree<C>, iso: f32) -> Self {
         Self { field: Field::new(tree), iso }
     }
@@ -110,9 +112,9 @@ impl<'a, C: Node<Value = f32>> Smooth<'a, C> {
         self.scan(ray, true)
     }
 
-    /// The interpolant minus the iso-value at a place on a ray, and the greatest distance of a corner
-    /// of the cell from the iso-value; of the cell above where the place lies in a face. Good to 2⁻⁵⁰
-    /// of that distance, for a ray displaced by 2⁻⁵² of its length.
+    /// The interpolant minus the iso-value at a point on a ray, and the greatest distance of a
+    /// corner of the cell from the iso-value. For a point in a face, the cell is the one above.
+    /// Accurate to 2⁻⁵⁰ of that distance, for a ray displaced by 2⁻⁵² of its length.
     pub fn value(&self, ray: &Ray, t: f64) -> (f64, f64) {
         let at = ray.frac.as_dvec3() + t * ray.dir.as_dvec3();
         let cell = [0, 1, 2].map(|axis| i64::from(ray.cell[axis]) + at[axis].floor() as i64);
@@ -130,23 +132,23 @@ impl<'a, C: Node<Value = f32>> Smooth<'a, C> {
     }
 }
 
-/// How far a sample is above the iso-value.
+/// The signed distance of a sample from the iso-value.
 fn distance(sample: f32, iso: f32) -> f64 {
     let sample = if sample.is_nan() { iso } else { sample.clamp(-GREATEST, GREATEST) };
     f64::from(sample) - f64::from(iso)
 }
 
-/// What is known of the interpolant so far.
+/// The state of a scan along a ray.
 #[derive(Debug, Default)]
 struct Scan {
-    /// The last sign other than zero; 0 when there was none.
+    /// The last sign other than zero; 0 if there was none.
     sign: i8,
     /// The last distance from the iso-value, and whether it was closer than the one before.
     last: Option<(Graze, bool)>,
     graze: Option<Graze>,
-    /// Whether grazes are wanted.
+    /// Whether grazes are to be found.
     grazes: bool,
-    /// The hit, and how deep it has to become before it need not be followed.
+    /// The hit, and the depth up to which it is followed.
     hit: Option<(SurfaceHit, f64)>,
 }
 
@@ -154,10 +156,10 @@ impl Scan {
     fn stretch(&mut self, ray: &Ray, stretch: &Stretch) -> ControlFlow<()> {
         let bound = match &stretch.samples {
             Samples::Even(value) => value.abs(),
-            // `max` would pass over a NaN.
+            // `max` would ignore a NaN.
             Samples::Cell(corners) => corners.0.iter().fold(0.0, |m: f64, v| m.max(v.abs())),
         };
-        // Between samples of one sign there is no other sign.
+        // Between samples of one sign, the interpolant has the same sign.
         let side = stretch.samples.sign();
         if side != 0 && self.sign * side >= 0 && self.hit.is_none() && !self.grazes {
             self.sign = side;
@@ -187,7 +189,7 @@ impl Scan {
                 };
                 self.sign = sign;
                 self.hit = Some((hit, bound / 8.0));
-                // What is left of the stretch, up to the next change of sign.
+                // The rest of the interval, up to the next change of sign.
                 return self.deepen(&cubic, s);
             }
             (Signs::Kept(_), Some(_)) => return self.deepen(&cubic, 0.0),
@@ -200,7 +202,8 @@ impl Scan {
         ControlFlow::Continue(())
     }
 
-    /// Notes where, up to `end`, the interpolant comes close to the iso-value and turns away.
+    /// Records points up to `end` where the interpolant comes close to the iso-value and turns
+    /// away.
     fn approach(&mut self, stretch: &Stretch, cubic: &Cubic, largest: f64, end: f64) {
         if !self.grazes {
             return;
@@ -223,13 +226,13 @@ impl Scan {
         }
     }
 
-    /// Follows the interpolant beyond the hit, from `start` on.
+    /// Follows the interpolant beyond the hit, beginning at `start`.
     fn deepen(&mut self, cubic: &Cubic, start: f64) -> ControlFlow<()> {
         let Some((hit, enough)) = &mut self.hit else { return ControlFlow::Continue(()) };
         let sign = f64::from(self.sign);
         for s in cubic.extrema().filter(|s| *s > start).chain([1.0]) {
             match sign * cubic.at(s) {
-                // Back through the surface: between the last extremum and here.
+                // The interpolant has passed back through the surface since the last extremum.
                 value if value < 0.0 => return ControlFlow::Break(()),
                 value => hit.depth = hit.depth.max(value),
             }

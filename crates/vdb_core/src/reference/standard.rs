@@ -1,11 +1,11 @@
-//! The tracers for OpenVDB's standard tree, compiled with this crate. A generic function is compiled
-//! with the crate that calls it; a test program is hardly optimised in development, and has to judge
-//! millions of rays.
+//! The tracers for OpenVDB's standard tree, instantiated in this crate. A generic function is
+//! otherwise compiled in the calling crate, and development builds of tests are hardly optimised
+//! but have to judge millions of rays.
 
 use super::{Blocky, Estimate, Fog, Ray, Smooth, SurfaceHit, SurfaceVerdict, VoxelHit};
 use crate::tree::{InternalNode, LeafNode};
 
-/// The nodes below the root of a [`Vdb543`](crate::tree::Vdb543) of numbers.
+/// The children of the root of a [`Vdb543`](crate::tree::Vdb543) of floats.
 pub type Upper = InternalNode<InternalNode<LeafNode<f32, 3>, 4>, 5>;
 
 /// [`Blocky::first_voxel`].

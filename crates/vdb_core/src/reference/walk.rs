@@ -7,7 +7,7 @@ use super::{
     planes::{FAR, Plane, Planes},
 };
 
-/// A box of cells, both ends included; `-FAR` and `FAR` stand for no end.
+/// A box of cells with both ends included; `-FAR` and `FAR` mean unbounded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Span {
     pub low: [i64; 3],
@@ -20,7 +20,7 @@ impl Span {
         Self { low: cell, high: cell }
     }
 
-    /// Everything, but only `low..=high` on one axis.
+    /// All of space, restricted to `low..=high` on one axis.
     pub fn slab(axis: usize, low: i64, high: i64) -> Self {
         let mut span = Self { low: [-FAR; 3], high: [FAR; 3] };
         (span.low[axis], span.high[axis]) = (low, high);
@@ -28,7 +28,8 @@ impl Span {
     }
 }
 
-/// The half-space without voxels and cells in which a cell lies, if it does not lie in the index space.
+/// The half-space outside the index space that contains a cell; `None` if the cell is in the index
+/// space.
 pub(super) fn outside_of_index_space(cell: [i64; 3]) -> Option<Span> {
     let (low, high) = (i64::from(i32::MIN), i64::from(i32::MAX));
     (0..3).find_map(|axis| match cell[axis] {
@@ -38,11 +39,11 @@ pub(super) fn outside_of_index_space(cell: [i64; 3]) -> Option<Span> {
     })
 }
 
-/// Where on a ray the walk stands: a cell, and the plane through which it was entered.
+/// The position of a walk on a ray: a cell, and the plane through which it was entered.
 ///
-/// Crossings are ordered by `t`, and at the same `t` by axis, x before y before z. The walk visits
-/// the cells in that order, so at an edge or a corner it visits the cells between, too. As every
-/// plane is crossed once, in one direction, a box of cells that has been left is never met again.
+/// Crossings are ordered by `t`, and at equal `t` by axis, x before y before z. The walk visits
+/// cells in that order, so at an edge or a corner it also visits the cells between. As every plane
+/// is crossed once, in one direction, a box of cells that has been left is never entered again.
 #[derive(Clone, Debug)]
 pub(super) struct Walk {
     planes: Planes,
@@ -53,8 +54,8 @@ pub(super) struct Walk {
 }
 
 impl Walk {
-    /// At the cell that holds the ray's beginning, `floor(p(t_min) + h)`; `None` for a ray that is
-    /// not valid.
+    /// Starts at the cell that contains the start of the ray, `floor(p(t_min) + h)`; `None` for an
+    /// invalid ray.
     pub fn new(ray: &Ray, planes: Planes) -> Option<Self> {
         if !ray.is_valid() {
             return None;
@@ -63,8 +64,8 @@ impl Walk {
         let mut cell = [0; 3];
         for (axis, cell) in cell.iter_mut().enumerate() {
             let above = planes.coordinate(axis, f64::from(t_min)).floor();
-            // A saturating cast, so that no sum overflows; then corrected by exact questions. A
-            // start beyond FAR stays there: it is outside of the index space either way.
+            // A saturating cast, so that no sum overflows, corrected by exact comparisons. A start
+            // beyond FAR is moved there: it is outside the index space either way.
             let guess = planes.origin(axis) + (above as i64).clamp(-2 * FAR, 2 * FAR);
             *cell = guess.clamp(-FAR, FAR);
             let is_below = |n| planes.side(Plane { axis, n }, t_min) == Ordering::Less;
@@ -78,24 +79,24 @@ impl Walk {
         Some(Self { planes, cell, entered: None, t_min, t_max: ray.t_max })
     }
 
-    /// The cell of the lattice.
+    /// The current cell of the lattice.
     pub fn cell(&self) -> [i64; 3] {
         self.cell
     }
 
-    /// The axis of the last crossing and the direction in which it went; `None` at the beginning.
+    /// The axis and direction of the last crossing; `None` at the start.
     pub fn entered(&self) -> Option<(usize, i64)> {
         self.entered.map(|plane| (plane.axis, self.planes.step(plane.axis)))
     }
 
-    /// Where the cell was entered, good to 2.1 · 2⁻⁵³ of itself.
+    /// The parameter at which the cell was entered, with a relative error of at most 2.1 · 2⁻⁵³.
     pub fn t(&self) -> f64 {
         let t_min = f64::from(self.t_min);
         self.entered.map_or(t_min, |plane| self.planes.t(plane).max(t_min))
     }
 
-    /// The plane through which the ray leaves a box around the cell, and when; `None` when it
-    /// ends inside. A crossing at exactly `t_max` still counts.
+    /// The plane through which the ray leaves a box around the cell; `None` if the ray ends inside.
+    /// A crossing at exactly `t_max` still counts.
     pub fn exit(&self, span: Span) -> Option<Plane> {
         let mut first: Option<Plane> = None;
         for axis in 0..3 {
@@ -105,7 +106,7 @@ impl Walk {
                 _ => continue,
             };
             let plane = Plane { axis, n };
-            // Only an earlier crossing takes the place of one on an axis before.
+            // Strictly earlier, so that ties go to the first axis.
             if first.is_none_or(|first| self.planes.compare(plane, first).is_lt()) {
                 first = Some(plane);
             }
@@ -115,12 +116,13 @@ impl Walk {
         })
     }
 
-    /// Where a plane is crossed, good to 2.1 · 2⁻⁵³ of itself; at least where the cell was entered.
+    /// The parameter at which a plane is crossed, with a relative error of at most 2.1 · 2⁻⁵³; at
+    /// least that at which the cell was entered.
     pub fn t_of(&self, plane: Plane) -> f64 {
         self.planes.t(plane).max(self.t())
     }
 
-    /// Leaves a box through the plane that [`Walk::exit`] named.
+    /// Leaves a box through the plane returned by [`Walk::exit`].
     pub fn cross(&mut self, span: Span, exit: Plane) {
         let t = self.planes.t(exit);
         for axis in 0..3 {
@@ -130,7 +132,7 @@ impl Walk {
                 self.cell[axis] = if step > 0 { exit.n } else { exit.n - 1 };
                 continue;
             }
-            // Between where it stands and the end of the box that lies ahead.
+            // The range from the current cell to the end of the box ahead.
             let (low, high) = match step {
                 1 => (from, high),
                 -1 => (low, from),
@@ -147,7 +149,8 @@ impl Walk {
             let guess = self.planes.coordinate(axis, t).floor() as i64;
             let guess = self.planes.origin(axis) + guess.clamp(-2 * FAR, 2 * FAR);
             let mut cell = guess.clamp(low, high);
-            // The guess is off by one at most; exact questions put it right. Ahead first:
+            // The guess is off by at most one, and is corrected by exact comparisons, forwards
+            // first.
             if step > 0 {
                 while cell < high && crossed(cell + 1) {
                     cell += 1;

@@ -1,4 +1,4 @@
-//! Integers wide enough that no decision about an f32 ray has to be rounded.
+//! Integers wide enough to decide everything about an f32 ray without rounding.
 
 use std::cmp::Ordering;
 
@@ -7,8 +7,8 @@ const WORDS: usize = 10;
 
 /// A signed integer of up to 640 bits, as sign and magnitude.
 ///
-/// Every finite f32 is an integer count of 2⁻¹⁴⁹, so sums and products of the numbers of a ray are
-/// integers too, once the unit is fixed. What the tracer forms (see `planes.rs`):
+/// Every finite f32 is an integer multiple of 2⁻¹⁴⁹, so sums and products of the numbers of a ray
+/// are integers too, once the unit is fixed. The tracer forms these (see `planes.rs`):
 ///
 /// | quantity | unit | bits, at most |
 /// |---|---|---|
@@ -17,7 +17,7 @@ const WORDS: usize = 10;
 /// | distance · f32 | 2⁻²⁹⁸ | 469 |
 /// | f32 · f32 | 2⁻²⁹⁸ | 554 |
 ///
-/// All of them fit. Nothing here is fast; it is what the f64 filters fall back on.
+/// All of them fit. Speed does not matter here: this is the fallback of the f64 comparisons.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Wide {
     negative: bool,
@@ -26,7 +26,7 @@ pub(super) struct Wide {
 }
 
 impl Wide {
-    /// log₂ of how many units make 1, for numbers made by [`Wide::from_f32`].
+    /// log₂ of the number of units per 1, for numbers made by [`Wide::from_f32`].
     pub const UNIT: u32 = 149;
 
     /// `mantissa · 2^shift`.
@@ -44,7 +44,8 @@ impl Wide {
         debug_assert!(x.is_finite());
         let exponent = (x.to_bits() >> 23) & 0xff;
         let fraction = u64::from(x.to_bits() & 0x7f_ffff);
-        // A denormal number has the exponent of the smallest normal one, and no leading one.
+        // A denormal number has the exponent of the smallest normal one, and no implicit leading
+        // bit.
         match exponent {
             0 => Self::shifted(x.is_sign_negative(), fraction, 0),
             _ => Self::shifted(x.is_sign_negative(), fraction | 1 << 23, exponent - 1),
@@ -56,7 +57,7 @@ impl Wide {
         Self::shifted(x < 0, x.unsigned_abs(), Self::UNIT - 1)
     }
 
-    /// The difference of two numbers of the same unit.
+    /// The difference of two numbers in the same unit.
     pub fn minus(self, other: Self) -> Self {
         if self.negative != other.negative {
             let mut words = [0; WORDS];
@@ -99,7 +100,7 @@ impl Wide {
         Self { negative: self.negative != other.negative, words }
     }
 
-    /// The same number in a unit 2¹⁴⁹ times as fine, as a product with an f32 has it.
+    /// The same number in a unit 2¹⁴⁹ times as fine, that of a product with an f32.
     pub fn refined(&self) -> Self {
         self.times(&Self::shifted(false, 1, Self::UNIT))
     }
@@ -112,7 +113,7 @@ impl Wide {
         self.words.iter().all(|word| *word == 0)
     }
 
-    /// Compares two numbers of the same unit; zeros are equal, whatever their sign.
+    /// Compares two numbers in the same unit; zeros are equal, whatever their sign.
     pub fn compare(&self, other: &Self) -> Ordering {
         match (self.negative && !self.is_zero(), other.negative && !other.is_zero()) {
             (false, false) => self.cmp_magnitude(other),
@@ -150,7 +151,7 @@ mod tests {
             for (j, b) in numbers.iter().enumerate() {
                 assert_eq!(Wide::from_f32(*a).compare(&Wide::from_f32(*b)), i.cmp(&j));
                 let (x, y) = (Wide::from_f32(*a), Wide::from_f32(*b));
-                // (a + b)(a - b) = a² - b², with every carry that it takes.
+                // (a + b)(a - b) = a² - b², which exercises all carries.
                 let sum = x.minus(Wide::from_f32(0.0).minus(y));
                 let squares = x.times(&x).minus(y.times(&y));
                 assert_eq!(sum.times(&x.minus(y)).compare(&squares), Ordering::Equal, "{a} {b}");

@@ -1,24 +1,24 @@
-//! From a formula to a tree, node by node and in parallel.
+//! Construction of a tree from a formula, node by node and in parallel.
 
 use rayon::prelude::*;
 
 use crate::tree::grow::{Built, built, internal};
 use crate::tree::{CoordBox, IVec3, InternalNode, LeafNode, Node, Tree, Vdb543};
 
-/// What a formula knows about a whole box of voxels.
+/// The answer of a formula for a box of voxels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Uniform {
-    /// Every voxel has this value and this state (active or not).
+    /// All voxels have this value and this state (active or not).
     Yes(f32, bool),
-    /// The voxels may differ: look closer.
+    /// The voxels may differ.
     No,
 }
 
-/// A tree over the voxels of `bbox`, background and inactive outside of it.
+/// Builds a tree over the voxels of `bbox`, with inactive background outside.
 ///
-/// `voxel` gives the value of a voxel and whether it is active. `uniform` may answer for a whole
-/// cube at once (a node's extent, all of it inside `bbox`), and must agree with `voxel` where it
-/// does. A node whose values turn out alike becomes a tile, so the tree is pruned.
+/// `voxel` returns the value of a voxel and whether it is active. `uniform` may answer for a whole
+/// cube (the extent of a node inside `bbox`), and must then agree with `voxel`. Nodes whose values
+/// turn out equal become tiles, so the tree is pruned.
 pub fn build(
     background: f32,
     bbox: CoordBox,
@@ -61,7 +61,7 @@ struct Formula<U, V> {
 }
 
 impl<U: Fn(CoordBox) -> Uniform + Sync, V: Fn(IVec3) -> (f32, bool) + Sync> Formula<U, V> {
-    /// A tile for a cube that is known to be uniform.
+    /// The tile for a cube that is known to be uniform.
     fn tile<N>(&self, cube: CoordBox) -> Option<Built<N>> {
         match self.bbox.intersection(cube) {
             None => Some(Built::Tile(self.background, false)),

@@ -1,11 +1,11 @@
-//! Fog volumes: densities per unit of length, active where they are not zero; background 0.
+//! Fog volumes: densities per unit of length, active where not zero, with background 0.
 
 use glam::DVec3;
 
 use super::{Random, Uniform, build};
 use crate::tree::{CoordBox, IVec3, Vdb543};
 
-/// A ball of density 1 that falls off to 0 linearly over the outermost `soft` voxels of `radius`
+/// A ball of density 1, which falls off linearly to 0 over the outermost `soft` voxels of `radius`
 /// (`soft > 0`).
 pub fn sphere(center: DVec3, radius: f64, soft: f64) -> Vdb543<f32> {
     let density = move |p: DVec3| ((radius - p.distance(center)) / soft).clamp(0.0, 1.0);
@@ -30,26 +30,26 @@ pub fn sphere(center: DVec3, radius: f64, soft: f64) -> Vdb543<f32> {
     )
 }
 
-/// One density over all voxels of a box, as tiles of every level that fits. (What does not fit
-/// costs leaves: a large box wants faces on multiples of 8, 128 or 4096.)
+/// A box of one density, as tiles of the largest possible levels. (The remainder becomes leaves, so
+/// the faces of a large box should be on multiples of 8, 128 or 4096.)
 pub fn block(bbox: CoordBox, density: f32) -> Vdb543<f32> {
     build(0.0, bbox, |_| Uniform::Yes(density, true), |_| (density, true))
 }
 
 /// The values `offset + gradient · (i, j, k)` over the voxels of a box, all active. Trilinear
-/// interpolation repeats such a ramp without error, up to the rounding of the samples to f32.
+/// interpolation reproduces such a ramp exactly, up to the rounding of samples to f32.
 pub fn ramp(bbox: CoordBox, gradient: DVec3, offset: f64) -> Vdb543<f32> {
     let value = move |ijk: IVec3| ((offset + gradient.dot(ijk.as_dvec3())) as f32, true);
     build(0.0, bbox, |_| Uniform::No, value)
 }
 
-/// The values of any formula over the voxels of a box, all active.
+/// The values of a formula over the voxels of a box, all active.
 pub fn from_values(bbox: CoordBox, value: impl Fn(IVec3) -> f32 + Sync) -> Vdb543<f32> {
     build(0.0, bbox, |_| Uniform::No, |ijk| (value(ijk), true))
 }
 
-/// A cloud: a ball of `radius` voxels around the origin whose rim fractal noise cuts into billows, with a
-/// density up to 1. Equal seeds make equal clouds.
+/// A cloud: a ball of `radius` voxels around the origin, with billows of fractal noise at its rim
+/// and densities up to 1. Equal seeds make equal clouds.
 pub fn cloud(radius: f64, seed: u64) -> Vdb543<f32> {
     let edge = radius.ceil() as i32;
     let bbox = CoordBox { min: IVec3::splat(-edge), max: IVec3::splat(edge) };
@@ -67,7 +67,7 @@ pub fn cloud(radius: f64, seed: u64) -> Vdb543<f32> {
     )
 }
 
-/// Numbers from -1 to 1 at the corners of cubes, `waves` of them per unit of length, smoothly joined.
+/// Value noise from -1 to 1 with `waves` lattice points per unit of length, smoothly interpolated.
 fn noise(p: DVec3, waves: u32, seed: u64) -> f64 {
     let p = p * f64::from(waves);
     let cell = p.floor();

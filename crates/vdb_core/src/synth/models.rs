@@ -1,5 +1,5 @@
-//! Level sets that look the same at any size, to see what a size costs: the same object in front of
-//! the same camera, from 256 to 4096 voxels.
+//! Level sets that look the same at any size, for measuring the cost of resolution: the same object
+//! in front of the same camera, from 256 to 4096 voxels.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,19 +7,19 @@ use rayon::prelude::*;
 use super::level_set::{HALF_WIDTH, from_distance};
 use crate::tree::{CoordBox, IVec3, Vdb543};
 
-/// Edges that the models are made for, in voxels. Below, struts fall between the samples; above,
-/// a gyroid takes more than 8 GB.
+/// Supported edges, in voxels. Below, struts would fall between samples; above, a gyroid would take
+/// more than 8 GB.
 pub const EDGES: std::ops::RangeInclusive<u32> = 256..=4096;
 
-/// A ball, `edge` voxels from end to end with its band, filled with two periods of the gyroid
-/// `sin x cos y + sin y cos z + sin z cos x < 0`. It stands in the voxels from 0 to `edge - 1`.
+/// A ball, `edge` voxels from end to end including its band, filled with two periods of the gyroid
+/// `sin x cos y + sin y cos z + sin z cos x < 0`. It occupies the voxels from 0 to `edge - 1`.
 ///
-/// Distances are those to the gyroid and to the ball, both exact to 1e-3 voxels; of the two the
-/// larger. That is the distance to the solid, but for the air around the rim where the ball cuts the
-/// gyroid, where it is less.
+/// Distances are the larger of those to the gyroid and to the ball, both exact to 1e-3 voxels. That
+/// is the distance to the solid, except in the air around the rim where the ball cuts the gyroid,
+/// where it is less.
 ///
 /// # Panics
-/// When `edge` is not in [`EDGES`].
+/// If `edge` is not in [`EDGES`].
 pub fn gyroid(edge: u32) -> Vdb543<f32> {
     assert!(EDGES.contains(&edge), "a gyroid of {edge} voxels");
     let gyroid = Gyroid::new(edge);
@@ -33,9 +33,9 @@ fn voxels(edges: [u32; 3]) -> CoordBox {
 struct Gyroid {
     center: DVec3,
     radius: f64,
-    /// Radians per voxel.
+    /// The wave number, in radians per voxel.
     k: f64,
-    /// Sine and cosine at each half voxel of an axis: samples, and centres of nodes.
+    /// Sine and cosine at each half voxel of an axis, which includes samples and centres of nodes.
     waves: Vec<[f64; 2]>,
 }
 
@@ -48,7 +48,7 @@ impl Gyroid {
         Self { center: DVec3::splat(middle), radius, k, waves: (0..2 * edge).map(wave).collect() }
     }
 
-    /// At a point whose coordinates are whole or half.
+    /// The distance at a point whose coordinates are multiples of one half.
     fn distance(&self, p: DVec3) -> f64 {
         let ball = p.distance(self.center) - self.radius;
         if ball > f64::from(HALF_WIDTH) {
@@ -58,18 +58,18 @@ impl Gyroid {
         self.sheet(waves).max(ball)
     }
 
-    /// The distance to the gyroid alone where the sines and cosines are these; from the band's end
-    /// on, something that is not more, but not within the band either.
+    /// The distance to the gyroid alone, given sines and cosines. Outside the band it is a lower
+    /// bound that is still outside the band.
     fn sheet(&self, waves: [[f64; 2]; 3]) -> f64 {
         let (value, slope) = value_and_slope(waves);
-        // The slope is √3 per radian at most.
+        // The slope is at most √3 per radian.
         let least = value / (3.0_f64.sqrt() * self.k);
         if least.abs() > f64::from(HALF_WIDTH) {
             return least;
         }
-        // The foot of the perpendicular: down the slope onto the surface, then over and over onto
-        // the plane that touches it there and onto the surface again. Each round leaves less than a
-        // twentieth of the error. All in radians from the point.
+        // Finds the foot of the perpendicular: moves down the slope onto the surface, then
+        // repeatedly onto the tangent plane there and back onto the surface. Each round reduces the
+        // error to less than a twentieth. All lengths are in radians, relative to the point.
         let down = |value: f64, slope: DVec3| slope * (-value / slope.length_squared());
         let mut foot = down(value, slope);
         for _ in 0..2 {
@@ -82,14 +82,14 @@ impl Gyroid {
     }
 }
 
-/// The gyroid's formula and its derivatives, of sines and cosines in x, y and z.
+/// The gyroid's formula and its gradient, from sines and cosines in x, y and z.
 fn value_and_slope([[sx, cx], [sy, cy], [sz, cz]]: [[f64; 2]; 3]) -> (f64, DVec3) {
     let slope = DVec3::new(cx * cy - sz * sx, cy * cz - sx * sy, cz * cx - sy * sz);
     (sx * cy + sy * cz + sz * cx, slope)
 }
 
-/// Sines and cosines a little further on: by less than a fifth of a radian, where these series are
-/// good to 1e-9.
+/// Sines and cosines after a step of less than a fifth of a radian, for which these series are
+/// accurate to 1e-9.
 fn moved(waves: [[f64; 2]; 3], by: DVec3) -> [[f64; 2]; 3] {
     let by = by.to_array();
     std::array::from_fn(|axis| {
@@ -102,26 +102,26 @@ fn moved(waves: [[f64; 2]; 3], by: DVec3) -> [[f64; 2]; 3] {
 }
 
 /// A space station, `edge` voxels long, a sixth as high and two thirds as wide: a girder of struts
-/// along x, round modules across its middle, wings of thin panels at its ends. It is long, thin and
-/// mostly empty. It stands in the voxels from 0 on; its own axes lie on samples.
+/// along x, round modules across its middle, and wings of thin panels at its ends. It is long, thin
+/// and mostly empty. It occupies the voxels from 0 on; its axes lie on samples.
 ///
-/// Outside, distances are exact; inside, they are those to the nearest surface of any of its parts,
-/// and so less than the distance to the outside where parts overlap.
+/// Distances are exact outside. Inside, they are distances to the nearest surface of any part, and
+/// therefore too small where parts overlap.
 ///
 /// # Panics
-/// When `edge` is not in [`EDGES`].
+/// If `edge` is not in [`EDGES`].
 pub fn truss_station(edge: u32) -> Vdb543<f32> {
     assert!(EDGES.contains(&edge), "a station of {edge} voxels");
     let station = Station::new(edge);
     from_distance(voxels(station.edges), |p| station.distance(p))
 }
 
-/// Convex parts, whose distances have closed forms.
+/// A convex part, whose distance has a closed form.
 #[derive(Clone, Copy, Debug)]
 enum Part {
-    /// All that is as near to a line from `from` to `to` as `radius`.
+    /// A capsule: all points within `radius` of the line from `from` to `to`.
     Strut { from: DVec3, to: DVec3, radius: f64 },
-    /// A box.
+    /// An axis-aligned box.
     Panel { center: DVec3, half: DVec3 },
 }
 
@@ -131,7 +131,7 @@ impl Part {
             Self::Strut { from, to, radius } => {
                 let (along, p) = (to - from, p - from);
                 let length_squared = along.length_squared();
-                // A ball is a strut without a length.
+                // A ball is a strut of length zero.
                 let at = if length_squared > 0.0 { p.dot(along) / length_squared } else { 0.0 };
                 p.distance(along * at.clamp(0.0, 1.0)) - radius
             }
@@ -143,13 +143,13 @@ impl Part {
     }
 }
 
-/// Voxels along a cell of the station.
+/// Edge of a cell of the station, in voxels.
 const CELL: u32 = 32;
 
 enum Cell {
-    /// The numbers of all parts whose band reaches into the cell.
+    /// The indices of all parts whose band reaches into the cell.
     Near(Vec<u16>),
-    /// No part is nearer than this to any point of the cell.
+    /// A lower bound of the distance from any point of the cell to all parts.
     Far(f64),
 }
 
@@ -184,8 +184,8 @@ impl Station {
         Self { edges, parts, cells, cell_counts }
     }
 
-    /// The distance in the cell's own parts. Those of other cells are beyond the band, and no node
-    /// larger than a cell is judged by a point near a part.
+    /// The distance to the parts near the cell. Other parts are beyond the band, and no node larger
+    /// than a cell is classified by a point near a part.
     fn distance(&self, p: DVec3) -> f64 {
         let [_, ny, nz] = self.cell_counts;
         let [x, y, z] = p.to_array().map(|c| c as usize / CELL as usize);
@@ -199,20 +199,20 @@ impl Station {
     }
 }
 
-/// The station in a box of voxels.
+/// The parts of the station in a box of voxels.
 fn parts(edge: u32, edges: [u32; 3]) -> Vec<Part> {
-    /// Of a strut, in lengths of the station: three quarters of a voxel at 256.
+    /// Radius of a strut relative to the station's length: three quarters of a voxel at 256.
     const THIN: f64 = 0.003;
     let length = f64::from(edge - 8);
     let middle = DVec3::from(edges.map(|edge| f64::from(edge / 2)));
-    // Onto samples, or thin things would fall between them.
+    // Rounded onto samples; otherwise thin parts would fall between them.
     let at = |x: f64, y: f64, z: f64| middle + (DVec3::new(x, y, z) * length).round();
     let strut = |from, to, radius: f64| Part::Strut { from, to, radius: radius * length };
     let ball = |center, radius| strut(center, center, radius);
     let panel = |center, half: DVec3| Part::Panel { center, half: half * length };
     let mut parts = Vec::new();
 
-    // The girder: four beams, 36 bays, each with a square across and a diagonal on every side.
+    // The girder: four beams and 36 bays, each with a square across and a diagonal on every side.
     const BAYS: i32 = 36;
     let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)];
     let joint = |bay: i32, corner: usize| {
@@ -234,7 +234,7 @@ fn parts(edge: u32, edges: [u32; 3]) -> Vec<Part> {
         }
     }
 
-    // Modules below the girder, where their nodes meet.
+    // Modules below the girder, with nodes where they meet.
     parts.push(strut(at(0.0, -0.037, -0.2), at(0.0, -0.037, 0.2), 0.026));
     for z in [-0.13, 0.02, 0.14] {
         parts.push(ball(at(0.0, -0.037, z), 0.031));
@@ -242,7 +242,7 @@ fn parts(edge: u32, edges: [u32; 3]) -> Vec<Part> {
     }
     parts.push(strut(at(0.0, -0.037, 0.02), at(0.0, 0.0, 0.02), 0.012));
 
-    // Wings: masts with panels on both sides; radiators stand upright.
+    // Wings: masts with panels on both sides; upright radiators.
     for (x, z) in [-0.46, -0.36, 0.36, 0.46].into_iter().flat_map(|x| [(x, -1.0), (x, 1.0)]) {
         parts.push(strut(at(x, 0.0, 0.018 * z), at(x, 0.0, 0.33 * z), THIN));
         for (row, side) in (0..12).flat_map(|row| [(row, -1.0), (row, 1.0)]) {
@@ -263,8 +263,8 @@ mod tests {
     use crate::synth::Random;
     use crate::tree::{Node, ValueAt};
 
-    /// Holds the voxels of a tree against a distance, values within `tolerance` voxels, and the tree
-    /// against what a level set is: `check(random voxel)` is its distance.
+    /// Compares random voxels of a tree with a distance function, within `tolerance` voxels, and
+    /// checks that the tree is a proper level set.
     fn check(
         tree: &Vdb543<f32>,
         edges: [u32; 3],
@@ -289,7 +289,7 @@ mod tests {
         assert!(inside.len() > 10 && inside.iter().all(|tile| !tile.active), "{}", inside.len());
     }
 
-    /// Whether the gyroid changes its sign on a ball around a point, by many directions.
+    /// Whether the gyroid changes sign on a sphere around a point, tested in many directions.
     fn crossed(k: f64, p: DVec3, radius: f64) -> bool {
         let value = |p: DVec3| {
             let (s, c) = ((p * k).map(f64::sin), (p * k).map(f64::cos));
@@ -340,7 +340,7 @@ mod tests {
             distances.fold(f64::INFINITY, f64::min)
         };
         check(&tree, station.edges, 200_000, 1e-6, distance);
-        // Nothing is cut off.
+        // The band fits into the box of voxels.
         for edge in [256, 300, 512] {
             let (edges, tree) = (Station::new(edge).edges, truss_station(edge));
             let bbox = tree.active_bbox().expect("a band");

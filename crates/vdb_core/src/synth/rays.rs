@@ -1,5 +1,5 @@
-//! Rays that are hard to decide, for the reference tracer's own tests and for those that hold a GPU
-//! against it.
+//! Rays on which decisions are hard, for tests of the reference tracer and of GPU results against
+//! it.
 
 use glam::Vec3;
 
@@ -13,7 +13,7 @@ fn pick<T: Copy>(random: &mut Random, from: &[T]) -> T {
     from[random.below(from.len() as u64) as usize]
 }
 
-/// One step in the last place up or down, or none.
+/// Moves a number by one unit in the last place up, down, or not at all.
 fn nudge(random: &mut Random, x: f32) -> f32 {
     match random.below(4) {
         0 => x.next_up(),
@@ -22,7 +22,7 @@ fn nudge(random: &mut Random, x: f32) -> f32 {
     }
 }
 
-/// A fraction at, beside or far from a face, an edge or a corner.
+/// A fraction exactly at a face, an edge or a corner, next to it, or elsewhere.
 fn fraction(random: &mut Random) -> f32 {
     let special = [0.0, -0.0, 0.5, 0.25, 0.75, 1.0, -0.5, 1e-45, 1e-40, f32::MIN_POSITIVE];
     match random.below(3) {
@@ -34,7 +34,7 @@ fn fraction(random: &mut Random) -> f32 {
     }
 }
 
-/// A component: zeros, denormals, powers of two, ones, huge and plain numbers.
+/// A component of a direction: zero, denormal, a power of two, one, huge or ordinary.
 fn component(random: &mut Random) -> f32 {
     let x = match random.below(8) {
         0 => 0.0,
@@ -48,8 +48,8 @@ fn component(random: &mut Random) -> f32 {
     if random.below(2) == 0 { -x } else { x }
 }
 
-/// A ray near a box: through it, along its faces, through its edges and corners, beside them by one
-/// step in the last place, with components of every kind.
+/// A ray near a box: through it, along its faces, through its edges and corners, or one unit in the
+/// last place beside them, with components of all kinds.
 pub fn adversarial(random: &mut Random, bbox: CoordBox) -> Ray {
     let voxel = |random: &mut Random, reach: i64| {
         IVec3::from_array([0, 1, 2].map(|a| {
@@ -63,8 +63,8 @@ pub fn adversarial(random: &mut Random, bbox: CoordBox) -> Ray {
     let mut three = |f: fn(&mut Random) -> f32| Vec3::new(f(random), f(random), f(random));
     let frac = three(fraction);
     let dir = if aimed {
-        // At a corner of a voxel, a point of its faces or its middle; then scaled, which powers of
-        // two do exactly.
+        // Towards a corner of a voxel, a point of its faces or its centre; then scaled, which is
+        // exact for powers of two.
         let at = three(|random| pick(random, &[0.5, -0.5, 0.0, 0.25]));
         let dir = (target - cell).as_vec3() + at - frac;
         dir * pick(random, &[1.0, 0.125, 1e-3, 1024.0])
@@ -72,7 +72,7 @@ pub fn adversarial(random: &mut Random, bbox: CoordBox) -> Ray {
         three(component)
     };
     let mut ray = Ray::new(cell, frac, dir);
-    // Moderate directions only, so that the ray still begins near the box.
+    // Only for moderate directions, so that the ray still begins near the box.
     if dir.abs().max_element() < 4.0 {
         match random.below(4) {
             0 => ray.t_min = pick(random, &[0.5, 1.0, 0.1, -0.5, -2.0, 3.0]),
@@ -84,9 +84,9 @@ pub fn adversarial(random: &mut Random, bbox: CoordBox) -> Ray {
     ray
 }
 
-/// A ray from up to 2²⁷ voxels away that meets corners, edges and faces of a box's voxels exactly, or
-/// misses them by less than f64 resolves at that distance. It comes near the box at about `t = n`,
-/// which is given with it and exact as an f32; a ray at all is only made where its origin lies in
+/// A ray from up to 2²⁷ voxels away that meets corners, edges and faces of a box's voxels exactly,
+/// or misses them by less than f64 resolves at that distance. It comes near the box at about
+/// `t = n`, which is returned with it and is exact in f32. `None` if the origin would lie outside
 /// the index space.
 pub fn far(random: &mut Random, bbox: CoordBox) -> Option<(Ray, f32)> {
     let n = 1_i32 << (16 + random.below(8));
@@ -96,7 +96,7 @@ pub fn far(random: &mut Random, bbox: CoordBox) -> Option<(Ray, f32)> {
         low + random.below((i64::from(high) - i64::from(low) + 1) as u64) as i32
     };
     let target = IVec3::from_array([0, 1, 2].map(|a| voxel(random, a)));
-    // In eighths of a voxel: n of them are whole voxels.
+    // In eighths of a voxel, so that n times as many are whole voxels.
     let eighths = IVec3::from_array([0; 3].map(|_| random.below(129) as i32 - 64));
     let cell = [0, 1, 2].map(|a| target[a].checked_sub(eighths[a] * (n / 8)));
     let [Some(x), Some(y), Some(z)] = cell else { return None };
@@ -108,9 +108,10 @@ pub fn far(random: &mut Random, bbox: CoordBox) -> Option<(Ray, f32)> {
     Some((Ray::new(IVec3::new(x, y, z), frac, eighths.as_vec3() / 8.0), n as f32))
 }
 
-/// A `t` at which something is decided: where a ray crosses a plane of a lattice of cells, whose planes
-/// lie `offset` before whole numbers; a plane of a box of cells, or any; or one step in the last place
-/// beside. Sometimes any `t` between those of such planes, and sometimes none of all this.
+/// A `t` at which a decision is hard: where a ray crosses a plane of a lattice of cells, whose
+/// planes lie `offset` before integers. The plane is one of a box of cells or any other, and the
+/// `t` may be one unit in the last place beside it. Sometimes a random `t` in the same range, and
+/// sometimes a special value.
 fn plane_t(random: &mut Random, ray: &Ray, bbox: CoordBox, offset: f64) -> f32 {
     let axis = random.below(3) as usize;
     let (low, high) = (i64::from(bbox.min[axis]), i64::from(bbox.max[axis]) + 1);
@@ -125,13 +126,14 @@ fn plane_t(random: &mut Random, ray: &Ray, bbox: CoordBox, offset: f64) -> f32 {
         0 => pick(random, &[0.0, -0.0, -1.0, 1e-45, -1e-45, f32::MIN_POSITIVE, 1e30, f32::MAX]),
         1 if t.is_finite() => (t * 2.0 * random.unit()) as f32,
         _ if t.is_finite() => nudge(random, t as f32),
-        // Along this axis the ray does not move.
+        // The ray does not move along this axis.
         _ => 0.0,
     }
 }
 
-/// The same ray with ends where they are hard to decide, for a lattice whose planes lie `offset` before
-/// whole numbers, and a box of its cells. Every sixteenth ends before it begins or at no number.
+/// Gives a ray ends at which decisions are hard, for a lattice whose planes lie `offset` before
+/// integers and a box of its cells. About every sixteenth ray ends before it begins, or has an end
+/// that is NaN or infinite.
 pub fn ended(random: &mut Random, ray: Ray, bbox: CoordBox, offset: f64) -> Ray {
     let mut t_min = plane_t(random, &ray, bbox, offset);
     let mut t_max = plane_t(random, &ray, bbox, offset);
@@ -150,15 +152,15 @@ pub fn ended(random: &mut Random, ray: Ray, bbox: CoordBox, offset: f64) -> Ray 
     ray.with_span(t_min, t_max)
 }
 
-/// A direction without denormal numbers (which shaders may take for zero), times a power of two
-/// that brings its largest component to between 1 and 2. `None` where nothing is left.
+/// A direction without denormal numbers (which shaders may flush to zero), scaled by a power of two
+/// so that its largest component is between 1 and 2. `None` if nothing is left.
 pub fn normalized(dir: Vec3) -> Option<Vec3> {
     let dir = dir.map(|c| if c.is_subnormal() { 0.0_f32.copysign(c) } else { c });
     let largest = dir.abs().max_element();
     if largest == 0.0 {
         return None;
     }
-    // In two steps, because 2¹²⁶ is the largest power of two with an inverse.
+    // In two steps, because 2¹²⁶ is the largest power of two whose inverse is not denormal.
     let exponent = largest.log2().floor() as i32;
     let half = 2.0_f32.powi(-exponent / 2);
     Some(dir * half * 2.0_f32.powi(-exponent - -exponent / 2))

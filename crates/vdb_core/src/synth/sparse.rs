@@ -1,16 +1,17 @@
-//! Active voxels of value 1 in a background of 0, where they are hard to find or hard to miss.
+//! Active voxels of value 1 in a background of 0, arranged so that they are hard to find or hard to
+//! miss.
 
 use glam::DVec3;
 
 use super::{Random, Uniform, build};
 use crate::tree::{CoordBox, IVec3, Tree, Vdb543};
 
-/// Active, value 1, where `is_on` says so.
+/// Voxels of a box that are active with value 1 where `is_on` is true.
 fn pattern(bbox: CoordBox, is_on: impl Fn(IVec3) -> bool + Sync) -> Vdb543<f32> {
     build(0.0, bbox, |_| Uniform::No, |ijk| if is_on(ijk) { (1.0, true) } else { (0.0, false) })
 }
 
-/// The given voxels, wherever they lie: one, or two a few million apart.
+/// The given voxels, wherever they are.
 pub fn voxels(ijk: &[IVec3]) -> Vdb543<f32> {
     let mut tree = Tree::new(0.0);
     for &ijk in ijk {
@@ -19,7 +20,7 @@ pub fn voxels(ijk: &[IVec3]) -> Vdb543<f32> {
     tree
 }
 
-/// Every other voxel of a box: those whose coordinates add up to an even number.
+/// Every other voxel of a box: those with an even sum of coordinates.
 pub fn checkerboard(bbox: CoordBox) -> Vdb543<f32> {
     pattern(bbox, |ijk| (ijk.x ^ ijk.y ^ ijk.z) & 1 == 0)
 }
@@ -29,8 +30,8 @@ pub fn box_shell(bbox: CoordBox) -> Vdb543<f32> {
     pattern(bbox, |ijk| (ijk.cmpeq(bbox.min) | ijk.cmpeq(bbox.max)).any())
 }
 
-/// A sphere one voxel thick: the voxels between `radius - 1/2` (included) and `radius + 1/2` from
-/// the centre. Neighbours may touch along an edge only, so it has holes for a careless traversal.
+/// A sphere one voxel thick: the voxels between `radius - 1/2` (inclusive) and `radius + 1/2` from
+/// the centre. Neighbours may share only an edge, so a careless traversal finds holes.
 pub fn sphere_shell(center: DVec3, radius: f64) -> Vdb543<f32> {
     let min = (center - radius).floor().as_ivec3() - 1;
     let max = (center + radius).ceil().as_ivec3() + 1;
@@ -38,7 +39,7 @@ pub fn sphere_shell(center: DVec3, radius: f64) -> Vdb543<f32> {
     pattern(CoordBox { min, max }, on)
 }
 
-/// Each voxel of a box with the given probability, from a seed.
+/// Voxels of a box, each with the given probability.
 pub fn random(bbox: CoordBox, probability: f64, seed: u64) -> Vdb543<f32> {
     pattern(bbox, |ijk| {
         let bits = |c: i32| u64::from(c as u32);
@@ -47,7 +48,7 @@ pub fn random(bbox: CoordBox, probability: f64, seed: u64) -> Vdb543<f32> {
     })
 }
 
-/// Beams along the three axes on a cubic lattice of `pitch` voxels, `thickness` voxels square.
+/// Beams along the three axes on a cubic lattice of `pitch` voxels, each `thickness` voxels square.
 pub fn truss(bbox: CoordBox, pitch: i32, thickness: i32) -> Vdb543<f32> {
     pattern(bbox, |ijk| {
         let in_beam = |c: i32| u8::from(c.rem_euclid(pitch) < thickness);

@@ -1,9 +1,9 @@
-//! Reading with a memory.
+//! Cached look-ups.
 
 use super::{Found, IVec3, Node, Tree, ValueAt};
 
-/// Reads voxels of a tree and remembers the leaf or tile of the last one, so that look-ups close to
-/// each other do not descend from the root each time.
+/// Reads voxels of a tree, caching the last leaf or tile, so that nearby look-ups need not descend
+/// from the root.
 #[derive(Debug)]
 pub struct Accessor<'a, C: Node> {
     tree: &'a Tree<C>,
@@ -17,7 +17,7 @@ enum Last<'a, L: Node> {
 }
 
 impl<C: Node> Tree<C> {
-    /// A reader that remembers where it was last; for many look-ups close to each other.
+    /// A cached reader, for many look-ups close to each other.
     pub fn accessor(&self) -> Accessor<'_, C> {
         Accessor::new(self)
     }

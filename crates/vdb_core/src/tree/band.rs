@@ -1,4 +1,4 @@
-//! Making the narrow band of a level set narrower.
+//! Trimming the narrow band of a level set.
 
 use super::{InternalNode, LeafNode, Mask, Node, RootEntry, Slot, Tree, Vdb543};
 
@@ -6,9 +6,9 @@ type Leaf = LeafNode<f32, 3>;
 type Lower = InternalNode<Leaf, 4>;
 type Upper = InternalNode<Lower, 5>;
 
-/// The same level set with nothing farther than `half_width` from the surface, in the units of the
-/// values: such voxels become inactive and get ±`half_width`, and leaves that hold nothing else
-/// become tiles. The surface itself does not move while `half_width` is at least a voxel's diagonal.
+/// Narrows the band of a level set to `half_width`, in the units of the values: voxels farther from
+/// the surface become inactive with a value of ±`half_width`, and leaves that then hold one value
+/// become tiles. The surface itself does not move if `half_width` is at least a voxel's diagonal.
 pub fn trim_narrow_band(tree: &Vdb543<f32>, half_width: f32) -> Vdb543<f32> {
     let mut trimmed = Tree::new(clamp(tree.background(), half_width));
     for (origin, entry) in tree.entries() {
@@ -25,7 +25,7 @@ pub fn trim_narrow_band(tree: &Vdb543<f32>, half_width: f32) -> Vdb543<f32> {
 }
 
 fn clamp(value: f32, half_width: f32) -> f32 {
-    // Not `f32::clamp`, which does not take a NaN for a bound.
+    // Not `f32::clamp`, which panics if a bound is NaN.
     value.max(-half_width).min(half_width)
 }
 

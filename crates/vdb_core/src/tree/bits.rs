@@ -1,11 +1,11 @@
-//! Leaves of truth values: one or two bits a voxel, no byte.
+//! Leaves of booleans, with one or two bits per voxel.
 
 use std::fmt::Debug;
 
 use super::{CoordBox, Cube, Dim, Found, IVec3, LevelStats, Mask, Node, TreeStats, ValueAt};
 
-/// A cube of `2^LOG2` truth values per edge, each active or not, where `V` is [`Mask`]; where `V`
-/// is [`Active`], the value *is* whether the voxel is active.
+/// A cube of `2^LOG2` boolean voxels per edge, each active or not. With [`Mask`] for `V`, values
+/// are stored separately; with [`Active`], the value *is* the state.
 #[derive(Clone, Debug)]
 pub struct BitLeaf<V, const LOG2: u32>
 where
@@ -16,13 +16,13 @@ where
     values: V,
 }
 
-/// The values of a [`BitLeaf`] of a mask tree, where a voxel is true when it is active.
+/// The values of a mask tree's [`BitLeaf`], in which a voxel is true if it is active.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Active;
 
-/// What holds the values of a [`BitLeaf`].
+/// Storage for the values of a [`BitLeaf`].
 pub trait BitValues: Clone + Debug + Send + Sync {
-    /// All alike.
+    /// Storage with all values equal.
     fn filled(value: bool) -> Self;
     /// The value of a slot whose state is `active`.
     fn value(&self, slot: usize, active: bool) -> bool;
@@ -70,13 +70,13 @@ where
         Box::new(Self { origin: Self::origin_of(ijk), value_mask, values })
     }
 
-    /// Which voxels are active.
+    /// The active voxels.
     #[inline]
     pub fn value_mask(&self) -> &Mask<LOG2> {
         &self.value_mask
     }
 
-    /// Which voxels are true.
+    /// The values of the voxels.
     #[inline]
     pub fn values_mask(&self) -> &V {
         &self.values

@@ -1,16 +1,16 @@
-//! Trees from the leaves up.
+//! Construction of trees from the leaves up.
 
 use super::{Cube, Dim, IVec3, InternalNode, Mask, Node};
 
-/// What stands in a slot.
+/// The content of a slot.
 pub(crate) enum Built<N> {
-    /// One value, and whether it is active.
+    /// A tile: its value, and whether it is active.
     Tile(f32, bool),
-    /// What needs a node.
+    /// A node, because its values differ.
     Node(Box<N>),
 }
 
-/// A node, or the tile that says as much.
+/// A node, or the tile that represents it.
 pub(crate) fn built<N: Node<Value = f32>>(node: Box<N>) -> Built<N> {
     match node.uniform() {
         Some((value, active)) => Built::Tile(value, active),
@@ -18,7 +18,7 @@ pub(crate) fn built<N: Node<Value = f32>>(node: Box<N>) -> Built<N> {
     }
 }
 
-/// A node of what stands in its slots.
+/// A node with the given contents of its slots.
 pub(crate) fn internal<C: Node<Value = f32>, const LOG2: u32>(
     origin: IVec3,
     slots: Vec<Built<C>>,

@@ -1,12 +1,12 @@
-//! The middle of the tree: slots that hold a child node or a tile.
+//! Internal nodes: slots that hold a child node or a tile.
 
 use super::{CoordBox, Cube, Dim, Found, IVec3, LevelStats, Mask, Node, TreeStats, Value, ValueAt};
 
 /// A cube of `2^LOG2` slots per edge, each a child node or a tile.
 ///
-/// Children stand in one vector by ascending slot, and a slot finds its child by *rank*: the
-/// number of child bits before it. So a slot costs one tile value and two bits, whether it holds a
-/// child or not, and a child one pointer more; OpenVDB's union takes a pointer a slot always.
+/// Children are stored in one vector by ascending slot, and a slot finds its child by *rank*: the
+/// number of child bits before it. A slot therefore costs one tile value and two bits, and a child
+/// one pointer more; OpenVDB's union always has the size of a pointer per slot.
 #[derive(Clone, Debug)]
 pub struct InternalNode<C: Node, const LOG2: u32>
 where
@@ -17,15 +17,15 @@ where
     value_mask: Mask<LOG2>,
     /// Slots that hold a child.
     child_mask: Mask<LOG2>,
-    /// Children before each word of `child_mask`; one entry a word.
+    /// The number of children before each word of `child_mask`.
     rank_of_word: Box<[u32]>,
-    /// By ascending slot.
+    /// Children by ascending slot.
     children: Vec<Box<C>>,
-    /// One a slot; without meaning where the slot holds a child.
+    /// One tile value per slot; meaningless where the slot holds a child.
     tiles: Box<[C::Value]>,
 }
 
-/// What a slot of an internal node holds.
+/// The content of a slot of an internal node.
 #[derive(Debug)]
 pub enum Slot<'a, C: Node> {
     /// A child node.
@@ -38,8 +38,9 @@ impl<C: Node, const LOG2: u32> InternalNode<C, LOG2>
 where
     Dim<LOG2>: Cube,
 {
-    /// A node from its parts: `children` by ascending slot, one for each bit of `child_mask`;
-    /// `tiles` one a slot. `None` when the numbers do not fit, or a child does not lie in its slot.
+    /// A node from its parts: `children` by ascending slot, one for each bit of `child_mask`, and
+    /// one element of `tiles` per slot. `None` if the numbers do not match, or a child does not lie
+    /// in its slot.
     pub fn from_parts(
         origin: IVec3,
         child_mask: Mask<LOG2>,
@@ -63,13 +64,13 @@ where
         })
     }
 
-    /// Which slots hold a child.
+    /// The slots that hold a child.
     #[inline]
     pub fn child_mask(&self) -> &Mask<LOG2> {
         &self.child_mask
     }
 
-    /// Which slots are active tiles.
+    /// The slots that are active tiles.
     #[inline]
     pub fn value_mask(&self) -> &Mask<LOG2> {
         &self.value_mask
@@ -81,13 +82,13 @@ where
         &self.children
     }
 
-    /// The children, to change them.
+    /// The children, mutably.
     #[inline]
     pub fn children_mut(&mut self) -> &mut [Box<C>] {
         &mut self.children
     }
 
-    /// What a slot holds.
+    /// The content of a slot.
     #[inline]
     pub fn slot_at(&self, slot: usize) -> Slot<'_, C> {
         if self.child_mask.is_on(slot) {
@@ -97,7 +98,7 @@ where
         }
     }
 
-    /// Makes a slot a tile, dropping the child that it may hold.
+    /// Turns a slot into a tile, dropping its child if it has one.
     pub fn set_tile(&mut self, slot: usize, value: C::Value, active: bool) {
         if self.child_mask.is_on(slot) {
             self.children.remove(self.rank(slot));
@@ -108,7 +109,7 @@ where
         self.value_mask.set(slot, active);
     }
 
-    /// The child of the slot that holds a voxel; made of the slot's tile where there is none yet.
+    /// The child in the slot of a voxel, created from the slot's tile if there is none yet.
     fn touch_child(&mut self, slot: usize, ijk: IVec3) -> &mut C {
         let rank = self.rank(slot);
         if !self.child_mask.is_on(slot) {
@@ -123,14 +124,14 @@ where
         &mut self.children[rank]
     }
 
-    /// Whether a slot is a tile of this value and state.
+    /// Whether a slot is a tile with this value and state.
     fn is_tile(&self, slot: usize, value: C::Value, active: bool) -> bool {
         !self.child_mask.is_on(slot)
             && self.tiles[slot].same(value)
             && self.value_mask.is_on(slot) == active
     }
 
-    /// Children before `slot`.
+    /// The number of children before `slot`.
     #[inline]
     fn rank(&self, slot: usize) -> usize {
         let below = self.child_mask.words()[slot >> 6] & ((1 << (slot & 63)) - 1);
@@ -229,7 +230,7 @@ where
 
     fn values(&self) -> impl Iterator<Item = ValueAt<C::Value>> + '_ {
         (0..Self::SIZE).flat_map(|slot| {
-            // Two optional parts, of which one is empty: a slot is a child or a tile.
+            // The child or the tile; one of them is `None`.
             let (child, tile) = match self.slot_at(slot) {
                 Slot::Child(child) => (Some(child), None),
                 Slot::Tile(..) => (None, Some(self.tile_at(slot))),

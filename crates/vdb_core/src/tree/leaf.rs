@@ -1,8 +1,8 @@
-//! The bottom of the tree: one value and one bit a voxel.
+//! Leaf nodes: one value and one bit per voxel.
 
 use super::{CoordBox, Cube, Dim, Found, IVec3, LevelStats, Mask, Node, TreeStats, Value, ValueAt};
 
-/// A cube of `2^LOG2` voxels per edge, each with a value, active or not.
+/// A cube of `2^LOG2` voxels per edge, each with a value and a state, active or not.
 #[derive(Clone, Debug)]
 pub struct LeafNode<T: Value, const LOG2: u32>
 where
@@ -17,25 +17,25 @@ impl<T: Value, const LOG2: u32> LeafNode<T, LOG2>
 where
     Dim<LOG2>: Cube,
 {
-    /// Which voxels are active.
+    /// The active voxels.
     #[inline]
     pub fn value_mask(&self) -> &Mask<LOG2> {
         &self.value_mask
     }
 
-    /// Which voxels are active, to change them.
+    /// The active voxels, mutably.
     #[inline]
     pub fn value_mask_mut(&mut self) -> &mut Mask<LOG2> {
         &mut self.value_mask
     }
 
-    /// One value a voxel, z fastest; `SIZE` of them.
+    /// The values of all voxels, z fastest.
     #[inline]
     pub fn values_slice(&self) -> &[T] {
         self.values.as_ref()
     }
 
-    /// The values, to change them.
+    /// The values of all voxels, mutably.
     #[inline]
     pub fn values_slice_mut(&mut self) -> &mut [T] {
         self.values.as_mut()

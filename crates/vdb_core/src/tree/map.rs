@@ -1,4 +1,4 @@
-//! The same tree with other values.
+//! Conversion of a tree's values.
 
 use super::{InternalNode, LeafNode, Node, RootEntry, Slot, Tree, Value, Vdb543};
 
@@ -6,7 +6,7 @@ type Leaf<T> = LeafNode<T, 3>;
 type Lower<T> = InternalNode<Leaf<T>, 4>;
 type Upper<T> = InternalNode<Lower<T>, 5>;
 
-/// A tree of the same nodes with other values.
+/// A tree of the same nodes, with converted values.
 pub fn map_values<T: Value, U: Value>(
     tree: &Vdb543<T>,
     convert: impl Fn(T) -> U + Sync,
@@ -56,7 +56,7 @@ fn map_leaf<T: Value, U: Value>(leaf: &Leaf<T>, convert: &impl Fn(T) -> U) -> Bo
     mapped
 }
 
-/// The values of a node's tiles; of slots with a child, none that counts.
+/// The converted values of a node's tiles; slots with a child get a default value, which is unused.
 fn tiles<'a, C: Node + 'a, U: Value>(
     slots: usize,
     slot_at: impl Fn(usize) -> Slot<'a, C>,

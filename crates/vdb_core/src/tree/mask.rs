@@ -1,4 +1,4 @@
-//! Bit masks over the slots of a node, and the compile-time sizes they need.
+//! Bit masks over the slots of a node, and their compile-time sizes.
 
 use std::fmt::Debug;
 
@@ -6,23 +6,23 @@ use super::Value;
 
 /// The storage of a cubic node of `2^LOG2` slots per edge, as a type: `Dim<3>` is 8³ slots.
 ///
-/// Stable Rust cannot write `[T; 1 << (3 * LOG2)]` for a generic `LOG2`, so every supported size
-/// names its arrays once, through [`Cube`].
+/// Stable Rust has no `[T; 1 << (3 * LOG2)]` for a generic `LOG2`, so each supported size names its
+/// array types through [`Cube`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dim<const LOG2: u32>;
 
-/// What [`Dim`] provides for one size of node.
+/// The array types for one size of node.
 pub trait Cube: Copy + Debug + Default + Send + Sync + 'static {
     /// Slots of the node: `2^(3 · LOG2)`.
     const SIZE: usize;
-    /// One bit a slot.
+    /// One bit per slot.
     type Words: AsRef<[u64]> + AsMut<[u64]> + Clone + Debug + PartialEq + Send + Sync;
-    /// One value a slot.
+    /// One value per slot.
     type Values<T: Value>: AsRef<[T]> + AsMut<[T]> + Clone + Debug + Send + Sync;
 
-    /// Words with every bit alike (bits past the last slot stay zero).
+    /// Words with all bits equal (bits beyond the last slot stay zero).
     fn words(on: bool) -> Self::Words;
-    /// Values all alike.
+    /// Values that are all equal.
     fn values<T: Value>(value: T) -> Self::Values<T>;
 }
 
@@ -71,8 +71,8 @@ where
         Self { words: <Dim<LOG2> as Cube>::words(on) }
     }
 
-    /// A mask from its words, slot 0 in the lowest bit of the first word. `None` when the number
-    /// of words is not that of the mask.
+    /// A mask from its words, slot 0 in the lowest bit of the first word. `None` if the number of
+    /// words is wrong.
     pub fn from_words(words: &[u64]) -> Option<Self> {
         let mut mask = Self::filled(false);
         let own = mask.words.as_mut();
@@ -80,13 +80,13 @@ where
         Some(mask)
     }
 
-    /// The words, slot 0 in the lowest bit of the first.
+    /// The words, slot 0 in the lowest bit of the first word.
     #[inline]
     pub fn words(&self) -> &[u64] {
         self.words.as_ref()
     }
 
-    /// The words, to change them.
+    /// The words, mutably.
     #[inline]
     pub fn words_mut(&mut self) -> &mut [u64] {
         self.words.as_mut()
@@ -106,25 +106,25 @@ where
         *word = if on { *word | bit } else { *word & !bit };
     }
 
-    /// How many bits are set.
+    /// The number of set bits.
     #[inline]
     pub fn count(&self) -> usize {
         self.words().iter().map(|w| w.count_ones() as usize).sum()
     }
 
-    /// Whether no bit is set.
+    /// Whether no bits are set.
     #[inline]
     pub fn is_empty(&self) -> bool {
         self.words().iter().all(|&w| w == 0)
     }
 
-    /// Whether every bit is set.
+    /// Whether all bits are set.
     #[inline]
     pub fn is_full(&self) -> bool {
         self.count() == Self::SIZE
     }
 
-    /// The set bits, from the lowest slot up.
+    /// The slots of set bits, in ascending order.
     pub fn iter_on(&self) -> impl Iterator<Item = usize> + '_ {
         self.words().iter().enumerate().flat_map(|(i, &word)| {
             let mut rest = word;

@@ -1,13 +1,14 @@
 //! The VDB tree: a sparse, shallow tree of cubic nodes whose sizes are compile-time constants.
 //!
-//! A [`Tree`] is the root: a sorted map from node origin to child or tile. Below it stand
+//! A [`Tree`] is the root: a sorted map from node origin to child or tile. Below it are
 //! [`InternalNode`]s, whose slots hold either a child or a *tile* (one value for the whole extent
-//! of the slot), and at the bottom [`LeafNode`]s, one value a voxel. Every value, tile or voxel, is
-//! *active* or inactive. Where nothing is stored the tree has its *background*, inactive.
+//! of the slot), and at the bottom [`LeafNode`]s, with one value per voxel. Every value, tile or
+//! voxel, is *active* or inactive. Where nothing is stored, the tree has its inactive *background*
+//! value.
 //!
-//! The structure is that of K. Museth, "VDB: High-Resolution Sparse Volumes with Dynamic Topology",
+//! The structure follows K. Museth, "VDB: High-Resolution Sparse Volumes with Dynamic Topology",
 //! ACM Transactions on Graphics 32(3), 2013. All coordinates are voxels in index space, signed
-//! 32-bit integers, in all eight octants.
+//! 32-bit integers in all eight octants.
 
 mod accessor;
 mod aliases;

@@ -1,19 +1,19 @@
-//! The top of the tree: a sorted map from node origin to child or tile.
+//! The root of the tree: a sorted map from node origin to child or tile.
 
 use std::collections::BTreeMap;
 
 use super::{CoordBox, Found, IVec3, Node, TreeStats, Value, ValueAt};
 
-/// A VDB tree, which is its own root node: unbounded in index space, and as large in memory as
-/// what it holds.
+/// A VDB tree, which is its own root node: unbounded in index space, with memory proportional to
+/// its contents.
 #[derive(Clone, Debug)]
 pub struct Tree<C: Node> {
     background: C::Value,
-    /// By origin, x slowest; the order in which OpenVDB writes root children.
+    /// Entries by origin, x slowest, which is the order in which OpenVDB writes root children.
     entries: BTreeMap<[i32; 3], RootEntry<C>>,
 }
 
-/// What the root holds at the origin of a child-sized cube.
+/// The content of a child-sized cube of the root.
 #[derive(Clone, Debug)]
 pub enum RootEntry<C: Node> {
     /// A child node.
@@ -33,18 +33,18 @@ impl<C: Node> Tree<C> {
         Self { background, entries: BTreeMap::new() }
     }
 
-    /// The value of every voxel that nothing covers.
+    /// The value of all voxels that no node or tile covers.
     #[inline]
     pub fn background(&self) -> C::Value {
         self.background
     }
 
-    /// The entries of the root by ascending origin, with the origin of each.
+    /// The root entries with their origins, in ascending order.
     pub fn entries(&self) -> impl ExactSizeIterator<Item = (IVec3, &RootEntry<C>)> + '_ {
         self.entries.iter().map(|(key, entry)| (IVec3::from_array(*key), entry))
     }
 
-    /// The children of the root by ascending origin, to change them.
+    /// The root children, mutably, by ascending origin.
     pub fn children_mut(&mut self) -> impl Iterator<Item = &mut C> + '_ {
         self.entries.values_mut().filter_map(|entry| match entry {
             RootEntry::Child(child) => Some(&mut **child),
@@ -52,12 +52,12 @@ impl<C: Node> Tree<C> {
         })
     }
 
-    /// Puts a child at its origin, in place of what was there.
+    /// Inserts a child at its origin, replacing any previous entry.
     pub fn insert_child(&mut self, child: Box<C>) {
         self.entries.insert(child.origin().to_array(), RootEntry::Child(child));
     }
 
-    /// Puts a tile over the child-sized cube that holds `ijk`, in place of what was there.
+    /// Inserts a tile over the child-sized cube that contains `ijk`, replacing any previous entry.
     pub fn insert_tile(&mut self, ijk: IVec3, value: C::Value, active: bool) {
         self.entries.insert(C::origin_of(ijk).to_array(), RootEntry::Tile { value, active });
     }
@@ -66,7 +66,7 @@ impl<C: Node> Tree<C> {
         self.entries.get(&C::origin_of(ijk).to_array())
     }
 
-    /// The child of the root that holds a voxel.
+    /// The root child that contains a voxel.
     pub(super) fn child_at(&self, ijk: IVec3) -> Option<&C> {
         match self.entry(ijk)? {
             RootEntry::Child(child) => Some(child),
@@ -82,7 +82,7 @@ impl<C: Node> Tree<C> {
         ValueAt { origin: C::origin_of(ijk), log2_dim: C::TOTAL_LOG2_DIM, value, active }
     }
 
-    /// The leaf or the tile at a voxel.
+    /// The leaf or tile at a voxel.
     pub fn find(&self, ijk: IVec3) -> Found<'_, C::Leaf> {
         match self.child_at(ijk) {
             Some(child) => child.find(ijk),
@@ -119,19 +119,19 @@ impl<C: Node> Tree<C> {
         }
     }
 
-    /// The leaf at a voxel, to change it; made of the tile there where there is none yet.
+    /// The leaf at a voxel, mutably; created from the tile there if necessary.
     pub fn touch_leaf(&mut self, ijk: IVec3) -> &mut C::Leaf {
         self.touch_child(ijk).touch_leaf(ijk)
     }
 
-    /// Makes all voxels of the leaf-sized cube around a voxel alike, with a tile.
+    /// Fills the leaf-sized cube around a voxel with one value and state, as a tile.
     pub fn fill_leaf(&mut self, ijk: IVec3, value: C::Value, active: bool) {
         if !self.is_tile(ijk, value, active) {
             self.touch_child(ijk).fill_leaf(ijk, value, active);
         }
     }
 
-    /// Whether no node covers a voxel, and it has this value and state.
+    /// Whether a voxel is covered by no node, and has this value and state.
     fn is_tile(&self, ijk: IVec3, value: C::Value, active: bool) -> bool {
         let tile = self.tile_at(ijk);
         self.child_at(ijk).is_none() && tile.value.same(value) && tile.active == active
@@ -148,7 +148,7 @@ impl<C: Node> Tree<C> {
             RootEntry::Tile { .. } => unreachable!("it has just become a child"),
         }
     }
-    /// Everything stored, active or not, voxel by voxel and tile by tile.
+    /// All stored values, active or not, voxel by voxel and tile by tile.
     pub fn values(&self) -> impl Iterator<Item = ValueAt<C::Value>> + '_ {
         self.entries().flat_map(|(origin, entry)| {
             let (child, tile) = match entry {
@@ -164,7 +164,7 @@ impl<C: Node> Tree<C> {
         self.values().filter(|value| value.active)
     }
 
-    /// The leaves, by ascending origin of root child and then by slot.
+    /// The leaves, by ascending origin of the root child, and then by slot.
     pub fn leaves(&self) -> impl Iterator<Item = &C::Leaf> + '_ {
         self.entries()
             .filter_map(|(_, entry)| match entry {
@@ -174,7 +174,7 @@ impl<C: Node> Tree<C> {
             .flat_map(|child| child.leaves())
     }
 
-    /// The smallest box around all active values; `None` when there is none.
+    /// The smallest box that contains all active values; `None` if there are none.
     pub fn active_bbox(&self) -> Option<CoordBox> {
         self.entries()
             .filter_map(|(origin, entry)| match entry {
@@ -186,8 +186,8 @@ impl<C: Node> Tree<C> {
             .reduce(CoordBox::union)
     }
 
-    /// Merges every node that holds one value in one state (bit for bit) into a tile, and drops
-    /// root tiles that are inactive background. No voxel changes its value or state.
+    /// Merges each node that holds one value in one state (bit for bit) into a tile, and removes
+    /// root tiles that are inactive background. Values and states of voxels do not change.
     pub fn prune(&mut self) {
         let background = self.background;
         self.entries.retain(|_, entry| {
@@ -201,13 +201,13 @@ impl<C: Node> Tree<C> {
         });
     }
 
-    /// Nodes, tiles and bytes, level by level.
+    /// Nodes, tiles and bytes per level.
     pub fn stats(&self) -> TreeStats {
         let mut stats = TreeStats::new(C::LEVEL + 1);
         stats.bytes = size_of::<Self>() as u64;
         stats.level_mut(C::LEVEL + 1).nodes = 1;
         for (_, entry) in self.entries() {
-            // A map entry takes its key, its value and about half as much again of empty room.
+            // The size of a map entry, with about half as much again for unused capacity.
             stats.bytes += (size_of::<([i32; 3], RootEntry<C>)>() * 3 / 2) as u64;
             match entry {
                 RootEntry::Child(child) => child.add_stats(&mut stats),
@@ -219,7 +219,7 @@ impl<C: Node> Tree<C> {
         stats
     }
 
-    /// Active voxels, those that active tiles cover counted in.
+    /// The number of active voxels, including those covered by active tiles.
     pub fn active_voxel_count(&self) -> u64 {
         self.stats().active_voxels(&C::value_log2_dims())
     }

@@ -1,18 +1,18 @@
-//! Counts over a tree.
+//! Statistics of a tree.
 
-/// What one level of a tree holds.
+/// Statistics of one level of a tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LevelStats {
-    /// Nodes of the level.
+    /// The number of nodes.
     pub nodes: u64,
-    /// Active voxels (leaf level) or active tiles (levels above).
+    /// The number of active voxels (leaf level) or active tiles (levels above).
     pub active_values: u64,
 }
 
-/// Nodes, values and bytes of a tree.
+/// Statistics of a tree.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TreeStats {
-    /// From the leaves (0) up to the root.
+    /// The levels, from the leaves (0) to the root.
     pub levels: Vec<LevelStats>,
     /// Memory of the tree, in bytes.
     pub bytes: u64,
@@ -27,23 +27,23 @@ impl TreeStats {
         &mut self.levels[level as usize]
     }
 
-    /// Leaf nodes.
+    /// The number of leaf nodes.
     pub fn leaf_count(&self) -> u64 {
         self.levels[0].nodes
     }
 
-    /// Active voxels in leaves, tiles left out.
+    /// The number of active voxels in leaves, without tiles.
     pub fn active_leaf_voxels(&self) -> u64 {
         self.levels[0].active_values
     }
 
-    /// Active tiles, of all levels.
+    /// The number of active tiles at all levels.
     pub fn active_tiles(&self) -> u64 {
         self.levels[1..].iter().map(|level| level.active_values).sum()
     }
 
-    /// Active voxels, with those under active tiles; `value_log2_dims` has the extent of a value of each
-    /// level, as log₂ of the voxels per edge.
+    /// The number of active voxels, including those in active tiles. `value_log2_dims` is the
+    /// extent of a value at each level, as log₂ of the voxels per edge.
     pub(super) fn active_voxels(&self, value_log2_dims: &[u32]) -> u64 {
         self.levels
             .iter()

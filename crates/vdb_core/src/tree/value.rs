@@ -1,13 +1,14 @@
-//! What trees hold.
+//! Value types of trees.
 
 use std::fmt::Debug;
 
-/// What a voxel or a tile can hold.
+/// The value of a voxel or a tile.
 ///
-/// `same` decides whether two values may be merged into one by [`Tree::prune`](super::Tree::prune); for floating point
-/// it compares bits, so that a NaN equals itself and `-0.0` is kept apart from `0.0`.
+/// `same` decides whether values may be merged by [`Tree::prune`](super::Tree::prune). For
+/// floating-point numbers it compares bits, so that a NaN equals itself and `-0.0` differs from
+/// `0.0`.
 pub trait Value: Copy + Debug + Default + PartialEq + Send + Sync + 'static {
-    /// Whether two values are the same, bit for bit.
+    /// Whether two values are equal, bit for bit.
     fn same(self, other: Self) -> bool;
 }
 

@@ -1,5 +1,5 @@
-//! JSON as OpenVDB's figures were written: each grid on a line of its own, numbers as C's `%.17g`, every
-//! byte of text that is not printable ASCII as an escape of its own.
+//! JSON in the format of OpenVDB's statistics in the test corpus: one grid per line, numbers as by
+//! C's `%.17g`, and each byte of text that is not printable ASCII as a separate escape.
 
 use std::io::{self, Write};
 
@@ -10,7 +10,7 @@ const GRIDS: usize = 1;
 
 #[derive(Default)]
 pub struct Format {
-    /// Arrays and objects that are open.
+    /// The number of open arrays and objects.
     depth: usize,
 }
 

@@ -1,15 +1,15 @@
-//! Saving with a failure at each call of the system, one after the other.
+//! Saving with each file-system call failing in turn.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 use super::*;
 
-/// The disk, of which one call fails: the `fails_at`th, counted from 0.
+/// The file system with one failing call: the `fails_at`th, counted from 0.
 struct Failing {
     calls: Rc<Cell<usize>>,
     fails_at: usize,
-    /// What each call was, with the mode of the temporary file.
+    /// The name of each call, and the mode of the temporary file after it.
     seen: RefCell<Vec<(&'static str, u32)>>,
     temporary: RefCell<PathBuf>,
 }
@@ -20,7 +20,7 @@ struct FailingFile {
     fails_at: usize,
 }
 
-/// Bytes that one call writes at most, so that there are many.
+/// The most bytes that one call writes, so that there are many calls.
 const PIECE: usize = 100;
 
 fn count(calls: &Cell<usize>, fails_at: usize) -> io::Result<()> {
@@ -31,7 +31,7 @@ fn count(calls: &Cell<usize>, fails_at: usize) -> io::Result<()> {
 impl Write for FailingFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let piece = &bytes[..bytes.len().min(PIECE)];
-        // A full disk takes a part.
+        // A full disk writes only a part.
         if let Err(error) = count(&self.calls, self.fails_at) {
             self.file.write_all(&piece[..piece.len() / 2])?;
             return Err(error);
@@ -135,7 +135,7 @@ fn whatever_fails_the_old_file_is_whole() {
             assert_eq!(left, usize::from(there), "call {fails_at}: a temporary file is left");
             fails_at += 1;
         }
-        // The file is made, eleven times written, flushed, made to outlive a crash, renamed.
+        // create, eleven writes, flush, sync, rename
         assert_eq!(fails_at, 15 + usize::from(there), "calls that were made to fail");
     }
     fs::remove_dir_all(folder).unwrap();
@@ -156,7 +156,7 @@ fn the_temporary_file_is_never_open_to_more_than_the_old_one() {
         let seen = system.seen.into_inner();
         let calls: Vec<&str> = seen.iter().map(|(call, _)| *call).collect();
         assert_eq!(calls, ["create", "take over", "sync", "rename"]);
-        // Until it is in its place, which is when it has no other name any more.
+        // The last call is the rename, after which the temporary name is gone.
         for (call, mode) in &seen[..3] {
             assert_eq!(mode & !(own | 0o600), 0, "after {call}: {mode:o}, not {own:o}");
         }
@@ -169,7 +169,7 @@ fn the_temporary_file_is_never_open_to_more_than_the_old_one() {
 fn a_temporary_file_of_another_run_is_in_nobodys_way() {
     let folder = folder("save_leftover");
     let path = folder.join("grid.vdb");
-    // Numbers that are next, whatever other tests have used of them.
+    // The next numbers, however many other tests have used.
     for number in 0..200 {
         let name = format!(".{}-{number}.vdb.tmp", std::process::id());
         fs::write(folder.join(name), b"left").unwrap();

@@ -1,4 +1,4 @@
-//! Packing anew what has changed, and nothing else.
+//! Incremental packing of changed voxels.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -18,16 +18,17 @@ use crate::pack::palette::tile_word;
 use crate::pack::skips::{self, Chunk};
 use crate::pack::{PackKind, PackedGrid, bricks, values};
 
-/// Something has no room where it is.
+/// There is not enough spare room to pack in place.
 #[derive(Debug)]
 pub(super) struct NoRoom;
 
-/// Leaves whose samples one thread gathers at once.
+/// Leaves per parallel task when gathering samples.
 const LEAVES: usize = 32;
-/// Words between two ranges that are written as one: less than a write of its own costs.
+/// Ranges separated by fewer words than this are merged: copying the gap costs less than another
+/// write.
 const GAP: u32 = 64;
 
-/// A grid's words while they change.
+/// The words of a grid during a commit, with the ranges changed.
 struct Words<'a> {
     packed: &'a mut PackedGrid,
     changed: Vec<Range<u32>>,
@@ -38,7 +39,7 @@ impl Words<'_> {
         self.packed.words[at as usize]
     }
 
-    /// Writes words, if they are others than those that are there.
+    /// Writes words, unless they are equal to the old ones.
     fn put(&mut self, first: u32, words: &[u32]) {
         let at = first as usize;
         let own = &mut self.packed.words[at..at + words.len()];
@@ -48,7 +49,7 @@ impl Words<'_> {
         }
     }
 
-    /// Writes those words of a longer run that are others than those that are there.
+    /// Writes a long run of words in chunks of 16, skipping unchanged chunks.
     fn put_each(&mut self, first: u32, words: &[u32]) {
         for (first, words) in (first..).step_by(16).zip(words.chunks(16)) {
             self.put(first, words);
@@ -62,27 +63,27 @@ impl Words<'_> {
     }
 }
 
-/// A leaf whose samples have to be gathered.
+/// A leaf whose samples must be gathered.
 struct Leaf {
     origin: IVec3,
     place: u32,
-    /// Of a smooth surface, its mask and the room for its samples.
+    /// For smooth surfaces, the mask and the room for samples.
     blocks: Option<(Box<[u32; LEAF_MASK_WORDS]>, Run)>,
 }
 
-/// A commit on its way.
+/// A commit in progress.
 struct Commit<'a> {
     sections: &'a mut Sections,
     words: Words<'a>,
-    /// Leaves whose samples are to be gathered.
+    /// Leaves whose samples must be gathered.
     leaves: Vec<Leaf>,
-    /// Lower nodes where leaf-sized cubes have become empty, or not empty.
+    /// Lower nodes in which leaf-sized cubes became empty or ceased to be.
     moved: Vec<IVec3>,
-    /// Whether lower nodes have come or gone.
+    /// Whether lower nodes were added or removed.
     top: bool,
 }
 
-/// Packs the lattice cells of some cubes anew, and gives the words that have changed, in order.
+/// Repacks the lattice cells of some cubes. Returns the changed ranges of words, in order.
 pub(super) fn commit(
     sections: &mut Sections,
     packed: &mut PackedGrid,
@@ -118,7 +119,7 @@ pub(super) fn commit(
 }
 
 impl Commit<'_> {
-    /// Gives slots of a lower node what they hold.
+    /// Updates slots of a lower node.
     fn lower_node(&mut self, at: IVec3, contents: Vec<(usize, Content)>) -> Result<(), NoRoom> {
         let key = at.to_array();
         let Some(mut lower_node) = self.opened(at, &contents)? else { return Ok(()) };
@@ -178,7 +179,7 @@ impl Commit<'_> {
         Ok(())
     }
 
-    /// The lower node at a place, with words of its own; `None` where it goes on as nothing or as a tile.
+    /// The lower node at a position, with words of its own; `None` if it remains empty or a tile.
     fn opened(
         &mut self,
         at: IVec3,
@@ -204,7 +205,7 @@ impl Commit<'_> {
         }
         let number = self.sections.free_lower_nodes.pop().ok_or(NoRoom)?;
         let first = self.words.packed.header.lower_node(number).start as u32;
-        // Whatever stands there from a lower node that has gone.
+        // Overwrites the words of a removed lower node.
         let words: Vec<u32> = match tile {
             Tile::Empty | Tile::Plain(_) => vec![word; LOWER_WORDS],
             _ => {
@@ -233,7 +234,7 @@ impl Commit<'_> {
         self.kept_tile(tile.map(|value| values::tile(kind, value, 1.0)))
     }
 
-    /// The word of a tile with values as they are kept.
+    /// The word of a tile with stored values.
     fn kept_tile(&mut self, tile: Tile) -> Result<u32, NoRoom> {
         let first = match &tile {
             Tile::Empty => 0,
@@ -260,7 +261,7 @@ impl Commit<'_> {
         Ok(tile_word(&tile, first))
     }
 
-    /// Appends values to the palette, and gives the place of the first.
+    /// Appends values to the palette, and returns the index of the first.
     fn add_values(&mut self, own: &[f32]) -> Result<u32, NoRoom> {
         let first = self.sections.palette_end;
         let end = first + own.len() as u32;
@@ -273,7 +274,7 @@ impl Commit<'_> {
         Ok(first)
     }
 
-    /// Gives a leaf its mask, and its samples room.
+    /// Writes the mask of a leaf, and makes room for its samples.
     fn leaf(
         &mut self,
         origin: IVec3,
@@ -304,7 +305,7 @@ impl Commit<'_> {
         }
     }
 
-    /// Moves the leaves of a lower node to a run of slots with enough room.
+    /// Moves the leaves of a lower node to a larger run of slots.
     fn move_leaves(
         &mut self,
         lower_node: &mut LowerNode,
@@ -331,12 +332,12 @@ impl Commit<'_> {
         Ok(())
     }
 
-    /// Gathers the samples of leaves.
+    /// Gathers and writes the samples of leaves.
     fn samples(&mut self, view: &View) {
         let gather = |leaf: &Leaf, brick: &mut bricks::Brick| {
             bricks::gather(&view.sources(leaf.origin), view.kind, brick);
         };
-        // The words of each leaf: its records where it has them, and its samples.
+        // The words of each leaf: its records, if it has any, and its samples.
         let gathered = |leaves: &[Leaf]| -> Vec<(Vec<u32>, Vec<u32>)> {
             let mut brick = [0.0; BRICK_VALUES];
             let leaves = leaves.iter().map(|leaf| {
@@ -360,8 +361,8 @@ impl Commit<'_> {
         }
     }
 
-    /// Writes how far rays can skip, in the lower nodes around those where cubes have become empty, or have
-    /// ceased to be.
+    /// Recomputes the skips of the lower nodes around those in which cubes became empty or ceased
+    /// to be.
     fn skips(&mut self) {
         let mut around = BTreeSet::new();
         for at in &self.moved {
@@ -403,7 +404,7 @@ impl Commit<'_> {
         Ok(())
     }
 
-    /// The boxes around the occupied cells of lower nodes, and of all of them.
+    /// Updates the boxes around the occupied cells of changed lower nodes, and of the whole grid.
     fn boxes(&mut self, changed: &[(IVec3, super::slots::Slots)]) {
         let packed = &*self.words.packed;
         let lower_nodes = &self.sections.lower_nodes;
@@ -423,20 +424,20 @@ impl Commit<'_> {
     }
 }
 
-/// The sides of a lower node's high faces that a slot of it lies along.
+/// The high faces of a lower node that a slot lies along.
 fn sides_of(slot: usize) -> usize {
     let high = |c: usize| usize::from(c & 15 == 15);
     high(slot >> 8) << 2 | high(slot >> 4) << 1 | high(slot)
 }
 
-/// Whether a tile as it is kept is what one of the tree becomes.
+/// Whether a stored tile represents this tile of the tree.
 fn same_tile(kind: PackKind, kept: &Tile, own: &Tile) -> bool {
     let solids = matches!((kept, own), (Tile::Plain(_), Tile::Plain(_)));
-    // Of a solid, no value is asked for.
+    // The value of a solid tile is irrelevant.
     solids && kind != PackKind::Fog || *kept == own.map(|value| values::tile(kind, value, 1.0))
 }
 
-/// Ranges in order, with those that overlap or are close to each other as one.
+/// Sorts ranges, and merges those that overlap or are close together.
 pub(super) fn merged(mut ranges: Vec<Range<u32>>) -> Vec<Range<u32>> {
     ranges.sort_unstable_by_key(|range| range.start);
     let mut merged: Vec<Range<u32>> = Vec::new();

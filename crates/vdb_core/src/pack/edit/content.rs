@@ -1,4 +1,4 @@
-//! What a leaf-sized cube of the lattice holds, from the tree alone.
+//! Contents of leaf-sized cubes of the lattice, from the tree alone.
 
 use glam::IVec3;
 
@@ -6,7 +6,7 @@ use crate::pack::PackKind;
 use crate::pack::content::{Content, Rule, Source, Sources, corner, largest_density, planes};
 use crate::tree::{Found, Vdb543};
 
-/// How a grid is looked at.
+/// A tree, and the kind of grid it is packed as.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View<'a> {
     pub tree: &'a Vdb543<f32>,
@@ -19,9 +19,9 @@ impl<'a> View<'a> {
         Self { tree, kind, rule: Rule::of(kind) }
     }
 
-    /// What covers the cube at an origin and its neighbours on the high side.
+    /// The contents of the cube at an origin and of its neighbours on the high side.
     pub fn sources(&self, origin: IVec3) -> Sources<'a> {
-        // No cell of a surface of voxels looks further.
+        // The cells of a voxel surface depend on no neighbours.
         let solid = matches!(self.kind, PackKind::Surface { .. });
         std::array::from_fn(|side| match origin.checked_add(corner(side) * 8) {
             Some(at) if side == 0 || !solid => match self.tree.find(at) {
@@ -32,7 +32,7 @@ impl<'a> View<'a> {
         })
     }
 
-    /// The content of the cube at an origin.
+    /// The packed content of the cube at an origin.
     pub fn content(&self, origin: IVec3) -> Content {
         let sources = self.sources(origin);
         Content::of(self.kind, &sources, |side| planes(self.rule, &sources[side], side))

@@ -1,13 +1,13 @@
-//! Voxels that change, and the words with them.
+//! Editing: changes voxels of a tree, and updates its packed words.
 //!
-//! A grid that is being edited is packed with room to spare: behind what each section of its words has
-//! there is as much again by half, and the leaves of a lower node are a run of places with some to spare.
-//! After an edit only those leaves are packed anew whose lattice cells have samples that changed, the
-//! skips of the lower nodes around them where leaves came or went, and the top-level tree where lower nodes did. Where
-//! there is no room left, all is packed anew, with new room: the more there is, the rarer.
+//! An edited grid is packed with spare room: each section of its words can grow by half, and the
+//! leaves of each lower node are a run of slots with some unused. After an edit, only the following
+//! are repacked: leaves whose lattice cells have changed samples; the skips of lower nodes around
+//! added or removed leaves; and the top-level tree, if lower nodes were added or removed. When room
+//! runs out, the whole grid is packed again with new room, which becomes rarer as the grid grows.
 //!
-//! What rays meet is what they meet in the same tree packed as a whole; samples are kept in 32 bits, so
-//! that any value can come.
+//! Rays give the same results as in the same tree packed as a whole. Samples are stored in 32 bits,
+//! so that any value can be written.
 
 mod commit;
 mod content;
@@ -26,7 +26,7 @@ use content::View;
 use sections::Sections;
 use slots::Cubes;
 
-/// What keeps a packed grid in step with a tree whose voxels change.
+/// Keeps a packed grid in step with a tree whose voxels change.
 ///
 /// ```
 /// use vdb_core::pack::edit::{Changes, Editor};
@@ -37,7 +37,7 @@ use slots::Cubes;
 /// let mut tree = Vdb543::new(1.0);
 /// let mut packed = PackedGrid::new(&tree, kind)?;
 /// let mut editor = Editor::default();
-/// // The first time, all is packed anew, with room to spare.
+/// // The first commit packs the whole grid, with spare room.
 /// editor.edit(&mut tree).set(IVec3::ZERO, -1.0);
 /// assert_eq!(editor.commit(&tree, &mut packed)?, Changes::All);
 /// editor.edit(&mut tree).set(IVec3::new(1, 0, 0), -1.0);
@@ -48,23 +48,23 @@ use slots::Cubes;
 #[derive(Clone, Debug, Default)]
 pub struct Editor {
     changed: Cubes,
-    /// Where there are any: see [`Editor::commit`].
+    /// The spare room, once there is any: see [`Editor::commit`].
     sections: Option<Sections>,
-    /// Whether the words are those of the tree as it was at the last commit.
+    /// Whether the words match the tree as of the last commit.
     packed: bool,
 }
 
-/// The words of a packed grid that have changed.
+/// The changed words of a packed grid.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Changes {
-    /// These, in order; none of them empty. The grid has as many words as before.
+    /// These ranges, in order; none of them is empty. The number of words is unchanged.
     Words(Vec<Range<u32>>),
-    /// All, and there may be more or fewer of them.
+    /// All words; their number may have changed.
     All,
 }
 
 impl Changes {
-    /// These and later ones.
+    /// These changes, followed by `later` ones.
     pub fn and(self, later: Self) -> Self {
         match (self, later) {
             (Self::Words(mut words), Self::Words(later)) => {
@@ -77,23 +77,24 @@ impl Changes {
 }
 
 impl Editor {
-    /// Changes voxels of the tree, which must be the same one each time.
+    /// Begins to edit the tree, which must be the same each time.
     pub fn edit<'a>(&'a mut self, tree: &'a mut Vdb543<f32>) -> VoxelEdit<'a> {
         VoxelEdit { tree, changed: &mut self.changed }
     }
 
-    /// Brings a packed grid up to date with the tree, whose voxels have changed through
-    /// [`Editor::edit`] alone: the first time by packing all of it anew, then by what has changed. It
-    /// is the same packed grid each time, or a clone of it.
+    /// Updates a packed grid after its tree has changed through [`Editor::edit`] only. The first
+    /// commit packs the whole grid; later ones pack what has changed. `packed` must be the same
+    /// packed grid each time, or a clone of it.
     ///
-    /// Time is in proportion to the cubes of 8³ voxels that have changed; where some have become empty, or
-    /// not empty, to the lower nodes of 128³ around them; and, by little, to all lower nodes, for the box around
-    /// them and the tree over them. Packing anew takes the time of [`PackedGrid::new`], in proportion to
-    /// all nodes: once the room is used up, which comes the more rarely the more there is, and always
-    /// where tiles of 4096³ voxels, or all that the tree does not hold, can stop or dim a ray.
+    /// The time is proportional to the number of changed cubes of 8³ voxels; where cubes became
+    /// empty or ceased to be, also to the number of lower nodes of 128³ around them; and, to a
+    /// small degree, to the number of all lower nodes, for their bounding box and the tree over
+    /// them. Packing the whole grid takes the time of [`PackedGrid::new`], proportional to all
+    /// nodes. That happens when the spare room is used up, which becomes rarer as the grid grows;
+    /// and at every commit if root tiles of 4096³ voxels or the background can stop or dim a ray.
     ///
     /// # Errors
-    /// As [`PackedGrid::new`]. The packed grid is then empty, until a commit succeeds.
+    /// Those of [`PackedGrid::new`]. The packed grid is then empty until a commit succeeds.
     pub fn commit(
         &mut self,
         tree: &Vdb543<f32>,

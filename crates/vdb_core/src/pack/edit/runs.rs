@@ -1,18 +1,18 @@
-//! Runs of places in a section with room to spare.
+//! Allocation of runs of slots in a section with spare room.
 
 use std::collections::BTreeMap;
 
-/// Hands out runs of numbers below a capacity. A run that is given back serves the next one of its
-/// size; sizes are few, because they are rounded up.
+/// Allocates runs of numbers below a capacity. A freed run is reused for the next one of its size;
+/// there are few different sizes, because sizes are rounded up.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Runs {
     end: u32,
     capacity: u32,
-    /// The first numbers of runs that are free, by size.
+    /// The first numbers of free runs, by size.
     free: BTreeMap<u32, Vec<u32>>,
 }
 
-/// A run: its first number, and how many there are.
+/// A run: its first number, and its length.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Run {
     pub first: u32,
@@ -24,7 +24,7 @@ impl Runs {
         Self { end: 0, capacity, free: BTreeMap::new() }
     }
 
-    /// A run of at least so many numbers, if there is still room for one.
+    /// Allocates a run of at least `least` numbers, if there is room.
     pub fn take(&mut self, least: u32) -> Option<Run> {
         let size = rounded(least);
         if size == 0 {
@@ -44,19 +44,19 @@ impl Runs {
         }
     }
 
-    /// The same with room up to another number.
+    /// The same allocator with another capacity.
     pub fn with_capacity(self, capacity: u32) -> Self {
         Self { capacity, ..self }
     }
 
-    /// Numbers up to the last one that has been handed out.
+    /// The end of the numbers allocated so far.
     pub fn end(&self) -> u32 {
         self.end
     }
 }
 
-/// The next size that is handed out: a multiple of 8 of at most three bits, so that no more than a
-/// quarter is added to large ones.
+/// Rounds a size up to a multiple of 8 with at most three significant bits, which adds at most a
+/// quarter to large sizes.
 pub(super) fn rounded(least: u32) -> u32 {
     let eights = least.div_ceil(8);
     let shift = (u32::BITS - eights.leading_zeros()).saturating_sub(3);

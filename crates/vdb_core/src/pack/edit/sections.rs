@@ -1,4 +1,4 @@
-//! A packed grid with room to spare: every section of its words can grow where it is.
+//! Packed grids with spare room, so that every section of their words can grow in place.
 
 use std::collections::{BTreeMap, HashMap};
 use std::convert::Infallible;
@@ -22,23 +22,23 @@ use crate::tree::CoordBox;
 const LEAF_RECORDS: u32 = 8;
 const LEAF_RECORD_WORDS: u32 = LEAF_RECORDS * RECORD_WORDS as u32;
 
-/// What is known of 128³ cells that are not empty.
+/// A slot of 128³ cells that is not empty.
 #[derive(Clone, Debug)]
 pub(super) struct LowerNode {
-    /// In the top-level tree: a tile, or a lower node and its number.
+    /// Its word in the top-level tree: a tile, or a lower node and its number.
     pub word: u32,
-    /// The leaf-sized cubes in it that are not empty.
+    /// The leaf-sized cubes that are not empty.
     pub chunk: Chunk,
-    /// Where its leaves are.
+    /// The slots of its leaves.
     pub leaves: Run,
-    /// Their numbers within the lower node.
+    /// The numbers of its leaves within the lower node.
     pub used: Slots,
-    /// Around its occupied cells, in index space.
+    /// The box around its occupied cells, in index space.
     pub occupied: Option<CoordBox>,
 }
 
 impl LowerNode {
-    /// Nothing yet, with a word of the top-level tree.
+    /// A lower node without leaves, with a word of the top-level tree.
     pub fn new(word: u32) -> Self {
         let full = word & CHILD == 0;
         Self {
@@ -50,7 +50,7 @@ impl LowerNode {
         }
     }
 
-    /// The number of the lower node, if it is not a tile.
+    /// The number of the lower node, unless it is a tile.
     pub fn number(&self) -> Option<u32> {
         (self.word & CHILD != 0).then_some(self.word & PAYLOAD)
     }
@@ -60,38 +60,38 @@ impl LowerNode {
     }
 }
 
-/// Where everything is, and what is free.
+/// The layout of the sections, and their free room.
 #[derive(Clone, Debug)]
 pub(super) struct Sections {
-    /// By their place in index space, in units of their size.
+    /// Lower nodes by their position in index space, in units of their size.
     pub lower_nodes: BTreeMap<[i32; 3], LowerNode>,
-    /// Numbers of lower nodes that are not in use.
+    /// Unused numbers of lower nodes.
     pub free_lower_nodes: Vec<u32>,
-    /// Places of leaves: of their masks, records, bricks.
+    /// The slots of leaves: of their masks, records and bricks.
     pub places: Runs,
-    /// Samples of smooth surfaces.
+    /// The samples of smooth surfaces.
     pub samples: Runs,
-    /// Those of each leaf, by its place.
+    /// The samples of each leaf, by its slot.
     pub samples_of: Vec<Run>,
-    /// Where values of tiles are in the palette, by their bits, and tuples of them.
+    /// The indices of tile values and of tuples of them in the palette, by their bits.
     pub tiles: HashMap<u32, u32>,
     pub tuples: HashMap<[u32; 8], u32>,
     /// Words of the palette in use.
     pub palette_end: u32,
-    /// Where the palette has to end.
+    /// The capacity of the palette, in words.
     pub palette_room: u32,
-    /// Words that the top-level tree has room for.
+    /// The capacity of the top-level tree, in words.
     pub top_room: u32,
 }
 
-/// Half as much again, and not too little.
+/// A count with half as much again to spare, and at least `least`.
 fn roomy(count: u32, least: u32) -> u32 {
     count.saturating_add((count / 2).max(least))
 }
 
 impl Sections {
-    /// Spreads out what has been packed as a whole, with its samples in 32 bits, so that every section
-    /// has room for half as much again. `None` where there are tiles of more than 128³ cells.
+    /// Copies a packed grid with 32-bit samples into sections that have room to grow by half.
+    /// `None` if there are tiles of more than 128³ cells.
     pub fn spread(packed: &PackedGrid) -> Result<Option<(PackedGrid, Self)>, PackError> {
         let old = &packed.header;
         let Some(found) = lower_nodes_of(packed) else { return Ok(None) };
@@ -228,7 +228,7 @@ impl Sections {
         Ok(Some((spread, sections)))
     }
 
-    /// Gives a grid the box around all lower nodes.
+    /// Sets the bounding box of a grid to the union over all lower nodes.
     pub fn set_box(&mut self, packed: &mut PackedGrid) {
         let boxes = self.lower_nodes.values().filter_map(|lower_node| lower_node.occupied);
         let base = packed.base;
@@ -247,7 +247,7 @@ fn numbered(
     lower_nodes.values().filter_map(|lower_node| Some((lower_node, lower_node.number()?)))
 }
 
-/// Records of a leaf whose samples begin elsewhere: `first` is where.
+/// Records of a leaf whose samples are moved to start at `first`.
 pub(super) fn rebased(records: &[u32], first: u32) -> Vec<u32> {
     let own = records.get(RECORD_WORDS - 1).copied().unwrap_or_default();
     let mut records = records.to_vec();
@@ -257,20 +257,20 @@ pub(super) fn rebased(records: &[u32], first: u32) -> Vec<u32> {
     records
 }
 
-/// The words of sections by the numbers of what is in them.
+/// Indices of the words of individual items.
 impl GridHeader {
-    /// Of a lower node.
+    /// The words of a lower node.
     pub(super) fn lower_node(&self, number: u32) -> Range<usize> {
         let first = self.lower_nodes as usize + number as usize * LOWER_WORDS;
         first..first + LOWER_WORDS
     }
 
-    /// The first of a leaf's mask.
+    /// The first word of a leaf's mask.
     pub(super) fn mask(&self, place: u32) -> u32 {
         self.masks + place * LEAF_MASK_WORDS as u32
     }
 
-    /// Words that [`GridHeader::leaf`] begins.
+    /// Words of a leaf at [`GridHeader::leaf`].
     pub(super) fn leaf_words(&self) -> u32 {
         match (self.brick_words, self.records) {
             (0, 0) => 0,
@@ -279,7 +279,8 @@ impl GridHeader {
         }
     }
 
-    /// The first of a leaf's brick, or of its records where there is room for all that it can have.
+    /// The first word of a leaf's brick, or of its records in a layout with room for
+    /// [`LEAF_RECORDS`] per leaf.
     pub(super) fn leaf(&self, place: u32) -> u32 {
         if self.brick_words > 0 {
             self.samples + place * self.brick_words
@@ -295,7 +296,7 @@ impl PackedGrid {
         self.words[first..].first_chunk().expect("a leaf has a mask")
     }
 
-    /// The records and the samples of a leaf of a smooth surface that has been packed as a whole.
+    /// The records and the samples of a leaf of a smooth surface, in a grid without spare room.
     fn smooth_leaf(&self, leaf: u32) -> (&[u32], &[u32]) {
         let mask = self.mask(leaf);
         let blocks = mask.chunks_exact(2).filter(|pair| pair[0] | pair[1] != 0).count();
@@ -306,13 +307,13 @@ impl PackedGrid {
         (records, &self.words[first..][..blocks::samples_of(mask) as usize])
     }
 
-    /// The tile of a word that is none of a lower node, a node or a leaf, with its values as they are kept.
+    /// The tile, with stored values, of a word that is not a node, lower node or leaf.
     pub(super) fn tile_of(&self, word: u32) -> Tile {
         let first = (self.header.palette + (word & PAYLOAD)) as usize;
         let value = |i: usize| f32::from_bits(self.words[first + i]);
         match word & (OCCUPIED | BOUNDARY | FILLED) {
             OCCUPIED if self.kind == PackKind::Fog => Tile::Plain(value(0)),
-            // Of a solid, no value is asked for.
+            // The value of a solid tile is irrelevant.
             OCCUPIED => Tile::Plain(0.0),
             word if word == OCCUPIED | BOUNDARY | FILLED => {
                 Tile::Boundary(std::array::from_fn(value))
@@ -322,7 +323,8 @@ impl PackedGrid {
         }
     }
 
-    /// The kind of grid that values as they are kept are of: a surface's are counted from the iso-value on.
+    /// The kind of grid in which stored values are expressed: those of surfaces are relative to the
+    /// iso-value.
     pub(super) fn kept_kind(&self) -> PackKind {
         match self.kind {
             PackKind::Surface { .. } => PackKind::Surface { iso: 0.0 },
@@ -353,7 +355,8 @@ impl PackedGrid {
     }
 }
 
-/// Where local coordinates and the top-level tree begin, in lower nodes, and how many levels the top-level tree has.
+/// The origins of local coordinates and of the top-level tree, in lower nodes, and the number of
+/// levels of the top-level tree.
 pub(super) struct Frame {
     base: IVec3,
     top_origin: IVec3,
@@ -361,7 +364,7 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// With half of it to spare on all sides.
+    /// A frame with a margin of at least half the largest extent on each side.
     fn around(lower_nodes: &BTreeMap<[i32; 3], LowerNode>) -> Self {
         let all = lower_nodes.keys().map(|at| CoordBox::voxel(IVec3::from_array(*at)));
         let bounds = all.reduce(CoordBox::union).unwrap_or(CoordBox::voxel(IVec3::ZERO));
@@ -380,7 +383,7 @@ impl Frame {
         Self { base, top_origin: IVec3::ZERO, levels }
     }
 
-    /// Of a grid.
+    /// The frame of a packed grid.
     pub fn of(packed: &PackedGrid) -> Self {
         Self {
             base: packed.base >> LOWER_BITS as i32,
@@ -389,7 +392,7 @@ impl Frame {
         }
     }
 
-    /// A lower node of index space as the top-level tree counts it.
+    /// The position in the top-level tree of a lower node given in index space.
     fn place(&self, lower_node: IVec3) -> IVec3 {
         lower_node - self.base - self.top_origin
     }
@@ -411,7 +414,8 @@ impl Frame {
     }
 }
 
-/// The lower nodes and tiles of a top-level tree, in index space; `None` where a tile is larger than a lower node.
+/// The lower nodes and tiles of a top-level tree, in index space; `None` if a tile is larger than a
+/// lower node.
 fn lower_nodes_of(packed: &PackedGrid) -> Option<Vec<(IVec3, u32)>> {
     let header = &packed.header;
     let origin = (packed.base >> LOWER_BITS as i32) + IVec3::from_array(header.top_origin);

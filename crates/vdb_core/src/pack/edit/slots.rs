@@ -1,4 +1,4 @@
-//! Sets of leaf-sized cubes: those whose voxels have changed.
+//! Sets of leaf-sized cubes, for those whose voxels have changed.
 
 use std::collections::HashMap;
 
@@ -9,7 +9,7 @@ use crate::pack::layout::{LEAF_BITS, LOWER_BITS, LOWER_WORDS};
 /// log₂ of the slots per edge of a lower node.
 const SLOT_BITS: i32 = (LOWER_BITS - LEAF_BITS) as i32;
 
-/// Some of the slots of a lower node, a bit each.
+/// A set of slots of a lower node, one bit each.
 #[derive(Clone, Debug)]
 pub(super) struct Slots([u64; LOWER_WORDS / 64]);
 
@@ -29,7 +29,7 @@ impl Slots {
         self.0.iter().map(|word| word.count_ones()).sum()
     }
 
-    /// From the lowest up.
+    /// The slots in ascending order.
     pub fn iter(&self) -> impl Iterator<Item = usize> + '_ {
         self.0.iter().enumerate().flat_map(|(i, &word)| {
             let mut rest = word;
@@ -41,7 +41,7 @@ impl Slots {
         })
     }
 
-    /// The lowest that is not there, if it is below `limit`.
+    /// The lowest slot that is not in the set, if it is below `limit`.
     pub fn first_free(&self, limit: u32) -> Option<usize> {
         let word = self.0.iter().position(|&word| word != u64::MAX)?;
         let slot = word * 64 + self.0[word].trailing_ones() as usize;
@@ -56,12 +56,14 @@ pub(super) fn slot_origin(lower_node: IVec3, slot: usize) -> IVec3 {
     (lower_node << LOWER_BITS as i32) + (offset << LEAF_BITS as i32)
 }
 
-/// Leaf-sized cubes of the index space, by lower node. A cube is named by its lowest voxel over 8.
+/// A set of leaf-sized cubes of index space, grouped by lower node. A cube is identified by its
+/// lowest voxel divided by 8.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cubes {
     numbers: HashMap<IVec3, usize>,
     lower_nodes: Vec<(IVec3, Slots)>,
-    /// The one that the last cube was in: cubes come side by side.
+    /// The index of the lower node that was used last: consecutive cubes are usually close
+    /// together.
     last: usize,
 }
 
@@ -83,7 +85,7 @@ impl Cubes {
         self.lower_nodes[self.last].1.set(slot as usize, true);
     }
 
-    /// These and their neighbours on the low side, whose lattice cells have samples in them.
+    /// These cubes and their neighbours on the low side, whose lattice cells have samples in them.
     pub fn with_low_sides(&self) -> Self {
         let lowest = i32::MIN >> LEAF_BITS;
         let mut all = Self::default();
@@ -101,7 +103,7 @@ impl Cubes {
         all
     }
 
-    /// The lower nodes with their slots, in an order of their own that follows from the cubes alone.
+    /// The lower nodes with their slots, in a deterministic order.
     pub fn into_lower_nodes(self) -> Vec<(IVec3, Slots)> {
         let mut lower_nodes = self.lower_nodes;
         lower_nodes.sort_unstable_by_key(|(lower_node, _)| lower_node.to_array());

@@ -1,4 +1,4 @@
-//! Changing voxels.
+//! Voxel edits.
 
 use glam::IVec3;
 use rayon::prelude::*;
@@ -12,10 +12,10 @@ type Leaf = LeafNode<f32, 3>;
 /// A value and its state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Voxel {
-    /// In the grid's own units.
+    /// The value, in the units of the grid.
     pub value: f32,
-    /// Whether the voxel is active: in the narrow band of a level set, or part of a fog. The picture
-    /// goes by values alone.
+    /// Whether the voxel is active: in the narrow band of a level set, or part of a fog. Rendering
+    /// depends on values only.
     pub active: bool,
 }
 
@@ -25,13 +25,13 @@ impl Voxel {
     }
 }
 
-/// Changes the voxels of a grid; all coordinates are in index space.
+/// Edits the voxels of a grid. All coordinates are in index space.
 ///
-/// What is written is read back at once.
+/// Reads see earlier writes immediately.
 ///
-/// A voxel costs a look-up, and, where a tile covers it, the nodes down to a leaf, one of each size: 150 KB
-/// and some microseconds at most, however large the tile is. Boxes cost what their docs say; there is no bound
-/// but the size of the box.
+/// Setting a voxel takes a look-up and, in a tile, the creation of one node of each size down to a
+/// leaf: at most 150 KB and a few microseconds, however large the tile is. The cost of boxes is
+/// documented with their methods; it is bounded by the size of the box only.
 #[derive(Debug)]
 pub struct VoxelEdit<'a> {
     pub(super) tree: &'a mut Vdb543<f32>,
@@ -76,8 +76,8 @@ impl VoxelEdit<'_> {
         self.changed.insert(ijk >> LEAF_BITS as i32);
     }
 
-    /// Makes all voxels of a box alike. Cubes of 8³ that lie in it become tiles, so that a box costs as
-    /// many steps as there are of them.
+    /// Sets all voxels of a box to one value and state. Cubes of 8³ that lie in the box become
+    /// tiles, so the time is proportional to the number of such cubes.
     pub fn fill(&mut self, bbox: CoordBox, voxel: Voxel) {
         for cube in cubes(bbox) {
             let origin = cube << LEAF_BITS as i32;
@@ -97,10 +97,10 @@ impl VoxelEdit<'_> {
         }
     }
 
-    /// Gives each voxel of a box a value and a state that follow from what it has and where it is. The
-    /// function is called from several threads, once for each voxel of the box; what it leaves alone
-    /// costs nothing further. Leaves that become all alike become tiles. Time is in proportion to the
-    /// voxels of the box.
+    /// Replaces the value and state of each voxel of a box by a function of its position, value and
+    /// state. The function is called from several threads, once for each voxel of the box; voxels
+    /// that it does not change cost nothing further. Leaves that become uniform become tiles. The
+    /// time is proportional to the number of voxels in the box.
     pub fn update(&mut self, bbox: CoordBox, f: impl Fn(IVec3, Voxel) -> Voxel + Sync) {
         let cubes: Vec<IVec3> = cubes(bbox).collect();
         let tree = &*self.tree;
@@ -123,7 +123,7 @@ impl VoxelEdit<'_> {
     }
 }
 
-/// The leaf-sized cubes that a box touches, by their lowest voxel over 8.
+/// The leaf-sized cubes that a box touches, identified by their lowest voxel divided by 8.
 fn cubes(bbox: CoordBox) -> impl Iterator<Item = IVec3> {
     let (low, high) = (bbox.min >> LEAF_BITS as i32, bbox.max >> LEAF_BITS as i32);
     (low.x..=high.x).flat_map(move |x| {
@@ -131,7 +131,7 @@ fn cubes(bbox: CoordBox) -> impl Iterator<Item = IVec3> {
     })
 }
 
-/// What a function makes of a cube, if that is anything new.
+/// The leaf that results from applying a function to a cube, if anything changes.
 fn updated(
     tree: &Vdb543<f32>,
     bbox: CoordBox,

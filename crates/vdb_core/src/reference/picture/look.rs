@@ -1,30 +1,30 @@
-//! How surfaces scatter light.
+//! Reflection models of surfaces.
 
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
-/// How the surfaces of a scene scatter the light that they meet.
+/// The reflection model of a scene's surfaces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Look {
-    /// Evenly: the albedo is all there is.
+    /// Lambertian: determined by the albedo alone.
     Lambert,
-    /// As Bevy's `StandardMaterial` that is not of metal, under direct and ambient light.
+    /// Bevy's `StandardMaterial` for non-metals, under direct and ambient light.
     Standard {
         /// From 0 to 1.
         perceptual_roughness: f64,
-        /// From 0 to 1, where 0.5 reflects 4 % of light that comes head on.
+        /// From 0 to 1; 0.5 reflects 4 % of the light at normal incidence.
         reflectance: f64,
     },
 }
 
-/// Of two unit vectors.
+/// The clamped cosine of the angle between two unit vectors.
 fn cosine(a: DVec3, b: DVec3) -> f64 {
     a.dot(b).clamp(0.0, 1.0)
 }
 
-/// How much of even light a surface reflects by its gloss: a factor on what it reflects head on, and what
-/// it reflects besides. Karis 2014, "Physically based shading on mobile".
+/// The specular reflection of uniform light: a factor on the reflectance at normal incidence, and
+/// an addend. Karis 2014, "Physically based shading on mobile".
 fn gloss(perceptual_roughness: f64, n_dot_v: f64) -> [f64; 2] {
     let r = [(-1.0, 1.0), (-0.0275, 0.0425), (-0.572, 1.04), (0.022, -0.04)]
         .map(|(slope, offset)| perceptual_roughness * slope + offset);
@@ -33,8 +33,8 @@ fn gloss(perceptual_roughness: f64, n_dot_v: f64) -> [f64; 2] {
 }
 
 impl Look {
-    /// What a surface sends to the viewer, for each unit of what a white Lambertian surface sends that
-    /// faces the light. Directions are of unit length, away from the surface.
+    /// The light reflected towards the viewer, relative to that of a white Lambertian surface
+    /// facing the light. Directions have unit length and point away from the surface.
     pub(super) fn direct(self, albedo: Vec3, n: DVec3, v: DVec3, l: DVec3) -> Vec3 {
         let n_dot_l = cosine(n, l);
         let Self::Standard { perceptual_roughness, reflectance } = self else {
@@ -47,8 +47,8 @@ impl Look {
         // Burley 2012.
         let grazing = 0.5 + 2.0 * a * l_dot_h * l_dot_h;
         let diffuse = schlick(1.0, grazing, n_dot_l) * schlick(1.0, grazing, n_dot_v);
-        // Trowbridge and Reitz's distribution, Smith's correlated masking, Schlick's Fresnel term, and
-        // what light that is reflected several times adds: as Filament has them.
+        // The GGX (Trowbridge–Reitz) distribution, Smith's height-correlated masking, Schlick's
+        // Fresnel term, and compensation for multiple scattering, as in Filament.
         let k = a / (1.0 - n_dot_h * n_dot_h + (n_dot_h * a).powi(2));
         let smith = |x: f64, y: f64| x * ((y - a * a * y) * y + a * a).sqrt();
         let masking = 0.5 / (smith(n_dot_l, n_dot_v) + smith(n_dot_v, n_dot_l));
@@ -60,7 +60,7 @@ impl Look {
         albedo * (diffuse * n_dot_l) as f32 + Vec3::splat((specular * n_dot_l) as f32)
     }
 
-    /// What a surface sends to the viewer, for each unit of radiance from everywhere.
+    /// The light reflected towards the viewer, per unit of radiance from all directions.
     pub(super) fn ambient(self, albedo: Vec3, n: DVec3, v: DVec3) -> Vec3 {
         let Self::Standard { perceptual_roughness, reflectance } = self else { return albedo };
         let n_dot_v = n.dot(v).max(1e-4);

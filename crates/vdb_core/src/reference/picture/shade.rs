@@ -1,4 +1,4 @@
-//! The light along one ray through a scene.
+//! Shading along one ray through a scene.
 
 use std::{f64::consts::PI, ops::ControlFlow};
 
@@ -10,15 +10,15 @@ use crate::reference::{
 };
 use crate::tree::Node;
 
-/// World length of a step off a surface before a shadow ray may hit it, in voxels: a picture wants
-/// no acne more than it wants the contact shadow of the last thousandth of a voxel.
+/// Offset of shadow rays from surfaces, in voxels: avoiding shadow acne matters more than contact
+/// shadows of the last thousandth of a voxel.
 const SHADOW_BIAS: f64 = 1e-3;
 
-/// Voxels of fog along a view ray for which the sun's light is taken once: shadow rays are what a
-/// picture of a fog costs.
+/// Voxels of fog along a view ray that share one shadow ray, because shadow rays dominate the cost
+/// of fog.
 const SHADOW_STEP: f64 = 4.0;
 
-/// A scene with its trees ready to be traced.
+/// A scene with its trees prepared for tracing.
 pub(super) struct Prepared<'a, C: Node<Value = f32>> {
     scene: &'a Scene<'a, C>,
     volumes: Vec<(DAffine3, DAffine3, Tracer<'a, C>)>,
@@ -34,25 +34,26 @@ enum Tracer<'a, C: Node<Value = f32>> {
 
 /// A point on a surface.
 struct Surface {
-    /// World distance.
+    /// World distance along the ray.
     t: f64,
-    /// World space, unit length, towards the viewer.
+    /// Unit normal in world space, facing the viewer.
     normal: DVec3,
     albedo: Vec3,
-    /// World length of a voxel, for the bias of shadow rays.
+    /// World size of a voxel, for the bias of shadow rays.
     voxel: f64,
 }
 
-/// A stretch of fog on a ray, with what it does to light.
+/// An interval of fog on a ray, with its optical properties.
 struct FogPiece<'a, C: Node<Value = f32>> {
     t: [f64; 2],
     density: Cubic,
     tracer: &'a Tracer<'a, C>,
-    /// World length of a voxel.
+    /// World size of a voxel.
     voxel: f64,
 }
 
-/// World to index space along a ray: `t` is world distance in both, as the map is affine.
+/// Transforms a ray from world to index space. `t` is the world distance in both, as the map is
+/// affine.
 fn to_index(index_from_world: &DAffine3, origin: DVec3, direction: DVec3) -> Ray {
     Ray::from_f64(
         index_from_world.transform_point3(origin),
@@ -118,7 +119,7 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
                     }
                     Tracer::Fog { .. } => return None,
                 };
-                // Normals go by the inverse transpose of what points go by.
+                // Normals are transformed by the inverse transpose of the matrix for points.
                 let normal =
                     (index_from_world.matrix3.transpose() * normal).normalize_or(-direction);
                 let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
@@ -128,7 +129,7 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
         surfaces.min_by(|a, b| a.t.total_cmp(&b.t))
     }
 
-    /// The part of the sun's light that reaches a point in world space.
+    /// The fraction of sunlight that reaches a point in world space.
     fn sunlight(&self, point: DVec3) -> f64 {
         if !self.scene.shadows {
             return 1.0;
@@ -145,10 +146,11 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
         })
     }
 
-    /// Radiance and transmittance of the fogs up to a distance.
+    /// Radiance and transmittance of all fog up to a distance.
     ///
-    /// The stretches of all fogs are cut at each other's ends; in a piece the depth of each is exact,
-    /// and the light that it sends is taken as constant, the sun's for [`SHADOW_STEP`] voxels.
+    /// The intervals of all fogs are cut at each other's ends. In each piece, optical depths are
+    /// exact; the source radiance is taken as constant, and the sunlight as constant over
+    /// [`SHADOW_STEP`] voxels.
     fn fog(&self, origin: DVec3, direction: DVec3, depth: f64) -> (Vec3, f64) {
         let mut pieces = Vec::new();
         for (world_from_index, index_from_world, tracer) in &self.volumes {
@@ -192,7 +194,8 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
             for piece in &open {
                 if let Tracer::Fog { extinction, albedo, emission, anisotropy, .. } = piece.tracer {
                     let depth = extinction * piece.depth(t[0], t[1]);
-                    // Light that goes straight on comes from straight ahead.
+                    // With the sun straight ahead, light that is scattered forwards (cosine 1) is
+                    // seen.
                     let seen = PI * phase(*anisotropy, direction.dot(self.sun));
                     let incoming = self.scene.sun.radiance * sun * seen as f32 + self.scene.ambient;
                     total += depth;

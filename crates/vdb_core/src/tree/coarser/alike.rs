@@ -1,24 +1,24 @@
-//! Boxes of samples that a tree gives one value.
+//! Boxes of samples for which a tree has a single value.
 
 use super::Upper;
 use crate::tree::{Cube, Dim, IVec3, InternalNode, Node, RootEntry, Slot, Vdb543};
 
-/// A box of samples of the finer tree, both corners within.
+/// A box of samples of the finer tree, with both corners included.
 pub(super) type Samples = [(i64, i64); 3];
 
-/// What the root of the finer tree has where one of the largest nodes of the coarser tree has its samples.
+/// The root entries of the finer tree around the samples of one root child of the coarser tree.
 pub(super) struct Roots<'a> {
-    /// The first of them, in units of their size.
+    /// The position of the first entry, in units of their size.
     first: [i64; 3],
     background: f32,
     entries: Vec<Option<&'a RootEntry<Upper>>>,
 }
 
-/// Of them, on each axis: two in the node, and one on either side.
+/// Entries per axis: two in the node, and one on either side.
 const ROOTS: i64 = 4;
 
 impl<'a> Roots<'a> {
-    /// Around the node of the coarser tree at an origin.
+    /// The entries around the coarser tree's node at an origin.
     pub fn around(tree: &'a Vdb543<f32>, origin: IVec3) -> Self {
         let first = origin.to_array().map(|c| 2 * (i64::from(c) >> Upper::TOTAL_LOG2_DIM) - 1);
         let mut entries = Vec::with_capacity(ROOTS.pow(3) as usize);
@@ -33,7 +33,7 @@ impl<'a> Roots<'a> {
         Self { first, background: tree.background(), entries }
     }
 
-    /// The value of all samples of a box, if the tree says that they are alike.
+    /// The common value of all samples of a box, if they all lie in equal tiles.
     pub fn one_value(&self, samples: Samples) -> Option<f32> {
         let mut one = None;
         let slots = [0, 1, 2].map(|axis| {
@@ -46,7 +46,7 @@ impl<'a> Roots<'a> {
                 Some(RootEntry::Tile { value, .. }) => same(&mut one, *value),
                 Some(RootEntry::Child(upper)) => {
                     within(&**upper, samples, &mut one, |lower, one| {
-                        // Leaves are there to differ.
+                        // A leaf exists because its values differ.
                         within(lower, samples, one, |_, _| false)
                     })
                 }
@@ -57,18 +57,18 @@ impl<'a> Roots<'a> {
     }
 }
 
-/// Whether a value is the one that all have had so far.
+/// Whether a value equals that of all samples so far.
 fn same(one: &mut Option<f32>, value: f32) -> bool {
     one.get_or_insert(value).to_bits() == value.to_bits()
 }
 
-/// Goes through all places of a box while they are as they should be.
+/// Visits all points of a box for as long as `of` returns true.
 pub(super) fn each(places: Samples, mut of: impl FnMut([i64; 3]) -> bool) -> bool {
     let [x, y, z] = places.map(|(low, high)| low..=high);
     x.into_iter().all(|x| y.clone().all(|y| z.clone().all(|z| of([x, y, z]))))
 }
 
-/// Whether the samples of a box within a node all have the one value.
+/// Whether all samples of a box within a node have the common value.
 fn within<C: Node<Value = f32>, const LOG2: u32>(
     node: &InternalNode<C, LOG2>,
     samples: Samples,

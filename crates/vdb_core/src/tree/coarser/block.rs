@@ -6,23 +6,23 @@ use super::alike::Samples;
 use super::{EDGE, Leaf};
 use crate::tree::{Found, IVec3, Vdb543};
 
-/// Cubes per axis that hold the samples around a leaf: two in its place, and one on either side.
+/// Cubes per axis that hold the samples around a leaf: two at its position, and one on either side.
 const CUBES: usize = 4;
 
-/// What covers a cube of 8³ samples of the finer tree.
+/// The content of a cube of 8³ samples of the finer tree.
 #[derive(Clone, Copy)]
 enum Cube<'a> {
     Leaf(&'a Leaf),
     Tile(f32),
 }
 
-/// What covers the cubes around one leaf of the coarser tree, z fastest.
+/// The contents of the cubes around one leaf of the coarser tree, z fastest.
 pub(super) struct Cubes<'a> {
     samples: Samples,
     cubes: [Cube<'a>; CUBES.pow(3)],
 }
 
-/// The bits of the values of [`Cubes`] that are all tiles. They determine the leaf.
+/// The bits of the values of [`Cubes`] if all of them are tiles. They determine the leaf.
 pub(super) type TileBits = [u32; CUBES.pow(3)];
 
 impl<'a> Cubes<'a> {
@@ -42,7 +42,7 @@ impl<'a> Cubes<'a> {
         Self { samples, cubes }
     }
 
-    /// The bits of their values, if all of them are tiles.
+    /// The bits of the values, if all cubes are tiles.
     pub fn tile_bits(&self) -> Option<TileBits> {
         let mut bits = [0; CUBES.pow(3)];
         for (bits, cube) in bits.iter_mut().zip(&self.cubes) {
@@ -55,12 +55,12 @@ impl<'a> Cubes<'a> {
     }
 }
 
-/// The lowest sample on an axis of the cubes that hold a box of samples.
+/// The lowest sample, on an axis, of the cubes that hold a box of samples.
 fn first(samples: Samples, axis: usize) -> i64 {
     samples[axis].0.div_euclid(EDGE as i64) * EDGE as i64
 }
 
-/// Samples of a box, z fastest.
+/// The samples of a box, z fastest.
 pub(super) struct Block {
     pub edge: usize,
     pub values: Vec<f32>,
@@ -71,7 +71,7 @@ impl Block {
         let samples = cubes.samples;
         let edge = (samples[0].1 - samples[0].0 + 1) as usize;
         let mut values = vec![0.0; edge * edge * edge];
-        // Samples of the first cubes that lie before the block.
+        // The number of samples of the first cubes that lie before the block.
         let before = [0, 1, 2].map(|axis| (samples[axis].0 - first(samples, axis)) as usize);
         let range = |axis: usize, cube: usize| {
             let low = (cube * EDGE).max(before[axis]);
@@ -103,8 +103,8 @@ impl Block {
         self.values[self.index(place)]
     }
 
-    /// Whether what is solid at a place goes on further inwards: then a sample that is left is in it,
-    /// if not one beside the place.
+    /// Whether the solid at a point extends further inwards. If it does, one of the remaining
+    /// samples is inside it, if not one next to the point.
     pub fn is_thick(&self, place: [usize; 3], iso: f32) -> bool {
         let Some(uphill) = self.uphill(place, f32::INFINITY) else { return false };
         let inwards = (-2.5 * uphill).round().to_array();
@@ -113,8 +113,8 @@ impl Block {
         self.at(at.map(|c| c as usize)) < iso
     }
 
-    /// The direction in which distances grow, from those beside a place that a band of some width
-    /// knows.
+    /// The direction in which distances grow at a point, from those of its neighbours that are
+    /// within a band of `width`.
     pub fn uphill(&self, place: [usize; 3], width: f32) -> Option<Vec3> {
         let here = self.at(place);
         let slope = [0, 1, 2].map(|axis| {
@@ -125,7 +125,7 @@ impl Block {
                 if value.abs() < width { value } else { here }
             };
             let (low, high) = (beside(0), beside(2));
-            // One side alone tells half as much.
+            // With a neighbour on one side only, the difference is over half the distance.
             let sides = f32::from(u8::from(low != here) + u8::from(high != here));
             (high - low) / sides.max(1.0)
         });

@@ -1,4 +1,4 @@
-//! The same grid at half the resolution, for what is far away.
+//! Levels of detail: a grid at half the resolution, for distant views.
 
 mod alike;
 mod block;
@@ -27,43 +27,44 @@ type Leaf = LeafNode<f32, 3>;
 type Lower = InternalNode<Leaf, 4>;
 type Upper = InternalNode<Lower, 5>;
 
-/// What the values of a grid are, and so what becomes of them at half the resolution.
+/// The meaning of a grid's values, which determines how they are downsampled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Coarsening {
-    /// Densities: the trilinear interpolant comes as close to what it was as it can, nearly in the
-    /// mean of squares. Its integral over all of space stays the same, but for what would be below
-    /// zero.
+    /// Densities. The trilinear interpolant stays as close as possible to the original, nearly in
+    /// the least-squares sense. Its integral over all of space is preserved, except for the
+    /// clamping of negative values.
     Fog,
-    /// What has a surface where it passes through an iso-value, solid below it. Samples stay where
-    /// they are. A sheet or a strut so thin that none of the samples left is within it is made one
-    /// sample thick, so that nothing vanishes.
+    /// Values with a surface at an iso-value, solid below it. Samples are not moved. A sheet or a
+    /// strut so thin that no remaining sample is inside it becomes one sample thick, so that
+    /// nothing vanishes.
     Surface {
         /// The value at the surface.
         iso: f32,
-        /// Of values that are distances, the edge of a voxel in their units; see
-        /// [`voxel_in_distances`]. Then the band around the surface is made as many samples wide as
-        /// it was.
+        /// If the values are distances, the edge of a voxel in their units; see
+        /// [`voxel_in_distances`]. The band around the surface is then widened to as many samples
+        /// as before.
         voxel: Option<f32>,
     },
 }
 
 impl Coarsening {
-    /// Samples of the finer tree around one of the coarser tree that it depends on.
+    /// The distance, in samples of the finer tree, over which a sample of the coarser tree depends
+    /// on them.
     fn reach(self) -> i64 {
         match self {
             Self::Fog => fog::TAPS as i64 / 2,
-            // Two rings of coarse samples, and what may be too thin for the outer one.
+            // Two rings of coarse samples, and the samples that may be too thin for the outer one.
             Self::Surface { .. } => 6,
         }
     }
 }
 
-/// How to make a level of detail.
+/// Options for generating a level of detail.
 #[derive(Clone, Default)]
 pub struct LevelOptions {
-    /// What it may take: [`Limits::level_bytes`].
+    /// The memory limit: [`Limits::level_bytes`].
     pub limits: Limits,
-    /// Called with the progress, in steps; may cancel.
+    /// Reports progress in steps, and may cancel the work.
     pub progress: Option<Arc<ProgressFn>>,
 }
 
@@ -76,17 +77,18 @@ impl fmt::Debug for LevelOptions {
     }
 }
 
-/// The tree of every second sample: its sample `ijk` is where `2 · ijk` was.
+/// Generates the tree of every second sample: its sample `ijk` corresponds to sample `2 · ijk` of
+/// `tree`. To place it, scale index space by 2 before the transform of the finer grid.
 ///
-/// An eighth of the samples of a fog and a quarter of those of a level set are left. `ijk` of the coarser
-/// tree are `2 · ijk` of the finer one in index space: its transform is the same after a scale of 2.
+/// An eighth of the samples of fog remain, and a quarter of those of a level set.
 ///
-/// Time is in proportion to the nodes that are looked into, and cancelling takes a few milliseconds.
+/// The time is proportional to the number of nodes examined, and cancellation takes a few
+/// milliseconds.
 ///
 /// # Errors
-/// When the nodes that it takes to find the coarser tree need more memory than the finer tree and more than
-/// [`Limits::SMALL_LEVEL`], as where large tiles of different values lie side by side, or more than
-/// [`Limits::level_bytes`]; and when progress was told to stop.
+/// If the nodes needed to find the coarser tree take more memory than the finer tree and more than
+/// [`Limits::SMALL_LEVEL`], as where large tiles of different values are adjacent, or more than
+/// [`Limits::level_bytes`]; and if the progress callback requests cancellation.
 pub fn half_resolution(
     tree: &Vdb543<f32>,
     coarsening: Coarsening,
@@ -128,7 +130,7 @@ fn halved(
     Ok(coarser)
 }
 
-/// The origins of the largest nodes of the coarser tree that may not be background.
+/// The origins of the root children of the coarser tree that may differ from the background.
 fn uppers(tree: &Vdb543<f32>, coarsening: Coarsening) -> BTreeSet<[i32; 3]> {
     let reach = coarsening.reach();
     let edge = 1_i64 << Upper::TOTAL_LOG2_DIM;
@@ -143,17 +145,17 @@ fn uppers(tree: &Vdb543<f32>, coarsening: Coarsening) -> BTreeSet<[i32; 3]> {
     entries.collect()
 }
 
-/// By how much the values of a level set change from a voxel to the next across the surface: its edge in
-/// their units, whatever they are. `None` where too little of a band is known to tell.
+/// The change of a level set's values from one voxel to the next across the surface: the edge of a
+/// voxel in the units of the values. `None` if too little of a band is known.
 pub fn voxel_in_distances(tree: &Vdb543<f32>) -> Option<f32> {
-    // Of a limited number of leaves, evenly spaced.
+    // Samples a limited number of leaves, evenly spaced.
     const LEAVES: usize = 1024;
     let width = tree.background().abs();
     let every = tree.leaves().count().div_ceil(LEAVES).max(1);
     let mut slopes = Vec::new();
     for leaf in tree.leaves().step_by(every) {
         let values = leaf.values_slice();
-        // Those with all six neighbours in the leaf.
+        // Only voxels with all six neighbours in the leaf.
         each([(1, EDGE as i64 - 2); 3], |c| {
             let at = ((c[0] * 8 + c[1]) * 8 + c[2]) as usize;
             let pairs = [64, 8, 1].map(|step| [values[at - step], values[at + step]]);
@@ -173,17 +175,17 @@ struct Halving<'a> {
     tree: &'a Vdb543<f32>,
     coarsening: Coarsening,
     work: &'a Work<'a>,
-    /// Slots of the largest nodes that are done.
+    /// Slots of root children that are done.
     done: AtomicU64,
-    /// Leaves that depend on tiles alone, by the values of these tiles. Thousands of leaves along the
-    /// border of large tiles are alike, so that each of them is worked out once.
+    /// A cache of leaves that depend on tiles only, by the values of these tiles. Thousands of
+    /// leaves along the border of large tiles are equal, so each is computed only once.
     tile_leaves: RwLock<HashMap<TileBits, Arc<Leaf>>>,
 }
 
-/// Most leaves that are kept for others like them: a megabyte.
+/// The most leaves in the cache: a megabyte.
 const TILE_LEAVES: usize = 512;
 
-/// Edge of a leaf.
+/// Edge of a leaf, in voxels.
 const EDGE: usize = 8;
 
 impl<'a> Halving<'a> {
@@ -195,10 +197,10 @@ impl<'a> Halving<'a> {
         self.work.report(self.done.load(Ordering::Relaxed))
     }
 
-    /// A sample of the coarser tree, and whether it is active.
+    /// The value and state of a sample of the coarser tree.
     fn sample(&self, value: f32) -> (f32, bool) {
         match self.coarsening {
-            // NaN is no density.
+            // Clamps negative values, and turns NaN into 0.
             Coarsening::Fog => (value.max(0.0), value > 0.0),
             Coarsening::Surface { voxel: Some(_), .. } => {
                 (value, value.abs() < 2.0 * self.tree.background().abs())
@@ -209,7 +211,7 @@ impl<'a> Halving<'a> {
         }
     }
 
-    /// What a sample becomes among its like.
+    /// The coarser sample in a region of this one value.
     fn uniform(&self, value: f32) -> (f32, bool) {
         match self.coarsening {
             Coarsening::Surface { voxel: Some(_), .. } => {
@@ -219,7 +221,7 @@ impl<'a> Halving<'a> {
         }
     }
 
-    /// The samples that those of a cube of the coarser tree depend on.
+    /// The box of samples on which a cube of the coarser tree depends.
     fn samples(&self, origin: IVec3, log2_dim: u32) -> Samples {
         let reach = self.coarsening.reach();
         origin.to_array().map(|low| {
@@ -259,14 +261,15 @@ impl<'a> Halving<'a> {
         })
     }
 
-    /// A node for which memory has been asked before, or the tile that it turns out to be. That costs as
-    /// much to find out, and counts.
+    /// A node built after reserving its memory, or the tile that it turns out to be. Finding that
+    /// out takes as much memory, so tiles count, too.
     fn node<N: Node<Value = f32>>(
         &self,
         make: impl FnOnce() -> Result<Box<N>, Stop>,
     ) -> Result<Built<N>, Stop> {
         self.report()?;
-        // A value a slot, which a leaf has in itself: near enough, and known beforehand.
+        // One value per slot, which leaves contain themselves: an estimate that is known in
+        // advance.
         let tiles = if N::LEVEL > 0 { N::SIZE * size_of::<f32>() } else { 0 };
         self.work.take((size_of::<N>() + tiles) as u64)?;
         Ok(built(make()?))

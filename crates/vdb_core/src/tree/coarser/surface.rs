@@ -1,4 +1,4 @@
-//! Surfaces at half the resolution: thin parts are kept, and distances measured further out.
+//! Downsampling of surfaces: keeps thin parts, and extends the distances of the band.
 
 use glam::Vec3;
 
@@ -6,15 +6,15 @@ use super::EDGE;
 use super::alike::each;
 use super::block::Block;
 
-/// A distance that is not known, of a band of this width, is that of one twice as wide.
+/// An unknown distance, beyond a band of `width`, becomes one beyond a band twice as wide.
 pub(super) fn widened(value: f32, width: f32) -> f32 {
     if value.abs() < width { value } else { (2.0 * width).copysign(value) }
 }
 
-/// The samples of a coarser leaf and two rings around it.
+/// The samples of a coarser leaf, with two rings around it.
 pub(super) struct Rings(Vec<f32>);
 
-/// Their edge.
+/// Edge of the rings, in samples.
 const RINGED: usize = EDGE + 4;
 
 fn ringed([x, y, z]: [usize; 3]) -> usize {
@@ -22,7 +22,7 @@ fn ringed([x, y, z]: [usize; 3]) -> usize {
 }
 
 impl Rings {
-    /// Of a block that begins two finer samples before the outer ring.
+    /// The samples from a block that begins two finer samples before the outer ring.
     pub fn new(block: &Block, iso: f32) -> Self {
         let mut values = Vec::with_capacity(RINGED.pow(3));
         each([(0, RINGED as i64 - 1); 3], |c| {
@@ -44,9 +44,9 @@ impl Rings {
         rings
     }
 
-    /// Sees to it that what is solid at a place of the block is so in a sample beside it.
+    /// Ensures that the solid at a point of the block remains solid in an adjacent coarse sample.
     fn keep(&mut self, block: &Block, iso: f32, place: [usize; 3]) {
-        // Even places have themselves on both sides.
+        // Points with an even coordinate are their own neighbours on both sides.
         let beside = (0..8).map(|i| {
             [0, 1, 2].map(|axis| {
                 let (c, side) = (place[axis], i >> axis & 1);
@@ -59,7 +59,7 @@ impl Rings {
         let Some(nearest) = beside.min_by(|a, b| block.at(*a).total_cmp(&block.at(*b))) else {
             return;
         };
-        // Beyond the outer ring there is nothing to write to.
+        // Neighbours beyond the outer ring are not stored.
         let own = nearest.map(|c| (c / 2).wrapping_sub(1));
         if own.iter().all(|c| *c < RINGED) {
             let own = &mut self.0[ringed(own)];
@@ -67,17 +67,17 @@ impl Rings {
         }
     }
 
-    /// Finds distances beyond a band of some width, up to twice the width, along straight lines:
-    /// those of the first ring beyond the band from the block's, those of the second from the first.
+    /// Extends distances beyond a band of `width` to twice the width, along straight lines: the
+    /// first ring beyond the band from the samples of the block, the second from the first.
     pub fn widen(&mut self, block: &Block, width: f32, voxel: f32) {
         self.0.iter_mut().for_each(|value| *value = widened(*value, width));
         let unknown = |value: f32| value.abs() >= 2.0 * width;
         let mut uphill: Vec<Option<Vec3>> = vec![None; self.0.len()];
-        // Of each row of the block, the samples within the band, bit by bit.
+        // For each row of the block, the samples within the band, one bit per sample.
         let bit = |(z, value): (usize, &f32)| u32::from(value.abs() < width) << z;
         let rows = block.values.chunks_exact(block.edge);
         let known: Vec<u32> = rows.map(|row| row.iter().enumerate().map(bit).sum()).collect();
-        // Of the block's samples, once they have been asked for: several samples look at each.
+        // Slopes of the block's samples, cached because several samples use each.
         let mut slopes: Vec<Option<Option<Vec3>>> = vec![None; block.values.len()];
         for ring in 1..=2 {
             let (values, directions) = (self.0.clone(), uphill.clone());
@@ -110,7 +110,7 @@ impl Rings {
                     });
                 }
                 uphill[ringed(c)] = line.uphill;
-                // What was not known is the band's width at least.
+                // An unknown distance is at least the width of the band.
                 let found = line.value.abs().clamp(width, 2.0 * width);
                 self.0[ringed(c)] = found.copysign(values[ringed(c)]);
                 true
@@ -118,7 +118,7 @@ impl Rings {
         }
     }
 
-    /// The leaf's own.
+    /// The samples of the leaf without the rings.
     pub fn inner(self) -> Vec<f32> {
         let own = 2..2 + EDGE;
         let rows = own.clone().flat_map(|x| own.clone().map(move |y| ringed([x, y, 2])));
@@ -126,14 +126,14 @@ impl Rings {
     }
 }
 
-/// The line from a sample to the surface, as those beside it know it.
+/// The line from a sample to the surface, estimated from neighbouring samples.
 struct Line {
     is_inside: bool,
-    /// The distance that the best of them gives.
+    /// The distance according to the best neighbour.
     value: f32,
     /// The direction in which distances grow there.
     uphill: Option<Vec3>,
-    /// The cosine of the angle between that and the way from there: 1 is best.
+    /// The cosine of the angle between that direction and the way from the neighbour; 1 is best.
     cosine: f32,
 }
 
@@ -142,8 +142,8 @@ impl Line {
         Self { is_inside: value < 0.0, value, uphill: None, cosine: 0.0 }
     }
 
-    /// Takes a sample so many edges to the side for what it is worth: its distance grows straight
-    /// on in its direction. Beside a plane that is exact.
+    /// Considers a neighbour `side` edges away, whose distance is extrapolated linearly along its
+    /// direction. That is exact next to a plane.
     fn meet(&mut self, value: f32, uphill: Option<Vec3>, side: [i64; 3], edge: f32) {
         let Some(uphill) = uphill else { return };
         let way = Vec3::from_array(side.map(|side| -side as f32));

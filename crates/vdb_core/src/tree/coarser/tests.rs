@@ -21,7 +21,7 @@ fn sum(tree: &Vdb543<f32>) -> f64 {
 
 #[test]
 fn fog_keeps_its_mass() {
-    // Smooth enough that nothing falls below zero; across node borders and all octants.
+    // Smooth enough that no result is negative; crosses node borders and all octants.
     let bbox = CoordBox { min: IVec3::splat(-150), max: IVec3::splat(150) };
     let tree = fog(bbox, |ijk| (-(ijk.as_vec3().length() / 30.0).powi(2)).exp());
     let coarser = half_resolution(&tree, Coarsening::Fog);
@@ -47,10 +47,10 @@ fn wide_tiles_stay_tiles() {
     let tree = build(0.0, bbox, |_| Uniform::Yes(2.0, true), |_| (2.0, true));
     let coarser = half_resolution(&tree, Coarsening::Fog);
     assert_eq!(coarser.get(IVec3::splat(-20)), 2.0);
-    // The last voxel has a part in the sample after it.
+    // The last voxel contributes to the sample after it.
     let active = coarser.active_bbox().expect("there is fog");
     assert_eq!((active.min, active.max), (IVec3::splat(-128), IVec3::splat(128)));
-    // Shells of leaves, within those of 8³ and of 128³ voxels.
+    // Only shells of leaves, inside tiles of 8³ and 128³ voxels.
     let inside = CoordBox { min: IVec3::splat(-120), max: IVec3::splat(119) };
     let is_inside = |leaf: &&Leaf| inside.contains(leaf.origin());
     assert_eq!(coarser.leaves().filter(is_inside).count(), 0);
@@ -60,7 +60,7 @@ fn wide_tiles_stay_tiles() {
 fn distances_stay_distances() {
     let (center, radius) = (DVec3::new(0.3, -40.2, 7.7), 90.0);
     let mut tree = level_set::sphere(center, radius);
-    // Each level has the errors of those before it.
+    // The errors of levels accumulate.
     for level in 1..=3 {
         let voxel = f32::from(1_u8 << (level - 1));
         let coarsening = Coarsening::Surface { iso: 0.0, voxel: Some(voxel) };
@@ -74,7 +74,7 @@ fn distances_stay_distances() {
             assert!(off < 0.1, "level {level}: {} at {}, {distance}", at.value, at.origin);
             known += usize::from(distance.abs() < 2.5 * edge);
         }
-        // All of the band but its outermost part, where the rings may end.
+        // All of the band except its outermost part, where the rings may end.
         let all = 4.0 * std::f64::consts::PI * (radius / edge).powi(2) * 5.0;
         let part = known as f64 / all;
         assert!((0.95..1.1).contains(&part), "level {level}: {part} of the band is left");
@@ -97,7 +97,7 @@ fn distances_are_measured_in_their_own_units() {
 
 #[test]
 fn what_is_thin_does_not_vanish() {
-    // A strut one voxel thick whose samples all go.
+    // A strut one voxel thick, all of whose samples are dropped.
     let mut tree = Vdb543::new(3.0);
     for x in 0..64 {
         for (y, z) in (-4..=4).flat_map(|y| (-4..=4).map(move |z| (y, z))) {
@@ -115,7 +115,7 @@ fn what_is_thin_does_not_vanish() {
 
 #[test]
 fn leaves_agree_where_they_meet() {
-    // The same surface, cut by the nodes of the tree elsewhere.
+    // The same surface at another position relative to the nodes of the tree.
     let shift = IVec3::new(8, -24, 4104);
     let place = DVec3::new(4.2, 5.1, 6.4);
     let here = half_resolution(&level_set::sphere(place, 20.0), DISTANCES);
@@ -127,7 +127,7 @@ fn leaves_agree_where_they_meet() {
     }
 }
 
-/// Tiles of three sizes beside each other and beside the background.
+/// Tiles of three sizes, adjacent to each other and to the background.
 fn tiles() -> Vdb543<f32> {
     let mut tree = Vdb543::new(0.25);
     for (i, value) in [0.5, 2.0, -1.0, 0.0].into_iter().enumerate() {

@@ -12,30 +12,34 @@ use crate::timing::LEAST_RUNS;
 
 const HELP: &str = "\
 vdb_bench [OPTION…] MODEL…
-Times rays through grids on the GPU and writes CSV to standard output. A model is a FILE.vdb, or made on
-the spot at a size from 256 to 4096 voxels: gyroid:1024, truss:4096. MODEL@2 is a model at a quarter of its
-resolution, by its levels of detail.
+Times rays through grids on the GPU, and writes CSV to standard output. A model is a FILE.vdb, or
+is generated with an edge of 256 to 4096 voxels: gyroid:1024, truss:4096. MODEL@2 is a model at a
+quarter of its resolution, from its levels of detail.
 
-  --out DIR           writes bench.csv, bench.json and bench.svg there as well
-  --dump DIR          writes t (-1: none) or transmittance of each picture as f32, row by row from the top
-  --draw FILE.svg     measures nothing: the models are tables that this program, NanoVDB's or Bevy's wrote,
-                      and what they have of these --sizes is drawn
-  --runs N            counted runs, at least 30; 40. With --dump fewer will do, for pictures, not figures
+  --out DIR           also writes bench.csv, bench.json and bench.svg there
+  --dump DIR          writes t (-1 for a miss) or transmittance of each image as f32, row by row
+                      from the top
+  --draw FILE.svg     draws a chart instead of measuring: the models are tables written by this
+                      program or by the NanoVDB and Bevy benchmarks, and rows with one of the
+                      --sizes are drawn
+  --runs N            timed runs, at least 30; default 40. With --dump fewer are allowed, for
+                      images only
 
-What is measured, for each model; --then begins another set of these:
-  --sizes WxH,…       pictures; 3840x2160
-  --dists D,…         of the camera, in half diagonals of the grid's box; 3.0,1.8,1.1
-  --camera EYE:AT:FOV in place of --dists a camera in the file's world: X,Y,Z:X,Y,Z:DEGREES, from left
-                      to right
-  --rays KIND,…       primary, shuffled; primary
-  --surface KIND,…    voxels, smooth: how level sets are shown; voxels
-  --variants DEFS;…   shader defs of each variant, separated by +; one variant without any. BEAMS:
-                      starts shared by 8x8 rays; HDDA, DDA, MARCH: other walks; STEP=16: fog by
-                      samples every so many quarters of a voxel, in place of cell by cell
-  --formats FORMAT,…  of samples: exact, half, byte; exact
+Measurements for each model; --then begins another set of these options:
+  --sizes WxH,…       image sizes; default 3840x2160
+  --dists D,…         camera distances, in half diagonals of the grid's box; default 3.0,1.8,1.1
+  --camera EYE:AT:FOV instead of --dists, a camera in the file's world: X,Y,Z:X,Y,Z:DEGREES, with
+                      the horizontal field of view
+  --rays KIND,…       primary, shuffled; default primary
+  --surface KIND,…    voxels, smooth: how level sets are rendered; default voxels
+  --variants DEFS;…   shader defs of each variant, separated by +; default one variant without
+                      any. BEAMS: ray starts shared by 8x8 rays; HDDA, DDA, MARCH: other
+                      traversals; STEP=16: fog sampled every 16 quarters of a voxel, instead of
+                      cell by cell
+  --formats FORMAT,…  sample formats: exact, half, byte; default exact
 ";
 
-/// What is measured of every model.
+/// A set of measurements for every model.
 #[derive(Clone)]
 pub struct Set {
     pub sizes: Vec<[u32; 2]>,
@@ -65,7 +69,7 @@ pub struct Args {
     pub runs: u32,
     pub out: Option<PathBuf>,
     pub dump: Option<PathBuf>,
-    /// What is to be drawn, and of which tables.
+    /// The drawing to write, and the tables to read.
     pub draw: Option<(PathBuf, Vec<PathBuf>)>,
 }
 
@@ -81,7 +85,7 @@ fn point(text: &str) -> Option<DVec3> {
 fn camera(text: &str) -> Option<Camera> {
     let [eye, at, fov] = text.split(':').collect::<Vec<_>>().try_into().ok()?;
     let (eye, at, fov) = (point(eye)?, point(at)?, finite(fov)?);
-    // From straight above, up is nowhere.
+    // There is no up direction when looking straight down.
     let sound = (1.0..=170.0).contains(&fov) && (at - eye).cross(DVec3::Y).length() > 0.0;
     sound.then_some(Camera::At { eye, at, fov })
 }
@@ -91,7 +95,7 @@ fn defs(text: &str) -> Vec<String> {
 }
 
 impl Set {
-    /// Takes the values of an option; `false` where there is none of this name.
+    /// Parses the values of an option. Returns `false` if the option is unknown.
     fn take(&mut self, option: &str, options: &mut Options) -> Result<bool, Stop> {
         match option {
             "--sizes" => {
@@ -137,7 +141,7 @@ impl Set {
         let beams = self.variants.iter().flatten().any(|def| def == "BEAMS");
         if beams && self.shuffled.contains(&true) {
             return Err(
-                "shuffled rays have no neighbours to share a start with: measure BEAMS and \
+                "shuffled rays have no neighbours to share ray starts with: measure BEAMS and \
                  --rays shuffled in two sets, with --then between them"
                     .into(),
             );
@@ -183,7 +187,7 @@ impl Args {
             }
         }
         if args.runs < LEAST_RUNS && args.dump.is_none() {
-            let wants = format!("--runs wants a number from {LEAST_RUNS} on, or --dump beside it");
+            let wants = format!("--runs must be {LEAST_RUNS} or more, unless --dump is given");
             return Err(wants.into());
         }
         args.sets.push(set);

@@ -1,4 +1,4 @@
-//! Where rays come from.
+//! Cameras of the benchmarks.
 
 use glam::{DAffine3, DMat4, DVec3};
 use vdb_core::pack::{PackKind, PackedGrid};
@@ -8,21 +8,23 @@ use crate::model::Model;
 
 #[derive(Clone, Copy)]
 pub enum Camera {
-    /// The peers': in index space where voxel ijk is the cube from ijk to ijk + 1, at so many half
-    /// diagonals of the box of active voxels from its centre, 45° vertically.
+    /// The camera of the peers' benchmarks, in index space with voxel ijk as the cube from ijk to
+    /// ijk + 1: at a distance from the centre of the box of active voxels, in half diagonals of the
+    /// box, with a vertical field of view of 45°.
     Around(f64),
-    /// One in the world of the model's file, up is +y; degrees from left to right.
+    /// A camera in the world of the model's file, with +y up; the horizontal field of view is in
+    /// degrees.
     At { eye: DVec3, at: DVec3, fov: f64 },
 }
 
-/// Half of the box of active voxels, from its centre to a corner.
+/// The centre of the box of active voxels, and the vector from there to a corner.
 fn half_diagonal(model: &Model) -> (DVec3, DVec3) {
     let (min, max) = (model.active.min.as_dvec3(), model.active.max.as_dvec3() + 1.0);
     ((min + max) * 0.5, (max - min) * 0.5)
 }
 
 impl Camera {
-    /// Its distance from the middle of a model, in half diagonals of its box.
+    /// The distance from the centre of a model, in half diagonals of its box.
     pub fn dist(&self, model: &Model) -> f64 {
         match *self {
             Self::Around(dist) => dist,
@@ -35,8 +37,8 @@ impl Camera {
         }
     }
 
-    /// Its rays in a packed model. `t` is in voxels, or for a camera in the file's world in its
-    /// units.
+    /// The camera's rays through a packed model. `t` is in voxels, or in world units for a camera
+    /// in the file's world.
     pub fn rays(
         &self,
         model: &Model,
@@ -48,7 +50,8 @@ impl Camera {
             Self::Around(dist) => {
                 let (center, half) = half_diagonal(model);
                 let back = DVec3::new(0.45, 0.35, 0.82).normalize();
-                // The peers' voxels begin at their samples; ours, and densities, lie around them.
+                // The peers' voxels begin at their samples. Our voxels, and the cells of fog, are
+                // centred on them.
                 let offset = DVec3::splat(match packed.kind {
                     PackKind::Smooth { .. } => 0.0,
                     PackKind::Surface { .. } | PackKind::Fog => 0.5,
@@ -57,7 +60,7 @@ impl Camera {
                 (eye, center, 45_f64.to_radians(), DAffine3::from_translation(offset))
             }
             Self::At { eye, at, fov } => {
-                let linear = model.transform.linear().ok_or("--camera wants a linear transform")?;
+                let linear = model.transform.linear().ok_or("--camera needs a linear transform")?;
                 let vertical = 2.0 * ((fov.to_radians() / 2.0).tan() / aspect).atan();
                 (eye, at, vertical, linear)
             }

@@ -1,4 +1,4 @@
-//! Rays a second as a picture.
+//! Charts of rays per second.
 
 use std::path::Path;
 
@@ -7,38 +7,38 @@ use vdb_probe::{PALE, Svg};
 
 use crate::report::Row;
 
-/// Pixels.
+/// Layout, in pixels.
 const LINE: f64 = 13.0;
 const LABEL: f64 = 250.0;
 const PLOT: f64 = 300.0;
 const GAP: f64 = 30.0;
 const TOP: f64 = 96.0;
 
-/// From the farthest view to the nearest.
+/// Colours of the views, from the farthest to the nearest.
 const DOTS: [&str; 4] = ["#9db8d9", "#4a7fbf", "#173f73", "#c23b22"];
-/// Behind the lines of peers.
+/// The background of peers' lines.
 const PEER: &str = "#f3ead9";
 
-/// A dot of the picture: one view of a model.
+/// A dot of the chart: one view of a model.
 #[derive(Debug, PartialEq)]
 pub struct Dot {
     model: String,
-    /// What its line is called.
+    /// The label of its line.
     label: String,
     is_peer: bool,
-    /// Of the picture.
+    /// The size of the image, in pixels.
     pub size: [u32; 2],
     dist: f64,
-    /// Millions of rays a second: least, median, most.
+    /// Millions of rays per second: minimum, median, maximum.
     mrays: [f64; 3],
-    /// What was measured on, in the words of its table.
+    /// The adapter, as the table names it.
     pub adapter: String,
 }
 
-/// What tables have in common: ours, NanoVDB's and Bevy's.
+/// The columns common to all tables: ours, NanoVDB's and Bevy's.
 #[derive(Deserialize)]
 struct Record {
-    /// In the tables of peers.
+    /// Only in the tables of peers.
     peer: Option<String>,
     model: String,
     kind: String,
@@ -50,7 +50,7 @@ struct Record {
     median_ms: f64,
     min_ms: f64,
     max_ms: f64,
-    /// Peers call it otherwise.
+    /// Peers' tables name this column differently.
     #[serde(alias = "device")]
     adapter: String,
 }
@@ -94,7 +94,7 @@ impl Dot {
         }
     }
 
-    /// All of a table that [`Report`](crate::report::Report) or a peer wrote.
+    /// The rows of a table written by [`Report`](crate::report::Report) or by a peer.
     pub fn read(table: &Path) -> Result<Vec<Self>, String> {
         let at = |error: csv::Error| format!("{}: {error}", table.display());
         let mut reader = csv::Reader::from_path(table).map_err(at)?;
@@ -105,7 +105,7 @@ impl Dot {
     }
 }
 
-/// The values of all dots once, in their order.
+/// The distinct values over all dots, in order.
 pub fn distinct<T: PartialEq>(dots: &[Dot], of: impl Fn(&Dot) -> T) -> Vec<T> {
     let mut all = Vec::new();
     for value in dots.iter().map(of) {
@@ -116,12 +116,12 @@ pub fn distinct<T: PartialEq>(dots: &[Dot], of: impl Fn(&Dot) -> T) -> Vec<T> {
     all
 }
 
-/// A panel for each size of picture, a line for each model and variant, a dot for each camera with all
-/// its runs from the slowest to the fastest.
+/// A chart with a panel for each image size, a line for each model and variant, and for each camera
+/// a dot with a range from the slowest to the fastest run.
 pub fn svg(dots: &[Dot], heading: &str) -> String {
     let sizes = distinct(dots, |dot| dot.size);
     let models = distinct(dots, |dot| dot.model.clone());
-    // Peers beside what is ours of the same model.
+    // Groups the lines of peers with ours of the same model.
     let mut lines = distinct(dots, |dot| (dot.model.clone(), dot.label.clone(), dot.is_peer));
     lines.sort_by_key(|(model, ..)| models.iter().position(|other| other == model));
     let mut dists = distinct(dots, |dot| dot.dist);
@@ -131,7 +131,7 @@ pub fn svg(dots: &[Dot], heading: &str) -> String {
     let height = bottom + 4.0 * LINE;
     let mut svg = Svg::new(width, height);
     let bold = r#"font-size="17" font-weight="bold""#;
-    svg.text(GAP / 2.0, 24.0, "start", bold, "Millions of rays a second");
+    svg.text(GAP / 2.0, 24.0, "start", bold, "Millions of rays per second");
     svg.text(GAP / 2.0, 42.0, "start", r#"font-size="11""#, heading);
     let color_of = |rank: usize| DOTS[rank.min(DOTS.len() - 1)];
     for (i, dist) in dists.iter().enumerate() {
@@ -147,7 +147,7 @@ pub fn svg(dots: &[Dot], heading: &str) -> String {
         }
         svg.text(GAP / 2.0 + LABEL, y + 3.0, "end", "", label);
     }
-    // Whole decades around all that was measured; without a row there is no panel to have an axis.
+    // Whole decades around all measurements. (Without rows there are no panels, and so no axes.)
     let least = dots.iter().map(|dot| dot.mrays[0]).fold(f64::INFINITY, f64::min);
     let most = dots.iter().map(|dot| dot.mrays[2]).fold(0.0, f64::max);
     let (low, high) = (least.log10().floor(), (most.log10() + 1e-9).ceil());
@@ -185,7 +185,7 @@ pub fn svg(dots: &[Dot], heading: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Tables as `benches/peers/nanovdb.cu` and this program write them.
+    /// Tables in the formats of `benches/peers/nanovdb.cu` and of this program.
     #[test]
     fn peers_stand_beside_ours() {
         let peers = "peer,variant,model,kind,rays,width,height,dist,block,median_ms,min_ms,max_ms,\

@@ -1,4 +1,4 @@
-//! Times the shaders, as `scripts/bench` calls it: `vdb_bench --help`.
+//! Times the shaders; used by `scripts/bench`. See `vdb_bench --help`.
 
 mod args;
 mod camera;

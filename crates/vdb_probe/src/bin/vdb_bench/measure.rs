@@ -1,4 +1,4 @@
-//! Rays through models, timed.
+//! Timing of rays through models.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -22,10 +22,10 @@ struct Setup {
     density_scale: f32,
 }
 
-/// Extinction per unit of density and voxel, as the peers have it.
+/// Extinction per unit of density and voxel, the same as for the peers.
 const DENSITY_SCALE: f32 = 0.1;
 
-/// Does what the command line asks for.
+/// Does what the command line requests.
 pub fn run(args: &Args) -> Result<(), String> {
     if let Some((drawing, tables)) = &args.draw {
         return draw(drawing, tables, &args.sets);
@@ -33,13 +33,13 @@ pub fn run(args: &Args) -> Result<(), String> {
     let gpu = Gpu::new().map_err(|error| error.to_string())?;
     if !gpu.has_timestamps() {
         return Err(format!(
-            "{} has no timestamp queries, and nothing else tells how long a GPU works; take a driver \
+            "{} has no timestamp queries, without which GPU times cannot be measured; use a driver \
              that has them (any Vulkan driver of a desktop GPU, Mesa's lavapipe)",
             gpu.name()
         ));
     }
     let mut report = Report::new(gpu.name(), args.out.as_deref())?;
-    // What does not fit must not cost what was measured, nor what still can be.
+    // A model that fails must not prevent the others from being measured.
     let mut failed = 0;
     for source in &args.models {
         if let Err(message) = measure_model(&gpu, args, source, &mut report) {
@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> Result<(), String> {
     }
 }
 
-/// Draws tables that were measured, by programs of peers, too.
+/// Draws a chart of tables from earlier measurements, including those of peers.
 fn draw(drawing: &Path, tables: &[PathBuf], sets: &[Set]) -> Result<(), String> {
     let mut dots = Vec::new();
     for table in tables {
@@ -62,7 +62,7 @@ fn draw(drawing: &Path, tables: &[PathBuf], sets: &[Set]) -> Result<(), String> 
     }
     dots.retain(|dot| sets.iter().any(|set| set.sizes.contains(&dot.size)));
     if dots.is_empty() {
-        return Err("the tables have nothing of these --sizes".into());
+        return Err("the tables have no rows of these --sizes".into());
     }
     let adapters = chart::distinct(&dots, |dot| dot.adapter.clone());
     std::fs::write(drawing, chart::svg(&dots, &adapters.join(", ")))
@@ -91,7 +91,7 @@ fn measure_model(
     Ok(())
 }
 
-/// How a set wants a model packed. Voxels have no samples, and so no format.
+/// The ways in which a set packs a model. Voxels have no samples, and therefore only one format.
 fn ways_of(set: &Set, model: &Model) -> Vec<(Kind, ValueFormat)> {
     let kinds = model.kinds(&set.smooth).into_iter();
     let ways = kinds.flat_map(|kind| {
@@ -102,7 +102,7 @@ fn ways_of(set: &Set, model: &Model) -> Vec<(Kind, ValueFormat)> {
     ways.collect()
 }
 
-/// A model on the GPU, packed for one way to show it.
+/// A model on the GPU, packed for one kind of rendering.
 struct Subject<'a> {
     gpu: &'a Gpu,
     model: &'a Model,
@@ -119,7 +119,7 @@ struct Kernels {
     rays: &'static str,
     beams: Option<Kernel>,
     trace: Kernel,
-    /// Writes the steps of each ray in place of what it met.
+    /// Writes the number of steps of each ray instead of its result.
     steps: Kernel,
 }
 
@@ -154,7 +154,7 @@ impl<'a> Subject<'a> {
         let (words, capacity) = (packed.words.len() as u64, GpuGrid::capacity(gpu));
         if words > capacity {
             return Err(format!(
-                "{}: {} MB, and shaders on {} reach {} MB; take a smaller model",
+                "{}: {} MB, but shaders on {} can access only {} MB; use a smaller model",
                 model.name,
                 (4 * words) >> 20,
                 gpu.name(),
@@ -175,7 +175,7 @@ impl<'a> Subject<'a> {
         Ok(())
     }
 
-    /// One picture.
+    /// Measures one image.
     fn measure(
         &self,
         args: &Args,
@@ -220,7 +220,7 @@ impl<'a> Subject<'a> {
         if let Some(dir) = &args.dump {
             dump(dir, &model.name, size, dist, &values)?;
         }
-        // After the runs, which leave the starts that it shares.
+        // After the timed runs, whose shared ray starts it reuses.
         gpu.run(&kernels.steps, &buffers, groups);
         let steps: Vec<f32> = bytemuck::pod_collect_to_vec(&gpu.read(&out, pixels * 4));
         let steps = steps.iter().map(|&steps| f64::from(steps)).sum::<f64>();
@@ -249,7 +249,7 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// Every pair of the two.
+/// All pairs of elements.
 fn product<'a, A, B>(a: &'a [A], b: &'a [B]) -> impl Iterator<Item = (&'a A, &'a B)> {
     a.iter().flat_map(move |a| b.iter().map(move |b| (a, b)))
 }

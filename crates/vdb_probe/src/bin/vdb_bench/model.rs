@@ -1,4 +1,4 @@
-//! What rays are sent through.
+//! Models to trace rays through.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -11,10 +11,10 @@ use vdb_core::tree::{
 };
 use vdb_core::{AnyTree, GridClass, ReadOptions, Transform, VdbFile};
 
-/// Where a model comes from.
+/// The source of a model.
 pub struct Source {
     origin: Origin,
-    /// How many times its resolution is halved.
+    /// The number of times the resolution is halved.
     level: u32,
 }
 
@@ -30,7 +30,7 @@ impl FromStr for Source {
         let made = |name, make: fn(u32) -> Vdb543<f32>, edge: &str| {
             let edge = edge.parse().ok().filter(|edge| models::EDGES.contains(edge));
             let (least, most) = (models::EDGES.start(), models::EDGES.end());
-            let edge = edge.ok_or(format!("{text}: its size goes from {least} to {most}"))?;
+            let edge = edge.ok_or(format!("{text}: its size must be from {least} to {most}"))?;
             Ok::<_, String>(Origin::Made { name, edge, make })
         };
         let (text, level) = match text.rsplit_once('@') {
@@ -46,12 +46,12 @@ impl FromStr for Source {
     }
 }
 
-/// A grid of floats that has something to see.
+/// A float grid with active voxels.
 pub struct Model {
     pub name: String,
     pub tree: Arc<Vdb543<f32>>,
     pub level_set: bool,
-    /// World from index space.
+    /// The transform from index space to world space.
     pub transform: Transform,
     pub active: CoordBox,
     pub active_voxels: u64,
@@ -59,7 +59,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// Reads or makes a model.
+    /// Reads or generates a model.
     pub fn new(source: &Source) -> Result<Self, String> {
         let mut model = match &source.origin {
             Origin::File(path) => {
@@ -95,7 +95,7 @@ impl Model {
             AnyTree::Float(tree) => Some((tree, grid.class, grid.transform)),
             _ => None,
         });
-        let (tree, class, transform) = floats.ok_or("has no grid of floats")?;
+        let (tree, class, transform) = floats.ok_or("has no float grid")?;
         Self::of(name, tree, class == GridClass::LevelSet, transform)
     }
 
@@ -105,12 +105,12 @@ impl Model {
         level_set: bool,
         transform: Transform,
     ) -> Result<Self, String> {
-        let active = tree.active_bbox().ok_or("has no active voxel")?;
+        let active = tree.active_bbox().ok_or("has no active voxels")?;
         let active_voxels = tree.active_voxel_count();
         Ok(Self { name, tree, level_set, transform, active, active_voxels, level: 0 })
     }
 
-    /// The ways in which a set measures it; fog has but one.
+    /// The kinds of rendering that a set measures; fog has only one.
     pub fn kinds(&self, smooth: &[bool]) -> Vec<Kind> {
         if !self.level_set {
             return vec![Kind::Fog];
@@ -120,7 +120,7 @@ impl Model {
     }
 }
 
-/// How a model is shown.
+/// A kind of rendering.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     Voxels,
@@ -145,7 +145,7 @@ impl Kind {
         }
     }
 
-    /// The shader def that says so.
+    /// The shader def that selects this kind.
     pub fn def(self) -> Option<&'static str> {
         match self {
             Self::Voxels => None,
@@ -154,7 +154,7 @@ impl Kind {
         }
     }
 
-    /// Whether what the shader writes of a ray means that it met something.
+    /// Whether the shader's output for a ray is a hit.
     pub fn is_hit(self, value: f32) -> bool {
         if self == Self::Fog { value < 0.999 } else { value >= 0.0 }
     }

@@ -1,4 +1,4 @@
-//! What was measured, for programs and for people.
+//! Results, for programs and for people.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -8,37 +8,37 @@ use serde_json::{Value, json};
 use crate::chart::{self, Dot};
 use crate::timing::Times;
 
-/// One picture.
+/// The measurements of one image.
 pub struct Row {
     pub model: String,
     pub kind: &'static str,
-    /// Of samples.
+    /// The format of samples.
     pub format: &'static str,
-    /// Shader defs.
+    /// The shader defs.
     pub variant: String,
     pub rays: &'static str,
     pub size: [u32; 2],
-    /// From the camera to the middle, in half diagonals.
+    /// The distance from the camera to the centre of the model, in half diagonals.
     pub dist: f64,
     pub pixels: u64,
     pub times: Times,
-    /// Part of the rays that meet something.
+    /// The fraction of rays that hit something.
     pub hits: f64,
-    /// Steps of a ray on average.
+    /// Average steps per ray.
     pub steps: f64,
-    /// Of the grid on the GPU.
+    /// The size of the grid on the GPU.
     pub bytes: u64,
     pub active_voxels: u64,
     pub pack_ms: f64,
 }
 
 impl Row {
-    /// Millions of rays a second where they take so many milliseconds.
+    /// Millions of rays per second for a time in milliseconds.
     pub fn mrays(&self, milliseconds: f64) -> f64 {
         self.pixels as f64 / milliseconds / 1e3
     }
 
-    /// The columns of a table.
+    /// The columns of a table row.
     fn columns(&self, adapter: &str) -> Vec<(&'static str, Value)> {
         let round = |number: f64, digits: i32| {
             let scale = 10.0_f64.powi(digits);
@@ -70,17 +70,17 @@ impl Row {
     }
 }
 
-/// All rows, as they come in.
+/// All rows so far.
 pub struct Report {
     adapter: String,
-    /// Folder, where files are to be written.
+    /// The output folder, if files are to be written.
     out: Option<PathBuf>,
     rows: Vec<Row>,
     csv: Vec<u8>,
 }
 
 impl Report {
-    /// Says at once where it cannot write.
+    /// Creates a report. Fails at once if the output folder cannot be written to.
     pub fn new(adapter: String, out: Option<&Path>) -> Result<Self, String> {
         eprintln!("adapter: {adapter}");
         let report =
@@ -111,11 +111,11 @@ impl Report {
         std::io::stdout().write_all(&text).map_err(|error| format!("standard output: {error}"))?;
         self.csv.extend(text);
         self.rows.push(row);
-        // A run of an hour that ends early leaves what it had.
+        // Written after each row, so that an interrupted run of an hour keeps its results.
         self.write("bench.csv", &self.csv)
     }
 
-    /// Writes what is made of all rows.
+    /// Writes the files that summarise all rows.
     pub fn finish(&self) -> Result<(), String> {
         let (date, commit) = (date(), commit());
         let rows = self.rows.iter().map(|row| Value::from_iter(row.columns(&self.adapter)));
@@ -132,12 +132,12 @@ impl Report {
     }
 }
 
-/// Now, in UTC.
+/// The current time, in UTC.
 fn date() -> String {
     humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string()
 }
 
-/// What was built, as `scripts/bench` tells the compiler.
+/// The commit of the build, which `scripts/bench` passes to the compiler.
 fn commit() -> &'static str {
     option_env!("BEVY_VDB_COMMIT").unwrap_or("unknown")
 }

@@ -1,24 +1,25 @@
-//! Times of many runs.
+//! Statistics of timed runs.
 
 use vdb_probe::{Gpu, Step};
 
-/// With fewer, a median says little.
+/// The fewest runs for a meaningful median.
 pub const LEAST_RUNS: u32 = 30;
-/// Milliseconds of work before what counts: a GPU that was idle is slow at first.
+/// Milliseconds of work before timing begins, because an idle GPU is slow at first.
 const WARM_UP: f64 = 500.0;
 
-/// What runs took, in milliseconds.
+/// Statistics of the run times, in milliseconds.
 pub struct Times {
     pub median: f64,
     pub min: f64,
     pub max: f64,
-    /// From the first to the third quartile, in parts of the median.
+    /// The interquartile range relative to the median.
     pub spread: f64,
     pub runs: u32,
 }
 
 impl Times {
-    /// Runs passes until the GPU is warm, then counts. For fewer runs than make a figure it need not be.
+    /// Runs the passes until the GPU is warm, and then times them. With fewer than [`LEAST_RUNS`],
+    /// when times are not reported, it does not warm up.
     pub fn measure(gpu: &Gpu, passes: &[Step], runs: u32) -> Self {
         let mut warm = if runs < LEAST_RUNS { WARM_UP } else { 0.0 };
         while warm < WARM_UP {
