@@ -1,7 +1,7 @@
 //! Edited grids, compared with the same tree packed as a whole.
 
 use vdb_core::pack::edit::{Changes, Editor, Voxel};
-use vdb_core::pack::layout::{BOUNDARY, CHILD, OCCUPIED};
+use vdb_core::pack::layout::{BOUNDARY, CHILD, LOWER_BITS, OCCUPIED, PAYLOAD, TOP_WORDS, top_slot};
 use vdb_core::pack::{PackKind, PackedGrid, ValueFormat, traverse};
 use vdb_core::synth::Random;
 use vdb_core::tree::{CoordBox, IVec3, Node, Vdb543};
@@ -116,8 +116,13 @@ fn compare(tree: &Vdb543<f32>, packed: &PackedGrid, places: &[IVec3], random: &m
     }
 }
 
+/// Cells have the same samples in both; where the cubes around are cut alike, their spans are equal, too.
 fn compare_cell(one: &PackedGrid, two: &PackedGrid, ijk: IVec3, octant: u32) {
     let [a, b] = [one, two].map(|grid| traverse::locate(grid, ijk.wrapping_sub(grid.base), octant));
+    assert_eq!(met(one, a, ijk), met(two, b, ijk), "{ijk} octant {octant}: {a:?} {b:?}");
+    if cuts(one, ijk) != cuts(two, ijk) {
+        return;
+    }
     let cut = |span: traverse::Span| {
         let reach = if span.log_dim < LARGEST { span.skip } else { 0 };
         (span.occupied(), span.log_dim.min(LARGEST), reach)
@@ -125,12 +130,50 @@ fn compare_cell(one: &PackedGrid, two: &PackedGrid, ijk: IVec3, octant: u32) {
     assert_eq!(cut(a), cut(b), "{ijk} octant {octant}: {a:?} {b:?}");
     let flags = CHILD | OCCUPIED | BOUNDARY;
     assert_eq!(a.word & flags, b.word & flags, "{ijk}");
-    if a.occupied() && !matches!(one.kind, PackKind::Surface { .. }) && !a.constant() {
-        let [a, b] = [(one, a), (two, b)].map(|(grid, span)| {
-            traverse::corners(grid, span, ijk.wrapping_sub(grid.base)).map(f32::to_bits)
-        });
-        assert_eq!(a, b, "{ijk}");
+}
+
+/// The bits of the samples that a ray meets in a cell; `None` where it meets nothing.
+fn met(grid: &PackedGrid, span: traverse::Span, ijk: IVec3) -> Option<[u32; 8]> {
+    if !span.occupied() {
+        return None;
     }
+    if matches!(grid.kind, PackKind::Surface { .. }) {
+        return Some([0; 8]);
+    }
+    let samples = traverse::corners(grid, span, ijk.wrapping_sub(grid.base));
+    // The high sides of a tile are one span, and a ray meets nothing in some of their cells.
+    let is_met = match grid.kind {
+        PackKind::Fog => samples.iter().any(|sample| *sample > 0.0),
+        _ => {
+            let below = samples.iter().filter(|sample| **sample < 0.0).count();
+            (1..8).contains(&below)
+        }
+    };
+    is_met.then(|| samples.map(f32::to_bits))
+}
+
+/// What the cubes of 128³ cells around a cell are: nothing, tiles or lower nodes. An edit that leaves a leaf
+/// with nothing new in a tile keeps the tile whole; packed anew, the tile is cut down to that leaf, and
+/// cells beside it can skip further.
+fn cuts(grid: &PackedGrid, ijk: IVec3) -> [u32; 27] {
+    let header = grid.header(0);
+    let first = (ijk.wrapping_sub(grid.base) >> LOWER_BITS) - IVec3::from_array(header.top_origin);
+    std::array::from_fn(|i| {
+        let i = i as i32;
+        let at = first + IVec3::new(i / 9, i / 3 % 3, i % 3) - 1;
+        if (at.x | at.y | at.z) >> (2 * header.top_levels) != 0 {
+            return 0;
+        }
+        let mut node = header.top as usize;
+        for level in (0..header.top_levels).rev() {
+            let word = grid.words[node + top_slot(at, level)];
+            if word & CHILD == 0 || level == 0 {
+                return word & (CHILD | OCCUPIED);
+            }
+            node = header.top as usize + (word & PAYLOAD) as usize * TOP_WORDS;
+        }
+        0
+    })
 }
 
 fn compare_ray(one: &PackedGrid, two: &PackedGrid, bounds: CoordBox, random: &mut Random) {
