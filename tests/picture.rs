@@ -19,6 +19,8 @@ mod flip;
 mod golden;
 #[path = "picture/levels.rs"]
 mod levels;
+#[path = "picture/light_cache.rs"]
+mod light_cache;
 #[path = "picture/lights.rs"]
 mod lights;
 #[path = "picture/many.rs"]

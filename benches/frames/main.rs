@@ -5,6 +5,7 @@
 mod warm;
 
 mod edits;
+mod fog;
 mod parts;
 mod recording;
 mod studio;
@@ -25,11 +26,14 @@ recorded as well.
 
   recording       a cloud in the sun, with a recorder and without one, in turns
   edits           a ball of 100,000 voxels that runs around in a larger one, or stands still, in turns
+  fog             a cloud in the sun all over the picture: still, under a moving sun, four of them
   parts           surfaces, fog and fire: each pass, and what VdbMeasureFeatures makes of them
 
   --out DIR       where the recordings go, to be deleted at once; a folder for temporary files
   --size WxH      of the picture; 1920x1080
   --ms N          of recording: milliseconds that a frame should take by itself, by longer or shorter steps; 7
+  --model FILE    of fog: a .vdb file whose first grid is the cloud
+  --density N     of fog: extinction per world unit, with the cloud 4 units across; 4
   --frames N      frames a turn, at least 10; 300
   --rounds N      turns of each kind, at least 1; 5
   --rate N        frames a second of the recordings; 60
@@ -46,6 +50,8 @@ struct Args {
     frames: usize,
     rounds: usize,
     rate: u32,
+    model: Option<PathBuf>,
+    density: f32,
 }
 
 impl Args {
@@ -59,12 +65,17 @@ impl Args {
             frames: 300,
             rounds: 5,
             rate: 60,
+            model: None,
+            density: 4.0,
         };
         let mut options = Options::of_program(HELP);
         while let Some(option) = options.next_word()? {
             match option.as_str() {
                 "recording" => args.what.push(recording::run),
                 "edits" => args.what.push(edits::run),
+                "fog" => args.what.push(fog::run),
+                "--model" => args.model = Some(options.value(|path| Some(PathBuf::from(path)))?),
+                "--density" => args.density = options.value(number(1e-3..1e6))?,
                 "parts" => args.what.push(parts::run),
                 "--out" => args.out = options.value(|path| Some(PathBuf::from(path)))?,
                 "--size" => args.size = options.value(size(16..=8192))?,

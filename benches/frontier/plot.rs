@@ -10,14 +10,14 @@ use crate::Row;
 pub fn csv(scene: &str, rows: &[Row]) -> String {
     let mut text = String::from(
         "scene,preset,traversal,shadows,shadow_range,reflections,reflection_range,fog_step,\
-         fog_light_step,fog_shadow_step,fog_slabs,detail,resolution,ms,ms_trace,ms_upscale,ms_composite,radiance_error,visible_pixels,flip_mean,\
+         fog_light_step,fog_shadow_step,fog_light_error,fog_slabs,detail,resolution,ms,ms_trace,ms_upscale,ms_composite,radiance_error,visible_pixels,flip_mean,\
          hits_wrong,depth_p99_voxels,normal_mean_degrees,on_front\n",
     );
     for row in rows {
         let (q, e) = (&row.quality, &row.errors);
         let _ = writeln!(
             text,
-            "\"{scene}\",{},{:?},{},{},{},{},{},{},{},{},{},{},{:.4},{:.4},{:.4},{:.4},{:.3e},{:.3e},{},{:.3e},{:.3e},{:.3e},{}",
+            "\"{scene}\",{},{:?},{},{},{},{},{},{},{},{},{},{},{},{:.4},{:.4},{:.4},{:.4},{:.3e},{:.3e},{},{:.3e},{:.3e},{:.3e},{}",
             row.name.unwrap_or(""),
             q.traversal,
             q.shadows,
@@ -27,6 +27,7 @@ pub fn csv(scene: &str, rows: &[Row]) -> String {
             q.fog_step,
             q.fog_light_step,
             q.fog_shadow_step,
+            q.fog_light_error,
             q.fog_slabs,
             q.detail,
             q.resolution,
@@ -63,6 +64,7 @@ fn label(q: &VdbQuality) -> String {
     part(q.fog_step != high.fog_step, format!("fog_step {}", q.fog_step));
     part(q.fog_light_step != high.fog_light_step, format!("light_step {}", q.fog_light_step));
     part(q.fog_shadow_step != high.fog_shadow_step, format!("shadow_step {}", q.fog_shadow_step));
+    part(q.fog_light_error != high.fog_light_error, format!("light_error {}", q.fog_light_error));
     part(q.fog_slabs != high.fog_slabs, format!("slabs {}", q.fog_slabs));
     part(q.detail != high.detail, format!("detail {}", q.detail));
     part(q.resolution != high.resolution, format!("resolution {}", q.resolution));

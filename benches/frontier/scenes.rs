@@ -252,7 +252,16 @@ impl Scene {
                         for fog_shadow_step in [0.5, 1.0, 2.0, 4.0, 8.0] {
                             let even = fog_light_step / fog_shadow_step;
                             if (0.5..=4.0).contains(&even) {
-                                add(VdbQuality { fog_light_step, fog_shadow_step, ..base });
+                                let rays = VdbQuality { fog_light_error: 0.0, ..base };
+                                add(VdbQuality { fog_light_step, fog_shadow_step, ..rays });
+                            }
+                        }
+                    }
+                    for fog_light_error in [0.001, 0.003, 0.01, 0.03, 0.1] {
+                        for fog_step in [1.0, 2.0, 4.0] {
+                            for fog_shadow_step in [1.0, 4.0] {
+                                let cached = VdbQuality { fog_step, fog_shadow_step, ..base };
+                                add(VdbQuality { fog_light_error, ..cached });
                             }
                         }
                     }

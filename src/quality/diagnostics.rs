@@ -8,8 +8,8 @@ use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 
 /// The passes that volumes add to a view, in order.
-pub(crate) const PASSES: [&str; 4] =
-    ["vdb_trace", "vdb_upscale", "vdb_accumulate", "vdb_composite"];
+pub(crate) const PASSES: [&str; 5] =
+    ["vdb_light_cache", "vdb_trace", "vdb_upscale", "vdb_accumulate", "vdb_composite"];
 
 /// The latest GPU time of a pass.
 pub(crate) fn newest<'a>(
@@ -120,8 +120,7 @@ pub struct VdbBufferReport {
 
 /// The latest GPU time of all passes of a frame, in milliseconds, and when it arrived.
 pub(crate) fn gpu_time(store: &DiagnosticsStore) -> Option<(Instant, f32)> {
-    let [first, ..] = PASSES;
-    let trace = newest(store, first)?;
+    let trace = newest(store, "vdb_trace")?;
     let all = PASSES.iter().filter_map(|pass| newest(store, pass));
     let ms: f64 = all.filter(|pass| pass.time == trace.time).map(|pass| pass.value).sum();
     Some((trace.time, ms as f32))

@@ -36,6 +36,9 @@ bitflags! {
         const MULTISAMPLED = 1 << 24;
         const PAGES = 1 << 25;
         const WIDE_GRIDS = 1 << 26;
+        const LIGHT_CACHE = 1 << 27;
+        const UNCACHED_LIGHTS = 1 << 28;
+        const MESH_CASTERS = 1 << 29;
     }
 }
 
@@ -84,7 +87,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 27] = [
+pub(crate) const FEATURES: [Feature; 30] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -182,6 +185,25 @@ pub(crate) const FEATURES: [Feature; 27] = [
         &["VDB_WIDE_GRIDS"],
         "wide grids",
         "a grid is more than 2^22 voxels wide",
+    ),
+    row(
+        Features::LIGHT_CACHE,
+        &["VDB_LIGHT_CACHE"],
+        "light cache",
+        "VdbQuality::fog_light_error is more than 0, and a sun with shadow_maps_enabled lights fog",
+    )
+    .without(|_, quality| quality.fog_light_error = 0.0),
+    row(
+        Features::UNCACHED_LIGHTS,
+        &["VDB_UNCACHED_LIGHTS"],
+        "lights beside the cache",
+        "with the light cache, there are point or spot lights, a sun without shadows, or more than 4",
+    ),
+    row(
+        Features::MESH_CASTERS,
+        &["VDB_MESH_CASTERS"],
+        "shadows of meshes in cached light",
+        "with the light cache, there is a mesh without NotShadowCaster",
     ),
 ];
 

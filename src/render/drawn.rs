@@ -56,7 +56,8 @@ fn report_drawn(
     }
     for (seen, state, composite) in &views {
         let listed: Option<BTreeSet<MainEntity>> = state.prepared().map(|(view, _)| {
-            view.owners[..view.data.volume_count as usize].iter().copied().collect()
+            let seen = &view.entries[..view.data.volume_count as usize];
+            seen.iter().map(|entry| entry.owner).collect()
         });
         let is_drawn = composite.is_drawn && is_shown && !shadows.is_waiting;
         for entity in &seen.0 {

@@ -6,6 +6,7 @@ mod composite;
 mod drawn;
 mod extract;
 mod gpu;
+mod light_cache;
 mod pool;
 mod report;
 mod shadow_maps;
@@ -34,6 +35,7 @@ impl Plugin for RenderVolumesPlugin {
             extract::ExtractPlugin,
             pool::PoolPlugin,
             view::ViewPlugin,
+            light_cache::LightCachePlugin,
             trace::TracePlugin,
             upscale::UpscalePlugin,
             accumulate::AccumulatePlugin,

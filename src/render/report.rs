@@ -9,6 +9,7 @@ use bevy::render::{Render, RenderApp, RenderSystems};
 
 use super::accumulate::{AccumulateView, Accumulated, Mean};
 use super::composite::CompositeView;
+use super::light_cache::{LightCache, LightCacheView};
 use super::trace::TraceView;
 use super::upscale::UpscaleView;
 use super::view::{PreparedView, ViewPicture, ViewState};
@@ -34,27 +35,29 @@ type ViewData<'a> = (
     &'a MainEntity,
     &'a ViewState,
     &'a ViewPicture,
-    &'a TraceView,
+    (&'a LightCacheView, &'a TraceView),
     &'a UpscaleView,
     &'a AccumulateView,
     &'a CompositeView,
 );
 
-fn report(views: Query<ViewData>, diagnostics: Res<VdbDiagnostics>) {
-    let reports: HashMap<_, _> = views.iter().filter_map(of_view).collect();
+fn report(views: Query<ViewData>, light_cache: Res<LightCache>, diagnostics: Res<VdbDiagnostics>) {
+    let reports: HashMap<_, _> =
+        views.iter().filter_map(|view| of_view(view, &light_cache)).collect();
     diagnostics.set(reports);
 }
 
 fn of_view(
-    (camera, state, picture, trace, upscale, accumulate, composite): (
+    (camera, state, picture, (light, trace), upscale, accumulate, composite): (
         &MainEntity,
         &ViewState,
         &ViewPicture,
-        &TraceView,
+        (&LightCacheView, &TraceView),
         &UpscaleView,
         &AccumulateView,
         &CompositeView,
     ),
+    light_cache: &LightCache,
 ) -> Option<(Entity, VdbCameraReport)> {
     let (prepared, uniform) = state.prepared()?;
     let frames = accumulate.accumulated.as_ref().map_or(0, |accumulated| accumulated.frame);
@@ -64,6 +67,13 @@ fn of_view(
     if let Some(traced) = &picture.traced {
         buffers.push("vdb_color", bytes(&traced.color), "the colours of the traced image");
         buffers.push("vdb_depth", bytes(&traced.depth), "the depths of the traced image");
+    }
+    if light.is_used() {
+        let [atlas, staging] = light_cache.bytes();
+        buffers.push("vdb_light_atlas", atlas, "the light cache, which all cameras share");
+        if staging > 0 {
+            buffers.push("vdb_light_staging", staging, "the light cache is being filled");
+        }
     }
     buffers.add_some("vdb_tiles", &trace.tiles, "the rays of a tile share a start");
     if let Some(moving) = picture.traced.as_ref().and_then(|traced| traced.moving.as_ref()) {
@@ -89,7 +99,7 @@ fn of_view(
         frames,
         is_compiling: !prepared.is_ready || prepared.is_fallback,
         features: features(prepared),
-        passes: passes(upscale, frames, composite),
+        passes: passes(light, upscale, frames, composite),
         buffers: buffers.0,
     };
     Some((camera.id(), report))
@@ -100,9 +110,15 @@ fn features(prepared: &PreparedView) -> Vec<VdbFeatureReport> {
     rows.map(|row| VdbFeatureReport { name: row.name, why: row.why }).collect()
 }
 
-fn passes(upscale: &UpscaleView, frames: u32, composite: &CompositeView) -> Vec<VdbPassReport> {
+fn passes(
+    light: &LightCacheView,
+    upscale: &UpscaleView,
+    frames: u32,
+    composite: &CompositeView,
+) -> Vec<VdbPassReport> {
     let is_composited = composite.surface.is_some() || composite.fog.is_some();
     let all = [
+        (light.is_filled(), "vdb_light_cache", "a fog, its light or an occluder has changed"),
         (true, "vdb_trace", "a volume is in view"),
         (upscale.pipeline.is_some(), "vdb_upscale", "VdbQuality::resolution is less than 1"),
         (frames > 0, "vdb_accumulate", "VdbQuality::accumulate, and nothing has changed"),

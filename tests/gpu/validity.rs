@@ -193,6 +193,18 @@ fn every_variant_of_the_trace_is_valid() {
         let wide = ["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_WIDE_GRIDS"];
         check(&[&wide, &with, &shadows]);
     }
+    // The light cache.
+    for kinds in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_EMISSION"]) {
+        for with in subsets(&["VDB_MULTIPLE_SCATTERING", "VDB_UNCACHED_LIGHTS", "VDB_MESH_CASTERS"])
+        {
+            let local =
+                if with.contains(&"VDB_UNCACHED_LIGHTS") { &["VDB_LOCAL_LIGHTS"][..] } else { &[] };
+            for suns in ["VDB_CACHED_SUNS=1", "VDB_CACHED_SUNS=4"] {
+                let cache = ["VDB_LIT", "VDB_FOGS", "VDB_LIGHT_CACHE", suns];
+                check(&[&cache, &kinds, &with, local, &shadows]);
+            }
+        }
+    }
     // Fewer rays than pixels.
     for kinds in subsets(&["VDB_SURFACES", "VDB_FOGS", "MULTISAMPLED"]) {
         check(&[&["VDB_LIT", "VDB_SCALED", "VDB_LOCAL_LIGHTS", "DISTANCE_FOG"], &kinds, &shadows]);
@@ -208,8 +220,19 @@ fn every_variant_of_the_trace_is_valid() {
     }
     assert_eq!(
         variants,
-        8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 4 + 16 + 16
+        8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 4 + 128 + 16 + 16
     );
+}
+
+#[test]
+fn filling_the_light_cache_is_valid() {
+    let mut composer = composer();
+    for defs in subsets(&["VDB_EMISSION", "VDB_MULTIPLE_SCATTERING", "VDB_MANY", "VDB_WIDE_GRIDS"])
+    {
+        check(&mut composer, "light_cache/fill", &[&["VDB_FOGS"], &defs[..]].concat());
+        let pages = ["VDB_FOGS", "VDB_PAGED", "VDB_PAGE_BITS=20", "VDB_FORMAT=2"];
+        check(&mut composer, "light_cache/fill", &[&pages, &defs[..]].concat());
+    }
 }
 
 #[test]

@@ -78,6 +78,10 @@ struct Volume {
     light_step: f32,            // voxels of fog that share one lighting sample
     node_max: vec3<f32>,
     shadow_step: f32,           // voxels between samples of fog on rays from points in fog to lights
+    light_origin: vec3<i32>,    // local cell at the first sample of the light cache
+    light_brick: u32,           // first brick of the first light in the light cache, or 2^32 - 1
+    light_bricks: vec3<u32>,    // bricks of a light along each axis
+    light_log: u32,             // log₂ of the cells between samples of the light cache
 }
 
 const NO_CASTER: u32 = 1u;
@@ -85,6 +89,9 @@ const NO_RECEIVER: u32 = 2u;
 
 // The largest number of directional lights in a Bevy view.
 const MAX_SUNS: u32 = 10u;
+
+// The largest number of directional lights in the light cache.
+const MAX_CACHED_SUNS: u32 = 4u;
 
 struct View {
     // t = -(x·depth + y) / (z·depth + w), where depth is the value in the depth buffer
@@ -125,6 +132,9 @@ struct View {
     frame: u32,             // number of the accumulated or jittered frame; 0 without either
     jitter: vec2<f32>,      // offset of rays from their centres, in rays, y downwards
     max_frames: u32,        // largest number of frames in a mean
+    cached_sun_count: u32,
+    // Directions to the lights in the light cache, as Bevy stores them.
+    cached_suns: array<vec4<f32>, MAX_CACHED_SUNS>,
 }
 
 // A ray in local lattice coordinates of one grid: p(t) = cell + frac + t·dir.

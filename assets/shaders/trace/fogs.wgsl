@@ -11,37 +11,17 @@
 #ifdef VDB_EMISSION
 #import bevy_vdb::trace::emission::{segment_emission, mean_transmittance, is_emitter}
 #endif
+#import bevy_vdb::trace::fog_march::{Fog, OPAQUE_DEPTH, REFLECTED_STEP_FACTOR}
 #ifdef VDB_LIT
-#import bevy_vdb::view::scene::{frame_random, target_pixel}
-#import bevy_vdb::trace::segment::{point_at, world_position}
-#import bevy_vdb::trace::lights::{ShadingPoint, EnvironmentLight, in_scattered, environment_light}
+#import bevy_vdb::view::scene::frame_random
+#import bevy_vdb::trace::fog_march::in_scattered_at
+#import bevy_vdb::trace::lights::environment_light
 #import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, add_sums}
 #import bevy_vdb::trace::scattering::scattered_radiance
 #ifndef VDB_EVEN_LIGHT
-#import bevy_vdb::traversal::hdda::local_cell
-#import bevy_vdb::traversal::march::{begin_march, next_interval, visible_mean_t, scaled_step}
-#import bevy_vdb::traversal::tree::new_accessor
+#import bevy_vdb::trace::fog_march::march_fog
 #endif
 #endif
-
-// Optical depth beyond which nothing is visible: e^-16 is 1/4,000 of the step of 16-bit floats near 1.
-const OPAQUE_DEPTH: f32 = 16.0;
-
-// Above this many voxels along the longest edge of a fog's box, the intervals that share one lighting sample
-// become longer in proportion.
-const LIGHT_EDGE: f32 = 128.0;
-// In reflections, intervals are longer by this factor, because every interval evaluates every light.
-const REFLECTED_STEP_FACTOR: u32 = 4u;
-
-struct Fog {
-    radiance: vec3<f32>,
-    optical_depth: f32,
-    t_first: f32,
-    // Mean t of the visible fog, weighted by visibility. With several slabs, `motion_volume` is the volume
-    // that contributes most to what is visible.
-    t_mean: f32,
-    motion_volume: u32,
-}
 
 // Optical depth of one fog over an interval of a segment. Nothing stops the ray before `start`.
 fn fog_depth(
@@ -171,7 +151,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
                     if light.anisotropy != volumes[i].anisotropy {
                         let jitter = fract(0.5 + frame_random(0.41421356)) - 0.5;
                         let t = 0.5 * (t_low + t_high) + jitter * (t_high - t_low);
-                        light = in_scattered_at(segment, pixel, t, volumes[i].anisotropy, environment);
+                        light = in_scattered_at(segment, pixel, t, volumes[i].anisotropy, environment, false);
                     }
                     source += volume_depth * volumes[i].emissive;
                     add_sample(&slab_sums, volume_depth, volumes[i].base_color, light);
@@ -210,59 +190,3 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
 #endif
     return fog;
 }
-
-#ifdef VDB_LIT
-#ifndef VDB_EVEN_LIGHT
-// One fog of a segment, under lighting that varies along it.
-fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_max: f32) -> Fog {
-    var fog = Fog(vec3(0.0), 0.0, t_first, t_first, volume);
-    var t_sum = 0.0;
-    let grid = grids[volumes[volume].grid];
-    let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, t_max));
-    let entry = enter_at(mirrored, start_t(segment, volume, pixel));
-    let scale = volumes[volume].density_scale * length(segment.dir);
-    let max_integral = 100.0 / max(scale, 1e-30);
-    let anisotropy = volumes[volume].anisotropy;
-    let environment = environment_light(normalize(segment.dir));
-    let step = volumes[volume].light_step * select(f32(REFLECTED_STEP_FACTOR), 1.0, segment.is_view);
-    var sums = ScatteringSums();
-    var march = begin_march(mirrored, entry, scaled_step(grid, step, LIGHT_EDGE));
-    march.t_box -= frame_random(0.41421356) * march.t_step;
-    var accessor = new_accessor(local_cell(mirrored, entry.rel));
-    while march.dda.inside && fog.optical_depth <= OPAQUE_DEPTH {
-        let interval = next_interval(grid, mirrored, &march, &accessor, max_integral);
-        let depth = scale * min(interval.density_integral, max_integral);
-        if depth > 0.0 {
-            let t = clamp(visible_mean_t(interval, depth), interval.t_first, t_max);
-            let light = in_scattered_at(segment, pixel, t, anisotropy, environment);
-            let weight = exp(-fog.optical_depth) * (1.0 - exp(-depth));
-            fog.radiance += weight * volumes[volume].emissive;
-            add_sample(&sums, weight, volumes[volume].base_color, light);
-            t_sum += weight * t;
-            fog.optical_depth += depth;
-        }
-    }
-    fog.radiance += scattered_radiance(sums, fog.optical_depth);
-    fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
-    return fog;
-}
-#endif
-
-fn in_scattered_at(
-    segment: Segment,
-    pixel: vec2<u32>,
-    t: f32,
-    anisotropy: f32,
-    environment: EnvironmentLight,
-) -> InScattered {
-    let point = point_at(segment, t);
-    let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
-    let at = ShadingPoint(world_position(point), vec3(0.0), coord, segment.is_view);
-    let light = in_scattered(at, point, normalize(segment.dir), anisotropy);
-    return InScattered(
-        light,
-        max(environment.mean + anisotropy * environment.forward, vec3(0.0)),
-        anisotropy,
-    );
-}
-#endif

@@ -24,6 +24,9 @@
 #import bevy_pbr::shadows
 #import bevy_vdb::trace::occlusion::transmittance
 #endif
+#ifdef VDB_LIGHT_CACHE
+#import bevy_vdb::trace::occlusion::is_occluded
+#endif
 
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::gpu::types::{MAX_SUNS, NO_RECEIVER}
@@ -364,16 +367,23 @@ fn casts_shadows(lights: LightList, i: u32) -> bool {
 }
 
 // Light scattered along a ray (world space, unit length) at a point in fog with an albedo of 1, cd/m². The
-// first octave is single scattering; the others estimate multiple scattering.
+// first octave is single scattering; the others estimate multiple scattering. `is_cached`: whether the lights
+// in the light cache are left out.
 fn in_scattered(
     at: ShadingPoint,
     point: Point,
     ray: vec3<f32>,
     anisotropy: f32,
+    is_cached: bool,
 ) -> array<vec3<f32>, OCTAVES> {
     var light = array<vec3<f32>, OCTAVES>();
     let lights = lights_at(at);
     for (var i = 0u; i < lights.end; i++) {
+#ifdef VDB_LIGHT_CACHE
+        if is_cached && i < lights.suns && cached_slot(i) != NOT_CACHED {
+            continue;
+        }
+#endif
         let visible = visibility(at, point, lights, i);
         let light_vector = to_light(at, lights, i);
         // Forward scattering is towards the viewer from a light straight ahead.
@@ -401,6 +411,65 @@ fn in_scattered(
     }
     return light;
 }
+
+#ifdef VDB_LIGHT_CACHE
+const NOT_CACHED: u32 = 0xffffffffu;
+
+// Slot of a directional light in the light cache; NOT_CACHED if it has none.
+fn cached_slot(light: u32) -> u32 {
+    let direction = bevy::lights.directional_lights[light].direction_to_light;
+    var slot = NOT_CACHED;
+    for (var i = 0u; i < min(view.cached_sun_count, #{VDB_CACHED_SUNS}u); i++) {
+        slot = select(slot, i, all(view.cached_suns[i].xyz == direction));
+    }
+    return slot;
+}
+
+// A slot of the light cache, as seen along a ray.
+struct CachedSun {
+    light: u32,                     // Bevy's index
+    illuminance: vec3<f32>,         // lux; 0 if the view does not have the light
+    phases: array<f32, OCTAVES>,
+}
+
+// The light in a slot along a ray (world space, unit length) through fog.
+fn cached_sun(slot: u32, ray: vec3<f32>, anisotropy: f32) -> CachedSun {
+    var sun = CachedSun(0u, vec3(0.0), array<f32, OCTAVES>());
+    for (var i = 0u; i < bevy::lights.n_directional_lights; i++) {
+        if cached_slot(i) == slot {
+            sun.light = i;
+            sun.illuminance += sun_factor(i) * bevy::lights.directional_lights[i].color.rgb;
+        }
+    }
+    let cosine = clamp(dot(view.cached_suns[slot].xyz, ray), -1.0, 1.0);
+    var octave_anisotropy = anisotropy;
+    for (var octave = 0u; octave < OCTAVES; octave++) {
+        sun.phases[octave] = phase(octave_anisotropy, cosine);
+        octave_anisotropy *= OCTAVE_ANISOTROPY;
+    }
+    return sun;
+}
+
+// Fraction of a cached light that meshes and surfaces let through to a point in fog.
+fn unoccluded(at: ShadingPoint, point: Point, light: u32) -> f32 {
+#ifdef VDB_MESH_CASTERS
+    let visible = shadows::fetch_directional_shadow(
+        light,
+        vec4(at.position, 1.0),
+        at.normal,
+        view_z(at.position),
+        at.coord,
+    );
+#else
+    let visible = 1.0;
+#endif
+    let to_sun = bevy::lights.directional_lights[light].direction_to_light;
+    if visible > 0.0 && is_occluded(point, to_sun, FAR) {
+        return 0.0;
+    }
+    return visible;
+}
+#endif
 
 #ifdef VDB_LOCAL_LIGHTS
 // Illuminance in lux on a surface that faces a point or spot light.

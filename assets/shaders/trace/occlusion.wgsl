@@ -41,9 +41,21 @@ fn next_occluder(segment: Segment, i: u32, distance: f32) -> u32 {
 #endif
 }
 
-// Transmittance between a point and a light in a direction (world space, unit length) at a distance in world
-// units. Points in fog are ray-marched, because the errors of many points on a ray average out.
-fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool) -> f32 {
+const SURFACES: u32 = 1u;
+const FOGS: u32 = 2u;
+
+// Optical depth between a point and a light in a direction (world space, unit length) at a distance in world
+// units, of surfaces, of fogs, or of both; OPAQUE_DEPTH or more behind a surface. Points in fog are
+// ray-marched in steps of at least `least_step` voxels, because the errors of many points on a ray average
+// out.
+fn depth_to_light(
+    point: Point,
+    to_light: vec3<f32>,
+    distance: f32,
+    in_fog: bool,
+    kinds: u32,
+    least_step: f32,
+) -> f32 {
     let segment = Segment(point, to_light, false, 0.0);
     let range = min(distance, view.shadow_range);
     var depth = 0.0;
@@ -57,6 +69,10 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
             continue;
         }
 #endif
+        let kind = select(SURFACES, FOGS, volumes[i].kind == KIND_FOG);
+        if (kinds & kind) == 0u {
+            continue;
+        }
         let grid = grids[volumes[i].grid];
         let mirrored = mirrored_ray(grid, lattice_ray(segment, i, range));
         let dda = enter(mirrored);
@@ -78,7 +94,7 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
             let scale = max(volumes[i].density_scale, 1e-30);
             var density_integral = 0.0;
             if in_fog {
-                let step = scaled_step(grid, volumes[i].shadow_step, SHADOW_EDGE);
+                let step = max(scaled_step(grid, volumes[i].shadow_step, SHADOW_EDGE), least_step);
                 density_integral = stepped_length(grid, mirrored, 0.0, OPAQUE_DEPTH / scale, step, 0.0);
             } else {
                 density_integral = optical_length(grid, mirrored, dda, OPAQUE_DEPTH / scale);
@@ -87,5 +103,27 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
         }
 #endif
     }
+    return depth;
+}
+
+// Transmittance between a point and a light.
+fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool) -> f32 {
+    let depth = depth_to_light(point, to_light, distance, in_fog, SURFACES | FOGS, 0.0);
     return select(exp(-depth), 0.0, depth >= OPAQUE_DEPTH);
+}
+
+// Optical depth of all fogs between a point in fog and a light.
+fn fog_depth_to_light(point: Point, to_light: vec3<f32>, distance: f32, least_step: f32) -> f32 {
+    return depth_to_light(point, to_light, distance, true, FOGS, least_step);
+}
+
+// Whether a surface stands between a point and a light.
+fn is_occluded(point: Point, to_light: vec3<f32>, distance: f32) -> bool {
+#ifdef VDB_SURFACES
+    return depth_to_light(point, to_light, distance, true, SURFACES, 0.0) >= OPAQUE_DEPTH;
+#else ifdef VDB_SMOOTH
+    return depth_to_light(point, to_light, distance, true, SURFACES, 0.0) >= OPAQUE_DEPTH;
+#else
+    return false;
+#endif
 }

@@ -134,7 +134,7 @@ const MAX_STEPS: f32 = 8388608.0;   // 2^23
 #endif
 
 // The index of the next step, greater than `k` even in f32.
-fn next_step(k: f32, next: f32) -> f32 {
+fn next_index(k: f32, next: f32) -> f32 {
 #ifdef VDB_WIDE_GRIDS
     return max(next, k * NEXT_FLOAT);
 #else
@@ -145,14 +145,113 @@ fn next_step(k: f32, next: f32) -> f32 {
 // Distance in cells from the ray's origin within which f32 locates a sample to a thousandth of a voxel.
 const PRECISE_RANGE: u32 = 8192u;
 
+// The state of ray marching.
+struct Steps {
+    ray: SampledRay,
+    inverse: vec3<f32>, // of the ray's direction
+    t_origin: f32,      // t at the ray's origin; all other t are counted from there
+    t_step: f32,        // length of the first step
+    t_end: f32,         // negative if the ray misses the grid's box
+    k: f32,             // steps of length `t_step` that are done
+}
+
+// Begins ray marching with steps `step` voxels long. Steps are counted from the ray's origin, or, if that is
+// far away, from where the ray enters the grid's box: points that do not depend on the tree. Nothing
+// attenuates the ray before `start`.
+fn begin_steps(mirrored: MirroredRay, start: f32, step: f32) -> Steps {
+    var steps = Steps(SampledRay(vec3(0), vec3(0.0), vec3(0.0)), vec3(0.0), 0.0, 1.0, -1.0, 0.0);
+    let t_entry = select(vec3(mirrored.t_min), plane_t(mirrored, mirrored.first), mirrored.before);
+    let t_in = max(max(max(t_entry.x, t_entry.y), t_entry.z), mirrored.t_min);
+    if !mirrored.meets || !(t_in < min(box_exit(mirrored), mirrored.t_max)) {
+        return steps;
+    }
+    var rebased = Rebased(vec3(0u), mirrored.frac, 0.0, mirrored.t_max);
+    if any(mirrored.last >= vec3(PRECISE_RANGE)) {
+        let entry = enter(mirrored);
+        if !entry.inside {
+            return steps;
+        }
+        rebased = rebased_at(mirrored, entry.rel, entry.axis, entry.t);
+    }
+    let is_mirrored = mirrored.mirror != vec3(0);
+    let dir = select(mirrored.speed, -mirrored.speed, is_mirrored);
+    // Less than 1, so that no sample lies behind the cell in either direction.
+    let origin = min(unmirrored(mirrored, rebased.frac), vec3(BELOW_ONE));
+    steps.ray = SampledRay(local_cell(mirrored, rebased.cell), origin, dir);
+    steps.inverse = select(mirrored.inverse, -mirrored.inverse, is_mirrored);
+    steps.t_origin = rebased.t;
+    let t_exit = rebased_t(rebased, mirrored, mirrored.last + 1u);
+    let farthest = MAX_DISTANCE * min(min(mirrored.inverse.x, mirrored.inverse.y), mirrored.inverse.z);
+    steps.t_end = min(min(min(t_exit.x, t_exit.y), t_exit.z), min(rebased.end, farthest));
+#ifdef VDB_WIDE_GRIDS
+    steps.t_step = step / length(mirrored.speed);
+#else
+    steps.t_step = max(step / length(mirrored.speed), steps.t_end / MAX_STEPS);
+#endif
+    steps.k = max(ceil((max(start, t_in) - rebased.t) / steps.t_step - 0.5), 0.0);
+    return steps;
+}
+
+// A step with density in its middle.
+struct Step {
+    t: f32,         // of the middle, from the origin of `Steps`
+    width: f32,     // 0 if the ray is finished
+    density: f32,
+    point: SamplePoint,
+}
+
+// The next step in a leaf or tile that contains fog, `stride` times as long as the first one.
+fn next_step(
+    grid: Grid,
+    mirrored: MirroredRay,
+    steps: ptr<function, Steps>,
+    accessor: ptr<function, Accessor>,
+    stride: f32,
+) -> Step {
+    let t_step = (*steps).t_step;
+    let t_end = (*steps).t_end;
+    while (*steps).k * t_step < t_end {
+        let k = (*steps).k;
+        // The last step ends with the ray.
+        let width = min(stride * t_step, t_end - k * t_step);
+        let t = k * t_step + 0.5 * width;
+        var point = sample_at((*steps).ray, t);
+        let changed = point.cell ^ (*accessor).cell;
+        if ((changed.x | changed.y | changed.z) >> LOWER_BITS) != 0 {
+            // Rounding may move a cell out of the box, which the top-level tree does not cover.
+            point.cell = clamp(point.cell, grid.occupied_min, grid.occupied_max);
+        }
+        let slot = locate_slot(grid, point.cell, accessor);
+        count_step();
+        if (slot & (CHILD | OCCUPIED)) != 0u {
+            (*steps).k = next_index(k, k + stride);
+            return Step(t, width, density_at(grid, *accessor, point), point);
+        }
+        let is_mirrored = mirrored.mirror != vec3(0);
+        let size = 1i << (*accessor).log_dim;
+        let low = point.cell & vec3(-size);
+        let ahead = i32(skip_of(slot, mirrored.octant) << (*accessor).log_dim);
+        let planes = select(low + (size + ahead), low - ahead, is_mirrored);
+        let origin = (*steps).ray.cell;
+        // A plane ahead may be more than 2^31 cells away, which requires an unsigned integer.
+        let cells = vec3<f32>(bitcast<vec3<u32>>(select(planes - origin, origin - planes, is_mirrored)));
+        let t_out = (select(cells, -cells, is_mirrored) - (*steps).ray.origin) * (*steps).inverse;
+        let next = ceil(min(min(t_out.x, t_out.y), t_out.z) / t_step - 0.5);
+        (*steps).k = next_index(k, max(k + 1.0, next));
+    }
+    return Step(0.0, 0.0, 0.0, SamplePoint(vec3(0), vec3(0.0)));
+}
+
+// Factor by which steps are longer at an optical depth. An error in the optical depth of a step changes the
+// transmittance T in proportion to T, and grows with the square of the step length. For a given number of
+// steps, the error is smallest with lengths proportional to T^(-1/3).
+fn stride_at(optical_depth: f32) -> f32 {
+    // The exponent of T^(-1/3), as a power of 2.
+    return min(exp2(0.48089835 * optical_depth), MAX_STRIDE);
+}
+
 // ∫ density dt by ray marching, with density sampled in the middle of each step. The first step is `step`
-// voxels long. Steps are counted from the ray's origin, or, if that is far away, from where the ray enters
-// the grid's box: points that do not depend on the tree. Nothing attenuates the ray before `start`.
-// `extinction` is the optical depth per unit of the integral.
-//
-// An error in the optical depth of a step changes the transmittance T in proportion to T, and grows with the
-// square of the step length. For a given number of steps, the error is smallest with lengths proportional to
-// T^(-1/3).
+// voxels long. `extinction` is the optical depth per unit of the integral.
 fn stepped_length(
     grid: Grid,
     mirrored: MirroredRay,
@@ -161,66 +260,15 @@ fn stepped_length(
     step: f32,
     extinction: f32,
 ) -> f32 {
-    let t_entry = select(vec3(mirrored.t_min), plane_t(mirrored, mirrored.first), mirrored.before);
-    let t_in = max(max(max(t_entry.x, t_entry.y), t_entry.z), mirrored.t_min);
-    if !mirrored.meets || !(t_in < min(box_exit(mirrored), mirrored.t_max)) {
-        return 0.0;
-    }
-    var rebased = Rebased(vec3(0u), mirrored.frac, 0.0, mirrored.t_max);
-    if any(mirrored.last >= vec3(PRECISE_RANGE)) {
-        let entry = enter(mirrored);
-        if !entry.inside {
-            return 0.0;
-        }
-        rebased = rebased_at(mirrored, entry.rel, entry.axis, entry.t);
-    }
-    let is_mirrored = mirrored.mirror != vec3(0);
-    let dir = select(mirrored.speed, -mirrored.speed, is_mirrored);
-    let inverse = select(mirrored.inverse, -mirrored.inverse, is_mirrored);
-    // Less than 1, so that no sample lies behind the cell in either direction.
-    let origin = min(unmirrored(mirrored, rebased.frac), vec3(BELOW_ONE));
-    let ray = SampledRay(local_cell(mirrored, rebased.cell), origin, dir);
-    let t_exit = rebased_t(rebased, mirrored, mirrored.last + 1u);
-    let farthest = MAX_DISTANCE * min(min(mirrored.inverse.x, mirrored.inverse.y), mirrored.inverse.z);
-    let t_end = min(min(min(t_exit.x, t_exit.y), t_exit.z), min(rebased.end, farthest));
-#ifdef VDB_WIDE_GRIDS
-    let t_step = step / length(mirrored.speed);
-#else
-    let t_step = max(step / length(mirrored.speed), t_end / MAX_STEPS);
-#endif
-    let per_step = 1.0 / t_step;
-    // The exponent of T^(-1/3), as a power of 2.
-    let growth = extinction * 0.48089835;
-    var accessor = new_accessor(ray.cell);
+    var steps = begin_steps(mirrored, start, step);
+    var accessor = new_accessor(steps.ray.cell);
     var sum = 0.0;
-    var k = max(ceil((max(start, t_in) - rebased.t) * per_step - 0.5), 0.0);
-    while sum < cutoff && k * t_step < t_end {
-        let stride = min(exp2(growth * sum), MAX_STRIDE);
-        // The last step ends with the ray.
-        let width = min(stride * t_step, t_end - k * t_step);
-        var point = sample_at(ray, k * t_step + 0.5 * width);
-        let changed = point.cell ^ accessor.cell;
-        if ((changed.x | changed.y | changed.z) >> LOWER_BITS) != 0 {
-            // Rounding may move a cell out of the box, which the top-level tree does not cover.
-            point.cell = clamp(point.cell, grid.occupied_min, grid.occupied_max);
+    while sum < cutoff {
+        let next = next_step(grid, mirrored, &steps, &accessor, stride_at(extinction * sum));
+        if next.width <= 0.0 {
+            break;
         }
-        let slot = locate_slot(grid, point.cell, &accessor);
-        count_step();
-        if (slot & (CHILD | OCCUPIED)) == 0u {
-            let size = 1i << accessor.log_dim;
-            let low = point.cell & vec3(-size);
-            let ahead = i32(skip_of(slot, mirrored.octant) << accessor.log_dim);
-            let planes = select(low + (size + ahead), low - ahead, is_mirrored);
-            // A plane ahead may be more than 2^31 cells away, which requires an unsigned integer.
-            let cells = vec3<f32>(
-                bitcast<vec3<u32>>(select(planes - ray.cell, ray.cell - planes, is_mirrored)),
-            );
-            let t_out = (select(cells, -cells, is_mirrored) - ray.origin) * inverse;
-            k = next_step(k, max(k + 1.0, ceil(min(min(t_out.x, t_out.y), t_out.z) * per_step - 0.5)));
-            continue;
-        }
-        sum += width * density_at(grid, accessor, point);
-        k = next_step(k, k + stride);
+        sum += next.width * next.density;
     }
     return min(sum, MAX_LENGTH);
 }

@@ -5,11 +5,11 @@
 //! made by one [`build`] over a box of voxels; where the formula is uniform over a whole node, the
 //! node becomes a tile, at every level of the tree.
 //!
-//! - [`mod@level_set`]: narrow-band signed distances, as after OpenVDB's signed flood fill.
-//! - [`mod@fog`]: densities.
-//! - [`mod@models`]: objects that look the same at any size, for benchmarks.
-//! - [`mod@rays`]: rays through all of these on which decisions are hard.
-//! - [`mod@sparse`]: isolated voxels, thin walls and patterns that are hard to traverse.
+//! - [`level_set`](mod@level_set) – narrow-band signed distances, as after OpenVDB's signed flood fill.
+//! - [`fog`](mod@fog) – densities.
+//! - [`models`](mod@models) – objects that look the same at any size, for benchmarks.
+//! - [`rays`](mod@rays) – rays through all of these on which decisions are hard.
+//! - [`sparse`](mod@sparse) – isolated voxels, thin walls and patterns that are hard to traverse.
 
 mod build;
 pub mod fog;

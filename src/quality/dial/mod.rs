@@ -138,6 +138,7 @@ pub(crate) fn turn_dials(
             fog_step: marked.fog_step,
             fog_light_step: marked.fog_light_step,
             fog_shadow_step: marked.fog_shadow_step,
+            fog_light_error: marked.fog_light_error,
             fog_slabs: marked.fog_slabs,
             resolution: marked.resolution,
             ..*quality
@@ -174,6 +175,7 @@ fn within(pixels: f32, voxels_per_pixel: f32) -> VdbQuality {
         fog_step: if voxels < 0.5 { 0.0 } else { step(0.5) },
         fog_light_step: step(exact.fog_light_step),
         fog_shadow_step: step(exact.fog_shadow_step),
+        fog_light_error: if pixels > 0.0 { VdbQuality::HIGH.fog_light_error } else { 0.0 },
         fog_slabs: if pixels > 0.0 { VdbQuality::HIGH.fog_slabs } else { exact.fog_slabs },
         // Rays are 1 + `pixels` pixels apart.
         resolution: (1.0 / (1.0 + pixels)).max(0.25),
@@ -194,6 +196,7 @@ mod tests {
             let [a, b] = [pair[0], pair[1]];
             assert!(a.fog_light_step <= b.fog_light_step && a.fog_shadow_step <= b.fog_shadow_step);
             assert!(a.fog_step <= b.fog_step && a.fog_slabs >= b.fog_slabs);
+            assert!(a.fog_light_error <= b.fog_light_error);
             assert!(a.resolution >= b.resolution && a != b);
         }
     }

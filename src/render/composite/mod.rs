@@ -122,8 +122,8 @@ fn prepare(
         let placement = bytemuck::bytes_of(&placement);
         own.placement = Some(buffer("vdb_placement", placement, BufferUsages::UNIFORM));
         own.motion = motion.then(|| {
-            let seen = &prepared.owners[..prepared.data.volume_count as usize];
-            let seen = seen.iter().filter_map(|owner| volumes.0.get(owner));
+            let seen = &prepared.entries[..prepared.data.volume_count as usize];
+            let seen = seen.iter().filter_map(|entry| volumes.0.get(&entry.owner));
             let matrices = motion::matrices(view, prepared.clip_from_view, before, seen);
             buffer("vdb_motion", bytemuck::cast_slice(&matrices), BufferUsages::STORAGE)
         });

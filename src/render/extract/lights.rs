@@ -1,6 +1,7 @@
 //! Extraction of light properties that Bevy does not extract.
 
 use bevy::camera::visibility::InheritedVisibility;
+use bevy::light::NotShadowCaster;
 use bevy::prelude::*;
 use bevy::render::Extract;
 use bevy::render::sync_world::RenderEntity;
@@ -54,6 +55,17 @@ pub(crate) fn extract_suns(
         angular_diameter: non_negative(sun.angular_diameter).min(WIDEST_SUN),
         samples: sun.samples.clamp(1, MOST_SAMPLES),
     }));
+}
+
+/// Whether any mesh may cast shadows.
+#[derive(Clone, Copy, Debug, Default, Resource)]
+pub(crate) struct MeshCasters(pub bool);
+
+pub(crate) fn extract_mesh_casters(
+    meshes: Extract<Query<&InheritedVisibility, (With<Mesh3d>, Without<NotShadowCaster>)>>,
+    mut casters: ResMut<MeshCasters>,
+) {
+    casters.0 = meshes.iter().any(|visible| visible.get());
 }
 
 /// The environment maps of a camera: a component of render entities.

@@ -11,7 +11,7 @@ use bevy::render::{ExtractSchedule, RenderApp};
 
 pub(super) use auxiliary::AuxiliaryGrid;
 pub(super) use changes::SceneChanges;
-pub(super) use lights::{ExtractedEnvironment, ExtractedSuns};
+pub(super) use lights::{ExtractedEnvironment, ExtractedSuns, MeshCasters};
 pub(super) use volumes::{ExtractedVolume, ExtractedVolumes};
 pub(super) use warnings::{Setting, Trouble, Warned};
 
@@ -24,6 +24,7 @@ impl Plugin for ExtractPlugin {
         render_app
             .init_resource::<ExtractedVolumes>()
             .init_resource::<ExtractedSuns>()
+            .init_resource::<MeshCasters>()
             .init_resource::<Warned>()
             .init_resource::<SceneChanges>()
             .add_systems(
@@ -31,6 +32,7 @@ impl Plugin for ExtractPlugin {
                 (
                     volumes::extract_volumes,
                     lights::extract_suns,
+                    lights::extract_mesh_casters,
                     lights::extract_environments,
                     changes::extract_changes,
                 ),

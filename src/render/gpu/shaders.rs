@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 25] = shaders![
+const IMPORTS: [(&str, &[u8]); 28] = shaders![
     "gpu/types",
     "gpu/bindings",
     "traversal/rays",
@@ -40,18 +40,22 @@ const IMPORTS: [(&str, &[u8]); 25] = shaders![
     "trace/occlusion",
     "trace/scattering",
     "trace/lights",
+    "light_cache/bricks",
+    "trace/light_cache",
+    "trace/fog_march",
     "trace/fogs",
     "trace/show"
 ];
 /// The shaders with entry points.
-const PROGRAMS: [(&str, &[u8]); 7] = shaders![
+const PROGRAMS: [(&str, &[u8]); 8] = shaders![
     "trace/beams",
     "trace/trace",
     "upscale/upscale",
     "accumulate/accumulate",
     "composite/composite",
     "shadow_maps/cast",
-    "shadow_maps/mesh_depth"
+    "shadow_maps/mesh_depth",
+    "light_cache/fill"
 ];
 
 pub(crate) fn embed(app: &mut App) {
@@ -90,6 +94,7 @@ pub(crate) struct Shaders {
     pub composite: Handle<Shader>,
     pub cast: Handle<Shader>,
     pub mesh_depth: Handle<Shader>,
+    pub fill: Handle<Shader>,
     /// The shader defs of this adapter, for all pipelines that traverse grids.
     pub adapter_defs: Vec<ShaderDefVal>,
     _imports: [Handle<Shader>; IMPORTS.len()],
@@ -107,7 +112,8 @@ pub(crate) fn load_shaders(
 impl Shaders {
     fn load(assets: &AssetServer, adapter: &RenderAdapterInfo) -> Self {
         let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
-        let [beams, trace, upscale, accumulate, composite, cast, mesh_depth] = PROGRAMS.map(load);
+        let [beams, trace, upscale, accumulate, composite, cast, mesh_depth, fill] =
+            PROGRAMS.map(load);
         let _imports = IMPORTS.map(load);
         // A software driver runs the rays of a group in lockstep, through every branch that any of
         // them takes.
@@ -121,6 +127,7 @@ impl Shaders {
             composite,
             cast,
             mesh_depth,
+            fill,
             adapter_defs,
             _imports,
         }
@@ -136,7 +143,8 @@ mod tests {
 
     /// Shader defs that are not features of a view: those of render modes, formats and adapters,
     /// and those of the programs of `vdb_probe`.
-    const OTHERS: [&str; 14] = [
+    const OTHERS: [&str; 15] = [
+        "VDB_CACHED_SUNS",
         "VDB_COUNT_STEPS",
         "VDB_DIFFUSE_ONLY",
         "VDB_EVEN_LIGHT",

@@ -52,6 +52,10 @@ pub(crate) struct Volume {
     pub light_step: f32,
     pub node_max: [f32; 3],
     pub shadow_step: f32,
+    pub light_origin: [i32; 3],
+    pub light_brick: u32,
+    pub light_bricks: [u32; 3],
+    pub light_log: u32,
 }
 
 /// Bits of [`Volume::flags`].
@@ -60,6 +64,12 @@ pub(crate) const NO_RECEIVER: u32 = 2;
 
 /// The largest number of directional lights of a view, as in Bevy.
 pub(crate) const MAX_SUNS: usize = 10;
+
+/// The largest number of directional lights in the light cache.
+pub(crate) const MAX_CACHED_SUNS: usize = 4;
+
+/// [`Volume::light_brick`] of a volume that is not in the light cache.
+pub(crate) const NO_LIGHT_CACHE: u32 = u32::MAX;
 
 /// The uniform of a view.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -98,7 +108,9 @@ pub(crate) struct View {
     pub frame: u32,
     pub jitter: [f32; 2],
     pub max_frames: u32,
-    pub pads: [u32; 3],
+    pub cached_sun_count: u32,
+    pub pads: [u32; 2],
+    pub cached_suns: [[f32; 4]; MAX_CACHED_SUNS],
 }
 
 /// The rectangle of the traced image in the target.
@@ -177,13 +189,14 @@ mod tests {
             density_scale, lattice_x, anisotropy, lattice_y, perceptual_roughness, lattice_z,
             metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last, color_grids,
             background, temperature_scale, temperature_offset, box_min, flags, box_max, fog_step,
-            node_min, light_step, node_max, shadow_step);
+            node_min, light_step, node_max, shadow_step, light_origin, light_brick,
+            light_bricks, light_log);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, offscreen_count, size, origin,
             steps_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
             has_tile_starts, picture, shadow_range, reflection_range, suns, disks, random_offset,
-            frame, jitter, max_frames);
+            frame, jitter, max_frames, cached_sun_count, cached_suns);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

@@ -12,7 +12,8 @@ use bevy::prelude::*;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
     BindGroup, BindGroupEntries, Buffer, CachedComputePipelineId, ComputePassDescriptor,
-    DynamicBindGroupEntries, PipelineCache, SpecializedComputePipelines, TextureFormat,
+    DynamicBindGroupEntries, PipelineCache, Sampler, SpecializedComputePipelines, TextureFormat,
+    TextureView,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use bevy::render::texture::TextureCache;
@@ -20,6 +21,7 @@ use bevy::render::view::ViewDepthTexture;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
 use super::gpu::{GROUP, PipelineFallback, Shaders, load_shaders, picture_texture, tiles};
+use super::light_cache::{LightCache, fill_light_cache};
 use super::pool::{PoolBuffers, VdbTreePool};
 use super::view::VdbSystems;
 use super::view::{
@@ -65,7 +67,7 @@ impl Plugin for TracePlugin {
                         .in_set(RenderSystems::PrepareBindGroups),
                 ),
             )
-            .add_systems(Core3d, trace.in_set(VdbSystems::Trace));
+            .add_systems(Core3d, trace.in_set(VdbSystems::Trace).after(fill_light_cache));
     }
 }
 
@@ -180,7 +182,7 @@ fn bind(
     )>,
     (pool, volumes): (Res<VdbTreePool>, Res<VolumeBuffer>),
     all_lights: AllLights,
-    blackbody: Res<BlackbodyColors>,
+    (blackbody, light_cache): (Res<BlackbodyColors>, Res<LightCache>),
     (trace, beams): (Res<TracePipeline>, Res<BeamsPipeline>),
     cache: Res<PipelineCache>,
     device: Res<RenderDevice>,
@@ -202,8 +204,13 @@ fn bind(
         if prepared.key.has(Features::BLACKBODY) && table.is_none() {
             continue;
         }
+        let caches_light = prepared.key.has(Features::LIGHT_CACHE);
+        let depths = light_cache.binding().filter(|_| caches_light);
+        if caches_light && depths.is_none() {
+            continue;
+        }
         let layout = cache.get_bind_group_layout(trace.layout(features));
-        let group = inputs.trace_group(&layout, table, &device);
+        let group = inputs.trace_group(&layout, table, depths, &device);
         let layout = cache.get_bind_group_layout(beams.layout(features));
         let beams = inputs.beams_group(&layout, &device);
         own.bind_groups = Some(BindGroups { trace: group, lights, beams, nothing });
@@ -224,7 +231,8 @@ impl Inputs<'_> {
     fn trace_group(
         &self,
         layout: &bevy::render::render_resource::BindGroupLayout,
-        blackbody: Option<&bevy::render::render_resource::TextureView>,
+        blackbody: Option<&TextureView>,
+        depths: Option<(&TextureView, &Sampler)>,
         device: &RenderDevice,
     ) -> BindGroup {
         let [page_a, page_b, page_c] = self.pool.pages();
@@ -247,6 +255,9 @@ impl Inputs<'_> {
         }
         if let Some(table) = blackbody {
             entries = entries.extend_with_indices(((11, table),));
+        }
+        if let Some((depths, sampler)) = depths {
+            entries = entries.extend_with_indices(((12, depths), (13, sampler)));
         }
         device.create_bind_group("vdb_trace", layout, &entries)
     }

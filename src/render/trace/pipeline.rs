@@ -1,11 +1,13 @@
 //! The pipeline that traces rays.
 
 use bevy::prelude::*;
-use bevy::render::render_resource::binding_types::uniform_buffer_sized;
+use bevy::render::render_resource::binding_types::{sampler, texture_3d, uniform_buffer_sized};
 use bevy::render::render_resource::{
     BindGroupLayoutDescriptor, ComputePipelineDescriptor, DynamicBindGroupLayoutEntries,
-    ShaderStages, SpecializedComputePipeline, TextureFormat,
+    SamplerBindingType, ShaderStages, SpecializedComputePipeline, TextureFormat, TextureSampleType,
 };
+
+use bevy::shader::ShaderDefVal;
 
 use super::lights::LightLayouts;
 use crate::VdbRenderMode;
@@ -16,8 +18,13 @@ use crate::render::gpu::{
 use crate::render::view::ViewKey;
 
 /// The features that the layout of the crate's own group depends on.
-const LAYOUT: [Features; 4] =
-    [Features::MULTISAMPLED, Features::BEAMS, Features::MOTION_VECTORS, Features::BLACKBODY];
+const LAYOUT: [Features; 5] = [
+    Features::MULTISAMPLED,
+    Features::BEAMS,
+    Features::MOTION_VECTORS,
+    Features::BLACKBODY,
+    Features::LIGHT_CACHE,
+];
 
 #[derive(Debug, Resource)]
 pub(super) struct TracePipeline {
@@ -59,6 +66,11 @@ impl TracePipeline {
             if has(Features::BLACKBODY) {
                 entries = entries.extend_with_indices(((11, read()),));
             }
+            if has(Features::LIGHT_CACHE) {
+                let depths = texture_3d(TextureSampleType::Float { filterable: true });
+                let filtering = sampler(SamplerBindingType::Filtering);
+                entries = entries.extend_with_indices(((12, depths), (13, filtering)));
+            }
             BindGroupLayoutDescriptor::new("vdb_trace", &entries)
         });
         Self { shaders: shaders.clone(), lights: lights.clone(), layouts }
@@ -84,6 +96,7 @@ impl SpecializedComputePipeline for TracePipeline {
             shader: self.shaders.trace.clone(),
             shader_defs: own
                 .chain(self.lights.shader_defs(&key))
+                .chain(key.cached_suns.map(|n| ShaderDefVal::UInt("VDB_CACHED_SUNS".into(), n)))
                 .chain(page_defs(key.page_bits))
                 .chain(sample_format_def(key.sample_format))
                 .chain(self.shaders.adapter_defs.iter().cloned())

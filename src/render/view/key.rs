@@ -11,6 +11,8 @@ use crate::render::gpu::types;
 pub(crate) struct ViewKey {
     pub features: Features,
     pub mode: VdbRenderMode,
+    /// The number of suns in the light cache, if there is one.
+    pub cached_suns: Option<u32>,
     /// The shader def of Bevy's shadow filtering, in views with shadows.
     pub shadow_filter: Option<&'static str>,
     /// log₂ of the number of words per page, if the pool has several pages.

@@ -8,7 +8,8 @@ use bevy::render::render_asset::RenderAssets;
 use bevy::render::texture::GpuImage;
 
 use crate::quality::features::Features;
-use crate::render::extract::{ExtractedEnvironment, ExtractedSuns};
+use crate::render::extract::{ExtractedEnvironment, ExtractedSuns, MeshCasters};
+use crate::render::gpu::types;
 
 /// The lights in the scene.
 #[derive(SystemParam)]
@@ -16,6 +17,7 @@ pub(super) struct Lights<'w, 's> {
     suns: Query<'w, 's, &'static ExtractedDirectionalLight>,
     local: Query<'w, 's, &'static ExtractedPointLight>,
     images: Res<'w, RenderAssets<GpuImage>>,
+    mesh_casters: Res<'w, MeshCasters>,
 }
 
 impl Lights<'_, '_> {
@@ -37,6 +39,11 @@ impl Lights<'_, '_> {
             ShadowFilteringMethod::Gaussian => "SHADOW_FILTER_METHOD_GAUSSIAN",
             ShadowFilteringMethod::Temporal => "SHADOW_FILTER_METHOD_TEMPORAL",
         };
+        let with_shadows = self.suns.iter().filter(|light| light.shadow_maps_enabled).count();
+        let cacheable = shadows && with_shadows > 0;
+        let is_uncached = !self.local.is_empty()
+            || with_shadows > types::MAX_CACHED_SUNS
+            || self.suns.iter().len() > with_shadows;
         let soft = shadows && suns.0.iter().any(|sun| sun.angular_diameter > 0.0);
         let has_maps = environment.is_some_and(|maps| {
             [maps.diffuse, maps.specular].iter().all(|map| self.images.get(*map).is_some())
@@ -44,9 +51,18 @@ impl Lights<'_, '_> {
         let features = Features::LIGHT
             | Features::SHADOWS.when(shadows)
             | Features::SOFT_SHADOWS.when(soft)
+            | Features::LIGHT_CACHE.when(cacheable)
+            | Features::UNCACHED_LIGHTS.when(cacheable && is_uncached)
+            | Features::MESH_CASTERS.when(cacheable && self.mesh_casters.0)
             | Features::LAMPS.when(!self.local.is_empty())
             | Features::ENVIRONMENT.when(has_maps)
             | Features::DISTANCE_FOG.when(distance_fog);
         (features, shadows.then_some(filter))
+    }
+
+    /// The number of directional lights in the light cache.
+    pub fn cached_suns(&self) -> u32 {
+        let with_shadows = self.suns.iter().filter(|light| light.shadow_maps_enabled).count();
+        with_shadows.min(types::MAX_CACHED_SUNS) as u32
     }
 }

@@ -3,6 +3,8 @@
 use bevy::math::{DAffine3, DMat4, DVec3};
 use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
+use vdb_core::pack::PackedGrid;
+use vdb_core::tree::CoordBox;
 
 use super::auxiliary::{color_data, emission_data, world_from_index};
 use super::tiles::TileRange;
@@ -22,15 +24,42 @@ pub(crate) struct Entry {
     index_box: Option<(DVec3, DVec3)>,
     /// The sample format, if the grid has samples.
     pub sample_format: Option<u32>,
+    pub lattice: Lattice,
+}
+
+/// The packed grid of an entry, in the world.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lattice {
+    /// From local lattice coordinates.
+    pub world_from_local: DAffine3,
+    /// The local cells that can stop or dim a ray.
+    pub occupied: Option<CoordBox>,
+    /// An upper bound of the density.
+    pub majorant: f32,
+    /// Identifies the voxels: the address of the packed grid and, if it is edited, its revision.
+    pub content: (usize, Option<u64>),
+}
+
+impl Lattice {
+    fn new(packed: &PackedGrid, world_from_index: DAffine3, revision: Option<u64>) -> Self {
+        let origin = packed.base.as_dvec3() + packed.kind.lattice_origin();
+        Self {
+            world_from_local: world_from_index * DAffine3::from_translation(origin),
+            occupied: packed.occupied,
+            majorant: packed.majorant,
+            content: (std::ptr::from_ref(packed).addr(), revision),
+        }
+    }
 }
 
 impl Entry {
-    fn of_volume(owner: MainEntity, shown: &Shown) -> Self {
+    fn of_volume(owner: MainEntity, shown: &Shown, revision: Option<u64>) -> Self {
         Self {
             owner,
             world_from_index: shown.world_from_index(),
             index_box: shown.index_box(),
             sample_format: shown.sample_format(),
+            lattice: Lattice::new(shown.packed(), shown.world_from_index(), revision),
         }
     }
 
@@ -40,6 +69,7 @@ impl Entry {
             world_from_index: world_from_index(grid, volume),
             index_box: index_box(&grid.packed),
             sample_format: grid.packed.sample_format(),
+            lattice: Lattice::new(&grid.packed, world_from_index(grid, volume), None),
         }
     }
 
@@ -76,7 +106,8 @@ impl EntryMaker<'_> {
         if let Some(shown) = Shown::new(volume, self.pool, self.eye, detail) {
             let warned = warned.as_deref_mut();
             let data = volume_data(owner, &shown, self.eye, self.quality, warned);
-            all.extend(data.map(|data| (data, Entry::of_volume(owner, &shown))));
+            let revision = self.pool.revision(volume.grid);
+            all.extend(data.map(|data| (data, Entry::of_volume(owner, &shown, revision))));
         }
         if with_emission {
             let view = (self.eye.rays, self.eye.world_from_view);

@@ -22,6 +22,7 @@ use bevy::prelude::*;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
 pub(super) use key::ViewKey;
+pub(super) use list::{Entry, Lattice};
 pub(super) use picture_pass::{
     PicturePass, PicturePipeline, PicturePipelines, add_picture_pass, run_picture_pass,
 };
@@ -46,7 +47,7 @@ impl Plugin for ViewPlugin {
             .add_systems(RenderStartup, visible::forget_views)
             .configure_sets(
                 Render,
-                (Find, Resolve, Ask, Prepare, Adjust, Upload)
+                (Find, Resolve, Ask, Prepare, CacheLight, Adjust, Upload)
                     .chain()
                     .in_set(RenderSystems::PrepareResources),
             )

@@ -6,7 +6,6 @@ use bevy::prelude::*;
 use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::render_resource::{BufferInitDescriptor, BufferUsages, RawBufferVec};
 use bevy::render::renderer::{RenderDevice, RenderQueue};
-use bevy::render::sync_world::MainEntity;
 use bevy::render::view::ExtractedView;
 
 use super::bvh;
@@ -82,7 +81,7 @@ fn prepare(
     let (key, quality) = (chosen.key, &settings.quality);
     let picture = settings.picture;
     let size = if key.has(Features::SCALED) { rays(picture, quality.resolution) } else { picture };
-    let (volumes, owners, most_tiles) = fill_list(&resolved, &key, size, all);
+    let (volumes, most_tiles) = fill_list(&resolved, &key, size, all);
     let list = &resolved.list;
     let layout = TileLayout::new(size, list.seen as u32);
     let data = types::View {
@@ -113,7 +112,8 @@ fn prepare(
         is_fallback: chosen.is_fallback,
         data,
         volumes,
-        owners,
+        light_error: quality.fog_light_error,
+        eye: world_from_view.transform_point3(view_rays.eye),
         layout,
         most_tiles,
         clip_from_view: *clip_from_view,
@@ -124,23 +124,24 @@ fn prepare(
             || settings.camera.mode == VdbRenderMode::Steps
             || key.has(Features::ACCUMULATED),
         uniform: None,
+        entries: resolved.list.entries,
     }
 }
 
-/// The volume list as the chosen pipelines can read it, the entities of its entries, and the
-/// largest number of tiles of an entry.
+/// The volume list as the chosen pipelines can read it, and the largest number of tiles of an
+/// entry.
 fn fill_list(
     resolved: &ResolvedView,
     key: &ViewKey,
     size: UVec2,
     all: &ExtractedVolumes,
-) -> (Vec<types::Volume>, Vec<MainEntity>, u32) {
+) -> (Vec<types::Volume>, u32) {
     let list = &resolved.list;
     let mut volumes = list.data.clone();
     let clip_from_world =
         resolved.clip_from_view.as_dmat4() * DMat4::from(resolved.world_from_view.inverse());
-    let owners: Vec<_> = list.entries.iter().map(|entry| entry.owner).collect();
-    let owned: Vec<&ExtractedVolume> = owners.iter().filter_map(|own| all.0.get(own)).collect();
+    let owned: Vec<&ExtractedVolume> =
+        list.entries.iter().filter_map(|entry| all.0.get(&entry.owner)).collect();
     let mut most_tiles = 0;
     for (i, (data, entry)) in volumes.iter_mut().zip(&list.entries).enumerate() {
         data.kind = key.kind_for(data.kind, entry.sample_format);
@@ -157,7 +158,7 @@ fn fill_list(
         let eye = resolved.world_from_view.transform_point3(resolved.rays.eye);
         bvh::fill(&mut volumes[..owned.len()], &owned, eye);
     }
-    (volumes, owners, most_tiles)
+    (volumes, most_tiles)
 }
 
 /// Uploads the uniforms and the volume lists of views.

@@ -107,7 +107,7 @@ impl Resolver<'_, '_> {
         let shown = (settings.is_lit(), settings.reflections > 0);
         let list =
             ViewList::new(maker, ids.each_ref().map(Vec::as_slice), shown, &mut self.warned)?;
-        let key = view_key(of, &settings, &list, many, &self.pool);
+        let key = view_key(of, &settings, &list, many, &self.pool, self.lights.cached_suns());
         Some(ResolvedView {
             settings,
             rays,
@@ -169,6 +169,7 @@ fn view_key(
     list: &ViewList,
     many: bool,
     pool: &VdbTreePool,
+    cached_suns: u32,
 ) -> ViewKey {
     let ResolvedSettings { camera, quality, .. } = settings;
     let fog = list.kinds.has([types::KIND_FOG]) && settings.shows_fog();
@@ -181,7 +182,9 @@ fn view_key(
         VdbTraversal::March => Features::MARCH,
     };
     let multiple_scattering = camera.multiple_scattering && fog && settings.is_lit();
-    let features = settings.lights
+    let caches = list.kinds_seen.has([types::KIND_FOG]) && quality.fog_light_error > 0.0;
+    let cache = Features::LIGHT_CACHE | Features::UNCACHED_LIGHTS | Features::MESH_CASTERS;
+    let features = settings.lights.difference(cache.when(!caches))
         | traversal
         | Features::MULTISAMPLED.when(of.msaa.samples() > 1)
         | Features::VOXELS.when(list.kinds.has([types::KIND_SURFACE]))
@@ -203,6 +206,7 @@ fn view_key(
     ViewKey {
         features,
         mode: camera.mode,
+        cached_suns: features.contains(Features::LIGHT_CACHE).then_some(cached_suns),
         shadow_filter: settings.shadow_filter,
         page_bits: pool.page_bits(),
         sample_format: pool.format(),

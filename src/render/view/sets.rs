@@ -24,6 +24,8 @@ pub(crate) enum PrepareViews {
     Ask,
     /// Prepares the data of each view.
     Prepare,
+    /// The light cache tells the shaders where it is.
+    CacheLight,
     /// Passes may adjust the data.
     Adjust,
     /// Uploads the data.

@@ -1,14 +1,13 @@
 //! The per-frame state of a view, which all passes read.
 
-use bevy::math::DAffine3;
+use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use bevy::render::render_resource::Buffer;
-use bevy::render::sync_world::MainEntity;
 use bevy::render::texture::CachedTexture;
 use vdb_core::view::ViewRays;
 
 use super::key::ViewKey;
-use super::list::ViewList;
+use super::list::{Entry, ViewList};
 use super::settings::ResolvedSettings;
 use super::tiles::TileLayout;
 use crate::render::gpu::types;
@@ -45,8 +44,12 @@ pub(crate) struct PreparedView {
     pub data: types::View,
     /// The volume list.
     pub volumes: Vec<types::Volume>,
-    /// The entities of the entries that rays can meet, in the order of the list.
-    pub owners: Vec<MainEntity>,
+    /// [`VdbQuality::fog_light_error`](crate::VdbQuality::fog_light_error).
+    pub light_error: f32,
+    /// The origin of the rays in world space.
+    pub eye: DVec3,
+    /// The entries that rays can meet, in the order of the list.
+    pub entries: Vec<Entry>,
     pub layout: TileLayout,
     /// The largest number of tiles that show one volume.
     pub most_tiles: u32,

@@ -113,6 +113,10 @@ impl<'a> Shown<'a> {
         self.world_from_index
     }
 
+    pub fn packed(&self) -> &PackedGrid {
+        self.packed
+    }
+
     /// The box of everything that can stop or dim a ray, in index space.
     pub fn index_box(&self) -> Option<(DVec3, DVec3)> {
         index_box(self.packed)
@@ -182,6 +186,7 @@ pub(crate) fn volume_data(
         fog_step: quality.fog_step,
         light_step: quality.fog_light_step,
         shadow_step: quality.fog_shadow_step,
+        light_brick: types::NO_LIGHT_CACHE,
         base: packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
         flags: if volume.casts { 0 } else { types::NO_CASTER }
             | if volume.receives { 0 } else { types::NO_RECEIVER },

@@ -1,0 +1,32 @@
+// Layout of the light cache: optical depths towards lights, at points of a coarse lattice, in bricks of
+// 9×9×9 samples that share their faces with their neighbours, so that the sampler of textures can
+// interpolate. `src/render/light_cache/atlas.rs` allocates bricks in rows of 64.
+#define_import_path bevy_vdb::light_cache::bricks
+
+// Intervals between samples along an edge of a brick.
+const BRICK_INTERVALS: u32 = 8u;
+const BRICK_SAMPLES: u32 = 9u;
+// Texels of a brick along x: an even number, because two samples share a word when they are written.
+const BRICK_WIDTH: u32 = 10u;
+const LOG_ROW_BRICKS: u32 = 6u;
+const ROW_WORDS: u32 = 320u;
+
+// Bricks that a light occupies: whole rows.
+fn bricks_per_light(bricks: vec3<u32>) -> u32 {
+    let count = bricks.x * bricks.y * bricks.z;
+    return (count + 63u) & ~63u;
+}
+
+// The first texel of a brick in the atlas.
+fn brick_texel(brick: u32) -> vec3<u32> {
+    let row = brick >> LOG_ROW_BRICKS;
+    return vec3((brick & 63u) * BRICK_WIDTH, (row & 63u) * BRICK_SAMPLES, (row >> 6u) * BRICK_SAMPLES);
+}
+
+// The word of a sample in the rows that are copied to the atlas: 9 planes of 9 lines of 640 texels a row.
+// `brick` is relative to the first brick of the light; `texel` is in the brick.
+fn staging_word(brick: u32, texel: vec3<u32>) -> u32 {
+    let row = brick >> LOG_ROW_BRICKS;
+    let line = (row * BRICK_SAMPLES + texel.z) * BRICK_SAMPLES + texel.y;
+    return line * ROW_WORDS + ((brick & 63u) * BRICK_WIDTH + texel.x) / 2u;
+}

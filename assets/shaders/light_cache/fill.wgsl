@@ -1,0 +1,83 @@
+// Fills the light cache of one fog for one light: the optical depth of all fogs between each sample and the
+// light. Samples beside which there is no fog are left at 0, since no point in fog is interpolated from them.
+
+#import bevy_vdb::gpu::bindings::grids
+#import bevy_vdb::gpu::types::Grid
+#import bevy_vdb::light_cache::bricks::{BRICK_INTERVALS, BRICK_SAMPLES, staging_word}
+#import bevy_vdb::trace::occlusion::fog_depth_to_light
+#import bevy_vdb::trace::segment::Point
+#import bevy_vdb::traversal::tree::{CHILD, OCCUPIED, locate_slot, new_accessor}
+#import bevy_vdb::view::scene::{view, volumes}
+
+struct Job {
+    origin: vec3<f32>,      // first sample, world space, relative to the view's eye
+    volume: u32,            // in the volumes of the view
+    axis_x: vec3<f32>,      // world units per cell of the volume's lattice
+    range: f32,             // distance to the light, world units
+    axis_y: vec3<f32>,
+    step: f32,              // least voxels between samples of density on the way to the light
+    axis_z: vec3<f32>,
+    to_light: vec3<f32>,    // world space, unit length
+}
+
+@group(2) @binding(6) var<uniform> job: Job;
+// Rows of bricks, two 16-bit floats a word.
+@group(2) @binding(7) var<storage, read_write> staging: array<u32>;
+
+const LEAF_CELLS: i32 = 8;
+
+// Whether fog may touch any of the eight cubes between samples around a sample.
+fn is_beside_fog(grid: Grid, cell: vec3<i32>, size: i32) -> bool {
+    let low = max(cell - size, grid.occupied_min);
+    let high = min(cell + size - 1, grid.occupied_max);
+    if any(low > high) {
+        return false;
+    }
+    var accessor = new_accessor(low);
+    // Spacings are at most a leaf, so there are at most two leaves along each axis.
+    for (var i = 0; i < 8; i++) {
+        let corner = vec3(i & 1, (i >> 1u) & 1, i >> 2u) * LEAF_CELLS;
+        let at = min(low + corner, high);
+        if (locate_slot(grid, at, &accessor) & (CHILD | OCCUPIED)) != 0u {
+            return true;
+        }
+    }
+    return false;
+}
+
+fn depth_at_sample(volume: u32, grid: Grid, sample: vec3<u32>) -> f32 {
+    let log_size = volumes[volume].light_log;
+    let offset = vec3<i32>(sample << vec3(log_size));
+    let cell = volumes[volume].light_origin + offset;
+    if !is_beside_fog(grid, cell, 1i << log_size) {
+        return 0.0;
+    }
+    let from_origin = vec3<f32>(offset);
+    let from_eye = job.origin
+        + from_origin.x * job.axis_x
+        + from_origin.y * job.axis_y
+        + from_origin.z * job.axis_z;
+    let point = Point(vec2(0.0), 0.0, from_eye, volume, cell, vec3(0.0));
+    return fog_depth_to_light(point, job.to_light, job.range, job.step);
+}
+
+// A workgroup for each third of a brick; each thread writes two samples along x.
+@compute @workgroup_size(5, 9, 3)
+fn fill(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_id) thread: vec3<u32>,
+) {
+    let volume = view.volume_first + job.volume;
+    let grid = grids[volumes[volume].grid];
+    let bricks = volumes[volume].light_bricks;
+    let at = vec3(group.xy, group.z / 3u);
+    let texel = vec3(2u * thread.x, thread.y, 3u * (group.z % 3u) + thread.z);
+    let sample = at * BRICK_INTERVALS + texel;
+    let brick = (at.z * bricks.y + at.y) * bricks.x + at.x;
+    let first = depth_at_sample(volume, grid, sample);
+    var second = 0.0;
+    if texel.x + 1u < BRICK_SAMPLES {
+        second = depth_at_sample(volume, grid, sample + vec3(1u, 0u, 0u));
+    }
+    staging[staging_word(brick, texel)] = pack2x16float(vec2(first, second));
+}

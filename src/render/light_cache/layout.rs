@@ -1,0 +1,137 @@
+//! The samples that a fog needs in the light cache.
+
+use bevy::math::{IVec3, UVec3};
+use vdb_core::tree::CoordBox;
+
+use super::atlas::{BRICK_INTERVALS, ROW_BRICKS};
+use crate::render::gpu::types;
+use crate::render::view::Lattice;
+
+/// log₂ of the largest spacing in cells: an edge of a leaf.
+const MAX_LOG: u32 = 3;
+/// The shortest and the longest step of a ray, in voxels.
+const MIN_STEP: f64 = 0.25;
+const MAX_STEP: f64 = 8.0;
+
+/// The lattice of samples of one fog.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct CacheLayout {
+    /// The local cell at the first sample.
+    pub origin: IVec3,
+    /// Bricks along each axis.
+    pub bricks: UVec3,
+    /// log₂ of the cells between samples.
+    pub log: u32,
+}
+
+impl CacheLayout {
+    /// The samples for the occupied cells of a grid at a spacing; `None` if they are too many to
+    /// count.
+    pub fn new(occupied: CoordBox, log: u32) -> Option<Self> {
+        // Bricks at multiples of their size do not move when voxels are edited.
+        let shift = log + BRICK_INTERVALS.ilog2();
+        let first = occupied.min >> shift as i32;
+        let last = occupied.max >> shift as i32;
+        let bricks = last.checked_sub(first)?.as_uvec3() + 1;
+        bricks.x.checked_mul(bricks.y)?.checked_mul(bricks.z)?;
+        Some(Self { origin: first << shift as i32, bricks, log })
+    }
+
+    /// Rows of bricks for one light.
+    pub fn rows(&self) -> u32 {
+        self.bricks.element_product().div_ceil(ROW_BRICKS)
+    }
+}
+
+/// Steps of a ray along the longest edge of a fog for a relative error of 1 %.
+const STEPS: f64 = 128.0;
+
+/// What the samples of a fog have to resolve.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Detail {
+    /// The relative error of the radiance (root mean square) that is accepted.
+    pub error: f32,
+    /// Optical depth through the densest cell.
+    pub depth_per_cell: f64,
+    /// The longest edge of the occupied cells.
+    pub edge: f64,
+}
+
+impl Detail {
+    pub fn new(error: f32, volume: &types::Volume, lattice: &Lattice) -> Option<Self> {
+        let CoordBox { min, max } = lattice.occupied?;
+        let edge = (max.as_dvec3() - min.as_dvec3()).max_element() + 1.0;
+        Some(Self { error, depth_per_cell: depth_per_cell(volume, lattice), edge })
+    }
+
+    /// log₂ of the largest spacing of samples, in cells, that keeps the error; `None` if even a spacing
+    /// of one cell does not.
+    ///
+    /// Linear interpolation errs by the square of the spacing. For clouds of fractal noise, whose
+    /// details are a fixed part of the whole, the error is 2.5 times the optical depth per cell and
+    /// the square of the spacing, divided by the cells across. `docs/internals/notebook.md` has the
+    /// measurements.
+    pub fn spacing_log(&self) -> Option<u32> {
+        let spacing = (f64::from(self.error) * self.edge / (2.5 * self.depth_per_cell)).sqrt();
+        // An error of 0.01 is a little less in f32.
+        let log = spacing.log2() + 1e-6;
+        (log >= 0.0).then(|| (log as u32).min(MAX_LOG))
+    }
+
+    /// Cells between samples of density along a ray that keep the error.
+    ///
+    /// For clouds of fractal noise, it is 0.35 % of the mean radiance times the root of the optical
+    /// depth per cell and the square of the step.
+    pub fn step(&self) -> f32 {
+        let error = f64::from(self.error);
+        let by_depth = (error / (0.0035 * self.depth_per_cell.sqrt())).sqrt();
+        let by_size = self.edge / STEPS * (error / 0.01).sqrt();
+        by_depth.min(by_size).clamp(MIN_STEP, MAX_STEP) as f32
+    }
+}
+
+/// Optical depth through a cell of the densest fog, along the longest edge of the cell.
+fn depth_per_cell(volume: &types::Volume, lattice: &Lattice) -> f64 {
+    let axes = lattice.world_from_local.matrix3;
+    let edge = [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.length());
+    let edge = edge.into_iter().fold(0.0, f64::max);
+    f64::from(volume.density_scale) * f64::from(lattice.majorant) * edge
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spacing_follows_the_error() {
+        let of = |error, depth_per_cell, edge| {
+            let detail = Detail { error, depth_per_cell, edge };
+            (detail.spacing_log(), detail.step())
+        };
+        let (log, step) = of(0.01, 0.03, 512.0);
+        assert!(log == Some(3) && (3.5..4.1).contains(&step), "{log:?} {step}");
+        let (log, step) = of(0.01, 0.12, 512.0);
+        assert!(log == Some(2) && (2.8..3.0).contains(&step), "{log:?} {step}");
+        assert_eq!(of(0.01, 0.03, 64.0), (Some(1), 0.5), "small grids have small details");
+        assert_eq!(of(0.01, 0.4, 64.0).0, None, "light fades within a cell");
+        assert_eq!(of(1.0, 0.0, 1e6), (Some(MAX_LOG), MAX_STEP as f32));
+        for bad in [f64::NAN, f64::INFINITY] {
+            assert_eq!(of(0.01, bad, 64.0).0, None);
+        }
+    }
+
+    #[test]
+    fn all_cells_are_within_bricks() {
+        for (min, max) in [(IVec3::ZERO, IVec3::ZERO), (IVec3::new(-5, 31, 33), IVec3::splat(64))] {
+            for log in 0..=MAX_LOG {
+                let layout = CacheLayout::new(CoordBox { min, max }, log).unwrap();
+                let size = (BRICK_INTERVALS << log) as i32;
+                assert!(layout.origin.cmple(min).all());
+                let end = layout.origin + layout.bricks.as_ivec3() * size;
+                assert!(end.cmpgt(max).all() && (end - size).cmple(max).all(), "{layout:?}");
+            }
+        }
+        let all = CoordBox { min: IVec3::MIN, max: IVec3::MAX };
+        assert_eq!(CacheLayout::new(all, 0), None);
+    }
+}

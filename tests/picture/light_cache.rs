@@ -1,0 +1,244 @@
+//! The light cache: its error beside rays to the light, what it must not leak through, and when it is filled.
+
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy_vdb::{
+    VdbCameraReport, VdbDiagnostics, VdbGrid, VdbMaterial, VdbQuality, VdbVolume, VdbVoxel,
+};
+use vdb_core::pack::PackKind;
+use vdb_core::synth::{fog, level_set};
+use vdb_core::tree::CoordBox;
+
+use super::common::{Picture, Stage, has_gpu};
+use super::{SIZE, SURFACE, looking};
+
+/// World units.
+const VOXEL: f64 = 0.1;
+/// Voxels.
+const RADIUS: f64 = 40.0;
+/// Accurate, and with few enough steps for lavapipe, which stops a shader's loops after 65,535 iterations in
+/// all.
+const BY_RAYS: VdbQuality =
+    VdbQuality { fog_light_error: 0.0, fog_shadow_step: 0.5, ..VdbQuality::EXACT };
+
+struct Cloud {
+    stage: Stage,
+    target: Handle<Image>,
+    camera: Entity,
+    cloud: Entity,
+    sun: Entity,
+}
+
+impl Cloud {
+    fn new(density_scale: f32) -> Self {
+        let mut stage = Stage::new();
+        let target = stage.target(SIZE);
+        let from = Transform::from_xyz(3.0, 4.0, 9.0).looking_at(Vec3::ZERO, Vec3::Y);
+        let camera = stage.camera(&target, from);
+        let grid = stage.grid(fog::cloud(RADIUS, 3), PackKind::Fog, VOXEL);
+        let material = VdbMaterial { density_scale, anisotropy: 0.4, ..default() };
+        let cloud = stage.world().spawn((VdbVolume(grid), material)).id();
+        let light = DirectionalLight { illuminance: 10.0, shadow_maps_enabled: true, ..default() };
+        let sun = stage.world().spawn((light, looking(Vec3::new(1.0, 1.0, 0.2)))).id();
+        Self { stage, target, camera, cloud, sun }
+    }
+
+    fn with(&mut self, quality: VdbQuality) -> Picture {
+        self.stage.world().entity_mut(self.camera).insert(quality);
+        self.stage.picture(&self.target)
+    }
+
+    fn report(&mut self) -> Option<VdbCameraReport> {
+        let camera = self.camera;
+        self.stage.update(3);
+        self.stage.world().resource::<VdbDiagnostics>().camera(camera)
+    }
+}
+
+/// Of the difference, root of the mean square relative to the mean radiance, over pixels that show something.
+fn error(found: &Picture, reference: &Picture) -> f64 {
+    let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
+    for y in 0..SIZE.y {
+        for x in 0..SIZE.x {
+            let (a, b) = (f64::from(found.at(x, y).x), f64::from(reference.at(x, y).x));
+            if b > 0.0 {
+                sum += b;
+                squares += (a - b) * (a - b);
+                count += 1.0;
+            }
+        }
+    }
+    assert!(count > 1000.0, "{count}");
+    (squares / count).sqrt() / (sum / count)
+}
+
+/// Thin and dense clouds with details of two to three voxels: the error that is asked for is that of the
+/// image. In the densest one, light fades within such a detail, so that rays take the place of the cache.
+#[test]
+fn radiance_is_within_the_error_that_is_asked_for() {
+    if !has_gpu() {
+        return;
+    }
+    for density in [0.3, 1.0, 4.0] {
+        let mut cloud = Cloud::new(density);
+        let reference = cloud.with(BY_RAYS);
+        let mut errors = Vec::new();
+        for asked in [0.03, 0.01] {
+            let picture = cloud.with(VdbQuality { fog_light_error: asked, ..VdbQuality::HIGH });
+            picture.save(&format!("light_cache_{density}_{asked}"));
+            errors.push(error(&picture, &reference));
+        }
+        println!("extinction {density}: asked for 0.03 and 0.01, off by {errors:.5?}");
+        assert!(errors[1] < errors[0], "extinction {density}: {errors:?}");
+        assert!(errors[0] <= 0.03 && errors[1] <= 0.01, "extinction {density}: {errors:?}");
+    }
+}
+
+/// A wall thinner than the spacing of samples, between lit fog and fog in its shadow.
+#[test]
+fn no_light_leaks_through_a_thin_wall() {
+    if !has_gpu() {
+        return;
+    }
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let from = Transform::from_xyz(0.0, 0.0, 9.0).looking_at(Vec3::ZERO, Vec3::Y);
+    let camera = stage.camera(&target, from);
+    let block = CoordBox { min: IVec3::new(-30, -20, -3), max: IVec3::new(30, 20, 3) };
+    let grid = stage.grid(fog::block(block, 1.0), PackKind::Fog, VOXEL);
+    let material = VdbMaterial { density_scale: 0.5, ..default() };
+    stage.world().spawn((VdbVolume(grid), material));
+    // Half a voxel thick, between two planes of samples.
+    let wall = level_set::cuboid(DVec3::new(-40.0, -0.3, -20.0), DVec3::new(40.0, 0.3, 20.0));
+    let wall = stage.grid(wall, PackKind::Smooth { iso: 0.0 }, VOXEL);
+    stage.world().spawn((VdbVolume(wall), Transform::from_xyz(0.0, 0.23, 0.0)));
+    let sun = DirectionalLight { illuminance: 10.0, shadow_maps_enabled: true, ..default() };
+    stage.world().spawn((sun, looking(Vec3::new(1e-3, 1.0, 2e-3))));
+    let mut with = |error: f32| {
+        let quality = VdbQuality { fog_light_error: error, ..VdbQuality::EXACT };
+        stage.world().entity_mut(camera).insert(quality);
+        stage.picture(&target)
+    };
+    // A block has harder edges than the clouds that errors are estimated for.
+    let (rays, cached) = (with(0.0), with(0.005));
+    cached.save("light_cache_wall");
+    let brightest = (0..SIZE.y).map(|y| rays.at(SIZE.x / 2, y).x).fold(0.0, f32::max);
+    let (mut dark, mut lit) = (0, 0);
+    for y in 0..SIZE.y {
+        let (a, b) = (cached.at(SIZE.x / 2, y).x, rays.at(SIZE.x / 2, y).x);
+        if b < 0.01 * brightest {
+            dark += 1;
+            assert!(a < 0.015 * brightest, "{y}: {a} where rays find {b} of {brightest}");
+        } else if b > 0.5 * brightest {
+            lit += 1;
+            assert!((a / b - 1.0).abs() < 0.1, "{y}: {a} {b}");
+        }
+    }
+    assert!(dark > 10 && lit > 10, "{dark} {lit}");
+}
+
+/// After whatever changes, the picture is that of a cache made from nothing, to the bit.
+#[test]
+fn the_cache_follows_what_changes() {
+    if !has_gpu() {
+        return;
+    }
+    let mut scene = Cloud::new(1.0);
+    let quality = VdbQuality { fog_light_error: 0.01, ..VdbQuality::HIGH };
+    let mut last = scene.with(quality);
+    let beside = scene.stage.ball_of_fog(15.0, 5.0);
+    let (sun, cloud) = (scene.sun, scene.cloud);
+    let changes: [(&str, Box<dyn Fn(&mut World)>); 5] = [
+        (
+            "the sun",
+            Box::new(move |world| {
+                world.entity_mut(sun).insert(looking(Vec3::new(-1.0, 0.7, 0.4)));
+            }),
+        ),
+        (
+            "the density",
+            Box::new(move |world| {
+                world.get_mut::<VdbMaterial>(cloud).unwrap().density_scale = 2.0;
+            }),
+        ),
+        (
+            "the volume",
+            Box::new(move |world| {
+                world
+                    .entity_mut(cloud)
+                    .insert(Transform::from_rotation(Quat::from_rotation_y(0.5)));
+            }),
+        ),
+        (
+            "an occluder",
+            Box::new(move |world| {
+                let at = Transform::from_xyz(-8.0, 5.6, 3.2);
+                world.spawn((VdbVolume(beside.clone()), VdbMaterial::default(), at));
+            }),
+        ),
+        (
+            "the voxels",
+            Box::new(move |world| {
+                let handle = world.get::<VdbVolume>(cloud).unwrap().0.clone();
+                let mut grids = world.resource_mut::<Assets<VdbGrid>>();
+                let mut grid = grids.get_mut(&handle).unwrap();
+                let part = CoordBox { min: IVec3::splat(-12), max: IVec3::new(12, 30, 12) };
+                let empty = VdbVoxel { value: 0.0, active: false };
+                grid.edit(|voxels| voxels.update(part, |_, _| empty)).unwrap();
+            }),
+        ),
+    ];
+    for (what, change) in changes {
+        change(scene.stage.world());
+        let changed = scene.stage.picture(&scene.target);
+        changed.save(&format!("light_cache_{what}"));
+        assert!(error(&changed, &last) > 0.01, "{what} changes nothing");
+        // Without fog, there is no cache.
+        scene.stage.world().entity_mut(cloud).insert(Visibility::Hidden);
+        scene.stage.update(3);
+        scene.stage.world().entity_mut(cloud).insert(Visibility::Inherited);
+        let fresh = scene.stage.picture(&scene.target);
+        assert_eq!(error(&changed, &fresh), 0.0, "after {what} has changed");
+        last = changed;
+    }
+}
+
+/// Only fog that a sun with shadows lights has a cache, and nothing is filled while nothing changes.
+#[test]
+fn there_is_a_cache_only_where_it_is_of_use() {
+    if !has_gpu() {
+        return;
+    }
+    let mut scene = Cloud::new(1.0);
+    let has_atlas = |report: &VdbCameraReport| {
+        report.buffers.iter().any(|buffer| buffer.name == "vdb_light_atlas")
+    };
+    let has_pass =
+        |report: &VdbCameraReport| report.passes.iter().any(|pass| pass.name == "vdb_light_cache");
+    scene.with(VdbQuality::HIGH);
+    let report = scene.report().unwrap();
+    assert!(report.has("light cache") && has_atlas(&report), "{report:?}");
+    assert!(!has_pass(&report), "nothing has changed: {report:?}");
+    let bytes = report.bytes();
+    let sun = scene.sun;
+    scene.stage.world().get_mut::<DirectionalLight>(sun).unwrap().shadow_maps_enabled = false;
+    scene.stage.picture(&scene.target.clone());
+    let report = scene.report().unwrap();
+    assert!(!report.has("light cache") && !has_atlas(&report), "{report:?}");
+    assert!(report.bytes() < bytes);
+    scene.stage.world().get_mut::<DirectionalLight>(sun).unwrap().shadow_maps_enabled = true;
+    scene.with(VdbQuality::EXACT);
+    assert!(!scene.report().unwrap().has("light cache"));
+    scene.with(VdbQuality::HIGH);
+    let block = CoordBox { min: IVec3::splat(-5), max: IVec3::splat(5) };
+    let solid = scene.stage.grid(
+        level_set::cuboid(block.min.as_dvec3(), block.max.as_dvec3()),
+        SURFACE,
+        VOXEL,
+    );
+    let cloud = scene.cloud;
+    scene.stage.world().entity_mut(cloud).insert(VdbVolume(solid));
+    scene.stage.picture(&scene.target.clone());
+    let report = scene.report().unwrap();
+    assert!(!report.has("light cache") && !has_atlas(&report), "no fog any more: {report:?}");
+}
