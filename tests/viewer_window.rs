@@ -482,7 +482,7 @@ fn keys_do_what_the_list_says() {
     let mut viewer = Viewer::ready(&Viewer::files(&["teapot.vdb"]));
     assert!(!viewer.says("this list"));
     viewer.press(KeyCode::F1);
-    assert!(viewer.says("this list") && viewer.says("fly ahead"));
+    assert!(viewer.says("this list") && viewer.says("fly forwards"));
     viewer.press(KeyCode::F1);
     assert!(!viewer.says("this list"));
     viewer.press(KeyCode::Digit9);

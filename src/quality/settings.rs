@@ -47,11 +47,12 @@ pub struct VdbQuality {
     pub fog_shadow_step: f32,
     /// The light cache: the relative error of radiance that is accepted in fog lit by directional
     /// lights with shadows. Optical depths towards these lights are then computed once, on a
-    /// lattice as coarse as the error permits, and interpolated for every voxel along a ray,
-    /// instead of sending rays to the lights. From 0 to 1, 0.01 by default; 0 turns the cache off.
+    /// lattice as coarse as the error permits, and interpolated at each step of a view ray, instead
+    /// of sending rays to the lights. From 0 to 1, 0.01 by default; 0 turns the cache off.
     ///
     /// The error is estimated for clouds of fractal noise, from the extinction and the number of
-    /// voxels; fog too dense for it is lit by rays. Shadows of surfaces and meshes on fog stay exact, once per `fog_light_step`.
+    /// voxels; fog too dense for it is lit by rays. Shadows of surfaces and meshes on fog stay
+    /// exact, once per `fog_light_step`.
     pub fog_light_error: f32,
     /// The number of slabs into which a ray is divided where fogs overlap; within a slab they are
     /// treated as evenly mixed and evenly lit. A quarter of that in reflections. From 1 to 256, 32

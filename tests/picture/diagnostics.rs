@@ -1,6 +1,7 @@
 //! What a scene has on the GPU, and what it has not; and the dial, turned by what is measured there.
 
 use bevy::core_pipeline::prepass::{DepthPrepass, MotionVectorPrepass};
+use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::input::ButtonState;
 use bevy::input::keyboard::{Key, KeyboardInput};
 use bevy::math::DVec3;
@@ -133,7 +134,8 @@ fn the_dial_is_turned_by_what_the_gpu_takes() {
         let mut frames = 0;
         let mut last = *stage.world().get::<VdbQuality>(camera).unwrap();
         let mut times = Vec::new();
-        // Times come from the GPU many frames late.
+        let path = DiagnosticPath::new("render/vdb_trace/elapsed_gpu");
+        let mut measured = None;
         while times.len() < 60 {
             stage.update(1);
             let now = *stage.world().get::<VdbQuality>(camera).unwrap();
@@ -141,10 +143,14 @@ fn the_dial_is_turned_by_what_the_gpu_takes() {
                 times.clear();
             }
             last = now;
-            let store = stage.world().resource::<bevy::diagnostic::DiagnosticsStore>();
-            times.push(VdbDiagnostics::pass_ms(store, "vdb_trace").unwrap_or(0.0));
+            // The GPU's times come many frames late, and not in every frame.
+            let store = stage.world().resource::<DiagnosticsStore>();
+            let newest = store.get(&path).and_then(|own| own.measurement());
+            let at = newest.map(|own| own.time);
+            times.extend(newest.filter(|_| at != measured).map(|own| own.value));
+            measured = at;
             frames += 1;
-            assert!(frames < 1200, "at {frame_ms} ms the dial does not settle: {last:?}");
+            assert!(frames < 6000, "at {frame_ms} ms the dial does not settle: {last:?}");
         }
         let late = &mut times[30..];
         late.sort_by(f64::total_cmp);

@@ -262,7 +262,7 @@ fn a_grid_may_leave_its_file_or_change_its_kind() {
     let first = watched.picture();
     fs::write(&watched.path, bytes(vec![cloud("smoke", &trees[1])])).unwrap();
     let said = watched.complaint();
-    assert!(said.len() == 1 && said[0].contains("no grid 'density'"), "{said:#?}");
+    assert!(said.len() == 1 && said[0].contains("no longer has the grid 'density'"), "{said:#?}");
     assert!(watched.picture() == first, "the grid left the picture");
 
     let solid = level_set::sphere(DVec3::ZERO, 15.0);
@@ -284,7 +284,7 @@ fn a_grid_may_leave_its_file_or_change_its_kind() {
     let vectors = Grid::new("density", AnyTree::Vec3s(Arc::new(vectors)));
     fs::write(&fresh.path, bytes(vec![vectors])).unwrap();
     let said = fresh.complaint();
-    assert!(said.len() == 1 && said[0].contains("no grid 'density'"), "{said:#?}");
+    assert!(said.len() == 1 && said[0].contains("no longer has the grid 'density'"), "{said:#?}");
     assert!(fresh.picture() == reloaded, "the grid left the picture");
 
     // A grid that is taken out of the assets is gone from the picture, and nothing else happens.

@@ -8,19 +8,25 @@ const BRICK_INTERVALS: u32 = 8u;
 const BRICK_SAMPLES: u32 = 9u;
 // Texels of a brick along x: an even number, because two samples share a word when they are written.
 const BRICK_WIDTH: u32 = 10u;
+// Bricks in a row, and rows in a layer of the texture.
 const LOG_ROW_BRICKS: u32 = 6u;
-const ROW_WORDS: u32 = 320u;
+const ROW_BRICKS: u32 = 64u;
+const LOG_LAYER_ROWS: u32 = 6u;
+const LAYER_ROWS: u32 = 64u;
+// Words of a line of texels.
+const LINE_WORDS: u32 = 320u;   // ROW_BRICKS * BRICK_WIDTH / 2
 
 // Bricks that a light occupies: whole rows.
 fn bricks_per_light(bricks: vec3<u32>) -> u32 {
     let count = bricks.x * bricks.y * bricks.z;
-    return (count + 63u) & ~63u;
+    return (count + ROW_BRICKS - 1u) & ~(ROW_BRICKS - 1u);
 }
 
 // The first texel of a brick in the atlas.
 fn brick_texel(brick: u32) -> vec3<u32> {
     let row = brick >> LOG_ROW_BRICKS;
-    return vec3((brick & 63u) * BRICK_WIDTH, (row & 63u) * BRICK_SAMPLES, (row >> 6u) * BRICK_SAMPLES);
+    let in_layer = vec2(brick & (ROW_BRICKS - 1u), row & (LAYER_ROWS - 1u));
+    return vec3(in_layer * vec2(BRICK_WIDTH, BRICK_SAMPLES), (row >> LOG_LAYER_ROWS) * BRICK_SAMPLES);
 }
 
 // The word of a sample in the rows that are copied to the atlas: 9 planes of 9 lines of 640 texels a row.
@@ -28,5 +34,5 @@ fn brick_texel(brick: u32) -> vec3<u32> {
 fn staging_word(brick: u32, texel: vec3<u32>) -> u32 {
     let row = brick >> LOG_ROW_BRICKS;
     let line = (row * BRICK_SAMPLES + texel.z) * BRICK_SAMPLES + texel.y;
-    return line * ROW_WORDS + ((brick & 63u) * BRICK_WIDTH + texel.x) / 2u;
+    return line * LINE_WORDS + ((brick & (ROW_BRICKS - 1u)) * BRICK_WIDTH + texel.x) / 2u;
 }

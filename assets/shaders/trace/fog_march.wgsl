@@ -2,9 +2,9 @@
 #define_import_path bevy_vdb::trace::fog_march
 
 #ifdef VDB_LIT
-#import bevy_vdb::view::scene::{frame_random, target_pixel, view, volumes}
-#import bevy_vdb::trace::segment::{Segment, lattice_ray, point_at, world_position}
-#import bevy_vdb::trace::lights::{ShadingPoint, EnvironmentLight, in_scattered, environment_light}
+#import bevy_vdb::view::scene::{frame_random, view, volumes}
+#import bevy_vdb::trace::segment::{Segment, lattice_ray, point_at}
+#import bevy_vdb::trace::lights::{EnvironmentLight, environment_light, in_scattered, shading_point}
 #import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, scattered_radiance}
 #ifndef VDB_EVEN_LIGHT
 #import bevy_vdb::gpu::bindings::grids
@@ -85,6 +85,7 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
     fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
     return fog;
 }
+
 #ifdef VDB_LIGHT_CACHE
 // One fog of a segment, by ray marching. Optical depths towards the lights in the light cache are
 // interpolated for every step. Whatever else depends on the position is evaluated once per interval.
@@ -105,11 +106,7 @@ fn march_cached(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t
     let interval_step = volumes[volume].light_step * select(f32(REFLECTED_STEP_FACTOR), 1.0, segment.is_view);
     let t_interval = scaled_step(grid, interval_step, LIGHT_EDGE) / length(mirrored.speed);
     var t_next_interval = -1.0;
-    var light = InScattered(
-        array<vec3<f32>, OCTAVES>(),
-        max(environment.mean + anisotropy * environment.forward, vec3(0.0)),
-        anisotropy,
-    );
+    var light = with_environment(array<vec3<f32>, OCTAVES>(), environment, anisotropy);
     var unoccluded_light = array<f32, SUN_COUNT>();
     for (var slot = 0u; slot < SUN_COUNT; slot++) {
         unoccluded_light[slot] = 1.0;
@@ -136,8 +133,7 @@ fn march_cached(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t
             light = in_scattered_at(segment, pixel, t_middle, anisotropy, environment, true);
 #endif
             let point = point_at(segment, t_middle);
-            let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
-            let at = ShadingPoint(world_position(point), vec3(0.0), coord, segment.is_view);
+            let at = shading_point(point, vec3(0.0), pixel, segment.is_view);
             for (var slot = 0u; slot < SUN_COUNT; slot++) {
                 unoccluded_light[slot] = unoccluded(at, point, suns[slot].light);
             }
@@ -165,22 +161,27 @@ fn march_cached(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t
 #endif
 #endif
 
+fn with_environment(
+    octaves: array<vec3<f32>, OCTAVES>,
+    environment: EnvironmentLight,
+    anisotropy: f32,
+) -> InScattered {
+    let from_environment = max(environment.mean + anisotropy * environment.forward, vec3(0.0));
+    return InScattered(octaves, from_environment, anisotropy);
+}
+
+// The light at a point of a segment. With `skips_cached`, the lights in the light cache are left out.
 fn in_scattered_at(
     segment: Segment,
     pixel: vec2<u32>,
     t: f32,
     anisotropy: f32,
     environment: EnvironmentLight,
-    is_cached: bool,
+    skips_cached: bool,
 ) -> InScattered {
     let point = point_at(segment, t);
-    let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
-    let at = ShadingPoint(world_position(point), vec3(0.0), coord, segment.is_view);
-    let light = in_scattered(at, point, normalize(segment.dir), anisotropy, is_cached);
-    return InScattered(
-        light,
-        max(environment.mean + anisotropy * environment.forward, vec3(0.0)),
-        anisotropy,
-    );
+    let at = shading_point(point, vec3(0.0), pixel, segment.is_view);
+    let octaves = in_scattered(at, point, normalize(segment.dir), anisotropy, skips_cached);
+    return with_environment(octaves, environment, anisotropy);
 }
 #endif

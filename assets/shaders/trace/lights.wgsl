@@ -33,8 +33,8 @@
 #ifdef VDB_SOFT_SUNS
 #import bevy_vdb::view::scene::frame_random
 #endif
-#import bevy_vdb::view::scene::{view, volumes}
-#import bevy_vdb::trace::segment::{NONE, Point}
+#import bevy_vdb::view::scene::{target_pixel, view, volumes}
+#import bevy_vdb::trace::segment::{NONE, Point, world_position}
 #import bevy_vdb::trace::scattering::{OCTAVES, OCTAVE_ANISOTROPY}
 
 // A point to be lit, in the form that Bevy's functions require.
@@ -45,6 +45,12 @@ struct ShadingPoint {
     coord: vec2<f32>,
     // Whether the point is visible at the pixel itself; reflected points may be anywhere.
     on_view_ray: bool,
+}
+
+// The point to be lit at a pixel of the view's rays. `normal` is zero in fog.
+fn shading_point(point: Point, normal: vec3<f32>, pixel: vec2<u32>, on_view_ray: bool) -> ShadingPoint {
+    let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
+    return ShadingPoint(world_position(point), normal, coord, on_view_ray);
 }
 
 // The Bevy lights that can reach a point: directional lights first, then clustered lights.
@@ -367,20 +373,20 @@ fn casts_shadows(lights: LightList, i: u32) -> bool {
 }
 
 // Light scattered along a ray (world space, unit length) at a point in fog with an albedo of 1, cd/m². The
-// first octave is single scattering; the others estimate multiple scattering. `is_cached`: whether the lights
-// in the light cache are left out.
+// first octave is single scattering; the others estimate multiple scattering. With `skips_cached`,
+// the lights in the light cache are left out.
 fn in_scattered(
     at: ShadingPoint,
     point: Point,
     ray: vec3<f32>,
     anisotropy: f32,
-    is_cached: bool,
+    skips_cached: bool,
 ) -> array<vec3<f32>, OCTAVES> {
     var light = array<vec3<f32>, OCTAVES>();
     let lights = lights_at(at);
     for (var i = 0u; i < lights.end; i++) {
 #ifdef VDB_LIGHT_CACHE
-        if is_cached && i < lights.suns && cached_slot(i) != NOT_CACHED {
+        if skips_cached && i < lights.suns && cached_slot(i) != NOT_CACHED {
             continue;
         }
 #endif

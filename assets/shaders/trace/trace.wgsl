@@ -10,7 +10,7 @@
 #ifdef VDB_REFLECTIONS
 #import bevy_vdb::view::scene::frame_random
 #endif
-#import bevy_vdb::trace::segment::{NONE, Segment, point_at, lattice_ray, view_segment, world_position}
+#import bevy_vdb::trace::segment::{NONE, Segment, point_at, lattice_ray, view_segment}
 #import bevy_vdb::trace::surface::{Surface, offset_origin, nearer, no_surface, normal_of}
 #ifdef VDB_SURFACES
 #import bevy_vdb::trace::surface::intersect_voxels
@@ -25,7 +25,7 @@
 #ifdef DISTANCE_FOG
 #import bevy_vdb::trace::lights::apply_distance_fog
 #endif
-#import bevy_vdb::trace::lights::{ShadingPoint, sample_reflection, path_roughness, shade}
+#import bevy_vdb::trace::lights::{sample_reflection, path_roughness, shade, shading_point}
 #else
 #import bevy_vdb::trace::show::{axis_weights, gray, voxel_color}
 #endif
@@ -134,8 +134,7 @@ fn with_distance_fog(
     t: f32,
     pixel: vec2<u32>,
 ) -> vec3<f32> {
-    let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
-    let at = ShadingPoint(world_position(point_at(segment, t)), vec3(0.0), coord, true);
+    let at = shading_point(point_at(segment, t), vec3(0.0), pixel, true);
 #ifdef VDB_EMISSION
     // Emission has no coverage, so it must not add the distance fog's own light.
     let fog_alone = apply_distance_fog(vec3(0.0), 1.0, at);
@@ -201,8 +200,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
         let to_viewer = -normalize(segment.dir);
         // From the inside, a surface is lit on its inner side.
         let normal = select(outwards, -outwards, dot(outwards, to_viewer) < 0.0);
-        let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
-        let at = ShadingPoint(world_position(point_at(segment, surface.t)), normal, coord, segment.is_view);
+        let at = shading_point(point_at(segment, surface.t), normal, pixel, segment.is_view);
         roughness = path_roughness(surface.volume, roughness);
         var base_color = volumes[surface.volume].base_color;
 #ifdef VDB_COLORS

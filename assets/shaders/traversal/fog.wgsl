@@ -151,6 +151,7 @@ struct Steps {
     inverse: vec3<f32>, // of the ray's direction
     t_origin: f32,      // t at the ray's origin; all other t are counted from there
     t_step: f32,        // length of the first step
+    per_step: f32,      // its inverse
     t_end: f32,         // negative if the ray misses the grid's box
     k: f32,             // steps of length `t_step` that are done
 }
@@ -159,7 +160,7 @@ struct Steps {
 // far away, from where the ray enters the grid's box: points that do not depend on the tree. Nothing
 // attenuates the ray before `start`.
 fn begin_steps(mirrored: MirroredRay, start: f32, step: f32) -> Steps {
-    var steps = Steps(SampledRay(vec3(0), vec3(0.0), vec3(0.0)), vec3(0.0), 0.0, 1.0, -1.0, 0.0);
+    var steps = Steps(SampledRay(vec3(0), vec3(0.0), vec3(0.0)), vec3(0.0), 0.0, 1.0, 1.0, -1.0, 0.0);
     let t_entry = select(vec3(mirrored.t_min), plane_t(mirrored, mirrored.first), mirrored.before);
     let t_in = max(max(max(t_entry.x, t_entry.y), t_entry.z), mirrored.t_min);
     if !mirrored.meets || !(t_in < min(box_exit(mirrored), mirrored.t_max)) {
@@ -188,7 +189,8 @@ fn begin_steps(mirrored: MirroredRay, start: f32, step: f32) -> Steps {
 #else
     steps.t_step = max(step / length(mirrored.speed), steps.t_end / MAX_STEPS);
 #endif
-    steps.k = max(ceil((max(start, t_in) - rebased.t) / steps.t_step - 0.5), 0.0);
+    steps.per_step = 1.0 / steps.t_step;
+    steps.k = max(ceil((max(start, t_in) - rebased.t) * steps.per_step - 0.5), 0.0);
     return steps;
 }
 
@@ -236,7 +238,7 @@ fn next_step(
         // A plane ahead may be more than 2^31 cells away, which requires an unsigned integer.
         let cells = vec3<f32>(bitcast<vec3<u32>>(select(planes - origin, origin - planes, is_mirrored)));
         let t_out = (select(cells, -cells, is_mirrored) - (*steps).ray.origin) * (*steps).inverse;
-        let next = ceil(min(min(t_out.x, t_out.y), t_out.z) / t_step - 0.5);
+        let next = ceil(min(min(t_out.x, t_out.y), t_out.z) * (*steps).per_step - 0.5);
         (*steps).k = next_index(k, max(k + 1.0, next));
     }
     return Step(0.0, 0.0, 0.0, SamplePoint(vec3(0), vec3(0.0)));

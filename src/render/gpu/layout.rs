@@ -4,11 +4,12 @@ use bevy::image::ToExtents;
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{
     storage_buffer_read_only_sized, texture_2d, texture_depth_2d, texture_depth_2d_multisampled,
-    texture_storage_2d,
+    texture_storage_2d, uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
-    BindGroupLayoutDescriptor, BindGroupLayoutEntryBuilder, StorageTextureAccess,
-    TextureDescriptor, TextureDimension, TextureFormat, TextureSampleType, TextureUsages,
+    BindGroupLayoutDescriptor, BindGroupLayoutEntryBuilder, DynamicBindGroupLayoutEntries,
+    ShaderStages, StorageTextureAccess, TextureDescriptor, TextureDimension, TextureFormat,
+    TextureSampleType, TextureUsages,
 };
 use bevy::shader::ShaderDefVal;
 
@@ -33,6 +34,16 @@ pub(crate) fn write(format: TextureFormat) -> BindGroupLayoutEntryBuilder {
 /// A read-only storage buffer.
 pub(crate) fn storage_read() -> BindGroupLayoutEntryBuilder {
     storage_buffer_read_only_sized(false, None)
+}
+
+/// Bindings 0 to 5 of the crate's own group in every shader that traverses grids: the pool, the
+/// uniform of a view, and its volume list. `PoolBuffers::scene_entries` binds them.
+pub(crate) fn scene_layout(stages: ShaderStages) -> DynamicBindGroupLayoutEntries {
+    let read = storage_read;
+    DynamicBindGroupLayoutEntries::sequential(
+        stages,
+        (read(), read(), read(), read(), uniform_buffer_sized(false, None), read()),
+    )
 }
 
 /// The layout of a group without bindings.

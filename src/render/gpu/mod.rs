@@ -6,6 +6,7 @@ mod key;
 mod layout;
 mod numbers;
 mod shaders;
+mod traversal_key;
 pub(crate) mod types;
 
 use bevy::prelude::*;
@@ -16,10 +17,11 @@ pub(super) use fallback::PipelineFallback;
 pub(super) use key::GridKey;
 pub(super) use layout::{
     GROUP, defs, empty_layout, page_defs, picture_texture, read, sample_format_def, scene_depth,
-    storage_read, write,
+    scene_layout, storage_read, write,
 };
 pub(super) use numbers::{affine, golden, non_negative};
 pub(super) use shaders::{Shaders, load_shaders};
+pub(super) use traversal_key::TraversalKey;
 
 #[cfg(feature = "egui")]
 pub(crate) use shaders::reload as reload_shaders;

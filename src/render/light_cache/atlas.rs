@@ -35,14 +35,16 @@ pub(super) struct Atlas {
 }
 
 impl Atlas {
+    /// A texture with this many rows; with none, a single texel, for shaders that read nothing.
     pub fn new(rows: u32, device: &RenderDevice) -> Self {
+        let size = Extent3d {
+            width: WIDTH,
+            height: rows.min(LAYER_ROWS) * BRICK_SAMPLES,
+            depth_or_array_layers: rows.div_ceil(LAYER_ROWS) * BRICK_SAMPLES,
+        };
         let texture = device.create_texture(&TextureDescriptor {
             label: Some("vdb_light_atlas"),
-            size: Extent3d {
-                width: WIDTH,
-                height: rows.clamp(1, LAYER_ROWS) * BRICK_SAMPLES,
-                depth_or_array_layers: rows.div_ceil(LAYER_ROWS).max(1) * BRICK_SAMPLES,
-            },
+            size: if rows > 0 { size } else { Extent3d::default() },
             mip_level_count: 1,
             sample_count: 1,
             dimension: TextureDimension::D3,

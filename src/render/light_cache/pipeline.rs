@@ -3,13 +3,12 @@
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{storage_buffer_sized, uniform_buffer_sized};
 use bevy::render::render_resource::{
-    BindGroupLayoutDescriptor, BindGroupLayoutEntries, ComputePipelineDescriptor, ShaderStages,
-    SpecializedComputePipeline,
+    BindGroupLayoutDescriptor, ComputePipelineDescriptor, ShaderStages, SpecializedComputePipeline,
 };
 use bytemuck::{Pod, Zeroable};
 
 use crate::quality::features::Features;
-use crate::render::gpu::{Shaders, empty_layout, page_defs, sample_format_def, storage_read};
+use crate::render::gpu::{Shaders, TraversalKey, empty_layout, scene_layout};
 use crate::render::view::ViewKey;
 
 /// The struct of `light_cache/fill.wgsl`.
@@ -34,63 +33,40 @@ pub(crate) struct FillPipeline {
     pub layout: BindGroupLayoutDescriptor,
 }
 
-/// Which variant.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct FillKey {
-    features: Features,
-    page_bits: Option<u32>,
-    sample_format: Option<u32>,
-}
-
-impl From<&ViewKey> for FillKey {
-    fn from(key: &ViewKey) -> Self {
-        let own = Features::FOG
-            | Features::EMISSION
-            | Features::MULTIPLE_SCATTERING
-            | Features::MANY
-            | Features::WIDE_GRIDS;
-        Self {
-            features: key.features & own,
-            page_bits: key.page_bits,
-            sample_format: key.sample_format,
-        }
+/// The variant for a view.
+pub(super) fn fill_key(key: &ViewKey) -> TraversalKey {
+    let own = Features::FOG
+        | Features::EMISSION
+        | Features::MULTIPLE_SCATTERING
+        | Features::MANY
+        | Features::WIDE_GRIDS;
+    TraversalKey {
+        features: key.features & own,
+        page_bits: key.page_bits,
+        sample_format: key.sample_format,
     }
 }
 
 impl FillPipeline {
     pub fn new(shaders: &Shaders) -> Self {
-        let entries = BindGroupLayoutEntries::sequential(
-            ShaderStages::COMPUTE,
-            (
-                storage_read(),
-                storage_read(),
-                storage_read(),
-                storage_read(),
-                uniform_buffer_sized(false, None),
-                storage_read(),
-                uniform_buffer_sized(false, None),
-                storage_buffer_sized(false, None),
-            ),
-        );
+        let entries = scene_layout(ShaderStages::COMPUTE).extend_sequential((
+            uniform_buffer_sized(false, None),
+            storage_buffer_sized(false, None),
+        ));
         let layout = BindGroupLayoutDescriptor::new("vdb_light_cache", &entries);
         Self { shaders: shaders.clone(), layout }
     }
 }
 
 impl SpecializedComputePipeline for FillPipeline {
-    type Key = FillKey;
+    type Key = TraversalKey;
 
-    fn specialize(&self, key: FillKey) -> ComputePipelineDescriptor {
-        let own = key.features.defs().map(Into::into);
+    fn specialize(&self, key: TraversalKey) -> ComputePipelineDescriptor {
         ComputePipelineDescriptor {
             label: Some("vdb_light_cache".into()),
             layout: vec![empty_layout(), empty_layout(), self.layout.clone()],
             shader: self.shaders.fill.clone(),
-            shader_defs: own
-                .chain(page_defs(key.page_bits))
-                .chain(sample_format_def(key.sample_format))
-                .chain(self.shaders.adapter_defs.iter().cloned())
-                .collect(),
+            shader_defs: key.defs(&self.shaders),
             entry_point: Some("fill".into()),
             ..default()
         }

@@ -1,7 +1,9 @@
 //! The buffers of the pool.
 
 use bevy::prelude::*;
-use bevy::render::render_resource::{Buffer, BufferDescriptor, BufferUsages, CommandEncoder};
+use bevy::render::render_resource::{
+    Buffer, BufferDescriptor, BufferUsages, CommandEncoder, DynamicBindGroupEntries,
+};
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use vdb_core::pack::GridHeader;
 
@@ -18,8 +20,26 @@ pub(crate) struct PoolBuffers {
 impl PoolBuffers {
     /// A buffer for each binding. Bindings beyond the last page repeat the first page, and are not
     /// read.
-    pub fn pages(&self) -> [&Buffer; PAGES] {
+    fn pages(&self) -> [&Buffer; PAGES] {
         std::array::from_fn(|i| self.pages.get(i).unwrap_or(&self.pages[0]))
+    }
+
+    /// The resources of [`scene_layout`](crate::render::gpu::scene_layout): the pool, the uniform of
+    /// a view, and its volume list.
+    pub fn scene_entries<'a>(
+        &'a self,
+        view: &'a Buffer,
+        volumes: &'a Buffer,
+    ) -> DynamicBindGroupEntries<'a> {
+        let [page_a, page_b, page_c] = self.pages();
+        DynamicBindGroupEntries::sequential((
+            self.grids.as_entire_binding(),
+            page_a.as_entire_binding(),
+            page_b.as_entire_binding(),
+            page_c.as_entire_binding(),
+            view.as_entire_binding(),
+            volumes.as_entire_binding(),
+        ))
     }
 
     /// The size of all buffers in bytes.

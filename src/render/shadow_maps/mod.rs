@@ -21,10 +21,9 @@ use bevy::prelude::*;
 use bevy::render::camera::TemporalJitter;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
-    BindGroup, BindGroupEntries, Buffer, BufferInitDescriptor, BufferUsages,
-    CachedRenderPipelineId, LoadOp, Operations, PipelineCache, RenderPassDepthStencilAttachment,
-    RenderPassDescriptor, RenderPipeline, SpecializedRenderPipelines, StoreOp,
-    TextureViewDimension,
+    BindGroup, Buffer, BufferInitDescriptor, BufferUsages, CachedRenderPipelineId, LoadOp,
+    Operations, PipelineCache, RenderPassDepthStencilAttachment, RenderPassDescriptor,
+    RenderPipeline, SpecializedRenderPipelines, StoreOp, TextureViewDimension,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use bevy::render::texture::TextureCache;
@@ -32,7 +31,9 @@ use bevy::render::view::{ExtractedView, RenderVisibleEntities};
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
 use super::extract::ExtractedVolumes;
-use super::gpu::{GROUP, PipelineFallback, Shaders, empty_layout, load_shaders, types};
+use super::gpu::{
+    GROUP, PipelineFallback, Shaders, TraversalKey, empty_layout, load_shaders, types,
+};
 use super::pool::{PoolBuffers, VdbTreePool};
 use super::trace::MeshShadowMaps;
 use super::view::{PrepareViews, ViewState, turn_of};
@@ -40,7 +41,7 @@ use crate::quality::features::Features;
 use crate::{VdbCamera, VdbQuality};
 use casters::{Cast, casters, sees_meshes};
 use mesh_maps::MeshMap;
-use pipeline::{CastKey, CastPipeline, MeshDepthPipeline};
+use pipeline::{CastPipeline, MeshDepthPipeline};
 
 /// Draws volumes into Bevy's shadow maps.
 pub(super) struct ShadowMapsPlugin;
@@ -139,7 +140,7 @@ fn prepare_casters(
         return;
     }
     let has = |kind| cast.volumes.iter().any(|volume| volume.kind == kind);
-    let key = CastKey {
+    let key = TraversalKey {
         features: Features::VOXELS.when(has(types::KIND_SURFACE))
             | Features::SMOOTH.when(has(types::KIND_SMOOTH))
             | Features::FOG.when(has(types::KIND_FOG))
@@ -242,17 +243,8 @@ fn draws(
     let bytes = bytemuck::cast_slice(&cast.volumes);
     let casting = buffer("vdb_casters", bytes, BufferUsages::STORAGE);
     let layout = cache.get_bind_group_layout(&pipeline.layout);
-    let [page_a, page_b, page_c] = pool.pages();
     let bind = |view: &Buffer| {
-        let entries = BindGroupEntries::sequential((
-            pool.grids.as_entire_binding(),
-            page_a.as_entire_binding(),
-            page_b.as_entire_binding(),
-            page_c.as_entire_binding(),
-            view.as_entire_binding(),
-            casting.as_entire_binding(),
-        ));
-        device.create_bind_group("vdb_cast", &layout, &entries)
+        device.create_bind_group("vdb_cast", &layout, &pool.scene_entries(view, &casting))
     };
     let draw = |(camera, map, view): (_, _, types::View)| {
         let uniform = buffer("vdb_cast_view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);

@@ -3,15 +3,14 @@
 use bevy::core_pipeline::FullscreenShader;
 use bevy::core_pipeline::core_3d::CORE_3D_DEPTH_FORMAT;
 use bevy::prelude::*;
-use bevy::render::render_resource::binding_types::{texture_depth_2d, uniform_buffer_sized};
+use bevy::render::render_resource::binding_types::texture_depth_2d;
 use bevy::render::render_resource::{
     BindGroupLayoutDescriptor, BindGroupLayoutEntries, CompareFunction, DepthBiasState,
     DepthStencilState, FragmentState, PrimitiveState, PrimitiveTopology, RenderPipelineDescriptor,
     ShaderStages, SpecializedRenderPipeline, StencilState, VertexState,
 };
 
-use crate::quality::features::Features;
-use crate::render::gpu::{Shaders, empty_layout, page_defs, sample_format_def, storage_read};
+use crate::render::gpu::{Shaders, TraversalKey, empty_layout, scene_layout};
 
 /// Draws volumes into a shadow map.
 #[derive(Debug, Resource)]
@@ -20,43 +19,19 @@ pub(super) struct CastPipeline {
     pub layout: BindGroupLayoutDescriptor,
 }
 
-/// The key of a pipeline variant; its fields are those of
-/// [`ViewKey`](crate::render::view::ViewKey).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) struct CastKey {
-    pub features: Features,
-    pub page_bits: Option<u32>,
-    pub sample_format: Option<u32>,
-}
-
 impl CastPipeline {
     pub fn new(shaders: &Shaders) -> Self {
-        let entries = BindGroupLayoutEntries::sequential(
-            ShaderStages::VERTEX_FRAGMENT,
-            (
-                storage_read(),
-                storage_read(),
-                storage_read(),
-                storage_read(),
-                uniform_buffer_sized(false, None),
-                storage_read(),
-            ),
-        );
+        let entries = scene_layout(ShaderStages::VERTEX_FRAGMENT);
         let layout = BindGroupLayoutDescriptor::new("vdb_cast", &entries);
         Self { shaders: shaders.clone(), layout }
     }
 }
 
 impl SpecializedRenderPipeline for CastPipeline {
-    type Key = CastKey;
+    type Key = TraversalKey;
 
-    fn specialize(&self, key: CastKey) -> RenderPipelineDescriptor {
-        let kinds = key.features.defs().map(Into::into);
-        let shader_defs: Vec<_> = kinds
-            .chain(page_defs(key.page_bits))
-            .chain(sample_format_def(key.sample_format))
-            .chain(self.shaders.adapter_defs.iter().cloned())
-            .collect();
+    fn specialize(&self, key: TraversalKey) -> RenderPipelineDescriptor {
+        let shader_defs = key.defs(&self.shaders);
         let vertex = VertexState {
             shader: self.shaders.cast.clone(),
             shader_defs: shader_defs.clone(),

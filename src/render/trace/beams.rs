@@ -1,15 +1,14 @@
 //! The pipeline of beam optimisation (Laine and Karras 2010) and tile culling.
 
 use bevy::prelude::*;
-use bevy::render::render_resource::binding_types::{storage_buffer_sized, uniform_buffer_sized};
+use bevy::render::render_resource::binding_types::storage_buffer_sized;
 use bevy::render::render_resource::{
-    BindGroupLayoutDescriptor, BindGroupLayoutEntries, ComputePipelineDescriptor, ShaderStages,
-    SpecializedComputePipeline,
+    BindGroupLayoutDescriptor, ComputePipelineDescriptor, ShaderStages, SpecializedComputePipeline,
 };
 
 use super::lights::LightLayouts;
 use crate::quality::features::Features;
-use crate::render::gpu::{Shaders, page_defs, scene_depth, storage_read};
+use crate::render::gpu::{Shaders, page_defs, scene_depth, scene_layout};
 use crate::render::view::ViewKey;
 
 /// Computes, for each tile of pixels, which volumes its rays can meet and where the rays can start.
@@ -41,19 +40,9 @@ impl From<&ViewKey> for BeamsKey {
 impl BeamsPipeline {
     pub fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
         let layouts = [false, true].map(|multisampled| {
-            let entries = BindGroupLayoutEntries::with_indices(
-                ShaderStages::COMPUTE,
-                (
-                    (0, storage_read()),
-                    (1, storage_read()),
-                    (2, storage_read()),
-                    (3, storage_read()),
-                    (4, uniform_buffer_sized(false, None)),
-                    (5, storage_read()),
-                    (6, scene_depth(multisampled)),
-                    (9, storage_buffer_sized(false, None)),
-                ),
-            );
+            let tiles = storage_buffer_sized(false, None);
+            let entries = scene_layout(ShaderStages::COMPUTE)
+                .extend_with_indices(((6, scene_depth(multisampled)), (9, tiles)));
             BindGroupLayoutDescriptor::new("vdb_beams", &entries)
         });
         Self { shaders: shaders.clone(), lights: lights.clone(), layouts }

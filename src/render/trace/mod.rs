@@ -11,9 +11,8 @@ use bevy::pbr::{MeshPipeline, MeshPipelineSystems};
 use bevy::prelude::*;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
-    BindGroup, BindGroupEntries, Buffer, CachedComputePipelineId, ComputePassDescriptor,
-    DynamicBindGroupEntries, PipelineCache, Sampler, SpecializedComputePipelines, TextureFormat,
-    TextureView,
+    BindGroup, Buffer, CachedComputePipelineId, ComputePassDescriptor, PipelineCache, Sampler,
+    SpecializedComputePipelines, TextureFormat, TextureView,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use bevy::render::texture::TextureCache;
@@ -235,14 +234,7 @@ impl Inputs<'_> {
         depths: Option<(&TextureView, &Sampler)>,
         device: &RenderDevice,
     ) -> BindGroup {
-        let [page_a, page_b, page_c] = self.pool.pages();
-        let mut entries = DynamicBindGroupEntries::sequential((
-            self.pool.grids.as_entire_binding(),
-            page_a.as_entire_binding(),
-            page_b.as_entire_binding(),
-            page_c.as_entire_binding(),
-            self.uniform.as_entire_binding(),
-            self.volumes.as_entire_binding(),
+        let mut entries = self.pool.scene_entries(self.uniform, self.volumes).extend_sequential((
             self.depth.view(),
             &self.picture.color.default_view,
             &self.picture.depth.default_view,
@@ -268,17 +260,10 @@ impl Inputs<'_> {
         device: &RenderDevice,
     ) -> Option<BindGroup> {
         let tiles = self.tiles?;
-        let [page_a, page_b, page_c] = self.pool.pages();
-        let entries = BindGroupEntries::with_indices((
-            (0, self.pool.grids.as_entire_binding()),
-            (1, page_a.as_entire_binding()),
-            (2, page_b.as_entire_binding()),
-            (3, page_c.as_entire_binding()),
-            (4, self.uniform.as_entire_binding()),
-            (5, self.volumes.as_entire_binding()),
-            (6, self.depth.view()),
-            (9, tiles.as_entire_binding()),
-        ));
+        let entries = self
+            .pool
+            .scene_entries(self.uniform, self.volumes)
+            .extend_with_indices(((6, self.depth.view()), (9, tiles.as_entire_binding())));
         Some(device.create_bind_group("vdb_beams", layout, &entries))
     }
 }

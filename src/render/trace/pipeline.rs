@@ -1,19 +1,18 @@
 //! The pipeline that traces rays.
 
 use bevy::prelude::*;
-use bevy::render::render_resource::binding_types::{sampler, texture_3d, uniform_buffer_sized};
+use bevy::render::render_resource::binding_types::{sampler, texture_3d};
 use bevy::render::render_resource::{
-    BindGroupLayoutDescriptor, ComputePipelineDescriptor, DynamicBindGroupLayoutEntries,
-    SamplerBindingType, ShaderStages, SpecializedComputePipeline, TextureFormat, TextureSampleType,
+    BindGroupLayoutDescriptor, ComputePipelineDescriptor, SamplerBindingType, ShaderStages,
+    SpecializedComputePipeline, TextureFormat, TextureSampleType,
 };
-
 use bevy::shader::ShaderDefVal;
 
 use super::lights::LightLayouts;
 use crate::VdbRenderMode;
 use crate::quality::features::Features;
 use crate::render::gpu::{
-    Shaders, page_defs, read, sample_format_def, scene_depth, storage_read, write,
+    Shaders, page_defs, read, sample_format_def, scene_depth, scene_layout, storage_read, write,
 };
 use crate::render::view::ViewKey;
 
@@ -43,20 +42,11 @@ impl TracePipeline {
                     .position(|own| *own == feature)
                     .is_some_and(|bit| subset >> bit & 1 == 1)
             };
-            let mut entries = DynamicBindGroupLayoutEntries::sequential(
-                ShaderStages::COMPUTE,
-                (
-                    storage_read(),
-                    storage_read(),
-                    storage_read(),
-                    storage_read(),
-                    uniform_buffer_sized(false, None),
-                    storage_read(),
-                    scene_depth(has(Features::MULTISAMPLED)),
-                    write(TextureFormat::Rgba16Float),
-                    write(TextureFormat::R32Float),
-                ),
-            );
+            let mut entries = scene_layout(ShaderStages::COMPUTE).extend_sequential((
+                scene_depth(has(Features::MULTISAMPLED)),
+                write(TextureFormat::Rgba16Float),
+                write(TextureFormat::R32Float),
+            ));
             if has(Features::BEAMS) {
                 entries = entries.extend_with_indices(((9, storage_read()),));
             }

@@ -39,11 +39,9 @@ impl Lights<'_, '_> {
             ShadowFilteringMethod::Gaussian => "SHADOW_FILTER_METHOD_GAUSSIAN",
             ShadowFilteringMethod::Temporal => "SHADOW_FILTER_METHOD_TEMPORAL",
         };
-        let with_shadows = self.suns.iter().filter(|light| light.shadow_maps_enabled).count();
-        let cacheable = shadows && with_shadows > 0;
-        let is_uncached = !self.local.is_empty()
-            || with_shadows > types::MAX_CACHED_SUNS
-            || self.suns.iter().len() > with_shadows;
+        let cached_suns = self.cached_suns() as usize;
+        let cacheable = shadows && cached_suns > 0;
+        let is_uncached = !self.local.is_empty() || self.suns.iter().len() > cached_suns;
         let soft = shadows && suns.0.iter().any(|sun| sun.angular_diameter > 0.0);
         let has_maps = environment.is_some_and(|maps| {
             [maps.diffuse, maps.specular].iter().all(|map| self.images.get(*map).is_some())
