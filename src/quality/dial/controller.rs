@@ -239,6 +239,8 @@ impl Controller {
 
     fn search(&mut self, now: f32) {
         self.measured[self.mark] = Some(now);
+        // Noise may delay the first measurement until a better mark could not be tried any more.
+        let is_first = self.measured.iter().flatten().count() == 1;
         let then = self.before.take().and_then(|before| self.measured[before]);
         let is_futile = then.is_some_and(|then| now > GAIN * then);
         if now <= FITS * self.budget {
@@ -258,7 +260,7 @@ impl Controller {
             } else {
                 self.best().max(self.mark + 1)
             };
-        } else if self.age <= UPWARDS || self.floor.is_some() {
+        } else if self.age <= UPWARDS || self.floor.is_some() || is_first {
             wanted = self.best().min(self.mark);
             let may_try = wanted == self.mark && now <= SPARE * self.budget;
             if may_try && wanted > 0 && self.measured[wanted - 1].is_none() {
