@@ -8,6 +8,7 @@ use bevy_vdb::VdbDiagnostics;
 use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::vdb_core::synth::fog;
+use bevy_vdb::vdb_core::tree::CoordBox;
 use bevy_vdb::vdb_core::{AnyTree, VdbFile};
 
 use crate::studio::Studio;
@@ -17,6 +18,11 @@ use crate::{Args, print_heading, summary};
 const RADIUS: f64 = 128.0;
 /// World units across the longest edge of the cloud: more than the camera's orbit.
 const EDGE: f64 = 4.0;
+/// The edge in voxels of the fire.
+const FIRE_EDGE: u32 = 128;
+/// Kelvin at most, and what it emits per world unit: about as bright as the sun makes its smoke.
+const HOTTEST: f32 = 1800.0;
+const STRENGTH: f32 = 1e-3;
 
 pub fn run(args: &Args) -> Result<(), String> {
     let mut studio = Studio::with_gpu_times(args.size)?;
@@ -45,7 +51,7 @@ pub fn run(args: &Args) -> Result<(), String> {
         "| scene | settings | light cache, ms | trace, ms | cache, MiB |\n|---|---|---|---|---|"
     );
     let material = VdbMaterial { density_scale: args.density, anisotropy: 0.6, ..default() };
-    studio.app.world_mut().spawn((VdbVolume(grid.clone()), material.clone()));
+    let cloud = studio.app.world_mut().spawn((VdbVolume(grid.clone()), material.clone())).id();
     studio.camera_mut().insert((Hdr, Msaa::Off));
     let rays = VdbQuality { fog_light_error: 0.0, ..VdbQuality::HIGH };
     let presets = [
@@ -68,18 +74,42 @@ pub fn run(args: &Args) -> Result<(), String> {
             suns.iter_mut(world).for_each(|mut sun| sun.rotate_y(0.01));
         });
     }
-    for i in 1..4 {
+    let others = [1, 2, 3].map(|i| {
         let angle = std::f32::consts::FRAC_PI_2 * i as f32;
         let at = Transform::from_xyz(0.7 * angle.cos(), 0.0, 0.7 * angle.sin())
             .with_rotation(Quat::from_rotation_y(angle));
-        studio.app.world_mut().spawn((VdbVolume(grid.clone()), material.clone(), at));
-    }
+        studio.app.world_mut().spawn((VdbVolume(grid.clone()), material.clone(), at)).id()
+    });
     for (name, quality) in presets {
         studio.camera_mut().insert(quality);
         studio.settle(1)?;
         row(&mut studio, args, ("four clouds", name), |_| {});
     }
+    others.map(|other| studio.app.world_mut().despawn(other));
+    let fire = fire(&mut studio)?;
+    studio.app.world_mut().entity_mut(cloud).insert(fire);
+    for (name, quality) in presets {
+        studio.camera_mut().insert(quality);
+        studio.settle(2)?;
+        row(&mut studio, args, ("fire in smoke", name), |_| {});
+    }
     Ok(())
+}
+
+/// A flame that rises through half of the cloud.
+fn fire(studio: &mut Studio) -> Result<VdbEmission, String> {
+    let half = FIRE_EDGE as i32 / 2;
+    let cube = CoordBox { min: IVec3::splat(-half), max: IVec3::splat(half - 1) };
+    let flames = fog::from_values(cube, |at| {
+        let p = at.as_vec3() / FIRE_EDGE as f32;
+        let axis = Vec2::new(p.x + 0.08 * (9.0 * p.y).sin(), p.z + 0.08 * (7.0 * p.y).cos());
+        (0.5 - p.y - (5.0 * axis.length()).powi(2)).clamp(0.0, 1.0)
+    });
+    let voxel = DAffine3::from_scale(DVec3::splat(0.5 * EDGE / f64::from(FIRE_EDGE)));
+    let grid = VdbGrid::new("temperature", flames, voxel, PackKind::Fog);
+    let grid = grid.map_err(|error| error.to_string())?;
+    let grid = studio.app.world_mut().resource_mut::<Assets<VdbGrid>>().add(grid);
+    Ok(VdbEmission::Temperature { grid, scale: HOTTEST, offset: 0.0, strength: STRENGTH })
 }
 
 /// A row of the table.

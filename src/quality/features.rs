@@ -39,6 +39,7 @@ bitflags! {
         const LIGHT_CACHE = 1 << 27;
         const UNCACHED_LIGHTS = 1 << 28;
         const MESH_CASTERS = 1 << 29;
+        const UNCACHED_FOGS = 1 << 30;
     }
 }
 
@@ -87,7 +88,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 30] = [
+pub(crate) const FEATURES: [Feature; 31] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -191,8 +192,7 @@ pub(crate) const FEATURES: [Feature; 30] = [
         &["VDB_LIGHT_CACHE"],
         "light cache",
         "VdbQuality::fog_light_error is more than 0, and a sun with shadow_maps_enabled lights fog",
-    )
-    .without(|_, quality| quality.fog_light_error = 0.0),
+    ),
     row(
         Features::UNCACHED_LIGHTS,
         &["VDB_UNCACHED_LIGHTS"],
@@ -204,6 +204,12 @@ pub(crate) const FEATURES: [Feature; 30] = [
         &["VDB_MESH_CASTERS"],
         "shadows of meshes in cached light",
         "with the light cache, there is a mesh without NotShadowCaster",
+    ),
+    row(
+        Features::UNCACHED_FOGS,
+        &["VDB_UNCACHED_FOGS"],
+        "fogs beside the cache",
+        "with the light cache, a fog is too dense for it, or a ray may meet more than 8 fogs",
     ),
 ];
 

@@ -199,9 +199,14 @@ fn every_variant_of_the_trace_is_valid() {
         {
             let local =
                 if with.contains(&"VDB_UNCACHED_LIGHTS") { &["VDB_LOCAL_LIGHTS"][..] } else { &[] };
-            for suns in ["VDB_CACHED_SUNS=1", "VDB_CACHED_SUNS=4"] {
-                let cache = ["VDB_LIT", "VDB_FOGS", "VDB_LIGHT_CACHE", suns];
-                check(&[&cache, &kinds, &with, local, &shadows]);
+            for several in [
+                &["VDB_CACHED_SUNS=1", "VDB_MEDIA=8", "VDB_UNCACHED_FOGS"][..],
+                &["VDB_CACHED_SUNS=4", "VDB_MEDIA=2"],
+                &["VDB_CACHED_SUNS=1"],
+                &["VDB_CACHED_SUNS=4", "VDB_UNCACHED_FOGS"],
+            ] {
+                let cache = ["VDB_LIT", "VDB_FOGS", "VDB_LIGHT_CACHE"];
+                check(&[&cache, several, &kinds, &with, local, &shadows]);
             }
         }
     }
@@ -220,7 +225,7 @@ fn every_variant_of_the_trace_is_valid() {
     }
     assert_eq!(
         variants,
-        8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 4 + 128 + 16 + 16
+        8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 4 + 256 + 16 + 16
     );
 }
 

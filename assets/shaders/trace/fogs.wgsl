@@ -3,58 +3,25 @@
 
 #import bevy_vdb::gpu::types::KIND_FOG
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::trace::candidates::{volume_end, next_candidate, start_t}
-#import bevy_vdb::traversal::fog::{optical_length, stepped_length}
-#import bevy_vdb::traversal::hdda::{FAR, box_exit, mirrored_ray, enter, enter_at}
-#import bevy_vdb::view::scene::{view, volumes}
+#import bevy_vdb::trace::candidates::{next_candidate, volume_end}
+#import bevy_vdb::trace::fog_march::Fog
 #import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
+#import bevy_vdb::trace::slabs::{Met, trace_slabs}
+#import bevy_vdb::traversal::hdda::{FAR, box_exit, enter, mirrored_ray}
+#import bevy_vdb::view::scene::{view, volumes}
 #ifdef VDB_EMISSION
-#import bevy_vdb::trace::emission::{segment_emission, mean_transmittance, is_emitter}
+#import bevy_vdb::trace::emission::is_emitter
 #endif
-#import bevy_vdb::trace::fog_march::{Fog, OPAQUE_DEPTH, REFLECTED_STEP_FACTOR}
-#ifdef VDB_LIT
-#import bevy_vdb::view::scene::frame_random
-#import bevy_vdb::trace::fog_march::in_scattered_at
-#import bevy_vdb::trace::lights::environment_light
-#import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, add_sums}
-#import bevy_vdb::trace::scattering::scattered_radiance
-#ifndef VDB_EVEN_LIGHT
-#import bevy_vdb::trace::fog_march::march_fog
-#endif
-#endif
-
-// Optical depth of one fog over an interval of a segment. Nothing stops the ray before `start`.
-fn fog_depth(
-    segment: Segment,
-    volume: u32,
-    start: f32,
-    t_min: f32,
-    t_max: f32,
-    is_whole: bool,
-) -> f32 {
-    let scale = volumes[volume].density_scale * length(segment.dir);
-    var ray = lattice_ray(segment, volume, t_max);
-    ray.t_min = t_min;
-    let grid = grids[volumes[volume].grid];
-    let mirrored = mirrored_ray(grid, ray);
-    let safe_scale = max(scale, 1e-30);
-#ifdef VDB_FOG_STEPS
-    // An interval may be shorter than a step, so only whole rays are ray-marched.
-    var density_integral = 0.0;
-    let step = volumes[volume].fog_step;
-    if is_whole && step > 0.0 {
-        density_integral = stepped_length(grid, mirrored, start, OPAQUE_DEPTH / safe_scale, step, scale);
-    } else {
-        density_integral =
-            optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE_DEPTH / safe_scale);
-    }
+#ifdef VDB_LIGHT_CACHE
+#ifdef VDB_MEDIA
+#import bevy_vdb::trace::media::{MAX_MEDIA, march_media}
 #else
-    let density_integral =
-        optical_length(grid, mirrored, enter_at(mirrored, start), OPAQUE_DEPTH / safe_scale);
+#import bevy_vdb::trace::cached_fog::march_cached
 #endif
-    // At most 100. The limit is applied before the product, which might overflow.
-    return scale * min(density_integral, 100.0 / safe_scale);
-}
+#ifdef VDB_UNCACHED_FOGS
+#import bevy_vdb::trace::light_cache::has_light_cache
+#endif
+#endif
 
 // Whether a volume attenuates a ray or emits light along it.
 fn is_medium(volume: u32) -> bool {
@@ -65,17 +32,17 @@ fn is_medium(volume: u32) -> bool {
 #endif
 }
 
-// All fogs of a segment up to `t_max`. A homogeneous fog with source S and optical depth τ sends exactly
-// S·(1 - e^-τ). Where the lighting varies, the segment is divided into intervals; where several fogs
-// overlap, into slabs. Emission E within a slab is assumed to be evenly mixed with its fogs: E·(1 - e^-τ)/τ
-// of it leaves the slab.
+// The light of all fogs and emission grids of a segment up to `t_max`, and their optical depth.
 fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
-    var met_count = 0u;
-    var last_met = 0u;
-    var t_first = FAR;
-    var t_last = segment.t_min;
-    let end = volume_end(segment);
     let first = next_candidate(segment, pixel, view.volume_first, t_max);
+    let end = volume_end(segment);
+    var met = Met(0u, 0u, first, 0u, FAR, segment.t_min);
+#ifdef VDB_MEDIA
+    var media = array<u32, MAX_MEDIA>();
+#endif
+#ifdef VDB_UNCACHED_FOGS
+    var is_cached = true;
+#endif
     for (var i = first; i < end; i = next_candidate(segment, pixel, i + 1u, t_max)) {
         if !is_medium(i) {
             continue;
@@ -83,110 +50,39 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
         let mirrored = mirrored_ray(grids[volumes[i].grid], lattice_ray(segment, i, t_max));
         let dda = enter(mirrored);
         if dda.inside && dda.t < t_max {
-            met_count += 1u;
-            last_met = i;
-            t_first = min(t_first, dda.t);
-            t_last = max(t_last, min(box_exit(mirrored), t_max));
+#ifdef VDB_MEDIA
+            media[min(met.count, MAX_MEDIA - 1u)] = i;
+#endif
+#ifdef VDB_UNCACHED_FOGS
+            is_cached = is_cached && (volumes[i].kind != KIND_FOG || has_light_cache(i));
+#endif
+            met.count += 1u;
+            met.fog_count += u32(volumes[i].kind == KIND_FOG);
+            met.last = i;
+            met.t_first = min(met.t_first, dda.t);
+            met.t_last = max(met.t_last, min(box_exit(mirrored), t_max));
         }
     }
-    var fog = Fog(vec3(0.0), 0.0, t_first, t_first, NONE);
-    if met_count == 0u {
-        return fog;
+    if met.count == 0u {
+        return Fog(vec3(0.0), 0.0, FAR, FAR, NONE);
     }
-    let is_whole = met_count == 1u;
-#ifndef VDB_EVEN_LIGHT
-#ifdef VDB_LIT
-    if is_whole && volumes[last_met].kind == KIND_FOG {
-        return march_fog(segment, last_met, pixel, t_first, t_max);
+#ifdef VDB_LIGHT_CACHE
+#ifdef VDB_UNCACHED_FOGS
+#ifdef VDB_MEDIA
+    let fits = met.count <= MAX_MEDIA;
+#else
+    let fits = met.count == 1u;
+#endif
+    if !is_cached || !fits {
+        return trace_slabs(segment, pixel, met, t_max);
     }
 #endif
+#ifdef VDB_MEDIA
+    return march_media(segment, pixel, media, min(met.count, MAX_MEDIA), met.t_first, t_max);
+#else
+    return march_cached(segment, met.last, pixel, met.t_first, t_max);
 #endif
-    // Within one slab, fogs are assumed to be evenly mixed and evenly lit.
-    let shared_slabs = select(max(view.slabs / REFLECTED_STEP_FACTOR, 1u), view.slabs, segment.is_view);
-    let slabs = select(shared_slabs, 1u, is_whole);
-#ifdef VDB_LIT
-    let environment = environment_light(normalize(segment.dir));
-    var sums = ScatteringSums();
+#else
+    return trace_slabs(segment, pixel, met, t_max);
 #endif
-    var t_sum = 0.0;
-#ifdef VDB_EMISSION
-    var radiance_sum = 0.0;
-    var t_radiance_sum = 0.0;
-#endif
-    var largest_weight = 0.0;
-    for (var slab = 0u; slab < slabs && fog.optical_depth <= OPAQUE_DEPTH; slab++) {
-        var t_low = mix(t_first, t_last, f32(slab) / f32(slabs));
-        var t_high = mix(t_first, t_last, f32(slab + 1u) / f32(slabs));
-        var start = t_low;
-        if is_whole {
-            t_low = segment.t_min;
-            t_high = t_max;
-            start = start_t(segment, last_met, pixel);
-        }
-        var depth = 0.0;
-        var thickest = NONE;
-        var thickest_depth = 0.0;
-        var source = vec3(0.0);
-#ifdef VDB_LIT
-        var light = InScattered(array<vec3<f32>, OCTAVES>(), vec3(0.0), 2.0);
-        var slab_sums = ScatteringSums();
-#endif
-#ifdef VDB_EMISSION
-        var emission = vec3(0.0);
-#endif
-        for (var i = first; i < end; i = next_candidate(segment, pixel, i + 1u, t_max)) {
-#ifdef VDB_EMISSION
-            if is_emitter(i) && (!is_whole || i == last_met) {
-                emission += segment_emission(segment, i, start, t_low, t_high);
-            }
-#endif
-            if volumes[i].kind == KIND_FOG && (!is_whole || i == last_met) {
-                let volume_depth = fog_depth(segment, i, start, t_low, t_high, is_whole);
-                if volume_depth > 0.0 {
-                    thickest = select(thickest, i, volume_depth > thickest_depth);
-                    thickest_depth = max(thickest_depth, volume_depth);
-                    depth += volume_depth;
-#ifdef VDB_LIT
-                    // Fogs with the same phase function share their rays to the lights.
-                    if light.anisotropy != volumes[i].anisotropy {
-                        let jitter = fract(0.5 + frame_random(0.41421356)) - 0.5;
-                        let t = 0.5 * (t_low + t_high) + jitter * (t_high - t_low);
-                        light = in_scattered_at(segment, pixel, t, volumes[i].anisotropy, environment, false);
-                    }
-                    source += volume_depth * volumes[i].emissive;
-                    add_sample(&slab_sums, volume_depth, volumes[i].base_color, light);
-#endif
-                }
-            }
-        }
-#ifdef VDB_EMISSION
-        let radiance_before = fog.radiance;
-        fog.radiance += exp(-fog.optical_depth) * mean_transmittance(depth) * emission;
-#endif
-        if depth > 0.0 {
-            let weight = exp(-fog.optical_depth) * (1.0 - exp(-depth));
-            fog.radiance += weight * (source / max(depth, 1e-30));
-#ifdef VDB_LIT
-            add_sums(&sums, weight / max(depth, 1e-30), slab_sums);
-#endif
-            t_sum += weight * 0.5 * (t_low + t_high);
-            fog.motion_volume = select(fog.motion_volume, thickest, weight > largest_weight);
-            largest_weight = max(largest_weight, weight);
-            fog.optical_depth += depth;
-        }
-#ifdef VDB_EMISSION
-        let added = dot(fog.radiance - radiance_before, vec3(1.0));
-        radiance_sum += added;
-        t_radiance_sum += added * 0.5 * (max(t_low, t_first) + min(t_high, t_last));
-#endif
-    }
-#ifdef VDB_LIT
-    fog.radiance += scattered_radiance(sums, fog.optical_depth);
-#endif
-    fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
-#ifdef VDB_EMISSION
-    // Emission need not attenuate anything, so weight t by radiance.
-    fog.t_mean = select(fog.t_mean, t_radiance_sum / max(radiance_sum, 1e-30), radiance_sum > 1e-30);
-#endif
-    return fog;
 }

@@ -14,8 +14,11 @@ fn has_light_cache(volume: u32) -> bool {
 }
 
 // Optical depth towards a cached light at a point in a fog, given by its local cell and its position in that
-// cell.
+// cell; 0 if the fog is not in the cache, which is so only until the pipeline that sends rays is compiled.
 fn cached_depth(volume: u32, light: u32, cell: vec3<i32>, frac: vec3<f32>) -> f32 {
+    if !has_light_cache(volume) {
+        return 0.0;
+    }
     let bricks = volumes[volume].light_bricks;
     let from_origin = vec3<f32>(cell - volumes[volume].light_origin) + frac;
     let sample = max(from_origin * exp2(-f32(volumes[volume].light_log)), vec3(0.0));

@@ -431,15 +431,15 @@ fn cached_slot(light: u32) -> u32 {
     return slot;
 }
 
-// A slot of the light cache, as seen along a ray.
+// A slot of the light cache, as seen along a ray through fog.
 struct CachedSun {
     light: u32,                     // Bevy's index
     illuminance: vec3<f32>,         // lux; 0 if the view does not have the light
     phases: array<f32, OCTAVES>,
 }
 
-// The light in a slot along a ray (world space, unit length) through fog.
-fn cached_sun(slot: u32, ray: vec3<f32>, anisotropy: f32) -> CachedSun {
+// The light in a slot, without phases.
+fn cached_sun(slot: u32) -> CachedSun {
     var sun = CachedSun(0u, vec3(0.0), array<f32, OCTAVES>());
     for (var i = 0u; i < bevy::lights.n_directional_lights; i++) {
         if cached_slot(i) == slot {
@@ -447,13 +447,20 @@ fn cached_sun(slot: u32, ray: vec3<f32>, anisotropy: f32) -> CachedSun {
             sun.illuminance += sun_factor(i) * bevy::lights.directional_lights[i].color.rgb;
         }
     }
+    return sun;
+}
+
+// The phase function of each octave, per steradian, for the light in a slot along a ray (world space, unit
+// length).
+fn sun_phases(slot: u32, ray: vec3<f32>, anisotropy: f32) -> array<f32, OCTAVES> {
+    var phases = array<f32, OCTAVES>();
     let cosine = clamp(dot(view.cached_suns[slot].xyz, ray), -1.0, 1.0);
     var octave_anisotropy = anisotropy;
     for (var octave = 0u; octave < OCTAVES; octave++) {
-        sun.phases[octave] = phase(octave_anisotropy, cosine);
+        phases[octave] = phase(octave_anisotropy, cosine);
         octave_anisotropy *= OCTAVE_ANISOTROPY;
     }
-    return sun;
+    return phases;
 }
 
 // Fraction of a cached light that meshes and surfaces let through to a point in fog.

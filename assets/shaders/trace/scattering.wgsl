@@ -106,3 +106,9 @@ fn scattered_radiance(sums: ScatteringSums, optical_depth: f32) -> vec3<f32> {
 #endif
     return radiance;
 }
+
+// Mean transmittance out of a homogeneous slab of an optical depth τ: (1 - e^-τ) / τ.
+fn mean_transmittance(depth: f32) -> f32 {
+    let exact = (1.0 - exp(-depth)) / max(depth, 1e-2);
+    return select(exact, 1.0 - depth * (0.5 - depth / 6.0), depth < 1e-2);
+}

@@ -148,6 +148,7 @@ const PRECISE_RANGE: u32 = 8192u;
 // The state of ray marching.
 struct Steps {
     ray: SampledRay,
+    octant: u32,        // of the ray
     inverse: vec3<f32>, // of the ray's direction
     t_origin: f32,      // t at the ray's origin; all other t are counted from there
     t_step: f32,        // length of the first step
@@ -160,7 +161,8 @@ struct Steps {
 // far away, from where the ray enters the grid's box: points that do not depend on the tree. Nothing
 // attenuates the ray before `start`.
 fn begin_steps(mirrored: MirroredRay, start: f32, step: f32) -> Steps {
-    var steps = Steps(SampledRay(vec3(0), vec3(0.0), vec3(0.0)), vec3(0.0), 0.0, 1.0, 1.0, -1.0, 0.0);
+    let nowhere = SampledRay(vec3(0), vec3(0.0), vec3(0.0));
+    var steps = Steps(nowhere, mirrored.octant, vec3(0.0), 0.0, 1.0, 1.0, -1.0, 0.0);
     let t_entry = select(vec3(mirrored.t_min), plane_t(mirrored, mirrored.first), mirrored.before);
     let t_in = max(max(max(t_entry.x, t_entry.y), t_entry.z), mirrored.t_min);
     if !mirrored.meets || !(t_in < min(box_exit(mirrored), mirrored.t_max)) {
@@ -205,7 +207,6 @@ struct Step {
 // The next step in a leaf or tile that contains fog, `stride` times as long as the first one.
 fn next_step(
     grid: Grid,
-    mirrored: MirroredRay,
     steps: ptr<function, Steps>,
     accessor: ptr<function, Accessor>,
     stride: f32,
@@ -229,10 +230,10 @@ fn next_step(
             (*steps).k = next_index(k, k + stride);
             return Step(t, width, density_at(grid, *accessor, point), point);
         }
-        let is_mirrored = mirrored.mirror != vec3(0);
+        let is_mirrored = (vec3((*steps).octant) & vec3(4u, 2u, 1u)) != vec3(0u);
         let size = 1i << (*accessor).log_dim;
         let low = point.cell & vec3(-size);
-        let ahead = i32(skip_of(slot, mirrored.octant) << (*accessor).log_dim);
+        let ahead = i32(skip_of(slot, (*steps).octant) << (*accessor).log_dim);
         let planes = select(low + (size + ahead), low - ahead, is_mirrored);
         let origin = (*steps).ray.cell;
         // A plane ahead may be more than 2^31 cells away, which requires an unsigned integer.
@@ -266,7 +267,7 @@ fn stepped_length(
     var accessor = new_accessor(steps.ray.cell);
     var sum = 0.0;
     while sum < cutoff {
-        let next = next_step(grid, mirrored, &steps, &accessor, stride_at(extinction * sum));
+        let next = next_step(grid, &steps, &accessor, stride_at(extinction * sum));
         if next.width <= 0.0 {
             break;
         }

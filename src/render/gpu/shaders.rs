@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 28] = shaders![
+const IMPORTS: [(&str, &[u8]); 32] = shaders![
     "gpu/types",
     "gpu/bindings",
     "traversal/rays",
@@ -43,6 +43,10 @@ const IMPORTS: [(&str, &[u8]); 28] = shaders![
     "light_cache/bricks",
     "trace/light_cache",
     "trace/fog_march",
+    "trace/shared_light",
+    "trace/cached_fog",
+    "trace/media",
+    "trace/slabs",
     "trace/fogs",
     "trace/show"
 ];
@@ -143,7 +147,7 @@ mod tests {
 
     /// Shader defs that are not features of a view: those of render modes, formats and adapters,
     /// and those of the programs of `vdb_probe`.
-    const OTHERS: [&str; 15] = [
+    const OTHERS: [&str; 16] = [
         "VDB_CACHED_SUNS",
         "VDB_COUNT_STEPS",
         "VDB_DIFFUSE_ONLY",
@@ -152,6 +156,7 @@ mod tests {
         "VDB_FORMAT",
         "VDB_GLOSSY_ONLY",
         "VDB_IN_STEP",
+        "VDB_MEDIA",
         "VDB_PAGED",
         "VDB_PAGE_BITS",
         "VDB_SHOW_AXES",

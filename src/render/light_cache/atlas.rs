@@ -9,10 +9,10 @@ use bevy::render::render_resource::{
 };
 use bevy::render::renderer::RenderDevice;
 
+use crate::render::view::BRICK_INTERVALS;
+
 /// Samples along an edge of a brick, which shares those on its faces with its neighbours.
-pub(super) const BRICK_SAMPLES: u32 = 9;
-/// Intervals between samples along an edge of a brick.
-pub(super) const BRICK_INTERVALS: u32 = BRICK_SAMPLES - 1;
+pub(super) const BRICK_SAMPLES: u32 = BRICK_INTERVALS + 1;
 /// Texels of a brick along x.
 const BRICK_WIDTH: u32 = 10;
 /// Bricks in a row, which is the unit of allocation.

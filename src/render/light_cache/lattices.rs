@@ -11,9 +11,9 @@ use bevy::render::render_resource::{
 use bevy::render::renderer::RenderDevice;
 use bevy::render::sync_world::MainEntity;
 
-use super::atlas::{Atlas, ROW_BYTES};
-use super::layout::CacheLayout;
+use super::atlas::{Atlas, ROW_BRICKS, ROW_BYTES};
 use crate::render::gpu::types;
+use crate::render::view::CacheLayout;
 
 /// The lattices on the GPU.
 #[derive(Default, Resource)]
@@ -36,8 +36,13 @@ pub(super) struct LatticeKey {
 }
 
 impl LatticeKey {
+    /// Rows of bricks for one light.
+    pub fn rows_per_light(&self) -> u32 {
+        self.layout.bricks.element_product().div_ceil(ROW_BRICKS)
+    }
+
     pub fn rows(&self) -> u32 {
-        self.layout.rows() * self.lights
+        self.rows_per_light() * self.lights
     }
 }
 

@@ -8,7 +8,6 @@ mod atlas;
 mod fill;
 mod fingerprint;
 mod lattices;
-mod layout;
 mod pipeline;
 mod plan;
 

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use bevy::math::{DVec3, UVec3};
+use bevy::math::DVec3;
 use bevy::pbr::ExtractedDirectionalLight;
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
@@ -12,14 +12,12 @@ use bevy::render::render_resource::{
 use bevy::render::renderer::RenderDevice;
 
 use super::atlas::{ROW_BRICKS, ROW_BYTES, max_rows};
-use super::fill::GROUPS_PER_BRICK;
 use super::fingerprint::Fingerprints;
 use super::lattices::{CachedLattice, LatticeKey, LightCache, WantedLattices};
-use super::layout::{CacheLayout, Detail};
 use super::pipeline::{FillPipeline, Job, fill_key};
 use crate::quality::features::Features;
 use crate::render::gpu::{PipelineFallback, types};
-use crate::render::view::{PreparedView, ViewState};
+use crate::render::view::{CacheLayout, LightCacheLimit, PreparedView, ViewState};
 
 /// The most memory that the texture takes. Fogs that do not fit are lit by rays.
 const MAX_BYTES: u64 = 256 << 20;
@@ -68,7 +66,7 @@ pub(super) fn ask(
 pub(super) fn plan(
     mut views: Query<(&mut ViewState, &mut LightCacheView)>,
     lights: Query<(Entity, &ExtractedDirectionalLight)>,
-    mut cache: ResMut<LightCache>,
+    (mut cache, mut limit): (ResMut<LightCache>, ResMut<LightCacheLimit>),
     mut specialized: ResMut<SpecializedComputePipelines<FillPipeline>>,
     (pipeline, pipelines): (Res<FillPipeline>, Res<PipelineCache>),
     device: Res<RenderDevice>,
@@ -82,16 +80,28 @@ pub(super) fn plan(
     let max_rows = max_rows(&device).min((MAX_BYTES / ROW_BYTES) as u32);
     let mut wanted = WantedLattices::default();
     let mut is_used = false;
+    limit.is_full = false;
     for (view, mut own) in &mut views {
         *own = default();
         let Some(prepared) = view.prepared.as_ref().filter(|view| uses(view)) else { continue };
         is_used = true;
         let key = fill_key(&prepared.key);
         own.pipeline = Some(specialized.specialize(&pipelines, &pipeline, key));
-        for i in 0..prepared.data.volume_count as usize {
-            let Some(key) = lattice_of(prepared, i, suns.len() as u32, &device) else { continue };
+        // Rays show entries out of view in reflections only.
+        let shown = match prepared.key.has(Features::REFLECTIONS) {
+            true => prepared.entries.len(),
+            false => prepared.data.volume_count as usize,
+        };
+        for (i, entry) in prepared.entries.iter().enumerate().take(shown) {
+            // The chosen pipelines may not read this entry, or there may be no sun any more.
+            let is_fog = prepared.volumes[i].kind == types::KIND_FOG && !suns.is_empty();
+            let Some(fog) = entry.cached_fog.filter(|_| is_fog) else { continue };
+            let lights = suns.len() as u32;
+            let key = LatticeKey { owner: entry.owner, layout: fog.layout, lights };
             if wanted.add(key, max_rows) {
                 own.fogs.push((i, key));
+            } else {
+                limit.is_full = true;
             }
         }
     }
@@ -105,7 +115,7 @@ pub(super) fn plan(
         let Some(prepared) = view.prepared.as_mut().filter(|view| uses(view)) else { continue };
         own.assign(prepared, &suns, &mut cache.lattices);
         cache.add_planned(own.jobs.len());
-        staged = own.jobs.iter().map(|(_, layout, _)| layout.rows()).fold(staged, u32::max);
+        staged = own.jobs.iter().map(|(.., rows)| rows.len() as u32).fold(staged, u32::max);
     }
     cache.reserve_staging(staged, &device);
 }
@@ -127,12 +137,12 @@ impl LightCacheView {
             let Some(lattice) = lattices.get(key) else { continue };
             let layout = key.layout;
             let volume = &mut prepared.volumes[*i];
-            let detail = Detail::new(prepared.light_error, volume, &prepared.entries[*i].lattice);
             volume.light_origin = layout.origin.to_array();
             volume.light_bricks = layout.bricks.to_array();
             volume.light_log = layout.log;
             volume.light_brick = lattice.rows.start * ROW_BRICKS;
-            volume.fog_step = volume.fog_step.max(detail.map_or(0.0, |detail| detail.step()));
+            let step = prepared.entries[*i].cached_fog.map_or(0.0, |fog| fog.step);
+            volume.fog_step = volume.fog_step.max(step);
         }
         let fingerprints = Fingerprints::new(prepared);
         for (i, key) in &self.fogs {
@@ -141,7 +151,7 @@ impl LightCacheView {
                 let now = fingerprints.of(&prepared.entries[*i], *sun);
                 if lattice.filled[slot] != Some(now) {
                     lattice.filled[slot] = Some(now);
-                    let rows = key.layout.rows();
+                    let rows = key.rows_per_light();
                     let first = lattice.rows.start + slot as u32 * rows;
                     self.jobs.push((
                         job(prepared, *i, key.layout, *sun),
@@ -152,28 +162,6 @@ impl LightCacheView {
             }
         }
     }
-}
-
-/// The lattice for an entry of a view's list, if it is a fog whose samples can be addressed.
-fn lattice_of(
-    prepared: &PreparedView,
-    i: usize,
-    lights: u32,
-    device: &RenderDevice,
-) -> Option<LatticeKey> {
-    let (volume, entry) = (&prepared.volumes[i], &prepared.entries[i]);
-    if volume.kind != types::KIND_FOG || lights == 0 {
-        return None;
-    }
-    let lattice = &entry.lattice;
-    let log = Detail::new(prepared.light_error, volume, lattice)?.spacing_log()?;
-    let layout = CacheLayout::new(lattice.occupied?, log)?;
-    let limits = device.limits();
-    let groups = layout.bricks * UVec3::new(1, 1, GROUPS_PER_BRICK);
-    let bytes = u64::from(layout.rows()) * ROW_BYTES;
-    let fits = groups.max_element() <= limits.max_compute_workgroups_per_dimension
-        && bytes <= limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-    fits.then_some(LatticeKey { owner: entry.owner, layout, lights })
 }
 
 /// What the shader needs to fill a lattice for a directional light.

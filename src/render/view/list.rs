@@ -7,6 +7,7 @@ use vdb_core::pack::PackedGrid;
 use vdb_core::tree::CoordBox;
 
 use super::auxiliary::{color_data, emission_data, world_from_index};
+use super::cached_fog::CachedFog;
 use super::tiles::TileRange;
 use super::volume::{Eye, Shown, index_box, volume_data};
 use crate::VdbQuality;
@@ -25,6 +26,8 @@ pub(crate) struct Entry {
     /// The sample format, if the grid has samples.
     pub sample_format: Option<u32>,
     pub lattice: Lattice,
+    /// The samples in the light cache of a fog that may be there.
+    pub cached_fog: Option<CachedFog>,
 }
 
 /// The packed grid of an entry, in the world.
@@ -60,6 +63,7 @@ impl Entry {
             index_box: shown.index_box(),
             sample_format: shown.sample_format(),
             lattice: Lattice::new(shown.packed(), shown.world_from_index(), revision),
+            cached_fog: None,
         }
     }
 
@@ -70,6 +74,7 @@ impl Entry {
             index_box: index_box(&grid.packed),
             sample_format: grid.packed.sample_format(),
             lattice: Lattice::new(&grid.packed, world_from_index(grid, volume), None),
+            cached_fog: None,
         }
     }
 
@@ -107,13 +112,21 @@ impl EntryMaker<'_> {
             let warned = warned.as_deref_mut();
             let data = volume_data(owner, &shown, self.eye, self.quality, warned);
             let revision = self.pool.revision(volume.grid);
-            all.extend(data.map(|data| (data, Entry::of_volume(owner, &shown, revision))));
+            all.extend(data.map(|data| {
+                let mut entry = Entry::of_volume(owner, &shown, revision);
+                let error = self.quality.fog_light_error;
+                entry.cached_fog = CachedFog::new(error, &data, &entry.lattice);
+                (data, entry)
+            }));
         }
         if with_emission {
             let view = (self.eye.rays, self.eye.world_from_view);
             let grids = emission_data(owner, volume, self.pool, view, warned);
             let entry = |grid| Entry::of_auxiliary(owner, volume, grid);
-            all.extend(grids.into_iter().map(|(data, grid)| (data, entry(grid))));
+            // Light changes faster along a ray than density.
+            let fog_step = 0.5 * self.quality.fog_step;
+            let data = |data| types::Volume { fog_step, ..data };
+            all.extend(grids.into_iter().map(|(own, grid)| (data(own), entry(grid))));
         }
         all.retain(|(data, _)| !self.left_out.intersects(feature_of(data.kind)));
         all
@@ -201,6 +214,22 @@ impl ViewList {
             list.add_colors(maker);
         }
         Some(list)
+    }
+
+    /// The number of fogs and emission grids.
+    pub fn media_count(&self) -> u32 {
+        let kinds = [types::KIND_FOG, types::KIND_EMISSION, types::KIND_BLACKBODY];
+        self.data.iter().filter(|volume| kinds.contains(&volume.kind)).count() as u32
+    }
+
+    /// Of the fogs that rays show, which may be those in view only: whether any may be in the light
+    /// cache, and whether any may not.
+    pub fn cached_fogs(&self, only_seen: bool) -> [bool; 2] {
+        let count = if only_seen { self.seen } else { self.entries.len() };
+        let fogs = self.data.iter().zip(&self.entries).take(count);
+        let fogs = fogs.filter(|(volume, _)| volume.kind == types::KIND_FOG);
+        [true, false]
+            .map(|is_cached| fogs.clone().any(|(_, own)| own.cached_fog.is_some() == is_cached))
     }
 
     /// Adds the grids that colour surfaces, after all entries that rays can meet.

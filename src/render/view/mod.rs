@@ -3,6 +3,7 @@
 
 mod auxiliary;
 mod bvh;
+mod cached_fog;
 mod key;
 mod lights;
 mod list;
@@ -21,12 +22,14 @@ use bevy::core_pipeline::core_3d::{prepare_core_3d_depth_textures, prepare_prepa
 use bevy::prelude::*;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
+pub(super) use cached_fog::{BRICK_INTERVALS, CacheLayout};
 pub(super) use key::ViewKey;
-pub(super) use list::{Entry, Lattice};
+pub(super) use list::Entry;
 pub(super) use picture_pass::{
     PicturePass, PicturePipeline, PicturePipelines, add_picture_pass, run_picture_pass,
 };
 pub(super) use prepare::VolumeBuffer;
+pub(super) use resolve::LightCacheLimit;
 pub(super) use sets::PrepareViews;
 pub use sets::VdbSystems;
 pub(super) use settings::MEAN_BYTES;
@@ -44,6 +47,7 @@ impl Plugin for ViewPlugin {
         use PrepareViews::*;
         render_app
             .init_gpu_resource::<VolumeBuffer>()
+            .init_gpu_resource::<LightCacheLimit>()
             .add_systems(RenderStartup, visible::forget_views)
             .configure_sets(
                 Render,

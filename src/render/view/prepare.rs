@@ -112,7 +112,6 @@ fn prepare(
         is_fallback: chosen.is_fallback,
         data,
         volumes,
-        light_error: quality.fog_light_error,
         eye: world_from_view.transform_point3(view_rays.eye),
         layout,
         most_tiles,

@@ -63,6 +63,14 @@ pub(super) struct Resolver<'w, 's> {
     pool: Res<'w, VdbTreePool>,
     warned: ResMut<'w, Warned>,
     device: Res<'w, RenderDevice>,
+    light_cache: Res<'w, LightCacheLimit>,
+}
+
+/// Whether the light cache has no room for all fogs: known when a frame is planned, and taken into
+/// account from the next one on.
+#[derive(Default, Resource)]
+pub(crate) struct LightCacheLimit {
+    pub is_full: bool,
 }
 
 /// Resolves each view.
@@ -107,7 +115,11 @@ impl Resolver<'_, '_> {
         let shown = (settings.is_lit(), settings.reflections > 0);
         let list =
             ViewList::new(maker, ids.each_ref().map(Vec::as_slice), shown, &mut self.warned)?;
-        let key = view_key(of, &settings, &list, many, &self.pool, self.lights.cached_suns());
+        let mut key = view_key(of, &settings, &list, many, &self.pool);
+        if self.light_cache.is_full {
+            key.features |= Features::UNCACHED_FOGS.when(key.has(Features::LIGHT_CACHE));
+        }
+        key.cached_suns = key.has(Features::LIGHT_CACHE).then(|| self.lights.cached_suns());
         Some(ResolvedView {
             settings,
             rays,
@@ -169,7 +181,6 @@ fn view_key(
     list: &ViewList,
     many: bool,
     pool: &VdbTreePool,
-    cached_suns: u32,
 ) -> ViewKey {
     let ResolvedSettings { camera, quality, .. } = settings;
     let fog = list.kinds.has([types::KIND_FOG]) && settings.shows_fog();
@@ -182,9 +193,13 @@ fn view_key(
         VdbTraversal::March => Features::MARCH,
     };
     let multiple_scattering = camera.multiple_scattering && fog && settings.is_lit();
-    let caches = list.kinds_seen.has([types::KIND_FOG]) && quality.fog_light_error > 0.0;
+    let [caches, has_uncached] = list.cached_fogs(settings.reflections == 0);
     let cache = Features::LIGHT_CACHE | Features::UNCACHED_LIGHTS | Features::MESH_CASTERS;
-    let features = settings.lights.difference(cache.when(!caches))
+    let lights = settings.lights.difference(cache.when(!caches));
+    let caches = lights.contains(Features::LIGHT_CACHE);
+    let media = list.media_count();
+    let features = lights
+        | Features::UNCACHED_FOGS.when(caches && (has_uncached || media > MAX_MEDIA))
         | traversal
         | Features::MULTISAMPLED.when(of.msaa.samples() > 1)
         | Features::VOXELS.when(list.kinds.has([types::KIND_SURFACE]))
@@ -206,9 +221,18 @@ fn view_key(
     ViewKey {
         features,
         mode: camera.mode,
-        cached_suns: features.contains(Features::LIGHT_CACHE).then_some(cached_suns),
+        cached_suns: None,
+        media: (caches && media > 1).then(|| media_slots(media)),
         shadow_filter: settings.shadow_filter,
         page_bits: pool.page_bits(),
         sample_format: pool.format(),
     }
+}
+
+/// The most media that shaders march together; rays that meet more divide them into slabs.
+const MAX_MEDIA: u32 = 8;
+
+/// The slots for this many media: few sizes, because each is a variant of the shader.
+fn media_slots(count: u32) -> u32 {
+    count.next_power_of_two().min(MAX_MEDIA)
 }

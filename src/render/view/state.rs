@@ -44,8 +44,6 @@ pub(crate) struct PreparedView {
     pub data: types::View,
     /// The volume list.
     pub volumes: Vec<types::Volume>,
-    /// [`VdbQuality::fog_light_error`](crate::VdbQuality::fog_light_error).
-    pub light_error: f32,
     /// The origin of the rays in world space.
     pub eye: DVec3,
     /// The entries that rays can meet, in the order of the list.

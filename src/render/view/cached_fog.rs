@@ -1,12 +1,15 @@
-//! The samples that a fog needs in the light cache.
+//! Which fogs are in the light cache, and the samples that they need there.
 
 use bevy::math::{IVec3, UVec3};
 use vdb_core::tree::CoordBox;
 
-use super::atlas::{BRICK_INTERVALS, ROW_BRICKS};
+use super::list::Lattice;
 use crate::render::gpu::types;
-use crate::render::view::Lattice;
 
+/// Intervals between samples along an edge of a brick of the light cache.
+pub(crate) const BRICK_INTERVALS: u32 = 8;
+/// The most bricks of a fog for a light: 100 MB, within the default limit of a binding.
+const MAX_BRICKS: u32 = 1 << 16;
 /// log₂ of the largest spacing in cells: an edge of a leaf.
 const MAX_LOG: u32 = 3;
 /// The shortest and the longest step of a ray, in voxels.
@@ -15,7 +18,7 @@ const MAX_STEP: f64 = 8.0;
 
 /// The lattice of samples of one fog.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) struct CacheLayout {
+pub(crate) struct CacheLayout {
     /// The local cell at the first sample.
     pub origin: IVec3,
     /// Bricks along each axis.
@@ -25,21 +28,36 @@ pub(super) struct CacheLayout {
 }
 
 impl CacheLayout {
-    /// The samples for the occupied cells of a grid at a spacing; `None` if they are too many to
-    /// count.
-    pub fn new(occupied: CoordBox, log: u32) -> Option<Self> {
+    /// The samples for the occupied cells of a grid at a spacing; `None` if they are too many.
+    fn new(occupied: CoordBox, log: u32) -> Option<Self> {
         // Bricks at multiples of their size do not move when voxels are edited.
         let shift = log + BRICK_INTERVALS.ilog2();
         let first = occupied.min >> shift as i32;
         let last = occupied.max >> shift as i32;
         let bricks = last.checked_sub(first)?.as_uvec3() + 1;
-        bricks.x.checked_mul(bricks.y)?.checked_mul(bricks.z)?;
-        Some(Self { origin: first << shift as i32, bricks, log })
+        let count = bricks.x.checked_mul(bricks.y)?.checked_mul(bricks.z)?;
+        (count <= MAX_BRICKS).then_some(Self { origin: first << shift as i32, bricks, log })
     }
+}
 
-    /// Rows of bricks for one light.
-    pub fn rows(&self) -> u32 {
-        self.bricks.element_product().div_ceil(ROW_BRICKS)
+/// A fog in the light cache.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CachedFog {
+    pub layout: CacheLayout,
+    /// Voxels between samples of density along a view ray.
+    pub step: f32,
+}
+
+impl CachedFog {
+    /// The samples with which the radiance of a fog keeps a relative error; `None` if it is too
+    /// dense or too large for that, so that it is lit by rays.
+    pub fn new(error: f32, volume: &types::Volume, lattice: &Lattice) -> Option<Self> {
+        if error <= 0.0 || volume.kind != types::KIND_FOG {
+            return None;
+        }
+        let detail = Detail::new(error, volume, lattice)?;
+        let layout = CacheLayout::new(lattice.occupied?, detail.spacing_log()?)?;
+        Some(Self { layout, step: detail.step() })
     }
 }
 
@@ -48,17 +66,17 @@ const STEPS: f64 = 128.0;
 
 /// What the samples of a fog have to resolve.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Detail {
+struct Detail {
     /// The relative error of the radiance (root mean square) that is accepted.
-    pub error: f32,
+    error: f32,
     /// Optical depth through the densest cell.
-    pub depth_per_cell: f64,
+    depth_per_cell: f64,
     /// The longest edge of the occupied cells.
-    pub edge: f64,
+    edge: f64,
 }
 
 impl Detail {
-    pub fn new(error: f32, volume: &types::Volume, lattice: &Lattice) -> Option<Self> {
+    fn new(error: f32, volume: &types::Volume, lattice: &Lattice) -> Option<Self> {
         let CoordBox { min, max } = lattice.occupied?;
         let edge = (max.as_dvec3() - min.as_dvec3()).max_element() + 1.0;
         Some(Self { error, depth_per_cell: depth_per_cell(volume, lattice), edge })
@@ -71,7 +89,7 @@ impl Detail {
     /// details are a fixed part of the whole, the error is 2.5 times the optical depth per cell and
     /// the square of the spacing, divided by the cells across. `docs/internals/notebook.md` has the
     /// measurements.
-    pub fn spacing_log(&self) -> Option<u32> {
+    fn spacing_log(&self) -> Option<u32> {
         let spacing = (f64::from(self.error) * self.edge / (2.5 * self.depth_per_cell)).sqrt();
         // An error of 0.01 is a little less in f32.
         let log = spacing.log2() + 1e-6;
@@ -82,7 +100,7 @@ impl Detail {
     ///
     /// For clouds of fractal noise, it is 0.35 % of the mean radiance times the root of the optical
     /// depth per cell and the square of the step.
-    pub fn step(&self) -> f32 {
+    fn step(&self) -> f32 {
         let error = f64::from(self.error);
         let by_depth = (error / (0.0035 * self.depth_per_cell.sqrt())).sqrt();
         let by_size = self.edge / STEPS * (error / 0.01).sqrt();
