@@ -27,6 +27,8 @@ mod lights;
 mod many;
 #[path = "picture/measure.rs"]
 mod measure;
+#[path = "picture/media.rs"]
+mod media;
 #[path = "picture/mesh_shadows.rs"]
 mod mesh_shadows;
 #[path = "picture/minimal.rs"]

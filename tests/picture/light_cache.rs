@@ -56,7 +56,7 @@ impl Cloud {
 }
 
 /// Of the difference, root of the mean square relative to the mean radiance, over pixels that show something.
-fn error(found: &Picture, reference: &Picture) -> f64 {
+pub(super) fn error(found: &Picture, reference: &Picture) -> f64 {
     let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
     for y in 0..SIZE.y {
         for x in 0..SIZE.x {

@@ -137,16 +137,6 @@ fn is_emitter(volume: u32) -> bool {
 // Upper limit of emission, which stays within f32 when multiplied by the exposure.
 const MAX_EMISSION: f32 = 1e20;
 
-// Light that a medium emits per unit of length, cd/m² per world unit, where its grid has a value.
-fn emitted_at(volume: u32, value: f32) -> vec3<f32> {
-#ifdef VDB_BLACKBODY
-    if volumes[volume].kind == KIND_BLACKBODY {
-        return min(volumes[volume].emissive * blackbody_emission(volume, value), vec3(MAX_EMISSION));
-    }
-#endif
-    return min(volumes[volume].emissive * value, vec3(MAX_EMISSION));
-}
-
 // ∫ ε ds over an interval of a segment, in cd/m². Nothing emits before `start`.
 fn segment_emission(segment: Segment, volume: u32, start: f32, t_min: f32, t_max: f32) -> vec3<f32> {
     var ray = lattice_ray(segment, volume, t_max);

@@ -18,7 +18,7 @@
 #import bevy_vdb::traversal::tree::{Accessor, new_accessor}
 #import bevy_vdb::view::scene::volumes
 #ifdef VDB_EMISSION
-#import bevy_vdb::trace::emission::emitted_at
+#import bevy_vdb::trace::emission::segment_emission
 #endif
 
 // The most media that are marched together.
@@ -37,10 +37,14 @@ struct Medium {
     weight: f32,            // what this medium contributes to the coverage of the pixel
 }
 
+// Voxels of a step through an emission grid.
+const EMISSION_STEP: f32 = 2.0;
+
 fn begin_medium(segment: Segment, pixel: vec2<u32>, volume: u32, t_first: f32, t_max: f32) -> Medium {
     let grid = grids[volumes[volume].grid];
     let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, t_max));
-    let step = max(volumes[volume].fog_step, MIN_STEP);
+    let fog_step = max(volumes[volume].fog_step, MIN_STEP);
+    let step = select(EMISSION_STEP, fog_step, volumes[volume].kind == KIND_FOG);
     let steps = begin_steps(mirrored, start_t(segment, volume, pixel), step);
     let none = Step(0.0, 0.0, 0.0, SamplePoint(vec3(0), vec3(0.0)));
     let accessor = new_accessor(steps.ray.cell);
@@ -50,12 +54,14 @@ fn begin_medium(segment: Segment, pixel: vec2<u32>, volume: u32, t_first: f32, t
 // Moves a medium on to the next step in which there is something; of width 0 if there is none.
 fn find_step(medium: ptr<function, Medium>, optical_depth: f32) {
     let grid = grids[volumes[(*medium).volume].grid];
+    let is_fog = volumes[(*medium).volume].kind == KIND_FOG;
     var steps = (*medium).steps;
     var accessor = (*medium).accessor;
     var step: Step;
     loop {
-        step = next_step(grid, &steps, &accessor, stride_at(optical_depth));
-        if step.width <= 0.0 || step.density > 0.0 {
+        // What shines may do so for a small part of a step.
+        step = next_step(grid, &steps, &accessor, select(1.0, stride_at(optical_depth), is_fog));
+        if step.width <= 0.0 || step.density > 0.0 || !is_fog {
             break;
         }
     }
@@ -78,6 +84,8 @@ fn march_media(
     let dir = normalize(segment.dir);
     let dir_length = length(segment.dir);
     let environment = environment_light(dir);
+    // Arguments are not indexed at run time.
+    var list = met;
     var media = array<Medium, MAX_MEDIA>();
     // Of each medium: where its step ends, or begins if that is still ahead; FAR if there is none.
     var t_events = array<f32, MAX_MEDIA>();
@@ -87,7 +95,7 @@ fn march_media(
     for (var i = 0u; i < MAX_MEDIA; i++) {
         t_events[i] = FAR;
         if i < count {
-            let volume = met[i];
+            let volume = list[i];
             media[i] = begin_medium(segment, pixel, volume, t_first, t_max);
             if volumes[volume].kind == KIND_FOG {
                 let voxels = light_interval(segment, volume);
@@ -109,7 +117,8 @@ fn march_media(
     // The medium whose next step has to be found: each in turn, then the one whose step has ended.
     var m = 0u;
     var begun = 1u;
-    loop {
+    var is_done = false;
+    while !is_done {
         if fog.optical_depth <= OPAQUE_DEPTH {
             var medium = media[m];
             find_step(&medium, fog.optical_depth);
@@ -122,18 +131,16 @@ fn march_media(
             media[m].accessor = medium.accessor;
             media[m].step = medium.step;
         }
-        if begun < count {
-            m = begun;
-            begun++;
-            continue;
-        }
-        // Moves on to the end of a step.
-        var t_event = FAR;
+        // Moves on to the end of a step, once a step of each medium is known.
+        let is_known = begun >= count;
+        m = select(begun, m, is_known);
+        begun = min(begun + 1u, count);
         var own_extinction = 0.0;
-        loop {
+        var is_moving = is_known;
+        while is_moving {
             // Loops of constant length, whose arrays stay in registers.
             m = 0u;
-            t_event = t_events[0];
+            var t_event = t_events[0];
             own_extinction = extinctions[0];
             var extinction = extinctions[0];
             for (var i = 1u; i < MAX_MEDIA; i++) {
@@ -143,11 +150,9 @@ fn march_media(
                 own_extinction = select(own_extinction, extinctions[i], is_earlier);
                 extinction += extinctions[i];
             }
-            if t_event >= FAR {
-                break;
-            }
-            let width = max(t_event - t_now, 0.0);
-            t_now = max(t_event, t_now);
+            is_done = t_event >= FAR;
+            let width = select(max(t_event - t_now, 0.0), 0.0, is_done);
+            t_now += width;
             if active_bits != 0u {
                 let depth = extinction * width;
                 visible += exp(-fog.optical_depth) * width * mean_transmittance(depth);
@@ -167,18 +172,14 @@ fn march_media(
                 t_events[i] = select(t_events[i], select(t_end, FAR, is_end), i == m);
                 extinctions[i] = select(extinctions[i], select(begun_extinction, 0.0, is_end), i == m);
             }
-            if is_end {
-                break;
-            }
-        }
-        if t_event >= FAR {
-            break;
+            is_moving = !is_end && !is_done;
         }
         let volume = media[m].volume;
         let step = media[m].step;
         let visible_width = visible - media[m].visible_start;
         let t_middle = media[m].t_origin + step.t;
-        if volumes[volume].kind == KIND_FOG {
+        let has_ended = is_known && !is_done;
+        if has_ended && volumes[volume].kind == KIND_FOG {
             let weight = own_extinction * visible_width;
             if shared_light.light.anisotropy != volumes[volume].anisotropy {
                 set_anisotropy(&shared_light, dir, environment, volumes[volume].anisotropy);
@@ -199,8 +200,13 @@ fn march_media(
 #endif
         }
 #ifdef VDB_EMISSION
-        else {
-            let added = visible_width * dir_length * emitted_at(volume, step.density);
+        else if has_ended {
+            // Emission may change so fast that one sample says too little: it is integrated exactly, and dimmed
+            // by the mean transmittance along the step.
+            let t_begin = max(t_first + t_middle - 0.5 * step.width, segment.t_min);
+            let t_end = min(t_first + t_middle + 0.5 * step.width, t_max);
+            let emission = segment_emission(segment, volume, t_begin, t_begin, t_end);
+            let added = (visible_width / max(step.width, 1e-30)) * emission;
             fog.radiance += added;
             radiance_sum += dot(added, vec3(1.0));
             t_radiance_sum += dot(added, vec3(1.0)) * t_middle;

@@ -1,9 +1,9 @@
 //! Which fogs are in the light cache, and the samples that they need there.
 
-use bevy::math::{IVec3, UVec3};
+use bevy::math::{DVec3, IVec3, UVec3};
 use vdb_core::tree::CoordBox;
 
-use super::list::Lattice;
+use super::lattice::Lattice;
 use crate::render::gpu::types;
 
 /// Intervals between samples along an edge of a brick of the light cache.
@@ -49,13 +49,11 @@ pub(crate) struct CachedFog {
 }
 
 impl CachedFog {
-    /// The samples with which the radiance of a fog keeps a relative error; `None` if it is too
-    /// dense or too large for that, so that it is lit by rays.
-    pub fn new(error: f32, volume: &types::Volume, lattice: &Lattice) -> Option<Self> {
-        if error <= 0.0 || volume.kind != types::KIND_FOG {
-            return None;
-        }
-        let detail = Detail::new(error, volume, lattice)?;
+    /// The samples with which the radiance of a fog keeps a relative error, where light fades at
+    /// most by this extinction per world unit; `None` if that is too dense or the fog too large, so
+    /// that it is lit by rays.
+    fn new(error: f32, extinction: f64, lattice: &Lattice) -> Option<Self> {
+        let detail = Detail::new(error, extinction, lattice)?;
         let layout = CacheLayout::new(lattice.occupied?, detail.spacing_log()?)?;
         Some(Self { layout, step: detail.step() })
     }
@@ -76,10 +74,10 @@ struct Detail {
 }
 
 impl Detail {
-    fn new(error: f32, volume: &types::Volume, lattice: &Lattice) -> Option<Self> {
+    fn new(error: f32, extinction: f64, lattice: &Lattice) -> Option<Self> {
         let CoordBox { min, max } = lattice.occupied?;
         let edge = (max.as_dvec3() - min.as_dvec3()).max_element() + 1.0;
-        Some(Self { error, depth_per_cell: depth_per_cell(volume, lattice), edge })
+        Some(Self { error, depth_per_cell: extinction * cell_edge(lattice), edge })
     }
 
     /// log₂ of the largest spacing of samples, in cells, that keeps the error; `None` if even a spacing
@@ -108,12 +106,70 @@ impl Detail {
     }
 }
 
-/// Optical depth through a cell of the densest fog, along the longest edge of the cell.
-fn depth_per_cell(volume: &types::Volume, lattice: &Lattice) -> f64 {
+/// The longest edge of a cell, in world units.
+fn cell_edge(lattice: &Lattice) -> f64 {
     let axes = lattice.world_from_local.matrix3;
-    let edge = [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.length());
-    let edge = edge.into_iter().fold(0.0, f64::max);
-    f64::from(volume.density_scale) * f64::from(lattice.majorant) * edge
+    [axes.x_axis, axes.y_axis, axes.z_axis]
+        .map(|axis| axis.length())
+        .into_iter()
+        .fold(0.0, f64::max)
+}
+
+/// A fog in the world.
+struct FogBox {
+    entry: usize,
+    min: DVec3,
+    max: DVec3,
+    /// The largest extinction of the fog itself, per world unit.
+    own: f64,
+    /// The same of all fogs that may overlap it.
+    total: f64,
+}
+
+impl FogBox {
+    fn overlaps(&self, other: &Self) -> bool {
+        self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
+    }
+}
+
+/// For each entry of a view's list, the samples in the light cache of a fog that may be there with this relative
+/// error. Where fogs overlap, light fades by all of them.
+pub(super) fn find_cached_fogs(
+    error: f32,
+    volumes: &[types::Volume],
+    lattices: &[&Lattice],
+) -> Vec<Option<CachedFog>> {
+    let mut found = vec![None; lattices.len()];
+    if error <= 0.0 {
+        return found;
+    }
+    let fog = |(entry, (volume, lattice)): (usize, (&types::Volume, &&Lattice))| {
+        let (min, max) = lattice.world_box()?;
+        let extinction = f64::from(volume.density_scale) * f64::from(lattice.majorant);
+        (volume.kind == types::KIND_FOG).then_some(FogBox {
+            entry,
+            min,
+            max,
+            own: extinction,
+            total: extinction,
+        })
+    };
+    let mut fogs: Vec<_> = volumes.iter().zip(lattices).enumerate().filter_map(fog).collect();
+    fogs.sort_unstable_by(|a, b| a.min.x.total_cmp(&b.min.x));
+    for first in 0..fogs.len() {
+        let (before, after) = fogs.split_at_mut(first + 1);
+        let own = &mut before[first];
+        for other in after.iter_mut().take_while(|other| other.min.x <= own.max.x) {
+            if own.overlaps(other) {
+                own.total += other.own;
+                other.total += own.own;
+            }
+        }
+    }
+    for fog in fogs {
+        found[fog.entry] = CachedFog::new(error, fog.total, lattices[fog.entry]);
+    }
+    found
 }
 
 #[cfg(test)]

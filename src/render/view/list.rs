@@ -3,11 +3,10 @@
 use bevy::math::{DAffine3, DMat4, DVec3};
 use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
-use vdb_core::pack::PackedGrid;
-use vdb_core::tree::CoordBox;
 
 use super::auxiliary::{color_data, emission_data, world_from_index};
-use super::cached_fog::CachedFog;
+use super::cached_fog::{CachedFog, find_cached_fogs};
+use super::lattice::Lattice;
 use super::tiles::TileRange;
 use super::volume::{Eye, Shown, index_box, volume_data};
 use crate::VdbQuality;
@@ -28,31 +27,6 @@ pub(crate) struct Entry {
     pub lattice: Lattice,
     /// The samples in the light cache of a fog that may be there.
     pub cached_fog: Option<CachedFog>,
-}
-
-/// The packed grid of an entry, in the world.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Lattice {
-    /// From local lattice coordinates.
-    pub world_from_local: DAffine3,
-    /// The local cells that can stop or dim a ray.
-    pub occupied: Option<CoordBox>,
-    /// An upper bound of the density.
-    pub majorant: f32,
-    /// Identifies the voxels: the address of the packed grid and, if it is edited, its revision.
-    pub content: (usize, Option<u64>),
-}
-
-impl Lattice {
-    fn new(packed: &PackedGrid, world_from_index: DAffine3, revision: Option<u64>) -> Self {
-        let origin = packed.base.as_dvec3() + packed.kind.lattice_origin();
-        Self {
-            world_from_local: world_from_index * DAffine3::from_translation(origin),
-            occupied: packed.occupied,
-            majorant: packed.majorant,
-            content: (std::ptr::from_ref(packed).addr(), revision),
-        }
-    }
 }
 
 impl Entry {
@@ -112,21 +86,13 @@ impl EntryMaker<'_> {
             let warned = warned.as_deref_mut();
             let data = volume_data(owner, &shown, self.eye, self.quality, warned);
             let revision = self.pool.revision(volume.grid);
-            all.extend(data.map(|data| {
-                let mut entry = Entry::of_volume(owner, &shown, revision);
-                let error = self.quality.fog_light_error;
-                entry.cached_fog = CachedFog::new(error, &data, &entry.lattice);
-                (data, entry)
-            }));
+            all.extend(data.map(|data| (data, Entry::of_volume(owner, &shown, revision))));
         }
         if with_emission {
             let view = (self.eye.rays, self.eye.world_from_view);
             let grids = emission_data(owner, volume, self.pool, view, warned);
             let entry = |grid| Entry::of_auxiliary(owner, volume, grid);
-            // Light changes faster along a ray than density.
-            let fog_step = 0.5 * self.quality.fog_step;
-            let data = |data| types::Volume { fog_step, ..data };
-            all.extend(grids.into_iter().map(|(own, grid)| (data(own), entry(grid))));
+            all.extend(grids.into_iter().map(|(data, grid)| (data, entry(grid))));
         }
         all.retain(|(data, _)| !self.left_out.intersects(feature_of(data.kind)));
         all
@@ -205,6 +171,11 @@ impl ViewList {
                 data.push(volume);
                 entries.push(entry);
             }
+        }
+        let lattices: Vec<_> = entries.iter().map(|entry| &entry.lattice).collect();
+        let found = find_cached_fogs(maker.quality.fog_light_error, &data, &lattices);
+        for (entry, cached_fog) in entries.iter_mut().zip(found) {
+            entry.cached_fog = cached_fog;
         }
         let kinds = Kinds::of(&data);
         let fog_steps =

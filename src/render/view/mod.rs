@@ -5,6 +5,7 @@ mod auxiliary;
 mod bvh;
 mod cached_fog;
 mod key;
+mod lattice;
 mod lights;
 mod list;
 mod picture_pass;

@@ -1,0 +1,42 @@
+//! Where the packed grid of an entry is in the world.
+
+use bevy::math::{DAffine3, DVec3};
+use vdb_core::pack::PackedGrid;
+use vdb_core::tree::CoordBox;
+
+/// The packed grid of an entry, in the world.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lattice {
+    /// From local lattice coordinates.
+    pub world_from_local: DAffine3,
+    /// The local cells that can stop or dim a ray.
+    pub occupied: Option<CoordBox>,
+    /// An upper bound of the density.
+    pub majorant: f32,
+    /// Identifies the voxels: the address of the packed grid and, if it is edited, its revision.
+    pub content: (usize, Option<u64>),
+}
+
+impl Lattice {
+    pub fn new(packed: &PackedGrid, world_from_index: DAffine3, revision: Option<u64>) -> Self {
+        let origin = packed.base.as_dvec3() + packed.kind.lattice_origin();
+        Self {
+            world_from_local: world_from_index * DAffine3::from_translation(origin),
+            occupied: packed.occupied,
+            majorant: packed.majorant,
+            content: (std::ptr::from_ref(packed).addr(), revision),
+        }
+    }
+
+    /// The corners of the occupied cells' box in the world.
+    pub fn world_box(&self) -> Option<(DVec3, DVec3)> {
+        let CoordBox { min, max } = self.occupied?;
+        let ends = [min.as_dvec3(), max.as_dvec3() + 1.0];
+        let corners = (0..8).map(|i| {
+            let local = DVec3::from_array([0, 1, 2].map(|axis| ends[i >> axis & 1][axis]));
+            self.world_from_local.transform_point3(local)
+        });
+        let (low, high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        Some(corners.fold((low, high), |(low, high), at| (low.min(at), high.max(at))))
+    }
+}

@@ -1,0 +1,176 @@
+//! Fogs and fire that overlap, marched together from the light cache.
+
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy_vdb::{VdbDiagnostics, VdbEmission, VdbMaterial, VdbQuality, VdbVolume};
+use vdb_core::pack::PackKind;
+use vdb_core::synth::fog;
+use vdb_core::tree::CoordBox;
+
+use super::common::{Picture, Stage, has_gpu};
+use super::light_cache::error;
+use super::{SIZE, looking};
+
+/// World units.
+const VOXEL: f64 = 0.1;
+/// About a voxel to a slab, and with few enough steps for lavapipe, which stops a shader's loops after
+/// 65,535 iterations in all.
+const IN_SLABS: VdbQuality =
+    VdbQuality { fog_light_error: 0.0, fog_shadow_step: 1.0, fog_slabs: 100, ..VdbQuality::EXACT };
+
+struct Scene {
+    stage: Stage,
+    target: Handle<Image>,
+    camera: Entity,
+}
+
+impl Scene {
+    /// A camera, and a sun with shadows.
+    fn new() -> Self {
+        let mut stage = Stage::new();
+        let target = stage.target(SIZE);
+        let from = Transform::from_xyz(2.2, 3.0, 6.6).looking_at(Vec3::ZERO, Vec3::Y);
+        let camera = stage.camera(&target, from);
+        let light = DirectionalLight { illuminance: 10.0, shadow_maps_enabled: true, ..default() };
+        stage.world().spawn((light, looking(Vec3::new(1.0, 1.0, 0.2))));
+        Self { stage, target, camera }
+    }
+
+    fn cloud(&mut self, seed: u64, at: Transform, material: VdbMaterial) -> Entity {
+        let grid = self.stage.grid(fog::cloud(30.0, seed), PackKind::Fog, VOXEL);
+        self.stage.world().spawn((VdbVolume(grid), material, at)).id()
+    }
+
+    fn with(&mut self, quality: VdbQuality) -> Picture {
+        self.stage.world().entity_mut(self.camera).insert(quality);
+        self.stage.picture(&self.target)
+    }
+
+    /// A picture from the cache alone.
+    fn cached(&mut self, fog_light_error: f32) -> Picture {
+        let picture = self.with(VdbQuality { fog_light_error, ..VdbQuality::HIGH });
+        let report = self.stage.world().resource::<VdbDiagnostics>().camera(self.camera).unwrap();
+        assert!(report.has("light cache") && !report.has("fogs beside the cache"), "{report:?}");
+        picture
+    }
+}
+
+/// A fog in several parts, each of a part of its density, is the same fog: however many are marched together,
+/// and in whatever order.
+#[test]
+fn a_fog_in_parts_is_the_same_fog() {
+    if !has_gpu() {
+        return;
+    }
+    let material = |density_scale| VdbMaterial { density_scale, anisotropy: 0.4, ..default() };
+    let mut whole = Scene::new();
+    whole.cloud(3, Transform::IDENTITY, material(1.0));
+    let whole = whole.cached(0.005);
+    for parts in [&[0.3, 0.7][..], &[0.1, 0.6, 0.3], &[0.125; 8]] {
+        let mut scene = Scene::new();
+        for part in parts {
+            scene.cloud(3, Transform::IDENTITY, material(*part));
+        }
+        let picture = scene.cached(0.005);
+        picture.save(&format!("media_{}_parts", parts.len()));
+        let off = error(&picture, &whole);
+        println!("{} parts: off by {off:.5}", parts.len());
+        assert!(off < 0.005, "{parts:?}: {off}");
+    }
+}
+
+/// Clouds of different colours, phase functions and orientations, which shade each other.
+#[test]
+fn clouds_that_overlap_look_as_in_thin_slabs() {
+    if !has_gpu() {
+        return;
+    }
+    let mut scene = Scene::new();
+    let red = VdbMaterial {
+        base_color: Color::linear_rgb(0.9, 0.3, 0.2),
+        density_scale: 0.3,
+        anisotropy: 0.5,
+        ..default()
+    };
+    let white = VdbMaterial { density_scale: 0.2, anisotropy: -0.2, ..default() };
+    let turned = Transform::from_xyz(1.1, 0.4, 0.6).with_rotation(Quat::from_rotation_y(0.7));
+    scene.cloud(3, Transform::IDENTITY, red);
+    scene.cloud(5, turned, white.clone());
+    scene.cloud(7, Transform::from_xyz(-0.5, -1.0, 1.0).with_scale(Vec3::splat(0.7)), white);
+    let reference = scene.with(IN_SLABS);
+    reference.save("media_clouds_in_slabs");
+    for asked in [0.02, 0.005] {
+        let picture = scene.cached(asked);
+        picture.save(&format!("media_clouds_{asked}"));
+        let off = error(&picture, &reference);
+        println!("clouds: asked for {asked}, off by {off:.5}");
+        assert!(off < f64::from(asked), "{asked}: {off}");
+    }
+}
+
+/// A fire in smoke that dims and hides it.
+#[test]
+fn fire_in_smoke_looks_as_in_thin_slabs() {
+    if !has_gpu() {
+        return;
+    }
+    let mut scene = Scene::new();
+    let cube = CoordBox { min: IVec3::splat(-16), max: IVec3::splat(15) };
+    let flame = fog::from_values(cube, |at| {
+        let p = at.as_dvec3() / 32.0;
+        let axis = DVec3::new(p.x, 0.0, p.z).length();
+        (0.5 - p.y - (5.0 * axis).powi(2)).clamp(0.0, 1.0) as f32
+    });
+    let smoke = VdbMaterial { base_color: Color::linear_rgb(0.5, 0.5, 0.5), ..default() };
+    let smoke = scene.cloud(3, Transform::IDENTITY, smoke);
+    let grid = scene.stage.grid(flame, PackKind::Fog, VOXEL);
+    let color = LinearRgba::rgb(6.0, 3.0, 1.0);
+    let emissions = [
+        ("scalar", VdbEmission::Scalar { grid: grid.clone(), color }),
+        (
+            "temperature",
+            VdbEmission::Temperature { grid, scale: 1800.0, offset: 0.0, strength: 1e-3 },
+        ),
+    ];
+    for (name, emission) in emissions {
+        scene.stage.world().entity_mut(smoke).insert(emission);
+        let reference = scene.with(IN_SLABS);
+        reference.save(&format!("media_{name}_in_slabs"));
+        for asked in [0.02, 0.005] {
+            let picture = scene.cached(asked);
+            picture.save(&format!("media_{name}_{asked}"));
+            let off = error(&picture, &reference);
+            println!("{name}: asked for {asked}, off by {off:.5}");
+            assert!(off < f64::from(asked), "{name}, {asked}: {off}");
+        }
+    }
+}
+
+/// Beyond eight fogs on a ray, and beside fog that is too dense for the cache, rays take its place.
+#[test]
+fn fogs_that_do_not_fit_are_lit_by_rays() {
+    if !has_gpu() {
+        return;
+    }
+    let mut scene = Scene::new();
+    let thin = VdbMaterial { density_scale: 0.1, ..default() };
+    let many: Vec<_> = (0..9).map(|_| scene.cloud(3, Transform::IDENTITY, thin.clone())).collect();
+    let quality = VdbQuality { fog_slabs: 100, fog_shadow_step: 1.0, ..VdbQuality::HIGH };
+    let picture = scene.with(quality);
+    let uses = |scene: &mut Scene| {
+        let report = scene.stage.world().resource::<VdbDiagnostics>().camera(scene.camera).unwrap();
+        ["light cache", "fogs beside the cache"].map(|feature| report.has(feature))
+    };
+    assert_eq!(uses(&mut scene), [true, true]);
+    let rays = scene.with(VdbQuality { fog_light_error: 0.0, ..quality });
+    assert!(error(&picture, &rays) < 0.01, "{}", error(&picture, &rays));
+    many.into_iter().skip(1).for_each(|cloud| {
+        scene.stage.world().despawn(cloud);
+    });
+    scene.with(quality);
+    assert_eq!(uses(&mut scene), [true, false]);
+    let dense = VdbMaterial { density_scale: 30.0, ..default() };
+    scene.cloud(5, Transform::from_xyz(4.0, 0.0, 0.0).with_scale(Vec3::splat(0.3)), dense);
+    scene.with(quality);
+    assert_eq!(uses(&mut scene), [true, true]);
+}
