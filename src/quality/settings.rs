@@ -51,12 +51,13 @@ pub struct VdbQuality {
     /// of sending rays to the lights. From 0 to 1, 0.01 by default; 0 turns the cache off.
     ///
     /// The error is estimated for clouds of fractal noise, from the extinction and the number of
-    /// voxels; fog too dense for it is lit by rays. Shadows of surfaces and meshes on fog stay
+    /// voxels. Fog too dense for it is lit by rays, and so are rays that meet more than eight fogs
+    /// and emission grids. Shadows of surfaces and meshes on fog stay
     /// exact, once per `fog_light_step`.
     pub fog_light_error: f32,
-    /// The number of slabs into which a ray is divided where fogs overlap; within a slab they are
-    /// treated as evenly mixed and evenly lit. A quarter of that in reflections. From 1 to 256, 32
-    /// by default.
+    /// The number of slabs into which a ray is divided where fogs overlap that are not in the light
+    /// cache; within a slab they are treated as evenly mixed and evenly lit. A quarter of that in
+    /// reflections. From 1 to 256, 32 by default.
     pub fog_slabs: u32,
     /// Levels of detail: distant volumes are displayed at half, a quarter … of their resolution, as
     /// long as the voxels of the copy are no larger than this many pixels. At most 64. With 1, the

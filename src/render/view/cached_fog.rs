@@ -8,8 +8,10 @@ use crate::render::gpu::types;
 
 /// Intervals between samples along an edge of a brick of the light cache.
 pub(crate) const BRICK_INTERVALS: u32 = 8;
-/// The most bricks of a fog for a light: 100 MB, within the default limit of a binding.
+/// The most bricks of a fog for a light: 106 MB, within WebGPU's default limit of a binding.
 const MAX_BRICKS: u32 = 1 << 16;
+/// The most bricks along an axis: three workgroups each, within the default limit of a dispatch.
+const MAX_BRICKS_OF_AXIS: u32 = 65_535 / 3;
 /// log₂ of the largest spacing in cells: an edge of a leaf.
 const MAX_LOG: u32 = 3;
 /// The shortest and the longest step of a ray, in voxels.
@@ -36,7 +38,8 @@ impl CacheLayout {
         let last = occupied.max >> shift as i32;
         let bricks = last.checked_sub(first)?.as_uvec3() + 1;
         let count = bricks.x.checked_mul(bricks.y)?.checked_mul(bricks.z)?;
-        (count <= MAX_BRICKS).then_some(Self { origin: first << shift as i32, bricks, log })
+        let fits = count <= MAX_BRICKS && bricks.max_element() <= MAX_BRICKS_OF_AXIS;
+        fits.then_some(Self { origin: first << shift as i32, bricks, log })
     }
 }
 
@@ -207,5 +210,9 @@ mod tests {
         }
         let all = CoordBox { min: IVec3::MIN, max: IVec3::MAX };
         assert_eq!(CacheLayout::new(all, 0), None);
+        let long = |length| CoordBox { min: IVec3::ZERO, max: IVec3::new(0, 0, length - 1) };
+        let most = (MAX_BRICKS_OF_AXIS * BRICK_INTERVALS) as i32;
+        assert!(CacheLayout::new(long(most), 0).is_some());
+        assert_eq!(CacheLayout::new(long(most + 1), 0), None, "too many workgroups");
     }
 }
