@@ -20,7 +20,7 @@ const RADIUS: f64 = 128.0;
 const EDGE: f64 = 4.0;
 /// The edge in voxels of the fire.
 const FIRE_EDGE: u32 = 128;
-/// Kelvin at most, and what it emits per world unit: about as bright as the sun makes its smoke.
+/// The highest temperature in kelvin, and the emission strength: about as bright as the sunlit smoke.
 const HOTTEST: f32 = 1800.0;
 const STRENGTH: f32 = 1e-3;
 
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<(), String> {
     Ok(())
 }
 
-/// A flame that rises through half of the cloud.
+/// A flame half as tall as the cloud.
 fn fire(studio: &mut Studio) -> Result<VdbEmission, String> {
     let half = FIRE_EDGE as i32 / 2;
     let cube = CoordBox { min: IVec3::splat(-half), max: IVec3::splat(half - 1) };

@@ -209,7 +209,8 @@ pub(crate) const FEATURES: [Feature; 31] = [
         Features::UNCACHED_FOGS,
         &["VDB_UNCACHED_FOGS"],
         "fogs beside the cache",
-        "with the light cache, a fog is too dense for it, or a ray may meet more than 8 fogs",
+        "with the light cache, a fog is too dense or too large for it, it is full, or there are more \
+         than 8 fogs and emission grids",
     ),
 ];
 

@@ -51,9 +51,10 @@ pub struct VdbQuality {
     /// of sending rays to the lights. From 0 to 1, 0.01 by default; 0 turns the cache off.
     ///
     /// The error is estimated for clouds of fractal noise, from the extinction and the number of
-    /// voxels. Fog too dense for it is lit by rays, and so are rays that meet more than eight fogs
-    /// and emission grids. Shadows of surfaces and meshes on fog stay
-    /// exact, once per `fog_light_step`.
+    /// voxels. Fog too dense or too large for the cache is lit by rays, along with all other fog on
+    /// a view ray that meets it; so is fog on view rays that meet more than eight fogs and emission
+    /// grids. Shadows of surfaces and meshes on fog are not interpolated; they are evaluated once
+    /// per `fog_light_step`.
     pub fog_light_error: f32,
     /// The number of slabs into which a ray is divided where fogs overlap that are not in the light
     /// cache; within a slab they are treated as evenly mixed and evenly lit. A quarter of that in

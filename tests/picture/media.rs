@@ -13,7 +13,7 @@ use super::{SIZE, looking};
 
 /// World units.
 const VOXEL: f64 = 0.1;
-/// About a voxel to a slab, and with few enough steps for lavapipe, which stops a shader's loops after
+/// Slabs about a voxel thick, and few enough steps for lavapipe, which stops a shader's loops after
 /// 65,535 iterations in all.
 const IN_SLABS: VdbQuality =
     VdbQuality { fog_light_error: 0.0, fog_shadow_step: 1.0, fog_slabs: 100, ..VdbQuality::EXACT };
@@ -55,8 +55,7 @@ impl Scene {
     }
 }
 
-/// A fog in several parts, each of a part of its density, is the same fog: however many are marched together,
-/// and in whatever order.
+/// A fog split into parts that share its density looks the same, however many are marched together.
 #[test]
 fn a_fog_in_parts_is_the_same_fog() {
     if !has_gpu() {
@@ -146,7 +145,7 @@ fn fire_in_smoke_looks_as_in_thin_slabs() {
     }
 }
 
-/// Beyond eight fogs on a ray, and beside fog that is too dense for the cache, rays take its place.
+/// Beyond eight fogs on a ray, and beside fog that is too dense for the cache, fog is lit by rays.
 #[test]
 fn fogs_that_do_not_fit_are_lit_by_rays() {
     if !has_gpu() {

@@ -1,4 +1,4 @@
-// One fog along a segment, in the light cache.
+// A single fog along a segment, lit from the light cache.
 #define_import_path bevy_vdb::trace::cached_fog
 
 #import bevy_vdb::gpu::bindings::grids
@@ -13,7 +13,7 @@
 #import bevy_vdb::traversal::tree::new_accessor
 #import bevy_vdb::view::scene::volumes
 
-// One fog of a segment, by ray marching: `march_media` for a single medium, whose steps depend on no other.
+// Ray marches a single fog. `march_media` would give the same result, but needs more registers.
 fn march_cached(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_max: f32) -> Fog {
     var fog = Fog(vec3(0.0), 0.0, t_first, t_first, volume);
     var t_sum = 0.0;

@@ -1,4 +1,4 @@
-// One fog along a segment, lit by rays: its optical depth and the light that it sends.
+// One fog along a segment, lit by rays: its optical depth and radiance.
 #define_import_path bevy_vdb::trace::fog_march
 
 #ifdef VDB_LIT
@@ -30,7 +30,7 @@ struct Fog {
     radiance: vec3<f32>,
     optical_depth: f32,
     t_first: f32,
-    // Mean t of the visible fog, weighted by visibility. With several slabs, `motion_volume` is the volume
+    // Mean t of the visible fog, weighted by visibility. With several media, `motion_volume` is the volume
     // that contributes most to what is visible.
     t_mean: f32,
     motion_volume: u32,

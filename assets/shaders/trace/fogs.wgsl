@@ -1,4 +1,4 @@
-// All fogs along a segment: their optical depth and the light that they send.
+// All media along a segment: their optical depth and radiance.
 #define_import_path bevy_vdb::trace::fogs
 
 #import bevy_vdb::gpu::types::KIND_FOG
@@ -32,7 +32,7 @@ fn is_medium(volume: u32) -> bool {
 #endif
 }
 
-// The light of all fogs and emission grids of a segment up to `t_max`, and their optical depth.
+// Radiance and optical depth of all fogs and emission grids along a segment up to `t_max`.
 fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     let first = next_candidate(segment, pixel, view.volume_first, t_max);
     let end = volume_end(segment);

@@ -14,7 +14,8 @@ fn has_light_cache(volume: u32) -> bool {
 }
 
 // Optical depth towards a cached light at a point in a fog, given by its local cell and its position in that
-// cell; 0 if the fog is not in the cache, which is so only until the pipeline that sends rays is compiled.
+// cell; 0 if the fog is not in the cache, which happens only until the variant with `VDB_UNCACHED_FOGS` is
+// compiled.
 fn cached_depth(volume: u32, light: u32, cell: vec3<i32>, frac: vec3<f32>) -> f32 {
     if !has_light_cache(volume) {
         return 0.0;

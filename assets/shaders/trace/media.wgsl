@@ -1,8 +1,8 @@
 // All fogs and emission grids along a segment, marched together, with light from the light cache.
 //
-// Each medium advances in steps of its own, and is taken to be homogeneous within a step. Between the ends of
-// any two steps, extinction is then constant, and transmittance has a closed form. How media overlap is
-// therefore exact; only density and light are sampled, in the middle of each step.
+// Each medium advances in its own steps and is treated as homogeneous within a step. Between consecutive step
+// ends, the total extinction is then constant, and the integral of transmittance has a closed form. Overlap
+// therefore adds no error; only density and light are sampled, at the midpoint of each step.
 #define_import_path bevy_vdb::trace::media
 
 #import bevy_vdb::gpu::bindings::grids
@@ -34,7 +34,7 @@ struct Medium {
     t_origin: f32,          // of `steps`
     step: Step,             // the current one, or the next one if it begins further on
     visible_start: f32,     // ∫ transmittance dt from the first medium to the step
-    weight: f32,            // what this medium contributes to the coverage of the pixel
+    weight: f32,            // contribution to the pixel's coverage
 }
 
 // Voxels of a step through an emission grid.
@@ -51,7 +51,7 @@ fn begin_medium(segment: Segment, pixel: vec2<u32>, volume: u32, t_first: f32, t
     return Medium(volume, steps, accessor, steps.t_origin - t_first, none, 0.0, 0.0);
 }
 
-// Moves a medium on to the next step in which there is something; of width 0 if there is none.
+// Advances a medium to its next non-empty step, or to a step of width 0 at the end of the ray.
 fn find_step(medium: ptr<function, Medium>, optical_depth: f32) {
     let grid = grids[volumes[(*medium).volume].grid];
     let is_fog = volumes[(*medium).volume].kind == KIND_FOG;
@@ -59,7 +59,8 @@ fn find_step(medium: ptr<function, Medium>, optical_depth: f32) {
     var accessor = (*medium).accessor;
     var step: Step;
     loop {
-        // What shines may do so for a small part of a step.
+        // Emission may fill only a small part of a step, so a sample of 0 does not skip it, and steps do not
+        // grow.
         step = next_step(grid, &steps, &accessor, select(1.0, stride_at(optical_depth), is_fog));
         if step.width <= 0.0 || step.density > 0.0 || !is_fog {
             break;
@@ -70,8 +71,8 @@ fn find_step(medium: ptr<function, Medium>, optical_depth: f32) {
     (*medium).step = step;
 }
 
-// The light that media send along a segment up to `t_max`, and their optical depth. `met` are the indices of
-// `count` volumes, the first of which begins at `t_first`.
+// Radiance and optical depth of the media along a segment up to `t_max`. `met` holds the indices of `count`
+// volumes; the nearest begins at `t_first`.
 fn march_media(
     segment: Segment,
     pixel: vec2<u32>,
@@ -84,7 +85,7 @@ fn march_media(
     let dir = normalize(segment.dir);
     let dir_length = length(segment.dir);
     let environment = environment_light(dir);
-    // Arguments are not indexed at run time.
+    // A variable, so that it can be indexed dynamically.
     var list = met;
     var media = array<Medium, MAX_MEDIA>();
     // Of each medium: where its step ends, or begins if that is still ahead; FAR if there is none.
@@ -103,7 +104,7 @@ fn march_media(
             }
         }
     }
-    // With the phase function of no fog.
+    // An anisotropy that no fog has, so that the first fog sets its own.
     var shared_light = begin_light(dir, environment, 2.0);
     var sums = ScatteringSums();
     var t_sum = 0.0;
@@ -118,6 +119,8 @@ fn march_media(
     var m = 0u;
     var begun = 1u;
     var is_done = false;
+    // Ends by its condition only: llvmpipe drops invocations of a group whose neighbours leave nested loops by
+    // `break` or `continue`.
     while !is_done {
         if fog.optical_depth <= OPAQUE_DEPTH {
             var medium = media[m];
@@ -131,14 +134,14 @@ fn march_media(
             media[m].accessor = medium.accessor;
             media[m].step = medium.step;
         }
-        // Moves on to the end of a step, once a step of each medium is known.
+        // Once the first step of every medium is known, advances to the end of the next step.
         let is_known = begun >= count;
         m = select(begun, m, is_known);
         begun = min(begun + 1u, count);
         var own_extinction = 0.0;
         var is_moving = is_known;
         while is_moving {
-            // Loops of constant length, whose arrays stay in registers.
+            // Loops of constant length keep the arrays in registers.
             m = 0u;
             var t_event = t_events[0];
             own_extinction = extinctions[0];
@@ -201,8 +204,8 @@ fn march_media(
         }
 #ifdef VDB_EMISSION
         else if has_ended {
-            // Emission may change so fast that one sample says too little: it is integrated exactly, and dimmed
-            // by the mean transmittance along the step.
+            // Emission may vary too quickly for one sample per step, so it is integrated exactly and multiplied
+            // by the mean transmittance over the step.
             let t_begin = max(t_first + t_middle - 0.5 * step.width, segment.t_min);
             let t_end = min(t_first + t_middle + 0.5 * step.width, t_max);
             let emission = segment_emission(segment, volume, t_begin, t_begin, t_end);

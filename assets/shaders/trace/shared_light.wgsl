@@ -1,5 +1,5 @@
-// Light at samples of fog in the light cache. What does not change much from sample to sample is evaluated
-// once for an interval.
+// In-scattered light at samples of fog in the light cache. What varies slowly along the ray is evaluated once
+// per interval.
 #define_import_path bevy_vdb::trace::shared_light
 
 #import bevy_vdb::trace::fog_march::with_environment
@@ -17,9 +17,9 @@ const SUN_COUNT: u32 = #{VDB_CACHED_SUNS}u;
 
 struct SharedLight {
     light: InScattered,                     // of everything but the lights in the cache
-    visibility: array<f32, SUN_COUNT>,      // of the lights in the cache, past surfaces and meshes
+    visibility: array<f32, SUN_COUNT>,      // of the cached lights: what surfaces and meshes let through
     suns: array<CachedSun, SUN_COUNT>,
-    t_next: f32,                            // from where it has to be evaluated anew
+    t_next: f32,                            // where the next interval begins
 }
 
 // The light along a ray (world space, unit length) through fog, before the first interval.
@@ -32,7 +32,7 @@ fn begin_light(dir: vec3<f32>, environment: EnvironmentLight, anisotropy: f32) -
     return shared_light;
 }
 
-// Evaluates what depends on the phase function of a fog.
+// Evaluates what depends on the phase function, and ends the interval.
 fn set_anisotropy(
     shared_light: ptr<function, SharedLight>,
     dir: vec3<f32>,

@@ -1,4 +1,5 @@
-// Fogs along a segment that are lit by rays, and emission alone.
+// Fogs and emission along a segment, without the light cache. Where several overlap, the ray is divided into
+// slabs.
 #define_import_path bevy_vdb::trace::slabs
 
 #import bevy_vdb::gpu::types::KIND_FOG
@@ -67,8 +68,8 @@ struct Met {
     t_last: f32,        // where the last one ends
 }
 
-// The light of all media up to `t_max`, and their optical depth. A homogeneous fog with source S and optical
-// depth τ sends exactly S·(1 - e^-τ). Where the lighting varies, the segment is divided into intervals; where
+// Radiance and optical depth of all media up to `t_max`. A homogeneous fog with source S and optical depth τ
+// emits exactly S·(1 - e^-τ). Where the lighting varies, the segment is divided into intervals; where
 // several fogs overlap, into slabs. Emission E within a slab is assumed to be evenly mixed with its fogs:
 // E·(1 - e^-τ)/τ of it leaves the slab.
 fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog {
@@ -172,4 +173,3 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
 #endif
     return fog;
 }
-

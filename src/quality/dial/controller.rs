@@ -239,7 +239,7 @@ impl Controller {
 
     fn search(&mut self, now: f32) {
         self.measured[self.mark] = Some(now);
-        // Noise may delay the first measurement until a better mark could not be tried any more.
+        // Noise may delay the first measurement beyond `UPWARDS`; a better mark is still tried then.
         let is_first = self.measured.iter().flatten().count() == 1;
         let then = self.before.take().and_then(|before| self.measured[before]);
         let is_futile = then.is_some_and(|then| now > GAIN * then);

@@ -61,7 +61,7 @@ pub(super) struct WantedLattices {
 }
 
 impl WantedLattices {
-    /// Whether a lattice is wanted already, or fits into `max_rows` with all others.
+    /// Adds a lattice unless all together would exceed `max_rows`. Returns whether it is in the list.
     pub fn add(&mut self, key: LatticeKey, max_rows: u32) -> bool {
         if self.known.contains(&key) {
             return true;
@@ -89,8 +89,8 @@ impl LightCache {
         [texture, self.staging.as_ref().map_or(0, |staging| staging.size())]
     }
 
-    /// Begins a frame. If fills of the last one did not run, because its camera drew nothing or a
-    /// pipeline was missing, it is not known which samples are right, so all are filled again.
+    /// Begins a frame. If fills of the last one did not run, because a camera drew nothing or a
+    /// pipeline was missing, it is unknown which samples are valid, so all lattices are filled again.
     pub(super) fn begin_frame(&mut self) {
         if std::mem::take(&mut self.planned) != std::mem::take(self.done.get_mut()) {
             self.lattices.values_mut().for_each(|lattice| lattice.filled = default());

@@ -11,7 +11,7 @@ use crate::quality::features::Features;
 use crate::render::gpu::{Shaders, TraversalKey, empty_layout, scene_layout};
 use crate::render::view::ViewKey;
 
-/// The workgroups of the shader for a brick, along z: each fills a third of its samples.
+/// Workgroups per brick along z; each fills a third of its samples.
 pub(super) const GROUPS_PER_BRICK: u32 = 3;
 
 /// The struct of `light_cache/fill.wgsl`.

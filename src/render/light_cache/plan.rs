@@ -87,7 +87,7 @@ pub(super) fn plan(
         is_used = true;
         let key = fill_key(&prepared.key);
         own.pipeline = Some(specialized.specialize(&pipelines, &pipeline, key));
-        // Rays show entries out of view in reflections only.
+        // Entries out of view are visible only in reflections.
         let shown = match prepared.key.has(Features::REFLECTIONS) {
             true => prepared.entries.len(),
             false => prepared.data.volume_count as usize,

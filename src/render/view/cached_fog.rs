@@ -1,4 +1,4 @@
-//! Which fogs are in the light cache, and the samples that they need there.
+//! Which fogs can be in the light cache, and the samples that they need there.
 
 use bevy::math::{DVec3, IVec3, UVec3};
 use vdb_core::tree::CoordBox;
@@ -43,7 +43,7 @@ impl CacheLayout {
     }
 }
 
-/// A fog in the light cache.
+/// A fog that can be in the light cache.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CachedFog {
     pub layout: CacheLayout,
@@ -52,9 +52,9 @@ pub(crate) struct CachedFog {
 }
 
 impl CachedFog {
-    /// The samples with which the radiance of a fog keeps a relative error, where light fades at
-    /// most by this extinction per world unit; `None` if that is too dense or the fog too large, so
-    /// that it is lit by rays.
+    /// The samples that keep the radiance of a fog within a relative error, for a largest
+    /// extinction per world unit. `None` if the fog is too dense or too large; it is then lit by
+    /// rays.
     fn new(error: f32, extinction: f64, lattice: &Lattice) -> Option<Self> {
         let detail = Detail::new(error, extinction, lattice)?;
         let layout = CacheLayout::new(lattice.occupied?, detail.spacing_log()?)?;
@@ -118,14 +118,14 @@ fn cell_edge(lattice: &Lattice) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// A fog in the world.
+/// Bounds and extinction of a fog, in world space.
 struct FogBox {
     entry: usize,
     min: DVec3,
     max: DVec3,
     /// The largest extinction of the fog itself, per world unit.
     own: f64,
-    /// The same of all fogs that may overlap it.
+    /// The sum over this fog and all whose boxes overlap its box.
     total: f64,
 }
 
@@ -135,8 +135,8 @@ impl FogBox {
     }
 }
 
-/// For each entry of a view's list, the samples in the light cache of a fog that may be there with this relative
-/// error. Where fogs overlap, light fades by all of them.
+/// For each entry of a view's list, its samples in the light cache, if it is a fog that can be
+/// cached at this relative error. Where fogs overlap, their extinctions add up.
 pub(super) fn find_cached_fogs(
     error: f32,
     volumes: &[types::Volume],

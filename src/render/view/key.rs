@@ -13,8 +13,8 @@ pub(crate) struct ViewKey {
     pub mode: VdbRenderMode,
     /// The number of suns in the light cache, if there is one.
     pub cached_suns: Option<u32>,
-    /// The most fogs and emission grids that a ray marches together, in views with the light cache
-    /// and more than one of them.
+    /// The most fogs and emission grids that are marched together on a ray, in views with the light
+    /// cache and more than one such medium.
     pub media: Option<u32>,
     /// The shader def of Bevy's shadow filtering, in views with shadows.
     pub shadow_filter: Option<&'static str>,

@@ -25,7 +25,7 @@ pub(crate) struct Entry {
     /// The sample format, if the grid has samples.
     pub sample_format: Option<u32>,
     pub lattice: Lattice,
-    /// The samples in the light cache of a fog that may be there.
+    /// Its samples in the light cache, if it is a fog that can be cached.
     pub cached_fog: Option<CachedFog>,
 }
 
@@ -193,8 +193,8 @@ impl ViewList {
         self.data.iter().filter(|volume| kinds.contains(&volume.kind)).count() as u32
     }
 
-    /// Of the fogs that rays show, which may be those in view only: whether any may be in the light
-    /// cache, and whether any may not.
+    /// Whether any fog can be in the light cache, and whether any cannot. With `only_seen`, among
+    /// the fogs in view.
     pub fn cached_fogs(&self, only_seen: bool) -> [bool; 2] {
         let count = if only_seen { self.seen } else { self.entries.len() };
         let fogs = self.data.iter().zip(&self.entries).take(count);

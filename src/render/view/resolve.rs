@@ -66,8 +66,8 @@ pub(super) struct Resolver<'w, 's> {
     light_cache: Res<'w, LightCacheLimit>,
 }
 
-/// Whether the light cache has no room for all fogs: known when a frame is planned, and taken into
-/// account from the next one on.
+/// Whether the light cache lacks room for some fog. Known only once a frame is planned, so it takes
+/// effect in the next one.
 #[derive(Default, Resource)]
 pub(crate) struct LightCacheLimit {
     pub is_full: bool,
@@ -229,10 +229,10 @@ fn view_key(
     }
 }
 
-/// The most media that shaders march together; rays that meet more divide them into slabs.
+/// The most media that shaders march together; rays that meet more are divided into slabs.
 const MAX_MEDIA: u32 = 8;
 
-/// The slots for this many media: few sizes, because each is a variant of the shader.
+/// The slots for this many media, rounded up to a few sizes, because each is a shader variant.
 fn media_slots(count: u32) -> u32 {
     count.next_power_of_two().min(MAX_MEDIA)
 }
