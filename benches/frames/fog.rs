@@ -85,7 +85,9 @@ pub fn run(args: &Args) -> Result<(), String> {
         studio.settle(1)?;
         row(&mut studio, args, ("four clouds", name), |_| {});
     }
-    others.map(|other| studio.app.world_mut().despawn(other));
+    for other in others {
+        studio.app.world_mut().despawn(other);
+    }
     let fire = fire(&mut studio)?;
     studio.app.world_mut().entity_mut(cloud).insert(fire);
     for (name, quality) in presets {
