@@ -10,8 +10,8 @@ use crate::render::view::{Entry, PreparedView};
 
 /// Numbers that change whenever the optical depths in a view may change.
 pub(super) struct Fingerprints {
-    /// Of all that is common to the view's fogs and lights.
-    common: DefaultHasher,
+    /// Of all that is common to the view's fogs and lights, in any order of the list.
+    common: u64,
 }
 
 impl Fingerprints {
@@ -20,11 +20,15 @@ impl Fingerprints {
         prepared.data.shadow_range.to_bits().hash(&mut common);
         // With multiple scattering, rays go on to larger depths.
         prepared.key.has(Features::MULTIPLE_SCATTERING).hash(&mut common);
+        let mut common = common.finish();
         for (volume, entry) in prepared.volumes.iter().zip(&prepared.entries) {
             if volume.kind == types::KIND_FOG && volume.flags & types::NO_CASTER == 0 {
-                volume.density_scale.to_bits().hash(&mut common);
-                volume.shadow_step.to_bits().hash(&mut common);
-                add_entry(&mut common, entry);
+                let mut caster = DefaultHasher::new();
+                volume.density_scale.to_bits().hash(&mut caster);
+                volume.shadow_step.to_bits().hash(&mut caster);
+                add_entry(&mut caster, entry);
+                // The order of the list differs from view to view, and changes as cameras turn.
+                common = common.wrapping_add(caster.finish());
             }
         }
         Self { common }
@@ -33,7 +37,8 @@ impl Fingerprints {
     /// A number that changes with the fog of an entry, with any fog that casts shadows, and with the
     /// direction of a light.
     pub fn of(&self, entry: &Entry, to_light: Vec3) -> u64 {
-        let mut hasher = self.common.clone();
+        let mut hasher = DefaultHasher::new();
+        self.common.hash(&mut hasher);
         to_light.to_array().map(f32::to_bits).hash(&mut hasher);
         add_entry(&mut hasher, entry);
         hasher.finish()

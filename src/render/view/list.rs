@@ -187,10 +187,12 @@ impl ViewList {
         Some(list)
     }
 
-    /// The number of fogs and emission grids.
-    pub fn media_count(&self) -> u32 {
+    /// The number of fogs and emission grids; with `only_seen`, of those in view.
+    pub fn media_count(&self, only_seen: bool) -> u32 {
         let kinds = [types::KIND_FOG, types::KIND_EMISSION, types::KIND_BLACKBODY];
-        self.data.iter().filter(|volume| kinds.contains(&volume.kind)).count() as u32
+        let count = if only_seen { self.seen } else { self.entries.len() };
+        let media = self.data.iter().take(count);
+        media.filter(|volume| kinds.contains(&volume.kind)).count() as u32
     }
 
     /// Whether any fog can be in the light cache, and whether any cannot. With `only_seen`, among

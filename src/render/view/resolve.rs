@@ -193,11 +193,13 @@ fn view_key(
         VdbTraversal::March => Features::MARCH,
     };
     let multiple_scattering = camera.multiple_scattering && fog && settings.is_lit();
-    let [caches, has_uncached] = list.cached_fogs(settings.reflections == 0);
+    // Entries out of view are visible only in reflections.
+    let only_seen = settings.reflections == 0;
+    let [caches, has_uncached] = list.cached_fogs(only_seen);
     let cache = Features::LIGHT_CACHE | Features::UNCACHED_LIGHTS | Features::MESH_CASTERS;
     let lights = settings.lights.difference(cache.when(!caches));
     let caches = lights.contains(Features::LIGHT_CACHE);
-    let media = list.media_count();
+    let media = list.media_count(only_seen);
     let features = lights
         | Features::UNCACHED_FOGS.when(caches && (has_uncached || media > MAX_MEDIA))
         | traversal
