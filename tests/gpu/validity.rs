@@ -202,8 +202,8 @@ fn every_variant_of_the_trace_is_valid() {
             for several in [
                 &["VDB_CACHED_SUNS=1", "VDB_MEDIA=8", "VDB_UNCACHED_FOGS"][..],
                 &["VDB_CACHED_SUNS=4", "VDB_MEDIA=2"],
-                &["VDB_CACHED_SUNS=1"],
-                &["VDB_CACHED_SUNS=4", "VDB_UNCACHED_FOGS"],
+                &["VDB_CACHED_SUNS=1", "VDB_MEDIA=1"],
+                &["VDB_CACHED_SUNS=4", "VDB_MEDIA=1", "VDB_UNCACHED_FOGS"],
             ] {
                 let cache = ["VDB_LIT", "VDB_FOGS", "VDB_LIGHT_CACHE"];
                 check(&[&cache, several, &kinds, &with, local, &shadows]);

@@ -145,6 +145,30 @@ fn fire_in_smoke_looks_as_in_thin_slabs() {
     }
 }
 
+/// A sheet of fire one voxel thick, on either side of a face between leaves, with empty leaves around it.
+#[test]
+fn no_fire_is_lost_between_leaves() {
+    if !has_gpu() {
+        return;
+    }
+    for y in [-1, 0] {
+        let mut scene = Scene::new();
+        let cube = CoordBox { min: IVec3::new(-16, -9, -16), max: IVec3::new(15, 9, 15) };
+        let sheet = fog::from_values(cube, |at| if at.y == y { 1.0 } else { 0.0 });
+        let grid = scene.stage.grid(sheet, PackKind::Fog, VOXEL);
+        let emission = VdbEmission::Scalar { grid, color: LinearRgba::rgb(6.0, 3.0, 1.0) };
+        let thin = VdbMaterial { density_scale: 0.2, ..default() };
+        let smoke = scene.cloud(3, Transform::IDENTITY, thin);
+        scene.stage.world().entity_mut(smoke).insert(emission);
+        let reference = scene.with(IN_SLABS);
+        let picture = scene.cached(0.005);
+        picture.save(&format!("media_sheet_{y}"));
+        let off = error(&picture, &reference);
+        println!("sheet at {y}: off by {off:.5}");
+        assert!(off < 0.02, "{y}: {off}");
+    }
+}
+
 /// Beyond eight fogs on a ray, and beside fog that is too dense for the cache, fog is lit by rays.
 #[test]
 fn fogs_that_do_not_fit_are_lit_by_rays() {

@@ -135,6 +135,7 @@ struct View {
     cached_sun_count: u32,
     // Directions to the lights in the light cache, as Bevy stores them.
     cached_suns: array<vec4<f32>, MAX_CACHED_SUNS>,
+    light_texel: vec3<f32>, // 1 / size of the light cache's texture in texels
 }
 
 // A ray in local lattice coordinates of one grid: p(t) = cell + frac + t·dir.

@@ -4,6 +4,7 @@
 #define_import_path bevy_vdb::light_cache::bricks
 
 // Intervals between samples along an edge of a brick.
+const LOG_BRICK_INTERVALS: u32 = 3u;
 const BRICK_INTERVALS: u32 = 8u;
 const BRICK_SAMPLES: u32 = 9u;
 // Texels of a brick along x: an even number, because two samples share a word when they are written.

@@ -3,7 +3,8 @@
 
 #import bevy_vdb::gpu::types::{Grid, KIND_BLACKBODY, KIND_EMISSION}
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::traversal::fog::optical_length
+#import bevy_vdb::traversal::fog::{SampledRay, optical_length, sample_fog}
+#import bevy_vdb::traversal::tree::Accessor
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter_at}
 #import bevy_vdb::view::scene::volumes
 #import bevy_vdb::trace::segment::{Segment, lattice_ray}
@@ -153,4 +154,42 @@ fn segment_emission(segment: Segment, volume: u32, start: f32, t_min: f32, t_max
 #endif
     let length_sum = min(optical_length(grid, mirrored, entry, FAR), MAX_EMISSION);
     return min(volumes[volume].emissive * dir_length * length_sum, vec3(MAX_EMISSION));
+}
+
+// Samples per step of a ray that is marched through emission. At most a voxel apart, so that none is lost of
+// what is one voxel thick. The luminance of a black body grows much faster than its temperature.
+const SCALAR_SAMPLES: u32 = 2u;
+const BLACKBODY_SAMPLES: u32 = 8u;
+
+// Mean emission per world unit between two t, which are counted from the origin of the sampled ray.
+fn sampled_emission(
+    volume: u32,
+    grid: Grid,
+    ray: SampledRay,
+    accessor: ptr<function, Accessor>,
+    t_low: f32,
+    t_high: f32,
+) -> vec3<f32> {
+    let is_blackbody = volumes[volume].kind == KIND_BLACKBODY;
+    let count = select(SCALAR_SAMPLES, BLACKBODY_SAMPLES, is_blackbody);
+    var sum = vec3(0.0);
+    for (var i = 0u; i < count; i++) {
+        let t = mix(t_low, t_high, (f32(i) + 0.5) / f32(count));
+        var value = 0.0;
+        if t >= ray.t_first && t < ray.t_last {
+            value = sample_fog(grid, ray, accessor, t).density;
+        }
+        if value > 0.0 {
+#ifdef VDB_BLACKBODY
+            if is_blackbody {
+                sum += blackbody_emission(volume, value);
+            } else {
+                sum += min(value, MAX_EMISSION);
+            }
+#else
+            sum += min(value, MAX_EMISSION);
+#endif
+        }
+    }
+    return min(volumes[volume].emissive * (sum / f32(count)), vec3(MAX_EMISSION));
 }

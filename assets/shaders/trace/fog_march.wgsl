@@ -2,7 +2,7 @@
 #define_import_path bevy_vdb::trace::fog_march
 
 #ifdef VDB_LIT
-#import bevy_vdb::view::scene::{frame_random, view, volumes}
+#import bevy_vdb::view::scene::{frame_random, volumes}
 #import bevy_vdb::trace::segment::{Segment, lattice_ray, point_at}
 #import bevy_vdb::trace::lights::{EnvironmentLight, environment_light, in_scattered, shading_point}
 #import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, scattered_radiance}
@@ -23,6 +23,8 @@ const OPAQUE_DEPTH: f32 = 16.0;
 const LIGHT_EDGE: f32 = 128.0;
 // In reflections, intervals are longer by this factor, because every interval evaluates every light.
 const REFLECTED_STEP_FACTOR: u32 = 4u;
+// The largest optical depth of a fog in a step. Nothing is visible behind it, and products stay within f32.
+const MAX_DEPTH_OF_STEP: f32 = 100.0;
 // The shortest step between samples, in voxels.
 const MIN_STEP: f32 = 0.25;
 
@@ -52,7 +54,7 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
     let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, t_max));
     let entry = enter_at(mirrored, start_t(segment, volume, pixel));
     let scale = volumes[volume].density_scale * length(segment.dir);
-    let max_integral = 100.0 / max(scale, 1e-30);
+    let max_integral = MAX_DEPTH_OF_STEP / max(scale, 1e-30);
     let anisotropy = volumes[volume].anisotropy;
     let environment = environment_light(normalize(segment.dir));
     var sums = ScatteringSums();

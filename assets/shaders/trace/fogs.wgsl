@@ -3,21 +3,17 @@
 
 #import bevy_vdb::gpu::types::KIND_FOG
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::trace::candidates::{next_candidate, volume_end}
+#import bevy_vdb::trace::candidates::{next_candidate, start_t, volume_end}
 #import bevy_vdb::trace::fog_march::Fog
 #import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
 #import bevy_vdb::trace::slabs::{Met, trace_slabs}
 #import bevy_vdb::traversal::hdda::{FAR, box_exit, enter, mirrored_ray}
 #import bevy_vdb::view::scene::{view, volumes}
 #ifdef VDB_EMISSION
-#import bevy_vdb::trace::emission::is_emitter
+#import bevy_vdb::trace::emission::{is_emitter, segment_emission}
 #endif
 #ifdef VDB_LIGHT_CACHE
-#ifdef VDB_MEDIA
 #import bevy_vdb::trace::media::{MAX_MEDIA, march_media}
-#else
-#import bevy_vdb::trace::cached_fog::march_cached
-#endif
 #ifdef VDB_UNCACHED_FOGS
 #import bevy_vdb::trace::light_cache::has_light_cache
 #endif
@@ -25,10 +21,11 @@
 
 // Whether a volume attenuates a ray or emits light along it.
 fn is_medium(volume: u32) -> bool {
+    let is_fog = volumes[volume].kind == KIND_FOG && volumes[volume].density_scale > 0.0;
 #ifdef VDB_EMISSION
-    return volumes[volume].kind == KIND_FOG || is_emitter(volume);
+    return is_fog || is_emitter(volume);
 #else
-    return volumes[volume].kind == KIND_FOG;
+    return is_fog;
 #endif
 }
 
@@ -37,7 +34,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     let first = next_candidate(segment, pixel, view.volume_first, t_max);
     let end = volume_end(segment);
     var met = Met(0u, 0u, first, 0u, FAR, segment.t_min);
-#ifdef VDB_MEDIA
+#ifdef VDB_LIGHT_CACHE
     var media = array<u32, MAX_MEDIA>();
 #endif
 #ifdef VDB_UNCACHED_FOGS
@@ -50,7 +47,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
         let mirrored = mirrored_ray(grids[volumes[i].grid], lattice_ray(segment, i, t_max));
         let dda = enter(mirrored);
         if dda.inside && dda.t < t_max {
-#ifdef VDB_MEDIA
+#ifdef VDB_LIGHT_CACHE
             media[min(met.count, MAX_MEDIA - 1u)] = i;
 #endif
 #ifdef VDB_UNCACHED_FOGS
@@ -66,23 +63,45 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     if met.count == 0u {
         return Fog(vec3(0.0), 0.0, FAR, FAR, NONE);
     }
+#ifdef VDB_EMISSION
+    if met.fog_count == 0u {
+        return emission_alone(segment, pixel, met, t_max);
+    }
+#endif
 #ifdef VDB_LIGHT_CACHE
 #ifdef VDB_UNCACHED_FOGS
-#ifdef VDB_MEDIA
-    let fits = met.count <= MAX_MEDIA;
-#else
-    let fits = met.count == 1u;
-#endif
-    if !is_cached || !fits {
+    if !is_cached || met.count > MAX_MEDIA {
         return trace_slabs(segment, pixel, met, t_max);
     }
 #endif
-#ifdef VDB_MEDIA
-    return march_media(segment, pixel, media, min(met.count, MAX_MEDIA), met.t_first, t_max);
-#else
-    return march_cached(segment, met.last, pixel, met.t_first, t_max);
-#endif
+    return march_media(segment, pixel, media, met.count, met.t_first, t_max);
 #else
     return trace_slabs(segment, pixel, met, t_max);
 #endif
 }
+
+#ifdef VDB_EMISSION
+// Radiance of emission grids along a segment without fog, which nothing attenuates.
+fn emission_alone(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog {
+    var fog = Fog(vec3(0.0), 0.0, met.t_first, met.t_first, NONE);
+    var radiance_sum = 0.0;
+    var t_sum = 0.0;
+    let end = volume_end(segment);
+    for (var i = met.first; i < end; i = next_candidate(segment, pixel, i + 1u, t_max)) {
+        if is_emitter(i) {
+            let mirrored = mirrored_ray(grids[volumes[i].grid], lattice_ray(segment, i, t_max));
+            let dda = enter(mirrored);
+            if dda.inside && dda.t < t_max {
+                let start = start_t(segment, i, pixel);
+                let emission = segment_emission(segment, i, start, segment.t_min, t_max);
+                let t_middle = 0.5 * (dda.t + min(box_exit(mirrored), t_max));
+                fog.radiance += emission;
+                radiance_sum += dot(emission, vec3(1.0));
+                t_sum += dot(emission, vec3(1.0)) * t_middle;
+            }
+        }
+    }
+    fog.t_mean = select(met.t_first, t_sum / max(radiance_sum, 1e-30), radiance_sum > 1e-30);
+    return fog;
+}
+#endif

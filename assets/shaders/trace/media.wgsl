@@ -1,232 +1,267 @@
 // All fogs and emission grids along a segment, marched together, with light from the light cache.
 //
-// Each medium advances in its own steps and is treated as homogeneous within a step. Between consecutive step
-// ends, the total extinction is then constant, and the integral of transmittance has a closed form. Overlap
-// therefore adds no error; only density and light are sampled, at the midpoint of each step.
+// The media share their steps. Within a step, every fog is homogeneous, with the density and the light in the
+// middle of the step, and emission is integrated exactly. The integral of transmittance then has a closed
+// form, so overlap adds no error.
 #define_import_path bevy_vdb::trace::media
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::gpu::types::KIND_FOG
 #import bevy_vdb::trace::candidates::start_t
-#import bevy_vdb::trace::fog_march::{Fog, MIN_STEP, OPAQUE_DEPTH, light_interval}
-#import bevy_vdb::trace::lights::environment_light
-#import bevy_vdb::trace::scattering::{ScatteringSums, add_sample, mean_transmittance, scattered_radiance}
+#import bevy_vdb::trace::fog_march::{Fog, MAX_DEPTH_OF_STEP, MIN_STEP, OPAQUE_DEPTH, light_interval}
+#import bevy_vdb::trace::light_cache::cached_depth
+#import bevy_vdb::trace::scattering::{OCTAVES, ScatteringSums, add_sample, mean_transmittance}
+#import bevy_vdb::trace::scattering::scattered_radiance
 #import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
-#import bevy_vdb::trace::shared_light::{begin_interval, begin_light, light_at_sample, set_anisotropy}
-#import bevy_vdb::traversal::fog::{SamplePoint, Step, Steps, begin_steps, next_step, stride_at}
+#import bevy_vdb::trace::shared_light::{SUN_COUNT, CachedLight, begin_interval, begin_light, mean_light}
+#import bevy_vdb::traversal::fog::{SampledRay, next_index, sample_fog, sampled_ray, step_length, stride_at}
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray}
 #import bevy_vdb::traversal::tree::{Accessor, new_accessor}
 #import bevy_vdb::view::scene::volumes
 #ifdef VDB_EMISSION
-#import bevy_vdb::trace::emission::segment_emission
+#import bevy_vdb::trace::emission::sampled_emission
+#import bevy_vdb::traversal::fog::probe_fog
 #endif
 
 // The most media that are marched together.
 const MAX_MEDIA: u32 = #{VDB_MEDIA}u;
-// The largest optical depth of a step, so that products stay within f32.
-const MAX_STEP_DEPTH: f32 = 100.0;
 
-// A medium along a segment. Every t is relative to where the first medium begins.
+// A medium along a segment. Every t is relative to where the march begins.
 struct Medium {
     volume: u32,
-    steps: Steps,
+    is_fog: bool,
+    extinction: f32,    // per unit of density and of t
+    max_density: f32,   // keeps products with a step within f32
+    ray: SampledRay,
     accessor: Accessor,
-    t_origin: f32,          // of `steps`
-    step: Step,             // the current one, or the next one if it begins further on
-    visible_start: f32,     // ∫ transmittance dt from the first medium to the step
-    weight: f32,            // contribution to the pixel's coverage
+    t_step: f32,        // the longest step
+    t_next: f32,        // there is nothing before this t; FAR if there is nothing left
+    t_last: f32,        // there is nothing after this t
+}
+
+// Sums over the steps of one fog, since its light was last added to the pixel.
+struct FogSums {
+    weight: f32,        // of the steps: how much of the pixel they cover
+    light: CachedLight, // weighted sum
 }
 
 // Voxels of a step through an emission grid.
 const EMISSION_STEP: f32 = 2.0;
 
-fn begin_medium(segment: Segment, pixel: vec2<u32>, volume: u32, t_first: f32, t_max: f32) -> Medium {
+// A medium before it is known where the march begins.
+fn new_medium(segment: Segment, volume: u32, t_max: f32) -> Medium {
     let grid = grids[volumes[volume].grid];
     let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, t_max));
-    let fog_step = max(volumes[volume].fog_step, MIN_STEP);
-    let step = select(EMISSION_STEP, fog_step, volumes[volume].kind == KIND_FOG);
-    let steps = begin_steps(mirrored, start_t(segment, volume, pixel), step);
-    let none = Step(0.0, 0.0, 0.0, SamplePoint(vec3(0), vec3(0.0)));
-    let accessor = new_accessor(steps.ray.cell);
-    return Medium(volume, steps, accessor, steps.t_origin - t_first, none, 0.0, 0.0);
+    let ray = sampled_ray(mirrored);
+    let is_fog = volumes[volume].kind == KIND_FOG;
+    let step = select(EMISSION_STEP, max(volumes[volume].fog_step, MIN_STEP), is_fog);
+    let t_step = step / max(length(mirrored.speed), 1e-30);
+    let extinction = volumes[volume].density_scale * length(segment.dir);
+    let max_density = MAX_DEPTH_OF_STEP / max(extinction * t_step, 1e-30);
+    return Medium(volume, is_fog, extinction, max_density, ray, new_accessor(ray.cell), t_step, FAR, FAR);
 }
 
-// Advances a medium to its next non-empty step, or to a step of width 0 at the end of the ray.
-fn find_step(medium: ptr<function, Medium>, optical_depth: f32) {
-    let grid = grids[volumes[(*medium).volume].grid];
-    let is_fog = volumes[(*medium).volume].kind == KIND_FOG;
-    var steps = (*medium).steps;
-    var accessor = (*medium).accessor;
-    var step: Step;
-    loop {
-        // Emission may fill only a small part of a step, so a sample of 0 does not skip it, and steps do not
-        // grow.
-        step = next_step(grid, &steps, &accessor, select(1.0, stride_at(optical_depth), is_fog));
-        if step.width <= 0.0 || step.density > 0.0 || !is_fog {
-            break;
-        }
-    }
-    (*medium).steps.k = steps.k;
-    (*medium).accessor = accessor;
-    (*medium).step = step;
+// The first step that may contain something, in base steps, if it begins at `next`. Steps that may contain
+// emission begin before it; for fog, it is enough that the middle does not.
+fn first_step(next: f32) -> f32 {
+#ifdef VDB_EMISSION
+    return floor(next);
+#else
+    return ceil(next - 0.5);
+#endif
 }
 
-// Radiance and optical depth of the media along a segment up to `t_max`. `met` holds the indices of `count`
-// volumes; the nearest begins at `t_first`.
+// Radiance and optical depth of the media along a segment up to `t_max`. `met` holds the indices of `met_count`
+// volumes, at least one; the nearest begins at `t_first`.
 fn march_media(
     segment: Segment,
     pixel: vec2<u32>,
     met: array<u32, MAX_MEDIA>,
-    count: u32,
+    met_count: u32,
     t_first: f32,
     t_max: f32,
 ) -> Fog {
     var fog = Fog(vec3(0.0), 0.0, t_first, t_first, NONE);
-    let dir = normalize(segment.dir);
-    let dir_length = length(segment.dir);
-    let environment = environment_light(dir);
-    // A variable, so that it can be indexed dynamically.
+    // Variables, so that they can be indexed dynamically.
     var list = met;
+    // Loops have a constant length, so that arrays stay in registers. Media beyond `count` never begin.
     var media = array<Medium, MAX_MEDIA>();
-    // Of each medium: where its step ends, or begins if that is still ahead; FAR if there is none.
-    var t_events = array<f32, MAX_MEDIA>();
-    // Of each medium: optical depth per unit of t; 0 outside steps.
-    var extinctions = array<f32, MAX_MEDIA>();
+    let count = min(met_count, MAX_MEDIA);
+    var t_base = FAR;
+    var t_last = 0.0;
     var t_interval = FAR;
     for (var i = 0u; i < MAX_MEDIA; i++) {
-        t_events[i] = FAR;
+        media[i].t_step = FAR;
+        media[i].t_next = FAR;
         if i < count {
-            let volume = list[i];
-            media[i] = begin_medium(segment, pixel, volume, t_first, t_max);
-            if volumes[volume].kind == KIND_FOG {
-                let voxels = light_interval(segment, volume);
-                t_interval = min(t_interval, voxels / length(media[i].steps.ray.dir));
+            media[i] = new_medium(segment, list[i], t_max);
+            t_base = min(t_base, media[i].t_step);
+            t_last = max(t_last, media[i].ray.t_origin + media[i].ray.t_last);
+            if media[i].is_fog {
+                let voxels = light_interval(segment, list[i]);
+                t_interval = min(t_interval, voxels / max(length(media[i].ray.dir), 1e-30));
             }
         }
     }
-    // An anisotropy that no fog has, so that the first fog sets its own.
-    var shared_light = begin_light(dir, environment, 2.0);
+    // The shortest step; all begin at its multiples from the segment's origin, so that neighbouring rays
+    // sample neighbouring points.
+    t_base = step_length(t_base, t_last - t_first);
+    let inverse_base = 1.0 / t_base;
+    let t_zero = floor(t_first * inverse_base) * t_base;
+    var t_near = FAR;   // of what comes next
+    var t_end = 0.0;
+    for (var i = 0u; i < MAX_MEDIA; i++) {
+        if i < count {
+            let t_origin = media[i].ray.t_origin - t_zero;
+            let t_begin = max(t_origin + media[i].ray.t_first, start_t(segment, list[i], pixel) - t_zero);
+            media[i].ray.t_origin = t_origin;
+            media[i].t_last = t_origin + media[i].ray.t_last;
+            media[i].t_next = select(FAR, t_begin, t_begin < media[i].t_last);
+            t_near = min(t_near, media[i].t_next);
+            t_end = max(t_end, media[i].t_last);
+        }
+    }
+    let dir_length = length(segment.dir);
+    var shared_light = begin_light(normalize(segment.dir));
     var sums = ScatteringSums();
+    var fogs = array<FogSums, MAX_MEDIA>();
+    // Sums since the light was last added.
+    var weight_sum = 0.0;
     var t_sum = 0.0;
+    var t_flush = t_near + t_interval;
+    // Sums over the whole ray.
+    var all_weight = 0.0;
+    var all_t = 0.0;
 #ifdef VDB_EMISSION
     var radiance_sum = 0.0;
     var t_radiance_sum = 0.0;
 #endif
-    var t_now = 0.0;
-    var visible = 0.0;      // ∫ transmittance dt where there is a medium
-    var active_bits = 0u;   // of the media in a step
-    // The medium whose next step has to be found: each in turn, then the one whose step has ended.
-    var m = 0u;
-    var begun = 1u;
-    var is_done = false;
+#ifdef VDB_MOTION_VECTORS
+    var largest_weight = 0.0;
+#endif
+    var transmittance = 1.0;
+    let t_start = t_first - t_zero;
+    var k = first_step(min(t_near, t_end) * inverse_base);
+    var is_done = t_near >= t_end;
     // Ends by its condition only: llvmpipe drops invocations of a group whose neighbours leave nested loops by
     // `break` or `continue`.
     while !is_done {
-        if fog.optical_depth <= OPAQUE_DEPTH {
-            var medium = media[m];
-            find_step(&medium, fog.optical_depth);
-            let t_begin = medium.t_origin + medium.step.t - 0.5 * medium.step.width;
-            let t_event = select(FAR, t_begin, medium.step.width > 0.0);
+        let t_low = max(k * t_base, t_start);
+        var stride = stride_at(fog.optical_depth);
+        if MAX_MEDIA > 1u {
+            // As long as the media need that are here, or that begin within the step.
+            var t_step = FAR;
             for (var i = 0u; i < MAX_MEDIA; i++) {
-                t_events[i] = select(t_events[i], t_event, i == m);
+                let ahead = floor((min(media[i].t_next, t_end) - t_low) * inverse_base) * t_base;
+                t_step = min(t_step, max(media[i].t_step, ahead));
             }
-            media[m].steps.k = medium.steps.k;
-            media[m].accessor = medium.accessor;
-            media[m].step = medium.step;
+            stride *= max(t_step * inverse_base, 1.0);
         }
-        // Once the first step of every medium is known, advances to the end of the next step.
-        let is_known = begun >= count;
-        m = select(begun, m, is_known);
-        begun = min(begun + 1u, count);
-        var own_extinction = 0.0;
-        var is_moving = is_known;
-        while is_moving {
-            // Loops of constant length keep the arrays in registers.
-            m = 0u;
-            var t_event = t_events[0];
-            own_extinction = extinctions[0];
-            var extinction = extinctions[0];
-            for (var i = 1u; i < MAX_MEDIA; i++) {
-                let is_earlier = t_events[i] < t_event;
-                m = select(m, i, is_earlier);
-                t_event = min(t_event, t_events[i]);
-                own_extinction = select(own_extinction, extinctions[i], is_earlier);
-                extinction += extinctions[i];
+        let t_high = min((k + stride) * t_base, t_end);
+        let width = max(t_high - t_low, 0.0);
+        let t_middle = t_low + 0.5 * width;
+        var is_empty = true;
+        var extinction = 0.0;
+        var extinctions = array<f32, MAX_MEDIA>();
+        var depths = array<array<f32, SUN_COUNT>, MAX_MEDIA>();
+        for (var i = 0u; i < MAX_MEDIA; i++) {
+            if media[i].is_fog && media[i].t_next <= t_middle {
+                let volume = media[i].volume;
+                let t_origin = media[i].ray.t_origin;
+                let grid = grids[volumes[volume].grid];
+                var accessor = media[i].accessor;
+                let found = sample_fog(grid, media[i].ray, &accessor, t_middle - t_origin);
+                media[i].accessor = accessor;
+                let is_inside = t_middle < media[i].t_last;
+                let t_next = select(t_middle, t_origin + found.t_out, found.is_empty);
+                media[i].t_next = select(FAR, t_next, is_inside);
+                if !found.is_empty && is_inside {
+                    is_empty = false;
+                    extinctions[i] = media[i].extinction * min(found.density, media[i].max_density);
+                    extinction += extinctions[i];
+                    for (var slot = 0u; slot < SUN_COUNT; slot++) {
+                        depths[i][slot] = cached_depth(volume, slot, found.point.cell, found.point.u);
+                    }
+                }
             }
-            is_done = t_event >= FAR;
-            let width = select(max(t_event - t_now, 0.0), 0.0, is_done);
-            t_now += width;
-            if active_bits != 0u {
-                let depth = extinction * width;
-                visible += exp(-fog.optical_depth) * width * mean_transmittance(depth);
-                fog.optical_depth += depth;
+        }
+        let depth = extinction * width;
+        let visible_width = transmittance * mean_transmittance(depth) * width;
+        t_near = FAR;
+        for (var i = 0u; i < MAX_MEDIA; i++) {
+            let weight = extinctions[i] * visible_width;
+            if weight > 0.0 {
+                fogs[i].weight += weight;
+                for (var slot = 0u; slot < SUN_COUNT; slot++) {
+                    // Each octave has half the optical depth of the one before.
+                    var visibility = exp(-depths[i][slot] / f32(1u << (OCTAVES - 1u)));
+                    for (var octave = OCTAVES; octave > 0u; octave--) {
+                        fogs[i].light.slots[slot][octave - 1u] += weight * visibility;
+                        visibility *= visibility;
+                    }
+                }
             }
-            let is_end = (active_bits & (1u << m)) != 0u;
-            active_bits ^= 1u << m;
-            let step = media[m].step;
-            let volume = media[m].volume;
-            media[m].visible_start = select(visible, media[m].visible_start, is_end);
-            let is_fog = volumes[volume].kind == KIND_FOG;
-            let scale = select(0.0, volumes[volume].density_scale * dir_length, is_fog);
-            let max_density = MAX_STEP_DEPTH / max(scale * step.width, 1e-30);
-            let begun_extinction = scale * min(step.density, max_density);
-            let t_end = media[m].t_origin + step.t + 0.5 * step.width;
+#ifdef VDB_EMISSION
+            if !media[i].is_fog && media[i].t_next < t_high {
+                is_empty = false;
+                let volume = media[i].volume;
+                let grid = grids[volumes[volume].grid];
+                let t_origin = media[i].ray.t_origin;
+                var accessor = media[i].accessor;
+                let t_from = t_low - t_origin;
+                let emission =
+                    sampled_emission(volume, grid, media[i].ray, &accessor, t_from, t_high - t_origin);
+                let added = (visible_width * dir_length) * emission;
+                fog.radiance += added;
+                radiance_sum += dot(added, vec3(1.0));
+                t_radiance_sum += dot(added, vec3(1.0)) * t_middle;
+                let probe = probe_fog(grid, media[i].ray, &accessor, t_high - t_origin);
+                media[i].accessor = accessor;
+                let t_next = select(t_high, max(t_origin + probe.t_out, t_high), probe.is_empty);
+                media[i].t_next = select(FAR, t_next, t_high < media[i].t_last);
+            }
+#endif
+            t_near = min(t_near, media[i].t_next);
+        }
+        k = next_index(k, select(k + stride, max(k + 1.0, first_step(min(t_near, t_end) * inverse_base)), is_empty));
+        let weight = extinction * visible_width;
+        weight_sum += weight;
+        t_sum += weight * t_middle;
+        fog.optical_depth += depth;
+        transmittance *= exp(-depth);
+        is_done = k * t_base >= t_end || t_near >= t_end || fog.optical_depth > OPAQUE_DEPTH;
+        if (t_high >= t_flush || is_done) && weight_sum > 0.0 {
+            // Light that varies slowly is evaluated once, at the mean position of what is visible.
+            let t = clamp(t_zero + t_sum / weight_sum, t_first, t_max);
+            begin_interval(&shared_light, segment, pixel, t);
             for (var i = 0u; i < MAX_MEDIA; i++) {
-                t_events[i] = select(t_events[i], select(t_end, FAR, is_end), i == m);
-                extinctions[i] = select(extinctions[i], select(begun_extinction, 0.0, is_end), i == m);
-            }
-            is_moving = !is_end && !is_done;
-        }
-        let volume = media[m].volume;
-        let step = media[m].step;
-        let visible_width = visible - media[m].visible_start;
-        let t_middle = media[m].t_origin + step.t;
-        let has_ended = is_known && !is_done;
-        if has_ended && volumes[volume].kind == KIND_FOG {
-            let weight = own_extinction * visible_width;
-            if shared_light.light.anisotropy != volumes[volume].anisotropy {
-                set_anisotropy(&shared_light, dir, environment, volumes[volume].anisotropy);
-            }
-            let t = clamp(t_first + t_middle, t_first, t_max);
-            if t >= shared_light.t_next {
-                begin_interval(&shared_light, segment, pixel, t, t_interval, t_max, environment);
-            }
-            let light = light_at_sample(shared_light, volume, step.point);
-            fog.radiance += weight * volumes[volume].emissive;
-            add_sample(&sums, weight, volumes[volume].base_color, light);
-            t_sum += weight * t_middle;
-            media[m].weight += weight;
-#ifdef VDB_EMISSION
-            let added = weight * dot(volumes[volume].emissive, vec3(1.0));
-            radiance_sum += added;
-            t_radiance_sum += added * t_middle;
+                if fogs[i].weight > 0.0 {
+                    let volume = media[i].volume;
+                    let own = fogs[i];
+                    let anisotropy = volumes[volume].anisotropy;
+                    let light =
+                        mean_light(&shared_light, segment, pixel, t, anisotropy, own.light, 1.0 / own.weight);
+                    fog.radiance += own.weight * volumes[volume].emissive;
+                    add_sample(&sums, own.weight, volumes[volume].base_color, light);
+#ifdef VDB_MOTION_VECTORS
+                    fog.motion_volume = select(fog.motion_volume, volume, own.weight > largest_weight);
+                    largest_weight = max(largest_weight, own.weight);
 #endif
+                    fogs[i] = FogSums();
+                }
+            }
+            all_weight += weight_sum;
+            all_t += t_sum;
+            weight_sum = 0.0;
+            t_sum = 0.0;
+            t_flush = max(t_high, t_near) + t_interval;
         }
-#ifdef VDB_EMISSION
-        else if has_ended {
-            // Emission may vary too quickly for one sample per step, so it is integrated exactly and multiplied
-            // by the mean transmittance over the step.
-            let t_begin = max(t_first + t_middle - 0.5 * step.width, segment.t_min);
-            let t_end = min(t_first + t_middle + 0.5 * step.width, t_max);
-            let emission = segment_emission(segment, volume, t_begin, t_begin, t_end);
-            let added = (visible_width / max(step.width, 1e-30)) * emission;
-            fog.radiance += added;
-            radiance_sum += dot(added, vec3(1.0));
-            t_radiance_sum += dot(added, vec3(1.0)) * t_middle;
-        }
-#endif
-    }
-    var largest_weight = 0.0;
-    for (var i = 0u; i < MAX_MEDIA; i++) {
-        let is_largest = i < count && media[i].weight > largest_weight;
-        fog.motion_volume = select(fog.motion_volume, media[i].volume, is_largest);
-        largest_weight = max(largest_weight, media[i].weight);
     }
     fog.radiance += scattered_radiance(sums, fog.optical_depth);
-    fog.t_mean = t_first + t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
+    fog.t_mean = t_zero + all_t / max(all_weight, 1e-30);
 #ifdef VDB_EMISSION
     // Emission need not attenuate anything, so weight t by radiance.
-    let t_radiance = t_first + t_radiance_sum / max(radiance_sum, 1e-30);
+    let t_radiance = t_zero + t_radiance_sum / max(radiance_sum, 1e-30);
     fog.t_mean = select(fog.t_mean, t_radiance, radiance_sum > 1e-30);
 #endif
     return fog;

@@ -84,9 +84,9 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
     }
 #endif
 #endif
-    // Within one slab, fogs are assumed to be evenly mixed and evenly lit. Emission alone needs no slabs.
+    // Within one slab, fogs are assumed to be evenly mixed and evenly lit.
     let shared_slabs = select(max(view.slabs / REFLECTED_STEP_FACTOR, 1u), view.slabs, segment.is_view);
-    let slabs = select(shared_slabs, 1u, is_whole || met.fog_count == 0u);
+    let slabs = select(shared_slabs, 1u, is_whole);
 #ifdef VDB_LIT
     let environment = environment_light(normalize(segment.dir));
     var sums = ScatteringSums();

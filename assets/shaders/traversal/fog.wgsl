@@ -6,7 +6,7 @@
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::samples::{brick_corners, brick_of, brick_slot, fog_cell, tile_value, trilinear}
 #import bevy_vdb::traversal::tree::{CHILD, LEAF_NUMBER, OCCUPIED, Accessor, LOWER_BITS, Span, empty_cell}
-#import bevy_vdb::traversal::tree::{locate, locate_slot, new_accessor, skip_of, span_constant, span_occupied}
+#import bevy_vdb::traversal::tree::{locate, locate_moved, new_accessor, skip_of, span_constant, span_occupied}
 #import bevy_vdb::traversal::rebase::{Rebased, rebased_exit, rebased_t, rebased_at}
 #import bevy_vdb::traversal::hdda::{FAR, Dda, advance, box_exit, confirm, count_step, enter, local_cell}
 #import bevy_vdb::traversal::hdda::{plane_t, exit_planes, unmirrored}
@@ -85,11 +85,16 @@ fn optical_length(grid: Grid, mirrored: MirroredRay, entry: Dda, cutoff: f32) ->
     return min(sum, MAX_LENGTH);
 }
 
-// A ray for sampling fog. Its origin is relative to the lattice cell `cell`.
+// A ray for sampling a grid.
 struct SampledRay {
-    cell: vec3<i32>,
-    origin: vec3<f32>,
+    cell: vec3<i32>,    // lattice cell of the origin
+    origin: vec3<f32>,  // relative to that cell
     dir: vec3<f32>,
+    inverse: vec3<f32>, // of `dir`
+    octant: u32,
+    t_origin: f32,      // t at the origin; all other t are counted from there
+    t_first: f32,       // where the ray enters the grid's box
+    t_last: f32,        // where it leaves the box or ends; negative if it misses the box
 }
 
 // A sample position: a cell and a fraction in it.
@@ -104,6 +109,110 @@ fn sample_at(ray: SampledRay, t: f32) -> SamplePoint {
     return SamplePoint(ray.cell + vec3<i32>(whole), position - whole);
 }
 
+// The largest f32 below 1.
+const BELOW_ONE: f32 = 0.999999940395355224609375;
+
+// Distance in cells from the first sample beyond which a ray is not sampled: f32 would skip cells by the
+// hundred.
+const MAX_DISTANCE: f32 = 1073741824.0;     // 2^30
+
+// Distance in cells from the ray's origin within which f32 locates a sample to a thousandth of a voxel.
+const PRECISE_RANGE: u32 = 8192u;
+
+// The part of a mirrored ray in the box of its grid. Its origin is that of the ray or, if that is far away,
+// where the ray enters the box: points that do not depend on the tree.
+fn sampled_ray(mirrored: MirroredRay) -> SampledRay {
+    var ray = SampledRay(vec3(0), vec3(0.0), vec3(0.0), vec3(0.0), mirrored.octant, 0.0, 0.0, -1.0);
+    let t_entry = select(vec3(mirrored.t_min), plane_t(mirrored, mirrored.first), mirrored.before);
+    let t_in = max(max(max(t_entry.x, t_entry.y), t_entry.z), mirrored.t_min);
+    if !mirrored.meets || !(t_in < min(box_exit(mirrored), mirrored.t_max)) {
+        return ray;
+    }
+    var rebased = Rebased(vec3(0u), mirrored.frac, 0.0, mirrored.t_max);
+    if any(mirrored.last >= vec3(PRECISE_RANGE)) {
+        let entry = enter(mirrored);
+        if !entry.inside {
+            return ray;
+        }
+        rebased = rebased_at(mirrored, entry.rel, entry.axis, entry.t);
+    }
+    let is_mirrored = mirrored.mirror != vec3(0);
+    ray.cell = local_cell(mirrored, rebased.cell);
+    // Less than 1, so that no sample lies behind the cell in either direction.
+    ray.origin = min(unmirrored(mirrored, rebased.frac), vec3(BELOW_ONE));
+    ray.dir = select(mirrored.speed, -mirrored.speed, is_mirrored);
+    ray.inverse = select(mirrored.inverse, -mirrored.inverse, is_mirrored);
+    ray.t_origin = rebased.t;
+    ray.t_first = t_in - rebased.t;
+    let t_exit = rebased_t(rebased, mirrored, mirrored.last + 1u);
+    let farthest = MAX_DISTANCE * min(min(mirrored.inverse.x, mirrored.inverse.y), mirrored.inverse.z);
+    ray.t_last = min(min(min(t_exit.x, t_exit.y), t_exit.z), min(rebased.end, farthest));
+    return ray;
+}
+
+// What a ray finds at one of its points.
+struct Sample {
+    is_empty: bool,     // whether the point is in an empty cube
+    t_out: f32,         // where the ray leaves that cube
+    density: f32,
+    point: SamplePoint,
+}
+
+// A sample position and the word of the smallest slot that covers it.
+struct Located {
+    point: SamplePoint,
+    slot: u32,
+}
+
+// Looks up the point at t on a ray.
+fn slot_at(grid: Grid, ray: SampledRay, accessor: ptr<function, Accessor>, t: f32) -> Located {
+    var point = sample_at(ray, t);
+    let changed = point.cell ^ (*accessor).cell;
+    let moved = bitcast<u32>(changed.x | changed.y | changed.z);
+    if (moved >> LOWER_BITS) != 0u {
+        // Rounding may move a cell out of the box, which the top-level tree does not cover.
+        point.cell = clamp(point.cell, grid.occupied_min, grid.occupied_max);
+    }
+    return Located(point, locate_moved(grid, point.cell, moved, accessor));
+}
+
+// Where a ray leaves the empty cube at a point, with the further ones that its word says it can skip.
+fn skipped_t(ray: SampledRay, located: Located, log_dim: u32) -> f32 {
+    let is_mirrored = (vec3(ray.octant) & vec3(4u, 2u, 1u)) != vec3(0u);
+    let size = 1i << log_dim;
+    let low = located.point.cell & vec3(-size);
+    let ahead = i32(skip_of(located.slot, ray.octant) << log_dim);
+    let planes = select(low + (size + ahead), low - ahead, is_mirrored);
+    // A plane ahead may be more than 2^31 cells away, which requires an unsigned integer.
+    let cells =
+        vec3<f32>(bitcast<vec3<u32>>(select(planes - ray.cell, ray.cell - planes, is_mirrored)));
+    let t_out = (select(cells, -cells, is_mirrored) - ray.origin) * ray.inverse;
+    return min(min(t_out.x, t_out.y), t_out.z);
+}
+
+// Density at t on a ray.
+fn sample_fog(grid: Grid, ray: SampledRay, accessor: ptr<function, Accessor>, t: f32) -> Sample {
+    let located = slot_at(grid, ray, accessor, t);
+    count_step();
+    if (located.slot & (CHILD | OCCUPIED)) == 0u {
+        return Sample(true, skipped_t(ray, located, (*accessor).log_dim), 0.0, located.point);
+    }
+    return Sample(false, t, density_at(grid, *accessor, located.point), located.point);
+}
+
+// What a ray finds at one of its points, without the density.
+struct Probe {
+    is_empty: bool,     // whether the point is in an empty cube
+    t_out: f32,         // where the ray leaves that cube
+}
+
+fn probe_fog(grid: Grid, ray: SampledRay, accessor: ptr<function, Accessor>, t: f32) -> Probe {
+    let located = slot_at(grid, ray, accessor, t);
+    count_step();
+    let is_empty = (located.slot & (CHILD | OCCUPIED)) == 0u;
+    return Probe(is_empty, skipped_t(ray, located, (*accessor).log_dim));
+}
+
 // Density at a point in a leaf or a tile. At the edge of a boundary tile, it is the tile's density.
 fn density_at(grid: Grid, accessor: Accessor, point: SamplePoint) -> f32 {
     if (accessor.word & CHILD) == 0u {
@@ -116,13 +225,6 @@ fn density_at(grid: Grid, accessor: Accessor, point: SamplePoint) -> f32 {
 
 // Largest step length, as a multiple of the first.
 const MAX_STRIDE: f32 = 8.0;
-
-// The largest f32 below 1.
-const BELOW_ONE: f32 = 0.999999940395355224609375;
-
-// Distance in cells from the first sample beyond which a ray is not sampled: f32 would skip cells by the
-// hundred.
-const MAX_DISTANCE: f32 = 1073741824.0;     // 2^30
 
 // Above 2^24, adding 1 to an f32 may not change it, and a loop that does so would never end.
 #ifdef VDB_WIDE_GRIDS
@@ -142,107 +244,13 @@ fn next_index(k: f32, next: f32) -> f32 {
 #endif
 }
 
-// Distance in cells from the ray's origin within which f32 locates a sample to a thousandth of a voxel.
-const PRECISE_RANGE: u32 = 8192u;
-
-// The state of ray marching.
-struct Steps {
-    ray: SampledRay,
-    octant: u32,        // of the ray
-    inverse: vec3<f32>, // of the ray's direction
-    t_origin: f32,      // t at the ray's origin; all other t are counted from there
-    t_step: f32,        // length of the first step
-    per_step: f32,      // its inverse
-    t_end: f32,         // negative if the ray misses the grid's box
-    k: f32,             // steps of length `t_step` that are done
-}
-
-// Begins ray marching with steps `step` voxels long. Steps are counted from the ray's origin, or, if that is
-// far away, from where the ray enters the grid's box: points that do not depend on the tree. Nothing
-// attenuates the ray before `start`.
-fn begin_steps(mirrored: MirroredRay, start: f32, step: f32) -> Steps {
-    let nowhere = SampledRay(vec3(0), vec3(0.0), vec3(0.0));
-    var steps = Steps(nowhere, mirrored.octant, vec3(0.0), 0.0, 1.0, 1.0, -1.0, 0.0);
-    let t_entry = select(vec3(mirrored.t_min), plane_t(mirrored, mirrored.first), mirrored.before);
-    let t_in = max(max(max(t_entry.x, t_entry.y), t_entry.z), mirrored.t_min);
-    if !mirrored.meets || !(t_in < min(box_exit(mirrored), mirrored.t_max)) {
-        return steps;
-    }
-    var rebased = Rebased(vec3(0u), mirrored.frac, 0.0, mirrored.t_max);
-    if any(mirrored.last >= vec3(PRECISE_RANGE)) {
-        let entry = enter(mirrored);
-        if !entry.inside {
-            return steps;
-        }
-        rebased = rebased_at(mirrored, entry.rel, entry.axis, entry.t);
-    }
-    let is_mirrored = mirrored.mirror != vec3(0);
-    let dir = select(mirrored.speed, -mirrored.speed, is_mirrored);
-    // Less than 1, so that no sample lies behind the cell in either direction.
-    let origin = min(unmirrored(mirrored, rebased.frac), vec3(BELOW_ONE));
-    steps.ray = SampledRay(local_cell(mirrored, rebased.cell), origin, dir);
-    steps.inverse = select(mirrored.inverse, -mirrored.inverse, is_mirrored);
-    steps.t_origin = rebased.t;
-    let t_exit = rebased_t(rebased, mirrored, mirrored.last + 1u);
-    let farthest = MAX_DISTANCE * min(min(mirrored.inverse.x, mirrored.inverse.y), mirrored.inverse.z);
-    steps.t_end = min(min(min(t_exit.x, t_exit.y), t_exit.z), min(rebased.end, farthest));
+// The length of steps on a ray that ends at `t_end`.
+fn step_length(t_step: f32, t_end: f32) -> f32 {
 #ifdef VDB_WIDE_GRIDS
-    steps.t_step = step / length(mirrored.speed);
+    return t_step;
 #else
-    steps.t_step = max(step / length(mirrored.speed), steps.t_end / MAX_STEPS);
+    return max(t_step, t_end / MAX_STEPS);
 #endif
-    steps.per_step = 1.0 / steps.t_step;
-    steps.k = max(ceil((max(start, t_in) - rebased.t) * steps.per_step - 0.5), 0.0);
-    return steps;
-}
-
-// A step with density in its middle.
-struct Step {
-    t: f32,         // of the middle, from the origin of `Steps`
-    width: f32,     // 0 if the ray is finished
-    density: f32,
-    point: SamplePoint,
-}
-
-// The next step in a leaf or tile that contains fog, `stride` times as long as the first one.
-fn next_step(
-    grid: Grid,
-    steps: ptr<function, Steps>,
-    accessor: ptr<function, Accessor>,
-    stride: f32,
-) -> Step {
-    let t_step = (*steps).t_step;
-    let t_end = (*steps).t_end;
-    while (*steps).k * t_step < t_end {
-        let k = (*steps).k;
-        // The last step ends with the ray.
-        let width = min(stride * t_step, t_end - k * t_step);
-        let t = k * t_step + 0.5 * width;
-        var point = sample_at((*steps).ray, t);
-        let changed = point.cell ^ (*accessor).cell;
-        if ((changed.x | changed.y | changed.z) >> LOWER_BITS) != 0 {
-            // Rounding may move a cell out of the box, which the top-level tree does not cover.
-            point.cell = clamp(point.cell, grid.occupied_min, grid.occupied_max);
-        }
-        let slot = locate_slot(grid, point.cell, accessor);
-        count_step();
-        if (slot & (CHILD | OCCUPIED)) != 0u {
-            (*steps).k = next_index(k, k + stride);
-            return Step(t, width, density_at(grid, *accessor, point), point);
-        }
-        let is_mirrored = (vec3((*steps).octant) & vec3(4u, 2u, 1u)) != vec3(0u);
-        let size = 1i << (*accessor).log_dim;
-        let low = point.cell & vec3(-size);
-        let ahead = i32(skip_of(slot, (*steps).octant) << (*accessor).log_dim);
-        let planes = select(low + (size + ahead), low - ahead, is_mirrored);
-        let origin = (*steps).ray.cell;
-        // A plane ahead may be more than 2^31 cells away, which requires an unsigned integer.
-        let cells = vec3<f32>(bitcast<vec3<u32>>(select(planes - origin, origin - planes, is_mirrored)));
-        let t_out = (select(cells, -cells, is_mirrored) - (*steps).ray.origin) * (*steps).inverse;
-        let next = ceil(min(min(t_out.x, t_out.y), t_out.z) * (*steps).per_step - 0.5);
-        (*steps).k = next_index(k, max(k + 1.0, next));
-    }
-    return Step(0.0, 0.0, 0.0, SamplePoint(vec3(0), vec3(0.0)));
 }
 
 // Factor by which steps are longer at an optical depth. An error in the optical depth of a step changes the
@@ -254,7 +262,8 @@ fn stride_at(optical_depth: f32) -> f32 {
 }
 
 // ∫ density dt by ray marching, with density sampled in the middle of each step. The first step is `step`
-// voxels long. `extinction` is the optical depth per unit of the integral.
+// voxels long; steps are counted from the origin of the sampled ray. Nothing attenuates the ray before
+// `start`. `extinction` is the optical depth per unit of the integral.
 fn stepped_length(
     grid: Grid,
     mirrored: MirroredRay,
@@ -263,15 +272,20 @@ fn stepped_length(
     step: f32,
     extinction: f32,
 ) -> f32 {
-    var steps = begin_steps(mirrored, start, step);
-    var accessor = new_accessor(steps.ray.cell);
+    let ray = sampled_ray(mirrored);
+    let t_step = step_length(step / length(mirrored.speed), ray.t_last);
+    let inverse_step = 1.0 / t_step;
+    var accessor = new_accessor(ray.cell);
     var sum = 0.0;
-    while sum < cutoff {
-        let next = next_step(grid, &steps, &accessor, stride_at(extinction * sum));
-        if next.width <= 0.0 {
-            break;
-        }
-        sum += next.width * next.density;
+    var k = max(ceil(max(start - ray.t_origin, ray.t_first) * inverse_step - 0.5), 0.0);
+    while k * t_step < ray.t_last && sum < cutoff {
+        // The last step ends with the ray.
+        let width = min(stride_at(extinction * sum) * t_step, ray.t_last - k * t_step);
+        let found = sample_fog(grid, ray, &accessor, k * t_step + 0.5 * width);
+        let after_skip = ceil(found.t_out * inverse_step - 0.5);
+        let next = select(k + stride_at(extinction * sum), max(k + 1.0, after_skip), found.is_empty);
+        sum += width * found.density;
+        k = next_index(k, next);
     }
     return min(sum, MAX_LENGTH);
 }

@@ -125,7 +125,11 @@ fn tile_span(tile: u32, log_dim: u32, octant: u32, cell: vec3<i32>) -> Span {
 // The word of the smallest slot that covers a local cell of the grid's box.
 fn locate_slot(grid: Grid, cell: vec3<i32>, accessor: ptr<function, Accessor>) -> u32 {
     let changed = cell ^ (*accessor).cell;
-    let moved = bitcast<u32>(changed.x | changed.y | changed.z);
+    return locate_moved(grid, cell, bitcast<u32>(changed.x | changed.y | changed.z), accessor);
+}
+
+// The same, with the bits in which any coordinate may differ from the last cell's.
+fn locate_moved(grid: Grid, cell: vec3<i32>, moved: u32, accessor: ptr<function, Accessor>) -> u32 {
     (*accessor).cell = cell;
     if (moved >> LOWER_BITS) != 0u {
         let found = find_top(grid, cell);

@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 32] = shaders![
+const IMPORTS: [(&str, &[u8]); 31] = shaders![
     "gpu/types",
     "gpu/bindings",
     "traversal/rays",
@@ -44,7 +44,6 @@ const IMPORTS: [(&str, &[u8]); 32] = shaders![
     "trace/light_cache",
     "trace/fog_march",
     "trace/shared_light",
-    "trace/cached_fog",
     "trace/media",
     "trace/slabs",
     "trace/fogs",

@@ -111,6 +111,8 @@ pub(crate) struct View {
     pub cached_sun_count: u32,
     pub pads: [u32; 2],
     pub cached_suns: [[f32; 4]; MAX_CACHED_SUNS],
+    pub light_texel: [f32; 3],
+    pub pad_light: u32,
 }
 
 /// The rectangle of the traced image in the target.
@@ -196,7 +198,8 @@ mod tests {
             exposure, eye, volume_first, eye_x, volume_count, eye_y, offscreen_count, size, origin,
             steps_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
             has_tile_starts, picture, shadow_range, reflection_range, suns, disks, random_offset,
-            frame, jitter, max_frames, cached_sun_count, cached_suns);
+            frame, jitter, max_frames, cached_sun_count, cached_suns,
+            light_texel);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

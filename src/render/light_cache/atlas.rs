@@ -69,6 +69,12 @@ impl Atlas {
         self.rows.free(rows);
     }
 
+    /// 1 / size of the texture in texels.
+    pub fn texel(&self) -> [f32; 3] {
+        let size = self.texture.size();
+        [size.width, size.height, size.depth_or_array_layers].map(|texels| 1.0 / texels as f32)
+    }
+
     pub fn bytes(&self) -> u64 {
         let size = self.texture.size();
         u64::from(size.width * size.height) * u64::from(size.depth_or_array_layers * TEXEL_BYTES)

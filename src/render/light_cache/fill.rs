@@ -12,7 +12,7 @@ use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use super::atlas::{Atlas, BRICK_SAMPLES, LINE_BYTES, ROW_BYTES, WIDTH, row_origin};
 use super::lattices::LightCache;
 use super::pipeline::{FillPipeline, GROUPS_PER_BRICK};
-use super::plan::LightCacheView;
+use super::plan::{Fill, LightCacheView};
 use crate::render::gpu::{GROUP, PipelineFallback, empty_layout};
 use crate::render::pool::VdbTreePool;
 use crate::render::view::{ViewState, VolumeBuffer};
@@ -28,6 +28,7 @@ pub(crate) fn fill_light_cache(
     mut context: RenderContext,
 ) {
     let (state, own) = view.into_inner();
+    own.set_drawn();
     if own.jobs.is_empty() {
         return;
     }
@@ -41,7 +42,7 @@ pub(crate) fn fill_light_cache(
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_light_cache");
-    for (job, lattice, rows) in &own.jobs {
+    for Fill { job, layout: lattice, rows, number } in &own.jobs {
         let job = device.create_buffer_with_data(&BufferInitDescriptor {
             label: Some("vdb_light_job"),
             contents: bytemuck::bytes_of(job),
@@ -65,9 +66,9 @@ pub(crate) fn fill_light_cache(
         for (i, row) in rows.clone().enumerate() {
             copy_row(encoder, staging, i as u64, atlas, row);
         }
+        cache.set_run(*number);
     }
     span.end(context.command_encoder());
-    cache.add_done(own.jobs.len());
 }
 
 /// Copies a row of bricks to the texture.

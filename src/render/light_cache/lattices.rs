@@ -1,7 +1,7 @@
 //! The lattices on the GPU: a texture that the trace reads, and what each part of it was made from.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use bevy::platform::collections::{HashMap, HashSet};
 use bevy::prelude::*;
@@ -22,9 +22,15 @@ pub(crate) struct LightCache {
     /// The rows of bricks of a lattice before they are copied to the texture.
     pub(super) staging: Option<Buffer>,
     pub(super) lattices: HashMap<LatticeKey, CachedLattice>,
-    /// The fills that were planned for the last frame, and those that ran.
-    planned: usize,
-    done: AtomicUsize,
+    /// The fills that are planned for this frame.
+    planned: Vec<PlannedFill>,
+}
+
+/// A fill of a lattice for one light.
+struct PlannedFill {
+    key: LatticeKey,
+    slot: usize,
+    has_run: AtomicBool,
 }
 
 /// The samples of one volume for some number of lights.
@@ -53,21 +59,26 @@ pub(super) struct CachedLattice {
 }
 
 /// The lattices that the views of a frame want, in the order in which they were asked for.
-#[derive(Default)]
 pub(super) struct WantedLattices {
     keys: Vec<LatticeKey>,
     known: HashSet<LatticeKey>,
     rows: u32,
+    max_rows: u32,
 }
 
 impl WantedLattices {
-    /// Adds a lattice unless all together would exceed `max_rows`. Returns whether it is in the list.
-    pub fn add(&mut self, key: LatticeKey, max_rows: u32) -> bool {
+    pub fn new(max_rows: u32) -> Self {
+        Self { keys: Vec::new(), known: default(), rows: 0, max_rows }
+    }
+
+    /// Adds a lattice unless all together would have too many rows. Returns whether it is in the
+    /// list.
+    pub fn add(&mut self, key: LatticeKey) -> bool {
         if self.known.contains(&key) {
             return true;
         }
         let rows = self.rows.saturating_add(key.rows());
-        if rows > max_rows {
+        if rows > self.max_rows {
             return false;
         }
         self.rows = rows;
@@ -89,29 +100,41 @@ impl LightCache {
         [texture, self.staging.as_ref().map_or(0, |staging| staging.size())]
     }
 
-    /// Begins a frame. If fills of the last one did not run, because a camera drew nothing or a
-    /// pipeline was missing, it is unknown which samples are valid, so all lattices are filled again.
+    /// Begins a frame. Fills of the last one that did not run, because a camera drew nothing or a
+    /// pipeline was missing, have to be planned again.
     pub(super) fn begin_frame(&mut self) {
-        if std::mem::take(&mut self.planned) != std::mem::take(self.done.get_mut()) {
-            self.lattices.values_mut().for_each(|lattice| lattice.filled = default());
+        for mut fill in self.planned.drain(..) {
+            if !*fill.has_run.get_mut()
+                && let Some(lattice) = self.lattices.get_mut(&fill.key)
+            {
+                lattice.filled[fill.slot] = None;
+            }
         }
     }
 
-    pub(super) fn add_planned(&mut self, fills: usize) {
-        self.planned += fills;
-    }
-
-    pub(super) fn add_done(&self, fills: usize) {
-        self.done.fetch_add(fills, Ordering::Relaxed);
-    }
-
-    /// Makes room for these lattices and for no others, in a texture of at most `max_rows`.
-    pub(super) fn allocate(
+    /// Plans to fill a lattice for the light in a slot, from what has this fingerprint. `None` if it
+    /// is filled or another view fills it; otherwise a number for [`LightCache::set_run`].
+    pub(super) fn plan_fill(
         &mut self,
-        wanted: &WantedLattices,
-        max_rows: u32,
-        device: &RenderDevice,
-    ) {
+        key: LatticeKey,
+        slot: usize,
+        fingerprint: u64,
+    ) -> Option<usize> {
+        let lattice = self.lattices.get_mut(&key)?;
+        if lattice.filled[slot].replace(fingerprint) == Some(fingerprint) {
+            return None;
+        }
+        self.planned.push(PlannedFill { key, slot, has_run: AtomicBool::new(false) });
+        Some(self.planned.len() - 1)
+    }
+
+    /// Notes that a planned fill has run.
+    pub(super) fn set_run(&self, fill: usize) {
+        self.planned[fill].has_run.store(true, Ordering::Relaxed);
+    }
+
+    /// Makes room for these lattices and for no others.
+    pub(super) fn allocate(&mut self, wanted: &WantedLattices, device: &RenderDevice) {
         let total = wanted.rows;
         let has_room = self.texture.as_ref().is_some_and(|(atlas, _)| {
             (total..=total.saturating_mul(4).max(16)).contains(&atlas.len())
@@ -137,7 +160,7 @@ impl LightCache {
         });
         self.lattices.clear();
         // A little room, so that the texture is not made anew whenever a fog grows.
-        let rows = (total + total / 4 + 1).min(max_rows);
+        let rows = (total + total / 4 + 1).min(wanted.max_rows);
         self.texture = Some((Atlas::new(rows, device), sampler));
         self.allocate_missing(&wanted.keys);
     }
@@ -167,5 +190,54 @@ impl LightCache {
                 })
             });
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bevy::math::{IVec3, UVec3};
+
+    use super::*;
+
+    fn key(owner: u32) -> LatticeKey {
+        LatticeKey {
+            owner: Entity::from_raw_u32(owner).unwrap().into(),
+            layout: CacheLayout { origin: IVec3::ZERO, bricks: UVec3::ONE, log: 0 },
+            lights: 2,
+        }
+    }
+
+    #[test]
+    fn fills_that_did_not_run_are_planned_again_and_no_others() {
+        let mut cache = LightCache::default();
+        for owner in [1, 2] {
+            cache.lattices.insert(key(owner), CachedLattice { rows: 0..2, filled: default() });
+        }
+        let plan = |cache: &mut LightCache, owner, slot| cache.plan_fill(key(owner), slot, 7);
+        cache.begin_frame();
+        let [first, second] = [0, 1].map(|slot| plan(&mut cache, 1, slot).unwrap());
+        assert_eq!(plan(&mut cache, 1, 0), None, "another view fills it");
+        assert!(plan(&mut cache, 2, 0).is_some());
+        assert_eq!(plan(&mut cache, 3, 0), None, "there is no such lattice");
+        cache.set_run(first);
+        cache.begin_frame();
+        assert_eq!(plan(&mut cache, 1, 0), None);
+        let again = plan(&mut cache, 1, 1).unwrap();
+        assert!(plan(&mut cache, 2, 0).is_some());
+        assert_ne!(first, second);
+        cache.set_run(again);
+        // The other view is still not drawn.
+        cache.begin_frame();
+        assert_eq!([0, 1].map(|slot| plan(&mut cache, 1, slot)), [None; 2]);
+        assert!(plan(&mut cache, 2, 0).is_some());
+        assert!(cache.plan_fill(key(1), 0, 8).is_some(), "something has changed");
+    }
+
+    #[test]
+    fn lattices_that_do_not_fit_are_refused() {
+        let mut wanted = WantedLattices::new(3);
+        assert_eq!([1, 1, 2].map(|owner| wanted.add(key(owner))), [true, true, false]);
+        let one = LatticeKey { lights: 1, ..key(2) };
+        assert!(wanted.add(one) && wanted.rows == 3);
     }
 }

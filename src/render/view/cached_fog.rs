@@ -43,22 +43,27 @@ impl CacheLayout {
     }
 }
 
-/// A fog that can be in the light cache.
+/// A fog that fits into the light cache.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CachedFog {
     pub layout: CacheLayout,
     /// Voxels between samples of density along a view ray.
     pub step: f32,
+    /// Whether the samples keep the accepted error. Others are only for pipelines that cannot light
+    /// fog by rays.
+    pub keeps_error: bool,
 }
 
 impl CachedFog {
-    /// The samples that keep the radiance of a fog within a relative error, for a largest
-    /// extinction per world unit. `None` if the fog is too dense or too large; it is then lit by
-    /// rays.
-    fn new(error: f32, extinction: f64, lattice: &Lattice) -> Option<Self> {
-        let detail = Detail::new(error, extinction, lattice)?;
-        let layout = CacheLayout::new(lattice.occupied?, detail.spacing_log()?)?;
-        Some(Self { layout, step: detail.step() })
+    /// The samples that keep the radiance of a fog within a relative error or, if there are none,
+    /// the finest that fit. `None` if the fog is empty or too large.
+    fn new(error: f32, extinction: Extinction, lattice: &Lattice) -> Option<Self> {
+        let occupied = lattice.occupied?;
+        let detail = Detail::new(error, extinction, cell_edge(lattice), occupied);
+        let wanted = detail.spacing_log();
+        let layout =
+            (wanted.unwrap_or(0)..=MAX_LOG).find_map(|log| CacheLayout::new(occupied, log))?;
+        Some(Self { layout, step: detail.step(), keeps_error: wanted == Some(layout.log) })
     }
 }
 
@@ -72,15 +77,21 @@ struct Detail {
     error: f32,
     /// Optical depth through the densest cell.
     depth_per_cell: f64,
+    /// Optical depth through the densest cell for rays to lights.
+    shadow_per_cell: f64,
     /// The longest edge of the occupied cells.
     edge: f64,
 }
 
 impl Detail {
-    fn new(error: f32, extinction: f64, lattice: &Lattice) -> Option<Self> {
-        let CoordBox { min, max } = lattice.occupied?;
-        let edge = (max.as_dvec3() - min.as_dvec3()).max_element() + 1.0;
-        Some(Self { error, depth_per_cell: extinction * cell_edge(lattice), edge })
+    fn new(error: f32, extinction: Extinction, cell_edge: f64, occupied: CoordBox) -> Self {
+        let CoordBox { min, max } = occupied;
+        Self {
+            error,
+            depth_per_cell: extinction.all * cell_edge,
+            shadow_per_cell: extinction.casters * cell_edge,
+            edge: (max.as_dvec3() - min.as_dvec3()).max_element() + 1.0,
+        }
     }
 
     /// log₂ of the largest spacing of samples, in cells, that keeps the error; `None` if even a spacing
@@ -91,7 +102,7 @@ impl Detail {
     /// the square of the spacing, divided by the cells across. `docs/internals/notebook.md` has the
     /// measurements.
     fn spacing_log(&self) -> Option<u32> {
-        let spacing = (f64::from(self.error) * self.edge / (2.5 * self.depth_per_cell)).sqrt();
+        let spacing = (f64::from(self.error) * self.edge / (2.5 * self.shadow_per_cell)).sqrt();
         // An error of 0.01 is a little less in f32.
         let log = spacing.log2() + 1e-6;
         (log >= 0.0).then(|| (log as u32).min(MAX_LOG))
@@ -118,25 +129,90 @@ fn cell_edge(lattice: &Lattice) -> f64 {
         .fold(0.0, f64::max)
 }
 
+/// The largest extinctions per world unit that rays meet in a fog.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Extinction {
+    /// Of all fogs, which view rays meet.
+    all: f64,
+    /// Of fogs that cast shadows, which rays to lights meet.
+    casters: f64,
+}
+
+impl Extinction {
+    fn add(&mut self, other: Self, weight: f64) {
+        self.all += other.all * weight;
+        self.casters += other.casters * weight;
+    }
+}
+
 /// Bounds and extinction of a fog, in world space.
 struct FogBox {
     entry: usize,
     min: DVec3,
     max: DVec3,
-    /// The largest extinction of the fog itself, per world unit.
-    own: f64,
-    /// The sum over this fog and all whose boxes overlap its box.
-    total: f64,
+    /// Of the fog itself.
+    own: Extinction,
+    /// Of this fog and of all whose boxes overlap its box.
+    total: Extinction,
 }
 
 impl FogBox {
+    /// `None` if an entry is not a fog, or is empty.
+    fn new(entry: usize, volume: &types::Volume, lattice: &Lattice) -> Option<Self> {
+        if volume.kind != types::KIND_FOG {
+            return None;
+        }
+        let (min, max) = lattice.world_box()?;
+        let all = f64::from(volume.density_scale) * f64::from(lattice.majorant);
+        let casts = volume.flags & types::NO_CASTER == 0;
+        let own = Extinction { all, casters: if casts { all } else { 0.0 } };
+        Some(Self { entry, min, max, own, total: own })
+    }
+
     fn overlaps(&self, other: &Self) -> bool {
         self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
     }
+
+    /// Adds the extinction of a fog that overlaps this one: its root mean square over this box, so
+    /// that a small fog hardly affects the samples of a large one.
+    fn add(&mut self, other: &Self) {
+        let overlap = self.max.min(other.max) - self.min.max(other.min);
+        let fraction = (overlap / (self.max - self.min)).element_product();
+        self.total.add(other.own, fraction.sqrt());
+    }
 }
 
-/// For each entry of a view's list, its samples in the light cache, if it is a fog that can be
-/// cached at this relative error. Where fogs overlap, their extinctions add up.
+/// The axis along which boxes overlap least: their edges are short compared with all of them
+/// together.
+fn sweep_axis(fogs: &[FogBox]) -> usize {
+    let crowding = |axis: usize| {
+        let min = fogs.iter().map(|fog| fog.min[axis]).fold(f64::INFINITY, f64::min);
+        let max = fogs.iter().map(|fog| fog.max[axis]).fold(f64::NEG_INFINITY, f64::max);
+        fogs.iter().map(|fog| fog.max[axis] - fog.min[axis]).sum::<f64>() / (max - min)
+    };
+    let crowdings = [0, 1, 2].map(crowding);
+    (0..3).min_by(|&a, &b| crowdings[a].total_cmp(&crowdings[b])).unwrap_or(0)
+}
+
+/// Adds up the extinctions of fogs that overlap.
+fn add_overlapping(fogs: &mut [FogBox]) {
+    let axis = sweep_axis(fogs);
+    fogs.sort_unstable_by(|a, b| a.min[axis].total_cmp(&b.min[axis]));
+    for first in 0..fogs.len() {
+        let (before, after) = fogs.split_at_mut(first + 1);
+        let own = &mut before[first];
+        let end = own.max[axis];
+        for other in after.iter_mut().take_while(|other| other.min[axis] <= end) {
+            if own.overlaps(other) {
+                own.add(other);
+                other.add(own);
+            }
+        }
+    }
+}
+
+/// For each entry of a view's list, its samples in the light cache for a relative error, if it is a
+/// fog that fits; none without an accepted error.
 pub(super) fn find_cached_fogs(
     error: f32,
     volumes: &[types::Volume],
@@ -146,29 +222,10 @@ pub(super) fn find_cached_fogs(
     if error <= 0.0 {
         return found;
     }
-    let fog = |(entry, (volume, lattice)): (usize, (&types::Volume, &&Lattice))| {
-        let (min, max) = lattice.world_box()?;
-        let extinction = f64::from(volume.density_scale) * f64::from(lattice.majorant);
-        (volume.kind == types::KIND_FOG).then_some(FogBox {
-            entry,
-            min,
-            max,
-            own: extinction,
-            total: extinction,
-        })
-    };
-    let mut fogs: Vec<_> = volumes.iter().zip(lattices).enumerate().filter_map(fog).collect();
-    fogs.sort_unstable_by(|a, b| a.min.x.total_cmp(&b.min.x));
-    for first in 0..fogs.len() {
-        let (before, after) = fogs.split_at_mut(first + 1);
-        let own = &mut before[first];
-        for other in after.iter_mut().take_while(|other| other.min.x <= own.max.x) {
-            if own.overlaps(other) {
-                own.total += other.own;
-                other.total += own.own;
-            }
-        }
-    }
+    let entries = volumes.iter().zip(lattices).enumerate();
+    let mut fogs: Vec<_> =
+        entries.filter_map(|(i, (volume, lattice))| FogBox::new(i, volume, lattice)).collect();
+    add_overlapping(&mut fogs);
     for fog in fogs {
         found[fog.entry] = CachedFog::new(error, fog.total, lattices[fog.entry]);
     }
@@ -177,12 +234,16 @@ pub(super) fn find_cached_fogs(
 
 #[cfg(test)]
 mod tests {
+    use bevy::math::DAffine3;
+
     use super::*;
+    use crate::render::view::lattice::Content;
 
     #[test]
     fn spacing_follows_the_error() {
         let of = |error, depth_per_cell, edge| {
-            let detail = Detail { error, depth_per_cell, edge };
+            let shadow_per_cell = depth_per_cell;
+            let detail = Detail { error, depth_per_cell, shadow_per_cell, edge };
             (detail.spacing_log(), detail.step())
         };
         let (log, step) = of(0.01, 0.03, 512.0);
@@ -214,5 +275,94 @@ mod tests {
         let most = (MAX_BRICKS_OF_AXIS * BRICK_INTERVALS) as i32;
         assert!(CacheLayout::new(long(most), 0).is_some());
         assert_eq!(CacheLayout::new(long(most + 1), 0), None, "too many workgroups");
+    }
+    /// A fog of unit cells with this density, which casts shadows.
+    fn fog(min: IVec3, max: IVec3, density: f32) -> (types::Volume, Lattice) {
+        let volume =
+            types::Volume { kind: types::KIND_FOG, density_scale: 1.0, ..Default::default() };
+        let lattice = Lattice {
+            world_from_local: DAffine3::IDENTITY,
+            occupied: Some(CoordBox { min, max: max - 1 }),
+            majorant: density,
+            content: Content::Fixed(0),
+        };
+        (volume, lattice)
+    }
+
+    /// The extinctions of all fogs and of casters, in the order of the fogs.
+    fn totals(fogs: &[(types::Volume, Lattice)]) -> Vec<[f64; 2]> {
+        let fogs = fogs.iter().enumerate();
+        let mut boxes: Vec<_> =
+            fogs.filter_map(|(i, (volume, lattice))| FogBox::new(i, volume, lattice)).collect();
+        add_overlapping(&mut boxes);
+        boxes.sort_by_key(|fog| fog.entry);
+        boxes.iter().map(|fog| [fog.total.all, fog.total.casters]).collect()
+    }
+
+    #[test]
+    fn extinctions_of_overlapping_fogs_add_up() {
+        let cube = |at: IVec3, edge, density| fog(at, at + edge, density);
+        let same = [cube(IVec3::ZERO, 64, 0.25), cube(IVec3::ZERO, 64, 0.5)];
+        assert_eq!(totals(&same), [[0.75; 2]; 2]);
+        let apart = |axis| {
+            let mut at = IVec3::ZERO;
+            at[axis] = 100;
+            [cube(IVec3::ZERO, 64, 0.25), cube(at, 64, 0.5), cube(at / 2, 64, 1.0)]
+        };
+        for axis in 0..3 {
+            let found = totals(&apart(axis));
+            let share = (14.0_f64 / 64.0).sqrt();
+            let expected = [0.25 + share, 0.5 + share, 1.0 + 0.75 * share];
+            for (found, expected) in found.into_iter().zip(expected) {
+                assert!(found.into_iter().all(|own| (own - expected).abs() < 1e-12), "{found:?}");
+            }
+            assert_eq!(totals(&apart(axis)[..2]), [[0.25; 2], [0.5; 2]]);
+        }
+    }
+
+    #[test]
+    fn fogs_without_shadows_dim_only_view_rays() {
+        let mut fogs = [fog(IVec3::ZERO, IVec3::splat(64), 0.25); 2];
+        fogs[1].0.flags = types::NO_CASTER;
+        fogs[1].1.majorant = 0.5;
+        assert_eq!(totals(&fogs), [[0.75, 0.25]; 2]);
+        assert_eq!(totals(&fogs[1..]), [[0.5, 0.0]]);
+        fogs[1].0.kind = types::KIND_EMISSION;
+        assert_eq!(totals(&fogs), [[0.25; 2]], "only fogs attenuate");
+    }
+
+    #[test]
+    fn a_small_dense_fog_in_a_large_thin_one_leaves_it_in_the_cache() {
+        let large = fog(IVec3::ZERO, IVec3::splat(512), 0.01);
+        let small = fog(IVec3::splat(240), IVec3::splat(256), 4.0);
+        let share = (16.0_f64 / 512.0).powf(1.5);
+        let found = totals(&[large, small]);
+        assert!((found[0][0] - (f64::from(0.01_f32) + 4.0 * share)).abs() < 1e-12, "{found:?}");
+        assert!((found[1][0] - (f64::from(0.01_f32) + 4.0)).abs() < 1e-12, "{found:?}");
+        let of = |fogs: &[(types::Volume, Lattice)]| {
+            let volumes: Vec<_> = fogs.iter().map(|fog| fog.0).collect();
+            let lattices: Vec<_> = fogs.iter().map(|fog| &fog.1).collect();
+            find_cached_fogs(0.01, &volumes, &lattices)
+        };
+        let found = of(&[large, small]).into_iter().map(|fog| fog.unwrap()).collect::<Vec<_>>();
+        assert!(found[0].keeps_error && found[0].layout.log > 0, "{found:?}");
+        assert!(!found[1].keeps_error && found[1].layout.log == 0, "{found:?}");
+        let dense = fog(IVec3::ZERO, IVec3::splat(512), 4.0);
+        let found = of(&[large, dense]);
+        assert!(found.iter().all(|fog| fog.is_some_and(|fog| !fog.keeps_error)), "{found:?}");
+    }
+
+    #[test]
+    fn fogs_whose_error_cannot_be_kept_have_the_finest_samples_that_fit() {
+        let of = |edge, density| {
+            let (volume, lattice) = fog(IVec3::ZERO, IVec3::splat(edge), density);
+            let found = find_cached_fogs(0.01, &[volume], &[&lattice])[0];
+            found.map(|fog| (fog.layout.log, fog.keeps_error))
+        };
+        assert_eq!(of(64, 0.03), Some((1, true)));
+        assert_eq!(of(64, 4.0), Some((0, false)), "too dense");
+        assert_eq!(of(512, 4.0), Some((1, false)), "too dense, and too large for the finest");
+        assert_eq!(of(4096, 0.001), None, "too large");
+        assert_eq!(of(64, f32::INFINITY), Some((0, false)));
     }
 }

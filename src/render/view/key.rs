@@ -13,8 +13,8 @@ pub(crate) struct ViewKey {
     pub mode: VdbRenderMode,
     /// The number of suns in the light cache, if there is one.
     pub cached_suns: Option<u32>,
-    /// The most fogs and emission grids that are marched together on a ray, in views with the light
-    /// cache and more than one such medium.
+    /// The most media, fogs and emission grids, that are marched together on a ray, in views with the
+    /// light cache: 1, 2, 4 or 8.
     pub media: Option<u32>,
     /// The shader def of Bevy's shadow filtering, in views with shadows.
     pub shadow_filter: Option<&'static str>,
@@ -27,6 +27,12 @@ pub(crate) struct ViewKey {
 impl ViewKey {
     pub fn has(&self, feature: Features) -> bool {
         self.features.contains(feature)
+    }
+
+    /// The number of entries that are displayed: of those out of view, which come last, only
+    /// reflections are.
+    pub fn displayed(&self, seen: usize, all: usize) -> usize {
+        if self.has(Features::REFLECTIONS) { all } else { seen }
     }
 
     /// Whether pipelines of this key can be used while those of `wanted` are being compiled.

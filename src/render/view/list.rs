@@ -6,7 +6,8 @@ use bevy::render::sync_world::MainEntity;
 
 use super::auxiliary::{color_data, emission_data, world_from_index};
 use super::cached_fog::{CachedFog, find_cached_fogs};
-use super::lattice::Lattice;
+use super::lattice::{Content, Lattice};
+use super::media::is_medium;
 use super::tiles::TileRange;
 use super::volume::{Eye, Shown, index_box, volume_data};
 use crate::VdbQuality;
@@ -25,29 +26,38 @@ pub(crate) struct Entry {
     /// The sample format, if the grid has samples.
     pub sample_format: Option<u32>,
     pub lattice: Lattice,
-    /// Its samples in the light cache, if it is a fog that can be cached.
+    /// Its samples in the light cache, if it is a fog that fits.
     pub cached_fog: Option<CachedFog>,
 }
 
 impl Entry {
-    fn of_volume(owner: MainEntity, shown: &Shown, revision: Option<u64>) -> Self {
+    fn of_volume(owner: MainEntity, shown: &Shown, pool: &VdbTreePool) -> Self {
+        let (key, packed) = (shown.key(), shown.packed());
+        let content = Content::new(key, packed, pool.revision(key));
         Self {
             owner,
             world_from_index: shown.world_from_index(),
             index_box: shown.index_box(),
             sample_format: shown.sample_format(),
-            lattice: Lattice::new(shown.packed(), shown.world_from_index(), revision),
+            lattice: Lattice::new(packed, shown.world_from_index(), content),
             cached_fog: None,
         }
     }
 
-    fn of_auxiliary(owner: MainEntity, volume: &ExtractedVolume, grid: &AuxiliaryGrid) -> Self {
+    fn of_auxiliary(
+        owner: MainEntity,
+        volume: &ExtractedVolume,
+        grid: &AuxiliaryGrid,
+        pool: &VdbTreePool,
+    ) -> Self {
+        let world_from_index = world_from_index(grid, volume);
+        let content = Content::new(grid.key, &grid.packed, pool.revision(grid.key));
         Self {
             owner,
-            world_from_index: world_from_index(grid, volume),
+            world_from_index,
             index_box: index_box(&grid.packed),
             sample_format: grid.packed.sample_format(),
-            lattice: Lattice::new(&grid.packed, world_from_index(grid, volume), None),
+            lattice: Lattice::new(&grid.packed, world_from_index, content),
             cached_fog: None,
         }
     }
@@ -66,6 +76,8 @@ pub(super) struct EntryMaker<'a> {
     pub pool: &'a VdbTreePool,
     pub eye: Eye<'a>,
     pub quality: &'a VdbQuality,
+    /// The error that is accepted of light from the cache; 0 if there is no such light.
+    pub cache_error: f32,
     /// The features whose entries are left out.
     pub left_out: Features,
 }
@@ -85,13 +97,12 @@ impl EntryMaker<'_> {
         if let Some(shown) = Shown::new(volume, self.pool, self.eye, detail) {
             let warned = warned.as_deref_mut();
             let data = volume_data(owner, &shown, self.eye, self.quality, warned);
-            let revision = self.pool.revision(volume.grid);
-            all.extend(data.map(|data| (data, Entry::of_volume(owner, &shown, revision))));
+            all.extend(data.map(|data| (data, Entry::of_volume(owner, &shown, self.pool))));
         }
         if with_emission {
             let view = (self.eye.rays, self.eye.world_from_view);
             let grids = emission_data(owner, volume, self.pool, view, warned);
-            let entry = |grid| Entry::of_auxiliary(owner, volume, grid);
+            let entry = |grid| Entry::of_auxiliary(owner, volume, grid, self.pool);
             all.extend(grids.into_iter().map(|(data, grid)| (data, entry(grid))));
         }
         all.retain(|(data, _)| !self.left_out.intersects(feature_of(data.kind)));
@@ -173,7 +184,7 @@ impl ViewList {
             }
         }
         let lattices: Vec<_> = entries.iter().map(|entry| &entry.lattice).collect();
-        let found = find_cached_fogs(maker.quality.fog_light_error, &data, &lattices);
+        let found = find_cached_fogs(maker.cache_error, &data, &lattices);
         for (entry, cached_fog) in entries.iter_mut().zip(found) {
             entry.cached_fog = cached_fog;
         }
@@ -189,20 +200,19 @@ impl ViewList {
 
     /// The number of fogs and emission grids; with `only_seen`, of those in view.
     pub fn media_count(&self, only_seen: bool) -> u32 {
-        let kinds = [types::KIND_FOG, types::KIND_EMISSION, types::KIND_BLACKBODY];
         let count = if only_seen { self.seen } else { self.entries.len() };
         let media = self.data.iter().take(count);
-        media.filter(|volume| kinds.contains(&volume.kind)).count() as u32
+        media.filter(|volume| is_medium(volume.kind)).count() as u32
     }
 
-    /// Whether any fog can be in the light cache, and whether any cannot. With `only_seen`, among
-    /// the fogs in view.
+    /// Whether any fog can be in the light cache within the accepted error, and whether any cannot.
+    /// With `only_seen`, among the fogs in view.
     pub fn cached_fogs(&self, only_seen: bool) -> [bool; 2] {
         let count = if only_seen { self.seen } else { self.entries.len() };
         let fogs = self.data.iter().zip(&self.entries).take(count);
         let fogs = fogs.filter(|(volume, _)| volume.kind == types::KIND_FOG);
-        [true, false]
-            .map(|is_cached| fogs.clone().any(|(_, own)| own.cached_fog.is_some() == is_cached))
+        let is_cached = |own: &Entry| own.cached_fog.is_some_and(|fog| fog.keeps_error);
+        [true, false].map(|cached| fogs.clone().any(|(_, own)| is_cached(own) == cached))
     }
 
     /// Adds the grids that colour surfaces, after all entries that rays can meet.

@@ -8,6 +8,7 @@ mod key;
 mod lattice;
 mod lights;
 mod list;
+mod media;
 mod picture_pass;
 mod prepare;
 mod resolve;
@@ -23,7 +24,7 @@ use bevy::core_pipeline::core_3d::{prepare_core_3d_depth_textures, prepare_prepa
 use bevy::prelude::*;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
-pub(super) use cached_fog::{BRICK_INTERVALS, CacheLayout};
+pub(super) use cached_fog::{BRICK_INTERVALS, CacheLayout, CachedFog};
 pub(super) use key::ViewKey;
 pub(super) use list::Entry;
 pub(super) use picture_pass::{

@@ -10,6 +10,7 @@ use bevy::render::view::ExtractedView;
 
 use super::bvh;
 use super::key::ViewKey;
+use super::media::{DrawnMedia, hide_surplus, is_medium};
 use super::settings::rays;
 use super::state::{PreparedView, ResolvedView, ViewState};
 use super::tiles::TileLayout;
@@ -56,6 +57,8 @@ struct Chosen {
     key: ViewKey,
     is_ready: bool,
     is_fallback: bool,
+    /// The media that a fallback has drawn.
+    drawn: DrawnMedia,
 }
 
 /// Chooses the required pipelines or, until they have been compiled, those of the previous frame,
@@ -64,11 +67,26 @@ fn choose(resolved: &ResolvedView, before: Option<&PreparedView>) -> Chosen {
     let (wanted, present) = (resolved.key, resolved.settings.lights_present);
     let before = before.filter(|before| before.is_ready && before.key != wanted);
     match before {
-        Some(before) if !resolved.is_ready && before.key.can_replace(&wanted, present) => {
-            Chosen { key: before.key, is_ready: true, is_fallback: true }
-        }
-        _ => Chosen { key: wanted, is_ready: resolved.is_ready, is_fallback: false },
+        Some(before) if !resolved.is_ready && before.key.can_replace(&wanted, present) => Chosen {
+            key: before.key,
+            is_ready: true,
+            is_fallback: true,
+            drawn: drawn_media(before),
+        },
+        _ => Chosen {
+            key: wanted,
+            is_ready: resolved.is_ready,
+            is_fallback: false,
+            drawn: default(),
+        },
     }
+}
+
+/// The media that a view displays.
+fn drawn_media(view: &PreparedView) -> DrawnMedia {
+    let displayed = view.entries.iter().zip(&view.volumes).take(view.displayed());
+    let media = displayed.filter(|(_, volume)| is_medium(volume.kind));
+    media.map(|(entry, volume)| (entry.owner, volume.kind)).collect()
 }
 
 fn prepare(
@@ -81,8 +99,15 @@ fn prepare(
     let (key, quality) = (chosen.key, &settings.quality);
     let picture = settings.picture;
     let size = if key.has(Features::SCALED) { rays(picture, quality.resolution) } else { picture };
-    let (volumes, most_tiles) = fill_list(&resolved, &key, size, all);
+    let (mut volumes, most_tiles) = fill_list(&resolved, &key, size, all);
     let list = &resolved.list;
+    if let Some(slots) = key.media
+        && !key.has(Features::UNCACHED_FOGS)
+    {
+        let owners = list.entries.iter().map(|entry| entry.owner);
+        let displayed = key.displayed(list.seen, list.entries.len());
+        hide_surplus(owners.zip(&mut volumes).take(displayed), &chosen.drawn, slots);
+    }
     let layout = TileLayout::new(size, list.seen as u32);
     let data = types::View {
         exposure: non_negative(camera.exposure).min(MOST_EXPOSURE),

@@ -19,8 +19,9 @@ use super::bvh;
 use super::key::ViewKey;
 use super::lights::Lights;
 use super::list::{EntryMaker, ViewList};
+use super::media::{MAX_MEDIA, media_slots};
 use super::settings::{ResolvedSettings, accumulates};
-use super::state::{ResolvedView, ViewState};
+use super::state::{PreparedView, ResolvedView, ViewState};
 use super::visible::VisibleVolumes;
 use super::volume::Eye;
 use crate::quality::LeftOut;
@@ -110,6 +111,7 @@ impl Resolver<'_, '_> {
             pool: &self.pool,
             eye: Eye { rays: &rays, world_from_view, size: picture },
             quality: &settings.quality,
+            cache_error: cache_error(of, &settings),
             left_out: settings.left_out,
         };
         let shown = (settings.is_lit(), settings.reflections > 0);
@@ -157,6 +159,7 @@ impl Resolver<'_, '_> {
         let mut lights = lights_present;
         lights
             .set(Features::DISTANCE_FOG, of.has_distance_fog && camera.mode == VdbRenderMode::Lit);
+        lights.remove(CACHE.when(quality.fog_light_error <= 0.0));
         let is_lit = camera.mode.is_lit();
         // Diffuse light needs no reflection rays.
         let mirrors = matches!(camera.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
@@ -171,6 +174,23 @@ impl Resolver<'_, '_> {
             left_out,
             picture,
         }
+    }
+}
+
+/// The features that only the light cache needs.
+const CACHE: Features =
+    Features::LIGHT_CACHE.union(Features::UNCACHED_LIGHTS).union(Features::MESH_CASTERS);
+
+/// The error that is accepted of light from the cache; 0 if no pipelines read it.
+fn cache_error(of: &ViewDataItem, settings: &ResolvedSettings) -> f32 {
+    // The pipelines of the previous frame may go on while others are being compiled.
+    let reads = |before: &PreparedView| before.key.has(Features::LIGHT_CACHE);
+    if settings.lights.contains(Features::LIGHT_CACHE) {
+        settings.quality.fog_light_error
+    } else if of.state.prepared.as_ref().is_some_and(reads) {
+        VdbQuality::HIGH.fog_light_error
+    } else {
+        0.0
     }
 }
 
@@ -196,8 +216,7 @@ fn view_key(
     // Entries out of view are visible only in reflections.
     let only_seen = settings.reflections == 0;
     let [caches, has_uncached] = list.cached_fogs(only_seen);
-    let cache = Features::LIGHT_CACHE | Features::UNCACHED_LIGHTS | Features::MESH_CASTERS;
-    let lights = settings.lights.difference(cache.when(!caches));
+    let lights = settings.lights.difference(CACHE.when(!caches));
     let caches = lights.contains(Features::LIGHT_CACHE);
     let media = list.media_count(only_seen);
     let features = lights
@@ -224,17 +243,9 @@ fn view_key(
         features,
         mode: camera.mode,
         cached_suns: None,
-        media: (caches && media > 1).then(|| media_slots(media)),
+        media: caches.then(|| media_slots(media)),
         shadow_filter: settings.shadow_filter,
         page_bits: pool.page_bits(),
         sample_format: pool.format(),
     }
-}
-
-/// The most media that shaders march together; rays that meet more are divided into slabs.
-const MAX_MEDIA: u32 = 8;
-
-/// The slots for this many media, rounded up to a few sizes, because each is a shader variant.
-fn media_slots(count: u32) -> u32 {
-    count.next_power_of_two().min(MAX_MEDIA)
 }

@@ -62,6 +62,11 @@ pub(crate) struct PreparedView {
 }
 
 impl PreparedView {
+    /// The number of entries that are displayed; only shadows of the others are.
+    pub fn displayed(&self) -> usize {
+        self.key.displayed(self.data.volume_count as usize, self.entries.len())
+    }
+
     /// The number of rays along each axis.
     pub fn size(&self) -> UVec2 {
         self.data.size.into()

@@ -8,7 +8,7 @@ use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
 
 use super::tiles::TileRange;
 use crate::render::extract::{ExtractedVolume, Setting, Trouble, Warned};
-use crate::render::gpu::{affine, non_negative, types};
+use crate::render::gpu::{GridKey, affine, non_negative, types};
 use crate::render::pool::VdbTreePool;
 use crate::{VdbMaterial, VdbQuality};
 
@@ -34,6 +34,7 @@ pub(crate) struct Shown<'a> {
     volume: &'a ExtractedVolume,
     packed: &'a PackedGrid,
     world_from_index: DAffine3,
+    key: GridKey,
     /// The index of the grid's header in the pool.
     grid: u32,
 }
@@ -59,12 +60,13 @@ impl<'a> Shown<'a> {
         let wanted = finest.coarseness(eye, detail);
         let mut level = wanted.min(volume.levels.len() as f64) as usize;
         while level > 0 {
-            if let Some(grid) = pool.index(volume.grid.level(level)) {
+            let key = volume.grid.level(level);
+            if let Some(grid) = pool.index(key) {
                 let scale = f64::from(1_u32 << level);
                 let packed = &volume.levels[level - 1];
                 let world_from_index =
                     finest.world_from_index * DAffine3::from_scale(DVec3::splat(scale));
-                return Some(Self { packed, world_from_index, grid, ..finest });
+                return Some(Self { packed, world_from_index, key, grid, ..finest });
             }
             level -= 1;
         }
@@ -75,7 +77,7 @@ impl<'a> Shown<'a> {
     pub fn finest(volume: &'a ExtractedVolume, pool: &VdbTreePool) -> Option<Self> {
         let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
         let grid = pool.index(volume.grid)?;
-        Some(Self { volume, packed: &volume.packed, world_from_index, grid })
+        Some(Self { volume, packed: &volume.packed, world_from_index, key: volume.grid, grid })
     }
 
     /// log₂ of the factor by which voxels could be larger and still cover at most `detail` pixels
@@ -113,6 +115,11 @@ impl<'a> Shown<'a> {
         self.world_from_index
     }
 
+    /// The grid of this level of detail.
+    pub fn key(&self) -> GridKey {
+        self.key
+    }
+
     pub fn packed(&self) -> &PackedGrid {
         self.packed
     }
@@ -138,7 +145,7 @@ pub(crate) fn volume_data(
     quality: &VdbQuality,
     warned: Option<&mut Warned>,
 ) -> Option<types::Volume> {
-    let Shown { volume, packed, world_from_index, grid } = *shown;
+    let Shown { volume, packed, world_from_index, grid, .. } = *shown;
     let lattice = LatticeRays::new(eye.rays, eye.world_from_view, world_from_index, packed);
     let (quality, wrong) = volume.quality.over(quality).sound();
     if let Some(warned) = warned {
