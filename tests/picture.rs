@@ -2,6 +2,8 @@
 
 #[path = "picture/accumulate.rs"]
 mod accumulate;
+#[path = "picture/cached_lamps.rs"]
+mod cached_lamps;
 mod common;
 #[path = "picture/device_loss.rs"]
 mod device_loss;

@@ -7,7 +7,7 @@ use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::vdb_core::synth::{fog, level_set};
-use bevy_vdb::vdb_core::tree::CoordBox;
+use bevy_vdb::vdb_core::tree::{CoordBox, Vdb543};
 
 use crate::studio::Studio;
 use crate::{Args, CELLS, cells, print_heading, summary};
@@ -20,8 +20,8 @@ const FOG_RADIUS: f32 = 150.0;
 const FOG_RIM: f32 = 50.0;
 const BAND: f32 = level_set::HALF_WIDTH;
 
-/// A ball that is no longer where it was is taken away again: the large one is put back there.
-struct Running {
+/// A small ball that runs around in a large one. A ball that is no longer where it was is taken away again: the large one is put back there.
+pub struct Running {
     grid: Handle<VdbGrid>,
     kind: PackKind,
     angle: f32,
@@ -33,22 +33,14 @@ pub fn run(args: &Args) -> Result<(), String> {
     println!("| shown as |{CELLS} VdbGrid::edit, median, ms | 99 % |");
     println!("|---|---|---|---|---|---|---|---|---|---|---|");
     let large = level_set::sphere(DVec3::ZERO, RADIUS.into());
-    let cloud = fog::sphere(DVec3::ZERO, FOG_RADIUS.into(), FOG_RIM.into());
     let kinds = [
         ("voxels", PackKind::Surface { iso: 0.0 }, large.clone()),
         ("a smooth surface", PackKind::Smooth { iso: 0.0 }, large),
-        ("fog", PackKind::Fog, cloud),
+        ("fog", PackKind::Fog, large_fog()),
     ];
     let volume = studio.app.world_mut().spawn_empty().id();
     for (name, kind, tree) in kinds {
-        let radius = if kind == PackKind::Fog { FOG_RADIUS } else { RADIUS };
-        let grid = studio.grid(tree, kind, f64::from(1.0 / radius))?;
-        let look = VdbMaterial { density_scale: 4.0, ..default() };
-        studio.app.world_mut().entity_mut(volume).insert((VdbVolume(grid.clone()), look));
-        studio.settle(1)?;
-        let mut ball = Running { grid, kind, angle: 0.0 };
-        // The first ones pack the grid for changes.
-        (0..10).try_for_each(|_| ball.run(&mut studio))?;
+        let mut ball = Running::new(&mut studio, volume, kind, tree)?;
         let (mut with, mut without, mut edits) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..args.rounds {
             without.extend(studio.frames(args.frames));
@@ -67,7 +59,30 @@ pub fn run(args: &Args) -> Result<(), String> {
     Ok(())
 }
 
+/// The large ball, of fog.
+pub fn large_fog() -> Vdb543<f32> {
+    fog::sphere(DVec3::ZERO, FOG_RADIUS.into(), FOG_RIM.into())
+}
+
 impl Running {
+    /// Shows the large ball as the volume of an entity.
+    pub fn new(
+        studio: &mut Studio,
+        volume: Entity,
+        kind: PackKind,
+        tree: Vdb543<f32>,
+    ) -> Result<Self, String> {
+        let radius = if kind == PackKind::Fog { FOG_RADIUS } else { RADIUS };
+        let grid = studio.grid(tree, kind, f64::from(1.0 / radius))?;
+        let look = VdbMaterial { density_scale: 4.0, ..default() };
+        studio.app.world_mut().entity_mut(volume).insert((VdbVolume(grid.clone()), look));
+        studio.settle(1)?;
+        let mut ball = Self { grid, kind, angle: 0.0 };
+        // The first ones pack the grid for changes.
+        (0..10).try_for_each(|_| ball.run(studio))?;
+        Ok(ball)
+    }
+
     /// Half sunk into the surface of the large ball, half a turn around it in some hundred frames.
     fn middle(&self) -> Vec3A {
         let radius = if self.kind == PackKind::Fog { FOG_RADIUS - FOG_RIM } else { RADIUS };
@@ -75,7 +90,7 @@ impl Running {
     }
 
     /// A frame's way.
-    fn run(&mut self, studio: &mut Studio) -> Result<(), String> {
+    pub fn run(&mut self, studio: &mut Studio) -> Result<(), String> {
         let before = self.middle();
         self.angle += 0.02;
         let (now, kind) = (self.middle(), self.kind);

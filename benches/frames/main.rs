@@ -26,13 +26,15 @@ recorded as well.
 
   recording       a cloud in the sun, with a recorder and without one, in turns
   edits           a ball of 100,000 voxels that runs around in a larger one, or stands still, in turns
-  fog             a cloud in the sun all over the picture: still, under a moving sun, four of them
+  fog             a cloud in the sun all over the picture: still, under a moving sun, under 16 lamps, four clouds,
+                  fire in one; and the ball of edits
   parts           surfaces, fog and fire: each pass, and what VdbMeasureFeatures makes of them
 
   --out DIR       where the recordings go, to be deleted at once; a folder for temporary files
   --size WxH      of the picture; 1920x1080
   --ms N          of recording: milliseconds that a frame should take by itself, by longer or shorter steps; 7
   --model FILE    of fog: a .vdb file whose first grid is the cloud
+  --scene NAME    of fog: only this one
   --density N     of fog: extinction per world unit, with the cloud 4 units across; 4
   --frames N      frames a turn, at least 10; 300
   --rounds N      turns of each kind, at least 1; 5
@@ -51,6 +53,7 @@ struct Args {
     rounds: usize,
     rate: u32,
     model: Option<PathBuf>,
+    scene: Option<String>,
     density: f32,
 }
 
@@ -66,6 +69,7 @@ impl Args {
             rounds: 5,
             rate: 60,
             model: None,
+            scene: None,
             density: 4.0,
         };
         let mut options = Options::of_program(HELP);
@@ -75,6 +79,7 @@ impl Args {
                 "edits" => args.what.push(edits::run),
                 "fog" => args.what.push(fog::run),
                 "--model" => args.model = Some(options.value(|path| Some(PathBuf::from(path)))?),
+                "--scene" => args.scene = Some(options.value(|name| Some(name.to_owned()))?),
                 "--density" => args.density = options.value(number(1e-3..1e6))?,
                 "parts" => args.what.push(parts::run),
                 "--out" => args.out = options.value(|path| Some(PathBuf::from(path)))?,

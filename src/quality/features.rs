@@ -8,7 +8,7 @@ use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbTraversal};
 bitflags! {
     /// The features that a view's shaders are compiled with.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-    pub(crate) struct Features: u32 {
+    pub(crate) struct Features: u64 {
         const VOXELS = 1 << 0;
         const SMOOTH = 1 << 1;
         const FOG = 1 << 2;
@@ -40,6 +40,8 @@ bitflags! {
         const UNCACHED_LIGHTS = 1 << 28;
         const MESH_CASTERS = 1 << 29;
         const UNCACHED_FOGS = 1 << 30;
+        const OTHER_LIGHTS = 1 << 31;
+        const CACHED_LAMPS = 1 << 32;
     }
 }
 
@@ -88,7 +90,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 31] = [
+pub(crate) const FEATURES: [Feature; 33] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -191,13 +193,25 @@ pub(crate) const FEATURES: [Feature; 31] = [
         Features::LIGHT_CACHE,
         &["VDB_LIGHT_CACHE"],
         "light cache",
-        "VdbQuality::fog_light_error is more than 0, and a sun with shadow_maps_enabled lights fog",
+        "VdbQuality::fog_light_error is more than 0, and a light with shadow_maps_enabled lights fog",
+    ),
+    row(
+        Features::CACHED_LAMPS,
+        &["VDB_CACHED_LAMPS"],
+        "lamps in the light cache",
+        "with the light cache, a point or spot light has shadow_maps_enabled",
     ),
     row(
         Features::UNCACHED_LIGHTS,
         &["VDB_UNCACHED_LIGHTS"],
         "lights beside the cache",
-        "with the light cache, there are point or spot lights, a sun without shadows, or more than 4",
+        "with the light cache, more than 4 suns or 32 point and spot lights cast shadows, or it is full",
+    ),
+    row(
+        Features::OTHER_LIGHTS,
+        &["VDB_OTHER_LIGHTS"],
+        "other lights in cached fog",
+        "with the light cache, a light has no shadow_maps_enabled, or is not in the cache",
     ),
     row(
         Features::MESH_CASTERS,

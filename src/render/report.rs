@@ -71,6 +71,10 @@ fn of_view(
     if light.is_used() {
         let [atlas, staging] = light_cache.bytes();
         buffers.push("vdb_light_atlas", atlas, "the light cache, which all cameras share");
+        if light.bytes() > 0 {
+            let why = "point or spot lights cast shadows in the light cache";
+            buffers.push("vdb_lamp_bricks", light.bytes(), why);
+        }
         if staging > 0 {
             buffers.push("vdb_light_staging", staging, "the light cache is being filled");
         }

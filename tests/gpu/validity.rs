@@ -195,18 +195,23 @@ fn every_variant_of_the_trace_is_valid() {
     }
     // The light cache.
     for kinds in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_EMISSION"]) {
-        for with in subsets(&["VDB_MULTIPLE_SCATTERING", "VDB_UNCACHED_LIGHTS", "VDB_MESH_CASTERS"])
-        {
-            let local =
-                if with.contains(&"VDB_UNCACHED_LIGHTS") { &["VDB_LOCAL_LIGHTS"][..] } else { &[] };
-            for several in [
-                &["VDB_CACHED_SUNS=1", "VDB_MEDIA=8", "VDB_UNCACHED_FOGS"][..],
-                &["VDB_CACHED_SUNS=4", "VDB_MEDIA=2"],
-                &["VDB_CACHED_SUNS=1", "VDB_MEDIA=1"],
-                &["VDB_CACHED_SUNS=4", "VDB_MEDIA=1", "VDB_UNCACHED_FOGS"],
+        for with in subsets(&["VDB_MULTIPLE_SCATTERING", "VDB_MESH_CASTERS", "VDB_UNCACHED_FOGS"]) {
+            for lights in [
+                &["VDB_CACHED_SUNS=1", "VDB_MEDIA=1"][..],
+                &["VDB_CACHED_SUNS=4", "VDB_MEDIA=2", "VDB_OTHER_LIGHTS"],
+                &["VDB_CACHED_SUNS=1", "VDB_MEDIA=8", "VDB_CACHED_LAMPS", "VDB_LOCAL_LIGHTS"],
+                &["VDB_CACHED_SUNS=0", "VDB_MEDIA=1", "VDB_OTHER_LIGHTS", "VDB_LOCAL_LIGHTS"],
+                &[
+                    "VDB_CACHED_SUNS=4",
+                    "VDB_MEDIA=4",
+                    "VDB_OTHER_LIGHTS",
+                    "VDB_UNCACHED_LIGHTS",
+                    "VDB_CACHED_LAMPS",
+                    "VDB_LOCAL_LIGHTS",
+                ],
             ] {
                 let cache = ["VDB_LIT", "VDB_FOGS", "VDB_LIGHT_CACHE"];
-                check(&[&cache, several, &kinds, &with, local, &shadows]);
+                check(&[&cache, lights, &kinds, &with, &shadows]);
             }
         }
     }
@@ -225,7 +230,7 @@ fn every_variant_of_the_trace_is_valid() {
     }
     assert_eq!(
         variants,
-        8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 4 + 256 + 16 + 16
+        8 * (5 * 8 + 3 + 5 * 8 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 4 + 256 + 16 + 16
     );
 }
 

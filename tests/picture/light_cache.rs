@@ -13,24 +13,24 @@ use super::common::{Picture, Stage, has_gpu};
 use super::{SIZE, SURFACE, looking};
 
 /// World units.
-const VOXEL: f64 = 0.1;
+pub(super) const VOXEL: f64 = 0.1;
 /// Voxels.
 const RADIUS: f64 = 40.0;
 /// Accurate, and with few enough steps for lavapipe, which stops a shader's loops after 65,535 iterations in
 /// all.
-const BY_RAYS: VdbQuality =
+pub(super) const BY_RAYS: VdbQuality =
     VdbQuality { fog_light_error: 0.0, fog_shadow_step: 0.5, ..VdbQuality::EXACT };
 
-struct Cloud {
-    stage: Stage,
-    target: Handle<Image>,
-    camera: Entity,
-    cloud: Entity,
-    sun: Entity,
+pub(super) struct Cloud {
+    pub stage: Stage,
+    pub target: Handle<Image>,
+    pub camera: Entity,
+    pub cloud: Entity,
+    pub sun: Entity,
 }
 
 impl Cloud {
-    fn new(density_scale: f32) -> Self {
+    pub fn new(density_scale: f32) -> Self {
         let mut stage = Stage::new();
         let target = stage.target(SIZE);
         let from = Transform::from_xyz(3.0, 4.0, 9.0).looking_at(Vec3::ZERO, Vec3::Y);
@@ -43,12 +43,12 @@ impl Cloud {
         Self { stage, target, camera, cloud, sun }
     }
 
-    fn with(&mut self, quality: VdbQuality) -> Picture {
+    pub fn with(&mut self, quality: VdbQuality) -> Picture {
         self.stage.world().entity_mut(self.camera).insert(quality);
         self.stage.picture(&self.target)
     }
 
-    fn report(&mut self) -> Option<VdbCameraReport> {
+    pub fn report(&mut self) -> Option<VdbCameraReport> {
         let camera = self.camera;
         self.stage.update(3);
         self.stage.world().resource::<VdbDiagnostics>().camera(camera)
@@ -58,11 +58,21 @@ impl Cloud {
 /// Of the difference, root of the mean square relative to the mean radiance, over all colours of pixels that
 /// show something.
 pub(super) fn error(found: &Picture, reference: &Picture) -> f64 {
+    error_where(found, reference, |_| true)
+}
+
+/// The same, over some of the pixels.
+pub(super) fn error_where(
+    found: &Picture,
+    reference: &Picture,
+    counts: impl Fn(UVec2) -> bool,
+) -> f64 {
     let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
     for y in 0..SIZE.y {
         for x in 0..SIZE.x {
             let (a, b) = (found.at(x, y).xyz().as_dvec3(), reference.at(x, y).xyz().as_dvec3());
-            if a.max_element() > 0.0 || b.max_element() > 0.0 {
+            let is_shown = a.max_element() > 0.0 || b.max_element() > 0.0;
+            if is_shown && counts(UVec2::new(x, y)) {
                 sum += b.element_sum();
                 squares += a.distance_squared(b);
                 count += 3.0;
@@ -258,7 +268,7 @@ fn an_edit_fills_the_cache_once() {
         let report = scene.report().unwrap();
         report.passes.iter().any(|pass| pass.name == "vdb_light_cache")
     };
-    let mut edit = |scene: &mut Cloud, value: f32| {
+    let edit = |scene: &mut Cloud, value: f32| {
         let mut grids = scene.stage.world().resource_mut::<Assets<VdbGrid>>();
         let mut grid = grids.get_mut(&handle).unwrap();
         let part = CoordBox { min: IVec3::splat(-5), max: IVec3::splat(5) };

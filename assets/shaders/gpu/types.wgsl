@@ -92,6 +92,7 @@ const MAX_SUNS: u32 = 10u;
 
 // The largest number of directional lights in the light cache.
 const MAX_CACHED_SUNS: u32 = 4u;
+const MAX_CACHED_LAMPS: u32 = 32u;
 
 struct View {
     // t = -(x·depth + y) / (z·depth + w), where depth is the value in the depth buffer
@@ -136,6 +137,9 @@ struct View {
     // Directions to the lights in the light cache, as Bevy stores them.
     cached_suns: array<vec4<f32>, MAX_CACHED_SUNS>,
     light_texel: vec3<f32>, // 1 / size of the light cache's texture in texels
+    cached_lamp_count: u32,
+    // Indices of the point and spot lights in the light cache, among Bevy's clustered lights.
+    cached_lamps: array<vec4<u32>, MAX_CACHED_LAMPS / 4u>,
 }
 
 // A ray in local lattice coordinates of one grid: p(t) = cell + frac + t·dir.

@@ -6,6 +6,7 @@
 #import bevy_vdb::light_cache::bricks::{BRICK_INTERVALS, BRICK_SAMPLES, staging_word}
 #import bevy_vdb::trace::occlusion::fog_depth_to_light
 #import bevy_vdb::trace::segment::Point
+#import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::traversal::tree::{CHILD, OCCUPIED, locate_slot, new_accessor}
 #import bevy_vdb::view::scene::{view, volumes}
 
@@ -13,11 +14,13 @@ struct Job {
     origin: vec3<f32>,      // first sample, world space, relative to the view's eye
     volume: u32,            // in the volumes of the view
     axis_x: vec3<f32>,      // world units per cell of the volume's lattice
-    range: f32,             // distance to the light, world units
+    range: f32,             // samples farther from a lamp are of no use, world units
     axis_y: vec3<f32>,
     step: f32,              // least voxels between samples of density on the way to the light
     axis_z: vec3<f32>,
-    to_light: vec3<f32>,    // world space, unit length
+    is_lamp: u32,           // 1 for a point or spot light, 0 for a sun
+    // The position of a lamp relative to the view's eye; the direction to a sun, of unit length. World space.
+    light: vec3<f32>,
 }
 
 @group(2) @binding(6) var<uniform> job: Job;
@@ -58,7 +61,15 @@ fn depth_at_sample(volume: u32, grid: Grid, sample: vec3<u32>) -> f32 {
         + from_origin.y * job.axis_y
         + from_origin.z * job.axis_z;
     let point = Point(vec2(0.0), 0.0, from_eye, volume, cell, vec3(0.0));
-    return fog_depth_to_light(point, job.to_light, job.range, job.step);
+    if job.is_lamp == 0u {
+        return fog_depth_to_light(point, job.light, FAR, job.step);
+    }
+    let to_lamp = job.light - from_eye;
+    let distance = length(to_lamp);
+    if distance > job.range || distance <= 0.0 {
+        return 0.0;
+    }
+    return fog_depth_to_light(point, to_lamp / distance, distance, job.step);
 }
 
 // A workgroup for each third of a brick; each thread writes two samples along x.

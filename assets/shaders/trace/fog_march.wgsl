@@ -66,7 +66,7 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
         let depth = scale * min(interval.density_integral, max_integral);
         if depth > 0.0 {
             let t = clamp(visible_mean_t(interval, depth), interval.t_first, t_max);
-            let light = in_scattered_at(segment, pixel, t, anisotropy, environment, false);
+            let light = in_scattered_at(segment, pixel, t, march.t_step, anisotropy, environment);
             let weight = exp(-fog.optical_depth) * (1.0 - exp(-depth));
             fog.radiance += weight * volumes[volume].emissive;
             add_sample(&sums, weight, volumes[volume].base_color, light);
@@ -89,18 +89,20 @@ fn with_environment(
     return InScattered(octaves, from_environment, anisotropy);
 }
 
-// The light at a point of a segment. With `skips_cached`, the lights in the light cache are left out.
+// The light around t on a segment.
 fn in_scattered_at(
     segment: Segment,
     pixel: vec2<u32>,
     t: f32,
+    t_extent: f32,
     anisotropy: f32,
     environment: EnvironmentLight,
-    skips_cached: bool,
 ) -> InScattered {
     let point = point_at(segment, t);
     let at = shading_point(point, vec3(0.0), pixel, segment.is_view);
-    let octaves = in_scattered(at, point, normalize(segment.dir), anisotropy, skips_cached);
+    let dir_length = length(segment.dir);
+    let ray = segment.dir / dir_length;
+    let octaves = in_scattered(at, point, ray, t_extent * dir_length, anisotropy);
     return with_environment(octaves, environment, anisotropy);
 }
 #endif

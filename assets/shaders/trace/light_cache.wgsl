@@ -14,18 +14,46 @@ fn has_light_cache(volume: u32) -> bool {
     return volumes[volume].light_brick != NOT_CACHED;
 }
 
-// Optical depth towards a cached light at a point in a fog that has a light cache, given by its local cell and
-// its position in that cell.
-fn cached_depth(volume: u32, light: u32, cell: vec3<i32>, frac: vec3<f32>) -> f32 {
+#ifdef VDB_CACHED_LAMPS
+// For each volume of the view (a row), the first bricks of its lattices for four lamps each, or NOT_CACHED.
+@group(2) @binding(14) var lamp_bricks: texture_2d<u32>;
+
+// The first bricks of a fog's lattices for four of the cached lamps.
+fn lamp_group_bricks(volume: u32, lamps: u32) -> vec4<u32> {
+    let at = vec2(lamps, volume - view.volume_first);
+    if any(at >= textureDimensions(lamp_bricks)) {
+        return vec4(NOT_CACHED);
+    }
+    return textureLoad(lamp_bricks, at, 0);
+}
+#endif
+
+// The first brick of a fog's lattice for the sun in a slot.
+fn sun_brick(volume: u32, slot: u32) -> u32 {
+    return volumes[volume].light_brick + slot * bricks_per_light(volumes[volume].light_bricks);
+}
+
+// A point in the lattices of a fog.
+struct LatticePoint {
+    brick: u32,             // among those of a light
+    in_brick: vec3<f32>,    // in intervals between samples
+}
+
+// A point in a fog that has a light cache, given by its local cell and its position in that cell.
+fn lattice_point(volume: u32, cell: vec3<i32>, frac: vec3<f32>) -> LatticePoint {
     let bricks = volumes[volume].light_bricks;
     let log_size = volumes[volume].light_log;
     // Not negative, and within the bricks, because they cover the grid's box.
     let from_origin = vec3<u32>(cell - volumes[volume].light_origin);
     let at = from_origin >> vec3(log_size + LOG_BRICK_INTERVALS);
-    let brick = (at.z * bricks.y + at.y) * bricks.x + at.x;
-    let first = brick_texel(volumes[volume].light_brick + light * bricks_per_light(bricks) + brick);
     let cell_in_brick = from_origin & vec3((BRICK_INTERVALS << log_size) - 1u);
     let in_brick = (vec3<f32>(cell_in_brick) + frac) * exp2(-f32(log_size));
-    let texel = vec3<f32>(first) + in_brick + 0.5;
+    return LatticePoint((at.z * bricks.y + at.y) * bricks.x + at.x, in_brick);
+}
+
+// Optical depth towards a light at a point; `light_brick` is the first of the fog's lattice for that light.
+fn cached_depth(point: LatticePoint, light_brick: u32) -> f32 {
+    let first = brick_texel(light_brick + point.brick);
+    let texel = vec3<f32>(first) + point.in_brick + 0.5;
     return textureSampleLevel(light_atlas, light_sampler, texel * view.light_texel, 0.0).x;
 }

@@ -10,7 +10,7 @@
 #import bevy_pbr::mesh_view_bindings as bevy
 #import bevy_pbr::mesh_view_types::{DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT}
 #import bevy_pbr::mesh_view_types::{POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT}
-#import bevy_pbr::mesh_view_types::POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE
+#import bevy_pbr::mesh_view_types::{ClusteredLight, POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE}
 #import bevy_render::maths::PI
 #ifdef ENVIRONMENT_MAP
 #import bevy_pbr::environment_map::{environment_map_light, quat_rotate}
@@ -25,7 +25,13 @@
 #import bevy_vdb::trace::occlusion::transmittance
 #endif
 #ifdef VDB_LIGHT_CACHE
+#import bevy_vdb::trace::light_cache::NOT_CACHED
 #import bevy_vdb::trace::occlusion::is_occluded
+#import bevy_vdb::traversal::fog::SamplePoint
+#ifdef VDB_CACHED_LAMPS
+#import bevy_vdb::gpu::types::MAX_CACHED_LAMPS
+#import bevy_vdb::trace::light_cache::{cached_depth, lamp_group_bricks, lattice_point}
+#endif
 #endif
 
 #import bevy_vdb::traversal::hdda::FAR
@@ -35,7 +41,7 @@
 #endif
 #import bevy_vdb::view::scene::{target_pixel, view, volumes}
 #import bevy_vdb::trace::segment::{NONE, Point, world_position}
-#import bevy_vdb::trace::scattering::{OCTAVES, OCTAVE_ANISOTROPY}
+#import bevy_vdb::trace::scattering::{OCTAVES, OCTAVE_ANISOTROPY, octaves_of_depth}
 
 // A point to be lit, in the form that Bevy's functions require.
 struct ShadingPoint {
@@ -355,8 +361,8 @@ fn sample_reflection(
 fn phase(anisotropy: f32, cosine: f32) -> f32 {
     // 1 + g² - 2·g·cos, from terms that do not cancel.
     let one_minus_g = 1.0 - anisotropy;
-    let denominator = one_minus_g * one_minus_g + 2.0 * anisotropy * (1.0 - cosine);
-    return (1.0 - anisotropy * anisotropy) / (4.0 * PI * denominator * sqrt(denominator));
+    let root = inverseSqrt(one_minus_g * one_minus_g + 2.0 * anisotropy * (1.0 - cosine));
+    return (1.0 - anisotropy * anisotropy) / (4.0 * PI) * (root * root * root);
 }
 
 // Whether a light casts shadows.
@@ -372,55 +378,77 @@ fn casts_shadows(lights: LightList, i: u32) -> bool {
 #endif
 }
 
-// Light scattered along a ray (world space, unit length) at a point in fog with an albedo of 1, cd/m². The
-// first octave is single scattering; the others estimate multiple scattering. With `skips_cached`,
-// the lights in the light cache are left out.
+// Mean illuminance of a light over the length of a ray (world space, unit length) around a point, in lux, on
+// surfaces that face it.
+fn illuminance_of(at: ShadingPoint, lights: LightList, i: u32, ray: vec3<f32>, extent: f32) -> vec3<f32> {
+    if i < lights.suns {
+        return sun_factor(i) * bevy::lights.directional_lights[i].color.rgb;
+    }
+#ifdef VDB_LOCAL_LIGHTS
+    let data = bevy::clustered_lights.data[local_light(lights, i)];
+    return lamp_illuminance(data, data.position_radius.xyz - at.position, ray, extent);
+#else
+    return vec3(0.0);
+#endif
+}
+
+// How much of a light arrives in each octave. The first is single scattering; the others estimate multiple
+// scattering, each at half the optical depth of the one before.
+fn octaves_of(visible: f32, has_shadows: bool) -> array<f32, OCTAVES> {
+    var octaves = array<f32, OCTAVES>();
+    var visibility = visible;
+    for (var octave = 0u; octave < OCTAVES; octave++) {
+        octaves[octave] = visibility;
+        // Without shadows, all light is in the first octave.
+        visibility = select(0.0, sqrt(visibility), has_shadows);
+    }
+    return octaves;
+}
+
+// Adds the light that is scattered along a ray (world space, unit length) from a light, given its illuminance
+// and how much of it arrives.
+fn add_scattered(
+    light: ptr<function, array<vec3<f32>, OCTAVES>>,
+    light_vector: vec3<f32>,
+    illuminance: vec3<f32>,
+    visible: array<f32, OCTAVES>,
+    ray: vec3<f32>,
+    anisotropy: f32,
+) {
+    // Forward scattering is towards the viewer from a light straight ahead.
+    let cosine = clamp(
+        dot(light_vector, ray) * inverseSqrt(max(dot(light_vector, light_vector), 1e-30)),
+        -1.0,
+        1.0,
+    );
+    var visibilities = visible;
+    var octave_anisotropy = anisotropy;
+    for (var octave = 0u; octave < OCTAVES; octave++) {
+        (*light)[octave] += (visibilities[octave] * phase(octave_anisotropy, cosine)) * illuminance;
+        octave_anisotropy *= OCTAVE_ANISOTROPY;
+    }
+}
+
+// Light scattered along an extent of a ray (world space, unit length) around a point in fog with an albedo of 1,
+// cd/m².
 fn in_scattered(
     at: ShadingPoint,
     point: Point,
     ray: vec3<f32>,
+    extent: f32,
     anisotropy: f32,
-    skips_cached: bool,
 ) -> array<vec3<f32>, OCTAVES> {
     var light = array<vec3<f32>, OCTAVES>();
     let lights = lights_at(at);
     for (var i = 0u; i < lights.end; i++) {
-#ifdef VDB_LIGHT_CACHE
-        if skips_cached && i < lights.suns && cached_slot(i) != NOT_CACHED {
-            continue;
-        }
-#endif
-        let visible = visibility(at, point, lights, i);
-        let light_vector = to_light(at, lights, i);
-        // Forward scattering is towards the viewer from a light straight ahead.
-        let cosine = clamp(
-            dot(light_vector, ray) * inverseSqrt(max(dot(light_vector, light_vector), 1e-30)),
-            -1.0,
-            1.0,
-        );
-        var illuminance = vec3(0.0);
-        if i < lights.suns {
-            illuminance = sun_factor(i) * bevy::lights.directional_lights[i].color.rgb;
-        } else {
-#ifdef VDB_LOCAL_LIGHTS
-            illuminance = local_illuminance(at, local_light(lights, i));
-#endif
-        }
-        var octave_visibility = visible;
-        var octave_anisotropy = anisotropy;
-        for (var octave = 0u; octave < OCTAVES && octave_visibility > 0.0; octave++) {
-            light[octave] += (octave_visibility * phase(octave_anisotropy, cosine)) * illuminance;
-            // Halves the optical depth. Without shadows, all light is in the first octave.
-            octave_visibility = select(0.0, sqrt(octave_visibility), casts_shadows(lights, i));
-            octave_anisotropy *= OCTAVE_ANISOTROPY;
-        }
+        let illuminance = illuminance_of(at, lights, i, ray, extent);
+        let visible = octaves_of(visibility(at, point, lights, i), casts_shadows(lights, i));
+        add_scattered(&light, to_light(at, lights, i), illuminance, visible, ray, anisotropy);
     }
     return light;
 }
 
 #ifdef VDB_LIGHT_CACHE
-const NOT_CACHED: u32 = 0xffffffffu;
-
 // Slot of a directional light in the light cache; NOT_CACHED if it has none.
 fn cached_slot(light: u32) -> u32 {
     let direction = bevy::lights.directional_lights[light].direction_to_light;
@@ -463,7 +491,7 @@ fn sun_phases(slot: u32, ray: vec3<f32>, anisotropy: f32) -> array<f32, OCTAVES>
     return phases;
 }
 
-// Fraction of a cached light that meshes and surfaces let through to a point in fog.
+// Fraction of a cached sun that meshes and surfaces let through to a point in fog.
 fn unoccluded(at: ShadingPoint, point: Point, light: u32) -> f32 {
 #ifdef VDB_MESH_CASTERS
     let visible = shadows::fetch_directional_shadow(
@@ -482,24 +510,173 @@ fn unoccluded(at: ShadingPoint, point: Point, light: u32) -> f32 {
     }
     return visible;
 }
+
+#ifdef VDB_CACHED_LAMPS
+// Fraction of a point or spot light that meshes and surfaces let through to a point in fog.
+fn unoccluded_lamp(at: ShadingPoint, point: Point, lamp: u32, to_lamp: vec3<f32>) -> f32 {
+    var visible = 1.0;
+#ifdef VDB_MESH_CASTERS
+    if is_spot(lamp) {
+        let near = bevy::clustered_lights.data[lamp].shadow_map_near_z;
+        visible = shadows::fetch_spot_shadow(lamp, vec4(at.position, 1.0), at.normal, near, at.coord);
+    } else {
+        visible = shadows::fetch_point_shadow(lamp, vec4(at.position, 1.0), at.normal, at.coord);
+    }
+#endif
+    let distance = length(to_lamp);
+    if visible > 0.0 && is_occluded(point, to_lamp / max(distance, 1e-30), distance) {
+        return 0.0;
+    }
+    return visible;
+}
+#endif
+
+// Light scattered along a ray, and the distance to the nearest of the lamps that it comes from.
+struct LocalLight {
+    octaves: array<vec3<f32>, OCTAVES>,
+    nearest: f32,
+}
+
+#ifdef VDB_CACHED_LAMPS
+// Adds the light of the lamps in the light cache that is scattered along an extent of a ray around a point in a
+// fog. `place` is that point in the lattice of the fog.
+fn add_cached_lamps(
+    light: ptr<function, LocalLight>,
+    at: ShadingPoint,
+    point: Point,
+    ray: vec3<f32>,
+    extent: f32,
+    anisotropy: f32,
+    volume: u32,
+    place: SamplePoint,
+) {
+    let in_lattice = lattice_point(volume, place.cell, place.u);
+    var octaves = (*light).octaves;
+    var nearest_squared = FAR;
+    let groups = (min(view.cached_lamp_count, MAX_CACHED_LAMPS) + 3u) / 4u;
+    for (var group = 0u; group < groups; group++) {
+        let lamps = view.cached_lamps[group];
+        let bricks = lamp_group_bricks(volume, group);
+        // Four samples at once, so that the GPU does not wait for each.
+        var depths = vec4(0.0);
+        for (var i = 0u; i < 4u; i++) {
+            depths[i] = cached_depth(in_lattice, select(bricks[i], 0u, bricks[i] == NOT_CACHED));
+        }
+        for (var i = 0u; i < 4u; i++) {
+            let data = bevy::clustered_lights.data[lamps[i]];
+            let has_shadows = (data.flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
+            if has_shadows && bricks[i] != NOT_CACHED {
+                let to_lamp = data.position_radius.xyz - at.position;
+                let illuminance = lamp_illuminance(data, to_lamp, ray, extent);
+                if any(illuminance > vec3(0.0)) {
+                    let unoccluded = octaves_of(unoccluded_lamp(at, point, lamps[i], to_lamp), true);
+                    var visible = octaves_of_depth(depths[i]);
+                    for (var octave = 0u; octave < OCTAVES; octave++) {
+                        visible[octave] *= unoccluded[octave];
+                    }
+                    add_scattered(&octaves, to_lamp, illuminance, visible, ray, anisotropy);
+                    nearest_squared = min(nearest_squared, dot(to_lamp, to_lamp));
+                }
+            }
+        }
+    }
+    (*light).octaves = octaves;
+    (*light).nearest = min((*light).nearest, sqrt(nearest_squared));
+}
+
+// Whether a point or spot light has a lattice in a fog.
+fn is_cached_lamp(volume: u32, lamp: u32) -> bool {
+    var is_cached = false;
+    for (var slot = 0u; slot < min(view.cached_lamp_count, MAX_CACHED_LAMPS); slot++) {
+        if view.cached_lamps[slot / 4u][slot % 4u] == lamp {
+            is_cached = lamp_group_bricks(volume, slot / 4u)[slot % 4u] != NOT_CACHED;
+        }
+    }
+    return is_cached;
+}
+#endif
+
+#ifdef VDB_OTHER_LIGHTS
+// Adds the light of all suns and lamps that have no shadows or are not in the light cache.
+fn add_other_lights(
+    light: ptr<function, LocalLight>,
+    at: ShadingPoint,
+    point: Point,
+    ray: vec3<f32>,
+    extent: f32,
+    anisotropy: f32,
+    volume: u32,
+) {
+    var octaves = (*light).octaves;
+    let lights = lights_at(at);
+    for (var i = 0u; i < lights.end; i++) {
+        let has_shadows = casts_shadows(lights, i);
+        var is_cached = false;
+        if i < lights.suns {
+            is_cached = cached_slot(i) != NOT_CACHED;
+        } else if has_shadows {
+#ifdef VDB_UNCACHED_LIGHTS
+#ifdef VDB_CACHED_LAMPS
+            is_cached = is_cached_lamp(volume, local_light(lights, i));
+#endif
+#else
+            is_cached = true;
+#endif
+        }
+        let illuminance = illuminance_of(at, lights, i, ray, extent);
+        if !is_cached && any(illuminance > vec3(0.0)) {
+            var visible = 1.0;
+#ifdef VDB_UNCACHED_LIGHTS
+            visible = visibility(at, point, lights, i);
+#endif
+            let light_vector = to_light(at, lights, i);
+            let visibilities = octaves_of(visible, has_shadows);
+            add_scattered(&octaves, light_vector, illuminance, visibilities, ray, anisotropy);
+            if i >= lights.suns {
+                (*light).nearest = min((*light).nearest, length(light_vector));
+            }
+        }
+    }
+    (*light).octaves = octaves;
+}
+#endif
 #endif
 
 #ifdef VDB_LOCAL_LIGHTS
-// Illuminance in lux on a surface that faces a point or spot light.
-fn local_illuminance(at: ShadingPoint, light: u32) -> vec3<f32> {
-    let data = bevy::clustered_lights.data[light];
-    let light_vector = data.position_radius.xyz - at.position;
-    let distance_squared = dot(light_vector, light_vector);
+// Extents of rays of less than this fraction of the distance to a lamp are represented by their middle.
+const NEAR_LAMP: f32 = 0.25;
+
+// Mean of 1/d² over an extent of a ray, divided by its value in the middle, where the vector to the lamp is
+// `to_lamp`.
+fn mean_falloff(to_lamp: vec3<f32>, ray: vec3<f32>, extent: f32) -> f32 {
+    // Within a hundredth of a world unit, Bevy's light is no stronger.
+    let least = 1e-4;
+    let distance_squared = max(dot(to_lamp, to_lamp), least);
+    if extent * extent < NEAR_LAMP * NEAR_LAMP * distance_squared {
+        return 1.0;
+    }
+    // The integral is an angle as seen from the lamp.
+    let along = dot(to_lamp, ray);
+    let across = sqrt(max(distance_squared - along * along, least));
+    let angle = atan((along + 0.5 * extent) / across) - atan((along - 0.5 * extent) / across);
+    return distance_squared * angle / (across * extent);
+}
+
+// Mean illuminance in lux over an extent of a ray around a point, on surfaces that face a point or spot light,
+// to which the vector in the middle is `to_lamp`.
+fn lamp_illuminance(data: ClusteredLight, to_lamp: vec3<f32>, ray: vec3<f32>, extent: f32) -> vec3<f32> {
+    let distance_squared = dot(to_lamp, to_lamp);
     var cone = 1.0;
-    if is_spot(light) {
+    if (data.flags & POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT) != 0u {
         var axis = vec3(data.light_custom_data.x, 0.0, data.light_custom_data.y);
         axis.y = sqrt(max(0.0, 1.0 - axis.x * axis.x - axis.z * axis.z));
         axis.y = select(axis.y, -axis.y, (data.flags & POINT_LIGHT_FLAGS_SPOT_LIGHT_Y_NEGATIVE) != 0u);
-        let cosine = dot(-axis, light_vector * inverseSqrt(max(distance_squared, 1e-30)));
+        let cosine = dot(-axis, to_lamp * inverseSqrt(max(distance_squared, 1e-30)));
         cone = saturate(cosine * data.light_custom_data.z + data.light_custom_data.w);
     }
     let falloff = lighting::getDistanceAttenuation(distance_squared, data.color_inverse_square_range.w);
-    return data.color_inverse_square_range.rgb * (falloff * cone * cone);
+    let mean = mean_falloff(to_lamp, ray, extent);
+    return data.color_inverse_square_range.rgb * (mean * falloff * cone * cone);
 }
 #endif
 

@@ -9,12 +9,14 @@
 #import bevy_vdb::gpu::types::KIND_FOG
 #import bevy_vdb::trace::candidates::start_t
 #import bevy_vdb::trace::fog_march::{Fog, MAX_DEPTH_OF_STEP, MIN_STEP, OPAQUE_DEPTH, light_interval}
-#import bevy_vdb::trace::light_cache::cached_depth
+#import bevy_vdb::trace::light_cache::{cached_depth, lattice_point, sun_brick}
 #import bevy_vdb::trace::scattering::{OCTAVES, ScatteringSums, add_sample, mean_transmittance}
-#import bevy_vdb::trace::scattering::scattered_radiance
+#import bevy_vdb::trace::scattering::{octaves_of_depth, scattered_radiance}
 #import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
-#import bevy_vdb::trace::shared_light::{SUN_COUNT, CachedLight, begin_interval, begin_light, mean_light}
-#import bevy_vdb::traversal::fog::{SampledRay, next_index, sample_fog, sampled_ray, step_length, stride_at}
+#import bevy_vdb::trace::shared_light::{SUN_COUNT, SUN_SLOTS, CachedLight, FogPoint, SharedLight}
+#import bevy_vdb::trace::shared_light::{begin_interval, begin_light, mean_light}
+#import bevy_vdb::traversal::fog::{SampledRay, next_index, point_in_box, sample_fog, sampled_ray}
+#import bevy_vdb::traversal::fog::{step_length, stride_at}
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray}
 #import bevy_vdb::traversal::tree::{Accessor, new_accessor}
 #import bevy_vdb::view::scene::volumes
@@ -39,14 +41,73 @@ struct Medium {
     t_last: f32,        // there is nothing after this t
 }
 
-// Sums over the steps of one fog, since its light was last added to the pixel.
+// Sums over the steps of one fog in an interval.
 struct FogSums {
     weight: f32,        // of the steps: how much of the pixel they cover
+    t: f32,             // weighted sum
     light: CachedLight, // weighted sum
+}
+
+// Sums over the steps of an interval, in which all light but that of cached suns is evaluated once.
+struct IntervalSums {
+    width: f32,     // in t
+    weight: f32,
+    t: f32,
+    fogs: array<FogSums, MAX_MEDIA>,
+}
+
+// Sums over a segment.
+struct SegmentSums {
+    weight: f32,
+    t: f32,
+    scattering: ScatteringSums,
+    media: array<f32, MAX_MEDIA>,   // weights
 }
 
 // Voxels of a step through an emission grid.
 const EMISSION_STEP: f32 = 2.0;
+
+// Meshes or surfaces may stand between fog and its lights.
+#ifdef VDB_MESH_CASTERS
+const HAS_OCCLUDERS: bool = true;
+#else ifdef VDB_SURFACES
+const HAS_OCCLUDERS: bool = true;
+#else ifdef VDB_SMOOTH
+const HAS_OCCLUDERS: bool = true;
+#else
+const HAS_OCCLUDERS: bool = false;
+#endif
+#ifdef VDB_OTHER_LIGHTS
+const HAS_OTHER_LIGHTS: bool = true;
+#else ifdef VDB_CACHED_LAMPS
+const HAS_OTHER_LIGHTS: bool = true;
+#else
+const HAS_OTHER_LIGHTS: bool = false;
+#endif
+// Otherwise, light varies along a ray only by what the cache knows at each step.
+const HAS_INTERVALS: bool = HAS_OCCLUDERS || HAS_OTHER_LIGHTS;
+// Intervals are at most this fraction of the distance to a lamp.
+const LAMP_INTERVAL: f32 = 0.25;
+// The shortest interval near lamps, as a fraction of the longest.
+const MIN_INTERVAL: f32 = 0.015625;
+// Other lights vary along a ray as smoothly as what the cache interpolates: over this many of its samples.
+const SAMPLES_OF_INTERVAL: f32 = 2.0;
+
+fn next_multiple(t: f32, factor: f32) -> f32 {
+    return (floor(t / factor) + 1.0) * factor;
+}
+
+// The longest interval of a fog in dense parts, in voxels.
+fn interval_voxels(segment: Segment, volume: u32) -> f32 {
+    var voxels = FAR;
+    if HAS_OTHER_LIGHTS {
+        voxels = SAMPLES_OF_INTERVAL * exp2(f32(volumes[volume].light_log));
+    }
+    if HAS_OCCLUDERS {
+        voxels = min(voxels, light_interval(segment, volume));
+    }
+    return voxels;
+}
 
 // A medium before it is known where the march begins.
 fn new_medium(segment: Segment, volume: u32, t_max: f32) -> Medium {
@@ -69,6 +130,41 @@ fn first_step(next: f32) -> f32 {
 #else
     return ceil(next - 0.5);
 #endif
+}
+
+// Adds an interval to the sums of its segment, with the light at the mean position of what is visible. Every t
+// of the media and the sums is relative to `t_zero`.
+fn add_interval(
+    segment: Segment,
+    pixel: vec2<u32>,
+    media: ptr<function, array<Medium, MAX_MEDIA>>,
+    t_zero: f32,
+    t_max: f32,
+    shared_light: ptr<function, SharedLight>,
+    interval: ptr<function, IntervalSums>,
+    sums: ptr<function, SegmentSums>,
+) {
+    let t_mean = (*interval).t / (*interval).weight;
+    begin_interval(shared_light, segment, pixel, min(t_zero + t_mean, t_max));
+    var scattering = (*sums).scattering;
+    for (var i = 0u; i < MAX_MEDIA; i++) {
+        let own = (*interval).fogs[i];
+        if own.weight > 0.0 {
+            let volume = (*media)[i].volume;
+            let factor = 1.0 / own.weight;
+            let t = factor * own.t;
+            let grid = grids[volumes[volume].grid];
+            let place = point_in_box(grid, (*media)[i].ray, t - (*media)[i].ray.t_origin);
+            let at = FogPoint(volume, place, min(t_zero + t, t_max), (*interval).width * length(segment.dir));
+            let light = mean_light(shared_light, segment, pixel, at, own.light, factor);
+            add_sample(&scattering, own.weight, volumes[volume].base_color, light);
+            (*sums).media[i] += own.weight;
+        }
+    }
+    (*sums).scattering = scattering;
+    (*sums).weight += (*interval).weight;
+    (*sums).t += (*interval).t;
+    *interval = IntervalSums();
 }
 
 // Radiance and optical depth of the media along a segment up to `t_max`. `met` holds the indices of `met_count`
@@ -97,8 +193,8 @@ fn march_media(
             media[i] = new_medium(segment, list[i], t_max);
             t_base = min(t_base, media[i].t_step);
             t_last = max(t_last, media[i].ray.t_origin + media[i].ray.t_last);
-            if media[i].is_fog {
-                let voxels = light_interval(segment, list[i]);
+            if HAS_INTERVALS && media[i].is_fog {
+                let voxels = interval_voxels(segment, list[i]);
                 t_interval = min(t_interval, voxels / max(length(media[i].ray.dir), 1e-30));
             }
         }
@@ -123,21 +219,13 @@ fn march_media(
     }
     let dir_length = length(segment.dir);
     var shared_light = begin_light(normalize(segment.dir));
-    var sums = ScatteringSums();
-    var fogs = array<FogSums, MAX_MEDIA>();
-    // Sums since the light was last added.
-    var weight_sum = 0.0;
-    var t_sum = 0.0;
-    var t_flush = t_near + t_interval;
-    // Sums over the whole ray.
-    var all_weight = 0.0;
-    var all_t = 0.0;
+    var sums = SegmentSums();
+    var interval = IntervalSums();
+    // Not the longest, because lamps may be near.
+    var t_flush = next_multiple(t_zero + t_near, 0.25 * t_interval) - t_zero;
 #ifdef VDB_EMISSION
     var radiance_sum = 0.0;
     var t_radiance_sum = 0.0;
-#endif
-#ifdef VDB_MOTION_VECTORS
-    var largest_weight = 0.0;
 #endif
     var transmittance = 1.0;
     let t_start = t_first - t_zero;
@@ -163,7 +251,7 @@ fn march_media(
         var is_empty = true;
         var extinction = 0.0;
         var extinctions = array<f32, MAX_MEDIA>();
-        var depths = array<array<f32, SUN_COUNT>, MAX_MEDIA>();
+        var depths = array<array<f32, SUN_SLOTS>, MAX_MEDIA>();
         for (var i = 0u; i < MAX_MEDIA; i++) {
             if media[i].is_fog && media[i].t_next <= t_middle {
                 let volume = media[i].volume;
@@ -179,8 +267,9 @@ fn march_media(
                     is_empty = false;
                     extinctions[i] = media[i].extinction * min(found.density, media[i].max_density);
                     extinction += extinctions[i];
+                    let point = lattice_point(volume, found.point.cell, found.point.u);
                     for (var slot = 0u; slot < SUN_COUNT; slot++) {
-                        depths[i][slot] = cached_depth(volume, slot, found.point.cell, found.point.u);
+                        depths[i][slot] = cached_depth(point, sun_brick(volume, slot));
                     }
                 }
             }
@@ -191,13 +280,12 @@ fn march_media(
         for (var i = 0u; i < MAX_MEDIA; i++) {
             let weight = extinctions[i] * visible_width;
             if weight > 0.0 {
-                fogs[i].weight += weight;
+                interval.fogs[i].weight += weight;
+                interval.fogs[i].t += weight * t_middle;
                 for (var slot = 0u; slot < SUN_COUNT; slot++) {
-                    // Each octave has half the optical depth of the one before.
-                    var visibility = exp(-depths[i][slot] / f32(1u << (OCTAVES - 1u)));
-                    for (var octave = OCTAVES; octave > 0u; octave--) {
-                        fogs[i].light.slots[slot][octave - 1u] += weight * visibility;
-                        visibility *= visibility;
+                    var visible = octaves_of_depth(depths[i][slot]);
+                    for (var octave = 0u; octave < OCTAVES; octave++) {
+                        interval.fogs[i].light.slots[slot][octave] += weight * visible[octave];
                     }
                 }
             }
@@ -225,40 +313,38 @@ fn march_media(
         }
         k = next_index(k, select(k + stride, max(k + 1.0, first_step(min(t_near, t_end) * inverse_base)), is_empty));
         let weight = extinction * visible_width;
-        weight_sum += weight;
-        t_sum += weight * t_middle;
+        interval.width += select(0.0, width, weight > 0.0);
+        interval.weight += weight;
+        interval.t += weight * t_middle;
         fog.optical_depth += depth;
         transmittance *= exp(-depth);
         is_done = k * t_base >= t_end || t_near >= t_end || fog.optical_depth > OPAQUE_DEPTH;
-        if (t_high >= t_flush || is_done) && weight_sum > 0.0 {
-            // Light that varies slowly is evaluated once, at the mean position of what is visible.
-            let t = clamp(t_zero + t_sum / weight_sum, t_first, t_max);
-            begin_interval(&shared_light, segment, pixel, t);
-            for (var i = 0u; i < MAX_MEDIA; i++) {
-                if fogs[i].weight > 0.0 {
-                    let volume = media[i].volume;
-                    let own = fogs[i];
-                    let anisotropy = volumes[volume].anisotropy;
-                    let light =
-                        mean_light(&shared_light, segment, pixel, t, anisotropy, own.light, 1.0 / own.weight);
-                    fog.radiance += own.weight * volumes[volume].emissive;
-                    add_sample(&sums, own.weight, volumes[volume].base_color, light);
-#ifdef VDB_MOTION_VECTORS
-                    fog.motion_volume = select(fog.motion_volume, volume, own.weight > largest_weight);
-                    largest_weight = max(largest_weight, own.weight);
-#endif
-                    fogs[i] = FogSums();
-                }
-            }
-            all_weight += weight_sum;
-            all_t += t_sum;
-            weight_sum = 0.0;
-            t_sum = 0.0;
-            t_flush = max(t_high, t_near) + t_interval;
+        if HAS_INTERVALS && t_high >= t_flush && interval.weight > 0.0 && !is_done {
+            add_interval(segment, pixel, &media, t_zero, t_max, &shared_light, &interval, &sums);
+            // Ends at multiples of a length, so that neighbouring rays evaluate light at the same time, and
+            // grows like the steps.
+            let longest = LAMP_INTERVAL * shared_light.nearest / (dir_length * t_interval);
+            let t_part = t_interval * exp2(floor(log2(max(min(stride, longest), MIN_INTERVAL))));
+            t_flush = next_multiple(t_zero + max(t_high, t_near), t_part) - t_zero;
         }
     }
-    fog.radiance += scattered_radiance(sums, fog.optical_depth);
-    fog.t_mean = t_zero + all_t / max(all_weight, 1e-30);
+    if interval.weight > 0.0 {
+        add_interval(segment, pixel, &media, t_zero, t_max, &shared_light, &interval, &sums);
+    }
+#ifdef VDB_MOTION_VECTORS
+    var largest_weight = 0.0;
+    for (var i = 0u; i < MAX_MEDIA; i++) {
+        fog.motion_volume = select(fog.motion_volume, media[i].volume, sums.media[i] > largest_weight);
+        largest_weight = max(largest_weight, sums.media[i]);
+    }
+#endif
+    for (var i = 0u; i < MAX_MEDIA; i++) {
+        if sums.media[i] > 0.0 {
+            fog.radiance += sums.media[i] * volumes[media[i].volume].emissive;
+        }
+    }
+    fog.radiance += scattered_radiance(sums.scattering, fog.optical_depth);
+    fog.t_mean = t_zero + sums.t / max(sums.weight, 1e-30);
 #ifdef VDB_EMISSION
     // Emission need not attenuate anything, so weight t by radiance.
     let t_radiance = t_zero + t_radiance_sum / max(radiance_sum, 1e-30);

@@ -53,6 +53,17 @@ struct ScatteringSums {
 #endif
 }
 
+// How much light arrives through an optical depth in each octave, which has half the depth of the one before.
+fn octaves_of_depth(depth: f32) -> array<f32, OCTAVES> {
+    var octaves = array<f32, OCTAVES>();
+    var visibility = exp(-depth / f32(1u << (OCTAVES - 1u)));
+    for (var octave = OCTAVES; octave > 0u; octave--) {
+        octaves[octave - 1u] = visibility;
+        visibility *= visibility;
+    }
+    return octaves;
+}
+
 fn add_sample(sums: ptr<function, ScatteringSums>, weight: f32, albedo: vec3<f32>, light: InScattered) {
 #ifdef VDB_MULTIPLE_SCATTERING
     for (var i = 0u; i < OCTAVES; i++) {

@@ -3,29 +3,44 @@
 #define_import_path bevy_vdb::trace::shared_light
 
 #import bevy_vdb::trace::fog_march::with_environment
-#ifdef VDB_UNCACHED_LIGHTS
-#import bevy_vdb::trace::fog_march::in_scattered_at
+#ifdef VDB_CACHED_LAMPS
+#import bevy_vdb::trace::lights::add_cached_lamps
+#endif
+#ifdef VDB_OTHER_LIGHTS
+#import bevy_vdb::trace::lights::add_other_lights
 #endif
 #import bevy_vdb::trace::lights::{CachedSun, EnvironmentLight, cached_sun, environment_light, shading_point}
-#import bevy_vdb::trace::lights::{sun_phases, unoccluded}
+#import bevy_vdb::trace::lights::{LocalLight, sun_phases, unoccluded}
 #import bevy_vdb::trace::scattering::{InScattered, OCTAVES}
 #import bevy_vdb::trace::segment::{Segment, point_at}
+#import bevy_vdb::traversal::fog::SamplePoint
+#import bevy_vdb::traversal::hdda::FAR
+#import bevy_vdb::view::scene::volumes
 
 const SUN_COUNT: u32 = #{VDB_CACHED_SUNS}u;
+// Arrays are not empty even if only other lights are in the cache.
+const SUN_SLOTS: u32 = max(SUN_COUNT, 1u);
 
 // What fog lets through of each cached light, in each octave.
 struct CachedLight {
-    slots: array<array<f32, OCTAVES>, SUN_COUNT>,
+    slots: array<array<f32, OCTAVES>, SUN_SLOTS>,
 }
 
 // The light along a ray.
 struct SharedLight {
     dir: vec3<f32>,                         // of the ray, world space, unit length
     environment: EnvironmentLight,
-    suns: array<CachedSun, SUN_COUNT>,
-    visibility: array<f32, SUN_COUNT>,      // what surfaces and meshes let through, in this interval
-    is_evaluated: bool,                     // whether `light` is of this interval
-    light: InScattered,                     // of everything but the cached lights
+    suns: array<CachedSun, SUN_SLOTS>,
+    visibility: array<f32, SUN_SLOTS>,      // what surfaces and meshes let through, in this interval
+    nearest: f32,                           // distance to the nearest lamp, in this interval
+}
+
+// A point of a segment in a fog.
+struct FogPoint {
+    volume: u32,
+    place: SamplePoint, // in the fog's lattice
+    t: f32,
+    extent: f32,        // of the interval, world units
 }
 
 fn begin_light(dir: vec3<f32>) -> SharedLight {
@@ -40,38 +55,39 @@ fn begin_light(dir: vec3<f32>) -> SharedLight {
 
 // Evaluates what surfaces and meshes let through at t.
 fn begin_interval(shared_light: ptr<function, SharedLight>, segment: Segment, pixel: vec2<u32>, t: f32) {
-    (*shared_light).is_evaluated = false;
     let point = point_at(segment, t);
     let at = shading_point(point, vec3(0.0), pixel, segment.is_view);
     for (var slot = 0u; slot < SUN_COUNT; slot++) {
         (*shared_light).visibility[slot] = unoccluded(at, point, (*shared_light).suns[slot].light);
     }
+    (*shared_light).nearest = FAR;
 }
 
-// Mean light over the steps of a fog in the interval. `cached` are sums over these steps; `factor` turns them
-// into means.
+// Mean light over the steps of a fog in the interval, whose mean position is `fog_point`. `cached` are sums over
+// these steps; `factor` turns them into means.
 fn mean_light(
     shared_light: ptr<function, SharedLight>,
     segment: Segment,
     pixel: vec2<u32>,
-    t: f32,
-    anisotropy: f32,
+    fog_point: FogPoint,
     cached: CachedLight,
     factor: f32,
 ) -> InScattered {
-    let environment = (*shared_light).environment;
-#ifdef VDB_UNCACHED_LIGHTS
-    // Fogs with the same phase function share their rays to the lights.
-    if !(*shared_light).is_evaluated || (*shared_light).light.anisotropy != anisotropy {
-        (*shared_light).light = in_scattered_at(segment, pixel, t, anisotropy, environment, true);
-        (*shared_light).is_evaluated = true;
-    }
-    var light = (*shared_light).light;
-#else
-    var light = with_environment(array<vec3<f32>, OCTAVES>(), environment, anisotropy);
+    let ray = (*shared_light).dir;
+    let anisotropy = volumes[fog_point.volume].anisotropy;
+    let point = point_at(segment, fog_point.t);
+    let at = shading_point(point, vec3(0.0), pixel, segment.is_view);
+    var others = LocalLight(array<vec3<f32>, OCTAVES>(), FAR);
+#ifdef VDB_CACHED_LAMPS
+    add_cached_lamps(&others, at, point, ray, fog_point.extent, anisotropy, fog_point.volume, fog_point.place);
 #endif
+#ifdef VDB_OTHER_LIGHTS
+    add_other_lights(&others, at, point, ray, fog_point.extent, anisotropy, fog_point.volume);
+#endif
+    (*shared_light).nearest = min((*shared_light).nearest, others.nearest);
+    var light = with_environment(others.octaves, (*shared_light).environment, anisotropy);
     for (var slot = 0u; slot < SUN_COUNT; slot++) {
-        let phases = sun_phases(slot, (*shared_light).dir, anisotropy);
+        let phases = sun_phases(slot, ray, anisotropy);
         var octave_visibility = (*shared_light).visibility[slot];
         for (var octave = 0u; octave < OCTAVES; octave++) {
             light.octaves[octave] += (factor * octave_visibility * cached.slots[slot][octave] * phases[octave])

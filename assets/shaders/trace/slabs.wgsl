@@ -134,7 +134,8 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
                     if light.anisotropy != volumes[i].anisotropy {
                         let jitter = fract(0.5 + frame_random(0.41421356)) - 0.5;
                         let t = 0.5 * (t_low + t_high) + jitter * (t_high - t_low);
-                        light = in_scattered_at(segment, pixel, t, volumes[i].anisotropy, environment, false);
+                        let width = t_high - t_low;
+                        light = in_scattered_at(segment, pixel, t, width, volumes[i].anisotropy, environment);
                     }
                     source += volume_depth * volumes[i].emissive;
                     add_sample(&slab_sums, volume_depth, volumes[i].base_color, light);

@@ -158,6 +158,12 @@ struct Sample {
     point: SamplePoint,
 }
 
+// The sample position at t on a ray, in a cell of the grid's box.
+fn point_in_box(grid: Grid, ray: SampledRay, t: f32) -> SamplePoint {
+    let point = sample_at(ray, t);
+    return SamplePoint(clamp(point.cell, grid.occupied_min, grid.occupied_max), point.u);
+}
+
 // A sample position and the word of the smallest slot that covers it.
 struct Located {
     point: SamplePoint,

@@ -68,6 +68,9 @@ pub(crate) const MAX_SUNS: usize = 10;
 /// The largest number of directional lights in the light cache.
 pub(crate) const MAX_CACHED_SUNS: usize = 4;
 
+/// The largest number of point and spot lights in the light cache.
+pub(crate) const MAX_CACHED_LAMPS: usize = 32;
+
 /// [`Volume::light_brick`] of a volume that is not in the light cache.
 pub(crate) const NO_LIGHT_CACHE: u32 = u32::MAX;
 
@@ -112,7 +115,8 @@ pub(crate) struct View {
     pub pads: [u32; 2],
     pub cached_suns: [[f32; 4]; MAX_CACHED_SUNS],
     pub light_texel: [f32; 3],
-    pub pad_light: u32,
+    pub cached_lamp_count: u32,
+    pub cached_lamps: [[u32; 4]; MAX_CACHED_LAMPS / 4],
 }
 
 /// The rectangle of the traced image in the target.
@@ -199,7 +203,7 @@ mod tests {
             steps_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
             has_tile_starts, picture, shadow_range, reflection_range, suns, disks, random_offset,
             frame, jitter, max_frames, cached_sun_count, cached_suns,
-            light_texel);
+            light_texel, cached_lamp_count, cached_lamps);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

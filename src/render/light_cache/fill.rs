@@ -12,7 +12,7 @@ use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use super::atlas::{Atlas, BRICK_SAMPLES, LINE_BYTES, ROW_BYTES, WIDTH, row_origin};
 use super::lattices::LightCache;
 use super::pipeline::{FillPipeline, GROUPS_PER_BRICK};
-use super::plan::{Fill, LightCacheView};
+use super::view::{Fill, LightCacheView};
 use crate::render::gpu::{GROUP, PipelineFallback, empty_layout};
 use crate::render::pool::VdbTreePool;
 use crate::render::view::{ViewState, VolumeBuffer};

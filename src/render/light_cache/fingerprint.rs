@@ -2,7 +2,7 @@
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-use bevy::math::{DAffine3, Vec3};
+use bevy::math::DAffine3;
 
 use crate::quality::features::Features;
 use crate::render::gpu::types;
@@ -34,12 +34,12 @@ impl Fingerprints {
         Self { common }
     }
 
-    /// A number that changes with the fog of an entry, with any fog that casts shadows, and with the
-    /// direction of a light.
-    pub fn of(&self, entry: &Entry, to_light: Vec3) -> u64 {
+    /// A number that changes with the fog of an entry, with any fog that casts shadows, and with a
+    /// light: the direction to a sun, or the position and range of a lamp.
+    pub fn of(&self, entry: &Entry, light: &[f64]) -> u64 {
         let mut hasher = DefaultHasher::new();
         self.common.hash(&mut hasher);
-        to_light.to_array().map(f32::to_bits).hash(&mut hasher);
+        light.iter().for_each(|v| v.to_bits().hash(&mut hasher));
         add_entry(&mut hasher, entry);
         hasher.finish()
     }

@@ -33,12 +33,20 @@ struct PlannedFill {
     has_run: AtomicBool,
 }
 
-/// The samples of one volume for some number of lights.
+/// The samples of one volume for a lamp, or for all suns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct LatticeKey {
     pub owner: MainEntity,
     pub layout: CacheLayout,
-    pub lights: u32,
+    pub source: Source,
+}
+
+/// The lights of a lattice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Source {
+    /// The number of suns.
+    Suns(u32),
+    Lamp(Entity),
 }
 
 impl LatticeKey {
@@ -48,7 +56,10 @@ impl LatticeKey {
     }
 
     pub fn rows(&self) -> u32 {
-        self.rows_per_light() * self.lights
+        match self.source {
+            Source::Suns(count) => self.rows_per_light() * count,
+            Source::Lamp(_) => self.rows_per_light(),
+        }
     }
 }
 
@@ -203,7 +214,7 @@ mod tests {
         LatticeKey {
             owner: Entity::from_raw_u32(owner).unwrap().into(),
             layout: CacheLayout { origin: IVec3::ZERO, bricks: UVec3::ONE, log: 0 },
-            lights: 2,
+            source: Source::Suns(2),
         }
     }
 
@@ -237,7 +248,7 @@ mod tests {
     fn lattices_that_do_not_fit_are_refused() {
         let mut wanted = WantedLattices::new(3);
         assert_eq!([1, 1, 2].map(|owner| wanted.add(key(owner))), [true, true, false]);
-        let one = LatticeKey { lights: 1, ..key(2) };
+        let one = LatticeKey { source: Source::Lamp(Entity::PLACEHOLDER), ..key(2) };
         assert!(wanted.add(one) && wanted.rows == 3);
     }
 }

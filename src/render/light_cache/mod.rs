@@ -1,4 +1,4 @@
-//! The light cache: optical depths towards directional lights, on a coarse lattice through each visible fog,
+//! The light cache: optical depths towards lights, on a coarse lattice through each visible fog,
 //! which the trace interpolates instead of sending rays to the lights.
 //!
 //! A lattice is filled when it is new, and again when anything on the way to its light has changed. All
@@ -7,9 +7,12 @@
 mod atlas;
 mod fill;
 mod fingerprint;
+mod lamp_table;
 mod lattices;
+mod lights;
 mod pipeline;
 mod plan;
+mod view;
 
 use bevy::core_pipeline::schedule::Core3d;
 use bevy::prelude::*;
@@ -22,7 +25,7 @@ use pipeline::FillPipeline;
 
 pub(super) use fill::fill_light_cache;
 pub(super) use lattices::LightCache;
-pub(super) use plan::LightCacheView;
+pub(super) use view::LightCacheView;
 
 /// Caches the light in fog.
 pub(super) struct LightCachePlugin;

@@ -25,8 +25,8 @@ pub(super) struct Job {
     pub axis_y: [f32; 3],
     pub step: f32,
     pub axis_z: [f32; 3],
-    pub pad_z: u32,
-    pub to_light: [f32; 3],
+    pub is_lamp: u32,
+    pub light: [f32; 3],
     pub pad: u32,
 }
 

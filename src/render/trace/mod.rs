@@ -20,7 +20,7 @@ use bevy::render::view::ViewDepthTexture;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
 use super::gpu::{GROUP, PipelineFallback, Shaders, load_shaders, picture_texture, tiles};
-use super::light_cache::{LightCache, fill_light_cache};
+use super::light_cache::{LightCache, LightCacheView, fill_light_cache};
 use super::pool::{PoolBuffers, VdbTreePool};
 use super::view::VdbSystems;
 use super::view::{
@@ -177,7 +177,7 @@ fn bind(
         &mut TraceView,
         &ViewPicture,
         &ViewDepthTexture,
-        Option<ViewLights>,
+        (&LightCacheView, Option<ViewLights>),
     )>,
     (pool, volumes): (Res<VdbTreePool>, Res<VolumeBuffer>),
     all_lights: AllLights,
@@ -187,7 +187,7 @@ fn bind(
     device: Res<RenderDevice>,
 ) {
     let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
-    for (view, mut own, picture, depth, view_lights) in &mut views {
+    for (view, mut own, picture, depth, (cached, view_lights)) in &mut views {
         let (Some((prepared, uniform)), Some(picture)) = (view.prepared(), &picture.traced) else {
             continue;
         };
@@ -204,16 +204,27 @@ fn bind(
             continue;
         }
         let caches_light = prepared.key.has(Features::LIGHT_CACHE);
-        let depths = light_cache.binding().filter(|_| caches_light);
-        if caches_light && depths.is_none() {
+        let binding = |(depths, sampler)| {
+            let lamps = cached.lamp_bricks().filter(|_| features.contains(Features::CACHED_LAMPS));
+            CacheBinding { depths, sampler, lamps }
+        };
+        let cached = light_cache.binding().filter(|_| caches_light).map(binding);
+        if caches_light && cached.is_none() {
             continue;
         }
         let layout = cache.get_bind_group_layout(trace.layout(features));
-        let group = inputs.trace_group(&layout, table, depths, &device);
+        let group = inputs.trace_group(&layout, table, cached, &device);
         let layout = cache.get_bind_group_layout(beams.layout(features));
         let beams = inputs.beams_group(&layout, &device);
         own.bind_groups = Some(BindGroups { trace: group, lights, beams, nothing });
     }
+}
+
+/// The light cache, and where the lattices of lamps are.
+struct CacheBinding<'a> {
+    depths: &'a TextureView,
+    sampler: &'a Sampler,
+    lamps: Option<&'a TextureView>,
 }
 
 /// The resources of the crate's own group.
@@ -231,7 +242,7 @@ impl Inputs<'_> {
         &self,
         layout: &bevy::render::render_resource::BindGroupLayout,
         blackbody: Option<&TextureView>,
-        depths: Option<(&TextureView, &Sampler)>,
+        cached: Option<CacheBinding>,
         device: &RenderDevice,
     ) -> BindGroup {
         let mut entries = self.pool.scene_entries(self.uniform, self.volumes).extend_sequential((
@@ -248,8 +259,11 @@ impl Inputs<'_> {
         if let Some(table) = blackbody {
             entries = entries.extend_with_indices(((11, table),));
         }
-        if let Some((depths, sampler)) = depths {
+        if let Some(CacheBinding { depths, sampler, lamps }) = cached {
             entries = entries.extend_with_indices(((12, depths), (13, sampler)));
+            if let Some(lamps) = lamps {
+                entries = entries.extend_with_indices(((14, lamps),));
+            }
         }
         device.create_bind_group("vdb_trace", layout, &entries)
     }

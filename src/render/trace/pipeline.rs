@@ -1,7 +1,7 @@
 //! The pipeline that traces rays.
 
 use bevy::prelude::*;
-use bevy::render::render_resource::binding_types::{sampler, texture_3d};
+use bevy::render::render_resource::binding_types::{sampler, texture_2d, texture_3d};
 use bevy::render::render_resource::{
     BindGroupLayoutDescriptor, ComputePipelineDescriptor, SamplerBindingType, ShaderStages,
     SpecializedComputePipeline, TextureFormat, TextureSampleType,
@@ -17,12 +17,13 @@ use crate::render::gpu::{
 use crate::render::view::ViewKey;
 
 /// The features that the layout of the crate's own group depends on.
-const LAYOUT: [Features; 5] = [
+const LAYOUT: [Features; 6] = [
     Features::MULTISAMPLED,
     Features::BEAMS,
     Features::MOTION_VECTORS,
     Features::BLACKBODY,
     Features::LIGHT_CACHE,
+    Features::CACHED_LAMPS,
 ];
 
 #[derive(Debug, Resource)]
@@ -60,6 +61,10 @@ impl TracePipeline {
                 let depths = texture_3d(TextureSampleType::Float { filterable: true });
                 let filtering = sampler(SamplerBindingType::Filtering);
                 entries = entries.extend_with_indices(((12, depths), (13, filtering)));
+                if has(Features::CACHED_LAMPS) {
+                    entries =
+                        entries.extend_with_indices(((14, texture_2d(TextureSampleType::Uint)),));
+                }
             }
             BindGroupLayoutDescriptor::new("vdb_trace", &entries)
         });

@@ -121,7 +121,7 @@ impl Detail {
 }
 
 /// The longest edge of a cell, in world units.
-fn cell_edge(lattice: &Lattice) -> f64 {
+pub(crate) fn cell_edge(lattice: &Lattice) -> f64 {
     let axes = lattice.world_from_local.matrix3;
     [axes.x_axis, axes.y_axis, axes.z_axis]
         .map(|axis| axis.length())

@@ -39,9 +39,13 @@ impl Lights<'_, '_> {
             ShadowFilteringMethod::Gaussian => "SHADOW_FILTER_METHOD_GAUSSIAN",
             ShadowFilteringMethod::Temporal => "SHADOW_FILTER_METHOD_TEMPORAL",
         };
-        let cached_suns = self.cached_suns() as usize;
-        let cacheable = shadows && cached_suns > 0;
-        let is_uncached = !self.local.is_empty() || self.suns.iter().len() > cached_suns;
+        let casting_suns = self.suns.iter().filter(|light| light.shadow_maps_enabled).count();
+        let casting_lamps = self.local.iter().filter(|light| light.shadow_maps_enabled).count();
+        let needs_rays =
+            casting_suns > types::MAX_CACHED_SUNS || casting_lamps > types::MAX_CACHED_LAMPS;
+        let others = needs_rays
+            || casting_suns < self.suns.iter().len()
+            || casting_lamps < self.local.iter().len();
         let soft = shadows && suns.0.iter().any(|sun| sun.angular_diameter > 0.0);
         let has_maps = environment.is_some_and(|maps| {
             [maps.diffuse, maps.specular].iter().all(|map| self.images.get(*map).is_some())
@@ -49,9 +53,11 @@ impl Lights<'_, '_> {
         let features = Features::LIGHT
             | Features::SHADOWS.when(shadows)
             | Features::SOFT_SHADOWS.when(soft)
-            | Features::LIGHT_CACHE.when(cacheable)
-            | Features::UNCACHED_LIGHTS.when(cacheable && is_uncached)
-            | Features::MESH_CASTERS.when(cacheable && self.mesh_casters.0)
+            | Features::LIGHT_CACHE.when(shadows)
+            | Features::CACHED_LAMPS.when(shadows && casting_lamps > 0)
+            | Features::OTHER_LIGHTS.when(shadows && others)
+            | Features::UNCACHED_LIGHTS.when(shadows && needs_rays)
+            | Features::MESH_CASTERS.when(shadows && self.mesh_casters.0)
             | Features::LAMPS.when(!self.local.is_empty())
             | Features::ENVIRONMENT.when(has_maps)
             | Features::DISTANCE_FOG.when(distance_fog);

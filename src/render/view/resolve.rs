@@ -119,7 +119,9 @@ impl Resolver<'_, '_> {
             ViewList::new(maker, ids.each_ref().map(Vec::as_slice), shown, &mut self.warned)?;
         let mut key = view_key(of, &settings, &list, many, &self.pool);
         if self.light_cache.is_full {
-            key.features |= Features::UNCACHED_FOGS.when(key.has(Features::LIGHT_CACHE));
+            let uncached =
+                Features::UNCACHED_FOGS | Features::UNCACHED_LIGHTS | Features::OTHER_LIGHTS;
+            key.features |= uncached.when(key.has(Features::LIGHT_CACHE));
         }
         key.cached_suns = key.has(Features::LIGHT_CACHE).then(|| self.lights.cached_suns());
         Some(ResolvedView {
@@ -178,8 +180,11 @@ impl Resolver<'_, '_> {
 }
 
 /// The features that only the light cache needs.
-const CACHE: Features =
-    Features::LIGHT_CACHE.union(Features::UNCACHED_LIGHTS).union(Features::MESH_CASTERS);
+const CACHE: Features = Features::LIGHT_CACHE
+    .union(Features::CACHED_LAMPS)
+    .union(Features::OTHER_LIGHTS)
+    .union(Features::UNCACHED_LIGHTS)
+    .union(Features::MESH_CASTERS);
 
 /// The error that is accepted of light from the cache; 0 if no pipelines read it.
 fn cache_error(of: &ViewDataItem, settings: &ResolvedSettings) -> f32 {

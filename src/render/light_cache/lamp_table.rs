@@ -1,0 +1,90 @@
+//! Where the lattices of point and spot lights are, for the shaders of one view.
+
+use bevy::prelude::*;
+use bevy::render::render_resource::{
+    Extent3d, TexelCopyBufferLayout, Texture, TextureDataOrder, TextureDescriptor,
+    TextureDimension, TextureFormat, TextureUsages, TextureView,
+};
+use bevy::render::renderer::{RenderDevice, RenderQueue};
+
+use crate::render::gpu::types;
+
+/// The most rows: no more than any device's textures have.
+pub(super) const MAX_ROWS: usize = 8192;
+/// Lamps of a texel.
+const TEXEL: usize = 4;
+
+/// The first brick of the lattice of a fog for each lamp in the cache.
+type Row = [u32; types::MAX_CACHED_LAMPS];
+
+/// A row for each volume that the view displays.
+#[derive(Default)]
+pub(super) struct LampTable {
+    rows: Vec<Row>,
+    uploaded: Option<Uploaded>,
+}
+
+struct Uploaded {
+    rows: Vec<Row>,
+    texture: Texture,
+    view: TextureView,
+}
+
+impl LampTable {
+    /// Makes a table without lattices. The shaders find none beyond its rows, of which there is at
+    /// least one.
+    pub fn clear(&mut self, volumes: usize) {
+        self.rows.clear();
+        self.rows.resize(volumes.clamp(1, MAX_ROWS), [types::NO_LIGHT_CACHE; _]);
+    }
+
+    /// Sets the first brick of a lattice; `volume` is less than [`MAX_ROWS`].
+    pub fn set(&mut self, volume: usize, slot: usize, brick: u32) {
+        self.rows[volume][slot] = brick;
+    }
+
+    /// Uploads the table if it has changed.
+    pub fn upload(&mut self, device: &RenderDevice, queue: &RenderQueue) {
+        let bytes: &[u8] = bytemuck::cast_slice(&self.rows);
+        let size = Extent3d {
+            width: (types::MAX_CACHED_LAMPS / TEXEL) as u32,
+            height: self.rows.len() as u32,
+            depth_or_array_layers: 1,
+        };
+        match &mut self.uploaded {
+            Some(uploaded) if uploaded.rows.len() == self.rows.len() => {
+                if uploaded.rows != self.rows {
+                    uploaded.rows.clone_from(&self.rows);
+                    let bytes_per_row = Some(size_of::<Row>() as u32);
+                    let layout = TexelCopyBufferLayout { bytes_per_row, ..default() };
+                    queue.write_texture(uploaded.texture.as_image_copy(), bytes, layout, size);
+                }
+            }
+            uploaded => {
+                let descriptor = TextureDescriptor {
+                    label: Some("vdb_lamp_bricks"),
+                    size,
+                    mip_level_count: 1,
+                    sample_count: 1,
+                    dimension: TextureDimension::D2,
+                    format: TextureFormat::Rgba32Uint,
+                    usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
+                    view_formats: &[],
+                };
+                let order = TextureDataOrder::default();
+                let texture = device.create_texture_with_data(queue, &descriptor, order, bytes);
+                let view = texture.create_view(&default());
+                *uploaded = Some(Uploaded { rows: self.rows.clone(), texture, view });
+            }
+        }
+    }
+
+    pub fn view(&self) -> Option<&TextureView> {
+        self.uploaded.as_ref().map(|uploaded| &uploaded.view)
+    }
+
+    /// Bytes of the texture.
+    pub fn bytes(&self) -> u64 {
+        self.uploaded.as_ref().map_or(0, |uploaded| size_of_val(&*uploaded.rows) as u64)
+    }
+}

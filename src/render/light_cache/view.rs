@@ -1,0 +1,310 @@
+//! The lattices of one view: which it asks for, what its shaders read, and what is filled for it.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy::render::render_resource::{CachedComputePipelineId, TextureView};
+use bevy::render::renderer::{RenderDevice, RenderQueue};
+
+use super::atlas::ROW_BRICKS;
+use super::fingerprint::Fingerprints;
+use super::lamp_table::{LampTable, MAX_ROWS};
+use super::lattices::{LatticeKey, LightCache, Source, WantedLattices};
+use super::lights::{CachedLights, Lamp};
+use super::pipeline::Job;
+use crate::quality::features::Features;
+use crate::render::gpu::types;
+use crate::render::view::{CacheLayout, CachedFog, PreparedView, cell_edge};
+
+/// The lattices that a view uses, and those that are filled for it in this frame.
+#[derive(Component)]
+pub(crate) struct LightCacheView {
+    pub(super) pipeline: Option<CachedComputePipelineId>,
+    /// The lattices of its fogs, by their index in the volume list.
+    fogs: Vec<(usize, LatticeKey)>,
+    /// Its fogs that need no lattice of suns.
+    sunless: Vec<(usize, CacheLayout)>,
+    pub(super) jobs: Vec<Fill>,
+    /// Where the lattices of lamps are.
+    table: LampTable,
+    /// Whether the view has been drawn since it was planned. Not every camera draws: its window may
+    /// be minimized.
+    was_drawn: AtomicBool,
+}
+
+/// A lattice that is filled for one light.
+pub(super) struct Fill {
+    pub job: Job,
+    pub layout: CacheLayout,
+    pub rows: Range<u32>,
+    /// Of the planned fill in the cache.
+    pub number: usize,
+}
+
+impl Default for LightCacheView {
+    fn default() -> Self {
+        Self {
+            pipeline: None,
+            fogs: default(),
+            sunless: default(),
+            jobs: default(),
+            table: default(),
+            // It is not known yet whether a new view draws; usually it does.
+            was_drawn: AtomicBool::new(true),
+        }
+    }
+}
+
+impl LightCacheView {
+    /// Whether the pass runs.
+    pub fn is_filled(&self) -> bool {
+        !self.jobs.is_empty()
+    }
+
+    /// Whether the view uses the cache.
+    pub fn is_used(&self) -> bool {
+        !self.fogs.is_empty()
+    }
+
+    /// The texture that tells where the lattices of lamps are, in views with lamps.
+    pub fn lamp_bricks(&self) -> Option<&TextureView> {
+        self.table.view()
+    }
+
+    /// Bytes of its table.
+    pub fn bytes(&self) -> u64 {
+        self.table.bytes()
+    }
+
+    pub(super) fn set_drawn(&self) {
+        self.was_drawn.store(true, Ordering::Relaxed);
+    }
+
+    /// Forgets the plan of the last frame. Returns whether the view was drawn in it.
+    pub(super) fn begin_frame(&mut self) -> bool {
+        self.pipeline = None;
+        self.fogs.clear();
+        self.sunless.clear();
+        self.jobs.clear();
+        std::mem::take(self.was_drawn.get_mut())
+    }
+
+    /// Asks for lattices for the view's fogs: those whose error is kept, or the others. Returns
+    /// whether there is room for them.
+    pub(super) fn want(
+        &mut self,
+        prepared: &PreparedView,
+        lights: &CachedLights,
+        keeps_error: bool,
+        wanted: &mut WantedLattices,
+    ) -> bool {
+        if lights.is_empty() || (!keeps_error && prepared.key.has(Features::UNCACHED_FOGS)) {
+            return true;
+        }
+        let mut fits = true;
+        for (i, entry) in prepared.entries.iter().enumerate().take(prepared.displayed()) {
+            // The chosen pipelines may not read this entry.
+            let is_fog = prepared.volumes[i].kind == types::KIND_FOG;
+            let is_asked = |fog: &CachedFog| is_fog && fog.keeps_error == keeps_error;
+            let Some(fog) = entry.cached_fog.filter(is_asked) else { continue };
+            let Some((min, max)) = entry.lattice.world_box() else { continue };
+            let fogs = &mut self.fogs;
+            let mut want = |source| {
+                let key = LatticeKey { owner: entry.owner, layout: fog.layout, source };
+                let is_added = wanted.add(key);
+                if is_added {
+                    fogs.push((i, key));
+                }
+                is_added
+            };
+            if lights.suns.is_empty() {
+                self.sunless.push((i, fog.layout));
+            } else {
+                fits &= want(Source::Suns(lights.suns.len() as u32));
+            }
+            for lamp in lights.lamps.iter().filter(|lamp| lamp.reaches([min, max])) {
+                fits &= i < MAX_ROWS && want(Source::Lamp(lamp.entity));
+            }
+        }
+        fits
+    }
+
+    /// Tells the shaders where the lattices of the view's fogs are, and lists those that have to be
+    /// filled.
+    pub(super) fn assign(
+        &mut self,
+        prepared: &mut PreparedView,
+        lights: &CachedLights,
+        cache: &mut LightCache,
+    ) {
+        self.table.clear(if lights.lamps.is_empty() { 0 } else { prepared.displayed() });
+        let Some((atlas, _)) = &cache.texture else { return };
+        prepared.data.light_texel = atlas.texel();
+        prepared.data.cached_sun_count = lights.suns.len() as u32;
+        for (slot, sun) in lights.suns.iter().enumerate() {
+            prepared.data.cached_suns[slot] = sun.extend(0.0).to_array();
+        }
+        prepared.data.cached_lamp_count = lights.lamps.len() as u32;
+        for (slot, lamp) in lights.lamps.iter().enumerate() {
+            prepared.data.cached_lamps[slot / 4][slot % 4] = lamp.index;
+        }
+        for (i, layout) in &self.sunless {
+            // Nothing is looked up, but the fog is in the cache, and other lights vary as slowly.
+            prepared.volumes[*i].light_brick = 0;
+            prepared.volumes[*i].light_log = layout.log;
+        }
+        for (i, key) in &self.fogs {
+            let Some(lattice) = cache.lattices.get(key) else { continue };
+            let layout = key.layout;
+            let first = lattice.rows.start * ROW_BRICKS;
+            let volume = &mut prepared.volumes[*i];
+            volume.light_origin = layout.origin.to_array();
+            volume.light_bricks = layout.bricks.to_array();
+            volume.light_log = layout.log;
+            match key.source {
+                Source::Suns(_) => volume.light_brick = first,
+                Source::Lamp(entity) => {
+                    if let Some(slot) = lights.slot_of(entity) {
+                        self.table.set(*i, slot, first);
+                    }
+                }
+            }
+        }
+        for (volume, entry) in prepared.volumes.iter_mut().zip(&prepared.entries) {
+            if volume.kind == types::KIND_FOG
+                && volume.light_brick != types::NO_LIGHT_CACHE
+                && let Some(fog) = entry.cached_fog
+            {
+                volume.fog_step = volume.fog_step.max(fog.step);
+            }
+        }
+        if !prepared.key.has(Features::UNCACHED_FOGS) && !lights.is_empty() {
+            let displayed = prepared.displayed();
+            hide_uncached(&mut prepared.volumes[..displayed]);
+        }
+        self.plan_fills(prepared, lights, cache);
+    }
+
+    /// Lists the lattices that have to be filled.
+    fn plan_fills(
+        &mut self,
+        prepared: &PreparedView,
+        lights: &CachedLights,
+        cache: &mut LightCache,
+    ) {
+        let fingerprints = Fingerprints::new(prepared);
+        for (i, key) in &self.fogs {
+            let Some(first) = cache.lattices.get(key).map(|lattice| lattice.rows.start) else {
+                continue;
+            };
+            let entry = &prepared.entries[*i];
+            let new_job = || new_job(prepared, *i, key.layout);
+            let mut plan = |slot: usize, light: &[f64], job: &dyn Fn() -> Job| {
+                let fingerprint = fingerprints.of(entry, light);
+                let Some(number) = cache.plan_fill(*key, slot, fingerprint) else { return };
+                let first = first + slot as u32 * key.rows_per_light();
+                let rows = first..first + key.rows_per_light();
+                self.jobs.push(Fill { job: job(), layout: key.layout, rows, number });
+            };
+            match key.source {
+                Source::Suns(_) => {
+                    for (slot, sun) in lights.suns.iter().enumerate() {
+                        let light = sun.to_array();
+                        plan(slot, &light.map(f64::from), &|| Job { light, ..new_job() });
+                    }
+                }
+                Source::Lamp(entity) => {
+                    let Some(slot) = lights.slot_of(entity) else { continue };
+                    let lamp = &lights.lamps[slot];
+                    let DVec3 { x, y, z } = lamp.position;
+                    plan(0, &[x, y, z, lamp.range], &|| {
+                        let edge = cell_edge(&entry.lattice);
+                        of_lamp(new_job(), lamp, prepared.eye, key.layout, edge)
+                    });
+                }
+            }
+        }
+    }
+
+    /// Uploads the lattices of lamps, if the view's shaders read them.
+    pub(super) fn upload_table(
+        &mut self,
+        prepared: &PreparedView,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) {
+        if prepared.key.has(Features::CACHED_LAMPS) {
+            self.table.upload(device, queue);
+        } else {
+            self.table = default();
+        }
+    }
+}
+
+/// Hides fogs without a lattice from shaders that cannot light them by rays, which draw only until
+/// others are compiled.
+fn hide_uncached(volumes: &mut [types::Volume]) {
+    for volume in volumes {
+        if volume.kind == types::KIND_FOG && volume.light_brick == types::NO_LIGHT_CACHE {
+            volume.kind = types::KIND_NONE;
+        }
+    }
+}
+
+/// What the shader needs to fill a lattice, without the light.
+fn new_job(prepared: &PreparedView, i: usize, layout: CacheLayout) -> Job {
+    let world_from_local = prepared.entries[i].lattice.world_from_local;
+    let array = |v: DVec3| v.as_vec3().to_array();
+    let origin = world_from_local.transform_point3(layout.origin.as_dvec3()) - prepared.eye;
+    let axes = world_from_local.matrix3;
+    Job {
+        origin: array(origin),
+        volume: i as u32,
+        axis_x: array(axes.x_axis),
+        axis_y: array(axes.y_axis),
+        axis_z: array(axes.z_axis),
+        step: (1 << layout.log) as f32,
+        ..default()
+    }
+}
+
+/// The job for a point or spot light. `cell_edge` is the longest of a cell, in world units.
+fn of_lamp(job: Job, lamp: &Lamp, eye: DVec3, layout: CacheLayout, cell_edge: f64) -> Job {
+    Job {
+        is_lamp: 1,
+        light: (lamp.position - eye).as_vec3().to_array(),
+        range: lamp.sampled_range(layout, cell_edge),
+        ..job
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_view_tells_once_that_it_was_drawn() {
+        let mut view = LightCacheView::default();
+        assert!(view.begin_frame(), "a new one");
+        assert!(!view.begin_frame());
+        view.set_drawn();
+        assert!(view.begin_frame() && !view.begin_frame());
+    }
+
+    #[test]
+    fn fogs_without_a_lattice_are_hidden() {
+        let kinds = [types::KIND_FOG, types::KIND_FOG, types::KIND_SURFACE, types::KIND_EMISSION];
+        let mut volumes = kinds.map(|kind| types::Volume {
+            kind,
+            light_brick: types::NO_LIGHT_CACHE,
+            ..default()
+        });
+        volumes[0].light_brick = 0;
+        hide_uncached(&mut volumes);
+        let expected =
+            [types::KIND_FOG, types::KIND_NONE, types::KIND_SURFACE, types::KIND_EMISSION];
+        assert_eq!(volumes.map(|volume| volume.kind), expected);
+    }
+}
