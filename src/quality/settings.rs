@@ -39,16 +39,17 @@ pub struct VdbQuality {
     /// cell.
     pub fog_step: f32,
     /// The length in voxels of the stretches of a ray through fog that share one lighting sample,
-    /// where light varies; four times that in reflections. From ¼ to 64, 2 by default. Larger for
-    /// grids of more than 128 voxels along an edge, in proportion, which bounds the cost of a ray.
+    /// where light varies; four times that in reflections. With the light cache, only shadows of
+    /// surfaces and meshes are sampled so. From ¼ to 64, 2 by default. Larger for grids of more
+    /// than 128 voxels along an edge, in proportion, which bounds the cost of a ray.
     pub fog_light_step: f32,
     /// The distance in voxels between density samples on rays from fog to lights. From ¼ to 64, 1
     /// by default. Larger for grids of more than 256 voxels along an edge, in proportion.
     pub fog_shadow_step: f32,
-    /// The light cache: the relative error of radiance that is accepted in fog lit by directional
-    /// lights with shadows. Optical depths towards these lights are then computed once, on a
-    /// lattice as coarse as the error permits, and interpolated at each step of a view ray, instead
-    /// of sending rays to the lights. From 0 to 1, 0.01 by default; 0 turns the cache off.
+    /// The light cache: the relative error of radiance that is accepted in fog lit by lights with
+    /// shadows. Optical depths towards these lights are then computed once, on a lattice as coarse
+    /// as the error permits, and interpolated along view rays, instead of sending rays to the
+    /// lights. From 0 to 1, 0.01 by default; 0 turns the cache off.
     ///
     /// The error is estimated for clouds of fractal noise, from the extinction and the number of
     /// voxels. Fog too dense or too large for the cache is lit by rays, along with all other fog on

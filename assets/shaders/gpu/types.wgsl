@@ -79,7 +79,7 @@ struct Volume {
     node_max: vec3<f32>,
     shadow_step: f32,           // voxels between samples of fog on rays from points in fog to lights
     light_origin: vec3<i32>,    // local cell at the first sample of the light cache
-    light_brick: u32,           // first brick of the first light in the light cache, or 2^32 - 1
+    light_brick: u32,           // first brick of the first sun in the light cache, 0 without suns, or 2^32 - 1
     light_bricks: vec3<u32>,    // bricks of a light along each axis
     light_log: u32,             // log₂ of the cells between samples of the light cache
 }
@@ -92,6 +92,7 @@ const MAX_SUNS: u32 = 10u;
 
 // The largest number of directional lights in the light cache.
 const MAX_CACHED_SUNS: u32 = 4u;
+// The most point and spot lights in the light cache.
 const MAX_CACHED_LAMPS: u32 = 32u;
 
 struct View {
@@ -134,7 +135,7 @@ struct View {
     jitter: vec2<f32>,      // offset of rays from their centres, in rays, y downwards
     max_frames: u32,        // largest number of frames in a mean
     cached_sun_count: u32,
-    // Directions to the lights in the light cache, as Bevy stores them.
+    // Directions to the suns in the light cache, as Bevy stores them.
     cached_suns: array<vec4<f32>, MAX_CACHED_SUNS>,
     light_texel: vec3<f32>, // 1 / size of the light cache's texture in texels
     cached_lamp_count: u32,

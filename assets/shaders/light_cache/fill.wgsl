@@ -14,7 +14,7 @@ struct Job {
     origin: vec3<f32>,      // first sample, world space, relative to the view's eye
     volume: u32,            // in the volumes of the view
     axis_x: vec3<f32>,      // world units per cell of the volume's lattice
-    range: f32,             // samples farther from a lamp are of no use, world units
+    range: f32,             // samples farther from a lamp are never read, world units
     axis_y: vec3<f32>,
     step: f32,              // least voxels between samples of density on the way to the light
     axis_z: vec3<f32>,

@@ -15,7 +15,7 @@ fn has_light_cache(volume: u32) -> bool {
 }
 
 #ifdef VDB_CACHED_LAMPS
-// For each volume of the view (a row), the first bricks of its lattices for four lamps each, or NOT_CACHED.
+// One row per volume of the view; each texel holds the first bricks of its lattices for four lamps, or NOT_CACHED.
 @group(2) @binding(14) var lamp_bricks: texture_2d<u32>;
 
 // The first bricks of a fog's lattices for four of the cached lamps.
@@ -35,7 +35,7 @@ fn sun_brick(volume: u32, slot: u32) -> u32 {
 
 // A point in the lattices of a fog.
 struct LatticePoint {
-    brick: u32,             // among those of a light
+    brick: u32,             // index among one light's bricks
     in_brick: vec3<f32>,    // in intervals between samples
 }
 

@@ -378,8 +378,8 @@ fn casts_shadows(lights: LightList, i: u32) -> bool {
 #endif
 }
 
-// Mean illuminance of a light over the length of a ray (world space, unit length) around a point, in lux, on
-// surfaces that face it.
+// Mean illuminance in lux, on a surface that faces the light, over a stretch of a ray (world space, unit length)
+// centred on a point.
 fn illuminance_of(at: ShadingPoint, lights: LightList, i: u32, ray: vec3<f32>, extent: f32) -> vec3<f32> {
     if i < lights.suns {
         return sun_factor(i) * bevy::lights.directional_lights[i].color.rgb;
@@ -429,7 +429,7 @@ fn add_scattered(
     }
 }
 
-// Light scattered along an extent of a ray (world space, unit length) around a point in fog with an albedo of 1,
+// Light scattered over a stretch of a ray (world space, unit length) around a point in fog with an albedo of 1,
 // cd/m².
 fn in_scattered(
     at: ShadingPoint,
@@ -442,8 +442,10 @@ fn in_scattered(
     let lights = lights_at(at);
     for (var i = 0u; i < lights.end; i++) {
         let illuminance = illuminance_of(at, lights, i, ray, extent);
-        let visible = octaves_of(visibility(at, point, lights, i), casts_shadows(lights, i));
-        add_scattered(&light, to_light(at, lights, i), illuminance, visible, ray, anisotropy);
+        if any(illuminance > vec3(0.0)) {
+            let visible = octaves_of(visibility(at, point, lights, i), casts_shadows(lights, i));
+            add_scattered(&light, to_light(at, lights, i), illuminance, visible, ray, anisotropy);
+        }
     }
     return light;
 }
@@ -452,9 +454,11 @@ fn in_scattered(
 // Slot of a directional light in the light cache; NOT_CACHED if it has none.
 fn cached_slot(light: u32) -> u32 {
     let direction = bevy::lights.directional_lights[light].direction_to_light;
+    let has_shadows =
+        (bevy::lights.directional_lights[light].flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
     var slot = NOT_CACHED;
     for (var i = 0u; i < min(view.cached_sun_count, #{VDB_CACHED_SUNS}u); i++) {
-        slot = select(slot, i, all(view.cached_suns[i].xyz == direction));
+        slot = select(slot, i, has_shadows && all(view.cached_suns[i].xyz == direction));
     }
     return slot;
 }
@@ -538,7 +542,7 @@ struct LocalLight {
 }
 
 #ifdef VDB_CACHED_LAMPS
-// Adds the light of the lamps in the light cache that is scattered along an extent of a ray around a point in a
+// Adds the light of the lamps in the light cache that is scattered over a stretch of a ray around a point in a
 // fog. `place` is that point in the lattice of the fog.
 fn add_cached_lamps(
     light: ptr<function, LocalLight>,
@@ -568,14 +572,15 @@ fn add_cached_lamps(
             if has_shadows && bricks[i] != NOT_CACHED {
                 let to_lamp = data.position_radius.xyz - at.position;
                 let illuminance = lamp_illuminance(data, to_lamp, ray, extent);
+                // Of all lamps: the ray may meet the cone or the range of this one between samples.
+                nearest_squared = min(nearest_squared, dot(to_lamp, to_lamp));
                 if any(illuminance > vec3(0.0)) {
-                    let unoccluded = octaves_of(unoccluded_lamp(at, point, lamps[i], to_lamp), true);
+                    let let_through = octaves_of(unoccluded_lamp(at, point, lamps[i], to_lamp), true);
                     var visible = octaves_of_depth(depths[i]);
                     for (var octave = 0u; octave < OCTAVES; octave++) {
-                        visible[octave] *= unoccluded[octave];
+                        visible[octave] *= let_through[octave];
                     }
                     add_scattered(&octaves, to_lamp, illuminance, visible, ray, anisotropy);
-                    nearest_squared = min(nearest_squared, dot(to_lamp, to_lamp));
                 }
             }
         }
@@ -612,16 +617,21 @@ fn add_other_lights(
     for (var i = 0u; i < lights.end; i++) {
         let has_shadows = casts_shadows(lights, i);
         var is_cached = false;
+#ifdef VDB_UNCACHED_LIGHTS
         if i < lights.suns {
             is_cached = cached_slot(i) != NOT_CACHED;
         } else if has_shadows {
-#ifdef VDB_UNCACHED_LIGHTS
 #ifdef VDB_CACHED_LAMPS
             is_cached = is_cached_lamp(volume, local_light(lights, i));
 #endif
+        }
 #else
-            is_cached = true;
+        // Those that are not in the cache are new, and wait for other shaders.
+        is_cached = has_shadows;
 #endif
+        let light_vector = to_light(at, lights, i);
+        if i >= lights.suns && !is_cached {
+            (*light).nearest = min((*light).nearest, length(light_vector));
         }
         let illuminance = illuminance_of(at, lights, i, ray, extent);
         if !is_cached && any(illuminance > vec3(0.0)) {
@@ -629,12 +639,8 @@ fn add_other_lights(
 #ifdef VDB_UNCACHED_LIGHTS
             visible = visibility(at, point, lights, i);
 #endif
-            let light_vector = to_light(at, lights, i);
             let visibilities = octaves_of(visible, has_shadows);
             add_scattered(&octaves, light_vector, illuminance, visibilities, ray, anisotropy);
-            if i >= lights.suns {
-                (*light).nearest = min((*light).nearest, length(light_vector));
-            }
         }
     }
     (*light).octaves = octaves;
@@ -643,13 +649,13 @@ fn add_other_lights(
 #endif
 
 #ifdef VDB_LOCAL_LIGHTS
-// Extents of rays of less than this fraction of the distance to a lamp are represented by their middle.
+// Stretches shorter than this fraction of the distance to a lamp are represented by their midpoint.
 const NEAR_LAMP: f32 = 0.25;
 
-// Mean of 1/d² over an extent of a ray, divided by its value in the middle, where the vector to the lamp is
+// Mean of 1/d² over a stretch of a ray, divided by its value in the middle, where the vector to the lamp is
 // `to_lamp`.
 fn mean_falloff(to_lamp: vec3<f32>, ray: vec3<f32>, extent: f32) -> f32 {
-    // Within a hundredth of a world unit, Bevy's light is no stronger.
+    // Bevy's falloff stops growing within 0.01 world units.
     let least = 1e-4;
     let distance_squared = max(dot(to_lamp, to_lamp), least);
     if extent * extent < NEAR_LAMP * NEAR_LAMP * distance_squared {
@@ -658,11 +664,12 @@ fn mean_falloff(to_lamp: vec3<f32>, ray: vec3<f32>, extent: f32) -> f32 {
     // The integral is an angle as seen from the lamp.
     let along = dot(to_lamp, ray);
     let across = sqrt(max(distance_squared - along * along, least));
-    let angle = atan((along + 0.5 * extent) / across) - atan((along - 0.5 * extent) / across);
+    let ends = (along + 0.5 * extent) * (along - 0.5 * extent);
+    let angle = atan2(extent * across, across * across + ends);
     return distance_squared * angle / (across * extent);
 }
 
-// Mean illuminance in lux over an extent of a ray around a point, on surfaces that face a point or spot light,
+// Mean illuminance in lux over a stretch of a ray around a point, on surfaces that face a point or spot light,
 // to which the vector in the middle is `to_lamp`.
 fn lamp_illuminance(data: ClusteredLight, to_lamp: vec3<f32>, ray: vec3<f32>, extent: f32) -> vec3<f32> {
     let distance_squared = dot(to_lamp, to_lamp);

@@ -1,8 +1,8 @@
 // All fogs and emission grids along a segment, marched together, with light from the light cache.
 //
 // The media share their steps. Within a step, every fog is homogeneous, with the density and the light in the
-// middle of the step, and emission is integrated exactly. The integral of transmittance then has a closed
-// form, so overlap adds no error.
+// middle of the step, and emission has its mean over a few samples. The integral of transmittance then has a
+// closed form, so overlap adds no error.
 #define_import_path bevy_vdb::trace::media
 
 #import bevy_vdb::gpu::bindings::grids
@@ -48,7 +48,7 @@ struct FogSums {
     light: CachedLight, // weighted sum
 }
 
-// Sums over the steps of an interval, in which all light but that of cached suns is evaluated once.
+// Sums over an interval. Everything but how much fog lets through of cached suns is evaluated once per interval.
 struct IntervalSums {
     width: f32,     // in t
     weight: f32,
@@ -84,13 +84,13 @@ const HAS_OTHER_LIGHTS: bool = true;
 #else
 const HAS_OTHER_LIGHTS: bool = false;
 #endif
-// Otherwise, light varies along a ray only by what the cache knows at each step.
+// If false, light varies along a ray only through the cache of suns, which is read at every step.
 const HAS_INTERVALS: bool = HAS_OCCLUDERS || HAS_OTHER_LIGHTS;
 // Intervals are at most this fraction of the distance to a lamp.
 const LAMP_INTERVAL: f32 = 0.25;
 // The shortest interval near lamps, as a fraction of the longest.
 const MIN_INTERVAL: f32 = 0.015625;
-// Other lights vary along a ray as smoothly as what the cache interpolates: over this many of its samples.
+// The longest interval in samples of the cache: other lights are assumed to vary as smoothly as its depths.
 const SAMPLES_OF_INTERVAL: f32 = 2.0;
 
 fn next_multiple(t: f32, factor: f32) -> f32 {
@@ -221,7 +221,7 @@ fn march_media(
     var shared_light = begin_light(normalize(segment.dir));
     var sums = SegmentSums();
     var interval = IntervalSums();
-    // Not the longest, because lamps may be near.
+    // Starts short, because a lamp may be near.
     var t_flush = next_multiple(t_zero + t_near, 0.25 * t_interval) - t_zero;
 #ifdef VDB_EMISSION
     var radiance_sum = 0.0;
@@ -237,7 +237,7 @@ fn march_media(
         let t_low = max(k * t_base, t_start);
         var stride = stride_at(fog.optical_depth);
         if MAX_MEDIA > 1u {
-            // As long as the media need that are here, or that begin within the step.
+            // The longest step that suits the media here and those that begin within it.
             var t_step = FAR;
             for (var i = 0u; i < MAX_MEDIA; i++) {
                 let ahead = floor((min(media[i].t_next, t_end) - t_low) * inverse_base) * t_base;
@@ -324,7 +324,7 @@ fn march_media(
             // Ends at multiples of a length, so that neighbouring rays evaluate light at the same time, and
             // grows like the steps.
             let longest = LAMP_INTERVAL * shared_light.nearest / (dir_length * t_interval);
-            let t_part = t_interval * exp2(floor(log2(max(min(stride, longest), MIN_INTERVAL))));
+            let t_part = t_interval * exp2(floor(log2(max(min(stride_at(fog.optical_depth), longest), MIN_INTERVAL))));
             t_flush = next_multiple(t_zero + max(t_high, t_near), t_part) - t_zero;
         }
     }

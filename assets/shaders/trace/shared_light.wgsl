@@ -21,7 +21,7 @@ const SUN_COUNT: u32 = #{VDB_CACHED_SUNS}u;
 // Arrays are not empty even if only other lights are in the cache.
 const SUN_SLOTS: u32 = max(SUN_COUNT, 1u);
 
-// What fog lets through of each cached light, in each octave.
+// What fog lets through of each cached sun, in each octave.
 struct CachedLight {
     slots: array<array<f32, OCTAVES>, SUN_SLOTS>,
 }

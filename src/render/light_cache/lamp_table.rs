@@ -9,9 +9,9 @@ use bevy::render::renderer::{RenderDevice, RenderQueue};
 
 use crate::render::gpu::types;
 
-/// The most rows: no more than any device's textures have.
+/// The most rows: WebGPU's default limit of textures.
 pub(super) const MAX_ROWS: usize = 8192;
-/// Lamps of a texel.
+/// Lamps per texel.
 const TEXEL: usize = 4;
 
 /// The first brick of the lattice of a fog for each lamp in the cache.
@@ -31,8 +31,7 @@ struct Uploaded {
 }
 
 impl LampTable {
-    /// Makes a table without lattices. The shaders find none beyond its rows, of which there is at
-    /// least one.
+    /// Clears the table, keeping at least one row. Volumes beyond the last row have no lattices.
     pub fn clear(&mut self, volumes: usize) {
         self.rows.clear();
         self.rows.resize(volumes.clamp(1, MAX_ROWS), [types::NO_LIGHT_CACHE; _]);

@@ -123,7 +123,7 @@ impl LightCache {
         }
     }
 
-    /// Plans to fill a lattice for the light in a slot, from what has this fingerprint. `None` if it
+    /// Plans to fill a lattice for the light in a slot, given the fingerprint of its inputs. `None` if it
     /// is filled or another view fills it; otherwise a number for [`LightCache::set_run`].
     pub(super) fn plan_fill(
         &mut self,

@@ -61,11 +61,14 @@ pub(super) fn plan(
     let mut wanted = WantedLattices::new(max_rows(&device).min((MAX_BYTES / ROW_BYTES) as u32));
     // Fogs whose error cannot be kept take only the room that the others leave.
     for keeps_error in [true, false] {
-        for view in &order {
-            let Ok((_, state, mut own)) = views.get_mut(*view) else { continue };
-            let Some(prepared) = &state.prepared else { continue };
-            let fits = own.want(prepared, &lights, keeps_error, &mut wanted);
-            limit.is_full |= keeps_error && !fits;
+        // Without its suns, a fog is not in the cache at all.
+        for want in [LightCacheView::want_suns, LightCacheView::want_lamps] {
+            for view in &order {
+                let Ok((_, state, mut own)) = views.get_mut(*view) else { continue };
+                let Some(prepared) = &state.prepared else { continue };
+                let fits = want(&mut own, prepared, &lights, keeps_error, &mut wanted);
+                limit.is_full |= keeps_error && !fits;
+            }
         }
     }
     cache.allocate(&wanted, &device);

@@ -22,10 +22,10 @@ use crate::render::view::{CacheLayout, CachedFog, PreparedView, cell_edge};
 #[derive(Component)]
 pub(crate) struct LightCacheView {
     pub(super) pipeline: Option<CachedComputePipelineId>,
-    /// The lattices of its fogs, by their index in the volume list.
-    fogs: Vec<(usize, LatticeKey)>,
-    /// Its fogs that need no lattice of suns.
-    sunless: Vec<(usize, CacheLayout)>,
+    /// Its fogs in the cache, by their index in the volume list.
+    fogs: Vec<(usize, CachedFog)>,
+    /// Their lattices.
+    lattices: Vec<(usize, LatticeKey)>,
     pub(super) jobs: Vec<Fill>,
     /// Where the lattices of lamps are.
     table: LampTable,
@@ -48,7 +48,7 @@ impl Default for LightCacheView {
         Self {
             pipeline: None,
             fogs: default(),
-            sunless: default(),
+            lattices: default(),
             jobs: default(),
             table: default(),
             // It is not known yet whether a new view draws; usually it does.
@@ -65,7 +65,7 @@ impl LightCacheView {
 
     /// Whether the view uses the cache.
     pub fn is_used(&self) -> bool {
-        !self.fogs.is_empty()
+        !self.lattices.is_empty()
     }
 
     /// The texture that tells where the lattices of lamps are, in views with lamps.
@@ -86,14 +86,14 @@ impl LightCacheView {
     pub(super) fn begin_frame(&mut self) -> bool {
         self.pipeline = None;
         self.fogs.clear();
-        self.sunless.clear();
+        self.lattices.clear();
         self.jobs.clear();
         std::mem::take(self.was_drawn.get_mut())
     }
 
-    /// Asks for lattices for the view's fogs: those whose error is kept, or the others. Returns
-    /// whether there is room for them.
-    pub(super) fn want(
+    /// Asks for lattices of suns for the view's fogs: those within the accepted error, or the
+    /// others. Returns whether there is room for them.
+    pub(super) fn want_suns(
         &mut self,
         prepared: &PreparedView,
         lights: &CachedLights,
@@ -109,23 +109,42 @@ impl LightCacheView {
             let is_fog = prepared.volumes[i].kind == types::KIND_FOG;
             let is_asked = |fog: &CachedFog| is_fog && fog.keeps_error == keeps_error;
             let Some(fog) = entry.cached_fog.filter(is_asked) else { continue };
-            let Some((min, max)) = entry.lattice.world_box() else { continue };
-            let fogs = &mut self.fogs;
-            let mut want = |source| {
-                let key = LatticeKey { owner: entry.owner, layout: fog.layout, source };
-                let is_added = wanted.add(key);
-                if is_added {
-                    fogs.push((i, key));
-                }
-                is_added
-            };
-            if lights.suns.is_empty() {
-                self.sunless.push((i, fog.layout));
+            let suns = (!lights.suns.is_empty()).then(|| LatticeKey {
+                owner: entry.owner,
+                layout: fog.layout,
+                source: Source::Suns(lights.suns.len() as u32),
+            });
+            if suns.is_none_or(|key| wanted.add(key)) {
+                self.lattices.extend(suns.map(|key| (i, key)));
+                self.fogs.push((i, fog));
             } else {
-                fits &= want(Source::Suns(lights.suns.len() as u32));
+                fits = false;
             }
+        }
+        fits
+    }
+
+    /// Asks for lattices of lamps for the fogs that have room for suns. Returns whether there is
+    /// room for them.
+    pub(super) fn want_lamps(
+        &mut self,
+        prepared: &PreparedView,
+        lights: &CachedLights,
+        keeps_error: bool,
+        wanted: &mut WantedLattices,
+    ) -> bool {
+        let mut fits = true;
+        for (i, fog) in self.fogs.iter().filter(|(_, fog)| fog.keeps_error == keeps_error) {
+            let entry = &prepared.entries[*i];
+            let Some((min, max)) = entry.lattice.world_box() else { continue };
             for lamp in lights.lamps.iter().filter(|lamp| lamp.reaches([min, max])) {
-                fits &= i < MAX_ROWS && want(Source::Lamp(lamp.entity));
+                let source = Source::Lamp(lamp.entity);
+                let key = LatticeKey { owner: entry.owner, layout: fog.layout, source };
+                if *i < MAX_ROWS && wanted.add(key) {
+                    self.lattices.push((*i, key));
+                } else {
+                    fits = false;
+                }
             }
         }
         fits
@@ -150,34 +169,27 @@ impl LightCacheView {
         for (slot, lamp) in lights.lamps.iter().enumerate() {
             prepared.data.cached_lamps[slot / 4][slot % 4] = lamp.index;
         }
-        for (i, layout) in &self.sunless {
-            // Nothing is looked up, but the fog is in the cache, and other lights vary as slowly.
-            prepared.volumes[*i].light_brick = 0;
-            prepared.volumes[*i].light_log = layout.log;
-        }
-        for (i, key) in &self.fogs {
-            let Some(lattice) = cache.lattices.get(key) else { continue };
-            let layout = key.layout;
-            let first = lattice.rows.start * ROW_BRICKS;
+        for (i, CachedFog { layout, step, .. }) in &self.fogs {
             let volume = &mut prepared.volumes[*i];
             volume.light_origin = layout.origin.to_array();
             volume.light_bricks = layout.bricks.to_array();
             volume.light_log = layout.log;
+            volume.fog_step = volume.fog_step.max(*step);
+            if lights.suns.is_empty() {
+                // No sun is looked up, but the fog is in the cache.
+                volume.light_brick = 0;
+            }
+        }
+        for (i, key) in &self.lattices {
+            let Some(lattice) = cache.lattices.get(key) else { continue };
+            let first = lattice.rows.start * ROW_BRICKS;
             match key.source {
-                Source::Suns(_) => volume.light_brick = first,
+                Source::Suns(_) => prepared.volumes[*i].light_brick = first,
                 Source::Lamp(entity) => {
                     if let Some(slot) = lights.slot_of(entity) {
                         self.table.set(*i, slot, first);
                     }
                 }
-            }
-        }
-        for (volume, entry) in prepared.volumes.iter_mut().zip(&prepared.entries) {
-            if volume.kind == types::KIND_FOG
-                && volume.light_brick != types::NO_LIGHT_CACHE
-                && let Some(fog) = entry.cached_fog
-            {
-                volume.fog_step = volume.fog_step.max(fog.step);
             }
         }
         if !prepared.key.has(Features::UNCACHED_FOGS) && !lights.is_empty() {
@@ -195,7 +207,7 @@ impl LightCacheView {
         cache: &mut LightCache,
     ) {
         let fingerprints = Fingerprints::new(prepared);
-        for (i, key) in &self.fogs {
+        for (i, key) in &self.lattices {
             let Some(first) = cache.lattices.get(key).map(|lattice| lattice.rows.start) else {
                 continue;
             };
@@ -221,7 +233,7 @@ impl LightCacheView {
                     let DVec3 { x, y, z } = lamp.position;
                     plan(0, &[x, y, z, lamp.range], &|| {
                         let edge = cell_edge(&entry.lattice);
-                        of_lamp(new_job(), lamp, prepared.eye, key.layout, edge)
+                        lamp_job(new_job(), lamp, prepared.eye, key.layout, edge)
                     });
                 }
             }
@@ -270,8 +282,8 @@ fn new_job(prepared: &PreparedView, i: usize, layout: CacheLayout) -> Job {
     }
 }
 
-/// The job for a point or spot light. `cell_edge` is the longest of a cell, in world units.
-fn of_lamp(job: Job, lamp: &Lamp, eye: DVec3, layout: CacheLayout, cell_edge: f64) -> Job {
+/// The job for a point or spot light. `cell_edge` is the longest edge of a cell, in world units.
+fn lamp_job(job: Job, lamp: &Lamp, eye: DVec3, layout: CacheLayout, cell_edge: f64) -> Job {
     Job {
         is_lamp: 1,
         light: (lamp.position - eye).as_vec3().to_array(),

@@ -188,7 +188,8 @@ fn bind(
 ) {
     let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
     for (view, mut own, picture, depth, (cached, view_lights)) in &mut views {
-        let (Some((prepared, uniform)), Some(picture)) = (view.prepared(), &picture.traced) else {
+        let ready = view.prepared().filter(|(prepared, _)| prepared.is_ready);
+        let (Some((prepared, uniform)), Some(picture)) = (ready, &picture.traced) else {
             continue;
         };
         let bind = |features, view| all_lights.bind(features, &trace.lights, view, &device, &cache);
