@@ -109,7 +109,7 @@ impl LightCacheView {
             let is_fog = prepared.volumes[i].kind == types::KIND_FOG;
             let is_asked = |fog: &CachedFog| is_fog && fog.keeps_error == keeps_error;
             let Some(fog) = entry.cached_fog.filter(is_asked) else { continue };
-            let suns = (!lights.suns.is_empty()).then(|| LatticeKey {
+            let suns = (!lights.suns.is_empty()).then_some(LatticeKey {
                 owner: entry.owner,
                 layout: fog.layout,
                 source: Source::Suns(lights.suns.len() as u32),
