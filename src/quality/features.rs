@@ -37,11 +37,11 @@ bitflags! {
         const PAGES = 1 << 25;
         const WIDE_GRIDS = 1 << 26;
         const LIGHT_CACHE = 1 << 27;
-        const UNCACHED_LIGHTS = 1 << 28;
-        const MESH_CASTERS = 1 << 29;
-        const UNCACHED_FOGS = 1 << 30;
-        const OTHER_LIGHTS = 1 << 31;
-        const CACHED_LAMPS = 1 << 32;
+        const CACHED_LAMPS = 1 << 28;
+        const UNCACHED_LIGHTS = 1 << 29;
+        const OTHER_LIGHTS = 1 << 30;
+        const MESH_CASTERS = 1 << 31;
+        const UNCACHED_FOGS = 1 << 32;
     }
 }
 
