@@ -19,6 +19,8 @@ mod extremes;
 mod flip;
 #[path = "picture/golden.rs"]
 mod golden;
+#[path = "picture/judges.rs"]
+mod judges;
 #[path = "picture/levels.rs"]
 mod levels;
 #[path = "picture/light_cache.rs"]

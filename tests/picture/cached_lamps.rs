@@ -2,7 +2,7 @@
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbMaterial, VdbQuality, VdbVolume};
+use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
@@ -133,7 +133,10 @@ fn lamps_out_of_reach_and_beyond_the_cache_are_right() {
         return;
     }
     let mut scene = Cloud::new(1.0);
-    let (sun, cloud) = (scene.sun, scene.cloud);
+    let (sun, cloud, camera) = (scene.sun, scene.cloud, scene.camera);
+    // By rays, intervals of `HIGH` are a little too long for multiple scattering in few voxels.
+    let single = VdbCamera { multiple_scattering: false, ..default() };
+    scene.stage.world().entity_mut(camera).insert(single);
     scene.stage.world().despawn(sun);
     scene.stage.world().get_mut::<VdbMaterial>(cloud).unwrap().emissive =
         LinearRgba::rgb(0.2, 0.4, 0.1);

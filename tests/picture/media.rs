@@ -2,7 +2,7 @@
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbDiagnostics, VdbEmission, VdbMaterial, VdbQuality, VdbVolume};
+use bevy_vdb::{VdbCamera, VdbDiagnostics, VdbEmission, VdbMaterial, VdbQuality, VdbVolume};
 use vdb_core::pack::PackKind;
 use vdb_core::synth::fog;
 use vdb_core::tree::CoordBox;
@@ -31,6 +31,7 @@ impl Scene {
         let target = stage.target(SIZE);
         let from = Transform::from_xyz(2.2, 3.0, 6.6).looking_at(Vec3::ZERO, Vec3::Y);
         let camera = stage.camera(&target, from);
+        stage.world().entity_mut(camera).insert(VdbCamera::default());
         let light = DirectionalLight { illuminance: 10.0, shadow_maps_enabled: true, ..default() };
         stage.world().spawn((light, looking(Vec3::new(1.0, 1.0, 0.2))));
         Self { stage, target, camera }

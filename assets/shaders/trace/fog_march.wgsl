@@ -5,7 +5,8 @@
 #import bevy_vdb::view::scene::{frame_random, volumes}
 #import bevy_vdb::trace::segment::{Segment, lattice_ray, point_at}
 #import bevy_vdb::trace::lights::{EnvironmentLight, environment_light, in_scattered, shading_point}
-#import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, scattered_radiance}
+#import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, octave_weights}
+#import bevy_vdb::trace::scattering::{scattered_radiance, visibility_between}
 #ifndef VDB_EVEN_LIGHT
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::candidates::start_t
@@ -67,9 +68,12 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
         if depth > 0.0 {
             let t = clamp(visible_mean_t(interval, depth), interval.t_first, t_max);
             let light = in_scattered_at(segment, pixel, t, march.t_step, anisotropy, environment);
-            let weight = exp(-fog.optical_depth) * (1.0 - exp(-depth));
+            let transmittance = exp(-fog.optical_depth);
+            let weight = transmittance * (1.0 - exp(-depth));
             fog.radiance += weight * volumes[volume].emissive;
-            add_sample(&sums, weight, volumes[volume].base_color, light);
+            let visible = visibility_between(transmittance, transmittance - weight);
+            let weights = octave_weights(weight, visible, anisotropy);
+            add_sample(&sums, weights, volumes[volume].base_color, light);
             t_sum += weight * t;
             fog.optical_depth += depth;
         }

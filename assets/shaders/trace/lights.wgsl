@@ -41,7 +41,7 @@
 #endif
 #import bevy_vdb::view::scene::{target_pixel, view, volumes}
 #import bevy_vdb::trace::segment::{NONE, Point, world_position}
-#import bevy_vdb::trace::scattering::{OCTAVES, OCTAVE_ANISOTROPY, octaves_of_depth}
+#import bevy_vdb::trace::scattering::{OCTAVES, octave_anisotropies, octaves_of_depth}
 
 // A point to be lit, in the form that Bevy's functions require.
 struct ShadingPoint {
@@ -392,16 +392,20 @@ fn illuminance_of(at: ShadingPoint, lights: LightList, i: u32, ray: vec3<f32>, e
 #endif
 }
 
-// How much of a light arrives in each octave. The first is single scattering; the others estimate multiple
-// scattering, each at half the optical depth of the one before.
-fn octaves_of(visible: f32, has_shadows: bool) -> array<f32, OCTAVES> {
-    var octaves = array<f32, OCTAVES>();
-    var visibility = visible;
-    for (var octave = 0u; octave < OCTAVES; octave++) {
-        octaves[octave] = visibility;
-        // Without shadows, all light is in the first octave.
-        visibility = select(0.0, sqrt(visibility), has_shadows);
+// Optical depth that lets a fraction of light through.
+fn depth_of(visible: f32) -> f32 {
+    return select(FAR, -log(max(visible, 1e-37)), visible > 0.0);
+}
+
+// How much of a light arrives in each octave, given how much of it is visible. The first octave is single
+// scattering; the others estimate multiple scattering.
+fn octaves_of(visible: f32, has_shadows: bool, anisotropy: f32) -> array<f32, OCTAVES> {
+    if has_shadows {
+        return octaves_of_depth(depth_of(visible), anisotropy);
     }
+    // Without shadows, all light is in the first octave.
+    var octaves = array<f32, OCTAVES>();
+    octaves[0] = visible;
     return octaves;
 }
 
@@ -422,10 +426,9 @@ fn add_scattered(
         1.0,
     );
     var visibilities = visible;
-    var octave_anisotropy = anisotropy;
+    var anisotropies = octave_anisotropies(anisotropy);
     for (var octave = 0u; octave < OCTAVES; octave++) {
-        (*light)[octave] += (visibilities[octave] * phase(octave_anisotropy, cosine)) * illuminance;
-        octave_anisotropy *= OCTAVE_ANISOTROPY;
+        (*light)[octave] += (visibilities[octave] * phase(anisotropies[octave], cosine)) * illuminance;
     }
 }
 
@@ -443,7 +446,7 @@ fn in_scattered(
     for (var i = 0u; i < lights.end; i++) {
         let illuminance = illuminance_of(at, lights, i, ray, extent);
         if any(illuminance > vec3(0.0)) {
-            let visible = octaves_of(visibility(at, point, lights, i), casts_shadows(lights, i));
+            let visible = octaves_of(visibility(at, point, lights, i), casts_shadows(lights, i), anisotropy);
             add_scattered(&light, to_light(at, lights, i), illuminance, visible, ray, anisotropy);
         }
     }
@@ -487,10 +490,9 @@ fn cached_sun(slot: u32) -> CachedSun {
 fn sun_phases(slot: u32, ray: vec3<f32>, anisotropy: f32) -> array<f32, OCTAVES> {
     var phases = array<f32, OCTAVES>();
     let cosine = clamp(dot(view.cached_suns[slot].xyz, ray), -1.0, 1.0);
-    var octave_anisotropy = anisotropy;
+    var anisotropies = octave_anisotropies(anisotropy);
     for (var octave = 0u; octave < OCTAVES; octave++) {
-        phases[octave] = phase(octave_anisotropy, cosine);
-        octave_anisotropy *= OCTAVE_ANISOTROPY;
+        phases[octave] = phase(anisotropies[octave], cosine);
     }
     return phases;
 }
@@ -575,11 +577,8 @@ fn add_cached_lamps(
                 // Of all lamps: the ray may meet the cone or the range of this one between samples.
                 nearest_squared = min(nearest_squared, dot(to_lamp, to_lamp));
                 if any(illuminance > vec3(0.0)) {
-                    let let_through = octaves_of(unoccluded_lamp(at, point, lamps[i], to_lamp), true);
-                    var visible = octaves_of_depth(depths[i]);
-                    for (var octave = 0u; octave < OCTAVES; octave++) {
-                        visible[octave] *= let_through[octave];
-                    }
+                    let occlusion = depth_of(unoccluded_lamp(at, point, lamps[i], to_lamp));
+                    let visible = octaves_of_depth(depths[i] + occlusion, anisotropy);
                     add_scattered(&octaves, to_lamp, illuminance, visible, ray, anisotropy);
                 }
             }
@@ -639,7 +638,7 @@ fn add_other_lights(
 #ifdef VDB_UNCACHED_LIGHTS
             visible = visibility(at, point, lights, i);
 #endif
-            let visibilities = octaves_of(visible, has_shadows);
+            let visibilities = octaves_of(visible, has_shadows, anisotropy);
             add_scattered(&octaves, light_vector, illuminance, visibilities, ray, anisotropy);
         }
     }

@@ -11,7 +11,7 @@
 #import bevy_vdb::trace::fog_march::{Fog, MAX_DEPTH_OF_STEP, MIN_STEP, OPAQUE_DEPTH, light_interval}
 #import bevy_vdb::trace::light_cache::{cached_depth, lattice_point, sun_brick}
 #import bevy_vdb::trace::scattering::{OCTAVES, ScatteringSums, add_sample, mean_transmittance}
-#import bevy_vdb::trace::scattering::{octaves_of_depth, scattered_radiance}
+#import bevy_vdb::trace::scattering::{octave_weights, octaves_of_depth, scattered_radiance, visibility_between}
 #import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
 #import bevy_vdb::trace::shared_light::{SUN_COUNT, SUN_SLOTS, CachedLight, FogPoint, SharedLight}
 #import bevy_vdb::trace::shared_light::{begin_interval, begin_light, mean_light}
@@ -43,9 +43,9 @@ struct Medium {
 
 // Sums over the steps of one fog in an interval.
 struct FogSums {
-    weight: f32,        // of the steps: how much of the pixel they cover
-    t: f32,             // weighted sum
-    light: CachedLight, // weighted sum
+    weights: array<f32, OCTAVES>,   // of the steps
+    t: f32,                         // weighted sum
+    light: CachedLight,             // weighted sum
 }
 
 // Sums over an interval. Everything but how much fog lets through of cached suns is evaluated once per interval.
@@ -91,7 +91,7 @@ const LAMP_INTERVAL: f32 = 0.25;
 // The shortest interval near lamps, as a fraction of the longest.
 const MIN_INTERVAL: f32 = 0.015625;
 // The longest interval in samples of the cache: other lights are assumed to vary as smoothly as its depths.
-const SAMPLES_OF_INTERVAL: f32 = 2.0;
+const SAMPLES_OF_INTERVAL: f32 = 2.5;
 
 fn next_multiple(t: f32, factor: f32) -> f32 {
     return (floor(t / factor) + 1.0) * factor;
@@ -149,16 +149,15 @@ fn add_interval(
     var scattering = (*sums).scattering;
     for (var i = 0u; i < MAX_MEDIA; i++) {
         let own = (*interval).fogs[i];
-        if own.weight > 0.0 {
+        if own.weights[0] > 0.0 {
             let volume = (*media)[i].volume;
-            let factor = 1.0 / own.weight;
-            let t = factor * own.t;
+            let t = own.t / own.weights[0];
             let grid = grids[volumes[volume].grid];
             let place = point_in_box(grid, (*media)[i].ray, t - (*media)[i].ray.t_origin);
             let at = FogPoint(volume, place, min(t_zero + t, t_max), (*interval).width * length(segment.dir));
-            let light = mean_light(shared_light, segment, pixel, at, own.light, factor);
-            add_sample(&scattering, own.weight, volumes[volume].base_color, light);
-            (*sums).media[i] += own.weight;
+            let light = mean_light(shared_light, segment, pixel, at, own.light, own.weights);
+            add_sample(&scattering, own.weights, volumes[volume].base_color, light);
+            (*sums).media[i] += own.weights[0];
         }
     }
     (*sums).scattering = scattering;
@@ -276,16 +275,22 @@ fn march_media(
         }
         let depth = extinction * width;
         let visible_width = transmittance * mean_transmittance(depth) * width;
+        let transmittance_after = transmittance * exp(-depth);
+        let visible = visibility_between(transmittance, transmittance_after);
         t_near = FAR;
         for (var i = 0u; i < MAX_MEDIA; i++) {
             let weight = extinctions[i] * visible_width;
             if weight > 0.0 {
-                interval.fogs[i].weight += weight;
                 interval.fogs[i].t += weight * t_middle;
+                let anisotropy = volumes[media[i].volume].anisotropy;
+                var weights = octave_weights(weight, visible, anisotropy);
+                for (var octave = 0u; octave < OCTAVES; octave++) {
+                    interval.fogs[i].weights[octave] += weights[octave];
+                }
                 for (var slot = 0u; slot < SUN_COUNT; slot++) {
-                    var visible = octaves_of_depth(depths[i][slot]);
+                    var arriving = octaves_of_depth(depths[i][slot], anisotropy);
                     for (var octave = 0u; octave < OCTAVES; octave++) {
-                        interval.fogs[i].light.slots[slot][octave] += weight * visible[octave];
+                        interval.fogs[i].light.slots[slot][octave] += weights[octave] * arriving[octave];
                     }
                 }
             }
@@ -317,7 +322,7 @@ fn march_media(
         interval.weight += weight;
         interval.t += weight * t_middle;
         fog.optical_depth += depth;
-        transmittance *= exp(-depth);
+        transmittance = transmittance_after;
         is_done = k * t_base >= t_end || t_near >= t_end || fog.optical_depth > OPAQUE_DEPTH;
         if HAS_INTERVALS && t_high >= t_flush && interval.weight > 0.0 && !is_done {
             add_interval(segment, pixel, &media, t_zero, t_max, &shared_light, &interval, &sums);

@@ -2,10 +2,10 @@
 //
 // Light from light sources is split into octaves, after Wrenninge, Kulla and Lundqvist 2013, "Oz: The Great
 // and Volumetric". Light that has been scattered several times reaches deeper into fog, and more evenly from
-// all sides. Each octave therefore has half the optical depth towards the light (all octaves share one ray),
-// a more isotropic phase function, and a smaller share of the light. In the paper that share is constant, so
-// fog too thin to scatter light twice appears twice as bright. Here it is the probability that light is
-// scattered again, which depends on the optical depth of the ray and on the albedo.
+// all sides, so each octave has a smaller extinction towards the light, a more isotropic phase function and an
+// amplitude of its own. Here they depend on what decides how often light is scattered: on the optical depth of
+// the ray, on the albedo and the anisotropy, and on how near the point is to where light enters and leaves. The
+// constants are fitted to path tracing by scripts/fit-scattering.
 //
 // Uniform light from the environment uses the closed form of the two-stream approximation for a layer with
 // the optical depth of the ray (Schuster 1905, "Radiation through a foggy atmosphere"). The light that the
@@ -14,24 +14,27 @@
 // docs/reference/fog.md compares the errors of both with those of single scattering.
 #define_import_path bevy_vdb::trace::scattering
 
-// Without shadows, there is no optical depth towards the light to halve.
-#ifdef VDB_MULTIPLE_SCATTERING
-#ifdef VDB_SHADOWS
-const OCTAVES: u32 = 4u;
-#else
-const OCTAVES: u32 = 1u;
-#endif
+#ifdef VDB_OCTAVES
+const OCTAVES: u32 = 3u;
 #else
 const OCTAVES: u32 = 1u;
 #endif
 
-// Ratio of the anisotropy of each octave to that of the previous one.
-const OCTAVE_ANISOTROPY: f32 = 0.75;
-// Fraction of light that is scattered again in infinitely deep fog without absorption, and the optical depth
-// at which that fraction is halved. With these values, white clouds lit by suns from all sides are on
-// average as bright as their surroundings.
-const RESCATTERED: f32 = 0.9;
-const RESCATTER_DEPTH: f32 = 2.0;
+// The second octave is mostly light that is scattered twice; the third, light that is scattered many times.
+// `u` is 1 - g for an anisotropy g > 0, and otherwise 1.
+//
+// Ratios of the extinction towards the light to that of the first octave, divided by √u.
+const OCTAVE_EXTINCTION = vec2(0.987, 0.247);
+// Close to where light enters, the second octave has not built up yet: it is multiplied by exp(-B T), for a
+// transmittance T towards the light.
+const BUILD_UP: f32 = 0.678;
+// Likewise, close to where light leaves for the viewer, octaves are multiplied by exp(-E T), for a transmittance T
+// towards the viewer. For the second octave, E = ESCAPE.x - u ESCAPE.y; for the third, E = ESCAPE.z.
+const ESCAPE = vec3(1.13, 0.567, 4.54);
+// The amplitude of the second octave is A τ / (τ + D), for a ray of optical depth τ; of the third,
+// A τ / (1 + u τ / D).
+const OCTAVE_AMPLITUDE = vec2(2.89, 0.609);
+const OCTAVE_DEPTH = vec2(1.1, 29.0);
 // Rays end at this optical depth, so the fog beyond it is unknown.
 const MAX_DEPTH: f32 = 16.0;
 
@@ -53,21 +56,81 @@ struct ScatteringSums {
 #endif
 }
 
-// How much light arrives through an optical depth in each octave, which has half the depth of the one before.
-fn octaves_of_depth(depth: f32) -> array<f32, OCTAVES> {
+// Anisotropy of each octave: scattering n times has the Henyey–Greenstein phase function of gⁿ.
+fn octave_anisotropies(anisotropy: f32) -> array<f32, OCTAVES> {
     var octaves = array<f32, OCTAVES>();
-    var visibility = exp(-depth / f32(1u << (OCTAVES - 1u)));
-    for (var octave = OCTAVES; octave > 0u; octave--) {
-        octaves[octave - 1u] = visibility;
-        visibility *= visibility;
-    }
+    octaves[0] = anisotropy;
+#ifdef VDB_OCTAVES
+    let squared = anisotropy * anisotropy;
+    octaves[1] = squared;
+    octaves[2] = squared * squared * squared * squared;
+#endif
     return octaves;
 }
 
-fn add_sample(sums: ptr<function, ScatteringSums>, weight: f32, albedo: vec3<f32>, light: InScattered) {
+fn isotropic_part(anisotropy: f32) -> f32 {
+    return 1.0 - max(anisotropy, 0.0);
+}
+
+// How much light an occluder of an optical depth lets through in each octave.
+fn octave_transmittances(depth: f32, anisotropy: f32) -> array<f32, OCTAVES> {
+    var octaves = array<f32, OCTAVES>();
+    octaves[0] = exp(-depth);
+#ifdef VDB_OCTAVES
+    let depths = (sqrt(isotropic_part(anisotropy)) * depth) * OCTAVE_EXTINCTION;
+    octaves[1] = exp(-depths.x);
+    octaves[2] = exp(-depths.y);
+#endif
+    return octaves;
+}
+
+// How much light arrives through an optical depth of fog in each octave.
+fn octaves_of_depth(depth: f32, anisotropy: f32) -> array<f32, OCTAVES> {
+    var octaves = octave_transmittances(depth, anisotropy);
+#ifdef VDB_OCTAVES
+    octaves[1] *= exp(-BUILD_UP * octaves[0]);
+#endif
+    return octaves;
+}
+
+// Transmittances towards the viewer at both ends of a stretch of a ray: mean, and half of the difference.
+struct Visibility {
+    mean: f32,
+    half_range: f32,
+}
+
+fn visibility_between(near: f32, far: f32) -> Visibility {
+    return Visibility(0.5 * (near + far), 0.5 * (near - far));
+}
+
+// Weights of a stretch of a ray in each octave. `weight` is the fraction of the pixel that the stretch covers.
+// The second and third octaves are multiplied by the mean of exp(-E T) over the stretch, in which T is evenly
+// distributed when weighted by visibility: exp(-E mean) sinh(x) / x, by the first terms of its series.
+fn octave_weights(weight: f32, visible: Visibility, anisotropy: f32) -> array<f32, OCTAVES> {
+    var weights = array<f32, OCTAVES>();
+    weights[0] = weight;
+#ifdef VDB_OCTAVES
+    let escape = vec2(ESCAPE.x - ESCAPE.y * isotropic_part(anisotropy), ESCAPE.z);
+    let x = escape * visible.half_range;
+    let x_squared = x * x;
+    let others = weight * exp(-escape * visible.mean) * (1.0 + x_squared / 6.0 * (1.0 + x_squared / 20.0));
+    weights[1] = others.x;
+    weights[2] = others.y;
+#endif
+    return weights;
+}
+
+// Adds a sample with the weights of its octaves.
+fn add_sample(
+    sums: ptr<function, ScatteringSums>,
+    weights: array<f32, OCTAVES>,
+    albedo: vec3<f32>,
+    light: InScattered,
+) {
+    let weight = weights[0];
 #ifdef VDB_MULTIPLE_SCATTERING
     for (var i = 0u; i < OCTAVES; i++) {
-        (*sums).octaves[i] += weight * albedo * light.octaves[i];
+        (*sums).octaves[i] += weights[i] * albedo * light.octaves[i];
     }
     (*sums).environment += weight * light.environment;
     (*sums).albedo += weight * albedo;
@@ -78,16 +141,20 @@ fn add_sample(sums: ptr<function, ScatteringSums>, weight: f32, albedo: vec3<f32
 #endif
 }
 
-// Adds the sums over a slab.
-fn add_sums(sums: ptr<function, ScatteringSums>, weight: f32, other: ScatteringSums) {
-    for (var i = 0u; i < OCTAVES; i++) {
-        (*sums).octaves[i] += weight * other.octaves[i];
-    }
+// Adds the sums over a slab, times a factor.
+fn add_sums(sums: ptr<function, ScatteringSums>, weight: f32, visible: Visibility, other: ScatteringSums) {
 #ifdef VDB_MULTIPLE_SCATTERING
+    let anisotropy = other.anisotropy / max(other.weight, 1e-30);
+    var weights = octave_weights(weight, visible, anisotropy);
+    for (var i = 0u; i < OCTAVES; i++) {
+        (*sums).octaves[i] += weights[i] * other.octaves[i];
+    }
     (*sums).environment += weight * other.environment;
     (*sums).albedo += weight * other.albedo;
     (*sums).anisotropy += weight * other.anisotropy;
     (*sums).weight += weight * other.weight;
+#else
+    (*sums).octaves[0] += weight * other.octaves[0];
 #endif
 }
 
@@ -100,12 +167,14 @@ fn scattered_radiance(sums: ScatteringSums, optical_depth: f32) -> vec3<f32> {
     let albedo = saturate(mean_albedo);
     let anisotropy = sums.anisotropy / weight;
     let depth = min(optical_depth, MAX_DEPTH);
-    let rescattered = RESCATTERED * albedo * albedo * (depth / (depth + RESCATTER_DEPTH));
-    var octave_weight = rescattered;
-    for (var i = 1u; i < OCTAVES; i++) {
-        radiance += octave_weight * sums.octaves[i];
-        octave_weight *= rescattered;
-    }
+#ifdef VDB_OCTAVES
+    // Light in the second octave has been scattered once more than in the first, in the third eleven times more.
+    let squared = albedo * albedo;
+    let fourth = squared * squared;
+    radiance += (OCTAVE_AMPLITUDE.x * depth / (depth + OCTAVE_DEPTH.x)) * albedo * sums.octaves[1];
+    radiance += (OCTAVE_AMPLITUDE.y * depth / (1.0 + isotropic_part(anisotropy) * depth / OCTAVE_DEPTH.y))
+        * (fourth * fourth * squared * albedo) * sums.octaves[2];
+#endif
     // Under uniform light, an infinitely deep layer absorbs 2a / (1 + a).
     let absorption = 1.0 - albedo;
     let reduced_extinction = 1.0 - anisotropy * albedo;

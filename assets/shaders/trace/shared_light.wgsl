@@ -9,9 +9,9 @@
 #ifdef VDB_OTHER_LIGHTS
 #import bevy_vdb::trace::lights::add_other_lights
 #endif
-#import bevy_vdb::trace::lights::{CachedSun, EnvironmentLight, cached_sun, environment_light, shading_point}
-#import bevy_vdb::trace::lights::{LocalLight, sun_phases, unoccluded}
-#import bevy_vdb::trace::scattering::{InScattered, OCTAVES}
+#import bevy_vdb::trace::lights::{CachedSun, EnvironmentLight, cached_sun, depth_of, environment_light}
+#import bevy_vdb::trace::lights::{LocalLight, shading_point, sun_phases, unoccluded}
+#import bevy_vdb::trace::scattering::{InScattered, OCTAVES, octave_transmittances}
 #import bevy_vdb::trace::segment::{Segment, point_at}
 #import bevy_vdb::traversal::fog::SamplePoint
 #import bevy_vdb::traversal::hdda::FAR
@@ -64,15 +64,16 @@ fn begin_interval(shared_light: ptr<function, SharedLight>, segment: Segment, pi
 }
 
 // Mean light over the steps of a fog in the interval, whose mean position is `fog_point`. `cached` are sums over
-// these steps; `factor` turns them into means.
+// these steps, with the weights of the octaves; `weights` are the sums of those weights.
 fn mean_light(
     shared_light: ptr<function, SharedLight>,
     segment: Segment,
     pixel: vec2<u32>,
     fog_point: FogPoint,
     cached: CachedLight,
-    factor: f32,
+    weights: array<f32, OCTAVES>,
 ) -> InScattered {
+    var octave_weights = weights;
     let ray = (*shared_light).dir;
     let anisotropy = volumes[fog_point.volume].anisotropy;
     let point = point_at(segment, fog_point.t);
@@ -87,12 +88,11 @@ fn mean_light(
     (*shared_light).nearest = min((*shared_light).nearest, others.nearest);
     var light = with_environment(others.octaves, (*shared_light).environment, anisotropy);
     for (var slot = 0u; slot < SUN_COUNT; slot++) {
-        let phases = sun_phases(slot, ray, anisotropy);
-        var octave_visibility = (*shared_light).visibility[slot];
+        var phases = sun_phases(slot, ray, anisotropy);
+        var let_through = octave_transmittances(depth_of((*shared_light).visibility[slot]), anisotropy);
         for (var octave = 0u; octave < OCTAVES; octave++) {
-            light.octaves[octave] += (factor * octave_visibility * cached.slots[slot][octave] * phases[octave])
-                * (*shared_light).suns[slot].illuminance;
-            octave_visibility = sqrt(octave_visibility);
+            let visible = let_through[octave] * cached.slots[slot][octave] / max(octave_weights[octave], 1e-30);
+            light.octaves[octave] += (visible * phases[octave]) * (*shared_light).suns[slot].illuminance;
         }
     }
     return light;

@@ -19,7 +19,7 @@
 #import bevy_vdb::trace::fog_march::in_scattered_at
 #import bevy_vdb::trace::lights::environment_light
 #import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, add_sums}
-#import bevy_vdb::trace::scattering::scattered_radiance
+#import bevy_vdb::trace::scattering::{Visibility, octave_weights, scattered_radiance, visibility_between}
 #ifndef VDB_EVEN_LIGHT
 #import bevy_vdb::trace::fog_march::march_fog
 #endif
@@ -138,7 +138,9 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
                         light = in_scattered_at(segment, pixel, t, width, volumes[i].anisotropy, environment);
                     }
                     source += volume_depth * volumes[i].emissive;
-                    add_sample(&slab_sums, volume_depth, volumes[i].base_color, light);
+                    // How much is visible of the slab is not known yet.
+                    let weights = octave_weights(volume_depth, Visibility(0.0, 0.0), 0.0);
+                    add_sample(&slab_sums, weights, volumes[i].base_color, light);
 #endif
                 }
             }
@@ -148,10 +150,12 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
         fog.radiance += exp(-fog.optical_depth) * mean_transmittance(depth) * emission;
 #endif
         if depth > 0.0 {
-            let weight = exp(-fog.optical_depth) * (1.0 - exp(-depth));
+            let transmittance = exp(-fog.optical_depth);
+            let weight = transmittance * (1.0 - exp(-depth));
             fog.radiance += weight * (source / max(depth, 1e-30));
 #ifdef VDB_LIT
-            add_sums(&sums, weight / max(depth, 1e-30), slab_sums);
+            let visible = visibility_between(transmittance, transmittance - weight);
+            add_sums(&sums, weight / max(depth, 1e-30), visible, slab_sums);
 #endif
             t_sum += weight * 0.5 * (t_low + t_high);
             fog.motion_volume = select(fog.motion_volume, thickest, weight > largest_weight);

@@ -146,7 +146,7 @@ mod tests {
 
     /// Shader defs that are not features of a view: those of render modes, formats and adapters,
     /// and those of the programs of `vdb_probe`.
-    const OTHERS: [&str; 16] = [
+    const OTHERS: [&str; 17] = [
         "VDB_CACHED_SUNS",
         "VDB_COUNT_STEPS",
         "VDB_DIFFUSE_ONLY",
@@ -156,6 +156,7 @@ mod tests {
         "VDB_GLOSSY_ONLY",
         "VDB_IN_STEP",
         "VDB_MEDIA",
+        "VDB_OCTAVES",
         "VDB_PAGED",
         "VDB_PAGE_BITS",
         "VDB_SHOW_AXES",
