@@ -37,21 +37,27 @@ fn fixed_part(message: &str) -> Option<String> {
     Some(long.chars().take(24).collect())
 }
 
-fn messages(folder: &Path, found: &mut Vec<(String, String)>) {
+/// What follows each speaker in the sources of a folder, with the path of its file.
+fn spoken(folder: &Path, found: &mut Vec<(String, String)>) {
     for entry in std::fs::read_dir(folder).expect("sources can be read") {
         let path = entry.expect("sources can be read").path();
         if path.is_dir() {
-            messages(&path, found);
+            spoken(&path, found);
             continue;
         }
         let text = std::fs::read_to_string(&path).expect("sources can be read");
         let at = |speaker: &&'static str| text.match_indices(*speaker).collect::<Vec<_>>();
         for (place, speaker) in SPEAKERS.iter().flat_map(at) {
-            if let Some(message) = first_string(&text[place + speaker.len()..]) {
-                found.push((path.display().to_string(), message));
-            }
+            found.push((path.display().to_string(), text[place + speaker.len()..].to_owned()));
         }
     }
+}
+
+fn messages(folder: &Path, found: &mut Vec<(String, String)>) {
+    let mut all = Vec::new();
+    spoken(folder, &mut all);
+    let message = |(path, after): (String, String)| Some((path, first_string(&after)?));
+    found.extend(all.into_iter().filter_map(message));
 }
 
 #[test]
@@ -72,6 +78,26 @@ fn every_message_is_in_the_guide() {
         .filter(|(_, message)| fixed_part(message).is_some_and(|part| !guide.contains(&part)))
         .collect();
     assert!(missing.is_empty(), "give {GUIDE} a row for each of {missing:#?}");
+}
+
+/// The name of a grid comes from a file, and may have escapes that a terminal obeys: messages show it by
+/// `shown_name`.
+#[test]
+fn messages_show_names_escaped() {
+    let mut found = Vec::new();
+    spoken(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut found);
+    // Up to the end of the macro or of the attribute.
+    let end = |after: &String| [");", ")]"].iter().filter_map(|end| after.find(end)).min();
+    let calls: Vec<_> = found
+        .iter()
+        .filter_map(|(path, after)| Some((path.as_str(), &after[..end(after)?])))
+        .collect();
+    assert!(calls.iter().any(|(_, call)| call.contains("shown_name()")), "none shows a name");
+    let raw: Vec<_> = calls
+        .iter()
+        .filter(|(_, call)| call.replace("shown_name()", "").contains("name()"))
+        .collect();
+    assert!(raw.is_empty(), "these show a name as it is in the file: {raw:#?}");
 }
 
 /// What people copy is what is built and drawn.

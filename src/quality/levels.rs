@@ -141,7 +141,7 @@ fn coarser(grid: &VdbGrid, goes_on: Arc<ProgressFn>) -> Levels {
     let has_none = |error: &dyn std::fmt::Display| {
         // Not if the failure is that the levels are no longer wanted.
         if goes_on(0, 0).is_continue() {
-            warn!("grid '{}' has no coarser levels of detail: {error}", grid.name());
+            warn!("grid '{}' has no coarser levels of detail: {error}", grid.shown_name());
         }
     };
     loop {

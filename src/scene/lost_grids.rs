@@ -6,6 +6,7 @@ use std::collections::HashSet;
 
 use bevy::asset::UntypedAssetId;
 use bevy::prelude::*;
+use vdb_core::display::escaped;
 
 use crate::asset::loaded::LoadedFiles;
 use crate::{VdbColorGrid, VdbEmission, VdbVolume};
@@ -44,7 +45,7 @@ pub(crate) fn tell_of_lost_grids(
                 warn!(
                     "{}: the reloaded file no longer has the grid '{label}'; the previous one \
                      stays in use",
-                    file.path
+                    escaped(&file.path.to_string())
                 );
             }
         }
