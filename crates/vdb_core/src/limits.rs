@@ -11,6 +11,12 @@
 /// read from the file. The smallest encoding of a node bounds the memory that a file can demand:
 /// about 17 times its own size for floats, and about 100 times for f64 vectors.
 ///
+/// There is no limit in seconds: whether a file can be shown would depend on the machine and on
+/// what else it does. The time to pack a grid or to generate a level of detail is proportional to
+/// the memory that these limits allow. To stop after a time, cancel in the progress callback of
+/// [`ReadOptions`](crate::ReadOptions), [`PackOptions`](crate::pack::PackOptions) or
+/// [`LevelOptions`](crate::tree::LevelOptions).
+///
 /// With the feature `serde`, limits can be read from a settings file, where missing fields have
 /// their defaults.
 #[derive(Clone, Debug, PartialEq, Eq)]
