@@ -1,8 +1,9 @@
 //! Rays at the limits of the conventions in `docs/reference/accuracy.md`, in the shaders.
 
-use glam::{IVec3, Vec3};
+use glam::{DVec3, IVec3, Vec3};
 use vdb_core::pack::{PackKind, PackedGrid, traverse};
-use vdb_core::reference::{Blocky, Occupied, Ray};
+use vdb_core::query::{GridQuery, IndexRay};
+use vdb_core::reference::{Blocky, Occupied, Ray, first_root};
 use vdb_core::synth::fog;
 use vdb_core::tree::{CoordBox, Vdb543};
 use vdb_probe::{Gpu, GpuGrid, Probe, ProbeHit, ProbeKind, ProbeRay};
@@ -147,6 +148,32 @@ fn the_greatest_optical_depth_is_finite() {
         }
     }
     assert_eq!(traverse::optical_length(&grid, &rays[0]), 3e38);
+}
+
+/// Infinite samples at the corner of a cell, and none: no hole and no surface that the reference tracer does
+/// not see, in the shaders and on the CPU.
+#[test]
+fn odd_samples_beside_a_surface_are_clamped_alike() {
+    let Some(gpu) = Gpu::find() else { return };
+    let iso = 0.5;
+    for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN] {
+        let mut tree = fog::ramp(cube(-10, 10), DVec3::X, 0.0);
+        // Without it, the surface lies at x = 1/2.
+        tree.set(IVec3::ONE, odd);
+        let grid = PackedGrid::new(&tree, PackKind::Smooth { iso }).unwrap();
+        let (cell, frac) = (IVec3::new(-8, 0, 0), Vec3::splat(0.5));
+        let exact = Ray::new(cell, frac, Vec3::X).with_span(0.0, 15.0);
+        let expected = first_root(&tree, iso, &exact).expect("a change of sign").t;
+        let local = traverse::Ray::from_index(&grid, cell, frac, Vec3::X);
+        for hit in send(&gpu, &grid, &[traverse::Ray { t_max: 15.0, ..local }], &[]) {
+            assert_eq!(hit.hit, 1, "{odd}");
+            assert!((f64::from(hit.t) - expected).abs() < 1e-3, "{odd}: {hit:?}, not {expected}");
+            assert!(hit.gradient.iter().all(|part| part.is_finite()), "{odd}: {hit:?}");
+        }
+        let ray = IndexRay { origin: DVec3::new(-7.5, 0.5, 0.5), dir: DVec3::X, t_max: 15.0 };
+        let on_cpu = GridQuery::new(&tree, &grid).first_hit(&ray, 0.0).map(|hit| hit.t);
+        assert!(on_cpu.is_some_and(|t| (t - expected).abs() < 1e-3), "{odd}: {on_cpu:?}");
+    }
 }
 
 /// From one end of index space to the other: every traversal ends, and meets what the one on the CPU meets.
