@@ -80,8 +80,8 @@ fn every_message_is_in_the_guide() {
     assert!(missing.is_empty(), "give {GUIDE} a row for each of {missing:#?}");
 }
 
-/// The name of a grid comes from a file, and may have escapes that a terminal obeys: messages show it by
-/// `shown_name`.
+/// The name of a grid comes from a file, and may have escapes that a terminal obeys: messages show
+/// it by `shown_name`.
 #[test]
 fn messages_show_names_escaped() {
     let mut found = Vec::new();

@@ -150,8 +150,8 @@ fn the_greatest_optical_depth_is_finite() {
     assert_eq!(traverse::optical_length(&grid, &rays[0]), 3e38);
 }
 
-/// Infinite samples at the corner of a cell, and none: no hole and no surface that the reference tracer does
-/// not see, in the shaders and on the CPU.
+/// A corner that is infinite or NaN: in the shaders and on the CPU, neither a hole nor a surface
+/// that the reference tracer does not see.
 #[test]
 fn odd_samples_beside_a_surface_are_clamped_alike() {
     let Some(gpu) = Gpu::find() else { return };
