@@ -23,9 +23,10 @@
 #endif
 #ifdef VDB_LIT
 #ifdef DISTANCE_FOG
-#import bevy_vdb::trace::lights::apply_distance_fog
+#import bevy_vdb::trace::distance_fog::apply_distance_fog
 #endif
-#import bevy_vdb::trace::lights::{sample_reflection, path_roughness, shade, shading_point}
+#import bevy_vdb::trace::lights::shading_point
+#import bevy_vdb::trace::shade::{path_roughness, sample_reflection, shade}
 #else
 #import bevy_vdb::trace::show::{axis_weights, gray, voxel_color}
 #endif
