@@ -17,7 +17,7 @@
 #ifdef VDB_SOFT_SUNS
 #import bevy_render::maths::PI
 #import bevy_vdb::gpu::types::MAX_SUNS
-#import bevy_vdb::view::scene::{frame_random, view}
+#import bevy_vdb::view::scene::{frame_random, interleaved_gradient_noise, view}
 #endif
 #endif
 
@@ -35,14 +35,12 @@ fn sun_disk(lights: LightList, light: u32) -> vec4<f32> {
 }
 
 // Mean transmittance towards a sun with an angular diameter. Samples are spread evenly over its disk after
-// Vogel 1979, "A better way to construct the sunflower head", and rotated per pixel by Jimenez's interleaved
-// gradient noise, which is evenly distributed among neighbouring pixels.
+// Vogel 1979, "A better way to construct the sunflower head", and rotated per pixel.
 fn soft_transmittance(at: ShadingPoint, point: Point, to_sun: vec3<f32>, tangent: f32, samples: u32) -> f32 {
     let helper = select(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), abs(to_sun.x) > 0.5);
     let right = normalize(cross(helper, to_sun));
     let up = cross(to_sun, right);
-    let noise = fract(52.9829189 * fract(dot(at.coord, vec2(0.06711056, 0.00583715))));
-    let rotation = 2.0 * PI * fract(noise + view.random_offset);
+    let rotation = 2.0 * PI * fract(interleaved_gradient_noise(at.coord) + view.random_offset);
     let radial_jitter = fract(0.5 + frame_random(0.73205081));
     var sum = 0.0;
     for (var k = 0u; k < samples; k++) {

@@ -4,14 +4,16 @@ use bevy::math::{DVec3, IVec3, UVec3};
 use vdb_core::tree::CoordBox;
 
 use super::lattice::Lattice;
-use crate::render::gpu::types;
+use crate::render::gpu::{MAX_GROUPS, types};
 
 /// Intervals between samples along an edge of a brick of the light cache.
 pub(crate) const BRICK_INTERVALS: u32 = 8;
 /// The most bricks of a fog for a light: 106 MB, within WebGPU's default limit of a binding.
 const MAX_BRICKS: u32 = 1 << 16;
-/// The most bricks along an axis: three workgroups each, within the default limit of a dispatch.
-const MAX_BRICKS_OF_AXIS: u32 = 65_535 / 3;
+/// Workgroups that fill a brick of the light cache, along z; each fills a third of its samples.
+pub(crate) const GROUPS_PER_BRICK: u32 = 3;
+/// The most bricks along an axis, so that their workgroups are one dispatch.
+const MAX_BRICKS_OF_AXIS: u32 = MAX_GROUPS / GROUPS_PER_BRICK;
 /// log₂ of the largest spacing in cells: an edge of a leaf.
 const MAX_LOG: u32 = 3;
 /// The shortest and the longest step of a ray, in voxels.
