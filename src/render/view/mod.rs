@@ -36,7 +36,7 @@ pub(super) use sets::PrepareViews;
 pub use sets::VdbSystems;
 pub(super) use settings::MEAN_BYTES;
 pub(super) use state::{Picture, PreparedView, ViewPicture, ViewState};
-pub(super) use uniform::{turn_of, view_data};
+pub(super) use uniform::{random_offset, view_data};
 pub(super) use visible::VisibleVolumes;
 pub(super) use volume::{Eye, Shown, volume_data, world_corners};
 
