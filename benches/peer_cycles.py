@@ -29,8 +29,8 @@ import tempfile
 import numpy as np
 
 # As many as Cycles accepts.
-MOST_BOUNCES = 1024
-MOST_STEPS = 65536
+MAX_BOUNCES = 1024
+MAX_STEPS = 65536
 
 
 def unit(vector):
@@ -166,12 +166,12 @@ def settle(world, scene):
     cycles.light_sampling_threshold = 0.0
     cycles.sample_clamp_direct = 0.0
     cycles.sample_clamp_indirect = 0.0
-    cycles.max_bounces = MOST_BOUNCES
-    cycles.volume_bounces = MOST_BOUNCES
+    cycles.max_bounces = MAX_BOUNCES
+    cycles.volume_bounces = MAX_BOUNCES
     # Each crossing of the mesh around the fog counts as one.
-    cycles.transparent_max_bounces = MOST_BOUNCES
+    cycles.transparent_max_bounces = MAX_BOUNCES
     cycles.volume_step_rate = scene.get("step_rate", 0.25)
-    cycles.volume_max_steps = MOST_STEPS
+    cycles.volume_max_steps = MAX_STEPS
     # Of the box, Cycles ignores the width: it is the whole pixel. A narrow bell is the middle alone.
     cycles.pixel_filter_type = "GAUSSIAN"
     cycles.filter_width = 0.01

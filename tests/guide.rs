@@ -1,5 +1,5 @@
-//! `docs/guide/troubleshooting.md` has every message of the plugin and of the reader, with its cause and its
-//! remedy.
+//! `docs/guide/troubleshooting.md` has every message of the plugin, the reader and the recorder, with its
+//! cause and its remedy.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use vdb_core::view::CannotShow;
 const GUIDE: &str = "docs/guide/troubleshooting.md";
 
 /// What a line of code says to a person, after one of these.
-const SPEAKERS: [&str; 3] = ["#[error(", " warn!(", " error!("];
+const SPEAKERS: [&str; 5] = ["#[error(", " warn!(", " error!(", " warn_once!(", " error_once!("];
 
 /// The letters of the first string after a place, without its breaks of lines.
 fn first_string(after: &str) -> Option<String> {
@@ -65,8 +65,11 @@ fn every_message_is_in_the_guide() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let guide = std::fs::read_to_string(root.join(GUIDE)).expect("the guide");
     let mut found = Vec::new();
-    messages(&root.join("src"), &mut found);
-    messages(&root.join("crates/vdb_core/src"), &mut found);
+    for folder in ["src", "crates/vdb_core/src", "crates/bevy_vdb_record/src"] {
+        let before = found.len();
+        messages(&root.join(folder), &mut found);
+        assert!(found.len() > before, "no message is found in {folder}");
+    }
     for why in
         [CannotShow::Singular, CannotShow::TooFar, CannotShow::TooLarge, CannotShow::TooSmall]
     {

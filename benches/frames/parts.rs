@@ -16,7 +16,7 @@ use crate::studio::Studio;
 use crate::{Args, print_heading};
 
 /// Frames in which a measurement of features ends, and more.
-const MOST_FRAMES: usize = 20_000;
+const MAX_FRAMES: usize = 20_000;
 
 pub fn run(args: &Args) -> Result<(), String> {
     let mut studio = Studio::with_gpu_times(args.size)?;
@@ -56,7 +56,7 @@ pub fn run(args: &Args) -> Result<(), String> {
         // Features are compared with a picture that stays.
         studio.app.update();
         frames += 1;
-        if frames > MOST_FRAMES {
+        if frames > MAX_FRAMES {
             return Err("features are measured for ever".into());
         }
     }

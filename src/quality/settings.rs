@@ -153,12 +153,12 @@ impl VdbQuality {
             }
             sound
         };
-        let step = if self.fog_step == 0.0 { 0.0 } else { LEAST_STEP };
+        let step = if self.fog_step == 0.0 { 0.0 } else { MIN_STEP };
         let sound = Self {
             traversal: self.traversal,
             shadows: self.shadows,
             shadow_range: within("shadow_range", self.shadow_range, 0.0, f32::INFINITY, 0.0),
-            reflections: self.reflections.min(MOST_REFLECTIONS),
+            reflections: self.reflections.min(MAX_REFLECTIONS),
             reflection_range: within(
                 "reflection_range",
                 self.reflection_range,
@@ -166,19 +166,19 @@ impl VdbQuality {
                 f32::INFINITY,
                 0.0,
             ),
-            fog_step: within("fog_step", self.fog_step, step, MOST_FOG_STEP, 0.0),
+            fog_step: within("fog_step", self.fog_step, step, MAX_FOG_STEP, 0.0),
             fog_light_step: within(
                 "fog_light_step",
                 self.fog_light_step,
-                LEAST_STEP,
-                MOST_STEP,
+                MIN_STEP,
+                MAX_STEP,
                 Self::HIGH.fog_light_step,
             ),
             fog_shadow_step: within(
                 "fog_shadow_step",
                 self.fog_shadow_step,
-                LEAST_STEP,
-                MOST_STEP,
+                MIN_STEP,
+                MAX_STEP,
                 Self::HIGH.fog_shadow_step,
             ),
             fog_light_error: within(
@@ -188,10 +188,10 @@ impl VdbQuality {
                 1.0,
                 Self::HIGH.fog_light_error,
             ),
-            fog_slabs: self.fog_slabs.clamp(1, MOST_SLABS),
+            fog_slabs: self.fog_slabs.clamp(1, MAX_SLABS),
             detail: within("detail", self.detail, 0.0, 64.0, 0.0),
-            resolution: within("resolution", self.resolution, LEAST_RESOLUTION, 1.0, 1.0),
-            accumulate: self.accumulate.min(MOST_FRAMES),
+            resolution: within("resolution", self.resolution, MIN_RESOLUTION, 1.0, 1.0),
+            accumulate: self.accumulate.min(MAX_FRAMES),
         };
         let slabs = (sound.fog_slabs != self.fog_slabs).then_some("fog_slabs");
         let bounces = (sound.reflections != self.reflections).then_some("reflections");
@@ -231,14 +231,14 @@ impl VdbVolumeQuality {
 }
 
 /// The largest number of bounces.
-const MOST_REFLECTIONS: u32 = 16;
+const MAX_REFLECTIONS: u32 = 16;
 /// The shortest step through fog, in voxels; shorter ones would only add cost.
-const LEAST_STEP: f32 = 0.25;
-const MOST_STEP: f32 = 64.0;
-const MOST_FOG_STEP: f32 = 16.0;
-const MOST_SLABS: u32 = 256;
-const LEAST_RESOLUTION: f32 = 0.25;
-const MOST_FRAMES: u32 = 256;
+const MIN_STEP: f32 = 0.25;
+const MAX_STEP: f32 = 64.0;
+const MAX_FOG_STEP: f32 = 16.0;
+const MAX_SLABS: u32 = 256;
+const MIN_RESOLUTION: f32 = 0.25;
+const MAX_FRAMES: u32 = 256;
 
 #[cfg(test)]
 mod tests {

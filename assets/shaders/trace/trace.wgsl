@@ -8,7 +8,7 @@
 #import bevy_vdb::trace::candidates::{volume_end, next_candidate, start_t}
 #import bevy_vdb::view::scene::{target_pixel, view, volumes}
 #ifdef VDB_REFLECTIONS
-#import bevy_vdb::view::scene::frame_random
+#import bevy_vdb::view::scene::{frame_random, interleaved_gradient_noise}
 #endif
 #import bevy_vdb::trace::segment::{NONE, Segment, point_at, lattice_ray, view_segment}
 #import bevy_vdb::trace::surface::{Surface, offset_origin, nearer, no_surface, normal_of}
@@ -23,9 +23,10 @@
 #endif
 #ifdef VDB_LIT
 #ifdef DISTANCE_FOG
-#import bevy_vdb::trace::lights::apply_distance_fog
+#import bevy_vdb::trace::distance_fog::apply_distance_fog
 #endif
-#import bevy_vdb::trace::lights::{sample_reflection, path_roughness, shade, shading_point}
+#import bevy_vdb::trace::lights::shading_point
+#import bevy_vdb::trace::shade::{path_roughness, sample_reflection, shade}
 #else
 #import bevy_vdb::trace::show::{axis_weights, gray, voxel_color}
 #endif
@@ -108,11 +109,10 @@ struct PathResult {
 #ifdef VDB_LIT
 #ifdef VDB_REFLECTIONS
 // Two random numbers in [0, 1), evenly distributed among neighbouring pixels: the R2 sequence (Roberts 2018,
-// "The unreasonable effectiveness of quasirandom sequences"), offset by Jimenez's interleaved gradient
-// noise.
+// "The unreasonable effectiveness of quasirandom sequences"), offset by noise.
 fn random_pair(pixel: vec2<u32>, bounce: u32) -> vec2<f32> {
     let at = vec2<f32>(pixel) + 5.588238 * f32(bounce);
-    let noise = fract(52.9829189 * fract(dot(at, vec2(0.06711056, 0.00583715))));
+    let noise = interleaved_gradient_noise(at);
     let rotation = vec2(frame_random(0.41421356), frame_random(0.73205081));
     return fract(noise + rotation + vec2(0.7548776662, 0.5698402910) * f32(bounce + 1u));
 }

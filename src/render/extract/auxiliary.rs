@@ -11,9 +11,9 @@ use crate::render::gpu::{GridKey, non_negative, types};
 use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbVectorGrid};
 
 /// The largest emission coefficient, and the largest factor: no sum along a ray exceeds f32.
-const MOST_EMISSION: f32 = 1e15;
+const MAX_EMISSION: f32 = 1e15;
 /// The largest temperature in kelvin, and in kelvin per unit.
-const MOST_KELVIN: f32 = 1e9;
+const MAX_KELVIN: f32 = 1e9;
 
 /// The auxiliary grids of a volume.
 #[derive(Clone, Debug, Default)]
@@ -85,8 +85,8 @@ impl AuxiliaryGrids {
             VdbEmission::Temperature { grid, scale, offset, strength } => {
                 let offset = if offset.is_nan() { 0.0 } else { *offset };
                 let temperature = Vec2::new(
-                    non_negative(*scale).min(MOST_KELVIN),
-                    offset.clamp(-MOST_KELVIN, MOST_KELVIN),
+                    non_negative(*scale).min(MAX_KELVIN),
+                    offset.clamp(-MAX_KELVIN, MAX_KELVIN),
                 );
                 (grid, types::KIND_BLACKBODY, Vec3::splat(*strength), temperature)
             }
@@ -131,7 +131,7 @@ impl AuxiliaryGrids {
 }
 
 fn capped(x: f32) -> f32 {
-    non_negative(x).min(MOST_EMISSION)
+    non_negative(x).min(MAX_EMISSION)
 }
 
 /// The first invalid field.
@@ -174,7 +174,7 @@ mod tests {
             assert_eq!(wrong_setting(&scalar), Some(Setting::EmissionColor));
             let colors = VdbEmission::Color { grid: default(), strength: x };
             assert_eq!(wrong_setting(&colors), Some(Setting::EmissionStrength));
-            assert!((0.0..=MOST_EMISSION).contains(&capped(x)));
+            assert!((0.0..=MAX_EMISSION).contains(&capped(x)));
         }
         assert_eq!(wrong_setting(&fire(1.0, f32::NAN, 1.0)), Some(Setting::EmissionOffset));
     }

@@ -1,9 +1,6 @@
 //! Detection of changes in the scene that the data prepared for a view does not contain: grids,
 //! lights, and meshes that cast shadows. Runs only while a camera accumulates frames.
 
-use std::fmt::{self, Debug, Write};
-use std::hash::{DefaultHasher, Hash, Hasher};
-
 use bevy::asset::AssetEvent;
 use bevy::ecs::entity::EntityHashMap;
 use bevy::ecs::system::SystemParam;
@@ -13,6 +10,7 @@ use bevy::pbr::DistanceFog;
 use bevy::prelude::*;
 use bevy::render::Extract;
 
+use super::hash::{HashValue, hash_of};
 use crate::{VdbGrid, VdbQuality, VdbVectorGrid};
 
 /// The numbers of frames in which parts of the scene have changed.
@@ -80,24 +78,10 @@ pub(crate) struct Known(EntityHashMap<u64>);
 
 impl Known {
     /// Stores the hash of an entity's components; returns whether it is new or has changed.
-    fn differs(&mut self, entity: Entity, what: impl Debug) -> bool {
-        let number = number_of(what);
+    fn differs(&mut self, entity: Entity, what: impl HashValue) -> bool {
+        let number = hash_of(&what);
         self.0.insert(entity, number) != Some(number)
     }
-}
-
-/// A hash of a value's `Debug` output.
-fn number_of(what: impl Debug) -> u64 {
-    struct Text(DefaultHasher);
-    impl Write for Text {
-        fn write_str(&mut self, text: &str) -> fmt::Result {
-            text.hash(&mut self.0);
-            Ok(())
-        }
-    }
-    let mut text = Text(DefaultHasher::new());
-    write!(text, "{what:?}").ok();
-    text.0.finish()
 }
 
 pub(crate) fn extract_changes(
@@ -122,14 +106,8 @@ pub(crate) fn extract_changes(
     for (entity, kind, place) in &scene.lights {
         lights |= known.differs(entity, (kind, place));
     }
-    let cameras = scene.cameras.iter().map(|(camera, maps, ambient, fog)| {
-        let maps = maps.map(|of| (&of.diffuse_map, &of.specular_map, of.intensity, of.rotation));
-        (camera, maps, ambient, fog)
-    });
-    let now = number_of((
-        cameras.collect::<Vec<_>>(),
-        scene.ambient.as_deref().map(|light| (light.color, light.brightness)),
-    ));
+    let cameras: Vec<_> = scene.cameras.iter().collect();
+    let now = hash_of(&(cameras, scene.ambient.as_deref()));
     lights |= std::mem::replace(&mut *around, now) != now;
     let mut casters = meshes_gone + mesh_events > 0;
     for (entity, shape, place) in &scene.meshes {

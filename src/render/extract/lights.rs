@@ -27,7 +27,7 @@ pub(crate) struct ExtractedSun {
 
 /// The largest apparent size in radians; the shadow of a larger sun would be nothing but penumbra.
 const WIDEST_SUN: f32 = 1.0;
-const MOST_SAMPLES: u32 = 256;
+const MAX_SAMPLES: u32 = 256;
 
 pub(crate) fn extract_suns(
     lights: Extract<
@@ -37,7 +37,7 @@ pub(crate) fn extract_suns(
 ) {
     let sound = |sun: &VdbSun| {
         (0.0..=WIDEST_SUN).contains(&sun.angular_diameter)
-            && (1..=MOST_SAMPLES).contains(&sun.samples)
+            && (1..=MAX_SAMPLES).contains(&sun.samples)
     };
     if lights.iter().any(|(_, sun, _)| !sound(sun)) {
         warn_once!(
@@ -53,7 +53,7 @@ pub(crate) fn extract_suns(
         direction: transform.back().into(),
         factor: non_negative(sun.intensity),
         angular_diameter: non_negative(sun.angular_diameter).min(WIDEST_SUN),
-        samples: sun.samples.clamp(1, MOST_SAMPLES),
+        samples: sun.samples.clamp(1, MAX_SAMPLES),
     }));
 }
 

@@ -2,6 +2,7 @@
 
 mod auxiliary;
 mod changes;
+mod hash;
 mod lights;
 mod volumes;
 mod warnings;

@@ -8,6 +8,9 @@ use bevy::render::renderer::RenderContext;
 /// The edge of a tile in pixels: of a workgroup, and of the rays that share a start.
 pub(crate) const TILE: u32 = 8;
 
+/// The most workgroups along one axis of a dispatch that WebGPU guarantees.
+pub(crate) const MAX_GROUPS: u32 = 65_535;
+
 /// The number of tiles along each axis of an image.
 pub(crate) fn tiles(size: UVec2) -> UVec2 {
     (size + TILE - 1) / TILE

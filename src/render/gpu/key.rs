@@ -34,10 +34,14 @@ impl GridKey {
         Self(self.0, level as u32)
     }
 
-    /// Whether this is a coarser level of a float grid, or a component of a vector grid other than
-    /// the first.
-    pub fn is_further(self) -> bool {
-        self.1 > 0
+    /// Whether this is a float grid itself, or the first component of a vector grid.
+    pub fn is_first(self) -> bool {
+        self.1 == 0
+    }
+
+    /// The number of the component, for a vector grid.
+    pub fn vector_component(self) -> Option<usize> {
+        (self.0.type_id() == TypeId::of::<VdbVectorGrid>()).then_some(self.1 as usize)
     }
 
     /// A component of a vector grid.

@@ -12,7 +12,7 @@ pub(crate) mod types;
 use bevy::prelude::*;
 use bevy::render::{GpuResourceAppExt, RenderApp, RenderStartup};
 
-pub(super) use dispatch::{TILE, dispatch_over_picture, tiles};
+pub(super) use dispatch::{MAX_GROUPS, TILE, dispatch_over_picture, tiles};
 pub(super) use fallback::PipelineFallback;
 pub(super) use key::GridKey;
 pub(super) use layout::{

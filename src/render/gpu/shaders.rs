@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 31] = shaders![
+const IMPORTS: [(&str, &[u8]); 36] = shaders![
     "gpu/types",
     "gpu/bindings",
     "traversal/rays",
@@ -39,7 +39,12 @@ const IMPORTS: [(&str, &[u8]); 31] = shaders![
     "trace/color",
     "trace/occlusion",
     "trace/scattering",
+    "trace/light_list",
+    "trace/illuminance",
+    "trace/visibility",
     "trace/lights",
+    "trace/shade",
+    "trace/distance_fog",
     "light_cache/bricks",
     "trace/light_cache",
     "trace/fog_march",

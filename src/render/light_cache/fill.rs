@@ -11,11 +11,11 @@ use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 
 use super::atlas::{Atlas, BRICK_SAMPLES, LINE_BYTES, ROW_BYTES, WIDTH, row_origin};
 use super::lattices::LightCache;
-use super::pipeline::{FillPipeline, GROUPS_PER_BRICK};
+use super::pipeline::FillPipeline;
 use super::view::{Fill, LightCacheView};
 use crate::render::gpu::{GROUP, PipelineFallback, empty_layout};
 use crate::render::pool::VdbTreePool;
-use crate::render::view::{ViewState, VolumeBuffer};
+use crate::render::view::{GROUPS_PER_BRICK, ViewState, VolumeBuffer};
 
 /// Fills the lattices that a view needs.
 pub(crate) fn fill_light_cache(

@@ -11,9 +11,6 @@ use crate::quality::features::Features;
 use crate::render::gpu::{Shaders, TraversalKey, empty_layout, scene_layout};
 use crate::render::view::ViewKey;
 
-/// Workgroups per brick along z; each fills a third of its samples.
-pub(super) const GROUPS_PER_BRICK: u32 = 3;
-
 /// The struct of `light_cache/fill.wgsl`.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]

@@ -60,14 +60,14 @@ pub(super) fn plan(
     }
     let mut wanted = WantedLattices::new(max_rows(&device).min((MAX_BYTES / ROW_BYTES) as u32));
     // Fogs whose error cannot be kept take only the room that the others leave.
-    for keeps_error in [true, false] {
+    for is_within_error in [true, false] {
         // Without its suns, a fog is not in the cache at all.
         for want in [LightCacheView::want_suns, LightCacheView::want_lamps] {
             for view in &order {
                 let Ok((_, state, mut own)) = views.get_mut(*view) else { continue };
                 let Some(prepared) = &state.prepared else { continue };
-                let fits = want(&mut own, prepared, &lights, keeps_error, &mut wanted);
-                limit.is_full |= keeps_error && !fits;
+                let fits = want(&mut own, prepared, &lights, is_within_error, &mut wanted);
+                limit.is_full |= is_within_error && !fits;
             }
         }
     }

@@ -97,17 +97,17 @@ impl LightCacheView {
         &mut self,
         prepared: &PreparedView,
         lights: &CachedLights,
-        keeps_error: bool,
+        is_within_error: bool,
         wanted: &mut WantedLattices,
     ) -> bool {
-        if lights.is_empty() || (!keeps_error && prepared.key.has(Features::UNCACHED_FOGS)) {
+        if lights.is_empty() || (!is_within_error && prepared.key.has(Features::UNCACHED_FOGS)) {
             return true;
         }
         let mut fits = true;
         for (i, entry) in prepared.entries.iter().enumerate().take(prepared.displayed()) {
             // The chosen pipelines may not read this entry.
             let is_fog = prepared.volumes[i].kind == types::KIND_FOG;
-            let is_asked = |fog: &CachedFog| is_fog && fog.keeps_error == keeps_error;
+            let is_asked = |fog: &CachedFog| is_fog && fog.is_within_error == is_within_error;
             let Some(fog) = entry.cached_fog.filter(is_asked) else { continue };
             let suns = (!lights.suns.is_empty()).then_some(LatticeKey {
                 owner: entry.owner,
@@ -130,11 +130,11 @@ impl LightCacheView {
         &mut self,
         prepared: &PreparedView,
         lights: &CachedLights,
-        keeps_error: bool,
+        is_within_error: bool,
         wanted: &mut WantedLattices,
     ) -> bool {
         let mut fits = true;
-        for (i, fog) in self.fogs.iter().filter(|(_, fog)| fog.keeps_error == keeps_error) {
+        for (i, fog) in self.fogs.iter().filter(|(_, fog)| fog.is_within_error == is_within_error) {
             let entry = &prepared.entries[*i];
             let Some((min, max)) = entry.lattice.world_box() else { continue };
             for lamp in lights.lamps.iter().filter(|lamp| lamp.reaches([min, max])) {

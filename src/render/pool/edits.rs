@@ -13,7 +13,7 @@ use crate::{VdbEmission, VdbGrid, VdbVolume};
 
 /// The largest number of copies per grid and frame. Beyond that, ranges that are close to each
 /// other are merged: a further copy costs more than the unchanged words between two ranges.
-const MOST_COPIES: usize = 4096;
+const MAX_COPIES: usize = 4096;
 
 /// Finds the words of displayed grids that the pool lacks, by comparing revisions, so that no edit
 /// is lost if a frame is not drawn or the device is lost.
@@ -56,10 +56,10 @@ pub(crate) fn extract_edits(
     }
 }
 
-/// Merges ranges that are close to each other until there are at most [`MOST_COPIES`].
+/// Merges ranges that are close to each other until there are at most [`MAX_COPIES`].
 fn few(mut ranges: Vec<Range<u32>>) -> Vec<Range<u32>> {
     let mut gap = 64;
-    while ranges.len() > MOST_COPIES {
+    while ranges.len() > MAX_COPIES {
         gap *= 2;
         ranges.dedup_by(|next, range| {
             let near = next.start - range.end <= gap;
@@ -81,7 +81,7 @@ mod tests {
         let ranges: Vec<Range<u32>> =
             (0..20_000).map(|i| i * 1000 + i % 7..i * 1000 + i % 7 + 3).collect();
         let few = super::few(ranges.clone());
-        assert!(few.len() <= MOST_COPIES && few.windows(2).all(|two| two[0].end < two[1].start));
+        assert!(few.len() <= MAX_COPIES && few.windows(2).all(|two| two[0].end < two[1].start));
         let holds = |range: &Range<u32>| {
             let at = few.partition_point(|one| one.end < range.end);
             few[at].start <= range.start

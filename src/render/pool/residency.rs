@@ -118,17 +118,22 @@ pub(crate) fn update_tree_pool(
     for (entity, volume) in &volumes.0 {
         let levels = [&volume.packed].into_iter().chain(&*volume.levels).enumerate();
         for (level, packed) in levels {
-            let name: &str = &volume.name;
-            wanted.entry(volume.grid.level(level)).or_insert((entity, name, packed));
+            let grid = WantedGrid { packed, entity, name: &volume.name, role: Role::Volume };
+            wanted.entry(volume.grid.level(level)).or_insert(grid);
         }
-        for grid in volume.auxiliary.all() {
-            wanted.entry(grid.key).or_insert((entity, &volume.name, &grid.packed));
+        let auxiliary =
+            [(Role::Emission, &volume.auxiliary.emission), (Role::Color, &volume.auxiliary.colors)];
+        for (role, grids) in auxiliary {
+            for grid in grids {
+                let own = WantedGrid { packed: &grid.packed, entity, name: &volume.name, role };
+                wanted.entry(grid.key).or_insert(own);
+            }
         }
     }
     pool.refused.retain(|grid| wanted.contains_key(grid));
     let missing = wanted
         .iter()
-        .any(|(key, (.., packed))| !pool.holds(key, packed, &edits) && !pool.refused.contains(key));
+        .any(|(key, own)| !pool.holds(key, own.packed, &edits) && !pool.refused.contains(key));
     let left_over = pool.resident.keys().any(|grid| !wanted.contains_key(grid));
     let mut written = 0;
     if missing || left_over {
@@ -140,8 +145,43 @@ pub(crate) fn update_tree_pool(
     edits.clear();
 }
 
-/// The displayed grids, each with one of its entities, and the name for messages.
-type Wanted<'a> = HashMap<GridKey, (&'a MainEntity, &'a str, &'a Arc<PackedGrid>)>;
+/// What a grid is to a volume.
+#[derive(Clone, Copy, Debug)]
+enum Role {
+    Volume,
+    Emission,
+    Color,
+}
+
+/// A displayed grid, and one of the volumes that display it, for messages.
+#[derive(Debug)]
+struct WantedGrid<'a> {
+    packed: &'a Arc<PackedGrid>,
+    entity: &'a MainEntity,
+    /// The name of the volume's own grid.
+    name: &'a str,
+    role: Role,
+}
+
+impl WantedGrid<'_> {
+    /// The grid, and for a vector grid its component, as messages name it.
+    fn describe(&self, key: GridKey) -> String {
+        let volume = format!("'{}' of entity {}", self.name, self.entity.id());
+        let role = match self.role {
+            Role::Volume => return format!("grid {volume}"),
+            Role::Emission => "emission",
+            Role::Color => "colour",
+        };
+        match key.vector_component().and_then(|i| ["red", "green", "blue"].get(i).copied()) {
+            Some(component) => {
+                format!("the {component} component of the {role} of volume {volume}")
+            }
+            None => format!("the {role} of volume {volume}"),
+        }
+    }
+}
+
+type Wanted<'a> = HashMap<GridKey, WantedGrid<'a>>;
 
 impl VdbTreePool {
     /// Rebuilds the pool; returns the number of bytes uploaded.
@@ -175,7 +215,7 @@ impl VdbTreePool {
         let Some(buffers) = &self.buffers else { return 0 };
         let (mut written, mut encoder) = (0, None);
         for (grid, resident) in &mut self.resident {
-            let (Some(edited), Some((.., outline))) = (edits.get(grid), wanted.get(grid)) else {
+            let (Some(edited), Some(own)) = (edits.get(grid), wanted.get(grid)) else {
                 continue;
             };
             let EditedWords::Changed(changed) = &edited.words else { continue };
@@ -185,7 +225,7 @@ impl VdbTreePool {
             let label = CommandEncoderDescriptor { label: Some("vdb_edits") };
             let encoder = encoder.get_or_insert_with(|| device.create_command_encoder(&label));
             written += edited::write(device, encoder, buffers, resident.place.first, changed);
-            resident.packed = Arc::clone(outline);
+            resident.packed = Arc::clone(own.packed);
             resident.revision = Some(edited.revision);
             written += buffers.write_header(queue, resident.index, &resident.header());
         }
@@ -203,15 +243,16 @@ impl VdbTreePool {
         device: &RenderDevice,
         queue: &RenderQueue,
     ) -> u64 {
-        // Coarser levels, which only save time, come last. Before them, resident grids come first,
-        // so that a new grid never displaces a displayed one.
+        // Coarser levels, which only save time, come last, as do all components of a vector grid but
+        // the first. Before them, resident grids come first, so that a new grid never displaces a
+        // displayed one.
         let mut order: Vec<_> = wanted.iter().collect();
-        order.sort_by_key(|(grid, _)| (grid.is_further(), !self.resident.contains_key(*grid)));
+        order.sort_by_key(|(grid, _)| (!grid.is_first(), !self.resident.contains_key(*grid)));
         let mut words = 0;
         let mut next = HashMap::default();
-        for (grid, (entity, name, packed)) in order {
+        for (grid, own) in order {
             let edited = edits.get(grid);
-            let count = edited.map_or(packed.words.len(), |edited| edited.count);
+            let count = edited.map_or(own.packed.words.len(), |edited| edited.count);
             let before = words;
             match place(&mut words, count as u64, limit) {
                 // The grid fits now, so its words are requested from the next frame on.
@@ -225,15 +266,15 @@ impl VdbTreePool {
                         EditedWords::All(_) => Some(edited.revision),
                         _ => self.revision(*grid),
                     });
-                    let (packed, revision) = (Arc::clone(packed), revision.flatten());
+                    let (packed, revision) = (Arc::clone(own.packed), revision.flatten());
                     next.insert(*grid, Resident { packed, revision, place, index });
                     self.refused.remove(grid);
                 }
-                // A missing coarser level is no error: a finer one is displayed.
-                Err(what) if self.refused.insert(*grid) && !grid.is_further() => {
-                    error!("grid '{name}' of entity {} is not shown: {what}", entity.id());
+                Err(why) => {
+                    if let Some(what) = self.refuse(*grid, own) {
+                        error!("{what} is not shown: {why}");
+                    }
                 }
-                Err(_) => {}
             }
         }
         let old = std::mem::replace(&mut self.resident, next);
@@ -264,6 +305,12 @@ impl VdbTreePool {
         queue.submit([encoder.finish()]);
         self.buffers = Some(buffers);
         written
+    }
+
+    /// Remembers that a grid does not fit; returns what to call it if this has to be reported.
+    fn refuse(&mut self, key: GridKey, grid: &WantedGrid) -> Option<String> {
+        // A missing coarser level is no error: a finer one is displayed.
+        (self.refused.insert(key) && !key.is_coarser()).then(|| grid.describe(key))
     }
 
     /// Whether an edited grid can be put into the new pool: from the old pool, or from all words.
@@ -298,6 +345,8 @@ fn place(words: &mut u64, count: u64, limit: u64) -> Result<Range, String> {
 mod tests {
     use super::*;
     use crate::render::pool::paging::PAGES;
+    use crate::{VdbGrid, VdbVectorGrid};
+    use bevy::asset::uuid::Uuid;
     use vdb_core::pack::PackKind;
     use vdb_core::tree::Vdb543;
 
@@ -320,5 +369,33 @@ mod tests {
         let message = place(&mut words, second, limit).unwrap_err();
         assert!(message.contains("MiB") && message.contains("half_width"), "{message}");
         assert_eq!(words, first + second, "a refused grid left a gap");
+    }
+
+    #[test]
+    fn each_grid_and_each_component_is_refused_once_by_name() {
+        let entity = MainEntity::from(World::new().spawn_empty().id());
+        let packed = Arc::new(packed(1));
+        let mut pool = VdbTreePool::default();
+        let mut refuse = |key, role| {
+            let grid = WantedGrid { packed: &packed, entity: &entity, name: "smoke", role };
+            pool.refuse(key, &grid)
+        };
+        let volume = format!("'smoke' of entity {}", entity.id());
+        let own = GridKey::from(AssetId::<VdbGrid>::default());
+        assert_eq!(refuse(own, Role::Volume), Some(format!("grid {volume}")));
+        assert_eq!(refuse(own, Role::Volume), None);
+        assert_eq!(refuse(own.level(1), Role::Volume), None, "a finer level is displayed");
+
+        let fire = GridKey::from(AssetId::<VdbGrid>::Uuid { uuid: Uuid::from_u128(1) });
+        let emission = format!("the emission of volume {volume}");
+        assert_eq!(refuse(fire, Role::Emission), Some(emission));
+
+        let vector = AssetId::<VdbVectorGrid>::default();
+        for (i, component) in ["red", "green", "blue"].into_iter().enumerate() {
+            let key = GridKey::component(vector, i as u32);
+            let text = format!("the {component} component of the colour of volume {volume}");
+            assert_eq!(refuse(key, Role::Color), Some(text));
+            assert_eq!(refuse(key, Role::Color), None);
+        }
     }
 }

@@ -33,7 +33,7 @@ pub(super) struct Cast {
 impl Cast {
     pub fn add(
         &mut self,
-        (camera, turn): (Option<Entity>, f32),
+        (camera, random_offset): (Option<Entity>, f32),
         (map, view): (Entity, &ExtractedView),
         casters: &[Caster],
         layers: impl Fn(&RenderLayers) -> bool,
@@ -65,7 +65,7 @@ impl Cast {
                 volume_first: first as u32,
                 volume_count: count as u32,
                 size: size.to_array(),
-                random_offset: turn,
+                random_offset,
                 ..view_data(&rays, world_from_view, &ExtractedSuns::default())
             };
             self.maps.push((camera, map, view));

@@ -36,7 +36,7 @@ use super::gpu::{
 };
 use super::pool::{PoolBuffers, VdbTreePool};
 use super::trace::MeshShadowMaps;
-use super::view::{PrepareViews, ViewState, turn_of};
+use super::view::{PrepareViews, ViewState, random_offset};
 use crate::quality::features::Features;
 use crate::{VdbCamera, VdbQuality};
 use casters::{Cast, casters, sees_meshes};
@@ -213,7 +213,7 @@ fn list_maps(
         let layers = layers.cloned().unwrap_or_default();
         for (map, view, _, light) in maps.iter_many(&lights.lights) {
             let casts = |own: &RenderLayers| own.intersects(&layers) && own.intersects(light);
-            cast.add((Some(camera), turn_of(jitter, frame)), (map, view), casters, casts);
+            cast.add((Some(camera), random_offset(jitter, frame)), (map, view), casters, casts);
         }
     }
     let shared = maps.iter().filter(|(_, _, kind, _)| {

@@ -19,7 +19,9 @@ use bevy::render::texture::TextureCache;
 use bevy::render::view::ViewDepthTexture;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
-use super::gpu::{GROUP, PipelineFallback, Shaders, load_shaders, picture_texture, tiles};
+use super::gpu::{
+    GROUP, MAX_GROUPS, PipelineFallback, Shaders, load_shaders, picture_texture, tiles,
+};
 use super::light_cache::{LightCache, LightCacheView, fill_light_cache};
 use super::pool::{PoolBuffers, VdbTreePool};
 use super::view::VdbSystems;
@@ -39,9 +41,6 @@ pub(super) use lights::MeshShadowMaps;
 const BEAM_THREADS: u32 = 64;
 /// The tiles of a workgroup in `trace.wgsl`, one below the other.
 const TILES_OF_GROUP: u32 = 2;
-/// The most workgroups along one axis of a dispatch that WebGPU guarantees. With fewer groups than
-/// work, the threads loop.
-const MOST_GROUPS: u32 = 65_535;
 
 /// Traces the rays of every view.
 pub(super) struct TracePlugin;
@@ -313,8 +312,9 @@ pub(super) fn trace(
             pass.set_bind_group(1, none_either, &[]);
             pass.set_bind_group(GROUP, bind_group, &[]);
             let PreparedView { data, most_tiles, .. } = prepared;
-            let each = most_tiles.div_ceil(BEAM_THREADS).clamp(1, MOST_GROUPS);
-            pass.dispatch_workgroups(data.volume_count.min(MOST_GROUPS), each, 1);
+            // With fewer groups than work, the threads loop.
+            let each = most_tiles.div_ceil(BEAM_THREADS).clamp(1, MAX_GROUPS);
+            pass.dispatch_workgroups(data.volume_count.min(MAX_GROUPS), each, 1);
         }
         pass.set_pipeline(&pipeline);
         let [lights, environment] = &bind_groups.lights.groups;

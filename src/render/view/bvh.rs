@@ -14,7 +14,7 @@ pub(crate) const FEW: usize = 8;
 /// The branching factor of the hierarchy.
 const BRANCHES: usize = 4;
 /// The number of levels: the longest runs have 4¹⁰ volumes.
-const MOST_LEVEL: u32 = 10;
+const MAX_LEVEL: u32 = 10;
 
 /// A box in world space, relative to a view's eye.
 #[derive(Clone, Copy, Debug)]
@@ -74,7 +74,7 @@ pub(crate) fn fill(list: &mut [Volume], shown: &[&ExtractedVolume], eye: DVec3) 
     for (volume, bounds) in list.iter_mut().zip(&boxes) {
         [volume.box_min, volume.box_max] = bounds.rounded();
     }
-    for level in 1..=MOST_LEVEL {
+    for level in 1..=MAX_LEVEL {
         boxes = boxes
             .chunks(BRANCHES)
             .map(|run| Bounds::of(run.iter().flat_map(|part| [part.min, part.max])))
@@ -103,7 +103,7 @@ mod tests {
     fn every_run_has_a_place_of_its_own() {
         let volumes = 1 << 15;
         let mut taken = HashSet::new();
-        for level in 1..=MOST_LEVEL {
+        for level in 1..=MAX_LEVEL {
             let length = BRANCHES.pow(level);
             for first in (0..volumes).step_by(length) {
                 let slot = slot(first, level);

@@ -4,14 +4,16 @@ use bevy::math::{DVec3, IVec3, UVec3};
 use vdb_core::tree::CoordBox;
 
 use super::lattice::Lattice;
-use crate::render::gpu::types;
+use crate::render::gpu::{MAX_GROUPS, types};
 
 /// Intervals between samples along an edge of a brick of the light cache.
 pub(crate) const BRICK_INTERVALS: u32 = 8;
 /// The most bricks of a fog for a light: 106 MB, within WebGPU's default limit of a binding.
 const MAX_BRICKS: u32 = 1 << 16;
-/// The most bricks along an axis: three workgroups each, within the default limit of a dispatch.
-const MAX_BRICKS_OF_AXIS: u32 = 65_535 / 3;
+/// Workgroups that fill a brick of the light cache, along z; each fills a third of its samples.
+pub(crate) const GROUPS_PER_BRICK: u32 = 3;
+/// The most bricks along an axis, so that their workgroups are one dispatch.
+const MAX_BRICKS_OF_AXIS: u32 = MAX_GROUPS / GROUPS_PER_BRICK;
 /// log₂ of the largest spacing in cells: an edge of a leaf.
 const MAX_LOG: u32 = 3;
 /// The shortest and the longest step of a ray, in voxels.
@@ -49,9 +51,9 @@ pub(crate) struct CachedFog {
     pub layout: CacheLayout,
     /// Voxels between samples of density along a view ray.
     pub step: f32,
-    /// Whether the samples keep the accepted error. Others are only for pipelines that cannot light
+    /// Whether the samples are within the accepted error. Others are only for pipelines that cannot light
     /// fog by rays.
-    pub keeps_error: bool,
+    pub is_within_error: bool,
 }
 
 impl CachedFog {
@@ -63,7 +65,7 @@ impl CachedFog {
         let wanted = detail.spacing_log();
         let layout =
             (wanted.unwrap_or(0)..=MAX_LOG).find_map(|log| CacheLayout::new(occupied, log))?;
-        Some(Self { layout, step: detail.step(), keeps_error: wanted == Some(layout.log) })
+        Some(Self { layout, step: detail.step(), is_within_error: wanted == Some(layout.log) })
     }
 }
 
@@ -345,11 +347,11 @@ mod tests {
             find_cached_fogs(0.01, &volumes, &lattices)
         };
         let found = of(&[large, small]).into_iter().map(|fog| fog.unwrap()).collect::<Vec<_>>();
-        assert!(found[0].keeps_error && found[0].layout.log > 0, "{found:?}");
-        assert!(!found[1].keeps_error && found[1].layout.log == 0, "{found:?}");
+        assert!(found[0].is_within_error && found[0].layout.log > 0, "{found:?}");
+        assert!(!found[1].is_within_error && found[1].layout.log == 0, "{found:?}");
         let dense = fog(IVec3::ZERO, IVec3::splat(512), 4.0);
         let found = of(&[large, dense]);
-        assert!(found.iter().all(|fog| fog.is_some_and(|fog| !fog.keeps_error)), "{found:?}");
+        assert!(found.iter().all(|fog| fog.is_some_and(|fog| !fog.is_within_error)), "{found:?}");
     }
 
     #[test]
@@ -357,7 +359,7 @@ mod tests {
         let of = |edge, density| {
             let (volume, lattice) = fog(IVec3::ZERO, IVec3::splat(edge), density);
             let found = find_cached_fogs(0.01, &[volume], &[&lattice])[0];
-            found.map(|fog| (fog.layout.log, fog.keeps_error))
+            found.map(|fog| (fog.layout.log, fog.is_within_error))
         };
         assert_eq!(of(64, 0.03), Some((1, true)));
         assert_eq!(of(64, 4.0), Some((0, false)), "too dense");

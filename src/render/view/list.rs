@@ -211,7 +211,7 @@ impl ViewList {
         let count = if only_seen { self.seen } else { self.entries.len() };
         let fogs = self.data.iter().zip(&self.entries).take(count);
         let fogs = fogs.filter(|(volume, _)| volume.kind == types::KIND_FOG);
-        let is_cached = |own: &Entry| own.cached_fog.is_some_and(|fog| fog.keeps_error);
+        let is_cached = |own: &Entry| own.cached_fog.is_some_and(|fog| fog.is_within_error);
         [true, false].map(|cached| fogs.clone().any(|(_, own)| is_cached(own) == cached))
     }
 

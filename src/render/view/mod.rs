@@ -24,7 +24,7 @@ use bevy::core_pipeline::core_3d::{prepare_core_3d_depth_textures, prepare_prepa
 use bevy::prelude::*;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
-pub(super) use cached_fog::{BRICK_INTERVALS, CacheLayout, CachedFog, cell_edge};
+pub(super) use cached_fog::{BRICK_INTERVALS, CacheLayout, CachedFog, GROUPS_PER_BRICK, cell_edge};
 pub(super) use key::ViewKey;
 pub(super) use list::Entry;
 pub(super) use picture_pass::{
@@ -36,7 +36,7 @@ pub(super) use sets::PrepareViews;
 pub use sets::VdbSystems;
 pub(super) use settings::MEAN_BYTES;
 pub(super) use state::{Picture, PreparedView, ViewPicture, ViewState};
-pub(super) use uniform::{turn_of, view_data};
+pub(super) use uniform::{random_offset, view_data};
 pub(super) use visible::VisibleVolumes;
 pub(super) use volume::{Eye, Shown, volume_data, world_corners};
 

@@ -14,7 +14,7 @@ use super::media::{DrawnMedia, hide_surplus, is_medium};
 use super::settings::rays;
 use super::state::{PreparedView, ResolvedView, ViewState};
 use super::tiles::TileLayout;
-use super::uniform::{overlay_bits, turn_of, view_data};
+use super::uniform::{overlay_bits, random_offset, view_data};
 use crate::VdbRenderMode;
 use crate::quality::features::Features;
 use crate::render::extract::{ExtractedSuns, ExtractedVolume, ExtractedVolumes};
@@ -22,7 +22,7 @@ use crate::render::gpu::{non_negative, types};
 
 /// The largest exposure. With the bounds of materials, it keeps products within f32, because WGSL
 /// may assume that there are no infinities.
-const MOST_EXPOSURE: f32 = 1e12;
+const MAX_EXPOSURE: f32 = 1e12;
 /// The largest length of a ray in world units: `FAR` in the shaders.
 const FARTHEST: f32 = 1e30;
 
@@ -110,7 +110,7 @@ fn prepare(
     }
     let layout = TileLayout::new(size, list.seen as u32);
     let data = types::View {
-        exposure: non_negative(camera.exposure).min(MOST_EXPOSURE),
+        exposure: non_negative(camera.exposure).min(MAX_EXPOSURE),
         volume_count: list.seen as u32,
         offscreen_count: (list.entries.len() - list.seen) as u32,
         size: size.to_array(),
@@ -124,8 +124,8 @@ fn prepare(
         overlays: overlay_bits(settings.camera.overlays),
         tile_words: layout.tile_words,
         group_bits: layout.group_bits,
-        has_tile_starts: u32::from(layout.keeps_starts),
-        random_offset: turn_of(jitter, **frame),
+        has_tile_starts: u32::from(layout.has_starts),
+        random_offset: random_offset(jitter, **frame),
         frame: jitter.map_or(0, |_| frame.0),
         max_frames: quality.accumulate,
         ..view_data(view_rays, *world_from_view, suns)

@@ -8,7 +8,7 @@ use bevy::render::renderer::RenderDevice;
 use crate::render::gpu::{TILE, tiles};
 
 /// The largest tile buffer of a view, in words: 16 MiB.
-const MOST_WORDS: u64 = 1 << 22;
+const MAX_WORDS: u64 = 1 << 22;
 
 /// The range of tiles that show a box: the first and the last column and row. Empty if `first` is
 /// beyond `last`.
@@ -76,7 +76,7 @@ pub(crate) struct TileLayout {
     pub tile_words: u32,
     /// log₂ of the number of volumes that share a bit.
     pub group_bits: u32,
-    pub keeps_starts: bool,
+    pub has_starts: bool,
 }
 
 impl TileLayout {
@@ -84,12 +84,12 @@ impl TileLayout {
         let tiles = tiles(size).as_u64vec2().element_product();
         let volumes = u64::from(volumes);
         let words = |group_bits: u32| volumes.div_ceil(1 << group_bits).div_ceil(32).max(1);
-        let fits = |group_bits: &u32| words(*group_bits) * tiles <= MOST_WORDS;
+        let fits = |group_bits: &u32| words(*group_bits) * tiles <= MAX_WORDS;
         // With 31, every tile has one word.
         let group_bits = (0..32).find(fits).unwrap_or(31);
         let tile_words = words(group_bits);
-        let keeps_starts = group_bits == 0 && tiles * (tile_words + volumes) <= MOST_WORDS;
-        Self { tiles, volumes, tile_words: tile_words as u32, group_bits, keeps_starts }
+        let has_starts = group_bits == 0 && tiles * (tile_words + volumes) <= MAX_WORDS;
+        Self { tiles, volumes, tile_words: tile_words as u32, group_bits, has_starts }
     }
 
     /// The size of the bits, which come first, in bytes.
@@ -98,7 +98,7 @@ impl TileLayout {
     }
 
     fn size(&self) -> u64 {
-        self.bits_size() + if self.keeps_starts { 4 * self.tiles * self.volumes } else { 0 }
+        self.bits_size() + if self.has_starts { 4 * self.tiles * self.volumes } else { 0 }
     }
 
     /// A buffer of this layout: the previous one if it has the same size.
@@ -128,7 +128,7 @@ mod tests {
                 let layout = TileLayout::new(size, volumes);
                 let bits = u64::from(layout.tile_words) * 32;
                 assert!(bits << layout.group_bits >= u64::from(volumes), "{layout:?}");
-                assert!(layout.size() <= 4 * MOST_WORDS, "{layout:?}");
+                assert!(layout.size() <= 4 * MAX_WORDS, "{layout:?}");
             }
         }
     }
@@ -156,8 +156,8 @@ mod tests {
     #[test]
     fn what_fits_is_kept() {
         let hd = |volumes| TileLayout::new(UVec2::new(1920, 1080), volumes);
-        assert!(hd(1).keeps_starts && hd(100).keeps_starts);
-        assert!(!hd(1000).keeps_starts);
+        assert!(hd(1).has_starts && hd(100).has_starts);
+        assert!(!hd(1000).has_starts);
         assert_eq!((hd(1000).tile_words, hd(1000).group_bits), (32, 0));
         assert!(hd(10_000).group_bits > 0);
     }

@@ -11,7 +11,7 @@ use crate::render::extract::ExtractedSuns;
 use crate::render::gpu::{golden, types};
 
 /// The largest factor of a sun's illuminance.
-const MOST_FACTOR: f32 = 1e6;
+const MAX_FACTOR: f32 = 1e6;
 
 /// The part of the uniform with the rays and suns of a view.
 pub(crate) fn view_data(
@@ -22,7 +22,7 @@ pub(crate) fn view_data(
     let mut own = [[0.0; 4]; types::MAX_SUNS];
     let mut disks = [[0.0; 4]; types::MAX_SUNS];
     for ((own, disk), sun) in own.iter_mut().zip(&mut disks).zip(&suns.0) {
-        *own = sun.direction.extend(sun.factor.min(MOST_FACTOR)).to_array();
+        *own = sun.direction.extend(sun.factor.min(MAX_FACTOR)).to_array();
         *disk = [(0.5 * sun.angular_diameter).tan(), sun.samples as f32, 0.0, 0.0];
     }
     let world = |v| world_from_view.transform_vector3(v).as_vec3().to_array();
@@ -46,7 +46,7 @@ pub(crate) fn view_data(
 
 /// The offset that a frame adds to random numbers, from 0 to 1; 0 unless the view is jittered, so
 /// that noise stays fixed where nothing averages frames.
-pub(crate) fn turn_of(jitter: Option<&TemporalJitter>, frame: FrameCount) -> f32 {
+pub(crate) fn random_offset(jitter: Option<&TemporalJitter>, frame: FrameCount) -> f32 {
     jitter.map_or(0.0, |_| golden(frame.0))
 }
 

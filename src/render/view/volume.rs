@@ -17,14 +17,14 @@ use crate::{VdbMaterial, VdbQuality};
 // visibly.
 
 /// The largest luminance in cd/m²; the sun's surface has 2·10⁹.
-const MOST_LIGHT: f32 = 1e15;
+const MAX_LIGHT: f32 = 1e15;
 /// The largest albedo. Values above 1 are not physical, but Bevy's colours allow them.
-const MOST_ALBEDO: f32 = 1e6;
+const MAX_ALBEDO: f32 = 1e6;
 /// The largest extinction per unit of density.
-const MOST_EXTINCTION: f32 = 1e30;
+const MAX_EXTINCTION: f32 = 1e30;
 /// The largest absolute value of the anisotropy: beyond, f32 cannot resolve the directions into
 /// which most of the light is scattered.
-const MOST_ANISOTROPY: f32 = 0.99;
+const MAX_ANISOTROPY: f32 = 0.99;
 /// The edge of the largest nodes below the root, in cells.
 const LARGEST_NODE: i32 = 4096;
 
@@ -182,13 +182,13 @@ pub(crate) fn volume_data(
         lattice_x: array(lattice.x_axis),
         lattice_y: array(lattice.y_axis),
         lattice_z: array(lattice.z_axis),
-        density_scale: non_negative(material.density_scale).min(MOST_EXTINCTION),
+        density_scale: non_negative(material.density_scale).min(MAX_EXTINCTION),
         anisotropy: anisotropy(material.anisotropy),
         perceptual_roughness: share(material.perceptual_roughness),
         metallic: share(material.metallic),
         reflectance: share(material.reflectance),
-        base_color: capped(material.base_color.to_linear().to_vec3(), MOST_ALBEDO),
-        emissive: capped(material.emissive.to_vec3(), MOST_LIGHT),
+        base_color: capped(material.base_color.to_linear().to_vec3(), MAX_ALBEDO),
+        emissive: capped(material.emissive.to_vec3(), MAX_LIGHT),
         color_grids: types::NO_COLOR,
         fog_step: quality.fog_step,
         light_step: quality.fog_light_step,
@@ -237,7 +237,7 @@ fn share(x: f32) -> f32 {
 
 /// Clamps to the range that shaders can compute with; NaN becomes 0.
 fn anisotropy(x: f32) -> f32 {
-    if x.is_nan() { 0.0 } else { x.clamp(-MOST_ANISOTROPY, MOST_ANISOTROPY) }
+    if x.is_nan() { 0.0 } else { x.clamp(-MAX_ANISOTROPY, MAX_ANISOTROPY) }
 }
 
 /// The first invalid field of a material.

@@ -18,12 +18,12 @@ pub(crate) fn save(file: &VdbFile, path: &Path, options: &WriteOptions) -> Resul
 }
 
 /// The most symbolic links to follow, as on Linux.
-const MOST_LINKS: usize = 40;
+const MAX_LINKS: usize = 40;
 
 /// The path with all symbolic links followed, even if their target does not exist.
 fn resolved(path: &Path) -> io::Result<PathBuf> {
     let mut path = path.to_owned();
-    for _ in 0..MOST_LINKS {
+    for _ in 0..MAX_LINKS {
         match fs::symlink_metadata(&path) {
             Ok(metadata) if metadata.is_symlink() => {
                 let target = fs::read_link(&path)?;

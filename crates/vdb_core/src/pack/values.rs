@@ -54,7 +54,7 @@ impl Stored {
 pub(super) const MAX_VALUE: f32 = 1e30;
 /// The largest 16-bit value, and the smallest that is not denormal.
 const MAX_HALF: f32 = 65_504.0;
-const LEAST_HALF: f32 = 1.0 / 16_384.0;
+const MIN_HALF: f32 = 1.0 / 16_384.0;
 
 /// A sample sanitised to a density: not negative, finite, and not NaN.
 pub(crate) fn density(value: f32) -> f32 {
@@ -92,7 +92,7 @@ pub(super) fn half_factor(largest: f32) -> f32 {
 /// Whether a value is exact in 16 bits and not denormal, so that no hardware changes it.
 fn fits_half(value: f32) -> bool {
     let size = value.abs();
-    value == 0.0 || (value.to_bits() & 0x1fff == 0 && (LEAST_HALF..=MAX_HALF).contains(&size))
+    value == 0.0 || (value.to_bits() & 0x1fff == 0 && (MIN_HALF..=MAX_HALF).contains(&size))
 }
 
 /// The encoding of values in a format.
@@ -125,7 +125,7 @@ pub(super) fn write_floats(stored: Stored, values: &[f32], factor: f32, out: &mu
     for (values, out) in values.chunks(BLOCK).zip(out.chunks_mut(BLOCK / 2)) {
         for (safe, &value) in safe.iter_mut().zip(values) {
             let value = (value * factor).clamp(-MAX_HALF, MAX_HALF);
-            *safe = if value < 0.0 { value.min(-LEAST_HALF) } else { value };
+            *safe = if value < 0.0 { value.min(-MIN_HALF) } else { value };
         }
         halves[values.len()..].fill(f16::ZERO);
         halves[..values.len()].convert_from_f32_slice(&safe[..values.len()]);
@@ -182,7 +182,7 @@ mod tests {
 
     #[test]
     fn sixteen_bits_keep_what_fits_and_every_sign() {
-        let fit = [0.0, -0.0, 1.0, -0.5, 65_504.0, LEAST_HALF, 0.333_251_95];
+        let fit = [0.0, -0.0, 1.0, -0.5, 65_504.0, MIN_HALF, 0.333_251_95];
         assert!(all_fit_half(&fit, 1.0));
         // As a 16-bit float the small value is denormal; multiplied, it is not.
         let small = f16::from_f32(3e-6).to_f32();

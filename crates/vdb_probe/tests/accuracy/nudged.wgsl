@@ -16,7 +16,7 @@
 @group(2) @binding(6) var<uniform> base: vec4<i32>;
 
 const NUDGE: f32 = 4e-4;
-const MOST_STEPS: u32 = 1000u;
+const MAX_STEPS: u32 = 1000u;
 const FAR: f32 = 1e30;
 
 // The distance along the ray to a plane on each axis; far away where the ray does not move.
@@ -61,7 +61,7 @@ fn nudged(@builtin(global_invocation_id) id: vec3<u32>) {
     if !is_missed {
         stuck = 1u;
         place = new_accessor(vec3<i32>(floor(at)) - base.xyz);
-        for (; steps < MOST_STEPS; steps++) {
+        for (; steps < MAX_STEPS; steps++) {
             let cell = vec3<i32>(floor(at)) - base.xyz;
             if any(cell < grid.occupied_min) || any(cell > grid.occupied_max) {
                 stuck = 0u;

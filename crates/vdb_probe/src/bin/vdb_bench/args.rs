@@ -8,7 +8,7 @@ use vdb_probe::options::{Options, Stop, number, size};
 
 use crate::camera::Camera;
 use crate::model::Source;
-use crate::timing::LEAST_RUNS;
+use crate::timing::MIN_RUNS;
 
 const HELP: &str = "\
 vdb_bench [OPTION…] MODEL…
@@ -186,8 +186,8 @@ impl Args {
                 args.models = models?;
             }
         }
-        if args.runs < LEAST_RUNS && args.dump.is_none() {
-            let wants = format!("--runs must be {LEAST_RUNS} or more, unless --dump is given");
+        if args.runs < MIN_RUNS && args.dump.is_none() {
+            let wants = format!("--runs must be {MIN_RUNS} or more, unless --dump is given");
             return Err(wants.into());
         }
         args.sets.push(set);

@@ -3,7 +3,7 @@
 use vdb_probe::{Gpu, Step};
 
 /// The fewest runs for a meaningful median.
-pub const LEAST_RUNS: u32 = 30;
+pub const MIN_RUNS: u32 = 30;
 /// Milliseconds of work before timing begins, because an idle GPU is slow at first.
 const WARM_UP: f64 = 500.0;
 
@@ -18,10 +18,10 @@ pub struct Times {
 }
 
 impl Times {
-    /// Runs the passes until the GPU is warm, and then times them. With fewer than [`LEAST_RUNS`],
+    /// Runs the passes until the GPU is warm, and then times them. With fewer than [`MIN_RUNS`],
     /// when times are not reported, it does not warm up.
     pub fn measure(gpu: &Gpu, passes: &[Step], runs: u32) -> Self {
-        let mut warm = if runs < LEAST_RUNS { WARM_UP } else { 0.0 };
+        let mut warm = if runs < MIN_RUNS { WARM_UP } else { 0.0 };
         while warm < WARM_UP {
             warm += gpu.time(passes, 5).iter().sum::<f64>();
         }

@@ -1,0 +1,151 @@
+// Shading of surfaces by Bevy's lights and environment maps, with Bevy's functions, so that a volume matches
+// a mesh with the same material.
+#define_import_path bevy_vdb::trace::shade
+
+#import bevy_pbr::ambient::ambient_light
+#import bevy_pbr::lighting
+#ifdef ENVIRONMENT_MAP
+#import bevy_pbr::clustered_forward::ClusterableObjectIndexRanges
+#import bevy_pbr::environment_map::environment_map_light
+#endif
+#import bevy_vdb::trace::illuminance::sun_factor
+#import bevy_vdb::trace::light_list::{ShadingPoint, is_spot, lights_at, local_light}
+#import bevy_vdb::trace::segment::Point
+#import bevy_vdb::trace::visibility::visibility
+#import bevy_vdb::view::scene::volumes
+
+// Roughness of a surface to a path: at least that of the surfaces hit before. A path scattered by a rough
+// surface would otherwise find a sharp highlight in a few pixels only, instead of a little of it in all.
+fn path_roughness(volume: u32, roughness_so_far: f32) -> f32 {
+    return max(volumes[volume].perceptual_roughness, roughness_so_far);
+}
+
+// Light from a surface towards the viewer, cd/m².
+struct Shaded {
+    radiance: vec3<f32>,            // emission, direct light and diffuse ambient light
+    ambient_specular: vec3<f32>,    // specular light from environment maps and the ambient light
+    specular_weight: vec3<f32>,     // reflectance for light from other surfaces
+}
+
+fn shade(
+    volume: u32,
+    base_color: vec3<f32>,
+    at: ShadingPoint,
+    point: Point,
+    to_viewer: vec3<f32>,
+    roughness: f32,
+) -> Shaded {
+    let metallic = volumes[volume].metallic;
+    let n_dot_v = max(dot(at.normal, to_viewer), 0.0001);
+    let dielectric = vec3(0.16 * volumes[volume].reflectance * volumes[volume].reflectance);
+    let specular_color = mix(dielectric, base_color, metallic);
+
+    var lighting_input: lighting::LightingInput;
+    lighting_input.layers[0].N = at.normal;
+    lighting_input.layers[0].R = reflect(-to_viewer, at.normal);
+    lighting_input.layers[0].NdotV = n_dot_v;
+    lighting_input.layers[0].perceptual_roughness = roughness;
+    lighting_input.layers[0].roughness = lighting::perceptualRoughnessToRoughness(roughness);
+    lighting_input.P = at.position;
+    lighting_input.V = to_viewer;
+    lighting_input.diffuse_color = base_color * (1.0 - metallic);
+    lighting_input.metallic = metallic;
+    lighting_input.F0_dielectric = dielectric;
+    lighting_input.F0_metallic = base_color;
+    lighting_input.F_ab = lighting::F_AB(roughness, n_dot_v);
+
+    var direct_input = lighting_input;
+#ifdef VDB_DIFFUSE_ONLY
+    direct_input.F0_dielectric = vec3(0.0);
+    direct_input.F0_metallic = vec3(0.0);
+#endif
+#ifdef VDB_GLOSSY_ONLY
+    direct_input.diffuse_color = vec3(0.0);
+#endif
+
+    var direct_light = vec3(0.0);
+    let lights = lights_at(at);
+    for (var i = 0u; i < lights.end; i++) {
+        let visible = visibility(at, point, lights, i);
+        if visible > 0.0 {
+            if i < lights.suns {
+                direct_light +=
+                    (visible * sun_factor(i)) * lighting::directional_light(i, &direct_input, true);
+            } else {
+#ifdef VDB_LOCAL_LIGHTS
+                let local = local_light(lights, i);
+                if is_spot(local) {
+                    direct_light += visible * lighting::spot_light(local, &direct_input, true);
+                } else {
+                    direct_light += visible * lighting::point_light(local, &direct_input, true, true);
+                }
+#endif
+            }
+        }
+    }
+
+    let position = vec4(at.position, 1.0);
+    let black = vec3(0.0);
+    let view_dir = to_viewer;
+    let no_occlusion = vec3(1.0);
+    var diffuse = ambient_light(
+        position,
+        at.normal,
+        view_dir,
+        n_dot_v,
+        lighting_input.diffuse_color,
+        black,
+        roughness,
+        no_occlusion,
+    );
+    var ambient_specular = ambient_light(
+        position,
+        at.normal,
+        view_dir,
+        n_dot_v,
+        black,
+        specular_color,
+        roughness,
+        no_occlusion,
+    );
+    // Bevy's approximation returns a small residue even for black; it is contained in both terms.
+    let residue =
+        ambient_light(position, at.normal, view_dir, n_dot_v, black, black, roughness, no_occlusion);
+    ambient_specular -= residue;
+#ifdef ENVIRONMENT_MAP
+    // Only used by reflection probes, which are not supported.
+    var ranges: ClusterableObjectIndexRanges;
+    let environment = environment_map_light(&lighting_input, &ranges, false);
+    diffuse += environment.diffuse;
+    ambient_specular += environment.specular;
+#endif
+
+    // As in Bevy's environment maps.
+    let single_scattering = specular_color * lighting_input.F_ab.x + lighting_input.F_ab.y;
+    let specular_weight = single_scattering * saturate(dot(specular_color, vec3(50.0 * 0.33)));
+#ifdef VDB_DIFFUSE_ONLY
+    return Shaded(volumes[volume].emissive + direct_light + diffuse, vec3(0.0), vec3(0.0));
+#else ifdef VDB_GLOSSY_ONLY
+    return Shaded(direct_light, ambient_specular, specular_weight);
+#else
+    return Shaded(volumes[volume].emissive + direct_light + diffuse, ambient_specular, specular_weight);
+#endif
+}
+
+// The direction of a reflected ray, sampled from the distribution of microfacet normals if the surface is
+// rough. `random` is in [0, 1).
+fn sample_reflection(
+    roughness: f32,
+    normal: vec3<f32>,
+    to_viewer: vec3<f32>,
+    random: vec2<f32>,
+) -> vec3<f32> {
+    let mirror_dir = reflect(-to_viewer, normal);
+    // Below this roughness, Bevy's own highlights do not become any smaller.
+    if roughness < 0.089 {
+        return mirror_dir;
+    }
+    let alpha = lighting::perceptualRoughnessToRoughness(roughness);
+    let direction = lighting::sample_visible_ggx(random, alpha, normal, to_viewer);
+    return select(mirror_dir, normalize(direction), dot(direction, normal) > 1e-3);
+}
