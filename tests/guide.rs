@@ -60,6 +60,7 @@ fn every_message_is_in_the_guide() {
     let guide = std::fs::read_to_string(root.join(GUIDE)).expect("the guide");
     let mut found = Vec::new();
     messages(&root.join("src"), &mut found);
+    messages(&root.join("crates/bevy_vdb_inspector/src"), &mut found);
     messages(&root.join("crates/vdb_core/src"), &mut found);
     for why in
         [CannotShow::Singular, CannotShow::TooFar, CannotShow::TooLarge, CannotShow::TooSmall]

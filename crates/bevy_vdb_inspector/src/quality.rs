@@ -2,9 +2,9 @@
 
 use bevy::prelude::*;
 use bevy_egui::egui;
+use bevy_vdb::{VdbQuality, VdbTraversal};
 
 use super::state::VdbInspector;
-use crate::{VdbQuality, VdbTraversal};
 
 const TRAVERSALS: [(&str, VdbTraversal); 4] = [
     ("HDDA with skipping", VdbTraversal::HddaSkip),

@@ -1,11 +1,11 @@
 //! The panel without a window and without a GPU, through what it tells screen readers: what is not
 //! found there cannot be used by keyboard either.
 
-#[path = "common/files.rs"]
+#[path = "../../../tests/common/files.rs"]
 mod files;
-#[path = "common/headless.rs"]
+#[path = "../../../tests/common/headless.rs"]
 mod headless;
-#[path = "common/smoke_file.rs"]
+#[path = "../../../tests/common/smoke_file.rs"]
 mod smoke_file;
 
 use bevy::asset::{AssetPlugin, UnapprovedPathMode};
@@ -14,7 +14,7 @@ use bevy::prelude::*;
 use bevy_egui::egui::accesskit::{Action, ActionData, ActionRequest, Node, NodeId, Role, TreeId};
 use bevy_egui::{EguiContext, EguiInput, EguiOutput, EguiPreUpdateSet, egui};
 use bevy_vdb::prelude::*;
-use bevy_vdb::{VdbModelPicked, VdbTraversal};
+use bevy_vdb_inspector::{VdbInspector, VdbInspectorPlugin, VdbModelPicked};
 use vdb_core::pack::PackKind;
 use vdb_core::tree::Vdb543;
 
@@ -37,7 +37,7 @@ impl Panel {
 
     fn with(kind: PackKind, plugin: VdbInspectorPlugin) -> Self {
         let mut app = App::new();
-        let file_path = concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into();
+        let file_path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets").into();
         let unapproved_path_mode = UnapprovedPathMode::Allow;
         let assets = AssetPlugin { file_path, unapproved_path_mode, ..default() };
         app.add_plugins((headless::plugins(None, assets), VdbRenderPlugin, plugin));
