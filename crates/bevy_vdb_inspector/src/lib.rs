@@ -10,6 +10,11 @@
 
 #![deny(missing_docs)]
 
+/// Compiles the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 mod ball;
 mod camera;
 mod grid;
