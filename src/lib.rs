@@ -37,8 +37,10 @@
 //! # Cargo features
 //!
 //! - `picking`: `VdbPickingPlugin`, a backend of Bevy's picking for volumes.
-//! - `egui`: `VdbInspectorPlugin`, a panel to inspect and edit everything.
 //! - `record`: `VdbRecordPlugin`, which records cameras to PNG files or videos.
+//!
+//! A panel to inspect and edit everything is in a crate of its own,
+//! [`bevy_vdb_inspector`](https://docs.rs/bevy_vdb_inspector).
 //!
 //! The guide, measured accuracy and benchmarks are in the
 //! [repository](https://github.com/bevy-vdb/bevy_vdb/tree/main/docs).
@@ -47,8 +49,6 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
 mod asset;
-#[cfg(feature = "egui")]
-mod inspector;
 mod plugin;
 pub mod prelude;
 mod quality;
@@ -64,14 +64,12 @@ pub use bevy_vdb_record::{
     VdbRecordClock, VdbRecordEnded, VdbRecordError, VdbRecordFormat, VdbRecordPhase,
     VdbRecordPlugin, VdbRecordSettings, VdbRecordStatus, VdbRecordWhenFull, VdbRecorder,
 };
-#[cfg(feature = "egui")]
-pub use inspector::{VdbInspector, VdbInspectorPlugin, VdbModelPicked};
 pub use plugin::{VdbPlugins, VdbRenderPlugin};
 pub use quality::{
     VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbDial, VdbFeatureCost, VdbFeatureCosts,
     VdbFeatureReport, VdbMeasureFeatures, VdbPassReport, VdbQuality, VdbVolumeQuality,
 };
-pub use render::{VdbGpuUsage, VdbSystems};
+pub use render::{VdbGpuUsage, VdbReloadShaders, VdbSystems};
 pub use scene::{
     VdbCamera, VdbColorGrid, VdbEmission, VdbMaterial, VdbOverlays, VdbRayCastSettings, VdbRayHit,
     VdbRayVisibility, VdbRenderMode, VdbRoles, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVolume,

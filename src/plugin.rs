@@ -39,8 +39,7 @@ impl Plugin for VdbRenderPlugin {
     }
 }
 
-/// [`VdbRenderPlugin`], and the plugins of all enabled cargo features: picking, recording and the
-/// inspector.
+/// [`VdbRenderPlugin`], and the plugins of all enabled cargo features: picking and recording.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -57,8 +56,6 @@ impl PluginGroup for VdbPlugins {
         let group = group.add(crate::VdbPickingPlugin);
         #[cfg(feature = "record")]
         let group = group.add(crate::VdbRecordPlugin);
-        #[cfg(feature = "egui")]
-        let group = group.add(crate::VdbInspectorPlugin::default());
         group
     }
 }

@@ -8,8 +8,6 @@ pub use crate::{
     VdbVolumeState, VdbVoxel,
 };
 pub use crate::{VdbFeatureCosts, VdbMeasureFeatures};
-#[cfg(feature = "egui")]
-pub use crate::{VdbInspector, VdbInspectorPlugin};
 #[cfg(feature = "picking")]
 pub use crate::{VdbPickingPlugin, VdbPickingSettings};
 #[cfg(feature = "record")]

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The stages of the crate, each of which may import from those before it.
-const STAGES: [&str; 17] = [
+const STAGES: [&str; 16] = [
     "asset",
     "scene",
     "quality",
@@ -22,7 +22,6 @@ const STAGES: [&str; 17] = [
     "render::composite",
     "render::report",
     "render::drawn",
-    "inspector",
     "plugin",
 ];
 

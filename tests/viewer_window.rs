@@ -48,6 +48,7 @@ use bevy_egui::egui::accesskit::{Action, ActionRequest, Node, Role, TreeId};
 use bevy_egui::{EguiContext, EguiInput, EguiOutput, egui};
 use bevy_panorbit_camera::{PanOrbitCamera, PanOrbitCameraPlugin};
 use bevy_vdb::prelude::*;
+use bevy_vdb_inspector::VdbInspector;
 use vdb_core::pack::PackKind;
 
 use app::Status;

@@ -9,6 +9,7 @@ use bevy_panorbit_camera::PanOrbitCamera;
 use bevy_vdb::VdbRoles;
 use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
+use bevy_vdb_inspector::VdbInspector;
 
 use crate::app::{Settings, Status};
 use crate::args::{Args, MODES, Part, Shown};

@@ -9,8 +9,8 @@ use bevy::prelude::*;
 use bevy::window::{FileDragAndDrop, WindowResolution};
 use bevy_egui::EguiPrimaryContextPass;
 use bevy_panorbit_camera::{PanOrbitCamera, PanOrbitCameraPlugin};
-use bevy_vdb::VdbModelPicked;
 use bevy_vdb::prelude::*;
+use bevy_vdb_inspector::{VdbInspector, VdbInspectorPlugin, VdbModelPicked};
 
 use crate::app::{self, Open, Status, ViewerPlugin};
 use crate::args::Args;

@@ -216,7 +216,7 @@ impl VdbGrid {
         &self.name
     }
 
-    /// The name, safe to display in messages and the panel.
+    /// The name, safe to display in messages.
     pub(crate) fn shown_name(&self) -> &Arc<str> {
         &self.shown_name
     }

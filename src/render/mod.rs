@@ -20,8 +20,7 @@ use bevy::pbr::main_transmissive_pass_3d;
 use bevy::prelude::*;
 use bevy::render::RenderApp;
 
-#[cfg(feature = "egui")]
-pub(crate) use gpu::reload_shaders;
+pub use gpu::VdbReloadShaders;
 pub use pool::VdbGpuUsage;
 pub use view::VdbSystems;
 

@@ -10,7 +10,7 @@ pub fn example(name: &str) -> Command {
     let path = folder.join(format!("examples/{name}{}", std::env::consts::EXE_SUFFIX));
     assert!(
         path.exists(),
-        "{}: run `cargo build --example {name} --features picking,record,egui` first",
+        "{}: run `cargo build --example {name} --features picking,record` first",
         path.display()
     );
     let mut command = Command::new(path);

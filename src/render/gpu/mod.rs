@@ -23,8 +23,7 @@ pub(super) use numbers::{affine, golden, non_negative};
 pub(super) use shaders::{Shaders, load_shaders};
 pub(super) use traversal_key::TraversalKey;
 
-#[cfg(feature = "egui")]
-pub(crate) use shaders::reload as reload_shaders;
+pub use shaders::VdbReloadShaders;
 
 /// Embeds and loads the shaders, and keeps working pipelines while shaders are edited.
 pub(crate) struct GpuPlugin;

@@ -74,21 +74,43 @@ pub(crate) fn embed(app: &mut App) {
     }
 }
 
-/// Reloads all shaders: from the source folder of the crate if it still exists, otherwise from the
-/// binary.
-#[cfg(feature = "egui")]
-pub(crate) fn reload(world: &mut World) {
-    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/assets/shaders"));
-    let Some(registry) = world.get_resource::<EmbeddedAssetRegistry>() else { return };
-    for (name, _) in IMPORTS.into_iter().chain(PROGRAMS) {
-        if let Ok(source) = std::fs::read(folder.join(name).with_extension("wgsl")) {
-            let asset = PathBuf::from(format!("bevy_vdb/shaders/{name}.wgsl"));
-            registry.insert_asset(folder.join(name).with_extension("wgsl"), &asset, source);
+/// A command that reloads the shaders of volumes: from the source folder of the crate if that still
+/// exists, otherwise from the binary.
+///
+/// For work on the shaders in apps without Bevy's feature `embedded_watcher`:
+///
+/// ```no_run
+/// # use bevy::prelude::*;
+/// use bevy_vdb::VdbReloadShaders;
+///
+/// fn reload(keys: Res<ButtonInput<KeyCode>>, mut commands: Commands) {
+///     if keys.just_pressed(KeyCode::F5) {
+///         commands.queue(VdbReloadShaders);
+///     }
+/// }
+/// ```
+///
+/// Until the new ones are compiled, and if they cannot be, volumes are drawn with the old ones.
+/// Errors are logged. Does nothing in an app without a renderer.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct VdbReloadShaders;
+
+impl Command for VdbReloadShaders {
+    type Out = ();
+
+    fn apply(self, world: &mut World) {
+        let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/assets/shaders"));
+        let Some(registry) = world.get_resource::<EmbeddedAssetRegistry>() else { return };
+        for (name, _) in IMPORTS.into_iter().chain(PROGRAMS) {
+            if let Ok(source) = std::fs::read(folder.join(name).with_extension("wgsl")) {
+                let asset = PathBuf::from(format!("bevy_vdb/shaders/{name}.wgsl"));
+                registry.insert_asset(folder.join(name).with_extension("wgsl"), &asset, source);
+            }
         }
-    }
-    let Some(assets) = world.get_resource::<AssetServer>() else { return };
-    for (name, _) in IMPORTS.into_iter().chain(PROGRAMS) {
-        assets.reload(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
+        let Some(assets) = world.get_resource::<AssetServer>() else { return };
+        for (name, _) in IMPORTS.into_iter().chain(PROGRAMS) {
+            assets.reload(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
+        }
     }
 }
 

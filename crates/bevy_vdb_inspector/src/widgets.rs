@@ -2,7 +2,7 @@
 
 use bevy::prelude::*;
 use bevy_egui::egui;
-use vdb_core::display::escaped;
+use bevy_vdb::vdb_core::display::escaped;
 
 /// Shows an error message.
 pub(super) fn complain(ui: &mut egui::Ui, what: impl Into<String>) {

@@ -2,10 +2,10 @@
 
 use bevy::prelude::*;
 use bevy_egui::egui;
-use vdb_core::pack::PackKind;
+use bevy_vdb::vdb_core::pack::PackKind;
+use bevy_vdb::{VdbGrid, VdbMaterial, VdbVolume};
 
 use super::state::VdbInspector;
-use crate::{VdbGrid, VdbMaterial, VdbVolume};
 
 pub(super) fn show(
     InMut(ui): InMut<egui::Ui>,

@@ -2,10 +2,10 @@
 
 use bevy::prelude::*;
 use bevy_egui::egui;
+use bevy_vdb::{VdbCamera, VdbRenderMode};
 
 use super::state::VdbInspector;
 use super::widgets::entity_name;
-use crate::{VdbCamera, VdbRenderMode};
 
 const MODES: [(&str, VdbRenderMode); 9] = [
     ("lit", VdbRenderMode::Lit),

@@ -5,11 +5,11 @@ use std::sync::{Arc, Weak};
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_egui::egui;
-use vdb_core::display::{escaped, quoted};
-use vdb_core::tree::{TreeStats, Vdb543};
+use bevy_vdb::vdb_core::display::{escaped, quoted};
+use bevy_vdb::vdb_core::tree::{TreeStats, Vdb543};
+use bevy_vdb::{VdbGrid, VdbVolume};
 
 use super::state::VdbInspector;
-use crate::{VdbGrid, VdbVolume};
 
 /// Levels of the tree, from the leaves up.
 const LEVELS: [&str; 4] = ["leaves, 8³", "nodes of 128³", "nodes of 4,096³", "root"];

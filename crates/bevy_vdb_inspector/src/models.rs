@@ -10,9 +10,8 @@ use bevy::tasks::futures::check_ready;
 use bevy::tasks::futures_lite::StreamExt;
 use bevy::tasks::{IoTaskPool, Task};
 use bevy_egui::egui;
-use vdb_core::display::escaped;
-
-use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbRoles, VdbVolume};
+use bevy_vdb::vdb_core::display::escaped;
+use bevy_vdb::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbRoles, VdbVolume};
 
 /// The largest number of directory entries visited, because links may form cycles.
 const MOST_ENTRIES: usize = 100_000;

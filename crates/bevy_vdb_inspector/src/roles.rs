@@ -3,11 +3,11 @@
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
 use bevy_egui::egui;
-use vdb_core::pack::PackKind;
+use bevy_vdb::vdb_core::pack::PackKind;
+use bevy_vdb::{VdbColorGrid, VdbEmission, VdbGrid, VdbVectorGrid, VdbVolume};
 
 use super::state::VdbInspector;
 use super::volumes::FromFile;
-use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbVectorGrid, VdbVolume};
 
 /// Loaded grids of a file, by label.
 type Labelled<A> = Vec<(String, Handle<A>)>;

@@ -2,11 +2,11 @@
 
 use bevy::prelude::*;
 use bevy_egui::egui;
-
-use super::state::VdbInspector;
-use crate::{
+use bevy_vdb::{
     VdbRecordClock, VdbRecordEnded, VdbRecordFormat, VdbRecordPhase, VdbRecordSettings, VdbRecorder,
 };
+
+use super::state::VdbInspector;
 
 const FORMATS: [(&str, VdbRecordFormat); 3] = [
     ("PNG files", VdbRecordFormat::PngSequence),

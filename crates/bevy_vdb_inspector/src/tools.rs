@@ -2,15 +2,14 @@
 
 use bevy::prelude::*;
 use bevy_egui::egui;
-
-use crate::render;
+use bevy_vdb::VdbReloadShaders;
 
 pub(super) fn show(InMut(ui): InMut<egui::Ui>, mut commands: Commands, mut said: Local<String>) {
     let button = ui.button("Reload shaders");
     let button = button.on_hover_text("from the source folder of the crate, if it exists");
     if button.clicked() {
         *said = "reloaded; errors are in the log".into();
-        commands.queue(render::reload_shaders);
+        commands.queue(VdbReloadShaders);
     }
     if !said.is_empty() {
         ui.weak(said.as_str());

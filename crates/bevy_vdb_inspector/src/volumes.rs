@@ -2,16 +2,16 @@
 
 use bevy::asset::AssetPath;
 use bevy::prelude::*;
-use bevy::tasks::Task;
 use bevy::tasks::futures::check_ready;
+use bevy::tasks::{AsyncComputeTaskPool, Task};
 use bevy_egui::egui;
-use vdb_core::pack::PackKind;
+use bevy_vdb::vdb_core::display::escaped;
+use bevy_vdb::vdb_core::pack::PackKind;
+use bevy_vdb::{VdbGrid, VdbGridError, VdbVolume};
 
 use super::models::{self, Models, VdbModelPicked};
 use super::state::VdbInspector;
 use super::widgets::entity_name;
-use crate::asset::background;
-use crate::{VdbGrid, VdbGridError, VdbVolume};
 
 /// A volume's grid being repacked as another kind.
 #[derive(Component)]
@@ -46,7 +46,7 @@ pub(super) fn show(
     for entity in entities {
         let Ok((_, volume, mut visibility, name, ..)) = volumes.get_mut(entity) else { continue };
         let name = match (name, grids.get(&volume.0)) {
-            (None, Some(grid)) if !grid.name().is_empty() => grid.shown_name().to_string(),
+            (None, Some(grid)) if !grid.name().is_empty() => escaped(grid.name()).to_string(),
             _ => entity_name(entity, name),
         };
         ui.horizontal(|ui| {
@@ -74,7 +74,7 @@ pub(super) fn show(
     };
     if let Some(kind) = pick_kind(ui, grid.kind()) {
         let grid = grid.clone();
-        let task = background::run(move || grid.with_kind(kind));
+        let task = AsyncComputeTaskPool::get().spawn(async move { grid.with_kind(kind) });
         commands.entity(entity).insert(Repacking(task)).remove::<NotRepacked>();
     }
     if repacking {

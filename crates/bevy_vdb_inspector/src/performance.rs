@@ -5,9 +5,9 @@ use std::time::Duration;
 use bevy::diagnostic::{DiagnosticsStore, FrameTimeDiagnosticsPlugin};
 use bevy::prelude::*;
 use bevy_egui::egui;
+use bevy_vdb::{VdbFeatureCosts, VdbGpuUsage, VdbMeasureFeatures};
 
 use super::state::VdbInspector;
-use crate::{VdbFeatureCosts, VdbGpuUsage, VdbMeasureFeatures};
 
 /// The number of bars of the histogram.
 const BARS: usize = 32;

@@ -1,7 +1,19 @@
-//! A panel that displays and edits everything about volumes: the cargo feature `egui`.
+//! A panel for [`bevy_vdb`] that shows and edits volumes, materials, cameras and quality settings:
+//! [`VdbInspectorPlugin`].
 //!
 //! Each section of the panel is a system in its own file. It receives the `egui::Ui` to draw into,
 //! edits components like any system of an app, and writes only what the user has changed.
+//!
+//! # Cargo features
+//!
+//! - `record`: the section "Recording", in apps with the `VdbRecordPlugin` of `bevy_vdb`.
+
+#![deny(missing_docs)]
+
+/// Compiles the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
 
 mod ball;
 mod camera;
@@ -27,28 +39,28 @@ use bevy::render::RenderApp;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_egui::render::egui_pass;
 use bevy_egui::{EguiContext, EguiPlugin, EguiPrimaryContextPass, PrimaryEguiContext, egui};
+use bevy_vdb::{VdbCamera, VdbVolume};
 
 pub use models::VdbModelPicked;
 pub use state::VdbInspector;
-
-use crate::{VdbCamera, VdbVolume};
 
 /// The width of the panel, and its margin to the edge of the window, in points.
 const WIDTH: f32 = 300.0;
 const MARGIN: f32 = 8.0;
 
 /// An inspector panel over the image of the camera with the primary context of `bevy_egui`, by
-/// default the first one spawned. Needs the cargo feature `egui`.
+/// default the first one spawned.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
 /// # use bevy_vdb::prelude::*;
+/// # use bevy_vdb_inspector::VdbInspectorPlugin;
 /// App::new().add_plugins((DefaultPlugins, VdbRenderPlugin, VdbInspectorPlugin::default())).run();
 /// ```
 ///
 /// Adds `EguiPlugin` and Bevy's frame and GPU diagnostics unless the app has added them; an app
-/// that adds any of them does so before this plugin. The panel has a section for recording if the
-/// app has the plugin of the feature `record`.
+/// that adds any of them does so before this plugin. With the cargo feature `record`, the panel has
+/// a section for recording if the app has the `VdbRecordPlugin`.
 ///
 /// Keyboard: F2 toggles the panel ([`VdbInspector::key`]), Tab moves between controls, Space
 /// presses buttons, arrows move sliders, and Ctrl with plus and minus changes the size. Other

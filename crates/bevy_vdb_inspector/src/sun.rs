@@ -2,12 +2,12 @@
 
 use bevy::prelude::*;
 use bevy_egui::egui;
+use bevy_vdb::VdbSun;
 
 use super::ball;
 use super::material::color;
 use super::state::VdbInspector;
 use super::widgets::entity_name;
-use crate::VdbSun;
 
 /// The largest illuminance, in lux: more than direct sunlight at noon.
 const BRIGHTEST: f32 = 150_000.0;

@@ -9,7 +9,7 @@ pub struct VdbInspector {
     pub open: bool,
     /// The key that toggles the panel. F2 by default.
     pub key: Option<KeyCode>,
-    /// The selected [`VdbVolume`](crate::VdbVolume); any of the existing ones by default.
+    /// The selected [`VdbVolume`](bevy_vdb::VdbVolume); any of the existing ones by default.
     pub volume: Option<Entity>,
     /// The selected camera; the one with the panel by default.
     pub camera: Option<Entity>,

@@ -1,11 +1,11 @@
 //! The panel without a window and without a GPU, through what it tells screen readers: what is not
 //! found there cannot be used by keyboard either.
 
-#[path = "common/files.rs"]
+#[path = "../../../tests/common/files.rs"]
 mod files;
-#[path = "common/headless.rs"]
+#[path = "../../../tests/common/headless.rs"]
 mod headless;
-#[path = "common/smoke_file.rs"]
+#[path = "../../../tests/common/smoke_file.rs"]
 mod smoke_file;
 
 use bevy::asset::{AssetPlugin, UnapprovedPathMode};
@@ -14,7 +14,7 @@ use bevy::prelude::*;
 use bevy_egui::egui::accesskit::{Action, ActionData, ActionRequest, Node, NodeId, Role, TreeId};
 use bevy_egui::{EguiContext, EguiInput, EguiOutput, EguiPreUpdateSet, egui};
 use bevy_vdb::prelude::*;
-use bevy_vdb::{VdbModelPicked, VdbTraversal};
+use bevy_vdb_inspector::{VdbInspector, VdbInspectorPlugin, VdbModelPicked};
 use vdb_core::pack::PackKind;
 use vdb_core::tree::Vdb543;
 
@@ -37,7 +37,7 @@ impl Panel {
 
     fn with(kind: PackKind, plugin: VdbInspectorPlugin) -> Self {
         let mut app = App::new();
-        let file_path = concat!(env!("CARGO_MANIFEST_DIR"), "/assets").into();
+        let file_path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets").into();
         let unapproved_path_mode = UnapprovedPathMode::Allow;
         let assets = AssetPlugin { file_path, unapproved_path_mode, ..default() };
         app.add_plugins((headless::plugins(None, assets), VdbRenderPlugin, plugin));
@@ -251,6 +251,7 @@ fn controls_of_a_camera_change_that() {
     panel.click(Role::CheckBox, "exact fog, cell by cell");
     panel.click(Role::CheckBox, "exact fog, cell by cell");
     panel.slide("voxels per sample", 4.0);
+    panel.slide("error of light in fog", 0.05);
     panel.slide("detail, pixels per voxel", 1.5);
     panel.slide("resolution", 0.5);
     panel.slide("accumulated frames", 16.0);
@@ -271,12 +272,35 @@ fn controls_of_a_camera_change_that() {
         shadows: false,
         reflections: 3,
         fog_step: 4.0,
+        fog_light_error: 0.05,
         detail: 1.5,
         resolution: 0.5,
         accumulate: 16,
         ..VdbQuality::BALANCED
     };
     assert_eq!(panel.get::<VdbQuality>(camera), &expected);
+}
+
+/// From rays, which is 0, over the least error of the light cache to the greatest.
+#[test]
+fn the_error_of_light_in_fog_is_set_by_keyboard() {
+    let mut panel = Panel::new(PackKind::Fog);
+    let camera = panel.camera;
+    let error = |panel: &Panel| panel.get::<VdbQuality>(camera).fog_light_error;
+    panel.click(Role::Button, "Quality");
+    panel.slide("error of light in fog", 0.0);
+    assert_eq!(error(&panel), 0.0);
+    panel.ask(Role::Slider, "error of light in fog", Action::Focus, None);
+    let mut last = 0.0;
+    for _ in 0..4 {
+        panel.press(egui::Key::ArrowRight);
+        // The slider is a hundred points long and more, for two powers of ten.
+        assert!((0.002..0.0025).contains(&error(&panel)), "{}", error(&panel));
+        assert!(error(&panel) > last, "{last} stays");
+        last = error(&panel);
+    }
+    panel.slide("error of light in fog", 0.7);
+    assert_eq!(error(&panel), 0.2);
 }
 
 #[test]

@@ -2,9 +2,9 @@
 
 use bevy::prelude::*;
 use bevy_egui::egui;
+use bevy_vdb::{VdbQuality, VdbTraversal};
 
 use super::state::VdbInspector;
-use crate::{VdbQuality, VdbTraversal};
 
 const TRAVERSALS: [(&str, VdbTraversal); 4] = [
     ("HDDA with skipping", VdbTraversal::HddaSkip),
@@ -38,6 +38,10 @@ pub(super) fn show(
         let step = super::widgets::slider(&mut new.fog_step, 0.25..=16.0).logarithmic(true);
         ui.add(step.text("voxels per sample"));
     }
+    let error = super::widgets::slider(&mut new.fog_light_error, 0.0..=0.2).logarithmic(true);
+    // With three decimals, one press of an arrow key would change nothing at the lower end.
+    let error = error.smallest_positive(0.002).max_decimals(4).text("error of light in fog");
+    ui.add(error).on_hover_text("relative, of lights with shadows; 0 sends rays to them instead");
     ui.add(super::widgets::slider(&mut new.detail, 0.0..=64.0).text("detail, pixels per voxel"));
     ui.add(super::widgets::slider(&mut new.resolution, 0.25..=1.0).text("resolution"));
     ui.add(super::widgets::slider(&mut new.accumulate, 0..=256).text("accumulated frames"));
