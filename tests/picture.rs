@@ -15,6 +15,8 @@ mod edits;
 mod extras;
 #[path = "picture/extremes.rs"]
 mod extremes;
+#[path = "picture/film.rs"]
+mod film;
 #[path = "picture/flip.rs"]
 mod flip;
 #[path = "picture/golden.rs"]

@@ -249,7 +249,7 @@ fn cascades(view: &View) -> bevy::light::CascadeShadowConfig {
     .build()
 }
 
-/// Spawns a plane below the volumes, and a ball beside their bounding box.
+/// Spawns the ground below the volumes, and a ball beside their bounding box.
 fn spawn_ground(
     commands: &mut Commands,
     mut meshes: ResMut<Assets<Mesh>>,
@@ -258,21 +258,21 @@ fn spawn_ground(
 ) {
     let (low, high) = view.bounds;
     let middle = (low + high) / 2.0;
-    let mut matte = |color| {
+    let mut matte = |color, alpha_mode| {
         materials.add(StandardMaterial {
             base_color: color,
             perceptual_roughness: 0.9,
             reflectance: 0.2,
+            alpha_mode,
             ..default()
         })
     };
-    let plane = meshes.add(Plane3d::default().mesh().size(1.0, 1.0));
     let below = Transform::from_translation(DVec3::new(middle.x, low.y, middle.z).as_vec3())
-        .with_scale(Vec3::splat(8.0 * view.radius() as f32));
+        .with_scale(Vec3::splat(GROUND_RADIUS * view.radius() as f32));
     commands.spawn((
         OfFiles,
-        Mesh3d(plane),
-        MeshMaterial3d(matte(Color::srgb(0.45, 0.46, 0.48))),
+        Mesh3d(meshes.add(ground())),
+        MeshMaterial3d(matte(Color::srgb(0.45, 0.46, 0.48), AlphaMode::Blend)),
         below,
     ));
     let radius = 0.22 * view.radius();
@@ -282,9 +282,27 @@ fn spawn_ground(
     commands.spawn((
         OfFiles,
         Mesh3d(ball),
-        MeshMaterial3d(matte(Color::srgb(0.85, 0.42, 0.12))),
+        MeshMaterial3d(matte(Color::srgb(0.85, 0.42, 0.12), AlphaMode::Opaque)),
         beside,
     ));
+}
+
+/// The radius of the ground relative to that of the scene.
+const GROUND_RADIUS: f32 = 8.0;
+
+/// A plane with a radius of 1 that fades into the background, so that no edge cuts through the image.
+fn ground() -> Mesh {
+    let mut mesh = Plane3d::default().mesh().size(2.0, 2.0).subdivisions(62).build();
+    let positions = mesh.attribute(Mesh::ATTRIBUTE_POSITION).and_then(|all| all.as_float3());
+    let alpha = |[x, _, z]: &[f32; 3]| 1.0 - Vec2::new(*x, *z).length().clamp(0.0, 1.0);
+    let smooth = |alpha: f32| alpha * alpha * (3.0 - 2.0 * alpha);
+    let colors: Vec<[f32; 4]> = positions
+        .unwrap_or_default()
+        .iter()
+        .map(|position| [1.0, 1.0, 1.0, smooth(alpha(position))])
+        .collect();
+    mesh.insert_attribute(Mesh::ATTRIBUTE_COLOR, colors);
+    mesh
 }
 
 /// The reason why a file was not loaded, without the text that Bevy adds.

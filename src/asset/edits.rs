@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use vdb_core::Limits;
 use vdb_core::pack::edit::{Changes, Editor};
 use vdb_core::pack::{PackError, PackedGrid};
 use vdb_core::tree::Vdb543;
@@ -18,6 +19,11 @@ pub(crate) struct Edits {
 }
 
 impl Edits {
+    /// Sets the limits of packing the whole grid.
+    pub fn set_limits(&mut self, limits: Limits) {
+        self.editor.limits = limits;
+    }
+
     /// Changes voxels of a tree and updates its packed grid.
     pub fn edit<R>(
         &mut self,
@@ -114,10 +120,33 @@ impl Journal {
 
 #[cfg(test)]
 mod tests {
+    use bevy::math::{DAffine3, IVec3};
+    use vdb_core::pack::PackKind;
+    use vdb_core::synth::fog;
+
     use super::*;
+    use crate::VdbGrid;
 
     fn words(first: u32) -> Changes {
         Changes::Words(std::iter::once(first..first + 10).collect())
+    }
+
+    #[test]
+    fn edits_obey_the_limits_of_the_grid() {
+        let tree = fog::cloud(20.0, 1);
+        let mut grid = VdbGrid::new("cloud", tree, DAffine3::IDENTITY, PackKind::Fog).unwrap();
+        let mut few = Limits::default();
+        few.packed_bytes = 1 << 10;
+        let edit = |grid: &mut VdbGrid| grid.edit(|voxels| voxels.set(IVec3::ZERO, 0.5));
+        grid = grid.with_limits(few.clone());
+        let error = edit(&mut grid).unwrap_err().to_string();
+        assert!(error.contains("`Limits::packed_bytes`"), "{error}");
+        grid = grid.with_limits(Limits::UNLIMITED);
+        edit(&mut grid).unwrap();
+        assert!(grid.packed().occupied.is_some());
+        grid = grid.with_limits(few);
+        let error = grid.finish_edits().unwrap_err().to_string();
+        assert!(error.contains("`Limits::packed_bytes`") && grid.is_edited(), "{error}");
     }
 
     #[test]

@@ -7,9 +7,9 @@ use bevy::asset::Asset;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use vdb_core::display::escaped;
-use vdb_core::pack::{PackKind, PackedGrid};
+use vdb_core::pack::{PackKind, PackOptions, PackedGrid};
 use vdb_core::tree::Vdb543;
-use vdb_core::{AnyTree, GridClass, Metadata, WriteOptions};
+use vdb_core::{AnyTree, GridClass, Limits, Metadata, WriteOptions};
 
 use super::common::{VdbGridError, check_transform, core_grid, index_bounds, world_bounds};
 use super::edits::Edits;
@@ -31,6 +31,8 @@ pub struct VdbGrid {
     levels: Option<Arc<[Arc<PackedGrid>]>>,
     /// The requested sample format. While voxels are being edited, samples have 32 bits.
     values: VdbValues,
+    /// For packing the grid again, and for its levels of detail.
+    limits: Limits,
     edits: Option<Box<Edits>>,
 }
 
@@ -52,40 +54,60 @@ impl VdbGrid {
         };
         check_transform(world_from_index)?;
         let packed = Arc::new(PackedGrid::new(&tree, kind)?);
-        let (name, metadata, values) = (name.into(), Metadata::default(), VdbValues::Exact);
-        Self::from_parts(name, class, world_from_index, metadata, Arc::new(tree), values, packed)
+        let (name, metadata) = (name.into(), Metadata::default());
+        let (tree, values, limits) = (Arc::new(tree), VdbValues::Exact, Limits::default());
+        Self::from_parts(name, class, world_from_index, metadata, tree, packed, values, limits)
     }
 
     /// Changes the sample format on the GPU.
     ///
     /// # Errors
-    /// If the tree is larger than a GPU grid can be.
+    /// If the tree is larger than a GPU grid can be, or takes more memory than its limits allow.
     pub fn with_values(mut self, values: VdbValues) -> Result<Self, VdbGridError> {
-        let packed = PackedGrid::with_format(&self.tree, self.packed.kind, values.into())?;
-        self.packed = Arc::new(packed);
-        (self.levels, self.edits, self.values) = (None, None, values);
+        self.values = values;
+        self.pack(self.packed.kind)?;
         Ok(self)
     }
 
     /// Changes how the grid is displayed, as fog or as a surface.
     ///
     /// # Errors
-    /// If the tree is larger than a GPU grid can be.
+    /// If the tree is larger than a GPU grid can be, or takes more memory than its limits allow.
     pub fn with_kind(mut self, kind: PackKind) -> Result<Self, VdbGridError> {
-        self.packed = Arc::new(PackedGrid::new(&self.tree, kind)?);
-        (self.levels, self.edits, self.values) = (None, None, VdbValues::Exact);
+        self.values = VdbValues::Exact;
+        self.pack(kind)?;
         Ok(self)
     }
 
-    /// A grid from its parts; `packed` is the tree with samples in the format of `values`.
+    /// Changes the limits on the memory of edits and of levels of detail. A grid from a file has those of
+    /// [`VdbLoaderSettings::limits`](crate::VdbLoaderSettings::limits), any other the default ones.
+    pub fn with_limits(mut self, limits: Limits) -> Self {
+        if let Some(edits) = &mut self.edits {
+            edits.set_limits(limits.clone());
+        }
+        self.limits = limits;
+        self
+    }
+
+    /// Packs the whole tree, without room to grow.
+    fn pack(&mut self, kind: PackKind) -> Result<(), VdbGridError> {
+        let (format, limits) = (self.values.into(), self.limits.clone());
+        let options = PackOptions { format, limits, ..default() };
+        self.packed = Arc::new(PackedGrid::with_options(&self.tree, kind, &options)?);
+        (self.levels, self.edits) = (None, None);
+        Ok(())
+    }
+
+    /// A grid from its parts; `packed` is the tree with samples in the format of `values`, within `limits`.
     pub(crate) fn from_parts(
         name: Arc<str>,
         class: GridClass,
         world_from_index: DAffine3,
         metadata: Metadata,
         tree: Arc<Vdb543<f32>>,
-        values: VdbValues,
         packed: Arc<PackedGrid>,
+        values: VdbValues,
+        limits: Limits,
     ) -> Result<Self, VdbGridError> {
         check_transform(world_from_index)?;
         let (levels, edits) = (None, None);
@@ -100,6 +122,7 @@ impl VdbGrid {
             packed,
             levels,
             values,
+            limits,
             edits,
         })
     }
@@ -145,11 +168,15 @@ impl VdbGrid {
     /// detail until [`VdbGrid::finish_edits`].
     ///
     /// # Errors
-    /// If the tree has become larger than a GPU grid can be. The tree then contains the edit, and
-    /// nothing of the grid is displayed until another edit succeeds.
+    /// If the tree has become larger than a GPU grid can be, or takes more memory than its limits allow.
+    /// The tree then contains the edit, and nothing of the grid is displayed until another edit succeeds.
     pub fn edit<R>(&mut self, f: impl FnOnce(&mut VdbEdit) -> R) -> Result<R, VdbGridError> {
         self.levels = None;
-        let edits = self.edits.get_or_insert_default();
+        let edits = self.edits.get_or_insert_with(|| {
+            let mut edits = Box::<Edits>::default();
+            edits.set_limits(self.limits.clone());
+            edits
+        });
         Ok(edits.edit(&mut self.tree, &mut self.packed, f)?)
     }
 
@@ -157,13 +184,9 @@ impl VdbGrid {
     /// requested sample format, and with levels of detail if cameras ask for them.
     ///
     /// # Errors
-    /// If the tree is larger than a GPU grid can be.
+    /// If the tree is larger than a GPU grid can be, or takes more memory than its limits allow.
     pub fn finish_edits(&mut self) -> Result<(), VdbGridError> {
-        if self.edits.is_some() {
-            let packed = PackedGrid::with_format(&self.tree, self.kind(), self.values.into())?;
-            (self.packed, self.edits) = (Arc::new(packed), None);
-        }
-        Ok(())
+        if self.edits.is_some() { self.pack(self.kind()) } else { Ok(()) }
     }
 
     /// Converts the grid to a `vdb_core` grid with its name, class, transform, metadata and current
@@ -193,6 +216,11 @@ impl VdbGrid {
     /// The operating system's error, with the path; or a name or value too long for the format.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), vdb_core::Error> {
         vdb_core::VdbFile::new(vec![self.to_grid()]).save(path, &WriteOptions::default())
+    }
+
+    /// The limits on the memory of edits and of levels of detail.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
     }
 
     /// Whether the grid has been edited, so that another edit costs only what it changes.

@@ -340,7 +340,7 @@ pub(crate) fn prepare(
         _ => None,
     };
     let (tree, packed) = shared.floats(tree, kind, half_width)?;
-    let (class, metadata) = (grid.class, grid.metadata);
-    VdbGrid::from_parts(name, class, world_from_index, metadata, tree, values, packed)
+    let (class, metadata, limits) = (grid.class, grid.metadata, settings.limits.clone());
+    VdbGrid::from_parts(name, class, world_from_index, metadata, tree, packed, values, limits)
         .map(Prepared::Floats)
 }

@@ -134,8 +134,9 @@ fn coarser(grid: &VdbGrid, goes_on: Arc<ProgressFn>) -> Levels {
         Some(2) => ValueFormat::Byte,
         _ => ValueFormat::Exact,
     };
-    let options = LevelOptions { progress: Some(goes_on.clone()), ..default() };
-    let packing = PackOptions { format, progress: Some(goes_on.clone()), ..default() };
+    let (limits, progress) = (grid.limits().clone(), Some(goes_on.clone()));
+    let options = LevelOptions { limits: limits.clone(), progress: progress.clone() };
+    let packing = PackOptions { format, limits, progress, ..default() };
     let mut tree = Arc::clone(grid.tree());
     let mut levels: Vec<Arc<PackedGrid>> = Vec::new();
     let has_none = |error: &dyn std::fmt::Display| {

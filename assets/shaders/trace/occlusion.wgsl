@@ -20,13 +20,16 @@
 #import bevy_vdb::traversal::march::scaled_step
 #endif
 
-// Optical depth beyond which no light is visible: e^-16 is less than the step of 16-bit floats near 1. With
-// multiple scattering, the last octave sees an eighth of the optical depth.
+// Optical depth of fog at which rays to lights end: e^-16 is less than the step of 16-bit floats near 1. With
+// multiple scattering, the last octave sees at most a quarter of the optical depth, or less if fog scatters
+// forwards.
 #ifdef VDB_MULTIPLE_SCATTERING
 const OPAQUE_DEPTH: f32 = 80.0;
 #else
 const OPAQUE_DEPTH: f32 = 16.0;
 #endif
+// Optical depth of a surface, which no fogs together reach.
+const SURFACE_DEPTH: f32 = 1000.0;
 
 // Above this many voxels along the longest edge of a fog's box, steps towards lights become longer in
 // proportion.
@@ -45,7 +48,7 @@ const SURFACES: u32 = 1u;
 const FOGS: u32 = 2u;
 
 // Optical depth between a point and a light in a direction (world space, unit length) at a distance in world
-// units, of surfaces, of fogs, or of both; OPAQUE_DEPTH or more behind a surface. Points in fog are
+// units, of surfaces, of fogs, or of both; SURFACE_DEPTH behind a surface. Points in fog are
 // ray-marched in steps of at least `least_step` voxels, because the errors of many points on a ray average
 // out.
 fn depth_to_light(
@@ -81,12 +84,12 @@ fn depth_to_light(
         }
 #ifdef VDB_SURFACES
         if volumes[i].kind == KIND_SURFACE && first_hit(grid, mirrored, dda).found {
-            depth = OPAQUE_DEPTH;
+            depth = SURFACE_DEPTH;
         }
 #endif
 #ifdef VDB_SMOOTH
         if volumes[i].kind == KIND_SMOOTH && first_root(grid, mirrored, dda).found {
-            depth = OPAQUE_DEPTH;
+            depth = SURFACE_DEPTH;
         }
 #endif
 #ifdef VDB_FOGS
@@ -109,7 +112,7 @@ fn depth_to_light(
 // Transmittance between a point and a light.
 fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool) -> f32 {
     let depth = depth_to_light(point, to_light, distance, in_fog, SURFACES | FOGS, 0.0);
-    return select(exp(-depth), 0.0, depth >= OPAQUE_DEPTH);
+    return select(exp(-min(depth, OPAQUE_DEPTH)), 0.0, depth >= SURFACE_DEPTH);
 }
 
 // Optical depth of all fogs between a point in fog and a light.
@@ -120,9 +123,9 @@ fn fog_depth_to_light(point: Point, to_light: vec3<f32>, distance: f32, least_st
 // Whether a surface stands between a point and a light.
 fn is_occluded(point: Point, to_light: vec3<f32>, distance: f32) -> bool {
 #ifdef VDB_SURFACES
-    return depth_to_light(point, to_light, distance, true, SURFACES, 0.0) >= OPAQUE_DEPTH;
+    return depth_to_light(point, to_light, distance, true, SURFACES, 0.0) >= SURFACE_DEPTH;
 #else ifdef VDB_SMOOTH
-    return depth_to_light(point, to_light, distance, true, SURFACES, 0.0) >= OPAQUE_DEPTH;
+    return depth_to_light(point, to_light, distance, true, SURFACES, 0.0) >= SURFACE_DEPTH;
 #else
     return false;
 #endif

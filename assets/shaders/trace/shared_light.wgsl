@@ -73,7 +73,7 @@ fn mean_light(
     cached: CachedLight,
     weights: array<f32, OCTAVES>,
 ) -> InScattered {
-    var octave_weights = weights;
+    var totals = weights;
     let ray = (*shared_light).dir;
     let anisotropy = volumes[fog_point.volume].anisotropy;
     let point = point_at(segment, fog_point.t);
@@ -91,7 +91,7 @@ fn mean_light(
         var phases = sun_phases(slot, ray, anisotropy);
         var let_through = octave_transmittances(depth_of((*shared_light).visibility[slot]), anisotropy);
         for (var octave = 0u; octave < OCTAVES; octave++) {
-            let visible = let_through[octave] * cached.slots[slot][octave] / max(octave_weights[octave], 1e-30);
+            let visible = let_through[octave] * cached.slots[slot][octave] / max(totals[octave], 1e-30);
             light.octaves[octave] += (visible * phases[octave]) * (*shared_light).suns[slot].illuminance;
         }
     }

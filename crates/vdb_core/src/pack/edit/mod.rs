@@ -21,6 +21,7 @@ use std::ops::Range;
 pub use voxels::{Voxel, VoxelEdit};
 
 use super::{PackError, PackOptions, PackedGrid, ValueFormat, build};
+use crate::Limits;
 use crate::tree::{RootEntry, Vdb543};
 use content::View;
 use sections::Sections;
@@ -47,6 +48,8 @@ use slots::Cubes;
 /// ```
 #[derive(Clone, Debug, Default)]
 pub struct Editor {
+    /// Limits of packing the whole grid.
+    pub limits: Limits,
     changed: Cubes,
     /// The spare room, once there is any: see [`Editor::commit`].
     sections: Option<Sections>,
@@ -94,7 +97,7 @@ impl Editor {
     /// and at every commit if root tiles of 4096³ voxels or the background can stop or dim a ray.
     ///
     /// # Errors
-    /// Those of [`PackedGrid::new`]. The packed grid is then empty until a commit succeeds.
+    /// Those of [`PackedGrid::with_options`]. The packed grid is then empty until a commit succeeds.
     pub fn commit(
         &mut self,
         tree: &Vdb543<f32>,
@@ -121,7 +124,8 @@ impl Editor {
         let large =
             view.rule.counts(tree.background()) || tree.entries().any(|(_, entry)| counts(entry));
         self.packed = false;
-        let options = PackOptions { format: ValueFormat::Full, ..PackOptions::default() };
+        let limits = self.limits.clone();
+        let options = PackOptions { format: ValueFormat::Full, limits, ..PackOptions::default() };
         let whole = build::pack(tree, packed.kind, &options).and_then(|whole| {
             let spread = if large { None } else { Sections::spread(&whole)? };
             Ok(spread.map_or((whole, None), |(packed, sections)| (packed, Some(sections))))
