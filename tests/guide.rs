@@ -65,12 +65,9 @@ fn every_message_is_in_the_guide() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let guide = std::fs::read_to_string(root.join(GUIDE)).expect("the guide");
     let mut found = Vec::new();
-    for folder in [
-        "src",
-        "crates/vdb_core/src",
-        "crates/bevy_vdb_record/src",
-        "crates/bevy_vdb_inspector/src",
-    ] {
+    // It has none so far.
+    messages(&root.join("crates/bevy_vdb_inspector/src"), &mut found);
+    for folder in ["src", "crates/vdb_core/src", "crates/bevy_vdb_record/src"] {
         let before = found.len();
         messages(&root.join(folder), &mut found);
         assert!(found.len() > before, "no message is found in {folder}");
