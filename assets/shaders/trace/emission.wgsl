@@ -3,7 +3,7 @@
 
 #import bevy_vdb::gpu::types::{Grid, KIND_BLACKBODY, KIND_EMISSION}
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::traversal::fog::{Sample, SamplePoint, SampledRay, optical_length, sample_fog}
+#import bevy_vdb::traversal::fog::{SampledRay, optical_length, sample_fog}
 #import bevy_vdb::traversal::tree::Accessor
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter_at}
 #import bevy_vdb::view::scene::volumes
@@ -17,77 +17,28 @@
 #import bevy_vdb::traversal::tree::{Span, empty_cell, locate, new_accessor, span_constant, span_occupied}
 
 // Black-body colours in even steps of the logarithm of temperature: a colour with a luminance of 1, and the
-// logarithm of the luminance. The second row has their integrals over temperature. Twin: `BlackbodyTable` in
-// `crates/vdb_core/src/blackbody.rs`.
+// logarithm of the luminance. Twin: `BlackbodyTable` in `crates/vdb_core/src/blackbody.rs`.
 @group(2) @binding(11) var blackbody_colors: texture_2d<f32>;
 
-const COLORS: u32 = 0u;
-const INTEGRALS: u32 = 1u;
-// Temperatures of the first and the last entry in kelvin, and the logarithm of their ratio.
+// Temperature of the first entry in kelvin, and the logarithm of the ratio of the last to the first.
 const MIN_KELVIN: f32 = 500.0;
-const MAX_KELVIN: f32 = 40000.0;
 const LOG_RANGE: f32 = 4.382026634673881;   // ln 80
-
-fn blackbody_entry(row: u32, kelvin: f32) -> vec3<f32> {
-    let last = textureDimensions(blackbody_colors).x - 1u;
-    let steps = clamp(log(kelvin / MIN_KELVIN) * (f32(last) / LOG_RANGE), 0.0, f32(last));
-    let first = min(u32(steps), last - 1u);
-    let low = textureLoad(blackbody_colors, vec2(first, row), 0);
-    let high = textureLoad(blackbody_colors, vec2(first + 1u, row), 0);
-    let entry = mix(low, high, steps - f32(first));
-    // Cool black bodies are outside the gamut: their blue is negative.
-    return max(entry.rgb, vec3(0.0)) * exp(entry.w);
-}
 
 // Luminance of a black body, cd/m².
 fn blackbody(kelvin: f32) -> vec3<f32> {
-    if !(kelvin >= MIN_KELVIN) {
-        return vec3(0.0);
-    }
-    return blackbody_entry(COLORS, kelvin);
-}
-
-// ∫ B dT up to a temperature.
-fn blackbody_integral(kelvin: f32) -> vec3<f32> {
-    if !(kelvin > MIN_KELVIN) {
-        return vec3(0.0);
-    }
-    let within = blackbody_entry(INTEGRALS, kelvin);
-    if kelvin <= MAX_KELVIN {
-        return within;
-    }
-    return within + (kelvin - MAX_KELVIN) * blackbody_entry(COLORS, MAX_KELVIN);
-}
-
-// Over a narrower range of temperatures, relative to the higher one, the colour in the middle is more accurate
-// than the difference of two integrals.
-const NARROW: f32 = 0.0078125;
-
-// A temperature, and the integral up to it.
-struct Heat {
-    kelvin: f32,
-    integral: vec3<f32>,
-}
-
-fn heat_at(kelvin: f32) -> Heat {
-    return Heat(kelvin, blackbody_integral(kelvin));
-}
-
-// Mean luminance of temperatures that are evenly distributed between two, cd/m².
-fn mean_blackbody(first: Heat, last: Heat) -> vec3<f32> {
-    let range = last.kelvin - first.kelvin;
-    if abs(range) <= NARROW * max(first.kelvin, last.kelvin) {
-        return blackbody(first.kelvin + 0.5 * range);
-    }
-    return (last.integral - first.integral) / range;
-}
-
-fn temperature(volume: u32, value: f32) -> f32 {
-    return min(volumes[volume].temperature_scale * value, 1e9) + volumes[volume].temperature_offset;
+    let last = textureDimensions(blackbody_colors).x - 1u;
+    let steps = clamp(log(max(kelvin, MIN_KELVIN) / MIN_KELVIN) * (f32(last) / LOG_RANGE), 0.0, f32(last));
+    let first = min(u32(steps), last - 1u);
+    let low = textureLoad(blackbody_colors, vec2(first, 0u), 0);
+    let high = textureLoad(blackbody_colors, vec2(first + 1u, 0u), 0);
+    let entry = mix(low, high, steps - f32(first));
+    // Cool black bodies are outside the gamut: their blue is negative.
+    return select(vec3(0.0), max(entry.rgb, vec3(0.0)) * exp(entry.w), kelvin >= MIN_KELVIN);
 }
 
 fn blackbody_emission(volume: u32, value: f32) -> vec3<f32> {
-    return select(vec3(0.0), blackbody(temperature(volume, value)), value > 0.0);
+    let kelvin = min(volumes[volume].temperature_scale * value, 1e9) + volumes[volume].temperature_offset;
+    return select(vec3(0.0), blackbody(kelvin), value > 0.0);
 }
 
 // Four-point Gauss–Legendre quadrature on an interval of length 1: distances from the middle, and weights.
@@ -205,71 +156,40 @@ fn segment_emission(segment: Segment, volume: u32, start: f32, t_min: f32, t_max
     return min(volumes[volume].emissive * dir_length * length_sum, vec3(MAX_EMISSION));
 }
 
-// Stretches of a ray that is marched through emission, per voxel and at most in a step. Within a stretch, the value
-// changes evenly. Stretches of scalars are a voxel long, so that none is lost of what is one voxel thick. The
-// luminance of a black body grows so much faster than its temperature that it needs shorter ones.
-const SCALAR_STRETCHES: f32 = 1.0;
-const BLACKBODY_STRETCHES: f32 = 4.0;
-const MAX_STRETCHES: u32 = 8u;
+// Samples per step of a ray that is marched through emission. At most a voxel apart, so that none is lost of
+// what is one voxel thick. The luminance of a black body grows much faster than its temperature.
+const SCALAR_SAMPLES: u32 = 2u;
+const BLACKBODY_SAMPLES: u32 = 8u;
 
-// A step of a ray through emission.
-struct EmissionStep {
-    mean: vec3<f32>,    // emission per world unit
-    value: f32,         // where the step ends
-    is_empty: bool,     // whether it ends in an empty cube
-    t_out: f32,         // where the ray leaves that cube
-}
-
-// The value of an emission grid at t, which is counted from the origin of the sampled ray.
-fn sample_emission(grid: Grid, ray: SampledRay, accessor: ptr<function, Accessor>, t: f32, t_voxel: f32) -> Sample {
-    if t < ray.t_first || t > ray.t_last {
-        return Sample(true, t, 0.0, SamplePoint());
-    }
-    // On the far face of the box, rounding finds the next cell.
-    var found = sample_fog(grid, ray, accessor, min(t, ray.t_last - 0.001 * t_voxel));
-    found.density = max(found.density, 0.0);
-    return found;
-}
-
-// Marches from one t to the next, which are counted from the origin of the sampled ray. `value` is that at
-// `t_low`. A voxel has the length `t_voxel`.
-fn march_emission(
+// Mean emission per world unit between two t, which are counted from the origin of the sampled ray.
+fn sampled_emission(
     volume: u32,
     grid: Grid,
     ray: SampledRay,
     accessor: ptr<function, Accessor>,
-    value: f32,
     t_low: f32,
     t_high: f32,
-    t_voxel: f32,
-) -> EmissionStep {
-    var per_voxel = SCALAR_STRETCHES;
-#ifdef VDB_BLACKBODY
+) -> vec3<f32> {
     let is_blackbody = volumes[volume].kind == KIND_BLACKBODY;
-    per_voxel = select(SCALAR_STRETCHES, BLACKBODY_STRETCHES, is_blackbody);
-    var heat = Heat(0.0, vec3(0.0));
-    if is_blackbody {
-        heat = heat_at(temperature(volume, value));
-    }
-#endif
-    // A step of a whole number of voxels has not one stretch more for rounding.
-    let count = clamp(u32(ceil(per_voxel * (t_high - t_low) / t_voxel - 0.01)), 1u, MAX_STRETCHES);
-    var marched = EmissionStep(vec3(0.0), value, true, t_high);
-    for (var i = 1u; i <= count; i++) {
-        let found = sample_emission(grid, ray, accessor, mix(t_low, t_high, f32(i) / f32(count)), t_voxel);
-        var mean = vec3(0.5 * marched.value + 0.5 * found.density);
-#ifdef VDB_BLACKBODY
-        if is_blackbody {
-            let next = heat_at(temperature(volume, found.density));
-            mean = select(vec3(0.0), mean_blackbody(heat, next), max(marched.value, found.density) > 0.0);
-            heat = next;
+    let count = select(SCALAR_SAMPLES, BLACKBODY_SAMPLES, is_blackbody);
+    var sum = vec3(0.0);
+    for (var i = 0u; i < count; i++) {
+        let t = mix(t_low, t_high, (f32(i) + 0.5) / f32(count));
+        var value = 0.0;
+        if t >= ray.t_first && t < ray.t_last {
+            value = sample_fog(grid, ray, accessor, t).density;
         }
+        if value > 0.0 {
+#ifdef VDB_BLACKBODY
+            if is_blackbody {
+                sum += blackbody_emission(volume, value);
+            } else {
+                sum += min(value, MAX_EMISSION);
+            }
+#else
+            sum += min(value, MAX_EMISSION);
 #endif
-        marched.mean += min(mean, vec3(MAX_EMISSION));
-        marched.value = found.density;
-        marched.is_empty = found.is_empty;
-        marched.t_out = found.t_out;
+        }
     }
-    marched.mean = min(volumes[volume].emissive * (marched.mean / f32(count)), vec3(MAX_EMISSION));
-    return marched;
+    return min(volumes[volume].emissive * (sum / f32(count)), vec3(MAX_EMISSION));
 }

@@ -21,7 +21,8 @@
 #import bevy_vdb::traversal::tree::{Accessor, new_accessor}
 #import bevy_vdb::view::scene::volumes
 #ifdef VDB_EMISSION
-#import bevy_vdb::trace::emission::{march_emission, sample_emission}
+#import bevy_vdb::trace::emission::sampled_emission
+#import bevy_vdb::traversal::fog::probe_fog
 #endif
 
 // The most media that are marched together.
@@ -38,9 +39,6 @@ struct Medium {
     t_step: f32,        // the longest step
     t_next: f32,        // there is nothing before this t; FAR if there is nothing left
     t_last: f32,        // there is nothing after this t
-#ifdef VDB_EMISSION
-    value: f32,         // of emission, where the next step begins
-#endif
 }
 
 // Sums over the steps of one fog in an interval.
@@ -121,17 +119,7 @@ fn new_medium(segment: Segment, volume: u32, t_max: f32) -> Medium {
     let t_step = step / max(length(mirrored.speed), 1e-30);
     let extinction = volumes[volume].density_scale * length(segment.dir);
     let max_density = MAX_DEPTH_OF_STEP / max(extinction * t_step, 1e-30);
-    var medium = Medium();
-    medium.volume = volume;
-    medium.is_fog = is_fog;
-    medium.extinction = extinction;
-    medium.max_density = max_density;
-    medium.ray = ray;
-    medium.accessor = new_accessor(ray.cell);
-    medium.t_step = t_step;
-    medium.t_next = FAR;
-    medium.t_last = FAR;
-    return medium;
+    return Medium(volume, is_fog, extinction, max_density, ray, new_accessor(ray.cell), t_step, FAR, FAR);
 }
 
 // The first step that may contain something, in base steps, if it begins at `next`. Steps that may contain
@@ -240,18 +228,6 @@ fn march_media(
 #endif
     var transmittance = 1.0;
     let t_start = t_first - t_zero;
-#ifdef VDB_EMISSION
-    // The ray may begin within emission. All other steps begin where there is none, or where one ends.
-    for (var i = 0u; i < MAX_MEDIA; i++) {
-        if i < count && !media[i].is_fog {
-            var accessor = media[i].accessor;
-            let t_voxel = media[i].t_step / EMISSION_STEP;
-            let grid = grids[volumes[media[i].volume].grid];
-            let t = t_start - media[i].ray.t_origin;
-            media[i].value = sample_emission(grid, media[i].ray, &accessor, t, t_voxel).density;
-        }
-    }
-#endif
     var k = first_step(min(t_near, t_end) * inverse_base);
     var is_done = t_near >= t_end;
     // Ends by its condition only: llvmpipe drops invocations of a group whose neighbours leave nested loops by
@@ -325,16 +301,16 @@ fn march_media(
                 let grid = grids[volumes[volume].grid];
                 let t_origin = media[i].ray.t_origin;
                 var accessor = media[i].accessor;
-                let t_voxel = media[i].t_step / EMISSION_STEP;
-                let emission = march_emission(volume, grid, media[i].ray, &accessor, media[i].value, t_low - t_origin,
-                    t_high - t_origin, t_voxel);
-                media[i].accessor = accessor;
-                media[i].value = emission.value;
-                let added = (visible_width * dir_length) * emission.mean;
+                let t_from = t_low - t_origin;
+                let emission =
+                    sampled_emission(volume, grid, media[i].ray, &accessor, t_from, t_high - t_origin);
+                let added = (visible_width * dir_length) * emission;
                 fog.radiance += added;
                 radiance_sum += dot(added, vec3(1.0));
                 t_radiance_sum += dot(added, vec3(1.0)) * t_middle;
-                let t_next = select(t_high, max(t_origin + emission.t_out, t_high), emission.is_empty);
+                let probe = probe_fog(grid, media[i].ray, &accessor, t_high - t_origin);
+                media[i].accessor = accessor;
+                let t_next = select(t_high, max(t_origin + probe.t_out, t_high), probe.is_empty);
                 media[i].t_next = select(FAR, t_next, t_high < media[i].t_last);
             }
 #endif

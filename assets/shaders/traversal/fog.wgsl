@@ -206,6 +206,19 @@ fn sample_fog(grid: Grid, ray: SampledRay, accessor: ptr<function, Accessor>, t:
     return Sample(false, t, density_at(grid, *accessor, located.point), located.point);
 }
 
+// What a ray finds at one of its points, without the density.
+struct Probe {
+    is_empty: bool,     // whether the point is in an empty cube
+    t_out: f32,         // where the ray leaves that cube
+}
+
+fn probe_fog(grid: Grid, ray: SampledRay, accessor: ptr<function, Accessor>, t: f32) -> Probe {
+    let located = slot_at(grid, ray, accessor, t);
+    count_step();
+    let is_empty = (located.slot & (CHILD | OCCUPIED)) == 0u;
+    return Probe(is_empty, skipped_t(ray, located, (*accessor).log_dim));
+}
+
 // Density at a point in a leaf or a tile. At the edge of a boundary tile, it is the tile's density.
 fn density_at(grid: Grid, accessor: Accessor, point: SamplePoint) -> f32 {
     if (accessor.word & CHILD) == 0u {

@@ -42,56 +42,31 @@ fn luminance(color: [f64; 3]) -> f64 {
     0.2126 * color[0] + 0.7152 * color[1] + 0.0722 * color[2]
 }
 
-/// A look-up table of [`blackbody`] and of its integral over temperature, for
-/// `assets/shaders/trace/emission.wgsl`.
+/// A look-up table of [`blackbody`], for `assets/shaders/trace/emission.wgsl`.
 ///
 /// Temperatures are evenly spaced on a logarithmic scale. Each entry holds the colour at a
 /// luminance of 1, and the logarithm of the luminance: both are nearly linear between entries.
-/// Negative components count as zero in the integral.
 #[derive(Clone, Debug)]
 pub struct BlackbodyTable {
-    /// Two rows: colours, and integrals.
     entries: Vec<[f32; 4]>,
 }
 
 impl Default for BlackbodyTable {
     fn default() -> Self {
-        let last = f64::from(Self::ENTRIES - 1);
-        let ratio = (Self::HOTTEST / Self::COLDEST).powf(1.0 / last);
-        let kelvin = |i: u32| Self::COLDEST * ratio.powi(i as i32);
-        let colors = (0..Self::ENTRIES).map(|i| entry(blackbody(kelvin(i))));
-        let mut sum = integral(0.5 * Self::COLDEST, Self::COLDEST, 200);
-        let integrals = (0..Self::ENTRIES).map(|i| {
-            let own = entry(sum);
-            let next = integral(kelvin(i), kelvin(i + 1), 1);
-            sum = std::array::from_fn(|c| sum[c] + next[c]);
-            own
-        });
-        Self { entries: colors.chain(integrals).collect() }
+        let entry = |i: u32| {
+            let share = f64::from(i) / f64::from(Self::ENTRIES - 1);
+            let kelvin = Self::COLDEST * (Self::HOTTEST / Self::COLDEST).powf(share);
+            let color = blackbody(kelvin);
+            let luminance = luminance(color);
+            let [r, g, b] = color.map(|c| (c / luminance) as f32);
+            [r, g, b, luminance.ln() as f32]
+        };
+        Self { entries: (0..Self::ENTRIES).map(entry).collect() }
     }
 }
 
-/// A colour at a luminance of 1, and the logarithm of its luminance.
-fn entry(color: [f64; 3]) -> [f32; 4] {
-    let luminance = luminance(color);
-    let [r, g, b] = color.map(|c| (c / luminance) as f32);
-    [r, g, b, luminance.ln() as f32]
-}
-
-/// ∫ B dT, by Simpson's rule in steps.
-fn integral(from: f64, to: f64, steps: u32) -> [f64; 3] {
-    let width = (to - from) / f64::from(steps);
-    let of_step = |i: u32| {
-        let at = |part: f64| blackbody(from + width * (f64::from(i) + part)).map(|c| c.max(0.0));
-        let (low, middle, high) = (at(0.0), at(0.5), at(1.0));
-        std::array::from_fn(|c| width / 6.0 * (low[c] + 4.0 * middle[c] + high[c]))
-    };
-    let add = |sum: [f64; 3], step: [f64; 3]| std::array::from_fn(|c| sum[c] + step[c]);
-    (0..steps).map(of_step).fold([0.0; 3], add)
-}
-
 impl BlackbodyTable {
-    /// The number of entries of a row.
+    /// The number of entries.
     pub const ENTRIES: u32 = 1024;
     /// The temperature of the first entry, in kelvin. Anything colder is black: at this temperature
     /// the luminance is 10⁻⁷ cd/m².
@@ -99,7 +74,7 @@ impl BlackbodyTable {
     /// The temperature of the last entry, in kelvin. Anything hotter has the same colour.
     pub const HOTTEST: f64 = 40_000.0;
 
-    /// The colours from the coldest to the hottest, cd/m², and then their integrals, cd·K/m².
+    /// The entries, from the coldest to the hottest.
     pub fn entries(&self) -> &[[f32; 4]] {
         &self.entries
     }
@@ -110,46 +85,11 @@ impl BlackbodyTable {
         if kelvin.is_nan() || kelvin < Self::COLDEST as f32 {
             return [0.0; 3];
         }
-        self.entry_at(0, kelvin)
-    }
-
-    /// The mean colour over temperatures that are evenly distributed between two, in any order,
-    /// cd/m²: the twin of `mean_blackbody` in `assets/shaders/trace/emission.wgsl`.
-    pub fn mean(&self, kelvins: [f32; 2]) -> [f32; 3] {
-        let (low, high) = (kelvins[0].min(kelvins[1]), kelvins[0].max(kelvins[1]));
-        let range = high - low;
-        if high.is_nan() || high < Self::COLDEST as f32 {
-            return [0.0; 3];
-        }
-        if range <= high * Self::NARROW {
-            return self.look_up(low + 0.5 * range);
-        }
-        let [below, above] = [low, high].map(|kelvin| self.integral_to(kelvin));
-        std::array::from_fn(|c| (above[c] - below[c]) / range)
-    }
-
-    /// Over a narrower range of temperatures, relative to the higher one, the colour in the middle is
-    /// more accurate than the difference of two integrals.
-    const NARROW: f32 = 1.0 / 128.0;
-
-    /// ∫ B dT up to a temperature.
-    fn integral_to(&self, kelvin: f32) -> [f32; 3] {
-        if kelvin <= Self::COLDEST as f32 {
-            return [0.0; 3];
-        }
-        let within = self.entry_at(1, kelvin);
-        let beyond = (kelvin - Self::HOTTEST as f32).max(0.0);
-        let hottest = self.entry_at(0, Self::HOTTEST as f32);
-        std::array::from_fn(|c| within[c] + beyond * hottest[c])
-    }
-
-    fn entry_at(&self, row: usize, kelvin: f32) -> [f32; 3] {
         let steps = (Self::ENTRIES - 1) as f32 / (Self::HOTTEST / Self::COLDEST).ln() as f32;
         let at = (kelvin / Self::COLDEST as f32).ln() * steps;
         let at = at.clamp(0.0, (Self::ENTRIES - 1) as f32);
-        let row = &self.entries[row * Self::ENTRIES as usize..][..Self::ENTRIES as usize];
-        let first = (at.floor() as usize).min(row.len() - 2);
-        let (low, high) = (row[first], row[first + 1]);
+        let first = (at.floor() as usize).min(self.entries.len() - 2);
+        let (low, high) = (self.entries[first], self.entries[first + 1]);
         let part = at - first as f32;
         let [r, g, b, log] = std::array::from_fn(|i| low[i] + part * (high[i] - low[i]));
         [r, g, b].map(|c: f32| c.max(0.0) * log.exp())
@@ -311,37 +251,5 @@ mod tests {
         assert_eq!(table.look_up(0.0), [0.0; 3]);
         assert!(table.look_up(1e30).iter().all(|c| c.is_finite()));
         assert_eq!(table.look_up(1e30), table.look_up(40_000.0));
-    }
-    #[test]
-    fn means_are_those_of_many_temperatures() {
-        let table = BlackbodyTable::default();
-        let mut worst = 0.0_f64;
-        let mut kelvin = 700.0_f64;
-        while kelvin < 60_000.0 {
-            for ratio in [0.0, 0.3, 0.9, 0.97, 0.99, 0.993, 0.999, 1.0] {
-                let low = kelvin * ratio;
-                let exact: [f64; 3] = if ratio == 1.0 {
-                    blackbody(kelvin.min(40_000.0)).map(|c| c.max(0.0))
-                } else {
-                    let below = integral(low.min(40_000.0).max(400.0), kelvin.min(40_000.0), 400);
-                    let beyond = (kelvin - low.max(40_000.0)).max(0.0);
-                    let hottest = blackbody(40_000.0);
-                    std::array::from_fn(|c| (below[c] + beyond * hottest[c]) / (kelvin - low))
-                };
-                let largest = exact.iter().copied().fold(0.0, f64::max);
-                for kelvins in [[low as f32, kelvin as f32], [kelvin as f32, low as f32]] {
-                    let found = table.mean(kelvins);
-                    for (exact, found) in exact.iter().zip(found) {
-                        worst = worst.max((exact - f64::from(found)).abs() / largest);
-                    }
-                }
-            }
-            kelvin *= 1.037;
-        }
-        println!("means are off by {worst:.2e} of the largest component");
-        assert!(worst < 4e-3, "{worst}");
-        assert_eq!(table.mean([f32::NAN, f32::NAN]), [0.0; 3]);
-        assert_eq!(table.mean([0.0, 400.0]), [0.0; 3]);
-        assert!(table.mean([0.0, 1e30]).iter().all(|c| c.is_finite()));
     }
 }

@@ -34,7 +34,7 @@ pub(super) fn prepare_blackbody(
             &queue,
             &TextureDescriptor {
                 label: Some("vdb_blackbody"),
-                size: Extent3d { width: BlackbodyTable::ENTRIES, height: 2, ..default() },
+                size: Extent3d { width: BlackbodyTable::ENTRIES, ..default() },
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: TextureDimension::D2,
