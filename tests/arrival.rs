@@ -1,5 +1,7 @@
 //! How volumes come into the picture, on a machine where Bevy has one thread for all that takes long: the
 //! picture first, and a signal when it is there.
+//!
+//! A program of its own, as Bevy's pools of threads are those of the process: the first app makes them.
 
 mod common;
 
@@ -14,6 +16,7 @@ use bevy::tasks::futures::check_ready;
 use bevy_vdb::prelude::*;
 use bevy_vdb::{VdbGpuUsage, vdb_core};
 use common::{Stage, has_gpu};
+use gpu_test::gpu_test;
 use vdb_core::synth::{fog, level_set};
 
 const SIZE: UVec2 = UVec2::new(64, 48);
@@ -72,12 +75,9 @@ fn wait_for(stage: &mut Stage, volume: Entity, wanted: VdbVolumeState) -> usize 
 }
 
 /// The signal comes in the frame after the first one with the volume, no sooner and no later, once.
-#[test]
+#[gpu_test]
 fn a_volume_is_drawn_when_it_is_in_the_picture() {
     let _alone = alone();
-    if !has_gpu() {
-        return;
-    }
     let (mut stage, target, camera) = stage(8.0);
     let grid = stage.grid(level_set::sphere(DVec3::ZERO, 20.0), SMOOTH, 0.1);
     let told: Arc<Mutex<Vec<Entity>>> = Arc::default();
@@ -138,12 +138,9 @@ fn a_volume_is_drawn_when_it_is_in_the_picture() {
 }
 
 /// Levels of detail take long, and the picture does not wait for them: they are begun when it is there.
-#[test]
+#[gpu_test]
 fn the_picture_comes_before_levels_of_detail() {
     let _alone = alone();
-    if !has_gpu() {
-        return;
-    }
     let (mut stage, target, camera) = stage(60.0);
     stage.world().entity_mut(camera).insert(VdbQuality { detail: 1.0, ..default() });
     let grid = stage.grid(level_set::sphere(DVec3::ZERO, 150.0), SMOOTH, 0.1);

@@ -72,6 +72,7 @@ use bevy_vdb::{
     VdbCamera, VdbGpuUsage, VdbGrid, VdbMaterial, VdbQuality, VdbRenderMode, VdbTraversal,
     VdbVolume,
 };
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::reference::{Blocky, Fog, Occupied, Ray, Smooth};
 use vdb_core::synth::{fog, level_set};
@@ -152,11 +153,8 @@ fn burley(normal: DVec3, to_viewer: DVec3, to_light: DVec3, roughness: f64) -> f
     scatter(normal.dot(to_light)) * scatter(normal.dot(to_viewer)) / std::f64::consts::PI
 }
 
-#[test]
+#[gpu_test]
 fn a_level_set_is_where_the_reference_tracer_sees_it() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let view = looking(Vec3::new(3.0, 4.0, 6.0));
@@ -216,11 +214,8 @@ fn a_level_set_is_where_the_reference_tracer_sees_it() {
     assert!(wrong * 500 <= hits, "{wrong} of {hits} differ");
 }
 
-#[test]
+#[gpu_test]
 fn a_smooth_surface_is_where_the_reference_tracer_sees_it() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let view = looking(Vec3::new(3.0, 4.0, 6.0));
@@ -254,11 +249,8 @@ fn a_smooth_surface_is_where_the_reference_tracer_sees_it() {
     assert!(wrong * 500 <= hits, "{wrong} of {hits} differ");
 }
 
-#[test]
+#[gpu_test]
 fn fog_dims_and_glows_as_the_reference_tracer_says() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let view = looking(Vec3::new(1.0, 2.0, 6.0));
@@ -292,11 +284,8 @@ fn fog_dims_and_glows_as_the_reference_tracer_says() {
     assert!(worst < 1e-3, "radiance is off by {worst}");
 }
 
-#[test]
+#[gpu_test]
 fn meshes_hide_and_are_hidden() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     for msaa in [Msaa::Off, Msaa::Sample4] {
         for hdr in [true, false] {
@@ -332,11 +321,8 @@ fn meshes_hide_and_are_hidden() {
     }
 }
 
-#[test]
+#[gpu_test]
 fn transparent_meshes_sort_with_surfaces() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     stage.camera(&target, looking(Vec3::Z * 8.0));
@@ -355,11 +341,8 @@ fn transparent_meshes_sort_with_surfaces() {
     assert!((0.4..0.6).contains(&front.x) && (0.4..0.6).contains(&front.y), "{front}");
 }
 
-#[test]
+#[gpu_test]
 fn fog_ends_at_meshes() {
-    if !has_gpu() {
-        return;
-    }
     let block = fog::block(CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) }, 1.0);
     let mut stage = Stage::new();
     for msaa in [Msaa::Off, Msaa::Sample4] {
@@ -379,11 +362,8 @@ fn fog_ends_at_meshes() {
     }
 }
 
-#[test]
+#[gpu_test]
 fn overlapping_fogs_mix() {
-    if !has_gpu() {
-        return;
-    }
     // The same block twice in the same place is a block of twice the density.
     let block = fog::block(CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) }, 1.0);
     let mut stage = Stage::new();
@@ -398,11 +378,8 @@ fn overlapping_fogs_mix() {
     assert!((pixel.x - half).abs() < 2e-3 && (pixel.y - half).abs() < 2e-3, "{pixel}, not {half}");
 }
 
-#[test]
+#[gpu_test]
 fn several_cameras_and_viewports_share_a_target() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let half = UVec2::new(SIZE.x / 2, SIZE.y);
@@ -433,11 +410,8 @@ fn several_cameras_and_viewports_share_a_target() {
     assert!(near > 6 * far && far > 10, "{near} pixels near, {far} far");
 }
 
-#[test]
+#[gpu_test]
 fn orthographic_cameras_see_true_sizes() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::new(0.0, 5.0, 5.0)));
@@ -459,11 +433,8 @@ fn orthographic_cameras_see_true_sizes() {
     assert_eq!(picture.count(is_red), 0);
 }
 
-#[test]
+#[gpu_test]
 fn a_volume_comes_moves_hides_and_goes() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
@@ -511,11 +482,8 @@ fn a_volume_comes_moves_hides_and_goes() {
     assert_eq!((usage.grids(), usage.bytes()), (0, 0), "memory after the last one went");
 }
 
-#[test]
+#[gpu_test]
 fn grids_are_told_apart_when_others_come_and_go() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     stage.camera(&target, looking(Vec3::Z * 8.0));
@@ -534,11 +502,8 @@ fn grids_are_told_apart_when_others_come_and_go() {
     assert_eq!((left.count(is_red), left.count(is_green)), (0, green));
 }
 
-#[test]
+#[gpu_test]
 fn a_target_may_change_its_size() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     stage.camera(&target, looking(Vec3::Z * 8.0));
@@ -556,11 +521,8 @@ fn a_target_may_change_its_size() {
     assert!((large as f32 / small as f32 / 4.0 - 1.0).abs() < 0.05, "{small} and {large} pixels");
 }
 
-#[test]
+#[gpu_test]
 fn modes_show_what_they_say() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
@@ -581,11 +543,8 @@ fn modes_show_what_they_say() {
     assert_eq!(steps.at(0, 0).truncate(), Vec3::ZERO, "no steps where there is no volume");
 }
 
-#[test]
+#[gpu_test]
 fn every_exact_traversal_shows_the_same() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::new(3.0, 4.0, 7.0)));
@@ -616,11 +575,8 @@ fn every_exact_traversal_shows_the_same() {
     assert!(alike * 10 > leaps.pixels.len() * 9, "{alike} of {}", leaps.pixels.len());
 }
 
-#[test]
+#[gpu_test]
 fn a_volume_that_never_arrives_draws_nothing() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     stage.camera(&target, looking(Vec3::Z * 8.0));

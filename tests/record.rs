@@ -18,6 +18,7 @@ use bevy_vdb::{
     VdbMaterial, VdbRecordClock, VdbRecordEnded, VdbRecordError, VdbRecordFormat, VdbRecordPhase,
     VdbRecordPlugin, VdbRecordSettings, VdbRecordStatus, VdbRecordWhenFull, VdbRecorder, VdbVolume,
 };
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::level_set;
 
@@ -147,11 +148,8 @@ fn sequence(folder: &Path) -> Vec<Png> {
     (0..count).map(|index| Png::read(&folder.join(format!("{index:08}.png")))).collect()
 }
 
-#[test]
+#[gpu_test]
 fn a_moving_volume_moves_by_the_same_step_in_every_picture() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = stage();
     let (camera, _) = camera(&mut stage);
     let target = folder("record_png");
@@ -210,9 +208,9 @@ fn has_ffmpeg() -> bool {
 
 /// Two cameras at once into two formats, one of them the half of an 8-bit image, with MSAA, that nobody
 /// may copy from.
-#[test]
+#[gpu_test]
 fn videos_have_the_size_the_length_and_the_picture() {
-    if !has_gpu() || !has_ffmpeg() {
+    if !has_ffmpeg() {
         return;
     }
     let mut stage = stage();
@@ -290,11 +288,8 @@ fn program(folder: &Path, lines: &str) -> PathBuf {
 
 /// An encoder that stands still until there is a file of some name.
 #[cfg(unix)]
-#[test]
+#[gpu_test]
 fn a_slow_encoder_costs_frames_or_time() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = stage();
     let (camera, _) = camera(&mut stage);
     for when_full in [VdbRecordWhenFull::Drop, VdbRecordWhenFull::Wait] {
@@ -348,11 +343,8 @@ fn a_slow_encoder_costs_frames_or_time() {
 
 /// One that stands still for ever costs the recording, not the app, which draws on and can be left.
 #[cfg(unix)]
-#[test]
+#[gpu_test]
 fn an_encoder_that_hangs_ends_the_recording_and_not_the_app() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = stage();
     let (camera, _) = camera(&mut stage);
     let folder = folder("record_hangs");
@@ -390,11 +382,8 @@ fn an_encoder_that_hangs_ends_the_recording_and_not_the_app() {
     assert!(begin.elapsed() < Duration::from_secs(30), "{:?}", begin.elapsed());
 }
 
-#[test]
+#[gpu_test]
 fn a_change_of_size_ends_it_with_what_there_is() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = stage();
     let (camera, image) = camera(&mut stage);
     let target = folder("record_resize");
@@ -421,11 +410,8 @@ fn a_change_of_size_ends_it_with_what_there_is() {
     assert!(sequence(&target).iter().all(|picture| picture.size == to));
 }
 
-#[test]
+#[gpu_test]
 fn real_time_is_kept_by_leaving_out_and_repeating() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = stage();
     let (camera, _) = camera(&mut stage);
     let target = folder("record_real_time");
@@ -466,11 +452,8 @@ fn real_time_is_kept_by_leaving_out_and_repeating() {
 }
 
 /// An app that was suspended: a still picture for a while, not for as long as it was.
-#[test]
+#[gpu_test]
 fn a_long_gap_in_real_time_is_cut() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = stage();
     let (camera, _) = camera(&mut stage);
     let target = folder("record_gap");
@@ -500,11 +483,8 @@ fn a_long_gap_in_real_time_is_cut() {
     assert_eq!(sequence(&target).len() as u64, status.written);
 }
 
-#[test]
+#[gpu_test]
 fn a_camera_or_an_app_that_goes_leaves_whole_pictures() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = stage();
     let (gone, _) = camera(&mut stage);
     let target = folder("record_despawn");

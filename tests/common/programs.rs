@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// `cargo test` builds examples beside tests: `target/debug/{deps/examples-…,examples/NAME}`.
+/// `cargo test` builds examples beside tests: `target/debug/{deps/programs-…,examples/NAME}`.
 pub fn example(name: &str) -> Command {
     let test = std::env::current_exe().expect("the path of this test");
     let folder = test.parent().and_then(Path::parent).expect("tests are in target/…/deps");

@@ -8,11 +8,12 @@ use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy_vdb::{VdbDiagnostics, VdbGrid, VdbMaterial, VdbQuality, VdbSun, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{GREEN, glow, is_green, looking};
 
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
@@ -107,11 +108,8 @@ const VIEW: Vec3 = Vec3::new(1.0, 2.0, 6.5);
 
 /// Against a picture of 64 times as many rays: the mean of frames is nearer to it than that of so many
 /// rays by chance. A ray for four pixels, too, gets where all rays get.
-#[test]
+#[gpu_test]
 fn the_mean_of_frames_becomes_the_picture_of_many_rays() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let fine = stage.target(SIZE * FINER);
     let camera = stage.camera(&fine, looking(VIEW));
@@ -158,11 +156,9 @@ fn the_mean_of_frames_becomes_the_picture_of_many_rays() {
 
 /// Whatever changes in what is seen, the first frame after it is the one that there is without
 /// accumulation.
-#[test]
+#[gpu_test]
+#[ignore = "slow: many changes, each with its frames"]
 fn whatever_changes_it_starts_anew() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     stage.world().insert_resource(DirectionalLightShadowMap { size: 64 });
     let target = stage.target(SIZE);
@@ -241,11 +237,8 @@ fn whatever_changes_it_starts_anew() {
 
 /// A mesh that goes by leaves nothing behind in the pixels that it has hidden, and hides what it comes
 /// to hide at once, though nothing else starts anew.
-#[test]
+#[gpu_test]
 fn a_mesh_that_goes_by_leaves_no_trace() {
-    if !has_gpu() {
-        return;
-    }
     for (msaa, resolution) in [(Msaa::Off, 1.0), (Msaa::Sample4, 1.0), (Msaa::Off, 0.5)] {
         let mut stage = Stage::new();
         let target = stage.target(SIZE);
@@ -284,11 +277,9 @@ fn a_mesh_that_goes_by_leaves_no_trace() {
 }
 
 /// Few rays to a sun with a size, and rough mirrors: grain in a frame, none in the mean of many.
-#[test]
+#[gpu_test]
+#[ignore = "slow: means of hundreds of frames"]
 fn grain_is_evened_out() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     stage.world().insert_resource(DirectionalLightShadowMap { size: 64 });
@@ -341,11 +332,9 @@ fn grain_is_evened_out() {
 }
 
 /// There is nothing of it while it is off, while everything moves, or where TAA does it.
-#[test]
+#[gpu_test]
+#[ignore = "slow: five sets of pipelines"]
 fn it_is_there_only_where_frames_are_put_together() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(VIEW));

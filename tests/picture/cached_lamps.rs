@@ -3,12 +3,13 @@
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
 use super::SIZE;
-use super::common::{Stage, has_gpu};
+use super::common::Stage;
 use super::light_cache::{BY_RAYS, Cloud, VOXEL, error, error_where};
 
 fn bulb() -> PointLight {
@@ -32,11 +33,9 @@ fn lamps(scene: &mut Cloud) -> [Entity; 2] {
     [world.spawn((point, Transform::from_xyz(2.0, 4.5, 3.0))).id(), world.spawn((spot, from)).id()]
 }
 
-#[test]
+#[gpu_test]
+#[ignore = "slow: its references are by rays"]
 fn lamps_are_within_the_error_that_is_asked_for() {
-    if !has_gpu() {
-        return;
-    }
     for name in ["lamps alone", "beside a sun", "a lamp within the cloud"] {
         let mut scene = Cloud::new(1.0);
         if name == "a lamp within the cloud" {
@@ -77,11 +76,8 @@ fn lamps_are_within_the_error_that_is_asked_for() {
 
 /// After whatever changes, the picture is that of a cache made from nothing, to the bit; a lamp that
 /// stands still is not filled again.
-#[test]
+#[gpu_test]
 fn the_cache_follows_lamps() {
-    if !has_gpu() {
-        return;
-    }
     let mut scene = Cloud::new(1.0);
     let [point, spot] = lamps(&mut scene);
     let mut last = scene.with(VdbQuality { fog_light_error: 0.03, ..VdbQuality::HIGH });
@@ -127,11 +123,9 @@ fn the_cache_follows_lamps() {
 
 /// A fog that no lamp reaches is drawn, and takes no room in the cache; more lamps than the cache takes are
 /// evaluated by rays.
-#[test]
+#[gpu_test]
+#[ignore = "slow: 34 lamps by rays"]
 fn lamps_out_of_reach_and_beyond_the_cache_are_right() {
-    if !has_gpu() {
-        return;
-    }
     let mut scene = Cloud::new(1.0);
     let (sun, cloud, camera) = (scene.sun, scene.cloud, scene.camera);
     // By rays, intervals of `HIGH` are a little too long for multiple scattering in few voxels.
@@ -170,11 +164,9 @@ fn lamps_out_of_reach_and_beyond_the_cache_are_right() {
 }
 
 /// A wall between a lamp and a part of the fog, thinner than the spacing of samples.
-#[test]
+#[gpu_test]
+#[ignore = "slow: its reference is by rays"]
 fn no_light_of_a_lamp_leaks_through_a_thin_wall() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let from = Transform::from_xyz(0.0, 0.0, 9.0).looking_at(Vec3::ZERO, Vec3::Y);

@@ -10,11 +10,12 @@ use bevy::render::render_resource::PollType;
 use bevy::render::renderer::RenderDevice;
 use bevy::render::settings::RenderCreation;
 use bevy_vdb::{VdbEmission, VdbGrid, VdbMaterial, VdbQuality, VdbVolume, VdbVoxel};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{SURFACE, looking};
 
 const SIZE: UVec2 = UVec2::new(48, 32);
@@ -130,16 +131,14 @@ fn difference(a: &Picture, b: &Picture) -> f32 {
     pairs.map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f32::max)
 }
 
-#[test]
+#[gpu_test]
+#[ignore = "slow: all pipelines, for three devices"]
 fn all_volumes_come_back_after_a_lost_gpu() {
-    if !has_gpu() {
-        return;
-    }
     if std::env::var_os(ALONE).is_none() {
         let own = std::env::current_exe().unwrap();
         let name = "device_loss::all_volumes_come_back_after_a_lost_gpu";
         let alone = Command::new(own)
-            .args(["--exact", name, "--nocapture"])
+            .args(["--exact", name, "--include-ignored", "--nocapture"])
             .env(ALONE, "1")
             .output()
             .unwrap();

@@ -11,10 +11,11 @@ use bevy_vdb::{
     VdbCamera, VdbCameraReport, VdbDiagnostics, VdbDial, VdbGrid, VdbQuality, VdbRenderMode,
     VdbVolume,
 };
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::level_set;
 
-use super::common::{Stage, has_gpu};
+use super::common::Stage;
 use super::{GREEN, SIZE, glow, looking};
 
 #[path = "../../examples/quality_dial.rs"]
@@ -38,11 +39,8 @@ fn names(report: &VdbCameraReport) -> [String; 3] {
 }
 
 /// Scene by scene: what is compiled, run and kept is what the scene asks for.
-#[test]
+#[gpu_test]
 fn there_is_what_a_scene_asks_for_and_nothing_else() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
@@ -113,11 +111,9 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
 
 /// With the GPU's own times: without need the dial holds the most exact settings, for a third of what these
 /// take it gives some up, and given that time again, it takes them back.
-#[test]
+#[gpu_test]
+#[ignore = "slow: times of hundreds of frames"]
 fn the_dial_is_turned_by_what_the_gpu_takes() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::with(|app| {
         app.add_plugins(RenderDiagnosticsPlugin);
     });
@@ -169,11 +165,8 @@ fn the_dial_is_turned_by_what_the_gpu_takes() {
 }
 
 /// An error in pixels: near by, fog is asked for more often than far away.
-#[test]
+#[gpu_test]
 fn the_dial_keeps_an_error_in_pixels() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, Transform::default());
@@ -192,11 +185,9 @@ fn the_dial_keeps_an_error_in_pixels() {
     assert!((far.fog_step / voxels - 1.0).abs() < 0.05, "{} of {voxels}", far.fog_step);
 }
 
-#[test]
+#[gpu_test]
+#[ignore = "slow: pipelines of every preset"]
 fn the_example_shows_its_cloud_at_every_preset() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     quality_dial::scene(&mut stage.app);
     let size = UVec2::new(128, 96);

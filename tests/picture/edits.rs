@@ -7,11 +7,12 @@ use bevy_vdb::{
     VdbEdit, VdbGpuUsage, VdbGrid, VdbMaterial, VdbRayCastSettings, VdbSpatialQuery, VdbVolume,
     VdbVoxel,
 };
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{SIZE, SURFACE, looking};
 
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
@@ -119,11 +120,8 @@ fn kind_name(kind: PackKind) -> &'static str {
     }
 }
 
-#[test]
+#[gpu_test]
 fn what_is_edited_looks_as_if_it_had_been_made_so() {
-    if !has_gpu() {
-        return;
-    }
     for kind in [SURFACE, SMOOTH, PackKind::Fog] {
         let mut scene = Scene::new(kind);
         let mut last = scene.picture();
@@ -153,11 +151,8 @@ fn what_is_edited_looks_as_if_it_had_been_made_so() {
     }
 }
 
-#[test]
+#[gpu_test]
 fn a_frame_sends_what_its_edits_have_changed() {
-    if !has_gpu() {
-        return;
-    }
     let mut scene = Scene::new(SMOOTH);
     scene.picture();
     let dot = |scene: &mut Scene, x: i32| {
@@ -200,11 +195,8 @@ fn a_frame_sends_what_its_edits_have_changed() {
     assert_eq!(scene.usage().grids(), 2);
 }
 
-#[test]
+#[gpu_test]
 fn a_clone_goes_its_own_way() {
-    if !has_gpu() {
-        return;
-    }
     let mut scene = Scene::new(SURFACE);
     scene.ball(IVec3::new(9, 12, 14), 9.0, true);
     let first = scene.picture();
@@ -220,11 +212,8 @@ fn a_clone_goes_its_own_way() {
     assert!(scene.picture() == both);
 }
 
-#[test]
+#[gpu_test]
 fn rays_of_the_cpu_meet_an_edit_at_once() {
-    if !has_gpu() {
-        return;
-    }
     let mut scene = Scene::new(SMOOTH);
     scene.stage.update(2);
     let height = |scene: &mut Scene| {

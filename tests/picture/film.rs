@@ -2,10 +2,10 @@
 
 use bevy::prelude::*;
 use bevy_vdb::VdbQuality;
+use gpu_test::gpu_test;
 
 use super::common::Picture;
 use super::flip::flip;
-use super::has_gpu;
 use super::light_cache::{BY_RAYS, Cloud};
 use super::looking;
 
@@ -62,11 +62,9 @@ fn is_steady(name: &str, set: impl Fn(&mut Cloud, f32)) {
     }
 }
 
-#[test]
+#[gpu_test]
+#[ignore = "slow: frames of fog lit by rays"]
 fn a_flight_is_as_steady_as_exact() {
-    if !has_gpu() {
-        return;
-    }
     is_steady("flight", |cloud, i| {
         let angle = 0.3 + 0.02 * i;
         let from = 10.3 * Vec3::new(angle.sin(), 0.4, angle.cos()).normalize();
@@ -76,11 +74,9 @@ fn a_flight_is_as_steady_as_exact() {
     });
 }
 
-#[test]
+#[gpu_test]
+#[ignore = "slow: frames of fog lit by rays"]
 fn a_moving_sun_is_as_steady_as_exact() {
-    if !has_gpu() {
-        return;
-    }
     is_steady("sun", |cloud, i| {
         let (angle, sun) = (0.5 + 0.02 * i, cloud.sun);
         let to_sun = Vec3::new(angle.cos(), angle.sin(), 0.3);

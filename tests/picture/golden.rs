@@ -8,11 +8,12 @@ use std::path::{Path, PathBuf};
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::fog;
 use vdb_core::synth::level_set::{cuboid, sphere, torus};
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::flip::flip;
 use super::{SURFACE, looking};
 
@@ -110,9 +111,6 @@ type Scene = fn(&mut Stage, &dyn Fn(&mut World)) -> Picture;
 /// Asserts that a scene looks as it should; that what another adapter rounds otherwise is let pass; and
 /// that what is wrong is not.
 fn judge(name: &str, scene: Scene, wrong: &[(&str, &dyn Fn(&mut World))]) {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     compare(name, &scene(&mut stage, &|_| ()));
     let mut error = |change: &dyn Fn(&mut World)| {
@@ -225,7 +223,7 @@ fn mirror(stage: &mut Stage, change: &dyn Fn(&mut World)) -> Picture {
     stage.picture(&target)
 }
 
-#[test]
+#[gpu_test]
 fn a_level_set_in_the_sun() {
     judge(
         "level_set",
@@ -242,7 +240,7 @@ fn a_level_set_in_the_sun() {
     );
 }
 
-#[test]
+#[gpu_test]
 fn a_cloud_in_the_sun() {
     judge(
         "cloud",
@@ -258,7 +256,7 @@ fn a_cloud_in_the_sun() {
     );
 }
 
-#[test]
+#[gpu_test]
 fn a_ball_that_mirrors() {
     judge(
         "mirror",

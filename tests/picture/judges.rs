@@ -7,13 +7,14 @@ use std::process::{Command, Stdio};
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality, VdbVolume};
+use gpu_test::gpu_test;
 use rayon::prelude::*;
 use vdb_core::pack::PackKind;
 use vdb_core::reference::{Fog, Paths, Ray, Scattering};
 use vdb_core::tree::Vdb543;
 use vdb_core::{AnyTree, Transform as VdbTransform, VdbFile};
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::flip::flip;
 use super::{SIZE, pixel_ray};
 
@@ -169,15 +170,16 @@ fn exposed(picture: &Picture, reference: &Picture) -> Picture {
 }
 
 /// Prints the table of docs/reference/fog.md. `VDB_PEER_CLOUDS` has paths of files, between colons.
-#[test]
-#[ignore = "path tracing in minutes; scripts/peer-cycles runs it"]
+#[gpu_test]
 fn light_of_clouds_beside_cycles_and_mitsuba() {
-    assert!(has_gpu());
+    let Ok(clouds) = std::env::var("VDB_PEER_CLOUDS") else {
+        eprintln!("SKIPPED: Cycles and Mitsuba, which scripts/peer-cycles runs");
+        return;
+    };
     let number = |name: &str, otherwise: u32| {
         std::env::var(name).map_or(otherwise, |text| text.parse().expect("a number"))
     };
     let (paths, samples) = (number("VDB_PEER_PATHS", 1024), number("VDB_PEER_SAMPLES", 256));
-    let clouds = std::env::var("VDB_PEER_CLOUDS").expect("scripts/peer-cycles sets it");
     println!("| cloud | g | seen by | brightness | noise | error | single scattering | FLIP |");
     println!("|---|---|---|---|---|---|---|---|");
     for path in clouds.split(':') {

@@ -3,11 +3,12 @@
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbMaterial, VdbQuality, VdbRenderMode, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::Vdb543;
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::need::{all_steps, counting};
 use super::{SIZE, SURFACE, looking, pixel_ray};
 
@@ -60,11 +61,8 @@ fn errors(picture: &Picture, view: Transform, margin: f64) -> (f64, usize) {
     (worst, wrong)
 }
 
-#[test]
+#[gpu_test]
 fn far_surfaces_are_shown_by_coarser_grids() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     // A pixel is ten voxels.
@@ -102,11 +100,8 @@ fn far_surfaces_are_shown_by_coarser_grids() {
     assert!(stage.picture(&target) == exact, "what was exact is so no more");
 }
 
-#[test]
+#[gpu_test]
 fn far_fog_dims_as_much() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::new(3.0, 4.0, 28.0)));
@@ -136,11 +131,9 @@ fn far_fog_dims_as_much() {
 
 /// With levels of detail, what a far volume costs follows the pixels that it covers: with twice as many voxels
 /// along each edge, rays take no more steps. Without, they do.
-#[test]
+#[gpu_test]
+#[ignore = "slow: levels of large grids of each kind"]
 fn twice_the_voxels_far_away_cost_the_same() {
-    if !has_gpu() {
-        return;
-    }
     let shapes: [(&str, PackKind, &dyn Fn(f64) -> Vdb543<f32>); 3] = [
         ("voxels", SURFACE, &|edge| level_set::gyroid(DVec3::ZERO, 0.45 * edge, 0.5 * edge)),
         ("smooth", PackKind::Smooth { iso: 0.0 }, &|edge| {

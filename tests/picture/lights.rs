@@ -6,12 +6,13 @@ use bevy::light::EnvironmentMapLight;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality, VdbRenderMode, VdbSun, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::reference::phase;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{SIZE, looking, pixel_ray};
 
 const RADIUS: f32 = 2.0;
@@ -119,11 +120,8 @@ fn sky(world: &mut World) -> EnvironmentMapLight {
     EnvironmentMapLight { intensity: 0.8, ..map }
 }
 
-#[test]
+#[gpu_test]
 fn under_each_light_a_ball_looks_as_one_of_triangles_does() {
-    if !has_gpu() {
-        return;
-    }
     let mut pair = Pair::new(VdbMaterial::default());
     let mut under = |name: &str, spawn: &dyn Fn(&mut World) -> Entity| {
         let light = spawn(pair.stage.world());
@@ -142,11 +140,8 @@ fn under_each_light_a_ball_looks_as_one_of_triangles_does() {
     pair.compare("environment");
 }
 
-#[test]
+#[gpu_test]
 fn of_each_material_a_ball_looks_as_one_of_triangles_does() {
-    if !has_gpu() {
-        return;
-    }
     let base_color = Color::linear_rgb(0.9, 0.6, 0.2);
     let mut pair = Pair::new(VdbMaterial::default());
     let map = sky(pair.stage.world());
@@ -172,11 +167,8 @@ fn of_each_material_a_ball_looks_as_one_of_triangles_does() {
 }
 
 /// The two parts of the picture are all of it, and a sun's factor goes for its light alone.
-#[test]
+#[gpu_test]
 fn parts_of_the_light_add_up() {
-    if !has_gpu() {
-        return;
-    }
     let mut pair = Pair::new(VdbMaterial { metallic: 0.3, perceptual_roughness: 0.4, ..default() });
     let (camera, map) = (pair.camera, sky(pair.stage.world()));
     let world = pair.stage.world();
@@ -213,11 +205,8 @@ fn parts_of_the_light_add_up() {
 }
 
 /// Fog that light reaches unhindered scatters it evenly: albedo · (E / 4π + what is around it).
-#[test]
+#[gpu_test]
 fn fog_scatters_what_lights_shed_on_it() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 2.0));
@@ -270,11 +259,8 @@ fn fog_scatters_what_lights_shed_on_it() {
 
 /// Fog sends on most of the light in the directions that its anisotropy says, whatever lamp it comes from,
 /// and from what is around it, of which the map below has 0.75·(1.2 - 0.2) more above than below.
-#[test]
+#[gpu_test]
 fn fog_turns_light_as_its_anisotropy_says() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let view = looking(Vec3::Z * 2.0);
@@ -328,11 +314,8 @@ fn fog_turns_light_as_its_anisotropy_says() {
 }
 
 /// In a thin fog, a ray from its middle sees the light of a bulb beside it, place by place.
-#[test]
+#[gpu_test]
 fn fog_is_lit_place_by_place() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let view = Transform::default();
@@ -374,11 +357,8 @@ fn fog_is_lit_place_by_place() {
     assert!(worst < 0.01, "off by {worst}");
 }
 
-#[test]
+#[gpu_test]
 fn bevys_distance_fog_lies_before_volumes_as_before_meshes() {
-    if !has_gpu() {
-        return;
-    }
     let falloffs = [
         ("linear", FogFalloff::Linear { start: 3.0, end: 9.0 }),
         ("exponential", FogFalloff::Exponential { density: 0.2 }),
@@ -405,11 +385,8 @@ fn bevys_distance_fog_lies_before_volumes_as_before_meshes() {
 }
 
 /// Fog of a volume that nothing is seen through, in distance fog: as a mesh that glows so.
-#[test]
+#[gpu_test]
 fn bevys_distance_fog_lies_before_a_volumes_fog() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
@@ -437,11 +414,8 @@ fn bevys_distance_fog_lies_before_a_volumes_fog() {
 }
 
 /// Fog in samples, beside the exact integral: also where a mesh ends the rays between two samples.
-#[test]
+#[gpu_test]
 fn fog_in_samples_is_close_to_the_integral() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 6.0));

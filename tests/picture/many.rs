@@ -3,11 +3,12 @@
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbGpuUsage, VdbMaterial, VdbQuality, VdbTraversal, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::Vdb543;
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{SIZE, SURFACE, glow, looking};
 
 /// A thousand places in a block, none in line with another.
@@ -27,11 +28,8 @@ fn both(stage: &mut Stage, target: &Handle<Image>, camera: Entity) -> [Picture; 
     })
 }
 
-#[test]
+#[gpu_test]
 fn a_thousand_instances_of_a_grid_look_as_they_do_one_by_one() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::new(7.0, 8.0, 16.0)));
@@ -50,11 +48,8 @@ fn a_thousand_instances_of_a_grid_look_as_they_do_one_by_one() {
     assert_eq!(lists, every);
 }
 
-#[test]
+#[gpu_test]
 fn many_grids_of_all_kinds_look_as_they_do_one_by_one() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::new(7.0, 8.0, 16.0)));
@@ -80,11 +75,8 @@ fn many_grids_of_all_kinds_look_as_they_do_one_by_one() {
 }
 
 /// Shadows and reflections of many volumes are those of one grid that has the voxels of all of them.
-#[test]
+#[gpu_test]
 fn many_volumes_shade_and_mirror_each_other_as_one_does() {
-    if !has_gpu() {
-        return;
-    }
     let ball = |tree: &mut Vdb543<f32>, at: IVec3| {
         for i in 0..512 {
             let by = IVec3::new(i % 8, i / 8 % 8, i / 64) - 4;

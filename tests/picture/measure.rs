@@ -7,19 +7,18 @@ use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_vdb::{
     VdbCamera, VdbDial, VdbFeatureCosts, VdbMaterial, VdbMeasureFeatures, VdbQuality, VdbVolume,
 };
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::fog;
 
-use super::common::{Stage, has_gpu};
+use super::common::Stage;
 use super::{SIZE, looking};
 
 /// A cloud in the sun, of which the rays to the sun take most; nothing that the app has set is changed by
 /// measuring.
-#[test]
+#[gpu_test]
+#[ignore = "slow: times of many frames without each feature"]
 fn what_features_cost_is_measured() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::with(|app| {
         app.add_plugins(RenderDiagnosticsPlugin);
     });

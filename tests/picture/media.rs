@@ -3,11 +3,12 @@
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbDiagnostics, VdbEmission, VdbMaterial, VdbQuality, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::fog;
 use vdb_core::tree::CoordBox;
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::light_cache::error;
 use super::{SIZE, looking};
 
@@ -57,11 +58,9 @@ impl Scene {
 }
 
 /// A fog split into parts that share its density looks the same, however many are marched together.
-#[test]
+#[gpu_test]
+#[ignore = "slow: up to eight fogs at once"]
 fn a_fog_in_parts_is_the_same_fog() {
-    if !has_gpu() {
-        return;
-    }
     let material = |density_scale| VdbMaterial { density_scale, anisotropy: 0.4, ..default() };
     let mut whole = Scene::new();
     whole.cloud(3, Transform::IDENTITY, material(1.0));
@@ -80,11 +79,8 @@ fn a_fog_in_parts_is_the_same_fog() {
 }
 
 /// Clouds of different colours, phase functions and orientations, which shade each other.
-#[test]
+#[gpu_test]
 fn clouds_that_overlap_look_as_in_thin_slabs() {
-    if !has_gpu() {
-        return;
-    }
     let mut scene = Scene::new();
     let red = VdbMaterial {
         base_color: Color::linear_rgb(0.9, 0.3, 0.2),
@@ -109,11 +105,9 @@ fn clouds_that_overlap_look_as_in_thin_slabs() {
 }
 
 /// A fire in smoke that dims and hides it.
-#[test]
+#[gpu_test]
+#[ignore = "slow: its references have 100 slabs"]
 fn fire_in_smoke_looks_as_in_thin_slabs() {
-    if !has_gpu() {
-        return;
-    }
     let mut scene = Scene::new();
     let cube = CoordBox { min: IVec3::splat(-16), max: IVec3::splat(15) };
     let flame = fog::from_values(cube, |at| {
@@ -147,11 +141,9 @@ fn fire_in_smoke_looks_as_in_thin_slabs() {
 }
 
 /// A sheet of fire one voxel thick, on either side of a face between leaves, with empty leaves around it.
-#[test]
+#[gpu_test]
+#[ignore = "slow: its references have 100 slabs"]
 fn no_fire_is_lost_between_leaves() {
-    if !has_gpu() {
-        return;
-    }
     for y in [-1, 0] {
         let mut scene = Scene::new();
         let cube = CoordBox { min: IVec3::new(-16, -9, -16), max: IVec3::new(15, 9, 15) };
@@ -171,11 +163,9 @@ fn no_fire_is_lost_between_leaves() {
 }
 
 /// Beyond eight fogs on a ray, and beside fog that is too dense for the cache, fog is lit by rays.
-#[test]
+#[gpu_test]
+#[ignore = "slow: nine fogs in 100 slabs"]
 fn fogs_that_do_not_fit_are_lit_by_rays() {
-    if !has_gpu() {
-        return;
-    }
     let mut scene = Scene::new();
     let thin = VdbMaterial { density_scale: 0.1, ..default() };
     let many: Vec<_> = (0..9).map(|_| scene.cloud(3, Transform::IDENTITY, thin.clone())).collect();

@@ -11,12 +11,13 @@ use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::prelude::*;
 use bevy::render::render_resource::PipelineCache;
 use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::reference::{Blocky, Occupied, Ray, Smooth};
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Vdb543};
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{SIZE, SURFACE, looking, pixel_ray};
 
 const VOXEL: f64 = 0.1;
@@ -158,11 +159,9 @@ fn compare(
     assert_eq!(wrong, 0, "pixels are lit that should not be, or the other way round");
 }
 
-#[test]
+#[gpu_test]
+#[ignore = "slow: each kind of surface under each light"]
 fn a_ball_throws_its_shadow_on_a_mesh() {
-    if !has_gpu() {
-        return;
-    }
     let tree = level_set::sphere(CENTER / VOXEL, RADIUS / VOXEL);
     let smooth = Smooth::new(&tree, 0.0);
     let voxels = Blocky::new(&tree, Occupied::BelowIso(0.0));
@@ -203,11 +202,9 @@ fn a_ball_throws_its_shadow_on_a_mesh() {
 }
 
 /// The plane is in the shadow by whatever path it is drawn, and the ball looks as it does without a map.
-#[test]
+#[gpu_test]
+#[ignore = "slow: an app for each way to draw"]
 fn the_shadow_is_there_however_a_camera_draws() {
-    if !has_gpu() {
-        return;
-    }
     let tree = level_set::sphere(CENTER / VOXEL, RADIUS / VOXEL);
     let smooth = Smooth::new(&tree, 0.0);
     let blocks = |at: DVec3, way: DVec3| {
@@ -257,11 +254,8 @@ fn the_shadow_is_there_however_a_camera_draws() {
 }
 
 /// e^-τ of the light comes through a fog, and all of what comes from elsewhere.
-#[test]
+#[gpu_test]
 fn fog_dims_the_light_on_a_mesh() {
-    if !has_gpu() {
-        return;
-    }
     let to_sun = Vec3::new(0.0, 4.0, -1.0).normalize();
     let ambient = AmbientLight { brightness: 0.5, ..default() };
     for (with_ambient, scales) in [(false, &[0.1_f32, 0.5, 2.0][..]), (true, &[0.5])] {
@@ -317,11 +311,8 @@ fn pipelines(stage: &mut Stage, label: &str) -> usize {
 }
 
 /// Only what needs it is made, and what wants no shadow has none.
-#[test]
+#[gpu_test]
 fn shadows_on_meshes_are_thrown_where_they_are_wanted() {
-    if !has_gpu() {
-        return;
-    }
     // The ball is above the camera, out of the picture.
     let mut scene = Scene::new(Vec3::new(0.1, 1.0, 0.1));
     let tree = level_set::sphere(DVec3::new(0.0, 40.0, 0.0), RADIUS / VOXEL);
@@ -373,11 +364,9 @@ fn shadows_on_meshes_are_thrown_where_they_are_wanted() {
 }
 
 /// Each camera has cascades of its own, and both share the maps of a bulb.
-#[test]
+#[gpu_test]
+#[ignore = "slow: six apps"]
 fn two_cameras_see_the_shadow() {
-    if !has_gpu() {
-        return;
-    }
     let tree = level_set::sphere(CENTER / VOXEL, RADIUS / VOXEL);
     for is_sun in [true, false] {
         let shown = |cameras: &[usize]| {

@@ -3,19 +3,17 @@
 use bevy::camera::RenderTarget;
 use bevy::prelude::*;
 use bevy_vdb::VdbGpuUsage;
+use gpu_test::gpu_test;
 
 use super::SIZE;
-use super::common::{Stage, has_gpu};
+use super::common::Stage;
 
 #[allow(dead_code, reason = "its main function opens a window")]
 #[path = "../../examples/minimal.rs"]
 mod example;
 
-#[test]
+#[gpu_test]
 fn the_least_that_shows_a_file_does() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::with(|app| _ = app.add_systems(Startup, example::setup));
     let target = stage.target(SIZE);
     let shown = RenderTarget::from(target.clone());

@@ -4,11 +4,12 @@ use bevy::camera::ScalingMode;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{SIZE, SURFACE, looking};
 
 /// A parallel view of so many world units from bottom to top.
@@ -19,11 +20,8 @@ fn parallel(viewport_height: f32) -> Projection {
     })
 }
 
-#[test]
+#[gpu_test]
 fn faces_and_voxels_are_told_apart() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     // Three faces of a cube, seen from a corner.
@@ -69,11 +67,8 @@ fn faces_and_voxels_are_told_apart() {
 }
 
 /// Lines at every eighth voxel, 1.5 pixels wide, however large voxels are in the picture.
-#[test]
+#[gpu_test]
 fn borders_of_nodes_are_where_they_are_and_evenly_wide() {
-    if !has_gpu() {
-        return;
-    }
     let bbox = CoordBox { min: IVec3::new(-160, -160, -8), max: IVec3::new(159, 159, -1) };
     let mut stage = Stage::new();
     for (height, tilt) in [(2.0, 0.0), (1.0, 0.0), (2.0, 0.8), (8.0, 0.0)] {
@@ -124,11 +119,9 @@ fn borders_of_nodes_are_where_they_are_and_evenly_wide() {
 }
 
 /// The picture beside the borders stays as it is, smooth surfaces have them, too.
-#[test]
+#[gpu_test]
+#[ignore = "slow: pipelines of every mode"]
 fn borders_are_shown_in_any_mode() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 6.0));

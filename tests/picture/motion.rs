@@ -9,10 +9,11 @@ use bevy::prelude::*;
 use bevy::render::render_resource::AsBindGroup;
 use bevy::shader::{Shader, ShaderRef};
 use bevy_vdb::{VdbMaterial, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{SIZE, looking};
 
 const RADIUS: f32 = 2.0;
@@ -120,11 +121,8 @@ fn motions(picture: &Picture, view: Transform, camera: f32, ball: f32) -> Vec<(V
     all
 }
 
-#[test]
+#[gpu_test]
 fn a_ball_moves_as_the_projection_of_its_places_does() {
-    if !has_gpu() {
-        return;
-    }
     let view = looking(Vec3::new(1.0, 2.0, 6.0));
     for (camera, ball) in [(0.0, 0.0), (0.0, 0.1), (0.05, 0.0), (-0.04, 0.07)] {
         let (mut stage, target) = stage(view, camera);
@@ -146,11 +144,8 @@ fn a_ball_moves_as_the_projection_of_its_places_does() {
 }
 
 /// A cloud moves as the ball of its size does, where it is dense.
-#[test]
+#[gpu_test]
 fn dense_fog_moves_and_thin_fog_does_not_hide_what_moves() {
-    if !has_gpu() {
-        return;
-    }
     let view = looking(Vec3::new(1.0, 2.0, 6.0));
     let (camera, ball) = (0.03, -0.08);
     for density_scale in [1000.0, 0.01] {
@@ -178,11 +173,9 @@ fn dense_fog_moves_and_thin_fog_does_not_hide_what_moves() {
 
 /// Bevy's TAA makes of a ball of a level set what it makes of one of triangles, still or turning under a
 /// camera that turns: no trail, no blur.
-#[test]
+#[gpu_test]
+#[ignore = "slow: six apps with 40 frames each"]
 fn under_taa_a_ball_looks_as_one_of_triangles_does() {
-    if !has_gpu() {
-        return;
-    }
     let view = looking(Vec3::new(0.0, 1.0, 7.0));
     let shown = |is_volume: bool, camera_step: f32, ball_step: f32| {
         let mut stage = Stage::with(|app| {

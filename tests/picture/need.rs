@@ -4,11 +4,12 @@ use bevy::camera::ScalingMode;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbQuality, VdbRenderMode, VdbTraversal, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{SIZE, SURFACE, looking};
 
 /// Steps that are shown as the hottest colour; more than any ray here takes.
@@ -45,11 +46,9 @@ fn wall(stage: &mut Stage, min: Vec3, max: Vec3) -> Entity {
 
 /// By any projection and with several samples a pixel: rays to what a wall hides take no step, those
 /// beside it take as many as without the wall.
-#[test]
+#[gpu_test]
+#[ignore = "slow: each kind of grid in each projection"]
 fn behind_a_wall_rays_take_no_step() {
-    if !has_gpu() {
-        return;
-    }
     let block = CoordBox { min: IVec3::splat(-20), max: IVec3::splat(19) };
     let kinds = [
         ("voxels", level_set::sphere(DVec3::ZERO, 20.0), SURFACE),
@@ -104,11 +103,8 @@ fn behind_a_wall_rays_take_no_step() {
 }
 
 /// A mesh in a fog ends its rays: what is behind it takes no step.
-#[test]
+#[gpu_test]
 fn rays_through_fog_end_at_meshes() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 30.0));

@@ -6,13 +6,14 @@ use std::process::Command;
 use bevy::math::{DVec2, DVec3};
 use bevy::prelude::*;
 use bevy_vdb::{VdbMaterial, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::reference::{Fog, Medium, Ray, Sun};
 use vdb_core::synth::fog;
 use vdb_core::tree::Node;
 use vdb_core::{AnyTree, Grid, GridClass, Transform as VdbTransform, VdbFile, WriteOptions};
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::looking;
 
 const SIZE: UVec2 = UVec2::new(160, 120);
@@ -75,11 +76,8 @@ fn integral(fog: &Fog<'_, impl Node<Value = f32>>, x: u32, y: u32) -> f64 {
 
 /// The same light, scattered once: both within the eight bits that one of them has. `scripts/peer-fog`
 /// makes the picture of both.
-#[test]
+#[gpu_test]
 fn a_cloud_looks_as_vdb_render_draws_it() {
-    if !has_gpu() {
-        return;
-    }
     if Command::new("vdb_render").arg("-version").output().is_err() {
         assert!(std::env::var_os("VDB_REQUIRE_PEERS").is_none(), "vdb_render is missing");
         eprintln!("SKIPPED: vdb_render is missing (Debian: libopenvdb-tools)");

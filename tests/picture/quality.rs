@@ -5,12 +5,13 @@ use bevy::core_pipeline::prepass::{DepthPrepass, MotionVectorPrepass};
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbMaterial, VdbQuality, VdbVolume, VdbVolumeQuality};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::reference::{Fog, Medium, Ray, Sun, phase};
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{GREEN, SIZE, SURFACE, glow, is_green, looking, pixel_ray};
 
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
@@ -35,11 +36,8 @@ fn around(picture: &Picture, (x, y): (u32, u32), r: u32, holds: impl Fn(Vec4) ->
 
 /// With fewer rays than pixels, the edge between a volume and a mesh before it stays where it is, to the
 /// pixel, and so does the mesh; only the volume's own edge is coarser.
-#[test]
+#[gpu_test]
 fn fewer_rays_leave_the_edges_of_meshes_sharp() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     for (msaa, motion) in [(Msaa::Off, false), (Msaa::Sample4, false), (Msaa::Off, true)] {
         stage.clear();
@@ -83,11 +81,8 @@ fn fewer_rays_leave_the_edges_of_meshes_sharp() {
 }
 
 /// Fog between rays is the mean of what they see of it; before and behind a mesh it is another.
-#[test]
+#[gpu_test]
 fn fewer_rays_show_the_same_fog() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 6.0));
@@ -118,11 +113,9 @@ fn fewer_rays_show_the_same_fog() {
 
 /// Lit fog, as the f64 reference integrates it: the smaller the steps, the nearer, and every preset within
 /// a bound of its own.
-#[test]
+#[gpu_test]
+#[ignore = "slow: pipelines of every preset"]
 fn the_presets_are_as_near_to_the_reference_as_they_are_ranked() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let view = looking(Vec3::Z * 6.0);
@@ -170,11 +163,8 @@ fn the_presets_are_as_near_to_the_reference_as_they_are_ranked() {
 }
 
 /// A volume's own steps are taken for that volume, and for that alone.
-#[test]
+#[gpu_test]
 fn a_volume_overrides_the_camera() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 7.0));
@@ -203,11 +193,8 @@ fn a_volume_overrides_the_camera() {
 }
 
 /// What is further away than the ranges throws no shadow, and is in no mirror.
-#[test]
+#[gpu_test]
 fn shadows_and_reflections_end_at_their_ranges() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::new(0.0, 6.0, 3.0)));
@@ -238,11 +225,9 @@ fn shadows_and_reflections_end_at_their_ranges() {
 
 /// Something new in the picture, for which no pipeline has been compiled, takes nothing out of it that was
 /// there: in no frame.
-#[test]
+#[gpu_test]
+#[ignore = "slow: all frames while pipelines are compiled"]
 fn what_is_shown_stays_while_pipelines_are_compiled() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::compiling_beside();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 8.0));

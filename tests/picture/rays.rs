@@ -11,10 +11,11 @@ use bevy_vdb::{
     VdbCamera, VdbGrid, VdbMaterial, VdbRayCastSettings, VdbRayHit, VdbRenderMode, VdbSpatialQuery,
     VdbVolume,
 };
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{SIZE, SURFACE, glow, looking};
 
 #[path = "../../examples/ray_picking.rs"]
@@ -72,11 +73,8 @@ fn placements() -> [Transform; 2] {
     ]
 }
 
-#[test]
+#[gpu_test]
 fn rays_meet_what_the_picture_shows() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let view = looking(Vec3::new(1.0, 3.0, 7.0));
@@ -133,11 +131,8 @@ fn rays_meet_what_the_picture_shows() {
     assert!(wrong * 500 <= met[0] + met[1], "{wrong} of {met:?} differ");
 }
 
-#[test]
+#[gpu_test]
 fn the_example_marks_what_the_mouse_points_at() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     ray_picking::scene(&mut stage.app);
     let size = UVec2::new(320, 240);
@@ -183,11 +178,8 @@ fn the_example_marks_what_the_mouse_points_at() {
     assert!(stage.world().resource::<ray_picking::Pointed>().0.is_none());
 }
 
-#[test]
+#[gpu_test]
 fn rays_meet_fog_where_the_picture_is_half_covered() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::new(1.0, 2.0, 6.0)));

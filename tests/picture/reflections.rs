@@ -4,11 +4,12 @@ use bevy::light::EnvironmentMapLight;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbMaterial, VdbQuality, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
-use super::common::{Stage, has_gpu};
+use super::common::Stage;
 use super::{GREEN, SIZE, SURFACE, glow, is_green, is_red, looking, pixel_ray};
 
 fn mirror() -> VdbMaterial {
@@ -16,11 +17,8 @@ fn mirror() -> VdbMaterial {
 }
 
 /// A metal plane shows a box above it where the mirrored ray meets the box, and black elsewhere.
-#[test]
+#[gpu_test]
 fn a_mirror_shows_what_is_before_it() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let view = looking(Vec3::new(1.0, 4.0, 8.0));
@@ -74,11 +72,8 @@ fn a_mirror_shows_what_is_before_it() {
 }
 
 /// Between two mirrors that face each other, a light is seen as often as rays go on.
-#[test]
+#[gpu_test]
 fn rays_go_on_as_often_as_they_are_told() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     // Looks along the gap between two walls, x = ±1, at one of them; the ray goes to and fro and leaves
@@ -109,11 +104,8 @@ fn rays_go_on_as_often_as_they_are_told() {
 }
 
 /// A mirror ball between two others, under a sky: looked at, and told apart left and right.
-#[test]
+#[gpu_test]
 fn a_mirror_ball_between_two_others_shows_both() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let size = SIZE * 2;
     let target = stage.target(size);

@@ -8,10 +8,11 @@ use bevy::pbr::DefaultOpaqueRendererMethod;
 use bevy::post_process::bloom::Bloom;
 use bevy::prelude::*;
 use bevy_vdb::{VdbMaterial, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::level_set;
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{GREEN, SIZE, SURFACE, glow, is_green, is_red, looking};
 
 /// The largest difference of two pictures in any pixel.
@@ -20,11 +21,8 @@ fn difference(a: &Picture, b: &Picture) -> f32 {
     pairs.map(|(a, b)| (*a - *b).abs().truncate().max_element()).fold(0.0, f32::max)
 }
 
-#[test]
+#[gpu_test]
 fn deferred_meshes_and_volumes_hide_each_other() {
-    if !has_gpu() {
-        return;
-    }
     let shown = |deferred: bool| {
         let mut stage = Stage::new();
         let target = stage.target(SIZE);
@@ -51,11 +49,8 @@ fn deferred_meshes_and_volumes_hide_each_other() {
 }
 
 /// What blooms around a ball of a volume is what blooms around one of triangles, and tonemaps so.
-#[test]
+#[gpu_test]
 fn volumes_bloom_and_are_tonemapped_as_meshes_are() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     for (hdr, tonemapping) in [
         (true, Tonemapping::None),
@@ -106,11 +101,8 @@ fn volumes_bloom_and_are_tonemapped_as_meshes_are() {
     }
 }
 
-#[test]
+#[gpu_test]
 fn the_order_of_spawning_does_not_matter() {
-    if !has_gpu() {
-        return;
-    }
     let shown = |order: [usize; 4]| {
         let mut stage = Stage::new();
         let target = stage.target(SIZE);

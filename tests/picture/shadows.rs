@@ -6,11 +6,12 @@ use bevy::light::{
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{VdbMaterial, VdbQuality, VdbSun, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Vdb543};
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{SIZE, SURFACE, looking, pixel_ray};
 
 /// Voxels of a level set that fill boxes.
@@ -105,11 +106,8 @@ fn compare(picture: &Picture, view: Transform, above: Block, to_light: impl Fn(D
     assert_eq!(wrong, 0, "pixels are lit that should not be, or the other way round");
 }
 
-#[test]
+#[gpu_test]
 fn a_box_throws_its_shadow_on_a_floor() {
-    if !has_gpu() {
-        return;
-    }
     let to_sun = Vec3::new(0.5, 1.0, 0.3);
     let bulb = Vec3::new(1.0, 5.0, 0.7);
     for apart in [false, true] {
@@ -179,11 +177,8 @@ fn a_box_throws_its_shadow_on_a_floor() {
 
 /// Of a plate whose edge is `h` above a floor, a sun of angle α straight above makes a shadow whose edge is
 /// α·h wide; within, as much of the light comes through as the edge leaves of the sun's disk.
-#[test]
+#[gpu_test]
 fn a_sun_with_a_size_throws_soft_shadows() {
-    if !has_gpu() {
-        return;
-    }
     let (mut stage, target, camera, view) = stage(Vec3::new(2.5, 1.6, 0.0));
     let floor = stage.grid(voxels(&[FLOOR]), SURFACE, VOXEL);
     stage.world().spawn((VdbVolume(floor), plain()));
@@ -239,11 +234,8 @@ fn a_sun_with_a_size_throws_soft_shadows() {
 }
 
 /// Volumes heed what meshes do.
-#[test]
+#[gpu_test]
 fn volumes_that_want_no_shadows_have_none() {
-    if !has_gpu() {
-        return;
-    }
     let (mut stage, target, ..) = stage(Vec3::new(0.1, 2.0, 0.1));
     let floor = stage.grid(voxels(&[FLOOR]), SURFACE, VOXEL);
     let floor = stage.world().spawn((VdbVolume(floor), plain())).id();
@@ -262,11 +254,8 @@ fn volumes_that_want_no_shadows_have_none() {
 }
 
 /// What the camera does not see throws its shadow all the same.
-#[test]
+#[gpu_test]
 fn a_volume_out_of_the_picture_throws_its_shadow_into_it() {
-    if !has_gpu() {
-        return;
-    }
     let (mut stage, target, ..) = stage(Vec3::new(0.1, 2.0, 0.1));
     let floor = stage.grid(voxels(&[FLOOR]), SURFACE, VOXEL);
     stage.world().spawn((VdbVolume(floor), plain()));
@@ -286,11 +275,8 @@ fn a_volume_out_of_the_picture_throws_its_shadow_into_it() {
 }
 
 /// A ball is convex: no point of it that faces the light is in its shadow, however the light grazes.
-#[test]
+#[gpu_test]
 fn a_ball_has_no_acne() {
-    if !has_gpu() {
-        return;
-    }
     for (radius, far) in [(10.0, 1.0), (40.0, 1.0), (40.0, 300.0)] {
         let (mut stage, target, camera, _) = stage(Vec3::new(0.3, 0.5, 6.0) * far);
         let fov = 2.0 * (2.2 / 6.0 / far).atan();
@@ -317,11 +303,8 @@ fn a_ball_has_no_acne() {
 }
 
 /// Fog before the light: e^-τ of it comes through.
-#[test]
+#[gpu_test]
 fn fog_dims_the_light_behind_it() {
-    if !has_gpu() {
-        return;
-    }
     let (mut stage, target, _, _) = stage(Vec3::new(0.0, 1.5, 6.0));
     let floor = stage.grid(voxels(&[FLOOR]), SURFACE, VOXEL);
     stage.world().spawn((VdbVolume(floor), plain()));
@@ -344,11 +327,8 @@ fn fog_dims_the_light_behind_it() {
 
 /// Fog shades itself: of a dense slab under a sun straight above, what is `d` below its top has e^-d of
 /// the light, so that a level look through it shows that.
-#[test]
+#[gpu_test]
 fn fog_shades_itself() {
-    if !has_gpu() {
-        return;
-    }
     let (mut stage, target, camera, _) = stage(Vec3::new(0.0, 0.0, 12.0));
     let slab = CoordBox { min: IVec3::new(-40, -20, -5), max: IVec3::new(39, 19, 4) };
     let grid = stage.grid(fog::block(slab, 1.0), PackKind::Fog, VOXEL);
@@ -392,11 +372,8 @@ fn fog_shades_itself() {
 }
 
 /// Bevy's shadow maps darken volumes.
-#[test]
+#[gpu_test]
 fn a_mesh_throws_its_shadow_on_a_volume() {
-    if !has_gpu() {
-        return;
-    }
     let (mut stage, target, _, _) = stage(Vec3::new(0.0, 6.0, 5.0));
     let floor = stage.grid(voxels(&[FLOOR]), SURFACE, VOXEL);
     stage.world().spawn((VdbVolume(floor), plain()));

@@ -6,9 +6,10 @@ use bevy::math::DVec3;
 use bevy::pbr::AtmosphereSettings;
 use bevy::prelude::*;
 use bevy_vdb::{VdbMaterial, VdbVolume};
+use gpu_test::gpu_test;
 use vdb_core::synth::level_set;
 
-use super::common::{Picture, Stage, has_gpu};
+use super::common::{Picture, Stage};
 use super::{SIZE, SURFACE, glow, looking};
 
 /// Mesa's lavapipe does, of Bevy's own shaders for it, without a volume anywhere.
@@ -51,9 +52,9 @@ fn shown(sky: bool, volumes: bool, samples: Msaa) -> Picture {
 }
 
 /// A surface hides the sky, and fog dims it: the sky is behind both.
-#[test]
+#[gpu_test]
 fn the_sky_is_behind_volumes() {
-    if !has_gpu() || dies_of_a_sky() {
+    if dies_of_a_sky() {
         return;
     }
     for samples in [Msaa::Off, Msaa::Sample4] {
@@ -88,11 +89,8 @@ fn the_sky_is_behind_volumes() {
 
 /// Bevy's sky has no public name, so that nothing can be ordered by it. It is drawn where the schedule puts it:
 /// before the composite, or it would lie over fog, which has no depth.
-#[test]
+#[gpu_test]
 fn the_sky_is_drawn_before_volumes_are() {
-    if !has_gpu() {
-        return;
-    }
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     stage.camera(&target, looking(Vec3::Z));

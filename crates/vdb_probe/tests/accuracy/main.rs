@@ -7,7 +7,8 @@
 //! | `BEVY_VDB_SEED` | where the random numbers begin |
 //! | `BEVY_VDB_ACCURACY_OUT` | a folder for `accuracy.txt`, `accuracy.csv` and `accuracy.svg` |
 //!
-//! Arguments are parts of names of cases: those with one of them are run.
+//! It is a slow test, which runs if it is asked for: with `--include-ignored` all of it, and with parts of names
+//! of cases those that have one of them.
 
 mod cameras;
 mod case;
@@ -47,8 +48,14 @@ fn main() -> ExitCode {
     if arguments.iter().any(|argument| argument == "--list") {
         return ExitCode::SUCCESS;
     }
-    // Options of Rust's own test harness mean nothing here.
-    let filters = arguments.into_iter().filter(|argument| !argument.starts_with('-')).collect();
+    let (options, filters): (Vec<String>, Vec<String>) =
+        arguments.into_iter().partition(|argument| argument.starts_with('-'));
+    // As Rust's own test harness does it, whose other options mean nothing here.
+    let is_asked_for = |option: &String| option == "--include-ignored" || option == "--ignored";
+    if filters.is_empty() && !options.iter().any(is_asked_for) {
+        println!("test accuracy ... ignored, slow: a million rays beside the reference tracer");
+        return ExitCode::SUCCESS;
+    }
     let Some(gpu) = Gpu::find() else { return ExitCode::SUCCESS };
     let start = Instant::now();
     let (times, seed) = (number("BEVY_VDB_RAYS", 1) as usize, number("BEVY_VDB_SEED", 1));

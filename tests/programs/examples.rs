@@ -1,18 +1,10 @@
 //! The examples as people run them: each without a window, into a picture that shows what it is about.
 
-#[path = "common/adapter.rs"]
-mod adapter;
-#[path = "common/files.rs"]
-mod files;
-#[path = "common/png_file.rs"]
-mod png_file;
-#[path = "common/programs.rs"]
-mod programs;
+use gpu_test::gpu_test;
 
-use adapter::has_gpu;
-use files::temporary;
-use png_file::Png;
-use programs::{example, stderr};
+use crate::files::temporary;
+use crate::png_file::Png;
+use crate::programs::{example, stderr};
 
 const SIZE: (usize, usize) = (128, 72);
 
@@ -56,11 +48,8 @@ fn hues(pixels: &[[u8; 3]]) -> usize {
     found.iter().filter(|&&pixels| pixels > 60).count()
 }
 
-#[test]
+#[gpu_test]
 fn many_volumes_are_of_all_colours() {
-    if !has_gpu() {
-        return;
-    }
     let picture = picture("many_volumes");
     // Teapots and shapes are of every hue, and between them is next to nothing.
     assert_eq!(hues(&picture), 6);
@@ -68,11 +57,8 @@ fn many_volumes_are_of_all_colours() {
     assert!(dark * 5 > picture.len() && dark * 5 < picture.len() * 4, "{dark} dark pixels");
 }
 
-#[test]
+#[gpu_test]
 fn gold_and_chrome_mirror_the_studio() {
-    if !has_gpu() {
-        return;
-    }
     let picture = picture("glossy");
     // Gold is yellow, chrome is bright without a hue: screens in it, dark walls elsewhere.
     let gold = count(&picture, |[r, g, b]| r > 120 && r > b + 50 && g > b + 20);
@@ -85,11 +71,8 @@ fn gold_and_chrome_mirror_the_studio() {
     assert!(mirrored > 30, "{mirrored} pixels of gold in the plate");
 }
 
-#[test]
+#[gpu_test]
 fn clay_is_carved_and_set_with_beads() {
-    if !has_gpu() {
-        return;
-    }
     let picture = picture("edit_voxels");
     let clay = |[r, g, b]: [i32; 3]| r > 50 && r > g + 15 && g >= b;
     let clays = count(&picture, clay);
@@ -103,11 +86,9 @@ fn clay_is_carved_and_set_with_beads() {
     assert!(edges > 6, "{edges} edges of grooves");
 }
 
-#[test]
+#[gpu_test]
+#[ignore = "slow: a large scene"]
 fn the_rover_is_on_the_island() {
-    if !has_gpu() {
-        return;
-    }
     let picture = picture("game");
     let (top, rest) = picture.split_at(picture.len() / 4);
     let sky = count(top, |[r, _, b]| b > r + 20);
@@ -119,21 +100,17 @@ fn the_rover_is_on_the_island() {
     assert!(ground > rest.len() / 4, "{ground} pixels of ground");
 }
 
-#[test]
+#[gpu_test]
+#[ignore = "slow: fog under every kind of light"]
 fn volumes_under_lights_are_drawn() {
-    if !has_gpu() {
-        return;
-    }
     let picture = picture("lights_and_shadows");
     assert!(count(&picture, |[r, g, b]| r > 110 && r > g + 40 && r > b + 40) > 100, "no clay");
     assert!(count(&picture, |[r, g, b]| r.min(g).min(b) > 150) > 50, "no cloud");
 }
 
-#[test]
+#[gpu_test]
+#[ignore = "slow: fire in smoke"]
 fn smoke_and_fire_glow_and_are_mirrored() {
-    if !has_gpu() {
-        return;
-    }
     let picture = picture("smoke_and_fire");
     // The fire is to the left, and the floor that mirrors it below.
     let (above, below) = picture.split_at(picture.len() / 4 * 3);
@@ -146,12 +123,9 @@ fn smoke_and_fire_glow_and_are_mirrored() {
     assert!(blue > 8, "{blue} pixels of the ball are blue");
 }
 
-#[test]
+#[gpu_test]
 #[cfg(feature = "record")]
 fn a_turn_around_the_teapot_is_recorded() {
-    if !has_gpu() {
-        return;
-    }
     let folder = temporary("examples", "record");
     let output = example("record").arg(&folder).arg("64x36").output().expect("the example starts");
     assert!(output.status.success(), "{}", stderr(&output));
@@ -171,11 +145,8 @@ fn a_turn_around_the_teapot_is_recorded() {
     assert!(half > 20 && 2 * whole < half, "{half} pixels differ after a half, {whole} in the end");
 }
 
-#[test]
+#[gpu_test]
 fn what_cannot_be_drawn_is_an_error() {
-    if !has_gpu() {
-        return;
-    }
     let nowhere = temporary("examples", "no/such/folder/picture.png");
     let output = example("glossy").arg(&nowhere).arg("16x9").output().expect("it starts");
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));

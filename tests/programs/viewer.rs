@@ -1,23 +1,13 @@
 //! The viewer as people call it: pictures, exit codes and what it says.
 
-#[path = "common/adapter.rs"]
-mod adapter;
-#[path = "common/files.rs"]
-mod files;
-#[path = "common/png_file.rs"]
-mod png_file;
-#[path = "common/programs.rs"]
-mod programs;
-#[path = "common/smoke_file.rs"]
-mod smoke_file;
-
 use std::process::{Command, Output};
 
 use bevy::math::UVec2;
 
-use files::model;
-use png_file::Png;
-use programs::{example, stderr};
+use crate::files::{self, model};
+use crate::png_file::Png;
+use crate::programs::{example, stderr};
+use crate::{adapter, smoke_file};
 
 const SIZE: UVec2 = UVec2::new(160, 120);
 
@@ -108,6 +98,7 @@ fn without_arguments_the_bundled_level_set_is_written_where_one_is() {
 }
 
 #[test]
+#[ignore = "slow: nine pictures"]
 fn ground_and_modes_change_the_picture() {
     let (lit, output) = picture("lit.png", |_| ());
     if !on_gpu(&output) {
@@ -160,6 +151,7 @@ fn a_file_that_cannot_be_shown_is_one_clear_error() {
 }
 
 #[test]
+#[ignore = "slow: pictures of fire in smoke"]
 fn grids_have_the_parts_that_are_asked_for() {
     let path = temporary("roles.vdb");
     smoke_file::save(&path);

@@ -1,35 +1,6 @@
 //! What the viewer does in its window, without one and without a GPU: the modules of the example in an
 //! app that nobody draws.
 
-#![allow(dead_code, reason = "parts of the example are for its command line and its pictures")]
-
-#[path = "../examples/viewer/app.rs"]
-mod app;
-#[path = "../examples/viewer/args.rs"]
-mod args;
-#[path = "common/files.rs"]
-mod files;
-#[path = "../examples/viewer/fly.rs"]
-mod fly;
-#[path = "../examples/viewer/framing.rs"]
-mod framing;
-#[path = "common/headless.rs"]
-mod headless;
-#[path = "../examples/viewer/keys.rs"]
-mod keys;
-#[path = "../examples/viewer/overlay.rs"]
-mod overlay;
-#[path = "../examples/viewer/select.rs"]
-mod select;
-#[path = "common/smoke_file.rs"]
-mod smoke_file;
-#[path = "../examples/viewer/state.rs"]
-mod state;
-#[path = "../examples/viewer/volumes.rs"]
-mod volumes;
-#[path = "../examples/viewer/window.rs"]
-mod window;
-
 use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
@@ -51,12 +22,13 @@ use bevy_vdb::prelude::*;
 use bevy_vdb_inspector::VdbInspector;
 use vdb_core::pack::PackKind;
 
-use app::Status;
-use args::{Args, Part, Shown};
-use files::{model, temporary};
-use state::State;
-use volumes::Label;
-use window::{Hovering, InteractivePlugin};
+use crate::app::{self, Status};
+use crate::args::{Args, Part, Shown};
+use crate::files::{model, temporary};
+use crate::state::State;
+use crate::volumes::Label;
+use crate::window::{Hovering, InteractivePlugin};
+use crate::{headless, select, smoke_file};
 
 struct Viewer {
     app: App,

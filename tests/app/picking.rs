@@ -1,7 +1,4 @@
-//! Volumes under pointers, with Bevy's picking: needs the feature `picking`, but no GPU.
-
-#[path = "common/headless.rs"]
-mod headless;
+//! Volumes under pointers, with Bevy's picking.
 
 use bevy::app::PluginsState;
 use bevy::camera::visibility::RenderLayers;
@@ -20,6 +17,8 @@ use bevy_vdb::{
 };
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
+
+use crate::headless;
 
 const SIZE: UVec2 = UVec2::new(400, 300);
 const MIDDLE: Vec2 = Vec2::new(200.0, 150.0);

@@ -132,7 +132,7 @@ impl Modules {
     }
 }
 
-fn rust_files(folder: &Path) -> Vec<PathBuf> {
+pub fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     for entry in fs::read_dir(folder).expect("a folder") {
         let path = entry.expect("an entry").path();
@@ -254,13 +254,15 @@ fn sources() -> Vec<(String, PathBuf)> {
 
 #[test]
 fn files_import_each_other_in_no_circle() {
+    let mut files = 0;
     for (name, src) in sources() {
         let modules = Modules::read(&src);
-        assert!(modules.imports.len() > 3, "{}: {:?}", src.display(), modules.imports.keys());
+        files += modules.imports.len();
         let edges = modules.edges();
         let circles: Vec<_> = circles(&edges).iter().map(|circle| circle.join(", ")).collect();
         assert_eq!(circles, Vec::<String>::new(), "in {name}");
     }
+    assert!(files > 100, "{files} files");
 }
 
 #[test]

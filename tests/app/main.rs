@@ -1,0 +1,9 @@
+//! Apps without a window and without a GPU: what the plugin does besides drawing.
+
+mod assets;
+#[cfg(feature = "picking")]
+#[path = "../common/headless.rs"]
+mod headless;
+#[cfg(feature = "picking")]
+mod picking;
+mod spatial_query;
