@@ -17,11 +17,11 @@ use crate::framing::View;
 use crate::volumes::Bounds;
 use crate::{select, volumes};
 
-/// With Bevy's default exposure, a white surface that faces this sun is just below white.
-pub const SUN_ILLUMINANCE: f32 = 3_000.0;
+/// With Bevy's default exposure and the sky, a white surface that faces this sun is just below white.
+pub const SUN_ILLUMINANCE: f32 = 2_600.0;
 
-/// The luminance of the uniform sky, in cd/m².
-pub const SKY_LUMINANCE: f32 = 200.0;
+/// The luminance of the uniform sky, in cd/m²: bright enough to see what lies in shadows.
+pub const SKY_LUMINANCE: f32 = 500.0;
 
 /// The background colour before tonemapping.
 pub const BACKGROUND: LinearRgba = LinearRgba::rgb(0.045, 0.052, 0.065);

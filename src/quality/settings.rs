@@ -36,7 +36,7 @@ pub struct VdbQuality {
     pub reflection_range: f32,
     /// The distance in voxels between density samples of evenly lit fog (no lamps nearby, no
     /// shadows) that overlaps no other. From ¼ to 16; 0, the default, integrates exactly, cell by
-    /// cell.
+    /// cell. In fog that is lit by the light cache, the shortest step.
     pub fog_step: f32,
     /// The length in voxels of the stretches of a ray through fog that share one lighting sample,
     /// where light varies; four times that in reflections. With the light cache, only shadows of
