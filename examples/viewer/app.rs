@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use bevy::asset::io::AssetReaderError;
-use bevy::asset::{AssetLoadError, AssetPath, LoadState, UnapprovedPathMode};
+use bevy::asset::{AssetLoadError, AssetPath, LoadState, RenderAssetUsages, UnapprovedPathMode};
 use bevy::camera::Hdr;
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::light::CascadeShadowConfigBuilder;
 use bevy::math::DVec3;
 use bevy::prelude::*;
+use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use bevy_vdb::prelude::*;
 use bevy_vdb::{VdbLoaderError, VdbLoaderSettings};
 
@@ -167,8 +168,11 @@ fn arrive(
     (mut grids, vectors): (ResMut<Assets<VdbGrid>>, Res<Assets<VdbVectorGrid>>),
     settings: Res<Settings>,
     mut status: ResMut<Status>,
-    meshes: Option<ResMut<Assets<Mesh>>>,
-    materials: Option<ResMut<Assets<StandardMaterial>>>,
+    (meshes, materials, images): (
+        Option<ResMut<Assets<Mesh>>>,
+        Option<ResMut<Assets<StandardMaterial>>>,
+        Option<ResMut<Assets<Image>>>,
+    ),
     cameras: Query<Entity, With<Camera3d>>,
     suns: Query<Entity, With<DirectionalLight>>,
 ) {
@@ -224,8 +228,10 @@ fn arrive(
     for sun in &suns {
         commands.entity(sun).insert(cascades(&view));
     }
-    if let (true, Some(meshes), Some(materials)) = (settings.0.ground, meshes, materials) {
-        spawn_ground(&mut commands, meshes, materials, &view);
+    if let (true, Some(meshes), Some(materials), Some(images)) =
+        (settings.0.ground, meshes, materials, images)
+    {
+        spawn_ground(&mut commands, meshes, materials, images, &view);
     }
     status.view = Some(view);
 }
@@ -254,25 +260,33 @@ fn spawn_ground(
     commands: &mut Commands,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
+    mut images: ResMut<Assets<Image>>,
     view: &View,
 ) {
     let (low, high) = view.bounds;
     let middle = (low + high) / 2.0;
-    let mut matte = |color, alpha_mode| {
-        materials.add(StandardMaterial {
-            base_color: color,
-            perceptual_roughness: 0.9,
-            reflectance: 0.2,
-            alpha_mode,
-            ..default()
-        })
+    let matte = |color| StandardMaterial {
+        base_color: color,
+        perceptual_roughness: 0.9,
+        reflectance: 0.2,
+        ..default()
+    };
+    // Fades into the background, so that no edge cuts through the image. Opaque, because what is transparent
+    // is drawn over volumes.
+    let ground = StandardMaterial {
+        base_color_texture: Some(images.add(disc(|distance| 1.0 - distance))),
+        emissive: BACKGROUND,
+        emissive_exposure_weight: 0.0,
+        emissive_texture: Some(images.add(disc(|distance| distance))),
+        reflectance: 0.0,
+        ..matte(Color::srgb(0.45, 0.46, 0.48))
     };
     let below = Transform::from_translation(DVec3::new(middle.x, low.y, middle.z).as_vec3())
-        .with_scale(Vec3::splat(GROUND_RADIUS * view.radius() as f32));
+        .with_scale(Vec3::splat(2.0 * GROUND_RADIUS * view.radius() as f32));
     commands.spawn((
         OfFiles,
-        Mesh3d(meshes.add(ground())),
-        MeshMaterial3d(matte(Color::srgb(0.45, 0.46, 0.48), AlphaMode::Blend)),
+        Mesh3d(meshes.add(Plane3d::default().mesh().size(1.0, 1.0))),
+        MeshMaterial3d(materials.add(ground)),
         below,
     ));
     let radius = 0.22 * view.radius();
@@ -282,7 +296,7 @@ fn spawn_ground(
     commands.spawn((
         OfFiles,
         Mesh3d(ball),
-        MeshMaterial3d(matte(Color::srgb(0.85, 0.42, 0.12), AlphaMode::Opaque)),
+        MeshMaterial3d(materials.add(matte(Color::srgb(0.85, 0.42, 0.12)))),
         beside,
     ));
 }
@@ -290,19 +304,20 @@ fn spawn_ground(
 /// The radius of the ground relative to that of the scene.
 const GROUND_RADIUS: f32 = 8.0;
 
-/// A plane with a radius of 1 that fades into the background, so that no edge cuts through the image.
-fn ground() -> Mesh {
-    let mut mesh = Plane3d::default().mesh().size(2.0, 2.0).subdivisions(62).build();
-    let positions = mesh.attribute(Mesh::ATTRIBUTE_POSITION).and_then(|all| all.as_float3());
-    let alpha = |[x, _, z]: &[f32; 3]| 1.0 - Vec2::new(*x, *z).length().clamp(0.0, 1.0);
-    let smooth = |alpha: f32| alpha * alpha * (3.0 - 2.0 * alpha);
-    let colors: Vec<[f32; 4]> = positions
-        .unwrap_or_default()
-        .iter()
-        .map(|position| [1.0, 1.0, 1.0, smooth(alpha(position))])
-        .collect();
-    mesh.insert_attribute(Mesh::ATTRIBUTE_COLOR, colors);
-    mesh
+/// A grey image of a smooth function of the distance from the middle, which is 1 at the edges.
+fn disc(value: impl Fn(f32) -> f32) -> Image {
+    const SIZE: u32 = 256;
+    let pixel = |i: u32| {
+        let at = UVec2::new(i % SIZE, i / SIZE).as_vec2() + 0.5;
+        let distance = (2.0 * at / SIZE as f32 - 1.0).length().min(1.0);
+        let smooth = distance * distance * (3.0 - 2.0 * distance);
+        let grey = (255.0 * value(smooth)).round() as u8;
+        [grey, grey, grey, 255]
+    };
+    let size = Extent3d { width: SIZE, height: SIZE, depth_or_array_layers: 1 };
+    let data = (0..SIZE * SIZE).flat_map(pixel).collect();
+    let format = TextureFormat::Rgba8Unorm;
+    Image::new(size, TextureDimension::D2, data, format, RenderAssetUsages::RENDER_WORLD)
 }
 
 /// The reason why a file was not loaded, without the text that Bevy adds.
