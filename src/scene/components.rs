@@ -80,8 +80,9 @@ pub struct VdbCamera {
     pub mode: VdbRenderMode,
     /// Whether volumes cast shadows on meshes. On by default.
     ///
-    /// Volumes are drawn into the shadow maps of lights with `shadow_maps_enabled`, by one ray per
-    /// affected texel. The resolution of the edges is that of the maps, as for shadows of meshes.
+    /// Volumes are drawn into the shadow maps of lights with `shadow_maps_enabled` in every frame, by
+    /// one ray per texel that they may cover; `docs/guide/quality.md` says how to reduce the cost.
+    /// The resolution of the edges is that of the maps, as for shadows of meshes.
     /// Fog attenuates light in 64 steps, which shadow filtering smooths, best with Bevy's default
     /// `ShadowFilteringMethod::Gaussian`. The maps of point and spot lights are shared by all
     /// cameras: they include volumes if any camera has this setting on.
