@@ -176,7 +176,7 @@ fn grids_have_the_parts_that_are_asked_for() {
     // All of the ball but a voxel is black by its colours.
     let colored = differ(&by_name, &bare, &|a, b| a[1] + 60 < b[1]);
     assert!(colored > 50, "{colored} pixels have a colour");
-    let other = ["--grid", "density", "--fire", "fuel", "--heat", "2000,300", "--glow", "1e-4"];
+    let other = ["--grid", "density", "--fire", "fuel", "--heat", "2000,300", "--glow", "3e-4"];
     let (other, output) = shown("other.png", &other);
     assert!(!stderr(&output).contains("surface"), "{}", stderr(&output));
     let (solid, output) = shown("solid.png", &["--grid", "density", "--surface", "density=0.5"]);
