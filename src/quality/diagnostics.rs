@@ -8,8 +8,14 @@ use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 
 /// The passes that volumes add to a view, in order.
-pub(crate) const PASSES: [&str; 5] =
-    ["vdb_light_cache", "vdb_trace", "vdb_upscale", "vdb_accumulate", "vdb_composite"];
+pub(crate) const PASSES: [&str; 6] = [
+    "vdb_light_cache",
+    "vdb_lamp_light",
+    "vdb_trace",
+    "vdb_upscale",
+    "vdb_accumulate",
+    "vdb_composite",
+];
 
 /// The latest GPU time of a pass.
 pub(crate) fn newest<'a>(

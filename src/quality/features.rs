@@ -42,6 +42,7 @@ bitflags! {
         const OTHER_LIGHTS = 1 << 30;
         const MESH_CASTERS = 1 << 31;
         const UNCACHED_FOGS = 1 << 32;
+        const LAMP_LIGHT = 1 << 33;
     }
 }
 
@@ -90,7 +91,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 33] = [
+pub(crate) const FEATURES: [Feature; 34] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -200,6 +201,12 @@ pub(crate) const FEATURES: [Feature; 33] = [
         &["VDB_CACHED_LAMPS"],
         "lamps in the light cache",
         "with the light cache, a point or spot light has shadow_maps_enabled",
+    ),
+    row(
+        Features::LAMP_LIGHT,
+        &["VDB_LAMP_LIGHT"],
+        "scattered light of lamps",
+        "with lamps in the light cache, neither a surface nor a mesh casts shadows on fog",
     ),
     row(
         Features::UNCACHED_LIGHTS,

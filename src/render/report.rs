@@ -75,6 +75,10 @@ fn of_view(
             let why = "point or spot lights cast shadows in the light cache";
             buffers.push("vdb_lamp_bricks", light.bytes(), why);
         }
+        if let Some(scattered) = &trace.lamp_light {
+            let why = "light that lamps scatter in fog towards the camera";
+            buffers.push("vdb_lamp_light", scattered.bytes(), why);
+        }
         if staging > 0 {
             buffers.push("vdb_light_staging", staging, "the light cache is being filled");
         }
@@ -123,6 +127,7 @@ fn passes(
     let is_composited = composite.surface.is_some() || composite.fog.is_some();
     let all = [
         (light.is_filled(), "vdb_light_cache", "a fog, its light or an occluder has changed"),
+        (!light.lamp_light().fogs.is_empty(), "vdb_lamp_light", "lamps light a fog, and the camera or they move"),
         (true, "vdb_trace", "a volume is in view"),
         (upscale.pipeline.is_some(), "vdb_upscale", "VdbQuality::resolution is less than 1"),
         (frames > 0, "vdb_accumulate", "VdbQuality::accumulate, and nothing has changed"),

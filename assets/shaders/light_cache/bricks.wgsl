@@ -17,6 +17,9 @@ const LAYER_ROWS: u32 = 64u;
 // Words of a line of texels.
 const LINE_WORDS: u32 = 320u;   // ROW_BRICKS * BRICK_WIDTH / 2
 
+// In place of an optical depth, for a sample beside which there is no fog.
+const NO_FOG: f32 = -1.0;
+
 // Bricks that a light occupies: whole rows.
 fn bricks_per_light(bricks: vec3<u32>) -> u32 {
     let count = bricks.x * bricks.y * bricks.z;

@@ -1,9 +1,9 @@
 // Fills the light cache of one fog for one light: the optical depth of all fogs between each sample and the
-// light. Samples beside which there is no fog are left at 0, since no point in fog is interpolated from them.
+// light. Samples beside which there is no fog are NO_FOG, since no point in fog is interpolated from them.
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::gpu::types::Grid
-#import bevy_vdb::light_cache::bricks::{BRICK_INTERVALS, BRICK_SAMPLES, staging_word}
+#import bevy_vdb::light_cache::bricks::{BRICK_INTERVALS, BRICK_SAMPLES, NO_FOG, staging_word}
 #import bevy_vdb::trace::occlusion::fog_depth_to_light
 #import bevy_vdb::trace::segment::Point
 #import bevy_vdb::traversal::hdda::FAR
@@ -53,7 +53,7 @@ fn depth_at_sample(volume: u32, grid: Grid, sample: vec3<u32>) -> f32 {
     let offset = vec3<i32>(sample << vec3(log_size));
     let cell = volumes[volume].light_origin + offset;
     if !is_beside_fog(grid, cell, 1i << log_size) {
-        return 0.0;
+        return NO_FOG;
     }
     let from_origin = vec3<f32>(offset);
     let from_eye = job.origin

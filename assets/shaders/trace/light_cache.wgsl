@@ -4,6 +4,9 @@
 #import bevy_vdb::light_cache::bricks::{BRICK_INTERVALS, LOG_BRICK_INTERVALS, brick_texel}
 #import bevy_vdb::light_cache::bricks::bricks_per_light
 #import bevy_vdb::view::scene::{view, volumes}
+#ifdef VDB_LAMP_LIGHT
+#import bevy_vdb::gpu::types::MAX_CACHED_LAMPS
+#endif
 
 @group(2) @binding(12) var light_atlas: texture_3d<f32>;
 @group(2) @binding(13) var light_sampler: sampler;
@@ -25,6 +28,32 @@ fn lamp_group_bricks(volume: u32, lamps: u32) -> vec4<u32> {
         return vec4(NOT_CACHED);
     }
     return textureLoad(lamp_bricks, at, 0);
+}
+#endif
+
+#ifdef VDB_LAMP_LIGHT
+// Light of lamps that fog scatters towards the view's eye, times its exposure: a lattice for each octave.
+@group(2) @binding(15) var lamp_light: texture_3d<f32>;
+
+// The texel of `lamp_bricks` with the first brick of a fog's lattices of scattered light, and the distance from a
+// point light at which its light begins to be interpolated.
+const LAMP_LIGHT_TEXEL: u32 = MAX_CACHED_LAMPS / 4u;
+
+// The first brick of a fog's lattices of scattered light, or NOT_CACHED.
+fn lamp_light_brick(volume: u32) -> u32 {
+    return lamp_group_bricks(volume, LAMP_LIGHT_TEXEL).x;
+}
+
+// The distance from a point light at which its light begins to be interpolated in a fog, world units.
+fn far_from_lamps(volume: u32) -> f32 {
+    return bitcast<f32>(lamp_group_bricks(volume, LAMP_LIGHT_TEXEL).y);
+}
+
+// Light of an octave at a point; `light_brick` is the first of the fog's lattice for that octave.
+fn cached_lamp_light(point: LatticePoint, light_brick: u32) -> vec3<f32> {
+    let first = brick_texel(light_brick + point.brick);
+    let texel = vec3<f32>(first) + point.in_brick + 0.5;
+    return textureSampleLevel(lamp_light, light_sampler, texel / vec3<f32>(textureDimensions(lamp_light)), 0.0).rgb;
 }
 #endif
 

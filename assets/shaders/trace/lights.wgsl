@@ -24,6 +24,10 @@
 #import bevy_vdb::trace::illuminance::lamp_illuminance
 #import bevy_vdb::trace::light_cache::{cached_depth, lamp_group_bricks, lattice_point}
 #import bevy_vdb::trace::light_list::{is_spot, local_light}
+#ifdef VDB_LAMP_LIGHT
+#import bevy_pbr::mesh_view_types::{ClusteredLight, POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT}
+#import bevy_vdb::trace::light_cache::{far_from_lamps, lamp_light_brick}
+#endif
 #endif
 #endif
 #import bevy_vdb::trace::illuminance::illuminance_of
@@ -201,8 +205,56 @@ struct LocalLight {
 }
 
 #ifdef VDB_CACHED_LAMPS
+#ifdef VDB_LAMP_LIGHT
+// The edge of a spot light's cone widens with the distance, so it can be interpolated from a distance on that is
+// proportional to its steepness, relative to that of point lights.
+const FAR_FROM_CONE: f32 = 0.58;
+
+// The distance from a lamp at which its light begins to be interpolated; `far` is that for point lights.
+fn far_distance(data: ClusteredLight, far: f32) -> f32 {
+    let is_spot = (data.flags & POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT) != 0u;
+    return far * max(1.0, FAR_FROM_CONE * select(0.0, data.light_custom_data.z, is_spot));
+}
+
+// The fraction of a lamp's light that is interpolated: all of it from twice that distance on.
+fn interpolated_part(data: ClusteredLight, distance_squared: f32, far: f32) -> f32 {
+    let begin = far_distance(data, far);
+    return smoothstep(begin, 2.0 * begin, sqrt(distance_squared));
+}
+
+// Between which distances along a ray (world space, unit length) some of the light of cached lamps is not
+// interpolated; the first is larger than the second if all is.
+fn range_near_lamps(origin: vec3<f32>, ray: vec3<f32>, volume: u32) -> vec2<f32> {
+    if lamp_light_brick(volume) == NOT_CACHED {
+        return vec2(-FAR, FAR);
+    }
+    let far = far_from_lamps(volume);
+    var range = vec2(FAR, -FAR);
+    let groups = (min(view.cached_lamp_count, MAX_CACHED_LAMPS) + 3u) / 4u;
+    for (var group = 0u; group < groups; group++) {
+        let lamps = view.cached_lamps[group];
+        let bricks = lamp_group_bricks(volume, group);
+        for (var i = 0u; i < 4u; i++) {
+            if bricks[i] != NOT_CACHED {
+                let data = bevy::clustered_lights.data[lamps[i]];
+                let to_lamp = data.position_radius.xyz - origin;
+                let along = dot(to_lamp, ray);
+                let across = to_lamp - along * ray;
+                let radius = 2.0 * far_distance(data, far);
+                let half_squared = radius * radius - dot(across, across);
+                if half_squared > 0.0 {
+                    let half = sqrt(half_squared);
+                    range = vec2(min(range.x, along - half), max(range.y, along + half));
+                }
+            }
+        }
+    }
+    return range;
+}
+#endif
+
 // Adds the light of the lamps in the light cache that is scattered over a stretch of a ray around a point in a
-// fog. `place` is that point in the lattice of the fog.
+// fog. `place` is that point in the lattice of the fog. Leaves out what is interpolated.
 fn add_cached_lamps(
     light: ptr<function, LocalLight>,
     at: ShadingPoint,
@@ -214,6 +266,10 @@ fn add_cached_lamps(
     place: SamplePoint,
 ) {
     let in_lattice = lattice_point(volume, place.cell, place.u);
+#ifdef VDB_LAMP_LIGHT
+    let is_interpolated = lamp_light_brick(volume) != NOT_CACHED;
+    let far = far_from_lamps(volume);
+#endif
     var octaves = (*light).octaves;
     var nearest_squared = FAR;
     let groups = (min(view.cached_lamp_count, MAX_CACHED_LAMPS) + 3u) / 4u;
@@ -230,7 +286,12 @@ fn add_cached_lamps(
             let has_shadows = (data.flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
             if has_shadows && bricks[i] != NOT_CACHED {
                 let to_lamp = data.position_radius.xyz - at.position;
-                let illuminance = lamp_illuminance(data, to_lamp, ray, extent);
+                var illuminance = lamp_illuminance(data, to_lamp, ray, extent);
+#ifdef VDB_LAMP_LIGHT
+                if is_interpolated {
+                    illuminance *= 1.0 - interpolated_part(data, dot(to_lamp, to_lamp), far);
+                }
+#endif
                 // Of all lamps: the ray may meet the cone or the range of this one between samples.
                 nearest_squared = min(nearest_squared, dot(to_lamp, to_lamp));
                 if any(illuminance > vec3(0.0)) {

@@ -20,6 +20,13 @@
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray}
 #import bevy_vdb::traversal::tree::{Accessor, new_accessor}
 #import bevy_vdb::view::scene::volumes
+#ifdef VDB_LAMP_LIGHT
+#import bevy_vdb::trace::light_cache::{LatticePoint, NOT_CACHED, cached_lamp_light, lamp_light_brick}
+#import bevy_vdb::light_cache::bricks::bricks_per_light
+#import bevy_vdb::trace::lights::range_near_lamps
+#import bevy_vdb::trace::segment::{point_at, world_position}
+#import bevy_vdb::view::scene::view
+#endif
 #ifdef VDB_EMISSION
 #import bevy_vdb::trace::emission::sampled_emission
 #import bevy_vdb::traversal::fog::probe_fog
@@ -142,6 +149,7 @@ fn add_interval(
     t_max: f32,
     shared_light: ptr<function, SharedLight>,
     interval: ptr<function, IntervalSums>,
+    is_near_lamps: bool,
     sums: ptr<function, SegmentSums>,
 ) {
     let t_mean = (*interval).t / (*interval).weight;
@@ -154,7 +162,8 @@ fn add_interval(
             let t = own.t / own.weights[0];
             let grid = grids[volumes[volume].grid];
             let place = point_in_box(grid, (*media)[i].ray, t - (*media)[i].ray.t_origin);
-            let at = FogPoint(volume, place, min(t_zero + t, t_max), (*interval).width * length(segment.dir));
+            let extent = (*interval).width * length(segment.dir);
+            let at = FogPoint(volume, place, min(t_zero + t, t_max), extent, is_near_lamps);
             let light = mean_light(shared_light, segment, pixel, at, own.light, own.weights);
             add_sample(&scattering, own.weights, volumes[volume].base_color, light);
             (*sums).media[i] += own.weights[0];
@@ -165,6 +174,31 @@ fn add_interval(
     (*sums).t += (*interval).t;
     *interval = IntervalSums();
 }
+
+#ifdef VDB_LAMP_LIGHT
+// Between which t, relative to `t_zero`, some of the lamps' light has to be evaluated in intervals.
+fn near_lamps(segment: Segment, media: ptr<function, array<Medium, MAX_MEDIA>>, t_zero: f32) -> vec2<f32> {
+    let dir_length = length(segment.dir);
+    let origin = world_position(point_at(segment, t_zero));
+    var near = vec2(FAR, -FAR);
+    for (var i = 0u; i < MAX_MEDIA; i++) {
+        if (*media)[i].is_fog {
+            let range = range_near_lamps(origin, segment.dir / dir_length, (*media)[i].volume);
+            near = vec2(min(near.x, range.x / dir_length), max(near.y, range.y / dir_length));
+        }
+    }
+#ifdef VDB_OTHER_LIGHTS
+    return vec2(-FAR, FAR);
+#else
+    return near;
+#endif
+}
+
+// Where the next interval ends, given where it would end if lamps were near everywhere, and where it begins.
+fn flush_near_lamps(t_flush: f32, t_begin: f32, near: vec2<f32>) -> f32 {
+    return select(max(t_flush, near.x), FAR, t_begin >= near.y);
+}
+#endif
 
 // Radiance and optical depth of the media along a segment up to `t_max`. `met` holds the indices of `met_count`
 // volumes, at least one; the nearest begins at `t_first`.
@@ -222,10 +256,22 @@ fn march_media(
     var interval = IntervalSums();
     // Starts short, because a lamp may be near.
     var t_flush = next_multiple(t_zero + t_near, 0.25 * t_interval) - t_zero;
+#ifdef VDB_LAMP_LIGHT
+    let near = near_lamps(segment, &media, t_zero);
+    t_flush = flush_near_lamps(t_flush, t_near, near);
+    var t_interval_begin = t_near;
+    var lamp_bricks = array<u32, MAX_MEDIA>();
+    for (var i = 0u; i < MAX_MEDIA; i++) {
+        lamp_bricks[i] = lamp_light_brick(media[i].volume);
+    }
+    // Of lamps, times the exposure: light in each octave.
+    var lamp_light = array<vec3<f32>, OCTAVES>();
+#endif
 #ifdef VDB_EMISSION
     var radiance_sum = 0.0;
     var t_radiance_sum = 0.0;
 #endif
+    var is_near_lamps = true;
     var transmittance = 1.0;
     let t_start = t_first - t_zero;
     var k = first_step(min(t_near, t_end) * inverse_base);
@@ -250,6 +296,9 @@ fn march_media(
         var is_empty = true;
         var extinction = 0.0;
         var extinctions = array<f32, MAX_MEDIA>();
+#ifdef VDB_LAMP_LIGHT
+        var points = array<LatticePoint, MAX_MEDIA>();
+#endif
         var depths = array<array<f32, SUN_SLOTS>, MAX_MEDIA>();
         for (var i = 0u; i < MAX_MEDIA; i++) {
             if media[i].is_fog && media[i].t_next <= t_middle {
@@ -267,6 +316,9 @@ fn march_media(
                     extinctions[i] = media[i].extinction * min(found.density, media[i].max_density);
                     extinction += extinctions[i];
                     let point = lattice_point(volume, found.point.cell, found.point.u);
+#ifdef VDB_LAMP_LIGHT
+                    points[i] = point;
+#endif
                     for (var slot = 0u; slot < SUN_COUNT; slot++) {
                         depths[i][slot] = cached_depth(point, sun_brick(volume, slot));
                     }
@@ -294,6 +346,18 @@ fn march_media(
                     }
                 }
             }
+#ifdef VDB_LAMP_LIGHT
+            if weight > 0.0 && lamp_bricks[i] != NOT_CACHED {
+                let volume = media[i].volume;
+                let anisotropy = volumes[volume].anisotropy;
+                var weights = octave_weights(weight, visible, anisotropy);
+                for (var octave = 0u; octave < OCTAVES; octave++) {
+                    let brick = lamp_bricks[i] + octave * bricks_per_light(volumes[volume].light_bricks);
+                    let light = cached_lamp_light(points[i], brick);
+                    lamp_light[octave] += weights[octave] * volumes[volume].base_color * light;
+                }
+            }
+#endif
 #ifdef VDB_EMISSION
             if !media[i].is_fog && media[i].t_next < t_high {
                 is_empty = false;
@@ -325,17 +389,32 @@ fn march_media(
         transmittance = transmittance_after;
         is_done = k * t_base >= t_end || t_near >= t_end || fog.optical_depth > OPAQUE_DEPTH;
         if HAS_INTERVALS && t_high >= t_flush && interval.weight > 0.0 && !is_done {
-            add_interval(segment, pixel, &media, t_zero, t_max, &shared_light, &interval, &sums);
+#ifdef VDB_LAMP_LIGHT
+            is_near_lamps = near.x < t_high && near.y > t_interval_begin;
+            t_interval_begin = t_high;
+#endif
+            add_interval(segment, pixel, &media, t_zero, t_max, &shared_light, &interval, is_near_lamps, &sums);
             // Ends at multiples of a length, so that neighbouring rays evaluate light at the same time, and
             // grows like the steps.
             let longest = LAMP_INTERVAL * shared_light.nearest / (dir_length * t_interval);
             let t_part = t_interval * exp2(floor(log2(max(min(stride_at(fog.optical_depth), longest), MIN_INTERVAL))));
             t_flush = next_multiple(t_zero + max(t_high, t_near), t_part) - t_zero;
+#ifdef VDB_LAMP_LIGHT
+            t_flush = flush_near_lamps(t_flush, t_high, near);
+#endif
         }
     }
     if interval.weight > 0.0 {
-        add_interval(segment, pixel, &media, t_zero, t_max, &shared_light, &interval, &sums);
+#ifdef VDB_LAMP_LIGHT
+        is_near_lamps = near.x < t_end && near.y > t_interval_begin;
+#endif
+        add_interval(segment, pixel, &media, t_zero, t_max, &shared_light, &interval, is_near_lamps, &sums);
     }
+#ifdef VDB_LAMP_LIGHT
+    for (var octave = 0u; octave < OCTAVES; octave++) {
+        sums.scattering.octaves[octave] += lamp_light[octave] / max(view.exposure, 1e-30);
+    }
+#endif
 #ifdef VDB_MOTION_VECTORS
     var largest_weight = 0.0;
     for (var i = 0u; i < MAX_MEDIA; i++) {

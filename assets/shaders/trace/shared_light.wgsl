@@ -41,6 +41,7 @@ struct FogPoint {
     place: SamplePoint, // in the fog's lattice
     t: f32,
     extent: f32,        // of the interval, world units
+    is_near_lamps: bool,    // whether not all light of cached lamps is interpolated
 }
 
 fn begin_light(dir: vec3<f32>) -> SharedLight {
@@ -80,7 +81,10 @@ fn mean_light(
     let at = shading_point(point, vec3(0.0), pixel, segment.is_view);
     var others = LocalLight(array<vec3<f32>, OCTAVES>(), FAR);
 #ifdef VDB_CACHED_LAMPS
-    add_cached_lamps(&others, at, point, ray, fog_point.extent, anisotropy, fog_point.volume, fog_point.place);
+    if fog_point.is_near_lamps {
+        let place = fog_point.place;
+        add_cached_lamps(&others, at, point, ray, fog_point.extent, anisotropy, fog_point.volume, place);
+    }
 #endif
 #ifdef VDB_OTHER_LIGHTS
     add_other_lights(&others, at, point, ray, fog_point.extent, anisotropy, fog_point.volume);

@@ -55,9 +55,10 @@ const IMPORTS: [(&str, &[u8]); 36] = shaders![
     "trace/show"
 ];
 /// The shaders with entry points.
-const PROGRAMS: [(&str, &[u8]); 8] = shaders![
+const PROGRAMS: [(&str, &[u8]); 9] = shaders![
     "trace/beams",
     "trace/trace",
+    "trace/lamp_light",
     "upscale/upscale",
     "accumulate/accumulate",
     "composite/composite",
@@ -119,6 +120,7 @@ impl Command for VdbReloadShaders {
 pub(crate) struct Shaders {
     pub beams: Handle<Shader>,
     pub trace: Handle<Shader>,
+    pub lamp_light: Handle<Shader>,
     pub upscale: Handle<Shader>,
     pub accumulate: Handle<Shader>,
     pub composite: Handle<Shader>,
@@ -142,7 +144,7 @@ pub(crate) fn load_shaders(
 impl Shaders {
     fn load(assets: &AssetServer, adapter: &RenderAdapterInfo) -> Self {
         let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
-        let [beams, trace, upscale, accumulate, composite, cast, mesh_depth, fill] =
+        let [beams, trace, lamp_light, upscale, accumulate, composite, cast, mesh_depth, fill] =
             PROGRAMS.map(load);
         let _imports = IMPORTS.map(load);
         // A software driver runs the rays of a group in lockstep, through every branch that any of
@@ -152,6 +154,7 @@ impl Shaders {
         Self {
             beams,
             trace,
+            lamp_light,
             upscale,
             accumulate,
             composite,

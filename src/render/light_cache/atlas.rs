@@ -27,6 +27,9 @@ pub(super) const LINE_BYTES: u32 = WIDTH * TEXEL_BYTES;
 /// Bytes of a row of bricks.
 pub(super) const ROW_BYTES: u64 = (LINE_BYTES * BRICK_SAMPLES * BRICK_SAMPLES) as u64;
 
+/// Bytes of a row of bricks of scattered light, whose texels are four 16-bit floats.
+pub(super) const SCATTERED_ROW_BYTES: u64 = 4 * ROW_BYTES;
+
 /// The texture of 16-bit floats, and the rows in use.
 pub(super) struct Atlas {
     pub texture: Texture,
@@ -37,11 +40,7 @@ pub(super) struct Atlas {
 impl Atlas {
     /// A texture with this many rows; with none, a single texel, for shaders that read nothing.
     pub fn new(rows: u32, device: &RenderDevice) -> Self {
-        let size = Extent3d {
-            width: WIDTH,
-            height: rows.min(LAYER_ROWS) * BRICK_SAMPLES,
-            depth_or_array_layers: rows.div_ceil(LAYER_ROWS) * BRICK_SAMPLES,
-        };
+        let size = texture_size(rows);
         let texture = device.create_texture(&TextureDescriptor {
             label: Some("vdb_light_atlas"),
             size: if rows > 0 { size } else { Extent3d::default() },
@@ -78,6 +77,15 @@ impl Atlas {
     pub fn bytes(&self) -> u64 {
         let size = self.texture.size();
         u64::from(size.width * size.height) * u64::from(size.depth_or_array_layers * TEXEL_BYTES)
+    }
+}
+
+/// The size of a texture with this many rows.
+pub(crate) fn texture_size(rows: u32) -> Extent3d {
+    Extent3d {
+        width: WIDTH,
+        height: rows.min(LAYER_ROWS) * BRICK_SAMPLES,
+        depth_or_array_layers: rows.div_ceil(LAYER_ROWS) * BRICK_SAMPLES,
     }
 }
 

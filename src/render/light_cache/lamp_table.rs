@@ -14,8 +14,8 @@ pub(super) const MAX_ROWS: usize = 8192;
 /// Lamps per texel.
 const TEXEL: usize = 4;
 
-/// The first brick of the lattice of a fog for each lamp in the cache.
-type Row = [u32; types::MAX_CACHED_LAMPS];
+/// The first brick of the lattice of a fog for each lamp in the cache, then that of its scattered light.
+type Row = [u32; types::MAX_CACHED_LAMPS + TEXEL];
 
 /// A row for each volume that the view displays.
 #[derive(Default)]
@@ -42,11 +42,18 @@ impl LampTable {
         self.rows[volume][slot] = brick;
     }
 
+    /// Sets the first brick of a fog's scattered light, and the distance from a point light at which its
+    /// light begins to be interpolated; `volume` is less than [`MAX_ROWS`].
+    pub fn set_scattered(&mut self, volume: usize, brick: u32, far: f32) {
+        let [own_brick, own_far, ..] = &mut self.rows[volume][types::MAX_CACHED_LAMPS..] else { return };
+        (*own_brick, *own_far) = (brick, far.to_bits());
+    }
+
     /// Uploads the table if it has changed.
     pub fn upload(&mut self, device: &RenderDevice, queue: &RenderQueue) {
         let bytes: &[u8] = bytemuck::cast_slice(&self.rows);
         let size = Extent3d {
-            width: (types::MAX_CACHED_LAMPS / TEXEL) as u32,
+            width: (size_of::<Row>() / size_of::<u32>() / TEXEL) as u32,
             height: self.rows.len() as u32,
             depth_or_array_layers: 1,
         };

@@ -67,6 +67,8 @@ impl LatticeKey {
 pub(super) struct CachedLattice {
     pub rows: Range<u32>,
     pub filled: [Option<u64>; types::MAX_CACHED_SUNS],
+    /// How often it was filled.
+    pub fills: u64,
 }
 
 /// The lattices that the views of a frame want, in the order in which they were asked for.
@@ -135,6 +137,7 @@ impl LightCache {
         if lattice.filled[slot].replace(fingerprint) == Some(fingerprint) {
             return None;
         }
+        lattice.fills += 1;
         self.planned.push(PlannedFill { key, slot, has_run: AtomicBool::new(false) });
         Some(self.planned.len() - 1)
     }
@@ -182,7 +185,7 @@ impl LightCache {
         wanted.iter().all(|key| {
             self.lattices.contains_key(key)
                 || atlas.allocate(key.rows()).is_some_and(|rows| {
-                    self.lattices.insert(*key, CachedLattice { rows, filled: default() });
+                    self.lattices.insert(*key, CachedLattice { rows, filled: default(), fills: 0 });
                     true
                 })
         })
@@ -222,7 +225,7 @@ mod tests {
     fn fills_that_did_not_run_are_planned_again_and_no_others() {
         let mut cache = LightCache::default();
         for owner in [1, 2] {
-            cache.lattices.insert(key(owner), CachedLattice { rows: 0..2, filled: default() });
+            cache.lattices.insert(key(owner), CachedLattice { rows: 0..2, filled: default(), fills: 0 });
         }
         let plan = |cache: &mut LightCache, owner, slot| cache.plan_fill(key(owner), slot, 7);
         cache.begin_frame();

@@ -1,5 +1,7 @@
 //! The lights in the light cache.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
+
 use bevy::ecs::system::SystemParam;
 use bevy::math::DVec3;
 use bevy::pbr::{ExtractedDirectionalLight, ExtractedPointLight, GlobalClusterableObjectMeta};
@@ -33,6 +35,8 @@ pub(super) struct Lamp {
     pub position: DVec3,
     /// World units.
     pub range: f64,
+    /// A hash of all that decides what light it sends where.
+    pub appearance: u64,
 }
 
 impl LightQueries<'_, '_> {
@@ -45,7 +49,13 @@ impl LightQueries<'_, '_> {
         let lamp = |(entity, light): (Entity, &ExtractedPointLight)| {
             let index = *self.meta.as_ref()?.entity_to_index.get(&entity)?;
             let position = light.transform.translation().as_dvec3();
-            let lamp = Lamp { entity, index: index as u32, position, range: light.range.into() };
+            let lamp = Lamp {
+                entity,
+                index: index as u32,
+                position,
+                range: light.range.into(),
+                appearance: appearance(light),
+            };
             light.shadow_maps_enabled.then_some(lamp)
         };
         let mut lamps: Vec<_> = self.lamps.iter().filter_map(lamp).collect();
@@ -64,6 +74,20 @@ impl CachedLights {
     pub fn slot_of(&self, lamp: Entity) -> Option<usize> {
         self.lamps.iter().position(|own| own.entity == lamp)
     }
+}
+
+fn appearance(light: &ExtractedPointLight) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    let add = |values: &[f32], hasher: &mut DefaultHasher| {
+        values.iter().for_each(|value| value.to_bits().hash(hasher));
+    };
+    add(&light.color.to_f32_array(), &mut hasher);
+    add(&[light.intensity, light.range], &mut hasher);
+    add(&light.transform.affine().to_cols_array(), &mut hasher);
+    if let Some((inner, outer)) = light.spot_light_angles {
+        add(&[inner, outer], &mut hasher);
+    }
+    hasher.finish()
 }
 
 impl Lamp {
@@ -87,7 +111,7 @@ mod tests {
     #[test]
     fn lamps_reach_as_far_as_their_range() {
         let lamp =
-            Lamp { entity: Entity::PLACEHOLDER, index: 0, position: DVec3::ZERO, range: 2.0 };
+            Lamp { entity: Entity::PLACEHOLDER, index: 0, position: DVec3::ZERO, range: 2.0, appearance: 0 };
         let at = |x: f64| [DVec3::new(x, -1.0, -1.0), DVec3::new(x + 1.0, 1.0, 1.0)];
         assert!(lamp.reaches(at(-0.5)) && lamp.reaches(at(2.0)) && lamp.reaches(at(-3.0)));
         assert!(!lamp.reaches(at(2.1)) && !lamp.reaches(at(-3.1)));

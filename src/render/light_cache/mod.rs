@@ -7,6 +7,7 @@
 mod atlas;
 mod fill;
 mod fingerprint;
+mod lamp_light;
 mod lamp_table;
 mod lattices;
 mod lights;
@@ -23,7 +24,9 @@ use super::gpu::{Shaders, load_shaders};
 use super::view::{PrepareViews, VdbSystems, VisibleVolumes};
 use pipeline::FillPipeline;
 
+pub(super) use atlas::texture_size;
 pub(super) use fill::fill_light_cache;
+pub(super) use lamp_light::LitFog;
 pub(super) use lattices::LightCache;
 pub(super) use view::LightCacheView;
 

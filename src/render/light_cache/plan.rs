@@ -6,7 +6,7 @@ use bevy::render::camera::SortedCameras;
 use bevy::render::render_resource::{PipelineCache, SpecializedComputePipelines};
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 
-use super::atlas::{ROW_BYTES, max_rows};
+use super::atlas::{ROW_BYTES, SCATTERED_ROW_BYTES, max_rows};
 use super::lattices::{LightCache, WantedLattices};
 use super::lights::LightQueries;
 use super::pipeline::{FillPipeline, fill_key};
@@ -17,6 +17,9 @@ use crate::render::view::{LightCacheLimit, PreparedView, ViewState};
 
 /// The most memory that the texture takes. Fogs that do not fit are lit by rays.
 const MAX_BYTES: u64 = 256 << 20;
+
+/// The most memory that a view's scattered light takes. In fogs that do not fit, rays ask each lamp.
+const MAX_SCATTERED_BYTES: u64 = 128 << 20;
 
 /// Delays new settings of views until the pipeline is compiled.
 pub(super) fn ask(
@@ -72,13 +75,14 @@ pub(super) fn plan(
         }
     }
     cache.allocate(&wanted, &device);
+    let most_scattered = max_rows(&device).min((MAX_SCATTERED_BYTES / SCATTERED_ROW_BYTES) as u32);
     let mut staged = 0;
     for view in &order {
         let Ok((_, mut state, mut own)) = views.get_mut(*view) else { continue };
         let Some(prepared) = &mut state.prepared else { continue };
         let key = fill_key(&prepared.key);
         own.pipeline = Some(specialized.specialize(&pipelines, &pipeline, key));
-        own.assign(prepared, &lights, &mut cache);
+        own.assign(prepared, &lights, &mut cache, most_scattered);
         own.upload_table(prepared, &device, &queue);
         staged = own.jobs.iter().map(|fill| fill.rows.len() as u32).fold(staged, u32::max);
     }

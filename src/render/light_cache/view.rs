@@ -10,6 +10,7 @@ use bevy::render::renderer::{RenderDevice, RenderQueue};
 
 use super::atlas::ROW_BRICKS;
 use super::fingerprint::Fingerprints;
+use super::lamp_light::LampLight;
 use super::lamp_table::{LampTable, MAX_ROWS};
 use super::lattices::{LatticeKey, LightCache, Source, WantedLattices};
 use super::lights::{CachedLights, Lamp};
@@ -29,6 +30,7 @@ pub(crate) struct LightCacheView {
     pub(super) jobs: Vec<Fill>,
     /// Where the lattices of lamps are.
     table: LampTable,
+    lamp_light: LampLight,
     /// Whether the view has been drawn since it was planned. Not every camera draws: its window may
     /// be minimized.
     was_drawn: AtomicBool,
@@ -51,6 +53,7 @@ impl Default for LightCacheView {
             lattices: default(),
             jobs: default(),
             table: default(),
+            lamp_light: default(),
             // It is not known yet whether a new view draws; usually it does.
             was_drawn: AtomicBool::new(true),
         }
@@ -73,6 +76,11 @@ impl LightCacheView {
         self.table.view()
     }
 
+    /// The lattices of light that lamps scatter towards the view's eye.
+    pub fn lamp_light(&self) -> &LampLight {
+        &self.lamp_light
+    }
+
     /// Bytes of its table.
     pub fn bytes(&self) -> u64 {
         self.table.bytes()
@@ -88,6 +96,7 @@ impl LightCacheView {
         self.fogs.clear();
         self.lattices.clear();
         self.jobs.clear();
+        self.lamp_light = default();
         std::mem::take(self.was_drawn.get_mut())
     }
 
@@ -157,6 +166,7 @@ impl LightCacheView {
         prepared: &mut PreparedView,
         lights: &CachedLights,
         cache: &mut LightCache,
+        max_rows: u32,
     ) {
         self.table.clear(if lights.lamps.is_empty() { 0 } else { prepared.displayed() });
         let Some((atlas, _)) = &cache.texture else { return };
@@ -197,6 +207,8 @@ impl LightCacheView {
             hide_uncached(&mut prepared.volumes[..displayed]);
         }
         self.plan_fills(prepared, lights, cache);
+        let own = (&*self.fogs, &*self.lattices);
+        self.lamp_light = LampLight::plan(prepared, own, lights, cache, max_rows, &mut self.table);
     }
 
     /// Lists the lattices that have to be filled.

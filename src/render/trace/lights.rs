@@ -174,7 +174,7 @@ impl AllLights<'_> {
         &self,
         features: Features,
         layouts: &LightLayouts,
-        view: Option<ViewLightsItem>,
+        view: Option<&ViewLightsItem>,
         device: &RenderDevice,
         cache: &PipelineCache,
     ) -> Option<LightBindGroups> {
@@ -188,7 +188,7 @@ impl AllLights<'_> {
                 offsets: Vec::new(),
             });
         }
-        let ViewLightsItem { view, lights, probes, shadows, clusters, environment, fog } = view?;
+        let &ViewLightsItem { view, lights, probes, shadows, clusters, environment, fog } = view?;
         let mut offsets = vec![view.offset, lights.offset, **probes];
         let mut entries = DynamicBindGroupEntries::new_with_indices((
             (0, self.views.uniforms.binding()?),

@@ -3,6 +3,7 @@
 
 mod beams;
 mod blackbody;
+mod lamp_light;
 mod lights;
 mod pipeline;
 
@@ -32,6 +33,7 @@ use super::view::{
 use crate::quality::features::Features;
 use beams::BeamsPipeline;
 use blackbody::BlackbodyColors;
+use lamp_light::{LampLightPipeline, LampLightView, gather_lamp_light};
 use lights::{AllLights, LightBindGroups, LightLayouts, ViewLights};
 use pipeline::TracePipeline;
 
@@ -54,6 +56,7 @@ impl Plugin for TracePlugin {
             .init_gpu_resource::<BlackbodyColors>()
             .init_gpu_resource::<SpecializedComputePipelines<BeamsPipeline>>()
             .init_gpu_resource::<SpecializedComputePipelines<TracePipeline>>()
+            .init_gpu_resource::<SpecializedComputePipelines<LampLightPipeline>>()
             .add_systems(RenderStartup, init.after(MeshPipelineSystems).after(load_shaders))
             .add_systems(
                 Render,
@@ -65,7 +68,13 @@ impl Plugin for TracePlugin {
                         .in_set(RenderSystems::PrepareBindGroups),
                 ),
             )
-            .add_systems(Core3d, trace.in_set(VdbSystems::Trace).after(fill_light_cache));
+            .add_systems(
+                Core3d,
+                (gather_lamp_light, trace)
+                    .chain()
+                    .in_set(VdbSystems::Trace)
+                    .after(fill_light_cache),
+            );
     }
 }
 
@@ -73,6 +82,7 @@ impl Plugin for TracePlugin {
 fn init(mut commands: Commands, shaders: Res<Shaders>, meshes: Res<MeshPipeline>) {
     let lights = LightLayouts::new(&meshes);
     commands.insert_resource(BeamsPipeline::new(&shaders, &lights));
+    commands.insert_resource(LampLightPipeline::new(&shaders, &lights));
     commands.insert_resource(TracePipeline::new(&shaders, &lights));
 }
 
@@ -83,6 +93,8 @@ pub(super) struct TraceView {
     /// The volumes and ray starts of each tile, in views with beam optimisation.
     pub tiles: Option<Buffer>,
     bind_groups: Option<BindGroups>,
+    /// The light that lamps scatter towards the eye, in views that interpolate it.
+    pub lamp_light: Option<LampLightView>,
 }
 
 /// The pipelines of a key.
@@ -90,6 +102,7 @@ pub(super) struct TraceView {
 struct Pipelines {
     trace: CachedComputePipelineId,
     beams: Option<CachedComputePipelineId>,
+    lamp_light: Option<CachedComputePipelineId>,
 }
 
 struct BindGroups {
@@ -98,6 +111,8 @@ struct BindGroups {
     beams: Option<BindGroup>,
     /// The empty groups 0 and 1 of the beam pipeline.
     nothing: LightBindGroups,
+    /// Bevy's lights alone, without shadow maps.
+    lamps: Option<LightBindGroups>,
 }
 
 /// The pipelines of all keys.
@@ -105,8 +120,10 @@ struct BindGroups {
 struct AllPipelines<'w> {
     specialized_trace: ResMut<'w, SpecializedComputePipelines<TracePipeline>>,
     specialized_beams: ResMut<'w, SpecializedComputePipelines<BeamsPipeline>>,
+    specialized_lamps: ResMut<'w, SpecializedComputePipelines<LampLightPipeline>>,
     trace: Res<'w, TracePipeline>,
     beams: Res<'w, BeamsPipeline>,
+    lamps: Res<'w, LampLightPipeline>,
     cache: Res<'w, PipelineCache>,
 }
 
@@ -118,7 +135,10 @@ impl AllPipelines<'_> {
         let beams = key
             .has(Features::BEAMS)
             .then(|| self.specialized_beams.specialize(cache, &self.beams, key.into()));
-        Pipelines { trace, beams }
+        let lamp_light = key
+            .has(Features::LAMP_LIGHT)
+            .then(|| self.specialized_lamps.specialize(cache, &self.lamps, key.into()));
+        Pipelines { trace, beams, lamp_light }
     }
 }
 
@@ -130,7 +150,7 @@ fn ask(
     for mut view in &mut views {
         view.wait_unless(|key| {
             let own = pipelines.of(key);
-            let mut all = [Some(own.trace), own.beams].into_iter().flatten();
+            let mut all = [Some(own.trace), own.beams, own.lamp_light].into_iter().flatten();
             all.all(|id| fallback.compute(&pipelines.cache, id).is_some())
         });
     }
@@ -138,12 +158,12 @@ fn ask(
 
 /// Creates the tile buffers, and the textures that the trace writes.
 fn prepare(
-    mut views: Query<(&ViewState, &mut TraceView, &mut ViewPicture)>,
+    mut views: Query<(&ViewState, &mut TraceView, &mut ViewPicture, &LightCacheView)>,
     mut pipelines: AllPipelines,
     device: Res<RenderDevice>,
     mut textures: ResMut<TextureCache>,
 ) {
-    for (view, mut own, mut picture) in &mut views {
+    for (view, mut own, mut picture, cached) in &mut views {
         own.bind_groups = None;
         let Some((prepared, _)) = view.prepared() else {
             *own = default();
@@ -151,6 +171,9 @@ fn prepare(
             continue;
         };
         own.pipelines = Some(pipelines.of(&prepared.key));
+        own.lamp_light = prepared.key.has(Features::LAMP_LIGHT).then(|| {
+            LampLightView::new(own.lamp_light.take(), cached.lamp_light().rows, &device)
+        });
         own.tiles = prepared
             .key
             .has(Features::BEAMS)
@@ -194,7 +217,7 @@ fn bind(
         let bind = |features, view| all_lights.bind(features, &trace.lights, view, &device, &cache);
         let features = prepared.key.features;
         let (Some(lights), Some(nothing)) =
-            (bind(features, view_lights), bind(Features::empty(), None))
+            (bind(features, view_lights.as_ref()), bind(Features::empty(), None))
         else {
             continue;
         };
@@ -206,7 +229,8 @@ fn bind(
         let caches_light = prepared.key.has(Features::LIGHT_CACHE);
         let binding = |(depths, sampler)| {
             let lamps = cached.lamp_bricks().filter(|_| features.contains(Features::CACHED_LAMPS));
-            CacheBinding { depths, sampler, lamps }
+            let scattered = own.lamp_light.as_ref().map(LampLightView::texture);
+            CacheBinding { depths, sampler, lamps, scattered }
         };
         let cached = light_cache.binding().filter(|_| caches_light).map(binding);
         if caches_light && cached.is_none() {
@@ -216,7 +240,11 @@ fn bind(
         let group = inputs.trace_group(&layout, table, cached, &device);
         let layout = cache.get_bind_group_layout(beams.layout(features));
         let beams = inputs.beams_group(&layout, &device);
-        own.bind_groups = Some(BindGroups { trace: group, lights, beams, nothing });
+        let lamps = features
+            .contains(Features::LAMP_LIGHT)
+            .then(|| bind(Features::LIGHT, view_lights.as_ref()))
+            .flatten();
+        own.bind_groups = Some(BindGroups { trace: group, lights, beams, nothing, lamps });
     }
 }
 
@@ -225,6 +253,7 @@ struct CacheBinding<'a> {
     depths: &'a TextureView,
     sampler: &'a Sampler,
     lamps: Option<&'a TextureView>,
+    scattered: Option<&'a TextureView>,
 }
 
 /// The resources of the crate's own group.
@@ -259,10 +288,13 @@ impl Inputs<'_> {
         if let Some(table) = blackbody {
             entries = entries.extend_with_indices(((11, table),));
         }
-        if let Some(CacheBinding { depths, sampler, lamps }) = cached {
+        if let Some(CacheBinding { depths, sampler, lamps, scattered }) = cached {
             entries = entries.extend_with_indices(((12, depths), (13, sampler)));
             if let Some(lamps) = lamps {
                 entries = entries.extend_with_indices(((14, lamps),));
+            }
+            if let Some(scattered) = scattered {
+                entries = entries.extend_with_indices(((15, scattered),));
             }
         }
         device.create_bind_group("vdb_trace", layout, &entries)

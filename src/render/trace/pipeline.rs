@@ -17,13 +17,14 @@ use crate::render::gpu::{
 use crate::render::view::ViewKey;
 
 /// The features that the layout of the crate's own group depends on.
-const LAYOUT: [Features; 6] = [
+const LAYOUT: [Features; 7] = [
     Features::MULTISAMPLED,
     Features::BEAMS,
     Features::MOTION_VECTORS,
     Features::BLACKBODY,
     Features::LIGHT_CACHE,
     Features::CACHED_LAMPS,
+    Features::LAMP_LIGHT,
 ];
 
 #[derive(Debug, Resource)]
@@ -64,6 +65,10 @@ impl TracePipeline {
                 if has(Features::CACHED_LAMPS) {
                     entries =
                         entries.extend_with_indices(((14, texture_2d(TextureSampleType::Uint)),));
+                }
+                if has(Features::LAMP_LIGHT) {
+                    let light = texture_3d(TextureSampleType::Float { filterable: true });
+                    entries = entries.extend_with_indices(((15, light),));
                 }
             }
             BindGroupLayoutDescriptor::new("vdb_trace", &entries)

@@ -49,6 +49,8 @@ impl CacheLayout {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CachedFog {
     pub layout: CacheLayout,
+    /// The accepted relative error of the radiance.
+    pub error: f32,
     /// Voxels between samples of density along a view ray.
     pub step: f32,
     /// Whether the samples are within the accepted error. Others are only for pipelines that cannot light
@@ -65,7 +67,7 @@ impl CachedFog {
         let wanted = detail.spacing_log();
         let layout =
             (wanted.unwrap_or(0)..=MAX_LOG).find_map(|log| CacheLayout::new(occupied, log))?;
-        Some(Self { layout, step: detail.step(), is_within_error: wanted == Some(layout.log) })
+        Some(Self { layout, error, step: detail.step(), is_within_error: wanted == Some(layout.log) })
     }
 }
 

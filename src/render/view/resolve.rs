@@ -224,7 +224,10 @@ fn view_key(
     let lights = settings.lights.difference(CACHE.when(!caches));
     let caches = lights.contains(Features::LIGHT_CACHE);
     let media = list.media_count(only_seen);
+    let has_surfaces = list.kinds.has([types::KIND_SURFACE, types::KIND_SMOOTH]);
+    let interpolates = !has_surfaces && !lights.contains(Features::MESH_CASTERS);
     let features = lights
+        | Features::LAMP_LIGHT.when(interpolates && lights.contains(Features::CACHED_LAMPS))
         | Features::UNCACHED_FOGS.when(caches && (has_uncached || media > MAX_MEDIA))
         | traversal
         | Features::MULTISAMPLED.when(of.msaa.samples() > 1)

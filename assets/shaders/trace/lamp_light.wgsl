@@ -1,0 +1,95 @@
+// The light of cached lamps that a fog scatters towards the view's eye, at the samples of the light cache. Where
+// lamps are far compared with the distance between samples, rays interpolate it instead of asking each lamp.
+
+#import bevy_pbr::mesh_view_bindings as bevy
+#import bevy_pbr::mesh_view_types::POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT
+#import bevy_vdb::gpu::types::MAX_CACHED_LAMPS
+#import bevy_vdb::light_cache::bricks::{BRICK_INTERVALS, NO_FOG, brick_texel, bricks_per_light}
+#import bevy_vdb::trace::illuminance::lamp_illuminance
+#import bevy_vdb::trace::light_cache::{NOT_CACHED, lamp_group_bricks, lamp_light_brick, light_atlas}
+#import bevy_vdb::trace::light_cache::far_from_lamps
+#import bevy_vdb::trace::lights::{add_scattered, interpolated_part}
+#import bevy_vdb::trace::scattering::{OCTAVES, octaves_of_depth}
+#import bevy_vdb::view::scene::{view, volumes}
+
+// Where the samples of a fog are.
+struct Samples {
+    origin: vec3<f32>,      // first sample, world space, relative to the view's eye
+    volume: u32,            // in the volumes of the view
+    axis_x: vec3<f32>,      // world units per cell of the volume's lattice
+    axis_y: vec3<f32>,
+    axis_z: vec3<f32>,
+}
+
+@group(2) @binding(6) var<uniform> samples: Samples;
+@group(2) @binding(7) var gathered: texture_storage_3d<rgba16float, write>;
+
+// The largest 16-bit float.
+const MAX_LIGHT: f32 = 65504.0;
+
+// The direction of the view ray through a point relative to the eye, of unit length.
+fn view_direction(from_eye: vec3<f32>) -> vec3<f32> {
+    let is_parallel = any(view.eye_x != vec3(0.0));
+    return normalize(select(from_eye, view.dir, is_parallel || all(from_eye == vec3(0.0))));
+}
+
+fn gather_lamps(
+    volume: u32,
+    from_eye: vec3<f32>,
+    brick: u32,
+    texel: vec3<u32>,
+) -> array<vec3<f32>, OCTAVES> {
+    var octaves = array<vec3<f32>, OCTAVES>();
+    let position = view.eye + from_eye;
+    let ray = view_direction(from_eye);
+    let anisotropy = volumes[volume].anisotropy;
+    let far = far_from_lamps(volume);
+    let groups = (min(view.cached_lamp_count, MAX_CACHED_LAMPS) + 3u) / 4u;
+    for (var group = 0u; group < groups; group++) {
+        let lamps = view.cached_lamps[group];
+        let bricks = lamp_group_bricks(volume, group);
+        for (var i = 0u; i < 4u; i++) {
+            if bricks[i] == NOT_CACHED {
+                continue;
+            }
+            let depth = textureLoad(light_atlas, brick_texel(bricks[i] + brick) + texel, 0).x;
+            if depth == NO_FOG {
+                return octaves;
+            }
+            let data = bevy::clustered_lights.data[lamps[i]];
+            let to_lamp = data.position_radius.xyz - position;
+            let part = interpolated_part(data, dot(to_lamp, to_lamp), far);
+            let illuminance = part * lamp_illuminance(data, to_lamp, ray, 0.0);
+            let has_shadows = (data.flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
+            if has_shadows && any(illuminance > vec3(0.0)) {
+                add_scattered(&octaves, to_lamp, illuminance, octaves_of_depth(depth, anisotropy), ray, anisotropy);
+            }
+        }
+    }
+    return octaves;
+}
+
+// A workgroup for each third of a brick.
+@compute @workgroup_size(9, 9, 3)
+fn gather(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_id) thread: vec3<u32>,
+) {
+    let volume = view.volume_first + samples.volume;
+    let bricks = volumes[volume].light_bricks;
+    let at = vec3(group.xy, group.z / 3u);
+    let texel = vec3(thread.xy, 3u * (group.z % 3u) + thread.z);
+    let from_origin = vec3<f32>((at * BRICK_INTERVALS + texel) << vec3(volumes[volume].light_log));
+    let from_eye = samples.origin
+        + from_origin.x * samples.axis_x
+        + from_origin.y * samples.axis_y
+        + from_origin.z * samples.axis_z;
+    let brick = (at.z * bricks.y + at.y) * bricks.x + at.x;
+    var octaves = gather_lamps(volume, from_eye, brick, texel);
+    let first = lamp_light_brick(volume);
+    for (var octave = 0u; octave < OCTAVES; octave++) {
+        let light = min(octaves[octave] * view.exposure, vec3(MAX_LIGHT));
+        let lattice = first + octave * bricks_per_light(bricks);
+        textureStore(gathered, brick_texel(lattice + brick) + texel, vec4(light, 0.0));
+    }
+}
