@@ -11,13 +11,13 @@ use bevy::platform::collections::{HashMap, HashSet};
 use bevy::prelude::*;
 use bevy::render::render_resource::CommandEncoderDescriptor;
 use bevy::render::renderer::{RenderDevice, RenderQueue};
-use bevy::render::sync_world::MainEntity;
 use vdb_core::pack::{GridHeader, PackedGrid};
 
 use super::buffers::PoolBuffers;
 use super::edited::{self, EditedGrid, EditedWords, ExtractedEdits};
 use super::paging::{Paging, Range};
 use super::usage::VdbGpuUsage;
+use super::wanted::{Wanted, WantedGrid, wanted_by};
 use crate::render::extract::{ExtractedVolume, ExtractedVolumes};
 use crate::render::gpu::GridKey;
 
@@ -114,22 +114,7 @@ pub(crate) fn update_tree_pool(
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
 ) {
-    let mut wanted = Wanted::default();
-    for (entity, volume) in &volumes.0 {
-        let levels = [&volume.packed].into_iter().chain(&*volume.levels).enumerate();
-        for (level, packed) in levels {
-            let grid = WantedGrid { packed, entity, name: &volume.name, role: Role::Volume };
-            wanted.entry(volume.grid.level(level)).or_insert(grid);
-        }
-        let auxiliary =
-            [(Role::Emission, &volume.auxiliary.emission), (Role::Color, &volume.auxiliary.colors)];
-        for (role, grids) in auxiliary {
-            for grid in grids {
-                let own = WantedGrid { packed: &grid.packed, entity, name: &volume.name, role };
-                wanted.entry(grid.key).or_insert(own);
-            }
-        }
-    }
+    let wanted = wanted_by(&volumes);
     pool.refused.retain(|grid| wanted.contains_key(grid));
     let missing = wanted
         .iter()
@@ -144,44 +129,6 @@ pub(crate) fn update_tree_pool(
     // The next edit would have to copy words that are still shared here.
     edits.clear();
 }
-
-/// What a grid is to a volume.
-#[derive(Clone, Copy, Debug)]
-enum Role {
-    Volume,
-    Emission,
-    Color,
-}
-
-/// A displayed grid, and one of the volumes that display it, for messages.
-#[derive(Debug)]
-struct WantedGrid<'a> {
-    packed: &'a Arc<PackedGrid>,
-    entity: &'a MainEntity,
-    /// The name of the volume's own grid.
-    name: &'a str,
-    role: Role,
-}
-
-impl WantedGrid<'_> {
-    /// The grid, and for a vector grid its component, as messages name it.
-    fn describe(&self, key: GridKey) -> String {
-        let volume = format!("'{}' of entity {}", self.name, self.entity.id());
-        let role = match self.role {
-            Role::Volume => return format!("grid {volume}"),
-            Role::Emission => "emission",
-            Role::Color => "colour",
-        };
-        match key.vector_component().and_then(|i| ["red", "green", "blue"].get(i).copied()) {
-            Some(component) => {
-                format!("the {component} component of the {role} of volume {volume}")
-            }
-            None => format!("the {role} of volume {volume}"),
-        }
-    }
-}
-
-type Wanted<'a> = HashMap<GridKey, WantedGrid<'a>>;
 
 impl VdbTreePool {
     /// Rebuilds the pool; returns the number of bytes uploaded.
@@ -345,8 +292,10 @@ fn place(words: &mut u64, count: u64, limit: u64) -> Result<Range, String> {
 mod tests {
     use super::*;
     use crate::render::pool::paging::PAGES;
+    use crate::render::pool::wanted::Role;
     use crate::{VdbGrid, VdbVectorGrid};
     use bevy::asset::uuid::Uuid;
+    use bevy::render::sync_world::MainEntity;
     use vdb_core::pack::PackKind;
     use vdb_core::tree::Vdb543;
 
