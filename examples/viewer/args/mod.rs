@@ -9,7 +9,6 @@ use bevy::math::{DVec3, UVec2};
 use bevy_vdb::{VdbOverlays, VdbRenderMode};
 use lexopt::Arg;
 
-pub use values::MODES;
 use values::{
     NODES, absolute, density, direction, fov, heat, mode, name, overlays, picture_path, point,
     size, surface, value,
@@ -258,10 +257,8 @@ impl fmt::Display for Args {
         if self.fov_y != default.fov_y {
             option("fov", Some(self.fov_y.to_degrees().to_string()));
         }
-        if let Some((name, _)) = MODES.iter().find(|(_, mode)| *mode == self.mode)
-            && self.mode != default.mode
-        {
-            option("mode", Some((*name).into()));
+        if self.mode != default.mode {
+            option("mode", Some(self.mode.name().into()));
         }
         if self.density != default.density {
             option("density", Some(self.density.to_string()));

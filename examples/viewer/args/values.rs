@@ -17,19 +17,6 @@ pub const NODES: [(&str, fn(&mut VdbOverlays) -> &mut bool); 3] = [
     ("upper", |overlays| &mut overlays.upper),
 ];
 
-/// The names of `--mode`.
-pub const MODES: [(&str, VdbRenderMode); 9] = [
-    ("lit", VdbRenderMode::Lit),
-    ("diffuse", VdbRenderMode::Diffuse),
-    ("glossy", VdbRenderMode::Glossy),
-    ("gray", VdbRenderMode::Gray),
-    ("rgb", VdbRenderMode::Rgb),
-    ("voxels", VdbRenderMode::HitVoxel),
-    ("normals", VdbRenderMode::Normals),
-    ("depth", VdbRenderMode::Depth),
-    ("steps", VdbRenderMode::Steps),
-];
-
 /// The value of an option. Errors name the option and valid values.
 pub fn value<T>(
     parser: &mut lexopt::Parser,
@@ -65,9 +52,11 @@ pub fn heat(value: &OsStr) -> Result<[f32; 2], String> {
 
 pub fn mode(value: &OsStr) -> Result<VdbRenderMode, String> {
     let name = text(value)?;
-    let found = MODES.iter().find(|(known, _)| *known == name);
-    let names = MODES.map(|(name, _)| name).join(", ");
-    found.map(|(_, mode)| *mode).ok_or_else(|| format!("it is one of {names}"))
+    let found = VdbRenderMode::ALL.iter().copied().find(|mode| mode.name() == name);
+    found.ok_or_else(|| {
+        let names: Vec<_> = VdbRenderMode::ALL.iter().map(|mode| mode.name()).collect();
+        format!("it is one of {}", names.join(", "))
+    })
 }
 
 pub fn size(value: &OsStr) -> Result<UVec2, String> {
