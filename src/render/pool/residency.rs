@@ -42,8 +42,8 @@ impl Resident {
 #[derive(Debug, Default, Resource)]
 pub(crate) struct VdbTreePool {
     resident: HashMap<GridKey, Resident>,
-    /// The grids that do not fit, so that each is reported once.
-    refused: HashSet<GridKey>,
+    /// The grids that do not fit, each with the reason, which is reported once.
+    refused: HashMap<GridKey, String>,
     buffers: Option<PoolBuffers>,
 }
 
@@ -75,9 +75,9 @@ impl VdbTreePool {
         self.resident.get(&grid)?.revision
     }
 
-    /// Whether a grid was refused because it does not fit.
-    pub fn is_refused(&self, grid: &GridKey) -> bool {
-        self.refused.contains(grid)
+    /// Why a grid was refused, if it does not fit.
+    pub fn refusal(&self, grid: &GridKey) -> Option<&str> {
+        self.refused.get(grid).map(String::as_str)
     }
 
     /// Whether the pool has the words of a grid, except those changed by later edits.
@@ -115,10 +115,10 @@ pub(crate) fn update_tree_pool(
     queue: Res<RenderQueue>,
 ) {
     let wanted = wanted_by(&volumes);
-    pool.refused.retain(|grid| wanted.contains_key(grid));
+    pool.refused.retain(|grid, _| wanted.contains_key(grid));
     let missing = wanted
         .iter()
-        .any(|(key, own)| !pool.holds(key, own.packed, &edits) && !pool.refused.contains(key));
+        .any(|(key, own)| !pool.holds(key, own.packed, &edits) && !pool.refused.contains_key(key));
     let left_over = pool.resident.keys().any(|grid| !wanted.contains_key(grid));
     let mut written = 0;
     if missing || left_over {
@@ -218,7 +218,7 @@ impl VdbTreePool {
                     self.refused.remove(grid);
                 }
                 Err(why) => {
-                    if let Some(what) = self.refuse(*grid, own) {
+                    if let Some(what) = self.refuse(*grid, own, &why) {
                         error!("{what} is not shown: {why}");
                     }
                 }
@@ -254,10 +254,14 @@ impl VdbTreePool {
         written
     }
 
-    /// Remembers that a grid does not fit; returns what to call it if this has to be reported.
-    fn refuse(&mut self, key: GridKey, grid: &WantedGrid) -> Option<String> {
+    /// Remembers why a grid does not fit; returns what to call it if this has to be reported.
+    fn refuse(&mut self, key: GridKey, grid: &WantedGrid, why: &str) -> Option<String> {
+        if self.refused.contains_key(&key) {
+            return None;
+        }
+        self.refused.insert(key, why.to_owned());
         // A missing coarser level is no error: a finer one is displayed.
-        (self.refused.insert(key) && !key.is_coarser()).then(|| grid.describe(key))
+        (!key.is_coarser()).then(|| grid.describe(key))
     }
 
     /// Whether an edited grid can be put into the new pool: from the old pool, or from all words.
@@ -327,7 +331,7 @@ mod tests {
         let mut pool = VdbTreePool::default();
         let mut refuse = |key, role| {
             let grid = WantedGrid { packed: &packed, entity: &entity, name: "smoke", role };
-            pool.refuse(key, &grid)
+            pool.refuse(key, &grid, "it is too large")
         };
         let volume = format!("'smoke' of entity {}", entity.id());
         let own = GridKey::from(AssetId::<VdbGrid>::default());
@@ -346,5 +350,6 @@ mod tests {
             assert_eq!(refuse(key, Role::Color), Some(text));
             assert_eq!(refuse(key, Role::Color), None);
         }
+        assert_eq!(pool.refusal(&own), Some("it is too large"));
     }
 }
