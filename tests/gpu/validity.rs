@@ -233,10 +233,14 @@ fn every_variant_of_the_trace_is_valid() {
             &shadows,
         ]);
     }
-    assert_eq!(
-        variants,
-        8 * (5 * 8 + 3 + 5 * 8 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 4 + 256 + 16 + 16
-    );
+    // Modes, steps, lights, overlays, further grids and parts, for each set of kinds; and further
+    // lights for the sets with fog.
+    let kinds = 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * (2 * 16);
+    // For each set of kinds and of further defs, the lights of the cache.
+    let light_cache = 8 * 8 * 5;
+    let (filters, many, formats, wide, scaled, accumulated) = (2 + 1, 16, 3 * 2 + 1, 4, 8 * 2, 16);
+    let others = filters + many + formats + wide + scaled + accumulated;
+    assert_eq!(variants, kinds + light_cache + others);
 }
 
 #[test]
