@@ -162,9 +162,6 @@ fn keys(
     mut sun: Single<&mut VdbSun>,
 ) {
     let (mut camera, mut quality) = camera.into_inner();
-    use VdbRenderMode::{Depth, Diffuse, Glossy, Gray, HitVoxel, Lit, Normals, Rgb, Steps};
-    const MODES: [VdbRenderMode; 9] =
-        [Lit, Diffuse, Glossy, Gray, Rgb, Normals, Depth, HitVoxel, Steps];
     if keys.just_pressed(KeyCode::KeyS) {
         quality.shadows = !quality.shadows;
     }
@@ -182,7 +179,8 @@ fn keys(
         camera.overlays.leaves = !camera.overlays.leaves;
     }
     if keys.just_pressed(KeyCode::KeyM) {
-        let now = MODES.iter().position(|mode| *mode == camera.mode).unwrap_or(0);
-        camera.mode = MODES[(now + 1) % MODES.len()];
+        let modes = VdbRenderMode::ALL;
+        let now = modes.iter().position(|mode| *mode == camera.mode).unwrap_or(0);
+        camera.mode = modes[(now + 1) % modes.len()];
     }
 }

@@ -59,7 +59,7 @@ fn middles(stage: &mut Stage, target: &Handle<Image>) -> Arc<Mutex<Vec<Vec4>>> {
 }
 
 fn state(stage: &mut Stage, volume: Entity) -> VdbVolumeState {
-    *stage.world().get(volume).unwrap()
+    stage.world().get::<VdbVolumeState>(volume).unwrap().clone()
 }
 
 /// Updates until a volume has a state; gives how many it took.
@@ -72,6 +72,19 @@ fn wait_for(stage: &mut Stage, volume: Entity, wanted: VdbVolumeState) -> usize 
         std::thread::sleep(std::time::Duration::from_millis(1));
     }
     panic!("it is never {wanted:?}, but {:?}", state(stage, volume));
+}
+
+/// Updates until a volume has a reason not to be there; gives the state.
+fn wait_for_reason(stage: &mut Stage, volume: Entity) -> VdbVolumeState {
+    for _ in 1..PATIENCE {
+        stage.update(1);
+        let state = state(stage, volume);
+        if state.reason().is_some() {
+            return state;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    panic!("there is never a reason, but {:?}", state(stage, volume));
 }
 
 /// The signal comes in the frame after the first one with the volume, no sooner and no later, once.
@@ -121,7 +134,10 @@ fn a_volume_is_drawn_when_it_is_in_the_picture() {
         assert_eq!(state(&mut stage, volume), VdbVolumeState::Unseen);
     }
     stage.world().entity_mut(ball).insert(Transform::from_scale(Vec3::new(1.0, 0.0, 1.0)));
-    wait_for(&mut stage, ball, VdbVolumeState::NotShown);
+    let flat = wait_for_reason(&mut stage, ball);
+    let why = "its transform has a scale of zero or is not finite";
+    assert_eq!(flat, VdbVolumeState::NotShown(why.into()));
+    assert!(flat.is_settled());
     stage.world().entity_mut(ball).insert(Transform::default());
     wait_for(&mut stage, ball, VdbVolumeState::Drawn);
     stage.world().entity_mut(camera).insert(VdbCamera { enabled: false, ..default() });
@@ -132,8 +148,10 @@ fn a_volume_is_drawn_when_it_is_in_the_picture() {
     // Another grid, which is not there.
     let missing = stage.world().resource::<AssetServer>().load("models/no_such.vdb#surface");
     stage.world().entity_mut(ball).insert(VdbVolume(missing));
-    wait_for(&mut stage, ball, VdbVolumeState::Failed);
-    assert!(VdbVolumeState::Failed.is_settled() && !VdbVolumeState::Loading.is_settled());
+    let failed = wait_for_reason(&mut stage, ball);
+    let VdbVolumeState::Failed(why) = &failed else { panic!("{failed:?}") };
+    assert!(why.contains("no_such.vdb"), "{why}");
+    assert!(failed.is_settled() && !VdbVolumeState::Loading.is_settled());
     assert!(VdbVolumeState::Drawn.is_settled() && !VdbVolumeState::Preparing.is_settled());
 }
 

@@ -87,12 +87,7 @@ pub fn camera(args: &Args) -> impl Bundle {
 /// The tonemapping of a render mode: a curve that only changes bright colours for light, and none
 /// for data.
 pub fn tonemapping(mode: VdbRenderMode) -> Tonemapping {
-    match mode {
-        VdbRenderMode::Lit | VdbRenderMode::Diffuse | VdbRenderMode::Glossy => {
-            Tonemapping::KhronosPbrNeutral
-        }
-        _ => Tonemapping::None,
-    }
+    if mode.is_lit() { Tonemapping::KhronosPbrNeutral } else { Tonemapping::None }
 }
 
 impl Plugin for ViewerPlugin {

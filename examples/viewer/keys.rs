@@ -5,7 +5,7 @@ use bevy_egui::input::EguiWantsInput;
 use bevy_vdb::prelude::*;
 
 use crate::app::{Settings, Status};
-use crate::args::{Args, MODES};
+use crate::args::Args;
 use crate::fly::Fly;
 use crate::framing::View;
 use crate::window::Orbit;
@@ -58,9 +58,9 @@ pub fn press(
     if keys.just_pressed(KeyCode::F1) {
         help.0 = !help.0;
     }
-    for (key, (_, mode)) in DIGITS.into_iter().zip(MODES) {
+    for (key, mode) in DIGITS.into_iter().zip(VdbRenderMode::ALL) {
         if keys.just_pressed(key) {
-            cameras.iter_mut().for_each(|mut camera| camera.mode = mode);
+            cameras.iter_mut().for_each(|mut camera| camera.mode = *mode);
         }
     }
 }

@@ -146,14 +146,12 @@ struct Bar {
 impl Bar {
     fn show(&mut self, progress: &VdbLoadProgress) {
         const WIDTH: usize = 40;
-        let files = progress.files();
         let Some(part) = progress.fraction().filter(|_| std::io::stderr().is_terminal()) else {
             return;
         };
         let full = (part * WIDTH as f32) as usize;
         let bar: String = (0..WIDTH).map(|i| if i < full { '#' } else { '.' }).collect();
-        let megabytes = files.iter().map(|file| file.bytes).sum::<u64>() as f64 / 1e6;
-        eprint!("\rloading [{bar}] {:3.0} % of {megabytes:.1} MB", 100.0 * part);
+        eprint!("\rloading [{bar}] {:3.0} %", 100.0 * part);
         // A failure to display the progress is harmless.
         let _ = std::io::stderr().flush();
         self.drawn = true;

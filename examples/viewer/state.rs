@@ -12,7 +12,7 @@ use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb_inspector::VdbInspector;
 
 use crate::app::{Settings, Status};
-use crate::args::{Args, MODES, Part, Shown};
+use crate::args::{Args, Part, Shown};
 use crate::select;
 use crate::volumes::Label;
 
@@ -186,9 +186,8 @@ impl State<'_, '_> {
                 self.shown().map(|(label, ..)| label.name.as_str()).collect();
             grids.sort_unstable();
             title += &format!(": {}", grids.join(", "));
-            let mode = self.cameras.iter().next().map(|(_, camera, _)| camera.mode);
-            if let Some((name, _)) = MODES.iter().find(|(_, one)| Some(*one) == mode) {
-                title += &format!(", {name}");
+            if let Some((_, camera, _)) = self.cameras.iter().next() {
+                title += &format!(", {}", camera.mode.name());
             }
         }
         title + " - bevy_vdb"

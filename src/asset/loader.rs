@@ -126,10 +126,12 @@ pub(crate) async fn load_with<T: Send + Sync + 'static>(
     make: fn(Vec<u8>, &VdbLoaderSettings, &Arc<Job>) -> Result<T, VdbLoaderError>,
 ) -> Result<T, VdbLoaderError> {
     settings.check()?;
-    let bytes = take_in(reader, &settings.limits).await?;
+    let length = length(reader).await?;
     let path = load_context.path().clone_owned();
-    let running = Running::new(progress, &path, bytes.len() as u64);
+    let running = Running::new(progress, &path, length.unwrap_or_default());
+    let bytes = take_in(reader, length, &settings.limits).await?;
     let (settings, job) = (settings.clone(), running.job());
+    job.begin_decoding(bytes.len() as u64);
     background::run(move || make(bytes, &settings, &job)).await
 }
 
@@ -149,8 +151,12 @@ impl VdbLoaderSettings {
 
 /// The bytes of a file: only those that contain its grids, and only the first ones of a file that
 /// is no VDB file.
-async fn take_in(reader: &mut dyn Reader, limits: &Limits) -> Result<Vec<u8>, VdbLoaderError> {
-    let mut buffer = FileBuffer::new(limits.clone(), length(reader).await?);
+async fn take_in(
+    reader: &mut dyn Reader,
+    length: Option<u64>,
+    limits: &Limits,
+) -> Result<Vec<u8>, VdbLoaderError> {
+    let mut buffer = FileBuffer::new(limits.clone(), length);
     while let Some(room) = buffer.room()? {
         let count = reader.read(room).await?;
         buffer.filled(count);

@@ -12,7 +12,7 @@ use vdb_core::ProgressFn;
 /// screen yet; see [`VdbVolumeState`](crate::VdbVolumeState).
 #[derive(Clone, Debug, Default, Resource)]
 pub struct VdbLoadProgress {
-    files: Arc<Mutex<Vec<Entry>>>,
+    files: Arc<Mutex<Files>>,
 }
 
 /// Progress of one file.
@@ -20,7 +20,7 @@ pub struct VdbLoadProgress {
 pub struct VdbFileProgress {
     /// The file.
     pub path: AssetPath<'static>,
-    /// The size of the file in bytes.
+    /// The size of the file in bytes. 0 until the file has been read, if its source does not say.
     pub bytes: u64,
     /// The bytes that have been decoded.
     pub bytes_decoded: u64,
@@ -29,7 +29,8 @@ pub struct VdbFileProgress {
 }
 
 impl VdbFileProgress {
-    /// The total progress, from 0 to 1: half for decoding, half for packing.
+    /// The total progress, from 0 to 1: half for decoding, half for packing. 0 while the file is
+    /// being read.
     pub fn fraction(&self) -> f32 {
         let decoded =
             if self.bytes == 0 { 0.0 } else { self.bytes_decoded as f32 / self.bytes as f32 };
@@ -40,22 +41,42 @@ impl VdbFileProgress {
 impl VdbLoadProgress {
     /// The files being loaded, the earliest first.
     pub fn files(&self) -> Vec<VdbFileProgress> {
-        self.lock().iter().map(|entry| entry.file.clone()).collect()
+        self.lock().loading.iter().map(|entry| entry.file.clone()).collect()
     }
 
-    /// The progress of all files being loaded, from 0 to 1, weighted by size. `None` if there are
-    /// none.
+    /// The progress of all files since loading began, from 0 to 1, weighted by size. `None` if no
+    /// file is being loaded.
+    ///
+    /// Loading begins with a file that is loaded while no other is. Files that have ended since
+    /// count as done, whether they were loaded, failed or were cancelled, so the fraction decreases
+    /// only when another file joins.
     pub fn fraction(&self) -> Option<f32> {
         let files = self.lock();
-        // Empty files must not make the sum zero.
-        let weight = |entry: &Entry| entry.file.bytes.max(1) as f32;
-        let all: f32 = files.iter().map(weight).sum();
-        let done: f32 = files.iter().map(|entry| weight(entry) * entry.file.fraction()).sum();
-        (!files.is_empty()).then(|| done / all)
+        let done = |entry: &Entry| entry.weight() as f64 * f64::from(entry.file.fraction());
+        let all = files.ended + files.loading.iter().map(Entry::weight).sum::<u64>();
+        let done = files.ended as f64 + files.loading.iter().map(done).sum::<f64>();
+        (!files.loading.is_empty()).then(|| (done / all as f64) as f32)
     }
 
-    fn lock(&self) -> MutexGuard<'_, Vec<Entry>> {
+    fn lock(&self) -> MutexGuard<'_, Files> {
         self.files.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[derive(Debug, Default)]
+struct Files {
+    /// The files being loaded, the earliest first.
+    loading: Vec<Entry>,
+    /// The weight of the files that have ended since loading began.
+    ended: u64,
+}
+
+impl Files {
+    /// Removes a file that has been loaded, has failed or was cancelled.
+    fn end(&mut self, job: &Arc<Job>) {
+        let place = self.loading.iter().position(|entry| Arc::ptr_eq(&entry.job, job));
+        let Some(entry) = place.map(|place| self.loading.remove(place)) else { return };
+        self.ended = if self.loading.is_empty() { 0 } else { self.ended + entry.weight() };
     }
 }
 
@@ -66,6 +87,14 @@ struct Entry {
     grids: usize,
     grids_packed: usize,
     job: Arc<Job>,
+}
+
+impl Entry {
+    /// The weight of the file in the progress of all. Not 0 for empty files, so that neither is a
+    /// sum of weights.
+    fn weight(&self) -> u64 {
+        self.file.bytes.max(1)
+    }
 }
 
 /// A file being loaded. When the last handle to an asset is dropped, Bevy drops the task that loads
@@ -80,11 +109,12 @@ pub(crate) struct Job {
 }
 
 impl Running {
+    /// Adds a file that is about to be read; `bytes` is its size, or 0 if that is not known.
     pub fn new(progress: &VdbLoadProgress, path: &AssetPath<'static>, bytes: u64) -> Self {
         let job = Arc::new(Job { progress: progress.clone(), wanted: AtomicBool::new(true) });
         let file = VdbFileProgress { path: path.clone(), bytes, bytes_decoded: 0, packed: 0.0 };
         let entry = Entry { file, grids: 1, grids_packed: 0, job: job.clone() };
-        progress.lock().push(entry);
+        progress.lock().loading.push(entry);
         Self(job)
     }
 
@@ -96,11 +126,16 @@ impl Running {
 impl Drop for Running {
     fn drop(&mut self) {
         self.0.wanted.store(false, Ordering::Relaxed);
-        self.0.progress.lock().retain(|entry| !Arc::ptr_eq(&entry.job, &self.0));
+        self.0.progress.lock().end(&self.0);
     }
 }
 
 impl Job {
+    /// Sets the number of bytes to decode, once the file has been read.
+    pub fn begin_decoding(self: &Arc<Self>, bytes: u64) {
+        self.with_entry(|entry| entry.file.bytes = bytes);
+    }
+
     /// The callback of the decoder.
     pub fn decoding(self: &Arc<Self>) -> Arc<ProgressFn> {
         self.report(|entry, done, all| {
@@ -147,9 +182,8 @@ impl Job {
     }
 
     fn with_entry(self: &Arc<Self>, note: impl FnOnce(&mut Entry)) {
-        if let Some(entry) =
-            self.progress.lock().iter_mut().find(|entry| Arc::ptr_eq(&entry.job, self))
-        {
+        let mut files = self.progress.lock();
+        if let Some(entry) = files.loading.iter_mut().find(|entry| Arc::ptr_eq(&entry.job, self)) {
             note(entry);
         }
     }
@@ -189,5 +223,30 @@ mod tests {
         assert!(twin.job().decoding()(300, 300).is_continue());
         drop(twin);
         assert_eq!(progress.files(), []);
+    }
+
+    #[test]
+    fn files_that_have_ended_count_until_all_have() {
+        let progress = VdbLoadProgress::default();
+        let path = AssetPath::parse("smoke.vdb");
+        // The size of the second is known once it has been read.
+        let (first, second) =
+            (Running::new(&progress, &path, 100), Running::new(&progress, &path, 0));
+        second.job().begin_decoding(300);
+        assert_eq!(progress.fraction(), Some(0.0));
+        drop(first);
+        assert_eq!(progress.fraction(), Some(0.25));
+        assert!(second.job().decoding()(300, 300).is_continue());
+        assert_eq!(progress.fraction(), Some(0.625));
+        let third = Running::new(&progress, &path, 100);
+        assert_eq!(progress.fraction(), Some(0.5), "another file joins");
+        drop(second);
+        assert_eq!(progress.fraction(), Some(0.8));
+        drop(third);
+        assert_eq!(progress.fraction(), None);
+        let empty = Running::new(&progress, &path, 0);
+        assert_eq!(progress.fraction(), Some(0.0), "loading begins anew");
+        drop(empty);
+        assert_eq!(progress.fraction(), None);
     }
 }

@@ -3,12 +3,13 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use bevy::diagnostic::{DiagnosticMeasurement, DiagnosticPath, DiagnosticsStore};
+use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 
 /// The passes that volumes add to a view, in order.
-pub(crate) const PASSES: [&str; 6] = [
+pub(crate) const PASSES: [&str; 7] = [
+    "vdb_cast",
     "vdb_light_cache",
     "vdb_lamp_light",
     "vdb_trace",
@@ -17,19 +18,25 @@ pub(crate) const PASSES: [&str; 6] = [
     "vdb_composite",
 ];
 
-/// The latest GPU time of a pass.
-pub(crate) fn newest<'a>(
-    store: &'a DiagnosticsStore,
-    pass: &str,
-) -> Option<&'a DiagnosticMeasurement> {
-    store.get(&DiagnosticPath::new(format!("render/{pass}/elapsed_gpu")))?.measurement()
+/// The path of the GPU time of a pass in Bevy's diagnostics.
+fn path(pass: &str) -> DiagnosticPath {
+    DiagnosticPath::new(format!("render/{pass}/elapsed_gpu"))
+}
+
+/// The latest GPU time of a pass for all cameras together, in milliseconds, and when it arrived.
+fn newest(store: &DiagnosticsStore, pass: &str) -> Option<(Instant, f64)> {
+    let diagnostic = store.get(&path(pass))?;
+    let time = diagnostic.measurement()?.time;
+    // A frame has one measurement for each camera, all added at the same time.
+    let frame = diagnostic.measurements().filter(|measured| measured.time == time);
+    Some((time, frame.map(|measured| measured.value).sum()))
 }
 
 /// The passes, features and buffers of each camera for volumes, and the reason for each: a resource
 /// of the main world, as of the last prepared frame.
 ///
 /// Pass times are Bevy's diagnostics `render/vdb_trace/elapsed_gpu` and so on, by
-/// [`VdbPassReport::name`], which `RenderDiagnosticsPlugin` measures for all cameras together.
+/// [`VdbPassReport::name`], of which `RenderDiagnosticsPlugin` adds one per camera and frame.
 #[derive(Clone, Debug, Default, Resource)]
 pub struct VdbDiagnostics(Arc<Mutex<HashMap<Entity, VdbCameraReport>>>);
 
@@ -49,10 +56,10 @@ impl VdbDiagnostics {
         all
     }
 
-    /// The GPU time of a pass in the last measured frame, in milliseconds. `None` without
-    /// `RenderDiagnosticsPlugin` or on an adapter without timestamps.
+    /// The GPU time of a pass in the last measured frame, for all cameras together, in
+    /// milliseconds. `None` without `RenderDiagnosticsPlugin` or on an adapter without timestamps.
     pub fn pass_ms(store: &DiagnosticsStore, pass: &str) -> Option<f64> {
-        newest(store, pass).map(|measured| measured.value)
+        newest(store, pass).map(|(_, ms)| ms)
     }
 
     pub(crate) fn set(&self, reports: HashMap<Entity, VdbCameraReport>) {
@@ -126,8 +133,38 @@ pub struct VdbBufferReport {
 
 /// The latest GPU time of all passes of a frame, in milliseconds, and when it arrived.
 pub(crate) fn gpu_time(store: &DiagnosticsStore) -> Option<(Instant, f32)> {
-    let trace = newest(store, "vdb_trace")?;
+    let (time, _) = newest(store, "vdb_trace")?;
     let all = PASSES.iter().filter_map(|pass| newest(store, pass));
-    let ms: f64 = all.filter(|pass| pass.time == trace.time).map(|pass| pass.value).sum();
-    Some((trace.time, ms as f32))
+    let ms: f64 = all.filter(|(own, _)| *own == time).map(|(_, ms)| ms).sum();
+    Some((time, ms as f32))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use bevy::diagnostic::{Diagnostic, DiagnosticMeasurement};
+
+    use super::*;
+
+    #[test]
+    fn a_frame_takes_the_time_of_all_passes_of_all_cameras() {
+        let before = Instant::now();
+        let now = before + Duration::from_millis(16);
+        let mut store = DiagnosticsStore::default();
+        let mut add = |pass: &str, times: &[(Instant, f64)]| {
+            let mut diagnostic = Diagnostic::new(path(pass));
+            for &(time, value) in times {
+                diagnostic.add_measurement(DiagnosticMeasurement { time, value });
+            }
+            store.add(diagnostic);
+        };
+        // Two cameras see volumes, and one draws shadows on meshes.
+        add("vdb_trace", &[(before, 64.0), (now, 1.0), (now, 2.0)]);
+        add("vdb_cast", &[(now, 4.0)]);
+        add("vdb_upscale", &[(before, 32.0)]);
+        add("main_opaque_pass_3d", &[(now, 16.0)]);
+        assert_eq!(VdbDiagnostics::pass_ms(&store, "vdb_trace"), Some(3.0));
+        assert_eq!(gpu_time(&store), Some((now, 7.0)));
+    }
 }

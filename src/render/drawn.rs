@@ -15,7 +15,7 @@ use bevy::render::{Render, RenderApp, RenderSystems};
 use vdb_core::pack::PackedGrid;
 
 use super::composite::CompositeView;
-use super::extract::{ExtractedVolume, ExtractedVolumes};
+use super::extract::{ExtractedVolume, ExtractedVolumes, Warned};
 use super::gpu::GridKey;
 use super::pool::VdbTreePool;
 use super::shadow_maps::CastShadows;
@@ -39,7 +39,7 @@ impl Plugin for DrawnPlugin {
 
 fn report_drawn(
     volumes: Res<ExtractedVolumes>,
-    pool: Res<VdbTreePool>,
+    (pool, warned): (Res<VdbTreePool>, Res<Warned>),
     shadows: Res<CastShadows>,
     views: Query<
         (&VisibleVolumes, &ViewState, &CompositeView),
@@ -63,13 +63,15 @@ fn report_drawn(
         for entity in &seen.0 {
             let Some((_, state)) = states.get_mut(&entity.id()) else { continue };
             let here = if !listed.as_ref().is_some_and(|listed| listed.contains(entity)) {
-                VdbVolumeState::NotShown
+                // Without a reason, the image has no pixels, or a feature is left out to measure it.
+                let why = warned.why_not_shown(*entity);
+                why.map_or(VdbVolumeState::Unseen, |why| VdbVolumeState::NotShown(why.to_string()))
             } else if is_drawn {
                 VdbVolumeState::Drawn
             } else {
                 VdbVolumeState::Preparing
             };
-            *state = both(*state, here);
+            *state = both(std::mem::take(state), here);
         }
     }
     drawn.set(&mut states);
@@ -93,12 +95,12 @@ fn on_the_gpu(volume: &ExtractedVolume, pool: &VdbTreePool) -> VdbVolumeState {
     let own = (volume.grid, &volume.packed);
     let further = volume.auxiliary.all().map(|grid| (grid.key, &grid.packed));
     let comes = |(key, packed): (GridKey, &Arc<PackedGrid>)| {
-        packed.occupied.is_some() && pool.index(key).is_none() && !pool.is_refused(&key)
+        packed.occupied.is_some() && pool.index(key).is_none() && pool.refusal(&key).is_none()
     };
     if std::iter::once(own).chain(further).any(comes) {
         VdbVolumeState::Preparing
-    } else if pool.is_refused(&volume.grid) {
-        VdbVolumeState::NotShown
+    } else if let Some(why) = pool.refusal(&volume.grid) {
+        VdbVolumeState::NotShown(why.to_owned())
     } else {
         VdbVolumeState::Unseen
     }
@@ -107,6 +109,11 @@ fn on_the_gpu(volume: &ExtractedVolume, pool: &VdbTreePool) -> VdbVolumeState {
 /// Combines the states of a volume in two views, or on the GPU and in a view: it counts as drawn
 /// when every view that sees it draws it.
 fn both(a: VdbVolumeState, b: VdbVolumeState) -> VdbVolumeState {
-    use VdbVolumeState::{Drawn, NotShown, Preparing, Unseen};
-    [Preparing, Drawn, NotShown].into_iter().find(|state| [a, b].contains(state)).unwrap_or(Unseen)
+    let rank = |state: &VdbVolumeState| match state {
+        VdbVolumeState::Preparing => 0,
+        VdbVolumeState::Drawn => 1,
+        VdbVolumeState::NotShown(_) => 2,
+        _ => 3,
+    };
+    if rank(&b) < rank(&a) { b } else { a }
 }

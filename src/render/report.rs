@@ -10,11 +10,12 @@ use bevy::render::{Render, RenderApp, RenderSystems};
 use super::accumulate::{AccumulateView, Accumulated, Mean};
 use super::composite::CompositeView;
 use super::light_cache::{LightCache, LightCacheView};
+use super::shadow_maps::CastShadows;
 use super::trace::TraceView;
 use super::upscale::UpscaleView;
 use super::view::{PreparedView, ViewPicture, ViewState};
 use crate::quality::diagnostics::{
-    VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
+    PASSES, VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
 };
 
 /// Reports to the app's world what each camera uses.
@@ -41,9 +42,16 @@ type ViewData<'a> = (
     &'a CompositeView,
 );
 
-fn report(views: Query<ViewData>, light_cache: Res<LightCache>, diagnostics: Res<VdbDiagnostics>) {
-    let reports: HashMap<_, _> =
-        views.iter().filter_map(|view| of_view(view, &light_cache)).collect();
+fn report(
+    views: Query<(Entity, ViewData)>,
+    shadows: Res<CastShadows>,
+    light_cache: Res<LightCache>,
+    diagnostics: Res<VdbDiagnostics>,
+) {
+    let reports: HashMap<_, _> = views
+        .iter()
+        .filter_map(|(view, data)| of_view(data, shadows.are_cast_for(view), &light_cache))
+        .collect();
     diagnostics.set(reports);
 }
 
@@ -57,6 +65,7 @@ fn of_view(
         &AccumulateView,
         &CompositeView,
     ),
+    casts_shadows: bool,
     light_cache: &LightCache,
 ) -> Option<(Entity, VdbCameraReport)> {
     let (prepared, uniform) = state.prepared()?;
@@ -107,7 +116,7 @@ fn of_view(
         frames,
         is_compiling: !prepared.is_ready || prepared.is_fallback,
         features: features(prepared),
-        passes: passes(light, upscale, frames, composite),
+        passes: passes(casts_shadows, (light, trace), upscale, frames, composite),
         buffers: buffers.0,
     };
     Some((camera.id(), report))
@@ -118,23 +127,28 @@ fn features(prepared: &PreparedView) -> Vec<VdbFeatureReport> {
     rows.map(|row| VdbFeatureReport { name: row.name, why: row.why }).collect()
 }
 
+/// The passes that run, of [`PASSES`].
 fn passes(
-    light: &LightCacheView,
+    casts_shadows: bool,
+    (light, trace): (&LightCacheView, &TraceView),
     upscale: &UpscaleView,
     frames: u32,
     composite: &CompositeView,
 ) -> Vec<VdbPassReport> {
     let is_composited = composite.surface.is_some() || composite.fog.is_some();
-    let all = [
-        (light.is_filled(), "vdb_light_cache", "a fog, its light or an occluder has changed"),
-        (!light.lamp_light().fogs.is_empty(), "vdb_lamp_light", "lamps light a fog, and the camera or they move"),
-        (true, "vdb_trace", "a volume is in view"),
-        (upscale.pipeline.is_some(), "vdb_upscale", "VdbQuality::resolution is less than 1"),
-        (frames > 0, "vdb_accumulate", "VdbQuality::accumulate, and nothing has changed"),
-        (is_composited, "vdb_composite", "the traced image is displayed"),
+    let lamps = light.lamp_light();
+    let gathers = trace.lamp_light.as_ref().is_some_and(|own| own.is_due(lamps));
+    let all: [(bool, &'static str); PASSES.len()] = [
+        (casts_shadows, "VdbCamera::mesh_shadows, and a light with shadow_maps_enabled"),
+        (light.is_filled(), "a fog, its light or an occluder has changed"),
+        (gathers, "lamps light a fog, and the camera or something in their light has moved"),
+        (true, "a volume is in view"),
+        (upscale.pipeline.is_some(), "VdbQuality::resolution is less than 1"),
+        (frames > 0, "VdbQuality::accumulate, and nothing has changed"),
+        (is_composited, "the traced image is displayed"),
     ];
-    let on = all.into_iter().filter(|(on, ..)| *on);
-    on.map(|(_, name, why)| VdbPassReport { name, why }).collect()
+    let on = PASSES.into_iter().zip(all).filter(|(_, (on, _))| *on);
+    on.map(|(name, (_, why))| VdbPassReport { name, why }).collect()
 }
 
 #[derive(Default)]

@@ -148,20 +148,48 @@ pub enum VdbRenderMode {
     Gray,
     /// The axes that the surface faces: x red, y green, z blue.
     Rgb,
+    /// A colour for each voxel, or for each cell of a smooth surface, derived from its index modulo
+    /// 128.
+    HitVoxel,
     /// World-space normals of surfaces, mapped from -1…1 to 0…1.
     Normals,
     /// Depth of surfaces as in the depth buffer: 1 at the near plane, 0 at infinity.
     Depth,
-    /// A colour for each voxel, or for each cell of a smooth surface, derived from its index modulo
-    /// 128.
-    HitVoxel,
     /// Traversal steps, from light blue (none) to red ([`VdbCamera::steps_scale`]).
     Steps,
 }
 
 impl VdbRenderMode {
+    /// All modes, in the order of their documentation.
+    pub const ALL: &'static [Self] = &[
+        Self::Lit,
+        Self::Diffuse,
+        Self::Glossy,
+        Self::Gray,
+        Self::Rgb,
+        Self::HitVoxel,
+        Self::Normals,
+        Self::Depth,
+        Self::Steps,
+    ];
+
+    /// The name of the mode for menus and command lines, in lower case.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Lit => "lit",
+            Self::Diffuse => "diffuse",
+            Self::Glossy => "glossy",
+            Self::Gray => "gray",
+            Self::Rgb => "rgb",
+            Self::HitVoxel => "voxels",
+            Self::Normals => "normals",
+            Self::Depth => "depth",
+            Self::Steps => "steps",
+        }
+    }
+
     /// Whether the mode depends on lights.
-    pub(crate) fn is_lit(self) -> bool {
+    pub const fn is_lit(self) -> bool {
         matches!(self, Self::Lit | Self::Diffuse | Self::Glossy)
     }
 }
@@ -208,5 +236,24 @@ pub struct VdbSun {
 impl Default for VdbSun {
     fn default() -> Self {
         Self { intensity: 1.0, angular_diameter: 0.0, samples: 16 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use bevy::reflect::enums::Enum;
+    use bevy::reflect::{TypeInfo, Typed};
+
+    use super::*;
+
+    #[test]
+    fn all_modes_are_listed_in_order_by_different_names() {
+        let TypeInfo::Enum(modes) = VdbRenderMode::type_info() else { panic!("it is an enum") };
+        let listed: Vec<_> = VdbRenderMode::ALL.iter().map(|mode| mode.variant_name()).collect();
+        assert_eq!(listed, modes.variant_names());
+        let names: HashSet<_> = VdbRenderMode::ALL.iter().map(|mode| mode.name()).collect();
+        assert_eq!(names.len(), VdbRenderMode::ALL.len(), "{names:?}");
     }
 }

@@ -2,12 +2,12 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use bevy::asset::UntypedAssetId;
+use bevy::asset::{AssetLoadError, LoadState, UntypedAssetId};
 use bevy::ecs::entity::EntityHashMap;
 use bevy::prelude::*;
 
 use super::volume_state::{ToldDrawn, VdbVolumeDrawn, VdbVolumeState};
-use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbVolume};
+use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbLoaderError, VdbVolume};
 
 /// The state of volumes in the last rendered frame, with their grids. A resource of both worlds.
 #[derive(Clone, Debug, Default, Resource)]
@@ -22,7 +22,7 @@ impl DrawnVolumes {
     fn get(&self, volume: Entity, grid: UntypedAssetId) -> VdbVolumeState {
         let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let own = all.get(&volume).filter(|(of, _)| *of == grid);
-        own.map_or(VdbVolumeState::Preparing, |(_, state)| *state)
+        own.map_or(VdbVolumeState::Preparing, |(_, state)| state.clone())
     }
 }
 
@@ -46,19 +46,39 @@ pub(crate) fn update_states(
         let further = further_grids(emission, color);
         let is_coming = |id| assets.get_load_state(id).is_some_and(|state| state.is_loading());
         let now = if !grids.contains(id) {
-            let failed = assets.get_load_state(id).is_some_and(|state| state.is_failed());
-            if failed { VdbVolumeState::Failed } else { VdbVolumeState::Loading }
+            match assets.get_load_state(id) {
+                Some(LoadState::Failed(error)) => VdbVolumeState::Failed(reason(&error)),
+                None if id == AssetId::default() => VdbVolumeState::Failed(NO_FILE.into()),
+                _ => VdbVolumeState::Loading,
+            }
         } else if further.into_iter().flatten().any(is_coming) {
             VdbVolumeState::Loading
         } else {
             drawn.as_ref().map_or(VdbVolumeState::Unseen, |drawn| drawn.get(entity, id.untyped()))
         };
+        let is_drawn = now == VdbVolumeState::Drawn;
         state.set_if_neq(now);
-        if now == VdbVolumeState::Drawn && told.0 != Some(id) {
+        if is_drawn && told.0 != Some(id) {
             told.0 = Some(id);
             commands.trigger(VdbVolumeDrawn { entity });
         }
     }
+}
+
+/// The reason for a volume with a default handle, which nothing will ever be loaded for.
+const NO_FILE: &str = "no file is loaded for it: its handle is the default one, which \
+                       AssetServer::load also returns for a path that it refuses";
+
+/// The reason why a grid was not loaded, in the words of Bevy's message, but without what Bevy adds
+/// to errors of loaders.
+fn reason(error: &AssetLoadError) -> String {
+    let own = match error {
+        AssetLoadError::AssetLoaderError(error) => {
+            error.error().downcast_ref::<VdbLoaderError>().map(ToString::to_string)
+        }
+        _ => None,
+    };
+    own.unwrap_or_else(|| error.to_string()).trim_end().to_owned()
 }
 
 /// The auxiliary grids of a volume.

@@ -7,7 +7,7 @@ use crate::VdbGrid;
 /// The state of a volume, from loading to being drawn, as of the last rendered frame: a component
 /// of every [`VdbVolume`](crate::VdbVolume).
 ///
-/// A loading screen can end once every volume is settled:
+/// A loading screen can end once every volume is settled, which includes those that have failed:
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -19,13 +19,16 @@ use crate::VdbGrid;
 ///     screen: Single<Entity, With<LoadingScreen>>,
 /// ) {
 ///     if volumes.iter().all(|state| state.is_settled()) {
+///         for reason in volumes.iter().filter_map(|state| state.reason()) {
+///             println!("a volume is missing: {reason}");
+///         }
 ///         commands.entity(*screen).despawn();
 ///     }
 /// }
 /// ```
 ///
 /// To be notified of the first frame with a volume, observe [`VdbVolumeDrawn`].
-#[derive(Clone, Component, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
+#[derive(Clone, Component, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq, Hash)]
 #[non_exhaustive]
 pub enum VdbVolumeState {
@@ -34,16 +37,16 @@ pub enum VdbVolumeState {
     /// [`VdbLoadProgress`](crate::VdbLoadProgress).
     #[default]
     Loading,
-    /// Its grid could not be loaded. Bevy has logged the reason.
-    Failed,
+    /// Its grid could not be loaded, for this reason. Bevy has logged it, with the path of the file.
+    Failed(String),
     /// Its grids are being uploaded to the GPU, or a pipeline that a camera needs is being
     /// compiled. Until then, the volume is drawn as far as existing pipelines allow.
     Preparing,
-    /// It cannot be shown: it does not fit the GPU, or its transform is out of range. A message
-    /// gives the reason.
-    NotShown,
-    /// Its grids are on the GPU, but no camera sees it: it is hidden, empty or out of view, or
-    /// there is no renderer.
+    /// It cannot be shown, for this reason: it does not fit the GPU, or its transform is out of
+    /// range. A message says the same, with the name of the grid and the entity.
+    NotShown(String),
+    /// Its grids are on the GPU, but no camera sees it: it is hidden, empty or out of view, the
+    /// camera's image has no pixels, or there is no renderer.
     Unseen,
     /// It is displayed completely by every camera that sees it.
     Drawn,
@@ -52,8 +55,16 @@ pub enum VdbVolumeState {
 impl VdbVolumeState {
     /// Whether there is nothing left to wait for: the volume is drawn, or will not be unless
     /// something changes.
-    pub fn is_settled(self) -> bool {
+    pub fn is_settled(&self) -> bool {
         !matches!(self, Self::Loading | Self::Preparing)
+    }
+
+    /// The reason why the volume could not be loaded or cannot be shown.
+    pub fn reason(&self) -> Option<&str> {
+        match self {
+            Self::Failed(reason) | Self::NotShown(reason) => Some(reason),
+            Self::Loading | Self::Preparing | Self::Unseen | Self::Drawn => None,
+        }
     }
 }
 

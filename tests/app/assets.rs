@@ -532,10 +532,13 @@ fn where_a_grid_could_be_several_the_message_has_their_labels() {
         let labels = grids.map(|(name, _)| format!("`#{name}`"));
         assert!(message.contains("append the label of one to the path"), "{message}");
         assert!(labels.iter().all(|label| message.contains(label)), "{message}");
-        // A volume says that nothing will come.
+        // A volume says that nothing will come, and why, in the words of the message.
         let volume = app.world_mut().spawn(VdbVolume(grid)).id();
         app.update();
-        assert_eq!(app.world().get(volume), Some(&VdbVolumeState::Failed));
+        let state = app.world().get::<VdbVolumeState>(volume).unwrap();
+        let VdbVolumeState::Failed(why) = state else { panic!("{state:?}") };
+        assert!(why.starts_with("the file has several grids"), "{why}");
+        assert!(message.contains(why) && state.is_settled(), "{why}");
         std::fs::remove_dir_all(folder).unwrap();
     }
     let (folder, path) = file_of("none", &[("density", fog)]);
@@ -544,6 +547,20 @@ fn where_a_grid_could_be_several_the_message_has_their_labels() {
     println!("{message}");
     assert!(message.contains("no grid of vectors") && message.contains("density"), "{message}");
     std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// A loading screen would wait for it in vain.
+#[test]
+fn a_volume_whose_path_is_refused_has_failed() {
+    let mut app = App::new();
+    app.add_plugins((MinimalPlugins, AssetPlugin::default(), VdbRenderPlugin));
+    // Absolute paths have to be allowed.
+    let refused: Handle<VdbGrid> = load(&app, data("kinds.vdb"));
+    let volume = app.world_mut().spawn(VdbVolume(refused)).id();
+    app.update();
+    let state = app.world().get::<VdbVolumeState>(volume).unwrap();
+    assert!(matches!(state, VdbVolumeState::Failed(_)) && state.is_settled(), "{state:?}");
+    assert!(state.reason().is_some_and(|why| why.contains("path that it refuses")), "{state:?}");
 }
 
 /// The `.meta` file of the guide, as it stands there, beside a file.

@@ -101,6 +101,19 @@ fn check(composer: &mut Composer, name: &str, defs: &[&str]) {
         .unwrap_or_else(|error| panic!("with {defs:?}: {}", error.emit_to_string(source)));
 }
 
+/// The defs of a view that interpolates the light that lamps scatter in fog.
+const SCATTERED_LIGHT: [&str; 9] = [
+    "VDB_LIT",
+    "VDB_FOGS",
+    "VDB_SHADOWS",
+    "SHADOW_FILTER_METHOD_GAUSSIAN",
+    "VDB_LOCAL_LIGHTS",
+    "VDB_LIGHT_CACHE",
+    "VDB_CACHED_LAMPS",
+    "VDB_LAMP_LIGHT",
+    "VDB_CACHED_SUNS=1",
+];
+
 /// All sets of some of the defs.
 fn subsets<'a>(defs: &'a [&'a str]) -> impl Iterator<Item = Vec<&'a str>> + 'a {
     (0..1_u32 << defs.len()).map(|bits| {
@@ -220,6 +233,13 @@ fn every_variant_of_the_trace_is_valid() {
             }
         }
     }
+    for media in ["VDB_MEDIA=1", "VDB_MEDIA=8"] {
+        let with =
+            ["VDB_EMISSION", "VDB_MULTIPLE_SCATTERING", "VDB_UNCACHED_FOGS", "VDB_OTHER_LIGHTS"];
+        for with in subsets(&with) {
+            check(&[&SCATTERED_LIGHT, &[media], &with]);
+        }
+    }
     // Fewer rays than pixels.
     for kinds in subsets(&["VDB_SURFACES", "VDB_FOGS", "MULTISAMPLED"]) {
         check(&[&["VDB_LIT", "VDB_SCALED", "VDB_LOCAL_LIGHTS", "DISTANCE_FOG"], &kinds, &shadows]);
@@ -233,10 +253,24 @@ fn every_variant_of_the_trace_is_valid() {
             &shadows,
         ]);
     }
-    assert_eq!(
-        variants,
-        8 * (5 * 8 + 3 + 5 * 8 + 1 + 2 * 6 + 2) + 4 * 2 * 16 + 3 + 16 + 7 + 4 + 256 + 16 + 16
-    );
+    // Modes, steps, lights, overlays, further grids and parts, for each set of kinds; and further
+    // lights for the sets with fog.
+    let kinds = 8 * (5 * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * (2 * 16);
+    // For each set of kinds and of further defs, the lights of the cache.
+    let light_cache = 8 * 8 * 5 + 2 * 16;
+    let (filters, many, formats, wide, scaled, accumulated) = (2 + 1, 16, 3 * 2 + 1, 4, 8 * 2, 16);
+    let others = filters + many + formats + wide + scaled + accumulated;
+    assert_eq!(variants, kinds + light_cache + others);
+}
+
+#[test]
+fn gathering_the_light_of_lamps_is_valid() {
+    let mut composer = composer();
+    for with in
+        [&[][..], &["VDB_MULTIPLE_SCATTERING", "VDB_OCTAVES"], &["VDB_PAGED", "VDB_PAGE_BITS=20"]]
+    {
+        check(&mut composer, "trace/lamp_light", &[&SCATTERED_LIGHT, with].concat());
+    }
 }
 
 #[test]

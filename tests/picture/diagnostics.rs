@@ -4,6 +4,7 @@ use bevy::core_pipeline::prepass::{DepthPrepass, MotionVectorPrepass};
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::input::ButtonState;
 use bevy::input::keyboard::{Key, KeyboardInput};
+use bevy::light::DirectionalLightShadowMap;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
@@ -87,9 +88,18 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     stage.world().despawn(cloud);
     check(&mut stage, "no fog any more", "voxels, beam optimisation, light", both, plain);
 
+    stage.world().insert_resource(DirectionalLightShadowMap { size: 256 });
     let sun = DirectionalLight { shadow_maps_enabled: true, ..default() };
     let sun = stage.world().spawn(sun).id();
-    check(&mut stage, "shadows", "voxels, beam optimisation, light, shadows", both, plain);
+    let seen = "voxels, beam optimisation, light, shadows";
+    check(&mut stage, "shadows", seen, both, plain);
+    let wall = stage.world().resource_mut::<Assets<Mesh>>().add(Cuboid::new(4.0, 4.0, 0.1));
+    let white = StandardMaterial::default();
+    let white = stage.world().resource_mut::<Assets<StandardMaterial>>().add(white);
+    let wall = (Mesh3d(wall), MeshMaterial3d(white), Transform::from_xyz(0.0, 0.0, -3.0));
+    let wall = stage.world().spawn(wall).id();
+    check(&mut stage, "shadows on a mesh", seen, "vdb_cast, vdb_trace, vdb_composite", plain);
+    stage.world().despawn(wall);
     stage.world().despawn(sun);
     let half = VdbQuality { resolution: 0.5, ..default() };
     stage.world().entity_mut(camera).insert((half, DepthPrepass, MotionVectorPrepass));

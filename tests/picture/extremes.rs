@@ -208,14 +208,8 @@ fn no_pixel_is_infinite_or_no_number() {
     }
     let grid = stage.grid(densities(), SMOOTH, 0.1);
     stage.world().spawn(VdbVolume(grid));
-    for (mode, scales) in [
-        (VdbRenderMode::Gray, &odd[..1]),
-        (VdbRenderMode::Rgb, &odd[..1]),
-        (VdbRenderMode::Normals, &odd[..1]),
-        (VdbRenderMode::Depth, &odd[..1]),
-        (VdbRenderMode::HitVoxel, &odd[..1]),
-        (VdbRenderMode::Steps, &odd[..]),
-    ] {
+    for mode in VdbRenderMode::ALL.iter().copied().filter(|mode| !mode.is_lit()) {
+        let scales = if mode == VdbRenderMode::Steps { &odd[..] } else { &odd[..1] };
         for &steps_scale in scales {
             stage.world().entity_mut(camera).insert(VdbCamera { mode, steps_scale, ..default() });
             stage.picture(&target);

@@ -22,7 +22,7 @@ mod viewer_window;
 // They name each other from the root, as they do in the example.
 #[path = "../../examples/viewer/app.rs"]
 mod app;
-#[path = "../../examples/viewer/args.rs"]
+#[path = "../../examples/viewer/args/mod.rs"]
 mod args;
 #[path = "../../examples/viewer/fly.rs"]
 mod fly;

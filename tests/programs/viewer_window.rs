@@ -456,6 +456,8 @@ fn keys_do_what_the_list_says() {
     assert!(!viewer.says("this list"));
     viewer.press(KeyCode::F1);
     assert!(viewer.says("this list") && viewer.says("fly forwards"));
+    let modes: Vec<_> = VdbRenderMode::ALL.iter().map(|mode| mode.name()).collect();
+    assert!(viewer.says(&modes.join(", ")), "{modes:?}");
     viewer.press(KeyCode::F1);
     assert!(!viewer.says("this list"));
     viewer.press(KeyCode::Digit9);

@@ -10,14 +10,12 @@
 #ifndef VDB_EVEN_LIGHT
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::candidates::start_t
+#import bevy_vdb::trace::scattering::OPAQUE_DEPTH
 #import bevy_vdb::traversal::hdda::{enter_at, local_cell, mirrored_ray}
 #import bevy_vdb::traversal::march::{begin_march, next_interval, visible_mean_t, scaled_step}
 #import bevy_vdb::traversal::tree::new_accessor
 #endif
 #endif
-
-// Optical depth beyond which nothing is visible: e^-16 is 1/4,000 of the step of 16-bit floats near 1.
-const OPAQUE_DEPTH: f32 = 16.0;
 
 // Above this many voxels along the longest edge of a fog's box, the intervals that share one lighting sample
 // become longer in proportion.

@@ -276,28 +276,40 @@ fn add_cached_lamps(
     for (var group = 0u; group < groups; group++) {
         let lamps = view.cached_lamps[group];
         let bricks = lamp_group_bricks(volume, group);
-        // Four samples at once, so that the GPU does not wait for each.
-        var depths = vec4(0.0);
-        for (var i = 0u; i < 4u; i++) {
-            depths[i] = cached_depth(in_lattice, select(bricks[i], 0u, bricks[i] == NOT_CACHED));
-        }
-        for (var i = 0u; i < 4u; i++) {
-            let data = bevy::clustered_lights.data[lamps[i]];
-            let has_shadows = (data.flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
-            if has_shadows && bricks[i] != NOT_CACHED {
-                let to_lamp = data.position_radius.xyz - at.position;
-                var illuminance = lamp_illuminance(data, to_lamp, ray, extent);
+        // The fractions of their light that are not interpolated.
+        var parts = vec4(1.0);
 #ifdef VDB_LAMP_LIGHT
-                if is_interpolated {
-                    illuminance *= 1.0 - interpolated_part(data, dot(to_lamp, to_lamp), far);
-                }
+        if is_interpolated {
+            for (var i = 0u; i < 4u; i++) {
+                let data = bevy::clustered_lights.data[lamps[i]];
+                let to_lamp = data.position_radius.xyz - at.position;
+                let distance_squared = dot(to_lamp, to_lamp);
+                let part = 1.0 - interpolated_part(data, distance_squared, far);
+                parts[i] = select(0.0, part, bricks[i] != NOT_CACHED);
+                // Of all lamps: the ray may come near this one between samples.
+                nearest_squared = min(nearest_squared, select(FAR, distance_squared, bricks[i] != NOT_CACHED));
+            }
+        }
 #endif
-                // Of all lamps: the ray may meet the cone or the range of this one between samples.
-                nearest_squared = min(nearest_squared, dot(to_lamp, to_lamp));
-                if any(illuminance > vec3(0.0)) {
-                    let occlusion = depth_of(unoccluded_lamp(at, point, lamps[i], to_lamp));
-                    let visible = octaves_of_depth(depths[i] + occlusion, anisotropy);
-                    add_scattered(&octaves, to_lamp, illuminance, visible, ray, anisotropy);
+        if any(parts > vec4(0.0)) {
+            // Four samples at once, so that the GPU does not wait for each.
+            var depths = vec4(0.0);
+            for (var i = 0u; i < 4u; i++) {
+                depths[i] = cached_depth(in_lattice, select(bricks[i], 0u, bricks[i] == NOT_CACHED));
+            }
+            for (var i = 0u; i < 4u; i++) {
+                let data = bevy::clustered_lights.data[lamps[i]];
+                let has_shadows = (data.flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
+                if has_shadows && bricks[i] != NOT_CACHED && parts[i] > 0.0 {
+                    let to_lamp = data.position_radius.xyz - at.position;
+                    let illuminance = parts[i] * lamp_illuminance(data, to_lamp, ray, extent);
+                    // Of all lamps: the ray may meet the cone or the range of this one between samples.
+                    nearest_squared = min(nearest_squared, dot(to_lamp, to_lamp));
+                    if any(illuminance > vec3(0.0)) {
+                        let occlusion = depth_of(unoccluded_lamp(at, point, lamps[i], to_lamp));
+                        let visible = octaves_of_depth(depths[i] + occlusion, anisotropy);
+                        add_scattered(&octaves, to_lamp, illuminance, visible, ray, anisotropy);
+                    }
                 }
             }
         }

@@ -8,9 +8,9 @@
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::gpu::types::KIND_FOG
 #import bevy_vdb::trace::candidates::start_t
-#import bevy_vdb::trace::fog_march::{Fog, MAX_DEPTH_OF_STEP, MIN_STEP, OPAQUE_DEPTH, light_interval}
+#import bevy_vdb::trace::fog_march::{Fog, MAX_DEPTH_OF_STEP, MIN_STEP, light_interval}
 #import bevy_vdb::trace::light_cache::{cached_depth, lattice_point, sun_brick}
-#import bevy_vdb::trace::scattering::{OCTAVES, ScatteringSums, add_sample, mean_transmittance}
+#import bevy_vdb::trace::scattering::{OCTAVES, OPAQUE_DEPTH, ScatteringSums, add_sample, mean_transmittance}
 #import bevy_vdb::trace::scattering::{octave_weights, octaves_of_depth, scattered_radiance, visibility_between}
 #import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
 #import bevy_vdb::trace::shared_light::{SUN_COUNT, SUN_SLOTS, CachedLight, FogPoint, SharedLight}

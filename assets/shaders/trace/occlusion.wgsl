@@ -5,6 +5,7 @@
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::hdda::{mirrored_ray, enter, first_hit}
 #import bevy_vdb::view::scene::{scene_end, view, volumes}
+#import bevy_vdb::trace::scattering::OPAQUE_DEPTH
 #import bevy_vdb::trace::segment::{Point, Segment, lattice_ray}
 #ifdef VDB_MANY
 #import bevy_vdb::trace::bvh::next_intersected
@@ -20,13 +21,12 @@
 #import bevy_vdb::traversal::march::scaled_step
 #endif
 
-// Optical depth of fog at which rays to lights end: e^-16 is less than the step of 16-bit floats near 1. With
-// multiple scattering, the last octave sees at most a quarter of the optical depth, or less if fog scatters
-// forwards.
+// Optical depth of fog at which rays to lights end. With multiple scattering, the last octave sees at most a
+// quarter of the optical depth, or less if fog scatters forwards.
 #ifdef VDB_MULTIPLE_SCATTERING
-const OPAQUE_DEPTH: f32 = 80.0;
+const DARK_DEPTH: f32 = 5.0 * OPAQUE_DEPTH;
 #else
-const OPAQUE_DEPTH: f32 = 16.0;
+const DARK_DEPTH: f32 = OPAQUE_DEPTH;
 #endif
 // Optical depth of a surface, which no fogs together reach.
 const SURFACE_DEPTH: f32 = 1000.0;
@@ -63,7 +63,7 @@ fn depth_to_light(
     let range = min(distance, view.shadow_range);
     var depth = 0.0;
     var i = next_occluder(segment, view.volume_first, range);
-    for (; i < scene_end() && depth < OPAQUE_DEPTH; i = next_occluder(segment, i + 1u, range)) {
+    for (; i < scene_end() && depth < DARK_DEPTH; i = next_occluder(segment, i + 1u, range)) {
         if (volumes[i].flags & NO_CASTER) != 0u {
             continue;
         }
@@ -98,9 +98,9 @@ fn depth_to_light(
             var density_integral = 0.0;
             if in_fog {
                 let step = max(scaled_step(grid, volumes[i].shadow_step, SHADOW_EDGE), least_step);
-                density_integral = stepped_length(grid, mirrored, 0.0, OPAQUE_DEPTH / scale, step, 0.0);
+                density_integral = stepped_length(grid, mirrored, 0.0, DARK_DEPTH / scale, step, 0.0);
             } else {
-                density_integral = optical_length(grid, mirrored, dda, OPAQUE_DEPTH / scale);
+                density_integral = optical_length(grid, mirrored, dda, DARK_DEPTH / scale);
             }
             depth += scale * min(density_integral, 100.0 / scale);
         }
@@ -112,7 +112,7 @@ fn depth_to_light(
 // Transmittance between a point and a light.
 fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool) -> f32 {
     let depth = depth_to_light(point, to_light, distance, in_fog, SURFACES | FOGS, 0.0);
-    return select(exp(-min(depth, OPAQUE_DEPTH)), 0.0, depth >= SURFACE_DEPTH);
+    return select(exp(-min(depth, DARK_DEPTH)), 0.0, depth >= SURFACE_DEPTH);
 }
 
 // Optical depth of all fogs between a point in fog and a light.

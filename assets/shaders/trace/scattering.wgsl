@@ -35,8 +35,9 @@ const ESCAPE = vec3(1.13, 0.567, 4.54);
 // A τ / (1 + u τ / D).
 const OCTAVE_AMPLITUDE = vec2(2.89, 0.609);
 const OCTAVE_DEPTH = vec2(1.1, 29.0);
-// Rays end at this optical depth, so the fog beyond it is unknown.
-const MAX_DEPTH: f32 = 16.0;
+// Optical depth beyond which nothing is visible: e^-16 is 1/4,000 of the step of 16-bit floats near 1. Rays
+// end there, so the fog beyond it is unknown.
+const OPAQUE_DEPTH: f32 = 16.0;
 
 // Light scattered along a ray at a point in fog with an albedo of 1, cd/m².
 struct InScattered {
@@ -166,7 +167,7 @@ fn scattered_radiance(sums: ScatteringSums, optical_depth: f32) -> vec3<f32> {
     let mean_albedo = sums.albedo / weight;
     let albedo = saturate(mean_albedo);
     let anisotropy = sums.anisotropy / weight;
-    let depth = min(optical_depth, MAX_DEPTH);
+    let depth = min(optical_depth, OPAQUE_DEPTH);
 #ifdef VDB_OCTAVES
     // Light in the second octave has been scattered once more than in the first, in the third eleven times more.
     let squared = albedo * albedo;

@@ -13,7 +13,8 @@
 #import bevy_vdb::trace::emission::{segment_emission, is_emitter}
 #import bevy_vdb::trace::scattering::mean_transmittance
 #endif
-#import bevy_vdb::trace::fog_march::{Fog, OPAQUE_DEPTH, REFLECTED_STEP_FACTOR}
+#import bevy_vdb::trace::fog_march::{Fog, REFLECTED_STEP_FACTOR}
+#import bevy_vdb::trace::scattering::OPAQUE_DEPTH
 #ifdef VDB_LIT
 #import bevy_vdb::view::scene::frame_random
 #import bevy_vdb::trace::fog_march::in_scattered_at

@@ -1,5 +1,5 @@
 // Samples at the corners of occupied cells. `crates/vdb_core/src/pack/layout.rs` describes how they are
-// stored and why. Twin: `corners` in `crates/vdb_core/src/pack/traverse.rs`.
+// stored and why. Twin: `corners` in `crates/vdb_core/src/pack/cells.rs`.
 //
 // Every index is in range. Leaves, records and palette indices come from the packer. So do the bits of the
 // requested samples, because all corners of an occupied cell are stored. The word after the last sample,

@@ -1,5 +1,5 @@
 // Look-ups in a packed grid. `crates/vdb_core/src/pack/layout.rs` describes the layout and the reasons for
-// it. Twin: `crates/vdb_core/src/pack/traverse.rs`.
+// it. Twin: `crates/vdb_core/src/pack/cells.rs`.
 //
 // Every index is in range by construction: words come from the packer only, and rays only look up cells of
 // the grid's box, which the top-level tree covers.

@@ -7,18 +7,6 @@ use bevy_vdb::{VdbCamera, VdbRenderMode};
 use super::state::VdbInspector;
 use super::widgets::entity_name;
 
-const MODES: [(&str, VdbRenderMode); 9] = [
-    ("lit", VdbRenderMode::Lit),
-    ("diffuse", VdbRenderMode::Diffuse),
-    ("glossy", VdbRenderMode::Glossy),
-    ("gray", VdbRenderMode::Gray),
-    ("axes", VdbRenderMode::Rgb),
-    ("normals", VdbRenderMode::Normals),
-    ("depth", VdbRenderMode::Depth),
-    ("voxels", VdbRenderMode::HitVoxel),
-    ("steps", VdbRenderMode::Steps),
-];
-
 pub(super) fn show(
     InMut(ui): InMut<egui::Ui>,
     mut inspector: ResMut<VdbInspector>,
@@ -40,7 +28,8 @@ pub(super) fn show(
     ui.label(format!("facing {:.3}, {:.3}, {:.3}", facing.x, facing.y, facing.z));
     let mut new = camera.clone();
     ui.checkbox(&mut new.enabled, "shows volumes");
-    super::widgets::pick(ui, "mode", &mut new.mode, &MODES);
+    let modes: Vec<_> = VdbRenderMode::ALL.iter().map(|mode| (mode.name(), *mode)).collect();
+    super::widgets::pick(ui, "mode", &mut new.mode, &modes);
     if new.mode == VdbRenderMode::Steps {
         let scale = super::widgets::slider(&mut new.steps_scale, 1.0..=2_000.0).logarithmic(true);
         ui.add(scale.text("steps shown in red"));

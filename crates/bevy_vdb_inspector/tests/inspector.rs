@@ -228,12 +228,8 @@ fn text_of_files_is_escaped() {
 fn controls_of_a_camera_change_that() {
     let mut panel = Panel::new(PackKind::Smooth { iso: 0.0 });
     let camera = panel.camera;
-    for (name, mode) in [
-        ("steps", VdbRenderMode::Steps),
-        ("axes", VdbRenderMode::Rgb),
-        ("glossy", VdbRenderMode::Glossy),
-    ] {
-        panel.choose("mode", name);
+    for &mode in VdbRenderMode::ALL.iter().rev() {
+        panel.choose("mode", mode.name());
         assert_eq!(panel.get::<VdbCamera>(camera).mode, mode);
     }
     panel.choose("mode", "steps");

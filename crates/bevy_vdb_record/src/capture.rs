@@ -3,9 +3,10 @@
 //! Each frame is drawn into an 8-bit texture, regardless of the camera's own format, and copied
 //! from there into one of a few buffers, which can be read some frames later.
 
-use std::collections::VecDeque;
+mod state;
+
 use std::sync::{Arc, OnceLock};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use bevy::core_pipeline::blit::{BlitPipeline, BlitPipelineKey};
 use bevy::core_pipeline::schedule::Core3d;
@@ -18,12 +19,8 @@ use bevy::render::sync_world::MainEntity;
 use bevy::render::view::ViewTarget;
 use bevy::render::{Extract, ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems};
 
-use super::session::{Frame, Session};
-use super::{VdbRecordClock, VdbRecordError, VdbRecorder};
-
-/// The number of buffers of a recording: while one is read, the GPU can fill others.
-const BUFFERS: usize = 3;
-const FORMAT: TextureFormat = TextureFormat::Rgba8UnormSrgb;
+use super::VdbRecorder;
+use state::{Capture, FORMAT, Shot, Staged, extent, padded_row};
 
 pub(super) fn build(app: &mut App) {
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
@@ -44,48 +41,6 @@ pub(super) fn build(app: &mut App) {
 
 #[derive(Default, Resource)]
 struct Captures(Vec<Capture>);
-
-/// The render-world state of a recording.
-struct Capture {
-    camera: MainEntity,
-    session: Arc<Session>,
-    /// The time of this frame, if the camera still wants it recorded.
-    now: Option<Instant>,
-    /// The time of the first frame.
-    began: Option<Instant>,
-    /// The number of the next frame.
-    next: u64,
-    surface: Option<Surface>,
-    free: Vec<Buffer>,
-    /// The data prepared by `prepare` for `capture`.
-    shot: Option<Shot>,
-    /// Frames that have not been read back, in order.
-    staged: VecDeque<Staged>,
-    /// A frame that has been read back and waits for room in the queue.
-    ready: Option<Frame>,
-}
-
-/// The texture that frames are drawn into, with the size of the camera's own.
-struct Surface {
-    texture: Texture,
-    view: TextureView,
-    /// The recorded part: the camera's viewport.
-    part: URect,
-}
-
-struct Shot {
-    slot: u64,
-    buffer: Buffer,
-    pipeline: CachedRenderPipelineId,
-}
-
-struct Staged {
-    slot: u64,
-    size: UVec2,
-    buffer: Buffer,
-    /// Whether mapping the buffer succeeded, once known; `None` until it has been requested.
-    mapped: Option<Arc<OnceLock<bool>>>,
-}
 
 fn extract_recorders(
     recorders: Extract<Query<(Entity, &VdbRecorder)>>,
@@ -217,213 +172,4 @@ fn read_back(mut captures: ResMut<Captures>) {
             });
         }
     }
-}
-
-impl Capture {
-    fn new(camera: MainEntity, session: Arc<Session>) -> Self {
-        Self {
-            camera,
-            session,
-            now: None,
-            began: None,
-            next: 0,
-            surface: None,
-            free: Vec::new(),
-            shot: None,
-            staged: VecDeque::new(),
-            ready: None,
-        }
-    }
-
-    /// The number of the current frame, if the recording needs one now.
-    fn due(&mut self, now: Instant) -> Option<u64> {
-        let session = self.session.clone();
-        let settings = &session.settings;
-        let slot = match settings.clock {
-            VdbRecordClock::FixedStep => self.next,
-            VdbRecordClock::RealTime => self.slot_in_real_time(now),
-        };
-        // The last frame is taken even if it is late.
-        let last = settings.max_frames.map_or(u64::MAX, |max| max.saturating_sub(1));
-        let slot = slot.min(last);
-        (slot >= self.next.min(last)).then_some(slot)
-    }
-
-    /// The number of the frame for this moment. The excess of a long gap is cut from the
-    /// recording's time.
-    fn slot_in_real_time(&mut self, now: Instant) -> u64 {
-        let settings = &self.session.settings;
-        let rate = settings.frame_rate;
-        let began = self.began.get_or_insert(now);
-        let slot = slot_at(now.saturating_duration_since(*began), rate);
-        let last = self.next.saturating_add(slot_at(settings.max_gap, rate));
-        let cut = slot.saturating_sub(last);
-        if cut == 0 {
-            return slot;
-        }
-        let seconds = |frames: u64| frames as f64 / f64::from(rate.max(1));
-        *began += Duration::from_secs_f64(seconds(cut));
-        if self.session.cut(cut) {
-            warn!(
-                "recording to {}: there was no new frame for {:.1} s; {:.1} s are filled with the \
-                 previous frame (VdbRecordSettings::max_gap), and the rest is left out, as in any \
-                 further gap",
-                settings.target.display(),
-                seconds(slot - self.next),
-                seconds(last - self.next),
-            );
-        }
-        last
-    }
-
-    /// Ensures a texture of the camera's size; false if the size has changed, which ends the
-    /// recording.
-    fn fit(
-        &mut self,
-        device: &RenderDevice,
-        target: &ViewTarget,
-        camera: &ExtractedCamera,
-    ) -> bool {
-        let whole = target.main_texture().size();
-        let bounds = URect::from_corners(UVec2::ZERO, UVec2::new(whole.width, whole.height));
-        let part = camera.viewport.as_ref().map_or(bounds, |viewport| {
-            let min = viewport.physical_position;
-            bounds.intersect(URect::from_corners(min, min + viewport.physical_size))
-        });
-        if part.is_empty() {
-            return false;
-        }
-        if let Some(surface) = &mut self.surface {
-            let (from, to) = (surface.part.size(), part.size());
-            if from != to {
-                self.session.fail(VdbRecordError::Resized { from, to });
-                return false;
-            }
-            // The viewport has moved, or the window has another size; the image is the same size.
-            surface.part = part;
-            if surface.texture.size() == whole {
-                return true;
-            }
-        }
-        let texture = device.create_texture(&TextureDescriptor {
-            label: Some("vdb_record"),
-            size: whole,
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: TextureDimension::D2,
-            format: FORMAT,
-            usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
-        let view = texture.create_view(&default());
-        self.surface = Some(Surface { texture, view, part });
-        true
-    }
-
-    fn take_buffer(&mut self, device: &RenderDevice) -> Option<Buffer> {
-        if let Some(buffer) = self.free.pop() {
-            return Some(buffer);
-        }
-        let size = self.surface.as_ref()?.part.size();
-        (self.staged.len() < BUFFERS).then(|| {
-            device.create_buffer(&BufferDescriptor {
-                label: Some("vdb_record"),
-                size: u64::from(padded_row(size)) * u64::from(size.y),
-                usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
-                mapped_at_creation: false,
-            })
-        })
-    }
-
-    /// Waits for a free buffer: for the GPU, and for room in the queue. A GPU that hangs ends the
-    /// recording, like an encoder that hangs.
-    fn wait_for_buffer(&mut self, device: &RenderDevice) {
-        let (begin, limit) = (Instant::now(), self.session.settings.stall_timeout);
-        let mut delivering = Duration::ZERO;
-        while self.free.is_empty() && self.staged.len() >= BUFFERS {
-            if let Some(frame) = self.ready.take() {
-                let begin = Instant::now();
-                self.session.deliver(frame, true).ok();
-                delivering += begin.elapsed();
-            }
-            if self.read_oldest() {
-                continue;
-            }
-            let left = limit.saturating_sub(begin.elapsed().saturating_sub(delivering));
-            let wait = PollType::Wait { submission_index: None, timeout: Some(left) };
-            if device.poll(wait).is_err() || left.is_zero() {
-                self.session.lose(self.staged.len());
-                self.staged.clear();
-            }
-        }
-    }
-
-    /// Delivers frames that have been read back, as long as there is room in the queue.
-    fn deliver(&mut self) {
-        loop {
-            if let Some(frame) = self.ready.take()
-                && let Err(frame) = self.session.deliver(frame, false)
-            {
-                self.ready = Some(frame);
-                return;
-            }
-            if !self.read_oldest() {
-                return;
-            }
-        }
-    }
-
-    /// Reads the oldest frame, if its buffer is mapped and no earlier frame is waiting; returns
-    /// whether a frame was read or lost.
-    fn read_oldest(&mut self) -> bool {
-        if self.ready.is_some() {
-            return false;
-        }
-        let Some(staged) = self.staged.front() else { return false };
-        match staged.mapped.as_ref().and_then(|mapped| mapped.get()) {
-            None => return false,
-            Some(true) => {}
-            Some(false) => {
-                self.staged.pop_front();
-                self.session.lose(1);
-                return true;
-            }
-        }
-        let Some(Staged { slot, size, buffer, .. }) = self.staged.pop_front() else { return false };
-        let padded = buffer.slice(..).get_mapped_range();
-        let rows = padded.chunks_exact(padded_row(size) as usize);
-        let mut pixels = Vec::with_capacity(row(size) as usize * size.y as usize);
-        rows.for_each(|padded| pixels.extend_from_slice(&padded[..row(size) as usize]));
-        drop(padded);
-        buffer.unmap();
-        self.free.push(buffer);
-        self.ready = Some(Frame { slot, size, pixels });
-        true
-    }
-}
-
-impl Drop for Capture {
-    /// Counts frames that will not arrive, because the renderer is dropped or its GPU replaced.
-    fn drop(&mut self) {
-        self.session.lose(self.staged.len() + usize::from(self.ready.is_some()));
-    }
-}
-
-/// The number of the frame nearest to a time after the start of a recording. Because of the
-/// rounding, an app that renders unevenly at the recording's rate still provides each frame once.
-fn slot_at(since: Duration, frame_rate: u32) -> u64 {
-    (since.as_secs_f64() * f64::from(frame_rate)).round() as u64
-}
-
-fn row(size: UVec2) -> u32 {
-    size.x * 4
-}
-
-/// Bytes from one row of a buffer to the next, aligned as GPUs require.
-fn padded_row(size: UVec2) -> u32 {
-    RenderDevice::align_copy_bytes_per_row(row(size) as usize) as u32
-}
-
-fn extent(size: UVec2) -> Extent3d {
-    Extent3d { width: size.x, height: size.y, depth_or_array_layers: 1 }
 }

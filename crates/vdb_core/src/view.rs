@@ -112,6 +112,11 @@ pub enum CannotShow {
     TooSmall,
 }
 
+impl CannotShow {
+    /// All reasons.
+    pub const ALL: [Self; 4] = [Self::Singular, Self::TooFar, Self::TooLarge, Self::TooSmall];
+}
+
 impl std::fmt::Display for CannotShow {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {

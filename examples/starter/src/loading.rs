@@ -3,7 +3,6 @@
 
 use std::time::Duration;
 
-use bevy::asset::LoadState;
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 
@@ -98,8 +97,7 @@ fn measure(
         _ => 1.0,
     });
     let fraction = shares.sum::<f32>() / volumes.count().max(1) as f32;
-    // Files leave `VdbLoadProgress` when they are complete, which can lower its fraction. The bar
-    // never goes back.
+    // Files that are found later can lower the fraction. The bar never goes back.
     if fraction > progress.fraction {
         *progress = Progress { fraction, last: time.elapsed() };
     }
@@ -131,7 +129,7 @@ fn finish(
         return;
     }
     let missing: Vec<String> =
-        volumes.iter().filter_map(|(volume, state)| why_missing(volume, *state, &server)).collect();
+        volumes.iter().filter_map(|(volume, state)| why_missing(volume, state, &server)).collect();
     if !missing.is_empty() {
         commands.spawn(notice(missing.join("\n")));
     }
@@ -139,15 +137,12 @@ fn finish(
 }
 
 /// A sentence for the player if a volume is not in the picture.
-fn why_missing(volume: &VdbVolume, state: VdbVolumeState, server: &AssetServer) -> Option<String> {
+fn why_missing(volume: &VdbVolume, state: &VdbVolumeState, server: &AssetServer) -> Option<String> {
     let path = server.get_path(&volume.0);
     let name = path.map_or_else(|| "A volume".to_owned(), |path| path.to_string());
     match state {
-        VdbVolumeState::Failed => Some(match server.load_state(&volume.0) {
-            LoadState::Failed(why) => format!("{name} could not be loaded: {why}"),
-            _ => format!("{name} could not be loaded."),
-        }),
-        VdbVolumeState::NotShown => Some(format!("{name} cannot be shown; the log says why.")),
+        VdbVolumeState::Failed(why) => Some(format!("{name} could not be loaded: {why}")),
+        VdbVolumeState::NotShown(why) => Some(format!("{name} cannot be shown: {why}")),
         VdbVolumeState::Loading | VdbVolumeState::Preparing => {
             Some(format!("{name} is not ready yet. It will appear as soon as it is."))
         }

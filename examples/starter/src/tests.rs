@@ -77,9 +77,9 @@ fn the_game_starts_with_all_volumes() {
     assert!(texts(&mut app).contains("Loading models"), "{}", texts(&mut app));
     wait_until_playing(&mut app);
     let mut volumes = app.world_mut().query::<&VdbVolumeState>();
-    let states: Vec<_> = volumes.iter(app.world()).copied().collect();
+    let states: Vec<_> = volumes.iter(app.world()).collect();
     // Without a renderer, no camera sees them.
-    assert_eq!(states, [VdbVolumeState::Unseen; 2]);
+    assert_eq!(states, [&VdbVolumeState::Unseen; 2]);
     for _ in 0..3 {
         app.update();
     }

@@ -11,8 +11,19 @@ use crate::quality::diagnostics::gpu_time;
 use crate::{VdbDiagnostics, VdbGrid, VdbMeasureFeatures, VdbQuality, VdbVolume};
 use controller::{Controller, MARKS};
 
-/// Adjusts the [`VdbQuality`] of a camera automatically. Sets the fog steps, `fog_slabs` and
-/// `resolution` along the measured time–error front, and leaves other settings alone.
+/// Adjusts the [`VdbQuality`] of a camera automatically. Sets the fog steps, `fog_light_error`,
+/// `fog_slabs` and `resolution` along the measured time–error front, and leaves other settings alone.
+///
+/// In every frame the dial overrides whatever else sets these, such as a preset. To return to a
+/// preset, remove the dial:
+///
+/// ```no_run
+/// # use bevy::prelude::*;
+/// # use bevy_vdb::prelude::*;
+/// fn best(mut commands: Commands, camera: Single<Entity, With<Camera3d>>) {
+///     commands.entity(*camera).remove::<VdbDial>().insert(VdbQuality::HIGH);
+/// }
+/// ```
 #[derive(Clone, Component, Copy, Debug, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 #[require(VdbDialState)]

@@ -128,6 +128,12 @@ impl Warned {
         })
     }
 
+    /// Why a volume is not displayed in a view of this frame, once that has ended.
+    pub fn why_not_shown(&self, entity: MainEntity) -> Option<CannotShow> {
+        let is_noted = |why: &CannotShow| self.told.contains(&(entity, Trouble::NotShown(*why)));
+        CannotShow::ALL.into_iter().find(is_noted)
+    }
+
     /// Forgets problems that this frame no longer has.
     pub fn end_frame(&mut self) {
         self.told = std::mem::take(&mut self.now);
@@ -154,6 +160,8 @@ mod tests {
         assert!(text.contains(&two.id().to_string()) && text.contains("coarsely"), "{text}");
         for _ in 0..3 {
             warned.end_frame();
+            assert_eq!(warned.why_not_shown(one), Some(CannotShow::TooFar));
+            assert_eq!(warned.why_not_shown(two), None, "it is shown coarsely");
             assert!(warned.note(one, "smoke", far).is_none());
             assert!(warned.note(two, "smoke", Trouble::Coarse).is_none());
         }

@@ -102,7 +102,11 @@ impl LampLight {
             prepared.volumes[*i].anisotropy.to_bits().hash(&mut hasher);
             for (key, slot) in lamps {
                 lights.lamps[slot].appearance.hash(&mut hasher);
-                cache.lattices.get(key).map(|lattice| (lattice.rows.start, lattice.fills)).hash(&mut hasher);
+                cache
+                    .lattices
+                    .get(key)
+                    .map(|lattice| (lattice.rows.start, lattice.fills))
+                    .hash(&mut hasher);
             }
         }
         own.fingerprint = hasher.finish();
@@ -113,10 +117,10 @@ impl LampLight {
 /// The distance from a point light at which its light begins to be interpolated in a fog, in world units.
 ///
 /// Interpolated over a spacing `h`, an inverse square at a distance `d` is up to `0.75 (h / d)²` too large.
-/// At this distance, that is one and a half times the accepted error.
+/// At this distance, that is about twice the accepted error, of one lamp in one place.
 fn far_from_lamps(fog: &CachedFog, cell_edge: f64) -> f32 {
     let spacing = f64::from(1_u32 << fog.layout.log) * cell_edge;
-    (spacing * (0.5 / f64::from(fog.error)).sqrt()) as f32
+    (spacing * (0.35 / f64::from(fog.error)).sqrt()) as f32
 }
 
 fn add_eye(hasher: &mut DefaultHasher, prepared: &PreparedView) {

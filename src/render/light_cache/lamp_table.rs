@@ -45,7 +45,9 @@ impl LampTable {
     /// Sets the first brick of a fog's scattered light, and the distance from a point light at which its
     /// light begins to be interpolated; `volume` is less than [`MAX_ROWS`].
     pub fn set_scattered(&mut self, volume: usize, brick: u32, far: f32) {
-        let [own_brick, own_far, ..] = &mut self.rows[volume][types::MAX_CACHED_LAMPS..] else { return };
+        let [own_brick, own_far, ..] = &mut self.rows[volume][types::MAX_CACHED_LAMPS..] else {
+            return;
+        };
         (*own_brick, *own_far) = (brick, far.to_bits());
     }
 

@@ -225,7 +225,9 @@ mod tests {
     fn fills_that_did_not_run_are_planned_again_and_no_others() {
         let mut cache = LightCache::default();
         for owner in [1, 2] {
-            cache.lattices.insert(key(owner), CachedLattice { rows: 0..2, filled: default(), fills: 0 });
+            cache
+                .lattices
+                .insert(key(owner), CachedLattice { rows: 0..2, filled: default(), fills: 0 });
         }
         let plan = |cache: &mut LightCache, owner, slot| cache.plan_fill(key(owner), slot, 7);
         cache.begin_frame();

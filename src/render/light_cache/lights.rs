@@ -110,8 +110,13 @@ mod tests {
 
     #[test]
     fn lamps_reach_as_far_as_their_range() {
-        let lamp =
-            Lamp { entity: Entity::PLACEHOLDER, index: 0, position: DVec3::ZERO, range: 2.0, appearance: 0 };
+        let lamp = Lamp {
+            entity: Entity::PLACEHOLDER,
+            index: 0,
+            position: DVec3::ZERO,
+            range: 2.0,
+            appearance: 0,
+        };
         let at = |x: f64| [DVec3::new(x, -1.0, -1.0), DVec3::new(x + 1.0, 1.0, 1.0)];
         assert!(lamp.reaches(at(-0.5)) && lamp.reaches(at(2.0)) && lamp.reaches(at(-3.0)));
         assert!(!lamp.reaches(at(2.1)) && !lamp.reaches(at(-3.1)));

@@ -26,7 +26,7 @@ use pipeline::FillPipeline;
 
 pub(super) use atlas::texture_size;
 pub(super) use fill::fill_light_cache;
-pub(super) use lamp_light::LitFog;
+pub(super) use lamp_light::{LampLight, LitFog};
 pub(super) use lattices::LightCache;
 pub(super) use view::LightCacheView;
 

@@ -37,7 +37,7 @@ pub(crate) fn extract_edits(
             {
                 let changes = pool.revision(key).map_or(Changes::All, |held| own.since(held));
                 let words = match changes {
-                    Changes::All if pool.is_refused(&key) => EditedWords::Left,
+                    Changes::All if pool.refusal(&key).is_some() => EditedWords::Left,
                     Changes::All => EditedWords::All(grid.packed().clone()),
                     Changes::Words(ranges) => {
                         let few = few(ranges).into_iter();

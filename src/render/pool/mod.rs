@@ -6,6 +6,7 @@ mod edits;
 mod paging;
 mod residency;
 mod usage;
+mod wanted;
 
 use bevy::prelude::*;
 use bevy::render::{ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderSystems};

@@ -11,13 +11,13 @@ use bevy::platform::collections::{HashMap, HashSet};
 use bevy::prelude::*;
 use bevy::render::render_resource::CommandEncoderDescriptor;
 use bevy::render::renderer::{RenderDevice, RenderQueue};
-use bevy::render::sync_world::MainEntity;
 use vdb_core::pack::{GridHeader, PackedGrid};
 
 use super::buffers::PoolBuffers;
 use super::edited::{self, EditedGrid, EditedWords, ExtractedEdits};
 use super::paging::{Paging, Range};
 use super::usage::VdbGpuUsage;
+use super::wanted::{Wanted, WantedGrid, wanted_by};
 use crate::render::extract::{ExtractedVolume, ExtractedVolumes};
 use crate::render::gpu::GridKey;
 
@@ -42,8 +42,8 @@ impl Resident {
 #[derive(Debug, Default, Resource)]
 pub(crate) struct VdbTreePool {
     resident: HashMap<GridKey, Resident>,
-    /// The grids that do not fit, so that each is reported once.
-    refused: HashSet<GridKey>,
+    /// The grids that do not fit, each with the reason, which is reported once.
+    refused: HashMap<GridKey, String>,
     buffers: Option<PoolBuffers>,
 }
 
@@ -75,9 +75,9 @@ impl VdbTreePool {
         self.resident.get(&grid)?.revision
     }
 
-    /// Whether a grid was refused because it does not fit.
-    pub fn is_refused(&self, grid: &GridKey) -> bool {
-        self.refused.contains(grid)
+    /// Why a grid was refused, if it does not fit.
+    pub fn refusal(&self, grid: &GridKey) -> Option<&str> {
+        self.refused.get(grid).map(String::as_str)
     }
 
     /// Whether the pool has the words of a grid, except those changed by later edits.
@@ -114,26 +114,11 @@ pub(crate) fn update_tree_pool(
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
 ) {
-    let mut wanted = Wanted::default();
-    for (entity, volume) in &volumes.0 {
-        let levels = [&volume.packed].into_iter().chain(&*volume.levels).enumerate();
-        for (level, packed) in levels {
-            let grid = WantedGrid { packed, entity, name: &volume.name, role: Role::Volume };
-            wanted.entry(volume.grid.level(level)).or_insert(grid);
-        }
-        let auxiliary =
-            [(Role::Emission, &volume.auxiliary.emission), (Role::Color, &volume.auxiliary.colors)];
-        for (role, grids) in auxiliary {
-            for grid in grids {
-                let own = WantedGrid { packed: &grid.packed, entity, name: &volume.name, role };
-                wanted.entry(grid.key).or_insert(own);
-            }
-        }
-    }
-    pool.refused.retain(|grid| wanted.contains_key(grid));
+    let wanted = wanted_by(&volumes);
+    pool.refused.retain(|grid, _| wanted.contains_key(grid));
     let missing = wanted
         .iter()
-        .any(|(key, own)| !pool.holds(key, own.packed, &edits) && !pool.refused.contains(key));
+        .any(|(key, own)| !pool.holds(key, own.packed, &edits) && !pool.refused.contains_key(key));
     let left_over = pool.resident.keys().any(|grid| !wanted.contains_key(grid));
     let mut written = 0;
     if missing || left_over {
@@ -144,44 +129,6 @@ pub(crate) fn update_tree_pool(
     // The next edit would have to copy words that are still shared here.
     edits.clear();
 }
-
-/// What a grid is to a volume.
-#[derive(Clone, Copy, Debug)]
-enum Role {
-    Volume,
-    Emission,
-    Color,
-}
-
-/// A displayed grid, and one of the volumes that display it, for messages.
-#[derive(Debug)]
-struct WantedGrid<'a> {
-    packed: &'a Arc<PackedGrid>,
-    entity: &'a MainEntity,
-    /// The name of the volume's own grid.
-    name: &'a str,
-    role: Role,
-}
-
-impl WantedGrid<'_> {
-    /// The grid, and for a vector grid its component, as messages name it.
-    fn describe(&self, key: GridKey) -> String {
-        let volume = format!("'{}' of entity {}", self.name, self.entity.id());
-        let role = match self.role {
-            Role::Volume => return format!("grid {volume}"),
-            Role::Emission => "emission",
-            Role::Color => "colour",
-        };
-        match key.vector_component().and_then(|i| ["red", "green", "blue"].get(i).copied()) {
-            Some(component) => {
-                format!("the {component} component of the {role} of volume {volume}")
-            }
-            None => format!("the {role} of volume {volume}"),
-        }
-    }
-}
-
-type Wanted<'a> = HashMap<GridKey, WantedGrid<'a>>;
 
 impl VdbTreePool {
     /// Rebuilds the pool; returns the number of bytes uploaded.
@@ -271,7 +218,7 @@ impl VdbTreePool {
                     self.refused.remove(grid);
                 }
                 Err(why) => {
-                    if let Some(what) = self.refuse(*grid, own) {
+                    if let Some(what) = self.refuse(*grid, own, &why) {
                         error!("{what} is not shown: {why}");
                     }
                 }
@@ -307,10 +254,14 @@ impl VdbTreePool {
         written
     }
 
-    /// Remembers that a grid does not fit; returns what to call it if this has to be reported.
-    fn refuse(&mut self, key: GridKey, grid: &WantedGrid) -> Option<String> {
+    /// Remembers why a grid does not fit; returns what to call it if this has to be reported.
+    fn refuse(&mut self, key: GridKey, grid: &WantedGrid, why: &str) -> Option<String> {
+        if self.refused.contains_key(&key) {
+            return None;
+        }
+        self.refused.insert(key, why.to_owned());
         // A missing coarser level is no error: a finer one is displayed.
-        (self.refused.insert(key) && !key.is_coarser()).then(|| grid.describe(key))
+        (!key.is_coarser()).then(|| grid.describe(key))
     }
 
     /// Whether an edited grid can be put into the new pool: from the old pool, or from all words.
@@ -345,8 +296,10 @@ fn place(words: &mut u64, count: u64, limit: u64) -> Result<Range, String> {
 mod tests {
     use super::*;
     use crate::render::pool::paging::PAGES;
+    use crate::render::pool::wanted::Role;
     use crate::{VdbGrid, VdbVectorGrid};
     use bevy::asset::uuid::Uuid;
+    use bevy::render::sync_world::MainEntity;
     use vdb_core::pack::PackKind;
     use vdb_core::tree::Vdb543;
 
@@ -378,7 +331,7 @@ mod tests {
         let mut pool = VdbTreePool::default();
         let mut refuse = |key, role| {
             let grid = WantedGrid { packed: &packed, entity: &entity, name: "smoke", role };
-            pool.refuse(key, &grid)
+            pool.refuse(key, &grid, "it is too large")
         };
         let volume = format!("'smoke' of entity {}", entity.id());
         let own = GridKey::from(AssetId::<VdbGrid>::default());
@@ -397,5 +350,6 @@ mod tests {
             assert_eq!(refuse(key, Role::Color), Some(text));
             assert_eq!(refuse(key, Role::Color), None);
         }
+        assert_eq!(pool.refusal(&own), Some("it is too large"));
     }
 }

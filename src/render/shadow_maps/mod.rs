@@ -87,6 +87,13 @@ pub(super) struct CastShadows {
     shared_done: AtomicBool,
 }
 
+impl CastShadows {
+    /// Whether volumes are drawn into the shadow maps of a camera, its own or those shared by all.
+    pub fn are_cast_for(&self, camera: Entity) -> bool {
+        self.draws.iter().any(|draw| draw.camera.is_none_or(|own| own == camera))
+    }
+}
+
 /// The volumes in one shadow map.
 struct Draw {
     /// The camera that the map belongs to; `None` if all cameras share it.

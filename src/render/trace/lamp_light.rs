@@ -21,7 +21,7 @@ use super::TraceView;
 use super::lights::LightLayouts;
 use crate::quality::features::Features;
 use crate::render::gpu::{GROUP, PipelineFallback, Shaders, TraversalKey, scene_layout};
-use crate::render::light_cache::{LightCache, LightCacheView, LitFog, texture_size};
+use crate::render::light_cache::{LampLight, LightCache, LightCacheView, LitFog, texture_size};
 use crate::render::pool::VdbTreePool;
 use crate::render::view::{GROUPS_PER_BRICK, ViewKey, ViewState, VolumeBuffer};
 
@@ -54,6 +54,11 @@ impl LampLightView {
         });
         let view = texture.create_view(&default());
         Self { texture, view, rows, gathered: AtomicU64::new(0) }
+    }
+
+    /// Whether the light has to be gathered.
+    pub fn is_due(&self, plan: &LampLight) -> bool {
+        !plan.fogs.is_empty() && self.gathered.load(Ordering::Relaxed) != plan.fingerprint
     }
 
     pub fn texture(&self) -> &TextureView {
@@ -152,10 +157,7 @@ pub(super) fn gather_lamp_light(
 ) {
     let (state, own, cached) = view.into_inner();
     let plan = cached.lamp_light();
-    let Some(target) = own.lamp_light.as_ref().filter(|_| !plan.fogs.is_empty()) else { return };
-    if target.gathered.load(Ordering::Relaxed) == plan.fingerprint {
-        return;
-    }
+    let Some(target) = own.lamp_light.as_ref().filter(|own| own.is_due(plan)) else { return };
     let Some((_, uniform)) = state.prepared() else { return };
     let Some(gather) = own.pipelines.and_then(|own| fallback.compute(&pipelines, own.lamp_light?))
     else {

@@ -171,9 +171,10 @@ fn prepare(
             continue;
         };
         own.pipelines = Some(pipelines.of(&prepared.key));
-        own.lamp_light = prepared.key.has(Features::LAMP_LIGHT).then(|| {
-            LampLightView::new(own.lamp_light.take(), cached.lamp_light().rows, &device)
-        });
+        own.lamp_light = prepared
+            .key
+            .has(Features::LAMP_LIGHT)
+            .then(|| LampLightView::new(own.lamp_light.take(), cached.lamp_light().rows, &device));
         own.tiles = prepared
             .key
             .has(Features::BEAMS)

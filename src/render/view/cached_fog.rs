@@ -67,7 +67,12 @@ impl CachedFog {
         let wanted = detail.spacing_log();
         let layout =
             (wanted.unwrap_or(0)..=MAX_LOG).find_map(|log| CacheLayout::new(occupied, log))?;
-        Some(Self { layout, error, step: detail.step(), is_within_error: wanted == Some(layout.log) })
+        Some(Self {
+            layout,
+            error,
+            step: detail.step(),
+            is_within_error: wanted == Some(layout.log),
+        })
     }
 }
 

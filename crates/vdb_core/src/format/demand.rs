@@ -2,7 +2,7 @@
 
 use super::cursor::Cursor;
 use super::descriptor::SMALLEST;
-use super::{file, header};
+use super::{header, list};
 use crate::{Error, Limits};
 
 /// The part of a file that the reader needs.
@@ -64,7 +64,7 @@ impl Follower {
                     if let Stage::Grids(_) = self.stage
                         && self.at > length
                     {
-                        return Err(Error::invalid(file::cut_short(self.at, length)));
+                        return Err(Error::invalid(list::cut_short(self.at, length)));
                     }
                     // The reader reports what is missing.
                     return Ok(Demand::UpTo(length));

@@ -9,6 +9,7 @@ mod demand;
 mod descriptor;
 mod file;
 mod header;
+mod list;
 mod masks;
 mod metadata;
 mod open;

@@ -21,6 +21,7 @@ mod bits;
 mod blocks;
 mod bricks;
 mod build;
+mod cells;
 mod content;
 pub mod edit;
 mod error;

@@ -7,69 +7,23 @@ use glam::IVec3;
 use rayon::prelude::*;
 
 use super::content::View;
-use super::runs::{Run, rounded};
-use super::sections::{Frame, LowerNode, Sections, rebased};
+use super::frame::Frame;
+use super::nodes::LowerNode;
+use super::runs::rounded;
+use super::samples::{self, Leaf};
+use super::sections::Sections;
 use super::slots::{Cubes, slot_origin};
-use crate::pack::blocks::{self, Blocks};
+use super::words::{Words, merged};
 use crate::pack::content::{Content, Tile};
 use crate::pack::layout::*;
 use crate::pack::lower_node::{chunk, leaf_word};
 use crate::pack::palette::tile_word;
 use crate::pack::skips::{self, Chunk};
-use crate::pack::{PackKind, PackedGrid, bricks, values};
+use crate::pack::{PackKind, PackedGrid, blocks, values};
 
 /// There is not enough spare room to pack in place.
 #[derive(Debug)]
 pub(super) struct NoRoom;
-
-/// Leaves per parallel task when gathering samples.
-const LEAVES: usize = 32;
-/// Ranges separated by fewer words than this are merged: copying the gap costs less than another
-/// write.
-const GAP: u32 = 64;
-
-/// The words of a grid during a commit, with the ranges changed.
-struct Words<'a> {
-    packed: &'a mut PackedGrid,
-    changed: Vec<Range<u32>>,
-}
-
-impl Words<'_> {
-    fn get(&self, at: u32) -> u32 {
-        self.packed.words[at as usize]
-    }
-
-    /// Writes words, unless they are equal to the old ones.
-    fn put(&mut self, first: u32, words: &[u32]) {
-        let at = first as usize;
-        let own = &mut self.packed.words[at..at + words.len()];
-        if own != words {
-            own.copy_from_slice(words);
-            self.changed.push(first..first + words.len() as u32);
-        }
-    }
-
-    /// Writes a long run of words in chunks of 16, skipping unchanged chunks.
-    fn put_each(&mut self, first: u32, words: &[u32]) {
-        for (first, words) in (first..).step_by(16).zip(words.chunks(16)) {
-            self.put(first, words);
-        }
-    }
-
-    fn copy(&mut self, from: u32, to: u32, count: u32) {
-        let from = from as usize;
-        self.packed.words.copy_within(from..from + count as usize, to as usize);
-        self.changed.push(to..to + count);
-    }
-}
-
-/// A leaf whose samples must be gathered.
-struct Leaf {
-    origin: IVec3,
-    place: u32,
-    /// For smooth surfaces, the mask and the room for samples.
-    blocks: Option<(Box<[u32; LEAF_MASK_WORDS]>, Run)>,
-}
 
 /// A commit in progress.
 struct Commit<'a> {
@@ -111,7 +65,7 @@ pub(super) fn commit(
     for ((at, _), contents) in lower_nodes.iter().zip(contents) {
         commit.lower_node(*at, contents)?;
     }
-    commit.samples(view);
+    samples::write(&commit.leaves, &mut commit.words, view);
     commit.skips();
     commit.top()?;
     commit.boxes(&lower_nodes);
@@ -332,35 +286,6 @@ impl Commit<'_> {
         Ok(())
     }
 
-    /// Gathers and writes the samples of leaves.
-    fn samples(&mut self, view: &View) {
-        let gather = |leaf: &Leaf, brick: &mut bricks::Brick| {
-            bricks::gather(&view.sources(leaf.origin), view.kind, brick);
-        };
-        // The words of each leaf: its records, if it has any, and its samples.
-        let gathered = |leaves: &[Leaf]| -> Vec<(Vec<u32>, Vec<u32>)> {
-            let mut brick = [0.0; BRICK_VALUES];
-            let leaves = leaves.iter().map(|leaf| {
-                gather(leaf, &mut brick);
-                let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect();
-                let Some((mask, run)) = &leaf.blocks else { return (Vec::new(), bits(&brick)) };
-                let mut blocks = Blocks::default();
-                blocks.add_leaf(mask, &brick);
-                (rebased(&blocks.records, run.first), bits(&blocks.samples))
-            });
-            leaves.collect()
-        };
-        let header = self.words.packed.header;
-        let all: Vec<_> = self.leaves.par_chunks(LEAVES).map(gathered).collect();
-        for (leaf, (records, samples)) in self.leaves.iter().zip(all.into_iter().flatten()) {
-            let first = leaf.blocks.as_ref().map(|(_, run)| header.samples + run.first);
-            if first.is_some() {
-                self.words.put(header.leaf(leaf.place), &records);
-            }
-            self.words.put(first.unwrap_or(header.leaf(leaf.place)), &samples);
-        }
-    }
-
     /// Recomputes the skips of the lower nodes around those in which cubes became empty or ceased
     /// to be.
     fn skips(&mut self) {
@@ -435,19 +360,4 @@ fn same_tile(kind: PackKind, kept: &Tile, own: &Tile) -> bool {
     let solids = matches!((kept, own), (Tile::Plain(_), Tile::Plain(_)));
     // The value of a solid tile is irrelevant.
     solids && kind != PackKind::Fog || *kept == own.map(|value| values::tile(kind, value, 1.0))
-}
-
-/// Sorts ranges, and merges those that overlap or are close together.
-pub(super) fn merged(mut ranges: Vec<Range<u32>>) -> Vec<Range<u32>> {
-    ranges.sort_unstable_by_key(|range| range.start);
-    let mut merged: Vec<Range<u32>> = Vec::new();
-    for range in ranges {
-        match merged.last_mut() {
-            Some(last) if range.start <= last.end.saturating_add(GAP) => {
-                last.end = last.end.max(range.end);
-            }
-            _ => merged.push(range),
-        }
-    }
-    merged
 }

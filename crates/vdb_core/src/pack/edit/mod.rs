@@ -11,10 +11,15 @@
 
 mod commit;
 mod content;
+mod frame;
+mod items;
+mod nodes;
 mod runs;
+mod samples;
 mod sections;
 mod slots;
 mod voxels;
+mod words;
 
 use std::ops::Range;
 
@@ -72,7 +77,7 @@ impl Changes {
         match (self, later) {
             (Self::Words(mut words), Self::Words(later)) => {
                 words.extend(later);
-                Self::Words(commit::merged(words))
+                Self::Words(words::merged(words))
             }
             _ => Self::All,
         }

@@ -1,13 +1,18 @@
 //! The command line.
 
-use std::ffi::{OsStr, OsString};
+mod values;
+
 use std::fmt;
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use bevy::math::{DVec3, UVec2};
 use bevy_vdb::{VdbOverlays, VdbRenderMode};
 use lexopt::Arg;
+
+use values::{
+    NODES, absolute, density, direction, fov, heat, mode, name, overlays, picture_path, point,
+    size, surface, value,
+};
 
 pub const HELP: &str = "\
 Displays OpenVDB files: level sets as surfaces, fog volumes as fog.
@@ -46,9 +51,6 @@ display, or with --out, writes a PNG. Without FILE, shows the model bundled with
   --cpu             trace on the CPU, slowly, without a GPU; writes an image
   -h, --help        print this help
 ";
-
-/// The largest edge of an image. The limit of the GPU, which is checked later, is lower.
-const MAX_EDGE: u32 = 32_768;
 
 /// The options of the viewer.
 #[derive(Clone, Debug, PartialEq)]
@@ -129,7 +131,8 @@ impl Args {
                 Arg::Short('h') | Arg::Long("help") => return Ok(None),
                 Arg::Long("grid") => args.grids.push(value(&mut parser, "--grid", name)?),
                 Arg::Long("surface") => {
-                    args.kinds.push(value(&mut parser, "--surface", surface)?);
+                    let (name, iso) = value(&mut parser, "--surface", surface)?;
+                    args.kinds.push((name, Shown::Surface { iso }));
                 }
                 Arg::Long("fog") => {
                     args.kinds.push((value(&mut parser, "--fog", name)?, Shown::Fog));
@@ -254,10 +257,8 @@ impl fmt::Display for Args {
         if self.fov_y != default.fov_y {
             option("fov", Some(self.fov_y.to_degrees().to_string()));
         }
-        if let Some((name, _)) = MODES.iter().find(|(_, mode)| *mode == self.mode)
-            && self.mode != default.mode
-        {
-            option("mode", Some((*name).into()));
+        if self.mode != default.mode {
+            option("mode", Some(self.mode.name().into()));
         }
         if self.density != default.density {
             option("density", Some(self.density.to_string()));
@@ -295,131 +296,4 @@ fn quoted(word: &str) -> String {
 /// The model bundled with the crate.
 fn bundled() -> PathBuf {
     [env!("CARGO_MANIFEST_DIR"), "assets/models/teapot.vdb"].iter().collect()
-}
-
-/// The names of `--borders`.
-const NODES: [(&str, fn(&mut VdbOverlays) -> &mut bool); 3] = [
-    ("leaves", |overlays| &mut overlays.leaves),
-    ("lower", |overlays| &mut overlays.lower),
-    ("upper", |overlays| &mut overlays.upper),
-];
-
-/// The names of `--mode`.
-pub const MODES: [(&str, VdbRenderMode); 9] = [
-    ("lit", VdbRenderMode::Lit),
-    ("diffuse", VdbRenderMode::Diffuse),
-    ("glossy", VdbRenderMode::Glossy),
-    ("gray", VdbRenderMode::Gray),
-    ("rgb", VdbRenderMode::Rgb),
-    ("voxels", VdbRenderMode::HitVoxel),
-    ("normals", VdbRenderMode::Normals),
-    ("depth", VdbRenderMode::Depth),
-    ("steps", VdbRenderMode::Steps),
-];
-
-/// The value of an option. Errors name the option and valid values.
-fn value<T>(
-    parser: &mut lexopt::Parser,
-    option: &str,
-    parse: impl Fn(&OsStr) -> Result<T, String>,
-) -> Result<T, String> {
-    let value = parser.value().map_err(|error| error.to_string())?;
-    parse(&value).map_err(|why| format!("{option} {}: {why}", value.display()))
-}
-
-fn text(value: &OsStr) -> Result<&str, String> {
-    value.to_str().ok_or_else(|| "it is not UTF-8".into())
-}
-
-fn name(value: &OsStr) -> Result<String, String> {
-    Ok(text(value)?.to_owned())
-}
-
-/// Parses `NAME=ISO` or `NAME`; an `=` that is not followed by a number is part of the name.
-fn surface(value: &OsStr) -> Result<(String, Shown), String> {
-    let text = text(value)?;
-    let number = |iso: &str| f32::from_str(iso).ok().filter(|iso| iso.is_finite());
-    let split = text.rsplit_once('=').and_then(|(name, iso)| Some((name, number(iso)?)));
-    let (name, iso) = split.unwrap_or((text, 0.0));
-    Ok((name.to_owned(), Shown::Surface { iso }))
-}
-
-fn heat(value: &OsStr) -> Result<[f32; 2], String> {
-    let (scale, offset) = text(value)?.split_once(',').ok_or("it is two numbers like 1000,0")?;
-    let kelvin = |text: &str| number(text.as_ref(), 0.0, 1e6);
-    Ok([kelvin(scale)? as f32, kelvin(offset)? as f32])
-}
-
-fn mode(value: &OsStr) -> Result<VdbRenderMode, String> {
-    let name = text(value)?;
-    let found = MODES.iter().find(|(known, _)| *known == name);
-    let names = MODES.map(|(name, _)| name).join(", ");
-    found.map(|(_, mode)| *mode).ok_or_else(|| format!("it is one of {names}"))
-}
-
-fn size(value: &OsStr) -> Result<UVec2, String> {
-    let edge = |text| u32::from_str(text).ok().filter(|edge| (1..=MAX_EDGE).contains(edge));
-    text(value)?
-        .split_once('x')
-        .and_then(|(width, height)| Some(UVec2::new(edge(width)?, edge(height)?)))
-        .ok_or_else(|| format!("a size is like 1280x720, each from 1 to {MAX_EDGE}"))
-}
-
-fn point(value: &OsStr) -> Result<DVec3, String> {
-    let text = text(value)?;
-    let numbers: Vec<f64> =
-        text.split(',').filter_map(|number| f64::from_str(number.trim()).ok()).collect();
-    match numbers[..] {
-        [x, y, z] if text.split(',').count() == 3 && [x, y, z].iter().all(|x| x.is_finite()) => {
-            Ok(DVec3::new(x, y, z))
-        }
-        _ => Err("a point is three numbers like 0,1.5,-2".into()),
-    }
-}
-
-fn direction(value: &OsStr) -> Result<DVec3, String> {
-    let direction = point(value)?;
-    // The direction is converted to f32.
-    let length = direction.as_vec3().length();
-    let usable = length.is_normal() && length.recip().is_normal();
-    usable.then_some(direction).ok_or_else(|| "it is not a direction".into())
-}
-
-fn overlays(value: &OsStr) -> Result<VdbOverlays, String> {
-    let mut overlays = VdbOverlays::default();
-    for name in text(value)?.split(',') {
-        let Some((_, flag)) = NODES.iter().find(|(known, _)| *known == name) else {
-            return Err(format!("{name:?} is none of leaves, lower, upper"));
-        };
-        *flag(&mut overlays) = true;
-    }
-    Ok(overlays)
-}
-
-fn fov(value: &OsStr) -> Result<f64, String> {
-    Ok(number(value, 0.1, 175.0)?.to_radians())
-}
-
-fn density(value: &OsStr) -> Result<f32, String> {
-    Ok(number(value, 0.0, 1e9)? as f32)
-}
-
-fn number(value: &OsStr, least: f64, most: f64) -> Result<f64, String> {
-    f64::from_str(text(value)?)
-        .ok()
-        .filter(|number| (least..=most).contains(number))
-        .ok_or_else(|| format!("it is a number from {least} to {most}"))
-}
-
-fn picture_path(value: &OsStr) -> Result<PathBuf, String> {
-    let path = PathBuf::from(value);
-    match path.extension() {
-        Some(extension) if extension.eq_ignore_ascii_case("png") => Ok(path),
-        _ => Err("only PNG is written; the name must end in .png".into()),
-    }
-}
-
-/// Makes a path absolute: users mean the current folder, but Bevy the asset folder.
-fn absolute(file: OsString) -> Result<PathBuf, String> {
-    std::path::absolute(&file).map_err(|error| format!("{}: {error}", file.display()))
 }
