@@ -203,12 +203,6 @@ pub(crate) const FEATURES: [Feature; 34] = [
         "with the light cache, a point or spot light has shadow_maps_enabled",
     ),
     row(
-        Features::LAMP_LIGHT,
-        &["VDB_LAMP_LIGHT"],
-        "scattered light of lamps",
-        "with lamps in the light cache, neither a surface nor a mesh casts shadows on fog",
-    ),
-    row(
         Features::UNCACHED_LIGHTS,
         &["VDB_UNCACHED_LIGHTS"],
         "lights beside the cache",
@@ -232,6 +226,12 @@ pub(crate) const FEATURES: [Feature; 34] = [
         "fogs beside the cache",
         "with the light cache, a fog is too dense or too large for it, it is full, or there are more \
          than 8 fogs and emission grids",
+    ),
+    row(
+        Features::LAMP_LIGHT,
+        &["VDB_LAMP_LIGHT"],
+        "scattered light of lamps",
+        "with lamps in the light cache, neither a surface nor a mesh casts shadows on fog",
     ),
 ];
 

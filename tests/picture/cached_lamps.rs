@@ -1,8 +1,9 @@
 //! Point and spot lights in the light cache.
 
+use bevy::camera::Exposure;
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality, VdbVolume};
+use bevy_vdb::{VdbCamera, VdbDiagnostics, VdbMaterial, VdbQuality, VdbVolume};
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
@@ -81,7 +82,8 @@ fn the_cache_follows_lamps() {
     let mut scene = Cloud::new(1.0);
     let [point, spot] = lamps(&mut scene);
     let mut last = scene.with(VdbQuality { fog_light_error: 0.03, ..VdbQuality::HIGH });
-    let changes: [(&str, Box<dyn Fn(&mut World)>); 4] = [
+    let camera = scene.camera;
+    let changes: [(&str, Box<dyn Fn(&mut World)>); 8] = [
         (
             "a lamp",
             Box::new(move |world| {
@@ -93,6 +95,33 @@ fn the_cache_follows_lamps() {
             Box::new(|world| {
                 let mut materials = world.query::<&mut VdbMaterial>();
                 materials.iter_mut(world).for_each(|mut own| own.density_scale = 2.0);
+            }),
+        ),
+        (
+            "the anisotropy",
+            Box::new(|world| {
+                let mut materials = world.query::<&mut VdbMaterial>();
+                materials.iter_mut(world).for_each(|mut own| own.anisotropy = -0.3);
+            }),
+        ),
+        (
+            "a lamp's colour",
+            Box::new(move |world| {
+                world.get_mut::<PointLight>(point).unwrap().color =
+                    Color::linear_rgb(0.1, 1.0, 0.1);
+            }),
+        ),
+        (
+            "the camera",
+            Box::new(move |world| {
+                let to = Transform::from_xyz(-4.0, 3.0, 8.0).looking_at(Vec3::ZERO, Vec3::Y);
+                *world.get_mut::<Transform>(camera).unwrap() = to;
+            }),
+        ),
+        (
+            "the exposure",
+            Box::new(move |world| {
+                world.entity_mut(camera).insert(Exposure { ev100: Exposure::EV100_BLENDER - 0.5 });
             }),
         ),
         ("the number of lamps", Box::new(move |world| _ = world.despawn(point))),
@@ -109,8 +138,11 @@ fn the_cache_follows_lamps() {
         let changed = scene.stage.picture(&scene.target);
         assert!(error(&changed, &last) > 0.01, "{what} changes nothing");
         let report = scene.report().unwrap();
-        let is_filled = report.passes.iter().any(|pass| pass.name == "vdb_light_cache");
-        assert!(!is_filled, "nothing has changed after {what}");
+        assert!(report.has("scattered light of lamps"), "{report:?}");
+        for pass in ["vdb_light_cache", "vdb_lamp_light"] {
+            let runs = report.passes.iter().any(|own| own.name == pass);
+            assert!(!runs, "{pass}: nothing has changed after {what}");
+        }
         let cloud = scene.cloud;
         scene.stage.world().entity_mut(cloud).insert(Visibility::Hidden);
         scene.stage.update(3);
@@ -119,6 +151,39 @@ fn the_cache_follows_lamps() {
         assert_eq!(error(&changed, &fresh), 0.0, "after {what} has changed");
         last = changed;
     }
+}
+
+/// Scattered light depends on where the camera is, not on where it looks; a caster of shadows on fog makes rays ask
+/// each lamp.
+#[gpu_test]
+fn scattered_light_is_gathered_when_the_camera_moves() {
+    let mut scene = Cloud::new(1.0);
+    lamps(&mut scene);
+    scene.with(VdbQuality { fog_light_error: 0.03, ..VdbQuality::HIGH });
+    let camera = scene.camera;
+    let mut gathers = |scene: &mut Cloud, change: fn(&mut Transform)| {
+        change(&mut scene.stage.world().get_mut::<Transform>(camera).unwrap());
+        scene.stage.update(1);
+        let report = scene.stage.world().resource::<VdbDiagnostics>().camera(camera).unwrap();
+        report.passes.iter().any(|pass| pass.name == "vdb_lamp_light")
+    };
+    assert!(!gathers(&mut scene, |_| ()), "nothing has changed");
+    assert!(!gathers(&mut scene, |own| own.rotate_y(0.1)), "the camera turns");
+    assert!(gathers(&mut scene, |own| own.translation.x += 0.1), "the camera moves");
+
+    let has_texture = |scene: &mut Cloud| {
+        let report = scene.report().unwrap();
+        let is_made = report.buffers.iter().any(|buffer| buffer.name == "vdb_lamp_light");
+        assert_eq!(is_made, report.has("scattered light of lamps"), "{report:?}");
+        is_made
+    };
+    assert!(has_texture(&mut scene));
+    let box_of = CoordBox { min: IVec3::splat(-5), max: IVec3::splat(5) };
+    let cuboid = level_set::cuboid(box_of.min.as_dvec3(), box_of.max.as_dvec3());
+    let solid = scene.stage.grid(cuboid, PackKind::Smooth { iso: 0.0 }, VOXEL);
+    scene.stage.world().spawn(VdbVolume(solid));
+    scene.stage.picture(&scene.target.clone());
+    assert!(!has_texture(&mut scene), "a surface casts shadows on the fog");
 }
 
 /// A fog that no lamp reaches is drawn, and takes no room in the cache; more lamps than the cache takes are
