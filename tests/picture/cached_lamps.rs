@@ -161,7 +161,7 @@ fn scattered_light_is_gathered_when_the_camera_moves() {
     lamps(&mut scene);
     scene.with(VdbQuality { fog_light_error: 0.03, ..VdbQuality::HIGH });
     let camera = scene.camera;
-    let mut gathers = |scene: &mut Cloud, change: fn(&mut Transform)| {
+    let gathers = |scene: &mut Cloud, change: fn(&mut Transform)| {
         change(&mut scene.stage.world().get_mut::<Transform>(camera).unwrap());
         scene.stage.update(1);
         let report = scene.stage.world().resource::<VdbDiagnostics>().camera(camera).unwrap();

@@ -104,7 +104,8 @@ fn loading_ends_when_nothing_moves() {
     app.add_plugins(LoadingPlugin)
         .insert_resource(TimeUpdateStrategy::ManualDuration(PATIENCE / 10));
     // No file belongs to this handle, so it never loads.
-    app.world_mut().spawn(VdbVolume::default());
+    let grid = app.world().resource::<Assets<VdbGrid>>().reserve_handle();
+    app.world_mut().spawn(VdbVolume(grid));
     let mut updates = 0;
     while !is_playing(&app) {
         assert!(updates < 20, "loading does not end");

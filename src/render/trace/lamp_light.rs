@@ -1,29 +1,25 @@
-//! The pass that gathers, at the samples of the light cache, the light of lamps that fog scatters towards a
-//! view's eye. Rays interpolate it where lamps are far.
+//! The light of lamps that fog scatters towards a view's eye, at the samples of the light cache, and the pipeline
+//! that gathers it. Rays interpolate it where lamps are far.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use bevy::prelude::*;
-use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::binding_types::{
     texture_2d, texture_3d, texture_storage_3d, uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
-    BindGroupLayoutDescriptor, BufferInitDescriptor, BufferUsages, ComputePassDescriptor,
-    ComputePipelineDescriptor, Extent3d, PipelineCache, ShaderStages, SpecializedComputePipeline,
-    StorageTextureAccess, Texture, TextureDescriptor, TextureDimension, TextureFormat,
-    TextureSampleType, TextureUsages, TextureView,
+    BindGroupLayoutDescriptor, ComputePipelineDescriptor, Extent3d, ShaderStages,
+    SpecializedComputePipeline, StorageTextureAccess, Texture, TextureDescriptor, TextureDimension,
+    TextureFormat, TextureSampleType, TextureUsages, TextureView,
 };
-use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
+use bevy::render::renderer::RenderDevice;
 use bevy::shader::ShaderDefVal;
 
-use super::TraceView;
 use super::lights::LightLayouts;
 use crate::quality::features::Features;
-use crate::render::gpu::{GROUP, PipelineFallback, Shaders, TraversalKey, scene_layout};
-use crate::render::light_cache::{LampLight, LightCache, LightCacheView, LitFog, texture_size};
-use crate::render::pool::VdbTreePool;
-use crate::render::view::{GROUPS_PER_BRICK, ViewKey, ViewState, VolumeBuffer};
+use crate::render::gpu::{Shaders, TraversalKey, scene_layout};
+use crate::render::light_cache::{LampLight, texture_size};
+use crate::render::view::ViewKey;
 
 /// The scattered light of a view.
 pub(in crate::render) struct LampLightView {
@@ -61,6 +57,11 @@ impl LampLightView {
         !plan.fogs.is_empty() && self.gathered.load(Ordering::Relaxed) != plan.fingerprint
     }
 
+    /// Notes that the light of a plan has been gathered.
+    pub fn set_gathered(&self, plan: &LampLight) {
+        self.gathered.store(plan.fingerprint, Ordering::Relaxed);
+    }
+
     pub fn texture(&self) -> &TextureView {
         &self.view
     }
@@ -76,7 +77,7 @@ impl LampLightView {
 pub(super) struct LampLightPipeline {
     shaders: Shaders,
     lights: LightLayouts,
-    layout: BindGroupLayoutDescriptor,
+    pub layout: BindGroupLayoutDescriptor,
 }
 
 /// The key of a pipeline variant.
@@ -143,58 +144,4 @@ impl SpecializedComputePipeline for LampLightPipeline {
             ..default()
         }
     }
-}
-
-/// Gathers the light in the fogs of a view, if it may have changed.
-pub(super) fn gather_lamp_light(
-    view: ViewQuery<(&ViewState, &TraceView, &LightCacheView)>,
-    cache: Res<LightCache>,
-    (pipeline, pipelines): (Res<LampLightPipeline>, Res<PipelineCache>),
-    fallback: Res<PipelineFallback>,
-    (pool, volumes): (Res<VdbTreePool>, Res<VolumeBuffer>),
-    device: Res<RenderDevice>,
-    mut context: RenderContext,
-) {
-    let (state, own, cached) = view.into_inner();
-    let plan = cached.lamp_light();
-    let Some(target) = own.lamp_light.as_ref().filter(|own| own.is_due(plan)) else { return };
-    let Some((_, uniform)) = state.prepared() else { return };
-    let Some(gather) = own.pipelines.and_then(|own| fallback.compute(&pipelines, own.lamp_light?))
-    else {
-        return;
-    };
-    let Some(lights) = own.bind_groups.as_ref().and_then(|groups| groups.lamps.as_ref()) else {
-        return;
-    };
-    let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
-    let (Some((depths, _)), Some(lamps)) = (cache.binding(), cached.lamp_bricks()) else { return };
-    let layout = pipelines.get_bind_group_layout(&pipeline.layout);
-    let diagnostics = context.diagnostic_recorder();
-    let diagnostics = diagnostics.as_deref();
-    let span = diagnostics.time_span(context.command_encoder(), "vdb_lamp_light");
-    for LitFog { samples, bricks } in &plan.fogs {
-        let samples = device.create_buffer_with_data(&BufferInitDescriptor {
-            label: Some("vdb_lamp_light_samples"),
-            contents: bytemuck::bytes_of(samples),
-            usage: BufferUsages::UNIFORM,
-        });
-        let entries = pool.scene_entries(uniform, volumes).extend_with_indices((
-            (6, samples.as_entire_binding()),
-            (7, &target.view),
-            (12, depths),
-            (14, lamps),
-        ));
-        let group = device.create_bind_group("vdb_lamp_light", &layout, &entries);
-        let descriptor =
-            ComputePassDescriptor { label: Some("vdb_lamp_light"), timestamp_writes: None };
-        let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
-        pass.set_pipeline(&gather);
-        let [bevy, nothing] = &lights.groups;
-        pass.set_bind_group(0, bevy, &lights.offsets);
-        pass.set_bind_group(1, nothing, &[]);
-        pass.set_bind_group(GROUP, &group, &[]);
-        pass.dispatch_workgroups(bricks.x, bricks.y, bricks.z * GROUPS_PER_BRICK);
-    }
-    span.end(context.command_encoder());
-    target.gathered.store(plan.fingerprint, Ordering::Relaxed);
 }

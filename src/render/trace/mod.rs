@@ -3,17 +3,19 @@
 
 mod beams;
 mod blackbody;
+mod gather;
 mod lamp_light;
 mod lights;
 mod pipeline;
+mod view;
 
 use bevy::core_pipeline::schedule::Core3d;
 use bevy::pbr::{MeshPipeline, MeshPipelineSystems};
 use bevy::prelude::*;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
-    BindGroup, Buffer, CachedComputePipelineId, ComputePassDescriptor, PipelineCache, Sampler,
-    SpecializedComputePipelines, TextureFormat, TextureView,
+    BindGroup, Buffer, ComputePassDescriptor, PipelineCache, Sampler, SpecializedComputePipelines,
+    TextureFormat, TextureView,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use bevy::render::texture::TextureCache;
@@ -33,11 +35,14 @@ use super::view::{
 use crate::quality::features::Features;
 use beams::BeamsPipeline;
 use blackbody::BlackbodyColors;
-use lamp_light::{LampLightPipeline, LampLightView, gather_lamp_light};
-use lights::{AllLights, LightBindGroups, LightLayouts, ViewLights};
+use gather::gather_lamp_light;
+use lamp_light::{LampLightPipeline, LampLightView};
+use lights::{AllLights, LightLayouts, ViewLights};
 use pipeline::TracePipeline;
+use view::{BindGroups, Pipelines};
 
 pub(super) use lights::MeshShadowMaps;
+pub(super) use view::TraceView;
 
 /// The threads of a workgroup in `beams.wgsl`.
 const BEAM_THREADS: u32 = 64;
@@ -84,35 +89,6 @@ fn init(mut commands: Commands, shaders: Res<Shaders>, meshes: Res<MeshPipeline>
     commands.insert_resource(BeamsPipeline::new(&shaders, &lights));
     commands.insert_resource(LampLightPipeline::new(&shaders, &lights));
     commands.insert_resource(TracePipeline::new(&shaders, &lights));
-}
-
-/// The pipelines, tile buffer and bind groups of the trace for a view.
-#[derive(Component, Default)]
-pub(super) struct TraceView {
-    pipelines: Option<Pipelines>,
-    /// The volumes and ray starts of each tile, in views with beam optimisation.
-    pub tiles: Option<Buffer>,
-    bind_groups: Option<BindGroups>,
-    /// The light that lamps scatter towards the eye, in views that interpolate it.
-    pub lamp_light: Option<LampLightView>,
-}
-
-/// The pipelines of a key.
-#[derive(Clone, Copy)]
-struct Pipelines {
-    trace: CachedComputePipelineId,
-    beams: Option<CachedComputePipelineId>,
-    lamp_light: Option<CachedComputePipelineId>,
-}
-
-struct BindGroups {
-    trace: BindGroup,
-    lights: LightBindGroups,
-    beams: Option<BindGroup>,
-    /// The empty groups 0 and 1 of the beam pipeline.
-    nothing: LightBindGroups,
-    /// Bevy's lights alone, without shadow maps.
-    lamps: Option<LightBindGroups>,
 }
 
 /// The pipelines of all keys.
