@@ -67,7 +67,8 @@ pub use bevy_vdb_record::{
 pub use plugin::{VdbPlugins, VdbRenderPlugin};
 pub use quality::{
     VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbDial, VdbFeatureCost, VdbFeatureCosts,
-    VdbFeatureReport, VdbMeasureFeatures, VdbPassReport, VdbQuality, VdbVolumeQuality,
+    VdbFeatureReport, VdbGpuMemory, VdbMeasureFeatures, VdbPassReport, VdbQuality,
+    VdbVolumeQuality,
 };
 pub use render::{VdbGpuUsage, VdbReloadShaders, VdbSystems};
 pub use scene::{

@@ -47,6 +47,8 @@ mod motion;
 mod need;
 #[path = "picture/peers.rs"]
 mod peers;
+#[path = "picture/pool.rs"]
+mod pool;
 #[path = "picture/quality.rs"]
 mod quality;
 #[path = "picture/rays.rs"]
@@ -479,7 +481,11 @@ fn a_volume_comes_moves_hides_and_goes() {
     assert_eq!(usage.grids(), 1, "the other entity still has it");
     stage.world().despawn(two);
     stage.update(2);
-    assert_eq!((usage.grids(), usage.bytes()), (0, 0), "memory after the last one went");
+    assert_eq!((usage.grids(), usage.idle_grids()), (0, 1), "the app still has a handle");
+    drop(grid);
+    stage.update(2);
+    let left = (usage.grids(), usage.idle_grids(), usage.bytes());
+    assert_eq!(left, (0, 0, 0), "memory after the last one went");
 }
 
 #[gpu_test]

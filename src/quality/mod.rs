@@ -6,6 +6,7 @@ pub(crate) mod diagnostics;
 mod dial;
 pub(crate) mod features;
 mod levels;
+mod memory;
 mod settings;
 
 use bevy::asset::AssetEventSystems;
@@ -17,6 +18,7 @@ pub use diagnostics::{
     VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
 };
 pub use dial::VdbDial;
+pub use memory::VdbGpuMemory;
 pub use settings::{VdbQuality, VdbVolumeQuality};
 
 /// Adjusts dials, measures costs, and generates the levels of detail that cameras ask for.
@@ -28,6 +30,8 @@ impl Plugin for QualityPlugin {
             .register_type::<VdbVolumeQuality>()
             .register_type::<VdbDial>()
             .register_type::<VdbMeasureFeatures>()
+            .register_type::<VdbGpuMemory>()
+            .init_resource::<VdbGpuMemory>()
             .init_resource::<VdbDiagnostics>()
             .init_resource::<levels::PendingLevels>()
             .add_systems(PostUpdate, levels::make_levels.before(AssetEventSystems))

@@ -143,11 +143,11 @@ fn what_is_edited_looks_as_if_it_had_been_made_so() {
             last = edited;
         }
         // As if loaded: no room to spare, and the same picture.
-        let with_room = scene.usage().bytes();
+        let with_room = scene.usage().bytes_used();
         let mut grids = scene.stage.world().resource_mut::<Assets<VdbGrid>>();
         grids.get_mut(&scene.grid).unwrap().finish_edits().unwrap();
         assert!(scene.picture() == last && !scene.own().is_edited(), "{kind:?}");
-        assert!(scene.usage().bytes() < with_room);
+        assert!(scene.usage().bytes_used() < with_room);
     }
 }
 

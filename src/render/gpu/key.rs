@@ -24,6 +24,16 @@ impl GridKey {
         self.0
     }
 
+    /// The asset and the level of detail, for a float grid.
+    pub fn float_level(self) -> Option<(AssetId<VdbGrid>, usize)> {
+        Some((self.0.try_typed().ok()?, self.1 as usize))
+    }
+
+    /// The asset and the number of the component, for a vector grid.
+    pub fn vector_part(self) -> Option<(AssetId<VdbVectorGrid>, usize)> {
+        Some((self.0.try_typed().ok()?, self.1 as usize))
+    }
+
     /// Whether this is a coarser level of a float grid.
     pub fn is_coarser(self) -> bool {
         self.1 > 0 && self.0.type_id() == TypeId::of::<VdbGrid>()
@@ -37,11 +47,6 @@ impl GridKey {
     /// Whether this is a float grid itself, or the first component of a vector grid.
     pub fn is_first(self) -> bool {
         self.1 == 0
-    }
-
-    /// The number of the component, for a vector grid.
-    pub fn vector_component(self) -> Option<usize> {
-        (self.0.type_id() == TypeId::of::<VdbVectorGrid>()).then_some(self.1 as usize)
     }
 
     /// A component of a vector grid.

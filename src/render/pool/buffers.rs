@@ -9,6 +9,10 @@ use vdb_core::pack::GridHeader;
 
 use super::paging::{PAGES, Paging, Range};
 
+const HEADER_BYTES: u64 = size_of::<GridHeader>() as u64;
+/// The number of headers for which there is room from the start.
+const LEAST_HEADERS: u64 = 16;
+
 /// The buffers that shaders bind.
 #[derive(Debug)]
 pub(crate) struct PoolBuffers {
@@ -52,28 +56,36 @@ impl PoolBuffers {
         self.pages.len() > 1
     }
 
-    pub fn new(device: &RenderDevice, words: u64, limit: u64, grids: usize) -> Self {
-        let make = |label, size| {
-            device.create_buffer(&BufferDescriptor {
-                label: Some(label),
-                size,
-                usage: BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC,
-                mapped_at_creation: false,
-            })
-        };
+    /// Buffers for `words` words, where a binding has at most `limit` bytes.
+    pub fn new(device: &RenderDevice, words: u64, limit: u64) -> Self {
         let paging = Paging::new(words, limit);
+        let pages = paging.pages(words);
         Self {
-            grids: make("vdb_grids", (grids * size_of::<GridHeader>()) as u64),
-            pages: paging.pages(words).map(|words| make("vdb_words", words * 4)).collect(),
+            grids: buffer(device, "vdb_grids", LEAST_HEADERS * HEADER_BYTES),
+            pages: pages.map(|words| buffer(device, "vdb_words", words * 4)).collect(),
             paging,
         }
     }
 
+    /// Makes room for so many headers. Returns whether that takes a new buffer, into which all
+    /// headers have to be written.
+    pub fn grow_headers(&mut self, device: &RenderDevice, count: u32) -> bool {
+        let bytes = u64::from(count) * HEADER_BYTES;
+        let grows = bytes > self.grids.size();
+        if grows {
+            self.grids = buffer(device, "vdb_grids", bytes.max(2 * self.grids.size()));
+        }
+        grows
+    }
+
     /// Writes the header of a grid; returns its size in bytes.
     pub fn write_header(&self, queue: &RenderQueue, index: u32, header: &GridHeader) -> u64 {
-        let bytes = size_of::<GridHeader>() as u64;
-        queue.write_buffer(&self.grids, u64::from(index) * bytes, bytemuck::bytes_of(header));
-        bytes
+        queue.write_buffer(
+            &self.grids,
+            u64::from(index) * HEADER_BYTES,
+            bytemuck::bytes_of(header),
+        );
+        HEADER_BYTES
     }
 
     /// Copies words from a buffer, starting at byte `at`; returns the offset after them.
@@ -93,6 +105,7 @@ impl PoolBuffers {
         at
     }
 
+    /// Writes words; returns their size in bytes.
     pub fn write(&self, queue: &RenderQueue, range: Range, words: &[u32]) -> u64 {
         for (page, at, piece) in self.paging.pieces(range) {
             let start = (piece.first - range.first) as usize;
@@ -102,6 +115,7 @@ impl PoolBuffers {
         u64::from(range.count) * 4
     }
 
+    /// Copies the words at `old` in other buffers to `new`.
     pub fn copy(&self, encoder: &mut CommandEncoder, from: &Self, old: Range, new: Range) {
         for (page, at, piece) in self.paging.pieces(new) {
             let source = Range { first: old.first + (piece.first - new.first), count: piece.count };
@@ -114,4 +128,13 @@ impl PoolBuffers {
             }
         }
     }
+}
+
+fn buffer(device: &RenderDevice, label: &'static str, size: u64) -> Buffer {
+    device.create_buffer(&BufferDescriptor {
+        label: Some(label),
+        size,
+        usage: BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC,
+        mapped_at_creation: false,
+    })
 }

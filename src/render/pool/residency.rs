@@ -1,50 +1,102 @@
 //! The pool of packed grids on the GPU: one copy of each grid, regardless of the number of entities
-//! that display it, freed with the last of them.
+//! that display it.
 //!
-//! The pool is a contiguous range of words, divided into pages if it exceeds one storage binding.
-//! When voxels of a grid are edited, only the changed words are written, as long as the number of
-//! words stays the same.
+//! Grids come and go at the cost of their own bytes: each has a range of words (see
+//! [`space`](super::space)), and no other grid moves unless the buffers have to be replaced. Grids
+//! that are no longer displayed stay for a while, up to [`VdbGpuMemory::idle_bytes`], as long as
+//! their assets exist.
+//!
+//! [`VdbGpuMemory::idle_bytes`]: crate::VdbGpuMemory::idle_bytes
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use bevy::platform::collections::{HashMap, HashSet};
+use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
-use bevy::render::render_resource::CommandEncoderDescriptor;
-use bevy::render::renderer::{RenderDevice, RenderQueue};
 use vdb_core::pack::{GridHeader, PackedGrid};
 
 use super::buffers::PoolBuffers;
-use super::edited::{self, EditedGrid, EditedWords, ExtractedEdits};
-use super::paging::{Paging, Range};
-use super::usage::VdbGpuUsage;
-use super::wanted::{Wanted, WantedGrid, wanted_by};
-use crate::render::extract::{ExtractedVolume, ExtractedVolumes};
+use super::edited::{EditedWords, ExtractedEdits};
+use super::held::HeldGrids;
+use super::paging::Range;
+use super::space::Space;
+use super::wanted::WantedGrid;
+use crate::render::extract::ExtractedVolume;
 use crate::render::gpu::GridKey;
 
+/// A grid whose words are all in the pool.
 #[derive(Debug)]
-struct Resident {
-    packed: Arc<PackedGrid>,
+pub(super) struct Resident {
+    pub packed: Arc<PackedGrid>,
     /// The revision of the words in the pool, if the grid is edited; `packed` then has no words.
-    revision: Option<u64>,
-    place: Range,
+    pub revision: Option<u64>,
+    pub place: Range,
     /// The index in the buffer of headers.
-    index: u32,
+    pub index: u32,
+    /// Identifies the words: no other words, of any grid at any time, have the same number.
+    pub content: u64,
+    /// The frame in which it was last displayed.
+    pub displayed: u64,
+    /// Whether its asset exists, and still has these words.
+    pub exists: bool,
 }
 
 impl Resident {
     /// The header of the grid, for its place in the pool.
-    fn header(&self) -> GridHeader {
+    pub fn header(&self) -> GridHeader {
         self.packed.header(self.place.first)
+    }
+
+    pub fn bytes(&self) -> u64 {
+        4 * u64::from(self.place.count)
     }
 }
 
-/// All displayed grids.
-#[derive(Debug, Default, Resource)]
+/// A new number for [`Resident::content`].
+pub(super) fn new_content() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    NEXT.fetch_add(1, Ordering::Relaxed)
+}
+
+/// A grid that is uploaded over several frames.
+#[derive(Debug)]
+pub(super) struct Incoming {
+    pub packed: Arc<PackedGrid>,
+    pub place: Range,
+    /// The number of words in the pool.
+    pub written: u32,
+}
+
+/// All grids on the GPU.
+#[derive(Debug, Resource)]
 pub(crate) struct VdbTreePool {
-    resident: HashMap<GridKey, Resident>,
+    pub(super) resident: HashMap<GridKey, Resident>,
+    pub(super) incoming: HashMap<GridKey, Incoming>,
     /// The grids that do not fit, each with the reason, which is reported once.
-    refused: HashMap<GridKey, String>,
-    buffers: Option<PoolBuffers>,
+    pub(super) refused: HashMap<GridKey, String>,
+    /// What each volume displays until its new grids are in the pool.
+    pub(super) held: HeldGrids,
+    pub(super) buffers: Option<PoolBuffers>,
+    pub(super) space: Space,
+    /// Indices of headers that are free, below the number of headers ever in use at once.
+    pub(super) free_indices: Vec<u32>,
+    /// The number of the frame.
+    pub(super) frame: u64,
+}
+
+impl Default for VdbTreePool {
+    fn default() -> Self {
+        Self {
+            resident: HashMap::default(),
+            incoming: HashMap::default(),
+            refused: HashMap::default(),
+            held: HeldGrids::default(),
+            buffers: None,
+            space: Space::new(0),
+            free_indices: Vec::new(),
+            frame: 0,
+        }
+    }
 }
 
 impl VdbTreePool {
@@ -58,21 +110,37 @@ impl VdbTreePool {
         buffers.is_paged().then_some(buffers.paging.bits)
     }
 
-    /// The sample format, if all grids have the same: shaders are then compiled for it.
+    /// The grids that are displayed.
+    pub(super) fn displayed(&self) -> impl Iterator<Item = (&GridKey, &Resident)> {
+        self.resident.iter().filter(|(_, grid)| grid.displayed == self.frame)
+    }
+
+    /// The grids that are not displayed.
+    pub(super) fn idle(&self) -> impl Iterator<Item = (&GridKey, &Resident)> {
+        self.resident.iter().filter(|(_, grid)| grid.displayed != self.frame)
+    }
+
+    /// The sample format, if all displayed grids have the same: shaders are then compiled for it.
     pub fn format(&self) -> Option<u32> {
-        let mut formats = self.resident.values().filter_map(|grid| grid.packed.sample_format());
+        let mut formats = self.displayed().filter_map(|(_, grid)| grid.packed.sample_format());
         let first = formats.next()?;
         formats.all(|format| format == first).then_some(first)
     }
 
-    /// Whether a grid is so wide that shaders must handle the end of the index space.
+    /// Whether a displayed grid is so wide that shaders must handle the end of the index space.
     pub fn has_wide_grids(&self) -> bool {
-        self.resident.values().any(|grid| grid.packed.is_wide())
+        self.displayed().any(|(_, grid)| grid.packed.is_wide())
     }
 
     /// The revision of an edited grid's words in the pool.
     pub fn revision(&self, grid: GridKey) -> Option<u64> {
         self.resident.get(&grid)?.revision
+    }
+
+    /// A number that identifies the words of a grid in the pool, among those of all grids at all
+    /// times.
+    pub fn content(&self, grid: GridKey) -> Option<u64> {
+        Some(self.resident.get(&grid)?.content)
     }
 
     /// Why a grid was refused, if it does not fit.
@@ -81,9 +149,15 @@ impl VdbTreePool {
     }
 
     /// Whether the pool has the words of a grid, except those changed by later edits.
-    fn holds(&self, grid: &GridKey, packed: &Arc<PackedGrid>, edits: &ExtractedEdits) -> bool {
+    pub(super) fn holds(
+        &self,
+        grid: &GridKey,
+        packed: &Arc<PackedGrid>,
+        edits: &ExtractedEdits,
+    ) -> bool {
         self.resident.get(grid).is_some_and(|resident| match edits.get(grid) {
-            None => Arc::ptr_eq(&resident.packed, packed),
+            None => resident.revision.is_none() && Arc::ptr_eq(&resident.packed, packed),
+            Some(edited) if resident.revision == Some(edited.revision) => true,
             Some(edited) => matches!(edited.words, EditedWords::Changed(_)),
         })
     }
@@ -100,162 +174,24 @@ impl VdbTreePool {
         is_there(volume.grid, &volume.packed)
             || volume.auxiliary.emission.iter().any(|grid| is_there(grid.key, &grid.packed))
     }
-}
 
-/// Uploads grids that are new or have changed, and drops those that are no longer displayed.
-///
-/// The pool has no holes: when the set of grids changes, new buffers of the right size are created,
-/// and the grids that stay are copied on the GPU.
-pub(crate) fn update_tree_pool(
-    volumes: Res<ExtractedVolumes>,
-    mut pool: ResMut<VdbTreePool>,
-    mut edits: ResMut<ExtractedEdits>,
-    usage: Res<VdbGpuUsage>,
-    device: Res<RenderDevice>,
-    queue: Res<RenderQueue>,
-) {
-    let wanted = wanted_by(&volumes);
-    pool.refused.retain(|grid, _| wanted.contains_key(grid));
-    let missing = wanted
-        .iter()
-        .any(|(key, own)| !pool.holds(key, own.packed, &edits) && !pool.refused.contains_key(key));
-    let left_over = pool.resident.keys().any(|grid| !wanted.contains_key(grid));
-    let mut written = 0;
-    if missing || left_over {
-        written += pool.rebuild(&wanted, &edits, &usage, &device, &queue);
-    }
-    written += pool.write_edits(&wanted, &edits, &device, &queue);
-    usage.add_written(written);
-    // The next edit would have to copy words that are still shared here.
-    edits.clear();
-}
-
-impl VdbTreePool {
-    /// Rebuilds the pool; returns the number of bytes uploaded.
-    fn rebuild(
-        &mut self,
-        wanted: &Wanted,
-        edits: &ExtractedEdits,
-        usage: &VdbGpuUsage,
-        device: &RenderDevice,
-        queue: &RenderQueue,
-    ) -> u64 {
-        let limits = device.limits();
-        let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-        let written = self.pack(wanted, edits, limit, device, queue);
-        let bytes = self.buffers.as_ref().map_or(0, PoolBuffers::bytes);
-        let assets: HashSet<_> = self.resident.keys().map(|key| key.asset()).collect();
-        let levels = self.resident.keys().filter(|key| key.is_coarser()).count();
-        usage.set(assets.len() as u64, levels as u64, bytes);
-        written
+    /// Removes a grid, whose words are free from then on.
+    pub(super) fn remove(&mut self, grid: GridKey) {
+        if let Some(resident) = self.resident.remove(&grid) {
+            self.space.give_back(resident.place);
+            self.free_indices.push(resident.index);
+        }
     }
 
-    /// Writes the changed words of edited grids whose other words are in the pool; returns the
-    /// number of bytes.
-    fn write_edits(
-        &mut self,
-        wanted: &Wanted,
-        edits: &ExtractedEdits,
-        device: &RenderDevice,
-        queue: &RenderQueue,
-    ) -> u64 {
-        let Some(buffers) = &self.buffers else { return 0 };
-        let (mut written, mut encoder) = (0, None);
-        for (grid, resident) in &mut self.resident {
-            let (Some(edited), Some(own)) = (edits.get(grid), wanted.get(grid)) else {
-                continue;
-            };
-            let EditedWords::Changed(changed) = &edited.words else { continue };
-            if resident.revision == Some(edited.revision) {
-                continue;
-            }
-            let label = CommandEncoderDescriptor { label: Some("vdb_edits") };
-            let encoder = encoder.get_or_insert_with(|| device.create_command_encoder(&label));
-            written += edited::write(device, encoder, buffers, resident.place.first, changed);
-            resident.packed = Arc::clone(own.packed);
-            resident.revision = Some(edited.revision);
-            written += buffers.write_header(queue, resident.index, &resident.header());
+    /// Stops the upload of a grid.
+    pub(super) fn cancel(&mut self, grid: GridKey) {
+        if let Some(incoming) = self.incoming.remove(&grid) {
+            self.space.give_back(incoming.place);
         }
-        if let Some(encoder) = encoder {
-            queue.submit([encoder.finish()]);
-        }
-        written
-    }
-
-    fn pack(
-        &mut self,
-        wanted: &Wanted,
-        edits: &ExtractedEdits,
-        limit: u64,
-        device: &RenderDevice,
-        queue: &RenderQueue,
-    ) -> u64 {
-        // Coarser levels, which only save time, come last, as do all components of a vector grid but
-        // the first. Before them, resident grids come first, so that a new grid never displaces a
-        // displayed one.
-        let mut order: Vec<_> = wanted.iter().collect();
-        order.sort_by_key(|(grid, _)| (!grid.is_first(), !self.resident.contains_key(*grid)));
-        let mut words = 0;
-        let mut next = HashMap::default();
-        for (grid, own) in order {
-            let edited = edits.get(grid);
-            let count = edited.map_or(own.packed.words.len(), |edited| edited.count);
-            let before = words;
-            match place(&mut words, count as u64, limit) {
-                // The grid fits now, so its words are requested from the next frame on.
-                Ok(_) if edited.is_some_and(|edited| !self.has_words(grid, edited)) => {
-                    words = before;
-                    self.refused.remove(grid);
-                }
-                Ok(place) => {
-                    let index = next.len() as u32;
-                    let revision = edited.map(|edited| match edited.words {
-                        EditedWords::All(_) => Some(edited.revision),
-                        _ => self.revision(*grid),
-                    });
-                    let (packed, revision) = (Arc::clone(own.packed), revision.flatten());
-                    next.insert(*grid, Resident { packed, revision, place, index });
-                    self.refused.remove(grid);
-                }
-                Err(why) => {
-                    if let Some(what) = self.refuse(*grid, own, &why) {
-                        error!("{what} is not shown: {why}");
-                    }
-                }
-            }
-        }
-        let old = std::mem::replace(&mut self.resident, next);
-        let old_buffers = self.buffers.take();
-        if self.resident.is_empty() {
-            return 0;
-        }
-        let mut written = 0;
-        let buffers = PoolBuffers::new(device, words, limit, self.resident.len());
-        let mut encoder = device
-            .create_command_encoder(&CommandEncoderDescriptor { label: Some("vdb_pool_move") });
-        for (grid, resident) in &self.resident {
-            let stays = old.get(grid).filter(|old| match (old.revision, resident.revision) {
-                (None, None) => Arc::ptr_eq(&old.packed, &resident.packed),
-                (old, own) => old == own,
-            });
-            match (stays, &old_buffers, edits.get(grid)) {
-                (Some(old), Some(from), _) => {
-                    buffers.copy(&mut encoder, from, old.place, resident.place);
-                }
-                (.., Some(EditedGrid { words: EditedWords::All(all), .. })) => {
-                    written += buffers.write(queue, resident.place, &all.words);
-                }
-                _ => written += buffers.write(queue, resident.place, &resident.packed.words),
-            }
-            written += buffers.write_header(queue, resident.index, &resident.header());
-        }
-        queue.submit([encoder.finish()]);
-        self.buffers = Some(buffers);
-        written
     }
 
     /// Remembers why a grid does not fit; returns what to call it if this has to be reported.
-    fn refuse(&mut self, key: GridKey, grid: &WantedGrid, why: &str) -> Option<String> {
+    pub(super) fn refuse(&mut self, key: GridKey, grid: &WantedGrid, why: &str) -> Option<String> {
         if self.refused.contains_key(&key) {
             return None;
         }
@@ -264,38 +200,39 @@ impl VdbTreePool {
         (!key.is_coarser()).then(|| grid.describe(key))
     }
 
-    /// Whether an edited grid can be put into the new pool: from the old pool, or from all words.
-    fn has_words(&self, grid: &GridKey, edited: &EditedGrid) -> bool {
-        match edited.words {
-            EditedWords::All(_) => true,
-            EditedWords::Changed(_) => self.revision(*grid).is_some(),
-            EditedWords::Left => false,
+    /// Drops grids that are not displayed: those whose assets no longer exist, and those displayed
+    /// least recently, until the others take no more than `idle_bytes`.
+    pub(super) fn drop_idle(&mut self, idle_bytes: u64) {
+        let (kept, dropped): (Vec<_>, Vec<_>) = self.idle().partition(|(_, grid)| grid.exists);
+        let dropped: Vec<GridKey> = dropped.into_iter().map(|(key, _)| *key).collect();
+        let mut kept: Vec<_> =
+            kept.into_iter().map(|(key, grid)| (grid.displayed, *key, grid.bytes())).collect();
+        kept.sort_unstable_by_key(|(displayed, ..)| *displayed);
+        let mut bytes: u64 = kept.iter().map(|(_, _, bytes)| bytes).sum();
+        dropped.into_iter().for_each(|key| self.remove(key));
+        for (_, key, own) in kept {
+            if bytes <= idle_bytes {
+                break;
+            }
+            self.remove(key);
+            bytes -= own;
         }
     }
-}
 
-/// Allocates `count` words after the `words` that are taken; a binding has at most `limit` bytes.
-fn place(words: &mut u64, count: u64, limit: u64) -> Result<Range, String> {
-    let end = *words + count;
-    let capacity = Paging::capacity(limit);
-    if end > capacity {
-        return Err(format!(
-            "with it, the grids take {} MiB, but shaders on this GPU can read at most {} MiB; show \
-             fewer or smaller grids, store values in fewer bits (VdbLoaderSettings::values), or \
-             keep less of level sets (VdbLoaderSettings::half_width)",
-            (end * 4) >> 20,
-            (capacity * 4) >> 20
-        ));
+    /// Drops a grid to make room: the idle one displayed least recently, or else a level of detail.
+    /// Returns whether there was one.
+    pub(super) fn evict(&mut self) -> bool {
+        let idle = self.idle().min_by_key(|(_, grid)| grid.displayed).map(|(key, _)| *key);
+        let level = || self.resident.keys().find(|key| key.is_coarser()).copied();
+        let found = idle.or_else(level);
+        found.into_iter().for_each(|key| self.remove(key));
+        found.is_some()
     }
-    let range = Range { first: *words as u32, count: count as u32 };
-    *words = end;
-    Ok(range)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::pool::paging::PAGES;
     use crate::render::pool::wanted::Role;
     use crate::{VdbGrid, VdbVectorGrid};
     use bevy::asset::uuid::Uuid;
@@ -309,19 +246,8 @@ mod tests {
         PackedGrid::new(&tree, PackKind::Fog).unwrap()
     }
 
-    #[test]
-    fn grids_stand_side_by_side_and_a_full_pool_refuses() {
-        let (one, two) = (packed(1), packed(2));
-        let (first, second) = (one.words.len() as u64, two.words.len() as u64);
-        let mut words = 0;
-        assert_eq!(place(&mut words, first, 1 << 30).unwrap().first, 0);
-        assert_eq!(u64::from(place(&mut words, second, 1 << 30).unwrap().first), first);
-        assert_eq!(words, first + second);
-
-        let limit = 4 * (words + second).div_ceil(PAGES as u64) / 2;
-        let message = place(&mut words, second, limit).unwrap_err();
-        assert!(message.contains("MiB") && message.contains("half_width"), "{message}");
-        assert_eq!(words, first + second, "a refused grid left a gap");
+    fn key(i: u128) -> GridKey {
+        GridKey::from(AssetId::<VdbGrid>::Uuid { uuid: Uuid::from_u128(i) })
     }
 
     #[test]
@@ -339,9 +265,8 @@ mod tests {
         assert_eq!(refuse(own, Role::Volume), None);
         assert_eq!(refuse(own.level(1), Role::Volume), None, "a finer level is displayed");
 
-        let fire = GridKey::from(AssetId::<VdbGrid>::Uuid { uuid: Uuid::from_u128(1) });
         let emission = format!("the emission of volume {volume}");
-        assert_eq!(refuse(fire, Role::Emission), Some(emission));
+        assert_eq!(refuse(key(1), Role::Emission), Some(emission));
 
         let vector = AssetId::<VdbVectorGrid>::default();
         for (i, component) in ["red", "green", "blue"].into_iter().enumerate() {
@@ -351,5 +276,50 @@ mod tests {
             assert_eq!(refuse(key, Role::Color), None);
         }
         assert_eq!(pool.refusal(&own), Some("it is too large"));
+    }
+
+    /// A pool of grids of 100 words each, which were displayed in frames 1, 2, 3 and so on.
+    fn pool_of(grids: u32) -> VdbTreePool {
+        let packed = Arc::new(packed(1));
+        let mut pool = VdbTreePool { space: Space::new(100_000), ..default() };
+        for index in 0..grids {
+            let place = pool.space.take(100).unwrap();
+            let resident = Resident {
+                packed: packed.clone(),
+                revision: None,
+                place,
+                index,
+                content: new_content(),
+                displayed: u64::from(index) + 1,
+                exists: true,
+            };
+            pool.resident.insert(key(index.into()), resident);
+        }
+        pool.frame = grids.into();
+        pool
+    }
+
+    #[test]
+    fn the_grids_displayed_least_recently_go_first() {
+        let mut pool = pool_of(5);
+        // The last is displayed; 1,200 bytes hold three of the others.
+        pool.drop_idle(1_200);
+        let there = |pool: &VdbTreePool| (0..5).map(|i| pool.index(key(i))).collect::<Vec<_>>();
+        assert_eq!(there(&pool), [None, Some(1), Some(2), Some(3), Some(4)]);
+        assert!(pool.evict());
+        assert_eq!(there(&pool), [None, None, Some(2), Some(3), Some(4)]);
+        pool.resident.get_mut(&key(3)).unwrap().exists = false;
+        pool.drop_idle(u64::MAX);
+        assert_eq!(there(&pool), [None, None, Some(2), None, Some(4)]);
+        assert!(pool.evict() && !pool.evict(), "a displayed grid was dropped");
+        assert_eq!((there(&pool)[4], pool.space.used()), (Some(4), 100));
+    }
+
+    #[test]
+    fn levels_of_detail_make_room_for_grids() {
+        let mut pool = pool_of(1);
+        let level = pool.resident.remove(&key(0)).unwrap();
+        pool.resident.insert(key(0).level(1), level);
+        assert!(pool.evict() && pool.space.used() == 0);
     }
 }

@@ -6,7 +6,7 @@ use bevy::platform::collections::HashMap;
 use bevy::render::sync_world::MainEntity;
 use vdb_core::pack::PackedGrid;
 
-use crate::render::extract::ExtractedVolumes;
+use crate::render::extract::{ExtractedVolume, ExtractedVolumes};
 use crate::render::gpu::GridKey;
 
 /// What a grid is to a volume.
@@ -36,7 +36,8 @@ impl WantedGrid<'_> {
             Role::Emission => "emission",
             Role::Color => "colour",
         };
-        match key.vector_component().and_then(|i| ["red", "green", "blue"].get(i).copied()) {
+        let component = key.vector_part().map(|(_, component)| component);
+        match component.and_then(|i| ["red", "green", "blue"].get(i).copied()) {
             Some(component) => {
                 format!("the {component} component of the {role} of volume {volume}")
             }
@@ -51,19 +52,28 @@ pub(super) type Wanted<'a> = HashMap<GridKey, WantedGrid<'a>>;
 pub(super) fn wanted_by(volumes: &ExtractedVolumes) -> Wanted<'_> {
     let mut wanted = Wanted::default();
     for (entity, volume) in &volumes.0 {
-        let levels = [&volume.packed].into_iter().chain(&*volume.levels).enumerate();
-        for (level, packed) in levels {
-            let grid = WantedGrid { packed, entity, name: &volume.name, role: Role::Volume };
-            wanted.entry(volume.grid.level(level)).or_insert(grid);
-        }
-        let auxiliary =
-            [(Role::Emission, &volume.auxiliary.emission), (Role::Color, &volume.auxiliary.colors)];
-        for (role, grids) in auxiliary {
-            for grid in grids {
-                let own = WantedGrid { packed: &grid.packed, entity, name: &volume.name, role };
-                wanted.entry(grid.key).or_insert(own);
-            }
-        }
+        add_grids(&mut wanted, entity, volume);
     }
     wanted
+}
+
+/// Adds the grids of a volume that are not there yet.
+pub(super) fn add_grids<'a>(
+    wanted: &mut Wanted<'a>,
+    entity: &'a MainEntity,
+    volume: &'a ExtractedVolume,
+) {
+    let levels = [&volume.packed].into_iter().chain(&*volume.levels).enumerate();
+    for (level, packed) in levels {
+        let grid = WantedGrid { packed, entity, name: &volume.name, role: Role::Volume };
+        wanted.entry(volume.grid.level(level)).or_insert(grid);
+    }
+    let auxiliary =
+        [(Role::Emission, &volume.auxiliary.emission), (Role::Color, &volume.auxiliary.colors)];
+    for (role, grids) in auxiliary {
+        for grid in grids {
+            let own = WantedGrid { packed: &grid.packed, entity, name: &volume.name, role };
+            wanted.entry(grid.key).or_insert(own);
+        }
+    }
 }

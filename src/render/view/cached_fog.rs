@@ -246,7 +246,6 @@ mod tests {
     use bevy::math::DAffine3;
 
     use super::*;
-    use crate::render::view::lattice::Content;
 
     #[test]
     fn spacing_follows_the_error() {
@@ -293,7 +292,7 @@ mod tests {
             world_from_local: DAffine3::IDENTITY,
             occupied: Some(CoordBox { min, max: max - 1 }),
             majorant: density,
-            content: Content::Fixed(0),
+            content: Some(0),
         };
         (volume, lattice)
     }

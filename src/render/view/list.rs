@@ -6,7 +6,7 @@ use bevy::render::sync_world::MainEntity;
 
 use super::auxiliary::{color_data, emission_data, world_from_index};
 use super::cached_fog::{CachedFog, find_cached_fogs};
-use super::lattice::{Content, Lattice};
+use super::lattice::Lattice;
 use super::media::is_medium;
 use super::tiles::TileRange;
 use super::volume::{Eye, Shown, index_box, volume_data};
@@ -33,7 +33,7 @@ pub(crate) struct Entry {
 impl Entry {
     fn of_volume(owner: MainEntity, shown: &Shown, pool: &VdbTreePool) -> Self {
         let (key, packed) = (shown.key(), shown.packed());
-        let content = Content::new(key, packed, pool.revision(key));
+        let content = pool.content(key);
         Self {
             owner,
             world_from_index: shown.world_from_index(),
@@ -51,7 +51,7 @@ impl Entry {
         pool: &VdbTreePool,
     ) -> Self {
         let world_from_index = world_from_index(grid, volume);
-        let content = Content::new(grid.key, &grid.packed, pool.revision(grid.key));
+        let content = pool.content(grid.key);
         Self {
             owner,
             world_from_index,
