@@ -153,6 +153,54 @@ fn the_cache_follows_lamps() {
     }
 }
 
+/// A new error alone changes between which distances light is interpolated, or on what lattice.
+#[gpu_test]
+fn stored_light_follows_the_error_that_is_asked_for() {
+    let mut scene = Cloud::new(1.0);
+    let [_, spot] = lamps(&mut scene);
+    scene.stage.world().despawn(spot);
+    let sun = scene.sun;
+    scene.stage.world().despawn(sun);
+    let cached = |asked| VdbQuality { fog_light_error: asked, ..VdbQuality::HIGH };
+    let mut last = scene.with(cached(0.03));
+    for asked in [0.0303, 0.033, 0.2, 0.02, 0.0201] {
+        let changed = scene.with(cached(asked));
+        assert!(changed != last, "{asked} changes nothing");
+        let cloud = scene.cloud;
+        scene.stage.world().entity_mut(cloud).insert(Visibility::Hidden);
+        scene.stage.update(3);
+        scene.stage.world().entity_mut(cloud).insert(Visibility::Inherited);
+        let fresh = scene.stage.picture(&scene.target);
+        assert!(changed == fresh, "{asked}: off by {}", error(&changed, &fresh));
+        last = changed;
+    }
+}
+
+/// Around the eye, samples see the lamp from all directions; in a fog that scatters forwards, the light of a lamp
+/// ahead comes from few of them.
+#[gpu_test]
+#[ignore = "slow: its reference is by rays"]
+fn a_camera_in_fog_that_scatters_forwards_sees_the_glow_of_a_lamp() {
+    let mut scene = Cloud::new(0.4);
+    let (sun, cloud, camera) = (scene.sun, scene.cloud, scene.camera);
+    scene.stage.world().despawn(sun);
+    scene.stage.world().get_mut::<VdbMaterial>(cloud).unwrap().anisotropy = 0.8;
+    let inside = Transform::from_xyz(0.3, 0.2, 1.9).looking_at(Vec3::NEG_Z * 9.0, Vec3::Y);
+    scene.stage.world().entity_mut(camera).insert(inside);
+    scene.stage.world().spawn((bulb(), Transform::from_xyz(0.0, 0.0, -9.0)));
+    let reference = scene.with(BY_RAYS);
+    reference.save("cached_lamps_inside_rays");
+    for asked in [0.03, 0.01] {
+        let picture = scene.with(VdbQuality { fog_light_error: asked, ..VdbQuality::HIGH });
+        picture.save(&format!("cached_lamps_inside_{asked}"));
+        let report = scene.report().unwrap();
+        assert!(report.has("scattered light of lamps"), "{report:?}");
+        let found = error(&picture, &reference);
+        println!("inside: asked for {asked}, off by {found:.5}");
+        assert!(found <= f64::from(asked), "asked for {asked}, off by {found}");
+    }
+}
+
 /// Scattered light depends on where the camera is, not on where it looks; a caster of shadows on fog makes rays ask
 /// each lamp.
 #[gpu_test]

@@ -8,7 +8,7 @@
 #import bevy_vdb::trace::illuminance::lamp_illuminance
 #import bevy_vdb::trace::light_cache::{NOT_CACHED, lamp_group_bricks, lamp_light_brick, light_atlas}
 #import bevy_vdb::trace::light_cache::far_from_lamps
-#import bevy_vdb::trace::lights::{add_scattered, interpolated_part}
+#import bevy_vdb::trace::lights::{add_scattered, interpolated_near_eye, interpolated_part}
 #import bevy_vdb::trace::scattering::{OCTAVES, octaves_of_depth}
 #import bevy_vdb::view::scene::{view, volumes}
 
@@ -44,6 +44,7 @@ fn gather_lamps(
     let ray = view_direction(from_eye);
     let anisotropy = volumes[volume].anisotropy;
     let far = far_from_lamps(volume);
+    let near_eye = interpolated_near_eye(volume, position);
     let groups = (min(view.cached_lamp_count, MAX_CACHED_LAMPS) + 3u) / 4u;
     for (var group = 0u; group < groups; group++) {
         let lamps = view.cached_lamps[group];
@@ -58,7 +59,7 @@ fn gather_lamps(
             }
             let data = bevy::clustered_lights.data[lamps[i]];
             let to_lamp = data.position_radius.xyz - position;
-            let part = interpolated_part(data, dot(to_lamp, to_lamp), far);
+            let part = near_eye * interpolated_part(data, dot(to_lamp, to_lamp), far);
             let illuminance = part * lamp_illuminance(data, to_lamp, ray, 0.0);
             let has_shadows = (data.flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
             if has_shadows && any(illuminance > vec3(0.0)) {

@@ -35,8 +35,8 @@ fn lamp_group_bricks(volume: u32, lamps: u32) -> vec4<u32> {
 // Light of lamps that fog scatters towards the view's eye, times its exposure: a lattice for each octave.
 @group(2) @binding(15) var lamp_light: texture_3d<f32>;
 
-// The texel of `lamp_bricks` with the first brick of a fog's lattices of scattered light, and the distance from a
-// point light at which its light begins to be interpolated.
+// The texel of `lamp_bricks` with the first brick of a fog's lattices of scattered light, and the distances from a
+// point light and from the eye at which light begins to be interpolated.
 const LAMP_LIGHT_TEXEL: u32 = MAX_CACHED_LAMPS / 4u;
 
 // The first brick of a fog's lattices of scattered light, or NOT_CACHED.
@@ -47,6 +47,12 @@ fn lamp_light_brick(volume: u32) -> u32 {
 // The distance from a point light at which its light begins to be interpolated in a fog, world units.
 fn far_from_lamps(volume: u32) -> f32 {
     return bitcast<f32>(lamp_group_bricks(volume, LAMP_LIGHT_TEXEL).y);
+}
+
+// The distance from the eye at which light scattered towards it begins to be interpolated in a fog, world units; 0 if
+// it is interpolated everywhere.
+fn far_from_eye(volume: u32) -> f32 {
+    return bitcast<f32>(lamp_group_bricks(volume, LAMP_LIGHT_TEXEL).z);
 }
 
 // Light of an octave at a point; `light_brick` is the first of the fog's lattice for that octave.
@@ -80,9 +86,10 @@ fn lattice_point(volume: u32, cell: vec3<i32>, frac: vec3<f32>) -> LatticePoint 
     return LatticePoint((at.z * bricks.y + at.y) * bricks.x + at.x, in_brick);
 }
 
-// Optical depth towards a light at a point; `light_brick` is the first of the fog's lattice for that light.
+// Optical depth towards a light at a point; `light_brick` is the first of the fog's lattice for that light. The mean
+// position of an interval may be between two clouds, where samples are NO_FOG; depths there count as 0.
 fn cached_depth(point: LatticePoint, light_brick: u32) -> f32 {
     let first = brick_texel(light_brick + point.brick);
     let texel = vec3<f32>(first) + point.in_brick + 0.5;
-    return textureSampleLevel(light_atlas, light_sampler, texel * view.light_texel, 0.0).x;
+    return max(textureSampleLevel(light_atlas, light_sampler, texel * view.light_texel, 0.0).x, 0.0);
 }

@@ -26,7 +26,7 @@
 #import bevy_vdb::trace::light_list::{is_spot, local_light}
 #ifdef VDB_LAMP_LIGHT
 #import bevy_pbr::mesh_view_types::{ClusteredLight, POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT}
-#import bevy_vdb::trace::light_cache::{far_from_lamps, lamp_light_brick}
+#import bevy_vdb::trace::light_cache::{far_from_eye, far_from_lamps, lamp_light_brick}
 #endif
 #endif
 #endif
@@ -216,20 +216,41 @@ fn far_distance(data: ClusteredLight, far: f32) -> f32 {
     return far * max(1.0, FAR_FROM_CONE * select(0.0, data.light_custom_data.z, is_spot));
 }
 
+// The fraction of the light scattered from a point (world space) that is interpolated, as far as its distance from the
+// eye goes: all of it from twice a distance on. Around the eye, rays come from all directions.
+fn interpolated_near_eye(volume: u32, position: vec3<f32>) -> f32 {
+    let far = far_from_eye(volume);
+    if far <= 0.0 {
+        return 1.0;
+    }
+    return smoothstep(far, 2.0 * far, length(position - view.eye));
+}
+
 // The fraction of a lamp's light that is interpolated: all of it from twice that distance on.
 fn interpolated_part(data: ClusteredLight, distance_squared: f32, far: f32) -> f32 {
     let begin = far_distance(data, far);
     return smoothstep(begin, 2.0 * begin, sqrt(distance_squared));
 }
 
-// Between which distances along a ray (world space, unit length) some of the light of cached lamps is not
-// interpolated; the first is larger than the second if all is.
-fn range_near_lamps(origin: vec3<f32>, ray: vec3<f32>, volume: u32) -> vec2<f32> {
-    if lamp_light_brick(volume) == NOT_CACHED {
-        return vec2(-FAR, FAR);
+// The union of a range of distances along a ray (world space, unit length) with that within a sphere.
+fn with_sphere(range: vec2<f32>, ray: vec3<f32>, to_center: vec3<f32>, radius: f32) -> vec2<f32> {
+    let along = dot(to_center, ray);
+    let across = to_center - along * ray;
+    let half_squared = radius * radius - dot(across, across);
+    if half_squared <= 0.0 {
+        return range;
     }
+    let half = sqrt(half_squared);
+    return vec2(min(range.x, along - half), max(range.y, along + half));
+}
+
+// The range of distances along a ray (world space, unit length) in which some of the light of cached lamps is not
+// interpolated; its start is larger than its end if all is.
+fn range_near_lamps(origin: vec3<f32>, ray: vec3<f32>, volume: u32) -> vec2<f32> {
+    let is_interpolated = lamp_light_brick(volume) != NOT_CACHED;
     let far = far_from_lamps(volume);
     var range = vec2(FAR, -FAR);
+    var is_lit = false;
     let groups = (min(view.cached_lamp_count, MAX_CACHED_LAMPS) + 3u) / 4u;
     for (var group = 0u; group < groups; group++) {
         let lamps = view.cached_lamps[group];
@@ -238,18 +259,18 @@ fn range_near_lamps(origin: vec3<f32>, ray: vec3<f32>, volume: u32) -> vec2<f32>
             if bricks[i] != NOT_CACHED {
                 let data = bevy::clustered_lights.data[lamps[i]];
                 let to_lamp = data.position_radius.xyz - origin;
-                let along = dot(to_lamp, ray);
-                let across = to_lamp - along * ray;
-                let radius = 2.0 * far_distance(data, far);
-                let half_squared = radius * radius - dot(across, across);
-                if half_squared > 0.0 {
-                    let half = sqrt(half_squared);
-                    range = vec2(min(range.x, along - half), max(range.y, along + half));
-                }
+                range = with_sphere(range, ray, to_lamp, 2.0 * far_distance(data, far));
+                is_lit = true;
             }
         }
     }
-    return range;
+    if !is_lit {
+        return vec2(FAR, -FAR);
+    }
+    if !is_interpolated {
+        return vec2(-FAR, FAR);
+    }
+    return with_sphere(range, ray, view.eye - origin, 2.0 * far_from_eye(volume));
 }
 #endif
 
@@ -269,6 +290,7 @@ fn add_cached_lamps(
 #ifdef VDB_LAMP_LIGHT
     let is_interpolated = lamp_light_brick(volume) != NOT_CACHED;
     let far = far_from_lamps(volume);
+    let near_eye = interpolated_near_eye(volume, at.position);
 #endif
     var octaves = (*light).octaves;
     var nearest_squared = FAR;
@@ -284,7 +306,7 @@ fn add_cached_lamps(
                 let data = bevy::clustered_lights.data[lamps[i]];
                 let to_lamp = data.position_radius.xyz - at.position;
                 let distance_squared = dot(to_lamp, to_lamp);
-                let part = 1.0 - interpolated_part(data, distance_squared, far);
+                let part = 1.0 - near_eye * interpolated_part(data, distance_squared, far);
                 parts[i] = select(0.0, part, bricks[i] != NOT_CACHED);
                 // Of all lamps: the ray may come near this one between samples.
                 nearest_squared = min(nearest_squared, select(FAR, distance_squared, bricks[i] != NOT_CACHED));

@@ -93,19 +93,26 @@ impl LampLight {
             if own.rows.saturating_add(rows) > max_rows {
                 continue;
             }
-            let edge = cell_edge(&prepared.entries[*i].lattice);
-            table.set_scattered(*i, own.rows * ROW_BRICKS, far_from_lamps(fog, edge));
+            let spacing = spacing(prepared, *i, fog);
+            let anisotropy = prepared.volumes[*i].anisotropy;
+            let far_from_eye = far_by_angle(spacing, fog.error, anisotropy);
+            let far_from_lamps = far_from_lamps(spacing, fog.error).max(far_from_eye);
+            // All rays of an orthographic view have one direction.
+            let far_from_eye = if is_orthographic(prepared) { 0.0 } else { far_from_eye };
+            let distances = [far_from_lamps, far_from_eye].map(|far| far as f32);
+            table.set_scattered(*i, own.rows * ROW_BRICKS, distances);
+            (own.rows, fog.layout, distances.map(f32::to_bits)).hash(&mut hasher);
             own.rows += rows;
             let samples = Samples::new(prepared, *i, fog.layout);
             own.fogs.push(LitFog { samples, bricks: fog.layout.bricks });
             bytemuck::bytes_of(&samples).hash(&mut hasher);
-            prepared.volumes[*i].anisotropy.to_bits().hash(&mut hasher);
+            anisotropy.to_bits().hash(&mut hasher);
             for (key, slot) in lamps {
                 lights.lamps[slot].appearance.hash(&mut hasher);
                 cache
                     .lattices
                     .get(key)
-                    .map(|lattice| (lattice.rows.start, lattice.fills))
+                    .map(|lattice| (lattice.rows.start, lattice.fill))
                     .hash(&mut hasher);
             }
         }
@@ -114,13 +121,34 @@ impl LampLight {
     }
 }
 
-/// The distance from a point light at which its light begins to be interpolated in a fog, in world units.
+/// The distance between the samples of a fog, in world units.
+fn spacing(prepared: &PreparedView, i: usize, fog: &CachedFog) -> f64 {
+    f64::from(1_u32 << fog.layout.log) * cell_edge(&prepared.entries[i].lattice)
+}
+
+/// The distance from a point light at which its light begins to be interpolated in an isotropic fog, in
+/// world units.
 ///
 /// Interpolated over a spacing `h`, an inverse square at a distance `d` is up to `0.75 (h / d)²` too large.
 /// At this distance, that is about twice the accepted error, of one lamp in one place.
-fn far_from_lamps(fog: &CachedFog, cell_edge: f64) -> f32 {
-    let spacing = f64::from(1_u32 << fog.layout.log) * cell_edge;
-    (spacing * (0.35 / f64::from(fog.error)).sqrt()) as f32
+fn far_from_lamps(spacing: f64, error: f32) -> f64 {
+    spacing * (0.35 / f64::from(error)).sqrt()
+}
+
+/// The distance from a lamp or the eye at which light scattered with an anisotropy `g` begins to be
+/// interpolated, in world units.
+///
+/// From one sample to the next, the angle between lamp and eye changes by `δ = h / d`. Interpolated over `δ`,
+/// the peak of the phase function of Henyey and Greenstein, whose second derivative is `-3 |g| / (1 - |g|)²`
+/// of its value, is up to `3 |g| δ² / (8 (1 - |g|)²)` too low. At this distance, that is about twice the
+/// accepted error.
+fn far_by_angle(spacing: f64, error: f32, anisotropy: f32) -> f64 {
+    let g = f64::from(anisotropy.abs());
+    spacing * (3.0 * g / (16.0 * f64::from(error))).sqrt() / (1.0 - g)
+}
+
+fn is_orthographic(prepared: &PreparedView) -> bool {
+    prepared.data.eye_x != [0.0; 3]
 }
 
 fn add_eye(hasher: &mut DefaultHasher, prepared: &PreparedView) {
@@ -128,7 +156,34 @@ fn add_eye(hasher: &mut DefaultHasher, prepared: &PreparedView) {
     prepared.eye.to_array().map(f64::to_bits).hash(hasher);
     view.exposure.to_bits().hash(hasher);
     // All rays of an orthographic view have one direction; those of others turn with it, and light does not.
-    if view.eye_x != [0.0; 3] {
+    if is_orthographic(prepared) {
         view.dir.map(f32::to_bits).hash(hasher);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The phase function of Henyey and Greenstein, up to a factor.
+    fn phase(g: f64, angle: f64) -> f64 {
+        (1.0 + g * g - 2.0 * g * angle.cos()).powf(-1.5)
+    }
+
+    #[test]
+    fn light_is_interpolated_where_the_error_is_small() {
+        let (spacing, error) = (0.3, 0.01);
+        let far = far_from_lamps(spacing, error);
+        let inverse_square = |d: f64| 1.0 / (d * d);
+        // Samples on either side of a point at this distance.
+        let [low, high] = [far - spacing / 2.0, far + spacing / 2.0].map(inverse_square);
+        let off = (low + high) / 2.0 / inverse_square(far) - 1.0;
+        assert!((0.5..2.5).contains(&(off / f64::from(error))), "{off}");
+        for g in [0.3, 0.6, 0.8, 0.95] {
+            let angle = spacing / far_by_angle(spacing, error, g as f32);
+            let off = 1.0 - phase(g, angle / 2.0) / phase(g, 0.0);
+            assert!((1.0..2.5).contains(&(off / f64::from(error))), "{g}: {off}");
+        }
+        assert_eq!(far_by_angle(spacing, error, 0.0), 0.0);
     }
 }

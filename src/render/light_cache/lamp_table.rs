@@ -42,13 +42,11 @@ impl LampTable {
         self.rows[volume][slot] = brick;
     }
 
-    /// Sets the first brick of a fog's scattered light, and the distance from a point light at which its
-    /// light begins to be interpolated; `volume` is less than [`MAX_ROWS`].
-    pub fn set_scattered(&mut self, volume: usize, brick: u32, far: f32) {
-        let [own_brick, own_far, ..] = &mut self.rows[volume][types::MAX_CACHED_LAMPS..] else {
-            return;
-        };
-        (*own_brick, *own_far) = (brick, far.to_bits());
+    /// Sets the first brick of a fog's scattered light, and the distances from a point light and from the eye
+    /// at which light begins to be interpolated; `volume` is less than [`MAX_ROWS`].
+    pub fn set_scattered(&mut self, volume: usize, brick: u32, [lamp, eye]: [f32; 2]) {
+        let texel = [brick, lamp.to_bits(), eye.to_bits(), 0];
+        self.rows[volume][types::MAX_CACHED_LAMPS..].copy_from_slice(&texel);
     }
 
     /// Uploads the table if it has changed.

@@ -1,7 +1,7 @@
 //! The lattices on the GPU: a texture that the trace reads, and what each part of it was made from.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use bevy::platform::collections::{HashMap, HashSet};
 use bevy::prelude::*;
@@ -67,8 +67,14 @@ impl LatticeKey {
 pub(super) struct CachedLattice {
     pub rows: Range<u32>,
     pub filled: [Option<u64>; types::MAX_CACHED_SUNS],
-    /// How often it was filled.
-    pub fills: u64,
+    /// Identifies its last fill, among those of all lattices at all times; 0 if there is none.
+    pub fill: u64,
+}
+
+/// A new number for [`CachedLattice::fill`].
+fn new_fill() -> u64 {
+    static LAST: AtomicU64 = AtomicU64::new(0);
+    LAST.fetch_add(1, Ordering::Relaxed) + 1
 }
 
 /// The lattices that the views of a frame want, in the order in which they were asked for.
@@ -137,7 +143,7 @@ impl LightCache {
         if lattice.filled[slot].replace(fingerprint) == Some(fingerprint) {
             return None;
         }
-        lattice.fills += 1;
+        lattice.fill = new_fill();
         self.planned.push(PlannedFill { key, slot, has_run: AtomicBool::new(false) });
         Some(self.planned.len() - 1)
     }
@@ -185,7 +191,7 @@ impl LightCache {
         wanted.iter().all(|key| {
             self.lattices.contains_key(key)
                 || atlas.allocate(key.rows()).is_some_and(|rows| {
-                    self.lattices.insert(*key, CachedLattice { rows, filled: default(), fills: 0 });
+                    self.lattices.insert(*key, CachedLattice { rows, filled: default(), fill: 0 });
                     true
                 })
         })
@@ -227,7 +233,7 @@ mod tests {
         for owner in [1, 2] {
             cache
                 .lattices
-                .insert(key(owner), CachedLattice { rows: 0..2, filled: default(), fills: 0 });
+                .insert(key(owner), CachedLattice { rows: 0..2, filled: default(), fill: 0 });
         }
         let plan = |cache: &mut LightCache, owner, slot| cache.plan_fill(key(owner), slot, 7);
         cache.begin_frame();
