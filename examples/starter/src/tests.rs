@@ -120,6 +120,29 @@ fn loading_ends_when_nothing_moves() {
     assert_eq!(texts(&mut app), "", "the notice stays forever");
 }
 
+#[test]
+fn loading_goes_on_while_a_fraction_that_dropped_climbs_back() {
+    let mut app = app();
+    app.add_plugins(LoadingPlugin)
+        .insert_resource(TimeUpdateStrategy::ManualDuration(PATIENCE / 10));
+    let grid = app.world().resource::<Assets<VdbGrid>>().reserve_handle();
+    app.world_mut().spawn(VdbVolume(grid));
+    // Without a `VdbVolume`, only this test changes the state.
+    app.world_mut().spawn(VdbVolumeState::Drawn);
+    app.update();
+    // From 1 of 2 volumes to 1 of 12, and up to 5 of 12.
+    let late: Vec<Entity> =
+        (0..10).map(|_| app.world_mut().spawn(VdbVolumeState::Loading).id()).collect();
+    for volume in &late[..4] {
+        for _ in 0..5 {
+            app.update();
+        }
+        assert!(!is_playing(&app), "the game starts although volumes arrive");
+        app.world_mut().entity_mut(*volume).insert(VdbVolumeState::Drawn);
+    }
+    wait_until_playing(&mut app);
+}
+
 /// The settings with a camera and a sun.
 fn settings() -> (App, Entity, Entity) {
     let mut app = app();
