@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use bevy::app::PluginsState;
+use bevy::diagnostic::{Diagnostic, DiagnosticMeasurement, DiagnosticPath, DiagnosticsStore};
 use bevy::light::{CascadeShadowConfig, DirectionalLightShadowMap};
 use bevy::log::LogPlugin;
 use bevy::prelude::*;
@@ -14,7 +15,10 @@ use bevy::winit::WinitPlugin;
 use bevy_vdb::prelude::*;
 
 use crate::loading::{LoadingPlugin, PATIENCE};
-use crate::settings::{BALANCED, Choice, FAST, HIGH, LAPTOP, Preset, Settings, SettingsPlugin};
+use crate::settings::{
+    BALANCED, Choice, FAST, GPU_BUDGET_MS, HIGH, LAPTOP, Preset, Settings, SettingsPlugin,
+    gpu_times,
+};
 use crate::{GamePlugin, GameState, assets};
 
 /// An app for one part of the game.
@@ -193,6 +197,35 @@ fn a_preset_ends_the_dial() {
     press(&mut app, KeyCode::Digit5);
     press(&mut app, KeyCode::Digit4);
     assert_applied(&app, [camera, sun], HIGH);
+}
+
+#[test]
+fn the_budget_is_one_that_can_be_reached() {
+    let (mut app, camera, _) = settings();
+    press(&mut app, KeyCode::Digit5);
+    let budget = |app: &App| match app.world().get::<VdbDial>(camera) {
+        Some(VdbDial::Budget { frame_ms }) => *frame_ms,
+        other => panic!("{other:?}"),
+    };
+    assert!(budget(&app) > 1000.0 / 60.0, "vertical sync takes longer");
+
+    let mut trace = Diagnostic::new(DiagnosticPath::const_new("render/vdb_trace/elapsed_gpu"));
+    trace.add_measurement(DiagnosticMeasurement { time: Instant::now(), value: 1.0 });
+    app.world_mut().resource_mut::<DiagnosticsStore>().add(trace);
+    app.update();
+    assert_eq!(budget(&app), GPU_BUDGET_MS);
+}
+
+#[test]
+fn gpu_times_count_each_pass_once() {
+    let ms = |pass: &str| Some(if pass == "vdb_cast" { 4.0 } else { 1.5 });
+    // Two cameras.
+    let passes = ["vdb_cast", "vdb_trace", "vdb_composite", "vdb_trace", "vdb_composite"];
+    let shown = gpu_times(passes.into_iter(), ms);
+    assert_eq!(shown, "\nVolumes: 3.0 ms on the GPU\nTheir shadows on meshes: 4.0 ms more");
+    // The last time of a pass that has stopped is still known.
+    assert_eq!(gpu_times(["vdb_trace"].into_iter(), ms), "\nVolumes: 1.5 ms on the GPU");
+    assert_eq!(gpu_times(passes.into_iter(), |_| None), "");
 }
 
 #[test]
