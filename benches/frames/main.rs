@@ -26,8 +26,8 @@ recorded as well.
 
   recording       a cloud in the sun, with a recorder and without one, in turns
   edits           a ball of 100,000 voxels that runs around in a larger one, or stands still, in turns
-  fog             a cloud in the sun all over the picture: still, under a moving sun, under 16 lamps, four clouds,
-                  fire in one; and the ball of edits
+  fog             a cloud in the sun all over the picture: still, under a moving sun, under 16 lamps with a still
+                  and with a moving camera, under a lamp that moves, four clouds, fire in one; and the ball of edits
   parts           surfaces, fog and fire: each pass, and what VdbMeasureFeatures makes of them
 
   --out DIR       where the recordings go, to be deleted at once; a folder for temporary files

@@ -30,6 +30,8 @@ pub const WARM: usize = 20;
 /// A sun, and a camera that goes around the middle of the world.
 pub struct Studio {
     pub app: App,
+    /// Whether the camera moves, as it does at first.
+    pub is_camera_moving: bool,
     camera: Entity,
     turned: u32,
 }
@@ -90,7 +92,7 @@ impl Studio {
             Transform::default().looking_to(Vec3::new(-1.0, -2.0, -1.0), Vec3::Y),
         ));
         let camera = world.spawn((Camera3d::default(), RenderTarget::Image(image.into()))).id();
-        Ok(Self { app, camera, turned: 0 })
+        Ok(Self { app, is_camera_moving: true, camera, turned: 0 })
     }
 
     pub fn camera_mut(&mut self) -> EntityWorldMut<'_> {
@@ -134,7 +136,7 @@ impl Studio {
         there && !waits
     }
 
-    /// Milliseconds that each of some frames took; the camera goes round.
+    /// Milliseconds that each of some frames took; the camera goes round, unless it is held still.
     pub fn frames(&mut self, count: usize) -> Vec<f64> {
         self.frames_after(count, |_| {})
     }
@@ -145,7 +147,7 @@ impl Studio {
         (0..count)
             .map(|_| {
                 act(self);
-                self.turned += 1;
+                self.turned += u32::from(self.is_camera_moving);
                 let angle = 0.005 * self.turned as f32;
                 let eye = 2.2 * Vec3::new(angle.cos(), 0.3, angle.sin());
                 let view = Transform::from_translation(eye).looking_at(Vec3::ZERO, Vec3::Y);

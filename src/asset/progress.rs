@@ -48,8 +48,8 @@ impl VdbLoadProgress {
     /// file is being loaded.
     ///
     /// Loading begins with a file that is loaded while no other is. Files that have ended since
-    /// count as done, whether they were loaded, failed or were cancelled, so the fraction decreases
-    /// only when another file joins.
+    /// count as done, whether they were loaded, failed or were cancelled. So the fraction decreases
+    /// only when another file joins, or when a file has been read whose size was unknown until then.
     pub fn fraction(&self) -> Option<f32> {
         let files = self.lock();
         let done = |entry: &Entry| entry.weight() as f64 * f64::from(entry.file.fraction());

@@ -231,7 +231,7 @@ pub(crate) const FEATURES: [Feature; 34] = [
         Features::LAMP_LIGHT,
         &["VDB_LAMP_LIGHT"],
         "scattered light of lamps",
-        "with lamps in the light cache, neither a surface nor a mesh casts shadows on fog",
+        "lamps are in the light cache, and the scene has no surface or mesh that casts shadows",
     ),
 ];
 

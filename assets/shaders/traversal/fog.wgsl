@@ -283,8 +283,8 @@ fn stepped_length(
     let t_step = step_length(step / length(mirrored.speed), ray.t_last);
     let inverse_step = 1.0 / t_step;
     var accessor = new_accessor(ray.cell);
-    // One product a step less than with `stride_at`, and nothing in common for empty cubes and others: 5 % of
-    // the time of a cloud.
+    // Saves one multiplication per step over `stride_at` and branches around empty cubes: 5 % faster on a
+    // cloud.
     let growth = STRIDE_GROWTH * extinction;
     var sum = 0.0;
     var k = max(ceil(max(start - ray.t_origin, ray.t_first) * inverse_step - 0.5), 0.0);

@@ -12,7 +12,7 @@ use crate::GameState;
 /// seconds to compile shaders, above all at the first start after an update.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The time for which the game says what is missing.
+/// How long the notice about missing volumes is shown.
 const NOTICE_TIME: Duration = Duration::from_secs(20);
 
 /// The share of the bar that belongs to reading, decoding and packing. The rest is for uploading to
@@ -37,12 +37,14 @@ impl Plugin for LoadingPlugin {
     }
 }
 
-/// How far loading has come.
+/// Loading progress.
 #[derive(Resource)]
 struct Progress {
-    /// From 0 to 1.
+    /// The length of the bar, from 0 to 1: the largest fraction so far.
+    shown: f32,
+    /// The current fraction, from 0 to 1.
     fraction: f32,
-    /// The time of the last progress, since the start of the app.
+    /// The time of the last change of the fraction, since the start of the app.
     last: Duration,
 }
 
@@ -59,7 +61,7 @@ struct Stage;
 struct Notice(Timer);
 
 fn spawn_screen(mut commands: Commands, time: Res<Time<Real>>) {
-    commands.insert_resource(Progress { fraction: 0.0, last: time.elapsed() });
+    commands.insert_resource(Progress { shown: 0.0, fraction: 0.0, last: time.elapsed() });
     let whole_window = Node {
         width: percent(100),
         height: percent(100),
@@ -97,9 +99,11 @@ fn measure(
         _ => 1.0,
     });
     let fraction = shares.sum::<f32>() / volumes.count().max(1) as f32;
-    // Files that are found later can lower the fraction. The bar never goes back.
-    if fraction > progress.fraction {
-        *progress = Progress { fraction, last: time.elapsed() };
+    // Files that join later lower the fraction. The bar never goes back, but the way up again is
+    // progress as well.
+    if fraction != progress.fraction {
+        let shown = progress.shown.max(fraction);
+        *progress = Progress { shown, fraction, last: time.elapsed() };
     }
 }
 
@@ -109,7 +113,7 @@ fn draw(
     mut bar: Single<&mut Node, With<Bar>>,
     mut stage: Single<&mut Text, With<Stage>>,
 ) {
-    bar.width = percent(100.0 * progress.fraction);
+    bar.width = percent(100.0 * progress.shown);
     let is_reading = volumes.iter().any(|state| *state == VdbVolumeState::Loading);
     let text = if is_reading { "Loading models" } else { "Compiling shaders" };
     stage.set_if_neq(Text::new(text));

@@ -1,5 +1,6 @@
 //! Graphics settings: four presets, a dial that holds the frame rate, and the menu for them.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use bevy::diagnostic::{Diagnostic, DiagnosticPath, DiagnosticsStore, FrameTimeDiagnosticsPlugin};
@@ -12,7 +13,7 @@ use bevy_vdb::prelude::*;
 use crate::GameState;
 use crate::scene::SHADOW_DISTANCE;
 
-/// What a preset sets: the quality of volumes, and the shadow maps of the sun.
+/// Settings of a preset: the quality of volumes, and the shadow maps of the sun.
 ///
 /// The size of the maps matters more than with meshes alone: in every frame, a ray is traced for
 /// each texel that a volume may cover.
@@ -31,7 +32,7 @@ pub const FAST: Preset = Preset { volumes: VdbQuality::FAST, shadow_map_size: 10
 /// Integrated graphics at 1920×1080.
 pub const LAPTOP: Preset = Preset {
     volumes: VdbQuality {
-        // Rays per pixel along each axis. 0.7² is about half as many rays, in half of the time.
+        // Rays per pixel along each axis. 0.7² is about half as many rays, in about half the time.
         // Edges of volumes get a little coarser; meshes and the user interface stay sharp.
         resolution: 0.7,
         // Fog in steps of one voxel, lit by the sun to within 2 %. Without fog, it is the same as
@@ -54,13 +55,18 @@ pub const HIGH: Preset = Preset { volumes: VdbQuality::HIGH, shadow_map_size: 20
 
 /// The GPU time in milliseconds that the dial allows volumes in each frame: a third of a frame at
 /// 60 Hz. The rest is for meshes, shadow maps and effects.
-const BUDGET_MS: f32 = 5.5;
+pub const GPU_BUDGET_MS: f32 = 5.5;
+
+/// The time in milliseconds that the dial allows each whole frame if GPU times cannot be measured.
+/// Less than a frame at 60 Hz could never be met: vertical sync stretches each frame to 16.7 ms, or
+/// to 33.3 ms if it is late.
+const FRAME_BUDGET_MS: f32 = 20.0;
 
 /// The far end of the first of several shadow maps, in world units: behind the volumes, so that
 /// their shadows are in the sharpest map.
 const FIRST_CASCADE: f32 = 14.0;
 
-/// What the player has chosen. Games usually save this in a file.
+/// The player's choice. Games usually save this in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Resource)]
 pub struct Settings {
     pub preset: Preset,
@@ -74,7 +80,7 @@ impl Default for Settings {
     }
 }
 
-/// What a button or a key does.
+/// The action of a button or key.
 #[derive(Clone, Component, Copy, Debug, PartialEq)]
 pub enum Choice {
     Preset(Preset),
@@ -117,7 +123,7 @@ impl Plugin for SettingsPlugin {
             .add_systems(OnEnter(GameState::Playing), spawn_menu)
             .add_systems(
                 Update,
-                (choose.run_if(in_state(GameState::Playing)), apply, paint).chain(),
+                (choose.run_if(in_state(GameState::Playing)), apply, set_budget, paint).chain(),
             )
             .add_systems(
                 Update,
@@ -162,7 +168,7 @@ fn apply(
         // Otherwise the dial would change what the preset sets.
         camera.remove::<VdbDial>().insert(preset.volumes);
         if has_dial {
-            camera.insert(VdbDial::Budget { frame_ms: BUDGET_MS });
+            camera.insert(VdbDial::Budget { frame_ms: FRAME_BUDGET_MS });
         }
     }
     let cascades = CascadeShadowConfigBuilder {
@@ -176,6 +182,15 @@ fn apply(
         commands.entity(sun).insert(cascades.clone());
     }
     shadow_maps.size = preset.shadow_map_size;
+}
+
+/// Gives the dial the budget for what it measures: GPU times as soon as there are any.
+fn set_budget(store: Res<DiagnosticsStore>, mut dials: Query<&mut VdbDial>) {
+    let has_gpu_times = VdbDiagnostics::pass_ms(&store, "vdb_trace").is_some();
+    let frame_ms = if has_gpu_times { GPU_BUDGET_MS } else { FRAME_BUDGET_MS };
+    for mut dial in &mut dials {
+        dial.set_if_neq(VdbDial::Budget { frame_ms });
+    }
 }
 
 #[derive(Component)]
@@ -257,15 +272,28 @@ fn show_frame_rate(
         Some((frames, ms)) => format!("{frames:.0} frames per second, {ms:.1} ms"),
         None => String::new(),
     };
-    // The GPU times of the passes that run now; `None` with drivers that have no timestamps.
-    let mut passes = volumes.cameras().into_iter().flat_map(|(_, camera)| camera.passes);
-    let volumes_ms =
-        passes.try_fold(0.0, |sum, pass| Some(sum + VdbDiagnostics::pass_ms(&store, pass.name)?));
-    if let Some(ms) = volumes_ms {
-        shown += &format!("\nVolumes: {ms:.1} ms on the GPU");
-    }
-    if let Some(ms) = VdbDiagnostics::pass_ms(&store, "vdb_cast") {
-        shown += &format!("\nTheir shadows on meshes: {ms:.1} ms");
-    }
+    let cameras = volumes.cameras();
+    let passes = cameras.iter().flat_map(|(_, camera)| &camera.passes).map(|pass| pass.name);
+    shown += &gpu_times(passes, |pass| VdbDiagnostics::pass_ms(&store, pass));
     text.set_if_neq(Text(shown));
+}
+
+/// Lines with the GPU times of the passes that run. `ms` is the time of a pass for all cameras
+/// together, or `None` with drivers that have no timestamps.
+pub fn gpu_times(
+    passes: impl Iterator<Item = &'static str>,
+    ms: impl Fn(&str) -> Option<f64>,
+) -> String {
+    // Several cameras have the same passes.
+    let mut passes: BTreeSet<&'static str> = passes.collect();
+    let shadows_ms = passes.take("vdb_cast").and_then(&ms);
+    let volumes_ms: f64 = passes.into_iter().filter_map(&ms).sum();
+    let mut lines = String::new();
+    if volumes_ms > 0.0 {
+        lines += &format!("\nVolumes: {volumes_ms:.1} ms on the GPU");
+    }
+    if let Some(shadows_ms) = shadows_ms {
+        lines += &format!("\nTheir shadows on meshes: {shadows_ms:.1} ms more");
+    }
+    lines
 }

@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use bevy::app::PluginsState;
+use bevy::diagnostic::{Diagnostic, DiagnosticMeasurement, DiagnosticPath, DiagnosticsStore};
 use bevy::light::{CascadeShadowConfig, DirectionalLightShadowMap};
 use bevy::log::LogPlugin;
 use bevy::prelude::*;
@@ -14,7 +15,10 @@ use bevy::winit::WinitPlugin;
 use bevy_vdb::prelude::*;
 
 use crate::loading::{LoadingPlugin, PATIENCE};
-use crate::settings::{BALANCED, Choice, FAST, HIGH, LAPTOP, Preset, Settings, SettingsPlugin};
+use crate::settings::{
+    BALANCED, Choice, FAST, GPU_BUDGET_MS, HIGH, LAPTOP, Preset, Settings, SettingsPlugin,
+    gpu_times,
+};
 use crate::{GamePlugin, GameState, assets};
 
 /// An app for one part of the game.
@@ -120,6 +124,29 @@ fn loading_ends_when_nothing_moves() {
     assert_eq!(texts(&mut app), "", "the notice stays forever");
 }
 
+#[test]
+fn loading_goes_on_while_a_fraction_that_dropped_climbs_back() {
+    let mut app = app();
+    app.add_plugins(LoadingPlugin)
+        .insert_resource(TimeUpdateStrategy::ManualDuration(PATIENCE / 10));
+    let grid = app.world().resource::<Assets<VdbGrid>>().reserve_handle();
+    app.world_mut().spawn(VdbVolume(grid));
+    // Without a `VdbVolume`, only this test changes the state.
+    app.world_mut().spawn(VdbVolumeState::Drawn);
+    app.update();
+    // From 1 of 2 volumes to 1 of 12, and up to 5 of 12.
+    let late: Vec<Entity> =
+        (0..10).map(|_| app.world_mut().spawn(VdbVolumeState::Loading).id()).collect();
+    for volume in &late[..4] {
+        for _ in 0..5 {
+            app.update();
+        }
+        assert!(!is_playing(&app), "the game starts although volumes arrive");
+        app.world_mut().entity_mut(*volume).insert(VdbVolumeState::Drawn);
+    }
+    wait_until_playing(&mut app);
+}
+
 /// The settings with a camera and a sun.
 fn settings() -> (App, Entity, Entity) {
     let mut app = app();
@@ -170,6 +197,35 @@ fn a_preset_ends_the_dial() {
     press(&mut app, KeyCode::Digit5);
     press(&mut app, KeyCode::Digit4);
     assert_applied(&app, [camera, sun], HIGH);
+}
+
+#[test]
+fn the_budget_is_one_that_can_be_reached() {
+    let (mut app, camera, _) = settings();
+    press(&mut app, KeyCode::Digit5);
+    let budget = |app: &App| match app.world().get::<VdbDial>(camera) {
+        Some(VdbDial::Budget { frame_ms }) => *frame_ms,
+        other => panic!("{other:?}"),
+    };
+    assert!(budget(&app) > 1000.0 / 60.0, "vertical sync takes longer");
+
+    let mut trace = Diagnostic::new(DiagnosticPath::const_new("render/vdb_trace/elapsed_gpu"));
+    trace.add_measurement(DiagnosticMeasurement { time: Instant::now(), value: 1.0 });
+    app.world_mut().resource_mut::<DiagnosticsStore>().add(trace);
+    app.update();
+    assert_eq!(budget(&app), GPU_BUDGET_MS);
+}
+
+#[test]
+fn gpu_times_count_each_pass_once() {
+    let ms = |pass: &str| Some(if pass == "vdb_cast" { 4.0 } else { 1.5 });
+    // Two cameras.
+    let passes = ["vdb_cast", "vdb_trace", "vdb_composite", "vdb_trace", "vdb_composite"];
+    let shown = gpu_times(passes.into_iter(), ms);
+    assert_eq!(shown, "\nVolumes: 3.0 ms on the GPU\nTheir shadows on meshes: 4.0 ms more");
+    // The last time of a pass that has stopped is still known.
+    assert_eq!(gpu_times(["vdb_trace"].into_iter(), ms), "\nVolumes: 1.5 ms on the GPU");
+    assert_eq!(gpu_times(passes.into_iter(), |_| None), "");
 }
 
 #[test]
