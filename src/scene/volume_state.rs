@@ -69,7 +69,8 @@ impl VdbVolumeState {
 }
 
 /// An event of a volume's entity, triggered in the frame after the volume first appears on screen,
-/// and again after its grid has been replaced by another.
+/// and again after its grid has been replaced by another; of a [`VdbPlayer`](crate::VdbPlayer), only
+/// with the first frame of a sequence.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
