@@ -57,8 +57,10 @@ pub(super) fn plan<K: Copy + Ord>(
     mut needs: Vec<Need<K>>,
     bounds: Bounds,
 ) -> Plan<K> {
-    needs.sort_by_key(|need| (need.distance, need.key));
+    // Of a frame that several players need, the most urgent need.
+    needs.sort_by_key(|need| (need.key, need.distance));
     needs.dedup_by_key(|need| need.key);
+    needs.sort_by_key(|need| (need.distance, need.key));
     let (mut begin, mut release) = (Vec::new(), Vec::new());
     let (mut bytes, mut loads) = (0_u64, 0);
     let mut farthest: Vec<(K, u64, u64)> = Vec::new();

@@ -62,15 +62,17 @@ impl Clock {
     }
 
     /// Changes the pace. The slot stays.
-    pub fn set_pace(&mut self, pace: f64) {
+    pub fn set_pace(&mut self, pace: f64, timeline: Timeline) {
         let pace = sound(pace);
         if pace == self.pace {
             return;
         }
         let (position, before) = (self.position(), self.slot());
+        // The time of the last slot is over.
+        let has_ended = self.has_ended(timeline);
         self.set(position);
         self.pace = pace;
-        if self.slot() != before {
+        if self.slot() != before && !has_ended {
             // The position is the edge between two slots, which belongs to the one ahead.
             self.set(before + f64::from(u8::from(self.is_backward())));
         }
@@ -86,12 +88,16 @@ impl Clock {
 
     /// Moves the clock to the same slot of another timeline.
     pub fn change(&mut self, from: Timeline, to: Timeline) {
+        if from == to {
+            return;
+        }
         let At { slot, step } = self.at(from);
         let part = (self.position() - self.slot()).clamp(0.0, 1.0);
-        // On its way back, the clock of a ping-pong runs against the slots.
+        // On its way back, the clock of a ping-pong turns round.
         let is_against = (step < 0) != self.is_backward();
-        let part = if is_against { 1.0 - part } else { part };
-        if from != to {
+        if is_against {
+            self.seek(slot);
+        } else {
             self.set(slot as f64 + part);
         }
     }
@@ -242,9 +248,9 @@ mod tests {
                 clock.seek(slot);
                 assert_eq!(clock.at(timeline).slot, slot, "{pace}");
                 // Turning round in it changes nothing.
-                clock.set_pace(-pace);
+                clock.set_pace(-pace, timeline);
                 assert_eq!(clock.at(timeline).slot, slot, "{pace}");
-                clock.set_pace(pace);
+                clock.set_pace(pace, timeline);
                 assert_eq!(clock.at(timeline).slot, slot, "{pace}");
             }
         }
@@ -260,7 +266,7 @@ mod tests {
         }
         // Time at the end does not count.
         clock.advance(1_000 * SECOND, timeline);
-        clock.set_pace(-1.0);
+        clock.set_pace(-1.0, timeline);
         assert_eq!(slots(&mut clock, timeline, SECOND, 4), [2, 1, 0, 0]);
         assert!(clock.has_ended(timeline));
         clock.seek(1);

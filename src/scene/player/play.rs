@@ -106,15 +106,13 @@ fn adapt(
         (playback.timeline, playback.epoch) = (Some(timeline), epoch);
         return;
     };
-    if before != timeline {
-        playback.clock.change(before, timeline);
-        playback.timeline = Some(timeline);
-    }
-    playback.clock.set_pace(pace);
+    playback.clock.change(before, timeline);
+    playback.timeline = Some(timeline);
+    playback.clock.set_pace(pace, timeline);
     if playback.epoch != epoch {
         // The same numbers may have other indices.
         let number = status.wanted.unwrap_or(first);
-        playback.clock.seek(number.saturating_sub(first));
+        playback.clock.seek(number.saturating_sub(first).min(timeline.slots - 1));
         let has_number =
             |index: &usize| sequence.frames().get(*index).map(|frame| frame.number) == status.frame;
         playback.shown = status.frame.map(|frame| sequence.index_at(frame)).filter(has_number);

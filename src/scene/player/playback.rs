@@ -113,11 +113,11 @@ mod tests {
 
     #[test]
     fn loads_that_a_seek_left_behind_are_not_waited_for() {
-        let passed = |playback: Playback| (0..9).filter(|i| playback.has_passed(*i)).collect();
-        let none: Vec<usize> = Vec::new();
+        let passed =
+            |playback: Playback| (0..9).filter(|i| playback.has_passed(*i)).collect::<Vec<_>>();
         assert_eq!(passed(playback(5, Some(2), None)), [3, 4, 5]);
         assert_eq!(passed(playback(1, Some(7), None)), [0, 1, 8]);
         assert_eq!(passed(playback(7, Some(2), Some(6))), [6, 7]);
-        assert_eq!(passed(playback(2, Some(2), None)), none);
+        assert_eq!(passed(playback(2, Some(2), None)), [0_usize; 0]);
     }
 }
