@@ -91,6 +91,11 @@ pub use vdb_core::pack::edit::{Voxel as VdbVoxel, VoxelEdit as VdbEdit};
 #[doc = include_str!("../docs/guide/recipes.md")]
 mod guide {}
 
+/// The code in the guide to sequences, likewise.
+#[cfg(doctest)]
+#[doc = include_str!("../docs/guide/sequences.md")]
+mod sequences {}
+
 /// The code in the README, likewise.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
