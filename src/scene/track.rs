@@ -105,3 +105,54 @@ fn further_grids(
     });
     [emission, color.map(|VdbColorGrid(grid)| grid.id().untyped())]
 }
+
+#[cfg(test)]
+mod tests {
+    use bevy::math::DAffine3;
+    use vdb_core::pack::PackKind;
+    use vdb_core::tree::Vdb543;
+
+    use super::*;
+
+    #[derive(Default, Resource)]
+    struct Told(Vec<Entity>);
+
+    /// A frame of a sequence is not another volume, while another grid of a volume is.
+    #[test]
+    fn a_player_is_drawn_once_and_stays_drawn() {
+        let mut app = App::new();
+        app.add_plugins((MinimalPlugins, AssetPlugin::default(), crate::VdbRenderPlugin));
+        let drawn = DrawnVolumes::default();
+        app.insert_resource(drawn.clone()).init_resource::<Told>();
+        app.add_observer(|event: On<VdbVolumeDrawn>, mut told: ResMut<Told>| {
+            told.0.push(event.entity);
+        });
+        let mut add = || {
+            let tree = Vdb543::new(0.0);
+            let grid = VdbGrid::new("fog", tree, DAffine3::IDENTITY, PackKind::Fog).unwrap();
+            app.world_mut().resource_mut::<Assets<VdbGrid>>().add(grid)
+        };
+        let grids = [add(), add(), add()];
+        let volume = |grid: &Handle<VdbGrid>| VdbVolume(grid.clone());
+        let player = app.world_mut().spawn((volume(&grids[0]), Playback::default())).id();
+        let plain = app.world_mut().spawn(volume(&grids[0])).id();
+        let mut states = Vec::new();
+        for (shown, rendered) in [(0, 0), (1, 0), (1, 1), (2, 1), (2, 2)] {
+            for entity in [player, plain] {
+                app.world_mut().entity_mut(entity).insert(volume(&grids[shown]));
+            }
+            let state = (grids[rendered].id().untyped(), VdbVolumeState::Drawn);
+            drawn.set(&mut [(player, state.clone()), (plain, state)].into_iter().collect());
+            app.update();
+            let state = |entity| app.world().get::<VdbVolumeState>(entity).unwrap().clone();
+            states.push((state(player), state(plain)));
+        }
+        let (done, wait) = (VdbVolumeState::Drawn, VdbVolumeState::Preparing);
+        let expected =
+            [&done, &wait, &done, &wait, &done].map(|plain| (done.clone(), plain.clone()));
+        assert_eq!(states, expected);
+        let told =
+            |entity| app.world().resource::<Told>().0.iter().filter(|own| **own == entity).count();
+        assert_eq!((told(player), told(plain)), (1, 3));
+    }
+}

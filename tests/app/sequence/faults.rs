@@ -6,7 +6,7 @@ use std::time::Duration;
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 
-use super::stage::{FRAME, Stage, file, fog, name};
+use super::stage::{FRAME, Stage, file, fog, listen, name, said};
 
 /// The last good frame stays for the time of one that fails, which is told of once.
 #[test]
@@ -146,6 +146,32 @@ fn a_folder_that_goes_away_is_tried_once_per_second() {
         std::thread::sleep(Duration::from_millis(1));
     }
     assert!(later > 90, "{later} is shown");
+}
+
+/// Bevy logs each failure; the plugin adds what happens, once, and once more when it tries less often.
+#[test]
+fn failures_are_told_of_in_few_lines() {
+    listen();
+    let mut stage = Stage::new("lines");
+    fs::create_dir_all(stage.folder.join("absent")).unwrap();
+    let frame = |number: u64| VdbFrame::new(number, format!("absent/rain_{number}.vdb"));
+    let sequence = VdbSequence::new((1..=100).map(frame));
+    let sequence = stage.app.world_mut().resource_mut::<Assets<VdbSequence>>().add(sequence);
+    let player = stage.spawn(VdbPlayer::new(sequence));
+    stage.until("four failures", |stage| stage.failed(player).len() == 4);
+    for _ in 0..300 {
+        stage.step(FRAME / 10);
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let said = said("absent/rain_");
+    let own = |text: &str| said.iter().filter(|line| line.contains(text)).count();
+    assert_eq!(
+        (own("this frame of a sequence"), own("frames of the sequence that were tried")),
+        (1, 1)
+    );
+    // One from Bevy for each.
+    assert_eq!(said.len(), 2 + stage.failed(player).len(), "{said:#?}");
+    assert!(said.len() <= 10, "{said:#?}");
 }
 
 /// Bevy gives a handle to nothing for a path that it refuses.

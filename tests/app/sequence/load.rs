@@ -1,6 +1,8 @@
 //! Sequences from `.vdbseq` files, patterns and folders.
 
-use bevy::asset::LoadState;
+use std::path::Path;
+
+use bevy::asset::{AssetPath, LoadState};
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 
@@ -135,6 +137,23 @@ fn a_description_is_a_sequence() {
         let problem = frames(&mut stage, &wrong).unwrap_err();
         assert!(problem.contains(said), "{problem}");
     }
+}
+
+/// The `.vdbseq` file of the guide, as it stands there.
+#[test]
+fn the_guides_description_is_a_sequence() {
+    let guide = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/guide/sequences.md");
+    let guide = std::fs::read_to_string(guide).unwrap();
+    let (_, rest) = guide.split_once("```ron\n").expect("a .vdbseq file in the guide");
+    let (text, _) = rest.split_once("```").unwrap();
+    let mut stage = Stage::new("guide");
+    stage.write_file("fire.vdbseq", text.as_bytes());
+    let sequence: Handle<VdbSequence> = stage.server().load("fire.vdbseq");
+    assert_eq!(frames(&mut stage, &sequence), Ok((1..=240).collect()));
+    let sequences = stage.app.world().resource::<Assets<VdbSequence>>();
+    let sequence = sequences.get(&sequence).unwrap();
+    assert_eq!(sequence.frames()[6].path, AssetPath::parse("cache/fire_0007.vdb"));
+    assert_eq!(sequence.settings.as_ref().unwrap().values, VdbValues::Half);
 }
 
 #[test]
