@@ -15,7 +15,8 @@ const LAST_NUMBER: u64 = 999_999_999_999_999;
 
 /// A `.vdbseq` file as it is written.
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+// The name is in messages.
+#[serde(rename = "VdbSequence", deny_unknown_fields)]
 struct Written {
     frames: String,
     #[serde(default)]

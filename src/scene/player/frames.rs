@@ -28,13 +28,14 @@ pub struct VdbFrameCache {
     /// those that are farthest from being shown are released, and fewer are loaded ahead. The frame
     /// that is wanted is loaded in any case. 1 GiB by default.
     pub bytes: u64,
-    /// The number of frames that are loaded at the same time, 1 or more. 4 by default.
+    /// The number of frames that are loaded at the same time, 1 or more. 2 by default: while one is
+    /// decoded, on all cores, the next one is read. More of them come in any order.
     pub loads_at_once: usize,
 }
 
 impl Default for VdbFrameCache {
     fn default() -> Self {
-        Self { frames_ahead: 8, bytes: 1 << 30, loads_at_once: 4 }
+        Self { frames_ahead: 8, bytes: 1 << 30, loads_at_once: 2 }
     }
 }
 
@@ -60,7 +61,7 @@ pub(super) struct Known {
     /// Failures since a frame was loaded, and whether one was told of.
     failures: u32,
     told: bool,
-    /// When the next attempt is due, after too many of them.
+    /// When the next attempt is due, if there were too many of them.
     next_attempt: Duration,
 }
 
@@ -112,6 +113,7 @@ impl Frames {
         key: Key,
         frame: &VdbFrame,
         settings: Option<&VdbLoaderSettings>,
+        now: Duration,
     ) {
         let builder = server.load_builder();
         let builder = match settings.cloned() {
@@ -121,7 +123,9 @@ impl Frames {
             None => builder,
         };
         let handle = builder.load(frame.path.clone());
-        let estimate = self.known.entry(key.0).or_default().largest;
+        let known = self.known.entry(key.0).or_default();
+        known.next_attempt = now + PAUSE;
+        let estimate = known.largest;
         self.frames.insert(key, Frame { handle, held: Held::Loading { estimate } });
     }
 
@@ -161,14 +165,13 @@ impl Frames {
     }
 
     /// Notes that a frame could not be loaded.
-    pub fn set_failed(&mut self, key: Key, now: Duration) -> Tell {
+    pub fn set_failed(&mut self, key: Key) -> Tell {
         if let Some(frame) = self.frames.get_mut(&key) {
             frame.held = Held::Failed;
         }
         let known = self.known.entry(key.0).or_default();
         known.failures = known.failures.saturating_add(1);
         known.version += 1;
-        known.next_attempt = now + PAUSE;
         if known.failures == PATIENCE {
             Tell::Patience
         } else if std::mem::replace(&mut known.told, true) {
@@ -178,16 +181,11 @@ impl Frames {
         }
     }
 
-    /// The number of frames ahead that may be tried now; `None` if not even the wanted one.
-    pub fn attempts(
-        &self,
-        sequence: AssetId<VdbSequence>,
-        ahead: usize,
-        now: Duration,
-    ) -> Option<usize> {
+    /// The number of frames of a sequence that may be tried now.
+    pub fn attempts(&self, sequence: AssetId<VdbSequence>, now: Duration) -> usize {
         match self.known.get(&sequence) {
-            Some(known) if known.failures >= PATIENCE => (now >= known.next_attempt).then_some(0),
-            _ => Some(ahead),
+            Some(known) if known.failures >= PATIENCE => usize::from(now >= known.next_attempt),
+            _ => usize::MAX,
         }
     }
 

@@ -1,7 +1,6 @@
 //! Follows the loads of frames, and begins and ends them.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::time::Duration;
 
 use bevy::prelude::*;
 use bevy::time::Real;
@@ -24,7 +23,6 @@ pub(super) fn follow_loads(
     sequences: Res<Assets<VdbSequence>>,
     mut sequence_events: MessageReader<AssetEvent<VdbSequence>>,
     mut file_events: MessageReader<AssetEvent<VdbFile>>,
-    time: Option<Res<Time<Real>>>,
     mut players: Query<(Entity, &VdbPlayer, &mut Playback)>,
 ) {
     for event in sequence_events.read() {
@@ -45,9 +43,9 @@ pub(super) fn follow_loads(
                 frames.set_loaded(key, size(file));
                 loaded.insert(key);
             }
-            (Ended::Loaded, None) => drop(frames.set_failed(key, now(time.as_deref()))),
+            (Ended::Loaded, None) => drop(frames.set_failed(key)),
             (Ended::Failed(reason), _) => {
-                let tell = frames.set_failed(key, now(time.as_deref()));
+                let tell = frames.set_failed(key);
                 let Some(frame) =
                     sequences.get(key.0).and_then(|sequence| sequence.frames().get(key.1))
                 else {
@@ -108,10 +106,6 @@ fn warn_of(tell: &Tell, path: &str) {
     }
 }
 
-fn now(time: Option<&Time<Real>>) -> Duration {
-    time.map(Time::elapsed).unwrap_or_default()
-}
-
 /// Begins the loads that players need, and releases frames that nobody needs where memory is short.
 pub(super) fn load_frames(
     cache: Res<VdbFrameCache>,
@@ -128,19 +122,30 @@ pub(super) fn load_frames(
     frames.frames.retain(|(id, _), _| by_sequence.contains_key(id));
     frames.known.retain(|id, _| by_sequence.contains_key(id));
 
+    let now = time.map(|time| time.elapsed()).unwrap_or_default();
     let mut needs = Vec::new();
     for (id, playbacks) in &by_sequence {
-        let tried = frames.attempts(*id, cache.frames_ahead, now(time.as_deref()));
         let estimate = frames.known.get(id).map_or(0, |known| known.largest);
+        let mut own = Vec::new();
         for wanted in playbacks.iter().filter_map(|playback| playback.wanted) {
             let ahead = wanted.onwards().take(cache.frames_ahead.saturating_add(1)).enumerate();
-            needs.extend(ahead.filter_map(|(distance, index)| {
-                let key = (*id, index);
-                let is_tried = tried.is_some_and(|tried| distance <= tried);
-                let is_known = frames.frames.contains_key(&key);
-                (is_tried || is_known).then_some(Need { key, distance: distance as u64, estimate })
+            own.extend(ahead.map(|(distance, index)| Need {
+                key: (*id, index),
+                distance: distance as u64,
+                estimate,
             }));
         }
+        own.sort_by_key(|need| need.distance);
+        let mut attempts = frames.attempts(*id, now);
+        own.retain(|need| {
+            if frames.frames.contains_key(&need.key) {
+                return true;
+            }
+            let is_tried = attempts > 0;
+            attempts = attempts.saturating_sub(1);
+            is_tried
+        });
+        needs.extend(own);
     }
     let entry = |(key, frame): (&Key, &super::frames::Frame)| {
         let playbacks = by_sequence.get(&key.0).map(Vec::as_slice).unwrap_or_default();
@@ -160,6 +165,6 @@ pub(super) fn load_frames(
     for key in plan.begin {
         let Some(sequence) = sequences.get(key.0) else { continue };
         let Some(frame) = sequence.frames().get(key.1) else { continue };
-        frames.begin(&server, key, frame, sequence.settings.as_ref());
+        frames.begin(&server, key, frame, sequence.settings.as_ref(), now);
     }
 }

@@ -72,18 +72,27 @@ fn settings_change_while_playing() {
     assert_eq!(*stage.finished.lock().unwrap(), [player; 2]);
 }
 
+/// What a system in `Update` seeks next: a frame, or the middle of its time.
+#[derive(Default, Resource)]
+struct Next(Option<(u64, bool)>);
+
+fn seek(mut next: ResMut<Next>, mut player: Single<&mut VdbPlayer>) {
+    match next.0.take() {
+        Some((number, true)) => player.seek(number),
+        Some((number, false)) => player.seek_time((number - 10) as f64 * 0.1 + 0.05),
+        None => {}
+    }
+}
+
 #[test]
 fn a_seek_in_update_shows_in_the_same_update() {
     let (mut stage, player) = loaded("seek", &(10..110).collect::<Vec<_>>(), VdbPlayer::paused);
+    stage.app.init_resource::<Next>().add_systems(Update, seek);
     let mut random = 1_u64;
     for i in 0..1_000 {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         let number = 10 + (random >> 33) % 100;
-        if i % 2 == 0 {
-            stage.player(player).seek(number);
-        } else {
-            stage.player(player).seek_time((number - 10) as f64 * 0.1 + 0.05);
-        }
+        stage.app.insert_resource(Next(Some((number, i % 2 == 0))));
         stage.app.update();
         assert_eq!(stage.shown(player), Some(number), "seek {i}");
     }
