@@ -33,7 +33,8 @@ use crate::VdbGrid;
 #[non_exhaustive]
 pub enum VdbVolumeState {
     /// Its grid, or the grid of its [`VdbEmission`](crate::VdbEmission) or
-    /// [`VdbColorGrid`](crate::VdbColorGrid), is being read, decoded and packed. See
+    /// [`VdbColorGrid`](crate::VdbColorGrid), is being read, decoded and packed, or its
+    /// [`VdbPlayer`](crate::VdbPlayer) has not shown a frame yet. See
     /// [`VdbLoadProgress`](crate::VdbLoadProgress).
     #[default]
     Loading,

@@ -134,7 +134,7 @@ async fn names(
     };
     let failed = |error: AssetReaderError| VdbSequenceError::Folder(shown(), error.to_string());
     // Bevy's reader of files panics where a folder is not below its own.
-    if folder.path().is_absolute() {
+    if folder.path().is_absolute() && *folder.source() == AssetSourceId::Default {
         let io = |error: std::io::Error| failed(AssetReaderError::Io(Arc::new(error)));
         for entry in std::fs::read_dir(folder.path()).map_err(io)? {
             take(&PathBuf::from(entry.map_err(io)?.file_name()))?;

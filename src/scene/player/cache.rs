@@ -95,7 +95,7 @@ pub(super) fn plan<K: Copy + Ord>(
             let Some((key, _, own)) = farthest.pop_if(|(_, distance, _)| *distance > nearer) else {
                 break;
             };
-            *bytes -= own;
+            *bytes = bytes.saturating_sub(own);
             release.push(key);
         }
         fits(*bytes)

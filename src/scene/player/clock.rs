@@ -80,7 +80,7 @@ impl Clock {
 
     /// Adds time. A clock that has come to the end of its timeline stays there.
     pub fn advance(&mut self, time: Duration, timeline: Timeline) {
-        self.played += time;
+        self.played = self.played.saturating_add(time);
         if self.has_ended(timeline) {
             self.set(if self.is_backward() { 0.0 } else { timeline.slots as f64 });
         }

@@ -58,7 +58,7 @@ impl Place {
             _ if other >= own => other - own,
             VdbRepeat::Once => count + (own - other),
             VdbRepeat::Loop => count - (own - other),
-            VdbRepeat::PingPong => (last as u64 - own) + (last as u64 - other),
+            VdbRepeat::PingPong => (2 * last as u64).saturating_sub(own + other),
         }
     }
 }
