@@ -26,6 +26,8 @@
 //!   [`VdbGrid::save`] writes a file. [`VdbLoadProgress`] reports what is being loaded.
 //! - **Volumes**: [`VdbVolume`] with a [`VdbMaterial`], and [`VdbEmission`] or [`VdbColorGrid`] for
 //!   further grids. [`VdbVolumeState`] reports whether a volume is loading, prepared or drawn.
+//! - **Sequences**: [`VdbSequence`] is a list of files, a frame each, and [`VdbPlayer`] plays it.
+//!   [`VdbFrameCache`] bounds its memory, and [`VdbPlayerStatus`] reports what it shows.
 //! - **Cameras**: [`VdbCamera`] has modes and overlays, [`VdbQuality`] the settings that trade
 //!   accuracy for speed. [`VdbDial`] adjusts these to a frame budget, and [`VdbMeasureFeatures`]
 //!   measures their costs.
@@ -56,8 +58,10 @@ mod render;
 mod scene;
 
 pub use asset::{
-    VdbFile, VdbFileProgress, VdbGrid, VdbGridError, VdbGridLoader, VdbLoadProgress, VdbLoader,
-    VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbValues, VdbVectorGrid, VdbVectorGridLoader,
+    VdbAssetServerExt, VdbFile, VdbFileProgress, VdbFrame, VdbGrid, VdbGridError, VdbGridLoader,
+    VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbRepeat,
+    VdbSequence, VdbSequenceError, VdbSequenceLoader, VdbValues, VdbVectorGrid,
+    VdbVectorGridLoader,
 };
 #[cfg(feature = "record")]
 pub use bevy_vdb_record::{
@@ -72,9 +76,10 @@ pub use quality::{
 };
 pub use render::{VdbGpuUsage, VdbReloadShaders, VdbSystems};
 pub use scene::{
-    VdbCamera, VdbColorGrid, VdbEmission, VdbMaterial, VdbOverlays, VdbRayCastSettings, VdbRayHit,
-    VdbRayVisibility, VdbRenderMode, VdbRoles, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVolume,
-    VdbVolumeDrawn, VdbVolumeState,
+    VdbCamera, VdbColorGrid, VdbEmission, VdbFrameCache, VdbFrameFailed, VdbLateFrames,
+    VdbMaterial, VdbOverlays, VdbPlayer, VdbPlayerFinished, VdbPlayerStatus, VdbPlayerSystems,
+    VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbRenderMode, VdbRoles, VdbSpatialQuery,
+    VdbSun, VdbTraversal, VdbVolume, VdbVolumeDrawn, VdbVolumeState,
 };
 #[cfg(feature = "picking")]
 pub use scene::{VdbPickingPlugin, VdbPickingSettings};
@@ -86,6 +91,11 @@ pub use vdb_core::pack::edit::{Voxel as VdbVoxel, VoxelEdit as VdbEdit};
 #[cfg(all(doctest, feature = "record"))]
 #[doc = include_str!("../docs/guide/recipes.md")]
 mod guide {}
+
+/// The code in the guide to sequences, likewise.
+#[cfg(doctest)]
+#[doc = include_str!("../docs/guide/sequences.md")]
+mod sequences {}
 
 /// The code in the README, likewise.
 #[cfg(doctest)]

@@ -1,11 +1,12 @@
 //! The items that most games need: `use bevy_vdb::prelude::*;`
 
 pub use crate::{
-    VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile, VdbGrid,
-    VdbLoadProgress, VdbLoaderSettings, VdbMaterial, VdbOverlays, VdbPlugins, VdbQuality,
-    VdbRayCastSettings, VdbRayHit, VdbRenderAs, VdbRenderMode, VdbRenderPlugin, VdbSpatialQuery,
-    VdbSun, VdbTraversal, VdbValues, VdbVectorGrid, VdbVolume, VdbVolumeDrawn, VdbVolumeQuality,
-    VdbVolumeState, VdbVoxel,
+    VdbAssetServerExt, VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile,
+    VdbFrame, VdbFrameCache, VdbFrameFailed, VdbGrid, VdbLateFrames, VdbLoadProgress,
+    VdbLoaderSettings, VdbMaterial, VdbOverlays, VdbPlayer, VdbPlayerFinished, VdbPlayerStatus,
+    VdbPlugins, VdbQuality, VdbRayCastSettings, VdbRayHit, VdbRenderAs, VdbRenderMode,
+    VdbRenderPlugin, VdbRepeat, VdbSequence, VdbSpatialQuery, VdbSun, VdbTraversal, VdbValues,
+    VdbVectorGrid, VdbVolume, VdbVolumeDrawn, VdbVolumeQuality, VdbVolumeState, VdbVoxel,
 };
 pub use crate::{VdbFeatureCosts, VdbMeasureFeatures};
 #[cfg(feature = "picking")]

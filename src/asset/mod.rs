@@ -11,6 +11,7 @@ pub(crate) mod loaded;
 mod loader;
 pub(crate) mod parts;
 mod progress;
+mod sequence;
 mod settings;
 mod vector_grid;
 
@@ -22,25 +23,35 @@ pub use grid::VdbGrid;
 pub use grid_loader::{VdbGridLoader, VdbVectorGridLoader};
 pub use loader::{VdbLoader, VdbLoaderError};
 pub use progress::{VdbFileProgress, VdbLoadProgress};
+pub use sequence::{
+    VdbAssetServerExt, VdbFrame, VdbRepeat, VdbSequence, VdbSequenceError, VdbSequenceLoader,
+};
 pub use settings::{VdbLoaderSettings, VdbRenderAs, VdbValues};
 pub use vector_grid::VdbVectorGrid;
 
 use loaded::LoadedFiles;
+use sequence::ListingServer;
 
-/// Loads `.vdb` files.
+pub(crate) use sequence::{DEFAULT_RATE, is_rate};
+
+/// Loads `.vdb` files and sequences of them.
 pub(crate) struct AssetPlugin;
 
 impl Plugin for AssetPlugin {
     fn build(&self, app: &mut App) {
+        let listing = ListingServer::new(app.world().resource::<AssetServer>());
         let (progress, loaded) = (VdbLoadProgress::default(), LoadedFiles::default());
         app.init_asset::<VdbGrid>()
             .init_asset::<VdbVectorGrid>()
             .init_asset::<VdbFile>()
+            .init_asset::<VdbSequence>()
             // Where neither the load nor a `.meta` file determines the asset type, Bevy uses the
             // loader registered last.
             .register_asset_loader(VdbGridLoader::new(progress.clone()))
             .register_asset_loader(VdbVectorGridLoader::new(progress.clone()))
             .register_asset_loader(VdbLoader::new(progress.clone(), loaded.clone()))
+            .register_asset_loader(listing.loader())
+            .insert_resource(listing)
             .insert_resource(progress)
             .insert_resource(loaded);
     }

@@ -9,14 +9,18 @@ use bevy::prelude::*;
 use vdb_core::display::escaped;
 
 use crate::asset::loaded::LoadedFiles;
-use crate::{VdbColorGrid, VdbEmission, VdbVolume};
+use crate::{VdbColorGrid, VdbEmission, VdbPlayer, VdbVolume};
 
 /// Warns of displayed grids that are no longer in their file. They stay on screen, because Bevy
 /// keeps an asset as long as it has handles.
 pub(crate) fn tell_of_lost_grids(
     loaded: Res<LoadedFiles>,
     server: Res<AssetServer>,
-    volumes: Query<(Option<&VdbVolume>, Option<&VdbEmission>, Option<&VdbColorGrid>)>,
+    // A player looks for the grids of each frame itself.
+    volumes: Query<
+        (Option<&VdbVolume>, Option<&VdbEmission>, Option<&VdbColorGrid>),
+        Without<VdbPlayer>,
+    >,
 ) {
     let files = loaded.take();
     if files.is_empty() {

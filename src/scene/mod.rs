@@ -1,4 +1,4 @@
-//! Volumes as entities: their components, bounds and states, and ray casts on the CPU.
+//! Volumes as entities: their components, bounds and states, players of sequences, and ray casts on the CPU.
 
 mod bounds;
 mod components;
@@ -6,6 +6,7 @@ mod emission;
 mod lost_grids;
 #[cfg(feature = "picking")]
 mod picking;
+mod player;
 mod roles;
 mod spatial_query;
 pub(crate) mod track;
@@ -21,6 +22,10 @@ pub use components::{
 pub use emission::{VdbColorGrid, VdbEmission};
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
+pub use player::{
+    VdbFrameCache, VdbFrameFailed, VdbLateFrames, VdbPlayer, VdbPlayerFinished, VdbPlayerStatus,
+    VdbPlayerSystems,
+};
 pub use roles::VdbRoles;
 pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};
 pub use volume_state::{VdbVolumeDrawn, VdbVolumeState};
@@ -30,6 +35,7 @@ pub(crate) struct ScenePlugin;
 
 impl Plugin for ScenePlugin {
     fn build(&self, app: &mut App) {
+        app.add_plugins(player::PlayerPlugin);
         app.register_type::<VdbVolume>()
             .register_type::<VdbVolumeState>()
             .register_type::<VdbMaterial>()

@@ -56,16 +56,20 @@ impl VdbFile {
         let parts = parts(&candidates);
         let emission =
             parts.fire.map(|fire| VdbEmission::guess(handles[fire].clone(), grids[fire]));
-        let colors = COLORS.iter().find_map(|name| {
-            let mut vectors = self.vector_grids.iter();
-            vectors.find(|(label, _)| is(label, name)).map(|(_, grid)| VdbColorGrid(grid.clone()))
-        });
         VdbRoles {
             surfaces: parts.surfaces.iter().map(|surface| handles[*surface].clone()).collect(),
             density: parts.density.map(|density| handles[density].clone()),
             emission,
-            colors,
+            colors: self.colors(),
         }
+    }
+
+    /// The colour of the surfaces: see [`VdbRoles::colors`].
+    pub(crate) fn colors(&self) -> Option<VdbColorGrid> {
+        COLORS.iter().find_map(|name| {
+            let mut vectors = self.vector_grids.iter();
+            vectors.find(|(label, _)| is(label, name)).map(|(_, grid)| VdbColorGrid(grid.clone()))
+        })
     }
 }
 

@@ -6,6 +6,7 @@ use bevy::asset::{AssetLoadError, LoadState, UntypedAssetId};
 use bevy::ecs::entity::EntityHashMap;
 use bevy::prelude::*;
 
+use super::player::Playback;
 use super::volume_state::{ToldDrawn, VdbVolumeDrawn, VdbVolumeState};
 use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbLoaderError, VdbVolume};
 
@@ -19,9 +20,10 @@ impl DrawnVolumes {
         std::mem::swap(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner), volumes);
     }
 
-    fn get(&self, volume: Entity, grid: UntypedAssetId) -> VdbVolumeState {
+    /// The state of a volume, with one of its grids or with any.
+    fn get(&self, volume: Entity, grid: Option<UntypedAssetId>) -> VdbVolumeState {
         let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let own = all.get(&volume).filter(|(of, _)| *of == grid);
+        let own = all.get(&volume).filter(|(of, _)| grid.is_none_or(|grid| grid == *of));
         own.map_or(VdbVolumeState::Preparing, |(_, state)| state.clone())
     }
 }
@@ -34,6 +36,7 @@ pub(crate) fn update_states(
         &VdbVolume,
         Option<&VdbEmission>,
         Option<&VdbColorGrid>,
+        Option<&Playback>,
         &mut VdbVolumeState,
         &mut ToldDrawn,
     )>,
@@ -41,24 +44,32 @@ pub(crate) fn update_states(
     grids: Res<Assets<VdbGrid>>,
     drawn: Option<Res<DrawnVolumes>>,
 ) {
-    for (entity, volume, emission, color, mut state, mut told) in &mut volumes {
+    for (entity, volume, emission, color, player, mut state, mut told) in &mut volumes {
         let id = volume.0.id();
         let further = further_grids(emission, color);
         let is_coming = |id| assets.get_load_state(id).is_some_and(|state| state.is_loading());
         let now = if !grids.contains(id) {
-            match assets.get_load_state(id) {
-                Some(LoadState::Failed(error)) => VdbVolumeState::Failed(reason(&error)),
-                None if id == AssetId::default() => VdbVolumeState::Failed(NO_FILE.into()),
+            match (assets.get_load_state(id), player) {
+                // Before the first frame.
+                (None, Some(player)) => match player.reason() {
+                    Some(reason) => VdbVolumeState::Failed(reason.to_owned()),
+                    None => VdbVolumeState::Loading,
+                },
+                (Some(LoadState::Failed(error)), _) => VdbVolumeState::Failed(reason(&error)),
+                (None, None) if id == AssetId::default() => VdbVolumeState::Failed(NO_FILE.into()),
                 _ => VdbVolumeState::Loading,
             }
         } else if further.into_iter().flatten().any(is_coming) {
             VdbVolumeState::Loading
         } else {
-            drawn.as_ref().map_or(VdbVolumeState::Unseen, |drawn| drawn.get(entity, id.untyped()))
+            // The last rendered image has the frame before, which is not yet to be prepared.
+            let grid = player.is_none().then_some(id.untyped());
+            drawn.as_ref().map_or(VdbVolumeState::Unseen, |drawn| drawn.get(entity, grid))
         };
         let is_drawn = now == VdbVolumeState::Drawn;
         state.set_if_neq(now);
-        if is_drawn && told.0 != Some(id) {
+        // A player is told of with its first frame.
+        if is_drawn && told.0 != Some(id) && (player.is_none() || told.0.is_none()) {
             told.0 = Some(id);
             commands.trigger(VdbVolumeDrawn { entity });
         }
@@ -93,4 +104,55 @@ fn further_grids(
         VdbEmission::Color { grid, .. } => grid.id().untyped(),
     });
     [emission, color.map(|VdbColorGrid(grid)| grid.id().untyped())]
+}
+
+#[cfg(test)]
+mod tests {
+    use bevy::math::DAffine3;
+    use vdb_core::pack::PackKind;
+    use vdb_core::tree::Vdb543;
+
+    use super::*;
+
+    #[derive(Default, Resource)]
+    struct Told(Vec<Entity>);
+
+    /// A frame of a sequence is not another volume, while another grid of a volume is.
+    #[test]
+    fn a_player_is_drawn_once_and_stays_drawn() {
+        let mut app = App::new();
+        app.add_plugins((MinimalPlugins, AssetPlugin::default(), crate::VdbRenderPlugin));
+        let drawn = DrawnVolumes::default();
+        app.insert_resource(drawn.clone()).init_resource::<Told>();
+        app.add_observer(|event: On<VdbVolumeDrawn>, mut told: ResMut<Told>| {
+            told.0.push(event.entity);
+        });
+        let mut add = || {
+            let tree = Vdb543::new(0.0);
+            let grid = VdbGrid::new("fog", tree, DAffine3::IDENTITY, PackKind::Fog).unwrap();
+            app.world_mut().resource_mut::<Assets<VdbGrid>>().add(grid)
+        };
+        let grids = [add(), add(), add()];
+        let volume = |grid: &Handle<VdbGrid>| VdbVolume(grid.clone());
+        let player = app.world_mut().spawn((volume(&grids[0]), Playback::default())).id();
+        let plain = app.world_mut().spawn(volume(&grids[0])).id();
+        let mut states = Vec::new();
+        for (shown, rendered) in [(0, 0), (1, 0), (1, 1), (2, 1), (2, 2)] {
+            for entity in [player, plain] {
+                app.world_mut().entity_mut(entity).insert(volume(&grids[shown]));
+            }
+            let state = (grids[rendered].id().untyped(), VdbVolumeState::Drawn);
+            drawn.set(&mut [(player, state.clone()), (plain, state)].into_iter().collect());
+            app.update();
+            let state = |entity| app.world().get::<VdbVolumeState>(entity).unwrap().clone();
+            states.push((state(player), state(plain)));
+        }
+        let (done, wait) = (VdbVolumeState::Drawn, VdbVolumeState::Preparing);
+        let expected =
+            [&done, &wait, &done, &wait, &done].map(|plain| (done.clone(), plain.clone()));
+        assert_eq!(states, expected);
+        let told =
+            |entity| app.world().resource::<Told>().0.iter().filter(|own| **own == entity).count();
+        assert_eq!((told(player), told(plain)), (1, 3));
+    }
 }

@@ -33,7 +33,8 @@ use crate::VdbGrid;
 #[non_exhaustive]
 pub enum VdbVolumeState {
     /// Its grid, or the grid of its [`VdbEmission`](crate::VdbEmission) or
-    /// [`VdbColorGrid`](crate::VdbColorGrid), is being read, decoded and packed. See
+    /// [`VdbColorGrid`](crate::VdbColorGrid), is being read, decoded and packed, or its
+    /// [`VdbPlayer`](crate::VdbPlayer) has not shown a frame yet. See
     /// [`VdbLoadProgress`](crate::VdbLoadProgress).
     #[default]
     Loading,
@@ -69,7 +70,8 @@ impl VdbVolumeState {
 }
 
 /// An event of a volume's entity, triggered in the frame after the volume first appears on screen,
-/// and again after its grid has been replaced by another.
+/// and again after its grid has been replaced by another; of a [`VdbPlayer`](crate::VdbPlayer), only
+/// with the first frame of a sequence.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;

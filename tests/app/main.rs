@@ -6,4 +6,5 @@ mod assets;
 mod headless;
 #[cfg(feature = "picking")]
 mod picking;
+mod sequence;
 mod spatial_query;

@@ -1,0 +1,182 @@
+//! The player of a sequence: a component.
+
+use bevy::prelude::*;
+
+use super::playback::Playback;
+use super::status::VdbPlayerStatus;
+use crate::{VdbRepeat, VdbSequence, VdbVolume};
+
+/// Plays a [`VdbSequence`]: shows one frame after another in the [`VdbVolume`] of its entity.
+///
+/// ```no_run
+/// # use bevy::prelude::*;
+/// # use bevy_vdb::prelude::*;
+/// fn setup(mut commands: Commands, assets: Res<AssetServer>) {
+///     commands.spawn(VdbPlayer::new(assets.load("fire/fire.vdbseq")));
+/// }
+///
+/// fn pause(keys: Res<ButtonInput<KeyCode>>, mut players: Query<&mut VdbPlayer>) {
+///     for mut player in players.iter_mut().filter(|_| keys.just_pressed(KeyCode::Space)) {
+///         if player.is_paused() { player.play() } else { player.pause() }
+///     }
+/// }
+/// ```
+///
+/// Of each frame, the player shows the grid that [`VdbFile::roles`](crate::VdbFile::roles)
+/// identifies as the density, or the first surface, or the one named by
+/// [`with_grid`](Self::with_grid). It sets the grids of the entity's
+/// [`VdbEmission`](crate::VdbEmission) and [`VdbColorGrid`](crate::VdbColorGrid) likewise and leaves
+/// their other settings alone. An entity without them gets those that the roles guess of the first
+/// frame with such a grid, and keeps them, so that the brightness does not flicker.
+///
+/// Time is Bevy's [`Time`]: pausing or scaling `Time<Virtual>` does so to players, and the fixed
+/// step of a recording holds for them. It begins when the first frame is shown.
+///
+/// Players of one sequence share its frames. [`VdbFrameCache`](crate::VdbFrameCache) sets how many
+/// are loaded ahead and how much memory they take; [`VdbPlayerStatus`] reports which are there.
+#[derive(Clone, Component, Debug, Reflect)]
+#[reflect(Component, Clone, Debug)]
+#[require(VdbVolume, VdbPlayerStatus, Playback)]
+pub struct VdbPlayer {
+    /// The sequence.
+    pub sequence: Handle<VdbSequence>,
+    /// Multiplies the rate; negative values play backwards. 1 by default.
+    pub speed: f32,
+    /// What comes after the last frame. `None`, the default: as the sequence says.
+    pub repeat: Option<VdbRepeat>,
+    /// Frames of the sequence per second, whatever the rate of the screen. `None`, the default: as
+    /// the sequence says. More than 0 and at most 1,000.
+    pub frame_rate: Option<f32>,
+    /// What happens when a frame is wanted and not there yet.
+    pub late_frames: VdbLateFrames,
+    /// The label of the grid to show. `None`, the default: by its role.
+    pub grid: Option<String>,
+    /// Whether the player sets `VdbEmission` and `VdbColorGrid`. On by default.
+    pub sets_roles: bool,
+    is_paused: bool,
+    seek: Option<Seek>,
+}
+
+/// What happens when a [`VdbPlayer`] wants a frame that is not there yet.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
+#[reflect(Clone, Debug, Default, PartialEq, Hash)]
+pub enum VdbLateFrames {
+    /// The clock goes on, and the latest frame before the wanted one that is there is shown: for
+    /// games.
+    #[default]
+    Drop,
+    /// The clock waits for the frame, so that each is shown: for recordings.
+    Wait,
+}
+
+/// Where a player is to go.
+#[derive(Clone, Copy, Debug, PartialEq, Reflect)]
+pub(super) enum Seek {
+    /// The frame with this number.
+    Frame(u64),
+    /// This time, in seconds from the first frame.
+    Time(f64),
+    /// The beginning, in the direction of play.
+    Beginning,
+}
+
+impl VdbPlayer {
+    /// A player at the first frame of a sequence, playing.
+    pub fn new(sequence: Handle<VdbSequence>) -> Self {
+        Self {
+            sequence,
+            speed: 1.0,
+            repeat: None,
+            frame_rate: None,
+            late_frames: VdbLateFrames::Drop,
+            grid: None,
+            sets_roles: true,
+            is_paused: false,
+            seek: None,
+        }
+    }
+
+    /// Shows the grid with a label, `"density"`, as a [`VdbVolume`] does with `"smoke.vdb#density"`.
+    pub fn with_grid(mut self, label: impl Into<String>) -> Self {
+        self.grid = Some(label.into());
+        self
+    }
+
+    /// Changes the speed.
+    pub fn with_speed(mut self, speed: f32) -> Self {
+        self.speed = speed;
+        self
+    }
+
+    /// Changes what comes after the last frame.
+    pub fn with_repeat(mut self, repeat: VdbRepeat) -> Self {
+        self.repeat = Some(repeat);
+        self
+    }
+
+    /// Changes the number of frames per second.
+    pub fn with_frame_rate(mut self, frames_per_second: f32) -> Self {
+        self.frame_rate = Some(frames_per_second);
+        self
+    }
+
+    /// Changes what happens when a frame is not there yet.
+    pub fn with_late_frames(mut self, late_frames: VdbLateFrames) -> Self {
+        self.late_frames = late_frames;
+        self
+    }
+
+    /// Sets only the grid of the `VdbVolume`, and leaves emission and colour alone.
+    pub fn without_roles(mut self) -> Self {
+        self.sets_roles = false;
+        self
+    }
+
+    /// The player, paused: it shows its first frame.
+    pub fn paused(mut self) -> Self {
+        self.is_paused = true;
+        self
+    }
+
+    /// Goes on from where the player is. At the end of a sequence that is played once, this does
+    /// nothing; see [`replay`](Self::replay).
+    pub fn play(&mut self) {
+        self.is_paused = false;
+    }
+
+    /// Stops time. The frame stays, and seeking still works.
+    pub fn pause(&mut self) {
+        self.is_paused = true;
+    }
+
+    /// Whether the player is paused. One at the end of its sequence is not, unless it was paused.
+    pub fn is_paused(&self) -> bool {
+        self.is_paused
+    }
+
+    /// Goes to the frame with a number, or to the nearest one before it. In the same update, if it
+    /// is in memory and a system before `PostUpdate` calls this; until it is loaded, the
+    /// [late frames](Self::late_frames) apply. Loads that are no longer wanted are cancelled.
+    pub fn seek(&mut self, frame: u64) {
+        self.seek = Some(Seek::Frame(frame));
+    }
+
+    /// Goes to a time, in seconds from the start of the first frame at the player's rate.
+    pub fn seek_time(&mut self, seconds: f64) {
+        self.seek = Some(Seek::Time(seconds));
+    }
+
+    /// Plays from the beginning, which is the last frame if the speed is negative.
+    pub fn replay(&mut self) {
+        (self.seek, self.is_paused) = (Some(Seek::Beginning), false);
+    }
+
+    /// The seek that has not been followed yet.
+    pub(super) fn seek_request(&self) -> Option<Seek> {
+        self.seek
+    }
+
+    pub(super) fn forget_seek(&mut self) {
+        self.seek = None;
+    }
+}

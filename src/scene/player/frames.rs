@@ -1,0 +1,246 @@
+//! The frames of all sequences that are in memory, are being loaded or have failed.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use bevy::asset::{AssetLoadError, LoadState};
+use bevy::prelude::*;
+use vdb_core::display::escaped;
+
+use super::cache::Held;
+use crate::{VdbFile, VdbFrame, VdbGrid, VdbLoaderSettings, VdbSequence, VdbVectorGrid};
+
+/// Failures of a sequence, one after another, after which it is tried less often.
+pub(super) const PATIENCE: u32 = 4;
+
+/// The time between attempts then. Bevy logs each failure.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// The setting of the frames that [`VdbPlayer`](crate::VdbPlayer)s hold in memory: a resource.
+#[derive(Clone, Debug, PartialEq, Eq, Resource, Reflect)]
+#[reflect(Resource, Clone, Debug, Default, PartialEq)]
+pub struct VdbFrameCache {
+    /// The number of frames to load ahead of the one that is wanted, in the direction of play. 8 by
+    /// default.
+    pub frames_ahead: usize,
+    /// The bytes that decoded frames may take: their trees, and the words for the GPU. Below this,
+    /// frames that were played stay in memory, so that a short loop is decoded once; beyond it,
+    /// those that are farthest from being shown are released, and fewer are loaded ahead. The frame
+    /// that is wanted is loaded in any case. 1 GiB by default.
+    pub bytes: u64,
+    /// The number of frames that are loaded at the same time, 1 or more. 2 by default: while one is
+    /// decoded, on all cores, the next one is read. More of them come in any order.
+    pub loads_at_once: usize,
+}
+
+impl Default for VdbFrameCache {
+    fn default() -> Self {
+        Self { frames_ahead: 8, bytes: 1 << 30, loads_at_once: 2 }
+    }
+}
+
+/// A frame, by its sequence and its index there.
+pub(super) type Key = (AssetId<VdbSequence>, usize);
+
+/// A frame that has been asked for.
+pub(super) struct Frame {
+    /// Kept if the load failed, so that Bevy reloads the file when it changes.
+    pub handle: Handle<VdbFile>,
+    pub held: Held,
+}
+
+/// What is known of a sequence that is played.
+#[derive(Default)]
+pub(super) struct Known {
+    /// The bytes of its largest frame so far.
+    pub largest: u64,
+    /// Changes with the frames that are loaded or have failed.
+    pub version: u64,
+    /// Changes with the sequence.
+    pub epoch: u64,
+    /// Failures since a frame was loaded, and whether one was told of.
+    failures: u32,
+    told: bool,
+    /// When the next attempt is due, if there were too many of them.
+    next_attempt: Duration,
+}
+
+/// The frames of all sequences that are played.
+#[derive(Default, Resource)]
+pub(super) struct Frames {
+    pub frames: BTreeMap<Key, Frame>,
+    pub known: BTreeMap<AssetId<VdbSequence>, Known>,
+    /// Frames whose files have changed since the last update.
+    pub reloaded: Vec<Key>,
+}
+
+/// What is to be said of a failure.
+pub(super) enum Tell {
+    Nothing,
+    /// It is the first one of its sequence.
+    First,
+    /// Its sequence is now tried less often.
+    Patience,
+}
+
+/// The end of a load.
+pub(super) enum Ended {
+    Loaded,
+    Failed(String),
+}
+
+impl Frames {
+    /// The handle of a frame in memory.
+    pub fn loaded(&self, key: Key) -> Option<&Handle<VdbFile>> {
+        let frame = self.frames.get(&key)?;
+        matches!(frame.held, Held::Loaded { .. }).then_some(&frame.handle)
+    }
+
+    pub fn has_failed(&self, key: Key) -> bool {
+        self.frames.get(&key).is_some_and(|frame| frame.held == Held::Failed)
+    }
+
+    /// The frames of a sequence.
+    pub fn of(&self, sequence: AssetId<VdbSequence>) -> impl Iterator<Item = (usize, &Frame)> {
+        let all = self.frames.range((sequence, 0)..=(sequence, usize::MAX));
+        all.map(|((_, index), frame)| (*index, frame))
+    }
+
+    /// Begins to load a frame.
+    pub fn begin(
+        &mut self,
+        server: &AssetServer,
+        key: Key,
+        frame: &VdbFrame,
+        settings: Option<&VdbLoaderSettings>,
+        now: Duration,
+    ) {
+        let builder = server.load_builder();
+        let builder = match settings.cloned() {
+            Some(settings) => {
+                builder.with_settings(move |own: &mut VdbLoaderSettings| *own = settings.clone())
+            }
+            None => builder,
+        };
+        let handle = builder.load(frame.path.clone());
+        let known = self.known.entry(key.0).or_default();
+        known.next_attempt = now + PAUSE;
+        let estimate = known.largest;
+        self.frames.insert(key, Frame { handle, held: Held::Loading { estimate } });
+    }
+
+    /// Releases a frame. If it is being loaded, this cancels the load.
+    pub fn release(&mut self, key: Key) {
+        self.frames.remove(&key);
+        self.known.entry(key.0).or_default().version += 1;
+    }
+
+    /// Loads that have ended since the last call, with their frames.
+    pub fn ended(&mut self, server: &AssetServer) -> Vec<(Key, Ended)> {
+        let is_loading = |frame: &Frame| matches!(frame.held, Held::Loading { .. });
+        let loading = self.frames.iter().filter(|(_, frame)| is_loading(frame));
+        let ended = loading.filter_map(|(key, frame)| {
+            // Bevy gives no strong handle for a path that it refuses.
+            if !frame.handle.is_strong() {
+                return Some((*key, Ended::Failed(REFUSED.to_owned())));
+            }
+            match server.load_state(&frame.handle) {
+                LoadState::Loaded => Some((*key, Ended::Loaded)),
+                LoadState::Failed(error) => Some((*key, Ended::Failed(reason(&error)))),
+                LoadState::NotLoaded | LoadState::Loading => None,
+            }
+        });
+        ended.collect()
+    }
+
+    /// Notes that a frame has been loaded, with its bytes.
+    pub fn set_loaded(&mut self, key: Key, bytes: u64) {
+        if let Some(frame) = self.frames.get_mut(&key) {
+            frame.held = Held::Loaded { bytes };
+        }
+        let known = self.known.entry(key.0).or_default();
+        known.largest = known.largest.max(bytes);
+        known.failures = 0;
+        known.version += 1;
+    }
+
+    /// Notes that a frame could not be loaded.
+    pub fn set_failed(&mut self, key: Key) -> Tell {
+        if let Some(frame) = self.frames.get_mut(&key) {
+            frame.held = Held::Failed;
+        }
+        let known = self.known.entry(key.0).or_default();
+        known.failures = known.failures.saturating_add(1);
+        known.version += 1;
+        if known.failures == PATIENCE {
+            Tell::Patience
+        } else if std::mem::replace(&mut known.told, true) {
+            Tell::Nothing
+        } else {
+            Tell::First
+        }
+    }
+
+    /// The number of frames of a sequence that may be tried now.
+    pub fn attempts(&self, sequence: AssetId<VdbSequence>, now: Duration) -> usize {
+        match self.known.get(&sequence) {
+            Some(known) if known.failures >= PATIENCE => usize::from(now >= known.next_attempt),
+            _ => usize::MAX,
+        }
+    }
+
+    /// Adapts to a sequence that was reloaded: loaded frames that are still in it stay, failed ones
+    /// are tried again.
+    pub fn renew(&mut self, id: AssetId<VdbSequence>, sequence: &VdbSequence) {
+        let keys: Vec<_> = self.of(id).map(|(index, _)| (id, index)).collect();
+        let mut old: Vec<_> = keys.iter().filter_map(|key| self.frames.remove(key)).collect();
+        old.retain(|frame| frame.held != Held::Failed);
+        let mut by_path: BTreeMap<_, _> = old
+            .into_iter()
+            .filter_map(|frame| Some((frame.handle.path()?.to_string(), frame)))
+            .collect();
+        if !by_path.is_empty() {
+            for (index, frame) in sequence.frames().iter().enumerate() {
+                if let Some(frame) = by_path.remove(&frame.path.to_string()) {
+                    self.frames.insert((id, index), frame);
+                }
+            }
+        }
+        let known = self.known.entry(id).or_default();
+        (known.failures, known.told) = (0, false);
+        (known.version, known.epoch) = (known.version + 1, known.epoch + 1);
+    }
+}
+
+const REFUSED: &str = "Bevy refuses the path, and has logged why";
+
+/// The reason for a failure, on one line.
+pub(super) fn reason(error: &AssetLoadError) -> String {
+    let text = error.to_string();
+    // With RUST_BACKTRACE set, Bevy puts a backtrace under the error.
+    let first = text.lines().next().unwrap_or_default();
+    escaped(first.trim_end()).at_most(1_000).to_string()
+}
+
+/// The bytes of a decoded file: its trees, and its words for the GPU. Instances share theirs.
+pub(super) fn bytes(
+    file: &VdbFile,
+    grids: &Assets<VdbGrid>,
+    vectors: &Assets<VdbVectorGrid>,
+) -> u64 {
+    let mut parts: BTreeMap<usize, u64> = BTreeMap::new();
+    for grid in file.grids.iter().filter_map(|grid| grids.get(grid)) {
+        let (tree, packed) = (grid.tree(), grid.packed());
+        parts.entry(std::sync::Arc::as_ptr(tree).addr()).or_insert_with(|| tree.stats().bytes);
+        parts.insert(std::sync::Arc::as_ptr(packed).addr(), packed.bytes());
+    }
+    for grid in file.vector_grids.values().filter_map(|grid| vectors.get(grid)) {
+        let tree = grid.tree();
+        parts.entry(std::sync::Arc::as_ptr(tree).addr()).or_insert_with(|| tree.stats().bytes);
+        for packed in grid.packed() {
+            parts.insert(std::sync::Arc::as_ptr(packed).addr(), packed.bytes());
+        }
+    }
+    // A file without grids is not free.
+    parts.values().sum::<u64>().max(1)
+}

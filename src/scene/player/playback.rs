@@ -1,0 +1,123 @@
+//! The state of a player between updates.
+
+use std::collections::BTreeSet;
+
+use bevy::prelude::*;
+
+use super::clock::{Clock, Timeline};
+use super::order::Place;
+use crate::{VdbRepeat, VdbSequence};
+
+/// The state of a player between updates: a component of its entity.
+#[derive(Clone, Component, Debug, Default)]
+pub(crate) struct Playback {
+    /// The sequence that the rest is about.
+    pub(super) sequence: AssetId<VdbSequence>,
+    pub(super) clock: Clock,
+    /// `None` until the sequence is loaded.
+    pub(super) timeline: Option<Timeline>,
+    /// The frame that the clock wants.
+    pub(super) wanted: Option<Place>,
+    /// The index of the frame that is shown.
+    pub(super) shown: Option<usize>,
+    /// Where a seek, or the start, led, until a frame from there on is shown.
+    pub(super) sought: Option<usize>,
+    /// Whether the end has been told of.
+    pub(super) told_end: bool,
+    pub(super) late: u64,
+    /// The frames without a grid to show, by index.
+    pub(super) lacking: BTreeSet<usize>,
+    /// The version of the frames that the status has, with the number of lacking ones, and the one
+    /// of the sequence.
+    pub(super) listed: (u64, usize),
+    pub(super) epoch: u64,
+    pub(super) labels: Labels,
+    /// Whether a warning about the settings was given.
+    pub(super) warned: bool,
+    /// Why a frame failed last.
+    pub(super) failure: Option<String>,
+    /// Why nothing will be shown, before the first frame.
+    pub(super) reason: Option<String>,
+}
+
+/// The labels of the grids of the first frame, by role; those of later frames are looked up by them.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Labels {
+    pub grid: Option<String>,
+    pub emission: Option<String>,
+    pub color: Option<String>,
+    /// Whether the emission or the colour has been inserted, which is done once.
+    pub gave_emission: bool,
+    pub gave_color: bool,
+}
+
+impl Playback {
+    /// Why nothing will be shown, before the first frame.
+    pub(crate) fn reason(&self) -> Option<&str> {
+        self.reason.as_deref()
+    }
+
+    /// The frames that may be shown, best first: the wanted one, and those before it, back to the
+    /// one that is shown.
+    pub(super) fn candidates(&self) -> impl Iterator<Item = usize> + use<> {
+        let back = self.wanted.into_iter().flat_map({
+            // What was before the start of a loop has nothing to do with where a seek led.
+            let is_sought = self.sought.is_some();
+            move |wanted| {
+                let repeat = if is_sought { VdbRepeat::Once } else { wanted.repeat };
+                Place { repeat, ..wanted }.backwards()
+            }
+        });
+        let shown = self.shown;
+        back.take_while(move |index| shown != Some(*index))
+    }
+
+    /// Whether the clock has come to a frame since the one that is shown, or since a seek: if it is
+    /// still being loaded, it will be shown late rather than never.
+    pub(super) fn has_passed(&self, index: usize) -> bool {
+        let Some(wanted) = self.wanted else { return false };
+        for passed in wanted.backwards() {
+            if self.sought.is_none() && self.shown == Some(passed) {
+                return false;
+            }
+            if passed == index {
+                return true;
+            }
+            if self.sought == Some(passed) {
+                return false;
+            }
+        }
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn playback(wanted: usize, shown: Option<usize>, sought: Option<usize>) -> Playback {
+        let wanted = Some(Place { index: wanted, step: 1, count: 9, repeat: VdbRepeat::Loop });
+        Playback { wanted, shown, sought, ..default() }
+    }
+
+    #[test]
+    fn late_frames_are_those_since_the_one_that_is_shown() {
+        let candidates = |playback: &Playback| playback.candidates().collect::<Vec<_>>();
+        assert_eq!(candidates(&playback(5, Some(2), None)), [5, 4, 3]);
+        // Through the end of the loop.
+        assert_eq!(candidates(&playback(1, Some(7), None)), [1, 0, 8]);
+        assert_eq!(candidates(&playback(1, Some(1), None)), [0_usize; 0]);
+        // After a seek, none from the end of the loop.
+        assert_eq!(candidates(&playback(2, Some(7), Some(1))), [2, 1, 0]);
+    }
+
+    #[test]
+    fn loads_that_a_seek_left_behind_are_not_waited_for() {
+        let passed =
+            |playback: Playback| (0..9).filter(|i| playback.has_passed(*i)).collect::<Vec<_>>();
+        assert_eq!(passed(playback(5, Some(2), None)), [3, 4, 5]);
+        assert_eq!(passed(playback(1, Some(7), None)), [0, 1, 8]);
+        assert_eq!(passed(playback(7, Some(2), Some(6))), [6, 7]);
+        assert_eq!(passed(playback(2, Some(2), None)), [0_usize; 0]);
+    }
+}

@@ -1,0 +1,147 @@
+//! Shows a frame: sets the grids of a player's entity.
+
+use bevy::platform::collections::HashMap;
+use bevy::prelude::*;
+use vdb_core::display::escaped;
+
+use super::component::VdbPlayer;
+use super::playback::Labels;
+use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbRoles, VdbVolume};
+
+/// The components that a player sets.
+pub(super) type Parts<'a> =
+    (Mut<'a, VdbVolume>, Option<Mut<'a, VdbEmission>>, Option<Mut<'a, VdbColorGrid>>);
+
+/// Sets the grids of an entity to those of a frame, and inserts what it lacks.
+///
+/// # Errors
+/// If the frame has no grid to show, with the reason. Nothing is changed then.
+pub(super) fn show(
+    file: &VdbFile,
+    grids: &Assets<VdbGrid>,
+    player: &VdbPlayer,
+    labels: &mut Labels,
+    (volume, emission, color): &mut Parts,
+    mut entity: EntityCommands,
+) -> Result<(), String> {
+    let known = |label: &Option<String>| label.as_ref().and_then(|own| file.named_grids.get(own));
+    let grid = match &player.grid {
+        Some(label) => file.named_grids.get(label).ok_or_else(|| lacks(file, label))?.clone(),
+        None => match known(&labels.grid) {
+            Some(grid) => grid.clone(),
+            None => {
+                let roles = file.roles(grids);
+                let grid = roles.density.or_else(|| roles.surfaces.into_iter().next());
+                let grid = grid.ok_or_else(|| NO_GRID.to_owned())?;
+                labels.grid = label_of(&file.named_grids, &grid);
+                grid
+            }
+        },
+    };
+    if volume.0 != grid {
+        volume.0 = grid;
+    }
+    if !player.sets_roles {
+        return Ok(());
+    }
+    let roles = || file.roles(grids);
+    match emission {
+        Some(emission) => replace_emission(emission, file, labels, roles),
+        None if !labels.gave_emission => {
+            if let Some(emission) = roles().emission {
+                if let VdbEmission::Temperature { grid, .. } = &emission {
+                    labels.emission = label_of(&file.named_grids, grid);
+                }
+                labels.gave_emission = true;
+                entity.insert(emission);
+            }
+        }
+        None => {}
+    }
+    match color {
+        Some(color) => replace_color(color, file, labels),
+        None if !labels.gave_color => {
+            if let Some(color) = file.colors() {
+                labels.color = label_of(&file.vector_grids, &color.0);
+                labels.gave_color = true;
+                entity.insert(color);
+            }
+        }
+        None => {}
+    }
+    Ok(())
+}
+
+const NO_GRID: &str = "the frame has no grid of floats that could be shown";
+
+fn lacks(file: &VdbFile, label: &str) -> String {
+    let mut labels: Vec<_> = file.named_grids.keys().map(|own| format!("'{own}'")).collect();
+    labels.sort();
+    let labels = if labels.is_empty() { "none".to_owned() } else { labels.join(", ") };
+    let labels = escaped(&labels).at_most(300).to_string();
+    format!("the frame has no grid '{}' for VdbPlayer::grid; it has {labels}", escaped(label))
+}
+
+fn label_of<A: Asset>(named: &HashMap<String, Handle<A>>, grid: &Handle<A>) -> Option<String> {
+    named.iter().find(|(_, own)| *own == grid).map(|(label, _)| label.clone())
+}
+
+/// The label of a grid that an app chose: that of its path.
+fn own_label<A: Asset>(grid: &Handle<A>) -> Option<String> {
+    Some(grid.path()?.label()?.to_owned())
+}
+
+/// Replaces the grid of an emission by the one of the frame. A frame without one does not emit.
+fn replace_emission(
+    emission: &mut Mut<VdbEmission>,
+    file: &VdbFile,
+    labels: &mut Labels,
+    roles: impl Fn() -> VdbRoles,
+) {
+    let label = match &**emission {
+        VdbEmission::Temperature { grid, .. } | VdbEmission::Scalar { grid, .. } => own_label(grid),
+        VdbEmission::Color { grid, .. } => own_label(grid),
+    };
+    // An empty handle, after a frame without the grid, has no label.
+    if label.is_some() {
+        labels.emission = label;
+    }
+    if labels.emission.is_none()
+        && let Some(VdbEmission::Temperature { grid, .. }) = roles().emission
+    {
+        labels.emission = label_of(&file.named_grids, &grid);
+    }
+    let Some(label) = &labels.emission else { return };
+    let (float, vector) = (
+        file.named_grids.get(label).cloned().unwrap_or_default(),
+        file.vector_grids.get(label).cloned().unwrap_or_default(),
+    );
+    let is_same = match &**emission {
+        VdbEmission::Temperature { grid, .. } | VdbEmission::Scalar { grid, .. } => *grid == float,
+        VdbEmission::Color { grid, .. } => *grid == vector,
+    };
+    if is_same {
+        return;
+    }
+    match &mut **emission {
+        VdbEmission::Temperature { grid, .. } | VdbEmission::Scalar { grid, .. } => *grid = float,
+        VdbEmission::Color { grid, .. } => *grid = vector,
+    }
+}
+
+/// Replaces the grid of a colour by the one of the frame.
+fn replace_color(color: &mut Mut<VdbColorGrid>, file: &VdbFile, labels: &mut Labels) {
+    if let Some(label) = own_label(&color.0) {
+        labels.color = Some(label);
+    }
+    if labels.color.is_none()
+        && let Some(own) = file.colors()
+    {
+        labels.color = label_of(&file.vector_grids, &own.0);
+    }
+    let Some(label) = &labels.color else { return };
+    let grid = file.vector_grids.get(label).cloned().unwrap_or_default();
+    if color.0 != grid {
+        color.0 = grid;
+    }
+}

@@ -1,0 +1,100 @@
+//! What a player shows: a component, and events.
+
+use bevy::prelude::*;
+
+/// What a [`VdbPlayer`](crate::VdbPlayer) shows, as of the last update: a component of its entity,
+/// to be read.
+///
+/// ```no_run
+/// # use bevy::prelude::*;
+/// # use bevy_vdb::prelude::*;
+/// fn timeline(players: Query<&VdbPlayerStatus>) {
+///     for status in &players {
+///         let loaded = status.loaded().len();
+///         println!("frame {:?}, {loaded} in memory, {} late", status.frame(), status.late());
+///     }
+/// }
+/// ```
+#[derive(Clone, Component, Debug, Default, PartialEq, Eq, Reflect)]
+#[reflect(Component, Clone, Debug, Default, PartialEq)]
+pub struct VdbPlayerStatus {
+    pub(super) frame: Option<u64>,
+    pub(super) wanted: Option<u64>,
+    pub(super) range: Option<(u64, u64)>,
+    pub(super) has_ended: bool,
+    pub(super) late: u64,
+    pub(super) loaded: Vec<u64>,
+    pub(super) failed: Vec<u64>,
+}
+
+impl VdbPlayerStatus {
+    /// The number of the frame that is shown; `None` before the first one.
+    pub fn frame(&self) -> Option<u64> {
+        self.frame
+    }
+
+    /// The number of the frame that should be shown, by the clock; `None` while the sequence is
+    /// loading.
+    pub fn wanted(&self) -> Option<u64> {
+        self.wanted
+    }
+
+    /// The numbers of the first and the last frame of the sequence; `None` while it is loading.
+    pub fn range(&self) -> Option<(u64, u64)> {
+        self.range
+    }
+
+    /// Whether a sequence that is played once has come to its end.
+    pub fn has_ended(&self) -> bool {
+        self.has_ended
+    }
+
+    /// The number of frames that were wanted and not there until the next one was wanted. Those
+    /// that failed and those that a seek left behind do not count.
+    pub fn late(&self) -> u64 {
+        self.late
+    }
+
+    /// The numbers of the frames in memory, in ascending order, for a timeline.
+    pub fn loaded(&self) -> &[u64] {
+        &self.loaded
+    }
+
+    /// The numbers of the frames that could not be loaded or have no grid to show, in ascending
+    /// order.
+    pub fn failed(&self) -> &[u64] {
+        &self.failed
+    }
+}
+
+/// An event of a player's entity: its sequence, played once, has come to its end. Its last frame
+/// has been shown for its time.
+///
+/// ```no_run
+/// # use bevy::prelude::*;
+/// # use bevy_vdb::prelude::*;
+/// # fn setup(mut commands: Commands, assets: Res<AssetServer>) {
+/// let blast = VdbPlayer::new(assets.load("blast.vdbseq")).with_repeat(VdbRepeat::Once);
+/// commands.spawn(blast).observe(|end: On<VdbPlayerFinished>, mut commands: Commands| {
+///     commands.entity(end.entity).despawn();
+/// });
+/// # }
+/// ```
+#[derive(Clone, Copy, Debug, EntityEvent, PartialEq, Eq)]
+pub struct VdbPlayerFinished {
+    /// The entity of the player.
+    pub entity: Entity,
+}
+
+/// An event of a player's entity: a frame of its sequence cannot be shown. The frame before it
+/// stays for its time. It is told of once, when it is loaded ahead; another attempt is made when
+/// the file changes, if Bevy watches files, or when the sequence is reloaded.
+#[derive(Clone, Debug, EntityEvent, PartialEq, Eq)]
+pub struct VdbFrameFailed {
+    /// The entity of the player.
+    pub entity: Entity,
+    /// The number of the frame.
+    pub frame: u64,
+    /// Why it cannot be shown.
+    pub reason: String,
+}

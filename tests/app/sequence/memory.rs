@@ -1,0 +1,135 @@
+//! Which frames are in memory, and which are loaded.
+
+use bevy::prelude::*;
+use bevy_vdb::prelude::*;
+
+use super::stage::{FRAME, Stage, name};
+
+/// Whether Bevy knows a file: it is loaded, or being loaded.
+fn is_known(stage: &Stage, number: u64) -> bool {
+    stage.server().get_path_id(format!("gate://{}", name(number))).is_some()
+}
+
+fn known(stage: &Stage, numbers: std::ops::RangeInclusive<u64>) -> Vec<u64> {
+    numbers.filter(|number| is_known(stage, *number)).collect()
+}
+
+#[test]
+fn frames_are_loaded_ahead_in_the_direction_of_play() {
+    let mut stage = Stage::new("ahead");
+    stage.write(1..=30);
+    (1..=30).for_each(|number| stage.gate.open(&name(number)));
+    *stage.cache() = VdbFrameCache { frames_ahead: 3, ..default() };
+    let sequence = stage.sequence("gate://", 1..=30);
+    let player = stage.spawn(VdbPlayer::new(sequence).paused());
+    stage.until_loaded(player, 4);
+    assert_eq!(stage.status(player).loaded(), [1, 2, 3, 4]);
+    stage.player(player).seek(20);
+    stage.until_loaded(player, 8);
+    assert_eq!(stage.status(player).loaded(), [1, 2, 3, 4, 20, 21, 22, 23]);
+    stage.player(player).speed = -1.0;
+    stage.until_loaded(player, 11);
+    assert_eq!(stage.status(player).loaded(), [1, 2, 3, 4, 17, 18, 19, 20, 21, 22, 23]);
+    // Through the end of the loop.
+    stage.player(player).speed = 1.0;
+    stage.player(player).seek(30);
+    stage.until_loaded(player, 12);
+    assert_eq!(stage.status(player).loaded()[11], 30);
+}
+
+#[test]
+fn a_seek_cancels_loads_that_are_no_longer_wanted() {
+    let mut stage = Stage::new("cancel");
+    stage.write(1..=30);
+    stage.gate.open(&name(1));
+    *stage.cache() = VdbFrameCache { frames_ahead: 8, loads_at_once: 3, ..default() };
+    let sequence = stage.sequence("gate://", 1..=30);
+    let player = stage.spawn(VdbPlayer::new(sequence).paused());
+    stage.until("the loads", |stage| stage.shown(player).is_some() && is_known(stage, 4));
+    stage.app.update();
+    assert_eq!(known(&stage, 1..=30), [1, 2, 3, 4], "three at a time");
+    stage.player(player).seek(20);
+    stage.until("the end of the loads", |stage| known(stage, 1..=30) == [1, 20, 21, 22]);
+    // What was cancelled can be loaded again.
+    stage.player(player).seek(3);
+    stage.gate.open(&name(3));
+    stage.until("the frame", |stage| stage.shown(player) == Some(3));
+    assert_eq!(known(&stage, 17..=30), [0_u64; 0]);
+    assert_eq!(stage.failed(player), [0_u64; 0]);
+}
+
+/// Frames that the clock has passed while they are being loaded come late rather than never.
+#[test]
+fn a_load_that_the_clock_has_passed_is_not_cancelled() {
+    let mut stage = Stage::new("passed");
+    stage.write(1..=30);
+    stage.gate.open(&name(1));
+    *stage.cache() = VdbFrameCache { frames_ahead: 1, loads_at_once: 1, ..default() };
+    let sequence = stage.sequence("gate://", 1..=30);
+    let player = stage.spawn(VdbPlayer::new(sequence));
+    stage.until("the second load", |stage| stage.shown(player).is_some() && is_known(stage, 2));
+    for _ in 0..10 {
+        stage.step(FRAME);
+        stage.app.update();
+        assert_eq!(known(&stage, 2..=30), [2]);
+    }
+    stage.gate.open(&name(2));
+    stage.until("the late frame", |stage| stage.shown(player) == Some(2));
+}
+
+/// The bytes of all files in memory, as the documentation of the setting counts them.
+fn bytes(stage: &Stage) -> u64 {
+    let grids = stage.app.world().resource::<Assets<VdbGrid>>();
+    grids.iter().map(|(_, grid)| grid.tree().stats().bytes + grid.packed().bytes()).sum()
+}
+
+#[test]
+fn memory_stays_below_the_ceiling() {
+    let mut stage = Stage::new("ceiling");
+    stage.write(1..=40);
+    let sequence = stage.sequence("", 1..=40);
+    let player = stage.spawn(VdbPlayer::new(sequence.clone()).paused());
+    stage.until_loaded(player, 9);
+    let one = bytes(&stage) / 9;
+    assert!(one > 1_000, "{one}");
+    let ceiling = 6 * one + one / 2;
+    *stage.cache() = VdbFrameCache { frames_ahead: 20, bytes: ceiling, loads_at_once: 4 };
+    // The farthest are released: those ahead, as nothing else is there.
+    stage.until("the release", |stage| stage.files_in_memory() == 6);
+    assert_eq!(stage.status(player).loaded(), [1, 2, 3, 4, 5, 6]);
+    stage.player(player).play();
+    let mut shown = std::collections::BTreeSet::new();
+    for i in 0..400 {
+        stage.step(FRAME / 4);
+        // A frame that is released leaves `Assets` in the next update.
+        assert!(bytes(&stage) <= ceiling + one, "{} of {ceiling} in update {i}", bytes(&stage));
+        shown.extend(stage.shown(player));
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    assert!(shown.len() > 30, "{shown:?}");
+    // A loop that fits is decoded once.
+    stage.cache().bytes = 1 << 30;
+    stage.until_loaded(player, 21);
+    for _ in 0..400 {
+        stage.step(FRAME / 4);
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    assert_eq!(stage.files_in_memory(), 40);
+}
+
+/// The frame that is wanted is loaded whatever it takes.
+#[test]
+fn a_ceiling_below_one_frame_still_shows_frames() {
+    let mut stage = Stage::new("tiny");
+    stage.write(1..=5);
+    *stage.cache() = VdbFrameCache { bytes: 0, loads_at_once: 0, ..default() };
+    let sequence = stage.sequence("", 1..=5);
+    let player = VdbPlayer::new(sequence).with_late_frames(VdbLateFrames::Wait);
+    let player = stage.spawn(player);
+    for number in [1, 2, 3, 4, 5, 1, 2] {
+        stage.until("the frame", |stage| stage.shown(player) == Some(number));
+        (0..4).for_each(|_| stage.app.update());
+        assert!(stage.files_in_memory() <= 1, "{}", stage.files_in_memory());
+        stage.step(FRAME);
+    }
+}
