@@ -21,7 +21,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("nothing measured; name .vdb files");
         return Ok(());
     }
-    println!("| file | format | MB | of the .vdb | GPU words, MB | cook, ms | decode, ms | on {} threads |", rayon::current_num_threads());
+    println!(
+        "| file | format | MB | of the .vdb | GPU words, MB | cook, ms | decode, ms | on {} threads |",
+        rayon::current_num_threads()
+    );
     println!("|---|---|---|---|---|---|---|---|");
     files.iter().try_for_each(|file| measure(file))
 }

@@ -16,6 +16,9 @@ use crate::pack::layout::*;
 /// Leaves whose rows are found together, and which one task decodes.
 pub(super) const CHUNK: usize = 64;
 
+/// The samples of a brick that each neighbour owns.
+const COUNTS: [usize; 8] = [0, 64, 64, 8, 64, 8, 8, 1];
+
 /// The samples of a leaf that its neighbours on the low side repeat: those with x, y or z of 0.
 type Faces<T> = [[T; 64]; 3];
 
@@ -146,8 +149,7 @@ pub(super) fn restore<T: Sample>(
                 let steps = leaves.steps(leaf);
                 brick[..2].copy_from_slice(&[steps.offset(), steps.scale()].map(f32::to_bits));
             }
-            place(&samples, bytemuck::cast_slice_mut(&mut brick[T::STEPS..]));
-            *faces = faces_of(&samples);
+            *faces = place(&samples, bytemuck::cast_slice_mut(&mut brick[T::STEPS..]));
         }
         if at == leaves.chunks[chunk + 1] { Ok(()) } else { Err("rows have the wrong length") }
     })?;
@@ -155,21 +157,18 @@ pub(super) fn restore<T: Sample>(
     Ok(())
 }
 
-/// Writes a leaf's own samples into its brick.
-fn place<T: Sample>(samples: &[T; VALUES], brick: &mut [T]) {
-    for (planes, brick) in samples.as_chunks::<64>().0.iter().zip(brick.chunks_mut(90)) {
-        for (row, brick) in planes.as_chunks::<8>().0.iter().zip(brick.chunks_mut(10)) {
-            brick[..8].copy_from_slice(row);
-        }
-    }
-}
-
-fn faces_of<T: Sample>(samples: &[T; VALUES]) -> Faces<T> {
+/// Writes a leaf's own samples into its brick. Returns those that its neighbours repeat.
+fn place<T: Sample>(samples: &[T; VALUES], brick: &mut [T]) -> Faces<T> {
     let mut faces = [[T::default(); 64]; 3];
     faces[0].copy_from_slice(&samples[..64]);
-    for i in 0..64 {
-        faces[1][i] = samples[(i & 0x38) << 3 | i & 7];
-        faces[2][i] = samples[i << 3];
+    let Some(brick) = brick.first_chunk_mut::<BRICK_VALUES>() else { return faces };
+    for (i, row) in samples.as_chunks::<8>().0.iter().enumerate() {
+        let at = (i >> 3) * 90 + (i & 7) * 10;
+        brick[at..at + 8].copy_from_slice(row);
+        faces[2][i] = row[0];
+        if i & 7 == 0 {
+            faces[1][i..i + 8].copy_from_slice(row);
+        }
     }
     faces
 }
@@ -193,12 +192,13 @@ fn share<T: Sample>(leaves: Leaves, tree: &Tree, faces: &[Faces<T>], bricks: &mu
         for (i, (slot, brick)) in slots.zip(bricks.chunks_exact_mut(words)).enumerate() {
             let own = leaves.steps(head + i);
             let brick: &mut [T] = bytemuck::cast_slice_mut(&mut brick[T::STEPS..]);
+            let Some(brick) = brick.first_chunk_mut() else { continue };
             for side in 1..8 {
                 let mut samples = [T::default(); 64];
                 let samples = match tree.owner(&around, slot, side) {
                     Owner::Constant(value) => {
                         samples.fill(T::of_value(value, tree.header.scale, own));
-                        &samples[..]
+                        &samples[..COUNTS[side]]
                     }
                     Owner::Leaf(leaf) => {
                         let leaf = leaf as usize;
@@ -227,23 +227,28 @@ fn of_side<'a, T: Sample>(side: usize, faces: &Faces<T>, out: &'a mut [T; 64]) -
         6 => out[..8].copy_from_slice(&x[..8]),
         _ => out[0] = x[0],
     }
-    let count = [0, 64, 64, 8, 64, 8, 8, 1][side];
-    &mut out[..count]
+    &mut out[..COUNTS[side]]
 }
 
 /// Writes the samples beyond a side into a brick. The padding of a row repeats its last sample.
-fn complete<T: Sample>(side: usize, samples: &[T], brick: &mut [T]) {
-    let mut end = |row: usize, sample: T| brick[row + 8..row + 10].fill(sample);
-    match side {
-        1 => (0..64).for_each(|i| end((i >> 3) * 90 + (i & 7) * 10, samples[i])),
-        3 => (0..8).for_each(|x| end(x * 90 + 80, samples[x])),
-        5 => (0..8).for_each(|y| end(720 + y * 10, samples[y])),
-        7 => end(800, samples[0]),
-        2 => (0..8).for_each(|x| brick[x * 90 + 80..][..8].copy_from_slice(&samples[8 * x..][..8])),
-        4 => {
-            (0..8).for_each(|y| brick[720 + y * 10..][..8].copy_from_slice(&samples[8 * y..][..8]))
+fn complete<T: Sample>(side: usize, samples: &[T], brick: &mut [T; BRICK_VALUES]) {
+    /// The ends of rows, every `step` from `first`.
+    fn ends<T: Sample>(brick: &mut [T; BRICK_VALUES], first: usize, step: usize, samples: &[T]) {
+        for (row, sample) in samples.iter().enumerate() {
+            let at = first + row * step + 8;
+            brick[at] = *sample;
+            brick[at + 1] = *sample;
         }
-        _ => brick[800..][..8].copy_from_slice(&samples[..8]),
+    }
+    let rows = samples.as_chunks::<8>().0.iter().enumerate();
+    match side {
+        1 => rows.for_each(|(x, samples)| ends(brick, x * 90, 10, samples)),
+        3 => ends(brick, 80, 90, samples),
+        5 => ends(brick, 720, 10, samples),
+        7 => ends(brick, 800, 10, samples),
+        2 => rows.for_each(|(x, row)| brick[x * 90 + 80..x * 90 + 88].copy_from_slice(row)),
+        4 => rows.for_each(|(y, row)| brick[720 + y * 10..728 + y * 10].copy_from_slice(row)),
+        _ => rows.for_each(|(_, row)| brick[800..808].copy_from_slice(row)),
     }
 }
 

@@ -118,17 +118,18 @@ macro_rules! folded {
 
 impl Coded for u8 {
     fn unpack(widths: &Widths, rows: &[u8], samples: &mut [Self; VALUES]) {
-        let [planes] = planes::<1>(widths, rows);
+        let [mut planes] = planes::<1>(widths, rows);
+        planes.iter_mut().for_each(|plane| *plane = transposed(*plane));
+        for byte in bytemuck::bytes_of_mut(&mut planes) {
+            *byte = (*byte >> 1) ^ 0_u8.wrapping_sub(*byte & 1);
+        }
         // The sums of the planes across x so far, for even and for odd z, as numbers of 16 bits: at
         // most 8 · 8 · 255 are added up before the high bytes are cleared.
         let (mut even, mut odd) = ([0; 8], [0; 8]);
         let (samples, _) = samples.as_chunks_mut::<64>();
         for (planes, samples) in planes.as_chunks::<8>().0.iter().zip(samples) {
             for y in 0..8 {
-                let folded = transposed(planes[y]);
-                let sign = folded & 0x0101_0101_0101_0101;
-                let residuals =
-                    (folded >> 1 & 0x7f7f_7f7f_7f7f_7f7f) ^ (sign << 8).wrapping_sub(sign);
+                let residuals = planes[y];
                 let second = residuals >> 8 & LOW;
                 let pairs = (residuals & LOW) + second;
                 let pairs = pairs + (pairs << 16);
