@@ -10,6 +10,9 @@ use crate::pack::PackError;
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum CookedError {
+    /// The operating system's reason why the file cannot be read, on one line.
+    #[error("{0}")]
+    Io(String),
     /// The bytes are something else.
     #[error("this is not a cooked file (`.vdbc`); make one of a `.vdb` file with `vdb cook`")]
     NotCooked,
@@ -74,7 +77,7 @@ impl From<crate::Error> for CookedError {
                 let at = place.offset.map(|offset| format!("byte {offset}: ")).unwrap_or_default();
                 Self::damaged(format!("{at}{what}"))
             }
-            error => Self::damaged(error.to_string()),
+            error => Self::Io(error.to_string()),
         }
     }
 }

@@ -53,10 +53,12 @@ mod words;
 mod write;
 
 use std::fmt;
+use std::path::Path;
 use std::sync::Arc;
 
 pub use error::{CookError, CookedError};
 
+use crate::format::{open, save};
 use crate::pack::{PackKind, PackOptions, PackedGrid, PackedTogether, ValueFormat};
 use crate::{AnyTree, Grid, GridClass, Limits, Metadata, ProgressFn, Transform, VdbFile};
 
@@ -109,6 +111,8 @@ pub struct CookOptions {
     pub format: ValueFormat,
     /// How grids interact with rays; `None` for the kind that [suits](PackKind::suited) each.
     pub kind: Option<PackKind>,
+    /// Whether grids that suit a surface of voxels become smooth surfaces instead.
+    pub smooth: bool,
     /// Memory limits, as for [packing](PackOptions::limits). They apply to all grids together.
     pub limits: Limits,
     /// A callback for the progress of packing each of the grids, as in [`PackOptions::progress`].
@@ -117,8 +121,8 @@ pub struct CookOptions {
 
 impl Default for CookOptions {
     fn default() -> Self {
-        let (kind, limits, progress) = (None, Limits::default(), None);
-        Self { format: ValueFormat::Byte, kind, limits, progress }
+        let (format, limits) = (ValueFormat::Byte, Limits::default());
+        Self { format, kind: None, smooth: false, limits, progress: None }
     }
 }
 
@@ -127,6 +131,7 @@ impl fmt::Debug for CookOptions {
         f.debug_struct("CookOptions")
             .field("format", &self.format)
             .field("kind", &self.kind)
+            .field("smooth", &self.smooth)
             .field("limits", &self.limits)
             .field("progress", &self.progress.as_ref().map(|_| "…"))
             .finish()
@@ -173,6 +178,25 @@ impl CookedFile {
         read::read(bytes, limits)
     }
 
+    /// Reads and decodes a file from disk.
+    ///
+    /// # Errors
+    /// Those of [`CookedFile::read`] and of the operating system, without the path.
+    pub fn open(path: impl AsRef<Path>, limits: &Limits) -> Result<Self, CookedError> {
+        Self::read(&open::read_whole(path.as_ref(), limits)?, limits)
+    }
+
+    /// Writes a file to disk as [`CookedFile::write`] does, and as safely as [`VdbFile::save`].
+    /// Returns the number of its bytes.
+    ///
+    /// # Errors
+    /// Those of [`CookedFile::write`] and of the operating system, without the path.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<u64, CookError> {
+        let bytes = self.write()?;
+        save::save_bytes(path.as_ref(), &bytes).map_err(CookError::Write)?;
+        Ok(bytes.len() as u64)
+    }
+
     /// Whether bytes begin like a cooked file, of any version.
     pub fn is_cooked(bytes: &[u8]) -> bool {
         bytes.starts_with(&MAGIC)
@@ -204,7 +228,10 @@ fn packed(
     options: &CookOptions,
     together: &PackedTogether,
 ) -> Result<PackedGrid, crate::pack::PackError> {
-    let kind = options.kind.unwrap_or_else(|| PackKind::suited(class, tree));
+    let kind = options.kind.unwrap_or_else(|| match PackKind::suited(class, tree) {
+        PackKind::Surface { iso } if options.smooth => PackKind::Smooth { iso },
+        kind => kind,
+    });
     let of_format = |format| PackOptions {
         format,
         limits: options.limits.clone(),
