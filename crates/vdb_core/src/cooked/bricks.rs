@@ -240,7 +240,8 @@ fn complete<T: Sample>(side: usize, samples: &[T], brick: &mut [T; BRICK_VALUES]
             brick[at + 1] = *sample;
         }
     }
-    let rows = samples.as_chunks::<8>().0.iter().enumerate();
+    let (rows, _) = samples.as_chunks::<8>();
+    let rows = rows.iter().enumerate();
     match side {
         1 => rows.for_each(|(x, samples)| ends(brick, x * 90, 10, samples)),
         3 => ends(brick, 80, 90, samples),
@@ -248,7 +249,7 @@ fn complete<T: Sample>(side: usize, samples: &[T], brick: &mut [T; BRICK_VALUES]
         7 => ends(brick, 800, 10, samples),
         2 => rows.for_each(|(x, row)| brick[x * 90 + 80..x * 90 + 88].copy_from_slice(row)),
         4 => rows.for_each(|(y, row)| brick[720 + y * 10..728 + y * 10].copy_from_slice(row)),
-        _ => rows.for_each(|(_, row)| brick[800..808].copy_from_slice(row)),
+        _ => brick[800..808].copy_from_slice(samples),
     }
 }
 

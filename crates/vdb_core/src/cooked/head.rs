@@ -2,8 +2,8 @@
 
 use glam::IVec3;
 
-use super::CookedGrid;
 use super::error::CookedError;
+use super::grid::CookedGrid;
 use crate::format::budget::Budget;
 use crate::format::cursor::Cursor;
 use crate::format::metadata::write_sized;

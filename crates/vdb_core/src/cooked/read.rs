@@ -3,11 +3,12 @@
 use super::beside::Tree;
 use super::bricks::{self, CHUNK, Leaves, Sample};
 use super::error::CookedError;
+use super::grid::{CookedFile, CookedGrid};
 use super::head::{self, Head};
 use super::rows::Widths;
+use super::signature::{CHECKED_FROM, MAGIC, VERSION, checksum};
 use super::steps::Steps;
 use super::words::{Packed, from_le_bytes};
-use super::{CHECKED_FROM, CookedFile, CookedGrid, MAGIC, VERSION};
 use crate::Limits;
 use crate::format::budget::Budget;
 use crate::format::cursor::Cursor;
@@ -77,7 +78,7 @@ fn checked_bytes(bytes: &[u8]) -> Result<Cursor<'_>, CookedError> {
         return Err(CookedError::Version { found, read: VERSION });
     }
     let sum = cursor.u32()?;
-    if bytes.get(CHECKED_FROM..).map(super::checksum) != Some(sum) {
+    if bytes.get(CHECKED_FROM..).map(checksum) != Some(sum) {
         return Err(CookedError::damaged("the checksum is wrong"));
     }
     Ok(cursor)

@@ -4,10 +4,12 @@ use rayon::prelude::*;
 
 use super::beside::Tree;
 use super::bricks::{self, CHUNK, Leaves, Sample};
+use super::grid::{CookedFile, CookedGrid};
+use super::head;
 use super::rows::Widths;
+use super::signature::{CHECKED_FROM, MAGIC, VERSION, checksum};
 use super::steps::Steps;
 use super::words::{self, le_bytes};
-use super::{CHECKED_FROM, CookedFile, CookedGrid, MAGIC, VERSION, head};
 use crate::Error;
 use crate::format::metadata;
 use crate::pack::checked;
@@ -26,7 +28,7 @@ pub(super) fn write(file: &CookedFile) -> Result<Vec<u8>, Error> {
     for grid in &file.grids {
         write_grid(grid, &mut out)?;
     }
-    let sum = super::checksum(&out[CHECKED_FROM..]);
+    let sum = checksum(&out[CHECKED_FROM..]);
     out[CHECKED_FROM - 4..CHECKED_FROM].copy_from_slice(&sum.to_le_bytes());
     Ok(out)
 }

@@ -1,0 +1,18 @@
+//! What cooked files are recognised by.
+
+/// The first bytes of a file; the last four show whether a transfer has changed line ends.
+pub(super) const MAGIC: [u8; 8] = *b"VDBC\r\n\x1a\n";
+/// The version of the format.
+pub(super) const VERSION: u32 = 1;
+/// The first byte that the checksum covers.
+pub(super) const CHECKED_FROM: usize = 16;
+
+/// The extension of cooked files.
+pub const EXTENSION: &str = "vdbc";
+
+/// The CRC-32 of bytes, as in zip files.
+pub(super) fn checksum(bytes: &[u8]) -> u32 {
+    let mut crc = flate2::Crc::new();
+    crc.update(bytes);
+    crc.sum()
+}
