@@ -23,9 +23,6 @@ const MOST: usize = 2 * VALUES;
 /// Reading eight bytes of the last row can reach this far.
 const REACH: usize = MOST + 16;
 
-/// The lowest byte of each pair of bytes.
-const LOW: u64 = 0x00ff_00ff_00ff_00ff;
-
 /// The lowest `planes` bytes of a word.
 const fn kept(planes: usize) -> u64 {
     if planes < 8 { (1 << (8 * planes)) - 1 } else { u64::MAX }
@@ -88,7 +85,9 @@ fn window<'a>(rows: &'a [u8], copy: &'a mut [u8; REACH]) -> &'a [u8; REACH] {
 
 /// Eight bytes of a window.
 fn eight(window: &[u8; REACH], at: usize) -> u64 {
-    window[at.min(REACH - 8)..].first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes))
+    window
+        .get(at..at + 8)
+        .map_or(0, |bytes| u64::from_le_bytes(bytes.try_into().unwrap_or_default()))
 }
 
 /// The planes of all rows: for each of `N` bytes of a sample, a word for each row.
@@ -103,7 +102,7 @@ fn planes<const N: usize>(widths: &Widths, rows: &[u8]) -> [[u64; 64]; N] {
             for (byte, planes) in planes.iter_mut().enumerate() {
                 planes[2 * row + half] = eight(window, at + 8 * byte) & MASKS[nibble][byte];
             }
-            at += planes_of(nibble);
+            at += if N == 1 { nibble } else { planes_of(nibble) };
         }
     }
     planes
@@ -120,30 +119,22 @@ impl Coded for u8 {
     fn unpack(widths: &Widths, rows: &[u8], samples: &mut [Self; VALUES]) {
         let [mut planes] = planes::<1>(widths, rows);
         planes.iter_mut().for_each(|plane| *plane = transposed(*plane));
-        for byte in bytemuck::bytes_of_mut(&mut planes) {
-            *byte = (*byte >> 1) ^ 0_u8.wrapping_sub(*byte & 1);
-        }
-        // The sums of the planes across x so far, for even and for odd z, as numbers of 16 bits: at
-        // most 8 · 8 · 255 are added up before the high bytes are cleared.
-        let (mut even, mut odd) = ([0; 8], [0; 8]);
+        // Loops over whole planes across x, which compilers turn into loops over vectors.
+        let mut before = [0; 64];
         let (samples, _) = samples.as_chunks_mut::<64>();
         for (planes, samples) in planes.as_chunks::<8>().0.iter().zip(samples) {
-            for y in 0..8 {
-                let residuals = planes[y];
-                let second = residuals >> 8 & LOW;
-                let pairs = (residuals & LOW) + second;
-                let pairs = pairs + (pairs << 16);
-                let sums = pairs + (pairs << 32);
-                even[y] = (even[y] + sums - second) & LOW;
-                odd[y] = (odd[y] + sums) & LOW;
+            let mut sums: [u8; 64] = bytemuck::cast(*planes);
+            for sum in &mut sums {
+                *sum = (*sum >> 1) ^ 0_u8.wrapping_sub(*sum & 1);
             }
-            let (mut even_sum, mut odd_sum) = (0, 0);
-            let (rows, _) = samples.as_chunks_mut::<8>();
-            for ((row, even), odd) in rows.iter_mut().zip(even).zip(odd) {
-                even_sum += even;
-                odd_sum += odd;
-                *row = ((odd_sum & LOW) << 8 | even_sum & LOW).to_le_bytes();
-            }
+            add_moved_along_z::<1>(&mut sums);
+            add_moved_along_z::<2>(&mut sums);
+            add_moved_along_z::<4>(&mut sums);
+            add_moved_along_y::<1>(&mut sums);
+            add_moved_along_y::<2>(&mut sums);
+            add_moved_along_y::<4>(&mut sums);
+            add(&mut before, &sums);
+            *samples = before;
         }
     }
 
@@ -183,6 +174,27 @@ impl Coded for u16 {
     fn pack(samples: &[Self; VALUES], rows: &mut Vec<u8>) -> Widths {
         pack_rows(&residuals(samples).map(|r| folded!(r, 16)), rows)
     }
+}
+
+/// Adds numbers modulo 2⁸.
+fn add<const N: usize>(to: &mut [u8; N], more: &[u8; N]) {
+    for (to, more) in to.iter_mut().zip(more) {
+        *to = to.wrapping_add(*more);
+    }
+}
+
+/// Adds to each row of a plane the same row, moved by `Z` samples.
+fn add_moved_along_z<const Z: usize>(plane: &mut [u8; 64]) {
+    let rows: [u64; 8] = bytemuck::cast(*plane);
+    let moved = rows.map(|row| (u64::from_le(row) << (8 * Z)).to_le());
+    add(plane, &bytemuck::cast(moved));
+}
+
+/// Adds to each row of a plane the one `Y` rows before.
+fn add_moved_along_y<const Y: usize>(plane: &mut [u8; 64]) {
+    let mut moved = [0; 64];
+    moved[8 * Y..].copy_from_slice(&plane[..64 - 8 * Y]);
+    add(plane, &moved);
 }
 
 /// The residuals of a leaf's samples, modulo 2¹⁶.

@@ -98,15 +98,25 @@ impl Steps {
                 let moved = (other - base) as u8;
                 bytes.iter_mut().for_each(|byte| *byte = byte.wrapping_add(moved));
             }
+            finer @ -7..0 => {
+                // The whole steps are apart, so that the rest fits 16 bits.
+                let shift = -finer;
+                let other = other + (1 << (shift - 1));
+                let (whole, rest) = (other >> shift, (other & ((1 << shift) - 1)) as i16);
+                let whole = clamped(i64::from(whole) - i64::from(base));
+                map(bytes, |byte| ((byte + rest) >> shift).saturating_add(whole));
+            }
+            coarser @ 1..=7 => {
+                let whole = clamped((i64::from(other) << coarser) - i64::from(base));
+                map(bytes, |byte| (byte << coarser).saturating_add(whole));
+            }
             finer @ ..0 => {
                 let shift = -finer.max(-30);
-                let other = other + (1 << (shift - 1));
-                map(bytes, |byte| ((byte + other) >> shift) - base);
-            }
-            coarser @ 1..=15 => {
-                let all = (i64::from(other) << coarser) - i64::from(base);
-                let all = all.clamp(-(1 << 30), 1 << 30) as i32;
-                map(bytes, |byte| (byte << coarser) + all);
+                let half = 1 << (shift - 1);
+                for byte in bytes {
+                    let number = (i64::from(other) + i64::from(*byte) + half) >> shift;
+                    *byte = (number - i64::from(base)).clamp(0, 255) as u8;
+                }
             }
             coarser => {
                 for byte in bytes {
@@ -118,8 +128,13 @@ impl Steps {
     }
 }
 
-fn map(bytes: &mut [u8], convert: impl Fn(i32) -> i32) {
-    bytes.iter_mut().for_each(|byte| *byte = convert(i32::from(*byte)).clamp(0, 255) as u8);
+/// Within 16 bits: what is clamped is out of the range of a byte in either case.
+fn clamped(number: i64) -> i16 {
+    number.clamp(i16::MIN.into(), i16::MAX.into()) as i16
+}
+
+fn map(bytes: &mut [u8], convert: impl Fn(i16) -> i16) {
+    bytes.iter_mut().for_each(|byte| *byte = convert(i16::from(*byte)).clamp(0, 255) as u8);
 }
 
 #[cfg(test)]
