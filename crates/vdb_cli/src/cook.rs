@@ -1,6 +1,6 @@
 //! `vdb cook`: packs files for the GPU beforehand.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -68,6 +68,24 @@ struct Totals {
     files: u64,
     read: u64,
     written: u64,
+    /// The grids that have been named as left out: those of a sequence are named once.
+    left_out: HashSet<String>,
+}
+
+impl Totals {
+    fn name_left_out(&mut self, path: &Path, file: &VdbFile) {
+        let others = file.grids.iter().filter(|grid| !matches!(grid.tree, AnyTree::Float(_)));
+        let skipped = file.skipped.iter().map(|grid| &grid.unique_name);
+        for name in others.map(|grid| &grid.unique_name).chain(skipped) {
+            if self.left_out.insert(name.clone()) {
+                let name = quoted(name);
+                terminal::complain(&format!(
+                    "{}: grid {name} is left out: not floats",
+                    shown(path)
+                ));
+            }
+        }
+    }
 }
 
 /// Cooks all files that can be cooked. The exit code is a failure if any could not.
@@ -94,7 +112,7 @@ pub fn run(args: &Args) -> ExitCode {
             code = ExitCode::FAILURE;
         }
     }
-    let Totals { files, read, written } = totals;
+    let Totals { files, read, written, .. } = totals;
     let ratio = written as f64 / read.max(1) as f64;
     let summary = format!(
         "{files} of {} files cooked: {} became {} ({ratio:.2})\n",
@@ -127,12 +145,7 @@ fn cook(path: &Path, target: &Path, args: &Args, totals: &mut Totals) -> Result<
     let file = VdbFile::open_with(path, &options).map_err(|error| error.to_string())?;
     drop(progress);
     let length = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
-    let others = file.grids.iter().filter(|grid| !matches!(grid.tree, AnyTree::Float(_)));
-    let names = others.map(|grid| &grid.unique_name);
-    for name in names.chain(file.skipped.iter().map(|grid| &grid.unique_name)) {
-        let name = quoted(name);
-        terminal::complain(&format!("{}: grid {name} is left out: not floats", shown(path)));
-    }
+    totals.name_left_out(path, &file);
     let progress = Progress::cooking(path);
     let options = CookOptions {
         format: if args.lossless { ValueFormat::Exact } else { args.format.into() },

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use glam::{DVec3, IVec3, Vec3};
-use vdb_core::cooked::{CookOptions, CookedError, CookedFile, CookedGrid};
+use vdb_core::cooked::{CookOptions, CookedError, CookedFile, CookedGrid, checksum};
 use vdb_core::pack::{PackKind, ValueFormat, traverse};
 use vdb_core::synth::{self, Random};
 use vdb_core::tree::Vdb543;
@@ -71,9 +71,8 @@ fn limits_are_obeyed_before_memory_is_taken() {
 
 /// Corrects the checksum.
 fn signed(mut bytes: Vec<u8>) -> Vec<u8> {
-    let mut crc = flate2::Crc::new();
-    crc.update(&bytes[16..]);
-    bytes[12..16].copy_from_slice(&crc.sum().to_le_bytes());
+    let sum = checksum(&bytes[16..]);
+    bytes[12..16].copy_from_slice(&sum.to_le_bytes());
     bytes
 }
 

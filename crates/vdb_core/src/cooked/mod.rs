@@ -1,9 +1,9 @@
 //! Cooked files: grids packed for the GPU beforehand, to be decoded in milliseconds.
 //!
-//! A `.vdbc` file holds the words of [`PackedGrid`](crate::pack::PackedGrid)s, compressed such that decoding them takes one
-//! pass and no tree: for sequences of smoke, fire or water, of which a frame must be there every
-//! few milliseconds. `vdb cook` makes the files; `docs/reference/cooked.md` describes the format
-//! and what it promises.
+//! A `.vdbc` file holds the words of [packed grids](crate::pack::PackedGrid), compressed such that
+//! decoding takes no tree: for sequences of smoke, fire or water, of which a frame must be there
+//! every few milliseconds. `vdb cook` makes the files; `docs/reference/cooked.md` describes the
+//! format and what it promises.
 //!
 //! ```
 //! use glam::DVec3;
@@ -25,8 +25,8 @@
 //!
 //! Decoding restores the words that were written, bit for bit. In all formats but
 //! [`Byte`](crate::pack::ValueFormat::Byte) these are the words of
-//! [`PackedGrid::with_format`](crate::pack::PackedGrid::with_format). Bytes of fog are
-//! chosen such that neighbouring leaves agree:
+//! [`PackedGrid::with_format`](crate::pack::PackedGrid::with_format). Bytes of fog are chosen such
+//! that neighbouring leaves agree:
 //!
 //! - The step of a leaf is a power of two, and its bytes count multiples of it from a base that is
 //!   a multiple, too. It is the smallest whose 256 multiples cover the samples of the leaf's
@@ -37,10 +37,10 @@
 //!
 //! # Safety
 //!
-//! A file is refused if it is damaged, foreign, of another version, or larger than [`Limits`](crate::Limits)
-//! allow; nothing is allocated that its bytes cannot be the compressed form of. Shaders follow the
-//! words unchecked, so decoding tests every word that leads to another: no file, whatever its
-//! bytes, makes a shader read beyond the words of its grid.
+//! A file is refused if it is damaged, foreign, of another version, or larger than
+//! [`Limits`](crate::Limits) allow; nothing is allocated that its bytes cannot be the compressed
+//! form of. Shaders follow the words unchecked, so decoding tests every word that leads to another:
+//! no file, whatever its bytes, makes a shader read beyond the words of its grid.
 
 mod beside;
 mod bricks;
@@ -60,4 +60,4 @@ mod write;
 pub use error::{CookError, CookedError};
 pub use grid::{CookedFile, CookedGrid};
 pub use options::CookOptions;
-pub use signature::EXTENSION;
+pub use signature::{EXTENSION, checksum};

@@ -10,8 +10,9 @@ pub(super) const CHECKED_FROM: usize = 16;
 /// The extension of cooked files.
 pub const EXTENSION: &str = "vdbc";
 
-/// The CRC-32 of bytes, as in zip files.
-pub(super) fn checksum(bytes: &[u8]) -> u32 {
+/// The checksum of a file's bytes from the 16th on: CRC-32, as in zip files. It is stored in the four
+/// bytes before them.
+pub fn checksum(bytes: &[u8]) -> u32 {
     let mut crc = flate2::Crc::new();
     crc.update(bytes);
     crc.sum()
