@@ -5,6 +5,7 @@
 //! (`crates/vdb_core/tests/fuzz_corpus.rs`) run the same code. Everything is derived from the bytes
 //! of the input, so that failures can be reproduced.
 
+mod cooked;
 mod damage;
 mod edits;
 mod follow;
@@ -17,6 +18,7 @@ use arbitrary::Unstructured;
 use vdb_core::synth::Random;
 use vdb_core::{Limits, ReadOptions, VdbFile, WriteOptions};
 
+pub use cooked::cooked;
 pub use seeds::write_seeds;
 
 /// Bytes of memory that the trees of one input may take: four large nodes of floats. Everything

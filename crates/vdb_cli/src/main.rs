@@ -1,5 +1,6 @@
 //! `vdb`, a command-line tool for OpenVDB files. Each subcommand is a module.
 
+mod cook;
 mod info;
 mod limits;
 mod progress;
@@ -20,6 +21,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Cook(cook::Args),
     Info(info::Args),
 }
 
@@ -29,6 +31,7 @@ fn main() -> ExitCode {
         Err(message) => return usage(&message),
     };
     match cli.command {
+        Command::Cook(args) => cook::run(&args),
         Command::Info(args) => info::run(&args),
     }
 }

@@ -17,7 +17,16 @@ pub struct Progress(ProgressBar);
 impl Progress {
     /// Starts a bar for reading, in bytes.
     pub fn reading(path: &Path) -> Self {
-        let style = ProgressStyle::with_template("{msg} [{bar:30}] {bytes}/{total_bytes}")
+        Self::with_template(path, "{msg} [{bar:30}] {bytes}/{total_bytes}")
+    }
+
+    /// Starts a bar for cooking, in percent.
+    pub fn cooking(path: &Path) -> Self {
+        Self::with_template(path, "{msg} [{bar:30}] cooking, {percent} %")
+    }
+
+    fn with_template(path: &Path, template: &str) -> Self {
+        let style = ProgressStyle::with_template(template)
             .unwrap_or_else(|_| ProgressStyle::default_bar())
             .progress_chars("=> ");
         // indicatif hides the bar if standard error is not a terminal.
@@ -28,7 +37,7 @@ impl Progress {
         Self(bar)
     }
 
-    /// A callback for [`ReadOptions`](vdb_core::ReadOptions).
+    /// A callback for reading or cooking.
     pub fn callback(&self) -> Arc<ProgressFn> {
         let bar = self.0.clone();
         Arc::new(move |done, all| {

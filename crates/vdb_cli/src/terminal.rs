@@ -28,3 +28,12 @@ pub fn print(text: &str, code: ExitCode) -> ControlFlow<ExitCode> {
 pub fn complain(line: &str) {
     let _ = writeln!(io::stderr(), "{}", escaped(line).at_most(LINE_CHARS));
 }
+
+/// A number of bytes for people.
+pub fn bytes(count: u64) -> String {
+    match count {
+        0..10_000 => format!("{count} bytes"),
+        10_000..10_000_000 => format!("{:.1} kB", count as f64 / 1e3),
+        _ => format!("{:.1} MB", count as f64 / 1e6),
+    }
+}

@@ -13,6 +13,7 @@ struct Readme;
 
 mod blackbody;
 mod codec;
+pub mod cooked;
 pub mod display;
 mod error;
 mod format;

@@ -62,6 +62,13 @@ fn mutants() {
     replay("mutant", pipeline::mutant);
 }
 
+/// The inputs of `tree` also stand for trees to cook.
+#[test]
+fn cooked() {
+    replay("tree", pipeline::cooked);
+    replay("mutant", pipeline::cooked);
+}
+
 /// Writes the inputs that the fuzzers start from into the folder `VDB_FUZZ_SEEDS`, if there is one.
 #[test]
 fn seeds() {

@@ -1,5 +1,6 @@
 //! `vdb info`: lists the contents of files.
 
+mod cooked;
 mod json;
 mod text;
 
@@ -9,6 +10,8 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use vdb_core::cooked::CookedFile;
+use vdb_core::display::escaped;
 use vdb_core::{Error, ReadOptions, VdbFile};
 
 use crate::limits::LimitArgs;
@@ -57,6 +60,9 @@ pub fn run(args: &Args) -> ExitCode {
 }
 
 fn show(path: &Path, args: &Args) -> Result<String, String> {
+    if is_cooked(path) {
+        return show_cooked(path, args);
+    }
     let progress = Progress::reading(path);
     let options = ReadOptions {
         limits: args.limits.limits(),
@@ -69,6 +75,27 @@ fn show(path: &Path, args: &Args) -> Result<String, String> {
     } else {
         Ok(text::file(path, &file, args.sizes))
     }
+}
+
+fn show_cooked(path: &Path, args: &Args) -> Result<String, String> {
+    let shown_path = escaped(&path.to_string_lossy()).at_most(4096).to_string();
+    if args.json || args.sizes {
+        return Err(format!(
+            "{shown_path}: `--json` and `--sizes` are for `.vdb` files; this one is cooked"
+        ));
+    }
+    let file = CookedFile::open(path, &args.limits.limits());
+    let file = file.map_err(|error| format!("{shown_path}: {error}"))?;
+    let length = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    Ok(cooked::file(path, length, &file))
+}
+
+/// Whether a regular file begins like a cooked one.
+fn is_cooked(path: &Path) -> bool {
+    let mut start = [0; 8];
+    let is_file = std::fs::metadata(path).is_ok_and(|metadata| metadata.is_file());
+    let mut read = || File::open(path)?.read_exact(&mut start);
+    is_file && read().is_ok() && CookedFile::is_cooked(&start)
 }
 
 /// Whether the grids of a file have offsets, in which case OpenVDB lists them by name. Defaults to

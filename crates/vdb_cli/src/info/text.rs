@@ -8,6 +8,8 @@ use vdb_core::{
     AnyTree, Codec, Compression, Error, Grid, MetaValue, Metadata, VdbFile, WriteOptions,
 };
 
+use crate::terminal::bytes;
+
 pub fn file(path: &Path, file: &VdbFile, with_sizes: bool) -> String {
     let mut out = String::new();
     let (major, minor) = file.library_version;
@@ -115,14 +117,6 @@ fn compression(compression: Compression) -> &'static str {
     }
 }
 
-fn bytes(count: u64) -> String {
-    match count {
-        0..10_000 => format!("{count} bytes"),
-        10_000..10_000_000 => format!("{:.1} kB", count as f64 / 1e3),
-        _ => format!("{:.1} MB", count as f64 / 1e6),
-    }
-}
-
 fn background(tree: &AnyTree) -> String {
     match tree {
         AnyTree::Float(tree) => tree.background().to_string(),
@@ -137,7 +131,7 @@ fn background(tree: &AnyTree) -> String {
     }
 }
 
-fn metadata(out: &mut String, indent: &str, metadata: &Metadata) {
+pub fn metadata(out: &mut String, indent: &str, metadata: &Metadata) {
     for (name, value) in metadata.iter() {
         let shown = match value {
             MetaValue::String(text) => quoted(text).at_most(4096).to_string(),

@@ -1,21 +1,21 @@
 //! The `.vdb` file format, one module per part. OpenVDB's source is its only specification.
 
-mod budget;
+pub(crate) mod budget;
 mod buffer;
 mod buffers;
 mod build;
-mod cursor;
+pub(crate) mod cursor;
 mod demand;
 mod descriptor;
 mod file;
 mod header;
 mod list;
 mod masks;
-mod metadata;
-mod open;
-mod save;
+pub(crate) mod metadata;
+pub(crate) mod open;
+pub(crate) mod save;
 mod topology;
-mod transform;
+pub(crate) mod transform;
 mod value_types;
 mod values;
 mod vdb_file;

@@ -5,7 +5,7 @@ use std::io::{ErrorKind, Read};
 use std::path::Path;
 
 use super::FileBuffer;
-use crate::{Error, ReadOptions, VdbFile};
+use crate::{Error, Limits, ReadOptions, VdbFile};
 
 pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<VdbFile, Error> {
     // Checked before opening: opening a pipe would block until someone writes to it.
@@ -22,6 +22,22 @@ pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<VdbFile, Error>
         }
     }
     VdbFile::read(&buffer.into_bytes(), options)
+}
+
+/// Reads all of a regular file of any format.
+pub(crate) fn read_whole(path: &Path, limits: &Limits) -> Result<Vec<u8>, Error> {
+    check_regular(&fs::metadata(path).map_err(Error::io)?.file_type())?;
+    let file = File::open(path).map_err(Error::io)?;
+    let metadata = file.metadata().map_err(Error::io)?;
+    check_regular(&metadata.file_type())?;
+    let (length, limit) = (metadata.len(), limits.file_bytes);
+    if length > limit {
+        return Err(Error::limit(format!("{length} bytes of a file"), "file_bytes", limit));
+    }
+    let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
+    // A file that grows meanwhile is not read any further.
+    file.take(length).read_to_end(&mut bytes).map_err(Error::io)?;
+    Ok(bytes)
 }
 
 fn check_regular(file_type: &FileType) -> Result<(), Error> {

@@ -17,6 +17,13 @@ pub(crate) fn save(file: &VdbFile, path: &Path, options: &WriteOptions) -> Resul
     replace(&Disk, &target, old.as_ref(), &bytes).map_err(Error::io)
 }
 
+/// Saves bytes that are there already.
+pub(crate) fn save_bytes(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let target = resolved(path).map_err(Error::io)?;
+    let old = check_target(&target)?;
+    replace(&Disk, &target, old.as_ref(), bytes).map_err(Error::io)
+}
+
 /// The most symbolic links to follow, as on Linux.
 const MAX_LINKS: usize = 40;
 

@@ -22,6 +22,7 @@ mod blocks;
 mod bricks;
 mod build;
 mod cells;
+pub(crate) mod checked;
 mod content;
 pub mod edit;
 mod error;
@@ -36,13 +37,14 @@ mod palette;
 mod parts;
 mod ray;
 pub mod rebase;
+pub(crate) mod sections;
 mod skips;
 mod top_tree;
 pub mod traverse;
 mod values;
 mod wide;
 
-pub(crate) use values::{density, distance};
+pub(crate) use values::{Stored, density, distance};
 
 pub use error::PackError;
 pub use grid::{GridHeader, PackedGrid};

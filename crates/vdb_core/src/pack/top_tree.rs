@@ -17,7 +17,7 @@ pub(super) fn levels(extent: u32) -> u32 {
 
 /// log₂ of the slot edge, in cells, above which empty slots are not skipped together: planes
 /// further away could exceed 32 bits.
-const LARGEST: u32 = 24;
+pub(super) const LARGEST: u32 = 24;
 
 /// Number of slots times nodes up to which each slot is compared with each occupied one.
 const FEW: usize = 64;

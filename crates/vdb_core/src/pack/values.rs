@@ -28,7 +28,7 @@ pub enum ValueFormat {
 /// The encoding of stored samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
-pub(super) enum Stored {
+pub(crate) enum Stored {
     Float = 0,
     Half = 1,
     Byte = 2,

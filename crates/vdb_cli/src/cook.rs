@@ -1,0 +1,165 @@
+//! `vdb cook`: packs files for the GPU beforehand.
+
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use vdb_core::cooked::{CookOptions, CookedFile, EXTENSION};
+use vdb_core::display::{escaped, quoted};
+use vdb_core::pack::ValueFormat;
+use vdb_core::{AnyTree, ReadOptions, VdbFile};
+
+use crate::limits::LimitArgs;
+use crate::progress::Progress;
+use crate::terminal::{self, bytes};
+
+/// Pack files for the GPU beforehand: FILE.vdb becomes DIR/FILE.vdbc, which decodes in milliseconds
+#[derive(clap::Args)]
+pub struct Args {
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+
+    /// The folder for the cooked files; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+
+    /// The format of samples
+    #[arg(long, value_enum, default_value_t = Format::Byte)]
+    format: Format,
+
+    /// Keep all values exactly; the same as `--format exact`
+    #[arg(long, conflicts_with = "format")]
+    lossless: bool,
+
+    /// Cook level sets as smooth surfaces instead of voxels
+    #[arg(long)]
+    smooth: bool,
+
+    #[command(flatten)]
+    limits: LimitArgs,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Format {
+    /// 8 bits: steps of at most 2/255 of the range of each leaf of 8³ voxels
+    Byte,
+    /// 16-bit floats
+    Half,
+    /// The least that keeps all values exactly: 16 bits or 32
+    Exact,
+    /// 32-bit floats
+    Full,
+}
+
+impl From<Format> for ValueFormat {
+    fn from(format: Format) -> Self {
+        match format {
+            Format::Byte => Self::Byte,
+            Format::Half => Self::Half,
+            Format::Exact => Self::Exact,
+            Format::Full => Self::Full,
+        }
+    }
+}
+
+/// What has been cooked so far.
+#[derive(Default)]
+struct Totals {
+    files: u64,
+    read: u64,
+    written: u64,
+    /// The grids that have been named as left out: those of a sequence are named once.
+    left_out: HashSet<String>,
+}
+
+impl Totals {
+    fn name_left_out(&mut self, path: &Path, file: &VdbFile) {
+        let others = file.grids.iter().filter(|grid| !matches!(grid.tree, AnyTree::Float(_)));
+        let skipped = file.skipped.iter().map(|grid| &grid.unique_name);
+        for name in others.map(|grid| &grid.unique_name).chain(skipped) {
+            if self.left_out.insert(name.clone()) {
+                let name = quoted(name);
+                terminal::complain(&format!(
+                    "{}: grid {name} is left out: not floats",
+                    shown(path)
+                ));
+            }
+        }
+    }
+}
+
+/// Cooks all files that can be cooked. The exit code is a failure if any could not.
+pub fn run(args: &Args) -> ExitCode {
+    if let Err(error) = std::fs::create_dir_all(&args.out) {
+        terminal::complain(&format!("{}: no folder can be made here: {error}", shown(&args.out)));
+        return ExitCode::FAILURE;
+    }
+    let mut code = ExitCode::SUCCESS;
+    let mut totals = Totals::default();
+    let mut targets = HashMap::new();
+    for path in &args.files {
+        let target = target(path, &args.out);
+        let cooked = match targets.insert(target.clone(), path) {
+            Some(other) => Err(format!(
+                "{}: not cooked, because {} has the same name; give it a folder of its own",
+                shown(path),
+                shown(other)
+            )),
+            None => cook(path, &target, args, &mut totals),
+        };
+        if let Err(error) = cooked {
+            terminal::complain(&error);
+            code = ExitCode::FAILURE;
+        }
+    }
+    let Totals { files, read, written, .. } = totals;
+    let ratio = written as f64 / read.max(1) as f64;
+    let summary = format!(
+        "{files} of {} files cooked: {} became {} ({ratio:.2})\n",
+        args.files.len(),
+        bytes(read),
+        bytes(written)
+    );
+    terminal::print(&summary, code).break_value().unwrap_or(code)
+}
+
+fn shown(path: &Path) -> String {
+    escaped(&path.to_string_lossy()).at_most(4096).to_string()
+}
+
+/// The path of the cooked file.
+fn target(path: &Path, out: &Path) -> PathBuf {
+    let mut name = path.file_stem().unwrap_or_default().to_owned();
+    name.push(".");
+    name.push(EXTENSION);
+    out.join(name)
+}
+
+fn cook(path: &Path, target: &Path, args: &Args, totals: &mut Totals) -> Result<(), String> {
+    let progress = Progress::reading(path);
+    let options = ReadOptions {
+        limits: args.limits.limits(),
+        progress: Some(progress.callback()),
+        ..ReadOptions::default()
+    };
+    let file = VdbFile::open_with(path, &options).map_err(|error| error.to_string())?;
+    drop(progress);
+    let length = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    totals.name_left_out(path, &file);
+    let progress = Progress::cooking(path);
+    let options = CookOptions {
+        format: if args.lossless { ValueFormat::Exact } else { args.format.into() },
+        smooth: args.smooth,
+        limits: args.limits.limits(),
+        progress: Some(progress.callback()),
+        ..CookOptions::default()
+    };
+    let cooked =
+        CookedFile::cook(&file, &options).map_err(|error| format!("{}: {error}", shown(path)))?;
+    drop(file);
+    let written = cooked.save(target).map_err(|error| format!("{}: {error}", shown(target)))?;
+    totals.files += 1;
+    totals.read += length;
+    totals.written += written;
+    Ok(())
+}

@@ -1,0 +1,172 @@
+//! Reading of cooked files.
+
+use super::beside::Tree;
+use super::bricks::{self, CHUNK, Leaves, Sample};
+use super::error::CookedError;
+use super::grid::{CookedFile, CookedGrid};
+use super::head::{self, Head};
+use super::rows::Widths;
+use super::signature::{CHECKED_FROM, MAGIC, VERSION, checksum};
+use super::steps::Steps;
+use super::words::{Packed, from_le_bytes};
+use crate::Limits;
+use crate::format::budget::Budget;
+use crate::format::cursor::Cursor;
+use crate::format::metadata;
+use crate::pack::Stored;
+use crate::pack::checked;
+use crate::pack::sections::{Outline, Sections};
+
+/// A grid in the bytes of a file.
+struct Parts<'a> {
+    head: Head,
+    sections: Sections,
+    /// The traversal tree and the records.
+    tree: Packed<'a>,
+    palette: &'a [u8],
+    samples: Samples<'a>,
+}
+
+/// The samples of a grid in the bytes of a file.
+enum Samples<'a> {
+    Words(Packed<'a>),
+    Leaves { steps: Vec<Steps>, widths: &'a [Widths], chunks: Vec<usize>, rows: &'a [u8] },
+}
+
+pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<CookedFile, CookedError> {
+    if bytes.len() as u64 > limits.file_bytes {
+        let what = format!("{} bytes of a file", bytes.len());
+        let limit = limits.file_bytes;
+        return Err(CookedError::LimitExceeded { what, name: "file_bytes", limit });
+    }
+    let mut cursor = checked_bytes(bytes)?;
+    let mut budget = Budget::new(limits);
+    let metadata = metadata::read(&mut cursor, &mut budget)?;
+    let count = cursor.u32()?;
+    if u64::from(count) > limits.grids {
+        let what = format!("{count} grids");
+        return Err(CookedError::LimitExceeded { what, name: "grids", limit: limits.grids });
+    }
+    let mut parts = Vec::new();
+    for _ in 0..count {
+        parts.push(Parts::read(&mut cursor, &mut budget)?);
+    }
+    if cursor.remaining() > 0 {
+        return Err(CookedError::damaged("bytes follow the last grid"));
+    }
+    let needed = parts.iter().map(Parts::memory).sum::<u64>();
+    if needed > limits.packed_bytes {
+        let what = format!("{needed} bytes for the words of the grids");
+        let limit = limits.packed_bytes;
+        return Err(CookedError::LimitExceeded { what, name: "packed_bytes", limit });
+    }
+    let restored = parts.into_iter().map(|parts| {
+        let name = parts.head.name.clone();
+        parts.restore().map_err(|error| error.in_grid(&name))
+    });
+    Ok(CookedFile { metadata, grids: restored.collect::<Result<_, _>>()? })
+}
+
+/// The bytes after the checksum, if it is that of the bytes.
+fn checked_bytes(bytes: &[u8]) -> Result<Cursor<'_>, CookedError> {
+    let mut cursor = Cursor::new(bytes);
+    if !matches!(cursor.array(), Ok(MAGIC)) {
+        return Err(CookedError::NotCooked);
+    }
+    let found = cursor.u32()?;
+    if found != VERSION {
+        return Err(CookedError::Version { found, read: VERSION });
+    }
+    let sum = cursor.u32()?;
+    if bytes.get(CHECKED_FROM..).map(checksum) != Some(sum) {
+        return Err(CookedError::damaged("the checksum is wrong"));
+    }
+    Ok(cursor)
+}
+
+impl<'a> Parts<'a> {
+    fn read(cursor: &mut Cursor<'a>, budget: &mut Budget) -> Result<Self, CookedError> {
+        let head = head::read(cursor, budget)?;
+        let name = head.name.clone();
+        Self::of(head, cursor).map_err(|error| error.in_grid(&name))
+    }
+
+    fn of(head: Head, cursor: &mut Cursor<'a>) -> Result<Self, CookedError> {
+        let outline = &head.outline;
+        let too_many = || CookedError::damaged("there are more words than can be numbered");
+        let sections = outline.sections().ok_or_else(too_many)?;
+        let tree = Packed::read(cursor, sections.tree)?;
+        let palette = cursor.take(4 * outline.palette as usize)?;
+        let samples = if head.is_leaves {
+            Self::leaves(outline, cursor)?
+        } else {
+            Samples::Words(Packed::read(cursor, outline.sample_words as usize)?)
+        };
+        Ok(Self { head, sections, tree, palette, samples })
+    }
+
+    fn leaves(outline: &Outline, cursor: &mut Cursor<'a>) -> Result<Samples<'a>, CookedError> {
+        let count = outline.leaves as usize;
+        if outline.brick_words() == 0 {
+            return Err(CookedError::damaged("a surface has no bricks"));
+        }
+        let is_bytes = outline.stored() == Some(Stored::Byte);
+        let steps = from_le_bytes(cursor.take(if is_bytes { 4 * count } else { 0 })?);
+        let steps: Option<Vec<Steps>> = steps.map(Steps::from_bits).collect();
+        let steps =
+            steps.ok_or_else(|| CookedError::damaged("the steps of a leaf are too large"))?;
+        let parts = if outline.stored() == Some(Stored::Float) { 2 } else { 1 };
+        let (widths, _) = cursor.take(size_of::<Widths>() * parts * count)?.as_chunks();
+        let lengths = cursor.take(4 * count.div_ceil(CHUNK))?;
+        let mut chunks = vec![0];
+        let mut end = 0_usize;
+        for length in from_le_bytes(lengths) {
+            end = end.saturating_add(length as usize);
+            chunks.push(end);
+        }
+        Ok(Samples::Leaves { steps, widths, chunks, rows: cursor.take(end)? })
+    }
+
+    /// Bytes of memory for the grid's words and for restoring them.
+    fn memory(&self) -> u64 {
+        let leaves = u64::from(self.head.outline.leaves);
+        let face_bytes = match (&self.samples, self.head.outline.stored()) {
+            (Samples::Words(_), _) | (_, None) => 0,
+            (_, Some(Stored::Byte)) => u8::FACE_BYTES,
+            (_, Some(Stored::Half)) => u16::FACE_BYTES,
+            (_, Some(Stored::Float)) => u32::FACE_BYTES,
+        };
+        4 * self.sections.all as u64 + leaves * face_bytes as u64
+    }
+
+    fn restore(self) -> Result<CookedGrid, CookedError> {
+        let Self { head: Head { name, class, transform, metadata, outline, .. }, sections, .. } =
+            self;
+        let mut words = vec![0; sections.all];
+        let (tree_words, rest) = words.split_at_mut(sections.tree);
+        let (sample_words, palette) = rest.split_at_mut(sections.samples_end - sections.tree);
+        self.tree.unpack(tree_words)?;
+        for (word, bits) in palette.iter_mut().zip(from_le_bytes(self.palette)) {
+            *word = bits;
+        }
+        let damaged = |fault: &'static str| CookedError::damaged(fault);
+        let places = checked::complete(tree_words, &outline, &sections).map_err(damaged)?;
+        match &self.samples {
+            Samples::Words(packed) => packed.unpack(sample_words)?,
+            Samples::Leaves { steps, widths, chunks, rows } => {
+                let leaves = Leaves { steps, widths, chunks, rows };
+                let header = &sections.header;
+                let tree = Tree { header, words: tree_words, palette, places: &places };
+                match outline.stored() {
+                    Some(Stored::Byte) => bricks::restore::<u8>(leaves, &tree, sample_words),
+                    Some(Stored::Half) => bricks::restore::<u16>(leaves, &tree, sample_words),
+                    _ => bricks::restore::<u32>(leaves, &tree, sample_words),
+                }
+                .map_err(damaged)?;
+            }
+        }
+        checked::check_values(&words, &outline, &sections).map_err(damaged)?;
+        let packed = outline.into_grid(sections.header, words);
+        Ok(CookedGrid { name, class, transform, metadata, packed })
+    }
+}
