@@ -7,7 +7,7 @@ use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{Random, fog, level_set};
 
-use crate::common::{Picture, Stage, has_gpu};
+use crate::common::{Picture, Stage};
 use crate::{GREEN, SIZE, SURFACE, glow, is_green, is_red, looking};
 
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
@@ -73,7 +73,7 @@ fn grids_that_the_app_holds_are_uploaded_once() {
     stage.camera(&target, looking(Vec3::Z * 8.0));
     let grids: Vec<_> = (0..10).map(|i| large(&mut stage, 25.0 + f64::from(i))).collect();
     let volume = show(&mut stage, &grids[0], GREEN, Vec3::ZERO);
-    let mut round = |stage: &mut Stage| -> (u64, Vec<usize>) {
+    let round = |stage: &mut Stage| -> (u64, Vec<usize>) {
         let before = usage(stage).bytes_written();
         let mut areas = Vec::new();
         for grid in &grids {

@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use bevy::prelude::*;
 use bevy::render::sync_world::{MainEntity, MainEntityHashMap};
 use vdb_core::pack::PackedGrid;
 
@@ -13,7 +14,7 @@ use crate::render::extract::{ExtractedVolume, ExtractedVolumes};
 use crate::render::gpu::GridKey;
 
 /// For each volume, its grids in the last frame in which all of them were in the pool.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Resource)]
 pub(super) struct HeldGrids(MainEntityHashMap<ExtractedVolume>);
 
 impl HeldGrids {
@@ -27,6 +28,31 @@ impl HeldGrids {
         for (entity, held) in &self.0 {
             if volumes.0.get(entity).is_some_and(&waits) {
                 add_grids(wanted, entity, held);
+            }
+        }
+    }
+
+    /// Makes every volume whose grids are being uploaded display its previous ones, and remembers
+    /// those of the others.
+    pub fn display(
+        &mut self,
+        pool: &VdbTreePool,
+        volumes: &mut ExtractedVolumes,
+        edits: &ExtractedEdits,
+    ) {
+        self.0.retain(|entity, _| volumes.0.contains_key(entity));
+        for (entity, volume) in &mut volumes.0 {
+            if pool.has_all_of(volume, edits) {
+                self.remember(*entity, volume, edits);
+            } else if let Some(before) = self.0.get(entity)
+                && pool.has_all_of(before, edits)
+            {
+                volume.grid = before.grid;
+                volume.packed = before.packed.clone();
+                volume.levels = before.levels.clone();
+                volume.name = before.name.clone();
+                volume.local_from_index = before.local_from_index;
+                volume.auxiliary = before.auxiliary.clone();
             }
         }
     }
@@ -47,31 +73,6 @@ impl VdbTreePool {
     pub(super) fn has_all_of(&self, volume: &ExtractedVolume, edits: &ExtractedEdits) -> bool {
         grids(volume)
             .all(|(key, packed)| self.holds(&key, packed, edits) || self.refused.contains_key(&key))
-    }
-
-    /// Makes every volume whose grids are being uploaded display its previous ones, and remembers
-    /// those of the others.
-    pub(super) fn display_held(
-        &self,
-        held: &mut HeldGrids,
-        volumes: &mut ExtractedVolumes,
-        edits: &ExtractedEdits,
-    ) {
-        held.0.retain(|entity, _| volumes.0.contains_key(entity));
-        for (entity, volume) in &mut volumes.0 {
-            if self.has_all_of(volume, edits) {
-                held.remember(*entity, volume, edits);
-            } else if let Some(before) = held.0.get(entity)
-                && self.has_all_of(before, edits)
-            {
-                volume.grid = before.grid;
-                volume.packed = before.packed.clone();
-                volume.levels = before.levels.clone();
-                volume.name = before.name.clone();
-                volume.local_from_index = before.local_from_index;
-                volume.auxiliary = before.auxiliary.clone();
-            }
-        }
     }
 }
 

@@ -36,6 +36,7 @@ impl Plugin for PoolPlugin {
             .insert_resource(usage)
             .init_resource::<edited::ExtractedEdits>()
             .init_gpu_resource::<VdbTreePool>()
+            .init_gpu_resource::<held::HeldGrids>()
             .add_systems(ExtractSchedule, (edits::extract_edits, existing::find_existing))
             .add_systems(Render, update::update_tree_pool.in_set(RenderSystems::PrepareAssets));
     }

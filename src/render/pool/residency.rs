@@ -17,7 +17,6 @@ use vdb_core::pack::{GridHeader, PackedGrid};
 
 use super::buffers::PoolBuffers;
 use super::edited::{EditedWords, ExtractedEdits};
-use super::held::HeldGrids;
 use super::paging::Range;
 use super::space::Space;
 use super::wanted::WantedGrid;
@@ -74,8 +73,6 @@ pub(crate) struct VdbTreePool {
     pub(super) incoming: HashMap<GridKey, Incoming>,
     /// The grids that do not fit, each with the reason, which is reported once.
     pub(super) refused: HashMap<GridKey, String>,
-    /// What each volume displays until its new grids are in the pool.
-    pub(super) held: HeldGrids,
     pub(super) buffers: Option<PoolBuffers>,
     pub(super) space: Space,
     /// Indices of headers that are free, below the number of headers ever in use at once.
@@ -90,7 +87,6 @@ impl Default for VdbTreePool {
             resident: HashMap::default(),
             incoming: HashMap::default(),
             refused: HashMap::default(),
-            held: HeldGrids::default(),
             buffers: None,
             space: Space::new(0),
             free_indices: Vec::new(),

@@ -9,6 +9,7 @@ use bevy::render::renderer::{RenderDevice, RenderQueue};
 
 use super::buffers::PoolBuffers;
 use super::edited::{self, EditedWords, ExtractedEdits};
+use super::held::HeldGrids;
 use super::residency::{VdbTreePool, new_content};
 use super::upload::Uploader;
 use super::usage::{FrameUsage, VdbGpuUsage};
@@ -22,6 +23,7 @@ use crate::render::gpu::GridKey;
 pub(super) fn update_tree_pool(
     mut volumes: ResMut<ExtractedVolumes>,
     mut pool: ResMut<VdbTreePool>,
+    mut held: ResMut<HeldGrids>,
     mut edits: ResMut<ExtractedEdits>,
     memory: Res<VdbGpuMemory>,
     usage: Res<VdbGpuUsage>,
@@ -29,7 +31,6 @@ pub(super) fn update_tree_pool(
     queue: Res<RenderQueue>,
 ) {
     let pool = &mut *pool;
-    let mut held = std::mem::take(&mut pool.held);
     let mut to = Uploader::new(&device, &queue, &memory);
     let mut wanted = wanted_by(&volumes);
     held.add_to(&mut wanted, &volumes, |volume| !pool.has_all_of(volume, &edits));
@@ -40,8 +41,7 @@ pub(super) fn update_tree_pool(
     pool.write_edits(&wanted, &edits, &mut to);
     drop(wanted);
     pool.shrink(&mut to);
-    pool.display_held(&mut held, &mut volumes, &edits);
-    pool.held = held;
+    held.display(pool, &mut volumes, &edits);
     usage.record(pool.usage(&to));
     // The next edit would have to copy words that are still shared here.
     edits.clear();
