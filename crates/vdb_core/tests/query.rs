@@ -249,16 +249,73 @@ fn values_at_points() {
     for _ in 0..2000 {
         let point = DVec3::new(random.unit(), random.unit(), random.unit()) * 38.0 - 19.0;
         let exact = gradient.dot(point) + 3.0;
-        let value = f64::from(ask(&smooth).trilinear(point));
+        let value = f64::from(ask(&smooth).trilinear(point).unwrap());
         assert!((value - exact).abs() < 1e-5, "{value}, not {exact}");
         assert_eq!(ask(&smooth).contains(point), exact < 3.0, "{point}");
         let voxel = gradient.dot((point + 0.5).floor()) + 3.0;
-        assert_eq!(f64::from(ask(&surface).nearest(point)), voxel);
+        assert_eq!(f64::from(ask(&surface).nearest(point).unwrap()), voxel);
         assert_eq!(ask(&surface).contains(point), voxel < 3.0, "{point}");
-        assert_eq!(f64::from(ask(&fog).nearest(point)), voxel.max(0.0), "no density is negative");
-        assert_eq!(ask(&fog).contains(point), ask(&fog).trilinear(point) > 0.0);
+        let density = f64::from(ask(&fog).nearest(point).unwrap());
+        assert_eq!(density, voxel.max(0.0), "no density is negative");
+        assert_eq!(ask(&fog).contains(point), ask(&fog).trilinear(point) > Some(0.0));
     }
     let far = DVec3::splat(1e300);
-    assert_eq!((ask(&fog).nearest(far), ask(&fog).trilinear(-far)), (0.0, 0.0));
+    assert_eq!((ask(&fog).nearest(far), ask(&fog).trilinear(-far)), (Some(0.0), Some(0.0)));
     assert!(!ask(&fog).contains(DVec3::splat(f64::NAN)));
+}
+
+/// Points in a grid's box, those at its samples among them.
+fn points(random: &mut Random, grid: &PackedGrid, count: usize) -> Vec<DVec3> {
+    let bbox = bounds(grid);
+    let size = (bbox.max - bbox.min).as_dvec3() + 4.0;
+    let mut point = || {
+        let unit = DVec3::new(random.unit(), random.unit(), random.unit());
+        let point = bbox.min.as_dvec3() - 2.0 + unit * size;
+        if random.unit() < 0.3 { point.round() } else { point }
+    };
+    (0..count).map(|_| point()).collect()
+}
+
+#[test]
+fn without_a_tree_rays_and_points_find_the_same() {
+    let trees = [
+        level_set::sphere(DVec3::new(0.3, -7.1, 2.0), 21.4),
+        fog::cloud(30.0, 3),
+        // Tiles, and tiles beside each other.
+        fog::block(CoordBox { min: IVec3::splat(-40), max: IVec3::new(300, 40, 41) }, 0.4),
+    ];
+    let mut random = Random::new(11);
+    for (number, tree) in trees.iter().enumerate() {
+        let kinds = if number == 0 { vec![SURFACE, SMOOTH] } else { vec![PackKind::Fog] };
+        for kind in kinds {
+            let grid = PackedGrid::new(tree, kind).unwrap();
+            let (known, packed) = (GridQuery::new(tree, &grid), GridQuery::of_packed(&grid));
+            let (mut hits, mut inside, mut values) = (0, 0, 0);
+            for _ in 0..3_000 {
+                let ray = index_ray(&aimed(&mut random, bounds(&grid), 30.0));
+                let hit = known.first_hit(&ray, 2.0);
+                assert_eq!(packed.first_hit(&ray, 2.0), hit, "{kind:?} {ray:?}");
+                hits += usize::from(hit.is_some());
+            }
+            for point in points(&mut random, &grid, 3_000) {
+                let is_inside = known.contains(point);
+                assert_eq!(packed.contains(point), is_inside, "{kind:?} {point}");
+                inside += usize::from(is_inside);
+                for (own, other) in [
+                    (packed.nearest(point), known.nearest(point)),
+                    (packed.trilinear(point), known.trilinear(point)),
+                ] {
+                    assert!(own.is_none_or(|own| Some(own) == other), "{own:?} for {other:?}");
+                    values += usize::from(own.is_some());
+                }
+            }
+            let expected = match kind {
+                PackKind::Fog => 6_000..=6_000,
+                PackKind::Smooth { .. } => 100..=3_000,
+                PackKind::Surface { .. } => 0..=0,
+            };
+            assert!(expected.contains(&values), "{values} values of {kind:?}");
+            assert!(hits > 1_000 && inside > 300, "{hits} hits, {inside} inside: {kind:?}");
+        }
+    }
 }

@@ -22,7 +22,7 @@ pub(super) fn first_opaque(
     for passage in local.spans(grid) {
         let cell = passage.cell.wrapping_add(grid.base);
         // In a constant tile, the samples of any cell will do.
-        let corners = samples.corners(cell.to_array().map(i64::from));
+        let corners = samples.corners(cell.to_array().map(i64::from))?;
         let [low, high] = passage.t;
         let length = (high - low) / local.speed;
         let cubic = Cubic::through(passage.thirds().map(|t| corners.at(passage.at(t))));

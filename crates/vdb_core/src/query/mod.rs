@@ -1,9 +1,9 @@
 //! Ray casts and point samples in a grid on the CPU, for games and picking.
 //!
 //! Results match the rendered image. The cells that a ray touches are found by [`traverse`], the
-//! exact twin of the shader's traversal. Within cells, samples come from the tree, and the shader's
-//! f32 computations are done in f64: roots of the trilinear interpolant as in `smooth.wgsl`,
-//! optical depth as in `fog.wgsl`.
+//! exact twin of the shader's traversal. Within cells, samples come from the tree, or from the
+//! packed grid if there is no tree, and the shader's f32 computations are done in f64: roots of the
+//! trilinear interpolant as in `smooth.wgsl`, optical depth as in `fog.wgsl`.
 //!
 //! Points and rays are in *index space*, where sample `ijk` is the point `(i, j, k)` and voxel
 //! `ijk` is the unit cube around it.
@@ -24,17 +24,24 @@ pub use index_ray::{IndexHit, IndexRay};
 use local_ray::LocalRay;
 use samples::Samples;
 
-/// Queries of one grid, given as a tree and as the same tree packed.
+/// Queries of one grid, given as a tree and as the same tree packed, or packed alone.
 #[derive(Clone, Copy, Debug)]
 pub struct GridQuery<'a> {
-    tree: &'a Vdb543<f32>,
+    tree: Option<&'a Vdb543<f32>>,
     packed: &'a PackedGrid,
 }
 
 impl<'a> GridQuery<'a> {
     /// Queries of a tree. `packed` must have been made from `tree`.
     pub fn new(tree: &'a Vdb543<f32>, packed: &'a PackedGrid) -> Self {
-        Self { tree, packed }
+        Self { tree: Some(tree), packed }
+    }
+
+    /// Queries of a grid whose tree is not at hand, as that of a [cooked file](crate::cooked). Rays
+    /// and points in fog have the values that the GPU has. A smooth surface has values in the cells
+    /// that it passes through, a surface of voxels has none.
+    pub fn of_packed(packed: &'a PackedGrid) -> Self {
+        Self { tree: None, packed }
     }
 
     /// The first hit on a ray, according to the grid's kind: a solid voxel, a root of the trilinear
@@ -66,7 +73,7 @@ impl<'a> GridQuery<'a> {
     }
 
     fn samples(&self) -> Samples<'a> {
-        Samples::new(self.tree, self.packed.kind)
+        Samples::new(self.tree, self.packed)
     }
 
     fn first_voxel(&self, local: &LocalRay) -> Option<IndexHit> {
@@ -86,25 +93,41 @@ impl<'a> GridQuery<'a> {
     }
 
     /// The value of the sample nearest to a point, as displayed: densities are not negative, and
-    /// NaNs are replaced.
-    pub fn nearest(&self, point: DVec3) -> f32 {
+    /// NaNs are replaced. `None` where a surface without a tree has no value.
+    pub fn nearest(&self, point: DVec3) -> Option<f32> {
         self.samples().value(nearest_voxel(point).map(i64::from))
     }
 
     /// The trilinear interpolant at a point, as displayed: densities are not negative, and NaNs are
-    /// replaced.
-    pub fn trilinear(&self, point: DVec3) -> f32 {
+    /// replaced. `None` where a surface without a tree has no value.
+    pub fn trilinear(&self, point: DVec3) -> Option<f32> {
         let cell = point.floor();
-        self.samples().corners(cell.to_array().map(|c| c as i64)).at(point - cell) as f32
+        let corners = self.samples().corners(cell.to_array().map(|c| c as i64))?;
+        Some(corners.at(point - cell) as f32)
     }
 
     /// Whether a point is inside: in a solid voxel, where the interpolant is below the iso-value of
     /// a smooth surface, or where the density is positive.
     pub fn contains(&self, point: DVec3) -> bool {
-        match self.packed.kind {
-            PackKind::Surface { iso } => self.nearest(point) < iso,
-            PackKind::Smooth { iso } => self.trilinear(point) < iso,
-            PackKind::Fog => self.trilinear(point) > 0.0,
+        match (self.packed.kind, self.tree) {
+            (PackKind::Surface { iso }, Some(_)) => {
+                self.nearest(point).is_some_and(|value| value < iso)
+            }
+            (PackKind::Surface { .. }, None) => {
+                let ray = IndexRay { origin: point, dir: DVec3::X, t_max: 0.0 };
+                self.first_hit(&ray, 0.0).is_some_and(|hit| hit.begins_inside)
+            }
+            (PackKind::Smooth { iso }, _) => match self.trilinear(point) {
+                Some(value) => value < iso,
+                None => self.leaves_surface(point),
+            },
+            (PackKind::Fog, _) => self.trilinear(point).is_some_and(|density| density > 0.0),
         }
+    }
+
+    /// Whether a ray from a point leaves the surface where it first meets it.
+    fn leaves_surface(&self, point: DVec3) -> bool {
+        let ray = IndexRay { origin: point, dir: DVec3::X, t_max: f64::INFINITY };
+        self.first_hit(&ray, 0.0).is_some_and(|hit| hit.normal.dot(ray.dir) > 0.0)
     }
 }

@@ -1,23 +1,97 @@
-//! Samples of a tree, sanitised as for packing.
+//! Samples of a grid, sanitised as for packing.
 
 use glam::{DVec3, IVec3};
 
-use crate::pack::{PackKind, density, distance};
+use crate::pack::{PackKind, PackedGrid, density, distance, traverse};
 use crate::tree::{Accessor, Found, InternalNode, LeafNode, Node, Vdb543};
 
 type Leaf = LeafNode<f32, 3>;
 type Upper = InternalNode<InternalNode<Leaf, 4>, 5>;
 
-/// Reads samples, caching the last leaf.
+/// Reads samples from a tree, or from packed words if there is none.
 #[derive(Debug)]
-pub(super) struct Samples<'a> {
+pub(super) enum Samples<'a> {
+    Tree(TreeSamples<'a>),
+    Packed(&'a PackedGrid),
+}
+
+impl<'a> Samples<'a> {
+    pub fn new(tree: Option<&'a Vdb543<f32>>, packed: &'a PackedGrid) -> Self {
+        match tree {
+            Some(tree) => Self::Tree(TreeSamples::new(tree, packed.kind)),
+            None => Self::Packed(packed),
+        }
+    }
+
+    /// One sample; the background outside the 32-bit index space. `None` if it is not known.
+    pub fn value(&mut self, ijk: [i64; 3]) -> Option<f32> {
+        match self {
+            Self::Tree(samples) => Some(samples.value(ijk)),
+            Self::Packed(grid) => (0..8).find_map(|corner: usize| {
+                let offset = CORNERS[corner].map(|c| c as i64);
+                let cell = std::array::from_fn(|axis| ijk[axis].saturating_sub(offset[axis]));
+                packed_corners(grid, cell).map(|Corners(values)| values[corner] as f32)
+            }),
+        }
+    }
+
+    /// The samples `ijk + {0, 1}³`; `None` if they are not known. Those of cells that can stop or
+    /// dim a ray always are.
+    pub fn corners(&mut self, ijk: [i64; 3]) -> Option<Corners> {
+        match self {
+            Self::Tree(samples) => Some(samples.corners(ijk)),
+            Self::Packed(grid) => packed_corners(grid, ijk),
+        }
+    }
+}
+
+/// The samples `ijk + {0, 1}³` of a packed grid. Fog has them everywhere, a smooth surface in the
+/// cells that it passes through, a surface of voxels nowhere.
+fn packed_corners(grid: &PackedGrid, ijk: [i64; 3]) -> Option<Corners> {
+    let iso = match grid.kind {
+        PackKind::Fog => 0.0,
+        PackKind::Smooth { iso } => f64::from(iso),
+        PackKind::Surface { .. } => return None,
+    };
+    let unoccupied = || (grid.kind == PackKind::Fog).then_some(Corners([0.0; 8]));
+    let occupied = |local: &IVec3| {
+        let within = |cells: crate::tree::CoordBox| {
+            local.cmpge(cells.min).all() && local.cmple(cells.max).all()
+        };
+        grid.occupied.is_some_and(within)
+    };
+    let Some(local) = local_cell(grid, ijk).filter(occupied) else { return unoccupied() };
+    let span = traverse::locate(grid, local, 0);
+    if !span.occupied() {
+        return unoccupied();
+    }
+    // The inside of a solid tile has no values.
+    if span.constant() && grid.kind != PackKind::Fog {
+        return None;
+    }
+    Some(Corners(traverse::corners(grid, span, local).map(|value| f64::from(value) + iso)))
+}
+
+/// A cell relative to the grid's base.
+fn local_cell(grid: &PackedGrid, ijk: [i64; 3]) -> Option<IVec3> {
+    let base = grid.base.to_array().map(i64::from);
+    let local: [i64; 3] = std::array::from_fn(|axis| ijk[axis].saturating_sub(base[axis]));
+    match local.map(i32::try_from) {
+        [Ok(x), Ok(y), Ok(z)] => Some(IVec3::new(x, y, z)),
+        _ => None,
+    }
+}
+
+/// Reads samples of a tree, caching the last leaf.
+#[derive(Debug)]
+pub(super) struct TreeSamples<'a> {
     accessor: Accessor<'a, Upper>,
     background: f32,
     kind: PackKind,
 }
 
-impl<'a> Samples<'a> {
-    pub fn new(tree: &'a Vdb543<f32>, kind: PackKind) -> Self {
+impl<'a> TreeSamples<'a> {
+    fn new(tree: &'a Vdb543<f32>, kind: PackKind) -> Self {
         Self { accessor: tree.accessor(), background: tree.background(), kind }
     }
 
@@ -28,8 +102,7 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// One sample; the background outside the 32-bit index space.
-    pub fn value(&mut self, ijk: [i64; 3]) -> f32 {
+    fn value(&mut self, ijk: [i64; 3]) -> f32 {
         let value = match ijk.map(i32::try_from) {
             [Ok(x), Ok(y), Ok(z)] => self.accessor.get(IVec3::new(x, y, z)),
             _ => self.background,
@@ -37,8 +110,7 @@ impl<'a> Samples<'a> {
         self.sound(value)
     }
 
-    /// The samples `ijk + {0, 1}³`.
-    pub fn corners(&mut self, ijk: [i64; 3]) -> Corners {
+    fn corners(&mut self, ijk: [i64; 3]) -> Corners {
         let inner = ijk.iter().all(|c| c & 7 != 7);
         if inner && let [Ok(x), Ok(y), Ok(z)] = ijk.map(i32::try_from) {
             // The common case: all samples are in one leaf or one tile.

@@ -22,7 +22,7 @@ pub(super) fn first_root(
     let mut before: Option<(f64, bool)> = None;
     for passage in local.spans(grid) {
         let cell = passage.cell.wrapping_add(grid.base);
-        let corners = samples.corners(cell.to_array().map(i64::from));
+        let corners = samples.corners(cell.to_array().map(i64::from))?;
         let [low, high] = passage.t;
         let f = passage.thirds().map(|t| corners.at(passage.at(t)) - iso);
         let negative = f[0] < 0.0;
