@@ -88,7 +88,7 @@ fn tell(mouse: Res<ButtonInput<MouseButton>>, pointed: Res<Pointed>, names: Quer
     {
         let name = names.get(hit.entity).map_or("a volume", Name::as_str);
         println!(
-            "{name}: voxel {}, value {}, at {:.3}, {:.3} from the near plane",
+            "{name}: voxel {}, value {:?}, at {:.3}, {:.3} from the near plane",
             hit.voxel, hit.value, hit.position, hit.distance
         );
     }

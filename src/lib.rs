@@ -58,10 +58,10 @@ mod render;
 mod scene;
 
 pub use asset::{
-    VdbAssetServerExt, VdbFile, VdbFileProgress, VdbFrame, VdbGrid, VdbGridError, VdbGridLoader,
-    VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings, VdbRenderAs, VdbRepeat,
-    VdbSequence, VdbSequenceError, VdbSequenceLoader, VdbValues, VdbVectorGrid,
-    VdbVectorGridLoader,
+    VdbAssetServerExt, VdbCookSettings, VdbCooker, VdbFile, VdbFileProgress, VdbFrame, VdbGrid,
+    VdbGridError, VdbGridLoader, VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings,
+    VdbRenderAs, VdbRepeat, VdbSequence, VdbSequenceError, VdbSequenceLoader, VdbValues,
+    VdbVectorGrid, VdbVectorGridLoader,
 };
 #[cfg(feature = "record")]
 pub use bevy_vdb_record::{

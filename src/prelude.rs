@@ -1,8 +1,8 @@
 //! The items that most games need: `use bevy_vdb::prelude::*;`
 
 pub use crate::{
-    VdbAssetServerExt, VdbCamera, VdbColorGrid, VdbDiagnostics, VdbDial, VdbEmission, VdbFile,
-    VdbFrame, VdbFrameCache, VdbFrameFailed, VdbGrid, VdbLateFrames, VdbLoadProgress,
+    VdbAssetServerExt, VdbCamera, VdbColorGrid, VdbCooker, VdbDiagnostics, VdbDial, VdbEmission,
+    VdbFile, VdbFrame, VdbFrameCache, VdbFrameFailed, VdbGrid, VdbLateFrames, VdbLoadProgress,
     VdbLoaderSettings, VdbMaterial, VdbOverlays, VdbPlayer, VdbPlayerFinished, VdbPlayerStatus,
     VdbPlugins, VdbQuality, VdbRayCastSettings, VdbRayHit, VdbRenderAs, VdbRenderMode,
     VdbRenderPlugin, VdbRepeat, VdbSequence, VdbSpatialQuery, VdbSun, VdbTraversal, VdbValues,

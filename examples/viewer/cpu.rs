@@ -35,16 +35,19 @@ pub fn draw(app: &mut App, args: &Args) -> Result<Vec<[u8; 3]>, String> {
     let mut volumes = app.world_mut().query::<(&VdbVolume, &VdbMaterial, &Visibility)>();
     let world = app.world();
     let grids = world.resource::<Assets<VdbGrid>>();
+    let drawn = |(volume, material): (&VdbVolume, &VdbMaterial)| {
+        let grid = grids.get(&volume.0)?;
+        let Some(tree) = grid.tree() else {
+            return Some(Err("cooked files cannot be drawn on the CPU; open the .vdb file"));
+        };
+        let (world_from_index, kind) = (grid.world_from_index(), kind(grid, material));
+        Some(Ok(Volume { tree: &**tree, world_from_index, kind }))
+    };
     let volumes = volumes
         .iter(world)
         .filter(|(.., visibility)| **visibility != Visibility::Hidden)
-        .filter_map(|(volume, material, _)| Some((grids.get(&volume.0)?, material)))
-        .map(|(grid, material)| Volume {
-            tree: &**grid.tree(),
-            world_from_index: grid.world_from_index(),
-            kind: kind(grid, material),
-        })
-        .collect();
+        .filter_map(|(volume, material, _)| drawn((volume, material)))
+        .collect::<Result<_, _>>()?;
     let exposure = bevy::camera::Exposure::default().exposure();
     let scene = Scene {
         volumes,

@@ -151,5 +151,10 @@ pub fn describe(label: &str, grid: &VdbGrid) -> String {
         PackKind::Surface { .. } | PackKind::Smooth { .. } => "surface",
         PackKind::Fog => "fog",
     };
-    format!("{label}: {kind}, {} active voxels, {bounds}", grid.tree().active_voxel_count())
+    match grid.tree() {
+        Some(tree) => {
+            format!("{label}: {kind}, {} active voxels, {bounds}", tree.active_voxel_count())
+        }
+        None => format!("{label}: {kind}, cooked, {bounds}"),
+    }
 }

@@ -1,10 +1,10 @@
 //! Cooked files: what is written comes back, and nothing that is read leads out of the words.
 
 use arbitrary::{Result, Unstructured};
-use vdb_core::VdbFile;
 use vdb_core::cooked::{CookOptions, CookedFile};
 use vdb_core::pack::{PackKind, ValueFormat};
 use vdb_core::synth::Random;
+use vdb_core::{ReadOptions, VdbFile};
 
 use super::{TREE_BYTES, damage, generate, limits, rays, seed, tree_bytes};
 
@@ -23,6 +23,10 @@ pub fn cooked(bytes: &[u8]) {
     {
         generated(&file, &options, &mut choices, seed(bytes));
     }
+}
+
+fn read_options() -> ReadOptions {
+    ReadOptions { limits: limits(), ..ReadOptions::default() }
 }
 
 fn options(choices: &mut Unstructured) -> Result<CookOptions> {
@@ -45,7 +49,7 @@ fn options(choices: &mut Unstructured) -> Result<CookOptions> {
 fn generated(file: &VdbFile, options: &CookOptions, choices: &mut Unstructured, seed: u64) {
     let Ok(cooked) = CookedFile::cook(file, options) else { return };
     let Ok(mut written) = cooked.write() else { return };
-    let again = CookedFile::read(&written, &limits());
+    let again = CookedFile::read(&written, &read_options());
     let again = again.unwrap_or_else(|error| panic!("what was written is refused: {error}"));
     for (again, cooked) in again.grids.iter().zip(&cooked.grids) {
         assert_eq!(again.packed.header(0), cooked.packed.header(0));
@@ -60,7 +64,7 @@ fn generated(file: &VdbFile, options: &CookOptions, choices: &mut Unstructured, 
 fn read(mut bytes: Vec<u8>, seed: u64) {
     let Some((head, rest)) = bytes.split_first_chunk_mut::<16>() else { return };
     head[12..].copy_from_slice(&vdb_core::cooked::checksum(rest).to_le_bytes());
-    let Ok(file) = CookedFile::read(&bytes, &limits()) else { return };
+    let Ok(file) = CookedFile::read(&bytes, &read_options()) else { return };
     let mut random = Random::new(seed);
     for grid in &file.grids {
         let extent =

@@ -6,7 +6,7 @@ use vdb_core::display::escaped;
 use vdb_core::pack::{PackError, PackedGrid};
 use vdb_core::{AnyTree, GridClass, Metadata, Transform};
 
-/// Why a tree cannot become a [`VdbGrid`](crate::VdbGrid).
+/// Why a grid cannot be made, changed or saved.
 #[derive(Clone, Debug, Error)]
 #[non_exhaustive]
 pub enum VdbGridError {
@@ -22,6 +22,15 @@ pub enum VdbGridError {
     /// The grid does not fit the GPU's layout, or exceeds a limit.
     #[error(transparent)]
     Pack(#[from] PackError),
+    /// The grid with this name is cooked: it has no tree.
+    #[error(
+        "grid '{0}' is cooked, so its voxels cannot be changed or saved; load the `.vdb` file that \
+         it was made of"
+    )]
+    Cooked(String),
+    /// The grid could not be saved.
+    #[error(transparent)]
+    Save(#[from] vdb_core::Error),
 }
 
 /// Converts to a `vdb_core` grid.
@@ -38,6 +47,16 @@ pub(crate) fn core_grid(
     // `check_transform` has made sure that the transform is valid.
     grid.transform = Transform::affine(world_from_index).unwrap_or_default();
     grid
+}
+
+/// The transform from index space to the world, if it is linear.
+pub(crate) fn linear(transform: &Transform) -> Result<DAffine3, VdbGridError> {
+    transform.linear().ok_or_else(|| {
+        VdbGridError::Transform(format!(
+            "a transform of type {} cannot be shown; export the grid with a linear transform",
+            transform.map_type()
+        ))
+    })
 }
 
 /// Checks that a transform can place a grid.

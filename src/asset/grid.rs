@@ -25,7 +25,8 @@ pub struct VdbGrid {
     class: GridClass,
     world_from_index: DAffine3,
     metadata: Metadata,
-    tree: Arc<Vdb543<f32>>,
+    /// `None` for a cooked grid.
+    tree: Option<Arc<Vdb543<f32>>>,
     packed: Arc<PackedGrid>,
     /// The levels of detail that have been generated: half resolution, a quarter …
     levels: Option<Arc<[Arc<PackedGrid>]>>,
@@ -55,14 +56,15 @@ impl VdbGrid {
         check_transform(world_from_index)?;
         let packed = Arc::new(PackedGrid::new(&tree, kind)?);
         let (name, metadata) = (name.into(), Metadata::default());
-        let (tree, values, limits) = (Arc::new(tree), VdbValues::Exact, Limits::default());
+        let (tree, values, limits) = (Some(Arc::new(tree)), VdbValues::Exact, Limits::default());
         Self::from_parts(name, class, world_from_index, metadata, tree, packed, values, limits)
     }
 
     /// Changes the sample format on the GPU.
     ///
     /// # Errors
-    /// If the tree is larger than a GPU grid can be, or takes more memory than its limits allow.
+    /// If the tree is larger than a GPU grid can be, or takes more memory than its limits allow; or
+    /// if the grid is [cooked](VdbGrid::tree).
     pub fn with_values(mut self, values: VdbValues) -> Result<Self, VdbGridError> {
         self.values = values;
         self.pack(self.packed.kind)?;
@@ -72,7 +74,8 @@ impl VdbGrid {
     /// Changes how the grid is displayed, as fog or as a surface.
     ///
     /// # Errors
-    /// If the tree is larger than a GPU grid can be, or takes more memory than its limits allow.
+    /// If the tree is larger than a GPU grid can be, or takes more memory than its limits allow; or
+    /// if the grid is [cooked](VdbGrid::tree).
     pub fn with_kind(mut self, kind: PackKind) -> Result<Self, VdbGridError> {
         self.values = VdbValues::Exact;
         self.pack(kind)?;
@@ -93,9 +96,15 @@ impl VdbGrid {
     fn pack(&mut self, kind: PackKind) -> Result<(), VdbGridError> {
         let (format, limits) = (self.values.into(), self.limits.clone());
         let options = PackOptions { format, limits, ..default() };
-        self.packed = Arc::new(PackedGrid::with_options(&self.tree, kind, &options)?);
+        let tree = self.tree.as_ref().ok_or_else(|| self.is_cooked())?;
+        self.packed = Arc::new(PackedGrid::with_options(tree, kind, &options)?);
         (self.levels, self.edits) = (None, None);
         Ok(())
+    }
+
+    /// The error of what needs a tree.
+    fn is_cooked(&self) -> VdbGridError {
+        VdbGridError::Cooked(self.shown_name.to_string())
     }
 
     /// A grid from its parts; `packed` is the tree with samples in the format of `values`, within `limits`.
@@ -104,7 +113,7 @@ impl VdbGrid {
         class: GridClass,
         world_from_index: DAffine3,
         metadata: Metadata,
-        tree: Arc<Vdb543<f32>>,
+        tree: Option<Arc<Vdb543<f32>>>,
         packed: Arc<PackedGrid>,
         values: VdbValues,
         limits: Limits,
@@ -170,14 +179,16 @@ impl VdbGrid {
     /// # Errors
     /// If the tree has become larger than a GPU grid can be, or takes more memory than its limits allow.
     /// The tree then contains the edit, and nothing of the grid is displayed until another edit succeeds.
+    /// A [cooked](VdbGrid::tree) grid cannot be edited.
     pub fn edit<R>(&mut self, f: impl FnOnce(&mut VdbEdit) -> R) -> Result<R, VdbGridError> {
+        let Some(tree) = &mut self.tree else { return Err(self.is_cooked()) };
         self.levels = None;
         let edits = self.edits.get_or_insert_with(|| {
             let mut edits = Box::<Edits>::default();
             edits.set_limits(self.limits.clone());
             edits
         });
-        Ok(edits.edit(&mut self.tree, &mut self.packed, f)?)
+        Ok(edits.edit(tree, &mut self.packed, f)?)
     }
 
     /// Packs the grid as if it had been loaded in its current state: without room to grow, in the
@@ -195,15 +206,19 @@ impl VdbGrid {
     ///
     /// ```no_run
     /// # use bevy_vdb::{VdbGrid, vdb_core};
-    /// # fn both(density: &VdbGrid, flame: &VdbGrid) -> Result<(), vdb_core::Error> {
+    /// # fn both(density: &VdbGrid, flame: &VdbGrid) -> Result<(), Box<dyn std::error::Error>> {
     /// // Several grids in one file.
-    /// let file = vdb_core::VdbFile::new(vec![density.to_grid(), flame.to_grid()]);
-    /// file.save("fire.vdb", &vdb_core::WriteOptions::default())
+    /// let file = vdb_core::VdbFile::new(vec![density.to_grid()?, flame.to_grid()?]);
+    /// file.save("fire.vdb", &vdb_core::WriteOptions::default())?;
+    /// # Ok(())
     /// # }
     /// ```
-    pub fn to_grid(&self) -> vdb_core::Grid {
-        let tree = AnyTree::Float(self.tree.clone());
-        core_grid(&self.name, self.class, self.world_from_index, &self.metadata, tree)
+    ///
+    /// # Errors
+    /// If the grid is [cooked](VdbGrid::tree).
+    pub fn to_grid(&self) -> Result<vdb_core::Grid, VdbGridError> {
+        let tree = AnyTree::Float(self.tree.clone().ok_or_else(|| self.is_cooked())?);
+        Ok(core_grid(&self.name, self.class, self.world_from_index, &self.metadata, tree))
     }
 
     /// Writes the grid with all its edits to a `.vdb` file that OpenVDB programs can read. A crash
@@ -213,9 +228,11 @@ impl VdbGrid {
     /// their voxels) and save it in a task.
     ///
     /// # Errors
-    /// The operating system's error, with the path; or a name or value too long for the format.
-    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), vdb_core::Error> {
-        vdb_core::VdbFile::new(vec![self.to_grid()]).save(path, &WriteOptions::default())
+    /// The operating system's error, with the path; a name or value too long for the format; or the
+    /// grid is [cooked](VdbGrid::tree).
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), VdbGridError> {
+        let file = vdb_core::VdbFile::new(vec![self.to_grid()?]);
+        Ok(file.save(path, &WriteOptions::default())?)
     }
 
     /// The limits on the memory of edits and of levels of detail.
@@ -269,9 +286,11 @@ impl VdbGrid {
         &self.metadata
     }
 
-    /// The tree of values.
-    pub fn tree(&self) -> &Arc<Vdb543<f32>> {
-        &self.tree
+    /// The tree of values. `None` if the grid is *cooked*: loaded from a `.vdbc` file, or cooked by
+    /// [`VdbCooker`](crate::VdbCooker). A cooked grid is only what the GPU needs. It is displayed and
+    /// queried like others, but it cannot be edited or saved, and has no levels of detail.
+    pub fn tree(&self) -> Option<&Arc<Vdb543<f32>>> {
+        self.tree.as_ref()
     }
 
     /// The grid in the GPU layout.

@@ -5,19 +5,21 @@ use std::sync::Arc;
 use bevy::asset::io::Reader;
 use bevy::asset::{AssetLoader, LoadContext};
 use bevy::prelude::*;
+use vdb_core::cooked::CookedFile;
 use vdb_core::display::escaped;
 use vdb_core::pack::PackKind;
 use vdb_core::{AnyTree, Grid};
 
+use crate::asset::cooked;
 use crate::asset::labels::labels;
-use crate::asset::loader::{Prepared, Shared, kind, load_with, prepare, read};
+use crate::asset::loader::{EXTENSIONS, Prepared, Shared, kind, load_with, prepare, read};
 use crate::asset::parts::{Candidate, main_grid, main_vectors};
 use crate::asset::progress::Job;
 use crate::{
     VdbGrid, VdbGridError, VdbLoadProgress, VdbLoaderError, VdbLoaderSettings, VdbVectorGrid,
 };
 
-/// Loads the main grid of a `.vdb` file: `"teapot.vdb"` as a [`VdbGrid`] is its only surface, or
+/// Loads the main grid of a `.vdb` or `.vdbc` file: `"teapot.vdb"` as a [`VdbGrid`] is its only surface, or
 /// the density of smoke, identified by name as in [`VdbFile::roles`](crate::VdbFile::roles). If
 /// several grids qualify, the error lists the labels. Other grids are neither packed nor kept.
 /// Registered by [`VdbRenderPlugin`](crate::VdbRenderPlugin). In `.meta` files it is
@@ -63,7 +65,7 @@ impl AssetLoader for VdbGridLoader {
     }
 
     fn extensions(&self) -> &[&str] {
-        &["vdb"]
+        EXTENSIONS
     }
 }
 
@@ -82,15 +84,20 @@ impl AssetLoader for VdbVectorGridLoader {
     }
 
     fn extensions(&self) -> &[&str] {
-        &["vdb"]
+        EXTENSIONS
     }
 }
+
+const VECTORS: &str = "vectors";
 
 fn decode_grid(
     bytes: Vec<u8>,
     settings: &VdbLoaderSettings,
     job: &Arc<Job>,
 ) -> Result<VdbGrid, VdbLoaderError> {
+    if CookedFile::is_cooked(&bytes) {
+        return cooked::decode_main(bytes, settings, job);
+    }
     let is_float = |grid: &Grid| matches!(grid.tree, AnyTree::Float(_));
     let pick = |grids: &[Grid]| {
         let candidates: Vec<_> = grids.iter().map(|grid| candidate(grid, settings)).collect();
@@ -107,12 +114,16 @@ fn decode_vectors(
     settings: &VdbLoaderSettings,
     job: &Arc<Job>,
 ) -> Result<VdbVectorGrid, VdbLoaderError> {
+    if CookedFile::is_cooked(&bytes) {
+        let there = cooked::labels_of(bytes, settings, job)?.join(", ");
+        return Err(VdbLoaderError::NoSuchGrid(VECTORS, there));
+    }
     let is_vectors = |grid: &Grid| matches!(grid.tree, AnyTree::Vec3s(_));
     let pick = |grids: &[Grid]| {
         let names: Vec<_> = grids.iter().map(|grid| grid.name.as_str()).collect();
         main_vectors(&names)
     };
-    match decode_one(bytes, settings, job, "vectors", is_vectors, pick)? {
+    match decode_one(bytes, settings, job, VECTORS, is_vectors, pick)? {
         Prepared::Vectors(grid) => Ok(grid),
         Prepared::Floats(_) => Err(VdbLoaderError::NothingToShow(Vec::new())),
     }

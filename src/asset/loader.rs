@@ -1,5 +1,5 @@
-//! The loader of whole files: from `.vdb` bytes to a [`VdbFile`] with its [`VdbGrid`]s, off the
-//! main thread.
+//! The loader of whole files: from the bytes of a `.vdb` file, or of a cooked one, to a [`VdbFile`]
+//! with its [`VdbGrid`]s, off the main thread.
 
 use std::io::SeekFrom;
 use std::sync::Arc;
@@ -9,13 +9,18 @@ use bevy::asset::{AssetLoader, AsyncReadExt, AsyncSeekExt, LoadContext};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use thiserror::Error;
+use vdb_core::cooked::CookedFile;
 use vdb_core::display::escaped;
 use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, PackedTogether};
 use vdb_core::tree::{Vdb543, trim_narrow_band};
-use vdb_core::{AnyTree, FileBuffer, Grid, GridClass, GridSelection, Limits, ReadOptions};
+use vdb_core::{
+    AnyTree, FileBuffer, Grid, GridClass, GridSelection, Limits, Metadata, ReadOptions,
+    SkippedGrid, Transform,
+};
 
 use super::background;
-use super::common::VdbGridError;
+use super::common::{VdbGridError, linear};
+use super::cooked;
 use super::file::VdbFile;
 use super::grid::VdbGrid;
 use super::labels::labels;
@@ -24,8 +29,9 @@ use super::progress::{Job, Running, VdbLoadProgress};
 use super::settings::{VdbLoaderSettings, VdbRenderAs};
 use super::vector_grid::VdbVectorGrid;
 
-/// Loads `.vdb` files as [`VdbFile`]s, with a labelled asset for each grid. Registered by
-/// [`VdbRenderPlugin`](crate::VdbRenderPlugin). In `.meta` files it is `"bevy_vdb::VdbLoader"`.
+/// Loads `.vdb` files, and cooked ones (`.vdbc`), as [`VdbFile`]s, with a labelled asset for each
+/// grid. Registered by [`VdbRenderPlugin`](crate::VdbRenderPlugin). In `.meta` files it is
+/// `"bevy_vdb::VdbLoader"`.
 #[derive(Clone, Default, TypePath)]
 #[type_path = "bevy_vdb"]
 pub struct VdbLoader {
@@ -33,7 +39,7 @@ pub struct VdbLoader {
     loaded: LoadedFiles,
 }
 
-/// Why a `.vdb` file could not be loaded. Bevy logs it with the path of the file.
+/// Why a `.vdb` or `.vdbc` file could not be loaded. Bevy logs it with the path of the file.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum VdbLoaderError {
@@ -43,6 +49,12 @@ pub enum VdbLoaderError {
     /// The file is invalid.
     #[error(transparent)]
     File(#[from] vdb_core::Error),
+    /// The file is cooked, and invalid, or has been cooked by another version.
+    #[error(transparent)]
+    Cooked(#[from] vdb_core::cooked::CookedError),
+    /// The file cannot be cooked.
+    #[error(transparent)]
+    Cook(#[from] vdb_core::cooked::CookError),
     /// The file has grids, but none that can be displayed.
     #[error("no grid of the file can be shown: {}", few(.0).join("; "))]
     NothingToShow(Vec<String>),
@@ -97,8 +109,8 @@ impl AssetLoader for VdbLoader {
             grids: Vec::new(),
             named_grids: HashMap::default(),
             vector_grids: HashMap::default(),
-            metadata: decoded.file.metadata,
-            skipped: decoded.file.skipped,
+            metadata: decoded.metadata,
+            skipped: decoded.skipped,
         };
         for (label, grid) in decoded.grids {
             let handle = load_context.add_labeled_asset(label.clone(), grid);
@@ -113,7 +125,7 @@ impl AssetLoader for VdbLoader {
     }
 
     fn extensions(&self) -> &[&str] {
-        &["vdb"]
+        EXTENSIONS
     }
 }
 
@@ -136,7 +148,7 @@ pub(crate) async fn load_with<T: Send + Sync + 'static>(
 }
 
 impl VdbLoaderSettings {
-    fn check(&self) -> Result<(), VdbLoaderError> {
+    pub(super) fn check(&self) -> Result<(), VdbLoaderError> {
         match (self.half_width, self.render_as) {
             (Some(width), _) if width.is_nan() || width < 2.0 => Err(VdbLoaderError::Settings(
                 format!("half_width is {width}; it must be 2 or more voxels"),
@@ -151,7 +163,7 @@ impl VdbLoaderSettings {
 
 /// The bytes of a file: only those that contain its grids, and only the first ones of a file that
 /// is no VDB file.
-async fn take_in(
+pub(super) async fn take_in(
     reader: &mut dyn Reader,
     length: Option<u64>,
     limits: &Limits,
@@ -173,6 +185,9 @@ async fn length(reader: &mut dyn Reader) -> Result<Option<u64>, std::io::Error> 
     Ok(Some(end).filter(|end| *end > 0))
 }
 
+/// The extensions of files that are loaded: those of OpenVDB, and cooked ones.
+pub(super) const EXTENSIONS: &[&str] = &["vdb", vdb_core::cooked::EXTENSION];
+
 /// The number of skipped grids reported individually; a file can have thousands.
 const MOST_PROBLEMS: usize = 8;
 
@@ -183,12 +198,14 @@ fn few(problems: &[String]) -> Vec<String> {
     first.iter().cloned().chain(rest).collect()
 }
 
-struct Decoded {
-    file: vdb_core::VdbFile,
-    grids: Vec<(String, VdbGrid)>,
-    vector_grids: Vec<(String, VdbVectorGrid)>,
+/// The contents of a file, by label.
+pub(super) struct Decoded {
+    pub metadata: Metadata,
+    pub skipped: Vec<SkippedGrid>,
+    pub grids: Vec<(String, VdbGrid)>,
+    pub vector_grids: Vec<(String, VdbVectorGrid)>,
     /// Skipped grids, with the reason.
-    problems: Vec<String>,
+    pub problems: Vec<String>,
 }
 
 /// The grids selected by the settings, and reports about those that cannot be read.
@@ -217,6 +234,9 @@ fn decode(
     settings: &VdbLoaderSettings,
     job: &Arc<Job>,
 ) -> Result<Decoded, VdbLoaderError> {
+    if CookedFile::is_cooked(&bytes) {
+        return cooked::decode(bytes, settings, job);
+    }
     let (mut file, mut problems) = read(bytes, settings, job)?;
     let (mut grids, mut vector_grids) = (Vec::new(), Vec::new());
     let mut shared = Shared::new(settings, job);
@@ -233,7 +253,8 @@ fn decode(
     if grids.is_empty() && vector_grids.is_empty() && !problems.is_empty() {
         return Err(VdbLoaderError::NothingToShow(problems));
     }
-    Ok(Decoded { file, grids, vector_grids, problems })
+    let (metadata, skipped) = (file.metadata, file.skipped);
+    Ok(Decoded { metadata, skipped, grids, vector_grids, problems })
 }
 
 /// Packed trees: instances share one tree, which is packed once.
@@ -315,17 +336,27 @@ pub(crate) fn kind(tree: &Vdb543<f32>, class: GridClass, settings: &VdbLoaderSet
     }
 }
 
+/// The half-width to which the band of a level set is narrowed, in the units of its values.
+pub(super) fn half_width(
+    transform: &Transform,
+    kind: PackKind,
+    settings: &VdbLoaderSettings,
+) -> Option<f32> {
+    match kind {
+        PackKind::Surface { iso: 0.0 } | PackKind::Smooth { iso: 0.0 } => {
+            let voxel = transform.voxel_size().min_element() as f32;
+            settings.half_width.map(|half_width| half_width * voxel)
+        }
+        _ => None,
+    }
+}
+
 pub(crate) fn prepare(
     grid: Grid,
     settings: &VdbLoaderSettings,
     shared: &mut Shared,
 ) -> Result<Prepared, VdbGridError> {
-    let world_from_index = grid.transform.linear().ok_or_else(|| {
-        VdbGridError::Transform(format!(
-            "a transform of type {} cannot be shown; export the grid with a linear transform",
-            grid.transform.map_type()
-        ))
-    })?;
+    let world_from_index = linear(&grid.transform)?;
     let (name, values) = (grid.name.into(), settings.values);
     let tree = match grid.tree {
         AnyTree::Float(tree) => tree,
@@ -338,15 +369,9 @@ pub(crate) fn prepare(
         _ => return Err(VdbGridError::Type(grid.type_name)),
     };
     let kind = kind(&tree, grid.class, settings);
-    let half_width = match kind {
-        PackKind::Surface { iso: 0.0 } | PackKind::Smooth { iso: 0.0 } => {
-            let voxel = grid.transform.voxel_size().min_element() as f32;
-            settings.half_width.map(|half_width| half_width * voxel)
-        }
-        _ => None,
-    };
+    let half_width = half_width(&grid.transform, kind, settings);
     let (tree, packed) = shared.floats(tree, kind, half_width)?;
     let (class, metadata, limits) = (grid.class, grid.metadata, settings.limits.clone());
-    VdbGrid::from_parts(name, class, world_from_index, metadata, tree, packed, values, limits)
+    VdbGrid::from_parts(name, class, world_from_index, metadata, Some(tree), packed, values, limits)
         .map(Prepared::Floats)
 }

@@ -1,7 +1,9 @@
-//! Files and grids as assets: reading, packing, editing and saving them.
+//! Files and grids as assets: reading, packing, cooking, editing and saving them.
 
 pub(crate) mod background;
 mod common;
+mod cooked;
+mod cooker;
 pub(crate) mod edits;
 mod file;
 mod grid;
@@ -18,6 +20,7 @@ mod vector_grid;
 use bevy::prelude::*;
 
 pub use common::VdbGridError;
+pub use cooker::{VdbCookSettings, VdbCooker};
 pub use file::VdbFile;
 pub use grid::VdbGrid;
 pub use grid_loader::{VdbGridLoader, VdbVectorGridLoader};
@@ -51,6 +54,7 @@ impl Plugin for AssetPlugin {
             .register_asset_loader(VdbVectorGridLoader::new(progress.clone()))
             .register_asset_loader(VdbLoader::new(progress.clone(), loaded.clone()))
             .register_asset_loader(listing.loader())
+            .register_asset_processor(VdbCooker)
             .insert_resource(listing)
             .insert_resource(progress)
             .insert_resource(loaded);

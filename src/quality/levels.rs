@@ -11,7 +11,7 @@ use bevy::prelude::*;
 use bevy::tasks::Task;
 use bevy::tasks::futures::check_ready;
 use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, ValueFormat};
-use vdb_core::tree::{Coarsening, LevelOptions, half_resolution, voxel_in_distances};
+use vdb_core::tree::{Coarsening, LevelOptions, Vdb543, half_resolution, voxel_in_distances};
 use vdb_core::{GridClass, ProgressFn};
 
 use crate::asset::background;
@@ -82,11 +82,12 @@ pub(crate) fn make_levels(
         if grid.is_edited() || grid.levels().is_some() {
             return None;
         }
+        let tree = grid.tree()?;
         let need = cameras.iter().map(|camera| need(camera, grid, at, aabb)).fold(0.0, f32::max);
-        (need >= 1.0).then_some((need, volume.0.id(), grid))
+        (need >= 1.0).then_some((need, volume.0.id(), grid, tree))
     });
-    if let Some((_, id, grid)) = asked.max_by(|a, b| a.0.total_cmp(&b.0)) {
-        pending.0 = Some(begin(id, grid.clone()));
+    if let Some((_, id, grid, tree)) = asked.max_by(|a, b| a.0.total_cmp(&b.0)) {
+        pending.0 = Some(begin(id, grid.clone(), tree.clone()));
     }
 }
 
@@ -116,18 +117,18 @@ fn need(
     quality.detail.min(64.0) * pixel / voxel
 }
 
-fn begin(id: AssetId<VdbGrid>, grid: VdbGrid) -> Pending {
+fn begin(id: AssetId<VdbGrid>, grid: VdbGrid, tree: Arc<Vdb543<f32>>) -> Pending {
     let wanted = Arc::new(AtomicBool::new(true));
     let (of, asked) = (grid.packed().clone(), wanted.clone());
     let goes_on: Arc<ProgressFn> = Arc::new(move |_, _| match asked.load(Ordering::Relaxed) {
         true => ControlFlow::Continue(()),
         false => ControlFlow::Break(()),
     });
-    Pending { id, of, levels: background::improve(move || coarser(&grid, goes_on)), wanted }
+    Pending { id, of, levels: background::improve(move || coarser(&grid, tree, goes_on)), wanted }
 }
 
 /// A grid at half its resolution, a quarter and so on.
-fn coarser(grid: &VdbGrid, goes_on: Arc<ProgressFn>) -> Levels {
+fn coarser(grid: &VdbGrid, mut tree: Arc<Vdb543<f32>>, goes_on: Arc<ProgressFn>) -> Levels {
     let packed = grid.packed();
     let format = match packed.sample_format() {
         Some(1) => ValueFormat::Half,
@@ -137,7 +138,6 @@ fn coarser(grid: &VdbGrid, goes_on: Arc<ProgressFn>) -> Levels {
     let (limits, progress) = (grid.limits().clone(), Some(goes_on.clone()));
     let options = LevelOptions { limits: limits.clone(), progress: progress.clone() };
     let packing = PackOptions { format, limits, progress, ..default() };
-    let mut tree = Arc::clone(grid.tree());
     let mut levels: Vec<Arc<PackedGrid>> = Vec::new();
     let has_none = |error: &dyn std::fmt::Display| {
         // Not if the failure is that the levels are no longer wanted.

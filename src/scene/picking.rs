@@ -18,7 +18,7 @@ use crate::{VdbCamera, VdbRayCastSettings, VdbRayVisibility, VdbSpatialQuery};
 /// commands.spawn(VdbVolume(assets.load("models/teapot.vdb#surface"))).observe(
 ///     |click: On<Pointer<Click>>| {
 ///         if let Some(hit) = click.hit.extra_as::<VdbRayHit>() {
-///             println!("voxel {} is {}", hit.voxel, hit.value);
+///             println!("voxel {} of {}", hit.voxel, hit.entity);
 ///         }
 ///     },
 /// );

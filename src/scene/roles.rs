@@ -9,9 +9,6 @@ use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbVectorGrid};
 /// Temperatures above this are in kelvin; other units stay far below.
 const KELVIN: f32 = 100.0;
 
-/// The largest number of values examined to detect kelvin.
-const LOOKED_AT: usize = 1 << 20;
-
 /// The luminance in cd/m² of guessed emission: of the hottest value, through a tenth of the grid's
 /// box. White at Bevy's default exposure.
 const LUMINANCE: f32 = 1_000.0;
@@ -79,8 +76,7 @@ impl VdbEmission {
     /// and 1,000 K at 1 for others. The strength suits Bevy's default exposure: the hottest value
     /// has 1,000 cd/m² through a tenth of the grid's box.
     pub fn guess(handle: Handle<VdbGrid>, grid: &VdbGrid) -> Self {
-        let values = || grid.tree().active_values().take(LOOKED_AT).map(|at| at.value);
-        let most = values().fold(0.0, f32::max);
+        let most = grid.packed().majorant;
         let by_name = FIRES.iter().find(|(name, _)| is(grid.name(), name));
         let (offset, scale) = match by_name.map_or(HEAT, |(_, kelvin)| *kelvin) {
             _ if most > KELVIN => (0.0, 1.0),

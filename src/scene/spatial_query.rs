@@ -65,8 +65,8 @@ pub struct VdbRayHit {
     /// The voxel in the grid's index space: the one that the ray enters, or the one around the
     /// point on a smooth surface or in fog.
     pub voxel: IVec3,
-    /// The value of that voxel.
-    pub value: f32,
+    /// The value of that voxel. `None` in a surface of voxels that is cooked, which has no values.
+    pub value: Option<f32>,
     /// Whether the ray begins in a solid voxel; `distance` is then 0.
     pub begins_inside: bool,
 }
@@ -162,14 +162,18 @@ impl VdbSpatialQuery<'_, '_> {
             })
     }
 
-    /// The value of the voxel around a point in world space; `None` if the entity shows no grid.
+    /// The value of the voxel around a point in world space. `None` if the entity shows no grid,
+    /// or where its grid is a cooked surface without a value.
     pub fn nearest(&self, entity: Entity, place: Vec3) -> Option<f32> {
-        self.placed(entity).map(|placed| placed.query().nearest(placed.index(place)))
+        let placed = self.placed(entity)?;
+        placed.query().nearest(placed.index(place))
     }
 
-    /// The trilinear interpolant at a point in world space; `None` if the entity shows no grid.
+    /// The trilinear interpolant at a point in world space. `None` if the entity shows no grid, or
+    /// where its grid is a cooked surface without a value.
     pub fn trilinear(&self, entity: Entity, place: Vec3) -> Option<f32> {
-        self.placed(entity).map(|placed| placed.query().trilinear(placed.index(place)))
+        let placed = self.placed(entity)?;
+        placed.query().trilinear(placed.index(place))
     }
 
     /// Whether a point in world space is in a solid voxel, inside a smooth surface, or in fog;
@@ -205,7 +209,10 @@ impl<'a> Placed<'a> {
     }
 
     fn query(&self) -> GridQuery<'a> {
-        GridQuery::new(self.grid.tree(), self.grid.packed())
+        match self.grid.tree() {
+            Some(tree) => GridQuery::new(tree, self.grid.packed()),
+            None => GridQuery::of_packed(self.grid.packed()),
+        }
     }
 
     fn index(&self, place: Vec3) -> DVec3 {
@@ -227,7 +234,10 @@ impl<'a> Placed<'a> {
             normal: normal.try_normalize().unwrap_or(-dir).as_vec3(),
             distance: hit.t as f32,
             voxel: hit.ijk,
-            value: self.grid.tree().get(hit.ijk),
+            value: match self.grid.tree() {
+                Some(tree) => Some(tree.get(hit.ijk)),
+                None => self.query().nearest(hit.ijk.as_dvec3()),
+            },
             begins_inside: hit.begins_inside,
         })
     }

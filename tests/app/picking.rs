@@ -124,7 +124,7 @@ fn a_volume_is_picked_where_it_is_seen() {
     assert_eq!(hit.normal, Some(Vec3::Z));
     let extra: &VdbRayHit = hit.extra_as().unwrap();
     assert_eq!((extra.entity, extra.voxel.z), (ball, 19));
-    assert!((extra.value + 1.0).abs() < 1e-5, "{extra:?}");
+    assert!((extra.value.unwrap() + 1.0).abs() < 1e-5, "{extra:?}");
     // Its edge is seen 36 pixels from the middle.
     assert_eq!(table.picked(MIDDLE + Vec2::X * 34.0), [ball]);
     assert_eq!(table.picked(MIDDLE + Vec2::X * 39.0), []);

@@ -83,7 +83,7 @@ fn hits_come_nearest_first_and_as_asked() {
 
         let hit = volumes.cast_ray_nearest(DOWN_X, &all).unwrap();
         // The highest voxel below zero is 9; its face stands at 9.5 voxels, 4.75 world units.
-        assert_eq!((hit.voxel, hit.value), (IVec3::new(9, 1, 1), -1.0));
+        assert_eq!((hit.voxel, hit.value), (IVec3::new(9, 1, 1), Some(-1.0)));
         assert!((hit.distance - 75.25).abs() < 1e-4, "{hit:?}");
         assert!(hit.position.distance(Vec3::new(24.75, 0.25, 0.25)) < 1e-4, "{hit:?}");
         assert_eq!((hit.normal, hit.begins_inside), (Vec3::X, false));

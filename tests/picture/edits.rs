@@ -85,7 +85,7 @@ impl Scene {
     fn picture_from_scratch(&mut self) -> Picture {
         let grid = self.own();
         let world_from_index = DAffine3::from_scale(DVec3::splat(VOXEL));
-        let (tree, kind) = (grid.tree().as_ref().clone(), grid.kind());
+        let (tree, kind) = (grid.tree().unwrap().as_ref().clone(), grid.kind());
         let fresh = VdbGrid::new("fresh", tree, world_from_index, kind).unwrap();
         let fresh = self.stage.world().resource_mut::<Assets<VdbGrid>>().add(fresh);
         self.show(&fresh);

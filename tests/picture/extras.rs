@@ -425,7 +425,7 @@ fn a_fire_of_a_file_is_shown() {
     ));
     let cold = stage.picture(&target);
     cold.save("blender_smoke");
-    let largest = both[1].tree().values().map(|value| value.value).fold(0.0, f32::max);
+    let largest = both[1].tree().unwrap().values().map(|value| value.value).fold(0.0, f32::max);
     let scale = 1900.0 / largest;
     let emission =
         VdbEmission::Temperature { grid: temperature, scale, offset: 0.0, strength: 1e-5 };

@@ -140,7 +140,7 @@ impl Watched {
             let world = watched.stage.world();
             let grid = world.get::<VdbVolume>(volume).unwrap().0.clone();
             let grid = world.resource::<Assets<VdbGrid>>().get(&grid).unwrap();
-            grid.tree().active_voxel_count() == voxels
+            grid.tree().unwrap().active_voxel_count() == voxels
         });
     }
 

@@ -18,9 +18,10 @@ const LEVELS: [&str; 4] = ["leaves, 8³", "nodes of 128³", "nodes of 4,096³", 
 /// frame.
 const MOST_ENTRIES: usize = 200;
 
-/// The statistics of the last displayed tree, cached because counting visits every node.
+/// The statistics of the last displayed tree and its number of active voxels, cached because counting
+/// visits every node.
 #[derive(Default)]
-pub(super) struct Counted(Weak<Vdb543<f32>>, Option<TreeStats>);
+pub(super) struct Counted(Weak<Vdb543<f32>>, Option<(TreeStats, u64)>);
 
 pub(super) fn show(
     InMut(ui): InMut<egui::Ui>,
@@ -34,28 +35,37 @@ pub(super) fn show(
         ui.weak("there is no grid");
         return;
     };
-    if !std::ptr::eq(counted.0.as_ptr(), Arc::as_ptr(grid.tree())) || counted.1.is_none() {
-        *counted = Counted(Arc::downgrade(grid.tree()), Some(grid.tree().stats()));
+    let Some(tree) = grid.tree() else {
+        *counted = Counted::default();
+        statistics(ui, grid, None);
+        return;
+    };
+    if !std::ptr::eq(counted.0.as_ptr(), Arc::as_ptr(tree)) || counted.1.is_none() {
+        *counted = Counted(Arc::downgrade(tree), Some((tree.stats(), tree.active_voxel_count())));
     }
-    if let Some(stats) = &counted.1 {
-        statistics(ui, grid, stats);
-    }
+    statistics(ui, grid, counted.1.as_ref());
 }
 
-fn statistics(ui: &mut egui::Ui, grid: &VdbGrid, stats: &TreeStats) {
+/// `counted` is the tree of the grid; a cooked grid has none.
+fn statistics(ui: &mut egui::Ui, grid: &VdbGrid, counted: Option<&(TreeStats, u64)>) {
     let megabytes = |bytes: u64| format!("{:.2} MB", bytes as f64 / 1e6);
     let mut rows: Vec<(String, String)> = Vec::new();
     let mut row = |name: &str, value: String| rows.push((name.into(), value));
     row("grid", format!("{}, {}", quoted(grid.name()), grid.class().name()));
-    row("active voxels", thousands(grid.tree().active_voxel_count()));
-    for (level, name) in stats.levels.iter().zip(LEVELS) {
+    match counted {
+        Some((_, voxels)) => row("active voxels", thousands(*voxels)),
+        None => row("tree", "none: the grid is cooked".into()),
+    }
+    let levels = counted.iter().flat_map(|(stats, _)| &stats.levels);
+    for (level, name) in levels.zip(LEVELS) {
         let tiles = match (name == LEVELS[0], level.active_values) {
             (true, _) | (_, 0) => String::new(),
             (false, tiles) => format!(", {} active tiles", thousands(tiles)),
         };
         row(name, format!("{}{tiles}", thousands(level.nodes)));
     }
-    row("memory, CPU", megabytes(stats.bytes + grid.packed().bytes()));
+    let tree_bytes = counted.map_or(0, |(stats, _)| stats.bytes);
+    row("memory, CPU", megabytes(tree_bytes + grid.packed().bytes()));
     row("memory, GPU", megabytes(grid.packed().bytes()));
     if let Some((low, high)) = grid.index_bounds() {
         row("box, voxels", span(low, high));

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use vdb_core::Limits;
+use vdb_core::ReadOptions;
 use vdb_core::cooked::CookedFile;
 use vdb_core::pack::PackKind;
 
@@ -31,7 +31,7 @@ fn path(folder: &Path, name: &str) -> String {
 }
 
 fn open(path: &str) -> CookedFile {
-    CookedFile::open(path, &Limits::default()).unwrap()
+    CookedFile::open(path, &ReadOptions::default()).unwrap()
 }
 
 /// Two frames and something that is none.

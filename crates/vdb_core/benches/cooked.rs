@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use vdb_core::cooked::{CookOptions, CookedError, CookedFile};
 use vdb_core::pack::{PackKind, ValueFormat};
-use vdb_core::{Limits, VdbFile};
+use vdb_core::{ReadOptions, VdbFile};
 
 /// Decodings of each file.
 const RUNS: usize = 31;
@@ -71,7 +71,7 @@ fn decode(bytes: &[u8]) -> Result<f64, CookedError> {
     let mut times = Vec::new();
     for _ in 0..RUNS {
         let start = Instant::now();
-        let read = CookedFile::read(bytes, &Limits::default())?;
+        let read = CookedFile::read(bytes, &ReadOptions::default())?;
         times.push(start.elapsed().as_secs_f64() * 1e3);
         black_box(read);
     }

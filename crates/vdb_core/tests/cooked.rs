@@ -1,5 +1,9 @@
 //! Cooked files: what comes back, and how close bytes are.
 
+use std::io::Read;
+use std::ops::ControlFlow;
+use std::sync::{Arc, Mutex};
+
 use glam::{DVec3, IVec3};
 use vdb_core::cooked::{CookError, CookOptions, CookedError, CookedFile};
 use vdb_core::pack::layout::{BRICK_VALUES, CHILD};
@@ -7,8 +11,8 @@ use vdb_core::pack::{PackKind, PackedGrid, ValueFormat, traverse};
 use vdb_core::synth::{self, Random};
 use vdb_core::tree::{CoordBox, Vdb543};
 use vdb_core::{
-    AnyTree, Grid, GridClass, Limits, MetaValue, ReadOptions, Transform, VdbFile, WriteOptions,
-    reference,
+    AnyTree, Error, FileBuffer, Grid, GridClass, GridSelection, Limits, MetaValue, ProgressFn,
+    ReadOptions, Transform, VdbFile, WriteOptions, reference,
 };
 
 const FORMATS: [ValueFormat; 4] =
@@ -56,7 +60,7 @@ fn cooked(tree: &Vdb543<f32>, kind: PackKind, format: ValueFormat) -> CookedFile
 }
 
 fn read(bytes: &[u8]) -> Result<CookedFile, CookedError> {
-    CookedFile::read(bytes, &Limits::default())
+    CookedFile::read(bytes, &ReadOptions::default())
 }
 
 fn assert_same(a: &PackedGrid, b: &PackedGrid, what: &str) {
@@ -258,4 +262,90 @@ fn cooked_fog_is_smaller_than_the_file() {
     let (exact, byte) = (of(ValueFormat::Exact), of(ValueFormat::Byte));
     println!("{} bytes became {exact} and {byte}", saved.len());
     assert!(exact < saved.len() && byte < saved.len() / 2, "{exact} and {byte}");
+}
+
+#[test]
+fn only_selected_grids_are_decoded() {
+    let tree = || AnyTree::Float(synth::fog::sphere(DVec3::ZERO, 9.0, 3.0).into());
+    let grids = ["density", "density", "flame"].map(|name| Grid::new(name, tree()));
+    // Writing gives them unique names.
+    let bytes = VdbFile::new(grids.into()).write(&WriteOptions::default()).unwrap();
+    let file = VdbFile::read(&bytes, &ReadOptions::default()).unwrap();
+    let bytes = CookedFile::cook(&file, &CookOptions::default()).unwrap().write().unwrap();
+    let select = |names: &[&str]| {
+        let names = names.iter().map(|name| (*name).to_owned()).collect();
+        let grids = GridSelection::Names(names);
+        let options = ReadOptions { grids, ..ReadOptions::default() };
+        let file = CookedFile::read(&bytes, &options)?;
+        let names = file.grids.iter().map(|grid| (grid.name.clone(), grid.base_name().to_owned()));
+        Ok::<Vec<_>, CookedError>(names.collect())
+    };
+    let pair = |(a, b): (&str, &str)| (a.to_owned(), b.to_owned());
+    let [first, second] = [("density[0]", "density"), ("density[1]", "density")].map(pair);
+    let flame = pair(("flame", "flame"));
+    assert_eq!(select(&["density"]).unwrap(), [first, second.clone()]);
+    assert_eq!(select(&["flame", "density[1]"]).unwrap(), [second, flame]);
+    let error = select(&["flame", "Cd"]).unwrap_err();
+    assert_eq!(error, CookedError::NoSuchGrid { name: "Cd".into() });
+    // The words of two grids are more than the limit, those of one are not.
+    let one = file.grids.len() as u64;
+    let whole = CookedFile::read(&bytes, &ReadOptions::default()).unwrap();
+    let words: u64 = whole.grids.iter().map(|grid| grid.packed.bytes()).sum();
+    let mut limits = Limits::default();
+    limits.packed_bytes = words * 3 / 2 / one;
+    let grids = GridSelection::Names(vec!["flame".into()]);
+    assert!(
+        CookedFile::read(&bytes, &ReadOptions { limits: limits.clone(), ..ReadOptions::default() })
+            .is_err()
+    );
+    let options = ReadOptions { limits, grids, ..ReadOptions::default() };
+    assert_eq!(CookedFile::read(&bytes, &options).unwrap().grids.len(), 1);
+}
+
+#[test]
+fn progress_is_reported_for_each_grid_and_cancels() {
+    let tree = || AnyTree::Float(synth::fog::sphere(DVec3::ZERO, 9.0, 3.0).into());
+    let file = VdbFile::new(["a", "b"].map(|name| Grid::new(name, tree())).into());
+    let bytes = CookedFile::cook(&file, &CookOptions::default()).unwrap().write().unwrap();
+    let reports = Arc::new(Mutex::new(Vec::new()));
+    let report = |last: u64| {
+        let reports = reports.clone();
+        let progress = move |done: u64, all: u64| {
+            reports.lock().unwrap().push((done, all));
+            if done > last { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let progress: Option<Arc<ProgressFn>> = Some(Arc::new(progress));
+        CookedFile::read(&bytes, &ReadOptions { progress, ..ReadOptions::default() })
+    };
+    assert!(report(u64::MAX).is_ok());
+    let all = bytes.len() as u64;
+    let told = std::mem::take(&mut *reports.lock().unwrap());
+    let [(0, a), (middle, b), (end, c)] = told[..] else { panic!("{told:?}") };
+    assert!(end == all && [a, b, c] == [all; 3] && middle > all / 3, "{told:?}");
+    assert_eq!(report(0).unwrap_err(), CookedError::Cancelled);
+    assert_eq!(reports.lock().unwrap().len(), 2, "the second grid was decoded");
+}
+
+#[test]
+fn cooked_files_are_read_to_their_end_within_the_limit() {
+    let tree = synth::sparse::random(boxed(-60, 60), 0.3, 1);
+    let file = file_of("density", &tree);
+    let bytes = CookedFile::cook(&file, &CookOptions::default()).unwrap().write().unwrap();
+    assert!(bytes.len() > 100_000, "several reads");
+    let take = |limits: &Limits, length: Option<u64>| {
+        let mut buffer = FileBuffer::new(limits.clone(), length);
+        let mut source = bytes.as_slice();
+        while let Some(room) = buffer.room()? {
+            let count = source.read(room).unwrap();
+            buffer.filled(count);
+        }
+        Ok::<_, Error>(buffer.into_bytes())
+    };
+    let length = bytes.len() as u64;
+    for known in [None, Some(length)] {
+        assert!(take(&Limits::default(), known).unwrap() == bytes);
+        let mut small = Limits::default();
+        small.file_bytes = length - 1;
+        assert!(matches!(take(&small, known), Err(Error::LimitExceeded { .. })), "{known:?}");
+    }
 }

@@ -8,7 +8,7 @@ use vdb_core::cooked::{CookOptions, CookedError, CookedFile, CookedGrid, checksu
 use vdb_core::pack::{PackKind, ValueFormat, traverse};
 use vdb_core::synth::{self, Random};
 use vdb_core::tree::Vdb543;
-use vdb_core::{AnyTree, Grid, Limits, VdbFile, WriteOptions};
+use vdb_core::{AnyTree, Grid, Limits, ReadOptions, VdbFile, WriteOptions};
 
 const FORMATS: [ValueFormat; 4] =
     [ValueFormat::Exact, ValueFormat::Full, ValueFormat::Half, ValueFormat::Byte];
@@ -23,7 +23,7 @@ fn cooked(tree: &Vdb543<f32>, kind: PackKind, format: ValueFormat) -> CookedFile
 }
 
 fn read(bytes: &[u8]) -> Result<CookedFile, CookedError> {
-    CookedFile::read(bytes, &Limits::default())
+    CookedFile::read(bytes, &ReadOptions::default())
 }
 
 fn small() -> Vec<u8> {
@@ -63,7 +63,8 @@ fn limits_are_obeyed_before_memory_is_taken() {
     ] {
         let mut limits = Limits::default();
         change(&mut limits);
-        let error = CookedFile::read(&good, &limits).unwrap_err();
+        let error =
+            CookedFile::read(&good, &ReadOptions { limits, ..ReadOptions::default() }).unwrap_err();
         let CookedError::LimitExceeded { name: found, .. } = error else { panic!("{error}") };
         assert_eq!(found, name);
     }

@@ -1,6 +1,7 @@
 //! Names of frames: patterns with a place for the number, and the series in a folder.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use super::error::VdbSequenceError;
 
@@ -8,7 +9,10 @@ use super::error::VdbSequenceError;
 const MOST_DIGITS: usize = 15;
 
 /// The extensions of files that are frames, for folders without a pattern.
-pub(super) const EXTENSIONS: &[&str] = &["vdb"];
+pub(super) const EXTENSIONS: &[&str] = &["vdb", COOKED];
+
+/// The extension of cooked files.
+const COOKED: &str = vdb_core::cooked::EXTENSION;
 
 /// The name of a file with a place for the number of the frame: `fire_####.vdb`, `fire_%04d.vdb` or
 /// Houdini's `fire.$F4.vdb`.
@@ -114,7 +118,8 @@ pub(super) struct Series {
     pub frames: Vec<(u64, String)>,
 }
 
-/// The series among the names of files, the longest first, and by name where they are equally long.
+/// The series among the names of files, the longest first; where they are equally long, those of
+/// cooked files first, and then by name.
 pub(super) fn series(names: impl IntoIterator<Item = String>) -> Vec<Series> {
     let mut all: BTreeMap<(String, String), Vec<(u64, String)>> = BTreeMap::new();
     for name in names {
@@ -133,7 +138,10 @@ pub(super) fn series(names: impl IntoIterator<Item = String>) -> Vec<Series> {
             Series { shown: format!("{before}#{after}"), frames }
         })
         .collect();
-    series.sort_by_key(|series| std::cmp::Reverse(series.frames.len()));
+    series.sort_by_key(|series| {
+        let is_cooked = Path::new(&series.shown).extension().is_some_and(|own| own == COOKED);
+        std::cmp::Reverse((series.frames.len(), is_cooked))
+    });
     series
 }
 
@@ -211,6 +219,10 @@ mod tests {
         let numbers: Vec<_> = all[0].frames.iter().map(|(number, _)| *number).collect();
         assert_eq!(numbers, [8, 9, 10]);
         assert_eq!(all[1].frames[0], (1, "smoke_v2.0001.vdb".into()));
+        let both = ["a1.vdb", "a1.vdbc", "a2.vdb", "a2.vdbc", "b1.vdb", "b2.vdb"];
+        let all = series(both.map(String::from));
+        let shown: Vec<_> = all.iter().map(|series| series.shown.as_str()).collect();
+        assert_eq!(shown, ["a#.vdbc", "a#.vdb", "b#.vdb"]);
         // A number is a number in the name, not in the extension.
         assert_eq!(series(["a1.v2".to_owned()])[0].shown, "a#.v2");
     }

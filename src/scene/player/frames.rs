@@ -230,8 +230,10 @@ pub(super) fn bytes(
 ) -> u64 {
     let mut parts: BTreeMap<usize, u64> = BTreeMap::new();
     for grid in file.grids.iter().filter_map(|grid| grids.get(grid)) {
-        let (tree, packed) = (grid.tree(), grid.packed());
-        parts.entry(std::sync::Arc::as_ptr(tree).addr()).or_insert_with(|| tree.stats().bytes);
+        let packed = grid.packed();
+        if let Some(tree) = grid.tree() {
+            parts.entry(std::sync::Arc::as_ptr(tree).addr()).or_insert_with(|| tree.stats().bytes);
+        }
         parts.insert(std::sync::Arc::as_ptr(packed).addr(), packed.bytes());
     }
     for grid in file.vector_grids.values().filter_map(|grid| vectors.get(grid)) {

@@ -19,16 +19,18 @@ use bevy::log::tracing::field::{Field, Visit};
 use bevy::log::tracing::{Event, Subscriber};
 use bevy::log::tracing_subscriber::layer::{self, Layer, SubscriberExt};
 use bevy::log::tracing_subscriber::{Registry, util::SubscriberInitExt};
+use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy::tasks::futures_lite::AsyncRead;
 use bevy::time::TimeUpdateStrategy;
 use bevy_vdb::prelude::*;
+use vdb_core::query::GridQuery;
 use vdb_core::tree::Vdb543;
 use vdb_core::{AnyTree, Grid, GridClass, WriteOptions};
 
 /// The frame of a fog: its voxel at the origin.
 pub fn frame_of(grid: &VdbGrid) -> u64 {
-    grid.tree().get(IVec3::ZERO) as u64
+    GridQuery::of_packed(grid.packed()).nearest(DVec3::ZERO).unwrap() as u64
 }
 
 /// A fog with the number of its frame.

@@ -84,7 +84,8 @@ fn show_cooked(path: &Path, args: &Args) -> Result<String, String> {
             "{shown_path}: `--json` and `--sizes` are for `.vdb` files; this one is cooked"
         ));
     }
-    let file = CookedFile::open(path, &args.limits.limits());
+    let options = ReadOptions { limits: args.limits.limits(), ..ReadOptions::default() };
+    let file = CookedFile::open(path, &options);
     let file = file.map_err(|error| format!("{shown_path}: {error}"))?;
     let length = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     Ok(cooked::file(path, length, &file))

@@ -39,6 +39,15 @@ pub enum CookedError {
         /// What is wrong.
         what: String,
     },
+    /// A grid was requested by a name that the file does not list.
+    #[error("the cooked file has no grid {}; only grids of floats are cooked", quoted(name))]
+    NoSuchGrid {
+        /// The requested name.
+        name: String,
+    },
+    /// The progress callback requested cancellation.
+    #[error("reading was cancelled")]
+    Cancelled,
     /// The file exceeds one of the [`Limits`](crate::Limits).
     #[error(
         "{what} exceed the limit of {limit} (`Limits::{name}`); raise it if the cooked file is to be trusted"

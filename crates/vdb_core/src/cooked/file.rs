@@ -10,7 +10,7 @@ use super::{quantize, read, write};
 use crate::format::{open, save};
 use crate::pack::{PackError, PackKind, PackOptions, PackedGrid, PackedTogether, ValueFormat};
 use crate::tree::Vdb543;
-use crate::{AnyTree, GridClass, Limits, VdbFile};
+use crate::{AnyTree, GridClass, ReadOptions, VdbFile};
 
 impl CookedFile {
     /// Cooks all grids of floats of a file; other grids are left out.
@@ -42,22 +42,27 @@ impl CookedFile {
         write::write(self).map_err(CookError::Write)
     }
 
-    /// Decodes a file. The memory it takes beside the result is a third of it at most.
+    /// Decodes the selected grids of a file. The memory it takes beside the result is a third of it
+    /// at most. Progress is reported after each grid.
     ///
     /// # Errors
     /// If the bytes are no cooked file of this version, are damaged, or exceed
     /// [`Limits::file_bytes`], [`Limits::grids`], the limits of metadata, or
-    /// [`Limits::packed_bytes`].
-    pub fn read(bytes: &[u8], limits: &Limits) -> Result<Self, CookedError> {
-        read::read(bytes, limits)
+    /// [`Limits::packed_bytes`]; if a selected grid is not there, or the callback cancels.
+    ///
+    /// [`Limits::file_bytes`]: crate::Limits::file_bytes
+    /// [`Limits::grids`]: crate::Limits::grids
+    /// [`Limits::packed_bytes`]: crate::Limits::packed_bytes
+    pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Self, CookedError> {
+        read::read(bytes, options)
     }
 
     /// Reads and decodes a file from disk.
     ///
     /// # Errors
     /// Those of [`CookedFile::read`] and of the operating system, without the path.
-    pub fn open(path: impl AsRef<Path>, limits: &Limits) -> Result<Self, CookedError> {
-        Self::read(&open::read_whole(path.as_ref(), limits)?, limits)
+    pub fn open(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Self, CookedError> {
+        Self::read(&open::read_whole(path.as_ref(), &options.limits)?, options)
     }
 
     /// Writes a file to disk as [`CookedFile::write`] does, and as safely as [`VdbFile::save`].

@@ -28,6 +28,12 @@ pub struct CookedGrid {
 }
 
 impl CookedGrid {
+    /// The name without a number, which several grids of a file may share: `density` for
+    /// `density[1]`.
+    pub fn base_name(&self) -> &str {
+        base_name(&self.name)
+    }
+
     /// Makes a cooked grid of a packed one.
     pub fn of(grid: &Grid, packed: PackedGrid) -> Self {
         Self {
@@ -38,4 +44,11 @@ impl CookedGrid {
             packed,
         }
     }
+}
+
+/// The name of a grid, from its unique name.
+pub(super) fn base_name(unique: &str) -> &str {
+    let is_number = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+    let numbered = unique.strip_suffix(']').and_then(|name| name.rsplit_once('['));
+    numbered.filter(|(_, number)| is_number(number)).map_or(unique, |(base, _)| base)
 }

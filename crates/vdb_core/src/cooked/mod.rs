@@ -8,7 +8,7 @@
 //! ```
 //! use glam::DVec3;
 //! use vdb_core::cooked::{CookOptions, CookedFile};
-//! use vdb_core::{AnyTree, Grid, Limits, VdbFile, synth};
+//! use vdb_core::{AnyTree, Grid, ReadOptions, VdbFile, synth};
 //!
 //! let tree = synth::fog::sphere(DVec3::ZERO, 20.0, 5.0);
 //! let file = VdbFile::new(vec![Grid::new("density", AnyTree::Float(tree.into()))]);
@@ -16,7 +16,7 @@
 //! let cooked = CookedFile::cook(&file, &CookOptions::default())?;
 //! let bytes = cooked.write()?;
 //!
-//! let again = CookedFile::read(&bytes, &Limits::default())?;
+//! let again = CookedFile::read(&bytes, &ReadOptions::default())?;
 //! assert_eq!(again.grids[0].packed.words, cooked.grids[0].packed.words);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -52,7 +52,7 @@ mod options;
 mod quantize;
 mod read;
 mod rows;
-mod signature;
+pub(crate) mod signature;
 mod steps;
 mod words;
 mod write;
@@ -60,4 +60,4 @@ mod write;
 pub use error::{CookError, CookedError};
 pub use grid::{CookedFile, CookedGrid};
 pub use options::CookOptions;
-pub use signature::{EXTENSION, checksum};
+pub use signature::{EXTENSION, VERSION, checksum};

@@ -3,23 +3,25 @@
 use super::beside::Tree;
 use super::bricks::{self, CHUNK, Leaves, Sample};
 use super::error::CookedError;
-use super::grid::{CookedFile, CookedGrid};
+use super::grid::{CookedFile, CookedGrid, base_name};
 use super::head::{self, Head};
 use super::rows::Widths;
 use super::signature::{CHECKED_FROM, MAGIC, VERSION, checksum};
 use super::steps::Steps;
 use super::words::{Packed, from_le_bytes};
-use crate::Limits;
 use crate::format::budget::Budget;
 use crate::format::cursor::Cursor;
 use crate::format::metadata;
 use crate::pack::Stored;
 use crate::pack::checked;
 use crate::pack::sections::{Outline, Sections};
+use crate::{GridSelection, ReadOptions};
 
 /// A grid in the bytes of a file.
 struct Parts<'a> {
     head: Head,
+    /// The offset of the grid's end in the file.
+    end: u64,
     sections: Sections,
     /// The traversal tree and the records.
     tree: Packed<'a>,
@@ -33,7 +35,8 @@ enum Samples<'a> {
     Leaves { steps: Vec<Steps>, widths: &'a [Widths], chunks: Vec<usize>, rows: &'a [u8] },
 }
 
-pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<CookedFile, CookedError> {
+pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<CookedFile, CookedError> {
+    let limits = &options.limits;
     if bytes.len() as u64 > limits.file_bytes {
         let what = format!("{} bytes of a file", bytes.len());
         let limit = limits.file_bytes;
@@ -54,17 +57,41 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<CookedFile, CookedEr
     if cursor.remaining() > 0 {
         return Err(CookedError::damaged("bytes follow the last grid"));
     }
+    let parts = selected(parts, &options.grids)?;
     let needed = parts.iter().map(Parts::memory).sum::<u64>();
     if needed > limits.packed_bytes {
         let what = format!("{needed} bytes for the words of the grids");
         let limit = limits.packed_bytes;
         return Err(CookedError::LimitExceeded { what, name: "packed_bytes", limit });
     }
-    let restored = parts.into_iter().map(|parts| {
-        let name = parts.head.name.clone();
-        parts.restore().map_err(|error| error.in_grid(&name))
+    let report = |done: u64| match &options.progress {
+        Some(progress) if progress(done, bytes.len() as u64).is_break() => {
+            Err(CookedError::Cancelled)
+        }
+        _ => Ok(()),
+    };
+    report(0)?;
+    let restored = parts.into_iter().map(|parts| -> Result<CookedGrid, CookedError> {
+        let (name, end) = (parts.head.name.clone(), parts.end);
+        let grid = parts.restore().map_err(|error| error.in_grid(&name))?;
+        report(end).map(|()| grid)
     });
     Ok(CookedFile { metadata, grids: restored.collect::<Result<_, _>>()? })
+}
+
+/// The selected grids.
+fn selected<'a>(
+    parts: Vec<Parts<'a>>,
+    selection: &GridSelection,
+) -> Result<Vec<Parts<'a>>, CookedError> {
+    let GridSelection::Names(names) = selection else { return Ok(parts) };
+    let is = |parts: &Parts, name: &String| {
+        parts.head.name == *name || base_name(&parts.head.name) == name
+    };
+    if let Some(name) = names.iter().find(|name| !parts.iter().any(|parts| is(parts, name))) {
+        return Err(CookedError::NoSuchGrid { name: name.clone() });
+    }
+    Ok(parts.into_iter().filter(|parts| names.iter().any(|name| is(parts, name))).collect())
 }
 
 /// The bytes after the checksum, if it is that of the bytes.
@@ -102,7 +129,7 @@ impl<'a> Parts<'a> {
         } else {
             Samples::Words(Packed::read(cursor, outline.sample_words as usize)?)
         };
-        Ok(Self { head, sections, tree, palette, samples })
+        Ok(Self { head, end: cursor.at() as u64, sections, tree, palette, samples })
     }
 
     fn leaves(outline: &Outline, cursor: &mut Cursor<'a>) -> Result<Samples<'a>, CookedError> {

@@ -9,12 +9,12 @@ const LEAST: usize = 64 << 10;
 const MOST: usize = 8 << 20;
 
 /// A buffer to read a file into piece by piece, from any source, for
-/// [`VdbFile::read`](crate::VdbFile::read).
+/// [`VdbFile::read`](crate::VdbFile::read) or [`CookedFile::read`](crate::cooked::CookedFile::read).
 ///
 /// Reads no more than necessary: a file in another format is recognised by its first eight bytes,
 /// and an overlong file is rejected before memory is allocated for it. Reading ends after the last
 /// grid, or at the first error while following the grid offsets. Only a file without grid offsets,
-/// written as a stream, is read to its end.
+/// written as a stream, and a cooked file are read to their ends.
 ///
 /// ```
 /// use std::io::{self, Read};
@@ -62,7 +62,7 @@ impl FileBuffer {
         let demand = self.follower.demand(&self.bytes[..self.filled], length, &self.limits)?;
         // Not before the format is known: a file in another format is reported as such, whatever
         // its length.
-        if self.follower.is_vdb() {
+        if self.follower.is_known() {
             file::check_length(length.unwrap_or(filled), &self.limits)?;
         }
         let end = match (demand, length) {

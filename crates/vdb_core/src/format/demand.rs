@@ -3,6 +3,7 @@
 use super::cursor::Cursor;
 use super::descriptor::SMALLEST;
 use super::{header, list};
+use crate::cooked::signature;
 use crate::{Error, Limits};
 
 /// The part of a file that the reader needs.
@@ -37,11 +38,13 @@ enum Stage {
     /// Grids left to examine.
     Grids(u32),
     Stream,
+    /// A cooked file, which is read as a whole.
+    Cooked,
 }
 
 impl Follower {
-    /// Whether the file starts with the magic number of a VDB file.
-    pub(crate) fn is_vdb(&self) -> bool {
+    /// Whether the file starts with the magic number of a VDB file or of a cooked one.
+    pub(crate) fn is_known(&self) -> bool {
         !matches!(self.stage, Stage::Magic)
     }
 
@@ -78,8 +81,11 @@ impl Follower {
     fn step(&mut self, bytes: &[u8], limits: &Limits) -> Result<(), Demand> {
         let mut ahead = Ahead { bytes, at: self.at, limits };
         let next = match self.stage {
-            Stage::Magic if ahead.take()? == header::MAGIC => Stage::Header,
-            Stage::Magic => return Err(Demand::Nothing),
+            Stage::Magic => match ahead.take()? {
+                header::MAGIC => Stage::Header,
+                signature::MAGIC => Stage::Cooked,
+                _ => return Err(Demand::Nothing),
+            },
             Stage::Header => {
                 if bytes.len() < header::LONGEST {
                     return Err(Demand::UpTo(header::LONGEST as u64));
@@ -120,7 +126,7 @@ impl Follower {
                     u64::try_from(end).ok().filter(|end| *end >= past).ok_or(Demand::Nothing)?;
                 Stage::Grids(left - 1)
             }
-            Stage::Stream => return Err(Demand::All),
+            Stage::Stream | Stage::Cooked => return Err(Demand::All),
         };
         (self.at, self.stage) = (ahead.at, next);
         Ok(())
