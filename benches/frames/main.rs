@@ -8,6 +8,7 @@ mod edits;
 mod fog;
 mod parts;
 mod recording;
+mod sequence;
 mod studio;
 
 use std::path::PathBuf;
@@ -28,17 +29,18 @@ recorded as well.
   edits           a ball of 100,000 voxels that runs around in a larger one, or stands still, in turns
   fog             a cloud in the sun all over the picture: still, under a moving sun, under 16 lamps with a still
                   and with a moving camera, under a lamp that moves, four clouds, fire in one; and the ball of edits
+  sequence        the frames in a folder, played in a loop forwards and backwards, and sought at random
   parts           surfaces, fog and fire: each pass, and what VdbMeasureFeatures makes of them
 
   --out DIR       where the recordings go, to be deleted at once; a folder for temporary files
   --size WxH      of the picture; 1920x1080
   --ms N          of recording: milliseconds that a frame should take by itself, by longer or shorter steps; 7
-  --model FILE    of fog: a .vdb file whose first grid is the cloud
+  --model FILE    of fog: a .vdb file whose first grid is the cloud; of sequence: the folder
   --scene NAME    of fog: only this one
-  --density N     of fog: extinction per world unit, with the cloud 4 units across; 4
+  --density N     of fog and sequence: extinction per world unit, with the cloud 4 units across; 4
   --frames N      frames a turn, at least 10; 300
-  --rounds N      turns of each kind, at least 1; 5
-  --rate N        frames a second of the recordings; 60
+  --rounds N      turns of each kind, or loops of the sequence each way, at least 1; 5
+  --rate N        frames a second of the recordings, and of the sequence; 60
 ";
 
 /// What is timed.
@@ -78,6 +80,7 @@ impl Args {
                 "recording" => args.what.push(recording::run),
                 "edits" => args.what.push(edits::run),
                 "fog" => args.what.push(fog::run),
+                "sequence" => args.what.push(sequence::run),
                 "--model" => args.model = Some(options.value(|path| Some(PathBuf::from(path)))?),
                 "--scene" => args.scene = Some(options.value(|name| Some(name.to_owned()))?),
                 "--density" => args.density = options.value(number(1e-3..1e6))?,

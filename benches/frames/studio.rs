@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use bevy::app::PluginsState;
+use bevy::asset::UnapprovedPathMode;
 use bevy::camera::RenderTarget;
 use bevy::log::LogPlugin;
 use bevy::math::{DAffine3, DVec3};
@@ -63,7 +64,12 @@ impl Studio {
         app.add_plugins((
             DefaultPlugins
                 .set(no_window)
-                .set(AssetPlugin { watch_for_changes_override: Some(false), ..default() })
+                .set(AssetPlugin {
+                    watch_for_changes_override: Some(false),
+                    // Frames of a sequence are anywhere.
+                    unapproved_path_mode: UnapprovedPathMode::Allow,
+                    ..default()
+                })
                 .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
                 .disable::<LogPlugin>()
                 .disable::<WinitPlugin>(),

@@ -48,6 +48,15 @@ pub fn from_values(bbox: CoordBox, value: impl Fn(IVec3) -> f32 + Sync) -> Vdb54
     build(0.0, bbox, |_| Uniform::No, |ijk| (value(ijk), true))
 }
 
+/// The densities of a function at the voxels of a box, active where they are not zero.
+pub fn from_densities(bbox: CoordBox, density: impl Fn(IVec3) -> f32 + Sync) -> Vdb543<f32> {
+    let voxel = |ijk| {
+        let density = density(ijk);
+        (density, density != 0.0)
+    };
+    build(0.0, bbox, |_| Uniform::No, voxel)
+}
+
 /// A cloud: a ball of `radius` voxels around the origin, with billows of fractal noise at its rim
 /// and densities up to 1. Equal seeds make equal clouds.
 pub fn cloud(radius: f64, seed: u64) -> Vdb543<f32> {
