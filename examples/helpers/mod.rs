@@ -162,7 +162,7 @@ fn draw(mut app: App, canvas: &Canvas) -> AppExit {
     }
 }
 
-/// Whether all volumes have been loaded, and all pipelines that the last frame needed have been
+/// Whether all volumes and the first frames of sequences have been loaded, and all pipelines that the last frame needed have been
 /// compiled.
 fn is_there(app: &mut App) -> Result<bool, String> {
     let mut volumes = app.world_mut().query::<&VdbVolume>();
@@ -175,6 +175,10 @@ fn is_there(app: &mut App) -> Result<bool, String> {
         if grids.get(&volume.0).is_none() {
             return Ok(false);
         }
+    }
+    let mut players = app.world_mut().query::<&VdbPlayerStatus>();
+    if players.iter(app.world()).any(|player| player.frame().is_none()) {
+        return Ok(false);
     }
     let Some(renderer) = app.get_sub_app(RenderApp) else { return Err("no renderer".into()) };
     let pipelines = renderer.world().resource::<PipelineCache>();

@@ -48,6 +48,21 @@ fn hues(pixels: &[[u8; 3]]) -> usize {
     found.iter().filter(|&&pixels| pixels > 60).count()
 }
 
+/// Three fires, each at another time of one sequence.
+#[gpu_test]
+fn sequence_shows_three_fires() {
+    let picture = picture("sequence");
+    let is_fire = |[r, g, b]: [i32; 3]| r > 150 && r > 2 * b && g < r;
+    let thirds = [0..50, 50..78, 78..128].map(|columns| {
+        let within = |(i, _): &(usize, &[u8; 3])| columns.contains(&(i % SIZE.0));
+        let part = picture.iter().enumerate().filter(within).map(|(_, pixel)| *pixel);
+        count(&part.collect::<Vec<_>>(), is_fire)
+    });
+    assert!(thirds.iter().all(|pixels| (5..1_500).contains(pixels)), "{thirds:?}");
+    let dark = count(&picture, |[r, g, b]| r + g + b < 90);
+    assert!(dark * 3 > picture.len(), "{dark} dark pixels");
+}
+
 #[gpu_test]
 fn many_volumes_are_of_all_colours() {
     let picture = picture("many_volumes");
