@@ -71,6 +71,7 @@ fn read(mut bytes: Vec<u8>, seed: u64) {
             grid.packed.occupied.map_or(0, |cells| cells.dim().into_iter().max().unwrap_or(0));
         if extent <= LARGEST {
             rays::dda(&grid.packed, &mut random);
+            rays::check_packed(&grid.packed, &mut random);
         }
     }
 }

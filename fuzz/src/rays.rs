@@ -26,7 +26,7 @@ pub(super) fn check(
     for _ in 0..RAYS {
         let point = self::point(random, bounds);
         let _ = (query.contains(point), query.nearest(point));
-        let value = query.trilinear(point);
+        let value = query.trilinear(point).expect("a tree has a value everywhere");
         assert!(!value.is_nan() || !point.is_finite(), "NaN at {point}");
         let ray =
             IndexRay { origin: point, dir: direction(random, point, bounds), t_max: end(random) };
@@ -42,6 +42,19 @@ pub(super) fn check(
     view(packed, transform, random);
 }
 
+/// Queries a grid without its tree.
+pub(super) fn check_packed(packed: &PackedGrid, random: &mut Random) {
+    let query = GridQuery::of_packed(packed);
+    let bounds = bounds(packed).unwrap_or(CoordBox::voxel(IVec3::ZERO));
+    for _ in 0..RAYS {
+        let point = self::point(random, bounds);
+        let _ = (query.contains(point), query.nearest(point), query.trilinear(point));
+        let ray =
+            IndexRay { origin: point, dir: direction(random, point, bounds), t_max: end(random) };
+        let _ = query.first_hit(&ray, 0.5);
+    }
+}
+
 /// The cells that can stop or dim a ray, in index space.
 pub(super) fn bounds(packed: &PackedGrid) -> Option<CoordBox> {
     let own = packed.occupied?;
@@ -54,7 +67,7 @@ fn check_hit(query: &GridQuery, kind: PackKind, ray: &IndexRay, hit: &IndexHit) 
     assert!(!hit.normal.is_nan(), "{hit:?} of {ray:?}");
     match kind {
         PackKind::Surface { iso } => {
-            let value = query.nearest(hit.ijk.as_dvec3());
+            let value = query.nearest(hit.ijk.as_dvec3()).expect("a tree has a value everywhere");
             assert!(value < iso, "{value} is hit: {hit:?} of {ray:?}");
         }
         PackKind::Smooth { .. } | PackKind::Fog => assert!(!hit.begins_inside),

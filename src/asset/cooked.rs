@@ -7,9 +7,10 @@ use vdb_core::pack::PackKind;
 use vdb_core::{GridSelection, ReadOptions};
 
 use super::common::{VdbGridError, linear};
+use super::decoded::Decoded;
+use super::error::VdbLoaderError;
 use super::grid::VdbGrid;
 use super::labels::labels;
-use super::loader::{Decoded, VdbLoaderError};
 use super::parts::{Candidate, main_grid};
 use super::progress::Job;
 use super::settings::VdbLoaderSettings;

@@ -15,7 +15,8 @@ use vdb_core::tree::trim_narrow_band;
 use vdb_core::{AnyTree, GridSelection, ReadOptions, VdbFile};
 
 use super::background;
-use super::loader::{VdbLoader, VdbLoaderError, half_width, kind, take_in};
+use super::error::VdbLoaderError;
+use super::loader::{VdbLoader, half_width, kind, take_in};
 use super::settings::{VdbLoaderSettings, VdbRenderAs};
 
 /// Cooks `.vdb` files when Bevy processes assets (`AssetMode::Processed`): packs their grids for the

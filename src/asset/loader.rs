@@ -8,19 +8,19 @@ use bevy::asset::io::Reader;
 use bevy::asset::{AssetLoader, AsyncReadExt, AsyncSeekExt, LoadContext};
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
-use thiserror::Error;
 use vdb_core::cooked::CookedFile;
 use vdb_core::display::escaped;
 use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, PackedTogether};
 use vdb_core::tree::{Vdb543, trim_narrow_band};
 use vdb_core::{
-    AnyTree, FileBuffer, Grid, GridClass, GridSelection, Limits, Metadata, ReadOptions,
-    SkippedGrid, Transform,
+    AnyTree, FileBuffer, Grid, GridClass, GridSelection, Limits, ReadOptions, Transform,
 };
 
 use super::background;
 use super::common::{VdbGridError, linear};
 use super::cooked;
+use super::decoded::Decoded;
+use super::error::{VdbLoaderError, few};
 use super::file::VdbFile;
 use super::grid::VdbGrid;
 use super::labels::labels;
@@ -37,45 +37,6 @@ use super::vector_grid::VdbVectorGrid;
 pub struct VdbLoader {
     progress: VdbLoadProgress,
     loaded: LoadedFiles,
-}
-
-/// Why a `.vdb` or `.vdbc` file could not be loaded. Bevy logs it with the path of the file.
-#[derive(Debug, Error)]
-#[non_exhaustive]
-pub enum VdbLoaderError {
-    /// The file could not be read.
-    #[error("reading the file failed: {0}")]
-    Io(#[from] std::io::Error),
-    /// The file is invalid.
-    #[error(transparent)]
-    File(#[from] vdb_core::Error),
-    /// The file is cooked, and invalid, or has been cooked by another version.
-    #[error(transparent)]
-    Cooked(#[from] vdb_core::cooked::CookedError),
-    /// The file cannot be cooked.
-    #[error(transparent)]
-    Cook(#[from] vdb_core::cooked::CookError),
-    /// The file has grids, but none that can be displayed.
-    #[error("no grid of the file can be shown: {}", few(.0).join("; "))]
-    NothingToShow(Vec<String>),
-    /// A grid was requested without a label, and the file has several candidates, with these
-    /// labels.
-    #[error(
-        "the file has several grids that could be meant: append the label of one to the path, {}",
-        after_paths(.0)
-    )]
-    WhichGrid(Vec<String>),
-    /// A grid was requested without a label, and the file has none of this type.
-    #[error("the file has no grid of {0} that could be meant; it has {1}")]
-    NoSuchGrid(&'static str, String),
-    /// A setting is invalid.
-    #[error("loader setting {0}")]
-    Settings(String),
-}
-
-/// Labels as they appear after paths.
-fn after_paths(labels: &[String]) -> String {
-    labels.iter().map(|label| format!("`#{label}`")).collect::<Vec<_>>().join(", ")
 }
 
 impl VdbLoader {
@@ -187,26 +148,6 @@ async fn length(reader: &mut dyn Reader) -> Result<Option<u64>, std::io::Error> 
 
 /// The extensions of files that are loaded: those of OpenVDB, and cooked ones.
 pub(super) const EXTENSIONS: &[&str] = &["vdb", vdb_core::cooked::EXTENSION];
-
-/// The number of skipped grids reported individually; a file can have thousands.
-const MOST_PROBLEMS: usize = 8;
-
-/// The first [`MOST_PROBLEMS`] lines, and the number of the others.
-fn few(problems: &[String]) -> Vec<String> {
-    let (first, rest) = problems.split_at(problems.len().min(MOST_PROBLEMS));
-    let rest = (!rest.is_empty()).then(|| format!("and {} more grids were skipped", rest.len()));
-    first.iter().cloned().chain(rest).collect()
-}
-
-/// The contents of a file, by label.
-pub(super) struct Decoded {
-    pub metadata: Metadata,
-    pub skipped: Vec<SkippedGrid>,
-    pub grids: Vec<(String, VdbGrid)>,
-    pub vector_grids: Vec<(String, VdbVectorGrid)>,
-    /// Skipped grids, with the reason.
-    pub problems: Vec<String>,
-}
 
 /// The grids selected by the settings, and reports about those that cannot be read.
 pub(crate) fn read(

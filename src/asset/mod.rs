@@ -4,7 +4,9 @@ pub(crate) mod background;
 mod common;
 mod cooked;
 mod cooker;
+mod decoded;
 pub(crate) mod edits;
+mod error;
 mod file;
 mod grid;
 mod grid_loader;
@@ -21,10 +23,11 @@ use bevy::prelude::*;
 
 pub use common::VdbGridError;
 pub use cooker::{VdbCookSettings, VdbCooker};
+pub use error::VdbLoaderError;
 pub use file::VdbFile;
 pub use grid::VdbGrid;
 pub use grid_loader::{VdbGridLoader, VdbVectorGridLoader};
-pub use loader::{VdbLoader, VdbLoaderError};
+pub use loader::VdbLoader;
 pub use progress::{VdbFileProgress, VdbLoadProgress};
 pub use sequence::{
     VdbAssetServerExt, VdbFrame, VdbRepeat, VdbSequence, VdbSequenceError, VdbSequenceLoader,
