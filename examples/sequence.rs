@@ -47,8 +47,8 @@ fn fires(mut commands: Commands, assets: Res<AssetServer>) {
             // The player gives it the grid of each frame.
             VdbEmission::Temperature {
                 grid: default(),
-                scale: 600.0,
-                offset: 1_400.0,
+                scale: 1_200.0,
+                offset: 800.0,
                 strength: 0.3,
             },
             VdbMaterial {
