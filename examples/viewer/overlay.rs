@@ -18,9 +18,8 @@ pub fn show(
     mut players: Players,
 ) -> Result {
     let context = contexts.ctx_mut()?.clone();
-    let timeline = players.timeline(|timeline| timeline.show_at_bottom(&context));
     // Everything else at the bottom stands on the timeline.
-    let lift = timeline.map_or(0.0, |place| context.content_rect().bottom() - place.top());
+    let lift = players.timeline(|timeline| timeline.show_at_bottom(&context)).unwrap_or(0.0);
     let notice = |id: &str, corner: egui::Align2, add: &mut dyn FnMut(&mut egui::Ui)| {
         notice(&context, id, corner, lift, add);
     };

@@ -96,8 +96,8 @@ impl<'a, 'w> VdbTimeline<'a, 'w> {
     }
 
     /// Shows the timeline at the bottom of the window, where the panel makes room for it. Returns
-    /// its place.
-    pub fn show_at_bottom(&mut self, context: &egui::Context) -> egui::Rect {
+    /// its height with the margin below it, in points.
+    pub fn show_at_bottom(&mut self, context: &egui::Context) -> f32 {
         let window = context.content_rect();
         let inner = (window.width() - 2.0 * MARGIN).max(0.0);
         let area = egui::Area::new("bevy_vdb timeline".into())
@@ -111,11 +111,11 @@ impl<'a, 'w> VdbTimeline<'a, 'w> {
                     self.show(ui);
                 });
             });
-        let place = area.response.rect;
-        let height = window.bottom() - place.top();
+        // Not from its place, which is a wrong one when it is shown for the first time.
+        let height = area.response.rect.height() + MARGIN;
         let now = context.cumulative_pass_nr();
         context.data_mut(|data| data.insert_temp(place_id(), (now, height)));
-        place
+        height
     }
 
     /// Shows the timeline in the width of a `Ui`.
@@ -197,14 +197,14 @@ impl<'a, 'w> VdbTimeline<'a, 'w> {
         let mut speed = player.speed;
         let mut repeat = player.repeat.unwrap_or(self.sequence.repeat);
         let value = egui::DragValue::new(&mut rate).range(0.1..=1_000.0).speed(0.1);
-        let value = value.clamp_existing_to_range(false).max_decimals(3).suffix(" fps");
+        let value = value.clamp_existing_to_range(false).custom_formatter(number).suffix(" fps");
         let value = ui.add(value).on_hover_text("frames per second: drag, or click to type");
         named(&value, "frames per second");
         if value.changed() {
             self.each(|player| player.frame_rate = Some(rate));
         }
         let value = egui::DragValue::new(&mut speed).range(-100.0..=100.0).speed(0.01);
-        let value = value.clamp_existing_to_range(false).max_decimals(2).prefix("× ");
+        let value = value.clamp_existing_to_range(false).custom_formatter(number).prefix("× ");
         let value = ui.add(value).on_hover_text("speed; negative values play backwards");
         named(&value, "speed");
         if value.changed() {
@@ -245,6 +245,11 @@ impl<'a, 'w> VdbTimeline<'a, 'w> {
                 .on_hover_text("frames that cannot be shown; the reasons are logged");
         }
     }
+}
+
+/// A number with at most three decimals, and only those that it needs.
+fn number(value: f64, _: std::ops::RangeInclusive<usize>) -> String {
+    ((value * 1e3).round() / 1e3).to_string()
 }
 
 /// Names a control for screen readers.

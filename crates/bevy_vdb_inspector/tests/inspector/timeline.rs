@@ -283,6 +283,10 @@ fn the_timeline_goes_with_the_panel() {
     let mut timeline = Timeline::new("closed", 2, None);
     let bar = timeline.bar();
     assert!(bar.width() > 1_000.0 && bar.bottom() < 720.0, "{bar:?}");
+    // The panel ends above it, and takes the height that is left.
+    let window = timeline.panel.find(Role::Window, "bevy_vdb").expect("the panel");
+    let bottom = window.1.bounds().expect("it has a place").y1 as f32;
+    assert!((500.0..bar.top()).contains(&bottom), "{bottom} {bar:?}");
     timeline.panel.world().resource_mut::<VdbInspector>().timeline = false;
     timeline.panel.look();
     assert!(timeline.panel.find(Role::Slider, "frame").is_none());
