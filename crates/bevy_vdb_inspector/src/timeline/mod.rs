@@ -140,6 +140,8 @@ impl<'a, 'w> VdbTimeline<'a, 'w> {
             Scrub::Toggle => self.toggle(),
         }
         ui.horizontal_wrapped(|ui| {
+            // Where the window is narrow, a row ends between controls and not within them.
+            ui.style_mut().wrap_mode = Some(egui::TextWrapMode::Extend);
             self.buttons(ui, plays);
             self.frame(ui, range);
             self.settings(ui);
@@ -166,13 +168,13 @@ impl<'a, 'w> VdbTimeline<'a, 'w> {
         if button(ui, "⏮", "first frame") {
             self.go_to_first();
         }
-        if button(ui, "◀", "previous frame") {
+        if button(ui, "‹", "previous frame") {
             self.step(-1);
         }
-        if button(ui, if plays { "⏸" } else { "⏵" }, if plays { "pause" } else { "play" }) {
+        if button(ui, if plays { "⏸" } else { "▶" }, if plays { "pause" } else { "play" }) {
             self.toggle();
         }
-        if button(ui, "▶", "next frame") {
+        if button(ui, "›", "next frame") {
             self.step(1);
         }
         if button(ui, "⏭", "last frame") {
