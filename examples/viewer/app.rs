@@ -15,6 +15,7 @@ use bevy_vdb::{VdbLoaderError, VdbLoaderSettings};
 
 use crate::args::Args;
 use crate::framing::View;
+use crate::sequences::{self, Opening, Played};
 use crate::volumes::Bounds;
 use crate::{select, volumes};
 
@@ -42,11 +43,23 @@ pub struct Open(pub Vec<PathBuf>);
 #[derive(Default, Resource)]
 pub struct Status {
     waiting: Vec<(PathBuf, Handle<VdbFile>)>,
-    pub arrived: Vec<(PathBuf, Handle<VdbFile>)>,
+    pub opening: Vec<Opening>,
+    pub arrived: Vec<Arrived>,
     /// Files and grids that cannot be displayed, with the reason.
     pub errors: Vec<String>,
+    /// Whether a frame that cannot be shown is among them, or was.
+    pub has_complained: bool,
+    /// The bounds of sequences over time.
+    pub reach: Option<Bounds>,
     /// The view; set once all files have been loaded or have failed.
     pub view: Option<View>,
+}
+
+/// A file that has been loaded, or a sequence with a frame of it.
+pub struct Arrived {
+    pub path: PathBuf,
+    pub file: Handle<VdbFile>,
+    pub played: Option<Played>,
 }
 
 /// Marks entities that are despawned when other files are opened.
@@ -100,13 +113,26 @@ impl Plugin for ViewerPlugin {
             .add_systems(Startup, (load, light))
             .add_systems(
                 Update,
-                (open, arrive.run_if(|status: Res<Status>| status.view.is_none())).chain(),
+                (
+                    open,
+                    (sequences::follow, arrive)
+                        .chain()
+                        .run_if(|status: Res<Status>| status.view.is_none()),
+                )
+                    .chain(),
             );
     }
 }
 
 fn load(assets: Res<AssetServer>, settings: Res<Settings>, mut status: ResMut<Status>) {
     for file in &settings.0.files {
+        if sequences::is_sequence(file) {
+            match sequences::load(&assets, file) {
+                Ok(opening) => status.opening.push(opening),
+                Err(why) => status.errors.push(why),
+            }
+            continue;
+        }
         let path = file.strip_prefix(asset_root()).unwrap_or(file).to_owned();
         let only = settings.0.loaded();
         let smooth = settings.0.smooth;
@@ -177,19 +203,21 @@ fn arrive(
             LoadState::Failed(error) => {
                 status.errors.push(format!("{}: {}", path.display(), reason(&error)));
             }
-            LoadState::Loaded => status.arrived.push((path, handle)),
+            LoadState::Loaded => {
+                status.arrived.push(Arrived { path, file: handle, played: None });
+            }
             _ => status.waiting.push((path, handle)),
         }
     }
-    if !status.waiting.is_empty() {
+    if !status.waiting.is_empty() || !status.opening.is_empty() {
         return;
     }
     let mut bounds: Option<Bounds> = None;
     let args = &settings.0;
-    let there: Vec<(&Path, &VdbFile)> = status
+    let there: Vec<(&Path, &VdbFile, Option<&Played>)> = status
         .arrived
         .iter()
-        .filter_map(|(path, file)| Some((path.as_path(), files.get(file)?)))
+        .filter_map(|own| Some((own.path.as_path(), files.get(&own.file)?, own.played.as_ref())))
         .collect();
     let mut errors = Vec::new();
     if !there.is_empty() {
@@ -197,13 +225,15 @@ fn arrive(
             errors.push(format!("{option} {name}: no file has such a grid"));
         }
     }
-    for file in there {
-        match volumes::spawn(&mut commands, args, file, &mut grids, &vectors) {
+    for (path, file, played) in there {
+        let file = (path, file, played);
+        match volumes::spawn(&mut commands, args, file, (&files, &mut grids, &vectors)) {
             Err(why) => errors.push(why),
-            Ok(None) => {}
-            Ok(Some(own)) => {
-                let all = bounds.get_or_insert(own);
-                *all = (all.0.min(own.0), all.1.max(own.1));
+            Ok(own) => {
+                bounds = volumes::union(bounds, own);
+                if played.is_some() {
+                    status.reach = volumes::union(status.reach, own);
+                }
             }
         }
     }
@@ -316,14 +346,20 @@ fn disc(value: impl Fn(f32) -> f32) -> Image {
 }
 
 /// The reason why a file was not loaded, without the text that Bevy adds.
-fn reason(error: &AssetLoadError) -> String {
+pub fn reason(error: &AssetLoadError) -> String {
     match error {
         AssetLoadError::AssetLoaderError(error) => match error.error().downcast_ref() {
             Some(error) => VdbLoaderError::to_string(error),
             None => error.error().to_string(),
         },
-        AssetLoadError::AssetReaderError(AssetReaderError::NotFound(_)) => "no such file".into(),
+        AssetLoadError::AssetReaderError(AssetReaderError::NotFound(_)) => {
+            "no such file or folder".into()
+        }
         AssetLoadError::AssetReaderError(AssetReaderError::Io(error)) => error.to_string(),
-        other => other.to_string(),
+        other => {
+            let text = other.to_string();
+            // What Bevy puts before the reason why a folder is no sequence.
+            text.split_once("`add_async`: ").map_or(text.as_str(), |(_, why)| why).to_owned()
+        }
     }
 }

@@ -11,10 +11,10 @@ use crate::framing::View;
 use crate::window::Orbit;
 
 /// The list of keys that F1 shows.
-pub const HELP: [(&str, &str); 15] = [
+pub const HELP: [(&str, &str); 18] = [
     ("F1", "this list"),
     ("F2", "the panel"),
-    ("drop a file", "open it instead of the current files"),
+    ("drop a file or a folder", "open it instead of the current files; folders are played"),
     ("left, right button", "orbit, pan; while flying, look around"),
     ("wheel", "zoom; while flying, change the speed"),
     ("one, two fingers", "orbit; pan and zoom"),
@@ -23,9 +23,12 @@ pub const HELP: [(&str, &str); 15] = [
     ("W A S D", "fly forwards, left, backwards, right"),
     ("E, Q", "fly up, down"),
     ("Shift", "fly four times as fast"),
+    ("Space", "play, pause"),
+    (", .", "one frame back, forwards"),
+    ("Page Up, Page Down", "first, last frame"),
     ("1 … 9", "modes: lit, diffuse, glossy, gray, rgb, voxels, normals, depth, steps"),
     ("C", "print the command line that reproduces the view"),
-    ("Tab, Space, arrows", "control the panel"),
+    ("Tab, Space, arrows", "control the panel and the timeline"),
     ("Ctrl +, Ctrl -", "larger or smaller text"),
 ];
 
@@ -78,7 +81,9 @@ pub fn go_home(
     let (true, Some(old)) = (keys.just_pressed(KeyCode::Home), status.view) else { return };
     let shown = volumes.iter().filter(|(.., visibility)| **visibility != Visibility::Hidden);
     let boxes = shown.filter_map(|(volume, _)| grids.get(&volume.0)?.world_bounds());
-    let bounds = boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or(old.bounds);
+    // Of sequences, all frames, so that the camera does not depend on the one that is shown.
+    let bounds = boxes.chain(status.reach).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+    let bounds = bounds.unwrap_or(old.bounds);
     let args = Args { eye: None, target: None, ..settings.0.clone() };
     let view = View::new(&args, bounds);
     fly.on = false;

@@ -1,4 +1,4 @@
-//! Shows `.vdb` files in a window or renders them to PNG; `viewer --help` lists the options.
+//! Shows `.vdb` files and sequences of them in a window or renders them to PNG; `viewer --help` lists the options.
 
 mod adapter;
 mod app;
@@ -11,6 +11,7 @@ mod offscreen;
 mod overlay;
 mod png_file;
 mod select;
+mod sequences;
 mod state;
 mod volumes;
 mod window;

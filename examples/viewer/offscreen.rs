@@ -21,7 +21,7 @@ use bevy_vdb::{VdbGpuUsage, VdbLoadProgress};
 
 use crate::app::{self, Settings, Status, ViewerPlugin};
 use crate::args::Args;
-use crate::cpu;
+use crate::{cpu, sequences};
 
 /// The processor that renders the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,6 +61,9 @@ pub fn picture(args: Args, tracer: Tracer) -> Result<Pixels, String> {
     }
     app.finish();
     app.cleanup();
+    // A picture needs no other frames.
+    app.insert_resource(VdbFrameCache { frames_ahead: 0, ..default() });
+    app.add_systems(PreUpdate, sequences::pause);
     load(&mut app)?;
     match tracer {
         Tracer::Gpu => draw(&mut app, &args),

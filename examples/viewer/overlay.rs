@@ -6,6 +6,7 @@ use bevy_vdb::VdbLoadProgress;
 
 use crate::app::Status;
 use crate::keys::{HELP, Help};
+use crate::sequences::Players;
 use crate::window::Hovering;
 
 pub fn show(
@@ -14,20 +15,26 @@ pub fn show(
     progress: Res<VdbLoadProgress>,
     mut help: ResMut<Help>,
     hovering: Res<Hovering>,
+    mut players: Players,
 ) -> Result {
     let context = contexts.ctx_mut()?.clone();
+    // Everything else at the bottom stands on the timeline.
+    let lift = players.timeline(|timeline| timeline.show_at_bottom(&context)).unwrap_or(0.0);
+    let notice = |id: &str, corner: egui::Align2, add: &mut dyn FnMut(&mut egui::Ui)| {
+        notice(&context, id, corner, lift, add);
+    };
     if hovering.0 {
-        notice(&context, "drop", egui::Align2::CENTER_CENTER, |ui| {
+        notice("drop", egui::Align2::CENTER_CENTER, &mut |ui| {
             ui.heading("Drop it to open it");
         });
     }
     let files = progress.files();
     if status.view.is_none() {
-        notice(&context, "loading", egui::Align2::CENTER_BOTTOM, |ui| {
+        notice("loading", egui::Align2::CENTER_BOTTOM, &mut |ui| {
             if files.is_empty() {
                 ui.label("loading …");
             }
-            for file in files {
+            for file in &files {
                 let name = file.path.path().file_name().unwrap_or_default().to_string_lossy();
                 let text = format!("{name}: {:.1} MB", file.bytes as f64 / 1e6);
                 let bar = egui::ProgressBar::new(file.fraction()).desired_width(420.0);
@@ -37,7 +44,7 @@ pub fn show(
     }
     if !status.errors.is_empty() {
         let mut seen = false;
-        notice(&context, "errors", egui::Align2::LEFT_BOTTOM, |ui| {
+        notice("errors", egui::Align2::LEFT_BOTTOM, &mut |ui| {
             ui.set_max_width(560.0);
             for error in &status.errors {
                 ui.colored_label(ui.visuals().error_fg_color, error);
@@ -59,7 +66,8 @@ pub fn show(
     });
     if !help.0 && status.view.is_some() && status.errors.is_empty() {
         let corner = egui::Align2::LEFT_BOTTOM;
-        let area = egui::Area::new("hint".into()).anchor(corner, [12.0, -8.0]).interactable(false);
+        let area =
+            egui::Area::new("hint".into()).anchor(corner, [12.0, -8.0 - lift]).interactable(false);
         // A dark frame keeps the text readable on any background.
         let back = egui::Frame::new().fill(egui::Color32::from_black_alpha(140)).inner_margin(4);
         area.show(&context, |ui| back.show(ui, |ui| ui.label("F1: keys")));
@@ -71,9 +79,13 @@ fn notice(
     context: &egui::Context,
     id: &str,
     corner: egui::Align2,
-    add: impl FnOnce(&mut egui::Ui),
+    lift: f32,
+    add: &mut dyn FnMut(&mut egui::Ui),
 ) {
-    let offset = -16.0 * corner.to_sign();
+    let mut offset = -16.0 * corner.to_sign();
+    if corner.y() == egui::Align::Max {
+        offset.y -= lift;
+    }
     egui::Area::new(id.to_owned().into())
         .anchor(corner, offset)
         .order(egui::Order::Foreground)

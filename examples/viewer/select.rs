@@ -8,6 +8,7 @@ use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbRoles, VdbVectorGrid};
 
 use crate::args::{Args, Part, Shown};
+use crate::sequences::Played;
 
 /// The grid of an emission.
 #[derive(Clone, Debug, PartialEq)]
@@ -93,7 +94,10 @@ pub fn colors(args: &Args, file: &VdbFile, by_name: &VdbRoles) -> Option<VdbColo
 }
 
 /// The grids that are requested by name, but in none of the files, with their options.
-pub fn missing<'a>(args: &'a Args, files: &[(&Path, &VdbFile)]) -> Vec<(&'static str, &'a str)> {
+pub fn missing<'a>(
+    args: &'a Args,
+    files: &[(&Path, &VdbFile, Option<&Played>)],
+) -> Vec<(&'static str, &'a str)> {
     let role = |option: &'static str, role: &'a Part| match role {
         Part::Named(name) => Some((option, name.as_str())),
         _ => None,
@@ -105,7 +109,7 @@ pub fn missing<'a>(args: &'a Args, files: &[(&Path, &VdbFile)]) -> Vec<(&'static
     let roles = [role("--fire", &args.fire), role("--colors", &args.colors)];
     let all = roles.into_iter().flatten().chain(kinds);
     all.filter(|(option, name)| {
-        let has = |(_, file): &(&Path, &VdbFile)| match *option {
+        let has = |(_, file, _): &(&Path, &VdbFile, Option<&Played>)| match *option {
             "--colors" => file.vector_grids.contains_key(*name),
             "--fire" => {
                 file.named_grids.contains_key(*name) || file.vector_grids.contains_key(*name)

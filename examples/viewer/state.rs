@@ -11,7 +11,7 @@ use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb_inspector::VdbInspector;
 
-use crate::app::{Settings, Status};
+use crate::app::{OfFiles, Settings, Status};
 use crate::args::{Args, Part, Shown};
 use crate::select;
 use crate::volumes::Label;
@@ -43,6 +43,7 @@ pub struct State<'w, 's> {
         (&'static Visibility, Option<&'static VdbEmission>, Option<&'static VdbColorGrid>),
         With<VdbVolume>,
     >,
+    players: Query<'w, 's, (&'static VdbPlayer, &'static VdbPlayerStatus), With<OfFiles>>,
     windows: Query<'w, 's, &'static Window, With<PrimaryWindow>>,
 }
 
@@ -81,6 +82,8 @@ impl State<'_, '_> {
             args.grids.sort_unstable();
             args.grids.dedup();
         }
+        let paused = self.players.iter().find(|(player, _)| player.is_paused());
+        args.frame = paused.and_then(|(_, status)| status.frame());
         self.kinds(&mut args);
         self.fire(&mut args);
         self.colors(&mut args);
@@ -122,7 +125,10 @@ impl State<'_, '_> {
         let by_name = self.by_name(args).into_iter().find_map(|roles| roles.emission);
         (args.heat, args.glow) = (None, None);
         let same = match (shines, &by_name) {
-            (Some(one), Some(other)) => select::source(one) == select::source(other),
+            // The grids of two frames of a sequence are others, with the same labels.
+            (Some(one), Some(other)) => {
+                named(select::source(one).path()) == named(select::source(other).path())
+            }
             (one, other) => one.is_none() && other.is_none(),
         };
         args.fire = match shines.map(select::source) {
@@ -147,8 +153,9 @@ impl State<'_, '_> {
     fn colors(&self, args: &mut Args) {
         let shown = self.seen().find_map(|(_, colors)| colors);
         let by_name = self.by_name(args).into_iter().find_map(|roles| roles.colors);
+        let label = |colors: &VdbColorGrid| named(colors.0.path());
         args.colors = match shown {
-            _ if shown == by_name.as_ref() => Part::ByName,
+            _ if shown.map(label) == by_name.as_ref().map(label) => Part::ByName,
             None => Part::Nothing,
             Some(colors) => named(colors.0.path()),
         };
@@ -165,7 +172,7 @@ impl State<'_, '_> {
         if !args.grids.is_empty() {
             return Vec::new();
         }
-        let files = self.status.arrived.iter().filter_map(|(_, file)| self.files.get(file));
+        let files = self.status.arrived.iter().filter_map(|own| self.files.get(&own.file));
         files.map(|file| file.roles(&self.grids)).collect()
     }
 

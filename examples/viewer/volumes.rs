@@ -8,8 +8,9 @@ use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::{VdbFile, VdbGrid, VdbMaterial, VdbVectorGrid, VdbVolume};
 
 use crate::app::OfFiles;
-use crate::args::Args;
+use crate::args::{Args, Part};
 use crate::select;
+use crate::sequences::Played;
 
 /// The grid of a file that a volume displays.
 #[derive(Component)]
@@ -32,14 +33,19 @@ struct Volume {
 /// The lowest and the highest corner.
 pub type Bounds = (DVec3, DVec3);
 
-/// Spawns the volumes of a file, and prints a list of its grids. Returns the bounds of everything
-/// displayed.
+/// The bounds of two things.
+pub fn union(one: Option<Bounds>, other: Option<Bounds>) -> Option<Bounds> {
+    let both = one.into_iter().chain(other);
+    both.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
+/// Spawns the volumes of a file, or of a sequence of which it is a frame, and prints a list of its
+/// grids. Returns the bounds of everything displayed.
 pub fn spawn(
     commands: &mut Commands,
     args: &Args,
-    (path, file): (&Path, &VdbFile),
-    grids: &mut Assets<VdbGrid>,
-    vectors: &Assets<VdbVectorGrid>,
+    (path, file, played): (&Path, &VdbFile, Option<&Played>),
+    (files, grids, vectors): (&Assets<VdbFile>, &mut Assets<VdbGrid>, &Assets<VdbVectorGrid>),
 ) -> Result<Option<Bounds>, String> {
     let roles = file.roles(grids);
     let emission = select::emission(args, file, &roles, grids, vectors);
@@ -58,6 +64,10 @@ pub fn spawn(
         let shown = if args.grids.is_empty() { suits } else { named };
         let (handle, grid) = match select::other_kind(args, name, grid.kind()) {
             None => (handle.clone(), grid),
+            Some(_) if played.is_some() => {
+                let path = path.display();
+                return Err(format!("{path}: {name}: --surface and --fog are for single files"));
+            }
             Some(kind) => {
                 let other = grid.with_kind(kind);
                 let other = other.map_err(|why| format!("{}: {name}: {why}", path.display()))?;
@@ -78,22 +88,41 @@ pub fn spawn(
     for (i, volume) in volumes.into_iter().enumerate() {
         let is_fog = is_fog(&volume);
         let Volume { label, handle, grid, shown } = volume;
+        let of_label =
+            |file: &VdbFile| grids.get(file.named_grids.get(&label.name)?)?.world_bounds();
+        let ends = played.iter().flat_map(|played| &played.ends);
+        let own = ends.filter_map(|file| of_label(files.get(file)?));
+        let own = own.fold(grid.world_bounds(), |all, one| union(all, Some(one)));
+        let name = label.name.clone();
         let hidden = if shown { "" } else { " (hidden: --grid shows it)" };
         eprintln!("{}: {}{hidden}", path.display(), select::describe(&label.name, &grid));
+        if played.is_some() && !shown {
+            continue;
+        }
         let visibility = if shown { Visibility::Inherited } else { Visibility::Hidden };
         let material = VdbMaterial { density_scale: args.density, ..default() };
-        let name = Name::new(label.name.clone());
-        let mut entity =
-            commands.spawn((OfFiles, name, label, VdbVolume(handle), material, visibility));
+        let mut entity = commands.spawn((
+            OfFiles,
+            Name::new(name.clone()),
+            label,
+            VdbVolume(handle),
+            material,
+            visibility,
+        ));
         if let (Some(emission), true) = (&emission, Some(i) == smoke) {
             entity.insert(emission.clone());
         }
         if let (Some(colors), false, true) = (&colors, is_fog, shown) {
             entity.insert(colors.clone());
         }
-        if let (true, Some(own)) = (shown, grid.world_bounds()) {
-            let all = bounds.get_or_insert(own);
-            *all = (all.0.min(own.0), all.1.max(own.1));
+        if let Some(played) = played {
+            // A fire that begins in a later frame is found there.
+            let may_burn = args.fire == Part::ByName && args.grids.is_empty();
+            let burns = Some(i) == smoke && (emission.is_some() || may_burn);
+            entity.insert(played.player(&name, burns || (colors.is_some() && !is_fog)));
+        }
+        if shown {
+            bounds = union(bounds, own);
         }
     }
     let mut others: Vec<&String> = file.vector_grids.keys().collect();

@@ -15,7 +15,7 @@ use bevy_vdb_inspector::{VdbInspector, VdbInspectorPlugin, VdbModelPicked};
 use crate::app::{self, Open, Status, ViewerPlugin};
 use crate::args::Args;
 use crate::framing::View;
-use crate::{fly, keys, overlay, state};
+use crate::{fly, keys, overlay, sequences, state};
 
 /// Whether there is a display for a window.
 pub fn display() -> bool {
@@ -74,18 +74,21 @@ impl Plugin for InteractivePlugin {
             ViewerPlugin(self.0.clone()),
             VdbInspectorPlugin { replaces_models: false },
         ))
-        .insert_resource(VdbInspector { open: self.0.panel, ..default() })
+        .insert_resource(VdbInspector { open: self.0.panel, timeline: false, ..default() })
         .init_resource::<keys::Help>()
         .init_resource::<fly::Fly>()
         .init_resource::<Hovering>()
         .add_systems(
             Update,
             (
-                (keys::press, keys::go_home, fly::toggle, fly::fly).chain().run_if(keys::are_free),
+                (keys::press, sequences::press, keys::go_home, fly::toggle, fly::fly)
+                    .chain()
+                    .run_if(keys::are_free),
                 begin_orbit.run_if(resource_changed::<Status>),
                 (drop_files, open_picked, follow_mode),
             ),
         )
+        .add_observer(sequences::complain)
         .add_systems(EguiPrimaryContextPass, overlay::show)
         .add_systems(Last, (state::update_title, state::print));
         app.world_mut().spawn((Name::new("camera"), app::camera(&self.0)));

@@ -23,8 +23,8 @@ pub use emission::{VdbColorGrid, VdbEmission};
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
 pub use player::{
-    VdbFrameCache, VdbFrameFailed, VdbLateFrames, VdbPlayer, VdbPlayerFinished, VdbPlayerStatus,
-    VdbPlayerSystems,
+    VdbFrameCache, VdbFrameCacheUsage, VdbFrameFailed, VdbLateFrames, VdbPlayer, VdbPlayerFinished,
+    VdbPlayerStatus, VdbPlayerSystems,
 };
 pub use roles::VdbRoles;
 pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};

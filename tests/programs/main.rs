@@ -14,9 +14,12 @@ mod headless;
 mod png_file;
 #[path = "../common/programs.rs"]
 mod programs;
+#[path = "../common/sequence_files.rs"]
+mod sequence_files;
 #[path = "../common/smoke_file.rs"]
 mod smoke_file;
 mod viewer;
+mod viewer_sequences;
 mod viewer_window;
 
 // They name each other from the root, as they do in the example.
@@ -34,6 +37,8 @@ mod keys;
 mod overlay;
 #[path = "../../examples/viewer/select.rs"]
 mod select;
+#[path = "../../examples/viewer/sequences.rs"]
+mod sequences;
 #[path = "../../examples/viewer/state.rs"]
 mod state;
 #[path = "../../examples/viewer/volumes.rs"]

@@ -12,7 +12,7 @@ use crate::{adapter, smoke_file};
 
 const SIZE: UVec2 = UVec2::new(160, 120);
 
-fn viewer() -> Command {
+pub fn viewer() -> Command {
     let mut command = example("viewer");
     command.args(["--size", &format!("{}x{}", SIZE.x, SIZE.y)]);
     command
@@ -23,7 +23,7 @@ fn temporary(name: &str) -> std::path::PathBuf {
 }
 
 /// Runs the viewer into a picture: RGB pixels.
-fn picture(out: &str, change: impl FnOnce(&mut Command)) -> (Vec<[u8; 3]>, Output) {
+pub fn picture(out: &str, change: impl FnOnce(&mut Command)) -> (Vec<[u8; 3]>, Output) {
     let path = temporary(out);
     let mut command = viewer();
     command.arg("--out").arg(&path);
@@ -37,7 +37,7 @@ fn picture(out: &str, change: impl FnOnce(&mut Command)) -> (Vec<[u8; 3]>, Outpu
 }
 
 /// Pixels that are clearly not the background, which the corner has.
-fn drawn(pixels: &[[u8; 3]]) -> usize {
+pub fn drawn(pixels: &[[u8; 3]]) -> usize {
     pixels.iter().filter(|pixel| difference(pixel, &pixels[0]) > 16).count()
 }
 
@@ -46,7 +46,7 @@ fn difference(a: &[u8; 3], b: &[u8; 3]) -> u8 {
 }
 
 /// Fails to show something: exit code 1, one line that starts with our name, no panic.
-fn refused(change: impl FnOnce(&mut Command)) -> String {
+pub fn refused(change: impl FnOnce(&mut Command)) -> String {
     let mut command = viewer();
     command.arg("--out").arg(temporary("refused.png"));
     change(&mut command);

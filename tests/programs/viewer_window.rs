@@ -30,14 +30,14 @@ use crate::volumes::Label;
 use crate::window::{Hovering, InteractivePlugin};
 use crate::{headless, select, smoke_file};
 
-struct Viewer {
-    app: App,
+pub struct Viewer {
+    pub app: App,
     camera: Entity,
     window: Entity,
 }
 
 impl Viewer {
-    fn new(args: &Args) -> Self {
+    pub fn new(args: &Args) -> Self {
         let mut app = App::new();
         app.add_plugins((
             headless::plugins(Some(Window::default()), app::asset_plugin()),
@@ -58,18 +58,18 @@ impl Viewer {
         viewer
     }
 
-    fn files(names: &[&str]) -> Args {
+    pub fn files(names: &[&str]) -> Args {
         Args { files: names.iter().map(|name| model(name)).collect(), ..default() }
     }
 
     /// An app that has loaded what it was asked for.
-    fn ready(args: &Args) -> Self {
+    pub fn ready(args: &Args) -> Self {
         let mut viewer = Self::new(args);
         viewer.wait();
         viewer
     }
 
-    fn wait(&mut self) {
+    pub fn wait(&mut self) {
         for _ in 0..4_000 {
             self.app.update();
             if self.app.world().resource::<Status>().view.is_some() {
@@ -81,34 +81,34 @@ impl Viewer {
         panic!("nothing was loaded");
     }
 
-    fn frames(&mut self, frames: usize) {
+    pub fn frames(&mut self, frames: usize) {
         (0..frames).for_each(|_| self.app.update());
     }
 
-    fn get<C: Component>(&self) -> &C {
+    pub fn get<C: Component>(&self) -> &C {
         self.app.world().get(self.camera).expect("the camera has it")
     }
 
-    fn args(&mut self) -> Args {
+    pub fn args(&mut self) -> Args {
         self.app.world_mut().run_system_once(|state: State| state.args()).expect("it runs")
     }
 
-    fn title(&self) -> String {
+    pub fn title(&self) -> String {
         self.app.world().get::<Window>(self.window).expect("a window").title.clone()
     }
 
-    fn nodes(&self) -> Vec<(egui::accesskit::NodeId, Node)> {
+    pub fn nodes(&self) -> Vec<(egui::accesskit::NodeId, Node)> {
         let output = self.app.world().get::<EguiOutput>(self.camera).expect("egui");
         output.platform_output.accesskit_update.clone().map_or_else(Vec::new, |all| all.nodes)
     }
 
     /// All that can be read in the window.
-    fn says(&self, what: &str) -> bool {
+    pub fn says(&self, what: &str) -> bool {
         let holds = |text: Option<&str>| text.is_some_and(|text| text.contains(what));
         self.nodes().iter().any(|(_, node)| holds(node.label()) || holds(node.value()))
     }
 
-    fn click(&mut self, name: &str) {
+    pub fn click(&mut self, name: &str) {
         let nodes = self.nodes();
         let it = |node: &Node| node.role() == Role::Button && node.label() == Some(name);
         let target_node = nodes.iter().find(|(_, node)| it(node)).expect("the button").0;
@@ -120,28 +120,28 @@ impl Viewer {
         self.frames(3);
     }
 
-    fn key(&mut self, key_code: KeyCode, state: ButtonState) {
+    pub fn key(&mut self, key_code: KeyCode, state: ButtonState) {
         let (logical_key, window) = (Key::F35, self.window);
         let input =
             KeyboardInput { key_code, logical_key, state, text: None, repeat: false, window };
         self.app.world_mut().write_message(input);
     }
 
-    fn press(&mut self, key: KeyCode) {
+    pub fn press(&mut self, key: KeyCode) {
         self.key(key, ButtonState::Pressed);
         self.app.update();
         self.key(key, ButtonState::Released);
         self.frames(3);
     }
 
-    fn drop_file(&mut self, path: &Path) {
+    pub fn drop_file(&mut self, path: &Path) {
         let (window, path_buf) = (self.window, path.to_owned());
         self.app.world_mut().write_message(FileDragAndDrop::DroppedFile { window, path_buf });
         self.app.update();
     }
 
     /// What is shown, with what shines in it and what colours it.
-    fn roles(&mut self) -> Vec<String> {
+    pub fn roles(&mut self) -> Vec<String> {
         let world = self.app.world_mut();
         let mut volumes =
             world.query::<(&Label, &Visibility, Option<&VdbEmission>, Option<&VdbColorGrid>)>();
@@ -160,12 +160,12 @@ impl Viewer {
         roles
     }
 
-    fn fire(&mut self) -> Option<VdbEmission> {
+    pub fn fire(&mut self) -> Option<VdbEmission> {
         let world = self.app.world_mut();
         world.query::<&VdbEmission>().iter(world).next().cloned()
     }
 
-    fn labels(&mut self) -> Vec<String> {
+    pub fn labels(&mut self) -> Vec<String> {
         let world = self.app.world_mut();
         let mut labels: Vec<_> =
             world.query::<&Label>().iter(world).map(|label| label.name.clone()).collect();
@@ -189,6 +189,7 @@ fn a_command_line_says_what_it_was_made_of() {
         heat: Some([1_500.5, 0.1]),
         glow: Some(1e-7),
         colors: Part::Nothing,
+        frame: Some(12),
         out: Some("a picture.png".into()),
         size: UVec2::new(640, 361),
         eye: Some(DVec3::new(-1.5, 1e-7, 3e9)),

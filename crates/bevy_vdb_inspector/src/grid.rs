@@ -10,6 +10,7 @@ use bevy_vdb::vdb_core::tree::{TreeStats, Vdb543};
 use bevy_vdb::{VdbGrid, VdbVolume};
 
 use super::state::VdbInspector;
+use super::widgets::table;
 
 /// Levels of the tree, from the leaves up.
 const LEVELS: [&str; 4] = ["leaves, 8³", "nodes of 128³", "nodes of 4,096³", "root"];
@@ -93,16 +94,6 @@ fn statistics(ui: &mut egui::Ui, grid: &VdbGrid, counted: Option<&(TreeStats, u6
 
 fn length(column: [f64; 3]) -> f64 {
     DVec3::from_array(column).length()
-}
-
-fn table(ui: &mut egui::Ui, id: &str, rows: &[(String, String)]) {
-    egui::Grid::new(id).num_columns(2).striped(true).spacing([8.0, 2.0]).show(ui, |ui| {
-        for (name, value) in rows {
-            ui.label(name);
-            ui.add(egui::Label::new(value).wrap());
-            ui.end_row();
-        }
-    });
 }
 
 /// `12,345,678`

@@ -1,5 +1,5 @@
 //! A panel for [`bevy_vdb`] that shows and edits volumes, materials, cameras and quality settings:
-//! [`VdbInspectorPlugin`].
+//! [`VdbInspectorPlugin`]; and a timeline of sequences: [`VdbTimeline`].
 //!
 //! Each section of the panel is a system in its own file. It receives the `egui::Ui` to draw into,
 //! edits components like any system of an app, and writes only what the user has changed.
@@ -19,14 +19,17 @@ mod ball;
 mod camera;
 mod grid;
 mod material;
+mod memory;
 mod models;
 mod performance;
 mod quality;
 #[cfg(feature = "record")]
 mod recording;
 mod roles;
+mod sequences;
 mod state;
 mod sun;
+mod timeline;
 mod tools;
 mod volumes;
 mod widgets;
@@ -43,13 +46,14 @@ use bevy_vdb::{VdbCamera, VdbVolume};
 
 pub use models::VdbModelPicked;
 pub use state::VdbInspector;
+pub use timeline::VdbTimeline;
 
 /// The width of the panel, and its margin to the edge of the window, in points.
 const WIDTH: f32 = 300.0;
 const MARGIN: f32 = 8.0;
 
 /// An inspector panel over the image of the camera with the primary context of `bevy_egui`, by
-/// default the first one spawned.
+/// default the first one spawned, and a [`VdbTimeline`] below it if a sequence is played.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -95,7 +99,7 @@ impl Plugin for VdbInspectorPlugin {
             .init_resource::<models::Models>()
             .add_message::<VdbModelPicked>()
             .add_systems(Update, (toggle, models::search, volumes::finish_repacking))
-            .add_systems(EguiPrimaryContextPass, (select, panel).chain());
+            .add_systems(EguiPrimaryContextPass, (select, sequences::show, panel).chain());
         if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
             // `bevy_egui` does not order its pass relative to post-processing, which could draw
             // over the panel or change its colours.
@@ -140,17 +144,19 @@ fn panel(world: &mut World) {
     let mut open = world.resource::<VdbInspector>().open;
     let (Ok(context), true) = (context, open) else { return };
     let window = context.content_rect();
+    let below = timeline::height_at_bottom(&context);
     egui::Window::new("bevy_vdb")
         .open(&mut open)
         .pivot(egui::Align2::RIGHT_TOP)
         .default_pos(window.right_top() + egui::vec2(-MARGIN, MARGIN))
         .default_width(WIDTH)
         .default_height(window.height())
-        .max_height((window.height() - 6.0 * MARGIN).max(0.0))
+        .max_height((window.height() - below - 6.0 * MARGIN).max(0.0))
         .vscroll(true)
         .show(&context, |ui| {
             ui.spacing_mut().slider_width = 0.4 * WIDTH;
             section(ui, world, "Performance", true, performance::show);
+            section(ui, world, "Memory", false, memory::show);
             section(ui, world, "Volumes", true, volumes::show);
             section(ui, world, "Grids of the file", true, roles::show);
             section(ui, world, "Grid", false, grid::show);

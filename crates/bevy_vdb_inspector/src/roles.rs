@@ -4,7 +4,7 @@ use bevy::asset::AssetPath;
 use bevy::prelude::*;
 use bevy_egui::egui;
 use bevy_vdb::vdb_core::pack::PackKind;
-use bevy_vdb::{VdbColorGrid, VdbEmission, VdbGrid, VdbVectorGrid, VdbVolume};
+use bevy_vdb::{VdbColorGrid, VdbEmission, VdbGrid, VdbPlayer, VdbVectorGrid, VdbVolume};
 
 use super::state::VdbInspector;
 use super::volumes::FromFile;
@@ -24,10 +24,11 @@ pub(super) fn show(
         Option<&mut VdbEmission>,
         Option<&VdbColorGrid>,
         Option<&FromFile>,
+        Option<&mut VdbPlayer>,
     )>,
 ) {
     let selected = inspector.volume.and_then(|volume| volumes.get_mut(volume).ok());
-    let Some((entity, mut volume, emission, colors, from_file)) = selected else {
+    let Some((entity, mut volume, emission, colors, from_file, mut player)) = selected else {
         ui.weak("there is no volume");
         return;
     };
@@ -46,6 +47,10 @@ pub(super) fn show(
         let mut grid = &own;
         if super::widgets::pick(ui, "grid", &mut grid, &all) {
             volume.0 = grid.clone();
+            // Of the next frames of a sequence, too.
+            if let (Some(player), Some(path)) = (&mut player, grid.path()) {
+                player.grid = path.label().map(str::to_owned);
+            }
         }
     }
     let is_fog = |handle: &Handle<VdbGrid>| {
@@ -55,13 +60,17 @@ pub(super) fn show(
     let fire = fogs.map(|(label, grid)| (label, Fire::Fog(grid)));
     let colored = colorful.iter().map(|(label, grid)| (label.clone(), Fire::Colors(grid.clone())));
     let fires: Vec<(String, Fire)> = fire.chain(colored).collect();
-    let mut own = emission.as_deref().map(Fire::of);
+    let (mut own, burns) = (emission.as_deref().map(Fire::of), emission.is_some());
     if (!fires.is_empty() || own.is_some()) && pick(ui, "fire", &mut own, &fires, "made in memory")
     {
         match own.as_ref().map(|fire| fire.guess(&grids, &vectors)) {
             None => _ = commands.entity(entity).remove::<VdbEmission>(),
             Some(Some(guess)) => _ = commands.entity(entity).insert(guess),
             Some(None) => {}
+        }
+        // A player that sets no roles leaves the fire on this frame; one that does brings it back.
+        if let Some(player) = &mut player {
+            player.sets_roles = own.is_some() || colors.is_some();
         }
     } else if let Some(mut emission) = emission {
         let mut new = emission.clone();
@@ -72,6 +81,9 @@ pub(super) fn show(
     if (!colorful.is_empty() || own.is_some())
         && pick(ui, "colours", &mut own, &colorful, "made in memory")
     {
+        if let Some(player) = &mut player {
+            player.sets_roles = own.is_some() || burns;
+        }
         match own {
             None => commands.entity(entity).remove::<VdbColorGrid>(),
             Some(grid) => commands.entity(entity).insert(VdbColorGrid(grid)),

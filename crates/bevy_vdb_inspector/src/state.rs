@@ -7,6 +7,9 @@ use bevy::prelude::*;
 pub struct VdbInspector {
     /// Whether the panel is open, which it is initially.
     pub open: bool,
+    /// Whether a timeline is shown at the bottom of the window while the panel is open: that of the
+    /// selected volume's [`VdbPlayer`](bevy_vdb::VdbPlayer), or of any player. On by default.
+    pub timeline: bool,
     /// The key that toggles the panel. F2 by default.
     pub key: Option<KeyCode>,
     /// The selected [`VdbVolume`](bevy_vdb::VdbVolume); any of the existing ones by default.
@@ -19,6 +22,13 @@ pub struct VdbInspector {
 
 impl Default for VdbInspector {
     fn default() -> Self {
-        Self { open: true, key: Some(KeyCode::F2), volume: None, camera: None, sun: None }
+        Self {
+            open: true,
+            timeline: true,
+            key: Some(KeyCode::F2),
+            volume: None,
+            camera: None,
+            sun: None,
+        }
     }
 }

@@ -66,3 +66,14 @@ pub(super) fn pick_entity(
 pub(super) fn entity_name(entity: Entity, name: Option<&Name>) -> String {
     name.map_or_else(|| entity.to_string(), |name| name.to_string())
 }
+
+/// A table of names and values.
+pub(super) fn table(ui: &mut egui::Ui, id: &str, rows: &[(String, String)]) {
+    egui::Grid::new(id).num_columns(2).striped(true).spacing([8.0, 2.0]).show(ui, |ui| {
+        for (name, value) in rows {
+            ui.label(name);
+            ui.add(egui::Label::new(value).wrap());
+            ui.end_row();
+        }
+    });
+}

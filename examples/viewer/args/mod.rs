@@ -10,17 +10,17 @@ use bevy_vdb::{VdbOverlays, VdbRenderMode};
 use lexopt::Arg;
 
 use values::{
-    NODES, absolute, density, direction, fov, heat, mode, name, overlays, picture_path, point,
-    size, surface, value,
+    NODES, absolute, density, direction, fov, frame_number, heat, mode, name, overlays,
+    picture_path, point, size, surface, value,
 };
 
 pub const HELP: &str = "\
-Displays OpenVDB files: level sets as surfaces, fog volumes as fog.
+Displays OpenVDB files: level sets as surfaces, fog volumes as fog. Plays sequences of them.
 
-Usage: viewer [FILE.vdb …] [options]
+Usage: viewer [FILE.vdb | FOLDER | 'fire_####.vdb' | FILE.vdbseq …] [options]
 
-With a display, opens a window: drop files onto it, or press F1 for a list of keys. Without a
-display, or with --out, writes a PNG. Without FILE, shows the model bundled with bevy_vdb.
+With a display, opens a window: drop files or a folder onto it, or press F1 for a list of keys.
+Without a display, or with --out, writes a PNG. Without FILE, shows the model bundled with bevy_vdb.
 
   --grid NAME       show this grid; may be repeated, and hides all others. By default, all level
                     sets and the fog `density` are shown, with fire and colours found by name
@@ -33,6 +33,7 @@ display, or with --out, writes a PNG. Without FILE, shows the model bundled with
   --no-fire         no emission
   --colors NAME     the vector grid that colours surfaces
   --no-colors       no colours from grids
+  --frame N         show this frame of a sequence, paused [the first one, playing]
   --out FILE.png    write an image and print its path [without a display: viewer.png]
   --size WxH        the size of the image or the window, in pixels [1280x720]
   --eye X,Y,Z       the position of the camera in the file's world [everything in view]
@@ -66,6 +67,8 @@ pub struct Args {
     pub heat: Option<[f32; 2]>,
     pub glow: Option<f32>,
     pub colors: Part,
+    /// The number of the frame at which sequences are paused.
+    pub frame: Option<u64>,
     pub out: Option<PathBuf>,
     pub size: UVec2,
     pub eye: Option<DVec3>,
@@ -103,10 +106,11 @@ pub enum Shown {
 }
 
 impl Args {
-    /// The options for other files, without those about grids and the camera.
+    /// The options for other files, without those about grids, frames and the camera.
     pub fn of_other_files(&self, files: Vec<PathBuf>) -> Self {
-        let Self { grids, kinds, fire, heat, glow, colors, eye, target, .. } = Self::default();
-        Self { files, grids, kinds, fire, heat, glow, colors, eye, target, ..self.clone() }
+        let Self { grids, kinds, fire, heat, glow, colors, frame, eye, target, .. } =
+            Self::default();
+        Self { files, grids, kinds, fire, heat, glow, colors, frame, eye, target, ..self.clone() }
     }
 
     /// The names of the grids to load; empty for all.
@@ -147,6 +151,9 @@ impl Args {
                     args.colors = Part::Named(value(&mut parser, "--colors", name)?);
                 }
                 Arg::Long("no-colors") => args.colors = Part::Nothing,
+                Arg::Long("frame") => {
+                    args.frame = Some(value(&mut parser, "--frame", frame_number)?);
+                }
                 Arg::Long("out") => args.out = Some(value(&mut parser, "--out", picture_path)?),
                 Arg::Long("size") => args.size = value(&mut parser, "--size", size)?,
                 Arg::Long("eye") => args.eye = Some(value(&mut parser, "--eye", point)?),
@@ -188,6 +195,7 @@ impl Default for Args {
             heat: None,
             glow: None,
             colors: Part::ByName,
+            frame: None,
             out: None,
             size: UVec2::new(1280, 720),
             eye: None,
@@ -241,6 +249,9 @@ impl fmt::Display for Args {
         }
         if let Some(glow) = self.glow {
             option("glow", Some(glow.to_string()));
+        }
+        if let Some(frame) = self.frame {
+            option("frame", Some(frame.to_string()));
         }
         if let Some(out) = &self.out {
             option("out", Some(quoted(&out.to_string_lossy())));

@@ -50,6 +50,10 @@ pub fn heat(value: &OsStr) -> Result<[f32; 2], String> {
     Ok([kelvin(scale)? as f32, kelvin(offset)? as f32])
 }
 
+pub fn frame_number(value: &OsStr) -> Result<u64, String> {
+    u64::from_str(text(value)?).map_err(|_| "it is the number of a frame, such as 12".into())
+}
+
 pub fn mode(value: &OsStr) -> Result<VdbRenderMode, String> {
     let name = text(value)?;
     let found = VdbRenderMode::ALL.iter().copied().find(|mode| mode.name() == name);

@@ -17,6 +17,7 @@ pub(super) const PATIENCE: u32 = 4;
 const PAUSE: Duration = Duration::from_secs(1);
 
 /// The setting of the frames that [`VdbPlayer`](crate::VdbPlayer)s hold in memory: a resource.
+/// [`VdbFrameCacheUsage`] tells what is in use.
 #[derive(Clone, Debug, PartialEq, Eq, Resource, Reflect)]
 #[reflect(Resource, Clone, Debug, Default, PartialEq)]
 pub struct VdbFrameCache {
@@ -36,6 +37,33 @@ pub struct VdbFrameCache {
 impl Default for VdbFrameCache {
     fn default() -> Self {
         Self { frames_ahead: 8, bytes: 1 << 30, loads_at_once: 2 }
+    }
+}
+
+/// The memory that the frames of all [`VdbPlayer`](crate::VdbPlayer)s take, as of the last update: a
+/// resource, to be read. [`VdbFrameCache`] limits it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Resource, Reflect)]
+#[reflect(Resource, Clone, Debug, Default, PartialEq)]
+pub struct VdbFrameCacheUsage {
+    bytes: u64,
+    frames: u64,
+    loading: u64,
+}
+
+impl VdbFrameCacheUsage {
+    /// The bytes of the frames in memory, to be compared with [`VdbFrameCache::bytes`].
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// The number of frames in memory. Players of one sequence share theirs.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// The number of frames that are being loaded.
+    pub fn loading(&self) -> u64 {
+        self.loading
     }
 }
 
@@ -187,6 +215,22 @@ impl Frames {
             Some(known) if known.failures >= PATIENCE => usize::from(now >= known.next_attempt),
             _ => usize::MAX,
         }
+    }
+
+    /// The memory that all frames take.
+    pub fn usage(&self) -> VdbFrameCacheUsage {
+        let mut usage = VdbFrameCacheUsage::default();
+        for frame in self.frames.values() {
+            match frame.held {
+                Held::Loading { .. } => usage.loading += 1,
+                Held::Loaded { bytes } => {
+                    usage.frames += 1;
+                    usage.bytes = usage.bytes.saturating_add(bytes);
+                }
+                Held::Failed => {}
+            }
+        }
+        usage
     }
 
     /// Adapts to a sequence that was reloaded: loaded frames that are still in it stay, failed ones

@@ -8,7 +8,7 @@ use vdb_core::display::escaped;
 
 use super::cache::{Bounds, Entry, Held, Need, plan};
 use super::component::VdbPlayer;
-use super::frames::{Ended, Frames, Key, PATIENCE, Tell, VdbFrameCache, bytes};
+use super::frames::{Ended, Frames, Key, PATIENCE, Tell, VdbFrameCache, VdbFrameCacheUsage, bytes};
 use super::playback::Playback;
 use super::status::VdbFrameFailed;
 use crate::{VdbFile, VdbGrid, VdbSequence, VdbVectorGrid};
@@ -109,6 +109,7 @@ fn warn_of(tell: &Tell, path: &str) {
 /// Begins the loads that players need, and releases frames that nobody needs where memory is short.
 pub(super) fn load_frames(
     cache: Res<VdbFrameCache>,
+    mut usage: ResMut<VdbFrameCacheUsage>,
     mut frames: ResMut<Frames>,
     sequences: Res<Assets<VdbSequence>>,
     server: Res<AssetServer>,
@@ -167,4 +168,5 @@ pub(super) fn load_frames(
         let Some(frame) = sequence.frames().get(key.1) else { continue };
         frames.begin(&server, key, frame, sequence.settings.as_ref(), now);
     }
+    usage.set_if_neq(frames.usage());
 }

@@ -16,7 +16,7 @@ use bevy::camera::visibility::VisibilitySystems;
 use bevy::prelude::*;
 
 pub use component::{VdbLateFrames, VdbPlayer};
-pub use frames::VdbFrameCache;
+pub use frames::{VdbFrameCache, VdbFrameCacheUsage};
 pub use status::{VdbFrameFailed, VdbPlayerFinished, VdbPlayerStatus};
 
 pub(crate) use playback::Playback;
@@ -38,7 +38,9 @@ impl Plugin for PlayerPlugin {
             .register_type::<VdbLateFrames>()
             .register_type::<VdbRepeat>()
             .register_type::<VdbFrameCache>()
+            .register_type::<VdbFrameCacheUsage>()
             .init_resource::<VdbFrameCache>()
+            .init_resource::<VdbFrameCacheUsage>()
             .init_resource::<frames::Frames>()
             .configure_sets(
                 PostUpdate,

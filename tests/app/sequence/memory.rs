@@ -38,6 +38,33 @@ fn frames_are_loaded_ahead_in_the_direction_of_play() {
 }
 
 #[test]
+fn the_memory_of_all_frames_is_reported_once() {
+    let mut stage = Stage::new("usage");
+    stage.write(1..=4);
+    (1..=3).for_each(|number| stage.gate.open(&name(number)));
+    let sequence = stage.sequence("gate://", 1..=4);
+    let usage = |stage: &Stage| *stage.app.world().resource::<VdbFrameCacheUsage>();
+    let player = stage.spawn(VdbPlayer::new(sequence.clone()).paused());
+    stage.until_loaded(player, 3);
+    stage.app.update();
+    let three = usage(&stage);
+    assert_eq!((three.frames(), three.loading()), (3, 1));
+    stage.gate.open(&name(4));
+    // Frames are the same size, and a second player shares them.
+    let other = stage.spawn(VdbPlayer::new(sequence).paused());
+    stage.until_loaded(other, 4);
+    let four = usage(&stage);
+    assert_eq!((four.frames(), four.loading()), (4, 0));
+    assert_eq!(three.bytes() / 3, four.bytes() / 4);
+    assert!(four.bytes() > 0);
+    for player in [player, other] {
+        stage.app.world_mut().despawn(player);
+    }
+    stage.app.update();
+    assert_eq!(usage(&stage), VdbFrameCacheUsage::default());
+}
+
+#[test]
 fn a_seek_cancels_loads_that_are_no_longer_wanted() {
     let mut stage = Stage::new("cancel");
     stage.write(1..=30);
