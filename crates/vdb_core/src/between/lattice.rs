@@ -185,18 +185,75 @@ impl Lattice {
 fn sums(field: &Field, weights: &[f32], count: usize, stride: usize, block: usize) -> Field {
     let radius = weights.len() / 2;
     let mut out = vec![0.0; field.len()];
-    // Rows of nodes that are neighbours in memory, at one place of the axis.
-    out.par_chunks_mut(stride).enumerate().for_each(|(row, out)| {
-        let (start, at) = (row * stride / block * block, row % count);
+    // Nodes that are neighbours in memory: a part of a plane or, along z, a row.
+    let length = if stride == 1 { count } else { stride };
+    out.par_chunks_mut(length).enumerate().for_each(|(row, out)| {
+        let start = row * length / block * block;
         for (k, weight) in weights.iter().enumerate() {
-            let Some(from) = (at + k).checked_sub(radius).filter(|from| *from < count) else {
-                continue;
+            let (source, target) = if stride == 1 {
+                let (skipped, ahead) = (radius.saturating_sub(k), k.saturating_sub(radius));
+                let Some(rest) = count.checked_sub(skipped + ahead) else { continue };
+                (start + ahead..start + ahead + rest, skipped..skipped + rest)
+            } else {
+                let from = (row % count + k).checked_sub(radius).filter(|from| *from < count);
+                let Some(from) = from else { continue };
+                (start + from * stride..start + (from + 1) * stride, 0..stride)
             };
-            let source = &field[start + from * stride..][..stride];
-            for (out, value) in out.iter_mut().zip(source) {
+            for (out, value) in out[target].iter_mut().zip(&field[source]) {
                 *out += weight * value;
             }
         }
     });
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_blur_is_the_same_along_every_axis_and_keeps_the_sum() {
+        let bounds = [DVec3::ZERO, DVec3::splat(37.0)];
+        let Ok(lattice) = Lattice::over(bounds, &Limits::default()) else { panic!() };
+        assert_eq!(lattice.dim, [20; 3]);
+        let at = |x: usize, y: usize, z: usize| (x * 20 + y) * 20 + z;
+        let mut field = vec![0.0; lattice.len()];
+        field[at(9, 9, 9)] = 1.0;
+        let blurred = lattice.blurred(&field, 1.5);
+        assert!((blurred.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+        for by in 1..=4 {
+            let far = blurred[at(9 + by, 9, 9)];
+            for other in [at(9 - by, 9, 9), at(9, 9 + by, 9), at(9, 9, 9 + by), at(9, 9, 9 - by)] {
+                assert!((blurred[other] - far).abs() < 1e-7);
+            }
+            // The ratio to the centre is that of the Gaussian.
+            let expected = (-0.5 * (by as f32 / 1.5).powi(2)).exp();
+            assert!((far / blurred[at(9, 9, 9)] - expected).abs() < 1e-4);
+        }
+        // At the border, what is outside counts as zero.
+        let edge = lattice.blurred(&vec![1.0; lattice.len()], 1.5);
+        assert!((edge[at(9, 9, 9)] - 1.0).abs() < 1e-5 && edge[at(9, 9, 0)] < 0.7);
+    }
+
+    #[test]
+    fn a_lattice_becomes_coarser_before_it_is_refused() {
+        let bounds = [DVec3::ZERO, DVec3::splat(63.0)];
+        let with = |tree_bytes| Lattice::over(bounds, &Limits { tree_bytes, ..Limits::default() });
+        let spacing = |tree_bytes| with(tree_bytes).map(|lattice| lattice.spacing).ok();
+        assert_eq!(spacing(NODE_BYTES * 33 * 33 * 33), Some(2));
+        assert_eq!(spacing(NODE_BYTES * 17 * 17 * 17), Some(4));
+        assert_eq!(spacing(NODE_BYTES), None);
+    }
+
+    #[test]
+    fn nodes_stand_for_the_voxels_around_them() {
+        let bounds = [DVec3::new(-3.0, 0.0, 5.0), DVec3::splat(9.0)];
+        let Ok(lattice) = Lattice::over(bounds, &Limits::default()) else { panic!() };
+        assert_eq!(lattice.position(0), DVec3::new(-3.5, 0.5, 4.5));
+        for i in 0..lattice.len() {
+            let corners: Vec<_> =
+                lattice.corners(lattice.local(lattice.position(i)), false).collect();
+            assert_eq!(corners, [(i, 1.0)]);
+        }
+    }
 }
