@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use vdb_core::cooked::{CookOptions, CookedFile, EXTENSION};
-use vdb_core::display::{escaped, quoted};
+use vdb_core::display::quoted;
 use vdb_core::pack::ValueFormat;
-use vdb_core::{AnyTree, ReadOptions, VdbFile};
+use vdb_core::{AnyTree, VdbFile};
 
+use crate::files::{make_folder, open, shown};
 use crate::limits::LimitArgs;
 use crate::progress::Progress;
 use crate::terminal::{self, bytes};
@@ -90,8 +91,8 @@ impl Totals {
 
 /// Cooks all files that can be cooked. The exit code is a failure if any could not.
 pub fn run(args: &Args) -> ExitCode {
-    if let Err(error) = std::fs::create_dir_all(&args.out) {
-        terminal::complain(&format!("{}: no folder can be made here: {error}", shown(&args.out)));
+    if let Err(error) = make_folder(&args.out) {
+        terminal::complain(&error);
         return ExitCode::FAILURE;
     }
     let mut code = ExitCode::SUCCESS;
@@ -123,10 +124,6 @@ pub fn run(args: &Args) -> ExitCode {
     terminal::print(&summary, code).break_value().unwrap_or(code)
 }
 
-fn shown(path: &Path) -> String {
-    escaped(&path.to_string_lossy()).at_most(4096).to_string()
-}
-
 /// The path of the cooked file.
 fn target(path: &Path, out: &Path) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_owned();
@@ -136,14 +133,7 @@ fn target(path: &Path, out: &Path) -> PathBuf {
 }
 
 fn cook(path: &Path, target: &Path, args: &Args, totals: &mut Totals) -> Result<(), String> {
-    let progress = Progress::reading(path);
-    let options = ReadOptions {
-        limits: args.limits.limits(),
-        progress: Some(progress.callback()),
-        ..ReadOptions::default()
-    };
-    let file = VdbFile::open_with(path, &options).map_err(|error| error.to_string())?;
-    drop(progress);
+    let file = open(path, &args.limits)?;
     let length = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     totals.name_left_out(path, &file);
     let progress = Progress::cooking(path);

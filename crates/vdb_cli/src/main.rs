@@ -1,6 +1,8 @@
 //! `vdb`, a command-line tool for OpenVDB files. Each subcommand is a module.
 
+mod between;
 mod cook;
+mod files;
 mod info;
 mod limits;
 mod progress;
@@ -21,6 +23,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Between(between::Args),
     Cook(cook::Args),
     Info(info::Args),
 }
@@ -31,6 +34,7 @@ fn main() -> ExitCode {
         Err(message) => return usage(&message),
     };
     match cli.command {
+        Command::Between(args) => between::run(&args),
         Command::Cook(args) => cook::run(&args),
         Command::Info(args) => info::run(&args),
     }

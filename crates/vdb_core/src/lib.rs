@@ -11,6 +11,7 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+pub mod between;
 mod blackbody;
 mod codec;
 pub mod cooked;

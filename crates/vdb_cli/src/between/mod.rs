@@ -1,0 +1,198 @@
+//! `vdb between`: frames in between the frames of a sequence.
+
+mod check;
+mod frame;
+mod write;
+
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use vdb_core::between::{BetweenOptions, Frame, Method, fit_velocity_scale, in_between};
+use vdb_core::display::quoted;
+use vdb_core::{Grid, VdbFile};
+
+use crate::files::shown;
+use crate::limits::LimitArgs;
+use crate::terminal;
+use frame::Numbered;
+
+/// Make frames in between: N for each step from one frame of a sequence to the next
+#[derive(clap::Args)]
+pub struct Args {
+    /// The frames, in any order: files whose names differ in their last number
+    #[arg(required = true, value_name = "FRAME")]
+    frames: Vec<PathBuf>,
+
+    /// The folder for the new sequence, whose numbers are N + 1 times as large; made if it is not
+    /// there
+    #[arg(long, value_name = "DIR", required_unless_present = "check")]
+    out: Option<PathBuf>,
+
+    /// Frames in between for each step of the numbers
+    #[arg(long, value_name = "N", default_value = "1")]
+    steps: NonZeroU32,
+
+    /// How they are made
+    #[arg(long, value_enum, default_value_t = Way::Register)]
+    method: Way,
+
+    /// The grids, separated by commas; by default all grids of floats but level sets
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    grids: Vec<String>,
+
+    /// The grid of velocities; by default `velocity`, `vel` or `v`
+    #[arg(long, value_name = "NAME")]
+    velocity: Option<String>,
+
+    /// World units per frame and unit of velocity: 1 / fps for Houdini. By default what fits the
+    /// frames best
+    #[arg(long, value_name = "X", default_value = "auto", allow_negative_numbers = true)]
+    velocity_scale: Scale,
+
+    /// Write nothing: leave out every second frame, make it, and print how much it differs from
+    /// the one left out
+    #[arg(long, conflicts_with_all = ["out", "steps"])]
+    check: bool,
+
+    /// For --check: the extinction of rays per world unit at a value of 1. By default such that the
+    /// densest ray of each frame has an optical depth of 3
+    #[arg(long, value_name = "X", requires = "check")]
+    extinction: Option<f64>,
+
+    #[command(flatten)]
+    limits: LimitArgs,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Way {
+    /// Along the velocities, if there are any, and the motion found by matching the frames
+    Register,
+    /// Along the velocities alone
+    Advect,
+    /// Blended where they are
+    Fade,
+}
+
+impl From<Way> for Method {
+    fn from(way: Way) -> Self {
+        match way {
+            Way::Register => Self::Register,
+            Way::Advect => Self::Advect,
+            Way::Fade => Self::CrossFade,
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Scale {
+    Auto,
+    Given(f64),
+}
+
+impl std::str::FromStr for Scale {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" {
+            return Ok(Self::Auto);
+        }
+        match text.parse::<f64>() {
+            Ok(scale) if scale.is_finite() => Ok(Self::Given(scale)),
+            _ => Err("give a finite number, or `auto`".into()),
+        }
+    }
+}
+
+/// Makes the sequence, or measures it. The exit code is a failure if a frame is missing.
+pub fn run(args: &Args) -> ExitCode {
+    let done = frame::series(&args.frames).and_then(|frames| {
+        if args.check { check::run(args, &frames) } else { write::run(args, &frames) }
+    });
+    done.unwrap_or_else(|error| {
+        terminal::complain(&error);
+        ExitCode::FAILURE
+    })
+}
+
+/// What stays the same from one pair of frames to the next.
+struct Maker<'a> {
+    args: &'a Args,
+    /// The last velocity scale that was found, per number of a frame.
+    found: Option<f64>,
+}
+
+/// Two frames that follow each other.
+struct Pair<'a> {
+    from: (&'a Numbered, &'a VdbFile),
+    to: (&'a Numbered, &'a VdbFile),
+}
+
+impl Pair<'_> {
+    /// The difference of their numbers.
+    fn gap(&self) -> u64 {
+        self.to.0.number - self.from.0.number
+    }
+}
+
+impl Maker<'_> {
+    /// The names of the grids to make.
+    fn names(&self, file: &VdbFile) -> Vec<String> {
+        if !self.args.grids.is_empty() {
+            return self.args.grids.clone();
+        }
+        let all = file.grids.iter().filter(|grid| frame::can_be_made(grid));
+        all.map(|grid| grid.unique_name.clone()).collect()
+    }
+
+    /// The grid of a frame.
+    fn grid<'b>(&self, at: (&Numbered, &'b VdbFile), name: &str) -> Result<&'b Grid, String> {
+        at.1.grid(name)
+            .ok_or_else(|| format!("{}: the file has no grid {}", shown(&at.0.path), quoted(name)))
+    }
+
+    /// A grid of a frame with its velocities.
+    fn frame<'b>(&self, at: (&Numbered, &'b VdbFile), name: &str) -> Result<Frame<'b>, String> {
+        let grid = self.grid(at, name)?;
+        let velocity = match &self.args.velocity {
+            Some(name) => Some(self.grid(at, name)?),
+            None => frame::velocity(at.1),
+        };
+        Ok(Frame { grid, velocity })
+    }
+
+    /// The options for a pair. The velocity scale is found from one grid for all of them; where it
+    /// cannot be found, the last one holds.
+    fn options(&mut self, pair: &Pair, name: &str) -> Result<BetweenOptions, String> {
+        let per_number = match self.args.velocity_scale {
+            Scale::Given(scale) => Some(scale),
+            Scale::Auto if !matches!(self.args.method, Way::Fade) => {
+                let frames = (self.frame(pair.from, name)?, self.frame(pair.to, name)?);
+                let fitted = fit_velocity_scale(frames.0, frames.1)
+                    .map_err(|error| error.in_file(&pair.from.0.path).to_string())?;
+                self.found = fitted.map(|scale| scale / pair.gap() as f64).or(self.found);
+                self.found
+            }
+            Scale::Auto => None,
+        };
+        Ok(BetweenOptions {
+            method: self.args.method.into(),
+            // No scale fits: nothing moves along the velocities.
+            velocity_scale: Some(per_number.unwrap_or(0.0) * pair.gap() as f64),
+            limits: self.args.limits.limits(),
+        })
+    }
+
+    /// A grid between two frames.
+    fn make(
+        &self,
+        pair: &Pair,
+        name: &str,
+        t: f64,
+        options: &BetweenOptions,
+    ) -> Result<Grid, String> {
+        let (from, to) = (self.frame(pair.from, name)?, self.frame(pair.to, name)?);
+        in_between(from, to, t, options)
+            .map_err(|error| error.in_file(&pair.from.0.path).to_string())
+    }
+}

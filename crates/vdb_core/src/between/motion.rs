@@ -1,0 +1,194 @@
+//! The motion from one frame to the next, as seen from the time in between.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::lattice::{Field, Lattice};
+use super::place::{Pair, union};
+use super::register::registered;
+use super::trace::traced;
+use super::velocity::Flow;
+use crate::tree::Node;
+use crate::{Error, Limits};
+
+/// The parts of the velocities from which registration starts. Two frames of a fast jet are too far
+/// apart for their velocities to describe what happens between them: there, rest is the better
+/// start.
+const PARTS: [f64; 3] = [0.0, 0.5, 1.0];
+/// The stiffness of registration from rest, and from a motion along velocities.
+const STIFFNESS: [f64; 2] = [1e-3, 1e-2];
+/// The standard deviation, in nodes, of the window in which the agreement of frames is measured.
+const WINDOW: f64 = 1.0;
+/// The squared difference below which frames agree, for values of the order of 1.
+const AGREEMENT: f32 = 1e-3;
+/// Voxels around everything that moves.
+const MARGIN: f64 = 4.0;
+/// At most as many points of each frame are followed to find out how far the motion leads.
+const SCOUTS: u64 = 4096;
+
+/// Where the content of a node comes from.
+pub(super) struct Path {
+    /// From the node to its place in each frame, in voxels of the first frame.
+    pub to: [Vec<Vec3>; 2],
+    /// How far this path is to be believed, from 0 to 1; all paths together have 1.
+    pub weight: Field,
+}
+
+/// Paths to both frames.
+pub(super) struct Motion {
+    /// `None` if nothing moves.
+    pub lattice: Option<Lattice>,
+    pub paths: Vec<Path>,
+    /// The weight of what does not move.
+    pub rest: Field,
+}
+
+impl Motion {
+    /// No motion.
+    pub fn none() -> Self {
+        Self { lattice: None, paths: Vec::new(), rest: Vec::new() }
+    }
+
+    /// Along velocities.
+    pub fn advected(
+        pair: &Pair,
+        flow: Option<&Flow>,
+        t: f64,
+        limits: &Limits,
+    ) -> Result<Self, Error> {
+        let (Some(flow), Some(bounds)) = (flow, bounds(pair, flow, t)) else {
+            return Ok(Self::none());
+        };
+        let lattice = Lattice::over(bounds, limits)?;
+        let to = traces(&lattice, Some((flow, 1.0)), t, None);
+        let path = Path { to, weight: vec![1.0; lattice.len()] };
+        Ok(Self { rest: vec![0.0; lattice.len()], lattice: Some(lattice), paths: vec![path] })
+    }
+
+    /// Along velocities and what registration finds.
+    pub fn registered(
+        pair: &Pair,
+        flow: Option<&Flow>,
+        t: f64,
+        limits: &Limits,
+    ) -> Result<Self, Error> {
+        let Some(bounds) = bounds(pair, flow, t) else { return Ok(Self::none()) };
+        let lattice = Lattice::over(bounds, limits)?;
+        let mut means = lattice.means(pair);
+        normalize(&mut means);
+        let mut paths = Vec::new();
+        for part in PARTS {
+            let flow = flow.filter(|_| part > 0.0).map(|flow| (flow, part));
+            if flow.is_some() || part == 0.0 {
+                paths.push(path(&lattice, &means, flow, t));
+            }
+        }
+        let still = differences(&lattice, &means, None);
+        let mut rest = belief(&lattice, &still);
+        share(&mut paths, &mut rest);
+        Ok(Self { lattice: Some(lattice), paths, rest })
+    }
+}
+
+/// The box that anything may be in at time `t`: `None` if there is nothing.
+fn bounds(pair: &Pair, flow: Option<&Flow>, t: f64) -> Option<[DVec3; 2]> {
+    let mut bounds = pair.bounds()?;
+    if let Some(flow) = flow {
+        let mut flow = flow.sampler(1.0);
+        for (frame, time) in [(&pair.from, 0.0), (&pair.to, 1.0)] {
+            let every = (frame.tree.active_voxel_count() / SCOUTS).max(1) as usize;
+            let active = frame.tree.leaves().flat_map(|leaf| {
+                let slots = leaf.value_mask().iter_on();
+                slots.map(move |slot| {
+                    leaf.origin() + crate::tree::LeafNode::<f32, 3>::slot_offset(slot)
+                })
+            });
+            for ijk in active.step_by(every) {
+                let [p, _] = frame.seen(crate::tree::CoordBox::voxel(ijk));
+                let p = traced(&mut flow, p, time, t);
+                bounds = union(bounds, [p, p]);
+            }
+        }
+    }
+    Some([bounds[0] - MARGIN, bounds[1] + MARGIN])
+}
+
+/// Divides by a value of the order of the larger ones: three times the root of the mean square
+/// where there is anything.
+fn normalize(means: &mut [Field; 2]) {
+    let squares = |field: &Field| field.par_iter().map(|v| f64::from(*v).powi(2)).sum::<f64>();
+    let count = |field: &Field| field.par_iter().filter(|v| **v != 0.0).count() as f64;
+    let [sum, nodes] = [means.iter().map(squares).sum::<f64>(), means.iter().map(count).sum()];
+    let by = 3.0 * (sum / nodes.max(1.0)).sqrt();
+    if by > 0.0 && by.is_finite() {
+        for value in means.iter_mut().flatten() {
+            *value = (f64::from(*value) / by) as f32;
+        }
+    }
+}
+
+/// The paths of all nodes, moved at time `t` by `motion` in nodes of the lattice.
+fn traces(
+    lattice: &Lattice,
+    flow: Option<(&Flow, f64)>,
+    t: f64,
+    motion: Option<&[Vec3]>,
+) -> [Vec<Vec3>; 2] {
+    [(0.0, -t), (1.0, 1.0 - t)].map(|(end, times)| {
+        lattice.each(
+            || flow.map(|(flow, part)| flow.sampler(part)),
+            |flow, i| {
+                let node = lattice.position(i);
+                let moved = motion.map_or(Vec3::ZERO, |motion| motion[i]).as_dvec3();
+                let p = node + times * lattice.spacing as f64 * moved;
+                let p = flow.as_mut().map_or(p, |flow| traced(flow, p, t, end));
+                (p - node).as_vec3()
+            },
+        )
+    })
+}
+
+/// The means of both frames at the ends of paths.
+fn ends(lattice: &Lattice, means: &[Field; 2], to: &[Vec<Vec3>; 2]) -> [Field; 2] {
+    [0, 1].map(|frame: usize| {
+        lattice.each(
+            || (),
+            |(), i| {
+                let p = lattice.position(i) + to[frame][i].as_dvec3();
+                lattice.interpolated([&means[frame]], lattice.local(p))[0]
+            },
+        )
+    })
+}
+
+/// The squared differences of the frames along paths, or where they are, in a window.
+fn differences(lattice: &Lattice, means: &[Field; 2], to: Option<&[Vec<Vec3>; 2]>) -> Field {
+    let moved = to.map(|to| ends(lattice, means, to));
+    let [a, b] = moved.as_ref().unwrap_or(means);
+    let squares = a.par_iter().zip(b).map(|(a, b)| (a - b) * (a - b)).collect();
+    lattice.blurred(&squares, WINDOW)
+}
+
+/// How far paths with these differences are to be believed.
+fn belief(lattice: &Lattice, differences: &Field) -> Field {
+    lattice.each(|| (), |(), i| (differences[i].max(0.0) + AGREEMENT).powi(-2))
+}
+
+/// The path found from a start along a part of the velocities.
+fn path(lattice: &Lattice, means: &[Field; 2], flow: Option<(&Flow, f64)>, t: f64) -> Path {
+    let start = traces(lattice, flow, t, None);
+    let [a, b] = ends(lattice, means, &start);
+    let motion = registered(lattice, &a, &b, t, STIFFNESS[usize::from(flow.is_some())]);
+    let to = traces(lattice, flow, t, Some(&motion));
+    let weight = belief(lattice, &differences(lattice, means, Some(&to)));
+    Path { to, weight }
+}
+
+/// Makes the weights of each node sum to 1.
+fn share(paths: &mut [Path], rest: &mut Field) {
+    for (i, rest) in rest.iter_mut().enumerate() {
+        let total = paths.iter().map(|path| path.weight[i]).sum::<f32>() + *rest;
+        *rest /= total;
+        paths.iter_mut().for_each(|path| path.weight[i] /= total);
+    }
+}
