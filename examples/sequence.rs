@@ -12,6 +12,10 @@ use bevy_vdb::prelude::*;
 
 mod helpers;
 
+/// Where the fires are, and their sizes.
+const PLACES: [(Vec3, f32); 3] =
+    [(Vec3::ZERO, 1.25), (Vec3::new(-1.9, 0.0, -1.6), 0.95), (Vec3::new(2.2, 0.0, -2.0), 1.0)];
+
 fn main() -> AppExit {
     helpers::app()
         .insert_resource(ClearColor(Color::srgb(0.01, 0.013, 0.03)))
@@ -37,9 +41,7 @@ struct Front;
 fn fires(mut commands: Commands, assets: Res<AssetServer>) {
     // A few lines of text: the files, the rate, the grids. Players of one sequence share its frames.
     let fire: Handle<VdbSequence> = assets.load("models/fire/fire.vdbseq");
-    let places =
-        [(Vec3::ZERO, 1.25), (Vec3::new(-2.6, 0.0, -3.2), 0.7), (Vec3::new(2.9, 0.0, -4.1), 0.8)];
-    for (number, (place, scale)) in places.into_iter().enumerate() {
+    for (number, (place, scale)) in PLACES.into_iter().enumerate() {
         let mut player = VdbPlayer::new(fire.clone());
         player.seek_time(1.0 - 0.4 * number as f64);
         let mut entity = commands.spawn((
@@ -49,7 +51,7 @@ fn fires(mut commands: Commands, assets: Res<AssetServer>) {
                 grid: default(),
                 scale: 1_200.0,
                 offset: 800.0,
-                strength: 0.3,
+                strength: 0.5,
             },
             VdbMaterial {
                 base_color: Color::srgb(0.35, 0.33, 0.32),
@@ -59,7 +61,7 @@ fn fires(mut commands: Commands, assets: Res<AssetServer>) {
             Transform::from_translation(place).with_scale(Vec3::splat(scale)),
             children![(
                 Flicker,
-                PointLight { color: Color::srgb(1.0, 0.52, 0.2), range: 5.0, ..default() },
+                PointLight { color: Color::srgb(1.0, 0.52, 0.2), range: 6.0, ..default() },
                 Transform::from_xyz(0.0, 0.45, 0.0),
             )],
         ));
@@ -91,9 +93,7 @@ fn camp(
     commands.spawn((Mesh3d(ground), MeshMaterial3d(earth)));
     let ball = meshes.add(Sphere::new(0.16).mesh().ico(4).expect("a small number"));
     let log = meshes.add(Cylinder::new(0.07, 0.9));
-    for (middle, scale) in
-        [(Vec3::ZERO, 1.25), (Vec3::new(-2.6, 0.0, -3.2), 0.7), (Vec3::new(2.9, 0.0, -4.1), 0.8)]
-    {
+    for (middle, scale) in PLACES {
         for i in 0..11 {
             let angle = std::f32::consts::TAU * i as f32 / 11.0;
             let size = 0.8 + 0.35 * (5.0 * angle + middle.x).sin();
@@ -186,7 +186,7 @@ fn flicker(
         let strength = 1.0 + 0.18 * (3.0 * phase).sin() + 0.12 * (7.0 * phase + 1.0).sin();
         let mut lights = lights.iter_many_mut(children);
         while let Some(mut light) = lights.fetch_next() {
-            light.intensity = 26_000.0 * strength;
+            light.intensity = 60_000.0 * strength;
         }
     }
 }

@@ -53,7 +53,7 @@ fn hues(pixels: &[[u8; 3]]) -> usize {
 fn sequence_shows_three_fires() {
     let picture = picture("sequence");
     let is_fire = |[r, g, b]: [i32; 3]| r > 150 && r > 2 * b && g < r;
-    let thirds = [0..50, 50..78, 78..128].map(|columns| {
+    let thirds = [0..46, 46..82, 82..128].map(|columns| {
         let within = |(i, _): &(usize, &[u8; 3])| columns.contains(&(i % SIZE.0));
         let part = picture.iter().enumerate().filter(within).map(|(_, pixel)| *pixel);
         count(&part.collect::<Vec<_>>(), is_fire)
