@@ -6,6 +6,7 @@ mod warm;
 
 mod edits;
 mod fog;
+mod grids;
 mod parts;
 mod recording;
 mod sequence;
@@ -29,6 +30,7 @@ recorded as well.
   edits           a ball of 100,000 voxels that runs around in a larger one, or stands still, in turns
   fog             a cloud in the sun all over the picture: still, under a moving sun, under 16 lamps with a still
                   and with a moving camera, under a lamp that moves, four clouds, fire in one; and the ball of edits
+  grids           a small grid that comes and goes beside ten large ones; a grid that is replaced in each frame
   sequence        the frames in a folder, played in a loop forwards and backwards, and sought at random
   parts           surfaces, fog and fire: each pass, and what VdbMeasureFeatures makes of them
 
@@ -80,6 +82,7 @@ impl Args {
                 "recording" => args.what.push(recording::run),
                 "edits" => args.what.push(edits::run),
                 "fog" => args.what.push(fog::run),
+                "grids" => args.what.push(grids::run),
                 "sequence" => args.what.push(sequence::run),
                 "--model" => args.model = Some(options.value(|path| Some(PathBuf::from(path)))?),
                 "--scene" => args.scene = Some(options.value(|name| Some(name.to_owned()))?),

@@ -29,39 +29,61 @@ fn main() -> Result<(), Box<dyn Error>> {
     let has = |name: &str| options.iter().any(|option| option == name);
     let (frames, out): (u32, _) = (frames.parse()?, Path::new(out));
     std::fs::create_dir_all(out)?;
+    let is_raw = has("--raw");
     let step = if has("--half") { 2 } else { 1 };
     let still = Dense::read(cloud, step)?;
-    let (mut voxels, mut cooked_bytes, mut raw) = (0, 0, (0, 0, 0));
-    for number in 1..=frames {
+    let sums = (1..=frames).into_par_iter().map(|number| {
         let phase = TAU * (number - 1) as f32 / frames as f32;
         let tree = still.moved(phase);
-        voxels += tree.active_voxel_count();
+        let mut own = Sums { voxels: tree.active_voxel_count(), ..Sums::default() };
         let mut grid = Grid::new("density", AnyTree::Float(tree.into()));
         (grid.class, grid.saved_as_half) = (GridClass::FogVolume, true);
         let file = VdbFile::new(vec![grid]);
         let path = out.join(format!("cloud_{number:04}"));
-        let mut own = 0;
-        if !has("--raw") {
+        if !is_raw {
             let cooked = CookedFile::cook(&file, &CookOptions::default())?;
-            own = cooked.save(path.with_extension("vdbc"))?;
-            cooked_bytes += own;
+            own.cooked = cooked.save(path.with_extension("vdbc"))?;
         }
-        if has("--raw") || number % 20 == 1 {
+        if is_raw || number % 20 == 1 {
             let bytes = file.write(&WriteOptions::default())?;
-            raw = (raw.0 + 1, raw.1 + bytes.len() as u64, raw.2 + own);
-            if has("--raw") {
+            own.raw = [1, bytes.len() as u64, own.cooked];
+            if is_raw {
                 std::fs::write(path.with_extension("vdb"), bytes)?;
             }
         }
-    }
-    let mean = |sum: u64, count: u32| sum as f64 / f64::from(count) / 1e6;
-    println!("{frames} frames of {:.2} million active voxels", mean(voxels, frames));
-    println!("a .vdb file of 16-bit floats, Blosc: {:.2} MB", mean(raw.1, raw.0));
-    if cooked_bytes > 0 {
-        let ratio = raw.2 as f64 / raw.1 as f64;
-        println!("a cooked file: {:.2} MB, {ratio:.2} of that", mean(cooked_bytes, frames));
+        Ok(own)
+    });
+    let Sums { voxels, cooked, raw: [raw_frames, raw, raw_cooked] } = sums
+        .try_reduce(Sums::default, |a, b| Ok(a.add(&b)))
+        .map_err(|error: Box<dyn Error + Send + Sync>| error as Box<dyn Error>)?;
+    let mean = |sum: u64, count: u64| sum as f64 / count as f64 / 1e6;
+    println!("{frames} frames of {:.2} million active voxels", mean(voxels, frames.into()));
+    println!("a .vdb file of 16-bit floats, Blosc: {:.2} MB", mean(raw, raw_frames));
+    if cooked > 0 {
+        let ratio = raw_cooked as f64 / raw as f64;
+        println!("a cooked file: {:.2} MB, {ratio:.2} of that", mean(cooked, frames.into()));
     }
     Ok(())
+}
+
+/// What some frames have together.
+#[derive(Default)]
+struct Sums {
+    voxels: u64,
+    /// The bytes of their cooked files.
+    cooked: u64,
+    /// Of those that are written as `.vdb`: how many, their bytes, and the bytes of the same cooked.
+    raw: [u64; 3],
+}
+
+impl Sums {
+    fn add(&self, other: &Self) -> Self {
+        Self {
+            voxels: self.voxels + other.voxels,
+            cooked: self.cooked + other.cooked,
+            raw: [0, 1, 2].map(|i| self.raw[i] + other.raw[i]),
+        }
+    }
 }
 
 /// A cloud as an array.
