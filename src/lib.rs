@@ -76,10 +76,11 @@ pub use quality::{
 };
 pub use render::{VdbGpuUsage, VdbReloadShaders, VdbSystems};
 pub use scene::{
-    VdbCamera, VdbColorGrid, VdbEmission, VdbFrameCache, VdbFrameCacheUsage, VdbFrameFailed,
-    VdbLateFrames, VdbMaterial, VdbOverlays, VdbPlayer, VdbPlayerFinished, VdbPlayerStatus,
-    VdbPlayerSystems, VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbRenderMode, VdbRoles,
-    VdbSpatialQuery, VdbSun, VdbTraversal, VdbVolume, VdbVolumeDrawn, VdbVolumeState,
+    VdbCamera, VdbColorGrid, VdbEmission, VdbFrameBlend, VdbFrameCache, VdbFrameCacheUsage,
+    VdbFrameFailed, VdbLateFrames, VdbMaterial, VdbOverlays, VdbPlayer, VdbPlayerFinished,
+    VdbPlayerStatus, VdbPlayerSystems, VdbRayCastSettings, VdbRayHit, VdbRayVisibility,
+    VdbRenderMode, VdbRoles, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVolume, VdbVolumeDrawn,
+    VdbVolumeState,
 };
 #[cfg(feature = "picking")]
 pub use scene::{VdbPickingPlugin, VdbPickingSettings};

@@ -15,6 +15,8 @@ mod edits;
 mod extras;
 #[path = "picture/extremes.rs"]
 mod extremes;
+#[path = "picture/fade.rs"]
+mod fade;
 #[path = "picture/film.rs"]
 mod film;
 #[path = "picture/flip.rs"]

@@ -22,9 +22,10 @@ pub use components::{
 pub use emission::{VdbColorGrid, VdbEmission};
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
+pub(crate) use player::Share;
 pub use player::{
-    VdbFrameCache, VdbFrameCacheUsage, VdbFrameFailed, VdbLateFrames, VdbPlayer, VdbPlayerFinished,
-    VdbPlayerStatus, VdbPlayerSystems,
+    VdbFrameBlend, VdbFrameCache, VdbFrameCacheUsage, VdbFrameFailed, VdbLateFrames, VdbPlayer,
+    VdbPlayerFinished, VdbPlayerStatus, VdbPlayerSystems,
 };
 pub use roles::VdbRoles;
 pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};

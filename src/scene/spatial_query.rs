@@ -5,6 +5,7 @@ use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use vdb_core::query::{GridQuery, IndexRay};
 
+use super::player::NextFrame;
 use crate::{VdbGrid, VdbMaterial, VdbVolume};
 
 /// Casts rays against [`VdbVolume`]s and samples their values. Hits agree with the rendered image:
@@ -46,6 +47,8 @@ pub struct VdbSpatialQuery<'w, 's> {
             &'static InheritedVisibility,
             &'static ViewVisibility,
         ),
+        // What fades in belongs to the frame that is shown.
+        Without<NextFrame>,
     >,
 }
 

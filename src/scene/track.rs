@@ -6,7 +6,7 @@ use bevy::asset::{AssetLoadError, LoadState, UntypedAssetId};
 use bevy::ecs::entity::EntityHashMap;
 use bevy::prelude::*;
 
-use super::player::Playback;
+use super::player::{NextFrame, Playback};
 use super::volume_state::{ToldDrawn, VdbVolumeDrawn, VdbVolumeState};
 use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbLoaderError, VdbVolume};
 
@@ -39,12 +39,13 @@ pub(crate) fn update_states(
         Option<&Playback>,
         &mut VdbVolumeState,
         &mut ToldDrawn,
+        Has<NextFrame>,
     )>,
     assets: Res<AssetServer>,
     grids: Res<Assets<VdbGrid>>,
     drawn: Option<Res<DrawnVolumes>>,
 ) {
-    for (entity, volume, emission, color, player, mut state, mut told) in &mut volumes {
+    for (entity, volume, emission, color, player, mut state, mut told, is_next) in &mut volumes {
         let id = volume.0.id();
         let further = further_grids(emission, color);
         let is_coming = |id| assets.get_load_state(id).is_some_and(|state| state.is_loading());
@@ -68,8 +69,8 @@ pub(crate) fn update_states(
         };
         let is_drawn = now == VdbVolumeState::Drawn;
         state.set_if_neq(now);
-        // A player is told of with its first frame.
-        if is_drawn && told.0 != Some(id) && (player.is_none() || told.0.is_none()) {
+        // A player is told of with its first frame, and what fades in belongs to it.
+        if is_drawn && !is_next && told.0 != Some(id) && (player.is_none() || told.0.is_none()) {
             told.0 = Some(id);
             commands.trigger(VdbVolumeDrawn { entity });
         }

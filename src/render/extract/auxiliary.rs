@@ -75,6 +75,14 @@ impl AuxiliaryGrids {
         auxiliary
     }
 
+    /// Of the emission only a share.
+    pub fn with_share(mut self, share: f32) -> Self {
+        for part in &mut self.emission {
+            part.emissive *= share;
+        }
+        self
+    }
+
     fn add_emission(
         &mut self,
         emission: &VdbEmission,

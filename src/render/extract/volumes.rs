@@ -11,6 +11,7 @@ use vdb_core::pack::{PackKind, PackedGrid};
 
 use super::auxiliary::AuxiliaryGrids;
 use crate::render::gpu::GridKey;
+use crate::scene::Share;
 use crate::{
     VdbColorGrid, VdbEmission, VdbGrid, VdbMaterial, VdbVectorGrid, VdbVolume, VdbVolumeQuality,
 };
@@ -75,7 +76,7 @@ pub(crate) fn extract_volumes(
             Option<&RenderLayers>,
             (Option<&VdbEmission>, Option<&VdbColorGrid>),
             (Has<NotShadowCaster>, Has<NotShadowReceiver>),
-            Option<&VdbVolumeQuality>,
+            (Option<&VdbVolumeQuality>, Option<&Share>),
         )>,
     >,
     grids: Extract<Res<Assets<VdbGrid>>>,
@@ -85,14 +86,19 @@ pub(crate) fn extract_volumes(
 ) {
     std::mem::swap(&mut extracted.0, &mut *before);
     extracted.0.clear();
-    for (entity, volume, transform, material, visible, layers, auxiliary, without, quality) in
+    for (entity, volume, transform, material, visible, layers, auxiliary, without, settings) in
         &volumes
     {
+        let (quality, share) = settings;
+        let share = share.map_or(1.0, |share| share.0);
         let Some(grid) = grids.get(&volume.0) else { continue };
         let entity = MainEntity::from(entity);
         let world_from_local = transform.affine();
+        let mut material = material.clone();
+        material.density_scale *= share;
         let auxiliary = if visible.get() {
-            AuxiliaryGrids::new(auxiliary, (&grids, &vectors), grid.kind() != PackKind::Fog)
+            let is_surface = grid.kind() != PackKind::Fog;
+            AuxiliaryGrids::new(auxiliary, (&grids, &vectors), is_surface).with_share(share)
         } else {
             AuxiliaryGrids::default()
         };
@@ -106,7 +112,7 @@ pub(crate) fn extract_volumes(
                 .get(&entity)
                 .map_or(world_from_local, |before| before.world_from_local),
             local_from_index: grid.world_from_index(),
-            material: material.clone(),
+            material,
             quality: quality.copied().unwrap_or_default(),
             visible: visible.get(),
             casts: !without.0,

@@ -121,6 +121,12 @@ impl Clock {
         }
     }
 
+    /// The part of the slot's time that is over, from 0 to 1.
+    pub fn part(&self) -> f64 {
+        let part = self.position() - self.slot();
+        (if self.is_backward() { 1.0 - part } else { part }).clamp(0.0, 1.0)
+    }
+
     /// Whether the last slot of a timeline is over.
     pub fn has_ended(&self, timeline: Timeline) -> bool {
         let position = self.position();

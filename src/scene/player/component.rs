@@ -49,6 +49,8 @@ pub struct VdbPlayer {
     pub frame_rate: Option<f32>,
     /// What happens when a frame is wanted and not there yet.
     pub late_frames: VdbLateFrames,
+    /// What is shown between two frames.
+    pub blend: VdbFrameBlend,
     /// The label of the grid to show. `None`, the default: by its role.
     pub grid: Option<String>,
     /// Whether the player sets `VdbEmission` and `VdbColorGrid`. On by default.
@@ -67,6 +69,20 @@ pub enum VdbLateFrames {
     Drop,
     /// The clock waits for the frame, so that each is shown: for recordings.
     Wait,
+}
+
+/// What a [`VdbPlayer`] shows between two frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
+#[reflect(Clone, Debug, Default, PartialEq, Hash)]
+pub enum VdbFrameBlend {
+    /// Each frame until the next one.
+    #[default]
+    Hold,
+    /// Fog and its emission fade from each frame to the next, as far as that is in memory. What moves
+    /// fast is seen twice; `vdb between` makes better frames in between. Costs as much as two
+    /// volumes: the next frame is one of its own, a child of the player's entity. Surfaces do not
+    /// fade.
+    CrossFade,
 }
 
 /// Where a player is to go.
@@ -89,6 +105,7 @@ impl VdbPlayer {
             repeat: None,
             frame_rate: None,
             late_frames: VdbLateFrames::Drop,
+            blend: VdbFrameBlend::Hold,
             grid: None,
             sets_roles: true,
             is_paused: false,
@@ -123,6 +140,12 @@ impl VdbPlayer {
     /// Changes what happens when a frame is not there yet.
     pub fn with_late_frames(mut self, late_frames: VdbLateFrames) -> Self {
         self.late_frames = late_frames;
+        self
+    }
+
+    /// Changes what is shown between two frames.
+    pub fn with_blend(mut self, blend: VdbFrameBlend) -> Self {
+        self.blend = blend;
         self
     }
 

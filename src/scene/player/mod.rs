@@ -3,6 +3,7 @@
 mod cache;
 mod clock;
 mod component;
+mod fade;
 mod frames;
 mod load;
 mod order;
@@ -15,10 +16,11 @@ use bevy::asset::AssetEventSystems;
 use bevy::camera::visibility::VisibilitySystems;
 use bevy::prelude::*;
 
-pub use component::{VdbLateFrames, VdbPlayer};
+pub use component::{VdbFrameBlend, VdbLateFrames, VdbPlayer};
 pub use frames::{VdbFrameCache, VdbFrameCacheUsage};
 pub use status::{VdbFrameFailed, VdbPlayerFinished, VdbPlayerStatus};
 
+pub(crate) use fade::{NextFrame, Share};
 pub(crate) use playback::Playback;
 
 use crate::VdbRepeat;
@@ -36,6 +38,7 @@ impl Plugin for PlayerPlugin {
         app.register_type::<VdbPlayer>()
             .register_type::<VdbPlayerStatus>()
             .register_type::<VdbLateFrames>()
+            .register_type::<VdbFrameBlend>()
             .register_type::<VdbRepeat>()
             .register_type::<VdbFrameCache>()
             .register_type::<VdbFrameCacheUsage>()
@@ -50,7 +53,7 @@ impl Plugin for PlayerPlugin {
             )
             .add_systems(
                 PostUpdate,
-                (load::follow_loads, play::play, load::load_frames)
+                (load::follow_loads, play::play, fade::fade, load::load_frames)
                     .chain()
                     .in_set(VdbPlayerSystems),
             );

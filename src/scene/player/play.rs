@@ -186,6 +186,12 @@ fn want(
         playback.sought = Some(index);
     }
     playback.wanted = Some(Place { index, step: at.step, count, repeat });
+    // The slots of this frame, which are more than one if numbers are missing after it.
+    let slot = |index: usize| sequence.frames().get(index).map(|frame| frame.number - first);
+    let start = slot(index).unwrap_or_default();
+    let end = slot(index + 1).unwrap_or(timeline.slots);
+    let over = if at.step < 0 { end.saturating_sub(at.slot + 1) } else { at.slot - start };
+    playback.part = (over as f64 + playback.clock.part()) / end.saturating_sub(start).max(1) as f64;
 }
 
 /// Where frames are shown.

@@ -18,6 +18,8 @@ pub(crate) struct Playback {
     pub(super) timeline: Option<Timeline>,
     /// The frame that the clock wants.
     pub(super) wanted: Option<Place>,
+    /// The part of that frame's time that is over, from 0 to 1.
+    pub(super) part: f64,
     /// The index of the frame that is shown.
     pub(super) shown: Option<usize>,
     /// Where a seek, or the start, led, until a frame from there on is shown.

@@ -24,20 +24,7 @@ pub(super) fn show(
     (volume, emission, color): &mut Parts,
     mut entity: EntityCommands,
 ) -> Result<(), String> {
-    let known = |label: &Option<String>| label.as_ref().and_then(|own| file.named_grids.get(own));
-    let grid = match &player.grid {
-        Some(label) => file.named_grids.get(label).ok_or_else(|| lacks(file, label))?.clone(),
-        None => match known(&labels.grid) {
-            Some(grid) => grid.clone(),
-            None => {
-                let roles = file.roles(grids);
-                let grid = roles.density.or_else(|| roles.surfaces.into_iter().next());
-                let grid = grid.ok_or_else(|| NO_GRID.to_owned())?;
-                labels.grid = label_of(&file.named_grids, &grid);
-                grid
-            }
-        },
-    };
+    let grid = grid_of(file, grids, player, labels)?;
     if volume.0 != grid {
         volume.0 = grid;
     }
@@ -70,6 +57,27 @@ pub(super) fn show(
         None => {}
     }
     Ok(())
+}
+
+/// The grid of a frame to show.
+pub(super) fn grid_of(
+    file: &VdbFile,
+    grids: &Assets<VdbGrid>,
+    player: &VdbPlayer,
+    labels: &mut Labels,
+) -> Result<Handle<VdbGrid>, String> {
+    let known = |label: &Option<String>| label.as_ref().and_then(|own| file.named_grids.get(own));
+    if let Some(label) = &player.grid {
+        return file.named_grids.get(label).cloned().ok_or_else(|| lacks(file, label));
+    }
+    if let Some(grid) = known(&labels.grid) {
+        return Ok(grid.clone());
+    }
+    let roles = file.roles(grids);
+    let grid = roles.density.or_else(|| roles.surfaces.into_iter().next());
+    let grid = grid.ok_or_else(|| NO_GRID.to_owned())?;
+    labels.grid = label_of(&file.named_grids, &grid);
+    Ok(grid)
 }
 
 const NO_GRID: &str = "the frame has no grid of floats that could be shown";
@@ -111,22 +119,23 @@ fn replace_emission(
     {
         labels.emission = label_of(&file.named_grids, &grid);
     }
-    let Some(label) = &labels.emission else { return };
-    let (float, vector) = (
-        file.named_grids.get(label).cloned().unwrap_or_default(),
-        file.vector_grids.get(label).cloned().unwrap_or_default(),
-    );
-    let is_same = match &**emission {
-        VdbEmission::Temperature { grid, .. } | VdbEmission::Scalar { grid, .. } => *grid == float,
-        VdbEmission::Color { grid, .. } => *grid == vector,
-    };
-    if is_same {
-        return;
+    let now = emission_of(emission, file, labels);
+    emission.set_if_neq(now);
+}
+
+/// An emission with the grid of a frame.
+pub(super) fn emission_of(emission: &VdbEmission, file: &VdbFile, labels: &Labels) -> VdbEmission {
+    let mut emission = emission.clone();
+    let Some(label) = &labels.emission else { return emission };
+    match &mut emission {
+        VdbEmission::Temperature { grid, .. } | VdbEmission::Scalar { grid, .. } => {
+            *grid = file.named_grids.get(label).cloned().unwrap_or_default();
+        }
+        VdbEmission::Color { grid, .. } => {
+            *grid = file.vector_grids.get(label).cloned().unwrap_or_default();
+        }
     }
-    match &mut **emission {
-        VdbEmission::Temperature { grid, .. } | VdbEmission::Scalar { grid, .. } => *grid = float,
-        VdbEmission::Color { grid, .. } => *grid = vector,
-    }
+    emission
 }
 
 /// Replaces the grid of a colour by the one of the frame.
