@@ -8,12 +8,20 @@ use crate::tree::{CoordBox, LeafNode};
 /// One bit per voxel: a plane for each x, with voxel (y, z) at bit `y·8 + z`.
 pub(super) type Planes = [u64; 8];
 
+/// Gathers the lowest bits of eight bytes in the highest byte of a product.
+const GATHER: u64 = 0x0102_0408_1020_4080;
+
 /// The voxels of a leaf that satisfy a predicate.
 pub(super) fn planes(leaf: &LeafNode<f32, 3>, holds: impl Fn(f32) -> bool) -> Planes {
     let mut planes = [0; 8];
     for (plane, values) in planes.iter_mut().zip(leaf.values_slice().chunks_exact(64)) {
-        for (bit, &value) in values.iter().enumerate() {
-            *plane |= u64::from(holds(value)) << bit;
+        // First a byte for each, in a loop over vectors.
+        let mut bytes = [0_u8; 64];
+        for (byte, &value) in bytes.iter_mut().zip(values) {
+            *byte = holds(value).into();
+        }
+        for (y, row) in bytes.as_chunks().0.iter().enumerate() {
+            *plane |= (u64::from_le_bytes(*row).wrapping_mul(GATHER) >> 56) << (8 * y);
         }
     }
     planes

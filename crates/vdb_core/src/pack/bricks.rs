@@ -13,27 +13,32 @@ pub(super) type Brick = [f32; BRICK_VALUES];
 
 /// Gathers the samples of a cube, as they are stored.
 pub(super) fn gather(sources: &Sources, kind: PackKind, brick: &mut Brick) {
+    match kind {
+        PackKind::Fog => gather_as(sources, values::density, brick),
+        _ => gather_as(sources, |value| values::safe(kind, value), brick),
+    }
+}
+
+/// Gathers the samples of a cube, as they are stored: a loop of its own for each form.
+fn gather_as(sources: &Sources, safe: impl Fn(f32) -> f32, brick: &mut Brick) {
     for (side, source) in sources.iter().enumerate() {
         let side = corner(side);
         let range = |high: i32| if high == 0 { 0..8 } else { 8..9 };
         for x in range(side.x) {
             for y in range(side.y) {
-                let row = &mut brick[x * 90 + y * 10..];
-                // The padding repeats the last sample, so that it does not extend the range of
-                // values.
-                let out = if side.z == 0 { &mut row[..8] } else { &mut row[8..10] };
-                match source {
-                    Source::Leaf(leaf) => {
-                        let row = &leaf.values_slice()[(x & 7) << 6 | (y & 7) << 3..];
-                        if side.z == 0 {
-                            for (out, &value) in out.iter_mut().zip(row) {
-                                *out = values::safe(kind, value);
-                            }
-                        } else {
-                            out.fill(values::safe(kind, row[0]));
-                        }
+                let row = &mut brick[x * 90 + y * 10..][..10];
+                let own = match source {
+                    Source::Leaf(leaf) => &leaf.values_slice()[(x & 7) << 6 | (y & 7) << 3..][..8],
+                    Source::Constant(value) => &[*value; 8],
+                };
+                if side.z == 0 {
+                    for (out, &value) in row[..8].iter_mut().zip(own) {
+                        *out = safe(value);
                     }
-                    Source::Constant(value) => out.fill(values::safe(kind, *value)),
+                } else {
+                    // The padding repeats the last sample, so that it does not extend the range of
+                    // values.
+                    row[8..].fill(safe(own[0]));
                 }
             }
         }
@@ -83,8 +88,14 @@ fn write_brick(sources: &Sources, stored: Stored, factor: f32, out: &mut [u32]) 
 
 /// Whether all densities of leaves and tiles, multiplied by `factor`, are exact in 16 bits.
 pub(super) fn densities_fit_half(leaves: &[&Sources], tiles: &[f32], factor: f32) -> bool {
-    let fit = |values: &[f32]| {
-        values.iter().all(|&v| values::all_fit_half(&[values::safe(PackKind::Fog, v)], factor))
+    let fit = |densities: &[f32]| {
+        let mut safe = [0.0; 64];
+        densities.chunks(64).all(|densities| {
+            for (safe, &density) in safe.iter_mut().zip(densities) {
+                *safe = values::density(density);
+            }
+            values::all_fit_half(&safe[..densities.len()], factor)
+        })
     };
     let leaf_fits = |sources: &&Sources| {
         sources.iter().enumerate().all(|(side, source)| match source {
