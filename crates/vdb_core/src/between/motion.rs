@@ -8,7 +8,7 @@ use super::place::{Pair, union};
 use super::register::registered;
 use super::trace::traced;
 use super::velocity::Flow;
-use crate::tree::Node;
+use crate::tree::{LeafNode, Node};
 use crate::{Error, Limits};
 
 /// The parts of the velocities from which registration starts. Two frames of a fast jet are too far
@@ -99,13 +99,10 @@ fn bounds(pair: &Pair, flow: Option<&Flow>, t: f64) -> Option<[DVec3; 2]> {
             let every = (frame.tree.active_voxel_count() / SCOUTS).max(1) as usize;
             let active = frame.tree.leaves().flat_map(|leaf| {
                 let slots = leaf.value_mask().iter_on();
-                slots.map(move |slot| {
-                    leaf.origin() + crate::tree::LeafNode::<f32, 3>::slot_offset(slot)
-                })
+                slots.map(move |slot| leaf.origin() + LeafNode::<f32, 3>::slot_offset(slot))
             });
             for ijk in active.step_by(every) {
-                let [p, _] = frame.seen(crate::tree::CoordBox::voxel(ijk));
-                let p = traced(&mut flow, p, time, t);
+                let p = traced(&mut flow, frame.first(ijk.as_dvec3()), time, t);
                 bounds = union(bounds, [p, p]);
             }
         }
@@ -116,11 +113,15 @@ fn bounds(pair: &Pair, flow: Option<&Flow>, t: f64) -> Option<[DVec3; 2]> {
 /// Divides by a value of the order of the larger ones: three times the root of the mean square
 /// where there is anything.
 fn normalize(means: &mut [Field; 2]) {
-    let squares = |field: &Field| field.par_iter().map(|v| f64::from(*v).powi(2)).sum::<f64>();
-    let count = |field: &Field| field.par_iter().filter(|v| **v != 0.0).count() as f64;
-    let [sum, nodes] = [means.iter().map(squares).sum::<f64>(), means.iter().map(count).sum()];
-    let by = 3.0 * (sum / nodes.max(1.0)).sqrt();
-    if by > 0.0 && by.is_finite() {
+    // One after another: the order of a sum in parallel, and so its last digits, would depend on
+    // the number of cores.
+    let (mut sum, mut nodes) = (0.0, 0.0);
+    for value in means.iter().flatten().filter(|value| **value != 0.0) {
+        sum += f64::from(*value).powi(2);
+        nodes += 1.0;
+    }
+    let by = 3.0 * (sum / nodes).sqrt();
+    if by > 0.0 {
         for value in means.iter_mut().flatten() {
             *value = (f64::from(*value) / by) as f32;
         }
@@ -176,8 +177,7 @@ fn belief(lattice: &Lattice, differences: &Field) -> Field {
 
 /// The path found from a start along a part of the velocities.
 fn path(lattice: &Lattice, means: &[Field; 2], flow: Option<(&Flow, f64)>, t: f64) -> Path {
-    let start = traces(lattice, flow, t, None);
-    let [a, b] = ends(lattice, means, &start);
+    let [a, b] = ends(lattice, means, &traces(lattice, flow, t, None));
     let motion = registered(lattice, &a, &b, t, STIFFNESS[usize::from(flow.is_some())]);
     let to = traces(lattice, flow, t, Some(&motion));
     let weight = belief(lattice, &differences(lattice, means, Some(&to)));
