@@ -56,7 +56,8 @@ pub struct Frame<'a> {
     /// Its velocities, as `vec3s` or `vec3d` along the axes of the world, at the resolution and the
     /// transform they have. Of a [staggered](crate::GridClass::Staggered) grid, component `i` is
     /// half a voxel below the voxel's centre along axis `i`. Outside its active voxels, a velocity
-    /// holds for up to a voxel more, and is zero beyond.
+    /// holds for up to a voxel more; beyond, that of the other frame holds, and zero where there is
+    /// none either.
     pub velocity: Option<&'a Grid>,
 }
 

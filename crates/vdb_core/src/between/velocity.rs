@@ -103,15 +103,22 @@ pub(super) struct FlowSampler<'a> {
 
 impl FlowSampler<'_> {
     /// The displacement per frame at a point and at a time from 0 to 1, in voxels of the first
-    /// frame.
+    /// frame. Where one frame has no velocities, those of the other hold: programs cut their grids
+    /// off around the smoke, and its front moves out of the grid of the first frame.
     pub fn at(&mut self, p: DVec3, t: f64) -> DVec3 {
-        let mut sum = DVec3::ZERO;
+        let (mut sum, mut total) = (DVec3::ZERO, 0.0);
         for (i, weight) in [1.0 - t, t].into_iter().enumerate() {
-            if weight > 0.0 {
-                sum += weight * self.of_frame(i, p);
+            if weight > 0.0
+                && let Some(velocity) = self.of_frame(i, p)
+            {
+                sum += weight * velocity;
+                total += weight;
             }
         }
-        let displacement = self.voxels * sum;
+        if total == 0.0 {
+            return DVec3::ZERO;
+        }
+        let displacement = self.voxels * (sum / total);
         // The product may not be finite, even if all factors are.
         if displacement.is_finite() {
             displacement.clamp_length_max(MAX_DISPLACEMENT)
@@ -120,24 +127,26 @@ impl FlowSampler<'_> {
         }
     }
 
-    fn of_frame(&mut self, i: usize, p: DVec3) -> DVec3 {
+    /// The velocity in a frame; `None` where its grid has none.
+    fn of_frame(&mut self, i: usize, p: DVec3) -> Option<DVec3> {
         let (field, reader) = (&self.flow.fields[i], &mut self.readers[i]);
         let q = field.map.transform_point3(p);
         if !field.staggered {
             return interpolated(reader, q);
         }
-        DVec3::from_array([0, 1, 2].map(|axis| {
+        let mut component = |axis: usize| {
             let mut at = q;
             at[axis] += 0.5;
-            interpolated(reader, at)[axis]
-        }))
+            interpolated(reader, at).map(|velocity| velocity[axis])
+        };
+        Some(DVec3::new(component(0)?, component(1)?, component(2)?))
     }
 }
 
-/// The linear interpolation of the active values around a point; zero if there are none. Weights of
-/// inactive ones are left out, so that smoke at the border of a velocity grid that is cut off there
-/// moves along with the rest.
-fn interpolated(reader: &mut Reader, p: DVec3) -> DVec3 {
+/// The linear interpolation of the active values around a point; `None` if there are none. Weights
+/// of inactive ones are left out, so that smoke at the border of a velocity grid that is cut off
+/// there moves along with the rest.
+fn interpolated(reader: &mut Reader, p: DVec3) -> Option<DVec3> {
     let cell = p.floor();
     let (u, base) = (p - cell, voxel(cell));
     let (mut sum, mut total) = (DVec3::ZERO, 0.0);
@@ -152,5 +161,5 @@ fn interpolated(reader: &mut Reader, p: DVec3) -> DVec3 {
             total += weight;
         }
     }
-    if total > 0.0 { sum / total } else { DVec3::ZERO }
+    (total > 0.0).then(|| sum / total)
 }
