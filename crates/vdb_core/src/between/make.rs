@@ -84,8 +84,9 @@ fn resting(pair: &Pair, limits: &Limits) -> Result<BTreeSet<[i32; 3]>, Error> {
         for bbox in leaves.chain(tiles) {
             let [min, max] = frame.seen(bbox);
             // Before they are listed: a tile, or a voxel of a much coarser frame, has many.
-            check(leaf_count(min, max).saturating_add(wanted.len() as u64), limits)?;
+            check(leaf_count(min, max), limits)?;
             wanted.extend(leaves_of(min, max).map(|origin| origin.to_array()));
+            check(wanted.len() as u64, limits)?;
         }
     }
     Ok(wanted)
