@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use vdb_core::tree::Vdb543;
 use vdb_core::{AnyTree, Grid, GridClass, VdbFile};
 
 use crate::files::shown;
@@ -34,7 +35,9 @@ impl Numbered {
         let start = stem[..end]
             .rfind(|c| !is_digit(c))
             .map_or(0, |last| last + stem[last..].chars().next().map_or(1, char::len_utf8));
-        let number = stem[start..end].parse().map_err(|_| without())?;
+        let number = stem[start..end]
+            .parse()
+            .map_err(|_| format!("{}: the number in the name is too large", shown(path)))?;
         Ok(Self {
             path: path.to_owned(),
             number,
@@ -74,6 +77,15 @@ pub fn can_be_made(grid: &Grid) -> bool {
     matches!(grid.tree, AnyTree::Float(_))
         && grid.class != GridClass::LevelSet
         && grid.transform.is_linear()
+}
+
+/// A grid like another one, with nothing in it.
+pub fn empty(grid: &Grid) -> Grid {
+    let background = match &grid.tree {
+        AnyTree::Float(tree) => tree.background(),
+        _ => 0.0,
+    };
+    Grid { tree: AnyTree::Float(Vdb543::new(background).into()), ..grid.clone() }
 }
 
 /// The velocities of a frame, by the names that programs give them.

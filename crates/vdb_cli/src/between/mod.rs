@@ -4,6 +4,7 @@ mod check;
 mod frame;
 mod write;
 
+use std::borrow::Cow;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -57,7 +58,7 @@ pub struct Args {
 
     /// For --check: the extinction of rays per world unit at a value of 1. By default such that the
     /// densest ray of each frame has an optical depth of 3
-    #[arg(long, value_name = "X", requires = "check")]
+    #[arg(long, value_name = "X", requires = "check", conflicts_with = "out", value_parser = extinction)]
     extinction: Option<f64>,
 
     #[command(flatten)]
@@ -104,6 +105,13 @@ impl std::str::FromStr for Scale {
     }
 }
 
+fn extinction(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(extinction) if extinction.is_finite() && extinction >= 0.0 => Ok(extinction),
+        _ => Err("give a number that is not negative".into()),
+    }
+}
+
 /// Makes the sequence, or measures it. The exit code is a failure if a frame is missing.
 pub fn run(args: &Args) -> ExitCode {
     let done = frame::series(&args.frames).and_then(|frames| {
@@ -136,7 +144,7 @@ impl Pair<'_> {
 }
 
 impl Maker<'_> {
-    /// The names of the grids to make.
+    /// The names of a frame's grids to make: those asked for, or all that can be.
     fn names(&self, file: &VdbFile) -> Vec<String> {
         if !self.args.grids.is_empty() {
             return self.args.grids.clone();
@@ -145,32 +153,46 @@ impl Maker<'_> {
         all.map(|grid| grid.unique_name.clone()).collect()
     }
 
-    /// The grid of a frame.
-    fn grid<'b>(&self, at: (&Numbered, &'b VdbFile), name: &str) -> Result<&'b Grid, String> {
-        at.1.grid(name)
-            .ok_or_else(|| format!("{}: the file has no grid {}", shown(&at.0.path), quoted(name)))
+    /// The names of the grids to make between two frames.
+    fn names_between(&self, pair: &Pair) -> Vec<String> {
+        let mut names = self.names(pair.from.1);
+        let of_second = self.names(pair.to.1);
+        names.extend(of_second.into_iter().filter(|name| pair.from.1.grid(name).is_none()));
+        names
     }
 
-    /// A grid of a frame with its velocities.
-    fn frame<'b>(&self, at: (&Numbered, &'b VdbFile), name: &str) -> Result<Frame<'b>, String> {
-        let grid = self.grid(at, name)?;
-        let velocity = match &self.args.velocity {
-            Some(name) => Some(self.grid(at, name)?),
-            None => frame::velocity(at.1),
-        };
-        Ok(Frame { grid, velocity })
+    /// The grids of a name in both frames. Programs leave out empty grids, so one that a single
+    /// file lacks is empty there.
+    fn grids<'b>(&self, pair: &Pair<'b>, name: &str) -> Result<[Cow<'b, Grid>; 2], String> {
+        let [from, to] = [pair.from.1.grid(name), pair.to.1.grid(name)];
+        match (from, to) {
+            (Some(from), Some(to)) => Ok([Cow::Borrowed(from), Cow::Borrowed(to)]),
+            (Some(from), None) => Ok([Cow::Borrowed(from), Cow::Owned(frame::empty(from))]),
+            (None, Some(to)) => Ok([Cow::Owned(frame::empty(to)), Cow::Borrowed(to)]),
+            (None, None) => Err(lacks(pair.from.0, name)),
+        }
     }
 
-    /// The options for a pair. The velocity scale is found from one grid for all of them; where it
-    /// cannot be found, the last one holds.
-    fn options(&mut self, pair: &Pair, name: &str) -> Result<BetweenOptions, String> {
+    /// The velocities of a frame.
+    fn velocity<'b>(&self, at: (&Numbered, &'b VdbFile)) -> Result<Option<&'b Grid>, String> {
+        match &self.args.velocity {
+            Some(name) => at.1.grid(name).map(Some).ok_or_else(|| lacks(at.0, name)),
+            None => Ok(frame::velocity(at.1)),
+        }
+    }
+
+    /// The options for a pair. The velocity scale is found from the first grid that shows one, and
+    /// holds for all of them; where none can be found, the last one holds.
+    fn options(&mut self, pair: &Pair, names: &[String]) -> Result<BetweenOptions, String> {
         let per_number = match self.args.velocity_scale {
             Scale::Given(scale) => Some(scale),
             Scale::Auto if !matches!(self.args.method, Way::Fade) => {
-                let frames = (self.frame(pair.from, name)?, self.frame(pair.to, name)?);
-                let fitted = fit_velocity_scale(frames.0, frames.1)
-                    .map_err(|error| error.in_file(&pair.from.0.path).to_string())?;
-                self.found = fitted.map(|scale| scale / pair.gap() as f64).or(self.found);
+                for name in names {
+                    if let Some(scale) = self.fitted(pair, name)? {
+                        self.found = Some(scale / pair.gap() as f64);
+                        break;
+                    }
+                }
                 self.found
             }
             Scale::Auto => None,
@@ -183,6 +205,13 @@ impl Maker<'_> {
         })
     }
 
+    fn fitted(&self, pair: &Pair, name: &str) -> Result<Option<f64>, String> {
+        let [from, to] = self.grids(pair, name)?;
+        let [a, b] = [self.velocity(pair.from)?, self.velocity(pair.to)?];
+        fit_velocity_scale(Frame { grid: &from, velocity: a }, Frame { grid: &to, velocity: b })
+            .map_err(|error| error.in_file(&pair.from.0.path).to_string())
+    }
+
     /// A grid between two frames.
     fn make(
         &self,
@@ -191,8 +220,14 @@ impl Maker<'_> {
         t: f64,
         options: &BetweenOptions,
     ) -> Result<Grid, String> {
-        let (from, to) = (self.frame(pair.from, name)?, self.frame(pair.to, name)?);
-        in_between(from, to, t, options)
+        let [from, to] = self.grids(pair, name)?;
+        let [a, b] = [self.velocity(pair.from)?, self.velocity(pair.to)?];
+        let frames = [Frame { grid: &from, velocity: a }, Frame { grid: &to, velocity: b }];
+        in_between(frames[0], frames[1], t, options)
             .map_err(|error| error.in_file(&pair.from.0.path).to_string())
     }
+}
+
+fn lacks(frame: &Numbered, name: &str) -> String {
+    format!("{}: the file has no grid {}", shown(&frame.path), quoted(name))
 }

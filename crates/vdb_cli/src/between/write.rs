@@ -56,15 +56,29 @@ pub fn run(args: &Args, frames: &[Numbered]) -> Result<ExitCode, String> {
     Ok(terminal::print(&summary, code).break_value().unwrap_or(code))
 }
 
-/// Whether all numbers of the new sequence are numbers.
+/// The most frames that an app plays as one sequence.
+const MOST: u64 = 100_000;
+
+/// Whether the new sequence has as many frames as can be played, and numbers for them.
 fn check_numbers(frames: &[Numbered], times: u64) -> Result<(), String> {
-    match frames.iter().find(|frame| frame.number.checked_mul(times).is_none()) {
-        Some(frame) => Err(format!(
+    if let Some(frame) = frames.iter().find(|frame| frame.number.checked_mul(times).is_none()) {
+        return Err(format!(
             "{}: a number too large to be multiplied by {times}; rename the frames",
             shown(&frame.path)
-        )),
-        None => Ok(()),
+        ));
     }
+    if let [first, .., last] = frames {
+        let count = ((last.number - first.number) * times).saturating_add(1);
+        if count > MOST {
+            return Err(format!(
+                "{} to {} with all frames in between would be {count} frames, and a sequence has \
+                 at most {MOST}; name fewer frames",
+                shown(&first.path),
+                shown(&last.path)
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Whether the folder is another than that of the frames, which new ones would replace.
@@ -102,9 +116,8 @@ impl Writer<'_> {
 
     /// Writes the frames between two.
     fn fill(&mut self, pair: &Pair) -> Result<(), String> {
-        let names = self.maker.names(pair.from.1);
-        let Some(first) = names.first() else { return Ok(()) };
-        let options = self.maker.options(pair, first)?;
+        let names = self.maker.names_between(pair);
+        let options = self.maker.options(pair, &names)?;
         let steps = pair.gap() * self.times;
         for step in 1..steps {
             let t = step as f64 / steps as f64;

@@ -37,7 +37,8 @@ pub struct Rays {
 }
 
 /// Compares a made frame with the true one. The extinction of rays is per world unit at a value of
-/// 1; without one, the densest ray of the true frame has an optical depth of 3.
+/// 1; without one, the densest ray of the true frame has an optical depth of 3. If all true values
+/// are zero, relative differences are infinite or NaN.
 ///
 /// # Errors
 /// If a grid is not one of floats or is a level set, if the grids differ in their transforms, or if
@@ -77,7 +78,8 @@ pub fn compare(made: &Grid, truth: &Grid, extinction: Option<f64>) -> Result<Dif
         }
     }
     let size = truth.transform.voxel_size().to_array();
-    let extinction = extinction.unwrap_or_else(|| DENSEST / columns.densest(size));
+    let densest = columns.densest(size);
+    let extinction = extinction.unwrap_or(if densest > 0.0 { DENSEST / densest } else { 0.0 });
     Ok(Difference {
         l1: sums[0] / sums[2],
         l2: (sums[1] / sums[3]).sqrt(),
@@ -110,10 +112,10 @@ impl Columns {
         }
     }
 
-    /// The largest sum of the true values along a column, in world units.
+    /// The largest sum of the true values along a column, in world units; 0 if none is positive.
     fn densest(&self, size: [f64; 3]) -> f64 {
         let largest = |columns: &HashMap<_, [f64; 2]>| {
-            columns.values().map(|sums| sums[0]).fold(f64::MIN_POSITIVE, f64::max)
+            columns.values().map(|sums| sums[0]).fold(0.0, f64::max)
         };
         self.0.iter().zip(size).map(|(columns, size)| largest(columns) * size).fold(0.0, f64::max)
     }

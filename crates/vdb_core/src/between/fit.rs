@@ -9,7 +9,7 @@ use super::sample::Sampler;
 use super::trace::traced;
 use super::velocity::Flow;
 use crate::Error;
-use crate::tree::{CoordBox, LeafNode, Node};
+use crate::tree::{LeafNode, Node};
 
 /// At most as many voxels of each frame are compared.
 const POINTS: u64 = 4096;
@@ -36,9 +36,9 @@ pub fn fit_velocity_scale(from: Frame, to: Frame) -> Result<Option<f64>, Error> 
     if !(fastest > 0.0 && fastest.is_finite()) {
         return Ok(None);
     }
-    let error = |log: f64| error(&pair, a, b, &points, log.exp2() / fastest);
+    let error = |log: f64| error(&pair, &flow, &points, log.exp2() / fastest);
     let tried: Vec<f64> = (0..TRIED).map(|i| f64::from(i) * 0.5 - 2.0).collect();
-    let errors = tried.iter().map(|log| error(*log)).collect::<Result<Vec<f64>, Error>>()?;
+    let errors: Vec<f64> = tried.iter().map(|log| error(*log)).collect();
     let Some(best) = (0..errors.len()).min_by(|i, k| errors[*i].total_cmp(&errors[*k])) else {
         return Ok(None);
     };
@@ -47,11 +47,11 @@ pub fn fit_velocity_scale(from: Frame, to: Frame) -> Result<Option<f64>, Error> 
     let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
     for _ in 0..STEPS {
         let (x, y) = (high - golden * (high - low), low + golden * (high - low));
-        if error(x)? < error(y)? { high = y } else { low = x }
+        if error(x) < error(y) { high = y } else { low = x }
     }
     let found = 0.5 * (low + high);
-    let still = self::error(&pair, a, b, &points, 0.0)?;
-    Ok((error(found)? < USEFUL * still).then(|| found.exp2() / fastest))
+    let still = self::error(&pair, &flow, &points, 0.0);
+    Ok((error(found) < USEFUL * still).then(|| found.exp2() / fastest))
 }
 
 /// Voxels of both frames.
@@ -64,7 +64,7 @@ fn points(pair: &Pair) -> Vec<DVec3> {
                 .iter_on()
                 .map(move |slot| leaf.origin() + LeafNode::<f32, 3>::slot_offset(slot))
         });
-        points.extend(active.step_by(every).map(|ijk| frame.seen(CoordBox::voxel(ijk))[0]));
+        points.extend(active.step_by(every).map(|ijk| frame.first(ijk.as_dvec3())));
     }
     points
 }
@@ -79,24 +79,18 @@ fn fastest(flow: &Flow, points: &[DVec3]) -> f64 {
     speeds.get(speeds.len() * 99 / 100).map_or(0.0, |speed| speed / SMALL)
 }
 
-/// The mean difference between the first frame, carried to the time of the second, and the second.
-fn error(
-    pair: &Pair,
-    a: &crate::Grid,
-    b: &crate::Grid,
-    points: &[DVec3],
-    scale: f64,
-) -> Result<f64, Error> {
-    let flow = Flow::new(pair, a, b, scale)?;
-    let sum: f64 = points
+/// The sum of the differences between the first frame, carried to the time of the second, and the second.
+fn error(pair: &Pair, flow: &Flow, points: &[DVec3], scale: f64) -> f64 {
+    let errors: Vec<f64> = points
         .par_iter()
         .map_init(
-            || (flow.sampler(1.0), Sampler::new(pair.from.tree), Sampler::new(pair.to.tree)),
+            || (flow.sampler(scale), Sampler::new(pair.from.tree), Sampler::new(pair.to.tree)),
             |(flow, from, to), p| {
                 let carried = from.linear(pair.from.own(traced(flow, *p, 1.0, 0.0)));
-                f64::from((carried - to.linear(pair.to.own(*p))).abs())
+                (carried - to.linear(pair.to.own(*p))).abs()
             },
         )
-        .sum();
-    Ok(sum)
+        .collect();
+    // In the same order each time, so that the result is the same.
+    errors.iter().sum()
 }

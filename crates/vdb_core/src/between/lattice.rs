@@ -4,10 +4,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::place::Pair;
-use super::sample::Sampler;
+use super::sample::{Sampler, finite};
 use crate::{Error, Limits};
 
-/// Bytes per node of all fields that are in memory at the same time.
+/// Bytes per node of all fields that are in memory at the same time. Most are needed while the last
+/// of three paths is registered: two paths of 28 bytes, the means of both frames with their values
+/// at the ends of the path (16), the motion (12), and the fields of a step (72).
 const NODE_BYTES: u64 = 160;
 
 /// The most voxels from one node to the next.
@@ -86,10 +88,9 @@ impl Lattice {
     /// The means of both frames' voxels, without their backgrounds, over the nodes.
     pub fn means(&self, pair: &Pair) -> [Field; 2] {
         let spacing = self.spacing as usize;
-        let mean = 1.0 / (spacing * spacing * spacing) as f32;
+        let mean = 1.0 / (spacing * spacing * spacing) as f64;
         [&pair.from, &pair.to].map(|frame| {
-            let background = frame.tree.background();
-            let background = if background.is_finite() { background } else { 0.0 };
+            let background = f64::from(finite(frame.tree.background()));
             self.each(
                 || Sampler::new(frame.tree),
                 |sampler, i| {
@@ -102,7 +103,8 @@ impl Lattice {
                         });
                         sum += sampler.linear(frame.own(DVec3::from_array(at))) - background;
                     }
-                    sum * mean
+                    // A difference of two f32 need not be one.
+                    (sum * mean).clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32
                 },
             )
         })

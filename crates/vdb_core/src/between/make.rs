@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::lattice::Lattice;
 use super::motion::Motion;
 use super::place::{Pair, Placed, voxel};
-use super::sample::Sampler;
+use super::sample::{Sampler, finite};
 use crate::tree::{CoordBox, Found, IVec3, LeafNode, Node, Tree, ValueAt, Vdb543};
 use crate::{Error, Limits};
 
@@ -24,8 +24,9 @@ const LEAST_WEIGHT: f32 = 0.02;
 /// the first, or neighbours move far apart.
 const MOST_LOOK_UPS: u64 = 4096;
 
-/// The reach of a cubic around its cell, in voxels.
-const REACH: f64 = 2.0;
+/// The farthest that a sample has influence, in voxels: a cubic is kept within the range of the
+/// samples around its cell.
+const REACH: f64 = 1.0;
 
 /// The tree at time `t`.
 pub(super) fn make(
@@ -34,14 +35,16 @@ pub(super) fn make(
     t: f64,
     limits: &Limits,
 ) -> Result<Vdb543<f32>, Error> {
-    let background = mix(pair.from.tree.background(), pair.to.tree.background(), t);
+    let backgrounds =
+        [&pair.from, &pair.to].map(|frame| f64::from(finite(frame.tree.background())));
+    let background = ((1.0 - t) * backgrounds[0] + t * backgrounds[1]) as f32;
     let mut wanted = resting(pair, limits)?;
     if let Some(lattice) = &motion.lattice {
         wanted.extend(reached(pair, motion, lattice));
     }
     check(wanted.len() as u64, limits)?;
     let wanted: Vec<IVec3> = wanted.into_iter().map(IVec3::from_array).collect();
-    let maker = Maker { pair, motion, t, background };
+    let maker = Maker { pair, motion, t, backgrounds, background };
     let leaves: Vec<Option<Box<Leaf>>> = wanted
         .into_par_iter()
         .map_init(
@@ -59,11 +62,6 @@ pub(super) fn make(
     Ok(tree)
 }
 
-fn mix(a: f32, b: f32, t: f64) -> f32 {
-    let [a, b] = [a, b].map(|value| if value.is_finite() { f64::from(value) } else { 0.0 });
-    ((1.0 - t) * a + t * b) as f32
-}
-
 fn check(leaves: u64, limits: &Limits) -> Result<(), Error> {
     let bytes = leaves.saturating_mul(2 * size_of::<Leaf>() as u64);
     if bytes > limits.tree_bytes {
@@ -76,7 +74,6 @@ fn check(leaves: u64, limits: &Limits) -> Result<(), Error> {
 /// The origins of the leaves in which a frame has anything.
 fn resting(pair: &Pair, limits: &Limits) -> Result<BTreeSet<[i32; 3]>, Error> {
     let mut wanted = BTreeSet::new();
-    let mut count = 0_u64;
     for frame in [&pair.from, &pair.to] {
         let background = frame.tree.background();
         let leaves = frame.tree.leaves().map(|leaf| CoordBox::cube(leaf.origin(), 3));
@@ -87,9 +84,9 @@ fn resting(pair: &Pair, limits: &Limits) -> Result<BTreeSet<[i32; 3]>, Error> {
         for bbox in leaves.chain(tiles) {
             let [min, max] = frame.seen(bbox);
             // Before they are listed: a tile, or a voxel of a much coarser frame, has many.
-            count = count.saturating_add(leaf_count(min, max));
-            check(count, limits)?;
+            check(leaf_count(min, max), limits)?;
             wanted.extend(leaves_of(min, max).map(|origin| origin.to_array()));
+            check(wanted.len() as u64, limits)?;
         }
     }
     Ok(wanted)
@@ -119,7 +116,7 @@ fn leaves_of(min: DVec3, max: DVec3) -> impl Iterator<Item = IVec3> {
 /// The origins of the leaves into which anything may be carried.
 fn reached(pair: &Pair, motion: &Motion, lattice: &Lattice) -> Vec<[i32; 3]> {
     let [min, max] = lattice.voxels();
-    let all: Vec<IVec3> = leaves_of(min, max).collect();
+    let [low, high] = leaf_range(min, max);
     let is_reached = |origin: &IVec3| {
         let low = origin.as_dvec3();
         let high = low + (EDGE - 1.0);
@@ -130,7 +127,14 @@ fn reached(pair: &Pair, motion: &Motion, lattice: &Lattice) -> Vec<[i32; 3]> {
             })
         })
     };
-    all.into_par_iter().filter(is_reached).map(|origin| origin.to_array()).collect()
+    let in_plane = |x: i32| {
+        let rows = (low[1]..=high[1]).flat_map(|y| (low[2]..=high[2]).map(move |z| [y, z]));
+        rows.map(|[y, z]| IVec3::new(x, y, z) * EDGE as i32)
+            .filter(is_reached)
+            .map(|origin| origin.to_array())
+            .collect::<Vec<_>>()
+    };
+    (low[0]..=high[0]).into_par_iter().flat_map_iter(in_plane).collect()
 }
 
 /// The range of a path's displacements in a box.
@@ -152,13 +156,14 @@ fn range(lattice: &Lattice, to: &[Vec3], low: DVec3, high: DVec3) -> (Vec3, Vec3
 
 /// Whether a frame has anything in or near a box.
 fn has_content(frame: &Placed, low: DVec3, high: DVec3) -> bool {
-    let [low, high] = frame.own_box(low - REACH, high + REACH);
+    let [low, high] = frame.own_box(low, high);
+    let (low, high) = (low - REACH, high + REACH);
     if leaf_count(low, high) > MOST_LOOK_UPS {
         return true;
     }
     let background = frame.tree.background();
     let mut accessor = frame.tree.accessor();
-    leaves_of(low - REACH, high + REACH).any(|origin| match accessor.find(origin) {
+    leaves_of(low, high).any(|origin| match accessor.find(origin) {
         Found::Leaf(_) => true,
         Found::Tile(tile) => tile.active || tile.value.to_bits() != background.to_bits(),
     })
@@ -168,6 +173,8 @@ struct Maker<'a> {
     pair: &'a Pair<'a>,
     motion: &'a Motion,
     t: f64,
+    /// The backgrounds of both frames, and that of the frame in between.
+    backgrounds: [f64; 2],
     background: f32,
 }
 
@@ -191,15 +198,17 @@ impl Maker<'_> {
     /// The value at a voxel.
     fn value(&self, samplers: &mut [Sampler; 2], p: DVec3) -> f32 {
         let Some(lattice) = &self.motion.lattice else {
-            return self.blended(samplers, [p, p]);
+            return (f64::from(self.background) + self.blended(samplers, [p, p])) as f32;
         };
-        let local = lattice.local(p);
-        let nodes: Vec<(usize, f32)> = lattice.corners(local, true).collect();
+        let mut nodes = [(0, 0.0); 8];
+        for (node, corner) in nodes.iter_mut().zip(lattice.corners(lattice.local(p), true)) {
+            *node = corner;
+        }
         let at = |field: &[f32]| nodes.iter().map(|(i, weight)| weight * field[*i]).sum::<f32>();
         let rest = at(&self.motion.rest);
         let (mut sum, mut total) = (0.0, 0.0);
         if rest >= LEAST_WEIGHT {
-            (sum, total) = (rest * self.blended(samplers, [p, p]), rest);
+            (sum, total) = (f64::from(rest) * self.blended(samplers, [p, p]), f64::from(rest));
         }
         for path in &self.motion.paths {
             let weight = at(&path.weight);
@@ -209,20 +218,25 @@ impl Maker<'_> {
                     let moved: Vec3 = nodes.iter().map(|(i, weight)| *weight * to[*i]).sum();
                     p + moved.as_dvec3()
                 });
-                sum += weight * self.blended(samplers, ends);
-                total += weight;
+                sum += f64::from(weight) * self.blended(samplers, ends);
+                total += f64::from(weight);
             }
         }
         // At least one of at most four weights, whose sum is 1, is not that small.
-        sum / total
+        (f64::from(self.background) + sum / total) as f32
     }
 
-    /// The values of both frames at points, blended by time.
-    fn blended(&self, samplers: &mut [Sampler; 2], ends: [DVec3; 2]) -> f32 {
-        let [from, to] = samplers;
-        let t = self.t as f32;
-        let a = if t < 1.0 { from.cubic(self.pair.from.own(ends[0])) } else { 0.0 };
-        let b = if t > 0.0 { to.cubic(self.pair.to.own(ends[1])) } else { 0.0 };
-        (1.0 - t) * a + t * b
+    /// The values of both frames at points, blended by time: how far they are from the background,
+    /// so that the background becomes itself exactly.
+    fn blended(&self, samplers: &mut [Sampler; 2], ends: [DVec3; 2]) -> f64 {
+        let frames = [&self.pair.from, &self.pair.to];
+        [1.0 - self.t, self.t]
+            .into_iter()
+            .enumerate()
+            .filter(|(_, weight)| *weight > 0.0)
+            .map(|(i, weight)| {
+                weight * (samplers[i].cubic(frames[i].own(ends[i])) - self.backgrounds[i])
+            })
+            .sum()
     }
 }

@@ -30,8 +30,8 @@ use crate::{AnyTree, Error, Grid, Limits};
 pub use compare::{Difference, Rays, compare};
 pub use fit::fit_velocity_scale;
 
-/// The farthest that anything is carried from one frame to the next, in voxels. Faster velocities
-/// are shortened to it.
+/// The longest displacement by velocities from one frame to the next, in voxels. Faster ones are
+/// shortened to it.
 pub const MAX_DISPLACEMENT: f64 = 128.0;
 
 /// How a frame in between is made.
@@ -56,7 +56,8 @@ pub struct Frame<'a> {
     /// Its velocities, as `vec3s` or `vec3d` along the axes of the world, at the resolution and the
     /// transform they have. Of a [staggered](crate::GridClass::Staggered) grid, component `i` is
     /// half a voxel below the voxel's centre along axis `i`. Outside its active voxels, a velocity
-    /// holds for up to a voxel more, and is zero beyond.
+    /// holds for up to a voxel more; beyond, that of the other frame holds, and zero where there is
+    /// none either.
     pub velocity: Option<&'a Grid>,
 }
 
@@ -67,7 +68,8 @@ pub struct BetweenOptions {
     pub method: Method,
     /// World units from one of the two frames to the next, per unit of velocity: `1 / fps` for
     /// Houdini, whose velocities are in world units per second; `0.1 · 25 / fps` times the edge of
-    /// a voxel for Blender's fluid caches. `None` [fits](fit_velocity_scale) it to the two frames.
+    /// a voxel for Blender's fluid caches. `None` [fits](fit_velocity_scale) it to the two frames,
+    /// for each frame in between anew; if no scale fits, the velocities are ignored.
     pub velocity_scale: Option<f64>,
     /// The memory limit, of the motion and of the new tree alike: [`Limits::tree_bytes`].
     pub limits: Limits,
@@ -77,7 +79,7 @@ pub struct BetweenOptions {
 ///
 /// It has the transform of the first frame, and the name, the class and the metadata of the nearer
 /// one. Values and velocities that are not finite count as zero. Voxels of the background value are
-/// inactive.
+/// inactive, all others active.
 ///
 /// # Errors
 /// If a grid has values of another type, is a level set or has a frustum transform, if `t` or the
@@ -105,12 +107,14 @@ pub fn in_between(from: Frame, to: Frame, t: f64, options: &BetweenOptions) -> R
         (Some(scale), Some(a), Some(b)) => Some(velocity::Flow::new(&pair, a, b, scale)?),
         _ => None,
     };
+    let limits = &options.limits;
     let motion = match options.method {
-        Method::CrossFade => motion::Motion::none(),
-        Method::Advect => motion::Motion::advected(&pair, flow.as_ref(), t, &options.limits)?,
-        Method::Register => motion::Motion::registered(&pair, flow.as_ref(), t, &options.limits)?,
+        Method::CrossFade => Ok(motion::Motion::none()),
+        Method::Advect => motion::Motion::advected(&pair, flow.as_ref(), t, limits),
+        Method::Register => motion::Motion::registered(&pair, flow.as_ref(), t, limits),
     };
-    let tree = make::make(&pair, &motion, t, &options.limits)
+    let tree = motion
+        .and_then(|motion| make::make(&pair, &motion, t, limits))
         .map_err(|error| error.in_grid(&from.grid.unique_name))?;
     let nearer = if t < 0.5 { from.grid } else { to.grid };
     Ok(Grid {

@@ -8,7 +8,7 @@ use super::place::{Pair, union};
 use super::register::registered;
 use super::trace::traced;
 use super::velocity::Flow;
-use crate::tree::Node;
+use crate::tree::{LeafNode, Node};
 use crate::{Error, Limits};
 
 /// The parts of the velocities from which registration starts. Two frames of a fast jet are too far
@@ -21,6 +21,12 @@ const STIFFNESS: [f64; 2] = [1e-3, 1e-2];
 const WINDOW: f64 = 1.0;
 /// The squared difference below which frames agree, for values of the order of 1.
 const AGREEMENT: f32 = 1e-3;
+/// The squared value below which two frames have nothing to agree on. That both are empty at the
+/// ends of a path says less for it than the same smoke at the ends of another one.
+const CONTENT: f32 = 1e-2;
+/// How much more frames are believed that agree where they are than along a path: registration
+/// always finds something, and sharp smoke in the wrong place is worse than a cross-fade.
+const REST: f32 = 30.0;
 /// Voxels around everything that moves.
 const MARGIN: f64 = 4.0;
 /// At most as many points of each frame are followed to find out how far the motion leads.
@@ -83,8 +89,8 @@ impl Motion {
                 paths.push(path(&lattice, &means, flow, t));
             }
         }
-        let still = differences(&lattice, &means, None);
-        let mut rest = belief(&lattice, &still);
+        let mut rest = belief(&lattice, &means);
+        rest.par_iter_mut().for_each(|rest| *rest *= REST);
         share(&mut paths, &mut rest);
         Ok(Self { lattice: Some(lattice), paths, rest })
     }
@@ -99,13 +105,10 @@ fn bounds(pair: &Pair, flow: Option<&Flow>, t: f64) -> Option<[DVec3; 2]> {
             let every = (frame.tree.active_voxel_count() / SCOUTS).max(1) as usize;
             let active = frame.tree.leaves().flat_map(|leaf| {
                 let slots = leaf.value_mask().iter_on();
-                slots.map(move |slot| {
-                    leaf.origin() + crate::tree::LeafNode::<f32, 3>::slot_offset(slot)
-                })
+                slots.map(move |slot| leaf.origin() + LeafNode::<f32, 3>::slot_offset(slot))
             });
             for ijk in active.step_by(every) {
-                let [p, _] = frame.seen(crate::tree::CoordBox::voxel(ijk));
-                let p = traced(&mut flow, p, time, t);
+                let p = traced(&mut flow, frame.first(ijk.as_dvec3()), time, t);
                 bounds = union(bounds, [p, p]);
             }
         }
@@ -116,11 +119,15 @@ fn bounds(pair: &Pair, flow: Option<&Flow>, t: f64) -> Option<[DVec3; 2]> {
 /// Divides by a value of the order of the larger ones: three times the root of the mean square
 /// where there is anything.
 fn normalize(means: &mut [Field; 2]) {
-    let squares = |field: &Field| field.par_iter().map(|v| f64::from(*v).powi(2)).sum::<f64>();
-    let count = |field: &Field| field.par_iter().filter(|v| **v != 0.0).count() as f64;
-    let [sum, nodes] = [means.iter().map(squares).sum::<f64>(), means.iter().map(count).sum()];
-    let by = 3.0 * (sum / nodes.max(1.0)).sqrt();
-    if by > 0.0 && by.is_finite() {
+    // One after another: the order of a sum in parallel, and so its last digits, would depend on
+    // the number of cores.
+    let (mut sum, mut nodes) = (0.0, 0.0);
+    for value in means.iter().flatten().filter(|value| **value != 0.0) {
+        sum += f64::from(*value).powi(2);
+        nodes += 1.0;
+    }
+    let by = 3.0 * (sum / nodes).sqrt();
+    if by > 0.0 {
         for value in means.iter_mut().flatten() {
             *value = (f64::from(*value) / by) as f32;
         }
@@ -161,26 +168,24 @@ fn ends(lattice: &Lattice, means: &[Field; 2], to: &[Vec<Vec3>; 2]) -> [Field; 2
     })
 }
 
-/// The squared differences of the frames along paths, or where they are, in a window.
-fn differences(lattice: &Lattice, means: &[Field; 2], to: Option<&[Vec<Vec3>; 2]>) -> Field {
-    let moved = to.map(|to| ends(lattice, means, to));
-    let [a, b] = moved.as_ref().unwrap_or(means);
-    let squares = a.par_iter().zip(b).map(|(a, b)| (a - b) * (a - b)).collect();
-    lattice.blurred(&squares, WINDOW)
-}
-
-/// How far paths with these differences are to be believed.
-fn belief(lattice: &Lattice, differences: &Field) -> Field {
-    lattice.each(|| (), |(), i| (differences[i].max(0.0) + AGREEMENT).powi(-2))
+/// How far paths are to be believed at whose ends the frames have these values: by their squared
+/// difference in a window, relative to their squared mean.
+fn belief(lattice: &Lattice, [a, b]: &[Field; 2]) -> Field {
+    let blurred = |value: fn(f32, f32) -> f32| {
+        let values = a.par_iter().zip(b).map(|(a, b)| value(*a, *b)).collect();
+        lattice.blurred(&values, WINDOW)
+    };
+    let differences = blurred(|a, b| (a - b) * (a - b));
+    let content = blurred(|a, b| 0.25 * (a + b) * (a + b));
+    lattice.each(|| (), |(), i| ((differences[i] + AGREEMENT) / (content[i] + CONTENT)).powi(-2))
 }
 
 /// The path found from a start along a part of the velocities.
 fn path(lattice: &Lattice, means: &[Field; 2], flow: Option<(&Flow, f64)>, t: f64) -> Path {
-    let start = traces(lattice, flow, t, None);
-    let [a, b] = ends(lattice, means, &start);
+    let [a, b] = ends(lattice, means, &traces(lattice, flow, t, None));
     let motion = registered(lattice, &a, &b, t, STIFFNESS[usize::from(flow.is_some())]);
     let to = traces(lattice, flow, t, Some(&motion));
-    let weight = belief(lattice, &differences(lattice, means, Some(&to)));
+    let weight = belief(lattice, &ends(lattice, means, &to));
     Path { to, weight }
 }
 

@@ -29,13 +29,15 @@ impl<'a> Pair<'a> {
         let (world_from_index, other) = (matrix(from)?, matrix(to)?);
         let same = world_from_index == other;
         let map = (!same).then(|| other.inverse() * world_from_index);
+        let back = map.map_or(DAffine3::IDENTITY, |map| map.inverse());
+        if ![map.unwrap_or(back), back].iter().all(is_sound) {
+            let what = "voxels of a size so unlike that of the other frame that positions overflow; \
+                        write both frames with one transform";
+            return Err(Error::not_supported(what).in_grid(&to.unique_name));
+        }
         Ok(Self {
             from: Placed { tree: from_tree, map: None, back: DAffine3::IDENTITY },
-            to: Placed {
-                tree: to_tree,
-                map,
-                back: map.map_or(DAffine3::IDENTITY, |map| map.inverse()),
-            },
+            to: Placed { tree: to_tree, map, back },
             world_from_index,
         })
     }
@@ -62,6 +64,11 @@ impl Placed<'_> {
         self.map.map_or(p, |map| map.transform_point3(p))
     }
 
+    /// A point of the frame's own index space in that of the first.
+    pub fn first(&self, p: DVec3) -> DVec3 {
+        self.back.transform_point3(p)
+    }
+
     /// A box of the first frame's index space in the frame's own.
     pub fn own_box(&self, min: DVec3, max: DVec3) -> [DVec3; 2] {
         self.map.map_or([min, max], |map| image(map, min, max))
@@ -75,6 +82,12 @@ impl Placed<'_> {
             None => [bbox.min.as_dvec3(), bbox.max.as_dvec3()],
         }
     }
+}
+
+/// Whether no voxel is mapped to infinity or nowhere.
+fn is_sound(map: &DAffine3) -> bool {
+    const MOST: f64 = 1e100;
+    map.to_cols_array().iter().all(|entry| entry.abs() <= MOST)
 }
 
 /// The box around the image of a box.

@@ -7,7 +7,7 @@ use super::lattice::{Field, Lattice};
 
 /// The standard deviations of the windows in which motion counts as one, from coarse to fine, in
 /// nodes.
-const WINDOWS: [f64; 4] = [4.0, 2.0, 1.5, 1.0];
+const WINDOWS: [f64; 4] = [6.0, 3.0, 2.0, 1.5];
 /// Steps for each window.
 const STEPS: usize = 5;
 /// The longest change in one step along an axis, in nodes.
