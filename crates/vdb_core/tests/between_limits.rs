@@ -191,19 +191,23 @@ fn what_is_far_away_does_not_matter_to_a_cross_fade() {
 fn no_value_and_no_velocity_makes_one_that_is_not_finite() {
     let values = [f32::NAN, f32::INFINITY, f32::MAX, f32::MIN, f32::MIN_POSITIVE, 0.0];
     let velocities = [f32::NAN, f32::INFINITY, f32::MAX, -1.5];
+    let winds = velocities.map(|velocity| wind([velocity, 0.5, velocity]));
     for (i, a) in values.into_iter().enumerate() {
         for b in values.into_iter().skip(i) {
             let from = smoke([(IVec3::ZERO, a), (IVec3::new(0, 1, 1), b)]);
             let to = smoke([(IVec3::new(1, 0, 0), b), (IVec3::new(1, 2, 1), a)]);
-            for velocity in velocities {
-                let wind = wind([velocity, 0.5, velocity]);
-                for method in ALL {
-                    let with = |grid| Frame { grid, velocity: Some(&wind) };
-                    let made = in_between(with(&from), with(&to), 0.3, &options(method)).unwrap();
-                    let AnyTree::Float(tree) = &made.tree else { panic!("not floats") };
-                    let sound = tree.active_values().all(|tile| tile.value.is_finite());
-                    assert!(sound, "{method:?} of {a} and {b} along {velocity}");
-                }
+            for (method, wind) in [
+                (Method::CrossFade, 0),
+                (Method::Register, 3),
+                (Method::Advect, 0),
+                (Method::Advect, 1),
+                (Method::Advect, 2),
+            ] {
+                let with = |grid| Frame { grid, velocity: Some(&winds[wind]) };
+                let made = in_between(with(&from), with(&to), 0.3, &options(method)).unwrap();
+                let AnyTree::Float(tree) = &made.tree else { panic!("not floats") };
+                let sound = tree.active_values().all(|tile| tile.value.is_finite());
+                assert!(sound, "{method:?} of {a} and {b} along {}", velocities[wind]);
             }
         }
     }

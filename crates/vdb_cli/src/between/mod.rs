@@ -156,8 +156,11 @@ impl Maker<'_> {
     /// The names of the grids to make between two frames.
     fn names_between(&self, pair: &Pair) -> Vec<String> {
         let mut names = self.names(pair.from.1);
-        let of_second = self.names(pair.to.1);
-        names.extend(of_second.into_iter().filter(|name| pair.from.1.grid(name).is_none()));
+        for name in self.names(pair.to.1) {
+            if pair.from.1.grid(&name).is_none() && !names.contains(&name) {
+                names.push(name);
+            }
+        }
         names
     }
 

@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn a_blur_is_the_same_along_every_axis_and_keeps_the_sum() {
-        let bounds = [DVec3::ZERO, DVec3::splat(37.0)];
+        let bounds = [DVec3::ZERO, DVec3::splat(38.0)];
         let Ok(lattice) = Lattice::over(bounds, &Limits::default()) else { panic!() };
         assert_eq!(lattice.dim, [20; 3]);
         let at = |x: usize, y: usize, z: usize| (x * 20 + y) * 20 + z;

@@ -78,6 +78,10 @@ impl Motion {
         t: f64,
         limits: &Limits,
     ) -> Result<Self, Error> {
+        if [&pair.from, &pair.to].iter().any(|frame| frame.tree.active_voxel_count() == 0) {
+            // An empty frame matches nothing.
+            return Self::advected(pair, flow, t, limits);
+        }
         let Some(bounds) = bounds(pair, flow, t) else { return Ok(Self::none()) };
         let lattice = Lattice::over(bounds, limits)?;
         let mut means = lattice.means(pair);

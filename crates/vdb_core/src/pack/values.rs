@@ -93,7 +93,7 @@ pub(super) fn half_factor(largest: f32) -> f32 {
 fn fits_half(value: f32) -> bool {
     let size = value.abs();
     // Without branches, for loops over vectors.
-    (value == 0.0) | ((value.to_bits() & 0x1fff == 0) & (size >= MIN_HALF) & (size <= MAX_HALF))
+    (value == 0.0) | ((value.to_bits() & 0x1fff == 0) & (MIN_HALF..=MAX_HALF).contains(&size))
 }
 
 /// The encoding of values in a format.
