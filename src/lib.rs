@@ -79,8 +79,8 @@ pub use scene::{
     VdbCamera, VdbColorGrid, VdbEmission, VdbFrameBlend, VdbFrameCache, VdbFrameCacheUsage,
     VdbFrameFailed, VdbLateFrames, VdbMaterial, VdbOverlays, VdbPlayer, VdbPlayerFinished,
     VdbPlayerStatus, VdbPlayerSystems, VdbRayCastSettings, VdbRayHit, VdbRayVisibility,
-    VdbRenderMode, VdbRoles, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVolume, VdbVolumeDrawn,
-    VdbVolumeState,
+    VdbRenderMode, VdbRoles, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVelocity, VdbVolume,
+    VdbVolumeDrawn, VdbVolumeState,
 };
 #[cfg(feature = "picking")]
 pub use scene::{VdbPickingPlugin, VdbPickingSettings};

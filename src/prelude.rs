@@ -6,8 +6,8 @@ pub use crate::{
     VdbLateFrames, VdbLoadProgress, VdbLoaderSettings, VdbMaterial, VdbOverlays, VdbPlayer,
     VdbPlayerFinished, VdbPlayerStatus, VdbPlugins, VdbQuality, VdbRayCastSettings, VdbRayHit,
     VdbRenderAs, VdbRenderMode, VdbRenderPlugin, VdbRepeat, VdbSequence, VdbSpatialQuery, VdbSun,
-    VdbTraversal, VdbValues, VdbVectorGrid, VdbVolume, VdbVolumeDrawn, VdbVolumeQuality,
-    VdbVolumeState, VdbVoxel,
+    VdbTraversal, VdbValues, VdbVectorGrid, VdbVelocity, VdbVolume, VdbVolumeDrawn,
+    VdbVolumeQuality, VdbVolumeState, VdbVoxel,
 };
 pub use crate::{VdbFeatureCosts, VdbMeasureFeatures};
 #[cfg(feature = "picking")]

@@ -12,16 +12,15 @@ use bevy_vdb::vdb_core::tree::Vdb543;
 use crate::studio::Studio;
 use crate::{Args, CELLS, cells, print_heading, summary};
 
-/// Voxels from the middle of a large surface to itself, of a small one, and of fog that is replaced to the end
-/// of its rim.
+/// Radii in voxels: of the large surfaces, of the small one, and of the fog that is replaced, rim included.
 const LARGE: f64 = 200.0;
 const SMALL: f64 = 24.0;
 const REPLACED: f64 = 62.0;
-/// Large surfaces.
+/// The number of large surfaces.
 const COUNT: usize = 10;
-/// Frames that a small one is there.
+/// The number of frames for which a small surface stays.
 const STAY: usize = 5;
-/// Grids that are shown in turns.
+/// The number of fogs that are shown in turn.
 const PHASES: usize = 8;
 
 pub fn run(args: &Args) -> Result<(), String> {

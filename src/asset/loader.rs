@@ -25,6 +25,7 @@ use super::file::VdbFile;
 use super::grid::VdbGrid;
 use super::labels::labels;
 use super::loaded::{LoadedFile, LoadedFiles};
+use super::parts::{VELOCITIES, is};
 use super::progress::{Job, Running, VdbLoadProgress};
 use super::settings::{VdbLoaderSettings, VdbRenderAs};
 use super::vector_grid::VdbVectorGrid;
@@ -304,8 +305,12 @@ pub(crate) fn prepare(
         AnyTree::Vec3s(tree) => {
             let (place, metadata) = (world_from_index, grid.metadata);
             let packed = shared.vectors(&tree)?;
-            return VdbVectorGrid::from_parts(name, place, metadata, tree, packed)
-                .map(Prepared::Vectors);
+            let grid = VdbVectorGrid::from_parts(name, place, metadata, tree, packed)?;
+            if VELOCITIES.iter().any(|name| is(grid.name(), name)) {
+                // Made here, in a task, rather than when a frame waits for it.
+                grid.lattice();
+            }
+            return Ok(Prepared::Vectors(grid));
         }
         _ => return Err(VdbGridError::Type(grid.type_name)),
     };

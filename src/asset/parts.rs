@@ -32,6 +32,9 @@ const HELPERS: &str = "phi_";
 /// Names of colours: Houdini's, and common ones.
 pub(crate) const COLORS: [&str; 4] = ["cd", "color", "colour", "albedo"];
 
+/// Names of velocities in Blender and Houdini.
+pub(crate) const VELOCITIES: [&str; 3] = ["velocity", "vel", "v"];
+
 /// The properties of a grid by which its role is chosen.
 pub(crate) struct Candidate<'a> {
     pub name: &'a str,

@@ -1,21 +1,22 @@
-//! Vector grids as assets: colours.
+//! Vector grids as assets: colours and velocities.
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use bevy::asset::Asset;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid};
-use vdb_core::tree::{Vdb543, map_values};
+use vdb_core::tree::{Vdb543, VectorLattice, map_values};
 use vdb_core::{AnyTree, GridClass, Metadata, WriteOptions};
 
 use super::common::{VdbGridError, check_transform, core_grid, world_bounds};
 
-/// A vector grid, for [`VdbColorGrid`](crate::VdbColorGrid) and
-/// [`VdbEmission::Color`](crate::VdbEmission::Color), such as `"smoke.vdb#Cd"`.
+/// A vector grid, for [`VdbColorGrid`](crate::VdbColorGrid),
+/// [`VdbEmission::Color`](crate::VdbEmission::Color) and [`VdbVelocity`](crate::VdbVelocity), such
+/// as `"smoke.vdb#Cd"`.
 ///
-/// Components are linear Rec. 709, as stored; negative values count as zero. On the GPU, a vector
+/// Components of colours are linear Rec. 709, as stored; negative values count as zero. On the GPU, a vector
 /// grid is three float grids, one per component, each with its own tree: a component that is mostly
 /// zero takes little memory, and each is looked up like a density.
 #[derive(Asset, Clone, Debug, TypePath)]
@@ -25,6 +26,8 @@ pub struct VdbVectorGrid {
     metadata: Metadata,
     tree: Arc<Vdb543<[f32; 3]>>,
     packed: [Arc<PackedGrid>; 3],
+    /// Made when it is asked for.
+    lattice: Arc<OnceLock<Option<Arc<VectorLattice>>>>,
 }
 
 /// Replaces zero where the background is not zero, because the trees on the GPU omit zeros. A power
@@ -72,7 +75,8 @@ impl VdbVectorGrid {
         packed: [Arc<PackedGrid>; 3],
     ) -> Result<Self, VdbGridError> {
         check_transform(world_from_index)?;
-        Ok(Self { name, world_from_index, metadata, tree, packed })
+        let lattice = Arc::default();
+        Ok(Self { name, world_from_index, metadata, tree, packed, lattice })
     }
 
     /// The grid's name as stored in the file; may be empty. [`vdb_core::display::escaped`] makes it
@@ -99,6 +103,12 @@ impl VdbVectorGrid {
     /// The components in the GPU layout.
     pub fn packed(&self) -> &[Arc<PackedGrid>; 3] {
         &self.packed
+    }
+
+    /// The means of the vectors, for motion vectors; `None` if nothing is active. The first call
+    /// makes them.
+    pub(crate) fn lattice(&self) -> Option<&Arc<VectorLattice>> {
+        self.lattice.get_or_init(|| VectorLattice::new(&self.tree).map(Arc::new)).as_ref()
     }
 
     /// Converts the grid to a `vdb_core` grid with its name, transform, metadata and values. Both

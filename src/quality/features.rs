@@ -43,6 +43,7 @@ bitflags! {
         const MESH_CASTERS = 1 << 31;
         const UNCACHED_FOGS = 1 << 32;
         const LAMP_LIGHT = 1 << 33;
+        const VELOCITIES = 1 << 34;
     }
 }
 
@@ -91,7 +92,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 34] = [
+pub(crate) const FEATURES: [Feature; 35] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -232,6 +233,12 @@ pub(crate) const FEATURES: [Feature; 34] = [
         &["VDB_LAMP_LIGHT"],
         "scattered light of lamps",
         "lamps are in the light cache, and the scene has no surface or mesh that casts shadows",
+    ),
+    row(
+        Features::VELOCITIES,
+        &["VDB_VELOCITIES"],
+        "velocities in motion vectors",
+        "with motion vectors, a volume in view has a VdbVelocity",
     ),
 ];
 

@@ -96,7 +96,14 @@ fn of_view(
     if let Some(moving) = picture.traced.as_ref().and_then(|traced| traced.moving.as_ref()) {
         buffers.push("vdb_moving", bytes(moving), "motion vectors");
     }
-    buffers.add_some("vdb_motion", &composite.motion, "motion vectors");
+    if let Some(motion) = &composite.motion {
+        buffers.add("vdb_motion", &motion.matrices, "motion vectors");
+        if let Some([velocities, means]) = &motion.of_velocities {
+            let why = "a volume in view has a VdbVelocity";
+            buffers.add("vdb_velocities", velocities, why);
+            buffers.add("vdb_velocity_means", means, why);
+        }
+    }
     if let Some(upscaled) = &upscale.picture {
         let why = "there are fewer rays than pixels";
         buffers.push("vdb_color_upscaled", bytes(&upscaled.color), why);

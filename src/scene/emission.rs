@@ -1,4 +1,4 @@
-//! Auxiliary grids of a volume: colour and emission.
+//! Auxiliary grids of a volume: colour, emission and velocity.
 
 use bevy::prelude::*;
 
@@ -15,6 +15,46 @@ use crate::{VdbGrid, VdbVectorGrid};
 #[derive(Clone, Component, Debug, Default, PartialEq, Eq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbColorGrid(pub Handle<VdbVectorGrid>);
+
+/// The velocity of what a volume shows, for motion vectors: temporal anti-aliasing and motion blur
+/// then follow smoke instead of smearing it. Without effect on cameras without a
+/// `MotionVectorPrepass`, and on pixels through which more than half of the background is visible.
+///
+/// The grid may have a different transform from the volume's: both are placed in the world of their
+/// file. Means over 8³ voxels or more are interpolated, so details of a few voxels move with what
+/// is around them. In staggered grids, the offset of half a voxel is neglected.
+///
+/// ```no_run
+/// # use bevy::prelude::*;
+/// # use bevy_vdb::prelude::*;
+/// # fn setup(mut commands: Commands, assets: Res<AssetServer>) {
+/// // The player sets the grid and the time step. Houdini's velocities are per second.
+/// let smoke = assets.load_vdb_sequence("smoke/smoke_####.vdb");
+/// commands.spawn((VdbPlayer::new(smoke), VdbVelocity::new(1.0)));
+/// # }
+/// ```
+#[derive(Clone, Component, Debug, Default, PartialEq, Reflect)]
+#[reflect(Component, Clone, Debug, Default, PartialEq)]
+pub struct VdbVelocity {
+    /// The velocities, along the axes of the file's world, which are those of the entity's local
+    /// space.
+    pub grid: Handle<VdbVectorGrid>,
+    /// Units of the file's world per second at a velocity of 1: 1 for Houdini; for Blender's fluid
+    /// caches 2.5 times the edge of a voxel, at its default time scale.
+    pub scale: f32,
+    /// Seconds of the simulation between what the previous frame of the screen displayed and what
+    /// this one displays: 0, the default, if both display the same; negative if time runs
+    /// backwards. [`VdbPlayer`](crate::VdbPlayer) sets it. An app that replaces grids itself sets
+    /// it for every frame.
+    pub time_step: f32,
+}
+
+impl VdbVelocity {
+    /// Velocities of a [`VdbPlayer`](crate::VdbPlayer), which sets the grid and the time step.
+    pub fn new(scale: f32) -> Self {
+        Self { scale, ..Self::default() }
+    }
+}
 
 /// Makes a volume emit light from a second grid: fire. For entities with a
 /// [`VdbVolume`](crate::VdbVolume), whose density attenuates it.

@@ -9,7 +9,7 @@ use bevy::prelude::*;
 use vdb_core::display::escaped;
 
 use crate::asset::loaded::LoadedFiles;
-use crate::{VdbColorGrid, VdbEmission, VdbPlayer, VdbVolume};
+use crate::{VdbColorGrid, VdbEmission, VdbPlayer, VdbVelocity, VdbVolume};
 
 /// Warns of displayed grids that are no longer in their file. They stay on screen, because Bevy
 /// keeps an asset as long as it has handles.
@@ -18,7 +18,7 @@ pub(crate) fn tell_of_lost_grids(
     server: Res<AssetServer>,
     // A player looks for the grids of each frame itself.
     volumes: Query<
-        (Option<&VdbVolume>, Option<&VdbEmission>, Option<&VdbColorGrid>),
+        (Option<&VdbVolume>, Option<&VdbEmission>, Option<&VdbColorGrid>, Option<&VdbVelocity>),
         Without<VdbPlayer>,
     >,
 ) {
@@ -27,7 +27,7 @@ pub(crate) fn tell_of_lost_grids(
         return;
     }
     let mut shown: HashSet<(UntypedAssetId, bool)> = HashSet::new();
-    for (volume, emission, color) in &volumes {
+    for (volume, emission, color, velocity) in &volumes {
         let own = volume.map(|volume| (volume.0.id().untyped(), false));
         let color = color.map(|color| (color.0.id().untyped(), true));
         let emission = emission.map(|emission| match emission {
@@ -36,7 +36,8 @@ pub(crate) fn tell_of_lost_grids(
             }
             VdbEmission::Color { grid, .. } => (grid.id().untyped(), true),
         });
-        shown.extend([own, emission, color].into_iter().flatten());
+        let velocity = velocity.map(|velocity| (velocity.grid.id().untyped(), true));
+        shown.extend([own, emission, color, velocity].into_iter().flatten());
     }
     for file in files {
         for &(id, is_vector) in &shown {

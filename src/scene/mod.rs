@@ -19,10 +19,10 @@ use bevy::prelude::*;
 pub use components::{
     VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
 };
-pub use emission::{VdbColorGrid, VdbEmission};
+pub use emission::{VdbColorGrid, VdbEmission, VdbVelocity};
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
-pub(crate) use player::Share;
+pub(crate) use player::{NextFrame, Share};
 pub use player::{
     VdbFrameBlend, VdbFrameCache, VdbFrameCacheUsage, VdbFrameFailed, VdbLateFrames, VdbPlayer,
     VdbPlayerFinished, VdbPlayerStatus, VdbPlayerSystems,
@@ -42,6 +42,7 @@ impl Plugin for ScenePlugin {
             .register_type::<VdbMaterial>()
             .register_type::<VdbColorGrid>()
             .register_type::<VdbEmission>()
+            .register_type::<VdbVelocity>()
             .register_type::<VdbCamera>()
             .register_type::<VdbSun>()
             .add_systems(PreUpdate, track::update_states.after(AssetTrackingSystems))

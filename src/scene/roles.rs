@@ -3,7 +3,7 @@
 use bevy::math::DVec3;
 use bevy::prelude::*;
 
-use crate::asset::parts::{COLORS, Candidate, FIRES, HEAT, is, parts};
+use crate::asset::parts::{COLORS, Candidate, FIRES, HEAT, VELOCITIES, is, parts};
 use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbVectorGrid};
 
 /// Temperatures above this are in kelvin; other units stay far below.
@@ -15,6 +15,7 @@ const LUMINANCE: f32 = 1_000.0;
 
 /// The grids of a [`VdbFile`] by role: see [`VdbFile::roles`].
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct VdbRoles {
     /// All surfaces, in file order; if there is a density, without Blender's auxiliary surfaces,
     /// such as `phi_obstacle`.
@@ -27,6 +28,8 @@ pub struct VdbRoles {
     pub emission: Option<VdbEmission>,
     /// The colour of the surfaces: a vector grid called `Cd`, `color`, `colour` or `albedo`.
     pub colors: Option<VdbColorGrid>,
+    /// The velocity: a vector grid called `velocity`, `vel` or `v`.
+    pub velocity: Option<Handle<VdbVectorGrid>>,
 }
 
 impl VdbFile {
@@ -58,14 +61,25 @@ impl VdbFile {
             density: parts.density.map(|density| handles[density].clone()),
             emission,
             colors: self.colors(),
+            velocity: self.velocity(),
         }
     }
 
     /// The colour of the surfaces: see [`VdbRoles::colors`].
     pub(crate) fn colors(&self) -> Option<VdbColorGrid> {
-        COLORS.iter().find_map(|name| {
+        self.vectors(&COLORS).map(VdbColorGrid)
+    }
+
+    /// The velocity: see [`VdbRoles::velocity`].
+    pub(crate) fn velocity(&self) -> Option<Handle<VdbVectorGrid>> {
+        self.vectors(&VELOCITIES)
+    }
+
+    /// The vector grid with the first of some names.
+    fn vectors(&self, names: &[&str]) -> Option<Handle<VdbVectorGrid>> {
+        names.iter().find_map(|name| {
             let mut vectors = self.vector_grids.iter();
-            vectors.find(|(label, _)| is(label, name)).map(|(_, grid)| VdbColorGrid(grid.clone()))
+            vectors.find(|(label, _)| is(label, name)).map(|(_, grid)| grid.clone())
         })
     }
 }

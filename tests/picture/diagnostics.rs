@@ -5,16 +5,17 @@ use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::input::ButtonState;
 use bevy::input::keyboard::{Key, KeyboardInput};
 use bevy::light::DirectionalLightShadowMap;
-use bevy::math::DVec3;
+use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_vdb::{
     VdbCamera, VdbCameraReport, VdbDiagnostics, VdbDial, VdbGrid, VdbQuality, VdbRenderMode,
-    VdbVolume,
+    VdbVectorGrid, VdbVelocity, VdbVolume,
 };
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::level_set;
+use vdb_core::tree::{IVec3, Tree, Vdb543};
 
 use super::common::Stage;
 use super::{GREEN, SIZE, glow, looking};
@@ -113,6 +114,18 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     );
     assert_eq!(bytes("vdb_color", &report), 2 * pixels, "a ray for four pixels");
     assert_eq!(bytes("vdb_color_upscaled", &report), 8 * pixels);
+    let mut whirl: Vdb543<[f32; 3]> = Tree::new([0.0; 3]);
+    whirl.set(IVec3::ZERO, [1.0, 0.0, 0.0]);
+    let whirl = VdbVectorGrid::new("velocity", whirl, DAffine3::IDENTITY).unwrap();
+    let grid = stage.world().resource_mut::<Assets<VdbVectorGrid>>().add(whirl);
+    let velocity = VdbVelocity { grid, scale: 1.0, time_step: 0.1 };
+    stage.world().entity_mut(camera).insert(VdbQuality::default());
+    stage.world().entity_mut(sphere).insert(velocity);
+    let seen = "voxels, beam optimisation, light, motion vectors, velocities in motion vectors";
+    let moving = format!("{plain}, vdb_moving, vdb_motion, vdb_velocities, vdb_velocity_means");
+    check(&mut stage, "velocities", seen, both, &moving);
+    stage.world().entity_mut(camera).remove::<(DepthPrepass, MotionVectorPrepass)>();
+    check(&mut stage, "no motion vectors", "voxels, beam optimisation, light", both, plain);
 
     stage.world().despawn(sphere);
     stage.picture(&target);

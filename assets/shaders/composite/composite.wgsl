@@ -18,6 +18,10 @@ struct Placement {
 @group(0) @binding(3) var<uniform> view: View;
 #endif
 
+#ifdef VDB_VELOCITIES
+#import bevy_vdb::gpu::types::Velocities
+#endif
+
 #ifdef VDB_MOTION_VECTORS
 // The volume that each pixel moves with, as an index into the view's list, or an index outside it for none;
 // and the bits of the depth of the point that moves.
@@ -25,6 +29,42 @@ struct Placement {
 // From the clip space of the view's rays to that of this frame without jitter; then, for each volume, to
 // that of the previous frame.
 @group(0) @binding(7) var<storage, read> clips: array<mat4x4<f32>>;
+
+#ifdef VDB_VELOCITIES
+// For each volume.
+@group(0) @binding(8) var<storage, read> velocities: array<Velocities>;
+// Means of velocities, as 16-bit floats: x, y, z, and 1, or 0 for cubes without any.
+@group(0) @binding(9) var<storage, read> means: array<vec2<u32>>;
+
+// The displacement within a volume since the previous frame, in the clip space of that frame, at a position in
+// the clip space of the view's rays.
+fn displacement_before(volume: u32, position: vec4<f32>) -> vec4<f32> {
+    let own = velocities[volume];
+    let place = own.lattice_from_clip * position;
+    // Points at infinity have no place.
+    if any(own.size == vec3(0u)) || !(place.w > 0.0) {
+        return vec4(0.0);
+    }
+    let last = own.size - 1u;
+    let at = clamp(place.xyz / place.w, vec3(0.0), vec3<f32>(last));
+    let low = min(vec3<u32>(at), last);
+    let high = min(low + 1u, last);
+    let part = at - vec3<f32>(low);
+    var sum = vec4(0.0);
+    for (var i = 0u; i < 8u; i++) {
+        let is_high = (vec3(i) & vec3(1u, 2u, 4u)) != vec3(0u);
+        let corner = select(low, high, is_high);
+        let weights = select(1.0 - part, part, is_high);
+        let mean = means[own.first + (corner.z * own.size.y + corner.y) * own.size.x + corner.x];
+        let value = vec4(unpack2x16float(mean.x), unpack2x16float(mean.y));
+        sum += weights.x * weights.y * weights.z * value;
+    }
+    if sum.w <= 0.0 {
+        return vec4(0.0);
+    }
+    return place.w * (own.clip_from_mean * (sum.xyz / sum.w));
+}
+#endif
 
 // Motion vector in Bevy's convention: in viewport widths and heights, y downwards. The fourth component is 1
 // where the motion is known.
@@ -36,7 +76,10 @@ fn motion_vector(pixel: vec2<u32>) -> vec4<f32> {
     let uv = (vec2<f32>(pixel) + 0.5) / vec2<f32>(placement.size);
     let position = vec4(2.0 * uv.x - 1.0, 1.0 - 2.0 * uv.y, bitcast<f32>(motion_source.y), 1.0);
     let now = clips[0] * position;
-    let before = clips[motion_source.x + 1u] * position;
+    var before = clips[motion_source.x + 1u] * position;
+#ifdef VDB_VELOCITIES
+    before -= displacement_before(motion_source.x, position);
+#endif
     // Points that were behind the camera came from outside the image.
     let displacement = now.xy / now.w - before.xy / max(before.w, 1e-6 * now.w);
     return vec4(clamp(displacement * vec2(0.5, -0.5), vec2(-100.0), vec2(100.0)), 0.0, 1.0);

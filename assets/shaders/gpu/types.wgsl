@@ -143,6 +143,15 @@ struct View {
     cached_lamps: array<vec4<u32>, MAX_CACHED_LAMPS / 4u>,
 }
 
+// The velocities within a volume, for motion vectors: means over cubes of voxels, at the points of a lattice.
+struct Velocities {
+    lattice_from_clip: mat4x4<f32>, // from the clip space of the view's rays; points are whole numbers
+    // From a mean to the displacement in the clip space of the previous frame, per unit of w in world space.
+    clip_from_mean: mat3x4<f32>,
+    size: vec3<u32>,                // points along each axis; 0 if nothing moves
+    first: u32,                     // first mean
+}
+
 // A ray in local lattice coordinates of one grid: p(t) = cell + frac + t·dir.
 struct Ray {
     cell: vec3<i32>,

@@ -156,7 +156,7 @@ pub(super) fn replace(
             (LoadState::Failed(error), ..) => models.error = Some(error.to_string()),
             (LoadState::Loaded, Some(file), Ok(mut volume)) => {
                 // A surface and its colours, or smoke and its fire.
-                let VdbRoles { surfaces, density, emission, colors } = file.roles(&grids);
+                let VdbRoles { surfaces, density, emission, colors, .. } = file.roles(&grids);
                 let (grid, emission, colors) = match surfaces.into_iter().next() {
                     Some(surface) => (Some(surface), None, colors),
                     None => (density, emission, None),

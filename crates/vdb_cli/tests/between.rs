@@ -277,7 +277,7 @@ fn wrong_input_gives_one_message() {
             to(&[one, two], &["--grids", "surface"]),
             1,
             format!(
-                "{one}, grid \"surface\": a level set has no frames in between: moving its values would not keep them distances; use densities"
+                "{one}, grid \"surface\": a level set, of which no frames in between are made: its values would no longer be distances; use densities"
             ),
         ),
     ];

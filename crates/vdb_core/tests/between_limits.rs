@@ -68,7 +68,7 @@ fn every_refusal_says_what_is_wrong_and_what_to_do() {
         ),
         (
             said(alone(&surface), small, 0.5, &fade),
-            "grid \"smoke\": a level set has no frames in between: moving its values would not keep them distances; use densities",
+            "grid \"smoke\": a level set, of which no frames in between are made: its values would no longer be distances; use densities",
         ),
         (
             said(small, alone(&doubles), 0.5, &fade),

@@ -32,7 +32,7 @@ use super::gpu::{PipelineFallback, Shaders, load_shaders, types};
 use super::view::VdbSystems;
 use super::view::{PrepareViews, ViewPicture, ViewState, VisibleVolumes};
 use crate::quality::features::Features;
-use pipeline::{CompositeKey, CompositePipeline, ToneKey};
+use pipeline::{CompositeKey, CompositePipeline, Motion, ToneKey};
 
 /// Composites the image of every view.
 pub(super) struct CompositePlugin;
@@ -68,8 +68,8 @@ pub(super) struct CompositeView {
     pub fog: Option<CachedRenderPipelineId>,
     tonemaps: bool,
     pub placement: Option<Buffer>,
-    /// The matrices of [`motion::matrices`].
-    pub motion: Option<Buffer>,
+    /// What motion vectors are computed from.
+    pub motion: Option<motion::MotionBuffers>,
     bind_group: Option<BindGroup>,
     /// Whether this frame was drawn with all required pipelines.
     pub is_drawn: bool,
@@ -98,7 +98,13 @@ fn prepare(
             dither: dither.is_some_and(|dither| *dither == DebandDither::Enabled),
         });
         let tone = tone.filter(|tone| tone.tonemapping != Tonemapping::None);
-        let motion = prepared.key.has(Features::MOTION_VECTORS);
+        let motion = if prepared.key.has(Features::VELOCITIES) {
+            Motion::Velocities
+        } else if prepared.key.has(Features::MOTION_VECTORS) {
+            Motion::Volumes
+        } else {
+            Motion::None
+        };
         let mut draw = |fog_alone| {
             let key = CompositeKey {
                 format: view.target_format,
@@ -121,11 +127,22 @@ fn prepare(
             types::Placement { origin: prepared.data.origin, size: prepared.data.picture };
         let placement = bytemuck::bytes_of(&placement);
         own.placement = Some(buffer("vdb_placement", placement, BufferUsages::UNIFORM));
-        own.motion = motion.then(|| {
+        own.motion = (motion != Motion::None).then(|| {
             let seen = &prepared.entries[..prepared.data.volume_count as usize];
-            let seen = seen.iter().filter_map(|entry| volumes.0.get(&entry.owner));
-            let matrices = motion::matrices(view, prepared.clip_from_view, before, seen);
-            buffer("vdb_motion", bytemuck::cast_slice(&matrices), BufferUsages::STORAGE)
+            let seen: Vec<_> =
+                seen.iter().filter_map(|entry| volumes.0.get(&entry.owner)).collect();
+            let clips = motion::Clips::new(view, prepared.clip_from_view, before);
+            let storage = |label, contents: &[u8]| buffer(label, contents, BufferUsages::STORAGE);
+            let matrices = clips.matrices(&seen);
+            let of_velocities = (motion == Motion::Velocities).then(|| {
+                let (velocities, means) = clips.velocities(&seen);
+                [
+                    storage("vdb_velocities", bytemuck::cast_slice(&velocities)),
+                    storage("vdb_velocity_means", bytemuck::cast_slice(&means)),
+                ]
+            });
+            let matrices = storage("vdb_motion", bytemuck::cast_slice(&matrices));
+            motion::MotionBuffers { matrices, of_velocities }
         });
     }
 }
@@ -156,13 +173,22 @@ fn bind(
             let (lut, sampler) = get_lut_bindings(&images, &luts, &curve, &fallback);
             entries = entries.extend_sequential((view, lut, sampler));
         }
-        if let (Some(matrices), Some(moving)) = (&own.motion, &picture.moving) {
+        let mut motion = Motion::None;
+        if let (Some(buffers), Some(moving)) = (&own.motion, &picture.moving) {
             entries = entries.extend_with_indices((
                 (6, &moving.default_view),
-                (7, matrices.as_entire_binding()),
+                (7, buffers.matrices.as_entire_binding()),
             ));
+            motion = Motion::Volumes;
+            if let Some([velocities, means]) = &buffers.of_velocities {
+                entries = entries.extend_with_indices((
+                    (8, velocities.as_entire_binding()),
+                    (9, means.as_entire_binding()),
+                ));
+                motion = Motion::Velocities;
+            }
         }
-        let layout = pipeline.layout(own.tonemaps, own.motion.is_some());
+        let layout = pipeline.layout(own.tonemaps, motion);
         let layout = cache.get_bind_group_layout(layout);
         let group = device.create_bind_group("vdb_composite", &layout, &entries);
         own.bind_group = Some(group);

@@ -23,8 +23,8 @@ use crate::render::gpu::{Shaders, defs, read};
 pub(super) struct CompositePipeline {
     shaders: Shaders,
     fullscreen: FullscreenShader,
-    /// Without and with tonemapping, each without and with motion vectors.
-    layouts: [[BindGroupLayoutDescriptor; 2]; 2],
+    /// Without and with tonemapping, each without motion vectors, with them, and with velocities.
+    layouts: [[BindGroupLayoutDescriptor; 3]; 2],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -35,10 +35,19 @@ pub(super) struct CompositeKey {
     pub tone: Option<ToneKey>,
     /// Whether to draw pixels with fog but no surface, rather than those with a surface.
     pub fog_alone: bool,
-    /// Whether to draw motion vectors, too.
-    pub motion: bool,
+    pub motion: Motion,
     /// Whether there is emission, which has no coverage.
     pub emission: bool,
+}
+
+/// The motion vectors that are drawn with the image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Motion {
+    None,
+    /// Of volumes as a whole.
+    Volumes,
+    /// Also of what moves within them.
+    Velocities,
 }
 
 /// Tonemapping of a camera without HDR, which each of its shaders applies.
@@ -50,7 +59,7 @@ pub(super) struct ToneKey {
 
 impl CompositePipeline {
     pub fn new(shaders: &Shaders, fullscreen: FullscreenShader) -> Self {
-        let layout = |tonemaps: bool, motion: bool| {
+        let layout = |tonemaps: bool, motion: Motion| {
             let mut entries = DynamicBindGroupLayoutEntries::sequential(
                 ShaderStages::FRAGMENT,
                 (read(), read(), uniform_buffer_sized(false, None)),
@@ -60,21 +69,23 @@ impl CompositePipeline {
                 entries =
                     entries.extend_sequential((uniform_buffer::<ViewUniform>(true), lut, sampler));
             }
-            if motion {
-                entries = entries.extend_with_indices((
-                    (6, texture_2d(TextureSampleType::Uint)),
-                    (7, storage_buffer_read_only_sized(false, None)),
-                ));
+            let list = || storage_buffer_read_only_sized(false, None);
+            if motion != Motion::None {
+                let moving = texture_2d(TextureSampleType::Uint);
+                entries = entries.extend_with_indices(((6, moving), (7, list())));
+            }
+            if motion == Motion::Velocities {
+                entries = entries.extend_with_indices(((8, list()), (9, list())));
             }
             BindGroupLayoutDescriptor::new("vdb_composite", &entries)
         };
-        let both = [false, true];
-        let layouts = both.map(|tonemaps| both.map(|motion| layout(tonemaps, motion)));
+        let motions = [Motion::None, Motion::Volumes, Motion::Velocities];
+        let layouts = [false, true].map(|tonemaps| motions.map(|motion| layout(tonemaps, motion)));
         Self { shaders: shaders.clone(), fullscreen, layouts }
     }
 
-    pub fn layout(&self, tonemaps: bool, motion: bool) -> &BindGroupLayoutDescriptor {
-        &self.layouts[usize::from(tonemaps)][usize::from(motion)]
+    pub fn layout(&self, tonemaps: bool, motion: Motion) -> &BindGroupLayoutDescriptor {
+        &self.layouts[usize::from(tonemaps)][motion as usize]
     }
 }
 
@@ -84,7 +95,8 @@ impl SpecializedRenderPipeline for CompositePipeline {
     fn specialize(&self, key: CompositeKey) -> RenderPipelineDescriptor {
         let own = [
             (key.fog_alone, "VDB_FOG_ALONE"),
-            (key.motion, "VDB_MOTION_VECTORS"),
+            (key.motion != Motion::None, "VDB_MOTION_VECTORS"),
+            (key.motion == Motion::Velocities, "VDB_VELOCITIES"),
             (key.emission, "VDB_EMISSION"),
         ];
         let mut shader_defs: Vec<_> = defs(own).collect();
@@ -111,7 +123,7 @@ impl SpecializedRenderPipeline for CompositePipeline {
             })
         };
         let mut targets = vec![target(key.format, over)];
-        if key.motion {
+        if key.motion != Motion::None {
             // An alpha of 0 keeps the motion vector of what is behind.
             let known = BlendComponent { src_factor: BlendFactor::SrcAlpha, ..over };
             targets.push(target(MOTION_VECTOR_PREPASS_FORMAT, known));

@@ -13,7 +13,7 @@ use bevy::render::{ExtractSchedule, RenderApp};
 pub(super) use auxiliary::AuxiliaryGrid;
 pub(super) use changes::SceneChanges;
 pub(super) use lights::{ExtractedEnvironment, ExtractedSuns, MeshCasters};
-pub(super) use volumes::{ExtractedVolume, ExtractedVolumes};
+pub(super) use volumes::{ExtractedVelocity, ExtractedVolume, ExtractedVolumes};
 pub(super) use warnings::{Setting, Trouble, Warned};
 
 /// Extracts volumes, light properties that Bevy does not extract, and changes in the scene.

@@ -1,6 +1,7 @@
 //! Extraction of the volumes of the app's world, every frame.
 
 use bevy::camera::visibility::{InheritedVisibility, RenderLayers};
+use bevy::core_pipeline::prepass::MotionVectorPrepass;
 use bevy::light::{NotShadowCaster, NotShadowReceiver};
 use bevy::math::Affine3A;
 use bevy::prelude::*;
@@ -8,12 +9,14 @@ use bevy::render::Extract;
 use bevy::render::sync_world::{MainEntity, MainEntityHashMap};
 use std::sync::Arc;
 use vdb_core::pack::{PackKind, PackedGrid};
+use vdb_core::tree::VectorLattice;
 
 use super::auxiliary::AuxiliaryGrids;
 use crate::render::gpu::GridKey;
-use crate::scene::Share;
+use crate::scene::{NextFrame, Share};
 use crate::{
-    VdbColorGrid, VdbEmission, VdbGrid, VdbMaterial, VdbVectorGrid, VdbVolume, VdbVolumeQuality,
+    VdbColorGrid, VdbEmission, VdbGrid, VdbMaterial, VdbVectorGrid, VdbVelocity, VdbVolume,
+    VdbVolumeQuality,
 };
 
 /// All volumes whose grids have been loaded, visible or not.
@@ -61,8 +64,31 @@ pub(crate) struct ExtractedVolume {
     /// Whether the volume receives shadows.
     pub receives: bool,
     pub layers: RenderLayers,
+    /// How what is shown moves within the volume, if a camera has motion vectors.
+    pub velocity: Option<ExtractedVelocity>,
     /// The auxiliary grids; none if the volume is hidden.
     pub auxiliary: AuxiliaryGrids,
+}
+
+/// How what a volume shows moves within it.
+#[derive(Clone, Debug)]
+pub(crate) struct ExtractedVelocity {
+    pub lattice: Arc<VectorLattice>,
+    pub local_from_index: bevy::math::DAffine3,
+    /// The displacement from the previous frame, in units of local space, per unit of the lattice's
+    /// means; finite. 0 if the volume shows what it showed before.
+    pub displacement: f64,
+}
+
+impl ExtractedVelocity {
+    fn new(velocity: &VdbVelocity, vectors: &Assets<VdbVectorGrid>) -> Option<Self> {
+        let grid = vectors.get(&velocity.grid)?;
+        let lattice = grid.lattice()?.clone();
+        let displacement = f64::from(velocity.scale) * f64::from(velocity.time_step);
+        let displacement = displacement * f64::from(lattice.largest);
+        let displacement = if displacement.is_finite() { displacement } else { 0.0 };
+        Some(Self { lattice, local_from_index: grid.world_from_index(), displacement })
+    }
 }
 
 pub(crate) fn extract_volumes(
@@ -76,9 +102,11 @@ pub(crate) fn extract_volumes(
             Option<&RenderLayers>,
             (Option<&VdbEmission>, Option<&VdbColorGrid>),
             (Has<NotShadowCaster>, Has<NotShadowReceiver>),
-            (Option<&VdbVolumeQuality>, Option<&Share>),
+            (Option<&VdbVelocity>, Option<&Share>, Option<(&NextFrame, &ChildOf)>),
         )>,
     >,
+    qualities: Extract<Query<&VdbVolumeQuality>>,
+    with_motion: Extract<Query<(), With<MotionVectorPrepass>>>,
     grids: Extract<Res<Assets<VdbGrid>>>,
     vectors: Extract<Res<Assets<VdbVectorGrid>>>,
     mut extracted: ResMut<ExtractedVolumes>,
@@ -86,11 +114,14 @@ pub(crate) fn extract_volumes(
 ) {
     std::mem::swap(&mut extracted.0, &mut *before);
     extracted.0.clear();
-    for (entity, volume, transform, material, visible, layers, auxiliary, without, settings) in
+    for (entity, volume, transform, material, visible, layers, auxiliary, without, motion) in
         &volumes
     {
-        let (quality, share) = settings;
+        let (velocity, share, next) = motion;
         let share = share.map_or(1.0, |share| share.0);
+        // The quality of a player is that of the frame it fades to, too.
+        let set_by = next.map_or(entity, |(_, player)| player.0);
+        let quality = qualities.get(set_by).copied().unwrap_or_default();
         let Some(grid) = grids.get(&volume.0) else { continue };
         let entity = MainEntity::from(entity);
         let world_from_local = transform.affine();
@@ -113,11 +144,14 @@ pub(crate) fn extract_volumes(
                 .map_or(world_from_local, |before| before.world_from_local),
             local_from_index: grid.world_from_index(),
             material,
-            quality: quality.copied().unwrap_or_default(),
+            quality,
             visible: visible.get(),
             casts: !without.0,
             receives: !without.1,
             layers: layers.cloned().unwrap_or_default(),
+            velocity: velocity
+                .filter(|_| visible.get() && !with_motion.is_empty())
+                .and_then(|velocity| ExtractedVelocity::new(velocity, &vectors)),
             auxiliary,
         };
         extracted.0.insert(entity, volume);

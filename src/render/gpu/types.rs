@@ -127,6 +127,16 @@ pub(crate) struct Placement {
     pub size: [u32; 2],
 }
 
+/// The velocities within a volume, for motion vectors.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct Velocities {
+    pub lattice_from_clip: [[f32; 4]; 4],
+    pub clip_from_mean: [[f32; 4]; 3],
+    pub size: [u32; 3],
+    pub first: u32,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

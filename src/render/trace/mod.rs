@@ -107,6 +107,9 @@ impl AllPipelines<'_> {
     /// The pipelines of a key; starts to compile new ones.
     fn of(&mut self, key: &ViewKey) -> Pipelines {
         let cache = &self.cache;
+        // Velocities only matter when the image is composited.
+        let features = key.features.difference(Features::VELOCITIES);
+        let key = &ViewKey { features, ..*key };
         let trace = self.specialized_trace.specialize(cache, &self.trace, *key);
         let beams = key
             .has(Features::BEAMS)

@@ -153,6 +153,8 @@ pub(crate) struct ViewList {
     pub colors: bool,
     /// Whether any fog is sampled rather than integrated.
     pub fog_steps: bool,
+    /// Whether anything moves within a volume in view.
+    pub velocities: bool,
 }
 
 impl ViewList {
@@ -191,7 +193,10 @@ impl ViewList {
         let kinds = Kinds::of(&data);
         let fog_steps =
             data.iter().any(|volume| volume.kind == types::KIND_FOG && volume.fog_step > 0.0);
-        let mut list = Self { data, entries, seen, kinds_seen, kinds, colors: false, fog_steps };
+        let volumes = entries[..seen].iter().filter_map(|entry| maker.volumes.0.get(&entry.owner));
+        let velocities = volumes.into_iter().any(|volume| volume.velocity.is_some());
+        let mut list =
+            Self { data, entries, seen, kinds_seen, kinds, colors: false, fog_steps, velocities };
         if is_lit {
             list.add_colors(maker);
         }

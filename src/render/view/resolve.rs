@@ -210,7 +210,8 @@ fn view_key(
     let ResolvedSettings { camera, quality, .. } = settings;
     let fog = list.kinds.has([types::KIND_FOG]) && settings.shows_fog();
     let emission = list.kinds.has([types::KIND_EMISSION, types::KIND_BLACKBODY]);
-    let motion_vectors = of.prepass.is_some_and(|all| all.motion_vectors.is_some());
+    let motion_vectors =
+        of.has_motion && of.prepass.is_some_and(|all| all.motion_vectors.is_some());
     let traversal = match quality.traversal {
         VdbTraversal::HddaSkip => Features::BEAMS,
         VdbTraversal::Hdda => Features::HDDA,
@@ -242,7 +243,8 @@ fn view_key(
         | Features::MANY.when(many)
         | Features::PAGES.when(pool.page_bits().is_some())
         | Features::WIDE_GRIDS.when(pool.has_wide_grids())
-        | Features::MOTION_VECTORS.when(of.has_motion && motion_vectors)
+        | Features::MOTION_VECTORS.when(motion_vectors)
+        | Features::VELOCITIES.when(motion_vectors && list.velocities)
         | Features::REFLECTIONS.when(settings.reflections > 0)
         | Features::OVERLAYS.when(camera.overlays != VdbOverlays::default())
         | Features::SCALED.when(quality.resolution < 1.0)

@@ -78,10 +78,10 @@ pub enum VdbFrameBlend {
     /// Each frame until the next one.
     #[default]
     Hold,
-    /// Fog and its emission fade from each frame to the next, as far as that is in memory. What moves
-    /// fast is seen twice; `vdb between` makes better frames in between. Costs as much as two
-    /// volumes: the next frame is one of its own, a child of the player's entity. Surfaces do not
-    /// fade.
+    /// Fog and its emission cross-fade from each frame to the next once that is in memory. Costs as
+    /// much as two volumes: the next frame is a second one, a child of the player's entity. Anything
+    /// that moves by more than its own size from frame to frame appears twice; `vdb between` makes
+    /// frames that follow the motion. Surfaces hold each frame until the next one.
     CrossFade,
 }
 

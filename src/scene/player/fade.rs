@@ -1,5 +1,5 @@
-//! Fades from each frame to the next. Extinctions of volumes add up, so a cross-fade is two volumes,
-//! each with its share of extinction and emission.
+//! Cross-fades from each frame to the next. Extinctions of overlapping volumes add up, so a
+//! cross-fade is two volumes, each with its share of extinction and emission.
 
 use bevy::camera::visibility::RenderLayers;
 use bevy::ecs::query::QueryData;
@@ -11,9 +11,10 @@ use super::component::{VdbFrameBlend, VdbPlayer};
 use super::frames::Frames;
 use super::playback::Playback;
 use super::show::{emission_of, grid_of};
-use crate::{VdbEmission, VdbFile, VdbGrid, VdbMaterial, VdbVolume, VdbVolumeQuality};
+use crate::{VdbEmission, VdbFile, VdbGrid, VdbMaterial, VdbVolume};
 
-/// The share of a volume's extinction and emission that is displayed: all of it, without this.
+/// The share of a volume's extinction and emission that is displayed, from 0 to 1. Without this
+/// component, all of it.
 #[derive(Clone, Copy, Component, Debug, PartialEq)]
 pub(crate) struct Share(pub f32);
 
@@ -21,14 +22,13 @@ pub(crate) struct Share(pub f32);
 #[derive(Clone, Copy, Component, Debug)]
 pub(crate) struct NextFrame;
 
-/// What the next frame has in common with the one that is shown.
+/// What the next frame takes over from the one that is shown.
 #[derive(QueryData)]
 pub(super) struct Look {
     volume: &'static VdbVolume,
     material: &'static VdbMaterial,
     emission: Option<&'static VdbEmission>,
     layers: Option<&'static RenderLayers>,
-    quality: Option<&'static VdbVolumeQuality>,
     place: &'static GlobalTransform,
     casts_no_shadow: Has<NotShadowCaster>,
     receives_no_shadow: Has<NotShadowReceiver>,
@@ -82,7 +82,7 @@ pub(super) fn fade(
             entity.insert(own);
         }
     }
-    // Of a player that is no player any more.
+    // Remove what belongs to entities that are no longer players.
     for (child, parent) in &next_frames {
         if !players.contains(parent.0) {
             commands.entity(child).despawn();
@@ -128,10 +128,6 @@ fn dress(mut child: EntityCommands, next: Next, look: &LookItem) {
     match look.layers {
         Some(layers) => child.insert(layers.clone()),
         None => child.remove::<RenderLayers>(),
-    };
-    match look.quality {
-        Some(quality) => child.insert(*quality),
-        None => child.remove::<VdbVolumeQuality>(),
     };
     match look.casts_no_shadow {
         true => child.insert(NotShadowCaster),

@@ -4,20 +4,23 @@ use bevy::asset::LoadState;
 use bevy::prelude::*;
 
 use super::clock::{Clock, Timeline};
-use super::component::{Seek, VdbLateFrames, VdbPlayer};
+use super::component::{Seek, VdbFrameBlend, VdbLateFrames, VdbPlayer};
 use super::frames::{Frames, reason};
 use super::order::Place;
 use super::playback::{Labels, Playback};
-use super::show::{Parts, show};
+use super::show::{Parts, PartsItem, show};
 use super::status::{VdbFrameFailed, VdbPlayerFinished, VdbPlayerStatus};
 use crate::asset::{DEFAULT_RATE, is_rate};
 use crate::scene::volume_state::ToldDrawn;
-use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbSequence, VdbVolume};
+use crate::{VdbFile, VdbGrid, VdbSequence};
 
 /// The reasons why nothing will be shown.
 const NO_SEQUENCE: &str = "no sequence is loaded for it: the handle of its VdbPlayer is the default \
                            one, which AssetServer::load also returns for a path that it refuses";
 const NO_FRAMES: &str = "the sequence of its VdbPlayer has no frames";
+
+/// The most frames by which what is shown is followed: smoke farther apart has little in common.
+const LONGEST_STEP: u64 = 8;
 
 /// Advances all players, and shows the frames that they want as far as they are loaded.
 pub(super) fn play(
@@ -32,7 +35,7 @@ pub(super) fn play(
         &mut Playback,
         &mut VdbPlayerStatus,
         &mut ToldDrawn,
-        (&mut VdbVolume, Option<&mut VdbEmission>, Option<&mut VdbColorGrid>),
+        Parts,
     )>,
 ) {
     let time = time.map(|time| time.delta()).unwrap_or_default();
@@ -66,8 +69,13 @@ pub(super) fn play(
             playback.clock.advance(time, timeline);
         }
         want(playback, &frames, sequence, timeline, sought);
+        let before = playback.shown;
         let mut screen = Screen { entity, commands: commands.reborrow(), parts: &mut parts };
         show_best(playback, &player, &frames, sequence, (&files, &grids), &mut screen);
+        // What fades stays where it is.
+        let is_moving = !sought && player.blend == VdbFrameBlend::Hold;
+        let seconds = if is_moving { time_step(playback, sequence, before) } else { 0.0 };
+        parts.set_time_step(seconds);
         tell(playback, &player, &frames, sequence, timeline, entity, &mut commands);
         report(playback, &frames, sequence, &mut status);
     }
@@ -195,10 +203,10 @@ fn want(
 }
 
 /// Where frames are shown.
-struct Screen<'a, 'w, 's, 'p> {
+struct Screen<'a, 'w, 's, 'p, 'q> {
     entity: Entity,
     commands: Commands<'w, 's>,
-    parts: &'a mut Parts<'p>,
+    parts: &'a mut PartsItem<'p, 'q>,
 }
 
 /// Shows the wanted frame, or the latest one before it that is there.
@@ -241,6 +249,20 @@ fn show_best(
                 screen.commands.trigger(VdbFrameFailed { entity, frame, reason });
             }
         }
+    }
+}
+
+/// The seconds of the simulation from the frame that was shown to the one that is; 0 where it jumps:
+/// through the ends of a loop, or by more than [`LONGEST_STEP`].
+fn time_step(playback: &Playback, sequence: &VdbSequence, before: Option<usize>) -> f64 {
+    let number = |index: Option<usize>| Some(sequence.frames().get(index?)?.number);
+    let (Some(from), Some(to)) = (number(before), number(playback.shown)) else { return 0.0 };
+    let step = to.wrapping_sub(from).cast_signed();
+    let is_along = playback.wanted.is_some_and(|wanted| wanted.step.signum() == step.signum());
+    if is_along && step.unsigned_abs() <= LONGEST_STEP && is_rate(sequence.rate) {
+        step as f64 / f64::from(sequence.rate)
+    } else {
+        0.0
     }
 }
 

@@ -48,6 +48,7 @@ pub(super) struct Labels {
     pub grid: Option<String>,
     pub emission: Option<String>,
     pub color: Option<String>,
+    pub velocity: Option<String>,
     /// Whether the emission or the colour has been inserted, which is done once.
     pub gave_emission: bool,
     pub gave_color: bool,

@@ -1,16 +1,23 @@
 //! Shows a frame: sets the grids of a player's entity.
 
+use bevy::ecs::query::QueryData;
 use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use vdb_core::display::escaped;
 
 use super::component::VdbPlayer;
 use super::playback::Labels;
-use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbRoles, VdbVolume};
+use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbRoles, VdbVelocity, VdbVolume};
 
 /// The components that a player sets.
-pub(super) type Parts<'a> =
-    (Mut<'a, VdbVolume>, Option<Mut<'a, VdbEmission>>, Option<Mut<'a, VdbColorGrid>>);
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub(super) struct Parts {
+    volume: &'static mut VdbVolume,
+    emission: Option<&'static mut VdbEmission>,
+    color: Option<&'static mut VdbColorGrid>,
+    velocity: Option<&'static mut VdbVelocity>,
+}
 
 /// Sets the grids of an entity to those of a frame, and inserts what it lacks.
 ///
@@ -21,18 +28,21 @@ pub(super) fn show(
     grids: &Assets<VdbGrid>,
     player: &VdbPlayer,
     labels: &mut Labels,
-    (volume, emission, color): &mut Parts,
+    parts: &mut PartsItem,
     mut entity: EntityCommands,
 ) -> Result<(), String> {
     let grid = grid_of(file, grids, player, labels)?;
-    if volume.0 != grid {
-        volume.0 = grid;
+    if parts.volume.0 != grid {
+        parts.volume.0 = grid;
     }
     if !player.sets_roles {
         return Ok(());
     }
+    if let Some(velocity) = &mut parts.velocity {
+        replace_velocity(velocity, file, labels);
+    }
     let roles = || file.roles(grids);
-    match emission {
+    match &mut parts.emission {
         Some(emission) => replace_emission(emission, file, labels, roles),
         None if !labels.gave_emission => {
             if let Some(emission) = roles().emission {
@@ -45,7 +55,7 @@ pub(super) fn show(
         }
         None => {}
     }
-    match color {
+    match &mut parts.color {
         Some(color) => replace_color(color, file, labels),
         None if !labels.gave_color => {
             if let Some(color) = file.colors() {
@@ -152,5 +162,33 @@ fn replace_color(color: &mut Mut<VdbColorGrid>, file: &VdbFile, labels: &mut Lab
     let grid = file.vector_grids.get(label).cloned().unwrap_or_default();
     if color.0 != grid {
         color.0 = grid;
+    }
+}
+
+/// Replaces the grid of a velocity by the one of the frame.
+fn replace_velocity(velocity: &mut Mut<VdbVelocity>, file: &VdbFile, labels: &mut Labels) {
+    if let Some(label) = own_label(&velocity.grid) {
+        labels.velocity = Some(label);
+    }
+    if labels.velocity.is_none()
+        && let Some(own) = file.velocity()
+    {
+        labels.velocity = label_of(&file.vector_grids, &own);
+    }
+    let Some(label) = &labels.velocity else { return };
+    let grid = file.vector_grids.get(label).cloned().unwrap_or_default();
+    if velocity.grid != grid {
+        velocity.grid = grid;
+    }
+}
+
+impl PartsItem<'_, '_> {
+    /// Sets the time that passes in the simulation from what was displayed to what is displayed.
+    pub fn set_time_step(&mut self, seconds: f64) {
+        if let Some(velocity) = &mut self.velocity
+            && velocity.time_step != seconds as f32
+        {
+            velocity.time_step = seconds as f32;
+        }
     }
 }

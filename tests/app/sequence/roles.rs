@@ -1,5 +1,7 @@
 //! Which grids of a frame are shown, and what else its entity gets.
 
+use std::time::Duration;
+
 use bevy::asset::LoadState;
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
@@ -97,6 +99,48 @@ fn emission_and_colours_follow_with_the_settings_of_the_first_frame() {
     stage.player(guessing).seek(3);
     stage.until("the frame", |stage| stage.shown(guessing) == Some(3));
     assert!(stage.app.world().get::<VdbEmission>(guessing).is_none());
+}
+
+#[test]
+fn velocities_follow_with_the_time_from_frame_to_frame() {
+    let mut stage = Stage::new("velocity");
+    let numbers = [1, 2, 3, 5, 6];
+    for number in numbers {
+        let mut velocity = colors(number);
+        velocity.name = "vel".into();
+        stage.write_file(&name(number), &file(vec![fog("density", number), velocity]));
+    }
+    let sequence = stage.sequence("", numbers);
+    let world = stage.app.world_mut();
+    world.resource_mut::<Assets<VdbSequence>>().get_mut(&sequence).unwrap().rate = 25.0;
+    let player = stage.spawn(VdbPlayer::new(sequence).with_frame_rate(10.0));
+    stage.app.world_mut().entity_mut(player).insert(VdbVelocity::new(3.0));
+    stage.until_loaded(player, numbers.len());
+    stage.player(player).seek(1);
+    let steps = |stage: &mut Stage, step: Duration, count: usize| {
+        let mut steps = Vec::new();
+        for _ in 0..count {
+            stage.step(step);
+            let velocity = stage.app.world().get::<VdbVelocity>(player).unwrap().clone();
+            let shown = stage.shown(player).unwrap();
+            assert_eq!(place(&velocity.grid), (name(shown), "vel".into()));
+            assert_eq!(velocity.scale, 3.0);
+            steps.push((shown, (velocity.time_step * 25.0).round()));
+        }
+        steps
+    };
+    // In frames of the simulation: nothing after the seek, two through the gap, and nothing at the end
+    // of the loop.
+    assert_eq!(steps(&mut stage, Duration::ZERO, 1), [(1, 0.0)]);
+    let forwards = [(2, 1.0), (3, 1.0), (3, 0.0), (5, 2.0), (6, 1.0), (1, 0.0)];
+    assert_eq!(steps(&mut stage, FRAME, 6), forwards);
+    // Shown for longer than a frame of the screen.
+    assert_eq!(steps(&mut stage, FRAME / 2, 2), [(1, 0.0), (2, 1.0)]);
+    stage.player(player).speed = -1.0;
+    assert_eq!(steps(&mut stage, FRAME, 2), [(1, -1.0), (6, 0.0)]);
+    // What fades stays where it is.
+    stage.player(player).blend = VdbFrameBlend::CrossFade;
+    assert_eq!(steps(&mut stage, FRAME, 1), [(5, 0.0)]);
 }
 
 #[test]

@@ -25,8 +25,8 @@ pub struct Args {
     #[arg(required = true, value_name = "FRAME")]
     frames: Vec<PathBuf>,
 
-    /// The folder for the new sequence, whose numbers are N + 1 times as large; made if it is not
-    /// there
+    /// The folder for the new sequence, whose frame numbers are multiplied by N + 1; created if
+    /// missing
     #[arg(long, value_name = "DIR", required_unless_present = "check")]
     out: Option<PathBuf>,
 
@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = Way::Register)]
     method: Way,
 
-    /// The grids, separated by commas; by default all grids of floats but level sets
+    /// The grids, separated by commas; by default all grids of floats except level sets
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     grids: Vec<String>,
 
@@ -46,8 +46,8 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     velocity: Option<String>,
 
-    /// World units per frame and unit of velocity: 1 / fps for Houdini. By default what fits the
-    /// frames best
+    /// World units moved per frame at a velocity of 1: 1 / fps for Houdini. Fitted to the frames by
+    /// default
     #[arg(long, value_name = "X", default_value = "auto", allow_negative_numbers = true)]
     velocity_scale: Scale,
 
@@ -71,7 +71,7 @@ enum Way {
     Register,
     /// Along the velocities alone
     Advect,
-    /// Blended where they are
+    /// Cross-faded without motion
     Fade,
 }
 

@@ -2,7 +2,8 @@
 
 use std::collections::HashMap;
 
-use super::{floats, place::Pair};
+use super::frame::floats;
+use super::place::Pair;
 use crate::tree::{CoordBox, IVec3};
 use crate::{Error, Grid};
 

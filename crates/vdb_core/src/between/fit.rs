@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::Frame;
+use super::frame::Frame;
 use super::place::Pair;
 use super::sample::Sampler;
 use super::trace::traced;

@@ -13,6 +13,7 @@
 
 mod compare;
 mod fit;
+mod frame;
 mod lattice;
 mod make;
 mod motion;
@@ -22,17 +23,11 @@ mod sample;
 mod trace;
 mod velocity;
 
-use glam::DAffine3;
-
-use crate::tree::Vdb543;
 use crate::{AnyTree, Error, Grid, Limits};
 
 pub use compare::{Difference, Rays, compare};
 pub use fit::fit_velocity_scale;
-
-/// The longest displacement by velocities from one frame to the next, in voxels. Faster ones are
-/// shortened to it.
-pub const MAX_DISPLACEMENT: f64 = 128.0;
+pub use frame::{Frame, MAX_DISPLACEMENT};
 
 /// How a frame in between is made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,28 +43,16 @@ pub enum Method {
     CrossFade,
 }
 
-/// A frame of a sequence: a grid of floats, and the velocities that move it.
-#[derive(Clone, Copy, Debug)]
-pub struct Frame<'a> {
-    /// The densities, temperatures or other values to carry; not a level set.
-    pub grid: &'a Grid,
-    /// Its velocities, as `vec3s` or `vec3d` along the axes of the world, at the resolution and the
-    /// transform they have. Of a [staggered](crate::GridClass::Staggered) grid, component `i` is
-    /// half a voxel below the voxel's centre along axis `i`. Outside its active voxels, a velocity
-    /// holds for up to a voxel more; beyond, that of the other frame holds, and zero where there is
-    /// none either.
-    pub velocity: Option<&'a Grid>,
-}
-
 /// Options for making a frame in between.
 #[derive(Clone, Debug, Default)]
 pub struct BetweenOptions {
     /// The method.
     pub method: Method,
-    /// World units from one of the two frames to the next, per unit of velocity: `1 / fps` for
-    /// Houdini, whose velocities are in world units per second; `0.1 · 25 / fps` times the edge of
-    /// a voxel for Blender's fluid caches. `None` [fits](fit_velocity_scale) it to the two frames,
-    /// for each frame in between anew; if no scale fits, the velocities are ignored.
+    /// World units moved from one frame to the next at a velocity of 1: `1 / fps` for Houdini, whose
+    /// velocities are in world units per second; `0.1 · 25 / fps` times the edge of a voxel for
+    /// Blender's fluid caches. `None` [fits](fit_velocity_scale) it to the two frames, anew for each
+    /// frame in between. If no scale fits, the velocities are ignored, and [`Method::Advect`] gives
+    /// a cross-fade.
     pub velocity_scale: Option<f64>,
     /// The memory limit, of the motion and of the new tree alike: [`Limits::tree_bytes`].
     pub limits: Limits,
@@ -137,32 +120,4 @@ fn scale(from: Frame, to: Frame, options: &BetweenOptions) -> Result<Option<f64>
         }
         None => fit_velocity_scale(from, to),
     }
-}
-
-/// The tree of a grid that can be carried.
-fn floats(grid: &Grid) -> Result<&Vdb543<f32>, Error> {
-    let refuse = |what: String| Err(Error::not_supported(what).in_grid(&grid.unique_name));
-    if grid.class == crate::GridClass::LevelSet {
-        return refuse(
-            "a level set has no frames in between: moving its values would not keep them \
-             distances; use densities"
-                .into(),
-        );
-    }
-    match &grid.tree {
-        AnyTree::Float(tree) => Ok(tree),
-        tree => refuse(format!(
-            "values of type {}, of which no frames in between are made; use a grid of floats",
-            tree.value_type()
-        )),
-    }
-}
-
-/// The matrix of a grid's transform.
-fn matrix(grid: &Grid) -> Result<DAffine3, Error> {
-    grid.transform.linear().ok_or_else(|| {
-        let what = "a frustum transform, in which no frames in between are made; resample the grid \
-                    to cubic voxels";
-        Error::not_supported(what).in_grid(&grid.unique_name)
-    })
 }

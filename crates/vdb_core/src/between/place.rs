@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DVec3};
 
-use super::{floats, matrix};
+use super::frame::{floats, matrix};
 use crate::tree::{CoordBox, IVec3, Vdb543};
 use crate::{Error, Grid};
 

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::velocity::FlowSampler;
 
-/// The most steps of a path: twice what [`MAX_DISPLACEMENT`](super::MAX_DISPLACEMENT) takes in
+/// The most steps of a path: twice what [`MAX_DISPLACEMENT`](super::frame::MAX_DISPLACEMENT) takes in
 /// steps of a voxel.
 const STEPS: usize = 256;
 

@@ -2,9 +2,9 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 
+use super::frame::{MAX_DISPLACEMENT, matrix};
 use super::place::{Pair, voxel};
 use super::sample::offset;
-use super::{MAX_DISPLACEMENT, matrix};
 use crate::tree::{Accessor, IVec3, InternalNode, LeafNode, Vdb543};
 use crate::{AnyTree, Error, Grid, GridClass};
 

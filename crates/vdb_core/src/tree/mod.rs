@@ -25,6 +25,7 @@ mod node;
 mod root;
 mod stats;
 mod value;
+mod vector_lattice;
 
 pub use accessor::Accessor;
 pub use aliases::{BoolTree, MaskTree, Vdb543};
@@ -41,3 +42,4 @@ pub use node::{Found, Node, ValueAt};
 pub use root::{RootEntry, Tree};
 pub use stats::{LevelStats, TreeStats};
 pub use value::Value;
+pub use vector_lattice::VectorLattice;
