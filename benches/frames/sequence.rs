@@ -10,13 +10,15 @@ use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::synth::Random;
 use bevy_vdb::{VdbGpuMemory, VdbGpuUsage};
 
-use crate::studio::{Studio, WARM};
+use crate::studio::Studio;
 use crate::{Args, print_heading};
 
 /// What decoded frames may take, in bytes.
 const CACHE: u64 = 192 << 20;
 /// What the pool may keep beside the frame that is shown, in bytes.
 const IDLE: u64 = 24 << 20;
+/// Not measured, at the beginning of each row.
+const WARM_UP: Duration = Duration::from_secs(2);
 /// Seeks to frames at random.
 const SEEKS: usize = 60;
 /// World units across the longest edge of the first frame: more than the camera's orbit.
@@ -150,8 +152,11 @@ fn play(
 ) -> Result<(), String> {
     let (_, frames) = place(stage, entity)?;
     player(stage, entity)?.speed = speed;
-    // Until what was loaded ahead in the other direction is of no more use.
-    (0..WARM).for_each(|_| _ = stage.update());
+    // Until memory has been taken, and what was loaded ahead in the other direction is of no more use.
+    let start = Instant::now();
+    while start.elapsed() < WARM_UP {
+        stage.update();
+    }
     let seconds = frames as f64 * args.rounds as f64 / f64::from(args.rate);
     let late = status(stage, entity)?.late();
     let (start, cpu) = (Instant::now(), cpu_seconds());
