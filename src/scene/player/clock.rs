@@ -8,6 +8,11 @@ use crate::VdbRepeat;
 /// 1/30 s are whole nanoseconds, so that 30 of them are less than a second.
 const EDGE: f64 = 1e-3;
 
+/// The part of a slot's time by which it may be shown early or late, so that each update shows the
+/// next one. Without it, a screen with the rate of the sequence would skip slots and repeat others
+/// whenever updates come near the edge of a slot, a little earlier or later than they should.
+const LEEWAY: f64 = 0.25;
+
 /// The fastest pace, in frames per second.
 const FASTEST: f64 = 1e9;
 
@@ -36,6 +41,8 @@ pub(super) struct Clock {
     played: Duration,
     /// Slots per second; negative backwards.
     pace: f64,
+    /// The slot, if it is shown early or late, within [`LEEWAY`].
+    held: Option<f64>,
 }
 
 impl Clock {
@@ -43,7 +50,7 @@ impl Clock {
     pub fn start(pace: f64, timeline: Timeline) -> Self {
         let pace = sound(pace);
         let anchor = if pace < 0.0 { timeline.slots as f64 } else { 0.0 };
-        Self { anchor, played: Duration::ZERO, pace }
+        Self { anchor, played: Duration::ZERO, pace, held: None }
     }
 
     /// Sets the slot, at the beginning of its time.
@@ -58,7 +65,7 @@ impl Clock {
         } else {
             position.clamp(-FASTEST * FASTEST, FASTEST * FASTEST)
         };
-        (self.anchor, self.played) = (position, Duration::ZERO);
+        (self.anchor, self.played, self.held) = (position, Duration::ZERO, None);
     }
 
     /// Changes the pace. The slot stays.
@@ -80,10 +87,26 @@ impl Clock {
 
     /// Adds time. A clock that has come to the end of its timeline stays there.
     pub fn advance(&mut self, time: Duration, timeline: Timeline) {
+        let before = self.slot();
         self.played = self.played.saturating_add(time);
         if self.has_ended(timeline) {
             self.set(if self.is_backward() { 0.0 } else { timeline.slots as f64 });
+            return;
         }
+        let (step, position) = (time.as_secs_f64() * self.pace, self.position());
+        let is_near =
+            |slot: f64| (slot - LEEWAY..=slot + 1.0 + LEEWAY).contains(&position).then_some(slot);
+        self.held = None;
+        let is_next = (1.0 - LEEWAY..=1.0 + LEEWAY).contains(&step.abs());
+        // What is shown early stays until its time has come.
+        let is_early = (before - self.slot()) * self.pace > 0.0;
+        self.held = if is_next {
+            is_near(before + step.signum())
+        } else if is_early {
+            is_near(before)
+        } else {
+            None
+        };
     }
 
     /// Moves the clock to the same slot of another timeline.
@@ -148,7 +171,9 @@ impl Clock {
 
     /// The slot on an endless timeline. Its time includes its start, in the direction of play.
     fn slot(&self) -> f64 {
-        if self.is_backward() {
+        if let Some(held) = self.held {
+            held
+        } else if self.is_backward() {
             (self.position() - EDGE).ceil() - 1.0
         } else {
             (self.position() + EDGE).floor()
@@ -222,6 +247,55 @@ mod tests {
                 assert!(seen == expected, "{rate} {sign}");
             }
         }
+    }
+
+    /// Wherever updates are in the time of a slot, and if every other one comes early.
+    #[test]
+    fn a_screen_of_the_same_rate_shows_every_slot_once() {
+        let timeline = timeline(240, VdbRepeat::Loop);
+        for sign in [1.0, -1.0] {
+            for phase in 0..=20 {
+                let mut clock = Clock::start(sign * 60.0, timeline);
+                clock.set(100.0 + f64::from(phase) / 20.0);
+                let mut before = clock.at(timeline).slot;
+                for update in 0..2_000 {
+                    let early = if update % 2 == 0 { 15_667 } else { 17_667 };
+                    clock.advance(Duration::from_micros(early), timeline);
+                    let slot = clock.at(timeline).slot;
+                    let next = (before + if sign > 0.0 { 1 } else { 239 }) % 240;
+                    assert_eq!(slot, next, "update {update} at phase {phase}, {sign}");
+                    before = slot;
+                }
+            }
+        }
+    }
+
+    /// A screen that is a little slower skips as many slots as it must, and never goes back.
+    #[test]
+    fn slots_that_are_shown_early_or_late_stay_near_their_time() {
+        let timeline = timeline(1 << 40, VdbRepeat::Loop);
+        let mut clock = Clock::start(60.0, timeline);
+        let (mut seconds, mut before, mut skipped) = (Duration::ZERO, 0, 0);
+        for update in 0..60_000_u32 {
+            // 59.94 updates per second, some of them too late, some of no time at all.
+            let micros = match update % 997 {
+                500 => 40_000,
+                700 => 0,
+                _ => 16_683 - u64::from(update % 3) * 200 + 200,
+            };
+            let step = Duration::from_micros(micros);
+            clock.advance(step, timeline);
+            seconds += step;
+            let slot = clock.at(timeline).slot;
+            let position = 60.0 * seconds.as_secs_f64();
+            let range = slot as f64 - LEEWAY - EDGE..=slot as f64 + 1.0 + LEEWAY + EDGE;
+            assert!(range.contains(&position), "slot {slot} at {position}");
+            assert!(slot >= before, "update {update} goes back");
+            skipped += (slot - before).saturating_sub(1);
+            before = slot;
+        }
+        // 60 for the rate, and at most 2 for each late update.
+        assert!((50..=60 + 2 * 61).contains(&skipped), "{skipped} skipped");
     }
 
     /// A month at 60 updates per second, against integers.
