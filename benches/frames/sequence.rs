@@ -17,8 +17,9 @@ use crate::{Args, print_heading};
 const CACHE: u64 = 192 << 20;
 /// What the pool may keep beside the frame that is shown, in bytes.
 const IDLE: u64 = 24 << 20;
-/// Not measured, at the beginning of each row.
-const WARM_UP: Duration = Duration::from_secs(2);
+/// Updates at the beginning of each row that are not measured: two seconds at 60 per second, and more while
+/// pipelines are compiled.
+const WARM_UP: usize = 120;
 /// Seeks to frames at random.
 const SEEKS: usize = 60;
 /// World units across the longest edge of the first frame: more than the camera's orbit.
@@ -166,8 +167,8 @@ fn play(
     let (_, frames) = place(stage, entity)?;
     player(stage, entity)?.speed = speed;
     // Until memory has been taken, and what was loaded ahead in the other direction is of no more use.
-    let (start, mut screen) = (Instant::now(), Screen::new(args.rate));
-    while start.elapsed() < WARM_UP {
+    let mut screen = Screen::new(args.rate);
+    for _ in 0..WARM_UP {
         screen.wait();
         stage.update();
     }
