@@ -17,12 +17,13 @@ use crate::{VdbGrid, VdbVectorGrid};
 pub struct VdbColorGrid(pub Handle<VdbVectorGrid>);
 
 /// The velocity of what a volume shows, for motion vectors: temporal anti-aliasing and motion blur
-/// then follow smoke instead of smearing it. Without effect on cameras without a
-/// `MotionVectorPrepass`, and on pixels through which more than half of the background is visible.
+/// then follow smoke instead of smearing it. Has no effect on cameras without a
+/// `MotionVectorPrepass`, nor on pixels where more than half of the background is visible through
+/// the fog.
 ///
 /// The grid may have a different transform from the volume's: both are placed in the world of their
-/// file. Means over 8³ voxels or more are interpolated, so details of a few voxels move with what
-/// is around them. In staggered grids, the offset of half a voxel is neglected.
+/// file. Velocities are averaged over 8³ voxels or more and interpolated, so smaller eddies move
+/// with their surroundings. The offset of half a voxel in staggered grids is neglected.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -42,10 +43,10 @@ pub struct VdbVelocity {
     /// Units of the file's world per second at a velocity of 1: 1 for Houdini; for Blender's fluid
     /// caches 2.5 times the edge of a voxel, at its default time scale.
     pub scale: f32,
-    /// Seconds of the simulation between what the previous frame of the screen displayed and what
-    /// this one displays: 0, the default, if both display the same; negative if time runs
-    /// backwards. [`VdbPlayer`](crate::VdbPlayer) sets it. An app that replaces grids itself sets
-    /// it for every frame.
+    /// Seconds of simulated time between what the previous update displayed and what this one
+    /// displays: 0, the default, if both display the same; negative if time runs backwards.
+    /// [`VdbPlayer`](crate::VdbPlayer) sets it. An app that replaces grids itself sets it in every
+    /// update.
     pub time_step: f32,
 }
 
