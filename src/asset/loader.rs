@@ -299,15 +299,22 @@ pub(crate) fn prepare(
     shared: &mut Shared,
 ) -> Result<Prepared, VdbGridError> {
     let world_from_index = linear(&grid.transform)?;
-    let (name, values) = (grid.name.into(), settings.values);
+    let (name, values): (Arc<str>, _) = (grid.name.into(), settings.values);
     let tree = match grid.tree {
         AnyTree::Float(tree) => tree,
         AnyTree::Vec3s(tree) => {
             let (place, metadata) = (world_from_index, grid.metadata);
-            let packed = shared.vectors(&tree)?;
-            let grid = VdbVectorGrid::from_parts(name, place, metadata, tree, packed)?;
-            if VELOCITIES.iter().any(|name| is(grid.name(), name)) {
-                // Made here, in a task, rather than when a frame waits for it.
+            // Velocities are used for their lattice, which is made here, in a task, rather than when a
+            // frame waits for it.
+            let is_velocity = VELOCITIES.iter().any(|own| is(&name, own));
+            let packed = if is_velocity { None } else { Some(shared.vectors(&tree)?) };
+            let options = PackOptions {
+                format: settings.values.into(),
+                limits: settings.limits.clone(),
+                ..PackOptions::default()
+            };
+            let grid = VdbVectorGrid::from_parts(name, place, metadata, tree, packed, options)?;
+            if is_velocity {
                 grid.lattice();
             }
             return Ok(Prepared::Vectors(grid));

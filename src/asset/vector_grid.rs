@@ -6,8 +6,9 @@ use std::sync::{Arc, OnceLock};
 use bevy::asset::Asset;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
+use vdb_core::display::escaped;
 use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid};
-use vdb_core::tree::{Vdb543, VectorLattice, map_values};
+use vdb_core::tree::{Tree, Vdb543, VectorLattice, map_values};
 use vdb_core::{AnyTree, GridClass, Metadata, WriteOptions};
 
 use super::common::{VdbGridError, check_transform, core_grid, world_bounds};
@@ -25,7 +26,8 @@ pub struct VdbVectorGrid {
     world_from_index: DAffine3,
     metadata: Metadata,
     tree: Arc<Vdb543<[f32; 3]>>,
-    packed: [Arc<PackedGrid>; 3],
+    packed: Arc<OnceLock<[Arc<PackedGrid>; 3]>>,
+    options: PackOptions,
     /// Made when it is asked for.
     lattice: Arc<OnceLock<Option<Arc<VectorLattice>>>>,
 }
@@ -47,8 +49,9 @@ impl VdbVectorGrid {
     ) -> Result<Self, VdbGridError> {
         let (name, metadata) = (name.into(), Metadata::default());
         check_transform(world_from_index)?;
-        let packed = Self::pack(&tree, &PackOptions::default())?;
-        Self::from_parts(name, world_from_index, metadata, Arc::new(tree), packed)
+        let options = PackOptions::default();
+        let packed = Some(Self::pack(&tree, &options)?);
+        Self::from_parts(name, world_from_index, metadata, Arc::new(tree), packed, options)
     }
 
     /// The components in the GPU layout.
@@ -66,17 +69,19 @@ impl VdbVectorGrid {
         Ok([pack(0)?, pack(1)?, pack(2)?])
     }
 
-    /// A grid from its parts.
+    /// A grid from its parts. What is not packed is packed with the options when it is needed.
     pub(crate) fn from_parts(
         name: Arc<str>,
         world_from_index: DAffine3,
         metadata: Metadata,
         tree: Arc<Vdb543<[f32; 3]>>,
-        packed: [Arc<PackedGrid>; 3],
+        packed: Option<[Arc<PackedGrid>; 3]>,
+        options: PackOptions,
     ) -> Result<Self, VdbGridError> {
         check_transform(world_from_index)?;
+        let packed = Arc::new(packed.map_or_else(OnceLock::new, OnceLock::from));
         let lattice = Arc::default();
-        Ok(Self { name, world_from_index, metadata, tree, packed, lattice })
+        Ok(Self { name, world_from_index, metadata, tree, packed, options, lattice })
     }
 
     /// The grid's name as stored in the file; may be empty. [`vdb_core::display::escaped`] makes it
@@ -100,9 +105,22 @@ impl VdbVectorGrid {
         &self.tree
     }
 
-    /// The components in the GPU layout.
+    /// The components in the GPU layout. A grid that was loaded under the name of a velocity is
+    /// packed by the first call, as it is rarely used as a colour; if it exceeds the limits, its
+    /// components are empty, and an error is logged.
     pub fn packed(&self) -> &[Arc<PackedGrid>; 3] {
-        &self.packed
+        self.packed.get_or_init(|| {
+            Self::pack(&self.tree, &self.options).unwrap_or_else(|reason| {
+                error!("the vector grid '{}' cannot be displayed: {reason}", escaped(&self.name));
+                let empty = Tree::new([0.0; 3]);
+                Self::pack(&empty, &PackOptions::default()).expect("an empty tree can be packed")
+            })
+        })
+    }
+
+    /// The components in the GPU layout, unless nothing has needed them yet.
+    pub(crate) fn packed_already(&self) -> Option<&[Arc<PackedGrid>; 3]> {
+        self.packed.get()
     }
 
     /// The means of the vectors, for motion vectors; `None` if nothing is active. The first call
@@ -131,7 +149,42 @@ impl VdbVectorGrid {
     /// if there are none.
     pub fn world_bounds(&self) -> Option<(DVec3, DVec3)> {
         let boxes =
-            self.packed.iter().filter_map(|packed| world_bounds(packed, self.world_from_index));
+            self.packed().iter().filter_map(|packed| world_bounds(packed, self.world_from_index));
         boxes.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vdb_core::Limits;
+
+    fn velocity(options: PackOptions) -> VdbVectorGrid {
+        let mut tree = Tree::new([0.0; 3]);
+        tree.set(IVec3::ZERO, [1.0, -2.0, 0.0]);
+        let (name, metadata) = (Arc::from("vel"), Metadata::default());
+        let tree = Arc::new(tree);
+        VdbVectorGrid::from_parts(name, DAffine3::IDENTITY, metadata, tree, None, options).unwrap()
+    }
+
+    #[test]
+    fn velocities_are_packed_when_they_are_used_as_colours() {
+        let grid = velocity(PackOptions::default());
+        assert_eq!(grid.lattice().unwrap().largest, 2.0);
+        assert!(grid.packed_already().is_none());
+        let copy = grid.clone();
+        let seen = grid.packed().each_ref().map(|packed| packed.occupied.is_some());
+        assert_eq!(seen, [true, false, false]);
+        let again = copy.packed_already().expect("copies share what is packed");
+        assert!(Arc::ptr_eq(&again[0], &grid.packed()[0]));
+    }
+
+    #[test]
+    fn velocities_beyond_the_limits_are_empty_colours() {
+        let mut limits = Limits::default();
+        limits.packed_bytes = 1;
+        let grid = velocity(PackOptions { limits, ..PackOptions::default() });
+        assert!(grid.packed().iter().all(|packed| packed.occupied.is_none()));
+        assert!(grid.lattice().is_some());
     }
 }

@@ -283,7 +283,7 @@ pub(super) fn bytes(
     for grid in file.vector_grids.values().filter_map(|grid| vectors.get(grid)) {
         let tree = grid.tree();
         parts.entry(std::sync::Arc::as_ptr(tree).addr()).or_insert_with(|| tree.stats().bytes);
-        for packed in grid.packed() {
+        for packed in grid.packed_already().into_iter().flatten() {
             parts.insert(std::sync::Arc::as_ptr(packed).addr(), packed.bytes());
         }
     }
