@@ -78,7 +78,7 @@ fn of_view(
         buffers.push("vdb_depth", bytes(&traced.depth), "the depths of the traced image");
     }
     if light.is_used() {
-        let [atlas, staging] = light_cache.bytes();
+        let [atlas, staging, depths] = light_cache.bytes();
         buffers.push("vdb_light_atlas", atlas, "the light cache, which all cameras share");
         if light.bytes() > 0 {
             let why = "point or spot lights cast shadows in the light cache";
@@ -90,6 +90,9 @@ fn of_view(
         }
         if staging > 0 {
             buffers.push("vdb_light_staging", staging, "the light cache is being filled");
+        }
+        if depths > 0 {
+            buffers.push("vdb_light_depths", depths, "the light cache is being filled for a sun");
         }
     }
     buffers.add_some("vdb_tiles", &trace.tiles, "the rays of a tile share a start");

@@ -215,13 +215,31 @@ fn every_variant_of_the_trace_is_valid() {
     for kinds in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_EMISSION"]) {
         for with in subsets(&["VDB_MULTIPLE_SCATTERING", "VDB_MESH_CASTERS", "VDB_UNCACHED_FOGS"]) {
             for lights in [
-                &["VDB_CACHED_SUNS=1", "VDB_MEDIA=1"][..],
-                &["VDB_CACHED_SUNS=4", "VDB_MEDIA=2", "VDB_OTHER_LIGHTS"],
-                &["VDB_CACHED_SUNS=1", "VDB_MEDIA=8", "VDB_CACHED_LAMPS", "VDB_LOCAL_LIGHTS"],
-                &["VDB_CACHED_SUNS=0", "VDB_MEDIA=1", "VDB_OTHER_LIGHTS", "VDB_LOCAL_LIGHTS"],
+                &["VDB_CACHED_SUNS=1", "VDB_FOG_SLOTS=1", "VDB_EMITTER_SLOTS=1"][..],
                 &[
                     "VDB_CACHED_SUNS=4",
-                    "VDB_MEDIA=4",
+                    "VDB_FOG_SLOTS=2",
+                    "VDB_EMITTER_SLOTS=2",
+                    "VDB_OTHER_LIGHTS",
+                ],
+                &[
+                    "VDB_CACHED_SUNS=1",
+                    "VDB_FOG_SLOTS=8",
+                    "VDB_EMITTER_SLOTS=8",
+                    "VDB_CACHED_LAMPS",
+                    "VDB_LOCAL_LIGHTS",
+                ],
+                &[
+                    "VDB_CACHED_SUNS=0",
+                    "VDB_FOG_SLOTS=1",
+                    "VDB_EMITTER_SLOTS=1",
+                    "VDB_OTHER_LIGHTS",
+                    "VDB_LOCAL_LIGHTS",
+                ],
+                &[
+                    "VDB_CACHED_SUNS=4",
+                    "VDB_FOG_SLOTS=4",
+                    "VDB_EMITTER_SLOTS=4",
                     "VDB_OTHER_LIGHTS",
                     "VDB_UNCACHED_LIGHTS",
                     "VDB_CACHED_LAMPS",
@@ -233,11 +251,13 @@ fn every_variant_of_the_trace_is_valid() {
             }
         }
     }
-    for media in ["VDB_MEDIA=1", "VDB_MEDIA=8"] {
+    for media in
+        [["VDB_FOG_SLOTS=1", "VDB_EMITTER_SLOTS=8"], ["VDB_FOG_SLOTS=8", "VDB_EMITTER_SLOTS=1"]]
+    {
         let with =
             ["VDB_EMISSION", "VDB_MULTIPLE_SCATTERING", "VDB_UNCACHED_FOGS", "VDB_OTHER_LIGHTS"];
         for with in subsets(&with) {
-            check(&[&SCATTERED_LIGHT, &[media], &with]);
+            check(&[&SCATTERED_LIGHT, &media, &with]);
         }
     }
     // Fewer rays than pixels.
@@ -278,10 +298,13 @@ fn filling_the_light_cache_is_valid() {
     let mut composer = composer();
     for defs in subsets(&["VDB_EMISSION", "VDB_MULTIPLE_SCATTERING", "VDB_MANY", "VDB_WIDE_GRIDS"])
     {
-        check(&mut composer, "light_cache/fill", &[&["VDB_FOGS"], &defs[..]].concat());
         let pages = ["VDB_FOGS", "VDB_PAGED", "VDB_PAGE_BITS=20", "VDB_FORMAT=2"];
-        check(&mut composer, "light_cache/fill", &[&pages, &defs[..]].concat());
+        for shader in ["light_cache/fill", "light_cache/sun_rays"] {
+            check(&mut composer, shader, &[&["VDB_FOGS"], &defs[..]].concat());
+            check(&mut composer, shader, &[&pages, &defs[..]].concat());
+        }
     }
+    check(&mut composer, "light_cache/sun_samples", &[]);
 }
 
 #[test]

@@ -33,10 +33,17 @@ fn brick_texel(brick: u32) -> vec3<u32> {
     return vec3(in_layer * vec2(BRICK_WIDTH, BRICK_SAMPLES), (row >> LOG_LAYER_ROWS) * BRICK_SAMPLES);
 }
 
-// The word of a sample in the rows that are copied to the atlas: 9 planes of 9 lines of 640 texels a row.
-// `brick` is relative to the first brick of the light; `texel` is in the brick.
-fn staging_word(brick: u32, texel: vec3<u32>) -> u32 {
+// The word of a sample in the buffer that is copied to the atlas, which has the rows of one lattice, `rows` of them
+// from `first_row`. The rows in a layer of the atlas are copied together: 9 planes of 9 lines of 640 texels for each row.
+// `brick` is relative to the first brick of the lattice; `texel` is in the brick.
+fn staging_word(first_row: u32, rows: u32, brick: u32, texel: vec3<u32>) -> u32 {
     let row = brick >> LOG_ROW_BRICKS;
-    let line = (row * BRICK_SAMPLES + texel.z) * BRICK_SAMPLES + texel.y;
+    let layer = (first_row + row) >> LOG_LAYER_ROWS;
+    let low = max(layer << LOG_LAYER_ROWS, first_row) - first_row;
+    let high = min(((layer + 1u) << LOG_LAYER_ROWS) - first_row, rows);
+    let line = low * BRICK_SAMPLES * BRICK_SAMPLES
+        + texel.z * BRICK_SAMPLES * (high - low)
+        + (row - low) * BRICK_SAMPLES
+        + texel.y;
     return line * LINE_WORDS + ((brick & (ROW_BRICKS - 1u)) * BRICK_WIDTH + texel.x) / 2u;
 }

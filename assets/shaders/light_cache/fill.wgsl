@@ -4,7 +4,8 @@
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::gpu::types::Grid
-#import bevy_vdb::light_cache::bricks::{BRICK_INTERVALS, BRICK_SAMPLES, NO_FOG, staging_word}
+#import bevy_vdb::light_cache::bricks::{BRICK_INTERVALS, BRICK_SAMPLES, NO_FOG, ROW_BRICKS}
+#import bevy_vdb::light_cache::bricks::{bricks_per_light, staging_word}
 #import bevy_vdb::trace::occlusion::fog_depth_to_light
 #import bevy_vdb::trace::segment::Point
 #import bevy_vdb::traversal::hdda::FAR
@@ -22,6 +23,7 @@ struct Job {
     is_lamp: u32,           // 1 for a point or spot light, 0 for a sun
     // The position of a lamp relative to the view's eye; the direction to a sun, of unit length. World space.
     light: vec3<f32>,
+    first_row: u32,         // of bricks in the atlas
 }
 
 @group(2) @binding(6) var<uniform> job: Job;
@@ -91,5 +93,6 @@ fn fill(
     if texel.x + 1u < BRICK_SAMPLES {
         second = depth_at_sample(volume, grid, sample + vec3(1u, 0u, 0u));
     }
-    staging[staging_word(brick, texel)] = pack2x16float(vec2(first, second));
+    let rows = bricks_per_light(bricks) / ROW_BRICKS;
+    staging[staging_word(job.first_row, rows, brick, texel)] = pack2x16float(vec2(first, second));
 }

@@ -13,7 +13,10 @@
 #import bevy_vdb::trace::emission::{is_emitter, segment_emission}
 #endif
 #ifdef VDB_LIGHT_CACHE
-#import bevy_vdb::trace::media::{MAX_MEDIA, march_media}
+#import bevy_vdb::trace::media::{MAX_FOGS, MetMedia, march_media}
+#ifdef VDB_EMISSION
+#import bevy_vdb::trace::media::MAX_EMITTERS
+#endif
 #ifdef VDB_UNCACHED_FOGS
 #import bevy_vdb::trace::light_cache::has_light_cache
 #endif
@@ -29,13 +32,38 @@ fn is_medium(volume: u32) -> bool {
 #endif
 }
 
+#ifdef VDB_LIGHT_CACHE
+fn add_medium(media: ptr<function, MetMedia>, volume: u32) {
+#ifdef VDB_EMISSION
+    if is_emitter(volume) {
+        (*media).emitters[min((*media).emitter_count, MAX_EMITTERS - 1u)] = volume;
+        (*media).emitter_count += 1u;
+        return;
+    }
+#endif
+    (*media).fogs[min((*media).fog_count, MAX_FOGS - 1u)] = volume;
+    (*media).fog_count += 1u;
+}
+
+#ifdef VDB_UNCACHED_FOGS
+// Whether all media can be marched together.
+fn have_slots(media: MetMedia) -> bool {
+#ifdef VDB_EMISSION
+    return media.fog_count <= MAX_FOGS && media.emitter_count <= MAX_EMITTERS;
+#else
+    return media.fog_count <= MAX_FOGS;
+#endif
+}
+#endif
+#endif
+
 // Radiance and optical depth of all fogs and emission grids along a segment up to `t_max`.
 fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     let first = next_candidate(segment, pixel, view.volume_first, t_max);
     let end = volume_end(segment);
     var met = Met(0u, 0u, first, 0u, FAR, segment.t_min);
 #ifdef VDB_LIGHT_CACHE
-    var media = array<u32, MAX_MEDIA>();
+    var media = MetMedia();
 #endif
 #ifdef VDB_UNCACHED_FOGS
     var is_cached = true;
@@ -48,7 +76,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
         let dda = enter(mirrored);
         if dda.inside && dda.t < t_max {
 #ifdef VDB_LIGHT_CACHE
-            media[min(met.count, MAX_MEDIA - 1u)] = i;
+            add_medium(&media, i);
 #endif
 #ifdef VDB_UNCACHED_FOGS
             is_cached = is_cached && (volumes[i].kind != KIND_FOG || has_light_cache(i));
@@ -70,11 +98,11 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
 #endif
 #ifdef VDB_LIGHT_CACHE
 #ifdef VDB_UNCACHED_FOGS
-    if !is_cached || met.count > MAX_MEDIA {
+    if !is_cached || !have_slots(media) {
         return trace_slabs(segment, pixel, met, t_max);
     }
 #endif
-    return march_media(segment, pixel, media, met.count, met.t_first, t_max);
+    return march_media(segment, pixel, media, met.t_first, t_max);
 #else
     return trace_slabs(segment, pixel, met, t_max);
 #endif

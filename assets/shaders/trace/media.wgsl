@@ -6,7 +6,6 @@
 #define_import_path bevy_vdb::trace::media
 
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::gpu::types::KIND_FOG
 #import bevy_vdb::trace::candidates::start_t
 #import bevy_vdb::trace::fog_march::{Fog, MAX_DEPTH_OF_STEP, MIN_STEP, light_interval}
 #import bevy_vdb::trace::light_cache::{cached_depth, lattice_point, sun_brick}
@@ -19,26 +18,38 @@
 #import bevy_vdb::traversal::fog::{step_length, stride_at}
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray}
 #import bevy_vdb::traversal::tree::{Accessor, new_accessor}
-#import bevy_vdb::view::scene::volumes
+#import bevy_vdb::view::scene::{view, volumes}
 #ifdef VDB_LAMP_LIGHT
 #import bevy_vdb::trace::light_cache::{LatticePoint, NOT_CACHED, cached_lamp_light, lamp_light_brick}
 #import bevy_vdb::light_cache::bricks::bricks_per_light
 #import bevy_vdb::trace::lights::range_near_lamps
 #import bevy_vdb::trace::segment::{point_at, world_position}
-#import bevy_vdb::view::scene::view
 #endif
 #ifdef VDB_EMISSION
-#import bevy_vdb::trace::emission::sampled_emission
+#import bevy_vdb::trace::emission::{EmissionStep, max3, sampled_emission}
 #import bevy_vdb::traversal::fog::probe_fog
 #endif
 
-// The most media that are marched together.
-const MAX_MEDIA: u32 = #{VDB_MEDIA}u;
+// The most fogs and emission grids that are marched together. Each kind has slots of its own, so that no slot has code
+// for both.
+const MAX_FOGS: u32 = #{VDB_FOG_SLOTS}u;
+#ifdef VDB_EMISSION
+const MAX_EMITTERS: u32 = #{VDB_EMITTER_SLOTS}u;
+#endif
+
+// The volumes that a segment meets.
+struct MetMedia {
+    fogs: array<u32, MAX_FOGS>,
+    fog_count: u32,
+#ifdef VDB_EMISSION
+    emitters: array<u32, MAX_EMITTERS>,
+    emitter_count: u32,
+#endif
+}
 
 // A medium along a segment. Every t is relative to where the march begins.
 struct Medium {
     volume: u32,
-    is_fog: bool,
     extinction: f32,    // per unit of density and of t
     max_density: f32,   // keeps products with a step within f32
     ray: SampledRay,
@@ -60,7 +71,7 @@ struct IntervalSums {
     width: f32,     // in t
     weight: f32,
     t: f32,
-    fogs: array<FogSums, MAX_MEDIA>,
+    fogs: array<FogSums, MAX_FOGS>,
 }
 
 // Sums over a segment.
@@ -68,8 +79,15 @@ struct SegmentSums {
     weight: f32,
     t: f32,
     scattering: ScatteringSums,
-    media: array<f32, MAX_MEDIA>,   // weights
+    fogs: array<f32, MAX_FOGS>,     // weights
 }
+
+// Otherwise there is a single fog, whose steps are all alike.
+#ifdef VDB_EMISSION
+const HAS_MANY_MEDIA: bool = true;
+#else
+const HAS_MANY_MEDIA: bool = MAX_FOGS > 1u;
+#endif
 
 // Voxels of a step through an emission grid.
 const EMISSION_STEP: f32 = 2.0;
@@ -116,17 +134,39 @@ fn interval_voxels(segment: Segment, volume: u32) -> f32 {
     return voxels;
 }
 
-// A medium before it is known where the march begins.
-fn new_medium(segment: Segment, volume: u32, t_max: f32) -> Medium {
+// A slot for which there is no medium.
+fn no_medium() -> Medium {
+    var medium = Medium();
+    medium.t_step = FAR;
+    medium.t_next = FAR;
+    return medium;
+}
+
+// A medium before it is known where the march begins. Steps are at most `step` voxels.
+fn new_medium(segment: Segment, volume: u32, step: f32, t_max: f32) -> Medium {
     let grid = grids[volumes[volume].grid];
     let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, t_max));
     let ray = sampled_ray(mirrored);
-    let is_fog = volumes[volume].kind == KIND_FOG;
-    let step = select(EMISSION_STEP, max(volumes[volume].fog_step, MIN_STEP), is_fog);
     let t_step = step / max(length(mirrored.speed), 1e-30);
     let extinction = volumes[volume].density_scale * length(segment.dir);
     let max_density = MAX_DEPTH_OF_STEP / max(extinction * t_step, 1e-30);
-    return Medium(volume, is_fog, extinction, max_density, ray, new_accessor(ray.cell), t_step, FAR, FAR);
+    return Medium(volume, extinction, max_density, ray, new_accessor(ray.cell), t_step, FAR, FAR);
+}
+
+// The medium when it is known that the march begins at `t_zero`.
+fn begun(medium: Medium, segment: Segment, pixel: vec2<u32>, t_zero: f32) -> Medium {
+    var begun = medium;
+    let t_origin = medium.ray.t_origin - t_zero;
+    let t_begin = max(t_origin + medium.ray.t_first, start_t(segment, medium.volume, pixel) - t_zero);
+    begun.ray.t_origin = t_origin;
+    begun.t_last = t_origin + medium.ray.t_last;
+    begun.t_next = select(FAR, t_begin, t_begin < begun.t_last);
+    return begun;
+}
+
+// The longest step from `t_low` that suits a medium: it is there, or begins after the step.
+fn suitable_step(medium: Medium, t_low: f32, t_end: f32, t_base: f32, inverse_base: f32) -> f32 {
+    return max(medium.t_step, floor((min(medium.t_next, t_end) - t_low) * inverse_base) * t_base);
 }
 
 // The first step that may contain something, in base steps, if it begins at `next`. Steps that may contain
@@ -144,7 +184,7 @@ fn first_step(next: f32) -> f32 {
 fn add_interval(
     segment: Segment,
     pixel: vec2<u32>,
-    media: ptr<function, array<Medium, MAX_MEDIA>>,
+    fogs: ptr<function, array<Medium, MAX_FOGS>>,
     t_zero: f32,
     t_max: f32,
     shared_light: ptr<function, SharedLight>,
@@ -155,18 +195,18 @@ fn add_interval(
     let t_mean = (*interval).t / (*interval).weight;
     begin_interval(shared_light, segment, pixel, min(t_zero + t_mean, t_max));
     var scattering = (*sums).scattering;
-    for (var i = 0u; i < MAX_MEDIA; i++) {
+    for (var i = 0u; i < MAX_FOGS; i++) {
         let own = (*interval).fogs[i];
         if own.weights[0] > 0.0 {
-            let volume = (*media)[i].volume;
+            let volume = (*fogs)[i].volume;
             let t = own.t / own.weights[0];
             let grid = grids[volumes[volume].grid];
-            let place = point_in_box(grid, (*media)[i].ray, t - (*media)[i].ray.t_origin);
+            let place = point_in_box(grid, (*fogs)[i].ray, t - (*fogs)[i].ray.t_origin);
             let extent = (*interval).width * length(segment.dir);
             let at = FogPoint(volume, place, min(t_zero + t, t_max), extent, is_near_lamps);
             let light = mean_light(shared_light, segment, pixel, at, own.light, own.weights);
             add_sample(&scattering, own.weights, volumes[volume].base_color, light);
-            (*sums).media[i] += own.weights[0];
+            (*sums).fogs[i] += own.weights[0];
         }
     }
     (*sums).scattering = scattering;
@@ -177,13 +217,13 @@ fn add_interval(
 
 #ifdef VDB_LAMP_LIGHT
 // Between which t, relative to `t_zero`, some of the lamps' light has to be evaluated in intervals.
-fn near_lamps(segment: Segment, media: ptr<function, array<Medium, MAX_MEDIA>>, t_zero: f32) -> vec2<f32> {
+fn near_lamps(segment: Segment, fogs: ptr<function, array<Medium, MAX_FOGS>>, fog_count: u32, t_zero: f32) -> vec2<f32> {
     let dir_length = length(segment.dir);
     let origin = world_position(point_at(segment, t_zero));
     var near = vec2(FAR, -FAR);
-    for (var i = 0u; i < MAX_MEDIA; i++) {
-        if (*media)[i].is_fog {
-            let range = range_near_lamps(origin, segment.dir / dir_length, (*media)[i].volume);
+    for (var i = 0u; i < MAX_FOGS; i++) {
+        if i < fog_count {
+            let range = range_near_lamps(origin, segment.dir / dir_length, (*fogs)[i].volume);
             near = vec2(min(near.x, range.x / dir_length), max(near.y, range.y / dir_length));
         }
     }
@@ -200,38 +240,43 @@ fn flush_near_lamps(t_flush: f32, t_begin: f32, near: vec2<f32>) -> f32 {
 }
 #endif
 
-// Radiance and optical depth of the media along a segment up to `t_max`. `met` holds the indices of `met_count`
-// volumes, at least one; the nearest begins at `t_first`.
-fn march_media(
-    segment: Segment,
-    pixel: vec2<u32>,
-    met: array<u32, MAX_MEDIA>,
-    met_count: u32,
-    t_first: f32,
-    t_max: f32,
-) -> Fog {
+// Radiance and optical depth of the media along a segment up to `t_max`: of at least one fog. The nearest medium begins
+// at `t_first`.
+fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, t_max: f32) -> Fog {
     var fog = Fog(vec3(0.0), 0.0, t_first, t_first, NONE);
     // Variables, so that they can be indexed dynamically.
-    var list = met;
-    // Loops have a constant length, so that arrays stay in registers. Media beyond `count` never begin.
-    var media = array<Medium, MAX_MEDIA>();
-    let count = min(met_count, MAX_MEDIA);
+    var list = met.fogs;
+    // Loops have a constant length, so that arrays stay in registers.
+    var fogs = array<Medium, MAX_FOGS>();
+    let fog_count = min(met.fog_count, MAX_FOGS);
     var t_base = FAR;
     var t_last = 0.0;
     var t_interval = FAR;
-    for (var i = 0u; i < MAX_MEDIA; i++) {
-        media[i].t_step = FAR;
-        media[i].t_next = FAR;
-        if i < count {
-            media[i] = new_medium(segment, list[i], t_max);
-            t_base = min(t_base, media[i].t_step);
-            t_last = max(t_last, media[i].ray.t_origin + media[i].ray.t_last);
-            if HAS_INTERVALS && media[i].is_fog {
+    for (var i = 0u; i < MAX_FOGS; i++) {
+        fogs[i] = no_medium();
+        if i < fog_count {
+            fogs[i] = new_medium(segment, list[i], max(volumes[list[i]].fog_step, MIN_STEP), t_max);
+            t_base = min(t_base, fogs[i].t_step);
+            t_last = max(t_last, fogs[i].ray.t_origin + fogs[i].ray.t_last);
+            if HAS_INTERVALS {
                 let voxels = interval_voxels(segment, list[i]);
-                t_interval = min(t_interval, voxels / max(length(media[i].ray.dir), 1e-30));
+                t_interval = min(t_interval, voxels / max(length(fogs[i].ray.dir), 1e-30));
             }
         }
     }
+#ifdef VDB_EMISSION
+    var emitter_list = met.emitters;
+    var emitters = array<Medium, MAX_EMITTERS>();
+    let emitter_count = min(met.emitter_count, MAX_EMITTERS);
+    for (var i = 0u; i < MAX_EMITTERS; i++) {
+        emitters[i] = no_medium();
+        if i < emitter_count {
+            emitters[i] = new_medium(segment, emitter_list[i], EMISSION_STEP, t_max);
+            t_base = min(t_base, emitters[i].t_step);
+            t_last = max(t_last, emitters[i].ray.t_origin + emitters[i].ray.t_last);
+        }
+    }
+#endif
     // The shortest step; all begin at its multiples from the segment's origin, so that neighbouring rays
     // sample neighbouring points.
     t_base = step_length(t_base, t_last - t_first);
@@ -239,17 +284,22 @@ fn march_media(
     let t_zero = floor(t_first * inverse_base) * t_base;
     var t_near = FAR;   // of what comes next
     var t_end = 0.0;
-    for (var i = 0u; i < MAX_MEDIA; i++) {
-        if i < count {
-            let t_origin = media[i].ray.t_origin - t_zero;
-            let t_begin = max(t_origin + media[i].ray.t_first, start_t(segment, list[i], pixel) - t_zero);
-            media[i].ray.t_origin = t_origin;
-            media[i].t_last = t_origin + media[i].ray.t_last;
-            media[i].t_next = select(FAR, t_begin, t_begin < media[i].t_last);
-            t_near = min(t_near, media[i].t_next);
-            t_end = max(t_end, media[i].t_last);
+    for (var i = 0u; i < MAX_FOGS; i++) {
+        if i < fog_count {
+            fogs[i] = begun(fogs[i], segment, pixel, t_zero);
+            t_near = min(t_near, fogs[i].t_next);
+            t_end = max(t_end, fogs[i].t_last);
         }
     }
+#ifdef VDB_EMISSION
+    for (var i = 0u; i < MAX_EMITTERS; i++) {
+        if i < emitter_count {
+            emitters[i] = begun(emitters[i], segment, pixel, t_zero);
+            t_near = min(t_near, emitters[i].t_next);
+            t_end = max(t_end, emitters[i].t_last);
+        }
+    }
+#endif
     let dir_length = length(segment.dir);
     var shared_light = begin_light(normalize(segment.dir));
     var sums = SegmentSums();
@@ -257,12 +307,12 @@ fn march_media(
     // Starts short, because a lamp may be near.
     var t_flush = next_multiple(t_zero + t_near, 0.25 * t_interval) - t_zero;
 #ifdef VDB_LAMP_LIGHT
-    let near = near_lamps(segment, &media, t_zero);
+    let near = near_lamps(segment, &fogs, fog_count, t_zero);
     t_flush = flush_near_lamps(t_flush, t_near, near);
     var t_interval_begin = t_near;
-    var lamp_bricks = array<u32, MAX_MEDIA>();
-    for (var i = 0u; i < MAX_MEDIA; i++) {
-        lamp_bricks[i] = lamp_light_brick(media[i].volume);
+    var lamp_bricks = array<u32, MAX_FOGS>();
+    for (var i = 0u; i < MAX_FOGS; i++) {
+        lamp_bricks[i] = lamp_light_brick(fogs[i].volume);
     }
     // Of lamps, times the exposure: light in each octave.
     var lamp_light = array<vec3<f32>, OCTAVES>();
@@ -281,13 +331,17 @@ fn march_media(
     while !is_done {
         let t_low = max(k * t_base, t_start);
         var stride = stride_at(fog.optical_depth);
-        if MAX_MEDIA > 1u {
+        if HAS_MANY_MEDIA {
             // The longest step that suits the media here and those that begin within it.
             var t_step = FAR;
-            for (var i = 0u; i < MAX_MEDIA; i++) {
-                let ahead = floor((min(media[i].t_next, t_end) - t_low) * inverse_base) * t_base;
-                t_step = min(t_step, max(media[i].t_step, ahead));
+            for (var i = 0u; i < MAX_FOGS; i++) {
+                t_step = min(t_step, suitable_step(fogs[i], t_low, t_end, t_base, inverse_base));
             }
+#ifdef VDB_EMISSION
+            for (var i = 0u; i < MAX_EMITTERS; i++) {
+                t_step = min(t_step, suitable_step(emitters[i], t_low, t_end, t_base, inverse_base));
+            }
+#endif
             stride *= max(t_step * inverse_base, 1.0);
         }
         let t_high = min((k + stride) * t_base, t_end);
@@ -295,25 +349,25 @@ fn march_media(
         let t_middle = t_low + 0.5 * width;
         var is_empty = true;
         var extinction = 0.0;
-        var extinctions = array<f32, MAX_MEDIA>();
+        var extinctions = array<f32, MAX_FOGS>();
 #ifdef VDB_LAMP_LIGHT
-        var points = array<LatticePoint, MAX_MEDIA>();
+        var points = array<LatticePoint, MAX_FOGS>();
 #endif
-        var depths = array<array<f32, SUN_SLOTS>, MAX_MEDIA>();
-        for (var i = 0u; i < MAX_MEDIA; i++) {
-            if media[i].is_fog && media[i].t_next <= t_middle {
-                let volume = media[i].volume;
-                let t_origin = media[i].ray.t_origin;
+        var depths = array<array<f32, SUN_SLOTS>, MAX_FOGS>();
+        for (var i = 0u; i < MAX_FOGS; i++) {
+            if fogs[i].t_next <= t_middle {
+                let volume = fogs[i].volume;
+                let t_origin = fogs[i].ray.t_origin;
                 let grid = grids[volumes[volume].grid];
-                var accessor = media[i].accessor;
-                let found = sample_fog(grid, media[i].ray, &accessor, t_middle - t_origin);
-                media[i].accessor = accessor;
-                let is_inside = t_middle < media[i].t_last;
+                var accessor = fogs[i].accessor;
+                let found = sample_fog(grid, fogs[i].ray, &accessor, t_middle - t_origin);
+                fogs[i].accessor = accessor;
+                let is_inside = t_middle < fogs[i].t_last;
                 let t_next = select(t_middle, t_origin + found.t_out, found.is_empty);
-                media[i].t_next = select(FAR, t_next, is_inside);
+                fogs[i].t_next = select(FAR, t_next, is_inside);
                 if !found.is_empty && is_inside {
                     is_empty = false;
-                    extinctions[i] = media[i].extinction * min(found.density, media[i].max_density);
+                    extinctions[i] = fogs[i].extinction * min(found.density, fogs[i].max_density);
                     extinction += extinctions[i];
                     let point = lattice_point(volume, found.point.cell, found.point.u);
 #ifdef VDB_LAMP_LIGHT
@@ -330,11 +384,11 @@ fn march_media(
         let transmittance_after = transmittance * exp(-depth);
         let visible = visibility_between(transmittance, transmittance_after);
         t_near = FAR;
-        for (var i = 0u; i < MAX_MEDIA; i++) {
+        for (var i = 0u; i < MAX_FOGS; i++) {
             let weight = extinctions[i] * visible_width;
             if weight > 0.0 {
                 interval.fogs[i].t += weight * t_middle;
-                let anisotropy = volumes[media[i].volume].anisotropy;
+                let anisotropy = volumes[fogs[i].volume].anisotropy;
                 var weights = octave_weights(weight, visible, anisotropy);
                 for (var octave = 0u; octave < OCTAVES; octave++) {
                     interval.fogs[i].weights[octave] += weights[octave];
@@ -348,7 +402,7 @@ fn march_media(
             }
 #ifdef VDB_LAMP_LIGHT
             if weight > 0.0 && lamp_bricks[i] != NOT_CACHED {
-                let volume = media[i].volume;
+                let volume = fogs[i].volume;
                 let anisotropy = volumes[volume].anisotropy;
                 var weights = octave_weights(weight, visible, anisotropy);
                 for (var octave = 0u; octave < OCTAVES; octave++) {
@@ -358,28 +412,35 @@ fn march_media(
                 }
             }
 #endif
+            t_near = min(t_near, fogs[i].t_next);
+        }
 #ifdef VDB_EMISSION
-            if !media[i].is_fog && media[i].t_next < t_high {
+        for (var i = 0u; i < MAX_EMITTERS; i++) {
+            if emitters[i].t_next < t_high {
                 is_empty = false;
-                let volume = media[i].volume;
+                let volume = emitters[i].volume;
                 let grid = grids[volumes[volume].grid];
-                let t_origin = media[i].ray.t_origin;
-                var accessor = media[i].accessor;
-                let t_from = t_low - t_origin;
-                let emission =
-                    sampled_emission(volume, grid, media[i].ray, &accessor, t_from, t_high - t_origin);
-                let added = (visible_width * dir_length) * emission;
+                let t_origin = emitters[i].ray.t_origin;
+                var accessor = emitters[i].accessor;
+                let visible_length = visible_width * dir_length;
+                let step = EmissionStep(
+                    t_low - t_origin,
+                    t_high - t_origin,
+                    view.exposure * visible_length,
+                    view.exposure * max3(fog.radiance),
+                );
+                let added = visible_length * sampled_emission(volume, grid, emitters[i].ray, &accessor, step);
                 fog.radiance += added;
                 radiance_sum += dot(added, vec3(1.0));
                 t_radiance_sum += dot(added, vec3(1.0)) * t_middle;
-                let probe = probe_fog(grid, media[i].ray, &accessor, t_high - t_origin);
-                media[i].accessor = accessor;
+                let probe = probe_fog(grid, emitters[i].ray, &accessor, t_high - t_origin);
+                emitters[i].accessor = accessor;
                 let t_next = select(t_high, max(t_origin + probe.t_out, t_high), probe.is_empty);
-                media[i].t_next = select(FAR, t_next, t_high < media[i].t_last);
+                emitters[i].t_next = select(FAR, t_next, t_high < emitters[i].t_last);
             }
-#endif
-            t_near = min(t_near, media[i].t_next);
+            t_near = min(t_near, emitters[i].t_next);
         }
+#endif
         k = next_index(k, select(k + stride, max(k + 1.0, first_step(min(t_near, t_end) * inverse_base)), is_empty));
         let weight = extinction * visible_width;
         interval.width += select(0.0, width, weight > 0.0);
@@ -393,7 +454,7 @@ fn march_media(
             is_near_lamps = near.x < t_high && near.y > t_interval_begin;
             t_interval_begin = t_high;
 #endif
-            add_interval(segment, pixel, &media, t_zero, t_max, &shared_light, &interval, is_near_lamps, &sums);
+            add_interval(segment, pixel, &fogs, t_zero, t_max, &shared_light, &interval, is_near_lamps, &sums);
             // Ends at multiples of a length, so that neighbouring rays evaluate light at the same time, and
             // grows like the steps.
             let longest = LAMP_INTERVAL * shared_light.nearest / (dir_length * t_interval);
@@ -408,7 +469,7 @@ fn march_media(
 #ifdef VDB_LAMP_LIGHT
         is_near_lamps = near.x < t_end && near.y > t_interval_begin;
 #endif
-        add_interval(segment, pixel, &media, t_zero, t_max, &shared_light, &interval, is_near_lamps, &sums);
+        add_interval(segment, pixel, &fogs, t_zero, t_max, &shared_light, &interval, is_near_lamps, &sums);
     }
 #ifdef VDB_LAMP_LIGHT
     for (var octave = 0u; octave < OCTAVES; octave++) {
@@ -417,14 +478,14 @@ fn march_media(
 #endif
 #ifdef VDB_MOTION_VECTORS
     var largest_weight = 0.0;
-    for (var i = 0u; i < MAX_MEDIA; i++) {
-        fog.motion_volume = select(fog.motion_volume, media[i].volume, sums.media[i] > largest_weight);
-        largest_weight = max(largest_weight, sums.media[i]);
+    for (var i = 0u; i < MAX_FOGS; i++) {
+        fog.motion_volume = select(fog.motion_volume, fogs[i].volume, sums.fogs[i] > largest_weight);
+        largest_weight = max(largest_weight, sums.fogs[i]);
     }
 #endif
-    for (var i = 0u; i < MAX_MEDIA; i++) {
-        if sums.media[i] > 0.0 {
-            fog.radiance += sums.media[i] * volumes[media[i].volume].emissive;
+    for (var i = 0u; i < MAX_FOGS; i++) {
+        if sums.fogs[i] > 0.0 {
+            fog.radiance += sums.fogs[i] * volumes[fogs[i].volume].emissive;
         }
     }
     fog.radiance += scattered_radiance(sums.scattering, fog.optical_depth);

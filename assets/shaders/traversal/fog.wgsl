@@ -229,6 +229,36 @@ fn density_at(grid: Grid, accessor: Accessor, point: SamplePoint) -> f32 {
         + brick.scale * trilinear(brick_corners(grid, brick, brick_slot(point.cell)), point.u);
 }
 
+#ifdef VDB_BLACKBODY
+// Density at a point, and the highest at the corners of its cell.
+struct BoundedDensity {
+    density: f32,
+    highest: f32,
+}
+
+// Density at t on a ray; 0 in empty cubes.
+fn bounded_density(grid: Grid, ray: SampledRay, accessor: ptr<function, Accessor>, t: f32) -> BoundedDensity {
+    let located = slot_at(grid, ray, accessor, t);
+    count_step();
+    if (located.slot & (CHILD | OCCUPIED)) == 0u {
+        return BoundedDensity(0.0, 0.0);
+    }
+    let word = (*accessor).word;
+    if (word & CHILD) == 0u {
+        let density = tile_value(grid, word);
+        return BoundedDensity(density, density);
+    }
+    let brick = brick_of(grid, (*accessor).head + (word & LEAF_NUMBER));
+    let corners = brick_corners(grid, brick, brick_slot(located.point.cell));
+    let pairs = max(corners.low, corners.high);
+    let highest = max(max(pairs.x, pairs.y), max(pairs.z, pairs.w));
+    return BoundedDensity(
+        brick.offset + brick.scale * trilinear(corners, located.point.u),
+        brick.offset + brick.scale * highest,
+    );
+}
+#endif
+
 // Largest step length, as a multiple of the first.
 const MAX_STRIDE: f32 = 8.0;
 // The exponent of T^(-1/3), as a power of 2, per unit of optical depth.

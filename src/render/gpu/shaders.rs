@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 36] = shaders![
+const IMPORTS: [(&str, &[u8]); 37] = shaders![
     "gpu/types",
     "gpu/bindings",
     "traversal/rays",
@@ -46,6 +46,7 @@ const IMPORTS: [(&str, &[u8]); 36] = shaders![
     "trace/shade",
     "trace/distance_fog",
     "light_cache/bricks",
+    "light_cache/columns",
     "trace/light_cache",
     "trace/fog_march",
     "trace/shared_light",
@@ -55,7 +56,7 @@ const IMPORTS: [(&str, &[u8]); 36] = shaders![
     "trace/show"
 ];
 /// The shaders with entry points.
-const PROGRAMS: [(&str, &[u8]); 9] = shaders![
+const PROGRAMS: [(&str, &[u8]); 11] = shaders![
     "trace/beams",
     "trace/trace",
     "trace/lamp_light",
@@ -64,7 +65,9 @@ const PROGRAMS: [(&str, &[u8]); 9] = shaders![
     "composite/composite",
     "shadow_maps/cast",
     "shadow_maps/mesh_depth",
-    "light_cache/fill"
+    "light_cache/fill",
+    "light_cache/sun_rays",
+    "light_cache/sun_samples"
 ];
 
 pub(crate) fn embed(app: &mut App) {
@@ -127,6 +130,8 @@ pub(crate) struct Shaders {
     pub cast: Handle<Shader>,
     pub mesh_depth: Handle<Shader>,
     pub fill: Handle<Shader>,
+    pub sun_rays: Handle<Shader>,
+    pub sun_samples: Handle<Shader>,
     /// The shader defs of this adapter, for all pipelines that traverse grids.
     pub adapter_defs: Vec<ShaderDefVal>,
     _imports: [Handle<Shader>; IMPORTS.len()],
@@ -144,8 +149,19 @@ pub(crate) fn load_shaders(
 impl Shaders {
     fn load(assets: &AssetServer, adapter: &RenderAdapterInfo) -> Self {
         let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
-        let [beams, trace, lamp_light, upscale, accumulate, composite, cast, mesh_depth, fill] =
-            PROGRAMS.map(load);
+        let [
+            beams,
+            trace,
+            lamp_light,
+            upscale,
+            accumulate,
+            composite,
+            cast,
+            mesh_depth,
+            fill,
+            sun_rays,
+            sun_samples,
+        ] = PROGRAMS.map(load);
         let _imports = IMPORTS.map(load);
         // A software driver runs the rays of a group in lockstep, through every branch that any of
         // them takes.
@@ -161,6 +177,8 @@ impl Shaders {
             cast,
             mesh_depth,
             fill,
+            sun_rays,
+            sun_samples,
             adapter_defs,
             _imports,
         }
@@ -176,16 +194,17 @@ mod tests {
 
     /// Shader defs that are not features of a view: those of render modes, formats and adapters,
     /// and those of the programs of `vdb_probe`.
-    const OTHERS: [&str; 17] = [
+    const OTHERS: [&str; 18] = [
         "VDB_CACHED_SUNS",
         "VDB_COUNT_STEPS",
         "VDB_DIFFUSE_ONLY",
+        "VDB_EMITTER_SLOTS",
         "VDB_EVEN_LIGHT",
         "VDB_FOG_ALONE",
+        "VDB_FOG_SLOTS",
         "VDB_FORMAT",
         "VDB_GLOSSY_ONLY",
         "VDB_IN_STEP",
-        "VDB_MEDIA",
         "VDB_OCTAVES",
         "VDB_PAGED",
         "VDB_PAGE_BITS",

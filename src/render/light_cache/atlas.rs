@@ -103,6 +103,14 @@ pub(super) fn row_origin(row: u32) -> [u32; 2] {
     [row % LAYER_ROWS * BRICK_SAMPLES, row / LAYER_ROWS * BRICK_SAMPLES]
 }
 
+/// The parts of a range of rows that are in the same layer.
+pub(super) fn rows_by_layer(rows: Range<u32>) -> impl Iterator<Item = Range<u32>> {
+    let layers = rows.start / LAYER_ROWS..rows.end.div_ceil(LAYER_ROWS);
+    layers.map(move |layer| {
+        rows.start.max(layer * LAYER_ROWS)..rows.end.min((layer + 1) * LAYER_ROWS)
+    })
+}
+
 /// A first-fit allocator.
 struct Rows {
     len: u32,
@@ -148,6 +156,14 @@ mod tests {
     use vdb_core::synth::Random;
 
     use super::*;
+
+    #[test]
+    fn rows_are_divided_at_the_ends_of_layers() {
+        let parts = |rows| rows_by_layer(rows).collect::<Vec<_>>();
+        assert_eq!(parts(0..64), [0..64]);
+        assert_eq!(parts(63..65), [63..64, 64..65]);
+        assert_eq!(parts(60..200), [60..64, 64..128, 128..192, 192..200]);
+    }
 
     #[test]
     fn rows_are_used_once_and_joined_when_they_are_free() {

@@ -1,5 +1,7 @@
 //! The pass that fills lattices, before the rays of a view are traced.
 
+use std::ops::Range;
+
 use bevy::prelude::*;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
@@ -9,10 +11,10 @@ use bevy::render::render_resource::{
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 
-use super::atlas::{Atlas, BRICK_SAMPLES, LINE_BYTES, ROW_BYTES, WIDTH, row_origin};
+use super::atlas::{Atlas, BRICK_SAMPLES, LINE_BYTES, ROW_BYTES, WIDTH, row_origin, rows_by_layer};
 use super::lattices::LightCache;
 use super::pipeline::FillPipeline;
-use super::view::{Fill, LightCacheView};
+use super::view::{Fill, LightCacheView, Way};
 use crate::render::gpu::{GROUP, PipelineFallback, empty_layout};
 use crate::render::pool::VdbTreePool;
 use crate::render::view::{GROUPS_PER_BRICK, ViewState, VolumeBuffer};
@@ -33,62 +35,102 @@ pub(crate) fn fill_light_cache(
         return;
     }
     let Some((_, uniform)) = state.prepared() else { return };
-    let Some(fill) = own.pipeline.and_then(|id| fallback.compute(&pipelines, id)) else { return };
+    let compute = |id| fallback.compute(&pipelines, id);
+    let ids = own.pipelines;
+    let samples = ids.and_then(|own| compute(own.samples));
+    let suns = ids.and_then(|own| own.suns).map(|suns| suns.map(compute));
     let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
     let (Some((atlas, _)), Some(staging)) = (&cache.texture, &cache.staging) else { return };
-    let layout = pipelines.get_bind_group_layout(&pipeline.layout);
+    let [layout, sun_layout] = [&pipeline.layout, &pipeline.sun_layout]
+        .map(|layout| pipelines.get_bind_group_layout(layout));
     let empty = pipelines.get_bind_group_layout(&empty_layout());
     let empty = device.create_bind_group("vdb_empty", &empty, &[]);
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_light_cache");
-    for Fill { job, layout: lattice, rows, number } in &own.jobs {
+    for Fill { way, layout: lattice, rows, number } in &own.jobs {
+        let entries = pool.scene_entries(uniform, volumes);
         let job = device.create_buffer_with_data(&BufferInitDescriptor {
             label: Some("vdb_light_job"),
-            contents: bytemuck::bytes_of(job),
+            contents: match way {
+                Way::Samples(job) => bytemuck::bytes_of(job),
+                Way::Sun(rays) => bytemuck::bytes_of(&rays.job),
+            },
             usage: BufferUsages::UNIFORM,
         });
-        let entries = pool
-            .scene_entries(uniform, volumes)
-            .extend_sequential((job.as_entire_binding(), staging.as_entire_binding()));
-        let group = device.create_bind_group("vdb_light_cache", &layout, &entries);
+        let group = match (way, &cache.depths) {
+            (Way::Sun(_), Some(depths)) => {
+                let own = (
+                    job.as_entire_binding(),
+                    staging.as_entire_binding(),
+                    depths.as_entire_binding(),
+                );
+                device.create_bind_group(
+                    "vdb_sun_light",
+                    &sun_layout,
+                    &entries.extend_sequential(own),
+                )
+            }
+            (Way::Sun(_), None) => continue,
+            (Way::Samples(_), _) => {
+                let own = (job.as_entire_binding(), staging.as_entire_binding());
+                device.create_bind_group(
+                    "vdb_light_cache",
+                    &layout,
+                    &entries.extend_sequential(own),
+                )
+            }
+        };
+        let [x, y, z] = lattice.bricks.to_array();
+        let for_samples = UVec3::new(x, y, z * GROUPS_PER_BRICK);
+        let steps: Vec<_> = match (way, &samples, &suns) {
+            (Way::Samples(_), Some(fill), _) => vec![(fill, for_samples)],
+            (Way::Sun(rays), _, Some([Some(sum), Some(join), Some(interpolate)])) => {
+                let to_join = rays.groups - UVec3::Z;
+                vec![(sum, rays.groups), (join, to_join), (interpolate, for_samples)]
+            }
+            _ => continue,
+        };
         let encoder = context.command_encoder();
         let label = Some("vdb_light_cache");
         let descriptor = ComputePassDescriptor { label, timestamp_writes: None };
         let mut pass = encoder.begin_compute_pass(&descriptor);
-        pass.set_pipeline(&fill);
-        pass.set_bind_group(0, &empty, &[]);
-        pass.set_bind_group(1, &empty, &[]);
-        pass.set_bind_group(GROUP, &group, &[]);
-        let [x, y, z] = lattice.bricks.to_array();
-        pass.dispatch_workgroups(x, y, z * GROUPS_PER_BRICK);
-        drop(pass);
-        for (i, row) in rows.clone().enumerate() {
-            copy_row(encoder, staging, i as u64, atlas, row);
+        for (pipeline, groups) in steps {
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, &empty, &[]);
+            pass.set_bind_group(1, &empty, &[]);
+            pass.set_bind_group(GROUP, &group, &[]);
+            pass.dispatch_workgroups(groups.x, groups.y, groups.z);
         }
+        drop(pass);
+        copy_rows(encoder, staging, atlas, rows);
         cache.set_run(*number);
     }
     span.end(context.command_encoder());
 }
 
-/// Copies a row of bricks to the texture.
-fn copy_row(encoder: &mut CommandEncoder, staging: &Buffer, i: u64, atlas: &Atlas, row: u32) {
-    let [y, z] = row_origin(row);
-    encoder.copy_buffer_to_texture(
-        TexelCopyBufferInfo {
-            buffer: staging,
-            layout: TexelCopyBufferLayout {
-                offset: i * ROW_BYTES,
-                bytes_per_row: Some(LINE_BYTES),
-                rows_per_image: Some(BRICK_SAMPLES),
+/// Copies the rows of a lattice to the texture: those of a layer at once, because there is a barrier between two
+/// copies.
+fn copy_rows(encoder: &mut CommandEncoder, staging: &Buffer, atlas: &Atlas, rows: &Range<u32>) {
+    for part in rows_by_layer(rows.clone()) {
+        let [y, z] = row_origin(part.start);
+        let height = (part.end - part.start) * BRICK_SAMPLES;
+        encoder.copy_buffer_to_texture(
+            TexelCopyBufferInfo {
+                buffer: staging,
+                layout: TexelCopyBufferLayout {
+                    offset: u64::from(part.start - rows.start) * ROW_BYTES,
+                    bytes_per_row: Some(LINE_BYTES),
+                    rows_per_image: Some(height),
+                },
             },
-        },
-        TexelCopyTextureInfo {
-            texture: &atlas.texture,
-            mip_level: 0,
-            origin: Origin3d { x: 0, y, z },
-            aspect: TextureAspect::All,
-        },
-        Extent3d { width: WIDTH, height: BRICK_SAMPLES, depth_or_array_layers: BRICK_SAMPLES },
-    );
+            TexelCopyTextureInfo {
+                texture: &atlas.texture,
+                mip_level: 0,
+                origin: Origin3d { x: 0, y, z },
+                aspect: TextureAspect::All,
+            },
+            Extent3d { width: WIDTH, height, depth_or_array_layers: BRICK_SAMPLES },
+        );
+    }
 }

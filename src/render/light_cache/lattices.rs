@@ -21,6 +21,8 @@ pub(crate) struct LightCache {
     pub(super) texture: Option<(Atlas, Sampler)>,
     /// The rows of bricks of a lattice before they are copied to the texture.
     pub(super) staging: Option<Buffer>,
+    /// Depths along rays to a sun.
+    pub(super) depths: Option<Buffer>,
     pub(super) lattices: HashMap<LatticeKey, CachedLattice>,
     /// The fills that are planned for this frame.
     planned: Vec<PlannedFill>,
@@ -113,10 +115,11 @@ impl LightCache {
         self.texture.as_ref().map(|(atlas, sampler)| (&atlas.view, sampler))
     }
 
-    /// Bytes of the texture and the buffer.
-    pub fn bytes(&self) -> [u64; 2] {
+    /// Bytes of the texture, of its staging buffer, and of the depths along rays to suns.
+    pub fn bytes(&self) -> [u64; 3] {
         let texture = self.texture.as_ref().map_or(0, |(atlas, _)| atlas.bytes());
-        [texture, self.staging.as_ref().map_or(0, |staging| staging.size())]
+        let size = |buffer: &Option<Buffer>| buffer.as_ref().map_or(0, |buffer| buffer.size());
+        [texture, size(&self.staging), size(&self.depths)]
     }
 
     /// Begins a frame. Fills of the last one that did not run, because a camera drew nothing or a
@@ -197,19 +200,28 @@ impl LightCache {
         })
     }
 
-    /// Makes a buffer for this many rows, or drops it.
-    pub(super) fn reserve_staging(&mut self, rows: u32, device: &RenderDevice) {
-        let size = u64::from(rows) * ROW_BYTES;
-        if self.staging.as_ref().map_or(0, |staging| staging.size()) != size {
-            self.staging = (size > 0).then(|| {
-                device.create_buffer(&BufferDescriptor {
-                    label: Some("vdb_light_staging"),
-                    size,
-                    usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
-                    mapped_at_creation: false,
-                })
-            });
-        }
+    /// Makes buffers for this many rows and for the depths along rays to suns, or drops them.
+    pub(super) fn reserve(&mut self, rows: u32, depth_bytes: u64, device: &RenderDevice) {
+        let staging_bytes = u64::from(rows) * ROW_BYTES;
+        let copied = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
+        reserve(&mut self.staging, "vdb_light_staging", staging_bytes, copied, device);
+        let usage = BufferUsages::STORAGE;
+        reserve(&mut self.depths, "vdb_light_depths", depth_bytes, usage, device);
+    }
+}
+
+/// Makes a buffer of this size, unless there is one, or drops it.
+fn reserve(
+    buffer: &mut Option<Buffer>,
+    label: &'static str,
+    size: u64,
+    usage: BufferUsages,
+    device: &RenderDevice,
+) {
+    if buffer.as_ref().map_or(0, |buffer| buffer.size()) != size {
+        let descriptor =
+            BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
+        *buffer = (size > 0).then(|| device.create_buffer(&descriptor));
     }
 }
 

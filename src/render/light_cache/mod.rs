@@ -5,6 +5,7 @@
 //! cameras share it.
 
 mod atlas;
+mod columns;
 mod fill;
 mod fingerprint;
 mod lamp_light;

@@ -1,9 +1,10 @@
-//! The pipeline that fills the light cache.
+//! The pipelines that fill the light cache.
 
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{storage_buffer_sized, uniform_buffer_sized};
 use bevy::render::render_resource::{
-    BindGroupLayoutDescriptor, ComputePipelineDescriptor, ShaderStages, SpecializedComputePipeline,
+    BindGroupLayoutDescriptor, CachedComputePipelineId, ComputePipelineDescriptor, PipelineCache,
+    ShaderStages, SpecializedComputePipeline, SpecializedComputePipelines,
 };
 use bytemuck::{Pod, Zeroable};
 
@@ -24,50 +25,110 @@ pub(super) struct Job {
     pub axis_z: [f32; 3],
     pub is_lamp: u32,
     pub light: [f32; 3],
-    pub pad: u32,
+    pub first_row: u32,
 }
 
 #[derive(Debug, Resource)]
 pub(crate) struct FillPipeline {
     shaders: Shaders,
+    /// Of the rays from each sample.
     pub layout: BindGroupLayoutDescriptor,
+    /// Of the rays to a sun.
+    pub sun_layout: BindGroupLayoutDescriptor,
 }
 
-/// The variant for a view.
-pub(super) fn fill_key(key: &ViewKey) -> TraversalKey {
-    let own = Features::FOG
-        | Features::EMISSION
-        | Features::MULTIPLE_SCATTERING
-        | Features::MANY
-        | Features::WIDE_GRIDS;
-    TraversalKey {
-        features: key.features & own,
-        page_bits: key.page_bits,
-        sample_format: key.sample_format,
+/// The programs that fill lattices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Program {
+    /// A ray from each sample to a light.
+    Fill,
+    SumRuns,
+    JoinRuns,
+    Interpolate,
+}
+
+/// The key of a pipeline.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct FillKey {
+    program: Program,
+    traversal: TraversalKey,
+}
+
+/// The pipelines of a view.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FillPipelines {
+    pub samples: CachedComputePipelineId,
+    /// For suns: [`Program::SumRuns`], [`Program::JoinRuns`] and [`Program::Interpolate`].
+    pub suns: Option<[CachedComputePipelineId; 3]>,
+}
+
+impl FillPipelines {
+    /// The variants for a view.
+    pub fn of(
+        key: &ViewKey,
+        pipeline: &FillPipeline,
+        cache: &PipelineCache,
+        specialized: &mut SpecializedComputePipelines<FillPipeline>,
+    ) -> Self {
+        let own = Features::FOG
+            | Features::EMISSION
+            | Features::MULTIPLE_SCATTERING
+            | Features::MANY
+            | Features::WIDE_GRIDS;
+        let features = key.features & own;
+        let (page_bits, sample_format) = (key.page_bits, key.sample_format);
+        let all = TraversalKey { features, page_bits, sample_format };
+        // These read no grids.
+        let none =
+            TraversalKey { features: Features::empty(), page_bits: None, sample_format: None };
+        let mut id = |program, traversal| {
+            specialized.specialize(cache, pipeline, FillKey { program, traversal })
+        };
+        let samples = id(Program::Fill, all);
+        let suns = key.cached_suns.is_some_and(|suns| suns > 0).then(|| {
+            [id(Program::SumRuns, all), id(Program::JoinRuns, none), id(Program::Interpolate, none)]
+        });
+        Self { samples, suns }
+    }
+
+    pub fn all(self) -> impl Iterator<Item = CachedComputePipelineId> {
+        self.suns.into_iter().flatten().chain([self.samples])
     }
 }
 
 impl FillPipeline {
     pub fn new(shaders: &Shaders) -> Self {
-        let entries = scene_layout(ShaderStages::COMPUTE).extend_sequential((
-            uniform_buffer_sized(false, None),
-            storage_buffer_sized(false, None),
-        ));
-        let layout = BindGroupLayoutDescriptor::new("vdb_light_cache", &entries);
-        Self { shaders: shaders.clone(), layout }
+        let storage = || storage_buffer_sized(false, None);
+        let uniform = || uniform_buffer_sized(false, None);
+        let scene = || scene_layout(ShaderStages::COMPUTE);
+        let entries = scene().extend_sequential((uniform(), storage()));
+        let sun_entries = scene().extend_sequential((uniform(), storage(), storage()));
+        Self {
+            shaders: shaders.clone(),
+            layout: BindGroupLayoutDescriptor::new("vdb_light_cache", &entries),
+            sun_layout: BindGroupLayoutDescriptor::new("vdb_sun_light", &sun_entries),
+        }
     }
 }
 
 impl SpecializedComputePipeline for FillPipeline {
-    type Key = TraversalKey;
+    type Key = FillKey;
 
-    fn specialize(&self, key: TraversalKey) -> ComputePipelineDescriptor {
+    fn specialize(&self, key: FillKey) -> ComputePipelineDescriptor {
+        let (shader, entry_point) = match key.program {
+            Program::Fill => (&self.shaders.fill, "fill"),
+            Program::SumRuns => (&self.shaders.sun_rays, "sum_runs"),
+            Program::JoinRuns => (&self.shaders.sun_samples, "join_runs"),
+            Program::Interpolate => (&self.shaders.sun_samples, "interpolate"),
+        };
+        let is_fill = key.program == Program::Fill;
+        let layout = if is_fill { &self.layout } else { &self.sun_layout };
         ComputePipelineDescriptor {
             label: Some("vdb_light_cache".into()),
-            layout: vec![empty_layout(), empty_layout(), self.layout.clone()],
-            shader: self.shaders.fill.clone(),
-            shader_defs: key.defs(&self.shaders),
-            entry_point: Some("fill".into()),
+            layout: vec![empty_layout(), empty_layout(), layout.clone()],
+            shader: shader.clone(),
+            shader_defs: key.traversal.defs(&self.shaders),
+            entry_point: Some(entry_point.into()),
             ..default()
         }
     }

@@ -9,8 +9,8 @@ use bevy::render::renderer::{RenderDevice, RenderQueue};
 use super::atlas::{ROW_BYTES, SCATTERED_ROW_BYTES, max_rows};
 use super::lattices::{LightCache, WantedLattices};
 use super::lights::LightQueries;
-use super::pipeline::{FillPipeline, fill_key};
-use super::view::LightCacheView;
+use super::pipeline::{FillPipeline, FillPipelines};
+use super::view::{Fill, LightCacheView};
 use crate::quality::features::Features;
 use crate::render::gpu::PipelineFallback;
 use crate::render::view::{LightCacheLimit, PreparedView, ViewState};
@@ -30,9 +30,12 @@ pub(super) fn ask(
 ) {
     for mut view in &mut views {
         view.wait_unless(|key| {
-            let is_wanted = key.has(Features::LIGHT_CACHE);
-            let id = is_wanted.then(|| specialized.specialize(&cache, &pipeline, fill_key(key)));
-            id.is_none_or(|id| fallback.compute(&cache, id).is_some())
+            if !key.has(Features::LIGHT_CACHE) {
+                return true;
+            }
+            let own = FillPipelines::of(key, &pipeline, &cache, &mut specialized);
+            // All are looked up, so that they are remembered.
+            own.all().filter(|id| fallback.compute(&cache, *id).is_none()).count() == 0
         });
     }
 }
@@ -76,17 +79,18 @@ pub(super) fn plan(
     }
     cache.allocate(&wanted, &device);
     let most_scattered = max_rows(&device).min((MAX_SCATTERED_BYTES / SCATTERED_ROW_BYTES) as u32);
-    let mut staged = 0;
+    let (mut staged, mut depths) = (0, 0);
     for view in &order {
         let Ok((_, mut state, mut own)) = views.get_mut(*view) else { continue };
         let Some(prepared) = &mut state.prepared else { continue };
-        let key = fill_key(&prepared.key);
-        own.pipeline = Some(specialized.specialize(&pipelines, &pipeline, key));
+        let key = &prepared.key;
+        own.pipelines = Some(FillPipelines::of(key, &pipeline, &pipelines, &mut specialized));
         own.assign(prepared, &lights, &mut cache, most_scattered);
         own.upload_table(prepared, &device, &queue);
         staged = own.jobs.iter().map(|fill| fill.rows.len() as u32).fold(staged, u32::max);
+        depths = own.jobs.iter().map(Fill::depth_bytes).fold(depths, u64::max);
     }
-    cache.reserve_staging(staged, &device);
+    cache.reserve(staged, depths, &device);
 }
 
 /// The order in which views are planned, of which the first that needs a lattice fills it: that in

@@ -5,24 +5,25 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy::render::render_resource::{CachedComputePipelineId, TextureView};
+use bevy::render::render_resource::TextureView;
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 
 use super::atlas::ROW_BRICKS;
+use super::columns::{self, SunRays};
 use super::fingerprint::Fingerprints;
 use super::lamp_light::LampLight;
 use super::lamp_table::{LampTable, MAX_ROWS};
 use super::lattices::{LatticeKey, LightCache, Source, WantedLattices};
 use super::lights::{CachedLights, Lamp};
-use super::pipeline::Job;
+use super::pipeline::{FillPipelines, Job};
 use crate::quality::features::Features;
 use crate::render::gpu::types;
-use crate::render::view::{CacheLayout, CachedFog, PreparedView, cell_edge};
+use crate::render::view::{CacheLayout, CachedFog, Entry, FARTHEST, PreparedView, cell_edge};
 
 /// The lattices that a view uses, and those that are filled for it in this frame.
 #[derive(Component)]
 pub(crate) struct LightCacheView {
-    pub(super) pipeline: Option<CachedComputePipelineId>,
+    pub(super) pipelines: Option<FillPipelines>,
     /// Its fogs in the cache, by their index in the volume list.
     fogs: Vec<(usize, CachedFog)>,
     /// Their lattices.
@@ -38,17 +39,35 @@ pub(crate) struct LightCacheView {
 
 /// A lattice that is filled for one light.
 pub(super) struct Fill {
-    pub job: Job,
+    pub way: Way,
     pub layout: CacheLayout,
     pub rows: Range<u32>,
     /// Of the planned fill in the cache.
     pub number: usize,
 }
 
+/// How a lattice is filled.
+pub(super) enum Way {
+    /// By a ray from each sample to the light.
+    Samples(Job),
+    /// From rays to a sun.
+    Sun(SunRays),
+}
+
+impl Fill {
+    /// Bytes of the depths along rays to a sun.
+    pub fn depth_bytes(&self) -> u64 {
+        match &self.way {
+            Way::Samples(_) => 0,
+            Way::Sun(rays) => rays.bytes,
+        }
+    }
+}
+
 impl Default for LightCacheView {
     fn default() -> Self {
         Self {
-            pipeline: None,
+            pipelines: None,
             fogs: default(),
             lattices: default(),
             jobs: default(),
@@ -92,7 +111,7 @@ impl LightCacheView {
 
     /// Forgets the plan of the last frame. Returns whether the view was drawn in it.
     pub(super) fn begin_frame(&mut self) -> bool {
-        self.pipeline = None;
+        self.pipelines = None;
         self.fogs.clear();
         self.lattices.clear();
         self.jobs.clear();
@@ -225,27 +244,32 @@ impl LightCacheView {
             };
             let entry = &prepared.entries[*i];
             let new_job = || new_job(prepared, *i, key.layout);
-            let mut plan = |slot: usize, light: &[f64], job: &dyn Fn() -> Job| {
+            let mut plan = |slot: usize, light: &[f64], way: &dyn Fn(u32) -> Way| {
                 let fingerprint = fingerprints.of(entry, light);
                 let Some(number) = cache.plan_fill(*key, slot, fingerprint) else { return };
                 let first = first + slot as u32 * key.rows_per_light();
                 let rows = first..first + key.rows_per_light();
-                self.jobs.push(Fill { job: job(), layout: key.layout, rows, number });
+                let way = way(rows.start);
+                self.jobs.push(Fill { way, layout: key.layout, rows, number });
             };
             match key.source {
                 Source::Suns(_) => {
                     for (slot, sun) in lights.suns.iter().enumerate() {
                         let light = sun.to_array();
-                        plan(slot, &light.map(f64::from), &|| Job { light, ..new_job() });
+                        plan(slot, &light.map(f64::from), &|first_row| {
+                            let job = Job { light, first_row, ..new_job() };
+                            sun_way(job, prepared, entry, key.layout)
+                        });
                     }
                 }
                 Source::Lamp(entity) => {
                     let Some(slot) = lights.slot_of(entity) else { continue };
                     let lamp = &lights.lamps[slot];
                     let DVec3 { x, y, z } = lamp.position;
-                    plan(0, &[x, y, z, lamp.range], &|| {
+                    plan(0, &[x, y, z, lamp.range], &|first_row| {
                         let edge = cell_edge(&entry.lattice);
-                        lamp_job(new_job(), lamp, prepared.eye, key.layout, edge)
+                        let job = Job { first_row, ..new_job() };
+                        Way::Samples(lamp_job(job, lamp, prepared.eye, key.layout, edge))
                     });
                 }
             }
@@ -292,6 +316,20 @@ fn new_job(prepared: &PreparedView, i: usize, layout: CacheLayout) -> Job {
         step: (1 << layout.log) as f32,
         ..default()
     }
+}
+
+/// How a lattice is filled for a sun: from rays that its samples share, unless these would take too much memory
+/// or end within the fog.
+fn sun_way(job: Job, prepared: &PreparedView, entry: &Entry, layout: CacheLayout) -> Way {
+    let world_from_local = entry.lattice.world_from_local;
+    let is_endless = prepared.data.shadow_range >= FARTHEST;
+    let rays = is_endless.then(|| SunRays::new(layout, world_from_local, job.light.into()));
+    let Some(rays) = rays.flatten() else { return Way::Samples(job) };
+    let Job { origin, volume, axis_x, axis_y, axis_z, first_row, .. } = job;
+    // Segments are few, so shorter steps cost little.
+    let step = (0.5 * job.step).max(1.0);
+    let own = columns::Job { origin, volume, axis_x, axis_y, axis_z, first_row, step, ..rays.job };
+    Way::Sun(SunRays { job: own, ..rays })
 }
 
 /// The job for a point or spot light. `cell_edge` is the longest edge of a cell, in world units.

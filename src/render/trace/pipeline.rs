@@ -97,7 +97,10 @@ impl SpecializedComputePipeline for TracePipeline {
             shader_defs: own
                 .chain(self.lights.shader_defs(&key))
                 .chain(key.cached_suns.map(|n| ShaderDefVal::UInt("VDB_CACHED_SUNS".into(), n)))
-                .chain(key.media.map(|n| ShaderDefVal::UInt("VDB_MEDIA".into(), n)))
+                .chain(key.media.into_iter().flat_map(|media| {
+                    [("VDB_FOG_SLOTS", media.fogs), ("VDB_EMITTER_SLOTS", media.emitters)]
+                        .map(|(def, slots)| ShaderDefVal::UInt(def.into(), slots))
+                }))
                 .chain(page_defs(key.page_bits))
                 .chain(sample_format_def(key.sample_format))
                 .chain(self.shaders.adapter_defs.iter().cloned())

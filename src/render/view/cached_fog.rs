@@ -1,6 +1,6 @@
 //! Which fogs can be in the light cache, and the samples that they need there.
 
-use bevy::math::{DVec3, IVec3, UVec3};
+use bevy::math::{DMat3, DVec3, IVec3, UVec3};
 use vdb_core::tree::CoordBox;
 
 use super::lattice::Lattice;
@@ -63,7 +63,7 @@ impl CachedFog {
     /// the finest that fit. `None` if the fog is empty or too large.
     fn new(error: f32, extinction: Extinction, lattice: &Lattice) -> Option<Self> {
         let occupied = lattice.occupied?;
-        let detail = Detail::new(error, extinction, cell_edge(lattice), occupied);
+        let detail = Detail::new(error, &extinction, cell_edge(lattice), occupied);
         let wanted = detail.spacing_log();
         let layout =
             (wanted.unwrap_or(0)..=MAX_LOG).find_map(|log| CacheLayout::new(occupied, log))?;
@@ -84,7 +84,7 @@ const STEPS: f64 = 100.0;
 struct Detail {
     /// The relative error of the radiance (root mean square) that is accepted.
     error: f32,
-    /// Optical depth through the densest cell.
+    /// Optical depth through the densest cell, as far as its details matter.
     depth_per_cell: f64,
     /// Optical depth through the densest cell for rays to lights.
     shadow_per_cell: f64,
@@ -93,11 +93,11 @@ struct Detail {
 }
 
 impl Detail {
-    fn new(error: f32, extinction: Extinction, cell_edge: f64, occupied: CoordBox) -> Self {
+    fn new(error: f32, extinction: &Extinction, cell_edge: f64, occupied: CoordBox) -> Self {
         let CoordBox { min, max } = occupied;
         Self {
             error,
-            depth_per_cell: extinction.all * cell_edge,
+            depth_per_cell: extinction.of_steps() * cell_edge,
             shadow_per_cell: extinction.casters * cell_edge,
             edge: (max.as_dvec3() - min.as_dvec3()).max_element() + 1.0,
         }
@@ -143,14 +143,36 @@ pub(crate) fn cell_edge(lattice: &Lattice) -> f64 {
 struct Extinction {
     /// Of all fogs, which view rays meet.
     all: f64,
+    /// The square of `all` without the products of fogs whose details are independent.
+    squares: f64,
     /// Of fogs that cast shadows, which rays to lights meet.
     casters: f64,
 }
 
 impl Extinction {
-    fn add(&mut self, other: Self, weight: f64) {
-        self.all += other.all * weight;
+    /// Of a fog by itself.
+    fn of_fog(all: f64, casts: bool) -> Self {
+        Self { all, squares: all * all, casters: if casts { all } else { 0.0 } }
+    }
+
+    /// Adds a fog to those that overlap `own`.
+    fn add(&mut self, own: &Self, other: &Self, weight: f64, is_aligned: bool) {
+        let added = other.all * weight;
+        self.all += added;
         self.casters += other.casters * weight;
+        self.squares += added * added;
+        if is_aligned {
+            self.squares += 2.0 * own.all * added;
+        }
+    }
+
+    /// The extinction of a fog that needs the same steps.
+    ///
+    /// The error of steps is proportional to the relative variation of the extinction. Independent details
+    /// average out: of fogs with extinctions `d`, it is `√(Σ d²) / Σ d` of that of one fog. It is also
+    /// proportional to the root of the extinction, so together `Σ d² / Σ d` counts.
+    fn of_steps(&self) -> f64 {
+        if self.all > 0.0 { self.squares / self.all } else { 0.0 }
     }
 }
 
@@ -159,6 +181,8 @@ struct FogBox {
     entry: usize,
     min: DVec3,
     max: DVec3,
+    /// Cells in world space.
+    axes: DMat3,
     /// Of the fog itself.
     own: Extinction,
     /// Of this fog and of all whose boxes overlap its box.
@@ -174,8 +198,9 @@ impl FogBox {
         let (min, max) = lattice.world_box()?;
         let all = f64::from(volume.density_scale) * f64::from(lattice.majorant);
         let casts = volume.flags & types::NO_CASTER == 0;
-        let own = Extinction { all, casters: if casts { all } else { 0.0 } };
-        Some(Self { entry, min, max, own, total: own })
+        let own = Extinction::of_fog(all, casts);
+        let axes = lattice.world_from_local.matrix3;
+        Some(Self { entry, min, max, axes, own, total: own })
     }
 
     fn overlaps(&self, other: &Self) -> bool {
@@ -187,7 +212,9 @@ impl FogBox {
     fn add(&mut self, other: &Self) {
         let overlap = self.max.min(other.max) - self.min.max(other.min);
         let fraction = (overlap / (self.max - self.min)).element_product();
-        self.total.add(other.own, fraction.sqrt());
+        // Grids of one simulation have their details in the same places. They have the same cells.
+        let is_aligned = self.axes == other.axes;
+        self.total.add(&self.own, &other.own, fraction.sqrt(), is_aligned);
     }
 }
 
@@ -243,7 +270,7 @@ pub(super) fn find_cached_fogs(
 
 #[cfg(test)]
 mod tests {
-    use bevy::math::DAffine3;
+    use bevy::math::{DAffine3, DQuat};
 
     use super::*;
 
@@ -326,6 +353,34 @@ mod tests {
             }
             assert_eq!(totals(&apart(axis)[..2]), [[0.25; 2], [0.5; 2]]);
         }
+    }
+
+    #[test]
+    fn independent_details_average_out() {
+        let of_steps = |turned: &[bool]| {
+            let fogs: Vec<_> = turned
+                .iter()
+                .map(|is_turned| {
+                    let (volume, mut lattice) = fog(IVec3::splat(-32), IVec3::splat(32), 0.25);
+                    let angle = if *is_turned { std::f64::consts::FRAC_PI_2 } else { 0.0 };
+                    lattice.world_from_local = DAffine3::from_quat(DQuat::from_rotation_y(angle));
+                    (volume, lattice)
+                })
+                .collect();
+            let fogs = fogs.iter().enumerate();
+            let mut boxes: Vec<_> =
+                fogs.filter_map(|(i, (volume, lattice))| FogBox::new(i, volume, lattice)).collect();
+            add_overlapping(&mut boxes);
+            boxes.iter().map(|fog| fog.total.of_steps()).collect::<Vec<_>>()
+        };
+        let near = |found: &[f64], expected: &[f64]| {
+            let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(found.len() == expected.len() && off < 1e-6, "{found:?} {expected:?}");
+        };
+        near(&of_steps(&[false]), &[0.25]);
+        near(&of_steps(&[false, false]), &[0.5; 2]);
+        near(&of_steps(&[false, true]), &[0.25; 2]);
+        assert_eq!(Extinction::default().of_steps(), 0.0);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The key that a view's pipelines are specialised on, and the rules by which pipelines of one key
 //! can replace those of another.
 
+use super::media::MediaSlots;
 use crate::VdbRenderMode;
 use crate::quality::features::Features;
 use crate::render::extract::AuxiliaryGrid;
@@ -13,9 +14,8 @@ pub(crate) struct ViewKey {
     pub mode: VdbRenderMode,
     /// The number of suns in the light cache, if there is one.
     pub cached_suns: Option<u32>,
-    /// The most media, fogs and emission grids, that are marched together on a ray, in views with the
-    /// light cache: 1, 2, 4 or 8.
-    pub media: Option<u32>,
+    /// The media that are marched together on a ray, in views with the light cache.
+    pub media: Option<MediaSlots>,
     /// The shader def of Bevy's shadow filtering, in views with shadows.
     pub shadow_filter: Option<&'static str>,
     /// log₂ of the number of words per page, if the pool has several pages.

@@ -7,7 +7,7 @@ use bevy::render::sync_world::MainEntity;
 use super::auxiliary::{color_data, emission_data, world_from_index};
 use super::cached_fog::{CachedFog, find_cached_fogs};
 use super::lattice::Lattice;
-use super::media::is_medium;
+use super::media::MediaSlots;
 use super::tiles::TileRange;
 use super::volume::{Eye, Shown, index_box, volume_data};
 use crate::VdbQuality;
@@ -204,10 +204,9 @@ impl ViewList {
     }
 
     /// The number of fogs and emission grids; with `only_seen`, of those in view.
-    pub fn media_count(&self, only_seen: bool) -> u32 {
+    pub fn media(&self, only_seen: bool) -> MediaSlots {
         let count = if only_seen { self.seen } else { self.entries.len() };
-        let media = self.data.iter().take(count);
-        media.filter(|volume| is_medium(volume.kind)).count() as u32
+        MediaSlots::count(self.data.iter().take(count).map(|volume| volume.kind))
     }
 
     /// Whether any fog can be in the light cache within the accepted error, and whether any cannot.

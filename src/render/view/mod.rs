@@ -30,7 +30,7 @@ pub(super) use list::Entry;
 pub(super) use picture_pass::{
     PicturePass, PicturePipeline, PicturePipelines, add_picture_pass, run_picture_pass,
 };
-pub(super) use prepare::VolumeBuffer;
+pub(super) use prepare::{FARTHEST, VolumeBuffer};
 pub(super) use resolve::LightCacheLimit;
 pub(super) use sets::PrepareViews;
 pub use sets::VdbSystems;

@@ -24,7 +24,7 @@ use crate::render::gpu::{non_negative, types};
 /// may assume that there are no infinities.
 const MAX_EXPOSURE: f32 = 1e12;
 /// The largest length of a ray in world units: `FAR` in the shaders.
-const FARTHEST: f32 = 1e30;
+pub(crate) const FARTHEST: f32 = 1e30;
 
 /// The volumes of all views of the frame.
 #[derive(Resource)]

@@ -19,7 +19,7 @@ use super::bvh;
 use super::key::ViewKey;
 use super::lights::Lights;
 use super::list::{EntryMaker, ViewList};
-use super::media::{MAX_MEDIA, media_slots};
+use super::media::MediaSlots;
 use super::settings::{ResolvedSettings, accumulates};
 use super::state::{PreparedView, ResolvedView, ViewState};
 use super::visible::VisibleVolumes;
@@ -224,12 +224,12 @@ fn view_key(
     let [caches, has_uncached] = list.cached_fogs(only_seen);
     let lights = settings.lights.difference(CACHE.when(!caches));
     let caches = lights.contains(Features::LIGHT_CACHE);
-    let media = list.media_count(only_seen);
+    let media = list.media(only_seen);
     let has_surfaces = list.kinds.has([types::KIND_SURFACE, types::KIND_SMOOTH]);
     let interpolates = !has_surfaces && !lights.contains(Features::MESH_CASTERS);
     let features = lights
         | Features::LAMP_LIGHT.when(interpolates && lights.contains(Features::CACHED_LAMPS))
-        | Features::UNCACHED_FOGS.when(caches && (has_uncached || media > MAX_MEDIA))
+        | Features::UNCACHED_FOGS.when(caches && (has_uncached || media.is_too_much()))
         | traversal
         | Features::MULTISAMPLED.when(of.msaa.samples() > 1)
         | Features::VOXELS.when(list.kinds.has([types::KIND_SURFACE]))
@@ -253,7 +253,7 @@ fn view_key(
         features,
         mode: camera.mode,
         cached_suns: None,
-        media: caches.then(|| media_slots(media)),
+        media: caches.then(|| MediaSlots::for_media(media, emission)),
         shadow_filter: settings.shadow_filter,
         page_bits: pool.page_bits(),
         sample_format: pool.format(),
