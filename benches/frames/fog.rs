@@ -184,6 +184,7 @@ fn row(
     let mut store = studio.app.world_mut().resource_mut::<DiagnosticsStore>();
     store.iter_mut().for_each(Diagnostic::clear_history);
     let mut done = Ok(());
+    studio.begin_round(args.frames);
     studio.frames_after(args.frames, |studio| {
         if done.is_ok() {
             done = act(studio);

@@ -28,13 +28,18 @@ const AHEAD: u64 = 2;
 /// Frames after which times are what they stay.
 pub const WARM: usize = 20;
 
+/// How far the camera turns in a frame, in radians.
+const TURN: f32 = 0.005;
+
 /// A sun, and a camera that goes around the middle of the world.
 pub struct Studio {
     pub app: App,
     /// Whether the camera moves, as it does at first.
     pub is_camera_moving: bool,
     camera: Entity,
-    turned: u32,
+    /// Of the camera, in radians.
+    angle: f32,
+    turn: f32,
 }
 
 /// Frames that have gone to the GPU, and those that it is done with.
@@ -98,11 +103,18 @@ impl Studio {
             Transform::default().looking_to(Vec3::new(-1.0, -2.0, -1.0), Vec3::Y),
         ));
         let camera = world.spawn((Camera3d::default(), RenderTarget::Image(image.into()))).id();
-        Ok(Self { app, is_camera_moving: true, camera, turned: 0 })
+        Ok(Self { app, is_camera_moving: true, camera, angle: 0.0, turn: TURN })
     }
 
     pub fn camera_mut(&mut self) -> EntityWorldMut<'_> {
         self.app.world_mut().entity_mut(self.camera)
+    }
+
+    /// Begins to go once around the world in so many frames, so that times do not depend on where the camera
+    /// happened to be.
+    pub fn begin_round(&mut self, frames: usize) {
+        self.angle = 0.0;
+        self.turn = std::f32::consts::TAU / frames as f32;
     }
 
     /// A grid of the app with voxels of that size.
@@ -153,8 +165,8 @@ impl Studio {
         (0..count)
             .map(|_| {
                 act(self);
-                self.turned += u32::from(self.is_camera_moving);
-                let angle = 0.005 * self.turned as f32;
+                self.angle += if self.is_camera_moving { self.turn } else { 0.0 };
+                let angle = self.angle;
                 let eye = 2.2 * Vec3::new(angle.cos(), 0.3, angle.sin());
                 let view = Transform::from_translation(eye).looking_at(Vec3::ZERO, Vec3::Y);
                 self.camera_mut().insert(view);

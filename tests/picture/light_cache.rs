@@ -112,6 +112,33 @@ fn radiance_is_within_the_error_that_is_asked_for() {
     }
 }
 
+/// Suns near each axis on both sides, through a cloud that is turned and stretched: samples are interpolated
+/// from rays across another axis each time.
+#[gpu_test]
+fn suns_shine_from_all_sides() {
+    let mut scene = Cloud::new(1.0);
+    let stretched =
+        Transform::from_rotation(Quat::from_rotation_z(0.5)).with_scale(Vec3::new(0.8, 1.2, 1.0));
+    let (cloud, sun) = (scene.cloud, scene.sun);
+    scene.stage.world().entity_mut(cloud).insert(stretched);
+    for to_sun in [
+        Vec3::new(1.0, 0.3, -0.2),
+        Vec3::new(-1.0, 0.8, 0.7),
+        Vec3::new(0.1, 1.0, 0.2),
+        Vec3::new(0.6, -1.0, -0.5),
+        Vec3::new(0.4, -0.2, 1.0),
+        Vec3::new(-0.3, 0.3, -1.0),
+    ] {
+        scene.stage.world().entity_mut(sun).insert(looking(to_sun));
+        let rays = VdbQuality { fog_light_error: 0.0, ..VdbQuality::HIGH };
+        let reference = scene.with(rays);
+        let picture = scene.with(VdbQuality { fog_light_error: 0.02, ..VdbQuality::HIGH });
+        let off = error(&picture, &reference);
+        println!("a sun at {to_sun}: off by {off:.5}");
+        assert!(off < 0.02, "{to_sun}: {off}");
+    }
+}
+
 /// A wall thinner than the spacing of samples, between lit fog and fog in its shadow.
 #[gpu_test]
 #[ignore = "slow: its reference is by rays"]

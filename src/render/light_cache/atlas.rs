@@ -160,8 +160,8 @@ mod tests {
     #[test]
     fn rows_are_divided_at_the_ends_of_layers() {
         let parts = |rows| rows_by_layer(rows).collect::<Vec<_>>();
-        assert_eq!(parts(0..64), [0..64]);
         assert_eq!(parts(63..65), [63..64, 64..65]);
+        assert_eq!(parts(0..128), [0..64, 64..128]);
         assert_eq!(parts(60..200), [60..64, 64..128, 128..192, 192..200]);
     }
 

@@ -5,9 +5,9 @@ use std::ops::Range;
 use bevy::prelude::*;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
-    Buffer, BufferInitDescriptor, BufferUsages, CommandEncoder, ComputePassDescriptor, Extent3d,
-    Origin3d, PipelineCache, TexelCopyBufferInfo, TexelCopyBufferLayout, TexelCopyTextureInfo,
-    TextureAspect,
+    BindGroup, Buffer, BufferInitDescriptor, BufferUsages, CommandEncoder, ComputePassDescriptor,
+    ComputePipeline, Extent3d, Origin3d, PipelineCache, TexelCopyBufferInfo, TexelCopyBufferLayout,
+    TexelCopyTextureInfo, TextureAspect,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 
@@ -15,7 +15,7 @@ use super::atlas::{Atlas, BRICK_SAMPLES, LINE_BYTES, ROW_BYTES, WIDTH, row_origi
 use super::lattices::LightCache;
 use super::pipeline::FillPipeline;
 use super::view::{Fill, LightCacheView, Way};
-use crate::render::gpu::{GROUP, PipelineFallback, empty_layout};
+use crate::render::gpu::{PipelineFallback, empty_layout};
 use crate::render::pool::VdbTreePool;
 use crate::render::view::{GROUPS_PER_BRICK, ViewState, VolumeBuffer};
 
@@ -49,7 +49,6 @@ pub(crate) fn fill_light_cache(
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_light_cache");
     for Fill { way, layout: lattice, rows, number } in &own.jobs {
-        let entries = pool.scene_entries(uniform, volumes);
         let job = device.create_buffer_with_data(&BufferInitDescriptor {
             label: Some("vdb_light_job"),
             contents: match way {
@@ -58,55 +57,45 @@ pub(crate) fn fill_light_cache(
             },
             usage: BufferUsages::UNIFORM,
         });
-        let group = match (way, &cache.depths) {
-            (Way::Sun(_), Some(depths)) => {
-                let own = (
-                    job.as_entire_binding(),
-                    staging.as_entire_binding(),
-                    depths.as_entire_binding(),
-                );
-                device.create_bind_group(
-                    "vdb_sun_light",
-                    &sun_layout,
-                    &entries.extend_sequential(own),
-                )
-            }
-            (Way::Sun(_), None) => continue,
-            (Way::Samples(_), _) => {
-                let own = (job.as_entire_binding(), staging.as_entire_binding());
-                device.create_bind_group(
-                    "vdb_light_cache",
-                    &layout,
-                    &entries.extend_sequential(own),
-                )
-            }
-        };
+        let entries = pool.scene_entries(uniform, volumes);
+        let entries =
+            entries.extend_sequential((job.as_entire_binding(), staging.as_entire_binding()));
         let [x, y, z] = lattice.bricks.to_array();
         let for_samples = UVec3::new(x, y, z * GROUPS_PER_BRICK);
-        let steps: Vec<_> = match (way, &samples, &suns) {
-            (Way::Samples(_), Some(fill), _) => vec![(fill, for_samples)],
-            (Way::Sun(rays), _, Some([Some(sum), Some(join), Some(interpolate)])) => {
-                let to_join = rays.groups - UVec3::Z;
-                vec![(sum, rays.groups), (join, to_join), (interpolate, for_samples)]
+        let (group, steps) = match (way, &suns, &cache.depths) {
+            (Way::Samples(_), ..) => {
+                let Some(fill) = &samples else { continue };
+                let group = device.create_bind_group("vdb_light_cache", &layout, &entries);
+                (group, vec![(fill, for_samples)])
             }
-            _ => continue,
+            (Way::Sun(rays), Some([Some(sum), Some(join), Some(interpolate)]), Some(depths)) => {
+                let entries = entries.extend_with_indices(((8, depths.as_entire_binding()),));
+                let group = device.create_bind_group("vdb_sun_light", &sun_layout, &entries);
+                let joins = rays.groups - UVec3::Z;
+                (group, vec![(sum, rays.groups), (join, joins), (interpolate, for_samples)])
+            }
+            (Way::Sun(_), ..) => continue,
         };
         let encoder = context.command_encoder();
-        let label = Some("vdb_light_cache");
-        let descriptor = ComputePassDescriptor { label, timestamp_writes: None };
-        let mut pass = encoder.begin_compute_pass(&descriptor);
-        for (pipeline, groups) in steps {
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, &empty, &[]);
-            pass.set_bind_group(1, &empty, &[]);
-            pass.set_bind_group(GROUP, &group, &[]);
-            pass.dispatch_workgroups(groups.x, groups.y, groups.z);
-        }
-        drop(pass);
+        run(encoder, [&empty, &empty, &group], &steps);
         copy_rows(encoder, staging, atlas, rows);
         cache.set_run(*number);
     }
     span.end(context.command_encoder());
+}
+
+/// Runs shaders one after the other.
+fn run(encoder: &mut CommandEncoder, groups: [&BindGroup; 3], steps: &[(&ComputePipeline, UVec3)]) {
+    let descriptor =
+        ComputePassDescriptor { label: Some("vdb_light_cache"), timestamp_writes: None };
+    let mut pass = encoder.begin_compute_pass(&descriptor);
+    for (pipeline, size) in steps {
+        pass.set_pipeline(pipeline);
+        for (i, group) in (0..).zip(groups) {
+            pass.set_bind_group(i, group, &[]);
+        }
+        pass.dispatch_workgroups(size.x, size.y, size.z);
+    }
 }
 
 /// Copies the rows of a lattice to the texture: those of a layer at once, because there is a barrier between two
