@@ -175,23 +175,82 @@ impl VdbRenderMode {
 
     /// The name of the mode for menus and command lines, in lower case.
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Lit => "lit",
-            Self::Diffuse => "diffuse",
-            Self::Glossy => "glossy",
-            Self::Gray => "gray",
-            Self::Rgb => "rgb",
-            Self::HitVoxel => "voxels",
-            Self::Normals => "normals",
-            Self::Depth => "depth",
-            Self::Steps => "steps",
-        }
+        self.traits().name
     }
 
     /// Whether the mode depends on lights.
     pub const fn is_lit(self) -> bool {
-        matches!(self, Self::Lit | Self::Diffuse | Self::Glossy)
+        self.traits().is_lit
     }
+
+    /// All that tells a mode from others, apart from how its shader computes a colour.
+    pub(crate) const fn traits(self) -> ModeTraits {
+        let surfaces = ModeTraits {
+            name: "",
+            shader_def: None,
+            is_lit: false,
+            shows_fog: false,
+            shows_reflections: false,
+            shows_distance_fog: false,
+            shows_background: false,
+        };
+        let light = ModeTraits { is_lit: true, shows_fog: true, ..surfaces };
+        match self {
+            Self::Lit => ModeTraits {
+                name: "lit",
+                shows_reflections: true,
+                shows_distance_fog: true,
+                ..light
+            },
+            Self::Diffuse => {
+                ModeTraits { name: "diffuse", shader_def: Some("VDB_DIFFUSE_ONLY"), ..light }
+            }
+            Self::Glossy => ModeTraits {
+                name: "glossy",
+                shader_def: Some("VDB_GLOSSY_ONLY"),
+                shows_reflections: true,
+                ..light
+            },
+            Self::Gray => {
+                ModeTraits { name: "gray", shader_def: Some("VDB_SHOW_GRAY"), ..surfaces }
+            }
+            Self::Rgb => ModeTraits { name: "rgb", shader_def: Some("VDB_SHOW_AXES"), ..surfaces },
+            Self::HitVoxel => {
+                ModeTraits { name: "voxels", shader_def: Some("VDB_SHOW_VOXELS"), ..surfaces }
+            }
+            Self::Normals => {
+                ModeTraits { name: "normals", shader_def: Some("VDB_SHOW_NORMALS"), ..surfaces }
+            }
+            Self::Depth => {
+                ModeTraits { name: "depth", shader_def: Some("VDB_SHOW_DEPTH"), ..surfaces }
+            }
+            Self::Steps => ModeTraits {
+                name: "steps",
+                shader_def: Some("VDB_COUNT_STEPS"),
+                shows_fog: true,
+                shows_background: true,
+                ..surfaces
+            },
+        }
+    }
+}
+
+/// All that tells a render mode from others, apart from how its shader computes a colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct ModeTraits {
+    /// For menus and command lines.
+    pub name: &'static str,
+    /// Of the trace; none for the image itself.
+    pub shader_def: Option<&'static str>,
+    /// Whether it depends on lights.
+    pub is_lit: bool,
+    /// Otherwise fog is neither traced nor compiled.
+    pub shows_fog: bool,
+    pub shows_reflections: bool,
+    /// Bevy's.
+    pub shows_distance_fog: bool,
+    /// Whether it colours pixels without a surface or fog.
+    pub shows_background: bool,
 }
 
 /// How rays traverse a grid. All but [`March`](Self::March) render the same image, to the last bit.

@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use bevy_vdb::VdbRenderMode;
 use vdb_core::view::CannotShow;
 
 const GUIDE: &str = "docs/guide/troubleshooting.md";
@@ -116,4 +117,15 @@ fn the_readme_has_the_least_example() {
     // Open to the test that draws it.
     let code = code.replace("pub(crate) fn", "fn");
     assert!(read("README.md").contains(&format!("```rust,no_run\n{code}```")), "{code}");
+}
+
+/// A name in code, alone in the first column of a table.
+#[test]
+fn the_guide_has_a_row_for_each_render_mode() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/guide/components.md");
+    let guide = std::fs::read_to_string(path).expect("the guide can be read");
+    for mode in VdbRenderMode::ALL {
+        let row = format!("| `{mode:?}` |");
+        assert!(guide.contains(&row), "no row {row} in docs/guide/components.md");
+    }
 }

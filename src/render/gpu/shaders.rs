@@ -190,29 +190,22 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
+    use crate::VdbRenderMode;
     use crate::quality::features::FEATURES;
 
-    /// Shader defs that are not features of a view: those of render modes, formats and adapters,
+    /// Shader defs that belong neither to features of a view nor to render modes: those of formats and adapters,
     /// and those of the programs of `vdb_probe`.
-    const OTHERS: [&str; 18] = [
+    const OTHERS: [&str; 10] = [
         "VDB_CACHED_SUNS",
-        "VDB_COUNT_STEPS",
-        "VDB_DIFFUSE_ONLY",
         "VDB_EMITTER_SLOTS",
         "VDB_EVEN_LIGHT",
         "VDB_FOG_ALONE",
         "VDB_FOG_SLOTS",
         "VDB_FORMAT",
-        "VDB_GLOSSY_ONLY",
         "VDB_IN_STEP",
         "VDB_OCTAVES",
         "VDB_PAGED",
         "VDB_PAGE_BITS",
-        "VDB_SHOW_AXES",
-        "VDB_SHOW_DEPTH",
-        "VDB_SHOW_GRAY",
-        "VDB_SHOW_NORMALS",
-        "VDB_SHOW_VOXELS",
     ];
 
     /// A misspelt shader def has no effect, and is not reported.
@@ -223,8 +216,9 @@ mod tests {
         let words = all.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
         let asked: BTreeSet<_> = words.filter(|word| word.starts_with("VDB_")).collect();
         let features = FEATURES.iter().flat_map(|feature| feature.defs).copied();
+        let modes = VdbRenderMode::ALL.iter().filter_map(|mode| mode.traits().shader_def);
         let set: BTreeSet<_> =
-            features.chain(OTHERS).filter(|def| def.starts_with("VDB_")).collect();
+            features.chain(modes).chain(OTHERS).filter(|def| def.starts_with("VDB_")).collect();
         assert_eq!(asked, set);
     }
 }

@@ -9,7 +9,6 @@ use bevy::render::render_resource::{
 use bevy::shader::ShaderDefVal;
 
 use super::lights::LightLayouts;
-use crate::VdbRenderMode;
 use crate::quality::features::Features;
 use crate::render::gpu::{
     Shaders, page_defs, read, sample_format_def, scene_depth, scene_layout, storage_read, write,
@@ -89,7 +88,7 @@ impl SpecializedComputePipeline for TracePipeline {
 
     fn specialize(&self, key: ViewKey) -> ComputePipelineDescriptor {
         let features = key.features.difference(Features::PAGES);
-        let own = features.defs().chain(mode_def(key.mode)).map(Into::into);
+        let own = features.defs().chain(key.mode.traits().shader_def).map(Into::into);
         ComputePipelineDescriptor {
             label: Some("vdb_trace".into()),
             layout: self.lights.layouts(key.features, self.layout(key.features)),
@@ -108,20 +107,5 @@ impl SpecializedComputePipeline for TracePipeline {
             entry_point: Some("trace".into()),
             ..default()
         }
-    }
-}
-
-/// The shader def of a render mode; [`VdbRenderMode::Lit`] has none.
-fn mode_def(mode: VdbRenderMode) -> Option<&'static str> {
-    match mode {
-        VdbRenderMode::Lit => None,
-        VdbRenderMode::Diffuse => Some("VDB_DIFFUSE_ONLY"),
-        VdbRenderMode::Glossy => Some("VDB_GLOSSY_ONLY"),
-        VdbRenderMode::Gray => Some("VDB_SHOW_GRAY"),
-        VdbRenderMode::Rgb => Some("VDB_SHOW_AXES"),
-        VdbRenderMode::HitVoxel => Some("VDB_SHOW_VOXELS"),
-        VdbRenderMode::Normals => Some("VDB_SHOW_NORMALS"),
-        VdbRenderMode::Depth => Some("VDB_SHOW_DEPTH"),
-        VdbRenderMode::Steps => Some("VDB_COUNT_STEPS"),
     }
 }

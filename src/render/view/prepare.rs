@@ -15,7 +15,6 @@ use super::settings::rays;
 use super::state::{PreparedView, ResolvedView, ViewState};
 use super::tiles::TileLayout;
 use super::uniform::{overlay_bits, random_offset, view_data};
-use crate::VdbRenderMode;
 use crate::quality::features::Features;
 use crate::render::extract::{ExtractedSuns, ExtractedVolume, ExtractedVolumes};
 use crate::render::gpu::{non_negative, types};
@@ -145,7 +144,7 @@ fn prepare(
         // Steps are also shown where there is no surface, and a pixel may show a surface in less
         // than half of the accumulated frames.
         has_fog: (list.kinds_seen.has(fogs) && settings.shows_fog())
-            || settings.camera.mode == VdbRenderMode::Steps
+            || settings.camera.mode.traits().shows_background
             || key.has(Features::ACCUMULATED),
         uniform: None,
         entries: resolved.list.entries,

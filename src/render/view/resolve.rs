@@ -31,7 +31,7 @@ use crate::render::extract::{
 };
 use crate::render::gpu::{affine, types};
 use crate::render::pool::VdbTreePool;
-use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbRenderMode, VdbTraversal};
+use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbTraversal};
 
 /// The components of a view.
 #[derive(QueryData)]
@@ -159,17 +159,15 @@ impl Resolver<'_, '_> {
         );
         // The other lit modes show parts of the light, without distance fog.
         let mut lights = lights_present;
-        lights
-            .set(Features::DISTANCE_FOG, of.has_distance_fog && camera.mode == VdbRenderMode::Lit);
+        let mode = camera.mode.traits();
+        lights.set(Features::DISTANCE_FOG, of.has_distance_fog && mode.shows_distance_fog);
         lights.remove(CACHE.when(quality.fog_light_error <= 0.0));
-        let is_lit = camera.mode.is_lit();
-        // Diffuse light needs no reflection rays.
-        let mirrors = matches!(camera.mode, VdbRenderMode::Lit | VdbRenderMode::Glossy);
+        let is_lit = mode.is_lit;
         ResolvedSettings {
             lights: lights.when(is_lit),
             shadow_filter: shadow_filter.filter(|_| is_lit),
             lights_present,
-            reflections: if mirrors { quality.reflections } else { 0 },
+            reflections: if mode.shows_reflections { quality.reflections } else { 0 },
             accumulates: accumulates.unwrap_or(false),
             camera,
             quality,

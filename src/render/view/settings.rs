@@ -32,7 +32,7 @@ impl ResolvedSettings {
 
     /// Whether the mode shows fog. For other modes, fog is neither traced nor compiled.
     pub fn shows_fog(&self) -> bool {
-        self.is_lit() || self.camera.mode == VdbRenderMode::Steps
+        self.camera.mode.traits().shows_fog
     }
 
     /// Whether volumes out of view may cast shadows into view or be reflected.
