@@ -13,9 +13,10 @@
 #import bevy_vdb::trace::emission::{is_emitter, segment_emission}
 #endif
 #ifdef VDB_LIGHT_CACHE
-#import bevy_vdb::trace::media::{MAX_FOGS, MetMedia, march_media}
+#import bevy_vdb::trace::media::march_media
+#import bevy_vdb::trace::medium::{MAX_FOGS, MetMedia}
 #ifdef VDB_EMISSION
-#import bevy_vdb::trace::media::MAX_EMITTERS
+#import bevy_vdb::trace::medium::MAX_EMITTERS
 #endif
 #ifdef VDB_UNCACHED_FOGS
 #import bevy_vdb::trace::light_cache::has_light_cache

@@ -6,18 +6,17 @@
 #define_import_path bevy_vdb::trace::media
 
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::trace::candidates::start_t
-#import bevy_vdb::trace::fog_march::{Fog, MAX_DEPTH_OF_STEP, MIN_STEP, light_interval}
+#import bevy_vdb::trace::fog_march::{Fog, MIN_STEP, light_interval}
 #import bevy_vdb::trace::light_cache::{cached_depth, lattice_point, sun_brick}
+#import bevy_vdb::trace::medium::{HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia, begun, first_step}
+#import bevy_vdb::trace::medium::{new_medium, no_medium, suitable_step}
 #import bevy_vdb::trace::scattering::{OCTAVES, OPAQUE_DEPTH, ScatteringSums, add_sample, mean_transmittance}
 #import bevy_vdb::trace::scattering::{octave_weights, octaves_of_depth, scattered_radiance, visibility_between}
-#import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
+#import bevy_vdb::trace::segment::{NONE, Segment}
 #import bevy_vdb::trace::shared_light::{SUN_COUNT, SUN_SLOTS, CachedLight, FogPoint, SharedLight}
 #import bevy_vdb::trace::shared_light::{begin_interval, begin_light, mean_light}
-#import bevy_vdb::traversal::fog::{SampledRay, next_index, point_in_box, sample_fog, sampled_ray}
-#import bevy_vdb::traversal::fog::{step_length, stride_at}
-#import bevy_vdb::traversal::hdda::{FAR, mirrored_ray}
-#import bevy_vdb::traversal::tree::{Accessor, new_accessor}
+#import bevy_vdb::traversal::fog::{next_index, point_in_box, sample_fog, step_length, stride_at}
+#import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::view::scene::{view, volumes}
 #ifdef VDB_LAMP_LIGHT
 #import bevy_vdb::trace::light_cache::{LatticePoint, NOT_CACHED, cached_lamp_light, lamp_light_brick}
@@ -27,37 +26,9 @@
 #endif
 #ifdef VDB_EMISSION
 #import bevy_vdb::trace::emission::{EmissionStep, max3, sampled_emission}
+#import bevy_vdb::trace::medium::{EMISSION_STEP, MAX_EMITTERS}
 #import bevy_vdb::traversal::fog::probe_fog
 #endif
-
-// The most fogs and emission grids that are marched together. Each kind has slots of its own, so that no slot has code
-// for both.
-const MAX_FOGS: u32 = #{VDB_FOG_SLOTS}u;
-#ifdef VDB_EMISSION
-const MAX_EMITTERS: u32 = #{VDB_EMITTER_SLOTS}u;
-#endif
-
-// The volumes that a segment meets.
-struct MetMedia {
-    fogs: array<u32, MAX_FOGS>,
-    fog_count: u32,
-#ifdef VDB_EMISSION
-    emitters: array<u32, MAX_EMITTERS>,
-    emitter_count: u32,
-#endif
-}
-
-// A medium along a segment. Every t is relative to where the march begins.
-struct Medium {
-    volume: u32,
-    extinction: f32,    // per unit of density and of t
-    max_density: f32,   // keeps products with a step within f32
-    ray: SampledRay,
-    accessor: Accessor,
-    t_step: f32,        // the longest step
-    t_next: f32,        // there is nothing before this t; FAR if there is nothing left
-    t_last: f32,        // there is nothing after this t
-}
 
 // Sums over the steps of one fog in an interval.
 struct FogSums {
@@ -81,16 +52,6 @@ struct SegmentSums {
     scattering: ScatteringSums,
     fogs: array<f32, MAX_FOGS>,     // weights
 }
-
-// Otherwise there is a single fog, whose steps are all alike.
-#ifdef VDB_EMISSION
-const HAS_MANY_MEDIA: bool = true;
-#else
-const HAS_MANY_MEDIA: bool = MAX_FOGS > 1u;
-#endif
-
-// Voxels of a step through an emission grid.
-const EMISSION_STEP: f32 = 2.0;
 
 // Meshes or surfaces may stand between fog and its lights.
 #ifdef VDB_MESH_CASTERS
@@ -132,51 +93,6 @@ fn interval_voxels(segment: Segment, volume: u32) -> f32 {
         voxels = min(voxels, light_interval(segment, volume));
     }
     return voxels;
-}
-
-// A slot for which there is no medium.
-fn no_medium() -> Medium {
-    var medium = Medium();
-    medium.t_step = FAR;
-    medium.t_next = FAR;
-    return medium;
-}
-
-// A medium before it is known where the march begins. Steps are at most `step` voxels.
-fn new_medium(segment: Segment, volume: u32, step: f32, t_max: f32) -> Medium {
-    let grid = grids[volumes[volume].grid];
-    let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, t_max));
-    let ray = sampled_ray(mirrored);
-    let t_step = step / max(length(mirrored.speed), 1e-30);
-    let extinction = volumes[volume].density_scale * length(segment.dir);
-    let max_density = MAX_DEPTH_OF_STEP / max(extinction * t_step, 1e-30);
-    return Medium(volume, extinction, max_density, ray, new_accessor(ray.cell), t_step, FAR, FAR);
-}
-
-// The medium when it is known that the march begins at `t_zero`.
-fn begun(medium: Medium, segment: Segment, pixel: vec2<u32>, t_zero: f32) -> Medium {
-    var begun = medium;
-    let t_origin = medium.ray.t_origin - t_zero;
-    let t_begin = max(t_origin + medium.ray.t_first, start_t(segment, medium.volume, pixel) - t_zero);
-    begun.ray.t_origin = t_origin;
-    begun.t_last = t_origin + medium.ray.t_last;
-    begun.t_next = select(FAR, t_begin, t_begin < begun.t_last);
-    return begun;
-}
-
-// The longest step from `t_low` that suits a medium: it is there, or begins after the step.
-fn suitable_step(medium: Medium, t_low: f32, t_end: f32, t_base: f32, inverse_base: f32) -> f32 {
-    return max(medium.t_step, floor((min(medium.t_next, t_end) - t_low) * inverse_base) * t_base);
-}
-
-// The first step that may contain something, in base steps, if it begins at `next`. Steps that may contain
-// emission begin before it; for fog, it is enough that the middle does not.
-fn first_step(next: f32) -> f32 {
-#ifdef VDB_EMISSION
-    return floor(next);
-#else
-    return ceil(next - 0.5);
-#endif
 }
 
 // Adds an interval to the sums of its segment, with the light at the mean position of what is visible. Every t

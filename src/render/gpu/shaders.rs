@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 37] = shaders![
+const IMPORTS: [(&str, &[u8]); 38] = shaders![
     "gpu/types",
     "gpu/bindings",
     "traversal/rays",
@@ -50,6 +50,7 @@ const IMPORTS: [(&str, &[u8]); 37] = shaders![
     "trace/light_cache",
     "trace/fog_march",
     "trace/shared_light",
+    "trace/medium",
     "trace/media",
     "trace/slabs",
     "trace/fogs",

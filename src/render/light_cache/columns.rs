@@ -72,9 +72,11 @@ impl SunRays {
         let columns = [intervals[first], intervals[second]].map(|n| n + 4);
         let rays = [0, 1].map(|i| columns[i] + high_shift[i].abs_diff(low_shift[i]));
         let runs = planes.div_ceil(RUN);
-        let depths = [planes, columns[0], columns[1]].map(u64::from).iter().product::<u64>();
-        let ends = [runs, rays[0], rays[1]].map(u64::from);
-        let ends = ends.into_iter().try_fold(1_u64, u64::checked_mul)?;
+        let product = |edges: [u32; 3]| {
+            edges.into_iter().try_fold(1_u64, |all, edge| all.checked_mul(u64::from(edge)))
+        };
+        let depths = product([planes, columns[0], columns[1]])?;
+        let ends = product([runs, rays[0], rays[1]])?;
         let bytes = depths.checked_add(ends)?.checked_mul(4)?;
         let groups = (UVec2::from(rays) + GROUP_SIZE - 1) / GROUP_SIZE;
         let groups = groups.extend(runs);

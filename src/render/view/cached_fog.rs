@@ -1,8 +1,9 @@
 //! Which fogs can be in the light cache, and the samples that they need there.
 
-use bevy::math::{DMat3, DVec3, IVec3, UVec3};
+use bevy::math::{IVec3, UVec3};
 use vdb_core::tree::CoordBox;
 
+use super::extinction::{Extinction, FogBox, add_overlapping};
 use super::lattice::Lattice;
 use crate::render::gpu::{MAX_GROUPS, types};
 
@@ -53,15 +54,21 @@ pub(crate) struct CachedFog {
     pub error: f32,
     /// Voxels between samples of density along a view ray.
     pub step: f32,
-    /// Whether the samples are within the accepted error. Others are only for pipelines that cannot light
-    /// fog by rays.
+    /// Whether the samples are within the accepted error, or at least finer than those that rays to lights would
+    /// take. Others are only for pipelines that cannot light fog by rays.
     pub is_within_error: bool,
 }
 
 impl CachedFog {
     /// The samples that keep the radiance of a fog within a relative error or, if there are none,
-    /// the finest that fit. `None` if the fog is empty or too large.
-    fn new(error: f32, extinction: Extinction, lattice: &Lattice) -> Option<Self> {
+    /// the finest that fit. `None` if the fog is empty or too large. `shadow_step` is that of rays to lights, in
+    /// voxels.
+    fn new(
+        error: f32,
+        extinction: Extinction,
+        shadow_step: f32,
+        lattice: &Lattice,
+    ) -> Option<Self> {
         let occupied = lattice.occupied?;
         let detail = Detail::new(error, &extinction, cell_edge(lattice), occupied);
         let wanted = detail.spacing_log();
@@ -71,11 +78,14 @@ impl CachedFog {
             layout,
             error,
             step: detail.step(),
-            is_within_error: wanted == Some(layout.log),
+            is_within_error: wanted == Some(layout.log)
+                || shadow_step >= RAY_STEP * (1_u32 << layout.log) as f32,
         })
     }
 }
 
+/// From this many spacings per step of rays to lights, the cache is more accurate than these.
+const RAY_STEP: f32 = 2.0;
 /// Steps of a ray along the longest edge of a fog for a relative error of 1 %.
 const STEPS: f64 = 100.0;
 
@@ -138,115 +148,6 @@ pub(crate) fn cell_edge(lattice: &Lattice) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// The largest extinctions per world unit that rays meet in a fog.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Extinction {
-    /// Of all fogs, which view rays meet.
-    all: f64,
-    /// The square of `all` without the products of fogs whose details are independent.
-    squares: f64,
-    /// Of fogs that cast shadows, which rays to lights meet.
-    casters: f64,
-}
-
-impl Extinction {
-    /// Of a fog by itself.
-    fn of_fog(all: f64, casts: bool) -> Self {
-        Self { all, squares: all * all, casters: if casts { all } else { 0.0 } }
-    }
-
-    /// Adds a fog to those that overlap `own`.
-    fn add(&mut self, own: &Self, other: &Self, weight: f64, is_aligned: bool) {
-        let added = other.all * weight;
-        self.all += added;
-        self.casters += other.casters * weight;
-        self.squares += added * added;
-        if is_aligned {
-            self.squares += 2.0 * own.all * added;
-        }
-    }
-
-    /// The extinction of a fog that needs the same steps.
-    ///
-    /// The error of steps is proportional to the relative variation of the extinction. Independent details
-    /// average out: of fogs with extinctions `d`, it is `√(Σ d²) / Σ d` of that of one fog. It is also
-    /// proportional to the root of the extinction, so together `Σ d² / Σ d` counts.
-    fn of_steps(&self) -> f64 {
-        if self.all > 0.0 { self.squares / self.all } else { 0.0 }
-    }
-}
-
-/// Bounds and extinction of a fog, in world space.
-struct FogBox {
-    entry: usize,
-    min: DVec3,
-    max: DVec3,
-    /// Cells in world space.
-    axes: DMat3,
-    /// Of the fog itself.
-    own: Extinction,
-    /// Of this fog and of all whose boxes overlap its box.
-    total: Extinction,
-}
-
-impl FogBox {
-    /// `None` if an entry is not a fog, or is empty.
-    fn new(entry: usize, volume: &types::Volume, lattice: &Lattice) -> Option<Self> {
-        if volume.kind != types::KIND_FOG {
-            return None;
-        }
-        let (min, max) = lattice.world_box()?;
-        let all = f64::from(volume.density_scale) * f64::from(lattice.majorant);
-        let casts = volume.flags & types::NO_CASTER == 0;
-        let own = Extinction::of_fog(all, casts);
-        let axes = lattice.world_from_local.matrix3;
-        Some(Self { entry, min, max, axes, own, total: own })
-    }
-
-    fn overlaps(&self, other: &Self) -> bool {
-        self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
-    }
-
-    /// Adds the extinction of a fog that overlaps this one: its root mean square over this box, so
-    /// that a small fog hardly affects the samples of a large one.
-    fn add(&mut self, other: &Self) {
-        let overlap = self.max.min(other.max) - self.min.max(other.min);
-        let fraction = (overlap / (self.max - self.min)).element_product();
-        // Grids of one simulation have their details in the same places. They have the same cells.
-        let is_aligned = self.axes == other.axes;
-        self.total.add(&self.own, &other.own, fraction.sqrt(), is_aligned);
-    }
-}
-
-/// The axis along which boxes overlap least: their edges are short compared with all of them
-/// together.
-fn sweep_axis(fogs: &[FogBox]) -> usize {
-    let crowding = |axis: usize| {
-        let min = fogs.iter().map(|fog| fog.min[axis]).fold(f64::INFINITY, f64::min);
-        let max = fogs.iter().map(|fog| fog.max[axis]).fold(f64::NEG_INFINITY, f64::max);
-        fogs.iter().map(|fog| fog.max[axis] - fog.min[axis]).sum::<f64>() / (max - min)
-    };
-    let crowdings = [0, 1, 2].map(crowding);
-    (0..3).min_by(|&a, &b| crowdings[a].total_cmp(&crowdings[b])).unwrap_or(0)
-}
-
-/// Adds up the extinctions of fogs that overlap.
-fn add_overlapping(fogs: &mut [FogBox]) {
-    let axis = sweep_axis(fogs);
-    fogs.sort_unstable_by(|a, b| a.min[axis].total_cmp(&b.min[axis]));
-    for first in 0..fogs.len() {
-        let (before, after) = fogs.split_at_mut(first + 1);
-        let own = &mut before[first];
-        let end = own.max[axis];
-        for other in after.iter_mut().take_while(|other| other.min[axis] <= end) {
-            if own.overlaps(other) {
-                own.add(other);
-                other.add(own);
-            }
-        }
-    }
-}
-
 /// For each entry of a view's list, its samples in the light cache for a relative error, if it is a
 /// fog that fits; none without an accepted error.
 pub(super) fn find_cached_fogs(
@@ -263,15 +164,15 @@ pub(super) fn find_cached_fogs(
         entries.filter_map(|(i, (volume, lattice))| FogBox::new(i, volume, lattice)).collect();
     add_overlapping(&mut fogs);
     for fog in fogs {
-        found[fog.entry] = CachedFog::new(error, fog.total, lattices[fog.entry]);
+        let (shadow_step, lattice) = (volumes[fog.entry].shadow_step, lattices[fog.entry]);
+        found[fog.entry] = CachedFog::new(error, fog.total, shadow_step, lattice);
     }
     found
 }
 
 #[cfg(test)]
 mod tests {
-    use bevy::math::{DAffine3, DQuat};
-
+    use super::super::extinction::tests::fog;
     use super::*;
 
     #[test]
@@ -311,97 +212,10 @@ mod tests {
         assert!(CacheLayout::new(long(most), 0).is_some());
         assert_eq!(CacheLayout::new(long(most + 1), 0), None, "too many workgroups");
     }
-    /// A fog of unit cells with this density, which casts shadows.
-    fn fog(min: IVec3, max: IVec3, density: f32) -> (types::Volume, Lattice) {
-        let volume =
-            types::Volume { kind: types::KIND_FOG, density_scale: 1.0, ..Default::default() };
-        let lattice = Lattice {
-            world_from_local: DAffine3::IDENTITY,
-            occupied: Some(CoordBox { min, max: max - 1 }),
-            majorant: density,
-            content: Some(0),
-        };
-        (volume, lattice)
-    }
-
-    /// The extinctions of all fogs and of casters, in the order of the fogs.
-    fn totals(fogs: &[(types::Volume, Lattice)]) -> Vec<[f64; 2]> {
-        let fogs = fogs.iter().enumerate();
-        let mut boxes: Vec<_> =
-            fogs.filter_map(|(i, (volume, lattice))| FogBox::new(i, volume, lattice)).collect();
-        add_overlapping(&mut boxes);
-        boxes.sort_by_key(|fog| fog.entry);
-        boxes.iter().map(|fog| [fog.total.all, fog.total.casters]).collect()
-    }
-
-    #[test]
-    fn extinctions_of_overlapping_fogs_add_up() {
-        let cube = |at: IVec3, edge, density| fog(at, at + edge, density);
-        let same = [cube(IVec3::ZERO, 64, 0.25), cube(IVec3::ZERO, 64, 0.5)];
-        assert_eq!(totals(&same), [[0.75; 2]; 2]);
-        let apart = |axis| {
-            let mut at = IVec3::ZERO;
-            at[axis] = 100;
-            [cube(IVec3::ZERO, 64, 0.25), cube(at, 64, 0.5), cube(at / 2, 64, 1.0)]
-        };
-        for axis in 0..3 {
-            let found = totals(&apart(axis));
-            let share = (14.0_f64 / 64.0).sqrt();
-            let expected = [0.25 + share, 0.5 + share, 1.0 + 0.75 * share];
-            for (found, expected) in found.into_iter().zip(expected) {
-                assert!(found.into_iter().all(|own| (own - expected).abs() < 1e-12), "{found:?}");
-            }
-            assert_eq!(totals(&apart(axis)[..2]), [[0.25; 2], [0.5; 2]]);
-        }
-    }
-
-    #[test]
-    fn independent_details_average_out() {
-        let of_steps = |turned: &[bool]| {
-            let fogs: Vec<_> = turned
-                .iter()
-                .map(|is_turned| {
-                    let (volume, mut lattice) = fog(IVec3::splat(-32), IVec3::splat(32), 0.25);
-                    let angle = if *is_turned { std::f64::consts::FRAC_PI_2 } else { 0.0 };
-                    lattice.world_from_local = DAffine3::from_quat(DQuat::from_rotation_y(angle));
-                    (volume, lattice)
-                })
-                .collect();
-            let fogs = fogs.iter().enumerate();
-            let mut boxes: Vec<_> =
-                fogs.filter_map(|(i, (volume, lattice))| FogBox::new(i, volume, lattice)).collect();
-            add_overlapping(&mut boxes);
-            boxes.iter().map(|fog| fog.total.of_steps()).collect::<Vec<_>>()
-        };
-        let near = |found: &[f64], expected: &[f64]| {
-            let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            assert!(found.len() == expected.len() && off < 1e-6, "{found:?} {expected:?}");
-        };
-        near(&of_steps(&[false]), &[0.25]);
-        near(&of_steps(&[false, false]), &[0.5; 2]);
-        near(&of_steps(&[false, true]), &[0.25; 2]);
-        assert_eq!(Extinction::default().of_steps(), 0.0);
-    }
-
-    #[test]
-    fn fogs_without_shadows_dim_only_view_rays() {
-        let mut fogs = [fog(IVec3::ZERO, IVec3::splat(64), 0.25); 2];
-        fogs[1].0.flags = types::NO_CASTER;
-        fogs[1].1.majorant = 0.5;
-        assert_eq!(totals(&fogs), [[0.75, 0.25]; 2]);
-        assert_eq!(totals(&fogs[1..]), [[0.5, 0.0]]);
-        fogs[1].0.kind = types::KIND_EMISSION;
-        assert_eq!(totals(&fogs), [[0.25; 2]], "only fogs attenuate");
-    }
-
     #[test]
     fn a_small_dense_fog_in_a_large_thin_one_leaves_it_in_the_cache() {
         let large = fog(IVec3::ZERO, IVec3::splat(512), 0.01);
         let small = fog(IVec3::splat(240), IVec3::splat(256), 4.0);
-        let share = (16.0_f64 / 512.0).powf(1.5);
-        let found = totals(&[large, small]);
-        assert!((found[0][0] - (f64::from(0.01_f32) + 4.0 * share)).abs() < 1e-12, "{found:?}");
-        assert!((found[1][0] - (f64::from(0.01_f32) + 4.0)).abs() < 1e-12, "{found:?}");
         let of = |fogs: &[(types::Volume, Lattice)]| {
             let volumes: Vec<_> = fogs.iter().map(|fog| fog.0).collect();
             let lattices: Vec<_> = fogs.iter().map(|fog| &fog.1).collect();
@@ -427,5 +241,20 @@ mod tests {
         assert_eq!(of(512, 4.0), Some((1, false)), "too dense, and too large for the finest");
         assert_eq!(of(4096, 0.001), None, "too large");
         assert_eq!(of(64, f32::INFINITY), Some((0, false)));
+    }
+
+    #[test]
+    fn rays_take_the_place_of_the_cache_only_if_they_are_finer() {
+        let of = |edge, shadow_step| {
+            let (mut volume, lattice) = fog(IVec3::ZERO, IVec3::splat(edge), 4.0);
+            volume.shadow_step = shadow_step;
+            let found = find_cached_fogs(0.01, &[volume], &[&lattice])[0];
+            found.map(|fog| (fog.layout.log, fog.is_within_error))
+        };
+        assert_eq!(
+            [1.0, 2.0, 8.0].map(|step| of(64, step)),
+            [Some((0, false)), Some((0, true)), Some((0, true))]
+        );
+        assert_eq!([2.0, 4.0].map(|step| of(512, step)), [Some((1, false)), Some((1, true))]);
     }
 }

@@ -4,6 +4,7 @@
 mod auxiliary;
 mod bvh;
 mod cached_fog;
+mod extinction;
 mod key;
 mod lattice;
 mod lights;
