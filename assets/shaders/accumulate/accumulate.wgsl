@@ -2,6 +2,7 @@
 // ray that passes through the pixel.
 
 #import bevy_vdb::gpu::types::View
+#import bevy_vdb::view::depths::{NO_DEPTH, encoded_fog_depth, is_fog_depth, is_surface_depth}
 #import bevy_vdb::view::picture::{depth_of_meshes, pixel_of}
 
 @group(0) @binding(0) var<uniform> view: View;
@@ -26,13 +27,11 @@
 // Mean of the rays through a pixel.
 struct Mean {
     color: vec4<f32>,
-    depth: f32,             // of the first surface, else of the nearest fog; encoded as in `trace.wgsl`
+    depth: f32,             // of the first surface, else of the nearest fog; encoded
     surface_fraction: f32,  // fraction of the rays that hit a surface
     sample_count: u32,      // number of rays, up to `View::max_frames`
     mesh_depth: f32,        // depth of the opaque meshes that the mean is valid for
 }
-
-const NO_DEPTH: f32 = -3.0;
 
 // The ray that passes through a pixel, if there is one.
 struct PixelRay {
@@ -54,14 +53,14 @@ fn ray_through_pixel(pixel: vec2<u32>) -> PixelRay {
 
 // Combines the depths that two rays found for the same pixel.
 fn merged_depth(before: f32, latest: f32) -> f32 {
-    if before >= 0.0 {
+    if is_surface_depth(before) {
         return before;
     }
-    if latest >= 0.0 || before < -2.5 {
+    if is_surface_depth(latest) || !is_fog_depth(before) {
         return latest;
     }
     // Encoded depths of fog: the smaller one is nearer.
-    return select(min(before, latest), before, latest < -2.5);
+    return select(before, min(before, latest), is_fog_depth(latest));
 }
 
 fn with_sample(before: Mean, color: vec4<f32>, depth: f32) -> Mean {
@@ -69,7 +68,7 @@ fn with_sample(before: Mean, color: vec4<f32>, depth: f32) -> Mean {
     mean.sample_count = min(before.sample_count + 1u, max(view.max_frames, 1u));
     let weight = 1.0 / f32(mean.sample_count);
     mean.color = mix(before.color, color, weight);
-    mean.surface_fraction = mix(before.surface_fraction, select(0.0, 1.0, depth >= 0.0), weight);
+    mean.surface_fraction = mix(before.surface_fraction, select(0.0, 1.0, is_surface_depth(depth)), weight);
     mean.depth = merged_depth(before.depth, depth);
     return mean;
 }
@@ -95,7 +94,7 @@ fn accumulate(@builtin(global_invocation_id) id: vec3<u32>) {
     // A surface that covers less than half of a pixel is visible, but does not write depth.
     let is_opaque = mean.surface_fraction >= 0.5;
     var color = mean.color;
-    var depth = select(mean.depth, -1.0 - mean.depth, mean.depth >= 0.0 && !is_opaque);
+    var depth = select(mean.depth, encoded_fog_depth(mean.depth), is_surface_depth(mean.depth) && !is_opaque);
 #ifdef VDB_SCALED
     if mean.sample_count == 0u {
         color = textureLoad(upscaled_color, pixel, 0);

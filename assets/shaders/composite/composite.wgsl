@@ -2,6 +2,7 @@
 // alone, which is tested against the depth of the meshes but writes none.
 
 #import bevy_core_pipeline::fullscreen_vertex_shader::FullscreenVertexOutput
+#import bevy_vdb::view::depths::{decoded_fog_depth, is_fog_depth, is_surface_depth}
 #ifdef TONEMAP_IN_SHADER
 #import bevy_render::view::View
 #import bevy_core_pipeline::tonemapping::tone_mapping
@@ -100,12 +101,12 @@ fn composite(in: FullscreenVertexOutput) -> Output {
     let depth = textureLoad(traced_depth, pixel, 0).x;
     var color = textureLoad(traced_color, pixel, 0);
 #ifdef VDB_FOG_ALONE
-    if depth >= 0.0 || depth < -2.5 {
+    if !is_fog_depth(depth) {
         discard;
     }
-    let out_depth = -1.0 - depth;
+    let out_depth = decoded_fog_depth(depth);
 #else
-    if depth < 0.0 {
+    if !is_surface_depth(depth) {
         discard;
     }
     let out_depth = depth;

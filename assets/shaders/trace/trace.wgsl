@@ -4,6 +4,7 @@
 
 #import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::traversal::rays::ndc_of
+#import bevy_vdb::view::depths::{NO_DEPTH, encoded_fog_depth, is_surface_depth}
 #import bevy_vdb::view::picture::{depth_of_meshes, t_of_depth}
 #import bevy_vdb::trace::candidates::{volume_end, next_candidate, start_t}
 #import bevy_vdb::view::scene::{target_pixel, view, volumes}
@@ -46,10 +47,7 @@
 @group(2) @binding(6) var scene_depth: texture_depth_2d;
 #endif
 @group(2) @binding(7) var out_color: texture_storage_2d<rgba16float, write>;
-// Surface: its depth, 0 to 1. Fog only: -1 - the depth at which it begins. Nothing: -3.
 @group(2) @binding(8) var out_depth: texture_storage_2d<r32float, write>;
-
-const NO_DEPTH: f32 = -3.0;
 
 #ifdef VDB_MOTION_VECTORS
 // The volume that a pixel moves with, as an index into the view's list, or NONE; and the bits of the depth
@@ -182,7 +180,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
 #endif
         if is_seen && bounce == 0u {
             result.coverage = 1.0 - transmittance * (1.0 - result.coverage);
-            result.depth = select(result.depth, -1.0 - depth_of_t(fog.t_first), result.depth < 0.0);
+            result.depth = select(encoded_fog_depth(depth_of_t(fog.t_first)), result.depth, is_surface_depth(result.depth));
             fog_layer = FogLayer(fog.radiance, 1.0 - transmittance, fog.t_mean);
             // A pixel moves with the volume that contributes most of its light.
             if transmittance < 0.5 {
@@ -275,7 +273,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
     if steps > 0u {
         result.color = with_borders(heat_map(f32(steps) / view.steps_scale), primary, surface);
         result.coverage = 1.0;
-        result.depth = select(result.depth, -1.0 - depth_of_t(view.t_near), result.depth < 0.0);
+        result.depth = select(encoded_fog_depth(depth_of_t(view.t_near)), result.depth, is_surface_depth(result.depth));
     }
 #endif
     return result;

@@ -2,6 +2,7 @@
 // that hit the surface the pixel shows.
 
 #import bevy_vdb::gpu::types::View
+#import bevy_vdb::view::depths::{NO_DEPTH, decoded_fog_depth, encoded_fog_depth, is_fog_depth, is_surface_depth}
 #import bevy_vdb::view::picture::{depth_of_meshes, pixel_of, t_of_depth}
 
 @group(0) @binding(0) var<uniform> view: View;
@@ -50,7 +51,7 @@ fn load_sample(ray: vec2<u32>, bilinear_weight: f32, own_t: f32) -> Sample {
     let t = t_of_depth(view.t_from_depth, depth);
     var weight = bilinear_weight + 1e-3;
     // A ray ended by a different mesh only knows what is in front of that mesh.
-    if depth < 0.0 || t > own_t {
+    if !is_surface_depth(depth) || t > own_t {
         let mesh_similarity = similarity(mesh_t(pixel_of(ray, view.size, view.picture, view.jitter)), own_t);
         weight *= max(mesh_similarity * mesh_similarity * mesh_similarity, 1e-4);
     }
@@ -81,14 +82,14 @@ fn upscale(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     // Blend only what matches the best sample, to preserve edges.
     let best_sample = samples[best];
-    let is_surface = best_sample.depth >= 0.0;
+    let is_surface = is_surface_depth(best_sample.depth);
     var color = vec4(0.0);
     var depth = 0.0;
     var weight = 0.0;
     var fog_depth = -1.0;
     for (var i = 0u; i < 4u; i++) {
         let other = samples[i];
-        if (other.depth >= 0.0) != is_surface {
+        if is_surface_depth(other.depth) != is_surface {
             continue;
         }
         if is_surface && similarity(other.t, best_sample.t) < 1.0 - SAME_SURFACE {
@@ -97,11 +98,11 @@ fn upscale(@builtin(global_invocation_id) id: vec3<u32>) {
         color += other.weight * other.color;
         depth += other.weight * other.depth;
         weight += other.weight;
-        if other.depth < 0.0 && other.depth > -2.5 {
-            fog_depth = max(fog_depth, -1.0 - other.depth);
+        if is_fog_depth(other.depth) {
+            fog_depth = max(fog_depth, decoded_fog_depth(other.depth));
         }
     }
-    depth = select(select(-3.0, -1.0 - fog_depth, fog_depth >= 0.0), depth / weight, is_surface);
+    depth = select(select(NO_DEPTH, encoded_fog_depth(fog_depth), fog_depth >= 0.0), depth / weight, is_surface);
     textureStore(out_color, pixel, color / weight);
     textureStore(out_depth, pixel, vec4(depth, 0.0, 0.0, 0.0));
 #ifdef VDB_MOTION_VECTORS

@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 38] = shaders![
+const IMPORTS: [(&str, &[u8]); 39] = shaders![
     "gpu/types",
     "gpu/bindings",
     "traversal/rays",
@@ -30,6 +30,7 @@ const IMPORTS: [(&str, &[u8]); 38] = shaders![
     "traversal/fog",
     "trace/emission",
     "traversal/march",
+    "view/depths",
     "view/picture",
     "view/scene",
     "trace/segment",
