@@ -33,9 +33,9 @@ fn brick_texel(brick: u32) -> vec3<u32> {
     return vec3(in_layer * vec2(BRICK_WIDTH, BRICK_SAMPLES), (row >> LOG_LAYER_ROWS) * BRICK_SAMPLES);
 }
 
-// The word of a sample in the buffer that is copied to the atlas, which has the rows of one lattice, `rows` of them
-// from `first_row`. The rows in a layer of the atlas are copied together: 9 planes of 9 lines of 640 texels for each row.
-// `brick` is relative to the first brick of the lattice; `texel` is in the brick.
+// The word of a sample in the buffer that is copied to the atlas, which has the rows of one lattice, `rows`
+// of them from `first_row`. The rows in a layer of the atlas are copied together: 9 planes of 9 lines of 640
+// texels for each row. `brick` is relative to the first brick of the lattice; `texel` is in the brick.
 fn staging_word(first_row: u32, rows: u32, brick: u32, texel: vec3<u32>) -> u32 {
     let row = brick >> LOG_ROW_BRICKS;
     let layer = (first_row + row) >> LOG_LAYER_ROWS;

@@ -1,12 +1,13 @@
 // Optical depths along rays to a sun, from which the samples of the light cache are interpolated.
 //
-// The rays are parallel to the sun and cross every plane of samples, across the axis that is nearest to the sun's
-// direction, in a square grid with the spacing of the samples. Planes are counted from the sun. From one to the next, the
-// grid shifts by `job.slopes`; a *column* is a place in the plane, so rays move from column to column. In each plane there
-// are columns around all samples, with one more on the low and two more on the high side, as cubic interpolation needs.
+// The rays are parallel to the sun and cross every plane of samples, across the axis that is nearest to the
+// sun's direction, in a square grid with the spacing of the samples. Planes are counted from the sun. From
+// one to the next, the grid shifts by `job.slopes`; a *column* is a place in the plane, so rays move from
+// column to column. In each plane there are columns around all samples, with one more on the low and two more
+// on the high side, as cubic interpolation needs.
 //
-// `src/render/light_cache/columns.rs` sizes the buffer: a depth for each column of each plane, then the sum over each run
-// of each ray.
+// `src/render/light_cache/columns.rs` sizes the buffer: a depth for each column of each plane, then the sum
+// over each run of each ray.
 #define_import_path bevy_vdb::light_cache::columns
 
 // The planes whose segments one invocation adds up.

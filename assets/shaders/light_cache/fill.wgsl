@@ -1,6 +1,6 @@
 // Fills the light cache of one fog for one light: the optical depth of all fogs between each sample and the
-// light. Samples beside which there is no fog are NO_FOG: nothing is computed for them, since no point in fog is
-// interpolated from them.
+// light. Samples beside which there is no fog are NO_FOG: nothing is computed for them, since no point in fog
+// is interpolated from them.
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::gpu::types::Grid

@@ -1,8 +1,8 @@
-// The optical depth of all fogs on the way to a sun, along the rays of `light_cache/columns.wgsl`: for each column, from
-// the beginning of its run, or from the sun if the ray enters the planes in this run.
+// The optical depth of all fogs on the way to a sun, along the rays of `light_cache/columns.wgsl`: for each
+// column, from the beginning of its run, or from the sun if the ray enters the planes in this run.
 
-#import bevy_vdb::light_cache::columns::{RUN, column_at, depth_index, depths, is_in_plane, job, ray_count, run_index}
-#import bevy_vdb::light_cache::columns::shift_at
+#import bevy_vdb::light_cache::columns::{RUN, column_at, depth_index, depths, is_in_plane, job, ray_count}
+#import bevy_vdb::light_cache::columns::{run_index, shift_at}
 #import bevy_vdb::trace::occlusion::fog_depth_to_light
 #import bevy_vdb::trace::segment::{Point, quantise_frac}
 #import bevy_vdb::traversal::hdda::FAR

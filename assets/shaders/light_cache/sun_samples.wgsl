@@ -2,8 +2,8 @@
 
 #import bevy_vdb::light_cache::bricks::{BRICK_INTERVALS, BRICK_SAMPLES, ROW_BRICKS}
 #import bevy_vdb::light_cache::bricks::{bricks_per_light, staging_word}
-#import bevy_vdb::light_cache::columns::{RUN, column_at, depth_index, depths, is_in_plane, job, ray_count, run_index}
-#import bevy_vdb::light_cache::columns::shift_at
+#import bevy_vdb::light_cache::columns::{RUN, column_at, depth_index, depths, is_in_plane, job, ray_count}
+#import bevy_vdb::light_cache::columns::{run_index, shift_at}
 
 // Rows of bricks, two 16-bit floats a word.
 @group(2) @binding(7) var<storage, read_write> staging: array<u32>;
@@ -32,8 +32,8 @@ fn join_runs(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-// Weights of four points in a row for a position between the second and the third. Catmull and Rom 1974, "A class of
-// local interpolating splines".
+// Weights of four points in a row for a position between the second and the third. Catmull and Rom 1974, "A
+// class of local interpolating splines".
 fn cubic_weights(t: f32) -> vec4<f32> {
     let s = 1.0 - t;
     let low = -0.5 * t * s * s;

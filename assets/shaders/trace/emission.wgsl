@@ -156,8 +156,8 @@ fn segment_emission(segment: Segment, volume: u32, start: f32, t_min: f32, t_max
     return min(volumes[volume].emissive * dir_length * length_sum, vec3(MAX_EMISSION));
 }
 
-// Samples per step of a ray that is marched through scalar emission: at most a voxel apart, so that none is lost of
-// what is one voxel thick.
+// Samples per step of a ray that is marched through scalar emission: at most a voxel apart, so that none is
+// lost of what is one voxel thick.
 const SCALAR_SAMPLES: u32 = 2u;
 
 // A step through emission.
@@ -185,14 +185,14 @@ fn sampled_scalar(grid: Grid, ray: SampledRay, accessor: ptr<function, Accessor>
 }
 
 #ifdef VDB_BLACKBODY
-// Samples per step of a ray that is marched through a black body, whose luminance grows with about the fourteenth power of
-// the temperature. The first two, which are among all, are in the middle of each half.
+// Samples per step of a ray that is marched through a black body, whose luminance grows with about the
+// fourteenth power of the temperature. The first two, which are among all, are in the middle of each half.
 const BLACKBODY_SAMPLES: u32 = 10u;
 const FIRST_OF_SAMPLES: u32 = 2u;
 const SECOND_OF_SAMPLES: u32 = 7u;
-// In a step of up to so many voxels, these two suffice if it would add less than this fraction of what the ray has met
-// before, or less than this to the pixel's value, even if all of it were as hot as the hottest corner of their cells.
-// (Elsewhere they would err by a tenth.)
+// In a step of up to so many voxels, these two suffice if it would add less than this fraction of what the
+// ray has met before, or less than this to the pixel's value, even if all of it were as hot as the hottest
+// corner of their cells. (Elsewhere they would err by a tenth.)
 const PROBED_VOXELS: f32 = 3.0;
 const NEGLIGIBLE_FRACTION: f32 = 0.01;
 const NEGLIGIBLE_VALUE: f32 = 3e-5;

@@ -37,7 +37,8 @@ struct FogSums {
     light: CachedLight,             // weighted sum
 }
 
-// Sums over an interval. Everything but how much fog lets through of cached suns is evaluated once per interval.
+// Sums over an interval. Everything but how much fog lets through of cached suns is evaluated once per
+// interval.
 struct IntervalSums {
     width: f32,     // in t
     weight: f32,
@@ -95,8 +96,8 @@ fn interval_voxels(segment: Segment, volume: u32) -> f32 {
     return voxels;
 }
 
-// Adds an interval to the sums of its segment, with the light at the mean position of what is visible. Every t
-// of the media and the sums is relative to `t_zero`.
+// Adds an interval to the sums of its segment, with the light at the mean position of what is visible. Every
+// t of the media and the sums is relative to `t_zero`.
 fn add_interval(
     segment: Segment,
     pixel: vec2<u32>,
@@ -133,7 +134,12 @@ fn add_interval(
 
 #ifdef VDB_LAMP_LIGHT
 // Between which t, relative to `t_zero`, some of the lamps' light has to be evaluated in intervals.
-fn near_lamps(segment: Segment, fogs: ptr<function, array<Medium, MAX_FOGS>>, fog_count: u32, t_zero: f32) -> vec2<f32> {
+fn near_lamps(
+    segment: Segment,
+    fogs: ptr<function, array<Medium, MAX_FOGS>>,
+    fog_count: u32,
+    t_zero: f32,
+) -> vec2<f32> {
     let dir_length = length(segment.dir);
     let origin = world_position(point_at(segment, t_zero));
     var near = vec2(FAR, -FAR);
@@ -156,8 +162,8 @@ fn flush_near_lamps(t_flush: f32, t_begin: f32, near: vec2<f32>) -> f32 {
 }
 #endif
 
-// Radiance and optical depth of the media along a segment up to `t_max`: of at least one fog. The nearest medium begins
-// at `t_first`.
+// Radiance and optical depth of the media along a segment up to `t_max`: of at least one fog. The nearest
+// medium begins at `t_first`.
 fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, t_max: f32) -> Fog {
     var fog = Fog(vec3(0.0), 0.0, t_first, t_first, NONE);
     // Variables, so that they can be indexed dynamically.
@@ -242,8 +248,8 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
     let t_start = t_first - t_zero;
     var k = first_step(min(t_near, t_end) * inverse_base);
     var is_done = t_near >= t_end;
-    // Ends by its condition only: llvmpipe drops invocations of a group whose neighbours leave nested loops by
-    // `break` or `continue`.
+    // Ends by its condition only: llvmpipe drops invocations of a group whose neighbours leave nested loops
+    // by `break` or `continue`.
     while !is_done {
         let t_low = max(k * t_base, t_start);
         var stride = stride_at(fog.optical_depth);

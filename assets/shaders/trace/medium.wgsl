@@ -10,8 +10,8 @@
 #import bevy_vdb::traversal::tree::{Accessor, new_accessor}
 #import bevy_vdb::view::scene::volumes
 
-// The most fogs and emission grids that are marched together. Each kind has slots of its own, so that no slot has code
-// for both.
+// The most fogs and emission grids that are marched together. Each kind has slots of its own, so that no slot
+// has code for both.
 const MAX_FOGS: u32 = #{VDB_FOG_SLOTS}u;
 #ifdef VDB_EMISSION
 const MAX_EMITTERS: u32 = #{VDB_EMITTER_SLOTS}u;

@@ -180,7 +180,8 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
 #endif
         if is_seen && bounce == 0u {
             result.coverage = 1.0 - transmittance * (1.0 - result.coverage);
-            result.depth = select(encoded_fog_depth(depth_of_t(fog.t_first)), result.depth, is_surface_depth(result.depth));
+            let fog_depth = encoded_fog_depth(depth_of_t(fog.t_first));
+            result.depth = select(fog_depth, result.depth, is_surface_depth(result.depth));
             fog_layer = FogLayer(fog.radiance, 1.0 - transmittance, fog.t_mean);
             // A pixel moves with the volume that contributes most of its light.
             if transmittance < 0.5 {
@@ -273,7 +274,8 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
     if steps > 0u {
         result.color = with_borders(heat_map(f32(steps) / view.steps_scale), primary, surface);
         result.coverage = 1.0;
-        result.depth = select(encoded_fog_depth(depth_of_t(view.t_near)), result.depth, is_surface_depth(result.depth));
+        let fog_depth = encoded_fog_depth(depth_of_t(view.t_near));
+        result.depth = select(fog_depth, result.depth, is_surface_depth(result.depth));
     }
 #endif
     return result;

@@ -2,7 +2,8 @@
 // that hit the surface the pixel shows.
 
 #import bevy_vdb::gpu::types::View
-#import bevy_vdb::view::depths::{NO_DEPTH, decoded_fog_depth, encoded_fog_depth, is_fog_depth, is_surface_depth}
+#import bevy_vdb::view::depths::{NO_DEPTH, decoded_fog_depth, encoded_fog_depth, is_fog_depth}
+#import bevy_vdb::view::depths::is_surface_depth
 #import bevy_vdb::view::picture::{depth_of_meshes, pixel_of, t_of_depth}
 
 @group(0) @binding(0) var<uniform> view: View;

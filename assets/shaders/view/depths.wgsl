@@ -1,5 +1,5 @@
-// Depths of an image of volumes. That of a surface is its value in the depth buffer, 0 to 1. That of fog without a surface
-// is negative and encodes the value where the fog begins. NO_DEPTH is that of nothing.
+// Depths of an image of volumes. That of a surface is its value in the depth buffer, 0 to 1. That of fog
+// without a surface is negative and encodes the value where the fog begins. NO_DEPTH is that of nothing.
 #define_import_path bevy_vdb::view::depths
 
 const NO_DEPTH: f32 = -3.0;
