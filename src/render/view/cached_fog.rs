@@ -70,7 +70,7 @@ impl CachedFog {
         lattice: &Lattice,
     ) -> Option<Self> {
         let occupied = lattice.occupied?;
-        let detail = Detail::new(error, &extinction, cell_edge(lattice), occupied);
+        let detail = Detail::new(error, extinction, cell_edge(lattice), occupied);
         let wanted = detail.spacing_log();
         let layout =
             (wanted.unwrap_or(0)..=MAX_LOG).find_map(|log| CacheLayout::new(occupied, log))?;
@@ -94,7 +94,7 @@ const STEPS: f64 = 100.0;
 struct Detail {
     /// The relative error of the radiance (root mean square) that is accepted.
     error: f32,
-    /// Optical depth through the densest cell, as far as its details matter.
+    /// Optical depth through the densest cell.
     depth_per_cell: f64,
     /// Optical depth through the densest cell for rays to lights.
     shadow_per_cell: f64,
@@ -103,11 +103,11 @@ struct Detail {
 }
 
 impl Detail {
-    fn new(error: f32, extinction: &Extinction, cell_edge: f64, occupied: CoordBox) -> Self {
+    fn new(error: f32, extinction: Extinction, cell_edge: f64, occupied: CoordBox) -> Self {
         let CoordBox { min, max } = occupied;
         Self {
             error,
-            depth_per_cell: extinction.of_steps() * cell_edge,
+            depth_per_cell: extinction.all * cell_edge,
             shadow_per_cell: extinction.casters * cell_edge,
             edge: (max.as_dvec3() - min.as_dvec3()).max_element() + 1.0,
         }

@@ -1,6 +1,6 @@
 //! The extinctions that rays meet in fogs, which decide how fine their samples in the light cache are.
 
-use bevy::math::{DMat3, DVec3};
+use bevy::math::DVec3;
 
 use super::lattice::Lattice;
 use crate::render::gpu::types;
@@ -10,36 +10,14 @@ use crate::render::gpu::types;
 pub(super) struct Extinction {
     /// Of all fogs, which view rays meet.
     pub all: f64,
-    /// The square of `all` without the products of fogs whose details are independent.
-    squares: f64,
     /// Of fogs that cast shadows, which rays to lights meet.
     pub casters: f64,
 }
 
 impl Extinction {
-    /// Of a fog by itself.
-    fn of_fog(all: f64, casts: bool) -> Self {
-        Self { all, squares: all * all, casters: if casts { all } else { 0.0 } }
-    }
-
-    /// Adds a fog to those that overlap `own`.
-    fn add(&mut self, own: &Self, other: &Self, weight: f64, is_aligned: bool) {
-        let added = other.all * weight;
-        self.all += added;
+    fn add(&mut self, other: Self, weight: f64) {
+        self.all += other.all * weight;
         self.casters += other.casters * weight;
-        self.squares += added * added;
-        if is_aligned {
-            self.squares += 2.0 * own.all * added;
-        }
-    }
-
-    /// The extinction of a fog that needs the same steps.
-    ///
-    /// The error of steps is proportional to the relative variation of the extinction. Independent details
-    /// average out: of fogs with extinctions `d`, it is `√(Σ d²) / Σ d` of that of one fog. It is also
-    /// proportional to the root of the extinction, so together `Σ d² / Σ d` counts.
-    pub fn of_steps(&self) -> f64 {
-        if self.all > 0.0 { self.squares / self.all } else { 0.0 }
     }
 }
 
@@ -48,8 +26,6 @@ pub(super) struct FogBox {
     pub entry: usize,
     min: DVec3,
     max: DVec3,
-    /// Cells in world space.
-    axes: DMat3,
     /// Of the fog itself.
     own: Extinction,
     /// Of this fog and of all whose boxes overlap its box.
@@ -65,9 +41,8 @@ impl FogBox {
         let (min, max) = lattice.world_box()?;
         let all = f64::from(volume.density_scale) * f64::from(lattice.majorant);
         let casts = volume.flags & types::NO_CASTER == 0;
-        let own = Extinction::of_fog(all, casts);
-        let axes = lattice.world_from_local.matrix3;
-        Some(Self { entry, min, max, axes, own, total: own })
+        let own = Extinction { all, casters: if casts { all } else { 0.0 } };
+        Some(Self { entry, min, max, own, total: own })
     }
 
     fn overlaps(&self, other: &Self) -> bool {
@@ -79,9 +54,7 @@ impl FogBox {
     fn add(&mut self, other: &Self) {
         let overlap = self.max.min(other.max) - self.min.max(other.min);
         let fraction = (overlap / (self.max - self.min)).element_product();
-        // Grids of one simulation have their details in the same places. They have the same cells.
-        let is_aligned = self.axes == other.axes;
-        self.total.add(&self.own, &other.own, fraction.sqrt(), is_aligned);
+        self.total.add(other.own, fraction.sqrt());
     }
 }
 
@@ -116,7 +89,7 @@ pub(super) fn add_overlapping(fogs: &mut [FogBox]) {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use bevy::math::{DAffine3, DQuat, IVec3};
+    use bevy::math::{DAffine3, IVec3};
     use vdb_core::tree::CoordBox;
 
     use super::*;
@@ -163,34 +136,6 @@ pub(super) mod tests {
             }
             assert_eq!(totals(&apart(axis)[..2]), [[0.25; 2], [0.5; 2]]);
         }
-    }
-
-    #[test]
-    fn independent_details_average_out() {
-        let of_steps = |turned: &[bool]| {
-            let fogs: Vec<_> = turned
-                .iter()
-                .map(|is_turned| {
-                    let (volume, mut lattice) = fog(IVec3::splat(-32), IVec3::splat(32), 0.25);
-                    let angle = if *is_turned { std::f64::consts::FRAC_PI_2 } else { 0.0 };
-                    lattice.world_from_local = DAffine3::from_quat(DQuat::from_rotation_y(angle));
-                    (volume, lattice)
-                })
-                .collect();
-            let fogs = fogs.iter().enumerate();
-            let mut boxes: Vec<_> =
-                fogs.filter_map(|(i, (volume, lattice))| FogBox::new(i, volume, lattice)).collect();
-            add_overlapping(&mut boxes);
-            boxes.iter().map(|fog| fog.total.of_steps()).collect::<Vec<_>>()
-        };
-        let near = |found: &[f64], expected: &[f64]| {
-            let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            assert!(found.len() == expected.len() && off < 1e-6, "{found:?} {expected:?}");
-        };
-        near(&of_steps(&[false]), &[0.25]);
-        near(&of_steps(&[false, false]), &[0.5; 2]);
-        near(&of_steps(&[false, true]), &[0.25; 2]);
-        assert_eq!(Extinction::default().of_steps(), 0.0);
     }
 
     #[test]
