@@ -82,7 +82,7 @@ fn of_view(
         buffers.push("vdb_light_atlas", atlas, "the light cache, which all cameras share");
         if light.bytes() > 0 {
             let why = "point or spot lights cast shadows in the light cache";
-            buffers.push("vdb_lamp_bricks", light.bytes(), why);
+            buffers.push("vdb_lamp_lattices", light.bytes(), why);
         }
         if let Some(scattered) = &trace.lamp_light {
             let why = "light that lamps scatter in fog towards the camera";

@@ -75,8 +75,9 @@ fn lamps_are_within_the_error_that_is_asked_for() {
     }
 }
 
-/// After whatever changes, the picture is that of a cache made from nothing, to the bit; a lamp that
-/// stands still is not filled again.
+/// After whatever changes, the picture is that of a cache made from nothing; a lamp that stands still is not
+/// filled again. Samples are filled relative to where the camera was, and interpolated by where their lattice
+/// is in the texture, so a few pixels may round differently.
 #[gpu_test]
 fn the_cache_follows_lamps() {
     let mut scene = Cloud::new(1.0);
@@ -148,7 +149,8 @@ fn the_cache_follows_lamps() {
         scene.stage.update(3);
         scene.stage.world().entity_mut(cloud).insert(Visibility::Inherited);
         let fresh = scene.stage.picture(&scene.target);
-        assert_eq!(error(&changed, &fresh), 0.0, "after {what} has changed");
+        let off = error(&changed, &fresh);
+        assert!(off <= 1e-4, "after {what} has changed: {off}");
         last = changed;
     }
 }

@@ -37,8 +37,8 @@ struct Placement {
 // Means of velocities, as 16-bit floats: x, y, z, and 1, or 0 for cubes without any.
 @group(0) @binding(9) var<storage, read> means: array<vec2<u32>>;
 
-// The displacement within a volume since the previous frame, in the clip space of that frame, at a position in
-// the clip space of the view's rays.
+// The displacement within a volume since the previous frame, in the clip space of that frame, at a position
+// in the clip space of the view's rays.
 fn displacement_before(volume: u32, position: vec4<f32>) -> vec4<f32> {
     let own = velocities[volume];
     let place = own.lattice_from_clip * position;

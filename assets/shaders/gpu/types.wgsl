@@ -79,9 +79,9 @@ struct Volume {
     node_max: vec3<f32>,
     shadow_step: f32,           // voxels between samples of fog on rays from points in fog to lights
     light_origin: vec3<i32>,    // local cell at the first sample of the light cache
-    light_brick: u32,           // first brick of the first sun in the light cache, 0 without suns, or 2^32 - 1
-    light_bricks: vec3<u32>,    // bricks of a light along each axis
     light_log: u32,             // log₂ of the cells between samples of the light cache
+    light_texel: vec3<f32>,     // centre of the first sun's first sample in the cache's texture, in texels
+    light_planes: u32,          // texels from one sun to the next; 0 if it is not in the light cache
 }
 
 const NO_CASTER: u32 = 1u;

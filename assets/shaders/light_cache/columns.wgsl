@@ -21,10 +21,10 @@ struct Job {
     axis_y: vec3<f32>,
     segment: f32,           // length of a ray between two planes, world units
     axis_z: vec3<f32>,
-    first_row: u32,         // of bricks in the atlas
+    line_words: u32,        // of a line of samples in the buffer that is copied to the texture
     light: vec3<f32>,       // direction to the sun, of unit length, world space
     major: u32,             // the axis across the planes
-    bricks: vec3<u32>,
+    samples: vec3<u32>,
     is_reversed: u32,       // 1 if the first plane has the largest coordinate
     slopes: vec2<f32>,      // shift of the rays from plane to plane along the next two axes, in spacings
     low_shift: vec2<i32>,   // the least and the greatest shift in any plane, rounded down

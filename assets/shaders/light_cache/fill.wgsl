@@ -4,8 +4,7 @@
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::gpu::types::Grid
-#import bevy_vdb::light_cache::bricks::{BRICK_INTERVALS, BRICK_SAMPLES, NO_FOG, ROW_BRICKS}
-#import bevy_vdb::light_cache::bricks::{bricks_per_light, staging_word}
+#import bevy_vdb::light_cache::lattice::{NO_FOG, staging_word}
 #import bevy_vdb::trace::occlusion::fog_depth_to_light
 #import bevy_vdb::trace::segment::Point
 #import bevy_vdb::traversal::hdda::FAR
@@ -23,11 +22,12 @@ struct Job {
     is_lamp: u32,           // 1 for a point or spot light, 0 for a sun
     // The position of a lamp relative to the view's eye; the direction to a sun, of unit length. World space.
     light: vec3<f32>,
-    first_row: u32,         // of bricks in the atlas
+    line_words: u32,        // of a line of samples in `staging`
+    samples: vec3<u32>,
 }
 
 @group(2) @binding(6) var<uniform> job: Job;
-// Rows of bricks, two 16-bit floats a word.
+// Two 16-bit floats a word.
 @group(2) @binding(7) var<storage, read_write> staging: array<u32>;
 
 const LEAF_CELLS: i32 = 8;
@@ -75,24 +75,19 @@ fn depth_at_sample(volume: u32, grid: Grid, sample: vec3<u32>) -> f32 {
     return fog_depth_to_light(point, to_lamp / distance, distance, job.step);
 }
 
-// A workgroup for each third of a brick; each thread writes two samples along x.
-@compute @workgroup_size(5, 9, 3)
-fn fill(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(local_invocation_id) thread: vec3<u32>,
-) {
+// Each thread writes two samples along x.
+@compute @workgroup_size(4, 4, 4)
+fn fill(@builtin(global_invocation_id) id: vec3<u32>) {
     let volume = view.volume_first + job.volume;
     let grid = grids[volumes[volume].grid];
-    let bricks = volumes[volume].light_bricks;
-    let at = vec3(group.xy, group.z / 3u);
-    let texel = vec3(2u * thread.x, thread.y, 3u * (group.z % 3u) + thread.z);
-    let sample = at * BRICK_INTERVALS + texel;
-    let brick = (at.z * bricks.y + at.y) * bricks.x + at.x;
+    let sample = id * vec3(2u, 1u, 1u);
+    if any(sample >= job.samples) {
+        return;
+    }
     let first = depth_at_sample(volume, grid, sample);
     var second = 0.0;
-    if texel.x + 1u < BRICK_SAMPLES {
+    if sample.x + 1u < job.samples.x {
         second = depth_at_sample(volume, grid, sample + vec3(1u, 0u, 0u));
     }
-    let rows = bricks_per_light(bricks) / ROW_BRICKS;
-    staging[staging_word(job.first_row, rows, brick, texel)] = pack2x16float(vec2(first, second));
+    staging[staging_word(sample, job.samples, job.line_words)] = pack2x16float(vec2(first, second));
 }

@@ -1,11 +1,10 @@
 // The samples of the light cache for a sun, from the depths along rays to it.
 
-#import bevy_vdb::light_cache::bricks::{BRICK_INTERVALS, BRICK_SAMPLES, ROW_BRICKS}
-#import bevy_vdb::light_cache::bricks::{bricks_per_light, staging_word}
 #import bevy_vdb::light_cache::columns::{RUN, column_at, depth_index, depths, is_in_plane, job, ray_count}
 #import bevy_vdb::light_cache::columns::{run_index, shift_at}
+#import bevy_vdb::light_cache::lattice::staging_word
 
-// Rows of bricks, two 16-bit floats a word.
+// Two 16-bit floats a word.
 @group(2) @binding(7) var<storage, read_write> staging: array<u32>;
 
 // Adds to the depths of each run what lies before it; the first one is complete.
@@ -62,21 +61,17 @@ fn depth_at_sample(sample: vec3<u32>) -> f32 {
     return max(depth, 0.0);
 }
 
-// A workgroup for each third of a brick; each thread writes two samples along x.
-@compute @workgroup_size(5, 9, 3)
-fn interpolate(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(local_invocation_id) thread: vec3<u32>,
-) {
-    let at = vec3(group.xy, group.z / 3u);
-    let texel = vec3(2u * thread.x, thread.y, 3u * (group.z % 3u) + thread.z);
-    let sample = at * BRICK_INTERVALS + texel;
-    let brick = (at.z * job.bricks.y + at.y) * job.bricks.x + at.x;
+// Each thread writes two samples along x.
+@compute @workgroup_size(4, 4, 4)
+fn interpolate(@builtin(global_invocation_id) id: vec3<u32>) {
+    let sample = id * vec3(2u, 1u, 1u);
+    if any(sample >= job.samples) {
+        return;
+    }
     let first = depth_at_sample(sample);
     var second = 0.0;
-    if texel.x + 1u < BRICK_SAMPLES {
+    if sample.x + 1u < job.samples.x {
         second = depth_at_sample(sample + vec3(1u, 0u, 0u));
     }
-    let rows = bricks_per_light(job.bricks) / ROW_BRICKS;
-    staging[staging_word(job.first_row, rows, brick, texel)] = pack2x16float(vec2(first, second));
+    staging[staging_word(sample, job.samples, job.line_words)] = pack2x16float(vec2(first, second));
 }

@@ -186,14 +186,13 @@ fn sampled_scalar(grid: Grid, ray: SampledRay, accessor: ptr<function, Accessor>
 
 #ifdef VDB_BLACKBODY
 // Samples per step of a ray that is marched through a black body, whose luminance grows with about the
-// fourteenth power of the temperature. The first two, which are among all, are in the middle of each half.
+// fourteenth power of the temperature.
 const BLACKBODY_SAMPLES: u32 = 10u;
-const FIRST_OF_SAMPLES: u32 = 2u;
-const SECOND_OF_SAMPLES: u32 = 7u;
-// In a step of up to so many voxels, these two suffice if it would add less than this fraction of what the
-// ray has met before, or less than this to the pixel's value, even if all of it were as hot as the hottest
-// corner of their cells. (Elsewhere they would err by a tenth.)
-const PROBED_VOXELS: f32 = 3.0;
+// Fewer samples, each in the middle of at most so many voxels, suffice in a step that would add less than this
+// fraction of what the ray has met before, or less than this to the pixel's value, even if all of it were as
+// hot as the hottest corner of their cells. (Samples that are farther apart would err by a tenth.)
+const PROBED_VOXELS: f32 = 1.5;
+const MAX_PROBES: u32 = 6u;
 const NEGLIGIBLE_FRACTION: f32 = 0.01;
 const NEGLIGIBLE_VALUE: f32 = 3e-5;
 
@@ -218,19 +217,26 @@ fn sampled_blackbody(
     step: EmissionStep,
     factor: f32,
 ) -> vec3<f32> {
-    let first = bounded_temperature(grid, ray, accessor, mix(step.t_low, step.t_high, 0.25));
-    let second = bounded_temperature(grid, ray, accessor, mix(step.t_low, step.t_high, 0.75));
-    let brightest = max3(blackbody_emission(volume, max(first.highest, second.highest)));
-    let is_negligible = step.visible * factor * brightest
-        < max(NEGLIGIBLE_FRACTION * step.shown, NEGLIGIBLE_VALUE);
-    var sum = blackbody_emission(volume, first.density) + blackbody_emission(volume, second.density);
-    if is_negligible && (step.t_high - step.t_low) * length(ray.dir) <= PROBED_VOXELS {
-        return 0.5 * sum;
+    let voxels = (step.t_high - step.t_low) * length(ray.dir);
+    let probes = u32(clamp(ceil(voxels / PROBED_VOXELS), 1.0, f32(MAX_PROBES + 1u)));
+    if probes <= MAX_PROBES {
+        var highest = 0.0;
+        var probed = vec3(0.0);
+        for (var i = 0u; i < probes; i++) {
+            let t = mix(step.t_low, step.t_high, (f32(i) + 0.5) / f32(probes));
+            let found = bounded_temperature(grid, ray, accessor, t);
+            highest = max(highest, found.highest);
+            probed += blackbody_emission(volume, found.density);
+        }
+        let largest = step.visible * factor * max3(blackbody_emission(volume, highest));
+        if largest < max(NEGLIGIBLE_FRACTION * step.shown, NEGLIGIBLE_VALUE) {
+            return probed / f32(probes);
+        }
     }
+    var sum = vec3(0.0);
     for (var i = 0u; i < BLACKBODY_SAMPLES; i++) {
         let t = mix(step.t_low, step.t_high, (f32(i) + 0.5) / f32(BLACKBODY_SAMPLES));
-        let is_new = i != FIRST_OF_SAMPLES && i != SECOND_OF_SAMPLES;
-        if is_new && t >= ray.t_first && t < ray.t_last {
+        if t >= ray.t_first && t < ray.t_last {
             sum += blackbody_emission(volume, sample_fog(grid, ray, accessor, t).density);
         }
     }

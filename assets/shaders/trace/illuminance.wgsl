@@ -40,8 +40,8 @@ fn mean_falloff(to_lamp: vec3<f32>, ray: vec3<f32>, extent: f32) -> f32 {
     return distance_squared * angle / (across * extent);
 }
 
-// Mean illuminance in lux over a stretch of a ray around a point, on surfaces that face a point or spot light,
-// to which the vector in the middle is `to_lamp`.
+// Mean illuminance in lux over a stretch of a ray around a point, on surfaces that face a point or spot
+// light, to which the vector in the middle is `to_lamp`.
 fn lamp_illuminance(data: ClusteredLight, to_lamp: vec3<f32>, ray: vec3<f32>, extent: f32) -> vec3<f32> {
     let distance_squared = dot(to_lamp, to_lamp);
     var cone = 1.0;
@@ -58,8 +58,8 @@ fn lamp_illuminance(data: ClusteredLight, to_lamp: vec3<f32>, ray: vec3<f32>, ex
 }
 #endif
 
-// Mean illuminance in lux, on a surface that faces the light, over a stretch of a ray (world space, unit length)
-// centred on a point.
+// Mean illuminance in lux, on a surface that faces the light, over a stretch of a ray (world space, unit
+// length) centred on a point.
 fn illuminance_of(at: ShadingPoint, lights: LightList, i: u32, ray: vec3<f32>, extent: f32) -> vec3<f32> {
     if i < lights.suns {
         return sun_factor(i) * bevy::lights.directional_lights[i].color.rgb;

@@ -1,12 +1,13 @@
-// The light of cached lamps that a fog scatters towards the view's eye, at the samples of the light cache. Where
-// lamps are far compared with the distance between samples, rays interpolate it instead of asking each lamp.
+// The light of cached lamps that a fog scatters towards the view's eye, at the samples of the light cache.
+// Where lamps are far compared with the distance between samples, rays interpolate it instead of asking each
+// lamp.
 
 #import bevy_pbr::mesh_view_bindings as bevy
 #import bevy_pbr::mesh_view_types::POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT
 #import bevy_vdb::gpu::types::MAX_CACHED_LAMPS
-#import bevy_vdb::light_cache::bricks::{BRICK_INTERVALS, NO_FOG, brick_texel, bricks_per_light}
+#import bevy_vdb::light_cache::lattice::{NO_FOG, first_texel}
 #import bevy_vdb::trace::illuminance::lamp_illuminance
-#import bevy_vdb::trace::light_cache::{NOT_CACHED, lamp_group_bricks, lamp_light_brick, light_atlas}
+#import bevy_vdb::trace::light_cache::{NOT_CACHED, lamp_group_lattices, lamp_light_lattice, light_atlas}
 #import bevy_vdb::trace::light_cache::far_from_lamps
 #import bevy_vdb::trace::lights::{add_scattered, interpolated_near_eye, interpolated_part}
 #import bevy_vdb::trace::scattering::{OCTAVES, octaves_of_depth}
@@ -19,6 +20,7 @@ struct Samples {
     axis_x: vec3<f32>,      // world units per cell of the volume's lattice
     axis_y: vec3<f32>,
     axis_z: vec3<f32>,
+    count: vec3<u32>,       // along each axis
 }
 
 @group(2) @binding(6) var<uniform> samples: Samples;
@@ -36,8 +38,7 @@ fn view_direction(from_eye: vec3<f32>) -> vec3<f32> {
 fn gather_lamps(
     volume: u32,
     from_eye: vec3<f32>,
-    brick: u32,
-    texel: vec3<u32>,
+    sample: vec3<u32>,
 ) -> array<vec3<f32>, OCTAVES> {
     var octaves = array<vec3<f32>, OCTAVES>();
     let position = view.eye + from_eye;
@@ -48,12 +49,12 @@ fn gather_lamps(
     let groups = (min(view.cached_lamp_count, MAX_CACHED_LAMPS) + 3u) / 4u;
     for (var group = 0u; group < groups; group++) {
         let lamps = view.cached_lamps[group];
-        let bricks = lamp_group_bricks(volume, group);
+        let lattices = lamp_group_lattices(volume, group);
         for (var i = 0u; i < 4u; i++) {
-            if bricks[i] == NOT_CACHED {
+            if lattices[i] == NOT_CACHED {
                 continue;
             }
-            let depth = textureLoad(light_atlas, brick_texel(bricks[i] + brick) + texel, 0).x;
+            let depth = textureLoad(light_atlas, first_texel(lattices[i]) + sample, 0).x;
             if depth == NO_FOG {
                 return octaves;
             }
@@ -63,34 +64,30 @@ fn gather_lamps(
             let illuminance = part * lamp_illuminance(data, to_lamp, ray, 0.0);
             let has_shadows = (data.flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
             if has_shadows && any(illuminance > vec3(0.0)) {
-                add_scattered(&octaves, to_lamp, illuminance, octaves_of_depth(depth, anisotropy), ray, anisotropy);
+                let visible = octaves_of_depth(depth, anisotropy);
+                add_scattered(&octaves, to_lamp, illuminance, visible, ray, anisotropy);
             }
         }
     }
     return octaves;
 }
 
-// A workgroup for each third of a brick.
-@compute @workgroup_size(9, 9, 3)
-fn gather(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(local_invocation_id) thread: vec3<u32>,
-) {
+@compute @workgroup_size(4, 4, 4)
+fn gather(@builtin(global_invocation_id) sample: vec3<u32>) {
+    if any(sample >= samples.count) {
+        return;
+    }
     let volume = view.volume_first + samples.volume;
-    let bricks = volumes[volume].light_bricks;
-    let at = vec3(group.xy, group.z / 3u);
-    let texel = vec3(thread.xy, 3u * (group.z % 3u) + thread.z);
-    let from_origin = vec3<f32>((at * BRICK_INTERVALS + texel) << vec3(volumes[volume].light_log));
+    let from_origin = vec3<f32>(sample << vec3(volumes[volume].light_log));
     let from_eye = samples.origin
         + from_origin.x * samples.axis_x
         + from_origin.y * samples.axis_y
         + from_origin.z * samples.axis_z;
-    let brick = (at.z * bricks.y + at.y) * bricks.x + at.x;
-    var octaves = gather_lamps(volume, from_eye, brick, texel);
-    let first = lamp_light_brick(volume);
+    var octaves = gather_lamps(volume, from_eye, sample);
+    let first = first_texel(lamp_light_lattice(volume)) + sample;
     for (var octave = 0u; octave < OCTAVES; octave++) {
         let light = min(octaves[octave] * view.exposure, vec3(MAX_LIGHT));
-        let lattice = first + octave * bricks_per_light(bricks);
-        textureStore(gathered, brick_texel(lattice + brick) + texel, vec4(light, 0.0));
+        let texel = first + vec3(0u, 0u, octave * samples.count.z);
+        textureStore(gathered, texel, vec4(light, 0.0));
     }
 }

@@ -22,11 +22,11 @@
 #import bevy_pbr::mesh_view_types::{POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT}
 #import bevy_vdb::gpu::types::MAX_CACHED_LAMPS
 #import bevy_vdb::trace::illuminance::lamp_illuminance
-#import bevy_vdb::trace::light_cache::{cached_depth, lamp_group_bricks, lattice_point}
+#import bevy_vdb::trace::light_cache::{cached_lamp_depth, lamp_group_lattices, lattice_point}
 #import bevy_vdb::trace::light_list::{is_spot, local_light}
 #ifdef VDB_LAMP_LIGHT
 #import bevy_pbr::mesh_view_types::{ClusteredLight, POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT}
-#import bevy_vdb::trace::light_cache::{far_from_eye, far_from_lamps, lamp_light_brick}
+#import bevy_vdb::trace::light_cache::{far_from_eye, far_from_lamps, lamp_light_lattice}
 #endif
 #endif
 #endif
@@ -93,8 +93,8 @@ fn add_scattered(
     }
 }
 
-// Light scattered over a stretch of a ray (world space, unit length) around a point in fog with an albedo of 1,
-// cd/m².
+// Light scattered over a stretch of a ray (world space, unit length) around a point in fog with an albedo of
+// 1, cd/m².
 fn in_scattered(
     at: ShadingPoint,
     point: Point,
@@ -206,8 +206,8 @@ struct LocalLight {
 
 #ifdef VDB_CACHED_LAMPS
 #ifdef VDB_LAMP_LIGHT
-// The edge of a spot light's cone widens with the distance, so it can be interpolated from a distance on that is
-// proportional to its steepness, relative to that of point lights.
+// The edge of a spot light's cone widens with the distance, so it can be interpolated from a distance on that
+// is proportional to its steepness, relative to that of point lights.
 const FAR_FROM_CONE: f32 = 0.58;
 
 // The distance from a lamp at which its light begins to be interpolated; `far` is that for point lights.
@@ -216,8 +216,8 @@ fn far_distance(data: ClusteredLight, far: f32) -> f32 {
     return far * max(1.0, FAR_FROM_CONE * select(0.0, data.light_custom_data.z, is_spot));
 }
 
-// The fraction of the light scattered from a point (world space) that is interpolated, as far as its distance from the
-// eye goes: all of it from twice a distance on. Around the eye, rays come from all directions.
+// The fraction of the light scattered from a point (world space) that is interpolated, as far as its distance
+// from the eye goes: all of it from twice a distance on. Around the eye, rays come from all directions.
 fn interpolated_near_eye(volume: u32, position: vec3<f32>) -> f32 {
     let far = far_from_eye(volume);
     if far <= 0.0 {
@@ -244,19 +244,19 @@ fn with_sphere(range: vec2<f32>, ray: vec3<f32>, to_center: vec3<f32>, radius: f
     return vec2(min(range.x, along - half), max(range.y, along + half));
 }
 
-// The range of distances along a ray (world space, unit length) in which some of the light of cached lamps is not
-// interpolated; its start is larger than its end if all is.
+// The range of distances along a ray (world space, unit length) in which some of the light of cached lamps is
+// not interpolated; its start is larger than its end if all is.
 fn range_near_lamps(origin: vec3<f32>, ray: vec3<f32>, volume: u32) -> vec2<f32> {
-    let is_interpolated = lamp_light_brick(volume) != NOT_CACHED;
+    let is_interpolated = lamp_light_lattice(volume) != NOT_CACHED;
     let far = far_from_lamps(volume);
     var range = vec2(FAR, -FAR);
     var is_lit = false;
     let groups = (min(view.cached_lamp_count, MAX_CACHED_LAMPS) + 3u) / 4u;
     for (var group = 0u; group < groups; group++) {
         let lamps = view.cached_lamps[group];
-        let bricks = lamp_group_bricks(volume, group);
+        let lattices = lamp_group_lattices(volume, group);
         for (var i = 0u; i < 4u; i++) {
-            if bricks[i] != NOT_CACHED {
+            if lattices[i] != NOT_CACHED {
                 let data = bevy::clustered_lights.data[lamps[i]];
                 let to_lamp = data.position_radius.xyz - origin;
                 range = with_sphere(range, ray, to_lamp, 2.0 * far_distance(data, far));
@@ -274,8 +274,8 @@ fn range_near_lamps(origin: vec3<f32>, ray: vec3<f32>, volume: u32) -> vec2<f32>
 }
 #endif
 
-// Adds the light of the lamps in the light cache that is scattered over a stretch of a ray around a point in a
-// fog. `place` is that point in the lattice of the fog. Leaves out what is interpolated.
+// Adds the light of the lamps in the light cache that is scattered over a stretch of a ray around a point in
+// a fog. `place` is that point in the lattice of the fog. Leaves out what is interpolated.
 fn add_cached_lamps(
     light: ptr<function, LocalLight>,
     at: ShadingPoint,
@@ -288,7 +288,7 @@ fn add_cached_lamps(
 ) {
     let in_lattice = lattice_point(volume, place.cell, place.u);
 #ifdef VDB_LAMP_LIGHT
-    let is_interpolated = lamp_light_brick(volume) != NOT_CACHED;
+    let is_interpolated = lamp_light_lattice(volume) != NOT_CACHED;
     let far = far_from_lamps(volume);
     let near_eye = interpolated_near_eye(volume, at.position);
 #endif
@@ -297,7 +297,7 @@ fn add_cached_lamps(
     let groups = (min(view.cached_lamp_count, MAX_CACHED_LAMPS) + 3u) / 4u;
     for (var group = 0u; group < groups; group++) {
         let lamps = view.cached_lamps[group];
-        let bricks = lamp_group_bricks(volume, group);
+        let lattices = lamp_group_lattices(volume, group);
         // The fractions of their light that are not interpolated.
         var parts = vec4(1.0);
 #ifdef VDB_LAMP_LIGHT
@@ -307,9 +307,11 @@ fn add_cached_lamps(
                 let to_lamp = data.position_radius.xyz - at.position;
                 let distance_squared = dot(to_lamp, to_lamp);
                 let part = 1.0 - near_eye * interpolated_part(data, distance_squared, far);
-                parts[i] = select(0.0, part, bricks[i] != NOT_CACHED);
+                parts[i] = select(0.0, part, lattices[i] != NOT_CACHED);
                 // Of all lamps: the ray may come near this one between samples.
-                nearest_squared = min(nearest_squared, select(FAR, distance_squared, bricks[i] != NOT_CACHED));
+                if lattices[i] != NOT_CACHED {
+                    nearest_squared = min(nearest_squared, distance_squared);
+                }
             }
         }
 #endif
@@ -317,12 +319,12 @@ fn add_cached_lamps(
             // Four samples at once, so that the GPU does not wait for each.
             var depths = vec4(0.0);
             for (var i = 0u; i < 4u; i++) {
-                depths[i] = cached_depth(in_lattice, select(bricks[i], 0u, bricks[i] == NOT_CACHED));
+                depths[i] = cached_lamp_depth(in_lattice, select(lattices[i], 0u, lattices[i] == NOT_CACHED));
             }
             for (var i = 0u; i < 4u; i++) {
                 let data = bevy::clustered_lights.data[lamps[i]];
                 let has_shadows = (data.flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
-                if has_shadows && bricks[i] != NOT_CACHED && parts[i] > 0.0 {
+                if has_shadows && lattices[i] != NOT_CACHED && parts[i] > 0.0 {
                     let to_lamp = data.position_radius.xyz - at.position;
                     let illuminance = parts[i] * lamp_illuminance(data, to_lamp, ray, extent);
                     // Of all lamps: the ray may meet the cone or the range of this one between samples.
@@ -345,7 +347,7 @@ fn is_cached_lamp(volume: u32, lamp: u32) -> bool {
     var is_cached = false;
     for (var slot = 0u; slot < min(view.cached_lamp_count, MAX_CACHED_LAMPS); slot++) {
         if view.cached_lamps[slot / 4u][slot % 4u] == lamp {
-            is_cached = lamp_group_bricks(volume, slot / 4u)[slot % 4u] != NOT_CACHED;
+            is_cached = lamp_group_lattices(volume, slot / 4u)[slot % 4u] != NOT_CACHED;
         }
     }
     return is_cached;

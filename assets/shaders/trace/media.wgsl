@@ -7,11 +7,12 @@
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::fog_march::{Fog, MIN_STEP, light_interval}
-#import bevy_vdb::trace::light_cache::{cached_depth, lattice_point, sun_brick}
+#import bevy_vdb::trace::light_cache::{cached_sun_depth, lattice_point}
 #import bevy_vdb::trace::medium::{HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia, begun, first_step}
 #import bevy_vdb::trace::medium::{new_medium, no_medium, suitable_step}
 #import bevy_vdb::trace::scattering::{OCTAVES, OPAQUE_DEPTH, ScatteringSums, add_sample, mean_transmittance}
-#import bevy_vdb::trace::scattering::{octave_weights, octaves_of_depth, scattered_radiance, visibility_between}
+#import bevy_vdb::trace::scattering::{octave_weights, octaves_of_depth, scattered_radiance}
+#import bevy_vdb::trace::scattering::visibility_between
 #import bevy_vdb::trace::segment::{NONE, Segment}
 #import bevy_vdb::trace::shared_light::{SUN_COUNT, SUN_SLOTS, CachedLight, FogPoint, SharedLight}
 #import bevy_vdb::trace::shared_light::{begin_interval, begin_light, mean_light}
@@ -19,8 +20,7 @@
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::view::scene::{view, volumes}
 #ifdef VDB_LAMP_LIGHT
-#import bevy_vdb::trace::light_cache::{LatticePoint, NOT_CACHED, cached_lamp_light, lamp_light_brick}
-#import bevy_vdb::light_cache::bricks::bricks_per_light
+#import bevy_vdb::trace::light_cache::{NOT_CACHED, cached_lamp_light, lamp_light_lattice}
 #import bevy_vdb::trace::lights::range_near_lamps
 #import bevy_vdb::trace::segment::{point_at, world_position}
 #endif
@@ -232,9 +232,9 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
     let near = near_lamps(segment, &fogs, fog_count, t_zero);
     t_flush = flush_near_lamps(t_flush, t_near, near);
     var t_interval_begin = t_near;
-    var lamp_bricks = array<u32, MAX_FOGS>();
+    var lamp_lattices = array<u32, MAX_FOGS>();
     for (var i = 0u; i < MAX_FOGS; i++) {
-        lamp_bricks[i] = lamp_light_brick(fogs[i].volume);
+        lamp_lattices[i] = lamp_light_lattice(fogs[i].volume);
     }
     // Of lamps, times the exposure: light in each octave.
     var lamp_light = array<vec3<f32>, OCTAVES>();
@@ -273,7 +273,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         var extinction = 0.0;
         var extinctions = array<f32, MAX_FOGS>();
 #ifdef VDB_LAMP_LIGHT
-        var points = array<LatticePoint, MAX_FOGS>();
+        var points = array<vec3<f32>, MAX_FOGS>();
 #endif
         var depths = array<array<f32, SUN_SLOTS>, MAX_FOGS>();
         for (var i = 0u; i < MAX_FOGS; i++) {
@@ -296,7 +296,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
                     points[i] = point;
 #endif
                     for (var slot = 0u; slot < SUN_COUNT; slot++) {
-                        depths[i][slot] = cached_depth(point, sun_brick(volume, slot));
+                        depths[i][slot] = cached_sun_depth(point, volume, slot);
                     }
                 }
             }
@@ -323,13 +323,12 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
                 }
             }
 #ifdef VDB_LAMP_LIGHT
-            if weight > 0.0 && lamp_bricks[i] != NOT_CACHED {
+            if weight > 0.0 && lamp_lattices[i] != NOT_CACHED {
                 let volume = fogs[i].volume;
                 let anisotropy = volumes[volume].anisotropy;
                 var weights = octave_weights(weight, visible, anisotropy);
                 for (var octave = 0u; octave < OCTAVES; octave++) {
-                    let brick = lamp_bricks[i] + octave * bricks_per_light(volumes[volume].light_bricks);
-                    let light = cached_lamp_light(points[i], brick);
+                    let light = cached_lamp_light(points[i], lamp_lattices[i], volume, octave);
                     lamp_light[octave] += weights[octave] * volumes[volume].base_color * light;
                 }
             }
@@ -363,7 +362,8 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
             t_near = min(t_near, emitters[i].t_next);
         }
 #endif
-        k = next_index(k, select(k + stride, max(k + 1.0, first_step(min(t_near, t_end) * inverse_base)), is_empty));
+        let k_near = max(k + 1.0, first_step(min(t_near, t_end) * inverse_base));
+        k = next_index(k, select(k + stride, k_near, is_empty));
         let weight = extinction * visible_width;
         interval.width += select(0.0, width, weight > 0.0);
         interval.weight += weight;
@@ -380,7 +380,8 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
             // Ends at multiples of a length, so that neighbouring rays evaluate light at the same time, and
             // grows like the steps.
             let longest = LAMP_INTERVAL * shared_light.nearest / (dir_length * t_interval);
-            let t_part = t_interval * exp2(floor(log2(max(min(stride_at(fog.optical_depth), longest), MIN_INTERVAL))));
+            let part = max(min(stride_at(fog.optical_depth), longest), MIN_INTERVAL);
+            let t_part = t_interval * exp2(floor(log2(part)));
             t_flush = next_multiple(t_zero + max(t_high, t_near), t_part) - t_zero;
 #ifdef VDB_LAMP_LIGHT
             t_flush = flush_near_lamps(t_flush, t_high, near);

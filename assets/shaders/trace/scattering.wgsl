@@ -2,10 +2,10 @@
 //
 // Light from light sources is split into octaves, after Wrenninge, Kulla and Lundqvist 2013, "Oz: The Great
 // and Volumetric". Light that has been scattered several times reaches deeper into fog, and more evenly from
-// all sides, so each octave has a smaller extinction towards the light, a more isotropic phase function and an
-// amplitude of its own. Here they depend on what decides how often light is scattered: on the optical depth of
-// the ray, on the albedo and the anisotropy, and on how near the point is to where light enters and leaves. The
-// constants are fitted to path tracing by scripts/fit-scattering.
+// all sides, so each octave has a smaller extinction towards the light, a more isotropic phase function and
+// an amplitude of its own. Here they depend on what decides how often light is scattered: on the optical
+// depth of the ray, on the albedo and the anisotropy, and on how near the point is to where light enters and
+// leaves. The constants are fitted to path tracing by scripts/fit-scattering.
 //
 // Uniform light from the environment uses the closed form of the two-stream approximation for a layer with
 // the optical depth of the ray (Schuster 1905, "Radiation through a foggy atmosphere"). The light that the
@@ -28,8 +28,9 @@ const OCTAVE_EXTINCTION = vec2(0.987, 0.247);
 // Close to where light enters, the second octave has not built up yet: it is multiplied by exp(-B T), for a
 // transmittance T towards the light.
 const BUILD_UP: f32 = 0.678;
-// Likewise, close to where light leaves for the viewer, octaves are multiplied by exp(-E T), for a transmittance T
-// towards the viewer. For the second octave, E = ESCAPE.x - u ESCAPE.y; for the third, E = ESCAPE.z.
+// Likewise, close to where light leaves for the viewer, octaves are multiplied by exp(-E T), for a
+// transmittance T towards the viewer. For the second octave, E = ESCAPE.x - u ESCAPE.y; for the third, E =
+// ESCAPE.z.
 const ESCAPE = vec3(1.13, 0.567, 4.54);
 // The amplitude of the second octave is A τ / (τ + D), for a ray of optical depth τ; of the third,
 // A τ / (1 + u τ / D).
@@ -104,9 +105,10 @@ fn visibility_between(near: f32, far: f32) -> Visibility {
     return Visibility(0.5 * (near + far), 0.5 * (near - far));
 }
 
-// Weights of a stretch of a ray in each octave. `weight` is the fraction of the pixel that the stretch covers.
-// The second and third octaves are multiplied by the mean of exp(-E T) over the stretch, in which T is evenly
-// distributed when weighted by visibility: exp(-E mean) sinh(x) / x, by the first terms of its series.
+// Weights of a stretch of a ray in each octave. `weight` is the fraction of the pixel that the stretch
+// covers. The second and third octaves are multiplied by the mean of exp(-E T) over the stretch, in which T
+// is evenly distributed when weighted by visibility: exp(-E mean) sinh(x) / x, by the first terms of its
+// series.
 fn octave_weights(weight: f32, visible: Visibility, anisotropy: f32) -> array<f32, OCTAVES> {
     var weights = array<f32, OCTAVES>();
     weights[0] = weight;
@@ -169,7 +171,8 @@ fn scattered_radiance(sums: ScatteringSums, optical_depth: f32) -> vec3<f32> {
     let anisotropy = sums.anisotropy / weight;
     let depth = min(optical_depth, OPAQUE_DEPTH);
 #ifdef VDB_OCTAVES
-    // Light in the second octave has been scattered once more than in the first, in the third eleven times more.
+    // Light in the second octave has been scattered once more than in the first, in the third eleven times
+    // more.
     let squared = albedo * albedo;
     let fourth = squared * squared;
     radiance += (OCTAVE_AMPLITUDE.x * depth / (depth + OCTAVE_DEPTH.x)) * albedo * sums.octaves[1];

@@ -64,8 +64,8 @@ fn begin_interval(shared_light: ptr<function, SharedLight>, segment: Segment, pi
     (*shared_light).nearest = FAR;
 }
 
-// Mean light over the steps of a fog in the interval, whose mean position is `fog_point`. `cached` are sums over
-// these steps, with the weights of the octaves; `weights` are the sums of those weights.
+// Mean light over the steps of a fog in the interval, whose mean position is `fog_point`. `cached` are sums
+// over these steps, with the weights of the octaves; `weights` are the sums of those weights.
 fn mean_light(
     shared_light: ptr<function, SharedLight>,
     segment: Segment,

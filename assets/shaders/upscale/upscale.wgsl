@@ -103,7 +103,8 @@ fn upscale(@builtin(global_invocation_id) id: vec3<u32>) {
             fog_depth = max(fog_depth, decoded_fog_depth(other.depth));
         }
     }
-    depth = select(select(NO_DEPTH, encoded_fog_depth(fog_depth), fog_depth >= 0.0), depth / weight, is_surface);
+    let encoded = select(NO_DEPTH, encoded_fog_depth(fog_depth), fog_depth >= 0.0);
+    depth = select(encoded, depth / weight, is_surface);
     textureStore(out_color, pixel, color / weight);
     textureStore(out_depth, pixel, vec4(depth, 0.0, 0.0, 0.0));
 #ifdef VDB_MOTION_VECTORS

@@ -24,8 +24,8 @@ fn frame_random(irrational: f32) -> f32 {
     return fract(f32(view.frame & 4095u) * irrational);
 }
 
-// A number in [0, 1) that is evenly distributed among neighbouring pixels: Jimenez's interleaved gradient noise
-// (2014, "Next generation post processing in Call of Duty: Advanced Warfare").
+// A number in [0, 1) that is evenly distributed among neighbouring pixels: Jimenez's interleaved gradient
+// noise (2014, "Next generation post processing in Call of Duty: Advanced Warfare").
 fn interleaved_gradient_noise(pixel: vec2<f32>) -> f32 {
     return fract(52.9829189 * fract(dot(pixel, vec2(0.06711056, 0.00583715))));
 }

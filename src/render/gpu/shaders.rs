@@ -46,7 +46,7 @@ const IMPORTS: [(&str, &[u8]); 39] = shaders![
     "trace/lights",
     "trace/shade",
     "trace/distance_fog",
-    "light_cache/bricks",
+    "light_cache/lattice",
     "light_cache/columns",
     "trace/light_cache",
     "trace/fog_march",

@@ -53,9 +53,9 @@ pub(crate) struct Volume {
     pub node_max: [f32; 3],
     pub shadow_step: f32,
     pub light_origin: [i32; 3],
-    pub light_brick: u32,
-    pub light_bricks: [u32; 3],
     pub light_log: u32,
+    pub light_texel: [f32; 3],
+    pub light_planes: u32,
 }
 
 /// Bits of [`Volume::flags`].
@@ -70,9 +70,6 @@ pub(crate) const MAX_CACHED_SUNS: usize = 4;
 
 /// The largest number of point and spot lights in the light cache.
 pub(crate) const MAX_CACHED_LAMPS: usize = 32;
-
-/// [`Volume::light_brick`] of a volume that is not in the light cache.
-pub(crate) const NO_LIGHT_CACHE: u32 = u32::MAX;
 
 /// The uniform of a view.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -205,8 +202,8 @@ mod tests {
             density_scale, lattice_x, anisotropy, lattice_y, perceptual_roughness, lattice_z,
             metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last, color_grids,
             background, temperature_scale, temperature_offset, box_min, flags, box_max, fog_step,
-            node_min, light_step, node_max, shadow_step, light_origin, light_brick,
-            light_bricks, light_log);
+            node_min, light_step, node_max, shadow_step, light_origin, light_log,
+            light_texel, light_planes);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, offscreen_count, size, origin,

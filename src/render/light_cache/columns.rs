@@ -5,7 +5,7 @@ use bevy::prelude::*;
 use bytemuck::{Pod, Zeroable};
 
 use crate::render::gpu::MAX_GROUPS;
-use crate::render::view::{BRICK_INTERVALS, CacheLayout};
+use crate::render::view::CacheLayout;
 
 /// The planes whose segments one invocation adds up.
 const RUN: u32 = 8;
@@ -25,10 +25,10 @@ pub(super) struct Job {
     pub axis_y: [f32; 3],
     pub segment: f32,
     pub axis_z: [f32; 3],
-    pub first_row: u32,
+    pub line_words: u32,
     pub light: [f32; 3],
     pub major: u32,
-    pub bricks: [u32; 3],
+    pub samples: [u32; 3],
     pub is_reversed: u32,
     pub slopes: [f32; 2],
     pub low_shift: [i32; 2],
@@ -63,13 +63,13 @@ impl SunRays {
         let steepness = to_sun_in_cells[major].abs();
         let slopes =
             [to_sun_in_cells[first], to_sun_in_cells[second]].map(|v| (v / steepness) as f32);
-        let intervals = layout.bricks * BRICK_INTERVALS;
-        let planes = intervals[major] + 1;
+        let samples = layout.samples;
+        let planes = samples[major];
         let farthest = slopes.map(|slope| slope * (planes - 1) as f32);
         let low_shift = farthest.map(|shift| shift.min(0.0).floor() as i32);
         let high_shift = farthest.map(|shift| shift.max(0.0).floor() as i32);
         // One more column before the samples, and two after them.
-        let columns = [intervals[first], intervals[second]].map(|n| n + 4);
+        let columns = [samples[first], samples[second]].map(|n| n + 3);
         let rays = [0, 1].map(|i| columns[i] + high_shift[i].abs_diff(low_shift[i]));
         let runs = planes.div_ceil(RUN);
         let product = |edges: [u32; 3]| {
@@ -85,7 +85,8 @@ impl SunRays {
             segment: (f64::from(1_u32 << layout.log) / steepness) as f32,
             light: to_sun.to_array(),
             major: major as u32,
-            bricks: layout.bricks.to_array(),
+            samples: samples.to_array(),
+            line_words: layout.line_words(),
             is_reversed: u32::from(to_sun_in_cells[major] > 0.0),
             slopes,
             low_shift,
@@ -104,8 +105,8 @@ mod tests {
 
     use super::*;
 
-    fn layout(bricks: UVec3) -> CacheLayout {
-        CacheLayout { origin: IVec3::ZERO, bricks, log: 2 }
+    fn layout(samples: UVec3) -> CacheLayout {
+        CacheLayout { origin: IVec3::ZERO, samples, log: 2 }
     }
 
     /// The position of a column in spacings, as the shader computes it.
@@ -131,7 +132,7 @@ mod tests {
                 translation: DVec3::new(3.0, 4.0, 5.0),
             };
             let SunRays { job, groups, bytes } =
-                SunRays::new(layout(UVec3::new(3, 4, 5)), world_from_local, to_sun).unwrap();
+                SunRays::new(layout(UVec3::new(25, 33, 41)), world_from_local, to_sun).unwrap();
             for plane in 1..job.planes {
                 // The column of the same ray in the plane before.
                 let shift = |plane: u32| job.slopes.map(|slope| (slope * plane as f32).floor());
@@ -157,13 +158,13 @@ mod tests {
 
     #[test]
     fn rays_that_take_too_much_memory_are_refused() {
-        let of = |bricks, to_sun: Vec3| {
-            SunRays::new(layout(bricks), DAffine3::IDENTITY, to_sun.normalize()).is_some()
+        let of = |samples, to_sun: Vec3| {
+            SunRays::new(layout(samples), DAffine3::IDENTITY, to_sun.normalize()).is_some()
         };
-        assert!(of(UVec3::splat(32), Vec3::new(1.0, 2.0, 1.0)));
-        assert!(of(UVec3::new(1, 1, 20_000), Vec3::Y), "across");
-        assert!(!of(UVec3::new(1, 1, 20_000), Vec3::new(1.0, 1.0, 1.5)), "along");
-        assert!(!of(UVec3::splat(1), Vec3::splat(f32::NAN)));
-        assert!(!of(UVec3::splat(u32::MAX / 16), Vec3::Y));
+        assert!(of(UVec3::splat(257), Vec3::new(1.0, 2.0, 1.0)));
+        assert!(of(UVec3::new(9, 9, 160_001), Vec3::Y), "across");
+        assert!(!of(UVec3::new(9, 9, 160_001), Vec3::new(1.0, 1.0, 1.5)), "along");
+        assert!(!of(UVec3::splat(9), Vec3::splat(f32::NAN)));
+        assert!(!of(UVec3::splat(u32::MAX / 2), Vec3::Y));
     }
 }

@@ -1,23 +1,22 @@
 //! The pass that fills lattices, before the rays of a view are traced.
 
-use std::ops::Range;
-
 use bevy::prelude::*;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
-    BindGroup, Buffer, BufferInitDescriptor, BufferUsages, CommandEncoder, ComputePassDescriptor,
-    ComputePipeline, Extent3d, Origin3d, PipelineCache, TexelCopyBufferInfo, TexelCopyBufferLayout,
-    TexelCopyTextureInfo, TextureAspect,
+    BindGroup, BufferInitDescriptor, BufferUsages, CommandEncoder, ComputePassDescriptor,
+    ComputePipeline, PipelineCache,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 
-use super::atlas::{Atlas, BRICK_SAMPLES, LINE_BYTES, ROW_BYTES, WIDTH, row_origin, rows_by_layer};
 use super::lattices::LightCache;
 use super::pipeline::FillPipeline;
 use super::view::{Fill, LightCacheView, Way};
 use crate::render::gpu::{PipelineFallback, empty_layout};
 use crate::render::pool::VdbTreePool;
-use crate::render::view::{GROUPS_PER_BRICK, ViewState, VolumeBuffer};
+use crate::render::view::{ViewState, VolumeBuffer};
+
+/// The samples that a workgroup fills.
+const GROUP_SAMPLES: UVec3 = UVec3::new(8, 4, 4);
 
 /// Fills the lattices that a view needs.
 pub(crate) fn fill_light_cache(
@@ -48,7 +47,7 @@ pub(crate) fn fill_light_cache(
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_light_cache");
-    for Fill { way, layout: lattice, rows, number } in &own.jobs {
+    for Fill { way, layout: lattice, origin, number } in &own.jobs {
         let job = device.create_buffer_with_data(&BufferInitDescriptor {
             label: Some("vdb_light_job"),
             contents: match way {
@@ -60,8 +59,7 @@ pub(crate) fn fill_light_cache(
         let entries = pool.scene_entries(uniform, volumes);
         let entries =
             entries.extend_sequential((job.as_entire_binding(), staging.as_entire_binding()));
-        let [x, y, z] = lattice.bricks.to_array();
-        let for_samples = UVec3::new(x, y, z * GROUPS_PER_BRICK);
+        let for_samples = (lattice.samples + GROUP_SAMPLES - 1) / GROUP_SAMPLES;
         let (group, steps) = match (way, &suns, &cache.depths) {
             (Way::Samples(_), ..) => {
                 let Some(fill) = &samples else { continue };
@@ -78,7 +76,7 @@ pub(crate) fn fill_light_cache(
         };
         let encoder = context.command_encoder();
         run(encoder, [&empty, &empty, &group], &steps);
-        copy_rows(encoder, staging, atlas, rows);
+        atlas.copy_from_buffer(encoder, (staging, *lattice), *origin);
         cache.set_run(*number);
     }
     span.end(context.command_encoder());
@@ -95,31 +93,5 @@ fn run(encoder: &mut CommandEncoder, groups: [&BindGroup; 3], steps: &[(&Compute
             pass.set_bind_group(i, group, &[]);
         }
         pass.dispatch_workgroups(size.x, size.y, size.z);
-    }
-}
-
-/// Copies the rows of a lattice to the texture: those of a layer at once, because there is a barrier between two
-/// copies.
-fn copy_rows(encoder: &mut CommandEncoder, staging: &Buffer, atlas: &Atlas, rows: &Range<u32>) {
-    for part in rows_by_layer(rows.clone()) {
-        let [y, z] = row_origin(part.start);
-        let height = (part.end - part.start) * BRICK_SAMPLES;
-        encoder.copy_buffer_to_texture(
-            TexelCopyBufferInfo {
-                buffer: staging,
-                layout: TexelCopyBufferLayout {
-                    offset: u64::from(part.start - rows.start) * ROW_BYTES,
-                    bytes_per_row: Some(LINE_BYTES),
-                    rows_per_image: Some(height),
-                },
-            },
-            TexelCopyTextureInfo {
-                texture: &atlas.texture,
-                mip_level: 0,
-                origin: Origin3d { x: 0, y, z },
-                aspect: TextureAspect::All,
-            },
-            Extent3d { width: WIDTH, height, depth_or_array_layers: BRICK_SAMPLES },
-        );
     }
 }

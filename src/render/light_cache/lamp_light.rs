@@ -6,10 +6,11 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use bevy::math::{DVec3, UVec3};
 use bytemuck::{Pod, Zeroable};
 
-use super::atlas::ROW_BRICKS;
+use super::atlas::packed;
 use super::lamp_table::LampTable;
 use super::lattices::{LatticeKey, LightCache, Source};
 use super::lights::CachedLights;
+use super::packing::Packing;
 use crate::quality::features::Features;
 use crate::render::view::{CacheLayout, CachedFog, PreparedView, cell_edge};
 
@@ -25,6 +26,8 @@ pub(crate) struct Samples {
     pub pad_y: u32,
     pub axis_z: [f32; 3],
     pub pad_z: u32,
+    pub count: [u32; 3],
+    pub pad: u32,
 }
 
 impl Samples {
@@ -40,36 +43,32 @@ impl Samples {
             axis_x: array(axes.x_axis),
             axis_y: array(axes.y_axis),
             axis_z: array(axes.z_axis),
+            count: layout.samples.to_array(),
             ..Self::default()
         }
     }
 }
 
-/// A fog whose samples hold scattered light.
-pub(crate) struct LitFog {
-    pub samples: Samples,
-    pub bricks: UVec3,
-}
-
 /// The lattices of scattered light of a view.
 #[derive(Default)]
 pub(crate) struct LampLight {
-    pub fogs: Vec<LitFog>,
-    /// Rows of bricks.
-    pub rows: u32,
+    /// The fogs whose samples hold scattered light.
+    pub fogs: Vec<Samples>,
+    /// The size of the texture.
+    pub size: UVec3,
     /// A number that changes whenever the light may change.
     pub fingerprint: u64,
 }
 
 impl LampLight {
-    /// Plans the lattices of all fogs that lamps reach, up to `max_rows` rows, and tells the shaders where
-    /// they are.
+    /// Plans the lattices of all fogs that lamps reach, in a texture that may not grow beyond that of
+    /// `packing`, and tells the shaders where they are.
     pub(super) fn plan(
         prepared: &PreparedView,
         (fogs, lattices): (&[(usize, CachedFog)], &[(usize, LatticeKey)]),
         lights: &CachedLights,
         cache: &LightCache,
-        max_rows: u32,
+        mut packing: Packing,
         table: &mut LampTable,
     ) -> Self {
         let mut own = Self::default();
@@ -88,11 +87,13 @@ impl LampLight {
                     Source::Suns(_) => None,
                 })
                 .collect();
-            let Some((key, _)) = lamps.first() else { continue };
-            let rows = octaves * key.rows_per_light();
-            if own.rows.saturating_add(rows) > max_rows {
+            if lamps.is_empty() {
                 continue;
             }
+            let samples = fog.layout.samples;
+            let Some(origin) = packing.place_or_grow(samples.with_z(samples.z * octaves)) else {
+                continue;
+            };
             let spacing = spacing(prepared, *i, fog);
             let anisotropy = prepared.volumes[*i].anisotropy;
             let far_from_eye = far_by_angle(spacing, fog.error, anisotropy);
@@ -100,11 +101,10 @@ impl LampLight {
             // All rays of an orthographic view have one direction.
             let far_from_eye = if is_orthographic(prepared) { 0.0 } else { far_from_eye };
             let distances = [far_from_lamps, far_from_eye].map(|far| far as f32);
-            table.set_scattered(*i, own.rows * ROW_BRICKS, distances);
-            (own.rows, fog.layout, distances.map(f32::to_bits)).hash(&mut hasher);
-            own.rows += rows;
+            table.set_scattered(*i, packed(origin), distances);
+            (origin, fog.layout, distances.map(f32::to_bits)).hash(&mut hasher);
             let samples = Samples::new(prepared, *i, fog.layout);
-            own.fogs.push(LitFog { samples, bricks: fog.layout.bricks });
+            own.fogs.push(samples);
             bytemuck::bytes_of(&samples).hash(&mut hasher);
             anisotropy.to_bits().hash(&mut hasher);
             for (key, slot) in lamps {
@@ -112,10 +112,11 @@ impl LampLight {
                 cache
                     .lattices
                     .get(key)
-                    .map(|lattice| (lattice.rows.start, lattice.fill))
+                    .map(|lattice| (lattice.origin, lattice.fill))
                     .hash(&mut hasher);
             }
         }
+        own.size = packing.size();
         own.fingerprint = hasher.finish();
         own
     }

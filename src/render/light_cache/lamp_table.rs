@@ -14,8 +14,11 @@ pub(super) const MAX_ROWS: usize = 8192;
 /// Lamps per texel.
 const TEXEL: usize = 4;
 
-/// The first brick of the lattice of a fog for each lamp in the cache, then that of its scattered light.
+/// Where the lattice of a fog for each lamp in the cache is, then that of its scattered light: packed positions.
 type Row = [u32; types::MAX_CACHED_LAMPS + TEXEL];
+
+/// The entry of a lamp that has no lattice.
+const NOT_CACHED: u32 = u32::MAX;
 
 /// A row for each volume that the view displays.
 #[derive(Default)]
@@ -34,18 +37,18 @@ impl LampTable {
     /// Clears the table, keeping at least one row. Volumes beyond the last row have no lattices.
     pub fn clear(&mut self, volumes: usize) {
         self.rows.clear();
-        self.rows.resize(volumes.clamp(1, MAX_ROWS), [types::NO_LIGHT_CACHE; _]);
+        self.rows.resize(volumes.clamp(1, MAX_ROWS), [NOT_CACHED; _]);
     }
 
-    /// Sets the first brick of a lattice; `volume` is less than [`MAX_ROWS`].
-    pub fn set(&mut self, volume: usize, slot: usize, brick: u32) {
-        self.rows[volume][slot] = brick;
+    /// Sets the packed position of a lattice; `volume` is less than [`MAX_ROWS`].
+    pub fn set(&mut self, volume: usize, slot: usize, origin: u32) {
+        self.rows[volume][slot] = origin;
     }
 
-    /// Sets the first brick of a fog's scattered light, and the distances from a point light and from the eye
+    /// Sets the packed position of a fog's scattered light, and the distances from a point light and from the eye
     /// at which light begins to be interpolated; `volume` is less than [`MAX_ROWS`].
-    pub fn set_scattered(&mut self, volume: usize, brick: u32, [lamp, eye]: [f32; 2]) {
-        let texel = [brick, lamp.to_bits(), eye.to_bits(), 0];
+    pub fn set_scattered(&mut self, volume: usize, origin: u32, [lamp, eye]: [f32; 2]) {
+        let texel = [origin, lamp.to_bits(), eye.to_bits(), 0];
         self.rows[volume][types::MAX_CACHED_LAMPS..].copy_from_slice(&texel);
     }
 
@@ -68,7 +71,7 @@ impl LampTable {
             }
             uploaded => {
                 let descriptor = TextureDescriptor {
-                    label: Some("vdb_lamp_bricks"),
+                    label: Some("vdb_lamp_lattices"),
                     size,
                     mip_level_count: 1,
                     sample_count: 1,

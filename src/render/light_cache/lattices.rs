@@ -1,17 +1,19 @@
 //! The lattices on the GPU: a texture that the trace reads, and what each part of it was made from.
 
-use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use bevy::platform::collections::{HashMap, HashSet};
+use bevy::math::UVec3;
+use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 use bevy::render::render_resource::{
-    Buffer, BufferDescriptor, BufferUsages, FilterMode, Sampler, SamplerDescriptor, TextureView,
+    Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor, FilterMode, Sampler,
+    SamplerDescriptor, TextureView,
 };
-use bevy::render::renderer::RenderDevice;
+use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::sync_world::MainEntity;
 
-use super::atlas::{Atlas, ROW_BRICKS, ROW_BYTES};
+use super::atlas::Atlas;
+use super::packing::{Packing, TexelBox};
 use crate::render::gpu::types;
 use crate::render::view::CacheLayout;
 
@@ -19,7 +21,7 @@ use crate::render::view::CacheLayout;
 #[derive(Default, Resource)]
 pub(crate) struct LightCache {
     pub(super) texture: Option<(Atlas, Sampler)>,
-    /// The rows of bricks of a lattice before they are copied to the texture.
+    /// The samples of a lattice before they are copied to the texture.
     pub(super) staging: Option<Buffer>,
     /// Depths along rays to a sun.
     pub(super) depths: Option<Buffer>,
@@ -52,22 +54,21 @@ pub(super) enum Source {
 }
 
 impl LatticeKey {
-    /// Rows of bricks for one light.
-    pub fn rows_per_light(&self) -> u32 {
-        self.layout.bricks.element_product().div_ceil(ROW_BRICKS)
-    }
-
-    pub fn rows(&self) -> u32 {
-        match self.source {
-            Source::Suns(count) => self.rows_per_light() * count,
-            Source::Lamp(_) => self.rows_per_light(),
-        }
+    /// The texels that it takes: those of several suns follow each other along z.
+    fn texels(&self) -> UVec3 {
+        let suns = match self.source {
+            Source::Suns(count) => count,
+            Source::Lamp(_) => 1,
+        };
+        let samples = self.layout.samples;
+        samples.with_z(samples.z.saturating_mul(suns))
     }
 }
 
 /// Where the samples are and, for each light, what they were made from.
 pub(super) struct CachedLattice {
-    pub rows: Range<u32>,
+    /// Its first texel.
+    pub origin: UVec3,
     pub filled: [Option<u64>; types::MAX_CACHED_SUNS],
     /// Identifies its last fill, among those of all lattices at all times; 0 if there is none.
     pub fill: u64,
@@ -82,32 +83,33 @@ fn new_fill() -> u64 {
 /// The lattices that the views of a frame want, in the order in which they were asked for.
 pub(super) struct WantedLattices {
     keys: Vec<LatticeKey>,
-    known: HashSet<LatticeKey>,
-    rows: u32,
-    max_rows: u32,
+    /// Where they would be in a texture of their own.
+    origins: HashMap<LatticeKey, UVec3>,
+    packing: Packing,
 }
 
 impl WantedLattices {
-    pub fn new(max_rows: u32) -> Self {
-        Self { keys: Vec::new(), known: default(), rows: 0, max_rows }
+    /// None, in a texture that may not grow beyond that of `packing`.
+    pub fn new(packing: Packing) -> Self {
+        Self { keys: Vec::new(), origins: default(), packing }
     }
 
-    /// Adds a lattice unless all together would have too many rows. Returns whether it is in the
-    /// list.
+    /// Adds a lattice unless the texture for all would be too large. Returns whether it is in the list.
     pub fn add(&mut self, key: LatticeKey) -> bool {
-        if self.known.contains(&key) {
+        if self.origins.contains_key(&key) {
             return true;
         }
-        let rows = self.rows.saturating_add(key.rows());
-        if rows > self.max_rows {
-            return false;
-        }
-        self.rows = rows;
+        let Some(origin) = self.packing.place_or_grow(key.texels()) else { return false };
         self.keys.push(key);
-        self.known.insert(key);
+        self.origins.insert(key, origin);
         true
     }
 }
+
+/// A texture for the lattices of a frame is not used for those of another if these need less than a part of it.
+const MAX_SPARE: u64 = 4;
+/// The part by which a texture is larger than the lattices need, so that it is not made anew whenever a fog grows.
+const ROOM: u32 = 8;
 
 impl LightCache {
     /// The texture and its sampler, if any view uses the cache.
@@ -157,17 +159,20 @@ impl LightCache {
     }
 
     /// Makes room for these lattices and for no others.
-    pub(super) fn allocate(&mut self, wanted: &WantedLattices, device: &RenderDevice) {
-        let total = wanted.rows;
-        let has_room = self.texture.as_ref().is_some_and(|(atlas, _)| {
-            (total..=total.saturating_mul(4).max(16)).contains(&atlas.len())
-        });
-        if has_room {
-            let Some((atlas, _)) = &mut self.texture else { return };
+    pub(super) fn allocate(
+        &mut self,
+        wanted: WantedLattices,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) {
+        if let Some((atlas, _)) = &mut self.texture
+            && atlas.packing.texels() <= MAX_SPARE * wanted.packing.texels()
+        {
             self.lattices.retain(|key, lattice| {
-                let keeps = wanted.known.contains(key);
+                let keeps = wanted.origins.contains_key(key);
                 if !keeps {
-                    atlas.free(lattice.rows.clone());
+                    let (origin, size) = (lattice.origin, key.texels());
+                    atlas.packing.free(TexelBox { origin, size });
                 }
                 keeps
             });
@@ -175,34 +180,55 @@ impl LightCache {
                 return;
             }
         }
+        self.move_all(wanted, device, queue);
+    }
+
+    /// Whether all lattices have room in the texture now.
+    fn allocate_missing(&mut self, wanted: &[LatticeKey]) -> bool {
+        let Some((atlas, _)) = &mut self.texture else { return false };
+        wanted.iter().all(|key| {
+            self.lattices.contains_key(key)
+                || atlas.packing.place(key.texels()).is_some_and(|origin| {
+                    let lattice = CachedLattice { origin, filled: default(), fill: 0 };
+                    self.lattices.insert(*key, lattice);
+                    true
+                })
+        })
+    }
+
+    /// Replaces the texture by one in which all lattices are where they were planned.
+    fn move_all(&mut self, wanted: WantedLattices, device: &RenderDevice, queue: &RenderQueue) {
+        let WantedLattices { origins, mut packing, .. } = wanted;
+        packing.add_room(ROOM);
+        let atlas = Atlas::new(packing, device);
+        let label = CommandEncoderDescriptor { label: Some("vdb_light_cache_moves") };
+        let mut encoder = device.create_command_encoder(&label);
+        let old = self.texture.take();
+        let mut move_one = |(key, to): (LatticeKey, UVec3)| {
+            let new = CachedLattice { origin: to, filled: default(), fill: 0 };
+            let moved = self.lattices.remove(&key).zip(old.as_ref()).map(|(lattice, (old, _))| {
+                if lattice.filled.iter().any(Option::is_some) {
+                    let from = TexelBox { origin: lattice.origin, size: key.texels() };
+                    atlas.copy_from(&mut encoder, (old, from), to);
+                }
+                CachedLattice { origin: to, ..lattice }
+            });
+            (key, moved.unwrap_or(new))
+        };
+        let lattices = origins.into_iter().map(&mut move_one).collect();
+        self.lattices = lattices;
+        queue.submit([encoder.finish()]);
         let sampler = device.create_sampler(&SamplerDescriptor {
             label: Some("vdb_light_cache"),
             mag_filter: FilterMode::Linear,
             min_filter: FilterMode::Linear,
             ..default()
         });
-        self.lattices.clear();
-        // A little room, so that the texture is not made anew whenever a fog grows.
-        let rows = (total + total / 4 + 1).min(wanted.max_rows);
-        self.texture = Some((Atlas::new(rows, device), sampler));
-        self.allocate_missing(&wanted.keys);
+        self.texture = Some((atlas, sampler));
     }
 
-    /// Whether all lattices have rows now.
-    fn allocate_missing(&mut self, wanted: &[LatticeKey]) -> bool {
-        let Some((atlas, _)) = &mut self.texture else { return false };
-        wanted.iter().all(|key| {
-            self.lattices.contains_key(key)
-                || atlas.allocate(key.rows()).is_some_and(|rows| {
-                    self.lattices.insert(*key, CachedLattice { rows, filled: default(), fill: 0 });
-                    true
-                })
-        })
-    }
-
-    /// Makes buffers for this many rows and for the depths along rays to suns, or drops them.
-    pub(super) fn reserve(&mut self, rows: u32, depth_bytes: u64, device: &RenderDevice) {
-        let staging_bytes = u64::from(rows) * ROW_BYTES;
+    /// Makes buffers of these sizes for samples and for the depths along rays to suns, or drops them.
+    pub(super) fn reserve(&mut self, staging_bytes: u64, depth_bytes: u64, device: &RenderDevice) {
         let copied = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
         reserve(&mut self.staging, "vdb_light_staging", staging_bytes, copied, device);
         let usage = BufferUsages::STORAGE;
@@ -227,14 +253,14 @@ fn reserve(
 
 #[cfg(test)]
 mod tests {
-    use bevy::math::{IVec3, UVec3};
+    use bevy::math::IVec3;
 
     use super::*;
 
     fn key(owner: u32) -> LatticeKey {
         LatticeKey {
             owner: Entity::from_raw_u32(owner).unwrap().into(),
-            layout: CacheLayout { origin: IVec3::ZERO, bricks: UVec3::ONE, log: 0 },
+            layout: CacheLayout { origin: IVec3::ZERO, samples: UVec3::splat(9), log: 0 },
             source: Source::Suns(2),
         }
     }
@@ -243,9 +269,10 @@ mod tests {
     fn fills_that_did_not_run_are_planned_again_and_no_others() {
         let mut cache = LightCache::default();
         for owner in [1, 2] {
-            cache
-                .lattices
-                .insert(key(owner), CachedLattice { rows: 0..2, filled: default(), fill: 0 });
+            cache.lattices.insert(
+                key(owner),
+                CachedLattice { origin: UVec3::ZERO, filled: default(), fill: 0 },
+            );
         }
         let plan = |cache: &mut LightCache, owner, slot| cache.plan_fill(key(owner), slot, 7);
         cache.begin_frame();
@@ -269,9 +296,9 @@ mod tests {
 
     #[test]
     fn lattices_that_do_not_fit_are_refused() {
-        let mut wanted = WantedLattices::new(3);
+        let mut wanted = WantedLattices::new(Packing::new(100, 3 * 10 * 9 * 9));
         assert_eq!([1, 1, 2].map(|owner| wanted.add(key(owner))), [true, true, false]);
         let one = LatticeKey { source: Source::Lamp(Entity::PLACEHOLDER), ..key(2) };
-        assert!(wanted.add(one) && wanted.rows == 3);
+        assert!(wanted.add(one) && wanted.keys.len() == 2);
     }
 }

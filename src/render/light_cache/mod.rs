@@ -12,6 +12,7 @@ mod lamp_light;
 mod lamp_table;
 mod lattices;
 mod lights;
+mod packing;
 mod pipeline;
 mod plan;
 mod view;
@@ -27,7 +28,7 @@ use pipeline::FillPipeline;
 
 pub(super) use atlas::texture_size;
 pub(super) use fill::fill_light_cache;
-pub(super) use lamp_light::{LampLight, LitFog};
+pub(super) use lamp_light::LampLight;
 pub(super) use lattices::LightCache;
 pub(super) use view::LightCacheView;
 

@@ -25,7 +25,9 @@ pub(super) struct Job {
     pub axis_z: [f32; 3],
     pub is_lamp: u32,
     pub light: [f32; 3],
-    pub first_row: u32,
+    pub line_words: u32,
+    pub samples: [u32; 3],
+    pub pad: u32,
 }
 
 #[derive(Debug, Resource)]

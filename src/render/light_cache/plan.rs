@@ -6,7 +6,7 @@ use bevy::render::camera::SortedCameras;
 use bevy::render::render_resource::{PipelineCache, SpecializedComputePipelines};
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 
-use super::atlas::{ROW_BYTES, SCATTERED_ROW_BYTES, max_rows};
+use super::atlas::new_packing;
 use super::lattices::{LightCache, WantedLattices};
 use super::lights::LightQueries;
 use super::pipeline::{FillPipeline, FillPipelines};
@@ -15,11 +15,14 @@ use crate::quality::features::Features;
 use crate::render::gpu::PipelineFallback;
 use crate::render::view::{LightCacheLimit, PreparedView, ViewState};
 
-/// The most memory that the texture takes. Fogs that do not fit are lit by rays.
+/// The most memory that the texture takes, and bytes of a texel. Fogs that do not fit are lit by rays.
 const MAX_BYTES: u64 = 256 << 20;
+const TEXEL_BYTES: u64 = 2;
 
-/// The most memory that a view's scattered light takes. In fogs that do not fit, rays ask each lamp.
+/// The most memory that a view's scattered light takes, and bytes of a texel. In fogs that do not fit, rays ask
+/// each lamp.
 const MAX_SCATTERED_BYTES: u64 = 128 << 20;
+const SCATTERED_TEXEL_BYTES: u64 = 8;
 
 /// Delays new settings of views until the pipeline is compiled.
 pub(super) fn ask(
@@ -64,7 +67,7 @@ pub(super) fn plan(
         *cache = default();
         return;
     }
-    let mut wanted = WantedLattices::new(max_rows(&device).min((MAX_BYTES / ROW_BYTES) as u32));
+    let mut wanted = WantedLattices::new(new_packing(MAX_BYTES, TEXEL_BYTES, &device));
     // Fogs whose error cannot be kept take only the room that the others leave.
     for is_within_error in [true, false] {
         // Without its suns, a fog is not in the cache at all.
@@ -77,17 +80,17 @@ pub(super) fn plan(
             }
         }
     }
-    cache.allocate(&wanted, &device);
-    let most_scattered = max_rows(&device).min((MAX_SCATTERED_BYTES / SCATTERED_ROW_BYTES) as u32);
+    cache.allocate(wanted, &device, &queue);
+    let scattered = new_packing(MAX_SCATTERED_BYTES, SCATTERED_TEXEL_BYTES, &device);
     let (mut staged, mut depths) = (0, 0);
     for view in &order {
         let Ok((_, mut state, mut own)) = views.get_mut(*view) else { continue };
         let Some(prepared) = &mut state.prepared else { continue };
         let key = &prepared.key;
         own.pipelines = Some(FillPipelines::of(key, &pipeline, &pipelines, &mut specialized));
-        own.assign(prepared, &lights, &mut cache, most_scattered);
+        own.assign(prepared, &lights, &mut cache, scattered.clone());
         own.upload_table(prepared, &device, &queue);
-        staged = own.jobs.iter().map(|fill| fill.rows.len() as u32).fold(staged, u32::max);
+        staged = own.jobs.iter().map(|fill| fill.layout.staging_bytes()).fold(staged, u64::max);
         depths = own.jobs.iter().map(Fill::depth_bytes).fold(depths, u64::max);
     }
     cache.reserve(staged, depths, &device);

@@ -1,20 +1,20 @@
 //! The lattices of one view: which it asks for, what its shaders read, and what is filled for it.
 
-use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use bevy::math::DVec3;
+use bevy::math::{DVec3, UVec3};
 use bevy::prelude::*;
 use bevy::render::render_resource::TextureView;
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 
-use super::atlas::ROW_BRICKS;
+use super::atlas::packed;
 use super::columns::{self, SunRays};
 use super::fingerprint::Fingerprints;
 use super::lamp_light::LampLight;
 use super::lamp_table::{LampTable, MAX_ROWS};
 use super::lattices::{LatticeKey, LightCache, Source, WantedLattices};
 use super::lights::{CachedLights, Lamp};
+use super::packing::Packing;
 use super::pipeline::{FillPipelines, Job};
 use crate::quality::features::Features;
 use crate::render::gpu::types;
@@ -41,7 +41,8 @@ pub(crate) struct LightCacheView {
 pub(super) struct Fill {
     pub way: Way,
     pub layout: CacheLayout,
-    pub rows: Range<u32>,
+    /// The first texel.
+    pub origin: UVec3,
     /// Of the planned fill in the cache.
     pub number: usize,
 }
@@ -91,7 +92,7 @@ impl LightCacheView {
     }
 
     /// The texture that tells where the lattices of lamps are, in views with lamps.
-    pub fn lamp_bricks(&self) -> Option<&TextureView> {
+    pub fn lamp_lattices(&self) -> Option<&TextureView> {
         self.table.view()
     }
 
@@ -185,7 +186,7 @@ impl LightCacheView {
         prepared: &mut PreparedView,
         lights: &CachedLights,
         cache: &mut LightCache,
-        max_rows: u32,
+        scattered: Packing,
     ) {
         self.table.clear(if lights.lamps.is_empty() { 0 } else { prepared.displayed() });
         let Some((atlas, _)) = &cache.texture else { return };
@@ -201,22 +202,19 @@ impl LightCacheView {
         for (i, CachedFog { layout, step, .. }) in &self.fogs {
             let volume = &mut prepared.volumes[*i];
             volume.light_origin = layout.origin.to_array();
-            volume.light_bricks = layout.bricks.to_array();
+            volume.light_planes = layout.samples.z;
             volume.light_log = layout.log;
             volume.fog_step = volume.fog_step.max(*step);
-            if lights.suns.is_empty() {
-                // No sun is looked up, but the fog is in the cache.
-                volume.light_brick = 0;
-            }
         }
         for (i, key) in &self.lattices {
             let Some(lattice) = cache.lattices.get(key) else { continue };
-            let first = lattice.rows.start * ROW_BRICKS;
             match key.source {
-                Source::Suns(_) => prepared.volumes[*i].light_brick = first,
+                Source::Suns(_) => {
+                    prepared.volumes[*i].light_texel = (lattice.origin.as_vec3() + 0.5).to_array();
+                }
                 Source::Lamp(entity) => {
                     if let Some(slot) = lights.slot_of(entity) {
-                        self.table.set(*i, slot, first);
+                        self.table.set(*i, slot, packed(lattice.origin));
                     }
                 }
             }
@@ -227,7 +225,7 @@ impl LightCacheView {
         }
         self.plan_fills(prepared, lights, cache);
         let own = (&*self.fogs, &*self.lattices);
-        self.lamp_light = LampLight::plan(prepared, own, lights, cache, max_rows, &mut self.table);
+        self.lamp_light = LampLight::plan(prepared, own, lights, cache, scattered, &mut self.table);
     }
 
     /// Lists the lattices that have to be filled.
@@ -239,25 +237,23 @@ impl LightCacheView {
     ) {
         let fingerprints = Fingerprints::new(prepared);
         for (i, key) in &self.lattices {
-            let Some(first) = cache.lattices.get(key).map(|lattice| lattice.rows.start) else {
+            let Some(origin) = cache.lattices.get(key).map(|lattice| lattice.origin) else {
                 continue;
             };
             let entry = &prepared.entries[*i];
             let new_job = || new_job(prepared, *i, key.layout);
-            let mut plan = |slot: usize, light: &[f64], way: &dyn Fn(u32) -> Way| {
+            let mut plan = |slot: usize, light: &[f64], way: &dyn Fn() -> Way| {
                 let fingerprint = fingerprints.of(entry, light);
                 let Some(number) = cache.plan_fill(*key, slot, fingerprint) else { return };
-                let first = first + slot as u32 * key.rows_per_light();
-                let rows = first..first + key.rows_per_light();
-                let way = way(rows.start);
-                self.jobs.push(Fill { way, layout: key.layout, rows, number });
+                let origin = origin + UVec3::Z * key.layout.samples.z * slot as u32;
+                self.jobs.push(Fill { way: way(), layout: key.layout, origin, number });
             };
             match key.source {
                 Source::Suns(_) => {
                     for (slot, sun) in lights.suns.iter().enumerate() {
                         let light = sun.to_array();
-                        plan(slot, &light.map(f64::from), &|first_row| {
-                            let job = Job { light, first_row, ..new_job() };
+                        plan(slot, &light.map(f64::from), &|| {
+                            let job = Job { light, ..new_job() };
                             sun_way(job, prepared, entry, key.layout)
                         });
                     }
@@ -266,10 +262,9 @@ impl LightCacheView {
                     let Some(slot) = lights.slot_of(entity) else { continue };
                     let lamp = &lights.lamps[slot];
                     let DVec3 { x, y, z } = lamp.position;
-                    plan(0, &[x, y, z, lamp.range], &|first_row| {
+                    plan(0, &[x, y, z, lamp.range], &|| {
                         let edge = cell_edge(&entry.lattice);
-                        let job = Job { first_row, ..new_job() };
-                        Way::Samples(lamp_job(job, lamp, prepared.eye, key.layout, edge))
+                        Way::Samples(lamp_job(new_job(), lamp, prepared.eye, key.layout, edge))
                     });
                 }
             }
@@ -295,7 +290,7 @@ impl LightCacheView {
 /// others are compiled.
 fn hide_uncached(volumes: &mut [types::Volume]) {
     for volume in volumes {
-        if volume.kind == types::KIND_FOG && volume.light_brick == types::NO_LIGHT_CACHE {
+        if volume.kind == types::KIND_FOG && volume.light_planes == 0 {
             volume.kind = types::KIND_NONE;
         }
     }
@@ -314,6 +309,8 @@ fn new_job(prepared: &PreparedView, i: usize, layout: CacheLayout) -> Job {
         axis_y: array(axes.y_axis),
         axis_z: array(axes.z_axis),
         step: (1 << layout.log) as f32,
+        line_words: layout.line_words(),
+        samples: layout.samples.to_array(),
         ..default()
     }
 }
@@ -325,10 +322,10 @@ fn sun_way(job: Job, prepared: &PreparedView, entry: &Entry, layout: CacheLayout
     let is_endless = prepared.data.shadow_range >= FARTHEST;
     let rays = is_endless.then(|| SunRays::new(layout, world_from_local, job.light.into()));
     let Some(rays) = rays.flatten() else { return Way::Samples(job) };
-    let Job { origin, volume, axis_x, axis_y, axis_z, first_row, .. } = job;
+    let Job { origin, volume, axis_x, axis_y, axis_z, .. } = job;
     // Segments are few, so shorter steps cost little.
     let step = (0.5 * job.step).max(1.0);
-    let own = columns::Job { origin, volume, axis_x, axis_y, axis_z, first_row, step, ..rays.job };
+    let own = columns::Job { origin, volume, axis_x, axis_y, axis_z, step, ..rays.job };
     Way::Sun(SunRays { job: own, ..rays })
 }
 
@@ -358,12 +355,8 @@ mod tests {
     #[test]
     fn fogs_without_a_lattice_are_hidden() {
         let kinds = [types::KIND_FOG, types::KIND_FOG, types::KIND_SURFACE, types::KIND_EMISSION];
-        let mut volumes = kinds.map(|kind| types::Volume {
-            kind,
-            light_brick: types::NO_LIGHT_CACHE,
-            ..default()
-        });
-        volumes[0].light_brick = 0;
+        let mut volumes = kinds.map(|kind| types::Volume { kind, ..default() });
+        volumes[0].light_planes = 9;
         hide_uncached(&mut volumes);
         let expected =
             [types::KIND_FOG, types::KIND_NONE, types::KIND_SURFACE, types::KIND_EMISSION];

@@ -10,9 +10,12 @@ use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use super::lamp_light::LampLightPipeline;
 use super::view::TraceView;
 use crate::render::gpu::{GROUP, PipelineFallback};
-use crate::render::light_cache::{LightCache, LightCacheView, LitFog};
+use crate::render::light_cache::{LightCache, LightCacheView};
 use crate::render::pool::VdbTreePool;
-use crate::render::view::{GROUPS_PER_BRICK, ViewState, VolumeBuffer};
+use crate::render::view::{ViewState, VolumeBuffer};
+
+/// The workgroups of the shader.
+const GROUP_SIZE: u32 = 4;
 
 /// Gathers the light in the fogs of a view, if it may have changed.
 pub(super) fn gather_lamp_light(
@@ -36,15 +39,17 @@ pub(super) fn gather_lamp_light(
         return;
     };
     let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
-    let (Some((depths, _)), Some(lamps)) = (cache.binding(), cached.lamp_bricks()) else { return };
+    let (Some((depths, _)), Some(lamps)) = (cache.binding(), cached.lamp_lattices()) else {
+        return;
+    };
     let layout = pipelines.get_bind_group_layout(&pipeline.layout);
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_lamp_light");
-    for LitFog { samples, bricks } in &plan.fogs {
+    for fog in &plan.fogs {
         let samples = device.create_buffer_with_data(&BufferInitDescriptor {
             label: Some("vdb_lamp_light_samples"),
-            contents: bytemuck::bytes_of(samples),
+            contents: bytemuck::bytes_of(fog),
             usage: BufferUsages::UNIFORM,
         });
         let entries = pool.scene_entries(uniform, volumes).extend_with_indices((
@@ -62,7 +67,8 @@ pub(super) fn gather_lamp_light(
         pass.set_bind_group(0, bevy, &lights.offsets);
         pass.set_bind_group(1, nothing, &[]);
         pass.set_bind_group(GROUP, &group, &[]);
-        pass.dispatch_workgroups(bricks.x, bricks.y, bricks.z * GROUPS_PER_BRICK);
+        let [x, y, z] = fog.count.map(|count| count.div_ceil(GROUP_SIZE));
+        pass.dispatch_workgroups(x, y, z);
     }
     span.end(context.command_encoder());
     target.set_gathered(plan);

@@ -3,14 +3,15 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use bevy::math::UVec3;
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{
     texture_2d, texture_3d, texture_storage_3d, uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
-    BindGroupLayoutDescriptor, ComputePipelineDescriptor, Extent3d, ShaderStages,
-    SpecializedComputePipeline, StorageTextureAccess, Texture, TextureDescriptor, TextureDimension,
-    TextureFormat, TextureSampleType, TextureUsages, TextureView,
+    BindGroupLayoutDescriptor, ComputePipelineDescriptor, ShaderStages, SpecializedComputePipeline,
+    StorageTextureAccess, Texture, TextureDescriptor, TextureDimension, TextureFormat,
+    TextureSampleType, TextureUsages, TextureView,
 };
 use bevy::render::renderer::RenderDevice;
 use bevy::shader::ShaderDefVal;
@@ -25,22 +26,30 @@ use crate::render::view::ViewKey;
 pub(in crate::render) struct LampLightView {
     texture: Texture,
     view: TextureView,
-    rows: u32,
+    size: UVec3,
     /// The fingerprint of what was gathered last, or 0.
     gathered: AtomicU64,
 }
 
+/// A texture is replaced when less than one texel of so many is needed.
+const MAX_SPARE: u64 = 4;
+
+fn texels(size: UVec3) -> u64 {
+    size.to_array().map(u64::from).into_iter().product()
+}
+
 impl LampLightView {
-    /// A texture for this many rows of bricks: the last one, unless it is too small or far too large.
-    pub fn new(last: Option<Self>, rows: u32, device: &RenderDevice) -> Self {
+    /// A texture of at least this size: the last one, unless it is too small or far too large.
+    pub fn new(last: Option<Self>, size: UVec3, device: &RenderDevice) -> Self {
         if let Some(last) = last
-            && (rows..=rows.saturating_mul(4).max(16)).contains(&last.rows)
+            && last.size.cmpge(size).all()
+            && texels(last.size) <= MAX_SPARE * texels(size)
         {
             return last;
         }
         let texture = device.create_texture(&TextureDescriptor {
             label: Some("vdb_lamp_light"),
-            size: if rows > 0 { texture_size(rows) } else { Extent3d::default() },
+            size: texture_size(size),
             mip_level_count: 1,
             sample_count: 1,
             dimension: TextureDimension::D3,
@@ -49,7 +58,7 @@ impl LampLightView {
             view_formats: &[],
         });
         let view = texture.create_view(&default());
-        Self { texture, view, rows, gathered: AtomicU64::new(0) }
+        Self { texture, view, size, gathered: AtomicU64::new(0) }
     }
 
     /// Whether the light has to be gathered.

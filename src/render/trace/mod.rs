@@ -153,7 +153,7 @@ fn prepare(
         own.lamp_light = prepared
             .key
             .has(Features::LAMP_LIGHT)
-            .then(|| LampLightView::new(own.lamp_light.take(), cached.lamp_light().rows, &device));
+            .then(|| LampLightView::new(own.lamp_light.take(), cached.lamp_light().size, &device));
         own.tiles = prepared
             .key
             .has(Features::BEAMS)
@@ -208,7 +208,8 @@ fn bind(
         }
         let caches_light = prepared.key.has(Features::LIGHT_CACHE);
         let binding = |(depths, sampler)| {
-            let lamps = cached.lamp_bricks().filter(|_| features.contains(Features::CACHED_LAMPS));
+            let lamps =
+                cached.lamp_lattices().filter(|_| features.contains(Features::CACHED_LAMPS));
             let scattered = own.lamp_light.as_ref().map(LampLightView::texture);
             CacheBinding { depths, sampler, lamps, scattered }
         };

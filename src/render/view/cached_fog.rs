@@ -5,16 +5,16 @@ use vdb_core::tree::CoordBox;
 
 use super::extinction::{Extinction, FogBox, add_overlapping};
 use super::lattice::Lattice;
-use crate::render::gpu::{MAX_GROUPS, types};
+use crate::render::gpu::types;
 
-/// Intervals between samples along an edge of a brick of the light cache.
-pub(crate) const BRICK_INTERVALS: u32 = 8;
-/// The most bricks of a fog for a light: 106 MB, within WebGPU's default limit of a binding.
-const MAX_BRICKS: u32 = 1 << 16;
-/// Workgroups that fill a brick of the light cache, along z; each fills a third of its samples.
-pub(crate) const GROUPS_PER_BRICK: u32 = 3;
-/// The most bricks along an axis, so that their workgroups are one dispatch.
-const MAX_BRICKS_OF_AXIS: u32 = MAX_GROUPS / GROUPS_PER_BRICK;
+/// Lattices begin and end at multiples of this many intervals between samples, so that few edits move them.
+const ALIGNMENT: u32 = 8;
+/// The most samples along an axis: WebGPU's default limit of a texture.
+const MAX_SAMPLES: u32 = 2048;
+/// The most bytes of a lattice for one light: WebGPU's default limit of a binding.
+const MAX_BYTES: u64 = 128 << 20;
+/// Bytes of which lines are a multiple when they are copied to a texture.
+const LINE_BYTES: u64 = 256;
 /// log₂ of the largest spacing in cells: an edge of a leaf.
 const MAX_LOG: u32 = 3;
 /// The shortest and the longest step of a ray, in voxels.
@@ -26,8 +26,8 @@ const MAX_STEP: f64 = 8.0;
 pub(crate) struct CacheLayout {
     /// The local cell at the first sample.
     pub origin: IVec3,
-    /// Bricks along each axis.
-    pub bricks: UVec3,
+    /// Samples along each axis.
+    pub samples: UVec3,
     /// log₂ of the cells between samples.
     pub log: u32,
 }
@@ -35,14 +35,26 @@ pub(crate) struct CacheLayout {
 impl CacheLayout {
     /// The samples for the occupied cells of a grid at a spacing; `None` if they are too many.
     fn new(occupied: CoordBox, log: u32) -> Option<Self> {
-        // Bricks at multiples of their size do not move when voxels are edited.
-        let shift = log + BRICK_INTERVALS.ilog2();
+        let shift = log + ALIGNMENT.ilog2();
         let first = occupied.min >> shift as i32;
         let last = occupied.max >> shift as i32;
-        let bricks = last.checked_sub(first)?.as_uvec3() + 1;
-        let count = bricks.x.checked_mul(bricks.y)?.checked_mul(bricks.z)?;
-        let fits = count <= MAX_BRICKS && bricks.max_element() <= MAX_BRICKS_OF_AXIS;
-        fits.then_some(Self { origin: first << shift as i32, bricks, log })
+        let blocks = last.checked_sub(first)?.as_uvec3() + 1;
+        if blocks.max_element() >= MAX_SAMPLES / ALIGNMENT {
+            return None;
+        }
+        let samples = blocks * ALIGNMENT + 1;
+        let layout = Self { origin: first << shift as i32, samples, log };
+        (layout.staging_bytes() <= MAX_BYTES).then_some(layout)
+    }
+
+    /// Words of a line of samples, which are 16-bit floats, in a buffer that is copied to a texture.
+    pub fn line_words(&self) -> u32 {
+        ((u64::from(self.samples.x) * 2).next_multiple_of(LINE_BYTES) / 4) as u32
+    }
+
+    /// Bytes of the samples for one light in that buffer.
+    pub fn staging_bytes(&self) -> u64 {
+        [4 * self.line_words(), self.samples.y, self.samples.z].into_iter().map(u64::from).product()
     }
 }
 
@@ -195,23 +207,24 @@ mod tests {
     }
 
     #[test]
-    fn all_cells_are_within_bricks() {
+    fn all_cells_are_between_samples() {
         for (min, max) in [(IVec3::ZERO, IVec3::ZERO), (IVec3::new(-5, 31, 33), IVec3::splat(64))] {
             for log in 0..=MAX_LOG {
                 let layout = CacheLayout::new(CoordBox { min, max }, log).unwrap();
-                let size = (BRICK_INTERVALS << log) as i32;
+                let size = (ALIGNMENT << log) as i32;
                 assert!(layout.origin.cmple(min).all());
-                let end = layout.origin + layout.bricks.as_ivec3() * size;
+                let end = layout.origin + (layout.samples.as_ivec3() - 1) * (1 << log);
                 assert!(end.cmpgt(max).all() && (end - size).cmple(max).all(), "{layout:?}");
             }
         }
         let all = CoordBox { min: IVec3::MIN, max: IVec3::MAX };
         assert_eq!(CacheLayout::new(all, 0), None);
         let long = |length| CoordBox { min: IVec3::ZERO, max: IVec3::new(0, 0, length - 1) };
-        let most = (MAX_BRICKS_OF_AXIS * BRICK_INTERVALS) as i32;
+        let most = (MAX_SAMPLES - ALIGNMENT) as i32;
         assert!(CacheLayout::new(long(most), 0).is_some());
-        assert_eq!(CacheLayout::new(long(most + 1), 0), None, "too many workgroups");
+        assert_eq!(CacheLayout::new(long(most + 1), 0), None, "too many samples in a line");
     }
+
     #[test]
     fn a_small_dense_fog_in_a_large_thin_one_leaves_it_in_the_cache() {
         let large = fog(IVec3::ZERO, IVec3::splat(512), 0.01);

@@ -193,7 +193,6 @@ pub(crate) fn volume_data(
         fog_step: quality.fog_step,
         light_step: quality.fog_light_step,
         shadow_step: quality.fog_shadow_step,
-        light_brick: types::NO_LIGHT_CACHE,
         base: packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
         flags: if volume.casts { 0 } else { types::NO_CASTER }
             | if volume.receives { 0 } else { types::NO_RECEIVER },
