@@ -20,6 +20,7 @@ use bevy::render::RenderPlugin;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::{PipelineCache, TextureFormat, TextureUsages};
+use bevy::render::settings::{RenderCreation, WgpuSettings, WgpuSettingsPriority};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use bevy_vdb::{VdbCamera, VdbGrid, VdbRenderPlugin, VdbVolume};
@@ -89,17 +90,30 @@ impl Stage {
 
     /// With further plugins.
     pub fn with(add: impl FnOnce(&mut App)) -> Self {
-        Self::made(true, None, TaskPoolPlugin::default(), add)
+        let render = RenderPlugin { synchronous_pipeline_compilation: true, ..default() };
+        Self::made(render, None, TaskPoolPlugin::default(), add)
+    }
+
+    /// With a device that has the features and limits of standard WebGPU and no others.
+    pub fn of_standard_webgpu() -> Self {
+        let standard = WgpuSettings { priority: WgpuSettingsPriority::WebGPU, ..default() };
+        let render = RenderPlugin {
+            render_creation: RenderCreation::Automatic(Box::new(standard)),
+            synchronous_pipeline_compilation: true,
+            ..default()
+        };
+        Self::made(render, None, TaskPoolPlugin::default(), |_| {})
     }
 
     /// One whose assets are in a folder, which is watched.
     pub fn watching(folder: &Path) -> Self {
-        Self::made(true, Some(folder), TaskPoolPlugin::default(), |_| {})
+        let render = RenderPlugin { synchronous_pipeline_compilation: true, ..default() };
+        Self::made(render, Some(folder), TaskPoolPlugin::default(), |_| {})
     }
 
     /// One that compiles pipelines beside its frames, as apps do.
     pub fn compiling_beside() -> Self {
-        Self::made(false, None, TaskPoolPlugin::default(), |_| {})
+        Self::made(RenderPlugin::default(), None, TaskPoolPlugin::default(), |_| {})
     }
 
     /// The same on a machine of few cores, where Bevy has one thread for all that takes long. The first app
@@ -113,11 +127,11 @@ impl Stage {
             on_thread_destroy: None,
         };
         let task_pool_options = TaskPoolOptions { async_compute: one, ..default() };
-        Self::made(false, None, TaskPoolPlugin { task_pool_options }, |_| {})
+        Self::made(RenderPlugin::default(), None, TaskPoolPlugin { task_pool_options }, |_| {})
     }
 
     fn made(
-        synchronous_pipeline_compilation: bool,
+        render: RenderPlugin,
         watched: Option<&Path>,
         pools: TaskPoolPlugin,
         add: impl FnOnce(&mut App),
@@ -131,7 +145,7 @@ impl Stage {
                     exit_condition: ExitCondition::DontExit,
                     ..default()
                 })
-                .set(RenderPlugin { synchronous_pipeline_compilation, ..default() })
+                .set(render)
                 .set(pools)
                 .set(AssetPlugin {
                     file_path: assets.display().to_string(),
@@ -231,7 +245,11 @@ impl Stage {
             }
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
-        panic!("a pipeline is never made");
+        let render = self.app.sub_app(bevy::render::RenderApp).world();
+        let cache = render.resource::<PipelineCache>();
+        let states = cache.waiting_pipelines().filter_map(|id| cache.pipelines().nth(id));
+        let states: Vec<_> = states.map(|pipeline| format!("{:?}", pipeline.state)).collect();
+        panic!("pipelines are never made: {states:?}");
     }
 
     /// Whether a pipeline is being made.

@@ -309,11 +309,14 @@ fn filling_the_light_cache_is_valid() {
     {
         let pages = ["VDB_FOGS", "VDB_PAGED", "VDB_PAGE_BITS=20", "VDB_FORMAT=2"];
         for shader in ["light_cache/fill", "light_cache/sun_rays"] {
-            check(&mut composer, shader, &[&["VDB_FOGS"], &defs[..]].concat());
-            check(&mut composer, shader, &[&pages, &defs[..]].concat());
+            for target in [&[][..], &["VDB_STORABLE_LATTICE"]] {
+                check(&mut composer, shader, &[&["VDB_FOGS"], target, &defs].concat());
+                check(&mut composer, shader, &[&pages, target, &defs].concat());
+            }
         }
     }
     check(&mut composer, "light_cache/sun_samples", &[]);
+    check(&mut composer, "light_cache/sun_samples", &["VDB_STORABLE_LATTICE"]);
 }
 
 #[test]

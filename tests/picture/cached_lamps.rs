@@ -13,6 +13,10 @@ use super::SIZE;
 use super::common::Stage;
 use super::light_cache::{BY_RAYS, Cloud, VOXEL, error, error_where};
 
+/// The most by which pictures differ if the cache was filled for another camera, or has its lattices elsewhere in the
+/// texture: samples are filled relative to the eye, and interpolated by their place, so a few pixels round otherwise.
+const ELSEWHERE: f64 = 1e-4;
+
 fn bulb() -> PointLight {
     PointLight { intensity: 8000.0, range: 30.0, shadow_maps_enabled: true, ..default() }
 }
@@ -76,8 +80,7 @@ fn lamps_are_within_the_error_that_is_asked_for() {
 }
 
 /// After whatever changes, the picture is that of a cache made from nothing; a lamp that stands still is not
-/// filled again. Samples are filled relative to where the camera was, and interpolated by where their lattice
-/// is in the texture, so a few pixels may round differently.
+/// filled again.
 #[gpu_test]
 fn the_cache_follows_lamps() {
     let mut scene = Cloud::new(1.0);
@@ -150,7 +153,7 @@ fn the_cache_follows_lamps() {
         scene.stage.world().entity_mut(cloud).insert(Visibility::Inherited);
         let fresh = scene.stage.picture(&scene.target);
         let off = error(&changed, &fresh);
-        assert!(off <= 1e-4, "after {what} has changed: {off}");
+        assert!(off <= ELSEWHERE, "after {what} has changed: {off}");
         last = changed;
     }
 }
@@ -173,7 +176,8 @@ fn stored_light_follows_the_error_that_is_asked_for() {
         scene.stage.update(3);
         scene.stage.world().entity_mut(cloud).insert(Visibility::Inherited);
         let fresh = scene.stage.picture(&scene.target);
-        assert!(changed == fresh, "{asked}: off by {}", error(&changed, &fresh));
+        let off = error(&changed, &fresh);
+        assert!(off <= ELSEWHERE, "{asked}: off by {off}");
         last = changed;
     }
 }

@@ -33,7 +33,10 @@ pub(super) struct Cloud {
 
 impl Cloud {
     pub fn new(density_scale: f32) -> Self {
-        let mut stage = Stage::new();
+        Self::on(Stage::new(), density_scale)
+    }
+
+    pub fn on(mut stage: Stage, density_scale: f32) -> Self {
         let target = stage.target(SIZE);
         let from = Transform::from_xyz(3.0, 4.0, 9.0).looking_at(Vec3::ZERO, Vec3::Y);
         let camera = stage.camera(&target, from);
@@ -241,6 +244,30 @@ fn the_cache_follows_what_changes() {
         assert_eq!(error(&changed, &fresh), 0.0, "after {what} has changed");
         last = changed;
     }
+}
+
+/// Standard WebGPU has no storage textures of 16-bit floats, so samples are copied to the cache there.
+#[gpu_test]
+fn the_cache_is_the_same_in_standard_webgpu() {
+    let [native, standard] = [Stage::new(), Stage::of_standard_webgpu()].map(|stage| {
+        let mut scene = Cloud::on(stage, 1.0);
+        let world = scene.stage.world();
+        let lamp = PointLight { intensity: 1e6, shadow_maps_enabled: true, ..default() };
+        world.spawn((lamp, Transform::from_xyz(-5.0, 2.0, 2.0)));
+        let picture = scene.with(VdbQuality { fog_light_error: 0.01, ..VdbQuality::HIGH });
+        // The memory of a frame that fills the cache.
+        let (sun, camera) = (scene.sun, scene.camera);
+        scene.stage.world().entity_mut(sun).insert(looking(Vec3::new(-1.0, 0.7, 0.4)));
+        scene.stage.update(1);
+        let report = scene.stage.world().resource::<VdbDiagnostics>().camera(camera).unwrap();
+        let copies = report.buffers.iter().any(|buffer| buffer.name == "vdb_light_staging");
+        (picture, copies)
+    });
+    assert_eq!([native.1, standard.1], [false, true], "which one copies samples");
+    // Both round to 16-bit floats, but not always to the nearer one.
+    let off = error(&standard.0, &native.0);
+    println!("off by {off:.6}");
+    assert!(off < 0.001, "{off}");
 }
 
 /// Only fog that a sun with shadows lights has a cache, and nothing is filled while nothing changes.

@@ -10,6 +10,8 @@
 // over each run of each ray.
 #define_import_path bevy_vdb::light_cache::columns
 
+#import bevy_vdb::light_cache::store::Place
+
 // The planes whose segments one invocation adds up.
 const RUN: u32 = 8u;
 
@@ -21,16 +23,15 @@ struct Job {
     axis_y: vec3<f32>,
     segment: f32,           // length of a ray between two planes, world units
     axis_z: vec3<f32>,
-    line_words: u32,        // of a line of samples in the buffer that is copied to the texture
+    planes: u32,
     light: vec3<f32>,       // direction to the sun, of unit length, world space
     major: u32,             // the axis across the planes
-    samples: vec3<u32>,
-    is_reversed: u32,       // 1 if the first plane has the largest coordinate
     slopes: vec2<f32>,      // shift of the rays from plane to plane along the next two axes, in spacings
     low_shift: vec2<i32>,   // the least and the greatest shift in any plane, rounded down
     high_shift: vec2<i32>,
     columns: vec2<u32>,     // of a plane
-    planes: u32,
+    is_reversed: u32,       // 1 if the first plane has the largest coordinate
+    place: Place,
 }
 
 @group(2) @binding(6) var<uniform> job: Job;

@@ -4,7 +4,8 @@
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::gpu::types::Grid
-#import bevy_vdb::light_cache::lattice::{NO_FOG, staging_word}
+#import bevy_vdb::light_cache::lattice::NO_FOG
+#import bevy_vdb::light_cache::store::{Place, store_samples}
 #import bevy_vdb::trace::occlusion::fog_depth_to_light
 #import bevy_vdb::trace::segment::Point
 #import bevy_vdb::traversal::hdda::FAR
@@ -22,13 +23,10 @@ struct Job {
     is_lamp: u32,           // 1 for a point or spot light, 0 for a sun
     // The position of a lamp relative to the view's eye; the direction to a sun, of unit length. World space.
     light: vec3<f32>,
-    line_words: u32,        // of a line of samples in `staging`
-    samples: vec3<u32>,
+    place: Place,
 }
 
 @group(2) @binding(6) var<uniform> job: Job;
-// Two 16-bit floats a word.
-@group(2) @binding(7) var<storage, read_write> staging: array<u32>;
 
 const LEAF_CELLS: i32 = 8;
 
@@ -81,13 +79,13 @@ fn fill(@builtin(global_invocation_id) id: vec3<u32>) {
     let volume = view.volume_first + job.volume;
     let grid = grids[volumes[volume].grid];
     let sample = id * vec3(2u, 1u, 1u);
-    if any(sample >= job.samples) {
+    if any(sample >= job.place.samples) {
         return;
     }
     let first = depth_at_sample(volume, grid, sample);
     var second = 0.0;
-    if sample.x + 1u < job.samples.x {
+    if sample.x + 1u < job.place.samples.x {
         second = depth_at_sample(volume, grid, sample + vec3(1u, 0u, 0u));
     }
-    staging[staging_word(sample, job.samples, job.line_words)] = pack2x16float(vec2(first, second));
+    store_samples(job.place, sample, first, second);
 }

@@ -10,8 +10,3 @@ const NO_FOG: f32 = -1.0;
 fn first_texel(lattice: u32) -> vec3<u32> {
     return vec3((lattice & 0x3ffu) << 1u, (lattice >> 10u) & 0x7ffu, lattice >> 21u);
 }
-
-// The word of a sample in the buffer that is copied to the texture; it is shared by two samples along x.
-fn staging_word(sample: vec3<u32>, samples: vec3<u32>, line_words: u32) -> u32 {
-    return (sample.z * samples.y + sample.y) * line_words + sample.x / 2u;
-}

@@ -2,10 +2,7 @@
 
 #import bevy_vdb::light_cache::columns::{RUN, column_at, depth_index, depths, is_in_plane, job, ray_count}
 #import bevy_vdb::light_cache::columns::{run_index, shift_at}
-#import bevy_vdb::light_cache::lattice::staging_word
-
-// Two 16-bit floats a word.
-@group(2) @binding(7) var<storage, read_write> staging: array<u32>;
+#import bevy_vdb::light_cache::store::store_samples
 
 // Adds to the depths of each run what lies before it; the first one is complete.
 @compute @workgroup_size(16, 4, 1)
@@ -65,13 +62,13 @@ fn depth_at_sample(sample: vec3<u32>) -> f32 {
 @compute @workgroup_size(4, 4, 4)
 fn interpolate(@builtin(global_invocation_id) id: vec3<u32>) {
     let sample = id * vec3(2u, 1u, 1u);
-    if any(sample >= job.samples) {
+    if any(sample >= job.place.samples) {
         return;
     }
     let first = depth_at_sample(sample);
     var second = 0.0;
-    if sample.x + 1u < job.samples.x {
+    if sample.x + 1u < job.place.samples.x {
         second = depth_at_sample(sample + vec3(1u, 0u, 0u));
     }
-    staging[staging_word(sample, job.samples, job.line_words)] = pack2x16float(vec2(first, second));
+    store_samples(job.place, sample, first, second);
 }

@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 39] = shaders![
+const IMPORTS: [(&str, &[u8]); 40] = shaders![
     "gpu/types",
     "gpu/bindings",
     "traversal/rays",
@@ -47,6 +47,7 @@ const IMPORTS: [(&str, &[u8]); 39] = shaders![
     "trace/shade",
     "trace/distance_fog",
     "light_cache/lattice",
+    "light_cache/store",
     "light_cache/columns",
     "trace/light_cache",
     "trace/fog_march",
@@ -197,7 +198,7 @@ mod tests {
 
     /// Shader defs that belong neither to features of a view nor to render modes: those of formats and adapters,
     /// and those of the programs of `vdb_probe`.
-    const OTHERS: [&str; 10] = [
+    const OTHERS: [&str; 11] = [
         "VDB_CACHED_SUNS",
         "VDB_EMITTER_SLOTS",
         "VDB_EVEN_LIGHT",
@@ -208,6 +209,7 @@ mod tests {
         "VDB_OCTAVES",
         "VDB_PAGED",
         "VDB_PAGE_BITS",
+        "VDB_STORABLE_LATTICE",
     ];
 
     /// A misspelt shader def has no effect, and is not reported.

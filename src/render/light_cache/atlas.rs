@@ -6,7 +6,8 @@ use bevy::render::render_resource::{
     TexelCopyTextureInfo, Texture, TextureAspect, TextureDescriptor, TextureDimension,
     TextureFormat, TextureUsages, TextureView,
 };
-use bevy::render::renderer::RenderDevice;
+use bevy::render::renderer::{RenderAdapter, RenderDevice};
+use bevy::render::settings::WgpuFeatures;
 
 use super::packing::{Packing, TexelBox};
 use crate::render::view::CacheLayout;
@@ -17,6 +18,9 @@ const MAX_EDGE: u32 = 2048;
 /// Bytes of a texel.
 const TEXEL_BYTES: u32 = 2;
 
+/// The format of the texture.
+pub(super) const FORMAT: TextureFormat = TextureFormat::R16Float;
+
 /// The texture of 16-bit floats, and where there is room in it.
 pub(super) struct Atlas {
     texture: Texture,
@@ -26,17 +30,23 @@ pub(super) struct Atlas {
 
 impl Atlas {
     /// A texture for boxes of texels; without any, a single texel, for shaders that read nothing.
-    pub fn new(packing: Packing, device: &RenderDevice) -> Self {
+    /// Shaders can write to it if it `is_storable`.
+    pub fn new(packing: Packing, is_storable: bool, device: &RenderDevice) -> Self {
+        let storage = match is_storable {
+            true => TextureUsages::STORAGE_BINDING,
+            false => TextureUsages::empty(),
+        };
         let texture = device.create_texture(&TextureDescriptor {
             label: Some("vdb_light_atlas"),
             size: texture_size(packing.size()),
             mip_level_count: 1,
             sample_count: 1,
             dimension: TextureDimension::D3,
-            format: TextureFormat::R16Float,
+            format: FORMAT,
             usage: TextureUsages::TEXTURE_BINDING
                 | TextureUsages::COPY_DST
-                | TextureUsages::COPY_SRC,
+                | TextureUsages::COPY_SRC
+                | storage,
             view_formats: &[],
         });
         let view = texture.create_view(&Default::default());
@@ -92,6 +102,16 @@ impl Atlas {
             aspect: TextureAspect::All,
         }
     }
+}
+
+/// Whether shaders can write to textures of lattices, which WebGPU does not offer.
+pub(super) fn is_storable(device: &RenderDevice, adapter: &RenderAdapter) -> bool {
+    let own_formats = WgpuFeatures::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES;
+    device.features().contains(own_formats)
+        && adapter
+            .get_texture_format_features(FORMAT)
+            .allowed_usages
+            .contains(TextureUsages::STORAGE_BINDING)
 }
 
 /// Lattices in a texture of at most this many bytes, of which each texel takes `texel_bytes`.

@@ -4,6 +4,7 @@ use bevy::math::{DAffine3, UVec2, UVec3};
 use bevy::prelude::*;
 use bytemuck::{Pod, Zeroable};
 
+use super::pipeline::Place;
 use crate::render::gpu::MAX_GROUPS;
 use crate::render::view::CacheLayout;
 
@@ -25,17 +26,16 @@ pub(super) struct Job {
     pub axis_y: [f32; 3],
     pub segment: f32,
     pub axis_z: [f32; 3],
-    pub line_words: u32,
+    pub planes: u32,
     pub light: [f32; 3],
     pub major: u32,
-    pub samples: [u32; 3],
-    pub is_reversed: u32,
     pub slopes: [f32; 2],
     pub low_shift: [i32; 2],
     pub high_shift: [i32; 2],
     pub columns: [u32; 2],
-    pub planes: u32,
+    pub is_reversed: u32,
     pub pads: [u32; 3],
+    pub place: Place,
 }
 
 /// The rays to a sun through the lattice of a fog.
@@ -85,8 +85,6 @@ impl SunRays {
             segment: (f64::from(1_u32 << layout.log) / steepness) as f32,
             light: to_sun.to_array(),
             major: major as u32,
-            samples: samples.to_array(),
-            line_words: layout.line_words(),
             is_reversed: u32::from(to_sun_in_cells[major] > 0.0),
             slopes,
             low_shift,

@@ -4,7 +4,7 @@ use bevy::prelude::*;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
     BindGroup, BufferInitDescriptor, BufferUsages, CommandEncoder, ComputePassDescriptor,
-    ComputePipeline, PipelineCache,
+    ComputePipeline, IntoBinding, PipelineCache,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 
@@ -39,7 +39,12 @@ pub(crate) fn fill_light_cache(
     let samples = ids.and_then(|own| compute(own.samples));
     let suns = ids.and_then(|own| own.suns).map(|suns| suns.map(compute));
     let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
-    let (Some((atlas, _)), Some(staging)) = (&cache.texture, &cache.staging) else { return };
+    let Some((atlas, _)) = &cache.texture else { return };
+    let target = match &cache.staging {
+        _ if pipeline.stores_texels => atlas.view.into_binding(),
+        Some(staging) => staging.as_entire_binding(),
+        None => return,
+    };
     let [layout, sun_layout] = [&pipeline.layout, &pipeline.sun_layout]
         .map(|layout| pipelines.get_bind_group_layout(layout));
     let empty = pipelines.get_bind_group_layout(&empty_layout());
@@ -57,8 +62,7 @@ pub(crate) fn fill_light_cache(
             usage: BufferUsages::UNIFORM,
         });
         let entries = pool.scene_entries(uniform, volumes);
-        let entries =
-            entries.extend_sequential((job.as_entire_binding(), staging.as_entire_binding()));
+        let entries = entries.extend_sequential((job.as_entire_binding(), target.clone()));
         let for_samples = (lattice.samples + GROUP_SAMPLES - 1) / GROUP_SAMPLES;
         let (group, steps) = match (way, &suns, &cache.depths) {
             (Way::Samples(_), ..) => {
@@ -76,7 +80,9 @@ pub(crate) fn fill_light_cache(
         };
         let encoder = context.command_encoder();
         run(encoder, [&empty, &empty, &group], &steps);
-        atlas.copy_from_buffer(encoder, (staging, *lattice), *origin);
+        if let Some(staging) = &cache.staging {
+            atlas.copy_from_buffer(encoder, (staging, *lattice), *origin);
+        }
         cache.set_run(*number);
     }
     span.end(context.command_encoder());

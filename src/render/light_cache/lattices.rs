@@ -21,7 +21,7 @@ use crate::render::view::CacheLayout;
 #[derive(Default, Resource)]
 pub(crate) struct LightCache {
     pub(super) texture: Option<(Atlas, Sampler)>,
-    /// The samples of a lattice before they are copied to the texture.
+    /// The samples of a lattice before they are copied to the texture, unless shaders write to that.
     pub(super) staging: Option<Buffer>,
     /// Depths along rays to a sun.
     pub(super) depths: Option<Buffer>,
@@ -158,12 +158,13 @@ impl LightCache {
         self.planned[fill].has_run.store(true, Ordering::Relaxed);
     }
 
-    /// Makes room for these lattices and for no others.
+    /// Makes room for these lattices and for no others, in a texture that shaders can write to if it
+    /// `is_storable`.
     pub(super) fn allocate(
         &mut self,
         wanted: WantedLattices,
-        device: &RenderDevice,
-        queue: &RenderQueue,
+        is_storable: bool,
+        (device, queue): (&RenderDevice, &RenderQueue),
     ) {
         if let Some((atlas, _)) = &mut self.texture
             && atlas.packing.texels() <= MAX_SPARE * wanted.packing.texels()
@@ -180,7 +181,7 @@ impl LightCache {
                 return;
             }
         }
-        self.move_all(wanted, device, queue);
+        self.move_all(wanted, is_storable, (device, queue));
     }
 
     /// Whether all lattices have room in the texture now.
@@ -197,10 +198,15 @@ impl LightCache {
     }
 
     /// Replaces the texture by one in which all lattices are where they were planned.
-    fn move_all(&mut self, wanted: WantedLattices, device: &RenderDevice, queue: &RenderQueue) {
+    fn move_all(
+        &mut self,
+        wanted: WantedLattices,
+        is_storable: bool,
+        (device, queue): (&RenderDevice, &RenderQueue),
+    ) {
         let WantedLattices { origins, mut packing, .. } = wanted;
         packing.add_room(ROOM);
-        let atlas = Atlas::new(packing, device);
+        let atlas = Atlas::new(packing, is_storable, device);
         let label = CommandEncoderDescriptor { label: Some("vdb_light_cache_moves") };
         let mut encoder = device.create_command_encoder(&label);
         let old = self.texture.take();

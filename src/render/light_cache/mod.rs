@@ -20,6 +20,7 @@ mod view;
 use bevy::core_pipeline::schedule::Core3d;
 use bevy::prelude::*;
 use bevy::render::render_resource::SpecializedComputePipelines;
+use bevy::render::renderer::{RenderAdapter, RenderDevice};
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup};
 
 use super::gpu::{Shaders, load_shaders};
@@ -51,6 +52,11 @@ impl Plugin for LightCachePlugin {
     }
 }
 
-fn init(mut commands: Commands, shaders: Res<Shaders>) {
-    commands.insert_resource(FillPipeline::new(&shaders));
+fn init(
+    mut commands: Commands,
+    shaders: Res<Shaders>,
+    (device, adapter): (Res<RenderDevice>, Res<RenderAdapter>),
+) {
+    let stores_texels = atlas::is_storable(&device, &adapter);
+    commands.insert_resource(FillPipeline::new(&shaders, stores_texels));
 }

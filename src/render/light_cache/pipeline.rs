@@ -1,16 +1,19 @@
 //! The pipelines that fill the light cache.
 
 use bevy::prelude::*;
-use bevy::render::render_resource::binding_types::{storage_buffer_sized, uniform_buffer_sized};
+use bevy::render::render_resource::binding_types::{
+    storage_buffer_sized, texture_storage_3d, uniform_buffer_sized,
+};
 use bevy::render::render_resource::{
     BindGroupLayoutDescriptor, CachedComputePipelineId, ComputePipelineDescriptor, PipelineCache,
-    ShaderStages, SpecializedComputePipeline, SpecializedComputePipelines,
+    ShaderStages, SpecializedComputePipeline, SpecializedComputePipelines, StorageTextureAccess,
 };
 use bytemuck::{Pod, Zeroable};
 
+use super::atlas::{FORMAT, packed};
 use crate::quality::features::Features;
-use crate::render::gpu::{Shaders, TraversalKey, empty_layout, scene_layout};
-use crate::render::view::ViewKey;
+use crate::render::gpu::{Shaders, TraversalKey, defs, empty_layout, scene_layout};
+use crate::render::view::{CacheLayout, ViewKey};
 
 /// The struct of `light_cache/fill.wgsl`.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -25,14 +28,32 @@ pub(super) struct Job {
     pub axis_z: [f32; 3],
     pub is_lamp: u32,
     pub light: [f32; 3],
-    pub line_words: u32,
-    pub samples: [u32; 3],
     pub pad: u32,
+    pub place: Place,
+}
+
+/// The struct of `light_cache/store.wgsl`.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Place {
+    samples: [u32; 3],
+    lattice: u32,
+    line_words: u32,
+    pads: [u32; 3],
+}
+
+impl Place {
+    /// A lattice whose first texel is at `origin`.
+    pub fn new(layout: CacheLayout, origin: UVec3) -> Self {
+        let (samples, line_words) = (layout.samples.to_array(), layout.line_words());
+        Self { samples, lattice: packed(origin), line_words, pads: [0; 3] }
+    }
 }
 
 #[derive(Debug, Resource)]
 pub(crate) struct FillPipeline {
     shaders: Shaders,
+    pub stores_texels: bool,
     /// Of the rays from each sample.
     pub layout: BindGroupLayoutDescriptor,
     /// Of the rays to a sun.
@@ -99,14 +120,20 @@ impl FillPipelines {
 }
 
 impl FillPipeline {
-    pub fn new(shaders: &Shaders) -> Self {
+    /// `stores_texels` says whether shaders write to the texture itself, not to a buffer.
+    pub fn new(shaders: &Shaders, stores_texels: bool) -> Self {
         let storage = || storage_buffer_sized(false, None);
         let uniform = || uniform_buffer_sized(false, None);
+        let lattice = || match stores_texels {
+            true => texture_storage_3d(FORMAT, StorageTextureAccess::WriteOnly),
+            false => storage(),
+        };
         let scene = || scene_layout(ShaderStages::COMPUTE);
-        let entries = scene().extend_sequential((uniform(), storage()));
-        let sun_entries = scene().extend_sequential((uniform(), storage(), storage()));
+        let entries = scene().extend_sequential((uniform(), lattice()));
+        let sun_entries = scene().extend_sequential((uniform(), lattice(), storage()));
         Self {
             shaders: shaders.clone(),
+            stores_texels,
             layout: BindGroupLayoutDescriptor::new("vdb_light_cache", &entries),
             sun_layout: BindGroupLayoutDescriptor::new("vdb_sun_light", &sun_entries),
         }
@@ -125,11 +152,13 @@ impl SpecializedComputePipeline for FillPipeline {
         };
         let is_fill = key.program == Program::Fill;
         let layout = if is_fill { &self.layout } else { &self.sun_layout };
+        let stores_texels = defs([(self.stores_texels, "VDB_STORABLE_LATTICE")]);
+        let shader_defs = key.traversal.defs(&self.shaders).into_iter().chain(stores_texels);
         ComputePipelineDescriptor {
             label: Some("vdb_light_cache".into()),
             layout: vec![empty_layout(), empty_layout(), layout.clone()],
             shader: shader.clone(),
-            shader_defs: key.traversal.defs(&self.shaders),
+            shader_defs: shader_defs.collect(),
             entry_point: Some(entry_point.into()),
             ..default()
         }

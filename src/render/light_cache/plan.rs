@@ -80,7 +80,7 @@ pub(super) fn plan(
             }
         }
     }
-    cache.allocate(wanted, &device, &queue);
+    cache.allocate(wanted, pipeline.stores_texels, (&device, &queue));
     let scattered = new_packing(MAX_SCATTERED_BYTES, SCATTERED_TEXEL_BYTES, &device);
     let (mut staged, mut depths) = (0, 0);
     for view in &order {
@@ -90,7 +90,10 @@ pub(super) fn plan(
         own.pipelines = Some(FillPipelines::of(key, &pipeline, &pipelines, &mut specialized));
         own.assign(prepared, &lights, &mut cache, scattered.clone());
         own.upload_table(prepared, &device, &queue);
-        staged = own.jobs.iter().map(|fill| fill.layout.staging_bytes()).fold(staged, u64::max);
+        if !pipeline.stores_texels {
+            let bytes = own.jobs.iter().map(|fill| fill.layout.staging_bytes());
+            staged = bytes.fold(staged, u64::max);
+        }
         depths = own.jobs.iter().map(Fill::depth_bytes).fold(depths, u64::max);
     }
     cache.reserve(staged, depths, &device);

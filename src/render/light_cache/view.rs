@@ -15,7 +15,7 @@ use super::lamp_table::{LampTable, MAX_ROWS};
 use super::lattices::{LatticeKey, LightCache, Source, WantedLattices};
 use super::lights::{CachedLights, Lamp};
 use super::packing::Packing;
-use super::pipeline::{FillPipelines, Job};
+use super::pipeline::{FillPipelines, Job, Place};
 use crate::quality::features::Features;
 use crate::render::gpu::types;
 use crate::render::view::{CacheLayout, CachedFog, Entry, FARTHEST, PreparedView, cell_edge};
@@ -241,19 +241,20 @@ impl LightCacheView {
                 continue;
             };
             let entry = &prepared.entries[*i];
-            let new_job = || new_job(prepared, *i, key.layout);
-            let mut plan = |slot: usize, light: &[f64], way: &dyn Fn() -> Way| {
+            let mut plan = |slot: usize, light: &[f64], way: &dyn Fn(Job) -> Way| {
                 let fingerprint = fingerprints.of(entry, light);
                 let Some(number) = cache.plan_fill(*key, slot, fingerprint) else { return };
                 let origin = origin + UVec3::Z * key.layout.samples.z * slot as u32;
-                self.jobs.push(Fill { way: way(), layout: key.layout, origin, number });
+                let place = Place::new(key.layout, origin);
+                let way = way(new_job(prepared, *i, place, key.layout));
+                self.jobs.push(Fill { way, layout: key.layout, origin, number });
             };
             match key.source {
                 Source::Suns(_) => {
                     for (slot, sun) in lights.suns.iter().enumerate() {
                         let light = sun.to_array();
-                        plan(slot, &light.map(f64::from), &|| {
-                            let job = Job { light, ..new_job() };
+                        plan(slot, &light.map(f64::from), &|job| {
+                            let job = Job { light, ..job };
                             sun_way(job, prepared, entry, key.layout)
                         });
                     }
@@ -262,9 +263,9 @@ impl LightCacheView {
                     let Some(slot) = lights.slot_of(entity) else { continue };
                     let lamp = &lights.lamps[slot];
                     let DVec3 { x, y, z } = lamp.position;
-                    plan(0, &[x, y, z, lamp.range], &|| {
+                    plan(0, &[x, y, z, lamp.range], &|job| {
                         let edge = cell_edge(&entry.lattice);
-                        Way::Samples(lamp_job(new_job(), lamp, prepared.eye, key.layout, edge))
+                        Way::Samples(lamp_job(job, lamp, prepared.eye, key.layout, edge))
                     });
                 }
             }
@@ -297,7 +298,7 @@ fn hide_uncached(volumes: &mut [types::Volume]) {
 }
 
 /// What the shader needs to fill a lattice, without the light.
-fn new_job(prepared: &PreparedView, i: usize, layout: CacheLayout) -> Job {
+fn new_job(prepared: &PreparedView, i: usize, place: Place, layout: CacheLayout) -> Job {
     let world_from_local = prepared.entries[i].lattice.world_from_local;
     let array = |v: DVec3| v.as_vec3().to_array();
     let origin = world_from_local.transform_point3(layout.origin.as_dvec3()) - prepared.eye;
@@ -309,8 +310,7 @@ fn new_job(prepared: &PreparedView, i: usize, layout: CacheLayout) -> Job {
         axis_y: array(axes.y_axis),
         axis_z: array(axes.z_axis),
         step: (1 << layout.log) as f32,
-        line_words: layout.line_words(),
-        samples: layout.samples.to_array(),
+        place,
         ..default()
     }
 }
@@ -322,10 +322,10 @@ fn sun_way(job: Job, prepared: &PreparedView, entry: &Entry, layout: CacheLayout
     let is_endless = prepared.data.shadow_range >= FARTHEST;
     let rays = is_endless.then(|| SunRays::new(layout, world_from_local, job.light.into()));
     let Some(rays) = rays.flatten() else { return Way::Samples(job) };
-    let Job { origin, volume, axis_x, axis_y, axis_z, .. } = job;
+    let Job { origin, volume, axis_x, axis_y, axis_z, place, .. } = job;
     // Segments are few, so shorter steps cost little.
     let step = (0.5 * job.step).max(1.0);
-    let own = columns::Job { origin, volume, axis_x, axis_y, axis_z, step, ..rays.job };
+    let own = columns::Job { origin, volume, axis_x, axis_y, axis_z, step, place, ..rays.job };
     Way::Sun(SunRays { job: own, ..rays })
 }
 
