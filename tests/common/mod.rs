@@ -20,7 +20,7 @@ use bevy::render::RenderPlugin;
 use bevy::render::gpu_readback::{Readback, ReadbackComplete};
 use bevy::render::pipelined_rendering::PipelinedRenderingPlugin;
 use bevy::render::render_resource::{PipelineCache, TextureFormat, TextureUsages};
-use bevy::render::settings::{RenderCreation, WgpuSettings, WgpuSettingsPriority};
+use bevy::render::settings::{RenderCreation, WgpuFeatures, WgpuSettings, WgpuSettingsPriority};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
 use bevy_vdb::{VdbCamera, VdbGrid, VdbRenderPlugin, VdbVolume};
@@ -96,7 +96,8 @@ impl Stage {
 
     /// With a device that has the features and limits of standard WebGPU and no others.
     pub fn of_standard_webgpu() -> Self {
-        let standard = WgpuSettings { priority: WgpuSettingsPriority::WebGPU, ..default() };
+        let priority = WgpuSettingsPriority::WebGPU;
+        let standard = WgpuSettings { priority, features: WgpuFeatures::empty(), ..default() };
         let render = RenderPlugin {
             render_creation: RenderCreation::Automatic(Box::new(standard)),
             synchronous_pipeline_compilation: true,

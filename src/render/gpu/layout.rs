@@ -37,13 +37,40 @@ pub(crate) fn storage_read() -> BindGroupLayoutEntryBuilder {
 }
 
 /// Bindings 0 to 5 of the crate's own group in every shader that traverses grids: the pool, the
-/// uniform of a view, and its volume list. `PoolBuffers::scene_entries` binds them.
-pub(crate) fn scene_layout(stages: ShaderStages) -> DynamicBindGroupLayoutEntries {
-    let read = storage_read;
-    DynamicBindGroupLayoutEntries::sequential(
-        stages,
-        (read(), read(), read(), read(), uniform_buffer_sized(false, None), read()),
-    )
+/// uniform of a view, and its volume list. Only a pool that `is_paged` has bindings 2 and 3: WebGPU
+/// guarantees eight storage buffers per stage, and Bevy's lights take three.
+/// `PoolBuffers::scene_entries` binds them.
+pub(crate) fn scene_layout(stages: ShaderStages, is_paged: bool) -> DynamicBindGroupLayoutEntries {
+    let (read, view) = (storage_read, uniform_buffer_sized(false, None));
+    if is_paged {
+        let all = (read(), read(), read(), read(), view, read());
+        DynamicBindGroupLayoutEntries::sequential(stages, all)
+    } else {
+        let all = ((0, read()), (1, read()), (4, view), (5, read()));
+        DynamicBindGroupLayoutEntries::new_with_indices(stages, all)
+    }
+}
+
+/// The layouts of a group with the scene: for a pool of one page, and for one of several.
+#[derive(Clone, Debug)]
+pub(crate) struct SceneLayouts([BindGroupLayoutDescriptor; 2]);
+
+impl SceneLayouts {
+    /// `extend` adds the other bindings of the group to those of the scene.
+    pub fn new(
+        label: &'static str,
+        stages: ShaderStages,
+        extend: impl Fn(DynamicBindGroupLayoutEntries) -> DynamicBindGroupLayoutEntries,
+    ) -> Self {
+        let layout = |is_paged| {
+            BindGroupLayoutDescriptor::new(label, &extend(scene_layout(stages, is_paged)))
+        };
+        Self([false, true].map(layout))
+    }
+
+    pub fn of(&self, is_paged: bool) -> &BindGroupLayoutDescriptor {
+        &self.0[usize::from(is_paged)]
+    }
 }
 
 /// The layout of a group without bindings.

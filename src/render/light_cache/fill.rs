@@ -45,8 +45,8 @@ pub(crate) fn fill_light_cache(
         Some(staging) => staging.as_entire_binding(),
         None => return,
     };
-    let [layout, sun_layout] = [&pipeline.layout, &pipeline.sun_layout]
-        .map(|layout| pipelines.get_bind_group_layout(layout));
+    let [layout, sun_layout] = [&pipeline.layouts, &pipeline.sun_layouts]
+        .map(|layouts| pipelines.get_bind_group_layout(layouts.of(pool.is_paged())));
     let empty = pipelines.get_bind_group_layout(&empty_layout());
     let empty = device.create_bind_group("vdb_empty", &empty, &[]);
     let diagnostics = context.diagnostic_recorder();

@@ -5,14 +5,14 @@ use bevy::render::render_resource::binding_types::{
     storage_buffer_sized, texture_storage_3d, uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
-    BindGroupLayoutDescriptor, CachedComputePipelineId, ComputePipelineDescriptor, PipelineCache,
-    ShaderStages, SpecializedComputePipeline, SpecializedComputePipelines, StorageTextureAccess,
+    CachedComputePipelineId, ComputePipelineDescriptor, PipelineCache, ShaderStages,
+    SpecializedComputePipeline, SpecializedComputePipelines, StorageTextureAccess,
 };
 use bytemuck::{Pod, Zeroable};
 
 use super::atlas::{FORMAT, packed};
 use crate::quality::features::Features;
-use crate::render::gpu::{Shaders, TraversalKey, defs, empty_layout, scene_layout};
+use crate::render::gpu::{SceneLayouts, Shaders, TraversalKey, defs, empty_layout};
 use crate::render::view::{CacheLayout, ViewKey};
 
 /// The struct of `light_cache/fill.wgsl`.
@@ -55,9 +55,9 @@ pub(crate) struct FillPipeline {
     shaders: Shaders,
     pub stores_texels: bool,
     /// Of the rays from each sample.
-    pub layout: BindGroupLayoutDescriptor,
+    pub layouts: SceneLayouts,
     /// Of the rays to a sun.
-    pub sun_layout: BindGroupLayoutDescriptor,
+    pub sun_layouts: SceneLayouts,
 }
 
 /// The programs that fill lattices.
@@ -101,9 +101,8 @@ impl FillPipelines {
         let features = key.features & own;
         let (page_bits, sample_format) = (key.page_bits, key.sample_format);
         let all = TraversalKey { features, page_bits, sample_format };
-        // These read no grids.
-        let none =
-            TraversalKey { features: Features::empty(), page_bits: None, sample_format: None };
+        // These read no grids, but have the same layout.
+        let none = TraversalKey { features: Features::empty(), page_bits, sample_format: None };
         let mut id = |program, traversal| {
             specialized.specialize(cache, pipeline, FillKey { program, traversal })
         };
@@ -128,14 +127,15 @@ impl FillPipeline {
             true => texture_storage_3d(FORMAT, StorageTextureAccess::WriteOnly),
             false => storage(),
         };
-        let scene = || scene_layout(ShaderStages::COMPUTE);
-        let entries = scene().extend_sequential((uniform(), lattice()));
-        let sun_entries = scene().extend_sequential((uniform(), lattice(), storage()));
         Self {
             shaders: shaders.clone(),
             stores_texels,
-            layout: BindGroupLayoutDescriptor::new("vdb_light_cache", &entries),
-            sun_layout: BindGroupLayoutDescriptor::new("vdb_sun_light", &sun_entries),
+            layouts: SceneLayouts::new("vdb_light_cache", ShaderStages::COMPUTE, |scene| {
+                scene.extend_sequential((uniform(), lattice()))
+            }),
+            sun_layouts: SceneLayouts::new("vdb_sun_light", ShaderStages::COMPUTE, |scene| {
+                scene.extend_sequential((uniform(), lattice(), storage()))
+            }),
         }
     }
 }
@@ -151,7 +151,8 @@ impl SpecializedComputePipeline for FillPipeline {
             Program::Interpolate => (&self.shaders.sun_samples, "interpolate"),
         };
         let is_fill = key.program == Program::Fill;
-        let layout = if is_fill { &self.layout } else { &self.sun_layout };
+        let layouts = if is_fill { &self.layouts } else { &self.sun_layouts };
+        let layout = layouts.of(key.traversal.page_bits.is_some());
         let stores_texels = defs([(self.stores_texels, "VDB_STORABLE_LATTICE")]);
         let shader_defs = key.traversal.defs(&self.shaders).into_iter().chain(stores_texels);
         ComputePipelineDescriptor {

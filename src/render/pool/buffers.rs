@@ -10,6 +10,8 @@ use vdb_core::pack::GridHeader;
 use super::paging::{PAGES, Paging, Range};
 
 const HEADER_BYTES: u64 = size_of::<GridHeader>() as u64;
+/// The storage buffers of lights in Bevy's layout of a view.
+const BEVYS_BUFFERS: u32 = 3;
 /// The number of headers for which there is room from the start.
 const LEAST_HEADERS: u64 = 16;
 
@@ -19,15 +21,11 @@ pub(crate) struct PoolBuffers {
     pub grids: Buffer,
     pages: Vec<Buffer>,
     pub paging: Paging,
+    /// The most storage buffers of a shader stage.
+    max_buffers: u32,
 }
 
 impl PoolBuffers {
-    /// A buffer for each binding. Bindings beyond the last page repeat the first page, and are not
-    /// read.
-    fn pages(&self) -> [&Buffer; PAGES] {
-        std::array::from_fn(|i| self.pages.get(i).unwrap_or(&self.pages[0]))
-    }
-
     /// The resources of [`scene_layout`](crate::render::gpu::scene_layout): the pool, the uniform of
     /// a view, and its volume list.
     pub fn scene_entries<'a>(
@@ -35,15 +33,24 @@ impl PoolBuffers {
         view: &'a Buffer,
         volumes: &'a Buffer,
     ) -> DynamicBindGroupEntries<'a> {
-        let [page_a, page_b, page_c] = self.pages();
-        DynamicBindGroupEntries::sequential((
-            self.grids.as_entire_binding(),
-            page_a.as_entire_binding(),
-            page_b.as_entire_binding(),
-            page_c.as_entire_binding(),
-            view.as_entire_binding(),
-            volumes.as_entire_binding(),
-        ))
+        let [grids, view, volumes] =
+            [&self.grids, view, volumes].map(|buffer| buffer.as_entire_binding());
+        // A pool of two pages has the first one at the third's binding, which shaders do not read.
+        let page = |i: usize| self.pages.get(i).unwrap_or(&self.pages[0]).as_entire_binding();
+        if self.is_paged() {
+            let all = (grids, page(0), page(1), page(2), view, volumes);
+            DynamicBindGroupEntries::sequential(all)
+        } else {
+            let all = ((0, grids), (1, page(0)), (4, view), (5, volumes));
+            DynamicBindGroupEntries::new_with_indices(all)
+        }
+    }
+
+    /// Whether shaders can bind one more storage buffer beside the scene and the three of Bevy's
+    /// lights.
+    pub fn leaves_a_binding(&self) -> bool {
+        let own = if self.is_paged() { 2 + PAGES as u32 } else { 3 };
+        own + BEVYS_BUFFERS < self.max_buffers
     }
 
     /// The size of all buffers in bytes.
@@ -64,6 +71,7 @@ impl PoolBuffers {
             grids: buffer(device, "vdb_grids", LEAST_HEADERS * HEADER_BYTES),
             pages: pages.map(|words| buffer(device, "vdb_words", words * 4)).collect(),
             paging,
+            max_buffers: device.limits().max_storage_buffers_per_shader_stage,
         }
     }
 

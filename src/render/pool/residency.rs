@@ -106,6 +106,11 @@ impl VdbTreePool {
         buffers.is_paged().then_some(buffers.paging.bits)
     }
 
+    /// Whether shaders of views can bind one more storage buffer.
+    pub fn leaves_a_binding(&self) -> bool {
+        self.buffers.as_ref().is_none_or(PoolBuffers::leaves_a_binding)
+    }
+
     /// The grids that are displayed.
     pub(super) fn displayed(&self) -> impl Iterator<Item = (&GridKey, &Resident)> {
         self.resident.iter().filter(|(_, grid)| grid.displayed == self.frame)

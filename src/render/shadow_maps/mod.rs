@@ -249,7 +249,7 @@ fn draws(
     };
     let bytes = bytemuck::cast_slice(&cast.volumes);
     let casting = buffer("vdb_casters", bytes, BufferUsages::STORAGE);
-    let layout = cache.get_bind_group_layout(&pipeline.layout);
+    let layout = cache.get_bind_group_layout(pipeline.layouts.of(pool.is_paged()));
     let bind = |view: &Buffer| {
         device.create_bind_group("vdb_cast", &layout, &pool.scene_entries(view, &casting))
     };

@@ -10,20 +10,19 @@ use bevy::render::render_resource::{
     ShaderStages, SpecializedRenderPipeline, StencilState, VertexState,
 };
 
-use crate::render::gpu::{Shaders, TraversalKey, empty_layout, scene_layout};
+use crate::render::gpu::{SceneLayouts, Shaders, TraversalKey, empty_layout};
 
 /// Draws volumes into a shadow map.
 #[derive(Debug, Resource)]
 pub(super) struct CastPipeline {
     shaders: Shaders,
-    pub layout: BindGroupLayoutDescriptor,
+    pub layouts: SceneLayouts,
 }
 
 impl CastPipeline {
     pub fn new(shaders: &Shaders) -> Self {
-        let entries = scene_layout(ShaderStages::VERTEX_FRAGMENT);
-        let layout = BindGroupLayoutDescriptor::new("vdb_cast", &entries);
-        Self { shaders: shaders.clone(), layout }
+        let layouts = SceneLayouts::new("vdb_cast", ShaderStages::VERTEX_FRAGMENT, |scene| scene);
+        Self { shaders: shaders.clone(), layouts }
     }
 }
 
@@ -32,6 +31,7 @@ impl SpecializedRenderPipeline for CastPipeline {
 
     fn specialize(&self, key: TraversalKey) -> RenderPipelineDescriptor {
         let shader_defs = key.defs(&self.shaders);
+        let layout = self.layouts.of(key.page_bits.is_some());
         let vertex = VertexState {
             shader: self.shaders.cast.clone(),
             shader_defs: shader_defs.clone(),
@@ -40,7 +40,7 @@ impl SpecializedRenderPipeline for CastPipeline {
         };
         RenderPipelineDescriptor {
             label: Some("vdb_cast".into()),
-            layout: vec![empty_layout(), empty_layout(), self.layout.clone()],
+            layout: vec![empty_layout(), empty_layout(), layout.clone()],
             primitive: PrimitiveState { topology: PrimitiveTopology::TriangleStrip, ..default() },
             fragment: Some(FragmentState {
                 shader: self.shaders.cast.clone(),

@@ -8,7 +8,7 @@ use bevy::render::render_resource::{
 
 use super::lights::LightLayouts;
 use crate::quality::features::Features;
-use crate::render::gpu::{Shaders, page_defs, scene_depth, scene_layout};
+use crate::render::gpu::{SceneLayouts, Shaders, page_defs, scene_depth};
 use crate::render::view::ViewKey;
 
 /// Computes, for each tile of pixels, which volumes its rays can meet and where the rays can start.
@@ -17,7 +17,7 @@ pub(super) struct BeamsPipeline {
     shaders: Shaders,
     lights: LightLayouts,
     /// Without and with multisampling.
-    layouts: [BindGroupLayoutDescriptor; 2],
+    layouts: [SceneLayouts; 2],
 }
 
 /// The key of a pipeline variant.
@@ -41,15 +41,15 @@ impl BeamsPipeline {
     pub fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
         let layouts = [false, true].map(|multisampled| {
             let tiles = storage_buffer_sized(false, None);
-            let entries = scene_layout(ShaderStages::COMPUTE)
-                .extend_with_indices(((6, scene_depth(multisampled)), (9, tiles)));
-            BindGroupLayoutDescriptor::new("vdb_beams", &entries)
+            SceneLayouts::new("vdb_beams", ShaderStages::COMPUTE, |scene| {
+                scene.extend_with_indices(((6, scene_depth(multisampled)), (9, tiles)))
+            })
         });
         Self { shaders: shaders.clone(), lights: lights.clone(), layouts }
     }
 
-    pub fn layout(&self, features: Features) -> &BindGroupLayoutDescriptor {
-        &self.layouts[usize::from(features.contains(Features::MULTISAMPLED))]
+    pub fn layout(&self, features: Features, is_paged: bool) -> &BindGroupLayoutDescriptor {
+        self.layouts[usize::from(features.contains(Features::MULTISAMPLED))].of(is_paged)
     }
 }
 
@@ -58,9 +58,10 @@ impl SpecializedComputePipeline for BeamsPipeline {
 
     fn specialize(&self, key: BeamsKey) -> ComputePipelineDescriptor {
         let own = key.features.defs().map(Into::into);
+        let layout = self.layout(key.features, key.page_bits.is_some());
         ComputePipelineDescriptor {
             label: Some("vdb_beams".into()),
-            layout: self.lights.layouts(Features::empty(), self.layout(key.features)),
+            layout: self.lights.layouts(Features::empty(), layout),
             shader: self.shaders.beams.clone(),
             shader_defs: own.chain(page_defs(key.page_bits)).collect(),
             entry_point: Some("beams".into()),

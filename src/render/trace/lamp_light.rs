@@ -9,16 +9,16 @@ use bevy::render::render_resource::binding_types::{
     texture_2d, texture_3d, texture_storage_3d, uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
-    BindGroupLayoutDescriptor, ComputePipelineDescriptor, ShaderStages, SpecializedComputePipeline,
-    StorageTextureAccess, Texture, TextureDescriptor, TextureDimension, TextureFormat,
-    TextureSampleType, TextureUsages, TextureView,
+    ComputePipelineDescriptor, ShaderStages, SpecializedComputePipeline, StorageTextureAccess,
+    Texture, TextureDescriptor, TextureDimension, TextureFormat, TextureSampleType, TextureUsages,
+    TextureView,
 };
 use bevy::render::renderer::RenderDevice;
 use bevy::shader::ShaderDefVal;
 
 use super::lights::LightLayouts;
 use crate::quality::features::Features;
-use crate::render::gpu::{Shaders, TraversalKey, scene_layout};
+use crate::render::gpu::{SceneLayouts, Shaders, TraversalKey};
 use crate::render::light_cache::{LampLight, texture_size};
 use crate::render::view::ViewKey;
 
@@ -86,7 +86,7 @@ impl LampLightView {
 pub(super) struct LampLightPipeline {
     shaders: Shaders,
     lights: LightLayouts,
-    pub layout: BindGroupLayoutDescriptor,
+    pub layouts: SceneLayouts,
 }
 
 /// The key of a pipeline variant.
@@ -119,14 +119,13 @@ impl From<&ViewKey> for LampLightKey {
 impl LampLightPipeline {
     pub fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
         let depths = texture_3d(TextureSampleType::Float { filterable: true });
-        let entries = scene_layout(ShaderStages::COMPUTE).extend_with_indices((
-            (6, uniform_buffer_sized(false, None)),
-            (7, texture_storage_3d(TextureFormat::Rgba16Float, StorageTextureAccess::WriteOnly)),
-            (12, depths),
-            (14, texture_2d(TextureSampleType::Uint)),
-        ));
-        let layout = BindGroupLayoutDescriptor::new("vdb_lamp_light", &entries);
-        Self { shaders: shaders.clone(), lights: lights.clone(), layout }
+        let light = texture_storage_3d(TextureFormat::Rgba16Float, StorageTextureAccess::WriteOnly);
+        let lamps = texture_2d(TextureSampleType::Uint);
+        let layouts = SceneLayouts::new("vdb_lamp_light", ShaderStages::COMPUTE, |scene| {
+            let samples = uniform_buffer_sized(false, None);
+            scene.extend_with_indices(((6, samples), (7, light), (12, depths), (14, lamps)))
+        });
+        Self { shaders: shaders.clone(), lights: lights.clone(), layouts }
     }
 }
 
@@ -135,12 +134,13 @@ impl SpecializedComputePipeline for LampLightPipeline {
 
     fn specialize(&self, key: LampLightKey) -> ComputePipelineDescriptor {
         let has = |feature| key.traversal.features.contains(feature);
+        let layout = self.layouts.of(key.traversal.page_bits.is_some());
         let octaves = has(Features::MULTIPLE_SCATTERING) && has(Features::SHADOWS);
         let suns = ShaderDefVal::UInt("VDB_CACHED_SUNS".into(), key.cached_suns.unwrap_or(0));
         let defs = [octaves.then_some("VDB_OCTAVES"), key.shadow_filter];
         ComputePipelineDescriptor {
             label: Some("vdb_lamp_light".into()),
-            layout: self.lights.layouts(Features::LIGHT, &self.layout),
+            layout: self.lights.layouts(Features::LIGHT, layout),
             shader: self.shaders.lamp_light.clone(),
             shader_defs: key
                 .traversal

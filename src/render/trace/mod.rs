@@ -219,7 +219,8 @@ fn bind(
         }
         let layout = cache.get_bind_group_layout(trace.layout(features));
         let group = inputs.trace_group(&layout, table, cached, &device);
-        let layout = cache.get_bind_group_layout(beams.layout(features));
+        let layout =
+            cache.get_bind_group_layout(beams.layout(features, features.contains(Features::PAGES)));
         let beams = inputs.beams_group(&layout, &device);
         let lamps = features
             .contains(Features::LAMP_LIGHT)

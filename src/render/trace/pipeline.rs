@@ -16,7 +16,8 @@ use crate::render::gpu::{
 use crate::render::view::ViewKey;
 
 /// The features that the layout of the crate's own group depends on.
-const LAYOUT: [Features; 7] = [
+const LAYOUT: [Features; 8] = [
+    Features::PAGES,
     Features::MULTISAMPLED,
     Features::BEAMS,
     Features::MOTION_VECTORS,
@@ -43,11 +44,12 @@ impl TracePipeline {
                     .position(|own| *own == feature)
                     .is_some_and(|bit| subset >> bit & 1 == 1)
             };
-            let mut entries = scene_layout(ShaderStages::COMPUTE).extend_sequential((
-                scene_depth(has(Features::MULTISAMPLED)),
-                write(TextureFormat::Rgba16Float),
-                write(TextureFormat::R32Float),
-            ));
+            let mut entries = scene_layout(ShaderStages::COMPUTE, has(Features::PAGES))
+                .extend_sequential((
+                    scene_depth(has(Features::MULTISAMPLED)),
+                    write(TextureFormat::Rgba16Float),
+                    write(TextureFormat::R32Float),
+                ));
             if has(Features::BEAMS) {
                 entries = entries.extend_with_indices(((9, storage_read()),));
             }
