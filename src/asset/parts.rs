@@ -29,11 +29,18 @@ const SURFACE: &str = "surface";
 /// The prefix of auxiliary surfaces in Blender's fluid simulations.
 const HELPERS: &str = "phi_";
 
+/// Names of distances to the outside of a fog, which Houdini's cloud tools save beside it.
+const DISTANCES: [&str; 3] = ["distance", "sdf", "signed_distance"];
+
 /// Names of colours: Houdini's, and common ones.
 pub(crate) const COLORS: [&str; 4] = ["cd", "color", "colour", "albedo"];
 
 /// Names of velocities in Blender and Houdini.
 pub(crate) const VELOCITIES: [&str; 3] = ["velocity", "vel", "v"];
+
+/// Suffixes of the components of a vector that is saved as three grids of floats, in Houdini and in
+/// Blender.
+const COMPONENTS: [&str; 9] = [".x", ".y", ".z", "_x", "_y", "_z", "_r", "_g", "_b"];
 
 /// The properties of a grid by which its role is chosen.
 pub(crate) struct Candidate<'a> {
@@ -60,15 +67,31 @@ pub(crate) struct Parts {
     pub fire: Option<usize>,
 }
 
+/// The fogs, by position: without the components of vectors, which are fogs by their class only.
+fn fogs(all: &[Candidate]) -> impl Iterator<Item = usize> {
+    (0..all.len()).filter(|i| all[*i].is_fog && !is_component(all[*i].name))
+}
+
+/// Whether a name is that of one component of a colour or a velocity.
+fn is_component(name: &str) -> bool {
+    let split = name.len().checked_sub(2).and_then(|at| name.split_at_checked(at));
+    split.is_some_and(|(vector, suffix)| {
+        COMPONENTS.iter().any(|own| is(suffix, own))
+            && COLORS.iter().chain(&VELOCITIES).any(|own| is(vector, own))
+    })
+}
+
 pub(crate) fn parts(all: &[Candidate]) -> Parts {
-    let fogs = || (0..all.len()).filter(|i| all[*i].is_fog);
+    let fogs = || fogs(all);
     let called = |name: &str| fogs().find(|i| is(all[*i].name, name));
     // Blender writes empty grids, too.
     let fire = FIRES.iter().find_map(|(name, _)| called(name).filter(|i| !all[*i].is_empty));
     let density = DENSITIES.iter().find_map(|name| called(name));
     let density = density.or_else(|| fogs().find(|i| fire != Some(*i)).or(fogs().next()));
+    let is_seen = density.is_some_and(|density| !all[density].is_empty);
     let helps = |name: &str| {
-        density.is_some() && name.get(..HELPERS.len()).is_some_and(|start| is(start, HELPERS))
+        let has_prefix = || name.get(..HELPERS.len()).is_some_and(|start| is(start, HELPERS));
+        density.is_some() && has_prefix() || is_seen && DISTANCES.iter().any(|own| is(name, own))
     };
     let surfaces = (0..all.len()).filter(|i| !all[*i].is_fog && !helps(all[*i].name)).collect();
     Parts { surfaces, density, fire: fire.filter(|fire| density != Some(*fire)) }
@@ -80,7 +103,7 @@ pub(crate) fn main_grid(all: &[Candidate]) -> Option<usize> {
     match (&surfaces[..], density) {
         ([], density) => {
             let is_named = |i: &usize| DENSITIES.iter().any(|name| is(all[*i].name, name));
-            let fogs = (0..all.len()).filter(|i| all[*i].is_fog && fire != Some(*i)).count();
+            let fogs = fogs(all).filter(|i| fire != Some(*i)).count();
             density.filter(|density| is_named(density) || fogs == 1)
         }
         ([surface], None) => Some(*surface),
@@ -105,6 +128,27 @@ mod tests {
     use super::*;
 
     #[test]
+    fn distances_beside_a_fog_and_components_of_vectors_have_no_role() {
+        let roles = |all: &[(&'static str, bool)]| {
+            let candidate = |&(name, is_fog)| Candidate { name, is_fog, is_empty: false };
+            let Parts { surfaces, density, fire } =
+                parts(&all.iter().map(candidate).collect::<Vec<_>>());
+            (surfaces, density, fire)
+        };
+        let (fog, surface) = (true, false);
+        let nebula = [("density", fog), ("distance", surface), ("color.x", fog), ("color.y", fog)];
+        assert_eq!(roles(&nebula), (vec![], Some(0), None));
+        let collider = [("density", fog), ("surface", surface)];
+        assert_eq!(roles(&collider), (vec![1], Some(0), None));
+        assert_eq!(roles(&[("distance", surface)]), (vec![0], None, None));
+        let vectors = [("color_r", fog), ("v.y", fog), ("temperature", fog)];
+        assert_eq!(roles(&vectors), (vec![], Some(2), None));
+        for name in ["", "x", ".x", "é.x", "rest.x", "colorx", "color.w"] {
+            assert!(!is_component(name), "{name}");
+        }
+    }
+
+    #[test]
     fn the_grid_that_a_file_is_about_is_found_or_asked_for() {
         let main = |all: &[(&'static str, bool)]| {
             let candidate = |&(name, is_fog)| Candidate { name, is_fog, is_empty: false };
@@ -121,6 +165,14 @@ mod tests {
             (&[("heat", fog), ("fuel", fog)], Some(1)),
             (&[("temperature", fog)], Some(0)),
             (&[("collision", surface), ("surface", surface)], Some(1)),
+            // Houdini's clouds.
+            (&[("distance", surface), ("density", fog), ("color.x", fog)], Some(1)),
+            (
+                &[("cloud", fog), ("Cd.x", fog), ("Cd.y", fog), ("Cd.z", fog), ("vel.x", fog)],
+                Some(0),
+            ),
+            (&[("SDF", surface)], Some(0)),
+            (&[("distance", surface), ("other", surface)], None),
             // Ambiguous.
             (&[("left", surface), ("right", surface)], None),
             (&[("a", fog), ("b", fog)], None),

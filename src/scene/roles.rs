@@ -18,9 +18,11 @@ const LUMINANCE: f32 = 1_000.0;
 #[non_exhaustive]
 pub struct VdbRoles {
     /// All surfaces, in file order; if there is a density, without Blender's auxiliary surfaces,
-    /// such as `phi_obstacle`.
+    /// such as `phi_obstacle`, and without its `distance`, which would hide it (also called `sdf`
+    /// or `signed_distance`).
     pub surfaces: Vec<Handle<VdbGrid>>,
-    /// The fog: a grid called `density` or `smoke`, otherwise the first fog grid.
+    /// The fog: a grid called `density` or `smoke`, otherwise the first fog grid that is not a
+    /// component of a colour or velocity, such as `Cd.x`, `color_r` or `vel.z`.
     pub density: Option<Handle<VdbGrid>>,
     /// The emission within the fog: a first guess ([`VdbEmission::guess`]) for another non-empty
     /// fog grid, called `flame`, `flames`, `fire`, `burn`, `temperature`, `heat` or `temp`, in this
