@@ -47,6 +47,8 @@ mod modes;
 mod motion;
 #[path = "picture/need.rs"]
 mod need;
+#[path = "picture/normals.rs"]
+mod normals;
 #[path = "picture/peers.rs"]
 mod peers;
 #[path = "picture/pool.rs"]
@@ -225,7 +227,8 @@ fn a_smooth_surface_is_where_the_reference_tracer_sees_it() {
     let view = looking(Vec3::new(3.0, 4.0, 6.0));
     let camera = stage.camera(&target, view);
     let mode = VdbRenderMode::Normals;
-    stage.world().entity_mut(camera).insert(VdbCamera { mode, ..default() });
+    let exact = VdbQuality { smooth_normals: false, ..default() };
+    stage.world().entity_mut(camera).insert((VdbCamera { mode, ..default() }, exact));
     let tree = level_set::gyroid(DVec3::ZERO, 20.0, 15.0);
     let kind = PackKind::Smooth { iso: 0.0 };
     let volume = VdbVolume(stage.grid(tree.clone(), kind, 0.1));

@@ -1,10 +1,12 @@
 """Makes the bundled models with stock OpenVDB (Debian: python3-openvdb, python3-numpy).
 
-use: /usr/bin/python3 make_models.py TEAPOT.obj[.gz]
+use: /usr/bin/python3 make_models.py TeapotGeometry.js
+
+The file, from three.js (npm pack three@0.160.0, examples/jsm/geometries), has Newell's control points.
 """
 
-import gzip
 import os
+import re
 import sys
 
 import numpy as np
@@ -23,18 +25,33 @@ def save(file, grid, name):
     print(file, size, grid.activeVoxelCount(), "active voxels,", os.path.getsize(path), "bytes")
 
 
-def read_obj(path):
-    """Points and triangles; polygons are cut into fans."""
-    points, triangles = [], []
-    with (gzip.open if path.endswith(".gz") else open)(path, "rt", errors="replace") as lines:
-        for line in lines:
-            words = line.split()
-            if words[:1] == ["v"]:
-                points.append([float(x) for x in words[1:4]])
-            elif words[:1] == ["f"]:
-                corners = [int(word.split("/")[0]) - 1 for word in words[1:]]
-                triangles += [[corners[0], b, c] for b, c in zip(corners[1:], corners[2:])]
-    return np.array(points, np.float32), np.array(triangles, np.uint32)
+def read_patches(path):
+    """The control points of the teapot's 32 bicubic Bézier patches; z is up."""
+    with open(path, encoding="utf-8") as file:
+        text = file.read()
+
+    def numbers(name):
+        body = text[text.index(f"const {name} = [") :]
+        body = re.sub(r"/\*.*?\*/|//[^\n]*", "", body[body.index("[") + 1 : body.index("]")], flags=re.S)
+        return [float(number.replace(" ", "")) for number in body.replace("\n", " ").split(",") if number.strip()]
+
+    vertices = np.array(numbers("teapotVertices")).reshape(-1, 3)
+    return vertices[np.array(numbers("teapotPatches"), int).reshape(-1, 4, 4)]
+
+
+def tessellated(patches, parts=128):
+    """Points and triangles, with `parts` along each edge of a patch: facets of half a voxel, which do not show."""
+    u = np.linspace(0.0, 1.0, parts + 1)
+    weights = np.stack([(1 - u) ** 3, 3 * u * (1 - u) ** 2, 3 * u * u * (1 - u), u**3], -1)
+    points = np.einsum("ia,jb,pabx->pijx", weights, weights, patches)
+    row = parts + 1
+    low = (np.arange(parts)[:, None] * row + np.arange(parts)).reshape(-1)
+    squares = np.stack([low, low + row, low + row + 1, low, low + row + 1, low + 1], -1)
+    first = row * row * np.arange(len(patches))
+    triangles = first[:, None, None] + squares.reshape(-1, 3)
+    # To y up.
+    points = points.reshape(-1, 3)[:, [0, 2, 1]] * [1.0, 1.0, -1.0]
+    return points, triangles.reshape(-1, 3)
 
 
 def weld(points, triangles):
@@ -43,34 +60,6 @@ def weld(points, triangles):
     triangles = index.reshape(-1)[triangles.astype(int)]
     flat = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
     return points, triangles[~flat]
-
-
-def rounded(points, triangles, parts=5, strength=0.75):
-    """Cuts each triangle in parts² and bends them as the normals at its corners say (Phong
-    tessellation, Boubekeur and Alexa 2008): the facets of the mesh are larger than voxels."""
-    points, triangles = weld(points.astype(float), triangles)
-    corners = points[triangles]
-    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(points)
-    for k in range(3):
-        np.add.at(normals, triangles[:, k], faces)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    n = normals[triangles]
-    row = [(i, j) for i in range(parts + 1) for j in range(parts + 1 - i)]
-    weights = np.array([[parts - i - j, i, j] for i, j in row]) / parts
-    flat = np.einsum("wk,tkx->twx", weights, corners)
-    # Onto the plane through each corner, and the mean of the three.
-    above = np.einsum("twkx,tkx->twk", flat[:, :, None] - corners[:, None], n)
-    bent = flat - strength * np.einsum("wk,twk,tkx->twx", weights, above, n)
-    at = {ij: k for k, ij in enumerate(row)}
-    cut = []
-    for i, j in row:
-        if i + j < parts:
-            cut.append([at[i, j], at[i + 1, j], at[i, j + 1]])
-        if i + j < parts - 1:
-            cut.append([at[i + 1, j], at[i + 1, j + 1], at[i, j + 1]])
-    first = len(row) * np.arange(len(triangles))
-    return bent.reshape(-1, 3), (first[:, None, None] + np.array(cut)).reshape(-1, 3)
 
 
 def capped(points, triangles):
@@ -102,7 +91,7 @@ def capped(points, triangles):
 
 def teapot(path, voxels=256):
     """A level set with a band of two voxels on each side, the least there is; stands on y = 0."""
-    points, triangles = capped(*rounded(*read_obj(path)))
+    points, triangles = capped(*tessellated(read_patches(path)))
     points -= [0.0, points[:, 1].min(), 0.0]
     voxel = float((points.max(0) - points.min(0)).max() / voxels)
     grid = vdb.FloatGrid.createLevelSetFromPolygons(

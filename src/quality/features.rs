@@ -44,6 +44,7 @@ bitflags! {
         const UNCACHED_FOGS = 1 << 32;
         const LAMP_LIGHT = 1 << 33;
         const VELOCITIES = 1 << 34;
+        const SMOOTH_NORMALS = 1 << 35;
     }
 }
 
@@ -92,7 +93,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 35] = [
+pub(crate) const FEATURES: [Feature; 36] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -240,6 +241,13 @@ pub(crate) const FEATURES: [Feature; 35] = [
         "velocities in motion vectors",
         "with motion vectors, a volume in view has a VdbVelocity",
     ),
+    row(
+        Features::SMOOTH_NORMALS,
+        &["VDB_SMOOTH_NORMALS"],
+        "smooth normals",
+        "VdbQuality::smooth_normals, and a smooth surface is in view or is reflected",
+    )
+    .without(|_, quality| quality.smooth_normals = false),
 ];
 
 impl Features {

@@ -23,6 +23,11 @@ pub struct VdbQuality {
     /// The largest distance at which a volume casts shadows on a point, in world units. 0 or more;
     /// infinite by default.
     pub shadow_range: f32,
+    /// Whether the normals of smooth surfaces are interpolated between cells, which takes twelve
+    /// more samples per visible point. On by default. When off, they are exactly
+    /// those of the trilinear interpolant, which jump from cell to cell and show as ribs in
+    /// highlights. Shapes, depths and where shadows fall are the same.
+    pub smooth_normals: bool,
     /// The number of reflections a ray follows, 0 to 16. With 0, the default, surfaces reflect only
     /// the camera's `EnvironmentMapLight`; with 1, they reflect volumes; with 2, volumes that
     /// reflect volumes.
@@ -95,6 +100,7 @@ impl VdbQuality {
         traversal: VdbTraversal::HddaSkip,
         shadows: true,
         shadow_range: f32::INFINITY,
+        smooth_normals: true,
         reflections: 0,
         reflection_range: f32::INFINITY,
         fog_step: 0.0,
@@ -158,6 +164,7 @@ impl VdbQuality {
             traversal: self.traversal,
             shadows: self.shadows,
             shadow_range: within("shadow_range", self.shadow_range, 0.0, f32::INFINITY, 0.0),
+            smooth_normals: self.smooth_normals,
             reflections: self.reflections.min(MAX_REFLECTIONS),
             reflection_range: within(
                 "reflection_range",
@@ -210,6 +217,8 @@ impl Default for VdbQuality {
 #[derive(Clone, Component, Copy, Debug, Default, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbVolumeQuality {
+    /// Replaces [`VdbQuality::smooth_normals`].
+    pub smooth_normals: Option<bool>,
     /// Replaces [`VdbQuality::fog_step`], in voxels.
     pub fog_step: Option<f32>,
     /// Replaces [`VdbQuality::fog_light_step`], in voxels.
@@ -222,6 +231,7 @@ impl VdbVolumeQuality {
     /// The settings of a camera for this volume.
     pub(crate) fn over(&self, camera: &VdbQuality) -> VdbQuality {
         VdbQuality {
+            smooth_normals: self.smooth_normals.unwrap_or(camera.smooth_normals),
             fog_step: self.fog_step.unwrap_or(camera.fog_step),
             fog_light_step: self.fog_light_step.unwrap_or(camera.fog_light_step),
             fog_shadow_step: self.fog_shadow_step.unwrap_or(camera.fog_shadow_step),

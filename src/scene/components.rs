@@ -189,12 +189,13 @@ impl VdbRenderMode {
             name: "",
             shader_def: None,
             is_lit: false,
+            uses_normals: false,
             shows_fog: false,
             shows_reflections: false,
             shows_distance_fog: false,
             shows_background: false,
         };
-        let light = ModeTraits { is_lit: true, shows_fog: true, ..surfaces };
+        let light = ModeTraits { is_lit: true, uses_normals: true, shows_fog: true, ..surfaces };
         match self {
             Self::Lit => ModeTraits {
                 name: "lit",
@@ -219,7 +220,8 @@ impl VdbRenderMode {
                 ModeTraits { name: "voxels", shader_def: Some("VDB_SHOW_VOXELS"), ..surfaces }
             }
             Self::Normals => {
-                ModeTraits { name: "normals", shader_def: Some("VDB_SHOW_NORMALS"), ..surfaces }
+                let (name, shader_def) = ("normals", Some("VDB_SHOW_NORMALS"));
+                ModeTraits { name, shader_def, uses_normals: true, ..surfaces }
             }
             Self::Depth => {
                 ModeTraits { name: "depth", shader_def: Some("VDB_SHOW_DEPTH"), ..surfaces }
@@ -244,6 +246,8 @@ pub(crate) struct ModeTraits {
     pub shader_def: Option<&'static str>,
     /// Whether it depends on lights.
     pub is_lit: bool,
+    /// Otherwise smooth normals are not compiled.
+    pub uses_normals: bool,
     /// Otherwise fog is neither traced nor compiled.
     pub shows_fog: bool,
     pub shows_reflections: bool,

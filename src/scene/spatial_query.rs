@@ -60,8 +60,9 @@ pub struct VdbRayHit {
     /// The point, in world space.
     pub position: Vec3,
     /// The outward unit normal, in world space: of the voxel face through which the ray enters, or
-    /// along the gradient of a smooth surface or fog. Opposite to the ray where there is none, that
-    /// is, where the ray begins in a voxel or the gradient is zero.
+    /// along the trilinear gradient of a smooth surface or fog (shading may use another, see
+    /// [`VdbQuality::smooth_normals`](crate::VdbQuality::smooth_normals)). Opposite to the ray where
+    /// there is none, that is, where the ray begins in a voxel or the gradient is zero.
     pub normal: Vec3,
     /// The distance from the ray's origin, in world units.
     pub distance: f32,

@@ -210,11 +210,17 @@ fn every_variant_of_the_trace_is_valid() {
     for format in ["VDB_FORMAT=0", "VDB_FORMAT=1", "VDB_FORMAT=2"] {
         check(&[&["VDB_LIT", "VDB_SMOOTH", "VDB_FOGS", format], &shadows]);
         check(&[&["VDB_LIT", "VDB_FOGS", "VDB_FOG_STEPS", "VDB_EVEN_LIGHT", format]]);
+        check(&[&["VDB_LIT", "VDB_SMOOTH", "VDB_SMOOTH_NORMALS", "VDB_EVEN_LIGHT", format]]);
     }
     check(&[
         &["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_PAGED", "VDB_PAGE_BITS=20"],
         &shadows,
     ]);
+    // Smooth normals.
+    for with in subsets(&["VDB_SURFACES", "VDB_FOGS", "VDB_REFLECTIONS", "VDB_WIDE_GRIDS"]) {
+        check(&[&["VDB_LIT", "VDB_SMOOTH", "VDB_SMOOTH_NORMALS"], &with, &shadows]);
+    }
+    check(&[&["VDB_SHOW_NORMALS", "VDB_SMOOTH", "VDB_SMOOTH_NORMALS"]]);
     // Grids of many cells.
     for with in subsets(&["VDB_HDDA", "VDB_FOG_STEPS"]) {
         let wide = ["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_WIDE_GRIDS"];
@@ -287,8 +293,9 @@ fn every_variant_of_the_trace_is_valid() {
     let kinds = 8 * (modes.len() * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * (2 * 16);
     // For each set of kinds and of further defs, the lights of the cache.
     let light_cache = 8 * 8 * 5 + 2 * 16;
-    let (filters, many, formats, wide, scaled, accumulated) = (2 + 1, 16, 3 * 2 + 1, 4, 8 * 2, 16);
-    let others = filters + many + formats + wide + scaled + accumulated;
+    let (filters, many, formats, normals) = (2 + 1, 16, 3 * 3 + 1, 16 + 1);
+    let (wide, scaled, accumulated) = (4, 8 * 2, 16);
+    let others = filters + many + formats + normals + wide + scaled + accumulated;
     assert_eq!(variants, kinds + light_cache + others);
 }
 

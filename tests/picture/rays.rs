@@ -8,8 +8,8 @@ use bevy::input::mouse::MouseButtonInput;
 use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::{
-    VdbCamera, VdbGrid, VdbMaterial, VdbRayCastSettings, VdbRayHit, VdbRenderMode, VdbSpatialQuery,
-    VdbVolume,
+    VdbCamera, VdbGrid, VdbMaterial, VdbQuality, VdbRayCastSettings, VdbRayHit, VdbRenderMode,
+    VdbSpatialQuery, VdbVolume,
 };
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
@@ -92,7 +92,8 @@ fn rays_meet_what_the_picture_shows() {
         })
         .collect();
     let mut show = |mode| {
-        stage.world().entity_mut(camera).insert(VdbCamera { mode, ..default() });
+        let quality = VdbQuality { smooth_normals: false, ..default() };
+        stage.world().entity_mut(camera).insert((VdbCamera { mode, ..default() }, quality));
         stage.picture(&target)
     };
     let (depth, normals) = (show(VdbRenderMode::Depth), show(VdbRenderMode::Normals));

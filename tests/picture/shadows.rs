@@ -295,7 +295,9 @@ fn a_ball_has_no_acne() {
         stage.world().entity_mut(camera).insert(settings);
         let without = stage.picture(&target);
         let lit = without.count(|p| p.x > 0.0);
-        let differ = with.pixels.iter().zip(&without.pixels).filter(|(a, b)| a != b).count();
+        // The shaders differ, so one may round to the 16-bit float next to the other's.
+        let differ = with.pixels.iter().zip(&without.pixels);
+        let differ = differ.filter(|(a, b)| (a.x - b.x).abs() > b.x / 1024.0).count();
         println!("radius {radius}, {far} times as far: {lit} pixels lit, {differ} differ");
         assert!(lit > 500, "{lit} pixels are lit");
         assert_eq!(differ, 0, "of {lit} pixels that face the light");

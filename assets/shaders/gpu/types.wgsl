@@ -71,7 +71,7 @@ struct Volume {
     temperature_scale: f32,     // of black bodies, kelvin per unit of value
     temperature_offset: f32,    // kelvin added wherever the value is positive
     box_min: vec3<f32>,         // world space, relative to the view's eye; only in scenes with many volumes
-    flags: u32,                 // bits: casts no shadows, receives no shadows
+    flags: u32,                 // bits: casts no shadows, receives none, has smooth normals
     box_max: vec3<f32>,
     fog_step: f32,              // voxels between samples of fog; 0 to integrate it exactly
     node_min: vec3<f32>,        // of a BVH node (`bvh.wgsl`)
@@ -86,6 +86,7 @@ struct Volume {
 
 const NO_CASTER: u32 = 1u;
 const NO_RECEIVER: u32 = 2u;
+const SMOOTH_NORMALS: u32 = 4u;
 
 // The largest number of directional lights in a Bevy view.
 const MAX_SUNS: u32 = 10u;

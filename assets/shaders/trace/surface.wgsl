@@ -1,7 +1,7 @@
 // The nearest surface on a ray, and the origins of secondary rays.
 #define_import_path bevy_vdb::trace::surface
 
-#import bevy_vdb::gpu::types::{KIND_SMOOTH, KIND_SURFACE, Ray}
+#import bevy_vdb::gpu::types::{KIND_SMOOTH, KIND_SURFACE, Ray, SMOOTH_NORMALS}
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::rebase::rebased_at
@@ -10,6 +10,9 @@
 #import bevy_vdb::trace::segment::{Point, Segment, point_at, quantise_frac, lattice_ray}
 #ifdef VDB_SMOOTH
 #import bevy_vdb::traversal::smooth::first_root
+#endif
+#ifdef VDB_SMOOTH_NORMALS
+#import bevy_vdb::traversal::normals::smooth_gradient
 #endif
 
 // A hit of a ray on a surface.
@@ -20,11 +23,13 @@ struct Surface {
     cell: vec3<i32>,        // local
     frac: vec3<f32>,        // within the cell, 0 to 1
     gradient: vec3<f32>,    // pointing outwards, in lattice space, not normalised
+    shading: vec3<f32>,     // the same for shading
     is_face: bool,          // whether this is a voxel face
 }
 
 fn no_surface() -> Surface {
-    return Surface(false, 0u, 0.0, vec3(0), vec3(0.0), vec3(0.0), false);
+    var none: Surface;
+    return none;
 }
 
 // Outward normal of a voxel face. If a ray began inside the voxel, the normal points along z.
@@ -45,7 +50,8 @@ fn intersect_voxels(volume: u32, ray: Ray, start: f32) -> Surface {
     }
     let rel = bitcast<vec3<u32>>((hit.cell ^ mirrored.mirror) - mirrored.cell);
     let frac = unmirrored(mirrored, rebased_at(mirrored, rel, hit.axis, hit.t).frac);
-    return Surface(true, volume, hit.t, hit.cell, frac, face_normal(mirrored, hit.axis), true);
+    let normal = face_normal(mirrored, hit.axis);
+    return Surface(true, volume, hit.t, hit.cell, frac, normal, normal, true);
 }
 #endif
 
@@ -58,12 +64,21 @@ fn intersect_smooth(volume: u32, ray: Ray, start: f32) -> Surface {
     if !root.found {
         return no_surface();
     }
-    let position = ray.frac + root.t * ray.dir;
-    let whole = floor(position);
     let face = face_normal(mirrored, root.axis);
     // The gradient may be zero where all eight corner values are equal.
-    let gradient = select(face, root.gradient, any(abs(root.gradient) > vec3(1e-30)));
-    return Surface(true, volume, root.t, ray.cell + vec3<i32>(whole), position - whole, gradient, false);
+    let gradient = gradient_or(root.gradient, face);
+    var shading = gradient;
+#ifdef VDB_SMOOTH_NORMALS
+    if (volumes[volume].flags & SMOOTH_NORMALS) != 0u {
+        shading = gradient_or(smooth_gradient(grid, root), gradient);
+    }
+#endif
+    return Surface(true, volume, root.t, root.cell, root.frac, gradient, shading, false);
+}
+
+// A gradient, or another vector if it is zero.
+fn gradient_or(gradient: vec3<f32>, otherwise: vec3<f32>) -> vec3<f32> {
+    return select(otherwise, gradient, any(abs(gradient) > vec3(1e-30)));
 }
 #endif
 
@@ -82,12 +97,32 @@ fn safe_normalize(v: vec3<f32>) -> vec3<f32> {
     return normalize(v / max(largest, 1e-30));
 }
 
-// Outward unit normal in world space.
-fn normal_of(surface: Surface) -> vec3<f32> {
-    let v = volumes[surface.volume].normal_x * surface.gradient.x
-        + volumes[surface.volume].normal_y * surface.gradient.y
-        + volumes[surface.volume].normal_z * surface.gradient.z;
+// The unit vector in world space along a gradient in the lattice of a volume.
+fn normal_along(volume: u32, gradient: vec3<f32>) -> vec3<f32> {
+    let v = volumes[volume].normal_x * gradient.x
+        + volumes[volume].normal_y * gradient.y
+        + volumes[volume].normal_z * gradient.z;
     return safe_normalize(v);
+}
+
+// Outward unit normal in world space, of the surface that rays hit.
+fn geometric_normal(surface: Surface) -> vec3<f32> {
+    return normal_along(surface.volume, surface.gradient);
+}
+
+// The same for shading, without jumps from cell to cell if the volume has smooth normals.
+fn shading_normal(surface: Surface) -> vec3<f32> {
+    return normal_along(surface.volume, surface.shading);
+}
+
+// The shading normal on the side of the surface that is seen from a direction (unit length). Near its
+// silhouette, a surface may be seen where its shading normal points away: it is then turned until it is at a
+// right angle.
+fn visible_normal(surface: Surface, to_viewer: vec3<f32>) -> vec3<f32> {
+    let is_inside = dot(geometric_normal(surface), to_viewer) < 0.0;
+    let outwards = shading_normal(surface);
+    let normal = select(outwards, -outwards, is_inside);
+    return normalize(normal - min(dot(normal, to_viewer), 0.0) * to_viewer);
 }
 
 // Distance, in cells, by which secondary rays are offset from a smooth surface. The trilinear interpolant of

@@ -12,7 +12,7 @@
 #import bevy_vdb::view::scene::{frame_random, interleaved_gradient_noise}
 #endif
 #import bevy_vdb::trace::segment::{NONE, Segment, point_at, lattice_ray, view_segment}
-#import bevy_vdb::trace::surface::{Surface, offset_origin, nearer, no_surface, normal_of}
+#import bevy_vdb::trace::surface::{Surface, nearer, no_surface}
 #ifdef VDB_SURFACES
 #import bevy_vdb::trace::surface::intersect_voxels
 #endif
@@ -28,7 +28,9 @@
 #endif
 #import bevy_vdb::trace::lights::shading_point
 #import bevy_vdb::trace::shade::{path_roughness, sample_reflection, shade}
+#import bevy_vdb::trace::surface::{offset_origin, visible_normal}
 #else
+#import bevy_vdb::trace::surface::shading_normal
 #import bevy_vdb::trace::show::{axis_weights, gray, voxel_color}
 #endif
 #ifdef VDB_COLORS
@@ -195,10 +197,8 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
             break;
         }
         let point = offset_origin(segment, surface);
-        let outwards = normal_of(surface);
         let to_viewer = -normalize(segment.dir);
-        // From the inside, a surface is lit on its inner side.
-        let normal = select(outwards, -outwards, dot(outwards, to_viewer) < 0.0);
+        let normal = visible_normal(surface, to_viewer);
         let at = shading_point(point_at(segment, surface.t), normal, pixel, segment.is_view);
         roughness = path_roughness(surface.volume, roughness);
         var base_color = volumes[surface.volume].base_color;
@@ -250,7 +250,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
         result.motion_volume = surface.volume;
         result.motion_depth = result.depth;
 #ifdef VDB_SHOW_NORMALS
-        result.color = 0.5 + 0.5 * normal_of(surface);
+        result.color = 0.5 + 0.5 * shading_normal(surface);
 #endif
 #ifdef VDB_SHOW_DEPTH
         result.color = vec3(result.depth);

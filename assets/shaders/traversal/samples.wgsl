@@ -134,26 +134,40 @@ fn fog_cell(grid: Grid, span: Span, cell: vec3<i32>) -> FogCell {
     return FogCell(brick_corners(grid, brick, brick_slot(cell)), brick.offset, brick.scale);
 }
 
+// In a record of a block: where the number of its first sample is, and the lowest bit of the count in the
+// word of a plane.
+const RECORD_FIRST: u32 = 5u;
+const RECORD_COUNT: u32 = 25u;
+
+// The record of the block around a cell, which is not empty, in a leaf with this word and number.
+fn record_of(grid: Grid, leaf_word: u32, leaf: u32, cell: vec3<i32>) -> u32 {
+    let blocks_before = (leaf_word >> LEAF_NUMBER_BITS) & ((1u << block_of(cell)) - 1u);
+    let number = word_at(grid.leaf_records + leaf) + countOneBits(blocks_before);
+    return grid.records + 6u * number;
+}
+
+// The iso-value among the stored samples of a smooth surface: bytes are unsigned.
+fn stored_zero(grid: Grid) -> f32 {
+    return select(0.0, 127.5, format_of(grid) > HALVES);
+}
+
 // Values relative to the iso-value at the corners of a cell that a smooth surface passes through, in units
 // of the grid's scale.
 fn surface_corners(grid: Grid, span: Span, cell: vec3<i32>) -> Corners {
     if (span.word & CHILD) == 0u {
         return tile_corners(grid, span.word, span.leaf);
     }
-    let blocks = (span.word >> LEAF_NUMBER_BITS) & ((1u << block_of(cell)) - 1u);
-    let number = word_at(grid.leaf_records + span.leaf) + countOneBits(blocks);
-    let record = grid.records + 6u * number;
+    let record = record_of(grid, span.word, span.leaf, cell);
     let c = vec3<u32>(cell) & vec3(3u);
     let low = word_at(record + c.x);
     let high = word_at(record + c.x + 1u);
-    let first = word_at(record + 5u);
+    let first = word_at(record + RECORD_FIRST);
     // Samples in the cell's plane that precede those of the cell, at the lower y and at the higher y.
     let row_mask = (1u << (5u * c.y + c.z)) - 1u;
     let next_row_mask = (row_mask << 5u) | 31u;
-    // Bytes are unsigned, with zero at 127.5.
-    let zero = select(0.0, 127.5, format_of(grid) > HALVES);
-    let low_first = first + (low >> 25u);
-    let high_first = first + (high >> 25u);
+    let zero = stored_zero(grid);
+    let low_first = first + (low >> RECORD_COUNT);
+    let high_first = first + (high >> RECORD_COUNT);
     return Corners(
         vec4(
             load_pair(grid, grid.samples, low_first + countOneBits(low & row_mask)),

@@ -4,17 +4,23 @@
 #import bevy_vdb::gpu::types::Grid
 #import bevy_vdb::traversal::rebase::{rebased_exit, rebased_at}
 #import bevy_vdb::traversal::exact::MirroredRay
-#import bevy_vdb::traversal::samples::{surface_corners, trilinear, trilinear_gradient}
-#import bevy_vdb::traversal::tree::{empty_cell, locate, new_accessor, span_occupied}
+#import bevy_vdb::traversal::samples::{Corners, surface_corners, trilinear, trilinear_gradient}
+#import bevy_vdb::traversal::tree::{Accessor, empty_cell, locate, new_accessor, span_occupied}
 #import bevy_vdb::traversal::hdda::{Dda, advance, confirm, count_step, local_cell, unmirrored, clamp_to_ray}
 
 struct SurfaceHit {
     found: bool,
     t: f32,
+    // The cell, and the position within it, 0 to 1 on each axis.
+    cell: vec3<i32>,
+    frac: vec3<f32>,
     // In index space, not normalised.
     gradient: vec3<f32>,
     // Axis of the face through which the ray entered the cell; 3 if it began inside.
     axis: u32,
+    // The samples at the corners of the cell, and the path to it.
+    corners: Corners,
+    accessor: Accessor,
 }
 
 // The root finder stops when its step is below this fraction of the path through the cell: Newton's method
@@ -101,7 +107,8 @@ fn first_sign_change_of_several(a: vec4<f32>, f_start: f32, f_end: f32) -> f32 {
 }
 
 fn no_hit() -> SurfaceHit {
-    return SurfaceHit(false, 0.0, vec3(0.0), 3u);
+    var none: SurfaceHit;
+    return none;
 }
 
 // The first root of the interpolant on a mirrored ray. Values are relative to the iso-value.
@@ -180,8 +187,12 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
             return SurfaceHit(
                 true,
                 clamp_to_ray(mirrored, confirmed.t + s * t_length),
+                cell,
+                root,
                 grid.scale * trilinear_gradient(c, root),
                 confirmed.axis,
+                c,
+                accessor,
             );
         }
         has_previous = true;

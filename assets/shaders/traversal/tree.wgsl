@@ -148,14 +148,18 @@ fn locate_moved(grid: Grid, cell: vec3<i32>, moved: u32, accessor: ptr<function,
     return (*accessor).word;
 }
 
+// Whether the block of 4³ cells around a local cell is not empty, in a leaf with this word.
+fn has_block(leaf_word: u32, cell: vec3<i32>) -> bool {
+    return ((leaf_word >> (LEAF_NUMBER_BITS + block_of(cell))) & 1u) != 0u;
+}
+
 // Occupancy of the block of 4³ cells around a local cell, in a leaf with this word and number: bit x·16 +
 // y·4 + z, low word first.
 fn block_at(grid: Grid, cell: vec3<i32>, leaf_word: u32, leaf: u32) -> vec2<u32> {
-    let block = block_of(cell);
-    if ((leaf_word >> (LEAF_NUMBER_BITS + block)) & 1u) == 0u {
+    if !has_block(leaf_word, cell) {
         return vec2(0u);
     }
-    let mask = grid.masks + (leaf << 4u) + 2u * block;
+    let mask = grid.masks + (leaf << 4u) + 2u * block_of(cell);
     return vec2(word_at(mask), word_at(mask + 1u));
 }
 

@@ -29,6 +29,7 @@ pub(super) fn show(
         }
     });
     ui.checkbox(&mut new.shadows, "shadows");
+    ui.checkbox(&mut new.smooth_normals, "smooth normals");
     ui.add(super::widgets::slider(&mut new.reflections, 0..=16).text("reflections"));
     let mut exact = new.fog_step == 0.0;
     if ui.checkbox(&mut exact, "exact fog, cell by cell").changed() {

@@ -8,6 +8,9 @@
 #import bevy_vdb::traversal::hdda::{FAR, Dda, mirrored_ray, enter_at, first_hit, steps}
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::smooth::first_root
+#ifdef VDB_SMOOTH_NORMALS
+#import bevy_vdb::traversal::normals::smooth_gradient
+#endif
 #import vdb_probe::single_rays::{ProbeHit, ProbeRay}
 
 struct Setup {
@@ -75,7 +78,13 @@ fn probe_smooth(@builtin(global_invocation_id) id: vec3<u32>) {
     if i < setup.count {
         let mirrored = mirrored_ray(grids[0], ray(i));
         let hit = first_root(grids[0], mirrored, enters(mirrored, i));
-        hits[i] = ProbeHit(vec3(0), hit.axis, hit.gradient, u32(hit.found), hit.t, 0.0, steps);
+        var gradient = hit.gradient;
+#ifdef VDB_SMOOTH_NORMALS
+        if hit.found {
+            gradient = smooth_gradient(grids[0], hit);
+        }
+#endif
+        hits[i] = ProbeHit(hit.cell, hit.axis, gradient, u32(hit.found), hit.t, 0.0, steps);
     }
 }
 

@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 40] = shaders![
+const IMPORTS: [(&str, &[u8]); 41] = shaders![
     "gpu/types",
     "gpu/bindings",
     "traversal/rays",
@@ -27,6 +27,7 @@ const IMPORTS: [(&str, &[u8]); 40] = shaders![
     "traversal/beam",
     "traversal/rebase",
     "traversal/smooth",
+    "traversal/normals",
     "traversal/fog",
     "trace/emission",
     "traversal/march",

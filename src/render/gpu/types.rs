@@ -61,6 +61,7 @@ pub(crate) struct Volume {
 /// Bits of [`Volume::flags`].
 pub(crate) const NO_CASTER: u32 = 1;
 pub(crate) const NO_RECEIVER: u32 = 2;
+pub(crate) const SMOOTH_NORMALS: u32 = 4;
 
 /// The largest number of directional lights of a view, as in Bevy.
 pub(crate) const MAX_SUNS: usize = 10;

@@ -132,5 +132,5 @@ fn extent(size: UVec3) -> Extent3d {
 
 /// A position in the texture as shaders unpack it; `x` is even.
 pub(super) fn packed(origin: UVec3) -> u32 {
-    origin.x / 2 | origin.y << 10 | origin.z << 21
+    (origin.x / 2) | origin.y << 10 | origin.z << 21
 }

@@ -153,6 +153,8 @@ pub(crate) struct ViewList {
     pub colors: bool,
     /// Whether any fog is sampled rather than integrated.
     pub fog_steps: bool,
+    /// Whether any smooth surface has smooth normals.
+    pub smooth_normals: bool,
     /// Whether anything moves within a volume in view.
     pub velocities: bool,
 }
@@ -193,10 +195,24 @@ impl ViewList {
         let kinds = Kinds::of(&data);
         let fog_steps =
             data.iter().any(|volume| volume.kind == types::KIND_FOG && volume.fog_step > 0.0);
+        let is_smooth = |volume: &types::Volume| {
+            volume.kind == types::KIND_SMOOTH && volume.flags & types::SMOOTH_NORMALS != 0
+        };
+        let normals = if mirrors { &data[..] } else { &data[..seen] };
+        let smooth_normals = normals.iter().any(is_smooth);
         let volumes = entries[..seen].iter().filter_map(|entry| maker.volumes.0.get(&entry.owner));
         let velocities = volumes.into_iter().any(|volume| volume.velocity.is_some());
-        let mut list =
-            Self { data, entries, seen, kinds_seen, kinds, colors: false, fog_steps, velocities };
+        let mut list = Self {
+            data,
+            entries,
+            seen,
+            kinds_seen,
+            kinds,
+            colors: false,
+            fog_steps,
+            smooth_normals,
+            velocities,
+        };
         if is_lit {
             list.add_colors(maker);
         }

@@ -211,7 +211,7 @@ fn view_key(
     let motion_vectors =
         of.has_motion && of.prepass.is_some_and(|all| all.motion_vectors.is_some());
     let traversal = match quality.traversal {
-        VdbTraversal::HddaSkip => Features::BEAMS,
+        VdbTraversal::HddaSkip => Features::BEAMS.when(pool.leaves_a_binding()),
         VdbTraversal::Hdda => Features::HDDA,
         VdbTraversal::Dda => Features::DDA,
         VdbTraversal::March => Features::MARCH,
@@ -232,6 +232,7 @@ fn view_key(
         | Features::MULTISAMPLED.when(of.msaa.samples() > 1)
         | Features::VOXELS.when(list.kinds.has([types::KIND_SURFACE]))
         | Features::SMOOTH.when(list.kinds.has([types::KIND_SMOOTH]))
+        | Features::SMOOTH_NORMALS.when(list.smooth_normals && settings.uses_normals())
         | Features::FOG.when(fog || emission)
         | Features::FOG_STEPS.when(fog && list.fog_steps)
         | Features::EMISSION.when(emission)

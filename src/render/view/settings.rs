@@ -30,6 +30,11 @@ impl ResolvedSettings {
         self.camera.mode.is_lit()
     }
 
+    /// Whether the mode depends on the normals of surfaces.
+    pub fn uses_normals(&self) -> bool {
+        self.camera.mode.traits().uses_normals
+    }
+
     /// Whether the mode shows fog. For other modes, fog is neither traced nor compiled.
     pub fn shows_fog(&self) -> bool {
         self.camera.mode.traits().shows_fog

@@ -195,7 +195,8 @@ pub(crate) fn volume_data(
         shadow_step: quality.fog_shadow_step,
         base: packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
         flags: if volume.casts { 0 } else { types::NO_CASTER }
-            | if volume.receives { 0 } else { types::NO_RECEIVER },
+            | if volume.receives { 0 } else { types::NO_RECEIVER }
+            | if quality.smooth_normals { types::SMOOTH_NORMALS } else { 0 },
         ..default()
     })
 }

@@ -35,7 +35,7 @@ Measurements for each model; --then begins another set of these options:
   --variants DEFS;…   shader defs of each variant, separated by +; default one variant without
                       any. BEAMS: ray starts shared by 8x8 rays; HDDA, DDA, MARCH: other
                       traversals; STEP=16: fog sampled every 16 quarters of a voxel, instead of
-                      cell by cell
+                      cell by cell; SMOOTH_NORMALS: normals interpolated between cells
   --formats FORMAT,…  sample formats: exact, half, byte; default exact
 ";
 

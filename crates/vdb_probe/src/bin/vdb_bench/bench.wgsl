@@ -9,6 +9,9 @@
 #import bevy_vdb::traversal::hdda::steps
 #endif
 #import bevy_vdb::traversal::smooth::first_root
+#ifdef VDB_SMOOTH_NORMALS
+#import bevy_vdb::traversal::normals::smooth_gradient
+#endif
 #import bevy_vdb::traversal::fog::{optical_length, stepped_length}
 
 struct Setup {
@@ -136,7 +139,12 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     put(number, select(MISS, hit.t, hit.found));
 #ifndef VDB_COUNT_STEPS
     if hit.found {
-        normals[number] = vec4(normalize(hit.gradient), 0.0);
+#ifdef VDB_SMOOTH_NORMALS
+        let gradient = smooth_gradient(grids[0], hit);
+#else
+        let gradient = hit.gradient;
+#endif
+        normals[number] = vec4(normalize(gradient), 0.0);
     }
 #endif
 #else
