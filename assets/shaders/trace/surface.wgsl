@@ -122,7 +122,8 @@ fn visible_normal(surface: Surface, to_viewer: vec3<f32>) -> vec3<f32> {
     let is_inside = dot(geometric_normal(surface), to_viewer) < 0.0;
     let outwards = shading_normal(surface);
     let normal = select(outwards, -outwards, is_inside);
-    return normalize(normal - min(dot(normal, to_viewer), 0.0) * to_viewer);
+    let visible = normal - min(dot(normal, to_viewer), 0.0) * to_viewer;
+    return normalize(select(to_viewer, visible, any(abs(visible) > vec3(1e-6))));
 }
 
 // Distance, in cells, by which secondary rays are offset from a smooth surface. The trilinear interpolant of

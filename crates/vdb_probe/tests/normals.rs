@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 use vdb_core::pack::{PackKind, PackOptions, PackedGrid, ValueFormat, traverse};
+use vdb_core::reference::{Ray, Smooth};
 use vdb_core::synth::{Random, level_set};
 use vdb_core::tree::Vdb543;
 use vdb_probe::{Gpu, GpuGrid, Probe, ProbeHit, ProbeKind, ProbeRay};
@@ -202,6 +203,27 @@ fn smooth_gradients_do_not_depend_on_the_place_of_blocks() {
     for shift in 1..8 {
         let differ = here.iter().zip(&at(shift)).filter(|(a, b)| a.gradient != b.gradient).count();
         assert_eq!(differ, 0, "of {hits}, shifted by {shift}");
+    }
+}
+
+/// The shader and the reference, in f64, take the same steps.
+#[test]
+fn smooth_gradients_are_those_of_the_reference() {
+    let Some(gpu) = Gpu::find() else { return };
+    for shape in shapes(1) {
+        let grid = packed(&shape, ValueFormat::Exact);
+        let rays = rays(&shape, &grid, 20_000);
+        let reference = Smooth::new(&shape.tree, 0.0);
+        let hits = send(&gpu, &grid, &rays, &["SMOOTH_NORMALS"]);
+        let angles = hits.iter().zip(&rays).filter_map(|(hit, (origin, ray))| {
+            let cell = origin.floor();
+            let frac = (origin - cell).as_vec3();
+            let own = reference.first_root(&Ray::new(cell.as_ivec3(), frac, ray.dir))?;
+            (hit.hit != 0).then(|| degrees(gradient(hit), reference.shading_gradient(&own)))
+        });
+        let [p50, p99] = percentiles(angles.collect());
+        println!("{}: off by {p50:.6}° in the median, 99 % within {p99:.6}°", shape.name);
+        assert!(p50 < 1e-4 && p99 < 1e-2, "{}: {p50} and {p99}", shape.name);
     }
 }
 

@@ -36,6 +36,13 @@ impl Corners {
         }))
     }
 
+    /// Whether samples on a face across an axis have different signs.
+    pub fn face_is_crossed(&self, axis: usize, high: bool) -> bool {
+        let face = (0..8).filter(|slot| (slot >> (2 - axis) & 1 == 1) == high);
+        let negative = face.filter(|slot| self.0[*slot] < 0.0).count();
+        0 < negative && negative < 4
+    }
+
     /// The interpolant along the chord from `a` to `b` (local coordinates): a cubic.
     ///
     /// A trilinear function is affine in each coordinate. Its *polar form* along the chord is

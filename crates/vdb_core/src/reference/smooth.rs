@@ -10,6 +10,7 @@ use super::{
     cubic::{Cubic, Signs},
     field::Field,
     fog::GREATEST,
+    walk::outside_of_index_space,
 };
 use crate::tree::{IVec3, Node, Tree};
 
@@ -122,6 +123,35 @@ impl<'a, C: Node<Value = f32>> Smooth<'a, C> {
         let corners = Corners(corners.map(|value| distance(value, self.iso)));
         let largest = corners.0.iter().fold(0.0, |most: f64, corner| most.max(corner.abs()));
         (corners.at(at - at.floor()), largest)
+    }
+
+    /// The gradient for shading at a hit, per voxel, in index space: interpolated between cells, so
+    /// that it hardly jumps from one to the next. `docs/reference/accuracy.md` describes it.
+    pub fn shading_gradient(&self, hit: &SurfaceHit) -> DVec3 {
+        let mut accessor = self.field.tree().accessor();
+        let mut corners = |cell: [i64; 3]| {
+            let samples = self.field.corners(&mut accessor, cell);
+            Corners(samples.map(|sample| distance(sample, self.iso)))
+        };
+        let cell = hit.cell.to_array().map(i64::from);
+        let own = corners(cell);
+        let u = (hit.position - hit.cell.as_dvec3()).clamp(DVec3::ZERO, DVec3::ONE);
+        DVec3::from_array([0, 1, 2].map(|axis| {
+            let slope = own.gradient(u)[axis];
+            let (near, weight) = (u[axis] > 0.5, (u[axis] - 0.5).abs());
+            let (is_after, weight) = match [near, !near].map(|high| own.face_is_crossed(axis, high))
+            {
+                [true, _] => (near, weight),
+                [false, true] => (!near, -weight),
+                [false, false] => return slope,
+            };
+            let mut beside = cell;
+            beside[axis] += if is_after { 1 } else { -1 };
+            if outside_of_index_space(beside).is_some() {
+                return slope;
+            }
+            slope + weight * (corners(beside).gradient(u)[axis] - slope)
+        }))
     }
 
     fn scan(&self, ray: &Ray, grazes: bool) -> SurfaceTrace {

@@ -107,22 +107,27 @@ impl<'a, C: Node<Value = f32>> Prepared<'a, C> {
         let surfaces =
             self.volumes.iter().filter_map(|(world_from_index, index_from_world, tracer)| {
                 let ray = to_index(index_from_world, origin, direction);
-                let (t, normal, albedo) = match tracer {
+                // The gradient of the shape, and that for shading.
+                let (t, [shape, shading], albedo) = match tracer {
                     Tracer::Smooth(smooth, albedo) => {
                         let hit = smooth.first_root(&ray)?;
-                        (hit.t, hit.gradient, *albedo)
+                        (hit.t, [hit.gradient, smooth.shading_gradient(&hit)], *albedo)
                     }
                     Tracer::Blocky(blocky, albedo) => {
                         let hit = blocky.first_voxel(&ray)?;
                         let face = hit.face.map_or(-ray.dir.as_dvec3(), |face| face.normal());
-                        (hit.t, face, *albedo)
+                        (hit.t, [face; 2], *albedo)
                     }
                     Tracer::Fog { .. } => return None,
                 };
                 // Normals are transformed by the inverse transpose of the matrix for points.
-                let normal =
-                    (index_from_world.matrix3.transpose() * normal).normalize_or(-direction);
-                let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
+                let world = |gradient| index_from_world.matrix3.transpose() * gradient;
+                let shape = world(shape).normalize_or(-direction);
+                let outwards = world(shading).normalize_or(shape);
+                let normal = if shape.dot(direction) > 0.0 { -outwards } else { outwards };
+                // Where a surface is seen near its silhouette, the normal may point away.
+                let visible = normal - normal.dot(direction).max(0.0) * direction;
+                let normal = visible.normalize_or(-direction);
                 let voxel = world_from_index.matrix3.determinant().abs().cbrt();
                 Some(Surface { t, normal, albedo, voxel })
             });
