@@ -29,7 +29,7 @@ const SURFACE: &str = "surface";
 /// The prefix of auxiliary surfaces in Blender's fluid simulations.
 const HELPERS: &str = "phi_";
 
-/// Names of distances to the outside of a fog, which Houdini's cloud tools save beside it.
+/// Names of signed distances that Houdini's cloud tools save beside a fog.
 const DISTANCES: [&str; 3] = ["distance", "sdf", "signed_distance"];
 
 /// Names of colours: Houdini's, and common ones.

@@ -24,9 +24,9 @@ pub struct VdbQuality {
     /// infinite by default.
     pub shadow_range: f32,
     /// Whether the normals of smooth surfaces are interpolated between cells, which takes twelve
-    /// more samples per visible point. On by default. When off, they are exactly
-    /// those of the trilinear interpolant, which jump from cell to cell and show as ribs in
-    /// highlights. Shapes, depths and where shadows fall are the same.
+    /// more samples per visible point. On by default. When off, they are exactly those of the
+    /// trilinear interpolant, which jump from cell to cell and make highlights look faceted.
+    /// Shapes, depths and where shadows fall are the same.
     pub smooth_normals: bool,
     /// The number of reflections a ray follows, 0 to 16. With 0, the default, surfaces reflect only
     /// the camera's `EnvironmentMapLight`; with 1, they reflect volumes; with 2, volumes that

@@ -18,8 +18,8 @@ const LUMINANCE: f32 = 1_000.0;
 #[non_exhaustive]
 pub struct VdbRoles {
     /// All surfaces, in file order; if there is a density, without Blender's auxiliary surfaces,
-    /// such as `phi_obstacle`, and without its `distance`, which would hide it (also called `sdf`
-    /// or `signed_distance`).
+    /// such as `phi_obstacle`. If the density is not empty, also without grids called `distance`,
+    /// `sdf` or `signed_distance`, which would hide it.
     pub surfaces: Vec<Handle<VdbGrid>>,
     /// The fog: a grid called `density` or `smoke`, otherwise the first fog grid that is not a
     /// component of a colour or velocity, such as `Cd.x`, `color_r` or `vel.z`.

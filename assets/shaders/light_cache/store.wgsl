@@ -1,5 +1,5 @@
-// Storing the samples of a lattice, to the texture itself where the adapter can: WebGPU has no storage
-// textures of 16-bit floats. Elsewhere, to a buffer that is copied to the texture.
+// Stores the samples of a lattice: in the texture itself where the adapter supports `r16float` as a storage
+// format, which WebGPU does not guarantee; elsewhere in a buffer that is copied to the texture.
 #define_import_path bevy_vdb::light_cache::store
 
 #ifdef VDB_STORABLE_LATTICE

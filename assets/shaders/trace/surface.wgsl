@@ -115,9 +115,9 @@ fn shading_normal(surface: Surface) -> vec3<f32> {
     return normal_along(surface.volume, surface.shading);
 }
 
-// The shading normal on the side of the surface that is seen from a direction (unit length). Near its
-// silhouette, a surface may be seen where its shading normal points away: it is then turned until it is at a
-// right angle.
+// The shading normal on the side of the surface that is seen from a direction (unit length). Near a
+// silhouette, it may point away from the viewer. It is then projected onto the plane perpendicular to that
+// direction, so that it is not shaded from behind.
 fn visible_normal(surface: Surface, to_viewer: vec3<f32>) -> vec3<f32> {
     let is_inside = dot(geometric_normal(surface), to_viewer) < 0.0;
     let outwards = shading_normal(surface);

@@ -1,11 +1,14 @@
 // Gradients of smooth surfaces, interpolated between cells.
 //
-// The gradient of the trilinear interpolant jumps at every face between cells, which shading shows as ribs: its
-// derivative along an axis is the difference between samples, constant along that axis within a cell. Here,
-// that difference is the derivative at the middle of the cell, and derivatives between the middles of two
-// cells are interpolated, as in a quadratic spline. Where the surface does not pass through the face between
-// the two, the samples of the other cell may not be stored; the derivative is then extrapolated from the
-// cell on the other side.
+// The gradient of the trilinear interpolant jumps at every face between cells, which makes shading look
+// faceted: its derivative along an axis is the difference between samples, constant along that axis within a
+// cell. Here, that difference is the derivative at the middle of the cell, and derivatives between the middles
+// of two cells are interpolated, as in a quadratic spline. Where the surface does not pass through the face
+// between the two, the samples of the other cell may not be stored; the derivative is then extrapolated from
+// the cell on the other side. If the surface passes through neither face, it stays constant along the axis.
+//
+// Every index is in range: records are those of blocks that are not empty, and samples that are not stored
+// are not looked up.
 #define_import_path bevy_vdb::traversal::normals
 
 #import bevy_vdb::gpu::types::Grid
@@ -52,20 +55,31 @@ fn slot_beside(grid: Grid, hit: SurfaceHit, beside: Beside) -> vec2<u32> {
     return vec2(word, accessor.head);
 }
 
-// The record of the block around a cell beside that of a hit. If that block is empty, its own record, whose
-// samples are then not used.
-fn record_beside(grid: Grid, hit: SurfaceHit, slot: vec2<u32>, cell: vec3<i32>) -> u32 {
-    let is_stored = (slot.x & CHILD) != 0u && has_block(slot.x, cell);
-    let found = select(vec2(hit.accessor.word, hit.accessor.head), slot, is_stored);
-    let around = select(hit.cell, cell, is_stored);
-    return record_of(grid, found.x, found.y + (found.x & LEAF_NUMBER), around);
+// The cell beside that of a hit if its block has a record, or else the cell itself, with a weight of 0: a tile
+// has no record, and a cell that the surface does not reach may have none.
+fn stored_beside(hit: SurfaceHit, slot: vec2<u32>, beside: Beside) -> Beside {
+    let is_stored = (slot.x & CHILD) != 0u && has_block(slot.x, beside.cell);
+    return Beside(
+        select(0.0, beside.weight, is_stored),
+        beside.is_after,
+        select(hit.cell, beside.cell, is_stored),
+    );
 }
 
-// Two samples of a record, the second one further along z by 1.
+// The record of the block around this cell.
+fn record_beside(grid: Grid, hit: SurfaceHit, slot: vec2<u32>, beside: Beside) -> u32 {
+    let is_own = all(beside.cell == hit.cell);
+    let found = select(slot, vec2(hit.accessor.word, hit.accessor.head), is_own);
+    return record_of(grid, found.x, found.y + (found.x & LEAF_NUMBER), beside.cell);
+}
+
+// Two samples of a record, the second one further along z by 1; others if the first is not stored.
 fn pair_at(grid: Grid, record: u32, at: vec3<u32>) -> vec2<f32> {
     let plane = word_at(record + at.x);
-    let before = (plane >> RECORD_COUNT) + countOneBits(plane & ((1u << (5u * at.y + at.z)) - 1u));
-    return load_pair(grid, grid.samples, word_at(record + RECORD_FIRST) + before) - stored_zero(grid);
+    let bit = 5u * at.y + at.z;
+    let before = (plane >> RECORD_COUNT) + countOneBits(plane & ((1u << bit) - 1u));
+    let index = select(0u, before, ((plane >> bit) & 1u) != 0u);
+    return load_pair(grid, grid.samples, word_at(record + RECORD_FIRST) + index) - stored_zero(grid);
 }
 
 // The place in its block of the far face of a cell beside another: of its lowest sample.
@@ -115,12 +129,15 @@ fn smooth_gradient(grid: Grid, hit: SurfaceHit) -> vec3<f32> {
         slot_y.x = word_at(hit.accessor.lower_node + lower_slot(beside_y.cell));
         slot_z.x = word_at(hit.accessor.lower_node + lower_slot(beside_z.cell));
     }
-    let record_x = record_beside(grid, hit, slot_x, beside_x.cell);
-    let record_y = record_beside(grid, hit, slot_y, beside_y.cell);
-    let record_z = record_beside(grid, hit, slot_z, beside_z.cell);
-    let at_x = far_face(beside_x, x);
-    let at_y = far_face(beside_y, y);
-    let at_z = far_face(beside_z, z);
+    let stored_x = stored_beside(hit, slot_x, beside_x);
+    let stored_y = stored_beside(hit, slot_y, beside_y);
+    let stored_z = stored_beside(hit, slot_z, beside_z);
+    let record_x = record_beside(grid, hit, slot_x, stored_x);
+    let record_y = record_beside(grid, hit, slot_y, stored_y);
+    let record_z = record_beside(grid, hit, slot_z, stored_z);
+    let at_x = far_face(stored_x, x);
+    let at_y = far_face(stored_y, y);
+    let at_z = far_face(stored_z, z);
     let far_x = vec4(pair_at(grid, record_x, at_x), pair_at(grid, record_x, at_x + y));
     let far_y = vec4(pair_at(grid, record_y, at_y), pair_at(grid, record_y, at_y + x));
     let far_z = vec4(
@@ -130,8 +147,8 @@ fn smooth_gradient(grid: Grid, hit: SurfaceHit) -> vec3<f32> {
         pair_at(grid, record_z, at_z + x + y).x,
     );
     return grid.scale * vec3(
-        derivative(c.low, c.high, far_x, beside_x, u.yz),
-        derivative(low_y, high_y, far_y, beside_y, u.xz),
-        derivative(low_z, high_z, far_z, beside_z, u.xy),
+        derivative(c.low, c.high, far_x, stored_x, u.yz),
+        derivative(low_y, high_y, far_y, stored_y, u.xz),
+        derivative(low_z, high_z, far_z, stored_z, u.xy),
     );
 }

@@ -2,7 +2,7 @@
 // stored and why. Twin: `corners` in `crates/vdb_core/src/pack/cells.rs`.
 //
 // Every index is in range. Leaves, records and palette indices come from the packer. So do the bits of the
-// requested samples, because all corners of an occupied cell are stored. The word after the last sample,
+// requested samples: all corners of an occupied cell are stored, and `normals.wgsl` tests their bits. The word after the last sample,
 // which is sometimes read but not used, is the first word of the palette.
 #define_import_path bevy_vdb::traversal::samples
 

@@ -54,7 +54,7 @@ fn gyroid(period: f64) -> Shape {
     Shape { name: "gyroid", tree, extent: radius, normal: Box::new(normal) }
 }
 
-/// The four resolutions, each twice the one before.
+/// The three shapes, at a resolution that has been doubled so many times.
 fn shapes(doublings: i32) -> [Shape; 3] {
     let scale = f64::from(1 << doublings);
     [sphere(8.0 * scale), torus(8.0 * scale), gyroid(16.0 * scale)]

@@ -38,7 +38,7 @@ pub(crate) fn storage_read() -> BindGroupLayoutEntryBuilder {
 
 /// Bindings 0 to 5 of the crate's own group in every shader that traverses grids: the pool, the
 /// uniform of a view, and its volume list. Only a pool that `is_paged` has bindings 2 and 3: WebGPU
-/// guarantees eight storage buffers per stage, and Bevy's lights take three.
+/// guarantees eight storage buffers per stage, Bevy's lights take three, and beams need one.
 /// `PoolBuffers::scene_entries` binds them.
 pub(crate) fn scene_layout(stages: ShaderStages, is_paged: bool) -> DynamicBindGroupLayoutEntries {
     let (read, view) = (storage_read, uniform_buffer_sized(false, None));

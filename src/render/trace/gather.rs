@@ -14,7 +14,7 @@ use crate::render::light_cache::{LightCache, LightCacheView};
 use crate::render::pool::VdbTreePool;
 use crate::render::view::{ViewState, VolumeBuffer};
 
-/// The workgroups of the shader.
+/// The edge of a workgroup of `lamp_light.wgsl`, in samples.
 const GROUP_SIZE: u32 = 4;
 
 /// Gathers the light in the fogs of a view, if it may have changed.
