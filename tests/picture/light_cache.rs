@@ -246,7 +246,7 @@ fn the_cache_follows_what_changes() {
     }
 }
 
-/// Standard WebGPU has no storage textures of 16-bit floats, so samples are copied to the cache there.
+/// WebGPU does not guarantee storage textures of the format `r16float`; without, samples are copied to the cache.
 #[gpu_test]
 fn the_cache_is_the_same_in_standard_webgpu() {
     let [native, standard] = [Stage::new, Stage::of_standard_webgpu].map(|stage| {
