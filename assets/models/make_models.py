@@ -40,7 +40,7 @@ def read_patches(path):
 
 
 def tessellated(patches, parts=128):
-    """Points and triangles, with `parts` along each edge of a patch: facets of half a voxel, which do not show."""
+    """Points and triangles, with `parts` along each edge of a patch: facets of a voxel or less, which do not show."""
     u = np.linspace(0.0, 1.0, parts + 1)
     weights = np.stack([(1 - u) ** 3, 3 * u * (1 - u) ** 2, 3 * u * u * (1 - u), u**3], -1)
     points = np.einsum("ia,jb,pabx->pijx", weights, weights, patches)

@@ -14,7 +14,8 @@ use super::common::Stage;
 use super::light_cache::{BY_RAYS, Cloud, VOXEL, error, error_where};
 
 /// The most by which pictures differ if the cache was filled for another camera, or has its lattices elsewhere in the
-/// texture: samples are filled relative to the eye, and interpolated by their place, so a few pixels round otherwise.
+/// texture: samples are computed relative to the eye, and interpolated at texture coordinates that depend on their place, so a few
+/// pixels round differently.
 const ELSEWHERE: f64 = 1e-4;
 
 fn bulb() -> PointLight {

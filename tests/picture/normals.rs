@@ -1,5 +1,4 @@
-//! Smooth normals in pictures: a surface looks like the mesh of the same shape, without ribs and without specks at
-//! its silhouette.
+//! Smooth normals in pictures: a surface looks like the mesh of the same shape, and not faceted.
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
@@ -24,8 +23,7 @@ fn light(stage: &mut Stage) {
     stage.world().spawn((sun, looking(Vec3::new(5.0, 3.0, 1.0))));
 }
 
-/// Root of the mean square of the differences, over pixels within a circle around the middle whose radius is a part
-/// of that of the ball.
+/// Root mean square difference, over pixels within this fraction of [`BALL_PIXELS`] of the middle.
 fn difference(a: &Picture, b: &Picture, part: f32) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for y in 0..SIZE.y {
@@ -40,7 +38,7 @@ fn difference(a: &Picture, b: &Picture, part: f32) -> f64 {
     f64::sqrt(sum / count)
 }
 
-/// The radius of the ball on the screen, at least.
+/// Nearly the radius of the ball on the screen, which is 61 pixels.
 const BALL_PIXELS: f32 = 58.0;
 
 #[gpu_test]
@@ -76,8 +74,7 @@ fn a_glossy_ball_looks_like_a_mesh() {
     stage.world().entity_mut(ball).insert(own);
     assert!(stage.picture(&target) == smooth, "the volume's setting is ignored");
 
-    // In the middle, and up to the silhouette, where the last pixels may be covered in part.
-    for (what, part) in [("in the middle", 0.5), ("up to the silhouette", 1.0)] {
+    for (what, part) in [("in the middle", 0.5), ("nearly to the silhouette", 1.0)] {
         let errors = [&faceted, &smooth].map(|own| difference(own, &reference, part));
         println!("{what}: off by {:.5} with facets, by {:.5} smooth", errors[0], errors[1]);
         assert!(errors[1] < 0.25 * errors[0], "{what}: {errors:?}");

@@ -188,9 +188,9 @@ fn sampled_scalar(grid: Grid, ray: SampledRay, accessor: ptr<function, Accessor>
 // Samples per step of a ray that is marched through a black body, whose luminance grows with about the
 // fourteenth power of the temperature.
 const BLACKBODY_SAMPLES: u32 = 10u;
-// Fewer samples, each in the middle of at most so many voxels, suffice in a step that would add less than
-// this fraction of what the ray has met before, or less than this to the pixel's value, even if all of it
-// were as hot as the hottest corner of their cells. (Samples that are farther apart would err by a tenth.)
+// Voxels per sample, at most, in a first pass over a step. These samples suffice if the step would add less
+// than a fraction to what the ray has met before, or less than a value to the pixel, even if all of it were
+// as hot as the hottest corner of their cells. (Samples that are farther apart would err by a tenth.)
 const PROBED_VOXELS: f32 = 1.5;
 const MAX_PROBES: u32 = 6u;
 const NEGLIGIBLE_FRACTION: f32 = 0.01;

@@ -112,7 +112,12 @@ fn geometric_normal(surface: Surface) -> vec3<f32> {
 
 // The same for shading, without jumps from cell to cell if the volume has smooth normals.
 fn shading_normal(surface: Surface) -> vec3<f32> {
+#ifdef VDB_SMOOTH_NORMALS
     return normal_along(surface.volume, surface.shading);
+#else
+    // Nothing reads `shading` then, so that compilers leave it out.
+    return geometric_normal(surface);
+#endif
 }
 
 // The shading normal on the side of the surface that is seen from a direction (unit length). Near a

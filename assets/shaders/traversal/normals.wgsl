@@ -2,19 +2,18 @@
 //
 // The gradient of the trilinear interpolant jumps at every face between cells, which makes shading look
 // faceted: its derivative along an axis is the difference between samples, constant along that axis within a
-// cell. Here, that difference is the derivative at the middle of the cell, and derivatives between the middles
-// of two cells are interpolated, as in a quadratic spline. Where the surface does not pass through the face
-// between the two, the samples of the other cell may not be stored; the derivative is then extrapolated from
-// the cell on the other side. If the surface passes through neither face, it stays constant along the axis.
+// cell. Here, that difference is the derivative at the middle of the cell, and between the middles of two
+// cells, derivatives are interpolated, as in a quadratic spline. Where the surface does not pass through the
+// face between the two, the samples of the other cell may not be stored; the derivative is then extrapolated
+// from the cell on the other side. If the surface passes through neither face, the derivative stays constant.
 //
-// Every index is in range: records are those of blocks that are not empty, and samples that are not stored
-// are not looked up.
+// Every index is in range: records are those of blocks that are not empty, and `stored_pair` does not look up
+// samples that are not stored.
 #define_import_path bevy_vdb::traversal::normals
 
 #import bevy_vdb::gpu::types::Grid
 #import bevy_vdb::gpu::bindings::word_at
-#import bevy_vdb::traversal::samples::{RECORD_COUNT, RECORD_FIRST, load_pair, record_of}
-#import bevy_vdb::traversal::samples::{stored_zero, trilinear_gradient}
+#import bevy_vdb::traversal::samples::{record_of, stored_pair, trilinear_gradient}
 #import bevy_vdb::traversal::smooth::SurfaceHit
 #import bevy_vdb::traversal::tree::{CHILD, LEAF_NUMBER, LOWER_BITS, has_block, locate_slot, lower_slot}
 
@@ -55,8 +54,8 @@ fn slot_beside(grid: Grid, hit: SurfaceHit, beside: Beside) -> vec2<u32> {
     return vec2(word, accessor.head);
 }
 
-// The cell beside that of a hit if its block has a record, or else the cell itself, with a weight of 0: a tile
-// has no record, and a cell that the surface does not reach may have none.
+// The cell beside that of a hit if its block has a record, or else the cell of the hit, with a weight of 0: a
+// tile has no record, and a cell that the surface does not reach may have none.
 fn stored_beside(hit: SurfaceHit, slot: vec2<u32>, beside: Beside) -> Beside {
     let is_stored = (slot.x & CHILD) != 0u && has_block(slot.x, beside.cell);
     return Beside(
@@ -71,15 +70,6 @@ fn record_beside(grid: Grid, hit: SurfaceHit, slot: vec2<u32>, beside: Beside) -
     let is_own = all(beside.cell == hit.cell);
     let found = select(slot, vec2(hit.accessor.word, hit.accessor.head), is_own);
     return record_of(grid, found.x, found.y + (found.x & LEAF_NUMBER), beside.cell);
-}
-
-// Two samples of a record, the second one further along z by 1; others if the first is not stored.
-fn pair_at(grid: Grid, record: u32, at: vec3<u32>) -> vec2<f32> {
-    let plane = word_at(record + at.x);
-    let bit = 5u * at.y + at.z;
-    let before = (plane >> RECORD_COUNT) + countOneBits(plane & ((1u << bit) - 1u));
-    let index = select(0u, before, ((plane >> bit) & 1u) != 0u);
-    return load_pair(grid, grid.samples, word_at(record + RECORD_FIRST) + index) - stored_zero(grid);
 }
 
 // The place in its block of the far face of a cell beside another: of its lowest sample.
@@ -138,13 +128,13 @@ fn smooth_gradient(grid: Grid, hit: SurfaceHit) -> vec3<f32> {
     let at_x = far_face(stored_x, x);
     let at_y = far_face(stored_y, y);
     let at_z = far_face(stored_z, z);
-    let far_x = vec4(pair_at(grid, record_x, at_x), pair_at(grid, record_x, at_x + y));
-    let far_y = vec4(pair_at(grid, record_y, at_y), pair_at(grid, record_y, at_y + x));
+    let far_x = vec4(stored_pair(grid, record_x, at_x), stored_pair(grid, record_x, at_x + y));
+    let far_y = vec4(stored_pair(grid, record_y, at_y), stored_pair(grid, record_y, at_y + x));
     let far_z = vec4(
-        pair_at(grid, record_z, at_z).x,
-        pair_at(grid, record_z, at_z + y).x,
-        pair_at(grid, record_z, at_z + x).x,
-        pair_at(grid, record_z, at_z + x + y).x,
+        stored_pair(grid, record_z, at_z).x,
+        stored_pair(grid, record_z, at_z + y).x,
+        stored_pair(grid, record_z, at_z + x).x,
+        stored_pair(grid, record_z, at_z + x + y).x,
     );
     return grid.scale * vec3(
         derivative(c.low, c.high, far_x, stored_x, u.yz),

@@ -2,8 +2,8 @@
 // stored and why. Twin: `corners` in `crates/vdb_core/src/pack/cells.rs`.
 //
 // Every index is in range. Leaves, records and palette indices come from the packer. So do the bits of the
-// requested samples: all corners of an occupied cell are stored, and `normals.wgsl` tests their bits. The word after the last sample,
-// which is sometimes read but not used, is the first word of the palette.
+// requested samples: all corners of an occupied cell are stored, and `stored_pair` tests the bit. The word
+// after the last sample, which is sometimes read but not used, is the first word of the palette.
 #define_import_path bevy_vdb::traversal::samples
 
 #import bevy_vdb::gpu::types::Grid
@@ -178,6 +178,16 @@ fn surface_corners(grid: Grid, span: Span, cell: vec3<i32>) -> Corners {
             load_pair(grid, grid.samples, high_first + countOneBits(high & next_row_mask)),
         ) - zero,
     );
+}
+
+// The sample of a record at a place in its block, 0 to 4 on each axis, and the next one along z, relative to
+// the iso-value; two other samples if the first is not stored.
+fn stored_pair(grid: Grid, record: u32, at: vec3<u32>) -> vec2<f32> {
+    let plane = word_at(record + at.x);
+    let bit = 5u * at.y + at.z;
+    let before = (plane >> RECORD_COUNT) + countOneBits(plane & ((1u << bit) - 1u));
+    let index = select(0u, before, ((plane >> bit) & 1u) != 0u);
+    return load_pair(grid, grid.samples, word_at(record + RECORD_FIRST) + index) - stored_zero(grid);
 }
 
 // The trilinear interpolant at `u`, 0 to 1 on each axis.

@@ -54,7 +54,7 @@ fn gyroid(period: f64) -> Shape {
     Shape { name: "gyroid", tree, extent: radius, normal: Box::new(normal) }
 }
 
-/// The three shapes, at a resolution that has been doubled so many times.
+/// The three shapes, at `2^doublings` times the lowest resolution.
 fn shapes(doublings: i32) -> [Shape; 3] {
     let scale = f64::from(1 << doublings);
     [sphere(8.0 * scale), torus(8.0 * scale), gyroid(16.0 * scale)]
@@ -138,8 +138,8 @@ fn smooth_gradients_are_closer_to_the_true_normals() {
     }
 }
 
-/// Where a ray that is shifted by a fiftieth of a voxel hits, the normal has hardly turned, while trilinear ones jump
-/// if there is a face of a cell between the two.
+/// Between parallel rays a fiftieth of a voxel apart, smooth normals turn at most a quarter as far as trilinear ones,
+/// which jump at the faces of cells.
 #[test]
 fn smooth_gradients_do_not_jump() {
     let Some(gpu) = Gpu::find() else { return };
@@ -206,7 +206,7 @@ fn smooth_gradients_do_not_depend_on_the_place_of_blocks() {
     }
 }
 
-/// The shader and the reference, in f64, take the same steps.
+/// The shader computes the gradients of the reference, which uses f64.
 #[test]
 fn smooth_gradients_are_those_of_the_reference() {
     let Some(gpu) = Gpu::find() else { return };
@@ -227,7 +227,7 @@ fn smooth_gradients_are_those_of_the_reference() {
     }
 }
 
-/// Samples of every format, decoded beside those at the corners of a cell.
+/// Gradients from 16-bit and 8-bit samples agree with those from exact samples.
 #[test]
 fn smooth_gradients_are_alike_in_every_format() {
     let Some(gpu) = Gpu::find() else { return };
