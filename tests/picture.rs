@@ -9,6 +9,8 @@ mod common;
 mod device_loss;
 #[path = "picture/diagnostics.rs"]
 mod diagnostics;
+#[path = "picture/edges.rs"]
+mod edges;
 #[path = "picture/edits.rs"]
 mod edits;
 #[path = "picture/extras.rs"]

@@ -8,12 +8,11 @@ use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::vdb_core::synth::fog;
 use bevy_vdb::vdb_core::tree::CoordBox;
-use bevy_vdb::vdb_core::{AnyTree, VdbFile};
 use bevy_vdb::{VdbCameraReport, VdbDiagnostics};
 
 use crate::edits::{Running, large_fog};
 use crate::studio::Studio;
-use crate::{Args, print_heading, summary};
+use crate::{Args, model, print_heading, summary};
 
 /// The radius in voxels of the cloud that is made if no file is given.
 const RADIUS: f64 = 128.0;
@@ -28,7 +27,8 @@ const STRENGTH: f32 = 1e-3;
 pub fn run(args: &Args) -> Result<(), String> {
     let mut studio = Studio::with_gpu_times(args.size)?;
     print_heading(&studio, "Fog", args.size);
-    let grid = cloud(&mut studio, args)?;
+    let made = || (format!("a cloud of radius {RADIUS}"), fog::cloud(RADIUS, 7));
+    let grid = model::grid(&mut studio, args, PackKind::Fog, EDGE, made)?;
     println!(
         "| scene | settings | light cache, ms | light of lamps | trace | all passes | memory, MiB |"
     );
@@ -84,30 +84,6 @@ pub fn run(args: &Args) -> Result<(), String> {
     studio.app.world_mut().entity_mut(cloud).remove::<VdbEmission>();
     let mut ball = Running::new(&mut studio, cloud, PackKind::Fog, large_fog())?;
     rows(&mut studio, args, ("an edited ball", 1), &presets, |studio| ball.run(studio))
-}
-
-/// The cloud of the file, or a made one.
-fn cloud(studio: &mut Studio, args: &Args) -> Result<Handle<VdbGrid>, String> {
-    let (name, tree) = match &args.model {
-        Some(path) => {
-            let file = VdbFile::open(path).map_err(|error| error.to_string())?;
-            let grid = file.grids.into_iter().next().ok_or("the file has no grid")?;
-            let AnyTree::Float(tree) = grid.tree else {
-                return Err("the first grid of the file is not a float grid".into());
-            };
-            (path.display().to_string(), (*tree).clone())
-        }
-        None => (format!("a cloud of radius {RADIUS}"), fog::cloud(RADIUS, 7)),
-    };
-    let bbox = tree.active_bbox().ok_or("the grid is empty")?;
-    let edge = f64::from((bbox.max - bbox.min).max_element() + 1);
-    println!("{name}, {edge} voxels along its longest edge; medians of {} frames\n", args.frames);
-    let middle = (bbox.min + bbox.max).as_dvec3() * 0.5;
-    let world_from_index =
-        DAffine3::from_scale(DVec3::splat(EDGE / edge)) * DAffine3::from_translation(-middle);
-    let grid = VdbGrid::new("cloud", tree, world_from_index, PackKind::Fog);
-    let grid = grid.map_err(|error| error.to_string())?;
-    Ok(studio.app.world_mut().resource_mut::<Assets<VdbGrid>>().add(grid))
 }
 
 /// The passes with a column of their own.

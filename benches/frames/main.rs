@@ -7,10 +7,12 @@ mod warm;
 mod edits;
 mod fog;
 mod grids;
+mod model;
 mod parts;
 mod recording;
 mod sequence;
 mod studio;
+mod surfaces;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -33,11 +35,12 @@ recorded as well.
   grids           a small grid that comes and goes beside ten large ones; a grid that is replaced in each frame
   sequence        the frames in a folder, played in a loop forwards and backwards, and sought at random
   parts           surfaces, fog and fire: each pass, and what VdbMeasureFeatures makes of them
+  surfaces        a level set in the sun: smooth normals, and further rays on edges, with the error of each
 
   --out DIR       where the recordings go, to be deleted at once; a folder for temporary files
   --size WxH      of the picture; 1920x1080
   --ms N          of recording: milliseconds that a frame should take by itself, by longer or shorter steps; 7
-  --model FILE    of fog: a .vdb file whose first grid is the cloud; of sequence: the folder
+  --model FILE    of fog and surfaces: a .vdb file whose first grid is shown; of sequence: the folder
   --scene NAME    of fog: only this one
   --density N     of fog and sequence: extinction per world unit, with the cloud 4 units across; 4
   --frames N      frames a turn, at least 10; 300
@@ -87,6 +90,7 @@ impl Args {
                 "--model" => args.model = Some(options.value(|path| Some(PathBuf::from(path)))?),
                 "--scene" => args.scene = Some(options.value(|name| Some(name.to_owned()))?),
                 "--density" => args.density = options.value(number(1e-3..1e6))?,
+                "surfaces" => args.what.push(surfaces::run),
                 "parts" => args.what.push(parts::run),
                 "--out" => args.out = options.value(|path| Some(PathBuf::from(path)))?,
                 "--size" => args.size = options.value(size(16..=8192))?,

@@ -1,6 +1,6 @@
 //! An app without a window whose frames come as with one, and how long they take.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
@@ -11,7 +11,8 @@ use bevy::log::LogPlugin;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
-use bevy::render::render_resource::{PipelineCache, TextureFormat};
+use bevy::render::gpu_readback::{Readback, ReadbackComplete};
+use bevy::render::render_resource::{PipelineCache, TextureFormat, TextureUsages};
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::{Render, RenderApp, RenderPlugin, RenderSystems};
 use bevy::window::ExitCondition;
@@ -37,6 +38,7 @@ pub struct Studio {
     /// Whether the camera moves, as it does at first.
     pub is_camera_moving: bool,
     camera: Entity,
+    target: Handle<Image>,
     /// Of the camera, in radians.
     angle: f32,
     turn: f32,
@@ -95,15 +97,18 @@ impl Studio {
             keep_warm(&mut app);
         }
         app.cleanup();
-        let image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
+        let mut image =
+            Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
+        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
         let world = app.world_mut();
         let image = world.resource_mut::<Assets<Image>>().add(image);
+        let target = image.clone();
         world.spawn((
             DirectionalLight { illuminance: 6_000.0, shadow_maps_enabled: true, ..default() },
             Transform::default().looking_to(Vec3::new(-1.0, -2.0, -1.0), Vec3::Y),
         ));
         let camera = world.spawn((Camera3d::default(), RenderTarget::Image(image.into()))).id();
-        Ok(Self { app, is_camera_moving: true, camera, angle: 0.0, turn: TURN })
+        Ok(Self { app, is_camera_moving: true, camera, target, angle: 0.0, turn: TURN })
     }
 
     pub fn camera_mut(&mut self) -> EntityWorldMut<'_> {
@@ -152,6 +157,26 @@ impl Studio {
             renderer.world().resource::<PipelineCache>().waiting_pipelines().next().is_some()
         });
         there && !waits
+    }
+
+    /// The image after the next frames: four bytes per pixel, in sRGB.
+    pub fn picture(&mut self) -> Result<Vec<u8>, String> {
+        let arrived = Arc::new(Mutex::new(None));
+        let arriving = arrived.clone();
+        let take = move |data: On<ReadbackComplete>| {
+            *arriving.lock().unwrap_or_else(PoisonError::into_inner) = Some(data.data.clone());
+        };
+        let target = Readback::texture(self.target.clone());
+        let reader = self.app.world_mut().spawn(target).observe(take).id();
+        for _ in 0..200 {
+            self.frames(1);
+            let bytes = arrived.lock().unwrap_or_else(PoisonError::into_inner).take();
+            if let Some(bytes) = bytes {
+                self.app.world_mut().despawn(reader);
+                return Ok(bytes);
+            }
+        }
+        Err("no image comes back from the GPU".into())
     }
 
     /// Milliseconds that each of some frames took; the camera goes round, unless it is held still.

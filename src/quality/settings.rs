@@ -79,6 +79,12 @@ pub struct VdbQuality {
     /// remaining pixels are interpolated from neighbours that belong to the same surface. From 0.25
     /// to 1, 1 by default.
     pub resolution: f32,
+    /// Anti-aliasing: the number of rays through each pixel on an edge of a surface, a crease or the
+    /// edge of a shadow, in place of one. 1, 2, 4, 8 or 16; 1 by default, which turns it off.
+    ///
+    /// Off with temporal anti-aliasing and with [`accumulate`](Self::accumulate), which smooth
+    /// edges themselves, with fewer rays than pixels, and in unlit modes.
+    pub edge_samples: u32,
     /// Temporal accumulation: the number of frames whose mean is displayed while nothing changes in
     /// view, that is, neither the camera, nor a volume, a light, or a mesh in front of them or
     /// casting shadows on them. Up to 256; 0, the default, and 1 turn it off.
@@ -110,6 +116,7 @@ impl VdbQuality {
         fog_slabs: 128,
         detail: 0.0,
         resolution: 1.0,
+        edge_samples: 1,
         accumulate: 0,
     };
     /// The default: no visible difference from [`EXACT`](Self::EXACT).
@@ -198,12 +205,14 @@ impl VdbQuality {
             fog_slabs: self.fog_slabs.clamp(1, MAX_SLABS),
             detail: within("detail", self.detail, 0.0, 64.0, 0.0),
             resolution: within("resolution", self.resolution, MIN_RESOLUTION, 1.0, 1.0),
+            edge_samples: 1 << self.edge_samples.clamp(1, MAX_EDGE_SAMPLES).ilog2(),
             accumulate: self.accumulate.min(MAX_FRAMES),
         };
         let slabs = (sound.fog_slabs != self.fog_slabs).then_some("fog_slabs");
         let bounces = (sound.reflections != self.reflections).then_some("reflections");
+        let edges = (sound.edge_samples != self.edge_samples).then_some("edge_samples");
         let frames = (sound.accumulate != self.accumulate).then_some("accumulate");
-        (sound, wrong.or(slabs).or(bounces).or(frames))
+        (sound, wrong.or(slabs).or(bounces).or(edges).or(frames))
     }
 }
 
@@ -249,6 +258,7 @@ const MAX_FOG_STEP: f32 = 16.0;
 const MAX_SLABS: u32 = 256;
 const MIN_RESOLUTION: f32 = 0.25;
 const MAX_FRAMES: u32 = 256;
+const MAX_EDGE_SAMPLES: u32 = 16;
 
 #[cfg(test)]
 mod tests {
@@ -280,6 +290,10 @@ mod tests {
         assert_eq!((many.sound().0.fog_slabs, many.sound().1), (1, Some("fog_slabs")));
         let many = VdbQuality { reflections: u32::MAX, ..plain() };
         assert_eq!((many.sound().0.reflections, many.sound().1), (16, Some("reflections")));
+        for (asked, given) in [(0, 1), (3, 2), (u32::MAX, 16)] {
+            let edges = VdbQuality { edge_samples: asked, ..plain() }.sound();
+            assert_eq!((edges.0.edge_samples, edges.1), (given, Some("edge_samples")));
+        }
         let many = VdbQuality { accumulate: u32::MAX, ..plain() };
         assert_eq!((many.sound().0.accumulate, many.sound().1), (256, Some("accumulate")));
     }

@@ -11,7 +11,7 @@ use super::accumulate::{AccumulateView, Accumulated, Mean};
 use super::composite::CompositeView;
 use super::light_cache::{LightCache, LightCacheView};
 use super::shadow_maps::CastShadows;
-use super::trace::TraceView;
+use super::trace::{EdgesView, TraceView};
 use super::upscale::UpscaleView;
 use super::view::{PreparedView, ViewPicture, ViewState};
 use crate::quality::diagnostics::{
@@ -36,7 +36,7 @@ type ViewData<'a> = (
     &'a MainEntity,
     &'a ViewState,
     &'a ViewPicture,
-    (&'a LightCacheView, &'a TraceView),
+    (&'a LightCacheView, &'a TraceView, &'a EdgesView),
     &'a UpscaleView,
     &'a AccumulateView,
     &'a CompositeView,
@@ -56,11 +56,11 @@ fn report(
 }
 
 fn of_view(
-    (camera, state, picture, (light, trace), upscale, accumulate, composite): (
+    (camera, state, picture, (light, trace, edges), upscale, accumulate, composite): (
         &MainEntity,
         &ViewState,
         &ViewPicture,
-        (&LightCacheView, &TraceView),
+        (&LightCacheView, &TraceView, &EdgesView),
         &UpscaleView,
         &AccumulateView,
         &CompositeView,
@@ -96,6 +96,7 @@ fn of_view(
         }
     }
     buffers.add_some("vdb_tiles", &trace.tiles, "the rays of a tile share a start");
+    buffers.add_some("vdb_edge_pixels", &edges.list, EDGES);
     if let Some(moving) = picture.traced.as_ref().and_then(|traced| traced.moving.as_ref()) {
         buffers.push("vdb_moving", bytes(moving), "motion vectors");
     }
@@ -126,7 +127,7 @@ fn of_view(
         frames,
         is_compiling: !prepared.is_ready || prepared.is_fallback,
         features: features(prepared),
-        passes: passes(casts_shadows, (light, trace), upscale, frames, composite),
+        passes: passes(casts_shadows, (light, trace, edges), upscale, frames, composite),
         buffers: buffers.0,
     };
     Some((camera.id(), report))
@@ -137,10 +138,13 @@ fn features(prepared: &PreparedView) -> Vec<VdbFeatureReport> {
     rows.map(|row| VdbFeatureReport { name: row.name, why: row.why }).collect()
 }
 
+/// Why pixels on edges are traced again.
+const EDGES: &str = "VdbQuality::edge_samples is more than 1, and a surface is in view";
+
 /// The passes that run, of [`PASSES`].
 fn passes(
     casts_shadows: bool,
-    (light, trace): (&LightCacheView, &TraceView),
+    (light, trace, edges): (&LightCacheView, &TraceView, &EdgesView),
     upscale: &UpscaleView,
     frames: u32,
     composite: &CompositeView,
@@ -153,6 +157,8 @@ fn passes(
         (light.is_filled(), "a fog, its light or an occluder has changed"),
         (gathers, "lamps light a fog, and the camera or something in their light has moved"),
         (true, "a volume is in view"),
+        (edges.list.is_some(), EDGES),
+        (edges.list.is_some(), EDGES),
         (upscale.pipeline.is_some(), "VdbQuality::resolution is less than 1"),
         (frames > 0, "VdbQuality::accumulate, and nothing has changed"),
         (is_composited, "the traced image is displayed"),

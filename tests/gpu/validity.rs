@@ -288,14 +288,18 @@ fn every_variant_of_the_trace_is_valid() {
             &shadows,
         ]);
     }
+    // Further rays through pixels on edges.
+    for kinds in subsets(&["VDB_SMOOTH", "VDB_FOGS", "VDB_BEAMS", "MULTISAMPLED"]) {
+        check(&[&["VDB_LIT", "VDB_SURFACES", "VDB_EDGES"], &kinds, &shadows]);
+    }
     // Modes, steps, lights, overlays, further grids and parts, for each set of kinds; and further
     // lights for the sets with fog.
     let kinds = 8 * (modes.len() * 8 + 3 + 2 * 16 + 1 + 2 * 6 + 2) + 4 * (2 * 16);
     // For each set of kinds and of further defs, the lights of the cache.
     let light_cache = 8 * 8 * 5 + 2 * 16;
     let (filters, many, formats, normals) = (2 + 1, 16, 3 * 3 + 1, 16 + 1);
-    let (wide, scaled, accumulated) = (4, 8 * 2, 16);
-    let others = filters + many + formats + normals + wide + scaled + accumulated;
+    let (wide, scaled, accumulated, edges) = (4, 8 * 2, 16, 16);
+    let others = filters + many + formats + normals + wide + scaled + accumulated + edges;
     assert_eq!(variants, kinds + light_cache + others);
 }
 
@@ -343,9 +347,20 @@ fn the_means_of_frames_are_valid() {
 }
 
 #[test]
+fn finding_edges_is_valid() {
+    check(&mut composer(), "trace/edges", &["VDB_EDGES"]);
+}
+
+#[test]
 fn the_beams_are_valid() {
     let mut composer = composer();
-    for defs in subsets(&["MULTISAMPLED", "VDB_SCALED", "VDB_ACCUMULATED", "VDB_WIDE_GRIDS"]) {
+    for defs in subsets(&[
+        "MULTISAMPLED",
+        "VDB_SCALED",
+        "VDB_ACCUMULATED",
+        "VDB_EDGES",
+        "VDB_WIDE_GRIDS",
+    ]) {
         check(&mut composer, "trace/beams", &defs);
         check(
             &mut composer,

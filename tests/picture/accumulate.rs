@@ -70,7 +70,7 @@ fn with(stage: &mut Stage, camera: Entity, target: &Handle<Image>, quality: VdbQ
 }
 
 /// Means of squares of pixels of a picture that is so many times as large.
-fn filtered(picture: &Picture, times: u32) -> Picture {
+pub(super) fn filtered(picture: &Picture, times: u32) -> Picture {
     let size = picture.size / times;
     let mean = |x: u32, y: u32| {
         let each = (0..times * times)
@@ -83,7 +83,7 @@ fn filtered(picture: &Picture, times: u32) -> Picture {
 }
 
 /// The root of the mean of the squares of what two pictures differ by.
-fn error(a: &Picture, b: &Picture) -> f64 {
+pub(super) fn error(a: &Picture, b: &Picture) -> f64 {
     assert_eq!(a.size, b.size);
     let pairs = a.pixels.iter().zip(&b.pixels);
     let sum: f64 = pairs.map(|(a, b)| f64::from((*a - *b).truncate().length_squared()) / 3.0).sum();

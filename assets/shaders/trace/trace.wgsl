@@ -5,6 +5,9 @@
 #import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::traversal::rays::ndc_of
 #import bevy_vdb::view::depths::{NO_DEPTH, encoded_fog_depth, is_surface_depth}
+#ifdef VDB_EDGES
+#import bevy_vdb::view::depths::{decoded_fog_depth, is_fog_depth}
+#endif
 #import bevy_vdb::view::picture::{depth_of_meshes, t_of_depth}
 #import bevy_vdb::trace::candidates::{volume_end, next_candidate, start_t}
 #import bevy_vdb::view::scene::{target_pixel, view, volumes}
@@ -328,3 +331,59 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     textureStore(out_moving, pixel, vec4(motion_volume, bitcast<u32>(result.motion_depth), 0u, 0u));
 #endif
 }
+
+#ifdef VDB_EDGES
+// The pixels on edges; see `edges.wgsl`.
+@group(2) @binding(16) var<storage, read> edges: array<u32>;
+
+const EDGES_COUNT: u32 = 3u;
+const EDGES_FIRST: u32 = 4u;
+const MAX_GROUPS: u32 = 65535u;
+const REFINE_THREADS: u32 = 64u;
+
+var<workgroup> traced: array<vec4<f32>, REFINE_THREADS>;
+var<workgroup> traced_depths: array<f32, REFINE_THREADS>;
+
+// The position of a sample in its pixel, 0 to 1: each of `count` columns and rows, which are powers of two, has
+// one. For four samples, a rotated grid.
+fn sample_position(i: u32, count: u32) -> vec2<f32> {
+    let row = (reverseBits(i) >> (32u - firstTrailingBit(count))) ^ 1u;
+    return (vec2(f32(i), f32(row)) + 0.5) / f32(count);
+}
+
+// A thread for each sample of the pixels on edges: their mean replaces the colour of the pixel's middle.
+@compute @workgroup_size(REFINE_THREADS)
+fn refine(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+    let samples = view.edge_samples;
+    let place = (group.y * MAX_GROUPS + group.x) * (REFINE_THREADS / samples) + thread / samples;
+    let count = min(edges[EDGES_COUNT], arrayLength(&edges) - EDGES_FIRST);
+    // The last group may have threads to spare: they repeat the last pixel, whose colour they do not write.
+    let word = edges[EDGES_FIRST + min(place, max(count, 1u) - 1u)];
+    let pixel = vec2(word & 0x7fffu, (word >> 15u) & 0xffffu);
+    let offset = sample_position(thread % samples, samples) - 0.5;
+    let ndc = ndc_of(pixel, view.size) + offset * vec2(2.0, -2.0) / vec2<f32>(view.size);
+    let result = trace_path(view_segment(ndc), pixel, min(mesh_t(pixel), view.t_far));
+    traced[thread] = vec4(finite(result.color), result.coverage);
+    traced_depths[thread] = result.depth;
+    workgroupBarrier();
+    if place < count && thread % samples == 0u {
+        var sum = vec4(0.0);
+        var nearest = -1.0;
+        for (var i = thread; i < thread + samples; i++) {
+            sum += traced[i];
+            let depth = traced_depths[i];
+            if is_surface_depth(depth) {
+                nearest = max(nearest, depth);
+            } else if is_fog_depth(depth) {
+                nearest = max(nearest, decoded_fog_depth(depth));
+            }
+        }
+        textureStore(out_color, pixel, sum / f32(samples));
+        // Where the middle shows no surface, the pixel is composited as fog is, without its depth.
+        if (word >> 31u) == 0u {
+            let depth = select(NO_DEPTH, encoded_fog_depth(nearest), nearest >= 0.0);
+            textureStore(out_depth, pixel, vec4(depth, 0.0, 0.0, 0.0));
+        }
+    }
+}
+#endif

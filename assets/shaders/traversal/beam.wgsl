@@ -31,8 +31,13 @@ struct Beam {
 fn beam_of(grid: Grid, rays: Rays, tile: vec2<u32>, size: vec2<u32>, t_min: f32) -> Beam {
     let pixel = 2.0 / vec2<f32>(size);
     let middle = vec2<f32>(8u * tile + 4u) * pixel - 1.0;
+#ifdef VDB_EDGES
+    // Rays pass anywhere through their pixels.
+    let half = 4.1 * pixel;
+#else
     // Pixel centres are up to 3½ pixels from the tile's centre.
     let half = 3.6 * pixel;
+#endif
     let mirrored = mirrored_ray(grid, ray_through(rays, vec2(middle.x, -middle.y), t_min, FAR));
     let half_width = half.x * abs(rays.eye_x) + half.y * abs(rays.eye_y) + MARGIN;
     let growth = half.x * abs(rays.dir_x) + half.y * abs(rays.dir_y) + RELATIVE * mirrored.speed;

@@ -60,8 +60,9 @@ const IMPORTS: [(&str, &[u8]); 41] = shaders![
     "trace/show"
 ];
 /// The shaders with entry points.
-const PROGRAMS: [(&str, &[u8]); 11] = shaders![
+const PROGRAMS: [(&str, &[u8]); 12] = shaders![
     "trace/beams",
+    "trace/edges",
     "trace/trace",
     "trace/lamp_light",
     "upscale/upscale",
@@ -126,6 +127,7 @@ impl Command for VdbReloadShaders {
 #[derive(Clone, Debug, Resource)]
 pub(crate) struct Shaders {
     pub beams: Handle<Shader>,
+    pub edges: Handle<Shader>,
     pub trace: Handle<Shader>,
     pub lamp_light: Handle<Shader>,
     pub upscale: Handle<Shader>,
@@ -155,6 +157,7 @@ impl Shaders {
         let load = |(name, _)| assets.load(format!("embedded://bevy_vdb/shaders/{name}.wgsl"));
         let [
             beams,
+            edges,
             trace,
             lamp_light,
             upscale,
@@ -173,6 +176,7 @@ impl Shaders {
         let adapter_defs = if is_cpu { vec!["VDB_IN_STEP".into()] } else { Vec::new() };
         Self {
             beams,
+            edges,
             trace,
             lamp_light,
             upscale,

@@ -110,7 +110,8 @@ pub(crate) struct View {
     pub jitter: [f32; 2],
     pub max_frames: u32,
     pub cached_sun_count: u32,
-    pub pads: [u32; 2],
+    pub edge_samples: u32,
+    pub pad: u32,
     pub cached_suns: [[f32; 4]; MAX_CACHED_SUNS],
     pub light_texel: [f32; 3],
     pub cached_lamp_count: u32,
@@ -210,7 +211,7 @@ mod tests {
             exposure, eye, volume_first, eye_x, volume_count, eye_y, offscreen_count, size, origin,
             steps_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
             has_tile_starts, picture, shadow_range, reflection_range, suns, disks, random_offset,
-            frame, jitter, max_frames, cached_sun_count, cached_suns,
+            frame, jitter, max_frames, cached_sun_count, edge_samples, cached_suns,
             light_texel, cached_lamp_count, cached_lamps);
         check(&module, "View", size_of::<View>(), &view);
     }

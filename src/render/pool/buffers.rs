@@ -46,11 +46,10 @@ impl PoolBuffers {
         }
     }
 
-    /// Whether shaders can bind one more storage buffer beside the scene and the three of Bevy's
-    /// lights.
-    pub fn leaves_a_binding(&self) -> bool {
+    /// The storage buffers that shaders can bind beside the scene and those of Bevy's lights.
+    pub fn spare_bindings(&self) -> u32 {
         let own = if self.is_paged() { 2 + PAGES as u32 } else { 3 };
-        own + BEVYS_BUFFERS < self.max_buffers
+        self.max_buffers.saturating_sub(own + BEVYS_BUFFERS)
     }
 
     /// The size of all buffers in bytes.

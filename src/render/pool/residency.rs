@@ -106,9 +106,9 @@ impl VdbTreePool {
         buffers.is_paged().then_some(buffers.paging.bits)
     }
 
-    /// Whether shaders of views can bind one more storage buffer.
-    pub fn leaves_a_binding(&self) -> bool {
-        self.buffers.as_ref().is_none_or(PoolBuffers::leaves_a_binding)
+    /// The storage buffers that shaders of views can bind beside the scene.
+    pub fn spare_bindings(&self) -> u32 {
+        self.buffers.as_ref().map_or(u32::MAX, PoolBuffers::spare_bindings)
     }
 
     /// The grids that are displayed.

@@ -32,6 +32,7 @@ impl From<&ViewKey> for BeamsKey {
         let own = Features::MULTISAMPLED
             | Features::SCALED
             | Features::ACCUMULATED
+            | Features::EDGES
             | Features::WIDE_GRIDS;
         Self { features: key.features & own, page_bits: key.page_bits }
     }

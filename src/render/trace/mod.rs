@@ -3,6 +3,7 @@
 
 mod beams;
 mod blackbody;
+mod edges;
 mod gather;
 mod lamp_light;
 mod lights;
@@ -30,11 +31,12 @@ use super::pool::{PoolBuffers, VdbTreePool};
 use super::view::VdbSystems;
 use super::view::{
     Picture, PrepareViews, PreparedView, ViewKey, ViewPicture, ViewState, VisibleVolumes,
-    VolumeBuffer,
+    VolumeBuffer, add_picture_pass,
 };
 use crate::quality::features::Features;
 use beams::BeamsPipeline;
 use blackbody::BlackbodyColors;
+use edges::{FindEdges, bind_edges, find_edges, prepare_edges, refine};
 use gather::gather_lamp_light;
 use lamp_light::{LampLightPipeline, LampLightView};
 use lights::{AllLights, LightLayouts, ViewLights};
@@ -42,6 +44,7 @@ use pipeline::TracePipeline;
 use view::{BindGroups, Pipelines};
 
 pub(super) use lights::MeshShadowMaps;
+pub(super) use edges::EdgesView;
 pub(super) use view::TraceView;
 
 /// The threads of a workgroup in `beams.wgsl`.
@@ -56,6 +59,8 @@ impl Plugin for TracePlugin {
     fn build(&self, app: &mut App) {
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
         render_app.world_mut().register_required_components::<VisibleVolumes, TraceView>();
+        render_app.world_mut().register_required_components::<VisibleVolumes, EdgesView>();
+        add_picture_pass::<FindEdges>(render_app);
         render_app
             .init_gpu_resource::<MeshShadowMaps>()
             .init_gpu_resource::<BlackbodyColors>()
@@ -67,15 +72,15 @@ impl Plugin for TracePlugin {
                 Render,
                 (
                     ask.in_set(PrepareViews::Ask),
-                    prepare.in_set(PrepareViews::Trace),
-                    (blackbody::prepare_blackbody, bind)
+                    (prepare, prepare_edges).in_set(PrepareViews::Trace),
+                    (blackbody::prepare_blackbody, bind, bind_edges)
                         .chain()
                         .in_set(RenderSystems::PrepareBindGroups),
                 ),
             )
             .add_systems(
                 Core3d,
-                (gather_lamp_light, trace)
+                (gather_lamp_light, trace, find_edges, refine)
                     .chain()
                     .in_set(VdbSystems::Trace)
                     .after(fill_light_cache),
@@ -109,15 +114,19 @@ impl AllPipelines<'_> {
         let cache = &self.cache;
         // Velocities only matter when the image is composited.
         let features = key.features.difference(Features::VELOCITIES);
-        let key = &ViewKey { features, ..*key };
+        let all = ViewKey { features, ..*key };
+        let refine = all
+            .has(Features::EDGES)
+            .then(|| self.specialized_trace.specialize(cache, &self.trace, all));
+        let key = &ViewKey { features: features.difference(Features::EDGES), ..all };
         let trace = self.specialized_trace.specialize(cache, &self.trace, *key);
         let beams = key
             .has(Features::BEAMS)
-            .then(|| self.specialized_beams.specialize(cache, &self.beams, key.into()));
+            .then(|| self.specialized_beams.specialize(cache, &self.beams, (&all).into()));
         let lamp_light = key
             .has(Features::LAMP_LIGHT)
             .then(|| self.specialized_lamps.specialize(cache, &self.lamps, key.into()));
-        Pipelines { trace, beams, lamp_light }
+        Pipelines { trace, refine, beams, lamp_light }
     }
 }
 
@@ -129,7 +138,8 @@ fn ask(
     for mut view in &mut views {
         view.wait_unless(|key| {
             let own = pipelines.of(key);
-            let mut all = [Some(own.trace), own.beams, own.lamp_light].into_iter().flatten();
+            let mut all =
+                [Some(own.trace), own.refine, own.beams, own.lamp_light].into_iter().flatten();
             all.all(|id| fallback.compute(&pipelines.cache, id).is_some())
         });
     }
@@ -179,7 +189,7 @@ fn bind(
         &mut TraceView,
         &ViewPicture,
         &ViewDepthTexture,
-        (&LightCacheView, Option<ViewLights>),
+        (&LightCacheView, &EdgesView, Option<ViewLights>),
     )>,
     (pool, volumes): (Res<VdbTreePool>, Res<VolumeBuffer>),
     all_lights: AllLights,
@@ -189,7 +199,7 @@ fn bind(
     device: Res<RenderDevice>,
 ) {
     let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
-    for (view, mut own, picture, depth, (cached, view_lights)) in &mut views {
+    for (view, mut own, picture, depth, (cached, edges, view_lights)) in &mut views {
         let ready = view.prepared().filter(|(prepared, _)| prepared.is_ready);
         let (Some((prepared, uniform)), Some(picture)) = (ready, &picture.traced) else {
             continue;
@@ -217,8 +227,12 @@ fn bind(
         if caches_light && cached.is_none() {
             continue;
         }
-        let layout = cache.get_bind_group_layout(trace.layout(features));
-        let group = inputs.trace_group(&layout, table, cached, &device);
+        let group = |features, edges| {
+            let layout = cache.get_bind_group_layout(trace.layout(features));
+            inputs.trace_group(&layout, table, cached.as_ref(), edges, &device)
+        };
+        let refine = edges.list.as_ref().map(|edges| group(features, Some(edges)));
+        let group = group(features.difference(Features::EDGES), None);
         let layout =
             cache.get_bind_group_layout(beams.layout(features, features.contains(Features::PAGES)));
         let beams = inputs.beams_group(&layout, &device);
@@ -226,7 +240,7 @@ fn bind(
             .contains(Features::LAMP_LIGHT)
             .then(|| bind(Features::LIGHT, view_lights.as_ref()))
             .flatten();
-        own.bind_groups = Some(BindGroups { trace: group, lights, beams, nothing, lamps });
+        own.bind_groups = Some(BindGroups { trace: group, refine, lights, beams, nothing, lamps });
     }
 }
 
@@ -253,7 +267,8 @@ impl Inputs<'_> {
         &self,
         layout: &bevy::render::render_resource::BindGroupLayout,
         blackbody: Option<&TextureView>,
-        cached: Option<CacheBinding>,
+        cached: Option<&CacheBinding>,
+        edges: Option<&Buffer>,
         device: &RenderDevice,
     ) -> BindGroup {
         let mut entries = self.pool.scene_entries(self.uniform, self.volumes).extend_sequential((
@@ -271,13 +286,16 @@ impl Inputs<'_> {
             entries = entries.extend_with_indices(((11, table),));
         }
         if let Some(CacheBinding { depths, sampler, lamps, scattered }) = cached {
-            entries = entries.extend_with_indices(((12, depths), (13, sampler)));
+            entries = entries.extend_with_indices(((12, *depths), (13, *sampler)));
             if let Some(lamps) = lamps {
-                entries = entries.extend_with_indices(((14, lamps),));
+                entries = entries.extend_with_indices(((14, *lamps),));
             }
             if let Some(scattered) = scattered {
-                entries = entries.extend_with_indices(((15, scattered),));
+                entries = entries.extend_with_indices(((15, *scattered),));
             }
+        }
+        if let Some(edges) = edges {
+            entries = entries.extend_with_indices(((16, edges.as_entire_binding()),));
         }
         device.create_bind_group("vdb_trace", layout, &entries)
     }

@@ -16,7 +16,7 @@ use crate::render::gpu::{
 use crate::render::view::ViewKey;
 
 /// The features that the layout of the crate's own group depends on.
-const LAYOUT: [Features; 8] = [
+const LAYOUT: [Features; 9] = [
     Features::PAGES,
     Features::MULTISAMPLED,
     Features::BEAMS,
@@ -25,6 +25,7 @@ const LAYOUT: [Features; 8] = [
     Features::LIGHT_CACHE,
     Features::CACHED_LAMPS,
     Features::LAMP_LIGHT,
+    Features::EDGES,
 ];
 
 #[derive(Debug, Resource)]
@@ -72,6 +73,9 @@ impl TracePipeline {
                     entries = entries.extend_with_indices(((15, light),));
                 }
             }
+            if has(Features::EDGES) {
+                entries = entries.extend_with_indices(((16, storage_read()),));
+            }
             BindGroupLayoutDescriptor::new("vdb_trace", &entries)
         });
         Self { shaders: shaders.clone(), lights: lights.clone(), layouts }
@@ -106,7 +110,7 @@ impl SpecializedComputePipeline for TracePipeline {
                 .chain(sample_format_def(key.sample_format))
                 .chain(self.shaders.adapter_defs.iter().cloned())
                 .collect(),
-            entry_point: Some("trace".into()),
+            entry_point: Some(if key.has(Features::EDGES) { "refine" } else { "trace" }.into()),
             ..default()
         }
     }

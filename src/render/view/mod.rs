@@ -35,7 +35,7 @@ pub(super) use prepare::{FARTHEST, VolumeBuffer};
 pub(super) use resolve::LightCacheLimit;
 pub(super) use sets::PrepareViews;
 pub use sets::VdbSystems;
-pub(super) use settings::MEAN_BYTES;
+pub(super) use settings::{MEAN_BYTES, edge_bytes};
 pub(super) use state::{Picture, PreparedView, ViewPicture, ViewState};
 pub(super) use uniform::{random_offset, view_data};
 pub(super) use visible::VisibleVolumes;

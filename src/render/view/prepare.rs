@@ -127,6 +127,7 @@ fn prepare(
         random_offset: random_offset(jitter, **frame),
         frame: jitter.map_or(0, |_| frame.0),
         max_frames: quality.accumulate,
+        edge_samples: quality.edge_samples,
         ..view_data(view_rays, *world_from_view, suns)
     };
     let fogs = [types::KIND_FOG, types::KIND_EMISSION, types::KIND_BLACKBODY];
@@ -142,10 +143,11 @@ fn prepare(
         clip_from_view: *clip_from_view,
         has_surfaces: list.kinds_seen.has([types::KIND_SURFACE, types::KIND_SMOOTH]),
         // Steps are also shown where there is no surface, and a pixel may show a surface in less
-        // than half of the accumulated frames.
+        // than half of the accumulated frames, or beside its middle.
         has_fog: (list.kinds_seen.has(fogs) && settings.shows_fog())
             || settings.camera.mode.traits().shows_background
-            || key.has(Features::ACCUMULATED),
+            || key.has(Features::ACCUMULATED)
+            || key.has(Features::EDGES),
         uniform: None,
         entries: resolved.list.entries,
     }

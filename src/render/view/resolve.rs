@@ -20,7 +20,7 @@ use super::key::ViewKey;
 use super::lights::Lights;
 use super::list::{EntryMaker, ViewList};
 use super::media::MediaSlots;
-use super::settings::{ResolvedSettings, accumulates};
+use super::settings::{ResolvedSettings, accumulates, smooths_edges};
 use super::state::{PreparedView, ResolvedView, ViewState};
 use super::visible::VisibleVolumes;
 use super::volume::Eye;
@@ -168,6 +168,7 @@ impl Resolver<'_, '_> {
             shadow_filter: shadow_filter.filter(|_| is_lit),
             lights_present,
             reflections: if mode.shows_reflections { quality.reflections } else { 0 },
+            smooths_edges: smooths_edges(&quality, camera.mode, is_jittered, picture, &self.device),
             accumulates: accumulates.unwrap_or(false),
             camera,
             quality,
@@ -176,6 +177,9 @@ impl Resolver<'_, '_> {
         }
     }
 }
+
+/// The kinds of surfaces.
+const SURFACES: [u32; 2] = [types::KIND_SURFACE, types::KIND_SMOOTH];
 
 /// The features that only the light cache needs.
 const CACHE: Features = Features::LIGHT_CACHE
@@ -211,7 +215,7 @@ fn view_key(
     let motion_vectors =
         of.has_motion && of.prepass.is_some_and(|all| all.motion_vectors.is_some());
     let traversal = match quality.traversal {
-        VdbTraversal::HddaSkip => Features::BEAMS.when(pool.leaves_a_binding()),
+        VdbTraversal::HddaSkip => Features::BEAMS.when(pool.spare_bindings() >= 1),
         VdbTraversal::Hdda => Features::HDDA,
         VdbTraversal::Dda => Features::DDA,
         VdbTraversal::March => Features::MARCH,
@@ -223,7 +227,8 @@ fn view_key(
     let lights = settings.lights.difference(CACHE.when(!caches));
     let caches = lights.contains(Features::LIGHT_CACHE);
     let media = list.media(only_seen);
-    let has_surfaces = list.kinds.has([types::KIND_SURFACE, types::KIND_SMOOTH]);
+    let has_surfaces = list.kinds.has(SURFACES);
+    let shows_edges = settings.smooths_edges && list.kinds_seen.has(SURFACES);
     let interpolates = !has_surfaces && !lights.contains(Features::MESH_CASTERS);
     let features = lights
         | Features::LAMP_LIGHT.when(interpolates && lights.contains(Features::CACHED_LAMPS))
@@ -247,6 +252,7 @@ fn view_key(
         | Features::REFLECTIONS.when(settings.reflections > 0)
         | Features::OVERLAYS.when(camera.overlays != VdbOverlays::default())
         | Features::SCALED.when(quality.resolution < 1.0)
+        | Features::EDGES.when(shows_edges && pool.spare_bindings() >= 2)
         | Features::ACCUMULATED.when(settings.accumulates);
     ViewKey {
         features,

@@ -21,6 +21,8 @@ pub(crate) struct ResolvedSettings {
     /// The number of reflections that a ray follows.
     pub reflections: u32,
     pub accumulates: bool,
+    /// Whether pixels on edges of surfaces get further rays.
+    pub smooths_edges: bool,
     /// The size of the image in pixels.
     pub picture: UVec2,
 }
@@ -69,6 +71,27 @@ pub(super) fn accumulates(
     } else {
         Ok(true)
     }
+}
+
+/// The bytes of a list of the pixels of an image that are on edges: a header and a word for each.
+pub(crate) fn edge_bytes(picture: UVec2) -> u64 {
+    16 + 4 * picture.as_u64vec2().element_product()
+}
+
+/// Whether pixels on edges get further rays, if a surface is in view.
+pub(super) fn smooths_edges(
+    quality: &VdbQuality,
+    mode: VdbRenderMode,
+    is_jittered: bool,
+    picture: UVec2,
+    device: &RenderDevice,
+) -> bool {
+    let limits = device.limits();
+    let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+    // Columns have 15 bits.
+    let fits = picture.x < 1 << 15 && edge_bytes(picture) <= most;
+    let is_smoothed = is_jittered || quality.accumulate > 1;
+    quality.edge_samples > 1 && quality.resolution == 1.0 && mode.is_lit() && !is_smoothed && fits
 }
 
 /// The number of rays along each axis of an image.

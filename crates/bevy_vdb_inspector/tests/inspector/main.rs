@@ -82,6 +82,7 @@ fn controls_of_a_camera_change_that() {
     panel.slide("error of light in fog", 0.05);
     panel.slide("detail, pixels per voxel", 1.5);
     panel.slide("resolution", 0.5);
+    panel.choose("rays on edges", "8");
     panel.slide("accumulated frames", 16.0);
     panel.click(Role::Button, "measure features");
     assert!(panel.app.world().get::<VdbMeasureFeatures>(camera).is_some());
@@ -103,6 +104,7 @@ fn controls_of_a_camera_change_that() {
         fog_light_error: 0.05,
         detail: 1.5,
         resolution: 0.5,
+        edge_samples: 8,
         accumulate: 16,
         ..VdbQuality::BALANCED
     };
