@@ -22,10 +22,9 @@ const COLUMNS: [&str; 3] = ["vdb_trace", "vdb_edges", "vdb_refine"];
 pub fn run(args: &Args) -> Result<(), String> {
     let mut studio = Studio::with_gpu_times(args.size)?;
     print_heading(&studio, "Surfaces", args.size);
-    for (name, kind) in [
-        ("smooth", PackKind::Smooth { iso: 0.0 }),
-        ("voxels", PackKind::Surface { iso: 0.0 }),
-    ] {
+    for (name, kind) in
+        [("smooth", PackKind::Smooth { iso: 0.0 }), ("voxels", PackKind::Surface { iso: 0.0 })]
+    {
         let made = || ("a gyroid".to_owned(), level_set::gyroid(DVec3::ZERO, 115.0, 51.0));
         let grid = model::grid(&mut studio, args, kind, EDGE, made)?;
         let volume = studio.app.world_mut().spawn(VdbVolume(grid)).id();
@@ -44,12 +43,13 @@ pub fn run(args: &Args) -> Result<(), String> {
 }
 
 fn table(studio: &mut Studio, args: &Args) -> Result<(), String> {
-    let one = VdbQuality { edge_samples: 1, ..VdbQuality::HIGH };
+    let one = VdbQuality { edge_samples: 0, ..VdbQuality::HIGH };
     let edges = |edge_samples| VdbQuality { edge_samples, ..VdbQuality::HIGH };
     let mean = VdbQuality { accumulate: REFERENCE_RAYS, ..one };
     studio.camera_mut().insert((mean, VdbCamera::default()));
     studio.settle(1)?;
     studio.is_camera_moving = false;
+    studio.begin_round(args.frames);
     studio.frames(2 * REFERENCE_RAYS as usize);
     let reference = studio.picture()?;
     let unlit = VdbCamera { mode: VdbRenderMode::Gray, ..default() };
@@ -102,8 +102,7 @@ fn times(studio: &mut Studio, args: &Args) -> ([f64; COLUMNS.len()], f64) {
         let ms: f64 = passes.filter_map(|pass| of(pass.name)).sum();
         all.extend((ms > 0.0).then_some(ms));
     });
-    let median =
-        |mut times: Vec<f64>| if times.is_empty() { 0.0 } else { summary(&mut times)[0] };
+    let median = |mut times: Vec<f64>| if times.is_empty() { 0.0 } else { summary(&mut times)[0] };
     (times.map(median), median(all))
 }
 

@@ -253,9 +253,9 @@ pub(crate) const FEATURES: [Feature; 37] = [
         Features::EDGES,
         &["VDB_EDGES"],
         "rays on edges",
-        "VdbQuality::edge_samples is more than 1, and a surface is in view",
+        "VdbQuality::edge_samples is more than 0, and a surface is in view",
     )
-    .without(|_, quality| quality.edge_samples = 1),
+    .without(|_, quality| quality.edge_samples = 0),
 ];
 
 impl Features {

@@ -79,8 +79,8 @@ pub struct VdbQuality {
     /// remaining pixels are interpolated from neighbours that belong to the same surface. From 0.25
     /// to 1, 1 by default.
     pub resolution: f32,
-    /// Anti-aliasing: the number of rays through each pixel on an edge of a surface, a crease or the
-    /// edge of a shadow, in place of one. 1, 2, 4, 8 or 16; 1 by default, which turns it off.
+    /// Antialiasing: the number of further rays through each pixel on a silhouette, a crease or the
+    /// edge of a shadow. 2, 4, 8 or 16; 0 turns it off.
     ///
     /// Off with temporal anti-aliasing and with [`accumulate`](Self::accumulate), which smooth
     /// edges themselves, with fewer rays than pixels, and in unlit modes.
@@ -116,7 +116,7 @@ impl VdbQuality {
         fog_slabs: 128,
         detail: 0.0,
         resolution: 1.0,
-        edge_samples: 1,
+        edge_samples: 0,
         accumulate: 0,
     };
     /// The default: no visible difference from [`EXACT`](Self::EXACT).
@@ -205,7 +205,10 @@ impl VdbQuality {
             fog_slabs: self.fog_slabs.clamp(1, MAX_SLABS),
             detail: within("detail", self.detail, 0.0, 64.0, 0.0),
             resolution: within("resolution", self.resolution, MIN_RESOLUTION, 1.0, 1.0),
-            edge_samples: 1 << self.edge_samples.clamp(1, MAX_EDGE_SAMPLES).ilog2(),
+            edge_samples: match self.edge_samples.min(MAX_EDGE_SAMPLES) {
+                0 => 0,
+                samples => 1 << samples.max(2).ilog2(),
+            },
             accumulate: self.accumulate.min(MAX_FRAMES),
         };
         let slabs = (sound.fog_slabs != self.fog_slabs).then_some("fog_slabs");
@@ -290,7 +293,7 @@ mod tests {
         assert_eq!((many.sound().0.fog_slabs, many.sound().1), (1, Some("fog_slabs")));
         let many = VdbQuality { reflections: u32::MAX, ..plain() };
         assert_eq!((many.sound().0.reflections, many.sound().1), (16, Some("reflections")));
-        for (asked, given) in [(0, 1), (3, 2), (u32::MAX, 16)] {
+        for (asked, given) in [(1, 2), (3, 2), (u32::MAX, 16)] {
             let edges = VdbQuality { edge_samples: asked, ..plain() }.sound();
             assert_eq!((edges.0.edge_samples, edges.1), (given, Some("edge_samples")));
         }

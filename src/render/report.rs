@@ -139,7 +139,7 @@ fn features(prepared: &PreparedView) -> Vec<VdbFeatureReport> {
 }
 
 /// Why pixels on edges are traced again.
-const EDGES: &str = "VdbQuality::edge_samples is more than 1, and a surface is in view";
+const EDGES: &str = "VdbQuality::edge_samples is more than 0, and a surface is in view";
 
 /// The passes that run, of [`PASSES`].
 fn passes(

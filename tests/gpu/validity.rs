@@ -354,13 +354,9 @@ fn finding_edges_is_valid() {
 #[test]
 fn the_beams_are_valid() {
     let mut composer = composer();
-    for defs in subsets(&[
-        "MULTISAMPLED",
-        "VDB_SCALED",
-        "VDB_ACCUMULATED",
-        "VDB_EDGES",
-        "VDB_WIDE_GRIDS",
-    ]) {
+    for defs in
+        subsets(&["MULTISAMPLED", "VDB_SCALED", "VDB_ACCUMULATED", "VDB_EDGES", "VDB_WIDE_GRIDS"])
+    {
         check(&mut composer, "trace/beams", &defs);
         check(
             &mut composer,

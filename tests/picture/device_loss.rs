@@ -46,7 +46,8 @@ impl Scene {
         stage.world().insert_resource(DirectionalLightShadowMap { size: 256 });
         let targets = [stage.target(SIZE), stage.target(SIZE)];
         let view = looking(Vec3::new(3.0, 5.0, 8.0));
-        stage.camera(&targets[0], view);
+        let near = stage.camera(&targets[0], view);
+        stage.world().entity_mut(near).insert(VdbQuality { edge_samples: 4, ..default() });
         let far = stage.camera(&targets[1], looking(Vec3::new(-12.0, 9.0, 20.0)));
         stage.world().entity_mut(far).insert(few(4));
 

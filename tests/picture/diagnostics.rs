@@ -102,6 +102,19 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     check(&mut stage, "shadows on a mesh", seen, "vdb_cast, vdb_trace, vdb_composite", plain);
     stage.world().despawn(wall);
     stage.world().despawn(sun);
+    let smooth = VdbQuality { edge_samples: 4, ..default() };
+    stage.world().entity_mut(camera).insert(smooth);
+    let report = check(
+        &mut stage,
+        "rays on edges",
+        "voxels, beam optimisation, light, rays on edges",
+        "vdb_trace, vdb_edges, vdb_refine, vdb_composite",
+        "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_tiles, vdb_edge_pixels",
+    );
+    assert_eq!(bytes("vdb_edge_pixels", &report), 16 + 12 * pixels);
+    stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
+    check(&mut stage, "edges without light", "voxels, beam optimisation", both, plain);
+    stage.world().entity_mut(camera).insert(VdbCamera::default());
     let half = VdbQuality { resolution: 0.5, ..default() };
     stage.world().entity_mut(camera).insert((half, DepthPrepass, MotionVectorPrepass));
     let report = check(

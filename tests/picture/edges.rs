@@ -49,10 +49,10 @@ fn shown(size: UVec2, msaa: Msaa, samples: &[u32]) -> Vec<Picture> {
 /// Against a picture of 64 times as many rays.
 #[gpu_test]
 fn edges_are_less_jagged() {
-    let fine = shown(FINER * SIZE, Msaa::Off, &[1]).remove(0);
+    let fine = shown(FINER * SIZE, Msaa::Off, &[0]).remove(0);
     let reference = filtered(&fine, FINER);
     reference.save("edges_reference");
-    let counts = [1, 2, 4, 8, 16];
+    let counts = [0, 2, 4, 8, 16];
     let mut errors = Vec::new();
     for msaa in [Msaa::Off, Msaa::Sample4] {
         let pictures = shown(SIZE, msaa, &counts);
@@ -61,7 +61,8 @@ fn edges_are_less_jagged() {
         errors.push(all);
     }
     for all in &errors {
-        // Along a straight edge in any direction, 4 such rays have 0.37 and 8 have 0.23 of the error of one.
+        // Along a straight edge in any direction, 4 further rays leave 0.33 of the error, and 8 leave 0.22; beside
+        // it, there is light here that falls through holes narrower than a pixel, which the first ray may miss.
         assert!(all[2] < 0.4 * all[0] && all[3] < 0.3 * all[0], "{all:?}");
         assert!(all.is_sorted_by(|a, b| a > b), "{all:?}");
     }

@@ -136,7 +136,7 @@ struct View {
     jitter: vec2<f32>,      // offset of rays from their centres, in rays, y downwards
     max_frames: u32,        // largest number of frames in a mean
     cached_sun_count: u32,
-    edge_samples: u32,      // rays of a pixel on an edge: 2, 4, 8 or 16
+    edge_samples: u32,      // further rays of a pixel on an edge: 0, 2, 4, 8 or 16
     // Directions to the suns in the light cache, as Bevy stores them.
     cached_suns: array<vec4<f32>, MAX_CACHED_SUNS>,
     light_texel: vec3<f32>, // 1 / size of the light cache's texture in texels

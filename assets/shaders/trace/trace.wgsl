@@ -338,6 +338,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
 
 const EDGES_COUNT: u32 = 3u;
 const EDGES_FIRST: u32 = 4u;
+const EDGE_WORDS: u32 = 3u;
 const MAX_GROUPS: u32 = 65535u;
 const REFINE_THREADS: u32 = 64u;
 
@@ -351,14 +352,16 @@ fn sample_position(i: u32, count: u32) -> vec2<f32> {
     return (vec2(f32(i), f32(row)) + 0.5) / f32(count);
 }
 
-// A thread for each sample of the pixels on edges: their mean replaces the colour of the pixel's middle.
+// A thread for each further ray of a pixel on an edge. The mean of these and of the ray through the middle
+// replaces the colour of the latter.
 @compute @workgroup_size(REFINE_THREADS)
 fn refine(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let samples = view.edge_samples;
     let place = (group.y * MAX_GROUPS + group.x) * (REFINE_THREADS / samples) + thread / samples;
-    let count = min(edges[EDGES_COUNT], arrayLength(&edges) - EDGES_FIRST);
+    let count = min(edges[EDGES_COUNT], (arrayLength(&edges) - EDGES_FIRST) / EDGE_WORDS);
     // The last group may have threads to spare: they repeat the last pixel, whose colour they do not write.
-    let word = edges[EDGES_FIRST + min(place, max(count, 1u) - 1u)];
+    let entry = EDGES_FIRST + EDGE_WORDS * min(place, max(count, 1u) - 1u);
+    let word = edges[entry];
     let pixel = vec2(word & 0x7fffu, (word >> 15u) & 0xffffu);
     let offset = sample_position(thread % samples, samples) - 0.5;
     let ndc = ndc_of(pixel, view.size) + offset * vec2(2.0, -2.0) / vec2<f32>(view.size);
@@ -367,7 +370,7 @@ fn refine(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
     traced_depths[thread] = result.depth;
     workgroupBarrier();
     if place < count && thread % samples == 0u {
-        var sum = vec4(0.0);
+        var sum = vec4(unpack2x16float(edges[entry + 1u]), unpack2x16float(edges[entry + 2u]));
         var nearest = -1.0;
         for (var i = thread; i < thread + samples; i++) {
             sum += traced[i];
@@ -378,7 +381,7 @@ fn refine(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
                 nearest = max(nearest, decoded_fog_depth(depth));
             }
         }
-        textureStore(out_color, pixel, sum / f32(samples));
+        textureStore(out_color, pixel, sum / f32(samples + 1u));
         // Where the middle shows no surface, the pixel is composited as fog is, without its depth.
         if (word >> 31u) == 0u {
             let depth = select(NO_DEPTH, encoded_fog_depth(nearest), nearest >= 0.0);

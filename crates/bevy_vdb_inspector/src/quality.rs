@@ -13,7 +13,7 @@ const TRAVERSALS: [(&str, VdbTraversal); 4] = [
     ("ray marching", VdbTraversal::March),
 ];
 
-const EDGE_SAMPLES: [(&str, u32); 5] = [("1", 1), ("2", 2), ("4", 4), ("8", 8), ("16", 16)];
+const EDGE_SAMPLES: [(&str, u32); 5] = [("none", 0), ("2", 2), ("4", 4), ("8", 8), ("16", 16)];
 
 pub(super) fn show(
     InMut(ui): InMut<egui::Ui>,
@@ -47,7 +47,7 @@ pub(super) fn show(
     ui.add(error).on_hover_text("relative, of lights with shadows; 0 sends rays to them instead");
     ui.add(super::widgets::slider(&mut new.detail, 0.0..=64.0).text("detail, pixels per voxel"));
     ui.add(super::widgets::slider(&mut new.resolution, 0.25..=1.0).text("resolution"));
-    super::widgets::pick(ui, "rays on edges", &mut new.edge_samples, &EDGE_SAMPLES);
+    super::widgets::pick(ui, "further rays on edges", &mut new.edge_samples, &EDGE_SAMPLES);
     ui.add(super::widgets::slider(&mut new.accumulate, 0..=256).text("accumulated frames"));
     super::widgets::pick(ui, "rays", &mut new.traversal, &TRAVERSALS);
     quality.set_if_neq(new);

@@ -22,13 +22,13 @@ use crate::render::view::{
 
 /// The threads of a workgroup of `refine` in `trace.wgsl`.
 const REFINE_THREADS: u32 = 64;
-/// Bytes of the list before its first pixel.
+/// Bytes of the list before its first pixel, which are cleared every frame.
 const HEADER: u64 = 16;
 
 /// The list of pixels on edges of a view, with the pass that writes it.
 #[derive(Component, Default)]
 pub(in crate::render) struct EdgesView {
-    /// The workgroups of the refinement along each axis, the number of pixels, and the pixels.
+    /// The pixels, after the workgroup counts of the refinement; see `edges.wgsl`.
     pub list: Option<Buffer>,
     pipeline: Option<CachedComputePipelineId>,
     bind_group: Option<BindGroup>,

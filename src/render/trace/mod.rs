@@ -43,8 +43,8 @@ use lights::{AllLights, LightLayouts, ViewLights};
 use pipeline::TracePipeline;
 use view::{BindGroups, Pipelines};
 
-pub(super) use lights::MeshShadowMaps;
 pub(super) use edges::EdgesView;
+pub(super) use lights::MeshShadowMaps;
 pub(super) use view::TraceView;
 
 /// The threads of a workgroup in `beams.wgsl`.

@@ -73,9 +73,10 @@ pub(super) fn accumulates(
     }
 }
 
-/// The bytes of a list of the pixels of an image that are on edges: a header and a word for each.
+/// The bytes of a list of the pixels of an image that are on edges: a header, and three words for
+/// each.
 pub(crate) fn edge_bytes(picture: UVec2) -> u64 {
-    16 + 4 * picture.as_u64vec2().element_product()
+    16 + 12 * picture.as_u64vec2().element_product()
 }
 
 /// Whether pixels on edges get further rays, if a surface is in view.
@@ -91,7 +92,7 @@ pub(super) fn smooths_edges(
     // Columns have 15 bits.
     let fits = picture.x < 1 << 15 && edge_bytes(picture) <= most;
     let is_smoothed = is_jittered || quality.accumulate > 1;
-    quality.edge_samples > 1 && quality.resolution == 1.0 && mode.is_lit() && !is_smoothed && fits
+    quality.edge_samples > 0 && quality.resolution == 1.0 && mode.is_lit() && !is_smoothed && fits
 }
 
 /// The number of rays along each axis of an image.

@@ -82,7 +82,7 @@ fn controls_of_a_camera_change_that() {
     panel.slide("error of light in fog", 0.05);
     panel.slide("detail, pixels per voxel", 1.5);
     panel.slide("resolution", 0.5);
-    panel.choose("rays on edges", "8");
+    panel.choose("further rays on edges", "8");
     panel.slide("accumulated frames", 16.0);
     panel.click(Role::Button, "measure features");
     assert!(panel.app.world().get::<VdbMeasureFeatures>(camera).is_some());
