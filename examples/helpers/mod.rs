@@ -109,6 +109,11 @@ fn canvas() -> Option<Canvas> {
     Some(Canvas { path, size: UVec2::new(x, y) })
 }
 
+/// Antialiases what is written, which may take longer than a frame in a window.
+fn smooth_edges(mut cameras: Query<&mut VdbQuality>) {
+    cameras.iter_mut().for_each(|mut quality| quality.edge_samples = 8);
+}
+
 /// Runs an app without a window until its output has been written.
 fn draw(mut app: App, canvas: &Canvas) -> AppExit {
     while app.plugins_state() == PluginsState::Adding {
@@ -121,6 +126,7 @@ fn draw(mut app: App, canvas: &Canvas) -> AppExit {
     let image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
     let image = app.world_mut().resource_mut::<Assets<Image>>().add(image);
     let target = RenderTarget::from(image.clone());
+    app.add_systems(PostStartup, smooth_edges);
     app.add_systems(PostStartup, move |mut targets: Query<&mut RenderTarget, With<Camera3d>>| {
         targets.iter_mut().for_each(|mut camera| *camera = target.clone());
     });
