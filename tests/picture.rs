@@ -21,6 +21,8 @@ mod fade;
 mod film;
 #[path = "picture/flip.rs"]
 mod flip;
+#[path = "picture/fog_colors.rs"]
+mod fog_colors;
 #[path = "picture/golden.rs"]
 mod golden;
 #[path = "picture/judges.rs"]

@@ -45,6 +45,7 @@ bitflags! {
         const LAMP_LIGHT = 1 << 33;
         const VELOCITIES = 1 << 34;
         const SMOOTH_NORMALS = 1 << 35;
+        const FOG_COLORS = 1 << 36;
     }
 }
 
@@ -93,7 +94,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 36] = [
+pub(crate) const FEATURES: [Feature; 37] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -248,6 +249,12 @@ pub(crate) const FEATURES: [Feature; 36] = [
         "VdbQuality::smooth_normals, and a smooth surface is in view or is reflected",
     )
     .without(|_, quality| quality.smooth_normals = false),
+    row(
+        Features::FOG_COLORS,
+        &["VDB_FOG_COLORS", "VDB_VARYING_ALBEDO"],
+        "colours in fog",
+        "a fog has a VdbColorGrid",
+    ),
 ];
 
 impl Features {

@@ -275,6 +275,16 @@ fn every_variant_of_the_trace_is_valid() {
             check(&[&SCATTERED_LIGHT, &media, &with]);
         }
     }
+    // Colours in fog.
+    for with in subsets(&["VDB_MULTIPLE_SCATTERING", "VDB_EMISSION", "VDB_REFLECTIONS"]) {
+        let colors = ["VDB_LIT", "VDB_FOGS", "VDB_FOG_COLORS", "VDB_VARYING_ALBEDO"];
+        check(&[&colors, &with]);
+        check(&[&colors, &with, &shadows]);
+        let media = ["VDB_FOG_SLOTS=2", "VDB_EMITTER_SLOTS=1"];
+        let cache = ["VDB_LIGHT_CACHE", "VDB_CACHED_SUNS=1", "VDB_UNCACHED_FOGS"];
+        check(&[&colors, &cache, &media, &with, &shadows]);
+        check(&[&SCATTERED_LIGHT, &colors[2..], &media, &with]);
+    }
     // Fewer rays than pixels.
     for kinds in subsets(&["VDB_SURFACES", "VDB_FOGS", "MULTISAMPLED"]) {
         check(&[&["VDB_LIT", "VDB_SCALED", "VDB_LOCAL_LIGHTS", "DISTANCE_FOG"], &kinds, &shadows]);
@@ -294,8 +304,8 @@ fn every_variant_of_the_trace_is_valid() {
     // For each set of kinds and of further defs, the lights of the cache.
     let light_cache = 8 * 8 * 5 + 2 * 16;
     let (filters, many, formats, normals) = (2 + 1, 16, 3 * 3 + 1, 16 + 1);
-    let (wide, scaled, accumulated) = (4, 8 * 2, 16);
-    let others = filters + many + formats + normals + wide + scaled + accumulated;
+    let (wide, scaled, accumulated, colors) = (4, 8 * 2, 16, 8 * 4);
+    let others = filters + many + formats + normals + wide + scaled + accumulated + colors;
     assert_eq!(variants, kinds + light_cache + others);
 }
 

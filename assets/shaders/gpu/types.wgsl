@@ -28,7 +28,7 @@ const KIND_SMOOTH: u32 = 2u;
 // list of volumes.
 const KIND_EMISSION: u32 = 3u;
 const KIND_BLACKBODY: u32 = 4u;
-// A component of a surface's colour. These follow all volumes that rays can hit.
+// A component of a volume's colour. These follow all volumes that rays can hit.
 const KIND_COLOR: u32 = 5u;
 
 // The rays of a view in local lattice coordinates of a grid. The ray through `ndc` is
@@ -66,7 +66,7 @@ struct Volume {
     tiles_first: u32,           // first tile that shows it: 16 bits each for column and row
     base: vec3<i32>,            // of local coordinates, modulo the 4,096 cells of the largest nodes
     tiles_last: u32,            // last tile that shows it; before the first if there is none
-    color_grids: u32,           // the first of three volumes with a surface's colour, or 2^32 - 1 for none
+    color_grids: u32,           // the first of three volumes with its colour, or 2^32 - 1 for none
     background: f32,            // of a colour component: the value outside its grid
     temperature_scale: f32,     // of black bodies, kelvin per unit of value
     temperature_offset: f32,    // kelvin added wherever the value is positive

@@ -7,6 +7,10 @@
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::fog_march::{Fog, MIN_STEP, light_interval}
+#ifdef VDB_VARYING_ALBEDO
+#import bevy_vdb::trace::color::albedo_along
+#import bevy_vdb::trace::scattering::add_varied_sample
+#endif
 #import bevy_vdb::trace::light_cache::{cached_sun_depth, lattice_point}
 #import bevy_vdb::trace::medium::{HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia, begun, first_step}
 #import bevy_vdb::trace::medium::{new_medium, no_medium, suitable_step}
@@ -33,6 +37,9 @@
 // Sums over the steps of one fog in an interval.
 struct FogSums {
     weights: array<f32, OCTAVES>,   // of the steps
+#ifdef VDB_VARYING_ALBEDO
+    scattered: array<vec3<f32>, OCTAVES>,   // weighted sums of the albedo
+#endif
     t: f32,                         // weighted sum
     light: CachedLight,             // weighted sum
 }
@@ -121,8 +128,13 @@ fn add_interval(
             let place = point_in_box(grid, (*fogs)[i].ray, t - (*fogs)[i].ray.t_origin);
             let extent = (*interval).width * length(segment.dir);
             let at = FogPoint(volume, place, min(t_zero + t, t_max), extent, is_near_lamps);
+#ifdef VDB_VARYING_ALBEDO
+            let light = mean_light(shared_light, segment, pixel, at, own.light, own.scattered);
+            add_varied_sample(&scattering, own.weights[0], own.scattered, light);
+#else
             let light = mean_light(shared_light, segment, pixel, at, own.light, own.weights);
             add_sample(&scattering, own.weights, volumes[volume].base_color, light);
+#endif
             (*sums).fogs[i] += own.weights[0];
         }
     }
@@ -308,6 +320,12 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         t_near = FAR;
         for (var i = 0u; i < MAX_FOGS; i++) {
             let weight = extinctions[i] * visible_width;
+#ifdef VDB_VARYING_ALBEDO
+            var albedo = vec3(0.0);
+            if weight > 0.0 {
+                albedo = albedo_along(segment, t_zero + t_middle, fogs[i].volume);
+            }
+#endif
             if weight > 0.0 {
                 interval.fogs[i].t += weight * t_middle;
                 let anisotropy = volumes[fogs[i].volume].anisotropy;
@@ -315,10 +333,20 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
                 for (var octave = 0u; octave < OCTAVES; octave++) {
                     interval.fogs[i].weights[octave] += weights[octave];
                 }
+#ifdef VDB_VARYING_ALBEDO
+                for (var octave = 0u; octave < OCTAVES; octave++) {
+                    interval.fogs[i].scattered[octave] += weights[octave] * albedo;
+                }
+#endif
                 for (var slot = 0u; slot < SUN_COUNT; slot++) {
                     var arriving = octaves_of_depth(depths[i][slot], anisotropy);
                     for (var octave = 0u; octave < OCTAVES; octave++) {
-                        interval.fogs[i].light.slots[slot][octave] += weights[octave] * arriving[octave];
+#ifdef VDB_VARYING_ALBEDO
+                        let let_through = weights[octave] * arriving[octave] * albedo;
+#else
+                        let let_through = weights[octave] * arriving[octave];
+#endif
+                        interval.fogs[i].light.slots[slot][octave] += let_through;
                     }
                 }
             }
@@ -327,9 +355,12 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
                 let volume = fogs[i].volume;
                 let anisotropy = volumes[volume].anisotropy;
                 var weights = octave_weights(weight, visible, anisotropy);
+#ifndef VDB_VARYING_ALBEDO
+                let albedo = volumes[volume].base_color;
+#endif
                 for (var octave = 0u; octave < OCTAVES; octave++) {
                     let light = cached_lamp_light(points[i], lamp_lattices[i], volume, octave);
-                    lamp_light[octave] += weights[octave] * volumes[volume].base_color * light;
+                    lamp_light[octave] += weights[octave] * albedo * light;
                 }
             }
 #endif

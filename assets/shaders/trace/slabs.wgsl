@@ -17,6 +17,7 @@
 #import bevy_vdb::trace::scattering::OPAQUE_DEPTH
 #ifdef VDB_LIT
 #import bevy_vdb::view::scene::frame_random
+#import bevy_vdb::trace::color::albedo_along
 #import bevy_vdb::trace::fog_march::in_scattered_at
 #import bevy_vdb::trace::lights::environment_light
 #import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, add_sums}
@@ -141,7 +142,7 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
                     source += volume_depth * volumes[i].emissive;
                     // How much is visible of the slab is not known yet.
                     let weights = octave_weights(volume_depth, Visibility(0.0, 0.0), 0.0);
-                    add_sample(&slab_sums, weights, volumes[i].base_color, light);
+                    add_sample(&slab_sums, weights, albedo_along(segment, 0.5 * (t_low + t_high), i), light);
 #endif
                 }
             }

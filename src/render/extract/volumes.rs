@@ -8,7 +8,7 @@ use bevy::prelude::*;
 use bevy::render::Extract;
 use bevy::render::sync_world::{MainEntity, MainEntityHashMap};
 use std::sync::Arc;
-use vdb_core::pack::{PackKind, PackedGrid};
+use vdb_core::pack::PackedGrid;
 use vdb_core::tree::VectorLattice;
 
 use super::auxiliary::AuxiliaryGrids;
@@ -128,8 +128,7 @@ pub(crate) fn extract_volumes(
         let mut material = material.clone();
         material.density_scale *= share;
         let auxiliary = if visible.get() {
-            let is_surface = grid.kind() != PackKind::Fog;
-            AuxiliaryGrids::new(auxiliary, (&grids, &vectors), is_surface).with_share(share)
+            AuxiliaryGrids::new(auxiliary, (&grids, &vectors)).with_share(share)
         } else {
             AuxiliaryGrids::default()
         };

@@ -12,7 +12,7 @@ pub(crate) const KIND_EMISSION: u32 = 3;
 pub(crate) const KIND_BLACKBODY: u32 = 4;
 pub(crate) const KIND_COLOR: u32 = 5;
 
-/// [`Volume::color_grids`] of a surface without a colour grid.
+/// [`Volume::color_grids`] of a volume without a colour grid.
 pub(crate) const NO_COLOR: u32 = u32::MAX;
 /// The kind of an entry that shaders ignore.
 pub(crate) const KIND_NONE: u32 = 6;

@@ -151,6 +151,8 @@ pub(crate) struct ViewList {
     pub kinds: Kinds,
     /// Whether grids colour surfaces.
     pub colors: bool,
+    /// Whether grids colour fogs.
+    pub fog_colors: bool,
     /// Whether any fog is sampled rather than integrated.
     pub fog_steps: bool,
     /// Whether any smooth surface has smooth normals.
@@ -209,6 +211,7 @@ impl ViewList {
             kinds_seen,
             kinds,
             colors: false,
+            fog_colors: false,
             fog_steps,
             smooth_normals,
             velocities,
@@ -235,16 +238,17 @@ impl ViewList {
         [true, false].map(|cached| fogs.clone().any(|(_, own)| is_cached(own) == cached))
     }
 
-    /// Adds the grids that colour surfaces, after all entries that rays can meet.
+    /// Adds the grids that colour surfaces and fogs, after all entries that rays can meet.
     fn add_colors(&mut self, maker: EntryMaker) {
         let view = (maker.eye.rays, maker.eye.world_from_view);
         for (i, entry) in self.entries.iter().enumerate() {
             let kind = self.data[i].kind;
-            if matches!(kind, types::KIND_SURFACE | types::KIND_SMOOTH)
+            if matches!(kind, types::KIND_SURFACE | types::KIND_SMOOTH | types::KIND_FOG)
                 && let Some(volume) = maker.volumes.0.get(&entry.owner)
                 && let Some(colors) = color_data(volume, maker.pool, view)
             {
-                self.colors = true;
+                *(if kind == types::KIND_FOG { &mut self.fog_colors } else { &mut self.colors }) =
+                    true;
                 self.data[i].color_grids = self.data.len() as u32;
                 self.data.extend(colors);
             }
