@@ -51,12 +51,16 @@ mod motion;
 mod need;
 #[path = "picture/normals.rs"]
 mod normals;
+#[path = "picture/peer_ramps.rs"]
+mod peer_ramps;
 #[path = "picture/peers.rs"]
 mod peers;
 #[path = "picture/pool.rs"]
 mod pool;
 #[path = "picture/quality.rs"]
 mod quality;
+#[path = "picture/ramps.rs"]
+mod ramps;
 #[path = "picture/rays.rs"]
 mod rays;
 #[path = "picture/reflections.rs"]

@@ -10,7 +10,7 @@ use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_vdb::{
     VdbCamera, VdbCameraReport, VdbColorGrid, VdbDiagnostics, VdbDial, VdbGrid, VdbQuality,
-    VdbRenderMode, VdbVectorGrid, VdbVelocity, VdbVolume,
+    VdbRamp, VdbRenderMode, VdbVectorGrid, VdbVelocity, VdbVolume,
 };
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
@@ -95,6 +95,16 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
     check(&mut stage, "colours without light", "voxels, beam optimisation", both, plain);
     stage.world().entity_mut(camera).insert(VdbCamera::default());
+    stage.world().entity_mut(cloud).remove::<VdbColorGrid>().insert(VdbRamp::default());
+    let seen = "voxels, fog, multiple scattering, beam optimisation, light, ramps";
+    let with_ramps = "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_ramps, vdb_tiles";
+    check(&mut stage, "a ramp", seen, both, with_ramps);
+    stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
+    check(&mut stage, "a ramp that is not seen", "voxels, beam optimisation", both, plain);
+    stage.world().entity_mut(camera).insert(VdbCamera::default());
+    stage.world().entity_mut(cloud).remove::<VdbRamp>();
+    let seen = "voxels, fog, multiple scattering, beam optimisation, light";
+    check(&mut stage, "no ramp any more", seen, both, plain);
     stage.world().despawn(cloud);
     check(&mut stage, "no fog any more", "voxels, beam optimisation, light", both, plain);
 

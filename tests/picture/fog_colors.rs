@@ -38,15 +38,18 @@ impl Stage {
     }
 }
 
-/// How fog comes to be lit.
-const WAYS: [(&str, bool, f32, usize); 5] = [
-    // A name, whether the sun casts shadows, `fog_light_error`, and in how many fogs the density is.
+/// How fog comes to be lit: a name, whether the sun casts shadows, `fog_light_error`, and in how
+/// many fogs the density is.
+pub(super) type Way = (&'static str, bool, f32, usize);
+pub(super) const WAYS: [Way; 5] = [
     ("without shadows", false, 0.0, 1),
     ("rays", true, 0.0, 1),
     ("cache", true, 0.01, 1),
     ("rays, two fogs", true, 0.0, 2),
     ("cache, two fogs", true, 0.01, 2),
 ];
+/// One that has most of the code.
+pub(super) const QUICK: &[Way] = &[WAYS[2]];
 
 /// The largest difference of a picture from what each pixel's ray should have, relative to the
 /// largest of these.
@@ -65,9 +68,19 @@ fn worst(picture: &Picture, view: Transform, expected: impl Fn(DVec3, DVec3) -> 
     worst / largest
 }
 
-/// Light scattered once, without shadows of the fog on itself: `∫ T σ ω E / 4π ds`.
 #[gpu_test]
 fn fog_scatters_light_in_the_colour_that_it_has_there() {
+    check_scattering(QUICK);
+}
+
+#[gpu_test]
+#[ignore = "slow: each way compiles shaders of its own"]
+fn fog_scatters_light_in_its_colour_however_it_is_lit() {
+    check_scattering(&WAYS);
+}
+
+/// Light scattered once, without shadows of the fog on itself: `∫ T σ ω E / 4π ds`.
+fn check_scattering(ways: &[Way]) {
     let density = fog::block(CoordBox { min: IVec3::splat(-12), max: IVec3::splat(11) }, 1.0);
     // Within the part where the density is 1, so that the product with it is the colour.
     let parts = [
@@ -76,7 +89,7 @@ fn fog_scatters_light_in_the_colour_that_it_has_there() {
         fog::sphere(DVec3::new(0.0, -3.0, 2.0), 7.0, 6.0),
     ];
     let mut stage = Stage::new();
-    for (name, shadows, fog_light_error, fogs) in WAYS {
+    for &(name, shadows, fog_light_error, fogs) in ways {
         stage.clear();
         let target = stage.target(SIZE);
         let view = looking(Vec3::new(1.0, 0.8, 4.0));
@@ -120,9 +133,10 @@ fn fog_scatters_light_in_the_colour_that_it_has_there() {
     }
 }
 
-/// A colour that is the same everywhere is an albedo, in light of all kinds, scattered however often.
 #[gpu_test]
+#[ignore = "slow: each way compiles shaders with and without colours"]
 fn fog_of_one_colour_is_fog_of_that_albedo() {
+    // In light of all kinds, scattered however often.
     let albedo = [0.9_f32, 0.6, 0.2];
     let mut stage = Stage::new();
     for (name, shadows, fog_light_error, fogs) in WAYS {

@@ -19,6 +19,11 @@ struct Grid {
     format: u32,
     brick_words: u32,
     scale: f32,                 // of stored samples; 8-bit fog bricks have scales of their own
+    // Only in a copy from `fog_grid`: the number of the ramp that values are mapped with, or 0 for none; the
+    // value where its table begins; and entries per unit of value.
+    ramp: u32,
+    ramp_low: f32,
+    ramp_scale: f32,
 }
 
 const KIND_SURFACE: u32 = 0u;
@@ -82,6 +87,10 @@ struct Volume {
     light_log: u32,             // log₂ of the cells between samples of the light cache
     light_texel: vec3<f32>,     // centre of the first sun's first sample in the cache's texture, in texels
     light_planes: u32,          // texels from one sun to the next; 0 if it is not in the light cache
+    ramp: u32,                  // number of a fog's ramp, from 1; 0 for none
+    ramp_low: f32,              // value where the ramp's table begins
+    ramp_scale: f32,            // entries of the table per unit of value
+    ramp_emission: f32,         // factor for the ramp's emission
 }
 
 const NO_CASTER: u32 = 1u;

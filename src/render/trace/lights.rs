@@ -121,7 +121,8 @@ impl LightLayouts {
             | Features::LAMPS
             | Features::MOTION_VECTORS
             | Features::DISTANCE_FOG
-            | Features::FOG_COLORS;
+            | Features::FOG_COLORS
+            | Features::RAMPS;
         let is_lit = key.has(Features::LIGHT);
         let even = is_lit && !key.features.intersects(placed);
         let octaves = key.has(Features::MULTIPLE_SCATTERING) && key.has(Features::SHADOWS);

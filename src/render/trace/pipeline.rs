@@ -11,12 +11,13 @@ use bevy::shader::ShaderDefVal;
 use super::lights::LightLayouts;
 use crate::quality::features::Features;
 use crate::render::gpu::{
-    Shaders, page_defs, read, sample_format_def, scene_depth, scene_layout, storage_read, write,
+    RAMPS_BINDING, Shaders, page_defs, read, sample_format_def, scene_depth, scene_layout,
+    storage_read, write,
 };
 use crate::render::view::ViewKey;
 
 /// The features that the layout of the crate's own group depends on.
-const LAYOUT: [Features; 8] = [
+const LAYOUT: [Features; 9] = [
     Features::PAGES,
     Features::MULTISAMPLED,
     Features::BEAMS,
@@ -25,6 +26,7 @@ const LAYOUT: [Features; 8] = [
     Features::LIGHT_CACHE,
     Features::CACHED_LAMPS,
     Features::LAMP_LIGHT,
+    Features::RAMPS,
 ];
 
 #[derive(Debug, Resource)]
@@ -71,6 +73,9 @@ impl TracePipeline {
                     let light = texture_3d(TextureSampleType::Float { filterable: true });
                     entries = entries.extend_with_indices(((15, light),));
                 }
+            }
+            if has(Features::RAMPS) {
+                entries = entries.extend_with_indices(((RAMPS_BINDING, read()),));
             }
             BindGroupLayoutDescriptor::new("vdb_trace", &entries)
         });

@@ -34,12 +34,13 @@ impl Entry {
     fn of_volume(owner: MainEntity, shown: &Shown, pool: &VdbTreePool) -> Self {
         let (key, packed) = (shown.key(), shown.packed());
         let content = pool.content(key);
+        let lattice = Lattice::new(packed, shown.world_from_index(), content);
         Self {
             owner,
             world_from_index: shown.world_from_index(),
             index_box: shown.index_box(),
             sample_format: shown.sample_format(),
-            lattice: Lattice::new(packed, shown.world_from_index(), content),
+            lattice: lattice.with_ramp(shown.ramp()),
             cached_fog: None,
         }
     }
@@ -153,6 +154,8 @@ pub(crate) struct ViewList {
     pub colors: bool,
     /// Whether grids colour fogs.
     pub fog_colors: bool,
+    /// Whether fogs have ramps.
+    pub ramps: bool,
     /// Whether any fog is sampled rather than integrated.
     pub fog_steps: bool,
     /// Whether any smooth surface has smooth normals.
@@ -200,6 +203,7 @@ impl ViewList {
         let is_smooth = |volume: &types::Volume| {
             volume.kind == types::KIND_SMOOTH && volume.flags & types::SMOOTH_NORMALS != 0
         };
+        let ramps = data.iter().any(|volume| volume.ramp != 0);
         let normals = if mirrors { &data[..] } else { &data[..seen] };
         let smooth_normals = normals.iter().any(is_smooth);
         let volumes = entries[..seen].iter().filter_map(|entry| maker.volumes.0.get(&entry.owner));
@@ -212,6 +216,7 @@ impl ViewList {
             kinds,
             colors: false,
             fog_colors: false,
+            ramps,
             fog_steps,
             smooth_normals,
             velocities,
