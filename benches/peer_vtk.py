@@ -2,6 +2,9 @@
 
 use: peer_vtk.py SCENE.json OUT.pfm
 
+VTK's ray caster draws pictures larger than they should be, by edge / (edge - 1); the field of view is wider by as
+much, so that rays are where they should be.
+
 VTK knows nothing of this repository, so it judges the transfer functions of fog. OUT.pfm is a colour picture of
 VTK's eight bits against a black background, from 0 to 1, of rays through the middles of the pixels.
 
@@ -13,7 +16,7 @@ The scene:
     stops                 [value, extinction per world unit, red, green, blue] by ascending value; the light that a
                           point sends is the colour times the extinction
     eye, target, up       the camera
-    vertical_fov_degrees, width, height
+    fov_degrees, edge     of a square picture, edge in pixels
     step                  distance between samples along a ray, in the world
 
 Between stops, VTK interpolates opacities, which it is given for a distance of `step`, and colours. Needs the
@@ -74,13 +77,15 @@ def draw(scene):
     camera.SetPosition(*scene["eye"])
     camera.SetFocalPoint(*scene["target"])
     camera.SetViewUp(*scene["up"])
-    camera.SetViewAngle(scene["vertical_fov_degrees"])
+    edge = scene["edge"]
+    half = math.tan(math.radians(0.5 * scene["fov_degrees"])) * edge / (edge - 1)
+    camera.SetViewAngle(math.degrees(2.0 * math.atan(half)))
     renderer.ResetCameraClippingRange()
 
     window = vtk.vtkRenderWindow()
     window.SetOffScreenRendering(1)
     window.SetMultiSamples(0)
-    window.SetSize(scene["width"], scene["height"])
+    window.SetSize(edge, edge)
     window.AddRenderer(renderer)
     window.Render()
 

@@ -14,12 +14,12 @@ use super::common::{Picture, Stage};
 use super::flip::flip;
 use super::looking;
 
-const SIZE: UVec2 = UVec2::new(200, 150);
+const SIZE: UVec2 = UVec2::splat(160);
 const VOXEL: f64 = 0.1;
 const EYE: Vec3 = Vec3::new(2.0, 1.6, 5.5);
-/// Samples along an axis, and voxels of VTK's steps.
+/// Samples along an axis, and voxels of VTK's steps. With shorter ones, it rounds more often.
 const EDGE: i32 = 48;
-const STEP: f64 = 0.1;
+const STEP: f64 = 0.25;
 
 /// Values like those of a scan of a thing with an inside, from 0 to 1: smooth, without symmetry.
 fn value(at: IVec3) -> f32 {
@@ -88,11 +88,10 @@ fn theirs(python: &Path, name: &str, stops: &Stops) -> Picture {
     let text = format!(
         r#"{{"file": {values:?}, "size": [{EDGE}, {EDGE}, {EDGE}],
         "origin": [{origin}, {origin}, {origin}], "spacing": {VOXEL}, "stops": [{lines}],
-        "eye": {:?}, "target": [0, 0, 0], "up": [0, 1, 0], "vertical_fov_degrees": 45,
-        "width": {}, "height": {}, "step": {}}}"#,
+        "eye": {:?}, "target": [0, 0, 0], "up": [0, 1, 0], "fov_degrees": 45,
+        "edge": {}, "step": {}}}"#,
         EYE.to_array(),
         SIZE.x,
-        SIZE.y,
         STEP * VOXEL,
     );
     std::fs::write(&scene, text).unwrap();

@@ -200,7 +200,9 @@ fn a_ramp_that_is_the_value_is_fog_without_one() {
         all.sort_by(f32::total_cmp);
         let (p99, largest) = (all[all.len() * 99 / 100], all[all.len() - 1]);
         println!("{name}: p99 {p99:.1e}, largest {largest:.1e}");
-        assert!(p99 < 1e-2 && largest < 3e-2, "{name}: {p99}, {largest}");
+        // Without a ramp, rays to lights are sampled; and where one end of a texel of the shadow maps
+        // moves, a pixel of the floor is off by its weight in the filter.
+        assert!(p99 < 1e-2 && largest < 1.0 / 9.0, "{name}: {p99}, {largest}");
     }
 }
 

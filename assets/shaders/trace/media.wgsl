@@ -330,9 +330,10 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
                         let far = sample_fog(grid, fogs[i].ray, &accessor, high);
                         fogs[i].accessor = accessor;
                         let values = vec3(near.density, found.density, far.density);
-                        let part = (high - low) / max(width, 1e-30);
-                        let optical_length = part * width * fogs[i].extinction;
-                        let emission_length = part * width * dir_length * volumes[volume].ramp_emission;
+                        // Where all values are 0 there is nothing, whatever the ramp says.
+                        let length = select(0.0, high - low, any(values > vec3(0.0)));
+                        let optical_length = length * fogs[i].extinction;
+                        let emission_length = length * dir_length * volumes[volume].ramp_emission;
                         var own = RampSums();
                         add_stretch(&own, fog_grid(volume), values, optical_length, emission_length);
                         density = own.optical_depth / max(width * fogs[i].extinction, 1e-30);

@@ -135,7 +135,7 @@ fn with_distance_fog(
     pixel: vec2<u32>,
 ) -> vec3<f32> {
     let at = shading_point(point_at(segment, t), vec3(0.0), pixel, true);
-#ifdef VDB_EMISSION
+#ifdef VDB_EMITS
     // Emission has no coverage, so it must not add the distance fog's own light.
     let fog_alone = apply_distance_fog(vec3(0.0), 1.0, at);
     return apply_distance_fog(color, 1.0, at) - (1.0 - coverage) * fog_alone;
@@ -175,7 +175,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
 #endif
         throughput *= transmittance;
         miss_radiance *= transmittance;
-#ifdef VDB_EMISSION
+#ifdef VDB_EMITS
         let is_seen = fog.optical_depth > 0.0 || any(fog.radiance > vec3(0.0));
 #else
         let is_seen = fog.optical_depth > 0.0;

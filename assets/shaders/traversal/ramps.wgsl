@@ -12,10 +12,11 @@
 @group(2) @binding(16) var ramps: texture_2d<f32>;
 
 // The rows of a ramp: red, green and blue of the scattering coefficient, and extinction, as means over each
-// entry; sums of the means of all entries before it; and the same of emission.
-const ROWS: u32 = 4u;
+// entry; sums of the means of all entries before it; differences between the end and the beginning of each
+// entry; and the same of emission.
+const ROWS: u32 = 6u;
 const SCATTERING: u32 = 0u;
-const EMISSION: u32 = 2u;
+const EMISSION: u32 = 3u;
 
 // Farthest position beyond the ends of a ramp, in entries.
 const FARTHEST_POSITION: f32 = 1e7;
@@ -40,20 +41,26 @@ fn crossed_entries(grid: Grid, from_value: f32, to_value: f32) -> Crossed {
     return Crossed(positions.x, positions.y, texels.x, texels.y);
 }
 
+// Mean over a part of an entry whose middle is at `at`, from -0.5 to 0.5.
+fn mean_in_entry(entry: u32, y: u32, at: f32) -> vec4<f32> {
+    return textureLoad(ramps, vec2(entry, y), 0) + at * textureLoad(ramps, vec2(entry, y + 2u), 0);
+}
+
 // Means over the values between two. Only differences of sums over whole entries are taken, so nothing
 // cancels where the values are nearly equal.
 fn means_over(grid: Grid, crossed: Crossed, row: u32) -> vec4<f32> {
     let y = (grid.ramp - 1u) * ROWS + row;
-    let first = textureLoad(ramps, vec2(crossed.first, y), 0);
     if crossed.first == crossed.last {
-        return first;
+        let middle = 0.5 * (crossed.low + crossed.high);
+        return mean_in_entry(crossed.first, y, middle - (f32(crossed.first) - 0.5));
     }
-    let last = textureLoad(ramps, vec2(crossed.last, y), 0);
     let begin = textureLoad(ramps, vec2(crossed.first + 1u, y + 1u), 0);
     let end = textureLoad(ramps, vec2(crossed.last, y + 1u), 0);
     let before = f32(crossed.first) - crossed.low;
     let after = crossed.high - (f32(crossed.last) - 1.0);
-    return (before * first + (end - begin) + after * last) / (crossed.high - crossed.low);
+    let near = mean_in_entry(crossed.first, y, 0.5 - 0.5 * before);
+    let far = mean_in_entry(crossed.last, y, 0.5 * after - 0.5);
+    return (before * near + (end - begin) + after * far) / (crossed.high - crossed.low);
 }
 
 // Mean extinction on a stretch of a ray with these values at its start, in its middle and at its end.

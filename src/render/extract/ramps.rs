@@ -13,8 +13,8 @@ const MAX_EXTINCTION: f32 = 1e15;
 /// The largest albedo and emission coefficient.
 const MAX_ALBEDO: f32 = 1e6;
 const MAX_EMISSION: f32 = 1e15;
-/// The most ramps at once: WebGPU's default limit of a texture's height has room for as many.
-const MOST: usize = 2048;
+/// The most ramps at once: as many as fit below WebGPU's default limit of a texture's height.
+const MOST: usize = 8192 / RampTable::ROWS as usize;
 
 /// A ramp for the shaders.
 #[derive(Debug)]
@@ -88,7 +88,12 @@ impl ExtractedRamps {
         let place = self.all.iter().position(is_same);
         let place = match place {
             Some(place) => place,
-            None if self.all.len() == MOST => return None,
+            None if self.all.len() == MOST => {
+                warn_once!(
+                    "fogs have more than {MOST} different ramps: the others are shown without"
+                );
+                return None;
+            }
             None => {
                 let known = self.before.iter().find(|own| is_same(own)).cloned();
                 let ramp = known.or_else(|| ExtractedRamp::new(source).map(Arc::new))?;
