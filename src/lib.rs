@@ -78,9 +78,9 @@ pub use render::{VdbGpuUsage, VdbReloadShaders, VdbSystems};
 pub use scene::{
     VdbCamera, VdbColorGrid, VdbEmission, VdbFrameBlend, VdbFrameCache, VdbFrameCacheUsage,
     VdbFrameFailed, VdbLateFrames, VdbMaterial, VdbOverlays, VdbPlayer, VdbPlayerFinished,
-    VdbPlayerStatus, VdbPlayerSystems, VdbRayCastSettings, VdbRayHit, VdbRayVisibility,
-    VdbRenderMode, VdbRoles, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVelocity, VdbVolume,
-    VdbVolumeDrawn, VdbVolumeState,
+    VdbPlayerStatus, VdbPlayerSystems, VdbRamp, VdbRampStop, VdbRayCastSettings, VdbRayHit,
+    VdbRayVisibility, VdbRenderMode, VdbRoles, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVelocity,
+    VdbVolume, VdbVolumeDrawn, VdbVolumeState,
 };
 #[cfg(feature = "picking")]
 pub use scene::{VdbPickingPlugin, VdbPickingSettings};

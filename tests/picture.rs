@@ -23,6 +23,8 @@ mod fade;
 mod film;
 #[path = "picture/flip.rs"]
 mod flip;
+#[path = "picture/fog_colors.rs"]
+mod fog_colors;
 #[path = "picture/golden.rs"]
 mod golden;
 #[path = "picture/judges.rs"]
@@ -51,12 +53,16 @@ mod motion;
 mod need;
 #[path = "picture/normals.rs"]
 mod normals;
+#[path = "picture/peer_ramps.rs"]
+mod peer_ramps;
 #[path = "picture/peers.rs"]
 mod peers;
 #[path = "picture/pool.rs"]
 mod pool;
 #[path = "picture/quality.rs"]
 mod quality;
+#[path = "picture/ramps.rs"]
+mod ramps;
 #[path = "picture/rays.rs"]
 mod rays;
 #[path = "picture/reflections.rs"]

@@ -10,6 +10,7 @@ use vdb_core::display::escaped;
 use vdb_core::pack::PackKind;
 use vdb_core::{AnyTree, Grid};
 
+use crate::asset::colors::join_colors;
 use crate::asset::cooked;
 use crate::asset::labels::labels;
 use crate::asset::loader::{EXTENSIONS, Prepared, Shared, kind, load_with, prepare, read};
@@ -103,7 +104,7 @@ fn decode_grid(
         let candidates: Vec<_> = grids.iter().map(|grid| candidate(grid, settings)).collect();
         main_grid(&candidates)
     };
-    match decode_one(bytes, settings, job, "floats", is_float, pick)? {
+    match decode_one(read(bytes, settings, job)?, settings, job, "floats", is_float, pick)? {
         Prepared::Floats(grid) => Ok(grid),
         Prepared::Vectors(_) => Err(VdbLoaderError::NothingToShow(Vec::new())),
     }
@@ -123,7 +124,9 @@ fn decode_vectors(
         let names: Vec<_> = grids.iter().map(|grid| grid.name.as_str()).collect();
         main_vectors(&names)
     };
-    match decode_one(bytes, settings, job, VECTORS, is_vectors, pick)? {
+    let (mut file, mut problems) = read(bytes, settings, job)?;
+    problems.extend(join_colors(&mut file.grids, &settings.limits));
+    match decode_one((file, problems), settings, job, VECTORS, is_vectors, pick)? {
         Prepared::Vectors(grid) => Ok(grid),
         Prepared::Floats(_) => Err(VdbLoaderError::NothingToShow(Vec::new())),
     }
@@ -131,14 +134,13 @@ fn decode_vectors(
 
 /// Packs one grid of a type.
 fn decode_one(
-    bytes: Vec<u8>,
+    (file, problems): (vdb_core::VdbFile, Vec<String>),
     settings: &VdbLoaderSettings,
     job: &Arc<Job>,
     type_name: &'static str,
     is_of_type: impl Fn(&Grid) -> bool,
     pick: impl Fn(&[Grid]) -> Option<usize>,
 ) -> Result<Prepared, VdbLoaderError> {
-    let (file, problems) = read(bytes, settings, job)?;
     let (mut grids, others): (Vec<Grid>, Vec<Grid>) = file.grids.into_iter().partition(is_of_type);
     if grids.is_empty() {
         let mut there = labels_of(&others);

@@ -17,6 +17,7 @@ use vdb_core::{
 };
 
 use super::background;
+use super::colors::join_colors;
 use super::common::{VdbGridError, linear};
 use super::cooked;
 use super::decoded::Decoded;
@@ -180,6 +181,7 @@ fn decode(
         return cooked::decode(bytes, settings, job);
     }
     let (mut file, mut problems) = read(bytes, settings, job)?;
+    problems.extend(join_colors(&mut file.grids, &settings.limits));
     let (mut grids, mut vector_grids) = (Vec::new(), Vec::new());
     let mut shared = Shared::new(settings, job);
     job.begin_packing(file.grids.len());

@@ -1,6 +1,7 @@
 //! Files and grids as assets: reading, packing, cooking, editing and saving them.
 
 pub(crate) mod background;
+mod colors;
 mod common;
 mod cooked;
 mod cooker;

@@ -40,7 +40,7 @@ pub(crate) const VELOCITIES: [&str; 3] = ["velocity", "vel", "v"];
 
 /// Suffixes of the components of a vector that is saved as three grids of floats, in Houdini and in
 /// Blender.
-const COMPONENTS: [&str; 9] = [".x", ".y", ".z", "_x", "_y", "_z", "_r", "_g", "_b"];
+const COMPONENTS: [[&str; 3]; 3] = [[".x", ".y", ".z"], ["_x", "_y", "_z"], ["_r", "_g", "_b"]];
 
 /// The properties of a grid by which its role is chosen.
 pub(crate) struct Candidate<'a> {
@@ -74,11 +74,16 @@ fn fogs(all: &[Candidate]) -> impl Iterator<Item = usize> {
 
 /// Whether a name is that of one component of a colour or a velocity.
 fn is_component(name: &str) -> bool {
-    let split = name.len().checked_sub(2).and_then(|at| name.split_at_checked(at));
-    split.is_some_and(|(vector, suffix)| {
-        COMPONENTS.iter().any(|own| is(suffix, own))
-            && COLORS.iter().chain(&VELOCITIES).any(|own| is(vector, own))
-    })
+    COLORS.iter().chain(&VELOCITIES).any(|vector| component_of(name, vector).is_some())
+}
+
+/// The spelling and the axis of a name that is that of one component of a vector.
+pub(super) fn component_of(name: &str, vector: &str) -> Option<(usize, usize)> {
+    let (start, suffix) = name.split_at_checked(name.len().checked_sub(2)?)?;
+    let find = |(spelling, suffixes): (usize, &[&str; 3])| {
+        Some((spelling, suffixes.iter().position(|own| is(suffix, own))?))
+    };
+    COMPONENTS.iter().enumerate().find_map(find).filter(|_| is(start, vector))
 }
 
 pub(crate) fn parts(all: &[Candidate]) -> Parts {

@@ -46,6 +46,8 @@ bitflags! {
         const VELOCITIES = 1 << 34;
         const SMOOTH_NORMALS = 1 << 35;
         const EDGES = 1 << 36;
+        const FOG_COLORS = 1 << 37;
+        const RAMPS = 1 << 38;
     }
 }
 
@@ -94,7 +96,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 37] = [
+pub(crate) const FEATURES: [Feature; 39] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -107,8 +109,13 @@ pub(crate) const FEATURES: [Feature; 37] = [
         "sampled fog",
         "VdbQuality::fog_step is more than 0",
     ),
-    row(Features::EMISSION, &["VDB_EMISSION"], "emission", "a volume has a VdbEmission")
-        .without_grids(),
+    row(
+        Features::EMISSION,
+        &["VDB_EMISSION", "VDB_EMITS"],
+        "emission",
+        "a volume has a VdbEmission",
+    )
+    .without_grids(),
     row(
         Features::BLACKBODY,
         &["VDB_BLACKBODY"],
@@ -256,6 +263,18 @@ pub(crate) const FEATURES: [Feature; 37] = [
         "VdbQuality::edge_samples is more than 0, and a surface is in view",
     )
     .without(|_, quality| quality.edge_samples = 0),
+    row(
+        Features::FOG_COLORS,
+        &["VDB_FOG_COLORS", "VDB_VARYING_ALBEDO"],
+        "colours in fog",
+        "a fog has a VdbColorGrid",
+    ),
+    row(
+        Features::RAMPS,
+        &["VDB_RAMPS", "VDB_VARYING_ALBEDO", "VDB_EMITS"],
+        "ramps",
+        "a fog has a VdbRamp",
+    ),
 ];
 
 impl Features {

@@ -13,10 +13,11 @@ use super::light_cache::{LightCache, LightCacheView};
 use super::shadow_maps::CastShadows;
 use super::trace::{EdgesView, TraceView};
 use super::upscale::UpscaleView;
-use super::view::{PreparedView, ViewPicture, ViewState};
+use super::view::{PreparedView, RampTexture, ViewPicture, ViewState};
 use crate::quality::diagnostics::{
     PASSES, VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
 };
+use crate::quality::features::Features;
 
 /// Reports to the app's world what each camera uses.
 pub(super) struct ReportPlugin;
@@ -45,12 +46,12 @@ type ViewData<'a> = (
 fn report(
     views: Query<(Entity, ViewData)>,
     shadows: Res<CastShadows>,
-    light_cache: Res<LightCache>,
+    (light_cache, ramps): (Res<LightCache>, Res<RampTexture>),
     diagnostics: Res<VdbDiagnostics>,
 ) {
     let reports: HashMap<_, _> = views
         .iter()
-        .filter_map(|(view, data)| of_view(data, shadows.are_cast_for(view), &light_cache))
+        .filter_map(|(view, data)| of_view(data, shadows.are_cast_for(view), &light_cache, &ramps))
         .collect();
     diagnostics.set(reports);
 }
@@ -67,6 +68,7 @@ fn of_view(
     ),
     casts_shadows: bool,
     light_cache: &LightCache,
+    ramps: &RampTexture,
 ) -> Option<(Entity, VdbCameraReport)> {
     let (prepared, uniform) = state.prepared()?;
     let frames = accumulate.accumulated.as_ref().map_or(0, |accumulated| accumulated.frame);
@@ -94,6 +96,9 @@ fn of_view(
         if depths > 0 {
             buffers.push("vdb_light_depths", depths, "the light cache is being filled for a sun");
         }
+    }
+    if prepared.key.has(Features::RAMPS) {
+        buffers.push("vdb_ramps", ramps.bytes(), "fogs have a VdbRamp");
     }
     buffers.add_some("vdb_tiles", &trace.tiles, "the rays of a tile share a start");
     buffers.add_some("vdb_edge_pixels", &edges.list, EDGES);

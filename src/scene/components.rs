@@ -27,9 +27,9 @@ pub struct VdbVolume(pub Handle<VdbGrid>);
 #[derive(Clone, Component, Debug, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbMaterial {
-    /// Surfaces: the reflected colour, diffuse or, for metals, specular, multiplied by the
-    /// [`VdbColorGrid`](crate::VdbColorGrid) if there is one. Fog: the single-scattering albedo,
-    /// the fraction of light that is scattered rather than absorbed. White by default.
+    /// Surfaces: the reflected colour, diffuse or, for metals, specular. Fog: the single-scattering
+    /// albedo, the fraction of light that is scattered rather than absorbed. Both are multiplied by
+    /// the [`VdbColorGrid`](crate::VdbColorGrid) if there is one. White by default.
     pub base_color: Color,
     /// Emitted luminance in cd/m², for fog where it is opaque. Black by default. For fire, use a
     /// [`VdbEmission`](crate::VdbEmission).

@@ -4,14 +4,16 @@ use bevy::prelude::*;
 
 use crate::{VdbGrid, VdbVectorGrid};
 
-/// Colours a surface with a vector grid, usually from the same file as the
-/// [`VdbVolume`](crate::VdbVolume)'s grid (Houdini calls it `Cd`). Its value at the hit point, in
-/// linear Rec. 709, multiplies the material's base colour.
+/// Colours a volume with a vector grid, usually from the same file as the
+/// [`VdbVolume`](crate::VdbVolume)'s grid (Houdini calls it `Cd`). Its value, in linear Rec. 709,
+/// multiplies the material's base colour: at the hit point of a surface, and everywhere in fog,
+/// whose albedo then varies.
 ///
 /// The grid may have a different transform from the volume's: both are placed in the world of their
 /// file, which the entity's `Transform` maps to Bevy's. It is interpolated trilinearly, and outside
-/// its samples has the background value. Only surfaces are coloured; fog has the colour of its
-/// [`VdbMaterial`](crate::VdbMaterial).
+/// its samples has the background value. In fog, it is looked up at each step of a ray, or once for
+/// each interval that shares its light ([`VdbQuality::fog_light_step`](crate::VdbQuality)). It does
+/// not change how dense fog is; `emissive` keeps its colour.
 #[derive(Clone, Component, Debug, Default, PartialEq, Eq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbColorGrid(pub Handle<VdbVectorGrid>);

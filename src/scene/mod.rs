@@ -7,6 +7,7 @@ mod lost_grids;
 #[cfg(feature = "picking")]
 mod picking;
 mod player;
+mod ramp;
 mod roles;
 mod spatial_query;
 pub(crate) mod track;
@@ -27,6 +28,7 @@ pub use player::{
     VdbFrameBlend, VdbFrameCache, VdbFrameCacheUsage, VdbFrameFailed, VdbLateFrames, VdbPlayer,
     VdbPlayerFinished, VdbPlayerStatus, VdbPlayerSystems,
 };
+pub use ramp::{VdbRamp, VdbRampStop};
 pub use roles::VdbRoles;
 pub use spatial_query::{VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbSpatialQuery};
 pub use volume_state::{VdbVolumeDrawn, VdbVolumeState};
@@ -42,6 +44,7 @@ impl Plugin for ScenePlugin {
             .register_type::<VdbMaterial>()
             .register_type::<VdbColorGrid>()
             .register_type::<VdbEmission>()
+            .register_type::<VdbRamp>()
             .register_type::<VdbVelocity>()
             .register_type::<VdbCamera>()
             .register_type::<VdbSun>()

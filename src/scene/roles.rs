@@ -28,7 +28,9 @@ pub struct VdbRoles {
     /// fog grid, called `flame`, `flames`, `fire`, `burn`, `temperature`, `heat` or `temp`, in this
     /// order.
     pub emission: Option<VdbEmission>,
-    /// The colour of the surfaces: a vector grid called `Cd`, `color`, `colour` or `albedo`.
+    /// The colour of surfaces and fog: a vector grid called `Cd`, `color`, `colour` or `albedo`, or
+    /// three grids of floats that are its components, such as `Cd.x`, `Cd.y` and `Cd.z`, or
+    /// `color_r`, `color_g` and `color_b`.
     pub colors: Option<VdbColorGrid>,
     /// The velocity: a vector grid called `velocity`, `vel` or `v`.
     pub velocity: Option<Handle<VdbVectorGrid>>,
@@ -67,7 +69,7 @@ impl VdbFile {
         }
     }
 
-    /// The colour of the surfaces: see [`VdbRoles::colors`].
+    /// The colour of surfaces and fog: see [`VdbRoles::colors`].
     pub(crate) fn colors(&self) -> Option<VdbColorGrid> {
         self.vectors(&COLORS).map(VdbColorGrid)
     }

@@ -20,7 +20,7 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("crates/vdb_core/tests/data").join(name)
 }
 
-fn app() -> App {
+pub(super) fn app() -> App {
     let mut app = App::new();
     app.add_plugins((
         MinimalPlugins,
@@ -60,11 +60,11 @@ fn until<T>(app: &mut App, what: &str, mut found: impl FnMut(&World) -> Option<T
     panic!("{what} did not come");
 }
 
-fn load<A: Asset>(app: &App, path: impl Into<PathBuf>) -> Handle<A> {
+pub(super) fn load<A: Asset>(app: &App, path: impl Into<PathBuf>) -> Handle<A> {
     app.world().resource::<AssetServer>().load(path.into())
 }
 
-fn loaded<A: Asset + Clone>(app: &mut App, handle: &Handle<A>) -> A {
+pub(super) fn loaded<A: Asset + Clone>(app: &mut App, handle: &Handle<A>) -> A {
     until(app, "the asset", |world| world.resource::<Assets<A>>().get(handle).cloned())
 }
 

@@ -1,6 +1,7 @@
 //! Apps without a window and without a GPU: what the plugin does besides drawing.
 
 mod assets;
+mod colors;
 mod cooked;
 #[cfg(feature = "picking")]
 #[path = "../common/headless.rs"]

@@ -140,6 +140,9 @@ fn every_variant_of_the_trace_is_valid() {
         if ["VDB_MULTIPLE_SCATTERING", "VDB_SHADOWS"].iter().all(|def| defs.contains(def)) {
             defs.push("VDB_OCTAVES");
         }
+        if defs.contains(&"VDB_EMISSION") {
+            defs.push("VDB_EMITS");
+        }
         check(&mut composer, "trace/trace", &defs);
         variants += 1;
     };
@@ -275,6 +278,27 @@ fn every_variant_of_the_trace_is_valid() {
             check(&[&SCATTERED_LIGHT, &media, &with]);
         }
     }
+    // Colours in fog.
+    for with in subsets(&["VDB_MULTIPLE_SCATTERING", "VDB_EMISSION", "VDB_REFLECTIONS"]) {
+        let colors = ["VDB_LIT", "VDB_FOGS", "VDB_FOG_COLORS", "VDB_VARYING_ALBEDO"];
+        check(&[&colors, &with]);
+        check(&[&colors, &with, &shadows]);
+        let media = ["VDB_FOG_SLOTS=2", "VDB_EMITTER_SLOTS=1"];
+        let cache = ["VDB_LIGHT_CACHE", "VDB_CACHED_SUNS=1", "VDB_UNCACHED_FOGS"];
+        check(&[&colors, &cache, &media, &with, &shadows]);
+        check(&[&SCATTERED_LIGHT, &colors[2..], &media, &with]);
+    }
+    // Ramps.
+    for with in subsets(&["VDB_MULTIPLE_SCATTERING", "VDB_EMISSION", "VDB_FOG_COLORS"]) {
+        let ramps = ["VDB_LIT", "VDB_FOGS", "VDB_RAMPS", "VDB_VARYING_ALBEDO", "VDB_EMITS"];
+        check(&[&ramps, &with]);
+        check(&[&ramps, &with, &shadows]);
+        let media = ["VDB_FOG_SLOTS=2", "VDB_EMITTER_SLOTS=1"];
+        let cache = ["VDB_LIGHT_CACHE", "VDB_CACHED_SUNS=1", "VDB_UNCACHED_FOGS"];
+        check(&[&ramps, &cache, &media, &with, &shadows]);
+        check(&[&SCATTERED_LIGHT, &ramps[2..], &media, &with]);
+    }
+    check(&[&["VDB_COUNT_STEPS", "VDB_FOGS", "VDB_RAMPS", "VDB_VARYING_ALBEDO", "VDB_EMITS"]]);
     // Fewer rays than pixels.
     for kinds in subsets(&["VDB_SURFACES", "VDB_FOGS", "MULTISAMPLED"]) {
         check(&[&["VDB_LIT", "VDB_SCALED", "VDB_LOCAL_LIGHTS", "DISTANCE_FOG"], &kinds, &shadows]);
@@ -299,7 +323,9 @@ fn every_variant_of_the_trace_is_valid() {
     let light_cache = 8 * 8 * 5 + 2 * 16;
     let (filters, many, formats, normals) = (2 + 1, 16, 3 * 3 + 1, 16 + 1);
     let (wide, scaled, accumulated, edges) = (4, 8 * 2, 16, 16);
+    let (colors, ramps) = (8 * 4, 8 * 4 + 1);
     let others = filters + many + formats + normals + wide + scaled + accumulated + edges;
+    let others = others + colors + ramps;
     assert_eq!(variants, kinds + light_cache + others);
 }
 
@@ -316,8 +342,9 @@ fn gathering_the_light_of_lamps_is_valid() {
 #[test]
 fn filling_the_light_cache_is_valid() {
     let mut composer = composer();
-    for defs in subsets(&["VDB_EMISSION", "VDB_MULTIPLE_SCATTERING", "VDB_MANY", "VDB_WIDE_GRIDS"])
-    {
+    let features =
+        ["VDB_EMISSION", "VDB_MULTIPLE_SCATTERING", "VDB_MANY", "VDB_WIDE_GRIDS", "VDB_RAMPS"];
+    for defs in subsets(&features) {
         let pages = ["VDB_FOGS", "VDB_PAGED", "VDB_PAGE_BITS=20", "VDB_FORMAT=2"];
         for shader in ["light_cache/fill", "light_cache/sun_rays"] {
             for target in [&[][..], &["VDB_STORABLE_LATTICE"]] {
@@ -373,6 +400,10 @@ fn what_is_drawn_into_shadow_maps_is_valid() {
         check(&mut composer, "shadow_maps/cast", &kinds);
         let wide = [&kinds, &["VDB_WIDE_GRIDS"][..]].concat();
         check(&mut composer, "shadow_maps/cast", &wide);
+        if kinds.contains(&"VDB_FOGS") {
+            let ramps = [&kinds, &["VDB_RAMPS"][..]].concat();
+            check(&mut composer, "shadow_maps/cast", &ramps);
+        }
         for format in ["VDB_FORMAT=0", "VDB_FORMAT=1", "VDB_FORMAT=2"] {
             let with = ["VDB_PAGED", "VDB_PAGE_BITS=20", format];
             check(&mut composer, "shadow_maps/cast", &[&kinds, &with[..]].concat());

@@ -9,8 +9,8 @@ use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_vdb::{
-    VdbCamera, VdbCameraReport, VdbDiagnostics, VdbDial, VdbGrid, VdbQuality, VdbRenderMode,
-    VdbVectorGrid, VdbVelocity, VdbVolume,
+    VdbCamera, VdbCameraReport, VdbColorGrid, VdbDiagnostics, VdbDial, VdbGrid, VdbQuality,
+    VdbRamp, VdbRenderMode, VdbVectorGrid, VdbVelocity, VdbVolume,
 };
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
@@ -86,6 +86,25 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     stage.world().entity_mut(camera).insert(once);
     let seen = "voxels, fog, sampled fog, beam optimisation, light";
     check(&mut stage, "light scattered once", seen, both, plain);
+    stage.world().entity_mut(camera).insert((VdbCamera::default(), VdbQuality::default()));
+    let red = VdbVectorGrid::new("Cd", Tree::new([1.0, 0.0, 0.0]), DAffine3::IDENTITY).unwrap();
+    let red = stage.world().resource_mut::<Assets<VdbVectorGrid>>().add(red);
+    stage.world().entity_mut(cloud).insert(VdbColorGrid(red));
+    let seen = "voxels, fog, multiple scattering, beam optimisation, light, colours in fog";
+    check(&mut stage, "a fog of colours", seen, both, plain);
+    stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
+    check(&mut stage, "colours without light", "voxels, beam optimisation", both, plain);
+    stage.world().entity_mut(camera).insert(VdbCamera::default());
+    stage.world().entity_mut(cloud).remove::<VdbColorGrid>().insert(VdbRamp::default());
+    let seen = "voxels, fog, multiple scattering, beam optimisation, light, ramps";
+    let with_ramps = "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_ramps, vdb_tiles";
+    check(&mut stage, "a ramp", seen, both, with_ramps);
+    stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
+    check(&mut stage, "a ramp that is not seen", "voxels, beam optimisation", both, plain);
+    stage.world().entity_mut(camera).insert(VdbCamera::default());
+    stage.world().entity_mut(cloud).remove::<VdbRamp>();
+    let seen = "voxels, fog, multiple scattering, beam optimisation, light";
+    check(&mut stage, "no ramp any more", seen, both, plain);
     stage.world().despawn(cloud);
     check(&mut stage, "no fog any more", "voxels, beam optimisation, light", both, plain);
 

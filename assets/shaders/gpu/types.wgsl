@@ -19,6 +19,11 @@ struct Grid {
     format: u32,
     brick_words: u32,
     scale: f32,                 // of stored samples; 8-bit fog bricks have scales of their own
+    // Only in a copy from `fog_grid`: the number of the ramp that values are mapped with, or 0 for none; the
+    // value where its table begins; and entries per unit of value.
+    ramp: u32,
+    ramp_low: f32,
+    ramp_scale: f32,
 }
 
 const KIND_SURFACE: u32 = 0u;
@@ -28,7 +33,7 @@ const KIND_SMOOTH: u32 = 2u;
 // list of volumes.
 const KIND_EMISSION: u32 = 3u;
 const KIND_BLACKBODY: u32 = 4u;
-// A component of a surface's colour. These follow all volumes that rays can hit.
+// A component of a volume's colour. These follow all volumes that rays can hit.
 const KIND_COLOR: u32 = 5u;
 
 // The rays of a view in local lattice coordinates of a grid. The ray through `ndc` is
@@ -66,7 +71,7 @@ struct Volume {
     tiles_first: u32,           // first tile that shows it: 16 bits each for column and row
     base: vec3<i32>,            // of local coordinates, modulo the 4,096 cells of the largest nodes
     tiles_last: u32,            // last tile that shows it; before the first if there is none
-    color_grids: u32,           // the first of three volumes with a surface's colour, or 2^32 - 1 for none
+    color_grids: u32,           // the first of three volumes with its colour, or 2^32 - 1 for none
     background: f32,            // of a colour component: the value outside its grid
     temperature_scale: f32,     // of black bodies, kelvin per unit of value
     temperature_offset: f32,    // kelvin added wherever the value is positive
@@ -82,6 +87,10 @@ struct Volume {
     light_log: u32,             // log₂ of the cells between samples of the light cache
     light_texel: vec3<f32>,     // centre of the first sun's first sample in the cache's texture, in texels
     light_planes: u32,          // texels from one sun to the next; 0 if it is not in the light cache
+    ramp: u32,                  // number of a fog's ramp, from 1; 0 for none
+    ramp_low: f32,              // value where the ramp's table begins
+    ramp_scale: f32,            // entries of the table per unit of value
+    ramp_emission: f32,         // factor for the ramp's emission
 }
 
 const NO_CASTER: u32 = 1u;

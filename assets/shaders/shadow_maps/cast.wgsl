@@ -3,9 +3,8 @@
 
 #import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE}
 #import bevy_vdb::traversal::rays::ndc_of
-#import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter, first_hit, local_cell}
-#import bevy_vdb::view::scene::{view, volumes}
+#import bevy_vdb::view::scene::{fog_grid, view, volumes}
 #import bevy_vdb::trace::segment::{lattice_ray, view_segment}
 #ifdef VDB_SMOOTH
 #import bevy_vdb::traversal::smooth::first_root
@@ -63,7 +62,7 @@ const EDGE: f32 = 256.0;
 fn stop(in: Quad) -> @builtin(frag_depth) f32 {
     let texel = vec2<u32>(in.position.xy);
     let volume = view.volume_first + in.instance;
-    let grid = grids[volumes[volume].grid];
+    let grid = fog_grid(volume);
     let segment = view_segment(ndc_of(texel, view.size));
     let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, FAR));
     let dda = enter(mirrored);

@@ -1,4 +1,4 @@
-// Surface colours from grids.
+// Colours of surfaces and fogs from grids.
 #define_import_path bevy_vdb::trace::color
 
 #import bevy_vdb::gpu::bindings::grids
@@ -32,9 +32,9 @@ fn value_along(segment: Segment, t: f32, volume: u32) -> f32 {
     return values.offset + values.scale * trilinear(values.corners, position - whole);
 }
 
-// Factor for the base colour of a surface at a point on a segment.
-fn color_along(segment: Segment, t: f32, surface: u32) -> vec3<f32> {
-    let first = volumes[surface].color_grids;
+// Factor for the base colour of a volume at a point on a segment.
+fn color_along(segment: Segment, t: f32, volume: u32) -> vec3<f32> {
+    let first = volumes[volume].color_grids;
     if first == NONE {
         return vec3(1.0);
     }
@@ -46,4 +46,16 @@ fn color_along(segment: Segment, t: f32, surface: u32) -> vec3<f32> {
         ),
         vec3(1e6),
     );
+}
+
+// The largest albedo: `MAX_ALBEDO` in `src/render/view/volume.rs`.
+const MAX_ALBEDO: f32 = 1e6;
+
+// Single-scattering albedo of a fog at a point on a segment.
+fn albedo_along(segment: Segment, t: f32, fog: u32) -> vec3<f32> {
+#ifdef VDB_FOG_COLORS
+    return min(volumes[fog].base_color * color_along(segment, t, fog), vec3(MAX_ALBEDO));
+#else
+    return volumes[fog].base_color;
+#endif
 }

@@ -9,6 +9,7 @@
 #import bevy_vdb::trace::scattering::{scattered_radiance, visibility_between}
 #ifndef VDB_EVEN_LIGHT
 #import bevy_vdb::gpu::bindings::grids
+#import bevy_vdb::trace::color::albedo_along
 #import bevy_vdb::trace::candidates::start_t
 #import bevy_vdb::trace::scattering::OPAQUE_DEPTH
 #import bevy_vdb::traversal::hdda::{enter_at, local_cell, mirrored_ray}
@@ -71,7 +72,7 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
             fog.radiance += weight * volumes[volume].emissive;
             let visible = visibility_between(transmittance, transmittance - weight);
             let weights = octave_weights(weight, visible, anisotropy);
-            add_sample(&sums, weights, volumes[volume].base_color, light);
+            add_sample(&sums, weights, albedo_along(segment, t, volume), light);
             t_sum += weight * t;
             fog.optical_depth += depth;
         }

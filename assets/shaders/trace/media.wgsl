@@ -7,6 +7,14 @@
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::fog_march::{Fog, MIN_STEP, light_interval}
+#ifdef VDB_VARYING_ALBEDO
+#import bevy_vdb::trace::color::albedo_along
+#import bevy_vdb::trace::scattering::add_varied_sample
+#endif
+#ifdef VDB_RAMPS
+#import bevy_vdb::trace::ramp_light::{RampSums, add_stretch, visible_albedo}
+#import bevy_vdb::view::scene::fog_grid
+#endif
 #import bevy_vdb::trace::light_cache::{cached_sun_depth, lattice_point}
 #import bevy_vdb::trace::medium::{HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia, begun, first_step}
 #import bevy_vdb::trace::medium::{new_medium, no_medium, suitable_step}
@@ -30,9 +38,17 @@
 #import bevy_vdb::traversal::fog::probe_fog
 #endif
 
+#ifdef VDB_RAMPS
+// Voxels of a step through a fog with a ramp, at most.
+const RAMP_STEP: f32 = 1.0;
+#endif
+
 // Sums over the steps of one fog in an interval.
 struct FogSums {
     weights: array<f32, OCTAVES>,   // of the steps
+#ifdef VDB_VARYING_ALBEDO
+    scattered: array<vec3<f32>, OCTAVES>,   // weighted sums of the albedo
+#endif
     t: f32,                         // weighted sum
     light: CachedLight,             // weighted sum
 }
@@ -121,8 +137,13 @@ fn add_interval(
             let place = point_in_box(grid, (*fogs)[i].ray, t - (*fogs)[i].ray.t_origin);
             let extent = (*interval).width * length(segment.dir);
             let at = FogPoint(volume, place, min(t_zero + t, t_max), extent, is_near_lamps);
+#ifdef VDB_VARYING_ALBEDO
+            let light = mean_light(shared_light, segment, pixel, at, own.light, own.scattered);
+            add_varied_sample(&scattering, own.weights[0], own.scattered, light);
+#else
             let light = mean_light(shared_light, segment, pixel, at, own.light, own.weights);
             add_sample(&scattering, own.weights, volumes[volume].base_color, light);
+#endif
             (*sums).fogs[i] += own.weights[0];
         }
     }
@@ -177,7 +198,11 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
     for (var i = 0u; i < MAX_FOGS; i++) {
         fogs[i] = no_medium();
         if i < fog_count {
-            fogs[i] = new_medium(segment, list[i], max(volumes[list[i]].fog_step, MIN_STEP), t_max);
+            var step = max(volumes[list[i]].fog_step, MIN_STEP);
+#ifdef VDB_RAMPS
+            step = select(step, min(step, RAMP_STEP), volumes[list[i]].ramp != 0u);
+#endif
+            fogs[i] = new_medium(segment, list[i], step, t_max);
             t_base = min(t_base, fogs[i].t_step);
             t_last = max(t_last, fogs[i].ray.t_origin + fogs[i].ray.t_last);
             if HAS_INTERVALS {
@@ -239,7 +264,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
     // Of lamps, times the exposure: light in each octave.
     var lamp_light = array<vec3<f32>, OCTAVES>();
 #endif
-#ifdef VDB_EMISSION
+#ifdef VDB_EMITS
     var radiance_sum = 0.0;
     var t_radiance_sum = 0.0;
 #endif
@@ -276,6 +301,11 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         var points = array<vec3<f32>, MAX_FOGS>();
 #endif
         var depths = array<array<f32, SUN_SLOTS>, MAX_FOGS>();
+#ifdef VDB_RAMPS
+        // Mean albedo in the step, and emission per world unit.
+        var ramp_albedos = array<vec3<f32>, MAX_FOGS>();
+        var ramp_emissions = array<vec3<f32>, MAX_FOGS>();
+#endif
         for (var i = 0u; i < MAX_FOGS; i++) {
             if fogs[i].t_next <= t_middle {
                 let volume = fogs[i].volume;
@@ -289,7 +319,30 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
                 fogs[i].t_next = select(FAR, t_next, is_inside);
                 if !found.is_empty && is_inside {
                     is_empty = false;
-                    extinctions[i] = fogs[i].extinction * min(found.density, fogs[i].max_density);
+                    var density = found.density;
+#ifdef VDB_RAMPS
+                    ramp_albedos[i] = vec3(1.0);
+                    if volumes[volume].ramp != 0u {
+                        // Values are sampled at both ends, too, so that no shell between them is missed.
+                        let low = max(t_low, fogs[i].ray.t_origin + fogs[i].ray.t_first) - t_origin;
+                        let high = min(t_high, fogs[i].t_last) - t_origin;
+                        let near = sample_fog(grid, fogs[i].ray, &accessor, low);
+                        let far = sample_fog(grid, fogs[i].ray, &accessor, high);
+                        fogs[i].accessor = accessor;
+                        let values = vec3(near.density, found.density, far.density);
+                        // Where all values are 0 there is nothing, whatever the ramp says.
+                        let length = select(0.0, high - low, any(values > vec3(0.0)));
+                        let optical_length = length * fogs[i].extinction;
+                        let emission_length = length * dir_length * volumes[volume].ramp_emission;
+                        var own = RampSums();
+                        add_stretch(&own, fog_grid(volume), values, optical_length, emission_length);
+                        density = own.optical_depth / max(width * fogs[i].extinction, 1e-30);
+                        ramp_albedos[i] = visible_albedo(own);
+                        let visible_length = max(mean_transmittance(own.optical_depth) * width * dir_length, 1e-30);
+                        ramp_emissions[i] = own.emitted / visible_length;
+                    }
+#endif
+                    extinctions[i] = fogs[i].extinction * min(density, fogs[i].max_density);
                     extinction += extinctions[i];
                     let point = lattice_point(volume, found.point.cell, found.point.u);
 #ifdef VDB_LAMP_LIGHT
@@ -308,6 +361,19 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         t_near = FAR;
         for (var i = 0u; i < MAX_FOGS; i++) {
             let weight = extinctions[i] * visible_width;
+#ifdef VDB_VARYING_ALBEDO
+            var albedo = vec3(0.0);
+            if weight > 0.0 {
+                albedo = albedo_along(segment, t_zero + t_middle, fogs[i].volume);
+            }
+#endif
+#ifdef VDB_RAMPS
+            albedo *= ramp_albedos[i];
+            let glow = visible_width * dir_length * ramp_emissions[i];
+            fog.radiance += glow;
+            radiance_sum += dot(glow, vec3(1.0));
+            t_radiance_sum += dot(glow, vec3(1.0)) * t_middle;
+#endif
             if weight > 0.0 {
                 interval.fogs[i].t += weight * t_middle;
                 let anisotropy = volumes[fogs[i].volume].anisotropy;
@@ -315,10 +381,20 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
                 for (var octave = 0u; octave < OCTAVES; octave++) {
                     interval.fogs[i].weights[octave] += weights[octave];
                 }
+#ifdef VDB_VARYING_ALBEDO
+                for (var octave = 0u; octave < OCTAVES; octave++) {
+                    interval.fogs[i].scattered[octave] += weights[octave] * albedo;
+                }
+#endif
                 for (var slot = 0u; slot < SUN_COUNT; slot++) {
                     var arriving = octaves_of_depth(depths[i][slot], anisotropy);
                     for (var octave = 0u; octave < OCTAVES; octave++) {
-                        interval.fogs[i].light.slots[slot][octave] += weights[octave] * arriving[octave];
+#ifdef VDB_VARYING_ALBEDO
+                        let let_through = weights[octave] * arriving[octave] * albedo;
+#else
+                        let let_through = weights[octave] * arriving[octave];
+#endif
+                        interval.fogs[i].light.slots[slot][octave] += let_through;
                     }
                 }
             }
@@ -327,9 +403,12 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
                 let volume = fogs[i].volume;
                 let anisotropy = volumes[volume].anisotropy;
                 var weights = octave_weights(weight, visible, anisotropy);
+#ifndef VDB_VARYING_ALBEDO
+                let albedo = volumes[volume].base_color;
+#endif
                 for (var octave = 0u; octave < OCTAVES; octave++) {
                     let light = cached_lamp_light(points[i], lamp_lattices[i], volume, octave);
-                    lamp_light[octave] += weights[octave] * volumes[volume].base_color * light;
+                    lamp_light[octave] += weights[octave] * albedo * light;
                 }
             }
 #endif
@@ -413,7 +492,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
     }
     fog.radiance += scattered_radiance(sums.scattering, fog.optical_depth);
     fog.t_mean = t_zero + sums.t / max(sums.weight, 1e-30);
-#ifdef VDB_EMISSION
+#ifdef VDB_EMITS
     // Emission need not attenuate anything, so weight t by radiance.
     let t_radiance = t_zero + t_radiance_sum / max(radiance_sum, 1e-30);
     fog.t_mean = select(fog.t_mean, t_radiance, radiance_sum > 1e-30);

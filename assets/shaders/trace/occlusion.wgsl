@@ -2,9 +2,8 @@
 #define_import_path bevy_vdb::trace::occlusion
 
 #import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE, NO_CASTER}
-#import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::hdda::{mirrored_ray, enter, first_hit}
-#import bevy_vdb::view::scene::{scene_end, view, volumes}
+#import bevy_vdb::view::scene::{fog_grid, scene_end, view, volumes}
 #import bevy_vdb::trace::scattering::OPAQUE_DEPTH
 #import bevy_vdb::trace::segment::{Point, Segment, lattice_ray}
 #ifdef VDB_MANY
@@ -76,7 +75,7 @@ fn depth_to_light(
         if (kinds & kind) == 0u {
             continue;
         }
-        let grid = grids[volumes[i].grid];
+        let grid = fog_grid(i);
         let mirrored = mirrored_ray(grid, lattice_ray(segment, i, range));
         let dda = enter(mirrored);
         if !dda.inside {
@@ -96,7 +95,13 @@ fn depth_to_light(
         if volumes[i].kind == KIND_FOG {
             let scale = max(volumes[i].density_scale, 1e-30);
             var density_integral = 0.0;
-            if in_fog {
+#ifdef VDB_RAMPS
+            // Samples would miss thin shells.
+            let is_sampled = in_fog && grid.ramp == 0u;
+#else
+            let is_sampled = in_fog;
+#endif
+            if is_sampled {
                 let step = max(scaled_step(grid, volumes[i].shadow_step, SHADOW_EDGE), least_step);
                 density_integral = stepped_length(grid, mirrored, 0.0, DARK_DEPTH / scale, step, 0.0);
             } else {

@@ -144,6 +144,30 @@ fn add_sample(
 #endif
 }
 
+#ifdef VDB_VARYING_ALBEDO
+// Adds a sample of which `weight` is the weight and `scattered` the products of the weights of its octaves with
+// an albedo that varies within it.
+fn add_varied_sample(
+    sums: ptr<function, ScatteringSums>,
+    weight: f32,
+    scattered: array<vec3<f32>, OCTAVES>,
+    light: InScattered,
+) {
+    var factors = scattered;
+#ifdef VDB_MULTIPLE_SCATTERING
+    for (var i = 0u; i < OCTAVES; i++) {
+        (*sums).octaves[i] += factors[i] * light.octaves[i];
+    }
+    (*sums).environment += weight * light.environment;
+    (*sums).albedo += factors[0];
+    (*sums).anisotropy += weight * light.anisotropy;
+    (*sums).weight += weight;
+#else
+    (*sums).octaves[0] += factors[0] * (light.octaves[0] + light.environment);
+#endif
+}
+#endif
+
 // Adds the sums over a slab, times a factor.
 fn add_sums(sums: ptr<function, ScatteringSums>, weight: f32, visible: Visibility, other: ScatteringSums) {
 #ifdef VDB_MULTIPLE_SCATTERING

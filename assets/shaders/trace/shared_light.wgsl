@@ -21,9 +21,13 @@ const SUN_COUNT: u32 = #{VDB_CACHED_SUNS}u;
 // Arrays are not empty even if only other lights are in the cache.
 const SUN_SLOTS: u32 = max(SUN_COUNT, 1u);
 
-// What fog lets through of each cached sun, in each octave.
+// What fog lets through of each cached sun, in each octave; where the albedo varies, times the albedo.
 struct CachedLight {
+#ifdef VDB_VARYING_ALBEDO
+    slots: array<array<vec3<f32>, OCTAVES>, SUN_SLOTS>,
+#else
     slots: array<array<f32, OCTAVES>, SUN_SLOTS>,
+#endif
 }
 
 // The light along a ray.
@@ -65,14 +69,19 @@ fn begin_interval(shared_light: ptr<function, SharedLight>, segment: Segment, pi
 }
 
 // Mean light over the steps of a fog in the interval, whose mean position is `fog_point`. `cached` are sums
-// over these steps, with the weights of the octaves; `weights` are the sums of those weights.
+// over these steps, with the weights of the octaves; `weights` are the sums of those weights. Where the albedo
+// varies, both include it, so that the mean is over what is scattered.
 fn mean_light(
     shared_light: ptr<function, SharedLight>,
     segment: Segment,
     pixel: vec2<u32>,
     fog_point: FogPoint,
     cached: CachedLight,
+#ifdef VDB_VARYING_ALBEDO
+    weights: array<vec3<f32>, OCTAVES>,
+#else
     weights: array<f32, OCTAVES>,
+#endif
 ) -> InScattered {
     var totals = weights;
     let ray = (*shared_light).dir;
@@ -95,7 +104,12 @@ fn mean_light(
         var phases = sun_phases(slot, ray, anisotropy);
         var let_through = octave_transmittances(depth_of((*shared_light).visibility[slot]), anisotropy);
         for (var octave = 0u; octave < OCTAVES; octave++) {
-            let visible = let_through[octave] * cached.slots[slot][octave] / max(totals[octave], 1e-30);
+#ifdef VDB_VARYING_ALBEDO
+            let total = max(totals[octave], vec3(1e-30));
+#else
+            let total = max(totals[octave], 1e-30);
+#endif
+            let visible = let_through[octave] * cached.slots[slot][octave] / total;
             light.octaves[octave] += (visible * phases[octave]) * (*shared_light).suns[slot].illuminance;
         }
     }

@@ -3,26 +3,31 @@
 #define_import_path bevy_vdb::trace::slabs
 
 #import bevy_vdb::gpu::types::KIND_FOG
-#import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::candidates::{volume_end, next_candidate, start_t}
 #import bevy_vdb::traversal::fog::{optical_length, stepped_length}
 #import bevy_vdb::traversal::hdda::{enter_at, mirrored_ray}
-#import bevy_vdb::view::scene::{view, volumes}
+#import bevy_vdb::view::scene::{fog_grid, view, volumes}
 #import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
 #ifdef VDB_EMISSION
 #import bevy_vdb::trace::emission::{segment_emission, is_emitter}
+#endif
+#ifdef VDB_EMITS
 #import bevy_vdb::trace::scattering::mean_transmittance
 #endif
 #import bevy_vdb::trace::fog_march::{Fog, REFLECTED_STEP_FACTOR}
 #import bevy_vdb::trace::scattering::OPAQUE_DEPTH
 #ifdef VDB_LIT
 #import bevy_vdb::view::scene::frame_random
+#import bevy_vdb::trace::color::albedo_along
 #import bevy_vdb::trace::fog_march::in_scattered_at
 #import bevy_vdb::trace::lights::environment_light
 #import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, add_sums}
 #import bevy_vdb::trace::scattering::{Visibility, octave_weights, scattered_radiance, visibility_between}
 #ifndef VDB_EVEN_LIGHT
 #import bevy_vdb::trace::fog_march::march_fog
+#endif
+#ifdef VDB_RAMPS
+#import bevy_vdb::trace::ramp_light::{march_ramp, ramp_between, visible_albedo}
 #endif
 #endif
 
@@ -38,14 +43,19 @@ fn fog_depth(
     let scale = volumes[volume].density_scale * length(segment.dir);
     var ray = lattice_ray(segment, volume, t_max);
     ray.t_min = t_min;
-    let grid = grids[volumes[volume].grid];
+    let grid = fog_grid(volume);
     let mirrored = mirrored_ray(grid, ray);
     let safe_scale = max(scale, 1e-30);
 #ifdef VDB_FOG_STEPS
     // An interval may be shorter than a step, so only whole rays are ray-marched.
     var density_integral = 0.0;
     let step = volumes[volume].fog_step;
-    if is_whole && step > 0.0 {
+#ifdef VDB_RAMPS
+    let is_sampled = is_whole && step > 0.0 && grid.ramp == 0u;
+#else
+    let is_sampled = is_whole && step > 0.0;
+#endif
+    if is_sampled {
         density_integral = stepped_length(grid, mirrored, start, OPAQUE_DEPTH / safe_scale, step, scale);
     } else {
         density_integral =
@@ -81,6 +91,11 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
 #ifndef VDB_EVEN_LIGHT
 #ifdef VDB_LIT
     if is_whole && volumes[met.last].kind == KIND_FOG {
+#ifdef VDB_RAMPS
+        if volumes[met.last].ramp != 0u {
+            return march_ramp(segment, met.last, pixel, met.t_first, t_max);
+        }
+#endif
         return march_fog(segment, met.last, pixel, met.t_first, t_max);
     }
 #endif
@@ -93,7 +108,7 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
     var sums = ScatteringSums();
 #endif
     var t_sum = 0.0;
-#ifdef VDB_EMISSION
+#ifdef VDB_EMITS
     var radiance_sum = 0.0;
     var t_radiance_sum = 0.0;
 #endif
@@ -115,7 +130,7 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
         var light = InScattered(array<vec3<f32>, OCTAVES>(), vec3(0.0), 2.0);
         var slab_sums = ScatteringSums();
 #endif
-#ifdef VDB_EMISSION
+#ifdef VDB_EMITS
         var emission = vec3(0.0);
 #endif
         for (var i = first; i < end; i = next_candidate(segment, pixel, i + 1u, t_max)) {
@@ -125,7 +140,25 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
             }
 #endif
             if volumes[i].kind == KIND_FOG && (!is_whole || i == met.last) {
-                let volume_depth = fog_depth(segment, i, start, t_low, t_high, is_whole);
+                var volume_depth = 0.0;
+                var ramp_albedo = vec3(1.0);
+#ifdef VDB_RAMPS
+#ifdef VDB_LIT
+                if volumes[i].ramp != 0u {
+                    let own = ramp_between(segment, i, start, t_low, t_high);
+                    volume_depth = min(own.optical_depth, 100.0);
+                    ramp_albedo = visible_albedo(own);
+                    // What leaves the fog alone; below, it is evenly mixed with the others.
+                    emission += own.emitted / mean_transmittance(volume_depth);
+                } else {
+                    volume_depth = fog_depth(segment, i, start, t_low, t_high, is_whole);
+                }
+#else
+                volume_depth = fog_depth(segment, i, start, t_low, t_high, is_whole);
+#endif
+#else
+                volume_depth = fog_depth(segment, i, start, t_low, t_high, is_whole);
+#endif
                 if volume_depth > 0.0 {
                     thickest = select(thickest, i, volume_depth > thickest_depth);
                     thickest_depth = max(thickest_depth, volume_depth);
@@ -141,12 +174,13 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
                     source += volume_depth * volumes[i].emissive;
                     // How much is visible of the slab is not known yet.
                     let weights = octave_weights(volume_depth, Visibility(0.0, 0.0), 0.0);
-                    add_sample(&slab_sums, weights, volumes[i].base_color, light);
+                    let albedo = ramp_albedo * albedo_along(segment, 0.5 * (t_low + t_high), i);
+                    add_sample(&slab_sums, weights, albedo, light);
 #endif
                 }
             }
         }
-#ifdef VDB_EMISSION
+#ifdef VDB_EMITS
         let radiance_before = fog.radiance;
         fog.radiance += exp(-fog.optical_depth) * mean_transmittance(depth) * emission;
 #endif
@@ -163,7 +197,7 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
             largest_weight = max(largest_weight, weight);
             fog.optical_depth += depth;
         }
-#ifdef VDB_EMISSION
+#ifdef VDB_EMITS
         let added = dot(fog.radiance - radiance_before, vec3(1.0));
         radiance_sum += added;
         t_radiance_sum += added * 0.5 * (max(t_low, met.t_first) + min(t_high, met.t_last));
@@ -173,7 +207,7 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
     fog.radiance += scattered_radiance(sums, fog.optical_depth);
 #endif
     fog.t_mean = t_sum / max(1.0 - exp(-fog.optical_depth), 1e-30);
-#ifdef VDB_EMISSION
+#ifdef VDB_EMITS
     // Emission need not attenuate anything, so weight t by radiance.
     fog.t_mean = select(fog.t_mean, t_radiance_sum / max(radiance_sum, 1e-30), radiance_sum > 1e-30);
 #endif

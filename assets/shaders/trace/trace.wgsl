@@ -138,7 +138,7 @@ fn with_distance_fog(
     pixel: vec2<u32>,
 ) -> vec3<f32> {
     let at = shading_point(point_at(segment, t), vec3(0.0), pixel, true);
-#ifdef VDB_EMISSION
+#ifdef VDB_EMITS
     // Emission has no coverage, so it must not add the distance fog's own light.
     let fog_alone = apply_distance_fog(vec3(0.0), 1.0, at);
     return apply_distance_fog(color, 1.0, at) - (1.0 - coverage) * fog_alone;
@@ -178,7 +178,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
 #endif
         throughput *= transmittance;
         miss_radiance *= transmittance;
-#ifdef VDB_EMISSION
+#ifdef VDB_EMITS
         let is_seen = fog.optical_depth > 0.0 || any(fog.radiance > vec3(0.0));
 #else
         let is_seen = fog.optical_depth > 0.0;
@@ -334,7 +334,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
 
 #ifdef VDB_EDGES
 // The pixels on edges; see `edges.wgsl`.
-@group(2) @binding(16) var<storage, read> edges: array<u32>;
+@group(2) @binding(17) var<storage, read> edges: array<u32>;
 
 const EDGES_COUNT: u32 = 3u;
 const EDGES_FIRST: u32 = 4u;

@@ -10,11 +10,45 @@
 #import bevy_vdb::traversal::rebase::{Rebased, rebased_exit, rebased_t, rebased_at}
 #import bevy_vdb::traversal::hdda::{FAR, Dda, advance, box_exit, confirm, count_step, enter, local_cell}
 #import bevy_vdb::traversal::hdda::{plane_t, exit_planes, unmirrored}
+#ifdef VDB_RAMPS
+#import bevy_vdb::traversal::ramps::mean_extinction
+#endif
 
 // Half the distance between the two Gauss–Legendre points on an interval of length 1.
 const GAUSS: f32 = 0.28867513;
 
-// Mean density between two parameters, counted from the rebased origin, within the cube of a span.
+#ifdef VDB_RAMPS
+// Values at the start, in the middle and at the end of a stretch between two parameters, counted from the
+// rebased origin, within the cube of a span.
+fn stretch_values(
+    grid: Grid,
+    mirrored: MirroredRay,
+    rebased: Rebased,
+    dda: Dda,
+    span: Span,
+    t_from: f32,
+    t_to: f32,
+) -> vec3<f32> {
+    if span_constant(span) {
+        return vec3(tile_value(grid, span.word));
+    }
+    let cell = fog_cell(grid, span, local_cell(mirrored, dda.rel));
+    let origin = rebased.frac - vec3<f32>(dda.rel - rebased.cell);
+    let first = saturate(origin + t_from * mirrored.speed);
+    let last = saturate(origin + t_to * mirrored.speed);
+    let middle = 0.5 * (first + last);
+    return cell.offset
+        + cell.scale
+        * vec3(
+            trilinear(cell.corners, unmirrored(mirrored, first)),
+            trilinear(cell.corners, unmirrored(mirrored, middle)),
+            trilinear(cell.corners, unmirrored(mirrored, last)),
+        );
+}
+#endif
+
+// Mean density between two parameters, counted from the rebased origin, within the cube of a span; for a grid
+// with a ramp, mean extinction.
 fn mean_density(
     grid: Grid,
     mirrored: MirroredRay,
@@ -24,6 +58,11 @@ fn mean_density(
     t_from: f32,
     t_to: f32,
 ) -> f32 {
+#ifdef VDB_RAMPS
+    if grid.ramp != 0u {
+        return mean_extinction(grid, stretch_values(grid, mirrored, rebased, dda, span, t_from, t_to));
+    }
+#endif
     if span_constant(span) {
         return tile_value(grid, span.word);
     }

@@ -6,6 +6,10 @@
 #import bevy_vdb::traversal::tree::{Accessor, empty_cell, locate, span_constant, span_occupied}
 #import bevy_vdb::traversal::rebase::{Rebased, rebased_exit, rebased_at}
 #import bevy_vdb::traversal::fog::{REBASE_RANGE, mean_density}
+#ifdef VDB_RAMPS
+#import bevy_vdb::traversal::fog::stretch_values
+#import bevy_vdb::traversal::ramps::mean_extinction
+#endif
 #import bevy_vdb::traversal::hdda::{FAR, Dda, advance, confirm, count_step, enter, local_cell, exit_planes}
 
 // Step length in voxels: `step`, and proportionally longer if the longest edge of the fog's box exceeds
@@ -44,6 +48,11 @@ struct Interval {
     density_integral: f32,  // ∫ density dt; 0 if the ray is finished
     t_first: f32,           // where its density begins
     t_mean: f32,            // mean t, weighted by density
+#ifdef VDB_RAMPS
+    // Of a grid with a ramp, whose intervals are single stretches within a cell, with or without extinction.
+    values: vec3<f32>,      // at the start, in the middle and at the end
+    width: f32,             // in t; 0 if the ray is finished
+#endif
 }
 
 // The next interval that contains density. Each iteration either moves to the next cell or takes part of the
@@ -55,7 +64,7 @@ fn next_interval(
     accessor: ptr<function, Accessor>,
     max_integral: f32,
 ) -> Interval {
-    var interval = Interval(0.0, 0.0, 0.0);
+    var interval = Interval();
     var moment = 0.0;
     var t_out = 0.0;
     while (*march).dda.inside {
@@ -96,7 +105,19 @@ fn next_interval(
             // Due to rounding.
             t_end = min(t_last, t_done + (*march).t_step);
         }
+#ifdef VDB_RAMPS
+        var mean = 0.0;
+        if grid.ramp != 0u {
+            interval.values = stretch_values(grid, mirrored, rebased, current, span, t_done, t_end);
+            interval.width = t_end - t_done;
+            interval.t_first = rebased.t + t_done;
+            mean = mean_extinction(grid, interval.values);
+        } else {
+            mean = mean_density(grid, mirrored, rebased, current, span, t_done, t_end);
+        }
+#else
         let mean = mean_density(grid, mirrored, rebased, current, span, t_done, t_end);
+#endif
         let contribution = min((t_end - t_done) * mean, max_integral);
         if contribution > 0.0 {
             if interval.density_integral == 0.0 {
@@ -117,6 +138,11 @@ fn next_interval(
             // In a boundary tile, cells without density count as empty.
             (*march).in_run = mean > 0.0 && !span_constant(span);
         }
+#ifdef VDB_RAMPS
+        if grid.ramp != 0u && interval.width > 0.0 {
+            break;
+        }
+#endif
     }
     interval.t_mean = interval.t_first + moment / max(interval.density_integral, 1e-30);
     return interval;

@@ -1,7 +1,8 @@
 // A view, the volumes in it, and the volumes that cast shadows into it.
 #define_import_path bevy_vdb::view::scene
 
-#import bevy_vdb::gpu::types::{View, Volume}
+#import bevy_vdb::gpu::bindings::grids
+#import bevy_vdb::gpu::types::{Grid, View, Volume}
 #ifdef VDB_SCALED
 #import bevy_vdb::view::picture::pixel_of
 #endif
@@ -16,6 +17,17 @@ fn target_pixel(pixel: vec2<u32>) -> vec2<u32> {
 #else
     return view.origin + pixel;
 #endif
+}
+
+// The grid of a fog, with its ramp.
+fn fog_grid(volume: u32) -> Grid {
+    var grid = grids[volumes[volume].grid];
+#ifdef VDB_RAMPS
+    grid.ramp = volumes[volume].ramp;
+    grid.ramp_low = volumes[volume].ramp_low;
+    grid.ramp_scale = volumes[volume].ramp_scale;
+#endif
+    return grid;
 }
 
 // A number in [0, 1) that is evenly distributed over accumulated or jittered frames: the fractional part of

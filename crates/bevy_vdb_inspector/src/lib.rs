@@ -23,6 +23,7 @@ mod memory;
 mod models;
 mod performance;
 mod quality;
+mod ramp;
 #[cfg(feature = "record")]
 mod recording;
 mod roles;
@@ -161,6 +162,7 @@ fn panel(world: &mut World) {
             section(ui, world, "Grids of the file", true, roles::show);
             section(ui, world, "Grid", false, grid::show);
             section(ui, world, "Material", true, material::show);
+            section(ui, world, "Ramp", false, ramp::show);
             section(ui, world, "Camera", true, camera::show);
             section(ui, world, "Sun", true, sun::show);
             section(ui, world, "Quality", false, quality::show);

@@ -25,6 +25,7 @@ mod limits;
 mod metadata;
 pub mod pack;
 pub mod query;
+mod ramp;
 pub mod reference;
 pub mod synth;
 mod transform;
@@ -41,4 +42,5 @@ pub use grid::{
 };
 pub use limits::Limits;
 pub use metadata::{MetaValue, Metadata};
+pub use ramp::{Ramp, RampPoint, RampStop, RampTable};
 pub use transform::Transform;

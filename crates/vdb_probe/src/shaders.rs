@@ -10,7 +10,7 @@ use naga_oil::compose::{
 pub type Defs<'a> = &'a [&'a str];
 
 /// The importable modules that do not depend on Bevy, ordered so that each comes after its imports.
-const MODULES: [(&str, &str); 13] = [
+const MODULES: [(&str, &str); 14] = [
     ("gpu/types", include_str!("../../../assets/shaders/gpu/types.wgsl")),
     ("gpu/bindings", include_str!("../../../assets/shaders/gpu/bindings.wgsl")),
     ("traversal/rays", include_str!("../../../assets/shaders/traversal/rays.wgsl")),
@@ -22,6 +22,7 @@ const MODULES: [(&str, &str); 13] = [
     ("traversal/rebase", include_str!("../../../assets/shaders/traversal/rebase.wgsl")),
     ("traversal/smooth", include_str!("../../../assets/shaders/traversal/smooth.wgsl")),
     ("traversal/normals", include_str!("../../../assets/shaders/traversal/normals.wgsl")),
+    ("traversal/ramps", include_str!("../../../assets/shaders/traversal/ramps.wgsl")),
     ("traversal/fog", include_str!("../../../assets/shaders/traversal/fog.wgsl")),
     ("single_rays", include_str!("single_rays.wgsl")),
 ];

@@ -36,6 +36,7 @@ pub(super) fn fingerprint(prepared: &PreparedView, changes: &SceneChanges) -> u6
     (prepared.key, prepared.is_ready, changes_of(&prepared.key, changes)).hash(&mut hasher);
     bytemuck::bytes_of(&prepared.data).hash(&mut hasher);
     bytemuck::cast_slice::<_, u8>(&prepared.volumes).hash(&mut hasher);
+    prepared.entries.iter().for_each(|entry| entry.lattice.ramp.hash(&mut hasher));
     hasher.finish()
 }
 

@@ -112,7 +112,7 @@ fn prepare(
                 tone,
                 fog_alone,
                 motion,
-                emission: prepared.key.has(Features::EMISSION),
+                emission: prepared.key.features.intersects(Features::EMISSION | Features::RAMPS),
             };
             specialized.specialize(&cache, &pipeline, key)
         };

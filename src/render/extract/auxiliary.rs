@@ -20,7 +20,7 @@ const MAX_KELVIN: f32 = 1e9;
 pub(crate) struct AuxiliaryGrids {
     /// The emission: one grid, or one per component of its colour.
     pub emission: Vec<AuxiliaryGrid>,
-    /// The colour of a surface, as three grids: red, green and blue. Empty without a colour grid.
+    /// The colour, as three grids: red, green and blue. Empty without a colour grid.
     pub colors: Vec<AuxiliaryGrid>,
     /// A problem with the emission.
     pub trouble: Option<Trouble>,
@@ -59,7 +59,6 @@ impl AuxiliaryGrids {
     pub fn new(
         (emission, color): (Option<&VdbEmission>, Option<&VdbColorGrid>),
         (grids, vectors): (&Assets<VdbGrid>, &Assets<VdbVectorGrid>),
-        is_surface: bool,
     ) -> Self {
         let mut auxiliary = Self::default();
         if let Some(emission) = emission {
@@ -68,7 +67,6 @@ impl AuxiliaryGrids {
         }
         if let Some(VdbColorGrid(handle)) = color
             && let Some(grid) = vectors.get(handle)
-            && is_surface
         {
             auxiliary.colors = components(handle.id(), grid, types::KIND_COLOR);
         }

@@ -4,6 +4,7 @@ mod auxiliary;
 mod changes;
 mod hash;
 mod lights;
+mod ramps;
 mod volumes;
 mod warnings;
 
@@ -13,6 +14,7 @@ use bevy::render::{ExtractSchedule, RenderApp};
 pub(super) use auxiliary::AuxiliaryGrid;
 pub(super) use changes::SceneChanges;
 pub(super) use lights::{ExtractedEnvironment, ExtractedSuns, MeshCasters};
+pub(super) use ramps::{ExtractedRamp, ExtractedRamps};
 pub(super) use volumes::{ExtractedVelocity, ExtractedVolume, ExtractedVolumes};
 pub(super) use warnings::{Setting, Trouble, Warned};
 
@@ -24,6 +26,7 @@ impl Plugin for ExtractPlugin {
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
         render_app
             .init_resource::<ExtractedVolumes>()
+            .init_resource::<ExtractedRamps>()
             .init_resource::<ExtractedSuns>()
             .init_resource::<MeshCasters>()
             .init_resource::<Warned>()

@@ -12,11 +12,12 @@ use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::tree::VectorLattice;
 
 use super::auxiliary::AuxiliaryGrids;
+use super::ramps::{ExtractedRamps, VolumeRamp};
 use crate::render::gpu::GridKey;
 use crate::scene::{NextFrame, Share};
 use crate::{
-    VdbColorGrid, VdbEmission, VdbGrid, VdbMaterial, VdbVectorGrid, VdbVelocity, VdbVolume,
-    VdbVolumeQuality,
+    VdbColorGrid, VdbEmission, VdbGrid, VdbMaterial, VdbRamp, VdbVectorGrid, VdbVelocity,
+    VdbVolume, VdbVolumeQuality,
 };
 
 /// All volumes whose grids have been loaded, visible or not.
@@ -68,6 +69,10 @@ pub(crate) struct ExtractedVolume {
     pub velocity: Option<ExtractedVelocity>,
     /// The auxiliary grids; none if the volume is hidden.
     pub auxiliary: AuxiliaryGrids,
+    /// The ramp of a fog; none if the volume is hidden.
+    pub ramp: Option<VolumeRamp>,
+    /// The share that a frame that fades has of what it emits.
+    pub share: f32,
 }
 
 /// How what a volume shows moves within it.
@@ -105,31 +110,32 @@ pub(crate) fn extract_volumes(
             (Option<&VdbVelocity>, Option<&Share>, Option<(&NextFrame, &ChildOf)>),
         )>,
     >,
-    qualities: Extract<Query<&VdbVolumeQuality>>,
+    settings: Extract<Query<(Option<&VdbVolumeQuality>, Option<&VdbRamp>)>>,
     with_motion: Extract<Query<(), With<MotionVectorPrepass>>>,
     grids: Extract<Res<Assets<VdbGrid>>>,
     vectors: Extract<Res<Assets<VdbVectorGrid>>>,
-    mut extracted: ResMut<ExtractedVolumes>,
+    (mut extracted, mut ramps): (ResMut<ExtractedVolumes>, ResMut<ExtractedRamps>),
     mut before: Local<MainEntityHashMap<ExtractedVolume>>,
 ) {
     std::mem::swap(&mut extracted.0, &mut *before);
     extracted.0.clear();
+    ramps.begin_frame();
     for (entity, volume, transform, material, visible, layers, auxiliary, without, motion) in
         &volumes
     {
         let (velocity, share, next) = motion;
         let share = share.map_or(1.0, |share| share.0);
-        // The quality of a player is that of the frame it fades to, too.
+        // The settings of a player are those of the frame it fades to, too.
         let set_by = next.map_or(entity, |(_, player)| player.0);
-        let quality = qualities.get(set_by).copied().unwrap_or_default();
+        let (quality, ramp) = settings.get(set_by).unwrap_or_default();
+        let quality = quality.copied().unwrap_or_default();
         let Some(grid) = grids.get(&volume.0) else { continue };
         let entity = MainEntity::from(entity);
         let world_from_local = transform.affine();
         let mut material = material.clone();
         material.density_scale *= share;
         let auxiliary = if visible.get() {
-            let is_surface = grid.kind() != PackKind::Fog;
-            AuxiliaryGrids::new(auxiliary, (&grids, &vectors), is_surface).with_share(share)
+            AuxiliaryGrids::new(auxiliary, (&grids, &vectors)).with_share(share)
         } else {
             AuxiliaryGrids::default()
         };
@@ -153,6 +159,10 @@ pub(crate) fn extract_volumes(
                 .filter(|_| visible.get() && !with_motion.is_empty())
                 .and_then(|velocity| ExtractedVelocity::new(velocity, &vectors)),
             auxiliary,
+            ramp: ramp
+                .filter(|_| visible.get() && grid.kind() == PackKind::Fog)
+                .and_then(|ramp| ramps.add(ramp)),
+            share,
         };
         extracted.0.insert(entity, volume);
     }

@@ -41,6 +41,7 @@ pub(crate) enum Setting {
     EmissionOffset,
     EmissionStrength,
     EmissionColor,
+    RampStops,
 }
 
 impl Setting {
@@ -58,6 +59,9 @@ impl Setting {
             Self::EmissionOffset => ("offset", "a value that is finite"),
             Self::EmissionStrength => ("strength", "a value that is finite and not negative"),
             Self::EmissionColor => ("color", "components that are finite and not negative"),
+            Self::RampStops => {
+                ("stops", "numbers that are finite and, except values, not negative")
+            }
         }
     }
 
@@ -68,6 +72,7 @@ impl Setting {
             | Self::EmissionOffset
             | Self::EmissionStrength
             | Self::EmissionColor => "VdbEmission",
+            Self::RampStops => "VdbRamp",
             _ => "VdbMaterial",
         }
     }

@@ -51,9 +51,13 @@ pub(crate) fn scene_layout(stages: ShaderStages, is_paged: bool) -> DynamicBindG
     }
 }
 
-/// The layouts of a group with the scene: for a pool of one page, and for one of several.
+/// The binding of the ramps of fogs in the crate's own group, in shaders with `VDB_RAMPS`.
+pub(crate) const RAMPS_BINDING: u32 = 16;
+
+/// The layouts of a group with the scene: for a pool of one page and for one of several, each
+/// without and with ramps.
 #[derive(Clone, Debug)]
-pub(crate) struct SceneLayouts([BindGroupLayoutDescriptor; 2]);
+pub(crate) struct SceneLayouts([BindGroupLayoutDescriptor; 4]);
 
 impl SceneLayouts {
     /// `extend` adds the other bindings of the group to those of the scene.
@@ -62,14 +66,18 @@ impl SceneLayouts {
         stages: ShaderStages,
         extend: impl Fn(DynamicBindGroupLayoutEntries) -> DynamicBindGroupLayoutEntries,
     ) -> Self {
-        let layout = |is_paged| {
-            BindGroupLayoutDescriptor::new(label, &extend(scene_layout(stages, is_paged)))
+        let layout = |(is_paged, has_ramps)| {
+            let mut entries = extend(scene_layout(stages, is_paged));
+            if has_ramps {
+                entries = entries.extend_with_indices(((RAMPS_BINDING, read()),));
+            }
+            BindGroupLayoutDescriptor::new(label, &entries)
         };
-        Self([false, true].map(layout))
+        Self([(false, false), (true, false), (false, true), (true, true)].map(layout))
     }
 
-    pub fn of(&self, is_paged: bool) -> &BindGroupLayoutDescriptor {
-        &self.0[usize::from(is_paged)]
+    pub fn of(&self, is_paged: bool, has_ramps: bool) -> &BindGroupLayoutDescriptor {
+        &self.0[usize::from(is_paged) + 2 * usize::from(has_ramps)]
     }
 }
 

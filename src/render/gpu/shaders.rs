@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 41] = shaders![
+const IMPORTS: [(&str, &[u8]); 43] = shaders![
     "gpu/types",
     "gpu/bindings",
     "traversal/rays",
@@ -28,6 +28,7 @@ const IMPORTS: [(&str, &[u8]); 41] = shaders![
     "traversal/rebase",
     "traversal/smooth",
     "traversal/normals",
+    "traversal/ramps",
     "traversal/fog",
     "trace/emission",
     "traversal/march",
@@ -53,6 +54,7 @@ const IMPORTS: [(&str, &[u8]); 41] = shaders![
     "trace/light_cache",
     "trace/fog_march",
     "trace/shared_light",
+    "trace/ramp_light",
     "trace/medium",
     "trace/media",
     "trace/slabs",

@@ -17,6 +17,10 @@ pub(crate) struct TraversalKey {
 }
 
 impl TraversalKey {
+    pub fn has_ramps(&self) -> bool {
+        self.features.contains(Features::RAMPS)
+    }
+
     pub fn defs(&self, shaders: &Shaders) -> Vec<ShaderDefVal> {
         let features = self.features.defs().map(Into::into);
         features

@@ -12,7 +12,7 @@ pub(crate) const KIND_EMISSION: u32 = 3;
 pub(crate) const KIND_BLACKBODY: u32 = 4;
 pub(crate) const KIND_COLOR: u32 = 5;
 
-/// [`Volume::color_grids`] of a surface without a colour grid.
+/// [`Volume::color_grids`] of a volume without a colour grid.
 pub(crate) const NO_COLOR: u32 = u32::MAX;
 /// The kind of an entry that shaders ignore.
 pub(crate) const KIND_NONE: u32 = 6;
@@ -56,6 +56,10 @@ pub(crate) struct Volume {
     pub light_log: u32,
     pub light_texel: [f32; 3],
     pub light_planes: u32,
+    pub ramp: u32,
+    pub ramp_low: f32,
+    pub ramp_scale: f32,
+    pub ramp_emission: f32,
 }
 
 /// Bits of [`Volume::flags`].
@@ -196,7 +200,7 @@ mod tests {
         );
         let grid = fields!(GridHeader: top_origin, top_levels, occupied_min, top,
             occupied_max, lower_nodes, heads, masks, leaf_records, records, samples, palette, format,
-            brick_words, scale);
+            brick_words, scale, ramp, ramp_low, ramp_scale);
         check(&module, "Grid", size_of::<GridHeader>(), &grid);
         let rays = fields!(GpuRays: eye_cell, eye_frac, eye_x, eye_y, dir, dir_rest, dir_x, dir_y);
         check(&module, "Rays", size_of::<GpuRays>(), &rays);
@@ -205,7 +209,7 @@ mod tests {
             metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last, color_grids,
             background, temperature_scale, temperature_offset, box_min, flags, box_max, fog_step,
             node_min, light_step, node_max, shadow_step, light_origin, light_log,
-            light_texel, light_planes);
+            light_texel, light_planes, ramp, ramp_low, ramp_scale, ramp_emission);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, offscreen_count, size, origin,

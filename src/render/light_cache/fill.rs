@@ -11,9 +11,10 @@ use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use super::lattices::LightCache;
 use super::pipeline::FillPipeline;
 use super::view::{Fill, LightCacheView, Way};
-use crate::render::gpu::{PipelineFallback, empty_layout};
+use crate::quality::features::Features;
+use crate::render::gpu::{PipelineFallback, RAMPS_BINDING, empty_layout};
 use crate::render::pool::VdbTreePool;
-use crate::render::view::{ViewState, VolumeBuffer};
+use crate::render::view::{RampTexture, ViewState, VolumeBuffer};
 
 /// The samples that a workgroup fills.
 const GROUP_SAMPLES: UVec3 = UVec3::new(8, 4, 4);
@@ -24,7 +25,7 @@ pub(crate) fn fill_light_cache(
     cache: Res<LightCache>,
     (pipeline, pipelines): (Res<FillPipeline>, Res<PipelineCache>),
     fallback: Res<PipelineFallback>,
-    (pool, volumes): (Res<VdbTreePool>, Res<VolumeBuffer>),
+    (pool, volumes, ramps): (Res<VdbTreePool>, Res<VolumeBuffer>, Res<RampTexture>),
     device: Res<RenderDevice>,
     mut context: RenderContext,
 ) {
@@ -33,7 +34,12 @@ pub(crate) fn fill_light_cache(
     if own.jobs.is_empty() {
         return;
     }
-    let Some((_, uniform)) = state.prepared() else { return };
+    let Some((prepared, uniform)) = state.prepared() else { return };
+    let has_ramps = prepared.key.has(Features::RAMPS);
+    let ramps = ramps.view().filter(|_| has_ramps);
+    if has_ramps && ramps.is_none() {
+        return;
+    }
     let compute = |id| fallback.compute(&pipelines, id);
     let ids = own.pipelines;
     let samples = ids.and_then(|own| compute(own.samples));
@@ -46,7 +52,8 @@ pub(crate) fn fill_light_cache(
         None => return,
     };
     let [layout, sun_layout] = [&pipeline.layouts, &pipeline.sun_layouts]
-        .map(|layouts| pipelines.get_bind_group_layout(layouts.of(pool.is_paged())));
+        .map(|layouts| layouts.of(pool.is_paged(), ramps.is_some()))
+        .map(|layout| pipelines.get_bind_group_layout(layout));
     let empty = pipelines.get_bind_group_layout(&empty_layout());
     let empty = device.create_bind_group("vdb_empty", &empty, &[]);
     let diagnostics = context.diagnostic_recorder();
@@ -62,7 +69,10 @@ pub(crate) fn fill_light_cache(
             usage: BufferUsages::UNIFORM,
         });
         let entries = pool.scene_entries(uniform, volumes);
-        let entries = entries.extend_sequential((job.as_entire_binding(), target.clone()));
+        let mut entries = entries.extend_sequential((job.as_entire_binding(), target.clone()));
+        if let Some(ramps) = ramps {
+            entries = entries.extend_with_indices(((RAMPS_BINDING, ramps),));
+        }
         let for_samples = (lattice.samples + GROUP_SAMPLES - 1) / GROUP_SAMPLES;
         let (group, steps) = match (way, &suns, &cache.depths) {
             (Way::Samples(_), ..) => {

@@ -97,12 +97,14 @@ impl FillPipelines {
             | Features::EMISSION
             | Features::MULTIPLE_SCATTERING
             | Features::MANY
-            | Features::WIDE_GRIDS;
+            | Features::WIDE_GRIDS
+            | Features::RAMPS;
         let features = key.features & own;
         let (page_bits, sample_format) = (key.page_bits, key.sample_format);
         let all = TraversalKey { features, page_bits, sample_format };
         // These read no grids, but have the same layout.
-        let none = TraversalKey { features: Features::empty(), page_bits, sample_format: None };
+        let none =
+            TraversalKey { features: features & Features::RAMPS, page_bits, sample_format: None };
         let mut id = |program, traversal| {
             specialized.specialize(cache, pipeline, FillKey { program, traversal })
         };
@@ -152,7 +154,7 @@ impl SpecializedComputePipeline for FillPipeline {
         };
         let is_fill = key.program == Program::Fill;
         let layouts = if is_fill { &self.layouts } else { &self.sun_layouts };
-        let layout = layouts.of(key.traversal.page_bits.is_some());
+        let layout = layouts.of(key.traversal.page_bits.is_some(), key.traversal.has_ramps());
         let stores_texels = defs([(self.stores_texels, "VDB_STORABLE_LATTICE")]);
         let shader_defs = key.traversal.defs(&self.shaders).into_iter().chain(stores_texels);
         ComputePipelineDescriptor {

@@ -23,20 +23,21 @@ use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
     BindGroup, Buffer, BufferInitDescriptor, BufferUsages, CachedRenderPipelineId, LoadOp,
     Operations, PipelineCache, RenderPassDepthStencilAttachment, RenderPassDescriptor,
-    RenderPipeline, SpecializedRenderPipelines, StoreOp, TextureViewDimension,
+    RenderPipeline, SpecializedRenderPipelines, StoreOp, TextureView, TextureViewDimension,
 };
-use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
+use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery};
 use bevy::render::texture::TextureCache;
 use bevy::render::view::{ExtractedView, RenderVisibleEntities};
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
-use super::extract::ExtractedVolumes;
+use super::extract::{ExtractedRamps, ExtractedVolumes};
 use super::gpu::{
-    GROUP, PipelineFallback, Shaders, TraversalKey, empty_layout, load_shaders, types,
+    GROUP, PipelineFallback, RAMPS_BINDING, Shaders, TraversalKey, empty_layout, load_shaders,
+    types,
 };
 use super::pool::{PoolBuffers, VdbTreePool};
 use super::trace::MeshShadowMaps;
-use super::view::{PrepareViews, ViewState, random_offset};
+use super::view::{PrepareViews, RampTexture, ViewState, random_offset};
 use crate::quality::features::Features;
 use crate::{VdbCamera, VdbQuality};
 use casters::{Cast, casters, sees_meshes};
@@ -114,6 +115,14 @@ struct Pipelines<'w> {
     fallback: Res<'w, PipelineFallback>,
 }
 
+/// The ramps of fogs, and their texture.
+#[derive(SystemParam)]
+struct Ramps<'w> {
+    texture: ResMut<'w, RampTexture>,
+    all: Res<'w, ExtractedRamps>,
+    queue: Res<'w, RenderQueue>,
+}
+
 /// The components of a camera that determine which volumes cast shadows for it.
 type CameraData<'a> = (
     Entity,
@@ -129,7 +138,7 @@ type MapData<'a> = (Entity, &'a ExtractedView, &'a LightEntity, &'a RenderLayers
 fn prepare_casters(
     mut shadows: ResMut<CastShadows>,
     mut mesh_maps: ResMut<MeshShadowMaps>,
-    volumes: Res<ExtractedVolumes>,
+    (volumes, mut ramps): (Res<ExtractedVolumes>, Ramps),
     (pool, frame): (Res<VdbTreePool>, Res<FrameCount>),
     cameras: Query<CameraData, With<Camera3d>>,
     maps: Query<MapData, With<ShadowView>>,
@@ -151,7 +160,8 @@ fn prepare_casters(
         features: Features::VOXELS.when(has(types::KIND_SURFACE))
             | Features::SMOOTH.when(has(types::KIND_SMOOTH))
             | Features::FOG.when(has(types::KIND_FOG))
-            | Features::WIDE_GRIDS.when(pool.has_wide_grids()),
+            | Features::WIDE_GRIDS.when(pool.has_wide_grids())
+            | Features::RAMPS.when(cast.volumes.iter().any(|volume| volume.ramp != 0)),
         page_bits: pool.page_bits(),
         sample_format: pool.format(),
     };
@@ -198,7 +208,13 @@ fn prepare_casters(
         mesh_maps.directional = shadows.directional.as_ref().map(|map| map.view.clone());
         mesh_maps.point = shadows.point.as_ref().map(|map| map.view.clone());
     }
-    shadows.draws = draws(cast, buffers, caster, cache, &device);
+    let ramps = if key.has_ramps() {
+        let Some(ramps) = ramps.texture.get(&ramps.all, &device, &ramps.queue) else { return };
+        Some(ramps)
+    } else {
+        None
+    };
+    shadows.draws = draws(cast, (buffers, ramps), caster, cache, &device);
 }
 
 /// The casters in each shadow map.
@@ -235,7 +251,7 @@ fn list_maps(
 /// Creates the bind group of each map.
 fn draws(
     cast: Cast,
-    pool: &PoolBuffers,
+    (pool, ramps): (&PoolBuffers, Option<&TextureView>),
     pipeline: &CastPipeline,
     cache: &PipelineCache,
     device: &RenderDevice,
@@ -249,9 +265,13 @@ fn draws(
     };
     let bytes = bytemuck::cast_slice(&cast.volumes);
     let casting = buffer("vdb_casters", bytes, BufferUsages::STORAGE);
-    let layout = cache.get_bind_group_layout(pipeline.layouts.of(pool.is_paged()));
+    let layout = cache.get_bind_group_layout(pipeline.layouts.of(pool.is_paged(), ramps.is_some()));
     let bind = |view: &Buffer| {
-        device.create_bind_group("vdb_cast", &layout, &pool.scene_entries(view, &casting))
+        let mut entries = pool.scene_entries(view, &casting);
+        if let Some(ramps) = ramps {
+            entries = entries.extend_with_indices(((RAMPS_BINDING, ramps),));
+        }
+        device.create_bind_group("vdb_cast", &layout, &entries)
     };
     let draw = |(camera, map, view): (_, _, types::View)| {
         let uniform = buffer("vdb_cast_view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);

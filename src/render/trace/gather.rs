@@ -42,7 +42,7 @@ pub(super) fn gather_lamp_light(
     let (Some((depths, _)), Some(lamps)) = (cache.binding(), cached.lamp_lattices()) else {
         return;
     };
-    let layout = pipelines.get_bind_group_layout(pipeline.layouts.of(pool.is_paged()));
+    let layout = pipelines.get_bind_group_layout(pipeline.layouts.of(pool.is_paged(), false));
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_lamp_light");

@@ -134,7 +134,7 @@ impl SpecializedComputePipeline for LampLightPipeline {
 
     fn specialize(&self, key: LampLightKey) -> ComputePipelineDescriptor {
         let has = |feature| key.traversal.features.contains(feature);
-        let layout = self.layouts.of(key.traversal.page_bits.is_some());
+        let layout = self.layouts.of(key.traversal.page_bits.is_some(), false);
         let octaves = has(Features::MULTIPLE_SCATTERING) && has(Features::SHADOWS);
         let suns = ShaderDefVal::UInt("VDB_CACHED_SUNS".into(), key.cached_suns.unwrap_or(0));
         let defs = [octaves.then_some("VDB_OCTAVES"), key.shadow_filter];

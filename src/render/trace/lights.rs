@@ -113,12 +113,16 @@ impl LightLayouts {
     /// The shader defs of the light of a view, besides those of its features.
     ///
     /// Fog is lit evenly (`VDB_EVEN_LIGHT`) only if its position along the ray does not matter.
-    /// Position matters for light that varies in space, and for motion vectors and distance fog.
+    /// Position matters for light and albedos that vary in space, and for motion vectors and distance fog.
     /// Multiple scattering from lights uses octaves (`VDB_OCTAVES`) only with shadows: without
     /// them, no optical depth towards the light is known.
     pub fn shader_defs(&self, key: &ViewKey) -> impl Iterator<Item = ShaderDefVal> {
-        let placed =
-            Features::SHADOWS | Features::LAMPS | Features::MOTION_VECTORS | Features::DISTANCE_FOG;
+        let placed = Features::SHADOWS
+            | Features::LAMPS
+            | Features::MOTION_VECTORS
+            | Features::DISTANCE_FOG
+            | Features::FOG_COLORS
+            | Features::RAMPS;
         let is_lit = key.has(Features::LIGHT);
         let even = is_lit && !key.features.intersects(placed);
         let octaves = key.has(Features::MULTIPLE_SCATTERING) && key.has(Features::SHADOWS);

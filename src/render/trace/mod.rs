@@ -18,20 +18,22 @@ use bevy::render::render_resource::{
     BindGroup, Buffer, ComputePassDescriptor, PipelineCache, Sampler, SpecializedComputePipelines,
     TextureFormat, TextureView,
 };
-use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
+use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery};
 use bevy::render::texture::TextureCache;
 use bevy::render::view::ViewDepthTexture;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
+use super::extract::ExtractedRamps;
 use super::gpu::{
-    GROUP, MAX_GROUPS, PipelineFallback, Shaders, load_shaders, picture_texture, tiles,
+    GROUP, MAX_GROUPS, PipelineFallback, RAMPS_BINDING, Shaders, load_shaders, picture_texture,
+    tiles,
 };
 use super::light_cache::{LightCache, LightCacheView, fill_light_cache};
 use super::pool::{PoolBuffers, VdbTreePool};
 use super::view::VdbSystems;
 use super::view::{
-    Picture, PrepareViews, PreparedView, ViewKey, ViewPicture, ViewState, VisibleVolumes,
-    VolumeBuffer, add_picture_pass,
+    Picture, PrepareViews, PreparedView, RampTexture, ViewKey, ViewPicture, ViewState,
+    VisibleVolumes, VolumeBuffer, add_picture_pass,
 };
 use crate::quality::features::Features;
 use beams::BeamsPipeline;
@@ -194,9 +196,10 @@ fn bind(
     (pool, volumes): (Res<VdbTreePool>, Res<VolumeBuffer>),
     all_lights: AllLights,
     (blackbody, light_cache): (Res<BlackbodyColors>, Res<LightCache>),
+    (mut ramps, all_ramps): (ResMut<RampTexture>, Res<ExtractedRamps>),
     (trace, beams): (Res<TracePipeline>, Res<BeamsPipeline>),
     cache: Res<PipelineCache>,
-    device: Res<RenderDevice>,
+    (device, queue): (Res<RenderDevice>, Res<RenderQueue>),
 ) {
     let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
     for (view, mut own, picture, depth, (cached, edges, view_lights)) in &mut views {
@@ -206,6 +209,11 @@ fn bind(
         };
         let bind = |features, view| all_lights.bind(features, &trace.lights, view, &device, &cache);
         let features = prepared.key.features;
+        let has_ramps = features.contains(Features::RAMPS);
+        let ramps = if has_ramps { ramps.get(&all_ramps, &device, &queue) } else { None };
+        if has_ramps && ramps.is_none() {
+            continue;
+        }
         let (Some(lights), Some(nothing)) =
             (bind(features, view_lights.as_ref()), bind(Features::empty(), None))
         else {
@@ -228,8 +236,8 @@ fn bind(
             continue;
         }
         let group = |features, edges| {
-            let layout = cache.get_bind_group_layout(trace.layout(features));
-            inputs.trace_group(&layout, table, cached.as_ref(), edges, &device)
+            let layout = cache.get_bind_group_layout(&trace.layout(features));
+            inputs.trace_group(&layout, (table, ramps), cached.as_ref(), edges, &device)
         };
         let refine = edges.list.as_ref().map(|edges| group(features, Some(edges)));
         let group = group(features.difference(Features::EDGES), None);
@@ -266,7 +274,7 @@ impl Inputs<'_> {
     fn trace_group(
         &self,
         layout: &bevy::render::render_resource::BindGroupLayout,
-        blackbody: Option<&TextureView>,
+        (blackbody, ramps): (Option<&TextureView>, Option<&TextureView>),
         cached: Option<&CacheBinding>,
         edges: Option<&Buffer>,
         device: &RenderDevice,
@@ -285,6 +293,9 @@ impl Inputs<'_> {
         if let Some(table) = blackbody {
             entries = entries.extend_with_indices(((11, table),));
         }
+        if let Some(ramps) = ramps {
+            entries = entries.extend_with_indices(((RAMPS_BINDING, ramps),));
+        }
         if let Some(CacheBinding { depths, sampler, lamps, scattered }) = cached {
             entries = entries.extend_with_indices(((12, *depths), (13, *sampler)));
             if let Some(lamps) = lamps {
@@ -295,7 +306,7 @@ impl Inputs<'_> {
             }
         }
         if let Some(edges) = edges {
-            entries = entries.extend_with_indices(((16, edges.as_entire_binding()),));
+            entries = entries.extend_with_indices(((17, edges.as_entire_binding()),));
         }
         device.create_bind_group("vdb_trace", layout, &entries)
     }

@@ -11,81 +11,59 @@ use bevy::shader::ShaderDefVal;
 use super::lights::LightLayouts;
 use crate::quality::features::Features;
 use crate::render::gpu::{
-    Shaders, page_defs, read, sample_format_def, scene_depth, scene_layout, storage_read, write,
+    RAMPS_BINDING, Shaders, page_defs, read, sample_format_def, scene_depth, scene_layout,
+    storage_read, write,
 };
 use crate::render::view::ViewKey;
-
-/// The features that the layout of the crate's own group depends on.
-const LAYOUT: [Features; 9] = [
-    Features::PAGES,
-    Features::MULTISAMPLED,
-    Features::BEAMS,
-    Features::MOTION_VECTORS,
-    Features::BLACKBODY,
-    Features::LIGHT_CACHE,
-    Features::CACHED_LAMPS,
-    Features::LAMP_LIGHT,
-    Features::EDGES,
-];
 
 #[derive(Debug, Resource)]
 pub(super) struct TracePipeline {
     shaders: Shaders,
     pub lights: LightLayouts,
-    /// For every subset of [`LAYOUT`].
-    layouts: [BindGroupLayoutDescriptor; 1 << LAYOUT.len()],
 }
 
 impl TracePipeline {
     pub fn new(shaders: &Shaders, lights: &LightLayouts) -> Self {
-        let layouts = std::array::from_fn(|subset| {
-            let has = |feature| {
-                LAYOUT
-                    .iter()
-                    .position(|own| *own == feature)
-                    .is_some_and(|bit| subset >> bit & 1 == 1)
-            };
-            let mut entries = scene_layout(ShaderStages::COMPUTE, has(Features::PAGES))
-                .extend_sequential((
-                    scene_depth(has(Features::MULTISAMPLED)),
-                    write(TextureFormat::Rgba16Float),
-                    write(TextureFormat::R32Float),
-                ));
-            if has(Features::BEAMS) {
-                entries = entries.extend_with_indices(((9, storage_read()),));
-            }
-            if has(Features::MOTION_VECTORS) {
-                entries = entries.extend_with_indices(((10, write(TextureFormat::Rg32Uint)),));
-            }
-            if has(Features::BLACKBODY) {
-                entries = entries.extend_with_indices(((11, read()),));
-            }
-            if has(Features::LIGHT_CACHE) {
-                let depths = texture_3d(TextureSampleType::Float { filterable: true });
-                let filtering = sampler(SamplerBindingType::Filtering);
-                entries = entries.extend_with_indices(((12, depths), (13, filtering)));
-                if has(Features::CACHED_LAMPS) {
-                    entries =
-                        entries.extend_with_indices(((14, texture_2d(TextureSampleType::Uint)),));
-                }
-                if has(Features::LAMP_LIGHT) {
-                    let light = texture_3d(TextureSampleType::Float { filterable: true });
-                    entries = entries.extend_with_indices(((15, light),));
-                }
-            }
-            if has(Features::EDGES) {
-                entries = entries.extend_with_indices(((16, storage_read()),));
-            }
-            BindGroupLayoutDescriptor::new("vdb_trace", &entries)
-        });
-        Self { shaders: shaders.clone(), lights: lights.clone(), layouts }
+        Self { shaders: shaders.clone(), lights: lights.clone() }
     }
 
-    pub fn layout(&self, features: Features) -> &BindGroupLayoutDescriptor {
-        let bits = LAYOUT.iter().enumerate();
-        let subset =
-            bits.map(|(bit, own)| usize::from(features.contains(*own)) << bit).sum::<usize>();
-        &self.layouts[subset]
+    /// The layout of the crate's own group.
+    pub fn layout(&self, features: Features) -> BindGroupLayoutDescriptor {
+        let has = |feature| features.contains(feature);
+        let mut entries = scene_layout(ShaderStages::COMPUTE, has(Features::PAGES))
+            .extend_sequential((
+                scene_depth(has(Features::MULTISAMPLED)),
+                write(TextureFormat::Rgba16Float),
+                write(TextureFormat::R32Float),
+            ));
+        if has(Features::BEAMS) {
+            entries = entries.extend_with_indices(((9, storage_read()),));
+        }
+        if has(Features::MOTION_VECTORS) {
+            entries = entries.extend_with_indices(((10, write(TextureFormat::Rg32Uint)),));
+        }
+        if has(Features::BLACKBODY) {
+            entries = entries.extend_with_indices(((11, read()),));
+        }
+        if has(Features::LIGHT_CACHE) {
+            let depths = texture_3d(TextureSampleType::Float { filterable: true });
+            let filtering = sampler(SamplerBindingType::Filtering);
+            entries = entries.extend_with_indices(((12, depths), (13, filtering)));
+            if has(Features::CACHED_LAMPS) {
+                entries = entries.extend_with_indices(((14, texture_2d(TextureSampleType::Uint)),));
+            }
+            if has(Features::LAMP_LIGHT) {
+                let light = texture_3d(TextureSampleType::Float { filterable: true });
+                entries = entries.extend_with_indices(((15, light),));
+            }
+        }
+        if has(Features::EDGES) {
+            entries = entries.extend_with_indices(((17, storage_read()),));
+        }
+        if has(Features::RAMPS) {
+            entries = entries.extend_with_indices(((RAMPS_BINDING, read()),));
+        }
+        BindGroupLayoutDescriptor::new("vdb_trace", &entries)
     }
 }
 
@@ -97,7 +75,7 @@ impl SpecializedComputePipeline for TracePipeline {
         let own = features.defs().chain(key.mode.traits().shader_def).map(Into::into);
         ComputePipelineDescriptor {
             label: Some("vdb_trace".into()),
-            layout: self.lights.layouts(key.features, self.layout(key.features)),
+            layout: self.lights.layouts(key.features, &self.layout(key.features)),
             shader: self.shaders.trace.clone(),
             shader_defs: own
                 .chain(self.lights.shader_defs(&key))

@@ -54,7 +54,7 @@ impl ViewKey {
         if is_known && self.reads(format) { kind } else { types::KIND_NONE }
     }
 
-    /// Whether the shaders can read the grids of a surface's colour.
+    /// Whether the shaders can read the grids of a volume's colour.
     pub fn reads_colors(&self, colors: &[AuxiliaryGrid]) -> bool {
         colors.iter().all(|grid| self.reads(grid.packed.sample_format()))
     }

@@ -4,6 +4,8 @@ use bevy::math::{DAffine3, DVec3};
 use vdb_core::pack::PackedGrid;
 use vdb_core::tree::CoordBox;
 
+use crate::render::extract::ExtractedRamp;
+
 /// The packed grid of an entry, in the world.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lattice {
@@ -11,8 +13,10 @@ pub(crate) struct Lattice {
     pub world_from_local: DAffine3,
     /// The local cells that can stop or dim a ray.
     pub occupied: Option<CoordBox>,
-    /// An upper bound of the density.
+    /// An upper bound of the density; of a fog with a ramp, of its extinction.
     pub majorant: f32,
+    /// Identifies the ramp of a fog.
+    pub ramp: Option<u64>,
     /// Identifies the voxels: see `VdbTreePool::content`.
     pub content: Option<u64>,
 }
@@ -24,8 +28,15 @@ impl Lattice {
             world_from_local: world_from_index * DAffine3::from_translation(origin),
             occupied: packed.occupied,
             majorant: packed.majorant,
+            ramp: None,
             content,
         }
+    }
+
+    /// With the ramp of a fog.
+    pub fn with_ramp(self, ramp: Option<&ExtractedRamp>) -> Self {
+        let Some(ramp) = ramp else { return self };
+        Self { majorant: ramp.largest_extinction, ramp: Some(ramp.content), ..self }
     }
 
     /// The corners of the occupied cells' box in the world.

@@ -34,12 +34,13 @@ impl Entry {
     fn of_volume(owner: MainEntity, shown: &Shown, pool: &VdbTreePool) -> Self {
         let (key, packed) = (shown.key(), shown.packed());
         let content = pool.content(key);
+        let lattice = Lattice::new(packed, shown.world_from_index(), content);
         Self {
             owner,
             world_from_index: shown.world_from_index(),
             index_box: shown.index_box(),
             sample_format: shown.sample_format(),
-            lattice: Lattice::new(packed, shown.world_from_index(), content),
+            lattice: lattice.with_ramp(shown.ramp()),
             cached_fog: None,
         }
     }
@@ -151,6 +152,10 @@ pub(crate) struct ViewList {
     pub kinds: Kinds,
     /// Whether grids colour surfaces.
     pub colors: bool,
+    /// Whether grids colour fogs.
+    pub fog_colors: bool,
+    /// Whether fogs have ramps.
+    pub ramps: bool,
     /// Whether any fog is sampled rather than integrated.
     pub fog_steps: bool,
     /// Whether any smooth surface has smooth normals.
@@ -198,6 +203,7 @@ impl ViewList {
         let is_smooth = |volume: &types::Volume| {
             volume.kind == types::KIND_SMOOTH && volume.flags & types::SMOOTH_NORMALS != 0
         };
+        let ramps = data.iter().any(|volume| volume.ramp != 0);
         let normals = if mirrors { &data[..] } else { &data[..seen] };
         let smooth_normals = normals.iter().any(is_smooth);
         let volumes = entries[..seen].iter().filter_map(|entry| maker.volumes.0.get(&entry.owner));
@@ -209,6 +215,8 @@ impl ViewList {
             kinds_seen,
             kinds,
             colors: false,
+            fog_colors: false,
+            ramps,
             fog_steps,
             smooth_normals,
             velocities,
@@ -235,16 +243,17 @@ impl ViewList {
         [true, false].map(|cached| fogs.clone().any(|(_, own)| is_cached(own) == cached))
     }
 
-    /// Adds the grids that colour surfaces, after all entries that rays can meet.
+    /// Adds the grids that colour surfaces and fogs, after all entries that rays can meet.
     fn add_colors(&mut self, maker: EntryMaker) {
         let view = (maker.eye.rays, maker.eye.world_from_view);
         for (i, entry) in self.entries.iter().enumerate() {
             let kind = self.data[i].kind;
-            if matches!(kind, types::KIND_SURFACE | types::KIND_SMOOTH)
+            if matches!(kind, types::KIND_SURFACE | types::KIND_SMOOTH | types::KIND_FOG)
                 && let Some(volume) = maker.volumes.0.get(&entry.owner)
                 && let Some(colors) = color_data(volume, maker.pool, view)
             {
-                self.colors = true;
+                *(if kind == types::KIND_FOG { &mut self.fog_colors } else { &mut self.colors }) =
+                    true;
                 self.data[i].color_grids = self.data.len() as u32;
                 self.data.extend(colors);
             }

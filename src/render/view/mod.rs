@@ -12,6 +12,7 @@ mod list;
 mod media;
 mod picture_pass;
 mod prepare;
+mod ramps;
 mod resolve;
 mod sets;
 mod settings;
@@ -32,6 +33,7 @@ pub(super) use picture_pass::{
     PicturePass, PicturePipeline, PicturePipelines, add_picture_pass, run_picture_pass,
 };
 pub(super) use prepare::{FARTHEST, VolumeBuffer};
+pub(super) use ramps::RampTexture;
 pub(super) use resolve::LightCacheLimit;
 pub(super) use sets::PrepareViews;
 pub use sets::VdbSystems;
@@ -51,6 +53,7 @@ impl Plugin for ViewPlugin {
         render_app
             .init_gpu_resource::<VolumeBuffer>()
             .init_gpu_resource::<LightCacheLimit>()
+            .init_gpu_resource::<RampTexture>()
             .add_systems(RenderStartup, visible::forget_views)
             .configure_sets(
                 Render,
@@ -70,6 +73,7 @@ impl Plugin for ViewPlugin {
                 Render,
                 (
                     (visible::find_visible, visible::make_depth_readable).chain().in_set(Find),
+                    ramps::drop_unused_ramps.in_set(Find),
                     resolve::resolve_views.in_set(Resolve),
                     prepare::prepare_views.in_set(Prepare),
                     prepare::upload_views.in_set(Upload),

@@ -170,6 +170,9 @@ fn fill_list(
     let mut most_tiles = 0;
     for (i, (data, entry)) in volumes.iter_mut().zip(&list.entries).enumerate() {
         data.kind = key.kind_for(data.kind, entry.sample_format);
+        if data.ramp != 0 && !key.has(Features::RAMPS) {
+            data.kind = types::KIND_NONE;
+        }
         if !owned.get(i).is_some_and(|volume| key.reads_colors(&volume.auxiliary.colors)) {
             data.color_grids = types::NO_COLOR;
         }

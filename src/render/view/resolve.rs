@@ -243,6 +243,8 @@ fn view_key(
         | Features::EMISSION.when(emission)
         | Features::BLACKBODY.when(list.kinds.has([types::KIND_BLACKBODY]))
         | Features::COLORS.when(list.colors)
+        | Features::FOG_COLORS.when(list.fog_colors)
+        | Features::RAMPS.when(list.ramps && (fog || settings.is_lit()))
         | Features::MULTIPLE_SCATTERING.when(multiple_scattering)
         | Features::MANY.when(many)
         | Features::PAGES.when(pool.page_bits().is_some())

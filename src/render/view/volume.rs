@@ -7,7 +7,7 @@ use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
 
 use super::tiles::TileRange;
-use crate::render::extract::{ExtractedVolume, Setting, Trouble, Warned};
+use crate::render::extract::{ExtractedRamp, ExtractedVolume, Setting, Trouble, Warned};
 use crate::render::gpu::{GridKey, affine, non_negative, types};
 use crate::render::pool::VdbTreePool;
 use crate::{VdbMaterial, VdbQuality};
@@ -124,6 +124,11 @@ impl<'a> Shown<'a> {
         self.packed
     }
 
+    /// The ramp of a fog.
+    pub fn ramp(&self) -> Option<&ExtractedRamp> {
+        self.volume.ramp.as_ref().map(|own| &*own.ramp)
+    }
+
     /// The box of everything that can stop or dim a ray, in index space.
     pub fn index_box(&self) -> Option<(DVec3, DVec3)> {
         index_box(self.packed)
@@ -153,7 +158,9 @@ pub(crate) fn volume_data(
             Ok(rays) => rays.is_coarse(eye.size.x).then_some(Trouble::Coarse),
             Err(why) => Some(Trouble::NotShown(*why)),
         };
-        let setting = wrong_setting(&volume.material).map(Trouble::Setting);
+        let wrong_ramp = volume.ramp.as_ref().is_some_and(|own| own.ramp.is_changed);
+        let wrong_ramp = wrong_ramp.then_some(Setting::RampStops);
+        let setting = wrong_setting(&volume.material).or(wrong_ramp).map(Trouble::Setting);
         let quality = wrong.map(Trouble::Quality);
         for trouble in [shown, setting, quality].into_iter().flatten() {
             if let Some(text) = warned.note(entity, &volume.name, trouble) {
@@ -197,8 +204,20 @@ pub(crate) fn volume_data(
         flags: if volume.casts { 0 } else { types::NO_CASTER }
             | if volume.receives { 0 } else { types::NO_RECEIVER }
             | if quality.smooth_normals { types::SMOOTH_NORMALS } else { 0 },
-        ..default()
+        ..ramp_data(volume)
     })
+}
+
+/// The shader data of a volume's ramp.
+fn ramp_data(volume: &ExtractedVolume) -> types::Volume {
+    let Some(own) = &volume.ramp else { return default() };
+    types::Volume {
+        ramp: own.number,
+        ramp_low: own.ramp.table.low,
+        ramp_scale: own.ramp.table.entries_per_value,
+        ramp_emission: volume.share,
+        ..default()
+    }
 }
 
 /// The corners of all boxes of a volume in world space: of its grid at every level of detail, and

@@ -10,8 +10,8 @@ use vdb_core::pack::PackKind;
 use super::component::{VdbFrameBlend, VdbPlayer};
 use super::frames::Frames;
 use super::playback::Playback;
-use super::show::{emission_of, grid_of};
-use crate::{VdbEmission, VdbFile, VdbGrid, VdbMaterial, VdbVolume};
+use super::show::{color_of, emission_of, grid_of};
+use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbMaterial, VdbVolume};
 
 /// The share of a volume's extinction and emission that is displayed, from 0 to 1. Without this
 /// component, all of it.
@@ -28,6 +28,7 @@ pub(super) struct Look {
     volume: &'static VdbVolume,
     material: &'static VdbMaterial,
     emission: Option<&'static VdbEmission>,
+    color: Option<&'static VdbColorGrid>,
     layers: Option<&'static RenderLayers>,
     place: &'static GlobalTransform,
     casts_no_shadow: Has<NotShadowCaster>,
@@ -38,6 +39,7 @@ pub(super) struct Look {
 struct Next {
     grid: Handle<VdbGrid>,
     emission: Option<VdbEmission>,
+    color: Option<VdbColorGrid>,
     share: f32,
 }
 
@@ -115,7 +117,11 @@ fn next_frame(
         true => emission_of(emission, file, &playback.labels),
         false => emission.clone(),
     });
-    Some(Next { grid, emission, share })
+    let color = look.color.map(|color| match player.sets_roles {
+        true => color_of(color, file, &playback.labels),
+        false => color.clone(),
+    });
+    Some(Next { grid, emission, color, share })
 }
 
 /// Makes the next frame look like the one that is shown.
@@ -124,6 +130,10 @@ fn dress(mut child: EntityCommands, next: Next, look: &LookItem) {
     match next.emission {
         Some(emission) => child.insert(emission),
         None => child.remove::<VdbEmission>(),
+    };
+    match next.color {
+        Some(color) => child.insert(color),
+        None => child.remove::<VdbColorGrid>(),
     };
     match look.layers {
         Some(layers) => child.insert(layers.clone()),

@@ -158,11 +158,14 @@ fn replace_color(color: &mut Mut<VdbColorGrid>, file: &VdbFile, labels: &mut Lab
     {
         labels.color = label_of(&file.vector_grids, &own.0);
     }
-    let Some(label) = &labels.color else { return };
-    let grid = file.vector_grids.get(label).cloned().unwrap_or_default();
-    if color.0 != grid {
-        color.0 = grid;
-    }
+    let now = color_of(color, file, labels);
+    color.set_if_neq(now);
+}
+
+/// A colour with the grid of a frame.
+pub(super) fn color_of(color: &VdbColorGrid, file: &VdbFile, labels: &Labels) -> VdbColorGrid {
+    let Some(label) = &labels.color else { return color.clone() };
+    VdbColorGrid(file.vector_grids.get(label).cloned().unwrap_or_default())
 }
 
 /// Replaces the grid of a velocity by the one of the frame.

@@ -82,6 +82,7 @@ fn what_fades_in_looks_like_what_is_shown() {
         look.clone(),
         layers.clone(),
         NotShadowCaster,
+        VdbColorGrid::default(),
     ));
     stage.step(FRAME / 2);
     let next = next_volumes(&mut stage)[0];
@@ -89,12 +90,15 @@ fn what_fades_in_looks_like_what_is_shown() {
     assert_eq!(world.get::<VdbMaterial>(next), Some(&look));
     assert_eq!(world.get::<RenderLayers>(next), Some(&layers));
     assert!(world.entity(next).contains::<NotShadowCaster>());
+    assert!(world.entity(next).contains::<VdbColorGrid>());
     assert_eq!(world.get::<ChildOf>(next).unwrap().0, player);
-    stage.app.world_mut().entity_mut(player).remove::<(RenderLayers, NotShadowCaster)>();
+    let mut shown = stage.app.world_mut().entity_mut(player);
+    shown.remove::<(RenderLayers, NotShadowCaster, VdbColorGrid)>();
     stage.step(FRAME / 8);
     let world = stage.app.world();
     assert!(!world.entity(next).contains::<RenderLayers>());
     assert!(!world.entity(next).contains::<NotShadowCaster>());
+    assert!(!world.entity(next).contains::<VdbColorGrid>());
 }
 
 #[test]

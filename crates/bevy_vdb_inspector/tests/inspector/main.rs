@@ -7,6 +7,7 @@ mod files;
 mod headless;
 mod models;
 mod panel;
+mod ramp;
 #[path = "../../../../tests/common/sequence_files.rs"]
 mod sequence_files;
 #[path = "../../../../tests/common/smoke_file.rs"]
@@ -34,6 +35,7 @@ fn the_panel_opens_and_closes() {
         "Grids of the file",
         "Grid",
         "Material",
+        "Ramp",
         "Camera",
         "Quality",
         "Sun",

@@ -105,5 +105,11 @@ pub struct GridHeader {
     pub brick_words: u32,
     /// The value of a sample stored as 1. Bytes of fog have their own scale in each brick.
     pub scale: f32,
-    pub(super) pad: [u32; 3],
+    /// 0, like the next two: shaders set them in copies of the header for fog that is mapped by a
+    /// transfer function.
+    pub ramp: u32,
+    /// Reserved for shaders.
+    pub ramp_low: f32,
+    /// Reserved for shaders.
+    pub ramp_scale: f32,
 }

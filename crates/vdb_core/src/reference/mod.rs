@@ -22,6 +22,7 @@
 //!   cell; [`optical_depth_nearest`] through voxels of constant density.
 //! - [`radiance()`]: emission and single scattering of sunlight, to a tolerance.
 //! - [`emitted`]: the light that one grid emits through the fog of another, to a tolerance.
+//! - [`Fog::transferred`]: fog whose extinction, albedo and emission depend on a value, in small steps.
 //! - [`Paths`]: multiple scattering, by path tracing.
 //! - [`Blocky::judge`], [`Smooth::judge`]: verdicts on the answers of another tracer.
 //! - [`mod@picture`]: images of several volumes, for machines without a GPU.
@@ -40,6 +41,7 @@ mod radiance;
 mod ray;
 mod smooth;
 pub mod standard;
+mod transfer;
 mod walk;
 mod wide;
 
@@ -51,3 +53,4 @@ pub use paths::{Mean, PathLight, Paths, Scattering};
 pub use radiance::{Medium, Radiance, Sun, phase, radiance};
 pub use ray::Ray;
 pub use smooth::{Graze, Smooth, SurfaceHit, SurfaceTrace, first_root, trace_surface};
+pub use transfer::{Optics, Transferred};

@@ -18,6 +18,7 @@ mod coarser;
 mod coords;
 pub(crate) mod grow;
 mod internal;
+mod join;
 mod leaf;
 mod map;
 mod mask;
@@ -35,6 +36,7 @@ pub use coarser::{Coarsening, LevelOptions, half_resolution, voxel_in_distances}
 pub use coords::CoordBox;
 pub use glam::IVec3;
 pub use internal::{InternalNode, Slot};
+pub use join::join_values;
 pub use leaf::LeafNode;
 pub use map::map_values;
 pub use mask::{Cube, Dim, Mask};
