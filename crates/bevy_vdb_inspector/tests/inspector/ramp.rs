@@ -12,12 +12,12 @@ fn the_stops_of_a_ramp_are_edited() {
     let volume = panel.volume;
     panel.click(Role::Button, "Ramp");
     panel.click(Role::CheckBox, "map values");
-    // Up to the largest value of the grid.
+    // Up to the largest value of the grid, which is its background.
     let stop = |value| VdbRampStop { value, extinction: value, ..default() };
-    let plain = VdbRamp::new([stop(0.0), stop(0.5)]);
+    let plain = VdbRamp::new([stop(0.0), stop(1.0)]);
     assert_eq!(panel.get::<VdbRamp>(volume), &plain);
     panel.click(Role::Button, "add stop");
-    let three = VdbRamp::new([stop(0.0), stop(0.25), stop(0.5)]);
+    let three = VdbRamp::new([stop(0.0), stop(0.5), stop(1.0)]);
     assert_eq!(panel.get::<VdbRamp>(volume), &three);
     let mut set = |name: &str, to: f64| {
         panel.ask(Role::SpinButton, name, Action::SetValue, Some(ActionData::NumericValue(to)));
