@@ -131,8 +131,10 @@ impl VdbEmission {
     /// Whether the emission has a grid, loaded or not.
     pub(crate) fn has_grid(&self) -> bool {
         match self {
-            Self::Temperature { grid, .. } | Self::Scalar { grid, .. } => *grid != default(),
-            Self::Color { grid, .. } => *grid != default(),
+            Self::Temperature { grid, .. } | Self::Scalar { grid, .. } => {
+                *grid != Handle::default()
+            }
+            Self::Color { grid, .. } => *grid != Handle::default(),
         }
     }
 

@@ -67,7 +67,7 @@ struct Shining {
     intensity: DVec3,
 }
 
-/// All cells of a tree, each divided into `parts³`, whose middles shine.
+/// All cells of a tree, each with the light of `parts³` points in it at their centroid.
 fn shining(
     tree: &Vdb543<f32>,
     parts: i32,
@@ -89,20 +89,25 @@ fn shining(
                 if c.iter().all(|c| *c == 0.0) {
                     continue;
                 }
+                let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
+                let (mut all, mut place_sum, mut weights) = (DVec3::ZERO, DVec3::ZERO, 0.0);
                 for u in steps() {
                     for v in steps() {
                         for w in steps() {
-                            let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
                             let along = |i: usize| {
                                 mix(mix(c[i], c[i + 1], w), mix(c[i + 2], c[i + 3], w), v)
                             };
                             let intensity = volume * emission(mix(along(0), along(4), u));
-                            let at = IVec3::new(x, y, z).as_dvec3() + DVec3::new(u, v, w);
-                            if intensity.max_element() > 0.0 {
-                                shining.push(Shining { at: place.transform_point3(at), intensity });
-                            }
+                            let weight = intensity.element_sum();
+                            all += intensity;
+                            place_sum += weight * DVec3::new(u, v, w);
+                            weights += weight;
                         }
                     }
+                }
+                if weights > 0.0 {
+                    let at = IVec3::new(x, y, z).as_dvec3() + place_sum / weights;
+                    shining.push(Shining { at: place.transform_point3(at), intensity: all });
                 }
             }
         }
@@ -191,7 +196,7 @@ const LAMPS: usize = 8;
 #[test]
 fn lamps_light_a_floor_and_a_wall_like_the_flames() {
     let tree = flames();
-    let shining = shining(&tree, 4, place(), planck());
+    let shining = shining(&tree, 8, place(), planck());
     let (low, high) = bounds(&shining);
     let receivers = floor_and_wall(low, high, f64::INFINITY);
     let exact = summed(&shining, &receivers);
@@ -222,12 +227,12 @@ fn lamps_flicker_as_the_frames_of_a_sequence_do() {
     let (scale, offset) = (1200.0, 800.0);
     let (planck, table) = (planck(), BlackbodyTable::default());
     let mut at_first: Option<(DVec3, DVec3)> = None;
-    for frame in [1, 5, 9, 13, 17, 21, 25, 29] {
+    for frame in [1, 5, 9, 17, 25] {
         let file = VdbFile::open(format!("{folder}/fire_{frame:04}.vdb")).unwrap();
         let flame = file.grids.iter().find(|grid| grid.name == "flame").unwrap();
         let AnyTree::Float(tree) = &flame.tree else { panic!("flames are floats") };
         let place = flame.transform.linear().unwrap();
-        let shining = shining(tree, 4, place, |value| {
+        let shining = shining(tree, 8, place, |value| {
             if value > 0.0 { planck(scale * value + offset) } else { DVec3::ZERO }
         });
         let (low, high) = bounds(&shining);
@@ -408,7 +413,7 @@ fn transmittance(smoke: &Vdb543<f32>, scale: f64, from: DVec3, to: DVec3) -> f64
 #[test]
 fn smoke_takes_its_part_of_the_light() {
     let (tree, dense) = (flames(), smoke());
-    let shining = shining(&tree, 1, place(), planck());
+    let shining = shining(&tree, 4, place(), planck());
     let (low, high) = bounds(&shining);
     let most = shining.iter().map(|own| own.intensity.y).fold(0.0, f64::max);
     let bright = shining.into_iter().filter(|own| own.intensity.y > 1e-3 * most);
@@ -461,6 +466,11 @@ fn smoke_takes_its_part_of_the_light() {
                 println!(
                     "{scale}, {name}: {} lamps: {worst:.1} %, mean {mean:.2} %, in all {all:.1} %",
                     lamps.len()
+                );
+                // Smoke above the fire dims what the floor and the wall get from isotropic lamps.
+                assert!(
+                    count == 1 || mean < 11.0 && worst < 20.0,
+                    "{scale}, {name}: {worst}, {mean}"
                 );
             }
         }

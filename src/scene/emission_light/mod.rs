@@ -23,7 +23,7 @@ pub(super) struct EmissionLightPlugin;
 impl Plugin for EmissionLightPlugin {
     fn build(&self, app: &mut App) {
         let lights = any_with_component::<FireLight>;
-        let burns = any_with_component::<VdbEmissionLight>.or(lights);
+        let burns = any_with_component::<VdbEmissionLight>.or_else(lights);
         app.register_type::<VdbEmissionLight>().init_resource::<Summaries>().add_systems(
             PostUpdate,
             (
