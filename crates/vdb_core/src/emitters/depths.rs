@@ -122,13 +122,15 @@ impl EscapeDepths {
         Self { depths: depths.collect() }
     }
 
-    /// The fraction of the light of each point that leaves the smoke, as RGB: in the mean over all
-    /// directions, and scattered or not.
+    /// The fraction of the light of each point that leaves the smoke, as RGB, scattered or not: in the
+    /// mean over the light that leaves, so that smoke on one side of a fire hardly dims the other
+    /// ones.
     ///
-    /// Of light that is not scattered, `p`, the mean of `e^-τ`, leaves. After each scattering, a
-    /// fraction `s` of what remains does: the geometric mean of `p`, as from the point, and of
-    /// Wigner's approximation `1 / (1 + 4τ/3)`, as from anywhere in a ball of the same depth. With the
-    /// albedo `ω`, the series of scatterings sums up to `p + (1 - p) ω s / (1 - ω (1 - s))`.
+    /// Of light that is not scattered, `p` leaves, the mean of `e^-τ` with the weight `e^-τ`. After
+    /// each scattering, a fraction `s` of what remains does: the geometric mean of `p`, as from the
+    /// point, and of Wigner's approximation `1 / (1 + 4τ/3)`, as from anywhere in a ball of the same
+    /// depth. With the albedo `ω`, the series of scatterings sums up to
+    /// `p + (1 - p) ω s / (1 - ω (1 - s))`.
     /// Anisotropic scattering counts as isotropic scattering with an extinction of `1 - ω g` times the
     /// true one and an albedo of `ω (1 - g) / (1 - ω g)` (the similarity relation; van de Hulst 1980,
     /// "Multiple light scattering").
@@ -144,15 +146,18 @@ impl EscapeDepths {
             let weight = if stretch > 0.0 { weight / stretch.powi(3) } else { 0.0 };
             (weight as f32, stretch as f32 * smoke.density_scale * reduced)
         });
-        let weights: f32 = directions.iter().map(|(weight, _)| weight).sum();
         let fraction = |depths: &[f32; DIRECTIONS]| {
             let parts = directions.iter().zip(depths);
-            let sum: f32 =
-                parts.map(|((weight, scale), depth)| weight * (-scale * depth).exp()).sum();
-            if !(sum > 0.0 && weights > 0.0 && sum.is_finite()) {
+            let (mut light, mut squares) = (0.0, 0.0);
+            for ((weight, scale), depth) in parts {
+                let through = (-scale * depth).exp();
+                light += weight * through;
+                squares += weight * through * through;
+            }
+            let straight = squares / light;
+            if straight.is_nan() || straight <= 0.0 {
                 return Vec3::ZERO;
             }
-            let straight = (sum / weights).min(1.0);
             let again = (straight / (1.0 - 4.0 / 3.0 * straight.ln())).sqrt();
             let scattered = albedo * again / (Vec3::ONE - albedo * (1.0 - again));
             Vec3::splat(straight) + (1.0 - straight) * scattered
