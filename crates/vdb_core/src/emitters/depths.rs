@@ -8,8 +8,6 @@ use crate::pack::PackedGrid;
 
 /// The largest number of cubes.
 const MAX_CUBES: u64 = 1 << 15;
-/// log₂ of the edge of the smallest cubes, in voxels.
-const SMALLEST: u32 = 2;
 
 /// The mean densities of a packed fog grid in cubes of voxels, for optical depths that need not be
 /// exact.
@@ -27,7 +25,7 @@ impl DensityCubes {
     /// The means of a grid that was packed as fog.
     pub fn new(grid: &PackedGrid) -> Self {
         let Some(occupied) = grid.occupied else { return Self::default() };
-        let lattice = Lattice::over(occupied, SMALLEST, MAX_CUBES);
+        let lattice = Lattice::over(occupied, 0, MAX_CUBES);
         let edge = 2.0_f64.powi(lattice.log2_edge as i32);
         let mut means = vec![0.0_f64; lattice.cubes()];
         cells::visit(grid, lattice.log2_edge >= COARSE, |cells| {
