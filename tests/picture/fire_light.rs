@@ -216,8 +216,10 @@ fn smoke_around_a_fire_dims_its_light() {
         let (worst, mean, ratio, count) = errors(&picture, &sources, ball, visible);
         println!("shadows {shadows}: {count} pixels: {worst:.3}, mean {mean:.4}, ratio {ratio:.4}");
         assert!(count > 300, "{count} pixels");
-        // Shadow maps let fog through in 64 steps, whose filter leaves some of their grain.
-        assert!(mean < 0.1 && (ratio - 1.0).abs() < 0.05, "{shadows}: {mean} {ratio}");
+        // Shadow maps are exact in the mean only, and small ones full of grain. They begin a little way
+        // from the lights.
+        let tolerance = if shadows { 0.1 } else { 0.02 };
+        assert!((ratio - 1.0).abs() < tolerance, "{shadows}: {ratio}");
         assert!(shadows || worst < 0.1, "{worst}");
     }
 }

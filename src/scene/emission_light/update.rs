@@ -203,14 +203,18 @@ impl Inputs {
         let luminous = candela.dot(LUMINANCE);
         let color = candela / luminous;
         let range = (luminous / self.light.min_illuminance).sqrt();
+        let radius = (lamp.radius * growth.cbrt()).min(range);
         let is_sound = luminous > 0.0 && luminous.is_finite() && color.is_finite();
         is_sound.then(|| {
             let light = PointLight {
                 color: LinearRgba::from_vec3(color).into(),
                 intensity: 4.0 * PI * luminous,
                 range,
-                radius: (lamp.radius * growth.cbrt()).min(range),
+                radius,
                 shadow_maps_enabled: self.light.shadows,
+                // The smoke in which the fire burns begins at the light.
+                shadow_map_near_z: (0.1 * radius)
+                    .clamp(1e-3, PointLight::DEFAULT_SHADOW_MAP_NEAR_Z),
                 ..default()
             };
             (light, Transform::from_translation(lamp.position))
