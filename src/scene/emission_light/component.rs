@@ -23,7 +23,7 @@ use bevy::prelude::*;
 /// as by the fire itself; `docs/reference/fog.md` has the errors. They follow
 /// the emission, the frames of a [`VdbPlayer`](crate::VdbPlayer), edits and the transform. Of a grid
 /// that is shown for the first time, the values are summed up beside the frames; until that is done,
-/// the previous lights stay. Without this component, nothing is computed.
+/// the previous lights stay. Without this component, or without a renderer, nothing is computed.
 ///
 /// The lights are isotropic: smoke on one side of a fire dims it on all sides, unless
 /// [`shadows`](Self::shadows) are on.

@@ -10,6 +10,7 @@ mod update;
 
 use bevy::asset::AssetEventSystems;
 use bevy::prelude::*;
+use bevy::render::RenderApp;
 
 pub use component::VdbEmissionLight;
 use summary::Summaries;
@@ -22,9 +23,14 @@ pub(super) struct EmissionLightPlugin;
 
 impl Plugin for EmissionLightPlugin {
     fn build(&self, app: &mut App) {
+        app.register_type::<VdbEmissionLight>();
+        // Nothing is lit, and Bevy's lights may not be spawned then.
+        if app.get_sub_app(RenderApp).is_none() {
+            return;
+        }
         let lights = any_with_component::<FireLight>;
         let burns = any_with_component::<VdbEmissionLight>.or_else(lights);
-        app.register_type::<VdbEmissionLight>().init_resource::<Summaries>().add_systems(
+        app.init_resource::<Summaries>().add_systems(
             PostUpdate,
             (
                 (update::follow_grids, update::look_ahead, update::update_lights)
