@@ -91,7 +91,7 @@ const DIRECTIONS: usize = 14;
 fn direction(i: usize) -> (DVec3, f64) {
     if i < 6 {
         let mut axis = DVec3::ZERO;
-        axis[i / 2] = if i % 2 == 0 { 1.0 } else { -1.0 };
+        axis[i / 2] = [1.0, -1.0][i % 2];
         (axis, 1.0 / 15.0)
     } else {
         let sign = |bit: usize| if (i - 6) >> bit & 1 == 0 { 1.0 } else { -1.0 };
