@@ -22,13 +22,9 @@ fn main() -> AppExit {
         .insert_resource(GlobalAmbientLight { brightness: 25.0, ..default() })
         .insert_resource(DirectionalLightShadowMap { size: helpers::shadow_map_size(2048) })
         .add_systems(Startup, (fires, camp, camera))
-        .add_systems(Update, (keys, flicker, tell))
+        .add_systems(Update, (keys, tell))
         .run()
 }
-
-/// The light of a fire, on its player's child.
-#[derive(Component)]
-struct Flicker;
 
 /// The text about the fire in front.
 #[derive(Component)]
@@ -59,11 +55,7 @@ fn fires(mut commands: Commands, assets: Res<AssetServer>) {
                 ..default()
             },
             Transform::from_translation(place).with_scale(Vec3::splat(scale)),
-            children![(
-                Flicker,
-                PointLight { color: Color::srgb(1.0, 0.52, 0.2), range: 6.0, ..default() },
-                Transform::from_xyz(0.0, 0.45, 0.0),
-            )],
+            VdbEmissionLight::default(),
         ));
         if number == 0 {
             entity.insert(Front);
@@ -172,22 +164,6 @@ fn keys(
             VdbRepeat::PingPong => VdbRepeat::Once,
         });
         player.replay();
-    }
-}
-
-/// Each fire lights its surroundings, a little differently in each frame.
-fn flicker(
-    players: Query<(&VdbPlayerStatus, &Children)>,
-    mut lights: Query<&mut PointLight, With<Flicker>>,
-) {
-    for (status, children) in &players {
-        let Some(frame) = status.frame() else { continue };
-        let phase = std::f32::consts::TAU * frame as f32 / 32.0;
-        let strength = 1.0 + 0.18 * (3.0 * phase).sin() + 0.12 * (7.0 * phase + 1.0).sin();
-        let mut lights = lights.iter_many_mut(children);
-        while let Some(mut light) = lights.fetch_next() {
-            light.intensity = 60_000.0 * strength;
-        }
     }
 }
 

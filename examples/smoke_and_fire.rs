@@ -51,6 +51,8 @@ fn spawn(
         VdbVolume(smoke),
         VdbMaterial { base_color: Color::srgb(0.6, 0.6, 0.6), density_scale: 3.0, ..default() },
         VdbEmission::Temperature { grid: temperature, scale: 1.0, offset: 0.0, strength: 0.5 },
+        // It lights the ball and its own smoke.
+        VdbEmissionLight::default(),
         Transform::from_xyz(-0.7, 0.0, 0.0),
     ));
     // Colours that vary around the ball, in the narrow band of its surface.

@@ -76,11 +76,11 @@ pub use quality::{
 };
 pub use render::{VdbGpuUsage, VdbReloadShaders, VdbSystems};
 pub use scene::{
-    VdbCamera, VdbColorGrid, VdbEmission, VdbFrameBlend, VdbFrameCache, VdbFrameCacheUsage,
-    VdbFrameFailed, VdbLateFrames, VdbMaterial, VdbOverlays, VdbPlayer, VdbPlayerFinished,
-    VdbPlayerStatus, VdbPlayerSystems, VdbRamp, VdbRampStop, VdbRayCastSettings, VdbRayHit,
-    VdbRayVisibility, VdbRenderMode, VdbRoles, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVelocity,
-    VdbVolume, VdbVolumeDrawn, VdbVolumeState,
+    VdbCamera, VdbColorGrid, VdbEmission, VdbEmissionLight, VdbFrameBlend, VdbFrameCache,
+    VdbFrameCacheUsage, VdbFrameFailed, VdbLateFrames, VdbMaterial, VdbOverlays, VdbPlayer,
+    VdbPlayerFinished, VdbPlayerStatus, VdbPlayerSystems, VdbRamp, VdbRampStop, VdbRayCastSettings,
+    VdbRayHit, VdbRayVisibility, VdbRenderMode, VdbRoles, VdbSpatialQuery, VdbSun, VdbTraversal,
+    VdbVelocity, VdbVolume, VdbVolumeDrawn, VdbVolumeState,
 };
 #[cfg(feature = "picking")]
 pub use scene::{VdbPickingPlugin, VdbPickingSettings};

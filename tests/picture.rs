@@ -21,6 +21,8 @@ mod extremes;
 mod fade;
 #[path = "picture/film.rs"]
 mod film;
+#[path = "picture/fire_light.rs"]
+mod fire_light;
 #[path = "picture/flip.rs"]
 mod flip;
 #[path = "picture/fog_colors.rs"]

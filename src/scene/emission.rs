@@ -1,8 +1,14 @@
 //! Auxiliary grids of a volume: colour, emission and velocity.
 
+use bevy::asset::UntypedAssetId;
 use bevy::prelude::*;
 
 use crate::{VdbGrid, VdbVectorGrid};
+
+/// The largest emission coefficient, and the largest factor: no sum along a ray exceeds f32.
+pub(crate) const MAX_EMISSION: f32 = 1e15;
+/// The largest temperature in kelvin, and in kelvin per unit.
+const MAX_KELVIN: f32 = 1e9;
 
 /// Colours a volume with a vector grid, usually from the same file as the
 /// [`VdbVolume`](crate::VdbVolume)'s grid (Houdini calls it `Cd`). Its value, in linear Rec. 709,
@@ -70,7 +76,8 @@ impl VdbVelocity {
 ///
 /// The grids are placed in the file's world, like the volume's, and may have different transforms.
 /// They are interpolated trilinearly, and only positive values emit. Cameras see the light directly
-/// and in reflections; it does not light other objects.
+/// and in reflections. It lights other objects with a
+/// [`VdbEmissionLight`](crate::VdbEmissionLight).
 #[derive(Clone, Component, Debug, PartialEq, Reflect)]
 #[reflect(Component, Clone, Debug, PartialEq)]
 pub enum VdbEmission {
@@ -113,5 +120,44 @@ impl VdbEmission {
     /// Black bodies with temperatures in kelvin and a strength of 1.
     pub fn kelvin(grid: Handle<VdbGrid>) -> Self {
         Self::Temperature { grid, scale: 1.0, offset: 0.0, strength: 1.0 }
+    }
+
+    /// The identity of the grid.
+    pub(crate) fn grid_id(&self) -> UntypedAssetId {
+        match self {
+            Self::Temperature { grid, .. } | Self::Scalar { grid, .. } => grid.id().untyped(),
+            Self::Color { grid, .. } => grid.id().untyped(),
+        }
+    }
+
+    /// Whether the emission has a grid, loaded or not.
+    pub(crate) fn has_grid(&self) -> bool {
+        match self {
+            Self::Temperature { grid, .. } | Self::Scalar { grid, .. } => {
+                *grid != Handle::default()
+            }
+            Self::Color { grid, .. } => *grid != Handle::default(),
+        }
+    }
+
+    /// The emission with fields out of range replaced by the nearest valid values.
+    pub(crate) fn nearest_valid(&self) -> Self {
+        // `f32::max` returns the other operand if one is NaN.
+        let within = |x: f32, most: f32| x.max(0.0).min(most);
+        let mut emission = self.clone();
+        match &mut emission {
+            Self::Temperature { scale, offset, strength, .. } => {
+                *scale = within(*scale, MAX_KELVIN);
+                *offset = if offset.is_nan() { 0.0 } else { *offset };
+                *offset = offset.clamp(-MAX_KELVIN, MAX_KELVIN);
+                *strength = within(*strength, MAX_EMISSION);
+            }
+            Self::Scalar { color, .. } => {
+                let sound = color.to_vec3().map(|x| within(x, MAX_EMISSION));
+                *color = LinearRgba::from_vec3(sound).with_alpha(color.alpha);
+            }
+            Self::Color { strength, .. } => *strength = within(*strength, MAX_EMISSION),
+        }
+        emission
     }
 }

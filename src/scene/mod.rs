@@ -3,6 +3,7 @@
 mod bounds;
 mod components;
 mod emission;
+mod emission_light;
 mod lost_grids;
 #[cfg(feature = "picking")]
 mod picking;
@@ -21,6 +22,7 @@ pub use components::{
     VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
 };
 pub use emission::{VdbColorGrid, VdbEmission, VdbVelocity};
+pub use emission_light::VdbEmissionLight;
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
 pub(crate) use player::{NextFrame, Share};
@@ -38,7 +40,7 @@ pub(crate) struct ScenePlugin;
 
 impl Plugin for ScenePlugin {
     fn build(&self, app: &mut App) {
-        app.add_plugins(player::PlayerPlugin);
+        app.add_plugins((player::PlayerPlugin, emission_light::EmissionLightPlugin));
         app.register_type::<VdbVolume>()
             .register_type::<VdbVolumeState>()
             .register_type::<VdbMaterial>()

@@ -23,12 +23,18 @@ fn sun_factor(light: u32) -> f32 {
 // Stretches shorter than this fraction of the distance to a lamp are represented by their midpoint.
 const NEAR_LAMP: f32 = 0.25;
 
+// The square of the effective distance of a lamp at a distance. In a lamp with a radius, as in a fire, light
+// is finite: an even ball sheds three times its intensity over the square of its radius on its middle.
+fn softened(distance_squared: f32, radius: f32) -> f32 {
+    return distance_squared + radius * radius / 3.0;
+}
+
 // Mean of 1/d² over a stretch of a ray, divided by its value in the middle, where the vector to the lamp is
 // `to_lamp`.
-fn mean_falloff(to_lamp: vec3<f32>, ray: vec3<f32>, extent: f32) -> f32 {
+fn mean_falloff(to_lamp: vec3<f32>, radius: f32, ray: vec3<f32>, extent: f32) -> f32 {
     // Bevy's falloff stops growing within 0.01 world units.
     let least = 1e-4;
-    let distance_squared = max(dot(to_lamp, to_lamp), least);
+    let distance_squared = max(softened(dot(to_lamp, to_lamp), radius), least);
     if extent * extent < NEAR_LAMP * NEAR_LAMP * distance_squared {
         return 1.0;
     }
@@ -52,8 +58,10 @@ fn lamp_illuminance(data: ClusteredLight, to_lamp: vec3<f32>, ray: vec3<f32>, ex
         let cosine = dot(-axis, to_lamp * inverseSqrt(max(distance_squared, 1e-30)));
         cone = saturate(cosine * data.light_custom_data.z + data.light_custom_data.w);
     }
-    let falloff = lighting::getDistanceAttenuation(distance_squared, data.color_inverse_square_range.w);
-    let mean = mean_falloff(to_lamp, ray, extent);
+    let radius = data.position_radius.w;
+    let effective_squared = softened(distance_squared, radius);
+    let falloff = lighting::getDistanceAttenuation(effective_squared, data.color_inverse_square_range.w);
+    let mean = mean_falloff(to_lamp, radius, ray, extent);
     return data.color_inverse_square_range.rgb * (mean * falloff * cone * cone);
 }
 #endif

@@ -17,6 +17,7 @@ struct Readme;
 
 mod ball;
 mod camera;
+mod emission_light;
 mod grid;
 mod material;
 mod memory;

@@ -4,8 +4,11 @@ use bevy::asset::AssetPath;
 use bevy::prelude::*;
 use bevy_egui::egui;
 use bevy_vdb::vdb_core::pack::PackKind;
-use bevy_vdb::{VdbColorGrid, VdbEmission, VdbGrid, VdbPlayer, VdbVectorGrid, VdbVolume};
+use bevy_vdb::{
+    VdbColorGrid, VdbEmission, VdbEmissionLight, VdbGrid, VdbPlayer, VdbVectorGrid, VdbVolume,
+};
 
+use super::emission_light;
 use super::state::VdbInspector;
 use super::volumes::FromFile;
 
@@ -21,14 +24,15 @@ pub(super) fn show(
     mut volumes: Query<(
         Entity,
         &mut VdbVolume,
-        Option<&mut VdbEmission>,
+        (Option<&mut VdbEmission>, Option<&mut VdbEmissionLight>),
         Option<&VdbColorGrid>,
         Option<&FromFile>,
         Option<&mut VdbPlayer>,
     )>,
 ) {
     let selected = inspector.volume.and_then(|volume| volumes.get_mut(volume).ok());
-    let Some((entity, mut volume, emission, colors, from_file, mut player)) = selected else {
+    let Some((entity, mut volume, (emission, light), colors, from_file, mut player)) = selected
+    else {
         ui.weak("there is no volume");
         return;
     };
@@ -76,6 +80,7 @@ pub(super) fn show(
         let mut new = emission.clone();
         adjust(ui, &mut new);
         emission.set_if_neq(new);
+        emission_light::adjust(ui, commands.entity(entity), light);
     }
     let mut own = colors.map(|colors| colors.0.clone());
     if (!colorful.is_empty() || own.is_some())

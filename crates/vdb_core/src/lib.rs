@@ -16,6 +16,7 @@ mod blackbody;
 mod codec;
 pub mod cooked;
 pub mod display;
+pub mod emitters;
 mod error;
 mod format;
 #[cfg(fuzzing)]

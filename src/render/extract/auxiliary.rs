@@ -10,11 +10,6 @@ use super::warnings::{Setting, Trouble};
 use crate::render::gpu::{GridKey, non_negative, types};
 use crate::{VdbColorGrid, VdbEmission, VdbGrid, VdbVectorGrid};
 
-/// The largest emission coefficient, and the largest factor: no sum along a ray exceeds f32.
-const MAX_EMISSION: f32 = 1e15;
-/// The largest temperature in kelvin, and in kelvin per unit.
-const MAX_KELVIN: f32 = 1e9;
-
 /// The auxiliary grids of a volume.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AuxiliaryGrids {
@@ -63,7 +58,7 @@ impl AuxiliaryGrids {
         let mut auxiliary = Self::default();
         if let Some(emission) = emission {
             auxiliary.trouble = wrong_setting(emission).map(Trouble::Setting);
-            auxiliary.add_emission(emission, grids, vectors);
+            auxiliary.add_emission(&emission.nearest_valid(), grids, vectors);
         }
         if let Some(VdbColorGrid(handle)) = color
             && let Some(grid) = vectors.get(handle)
@@ -81,6 +76,7 @@ impl AuxiliaryGrids {
         self
     }
 
+    /// Adds the grids of an emission with valid fields.
     fn add_emission(
         &mut self,
         emission: &VdbEmission,
@@ -89,11 +85,7 @@ impl AuxiliaryGrids {
     ) {
         let (grid, kind, emissive, temperature) = match emission {
             VdbEmission::Temperature { grid, scale, offset, strength } => {
-                let offset = if offset.is_nan() { 0.0 } else { *offset };
-                let temperature = Vec2::new(
-                    non_negative(*scale).min(MAX_KELVIN),
-                    offset.clamp(-MAX_KELVIN, MAX_KELVIN),
-                );
+                let temperature = Vec2::new(*scale, *offset);
                 (grid, types::KIND_BLACKBODY, Vec3::splat(*strength), temperature)
             }
             VdbEmission::Scalar { grid, color } => {
@@ -103,7 +95,7 @@ impl AuxiliaryGrids {
                 if let Some(found) = vectors.get(grid) {
                     self.emission = components(grid.id(), found, types::KIND_EMISSION);
                     for part in &mut self.emission {
-                        part.emissive *= capped(*strength);
+                        part.emissive *= *strength;
                     }
                 }
                 return;
@@ -119,7 +111,7 @@ impl AuxiliaryGrids {
             packed: found.outline(),
             local_from_index: found.world_from_index(),
             kind,
-            emissive: emissive.map(capped),
+            emissive,
             temperature,
             background: 0.0,
         });
@@ -134,10 +126,6 @@ impl AuxiliaryGrids {
     pub fn is_emissive(&self) -> bool {
         self.emission.iter().any(|part| part.packed.occupied.is_some())
     }
-}
-
-fn capped(x: f32) -> f32 {
-    non_negative(x).min(MAX_EMISSION)
 }
 
 /// The first invalid field.
@@ -180,8 +168,11 @@ mod tests {
             assert_eq!(wrong_setting(&scalar), Some(Setting::EmissionColor));
             let colors = VdbEmission::Color { grid: default(), strength: x };
             assert_eq!(wrong_setting(&colors), Some(Setting::EmissionStrength));
-            assert!((0.0..=MAX_EMISSION).contains(&capped(x)));
+            for emission in [fire(x, x, x), scalar, colors] {
+                assert_eq!(wrong_setting(&emission.nearest_valid()), None, "{emission:?}");
+            }
         }
         assert_eq!(wrong_setting(&fire(1.0, f32::NAN, 1.0)), Some(Setting::EmissionOffset));
+        assert_eq!(fire(1.0, -273.15, 0.5).nearest_valid(), fire(1.0, -273.15, 0.5));
     }
 }

@@ -1,5 +1,6 @@
 //! Players of sequences: they load frames ahead and show them in time.
 
+mod ahead;
 mod cache;
 mod clock;
 mod component;
@@ -20,6 +21,7 @@ pub use component::{VdbFrameBlend, VdbLateFrames, VdbPlayer};
 pub use frames::{VdbFrameCache, VdbFrameCacheUsage};
 pub use status::{VdbFrameFailed, VdbPlayerFinished, VdbPlayerStatus};
 
+pub(crate) use ahead::FramesInMemory;
 pub(crate) use fade::{NextFrame, Share};
 pub(crate) use playback::Playback;
 

@@ -143,6 +143,16 @@ fn the_grids_of_a_file_are_picked_for_their_parts() {
         panic!("no fire")
     };
     assert_eq!((*scale, *offset, *strength), (2_000.0, 100.0, 0.5));
+    let light = |panel: &Panel| panel.app.world().get::<VdbEmissionLight>(volume).cloned();
+    assert_eq!(light(&panel), None);
+    panel.click(Role::CheckBox, "lights its surroundings");
+    panel.slide("lights", 3.0);
+    panel.slide("light on others", 0.5);
+    panel.click(Role::CheckBox, "its lights cast shadows");
+    let expected = VdbEmissionLight { max_lights: 3, intensity: 0.5, shadows: true, ..default() };
+    assert_eq!(light(&panel), Some(expected));
+    panel.click(Role::CheckBox, "lights its surroundings");
+    assert_eq!(light(&panel), None);
     // Shown otherwise, it is still that grid of the file.
     panel.choose("shown as", "smooth surface");
     for _ in 0..200 {
