@@ -23,6 +23,7 @@ pub mod fuzzing;
 mod grid;
 mod limits;
 mod metadata;
+mod nanovdb;
 pub mod pack;
 pub mod query;
 pub mod reference;

@@ -3,16 +3,21 @@
 use std::path::Path;
 
 use super::{file, header, open, save, write};
+use crate::nanovdb;
 use crate::{Error, Grid, Metadata, ReadOptions, VdbFile, WriteOptions};
 
 impl VdbFile {
-    /// Reads a file from memory.
+    /// Reads a `.vdb` or `.nvdb` file from memory; its first bytes say which it is.
     ///
     /// # Errors
-    /// If the bytes are not a VDB file, are damaged or exceed a limit. A grid of an unsupported
+    /// If the bytes are neither, are damaged or exceed a limit. A grid of an unsupported
     /// type is not an error: it is listed in [`VdbFile::skipped`].
     pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Self, Error> {
-        file::read(bytes, options)
+        if nanovdb::is_nanovdb(bytes) {
+            nanovdb::read(bytes, options)
+        } else {
+            file::read(bytes, options)
+        }
     }
 
     /// Reads a file from disk with default options.
