@@ -42,4 +42,5 @@ pub use grid::{
 };
 pub use limits::Limits;
 pub use metadata::{MetaValue, Metadata};
+pub use nanovdb::{NanoVdbOptions, NanoVdbValues};
 pub use transform::Transform;

@@ -40,8 +40,6 @@ pub(crate) fn is_nanovdb(bytes: &[u8]) -> bool {
 #[derive(Debug)]
 pub(super) struct Packed {
     pub name: String,
-    /// Where the name of the grid's metadata, or the grid, begins.
-    pub at: usize,
     /// The bytes of the grid in the file.
     pub bytes: Range<usize>,
     pub codec: Codec,
@@ -176,7 +174,7 @@ fn metadata(
         let what = format!("a grid of {size} bytes takes {length} in the file, without a codec");
         return Err(Error::invalid(what).at(at).in_grid(&name));
     }
-    Ok(Packed { name, at, bytes: 0..length, codec, size, version })
+    Ok(Packed { name, bytes: 0..length, codec, size, version })
 }
 
 fn check_size(size: usize, at: usize) -> Result<(), Error> {
@@ -203,7 +201,7 @@ fn raw_grid(cursor: &mut Cursor<'_>, budget: &mut Budget<'_>) -> Result<Packed, 
     budget.add_text(NAME_BYTES).map_err(|error| error.at(at))?;
     let name = text(&head[grid::NAME..][..NAME_BYTES]);
     cursor.take(size - GRID_BYTES).map_err(|error| error.in_grid(&name))?;
-    Ok(Packed { name, at, bytes: at..at + size, codec: Codec::None, size, version })
+    Ok(Packed { name, bytes: at..at + size, codec: Codec::None, size, version })
 }
 
 /// Text up to the first zero. Invalid UTF-8 becomes U+FFFD.

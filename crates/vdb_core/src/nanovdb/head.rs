@@ -2,8 +2,8 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::container::{self, is_nanovdb, text};
-use super::layout::{ALIGN, GRID_BYTES, NAME_BYTES, TREE_BYTES, grid, tree};
+use super::container::{self, is_nanovdb};
+use super::layout::{ALIGN, GRID_BYTES, TREE_BYTES, grid, tree};
 use crate::format::cursor::Cursor;
 use crate::format::transform::simplify;
 use crate::transform::Affine;
@@ -92,8 +92,6 @@ pub(super) struct Head {
     /// The two checksums: of the head, and of the nodes.
     pub checksums: [u32; 2],
     pub transform: Transform,
-    /// The name, cut to 255 bytes.
-    pub name: String,
     /// Where the grid, its tree and its root begin in the cursor's bytes.
     pub at: usize,
     pub root_at: usize,
@@ -145,7 +143,6 @@ pub(super) fn read(cursor: &Cursor<'_>) -> Result<Head, Error> {
         version,
         checksums: [checksums.u32()?, checksums.u32()?],
         transform: transform(cursor, at)?,
-        name: text(field(grid::NAME)?.take(NAME_BYTES)?),
         at,
         root_at,
         blind_at: blind_at.ok_or_else(|| {

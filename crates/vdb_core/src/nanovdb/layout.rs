@@ -20,7 +20,6 @@ pub(super) mod grid {
     pub const CHECKSUM: usize = 8;
     pub const VERSION: usize = 16;
     pub const FLAGS: usize = 20;
-    pub const INDEX: usize = 24;
     pub const COUNT: usize = 28;
     pub const SIZE: usize = 32;
     pub const NAME: usize = 40;
@@ -35,7 +34,6 @@ pub(super) mod grid {
     pub const TYPE: usize = 636;
     pub const BLIND_OFFSET: usize = 640;
     pub const BLIND_COUNT: usize = 648;
-    pub const SECOND_MAGIC: usize = 664;
 }
 
 /// Offsets in `TreeData`.

@@ -7,7 +7,7 @@
 //!
 //! Data flows one way: [`container`] finds and unpacks the buffers, [`head`] reads what stands in
 //! front of a tree, [`scan`] follows the offsets and checks each, and [`build`] makes the nodes on
-//! all cores. Nothing in a buffer is trusted: see [`scan`].
+//! all cores. [`write`] goes the other way, for floats. Nothing in a buffer is trusted: see [`scan`].
 
 mod blind;
 mod build;
@@ -17,8 +17,12 @@ mod grid;
 mod head;
 mod layout;
 mod leaves;
+mod options;
 mod read;
 mod scan;
+mod write;
 
 pub(crate) use container::is_nanovdb;
+pub use options::{NanoVdbOptions, NanoVdbValues};
 pub(crate) use read::read;
+pub(crate) use write::write;
