@@ -147,8 +147,8 @@ async fn length(reader: &mut dyn Reader) -> Result<Option<u64>, std::io::Error> 
     Ok(Some(end).filter(|end| *end > 0))
 }
 
-/// The extensions of files that are loaded: those of OpenVDB, and cooked ones.
-pub(super) const EXTENSIONS: &[&str] = &["vdb", vdb_core::cooked::EXTENSION];
+/// The extensions of files that are loaded: those of OpenVDB and NanoVDB, and cooked ones.
+pub(super) const EXTENSIONS: &[&str] = &["vdb", "nvdb", vdb_core::cooked::EXTENSION];
 
 /// The grids selected by the settings, and reports about those that cannot be read.
 pub(crate) fn read(

@@ -1,4 +1,4 @@
-//! OpenVDB trees in Rust: the `.vdb` file format, the tree, its packing for the GPU, and an f64
+//! OpenVDB trees in Rust: the `.vdb` and `.nvdb` file formats, the tree, its packing for the GPU, and an f64
 //! reference tracer. Independent of Bevy and of GPUs, so it builds, tests and fuzzes in seconds.
 //!
 //! Data flows one way: file bytes → [`VdbFile::read`] → [`tree`] → [`pack`] → [`query`].
@@ -17,6 +17,7 @@ mod codec;
 pub mod cooked;
 pub mod display;
 mod error;
+mod floats;
 mod format;
 #[cfg(fuzzing)]
 pub mod fuzzing;
@@ -35,6 +36,7 @@ mod work;
 
 pub use blackbody::{BlackbodyTable, blackbody};
 pub use error::{Error, Place};
+pub use floats::ConvertedGrid;
 pub use format::FileBuffer;
 pub use grid::{
     AnyTree, Codec, Compression, Grid, GridClass, GridSelection, ProgressFn, ReadOptions,

@@ -3,12 +3,19 @@
 use crate::Codec;
 
 /// Options for writing a `.nvdb` file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NanoVdbOptions {
     /// How values are stored.
     pub values: NanoVdbValues,
     /// The codec of grids in the file; in memory, `NanoVDB`'s grids are not packed.
     pub codec: Codec,
+}
+
+impl Default for NanoVdbOptions {
+    /// Floats without a codec, as `nanovdb_convert` writes them.
+    fn default() -> Self {
+        Self { values: NanoVdbValues::default(), codec: Codec::None }
+    }
 }
 
 /// How the values of a `.nvdb` file are stored.

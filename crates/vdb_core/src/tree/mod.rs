@@ -36,7 +36,7 @@ pub use coords::CoordBox;
 pub use glam::IVec3;
 pub use internal::{InternalNode, Slot};
 pub use leaf::LeafNode;
-pub use map::map_values;
+pub use map::{map_bits, map_values};
 pub use mask::{Cube, Dim, Mask};
 pub use node::{Found, Node, ValueAt};
 pub use root::{RootEntry, Tree};

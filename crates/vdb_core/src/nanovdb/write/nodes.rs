@@ -10,7 +10,9 @@ use super::statistics::Statistics;
 use crate::Error;
 use crate::nanovdb::layout::{GRID_BYTES, Sizes, TREE_BYTES, child_mask, node, root, tile, tree};
 use crate::nanovdb::options::NanoVdbValues;
-use crate::tree::{Cube, Dim, IVec3, InternalNode, LeafNode, Node, RootEntry, Slot, Vdb543};
+use crate::tree::{
+    CoordBox, Cube, Dim, IVec3, InternalNode, LeafNode, Node, RootEntry, Slot, Vdb543,
+};
 
 type Leaf = LeafNode<f32, 3>;
 type Lower = InternalNode<Leaf, 4>;
@@ -223,7 +225,14 @@ where
     let words = |mask: &[u64]| mask.iter().map(|word| word.to_le_bytes()).collect::<Vec<_>>();
     put_all(out, node::VALUE_MASK, words(source.value_mask().words()));
     put_all(out, child_mask(LOG2), words(source.child_mask().words()));
-    put_bbox(out, node::BBOX, total.bbox);
+    match total.bbox {
+        Some(bbox) => put_bbox(out, node::BBOX, Some(bbox)),
+        // Empty, but with the origin, which NanoVDB takes from the box.
+        None => {
+            let (min, max) = (source.origin(), source.origin().saturating_sub(IVec3::ONE));
+            put_bbox(out, node::BBOX, Some(CoordBox { min, max }));
+        }
+    }
     put(out, node::FLAGS, [if total.bbox.is_some() { HAS_BBOX } else { NOTHING_TO_RENDER }]);
     if total.bbox.is_some() {
         let numbers = [total.min, total.max, total.average(), total.deviation()];
