@@ -138,13 +138,18 @@ fn decode_one(
     is_of_type: impl Fn(&Grid) -> bool,
     pick: impl Fn(&[Grid]) -> Option<usize>,
 ) -> Result<Prepared, VdbLoaderError> {
-    let (file, problems) = read(bytes, settings, job)?;
+    let (file, problems, converted) = read(bytes, settings, job)?;
     let (mut grids, others): (Vec<Grid>, Vec<Grid>) = file.grids.into_iter().partition(is_of_type);
     if grids.is_empty() {
         let mut there = labels_of(&others);
         there.extend(problems);
         let there = if there.is_empty() { "none".into() } else { there.join(", ") };
         return Err(VdbLoaderError::NoSuchGrid(type_name, there));
+    }
+    // Values that were converted are shown only if nothing else is there, or if their label asks.
+    let is_own = |grid: &Grid| !converted.iter().any(|other| other.grid == grid.unique_name);
+    if grids.iter().any(is_own) {
+        grids.retain(is_own);
     }
     let picked = pick(&grids).ok_or_else(|| VdbLoaderError::WhichGrid(labels_of(&grids)))?;
     let grid = grids.swap_remove(picked);
