@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::display::quoted;
 use crate::format::budget::Budget;
 use crate::format::topology::{Upper, internal_bytes};
-use crate::tree::{BitLeaf, BitValues, LeafNode, Node, Tree, Vdb543, map_bits, map_values};
+use crate::tree::{BitLeaf, BitValues, LeafNode, Node, Tree, Value, Vdb543, map_bits, map_values};
 use crate::{AnyTree, Error, Limits, SkippedGrid, VdbFile};
 
 /// A grid whose values were converted to floats, and what that changed.
@@ -147,7 +147,7 @@ fn note(loss: &mut ConvertedGrid, error: f64) {
     loss.largest_error = loss.largest_error.max(error);
 }
 
-fn number<T: Exact + crate::tree::Value>(
+fn number<T: Exact + Value>(
     tree: &Vdb543<T>,
     convert: fn(T) -> f32,
     loss: &mut ConvertedGrid,
@@ -161,7 +161,7 @@ fn number<T: Exact + crate::tree::Value>(
     Ok(AnyTree::Float(Arc::new(map_values(tree, convert))))
 }
 
-fn vector<T: Exact + crate::tree::Value>(
+fn vector<T: Exact + Value>(
     tree: &Vdb543<[T; 3]>,
     convert: fn(T) -> f32,
     loss: &mut ConvertedGrid,
@@ -185,7 +185,7 @@ fn bits<V: BitValues>(
 }
 
 /// Counts the memory of a tree of the same nodes with values of another type.
-fn count<L: Node<Leaf = L>, U: crate::tree::Value>(
+fn count<L: Node<Leaf = L>, U: Value>(
     tree: &Tree<Upper<L>>,
     budget: &mut Budget<'_>,
 ) -> Result<(), Error> {

@@ -16,7 +16,8 @@ const NANOVDB: u32 = 32;
 pub fn file(path: &Path, file: &VdbFile, with_sizes: bool) -> String {
     let mut out = String::new();
     let (major, minor) = file.library_version;
-    let shown = escaped(&path.to_string_lossy()).at_most(4096);
+    let path = path.to_string_lossy();
+    let shown = escaped(&path).at_most(4096);
     let _ = if file.version == NANOVDB {
         writeln!(out, "{shown}: written by NanoVDB {major}.{minor}")
     } else {
