@@ -46,7 +46,7 @@ fn place(bytes: &[u8], choices: &mut Unstructured) -> Result<usize> {
 }
 
 /// A number of the kind that breaks readers.
-fn nasty(choices: &mut Unstructured, old: u64) -> Result<u64> {
+pub(super) fn nasty(choices: &mut Unstructured, old: u64) -> Result<u64> {
     Ok(match choices.int_in_range(0..=9)? {
         0 => 0,
         1 => u64::MAX,

@@ -10,6 +10,7 @@ mod damage;
 mod edits;
 mod follow;
 mod generate;
+mod nanovdb;
 mod rays;
 mod round_trip;
 mod seeds;
@@ -19,6 +20,7 @@ use vdb_core::synth::Random;
 use vdb_core::{Limits, ReadOptions, VdbFile, WriteOptions};
 
 pub use cooked::cooked;
+pub use nanovdb::nanovdb;
 pub use seeds::write_seeds;
 
 /// Bytes of memory that the trees of one input may take: four large nodes of floats. Everything

@@ -110,6 +110,7 @@ fn cook(
         progress: None,
     };
     let mut file = VdbFile::read(bytes, &options)?;
+    file.convert_to_floats(&settings.limits);
     let skipped = file.skipped.iter().map(|grid| grid.unique_name.clone());
     let mut left_out: Vec<String> = skipped.collect();
     for grid in &mut file.grids {

@@ -13,7 +13,9 @@ use vdb_core::{AnyTree, Grid};
 use crate::asset::colors::join_colors;
 use crate::asset::cooked;
 use crate::asset::labels::labels;
-use crate::asset::loader::{EXTENSIONS, Prepared, Shared, kind, load_with, prepare, read};
+use crate::asset::loader::{
+    EXTENSIONS, Prepared, ReadGrids, Shared, kind, load_with, prepare, read,
+};
 use crate::asset::parts::{Candidate, main_grid, main_vectors};
 use crate::asset::progress::Job;
 use crate::{
@@ -124,9 +126,9 @@ fn decode_vectors(
         let names: Vec<_> = grids.iter().map(|grid| grid.name.as_str()).collect();
         main_vectors(&names)
     };
-    let (mut file, mut problems) = read(bytes, settings, job)?;
+    let (mut file, mut problems, converted) = read(bytes, settings, job)?;
     problems.extend(join_colors(&mut file.grids, &settings.limits));
-    match decode_one((file, problems), settings, job, VECTORS, is_vectors, pick)? {
+    match decode_one((file, problems, converted), settings, job, VECTORS, is_vectors, pick)? {
         Prepared::Vectors(grid) => Ok(grid),
         Prepared::Floats(_) => Err(VdbLoaderError::NothingToShow(Vec::new())),
     }
@@ -134,7 +136,7 @@ fn decode_vectors(
 
 /// Packs one grid of a type.
 fn decode_one(
-    (file, problems): (vdb_core::VdbFile, Vec<String>),
+    (file, problems, converted): ReadGrids,
     settings: &VdbLoaderSettings,
     job: &Arc<Job>,
     type_name: &'static str,
@@ -147,6 +149,11 @@ fn decode_one(
         there.extend(problems);
         let there = if there.is_empty() { "none".into() } else { there.join(", ") };
         return Err(VdbLoaderError::NoSuchGrid(type_name, there));
+    }
+    // Values that were converted are shown only if nothing else is there, or if their label asks.
+    let is_own = |grid: &Grid| !converted.iter().any(|other| other.grid == grid.unique_name);
+    if grids.iter().any(is_own) {
+        grids.retain(is_own);
     }
     let picked = pick(&grids).ok_or_else(|| VdbLoaderError::WhichGrid(labels_of(&grids)))?;
     let grid = grids.swap_remove(picked);

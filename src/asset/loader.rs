@@ -13,7 +13,8 @@ use vdb_core::display::escaped;
 use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, PackedTogether};
 use vdb_core::tree::{Vdb543, trim_narrow_band};
 use vdb_core::{
-    AnyTree, FileBuffer, Grid, GridClass, GridSelection, Limits, ReadOptions, Transform,
+    AnyTree, ConvertedGrid, FileBuffer, Grid, GridClass, GridSelection, Limits, ReadOptions,
+    Transform,
 };
 
 use super::background;
@@ -148,28 +149,32 @@ async fn length(reader: &mut dyn Reader) -> Result<Option<u64>, std::io::Error> 
     Ok(Some(end).filter(|end| *end > 0))
 }
 
-/// The extensions of files that are loaded: those of OpenVDB, and cooked ones.
-pub(super) const EXTENSIONS: &[&str] = &["vdb", vdb_core::cooked::EXTENSION];
+/// The extensions of files that are loaded: those of OpenVDB and NanoVDB, and cooked ones.
+pub(super) const EXTENSIONS: &[&str] = &["vdb", "nvdb", vdb_core::cooked::EXTENSION];
 
-/// The grids selected by the settings, and reports about those that cannot be read.
-pub(crate) fn read(
+/// Grids of floats, reports about those that cannot be read, and what became floats.
+pub(super) type ReadGrids = (vdb_core::VdbFile, Vec<String>, Vec<ConvertedGrid>);
+
+/// The grids selected by the settings, with floats whatever they had.
+pub(super) fn read(
     bytes: Vec<u8>,
     settings: &VdbLoaderSettings,
     job: &Arc<Job>,
-) -> Result<(vdb_core::VdbFile, Vec<String>), VdbLoaderError> {
+) -> Result<ReadGrids, VdbLoaderError> {
     let options = ReadOptions {
         limits: settings.limits.clone(),
         grids: settings.grids.clone().map_or(GridSelection::All, GridSelection::Names),
         progress: Some(job.decoding()),
     };
-    let file = vdb_core::VdbFile::read(&bytes, &options)?;
+    let mut file = vdb_core::VdbFile::read(&bytes, &options)?;
     // Frees the memory for packing.
     drop(bytes);
+    let converted = file.convert_to_floats(&settings.limits);
     let skipped = file.skipped.iter();
     let problems = skipped
         .map(|grid| format!("grid '{}' was skipped: {}", escaped(&grid.unique_name), grid.reason))
         .collect();
-    Ok((file, problems))
+    Ok((file, problems, converted))
 }
 
 fn decode(
@@ -180,7 +185,7 @@ fn decode(
     if CookedFile::is_cooked(&bytes) {
         return cooked::decode(bytes, settings, job);
     }
-    let (mut file, mut problems) = read(bytes, settings, job)?;
+    let (mut file, mut problems, converted) = read(bytes, settings, job)?;
     problems.extend(join_colors(&mut file.grids, &settings.limits));
     let (mut grids, mut vector_grids) = (Vec::new(), Vec::new());
     let mut shared = Shared::new(settings, job);
@@ -196,6 +201,11 @@ fn decode(
     }
     if grids.is_empty() && vector_grids.is_empty() && !problems.is_empty() {
         return Err(VdbLoaderError::NothingToShow(problems));
+    }
+    // One line, whatever their number.
+    if !converted.is_empty() {
+        let lines: Vec<String> = converted.iter().map(ToString::to_string).collect();
+        problems.push(lines.join("; "));
     }
     let (metadata, skipped) = (file.metadata, file.skipped);
     Ok(Decoded { metadata, skipped, grids, vector_grids, problems })

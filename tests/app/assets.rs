@@ -83,8 +83,8 @@ fn grids_are_labelled_by_name() {
     let file = loaded(&mut app, &file);
     let mut labels: Vec<_> = file.named_grids.keys().cloned().collect();
     labels.sort();
-    assert_eq!(labels, ["density", "surface"]);
-    assert_eq!(file.grids.len(), 2);
+    assert_eq!(labels, ["density", "flag", "surface"]);
+    assert_eq!(file.grids.len(), 3, "booleans become floats");
 
     let label = format!("{}#density", data("kinds.vdb").display());
     let density: Handle<VdbGrid> = app.world().resource::<AssetServer>().load(label);
@@ -94,6 +94,42 @@ fn grids_are_labelled_by_name() {
     assert!(density.world_bounds().is_some());
     let surface = loaded(&mut app, &file.named_grids["surface"]);
     assert_eq!(surface.kind(), PackKind::Smooth { iso: 0.0 });
+}
+
+#[test]
+fn grids_of_other_types_become_floats() {
+    let mut doubles = Vdb543::new(0.0_f64);
+    for (x, value) in (0..).zip([1e300, -1e300, 1e-300, 0.1]) {
+        doubles.set(IVec3::new(x, 0, 0), value);
+    }
+    let mut integers = Vdb543::new(0_i64);
+    integers.set(IVec3::ZERO, i64::MAX);
+    let tree = AnyTree::Int64(integers.into());
+    let grids = [
+        ("doubles", AnyTree::Double(doubles.into())),
+        ("integers", tree.clone()),
+        ("instance", tree),
+        ("vectors", AnyTree::Vec3i(Vdb543::new([1, 2, 3]).into())),
+    ];
+    let grids = grids.map(|(name, tree)| Grid::new(name, tree)).into();
+    let folder = std::env::temp_dir().join(format!("vdb-floats-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("types.vdb");
+    vdb_core::VdbFile::new(grids).save(&path, &WriteOptions::default()).unwrap();
+    let mut app = app();
+    let file: Handle<VdbFile> = load(&app, path);
+    let file = loaded(&mut app, &file);
+    assert_eq!((file.grids.len(), file.vector_grids.len()), (3, 1));
+    let grid = |app: &mut App, name: &str| loaded(app, &file.named_grids[name]);
+    let doubles = grid(&mut app, "doubles");
+    let values = [0, 1, 2, 3].map(|x| doubles.tree().unwrap().get(IVec3::new(x, 0, 0)));
+    assert_eq!(values, [f32::MAX, f32::MIN, 0.0, 0.1]);
+    let integers = grid(&mut app, "integers");
+    assert_eq!(integers.tree().unwrap().get(IVec3::ZERO), 2_f32.powi(63));
+    // Instances are packed once.
+    let instance = grid(&mut app, "instance");
+    assert!(Arc::ptr_eq(integers.packed(), instance.packed()));
+    std::fs::remove_dir_all(folder).unwrap();
 }
 
 #[test]
@@ -359,7 +395,7 @@ fn limits_are_settings() {
                 let message = failure(&mut app, &file);
                 assert!(message.contains(said), "{message}");
             }
-            None => assert_eq!(loaded(&mut app, &file).grids.len(), 2),
+            None => assert_eq!(loaded(&mut app, &file).grids.len(), 3),
         }
     }
     std::fs::remove_dir_all(folder).unwrap();
@@ -430,7 +466,7 @@ fn a_changed_file_is_reloaded() {
         VdbRenderPlugin,
     ));
     let file: Handle<VdbFile> = app.world().resource::<AssetServer>().load("changing.vdb");
-    assert_eq!(loaded(&mut app, &file).grids.len(), 2);
+    assert_eq!(loaded(&mut app, &file).grids.len(), 3);
     std::fs::copy(data("special_floats.vdb"), &path).unwrap();
     until(&mut app, "the reloaded file", |world| {
         let file = world.resource::<Assets<VdbFile>>().get(&file)?;

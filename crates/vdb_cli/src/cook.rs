@@ -71,6 +71,8 @@ struct Totals {
     written: u64,
     /// The grids that have been named as left out: those of a sequence are named once.
     left_out: HashSet<String>,
+    /// The same of grids that have become floats.
+    converted: HashSet<String>,
 }
 
 impl Totals {
@@ -133,8 +135,13 @@ fn target(path: &Path, out: &Path) -> PathBuf {
 }
 
 fn cook(path: &Path, target: &Path, args: &Args, totals: &mut Totals) -> Result<(), String> {
-    let file = open(path, &args.limits)?;
+    let mut file = open(path, &args.limits)?;
     let length = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    for converted in file.convert_to_floats(&args.limits.limits()) {
+        if totals.converted.insert(converted.grid.clone()) {
+            terminal::complain(&format!("{}: {converted}", shown(path)));
+        }
+    }
     totals.name_left_out(path, &file);
     let progress = Progress::cooking(path);
     let options = CookOptions {

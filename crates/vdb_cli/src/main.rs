@@ -1,7 +1,9 @@
 //! `vdb`, a command-line tool for OpenVDB files. Each subcommand is a module.
 
 mod between;
+mod convert;
 mod cook;
+mod diff;
 mod files;
 mod info;
 mod limits;
@@ -24,7 +26,9 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Between(between::Args),
+    Convert(convert::Args),
     Cook(cook::Args),
+    Diff(diff::Args),
     Info(info::Args),
 }
 
@@ -35,7 +39,9 @@ fn main() -> ExitCode {
     };
     match cli.command {
         Command::Between(args) => between::run(&args),
+        Command::Convert(args) => convert::run(&args),
         Command::Cook(args) => cook::run(&args),
+        Command::Diff(args) => diff::run(&args),
         Command::Info(args) => info::run(&args),
     }
 }

@@ -171,6 +171,17 @@ impl Error {
         self
     }
 
+    /// Replaces a byte offset in an unpacked grid by that of the packed grid in the file, and says
+    /// so.
+    pub(crate) fn in_unpacked(mut self, packed_at: usize) -> Self {
+        if let Some(offset) = self.place_mut().offset.replace(packed_at as u64)
+            && let Self::Invalid { what, .. } | Self::NotSupported { what, .. } = &mut self
+        {
+            *what += &format!(" (byte {offset} of the unpacked grid)");
+        }
+        self
+    }
+
     /// Adds the name of a grid.
     pub(crate) fn in_grid(mut self, name: &str) -> Self {
         self.place_mut().grid.get_or_insert_with(|| name.to_owned());

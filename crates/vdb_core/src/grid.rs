@@ -7,7 +7,7 @@ use std::sync::Arc;
 use crate::tree::{BoolTree, CoordBox, MaskTree, TreeStats, Vdb543};
 use crate::{Error, Limits, Metadata, Transform};
 
-/// A `.vdb` file in memory.
+/// A `.vdb` or `.nvdb` file in memory.
 ///
 /// ```no_run
 /// use glam::{DVec3, IVec3};
@@ -47,11 +47,11 @@ use crate::{Error, Limits, Metadata, Transform};
 /// ```
 #[derive(Clone, Debug)]
 pub struct VdbFile {
-    /// The version of the file format, 218 to 225.
+    /// The version of the file format: 218 to 225 of `.vdb` files, 32 of `.nvdb` files.
     pub version: u32,
-    /// The version (major, minor) of the OpenVDB library that wrote the file.
+    /// The version (major, minor) of the OpenVDB or NanoVDB library that wrote the file.
     pub library_version: (u32, u32),
-    /// The unique tag of the file, in hexadecimal with hyphens.
+    /// The unique tag of the file, in hexadecimal with hyphens; empty for `.nvdb` files.
     pub uuid: String,
     /// The metadata of the file.
     pub metadata: Metadata,

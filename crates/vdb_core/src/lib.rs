@@ -1,4 +1,4 @@
-//! OpenVDB trees in Rust: the `.vdb` file format, the tree, its packing for the GPU, and an f64
+//! OpenVDB trees in Rust: the `.vdb` and `.nvdb` file formats, the tree, its packing for the GPU, and an f64
 //! reference tracer. Independent of Bevy and of GPUs, so it builds, tests and fuzzes in seconds.
 //!
 //! Data flows one way: file bytes → [`VdbFile::read`] → [`tree`] → [`pack`] → [`query`].
@@ -18,12 +18,14 @@ pub mod cooked;
 pub mod display;
 pub mod emitters;
 mod error;
+mod floats;
 mod format;
 #[cfg(fuzzing)]
 pub mod fuzzing;
 mod grid;
 mod limits;
 mod metadata;
+mod nanovdb;
 pub mod pack;
 pub mod query;
 mod ramp;
@@ -36,6 +38,7 @@ mod work;
 
 pub use blackbody::{BlackbodyTable, blackbody};
 pub use error::{Error, Place};
+pub use floats::ConvertedGrid;
 pub use format::FileBuffer;
 pub use grid::{
     AnyTree, Codec, Compression, Grid, GridClass, GridSelection, ProgressFn, ReadOptions,
@@ -43,5 +46,6 @@ pub use grid::{
 };
 pub use limits::Limits;
 pub use metadata::{MetaValue, Metadata};
+pub use nanovdb::{NanoVdbOptions, NanoVdbValues};
 pub use ramp::{Ramp, RampPoint, RampStop, RampTable};
 pub use transform::Transform;

@@ -9,7 +9,7 @@
 /// limits for larger files that you trust, and lower them for files from strangers. Whatever the
 /// limits, nothing is allocated for a node before its masks and the length of its values have been
 /// read from the file. The smallest encoding of a node bounds the memory that a file can demand:
-/// about 17 times its own size for floats, and about 100 times for f64 vectors.
+/// about 17 times its own size for floats, and about 130 times for f64 vectors.
 ///
 /// There is no limit in seconds: whether a file can be shown would depend on the machine and on
 /// what else it does. The time to pack a grid or to generate a level of detail is proportional to

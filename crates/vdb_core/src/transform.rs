@@ -57,6 +57,13 @@ impl Affine {
             .then_some(Self { rows, inverse })
     }
 
+    /// The matrix of a linear map, under the same conditions.
+    pub(crate) fn from_linear(world_from_index: DAffine3) -> Option<Self> {
+        let DAffine3 { matrix3: m, translation: t } = world_from_index;
+        let row = |v: DVec3, w: f64| [v.x, v.y, v.z, w];
+        Self::new([row(m.x_axis, 0.0), row(m.y_axis, 0.0), row(m.z_axis, 0.0), row(t, 1.0)])
+    }
+
     fn apply(&self, p: DVec3) -> DVec3 {
         let m = &self.rows;
         let axis = |i: usize| p.x * m[0][i] + p.y * m[1][i] + p.z * m[2][i] + m[3][i];
@@ -124,10 +131,7 @@ impl Transform {
 
     /// Any linear map; `None` if it is singular or not finite.
     pub fn affine(world_from_index: DAffine3) -> Option<Self> {
-        let DAffine3 { matrix3: m, translation: t } = world_from_index;
-        let row = |v: DVec3, w: f64| [v.x, v.y, v.z, w];
-        let rows = [row(m.x_axis, 0.0), row(m.y_axis, 0.0), row(m.z_axis, 0.0), row(t, 1.0)];
-        Affine::new(rows).map(|affine| Self { map: Map::Affine(affine) })
+        Affine::from_linear(world_from_index).map(|affine| Self { map: Map::Affine(affine) })
     }
 
     /// The transform, if it can be inverted.

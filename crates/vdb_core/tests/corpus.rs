@@ -48,15 +48,3 @@ fn damaged_files_do_no_harm() {
     }
     assert_eq!(count, 14);
 }
-
-#[test]
-fn nanovdb_files_are_named_as_such() {
-    let Some(corpus) = corpus() else { return };
-    let nanovdb = files(&corpus.join("real"), "nvdb");
-    assert!(!nanovdb.is_empty());
-    for path in nanovdb {
-        let error = VdbFile::open(&path).unwrap_err();
-        assert!(matches!(error, Error::NotSupported { .. }), "{error:?}");
-        assert!(error.to_string().contains("NanoVDB"), "{error}");
-    }
-}

@@ -69,6 +69,13 @@ fn cooked() {
     replay("mutant", pipeline::cooked);
 }
 
+/// The same inputs as `.nvdb` files.
+#[test]
+fn nanovdb() {
+    replay("tree", pipeline::nanovdb);
+    replay("mutant", pipeline::nanovdb);
+}
+
 /// Writes the inputs that the fuzzers start from into the folder `VDB_FUZZ_SEEDS`, if there is one.
 #[test]
 fn seeds() {

@@ -9,7 +9,7 @@ use super::error::VdbSequenceError;
 const MOST_DIGITS: usize = 15;
 
 /// The extensions of files that are frames, for folders without a pattern.
-pub(super) const EXTENSIONS: &[&str] = &["vdb", COOKED];
+pub(super) const EXTENSIONS: &[&str] = &["vdb", "nvdb", COOKED];
 
 /// The extension of cooked files.
 const COOKED: &str = vdb_core::cooked::EXTENSION;

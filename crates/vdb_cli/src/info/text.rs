@@ -10,16 +10,20 @@ use vdb_core::{
 
 use crate::terminal::bytes;
 
+/// The version of `.nvdb` files.
+const NANOVDB: u32 = 32;
+
 pub fn file(path: &Path, file: &VdbFile, with_sizes: bool) -> String {
     let mut out = String::new();
     let (major, minor) = file.library_version;
-    let _ = writeln!(
-        out,
-        "{}: format {}, written by OpenVDB {major}.{minor}, {}",
-        escaped(&path.to_string_lossy()).at_most(4096),
-        file.version,
-        escaped(&file.uuid)
-    );
+    let path = path.to_string_lossy();
+    let shown = escaped(&path).at_most(4096);
+    let _ = if file.version == NANOVDB {
+        writeln!(out, "{shown}: written by NanoVDB {major}.{minor}")
+    } else {
+        let (version, uuid) = (file.version, escaped(&file.uuid));
+        writeln!(out, "{shown}: format {version}, written by OpenVDB {major}.{minor}, {uuid}")
+    };
     metadata(&mut out, "  ", &file.metadata);
     for grid in &file.grids {
         self::grid(&mut out, grid);

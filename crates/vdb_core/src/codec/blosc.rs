@@ -93,34 +93,69 @@ const VALUE_BYTES: usize = 4;
 /// cleared first. Returns `false` if the frame would be no smaller than the bytes.
 pub(crate) fn encode(bytes: &[u8], out: &mut Vec<u8>, shuffled: &mut Vec<u8>) -> bool {
     out.clear();
-    let values = bytes.len() / VALUE_BYTES;
-    let shuffled = Scratch::room(shuffled, bytes.len());
-    shuffle_bytes(bytes, shuffled);
+    encode_blocks(bytes, bytes.len(), out, shuffled)
+}
+
+/// Appends a frame of blocks of so many bytes each, the last of which may be shorter; one that is
+/// not compressed if that would be no smaller.
+pub(crate) fn encode_or_store(
+    bytes: &[u8],
+    block: usize,
+    out: &mut Vec<u8>,
+    shuffled: &mut Vec<u8>,
+) {
+    let start = out.len();
+    if !encode_blocks(bytes, block, out, shuffled) {
+        out.truncate(start);
+        out.extend([2, 1, STORED, VALUE_BYTES as u8]);
+        for length in [bytes.len(), block, HEADER + bytes.len()] {
+            out.extend((length as u32).to_le_bytes());
+        }
+        out.extend(bytes);
+    }
+}
+
+/// Appends a compressed frame. Returns `false` if it is no smaller than the bytes.
+fn encode_blocks(bytes: &[u8], block: usize, out: &mut Vec<u8>, shuffled: &mut Vec<u8>) -> bool {
+    let start = out.len();
     // The rule by which readers that ignore `NOT_SPLIT` decide whether a block is split.
-    let split = values >= MIN_SPLIT_VALUES && bytes.len().is_multiple_of(VALUE_BYTES);
+    let split = block / VALUE_BYTES >= MIN_SPLIT_VALUES && block.is_multiple_of(VALUE_BYTES);
     let flags = BYTE_SHUFFLE | 1 << 5 | if split { 0 } else { NOT_SPLIT };
     let length = |length: usize| (length as u32).to_le_bytes();
     out.extend([2, 1, flags, VALUE_BYTES as u8]);
     out.extend(length(bytes.len()));
-    out.extend(length(bytes.len()));
-    out.extend([0; 4]);
-    out.extend(length(HEADER + 4));
-    for stream in shuffled.chunks(if split { values } else { bytes.len() }.max(1)) {
-        let at = out.len();
-        out.resize(at + 4 + lz4_flex::block::get_maximum_output_size(stream.len()), 0);
-        let packed = match lz4_flex::block::compress_into(stream, &mut out[at + 4..]) {
-            Ok(packed) if packed < stream.len() => packed,
-            _ => {
-                out[at + 4..][..stream.len()].copy_from_slice(stream);
-                stream.len()
-            }
-        };
-        out[at..at + 4].copy_from_slice(&length(packed));
-        out.truncate(at + 4 + packed);
+    out.extend(length(block));
+    let blocks = bytes.len().div_ceil(block.max(1)).max(1);
+    let offsets_at = start + HEADER;
+    out.resize(offsets_at + 4 * blocks, 0);
+    for (index, bytes) in bytes.chunks(block.max(1)).enumerate() {
+        let offset = length(out.len() - start);
+        out[offsets_at + 4 * index..][..4].copy_from_slice(&offset);
+        let shuffled = Scratch::room(shuffled, bytes.len());
+        shuffle_bytes(bytes, shuffled);
+        let streams = if split && bytes.len() == block { VALUE_BYTES } else { 1 };
+        for stream in shuffled.chunks((bytes.len() / streams).max(1)) {
+            encode_stream(stream, out);
+        }
     }
-    let frame = length(out.len());
-    out[12..HEADER].copy_from_slice(&frame);
-    out.len() < bytes.len()
+    let frame = out.len() - start;
+    out[start + 12..start + HEADER].copy_from_slice(&length(frame));
+    frame < bytes.len()
+}
+
+/// Appends a stream: its length and its bytes, compressed if that makes them fewer.
+fn encode_stream(stream: &[u8], out: &mut Vec<u8>) {
+    let at = out.len();
+    out.resize(at + 4 + lz4_flex::block::get_maximum_output_size(stream.len()), 0);
+    let packed = match lz4_flex::block::compress_into(stream, &mut out[at + 4..]) {
+        Ok(packed) if packed < stream.len() => packed,
+        _ => {
+            out[at + 4..][..stream.len()].copy_from_slice(stream);
+            stream.len()
+        }
+    };
+    out[at..at + 4].copy_from_slice(&(packed as u32).to_le_bytes());
+    out.truncate(at + 4 + packed);
 }
 
 /// Groups the first bytes of all values, then the second bytes, and so on.

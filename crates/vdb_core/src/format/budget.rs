@@ -39,6 +39,16 @@ impl<'a> Budget<'a> {
         Ok(())
     }
 
+    /// Checks that `bytes` more can be taken beside all trees, for as long as a grid is read.
+    pub(crate) fn check_more(&self, bytes: usize) -> Result<(), Error> {
+        let (sum, limit) = (self.bytes.saturating_add(bytes as u64), self.limits.tree_bytes);
+        if sum > limit {
+            let what = format!("{sum} bytes of memory for trees and an unpacked grid");
+            return Err(Error::limit(what, "tree_bytes", limit));
+        }
+        Ok(())
+    }
+
     /// Adds `count` nodes of `bytes` bytes and `voxels` voxels each.
     pub(crate) fn add(&mut self, count: usize, bytes: usize, voxels: usize) -> Result<(), Error> {
         let add = |sum: &mut u64, each: usize| {

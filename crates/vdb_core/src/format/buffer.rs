@@ -14,7 +14,7 @@ const MOST: usize = 8 << 20;
 /// Reads no more than necessary: a file in another format is recognised by its first eight bytes,
 /// and an overlong file is rejected before memory is allocated for it. Reading ends after the last
 /// grid, or at the first error while following the grid offsets. Only a file without grid offsets,
-/// written as a stream, and a cooked file are read to their ends.
+/// written as a stream, a `.nvdb` file and a cooked file are read to their ends.
 ///
 /// ```
 /// use std::io::{self, Read};

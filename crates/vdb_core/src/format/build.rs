@@ -19,7 +19,7 @@ use crate::{Error, ProgressFn};
 
 /// Leaves built per task: about 100 µs of work, enough to make scheduling free and little enough to
 /// balance the load.
-const LEAVES_PER_TASK: usize = 64;
+pub(crate) const LEAVES_PER_TASK: usize = 64;
 
 thread_local! {
     static SCRATCH: RefCell<Scratch> = RefCell::default();

@@ -4,6 +4,7 @@ use super::cursor::Cursor;
 use super::descriptor::SMALLEST;
 use super::{header, list};
 use crate::cooked::signature;
+use crate::nanovdb::is_nanovdb;
 use crate::{Error, Limits};
 
 /// The part of a file that the reader needs.
@@ -38,12 +39,12 @@ enum Stage {
     /// Grids left to examine.
     Grids(u32),
     Stream,
-    /// A cooked file, which is read as a whole.
-    Cooked,
+    /// A cooked file or a NanoVDB file, which is read as a whole.
+    Whole,
 }
 
 impl Follower {
-    /// Whether the file starts with the magic number of a VDB file or of a cooked one.
+    /// Whether the file starts with the magic number of a VDB file, a NanoVDB file or a cooked one.
     pub(crate) fn is_known(&self) -> bool {
         !matches!(self.stage, Stage::Magic)
     }
@@ -83,7 +84,8 @@ impl Follower {
         let next = match self.stage {
             Stage::Magic => match ahead.take()? {
                 header::MAGIC => Stage::Header,
-                signature::MAGIC => Stage::Cooked,
+                signature::MAGIC => Stage::Whole,
+                magic if is_nanovdb(&magic) => Stage::Whole,
                 _ => return Err(Demand::Nothing),
             },
             Stage::Header => {
@@ -126,7 +128,7 @@ impl Follower {
                     u64::try_from(end).ok().filter(|end| *end >= past).ok_or(Demand::Nothing)?;
                 Stage::Grids(left - 1)
             }
-            Stage::Stream | Stage::Cooked => return Err(Demand::All),
+            Stage::Stream | Stage::Whole => return Err(Demand::All),
         };
         (self.at, self.stage) = (ahead.at, next);
         Ok(())

@@ -36,12 +36,6 @@ pub(crate) struct Header {
 
 pub(crate) fn read(cursor: &mut Cursor<'_>) -> Result<Header, Error> {
     let magic = cursor.array::<8>().map_err(|_| Error::invalid("this is not a VDB file").at(0))?;
-    if magic.starts_with(b"NanoVDB") {
-        return Err(Error::not_supported(
-            "this is a NanoVDB file; convert it to .vdb with OpenVDB's `nanovdb_convert`",
-        )
-        .at(0));
-    }
     if magic != MAGIC {
         return Err(Error::invalid("this is not a VDB file").at(0));
     }

@@ -151,7 +151,7 @@ pub(super) fn list_stream<'a>(
 }
 
 /// The requested names, in a set for fast look-up.
-pub(super) enum Selection<'a> {
+pub(crate) enum Selection<'a> {
     All,
     Names(&'a [String], HashSet<&'a str>),
 }
@@ -167,17 +167,28 @@ impl<'a> Selection<'a> {
     }
 
     fn has(&self, descriptor: &Descriptor) -> bool {
+        self.has_name(&descriptor.name, &descriptor.unique_name)
+    }
+
+    /// Whether a grid is requested by its name or its unique name.
+    pub fn has_name(&self, name: &str, unique_name: &str) -> bool {
         let Self::Names(_, names) = self else { return true };
-        names.contains(&*descriptor.name) || names.contains(&*descriptor.unique_name)
+        names.contains(name) || names.contains(unique_name)
     }
 
     /// Checks that the file has all requested grids.
-    pub fn check(&self, listed: &[Listed<'_>]) -> Result<(), Error> {
+    pub(super) fn check(&self, listed: &[Listed<'_>]) -> Result<(), Error> {
+        let descriptors = listed.iter().map(|grid| &grid.descriptor);
+        self.check_names(descriptors.map(|grid| (&*grid.name, &*grid.unique_name)))
+    }
+
+    /// Checks that all requested grids are among these names and unique names.
+    pub fn check_names<'b>(
+        &self,
+        grids: impl Iterator<Item = (&'b str, &'b str)>,
+    ) -> Result<(), Error> {
         let Self::Names(names, _) = self else { return Ok(()) };
-        let there: HashSet<&str> = listed
-            .iter()
-            .flat_map(|grid| [&*grid.descriptor.name, &*grid.descriptor.unique_name])
-            .collect();
+        let there: HashSet<&str> = grids.flat_map(|(name, unique)| [name, unique]).collect();
         match names.iter().find(|name| !there.contains(name.as_str())) {
             None => Ok(()),
             Some(name) => {

@@ -184,7 +184,7 @@ impl<L: FileLeaf> Scan<'_, L> {
 }
 
 /// The memory of an internal node without its children.
-fn internal_bytes<T, const LOG2: u32>(children: usize) -> usize {
+pub(crate) fn internal_bytes<T, const LOG2: u32>(children: usize) -> usize {
     let slots = 1usize << (3 * LOG2);
     slots * size_of::<T>() + slots / 8 * 2 + slots / 64 * 4 + children * 8 + 128
 }

@@ -118,7 +118,7 @@ fn read_old(cursor: &mut Cursor<'_>, name: &str) -> Result<Map, Error> {
 }
 
 /// The simplest equivalent map, as OpenVDB chooses it for old files.
-fn simplify(affine: Affine) -> Map {
+pub(crate) fn simplify(affine: Affine) -> Map {
     let m = affine.rows;
     let off_diagonal = (0..3).any(|i| (0..3).any(|j| i != j && m[i][j] != 0.0));
     if off_diagonal {

@@ -3,16 +3,21 @@
 use std::path::Path;
 
 use super::{file, header, open, save, write};
-use crate::{Error, Grid, Metadata, ReadOptions, VdbFile, WriteOptions};
+use crate::nanovdb;
+use crate::{Error, Grid, Metadata, NanoVdbOptions, ReadOptions, VdbFile, WriteOptions};
 
 impl VdbFile {
-    /// Reads a file from memory.
+    /// Reads a `.vdb` or `.nvdb` file from memory; its first bytes say which it is.
     ///
     /// # Errors
-    /// If the bytes are not a VDB file, are damaged or exceed a limit. A grid of an unsupported
+    /// If the bytes are neither, are damaged or exceed a limit. A grid of an unsupported
     /// type is not an error: it is listed in [`VdbFile::skipped`].
     pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Self, Error> {
-        file::read(bytes, options)
+        if nanovdb::is_nanovdb(bytes) {
+            nanovdb::read(bytes, options)
+        } else {
+            file::read(bytes, options)
+        }
     }
 
     /// Reads a file from disk with default options.
@@ -56,6 +61,32 @@ impl VdbFile {
     /// If a name or a value is too long for the format.
     pub fn write(&self, options: &WriteOptions) -> Result<Vec<u8>, Error> {
         write::write(self, options)
+    }
+
+    /// Serialises a `.nvdb` file in version 32.4, which NanoVDB 32.x reads. Of a grid, its name,
+    /// class, linear transform and tree are written, with statistics and a checksum; metadata, and
+    /// that trees are shared, cannot be.
+    ///
+    /// # Errors
+    /// If a grid does not have floats or has a frustum, or its values cannot be quantised as the
+    /// options ask.
+    pub fn write_nanovdb(&self, options: &NanoVdbOptions) -> Result<Vec<u8>, Error> {
+        nanovdb::write(self, options)
+    }
+
+    /// Writes a `.nvdb` file to disk as [`VdbFile::write_nanovdb`] does, and replaces an existing
+    /// file as [`VdbFile::save`] does.
+    ///
+    /// # Errors
+    /// Those of [`VdbFile::write_nanovdb`], and those of [`VdbFile::save`] of the operating system.
+    pub fn save_nanovdb(
+        &self,
+        path: impl AsRef<Path>,
+        options: &NanoVdbOptions,
+    ) -> Result<(), Error> {
+        self.write_nanovdb(options)
+            .and_then(|bytes| save::save_bytes(path.as_ref(), &bytes))
+            .map_err(|error| error.in_file(&path))
     }
 
     /// Writes a file to disk as [`VdbFile::write`] does. After a crash or with a full disk, the

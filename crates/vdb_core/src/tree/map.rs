@@ -1,15 +1,33 @@
 //! Conversion of a tree's values.
 
-use super::{InternalNode, LeafNode, Node, RootEntry, Slot, Tree, Value, Vdb543};
+use super::{
+    BitLeaf, BitValues, InternalNode, LeafNode, Node, RootEntry, Slot, Tree, Value, Vdb543,
+};
 
 type Leaf<T> = LeafNode<T, 3>;
-type Lower<T> = InternalNode<Leaf<T>, 4>;
-type Upper<T> = InternalNode<Lower<T>, 5>;
+type Lower<L> = InternalNode<L, 4>;
+type Upper<L> = InternalNode<Lower<L>, 5>;
 
 /// A tree of the same nodes, with converted values.
 pub fn map_values<T: Value, U: Value>(
     tree: &Vdb543<T>,
     convert: impl Fn(T) -> U + Sync,
+) -> Vdb543<U> {
+    map_tree(tree, &convert, &|leaf| map_leaf(leaf, &convert))
+}
+
+/// The same for a tree of booleans or states.
+pub fn map_bits<V: BitValues, U: Value>(
+    tree: &Tree<Upper<BitLeaf<V, 3>>>,
+    convert: impl Fn(bool) -> U + Sync,
+) -> Vdb543<U> {
+    map_tree(tree, &convert, &|leaf| map_bit_leaf(leaf, &convert))
+}
+
+fn map_tree<L: Node<Leaf = L>, U: Value>(
+    tree: &Tree<Upper<L>>,
+    convert: &impl Fn(L::Value) -> U,
+    map_leaf: &impl Fn(&L) -> Box<Leaf<U>>,
 ) -> Vdb543<U> {
     let mut mapped = Tree::new(convert(tree.background()));
     for (origin, entry) in tree.entries() {
@@ -17,32 +35,41 @@ pub fn map_values<T: Value, U: Value>(
             RootEntry::Tile { value, active } => {
                 mapped.insert_tile(origin, convert(*value), *active);
             }
-            RootEntry::Child(upper) => mapped.insert_child(map_upper(upper, &convert)),
+            RootEntry::Child(upper) => mapped.insert_child(map_upper(upper, convert, map_leaf)),
         }
     }
     mapped
 }
 
-fn map_upper<T: Value, U: Value>(upper: &Upper<T>, convert: &impl Fn(T) -> U) -> Box<Upper<U>> {
-    let children = upper.children().iter().map(|child| map_lower(child, convert)).collect();
+fn map_upper<L: Node<Leaf = L>, U: Value>(
+    upper: &Upper<L>,
+    convert: &impl Fn(L::Value) -> U,
+    map_leaf: &impl Fn(&L) -> Box<Leaf<U>>,
+) -> Box<Upper<Leaf<U>>> {
+    let children =
+        upper.children().iter().map(|child| map_lower(child, convert, map_leaf)).collect();
     let node = InternalNode::from_parts(
         upper.origin(),
         upper.child_mask().clone(),
         upper.value_mask().clone(),
         children,
-        tiles(Upper::<T>::SIZE, |slot| upper.slot_at(slot), convert),
+        tiles(Upper::<L>::SIZE, |slot| upper.slot_at(slot), convert),
     );
     node.expect("the nodes are those of a tree")
 }
 
-fn map_lower<T: Value, U: Value>(lower: &Lower<T>, convert: &impl Fn(T) -> U) -> Box<Lower<U>> {
-    let children = lower.children().iter().map(|leaf| map_leaf(leaf, convert)).collect();
+fn map_lower<L: Node<Leaf = L>, U: Value>(
+    lower: &Lower<L>,
+    convert: &impl Fn(L::Value) -> U,
+    map_leaf: &impl Fn(&L) -> Box<Leaf<U>>,
+) -> Box<Lower<Leaf<U>>> {
+    let children = lower.children().iter().map(|leaf| map_leaf(leaf)).collect();
     let node = InternalNode::from_parts(
         lower.origin(),
         lower.child_mask().clone(),
         lower.value_mask().clone(),
         children,
-        tiles(Lower::<T>::SIZE, |slot| lower.slot_at(slot), convert),
+        tiles(Lower::<L>::SIZE, |slot| lower.slot_at(slot), convert),
     );
     node.expect("the nodes are those of a tree")
 }
@@ -53,6 +80,22 @@ fn map_leaf<T: Value, U: Value>(leaf: &Leaf<T>, convert: &impl Fn(T) -> U) -> Bo
         *out = convert(*value);
     }
     *mapped.value_mask_mut() = leaf.value_mask().clone();
+    mapped
+}
+
+fn map_bit_leaf<V: BitValues, U: Value>(
+    leaf: &BitLeaf<V, 3>,
+    convert: &impl Fn(bool) -> U,
+) -> Box<Leaf<U>> {
+    let (off, on) = (convert(false), convert(true));
+    let mask = leaf.value_mask();
+    let mut mapped = Leaf::filled(leaf.origin(), off, false);
+    for (slot, out) in mapped.values_slice_mut().iter_mut().enumerate() {
+        if leaf.values_mask().value(slot, mask.is_on(slot)) {
+            *out = on;
+        }
+    }
+    *mapped.value_mask_mut() = mask.clone();
     mapped
 }
 

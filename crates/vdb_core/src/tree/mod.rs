@@ -38,7 +38,7 @@ pub use glam::IVec3;
 pub use internal::{InternalNode, Slot};
 pub use join::join_values;
 pub use leaf::LeafNode;
-pub use map::map_values;
+pub use map::{map_bits, map_values};
 pub use mask::{Cube, Dim, Mask};
 pub use node::{Found, Node, ValueAt};
 pub use root::{RootEntry, Tree};
