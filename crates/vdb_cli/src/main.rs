@@ -2,11 +2,15 @@
 
 mod between;
 mod cook;
+mod csg;
 mod files;
+mod from_mesh;
 mod info;
 mod limits;
+mod mesh;
 mod progress;
 mod terminal;
+mod to_mesh;
 
 use std::process::ExitCode;
 
@@ -25,7 +29,10 @@ struct Cli {
 enum Command {
     Between(between::Args),
     Cook(cook::Args),
+    Csg(csg::Args),
+    FromMesh(from_mesh::Args),
     Info(info::Args),
+    ToMesh(to_mesh::Args),
 }
 
 fn main() -> ExitCode {
@@ -36,7 +43,10 @@ fn main() -> ExitCode {
     match cli.command {
         Command::Between(args) => between::run(&args),
         Command::Cook(args) => cook::run(&args),
+        Command::Csg(args) => csg::run(&args),
+        Command::FromMesh(args) => from_mesh::run(&args),
         Command::Info(args) => info::run(&args),
+        Command::ToMesh(args) => to_mesh::run(&args),
     }
 }
 

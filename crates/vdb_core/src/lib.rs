@@ -27,6 +27,7 @@ pub mod pack;
 pub mod query;
 pub mod reference;
 pub mod synth;
+pub mod tools;
 mod transform;
 pub mod tree;
 pub mod view;
@@ -34,7 +35,7 @@ mod work;
 
 pub use blackbody::{BlackbodyTable, blackbody};
 pub use error::{Error, Place};
-pub use format::FileBuffer;
+pub use format::{FileBuffer, save_bytes};
 pub use grid::{
     AnyTree, Codec, Compression, Grid, GridClass, GridSelection, ProgressFn, ReadOptions,
     SkippedGrid, VdbFile, WriteOptions,
