@@ -28,7 +28,7 @@ pub enum CsgOperation {
 ///
 /// The surface is that of the combined solid. Values are distances on the side where the solids
 /// agree, and bounds of them on the other, near edges where the surfaces meet:
-/// [`redistance`](super::redistance) makes them distances again.
+/// [`redistance`](fn@super::redistance) makes them distances again.
 ///
 /// # Errors
 /// If a grid is not of floats, or the transforms or the backgrounds differ.
@@ -40,7 +40,7 @@ pub fn csg(a: &Grid, b: &Grid, operation: CsgOperation) -> Result<Grid, ToolErro
         return Err(ToolError::TransformsDiffer);
     }
     let backgrounds = [first.background(), second.background()];
-    if backgrounds[0] != backgrounds[1] || !(backgrounds[0] > 0.0) {
+    if backgrounds[0] != backgrounds[1] || backgrounds[0] <= 0.0 {
         return Err(ToolError::BandsDiffer { backgrounds });
     }
     let background = backgrounds[0];

@@ -2,8 +2,8 @@
 //!
 //! - [`mesh_to_level_set`] – triangles to a narrow-band level set.
 //! - [`level_set_to_mesh`] – a surface of equal values to triangles.
-//! - [`csg`] – union, intersection and difference of level sets.
-//! - [`redistance`] – distances again, after a level set was changed.
+//! - [`csg()`] – union, intersection and difference of level sets.
+//! - [`redistance()`] – distances again, after a level set was changed.
 //!
 //! All of them run in parallel on rayon's threads, need neither Bevy nor a GPU, and check the
 //! memory that they need against [`Limits`](crate::Limits) before they take it.

@@ -27,7 +27,7 @@ impl Default for Redistance {
 }
 
 /// Computes all distances of a level set anew, from the surface that its values have now: after
-/// [`csg`](super::csg), edits and filters, which keep the sign and little else.
+/// [`csg`](fn@super::csg), edits and filters, which keep the sign and little else.
 ///
 /// The distances are those to the triangles of [`level_set_to_mesh`], so they differ from those to
 /// the curved surface by the height of an arc over a voxel, and edges are cut off within a cell.

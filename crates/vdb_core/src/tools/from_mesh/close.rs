@@ -3,8 +3,8 @@
 //! The rim of a mesh is what remains of the edges of its triangles where each is cancelled by an
 //! opposite one. It consists of closed walks, so the fan of triangles from any point to such a walk
 //! has the same rim, and mesh and fan together have none: they are a *cycle*, whose winding number
-//! is an integer everywhere. That holds for any triangles. The rim of a flipped one is its edges,
-//! twice: the fan is the triangle itself, twice, and turns it around.
+//! is an integer everywhere. That holds for any triangles. Those that are flipped are turned around
+//! first, as far as neighbours tell.
 
 use std::collections::HashMap;
 
@@ -31,10 +31,15 @@ pub(super) fn closed(mut points: Vec<DVec3>, triangles: &[[u32; 3]]) -> Mesh {
         // Vertices at the same place may be one that is written several times, with several normals
         // or texture coordinates.
         let same = first_of_same(&points);
-        let welded: Vec<_> =
+        let mut welded: Vec<_> =
             triangles.iter().map(|corners| corners.map(|v| same[v as usize])).collect();
-        let rim = rim(points.len(), &welded);
-        for walk in connected(&rim, points.len()) {
+        let mut left = rim(points.len(), &welded);
+        if left.iter().any(|(_, _, count)| count.abs() > 1) {
+            orient(&points, &mut welded);
+            left = rim(points.len(), &welded);
+        }
+        triangles = welded;
+        for walk in connected(&left, points.len()) {
             let apex = points.len() as u32;
             let ends = |&(a, b, _): &Edge| (points[a as usize], points[b as usize]);
             let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
@@ -87,6 +92,59 @@ fn rim(vertices: usize, triangles: &[[u32; 3]]) -> Vec<Edge> {
         }
     }
     rim
+}
+
+/// Turns triangles around where two that share an edge pass it in the same direction: of the
+/// triangles that are connected by such pairs, those with less area.
+fn orient(points: &[DVec3], triangles: &mut [[u32; 3]]) {
+    let mut edges: Vec<([u32; 2], u32, bool)> = (0..).zip(&*triangles).flat_map(edges_of).collect();
+    edges.sort_unstable();
+    // The neighbours of each triangle, and whether one of the two is to be turned around.
+    let mut neighbours = vec![[None; 3]; triangles.len()];
+    for pair in edges.chunk_by(|one, other| one.0 == other.0) {
+        if let &[(ends, one, way), (_, other, other_way)] = pair
+            && ends[0] != ends[1]
+        {
+            for (from, to) in [(one, other), (other, one)] {
+                let free = neighbours[from as usize].iter_mut().find(|slot| slot.is_none());
+                *free.expect("a triangle has three edges") = Some((to, way == other_way));
+            }
+        }
+    }
+    let area = |corners: &[u32; 3]| {
+        let [a, b, c] = corners.map(|vertex| points[vertex as usize]);
+        (b - a).cross(c - a).length()
+    };
+    // Whether each triangle is turned around, relative to the first one that it is connected to.
+    let mut turned: Vec<Option<bool>> = vec![None; triangles.len()];
+    for first in 0..triangles.len() as u32 {
+        if turned[first as usize].is_some() {
+            continue;
+        }
+        turned[first as usize] = Some(false);
+        let (mut connected, mut next) = (vec![(first, false)], 0);
+        let mut areas = [0.0; 2];
+        while let Some(&(at, is_turned)) = connected.get(next) {
+            next += 1;
+            areas[usize::from(is_turned)] += area(&triangles[at as usize]);
+            for (to, differs) in neighbours[at as usize].into_iter().flatten() {
+                let own = &mut turned[to as usize];
+                if own.is_none() {
+                    *own = Some(is_turned != differs);
+                    connected.push((to, is_turned != differs));
+                }
+            }
+        }
+        let less = areas[1] <= areas[0];
+        for (triangle, _) in connected.iter().filter(|(_, is_turned)| *is_turned == less) {
+            triangles[*triangle as usize].swap(1, 2);
+        }
+    }
+}
+
+/// The edges of a triangle: both ends, the triangle, and whether it passes them in order.
+fn edges_of((triangle, &[a, b, c]): (u32, &[u32; 3])) -> [([u32; 2], u32, bool); 3] {
+    [(a, b), (b, c), (c, a)].map(|(a, b)| ([a.min(b), a.max(b)], triangle, a < b))
 }
 
 /// For each vertex the first one at the same place.

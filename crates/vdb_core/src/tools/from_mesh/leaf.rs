@@ -2,16 +2,15 @@
 
 use std::ops::Range;
 
-use glam::DVec3;
-
 use super::band::{Band, Leaf};
 use super::crossings::Crossings;
-use super::triangle::{LANES, Triangle};
+use super::triangle::{LANES, SLACK, Triangle};
 use crate::tree::grow::{Built, built};
 use crate::tree::{IVec3, Node};
 use crate::work::{Stop, Work};
 
 const EDGE: usize = Leaf::DIM as usize;
+const GROUPS: usize = Leaf::SIZE / LANES;
 
 /// A leaf near some triangles, or a tile if none of its voxels is in the band.
 pub(super) fn build<'a>(
@@ -22,11 +21,14 @@ pub(super) fn build<'a>(
     work: &Work,
 ) -> Result<Built<Leaf>, Stop> {
     let farthest = band.half_width * band.half_width;
-    let mut squares = [[farthest; LANES]; Leaf::SIZE / LANES];
+    let mut nearest = Nearest {
+        squares: [[farthest; LANES]; GROUPS],
+        bounds: [[farthest as f32 + SLACK; LANES]; GROUPS],
+    };
     for triangle in triangles {
-        lower(triangle, origin, band.half_width, &mut squares);
+        nearest.lower(triangle, origin, band.half_width);
     }
-    let squares = squares.as_flattened();
+    let squares = nearest.squares.as_flattened();
     if squares.iter().all(|&square| square >= farthest) {
         let winding = crossings.at(origin.x, origin.y, origin.z);
         return Ok(Built::Tile(band.far(winding), false));
@@ -59,37 +61,41 @@ fn voxels(low: f64, high: f64) -> Range<i32> {
     first..if high < 0.0 { 0 } else { high as i32 + 1 }
 }
 
-/// Lowers the squared distances of the voxels of a leaf to those from a triangle, where these are
-/// less than the half width.
-fn lower(
-    triangle: &Triangle,
-    origin: IVec3,
-    half_width: f64,
-    squares: &mut [[f64; LANES]; Leaf::SIZE / LANES],
-) {
-    let start = origin.as_dvec3();
-    // Relative to the leaf.
-    let (low, high) = (triangle.low - start, triangle.high - start);
-    let outside = |at: f64, low: f64, high: f64| (low - at).max(at - high).max(0.0);
-    for x in voxels(low.x - half_width, high.x + half_width) {
-        let dx = outside(f64::from(x), low.x, high.x);
-        for y in voxels(low.y - half_width, high.y + half_width) {
-            let dy = outside(f64::from(y), low.y, high.y);
-            let rest = half_width * half_width - dx * dx - dy * dy;
-            if rest <= 0.0 {
-                continue;
-            }
-            let reach = rest.sqrt();
-            let zs = voxels(low.z - reach, high.z + reach);
-            if zs.is_empty() {
-                continue;
-            }
-            let line = (x as usize * EDGE + y as usize) * (EDGE / LANES);
-            for group in zs.start as usize / LANES..=(zs.end - 1) as usize / LANES {
-                let p = start + DVec3::new(f64::from(x), f64::from(y), (group * LANES) as f64);
-                let squares = &mut squares[line + group];
-                if triangle.can_lower(p, squares) {
-                    triangle.lower(p, squares);
+/// Squared distances of the voxels of a leaf, in groups along z.
+struct Nearest {
+    squares: [[f64; LANES]; GROUPS],
+    /// The same in f32, [`SLACK`] larger.
+    bounds: [[f32; LANES]; GROUPS],
+}
+
+impl Nearest {
+    /// Lowers the distances to those from a triangle where these are less.
+    fn lower(&mut self, triangle: &Triangle, origin: IVec3, half_width: f64) {
+        let start = origin.as_dvec3();
+        let disc = triangle.disc(start);
+        // Relative to the leaf.
+        let (low, high) = (triangle.low - start, triangle.high - start);
+        let zs = voxels(low.z - half_width, high.z + half_width);
+        if zs.is_empty() {
+            return;
+        }
+        let groups = zs.start as usize / LANES..=(zs.end - 1) as usize / LANES;
+        let outside = |at: f64, low: f64, high: f64| (low - at).max(at - high).max(0.0);
+        for x in voxels(low.x - half_width, high.x + half_width) {
+            let dx = outside(f64::from(x), low.x, high.x);
+            for y in voxels(low.y - half_width, high.y + half_width) {
+                let dy = outside(f64::from(y), low.y, high.y);
+                if dx * dx + dy * dy >= half_width * half_width {
+                    continue;
+                }
+                let line = (x as usize * EDGE + y as usize) * (EDGE / LANES);
+                for group in groups.clone() {
+                    let p = IVec3::new(x, y, (group * LANES) as i32);
+                    if disc.can_lower(p.as_vec3(), &self.bounds[line + group]) {
+                        let squares = &mut self.squares[line + group];
+                        triangle.lower(start + p.as_dvec3(), squares);
+                        self.bounds[line + group] = squares.map(|square| square as f32 + SLACK);
+                    }
                 }
             }
         }

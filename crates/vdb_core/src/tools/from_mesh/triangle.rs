@@ -1,6 +1,6 @@
 //! Distances to a triangle.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 /// Points that are handled at once.
 pub(super) const LANES: usize = 4;
@@ -70,7 +70,7 @@ impl Triangle {
             let within = q.dot(inward);
             for lane in 0..LANES {
                 let z = lane as f64;
-                let t = ((along + z * per_lane) * inverse).max(0.0).min(1.0);
+                let t = ((along + z * per_lane) * inverse).clamp(0.0, 1.0);
                 let x = q.x - t * edge.x;
                 let y = q.y - t * edge.y;
                 let z_to = q.z + z - t * edge.z;
@@ -97,24 +97,55 @@ impl Triangle {
         squares[0]
     }
 
-    /// Whether [`Self::lower`] may lower any distance; false only if it cannot.
-    ///
-    /// The triangle is within a disc: a point at a height `h` above it, and at a distance `r` beside
-    /// its center, is at least `√(h² + (r - radius)²)` away. On smooth surfaces, all triangles but
-    /// a few are ruled out this way: those near the foot of the perpendicular.
+    /// The disc around the triangle, as seen from a leaf.
+    pub(super) fn disc(&self, origin: DVec3) -> Disc {
+        Disc {
+            center: (self.center - origin).as_vec3(),
+            normal: self.normal.as_vec3(),
+            radius: (self.radius as f32) * 1.00001 + SLACK,
+            is_small: self.radius < LARGEST_DISC,
+        }
+    }
+}
+
+/// The largest disc that is looked at: for this and eight voxels more, f32 has an error of 2e-6.
+const LARGEST_DISC: f64 = 16.0;
+
+/// More than the error of squares in [`Disc::can_lower`], which are less than 32².
+pub(super) const SLACK: f32 = 1e-3;
+
+/// A disc that contains a triangle. It tells in a few instructions, without any precision, that the
+/// triangle is not the nearest.
+///
+/// A point at a height `h` above it, and at a distance `b` beside its center, is at least
+/// `√(h² + (b - radius)²)` away. On smooth surfaces this leaves the triangles near the foot of the
+/// perpendicular.
+pub(super) struct Disc {
+    center: Vec3,
+    normal: Vec3,
+    radius: f32,
+    is_small: bool,
+}
+
+impl Disc {
+    /// Whether the triangle may be closer to one of the points `p`, `p + z`, `p + 2z`, … than the
+    /// square roots of these bounds, which are [`SLACK`] too large.
     #[inline]
-    pub(super) fn can_lower(&self, p: DVec3, squares: &[f64; LANES]) -> bool {
+    pub(super) fn can_lower(&self, p: Vec3, bounds: &[f32; LANES]) -> bool {
+        const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0];
         let q = p - self.center;
         let (height, square) = (q.dot(self.normal), q.x * q.x + q.y * q.y);
-        let mut can = [false; LANES];
+        let mut margins = [0.0; LANES];
+        // Comparisons instead of `max` and `min`, which would ask for NaNs.
         for lane in 0..LANES {
-            let z = q.z + lane as f64;
-            let h = height + lane as f64 * self.normal.z;
-            let left = squares[lane] - h * h;
+            let z = q.z + STEPS[lane];
+            let h = height + STEPS[lane] * self.normal.z;
+            let left = bounds[lane] - h * h;
             let beside = square + z * z - h * h;
-            let reach = self.radius + left.max(0.0).sqrt();
-            can[lane] = left > 0.0 && beside < reach * reach;
+            let root = if left > 0.0 { left } else { 0.0 }.sqrt();
+            let room = (self.radius + root) * (self.radius + root) - beside;
+            margins[lane] = if room < left { room } else { left };
         }
-        can.contains(&true)
+        !self.is_small || margins.iter().fold(false, |any, margin| any | (*margin > 0.0))
     }
 }
