@@ -3,7 +3,9 @@
 use: /usr/bin/python3 make_models.py FOLDER NAME...
 
 NAME is dragon_N, bunny_N, teapot_N or closed_teapot_N, a level set whose longest edge is N voxels, or cloud_N,
-a fog volume. The teapot has holes, so that OpenVDB finds hardly an inside; the closed one has none.
+a fog volume. The teapot has holes, so that OpenVDB finds hardly an inside; the closed one has none. NAME is also
+dragon.tri, bunny.tri, teapot.tri or closed_teapot.tri, the mesh alone, in little-endian words of 32 bits: the
+numbers of vertices and of triangles, the positions, the indices.
 
 Meshes are downloaded into FOLDER/meshes and checked against the SHA-256 sums below. The dragon and the bunny
 are the Stanford Computer Graphics Laboratory's, free for research and not to be sold: for measuring, not for
@@ -150,6 +152,16 @@ def level_set(path, mesh, voxels):
     save(path, grid, "surface")
 
 
+def triangles(path, mesh):
+    """A mesh as it is in memory."""
+    points, indices = mesh
+    counts = np.array([len(points), len(indices)], "<u4")
+    part = path + ".part"
+    with open(part, "wb") as file:
+        file.write(counts.tobytes() + points.astype("<f4").tobytes() + indices.astype("<u4").tobytes())
+    os.replace(part, path)
+
+
 def cloud(path, voxels, seed=7):
     """fBm of value noise in an ellipsoid."""
     shape = (voxels, voxels * 5 // 8, voxels)
@@ -189,6 +201,8 @@ def make(out, name):
         "teapot": lambda out: obj(out, "teapot.obj"),
         "closed_teapot": closed_teapot,
     }
+    if name.endswith(".tri") and name[: -len(".tri")] in meshes:
+        return triangles(os.path.join(out, name), meshes[name[: -len(".tri")]](out))
     path = os.path.join(out, name + ".vdb")
     if not voxels.isdigit() or kind not in [*meshes, "cloud"]:
         sys.exit(f"no model is called {name}\n\n{__doc__}")

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use vdb_core::display::escaped;
-use vdb_core::{ReadOptions, VdbFile};
+use vdb_core::display::{escaped, quoted};
+use vdb_core::{AnyTree, Grid, GridClass, ReadOptions, VdbFile};
 
 use crate::limits::LimitArgs;
 use crate::progress::Progress;
@@ -22,6 +22,19 @@ pub fn open(path: &Path, limits: &LimitArgs) -> Result<VdbFile, String> {
         ..ReadOptions::default()
     };
     VdbFile::open_with(path, &options).map_err(|error| error.to_string())
+}
+
+/// The grid with a name; by default the first level set, or else the first grid of floats.
+pub fn grid_of<'a>(file: &'a VdbFile, path: &Path, name: Option<&str>) -> Result<&'a Grid, String> {
+    if let Some(name) = name {
+        let missing = || format!("{}: no grid is called {}", shown(path), quoted(name));
+        return file.grid(name).ok_or_else(missing);
+    }
+    let floats = || file.grids.iter().filter(|grid| matches!(grid.tree, AnyTree::Float(_)));
+    floats()
+        .find(|grid| grid.class == GridClass::LevelSet)
+        .or_else(|| floats().next())
+        .ok_or_else(|| format!("{}: no grid of floats", shown(path)))
 }
 
 /// Makes the folder for new files.

@@ -3,12 +3,16 @@
 mod between;
 mod convert;
 mod cook;
+mod csg;
 mod diff;
 mod files;
+mod from_mesh;
 mod info;
 mod limits;
+mod mesh;
 mod progress;
 mod terminal;
+mod to_mesh;
 
 use std::process::ExitCode;
 
@@ -28,8 +32,11 @@ enum Command {
     Between(between::Args),
     Convert(convert::Args),
     Cook(cook::Args),
+    Csg(csg::Args),
     Diff(diff::Args),
+    FromMesh(from_mesh::Args),
     Info(info::Args),
+    ToMesh(to_mesh::Args),
 }
 
 fn main() -> ExitCode {
@@ -41,8 +48,11 @@ fn main() -> ExitCode {
         Command::Between(args) => between::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Cook(args) => cook::run(&args),
+        Command::Csg(args) => csg::run(&args),
         Command::Diff(args) => diff::run(&args),
+        Command::FromMesh(args) => from_mesh::run(&args),
         Command::Info(args) => info::run(&args),
+        Command::ToMesh(args) => to_mesh::run(&args),
     }
 }
 

@@ -25,6 +25,11 @@ impl Progress {
         Self::with_template(path, "{msg} [{bar:30}] cooking, {percent} %")
     }
 
+    /// Starts a bar for making a volume or a mesh, in percent.
+    pub fn making(path: &Path) -> Self {
+        Self::with_template(path, "{msg} [{bar:30}] {percent} %")
+    }
+
     fn with_template(path: &Path, template: &str) -> Self {
         let style = ProgressStyle::with_template(template)
             .unwrap_or_else(|_| ProgressStyle::default_bar())

@@ -31,6 +31,7 @@ pub mod query;
 mod ramp;
 pub mod reference;
 pub mod synth;
+pub mod tools;
 mod transform;
 pub mod tree;
 pub mod view;
@@ -39,7 +40,7 @@ mod work;
 pub use blackbody::{BlackbodyTable, blackbody};
 pub use error::{Error, Place};
 pub use floats::ConvertedGrid;
-pub use format::FileBuffer;
+pub use format::{FileBuffer, save_bytes};
 pub use grid::{
     AnyTree, Codec, Compression, Grid, GridClass, GridSelection, ProgressFn, ReadOptions,
     SkippedGrid, VdbFile, WriteOptions,

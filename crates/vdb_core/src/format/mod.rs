@@ -22,6 +22,7 @@ mod vdb_file;
 mod write;
 
 pub use buffer::FileBuffer;
+pub use save::save_bytes;
 
 /// Reads one part of a file, for fuzzing.
 #[cfg(fuzzing)]

@@ -17,8 +17,12 @@ pub(crate) fn save(file: &VdbFile, path: &Path, options: &WriteOptions) -> Resul
     replace(&Disk, &target, old.as_ref(), &bytes).map_err(Error::io)
 }
 
-/// Saves bytes that are there already.
-pub(crate) fn save_bytes(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+/// Saves bytes of any format to a path, which always has either the complete old file or the
+/// complete new one, as [`VdbFile::save`] does.
+///
+/// # Errors
+/// If the path leads to anything but a file that may be written, or writing fails.
+pub fn save_bytes(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let target = resolved(path).map_err(Error::io)?;
     let old = check_target(&target)?;
     replace(&Disk, &target, old.as_ref(), bytes).map_err(Error::io)

@@ -1,0 +1,81 @@
+//! Files of triangles, by the end of their name.
+
+mod obj;
+mod ply;
+mod stl;
+
+use std::path::Path;
+
+use vdb_core::save_bytes;
+use vdb_core::tools::TriangleMesh;
+
+use crate::files::shown;
+use crate::limits::LimitArgs;
+
+/// Positions, and triangles as indices of them.
+pub type Triangles = (Vec<[f32; 3]>, Vec<[u32; 3]>);
+
+enum Format {
+    Obj,
+    Ply,
+    Stl,
+}
+
+fn format(path: &Path) -> Result<Format, String> {
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    match &*extension {
+        "obj" => Ok(Format::Obj),
+        "ply" => Ok(Format::Ply),
+        "stl" => Ok(Format::Stl),
+        _ => {
+            Err(format!("{}: not a file of triangles; name one in .obj, .ply or .stl", shown(path)))
+        }
+    }
+}
+
+/// Checks that the format of a file to write is known.
+pub fn check_name(path: &Path) -> Result<(), String> {
+    format(path).map(|_| ())
+}
+
+/// Reads all triangles of a file. Polygons become fans.
+pub fn read(path: &Path, limits: &LimitArgs) -> Result<Triangles, String> {
+    let format = format(path)?;
+    let bytes = bytes(path, limits.limits().file_bytes)
+        .map_err(|error| format!("{}: {error}", shown(path)))?;
+    let triangles = match format {
+        Format::Obj => obj::read(&bytes),
+        Format::Ply => ply::read(&bytes),
+        Format::Stl => stl::read(&bytes),
+    };
+    triangles.map_err(|error| format!("{}: {error}", shown(path)))
+}
+
+fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, String> {
+    let metadata = std::fs::metadata(path).map_err(|error| error.to_string())?;
+    if !metadata.is_file() {
+        return Err("this is not a regular file; name one".into());
+    }
+    if metadata.len() > limit {
+        let len = metadata.len();
+        return Err(format!("the file has {len} bytes, and the limit is {limit}; use --no-limits"));
+    }
+    std::fs::read(path).map_err(|error| error.to_string())
+}
+
+/// Writes a mesh, completely or not at all.
+pub fn write(path: &Path, mesh: &TriangleMesh) -> Result<(), String> {
+    let bytes = match format(path)? {
+        Format::Obj => obj::write(mesh),
+        Format::Ply => ply::write(mesh),
+        Format::Stl => stl::write(mesh),
+    };
+    save_bytes(path, &bytes).map_err(|error| error.in_file(path).to_string())
+}
+
+/// Adds the fan of a polygon.
+fn add_fan(polygon: &[u32], triangles: &mut Vec<[u32; 3]>) {
+    if let [first, rest @ ..] = polygon {
+        triangles.extend(rest.windows(2).map(|two| [*first, two[0], two[1]]));
+    }
+}
