@@ -105,6 +105,8 @@ pub(crate) fn encode_or_store(
     shuffled: &mut Vec<u8>,
 ) {
     let start = out.len();
+    // The C library refuses frames with blocks of more bytes than there are.
+    let block = block.min(bytes.len());
     if !encode_blocks(bytes, block, out, shuffled) {
         out.truncate(start);
         out.extend([2, 1, STORED, VALUE_BYTES as u8]);
