@@ -57,6 +57,7 @@ pub fn redistance(grid: &Grid, options: &Redistance) -> Result<Grid, ToolError> 
         progress: options.progress.clone(),
         ..MeshToLevelSet::new(1.0)
     };
+    from_mesh::input::any(&mesh.triangles)?;
     let tree = from_mesh::level_set(&mesh.positions, &mesh.triangles, &band, size.x)?;
     Ok(Grid {
         class: GridClass::LevelSet,

@@ -10,6 +10,11 @@ use crate::{Limits, Transform};
 /// The farthest coordinate, in voxels. Coordinates of voxels have 32 bits.
 const FARTHEST: f64 = (1_u32 << 30) as f64;
 
+/// Checks that there are triangles: first, because without any there is no size to make voxels of.
+pub(crate) fn any(triangles: &[[u32; 3]]) -> Result<(), ToolError> {
+    if triangles.is_empty() { Err(ToolError::NoTriangles) } else { Ok(()) }
+}
+
 /// The transform of voxels of a size.
 pub(super) fn transform(voxel_size: f64) -> Result<Transform, ToolError> {
     // The values of the band must be floats with full precision.
@@ -38,9 +43,6 @@ pub(super) fn points(
     triangles: &[[u32; 3]],
     voxel_size: f64,
 ) -> Result<Vec<DVec3>, ToolError> {
-    if triangles.is_empty() {
-        return Err(ToolError::NoTriangles);
-    }
     let vertices = positions.len();
     let mut is_used = vec![false; vertices];
     for (triangle, corners) in triangles.iter().enumerate() {

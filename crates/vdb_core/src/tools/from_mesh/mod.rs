@@ -13,7 +13,7 @@
 mod band;
 mod close;
 mod crossings;
-mod input;
+pub(super) mod input;
 mod leaf;
 mod pieces;
 mod pillar;
@@ -115,6 +115,7 @@ pub fn mesh_to_level_set(
     triangles: &[[u32; 3]],
     options: &MeshToLevelSet,
 ) -> Result<Grid, ToolError> {
+    input::any(triangles)?;
     let transform = input::transform(options.voxel_size)?;
     let tree = level_set(positions, triangles, options, options.voxel_size)?;
     let mut grid = Grid::new("surface", AnyTree::Float(tree.into()));
