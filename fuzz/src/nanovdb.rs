@@ -1,7 +1,7 @@
 //! NanoVDB files: what is written comes back, and damage leads to an error or to a sound tree.
 
 use arbitrary::{Result, Unstructured};
-use vdb_core::{AnyTree, Codec, NanoVdbOptions, NanoVdbValues, ReadOptions, Transform, VdbFile};
+use vdb_core::{AnyTree, Codec, NanoVdbOptions, NanoVdbValues, ReadOptions, VdbFile};
 
 use super::{TREE_BYTES, damage, file, generate, limits, tree_bytes};
 
@@ -9,14 +9,12 @@ use super::{TREE_BYTES, damage, file, generate, limits, tree_bytes};
 pub fn nanovdb(bytes: &[u8]) {
     let mut choices = Unstructured::new(bytes);
     let Ok(mut generated) = generate::file(&mut choices) else { return };
-    generated
-        .grids
-        .retain(|grid| matches!(grid.tree, AnyTree::Float(_)) && has_matrix(&grid.transform));
+    generated.grids.retain(|grid| matches!(grid.tree, AnyTree::Float(_)));
     if generated.grids.is_empty() || tree_bytes(&generated) > TREE_BYTES {
         return;
     }
     let Ok(options) = options(&mut choices) else { return };
-    // What cannot be quantised is refused.
+    // What cannot be quantised, and maps without a matrix, are refused.
     let Ok(mut written) = generated.write_nanovdb(&options) else { return };
     if options.values == NanoVdbValues::Float {
         check(&generated, &written);
@@ -24,12 +22,6 @@ pub fn nanovdb(bytes: &[u8]) {
     if harm(&mut written, &mut choices).is_ok() {
         file(&written);
     }
-}
-
-/// Whether a transform can be read again as a matrix, the only map that a NanoVDB file has: its
-/// determinant must not vanish in f64, as that of a scale of 1e-200 does.
-fn has_matrix(transform: &Transform) -> bool {
-    transform.linear().is_some_and(|map| Transform::affine(map).is_some())
 }
 
 fn options(choices: &mut Unstructured) -> Result<NanoVdbOptions> {

@@ -45,7 +45,7 @@ fn load_file(
     let vectors = sorted(file.vector_grids.keys().cloned().collect());
     if colors.is_some() {
         let main: Handle<VdbVectorGrid> = load(&app, path);
-        assert_eq!(&*loaded(&mut app, &main).name(), vectors[0], "without a label");
+        assert_eq!(loaded(&mut app, &main).name(), vectors[0], "without a label");
     }
     std::fs::remove_dir_all(folder).unwrap();
     (labels, vectors, colors)

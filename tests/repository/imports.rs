@@ -61,8 +61,14 @@ impl Modules {
         let mut at = 0;
         while let Some(found) = find_word(&code[at..], "use") {
             let start = at + found;
-            let end = start + code[start..].find(';').expect("the end of an import");
             rest.push_str(&code[at..start]);
+            // The word in a message is no import, and a message ends with a quotation mark.
+            let end = start + code[start..].find([';', '"']).expect("the end of an import");
+            if code[end..].starts_with('"') {
+                rest.push_str(&code[start..end]);
+                at = end;
+                continue;
+            }
             for (path, name) in expand(&code[start + 3..end]) {
                 exports.entry(name).or_insert(path.clone());
                 imports.push(path);
@@ -293,7 +299,8 @@ fn circles_and_paths_are_found() {
     modules.add("", "mod a; mod b; pub use a::{Apple, seeds::{self, Seed}};");
     modules.add("a", "use crate::b::Basket; pub struct Apple;");
     modules.add("a::seeds", "pub struct Seed;");
-    modules.add("b", "use super::{Seed, seeds as s}; fn f() { let _ = crate::Apple; }");
+    modules
+        .add("b", "use super::{Seed, seeds as s}; fn f() { let _ = crate::Apple; g(\"; use b\") }");
     let edges = modules.edges();
     let of = |module: &str| edges[module].iter().map(String::as_str).collect::<Vec<_>>();
     assert_eq!(of("a"), ["b"]);

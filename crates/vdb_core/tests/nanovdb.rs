@@ -11,11 +11,12 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 
+use glam::DVec3;
 use trees::{same_any, same_tree};
 use vdb_core::tree::{IVec3, Node, Vdb543};
 use vdb_core::{
     AnyTree, Codec, Error, FileBuffer, Grid, GridClass, GridSelection, Limits, NanoVdbOptions,
-    NanoVdbValues, ReadOptions, VdbFile,
+    NanoVdbValues, ReadOptions, Transform, VdbFile,
 };
 
 /// `NanoVDB`'s programs, of Debian's `libnanovdb-tools`.
@@ -204,6 +205,15 @@ fn a_wrong_checksum_is_noted_and_a_wrong_version_refused() {
     let error = VdbFile::read(&old, &ReadOptions::default()).unwrap_err();
     assert!(error.to_string().contains("version 29.3 of the NanoVDB format"), "{error}");
     assert!(matches!(error, Error::NotSupported { .. }), "{error:?}");
+}
+
+#[test]
+fn a_map_without_a_matrix_is_refused() {
+    let mut grid = Grid::new("tiny", AnyTree::Float(Arc::new(varied())));
+    // The determinant of such a matrix is 0 in f64.
+    grid.transform = Transform::uniform(1e-200, DVec3::ZERO).unwrap();
+    let error = VdbFile::new(vec![grid]).write_nanovdb(&NanoVdbOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("a map whose matrix has no inverse"), "{error}");
 }
 
 /// A tree with everything that a writer has to place: tiles at each level, leaves without active

@@ -15,6 +15,7 @@ use crate::nanovdb::container::{HEADER_BYTES, MAJOR, META_BYTES};
 use crate::nanovdb::head::Kind;
 use crate::nanovdb::layout::{BLIND_BYTES, NAME_BYTES, grid};
 use crate::nanovdb::options::{NanoVdbOptions, NanoVdbValues};
+use crate::transform::Affine;
 use crate::tree::CoordBox;
 use crate::{AnyTree, Codec, Error, Grid, GridClass, VdbFile};
 
@@ -92,6 +93,12 @@ fn write_grid(source: &Grid, options: &NanoVdbOptions) -> Result<Written, Error>
         let what = "NanoVDB has no frustums; save the grid with a linear transform";
         return Err(Error::not_supported(what));
     };
+    // A NanoVDB file has a matrix, whatever kind of map the grid has.
+    if Affine::from_linear(map).is_none() {
+        let what =
+            "a map whose matrix has no inverse in f64, such as a scale of 1e-200; scale the grid";
+        return Err(Error::not_supported(what));
+    }
     if source.name.as_bytes().contains(&0) {
         return Err(Error::not_supported("a name with the character U+0000; rename the grid"));
     }
