@@ -37,9 +37,11 @@ struct Front;
 fn fires(mut commands: Commands, assets: Res<AssetServer>) {
     // A few lines of text: the files, the rate, the grids. Players of one sequence share its frames.
     let fire: Handle<VdbSequence> = assets.load("models/fire/fire.vdbseq");
-    for (number, (place, scale)) in PLACES.into_iter().enumerate() {
+    // Seconds: all three burn brightly at first.
+    let starts = [1.0, 0.1, 0.2];
+    for (number, ((place, scale), start)) in PLACES.into_iter().zip(starts).enumerate() {
         let mut player = VdbPlayer::new(fire.clone());
-        player.seek_time(1.0 - 0.4 * number as f64);
+        player.seek_time(start);
         let mut entity = commands.spawn((
             player,
             // The player gives it the grid of each frame.
