@@ -297,7 +297,7 @@ fn fog_in_a_lamp_with_a_radius_has_no_glare() {
             let target = stage.target(SIZE);
             let from = looking(Vec3::Z * 8.0);
             let camera = stage.camera(&target, from);
-            stage.world().entity_mut(camera).insert(quality.clone());
+            stage.world().entity_mut(camera).insert(quality);
             let density_scale = 0.01;
             let thin = VdbMaterial { density_scale, ..default() };
             stage.world().spawn((VdbVolume(fog.clone()), thin));

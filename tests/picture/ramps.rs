@@ -141,7 +141,7 @@ fn check_steps(ways: &[Way]) {
                 let material = VdbMaterial { density_scale, ..default() };
                 let mut own = ramp.clone();
                 for stop in &mut own.stops {
-                    stop.emission = stop.emission * (1.0 / fogs as f32);
+                    stop.emission *= 1.0 / fogs as f32;
                 }
                 stage.world().spawn((VdbVolume(grid), material, own, NotShadowCaster));
             }
