@@ -55,16 +55,7 @@ impl From<Operation> for CsgOperation {
 
 /// Combines the solids. The exit code is a failure if they could not be combined.
 pub fn run(args: &Args) -> ExitCode {
-    match make(args) {
-        Ok(summary) => {
-            let code = ExitCode::SUCCESS;
-            terminal::print(&summary, code).break_value().unwrap_or(code)
-        }
-        Err(error) => {
-            terminal::complain(&error);
-            ExitCode::FAILURE
-        }
-    }
+    terminal::finish(make(args))
 }
 
 fn make(args: &Args) -> Result<String, String> {

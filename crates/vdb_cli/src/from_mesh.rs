@@ -54,16 +54,7 @@ enum Inside {
 
 /// Makes the level set. The exit code is a failure if it could not be made.
 pub fn run(args: &Args) -> ExitCode {
-    match make(args) {
-        Ok(summary) => {
-            let code = ExitCode::SUCCESS;
-            terminal::print(&summary, code).break_value().unwrap_or(code)
-        }
-        Err(error) => {
-            terminal::complain(&error);
-            ExitCode::FAILURE
-        }
-    }
+    terminal::finish(make(args))
 }
 
 fn make(args: &Args) -> Result<String, String> {

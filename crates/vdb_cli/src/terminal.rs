@@ -37,3 +37,17 @@ pub fn bytes(count: u64) -> String {
         _ => format!("{:.1} MB", count as f64 / 1e6),
     }
 }
+
+/// Prints a summary, or the reason why there is none, and returns the exit code.
+pub fn finish(made: Result<String, String>) -> ExitCode {
+    match made {
+        Ok(summary) => {
+            let code = ExitCode::SUCCESS;
+            print(&summary, code).break_value().unwrap_or(code)
+        }
+        Err(error) => {
+            complain(&error);
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -165,7 +165,7 @@ fn a_file_cut_short_anywhere_is_refused() {
         let step = (bytes.len() / 300).max(1);
         for end in (0..bytes.len().min(1500)).chain((1500..bytes.len()).step_by(step)) {
             let Err(error) = VdbFile::read(&bytes[..end], &limits()) else {
-                // Between two segments, of which each is a file.
+                // A cut between two segments leaves a whole file.
                 assert!(bytes[end..].starts_with(b"NanoVDB"), "read {end} of {}", bytes.len());
                 continue;
             };

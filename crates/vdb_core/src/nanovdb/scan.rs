@@ -185,7 +185,7 @@ impl<D: Decode> Scan<'_, D> {
             .collect()
     }
 
-    /// Where `offset` leads to from `from`: to a node of at least so many bytes.
+    /// The target of `offset`, counted from `from`: a node of at least the given number of bytes.
     fn locate(&self, from: usize, offset: i64, at: usize, bytes: usize) -> Result<usize, Error> {
         let start = self.nodes_at;
         isize::try_from(offset)

@@ -102,7 +102,7 @@ pub enum ToolError {
 }
 
 impl ToolError {
-    /// The error for work that was stopped on the way to about so many voxels.
+    /// The error for work stopped before it exceeded a limit, with the estimated number of voxels.
     pub(super) fn stopped(stop: Stop, voxels: f64) -> Self {
         match stop {
             Stop::Cancelled => Self::Cancelled,
