@@ -9,7 +9,8 @@
 #import bevy_vdb::trace::illuminance::lamp_illuminance
 #import bevy_vdb::trace::light_cache::{NOT_CACHED, lamp_group_lattices, lamp_light_lattice, light_atlas}
 #import bevy_vdb::trace::light_cache::far_from_lamps
-#import bevy_vdb::trace::lights::{add_scattered, interpolated_near_eye, interpolated_part}
+#import bevy_vdb::trace::cached_lights::{interpolated_near_eye, interpolated_part}
+#import bevy_vdb::trace::lights::add_scattered
 #import bevy_vdb::trace::scattering::{OCTAVES, octaves_of_depth}
 #import bevy_vdb::view::scene::{view, volumes}
 

@@ -5,182 +5,37 @@
 // closed form, so overlap adds no error.
 #define_import_path bevy_vdb::trace::media
 
-#import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::trace::fog_march::{Fog, MIN_STEP, light_interval}
 #ifdef VDB_VARYING_ALBEDO
 #import bevy_vdb::trace::color::albedo_along
-#import bevy_vdb::trace::scattering::add_varied_sample
 #endif
-#ifdef VDB_RAMPS
-#import bevy_vdb::trace::ramp_light::{RampSums, add_stretch, visible_albedo}
-#import bevy_vdb::view::scene::fog_grid
-#endif
-#import bevy_vdb::trace::light_cache::{cached_sun_depth, lattice_point}
+#import bevy_vdb::trace::fog_march::{Fog, MIN_STEP}
+#import bevy_vdb::trace::intervals::{HAS_INTERVALS, IntervalSums, LAMP_INTERVAL, MIN_INTERVAL, SegmentSums}
+#import bevy_vdb::trace::intervals::{add_interval, interval_voxels, next_multiple}
+#import bevy_vdb::trace::media_step::{FogStep, add_step, fog_step}
 #import bevy_vdb::trace::medium::{HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia, begun, first_step}
 #import bevy_vdb::trace::medium::{new_medium, no_medium, suitable_step}
-#import bevy_vdb::trace::scattering::{OCTAVES, OPAQUE_DEPTH, ScatteringSums, add_sample, mean_transmittance}
-#import bevy_vdb::trace::scattering::{octave_weights, octaves_of_depth, scattered_radiance}
+#import bevy_vdb::trace::scattering::{OPAQUE_DEPTH, mean_transmittance, octave_weights, scattered_radiance}
 #import bevy_vdb::trace::scattering::visibility_between
 #import bevy_vdb::trace::segment::{NONE, Segment}
-#import bevy_vdb::trace::shared_light::{SUN_COUNT, SUN_SLOTS, CachedLight, FogPoint, SharedLight}
-#import bevy_vdb::trace::shared_light::{begin_interval, begin_light, mean_light}
-#import bevy_vdb::traversal::fog::{next_index, point_in_box, sample_fog, step_length, stride_at}
+#import bevy_vdb::trace::shared_light::begin_light
+#import bevy_vdb::traversal::fog::{next_index, step_length, stride_at}
 #import bevy_vdb::traversal::hdda::FAR
-#import bevy_vdb::view::scene::{view, volumes}
+#import bevy_vdb::view::scene::volumes
 #ifdef VDB_LAMP_LIGHT
-#import bevy_vdb::trace::light_cache::{NOT_CACHED, cached_lamp_light, lamp_light_lattice}
-#import bevy_vdb::trace::lights::range_near_lamps
-#import bevy_vdb::trace::segment::{point_at, world_position}
+#import bevy_vdb::trace::intervals::{flush_near_lamps, near_lamps}
+#import bevy_vdb::trace::light_cache::{NOT_CACHED, lamp_light_lattice}
+#import bevy_vdb::trace::media_step::add_lamp_light
+#import bevy_vdb::trace::scattering::OCTAVES
+#import bevy_vdb::view::scene::view
 #endif
 #ifdef VDB_EMISSION
-#import bevy_vdb::trace::emission::{EmissionStep, max3, sampled_emission}
+#import bevy_vdb::trace::media_step::emitted_in_step
 #import bevy_vdb::trace::medium::{EMISSION_STEP, MAX_EMITTERS}
-#import bevy_vdb::traversal::fog::probe_fog
 #endif
 
 #ifdef VDB_RAMPS
 // Voxels of a step through a fog with a ramp, at most.
 const RAMP_STEP: f32 = 1.0;
-#endif
-
-// Sums over the steps of one fog in an interval.
-struct FogSums {
-    weights: array<f32, OCTAVES>,   // of the steps
-#ifdef VDB_VARYING_ALBEDO
-    scattered: array<vec3<f32>, OCTAVES>,   // weighted sums of the albedo
-#endif
-    t: f32,                         // weighted sum
-    light: CachedLight,             // weighted sum
-}
-
-// Sums over an interval. Everything but how much fog lets through of cached suns is evaluated once per
-// interval.
-struct IntervalSums {
-    width: f32,     // in t
-    weight: f32,
-    t: f32,
-    fogs: array<FogSums, MAX_FOGS>,
-}
-
-// Sums over a segment.
-struct SegmentSums {
-    weight: f32,
-    t: f32,
-    scattering: ScatteringSums,
-    fogs: array<f32, MAX_FOGS>,     // weights
-}
-
-// Meshes or surfaces may stand between fog and its lights.
-#ifdef VDB_MESH_CASTERS
-const HAS_OCCLUDERS: bool = true;
-#else ifdef VDB_SURFACES
-const HAS_OCCLUDERS: bool = true;
-#else ifdef VDB_SMOOTH
-const HAS_OCCLUDERS: bool = true;
-#else
-const HAS_OCCLUDERS: bool = false;
-#endif
-#ifdef VDB_OTHER_LIGHTS
-const HAS_OTHER_LIGHTS: bool = true;
-#else ifdef VDB_CACHED_LAMPS
-const HAS_OTHER_LIGHTS: bool = true;
-#else
-const HAS_OTHER_LIGHTS: bool = false;
-#endif
-// If false, light varies along a ray only through the cache of suns, which is read at every step.
-const HAS_INTERVALS: bool = HAS_OCCLUDERS || HAS_OTHER_LIGHTS;
-// Intervals are at most this fraction of the distance to a lamp.
-const LAMP_INTERVAL: f32 = 0.25;
-// The shortest interval near lamps, as a fraction of the longest.
-const MIN_INTERVAL: f32 = 0.015625;
-// The longest interval in samples of the cache: other lights are assumed to vary as smoothly as its depths.
-const SAMPLES_OF_INTERVAL: f32 = 2.5;
-
-fn next_multiple(t: f32, factor: f32) -> f32 {
-    return (floor(t / factor) + 1.0) * factor;
-}
-
-// The longest interval of a fog in dense parts, in voxels.
-fn interval_voxels(segment: Segment, volume: u32) -> f32 {
-    var voxels = FAR;
-    if HAS_OTHER_LIGHTS {
-        voxels = SAMPLES_OF_INTERVAL * exp2(f32(volumes[volume].light_log));
-    }
-    if HAS_OCCLUDERS {
-        voxels = min(voxels, light_interval(segment, volume));
-    }
-    return voxels;
-}
-
-// Adds an interval to the sums of its segment, with the light at the mean position of what is visible. Every
-// t of the media and the sums is relative to `t_zero`.
-fn add_interval(
-    segment: Segment,
-    pixel: vec2<u32>,
-    fogs: ptr<function, array<Medium, MAX_FOGS>>,
-    t_zero: f32,
-    t_max: f32,
-    shared_light: ptr<function, SharedLight>,
-    interval: ptr<function, IntervalSums>,
-    is_near_lamps: bool,
-    sums: ptr<function, SegmentSums>,
-) {
-    let t_mean = (*interval).t / (*interval).weight;
-    begin_interval(shared_light, segment, pixel, min(t_zero + t_mean, t_max));
-    var scattering = (*sums).scattering;
-    for (var i = 0u; i < MAX_FOGS; i++) {
-        let own = (*interval).fogs[i];
-        if own.weights[0] > 0.0 {
-            let volume = (*fogs)[i].volume;
-            let t = own.t / own.weights[0];
-            let grid = grids[volumes[volume].grid];
-            let place = point_in_box(grid, (*fogs)[i].ray, t - (*fogs)[i].ray.t_origin);
-            let extent = (*interval).width * length(segment.dir);
-            let at = FogPoint(volume, place, min(t_zero + t, t_max), extent, is_near_lamps);
-#ifdef VDB_VARYING_ALBEDO
-            let light = mean_light(shared_light, segment, pixel, at, own.light, own.scattered);
-            add_varied_sample(&scattering, own.weights[0], own.scattered, light);
-#else
-            let light = mean_light(shared_light, segment, pixel, at, own.light, own.weights);
-            add_sample(&scattering, own.weights, volumes[volume].base_color, light);
-#endif
-            (*sums).fogs[i] += own.weights[0];
-        }
-    }
-    (*sums).scattering = scattering;
-    (*sums).weight += (*interval).weight;
-    (*sums).t += (*interval).t;
-    *interval = IntervalSums();
-}
-
-#ifdef VDB_LAMP_LIGHT
-// Between which t, relative to `t_zero`, some of the lamps' light has to be evaluated in intervals.
-fn near_lamps(
-    segment: Segment,
-    fogs: ptr<function, array<Medium, MAX_FOGS>>,
-    fog_count: u32,
-    t_zero: f32,
-) -> vec2<f32> {
-    let dir_length = length(segment.dir);
-    let origin = world_position(point_at(segment, t_zero));
-    var near = vec2(FAR, -FAR);
-    for (var i = 0u; i < MAX_FOGS; i++) {
-        if i < fog_count {
-            let range = range_near_lamps(origin, segment.dir / dir_length, (*fogs)[i].volume);
-            near = vec2(min(near.x, range.x / dir_length), max(near.y, range.y / dir_length));
-        }
-    }
-#ifdef VDB_OTHER_LIGHTS
-    return vec2(-FAR, FAR);
-#else
-    return near;
-#endif
-}
-
-// Where the next interval ends, given where it would end if lamps were near everywhere, and where it begins.
-fn flush_near_lamps(t_flush: f32, t_begin: f32, near: vec2<f32>) -> f32 {
-    return select(max(t_flush, near.x), FAR, t_begin >= near.y);
-}
 #endif
 
 // Radiance and optical depth of the media along a segment up to `t_max`: of at least one fog. The nearest
@@ -296,62 +151,15 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         let t_middle = t_low + 0.5 * width;
         var is_empty = true;
         var extinction = 0.0;
-        var extinctions = array<f32, MAX_FOGS>();
-#ifdef VDB_LAMP_LIGHT
-        var points = array<vec3<f32>, MAX_FOGS>();
-#endif
-        var depths = array<array<f32, SUN_SLOTS>, MAX_FOGS>();
-#ifdef VDB_RAMPS
-        // Mean albedo in the step, and emission per world unit.
-        var ramp_albedos = array<vec3<f32>, MAX_FOGS>();
-        var ramp_emissions = array<vec3<f32>, MAX_FOGS>();
-#endif
+        var steps = array<FogStep, MAX_FOGS>();
         for (var i = 0u; i < MAX_FOGS; i++) {
             if fogs[i].t_next <= t_middle {
-                let volume = fogs[i].volume;
-                let t_origin = fogs[i].ray.t_origin;
-                let grid = grids[volumes[volume].grid];
-                var accessor = fogs[i].accessor;
-                let found = sample_fog(grid, fogs[i].ray, &accessor, t_middle - t_origin);
-                fogs[i].accessor = accessor;
-                let is_inside = t_middle < fogs[i].t_last;
-                let t_next = select(t_middle, t_origin + found.t_out, found.is_empty);
-                fogs[i].t_next = select(FAR, t_next, is_inside);
-                if !found.is_empty && is_inside {
-                    is_empty = false;
-                    var density = found.density;
-#ifdef VDB_RAMPS
-                    ramp_albedos[i] = vec3(1.0);
-                    if volumes[volume].ramp != 0u {
-                        // Values are sampled at both ends, too, so that no shell between them is missed.
-                        let low = max(t_low, fogs[i].ray.t_origin + fogs[i].ray.t_first) - t_origin;
-                        let high = min(t_high, fogs[i].t_last) - t_origin;
-                        let near = sample_fog(grid, fogs[i].ray, &accessor, low);
-                        let far = sample_fog(grid, fogs[i].ray, &accessor, high);
-                        fogs[i].accessor = accessor;
-                        let values = vec3(near.density, found.density, far.density);
-                        // Where all values are 0 there is nothing, whatever the ramp says.
-                        let length = select(0.0, high - low, any(values > vec3(0.0)));
-                        let optical_length = length * fogs[i].extinction;
-                        let emission_length = length * dir_length * volumes[volume].ramp_emission;
-                        var own = RampSums();
-                        add_stretch(&own, fog_grid(volume), values, optical_length, emission_length);
-                        density = own.optical_depth / max(width * fogs[i].extinction, 1e-30);
-                        ramp_albedos[i] = visible_albedo(own);
-                        let visible_length = max(mean_transmittance(own.optical_depth) * width * dir_length, 1e-30);
-                        ramp_emissions[i] = own.emitted / visible_length;
-                    }
-#endif
-                    extinctions[i] = fogs[i].extinction * min(density, fogs[i].max_density);
-                    extinction += extinctions[i];
-                    let point = lattice_point(volume, found.point.cell, found.point.u);
-#ifdef VDB_LAMP_LIGHT
-                    points[i] = point;
-#endif
-                    for (var slot = 0u; slot < SUN_COUNT; slot++) {
-                        depths[i][slot] = cached_sun_depth(point, volume, slot);
-                    }
-                }
+                var medium = fogs[i];
+                steps[i] = fog_step(&medium, t_low, t_middle, t_high, dir_length);
+                fogs[i].accessor = medium.accessor;
+                fogs[i].t_next = medium.t_next;
+                is_empty = is_empty && !steps[i].is_inside;
+                extinction += steps[i].extinction;
             }
         }
         let depth = extinction * width;
@@ -360,83 +168,54 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         let visible = visibility_between(transmittance, transmittance_after);
         t_near = FAR;
         for (var i = 0u; i < MAX_FOGS; i++) {
-            let weight = extinctions[i] * visible_width;
+            let weight = steps[i].extinction * visible_width;
 #ifdef VDB_VARYING_ALBEDO
             var albedo = vec3(0.0);
             if weight > 0.0 {
                 albedo = albedo_along(segment, t_zero + t_middle, fogs[i].volume);
             }
-#endif
 #ifdef VDB_RAMPS
-            albedo *= ramp_albedos[i];
-            let glow = visible_width * dir_length * ramp_emissions[i];
+            albedo *= steps[i].albedo;
+            let glow = visible_width * dir_length * steps[i].emission;
             fog.radiance += glow;
             radiance_sum += dot(glow, vec3(1.0));
             t_radiance_sum += dot(glow, vec3(1.0)) * t_middle;
 #endif
+#endif
             if weight > 0.0 {
-                interval.fogs[i].t += weight * t_middle;
-                let anisotropy = volumes[fogs[i].volume].anisotropy;
-                var weights = octave_weights(weight, visible, anisotropy);
-                for (var octave = 0u; octave < OCTAVES; octave++) {
-                    interval.fogs[i].weights[octave] += weights[octave];
-                }
-#ifdef VDB_VARYING_ALBEDO
-                for (var octave = 0u; octave < OCTAVES; octave++) {
-                    interval.fogs[i].scattered[octave] += weights[octave] * albedo;
-                }
-#endif
-                for (var slot = 0u; slot < SUN_COUNT; slot++) {
-                    var arriving = octaves_of_depth(depths[i][slot], anisotropy);
-                    for (var octave = 0u; octave < OCTAVES; octave++) {
-#ifdef VDB_VARYING_ALBEDO
-                        let let_through = weights[octave] * arriving[octave] * albedo;
-#else
-                        let let_through = weights[octave] * arriving[octave];
-#endif
-                        interval.fogs[i].light.slots[slot][octave] += let_through;
-                    }
-                }
-            }
-#ifdef VDB_LAMP_LIGHT
-            if weight > 0.0 && lamp_lattices[i] != NOT_CACHED {
                 let volume = fogs[i].volume;
-                let anisotropy = volumes[volume].anisotropy;
-                var weights = octave_weights(weight, visible, anisotropy);
+                let weights = octave_weights(weight, visible, volumes[volume].anisotropy);
+                interval.fogs[i].t += weight * t_middle;
+                var own = interval.fogs[i];
+#ifdef VDB_VARYING_ALBEDO
+                add_step(&own, volume, weights, steps[i].depths, albedo);
+#else
+                add_step(&own, volume, weights, steps[i].depths);
+#endif
+                interval.fogs[i] = own;
+#ifdef VDB_LAMP_LIGHT
+                if lamp_lattices[i] != NOT_CACHED {
 #ifndef VDB_VARYING_ALBEDO
-                let albedo = volumes[volume].base_color;
+                    let albedo = volumes[volume].base_color;
 #endif
-                for (var octave = 0u; octave < OCTAVES; octave++) {
-                    let light = cached_lamp_light(points[i], lamp_lattices[i], volume, octave);
-                    lamp_light[octave] += weights[octave] * albedo * light;
+                    add_lamp_light(&lamp_light, steps[i].point, lamp_lattices[i], volume, weights, albedo);
                 }
-            }
 #endif
+            }
             t_near = min(t_near, fogs[i].t_next);
         }
 #ifdef VDB_EMISSION
         for (var i = 0u; i < MAX_EMITTERS; i++) {
             if emitters[i].t_next < t_high {
                 is_empty = false;
-                let volume = emitters[i].volume;
-                let grid = grids[volumes[volume].grid];
-                let t_origin = emitters[i].ray.t_origin;
-                var accessor = emitters[i].accessor;
+                var medium = emitters[i];
                 let visible_length = visible_width * dir_length;
-                let step = EmissionStep(
-                    t_low - t_origin,
-                    t_high - t_origin,
-                    view.exposure * visible_length,
-                    view.exposure * max3(fog.radiance),
-                );
-                let added = visible_length * sampled_emission(volume, grid, emitters[i].ray, &accessor, step);
+                let added = emitted_in_step(&medium, t_low, t_high, visible_length, fog.radiance);
+                emitters[i].accessor = medium.accessor;
+                emitters[i].t_next = medium.t_next;
                 fog.radiance += added;
                 radiance_sum += dot(added, vec3(1.0));
                 t_radiance_sum += dot(added, vec3(1.0)) * t_middle;
-                let probe = probe_fog(grid, emitters[i].ray, &accessor, t_high - t_origin);
-                emitters[i].accessor = accessor;
-                let t_next = select(t_high, max(t_origin + probe.t_out, t_high), probe.is_empty);
-                emitters[i].t_next = select(FAR, t_next, t_high < emitters[i].t_last);
             }
             t_near = min(t_near, emitters[i].t_next);
         }

@@ -4,13 +4,13 @@
 
 #import bevy_vdb::trace::fog_march::with_environment
 #ifdef VDB_CACHED_LAMPS
-#import bevy_vdb::trace::lights::add_cached_lamps
+#import bevy_vdb::trace::cached_lights::add_cached_lamps
 #endif
 #ifdef VDB_OTHER_LIGHTS
-#import bevy_vdb::trace::lights::add_other_lights
+#import bevy_vdb::trace::cached_lights::add_other_lights
 #endif
-#import bevy_vdb::trace::lights::{CachedSun, EnvironmentLight, cached_sun, depth_of, environment_light}
-#import bevy_vdb::trace::lights::{LocalLight, shading_point, sun_phases, unoccluded}
+#import bevy_vdb::trace::cached_lights::{CachedSun, LocalLight, cached_sun, sun_phases, unoccluded}
+#import bevy_vdb::trace::lights::{EnvironmentLight, depth_of, environment_light, shading_point}
 #import bevy_vdb::trace::scattering::{InScattered, OCTAVES, octave_transmittances}
 #import bevy_vdb::trace::segment::{Segment, point_at}
 #import bevy_vdb::traversal::fog::SamplePoint

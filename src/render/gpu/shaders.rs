@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 43] = shaders![
+const IMPORTS: [(&str, &[u8]); 46] = shaders![
     "gpu/types",
     "gpu/bindings",
     "traversal/rays",
@@ -46,6 +46,7 @@ const IMPORTS: [(&str, &[u8]); 43] = shaders![
     "trace/illuminance",
     "trace/visibility",
     "trace/lights",
+    "trace/cached_lights",
     "trace/shade",
     "trace/distance_fog",
     "light_cache/lattice",
@@ -56,6 +57,8 @@ const IMPORTS: [(&str, &[u8]); 43] = shaders![
     "trace/shared_light",
     "trace/ramp_light",
     "trace/medium",
+    "trace/intervals",
+    "trace/media_step",
     "trace/media",
     "trace/slabs",
     "trace/fogs",
