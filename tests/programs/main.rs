@@ -19,6 +19,7 @@ mod sequence_files;
 #[path = "../common/smoke_file.rs"]
 mod smoke_file;
 mod viewer;
+mod viewer_app;
 mod viewer_sequences;
 mod viewer_window;
 

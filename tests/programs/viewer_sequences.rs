@@ -13,7 +13,7 @@ use crate::args::Args;
 use crate::files::temporary;
 use crate::sequence_files::save;
 use crate::viewer::{drawn, picture, refused};
-use crate::viewer_window::Viewer;
+use crate::viewer_app::Viewer;
 
 /// A folder with frames, each with more smoke than the one before.
 fn folder(name: &str, frames: std::ops::RangeInclusive<u64>) -> PathBuf {
