@@ -25,8 +25,8 @@
 //!   `VdbGrid::new` makes a grid in memory, [`VdbGrid::edit`] changes voxels at run time and
 //!   [`VdbGrid::save`] writes a file. [`VdbLoadProgress`] reports what is being loaded.
 //! - **Volumes**: [`VdbVolume`] with a [`VdbMaterial`], and [`VdbEmission`] or [`VdbColorGrid`] for
-//!   further grids. [`VdbVolumeState`] reports whether a volume is loading, prepared or drawn.
-//! - **Sequences**: [`VdbSequence`] is a list of files, a frame each, and [`VdbPlayer`] plays it.
+//!   additional grids. [`VdbVolumeState`] reports whether a volume is loading, prepared or drawn.
+//! - **Sequences**: [`VdbSequence`] is a list of files, one per frame, and [`VdbPlayer`] plays it.
 //!   [`VdbFrameCache`] bounds its memory, and [`VdbPlayerStatus`] reports what it shows.
 //! - **Cameras**: [`VdbCamera`] has modes and overlays, [`VdbQuality`] the settings that trade
 //!   accuracy for speed. [`VdbDial`] adjusts these to a frame budget, and [`VdbMeasureFeatures`]
@@ -41,7 +41,7 @@
 //! - `picking`: `VdbPickingPlugin`, a backend of Bevy's picking for volumes.
 //! - `record`: `VdbRecordPlugin`, which records cameras to PNG files or videos.
 //!
-//! A panel to inspect and edit everything is in a crate of its own,
+//! A panel for inspecting and editing everything is in a separate crate,
 //! [`bevy_vdb_inspector`](https://docs.rs/bevy_vdb_inspector).
 //!
 //! The guide, measured accuracy and benchmarks are in the
@@ -93,12 +93,12 @@ pub use vdb_core::pack::edit::{Voxel as VdbVoxel, VoxelEdit as VdbEdit};
 #[doc = include_str!("../docs/guide/recipes.md")]
 mod guide {}
 
-/// The code in the guide to sequences, likewise.
+/// The code in the guide to sequences, also compiled by `cargo test --doc`.
 #[cfg(doctest)]
 #[doc = include_str!("../docs/guide/sequences.md")]
 mod sequences {}
 
-/// The code in the README, likewise.
+/// The code in the README, also compiled by `cargo test --doc`.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 mod readme {}

@@ -2,8 +2,8 @@
 //!
 //! Bevy compiles pipelines on its `AsyncComputeTaskPool`, which has one thread if there are few
 //! cores, so occupying it for long keeps the window black. Decoding, packing and levels of detail
-//! therefore have their own pools, created on first use. Without threads, as on the web, they are
-//! Bevy's single-threaded ones, and work is done when it is requested.
+//! therefore have their own pools, created on first use. Without threads, as on the web, these are
+//! Bevy's single-threaded pools, and work is done when it is requested.
 
 use std::sync::LazyLock;
 
@@ -57,7 +57,7 @@ mod tests {
     use super::*;
     use bevy::tasks::block_on;
 
-    /// Parallel work in the small pool does not use the threads of others.
+    /// Parallel work in the small pool does not use the threads of other pools.
     #[test]
     fn improvements_take_a_few_cores() {
         let threads =

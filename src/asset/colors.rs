@@ -1,4 +1,4 @@
-//! Colours that programs save as three grids of numbers.
+//! Colours that programs save as three float grids.
 
 use vdb_core::display::escaped;
 use vdb_core::tree::{Vdb543, join_values};
@@ -6,9 +6,9 @@ use vdb_core::{AnyTree, Grid, Limits};
 
 use super::parts::{COLORS, component_of, is};
 
-/// Replaces three grids of floats that are the components of a colour, such as `Cd.x`, `Cd.y` and
-/// `Cd.z`, by one grid of vectors, `Cd`, unless the file has one. Returns why colours stay three
-/// grids.
+/// Replaces three float grids that are the components of a colour, such as `Cd.x`, `Cd.y` and `Cd.z`,
+/// with one vector grid, `Cd`, unless the file already has one. Returns the reasons why colours were
+/// not joined.
 pub(super) fn join_colors(grids: &mut Vec<Grid>, limits: &Limits) -> Vec<String> {
     let mut problems = Vec::new();
     for name in COLORS {
@@ -37,7 +37,7 @@ pub(super) fn join_colors(grids: &mut Vec<Grid>, limits: &Limits) -> Vec<String>
     problems
 }
 
-/// Where the components of a colour are, if there is one of each.
+/// The positions of the components of a colour, if all are present.
 fn components(grids: &[Grid], name: &str) -> Option<[usize; 3]> {
     // Of the three spellings of components.
     (0..3).find_map(|spelling| {

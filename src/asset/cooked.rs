@@ -77,7 +77,7 @@ fn candidate(grid: &CookedGrid) -> Candidate<'_> {
     }
 }
 
-/// The names of the selected grids, which are all grids of floats.
+/// The names of the selected grids, which are all float grids.
 pub(super) fn labels_of(
     bytes: Vec<u8>,
     settings: &VdbLoaderSettings,

@@ -32,7 +32,7 @@ use super::settings::{VdbLoaderSettings, VdbRenderAs};
 /// app.set_default_asset_processor::<VdbCooker>("vdb");
 /// ```
 ///
-/// or for a file, in the `.meta` file beside it:
+/// Or for a single file, in the `.meta` file beside it:
 ///
 /// ```ron
 /// (
@@ -44,7 +44,7 @@ use super::settings::{VdbLoaderSettings, VdbRenderAs};
 /// )
 /// ```
 ///
-/// Grids of vectors are left out, and a warning names them. A cooked file is loaded by
+/// Vector grids are left out, and a warning names them. A cooked file is loaded by
 /// [`VdbLoader`] as a [`VdbFile`](crate::VdbFile) with labelled grids; a
 /// [`VdbGrid`](crate::VdbGrid) needs a label in its path, `"teapot.vdb#surface"`.
 #[derive(Clone, Default, TypePath)]
@@ -55,11 +55,11 @@ pub struct VdbCooker;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct VdbCookSettings {
-    /// The settings with which the file would be loaded without processing. By default, nothing is
-    /// lost: [`VdbValues::Exact`](crate::VdbValues::Exact).
+    /// The settings for loading the file, as without processing. By default, nothing is lost:
+    /// [`VdbValues::Exact`](crate::VdbValues::Exact).
     pub load: VdbLoaderSettings,
-    /// The version of cooked files. Its default changes with the format, which makes Bevy cook files
-    /// again whose settings are not in a `.meta` file.
+    /// The version of cooked files. Its default changes with the format, so Bevy recooks files whose
+    /// settings are not in a `.meta` file.
     pub version: u32,
 }
 

@@ -1,4 +1,4 @@
-//! What the loaders make of a file.
+//! The decoded contents of a file.
 
 use vdb_core::{Metadata, SkippedGrid};
 

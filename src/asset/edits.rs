@@ -41,8 +41,8 @@ impl Edits {
         changes.map(|_| done)
     }
 
-    /// A unique number for the current words of the packed grid: no other words, of any grid, have
-    /// the same.
+    /// A unique number for the current words of the packed grid, different from that of any other
+    /// words of any grid.
     pub fn revision(&self) -> u64 {
         self.journal.revision
     }

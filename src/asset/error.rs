@@ -12,7 +12,7 @@ pub enum VdbLoaderError {
     /// The file is invalid.
     #[error(transparent)]
     File(#[from] vdb_core::Error),
-    /// The file is cooked, and invalid, or has been cooked by another version.
+    /// The file is cooked, but invalid or made by another version.
     #[error(transparent)]
     Cooked(#[from] vdb_core::cooked::CookedError),
     /// The file cannot be cooked.
@@ -41,7 +41,7 @@ fn after_paths(labels: &[String]) -> String {
     labels.iter().map(|label| format!("`#{label}`")).collect::<Vec<_>>().join(", ")
 }
 
-/// The number of skipped grids reported individually; a file can have thousands.
+/// The largest number of skipped grids to report individually; a file can have thousands.
 const MOST_PROBLEMS: usize = 8;
 
 /// The first [`MOST_PROBLEMS`] lines, and the number of the others.

@@ -82,8 +82,8 @@ impl VdbGrid {
         Ok(self)
     }
 
-    /// Changes the limits on the memory of edits and of levels of detail. A grid from a file has those of
-    /// [`VdbLoaderSettings::limits`](crate::VdbLoaderSettings::limits), any other the default ones.
+    /// Changes the limits on the memory of edits and levels of detail. A grid from a file has those of
+    /// [`VdbLoaderSettings::limits`](crate::VdbLoaderSettings::limits); any other grid has the defaults.
     pub fn with_limits(mut self, limits: Limits) -> Self {
         if let Some(edits) = &mut self.edits {
             edits.set_limits(limits.clone());
@@ -102,7 +102,7 @@ impl VdbGrid {
         Ok(())
     }
 
-    /// The error of what needs a tree.
+    /// The error for operations that need a tree.
     fn is_cooked(&self) -> VdbGridError {
         VdbGridError::Cooked(self.shown_name.to_string())
     }
@@ -178,7 +178,7 @@ impl VdbGrid {
     ///
     /// # Errors
     /// If the tree has become larger than a GPU grid can be, or takes more memory than its limits allow.
-    /// The tree then contains the edit, and nothing of the grid is displayed until another edit succeeds.
+    /// The tree then contains the edit, and the grid is not displayed until another edit succeeds.
     /// A [cooked](VdbGrid::tree) grid cannot be edited.
     pub fn edit<R>(&mut self, f: impl FnOnce(&mut VdbEdit) -> R) -> Result<R, VdbGridError> {
         let Some(tree) = &mut self.tree else { return Err(self.is_cooked()) };
@@ -192,7 +192,7 @@ impl VdbGrid {
     }
 
     /// Packs the grid as if it had been loaded in its current state: without room to grow, in the
-    /// requested sample format, and with levels of detail if cameras ask for them.
+    /// requested sample format, and with levels of detail if cameras need them.
     ///
     /// # Errors
     /// If the tree is larger than a GPU grid can be, or takes more memory than its limits allow.
@@ -235,12 +235,12 @@ impl VdbGrid {
         Ok(file.save(path, &WriteOptions::default())?)
     }
 
-    /// The limits on the memory of edits and of levels of detail.
+    /// The limits on the memory of edits and levels of detail.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }
 
-    /// Whether the grid has been edited, so that another edit costs only what it changes.
+    /// Whether the grid has been edited, which makes the cost of another edit proportional to its changes.
     pub fn is_edited(&self) -> bool {
         self.edits.is_some()
     }
@@ -250,7 +250,7 @@ impl VdbGrid {
     }
 
     /// The part of the packed grid that the renderer keeps between frames. For an edited grid, it
-    /// has no words, because the next edit would have to copy words that are shared.
+    /// has no words, because the next edit would have to copy shared words.
     pub(crate) fn outline(&self) -> Arc<PackedGrid> {
         if self.edits.is_some() { Arc::new(self.packed.outline()) } else { self.packed.clone() }
     }
@@ -266,7 +266,7 @@ impl VdbGrid {
         &self.shown_name
     }
 
-    /// The class stored in the file, which says what the values mean.
+    /// The class stored in the file, which gives the meaning of the values.
     pub fn class(&self) -> GridClass {
         self.class
     }
@@ -287,8 +287,8 @@ impl VdbGrid {
     }
 
     /// The tree of values. `None` if the grid is *cooked*: loaded from a `.vdbc` file, or cooked by
-    /// [`VdbCooker`](crate::VdbCooker). A cooked grid is only what the GPU needs. It is displayed and
-    /// queried like others, but it cannot be edited or saved, and has no levels of detail.
+    /// [`VdbCooker`](crate::VdbCooker). A cooked grid has only the data that the GPU needs. It is
+    /// displayed and queried like others, but cannot be edited or saved, and has no levels of detail.
     pub fn tree(&self) -> Option<&Arc<Vdb543<f32>>> {
         self.tree.as_ref()
     }

@@ -7,7 +7,7 @@ use vdb_core::display::{SHOWN_CHARS, escaped};
 /// A label for each name, in order: the name itself, if Bevy can find an asset by it, a log can
 /// print it, and no earlier grid has it.
 ///
-/// Bevy takes everything after the last `#` of a path for the label, rejects empty labels and those
+/// Bevy takes everything after the last `#` in a path as the label, rejects empty labels and those
 /// with `://`, and lists all labels when an unknown one is requested. So unprintable characters are
 /// [escaped](vdb_core::display::escaped), and so are `#` and the second of two slashes. Grids with
 /// equal or empty labels get the next free number, counted as in OpenVDB: `density[1]`.

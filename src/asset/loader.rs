@@ -125,8 +125,8 @@ impl VdbLoaderSettings {
     }
 }
 
-/// The bytes of a file: only those that contain its grids, and only the first ones of a file that
-/// is no VDB file.
+/// The bytes of a file: only those that contain its grids, and only the first few if it is not a VDB
+/// file.
 pub(super) async fn take_in(
     reader: &mut dyn Reader,
     length: Option<u64>,
@@ -152,10 +152,10 @@ async fn length(reader: &mut dyn Reader) -> Result<Option<u64>, std::io::Error> 
 /// The extensions of files that are loaded: those of OpenVDB and NanoVDB, and cooked ones.
 pub(super) const EXTENSIONS: &[&str] = &["vdb", "nvdb", vdb_core::cooked::EXTENSION];
 
-/// Grids of floats, reports about those that cannot be read, and what became floats.
+/// Float grids, reports about grids that cannot be read, and the grids that were converted to floats.
 pub(super) type ReadGrids = (vdb_core::VdbFile, Vec<String>, Vec<ConvertedGrid>);
 
-/// The grids selected by the settings, with floats whatever they had.
+/// The grids selected by the settings, converted to floats if necessary.
 pub(super) fn read(
     bytes: Vec<u8>,
     settings: &VdbLoaderSettings,

@@ -7,7 +7,7 @@ use super::grid::VdbGrid;
 /// Names of densities in OpenVDB, Blender, Houdini and `EmberGen`.
 const DENSITIES: [&str; 2] = ["density", "smoke"];
 
-/// Names of emission grids, and the temperatures in kelvin that 0 and 1 stand for. Names of fire
+/// Names of emission grids, and the temperatures in kelvin for values of 0 and 1. Names of fire
 /// come before those of heat, because smoke without fire has heat, too.
 pub(crate) const FIRES: [(&str, [f32; 2]); 7] = [
     ("flame", FLAMES),
@@ -38,11 +38,10 @@ pub(crate) const COLORS: [&str; 4] = ["cd", "color", "colour", "albedo"];
 /// Names of velocities in Blender and Houdini.
 pub(crate) const VELOCITIES: [&str; 3] = ["velocity", "vel", "v"];
 
-/// Suffixes of the components of a vector that is saved as three grids of floats, in Houdini and in
-/// Blender.
+/// Suffixes of the components of a vector that is saved as three float grids, in Houdini and Blender.
 const COMPONENTS: [[&str; 3]; 3] = [[".x", ".y", ".z"], ["_x", "_y", "_z"], ["_r", "_g", "_b"]];
 
-/// The properties of a grid by which its role is chosen.
+/// The properties of a grid that determine its role.
 pub(crate) struct Candidate<'a> {
     pub name: &'a str,
     pub is_fog: bool,
@@ -67,17 +66,17 @@ pub(crate) struct Parts {
     pub fire: Option<usize>,
 }
 
-/// The fogs, by position: without the components of vectors, which are fogs by their class only.
+/// The fogs, by position, without components of vectors, which are fogs only by class.
 fn fogs(all: &[Candidate]) -> impl Iterator<Item = usize> {
     (0..all.len()).filter(|i| all[*i].is_fog && !is_component(all[*i].name))
 }
 
-/// Whether a name is that of one component of a colour or a velocity.
+/// Whether a name stands for one component of a colour or velocity.
 fn is_component(name: &str) -> bool {
     COLORS.iter().chain(&VELOCITIES).any(|vector| component_of(name, vector).is_some())
 }
 
-/// The spelling and the axis of a name that is that of one component of a vector.
+/// The spelling and the axis of a name that stands for one component of a vector.
 pub(super) fn component_of(name: &str, vector: &str) -> Option<(usize, usize)> {
     let (start, suffix) = name.split_at_checked(name.len().checked_sub(2)?)?;
     let find = |(spelling, suffixes): (usize, &[&str; 3])| {

@@ -20,7 +20,7 @@ pub struct VdbLoadProgress {
 pub struct VdbFileProgress {
     /// The file.
     pub path: AssetPath<'static>,
-    /// The size of the file in bytes. 0 until the file has been read, if its source does not say.
+    /// The size of the file in bytes. If the source does not report it, 0 until the file has been read.
     pub bytes: u64,
     /// The bytes that have been decoded.
     pub bytes_decoded: u64,
@@ -47,9 +47,10 @@ impl VdbLoadProgress {
     /// The progress of all files since loading began, from 0 to 1, weighted by size. `None` if no
     /// file is being loaded.
     ///
-    /// Loading begins with a file that is loaded while no other is. Files that have ended since
-    /// count as done, whether they were loaded, failed or were cancelled. So the fraction decreases
-    /// only when another file joins, or when a file has been read whose size was unknown until then.
+    /// Loading begins with the first file that is loaded while no other is. Files that have ended
+    /// since then count as done, whether they were loaded, failed or were cancelled. The fraction
+    /// therefore decreases only when another file is added, or when a file of unknown size has been
+    /// read.
     pub fn fraction(&self) -> Option<f32> {
         let files = self.lock();
         let done = |entry: &Entry| entry.weight() as f64 * f64::from(entry.file.fraction());
@@ -90,8 +91,8 @@ struct Entry {
 }
 
 impl Entry {
-    /// The weight of the file in the progress of all. Not 0 for empty files, so that neither is a
-    /// sum of weights.
+    /// The weight of the file in the total progress. Not 0 even for empty files, so sums of weights
+    /// are not 0 either.
     fn weight(&self) -> u64 {
         self.file.bytes.max(1)
     }

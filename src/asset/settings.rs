@@ -25,13 +25,13 @@ pub struct VdbLoaderSettings {
     /// The names of the grids to load; others are not decompressed. `None`: all.
     pub grids: Option<Vec<String>>,
     /// The width of the narrow band to keep on each side of a level set, in voxels. The rest costs
-    /// memory and is never seen. At least 2. `None`: everything in the file.
+    /// memory and is never visible. At least 2. `None`: everything in the file.
     pub half_width: Option<f32>,
     /// Whether grids are surfaces or fog.
     pub render_as: VdbRenderAs,
     /// Whether surfaces follow the trilinear interpolant. On by default. Otherwise they consist of
-    /// voxels, for which the GPU only holds occupancy bits: less than half the time and a fifth of
-    /// the memory.
+    /// voxels, for which the GPU holds only occupancy bits. This takes less than half the time and a
+    /// fifth of the memory.
     pub smooth: bool,
     /// The sample format of fog and smooth surfaces on the GPU.
     pub values: VdbValues,

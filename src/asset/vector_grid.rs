@@ -17,9 +17,9 @@ use super::common::{VdbGridError, check_transform, core_grid, world_bounds};
 /// [`VdbEmission::Color`](crate::VdbEmission::Color) and [`VdbVelocity`](crate::VdbVelocity), such
 /// as `"smoke.vdb#Cd"`.
 ///
-/// Components of colours are linear Rec. 709, as stored; negative values count as zero. On the GPU, a vector
-/// grid is three float grids, one per component, each with its own tree: a component that is mostly
-/// zero takes little memory, and each is looked up like a density.
+/// Components of colours are linear Rec. 709, as stored; negative values count as zero. On the GPU, a
+/// vector grid consists of three float grids, one per component, each with its own tree: a component
+/// that is mostly zero takes little memory, and each is looked up like a density.
 #[derive(Asset, Clone, Debug, TypePath)]
 pub struct VdbVectorGrid {
     name: Arc<str>,
@@ -28,7 +28,7 @@ pub struct VdbVectorGrid {
     tree: Arc<Vdb543<[f32; 3]>>,
     packed: Arc<OnceLock<[Arc<PackedGrid>; 3]>>,
     options: PackOptions,
-    /// Made when it is asked for.
+    /// Made on first use.
     lattice: Arc<OnceLock<Option<Arc<VectorLattice>>>>,
 }
 
@@ -69,7 +69,7 @@ impl VdbVectorGrid {
         Ok([pack(0)?, pack(1)?, pack(2)?])
     }
 
-    /// A grid from its parts. What is not packed is packed with the options when it is needed.
+    /// A grid from its parts. Components that are not packed are packed with the options when needed.
     pub(crate) fn from_parts(
         name: Arc<str>,
         world_from_index: DAffine3,
@@ -105,9 +105,9 @@ impl VdbVectorGrid {
         &self.tree
     }
 
-    /// The components in the GPU layout. A grid that was loaded under the name of a velocity is
-    /// packed by the first call, as it is rarely used as a colour; if it exceeds the limits, its
-    /// components are empty, and an error is logged.
+    /// The components in the GPU layout. A grid loaded with the name of a velocity is packed by the
+    /// first call, because it is rarely used as a colour; if it exceeds the limits, its components are
+    /// empty, and an error is logged.
     pub fn packed(&self) -> &[Arc<PackedGrid>; 3] {
         self.packed.get_or_init(|| {
             Self::pack(&self.tree, &self.options).unwrap_or_else(|reason| {
@@ -118,13 +118,13 @@ impl VdbVectorGrid {
         })
     }
 
-    /// The components in the GPU layout, unless nothing has needed them yet.
+    /// The components in the GPU layout, if they have been needed before.
     pub(crate) fn packed_already(&self) -> Option<&[Arc<PackedGrid>; 3]> {
         self.packed.get()
     }
 
-    /// The means of the vectors, for motion vectors; `None` if nothing is active. The first call
-    /// makes them.
+    /// The means of the vectors, for motion vectors; `None` if nothing is active. Computed by the
+    /// first call.
     pub(crate) fn lattice(&self) -> Option<&Arc<VectorLattice>> {
         self.lattice.get_or_init(|| VectorLattice::new(&self.tree).map(Arc::new)).as_ref()
     }

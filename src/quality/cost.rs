@@ -11,8 +11,8 @@ use crate::quality::diagnostics::gpu_time;
 use crate::quality::features::{FEATURES, Feature, Features};
 use crate::{VdbCameraReport, VdbDiagnostics};
 
-/// Measures the costs of the features of a camera. Over some hundreds of frames, each feature is
-/// turned off in turn, visibly; then this component is replaced by [`VdbFeatureCosts`]. The app's
+/// Measures the costs of the features of a camera. Over several hundred frames, each feature is
+/// visibly turned off in turn; then this component is replaced by [`VdbFeatureCosts`]. The app's
 /// settings are unchanged, and a [`VdbDial`](crate::VdbDial) pauses meanwhile. Several cameras are
 /// measured one after the other. The scene should not change.
 #[derive(Clone, Component, Copy, Debug, Default, PartialEq, Eq, Reflect)]
@@ -44,7 +44,7 @@ pub struct VdbFeatureCost {
     pub ms: f64,
 }
 
-/// The features that a camera is drawn without at the moment.
+/// The features that are currently turned off for a camera.
 #[derive(Clone, Component, Copy, Debug, Default, ExtractComponent)]
 pub(crate) struct LeftOut(pub Features);
 
@@ -57,7 +57,7 @@ pub(crate) struct Measuring {
     samples: Vec<f64>,
     skipped: usize,
     last: Option<Instant>,
-    /// Consecutive frames without a GPU time.
+    /// The number of consecutive frames without a GPU time.
     untold: usize,
 }
 

@@ -37,14 +37,14 @@ fn newest(store: &DiagnosticsStore, pass: &str) -> Option<(Instant, f64)> {
 /// The passes, features and buffers of each camera for volumes, and the reason for each: a resource
 /// of the main world, as of the last prepared frame.
 ///
-/// Pass times are Bevy's diagnostics `render/vdb_trace/elapsed_gpu` and so on, by
-/// [`VdbPassReport::name`], of which `RenderDiagnosticsPlugin` adds one per camera and frame.
+/// Pass times are Bevy's diagnostics `render/vdb_trace/elapsed_gpu` and so on, named by
+/// [`VdbPassReport::name`]; `RenderDiagnosticsPlugin` adds one measurement per camera and frame.
 #[derive(Clone, Debug, Default, Resource)]
 pub struct VdbDiagnostics(Arc<Mutex<HashMap<Entity, VdbCameraReport>>>);
 
 impl VdbDiagnostics {
-    /// The report of a camera; `None` if the camera sees no volume, in which case it has nothing on
-    /// the GPU.
+    /// The report of a camera; `None` if the camera sees no volume and therefore has nothing on the
+    /// GPU.
     pub fn camera(&self, camera: Entity) -> Option<VdbCameraReport> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).get(&camera).cloned()
     }

@@ -48,6 +48,8 @@ bitflags! {
         const EDGES = 1 << 36;
         const FOG_COLORS = 1 << 37;
         const RAMPS = 1 << 38;
+        const REFLECTION_PROBES = 1 << 39;
+        const IRRADIANCE_VOLUMES = 1 << 40;
     }
 }
 
@@ -65,7 +67,7 @@ pub(crate) struct Feature {
     pub without: Option<Without>,
 }
 
-/// How a camera is drawn without a feature.
+/// How to draw a camera without a feature.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Without {
     /// With other settings.
@@ -96,7 +98,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 39] = [
+pub(crate) const FEATURES: [Feature; 41] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -274,6 +276,18 @@ pub(crate) const FEATURES: [Feature; 39] = [
         &["VDB_RAMPS", "VDB_VARYING_ALBEDO", "VDB_EMITS"],
         "ramps",
         "a fog has a VdbRamp",
+    ),
+    row(
+        Features::REFLECTION_PROBES,
+        &["ENVIRONMENT_MAP"],
+        "reflection probes",
+        "a surface and a LightProbe with an EnvironmentMapLight are in view",
+    ),
+    row(
+        Features::IRRADIANCE_VOLUMES,
+        &["IRRADIANCE_VOLUME", "IRRADIANCE_VOLUMES_ARE_USABLE"],
+        "irradiance volumes",
+        "a surface and a LightProbe with an IrradianceVolume are in view",
     ),
 ];
 

@@ -1,5 +1,5 @@
 //! Levels of detail: grids at half resolution, a quarter and so on, generated in the background
-//! when a camera asks for them.
+//! when a camera needs them.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -41,9 +41,9 @@ impl Drop for Pending {
 
 type Levels = Arc<[Arc<PackedGrid>]>;
 
-/// Generates the levels that cameras ask for, only for volumes in view and for one grid at a time,
-/// starting with the one with the smallest voxels on screen. Drops all levels once no camera asks
-/// for any.
+/// Generates the levels that cameras need, only for volumes in view and for one grid at a time,
+/// starting with the one with the smallest voxels on screen. Drops all levels once no camera needs
+/// any.
 pub(crate) fn make_levels(
     cameras: Query<(&VdbCamera, &VdbQuality, &Camera, &Projection, &GlobalTransform)>,
     volumes: Query<(&VdbVolume, &VdbVolumeState, &GlobalTransform, &Aabb)>,
@@ -92,7 +92,7 @@ pub(crate) fn make_levels(
 }
 
 /// The factor by which the voxels of a grid may be larger, at the point of a volume nearest to a
-/// camera. From 2 on, a coarser level is displayed, and should exist by then.
+/// camera. At 2 or more, a coarser level is displayed, and should exist by then.
 fn need(
     (settings, quality, camera, projection, view): (
         &VdbCamera,

@@ -1,5 +1,5 @@
-//! Accuracy against time: the settings of cameras and volumes, their automatic adjustment, and
-//! their costs.
+//! The trade-off between accuracy and time: settings of cameras and volumes, their automatic
+//! adjustment, and their costs.
 
 mod cost;
 pub(crate) mod diagnostics;
@@ -21,7 +21,7 @@ pub use dial::VdbDial;
 pub use memory::VdbGpuMemory;
 pub use settings::{VdbQuality, VdbVolumeQuality};
 
-/// Adjusts dials, measures costs, and generates the levels of detail that cameras ask for.
+/// Adjusts dials, measures costs, and generates the levels of detail that cameras need.
 pub(crate) struct QualityPlugin;
 
 impl Plugin for QualityPlugin {

@@ -5,10 +5,10 @@ use bevy::render::extract_component::ExtractComponent;
 
 use crate::VdbTraversal;
 
-/// All settings of a camera that trade accuracy for speed. Added to every `Camera3d`. What the
-/// camera displays is set by [`VdbCamera`](crate::VdbCamera).
+/// All settings of a camera that trade accuracy for speed. Added to every `Camera3d`.
+/// [`VdbCamera`](crate::VdbCamera) sets what the camera displays.
 ///
-/// The presets are points of measured time–error fronts; `docs/reference/quality.md` has the plots.
+/// The presets are points on measured time–error fronts; `docs/reference/quality.md` has the plots.
 /// [`VdbDial`](crate::VdbDial) adjusts the settings automatically. Invalid values are replaced by
 /// the nearest valid ones, with a warning.
 #[derive(Clone, Component, Copy, Debug, PartialEq, Reflect, ExtractComponent)]
@@ -16,8 +16,8 @@ use crate::VdbTraversal;
 pub struct VdbQuality {
     /// How rays traverse grids. The default is the fastest.
     pub traversal: VdbTraversal,
-    /// Whether volumes receive shadows from lights with `shadow_maps_enabled`: those of volumes by
-    /// one ray per light and pixel, those of meshes from Bevy's shadow maps. On by default; costs
+    /// Whether volumes receive shadows from lights with `shadow_maps_enabled`: shadows of volumes by
+    /// one ray per light and pixel, and shadows of meshes from Bevy's shadow maps. On by default; costs
     /// nothing without such a light.
     pub shadows: bool,
     /// The largest distance at which a volume casts shadows on a point, in world units. 0 or more;
@@ -26,11 +26,11 @@ pub struct VdbQuality {
     /// Whether the normals of smooth surfaces are interpolated between cells, which takes twelve
     /// more samples per visible point. On by default. When off, they are exactly those of the
     /// trilinear interpolant, which jump from cell to cell and make highlights look faceted.
-    /// Shapes, depths and where shadows fall are the same.
+    /// Shapes, depths and the positions of shadows are the same.
     pub smooth_normals: bool,
     /// The number of reflections a ray follows, 0 to 16. With 0, the default, surfaces reflect only
-    /// the camera's `EnvironmentMapLight`; with 1, they reflect volumes; with 2, volumes that
-    /// reflect volumes.
+    /// the camera's `EnvironmentMapLight`; with 1, they also reflect volumes; with 2, those volumes
+    /// reflect others in turn.
     ///
     /// Rough surfaces reflect in one random direction per pixel; temporal anti-aliasing or
     /// [`accumulate`](Self::accumulate) averages the noise. The number of bounces is part of a
@@ -41,30 +41,30 @@ pub struct VdbQuality {
     pub reflection_range: f32,
     /// The distance in voxels between density samples of evenly lit fog (no lamps nearby, no
     /// shadows) that overlaps no other. From ¼ to 16; 0, the default, integrates exactly, cell by
-    /// cell. In fog that is lit by the light cache, the shortest step.
+    /// cell. In fog lit by the light cache, it is the shortest step.
     pub fog_step: f32,
     /// The length in voxels of the stretches of a ray through fog that share one lighting sample,
-    /// where light varies; four times that in reflections. With the light cache, only shadows of
-    /// surfaces and meshes are sampled so. From ¼ to 64, 2 by default. Larger for grids of more
-    /// than 128 voxels along an edge, in proportion, which bounds the cost of a ray.
+    /// where light varies; four times as long in reflections. With the light cache, it applies only to
+    /// shadows of surfaces and meshes. From ¼ to 64, 2 by default. Proportionally longer for grids of
+    /// more than 128 voxels along an edge, which bounds the cost of a ray.
     pub fog_light_step: f32,
     /// The distance in voxels between density samples on rays from fog to lights. From ¼ to 64, 1
-    /// by default. Larger for grids of more than 256 voxels along an edge, in proportion.
+    /// by default. Proportionally larger for grids of more than 256 voxels along an edge.
     pub fog_shadow_step: f32,
-    /// The light cache: the relative error of radiance that is accepted in fog lit by lights with
-    /// shadows. Optical depths towards these lights are then computed once, on a lattice as coarse
-    /// as the error permits, and interpolated along view rays, instead of sending rays to the
-    /// lights. From 0 to 1, 0.01 by default; 0 turns the cache off.
+    /// The light cache: the accepted relative error of radiance in fog lit by lights with shadows.
+    /// Optical depths towards these lights are then computed once, on a lattice as coarse as the error
+    /// permits, and interpolated along view rays, instead of sending rays to the lights. From 0 to 1,
+    /// 0.01 by default; 0 turns the cache off.
     ///
     /// The error is estimated for clouds of fractal noise, from the extinction and the number of
     /// voxels. Fog too dense or too large for the cache is lit by rays, along with all other fog on
-    /// a view ray that meets it; so is fog on view rays that meet more than eight fogs and emission
-    /// grids. Shadows of surfaces and meshes on fog are not interpolated; they are evaluated once
+    /// a view ray that meets it; so is fog on view rays that meet more than eight fogs or more than
+    /// eight emission grids. Shadows of surfaces and meshes on fog are not interpolated; they are evaluated once
     /// per `fog_light_step`.
     pub fog_light_error: f32,
     /// The number of slabs into which a ray is divided where fogs overlap that are not in the light
-    /// cache; within a slab they are treated as evenly mixed and evenly lit. A quarter of that in
-    /// reflections. From 1 to 256, 32 by default.
+    /// cache; within a slab, they are treated as evenly mixed and evenly lit. Reflections use a quarter
+    /// of that number. From 1 to 256, 32 by default.
     pub fog_slabs: u32,
     /// Levels of detail: distant volumes are displayed at half, a quarter … of their resolution, as
     /// long as the voxels of the copy are no larger than this many pixels. At most 64. With 1, the
@@ -72,36 +72,36 @@ pub struct VdbQuality {
     /// are shown at full resolution, and the cost grows with the number of their voxels.
     ///
     /// Levels are generated in the background, one grid after the other, for volumes in view whose
-    /// own voxels are no larger than that. They take a third more memory for a surface, and a
-    /// seventh more for fog.
+    /// own voxels are no larger than that many pixels. They take a third more memory for a surface,
+    /// and a seventh more for fog.
     pub detail: f32,
     /// Rays per pixel along each axis of the image: 0.5 traces one ray per four pixels. The
     /// remaining pixels are interpolated from neighbours that belong to the same surface. From 0.25
     /// to 1, 1 by default.
     pub resolution: f32,
-    /// Antialiasing: the number of further rays through each pixel on a silhouette, a crease or the
-    /// edge of a shadow. 2, 4, 8 or 16; 0 turns it off.
+    /// Anti-aliasing: the number of additional rays through each pixel on a silhouette, a crease or
+    /// the edge of a shadow. 2, 4, 8 or 16; 0 turns it off.
     ///
-    /// Off with temporal anti-aliasing and with [`accumulate`](Self::accumulate), which smooth
-    /// edges themselves, with fewer rays than pixels, and in unlit modes.
+    /// Off in unlit modes, with fewer rays than pixels, and with temporal anti-aliasing or
+    /// [`accumulate`](Self::accumulate), which smooth edges themselves.
     pub edge_samples: u32,
-    /// Temporal accumulation: the number of frames whose mean is displayed while nothing changes in
-    /// view, that is, neither the camera, nor a volume, a light, or a mesh in front of them or
-    /// casting shadows on them. Up to 256; 0, the default, and 1 turn it off.
+    /// Temporal accumulation: the number of frames whose mean is displayed while nothing in view
+    /// changes: neither the camera, nor a volume, a light, or a mesh in front of volumes or casting
+    /// shadows on them. Up to 256; 0, the default, and 1 turn it off.
     ///
     /// Rays pass through different positions of their pixels in turn, which smooths the edges of
     /// volumes, soft shadows and rough reflections, and recovers full detail if there are fewer
-    /// rays than pixels. The first frame looks as it does without. Takes 44 bytes per pixel from
-    /// the second frame on. Changes made by shaders alone, such as shadows of meshes that they
-    /// deform, fade in over this many frames.
+    /// rays than pixels. The first frame looks as it does without accumulation. Takes 44 bytes per
+    /// pixel from the second frame on. Changes made only by shaders, such as shadows of meshes that
+    /// they deform, fade in over this many frames.
     ///
     /// Off with temporal anti-aliasing, which does the same, and in unlit modes.
     pub accumulate: u32,
 }
 
 impl VdbQuality {
-    /// The reference. Fog is lit in steps so small that smaller ones change nothing that a 16-bit
-    /// float could represent.
+    /// The reference. Fog is lit in such small steps that smaller ones would not change a 16-bit
+    /// float.
     pub const EXACT: Self = Self {
         traversal: VdbTraversal::HddaSkip,
         shadows: true,
@@ -119,7 +119,7 @@ impl VdbQuality {
         edge_samples: 0,
         accumulate: 0,
     };
-    /// The default: no visible difference from [`EXACT`](Self::EXACT).
+    /// The default: hard to tell from [`EXACT`](Self::EXACT).
     pub const HIGH: Self = Self {
         fog_light_step: 2.0,
         fog_shadow_step: 1.0,
@@ -254,7 +254,7 @@ impl VdbVolumeQuality {
 
 /// The largest number of bounces.
 const MAX_REFLECTIONS: u32 = 16;
-/// The shortest step through fog, in voxels; shorter ones would only add cost.
+/// The shortest step through fog, in voxels; shorter steps would only add cost.
 const MIN_STEP: f32 = 0.25;
 const MAX_STEP: f32 = 64.0;
 const MAX_FOG_STEP: f32 = 16.0;

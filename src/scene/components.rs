@@ -34,8 +34,8 @@ pub struct VdbMaterial {
     /// Emitted luminance in cd/m², for fog where it is opaque. Black by default. For fire, use a
     /// [`VdbEmission`](crate::VdbEmission).
     pub emissive: LinearRgba,
-    /// Surfaces: from 0, a mirror, to 1, without noticeable highlights. 0.5 by default. Highlights
-    /// of lights are never smaller than at 0.089.
+    /// Surfaces: from 0, a mirror, to 1, without noticeable highlights. 0.5 by default. Below 0.089,
+    /// highlights of lights do not become smaller.
     pub perceptual_roughness: f32,
     /// Surfaces: from 0, a dielectric, to 1, a metal. 0 by default.
     pub metallic: f32,
@@ -49,8 +49,8 @@ pub struct VdbMaterial {
     /// through 0, isotropic, to 1, forwards. 0 by default; clouds have 0.8 and more. Clamped to
     /// ±0.99.
     ///
-    /// Light from environment maps is scattered with low angular resolution: fog sees the
-    /// difference between opposite directions, and treats finer features as uniform.
+    /// Light from environment maps is scattered with low angular resolution: fog takes into account
+    /// the difference between opposite directions, and treats finer features as uniform.
     pub anisotropy: f32,
 }
 
@@ -68,8 +68,8 @@ impl Default for VdbMaterial {
     }
 }
 
-/// The camera's settings for the display of volumes. Added to every `Camera3d`. For accuracy and
-/// speed, see [`VdbQuality`](crate::VdbQuality).
+/// A camera's settings for displaying volumes. Added to every `Camera3d`. For accuracy and speed,
+/// see [`VdbQuality`](crate::VdbQuality).
 #[derive(Clone, Component, Debug, PartialEq, Reflect, ExtractComponent)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbCamera {
@@ -80,14 +80,14 @@ pub struct VdbCamera {
     pub mode: VdbRenderMode,
     /// Whether volumes cast shadows on meshes. On by default.
     ///
-    /// Volumes are drawn into the shadow maps of lights with `shadow_maps_enabled` in every frame, by
-    /// one ray per texel that they may cover; `docs/guide/quality.md` says how to reduce the cost.
-    /// The resolution of the edges is that of the maps, as for shadows of meshes.
+    /// Volumes are drawn into the shadow maps of lights with `shadow_maps_enabled` in every frame,
+    /// with one ray per texel that they may cover; `docs/guide/quality.md` explains how to reduce the
+    /// cost. Edges have the resolution of the maps, as for shadows of meshes.
     /// Fog attenuates light in 64 steps, which shadow filtering smooths, best with Bevy's default
     /// `ShadowFilteringMethod::Gaussian`. The maps of point and spot lights are shared by all
     /// cameras: they include volumes if any camera has this setting on.
     ///
-    /// Costs nothing without such a light, a mesh in view and a volume. Off where
+    /// Costs nothing without such a light, a mesh in view or a volume. Off where
     /// [`VdbQuality::shadows`](crate::VdbQuality::shadows) is off, and for volumes with
     /// `NotShadowCaster`.
     pub mesh_shadows: bool,
@@ -116,8 +116,8 @@ impl Default for VdbCamera {
     }
 }
 
-/// The tree nodes whose borders are drawn on surfaces. Lines have the same width everywhere in the
-/// image, and are omitted where nodes are smaller than a few pixels.
+/// The tree nodes whose borders are drawn on surfaces. All lines in the image have the same width;
+/// they are omitted where nodes are smaller than a few pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 pub struct VdbOverlays {
@@ -129,7 +129,7 @@ pub struct VdbOverlays {
     pub upper: bool,
 }
 
-/// The quantity that a camera displays of volumes.
+/// The quantity that a camera displays for volumes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 #[non_exhaustive]
@@ -183,7 +183,7 @@ impl VdbRenderMode {
         self.traits().is_lit
     }
 
-    /// All that tells a mode from others, apart from how its shader computes a colour.
+    /// Everything that distinguishes the mode from others, except how its shader computes a colour.
     pub(crate) const fn traits(self) -> ModeTraits {
         let surfaces = ModeTraits {
             name: "",
@@ -237,21 +237,21 @@ impl VdbRenderMode {
     }
 }
 
-/// All that tells a render mode from others, apart from how its shader computes a colour.
+/// Everything that distinguishes a render mode from others, except how its shader computes a colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ModeTraits {
-    /// For menus and command lines.
+    /// The name for menus and command lines.
     pub name: &'static str,
-    /// Of the trace; none for the image itself.
+    /// The shader def of the trace; `None` for the final image.
     pub shader_def: Option<&'static str>,
     /// Whether it depends on lights.
     pub is_lit: bool,
-    /// Otherwise smooth normals are not compiled.
+    /// Whether smooth normals are compiled.
     pub uses_normals: bool,
-    /// Otherwise fog is neither traced nor compiled.
+    /// Whether fog is traced and compiled.
     pub shows_fog: bool,
     pub shows_reflections: bool,
-    /// Bevy's.
+    /// Whether it shows Bevy's `DistanceFog`.
     pub shows_distance_fog: bool,
     /// Whether it colours pixels without a surface or fog.
     pub shows_background: bool,
@@ -286,8 +286,8 @@ pub struct VdbSun {
     /// Multiplies the light's illuminance on volumes. 0 or more, 1 by default.
     pub intensity: f32,
     /// The apparent size of the light in radians, which softens the shadows that volumes cast on
-    /// surfaces of volumes: the penumbra is as wide as the distance to the caster times this angle.
-    /// From 0, the default, for hard edges, to 1; the Sun has 0.0093. Fog is lit as from the
+    /// surfaces of volumes: the width of the penumbra is the distance to the caster times this angle.
+    /// From 0, the default, for hard edges, to 1; the Sun has 0.0093. Fog is lit from the
     /// light's centre. Shadows from and on meshes are Bevy's; see its `soft_shadow_size`.
     pub angular_diameter: f32,
     /// Shadow rays per pixel for a light with a size: 1 to 256, 16 by default. Fewer produce noise,

@@ -13,18 +13,18 @@ const MAX_KELVIN: f32 = 1e9;
 /// Colours a volume with a vector grid, usually from the same file as the
 /// [`VdbVolume`](crate::VdbVolume)'s grid (Houdini calls it `Cd`). Its value, in linear Rec. 709,
 /// multiplies the material's base colour: at the hit point of a surface, and everywhere in fog,
-/// whose albedo then varies.
+/// which then has a varying albedo.
 ///
 /// The grid may have a different transform from the volume's: both are placed in the world of their
-/// file, which the entity's `Transform` maps to Bevy's. It is interpolated trilinearly, and outside
-/// its samples has the background value. In fog, it is looked up at each step of a ray, or once for
-/// each interval that shares its light ([`VdbQuality::fog_light_step`](crate::VdbQuality)). It does
-/// not change how dense fog is; `emissive` keeps its colour.
+/// file, which the entity's `Transform` maps to Bevy's. It is interpolated trilinearly, and has
+/// the background value outside its samples. In fog, it is looked up at each step of a ray, or once for
+/// each interval that shares its light ([`VdbQuality::fog_light_step`](crate::VdbQuality)). It
+/// changes neither the density of fog nor the colour of `emissive`.
 #[derive(Clone, Component, Debug, Default, PartialEq, Eq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbColorGrid(pub Handle<VdbVectorGrid>);
 
-/// The velocity of what a volume shows, for motion vectors: temporal anti-aliasing and motion blur
+/// The velocity of a volume's contents, for motion vectors: temporal anti-aliasing and motion blur
 /// then follow smoke instead of smearing it. Has no effect on cameras without a
 /// `MotionVectorPrepass`, nor on pixels where more than half of the background is visible through
 /// the fog.
@@ -51,8 +51,8 @@ pub struct VdbVelocity {
     /// Units of the file's world per second at a velocity of 1: 1 for Houdini; for Blender's fluid
     /// caches 2.5 times the edge of a voxel, at its default time scale.
     pub scale: f32,
-    /// Seconds of simulated time between what the previous update displayed and what this one
-    /// displays: 0, the default, if both display the same; negative if time runs backwards.
+    /// Seconds of simulated time from the frame displayed in the previous update to the one displayed
+    /// in this update: 0, the default, if they are the same; negative if time runs backwards.
     /// [`VdbPlayer`](crate::VdbPlayer) sets it. An app that replaces grids itself sets it in every
     /// update.
     pub time_step: f32,
@@ -69,8 +69,8 @@ impl VdbVelocity {
 /// [`VdbVolume`](crate::VdbVolume), whose density attenuates it.
 ///
 /// With the emission coefficient `ε`, in cd/m² per world unit, the luminance along a ray is `L = ∫
-/// T ε ds`, where `T` is the transmittance of all fog in front. A layer of thickness `L` without
-/// smoke has the luminance `ε L`; one that absorbs with coefficient `σ` has `ε/σ · (1 - e^(-σL))`.
+/// T ε ds`, where `T` is the transmittance of all fog in front. A layer of thickness `d` without
+/// smoke has the luminance `ε d`; one with absorption coefficient `σ` has `ε/σ · (1 - e^(-σd))`.
 /// Fire is visible even where the density is zero. (A material's `emissive`, in contrast, is the
 /// luminance of opaque fog.)
 ///
@@ -84,7 +84,7 @@ pub enum VdbEmission {
     /// Black bodies: `ε = strength · B(scale · value + offset)`, with `B` the luminance and colour
     /// of a black body by Planck's law and the CIE 1931 observer.
     ///
-    /// Programs store temperatures in different units. Kelvin have a `scale` of 1. Where 1 stands
+    /// Programs store temperatures in different units. For kelvin, use a `scale` of 1. Where 1 stands
     /// for "hot", as in Houdini's and Blender's `temperature`, `scale` is that temperature in
     /// kelvin; Blender's Principled Volume uses 1,000. Blender's `flame`, from 0 to 1, runs from
     /// the ignition temperature to the maximum: with Blender's defaults, a `scale` and an `offset`
@@ -122,7 +122,7 @@ impl VdbEmission {
         Self::Temperature { grid, scale: 1.0, offset: 0.0, strength: 1.0 }
     }
 
-    /// The identity of the grid.
+    /// The asset ID of the grid.
     pub(crate) fn grid_id(&self) -> UntypedAssetId {
         match self {
             Self::Temperature { grid, .. } | Self::Scalar { grid, .. } => grid.id().untyped(),

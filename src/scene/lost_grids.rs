@@ -12,7 +12,7 @@ use crate::asset::loaded::LoadedFiles;
 use crate::{VdbColorGrid, VdbEmission, VdbPlayer, VdbVelocity, VdbVolume};
 
 /// Warns of displayed grids that are no longer in their file. They stay on screen, because Bevy
-/// keeps an asset as long as it has handles.
+/// keeps an asset as long as there are handles to it.
 pub(crate) fn tell_of_lost_grids(
     loaded: Res<LoadedFiles>,
     server: Res<AssetServer>,

@@ -37,7 +37,7 @@ pub struct VdbPickingPlugin;
 #[reflect(Resource, Clone, Debug, Default, PartialEq)]
 pub struct VdbPickingSettings {
     /// The optical depth at which fog counts as hit: see [`VdbRayCastSettings::optical_depth`]. `ln
-    /// 2` by default; infinity to point through fog.
+    /// 2` by default; infinity to ignore fog.
     pub optical_depth: f32,
     /// Whether volumes that no camera sees can be picked. [`VdbRayVisibility::VisibleInView`] by
     /// default.

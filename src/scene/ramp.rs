@@ -13,20 +13,20 @@ use bevy::prelude::*;
 ///   [`VdbColorGrid`](crate::VdbColorGrid) if there is one;
 /// - the emission coefficient is `emission(v)`, in cd/m² per world unit. A layer of thickness `d` that
 ///   absorbs nothing has the luminance `emission · d`. It does not depend on `density_scale`, and
-///   lights no other object, like [`VdbEmission`](crate::VdbEmission).
+///   lights no other object.
 ///
 /// `density_scale` and `base_color` are those of the [`VdbMaterial`](crate::VdbMaterial). The three
 /// functions are linear between [stops](Self::stops), and constant below the first and above the last
-/// one. The mapping comes after the interpolation, and is integrated over all values along each
-/// stretch of a ray, so that no shell is too thin to be seen.
+/// one. The mapping is applied after the interpolation and integrated over all values along each
+/// stretch of a ray, so even the thinnest shell is visible.
 ///
 /// Only values above 0 exist in fog: where all samples around a point are 0 or less, the space is
 /// empty, whatever the ramp says. Data with negative values, such as Hounsfield units, need an offset
-/// when the grid is made. A first stop with an extinction of 0 avoids a hard edge at the borders of
-/// what is stored.
+/// when the grid is made. A first stop with an extinction of 0 avoids a hard edge at the border of
+/// the stored values.
 ///
-/// Volumes cast and receive shadows by their mapped extinction. Surfaces ignore ramps, and so do the
-/// rays of [`VdbSpatialQuery`](crate::VdbSpatialQuery).
+/// Volumes cast and receive shadows according to their mapped extinction. Surfaces ignore ramps, and
+/// so do the rays of [`VdbSpatialQuery`](crate::VdbSpatialQuery).
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -45,7 +45,7 @@ use bevy::prelude::*;
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbRamp {
     /// The points of the functions, in any order. Where two have the same value, the functions jump
-    /// from the first to the second. Without any, the volume is shown as without a ramp.
+    /// from the first to the second. Without stops, the ramp has no effect.
     pub stops: Vec<VdbRampStop>,
 }
 

@@ -9,7 +9,7 @@ use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbVectorGrid};
 /// Temperatures above this are in kelvin; other units stay far below.
 const KELVIN: f32 = 100.0;
 
-/// The luminance in cd/m² of guessed emission: of the hottest value, through a tenth of the grid's
+/// The luminance in cd/m² of guessed emission, for the hottest value through a tenth of the grid's
 /// box. White at Bevy's default exposure.
 const LUMINANCE: f32 = 1_000.0;
 
@@ -17,8 +17,8 @@ const LUMINANCE: f32 = 1_000.0;
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct VdbRoles {
-    /// All surfaces, in file order; if there is a density, without Blender's auxiliary surfaces,
-    /// such as `phi_obstacle`. If the density is not empty, also without grids called `distance`,
+    /// All surfaces, in file order. If there is a density, Blender's auxiliary surfaces, such as
+    /// `phi_obstacle`, are left out. If the density is not empty, so are grids called `distance`,
     /// `sdf` or `signed_distance`, which would hide it.
     pub surfaces: Vec<Handle<VdbGrid>>,
     /// The fog: a grid called `density` or `smoke`, otherwise the first fog grid that is not a
@@ -29,7 +29,7 @@ pub struct VdbRoles {
     /// order.
     pub emission: Option<VdbEmission>,
     /// The colour of surfaces and fog: a vector grid called `Cd`, `color`, `colour` or `albedo`, or
-    /// three grids of floats that are its components, such as `Cd.x`, `Cd.y` and `Cd.z`, or
+    /// three float grids that are its components, such as `Cd.x`, `Cd.y` and `Cd.z`, or
     /// `color_r`, `color_g` and `color_b`.
     pub colors: Option<VdbColorGrid>,
     /// The velocity: a vector grid called `velocity`, `vel` or `v`.
@@ -90,9 +90,9 @@ impl VdbFile {
 
 impl VdbEmission {
     /// A first guess at the emission of a grid, by its name and values: black bodies, in kelvin if
-    /// any value exceeds 100; otherwise 1,500 K at 0 to 3,000 K at 1 for `flame` and similar names,
-    /// and 1,000 K at 1 for others. The strength suits Bevy's default exposure: the hottest value
-    /// has 1,000 cd/m² through a tenth of the grid's box.
+    /// any value exceeds 100; otherwise from 1,500 K at 0 to 3,000 K at 1 for `flame` and similar
+    /// names, and 1,000 K at 1 for others. The strength suits Bevy's default exposure: the hottest
+    /// value has 1,000 cd/m² through a tenth of the grid's box.
     pub fn guess(handle: Handle<VdbGrid>, grid: &VdbGrid) -> Self {
         let most = grid.packed().majorant;
         let by_name = FIRES.iter().find(|(name, _)| is(grid.name(), name));

@@ -24,9 +24,9 @@ use crate::{VdbGrid, VdbMaterial, VdbVolume};
 /// }
 /// ```
 ///
-/// Volumes are placed by their [`GlobalTransform`], which for systems before
-/// `TransformSystems::Propagate` is that of the last frame. Volumes whose grid is not loaded, or
-/// whose transform cannot be inverted, are skipped, as in the image.
+/// Volumes are placed by their [`GlobalTransform`], which is that of the last frame in systems
+/// before `TransformSystems::Propagate`. As in the image, volumes are skipped if their grid is not
+/// loaded or their transform cannot be inverted.
 ///
 /// A ray takes as many steps as on the GPU: at most 3 · 4096 through each 4096³ node on its way,
 /// and usually a few dozen, regardless of its length and the grid's position
@@ -60,16 +60,17 @@ pub struct VdbRayHit {
     /// The point, in world space.
     pub position: Vec3,
     /// The outward unit normal, in world space: of the voxel face through which the ray enters, or
-    /// along the trilinear gradient of a smooth surface or fog (shading may use another, see
-    /// [`VdbQuality::smooth_normals`](crate::VdbQuality::smooth_normals)). Opposite to the ray where
-    /// there is none, that is, where the ray begins in a voxel or the gradient is zero.
+    /// along the trilinear gradient of a smooth surface or fog (shading may use a different normal,
+    /// see [`VdbQuality::smooth_normals`](crate::VdbQuality::smooth_normals)). Where there is no
+    /// normal, because the ray begins in a voxel or the gradient is zero, the direction opposite to
+    /// the ray.
     pub normal: Vec3,
     /// The distance from the ray's origin, in world units.
     pub distance: f32,
     /// The voxel in the grid's index space: the one that the ray enters, or the one around the
     /// point on a smooth surface or in fog.
     pub voxel: IVec3,
-    /// The value of that voxel. `None` in a surface of voxels that is cooked, which has no values.
+    /// The value of that voxel. `None` for a cooked voxel surface, which has no values.
     pub value: Option<f32>,
     /// Whether the ray begins in a solid voxel; `distance` is then 0.
     pub begins_inside: bool,
@@ -167,14 +168,14 @@ impl VdbSpatialQuery<'_, '_> {
     }
 
     /// The value of the voxel around a point in world space. `None` if the entity shows no grid,
-    /// or where its grid is a cooked surface without a value.
+    /// or if its grid is a cooked surface without a value there.
     pub fn nearest(&self, entity: Entity, place: Vec3) -> Option<f32> {
         let placed = self.placed(entity)?;
         placed.query().nearest(placed.index(place))
     }
 
     /// The trilinear interpolant at a point in world space. `None` if the entity shows no grid, or
-    /// where its grid is a cooked surface without a value.
+    /// if its grid is a cooked surface without a value there.
     pub fn trilinear(&self, entity: Entity, place: Vec3) -> Option<f32> {
         let placed = self.placed(entity)?;
         placed.query().trilinear(placed.index(place))

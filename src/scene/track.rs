@@ -77,11 +77,11 @@ pub(crate) fn update_states(
     }
 }
 
-/// The reason for a volume with a default handle, which nothing will ever be loaded for.
+/// The reason reported for a volume with a default handle, for which nothing will ever be loaded.
 const NO_FILE: &str = "no file is loaded for it: its handle is the default one, which \
                        AssetServer::load also returns for a path that it refuses";
 
-/// The reason why a grid was not loaded, in the words of Bevy's message, but without what Bevy adds
+/// The reason why a grid was not loaded, in the words of Bevy's message, without Bevy's additions
 /// to errors of loaders.
 fn reason(error: &AssetLoadError) -> String {
     let own = match error {

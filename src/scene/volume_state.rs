@@ -38,13 +38,13 @@ pub enum VdbVolumeState {
     /// [`VdbLoadProgress`](crate::VdbLoadProgress).
     #[default]
     Loading,
-    /// Its grid could not be loaded, for this reason. Bevy has logged it, with the path of the file.
+    /// Its grid could not be loaded, for this reason. Bevy has logged the reason with the file path.
     Failed(String),
     /// Its grids are being uploaded to the GPU, or a pipeline that a camera needs is being
     /// compiled. Until then, the volume is drawn as far as existing pipelines allow.
     Preparing,
     /// It cannot be shown, for this reason: it does not fit the GPU, or its transform is out of
-    /// range. A message says the same, with the name of the grid and the entity.
+    /// range. A log message says the same, with the name of the grid and the entity.
     NotShown(String),
     /// Its grids are on the GPU, but no camera sees it: it is hidden, empty or out of view, the
     /// camera's image has no pixels, or there is no renderer.
@@ -54,7 +54,7 @@ pub enum VdbVolumeState {
 }
 
 impl VdbVolumeState {
-    /// Whether there is nothing left to wait for: the volume is drawn, or will not be unless
+    /// Whether there is nothing left to wait for: the volume is drawn, or will not be drawn unless
     /// something changes.
     pub fn is_settled(&self) -> bool {
         !matches!(self, Self::Loading | Self::Preparing)
@@ -70,7 +70,7 @@ impl VdbVolumeState {
 }
 
 /// An event of a volume's entity, triggered in the frame after the volume first appears on screen,
-/// and again after its grid has been replaced by another; of a [`VdbPlayer`](crate::VdbPlayer), only
+/// and again after its grid has been replaced by another; for a [`VdbPlayer`](crate::VdbPlayer), only
 /// with the first frame of a sequence.
 ///
 /// ```no_run

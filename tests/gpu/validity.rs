@@ -205,6 +205,17 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&["VDB_LIT", "VDB_SURFACES", "VDB_LOCAL_LIGHTS", "VDB_SHADOWS", &filter]]);
     }
     check(&[&["VDB_LIT", "VDB_SURFACES", "DFG_LUT", "VDB_EVEN_LIGHT"]]);
+    // Light probes.
+    for with in subsets(&["VDB_FOGS", "VDB_REFLECTIONS", "VDB_LOCAL_LIGHTS"]) {
+        let lit = ["VDB_LIT", "VDB_SURFACES"];
+        let volumes = ["IRRADIANCE_VOLUME", "IRRADIANCE_VOLUMES_ARE_USABLE"];
+        let arrays = ["MULTIPLE_LIGHT_PROBES_IN_ARRAY", "ENVIRONMENT_MAP"];
+        check(&[&lit, &volumes, &with]);
+        check(&[&lit, &volumes, &arrays[1..], &with]);
+        check(&[&lit, &volumes, &arrays[..1], &with]);
+        check(&[&lit, &arrays, &with]);
+        check(&[&lit, &volumes, &arrays, &with]);
+    }
     // Many volumes, and suns with a size.
     for with in subsets(&["VDB_MANY", "VDB_SOFT_SUNS", "VDB_REFLECTIONS", "VDB_BEAMS"]) {
         check(&[&["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS"], &with, &shadows]);
@@ -323,9 +334,9 @@ fn every_variant_of_the_trace_is_valid() {
     let light_cache = 8 * 8 * 5 + 2 * 16;
     let (filters, many, formats, normals) = (2 + 1, 16, 3 * 3 + 1, 16 + 1);
     let (wide, scaled, accumulated, edges) = (4, 8 * 2, 16, 16);
-    let (colors, ramps) = (8 * 4, 8 * 4 + 1);
+    let (colors, ramps, probes) = (8 * 4, 8 * 4 + 1, 8 * 5);
     let others = filters + many + formats + normals + wide + scaled + accumulated + edges;
-    let others = others + colors + ramps;
+    let others = others + colors + ramps + probes;
     assert_eq!(variants, kinds + light_cache + others);
 }
 

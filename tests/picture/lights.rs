@@ -1,6 +1,7 @@
 //! The same under all lights as a mesh of the same material.
 
 mod lit_fog;
+mod probes;
 
 use std::f64::consts::PI;
 
@@ -30,7 +31,10 @@ struct Pair {
 
 impl Pair {
     fn new(material: VdbMaterial) -> Self {
-        let mut stage = Stage::new();
+        Self::with(Stage::new(), material)
+    }
+
+    fn with(mut stage: Stage, material: VdbMaterial) -> Self {
         let target = stage.target(SIZE);
         let camera = stage.camera(&target, looking(Vec3::new(1.0, 2.0, 6.0)));
         // Fine, so that normals are off by less than sharp highlights show.

@@ -2,7 +2,7 @@
 #define_import_path bevy_vdb::trace::light_list
 
 #import bevy_pbr::clustered_forward::{get_clusterable_object_id, unpack_clusterable_object_index_ranges}
-#import bevy_pbr::clustered_forward::view_fragment_cluster_index
+#import bevy_pbr::clustered_forward::{ClusterableObjectIndexRanges, view_fragment_cluster_index}
 #import bevy_pbr::mesh_view_bindings as bevy
 #import bevy_pbr::mesh_view_types::{DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT}
 #import bevy_pbr::mesh_view_types::{POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT}
@@ -32,20 +32,32 @@ fn view_z(at: vec3<f32>) -> f32 {
     return dot(vec4(m[0].z, m[1].z, m[2].z, m[3].z), vec4(at, 1.0));
 }
 
+// Bevy's cluster of a point on a view ray.
+fn cluster_at(at: ShadingPoint) -> u32 {
+    let is_parallel = bevy::view.clip_from_view[3].w == 1.0;
+    return view_fragment_cluster_index(at.coord, view_z(at.position), is_parallel);
+}
+
 fn lights_at(at: ShadingPoint) -> LightList {
     let suns = bevy::lights.n_directional_lights;
 #ifdef VDB_LOCAL_LIGHTS
     if !at.on_view_ray {
         return LightList(suns, suns + arrayLength(&bevy::clustered_lights.data), NO_CLUSTER);
     }
-    let parallel = bevy::view.clip_from_view[3].w == 1.0;
-    let cluster = view_fragment_cluster_index(at.coord, view_z(at.position), parallel);
-    let ranges = unpack_clusterable_object_index_ranges(cluster);
+    let ranges = unpack_clusterable_object_index_ranges(cluster_at(at));
     let first = ranges.first_point_light_index_offset;
     return LightList(suns, suns + ranges.first_reflection_probe_index_offset - first, first);
 #else
     return LightList(suns, suns, 0u);
 #endif
+}
+
+// Where the light probes are listed that can reach a point: nowhere for reflected points, which are in no cluster.
+fn probes_at(at: ShadingPoint) -> ClusterableObjectIndexRanges {
+    if !at.on_view_ray {
+        return ClusterableObjectIndexRanges();
+    }
+    return unpack_clusterable_object_index_ranges(cluster_at(at));
 }
 
 // Index of a point or spot light in Bevy's list.

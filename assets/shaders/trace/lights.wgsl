@@ -114,12 +114,12 @@ fn environment_light(ray: vec3<f32>) -> EnvironmentLight {
         for (var i = 0u; i < 6u; i++) {
             let sign = select(1.0, -1.0, i >= 3u);
             let axis = select(vec3(0.0), vec3(sign), vec3(0u, 1u, 2u) == vec3(i % 3u));
-            let hemisphere = textureSampleLevel(
-                bevy::diffuse_environment_map,
-                bevy::environment_map_sampler,
-                axis,
-                0.0,
-            ).rgb;
+#ifdef MULTIPLE_LIGHT_PROBES_IN_ARRAY
+            let map = bevy::diffuse_environment_maps[bevy::light_probes.view_cubemap_index];
+#else
+            let map = bevy::diffuse_environment_map;
+#endif
+            let hemisphere = textureSampleLevel(map, bevy::environment_map_sampler, axis, 0.0).rgb;
             mean += hemisphere / 6.0;
             forward += hemisphere * (0.75 * dot(axis, direction));
         }

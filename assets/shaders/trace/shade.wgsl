@@ -5,11 +5,13 @@
 #import bevy_pbr::ambient::ambient_light
 #import bevy_pbr::lighting
 #ifdef ENVIRONMENT_MAP
-#import bevy_pbr::clustered_forward::ClusterableObjectIndexRanges
 #import bevy_pbr::environment_map::environment_map_light
 #endif
+#ifdef IRRADIANCE_VOLUME
+#import bevy_pbr::irradiance_volume::irradiance_volume_light
+#endif
 #import bevy_vdb::trace::illuminance::sun_factor
-#import bevy_vdb::trace::light_list::{ShadingPoint, is_spot, lights_at, local_light}
+#import bevy_vdb::trace::light_list::{ShadingPoint, is_spot, lights_at, local_light, probes_at}
 #import bevy_vdb::trace::segment::Point
 #import bevy_vdb::trace::visibility::visibility
 #import bevy_vdb::view::scene::volumes
@@ -112,10 +114,17 @@ fn shade(
     let residue =
         ambient_light(position, at.normal, view_dir, n_dot_v, black, black, roughness, no_occlusion);
     ambient_specular -= residue;
+    var probes = probes_at(at);
+    var has_irradiance = false;
+#ifdef IRRADIANCE_VOLUME
+    // As in Bevy, it takes the place of diffuse light from environment maps, also where there is none.
+    if at.on_view_ray {
+        diffuse += irradiance_volume_light(at.position, at.normal, &probes) * lighting_input.diffuse_color;
+        has_irradiance = true;
+    }
+#endif
 #ifdef ENVIRONMENT_MAP
-    // Only used by reflection probes, which are not supported.
-    var ranges: ClusterableObjectIndexRanges;
-    let environment = environment_map_light(&lighting_input, &ranges, false);
+    let environment = environment_map_light(&lighting_input, &probes, has_irradiance);
     diffuse += environment.diffuse;
     ambient_specular += environment.specular;
 #endif

@@ -26,7 +26,7 @@ pub struct RampStop {
 }
 
 /// A transfer function: extinction, albedo and emission are each linear between stops, and constant
-/// beyond the first and the last one. Where two stops have the same value, it jumps.
+/// beyond the first and last stops. Where two stops have the same value, the function jumps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ramp {
     stops: Vec<RampStop>,
@@ -49,7 +49,7 @@ impl Ramp {
         &self.stops
     }
 
-    /// The properties at a value; at a jump, those after it.
+    /// The properties at a value; at a jump, the properties after it.
     pub fn at(&self, value: f64) -> RampPoint {
         let after = self.stops.partition_point(|stop| f64::from(stop.value) <= value);
         let high = self.stops[after.min(self.stops.len() - 1)];
@@ -64,8 +64,8 @@ impl Ramp {
         self.stops.iter().map(|stop| stop.extinction).fold(0.0, f32::max)
     }
 
-    /// The differences of the properties between both ends of an interval in which they are linear; 0
-    /// if there is a stop in it. With a mean in the middle, no property is negative.
+    /// The differences of the properties between the ends of an interval in which they are linear; 0 if
+    /// the interval contains a stop. Around the mean in the middle, no property becomes negative.
     fn slope(&self, low: f64, high: f64, mean: &[f64; 7]) -> [f64; 7] {
         if self.stops.iter().any(|stop| low < f64::from(stop.value) && f64::from(stop.value) < high)
         {
@@ -125,7 +125,7 @@ fn numbers(optics: &RampPoint) -> [f64; 7] {
 /// the peaks that the stretch crosses. (K. Engel, M. Kraus and T. Ertl, "High-quality pre-integrated
 /// volume rendering using hardware-accelerated pixel shading", 2001, section 4.2.) The range of the
 /// stops is divided into [`ENTRIES`](Self::ENTRIES) equal entries, each of which has the exact means
-/// of its properties. Within an entry they are taken for linear or, if there is a stop inside, for
+/// of its properties. Within an entry, they are assumed to be linear or, if there is a stop inside,
 /// constant. One more entry on each side stands for all values beyond.
 ///
 /// Twin: `assets/shaders/traversal/ramps.wgsl`.
@@ -139,9 +139,9 @@ pub struct RampTable {
 }
 
 impl RampTable {
-    /// The entries between the first and the last stop.
+    /// The number of entries between the first and the last stop.
     pub const ENTRIES: u32 = 1024;
-    /// The texels of a row: all entries.
+    /// The number of texels in a row: all entries.
     pub const WIDTH: u32 = Self::ENTRIES + 2;
     /// The number of rows.
     pub const ROWS: u32 = 6;
@@ -188,7 +188,7 @@ impl RampTable {
 
     /// [`ROWS`](Self::ROWS) rows of [`WIDTH`](Self::WIDTH) texels: means of scattering and extinction
     /// over each entry, sums of the means of all entries before it, and differences between the end
-    /// and the beginning of each entry; then the same of emission.
+    /// and the beginning of each entry; then the same for emission.
     pub fn rows(&self) -> &[[f32; 4]] {
         &self.rows
     }

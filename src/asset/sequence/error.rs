@@ -8,19 +8,19 @@ use super::frames::MOST_FRAMES;
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum VdbSequenceError {
-    /// A pattern has no place for the number of the frame.
+    /// A pattern has no placeholder for the frame number.
     #[error(
         "'{0}' has no place for the number of the frame; write `#` for each of its digits, as in \
          `fire_####.vdb`"
     )]
     NoPlace(String),
-    /// A pattern has several places for the number of the frame.
+    /// A pattern has several placeholders for the frame number.
     #[error(
         "'{0}' has more than one place for the number of the frame; keep the one in the name of \
          the file that counts frames"
     )]
     SeveralPlaces(String),
-    /// The number of the frame is in the name of a folder, or its width is out of range.
+    /// The placeholder is in the name of a folder, or its width is out of range.
     #[error(
         "'{0}' cannot be counted: the number of the frame must be in the name of the file, and \
          have at most 15 digits"
@@ -52,13 +52,13 @@ pub enum VdbSequenceError {
         "the sequence has only one of `first` and `last`; give both, or neither to list the folder"
     )]
     HalfRange,
-    /// The rate is no rate.
+    /// The rate is out of range.
     #[error("rate is {0}; it must be more than 0 and at most 1,000 frames per second")]
     Rate(f32),
     /// The file is too large to be a description of a sequence.
     #[error("a .vdbseq file has at most {0} bytes; this one is something else")]
     Size(usize),
-    /// The file is no text in UTF-8.
+    /// The file is not UTF-8 text.
     #[error("a .vdbseq file is text in UTF-8; this one is something else")]
     Text,
     /// The file could not be read.
@@ -74,7 +74,7 @@ pub enum VdbSequenceError {
         line: usize,
         /// The column, from 1.
         column: usize,
-        /// What the parser says.
+        /// The parser's message.
         problem: String,
     },
     /// A value in the file is out of range.
@@ -82,7 +82,7 @@ pub enum VdbSequenceError {
     Value {
         /// The line, from 1.
         line: usize,
-        /// What is wrong with the value.
+        /// The problem with the value.
         problem: Box<VdbSequenceError>,
     },
 }

@@ -6,18 +6,18 @@ use serde::{Deserialize, Serialize};
 
 use crate::VdbLoaderSettings;
 
-/// The most frames of a sequence: an hour at 24 frames per second, and some.
+/// The largest number of frames in a sequence: a little over an hour at 24 frames per second.
 pub(super) const MOST_FRAMES: u64 = 100_000;
 
 /// Frames per second, unless a sequence says otherwise.
 pub(crate) const DEFAULT_RATE: f32 = 24.0;
 
-/// Whether frames can be shown at a rate.
+/// Whether a frame rate is valid.
 pub(crate) fn is_rate(rate: f32) -> bool {
     rate > 0.0 && rate <= 1_000.0
 }
 
-/// A sequence of files, a frame each, for a [`VdbPlayer`](crate::VdbPlayer).
+/// A sequence of files, one per frame, for a [`VdbPlayer`](crate::VdbPlayer).
 ///
 /// It comes from a `.vdbseq` file (`asset_server.load("fire/fire.vdbseq")`), from a pattern or a
 /// folder ([`VdbAssetServerExt`](crate::VdbAssetServerExt)), or from code:
@@ -32,18 +32,18 @@ pub(crate) fn is_rate(rate: f32) -> bool {
 /// }
 /// ```
 ///
-/// A sequence lists files and holds none of them in memory. Frames are shown at the time of their
-/// number: where numbers are left out, the frame before the gap is shown for longer.
+/// A sequence lists files and holds none of them in memory. A frame's number determines its time: the
+/// frame before a gap in the numbers is shown for longer.
 #[derive(Asset, Clone, Debug, PartialEq, TypePath)]
 pub struct VdbSequence {
-    /// By number, without duplicates.
+    /// In order of number, without duplicates.
     frames: Vec<VdbFrame>,
     /// Frames per second. More than 0 and at most 1,000; 24 by default.
     pub rate: f32,
     /// What comes after the last frame.
     pub repeat: VdbRepeat,
-    /// The settings with which frames are loaded. `None`, the default, are those of the loader or
-    /// of the `.meta` files beside the frames.
+    /// The settings for loading frames. `None`, the default, uses those of the loader or of the
+    /// `.meta` files beside the frames.
     pub settings: Option<VdbLoaderSettings>,
 }
 
@@ -52,7 +52,7 @@ pub struct VdbSequence {
 pub struct VdbFrame {
     /// The number of the frame.
     pub number: u64,
-    /// The file, which is loaded as a [`VdbFile`](crate::VdbFile).
+    /// The file, loaded as a [`VdbFile`](crate::VdbFile).
     pub path: AssetPath<'static>,
 }
 
@@ -65,8 +65,8 @@ pub enum VdbRepeat {
     /// The first frame.
     #[default]
     Loop,
-    /// The frames in reverse, and then forwards again. The first and the last frame are shown once
-    /// on each turn.
+    /// The frames in reverse, and then forwards again. At each turn, the first or last frame is shown
+    /// once.
     PingPong,
 }
 
@@ -78,8 +78,8 @@ impl VdbFrame {
 }
 
 impl VdbSequence {
-    /// A sequence of frames in any order, in a loop at 24 frames per second. Of several frames with
-    /// one number, the first is kept.
+    /// A sequence from frames in any order, in a loop at 24 frames per second. If several frames have
+    /// the same number, the first is kept.
     pub fn new(frames: impl IntoIterator<Item = VdbFrame>) -> Self {
         let mut frames: Vec<_> = frames.into_iter().collect();
         frames.sort_by_key(|frame| frame.number);
@@ -99,14 +99,13 @@ impl VdbSequence {
         self
     }
 
-    /// Changes the settings with which frames are loaded. Only loaders with [`VdbLoaderSettings`]
-    /// take them.
+    /// Changes the settings for loading frames. Only loaders with [`VdbLoaderSettings`] use them.
     pub fn with_settings(mut self, settings: VdbLoaderSettings) -> Self {
         self.settings = Some(settings);
         self
     }
 
-    /// The frames, by number.
+    /// The frames, in order of number.
     pub fn frames(&self) -> &[VdbFrame] {
         &self.frames
     }
@@ -116,7 +115,7 @@ impl VdbSequence {
         Some((self.frames.first()?.number, self.frames.last()?.number))
     }
 
-    /// The index of the frame with a number, or of the last one before it, or of the first one.
+    /// The index of the frame with a number, else of the last one before it, else of the first frame.
     pub(crate) fn index_at(&self, number: u64) -> usize {
         self.frames.partition_point(|frame| frame.number <= number).saturating_sub(1)
     }

@@ -13,18 +13,18 @@ use super::error::VdbSequenceError;
 use super::frames::{MOST_FRAMES, VdbFrame, VdbSequence};
 use super::pattern::{EXTENSIONS, Pattern, Series, has_place, is_frame, series};
 
-/// Loads sequences: a trait of [`AssetServer`].
+/// Loads sequences: an extension trait for [`AssetServer`].
 pub trait VdbAssetServerExt {
-    /// Loads the sequence of all files with a pattern, `"fire/fire_####.vdb"`, or of those in a
+    /// Loads the sequence of all files that match a pattern, `"fire/fire_####.vdb"`, or that are in a
     /// folder, `"fire"`.
     ///
-    /// The place of the number is written as `####`, `%04d` or Houdini's `$F4`, in the name of the
-    /// file. In a folder, the last digits of a name are the number of the frame; where the folder
-    /// has several series of files, the longest is loaded, and a message says so.
+    /// The placeholder for the frame number is `####`, `%04d` or Houdini's `$F4`, in the file name. In
+    /// a folder, the last digits of a name are the frame number; if the folder has several series of
+    /// files, the longest is loaded, and a message says so.
     ///
     /// This takes a string and not an asset path, in which `#` would begin a label. The folder is
-    /// listed in the background, by the reader of its asset source; `"remote://fire"` names one.
-    /// A source that cannot list folders, such as one on the web, needs a `.vdbseq` file with
+    /// listed in the background, by the reader of its asset source; `"remote://fire"` names another
+    /// source. A source that cannot list folders, such as one on the web, needs a `.vdbseq` file with
     /// the numbers of the first and the last frame.
     ///
     /// ```no_run
@@ -46,7 +46,7 @@ impl VdbAssetServerExt for AssetServer {
     }
 }
 
-/// The sequence with a pattern or in a folder.
+/// The sequence that matches a pattern or is in a folder.
 async fn found(server: &AssetServer, path: &str) -> Result<VdbSequence, VdbSequenceError> {
     let shown = || escaped(path).to_string();
     let (source, path) = match path.split_once("://") {
@@ -87,7 +87,7 @@ pub(super) async fn matching(
     if frames.is_empty() { Err(no_frames(folder, pattern.shown())) } else { Ok(frames) }
 }
 
-/// A file in a folder. Unlike `AssetPath::resolve`, this has no meaning for `#` and `..`.
+/// The path of a file in a folder. Unlike `AssetPath::resolve`, this does not interpret `#` and `..`.
 pub(super) fn within(folder: &AssetPath<'static>, name: &str) -> AssetPath<'static> {
     AssetPath::from_path_buf(folder.path().join(name)).with_source(folder.source().clone_owned())
 }

@@ -11,7 +11,7 @@ use super::frames::{VdbFrame, VdbSequence};
 use super::list::{matching, within};
 use super::text::Description;
 
-/// The most bytes of a file.
+/// The largest size of a file in bytes.
 const MOST_BYTES: usize = 1 << 16;
 
 /// Loads `.vdbseq` files as [`VdbSequence`]s. Registered by
@@ -20,8 +20,8 @@ const MOST_BYTES: usize = 1 << 16;
 #[derive(Clone, TypePath)]
 #[type_path = "bevy_vdb"]
 pub struct VdbSequenceLoader {
-    /// The server that lists folders. It holds this loader, so that a strong reference would keep
-    /// both for ever.
+    /// The server that lists folders. It holds this loader, so a strong reference would keep both
+    /// alive forever.
     server: Weak<AssetServer>,
 }
 

@@ -1,4 +1,4 @@
-//! Sequences of files as assets: smoke, fire or water, a file per frame.
+//! Sequences of files as assets: smoke, fire or water, with one file per frame.
 
 mod error;
 mod frames;

@@ -1,25 +1,25 @@
-//! Names of frames: patterns with a place for the number, and the series in a folder.
+//! Names of frames: patterns with a placeholder for the number, and the series in a folder.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::error::VdbSequenceError;
 
-/// The most digits of a number, so that seconds and frames of it are exact in an f64.
+/// The largest number of digits, so that frame numbers and times are exact in f64.
 const MOST_DIGITS: usize = 15;
 
-/// The extensions of files that are frames, for folders without a pattern.
+/// The extensions of frame files, for folders without a pattern.
 pub(super) const EXTENSIONS: &[&str] = &["vdb", "nvdb", COOKED];
 
 /// The extension of cooked files.
 const COOKED: &str = vdb_core::cooked::EXTENSION;
 
-/// The name of a file with a place for the number of the frame: `fire_####.vdb`, `fire_%04d.vdb` or
+/// The name of a file with a placeholder for the frame number: `fire_####.vdb`, `fire_%04d.vdb` or
 /// Houdini's `fire.$F4.vdb`.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Pattern {
     before: String,
-    /// The least number of digits; missing ones are zeros.
+    /// The minimum number of digits, padded with zeros.
     digits: usize,
     after: String,
 }
@@ -40,7 +40,7 @@ impl Pattern {
         Ok(Self { before, digits, after })
     }
 
-    /// The pattern with `#` for digits, for messages.
+    /// The pattern with `#` for each digit, for messages.
     pub fn shown(&self) -> String {
         format!("{}{}{}", self.before, "#".repeat(self.digits), self.after)
     }
@@ -50,7 +50,7 @@ impl Pattern {
         format!("{}{number:0width$}{}", self.before, self.after, width = self.digits)
     }
 
-    /// The number of the frame with a name; `None` if it is no frame of the pattern.
+    /// The number of the frame with a name; `None` if the name does not match the pattern.
     pub fn number(&self, name: &str) -> Option<u64> {
         let digits = name.strip_prefix(&*self.before)?.strip_suffix(&*self.after)?;
         number(digits).filter(|number| self.name(*number) == name)
@@ -62,12 +62,12 @@ pub(super) fn is_frame(name: &str) -> bool {
     name.rsplit_once('.').is_some_and(|(_, extension)| EXTENSIONS.contains(&extension))
 }
 
-/// Whether a name has a place for the number of the frame.
+/// Whether a name has a placeholder for the frame number.
 pub(super) fn has_place(name: &str) -> bool {
     !places(name).is_empty()
 }
 
-/// The places for the number in a name, each with its start, its end and its number of digits.
+/// The placeholders for the number in a name, each with its start, its end and its number of digits.
 fn places(name: &str) -> Vec<(usize, usize, usize)> {
     let (mut places, mut at) = (Vec::new(), 0);
     while let Some(rest) = name.get(at..).filter(|rest| !rest.is_empty()) {
@@ -82,7 +82,7 @@ fn places(name: &str) -> Vec<(usize, usize, usize)> {
     places
 }
 
-/// The length of a place at the start of a text, and its number of digits.
+/// The length of a placeholder at the start of a text, and its number of digits.
 fn place(text: &str) -> Option<(usize, usize)> {
     let leading = |text: &str, is: fn(char) -> bool| text.chars().take_while(|c| is(*c)).count();
     // A width without digits is 1, and one with too many is refused as too wide.
@@ -109,7 +109,7 @@ fn number(digits: &str) -> Option<u64> {
     if is_number && significant <= MOST_DIGITS { digits.parse().ok() } else { None }
 }
 
-/// The files of a folder that belong together: names that differ in their last number only.
+/// Files of a folder that belong together: their names differ only in their last number.
 #[derive(Debug, PartialEq)]
 pub(super) struct Series {
     /// The name with `#` for the number.
@@ -118,8 +118,8 @@ pub(super) struct Series {
     pub frames: Vec<(u64, String)>,
 }
 
-/// The series among the names of files, the longest first; where they are equally long, those of
-/// cooked files first, and then by name.
+/// The series among file names, the longest first; of equally long ones, those of cooked files come
+/// first, and then they are sorted by name.
 pub(super) fn series(names: impl IntoIterator<Item = String>) -> Vec<Series> {
     let mut all: BTreeMap<(String, String), Vec<(u64, String)>> = BTreeMap::new();
     for name in names {

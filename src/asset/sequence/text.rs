@@ -10,10 +10,10 @@ use super::frames::{DEFAULT_RATE, MOST_FRAMES, VdbRepeat, is_rate};
 use super::pattern::Pattern;
 use crate::VdbLoaderSettings;
 
-/// The largest number of a frame.
+/// The largest frame number.
 const LAST_NUMBER: u64 = 999_999_999_999_999;
 
-/// A `.vdbseq` file as it is written.
+/// A `.vdbseq` file as written.
 #[derive(Deserialize)]
 // The name is in messages.
 #[serde(rename = "VdbSequence", deny_unknown_fields)]

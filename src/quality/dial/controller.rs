@@ -4,8 +4,8 @@
 /// Marks on the dial.
 pub(super) const MARKS: usize = 8;
 
-/// The assumed cost of each mark relative to the first, before measurements: that of lit fog, for
-/// which the marks differ most.
+/// The assumed cost of each mark relative to the first before any measurement: the cost for lit fog,
+/// for which the marks differ most.
 const PRIOR: [f32; MARKS] = [1.0, 0.3, 0.2, 0.1, 0.06, 0.03, 0.018, 0.01];
 
 /// The last mark, which is the fastest.
@@ -17,22 +17,22 @@ const BEST_OVER_BUDGET: usize = 1;
 
 /// The number of frames after a change whose times belong to earlier frames.
 const LATENCY: usize = 4;
-/// The number of frames whose median counts: after a change, and for detecting a cut.
+/// The number of frames whose median is used after a change and to detect a cut.
 const WINDOW: usize = 3;
 const CUT_WINDOW: usize = 5;
-/// The number of frames after a cut in which the dial may move to better marks, and in which it may
-/// move in either direction.
+/// The number of frames after a cut during which the dial may move to better marks, and during which
+/// it may move in either direction.
 const UPWARDS: usize = 18;
 const SEARCH: usize = 24;
-/// The fraction of the budget that a mark may be expected to take in order to be chosen.
+/// The largest expected fraction of the budget at which a mark is chosen.
 const AIM: f32 = 0.85;
-/// The fraction of the budget that a chosen mark may turn out to take.
+/// The largest measured fraction of the budget at which a chosen mark is kept.
 const FITS: f32 = 0.97;
 /// The fraction of the budget below which the next better mark is tried once, whatever its expected
 /// time.
 const SPARE: f32 = 0.5;
-/// The ratios by which frames near the budget must become slower, or any frames faster, to count as
-/// a cut.
+/// The ratios by which frames near the budget must slow down, or any frames speed up, to count as a
+/// cut.
 const LONGER: f32 = 1.15;
 const SHORTER: f32 = 1.3;
 /// Slow growth is detected from the mean of this many frames, if it exceeds the budget and the
@@ -47,8 +47,8 @@ const ALLOWANCE: f32 = 1.35;
 /// Frames until an unreachable budget is tried again, initially and at most, doubling with each
 /// failure.
 const RETRY: (u32, u32) = (128, 4096);
-/// The factor by which a better mark may have exceeded the allowance and still be measured again
-/// when quality is restored.
+/// The factor by which a better mark may have exceeded the allowance and still be remeasured when
+/// quality is restored.
 const DOUBT: f32 = 1.2;
 /// Times after a change are collected until their relative spread is at most this times the square
 /// root of their number, so noisy times are averaged over more frames.
@@ -160,7 +160,7 @@ impl Controller {
         self.mark
     }
 
-    /// The median of the latest times, once there are enough for their noise.
+    /// The median of the latest times, once there are enough to average out their noise.
     fn steady(&self) -> Option<f32> {
         let median = self.median(self.times.len().max(WINDOW))?;
         let count = self.times.len() as f32;

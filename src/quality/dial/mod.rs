@@ -14,8 +14,8 @@ use controller::{Controller, MARKS};
 /// Adjusts the [`VdbQuality`] of a camera automatically. Sets the fog steps, `fog_light_error`,
 /// `fog_slabs` and `resolution` along the measured time–error front, and leaves other settings alone.
 ///
-/// In every frame the dial overrides whatever else sets these, such as a preset. To return to a
-/// preset, remove the dial:
+/// In every frame, the dial overrides these settings, whatever else sets them, such as a preset. To
+/// return to a preset, remove the dial:
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -41,8 +41,8 @@ pub enum VdbDial {
         /// Milliseconds. More than 0.
         frame_ms: f32,
     },
-    /// The fastest settings whose errors stay within this many pixels: rays are no further apart,
-    /// and fog steps no longer than that at the near side of the nearest volume.
+    /// The fastest settings whose errors stay within this many pixels: rays are no further apart, and
+    /// fog steps are no longer at the near side of the nearest volume.
     MaxError {
         /// 0 or more.
         pixels: f32,

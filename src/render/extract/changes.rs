@@ -4,6 +4,7 @@
 use bevy::asset::AssetEvent;
 use bevy::ecs::entity::EntityHashMap;
 use bevy::ecs::system::SystemParam;
+use bevy::light::{IrradianceVolume, ParallaxCorrection};
 use bevy::mesh::morph::MeshMorphWeights;
 use bevy::mesh::skinning::SkinnedMesh;
 use bevy::pbr::DistanceFog;
@@ -46,6 +47,11 @@ type MeshData<'a> = (
     (&'a Mesh3d, Option<&'a MeshMorphWeights>),
     (&'a GlobalTransform, &'a InheritedVisibility),
 );
+type ProbeData<'a> = (
+    (Entity, &'a LightProbe, Option<&'a ParallaxCorrection>),
+    (Option<&'a EnvironmentMapLight>, Option<&'a IrradianceVolume>),
+    (&'a GlobalTransform, &'a InheritedVisibility),
+);
 type Surroundings<'a> =
     (Entity, Option<&'a EnvironmentMapLight>, Option<&'a AmbientLight>, Option<&'a DistanceFog>);
 
@@ -58,6 +64,7 @@ pub(crate) struct Scene<'w, 's> {
     skins: Query<'w, 's, &'static SkinnedMesh>,
     moved: Query<'w, 's, (), Changed<GlobalTransform>>,
     cameras: Query<'w, 's, Surroundings<'static>, With<Camera3d>>,
+    probes: Query<'w, 's, ProbeData<'static>>,
     ambient: Option<Res<'w, GlobalAmbientLight>>,
     events: (
         MessageReader<'w, 's, AssetEvent<VdbGrid>>,
@@ -107,7 +114,8 @@ pub(crate) fn extract_changes(
         lights |= known.differs(entity, (kind, place));
     }
     let cameras: Vec<_> = scene.cameras.iter().collect();
-    let now = hash_of(&(cameras, scene.ambient.as_deref()));
+    let probes: Vec<_> = scene.probes.iter().collect();
+    let now = hash_of(&(cameras, probes, scene.ambient.as_deref()));
     lights |= std::mem::replace(&mut *around, now) != now;
     let mut casters = meshes_gone + mesh_events > 0;
     for (entity, shape, place) in &scene.meshes {

@@ -2,6 +2,7 @@
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
+use bevy::light::{IrradianceVolume, ParallaxCorrection};
 use bevy::mesh::morph::MeshMorphWeights;
 use bevy::pbr::{DistanceFog, FogFalloff};
 use bevy::prelude::*;
@@ -63,6 +64,8 @@ hash_fields! {
     EnvironmentMapLight {
         diffuse_map, specular_map, intensity, rotation, affects_lightmapped_mesh_diffuse
     }
+    IrradianceVolume { voxels, intensity, affects_lightmapped_meshes }
+    LightProbe { falloff }
     AmbientLight { color, brightness, affects_lightmapped_meshes }
     GlobalAmbientLight { color, brightness, affects_lightmapped_meshes }
     DistanceFog { color, directional_light_color, directional_light_exponent, falloff }
@@ -143,6 +146,16 @@ impl HashValue for FogFalloff {
     }
 }
 
+impl HashValue for ParallaxCorrection {
+    fn add_to(&self, hasher: &mut DefaultHasher) {
+        std::mem::discriminant(self).hash(hasher);
+        match self {
+            Self::None | Self::Auto => {}
+            Self::Custom(bounds) => bounds.add_to(hasher),
+        }
+    }
+}
+
 impl<T: HashValue> HashValue for &T {
     fn add_to(&self, hasher: &mut DefaultHasher) {
         T::add_to(self, hasher);
@@ -197,6 +210,8 @@ mod tests {
             *image = uuid_handle!("6b1c8f62-9b53-4b1c-8b0f-4d3a1f6f2a01");
         } else if let Some(rotation) = field.try_downcast_mut::<Quat>() {
             *rotation = Quat::from_rotation_y(0.5);
+        } else if let Some(falloff) = field.try_downcast_mut::<Vec3>() {
+            *falloff = Vec3::new(0.0, 0.5, 0.0);
         } else if let Some(falloff) = field.try_downcast_mut::<FogFalloff>() {
             *falloff = FogFalloff::Exponential { density: 0.25 };
         } else {
@@ -226,6 +241,8 @@ mod tests {
         each_field_counts(&PointLight::default());
         each_field_counts(&SpotLight::default());
         each_field_counts(&EnvironmentMapLight::default());
+        each_field_counts(&LightProbe::default());
+        each_field_counts(&IrradianceVolume::default());
         each_field_counts(&AmbientLight::default());
         each_field_counts(&GlobalAmbientLight::default());
         each_field_counts(&DistanceFog::default());
@@ -255,6 +272,12 @@ mod tests {
             falloffs.extend([atmospheric(axis, Vec3::ZERO), atmospheric(Vec3::ZERO, axis)]);
         }
         all_differ(&falloffs);
+        all_differ(&[
+            ParallaxCorrection::None,
+            ParallaxCorrection::Auto,
+            ParallaxCorrection::Custom(Vec3::ONE),
+            ParallaxCorrection::Custom(Vec3::X),
+        ]);
         let weights = |weights: &[f32]| MeshMorphWeights::Value { weights: weights.to_vec() };
         let mut world = World::new();
         let [one, two] = [(); 2].map(|()| world.spawn_empty().id());

@@ -1,21 +1,25 @@
 //! Bind groups of the lights of a view: the buffers, shadow maps and environment maps that Bevy has
 //! prepared, under the binding numbers of `bevy_pbr::mesh_view_bindings`.
 
+use std::num::NonZeroU32;
+
 use bevy::ecs::query::QueryData;
 use bevy::ecs::system::SystemParam;
+use bevy::light::IrradianceVolume;
 use bevy::pbr::{
-    DfgLut, FogMeta, GlobalClusterableObjectMeta, LightMeta, LightProbesBuffer, MeshPipeline,
-    MeshPipelineViewLayoutKey, ShadowSamplers, ViewClusterBindings, ViewFogUniformOffset,
-    ViewLightProbesUniformOffset, ViewLightsUniformOffset, ViewShadowBindings,
+    DfgLut, FogMeta, GlobalClusterableObjectMeta, LightMeta, LightProbesBuffer,
+    MAX_VIEW_LIGHT_PROBES, MeshPipeline, MeshPipelineViewLayoutKey, RenderViewLightProbes,
+    ShadowSamplers, ViewClusterBindings, ViewFogUniformOffset, ViewLightProbesUniformOffset,
+    ViewLightsUniformOffset, ViewShadowBindings,
 };
 use bevy::prelude::*;
 use bevy::render::globals::GlobalsBuffer;
 use bevy::render::render_asset::RenderAssets;
-use bevy::render::render_resource::binding_types::{sampler, texture_cube};
+use bevy::render::render_resource::binding_types::{sampler, texture_3d, texture_cube};
 use bevy::render::render_resource::{
-    BindGroup, BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries,
-    DynamicBindGroupEntries, PipelineCache, SamplerBindingType, ShaderStages, TextureSampleType,
-    TextureView,
+    BindGroup, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntryBuilder,
+    DynamicBindGroupEntries, DynamicBindGroupLayoutEntries, PipelineCache, SamplerBindingType,
+    ShaderStages, TextureSampleType, TextureView,
 };
 use bevy::render::renderer::RenderDevice;
 use bevy::render::texture::{FallbackImage, GpuImage};
@@ -52,7 +56,10 @@ const FOG: u32 = 13;
 pub(super) struct LightLayouts {
     /// Without and with shadow maps, each without and with distance fog.
     lights: [[BindGroupLayoutDescriptor; 2]; 2],
-    environment: BindGroupLayoutDescriptor,
+    /// Without and with [`Around::maps`], [`Around::volumes`] and [`Around::arrays`].
+    around: [[[BindGroupLayoutDescriptor; 2]; 2]; 2],
+    /// Whether shaders can index arrays of textures.
+    has_arrays: bool,
     nothing: BindGroupLayoutDescriptor,
     has_table: bool,
 }
@@ -74,15 +81,13 @@ impl LightLayouts {
             entries.iter_mut().for_each(|entry| entry.visibility = ShaderStages::COMPUTE);
             BindGroupLayoutDescriptor { label: "vdb_lights".into(), entries }
         };
-        let cube = || texture_cube(TextureSampleType::Float { filterable: true });
-        let environment = BindGroupLayoutEntries::sequential(
-            ShaderStages::COMPUTE,
-            (cube(), cube(), sampler(SamplerBindingType::Filtering)),
-        );
         let both = [false, true];
         Self {
             lights: both.map(|shadows| both.map(|fog| lights(shadows, fog))),
-            environment: BindGroupLayoutDescriptor::new("vdb_environment", &environment),
+            around: both.map(|maps| {
+                both.map(|volumes| both.map(|arrays| Around { maps, volumes, arrays }.layout()))
+            }),
+            has_arrays: meshes.binding_arrays_are_usable,
             nothing: empty_layout(),
             has_table,
         }
@@ -93,12 +98,22 @@ impl LightLayouts {
         if !features.contains(Features::LIGHT) {
             return [&self.nothing; 2];
         }
-        let has_maps = features.contains(Features::ENVIRONMENT);
+        let Around { maps, volumes, arrays } = self.around(features);
         let lights = &self.lights[usize::from(features.contains(Features::SHADOWS))];
         [
             &lights[usize::from(features.contains(Features::DISTANCE_FOG))],
-            if has_maps { &self.environment } else { &self.nothing },
+            &self.around[usize::from(maps)][usize::from(volumes)][usize::from(arrays)],
         ]
+    }
+
+    /// What is bound of the light around a view.
+    fn around(&self, features: Features) -> Around {
+        let probes = Features::REFLECTION_PROBES;
+        Around {
+            maps: features.intersects(Features::ENVIRONMENT | probes),
+            volumes: features.contains(Features::IRRADIANCE_VOLUMES),
+            arrays: self.has_arrays && features.intersects(probes | Features::IRRADIANCE_VOLUMES),
+        }
     }
 
     /// The layouts of Bevy's groups, then that of the crate's own group.
@@ -131,9 +146,59 @@ impl LightLayouts {
             octaves.then_some("VDB_OCTAVES"),
             even.then_some("VDB_EVEN_LIGHT"),
             (is_lit && self.has_table).then_some("DFG_LUT"),
+            (is_lit && self.around(key.features).arrays)
+                .then_some("MULTIPLE_LIGHT_PROBES_IN_ARRAY"),
         ];
         defs.into_iter().flatten().map(ShaderDefVal::from)
     }
+}
+
+/// What is bound of the light around a view, in Bevy's group 1.
+#[derive(Clone, Copy, Debug)]
+struct Around {
+    /// Environment maps: of the view, and in arrays also of reflection probes.
+    maps: bool,
+    /// Irradiance volumes; one, unless in arrays.
+    volumes: bool,
+    /// Whether there are arrays of maps and volumes, which not all GPUs can index.
+    arrays: bool,
+}
+
+impl Around {
+    fn layout(self) -> BindGroupLayoutDescriptor {
+        let float = TextureSampleType::Float { filterable: true };
+        let count = NonZeroU32::new(MAX_VIEW_LIGHT_PROBES as u32).filter(|_| self.arrays);
+        let many = |texture: BindGroupLayoutEntryBuilder| match count {
+            Some(count) => texture.count(count),
+            None => texture,
+        };
+        let mut entries = DynamicBindGroupLayoutEntries::new(ShaderStages::COMPUTE);
+        if self.maps {
+            entries = entries.extend_with_indices((
+                (0, many(texture_cube(float))),
+                (1, many(texture_cube(float))),
+                (2, sampler(SamplerBindingType::Filtering)),
+            ));
+        }
+        if self.volumes {
+            entries = entries.extend_with_indices((
+                (3, many(texture_3d(float))),
+                (4, sampler(SamplerBindingType::Filtering)),
+            ));
+        }
+        BindGroupLayoutDescriptor::new("vdb_surroundings", &entries)
+    }
+}
+
+/// The textures of an array, of which Bevy's shaders read those that are there: padded, as DirectX and Metal require.
+fn padded<'a>(
+    ids: impl Iterator<Item = AssetId<Image>>,
+    images: &'a RenderAssets<GpuImage>,
+    fallback: &'a GpuImage,
+) -> Vec<&'a wgpu::TextureView> {
+    let loaded = ids.map(|id| images.get(id).unwrap_or(fallback));
+    let all = loaded.chain(std::iter::repeat(fallback)).take(MAX_VIEW_LIGHT_PROBES);
+    all.map(|image| &*image.texture_view).collect()
 }
 
 /// The bind groups of Bevy's groups, with the dynamic offsets of a view.
@@ -152,6 +217,8 @@ pub(super) struct ViewLights {
     shadows: &'static ViewShadowBindings,
     clusters: &'static ViewClusterBindings,
     environment: Option<&'static ExtractedEnvironment>,
+    reflection_probes: Option<&'static RenderViewLightProbes<EnvironmentMapLight>>,
+    irradiance_volumes: Option<&'static RenderViewLightProbes<IrradianceVolume>>,
     fog: Option<&'static ViewFogUniformOffset>,
 }
 
@@ -182,9 +249,10 @@ impl AllLights<'_> {
         device: &RenderDevice,
         cache: &PipelineCache,
     ) -> Option<LightBindGroups> {
+        let group_layouts =
+            layouts.groups(features).map(|layout| cache.get_bind_group_layout(layout));
         let group = |i: usize, entries: &[_]| {
-            let layout = cache.get_bind_group_layout(layouts.groups(features)[i]);
-            device.create_bind_group("vdb_lights", &layout, entries)
+            device.create_bind_group("vdb_lights", &group_layouts[i], entries)
         };
         if !features.contains(Features::LIGHT) {
             return Some(LightBindGroups {
@@ -192,7 +260,9 @@ impl AllLights<'_> {
                 offsets: Vec::new(),
             });
         }
-        let &ViewLightsItem { view, lights, probes, shadows, clusters, environment, fog } = view?;
+        let around =
+            self.bind_around(layouts.around(features), view?, &group_layouts[1], device)?;
+        let &ViewLightsItem { view, lights, probes, shadows, clusters, fog, .. } = view?;
         let mut offsets = vec![view.offset, lights.offset, **probes];
         let mut entries = DynamicBindGroupEntries::new_with_indices((
             (0, self.views.uniforms.binding()?),
@@ -223,19 +293,54 @@ impl AllLights<'_> {
             entries = entries
                 .extend_with_indices(((TABLE[0], &image.texture_view), (TABLE[1], &image.sampler)));
         }
-        let maps = if features.contains(Features::ENVIRONMENT) {
-            let maps = environment?;
-            let (diffuse, specular) =
-                (self.images.get(maps.diffuse)?, self.images.get(maps.specular)?);
-            let maps = BindGroupEntries::sequential((
-                &diffuse.texture_view,
-                &specular.texture_view,
-                &diffuse.sampler,
-            ));
-            group(1, &maps)
-        } else {
-            group(1, &[])
+        Some(LightBindGroups { groups: [group(0, &entries), around], offsets })
+    }
+
+    /// The bind group of the light around a view. `None` until Bevy has prepared it.
+    fn bind_around(
+        &self,
+        bound: Around,
+        view: &ViewLightsItem,
+        layout: &BindGroupLayout,
+        device: &RenderDevice,
+    ) -> Option<BindGroup> {
+        let images = &*self.images;
+        let first_sampler = |image: Option<&AssetId<Image>>| {
+            let image = image.and_then(|id| images.get(*id));
+            &image.unwrap_or(&self.fallback.cube).sampler
         };
-        Some(LightBindGroups { groups: [group(0, &entries), maps], offsets })
+        let (diffuse, specular, volumes);
+        let mut entries = DynamicBindGroupEntries::new();
+        if bound.maps && bound.arrays {
+            let probes = view.reflection_probes.map(|probes| &probes.binding_index_to_textures);
+            let probes = || probes.into_iter().flatten();
+            diffuse = padded(probes().map(|maps| maps.diffuse), images, &self.fallback.cube);
+            specular = padded(probes().map(|maps| maps.specular), images, &self.fallback.cube);
+            entries = entries.extend_with_indices((
+                (0, diffuse.as_slice()),
+                (1, specular.as_slice()),
+                (2, first_sampler(probes().next().map(|maps| &maps.diffuse))),
+            ));
+        } else if bound.maps {
+            let maps = view.environment?;
+            let maps = [images.get(maps.diffuse)?, images.get(maps.specular)?];
+            entries = entries.extend_with_indices((
+                (0, &maps[0].texture_view),
+                (1, &maps[1].texture_view),
+                (2, &maps[0].sampler),
+            ));
+        }
+        if bound.volumes {
+            let all = &view.irradiance_volumes?.binding_index_to_textures;
+            let first = images.get(*all.first()?)?;
+            if bound.arrays {
+                volumes = padded(all.iter().copied(), images, &self.fallback.d3);
+                entries = entries.extend_with_indices(((3, volumes.as_slice()),));
+            } else {
+                entries = entries.extend_with_indices(((3, &first.texture_view),));
+            }
+            entries = entries.extend_with_indices(((4, &first.sampler),));
+        }
+        Some(device.create_bind_group("vdb_surroundings", layout, &entries))
     }
 }

@@ -39,7 +39,10 @@ impl ViewKey {
     /// `present` are the features of the lights in the scene, regardless of the render mode.
     pub fn can_replace(&self, wanted: &Self, present: Features) -> bool {
         let fixed = Features::MULTISAMPLED | Features::MOTION_VECTORS;
-        let bound = Features::ENVIRONMENT | Features::DISTANCE_FOG;
+        let bound = Features::ENVIRONMENT
+            | Features::DISTANCE_FOG
+            | Features::REFLECTION_PROBES
+            | Features::IRRADIANCE_VOLUMES;
         let is_safe = self.has(Features::WIDE_GRIDS) || !wanted.has(Features::WIDE_GRIDS);
         is_safe
             && self.features & fixed == wanted.features & fixed

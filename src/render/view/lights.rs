@@ -1,8 +1,11 @@
 //! The lights in the scene, and the features that they require of the trace.
 
+use bevy::ecs::query::QueryData;
 use bevy::ecs::system::SystemParam;
-use bevy::light::ShadowFilteringMethod;
-use bevy::pbr::{ExtractedDirectionalLight, ExtractedPointLight};
+use bevy::light::{IrradianceVolume, ShadowFilteringMethod};
+use bevy::pbr::{
+    ExtractedDirectionalLight, ExtractedPointLight, MeshPipeline, RenderViewLightProbes,
+};
 use bevy::prelude::*;
 use bevy::render::render_asset::RenderAssets;
 use bevy::render::texture::GpuImage;
@@ -18,6 +21,15 @@ pub(super) struct Lights<'w, 's> {
     local: Query<'w, 's, &'static ExtractedPointLight>,
     images: Res<'w, RenderAssets<GpuImage>>,
     mesh_casters: Res<'w, MeshCasters>,
+    meshes: Res<'w, MeshPipeline>,
+}
+
+/// The light around a view that Bevy has gathered in textures.
+#[derive(QueryData)]
+pub(super) struct Surroundings {
+    environment: Option<&'static ExtractedEnvironment>,
+    reflection_probes: Option<&'static RenderViewLightProbes<EnvironmentMapLight>>,
+    irradiance_volumes: Option<&'static RenderViewLightProbes<IrradianceVolume>>,
 }
 
 impl Lights<'_, '_> {
@@ -27,7 +39,7 @@ impl Lights<'_, '_> {
         &self,
         shadows: bool,
         filter: Option<&ShadowFilteringMethod>,
-        environment: Option<&ExtractedEnvironment>,
+        around: &SurroundingsItem,
         distance_fog: bool,
         suns: &ExtractedSuns,
     ) -> (Features, Option<&'static str>) {
@@ -47,9 +59,14 @@ impl Lights<'_, '_> {
             || casting_suns < self.suns.iter().len()
             || casting_lamps < self.local.iter().len();
         let soft = shadows && suns.0.iter().any(|sun| sun.angular_diameter > 0.0);
-        let has_maps = environment.is_some_and(|maps| {
+        let has_maps = around.environment.is_some_and(|maps| {
             [maps.diffuse, maps.specular].iter().all(|map| self.images.get(*map).is_some())
         });
+        // Bevy's shaders reflect probes only if they can index arrays of textures.
+        let has_probes = self.meshes.binding_arrays_are_usable
+            && around
+                .reflection_probes
+                .is_some_and(|all| !all.main_entity_to_render_light_probe_index.is_empty());
         let features = Features::LIGHT
             | Features::SHADOWS.when(shadows)
             | Features::SOFT_SHADOWS.when(soft)
@@ -60,6 +77,8 @@ impl Lights<'_, '_> {
             | Features::MESH_CASTERS.when(shadows && self.mesh_casters.0)
             | Features::LAMPS.when(!self.local.is_empty())
             | Features::ENVIRONMENT.when(has_maps)
+            | Features::REFLECTION_PROBES.when(has_probes)
+            | Features::IRRADIANCE_VOLUMES.when(around.irradiance_volumes.is_some())
             | Features::DISTANCE_FOG.when(distance_fog);
         (features, shadows.then_some(filter))
     }

@@ -17,7 +17,7 @@ use vdb_core::view::ViewRays;
 
 use super::bvh;
 use super::key::ViewKey;
-use super::lights::Lights;
+use super::lights::{Lights, Surroundings};
 use super::list::{EntryMaker, ViewList};
 use super::media::MediaSlots;
 use super::settings::{ResolvedSettings, accumulates, smooths_edges};
@@ -26,9 +26,7 @@ use super::visible::VisibleVolumes;
 use super::volume::Eye;
 use crate::quality::LeftOut;
 use crate::quality::features::Features;
-use crate::render::extract::{
-    ExtractedEnvironment, ExtractedSuns, ExtractedVolumes, Trouble, Warned,
-};
+use crate::render::extract::{ExtractedSuns, ExtractedVolumes, Trouble, Warned};
 use crate::render::gpu::{affine, types};
 use crate::render::pool::VdbTreePool;
 use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbTraversal};
@@ -47,7 +45,7 @@ pub(super) struct ViewData {
     msaa: &'static Msaa,
     layers: Option<&'static RenderLayers>,
     shadow_filter: Option<&'static ShadowFilteringMethod>,
-    environment: Option<&'static ExtractedEnvironment>,
+    around: Surroundings,
     has_distance_fog: Has<DistanceFog>,
     jitter: Option<&'static TemporalJitter>,
     resolution: Option<&'static MainPassResolutionOverride>,
@@ -153,7 +151,7 @@ impl Resolver<'_, '_> {
         let (lights_present, shadow_filter) = self.lights.features(
             quality.shadows,
             of.shadow_filter,
-            of.environment,
+            &of.around,
             of.has_distance_fog,
             &self.suns,
         );
@@ -187,6 +185,9 @@ const CACHE: Features = Features::LIGHT_CACHE
     .union(Features::OTHER_LIGHTS)
     .union(Features::UNCACHED_LIGHTS)
     .union(Features::MESH_CASTERS);
+
+/// The features of light probes, which only surfaces reflect.
+const PROBES: Features = Features::REFLECTION_PROBES.union(Features::IRRADIANCE_VOLUMES);
 
 /// The error that is accepted of light from the cache; 0 if no pipelines read it.
 fn cache_error(of: &ViewDataItem, settings: &ResolvedSettings) -> f32 {
@@ -225,9 +226,10 @@ fn view_key(
     let only_seen = settings.reflections == 0;
     let [caches, has_uncached] = list.cached_fogs(only_seen);
     let lights = settings.lights.difference(CACHE.when(!caches));
+    let has_surfaces = list.kinds.has(SURFACES);
+    let lights = lights.difference(PROBES.when(!has_surfaces));
     let caches = lights.contains(Features::LIGHT_CACHE);
     let media = list.media(only_seen);
-    let has_surfaces = list.kinds.has(SURFACES);
     let shows_edges = settings.smooths_edges && list.kinds_seen.has(SURFACES);
     let interpolates = !has_surfaces && !lights.contains(Features::MESH_CASTERS);
     let features = lights

@@ -1,4 +1,4 @@
-//! The component by which fire lights its surroundings.
+//! The component that makes fire light its surroundings.
 
 use bevy::prelude::*;
 
@@ -18,12 +18,12 @@ use bevy::prelude::*;
 /// # }
 /// ```
 ///
-/// The lights have the luminous power and the colour of what is emitted, less what the volume's own
-/// smoke absorbs, and are placed so that what is at least half the fire's radius away from it is lit
-/// as by the fire itself; `docs/reference/fog.md` has the errors. They follow
-/// the emission, the frames of a [`VdbPlayer`](crate::VdbPlayer), edits and the transform. Of a grid
-/// that is shown for the first time, the values are summed up beside the frames; until that is done,
-/// the previous lights stay. Without this component, or without a renderer, nothing is computed.
+/// The lights have the luminous power and colour of the emission, less the light absorbed by the
+/// volume's own smoke. From a distance of half the fire's radius, they light objects like the fire
+/// itself; `docs/reference/fog.md` has the errors. They follow the emission, the frames of a
+/// [`VdbPlayer`](crate::VdbPlayer), edits and the transform. When a grid is shown for the first time,
+/// its values are summarised in the background; until then, the previous lights stay. Without this
+/// component, or without a renderer, nothing is computed.
 ///
 /// The lights are isotropic: smoke on one side of a fire dims it on all sides, unless
 /// [`shadows`](Self::shadows) are on.
@@ -33,18 +33,18 @@ pub struct VdbEmissionLight {
     /// The largest number of point lights, from 1 to 32. 8 by default. A fire gets as many as its
     /// shape needs: one if it is round, several if it is long.
     pub max_lights: u32,
-    /// Multiplies the light on other objects. 0 or more; 1, the default, is what is emitted.
+    /// Multiplies the light on other objects. 0 or more; 1, the default, is the emitted light.
     pub intensity: f32,
-    /// Whether the lights cast shadows. Off by default. If on, meshes and volumes cast them, and the
-    /// volume's own smoke absorbs its light in the directions in which it is, as far as
+    /// Whether the lights cast shadows. Off by default. If on, meshes and volumes cast shadows, and
+    /// the volume's own smoke absorbs light only in the directions where there is smoke, provided that
     /// [`VdbQuality::shadows`](crate::VdbQuality::shadows) and
     /// [`VdbCamera::mesh_shadows`](crate::VdbCamera::mesh_shadows) are on. Each light then has a
     /// shadow map with six faces, so reduce their number with [`max_lights`](Self::max_lights).
     pub shadows: bool,
     /// The illuminance in lux at which the light of a fire ends. More than 0; 1 by default, which on
-    /// a white surface is less than a step of 8 bits at Bevy's default exposure. Smaller values
-    /// extend the range of the lights, and with it their cost. Where the illuminance is ten times as
-    /// large, the end of the range takes 2 % of it.
+    /// a white surface is less than an 8-bit step at Bevy's default exposure. Smaller values extend
+    /// the range of the lights, and with it their cost. At ten times this illuminance, the falloff
+    /// towards the end of the range takes away 2 %.
     pub min_illuminance: f32,
 }
 

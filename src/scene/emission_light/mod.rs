@@ -1,7 +1,7 @@
 //! Fire that lights its surroundings.
 //!
-//! [`summary`] reduces each pair of grids, of fire and of smoke, to what its light depends on:
-//! beside the frames, once per change, and ahead of a player. [`update`] turns that into point
+//! [`summary`] reduces each pair of grids, fire and smoke, to the data that its light depends on:
+//! in the background, once per change, and ahead of a player. [`update`] turns the data into point
 //! lights, in each frame in which the fire, the smoke or the volume has changed.
 
 mod component;
@@ -18,7 +18,7 @@ use update::FireLight;
 
 use crate::VdbPlayerSystems;
 
-/// Keeps the lights of fires.
+/// Spawns and updates the lights of fires.
 pub(super) struct EmissionLightPlugin;
 
 impl Plugin for EmissionLightPlugin {

@@ -1,4 +1,4 @@
-//! Summaries of emissive grids and of the smoke around them, made beside the frames.
+//! Summaries of emissive grids and of the smoke around them, made in the background.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use vdb_core::pack::{PackKind, PackedGrid};
 use crate::asset::background;
 use crate::{VdbEmission, VdbGrid, VdbVectorGrid, VdbVolume};
 
-/// A fire, by its grids: of the emission, and of the smoke.
+/// A fire, identified by its grids of emission and of smoke.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct FireId {
     emission: UntypedAssetId,
@@ -27,14 +27,14 @@ impl FireId {
     }
 }
 
-/// What is known of a fire, whatever its emission and its place in the scene.
+/// Data about a fire that do not depend on its emission parameters or its place in the scene.
 #[derive(Debug)]
 pub(super) struct Summary {
     parts: Vec<Part>,
     local_from_index: DAffine3,
 }
 
-/// A grid of values, and how deep in the smoke each of its blocks is.
+/// The values of a grid, and how deep in the smoke each of its blocks is.
 #[derive(Debug)]
 struct Part {
     values: ValueBlocks,
@@ -42,7 +42,7 @@ struct Part {
 }
 
 impl Summary {
-    /// The summary of the components of an emission.
+    /// The summary of an emission's components.
     fn new(
         emission: &[Arc<PackedGrid>],
         local_from_index: DAffine3,
@@ -59,8 +59,8 @@ impl Summary {
         Self { parts: parts.collect(), local_from_index }
     }
 
-    /// What an emission sheds on its surroundings, in cd for a volume of the size of the file's
-    /// world, and positions there; what smoke absorbs is left out if there is any.
+    /// The light that an emission sheds on its surroundings, less any absorbed by smoke: intensities in
+    /// cd, for a volume at its size in the file's world, and positions in that world.
     pub fn sources(&self, emission: &VdbEmission, smoke: Option<&Smoke>) -> Vec<Source> {
         let mut sources = Vec::new();
         for (component, part) in self.parts.iter().enumerate() {
@@ -78,7 +78,7 @@ impl Summary {
     }
 }
 
-/// The emission coefficient for a value of the grid, or of a component of it, in cd/m² per world
+/// The emission coefficient for a value of the grid or of one of its components, in cd/m² per world
 /// unit, as RGB.
 fn coefficient(emission: &VdbEmission, component: usize) -> impl Fn(f32) -> [f32; 3] {
     static COLORS: std::sync::LazyLock<BlackbodyTable> =
@@ -99,11 +99,11 @@ fn coefficient(emission: &VdbEmission, component: usize) -> impl Fn(f32) -> [f32
 struct Entry {
     summary: Option<Arc<Summary>>,
     task: Option<Task<Summary>>,
-    /// Whether the grids have changed since the summary or its task began.
+    /// Whether the grids have changed since the summary's task began.
     is_stale: bool,
 }
 
-/// The summaries of all fires that light something.
+/// The summaries of all fires that act as lights.
 #[derive(Debug, Default, Resource)]
 pub(super) struct Summaries {
     entries: HashMap<FireId, Entry>,
@@ -114,12 +114,12 @@ pub(super) struct Summaries {
 pub(super) enum When {
     /// For the lights of this frame.
     Now,
-    /// For those of a later one.
+    /// For the lights of a later frame.
     Later,
 }
 
 impl Summaries {
-    /// The summary of a fire, as soon as it is there; that of the grids before a change until then.
+    /// The summary of a fire, once it is ready; until then, the summary from before the grids changed.
     pub fn get(
         &mut self,
         fire: (&VdbEmission, &VdbVolume),
@@ -140,14 +140,14 @@ impl Summaries {
         entry.summary.clone()
     }
 
-    /// Notes that a grid has changed.
+    /// Records that a grid has changed.
     pub fn changed(&mut self, id: UntypedAssetId) {
         for (fire, entry) in &mut self.entries {
             entry.is_stale |= fire.emission == id || fire.smoke.untyped() == id;
         }
     }
 
-    /// Notes that a grid is gone.
+    /// Records that a grid has been removed.
     pub fn gone(&mut self, id: UntypedAssetId) {
         self.entries.retain(|fire, _| fire.emission != id && fire.smoke.untyped() != id);
     }
@@ -163,7 +163,7 @@ impl Summaries {
     }
 }
 
-/// Begins to summarise a fire, if its grids have been loaded.
+/// Starts summarising a fire, if its grids have been loaded.
 fn summarise(
     (emission, volume): (&VdbEmission, &VdbVolume),
     (grids, vectors): (&Assets<VdbGrid>, &Assets<VdbVectorGrid>),

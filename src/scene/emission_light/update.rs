@@ -22,7 +22,7 @@ use crate::{
 #[derive(Clone, Copy, Component, Debug)]
 pub(super) struct FireLight;
 
-/// What the lights of each volume were made from. They are only made anew if it changes.
+/// The inputs from which the lights of each volume were made. Lights are remade only if these change.
 pub(super) type Lit = EntityHashMap<Inputs>;
 
 #[derive(Debug, PartialEq)]
@@ -34,7 +34,7 @@ pub(super) struct Inputs {
     layers: Option<RenderLayers>,
 }
 
-/// A fire, or a part of one that fades.
+/// A fire, or one of the two volumes of a cross-fade.
 #[derive(Debug)]
 struct Fire {
     emission: VdbEmission,
@@ -63,7 +63,7 @@ pub(super) struct Burning {
     children: Option<&'static Children>,
 }
 
-/// Notes which grids have changed or are gone.
+/// Records which grids have changed or been removed.
 pub(super) fn follow_grids(
     mut summaries: ResMut<Summaries>,
     mut grids: MessageReader<AssetEvent<VdbGrid>>,
@@ -171,7 +171,7 @@ pub(super) fn clear(mut summaries: ResMut<Summaries>) {
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
 impl Inputs {
-    /// The lights, with their places in the volume.
+    /// The lights, with their positions in the volume.
     fn lights(&self) -> Vec<(PointLight, Transform)> {
         let smoke = self.smoke();
         let of = |fire: &Fire| {
@@ -186,7 +186,7 @@ impl Inputs {
         lamps.iter().filter_map(|lamp| self.light_of(lamp, growth)).collect()
     }
 
-    /// What absorbs light, unless shadows say that.
+    /// The smoke that absorbs light, unless shadows account for it.
     fn smoke(&self) -> Option<Smoke> {
         let albedo = LinearRgba::from(self.material.base_color).to_vec3();
         (!self.light.shadows).then_some(Smoke {

@@ -1,4 +1,4 @@
-//! The frames that players have in memory, for what prepares for them.
+//! The frames that players have in memory, for systems that prepare for them.
 
 use bevy::ecs::system::SystemParam;
 use bevy::prelude::*;
@@ -18,7 +18,7 @@ pub(crate) struct FramesInMemory<'w> {
 }
 
 impl FramesInMemory<'_> {
-    /// The fires of a player's frames: what its emission and its volume will be.
+    /// The fires of a player's frames: the future grids of its emission and its volume.
     pub fn fires(
         &self,
         player: &VdbPlayer,

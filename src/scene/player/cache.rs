@@ -1,12 +1,12 @@
-//! Which frames are loaded, and which are released: a plan, without assets.
+//! Plans which frames to load and which to release, independent of assets.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
-/// What is known of a frame that is loaded or has been asked for.
+/// The state of a frame that has been requested.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Held {
-    /// It is being loaded, and takes about as many bytes.
+    /// It is being loaded, and takes about this many bytes.
     Loading { estimate: u64 },
     /// It is in memory.
     Loaded { bytes: u64 },
@@ -18,19 +18,19 @@ pub(super) enum Held {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Need<K> {
     pub key: K,
-    /// The number of frames until it is shown: 0 is wanted now.
+    /// The number of frames until it is shown; 0 if it is wanted now.
     pub distance: u64,
-    /// The bytes that it takes in all likelihood; 0 if no frame of its sequence is known.
+    /// The expected size in bytes; 0 if the size of no frame of its sequence is known.
     pub estimate: u64,
 }
 
-/// A frame that is held.
+/// A frame that has been requested, for the plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Entry {
     pub held: Held,
     /// The number of frames until any player shows it.
     pub distance: u64,
-    /// Whether a player shows it, or would if its load ended now.
+    /// Whether a player shows it, or would if it were loaded now.
     pub is_in_use: bool,
 }
 
@@ -41,17 +41,17 @@ pub(super) struct Bounds {
     pub loads: usize,
 }
 
-/// What to do.
+/// The frames to load and to release.
 #[derive(Debug, PartialEq)]
 pub(super) struct Plan<K> {
-    /// Frames to load, in the order of need.
+    /// Frames to load, the most urgent first.
     pub begin: Vec<K>,
     /// Frames to release.
     pub release: Vec<K>,
 }
 
-/// Plans loads in the order of need, and releases what stands in their way: loads that nobody needs
-/// any more, and the farthest frames where memory is short.
+/// Plans loads, the most urgent first, and releases to make room for them: loads that are no longer
+/// needed and, if memory is short, the farthest frames.
 pub(super) fn plan<K: Copy + Ord>(
     entries: &BTreeMap<K, Entry>,
     mut needs: Vec<Need<K>>,

@@ -1,22 +1,22 @@
-//! The time of a player: which frame is to be shown when.
+//! The clock of a player: which frame to show when.
 
 use std::time::Duration;
 
 use crate::VdbRepeat;
 
-/// The part of a frame by which a time may miss the start of the frame and count as there. Steps of
-/// 1/30 s are whole nanoseconds, so that 30 of them are less than a second.
+/// The fraction of a frame by which a time may fall short of the frame's start and still belong to
+/// it. Steps of 1/30 s are rounded to nanoseconds, so 30 of them are less than a second.
 const EDGE: f64 = 1e-3;
 
-/// The part of a slot's time by which it may be shown early or late, so that each update shows the
-/// next one. Without it, a screen with the rate of the sequence would skip slots and repeat others
-/// whenever updates come near the edge of a slot, a little earlier or later than they should.
+/// The fraction of a slot's duration by which it may be shown early or late so that each update shows
+/// the next slot. Without it, a screen with the rate of the sequence would skip some slots and repeat
+/// others whenever updates come near the edge of a slot, slightly too early or too late.
 const LEEWAY: f64 = 0.25;
 
 /// The fastest pace, in frames per second.
 const FASTEST: f64 = 1e9;
 
-/// The span of time of a sequence.
+/// The time span of a sequence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Timeline {
     /// The number of slots: one for each number from the first frame to the last one.
@@ -24,36 +24,36 @@ pub(super) struct Timeline {
     pub repeat: VdbRepeat,
 }
 
-/// A slot of a timeline, and the direction in which slots follow: 1 or -1.
+/// A slot of a timeline, and the direction of play: 1 or -1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct At {
     pub slot: u64,
     pub step: i64,
 }
 
-/// A clock that counts slots. Time is summed up in whole nanoseconds and multiplied once, so that
-/// errors do not add up.
+/// A clock that counts slots. Time is summed in whole nanoseconds and multiplied once, so errors do
+/// not accumulate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Clock {
     /// The position, in slots, from which time is counted.
     anchor: f64,
     /// The time since then.
     played: Duration,
-    /// Slots per second; negative backwards.
+    /// Slots per second; negative when playing backwards.
     pace: f64,
-    /// The slot, if it is shown early or late, within [`LEEWAY`].
+    /// The slot that is shown early or late, within [`LEEWAY`], if any.
     held: Option<f64>,
 }
 
 impl Clock {
-    /// A clock at the beginning of a timeline, which is its end if it runs backwards.
+    /// A clock at the beginning of a timeline, or at its end if it runs backwards.
     pub fn start(pace: f64, timeline: Timeline) -> Self {
         let pace = sound(pace);
         let anchor = if pace < 0.0 { timeline.slots as f64 } else { 0.0 };
         Self { anchor, played: Duration::ZERO, pace, held: None }
     }
 
-    /// Sets the slot, at the beginning of its time.
+    /// Moves to the start of a slot.
     pub fn seek(&mut self, slot: u64) {
         self.set(slot as f64 + f64::from(u8::from(self.is_backward())));
     }
@@ -68,7 +68,7 @@ impl Clock {
         (self.anchor, self.played, self.held) = (position, Duration::ZERO, None);
     }
 
-    /// Changes the pace. The slot stays.
+    /// Changes the pace, but not the slot.
     pub fn set_pace(&mut self, pace: f64, timeline: Timeline) {
         let pace = sound(pace);
         if pace == self.pace {
@@ -85,7 +85,7 @@ impl Clock {
         }
     }
 
-    /// Adds time. A clock that has come to the end of its timeline stays there.
+    /// Adds time. A clock that has reached the end of its timeline stays there.
     pub fn advance(&mut self, time: Duration, timeline: Timeline) {
         let before = self.slot();
         self.played = self.played.saturating_add(time);
@@ -144,7 +144,7 @@ impl Clock {
         }
     }
 
-    /// The part of the slot's time that is over, from 0 to 1.
+    /// The fraction of the slot's duration that has passed, from 0 to 1.
     pub fn part(&self) -> f64 {
         let part = self.position() - self.slot();
         (if self.is_backward() { 1.0 - part } else { part }).clamp(0.0, 1.0)
@@ -169,7 +169,7 @@ impl Clock {
         self.anchor + self.played.as_secs_f64() * self.pace
     }
 
-    /// The slot on an endless timeline. Its time includes its start, in the direction of play.
+    /// The slot on an endless timeline. A slot includes its start in the direction of play.
     fn slot(&self) -> f64 {
         if let Some(held) = self.held {
             held
@@ -181,7 +181,7 @@ impl Clock {
     }
 }
 
-/// A pace with which positions stay finite.
+/// The nearest pace at which positions stay finite.
 fn sound(pace: f64) -> f64 {
     if pace.is_nan() { 0.0 } else { pace.clamp(-FASTEST, FASTEST) }
 }
@@ -194,7 +194,7 @@ mod tests {
         Timeline { slots, repeat }
     }
 
-    /// The slots at which a clock is in steps of time.
+    /// The slots of a clock after each of a number of time steps.
     fn slots(clock: &mut Clock, timeline: Timeline, step: Duration, count: usize) -> Vec<u64> {
         let mut slots = Vec::new();
         for _ in 0..count {
@@ -249,7 +249,7 @@ mod tests {
         }
     }
 
-    /// Wherever updates are in the time of a slot, and if every other one comes early.
+    /// Wherever updates fall within a slot, and even if every other one comes early.
     #[test]
     fn a_screen_of_the_same_rate_shows_every_slot_once() {
         let timeline = timeline(240, VdbRepeat::Loop);
@@ -270,7 +270,7 @@ mod tests {
         }
     }
 
-    /// A screen that is a little slower skips as many slots as it must, and never goes back.
+    /// A slightly slower screen skips only as many slots as it must, and never goes back.
     #[test]
     fn slots_that_are_shown_early_or_late_stay_near_their_time() {
         let timeline = timeline(1 << 40, VdbRepeat::Loop);
@@ -298,7 +298,7 @@ mod tests {
         assert!((50..=60 + 2 * 61).contains(&skipped), "{skipped} skipped");
     }
 
-    /// A month at 60 updates per second, against integers.
+    /// A month at 60 updates per second, compared with integers.
     #[test]
     fn the_clock_does_not_drift() {
         let timeline = timeline(240, VdbRepeat::Loop);

@@ -1,4 +1,4 @@
-//! The player of a sequence: a component.
+//! The component that plays a sequence.
 
 use bevy::prelude::*;
 
@@ -22,18 +22,18 @@ use crate::{VdbRepeat, VdbSequence, VdbVolume};
 /// }
 /// ```
 ///
-/// Of each frame, the player shows the grid that [`VdbFile::roles`](crate::VdbFile::roles)
-/// identifies as the density, or the first surface, or the one named by
-/// [`with_grid`](Self::with_grid). It sets the grids of the entity's
-/// [`VdbEmission`](crate::VdbEmission) and [`VdbColorGrid`](crate::VdbColorGrid) likewise and leaves
-/// their other settings alone. An entity without them gets those that the roles guess of the first
-/// frame with such a grid, and keeps them, so that the brightness does not flicker.
+/// In each frame, the player shows the grid that [`VdbFile::roles`](crate::VdbFile::roles)
+/// identifies as the density, or else the first surface, or the grid selected by
+/// [`with_grid`](Self::with_grid). It also sets the grids of the entity's
+/// [`VdbEmission`](crate::VdbEmission) and [`VdbColorGrid`](crate::VdbColorGrid), and leaves their
+/// other settings alone. An entity without these components gets those guessed from the first frame
+/// with such a grid, and keeps them, to prevent flickering brightness.
 ///
-/// Time is Bevy's [`Time`]: pausing or scaling `Time<Virtual>` does so to players, and the fixed
-/// step of a recording holds for them. It begins when the first frame is shown.
+/// Players use Bevy's [`Time`]: pausing or scaling `Time<Virtual>` affects them, and so does the
+/// fixed step of a recording. Time begins when the first frame is shown.
 ///
 /// Players of one sequence share its frames. [`VdbFrameCache`](crate::VdbFrameCache) sets how many
-/// are loaded ahead and how much memory they take; [`VdbPlayerStatus`] reports which are there.
+/// are loaded ahead and how much memory they may take; [`VdbPlayerStatus`] reports which are loaded.
 #[derive(Clone, Component, Debug, Reflect)]
 #[reflect(Component, Clone, Debug)]
 #[require(VdbVolume, VdbPlayerStatus, Playback)]
@@ -42,16 +42,16 @@ pub struct VdbPlayer {
     pub sequence: Handle<VdbSequence>,
     /// Multiplies the rate; negative values play backwards. 1 by default.
     pub speed: f32,
-    /// What comes after the last frame. `None`, the default: as the sequence says.
+    /// What comes after the last frame. `None`, the default: the sequence's setting.
     pub repeat: Option<VdbRepeat>,
-    /// Frames of the sequence per second, whatever the rate of the screen. `None`, the default: as
-    /// the sequence says. More than 0 and at most 1,000.
+    /// Frames of the sequence per second, independent of the screen. `None`, the default: the
+    /// sequence's rate. More than 0 and at most 1,000.
     pub frame_rate: Option<f32>,
-    /// What happens when a frame is wanted and not there yet.
+    /// What happens when the wanted frame is not loaded yet.
     pub late_frames: VdbLateFrames,
     /// What is shown between two frames.
     pub blend: VdbFrameBlend,
-    /// The label of the grid to show. `None`, the default: by its role.
+    /// The label of the grid to show. `None`, the default, selects it by its role.
     pub grid: Option<String>,
     /// Whether the player sets `VdbEmission` and `VdbColorGrid`. On by default.
     pub sets_roles: bool,
@@ -59,15 +59,14 @@ pub struct VdbPlayer {
     seek: Option<Seek>,
 }
 
-/// What happens when a [`VdbPlayer`] wants a frame that is not there yet.
+/// What happens when a [`VdbPlayer`] wants a frame that is not loaded yet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 pub enum VdbLateFrames {
-    /// The clock goes on, and the latest frame before the wanted one that is there is shown: for
-    /// games.
+    /// For games: the clock runs on, and the latest loaded frame before the wanted one is shown.
     #[default]
     Drop,
-    /// The clock waits for the frame, so that each is shown: for recordings.
+    /// For recordings: the clock waits for the frame, so every frame is shown.
     Wait,
 }
 
@@ -78,14 +77,14 @@ pub enum VdbFrameBlend {
     /// Each frame until the next one.
     #[default]
     Hold,
-    /// Fog and its emission cross-fade from each frame to the next once that is in memory. Costs as
-    /// much as two volumes: the next frame is a second one, a child of the player's entity. Anything
-    /// that moves by more than its own size from frame to frame appears twice; `vdb between` makes
-    /// frames that follow the motion. Surfaces hold each frame until the next one.
+    /// Fog and its emission cross-fade from each frame to the next once the latter is in memory. Costs
+    /// as much as two volumes: the next frame is a second volume, a child of the player's entity.
+    /// Anything that moves by more than its own size from frame to frame appears twice; `vdb between`
+    /// makes frames that follow the motion. Surfaces hold each frame until the next one.
     CrossFade,
 }
 
-/// Where a player is to go.
+/// The target of a seek.
 #[derive(Clone, Copy, Debug, PartialEq, Reflect)]
 pub(super) enum Seek {
     /// The frame with this number.
@@ -155,31 +154,32 @@ impl VdbPlayer {
         self
     }
 
-    /// The player, paused: it shows its first frame.
+    /// Pauses the player, which then shows its first frame.
     pub fn paused(mut self) -> Self {
         self.is_paused = true;
         self
     }
 
-    /// Goes on from where the player is. At the end of a sequence that is played once, this does
+    /// Continues from the current frame. At the end of a sequence that is played once, this does
     /// nothing; see [`replay`](Self::replay).
     pub fn play(&mut self) {
         self.is_paused = false;
     }
 
-    /// Stops time. The frame stays, and seeking still works.
+    /// Stops time. The frame stays on screen, and seeking still works.
     pub fn pause(&mut self) {
         self.is_paused = true;
     }
 
-    /// Whether the player is paused. One at the end of its sequence is not, unless it was paused.
+    /// Whether the player is paused. Reaching the end of the sequence does not pause it.
     pub fn is_paused(&self) -> bool {
         self.is_paused
     }
 
-    /// Goes to the frame with a number, or to the nearest one before it. In the same update, if it
-    /// is in memory and a system before `PostUpdate` calls this; until it is loaded, the
-    /// [late frames](Self::late_frames) apply. Loads that are no longer wanted are cancelled.
+    /// Goes to the frame with a number, or to the nearest one before it. If the frame is in memory
+    /// and a system before `PostUpdate` calls this, it is shown in the same update; otherwise
+    /// [`late_frames`](Self::late_frames) applies until it is loaded. Loads that are no longer needed
+    /// are cancelled.
     pub fn seek(&mut self, frame: u64) {
         self.seek = Some(Seek::Frame(frame));
     }
@@ -189,7 +189,7 @@ impl VdbPlayer {
         self.seek = Some(Seek::Time(seconds));
     }
 
-    /// Plays from the beginning, which is the last frame if the speed is negative.
+    /// Plays from the beginning, or from the last frame if the speed is negative.
     pub fn replay(&mut self) {
         (self.seek, self.is_paused) = (Some(Seek::Beginning), false);
     }

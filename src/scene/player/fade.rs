@@ -1,5 +1,5 @@
 //! Cross-fades from each frame to the next. Extinctions of overlapping volumes add up, so a
-//! cross-fade is two volumes, each with its share of extinction and emission.
+//! cross-fade consists of two volumes, each with its share of extinction and emission.
 
 use bevy::camera::visibility::RenderLayers;
 use bevy::ecs::query::QueryData;
@@ -13,8 +13,8 @@ use super::playback::Playback;
 use super::show::{color_of, emission_of, grid_of};
 use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbMaterial, VdbVolume};
 
-/// The share of a volume's extinction and emission that is displayed, from 0 to 1. Without this
-/// component, all of it.
+/// The fraction of a volume's extinction and emission that is displayed, from 0 to 1. Without this
+/// component, all of it is.
 #[derive(Clone, Copy, Component, Debug, PartialEq)]
 pub(crate) struct Share(pub f32);
 
@@ -22,7 +22,7 @@ pub(crate) struct Share(pub f32);
 #[derive(Clone, Copy, Component, Debug)]
 pub(crate) struct NextFrame;
 
-/// What the next frame takes over from the one that is shown.
+/// The components that the next frame copies from the one on screen.
 #[derive(QueryData)]
 pub(super) struct Look {
     volume: &'static VdbVolume,
@@ -35,7 +35,7 @@ pub(super) struct Look {
     receives_no_shadow: Has<NotShadowReceiver>,
 }
 
-/// The next frame of a player, and the share that it has.
+/// The next frame of a player, and its share.
 struct Next {
     grid: Handle<VdbGrid>,
     emission: Option<VdbEmission>,
@@ -43,7 +43,7 @@ struct Next {
     share: f32,
 }
 
-/// Divides what is displayed between the frame that is shown and the next one.
+/// Divides extinction and emission between the frame on screen and the next one.
 pub(super) fn fade(
     mut commands: Commands,
     (frames, files, grids): (Res<Frames>, Res<Assets<VdbFile>>, Res<Assets<VdbGrid>>),
@@ -93,7 +93,7 @@ pub(super) fn fade(
     }
 }
 
-/// The next frame, if it is there and has a share: only beside the frame that is wanted, and of fog.
+/// The next frame, if it is loaded and has a share: only for fog, and only next to the wanted frame.
 fn next_frame(
     player: &VdbPlayer,
     playback: &mut Playback,
@@ -124,7 +124,7 @@ fn next_frame(
     Some(Next { grid, emission, color, share })
 }
 
-/// Makes the next frame look like the one that is shown.
+/// Makes the next frame look like the one on screen.
 fn dress(mut child: EntityCommands, next: Next, look: &LookItem) {
     child.insert((VdbVolume(next.grid), look.material.clone(), Share(next.share)));
     match next.emission {

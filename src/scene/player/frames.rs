@@ -1,4 +1,4 @@
-//! The frames of all sequences that are in memory, are being loaded or have failed.
+//! The frames of all sequences that are in memory, being loaded or failed.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,27 +10,26 @@ use vdb_core::display::escaped;
 use super::cache::Held;
 use crate::{VdbFile, VdbFrame, VdbGrid, VdbLoaderSettings, VdbSequence, VdbVectorGrid};
 
-/// Failures of a sequence, one after another, after which it is tried less often.
+/// The number of consecutive failures after which a sequence is retried less often.
 pub(super) const PATIENCE: u32 = 4;
 
-/// The time between attempts then. Bevy logs each failure.
+/// The time between attempts after [`PATIENCE`] failures. Bevy logs each failure.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// The setting of the frames that [`VdbPlayer`](crate::VdbPlayer)s hold in memory: a resource.
-/// [`VdbFrameCacheUsage`] tells what is in use.
+/// Settings for the frames that [`VdbPlayer`](crate::VdbPlayer)s hold in memory: a resource.
+/// [`VdbFrameCacheUsage`] reports their usage.
 #[derive(Clone, Debug, PartialEq, Eq, Resource, Reflect)]
 #[reflect(Resource, Clone, Debug, Default, PartialEq)]
 pub struct VdbFrameCache {
-    /// The number of frames to load ahead of the one that is wanted, in the direction of play. 8 by
-    /// default.
+    /// The number of frames to load ahead of the wanted one, in the direction of play. 8 by default.
     pub frames_ahead: usize,
-    /// The bytes that decoded frames may take: their trees, and the words for the GPU. Below this,
-    /// frames that were played stay in memory, so that a short loop is decoded once; beyond it,
-    /// those that are farthest from being shown are released, and fewer are loaded ahead. The frame
-    /// that is wanted is loaded in any case. 1 GiB by default.
+    /// The memory limit in bytes for decoded frames: their trees, and the words for the GPU. Below
+    /// it, frames stay in memory after they are played, so a short loop is decoded once. Beyond it,
+    /// frames that are farthest from being shown are released, and fewer are loaded ahead. The wanted
+    /// frame is loaded in any case. 1 GiB by default.
     pub bytes: u64,
     /// The number of frames that are loaded at the same time, 1 or more. 2 by default: while one is
-    /// decoded, on all cores, the next one is read. More of them come in any order.
+    /// decoded, on all cores, the next one is read. With more, frames may finish out of order.
     pub loads_at_once: usize,
 }
 
@@ -40,8 +39,8 @@ impl Default for VdbFrameCache {
     }
 }
 
-/// The memory that the frames of all [`VdbPlayer`](crate::VdbPlayer)s take, as of the last update: a
-/// resource, to be read. [`VdbFrameCache`] limits it.
+/// The memory used by the frames of all [`VdbPlayer`](crate::VdbPlayer)s, as of the last update: a
+/// read-only resource. [`VdbFrameCache`] limits it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Resource, Reflect)]
 #[reflect(Resource, Clone, Debug, Default, PartialEq)]
 pub struct VdbFrameCacheUsage {
@@ -51,12 +50,12 @@ pub struct VdbFrameCacheUsage {
 }
 
 impl VdbFrameCacheUsage {
-    /// The bytes of the frames in memory, to be compared with [`VdbFrameCache::bytes`].
+    /// The size in bytes of the frames in memory, which [`VdbFrameCache::bytes`] limits.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// The number of frames in memory. Players of one sequence share theirs.
+    /// The number of frames in memory. Players of one sequence share frames.
     pub fn frames(&self) -> u64 {
         self.frames
     }
@@ -67,33 +66,33 @@ impl VdbFrameCacheUsage {
     }
 }
 
-/// A frame, by its sequence and its index there.
+/// A frame, by its sequence and its index in the sequence.
 pub(super) type Key = (AssetId<VdbSequence>, usize);
 
-/// A frame that has been asked for.
+/// A frame that has been requested.
 pub(super) struct Frame {
     /// Kept if the load failed, so that Bevy reloads the file when it changes.
     pub handle: Handle<VdbFile>,
     pub held: Held,
 }
 
-/// What is known of a sequence that is played.
+/// The state of a sequence that is being played.
 #[derive(Default)]
 pub(super) struct Known {
-    /// The bytes of its largest frame so far.
+    /// The size in bytes of its largest frame so far.
     pub largest: u64,
-    /// Changes with the frames that are loaded or have failed.
+    /// Changes whenever a frame is loaded or fails.
     pub version: u64,
-    /// Changes with the sequence.
+    /// Changes whenever the sequence does.
     pub epoch: u64,
-    /// Failures since a frame was loaded, and whether one was told of.
+    /// Failures since a frame was last loaded, and whether one has been reported.
     failures: u32,
     told: bool,
     /// When the next attempt is due, if there were too many of them.
     next_attempt: Duration,
 }
 
-/// The frames of all sequences that are played.
+/// The frames of all sequences that are being played.
 #[derive(Default, Resource)]
 pub(super) struct Frames {
     pub frames: BTreeMap<Key, Frame>,
@@ -102,12 +101,12 @@ pub(super) struct Frames {
     pub reloaded: Vec<Key>,
 }
 
-/// What is to be said of a failure.
+/// The warning to log for a failure, if any.
 pub(super) enum Tell {
     Nothing,
     /// It is the first one of its sequence.
     First,
-    /// Its sequence is now tried less often.
+    /// Its sequence is now retried less often.
     Patience,
 }
 
@@ -134,7 +133,7 @@ impl Frames {
         all.map(|((_, index), frame)| (*index, frame))
     }
 
-    /// Begins to load a frame.
+    /// Starts loading a frame.
     pub fn begin(
         &mut self,
         server: &AssetServer,
@@ -163,7 +162,7 @@ impl Frames {
         self.known.entry(key.0).or_default().version += 1;
     }
 
-    /// Loads that have ended since the last call, with their frames.
+    /// The loads that have ended since the last call, with their frames.
     pub fn ended(&mut self, server: &AssetServer) -> Vec<(Key, Ended)> {
         let is_loading = |frame: &Frame| matches!(frame.held, Held::Loading { .. });
         let loading = self.frames.iter().filter(|(_, frame)| is_loading(frame));
@@ -181,7 +180,7 @@ impl Frames {
         ended.collect()
     }
 
-    /// Notes that a frame has been loaded, with its bytes.
+    /// Records that a frame has been loaded, with its size in bytes.
     pub fn set_loaded(&mut self, key: Key, bytes: u64) {
         if let Some(frame) = self.frames.get_mut(&key) {
             frame.held = Held::Loaded { bytes };
@@ -192,7 +191,7 @@ impl Frames {
         known.version += 1;
     }
 
-    /// Notes that a frame could not be loaded.
+    /// Records that a frame could not be loaded.
     pub fn set_failed(&mut self, key: Key) -> Tell {
         if let Some(frame) = self.frames.get_mut(&key) {
             frame.held = Held::Failed;
@@ -209,7 +208,7 @@ impl Frames {
         }
     }
 
-    /// The number of frames of a sequence that may be tried now.
+    /// The number of frames of a sequence that may be attempted now.
     pub fn attempts(&self, sequence: AssetId<VdbSequence>, now: Duration) -> usize {
         match self.known.get(&sequence) {
             Some(known) if known.failures >= PATIENCE => usize::from(now >= known.next_attempt),
@@ -217,7 +216,7 @@ impl Frames {
         }
     }
 
-    /// The memory that all frames take.
+    /// The memory used by all frames.
     pub fn usage(&self) -> VdbFrameCacheUsage {
         let mut usage = VdbFrameCacheUsage::default();
         for frame in self.frames.values() {
@@ -266,7 +265,7 @@ pub(super) fn reason(error: &AssetLoadError) -> String {
     escaped(first.trim_end()).at_most(1_000).to_string()
 }
 
-/// The bytes of a decoded file: its trees, and its words for the GPU. Instances share theirs.
+/// The size in bytes of a decoded file: its trees, and its words for the GPU. Shared ones count once.
 pub(super) fn bytes(
     file: &VdbFile,
     grids: &Assets<VdbGrid>,

@@ -1,4 +1,4 @@
-//! Follows the loads of frames, and begins and ends them.
+//! Starts, follows and ends the loads of frames.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,7 +13,7 @@ use super::playback::Playback;
 use super::status::VdbFrameFailed;
 use crate::{VdbFile, VdbGrid, VdbSequence, VdbVectorGrid};
 
-/// Notes which loads have ended, and tells of failures.
+/// Records which loads have ended, and reports failures.
 pub(super) fn follow_loads(
     mut commands: Commands,
     mut frames: ResMut<Frames>,
@@ -90,7 +90,7 @@ fn arrived(event: &AssetEvent<VdbFile>) -> Option<AssetId<VdbFile>> {
     }
 }
 
-/// Warns of a failure, which Bevy has logged with the reason.
+/// Warns of a failure. Bevy has logged it with the reason.
 fn warn_of(tell: &Tell, path: &str) {
     let path = escaped(path);
     match tell {
@@ -106,7 +106,7 @@ fn warn_of(tell: &Tell, path: &str) {
     }
 }
 
-/// Begins the loads that players need, and releases frames that nobody needs where memory is short.
+/// Starts the loads that players need and, if memory is short, releases frames that no player needs.
 pub(super) fn load_frames(
     cache: Res<VdbFrameCache>,
     mut usage: ResMut<VdbFrameCacheUsage>,

@@ -1,4 +1,4 @@
-//! The order in which the frames of a sequence follow, by index.
+//! The playing order of a sequence's frames, by index.
 
 use crate::VdbRepeat;
 
@@ -7,7 +7,7 @@ use crate::VdbRepeat;
 pub(super) struct Place {
     /// The index of the frame.
     pub index: usize,
-    /// The direction in which frames follow: 1 or -1.
+    /// The direction of play: 1 or -1.
     pub step: i64,
     /// The number of frames.
     pub count: usize,
@@ -15,7 +15,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// The frame that follows.
+    /// The next frame.
     pub fn next(self) -> Option<Self> {
         if self.count < 2 {
             return None;
@@ -34,20 +34,20 @@ impl Place {
         }
     }
 
-    /// The frames from here on, this one first: each index at most twice.
+    /// The frames from here onwards, this one first; each index at most twice.
     pub fn onwards(self) -> impl Iterator<Item = usize> {
         std::iter::successors(Some(self), |place| place.next())
             .take(2 * self.count)
             .map(|place| place.index)
     }
 
-    /// The frames from here back to where they came from, this one first.
+    /// The frames from here backwards, this one first.
     pub fn backwards(self) -> impl Iterator<Item = usize> {
         Self { step: -self.step, ..self }.onwards()
     }
 
-    /// The number of frames until a frame is shown; frames that are not shown again are farther
-    /// than all others, the nearest first.
+    /// The number of frames until a frame is shown. Frames that are not shown again are farther than
+    /// all others, the nearest of them first.
     pub fn distance(self, index: usize) -> u64 {
         let last = self.count.saturating_sub(1);
         // Seen in the direction of play.
@@ -86,7 +86,7 @@ mod tests {
         assert_eq!(back(place(3, -1, VdbRepeat::PingPong)), [3, 4, 3, 2]);
     }
 
-    /// A distance is the number of steps until a frame comes.
+    /// A distance is the number of steps until a frame is reached.
     #[test]
     fn distances_count_the_frames_between() {
         for repeat in [VdbRepeat::Once, VdbRepeat::Loop, VdbRepeat::PingPong] {

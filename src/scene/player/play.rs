@@ -1,4 +1,4 @@
-//! Plays sequences: from time to the frame that is shown.
+//! Plays sequences: turns time into the frame to show.
 
 use bevy::asset::LoadState;
 use bevy::prelude::*;
@@ -19,7 +19,7 @@ const NO_SEQUENCE: &str = "no sequence is loaded for it: the handle of its VdbPl
                            one, which AssetServer::load also returns for a path that it refuses";
 const NO_FRAMES: &str = "the sequence of its VdbPlayer has no frames";
 
-/// The most frames by which what is shown is followed: smoke farther apart has little in common.
+/// The largest step, in frames, that still has a motion: smoke farther apart has little in common.
 const LONGEST_STEP: u64 = 8;
 
 /// Advances all players, and shows the frames that they want as far as they are loaded.
@@ -130,7 +130,7 @@ fn adapt(
     }
 }
 
-/// Follows a seek, and gives whether there was one.
+/// Follows a seek, and returns whether there was one.
 fn follow_seek(
     playback: &mut Playback,
     player: &mut Mut<VdbPlayer>,
@@ -153,7 +153,7 @@ fn follow_seek(
     true
 }
 
-/// Whether time goes on for a player.
+/// Whether time advances for a player.
 fn goes_on(playback: &Playback, player: &VdbPlayer, frames: &Frames) -> bool {
     let is_settled = is_settled(playback, frames);
     !player.is_paused()
@@ -209,7 +209,7 @@ struct Screen<'a, 'w, 's, 'p, 'q> {
     parts: &'a mut PartsItem<'p, 'q>,
 }
 
-/// Shows the wanted frame, or the latest one before it that is there.
+/// Shows the wanted frame, or the latest loaded one before it.
 fn show_best(
     playback: &mut Playback,
     player: &VdbPlayer,
@@ -252,8 +252,8 @@ fn show_best(
     }
 }
 
-/// The seconds of the simulation from the frame that was shown to the one that is; 0 where it jumps:
-/// through the ends of a loop, or by more than [`LONGEST_STEP`].
+/// The simulated seconds from the frame shown before to the one shown now; 0 if playback jumps: past
+/// the ends of a loop, or by more than [`LONGEST_STEP`].
 fn time_step(playback: &Playback, sequence: &VdbSequence, before: Option<usize>) -> f64 {
     let number = |index: Option<usize>| Some(sequence.frames().get(index?)?.number);
     let (Some(from), Some(to)) = (number(before), number(playback.shown)) else { return 0.0 };
@@ -266,7 +266,7 @@ fn time_step(playback: &Playback, sequence: &VdbSequence, before: Option<usize>)
     }
 }
 
-/// Tells of the end, and of frames that will never be there.
+/// Reports the end, and frames that will never be shown.
 fn tell(
     playback: &mut Playback,
     player: &VdbPlayer,

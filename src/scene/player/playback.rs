@@ -11,45 +11,45 @@ use crate::{VdbRepeat, VdbSequence};
 /// The state of a player between updates: a component of its entity.
 #[derive(Clone, Component, Debug, Default)]
 pub(crate) struct Playback {
-    /// The sequence that the rest is about.
+    /// The sequence that the other fields refer to.
     pub(super) sequence: AssetId<VdbSequence>,
     pub(super) clock: Clock,
     /// `None` until the sequence is loaded.
     pub(super) timeline: Option<Timeline>,
     /// The frame that the clock wants.
     pub(super) wanted: Option<Place>,
-    /// The part of that frame's time that is over, from 0 to 1.
+    /// The fraction of that frame's duration that has passed, from 0 to 1.
     pub(super) part: f64,
     /// The index of the frame that is shown.
     pub(super) shown: Option<usize>,
-    /// Where a seek, or the start, led, until a frame from there on is shown.
+    /// The target of the start or of a seek, until a frame from there on is shown.
     pub(super) sought: Option<usize>,
-    /// Whether the end has been told of.
+    /// Whether the end has been reported.
     pub(super) told_end: bool,
     pub(super) late: u64,
     /// The frames without a grid to show, by index.
     pub(super) lacking: BTreeSet<usize>,
-    /// The version of the frames that the status has, with the number of lacking ones, and the one
-    /// of the sequence.
+    /// The version of the frames that the status lists, with the number of those without a grid, and
+    /// the version of the sequence.
     pub(super) listed: (u64, usize),
     pub(super) epoch: u64,
     pub(super) labels: Labels,
-    /// Whether a warning about the settings was given.
+    /// Whether a warning about the settings has been logged.
     pub(super) warned: bool,
-    /// Why a frame failed last.
+    /// The reason for the last failure of a frame.
     pub(super) failure: Option<String>,
     /// Why nothing will be shown, before the first frame.
     pub(super) reason: Option<String>,
 }
 
-/// The labels of the grids of the first frame, by role; those of later frames are looked up by them.
+/// The labels of the first frame's grids, by role, used to look up the grids of later frames.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Labels {
     pub grid: Option<String>,
     pub emission: Option<String>,
     pub color: Option<String>,
     pub velocity: Option<String>,
-    /// Whether the emission or the colour has been inserted, which is done once.
+    /// Whether the emission or the colour has been inserted, which happens once.
     pub gave_emission: bool,
     pub gave_color: bool,
 }
@@ -75,7 +75,7 @@ impl Playback {
         back.take_while(move |index| shown != Some(*index))
     }
 
-    /// Whether the clock has come to a frame since the one that is shown, or since a seek: if it is
+    /// Whether the clock has reached a frame since the shown one, or since a seek: if the frame is
     /// still being loaded, it will be shown late rather than never.
     pub(super) fn has_passed(&self, index: usize) -> bool {
         let Some(wanted) = self.wanted else { return false };

@@ -19,10 +19,10 @@ pub(super) struct Parts {
     velocity: Option<&'static mut VdbVelocity>,
 }
 
-/// Sets the grids of an entity to those of a frame, and inserts what it lacks.
+/// Sets the grids of an entity to those of a frame, and inserts missing components.
 ///
 /// # Errors
-/// If the frame has no grid to show, with the reason. Nothing is changed then.
+/// The reason why the frame has no grid to show. Nothing is changed then.
 pub(super) fn show(
     file: &VdbFile,
     grids: &Assets<VdbGrid>,
@@ -104,12 +104,12 @@ fn label_of<A: Asset>(named: &HashMap<String, Handle<A>>, grid: &Handle<A>) -> O
     named.iter().find(|(_, own)| *own == grid).map(|(label, _)| label.clone())
 }
 
-/// The label of a grid that an app chose: that of its path.
+/// The label of a grid that an app chose, from its path.
 fn own_label<A: Asset>(grid: &Handle<A>) -> Option<String> {
     Some(grid.path()?.label()?.to_owned())
 }
 
-/// Replaces the grid of an emission by the one of the frame. A frame without one does not emit.
+/// Replaces the grid of an emission with the frame's. A frame without one does not emit.
 fn replace_emission(
     emission: &mut Mut<VdbEmission>,
     file: &VdbFile,
@@ -148,7 +148,7 @@ pub(super) fn emission_of(emission: &VdbEmission, file: &VdbFile, labels: &Label
     emission
 }
 
-/// Replaces the grid of a colour by the one of the frame.
+/// Replaces the grid of a colour with the frame's.
 fn replace_color(color: &mut Mut<VdbColorGrid>, file: &VdbFile, labels: &mut Labels) {
     if let Some(label) = own_label(&color.0) {
         labels.color = Some(label);
@@ -168,7 +168,7 @@ pub(super) fn color_of(color: &VdbColorGrid, file: &VdbFile, labels: &Labels) ->
     VdbColorGrid(file.vector_grids.get(label).cloned().unwrap_or_default())
 }
 
-/// Replaces the grid of a velocity by the one of the frame.
+/// Replaces the grid of a velocity with the frame's.
 fn replace_velocity(velocity: &mut Mut<VdbVelocity>, file: &VdbFile, labels: &mut Labels) {
     if let Some(label) = own_label(&velocity.grid) {
         labels.velocity = Some(label);
@@ -186,7 +186,7 @@ fn replace_velocity(velocity: &mut Mut<VdbVelocity>, file: &VdbFile, labels: &mu
 }
 
 impl PartsItem<'_, '_> {
-    /// Sets the time that passes in the simulation from what was displayed to what is displayed.
+    /// Sets the simulated time from the frame displayed before to the one displayed now.
     pub fn set_time_step(&mut self, seconds: f64) {
         if let Some(velocity) = &mut self.velocity
             && velocity.time_step != seconds as f32

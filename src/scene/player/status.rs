@@ -1,9 +1,9 @@
-//! What a player shows: a component, and events.
+//! The status of a player: a component, and events.
 
 use bevy::prelude::*;
 
-/// What a [`VdbPlayer`](crate::VdbPlayer) shows, as of the last update: a component of its entity,
-/// to be read.
+/// The status of a [`VdbPlayer`](crate::VdbPlayer), as of the last update: a read-only component of
+/// its entity.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -44,13 +44,13 @@ impl VdbPlayerStatus {
         self.range
     }
 
-    /// Whether a sequence that is played once has come to its end.
+    /// Whether a sequence that is played once has ended.
     pub fn has_ended(&self) -> bool {
         self.has_ended
     }
 
-    /// The number of frames that were wanted and not there until the next one was wanted. Those
-    /// that failed and those that a seek left behind do not count.
+    /// The number of frames that were not loaded before the next frame was wanted. Frames that failed
+    /// or were left behind by a seek do not count.
     pub fn late(&self) -> u64 {
         self.late
     }
@@ -67,8 +67,8 @@ impl VdbPlayerStatus {
     }
 }
 
-/// An event of a player's entity: its sequence, played once, has come to its end. Its last frame
-/// has been shown for its time.
+/// An event of a player's entity: its sequence, played once, has ended, and the last frame has been
+/// shown for its full duration.
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -86,9 +86,9 @@ pub struct VdbPlayerFinished {
     pub entity: Entity,
 }
 
-/// An event of a player's entity: a frame of its sequence cannot be shown. The frame before it
-/// stays for its time. It is told of once, when it is loaded ahead; another attempt is made when
-/// the file changes, if Bevy watches files, or when the sequence is reloaded.
+/// An event of a player's entity: a frame of its sequence cannot be shown. The frame before it stays
+/// on screen in its place. The event is sent once, when the frame is loaded ahead. The frame is tried
+/// again when the file changes, if Bevy watches files, or when the sequence is reloaded.
 #[derive(Clone, Debug, EntityEvent, PartialEq, Eq)]
 pub struct VdbFrameFailed {
     /// The entity of the player.

@@ -1,12 +1,12 @@
-//! Tools that make volumes and change them.
+//! Tools that make and change volumes.
 //!
-//! - [`mesh_to_level_set`] – triangles to a narrow-band level set.
-//! - [`level_set_to_mesh`] – a surface of equal values to triangles.
+//! - [`mesh_to_level_set`] – converts triangles to a narrow-band level set.
+//! - [`level_set_to_mesh`] – converts an isosurface to triangles.
 //! - [`csg()`] – union, intersection and difference of level sets.
-//! - [`redistance()`] – distances again, after a level set was changed.
+//! - [`redistance()`] – restores distances after a level set has been changed.
 //!
 //! All of them run in parallel on rayon's threads, need neither Bevy nor a GPU, and check the
-//! memory that they need against [`Limits`](crate::Limits) before they take it.
+//! memory that they need against [`Limits`](crate::Limits) before allocating it.
 
 mod csg;
 mod error;

@@ -43,7 +43,7 @@ fn run(
 }
 
 const FOG: [f32; MARKS] = [1.0, 0.35, 0.3, 0.15, 0.08, 0.04, 0.02, 0.01];
-/// Only the marks with fewer rays than pixels save anything.
+/// Only the marks with fewer rays than pixels save time.
 const SURFACE: [f32; MARKS] = [1.0, 1.0, 1.0, 1.0, 0.5, 0.26, 0.14, 0.08];
 const NOTHING: [f32; MARKS] = [1.0; MARKS];
 
@@ -145,7 +145,7 @@ fn time_that_no_mark_saves_costs_no_picture() {
     }
 }
 
-/// Times as noisy as those of a busy machine, varying up to fourfold.
+/// Times as noisy as on a busy machine, varying up to fourfold.
 #[test]
 fn noise_above_the_budget_costs_no_picture() {
     for of in 1..=20 {
@@ -177,7 +177,7 @@ fn what_can_be_won_above_the_budget_is() {
     }
 }
 
-/// When other work no longer takes the time, quality is restored: at once if the times show it,
+/// When other work stops taking time, quality is restored: at once if the frame times show it,
 /// otherwise when the budget is tried again.
 #[test]
 fn the_dial_recovers_when_the_time_is_its_own_again() {

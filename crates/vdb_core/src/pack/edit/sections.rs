@@ -43,6 +43,74 @@ fn roomy(count: u32, least: u32) -> u32 {
     count.saturating_add((count / 2).max(least))
 }
 
+/// The capacity of each section: of the top-level tree, the samples and the palette in words, of the others in
+/// lower nodes and leaves.
+struct Room {
+    top: u32,
+    lower: u32,
+    places: u32,
+    samples: u32,
+    palette: u32,
+}
+
+impl Room {
+    /// The header of a grid with sections of these capacities, and the number of its words.
+    fn laid_out(&self, packed: &PackedGrid, frame: &Frame) -> Result<(GridHeader, u64), PackError> {
+        let mut end = 0_u64;
+        let mut section = |words: u64| {
+            let first = end;
+            end += words;
+            first.min(u32::MAX.into()) as u32
+        };
+        let places_of = |words: u32| u64::from(self.places) * u64::from(words);
+        let mut header = GridHeader {
+            top_origin: frame.top_origin.to_array(),
+            top_levels: frame.levels,
+            top: section(self.top.into()),
+            heads: section(self.lower.into()),
+            lower_nodes: section(u64::from(self.lower) * LOWER_WORDS as u64),
+            masks: section(places_of(LEAF_MASK_WORDS as u32)),
+            ..packed.header
+        };
+        match packed.kind {
+            PackKind::Surface { .. } => {}
+            PackKind::Smooth { .. } => {
+                header.leaf_records = section(places_of(1));
+                header.records = section(places_of(LEAF_RECORD_WORDS));
+                header.samples = section(self.samples.into());
+            }
+            PackKind::Fog => header.samples = section(places_of(packed.header.brick_words)),
+        }
+        header.palette = section(self.palette.into());
+        check_at_most("words", end, u32::MAX.into())?;
+        Ok((header, end))
+    }
+}
+
+/// Copies a leaf of a packed grid to a place, and its samples, if the surface is smooth, to a run.
+fn copy_leaf(
+    packed: &PackedGrid,
+    leaf: u32,
+    header: &GridHeader,
+    place: u32,
+    run: Run,
+    mut put: impl FnMut(u32, &[u32]),
+) {
+    put(header.mask(place), packed.mask(leaf));
+    match packed.kind {
+        PackKind::Surface { .. } => {}
+        PackKind::Smooth { .. } => {
+            let (records, from) = packed.smooth_leaf(leaf);
+            put(header.leaf(place), &rebased(records, run.first));
+            put(header.samples + run.first, from);
+        }
+        PackKind::Fog => {
+            let from = packed.header.leaf(leaf) as usize;
+            put(header.leaf(place), &packed.words[from..][..packed.header.brick_words as usize]);
+        }
+    }
+}
+
 impl Sections {
     /// Copies a packed grid with 32-bit samples into sections that have room to grow by half.
     /// `None` if there are tiles of more than 128³ cells.
@@ -99,35 +167,15 @@ impl Sections {
             roomy(palette_end, 256)
         };
 
-        let mut end = 0_u64;
-        let mut section = |words: u64| {
-            let first = end;
-            end += words;
-            first.min(u32::MAX.into()) as u32
+        let room = Room {
+            top: top_room,
+            lower: lower_room,
+            places: place_room,
+            samples: sample_room,
+            palette: palette_room,
         };
-        let places_of = |words: u32| u64::from(place_room) * u64::from(words);
-        let mut header = GridHeader {
-            top_origin: frame.top_origin.to_array(),
-            top_levels: frame.levels,
-            top: section(top_room.into()),
-            heads: section(lower_room.into()),
-            lower_nodes: section(u64::from(lower_room) * LOWER_WORDS as u64),
-            masks: section(places_of(LEAF_MASK_WORDS as u32)),
-            ..*old
-        };
-        match packed.kind {
-            PackKind::Surface { .. } => {}
-            PackKind::Smooth { .. } => {
-                header.leaf_records = section(places_of(1));
-                header.records = section(places_of(LEAF_RECORD_WORDS));
-                header.samples = section(sample_room.into());
-            }
-            PackKind::Fog => header.samples = section(places_of(old.brick_words)),
-        }
-        header.palette = section(palette_room.into());
-        check_at_most("words", end, u32::MAX.into())?;
-
-        let mut words = vec![0; end as usize];
+        let (header, words) = room.laid_out(packed, &frame)?;
+        let mut words = vec![0; words as usize];
         let mut put = |first: u32, from: &[u32]| {
             words[first as usize..first as usize + from.len()].copy_from_slice(from);
         };
@@ -140,20 +188,8 @@ impl Sections {
             put(header.heads + number, &[lower_node.leaves.first]);
             put(header.lower_node(number).start as u32, &packed.words[old.lower_node(number)]);
             for (place, leaf) in (lower_node.leaves.first..).zip(leaves_of(number)) {
-                put(header.mask(place), packed.mask(leaf));
-                match packed.kind {
-                    PackKind::Surface { .. } => {}
-                    PackKind::Smooth { .. } => {
-                        let (records, from) = packed.smooth_leaf(leaf);
-                        let run = samples_of[place as usize];
-                        put(header.leaf(place), &rebased(records, run.first));
-                        put(header.samples + run.first, from);
-                    }
-                    PackKind::Fog => {
-                        let from = old.leaf(leaf) as usize;
-                        put(header.leaf(place), &packed.words[from..][..old.brick_words as usize]);
-                    }
-                }
+                let run = samples_of.get(place as usize).copied().unwrap_or_default();
+                copy_leaf(packed, leaf, &header, place, run, &mut put);
             }
         }
         if palette_room > 0 {
