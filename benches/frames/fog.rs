@@ -80,8 +80,16 @@ pub fn run(args: &Args) -> Result<(), String> {
     studio.app.world_mut().entity_mut(cloud).insert(fire);
     rows(&mut studio, args, ("fire in smoke", 2), &presets, still)?;
 
+    studio.app.world_mut().entity_mut(cloud).insert(VdbEmissionLight::default());
+    rows(&mut studio, args, ("fire that lights its smoke", 2), by_cache, still)?;
+    studio.app.world_mut().entity_mut(cloud).remove::<(VdbEmissionLight, VdbEmission)>();
+
+    // The glass of `VdbRamp::default()`, which is white where values are high.
+    studio.app.world_mut().entity_mut(cloud).insert(VdbRamp::default());
+    rows(&mut studio, args, ("a ramp", 1), by_cache, still)?;
+    studio.app.world_mut().entity_mut(cloud).remove::<VdbRamp>();
+
     drop(grid);
-    studio.app.world_mut().entity_mut(cloud).remove::<VdbEmission>();
     let mut ball = Running::new(&mut studio, cloud, PackKind::Fog, large_fog())?;
     rows(&mut studio, args, ("an edited ball", 1), &presets, |studio| ball.run(studio))
 }

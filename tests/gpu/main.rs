@@ -2,5 +2,6 @@
 
 #[path = "../common/headless.rs"]
 mod headless;
+mod size;
 mod top_tree;
 mod validity;

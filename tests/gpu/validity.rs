@@ -6,13 +6,14 @@ use std::path::{Path, PathBuf};
 
 use bevy::prelude::*;
 use bevy::shader::{Shader, ShaderImport};
+use naga::Module;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga_oil::compose::{Composer, NagaModuleDescriptor, ShaderDefValue};
 
 use crate::headless;
 
 /// The text of a shader of the crate.
-fn source(name: &str) -> String {
+pub fn source(name: &str) -> String {
     let path = format!("{}/assets/shaders/{name}.wgsl", env!("CARGO_MANIFEST_DIR"));
     std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
@@ -71,7 +72,7 @@ fn gather(shaders: &Assets<Shader>, import: &ShaderImport, found: &mut Vec<Shade
 }
 
 /// A composer that knows Bevy's modules and the crate's.
-fn composer() -> Composer {
+pub fn composer() -> Composer {
     let mut composer = Composer::default().with_capabilities(Capabilities::all());
     for shader in &all_modules() {
         let added = composer.add_composable_module(shader.into()).map(drop);
@@ -80,7 +81,8 @@ fn composer() -> Composer {
     composer
 }
 
-fn check(composer: &mut Composer, name: &str, defs: &[&str]) {
+/// A shader, composed with defs such as `NAME` and `NAME=3`.
+pub fn composed(composer: &mut Composer, name: &str, defs: &[&str]) -> Module {
     let source = &source(name);
     let on = |def: &&str| match def.split_once('=') {
         Some((name, number)) => {
@@ -95,11 +97,14 @@ fn check(composer: &mut Composer, name: &str, defs: &[&str]) {
         shader_defs: defs.iter().map(on).chain([storage]).collect(),
         ..default()
     });
-    let module =
-        made.unwrap_or_else(|error| panic!("with {defs:?}: {}", error.emit_to_string(composer)));
+    made.unwrap_or_else(|error| panic!("with {defs:?}: {}", error.emit_to_string(composer)))
+}
+
+fn check(composer: &mut Composer, name: &str, defs: &[&str]) {
+    let module = composed(composer, name, defs);
     Validator::new(ValidationFlags::all(), Capabilities::all())
         .validate(&module)
-        .unwrap_or_else(|error| panic!("with {defs:?}: {}", error.emit_to_string(source)));
+        .unwrap_or_else(|error| panic!("with {defs:?}: {}", error.emit_to_string(&source(name))));
 }
 
 /// The defs of a view that interpolates the light that lamps scatter in fog.

@@ -229,7 +229,8 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         fog.optical_depth += depth;
         transmittance = transmittance_after;
         is_done = k * t_base >= t_end || t_near >= t_end || fog.optical_depth > OPAQUE_DEPTH;
-        if HAS_INTERVALS && t_high >= t_flush && interval.weight > 0.0 && !is_done {
+        // The only call: compilers inline it, with rays to all lights.
+        if HAS_INTERVALS && (t_high >= t_flush || is_done) && interval.weight > 0.0 {
 #ifdef VDB_LAMP_LIGHT
             is_near_lamps = near.x < t_high && near.y > t_interval_begin;
             t_interval_begin = t_high;
@@ -246,10 +247,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
 #endif
         }
     }
-    if interval.weight > 0.0 {
-#ifdef VDB_LAMP_LIGHT
-        is_near_lamps = near.x < t_end && near.y > t_interval_begin;
-#endif
+    if !HAS_INTERVALS && interval.weight > 0.0 {
         add_interval(segment, pixel, &fogs, t_zero, t_max, &shared_light, &interval, is_near_lamps, &sums);
     }
 #ifdef VDB_LAMP_LIGHT

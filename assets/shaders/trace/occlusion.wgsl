@@ -1,8 +1,9 @@
 // Shadows that volumes cast on themselves and on each other.
 #define_import_path bevy_vdb::trace::occlusion
 
-#import bevy_vdb::gpu::types::{KIND_FOG, KIND_SMOOTH, KIND_SURFACE, NO_CASTER}
-#import bevy_vdb::traversal::hdda::{mirrored_ray, enter, first_hit}
+#import bevy_vdb::gpu::types::{Grid, KIND_FOG, KIND_SMOOTH, KIND_SURFACE, NO_CASTER}
+#import bevy_vdb::traversal::exact::MirroredRay
+#import bevy_vdb::traversal::hdda::{Dda, enter, first_hit, mirrored_ray}
 #import bevy_vdb::view::scene::{fog_grid, scene_end, view, volumes}
 #import bevy_vdb::trace::scattering::OPAQUE_DEPTH
 #import bevy_vdb::trace::segment::{Point, Segment, lattice_ray}
@@ -43,95 +44,127 @@ fn next_occluder(segment: Segment, i: u32, distance: f32) -> u32 {
 #endif
 }
 
-const SURFACES: u32 = 1u;
-const FOGS: u32 = 2u;
+// Whether a volume casts shadows.
+fn casts_shadow(volume: u32) -> bool {
+#ifdef VDB_EMISSION
+    if is_emitter(volume) {
+        return false;
+    }
+#endif
+    return (volumes[volume].flags & NO_CASTER) == 0u;
+}
 
-// Optical depth between a point and a light in a direction (world space, unit length) at a distance in world
-// units, of surfaces, of fogs, or of both; SURFACE_DEPTH behind a surface. Points in fog are
-// ray-marched in steps of at least `least_step` voxels, because the errors of many points on a ray average
-// out.
-fn depth_to_light(
-    point: Point,
-    to_light: vec3<f32>,
-    distance: f32,
-    in_fog: bool,
-    kinds: u32,
-    least_step: f32,
-) -> f32 {
+// Whether a ray meets the surface of a volume; `false` for fogs.
+fn meets_surface(volume: u32, grid: Grid, ray: MirroredRay, dda: Dda) -> bool {
+    var is_met = false;
+#ifdef VDB_SURFACES
+    if volumes[volume].kind == KIND_SURFACE {
+        is_met = first_hit(grid, ray, dda).found;
+    }
+#endif
+#ifdef VDB_SMOOTH
+    if volumes[volume].kind == KIND_SMOOTH {
+        is_met = first_root(grid, ray, dda).found;
+    }
+#endif
+    return is_met;
+}
+
+#ifdef VDB_FOGS
+// Optical depth of a fog along a ray. Points in fog are ray-marched in steps of at least `least_step` voxels,
+// because the errors of many points on a ray average out.
+fn fog_depth(volume: u32, grid: Grid, ray: MirroredRay, dda: Dda, in_fog: bool, least_step: f32) -> f32 {
+    let scale = max(volumes[volume].density_scale, 1e-30);
+    var density_integral = 0.0;
+#ifdef VDB_RAMPS
+    // Samples would miss thin shells.
+    let is_sampled = in_fog && grid.ramp == 0u;
+#else
+    let is_sampled = in_fog;
+#endif
+    if is_sampled {
+        let step = max(scaled_step(grid, volumes[volume].shadow_step, SHADOW_EDGE), least_step);
+        density_integral = stepped_length(grid, ray, 0.0, DARK_DEPTH / scale, step, 0.0);
+    } else {
+        density_integral = optical_length(grid, ray, dda, DARK_DEPTH / scale);
+    }
+    return scale * min(density_integral, 100.0 / scale);
+}
+#endif
+
+// Functions of their own for surfaces, for fogs and for both: compilers inline them, and take minutes for what
+// is inlined where only a part is needed.
+
+// Transmittance between a point and a light in a direction (world space, unit length) at a distance in world
+// units.
+fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool) -> f32 {
     let segment = Segment(point, to_light, false, 0.0);
     let range = min(distance, view.shadow_range);
     var depth = 0.0;
     var i = next_occluder(segment, view.volume_first, range);
     for (; i < scene_end() && depth < DARK_DEPTH; i = next_occluder(segment, i + 1u, range)) {
-        if (volumes[i].flags & NO_CASTER) != 0u {
-            continue;
-        }
-#ifdef VDB_EMISSION
-        if is_emitter(i) {
-            continue;
-        }
-#endif
-        let kind = select(SURFACES, FOGS, volumes[i].kind == KIND_FOG);
-        if (kinds & kind) == 0u {
-            continue;
-        }
-        let grid = fog_grid(i);
-        let mirrored = mirrored_ray(grid, lattice_ray(segment, i, range));
-        let dda = enter(mirrored);
-        if !dda.inside {
-            continue;
-        }
-#ifdef VDB_SURFACES
-        if volumes[i].kind == KIND_SURFACE && first_hit(grid, mirrored, dda).found {
-            depth = SURFACE_DEPTH;
-        }
-#endif
-#ifdef VDB_SMOOTH
-        if volumes[i].kind == KIND_SMOOTH && first_root(grid, mirrored, dda).found {
-            depth = SURFACE_DEPTH;
-        }
-#endif
+        if casts_shadow(i) {
+            let grid = fog_grid(i);
+            let ray = mirrored_ray(grid, lattice_ray(segment, i, range));
+            let dda = enter(ray);
+            if dda.inside {
+                if meets_surface(i, grid, ray, dda) {
+                    depth = SURFACE_DEPTH;
+                }
 #ifdef VDB_FOGS
-        if volumes[i].kind == KIND_FOG {
-            let scale = max(volumes[i].density_scale, 1e-30);
-            var density_integral = 0.0;
-#ifdef VDB_RAMPS
-            // Samples would miss thin shells.
-            let is_sampled = in_fog && grid.ramp == 0u;
-#else
-            let is_sampled = in_fog;
+                if volumes[i].kind == KIND_FOG {
+                    depth += fog_depth(i, grid, ray, dda, in_fog, 0.0);
+                }
 #endif
-            if is_sampled {
-                let step = max(scaled_step(grid, volumes[i].shadow_step, SHADOW_EDGE), least_step);
-                density_integral = stepped_length(grid, mirrored, 0.0, DARK_DEPTH / scale, step, 0.0);
-            } else {
-                density_integral = optical_length(grid, mirrored, dda, DARK_DEPTH / scale);
             }
-            depth += scale * min(density_integral, 100.0 / scale);
         }
-#endif
     }
-    return depth;
-}
-
-// Transmittance between a point and a light.
-fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool) -> f32 {
-    let depth = depth_to_light(point, to_light, distance, in_fog, SURFACES | FOGS, 0.0);
     return select(exp(-min(depth, DARK_DEPTH)), 0.0, depth >= SURFACE_DEPTH);
 }
 
+#ifdef VDB_FOGS
 // Optical depth of all fogs between a point in fog and a light.
 fn fog_depth_to_light(point: Point, to_light: vec3<f32>, distance: f32, least_step: f32) -> f32 {
-    return depth_to_light(point, to_light, distance, true, FOGS, least_step);
+    let segment = Segment(point, to_light, false, 0.0);
+    let range = min(distance, view.shadow_range);
+    var depth = 0.0;
+    var i = next_occluder(segment, view.volume_first, range);
+    for (; i < scene_end() && depth < DARK_DEPTH; i = next_occluder(segment, i + 1u, range)) {
+        if casts_shadow(i) && volumes[i].kind == KIND_FOG {
+            let grid = fog_grid(i);
+            let ray = mirrored_ray(grid, lattice_ray(segment, i, range));
+            let dda = enter(ray);
+            if dda.inside {
+                depth += fog_depth(i, grid, ray, dda, true, least_step);
+            }
+        }
+    }
+    return depth;
 }
+#endif
 
 // Whether a surface stands between a point and a light.
 fn is_occluded(point: Point, to_light: vec3<f32>, distance: f32) -> bool {
+    let segment = Segment(point, to_light, false, 0.0);
+    let range = min(distance, view.shadow_range);
+    var is_met = false;
 #ifdef VDB_SURFACES
-    return depth_to_light(point, to_light, distance, true, SURFACES, 0.0) >= SURFACE_DEPTH;
+    let has_surfaces = true;
 #else ifdef VDB_SMOOTH
-    return depth_to_light(point, to_light, distance, true, SURFACES, 0.0) >= SURFACE_DEPTH;
+    let has_surfaces = true;
 #else
-    return false;
+    let has_surfaces = false;
 #endif
+    if has_surfaces {
+        var i = next_occluder(segment, view.volume_first, range);
+        for (; i < scene_end() && !is_met; i = next_occluder(segment, i + 1u, range)) {
+            if casts_shadow(i) && volumes[i].kind != KIND_FOG {
+                let grid = fog_grid(i);
+                let ray = mirrored_ray(grid, lattice_ray(segment, i, range));
+                let dda = enter(ray);
+                is_met = dda.inside && meets_surface(i, grid, ray, dda);
+            }
+        }
+    }
+    return is_met;
 }

@@ -90,7 +90,8 @@ fn spawn_meshes(
     commands.spawn((Mesh3d(table), MeshMaterial3d(wood), Transform::from_xyz(0.0, 0.25, 0.0)));
     commands.spawn((Ball, Mesh3d(ball), MeshMaterial3d(red), ball_at(0.0)));
     for i in 0..7 {
-        let angle = TAU * i as f32 / 7.0;
+        // The camera begins between two.
+        let angle = TAU * (i as f32 + 0.5) / 7.0;
         commands.spawn((
             Mesh3d(pillar.clone()),
             MeshMaterial3d(stone.clone()),
