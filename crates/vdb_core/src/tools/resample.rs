@@ -8,7 +8,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use super::build::{Formula, Leaf, Upper, build, uppers};
 use super::combine::State;
 use super::from_mesh::{self, InsideRule};
-use super::grid::{cube_edge, floats, level_set, pass, replaced};
+use super::grid::{MOST_HALF_WIDTH, cube_edge, floats, pass, replaced};
 use super::samples::{Samples, Voxels, content, one_value};
 use super::{LevelSetToMesh, MeshToLevelSet, Redistance, ToolError, level_set_to_mesh, redistance};
 use crate::tree::{Accessor, IVec3, Node, Vdb543};
@@ -126,7 +126,14 @@ fn resampled_level_set(
         let again = Redistance { limits, progress: pass(own, 1, 2), ..Redistance::default() };
         return redistance(&between, &again);
     }
-    let (tree, own_edge, half_width) = level_set(grid)?;
+    // Voxels that are no cubes may become cubes: distances are in world units all the same.
+    let tree = floats(grid)?;
+    let own_edge = grid.transform.voxel_size().min_element();
+    let half_width = (f64::from(tree.background()) / own_edge) as f32;
+    if !(1.0..=f32::MAX).contains(&half_width) {
+        return Err(ToolError::NoBand { background: tree.background(), edge: own_edge });
+    }
+    let half_width = half_width.min(MOST_HALF_WIDTH);
     // In the index space of the new voxels.
     let new_from_world = world_from_new.inverse();
     let own = grid.transform.linear().ok_or(ToolError::NotLinear)?;

@@ -178,6 +178,29 @@ fn level_sets_have_distances_in_the_new_voxels() {
 }
 
 #[test]
+fn level_sets_of_stretched_voxels_become_cubes() {
+    // A ball of radius 20 in the world, with voxels of 1 x 1 x 2: its distances are those of the world.
+    let bbox = CoordBox { min: IVec3::splat(-25), max: IVec3::splat(25) };
+    let size = DVec3::new(1.0, 1.0, 2.0);
+    let tree = fog::from_values(bbox, |ijk| {
+        ((ijk.as_dvec3() * size).length() as f32 - 20.0).clamp(-6.0, 6.0)
+    });
+    let mut own = Vdb543::new(6.0);
+    tree.active_values().for_each(|value| own.set(value.origin, value.value));
+    let mut grid = fog_grid(own, Transform::affine(DAffine3::from_scale(size)).unwrap());
+    grid.class = GridClass::LevelSet;
+    let options = Resample::with_voxel_size(&grid, 1.0).unwrap();
+    let made = resample(&grid, &options).unwrap();
+    assert_eq!(floats(&made).background(), 6.0);
+    for ijk in voxels(-26, 26, 1) {
+        let expected = (ijk.as_dvec3().length() - 20.0).clamp(-6.0, 6.0);
+        let value = f64::from(floats(&made).get(ijk));
+        // Chords and roots of voxels that are up to 2 long.
+        assert!((value - expected).abs() < 4.0 / 40.0, "{ijk}: {value}, should be {expected}");
+    }
+}
+
+#[test]
 fn sizes_of_voxels_keep_axes_and_origin() {
     let tree = patchy();
     for from in [skewed(0.25), Transform::uniform(0.25, DVec3::ONE).unwrap()] {
