@@ -44,11 +44,19 @@ static void write(const std::string& path, const FloatGrid::Ptr& grid) {
 // A task that makes one grid of another one.
 static FloatGrid::Ptr apply(const std::string& task, const FloatGrid& grid, double edge) {
     if (task == "redistance") return openvdb::tools::levelSetRebuild(grid, 0.0f, 3.0f);
-    if (task == "resample" || task == "resample-fog") {
+    if (task == "resample") {
+        const float size = static_cast<float>(1.5 * edge);
+        const auto made = FloatGrid::create(3.0f * size);
+        made->setGridClass(openvdb::GRID_LEVEL_SET);
+        made->setTransform(openvdb::math::Transform::createLinearTransform(1.5 * edge));
+        openvdb::tools::resampleToMatch<openvdb::tools::BoxSampler>(grid, *made);
+        return made;
+    }
+    if (task == "resample-fog") {
         const auto made = grid.copyWithNewTree();
         openvdb::math::Mat4d matrix = openvdb::math::Mat4d::identity();
-        if (task == "resample-fog") matrix.setToRotation(openvdb::Vec3d(0, 1, 0), 0.3);
-        matrix.preScale(openvdb::Vec3d(task == "resample" ? 1.5 * edge : edge));
+        matrix.setToRotation(openvdb::Vec3d(0, 1, 0), 0.3);
+        matrix.preScale(openvdb::Vec3d(edge));
         made->setTransform(openvdb::math::Transform::createLinearTransform(matrix));
         openvdb::tools::resampleToMatch<openvdb::tools::BoxSampler>(grid, *made);
         return made;
