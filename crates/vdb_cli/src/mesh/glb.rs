@@ -154,7 +154,7 @@ impl Scene<'_> {
 /// The triangles of a list of corners.
 fn triangles(corners: &[u32], mode: Mode) -> Result<Vec<[u32; 3]>, String> {
     match mode {
-        Mode::Triangles if corners.len() % 3 == 0 => Ok(corners.as_chunks().0.to_vec()),
+        Mode::Triangles if corners.len().is_multiple_of(3) => Ok(corners.as_chunks().0.to_vec()),
         Mode::Triangles => Err("the last triangle is cut short".into()),
         Mode::TriangleStrip => {
             let turned = |(i, three): (usize, &[u32])| match i % 2 {
