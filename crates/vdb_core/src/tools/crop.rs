@@ -11,7 +11,7 @@ use super::ToolError;
 use super::build::{Formula, Leaf, build};
 use super::combine::State;
 use super::grid::{floats, replaced};
-use super::samples::{Voxels, one_value};
+use super::samples::tile_at;
 use crate::grid::with_tree;
 use crate::tree::grow::{Built, built, internal};
 use crate::tree::{
@@ -162,7 +162,7 @@ impl Formula for Cut<'_> {
     type Scratch = ();
 
     fn tile(&self, origin: IVec3, log2_dim: u32) -> Option<State> {
-        let one = one_value(self.tree, Voxels::around(origin, log2_dim, 0));
+        let one = tile_at(self.tree, origin, log2_dim);
         let far = self.background;
         if one == Some((far, false)) {
             return one;

@@ -9,7 +9,7 @@ use super::ToolError;
 use super::build::{Formula, Leaf, Lower, build};
 use super::combine::State;
 use super::grid::{floats, replaced};
-use super::samples::{Voxels, one_value};
+use super::samples::tile_at;
 use crate::tree::{Cube, Dim, Found, IVec3, InternalNode, Node, RootEntry, Slot, Vdb543};
 use crate::{Grid, GridClass, Limits, ProgressFn};
 
@@ -80,7 +80,13 @@ fn depth(tree: &Vdb543<f32>) -> f32 {
             }
         }
     }
-    let least = lowers.iter().map(|lower| least_tile(*lower)).fold(least, f32::min);
+    // Nothing is deeper than the band, and most solids are as deep somewhere.
+    for lower in &lowers {
+        if least <= -tree.background() {
+            break;
+        }
+        least = least.min(least_tile(*lower));
+    }
     if least <= -tree.background() {
         return -least;
     }
@@ -117,7 +123,7 @@ impl Formula for Fog<'_> {
     type Scratch = ();
 
     fn tile(&self, origin: IVec3, log2_dim: u32) -> Option<State> {
-        let (distance, _) = one_value(self.tree, Voxels::around(origin, log2_dim, 0))?;
+        let (distance, _) = tile_at(self.tree, origin, log2_dim)?;
         Some(self.density(distance))
     }
 

@@ -24,6 +24,7 @@ mod fog;
 mod from_mesh;
 mod grid;
 mod offset;
+mod places;
 mod redistance;
 mod resample;
 mod samples;

@@ -39,10 +39,13 @@ impl fmt::Debug for Offset {
 
 /// The most voxels to move by.
 const FARTHEST: f64 = 1000.0;
-/// The most voxels that the surface moves at once. The work grows with the cube of the band.
+/// The most voxels that the surface moves at once, however wide the band is.
 const STEP: f64 = 4.0;
-/// Voxels of a band around a surface in it: a bit more than the diagonal of a cell.
-const MARGIN: f64 = 2.0;
+/// Voxels of a band beyond a surface in it: both ends of an edge that the surface crosses are as near.
+const MARGIN: f64 = 1.0;
+
+/// Half widths are quotients of floats, such as 2.9999998.
+const ROUNDING: f64 = 1e-5;
 
 /// Moves the surface of a level set outwards by a distance, or inwards by a negative one. All
 /// distances are computed anew, in a band as wide as before.
@@ -61,10 +64,12 @@ pub fn offset(grid: &Grid, options: &Offset) -> Result<Grid, ToolError> {
         let (setting, range) = ("the offset in voxels", "from -1000 to 1000");
         return Err(ToolError::BadSetting { setting, value: voxels, range });
     }
-    let steps = (voxels.abs() / STEP).ceil().max(1.0) as u64;
+    // As far as the band reaches. A wider one would take more time than it saves.
+    let farthest = (f64::from(half_width) - MARGIN).clamp(MARGIN, STEP);
+    let steps = (voxels.abs() / farthest - ROUNDING).ceil().max(1.0) as u64;
     let step = voxels / steps as f64;
     let needed = (step.abs() + MARGIN) as f32;
-    let is_narrow = half_width < needed;
+    let is_narrow = f64::from(half_width) < f64::from(needed) - 10.0 * ROUNDING;
     let passes = steps + u64::from(is_narrow);
     let moved = |iso: f64, is_last: bool, done: u64| Redistance {
         half_width: if is_last { half_width } else { needed.max(half_width) },

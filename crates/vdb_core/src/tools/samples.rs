@@ -92,6 +92,26 @@ pub(super) fn one_value(tree: &Vdb543<f32>, voxels: Voxels) -> Option<State> {
     one.filter(|_| is_same)
 }
 
+/// The same for the voxels of a node of 8³, 128³ or 4096³. `None` if they have a node of their own.
+pub(super) fn tile_at(tree: &Vdb543<f32>, origin: IVec3, log2_dim: u32) -> Option<State> {
+    let upper = match tree.entry(origin) {
+        None => return Some((tree.background(), false)),
+        Some(RootEntry::Tile { value, active }) => return Some((*value, *active)),
+        Some(RootEntry::Child(upper)) => upper,
+    };
+    if log2_dim == Upper::TOTAL_LOG2_DIM {
+        return None;
+    }
+    let lower = match upper.slot_at(Upper::slot(origin)) {
+        Slot::Tile(value, active) => return Some((value, active)),
+        Slot::Child(lower) => lower,
+    };
+    match lower.slot_at(Lower::slot(origin)) {
+        Slot::Tile(value, active) if log2_dim < Lower::TOTAL_LOG2_DIM => Some((value, active)),
+        _ => None,
+    }
+}
+
 fn same(one: &mut Option<State>, state: State) -> bool {
     let first = one.get_or_insert(state);
     first.0.to_bits() == state.0.to_bits() && first.1 == state.1

@@ -7,7 +7,7 @@ use super::build::{Formula, Leaf, build, uppers};
 use super::combine::State;
 use super::grid::{floats, level_set, pass, replaced};
 use super::redistance::redistanced;
-use super::samples::{Samples, Voxels, content, one_value};
+use super::samples::{Samples, Voxels, content, one_value, tile_at};
 use super::{Redistance, ToolError};
 use crate::tree::{Found, IVec3, Node, Vdb543};
 use crate::work::Stop;
@@ -128,16 +128,17 @@ fn smoothed_level_set(
 ) -> Result<Grid, ToolError> {
     let (tree, edge, half_width) = level_set(grid)?;
     let passes = u64::from(options.iterations);
-    let mut made = tree.clone();
+    let mut made: Option<Vdb543<f32>> = None;
     for done in 0..options.iterations {
-        let formula = Band { tree: &made, weights: weights.as_deref() };
-        let uppers = made.entries().map(|(origin, _)| origin.to_array()).collect();
-        let filtered = build(made.background(), uppers, &formula, &options.limits, None)
+        let own = made.as_ref().unwrap_or(tree);
+        let formula = Band { tree: own, weights: weights.as_deref() };
+        let uppers = own.entries().map(|(origin, _)| origin.to_array()).collect();
+        let filtered = build(own.background(), uppers, &formula, &options.limits, None)
             .map_err(|stop| stopped(stop, tree))?;
         // The flow reaches one voxel on each side, so that the band has room for two steps of it.
         let has_room = weights.is_none() && done % 2 == 0 && half_width >= 3.0;
         if has_room && done + 1 < options.iterations {
-            made = filtered;
+            made = Some(filtered);
             continue;
         }
         let again = Redistance {
@@ -146,14 +147,16 @@ fn smoothed_level_set(
             progress: pass(options.progress.as_ref(), done.into(), passes),
             ..Redistance::default()
         };
-        made = redistanced(&filtered, edge, &again).map_err(|error| match error {
+        // What came before is not needed any more, and takes memory.
+        made = None;
+        made.replace(redistanced(&filtered, edge, &again).map_err(|error| match error {
             ToolError::NoTriangles => {
                 ToolError::NothingLeft { after: format!("Smoothed {} times", done + 1) }
             }
             other => other,
-        })?;
+        })?);
     }
-    Ok(replaced(grid, made))
+    Ok(replaced(grid, made.unwrap_or_else(|| tree.clone())))
 }
 
 fn smoothed_fog(
@@ -191,7 +194,7 @@ impl Formula for Band<'_> {
     type Scratch = Scratch;
 
     fn tile(&self, origin: IVec3, log2_dim: u32) -> Option<State> {
-        one_value(self.tree, Voxels::around(origin, log2_dim, 0))
+        tile_at(self.tree, origin, log2_dim)
     }
 
     fn fill(&self, leaf: &mut Leaf, scratch: &mut Scratch) {

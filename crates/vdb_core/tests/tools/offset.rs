@@ -28,7 +28,7 @@ fn spheres_stay_spheres() {
         assert_eq!((made.class, tree.background()), (GridClass::LevelSet, 0.75));
         let radius = 25.0 + voxels_moved;
         // Each step has roots that are off by 1 / 8r, and chords by 3 / 8r: inwards, so that they add.
-        let steps = 1.0 + (voxels_moved.abs() / 4.0).ceil();
+        let steps = (voxels_moved.abs() / 2.0).ceil().max(1.0);
         let bound = steps / (2.0 * (radius.min(25.0) - 4.0));
         let reach = radius as i32 + 6;
         for ijk in voxels(-reach, reach, 1) {

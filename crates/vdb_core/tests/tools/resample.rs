@@ -238,6 +238,13 @@ fn what_cannot_be_resampled_is_refused_before_memory_is_taken() {
             other => panic!("{other:?}"),
         }
     }
+    // Nothing is begun that surely does not fit.
+    let begun: Arc<vdb_core::ProgressFn> = Arc::new(|_, _| panic!("it has begun"));
+    for grid in [&grid, &ball] {
+        let options = Resample::with_voxel_size(grid, 0.02).unwrap();
+        let error = resample(grid, &Resample { progress: Some(begun.clone()), ..options });
+        assert!(matches!(error, Err(ToolError::TooManyVoxels { .. })), "{error:?}");
+    }
     // A tile has no leaves, and yet a result with too many nodes.
     let mut tile = Vdb543::new(0.0);
     tile.insert_tile(IVec3::ZERO, 1.0, true);

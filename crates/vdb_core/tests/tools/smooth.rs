@@ -58,6 +58,16 @@ fn fog_has_the_means_of_brute_force() {
 }
 
 #[test]
+fn fog_spreads_into_nodes_that_had_none() {
+    let mut tree = Vdb543::new(0.0);
+    tree.set(IVec3::ZERO, 1.0);
+    let own = grid(tree, GridClass::FogVolume);
+    let made = smooth(&own, &Smooth::new(Filter::Mean { width: 1 })).unwrap();
+    assert_eq!(made.tree.active_voxel_count(), 27);
+    assert!((floats(&made).get(IVec3::splat(-1)) - 1.0 / 27.0).abs() < 1e-8);
+}
+
+#[test]
 fn the_integral_of_fog_stays() {
     let ball = fog::sphere(DVec3::new(0.2, 0.1, 125.0), 40.0, 1.0);
     let sum = |tree: &Vdb543<f32>| -> f64 {
@@ -153,6 +163,12 @@ fn bumps_go_and_planes_stay() {
             assert!((a - b).abs() < 1e-5, "{filter:?} at {x}: {b}, should be {a}");
         }
     }
+    // A gap whose middle is beyond both bands stays open, however wide the filter is.
+    let gap = level_set::from_distance(bbox, |p| 4.0 - p.x.abs());
+    let wide = Smooth::new(Filter::Mean { width: 8 });
+    let made = smooth(&grid(gap, GridClass::LevelSet), &wide).unwrap();
+    let [gap, solid] = [0, 4].map(|x| floats(&made).get(IVec3::new(x, 3, 4)));
+    assert!(gap > 0.0 && solid < 0.0, "{gap}, {solid}");
     // A ball with a bump of two voxels' radius.
     let bumpy =
         level_set::from_distance(CoordBox { min: IVec3::splat(-32), max: IVec3::splat(32) }, |p| {

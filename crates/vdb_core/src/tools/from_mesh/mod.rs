@@ -141,7 +141,8 @@ pub(super) fn level_set_of_closed(
     options: &MeshToLevelSet,
     scale: f64,
 ) -> Result<Vdb543<f32>, ToolError> {
-    let TriangleMesh { positions, triangles, .. } = mesh;
+    let TriangleMesh { positions, normals, triangles } = mesh;
+    drop(normals);
     let points = input::points(&positions, &triangles, 1.0)?;
     drop(positions);
     level_set_of(&close::Mesh { points, triangles }, options, scale)
@@ -159,7 +160,8 @@ fn level_set_of(
     let pillars = pillar::sorted(mesh, half_width);
     let steps = pillars.iter().map(Pillar::steps).sum();
     let work = Work::new(options.progress.as_ref(), steps, options.limits.tree_bytes);
-    let progress = Progress { work: &work, done: AtomicU64::new(0) };
+    let leaves_at_once = pillar::leaves_at_once(pillars.len());
+    let progress = Progress { work: &work, done: AtomicU64::new(0), leaves_at_once };
     let band =
         Band { half_width, scale, background: (half_width * scale) as f32, inside: options.inside };
     let nodes: Vec<Vec<(IVec3, Built<Lower>)>> = pillars
