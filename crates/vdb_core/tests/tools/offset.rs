@@ -66,7 +66,8 @@ fn what_cannot_be_moved_is_refused() {
     let ball = solid(&level_set::sphere(DVec3::ZERO, 10.0), 0.5);
     let error = |grid: &Grid, options: &Offset| offset(grid, options).unwrap_err();
     let said = error(&ball, &Offset::new(-6.0)).to_string();
-    assert_eq!(said, "Moved by -12.00 voxels, the level set has no surface any more; do less");
+    // In steps of two voxels, and its radius is ten.
+    assert_eq!(said, "Moved by -10.00 voxels, the level set has no surface any more; do less");
     let said = error(&ball, &Offset::new(1e9)).to_string();
     assert_eq!(said, "the offset in voxels is 2000000000; it must be from -1000 to 1000");
     assert!(error(&ball, &Offset::new(f64::NAN)).to_string().contains("is NaN; "));

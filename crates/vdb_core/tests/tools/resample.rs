@@ -241,7 +241,7 @@ fn what_cannot_be_resampled_is_refused_before_memory_is_taken() {
     // Nothing is begun that surely does not fit.
     let begun: Arc<vdb_core::ProgressFn> = Arc::new(|_, _| panic!("it has begun"));
     for grid in [&grid, &ball] {
-        let options = Resample::with_voxel_size(grid, 0.02).unwrap();
+        let options = Resample::with_voxel_size(grid, 0.004).unwrap();
         let error = resample(grid, &Resample { progress: Some(begun.clone()), ..options });
         assert!(matches!(error, Err(ToolError::TooManyVoxels { .. })), "{error:?}");
     }
