@@ -92,7 +92,7 @@ def mesh_file(out, name):
 
 
 def bundled_models():
-    """The script of the bundled models, which reads and mends meshes."""
+    """The script of the bundled models, which mends meshes."""
     path = os.path.join(HERE, "../assets/models/make_models.py")
     spec = importlib.util.spec_from_file_location("bundled_models", path)
     module = importlib.util.module_from_spec(spec)
@@ -117,13 +117,55 @@ def dragon(out):
     return points, triangles.astype(np.uint32)
 
 
+def read_obj(path):
+    """Points and triangles; polygons are cut into fans."""
+    points, triangles = [], []
+    with open(path, encoding="utf-8", errors="replace") as lines:
+        for line in lines:
+            words = line.split()
+            if words[:1] == ["v"]:
+                points.append([float(x) for x in words[1:4]])
+            elif words[:1] == ["f"]:
+                corners = [int(word.split("/")[0]) - 1 for word in words[1:]]
+                triangles += [[corners[0], b, c] for b, c in zip(corners[1:], corners[2:])]
+    return np.array(points, np.float32), np.array(triangles, np.uint32)
+
+
 def obj(out, name):
-    return bundled_models().read_obj(mesh_file(out, name))
+    return read_obj(mesh_file(out, name))
+
+
+def rounded(points, triangles, parts=5, strength=0.75):
+    """Cuts each triangle in parts² and bends them as the normals at its corners say (Phong
+    tessellation, Boubekeur and Alexa 2008): the facets of the mesh are larger than voxels."""
+    models = bundled_models()
+    points, triangles = models.weld(points.astype(float), triangles)
+    corners = points[triangles]
+    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(points)
+    for k in range(3):
+        np.add.at(normals, triangles[:, k], faces)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    n = normals[triangles]
+    row = [(i, j) for i in range(parts + 1) for j in range(parts + 1 - i)]
+    weights = np.array([[parts - i - j, i, j] for i, j in row]) / parts
+    flat = np.einsum("wk,tkx->twx", weights, corners)
+    # Onto the plane through each corner, and the mean of the three.
+    above = np.einsum("twkx,tkx->twk", flat[:, :, None] - corners[:, None], n)
+    bent = flat - strength * np.einsum("wk,twk,tkx->twx", weights, above, n)
+    at = {ij: k for k, ij in enumerate(row)}
+    cut = []
+    for i, j in row:
+        if i + j < parts:
+            cut.append([at[i, j], at[i + 1, j], at[i, j + 1]])
+        if i + j < parts - 1:
+            cut.append([at[i + 1, j], at[i + 1, j + 1], at[i, j + 1]])
+    first = len(row) * np.arange(len(triangles))
+    return bent.reshape(-1, 3), (first[:, None, None] + np.array(cut)).reshape(-1, 3)
 
 
 def closed_teapot(out):
-    models = bundled_models()
-    return models.capped(*models.rounded(*obj(out, "teapot.obj")))
+    return bundled_models().capped(*rounded(*obj(out, "teapot.obj")))
 
 
 def save(path, grid, name):

@@ -12,7 +12,7 @@ use crate::limits::LimitArgs;
 use crate::progress::Progress;
 use crate::{mesh, terminal};
 
-/// Make a level set of a mesh: of an .obj, .ply or .stl file. Holes are closed
+/// Make a level set of a mesh: of a .glb, .obj, .ply or .stl file. Holes are closed
 #[derive(clap::Args)]
 pub struct Args {
     #[arg(value_name = "MESH")]

@@ -1,8 +1,11 @@
 //! `vdb`, a command-line tool for OpenVDB files. Each subcommand is a module.
 
 mod between;
+mod change;
+mod completions;
 mod convert;
 mod cook;
+mod crop;
 mod csg;
 mod diff;
 mod files;
@@ -10,14 +13,17 @@ mod from_mesh;
 mod info;
 mod limits;
 mod mesh;
+mod offset;
 mod progress;
+mod resample;
+mod smooth;
 mod terminal;
 mod to_mesh;
 
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 /// Works with OpenVDB files
 #[derive(Parser)]
@@ -30,12 +36,17 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Between(between::Args),
+    Completions(completions::Args),
     Convert(convert::Args),
     Cook(cook::Args),
+    Crop(crop::Args),
     Csg(csg::Args),
     Diff(diff::Args),
     FromMesh(from_mesh::Args),
     Info(info::Args),
+    Offset(offset::Args),
+    Resample(resample::Args),
+    Smooth(smooth::Args),
     ToMesh(to_mesh::Args),
 }
 
@@ -46,12 +57,17 @@ fn main() -> ExitCode {
     };
     match cli.command {
         Command::Between(args) => between::run(&args),
+        Command::Completions(args) => completions::run(&args, Cli::command()),
         Command::Convert(args) => convert::run(&args),
         Command::Cook(args) => cook::run(&args),
+        Command::Crop(args) => crop::run(&args),
         Command::Csg(args) => csg::run(&args),
         Command::Diff(args) => diff::run(&args),
         Command::FromMesh(args) => from_mesh::run(&args),
         Command::Info(args) => info::run(&args),
+        Command::Offset(args) => offset::run(&args),
+        Command::Resample(args) => resample::run(&args),
+        Command::Smooth(args) => smooth::run(&args),
         Command::ToMesh(args) => to_mesh::run(&args),
     }
 }

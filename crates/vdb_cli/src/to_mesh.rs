@@ -11,7 +11,7 @@ use crate::limits::LimitArgs;
 use crate::progress::Progress;
 use crate::{mesh, terminal};
 
-/// Make triangles of the surface of a grid: an .obj, .ply or .stl file without holes
+/// Make triangles of the surface of a grid: a .glb, .obj, .ply or .stl file without holes
 #[derive(clap::Args)]
 pub struct Args {
     #[arg(value_name = "FILE")]

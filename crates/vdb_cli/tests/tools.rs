@@ -1,4 +1,9 @@
-//! The commands `vdb from-mesh`, `vdb to-mesh` and `vdb csg`.
+//! The commands that make volumes, change them and make meshes of them.
+
+#[path = "tools/change.rs"]
+mod change;
+#[path = "tools/glb.rs"]
+mod glb;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -65,7 +70,7 @@ fn a_mesh_goes_through_every_format() {
     );
     assert_eq!(value(&grid, [0, 0, 12]), 0.2);
     assert_eq!(value(&grid, [0, 0, 0]), -0.3);
-    for format in ["obj", "ply", "stl"] {
+    for format in ["glb", "obj", "ply", "stl"] {
         let [out, again] = [format!("out.{format}"), format!("{format}.vdb")];
         let [out, again] = [out, again].map(|name| path(&folder, &name));
         let said = done(&["to-mesh", &grid, "--out", &out]);
@@ -140,7 +145,7 @@ fn mistakes_are_one_line_and_leave_nothing() {
         fails(&[&["from-mesh", mesh, "--out", &out][..], more].concat())
     };
     let said = from(&mesh, &["--voxel-size", "1e-6"]);
-    assert!(said.starts_with(&format!("{mesh}: the surface takes about 1.4e14 voxels")), "{said}");
+    assert!(said.starts_with(&format!("{mesh}: the result takes about 1.4e14 voxels")), "{said}");
     let said = from(&mesh, &["--voxels", "10", "--half-width", "0"]);
     assert!(said.contains("the half width of the band is 0; "), "{said}");
     let bad = [
@@ -168,4 +173,15 @@ fn mistakes_are_one_line_and_leave_nothing() {
     );
     assert_eq!(vdb(&["from-mesh", &mesh, "--out", &out]).status.code(), Some(2), "no size");
     std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn shells_get_completions_of_every_command() {
+    for shell in ["bash", "elvish", "fish", "powershell", "zsh"] {
+        let script = done(&["completions", shell]);
+        for word in ["from-mesh", "resample", "voxel-size"] {
+            assert!(script.contains(word), "{shell}: no {word}");
+        }
+    }
+    assert_eq!(vdb(&["completions", "dos"]).status.code(), Some(2));
 }

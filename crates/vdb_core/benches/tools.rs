@@ -9,11 +9,13 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
+use glam::{DAffine3, DMat3};
 use vdb_core::tools::{
-    CsgOperation, LevelSetToMesh, MeshToLevelSet, Redistance, csg, level_set_to_mesh,
-    mesh_to_level_set, redistance,
+    CsgOperation, Filter, FogFromLevelSet, LevelSetToMesh, MeshToLevelSet, Offset, Redistance,
+    Resample, Smooth, csg, fog_from_level_set, level_set_to_mesh, mesh_to_level_set, offset,
+    redistance, resample, smooth,
 };
-use vdb_core::{AnyTree, Grid, VdbFile, WriteOptions};
+use vdb_core::{AnyTree, Grid, Transform, VdbFile, WriteOptions};
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
@@ -26,16 +28,23 @@ fn main() -> Result<()> {
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["child", _, task, ref rest @ ..] => child(task, rest),
         [peer, folder, voxels, ref meshes @ ..] if !meshes.is_empty() => {
-            println!("Median of {ROUNDS} runs; seconds of all threads; peak memory, MB.");
+            println!("Medians of {ROUNDS} runs: seconds of all threads; peak memory in MB.");
             println!(
                 "| work | ours | OpenVDB's | ratio | on the clock | memory | OpenVDB's | ratio |"
             );
             println!("|---|---|---|---|---|---|---|---|");
+            let mut ratios = Vec::new();
             for mesh in meshes {
                 for voxels in voxels.split(',') {
-                    compare(peer, Path::new(folder), mesh, voxels.parse()?)?;
+                    ratios.extend(compare(peer, Path::new(folder), mesh, voxels.parse()?)?);
                 }
             }
+            let mean = |which: usize| {
+                let logarithms = ratios.iter().map(|row: &[f64; 3]| row[which].ln()).sum::<f64>();
+                (logarithms / ratios.len() as f64).exp()
+            };
+            let [clock, cpu, memory] = [0, 1, 2].map(mean);
+            println!("| geometric mean | | | {cpu:.2} | {clock:.2} | | | {memory:.2} |");
             Ok(())
         }
         _ => {
@@ -65,54 +74,71 @@ fn write(path: &Path, grid: &Grid) -> Result<()> {
     Ok(VdbFile::new(vec![grid.clone()]).save(path, &WriteOptions::default())?)
 }
 
+/// The transform that the fog is resampled to: turned, with voxels of the same size.
+fn turned(size: f64) -> Result<Transform> {
+    let turn = DMat3::from_rotation_y(0.3) * size;
+    Ok(Transform::affine(DAffine3 { matrix3: turn, ..DAffine3::IDENTITY }).ok_or("no transform")?)
+}
+
 /// Does a task once.
 fn child(task: &str, arguments: &[&str]) -> Result<()> {
-    let (start, before);
-    let made: Option<Grid>;
-    match (task, arguments) {
-        ("from-mesh", [path, size]) => {
-            let ((positions, triangles), options) =
-                (mesh(path)?, MeshToLevelSet::new(size.parse()?));
-            (start, before) = (Instant::now(), cpu_time()?);
-            made = Some(mesh_to_level_set(&positions, &triangles, &options)?);
+    let mut mesh_made = None;
+    let [inputs @ .., out] = arguments else { return Err("no arguments".into()) };
+    let grids: Vec<Grid> = match task {
+        "from-mesh" => Vec::new(),
+        "to-mesh" => vec![read(out)?],
+        _ => inputs.iter().map(|path| read(path)).collect::<Result<_>>()?,
+    };
+    let read_mesh = if task == "from-mesh" { Some(mesh(inputs[0])?) } else { None };
+    let edge = grids.first().map_or(1.0, |grid| grid.transform.voxel_size().x);
+    let smoothing = Smooth::new(Filter::Gaussian { width: 1 });
+    let (start, before) = (Instant::now(), cpu_time()?);
+    let made = match (task, &grids[..]) {
+        ("from-mesh", _) => {
+            let (positions, triangles) = read_mesh.as_ref().ok_or("no mesh")?;
+            Some(mesh_to_level_set(positions, triangles, &MeshToLevelSet::new(out.parse()?))?)
         }
-        ("to-mesh", [path]) => {
-            let grid = read(path)?;
+        ("to-mesh", [grid]) => {
             let AnyTree::Float(tree) = &grid.tree else { return Err("not floats".into()) };
-            (start, before) = (Instant::now(), cpu_time()?);
-            black_box(level_set_to_mesh(tree, &grid.transform, &LevelSetToMesh::default())?);
-            made = None;
+            let options = LevelSetToMesh::default();
+            mesh_made = Some(level_set_to_mesh(tree, &grid.transform, &options)?);
+            None
         }
-        ("csg", [a, b, _]) => {
-            let (a, b) = (read(a)?, read(b)?);
-            (start, before) = (Instant::now(), cpu_time()?);
-            made = Some(csg(&a, &b, CsgOperation::Union)?);
+        ("csg", [a, b]) => Some(csg(a, b, CsgOperation::Union)?),
+        ("redistance", [grid]) => Some(redistance(grid, &Redistance::default())?),
+        ("resample", [grid]) => {
+            Some(resample(grid, &Resample::with_voxel_size(grid, 1.5 * edge)?)?)
         }
-        ("redistance", [path, _]) => {
-            let grid = read(path)?;
-            (start, before) = (Instant::now(), cpu_time()?);
-            made = Some(redistance(&grid, &Redistance::default())?);
-        }
+        ("resample-fog", [grid]) => Some(resample(grid, &Resample::new(turned(edge)?))?),
+        ("offset", [grid]) => Some(offset(grid, &Offset::new(2.0 * edge))?),
+        ("smooth" | "smooth-fog", [grid]) => Some(smooth(grid, &smoothing)?),
+        ("fog", [grid]) => Some(fog_from_level_set(grid, &FogFromLevelSet::default())?),
         _ => return Err("no such task".into()),
-    }
+    };
     println!("{} {}", start.elapsed().as_nanos(), cpu_time()? - before);
-    if let (Some(made), ["csg", .., out] | ["redistance", _, out]) =
-        (&made, &[&[task], arguments].concat()[..])
-    {
-        write(Path::new(out), made)?;
+    black_box(mesh_made);
+    if let Some(made) = made.filter(|_| task != "from-mesh") {
+        write(Path::new(out), &made)?;
     }
-    let status = std::fs::read_to_string("/proc/self/status")?;
-    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    println!("{}", peak.ok_or("no VmHWM")?.trim().trim_end_matches(" kB"));
+    println!("{}", peak_memory()?);
     Ok(())
 }
 
-/// Nanoseconds of all threads, in steps of 10 ms.
+/// The peak memory, in kilobytes.
+fn peak_memory() -> Result<u64> {
+    let status = std::fs::read_to_string("/proc/self/status")?;
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    Ok(peak.ok_or("no VmHWM")?.trim().trim_end_matches(" kB").parse()?)
+}
+
+/// Nanoseconds of all threads.
 fn cpu_time() -> Result<u64> {
-    let stat = std::fs::read_to_string("/proc/self/stat")?;
-    let fields = stat.rsplit(')').next().ok_or("no fields")?.split_whitespace();
-    let ticks: u64 = fields.skip(11).take(2).map(|ticks| ticks.parse().unwrap_or(0)).sum();
-    Ok(ticks * 10_000_000)
+    let mut sum = 0;
+    for thread in std::fs::read_dir("/proc/self/task")? {
+        let times = std::fs::read_to_string(thread?.path().join("schedstat"))?;
+        sum += times.split_whitespace().next().ok_or("no time")?.parse::<u64>()?;
+    }
+    Ok(sum)
 }
 
 /// Wall clock and processor time in seconds, and memory in MB.
@@ -133,30 +159,35 @@ fn median(mut samples: Vec<[f64; 3]>, which: usize) -> f64 {
     samples[samples.len() / 2][which]
 }
 
-/// All tasks for one mesh at one size.
-fn compare(peer: &str, folder: &Path, mesh_path: &str, voxels: u32) -> Result<()> {
-    let (mut positions, triangles) = mesh(mesh_path)?;
-    let options = MeshToLevelSet::with_voxels(&positions, voxels);
-    let size = options.voxel_size;
+/// All tasks for one mesh at one size. Returns the ratios of each: on the clock, of all threads, and of
+/// memory.
+fn compare(peer: &str, folder: &Path, mesh_path: &str, voxels: u32) -> Result<Vec<[f64; 3]>> {
     let file = |name: &str| folder.join(name).to_string_lossy().into_owned();
-    let [one, other] = [file("one.vdb"), file("other.vdb")];
-    write(Path::new(&one), &mesh_to_level_set(&positions, &triangles, &options)?)?;
-    positions.iter_mut().for_each(|p| p[0] += (voxels as f64 / 20.0 * size) as f32);
-    write(Path::new(&other), &mesh_to_level_set(&positions, &triangles, &options)?)?;
+    let [one, other, fog] = ["one.vdb", "other.vdb", "fog.vdb"].map(file);
+    let size = inputs(mesh_path, voxels, [&one, &other, &fog])?;
     let name = Path::new(mesh_path).file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let results = [file("ours.vdb"), file("theirs.vdb")];
-    let tasks: [(&str, Vec<String>, bool); 4] = [
-        ("from-mesh", vec![mesh_path.into(), size.to_string()], false),
-        ("to-mesh", vec![one.clone()], false),
-        ("csg", vec![one.clone(), other], true),
-        ("redistance", vec![one], true),
+    let results = ["ours.vdb", "theirs.vdb"].map(file);
+    let number = size.to_string();
+    // Whose results are compared, in which unit.
+    let tasks: [(&str, &[&String], Option<f64>); 10] = [
+        ("from-mesh", &[&mesh_path.to_owned(), &number], None),
+        ("to-mesh", &[&one], None),
+        ("csg", &[&one, &other], Some(size)),
+        ("redistance", &[&one], Some(size)),
+        ("resample", &[&one], Some(size)),
+        ("resample-fog", &[&fog], Some(1.0)),
+        ("offset", &[&one], Some(size)),
+        ("smooth", &[&one], Some(size)),
+        ("smooth-fog", &[&fog], Some(1.0)),
+        ("fog", &[&one], Some(1.0)),
     ];
     let own = std::env::current_exe()?;
-    for (task, arguments, has_result) in tasks {
+    let mut ratios = Vec::new();
+    for (task, arguments, unit) in tasks {
         let (mut ours, mut theirs) = (Vec::new(), Vec::new());
         let with = |result: &String| {
-            let mut all = arguments.clone();
-            all.extend(has_result.then(|| result.clone()));
+            let mut all: Vec<String> = arguments.iter().map(|&argument| argument.clone()).collect();
+            all.extend(unit.map(|_| result.clone()));
             all
         };
         for _ in 0..ROUNDS {
@@ -165,26 +196,38 @@ fn compare(peer: &str, folder: &Path, mesh_path: &str, voxels: u32) -> Result<()
             theirs.push(measure(Command::new(peer).args(["1", task]).args(with(&results[1])))?);
         }
         let of = |which: usize| [median(ours.clone(), which), median(theirs.clone(), which)];
-        let ([clock, cpu, memory], ratio) = ([of(0), of(1), of(2)], |[a, b]: [f64; 2]| a / b);
+        let each: Vec<[f64; 3]> =
+            ours.iter().zip(&theirs).map(|(a, b)| [0, 1, 2].map(|i| a[i] / b[i])).collect();
+        let ratio = [0, 1, 2].map(|which| median(each.clone(), which));
+        let ([cpu, memory], [on_clock, of_all, of_memory]) = ([of(1), of(2)], ratio);
         println!(
-            "| {task}, {name} at {voxels} | {:.2} | {:.2} | {:.2} | {:.2} | {:.0} | {:.0} | {:.2} |",
-            cpu[0],
-            cpu[1],
-            ratio(cpu),
-            ratio(clock),
-            memory[0],
-            memory[1],
-            ratio(memory)
+            "| {task}, {name} at {voxels} | {:.2} | {:.2} | {of_all:.2} | {on_clock:.2} | {:.0} | \
+             {:.0} | {of_memory:.2} |",
+            cpu[0], cpu[1], memory[0], memory[1],
         );
-        if has_result {
-            differences(task, &results, size)?;
+        ratios.push(ratio);
+        if let Some(unit) = unit {
+            differences(task, &results, unit)?;
         }
     }
-    Ok(())
+    Ok(ratios)
 }
 
-/// Prints how far two results differ, in voxels, where ours is active.
-fn differences(task: &str, [ours, theirs]: &[String; 2], size: f64) -> Result<()> {
+/// Writes the grids that the tasks work on; returns the size of a voxel.
+fn inputs(mesh_path: &str, voxels: u32, [one, other, fog]: [&String; 3]) -> Result<f64> {
+    let (mut positions, triangles) = mesh(mesh_path)?;
+    let options = MeshToLevelSet::with_voxels(&positions, voxels);
+    let size = options.voxel_size;
+    let solid = mesh_to_level_set(&positions, &triangles, &options)?;
+    write(Path::new(one), &solid)?;
+    write(Path::new(fog), &fog_from_level_set(&solid, &FogFromLevelSet::default())?)?;
+    positions.iter_mut().for_each(|p| p[0] += (f64::from(voxels) / 20.0 * size) as f32);
+    write(Path::new(other), &mesh_to_level_set(&positions, &triangles, &options)?)?;
+    Ok(size)
+}
+
+/// Prints how far two results differ, in a unit, where ours is active.
+fn differences(task: &str, [ours, theirs]: &[String; 2], unit: f64) -> Result<()> {
     let (ours, theirs) = (read(ours)?, read(theirs)?);
     let (AnyTree::Float(ours), AnyTree::Float(theirs)) = (&ours.tree, &theirs.tree) else {
         return Err("not floats".into());
@@ -193,12 +236,12 @@ fn differences(task: &str, [ours, theirs]: &[String; 2], size: f64) -> Result<()
     let (mut sum, mut most, mut count, mut signs) = (0.0_f64, 0.0_f64, 0_u64, 0_u64);
     for own in ours.active_values() {
         let other = accessor.get(own.origin);
-        let difference = f64::from((own.value - other).abs()) / size;
+        let difference = f64::from((own.value - other).abs()) / unit;
         (sum, most, count) = (sum + difference, most.max(difference), count + 1);
         signs += u64::from((own.value < 0.0) != (other < 0.0));
     }
     eprintln!(
-        "{task}: {count} active values differ from OpenVDB's by {:.1e} voxels on average, at most \
+        "{task}: {count} active values differ from OpenVDB's by {:.1e} on average, at most \
          {most:.1e}; {signs} signs",
         sum / count as f64
     );

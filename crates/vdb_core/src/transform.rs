@@ -212,6 +212,28 @@ impl Transform {
         }
     }
 
+    /// The corners of a frustum's box in index space; `None` for a linear map.
+    pub(crate) fn frustum_box(&self) -> Option<[DVec3; 2]> {
+        match &self.map {
+            Map::NonlinearFrustum(frustum) => {
+                Some([frustum.min.min(frustum.max), frustum.min.max(frustum.max)])
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether a world position is on the side of a frustum's apex that the frustum is on; always for
+    /// a linear map.
+    pub(crate) fn is_before_apex(&self, p: DVec3) -> bool {
+        match &self.map {
+            Map::NonlinearFrustum(frustum) => {
+                let depth = frustum.second.inverse.transform_point3(p).z;
+                frustum.gamma() * depth + 1.0 > 0.0
+            }
+            _ => true,
+        }
+    }
+
     /// The map as a matrix from index to world space; `None` for a frustum.
     pub fn linear(&self) -> Option<DAffine3> {
         Some(match &self.map {

@@ -1,5 +1,6 @@
 //! Files of triangles, by the end of their name.
 
+mod glb;
 mod obj;
 mod ply;
 mod stl;
@@ -16,6 +17,7 @@ use crate::limits::LimitArgs;
 pub type Triangles = (Vec<[f32; 3]>, Vec<[u32; 3]>);
 
 enum Format {
+    Glb,
     Obj,
     Ply,
     Stl,
@@ -24,11 +26,13 @@ enum Format {
 fn format(path: &Path) -> Result<Format, String> {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     match &*extension {
+        "glb" => Ok(Format::Glb),
         "obj" => Ok(Format::Obj),
         "ply" => Ok(Format::Ply),
         "stl" => Ok(Format::Stl),
         _ => {
-            Err(format!("{}: not a file of triangles; name one in .obj, .ply or .stl", shown(path)))
+            let path = shown(path);
+            Err(format!("{path}: not a file of triangles; name one in .glb, .obj, .ply or .stl"))
         }
     }
 }
@@ -44,6 +48,7 @@ pub fn read(path: &Path, limits: &LimitArgs) -> Result<Triangles, String> {
     let bytes = bytes(path, limits.limits().file_bytes)
         .map_err(|error| format!("{}: {error}", shown(path)))?;
     let triangles = match format {
+        Format::Glb => glb::read(&bytes, limits.limits().tree_bytes),
         Format::Obj => obj::read(&bytes),
         Format::Ply => ply::read(&bytes),
         Format::Stl => stl::read(&bytes),
@@ -66,6 +71,7 @@ fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, String> {
 /// Writes a mesh, completely or not at all.
 pub fn write(path: &Path, mesh: &TriangleMesh) -> Result<(), String> {
     let bytes = match format(path)? {
+        Format::Glb => glb::write(mesh).map_err(|error| format!("{}: {error}", shown(path)))?,
         Format::Obj => obj::write(mesh),
         Format::Ply => ply::write(mesh),
         Format::Stl => stl::write(mesh),

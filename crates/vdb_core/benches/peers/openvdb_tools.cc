@@ -3,7 +3,7 @@
 //   openvdb_tools RUNS from-mesh MESH VOXEL_SIZE
 //   openvdb_tools RUNS to-mesh GRID
 //   openvdb_tools RUNS csg GRID GRID OUT
-//   openvdb_tools RUNS redistance GRID OUT
+//   openvdb_tools RUNS redistance|resample|resample-fog|offset|smooth|smooth-fog|fog GRID OUT
 //
 // Prints the nanoseconds of each run, on the clock and of all threads, one run a line, and last the
 // peak memory in kilobytes. Reading and freeing is not timed.
@@ -20,10 +20,14 @@
 
 #include <openvdb/openvdb.h>
 #include <openvdb/tools/Composite.h>
+#include <openvdb/tools/Filter.h>
+#include <openvdb/tools/GridTransformer.h>
+#include <openvdb/tools/LevelSetFilter.h>
 #include <openvdb/tools/LevelSetRebuild.h>
+#include <openvdb/tools/LevelSetUtil.h>
 #include <openvdb/tools/MeshToVolume.h>
+#include <openvdb/tools/Morphology.h>
 #include <openvdb/tools/VolumeToMesh.h>
-#include <sys/resource.h>
 
 using openvdb::FloatGrid;
 
@@ -35,6 +39,56 @@ static FloatGrid::Ptr read(const std::string& path) {
 
 static void write(const std::string& path, const FloatGrid::Ptr& grid) {
     openvdb::io::File(path).write({grid});
+}
+
+// A task that makes one grid of another one.
+static FloatGrid::Ptr apply(const std::string& task, const FloatGrid& grid, double edge) {
+    if (task == "redistance") return openvdb::tools::levelSetRebuild(grid, 0.0f, 3.0f);
+    if (task == "resample") {
+        const float size = static_cast<float>(1.5 * edge);
+        const auto made = FloatGrid::create(3.0f * size);
+        made->setGridClass(openvdb::GRID_LEVEL_SET);
+        made->setTransform(openvdb::math::Transform::createLinearTransform(1.5 * edge));
+        openvdb::tools::resampleToMatch<openvdb::tools::BoxSampler>(grid, *made);
+        return made;
+    }
+    if (task == "resample-fog") {
+        const auto made = grid.copyWithNewTree();
+        openvdb::math::Mat4d matrix = openvdb::math::Mat4d::identity();
+        matrix.setToRotation(openvdb::Vec3d(0, 1, 0), 0.3);
+        matrix.preScale(openvdb::Vec3d(edge));
+        made->setTransform(openvdb::math::Transform::createLinearTransform(matrix));
+        openvdb::tools::resampleToMatch<openvdb::tools::BoxSampler>(grid, *made);
+        return made;
+    }
+    const auto made = grid.deepCopy();
+    if (task == "offset") {
+        // Positive values are inwards.
+        openvdb::tools::LevelSetFilter<FloatGrid>(*made).offset(static_cast<float>(-2.0 * edge));
+    } else if (task == "smooth") {
+        openvdb::tools::LevelSetFilter<FloatGrid>(*made).gaussian(1);
+    } else if (task == "smooth-fog") {
+        // Without these voxels, fog would not spread.
+        openvdb::tools::dilateActiveValues(made->tree(), 4, openvdb::tools::NN_FACE_EDGE_VERTEX);
+        openvdb::tools::Filter<FloatGrid> filter(*made);
+        filter.setProcessTiles(true);
+        filter.gaussian(1);
+    } else if (task == "fog") {
+        openvdb::tools::sdfToFogVolume(*made);
+    } else {
+        return nullptr;
+    }
+    return made;
+}
+
+// In kilobytes. `getrusage` would count what the parent had before it started this program.
+static std::string peak_memory() {
+    std::ifstream status("/proc/self/status");
+    std::string word;
+    while (status >> word) {
+        if (word == "VmHWM:" && status >> word) break;
+    }
+    return word;
 }
 
 int main(int argc, char** argv) {
@@ -74,14 +128,12 @@ int main(int argc, char** argv) {
         const auto a = read(args[2]), b = read(args[3]);
         timed([&] { made = openvdb::tools::csgUnionCopy(*a, *b); });
         write(args[4], made);
-    } else if (args[1] == "redistance") {
-        const auto grid = read(args[2]);
-        timed([&] { made = openvdb::tools::levelSetRebuild(*grid, 0.0f, 3.0f); });
-        write(args[3], made);
     } else {
-        return 2;
+        const auto grid = read(args[2]);
+        const double edge = grid->voxelSize()[0];
+        timed([&] { made = apply(args[1], *grid, edge); });
+        if (!made) return 2;
+        write(args[3], made);
     }
-    rusage usage{};
-    getrusage(RUSAGE_SELF, &usage);
-    std::cout << usage.ru_maxrss << '\n';
+    std::cout << peak_memory() << '\n';
 }

@@ -62,7 +62,7 @@ struct Formula<U, V> {
 
 impl<U: Fn(CoordBox) -> Uniform + Sync, V: Fn(IVec3) -> (f32, bool) + Sync> Formula<U, V> {
     /// The tile for a cube that is known to be uniform.
-    fn tile<N>(&self, cube: CoordBox) -> Option<Built<N>> {
+    fn tile<N: Node<Value = f32>>(&self, cube: CoordBox) -> Option<Built<N>> {
         match self.bbox.intersection(cube) {
             None => Some(Built::Tile(self.background, false)),
             Some(both) if both == cube => match (self.uniform)(cube) {

@@ -57,7 +57,7 @@ pub enum ToolError {
     },
     /// The result would have too many voxels for the limits.
     #[error(
-        "the surface takes about {voxels:.1e} voxels, and more memory than the limit of {limit} \
+        "the result takes about {voxels:.1e} voxels, and more memory than the limit of {limit} \
          bytes (`Limits::tree_bytes`); use larger voxels, or raise it"
     )]
     TooManyVoxels {
@@ -65,6 +65,17 @@ pub enum ToolError {
         voxels: f64,
         /// The limit.
         limit: u64,
+    },
+    /// A result would be too far from the origin for the size of a voxel.
+    #[error(
+        "the result reaches {voxels:.1e} voxels from the origin, more than {limit:.1e}; use larger \
+         voxels, or a transform with its origin near the grid"
+    )]
+    BeyondVoxels {
+        /// The largest coordinate, in voxels.
+        voxels: f64,
+        /// The largest possible coordinate, in voxels.
+        limit: f64,
     },
     /// A grid has values of another type.
     #[error("this needs grids of floats; convert the grid")]
@@ -86,6 +97,39 @@ pub enum ToolError {
     NotCubes {
         /// The edges of a voxel in world units.
         size: [f64; 3],
+    },
+    /// A grid is no level set.
+    #[error(
+        "this needs a level set, and the class of the grid is `{class}`; set it, or convert it"
+    )]
+    NotLevelSet {
+        /// The class of the grid.
+        class: &'static str,
+    },
+    /// The background of a level set is not the half width of a band.
+    #[error(
+        "the background of the level set is {background}, with voxels of {edge}; it must be at least \
+         one voxel, so redistance it"
+    )]
+    NoBand {
+        /// The background.
+        background: f32,
+        /// The edge of a voxel in world units.
+        edge: f64,
+    },
+    /// A level set would have no surface any more.
+    #[error("{after}, the level set has no surface any more; do less")]
+    NothingLeft {
+        /// After what.
+        after: String,
+    },
+    /// A box is none.
+    #[error("the box from {low:?} to {high:?} has no inside; give the lower corner first")]
+    BadBox {
+        /// The lower corner.
+        low: [f64; 3],
+        /// The upper corner.
+        high: [f64; 3],
     },
     /// The transform of a grid is a frustum.
     #[error("this needs a linear transform, and the grid is in a frustum; resample it")]

@@ -62,6 +62,17 @@ impl<C: Node> Tree<C> {
         self.entries.insert(C::origin_of(ijk).to_array(), RootEntry::Tile { value, active });
     }
 
+    /// The root entries that may lie between two coordinates on the x axis.
+    pub(crate) fn entries_between(
+        &self,
+        low: i32,
+        high: i32,
+    ) -> impl Iterator<Item = (IVec3, &RootEntry<C>)> + '_ {
+        let first = [C::origin_of(IVec3::splat(low)).x, i32::MIN, i32::MIN];
+        let entries = self.entries.range(first..=[high.max(low), i32::MAX, i32::MAX]);
+        entries.map(|(key, entry)| (IVec3::from_array(*key), entry))
+    }
+
     pub(crate) fn entry(&self, ijk: IVec3) -> Option<&RootEntry<C>> {
         self.entries.get(&C::origin_of(ijk).to_array())
     }

@@ -1,6 +1,6 @@
 //! Meshes, and what is true of them.
 
-use glam::DVec3;
+use glam::{DVec3, IVec3};
 use vdb_core::synth::Random;
 use vdb_core::tree::Vdb543;
 use vdb_core::{AnyTree, Grid};
@@ -92,4 +92,10 @@ pub fn floats(grid: &Grid) -> &Vdb543<f32> {
         AnyTree::Float(tree) => tree,
         other => panic!("a tree of {}", other.value_type()),
     }
+}
+
+/// Every `step`-th voxel of a cube.
+pub fn voxels(low: i32, high: i32, step: usize) -> impl Iterator<Item = IVec3> {
+    let axis = move || (low..=high).step_by(step);
+    axis().flat_map(move |x| axis().flat_map(move |y| axis().map(move |z| IVec3::new(x, y, z))))
 }

@@ -12,7 +12,7 @@ use glam::DVec3;
 
 /// A mesh in index space, without holes.
 pub(super) struct Mesh {
-    points: Vec<DVec3>,
+    pub points: Vec<DVec3>,
     /// Triangles that are given, and behind them those that close holes.
     pub triangles: Vec<[u32; 3]>,
 }

@@ -28,7 +28,7 @@ use rayon::prelude::*;
 
 use self::band::{Band, Lower};
 use self::pillar::{Pillar, Progress};
-use super::ToolError;
+use super::{ToolError, TriangleMesh};
 use crate::tree::grow::{Built, internal};
 use crate::tree::{IVec3, InternalNode, Node, Tree, Vdb543};
 use crate::work::{Stop, Work};
@@ -131,21 +131,42 @@ pub(super) fn level_set(
     options: &MeshToLevelSet,
     scale: f64,
 ) -> Result<Vdb543<f32>, ToolError> {
-    let half_width = input::half_width(options.half_width)?;
     let points = input::points(positions, triangles, options.voxel_size)?;
-    let mesh = close::closed(points, triangles);
-    let voxels = input::check_size(&mesh, half_width, &options.limits)?;
+    level_set_of(&close::closed(points, triangles), options, scale)
+}
+
+/// The same for a mesh without holes that is in index space.
+pub(super) fn level_set_of_closed(
+    mesh: TriangleMesh,
+    options: &MeshToLevelSet,
+    scale: f64,
+) -> Result<Vdb543<f32>, ToolError> {
+    let TriangleMesh { positions, normals, triangles } = mesh;
+    drop(normals);
+    let points = input::points(&positions, &triangles, 1.0)?;
+    drop(positions);
+    level_set_of(&close::Mesh { points, triangles }, options, scale)
+}
+
+fn level_set_of(
+    mesh: &close::Mesh,
+    options: &MeshToLevelSet,
+    scale: f64,
+) -> Result<Vdb543<f32>, ToolError> {
+    let half_width = input::half_width(options.half_width)?;
+    let voxels = input::check_size(mesh, half_width, &options.limits)?;
     let stopped = |stop| ToolError::stopped(stop, voxels);
 
-    let pillars = pillar::sorted(&mesh, half_width);
+    let pillars = pillar::sorted(mesh, half_width);
     let steps = pillars.iter().map(Pillar::steps).sum();
     let work = Work::new(options.progress.as_ref(), steps, options.limits.tree_bytes);
-    let progress = Progress { work: &work, done: AtomicU64::new(0) };
+    let leaves_at_once = pillar::leaves_at_once(pillars.len());
+    let progress = Progress { work: &work, done: AtomicU64::new(0), leaves_at_once };
     let band =
         Band { half_width, scale, background: (half_width * scale) as f32, inside: options.inside };
     let nodes: Vec<Vec<(IVec3, Built<Lower>)>> = pillars
         .into_par_iter()
-        .map(|pillar| pillar::build(&mesh, &pillar, &band, &progress))
+        .map(|pillar| pillar::build(mesh, &pillar, &band, &progress))
         .collect::<Result<_, _>>()
         .map_err(stopped)?;
     let nodes = nodes.into_iter().flatten().collect();

@@ -27,6 +27,10 @@ pub(super) struct Pillar {
 pub(super) struct Progress<'a> {
     pub work: &'a Work<'a>,
     pub done: AtomicU64,
+    /// Leaves that a thread builds without sharing them. A thread that waits for others takes up
+    /// another node meanwhile, and the triangles of each take memory: where there are enough nodes
+    /// for all threads, nothing is shared within them.
+    pub leaves_at_once: usize,
 }
 
 impl Progress<'_> {
@@ -34,6 +38,11 @@ impl Progress<'_> {
         let before = self.done.fetch_add(steps, Ordering::Relaxed);
         self.work.report(before + steps)
     }
+}
+
+/// The leaves that a thread builds without sharing them, given the number of pillars.
+pub(super) fn leaves_at_once(pillars: usize) -> usize {
+    if pillars >= 4 * rayon::current_num_threads() { Lower::SIZE } else { 16 }
 }
 
 impl Pillar {
@@ -143,7 +152,7 @@ fn lower(
     let (starts, sorted) = by_leaf(&triangles, origin, band.half_width);
     let slots: Vec<Built<Leaf>> = (0..Lower::SIZE)
         .into_par_iter()
-        .with_min_len(16)
+        .with_min_len(progress.leaves_at_once)
         .map(|slot| {
             let own = &sorted[starts[slot] as usize..starts[slot + 1] as usize];
             let origin = origin + Lower::slot_offset(slot);
