@@ -39,6 +39,8 @@ mod light_cache;
 mod lights;
 #[path = "picture/many.rs"]
 mod many;
+#[path = "picture/materials.rs"]
+mod materials;
 #[path = "picture/measure.rs"]
 mod measure;
 #[path = "picture/media.rs"]

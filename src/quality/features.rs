@@ -48,6 +48,7 @@ bitflags! {
         const EDGES = 1 << 36;
         const FOG_COLORS = 1 << 37;
         const RAMPS = 1 << 38;
+        const MATERIALS = 1 << 39;
     }
 }
 
@@ -96,7 +97,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 39] = [
+pub(crate) const FEATURES: [Feature; 40] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -274,6 +275,12 @@ pub(crate) const FEATURES: [Feature; 39] = [
         &["VDB_RAMPS", "VDB_VARYING_ALBEDO", "VDB_EMITS"],
         "ramps",
         "a fog has a VdbRamp",
+    ),
+    row(
+        Features::MATERIALS,
+        &["VDB_MATERIALS"],
+        "materials of the app",
+        "a surface has a VdbMaterialExtension",
     ),
 ];
 

@@ -12,6 +12,7 @@ use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::tree::VectorLattice;
 
 use super::auxiliary::AuxiliaryGrids;
+use super::materials::{ExtractedMaterials, MaterialRow};
 use super::ramps::{ExtractedRamps, VolumeRamp};
 use crate::render::gpu::GridKey;
 use crate::scene::{NextFrame, Share};
@@ -71,6 +72,8 @@ pub(crate) struct ExtractedVolume {
     pub auxiliary: AuxiliaryGrids,
     /// The ramp of a fog; none if the volume is hidden.
     pub ramp: Option<VolumeRamp>,
+    /// The app's own material of a surface; none if the volume is hidden.
+    pub own_material: Option<MaterialRow>,
     /// The share that a frame that fades has of what it emits.
     pub share: f32,
 }
@@ -114,7 +117,11 @@ pub(crate) fn extract_volumes(
     with_motion: Extract<Query<(), With<MotionVectorPrepass>>>,
     grids: Extract<Res<Assets<VdbGrid>>>,
     vectors: Extract<Res<Assets<VdbVectorGrid>>>,
-    (mut extracted, mut ramps): (ResMut<ExtractedVolumes>, ResMut<ExtractedRamps>),
+    (mut extracted, mut ramps, mut materials): (
+        ResMut<ExtractedVolumes>,
+        ResMut<ExtractedRamps>,
+        ResMut<ExtractedMaterials>,
+    ),
     mut before: Local<MainEntityHashMap<ExtractedVolume>>,
 ) {
     std::mem::swap(&mut extracted.0, &mut *before);
@@ -162,8 +169,12 @@ pub(crate) fn extract_volumes(
             ramp: ramp
                 .filter(|_| visible.get() && grid.kind() == PackKind::Fog)
                 .and_then(|ramp| ramps.add(ramp)),
+            own_material: (visible.get() && grid.kind() != PackKind::Fog)
+                .then(|| materials.add(set_by.into(), &grid.world_from_index()))
+                .flatten(),
             share,
         };
         extracted.0.insert(entity, volume);
     }
+    materials.end_frame();
 }

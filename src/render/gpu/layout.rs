@@ -54,6 +54,10 @@ pub(crate) fn scene_layout(stages: ShaderStages, is_paged: bool) -> DynamicBindG
 /// The binding of the ramps of fogs in the crate's own group, in shaders with `VDB_RAMPS`.
 pub(crate) const RAMPS_BINDING: u32 = 16;
 
+/// The binding of the table of an app's own materials in the crate's own group, in shaders with
+/// `VDB_MATERIALS`.
+pub(crate) const MATERIALS_BINDING: u32 = 18;
+
 /// The layouts of a group with the scene: for a pool of one page and for one of several, each
 /// without and with ramps.
 #[derive(Clone, Debug)]

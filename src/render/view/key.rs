@@ -16,6 +16,8 @@ pub(crate) struct ViewKey {
     pub cached_suns: Option<u32>,
     /// The media that are marched together on a ray, in views with the light cache.
     pub media: Option<MediaSlots>,
+    /// The kinds of the app's own materials, a bit each.
+    pub materials: u32,
     /// The shader def of Bevy's shadow filtering, in views with shadows.
     pub shadow_filter: Option<&'static str>,
     /// log₂ of the number of words per page, if the pool has several pages.
@@ -27,6 +29,12 @@ pub(crate) struct ViewKey {
 impl ViewKey {
     pub fn has(&self, feature: Features) -> bool {
         self.features.contains(feature)
+    }
+
+    /// The kinds of the app's own materials.
+    pub fn material_kinds(&self) -> impl Iterator<Item = usize> + use<> {
+        let materials = self.materials;
+        (0..u32::BITS).filter(move |kind| materials >> kind & 1 != 0).map(|kind| kind as usize)
     }
 
     /// The number of entries that are displayed: of those out of view, which come last, only

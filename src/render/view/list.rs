@@ -156,6 +156,8 @@ pub(crate) struct ViewList {
     pub fog_colors: bool,
     /// Whether fogs have ramps.
     pub ramps: bool,
+    /// The kinds of the app's own materials of surfaces in view or reflected, a bit each.
+    pub materials: u32,
     /// Whether any fog is sampled rather than integrated.
     pub fog_steps: bool,
     /// Whether any smooth surface has smooth normals.
@@ -208,6 +210,11 @@ impl ViewList {
         let smooth_normals = normals.iter().any(is_smooth);
         let volumes = entries[..seen].iter().filter_map(|entry| maker.volumes.0.get(&entry.owner));
         let velocities = volumes.into_iter().any(|volume| volume.velocity.is_some());
+        let shaded = if mirrors { &entries[..] } else { &entries[..seen] };
+        let shaded = shaded.iter().filter_map(|entry| maker.volumes.0.get(&entry.owner));
+        let materials = shaded
+            .filter_map(|volume| volume.own_material)
+            .fold(0, |all, material| all | 1 << material.kind);
         let mut list = Self {
             data,
             entries,
@@ -217,6 +224,7 @@ impl ViewList {
             colors: false,
             fog_colors: false,
             ramps,
+            materials,
             fog_steps,
             smooth_normals,
             velocities,

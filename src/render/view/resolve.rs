@@ -230,6 +230,7 @@ fn view_key(
     let has_surfaces = list.kinds.has(SURFACES);
     let shows_edges = settings.smooths_edges && list.kinds_seen.has(SURFACES);
     let interpolates = !has_surfaces && !lights.contains(Features::MESH_CASTERS);
+    let materials = if settings.is_lit() { list.materials } else { 0 };
     let features = lights
         | Features::LAMP_LIGHT.when(interpolates && lights.contains(Features::CACHED_LAMPS))
         | Features::UNCACHED_FOGS.when(caches && (has_uncached || media.is_too_much()))
@@ -245,6 +246,7 @@ fn view_key(
         | Features::COLORS.when(list.colors)
         | Features::FOG_COLORS.when(list.fog_colors)
         | Features::RAMPS.when(list.ramps && (fog || settings.is_lit()))
+        | Features::MATERIALS.when(materials != 0)
         | Features::MULTIPLE_SCATTERING.when(multiple_scattering)
         | Features::MANY.when(many)
         | Features::PAGES.when(pool.page_bits().is_some())
@@ -261,6 +263,7 @@ fn view_key(
         mode: camera.mode,
         cached_suns: None,
         media: caches.then(|| MediaSlots::for_media(media, emission)),
+        materials,
         shadow_filter: settings.shadow_filter,
         page_bits: pool.page_bits(),
         sample_format: pool.format(),
