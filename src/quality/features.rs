@@ -49,6 +49,7 @@ bitflags! {
         const FOG_COLORS = 1 << 37;
         const RAMPS = 1 << 38;
         const MATERIALS = 1 << 39;
+        const FOG_MATERIALS = 1 << 40;
     }
 }
 
@@ -97,7 +98,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 40] = [
+pub(crate) const FEATURES: [Feature; 41] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -282,9 +283,18 @@ pub(crate) const FEATURES: [Feature; 40] = [
         "materials of the app",
         "a surface has a VdbMaterialExtension",
     ),
+    row(
+        Features::FOG_MATERIALS,
+        &["VDB_FOG_MATERIALS", "VDB_VARYING_ALBEDO"],
+        "materials of the app in fog",
+        "a fog has a VdbMaterialExtension",
+    ),
 ];
 
 impl Features {
+    /// What shaders with the table of the app's own materials have.
+    pub const OWN_MATERIALS: Self = Self::MATERIALS.union(Self::FOG_MATERIALS);
+
     /// The features if `on`, otherwise none.
     pub fn when(self, on: bool) -> Self {
         if on { self } else { Self::empty() }

@@ -103,8 +103,8 @@ fn of_view(
     if prepared.key.has(Features::RAMPS) {
         buffers.push("vdb_ramps", ramps.bytes(), "fogs have a VdbRamp");
     }
-    if prepared.key.has(Features::MATERIALS) {
-        let why = "surfaces have a VdbMaterialExtension";
+    if prepared.key.features.intersects(Features::OWN_MATERIALS) {
+        let why = "volumes have a VdbMaterialExtension";
         buffers.push("vdb_materials", materials.bytes(), why);
     }
     buffers.add_some("vdb_tiles", &trace.tiles, "the rays of a tile share a start");

@@ -5,11 +5,12 @@ use bevy::reflect::Typed;
 use bevy::reflect::structs::Struct;
 use bevy::shader::ShaderRef;
 
-/// A material of an app's own: a function in WGSL that changes the [`VdbMaterial`](crate::VdbMaterial) of a
-/// surface wherever a ray hits it, in the manner of Bevy's `MaterialExtension`.
+/// A material of an app's own: a function in WGSL that changes the
+/// [`VdbMaterial`](crate::VdbMaterial) of a surface wherever a ray hits it, in the manner of Bevy's
+/// `MaterialExtension`.
 ///
-/// The component with its parameters is added to the entity of a [`VdbVolume`](crate::VdbVolume), and its
-/// type is registered with `VdbMaterialPlugin`:
+/// The component with its parameters is added to the entity of a [`VdbVolume`](crate::VdbVolume),
+/// and its type is registered with `VdbMaterialPlugin`:
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -57,18 +58,20 @@ use bevy::shader::ShaderRef;
 /// }
 /// ```
 ///
-/// The struct `WetSand` of the shader is derived from the component. It has the same fields: `f32`, `i32`, `u32`,
-/// [`Vec2`], [`Vec3`] and [`Vec4`] as they are, `bool` as `u32`, and [`Color`] and [`LinearRgba`] as
-/// `vec4<f32>` in linear colours. Fields with `#[reflect(ignore)]` are left out, and all others together have
-/// at most 16 numbers. A component without fields has no struct, and its function has no third parameter.
+/// The struct `WetSand` of the shader is derived from the component. It has the same fields: `f32`,
+/// `i32`, `u32`, [`Vec2`], [`Vec3`] and [`Vec4`] as they are, `bool` as `u32`, and [`Color`] and
+/// [`LinearRgba`] as `vec4<f32>` in linear colours. Fields with `#[reflect(ignore)]` are left out,
+/// and all others together have at most 16 numbers. A component without fields has no struct, and
+/// its function has no third parameter.
 ///
-/// [The guide](https://github.com/bevy-vdb/bevy_vdb/blob/main/docs/guide/materials.md) describes `VdbHit` and
-/// `VdbSurface`.
+/// [The guide](https://github.com/bevy-vdb/bevy_vdb/blob/main/docs/guide/materials.md) describes
+/// `VdbHit` and `VdbSurface`.
 ///
-/// Fog and render modes without light ignore it. A volume has one such component; a shader that is not
-/// loaded yet, or does not compile, leaves the volume with its `VdbMaterial`.
+/// Fog and render modes without light ignore it. A volume has one such component; a shader that is
+/// not loaded yet, or does not compile, leaves the volume with its `VdbMaterial`.
 pub trait VdbMaterialExtension: Component + Clone + Struct + Typed {
-    /// The shader with the function. While an app runs with Bevy's feature `file_watcher`, changes of its file
-    /// are displayed at once; a file with errors is reported, and the function before stays in use.
+    /// The shader with the function. While an app runs with Bevy's feature `file_watcher`, changes
+    /// of its file are displayed at once; a file with errors is reported, and the function before
+    /// stays in use.
     fn shader() -> ShaderRef;
 }

@@ -13,14 +13,15 @@ struct Grid {
     heads: u32,
     masks: u32,
     leaf_records: u32,
-    records: u32,
+    records: u32,               // of a smooth surface; in a copy from `fog_grid`, the volume
     samples: u32,
     palette: u32,
     format: u32,
     brick_words: u32,
     scale: f32,                 // of stored samples; 8-bit fog bricks have scales of their own
-    // Only in a copy from `fog_grid`: the number of the ramp that values are mapped with, or 0 for none; the
-    // value where its table begins; and entries per unit of value.
+    // Only in a copy from `fog_grid`: the number of the ramp that values are mapped with or, in the 16 highest
+    // bits, that of the app's own material, or 0 for none; the value where the ramp's table begins; and entries
+    // per unit of value.
     ramp: u32,
     ramp_low: f32,
     ramp_scale: f32,

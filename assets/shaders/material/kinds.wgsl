@@ -1,8 +1,8 @@
-// Calls the function of a material by its kind. In an app with materials of its own, lines for each kind take the
-// place of the two lines in angle brackets (`src/render/gpu/materials/modules.rs`).
+// Calls the functions of materials by their kinds. In an app with materials of its own, lines for each kind take
+// the place of the lines in angle brackets (`src/render/gpu/materials/modules.rs`).
 #define_import_path bevy_vdb::material::kinds
 
-#import bevy_vdb::material::{VdbHit, VdbSurface}
+#import bevy_vdb::material::{VdbFog, VdbFogPoint, VdbHit, VdbSurface}
 #import bevy_vdb::material::table::{material_kind, material_words}
 // <imports>
 
@@ -11,6 +11,15 @@ fn surface_of_kind(number: u32, hit: VdbHit, surface: VdbSurface) -> VdbSurface 
         // <surfaces>
         default: {
             return surface;
+        }
+    }
+}
+
+fn fog_of_kind(number: u32, at: VdbFogPoint, fog: VdbFog) -> VdbFog {
+    switch material_kind(number) {
+        // <fogs>
+        default: {
+            return fog;
         }
     }
 }

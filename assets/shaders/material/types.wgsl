@@ -12,6 +12,18 @@ struct VdbHit {
     to_viewer: vec3<f32>,           // world space, unit length
 }
 
+// A point in fog.
+struct VdbFogPoint {
+    local_position: vec3<f32>,      // in the space of the volume's entity, which its Transform places
+    index_position: vec3<f32>,      // in index space: sample ijk is at (i, j, k)
+}
+
+// The factors for a fog's density and albedo at a point.
+struct VdbFog {
+    density: f32,                   // 0 to 1
+    color: vec3<f32>,               // linear, 0 to 1
+}
+
 // The material of a surface at a hit: `VdbMaterial` and `VdbColorGrid`, or what a function makes of it.
 struct VdbSurface {
     base_color: vec3<f32>,          // linear, 0 or more

@@ -97,7 +97,7 @@ fn depth_to_light(
             var density_integral = 0.0;
 #ifdef VDB_RAMPS
             // Samples would miss thin shells.
-            let is_sampled = in_fog && grid.ramp == 0u;
+            let is_sampled = in_fog && volumes[i].ramp == 0u;
 #else
             let is_sampled = in_fog;
 #endif

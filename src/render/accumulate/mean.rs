@@ -35,9 +35,11 @@ pub(super) fn fingerprint(
     prepared: &PreparedView,
     changes: &SceneChanges,
     materials: &ExtractedMaterials,
+    replaced_pipelines: u64,
 ) -> u64 {
     let mut hasher = DefaultHasher::new();
-    if prepared.key.has(Features::MATERIALS) {
+    replaced_pipelines.hash(&mut hasher);
+    if prepared.key.features.intersects(Features::OWN_MATERIALS) {
         materials.changes.hash(&mut hasher);
     }
     (prepared.key, prepared.is_ready, changes_of(&prepared.key, changes)).hash(&mut hasher);

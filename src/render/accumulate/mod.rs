@@ -95,6 +95,7 @@ fn count_frames(
     mut views: Query<(&mut ViewState, &mut AccumulateView)>,
     mut pipelines: PicturePipelines<AccumulatePass>,
     (changes, materials): (Res<SceneChanges>, Res<ExtractedMaterials>),
+    fallback: Res<PipelineFallback>,
     device: Res<RenderDevice>,
 ) {
     for (mut view, mut own) in &mut views {
@@ -102,7 +103,8 @@ fn count_frames(
         let Some(prepared) = &mut view.prepared else { continue };
         own.pipeline = pipelines.of(&prepared.key);
         if own.pipeline.is_some() {
-            let fingerprint = mean::fingerprint(prepared, &changes, &materials);
+            let fingerprint =
+                mean::fingerprint(prepared, &changes, &materials, fallback.replaced());
             let next = Accumulated::next(before, fingerprint, prepared.picture(), &device);
             next.place(&mut prepared.data, prepared.key.has(Features::SCALED));
             own.accumulated = Some(next);

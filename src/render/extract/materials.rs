@@ -1,5 +1,6 @@
 //! Materials of an app's own: their plugin, and the table of their parameters.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::marker::PhantomData;
 
 use bevy::ecs::schedule::SystemSet;
@@ -8,10 +9,11 @@ use bevy::prelude::*;
 use bevy::render::sync_world::{MainEntity, MainEntityHashMap};
 use bevy::render::{Extract, ExtractSchedule, RenderApp};
 
-use crate::render::gpu::materials::{MOST_WORDS, MaterialKinds, Words, words_of};
+use crate::render::gpu::materials::{MOST_WORDS, MaterialKinds, Roles, Words, words_of};
 use crate::{VdbMaterialExtension, VdbVolume};
 
-/// Registers a [`VdbMaterialExtension`]: volumes with the component `M` are shaded by its function.
+/// Registers a [`VdbMaterialExtension`]: volumes with the component `M` are shown as its functions
+/// change them.
 ///
 /// Added after [`VdbRenderPlugin`](crate::VdbRenderPlugin). An app can have 32 of them.
 #[derive(Clone, Copy, Debug)]
@@ -40,8 +42,8 @@ impl<M: VdbMaterialExtension> Plugin for VdbMaterialPlugin<M> {
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct ExtractMaterials;
 
-/// The words of a row of the table: its kind, from 1, and three unused; three rows of the matrix from index space
-/// to the space of the entity; the parameters.
+/// The words of a row of the table: its kind, from 1, and three unused; three rows of the matrix
+/// from index space to the space of the entity; the parameters.
 pub(crate) const ROW_WORDS: usize = 16 + MOST_WORDS;
 pub(crate) type Row = [u32; ROW_WORDS];
 
@@ -55,13 +57,23 @@ pub(crate) struct MaterialRow {
     pub number: u32,
     /// From 0.
     pub kind: usize,
+    /// Changes with the parameters and with the functions.
+    pub content: u64,
 }
 
-/// The materials of all volumes that have one of the app's own, and the table of those that are surfaces and not
+/// A component with its kind and the functions of the kind.
+#[derive(Clone, Copy, Debug)]
+struct OwnMaterial {
+    kind: usize,
+    roles: Roles,
+    words: Words,
+}
+
+/// The materials of all volumes that have one of the app's own, and the table of those that are not
 /// hidden.
 #[derive(Debug, Default, Resource)]
 pub(crate) struct ExtractedMaterials {
-    of_volumes: MainEntityHashMap<(usize, Words)>,
+    of_volumes: MainEntityHashMap<OwnMaterial>,
     pub rows: Vec<Row>,
     before: Vec<Row>,
     functions: u64,
@@ -70,9 +82,17 @@ pub(crate) struct ExtractedMaterials {
 }
 
 impl ExtractedMaterials {
-    /// Adds the material of a volume to the table, if it has one.
-    pub fn add(&mut self, entity: MainEntity, local_from_index: &DAffine3) -> Option<MaterialRow> {
-        let (kind, words) = self.of_volumes.get(&entity)?;
+    /// Adds the material of a volume to the table, if it has one with a function for it.
+    pub fn add(
+        &mut self,
+        entity: MainEntity,
+        is_fog: bool,
+        local_from_index: &DAffine3,
+    ) -> Option<MaterialRow> {
+        let OwnMaterial { kind, roles, words } = *self.of_volumes.get(&entity)?;
+        if !(if is_fog { roles.fog } else { roles.surface }) {
+            return None;
+        }
         if self.rows.len() == MOST_ROWS {
             warn_once!(
                 "more than {MOST_ROWS} volumes have materials of the app: the others are shown without"
@@ -80,7 +100,7 @@ impl ExtractedMaterials {
             return None;
         }
         let mut row = [0; ROW_WORDS];
-        row[0] = *kind as u32 + 1;
+        row[0] = kind as u32 + 1;
         let matrix = local_from_index.matrix3.transpose();
         let axes = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
         let origin = local_from_index.translation.to_array();
@@ -88,12 +108,16 @@ impl ExtractedMaterials {
             let line = axis.extend(origin).as_vec4().to_array().map(f32::to_bits);
             row[4 * (i + 1)..][..4].copy_from_slice(&line);
         }
-        row[16..].copy_from_slice(words);
+        row[16..].copy_from_slice(&words);
+        let mut hasher = DefaultHasher::new();
+        (row, self.functions).hash(&mut hasher);
         self.rows.push(row);
-        Some(MaterialRow { number: self.rows.len() as u32, kind: *kind })
+        let number = self.rows.len() as u32;
+        Some(MaterialRow { number, kind, content: hasher.finish() })
     }
 
-    /// Notes whether anything has changed since the previous frame, once all volumes have been extracted.
+    /// Notes whether anything has changed since the previous frame, once all volumes have been
+    /// extracted.
     pub fn end_frame(&mut self) {
         self.changes += u64::from(self.rows != self.before);
     }
@@ -118,9 +142,11 @@ fn extract_materials<M: VdbMaterialExtension>(
     kinds: Extract<Res<MaterialKinds>>,
     mut extracted: ResMut<ExtractedMaterials>,
 ) {
-    let Some(kind) = kinds.ready::<M>() else { return };
+    let Some((kind, roles)) = kinds.ready::<M>() else { return };
     for (entity, material) in &volumes {
-        let before = extracted.of_volumes.insert(entity.into(), (kind, words_of(material)));
+        let before = extracted
+            .of_volumes
+            .insert(entity.into(), OwnMaterial { kind, roles, words: words_of(material) });
         if before.is_some() {
             warn_once!("a volume has several materials of the app: it is shown with one of them");
         }

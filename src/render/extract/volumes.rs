@@ -72,7 +72,7 @@ pub(crate) struct ExtractedVolume {
     pub auxiliary: AuxiliaryGrids,
     /// The ramp of a fog; none if the volume is hidden.
     pub ramp: Option<VolumeRamp>,
-    /// The app's own material of a surface; none if the volume is hidden.
+    /// The app's own material of a surface, or of a fog without a ramp; none if the volume is hidden.
     pub own_material: Option<MaterialRow>,
     /// The share that a frame that fades has of what it emits.
     pub share: f32,
@@ -146,6 +146,11 @@ pub(crate) fn extract_volumes(
         } else {
             AuxiliaryGrids::default()
         };
+        let is_fog = grid.kind() == PackKind::Fog;
+        let ramp = ramp.filter(|_| visible.get() && is_fog).and_then(|ramp| ramps.add(ramp));
+        let own_material = (visible.get() && ramp.is_none())
+            .then(|| materials.add(set_by.into(), is_fog, &grid.world_from_index()))
+            .flatten();
         let volume = ExtractedVolume {
             grid: volume.0.id().into(),
             packed: grid.outline(),
@@ -166,12 +171,8 @@ pub(crate) fn extract_volumes(
                 .filter(|_| visible.get() && !with_motion.is_empty())
                 .and_then(|velocity| ExtractedVelocity::new(velocity, &vectors)),
             auxiliary,
-            ramp: ramp
-                .filter(|_| visible.get() && grid.kind() == PackKind::Fog)
-                .and_then(|ramp| ramps.add(ramp)),
-            own_material: (visible.get() && grid.kind() != PackKind::Fog)
-                .then(|| materials.add(set_by.into(), &grid.world_from_index()))
-                .flatten(),
+            ramp,
+            own_material,
             share,
         };
         extracted.0.insert(entity, volume);

@@ -16,10 +16,11 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 48] = shaders![
+const IMPORTS: [(&str, &[u8]); 49] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
+    "material/fog",
     "traversal/rays",
     "traversal/tree",
     "traversal/samples",

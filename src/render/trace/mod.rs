@@ -215,7 +215,7 @@ fn bind(
         if has_ramps && ramps.is_none() {
             continue;
         }
-        let has_materials = features.contains(Features::MATERIALS);
+        let has_materials = features.intersects(Features::OWN_MATERIALS);
         let materials = has_materials.then(|| materials.get(&all_materials, &device, &queue));
         let (Some(lights), Some(nothing)) =
             (bind(features, view_lights.as_ref()), bind(Features::empty(), None))

@@ -31,12 +31,6 @@ impl ViewKey {
         self.features.contains(feature)
     }
 
-    /// The kinds of the app's own materials.
-    pub fn material_kinds(&self) -> impl Iterator<Item = usize> + use<> {
-        let materials = self.materials;
-        (0..u32::BITS).filter(move |kind| materials >> kind & 1 != 0).map(|kind| kind as usize)
-    }
-
     /// The number of entries that are displayed: of those out of view, which come last, only
     /// reflections are.
     pub fn displayed(&self, seen: usize, all: usize) -> usize {

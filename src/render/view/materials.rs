@@ -1,5 +1,5 @@
-//! The table of an app's own materials on the GPU: a texture that exists while a shader needs it. A texture,
-//! because shaders of surfaces can have all eight storage buffers that WebGPU guarantees.
+//! The table of an app's own materials on the GPU: a texture that exists while a shader needs it. A
+//! texture, because shaders of surfaces can have all eight storage buffers that WebGPU guarantees.
 
 use bevy::prelude::*;
 use bevy::render::render_resource::{
@@ -11,8 +11,8 @@ use bevy::render::renderer::{RenderDevice, RenderQueue};
 use crate::render::extract::{ExtractedMaterials, MaterialRow, ROW_WORDS};
 use crate::render::gpu::types;
 
-/// The rows beside each other, as in `assets/shaders/material/table.wgsl`: 65,535 rows, which are the most, are
-/// less high than WebGPU's default limit.
+/// The rows beside each other, as in `assets/shaders/material/table.wgsl`: 65,535 rows, which are
+/// the most, are less high than WebGPU's default limit.
 const ROWS_ABREAST: usize = 64;
 
 /// The flags of a volume that say where its material is.
@@ -44,6 +44,11 @@ impl MaterialTable {
         }
         let (view, _) = self.texture.get_or_insert_with(|| upload(materials, device, queue));
         view
+    }
+
+    /// The texture, if something has needed it in this frame.
+    pub fn view(&self) -> Option<&TextureView> {
+        self.texture.as_ref().map(|(view, _)| view)
     }
 
     /// The size of the texture in bytes.

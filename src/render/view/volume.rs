@@ -8,7 +8,9 @@ use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
 
 use super::materials::material_flags;
 use super::tiles::TileRange;
-use crate::render::extract::{ExtractedRamp, ExtractedVolume, Setting, Trouble, Warned};
+use crate::render::extract::{
+    ExtractedRamp, ExtractedVolume, MaterialRow, Setting, Trouble, Warned,
+};
 use crate::render::gpu::{GridKey, affine, non_negative, types};
 use crate::render::pool::VdbTreePool;
 use crate::{VdbMaterial, VdbQuality};
@@ -130,6 +132,11 @@ impl<'a> Shown<'a> {
     /// The ramp of a fog.
     pub fn ramp(&self) -> Option<&ExtractedRamp> {
         self.volume.ramp.as_ref().map(|own| &*own.ramp)
+    }
+
+    /// The app's own material.
+    pub fn own_material(&self) -> Option<MaterialRow> {
+        self.volume.own_material
     }
 
     /// The box of everything that can stop or dim a ray, in index space.

@@ -1,5 +1,5 @@
-//! The check of an app's shader before any pipeline contains it, so that errors are reported once, with the
-//! line of the app's own file, and what is drawn stays as it was.
+//! The check of an app's shader before any pipeline contains it, so that errors are reported once,
+//! with the line of the app's own file, and what is drawn stays as it was.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
@@ -9,7 +9,7 @@ use naga_oil::compose::{
     ComposableModuleDescriptor, Composer, ComposerError, NagaModuleDescriptor,
 };
 
-use super::modules;
+use super::modules::{self, Roles};
 use super::parameters::Parameters;
 
 /// The imports of a shader, each after those that it imports itself.
@@ -67,19 +67,21 @@ fn has_function(source: &str, name: &str) -> bool {
 /// The path of the program that calls the function for the check.
 const CALLER: &str = "bevy_vdb/material/caller.wgsl";
 
-/// Composes and validates the module of a kind. The error is a text for people.
+/// Composes and validates the module of a kind, and says which functions it has. The error is a
+/// text for people.
 pub(super) fn check(
     kind: usize,
     parameters: &Parameters,
     module: &Shader,
     imports: &Imports,
-) -> Result<(), String> {
+) -> Result<Roles, String> {
     let Source::Wgsl(source) = &module.source else {
         return Err("it is not WGSL".into());
     };
-    let signature = signature(parameters);
-    if !has_function(source, "surface") {
-        return Err(format!("it has no function {signature}"));
+    let roles =
+        Roles { surface: has_function(source, "surface"), fog: has_function(source, "fog") };
+    if roles == Roles::default() {
+        return Err(format!("it has no function {}", signatures(parameters)));
     }
     let mut composer = Composer::default();
     let text = |error: ComposerError, composer: &Composer| error.emit_to_string(composer);
@@ -89,29 +91,39 @@ pub(super) fn check(
             return Err(text(error, &composer));
         }
     }
-    let source = modules::caller(kind, parameters);
+    let source = modules::caller(kind, parameters, roles);
     let program = NagaModuleDescriptor { source: &source, file_path: CALLER, ..default() };
     let program = composer.make_naga_module(program).map_err(|error| {
         let is_call = error.source.path(&composer) == CALLER;
         let text = text(error, &composer);
-        if is_call { format!("its function is not {signature}\n{text}") } else { text }
+        if is_call {
+            format!("its functions are not {}\n{text}", signatures(parameters))
+        } else {
+            text
+        }
     })?;
-    let bound = program.global_variables.iter().filter_map(|(_, own)| {
-        own.binding.as_ref().filter(|binding| binding.group != 0 || binding.binding > 2)?;
-        own.name.clone()
+    let mut bound = program.global_variables.iter().filter(|(_, own)| {
+        let is_own = |group, binding| group == 0 && binding < modules::CALLER_BINDINGS;
+        own.binding.as_ref().is_some_and(|at| !is_own(at.group, at.binding))
     });
-    match bound.collect::<Vec<_>>().first() {
-        Some(name) => Err(format!("it binds {name}, but materials have no bindings of their own")),
-        None => Ok(()),
+    match bound.next() {
+        Some((_, own)) => {
+            let name = own.name.as_deref().unwrap_or_default();
+            Err(format!("it binds {name}, but materials have no bindings of their own"))
+        }
+        None => Ok(roles),
     }
 }
 
-/// The function that a shader must have.
-fn signature(parameters: &Parameters) -> String {
+/// The functions that a shader may have.
+fn signatures(parameters: &Parameters) -> String {
     let third = if parameters.is_empty() {
         String::new()
     } else {
         format!(", parameters: {}", parameters.name)
     };
-    format!("surface(hit: VdbHit, built_in: VdbSurface{third}) -> VdbSurface")
+    format!(
+        "surface(hit: VdbHit, built_in: VdbSurface{third}) -> VdbSurface or fog(at: VdbFogPoint, built_in: \
+         VdbFog{third}) -> VdbFog"
+    )
 }

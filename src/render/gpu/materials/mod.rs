@@ -1,5 +1,5 @@
-//! The kinds of materials that an app has registered, and the WGSL modules by which the trace calls their
-//! functions. A function reaches a pipeline only after it has been checked.
+//! The kinds of materials that an app has registered, and the WGSL modules by which the trace calls
+//! their functions. A function reaches a pipeline only after it has been checked.
 
 mod check;
 mod modules;
@@ -16,7 +16,9 @@ use crate::VdbMaterialExtension;
 use check::Imports;
 use parameters::Parameters;
 
-pub(crate) use modules::{MOST_KINDS, kind_def};
+use modules::MOST_KINDS;
+
+pub(crate) use modules::{Roles, kind_defs};
 pub(crate) use parameters::{MOST_WORDS, Words, words_of};
 
 /// How long a shader may wait for its imports before this is reported.
@@ -33,10 +35,17 @@ struct Kind {
     module: Handle<Shader>,
     /// The sources that were checked last.
     checked: Option<u64>,
-    /// Whether a function has passed the check.
-    is_ready: bool,
-    /// Since when an import is missing, until that is reported.
-    waits_since: Option<Instant>,
+    /// The functions that have passed the check.
+    roles: Option<Roles>,
+    /// The wait for an import, if one is missing.
+    wait: Option<Wait>,
+}
+
+/// The wait of a shader for one of its imports.
+#[derive(Debug)]
+struct Wait {
+    since: Instant,
+    is_reported: bool,
 }
 
 /// All kinds of materials of an app, in the order of their registration.
@@ -92,8 +101,8 @@ impl MaterialKinds {
                 shader,
                 module: shaders.reserve_handle(),
                 checked: None,
-                is_ready: false,
-                waits_since: None,
+                roles: None,
+                wait: None,
             });
             let types = modules::types(kinds.all.iter().map(|kind| &kind.parameters));
             put(&mut shaders, &kinds.types, types);
@@ -105,9 +114,10 @@ impl MaterialKinds {
         Ok(())
     }
 
-    /// The number of the kind of a component, if its function can be called.
-    pub fn ready<M: 'static>(&self) -> Option<usize> {
-        self.all.iter().position(|kind| kind.is_ready && kind.component == TypeId::of::<M>())
+    /// The number of the kind of a component, and its functions, if they can be called.
+    pub fn ready<M: 'static>(&self) -> Option<(usize, Roles)> {
+        let number = self.all.iter().position(|kind| kind.component == TypeId::of::<M>())?;
+        Some((number, self.all[number].roles?))
     }
 }
 
@@ -122,14 +132,15 @@ fn put(shaders: &mut Assets<Shader>, handle: &Handle<Shader>, shader: Shader) {
     }
 }
 
-/// Checks the shaders of materials that have changed, or whose imports have, and passes on those that are sound.
+/// Checks the shaders of materials that have changed, or whose imports have, and passes on those
+/// that are sound.
 fn check_changed(
     mut kinds: ResMut<MaterialKinds>,
     mut shaders: ResMut<Assets<Shader>>,
     mut events: MessageReader<AssetEvent<Shader>>,
 ) {
     let has_changed = events.read().count() > 0;
-    let is_waiting = kinds.all.iter().any(|kind| kind.waits_since.is_some());
+    let is_waiting = kinds.all.iter().any(Kind::is_waiting);
     if !has_changed && !is_waiting {
         return;
     }
@@ -144,8 +155,9 @@ fn check_changed(
         put(&mut shaders, &handle, module);
     }
     kinds.changes += 1;
-    let ready = kinds.all.iter().enumerate().filter(|(_, kind)| kind.is_ready);
-    let calls = modules::kinds(ready.map(|(number, kind)| (number, &kind.parameters)));
+    let all = kinds.all.iter().enumerate();
+    let ready = all.filter_map(|(number, kind)| Some((number, &kind.parameters, kind.roles?)));
+    let calls = modules::kinds(ready);
     let is_new =
         shaders.get(&kinds.calls).is_none_or(|now| now.source.as_str() != calls.source.as_str());
     if is_new {
@@ -154,7 +166,8 @@ fn check_changed(
 }
 
 impl Kind {
-    /// The module of the shader if it has changed and is sound; otherwise reports what is wrong, once.
+    /// The module of the shader if it has changed and is sound; otherwise reports what is wrong,
+    /// once.
     fn check(&mut self, number: usize, shaders: &Assets<Shader>) -> Option<Shader> {
         let shader = shaders.get(&self.shader)?;
         let module = modules::of_kind(number, shader);
@@ -173,19 +186,19 @@ impl Kind {
                 return None;
             }
         };
-        self.waits_since = None;
+        self.wait = None;
         let content = imports.content(&module);
         if self.checked.replace(content) == Some(content) {
             return None;
         }
         match check::check(number, &self.parameters, &module, &imports) {
-            Ok(()) => {
-                self.is_ready = true;
+            Ok(roles) => {
+                self.roles = Some(roles);
                 Some(module)
             }
             Err(why) => {
-                let now = if self.is_ready {
-                    "volumes are shown with the function that it had before"
+                let now = if self.roles.is_some() {
+                    "volumes are shown with the functions that it had before"
                 } else {
                     "volumes are shown without it"
                 };
@@ -195,17 +208,17 @@ impl Kind {
         }
     }
 
+    /// Whether an import is missing that has not been reported yet.
+    fn is_waiting(&self) -> bool {
+        self.wait.as_ref().is_some_and(|wait| !wait.is_reported)
+    }
+
     /// Whether an import has been missing for too long; true once.
     fn has_waited(&mut self) -> bool {
-        if self.checked == Some(0) {
-            return false;
-        }
-        let since = *self.waits_since.get_or_insert_with(Instant::now);
-        let is_over = since.elapsed() > PATIENCE;
-        if is_over {
-            self.waits_since = None;
-            self.checked = Some(0);
-        }
-        is_over
+        let new = || Wait { since: Instant::now(), is_reported: false };
+        let wait = self.wait.get_or_insert_with(new);
+        let is_due = !wait.is_reported && wait.since.elapsed() > PATIENCE;
+        wait.is_reported |= is_due;
+        is_due
     }
 }

@@ -1,7 +1,7 @@
 //! The WGSL modules that call the functions of an app's materials. They are completed from those in
 //! `assets/shaders/material/`.
 
-use bevy::shader::Shader;
+use bevy::shader::{Shader, ShaderDefVal};
 
 use super::parameters::Parameters;
 
@@ -21,9 +21,15 @@ fn module_path(kind: usize) -> String {
     format!("bevy_vdb::material::{}", letters(kind))
 }
 
-/// The shader def with which the function of a kind is compiled.
-pub(crate) fn kind_def(kind: usize) -> String {
+/// The shader def with which the functions of a kind are compiled.
+fn kind_def(kind: usize) -> String {
     format!("VDB_MATERIAL_{}", letters(kind).to_uppercase())
+}
+
+/// The shader defs of a set of kinds, a bit each.
+pub(crate) fn kind_defs(kinds: u32) -> impl Iterator<Item = ShaderDefVal> {
+    let is_in = move |kind: &usize| kinds >> kind & 1 != 0;
+    (0..MOST_KINDS).filter(is_in).map(|kind| kind_def(kind).into())
 }
 
 /// The module that shaders of apps import.
@@ -36,27 +42,35 @@ pub(super) fn types<'a>(all: impl Iterator<Item = &'a Parameters>) -> Shader {
 }
 
 /// The module that calls the functions of these kinds.
-pub(super) fn kinds<'a>(ready: impl Iterator<Item = (usize, &'a Parameters)>) -> Shader {
-    let (mut imports, mut surfaces) = (String::new(), String::new());
-    for (kind, parameters) in ready {
+pub(super) fn kinds<'a>(ready: impl Iterator<Item = (usize, &'a Parameters, Roles)>) -> Shader {
+    let (mut imports, mut surfaces, mut fogs) = (String::new(), String::new(), String::new());
+    for (kind, parameters, roles) in ready {
         let (def, path, module) = (kind_def(kind), module_path(kind), letters(kind));
         imports += &format!("#ifdef {def}\n#import {path}\n");
-        let mut arguments = String::from("hit, surface");
-        let mut words = "";
+        let (mut words, mut read) = ("", String::new());
         if !parameters.is_empty() {
             imports += &format!("#import bevy_vdb::material::{}\n", parameters.name);
-            arguments += &format!(", {}", parameters.read());
             words = "            let words = material_words(number);\n";
+            read = format!(", {}", parameters.read());
         }
         imports += "#endif\n";
-        surfaces += &format!(
-            "#ifdef {def}\n        case {}u: {{\n{words}            return \
-             {module}::surface({arguments});\n        }}\n#endif\n",
-            kind + 1
-        );
+        let case = |arguments: &str| {
+            format!(
+                "#ifdef {def}\n        case {}u: {{\n{words}            return \
+                 {module}::{arguments}{read});\n        }}\n#endif\n",
+                kind + 1
+            )
+        };
+        if roles.surface {
+            surfaces += &case("surface(hit, surface");
+        }
+        if roles.fog {
+            fogs += &case("fog(at, fog");
+        }
     }
     let text = KINDS.replace("// <imports>\n", &imports);
     let text = text.replace("        // <surfaces>\n", &surfaces);
+    let text = text.replace("        // <fogs>\n", &fogs);
     Shader::from_wgsl(text, "bevy_vdb/material/kinds.wgsl")
 }
 
@@ -77,20 +91,38 @@ pub(super) fn of_kind(kind: usize, shader: &Shader) -> Shader {
     module
 }
 
-/// A program that calls the function of a kind once, for a check.
-pub(super) fn caller(kind: usize, parameters: &Parameters) -> String {
+/// A program that calls the functions of a kind, for a check.
+pub(super) fn caller(kind: usize, parameters: &Parameters, roles: Roles) -> String {
     let (path, module) = (module_path(kind), letters(kind));
-    let mut names = String::from("VdbHit, VdbSurface");
-    let (mut binding, mut argument) = (String::new(), "");
+    let mut names = String::from("VdbFog, VdbFogPoint, VdbHit, VdbSurface");
+    let (mut own, mut argument) = (String::new(), "");
     if !parameters.is_empty() {
         names += &format!(", {}", parameters.name);
-        binding = format!("@group(0) @binding(2) var<storage, read> own: {};\n", parameters.name);
+        own = format!("@group(0) @binding(4) var<storage, read> own: {};\n", parameters.name);
         argument = ", own";
     }
+    let bindings =
+        [("hit", "VdbHit"), ("at", "VdbFogPoint"), ("made", "VdbSurface"), ("fog", "VdbFog")];
+    let bindings = (0..).zip(bindings).map(|(i, (name, ty))| {
+        format!("@group(0) @binding({i}) var<storage, read_write> {name}: {ty};\n")
+    });
+    let surface = format!("    made = {module}::surface(hit, made{argument});\n");
+    let in_fog = format!("    fog = {module}::fog(at, fog{argument});\n");
+    let [surface, in_fog] = [(roles.surface, surface), (roles.fog, in_fog)]
+        .map(|(is_there, call)| if is_there { call } else { String::new() });
     format!(
-        "#import bevy_vdb::material::{{{names}}}\n#import {path}\n@group(0) @binding(0) var<storage, \
-         read> hit: VdbHit;\n@group(0) @binding(1) var<storage, read_write> result: \
-         VdbSurface;\n{binding}@compute @workgroup_size(1) fn main() {{\n    result = \
-         {module}::surface(hit, result{argument});\n}}\n"
+        "#import bevy_vdb::material::{{{names}}}\n#import {path}\n{}{own}@compute @workgroup_size(1) fn \
+         main() {{\n{surface}{in_fog}}}\n",
+        bindings.collect::<String>()
     )
+}
+
+/// The most bindings of that program.
+pub(super) const CALLER_BINDINGS: u32 = 5;
+
+/// What a shader of an app has functions for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Roles {
+    pub surface: bool,
+    pub fog: bool,
 }

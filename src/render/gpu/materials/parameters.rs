@@ -1,5 +1,5 @@
-//! The parameters of a material: the struct of the shader, derived from the component, and the words that
-//! fill it.
+//! The parameters of a material: the struct of the shader, derived from the component, and the
+//! words that fill it.
 
 use std::any::TypeId;
 use std::fmt::Write;
