@@ -31,7 +31,7 @@ fn fog_grid(volume: u32) -> Grid {
     grid.ramp_scale = volumes[volume].ramp_scale;
 #endif
 #ifdef VDB_FOG_MATERIALS
-    grid.ramp |= volumes[volume].flags & (0xffffffffu << MATERIAL_SHIFT);
+    grid.ramp |= (volumes[volume].flags >> MATERIAL_SHIFT) << MATERIAL_SHIFT;
     grid.records = volume;
 #endif
     return grid;
