@@ -60,9 +60,9 @@ fn main() -> AppExit {
             VdbMaterialPlugin::<WetSand>::default(),
             VdbMaterialPlugin::<Ghost>::default(),
         ))
-        .insert_resource(ClearColor(Color::srgb(0.36, 0.33, 0.42)))
+        .insert_resource(ClearColor(Color::srgb(0.62, 0.53, 0.6)))
         .insert_resource(GlobalAmbientLight::NONE)
-        .add_systems(Startup, (shore, ghost, lights, camera))
+        .add_systems(Startup, (shore, ghost, sun, camera))
         .add_systems(Update, (tide, haunt))
         .run()
 }
@@ -70,7 +70,7 @@ fn main() -> AppExit {
 /// The size of a voxel in world units.
 const VOXEL: f64 = 0.03;
 /// Half the size of the shore in world units.
-const HALF: DVec3 = DVec3::new(4.2, 0.8, 2.8);
+const HALF: DVec3 = DVec3::new(7.0, 1.3, 4.2);
 const GHOST_HEIGHT: f32 = 2.3;
 
 fn grid(
@@ -85,10 +85,11 @@ fn grid(
 
 /// The height of the sand at (x, z): it rises to the back, with dunes above and hollows below.
 fn height(x: f64, z: f64) -> f64 {
-    let slope = 0.32 - 0.17 * z - 0.05 * x;
-    let dunes = 0.13 * (1.1 * x + 0.6 * (1.3 * z).sin()).sin() * (0.9 * z + 0.4).cos();
-    let hollows = -0.16 * (-((x + 0.9).powi(2) + 2.0 * (z - 0.5).powi(2))).exp();
-    let ripples = 0.012 * (15.0 * z + 2.2 * (1.7 * x).sin() + 1.5 * x).sin();
+    let back = (-z - 1.2).max(0.0);
+    let slope = 0.3 - 0.13 * z - 0.04 * x + 0.1 * back * back / (1.0 + back);
+    let dunes = 0.15 * (0.9 * x + 0.6 * (1.1 * z).sin()).sin() * (0.8 * z + 0.4).cos();
+    let hollows = -0.2 * (-(0.5 * (x + 0.6).powi(2) + 1.5 * (z - 1.1).powi(2))).exp();
+    let ripples = 0.011 * (15.0 * z + 2.2 * (1.7 * x).sin() + 1.5 * x).sin();
     slope + dunes + hollows + ripples
 }
 
@@ -98,7 +99,7 @@ fn shore(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
     let sand = level_set::from_distance(bbox, |ijk| {
         let p = ijk * VOXEL;
         // Dividing by the steepest slope gives lower bounds of distances.
-        let ground = (p.y - height(p.x, p.z)) / 1.1;
+        let ground = (p.y - height(p.x, p.z)) / 1.4;
         let sides = (p.abs() - HALF).with_y(-HALF.y - p.y).max_element();
         ground.max(sides) / VOXEL
     });
@@ -106,13 +107,13 @@ fn shore(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
         commands.spawn((
             VdbVolume(sand),
             VdbMaterial {
-                base_color: Color::srgb(0.83, 0.7, 0.52),
+                base_color: Color::srgb(0.86, 0.76, 0.6),
                 perceptual_roughness: 0.95,
                 reflectance: 0.3,
                 ..default()
             },
             WetSand {
-                water_line: 0.14,
+                water_line: 0.15,
                 wet_color: LinearRgba::rgb(0.34, 0.28, 0.24),
                 water_color: LinearRgba::rgb(0.01, 0.05, 0.06),
                 absorption: Vec3::new(9.0, 4.5, 3.5),
@@ -177,30 +178,20 @@ fn ghost(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
                 edge_color: LinearRgba::rgb(0.25, 0.6, 1.0),
                 time: 0.0,
             },
-            Transform::from_xyz(-1.0, 0.32, -0.4).with_rotation(Quat::from_rotation_y(0.25)),
+            Transform::from_xyz(-0.9, 0.33, -0.3).with_rotation(Quat::from_rotation_y(0.25)),
         ));
     }
 }
 
-fn lights(mut commands: Commands) {
+fn sun(mut commands: Commands) {
     commands.spawn((
         DirectionalLight {
-            color: Color::srgb(1.0, 0.74, 0.5),
+            color: Color::srgb(1.0, 0.8, 0.6),
             illuminance: 5_500.0,
             shadow_maps_enabled: true,
             ..default()
         },
-        Transform::from_xyz(5.0, 2.6, -1.2).looking_at(Vec3::ZERO, Vec3::Y),
-    ));
-    // What the ghost sheds on the sand.
-    commands.spawn((
-        PointLight {
-            color: Color::srgb(0.5, 0.8, 1.0),
-            intensity: 60_000.0,
-            range: 6.0,
-            ..default()
-        },
-        Transform::from_xyz(-0.8, 1.2, 0.9),
+        Transform::from_xyz(5.0, 2.2, 0.4).looking_at(Vec3::ZERO, Vec3::Y),
     ));
 }
 
@@ -220,7 +211,7 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
         sky,
         // The water mirrors the ghost.
         VdbQuality { reflections: 1, ..default() },
-        Transform::from_xyz(1.2, 2.3, 6.2).looking_at(Vec3::new(-0.1, 0.75, 0.0), Vec3::Y),
+        Transform::from_xyz(0.9, 1.75, 4.9).looking_at(Vec3::new(-0.2, 1.0, -0.4), Vec3::Y),
     ));
 }
 
