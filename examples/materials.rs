@@ -6,7 +6,7 @@
 //! runs, edits of `assets/materials/*.wgsl` are shown when they are saved.
 
 use bevy::camera::Hdr;
-use bevy::light::EnvironmentMapLight;
+use bevy::light::{EnvironmentMapLight, NotShadowReceiver};
 use bevy::math::{DAffine3, DVec3, ops};
 use bevy::prelude::*;
 use bevy::shader::ShaderRef;
@@ -89,7 +89,7 @@ fn height(x: f64, z: f64) -> f64 {
     let slope = 0.3 - 0.13 * z - 0.04 * x + 0.1 * back * back / (1.0 + back);
     let dunes = 0.15 * (0.9 * x + 0.6 * (1.1 * z).sin()).sin() * (0.8 * z + 0.4).cos();
     let hollows = -0.2 * (-(0.5 * (x + 0.6).powi(2) + 1.5 * (z - 1.1).powi(2))).exp();
-    let ripples = 0.011 * (15.0 * z + 2.2 * (1.7 * x).sin() + 1.5 * x).sin();
+    let ripples = 0.008 * (15.0 * z + 2.2 * (1.7 * x).sin() + 1.5 * x).sin();
     slope + dunes + hollows + ripples
 }
 
@@ -106,6 +106,8 @@ fn shore(mut commands: Commands, mut grids: ResMut<Assets<VdbGrid>>) {
     if let Some(sand) = grid(&mut grids, "sand", sand, PackKind::Smooth { iso: 0.0 }) {
         commands.spawn((
             VdbVolume(sand),
+            // Ghosts cast no shadows.
+            NotShadowReceiver,
             VdbMaterial {
                 base_color: Color::srgb(0.86, 0.76, 0.6),
                 perceptual_roughness: 0.95,
@@ -191,7 +193,7 @@ fn sun(mut commands: Commands) {
             shadow_maps_enabled: true,
             ..default()
         },
-        Transform::from_xyz(5.0, 2.2, 0.4).looking_at(Vec3::ZERO, Vec3::Y),
+        Transform::from_xyz(4.6, 2.6, 0.8).looking_at(Vec3::ZERO, Vec3::Y),
     ));
 }
 
