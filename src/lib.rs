@@ -26,6 +26,8 @@
 //!   [`VdbGrid::save`] writes a file. [`VdbLoadProgress`] reports what is being loaded.
 //! - **Volumes**: [`VdbVolume`] with a [`VdbMaterial`], and [`VdbEmission`] or [`VdbColorGrid`] for
 //!   additional grids. [`VdbVolumeState`] reports whether a volume is loading, prepared or drawn.
+//! - **Materials of an app's own**: [`VdbMaterialExtension`] is a component with a function in WGSL, which
+//!   [`VdbMaterialPlugin`] registers.
 //! - **Sequences**: [`VdbSequence`] is a list of files, one per frame, and [`VdbPlayer`] plays it.
 //!   [`VdbFrameCache`] bounds its memory, and [`VdbPlayerStatus`] reports what it shows.
 //! - **Cameras**: [`VdbCamera`] has modes and overlays, [`VdbQuality`] the settings that trade
@@ -74,13 +76,13 @@ pub use quality::{
     VdbFeatureReport, VdbGpuMemory, VdbMeasureFeatures, VdbPassReport, VdbQuality,
     VdbVolumeQuality,
 };
-pub use render::{VdbGpuUsage, VdbReloadShaders, VdbSystems};
+pub use render::{VdbGpuUsage, VdbMaterialPlugin, VdbReloadShaders, VdbSystems};
 pub use scene::{
     VdbCamera, VdbColorGrid, VdbEmission, VdbEmissionLight, VdbFrameBlend, VdbFrameCache,
-    VdbFrameCacheUsage, VdbFrameFailed, VdbLateFrames, VdbMaterial, VdbOverlays, VdbPlayer,
-    VdbPlayerFinished, VdbPlayerStatus, VdbPlayerSystems, VdbRamp, VdbRampStop, VdbRayCastSettings,
-    VdbRayHit, VdbRayVisibility, VdbRenderMode, VdbRoles, VdbSpatialQuery, VdbSun, VdbTraversal,
-    VdbVelocity, VdbVolume, VdbVolumeDrawn, VdbVolumeState,
+    VdbFrameCacheUsage, VdbFrameFailed, VdbLateFrames, VdbMaterial, VdbMaterialExtension,
+    VdbOverlays, VdbPlayer, VdbPlayerFinished, VdbPlayerStatus, VdbPlayerSystems, VdbRamp,
+    VdbRampStop, VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbRenderMode, VdbRoles,
+    VdbSpatialQuery, VdbSun, VdbTraversal, VdbVelocity, VdbVolume, VdbVolumeDrawn, VdbVolumeState,
 };
 #[cfg(feature = "picking")]
 pub use scene::{VdbPickingPlugin, VdbPickingSettings};

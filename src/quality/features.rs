@@ -50,6 +50,8 @@ bitflags! {
         const RAMPS = 1 << 38;
         const REFLECTION_PROBES = 1 << 39;
         const IRRADIANCE_VOLUMES = 1 << 40;
+        const MATERIALS = 1 << 41;
+        const FOG_MATERIALS = 1 << 42;
     }
 }
 
@@ -98,7 +100,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 41] = [
+pub(crate) const FEATURES: [Feature; 43] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -289,9 +291,24 @@ pub(crate) const FEATURES: [Feature; 41] = [
         "irradiance volumes",
         "a surface and a LightProbe with an IrradianceVolume are in view",
     ),
+    row(
+        Features::MATERIALS,
+        &["VDB_MATERIALS"],
+        "materials of the app",
+        "a surface has a VdbMaterialExtension",
+    ),
+    row(
+        Features::FOG_MATERIALS,
+        &["VDB_FOG_MATERIALS", "VDB_VARYING_ALBEDO"],
+        "materials of the app in fog",
+        "a fog has a VdbMaterialExtension",
+    ),
 ];
 
 impl Features {
+    /// What shaders with the table of the app's own materials have.
+    pub const OWN_MATERIALS: Self = Self::MATERIALS.union(Self::FOG_MATERIALS);
+
     /// The features if `on`, otherwise none.
     pub fn when(self, on: bool) -> Self {
         if on { self } else { Self::empty() }

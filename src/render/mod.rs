@@ -20,6 +20,7 @@ use bevy::pbr::main_transmissive_pass_3d;
 use bevy::prelude::*;
 use bevy::render::RenderApp;
 
+pub use extract::VdbMaterialPlugin;
 pub use gpu::VdbReloadShaders;
 pub use pool::VdbGpuUsage;
 pub use view::VdbSystems;

@@ -13,7 +13,7 @@ use super::light_cache::{LightCache, LightCacheView};
 use super::shadow_maps::CastShadows;
 use super::trace::{EdgesView, TraceView};
 use super::upscale::UpscaleView;
-use super::view::{PreparedView, RampTexture, ViewPicture, ViewState};
+use super::view::{MaterialTable, PreparedView, RampTexture, ViewPicture, ViewState};
 use crate::quality::diagnostics::{
     PASSES, VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
 };
@@ -46,12 +46,15 @@ type ViewData<'a> = (
 fn report(
     views: Query<(Entity, ViewData)>,
     shadows: Res<CastShadows>,
-    (light_cache, ramps): (Res<LightCache>, Res<RampTexture>),
+    (light_cache, ramps, materials): (Res<LightCache>, Res<RampTexture>, Res<MaterialTable>),
     diagnostics: Res<VdbDiagnostics>,
 ) {
     let reports: HashMap<_, _> = views
         .iter()
-        .filter_map(|(view, data)| of_view(data, shadows.are_cast_for(view), &light_cache, &ramps))
+        .filter_map(|(view, data)| {
+            let textures = (&*ramps, &*materials);
+            of_view(data, shadows.are_cast_for(view), &light_cache, textures)
+        })
         .collect();
     diagnostics.set(reports);
 }
@@ -68,7 +71,7 @@ fn of_view(
     ),
     casts_shadows: bool,
     light_cache: &LightCache,
-    ramps: &RampTexture,
+    (ramps, materials): (&RampTexture, &MaterialTable),
 ) -> Option<(Entity, VdbCameraReport)> {
     let (prepared, uniform) = state.prepared()?;
     let frames = accumulate.accumulated.as_ref().map_or(0, |accumulated| accumulated.frame);
@@ -99,6 +102,10 @@ fn of_view(
     }
     if prepared.key.has(Features::RAMPS) {
         buffers.push("vdb_ramps", ramps.bytes(), "fogs have a VdbRamp");
+    }
+    if prepared.key.features.intersects(Features::OWN_MATERIALS) {
+        let why = "volumes have a VdbMaterialExtension";
+        buffers.push("vdb_materials", materials.bytes(), why);
     }
     buffers.add_some("vdb_tiles", &trace.tiles, "the rays of a tile share a start");
     buffers.add_some("vdb_edge_pixels", &edges.list, EDGES);

@@ -5,6 +5,7 @@ mod components;
 mod emission;
 mod emission_light;
 mod lost_grids;
+mod material_extension;
 #[cfg(feature = "picking")]
 mod picking;
 mod player;
@@ -23,6 +24,7 @@ pub use components::{
 };
 pub use emission::{VdbColorGrid, VdbEmission, VdbVelocity};
 pub use emission_light::VdbEmissionLight;
+pub use material_extension::VdbMaterialExtension;
 #[cfg(feature = "picking")]
 pub use picking::{VdbPickingPlugin, VdbPickingSettings};
 pub(crate) use player::{NextFrame, Share};

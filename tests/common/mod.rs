@@ -106,15 +106,20 @@ impl Stage {
         Self::made(render, None, TaskPoolPlugin::default(), |_| {})
     }
 
-    /// One whose assets are in a folder, which is watched.
-    pub fn watching(folder: &Path) -> Self {
+    /// One whose assets are in a folder, which is watched, with further plugins.
+    pub fn watching(folder: &Path, add: impl FnOnce(&mut App)) -> Self {
         let render = RenderPlugin { synchronous_pipeline_compilation: true, ..default() };
-        Self::made(render, Some(folder), TaskPoolPlugin::default(), |_| {})
+        Self::made(render, Some(folder), TaskPoolPlugin::default(), add)
     }
 
     /// One that compiles pipelines beside its frames, as apps do.
     pub fn compiling_beside() -> Self {
-        Self::made(RenderPlugin::default(), None, TaskPoolPlugin::default(), |_| {})
+        Self::compiling_beside_with(|_| {})
+    }
+
+    /// The same with further plugins.
+    pub fn compiling_beside_with(add: impl FnOnce(&mut App)) -> Self {
+        Self::made(RenderPlugin::default(), None, TaskPoolPlugin::default(), add)
     }
 
     /// The same on a machine of few cores, where Bevy has one thread for all that takes long. The first app

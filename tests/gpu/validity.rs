@@ -4,8 +4,10 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use bevy::asset::uuid_handle;
 use bevy::prelude::*;
-use bevy::shader::{Shader, ShaderImport};
+use bevy::shader::{Shader, ShaderImport, ShaderRef};
+use bevy_vdb::{VdbMaterialExtension, VdbMaterialPlugin};
 use naga::Module;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga_oil::compose::{Composer, NagaModuleDescriptor, ShaderDefValue};
@@ -18,7 +20,40 @@ pub fn source(name: &str) -> String {
     std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
-/// The crate's modules: the shaders that say where they are imported from.
+/// A material of an app, for surfaces and for fog.
+#[derive(Clone, Component, Reflect)]
+struct Everything {
+    share: f32,
+    seed: u32,
+    wind: Vec2,
+    color: Color,
+}
+
+const EVERYTHING: Handle<Shader> = uuid_handle!("6c9bc5b1-6a0c-4f0e-a6a4-8b7f8d9a3c05");
+
+impl VdbMaterialExtension for Everything {
+    fn shader() -> ShaderRef {
+        EVERYTHING.into()
+    }
+}
+
+const EVERYTHING_SOURCE: &str =
+    "#import bevy_vdb::material::{Everything, VdbFog, VdbFogPoint, VdbHit, VdbSurface}
+     fn surface(hit: VdbHit, built_in: VdbSurface, own: Everything) -> VdbSurface {
+         var changed = built_in;
+         changed.base_color *= own.color.rgb * hit.local_position.y * f32(own.seed);
+         return changed;
+     }
+     fn fog(at: VdbFogPoint, built_in: VdbFog, own: Everything) -> VdbFog {
+         return VdbFog(own.share * at.index_position.x, vec3(own.wind, 0.0));
+     }";
+
+/// The module of that material, and the def with which its functions are compiled.
+const EVERYTHING_MODULE: &str = "bevy_vdb::material::kind_aa";
+const EVERYTHING_DEF: &str = "VDB_MATERIAL_KIND_AA";
+
+/// The crate's modules: the shaders that say where they are imported from. Without those that an app completes
+/// for its materials, which it has itself.
 fn modules() -> Vec<Shader> {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/shaders");
     let in_folder = |path: &Path| -> Vec<PathBuf> {
@@ -31,17 +66,27 @@ fn modules() -> Vec<Shader> {
             let name = name.to_string_lossy().into_owned();
             Shader::from_wgsl(source(&name), name)
         });
-    shaders.filter(|shader| matches!(shader.import_path, ShaderImport::Custom(_))).collect()
+    let is_module = |shader: &Shader| match &shader.import_path {
+        ShaderImport::Custom(path) => !APP_MODULES.contains(&path.as_str()),
+        ShaderImport::AssetPath(_) => false,
+    };
+    shaders.filter(is_module).collect()
 }
+
+/// The modules that an app completes.
+const APP_MODULES: [&str; 2] = ["bevy_vdb::material", "bevy_vdb::material::kinds"];
 
 /// The crate's modules and those of Bevy's that they import, directly or not, each after those that it
 /// imports: from an app without a GPU.
 fn all_modules() -> Vec<Shader> {
     let mut app = App::new();
     app.add_plugins(headless::plugins(None, AssetPlugin::default()));
+    app.add_plugins(VdbMaterialPlugin::<Everything>::default());
     app.finish();
     app.cleanup();
     let mut shaders = app.world_mut().resource_mut::<Assets<Shader>>();
+    let material = Shader::from_wgsl(EVERYTHING_SOURCE, "everything.wgsl");
+    shaders.insert(EVERYTHING.id(), material).expect("a shader can be added");
     let ours: Vec<_> = modules().into_iter().map(|shader| shaders.add(shader)).collect();
     assert!(ours.len() > 10, "{ours:?}");
     for _ in 0..2000 {
@@ -51,6 +96,7 @@ fn all_modules() -> Vec<Shader> {
         let mut found = Vec::new();
         if wanted.clone().count() == ours.len()
             && wanted.clone().all(|shader| gather(shaders, &shader.import_path, &mut found))
+            && found.iter().any(|shader| &*shader.import_path.module_name() == EVERYTHING_MODULE)
         {
             return found;
         }
@@ -315,6 +361,23 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&SCATTERED_LIGHT, &ramps[2..], &media, &with]);
     }
     check(&[&["VDB_COUNT_STEPS", "VDB_FOGS", "VDB_RAMPS", "VDB_VARYING_ALBEDO", "VDB_EMITS"]]);
+    // Materials of the app, on surfaces and in fog.
+    for with in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_COLORS", "VDB_REFLECTIONS"]) {
+        check(&[&["VDB_LIT", "VDB_MATERIALS", EVERYTHING_DEF], &with, &shadows]);
+    }
+    for with in
+        subsets(&["VDB_FOG_STEPS", "VDB_MULTIPLE_SCATTERING", "VDB_FOG_COLORS", "VDB_RAMPS"])
+    {
+        let own = ["VDB_FOGS", "VDB_FOG_MATERIALS", "VDB_VARYING_ALBEDO", EVERYTHING_DEF];
+        let emits = if with.contains(&"VDB_RAMPS") { &["VDB_EMITS"][..] } else { &[] };
+        check(&[&["VDB_LIT"], &own, &with, emits]);
+        check(&[&["VDB_LIT", "VDB_MATERIALS", "VDB_SMOOTH"], &own, &with, emits, &shadows]);
+        let media = ["VDB_FOG_SLOTS=2", "VDB_EMITTER_SLOTS=1"];
+        let cache = ["VDB_LIT", "VDB_LIGHT_CACHE", "VDB_CACHED_SUNS=1", "VDB_UNCACHED_FOGS"];
+        check(&[&cache, &own, &media, &with, emits, &shadows]);
+        check(&[&SCATTERED_LIGHT, &own, &media, &with, emits]);
+    }
+    check(&[&["VDB_COUNT_STEPS", "VDB_FOGS", "VDB_FOG_MATERIALS", EVERYTHING_DEF]]);
     // Fewer rays than pixels.
     for kinds in subsets(&["VDB_SURFACES", "VDB_FOGS", "MULTISAMPLED"]) {
         check(&[&["VDB_LIT", "VDB_SCALED", "VDB_LOCAL_LIGHTS", "DISTANCE_FOG"], &kinds, &shadows]);
@@ -340,8 +403,9 @@ fn every_variant_of_the_trace_is_valid() {
     let (filters, many, formats, normals) = (2 + 1, 16, 3 * 3 + 1, 16 + 1);
     let (wide, scaled, accumulated, edges) = (4, 8 * 2, 16, 16);
     let (colors, ramps, probes) = (8 * 4, 8 * 4 + 1, 8 * 5);
+    let materials = 16 + 16 * 4 + 1;
     let others = filters + many + formats + normals + wide + scaled + accumulated + edges;
-    let others = others + colors + ramps + probes;
+    let others = others + colors + ramps + probes + materials;
     assert_eq!(variants, kinds + light_cache + others);
 }
 
@@ -358,13 +422,23 @@ fn gathering_the_light_of_lamps_is_valid() {
 #[test]
 fn filling_the_light_cache_is_valid() {
     let mut composer = composer();
-    let features =
-        ["VDB_EMISSION", "VDB_MULTIPLE_SCATTERING", "VDB_MANY", "VDB_WIDE_GRIDS", "VDB_RAMPS"];
+    let features = [
+        "VDB_EMISSION",
+        "VDB_MULTIPLE_SCATTERING",
+        "VDB_MANY",
+        "VDB_WIDE_GRIDS",
+        "VDB_RAMPS",
+        "VDB_FOG_MATERIALS",
+    ];
     for defs in subsets(&features) {
         let pages = ["VDB_FOGS", "VDB_PAGED", "VDB_PAGE_BITS=20", "VDB_FORMAT=2"];
         for shader in ["light_cache/fill", "light_cache/sun_rays"] {
             for target in [&[][..], &["VDB_STORABLE_LATTICE"]] {
-                check(&mut composer, shader, &[&["VDB_FOGS"], target, &defs].concat());
+                check(
+                    &mut composer,
+                    shader,
+                    &[&["VDB_FOGS", EVERYTHING_DEF], target, &defs].concat(),
+                );
                 check(&mut composer, shader, &[&pages, target, &defs].concat());
             }
         }
@@ -417,8 +491,9 @@ fn what_is_drawn_into_shadow_maps_is_valid() {
         let wide = [&kinds, &["VDB_WIDE_GRIDS"][..]].concat();
         check(&mut composer, "shadow_maps/cast", &wide);
         if kinds.contains(&"VDB_FOGS") {
-            let ramps = [&kinds, &["VDB_RAMPS"][..]].concat();
-            check(&mut composer, "shadow_maps/cast", &ramps);
+            for with in [&["VDB_RAMPS"][..], &["VDB_FOG_MATERIALS", EVERYTHING_DEF]] {
+                check(&mut composer, "shadow_maps/cast", &[&kinds, with].concat());
+            }
         }
         for format in ["VDB_FORMAT=0", "VDB_FORMAT=1", "VDB_FORMAT=2"] {
             let with = ["VDB_PAGED", "VDB_PAGE_BITS=20", format];

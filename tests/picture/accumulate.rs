@@ -14,6 +14,7 @@ use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
 use super::common::{Picture, Stage};
+use super::materials::{Painted, add_materials};
 use super::{GREEN, glow, is_green, looking};
 
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
@@ -159,7 +160,7 @@ fn the_mean_of_frames_becomes_the_picture_of_many_rays() {
 #[gpu_test]
 #[ignore = "slow: many changes, each with its frames"]
 fn whatever_changes_it_starts_anew() {
-    let mut stage = Stage::new();
+    let mut stage = Stage::with(add_materials);
     stage.world().insert_resource(DirectionalLightShadowMap { size: 64 });
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(VIEW));
@@ -182,7 +183,7 @@ fn whatever_changes_it_starts_anew() {
     with(&mut stage, camera, &target, on);
     stage.update(8);
     type Change<'a> = (&'a str, &'a dyn Fn(&mut World));
-    let changes: [Change; 11] = [
+    let changes: [Change; 13] = [
         ("what is in a grid", &|world| {
             let mut grids = world.resource_mut::<Assets<VdbGrid>>();
             *grids.get_mut(cloud).unwrap() = other.clone();
@@ -199,6 +200,12 @@ fn whatever_changes_it_starts_anew() {
         }),
         ("a material", &|world| {
             world.get_mut::<VdbMaterial>(volume).unwrap().metallic = 0.5;
+        }),
+        ("a material of the app", &|world| {
+            world.entity_mut(volume).insert(Painted::default());
+        }),
+        ("a parameter of a material of the app", &|world| {
+            world.get_mut::<Painted>(volume).unwrap().reflectance = 0.7;
         }),
         ("a light", &|world| {
             world.get_mut::<DirectionalLight>(sun).unwrap().illuminance = 2.5;

@@ -18,6 +18,7 @@ use vdb_core::synth::level_set;
 use vdb_core::tree::{IVec3, Tree, Vdb543};
 
 use super::common::Stage;
+use super::materials::{Thinned, Unchanged, add_materials};
 use super::{GREEN, SIZE, glow, looking};
 
 #[path = "../../examples/quality_dial.rs"]
@@ -43,7 +44,7 @@ fn names(report: &VdbCameraReport) -> [String; 3] {
 /// Scene by scene: what is compiled, run and kept is what the scene asks for.
 #[gpu_test]
 fn there_is_what_a_scene_asks_for_and_nothing_else() {
-    let mut stage = Stage::new();
+    let mut stage = Stage::with(add_materials);
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 8.0));
     stage.picture(&target);
@@ -105,6 +106,24 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     stage.world().entity_mut(cloud).remove::<VdbRamp>();
     let seen = "voxels, fog, multiple scattering, beam optimisation, light";
     check(&mut stage, "no ramp any more", seen, both, plain);
+    let with_table = "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_materials, vdb_tiles";
+    stage.world().entity_mut(cloud).insert(Thinned::default());
+    let in_fog = format!("{seen}, materials of the app in fog");
+    check(&mut stage, "a fog with a function", &in_fog, both, with_table);
+    stage.world().entity_mut(sphere).insert(Unchanged {});
+    let all = format!("{seen}, materials of the app, materials of the app in fog");
+    check(&mut stage, "functions of both", &all, both, with_table);
+    stage.world().entity_mut(cloud).remove::<Thinned>();
+    let on_surfaces = format!("{seen}, materials of the app");
+    check(&mut stage, "a surface with a function", &on_surfaces, both, with_table);
+    stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
+    check(&mut stage, "a function without light", "voxels, beam optimisation", both, plain);
+    stage.world().entity_mut(camera).insert(VdbCamera::default());
+    // One for surfaces is none for a fog.
+    stage.world().entity_mut(sphere).remove::<Unchanged>();
+    stage.world().entity_mut(cloud).insert(Unchanged {});
+    check(&mut stage, "no function any more", seen, both, plain);
+    stage.world().entity_mut(cloud).remove::<Unchanged>();
     stage.world().despawn(cloud);
     check(&mut stage, "no fog any more", "voxels, beam optimisation, light", both, plain);
 

@@ -57,7 +57,7 @@ fn a_cross_fade_is_the_blend_of_both_frames() {
         let file = vdb_core::VdbFile::new(grids.into());
         file.save(folder.join(format!("{number}.vdb")), &WriteOptions::default()).unwrap();
     }
-    let mut stage = Stage::watching(&folder);
+    let mut stage = Stage::watching(&folder, |_| {});
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::Z * 70.0));
     // Each light by its own ray: what a cache interpolates is another matter.

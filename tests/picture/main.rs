@@ -24,6 +24,7 @@ mod levels;
 mod light_cache;
 mod lights;
 mod many;
+mod materials;
 mod measure;
 mod media;
 mod mesh_shadows;

@@ -79,6 +79,17 @@ impl<S: Subscriber> Layer<S> for Listener {
     }
 }
 
+/// Begins to listen, once in a process.
+pub(super) fn listen() {
+    static LISTEN: Once = Once::new();
+    LISTEN.call_once(|| Registry::default().with(Listener).init());
+}
+
+/// All that has been said with a name in it.
+pub(super) fn said_of(name: &str) -> Vec<String> {
+    SAID.lock().unwrap().iter().filter(|said| said.contains(name)).cloned().collect()
+}
+
 /// An app that watches a folder, and one file in it that is shown.
 struct Watched {
     stage: Stage,
@@ -91,14 +102,13 @@ struct Watched {
 impl Watched {
     /// The folder is of this name, and so is the file, by which what is said of it is told from all else.
     fn new(name: &str, grids: Vec<Grid>) -> Self {
-        static LISTEN: Once = Once::new();
-        LISTEN.call_once(|| Registry::default().with(Listener).init());
+        listen();
         let folder = std::env::temp_dir().join(format!("bevy_vdb_{name}_{}", std::process::id()));
         fs::remove_dir_all(&folder).ok();
         fs::create_dir_all(&folder).unwrap();
         let path = folder.join(format!("{name}.vdb"));
         fs::write(&path, bytes(grids)).unwrap();
-        let mut stage = Stage::watching(&folder);
+        let mut stage = Stage::watching(&folder, |_| {});
         let target = stage.target(SIZE);
         stage.camera(&target, looking(Vec3::Z * 6.0));
         let sun = Transform::default().looking_to(Vec3::new(-0.4, -1.0, -0.3), Vec3::Y);
@@ -146,9 +156,7 @@ impl Watched {
 
     /// All that has been said of the file.
     fn said(&self) -> Vec<String> {
-        let name = self.path.file_name().unwrap().to_str().unwrap();
-        let said = SAID.lock().unwrap();
-        said.iter().filter(|said| said.contains(name)).cloned().collect()
+        said_of(self.path.file_name().unwrap().to_str().unwrap())
     }
 
     /// What has been said of it since this was last asked: after longer than the watcher takes.

@@ -170,3 +170,16 @@ fn what_cannot_be_drawn_is_an_error() {
     assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
     assert!(stderr(&output).contains("not a size"), "{}", stderr(&output));
 }
+
+/// A pale ghost before a dusky sky, over sand that is darker where it is wet.
+#[gpu_test]
+fn materials_shows_a_ghost_and_wet_sand() {
+    let picture = picture("materials");
+    let (above, below) = picture.split_at(SIZE.0 * SIZE.1 / 2);
+    let is_pale = |[r, g, b]: [i32; 3]| r > 170 && g > 165 && b > 165;
+    assert!(count(above, is_pale) > 40, "{} pale pixels", count(above, is_pale));
+    let is_sand = |[r, g, b]: [i32; 3]| r > g && g > b + 10;
+    let [bright, dark] = [true, false]
+        .map(|is_bright| count(below, |pixel| is_sand(pixel) && (pixel[0] > 150) == is_bright));
+    assert!(bright > 400 && dark > 60, "{bright} bright and {dark} dark pixels of sand");
+}

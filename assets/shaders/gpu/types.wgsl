@@ -13,14 +13,15 @@ struct Grid {
     heads: u32,
     masks: u32,
     leaf_records: u32,
-    records: u32,
+    records: u32,               // of a smooth surface; in a copy from `fog_grid`, the volume
     samples: u32,
     palette: u32,
     format: u32,
     brick_words: u32,
     scale: f32,                 // of stored samples; 8-bit fog bricks have scales of their own
-    // Only in a copy from `fog_grid`: the number of the ramp that values are mapped with, or 0 for none; the
-    // value where its table begins; and entries per unit of value.
+    // Only in a copy from `fog_grid`: the number of the ramp that values are mapped with or, in the 16 highest
+    // bits, that of the app's own material, or 0 for none; the value where the ramp's table begins; and entries
+    // per unit of value.
     ramp: u32,
     ramp_low: f32,
     ramp_scale: f32,
@@ -69,14 +70,14 @@ struct Volume {
     reflectance: f32,
     emissive: vec3<f32>,        // linear, cd/m²; of emissive grids, per world unit and value
     tiles_first: u32,           // first tile that shows it: 16 bits each for column and row
-    base: vec3<i32>,            // of local coordinates, modulo the 4,096 cells of the largest nodes
+    base: vec3<i32>,            // of local coordinates
     tiles_last: u32,            // last tile that shows it; before the first if there is none
     color_grids: u32,           // the first of three volumes with its colour, or 2^32 - 1 for none
     background: f32,            // of a colour component: the value outside its grid
     temperature_scale: f32,     // of black bodies, kelvin per unit of value
     temperature_offset: f32,    // kelvin added wherever the value is positive
     box_min: vec3<f32>,         // world space, relative to the view's eye; only in scenes with many volumes
-    flags: u32,                 // bits: casts no shadows, receives none, has smooth normals
+    flags: u32,                 // bits: casts no shadows, receives none, has smooth normals; then see below
     box_max: vec3<f32>,
     fog_step: f32,              // voxels between samples of fog; 0 to integrate it exactly
     node_min: vec3<f32>,        // of a BVH node (`bvh.wgsl`)
@@ -96,6 +97,11 @@ struct Volume {
 const NO_CASTER: u32 = 1u;
 const NO_RECEIVER: u32 = 2u;
 const SMOOTH_NORMALS: u32 = 4u;
+// Where the flags have the level of detail and, in the 16 highest bits, the number of the app's own material, or
+// 0 for none.
+const LEVEL_SHIFT: u32 = 8u;
+const LEVEL_MASK: u32 = 31u;
+const MATERIAL_SHIFT: u32 = 16u;
 
 // The largest number of directional lights in a Bevy view.
 const MAX_SUNS: u32 = 10u;

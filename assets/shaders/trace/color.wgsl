@@ -2,6 +2,10 @@
 #define_import_path bevy_vdb::trace::color
 
 #import bevy_vdb::gpu::bindings::grids
+#ifdef VDB_FOG_MATERIALS
+#import bevy_vdb::gpu::types::MATERIAL_SHIFT
+#import bevy_vdb::material::fog::changed_fog
+#endif
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::traversal::samples::{fog_cell, tile_value, trilinear}
 #import bevy_vdb::view::scene::volumes
@@ -53,9 +57,17 @@ const MAX_ALBEDO: f32 = 1e6;
 
 // Single-scattering albedo of a fog at a point on a segment.
 fn albedo_along(segment: Segment, t: f32, fog: u32) -> vec3<f32> {
+    var albedo = volumes[fog].base_color;
 #ifdef VDB_FOG_COLORS
-    return min(volumes[fog].base_color * color_along(segment, t, fog), vec3(MAX_ALBEDO));
-#else
-    return volumes[fog].base_color;
+    albedo = min(albedo * color_along(segment, t, fog), vec3(MAX_ALBEDO));
 #endif
+#ifdef VDB_FOG_MATERIALS
+    if (volumes[fog].flags >> MATERIAL_SHIFT) != 0u {
+        let ray = lattice_ray(segment, fog, FAR);
+        let position = ray.frac + t * ray.dir;
+        let whole = floor(position);
+        albedo *= changed_fog(fog, ray.cell + vec3<i32>(whole), position - whole).color;
+    }
+#endif
+    return albedo;
 }

@@ -2,7 +2,7 @@
 #define_import_path bevy_vdb::trace::fog_march
 
 #ifdef VDB_LIT
-#import bevy_vdb::view::scene::{frame_random, volumes}
+#import bevy_vdb::view::scene::{fog_grid, frame_random, volumes}
 #import bevy_vdb::trace::segment::{Segment, lattice_ray, point_at}
 #import bevy_vdb::trace::lights::{EnvironmentLight, environment_light, in_scattered, shading_point}
 #import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, octave_weights}
@@ -50,7 +50,7 @@ fn light_interval(segment: Segment, volume: u32) -> f32 {
 fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_max: f32) -> Fog {
     var fog = Fog(vec3(0.0), 0.0, t_first, t_first, volume);
     var t_sum = 0.0;
-    let grid = grids[volumes[volume].grid];
+    let grid = fog_grid(volume);
     let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, t_max));
     let entry = enter_at(mirrored, start_t(segment, volume, pixel));
     let scale = volumes[volume].density_scale * length(segment.dir);

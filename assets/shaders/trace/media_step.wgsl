@@ -10,12 +10,11 @@
 #import bevy_vdb::trace::shared_light::{SUN_COUNT, SUN_SLOTS}
 #import bevy_vdb::traversal::fog::sample_fog
 #import bevy_vdb::traversal::hdda::FAR
-#import bevy_vdb::view::scene::volumes
+#import bevy_vdb::view::scene::{fog_grid, volumes}
 #ifdef VDB_RAMPS
 #import bevy_vdb::trace::ramp_light::{RampSums, add_stretch, visible_albedo}
 #import bevy_vdb::trace::scattering::mean_transmittance
 #import bevy_vdb::traversal::tree::Accessor
-#import bevy_vdb::view::scene::fog_grid
 #endif
 #ifdef VDB_LAMP_LIGHT
 #import bevy_vdb::trace::light_cache::cached_lamp_light
@@ -46,7 +45,7 @@ fn fog_step(medium: ptr<function, Medium>, t_low: f32, t_middle: f32, t_high: f3
     let volume = (*medium).volume;
     let t_origin = (*medium).ray.t_origin;
     var accessor = (*medium).accessor;
-    let found = sample_fog(grids[volumes[volume].grid], (*medium).ray, &accessor, t_middle - t_origin);
+    let found = sample_fog(fog_grid(volume), (*medium).ray, &accessor, t_middle - t_origin);
     let is_in_box = t_middle < (*medium).t_last;
     (*medium).t_next = select(FAR, select(t_middle, t_origin + found.t_out, found.is_empty), is_in_box);
     step.is_inside = !found.is_empty && is_in_box;

@@ -78,7 +78,7 @@ fn fog_depth(volume: u32, grid: Grid, ray: MirroredRay, dda: Dda, in_fog: bool, 
     var density_integral = 0.0;
 #ifdef VDB_RAMPS
     // Samples would miss thin shells.
-    let is_sampled = in_fog && grid.ramp == 0u;
+    let is_sampled = in_fog && volumes[volume].ramp == 0u;
 #else
     let is_sampled = in_fog;
 #endif
@@ -92,8 +92,8 @@ fn fog_depth(volume: u32, grid: Grid, ray: MirroredRay, dda: Dda, in_fog: bool, 
 }
 #endif
 
-// Functions of their own for surfaces, for fogs and for both: compilers inline them, and take minutes for what
-// is inlined where only a part is needed.
+// Surfaces, fogs, and both have functions of their own, because drivers inline them: code that is not needed
+// costs them minutes (`tests/gpu/size.rs`).
 
 // Transmittance between a point and a light in a direction (world space, unit length) at a distance in world
 // units.

@@ -10,17 +10,11 @@
 #ifdef IRRADIANCE_VOLUME
 #import bevy_pbr::irradiance_volume::irradiance_volume_light
 #endif
+#import bevy_vdb::material::VdbSurface
 #import bevy_vdb::trace::illuminance::sun_factor
 #import bevy_vdb::trace::light_list::{ShadingPoint, is_spot, lights_at, local_light, probes_at}
 #import bevy_vdb::trace::segment::Point
 #import bevy_vdb::trace::visibility::visibility
-#import bevy_vdb::view::scene::volumes
-
-// Roughness of a surface to a path: at least that of the surfaces hit before. A path scattered by a rough
-// surface would otherwise find a sharp highlight in a few pixels only, instead of a little of it in all.
-fn path_roughness(volume: u32, roughness_so_far: f32) -> f32 {
-    return max(volumes[volume].perceptual_roughness, roughness_so_far);
-}
 
 // Light from a surface towards the viewer, cd/m².
 struct Shaded {
@@ -29,17 +23,18 @@ struct Shaded {
     specular_weight: vec3<f32>,     // reflectance for light from other surfaces
 }
 
+// Shades a surface. `roughness` is that of the path (see `trace_path`), not that of the material.
 fn shade(
-    volume: u32,
-    base_color: vec3<f32>,
+    material: VdbSurface,
     at: ShadingPoint,
     point: Point,
     to_viewer: vec3<f32>,
     roughness: f32,
 ) -> Shaded {
-    let metallic = volumes[volume].metallic;
+    let base_color = material.base_color;
+    let metallic = material.metallic;
     let n_dot_v = max(dot(at.normal, to_viewer), 0.0001);
-    let dielectric = vec3(0.16 * volumes[volume].reflectance * volumes[volume].reflectance);
+    let dielectric = vec3(0.16 * material.reflectance * material.reflectance);
     let specular_color = mix(dielectric, base_color, metallic);
 
     var lighting_input: lighting::LightingInput;
@@ -133,11 +128,11 @@ fn shade(
     let single_scattering = specular_color * lighting_input.F_ab.x + lighting_input.F_ab.y;
     let specular_weight = single_scattering * saturate(dot(specular_color, vec3(50.0 * 0.33)));
 #ifdef VDB_DIFFUSE_ONLY
-    return Shaded(volumes[volume].emissive + direct_light + diffuse, vec3(0.0), vec3(0.0));
+    return Shaded(material.emissive + direct_light + diffuse, vec3(0.0), vec3(0.0));
 #else ifdef VDB_GLOSSY_ONLY
     return Shaded(direct_light, ambient_specular, specular_weight);
 #else
-    return Shaded(volumes[volume].emissive + direct_light + diffuse, ambient_specular, specular_weight);
+    return Shaded(material.emissive + direct_light + diffuse, ambient_specular, specular_weight);
 #endif
 }
 

@@ -51,7 +51,7 @@ fn fog_depth(
     var density_integral = 0.0;
     let step = volumes[volume].fog_step;
 #ifdef VDB_RAMPS
-    let is_sampled = is_whole && step > 0.0 && grid.ramp == 0u;
+    let is_sampled = is_whole && step > 0.0 && volumes[volume].ramp == 0u;
 #else
     let is_sampled = is_whole && step > 0.0;
 #endif

@@ -120,15 +120,19 @@ fn shading_normal(surface: Surface) -> vec3<f32> {
 #endif
 }
 
+// A unit vector, or its projection onto the plane perpendicular to the direction to the viewer if it points away
+// from the viewer.
+fn facing_normal(normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
+    let visible = normal - min(dot(normal, to_viewer), 0.0) * to_viewer;
+    return normalize(select(to_viewer, visible, any(abs(visible) > vec3(1e-6))));
+}
+
 // The shading normal on the side of the surface that is seen from a direction (unit length). Near a
-// silhouette, it may point away from the viewer. It is then projected onto the plane perpendicular to that
-// direction, so that it is not shaded from behind.
+// silhouette, it may point away from the viewer. It is then projected, so that it is not shaded from behind.
 fn visible_normal(surface: Surface, to_viewer: vec3<f32>) -> vec3<f32> {
     let is_inside = dot(geometric_normal(surface), to_viewer) < 0.0;
     let outwards = shading_normal(surface);
-    let normal = select(outwards, -outwards, is_inside);
-    let visible = normal - min(dot(normal, to_viewer), 0.0) * to_viewer;
-    return normalize(select(to_viewer, visible, any(abs(visible) > vec3(1e-6))));
+    return facing_normal(select(outwards, -outwards, is_inside), to_viewer);
 }
 
 // Distance, in cells, by which secondary rays are offset from a smooth surface. The trilinear interpolant of

@@ -30,14 +30,12 @@
 #import bevy_vdb::trace::distance_fog::apply_distance_fog
 #endif
 #import bevy_vdb::trace::lights::shading_point
-#import bevy_vdb::trace::shade::{path_roughness, sample_reflection, shade}
-#import bevy_vdb::trace::surface::{offset_origin, visible_normal}
+#import bevy_vdb::trace::material::material_at
+#import bevy_vdb::trace::shade::{sample_reflection, shade}
+#import bevy_vdb::trace::surface::offset_origin
 #else
 #import bevy_vdb::trace::surface::shading_normal
 #import bevy_vdb::trace::show::{axis_weights, gray, voxel_color}
-#endif
-#ifdef VDB_COLORS
-#import bevy_vdb::trace::color::color_along
 #endif
 #ifdef VDB_OVERLAYS
 #import bevy_vdb::trace::show::with_overlays
@@ -201,14 +199,13 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
         }
         let point = offset_origin(segment, surface);
         let to_viewer = -normalize(segment.dir);
-        let normal = visible_normal(surface, to_viewer);
+        let material = material_at(segment, surface, to_viewer);
+        let normal = material.normal;
         let at = shading_point(point_at(segment, surface.t), normal, pixel, segment.is_view);
-        roughness = path_roughness(surface.volume, roughness);
-        var base_color = volumes[surface.volume].base_color;
-#ifdef VDB_COLORS
-        base_color *= color_along(segment, surface.t, surface.volume);
-#endif
-        let shaded = shade(surface.volume, base_color, at, point, to_viewer, roughness);
+        // At least that of the surfaces hit before. A path scattered by a rough surface would otherwise find a
+        // sharp highlight in a few pixels only, instead of a little of it in all.
+        roughness = max(material.perceptual_roughness, roughness);
+        let shaded = shade(material, at, point, to_viewer, roughness);
         result.color += throughput * shaded.radiance;
         miss_radiance = throughput * shaded.ambient_specular;
         throughput *= shaded.specular_weight;

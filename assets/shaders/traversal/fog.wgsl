@@ -11,7 +11,10 @@
 #import bevy_vdb::traversal::hdda::{FAR, Dda, advance, box_exit, confirm, count_step, enter, local_cell}
 #import bevy_vdb::traversal::hdda::{plane_t, exit_planes, unmirrored}
 #ifdef VDB_RAMPS
-#import bevy_vdb::traversal::ramps::mean_extinction
+#import bevy_vdb::traversal::ramps::{has_ramp, mean_extinction}
+#endif
+#ifdef VDB_FOG_MATERIALS
+#import bevy_vdb::material::fog::{density_factor, has_function, mean_factor}
 #endif
 
 // Half the distance between the two Gauss–Legendre points on an interval of length 1.
@@ -47,8 +50,8 @@ fn stretch_values(
 }
 #endif
 
-// Mean density between two parameters, counted from the rebased origin, within the cube of a span; for a grid
-// with a ramp, mean extinction.
+// Mean density between two parameters, counted from the rebased origin, within the cube of a span, as the app's own
+// material changes it; for a grid with a ramp, mean extinction.
 fn mean_density(
     grid: Grid,
     mirrored: MirroredRay,
@@ -58,8 +61,27 @@ fn mean_density(
     t_from: f32,
     t_to: f32,
 ) -> f32 {
+    let mean = mean_stored_density(grid, mirrored, rebased, dda, span, t_from, t_to);
+#ifdef VDB_FOG_MATERIALS
+    if mean > 0.0 && has_function(grid) {
+        return mean * mean_factor(grid, mirrored, rebased, t_from, t_to);
+    }
+#endif
+    return mean;
+}
+
+// The same without the material.
+fn mean_stored_density(
+    grid: Grid,
+    mirrored: MirroredRay,
+    rebased: Rebased,
+    dda: Dda,
+    span: Span,
+    t_from: f32,
+    t_to: f32,
+) -> f32 {
 #ifdef VDB_RAMPS
-    if grid.ramp != 0u {
+    if has_ramp(grid) {
         return mean_extinction(grid, stretch_values(grid, mirrored, rebased, dda, span, t_from, t_to));
     }
 #endif
@@ -242,7 +264,7 @@ fn sample_fog(grid: Grid, ray: SampledRay, accessor: ptr<function, Accessor>, t:
     if (located.slot & (CHILD | OCCUPIED)) == 0u {
         return Sample(true, skipped_t(ray, located, (*accessor).log_dim), 0.0, located.point);
     }
-    return Sample(false, t, density_at(grid, *accessor, located.point), located.point);
+    return Sample(false, t, changed_density(grid, *accessor, located.point), located.point);
 }
 
 // What a ray finds at one of its points, without the density.
@@ -266,6 +288,17 @@ fn density_at(grid: Grid, accessor: Accessor, point: SamplePoint) -> f32 {
     let brick = brick_of(grid, accessor.head + (accessor.word & LEAF_NUMBER));
     return brick.offset
         + brick.scale * trilinear(brick_corners(grid, brick, brick_slot(point.cell)), point.u);
+}
+
+// The same, as the app's own material changes it.
+fn changed_density(grid: Grid, accessor: Accessor, point: SamplePoint) -> f32 {
+    let density = density_at(grid, accessor, point);
+#ifdef VDB_FOG_MATERIALS
+    if has_function(grid) {
+        return density * density_factor(grid, point.cell, point.u);
+    }
+#endif
+    return density;
 }
 
 #ifdef VDB_BLACKBODY
@@ -368,7 +401,7 @@ fn stepped_length(
             k = next_index(k, max(k + 1.0, ceil(t_out * inverse_step - 0.5)));
             continue;
         }
-        sum += width * density_at(grid, accessor, located.point);
+        sum += width * changed_density(grid, accessor, located.point);
         k = next_index(k, k + stride);
     }
     return min(sum, MAX_LENGTH);

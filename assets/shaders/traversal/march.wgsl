@@ -8,7 +8,7 @@
 #import bevy_vdb::traversal::fog::{REBASE_RANGE, mean_density}
 #ifdef VDB_RAMPS
 #import bevy_vdb::traversal::fog::stretch_values
-#import bevy_vdb::traversal::ramps::mean_extinction
+#import bevy_vdb::traversal::ramps::{has_ramp, mean_extinction}
 #endif
 #import bevy_vdb::traversal::hdda::{FAR, Dda, advance, confirm, count_step, enter, local_cell, exit_planes}
 
@@ -107,7 +107,7 @@ fn next_interval(
         }
 #ifdef VDB_RAMPS
         var mean = 0.0;
-        if grid.ramp != 0u {
+        if has_ramp(grid) {
             interval.values = stretch_values(grid, mirrored, rebased, current, span, t_done, t_end);
             interval.width = t_end - t_done;
             interval.t_first = rebased.t + t_done;
@@ -139,7 +139,7 @@ fn next_interval(
             (*march).in_run = mean > 0.0 && !span_constant(span);
         }
 #ifdef VDB_RAMPS
-        if grid.ramp != 0u && interval.width > 0.0 {
+        if has_ramp(grid) && interval.width > 0.0 {
             break;
         }
 #endif

@@ -21,6 +21,11 @@ const EMISSION: u32 = 3u;
 // Farthest position beyond the ends of a ramp, in entries.
 const FARTHEST_POSITION: f32 = 1e7;
 
+// Whether values of a grid from `fog_grid` are mapped.
+fn has_ramp(grid: Grid) -> bool {
+    return (grid.ramp & 0xffffu) != 0u;
+}
+
 // The positions of two values in a ramp, in entries from the first stop, and the texels that they are in.
 struct Crossed {
     low: f32,
@@ -49,7 +54,7 @@ fn mean_in_entry(entry: u32, y: u32, at: f32) -> vec4<f32> {
 // Means over the values between two. Only differences of sums over whole entries are taken, so nothing
 // cancels where the values are nearly equal.
 fn means_over(grid: Grid, crossed: Crossed, row: u32) -> vec4<f32> {
-    let y = (grid.ramp - 1u) * ROWS + row;
+    let y = ((grid.ramp & 0xffffu) - 1u) * ROWS + row;
     if crossed.first == crossed.last {
         let middle = 0.5 * (crossed.low + crossed.high);
         return mean_in_entry(crossed.first, y, middle - (f32(crossed.first) - 0.5));

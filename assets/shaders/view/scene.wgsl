@@ -3,6 +3,9 @@
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::gpu::types::{Grid, View, Volume}
+#ifdef VDB_FOG_MATERIALS
+#import bevy_vdb::gpu::types::MATERIAL_SHIFT
+#endif
 #ifdef VDB_SCALED
 #import bevy_vdb::view::picture::pixel_of
 #endif
@@ -19,13 +22,17 @@ fn target_pixel(pixel: vec2<u32>) -> vec2<u32> {
 #endif
 }
 
-// The grid of a fog, with its ramp.
+// The grid of a fog, with its ramp or the app's own material. A fog has one of them.
 fn fog_grid(volume: u32) -> Grid {
     var grid = grids[volumes[volume].grid];
 #ifdef VDB_RAMPS
     grid.ramp = volumes[volume].ramp;
     grid.ramp_low = volumes[volume].ramp_low;
     grid.ramp_scale = volumes[volume].ramp_scale;
+#endif
+#ifdef VDB_FOG_MATERIALS
+    grid.ramp |= (volumes[volume].flags >> MATERIAL_SHIFT) << MATERIAL_SHIFT;
+    grid.records = volume;
 #endif
     return grid;
 }

@@ -10,7 +10,7 @@ use naga_oil::compose::{
 pub type Defs<'a> = &'a [&'a str];
 
 /// The importable modules that do not depend on Bevy, ordered so that each comes after its imports.
-const MODULES: [(&str, &str); 14] = [
+const MODULES: [(&str, &str); 20] = [
     ("gpu/types", include_str!("../../../assets/shaders/gpu/types.wgsl")),
     ("gpu/bindings", include_str!("../../../assets/shaders/gpu/bindings.wgsl")),
     ("traversal/rays", include_str!("../../../assets/shaders/traversal/rays.wgsl")),
@@ -23,6 +23,12 @@ const MODULES: [(&str, &str); 14] = [
     ("traversal/smooth", include_str!("../../../assets/shaders/traversal/smooth.wgsl")),
     ("traversal/normals", include_str!("../../../assets/shaders/traversal/normals.wgsl")),
     ("traversal/ramps", include_str!("../../../assets/shaders/traversal/ramps.wgsl")),
+    ("material/types", include_str!("../../../assets/shaders/material/types.wgsl")),
+    ("material/table", include_str!("../../../assets/shaders/material/table.wgsl")),
+    ("material/kinds", include_str!("../../../assets/shaders/material/kinds.wgsl")),
+    ("view/picture", include_str!("../../../assets/shaders/view/picture.wgsl")),
+    ("view/scene", include_str!("../../../assets/shaders/view/scene.wgsl")),
+    ("material/fog", include_str!("../../../assets/shaders/material/fog.wgsl")),
     ("traversal/fog", include_str!("../../../assets/shaders/traversal/fog.wgsl")),
     ("single_rays", include_str!("single_rays.wgsl")),
 ];

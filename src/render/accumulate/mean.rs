@@ -8,7 +8,7 @@ use bevy::render::renderer::RenderDevice;
 use bevy::render::texture::CachedTexture;
 
 use crate::quality::features::Features;
-use crate::render::extract::SceneChanges;
+use crate::render::extract::{ExtractedMaterials, SceneChanges};
 use crate::render::gpu::{golden, picture_texture, types};
 use crate::render::view::{MEAN_BYTES, PreparedView, ViewKey};
 
@@ -31,8 +31,17 @@ pub(crate) struct Mean {
 }
 
 /// A hash of everything in view.
-pub(super) fn fingerprint(prepared: &PreparedView, changes: &SceneChanges) -> u64 {
+pub(super) fn fingerprint(
+    prepared: &PreparedView,
+    changes: &SceneChanges,
+    materials: &ExtractedMaterials,
+    replaced_pipelines: u64,
+) -> u64 {
     let mut hasher = DefaultHasher::new();
+    replaced_pipelines.hash(&mut hasher);
+    if prepared.key.features.intersects(Features::OWN_MATERIALS) {
+        materials.changes.hash(&mut hasher);
+    }
     (prepared.key, prepared.is_ready, changes_of(&prepared.key, changes)).hash(&mut hasher);
     bytemuck::bytes_of(&prepared.data).hash(&mut hasher);
     bytemuck::cast_slice::<_, u8>(&prepared.volumes).hash(&mut hasher);

@@ -14,7 +14,7 @@ use bevy::render::view::ViewDepthTexture;
 use bevy::render::{Render, RenderApp, RenderSystems};
 use bevy::shader::Shader;
 
-use super::extract::SceneChanges;
+use super::extract::{ExtractedMaterials, SceneChanges};
 use super::gpu::{PipelineFallback, Shaders, read, scene_depth, write};
 use super::upscale::upscale;
 use super::view::{
@@ -94,7 +94,8 @@ impl PicturePass for AccumulatePass {
 fn count_frames(
     mut views: Query<(&mut ViewState, &mut AccumulateView)>,
     mut pipelines: PicturePipelines<AccumulatePass>,
-    changes: Res<SceneChanges>,
+    (changes, materials): (Res<SceneChanges>, Res<ExtractedMaterials>),
+    fallback: Res<PipelineFallback>,
     device: Res<RenderDevice>,
 ) {
     for (mut view, mut own) in &mut views {
@@ -102,7 +103,8 @@ fn count_frames(
         let Some(prepared) = &mut view.prepared else { continue };
         own.pipeline = pipelines.of(&prepared.key);
         if own.pipeline.is_some() {
-            let fingerprint = mean::fingerprint(prepared, &changes);
+            let fingerprint =
+                mean::fingerprint(prepared, &changes, &materials, fallback.replaced());
             let next = Accumulated::next(before, fingerprint, prepared.picture(), &device);
             next.place(&mut prepared.data, prepared.key.has(Features::SCALED));
             own.accumulated = Some(next);

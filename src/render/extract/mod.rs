@@ -4,6 +4,7 @@ mod auxiliary;
 mod changes;
 mod hash;
 mod lights;
+mod materials;
 mod ramps;
 mod volumes;
 mod warnings;
@@ -14,9 +15,12 @@ use bevy::render::{ExtractSchedule, RenderApp};
 pub(super) use auxiliary::AuxiliaryGrid;
 pub(super) use changes::SceneChanges;
 pub(super) use lights::{ExtractedEnvironment, ExtractedSuns, MeshCasters};
+pub(super) use materials::{ExtractedMaterials, MaterialRow, ROW_WORDS};
 pub(super) use ramps::{ExtractedRamp, ExtractedRamps};
 pub(super) use volumes::{ExtractedVelocity, ExtractedVolume, ExtractedVolumes};
 pub(super) use warnings::{Setting, Trouble, Warned};
+
+pub use materials::VdbMaterialPlugin;
 
 /// Extracts volumes, light properties that Bevy does not extract, and changes in the scene.
 pub(crate) struct ExtractPlugin;
@@ -27,13 +31,21 @@ impl Plugin for ExtractPlugin {
         render_app
             .init_resource::<ExtractedVolumes>()
             .init_resource::<ExtractedRamps>()
+            .init_resource::<ExtractedMaterials>()
             .init_resource::<ExtractedSuns>()
             .init_resource::<MeshCasters>()
             .init_resource::<Warned>()
             .init_resource::<SceneChanges>()
+            .configure_sets(
+                ExtractSchedule,
+                materials::ExtractMaterials
+                    .after(materials::begin_materials)
+                    .before(volumes::extract_volumes),
+            )
             .add_systems(
                 ExtractSchedule,
                 (
+                    materials::begin_materials.before(volumes::extract_volumes),
                     volumes::extract_volumes,
                     lights::extract_suns,
                     lights::extract_mesh_casters,

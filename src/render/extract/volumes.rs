@@ -12,6 +12,7 @@ use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::tree::VectorLattice;
 
 use super::auxiliary::AuxiliaryGrids;
+use super::materials::{ExtractedMaterials, MaterialRow};
 use super::ramps::{ExtractedRamps, VolumeRamp};
 use crate::render::gpu::GridKey;
 use crate::scene::{NextFrame, Share};
@@ -71,6 +72,8 @@ pub(crate) struct ExtractedVolume {
     pub auxiliary: AuxiliaryGrids,
     /// The ramp of a fog; none if the volume is hidden.
     pub ramp: Option<VolumeRamp>,
+    /// The app's own material of a surface, or of a fog without a ramp; none if the volume is hidden.
+    pub own_material: Option<MaterialRow>,
     /// The share that a frame that fades has of what it emits.
     pub share: f32,
 }
@@ -114,7 +117,11 @@ pub(crate) fn extract_volumes(
     with_motion: Extract<Query<(), With<MotionVectorPrepass>>>,
     grids: Extract<Res<Assets<VdbGrid>>>,
     vectors: Extract<Res<Assets<VdbVectorGrid>>>,
-    (mut extracted, mut ramps): (ResMut<ExtractedVolumes>, ResMut<ExtractedRamps>),
+    (mut extracted, mut ramps, mut materials): (
+        ResMut<ExtractedVolumes>,
+        ResMut<ExtractedRamps>,
+        ResMut<ExtractedMaterials>,
+    ),
     mut before: Local<MainEntityHashMap<ExtractedVolume>>,
 ) {
     std::mem::swap(&mut extracted.0, &mut *before);
@@ -139,6 +146,11 @@ pub(crate) fn extract_volumes(
         } else {
             AuxiliaryGrids::default()
         };
+        let is_fog = grid.kind() == PackKind::Fog;
+        let ramp = ramp.filter(|_| visible.get() && is_fog).and_then(|ramp| ramps.add(ramp));
+        let own_material = (visible.get() && ramp.is_none())
+            .then(|| materials.add(set_by.into(), is_fog, &grid.world_from_index()))
+            .flatten();
         let volume = ExtractedVolume {
             grid: volume.0.id().into(),
             packed: grid.outline(),
@@ -159,11 +171,11 @@ pub(crate) fn extract_volumes(
                 .filter(|_| visible.get() && !with_motion.is_empty())
                 .and_then(|velocity| ExtractedVelocity::new(velocity, &vectors)),
             auxiliary,
-            ramp: ramp
-                .filter(|_| visible.get() && grid.kind() == PackKind::Fog)
-                .and_then(|ramp| ramps.add(ramp)),
+            ramp,
+            own_material,
             share,
         };
         extracted.0.insert(entity, volume);
     }
+    materials.end_frame();
 }

@@ -13,6 +13,8 @@ use bevy::render::render_resource::{
 };
 use bevy::shader::ShaderDefVal;
 
+use crate::quality::features::Features;
+
 /// The group of the crate's own bindings in shaders that also bind Bevy's two groups.
 pub(crate) const GROUP: u32 = 2;
 
@@ -54,10 +56,19 @@ pub(crate) fn scene_layout(stages: ShaderStages, is_paged: bool) -> DynamicBindG
 /// The binding of the ramps of fogs in the crate's own group, in shaders with `VDB_RAMPS`.
 pub(crate) const RAMPS_BINDING: u32 = 16;
 
+/// The binding of the table of an app's own materials in the crate's own group, in shaders with
+/// `VDB_MATERIALS` or `VDB_FOG_MATERIALS`.
+pub(crate) const MATERIALS_BINDING: u32 = 18;
+
+/// The layout entry of that table.
+pub(crate) fn material_table() -> BindGroupLayoutEntryBuilder {
+    texture_2d(TextureSampleType::Uint)
+}
+
 /// The layouts of a group with the scene: for a pool of one page and for one of several, each
-/// without and with ramps.
+/// without and with ramps, and without and with the app's own materials in fog.
 #[derive(Clone, Debug)]
-pub(crate) struct SceneLayouts([BindGroupLayoutDescriptor; 4]);
+pub(crate) struct SceneLayouts([BindGroupLayoutDescriptor; 8]);
 
 impl SceneLayouts {
     /// `extend` adds the other bindings of the group to those of the scene.
@@ -66,18 +77,24 @@ impl SceneLayouts {
         stages: ShaderStages,
         extend: impl Fn(DynamicBindGroupLayoutEntries) -> DynamicBindGroupLayoutEntries,
     ) -> Self {
-        let layout = |(is_paged, has_ramps)| {
+        let layout = |bits: usize| {
+            let [is_paged, has_ramps, has_materials] = [0, 1, 2].map(|bit| bits >> bit & 1 != 0);
             let mut entries = extend(scene_layout(stages, is_paged));
             if has_ramps {
                 entries = entries.extend_with_indices(((RAMPS_BINDING, read()),));
             }
+            if has_materials {
+                entries = entries.extend_with_indices(((MATERIALS_BINDING, material_table()),));
+            }
             BindGroupLayoutDescriptor::new(label, &entries)
         };
-        Self([(false, false), (true, false), (false, true), (true, true)].map(layout))
+        Self(std::array::from_fn(layout))
     }
 
-    pub fn of(&self, is_paged: bool, has_ramps: bool) -> &BindGroupLayoutDescriptor {
-        &self.0[usize::from(is_paged) + 2 * usize::from(has_ramps)]
+    pub fn of(&self, is_paged: bool, features: Features) -> &BindGroupLayoutDescriptor {
+        let has = |feature| usize::from(features.contains(feature));
+        let bits = has(Features::RAMPS) << 1 | has(Features::FOG_MATERIALS) << 2;
+        &self.0[usize::from(is_paged) | bits]
     }
 }
 

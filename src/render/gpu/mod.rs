@@ -4,6 +4,7 @@ mod dispatch;
 mod fallback;
 mod key;
 mod layout;
+pub(crate) mod materials;
 mod numbers;
 mod shaders;
 mod traversal_key;
@@ -16,8 +17,9 @@ pub(super) use dispatch::{MAX_GROUPS, TILE, dispatch_over_picture, tiles};
 pub(super) use fallback::PipelineFallback;
 pub(super) use key::GridKey;
 pub(super) use layout::{
-    GROUP, RAMPS_BINDING, SceneLayouts, defs, empty_layout, page_defs, picture_texture, read,
-    sample_format_def, scene_depth, scene_layout, storage_read, write,
+    GROUP, MATERIALS_BINDING, RAMPS_BINDING, SceneLayouts, defs, empty_layout, material_table,
+    page_defs, picture_texture, read, sample_format_def, scene_depth, scene_layout, storage_read,
+    write,
 };
 pub(super) use numbers::{affine, golden, non_negative};
 pub(super) use shaders::{Shaders, load_shaders};
@@ -31,6 +33,7 @@ pub(crate) struct GpuPlugin;
 impl Plugin for GpuPlugin {
     fn build(&self, app: &mut App) {
         shaders::embed(app);
+        materials::MaterialKinds::init(app);
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
         render_app.init_gpu_resource::<PipelineFallback>().add_systems(RenderStartup, load_shaders);
     }

@@ -16,9 +16,11 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 46] = shaders![
+const IMPORTS: [(&str, &[u8]); 49] = shaders![
     "gpu/types",
     "gpu/bindings",
+    "material/table",
+    "material/fog",
     "traversal/rays",
     "traversal/tree",
     "traversal/samples",
@@ -40,6 +42,7 @@ const IMPORTS: [(&str, &[u8]); 46] = shaders![
     "trace/candidates",
     "trace/surface",
     "trace/color",
+    "trace/material",
     "trace/occlusion",
     "trace/scattering",
     "trace/light_list",

@@ -3,6 +3,7 @@
 use bevy::shader::ShaderDefVal;
 
 use super::layout::{page_defs, sample_format_def};
+use super::materials::kind_defs;
 use super::shaders::Shaders;
 use crate::quality::features::Features;
 
@@ -14,18 +15,17 @@ pub(crate) struct TraversalKey {
     pub page_bits: Option<u32>,
     /// The sample format, if all grids have the same.
     pub sample_format: Option<u32>,
+    /// The kinds of the app's own materials, a bit each.
+    pub materials: u32,
 }
 
 impl TraversalKey {
-    pub fn has_ramps(&self) -> bool {
-        self.features.contains(Features::RAMPS)
-    }
-
     pub fn defs(&self, shaders: &Shaders) -> Vec<ShaderDefVal> {
         let features = self.features.defs().map(Into::into);
         features
             .chain(page_defs(self.page_bits))
             .chain(sample_format_def(self.sample_format))
+            .chain(kind_defs(self.materials))
             .chain(shaders.adapter_defs.iter().cloned())
             .collect()
     }

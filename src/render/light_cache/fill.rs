@@ -12,9 +12,9 @@ use super::lattices::LightCache;
 use super::pipeline::FillPipeline;
 use super::view::{Fill, LightCacheView, Way};
 use crate::quality::features::Features;
-use crate::render::gpu::{PipelineFallback, RAMPS_BINDING, empty_layout};
+use crate::render::gpu::{MATERIALS_BINDING, PipelineFallback, RAMPS_BINDING, empty_layout};
 use crate::render::pool::VdbTreePool;
-use crate::render::view::{RampTexture, ViewState, VolumeBuffer};
+use crate::render::view::{MaterialTable, RampTexture, ViewState, VolumeBuffer};
 
 /// The samples that a workgroup fills.
 const GROUP_SAMPLES: UVec3 = UVec3::new(8, 4, 4);
@@ -25,7 +25,8 @@ pub(crate) fn fill_light_cache(
     cache: Res<LightCache>,
     (pipeline, pipelines): (Res<FillPipeline>, Res<PipelineCache>),
     fallback: Res<PipelineFallback>,
-    (pool, volumes, ramps): (Res<VdbTreePool>, Res<VolumeBuffer>, Res<RampTexture>),
+    (pool, volumes): (Res<VdbTreePool>, Res<VolumeBuffer>),
+    (ramps, materials): (Res<RampTexture>, Res<MaterialTable>),
     device: Res<RenderDevice>,
     mut context: RenderContext,
 ) {
@@ -37,7 +38,9 @@ pub(crate) fn fill_light_cache(
     let Some((prepared, uniform)) = state.prepared() else { return };
     let has_ramps = prepared.key.has(Features::RAMPS);
     let ramps = ramps.view().filter(|_| has_ramps);
-    if has_ramps && ramps.is_none() {
+    let has_materials = prepared.key.has(Features::FOG_MATERIALS);
+    let materials = materials.view().filter(|_| has_materials);
+    if (has_ramps && ramps.is_none()) || (has_materials && materials.is_none()) {
         return;
     }
     let compute = |id| fallback.compute(&pipelines, id);
@@ -52,7 +55,7 @@ pub(crate) fn fill_light_cache(
         None => return,
     };
     let [layout, sun_layout] = [&pipeline.layouts, &pipeline.sun_layouts]
-        .map(|layouts| layouts.of(pool.is_paged(), ramps.is_some()))
+        .map(|layouts| layouts.of(pool.is_paged(), prepared.key.features))
         .map(|layout| pipelines.get_bind_group_layout(layout));
     let empty = pipelines.get_bind_group_layout(&empty_layout());
     let empty = device.create_bind_group("vdb_empty", &empty, &[]);
@@ -72,6 +75,9 @@ pub(crate) fn fill_light_cache(
         let mut entries = entries.extend_sequential((job.as_entire_binding(), target.clone()));
         if let Some(ramps) = ramps {
             entries = entries.extend_with_indices(((RAMPS_BINDING, ramps),));
+        }
+        if let Some(materials) = materials {
+            entries = entries.extend_with_indices(((MATERIALS_BINDING, materials),));
         }
         let for_samples = (lattice.samples + GROUP_SAMPLES - 1) / GROUP_SAMPLES;
         let (group, steps) = match (way, &suns, &cache.depths) {

@@ -50,5 +50,5 @@ fn add_entry(hasher: &mut DefaultHasher, entry: &Entry) {
     for v in [matrix3.x_axis, matrix3.y_axis, matrix3.z_axis, translation] {
         v.to_array().map(f64::to_bits).hash(hasher);
     }
-    (entry.lattice.content, entry.lattice.ramp).hash(hasher);
+    (entry.lattice.content, entry.lattice.ramp, entry.lattice.material).hash(hasher);
 }

@@ -98,13 +98,16 @@ impl FillPipelines {
             | Features::MULTIPLE_SCATTERING
             | Features::MANY
             | Features::WIDE_GRIDS
-            | Features::RAMPS;
+            | Features::RAMPS
+            | Features::FOG_MATERIALS;
         let features = key.features & own;
         let (page_bits, sample_format) = (key.page_bits, key.sample_format);
-        let all = TraversalKey { features, page_bits, sample_format };
+        let in_fog = features.contains(Features::FOG_MATERIALS);
+        let materials = if in_fog { key.materials } else { 0 };
+        let all = TraversalKey { features, page_bits, sample_format, materials };
         // These read no grids, but have the same layout.
-        let none =
-            TraversalKey { features: features & Features::RAMPS, page_bits, sample_format: None };
+        let bound = features & (Features::RAMPS | Features::FOG_MATERIALS);
+        let none = TraversalKey { features: bound, page_bits, sample_format: None, materials: 0 };
         let mut id = |program, traversal| {
             specialized.specialize(cache, pipeline, FillKey { program, traversal })
         };
@@ -154,7 +157,7 @@ impl SpecializedComputePipeline for FillPipeline {
         };
         let is_fill = key.program == Program::Fill;
         let layouts = if is_fill { &self.layouts } else { &self.sun_layouts };
-        let layout = layouts.of(key.traversal.page_bits.is_some(), key.traversal.has_ramps());
+        let layout = layouts.of(key.traversal.page_bits.is_some(), key.traversal.features);
         let stores_texels = defs([(self.stores_texels, "VDB_STORABLE_LATTICE")]);
         let shader_defs = key.traversal.defs(&self.shaders).into_iter().chain(stores_texels);
         ComputePipelineDescriptor {

@@ -112,6 +112,12 @@ pub(super) fn casters<'a>(volumes: &'a ExtractedVolumes, pool: &VdbTreePool) -> 
     casters
 }
 
+/// The kinds of the app's own materials of fogs, a bit each.
+pub(super) fn fog_materials(casters: &[Caster]) -> u32 {
+    let fogs = casters.iter().filter(|caster| matches!(caster.volume.packed.kind, PackKind::Fog));
+    fogs.filter_map(|caster| caster.volume.own_material).fold(0, |all, own| all | 1 << own.kind)
+}
+
 /// Whether a camera sees a mesh that could receive shadows.
 pub(super) fn sees_meshes(visible: &RenderVisibleEntities) -> bool {
     visible.classes.get(&TypeId::of::<Mesh3d>()).is_some_and(|class| {

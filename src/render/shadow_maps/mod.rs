@@ -21,8 +21,8 @@ use bevy::prelude::*;
 use bevy::render::camera::TemporalJitter;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
-    BindGroup, Buffer, BufferInitDescriptor, BufferUsages, CachedRenderPipelineId, LoadOp,
-    Operations, PipelineCache, RenderPassDepthStencilAttachment, RenderPassDescriptor,
+    BindGroup, BindGroupLayout, Buffer, BufferInitDescriptor, BufferUsages, CachedRenderPipelineId,
+    LoadOp, Operations, PipelineCache, RenderPassDepthStencilAttachment, RenderPassDescriptor,
     RenderPipeline, SpecializedRenderPipelines, StoreOp, TextureView, TextureViewDimension,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery};
@@ -30,14 +30,14 @@ use bevy::render::texture::TextureCache;
 use bevy::render::view::{ExtractedView, RenderVisibleEntities};
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
-use super::extract::{ExtractedRamps, ExtractedVolumes};
+use super::extract::{ExtractedMaterials, ExtractedRamps, ExtractedVolumes};
 use super::gpu::{
-    GROUP, PipelineFallback, RAMPS_BINDING, Shaders, TraversalKey, empty_layout, load_shaders,
-    types,
+    GROUP, MATERIALS_BINDING, PipelineFallback, RAMPS_BINDING, Shaders, TraversalKey, empty_layout,
+    load_shaders, types,
 };
 use super::pool::{PoolBuffers, VdbTreePool};
 use super::trace::MeshShadowMaps;
-use super::view::{PrepareViews, RampTexture, ViewState, random_offset};
+use super::view::{MaterialTable, PrepareViews, RampTexture, ViewState, random_offset};
 use crate::quality::features::Features;
 use crate::{VdbCamera, VdbQuality};
 use casters::{Cast, casters, sees_meshes};
@@ -115,11 +115,13 @@ struct Pipelines<'w> {
     fallback: Res<'w, PipelineFallback>,
 }
 
-/// The ramps of fogs, and their texture.
+/// The ramps of fogs and the app's own materials, and their textures.
 #[derive(SystemParam)]
-struct Ramps<'w> {
-    texture: ResMut<'w, RampTexture>,
-    all: Res<'w, ExtractedRamps>,
+struct Tables<'w> {
+    ramps: ResMut<'w, RampTexture>,
+    all_ramps: Res<'w, ExtractedRamps>,
+    materials: ResMut<'w, MaterialTable>,
+    all_materials: Res<'w, ExtractedMaterials>,
     queue: Res<'w, RenderQueue>,
 }
 
@@ -138,7 +140,7 @@ type MapData<'a> = (Entity, &'a ExtractedView, &'a LightEntity, &'a RenderLayers
 fn prepare_casters(
     mut shadows: ResMut<CastShadows>,
     mut mesh_maps: ResMut<MeshShadowMaps>,
-    (volumes, mut ramps): (Res<ExtractedVolumes>, Ramps),
+    (volumes, mut tables): (Res<ExtractedVolumes>, Tables),
     (pool, frame): (Res<VdbTreePool>, Res<FrameCount>),
     cameras: Query<CameraData, With<Camera3d>>,
     maps: Query<MapData, With<ShadowView>>,
@@ -155,15 +157,18 @@ fn prepare_casters(
     if cast.maps.is_empty() {
         return;
     }
+    let materials = casters::fog_materials(&casters);
     let has = |kind| cast.volumes.iter().any(|volume| volume.kind == kind);
     let key = TraversalKey {
         features: Features::VOXELS.when(has(types::KIND_SURFACE))
             | Features::SMOOTH.when(has(types::KIND_SMOOTH))
             | Features::FOG.when(has(types::KIND_FOG))
             | Features::WIDE_GRIDS.when(pool.has_wide_grids())
-            | Features::RAMPS.when(cast.volumes.iter().any(|volume| volume.ramp != 0)),
+            | Features::RAMPS.when(cast.volumes.iter().any(|volume| volume.ramp != 0))
+            | Features::FOG_MATERIALS.when(materials != 0),
         page_bits: pool.page_bits(),
         sample_format: pool.format(),
+        materials,
     };
     let Pipelines {
         cast: caster,
@@ -208,13 +213,20 @@ fn prepare_casters(
         mesh_maps.directional = shadows.directional.as_ref().map(|map| map.view.clone());
         mesh_maps.point = shadows.point.as_ref().map(|map| map.view.clone());
     }
-    let ramps = if key.has_ramps() {
-        let Some(ramps) = ramps.texture.get(&ramps.all, &device, &ramps.queue) else { return };
+    let Tables { ramps, all_ramps, materials, all_materials, queue } = &mut tables;
+    let ramps = if key.features.contains(Features::RAMPS) {
+        let Some(ramps) = ramps.get(all_ramps, &device, queue) else { return };
         Some(ramps)
     } else {
         None
     };
-    shadows.draws = draws(cast, (buffers, ramps), caster, cache, &device);
+    let materials = key
+        .features
+        .contains(Features::FOG_MATERIALS)
+        .then(|| materials.get(all_materials, &device, queue));
+    let layout = caster.layouts.of(buffers.is_paged(), key.features);
+    let layout = cache.get_bind_group_layout(layout);
+    shadows.draws = draws(cast, (buffers, ramps, materials), &layout, &device);
 }
 
 /// The casters in each shadow map.
@@ -251,9 +263,8 @@ fn list_maps(
 /// Creates the bind group of each map.
 fn draws(
     cast: Cast,
-    (pool, ramps): (&PoolBuffers, Option<&TextureView>),
-    pipeline: &CastPipeline,
-    cache: &PipelineCache,
+    (pool, ramps, materials): (&PoolBuffers, Option<&TextureView>, Option<&TextureView>),
+    layout: &BindGroupLayout,
     device: &RenderDevice,
 ) -> Vec<Draw> {
     let buffer = |label, contents: &[u8], usage| {
@@ -265,13 +276,15 @@ fn draws(
     };
     let bytes = bytemuck::cast_slice(&cast.volumes);
     let casting = buffer("vdb_casters", bytes, BufferUsages::STORAGE);
-    let layout = cache.get_bind_group_layout(pipeline.layouts.of(pool.is_paged(), ramps.is_some()));
     let bind = |view: &Buffer| {
         let mut entries = pool.scene_entries(view, &casting);
         if let Some(ramps) = ramps {
             entries = entries.extend_with_indices(((RAMPS_BINDING, ramps),));
         }
-        device.create_bind_group("vdb_cast", &layout, &entries)
+        if let Some(materials) = materials {
+            entries = entries.extend_with_indices(((MATERIALS_BINDING, materials),));
+        }
+        device.create_bind_group("vdb_cast", layout, &entries)
     };
     let draw = |(camera, map, view): (_, _, types::View)| {
         let uniform = buffer("vdb_cast_view", bytemuck::bytes_of(&view), BufferUsages::UNIFORM);

@@ -31,7 +31,7 @@ impl SpecializedRenderPipeline for CastPipeline {
 
     fn specialize(&self, key: TraversalKey) -> RenderPipelineDescriptor {
         let shader_defs = key.defs(&self.shaders);
-        let layout = self.layouts.of(key.page_bits.is_some(), key.has_ramps());
+        let layout = self.layouts.of(key.page_bits.is_some(), key.features);
         let vertex = VertexState {
             shader: self.shaders.cast.clone(),
             shader_defs: shader_defs.clone(),

@@ -50,7 +50,8 @@ impl BeamsPipeline {
     }
 
     pub fn layout(&self, features: Features, is_paged: bool) -> &BindGroupLayoutDescriptor {
-        self.layouts[usize::from(features.contains(Features::MULTISAMPLED))].of(is_paged, false)
+        self.layouts[usize::from(features.contains(Features::MULTISAMPLED))]
+            .of(is_paged, Features::empty())
     }
 }
 

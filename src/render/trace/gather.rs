@@ -9,6 +9,7 @@ use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 
 use super::lamp_light::LampLightPipeline;
 use super::view::TraceView;
+use crate::quality::features::Features;
 use crate::render::gpu::{GROUP, PipelineFallback};
 use crate::render::light_cache::{LightCache, LightCacheView};
 use crate::render::pool::VdbTreePool;
@@ -42,7 +43,8 @@ pub(super) fn gather_lamp_light(
     let (Some((depths, _)), Some(lamps)) = (cache.binding(), cached.lamp_lattices()) else {
         return;
     };
-    let layout = pipelines.get_bind_group_layout(pipeline.layouts.of(pool.is_paged(), false));
+    let layout =
+        pipelines.get_bind_group_layout(pipeline.layouts.of(pool.is_paged(), Features::empty()));
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_lamp_light");

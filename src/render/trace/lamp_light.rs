@@ -111,6 +111,7 @@ impl From<&ViewKey> for LampLightKey {
             features: key.features & own,
             page_bits: key.page_bits,
             sample_format: None,
+            materials: 0,
         };
         Self { traversal, cached_suns: key.cached_suns, shadow_filter: key.shadow_filter }
     }
@@ -134,7 +135,7 @@ impl SpecializedComputePipeline for LampLightPipeline {
 
     fn specialize(&self, key: LampLightKey) -> ComputePipelineDescriptor {
         let has = |feature| key.traversal.features.contains(feature);
-        let layout = self.layouts.of(key.traversal.page_bits.is_some(), false);
+        let layout = self.layouts.of(key.traversal.page_bits.is_some(), Features::empty());
         let octaves = has(Features::MULTIPLE_SCATTERING) && has(Features::SHADOWS);
         let suns = ShaderDefVal::UInt("VDB_CACHED_SUNS".into(), key.cached_suns.unwrap_or(0));
         let defs = [octaves.then_some("VDB_OCTAVES"), key.shadow_filter];

@@ -137,7 +137,8 @@ impl LightLayouts {
             | Features::MOTION_VECTORS
             | Features::DISTANCE_FOG
             | Features::FOG_COLORS
-            | Features::RAMPS;
+            | Features::RAMPS
+            | Features::FOG_MATERIALS;
         let is_lit = key.has(Features::LIGHT);
         let even = is_lit && !key.features.intersects(placed);
         let octaves = key.has(Features::MULTIPLE_SCATTERING) && key.has(Features::SHADOWS);

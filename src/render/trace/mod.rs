@@ -23,17 +23,17 @@ use bevy::render::texture::TextureCache;
 use bevy::render::view::ViewDepthTexture;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
-use super::extract::ExtractedRamps;
+use super::extract::{ExtractedMaterials, ExtractedRamps};
 use super::gpu::{
-    GROUP, MAX_GROUPS, PipelineFallback, RAMPS_BINDING, Shaders, load_shaders, picture_texture,
-    tiles,
+    GROUP, MATERIALS_BINDING, MAX_GROUPS, PipelineFallback, RAMPS_BINDING, Shaders, load_shaders,
+    picture_texture, tiles,
 };
 use super::light_cache::{LightCache, LightCacheView, fill_light_cache};
 use super::pool::{PoolBuffers, VdbTreePool};
 use super::view::VdbSystems;
 use super::view::{
-    Picture, PrepareViews, PreparedView, RampTexture, ViewKey, ViewPicture, ViewState,
-    VisibleVolumes, VolumeBuffer, add_picture_pass,
+    MaterialTable, Picture, PrepareViews, PreparedView, RampTexture, ViewKey, ViewPicture,
+    ViewState, VisibleVolumes, VolumeBuffer, add_picture_pass,
 };
 use crate::quality::features::Features;
 use beams::BeamsPipeline;
@@ -197,6 +197,7 @@ fn bind(
     all_lights: AllLights,
     (blackbody, light_cache): (Res<BlackbodyColors>, Res<LightCache>),
     (mut ramps, all_ramps): (ResMut<RampTexture>, Res<ExtractedRamps>),
+    (mut materials, all_materials): (ResMut<MaterialTable>, Res<ExtractedMaterials>),
     (trace, beams): (Res<TracePipeline>, Res<BeamsPipeline>),
     cache: Res<PipelineCache>,
     (device, queue): (Res<RenderDevice>, Res<RenderQueue>),
@@ -214,6 +215,8 @@ fn bind(
         if has_ramps && ramps.is_none() {
             continue;
         }
+        let has_materials = features.intersects(Features::OWN_MATERIALS);
+        let materials = has_materials.then(|| materials.get(&all_materials, &device, &queue));
         let (Some(lights), Some(nothing)) =
             (bind(features, view_lights.as_ref()), bind(Features::empty(), None))
         else {
@@ -237,7 +240,7 @@ fn bind(
         }
         let group = |features, edges| {
             let layout = cache.get_bind_group_layout(&trace.layout(features));
-            inputs.trace_group(&layout, (table, ramps), cached.as_ref(), edges, &device)
+            inputs.trace_group(&layout, (table, ramps, materials), cached.as_ref(), edges, &device)
         };
         let refine = edges.list.as_ref().map(|edges| group(features, Some(edges)));
         let group = group(features.difference(Features::EDGES), None);
@@ -274,7 +277,11 @@ impl Inputs<'_> {
     fn trace_group(
         &self,
         layout: &bevy::render::render_resource::BindGroupLayout,
-        (blackbody, ramps): (Option<&TextureView>, Option<&TextureView>),
+        (blackbody, ramps, materials): (
+            Option<&TextureView>,
+            Option<&TextureView>,
+            Option<&TextureView>,
+        ),
         cached: Option<&CacheBinding>,
         edges: Option<&Buffer>,
         device: &RenderDevice,
@@ -295,6 +302,9 @@ impl Inputs<'_> {
         }
         if let Some(ramps) = ramps {
             entries = entries.extend_with_indices(((RAMPS_BINDING, ramps),));
+        }
+        if let Some(materials) = materials {
+            entries = entries.extend_with_indices(((MATERIALS_BINDING, materials),));
         }
         if let Some(CacheBinding { depths, sampler, lamps, scattered }) = cached {
             entries = entries.extend_with_indices(((12, *depths), (13, *sampler)));

@@ -10,9 +10,10 @@ use bevy::shader::ShaderDefVal;
 
 use super::lights::LightLayouts;
 use crate::quality::features::Features;
+use crate::render::gpu::materials::kind_defs;
 use crate::render::gpu::{
-    RAMPS_BINDING, Shaders, page_defs, read, sample_format_def, scene_depth, scene_layout,
-    storage_read, write,
+    MATERIALS_BINDING, RAMPS_BINDING, Shaders, material_table, page_defs, read, sample_format_def,
+    scene_depth, scene_layout, storage_read, write,
 };
 use crate::render::view::ViewKey;
 
@@ -63,6 +64,9 @@ impl TracePipeline {
         if has(Features::RAMPS) {
             entries = entries.extend_with_indices(((RAMPS_BINDING, read()),));
         }
+        if features.intersects(Features::OWN_MATERIALS) {
+            entries = entries.extend_with_indices(((MATERIALS_BINDING, material_table()),));
+        }
         BindGroupLayoutDescriptor::new("vdb_trace", &entries)
     }
 }
@@ -84,6 +88,7 @@ impl SpecializedComputePipeline for TracePipeline {
                     [("VDB_FOG_SLOTS", media.fogs), ("VDB_EMITTER_SLOTS", media.emitters)]
                         .map(|(def, slots)| ShaderDefVal::UInt(def.into(), slots))
                 }))
+                .chain(kind_defs(key.materials))
                 .chain(page_defs(key.page_bits))
                 .chain(sample_format_def(key.sample_format))
                 .chain(self.shaders.adapter_defs.iter().cloned())

@@ -103,6 +103,7 @@ pub(super) mod tests {
             occupied: Some(CoordBox { min, max: max - 1 }),
             majorant: density,
             ramp: None,
+            material: None,
             content: Some(0),
         };
         (volume, lattice)

@@ -16,6 +16,8 @@ pub(crate) struct ViewKey {
     pub cached_suns: Option<u32>,
     /// The media that are marched together on a ray, in views with the light cache.
     pub media: Option<MediaSlots>,
+    /// The kinds of the app's own materials, a bit each.
+    pub materials: u32,
     /// The shader def of Bevy's shadow filtering, in views with shadows.
     pub shadow_filter: Option<&'static str>,
     /// log₂ of the number of words per page, if the pool has several pages.

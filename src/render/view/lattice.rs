@@ -4,7 +4,7 @@ use bevy::math::{DAffine3, DVec3};
 use vdb_core::pack::PackedGrid;
 use vdb_core::tree::CoordBox;
 
-use crate::render::extract::ExtractedRamp;
+use crate::render::extract::{ExtractedRamp, MaterialRow};
 
 /// The packed grid of an entry, in the world.
 #[derive(Clone, Copy, Debug)]
@@ -17,6 +17,8 @@ pub(crate) struct Lattice {
     pub majorant: f32,
     /// Identifies the ramp of a fog.
     pub ramp: Option<u64>,
+    /// Identifies the app's own material and its parameters.
+    pub material: Option<u64>,
     /// Identifies the voxels: see `VdbTreePool::content`.
     pub content: Option<u64>,
 }
@@ -29,6 +31,7 @@ impl Lattice {
             occupied: packed.occupied,
             majorant: packed.majorant,
             ramp: None,
+            material: None,
             content,
         }
     }
@@ -37,6 +40,11 @@ impl Lattice {
     pub fn with_ramp(self, ramp: Option<&ExtractedRamp>) -> Self {
         let Some(ramp) = ramp else { return self };
         Self { majorant: ramp.largest_extinction, ramp: Some(ramp.content), ..self }
+    }
+
+    /// With the app's own material, which only makes a fog thinner.
+    pub fn with_material(self, row: Option<MaterialRow>) -> Self {
+        Self { material: row.map(|row| row.content), ..self }
     }
 
     /// The corners of the occupied cells' box in the world.

@@ -26,6 +26,8 @@ pub(crate) struct Entry {
     /// The sample format, if the grid has samples.
     pub sample_format: Option<u32>,
     pub lattice: Lattice,
+    /// The kind of the app's own material of the volume itself.
+    material: Option<usize>,
     /// Its samples in the light cache, if it is a fog that fits.
     pub cached_fog: Option<CachedFog>,
 }
@@ -40,7 +42,8 @@ impl Entry {
             world_from_index: shown.world_from_index(),
             index_box: shown.index_box(),
             sample_format: shown.sample_format(),
-            lattice: lattice.with_ramp(shown.ramp()),
+            lattice: lattice.with_ramp(shown.ramp()).with_material(shown.own_material()),
+            material: shown.own_material().map(|own| own.kind),
             cached_fog: None,
         }
     }
@@ -59,6 +62,7 @@ impl Entry {
             index_box: index_box(&grid.packed),
             sample_format: grid.packed.sample_format(),
             lattice: Lattice::new(&grid.packed, world_from_index, content),
+            material: None,
             cached_fog: None,
         }
     }
@@ -156,6 +160,9 @@ pub(crate) struct ViewList {
     pub fog_colors: bool,
     /// Whether fogs have ramps.
     pub ramps: bool,
+    /// The kinds of the app's own materials, a bit each: of surfaces in view or reflected, and of
+    /// all fogs.
+    pub materials: [u32; 2],
     /// Whether any fog is sampled rather than integrated.
     pub fog_steps: bool,
     /// Whether any smooth surface has smooth normals.
@@ -208,6 +215,14 @@ impl ViewList {
         let smooth_normals = normals.iter().any(is_smooth);
         let volumes = entries[..seen].iter().filter_map(|entry| maker.volumes.0.get(&entry.owner));
         let velocities = volumes.into_iter().any(|volume| volume.velocity.is_some());
+        let shaded = if mirrors { entries.len() } else { seen };
+        let mut materials = [0; 2];
+        for (i, (volume, entry)) in data.iter().zip(&entries).enumerate() {
+            let is_fog = volume.kind == types::KIND_FOG;
+            if let Some(kind) = entry.material.filter(|_| is_fog || i < shaded) {
+                materials[usize::from(is_fog)] |= 1 << kind;
+            }
+        }
         let mut list = Self {
             data,
             entries,
@@ -217,6 +232,7 @@ impl ViewList {
             colors: false,
             fog_colors: false,
             ramps,
+            materials,
             fog_steps,
             smooth_normals,
             velocities,

@@ -9,6 +9,7 @@ mod key;
 mod lattice;
 mod lights;
 mod list;
+mod materials;
 mod media;
 mod picture_pass;
 mod prepare;
@@ -29,6 +30,7 @@ use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSy
 pub(super) use cached_fog::{CacheLayout, CachedFog, cell_edge};
 pub(super) use key::ViewKey;
 pub(super) use list::Entry;
+pub(super) use materials::MaterialTable;
 pub(super) use picture_pass::{
     PicturePass, PicturePipeline, PicturePipelines, add_picture_pass, run_picture_pass,
 };
@@ -54,6 +56,7 @@ impl Plugin for ViewPlugin {
             .init_gpu_resource::<VolumeBuffer>()
             .init_gpu_resource::<LightCacheLimit>()
             .init_gpu_resource::<RampTexture>()
+            .init_gpu_resource::<MaterialTable>()
             .add_systems(RenderStartup, visible::forget_views)
             .configure_sets(
                 Render,
@@ -73,7 +76,7 @@ impl Plugin for ViewPlugin {
                 Render,
                 (
                     (visible::find_visible, visible::make_depth_readable).chain().in_set(Find),
-                    ramps::drop_unused_ramps.in_set(Find),
+                    (ramps::drop_unused_ramps, materials::drop_unused_table).in_set(Find),
                     resolve::resolve_views.in_set(Resolve),
                     prepare::prepare_views.in_set(Prepare),
                     prepare::upload_views.in_set(Upload),

@@ -232,6 +232,9 @@ fn view_key(
     let media = list.media(only_seen);
     let shows_edges = settings.smooths_edges && list.kinds_seen.has(SURFACES);
     let interpolates = !has_surfaces && !lights.contains(Features::MESH_CASTERS);
+    let [on_surfaces, in_fog] = list.materials;
+    let on_surfaces = if settings.is_lit() { on_surfaces } else { 0 };
+    let in_fog = if fog || settings.is_lit() { in_fog } else { 0 };
     let features = lights
         | Features::LAMP_LIGHT.when(interpolates && lights.contains(Features::CACHED_LAMPS))
         | Features::UNCACHED_FOGS.when(caches && (has_uncached || media.is_too_much()))
@@ -247,6 +250,8 @@ fn view_key(
         | Features::COLORS.when(list.colors)
         | Features::FOG_COLORS.when(list.fog_colors)
         | Features::RAMPS.when(list.ramps && (fog || settings.is_lit()))
+        | Features::MATERIALS.when(on_surfaces != 0)
+        | Features::FOG_MATERIALS.when(in_fog != 0)
         | Features::MULTIPLE_SCATTERING.when(multiple_scattering)
         | Features::MANY.when(many)
         | Features::PAGES.when(pool.page_bits().is_some())
@@ -263,6 +268,7 @@ fn view_key(
         mode: camera.mode,
         cached_suns: None,
         media: caches.then(|| MediaSlots::for_media(media, emission)),
+        materials: on_surfaces | in_fog,
         shadow_filter: settings.shadow_filter,
         page_bits: pool.page_bits(),
         sample_format: pool.format(),

@@ -6,8 +6,11 @@ use bevy::render::sync_world::MainEntity;
 use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
 
+use super::materials::material_flags;
 use super::tiles::TileRange;
-use crate::render::extract::{ExtractedRamp, ExtractedVolume, Setting, Trouble, Warned};
+use crate::render::extract::{
+    ExtractedRamp, ExtractedVolume, MaterialRow, Setting, Trouble, Warned,
+};
 use crate::render::gpu::{GridKey, affine, non_negative, types};
 use crate::render::pool::VdbTreePool;
 use crate::{VdbMaterial, VdbQuality};
@@ -25,8 +28,6 @@ const MAX_EXTINCTION: f32 = 1e30;
 /// The largest absolute value of the anisotropy: beyond, f32 cannot resolve the directions into
 /// which most of the light is scattered.
 const MAX_ANISOTROPY: f32 = 0.99;
-/// The edge of the largest nodes below the root, in cells.
-const LARGEST_NODE: i32 = 4096;
 
 /// A volume at one of its levels of detail.
 #[derive(Clone, Copy, Debug)]
@@ -37,6 +38,8 @@ pub(crate) struct Shown<'a> {
     key: GridKey,
     /// The index of the grid's header in the pool.
     grid: u32,
+    /// The level of detail.
+    level: u32,
 }
 
 /// The rays, the transform and the image size in pixels of a view.
@@ -66,7 +69,8 @@ impl<'a> Shown<'a> {
                 let packed = &volume.levels[level - 1];
                 let world_from_index =
                     finest.world_from_index * DAffine3::from_scale(DVec3::splat(scale));
-                return Some(Self { packed, world_from_index, key, grid, ..finest });
+                let level = level as u32;
+                return Some(Self { packed, world_from_index, key, grid, level, ..finest });
             }
             level -= 1;
         }
@@ -77,7 +81,8 @@ impl<'a> Shown<'a> {
     pub fn finest(volume: &'a ExtractedVolume, pool: &VdbTreePool) -> Option<Self> {
         let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
         let grid = pool.index(volume.grid)?;
-        Some(Self { volume, packed: &volume.packed, world_from_index, key: volume.grid, grid })
+        let (packed, key) = (&*volume.packed, volume.grid);
+        Some(Self { volume, packed, world_from_index, key, grid, level: 0 })
     }
 
     /// log₂ of the factor by which voxels could be larger and still cover at most `detail` pixels
@@ -129,6 +134,11 @@ impl<'a> Shown<'a> {
         self.volume.ramp.as_ref().map(|own| &*own.ramp)
     }
 
+    /// The app's own material.
+    pub fn own_material(&self) -> Option<MaterialRow> {
+        self.volume.own_material
+    }
+
     /// The box of everything that can stop or dim a ray, in index space.
     pub fn index_box(&self) -> Option<(DVec3, DVec3)> {
         index_box(self.packed)
@@ -150,7 +160,7 @@ pub(crate) fn volume_data(
     quality: &VdbQuality,
     warned: Option<&mut Warned>,
 ) -> Option<types::Volume> {
-    let Shown { volume, packed, world_from_index, grid, .. } = *shown;
+    let Shown { volume, packed, world_from_index, grid, level, .. } = *shown;
     let lattice = LatticeRays::new(eye.rays, eye.world_from_view, world_from_index, packed);
     let (quality, wrong) = volume.quality.over(quality).sound();
     if let Some(warned) = warned {
@@ -200,10 +210,12 @@ pub(crate) fn volume_data(
         fog_step: quality.fog_step,
         light_step: quality.fog_light_step,
         shadow_step: quality.fog_shadow_step,
-        base: packed.base.to_array().map(|b| b.rem_euclid(LARGEST_NODE)),
+        base: packed.base.to_array(),
         flags: if volume.casts { 0 } else { types::NO_CASTER }
             | if volume.receives { 0 } else { types::NO_RECEIVER }
-            | if quality.smooth_normals { types::SMOOTH_NORMALS } else { 0 },
+            | if quality.smooth_normals { types::SMOOTH_NORMALS } else { 0 }
+            | level << types::LEVEL_SHIFT
+            | material_flags(volume.own_material),
         ..ramp_data(volume)
     })
 }

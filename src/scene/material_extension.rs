@@ -1,0 +1,77 @@
+//! Materials of an app's own.
+
+use bevy::prelude::*;
+use bevy::reflect::Typed;
+use bevy::reflect::structs::Struct;
+use bevy::shader::ShaderRef;
+
+/// A material of an app's own: a function in WGSL that changes the
+/// [`VdbMaterial`](crate::VdbMaterial) of a surface wherever a ray hits it, in the manner of Bevy's
+/// `MaterialExtension`.
+///
+/// The component with its parameters is added to the entity of a [`VdbVolume`](crate::VdbVolume),
+/// and its type is registered with `VdbMaterialPlugin`:
+///
+/// ```no_run
+/// # use bevy::prelude::*;
+/// # use bevy::shader::ShaderRef;
+/// # use bevy_vdb::prelude::*;
+/// /// Sand that is dark and glossy below the water line.
+/// #[derive(Clone, Component, Reflect)]
+/// struct WetSand {
+///     /// In the space of the entity.
+///     water_line: f32,
+///     wet_color: Color,
+/// }
+///
+/// impl VdbMaterialExtension for WetSand {
+///     fn shader() -> ShaderRef {
+///         "shaders/wet_sand.wgsl".into()
+///     }
+/// }
+///
+/// # fn setup(mut commands: Commands, assets: Res<AssetServer>) {
+/// let wet_color = Color::linear_rgb(0.1, 0.07, 0.04);
+/// commands.spawn((
+///     VdbVolume(assets.load("beach.vdb")),
+///     VdbMaterial { base_color: Color::linear_rgb(0.6, 0.5, 0.35), ..default() },
+///     WetSand { water_line: 0.4, wet_color },
+/// ));
+/// # }
+/// # fn main() {
+/// App::new().add_plugins((DefaultPlugins, VdbRenderPlugin, VdbMaterialPlugin::<WetSand>::default()));
+/// # }
+/// ```
+///
+/// The shader, here `assets/shaders/wet_sand.wgsl`, has a function `surface`:
+///
+/// ```wgsl
+/// #import bevy_vdb::material::{VdbHit, VdbSurface, WetSand}
+///
+/// fn surface(hit: VdbHit, built_in: VdbSurface, sand: WetSand) -> VdbSurface {
+///     var changed = built_in;
+///     if hit.local_position.y < sand.water_line {
+///         changed.base_color = sand.wet_color.rgb;
+///         changed.perceptual_roughness = 0.2;
+///     }
+///     return changed;
+/// }
+/// ```
+///
+/// The struct `WetSand` of the shader is derived from the component. It has the same fields: `f32`,
+/// `i32`, `u32`, [`Vec2`], [`Vec3`] and [`Vec4`] as they are, `bool` as `u32`, and [`Color`] and
+/// [`LinearRgba`] as `vec4<f32>` in linear colours. Fields with `#[reflect(ignore)]` are left out,
+/// and all others together have at most 16 numbers. A component without fields has no struct, and
+/// its function has no third parameter.
+///
+/// [The guide](https://github.com/bevy-vdb/bevy_vdb/blob/main/docs/guide/materials.md) describes
+/// `VdbHit` and `VdbSurface`.
+///
+/// Fog and render modes without light ignore it. A volume has one such component; a shader that is
+/// not loaded yet, or does not compile, leaves the volume with its `VdbMaterial`.
+pub trait VdbMaterialExtension: Component + Clone + Struct + Typed {
+    /// The shader with the function. While an app runs with Bevy's feature `file_watcher`, changes
+    /// of its file are displayed at once; a file with errors is reported, and the function before
+    /// stays in use.
+    fn shader() -> ShaderRef;
+}
