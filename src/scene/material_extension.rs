@@ -67,8 +67,13 @@ use bevy::shader::ShaderRef;
 /// [The guide](https://github.com/bevy-vdb/bevy_vdb/blob/main/docs/guide/materials.md) describes
 /// `VdbHit` and `VdbSurface`.
 ///
-/// Fog and render modes without light ignore it. A volume has one such component; a shader that is
-/// not loaded yet, or does not compile, leaves the volume with its `VdbMaterial`.
+/// A function `fog(at: VdbFogPoint, built_in: VdbFog, parameters) -> VdbFog` changes the density and
+/// the albedo of fog in the same way, for all rays that meet it. A shader has one of the two
+/// functions, or both. Fog with a [`VdbRamp`](crate::VdbRamp) ignores it, render modes without light
+/// show surfaces without it, and [`VdbSpatialQuery`](crate::VdbSpatialQuery) knows nothing of it.
+///
+/// A volume has one such component; a shader that is not loaded yet, or does not compile, leaves the
+/// volume with its `VdbMaterial`.
 pub trait VdbMaterialExtension: Component + Clone + Struct + Typed {
     /// The shader with the function. While an app runs with Bevy's feature `file_watcher`, changes
     /// of its file are displayed at once; a file with errors is reported, and the function before
