@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use bevy::asset::uuid_handle;
 use bevy::light::{DirectionalLightShadowMap, PointLightShadowMap};
-use bevy::math::{DAffine3, DQuat, DVec3};
+use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use bevy::shader::{Shader, ShaderRef};
 use bevy_vdb::{
@@ -278,7 +278,7 @@ fn functions_know_where_a_ray_hits() {
                     }
                     let hit =
                         from + (along - (radius * radius - miss * miss).sqrt()) * dir - center;
-                    let turned = DQuat::from(place.rotation.as_dquat()).inverse() * hit;
+                    let turned = place.rotation.as_dquat().inverse() * hit;
                     let over = if space == 0 { hit.y } else { turned.y } - f64::from(height);
                     // As far as the surface is from the sphere.
                     if over.abs() < 0.01 + offset {
