@@ -96,7 +96,7 @@ fn all_modules() -> Vec<Shader> {
         let mut found = Vec::new();
         if wanted.clone().count() == ours.len()
             && wanted.clone().all(|shader| gather(shaders, &shader.import_path, &mut found))
-            && found.iter().any(|shader| &*shader.import_path.module_name() == EVERYTHING_MODULE)
+            && found.iter().any(|shader| *shader.import_path.module_name() == *EVERYTHING_MODULE)
         {
             return found;
         }
