@@ -1,10 +1,10 @@
 //! Files and grids in memory.
 
-use std::fmt;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use crate::tree::{BoolTree, CoordBox, MaskTree, TreeStats, Vdb543};
+use crate::work::debug_options;
 use crate::{Error, Limits, Metadata, Transform};
 
 /// A `.vdb` or `.nvdb` file in memory.
@@ -314,15 +314,7 @@ pub struct WriteOptions {
     pub stream: bool,
 }
 
-impl fmt::Debug for ReadOptions {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ReadOptions")
-            .field("limits", &self.limits)
-            .field("grids", &self.grids)
-            .field("progress", &self.progress.as_ref().map(|_| "…"))
-            .finish()
-    }
-}
+debug_options!(ReadOptions { limits, grids });
 
 impl VdbFile {
     /// The first grid with this name or unique name.

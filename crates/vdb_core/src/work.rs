@@ -5,6 +5,22 @@ use std::sync::{Arc, Mutex};
 
 use crate::ProgressFn;
 
+/// `Debug` for options whose `progress` is a function, which has none: it shows the other fields, and whether there
+/// is one.
+macro_rules! debug_options {
+    ($Options:ident { $($field:ident),* }) => {
+        impl std::fmt::Debug for $Options {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.debug_struct(stringify!($Options))
+                    $(.field(stringify!($field), &self.$field))*
+                    .field("progress", &self.progress.as_ref().map(|_| "…"))
+                    .finish()
+            }
+        }
+    };
+}
+pub(crate) use debug_options;
+
 /// The reason why work was stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stop {

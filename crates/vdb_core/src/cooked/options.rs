@@ -1,9 +1,9 @@
 //! Options of cooking.
 
-use std::fmt;
 use std::sync::Arc;
 
 use crate::pack::{PackKind, ValueFormat};
+use crate::work::debug_options;
 use crate::{Limits, ProgressFn};
 
 /// Options for cooking a file.
@@ -29,14 +29,4 @@ impl Default for CookOptions {
     }
 }
 
-impl fmt::Debug for CookOptions {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("CookOptions")
-            .field("format", &self.format)
-            .field("kind", &self.kind)
-            .field("smooth", &self.smooth)
-            .field("limits", &self.limits)
-            .field("progress", &self.progress.as_ref().map(|_| "…"))
-            .finish()
-    }
-}
+debug_options!(CookOptions { format, kind, smooth, limits });

@@ -1,6 +1,5 @@
 //! Options of packing, and its memory budget.
 
-use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -9,7 +8,7 @@ use super::grid::PackedGrid;
 use super::kind::PackKind;
 use super::values::ValueFormat;
 use crate::tree::Vdb543;
-use crate::work::{Stop, Work};
+use crate::work::{Stop, Work, debug_options};
 use crate::{Limits, ProgressFn};
 
 /// Options for packing a grid.
@@ -45,16 +44,7 @@ impl PackedTogether {
     }
 }
 
-impl fmt::Debug for PackOptions {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("PackOptions")
-            .field("format", &self.format)
-            .field("limits", &self.limits)
-            .field("progress", &self.progress.as_ref().map(|_| "…"))
-            .field("together", &self.together)
-            .finish()
-    }
-}
+debug_options!(PackOptions { format, limits, together });
 
 /// The stages of packing, in order.
 #[derive(Clone, Copy, Debug)]

@@ -7,16 +7,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
-use super::combine::State;
+use super::nodes::{Leaf, Lower, State, Upper};
 use super::samples::Voxels;
 use crate::tree::grow::{Built, built, internal};
-use crate::tree::{IVec3, InternalNode, LeafNode, Node, Tree, Vdb543};
+use crate::tree::{IVec3, Node, Tree, Vdb543};
 use crate::work::{Stop, Work};
 use crate::{Limits, ProgressFn};
-
-pub(super) type Leaf = LeafNode<f32, 3>;
-pub(super) type Lower = InternalNode<Leaf, 4>;
-pub(super) type Upper = InternalNode<Lower, 5>;
 
 /// What a tree is made of.
 pub(super) trait Formula: Sync {

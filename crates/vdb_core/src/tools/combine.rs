@@ -2,17 +2,9 @@
 
 use rayon::prelude::*;
 
+use super::nodes::{Leaf, Lower, State, Upper};
 use crate::tree::grow::{Built, built, internal};
-use crate::tree::{
-    Cube, Dim, IVec3, InternalNode, LeafNode, Node, RootEntry, Slot, Tree, Value, Vdb543,
-};
-
-type Leaf = LeafNode<f32, 3>;
-type Lower = InternalNode<Leaf, 4>;
-type Upper = InternalNode<Lower, 5>;
-
-/// A value, and whether it is active.
-pub(super) type State = (f32, bool);
+use crate::tree::{Cube, Dim, IVec3, InternalNode, Node, RootEntry, Slot, Tree, Value, Vdb543};
 
 /// What a tile of one tree makes of the values of the other one.
 pub(super) enum Effect {

@@ -1,8 +1,9 @@
 //! Fogs as one: their sum, their maximum or their product.
 
 use super::ToolError;
-use super::combine::{Effect, Rule, State, combine};
+use super::combine::{Effect, Rule, combine};
 use super::grid::{floats, replaced};
+use super::nodes::State;
 use crate::Grid;
 
 /// How two fogs are composed.

@@ -1,6 +1,5 @@
 //! What is inside a box.
 
-use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -8,16 +7,16 @@ use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
 use super::ToolError;
-use super::build::{Formula, Leaf, build};
-use super::combine::State;
-use super::grid::{floats, replaced};
+use super::build::{Formula, build};
+use super::grid::{floats, replaced, with_any_tree};
+use super::nodes::{Leaf, State};
 use super::samples::tile_at;
 use crate::grid::with_tree;
 use crate::tree::grow::{Built, built, internal};
 use crate::tree::{
     CoordBox, Cube, Dim, Found, IVec3, InternalNode, Node, RootEntry, Slot, Tree, Value, Vdb543,
 };
-use crate::work::{Stop, Work};
+use crate::work::{Stop, Work, debug_options};
 use crate::{AnyTree, Grid, GridClass, Limits, ProgressFn};
 
 type Lower<L> = InternalNode<L, 4>;
@@ -43,16 +42,7 @@ impl Crop {
     }
 }
 
-impl fmt::Debug for Crop {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Crop")
-            .field("low", &self.low)
-            .field("high", &self.high)
-            .field("limits", &self.limits)
-            .field("progress", &self.progress.as_ref().map(|_| "…"))
-            .finish()
-    }
-}
+debug_options!(Crop { low, high, limits });
 
 /// Keeps what is inside a box in world space.
 ///
@@ -93,7 +83,7 @@ pub fn crop(grid: &Grid, options: &Crop) -> Result<Grid, ToolError> {
     }
     let tree = cropped!(Float, Double, Int32, Int64, Bool, Mask, Vec3s, Vec3d, Vec3i);
     work.finish().map_err(stopped)?;
-    Ok(Grid { tree, file_bytes: 0, instance_of: None, ..grid.clone() })
+    Ok(with_any_tree(grid, tree))
 }
 
 /// A box in world space, and where voxels are.

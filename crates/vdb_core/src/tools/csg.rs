@@ -1,8 +1,9 @@
 //! Constructive solid geometry of level sets: their pointwise minimum or maximum.
 
 use super::ToolError;
-use super::combine::{Effect, Rule, State, combine};
+use super::combine::{Effect, Rule, combine};
 use super::grid::replaced;
+use super::nodes::State;
 use crate::tree::map_values;
 use crate::{AnyTree, Grid};
 

@@ -1,16 +1,16 @@
 //! Level sets to fog.
 
-use std::fmt;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use super::ToolError;
-use super::build::{Formula, Leaf, Lower, build};
-use super::combine::State;
-use super::grid::{floats, replaced};
+use super::build::{Formula, build};
+use super::grid::{level_set_tree, replaced};
+use super::nodes::{Leaf, Lower, State};
 use super::samples::tile_at;
 use crate::tree::{Cube, Dim, Found, IVec3, InternalNode, Node, RootEntry, Slot, Vdb543};
+use crate::work::debug_options;
 use crate::{Grid, GridClass, Limits, ProgressFn};
 
 /// Options of [`fog_from_level_set`].
@@ -25,15 +25,7 @@ pub struct FogFromLevelSet {
     pub progress: Option<Arc<ProgressFn>>,
 }
 
-impl fmt::Debug for FogFromLevelSet {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("FogFromLevelSet")
-            .field("ramp", &self.ramp)
-            .field("limits", &self.limits)
-            .field("progress", &self.progress.as_ref().map(|_| "…"))
-            .finish()
-    }
-}
+debug_options!(FogFromLevelSet { ramp, limits });
 
 /// Makes a fog of what is inside a level set, as OpenVDB's `sdfToFogVolume` does: the density rises
 /// linearly from 0 at the surface to 1 at a depth of [`FogFromLevelSet::ramp`], or at that of the
@@ -44,10 +36,7 @@ impl fmt::Debug for FogFromLevelSet {
 /// If the grid is no level set of floats, the ramp is not positive, the result would exceed the
 /// limits, or it was cancelled.
 pub fn fog_from_level_set(grid: &Grid, options: &FogFromLevelSet) -> Result<Grid, ToolError> {
-    let tree = floats(grid)?;
-    if grid.class != GridClass::LevelSet {
-        return Err(ToolError::NotLevelSet { class: grid.class.name() });
-    }
+    let tree = level_set_tree(grid)?;
     let ramp = options.ramp.unwrap_or(f32::INFINITY);
     if ramp.is_nan() || ramp <= 0.0 {
         let (setting, range) = ("the ramp of the fog", "positive, in world units");

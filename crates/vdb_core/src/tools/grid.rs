@@ -16,7 +16,11 @@ pub(super) fn floats(grid: &Grid) -> Result<&Vdb543<f32>, ToolError> {
 
 /// A grid with another tree, and the name and the metadata of the first.
 pub(super) fn replaced(grid: &Grid, tree: Vdb543<f32>) -> Grid {
-    let tree = AnyTree::Float(tree.into());
+    with_any_tree(grid, AnyTree::Float(tree.into()))
+}
+
+/// The same with a tree of any type.
+pub(super) fn with_any_tree(grid: &Grid, tree: AnyTree) -> Grid {
     Grid { tree, file_bytes: 0, instance_of: None, ..grid.clone() }
 }
 
@@ -32,24 +36,35 @@ pub(super) fn cube_edge(transform: &Transform) -> Result<f64, ToolError> {
     if equal && right { Ok(size.x) } else { Err(ToolError::NotCubes { size: size.to_array() }) }
 }
 
-/// The tree, the edge of a voxel, and the half width of the band in voxels of a level set.
-pub(super) fn level_set(grid: &Grid) -> Result<(&Vdb543<f32>, f64, f32), ToolError> {
+/// The tree of a level set.
+pub(super) fn level_set_tree(grid: &Grid) -> Result<&Vdb543<f32>, ToolError> {
     let tree = floats(grid)?;
     if grid.class != GridClass::LevelSet {
         return Err(ToolError::NotLevelSet { class: grid.class.name() });
     }
-    let edge = cube_edge(&grid.transform)?;
+    Ok(tree)
+}
+
+/// The half width of the band of a level set, in voxels with this edge.
+pub(super) fn half_width(tree: &Vdb543<f32>, edge: f64) -> Result<f32, ToolError> {
     let background = tree.background();
     let half_width = (f64::from(background) / edge) as f32;
     if half_width >= 1.0 && half_width.is_finite() {
-        Ok((tree, edge, half_width.min(MOST_HALF_WIDTH)))
+        Ok(half_width.min(MOST_HALF_WIDTH))
     } else {
         Err(ToolError::NoBand { background, edge })
     }
 }
 
+/// The tree, the edge of a voxel, and the half width of the band in voxels of a level set.
+pub(super) fn level_set(grid: &Grid) -> Result<(&Vdb543<f32>, f64, f32), ToolError> {
+    let tree = level_set_tree(grid)?;
+    let edge = cube_edge(&grid.transform)?;
+    Ok((tree, edge, half_width(tree, edge)?))
+}
+
 /// The widest half of a band, in voxels.
-pub(super) const MOST_HALF_WIDTH: f32 = 100.0;
+const MOST_HALF_WIDTH: f32 = 100.0;
 
 /// The progress of one of several passes.
 pub(super) fn pass(

@@ -23,6 +23,7 @@ mod error;
 mod fog;
 mod from_mesh;
 mod grid;
+mod nodes;
 mod offset;
 mod places;
 mod redistance;

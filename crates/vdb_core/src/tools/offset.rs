@@ -1,11 +1,11 @@
 //! Level sets that grow or shrink.
 
-use std::fmt;
 use std::sync::Arc;
 
 use super::grid::{level_set, pass, replaced};
 use super::redistance::redistanced;
 use super::{Redistance, ToolError};
+use crate::work::debug_options;
 use crate::{Grid, Limits, ProgressFn};
 
 /// Options of [`offset`].
@@ -27,15 +27,7 @@ impl Offset {
     }
 }
 
-impl fmt::Debug for Offset {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Offset")
-            .field("distance", &self.distance)
-            .field("limits", &self.limits)
-            .field("progress", &self.progress.as_ref().map(|_| "…"))
-            .finish()
-    }
-}
+debug_options!(Offset { distance, limits });
 
 /// The most voxels to move by.
 const FARTHEST: f64 = 1000.0;

@@ -1,15 +1,15 @@
 //! Distances again, after a level set was changed.
 
-use std::fmt;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::build::{Leaf, Upper};
 use super::from_mesh::{self, InsideRule};
 use super::grid::{cube_edge, floats, replaced};
+use super::nodes::{Leaf, Upper};
 use super::{LevelSetToMesh, MeshToLevelSet, ToolError, level_set_to_mesh};
 use crate::tree::{Found, Node, Vdb543};
+use crate::work::debug_options;
 use crate::{Grid, GridClass, Limits, ProgressFn, Transform};
 
 /// Options of [`redistance`].
@@ -32,16 +32,7 @@ impl Default for Redistance {
     }
 }
 
-impl fmt::Debug for Redistance {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Redistance")
-            .field("half_width", &self.half_width)
-            .field("iso", &self.iso)
-            .field("limits", &self.limits)
-            .field("progress", &self.progress.as_ref().map(|_| "…"))
-            .finish()
-    }
-}
+debug_options!(Redistance { half_width, iso, limits });
 
 /// Computes all distances of a level set anew, from the surface that its values have now: after
 /// [`csg`](fn@super::csg), edits and filters, which keep the sign and little else.

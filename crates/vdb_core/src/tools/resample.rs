@@ -1,18 +1,18 @@
 //! Grids with other voxels.
 
-use std::fmt;
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::build::{Formula, Leaf, Upper, build, uppers};
-use super::combine::State;
+use super::build::{Formula, build, uppers};
 use super::from_mesh::{self, InsideRule};
-use super::grid::{MOST_HALF_WIDTH, cube_edge, floats, pass, replaced};
+use super::grid::{cube_edge, floats, half_width, pass, replaced};
+use super::nodes::{Leaf, State, Upper};
 use super::places::{Places, ROUNDING, around, corners};
 use super::samples::{Samples, Voxels, content, one_value};
 use super::{LevelSetToMesh, MeshToLevelSet, Redistance, ToolError, level_set_to_mesh, redistance};
 use crate::tree::{Accessor, IVec3, Node, Vdb543};
+use crate::work::debug_options;
 use crate::{Grid, GridClass, Limits, ProgressFn, Transform};
 
 /// How values between voxels are found.
@@ -79,16 +79,7 @@ impl Resample {
     }
 }
 
-impl fmt::Debug for Resample {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Resample")
-            .field("transform", &self.transform)
-            .field("interpolation", &self.interpolation)
-            .field("limits", &self.limits)
-            .field("progress", &self.progress.as_ref().map(|_| "…"))
-            .finish()
-    }
-}
+debug_options!(Resample { transform, interpolation, limits });
 
 /// Makes a grid with the voxels of another transform, at the same place in the world.
 ///
@@ -130,11 +121,7 @@ fn resampled_level_set(
     // Voxels that are no cubes may become cubes: distances are in world units all the same.
     let tree = floats(grid)?;
     let own_edge = grid.transform.voxel_size().min_element();
-    let half_width = (f64::from(tree.background()) / own_edge) as f32;
-    if !(1.0..=f32::MAX).contains(&half_width) {
-        return Err(ToolError::NoBand { background: tree.background(), edge: own_edge });
-    }
-    let half_width = half_width.min(MOST_HALF_WIDTH);
+    let half_width = half_width(tree, own_edge)?;
     // In the index space of the new voxels.
     let new_from_world = world_from_new.inverse();
     let own = grid.transform.linear().ok_or(ToolError::NotLinear)?;

@@ -2,15 +2,9 @@
 
 use glam::DVec3;
 
-use crate::tree::{
-    Accessor, Cube, Dim, Found, IVec3, InternalNode, LeafNode, Node, RootEntry, Slot, Vdb543,
-};
+use crate::tree::{Accessor, Cube, Dim, Found, IVec3, InternalNode, Node, RootEntry, Slot, Vdb543};
 
-use super::combine::State;
-
-type Leaf = LeafNode<f32, 3>;
-type Lower = InternalNode<Leaf, 4>;
-type Upper = InternalNode<Lower, 5>;
+use super::nodes::{Leaf, Lower, State, Upper};
 
 /// A box of voxels, both corners included. It may extend beyond the 32 bits of voxels, where a tree
 /// has its background.
@@ -29,7 +23,7 @@ impl Voxels {
 
     /// The voxels between two points of whole numbers.
     pub(super) fn between(low: DVec3, high: DVec3) -> Self {
-        // What is far beyond the index space is as good as at its end, and sums do not overflow.
+        // Coordinates far beyond the index space are clamped, so that sums do not overflow.
         let whole = |p: DVec3| p.to_array().map(|c| c.clamp(-1e18, 1e18) as i64);
         Self { low: whole(low), high: whole(high) }
     }

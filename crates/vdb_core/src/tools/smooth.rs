@@ -1,16 +1,15 @@
 //! Volumes without their details.
 
-use std::fmt;
 use std::sync::Arc;
 
-use super::build::{Formula, Leaf, build, uppers};
-use super::combine::State;
+use super::build::{Formula, build, uppers};
 use super::grid::{floats, level_set, pass, replaced};
+use super::nodes::{Leaf, State};
 use super::redistance::redistanced;
 use super::samples::{Samples, Voxels, content, one_value, tile_at};
 use super::{Redistance, ToolError};
 use crate::tree::{Found, IVec3, Node, Vdb543};
-use crate::work::Stop;
+use crate::work::{Stop, debug_options};
 use crate::{Grid, GridClass, Limits, ProgressFn};
 
 /// How values are smoothed once.
@@ -52,16 +51,7 @@ impl Smooth {
     }
 }
 
-impl fmt::Debug for Smooth {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Smooth")
-            .field("filter", &self.filter)
-            .field("iterations", &self.iterations)
-            .field("limits", &self.limits)
-            .field("progress", &self.progress.as_ref().map(|_| "…"))
-            .finish()
-    }
-}
+debug_options!(Smooth { filter, iterations, limits });
 
 /// The most iterations.
 const MOST_ITERATIONS: u32 = 1000;

@@ -1,10 +1,5 @@
 //! The band of a level set, and what is inside.
 
-use crate::tree::{InternalNode, LeafNode};
-
-pub(super) type Leaf = LeafNode<f32, 3>;
-pub(super) type Lower = InternalNode<Leaf, 4>;
-
 /// What counts as inside, by the winding number: how often the surface goes around a point, counter-
 /// clockwise seen from outside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

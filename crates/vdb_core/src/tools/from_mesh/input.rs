@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-use super::band::Leaf;
 use super::close::Mesh;
 use crate::tools::ToolError;
+use crate::tools::nodes::Leaf;
 use crate::{Limits, Transform};
 
 /// The farthest coordinate, in voxels. Coordinates of voxels have 32 bits.

@@ -2,9 +2,10 @@
 
 use std::ops::Range;
 
-use super::band::{Band, Leaf};
+use super::band::Band;
 use super::crossings::Crossings;
 use super::triangle::{LANES, SLACK, Triangle};
+use crate::tools::nodes::Leaf;
 use crate::tree::grow::{Built, built};
 use crate::tree::{IVec3, Node};
 use crate::work::{Stop, Work};

@@ -19,23 +19,21 @@ mod pieces;
 mod pillar;
 mod triangle;
 
-use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use self::band::{Band, Lower};
+use self::band::Band;
 use self::pillar::{Pillar, Progress};
+use super::nodes::{Lower, Upper};
 use super::{ToolError, TriangleMesh};
 use crate::tree::grow::{Built, internal};
-use crate::tree::{IVec3, InternalNode, Node, Tree, Vdb543};
-use crate::work::{Stop, Work};
+use crate::tree::{IVec3, Node, Tree, Vdb543};
+use crate::work::{Stop, Work, debug_options};
 use crate::{AnyTree, Grid, GridClass, Limits, ProgressFn};
 pub use band::InsideRule;
-
-type Upper = InternalNode<Lower, 5>;
 
 /// Options of [`mesh_to_level_set`].
 #[derive(Clone)]
@@ -74,17 +72,7 @@ impl MeshToLevelSet {
     }
 }
 
-impl fmt::Debug for MeshToLevelSet {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("MeshToLevelSet")
-            .field("voxel_size", &self.voxel_size)
-            .field("half_width", &self.half_width)
-            .field("inside", &self.inside)
-            .field("limits", &self.limits)
-            .field("progress", &self.progress.as_ref().map(|_| "…"))
-            .finish()
-    }
-}
+debug_options!(MeshToLevelSet { voxel_size, half_width, inside, limits });
 
 /// Makes the level set of a mesh: distances in its units, negative inside, clamped to the band.
 ///

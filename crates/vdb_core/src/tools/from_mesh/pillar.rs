@@ -6,12 +6,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::band::{Band, Leaf, Lower};
+use super::band::Band;
 use super::close::Mesh;
 use super::crossings::{Crossings, EDGE, LOG2_EDGE};
 use super::leaf;
 use super::pieces::pieces;
 use super::triangle::Triangle;
+use crate::tools::nodes::{Leaf, Lower};
 use crate::tree::grow::{Built, internal};
 use crate::tree::{IVec3, Node};
 use crate::work::{Stop, Work};

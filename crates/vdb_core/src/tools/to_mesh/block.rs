@@ -4,9 +4,8 @@ use glam::{DMat3, DVec3, IVec3, Vec3};
 
 use super::cases::{CASES, EDGES};
 use crate::Transform;
-use crate::tree::{Found, LeafNode, Node, Vdb543};
-
-type Leaf = LeafNode<f32, 3>;
+use crate::tools::nodes::Leaf;
+use crate::tree::{Found, Node, Vdb543};
 
 const EDGE: i32 = 8;
 

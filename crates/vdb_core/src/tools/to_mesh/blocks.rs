@@ -3,11 +3,8 @@
 use glam::IVec3;
 use rayon::prelude::*;
 
-use crate::tree::{Found, InternalNode, LeafNode, Node, RootEntry, Slot, ValueAt, Vdb543};
-
-type Leaf = LeafNode<f32, 3>;
-type Lower = InternalNode<Leaf, 4>;
-type Upper = InternalNode<Lower, 5>;
+use crate::tools::nodes::{Leaf, Upper};
+use crate::tree::{Found, InternalNode, Node, RootEntry, Slot, ValueAt, Vdb543};
 
 /// Voxels of an edge of a block.
 const EDGE: i32 = 8;

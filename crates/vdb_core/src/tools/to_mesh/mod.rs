@@ -10,7 +10,6 @@ mod blocks;
 mod cases;
 
 use std::collections::HashMap;
-use std::fmt;
 use std::sync::Arc;
 
 use glam::DMat3;
@@ -18,7 +17,7 @@ use rayon::prelude::*;
 
 use super::ToolError;
 use crate::tree::{IVec3, Vdb543};
-use crate::work::Work;
+use crate::work::{Work, debug_options};
 use crate::{Limits, ProgressFn, Transform};
 use block::{Block, Placement};
 
@@ -46,16 +45,7 @@ pub struct LevelSetToMesh {
     pub progress: Option<Arc<ProgressFn>>,
 }
 
-impl fmt::Debug for LevelSetToMesh {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("LevelSetToMesh")
-            .field("iso", &self.iso)
-            .field("inside_is_above", &self.inside_is_above)
-            .field("limits", &self.limits)
-            .field("progress", &self.progress.as_ref().map(|_| "…"))
-            .finish()
-    }
-}
+debug_options!(LevelSetToMesh { iso, inside_is_above, limits });
 
 /// Makes triangles of the surface on which the values of a tree, trilinearly interpolated, are
 /// [`LevelSetToMesh::iso`].

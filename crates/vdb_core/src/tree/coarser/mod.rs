@@ -8,7 +8,6 @@ mod surface;
 mod tests;
 
 use std::collections::{BTreeSet, HashMap};
-use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
 
@@ -20,7 +19,7 @@ use self::block::{Block, Cubes, TileBits};
 use self::surface::{Rings, widened};
 use super::grow::{Built, built, internal};
 use super::{IVec3, InternalNode, LeafNode, Node, Tree, Vdb543};
-use crate::work::{Stop, Work};
+use crate::work::{Stop, Work, debug_options};
 use crate::{Error, Limits, ProgressFn};
 
 type Leaf = LeafNode<f32, 3>;
@@ -68,14 +67,7 @@ pub struct LevelOptions {
     pub progress: Option<Arc<ProgressFn>>,
 }
 
-impl fmt::Debug for LevelOptions {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("LevelOptions")
-            .field("limits", &self.limits)
-            .field("progress", &self.progress.as_ref().map(|_| "…"))
-            .finish()
-    }
-}
+debug_options!(LevelOptions { limits });
 
 /// Generates the tree of every second sample: its sample `ijk` corresponds to sample `2 · ijk` of
 /// `tree`. To place it, scale index space by 2 before the transform of the finer grid.
