@@ -1,9 +1,9 @@
-//! Materials of an app's own: a shore whose sand is wet up to the water line, and a ghost that
+//! Custom materials: a shore whose sand is wet up to the water line, and a ghost that
 //! dissolves, each by a function in WGSL.
 //!
 //! `cargo run --example materials` opens a window: W and S move the water, and the ghost comes and
-//! goes by itself. `cargo run --example materials picture.png 800x450` writes an image. While it
-//! runs, edits of `assets/materials/*.wgsl` are shown when they are saved.
+//! goes. Saved changes of `assets/materials/*.wgsl` are shown at once.
+//! `cargo run --example materials picture.png 800x450` writes an image.
 
 use bevy::camera::Hdr;
 use bevy::light::{EnvironmentMapLight, NotShadowReceiver};

@@ -26,7 +26,7 @@
 //!   [`VdbGrid::save`] writes a file. [`VdbLoadProgress`] reports what is being loaded.
 //! - **Volumes**: [`VdbVolume`] with a [`VdbMaterial`], and [`VdbEmission`] or [`VdbColorGrid`] for
 //!   additional grids. [`VdbVolumeState`] reports whether a volume is loading, prepared or drawn.
-//! - **Materials of an app's own**: [`VdbMaterialExtension`] is a component with a function in WGSL, which
+//! - **Custom materials**: [`VdbMaterialExtension`] is a component with a function in WGSL, which
 //!   [`VdbMaterialPlugin`] registers.
 //! - **Sequences**: [`VdbSequence`] is a list of files, one per frame, and [`VdbPlayer`] plays it.
 //!   [`VdbFrameCache`] bounds its memory, and [`VdbPlayerStatus`] reports what it shows.

@@ -84,7 +84,7 @@ pub fn run(args: &Args) -> Result<(), String> {
     rows(&mut studio, args, ("fire that lights its smoke", 2), by_cache, still)?;
     studio.app.world_mut().entity_mut(cloud).remove::<(VdbEmissionLight, VdbEmission)>();
 
-    // The glass of `VdbRamp::default()`, which is white where values are high.
+    // The default ramp is the fog itself: its extinction equals the value.
     studio.app.world_mut().entity_mut(cloud).insert(VdbRamp::default());
     rows(&mut studio, args, ("a ramp", 1), by_cache, still)?;
     studio.app.world_mut().entity_mut(cloud).remove::<VdbRamp>();

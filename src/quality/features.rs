@@ -294,19 +294,19 @@ pub(crate) const FEATURES: [Feature; 43] = [
     row(
         Features::MATERIALS,
         &["VDB_MATERIALS"],
-        "materials of the app",
+        "custom materials",
         "a surface has a VdbMaterialExtension",
     ),
     row(
         Features::FOG_MATERIALS,
         &["VDB_FOG_MATERIALS", "VDB_VARYING_ALBEDO"],
-        "materials of the app in fog",
+        "custom materials in fog",
         "a fog has a VdbMaterialExtension",
     ),
 ];
 
 impl Features {
-    /// What shaders with the table of the app's own materials have.
+    /// What shaders with the table of custom materials have.
     pub const OWN_MATERIALS: Self = Self::MATERIALS.union(Self::FOG_MATERIALS);
 
     /// The features if `on`, otherwise none.

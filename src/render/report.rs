@@ -101,11 +101,11 @@ fn of_view(
         }
     }
     if prepared.key.has(Features::RAMPS) {
-        buffers.push("vdb_ramps", ramps.bytes(), "fogs have a VdbRamp");
+        buffers.push("vdb_ramps", ramps.table.bytes(), "fogs have a VdbRamp");
     }
     if prepared.key.features.intersects(Features::OWN_MATERIALS) {
         let why = "volumes have a VdbMaterialExtension";
-        buffers.push("vdb_materials", materials.bytes(), why);
+        buffers.push("vdb_materials", materials.table.bytes(), why);
     }
     buffers.add_some("vdb_tiles", &trace.tiles, "the rays of a tile share a start");
     buffers.add_some("vdb_edge_pixels", &edges.list, EDGES);

@@ -1,11 +1,11 @@
-//! Materials of an app's own.
+//! Custom materials.
 
 use bevy::prelude::*;
 use bevy::reflect::Typed;
 use bevy::reflect::structs::Struct;
 use bevy::shader::ShaderRef;
 
-/// A material of an app's own: a function in WGSL that changes the
+/// A custom material: a function in WGSL that changes the
 /// [`VdbMaterial`](crate::VdbMaterial) of a surface wherever a ray hits it, in the manner of Bevy's
 /// `MaterialExtension`.
 ///

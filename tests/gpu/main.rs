@@ -1,5 +1,6 @@
 //! The shaders without Bevy, apart from their accuracy, which the suite of `vdb_probe` is about.
 
+mod compose;
 #[path = "../common/headless.rs"]
 mod headless;
 mod size;

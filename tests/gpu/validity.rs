@@ -1,150 +1,14 @@
-//! Every variant of every shader passes naga's validator, composed with Bevy's own modules as Bevy
-//! has them.
+//! Every variant of every shader passes naga's validator.
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
 
-use bevy::asset::uuid_handle;
-use bevy::prelude::*;
-use bevy::shader::{Shader, ShaderImport, ShaderRef};
-use bevy_vdb::{VdbMaterialExtension, VdbMaterialPlugin};
-use naga::Module;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
-use naga_oil::compose::{Composer, NagaModuleDescriptor, ShaderDefValue};
+use naga_oil::compose::Composer;
 
-use crate::headless;
+use crate::compose::{composed, composer, source};
 
-/// The text of a shader of the crate.
-pub fn source(name: &str) -> String {
-    let path = format!("{}/assets/shaders/{name}.wgsl", env!("CARGO_MANIFEST_DIR"));
-    std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
-}
-
-/// A material of an app, for surfaces and for fog.
-#[derive(Clone, Component, Reflect)]
-struct Everything {
-    share: f32,
-    seed: u32,
-    wind: Vec2,
-    color: Color,
-}
-
-const EVERYTHING: Handle<Shader> = uuid_handle!("6c9bc5b1-6a0c-4f0e-a6a4-8b7f8d9a3c05");
-
-impl VdbMaterialExtension for Everything {
-    fn shader() -> ShaderRef {
-        EVERYTHING.into()
-    }
-}
-
-const EVERYTHING_SOURCE: &str =
-    "#import bevy_vdb::material::{Everything, VdbFog, VdbFogPoint, VdbHit, VdbSurface}
-     fn surface(hit: VdbHit, built_in: VdbSurface, own: Everything) -> VdbSurface {
-         var changed = built_in;
-         changed.base_color *= own.color.rgb * hit.local_position.y * f32(own.seed);
-         return changed;
-     }
-     fn fog(at: VdbFogPoint, built_in: VdbFog, own: Everything) -> VdbFog {
-         return VdbFog(own.share * at.index_position.x, vec3(own.wind, 0.0));
-     }";
-
-/// The module of that material, and the def with which its functions are compiled.
-const EVERYTHING_MODULE: &str = "bevy_vdb::material::kind_aa";
+/// The def with which the functions of `compose::Everything` are compiled.
 const EVERYTHING_DEF: &str = "VDB_MATERIAL_KIND_AA";
-
-/// The crate's modules: the shaders that say where they are imported from. Without those that an app completes
-/// for its materials, which it has itself.
-fn modules() -> Vec<Shader> {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/shaders");
-    let in_folder = |path: &Path| -> Vec<PathBuf> {
-        let entries = std::fs::read_dir(path).expect("the shaders can be read");
-        entries.map(|entry| entry.expect("the shaders can be read").path()).collect()
-    };
-    let shaders =
-        in_folder(folder.as_ref()).into_iter().flat_map(|path| in_folder(&path)).map(|path| {
-            let name = path.strip_prefix(folder).expect("a shader").with_extension("");
-            let name = name.to_string_lossy().into_owned();
-            Shader::from_wgsl(source(&name), name)
-        });
-    let is_module = |shader: &Shader| match &shader.import_path {
-        ShaderImport::Custom(path) => !APP_MODULES.contains(&path.as_str()),
-        ShaderImport::AssetPath(_) => false,
-    };
-    shaders.filter(is_module).collect()
-}
-
-/// The modules that an app completes.
-const APP_MODULES: [&str; 2] = ["bevy_vdb::material", "bevy_vdb::material::kinds"];
-
-/// The crate's modules and those of Bevy's that they import, directly or not, each after those that it
-/// imports: from an app without a GPU.
-fn all_modules() -> Vec<Shader> {
-    let mut app = App::new();
-    app.add_plugins(headless::plugins(None, AssetPlugin::default()));
-    app.add_plugins(VdbMaterialPlugin::<Everything>::default());
-    app.finish();
-    app.cleanup();
-    let mut shaders = app.world_mut().resource_mut::<Assets<Shader>>();
-    let material = Shader::from_wgsl(EVERYTHING_SOURCE, "everything.wgsl");
-    shaders.insert(EVERYTHING.id(), material).expect("a shader can be added");
-    let ours: Vec<_> = modules().into_iter().map(|shader| shaders.add(shader)).collect();
-    assert!(ours.len() > 10, "{ours:?}");
-    for _ in 0..2000 {
-        app.update();
-        let shaders = app.world().resource::<Assets<Shader>>();
-        let wanted = ours.iter().filter_map(|handle| shaders.get(handle));
-        let mut found = Vec::new();
-        if wanted.clone().count() == ours.len()
-            && wanted.clone().all(|shader| gather(shaders, &shader.import_path, &mut found))
-            && found.iter().any(|shader| *shader.import_path.module_name() == *EVERYTHING_MODULE)
-        {
-            return found;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(5));
-    }
-    panic!("Bevy's shaders have not been loaded");
-}
-
-/// Adds a module and what it imports; `false` if one is not there yet.
-fn gather(shaders: &Assets<Shader>, import: &ShaderImport, found: &mut Vec<Shader>) -> bool {
-    if found.iter().any(|shader| shader.import_path == *import) {
-        return true;
-    }
-    let mut all = shaders.iter().map(|(_, shader)| shader);
-    let Some(shader) = all.find(|shader| shader.import_path == *import) else { return false };
-    let complete = shader.imports.iter().all(|import| gather(shaders, import, found));
-    found.push(shader.clone());
-    complete
-}
-
-/// A composer that knows Bevy's modules and the crate's.
-pub fn composer() -> Composer {
-    let mut composer = Composer::default().with_capabilities(Capabilities::all());
-    for shader in &all_modules() {
-        let added = composer.add_composable_module(shader.into()).map(drop);
-        added.unwrap_or_else(|error| panic!("{}", error.emit_to_string(&composer)));
-    }
-    composer
-}
-
-/// A shader, composed with defs such as `NAME` and `NAME=3`.
-pub fn composed(composer: &mut Composer, name: &str, defs: &[&str]) -> Module {
-    let source = &source(name);
-    let on = |def: &&str| match def.split_once('=') {
-        Some((name, number)) => {
-            (name.to_owned(), ShaderDefValue::UInt(number.parse().expect("a number")))
-        }
-        None => ((*def).to_owned(), ShaderDefValue::Bool(true)),
-    };
-    let storage = ("AVAILABLE_STORAGE_BUFFER_BINDINGS".to_owned(), ShaderDefValue::UInt(8));
-    let made = composer.make_naga_module(NagaModuleDescriptor {
-        source,
-        file_path: name,
-        shader_defs: defs.iter().map(on).chain([storage]).collect(),
-        ..default()
-    });
-    made.unwrap_or_else(|error| panic!("with {defs:?}: {}", error.emit_to_string(composer)))
-}
 
 fn check(composer: &mut Composer, name: &str, defs: &[&str]) {
     let module = composed(composer, name, defs);
@@ -361,7 +225,7 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&SCATTERED_LIGHT, &ramps[2..], &media, &with]);
     }
     check(&[&["VDB_COUNT_STEPS", "VDB_FOGS", "VDB_RAMPS", "VDB_VARYING_ALBEDO", "VDB_EMITS"]]);
-    // Materials of the app, on surfaces and in fog.
+    // Custom materials, on surfaces and in fog.
     for with in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_COLORS", "VDB_REFLECTIONS"]) {
         check(&[&["VDB_LIT", "VDB_MATERIALS", EVERYTHING_DEF], &with, &shadows]);
     }

@@ -183,7 +183,7 @@ fn whatever_changes_it_starts_anew() {
     with(&mut stage, camera, &target, on);
     stage.update(8);
     type Change<'a> = (&'a str, &'a dyn Fn(&mut World));
-    let changes: [Change; 13] = [
+    let changes: [Change; 14] = [
         ("what is in a grid", &|world| {
             let mut grids = world.resource_mut::<Assets<VdbGrid>>();
             *grids.get_mut(cloud).unwrap() = other.clone();
@@ -201,10 +201,10 @@ fn whatever_changes_it_starts_anew() {
         ("a material", &|world| {
             world.get_mut::<VdbMaterial>(volume).unwrap().metallic = 0.5;
         }),
-        ("a material of the app", &|world| {
+        ("a custom material", &|world| {
             world.entity_mut(volume).insert(Painted::default());
         }),
-        ("a parameter of a material of the app", &|world| {
+        ("a parameter of a custom material", &|world| {
             world.get_mut::<Painted>(volume).unwrap().reflectance = 0.7;
         }),
         ("a light", &|world| {
@@ -212,6 +212,9 @@ fn whatever_changes_it_starts_anew() {
         }),
         ("a light's place", &|world| {
             world.entity_mut(sun).insert(looking(Vec3::new(-1.0, 4.0, 2.0)));
+        }),
+        ("a light probe", &|world| {
+            world.spawn(LightProbe::default());
         }),
         ("the ambient light", &|world| {
             world.resource_mut::<GlobalAmbientLight>().brightness = 3.0;

@@ -108,13 +108,13 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     check(&mut stage, "no ramp any more", seen, both, plain);
     let with_table = "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_materials, vdb_tiles";
     stage.world().entity_mut(cloud).insert(Thinned::default());
-    let in_fog = format!("{seen}, materials of the app in fog");
+    let in_fog = format!("{seen}, custom materials in fog");
     check(&mut stage, "a fog with a function", &in_fog, both, with_table);
     stage.world().entity_mut(sphere).insert(Unchanged {});
-    let all = format!("{seen}, materials of the app, materials of the app in fog");
+    let all = format!("{seen}, custom materials, custom materials in fog");
     check(&mut stage, "functions of both", &all, both, with_table);
     stage.world().entity_mut(cloud).remove::<Thinned>();
-    let on_surfaces = format!("{seen}, materials of the app");
+    let on_surfaces = format!("{seen}, custom materials");
     check(&mut stage, "a surface with a function", &on_surfaces, both, with_table);
     stage.world().entity_mut(camera).insert(mode(VdbRenderMode::Normals));
     check(&mut stage, "a function without light", "voxels, beam optimisation", both, plain);

@@ -1,4 +1,4 @@
-//! Materials of an app's own: what their functions get, and what becomes of what they return.
+//! Custom materials: what their functions get, and what becomes of what they return.
 
 use std::fs;
 use std::path::PathBuf;
@@ -166,7 +166,7 @@ fn features(stage: &mut Stage, camera: Entity) -> Vec<&'static str> {
     report.features.iter().map(|feature| feature.name).collect()
 }
 
-const NAME: &str = "materials of the app";
+const NAME: &str = "custom materials";
 
 /// A function that returns the built-in material changes no bit, on any kind of surface; one that returns other
 /// values is the same as `VdbMaterial` with these values.

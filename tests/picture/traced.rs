@@ -128,7 +128,7 @@ fn fog_dims_and_glows_as_the_reference_tracer_says() {
         for x in 0..SIZE.x {
             let (origin, dir) = pixel_ray(view, x, y);
             let ray = Ray::from_f64(origin * 10.0, dir * 10.0);
-            // Per unit of t, of which each is as long as `dir` in the world.
+            // Per unit of t, which is as long as `dir` in world space.
             let depth = oracle.optical_depth(&ray).value * dir.length() * 0.7;
             let expected = 0.8 * (1.0 - (-depth).exp());
             met += usize::from(expected > 0.01);

@@ -20,7 +20,7 @@ struct Grid {
     brick_words: u32,
     scale: f32,                 // of stored samples; 8-bit fog bricks have scales of their own
     // Only in a copy from `fog_grid`: the number of the ramp that values are mapped with or, in the 16 highest
-    // bits, that of the app's own material, or 0 for none; the value where the ramp's table begins; and entries
+    // bits, that of the custom material, or 0 for none; the value where the ramp's table begins; and entries
     // per unit of value.
     ramp: u32,
     ramp_low: f32,
@@ -97,7 +97,7 @@ struct Volume {
 const NO_CASTER: u32 = 1u;
 const NO_RECEIVER: u32 = 2u;
 const SMOOTH_NORMALS: u32 = 4u;
-// Where the flags have the level of detail and, in the 16 highest bits, the number of the app's own material, or
+// Where the flags have the level of detail and, in the 16 highest bits, the number of the custom material, or
 // 0 for none.
 const LEVEL_SHIFT: u32 = 8u;
 const LEVEL_MASK: u32 = 31u;

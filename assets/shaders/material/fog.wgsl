@@ -1,14 +1,14 @@
-// What the app's own function makes of a fog at a point.
+// What the custom function makes of a fog at a point.
 #define_import_path bevy_vdb::material::fog
 
-#import bevy_vdb::gpu::types::{Grid, LEVEL_MASK, LEVEL_SHIFT, MATERIAL_SHIFT}
+#import bevy_vdb::gpu::types::{Grid, MATERIAL_SHIFT}
 #import bevy_vdb::material::{VdbFog, VdbFogPoint}
 #import bevy_vdb::material::kinds::fog_of_kind
 #import bevy_vdb::material::table::local_from_index
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::hdda::{local_cell, unmirrored}
 #import bevy_vdb::traversal::rebase::Rebased
-#import bevy_vdb::view::scene::volumes
+#import bevy_vdb::view::scene::{index_position, material_number}
 
 // Whether a function changes a fog, given its grid from `fog_grid`.
 fn has_function(grid: Grid) -> bool {
@@ -17,10 +17,8 @@ fn has_function(grid: Grid) -> bool {
 
 // The factors for density and albedo at a point of a volume's lattice.
 fn changed_fog(volume: u32, cell: vec3<i32>, frac: vec3<f32>) -> VdbFog {
-    let flags = volumes[volume].flags;
-    let number = flags >> MATERIAL_SHIFT;
-    let size = f32(1u << ((flags >> LEVEL_SHIFT) & LEVEL_MASK));
-    let index = (vec3<f32>(cell + volumes[volume].base) + frac) * size;
+    let number = material_number(volume);
+    let index = index_position(volume, cell, frac);
     let at = VdbFogPoint(local_from_index(number, index), index);
     let fog = fog_of_kind(number, at, VdbFog(1.0, vec3(1.0)));
     // Bounds of density and albedo stay valid.

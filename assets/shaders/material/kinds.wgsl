@@ -1,4 +1,4 @@
-// Calls the functions of materials by their kinds. In an app with materials of its own, lines for each kind take
+// Calls the functions of materials by their kinds. In an app with custom materials, lines for each kind take
 // the place of the lines in angle brackets (`src/render/gpu/materials/modules.rs`).
 #define_import_path bevy_vdb::material::kinds
 

@@ -1,4 +1,4 @@
-// The table of an app's own materials: a row for each volume that has one, in the order of
+// The table of custom materials: a row for each volume that has one, in the order of
 // `src/render/extract/materials.rs`. Numbers of rows begin with 1; they come from the CPU, so each has its row.
 #define_import_path bevy_vdb::material::table
 

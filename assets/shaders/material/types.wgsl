@@ -1,4 +1,4 @@
-// What the functions of an app's own materials get and return. The structs of their parameters follow, as
+// What the functions of custom materials get and return. The structs of their parameters follow, as
 // `src/render/gpu/materials/modules.rs` derives them from the app's components.
 #define_import_path bevy_vdb::material
 

@@ -5,8 +5,7 @@
 #import bevy_pbr::mesh_view_bindings as bevy
 #import bevy_pbr::mesh_view_types::{DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT}
 #ifdef VDB_MESH_CASTERS
-#import bevy_pbr::shadows
-#import bevy_vdb::trace::light_list::view_z
+#import bevy_vdb::trace::mesh_shadows::{lamp_past_meshes, sun_past_meshes}
 #endif
 #import bevy_vdb::trace::illuminance::sun_factor
 #import bevy_vdb::trace::light_cache::NOT_CACHED
@@ -23,7 +22,7 @@
 #import bevy_vdb::gpu::types::MAX_CACHED_LAMPS
 #import bevy_vdb::trace::illuminance::lamp_illuminance
 #import bevy_vdb::trace::light_cache::{cached_lamp_depth, lamp_group_lattices, lattice_point}
-#import bevy_vdb::trace::light_list::{is_spot, local_light}
+#import bevy_vdb::trace::light_list::local_light
 #ifdef VDB_LAMP_LIGHT
 #import bevy_pbr::mesh_view_types::{ClusteredLight, POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT}
 #import bevy_vdb::trace::light_cache::{far_from_eye, far_from_lamps, lamp_light_lattice}
@@ -83,13 +82,7 @@ fn sun_phases(slot: u32, ray: vec3<f32>, anisotropy: f32) -> array<f32, OCTAVES>
 // Fraction of a cached sun that meshes and surfaces let through to a point in fog.
 fn unoccluded(at: ShadingPoint, point: Point, light: u32) -> f32 {
 #ifdef VDB_MESH_CASTERS
-    let visible = shadows::fetch_directional_shadow(
-        light,
-        vec4(at.position, 1.0),
-        at.normal,
-        view_z(at.position),
-        at.coord,
-    );
+    let visible = sun_past_meshes(at, light);
 #else
     let visible = 1.0;
 #endif
@@ -105,12 +98,7 @@ fn unoccluded(at: ShadingPoint, point: Point, light: u32) -> f32 {
 fn unoccluded_lamp(at: ShadingPoint, point: Point, lamp: u32, to_lamp: vec3<f32>) -> f32 {
     var visible = 1.0;
 #ifdef VDB_MESH_CASTERS
-    if is_spot(lamp) {
-        let near = bevy::clustered_lights.data[lamp].shadow_map_near_z;
-        visible = shadows::fetch_spot_shadow(lamp, vec4(at.position, 1.0), at.normal, near, at.coord);
-    } else {
-        visible = shadows::fetch_point_shadow(lamp, vec4(at.position, 1.0), at.normal, at.coord);
-    }
+    visible = lamp_past_meshes(at, lamp);
 #endif
     let distance = length(to_lamp);
     if visible > 0.0 && is_occluded(point, to_lamp / max(distance, 1e-30), distance) {

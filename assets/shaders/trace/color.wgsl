@@ -3,24 +3,31 @@
 
 #import bevy_vdb::gpu::bindings::grids
 #ifdef VDB_FOG_MATERIALS
-#import bevy_vdb::gpu::types::MATERIAL_SHIFT
 #import bevy_vdb::material::fog::changed_fog
+#import bevy_vdb::view::scene::material_number
 #endif
+#import bevy_vdb::traversal::fog::SamplePoint
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::traversal::samples::{fog_cell, tile_value, trilinear}
 #import bevy_vdb::view::scene::volumes
 #import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
 #import bevy_vdb::traversal::tree::{locate, new_accessor, span_constant, span_occupied}
 
+// A point on a segment in the lattice of a volume.
+fn lattice_point_along(segment: Segment, t: f32, volume: u32) -> SamplePoint {
+    let ray = lattice_ray(segment, volume, FAR);
+    let position = ray.frac + t * ray.dir;
+    let whole = floor(position);
+    return SamplePoint(ray.cell + vec3<i32>(whole), position - whole);
+}
+
 // The value of a grid at a point on a segment: trilinear interpolation inside the grid, the background
 // outside.
 fn value_along(segment: Segment, t: f32, volume: u32) -> f32 {
     let grid = grids[volumes[volume].grid];
     let background = volumes[volume].background;
-    let ray = lattice_ray(segment, volume, FAR);
-    let position = ray.frac + t * ray.dir;
-    let whole = floor(position);
-    let cell = ray.cell + vec3<i32>(whole);
+    let point = lattice_point_along(segment, t, volume);
+    let cell = point.cell;
     if any(cell < grid.occupied_min) || any(cell > grid.occupied_max) {
         return background;
     }
@@ -33,7 +40,7 @@ fn value_along(segment: Segment, t: f32, volume: u32) -> f32 {
         return tile_value(grid, span.word);
     }
     let values = fog_cell(grid, span, cell);
-    return values.offset + values.scale * trilinear(values.corners, position - whole);
+    return values.offset + values.scale * trilinear(values.corners, point.u);
 }
 
 // Factor for the base colour of a volume at a point on a segment.
@@ -62,11 +69,9 @@ fn albedo_along(segment: Segment, t: f32, fog: u32) -> vec3<f32> {
     albedo = min(albedo * color_along(segment, t, fog), vec3(MAX_ALBEDO));
 #endif
 #ifdef VDB_FOG_MATERIALS
-    if (volumes[fog].flags >> MATERIAL_SHIFT) != 0u {
-        let ray = lattice_ray(segment, fog, FAR);
-        let position = ray.frac + t * ray.dir;
-        let whole = floor(position);
-        albedo *= changed_fog(fog, ray.cell + vec3<i32>(whole), position - whole).color;
+    if material_number(fog) != 0u {
+        let point = lattice_point_along(segment, t, fog);
+        albedo *= changed_fog(fog, point.cell, point.u).color;
     }
 #endif
     return albedo;

@@ -1,4 +1,4 @@
-// The material of a surface at a hit: that of the volume, changed by the app's own function if it has one.
+// The material of a surface at a hit: that of the volume, changed by the custom function if it has one.
 #define_import_path bevy_vdb::trace::material
 
 #import bevy_vdb::material::VdbSurface
@@ -9,12 +9,12 @@
 #import bevy_vdb::trace::color::color_along
 #endif
 #ifdef VDB_MATERIALS
-#import bevy_vdb::gpu::types::{LEVEL_MASK, LEVEL_SHIFT, MATERIAL_SHIFT}
 #import bevy_vdb::material::VdbHit
 #import bevy_vdb::material::kinds::surface_of_kind
 #import bevy_vdb::material::table::local_from_index
 #import bevy_vdb::trace::segment::{point_at, world_position}
 #import bevy_vdb::trace::surface::{facing_normal, geometric_normal, safe_normalize}
+#import bevy_vdb::view::scene::{index_position, material_number}
 #endif
 
 fn material_at(segment: Segment, surface: Surface, to_viewer: vec3<f32>) -> VdbSurface {
@@ -32,7 +32,7 @@ fn material_at(segment: Segment, surface: Surface, to_viewer: vec3<f32>) -> VdbS
         volumes[volume].reflectance,
     );
 #ifdef VDB_MATERIALS
-    let number = volumes[volume].flags >> MATERIAL_SHIFT;
+    let number = material_number(volume);
     if number != 0u {
         return changed_material(segment, surface, to_viewer, number, material);
     }
@@ -45,15 +45,6 @@ fn material_at(segment: Segment, surface: Surface, to_viewer: vec3<f32>) -> VdbS
 const MAX_COLOR: f32 = 1e6;
 const MAX_LIGHT: f32 = 1e15;
 
-// A hit in the index space of the grid itself, whatever its level of detail.
-fn index_position(surface: Surface) -> vec3<f32> {
-    // Voxels are centred on samples.
-    let offset = select(0.0, 0.5, surface.is_face);
-    let cell = surface.cell + volumes[surface.volume].base;
-    let level = (volumes[surface.volume].flags >> LEVEL_SHIFT) & LEVEL_MASK;
-    return (vec3<f32>(cell) + (surface.frac - offset)) * f32(1u << level);
-}
-
 fn changed_material(
     segment: Segment,
     surface: Surface,
@@ -61,7 +52,9 @@ fn changed_material(
     number: u32,
     built_in: VdbSurface,
 ) -> VdbSurface {
-    let at = index_position(surface);
+    // Voxels are centred on samples.
+    let offset = select(0.0, 0.5, surface.is_face);
+    let at = index_position(surface.volume, surface.cell, surface.frac - offset);
     let hit = VdbHit(
         world_position(point_at(segment, surface.t)),
         surface.t * length(segment.dir),

@@ -7,9 +7,9 @@
 #import bevy_pbr::mesh_view_bindings as bevy
 #import bevy_pbr::mesh_view_types::{DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT}
 #import bevy_pbr::mesh_view_types::{POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT}
-#import bevy_pbr::shadows
 #import bevy_vdb::gpu::types::NO_RECEIVER
-#import bevy_vdb::trace::light_list::{is_spot, local_light, to_light, view_z}
+#import bevy_vdb::trace::light_list::{local_light, to_light}
+#import bevy_vdb::trace::mesh_shadows::{lamp_past_meshes, sun_past_meshes}
 #import bevy_vdb::trace::occlusion::transmittance
 #import bevy_vdb::trace::segment::NONE
 #import bevy_vdb::traversal::hdda::FAR
@@ -74,13 +74,7 @@ fn visibility(at: ShadingPoint, point: Point, lights: LightList, i: u32) -> f32 
         if (flags & DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) == 0u {
             return 1.0;
         }
-        visible = shadows::fetch_directional_shadow(
-            i,
-            vec4(at.position, 1.0),
-            at.normal,
-            view_z(at.position),
-            at.coord,
-        );
+        visible = sun_past_meshes(at, i);
     } else {
 #ifdef VDB_LOCAL_LIGHTS
         let light = local_light(lights, i);
@@ -89,12 +83,7 @@ fn visibility(at: ShadingPoint, point: Point, lights: LightList, i: u32) -> f32 
         }
         distance = length(light_vector);
         direction = light_vector / max(distance, 1e-30);
-        if is_spot(light) {
-            let near = bevy::clustered_lights.data[light].shadow_map_near_z;
-            visible = shadows::fetch_spot_shadow(light, vec4(at.position, 1.0), at.normal, near, at.coord);
-        } else {
-            visible = shadows::fetch_point_shadow(light, vec4(at.position, 1.0), at.normal, at.coord);
-        }
+        visible = lamp_past_meshes(at, light);
 #endif
     }
     if visible > 0.0 {

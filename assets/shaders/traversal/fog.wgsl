@@ -50,8 +50,8 @@ fn stretch_values(
 }
 #endif
 
-// Mean density between two parameters, counted from the rebased origin, within the cube of a span, as the app's own
-// material changes it; for a grid with a ramp, mean extinction.
+// Mean density between two parameters, counted from the rebased origin, within the cube of a span, changed by a
+// custom material; for a grid with a ramp, mean extinction.
 fn mean_density(
     grid: Grid,
     mirrored: MirroredRay,
@@ -290,7 +290,7 @@ fn density_at(grid: Grid, accessor: Accessor, point: SamplePoint) -> f32 {
         + brick.scale * trilinear(brick_corners(grid, brick, brick_slot(point.cell)), point.u);
 }
 
-// The same, as the app's own material changes it.
+// The same, changed by a custom material.
 fn changed_density(grid: Grid, accessor: Accessor, point: SamplePoint) -> f32 {
     let density = density_at(grid, accessor, point);
 #ifdef VDB_FOG_MATERIALS

@@ -2,10 +2,7 @@
 #define_import_path bevy_vdb::view::scene
 
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::gpu::types::{Grid, View, Volume}
-#ifdef VDB_FOG_MATERIALS
-#import bevy_vdb::gpu::types::MATERIAL_SHIFT
-#endif
+#import bevy_vdb::gpu::types::{Grid, LEVEL_MASK, LEVEL_SHIFT, MATERIAL_SHIFT, View, Volume}
 #ifdef VDB_SCALED
 #import bevy_vdb::view::picture::pixel_of
 #endif
@@ -22,7 +19,18 @@ fn target_pixel(pixel: vec2<u32>) -> vec2<u32> {
 #endif
 }
 
-// The grid of a fog, with its ramp or the app's own material. A fog has one of them.
+// The number of a volume's custom material, or 0 for none.
+fn material_number(volume: u32) -> u32 {
+    return volumes[volume].flags >> MATERIAL_SHIFT;
+}
+
+// A point in a cell of a volume's lattice, in the index space of the grid itself, whatever its level of detail.
+fn index_position(volume: u32, cell: vec3<i32>, frac: vec3<f32>) -> vec3<f32> {
+    let level = (volumes[volume].flags >> LEVEL_SHIFT) & LEVEL_MASK;
+    return (vec3<f32>(cell + volumes[volume].base) + frac) * f32(1u << level);
+}
+
+// The grid of a fog, with its ramp or the custom material. A fog has one of them.
 fn fog_grid(volume: u32) -> Grid {
     var grid = grids[volumes[volume].grid];
 #ifdef VDB_RAMPS
@@ -31,7 +39,7 @@ fn fog_grid(volume: u32) -> Grid {
     grid.ramp_scale = volumes[volume].ramp_scale;
 #endif
 #ifdef VDB_FOG_MATERIALS
-    grid.ramp |= (volumes[volume].flags >> MATERIAL_SHIFT) << MATERIAL_SHIFT;
+    grid.ramp |= material_number(volume) << MATERIAL_SHIFT;
     grid.records = volume;
 #endif
     return grid;

@@ -90,7 +90,7 @@ fn spawn_meshes(
     commands.spawn((Mesh3d(table), MeshMaterial3d(wood), Transform::from_xyz(0.0, 0.25, 0.0)));
     commands.spawn((Ball, Mesh3d(ball), MeshMaterial3d(red), ball_at(0.0)));
     for i in 0..7 {
-        // The camera begins between two.
+        // The camera starts between two pillars.
         let angle = TAU * (i as f32 + 0.5) / 7.0;
         commands.spawn((
             Mesh3d(pillar.clone()),

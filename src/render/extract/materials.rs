@@ -1,4 +1,4 @@
-//! Materials of an app's own: their plugin, and the table of their parameters.
+//! Custom materials: their plugin, and the table of their parameters.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::marker::PhantomData;
@@ -69,8 +69,7 @@ struct OwnMaterial {
     words: Words,
 }
 
-/// The materials of all volumes that have one of the app's own, and the table of those that are not
-/// hidden.
+/// All custom materials of volumes, and the table of those of volumes that are not hidden.
 #[derive(Debug, Default, Resource)]
 pub(crate) struct ExtractedMaterials {
     of_volumes: MainEntityHashMap<OwnMaterial>,
@@ -95,7 +94,7 @@ impl ExtractedMaterials {
         }
         if self.rows.len() == MOST_ROWS {
             warn_once!(
-                "more than {MOST_ROWS} volumes have materials of the app: the others are shown without"
+                "more than {MOST_ROWS} volumes have custom materials: the others are shown without"
             );
             return None;
         }
@@ -148,7 +147,7 @@ fn extract_materials<M: VdbMaterialExtension>(
             .of_volumes
             .insert(entity.into(), OwnMaterial { kind, roles, words: words_of(material) });
         if before.is_some() {
-            warn_once!("a volume has several materials of the app: it is shown with one of them");
+            warn_once!("a volume has several custom materials: it is shown with one of them");
         }
     }
 }

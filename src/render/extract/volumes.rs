@@ -72,7 +72,7 @@ pub(crate) struct ExtractedVolume {
     pub auxiliary: AuxiliaryGrids,
     /// The ramp of a fog; none if the volume is hidden.
     pub ramp: Option<VolumeRamp>,
-    /// The app's own material of a surface, or of a fog without a ramp; none if the volume is hidden.
+    /// The custom material of a surface, or of a fog without a ramp; none if the volume is hidden.
     pub own_material: Option<MaterialRow>,
     /// The share that a frame that fades has of what it emits.
     pub share: f32,

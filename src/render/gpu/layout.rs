@@ -56,7 +56,7 @@ pub(crate) fn scene_layout(stages: ShaderStages, is_paged: bool) -> DynamicBindG
 /// The binding of the ramps of fogs in the crate's own group, in shaders with `VDB_RAMPS`.
 pub(crate) const RAMPS_BINDING: u32 = 16;
 
-/// The binding of the table of an app's own materials in the crate's own group, in shaders with
+/// The binding of the table of custom materials in the crate's own group, in shaders with
 /// `VDB_MATERIALS` or `VDB_FOG_MATERIALS`.
 pub(crate) const MATERIALS_BINDING: u32 = 18;
 
@@ -66,7 +66,7 @@ pub(crate) fn material_table() -> BindGroupLayoutEntryBuilder {
 }
 
 /// The layouts of a group with the scene: for a pool of one page and for one of several, each
-/// without and with ramps, and without and with the app's own materials in fog.
+/// without and with ramps, and without and with custom materials in fog.
 #[derive(Clone, Debug)]
 pub(crate) struct SceneLayouts([BindGroupLayoutDescriptor; 8]);
 

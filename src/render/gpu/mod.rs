@@ -7,6 +7,7 @@ mod layout;
 pub(crate) mod materials;
 mod numbers;
 mod shaders;
+mod table;
 mod traversal_key;
 pub(crate) mod types;
 
@@ -23,6 +24,7 @@ pub(super) use layout::{
 };
 pub(super) use numbers::{affine, golden, non_negative};
 pub(super) use shaders::{Shaders, load_shaders};
+pub(super) use table::{TableTexture, table_texture};
 pub(super) use traversal_key::TraversalKey;
 
 pub use shaders::VdbReloadShaders;

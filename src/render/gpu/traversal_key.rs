@@ -15,7 +15,7 @@ pub(crate) struct TraversalKey {
     pub page_bits: Option<u32>,
     /// The sample format, if all grids have the same.
     pub sample_format: Option<u32>,
-    /// The kinds of the app's own materials, a bit each.
+    /// The kinds of custom materials, a bit each.
     pub materials: u32,
 }
 

@@ -68,7 +68,7 @@ pub(crate) const NO_RECEIVER: u32 = 2;
 pub(crate) const SMOOTH_NORMALS: u32 = 4;
 /// Where [`Volume::flags`] have the level of detail.
 pub(crate) const LEVEL_SHIFT: u32 = 8;
-/// Where [`Volume::flags`] have the number of the app's own material, in 16 bits.
+/// Where [`Volume::flags`] have the number of the custom material, in 16 bits.
 pub(crate) const MATERIAL_SHIFT: u32 = 16;
 
 /// The largest number of directional lights of a view, as in Bevy.

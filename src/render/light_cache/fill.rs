@@ -37,9 +37,9 @@ pub(crate) fn fill_light_cache(
     }
     let Some((prepared, uniform)) = state.prepared() else { return };
     let has_ramps = prepared.key.has(Features::RAMPS);
-    let ramps = ramps.view().filter(|_| has_ramps);
+    let ramps = ramps.table.view().filter(|_| has_ramps);
     let has_materials = prepared.key.has(Features::FOG_MATERIALS);
-    let materials = materials.view().filter(|_| has_materials);
+    let materials = materials.table.view().filter(|_| has_materials);
     if (has_ramps && ramps.is_none()) || (has_materials && materials.is_none()) {
         return;
     }

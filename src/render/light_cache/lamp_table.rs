@@ -2,12 +2,11 @@
 
 use bevy::prelude::*;
 use bevy::render::render_resource::{
-    Extent3d, TexelCopyBufferLayout, Texture, TextureDataOrder, TextureDescriptor,
-    TextureDimension, TextureFormat, TextureUsages, TextureView,
+    Extent3d, TexelCopyBufferLayout, Texture, TextureFormat, TextureView,
 };
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 
-use crate::render::gpu::types;
+use crate::render::gpu::{table_texture, types};
 
 /// The most rows: WebGPU's default limit of textures.
 pub(super) const MAX_ROWS: usize = 8192;
@@ -70,18 +69,9 @@ impl LampTable {
                 }
             }
             uploaded => {
-                let descriptor = TextureDescriptor {
-                    label: Some("vdb_lamp_lattices"),
-                    size,
-                    mip_level_count: 1,
-                    sample_count: 1,
-                    dimension: TextureDimension::D2,
-                    format: TextureFormat::Rgba32Uint,
-                    usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
-                    view_formats: &[],
-                };
-                let order = TextureDataOrder::default();
-                let texture = device.create_texture_with_data(queue, &descriptor, order, bytes);
+                let (label, format) = ("vdb_lamp_lattices", TextureFormat::Rgba32Uint);
+                let size = UVec2::new(size.width, size.height);
+                let texture = table_texture(device, queue, label, format, size, bytes);
                 let view = texture.create_view(&default());
                 *uploaded = Some(Uploaded { rows: self.rows.clone(), texture, view });
             }

@@ -112,7 +112,7 @@ pub(super) fn casters<'a>(volumes: &'a ExtractedVolumes, pool: &VdbTreePool) -> 
     casters
 }
 
-/// The kinds of the app's own materials of fogs, a bit each.
+/// The kinds of custom materials of fogs, a bit each.
 pub(super) fn fog_materials(casters: &[Caster]) -> u32 {
     let fogs = casters.iter().filter(|caster| matches!(caster.volume.packed.kind, PackKind::Fog));
     fogs.filter_map(|caster| caster.volume.own_material).fold(0, |all, own| all | 1 << own.kind)

@@ -115,7 +115,7 @@ struct Pipelines<'w> {
     fallback: Res<'w, PipelineFallback>,
 }
 
-/// The ramps of fogs and the app's own materials, and their textures.
+/// The ramps of fogs and custom materials, and their textures.
 #[derive(SystemParam)]
 struct Tables<'w> {
     ramps: ResMut<'w, RampTexture>,

@@ -2,14 +2,12 @@
 //! emission.
 
 use bevy::prelude::*;
-use bevy::render::render_resource::{
-    Extent3d, TextureDataOrder, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages,
-    TextureView, TextureViewDescriptor,
-};
+use bevy::render::render_resource::{TextureFormat, TextureView, TextureViewDescriptor};
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use vdb_core::BlackbodyTable;
 
 use crate::quality::features::Features;
+use crate::render::gpu::table_texture;
 use crate::render::view::ViewState;
 
 /// The texture, while a view needs it.
@@ -30,21 +28,9 @@ pub(super) fn prepare_blackbody(
         colors.0 = None;
     } else if colors.0.is_none() {
         let table = BlackbodyTable::default();
-        let texture = device.create_texture_with_data(
-            &queue,
-            &TextureDescriptor {
-                label: Some("vdb_blackbody"),
-                size: Extent3d { width: BlackbodyTable::ENTRIES, ..default() },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: TextureDimension::D2,
-                format: TextureFormat::Rgba32Float,
-                usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
-                view_formats: &[],
-            },
-            TextureDataOrder::default(),
-            bytemuck::cast_slice(table.entries()),
-        );
+        let texels = bytemuck::cast_slice(table.entries());
+        let (size, format) = (UVec2::new(BlackbodyTable::ENTRIES, 1), TextureFormat::Rgba32Float);
+        let texture = table_texture(&device, &queue, "vdb_blackbody", format, size, texels);
         colors.0 = Some(texture.create_view(&TextureViewDescriptor::default()));
     }
 }

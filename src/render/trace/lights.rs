@@ -306,21 +306,18 @@ impl AllLights<'_> {
         device: &RenderDevice,
     ) -> Option<BindGroup> {
         let images = &*self.images;
-        let first_sampler = |image: Option<&AssetId<Image>>| {
-            let image = image.and_then(|id| images.get(*id));
-            &image.unwrap_or(&self.fallback.cube).sampler
-        };
         let (diffuse, specular, volumes);
         let mut entries = DynamicBindGroupEntries::new();
         if bound.maps && bound.arrays {
             let probes = view.reflection_probes.map(|probes| &probes.binding_index_to_textures);
             let probes = || probes.into_iter().flatten();
+            let first = probes().next().and_then(|maps| images.get(maps.diffuse));
             diffuse = padded(probes().map(|maps| maps.diffuse), images, &self.fallback.cube);
             specular = padded(probes().map(|maps| maps.specular), images, &self.fallback.cube);
             entries = entries.extend_with_indices((
                 (0, diffuse.as_slice()),
                 (1, specular.as_slice()),
-                (2, first_sampler(probes().next().map(|maps| &maps.diffuse))),
+                (2, &first.unwrap_or(&self.fallback.cube).sampler),
             ));
         } else if bound.maps {
             let maps = view.environment?;

@@ -16,7 +16,7 @@ pub(crate) struct ViewKey {
     pub cached_suns: Option<u32>,
     /// The media that are marched together on a ray, in views with the light cache.
     pub media: Option<MediaSlots>,
-    /// The kinds of the app's own materials, a bit each.
+    /// The kinds of custom materials, a bit each.
     pub materials: u32,
     /// The shader def of Bevy's shadow filtering, in views with shadows.
     pub shadow_filter: Option<&'static str>,

@@ -17,7 +17,7 @@ pub(crate) struct Lattice {
     pub majorant: f32,
     /// Identifies the ramp of a fog.
     pub ramp: Option<u64>,
-    /// Identifies the app's own material and its parameters.
+    /// Identifies the custom material and its parameters.
     pub material: Option<u64>,
     /// Identifies the voxels: see `VdbTreePool::content`.
     pub content: Option<u64>,
@@ -42,7 +42,7 @@ impl Lattice {
         Self { majorant: ramp.largest_extinction, ramp: Some(ramp.content), ..self }
     }
 
-    /// With the app's own material, which only makes a fog thinner.
+    /// With the custom material, which only makes a fog thinner.
     pub fn with_material(self, row: Option<MaterialRow>) -> Self {
         Self { material: row.map(|row| row.content), ..self }
     }

@@ -26,7 +26,7 @@ pub(crate) struct Entry {
     /// The sample format, if the grid has samples.
     pub sample_format: Option<u32>,
     pub lattice: Lattice,
-    /// The kind of the app's own material of the volume itself.
+    /// The kind of the custom material of the volume itself.
     material: Option<usize>,
     /// Its samples in the light cache, if it is a fog that fits.
     pub cached_fog: Option<CachedFog>,
@@ -160,7 +160,7 @@ pub(crate) struct ViewList {
     pub fog_colors: bool,
     /// Whether fogs have ramps.
     pub ramps: bool,
-    /// The kinds of the app's own materials, a bit each: of surfaces in view or reflected, and of
+    /// The kinds of custom materials, a bit each: of surfaces in view or reflected, and of
     /// all fogs.
     pub materials: [u32; 2],
     /// Whether any fog is sampled rather than integrated.

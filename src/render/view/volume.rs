@@ -134,7 +134,7 @@ impl<'a> Shown<'a> {
         self.volume.ramp.as_ref().map(|own| &*own.ramp)
     }
 
-    /// The app's own material.
+    /// The custom material.
     pub fn own_material(&self) -> Option<MaterialRow> {
         self.volume.own_material
     }

@@ -45,7 +45,7 @@ fn mirrors_show_fire() {
     assert!(least > 0.9 && most < 1.001 && most / least < 1.01, "{least} to {most}");
 }
 
-/// What shines has no coverage, and still is what a camera without HDR, and distance fog, make of light.
+/// Emission has no coverage, but tonemapping and distance fog apply to it all the same.
 #[gpu_test]
 fn fire_is_tonemapped_and_fades_with_the_distance() {
     let shown = |hdr: bool, distance: Option<f32>| {

@@ -12,7 +12,7 @@ fn least(mut act: impl FnMut()) -> Duration {
     times.min().unwrap_or_default()
 }
 
-/// Files of so many grids, each with a tree of its own or all with one.
+/// A file with this many grids, which share one tree or have one each.
 fn many_grids(count: usize, shared: bool) -> VdbFile {
     let tree = |number: usize| {
         let mut tree = Vdb543::new(0.0_f32);

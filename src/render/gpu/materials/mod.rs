@@ -87,7 +87,7 @@ impl MaterialKinds {
             return Err("the app has no shaders; add Bevy's RenderPlugin before".into());
         }
         let parameters = Parameters::of::<M>()?;
-        world.resource_scope(|world, mut kinds: Mut<Self>| {
+        let is_first = world.resource_scope(|world, mut kinds: Mut<Self>| {
             if kinds.all.len() == MOST_KINDS {
                 return Err(format!("the app has {MOST_KINDS} already, which are the most"));
             }
@@ -106,9 +106,9 @@ impl MaterialKinds {
             });
             let types = modules::types(kinds.all.iter().map(|kind| &kind.parameters));
             put(&mut shaders, &kinds.types, types);
-            Ok(())
+            Ok(kinds.all.len() == 1)
         })?;
-        if kinds_of(app) == 1 {
+        if is_first {
             app.add_systems(PreUpdate, check_changed);
         }
         Ok(())
@@ -119,10 +119,6 @@ impl MaterialKinds {
         let number = self.all.iter().position(|kind| kind.component == TypeId::of::<M>())?;
         Some((number, self.all[number].roles?))
     }
-}
-
-fn kinds_of(app: &App) -> usize {
-    app.world().resource::<MaterialKinds>().all.len()
 }
 
 fn put(shaders: &mut Assets<Shader>, handle: &Handle<Shader>, shader: Shader) {

@@ -25,27 +25,6 @@ enum FieldType {
 }
 
 impl FieldType {
-    fn new(id: TypeId) -> Option<Self> {
-        let is = |other| id == other;
-        if is(TypeId::of::<f32>()) {
-            Some(Self::F32)
-        } else if is(TypeId::of::<i32>()) {
-            Some(Self::I32)
-        } else if is(TypeId::of::<u32>()) || is(TypeId::of::<bool>()) {
-            Some(Self::U32)
-        } else if is(TypeId::of::<Vec2>()) {
-            Some(Self::Vector(2))
-        } else if is(TypeId::of::<Vec3>()) {
-            Some(Self::Vector(3))
-        } else if [TypeId::of::<Vec4>(), TypeId::of::<Color>(), TypeId::of::<LinearRgba>()]
-            .contains(&id)
-        {
-            Some(Self::Vector(4))
-        } else {
-            None
-        }
-    }
-
     fn words(self) -> usize {
         if let Self::Vector(n) = self { n } else { 1 }
     }
@@ -148,29 +127,41 @@ pub(crate) fn words_of(material: &dyn Struct) -> Words {
     words
 }
 
-fn field_words(field: &dyn PartialReflect) -> Vec<u32> {
-    let floats = |all: &[f32]| all.iter().map(|x| x.to_bits()).collect();
-    if let Some(x) = field.try_downcast_ref::<f32>() {
-        floats(&[*x])
-    } else if let Some(x) = field.try_downcast_ref::<i32>() {
-        vec![x.cast_unsigned()]
-    } else if let Some(x) = field.try_downcast_ref::<u32>() {
-        vec![*x]
-    } else if let Some(x) = field.try_downcast_ref::<bool>() {
-        vec![u32::from(*x)]
-    } else if let Some(v) = field.try_downcast_ref::<Vec2>() {
-        floats(&v.to_array())
-    } else if let Some(v) = field.try_downcast_ref::<Vec3>() {
-        floats(&v.to_array())
-    } else if let Some(v) = field.try_downcast_ref::<Vec4>() {
-        floats(&v.to_array())
-    } else if let Some(color) = field.try_downcast_ref::<Color>() {
-        floats(&color.to_linear().to_f32_array())
-    } else if let Some(color) = field.try_downcast_ref::<LinearRgba>() {
-        floats(&color.to_f32_array())
-    } else {
-        Vec::new()
-    }
+/// The types that fields may have: the type in the shader, and the words of a value.
+macro_rules! field_types {
+    ($($Type:ty => $type:expr, $words:expr;)*) => {
+        impl FieldType {
+            fn new(id: TypeId) -> Option<Self> {
+                $(if id == TypeId::of::<$Type>() {
+                    return Some($type);
+                })*
+                None
+            }
+        }
+
+        fn field_words(field: &dyn PartialReflect) -> Vec<u32> {
+            $(if let Some(value) = field.try_downcast_ref::<$Type>() {
+                let words: fn($Type) -> Vec<u32> = $words;
+                return words(*value);
+            })*
+            Vec::new()
+        }
+    };
+}
+field_types! {
+    f32 => FieldType::F32, |x| floats(&[x]);
+    i32 => FieldType::I32, |x| vec![x.cast_unsigned()];
+    u32 => FieldType::U32, |x| vec![x];
+    bool => FieldType::U32, |x| vec![u32::from(x)];
+    Vec2 => FieldType::Vector(2), |v| floats(&v.to_array());
+    Vec3 => FieldType::Vector(3), |v| floats(&v.to_array());
+    Vec4 => FieldType::Vector(4), |v| floats(&v.to_array());
+    Color => FieldType::Vector(4), |color| floats(&color.to_linear().to_f32_array());
+    LinearRgba => FieldType::Vector(4), |color| floats(&color.to_f32_array());
+}
+
+fn floats(all: &[f32]) -> Vec<u32> {
+    all.iter().map(|x| x.to_bits()).collect()
 }
 
 #[cfg(test)]

@@ -1,0 +1,118 @@
+//! How long the driver takes to compile the trace, without any cache of its own: the first start of an app.
+//! Results are in `docs/internals/notebook.md`, "What drivers compile".
+
+#[path = "../../tests/gpu/compose.rs"]
+mod compose;
+#[path = "../../tests/common/headless.rs"]
+mod headless;
+
+use std::borrow::Cow;
+use std::time::Instant;
+
+use bevy::tasks::block_on;
+use wgpu::{
+    ComputePipelineDescriptor, Instance, InstanceDescriptor, ShaderModuleDescriptor,
+    ShaderRuntimeChecks,
+};
+use wgpu::{DeviceDescriptor, Features, RequestAdapterOptions, ShaderSource};
+
+const HELP: &str = "\
+compile [DEFS…]
+Seconds that the driver takes for the trace with sets of shader defs. Drivers may find it in their caches: run
+it with __GL_SHADER_DISK_CACHE=0 on NVIDIA's, with MESA_SHADER_CACHE_DISABLE=true on Mesa's.
+
+  DEFS    names, separated by spaces, as one argument; without any, those of the list in the source
+
+VDB_SHADERS is the folder of other shaders, to compare them with those of the repository.
+";
+
+/// Views of growing content.
+const VIEWS: [(&str, &str); 8] = [
+    ("voxels, no light", "VDB_SURFACES VDB_SHOW_GRAY"),
+    ("smooth surface, a sun", "VDB_LIT VDB_SMOOTH VDB_SMOOTH_NORMALS VDB_BEAMS"),
+    (
+        "the same with shadows",
+        "VDB_LIT VDB_SMOOTH VDB_SMOOTH_NORMALS VDB_BEAMS VDB_SHADOWS SHADOW_FILTER_METHOD_GAUSSIAN",
+    ),
+    (
+        "the same with lamps and an environment",
+        "VDB_LIT VDB_SMOOTH VDB_SMOOTH_NORMALS VDB_BEAMS VDB_SHADOWS SHADOW_FILTER_METHOD_GAUSSIAN \
+         VDB_LOCAL_LIGHTS ENVIRONMENT_MAP",
+    ),
+    (
+        "the same with reflections",
+        "VDB_LIT VDB_SMOOTH VDB_SMOOTH_NORMALS VDB_BEAMS VDB_SHADOWS SHADOW_FILTER_METHOD_GAUSSIAN \
+         VDB_LOCAL_LIGHTS ENVIRONMENT_MAP VDB_REFLECTIONS",
+    ),
+    (
+        "fog in the sun",
+        "VDB_LIT VDB_FOGS VDB_SHADOWS SHADOW_FILTER_METHOD_GAUSSIAN VDB_LIGHT_CACHE VDB_MULTIPLE_SCATTERING \
+         VDB_OCTAVES VDB_FOG_SLOTS=1 VDB_EMITTER_SLOTS=1 VDB_CACHED_SUNS=1 VDB_BEAMS",
+    ),
+    (
+        "fire in smoke, a sun",
+        "VDB_LIT VDB_FOGS VDB_EMISSION VDB_BLACKBODY VDB_EMITS VDB_SHADOWS SHADOW_FILTER_METHOD_GAUSSIAN \
+         VDB_LIGHT_CACHE VDB_MULTIPLE_SCATTERING VDB_OCTAVES VDB_FOG_SLOTS=1 VDB_EMITTER_SLOTS=1 \
+         VDB_CACHED_SUNS=1 VDB_BEAMS",
+    ),
+    (
+        "examples/smoke_and_fire",
+        "VDB_LIT VDB_SMOOTH VDB_SMOOTH_NORMALS VDB_FOGS VDB_EMISSION VDB_BLACKBODY VDB_EMITS VDB_SHADOWS \
+         SHADOW_FILTER_METHOD_GAUSSIAN VDB_LIGHT_CACHE VDB_MULTIPLE_SCATTERING VDB_OCTAVES VDB_OTHER_LIGHTS \
+         VDB_MESH_CASTERS VDB_LOCAL_LIGHTS VDB_FOG_SLOTS=1 VDB_EMITTER_SLOTS=1 VDB_CACHED_SUNS=1 VDB_BEAMS \
+         VDB_REFLECTIONS",
+    ),
+];
+
+/// The seconds of a pipeline.
+#[expect(
+    unsafe_code,
+    reason = "wgpu has no other way to leave out checks, as Bevy does for the plugin's shaders"
+)]
+fn seconds(device: &wgpu::Device, module: &naga::Module) -> f64 {
+    let start = Instant::now();
+    let source = ShaderSource::Naga(Cow::Owned(module.clone()));
+    let descriptor = ShaderModuleDescriptor { label: None, source };
+    // SAFETY: the shader is never run.
+    let module = unsafe {
+        device.create_shader_module_trusted(descriptor, ShaderRuntimeChecks::unchecked())
+    };
+    drop(device.create_compute_pipeline(&ComputePipelineDescriptor {
+        label: None,
+        layout: None,
+        module: &module,
+        entry_point: Some("trace"),
+        compilation_options: Default::default(),
+        cache: None,
+    }));
+    start.elapsed().as_secs_f64()
+}
+
+fn main() {
+    let own: Vec<String> =
+        std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
+    if own.iter().any(|argument| argument == "--help") {
+        print!("{HELP}");
+        return;
+    }
+    let instance = Instance::new(InstanceDescriptor::new_without_display_handle());
+    let adapter =
+        block_on(instance.request_adapter(&RequestAdapterOptions::default())).expect("a GPU");
+    println!("{}", adapter.get_info().name);
+    let descriptor = DeviceDescriptor {
+        required_features: adapter.features() & !Features::all_experimental_mask(),
+        required_limits: adapter.limits(),
+        ..Default::default()
+    };
+    let (device, _queue) = block_on(adapter.request_device(&descriptor)).expect("a device");
+    let mut composer = compose::composer();
+    let views: Vec<(&str, &str)> = match own.is_empty() {
+        true => VIEWS.to_vec(),
+        false => own.iter().map(|defs| (defs.as_str(), defs.as_str())).collect(),
+    };
+    for (name, defs) in views {
+        let defs: Vec<&str> = defs.split_whitespace().collect();
+        let module = compose::composed(&mut composer, "trace/trace", &defs);
+        println!("{:8.2} s  {name}", seconds(&device, &module));
+    }
+}
