@@ -1,5 +1,6 @@
 //! Mirrors and metals: gold balls from polished to rough, a chrome teapot, a copper gyroid and a
-//! ring on a dark plate. All are volumes, and reflect each other and the studio around them.
+//! ring on a dark plate. All are volumes, and reflect each other, the studio around them, and two
+//! meshes: a red cube and a teal column.
 //!
 //! Rough surfaces reflect in one random direction per pixel; Bevy's temporal anti-aliasing averages
 //! the noise. `cargo run --example glossy` opens a window, where R cycles through numbers of
@@ -28,7 +29,7 @@ fn main() -> AppExit {
         .insert_resource(GlobalAmbientLight::NONE)
         // Enough frames for temporal anti-aliasing.
         .insert_resource(helpers::Frames(32))
-        .add_systems(Startup, (things, camera))
+        .add_systems(Startup, (things, meshes, camera))
         .add_systems(Update, keys)
         .run()
 }
@@ -75,6 +76,24 @@ fn things(mut commands: Commands, assets: Res<AssetServer>, mut grids: ResMut<As
         };
         commands.spawn((VdbVolume(plate), lacquer, Transform::from_xyz(0.0, -0.1, 0.0)));
     }
+}
+
+fn meshes(
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    let mut add = |mesh: Mesh, color: Color, place: Transform| {
+        let material =
+            StandardMaterial { base_color: color, perceptual_roughness: 0.4, ..default() };
+        commands.spawn((Mesh3d(meshes.add(mesh)), MeshMaterial3d(materials.add(material)), place));
+    };
+    let cube = Cuboid::from_length(0.8).into();
+    let turned = Quat::from_rotation_y(0.5);
+    let place = Transform::from_xyz(-1.95, 0.4, -0.4).with_rotation(turned);
+    add(cube, Color::srgb(0.62, 0.13, 0.08), place);
+    let column = Cylinder::new(0.3, 1.6).into();
+    add(column, Color::srgb(0.08, 0.36, 0.42), Transform::from_xyz(1.85, 0.8, -1.0));
 }
 
 fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {

@@ -46,9 +46,16 @@ pub fn run(args: &Args) -> Result<(), String> {
     let world = studio.app.world_mut();
     world.spawn((VdbVolume(smooth), gold, Transform::from_xyz(-0.6, 0.0, 0.0)));
     world.spawn((VdbVolume(voxels), Transform::from_xyz(0.6, 0.0, 0.0)));
+    let floor = world.resource_mut::<Assets<Mesh>>().add(Plane3d::default().mesh().size(4.0, 4.0));
+    let gray = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial::default());
+    world.spawn((Mesh3d(floor), MeshMaterial3d(gray), Transform::from_xyz(0.0, -0.7, 0.0)));
     // The temperatures are the densities.
     studio.settle(3)?;
-    print_passes(&mut studio, args.frames, "a gyroid of gold, one of voxels, a fire");
+    print_passes(
+        &mut studio,
+        args.frames,
+        "a gyroid of gold, one of voxels, a fire, a floor of a mesh",
+    );
 
     studio.camera_mut().insert(VdbMeasureFeatures);
     let mut frames = 0;

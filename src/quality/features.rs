@@ -52,6 +52,7 @@ bitflags! {
         const IRRADIANCE_VOLUMES = 1 << 40;
         const MATERIALS = 1 << 41;
         const FOG_MATERIALS = 1 << 42;
+        const MESH_REFLECTIONS = 1 << 43;
     }
 }
 
@@ -100,7 +101,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 43] = [
+pub(crate) const FEATURES: [Feature; 44] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -303,6 +304,14 @@ pub(crate) const FEATURES: [Feature; 43] = [
         "custom materials in fog",
         "a fog has a VdbMaterialExtension",
     ),
+    row(
+        Features::MESH_REFLECTIONS,
+        &["VDB_MESH_REFLECTIONS"],
+        "reflections of meshes",
+        "VdbQuality::mesh_reflections, reflections is more than 0, a surface and a mesh are in view, \
+         and the camera has Hdr or no tonemapping",
+    )
+    .without(|_, quality| quality.mesh_reflections = false),
 ];
 
 impl Features {

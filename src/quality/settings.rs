@@ -36,9 +36,13 @@ pub struct VdbQuality {
     /// [`accumulate`](Self::accumulate) averages the noise. The number of bounces is part of a
     /// scene's look, so every preset has 0.
     pub reflections: u32,
-    /// The largest distance at which a volume is reflected in a surface, in world units. 0 or more;
-    /// infinite by default.
+    /// The largest distance at which a volume or mesh is reflected in a surface, in world units. 0 or
+    /// more; infinite by default.
     pub reflection_range: f32,
+    /// Whether the [`reflections`](Self::reflections) of volumes show opaque meshes, as far as the
+    /// camera itself sees them; elsewhere, the environment map. On by default. Only for cameras with
+    /// `Hdr` or without tonemapping: other targets hold no radiance.
+    pub mesh_reflections: bool,
     /// The distance in voxels between density samples of evenly lit fog (no lamps nearby, no
     /// shadows) that overlaps no other. From ¼ to 16; 0, the default, integrates exactly, cell by
     /// cell. In fog lit by the light cache, it is the shortest step.
@@ -109,6 +113,7 @@ impl VdbQuality {
         smooth_normals: true,
         reflections: 0,
         reflection_range: f32::INFINITY,
+        mesh_reflections: true,
         fog_step: 0.0,
         fog_light_step: 0.5,
         fog_shadow_step: 0.25,
@@ -173,6 +178,7 @@ impl VdbQuality {
             shadow_range: within("shadow_range", self.shadow_range, 0.0, f32::INFINITY, 0.0),
             smooth_normals: self.smooth_normals,
             reflections: self.reflections.min(MAX_REFLECTIONS),
+            mesh_reflections: self.mesh_reflections,
             reflection_range: within(
                 "reflection_range",
                 self.reflection_range,

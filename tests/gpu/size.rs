@@ -4,13 +4,7 @@ use std::collections::HashMap;
 
 use naga::{Block, Function, Handle, Module, Statement};
 
-use crate::compose::{composed, composer};
-
-/// The defs of `examples/smoke_and_fire`: a mirror below fire in smoke, under a sun and the lights of the fire.
-const SMOKE_AND_FIRE: &str = "VDB_LIT VDB_SMOOTH VDB_SMOOTH_NORMALS VDB_FOGS VDB_EMISSION VDB_BLACKBODY VDB_EMITS \
-    VDB_SHADOWS SHADOW_FILTER_METHOD_GAUSSIAN VDB_LIGHT_CACHE VDB_MULTIPLE_SCATTERING VDB_OCTAVES VDB_OTHER_LIGHTS \
-    VDB_MESH_CASTERS VDB_LOCAL_LIGHTS VDB_FOG_SLOTS=1 VDB_EMITTER_SLOTS=1 VDB_CACHED_SUNS=1 VDB_BEAMS \
-    VDB_REFLECTIONS";
+use crate::compose::{SMOKE_AND_FIRE, composed, composer};
 
 /// The blocks within a statement.
 fn blocks(statement: &Statement) -> Vec<&Block> {
@@ -56,7 +50,7 @@ fn inlined(module: &Module) -> (HashMap<Handle<Function>, usize>, usize) {
     (sizes, largest)
 }
 
-/// NVIDIA's driver takes minutes for this variant. `docs/internals/notebook.md`, "What drivers compile", has the
+/// NVIDIA's driver takes half a minute for this variant. `docs/internals/notebook.md`, "What drivers compile", has the
 /// times, and the sizes that go with them.
 #[test]
 fn drivers_compile_a_bounded_amount_of_code() {
@@ -69,5 +63,5 @@ fn drivers_compile_a_bounded_amount_of_code() {
         println!("{size:>8} {}", module.functions[*function].name.as_deref().unwrap_or("?"));
     }
     println!("{all:>8} in all");
-    assert!(all < 135_000, "{all} statements and expressions");
+    assert!(all < 160_000, "{all} statements and expressions");
 }

@@ -131,6 +131,11 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&lit, &arrays, &with]);
         check(&[&lit, &volumes, &arrays, &with]);
     }
+    // Reflections of meshes.
+    for with in subsets(&["VDB_FOGS", "VDB_EDGES", "MULTISAMPLED", "VDB_SCALED"]) {
+        let mirrors = ["VDB_LIT", "VDB_SURFACES", "VDB_REFLECTIONS", "VDB_MESH_REFLECTIONS"];
+        check(&[&mirrors, &with]);
+    }
     // Many volumes, and suns with a size.
     for with in subsets(&["VDB_MANY", "VDB_SOFT_SUNS", "VDB_REFLECTIONS", "VDB_BEAMS"]) {
         check(&[&["VDB_LIT", "VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS"], &with, &shadows]);
@@ -268,8 +273,9 @@ fn every_variant_of_the_trace_is_valid() {
     let (wide, scaled, accumulated, edges) = (4, 8 * 2, 16, 16);
     let (colors, ramps, probes) = (8 * 4, 8 * 4 + 1, 8 * 5);
     let materials = 16 + 16 * 4 + 1;
+    let mirrors = 16;
     let others = filters + many + formats + normals + wide + scaled + accumulated + edges;
-    let others = others + colors + ramps + probes + materials;
+    let others = others + colors + ramps + probes + materials + mirrors;
     assert_eq!(variants, kinds + light_cache + others);
 }
 

@@ -26,7 +26,7 @@ use super::{GREEN, SIZE, glow, looking};
 mod quality_dial;
 
 impl Stage {
-    fn report(&mut self, camera: Entity) -> Option<VdbCameraReport> {
+    pub fn report(&mut self, camera: Entity) -> Option<VdbCameraReport> {
         self.world().resource::<VdbDiagnostics>().camera(camera)
     }
 }

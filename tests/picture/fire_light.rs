@@ -81,12 +81,14 @@ impl Stage {
         }
     }
 
-    /// Goes on until the lights of fires are there.
+    /// Goes on until the lights of fires are there: those that shine.
     fn lit(&mut self, lights: impl Fn(usize) -> bool) -> Vec<PointLight> {
         for _ in 0..1000 {
             self.update(1);
             let world = self.world();
-            let own: Vec<PointLight> = world.query::<&PointLight>().iter(world).copied().collect();
+            let mut all = world.query::<&PointLight>();
+            let shine = |light: &PointLight| light.intensity > 0.0;
+            let own: Vec<PointLight> = all.iter(world).copied().filter(shine).collect();
             if lights(own.len()) {
                 return own;
             }

@@ -27,6 +27,7 @@ mod many;
 mod materials;
 mod measure;
 mod media;
+mod mesh_reflections;
 mod mesh_shadows;
 mod minimal;
 mod modes;

@@ -6,15 +6,15 @@
 // Output of the trace; see `trace.wgsl`.
 @group(0) @binding(0) var traced_color: texture_2d<f32>;
 @group(0) @binding(1) var traced_depth: texture_2d<f32>;
-// The workgroups of the refinement along each axis and the number of pixels, zeroed beforehand; and for each
+// The workgroups of the refinement along each axis, in two layers, and the number of pixels, zeroed beforehand; and for each
 // pixel on an edge, the column, with the row from bit 15 on and bit 31 if its middle shows a surface, and the
 // traced colour as four 16-bit floats.
 @group(0) @binding(2) var<storage, read_write> edges: array<atomic<u32>>;
 
 struct Setup {
     size: vec2<u32>,
-    // Pixels of a workgroup of the refinement.
-    pixels_of_group: u32,
+    // Pixels of two workgroups of the refinement, one in each layer.
+    pixels_of_layers: u32,
     pad: u32,
 }
 
@@ -29,6 +29,8 @@ const BEND: f32 = 0.5;
 const HEADER: u32 = 4u;
 const WORDS: u32 = 3u;
 const MAX_GROUPS: u32 = 65535u;
+// By these, `trace.wgsl` knows that it refines.
+const REFINEMENT_LAYERS: u32 = 2u;
 
 var<workgroup> found: atomic<u32>;
 var<workgroup> first: u32;
@@ -92,10 +94,10 @@ fn find_edges(
         let count = atomicLoad(&found);
         if count > 0u {
             first = atomicAdd(&edges[3], count);
-            let groups = (first + count + setup.pixels_of_group - 1u) / setup.pixels_of_group;
+            let groups = (first + count + setup.pixels_of_layers - 1u) / setup.pixels_of_layers;
             atomicMax(&edges[0], min(groups, MAX_GROUPS));
             atomicMax(&edges[1], (groups + MAX_GROUPS - 1u) / MAX_GROUPS);
-            atomicMax(&edges[2], 1u);
+            atomicMax(&edges[2], REFINEMENT_LAYERS);
         }
     }
     workgroupBarrier();

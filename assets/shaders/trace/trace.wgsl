@@ -30,6 +30,10 @@
 #import bevy_vdb::trace::distance_fog::apply_distance_fog
 #endif
 #import bevy_vdb::trace::lights::shading_point
+#ifdef VDB_MESH_REFLECTIONS
+#import bevy_vdb::trace::mesh_reflections::reflected_mesh
+#import bevy_vdb::trace::segment::world_position
+#endif
 #import bevy_vdb::trace::material::material_at
 #import bevy_vdb::trace::shade::{sample_reflection, shade}
 #import bevy_vdb::trace::surface::offset_origin
@@ -215,6 +219,12 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
             let direction = sample_reflection(roughness, normal, to_viewer, random_pair(pixel, bounce));
             segment = Segment(point, direction, false, 0.0);
             t_max = view.reflection_range;
+#ifdef VDB_MESH_REFLECTIONS
+            let noise = interleaved_gradient_noise(vec2<f32>(pixel) + 5.588238 * f32(bounce));
+            let mesh = reflected_mesh(scene_depth, world_position(point), direction, t_max, noise);
+            miss_radiance = mix(miss_radiance, throughput * mesh.radiance, mesh.share);
+            t_max = select(t_max, mesh.t, mesh.share > 0.5);
+#endif
             continue;
         }
 #endif
@@ -308,19 +318,12 @@ fn finite(color: vec3<f32>) -> vec3<f32> {
     return clamp(select(finite_color, vec3(MAX_COLOR), is_infinite), vec3(0.0), vec3(MAX_COLOR));
 }
 
-// Two tiles per workgroup, which halves the number of workgroups to launch.
-@compute @workgroup_size(8, 16, 1)
-fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
-    let pixel = id.xy;
-    if any(pixel >= view.size) {
-        return;
-    }
-    var ndc = ndc_of(pixel, view.size);
-#ifdef VDB_ACCUMULATED
-    ndc += view.jitter * vec2(2.0, -2.0) / vec2<f32>(view.size);
-#endif
-    let primary = view_segment(ndc);
-    let result = trace_path(primary, pixel, min(mesh_t(pixel), view.t_far));
+// The ray through a point of the picture: through the middle of a pixel, plus an offset in pixels.
+fn view_ray(pixel: vec2<u32>, offset: vec2<f32>) -> Segment {
+    return view_segment(ndc_of(pixel, view.size) + offset * vec2(2.0, -2.0) / vec2<f32>(view.size));
+}
+
+fn store(pixel: vec2<u32>, result: PathResult) {
     textureStore(out_color, pixel, vec4(finite(result.color), result.coverage));
     textureStore(out_depth, pixel, vec4(result.depth, 0.0, 0.0, 0.0));
 #ifdef VDB_MOTION_VECTORS
@@ -329,7 +332,22 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
 #endif
 }
 
-#ifdef VDB_EDGES
+// In both entry points, two tiles per workgroup, which halves the number of workgroups to launch.
+
+#ifndef VDB_EDGES
+@compute @workgroup_size(8, 16, 1)
+fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = id.xy;
+    if all(pixel < view.size) {
+#ifdef VDB_ACCUMULATED
+        let ray = view_ray(pixel, view.jitter);
+#else
+        let ray = view_ray(pixel, vec2(0.0));
+#endif
+        store(pixel, trace_path(ray, pixel, min(mesh_t(pixel), view.t_far)));
+    }
+}
+#else
 // The pixels on edges; see `edges.wgsl`.
 @group(2) @binding(17) var<storage, read> edges: array<u32>;
 
@@ -337,10 +355,12 @@ const EDGES_COUNT: u32 = 3u;
 const EDGES_FIRST: u32 = 4u;
 const EDGE_WORDS: u32 = 3u;
 const MAX_GROUPS: u32 = 65535u;
-const REFINE_THREADS: u32 = 64u;
+const GROUP_THREADS: u32 = 128u;
+// A dispatch in so many layers traces further rays; see `edges.wgsl`.
+const REFINEMENT_LAYERS: u32 = 2u;
 
-var<workgroup> traced: array<vec4<f32>, REFINE_THREADS>;
-var<workgroup> traced_depths: array<f32, REFINE_THREADS>;
+var<workgroup> traced: array<vec4<f32>, GROUP_THREADS>;
+var<workgroup> traced_depths: array<f32, GROUP_THREADS>;
 
 // The position of a sample in its pixel, 0 to 1: each of `count` columns and rows, which are powers of two, has
 // one. For four samples, a rotated grid.
@@ -349,24 +369,14 @@ fn sample_position(i: u32, count: u32) -> vec2<f32> {
     return (vec2(f32(i), f32(row)) + 0.5) / f32(count);
 }
 
-// A thread for each further ray of a pixel on an edge. The mean of these and of the ray through the middle
-// replaces the colour of the latter.
-@compute @workgroup_size(REFINE_THREADS)
-fn refine(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+// The mean of the further rays through a pixel, and of the ray through its middle, replaces the colour of the
+// latter. `entry` is the pixel's in the list, or 0 if this thread repeats another pixel.
+fn store_mean(pixel: vec2<u32>, result: PathResult, entry: u32, thread: u32) {
     let samples = view.edge_samples;
-    let place = (group.y * MAX_GROUPS + group.x) * (REFINE_THREADS / samples) + thread / samples;
-    let count = min(edges[EDGES_COUNT], (arrayLength(&edges) - EDGES_FIRST) / EDGE_WORDS);
-    // The last group may have threads to spare: they repeat the last pixel, whose colour they do not write.
-    let entry = EDGES_FIRST + EDGE_WORDS * min(place, max(count, 1u) - 1u);
-    let word = edges[entry];
-    let pixel = vec2(word & 0x7fffu, (word >> 15u) & 0xffffu);
-    let offset = sample_position(thread % samples, samples) - 0.5;
-    let ndc = ndc_of(pixel, view.size) + offset * vec2(2.0, -2.0) / vec2<f32>(view.size);
-    let result = trace_path(view_segment(ndc), pixel, min(mesh_t(pixel), view.t_far));
     traced[thread] = vec4(finite(result.color), result.coverage);
     traced_depths[thread] = result.depth;
     workgroupBarrier();
-    if place < count && thread % samples == 0u {
+    if entry > 0u && thread % samples == 0u {
         var sum = vec4(unpack2x16float(edges[entry + 1u]), unpack2x16float(edges[entry + 2u]));
         var nearest = -1.0;
         for (var i = thread; i < thread + samples; i++) {
@@ -380,10 +390,47 @@ fn refine(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
         }
         textureStore(out_color, pixel, sum / f32(samples + 1u));
         // Where the middle shows no surface, the pixel is composited as fog is, without its depth.
-        if (word >> 31u) == 0u {
+        if (edges[entry] >> 31u) == 0u {
             let depth = select(NO_DEPTH, encoded_fog_depth(nearest), nearest >= 0.0);
             textureStore(out_depth, pixel, vec4(depth, 0.0, 0.0, 0.0));
         }
+    }
+}
+
+// A thread for each pixel or, in a dispatch of several layers, for each further ray of the pixels on edges. One
+// entry point for both, because drivers take long to compile what traces a path.
+@compute @workgroup_size(8, 16, 1)
+fn trace(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let refines = groups.z == REFINEMENT_LAYERS;
+    var pixel = id.xy;
+    var offset = vec2(0.0);
+    var entry = 0u;
+    if refines {
+        let samples = view.edge_samples;
+        let row = group.y * MAX_GROUPS + group.x;
+        let place = (REFINEMENT_LAYERS * row + group.z) * (GROUP_THREADS / samples) + thread / samples;
+        let count = min(edges[EDGES_COUNT], (arrayLength(&edges) - EDGES_FIRST) / EDGE_WORDS);
+        // The last groups may have threads to spare: they repeat the last pixel, and store nothing.
+        let listed = EDGES_FIRST + EDGE_WORDS * min(place, max(count, 1u) - 1u);
+        let word = edges[listed];
+        pixel = vec2(word & 0x7fffu, (word >> 15u) & 0xffffu);
+        offset = sample_position(thread % samples, samples) - 0.5;
+        entry = select(0u, listed, place < count);
+    }
+    let is_inside = all(pixel < view.size);
+    var result = PathResult(vec3(0.0), 0.0, NO_DEPTH, NONE, 0.0);
+    if is_inside {
+        result = trace_path(view_ray(pixel, offset), pixel, min(mesh_t(pixel), view.t_far));
+    }
+    if refines {
+        store_mean(pixel, result, entry, thread);
+    } else if is_inside {
+        store(pixel, result);
     }
 }
 #endif

@@ -33,6 +33,9 @@ pub(super) fn show(
     ui.checkbox(&mut new.shadows, "shadows");
     ui.checkbox(&mut new.smooth_normals, "smooth normals");
     ui.add(super::widgets::slider(&mut new.reflections, 0..=16).text("reflections"));
+    if new.reflections > 0 {
+        ui.checkbox(&mut new.mesh_reflections, "reflections of meshes");
+    }
     let mut exact = new.fog_step == 0.0;
     if ui.checkbox(&mut exact, "exact fog, cell by cell").changed() {
         new.fog_step = if exact { 0.0 } else { 1.0 };

@@ -10,8 +10,10 @@ use bevy::render::render_resource::{
     DynamicBindGroupLayoutEntries, PipelineCache, ShaderStages,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
+use bevy::render::view::ViewTarget;
 use bevy::shader::Shader;
 
+use super::mesh_picture::MeshPictures;
 use super::view::TraceView;
 use crate::quality::features::Features;
 use crate::render::gpu::{GROUP, PipelineFallback, Shaders, read};
@@ -20,8 +22,8 @@ use crate::render::view::{
     run_picture_pass,
 };
 
-/// The threads of a workgroup of `refine` in `trace.wgsl`.
-const REFINE_THREADS: u32 = 64;
+/// The threads of two workgroups of `trace.wgsl`, one in each layer of the refinement.
+const REFINE_THREADS: u32 = 2 * 128;
 /// Bytes of the list before its first pixel, which are cleared every frame.
 const HEADER: u64 = 16;
 
@@ -134,22 +136,22 @@ pub(super) fn find_edges(
 
 /// Traces several rays through each of these pixels.
 pub(super) fn refine(
-    view: ViewQuery<(&ViewState, &TraceView, &EdgesView)>,
+    view: ViewQuery<(&ViewState, &TraceView, &EdgesView, &ViewTarget)>,
     cache: Res<PipelineCache>,
     fallback: Res<PipelineFallback>,
+    meshes: MeshPictures,
     mut context: RenderContext,
 ) {
-    let (state, traced, own) = view.into_inner();
-    if !state.prepared().is_some_and(|(prepared, _)| prepared.is_ready) {
+    let (state, traced, own, target) = view.into_inner();
+    let Some((prepared, _)) = state.prepared().filter(|(prepared, _)| prepared.is_ready) else {
         return;
-    }
+    };
     let (Some(list), Some(pipelines), Some(bind_groups)) =
         (&own.list, traced.pipelines, &traced.bind_groups)
     else {
         return;
     };
-    let (Some(id), Some(bind_group)) = (pipelines.refine, &bind_groups.refine) else { return };
-    let Some(pipeline) = fallback.compute(&cache, id) else { return };
+    let Some(pipeline) = fallback.compute(&cache, pipelines.trace) else { return };
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_refine");
@@ -161,7 +163,8 @@ pub(super) fn refine(
         let [lights, environment] = &bind_groups.lights.groups;
         pass.set_bind_group(0, lights, &bind_groups.lights.offsets);
         pass.set_bind_group(1, environment, &[]);
-        pass.set_bind_group(GROUP, bind_group, &[]);
+        pass.set_bind_group(GROUP, &bind_groups.trace, &[]);
+        meshes.bind(&prepared.key, target, &mut pass);
         pass.dispatch_workgroups_indirect(list, 0);
     }
     span.end(context.command_encoder());

@@ -7,6 +7,7 @@ mod edges;
 mod gather;
 mod lamp_light;
 mod lights;
+mod mesh_picture;
 mod pipeline;
 mod view;
 
@@ -15,13 +16,14 @@ use bevy::pbr::{MeshPipeline, MeshPipelineSystems};
 use bevy::prelude::*;
 use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::{
-    BindGroup, Buffer, ComputePassDescriptor, PipelineCache, Sampler, SpecializedComputePipelines,
-    TextureFormat, TextureView,
+    BindGroup, Buffer, CachedPipelineState, ComputePassDescriptor, PipelineCache, Sampler,
+    SpecializedComputePipelines, TextureFormat, TextureView,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery};
 use bevy::render::texture::TextureCache;
-use bevy::render::view::ViewDepthTexture;
+use bevy::render::view::{ViewDepthTexture, ViewTarget};
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
+use bevy::shader::ShaderCacheError;
 
 use super::extract::{ExtractedMaterials, ExtractedRamps};
 use super::gpu::{
@@ -42,6 +44,7 @@ use edges::{FindEdges, bind_edges, find_edges, prepare_edges, refine};
 use gather::gather_lamp_light;
 use lamp_light::{LampLightPipeline, LampLightView};
 use lights::{AllLights, LightLayouts, ViewLights};
+use mesh_picture::MeshPictures;
 use pipeline::TracePipeline;
 use view::{BindGroups, Pipelines};
 
@@ -116,19 +119,15 @@ impl AllPipelines<'_> {
         let cache = &self.cache;
         // Velocities only matter when the image is composited.
         let features = key.features.difference(Features::VELOCITIES);
-        let all = ViewKey { features, ..*key };
-        let refine = all
-            .has(Features::EDGES)
-            .then(|| self.specialized_trace.specialize(cache, &self.trace, all));
-        let key = &ViewKey { features: features.difference(Features::EDGES), ..all };
+        let key = &ViewKey { features, ..*key };
         let trace = self.specialized_trace.specialize(cache, &self.trace, *key);
         let beams = key
             .has(Features::BEAMS)
-            .then(|| self.specialized_beams.specialize(cache, &self.beams, (&all).into()));
+            .then(|| self.specialized_beams.specialize(cache, &self.beams, key.into()));
         let lamp_light = key
             .has(Features::LAMP_LIGHT)
             .then(|| self.specialized_lamps.specialize(cache, &self.lamps, key.into()));
-        Pipelines { trace, refine, beams, lamp_light }
+        Pipelines { trace, beams, lamp_light }
     }
 }
 
@@ -140,9 +139,19 @@ fn ask(
     for mut view in &mut views {
         view.wait_unless(|key| {
             let own = pipelines.of(key);
-            let mut all =
-                [Some(own.trace), own.refine, own.beams, own.lamp_light].into_iter().flatten();
+            let mut all = [Some(own.trace), own.beams, own.lamp_light].into_iter().flatten();
             all.all(|id| fallback.compute(&pipelines.cache, id).is_some())
+        });
+        view.give_up_if(|key| {
+            let id = pipelines.of(key).trace;
+            let state = pipelines.cache.get_compute_pipeline_state(id);
+            matches!(
+                state,
+                CachedPipelineState::Err(
+                    ShaderCacheError::ProcessShaderError(_)
+                        | ShaderCacheError::CreateShaderModule(_)
+                )
+            )
         });
     }
 }
@@ -238,12 +247,10 @@ fn bind(
         if caches_light && cached.is_none() {
             continue;
         }
-        let group = |features, edges| {
-            let layout = cache.get_bind_group_layout(&trace.layout(features));
-            inputs.trace_group(&layout, (table, ramps, materials), cached.as_ref(), edges, &device)
-        };
-        let refine = edges.list.as_ref().map(|edges| group(features, Some(edges)));
-        let group = group(features.difference(Features::EDGES), None);
+        let layout = cache.get_bind_group_layout(&trace.layout(features));
+        let tables = (table, ramps, materials);
+        let edges = edges.list.as_ref();
+        let group = inputs.trace_group(&layout, tables, cached.as_ref(), edges, &device);
         let layout =
             cache.get_bind_group_layout(beams.layout(features, features.contains(Features::PAGES)));
         let beams = inputs.beams_group(&layout, &device);
@@ -251,7 +258,7 @@ fn bind(
             .contains(Features::LAMP_LIGHT)
             .then(|| bind(Features::LIGHT, view_lights.as_ref()))
             .flatten();
-        own.bind_groups = Some(BindGroups { trace: group, refine, lights, beams, nothing, lamps });
+        own.bind_groups = Some(BindGroups { trace: group, lights, beams, nothing, lamps });
     }
 }
 
@@ -337,12 +344,13 @@ impl Inputs<'_> {
 
 /// Runs the beam optimisation, then traces the rays of the view.
 pub(super) fn trace(
-    view: ViewQuery<(&ViewState, &TraceView)>,
+    view: ViewQuery<(&ViewState, &TraceView, &ViewTarget)>,
     cache: Res<PipelineCache>,
     fallback: Res<PipelineFallback>,
+    meshes: MeshPictures,
     mut context: RenderContext,
 ) {
-    let (state, own) = view.into_inner();
+    let (state, own, target) = view.into_inner();
     let Some((prepared, _)) = state.prepared().filter(|(prepared, _)| prepared.is_ready) else {
         return;
     };
@@ -374,6 +382,7 @@ pub(super) fn trace(
         pass.set_bind_group(0, lights, &bind_groups.lights.offsets);
         pass.set_bind_group(1, environment, &[]);
         pass.set_bind_group(GROUP, &bind_groups.trace, &[]);
+        meshes.bind(&prepared.key, target, &mut pass);
         let tiles = tiles(prepared.size());
         pass.dispatch_workgroups(tiles.x, tiles.y.div_ceil(TILES_OF_GROUP), 1);
     }

@@ -9,6 +9,7 @@ use bevy::render::render_resource::{
 use bevy::shader::ShaderDefVal;
 
 use super::lights::LightLayouts;
+use super::mesh_picture;
 use crate::quality::features::Features;
 use crate::render::gpu::materials::kind_defs;
 use crate::render::gpu::{
@@ -69,6 +70,13 @@ impl TracePipeline {
         }
         BindGroupLayoutDescriptor::new("vdb_trace", &entries)
     }
+
+    /// The layouts of all groups.
+    fn layouts(&self, features: Features) -> Vec<BindGroupLayoutDescriptor> {
+        let mut layouts = self.lights.layouts(features, &self.layout(features));
+        layouts.extend(features.contains(Features::MESH_REFLECTIONS).then(mesh_picture::layout));
+        layouts
+    }
 }
 
 impl SpecializedComputePipeline for TracePipeline {
@@ -79,7 +87,7 @@ impl SpecializedComputePipeline for TracePipeline {
         let own = features.defs().chain(key.mode.traits().shader_def).map(Into::into);
         ComputePipelineDescriptor {
             label: Some("vdb_trace".into()),
-            layout: self.lights.layouts(key.features, &self.layout(key.features)),
+            layout: self.layouts(key.features),
             shader: self.shaders.trace.clone(),
             shader_defs: own
                 .chain(self.lights.shader_defs(&key))
@@ -93,7 +101,7 @@ impl SpecializedComputePipeline for TracePipeline {
                 .chain(sample_format_def(key.sample_format))
                 .chain(self.shaders.adapter_defs.iter().cloned())
                 .collect(),
-            entry_point: Some(if key.has(Features::EDGES) { "refine" } else { "trace" }.into()),
+            entry_point: Some("trace".into()),
             ..default()
         }
     }

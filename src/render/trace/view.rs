@@ -21,8 +21,6 @@ pub(in crate::render) struct TraceView {
 #[derive(Clone, Copy)]
 pub(super) struct Pipelines {
     pub trace: CachedComputePipelineId,
-    /// Traces the pixels on edges again.
-    pub refine: Option<CachedComputePipelineId>,
     pub beams: Option<CachedComputePipelineId>,
     pub lamp_light: Option<CachedComputePipelineId>,
 }
@@ -30,8 +28,6 @@ pub(super) struct Pipelines {
 /// The bind groups of a view.
 pub(super) struct BindGroups {
     pub trace: BindGroup,
-    /// The same with the list of pixels on edges.
-    pub refine: Option<BindGroup>,
     pub lights: LightBindGroups,
     pub beams: Option<BindGroup>,
     /// The empty groups 0 and 1 of the beam pipeline.

@@ -13,6 +13,7 @@ mod materials;
 mod media;
 mod picture_pass;
 mod prepare;
+mod queue;
 mod ramps;
 mod resolve;
 mod sets;

@@ -46,6 +46,7 @@ pub(super) fn prepare_views(
     for (mut state, view, camera, jitter) in &mut views {
         let before = state.prepared.take();
         let Some(resolved) = state.resolved.take() else { continue };
+        state.pipelines.note(&resolved.asked);
         let chosen = choose(&resolved, before.as_ref());
         state.prepared = Some(prepare(resolved, chosen, (view, camera, jitter), &scene));
     }
@@ -60,21 +61,24 @@ struct Chosen {
     drawn: DrawnMedia,
 }
 
-/// Chooses the required pipelines or, until they have been compiled, those of the previous frame,
-/// if they can replace them: no volume vanishes because another one appears.
+/// Chooses the required pipelines or, until they have been compiled, others that can replace them:
+/// those that have just been compiled, or those of the previous frame. No volume vanishes because
+/// another one appears.
 fn choose(resolved: &ResolvedView, before: Option<&PreparedView>) -> Chosen {
     let (wanted, present) = (resolved.key, resolved.settings.lights_present);
-    let before = before.filter(|before| before.is_ready && before.key != wanted);
-    match before {
-        Some(before) if !resolved.is_ready && before.key.can_replace(&wanted, present) => Chosen {
-            key: before.key,
-            is_ready: true,
-            is_fallback: true,
-            drawn: drawn_media(before),
-        },
-        _ => Chosen {
+    let asked = &resolved.asked;
+    let before = before.filter(|before| before.is_ready);
+    let drawn = before.map(drawn_media).unwrap_or_default();
+    let other = match before {
+        _ if asked.are_ready => Some(asked.key),
+        Some(before) if before.key != wanted => Some(before.key),
+        _ => None,
+    };
+    match other.filter(|key| *key != wanted && key.can_replace(&wanted, present)) {
+        Some(key) => Chosen { key, is_ready: true, is_fallback: true, drawn },
+        None => Chosen {
             key: wanted,
-            is_ready: resolved.is_ready,
+            is_ready: asked.are_ready && asked.key == wanted,
             is_fallback: false,
             drawn: default(),
         },

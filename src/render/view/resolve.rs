@@ -4,15 +4,16 @@
 use bevy::camera::MainPassResolutionOverride;
 use bevy::camera::visibility::RenderLayers;
 use bevy::core_pipeline::prepass::{MotionVectorPrepass, ViewPrepassTextures};
+use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::ecs::query::QueryData;
 use bevy::ecs::system::SystemParam;
 use bevy::light::ShadowFilteringMethod;
 use bevy::pbr::DistanceFog;
 use bevy::prelude::*;
-use bevy::render::camera::TemporalJitter;
+use bevy::render::camera::{ExtractedCamera, TemporalJitter};
 use bevy::render::renderer::RenderDevice;
 use bevy::render::sync_world::MainEntity;
-use bevy::render::view::{ExtractedView, Msaa};
+use bevy::render::view::{ExtractedView, Msaa, RenderVisibleEntities, RenderVisibleEntitiesClass};
 use vdb_core::view::ViewRays;
 
 use super::bvh;
@@ -20,6 +21,7 @@ use super::key::ViewKey;
 use super::lights::{Lights, Surroundings};
 use super::list::{EntryMaker, ViewList};
 use super::media::MediaSlots;
+use super::queue::AskedPipelines;
 use super::settings::{ResolvedSettings, accumulates, smooths_edges};
 use super::state::{PreparedView, ResolvedView, ViewState};
 use super::visible::VisibleVolumes;
@@ -49,6 +51,9 @@ pub(super) struct ViewData {
     has_distance_fog: Has<DistanceFog>,
     jitter: Option<&'static TemporalJitter>,
     resolution: Option<&'static MainPassResolutionOverride>,
+    camera: &'static ExtractedCamera,
+    tonemapping: Option<&'static Tonemapping>,
+    meshes: Option<&'static RenderVisibleEntities>,
     has_motion: Has<MotionVectorPrepass>,
     prepass: Option<&'static ViewPrepassTextures>,
 }
@@ -122,6 +127,7 @@ impl Resolver<'_, '_> {
             key.features |= uncached.when(key.has(Features::LIGHT_CACHE));
         }
         key.cached_suns = key.has(Features::LIGHT_CACHE).then(|| self.lights.cached_suns());
+        let asked = of.state.pipelines.key_for(key, settings.lights_present);
         Some(ResolvedView {
             settings,
             rays,
@@ -129,7 +135,7 @@ impl Resolver<'_, '_> {
             clip_from_view,
             list,
             key,
-            is_ready: true,
+            asked: AskedPipelines::new(asked),
         })
     }
 
@@ -191,15 +197,27 @@ const PROBES: Features = Features::REFLECTION_PROBES.union(Features::IRRADIANCE_
 
 /// The error that is accepted of light from the cache; 0 if no pipelines read it.
 fn cache_error(of: &ViewDataItem, settings: &ResolvedSettings) -> f32 {
-    // The pipelines of the previous frame may go on while others are being compiled.
+    // The pipelines of the previous frame, or those that are ready next, may stand in for others.
     let reads = |before: &PreparedView| before.key.has(Features::LIGHT_CACHE);
     if settings.lights.contains(Features::LIGHT_CACHE) {
         settings.quality.fog_light_error
-    } else if of.state.prepared.as_ref().is_some_and(reads) {
+    } else if of.state.prepared.as_ref().is_some_and(reads)
+        || of.state.pipelines.is_compiling(Features::LIGHT_CACHE)
+    {
         VdbQuality::HIGH.fog_light_error
     } else {
         0.0
     }
+}
+
+/// Whether the camera's target holds opaque meshes, and their radiance.
+fn shows_meshes(of: &ViewDataItem) -> bool {
+    let is_linear = of.camera.hdr || of.tonemapping.is_none_or(|curve| *curve == Tonemapping::None);
+    let meshes = of.meshes.and_then(|all| all.get::<Mesh3d>());
+    let has_some = |all: &RenderVisibleEntitiesClass| {
+        !(all.entities_cpu_culling.is_empty() && all.entities_gpu_culling.is_empty())
+    };
+    is_linear && meshes.is_some_and(has_some)
 }
 
 /// The key of the pipelines that a view requires.
@@ -259,6 +277,12 @@ fn view_key(
         | Features::MOTION_VECTORS.when(motion_vectors)
         | Features::VELOCITIES.when(motion_vectors && list.velocities)
         | Features::REFLECTIONS.when(settings.reflections > 0)
+        | Features::MESH_REFLECTIONS.when(
+            settings.reflections > 0
+                && quality.mesh_reflections
+                && list.kinds_seen.has(SURFACES)
+                && shows_meshes(of),
+        )
         | Features::OVERLAYS.when(camera.overlays != VdbOverlays::default())
         | Features::SCALED.when(quality.resolution < 1.0)
         | Features::EDGES.when(shows_edges && pool.spare_bindings() >= 2)

@@ -8,6 +8,7 @@ use vdb_core::view::ViewRays;
 
 use super::key::ViewKey;
 use super::list::{Entry, ViewList};
+use super::queue::{AskedPipelines, PipelineQueue};
 use super::settings::ResolvedSettings;
 use super::tiles::TileLayout;
 use crate::render::gpu::types;
@@ -19,6 +20,7 @@ pub(crate) struct ViewState {
     pub(super) resolved: Option<ResolvedView>,
     /// The data that the passes use.
     pub prepared: Option<PreparedView>,
+    pub(super) pipelines: PipelineQueue,
 }
 
 /// A resolved view: what its settings require.
@@ -29,9 +31,9 @@ pub(crate) struct ResolvedView {
     /// The projection, with jitter.
     pub clip_from_view: Mat4,
     pub list: ViewList,
+    /// The key of the pipelines that it needs.
     pub key: ViewKey,
-    /// Whether all pipelines of the key have been compiled.
-    pub is_ready: bool,
+    pub asked: AskedPipelines,
 }
 
 /// A prepared view: the key of its pipelines, and the data of its shaders.
@@ -85,11 +87,18 @@ impl ViewState {
         Some((prepared, prepared.uniform.as_ref()?))
     }
 
-    /// Marks the resolved view as not ready unless `is_ready` returns true for its key: a pass
-    /// calls this if its pipelines may still be compiling.
+    /// Marks the pipelines that the view asks for as not ready unless `is_ready` returns true for
+    /// their key: a pass calls this if its pipelines may still be compiling.
     pub fn wait_unless(&mut self, is_ready: impl FnOnce(&ViewKey) -> bool) {
-        if let Some(resolved) = &mut self.resolved {
-            resolved.is_ready &= is_ready(&resolved.key);
+        if let Some(ResolvedView { asked, .. }) = &mut self.resolved {
+            asked.are_ready &= is_ready(&asked.key);
+        }
+    }
+
+    /// Marks them as failed if `has_failed` returns true: other pipelines do not wait for them.
+    pub fn give_up_if(&mut self, has_failed: impl FnOnce(&ViewKey) -> bool) {
+        if let Some(ResolvedView { asked, .. }) = &mut self.resolved {
+            asked.have_failed |= has_failed(&asked.key);
         }
     }
 }

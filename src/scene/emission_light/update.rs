@@ -107,6 +107,16 @@ pub(super) fn update_lights(
         });
         let parts: Vec<Fire> = summarised.collect();
         if parts.len() < all.len() {
+            // Until its light is known, a dark one: pipelines for lamps are compiled at once, instead of
+            // after those without.
+            if !children().any(|child| lights.contains(*child)) {
+                let dark = PointLight {
+                    intensity: 0.0,
+                    shadow_maps_enabled: fire.light.shadows,
+                    ..default()
+                };
+                commands.spawn((FireLight, ChildOf(fire.entity), dark));
+            }
             continue;
         }
         let Ok(place) = transforms.compute_global_transform(fire.entity) else { continue };
