@@ -189,9 +189,8 @@ fn lower(
 const SLAB: usize = (Lower::DIM * Lower::DIM) as usize;
 const SLABS: usize = Lower::DIM as usize;
 
-/// The triangles of a slab, prepared for distances. Prepared triangles are eight times as large as
-/// the indices and corners that they are made of: those of a whole node, for each thread, were most
-/// of the memory that a fine surface took.
+/// The triangles of a slab, prepared for distances. One takes 350 bytes: those of a whole node, on each
+/// thread, would be most of the memory that a fine surface takes.
 struct Prepared {
     triangles: Vec<Triangle>,
     /// Where each triangle of the node is among these.
