@@ -3,6 +3,8 @@
 //! `scripts/bench-tools` builds the other side and starts this. Rounds of both alternate, each in a
 //! process of its own, so that both see the same machine.
 
+mod judge;
+
 use std::error::Error;
 use std::hint::black_box;
 use std::path::Path;
@@ -10,6 +12,7 @@ use std::process::Command;
 use std::time::Instant;
 
 use glam::{DAffine3, DMat3};
+use judge::Judgement;
 use vdb_core::tools::{
     CsgOperation, Filter, FogFromLevelSet, LevelSetToMesh, MeshToLevelSet, Offset, Redistance,
     Resample, Smooth, csg, fog_from_level_set, level_set_to_mesh, mesh_to_level_set, offset,
@@ -19,8 +22,15 @@ use vdb_core::{AnyTree, Grid, Transform, VdbFile, WriteOptions};
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
-/// Processes of each side for each row, of one run each.
+/// How much larger the voxels are that level sets are resampled to.
+const COARSER: f64 = 1.5;
+
+/// Processes of each side for each row, of one run each, unless `ROUNDS` says how many.
 const ROUNDS: usize = 3;
+
+fn rounds() -> Result<usize> {
+    Ok(std::env::var("ROUNDS").ok().map(|own| own.parse()).transpose()?.unwrap_or(ROUNDS).max(1))
+}
 
 fn main() -> Result<()> {
     // `cargo bench` adds an option of its own.
@@ -28,7 +38,7 @@ fn main() -> Result<()> {
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["child", _, task, ref rest @ ..] => child(task, rest),
         [peer, folder, voxels, ref meshes @ ..] if !meshes.is_empty() => {
-            println!("Medians of {ROUNDS} runs: seconds of all threads; peak memory in MB.");
+            println!("Medians of {} runs: seconds of all threads; peak memory in MB.", rounds()?);
             println!(
                 "| work | ours | OpenVDB's | ratio | on the clock | memory | OpenVDB's | ratio |"
             );
@@ -107,7 +117,7 @@ fn child(task: &str, arguments: &[&str]) -> Result<()> {
         ("csg", [a, b]) => Some(csg(a, b, CsgOperation::Union)?),
         ("redistance", [grid]) => Some(redistance(grid, &Redistance::default())?),
         ("resample", [grid]) => {
-            Some(resample(grid, &Resample::with_voxel_size(grid, 1.5 * edge)?)?)
+            Some(resample(grid, &Resample::with_voxel_size(grid, COARSER * edge)?)?)
         }
         ("resample-fog", [grid]) => Some(resample(grid, &Resample::new(turned(edge)?))?),
         ("offset", [grid]) => Some(offset(grid, &Offset::new(2.0 * edge))?),
@@ -190,7 +200,7 @@ fn compare(peer: &str, folder: &Path, mesh_path: &str, voxels: u32) -> Result<Ve
             all.extend(unit.map(|_| result.clone()));
             all
         };
-        for _ in 0..ROUNDS {
+        for _ in 0..rounds()? {
             let own_arguments = with(&results[0]);
             ours.push(measure(Command::new(&own).args(["child", "1", task]).args(own_arguments))?);
             theirs.push(measure(Command::new(peer).args(["1", task]).args(with(&results[1])))?);
@@ -208,6 +218,11 @@ fn compare(peer: &str, folder: &Path, mesh_path: &str, voxels: u32) -> Result<Ve
         ratios.push(ratio);
         if let Some(unit) = unit {
             differences(task, &results, unit)?;
+            match task {
+                "redistance" => judge(task, &one, &results, 1.0)?,
+                "resample" => judge(task, &one, &results, COARSER)?,
+                _ => (),
+            }
         }
     }
     Ok(ratios)
@@ -245,5 +260,32 @@ fn differences(task: &str, [ours, theirs]: &[String; 2], unit: f64) -> Result<()
          {most:.1e}; {signs} signs",
         sum / count as f64
     );
+    Ok(())
+}
+
+/// Prints which of two level sets is nearer to the truth, where they differ by more than a voxel. A
+/// voxel of theirs is `coarser` times as large as one of the input.
+fn judge(task: &str, input: &str, [ours, theirs]: &[String; 2], coarser: f64) -> Result<()> {
+    let grids = (read(input)?, read(ours)?, read(theirs)?);
+    let (AnyTree::Float(input), AnyTree::Float(ours), AnyTree::Float(theirs)) =
+        (&grids.0.tree, &grids.1.tree, &grids.2.tree)
+    else {
+        return Err("not floats".into());
+    };
+    let edge = grids.1.transform.voxel_size().x;
+    let band = f64::from(ours.background()) / edge;
+    let (mut own, mut other) = (ours.accessor(), theirs.accessor());
+    let mut judgement = Judgement::default();
+    let all = ours.active_values().map(|voxel| voxel.origin);
+    let mut visited = ours.accessor();
+    let more = theirs.active_values().map(|voxel| voxel.origin);
+    for ijk in all.chain(more.filter(|ijk| !visited.probe(*ijk).1)) {
+        let values = [own.get(ijk), other.get(ijk)].map(|value| f64::from(value) / edge);
+        if (values[0] - values[1]).abs() > 1.0 {
+            let truth = judge::distance(input, ijk.as_dvec3() * coarser, band * coarser) / coarser;
+            judgement.add(ijk, values, truth);
+        }
+    }
+    judgement.show(task);
     Ok(())
 }

@@ -127,3 +127,31 @@ fn unions_have_distances_again() {
     assert!((distance - (14.0 - edge)).abs() < 0.87, "{distance}");
     assert!(distance > bound + 0.1, "{distance} is no more than {bound}");
 }
+
+/// OpenVDB 10 fills such cavities, and slits that are open only where they are narrower still.
+#[test]
+fn cavities_with_one_layer_of_samples_stay() {
+    let cuboid = |p: DVec3, half: DVec3| {
+        let q = p.abs() - half;
+        q.max(DVec3::ZERO).length() + q.max_element().min(0.0)
+    };
+    // From 0.3 to 1.5 along x.
+    let cavity = |p: DVec3| cuboid(p - DVec3::X * 0.9, DVec3::new(0.6, 8.5, 8.5));
+    let mut tree = Vdb543::new(3.0_f32);
+    for ijk in voxels(-16, 16, 1) {
+        let p = ijk.as_dvec3();
+        let value = cuboid(p, DVec3::splat(12.3)).max(-cavity(p)).clamp(-3.0, 3.0);
+        tree.set(ijk, value as f32);
+    }
+    let solid = grid(tree);
+    let made = redistance(&solid, &Redistance::default()).unwrap();
+    for ijk in voxels(-4, 4, 1) {
+        // The samples along x are -0.3, 0.5 and -0.5 from 0 on.
+        let x = f64::from(ijk.x);
+        let distance = (x - 0.375).abs().min((x - 1.5).abs()).min(3.0);
+        let expected = if ijk.x == 1 { distance } else { -distance };
+        let value = f64::from(floats(&made).get(ijk));
+        // Corners of triangles and values have 24 bits, up to 12 voxels from the origin.
+        assert!((value - expected).abs() < 2e-6, "{ijk}: {value}, should be {expected}");
+    }
+}

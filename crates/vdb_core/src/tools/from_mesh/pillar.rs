@@ -148,23 +148,28 @@ fn lower(
     progress: &Progress,
 ) -> Result<Built<Lower>, Stop> {
     progress.add(0)?;
-    let triangles: Vec<_> =
-        triangles.map(|triangle| Triangle::new(mesh.corners(triangle as usize))).collect();
-    let (starts, sorted) = by_leaf(&triangles, origin, band.half_width);
-    let slots: Vec<Built<Leaf>> = (0..Lower::SIZE)
+    let triangles: Vec<u32> = triangles.collect();
+    let (starts, sorted) = by_leaf(mesh, &triangles, origin, band.half_width);
+    let built: Vec<Vec<Built<Leaf>>> = (0..SLABS)
         .into_par_iter()
-        .with_min_len(progress.leaves_at_once)
-        .map(|slot| {
-            let own = &sorted[starts[slot] as usize..starts[slot + 1] as usize];
-            let origin = origin + Lower::slot_offset(slot);
-            if own.is_empty() {
-                let winding = crossings.at(origin.x, origin.y, origin.z);
-                return Ok(Built::Tile(band.far(winding), false));
-            }
-            let near = own.iter().map(|&triangle| &triangles[triangle as usize]);
-            leaf::build(near, origin, band, crossings, progress.work)
+        .with_min_len(progress.leaves_at_once.div_ceil(SLAB))
+        .map(|slab| {
+            let slots = slab * SLAB..(slab + 1) * SLAB;
+            let own = &sorted[starts[slots.start] as usize..starts[slots.end] as usize];
+            let prepared = Prepared::new(mesh, &triangles, own);
+            let leaf = |slot: usize| {
+                let own = &sorted[starts[slot] as usize..starts[slot + 1] as usize];
+                let origin = origin + Lower::slot_offset(slot);
+                if own.is_empty() {
+                    let winding = crossings.at(origin.x, origin.y, origin.z);
+                    return Ok(Built::Tile(band.far(winding), false));
+                }
+                leaf::build(prepared.all(own), origin, band, crossings, progress.work)
+            };
+            slots.into_par_iter().with_min_len(progress.leaves_at_once).map(leaf).collect()
         })
         .collect::<Result<_, _>>()?;
+    let slots: Vec<Built<Leaf>> = built.into_iter().flatten().collect();
     // A node that has no leaf after all is a tile only where all its tiles are the same.
     let first = match &slots[0] {
         Built::Tile(value, _) => Some(*value),
@@ -180,8 +185,42 @@ fn lower(
     Ok(Built::Node(internal(origin, slots)))
 }
 
-/// The indices of triangles by leaf: where those of each slot begin, and all of them.
-fn by_leaf(triangles: &[Triangle], origin: IVec3, reach: f64) -> (Vec<u32>, Vec<u32>) {
+/// Slots of a lower node with the same x, which are next to each other.
+const SLAB: usize = (Lower::DIM * Lower::DIM) as usize;
+const SLABS: usize = Lower::DIM as usize;
+
+/// The triangles of a slab, prepared for distances. One takes 350 bytes: those of a whole node, on each
+/// thread, would be most of the memory that a fine surface takes.
+struct Prepared {
+    triangles: Vec<Triangle>,
+    /// Where each triangle of the node is among these.
+    places: Vec<u32>,
+}
+
+impl Prepared {
+    /// Those triangles of a node that are among `own`, which are indices into `of_node`.
+    fn new(mesh: &Mesh, of_node: &[u32], own: &[u32]) -> Self {
+        const NONE: u32 = u32::MAX;
+        let mut triangles = Vec::new();
+        let mut places = if own.is_empty() { Vec::new() } else { vec![NONE; of_node.len()] };
+        for &index in own {
+            let place = &mut places[index as usize];
+            if *place == NONE {
+                *place = triangles.len() as u32;
+                triangles.push(Triangle::new(mesh.corners(of_node[index as usize] as usize)));
+            }
+        }
+        Self { triangles, places }
+    }
+
+    fn all<'a>(&'a self, own: &'a [u32]) -> impl Iterator<Item = &'a Triangle> {
+        own.iter().map(|&index| &self.triangles[self.places[index as usize] as usize])
+    }
+}
+
+/// The triangles of a node by leaf, as indices into `of_node`: where those of each slot begin, and all
+/// of them.
+fn by_leaf(mesh: &Mesh, of_node: &[u32], origin: IVec3, reach: f64) -> (Vec<u32>, Vec<u32>) {
     let log2 = Leaf::TOTAL_LOG2_DIM;
     let edge = f64::from((1 << log2) - 1);
     let low = origin.as_dvec3();
@@ -192,10 +231,11 @@ fn by_leaf(triangles: &[Triangle], origin: IVec3, reach: f64) -> (Vec<u32>, Vec<
         (cells.start() - start).max(0)..=(cells.end() - start).min(Lower::DIM as i32 - 1)
     };
     let mut pairs: Vec<(u16, u32)> = Vec::new();
-    for (triangle, index) in triangles.iter().zip(0..) {
+    for (&triangle, index) in of_node.iter().zip(0..) {
+        let corners = mesh.corners(triangle as usize);
         let before = pairs.len();
         let mut piece_count = 0;
-        pieces(triangle.corners, edge, reach, bounds, &mut |low, high| {
+        pieces(corners, edge, reach, bounds, &mut |low, high| {
             piece_count += 1;
             for x in clip(low.x, high.x, origin.x) {
                 for y in clip(low.y, high.y, origin.y) {
@@ -210,6 +250,7 @@ fn by_leaf(triangles: &[Triangle], origin: IVec3, reach: f64) -> (Vec<u32>, Vec<
             // Only the pairs of this triangle are the same.
             pairs.dedup();
             let radius = edge / 2.0 * 3.0_f64.sqrt() + reach;
+            let triangle = Triangle::new(corners);
             let is_near = |slot: u16| {
                 let center = (origin + Lower::slot_offset(slot.into())).as_dvec3() + edge / 2.0;
                 triangle.distance_squared(center) < radius * radius

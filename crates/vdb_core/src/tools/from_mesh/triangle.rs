@@ -11,7 +11,7 @@ const LEAST_HEIGHT: f64 = 1e-6;
 
 /// A triangle prepared for distances from many points; in voxels.
 pub(super) struct Triangle {
-    pub corners: [DVec3; 3],
+    corners: [DVec3; 3],
     /// From each corner to the next one.
     edges: [DVec3; 3],
     inverse_squares: [f64; 3],
