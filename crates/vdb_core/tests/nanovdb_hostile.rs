@@ -239,6 +239,13 @@ fn offsets_out_of_the_grid_are_refused() {
         set(&mut bytes, GRID + 672 + 24, offset);
         assert!(refused(&bytes).contains("root"), "{offset}");
     }
+    // Or one that begins in the grid and ends after it, although it has no tiles.
+    let at = (sound.len() - GRID - 672) / 32 * 32 - 32;
+    let mut bytes = sound;
+    bytes[GRID + 672 + at..].fill(0);
+    set(&mut bytes, GRID + 672 + 24, at as u64);
+    let said = refused(&bytes);
+    assert!(said.contains("ends after its grid"), "{said}");
 }
 
 /// A packed grid that gives a size which its bytes cannot have.

@@ -55,7 +55,10 @@ pub(super) fn scan<'a, D: Decode>(
     let at = head.root_at;
     let count = cursor.moved_to(at + root::TABLE_SIZE)?.u32()? as usize;
     let table = cursor.moved_to(at)?;
-    let room = table.remaining().saturating_sub(sizes.root_bytes()) / sizes.tile_bytes();
+    let Some(after_root) = table.remaining().checked_sub(sizes.root_bytes()) else {
+        return Err(Error::invalid("a root that ends after its grid").at(at));
+    };
+    let room = after_root / sizes.tile_bytes();
     if count > room {
         let what = format!("a root with {count} tiles, of which {room} fit into the grid");
         return Err(Error::invalid(what).at(at + root::TABLE_SIZE));
