@@ -1,4 +1,4 @@
-//! How long the driver takes to compile the trace, without any cache of its own: the first start of an app.
+//! How long the driver takes to compile the trace when it has no cache, as at the first start of an app.
 //! Results are in `docs/internals/notebook.md`, "What drivers compile".
 
 #[path = "../../tests/gpu/compose.rs"]
@@ -7,23 +7,23 @@ mod compose;
 mod headless;
 
 use std::borrow::Cow;
+use std::error::Error;
 use std::time::Instant;
 
 use bevy::tasks::block_on;
 use wgpu::{
-    ComputePipelineDescriptor, Instance, InstanceDescriptor, ShaderModuleDescriptor,
-    ShaderRuntimeChecks,
+    ComputePipelineDescriptor, DeviceDescriptor, Features, Instance, InstanceDescriptor,
+    RequestAdapterOptions, ShaderModuleDescriptor, ShaderRuntimeChecks, ShaderSource,
 };
-use wgpu::{DeviceDescriptor, Features, RequestAdapterOptions, ShaderSource};
 
 const HELP: &str = "\
 compile [DEFS…]
-Seconds that the driver takes for the trace with sets of shader defs. Drivers may find it in their caches: run
-it with __GL_SHADER_DISK_CACHE=0 on NVIDIA's, with MESA_SHADER_CACHE_DISABLE=true on Mesa's.
+Seconds that the driver takes to compile the trace with sets of shader defs. Drivers keep what they compile: set
+__GL_SHADER_DISK_CACHE=0 for NVIDIA's, MESA_SHADER_CACHE_DISABLE=true for Mesa's.
 
-  DEFS    names, separated by spaces, as one argument; without any, those of the list in the source
+  DEFS    names separated by spaces, as one argument; without any, eight views of growing content
 
-VDB_SHADERS is the folder of other shaders, to compare them with those of the repository.
+The variable VDB_SHADERS names a folder with other shaders than the repository's, to compare the two.
 ";
 
 /// Views of growing content.
@@ -82,23 +82,22 @@ fn seconds(device: &wgpu::Device, module: &naga::Module) -> f64 {
     start.elapsed().as_secs_f64()
 }
 
-fn main() {
+fn main() -> Result<(), Box<dyn Error>> {
     let own: Vec<String> =
         std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
     if own.iter().any(|argument| argument == "--help") {
         print!("{HELP}");
-        return;
+        return Ok(());
     }
     let instance = Instance::new(InstanceDescriptor::new_without_display_handle());
-    let adapter =
-        block_on(instance.request_adapter(&RequestAdapterOptions::default())).expect("a GPU");
+    let adapter = block_on(instance.request_adapter(&RequestAdapterOptions::default()))?;
     println!("{}", adapter.get_info().name);
     let descriptor = DeviceDescriptor {
         required_features: adapter.features() & !Features::all_experimental_mask(),
         required_limits: adapter.limits(),
         ..Default::default()
     };
-    let (device, _queue) = block_on(adapter.request_device(&descriptor)).expect("a device");
+    let (device, _queue) = block_on(adapter.request_device(&descriptor))?;
     let mut composer = compose::composer();
     let views: Vec<(&str, &str)> = match own.is_empty() {
         true => VIEWS.to_vec(),
@@ -109,4 +108,5 @@ fn main() {
         let module = compose::composed(&mut composer, "trace/trace", &defs);
         println!("{:8.2} s  {name}", seconds(&device, &module));
     }
+    Ok(())
 }

@@ -14,12 +14,12 @@ use crate::headless;
 
 /// The defs of the trace in `examples/smoke_and_fire`: a mirror below fire in smoke, under a sun and the lights of
 /// the fire, with further rays on edges.
-pub const SMOKE_AND_FIRE: &str = "VDB_SURFACES VDB_SMOOTH VDB_FOGS VDB_EMISSION VDB_EMITS VDB_BLACKBODY VDB_COLORS VDB_MULTIPLE_SCATTERING \
-    VDB_BEAMS VDB_LIT VDB_SHADOWS VDB_LOCAL_LIGHTS VDB_REFLECTIONS MULTISAMPLED VDB_LIGHT_CACHE \
+pub const SMOKE_AND_FIRE: &str = "VDB_SURFACES VDB_SMOOTH VDB_FOGS VDB_EMISSION VDB_EMITS VDB_BLACKBODY \
+    VDB_COLORS VDB_MULTIPLE_SCATTERING VDB_BEAMS VDB_LIT VDB_SHADOWS VDB_LOCAL_LIGHTS VDB_REFLECTIONS MULTISAMPLED VDB_LIGHT_CACHE \
     VDB_OTHER_LIGHTS VDB_SMOOTH_NORMALS VDB_EDGES SHADOW_FILTER_METHOD_GAUSSIAN VDB_OCTAVES \
     VDB_CACHED_SUNS=1 VDB_FOG_SLOTS=1 VDB_EMITTER_SLOTS=1 VDB_FORMAT=0";
 
-/// Where the shaders are: `VDB_SHADERS`, to compare others with those of the repository.
+/// The folder of the shaders: that of the repository, unless the variable `VDB_SHADERS` names another.
 fn folder() -> PathBuf {
     let own = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/shaders");
     std::env::var_os("VDB_SHADERS").map_or_else(|| own.into(), PathBuf::from)

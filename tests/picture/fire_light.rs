@@ -226,6 +226,24 @@ fn smoke_around_a_fire_dims_its_light() {
     }
 }
 
+/// Until the light of a fire has been computed, a dark one takes its place, for which pipelines are compiled.
+#[gpu_test]
+fn a_dark_light_comes_before_that_of_a_fire() {
+    let mut stage = Stage::new();
+    let (smoke, grid) = (stage.no_smoke(), stage.grid(flame(), PackKind::Fog, 0.1));
+    let emission = VdbEmission::Scalar { grid, color: COLOR };
+    stage.world().spawn((smoke, emission, VdbEmissionLight::default()));
+    let lights = |stage: &mut Stage| -> Vec<f32> {
+        let mut all = stage.world().query::<&PointLight>();
+        all.iter(stage.world()).map(|light| light.intensity).collect()
+    };
+    stage.update(1);
+    assert_eq!(lights(&mut stage), [0.0]);
+    stage.lit(|count| count > 0);
+    let shining = lights(&mut stage);
+    assert!(shining.iter().all(|intensity| *intensity > 0.0), "{shining:?}");
+}
+
 fn power(lights: &[PointLight]) -> f32 {
     lights.iter().map(|light| light.intensity).sum()
 }

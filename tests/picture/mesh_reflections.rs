@@ -4,13 +4,12 @@ use bevy::camera::Hdr;
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbGrid, VdbMaterial, VdbQuality, VdbVolume};
+use bevy_vdb::{VdbQuality, VdbVolume};
 use gpu_test::gpu_test;
-use vdb_core::synth::fog;
-use vdb_core::tree::CoordBox;
 
 use super::common::{Picture, Stage};
-use super::{GREEN, SIZE, SURFACE, is_green, looking, pixel_ray};
+use super::reflections::{floor, mirror};
+use super::{GREEN, SIZE, is_green, looking, pixel_ray};
 
 const EYE: Vec3 = Vec3::new(1.0, 3.0, 8.0);
 /// The box of the mesh in world space, above the mirror, whose upper side is at y = -0.05.
@@ -18,16 +17,10 @@ const LOW: DVec3 = DVec3::new(-1.0, 0.5, -1.5);
 const HIGH: DVec3 = DVec3::new(1.0, 1.5, 0.5);
 const FLOOR: f64 = -0.05;
 
-fn floor(stage: &mut Stage) -> Handle<VdbGrid> {
-    let floor = CoordBox { min: IVec3::new(-60, -10, -60), max: IVec3::new(59, -1, 59) };
-    stage.grid(fog::block(floor, -1.0), SURFACE, 0.1)
-}
-
 /// A mirror, and a box that shines green above it.
 fn scene(stage: &mut Stage) {
     let floor = floor(stage);
-    let mirror = VdbMaterial { metallic: 1.0, perceptual_roughness: 0.0, ..default() };
-    stage.world().spawn((VdbVolume(floor), mirror));
+    stage.world().spawn((VdbVolume(floor), mirror()));
     let size = (HIGH - LOW).as_vec3();
     let mesh = stage.world().resource_mut::<Assets<Mesh>>().add(Cuboid::from_size(size));
     let green = StandardMaterial {
@@ -41,7 +34,7 @@ fn scene(stage: &mut Stage) {
     stage.world().spawn((Mesh3d(mesh), MeshMaterial3d(green), middle));
 }
 
-/// The distances along a ray at which it is in the box, made larger on all sides.
+/// Where a ray enters the box, enlarged on all sides.
 fn within_box(from: DVec3, dir: DVec3, larger: f64) -> Option<f64> {
     let (a, b) = ((LOW - larger - from) / dir, (HIGH + larger - from) / dir);
     let (near, far) = (a.min(b).max_element(), a.max(b).min_element());
@@ -129,7 +122,7 @@ fn cameras_that_share_a_target_reflect_their_own_meshes() {
     assert!(shown > 100 && missing * 100 <= shown && wrong * 1000 <= not_shown);
 }
 
-/// They are compiled for nothing else.
+/// The feature is compiled only for cameras that can use it.
 #[gpu_test]
 fn only_what_can_be_reflected_is_compiled() {
     let mut stage = Stage::new();

@@ -3,7 +3,7 @@
 use bevy::light::EnvironmentMapLight;
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbMaterial, VdbQuality, VdbVolume};
+use bevy_vdb::{VdbGrid, VdbMaterial, VdbQuality, VdbVolume};
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
@@ -12,8 +12,14 @@ use vdb_core::tree::CoordBox;
 use super::common::Stage;
 use super::{GREEN, SIZE, SURFACE, glow, is_green, is_red, looking, pixel_ray};
 
-fn mirror() -> VdbMaterial {
+pub fn mirror() -> VdbMaterial {
     VdbMaterial { metallic: 1.0, perceptual_roughness: 0.0, ..default() }
+}
+
+/// A plate of 12 by 12 world units, whose upper side is at y = -0.05.
+pub fn floor(stage: &mut Stage) -> Handle<VdbGrid> {
+    let floor = CoordBox { min: IVec3::new(-60, -10, -60), max: IVec3::new(59, -1, 59) };
+    stage.grid(fog::block(floor, -1.0), SURFACE, 0.1)
 }
 
 /// A metal plane shows a box above it where the mirrored ray meets the box, and black elsewhere.
@@ -23,8 +29,7 @@ fn a_mirror_shows_what_is_before_it() {
     let target = stage.target(SIZE);
     let view = looking(Vec3::new(1.0, 4.0, 8.0));
     let camera = stage.camera(&target, view);
-    let floor = CoordBox { min: IVec3::new(-60, -10, -60), max: IVec3::new(59, -1, 59) };
-    let floor = stage.grid(fog::block(floor, -1.0), SURFACE, 0.1);
+    let floor = floor(&mut stage);
     stage.world().spawn((VdbVolume(floor), mirror()));
     // Out of sight of the camera for the most part: its mirror image is what is looked for.
     let above = CoordBox { min: IVec3::new(-10, 10, -10), max: IVec3::new(9, 29, 9) };

@@ -1,14 +1,13 @@
 // Finds the pixels of a traced image that lie on edges of surfaces, which get further rays: where the colour
 // changes by more than a little from a pixel to the next, or the depth by more than that of a plane.
 
+#import bevy_vdb::trace::edge_list::{EDGE_COUNT, EDGE_WORDS, FIRST_EDGE, MAX_GROUPS, REFINEMENT_LAYERS}
 #import bevy_vdb::view::depths::is_surface_depth
 
 // Output of the trace; see `trace.wgsl`.
 @group(0) @binding(0) var traced_color: texture_2d<f32>;
 @group(0) @binding(1) var traced_depth: texture_2d<f32>;
-// The workgroups of the refinement along each axis, in two layers, and the number of pixels, zeroed beforehand; and for each
-// pixel on an edge, the column, with the row from bit 15 on and bit 31 if its middle shows a surface, and the
-// traced colour as four 16-bit floats.
+// The list of pixels on edges; its head is zeroed beforehand.
 @group(0) @binding(2) var<storage, read_write> edges: array<atomic<u32>>;
 
 struct Setup {
@@ -26,11 +25,6 @@ const CONTRAST: f32 = 0.125;
 // The least bend of the depths along three pixels that is an edge, relative to their slope.
 const BEND: f32 = 0.5;
 
-const HEADER: u32 = 4u;
-const WORDS: u32 = 3u;
-const MAX_GROUPS: u32 = 65535u;
-// By these, `trace.wgsl` knows that it refines.
-const REFINEMENT_LAYERS: u32 = 2u;
 
 var<workgroup> found: atomic<u32>;
 var<workgroup> first: u32;
@@ -93,7 +87,7 @@ fn find_edges(
     if thread == 0u {
         let count = atomicLoad(&found);
         if count > 0u {
-            first = atomicAdd(&edges[3], count);
+            first = atomicAdd(&edges[EDGE_COUNT], count);
             let groups = (first + count + setup.pixels_of_layers - 1u) / setup.pixels_of_layers;
             atomicMax(&edges[0], min(groups, MAX_GROUPS));
             atomicMax(&edges[1], (groups + MAX_GROUPS - 1u) / MAX_GROUPS);
@@ -103,7 +97,7 @@ fn find_edges(
     workgroupBarrier();
     if is_edge {
         let surface_bit = select(0u, 1u << 31u, is_surface);
-        let entry = HEADER + WORDS * (first + own);
+        let entry = FIRST_EDGE + EDGE_WORDS * (first + own);
         let color = textureLoad(traced_color, at, 0);
         atomicStore(&edges[entry], id.x | (id.y << 15u) | surface_bit);
         atomicStore(&edges[entry + 1u], pack2x16float(color.rg));

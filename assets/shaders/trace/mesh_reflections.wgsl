@@ -10,7 +10,7 @@
 
 // What a reflected ray meets.
 struct ReflectedMesh {
-    share: f32,             // of the mesh, 0 to 1; the rest is what there would be without it
+    share: f32,             // how much of the mesh is shown, 0 to 1; the rest is what there is without it
     t: f32,                 // world units along the ray
     radiance: vec3<f32>,
 }
@@ -32,7 +32,7 @@ fn pixel_of_ndc(ndc: vec2<f32>) -> vec2<u32> {
     return view.origin + min(vec2<u32>(uv * vec2<f32>(view.picture)), view.picture - 1u);
 }
 
-// How far a point in NDC is behind the meshes, along the view ray through it.
+// How far a point in NDC is behind the meshes along the view ray through it, and its own t.
 #ifdef MULTISAMPLED
 fn behind_meshes(scene_depth: texture_depth_multisampled_2d, at: vec3<f32>) -> vec2<f32> {
 #else

@@ -6,6 +6,7 @@
 #import bevy_vdb::traversal::rays::ndc_of
 #import bevy_vdb::view::depths::{NO_DEPTH, encoded_fog_depth, is_surface_depth}
 #ifdef VDB_EDGES
+#import bevy_vdb::trace::edge_list::{EDGE_COUNT, EDGE_WORDS, FIRST_EDGE, MAX_GROUPS, REFINEMENT_LAYERS}
 #import bevy_vdb::view::depths::{decoded_fog_depth, is_fog_depth}
 #endif
 #import bevy_vdb::view::picture::{depth_of_meshes, t_of_depth}
@@ -113,11 +114,15 @@ struct PathResult {
 
 #ifdef VDB_LIT
 #ifdef VDB_REFLECTIONS
+// A number in [0, 1) that is evenly distributed among neighbouring pixels, another one for each bounce.
+fn bounce_noise(pixel: vec2<u32>, bounce: u32) -> f32 {
+    return interleaved_gradient_noise(vec2<f32>(pixel) + 5.588238 * f32(bounce));
+}
+
 // Two random numbers in [0, 1), evenly distributed among neighbouring pixels: the R2 sequence (Roberts 2018,
 // "The unreasonable effectiveness of quasirandom sequences"), offset by noise.
 fn random_pair(pixel: vec2<u32>, bounce: u32) -> vec2<f32> {
-    let at = vec2<f32>(pixel) + 5.588238 * f32(bounce);
-    let noise = interleaved_gradient_noise(at);
+    let noise = bounce_noise(pixel, bounce);
     let rotation = vec2(frame_random(0.41421356), frame_random(0.73205081));
     return fract(noise + rotation + vec2(0.7548776662, 0.5698402910) * f32(bounce + 1u));
 }
@@ -220,8 +225,8 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
             segment = Segment(point, direction, false, 0.0);
             t_max = view.reflection_range;
 #ifdef VDB_MESH_REFLECTIONS
-            let noise = interleaved_gradient_noise(vec2<f32>(pixel) + 5.588238 * f32(bounce));
-            let mesh = reflected_mesh(scene_depth, world_position(point), direction, t_max, noise);
+            let origin = world_position(point);
+            let mesh = reflected_mesh(scene_depth, origin, direction, t_max, bounce_noise(pixel, bounce));
             miss_radiance = mix(miss_radiance, throughput * mesh.radiance, mesh.share);
             t_max = select(t_max, mesh.t, mesh.share > 0.5);
 #endif
@@ -348,16 +353,9 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 #else
-// The pixels on edges; see `edges.wgsl`.
 @group(2) @binding(17) var<storage, read> edges: array<u32>;
 
-const EDGES_COUNT: u32 = 3u;
-const EDGES_FIRST: u32 = 4u;
-const EDGE_WORDS: u32 = 3u;
-const MAX_GROUPS: u32 = 65535u;
 const GROUP_THREADS: u32 = 128u;
-// A dispatch in so many layers traces further rays; see `edges.wgsl`.
-const REFINEMENT_LAYERS: u32 = 2u;
 
 var<workgroup> traced: array<vec4<f32>, GROUP_THREADS>;
 var<workgroup> traced_depths: array<f32, GROUP_THREADS>;
@@ -369,8 +367,8 @@ fn sample_position(i: u32, count: u32) -> vec2<f32> {
     return (vec2(f32(i), f32(row)) + 0.5) / f32(count);
 }
 
-// The mean of the further rays through a pixel, and of the ray through its middle, replaces the colour of the
-// latter. `entry` is the pixel's in the list, or 0 if this thread repeats another pixel.
+// The mean of the additional rays through a pixel and of the ray through its middle replaces the colour of the
+// latter. `entry` is the pixel's place in the list, or 0 if this thread repeats another pixel.
 fn store_mean(pixel: vec2<u32>, result: PathResult, entry: u32, thread: u32) {
     let samples = view.edge_samples;
     traced[thread] = vec4(finite(result.color), result.coverage);
@@ -397,8 +395,8 @@ fn store_mean(pixel: vec2<u32>, result: PathResult, entry: u32, thread: u32) {
     }
 }
 
-// A thread for each pixel or, in a dispatch of several layers, for each further ray of the pixels on edges. One
-// entry point for both, because drivers take long to compile what traces a path.
+// One thread per pixel or, in a dispatch of several layers, per additional ray through a pixel on an edge. One
+// entry point serves both, because drivers take long to compile the code that traces a path.
 @compute @workgroup_size(8, 16, 1)
 fn trace(
     @builtin(global_invocation_id) id: vec3<u32>,
@@ -414,9 +412,9 @@ fn trace(
         let samples = view.edge_samples;
         let row = group.y * MAX_GROUPS + group.x;
         let place = (REFINEMENT_LAYERS * row + group.z) * (GROUP_THREADS / samples) + thread / samples;
-        let count = min(edges[EDGES_COUNT], (arrayLength(&edges) - EDGES_FIRST) / EDGE_WORDS);
+        let count = min(edges[EDGE_COUNT], (arrayLength(&edges) - FIRST_EDGE) / EDGE_WORDS);
         // The last groups may have threads to spare: they repeat the last pixel, and store nothing.
-        let listed = EDGES_FIRST + EDGE_WORDS * min(place, max(count, 1u) - 1u);
+        let listed = FIRST_EDGE + EDGE_WORDS * min(place, max(count, 1u) - 1u);
         let word = edges[listed];
         pixel = vec2(word & 0x7fffu, (word >> 15u) & 0xffffu);
         offset = sample_position(thread % samples, samples) - 0.5;

@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 51] = shaders![
+const IMPORTS: [(&str, &[u8]); 52] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -47,6 +47,7 @@ const IMPORTS: [(&str, &[u8]); 51] = shaders![
     "trace/scattering",
     "trace/light_list",
     "trace/illuminance",
+    "trace/edge_list",
     "trace/mesh_reflections",
     "trace/mesh_shadows",
     "trace/visibility",

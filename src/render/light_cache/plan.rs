@@ -32,14 +32,13 @@ pub(super) fn ask(
     fallback: Res<PipelineFallback>,
 ) {
     for mut view in &mut views {
-        view.wait_unless(|key| {
-            if !key.has(Features::LIGHT_CACHE) {
-                return true;
-            }
-            let own = FillPipelines::of(key, &pipeline, &cache, &mut specialized);
-            // All are looked up, so that they are remembered.
-            own.all().filter(|id| fallback.compute(&cache, *id).is_none()).count() == 0
-        });
+        let Some(asked) = view.asked().filter(|asked| asked.key.has(Features::LIGHT_CACHE)) else {
+            continue;
+        };
+        let own = FillPipelines::of(&asked.key, &pipeline, &cache, &mut specialized);
+        // All are looked up, so that they are remembered.
+        let missing = own.all().filter(|id| fallback.compute(&cache, *id).is_none()).count();
+        asked.are_ready &= missing == 0;
     }
 }
 

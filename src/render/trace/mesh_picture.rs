@@ -3,9 +3,9 @@
 use bevy::ecs::system::SystemParam;
 use bevy::prelude::*;
 use bevy::render::render_resource::{
-    BindGroup, DynamicBindGroupEntries, DynamicBindGroupLayoutEntries, PipelineCache, ShaderStages,
+    BindGroupLayoutDescriptor, ComputePass, DynamicBindGroupEntries, DynamicBindGroupLayoutEntries,
+    PipelineCache, ShaderStages,
 };
-use bevy::render::render_resource::{BindGroupLayoutDescriptor, ComputePass};
 use bevy::render::renderer::RenderDevice;
 use bevy::render::view::ViewTarget;
 
@@ -16,7 +16,7 @@ use crate::render::view::ViewKey;
 /// The group of the picture, after the crate's own.
 const MESHES_GROUP: u32 = 3;
 
-/// The layout of its group.
+/// The layout of this group.
 pub(super) fn layout() -> BindGroupLayoutDescriptor {
     let entries = DynamicBindGroupLayoutEntries::sequential(ShaderStages::COMPUTE, (read(),));
     BindGroupLayoutDescriptor::new("vdb_mesh_picture", &entries)
@@ -34,13 +34,10 @@ impl MeshPictures<'_> {
     /// Binds the picture, if the pipelines of a key read it.
     pub fn bind(&self, key: &ViewKey, target: &ViewTarget, pass: &mut ComputePass) {
         if key.has(Features::MESH_REFLECTIONS) {
-            pass.set_bind_group(MESHES_GROUP, &self.group(target), &[]);
+            let layout = self.cache.get_bind_group_layout(&layout());
+            let entries = DynamicBindGroupEntries::sequential((target.main_texture_view(),));
+            let group = self.device.create_bind_group("vdb_mesh_picture", &layout, &entries);
+            pass.set_bind_group(MESHES_GROUP, &group, &[]);
         }
-    }
-
-    fn group(&self, target: &ViewTarget) -> BindGroup {
-        let layout = self.cache.get_bind_group_layout(&layout());
-        let entries = DynamicBindGroupEntries::sequential((target.main_texture_view(),));
-        self.device.create_bind_group("vdb_mesh_picture", &layout, &entries)
     }
 }

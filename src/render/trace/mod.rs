@@ -137,22 +137,17 @@ fn ask(
     fallback: Res<PipelineFallback>,
 ) {
     for mut view in &mut views {
-        view.wait_unless(|key| {
-            let own = pipelines.of(key);
-            let mut all = [Some(own.trace), own.beams, own.lamp_light].into_iter().flatten();
-            all.all(|id| fallback.compute(&pipelines.cache, id).is_some())
-        });
-        view.give_up_if(|key| {
-            let id = pipelines.of(key).trace;
-            let state = pipelines.cache.get_compute_pipeline_state(id);
-            matches!(
-                state,
-                CachedPipelineState::Err(
-                    ShaderCacheError::ProcessShaderError(_)
-                        | ShaderCacheError::CreateShaderModule(_)
-                )
+        let Some(asked) = view.asked() else { continue };
+        let own = pipelines.of(&asked.key);
+        let mut all = [Some(own.trace), own.beams, own.lamp_light].into_iter().flatten();
+        asked.are_ready &= all.all(|id| fallback.compute(&pipelines.cache, id).is_some());
+        // Other errors are of shaders that are still being loaded.
+        asked.have_failed |= matches!(
+            pipelines.cache.get_compute_pipeline_state(own.trace),
+            CachedPipelineState::Err(
+                ShaderCacheError::ProcessShaderError(_) | ShaderCacheError::CreateShaderModule(_)
             )
-        });
+        );
     }
 }
 

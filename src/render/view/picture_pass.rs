@@ -113,10 +113,9 @@ fn ask<P: PicturePass>(
     fallback: Res<PipelineFallback>,
 ) {
     for mut view in &mut views {
-        view.wait_unless(|key| {
-            let id = pipelines.of(key);
-            id.is_none_or(|id| fallback.compute(&pipelines.cache, id).is_some())
-        });
+        let Some(asked) = view.asked() else { continue };
+        let id = pipelines.of(&asked.key);
+        asked.are_ready &= id.is_none_or(|id| fallback.compute(&pipelines.cache, id).is_some());
     }
 }
 

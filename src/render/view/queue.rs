@@ -5,9 +5,9 @@ use bevy::platform::collections::HashSet;
 use super::key::ViewKey;
 use crate::quality::features::Features;
 
-/// Which pipelines a view waits for. A driver may take many seconds for each variant, one after the
-/// other, so the variants that a scene needs only while it is loading are left out: one at a time,
-/// and then the one that is needed by then.
+/// Which pipelines a view waits for. A driver may take many seconds per variant and compile them one
+/// after the other. So a view asks for one variant at a time, and next for the one that it needs by
+/// then: those that it needed only in between, while the scene was loading, are never compiled.
 #[derive(Default)]
 pub(super) struct PipelineQueue {
     /// The key whose pipelines are being compiled.

@@ -87,19 +87,9 @@ impl ViewState {
         Some((prepared, prepared.uniform.as_ref()?))
     }
 
-    /// Marks the pipelines that the view asks for as not ready unless `is_ready` returns true for
-    /// their key: a pass calls this if its pipelines may still be compiling.
-    pub fn wait_unless(&mut self, is_ready: impl FnOnce(&ViewKey) -> bool) {
-        if let Some(ResolvedView { asked, .. }) = &mut self.resolved {
-            asked.are_ready &= is_ready(&asked.key);
-        }
-    }
-
-    /// Marks them as failed if `has_failed` returns true: other pipelines do not wait for them.
-    pub fn give_up_if(&mut self, has_failed: impl FnOnce(&ViewKey) -> bool) {
-        if let Some(ResolvedView { asked, .. }) = &mut self.resolved {
-            asked.have_failed |= has_failed(&asked.key);
-        }
+    /// The pipelines that the view asks for: a pass whose own may still be compiling says so there.
+    pub fn asked(&mut self) -> Option<&mut AskedPipelines> {
+        self.resolved.as_mut().map(|resolved| &mut resolved.asked)
     }
 }
 

@@ -107,8 +107,8 @@ pub(super) fn update_lights(
         });
         let parts: Vec<Fire> = summarised.collect();
         if parts.len() < all.len() {
-            // Until its light is known, a dark one: pipelines for lamps are compiled at once, instead of
-            // after those without.
+            // Until its light has been computed, a dark one takes its place, so that the first pipelines
+            // that are compiled are those for lamps.
             if !children().any(|child| lights.contains(*child)) {
                 let dark = PointLight {
                     intensity: 0.0,
