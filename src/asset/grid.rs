@@ -103,7 +103,7 @@ impl VdbGrid {
     }
 
     /// The error for operations that need a tree.
-    fn is_cooked(&self) -> VdbGridError {
+    pub(super) fn is_cooked(&self) -> VdbGridError {
         VdbGridError::Cooked(self.shown_name.to_string())
     }
 

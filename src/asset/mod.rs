@@ -14,6 +14,7 @@ mod grid_loader;
 mod labels;
 pub(crate) mod loaded;
 mod loader;
+mod mesh;
 pub(crate) mod parts;
 mod progress;
 mod sequence;
@@ -29,6 +30,7 @@ pub use file::VdbFile;
 pub use grid::VdbGrid;
 pub use grid_loader::{VdbGridLoader, VdbVectorGridLoader};
 pub use loader::VdbLoader;
+pub use mesh::VdbMeshError;
 pub use progress::{VdbFileProgress, VdbLoadProgress};
 pub use sequence::{
     VdbAssetServerExt, VdbFrame, VdbRepeat, VdbSequence, VdbSequenceError, VdbSequenceLoader,

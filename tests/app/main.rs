@@ -6,6 +6,7 @@ mod cooked;
 #[cfg(feature = "picking")]
 #[path = "../common/headless.rs"]
 mod headless;
+mod meshes;
 #[cfg(feature = "picking")]
 mod picking;
 mod sequence;

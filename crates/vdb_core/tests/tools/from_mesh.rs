@@ -150,6 +150,26 @@ fn holes_and_flipped_triangles_leave_solids() {
     assert!(voxels(26).all(|ijk| floats(&split).get(ijk) == floats(&solid).get(ijk)));
 }
 
+/// Programs round positions, so copies of a vertex may differ in their last bits.
+#[test]
+fn slits_are_closed_across() {
+    let whole = pebble(20.0, 12, 5);
+    let corners = whole.1.iter().flatten().map(|&corner| whole.0[corner as usize]);
+    // At most 0.0049 from the vertex: 0.0098 from each other.
+    let moved = (0_u32..).zip(corners).map(|(i, at)| {
+        let part = |axis: u32| ((i * 3 + axis).wrapping_mul(2_654_435_761) >> 16 & 0xff) as f32 / 255.0 - 0.5;
+        [0, 1, 2].map(|axis| at[axis as usize] + 0.0056 * part(axis))
+    });
+    let triangles = (0..whole.1.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    let options = MeshToLevelSet::new(1.0);
+    let [solid, split] =
+        [&whole, &(moved.collect(), triangles)].map(|mesh| level_set(mesh, &options));
+    for ijk in voxels(26) {
+        let [own, expected] = [&split, &solid].map(|grid| floats(grid).get(ijk));
+        assert!((own - expected).abs() < 0.005, "{ijk}: {own}, should be {expected}");
+    }
+}
+
 #[test]
 fn rules_differ_where_solids_overlap() {
     let (mut positions, mut triangles) = pebble(12.0, 8, 6);

@@ -5,10 +5,14 @@
 //! has the same rim, and mesh and fan together have none: they are a *cycle*, whose winding number
 //! is an integer everywhere. That holds for any triangles. Those that are flipped are turned around
 //! first, as far as neighbours tell.
+//!
+//! Programs that make meshes round: where the texture of a sphere begins and ends, its vertices are
+//! written twice and differ in their last bits. The rim then runs down one side of a slit and up the
+//! other. A fan would be a fin inside the sphere, so slits are closed across, before holes are.
 
 use std::collections::HashMap;
 
-use glam::DVec3;
+use glam::{DVec3, I64Vec3};
 
 /// A mesh in index space, without holes.
 pub(super) struct Mesh {
@@ -39,6 +43,10 @@ pub(super) fn closed(mut points: Vec<DVec3>, triangles: &[[u32; 3]]) -> Mesh {
             left = rim(points.len(), &welded);
         }
         triangles = welded;
+        if !left.is_empty() {
+            close_slits(&points, &left, &mut triangles);
+            left = rim(points.len(), &triangles);
+        }
         for walk in connected(&left, points.len()) {
             let apex = points.len() as u32;
             let ends = |&(a, b, _): &Edge| (points[a as usize], points[b as usize]);
@@ -56,6 +64,41 @@ pub(super) fn closed(mut points: Vec<DVec3>, triangles: &[[u32; 3]]) -> Mesh {
         }
     }
     Mesh { points, triangles }
+}
+
+/// How wide a slit may be, in voxels.
+const SLIT: f64 = 0.01;
+
+/// Adds triangles between the rim and what becomes of it if vertices that are closer to each other
+/// than [`SLIT`] are taken to the first of them. The given triangles stay as they are: so do their
+/// distances.
+fn close_slits(points: &[DVec3], rim: &[Edge], triangles: &mut Vec<[u32; 3]>) {
+    let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
+    let mut nearest = HashMap::new();
+    for vertex in rim.iter().flat_map(|&(a, b, _)| [a, b]) {
+        nearest.entry(vertex).or_insert_with(|| {
+            let at = points[vertex as usize];
+            let cell = (at / SLIT).floor().as_i64vec3();
+            let around = (0..27).map(|i| (cell + I64Vec3::new(i / 9, i / 3 % 3, i % 3) - 1).into());
+            let is_near = |other: &u32| points[*other as usize].distance(at) <= SLIT;
+            let found = around
+                .filter_map(|cell: [i64; 3]| cells.get(&cell))
+                .find_map(|cell| cell.iter().copied().find(is_near));
+            found.unwrap_or_else(|| {
+                cells.entry(cell.into()).or_default().push(vertex);
+                vertex
+            })
+        });
+    }
+    for &(a, b, count) in rim {
+        let (a, b) = if count > 0 { (a, b) } else { (b, a) };
+        let (to_a, to_b) = (nearest[&a], nearest[&b]);
+        for _ in 0..count.abs() {
+            // The edges at the sides cancel: as many edges of the rim come to a vertex as leave it.
+            let added = [[b, a, to_a], [b, to_a, to_b]];
+            triangles.extend(added.into_iter().filter(|[a, b, c]| a != b && b != c && c != a));
+        }
+    }
 }
 
 /// An edge from its lower to its higher vertex, and how often it is passed that way, less how often

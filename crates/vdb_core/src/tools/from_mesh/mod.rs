@@ -81,8 +81,8 @@ debug_options!(MeshToLevelSet { voxel_size, half_width, inside, limits });
 /// origin of the mesh.
 ///
 /// Any triangles will do: they may be degenerate, intersect each other, be flipped, or leave holes.
-/// A hole is closed by a fan of triangles from the centre of its rim, which then is part of the
-/// surface. Where solid parts overlap, their surfaces inside each other remain in the band, with
+/// Vertices less than a hundredth of a voxel apart count as joined. A hole is closed by a fan of
+/// triangles from the centre of its rim, which then is part of the surface. Where solid parts overlap, their surfaces inside each other remain in the band, with
 /// negative values on both sides.
 ///
 /// # Errors
