@@ -361,6 +361,7 @@ fn largest_difference(a: &Picture, b: &Picture) -> f32 {
 /// Fog of which a function leaves half is fog of half the density, in all that sees it: exact and sampled rays, rays
 /// towards lights, the light cache and the shadow maps of meshes. And so it is with its albedo.
 #[gpu_test]
+#[ignore = "slow: each way of lighting compiles shaders of its own"]
 fn half_of_a_fog_is_fog_of_half_the_density() {
     let mut stage = Stage::with(add_materials);
     stage.world().insert_resource(DirectionalLightShadowMap { size: 128 });
@@ -507,6 +508,7 @@ fn watched(body: &str) -> String {
 /// Whatever is wrong with a shader is said once, with its file and line, and the picture stays; when the file is
 /// mended, the picture is of the new function.
 #[gpu_test]
+#[ignore = "slow: each error compiles a function"]
 fn errors_name_the_line_and_leave_the_picture() {
     listen();
     let name = "watched_material.wgsl";

@@ -42,6 +42,7 @@ fn difference(a: &Picture, b: &Picture, part: f32) -> f64 {
 const BALL_PIXELS: f32 = 58.0;
 
 #[gpu_test]
+#[ignore = "slow: its mesh and its grids are fine"]
 fn a_glossy_ball_looks_like_a_mesh() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);

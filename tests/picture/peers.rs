@@ -77,6 +77,7 @@ fn integral(fog: &Fog<'_, impl Node<Value = f32>>, x: u32, y: u32) -> f64 {
 /// The same light, scattered once: both within the eight bits that one of them has. `scripts/peer-fog`
 /// makes the picture of both.
 #[gpu_test]
+#[ignore = "slow: runs vdb_render"]
 fn a_cloud_looks_as_vdb_render_draws_it() {
     if Command::new("vdb_render").arg("-version").output().is_err() {
         assert!(std::env::var_os("VDB_REQUIRE_PEERS").is_none(), "vdb_render is missing");

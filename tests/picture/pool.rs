@@ -67,6 +67,7 @@ fn a_small_grid_comes_and_goes_beside_ten_large_ones() {
 }
 
 #[gpu_test]
+#[ignore = "slow: large grids"]
 fn grids_that_the_app_holds_are_uploaded_once() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
@@ -177,6 +178,7 @@ fn an_app_limits_the_memory_of_grids() {
 }
 
 #[gpu_test]
+#[ignore = "slow: hundreds of changes, each with its frames"]
 fn what_arrives_and_departs_at_random_looks_as_if_alone() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
@@ -222,6 +224,7 @@ fn what_arrives_and_departs_at_random_looks_as_if_alone() {
 }
 
 #[gpu_test]
+#[ignore = "slow: large grids"]
 fn an_asset_may_be_replaced_in_every_frame() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);

@@ -37,6 +37,7 @@ fn around(picture: &Picture, (x, y): (u32, u32), r: u32, holds: impl Fn(Vec4) ->
 /// With fewer rays than pixels, the edge between a volume and a mesh before it stays where it is, to the
 /// pixel, and so does the mesh; only the volume's own edge is coarser.
 #[gpu_test]
+#[ignore = "slow: three cameras with pipelines of their own"]
 fn fewer_rays_leave_the_edges_of_meshes_sharp() {
     let mut stage = Stage::new();
     for (msaa, motion) in [(Msaa::Off, false), (Msaa::Sample4, false), (Msaa::Off, true)] {

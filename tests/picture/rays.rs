@@ -133,6 +133,7 @@ fn rays_meet_what_the_picture_shows() {
 }
 
 #[gpu_test]
+#[ignore = "slow: the pipelines of an example"]
 fn the_example_marks_what_the_mouse_points_at() {
     let mut stage = Stage::new();
     ray_picking::scene(&mut stage.app);

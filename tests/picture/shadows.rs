@@ -178,6 +178,7 @@ fn a_box_throws_its_shadow_on_a_floor() {
 /// Of a plate whose edge is `h` above a floor, a sun of angle α straight above makes a shadow whose edge is
 /// α·h wide; within, as much of the light comes through as the edge leaves of the sun's disk.
 #[gpu_test]
+#[ignore = "slow: means of many frames"]
 fn a_sun_with_a_size_throws_soft_shadows() {
     let (mut stage, target, camera, view) = stage(Vec3::new(2.5, 1.6, 0.0));
     let floor = stage.grid(voxels(&[FLOOR]), SURFACE, VOXEL);
@@ -276,6 +277,7 @@ fn a_volume_out_of_the_picture_throws_its_shadow_into_it() {
 
 /// A ball is convex: no point of it that faces the light is in its shadow, however the light grazes.
 #[gpu_test]
+#[ignore = "slow: starts an app for each ball"]
 fn a_ball_has_no_acne() {
     for (radius, far) in [(10.0, 1.0), (40.0, 1.0), (40.0, 300.0)] {
         let (mut stage, target, camera, _) = stage(Vec3::new(0.3, 0.5, 6.0) * far);
