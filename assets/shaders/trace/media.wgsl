@@ -33,11 +33,6 @@
 #import bevy_vdb::trace::medium::{EMISSION_STEP, MAX_EMITTERS}
 #endif
 
-#ifdef VDB_RAMPS
-// Voxels of a step through a fog with a ramp, at most.
-const RAMP_STEP: f32 = 1.0;
-#endif
-
 // Radiance and optical depth of the media along a segment up to `t_max`: of at least one fog. The nearest
 // medium begins at `t_first`.
 fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, t_max: f32) -> Fog {
@@ -53,10 +48,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
     for (var i = 0u; i < MAX_FOGS; i++) {
         fogs[i] = no_medium();
         if i < fog_count {
-            var step = max(volumes[list[i]].fog_step, MIN_STEP);
-#ifdef VDB_RAMPS
-            step = select(step, min(step, RAMP_STEP), volumes[list[i]].ramp != 0u);
-#endif
+            let step = max(volumes[list[i]].fog_step, MIN_STEP);
             fogs[i] = new_medium(segment, list[i], step, t_max);
             t_base = min(t_base, fogs[i].t_step);
             t_last = max(t_last, fogs[i].ray.t_origin + fogs[i].ray.t_last);
@@ -158,6 +150,10 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
                 steps[i] = fog_step(&medium, t_low, t_middle, t_high, dir_length);
                 fogs[i].accessor = medium.accessor;
                 fogs[i].t_next = medium.t_next;
+#ifdef VDB_RAMPS
+                fogs[i].t_known = medium.t_known;
+                fogs[i].value = medium.value;
+#endif
                 is_empty = is_empty && !steps[i].is_inside;
                 extinction += steps[i].extinction;
             }

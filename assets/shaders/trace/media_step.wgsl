@@ -54,7 +54,7 @@ fn fog_step(medium: ptr<function, Medium>, t_low: f32, t_middle: f32, t_high: f3
 #ifdef VDB_RAMPS
         step.albedo = vec3(1.0);
         if volumes[volume].ramp != 0u {
-            density = ramp_step(&step, *medium, &accessor, t_low, density, t_high, dir_length);
+            density = ramp_step(&step, medium, &accessor, t_low, density, t_high, dir_length);
         }
 #endif
         step.extinction = (*medium).extinction * min(density, (*medium).max_density);
@@ -75,31 +75,38 @@ fn fog_step(medium: ptr<function, Medium>, t_low: f32, t_middle: f32, t_high: f3
 // returns its mean density.
 fn ramp_step(
     step: ptr<function, FogStep>,
-    medium: Medium,
+    medium: ptr<function, Medium>,
     accessor: ptr<function, Accessor>,
     t_low: f32,
     middle_value: f32,
     t_high: f32,
     dir_length: f32,
 ) -> f32 {
-    let volume = medium.volume;
+    let volume = (*medium).volume;
     let grid = grids[volumes[volume].grid];
-    // Values are sampled at both ends, too, so that no shell between them is missed.
-    let low = max(t_low - medium.ray.t_origin, medium.ray.t_first);
-    let high = min(t_high, medium.t_last) - medium.ray.t_origin;
-    let near = sample_fog(grid, medium.ray, accessor, low);
-    let far = sample_fog(grid, medium.ray, accessor, high);
-    let values = vec3(near.density, middle_value, far.density);
+    let ray = (*medium).ray;
+    // Values are sampled at both ends, too, so that no shell between them is missed. Where the last step ends, the
+    // value is known.
+    let low = max(t_low - ray.t_origin, ray.t_first);
+    let high = min(t_high, (*medium).t_last) - ray.t_origin;
+    var near = (*medium).value;
+    if t_low > (*medium).t_known {
+        near = sample_fog(grid, ray, accessor, low).density;
+    }
+    let far = sample_fog(grid, ray, accessor, high).density;
+    (*medium).t_known = t_high;
+    (*medium).value = far;
+    let values = vec3(near, middle_value, far);
     // Where all values are 0 there is nothing, whatever the ramp says.
     let length = select(0.0, high - low, any(values > vec3(0.0)));
     let emission_length = length * dir_length * volumes[volume].ramp_emission;
     var sums = RampSums();
-    add_stretch(&sums, fog_grid(volume), values, length * medium.extinction, emission_length);
+    add_stretch(&sums, fog_grid(volume), values, length * (*medium).extinction, emission_length);
     let width = max(t_high - t_low, 0.0);
     let visible_length = mean_transmittance(sums.optical_depth) * width * dir_length;
     (*step).albedo = visible_albedo(sums);
     (*step).emission = sums.emitted / max(visible_length, 1e-30);
-    return sums.optical_depth / max(width * medium.extinction, 1e-30);
+    return sums.optical_depth / max(width * (*medium).extinction, 1e-30);
 }
 #endif
 

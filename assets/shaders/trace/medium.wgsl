@@ -37,6 +37,10 @@ struct Medium {
     t_step: f32,        // the longest step
     t_next: f32,        // there is nothing before this t; FAR if there is nothing left
     t_last: f32,        // there is nothing after this t
+#ifdef VDB_RAMPS
+    t_known: f32,       // where the last sample at the end of a step was taken; its value
+    value: f32,
+#endif
 }
 
 // Otherwise there is a single fog, whose steps are all alike.
@@ -63,9 +67,19 @@ fn new_medium(segment: Segment, volume: u32, step: f32, t_max: f32) -> Medium {
     let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, t_max));
     let ray = sampled_ray(mirrored);
     let t_step = step / max(length(mirrored.speed), 1e-30);
-    let extinction = volumes[volume].density_scale * length(segment.dir);
-    let max_density = MAX_DEPTH_OF_STEP / max(extinction * t_step, 1e-30);
-    return Medium(volume, extinction, max_density, ray, new_accessor(ray.cell), t_step, FAR, FAR);
+    var medium = Medium();
+    medium.volume = volume;
+    medium.extinction = volumes[volume].density_scale * length(segment.dir);
+    medium.max_density = MAX_DEPTH_OF_STEP / max(medium.extinction * t_step, 1e-30);
+    medium.ray = ray;
+    medium.accessor = new_accessor(ray.cell);
+    medium.t_step = t_step;
+    medium.t_next = FAR;
+    medium.t_last = FAR;
+#ifdef VDB_RAMPS
+    medium.t_known = -FAR;
+#endif
+    return medium;
 }
 
 // The medium when it is known that the march begins at `t_zero`.

@@ -11,7 +11,7 @@
 #import bevy_vdb::trace::segment::{Segment, lattice_ray}
 #import bevy_vdb::traversal::hdda::{FAR, enter_at, local_cell, mirrored_ray}
 #import bevy_vdb::traversal::march::{begin_march, next_interval}
-#import bevy_vdb::traversal::ramps::{EMISSION, SCATTERING, crossed_entries, means_over}
+#import bevy_vdb::traversal::ramps::{Crossed, EMISSION, SCATTERING, crossed_entries, means_over}
 #import bevy_vdb::traversal::tree::new_accessor
 #import bevy_vdb::view::scene::{fog_grid, frame_random, volumes}
 
@@ -28,19 +28,21 @@ struct RampSums {
 const PART_DEPTH: f32 = 0.25;
 const MAX_PARTS: f32 = 16.0;
 
-// Adds a part of a stretch, between two values. `optical_length` is its length times the extinction per unit of
-// the ramp's; `emission_length` is its length in world units times a factor of emission.
+// Adds a part of a stretch, given what it crosses of the ramp, and its means. `optical_length` is its length
+// times the extinction per unit of the ramp's; `emission_length` is its length in world units times a factor of
+// emission.
 fn add_part(
     sums: ptr<function, RampSums>,
     grid: Grid,
-    from_value: f32,
-    to_value: f32,
+    crossed: Crossed,
+    scattering: vec4<f32>,
     optical_length: f32,
     emission_length: f32,
 ) {
-    let crossed = crossed_entries(grid, from_value, to_value);
-    let scattering = means_over(grid, crossed, SCATTERING);
-    let emission = means_over(grid, crossed, EMISSION).rgb;
+    var emission = vec3(0.0);
+    if emission_length > 0.0 {
+        emission = means_over(grid, crossed, EMISSION).rgb;
+    }
     let depth = scattering.w * optical_length;
     let visible = exp(-(*sums).optical_depth) * mean_transmittance(depth);
     (*sums).opacity += visible * depth;
@@ -60,14 +62,18 @@ fn add_stretch(
     for (var side = 0u; side < 2u; side++) {
         let from_value = select(values.y, values.x, side == 0u);
         let to_value = select(values.z, values.y, side == 0u);
-        let mean = means_over(grid, crossed_entries(grid, from_value, to_value), SCATTERING).w;
-        let parts = clamp(ceil(0.5 * mean * optical_length / PART_DEPTH), 1.0, MAX_PARTS);
+        var crossed = crossed_entries(grid, from_value, to_value);
+        var scattering = means_over(grid, crossed, SCATTERING);
+        let parts = clamp(ceil(0.5 * scattering.w * optical_length / PART_DEPTH), 1.0, MAX_PARTS);
         let optical_part = 0.5 * optical_length / parts;
         let emission_part = 0.5 * emission_length / parts;
         for (var i = 0.0; i < parts; i += 1.0) {
-            let begin = mix(from_value, to_value, i / parts);
-            let end = mix(from_value, to_value, (i + 1.0) / parts);
-            add_part(sums, grid, begin, end, optical_part, emission_part);
+            if parts > 1.0 {
+                let begin = mix(from_value, to_value, i / parts);
+                crossed = crossed_entries(grid, begin, mix(from_value, to_value, (i + 1.0) / parts));
+                scattering = means_over(grid, crossed, SCATTERING);
+            }
+            add_part(sums, grid, crossed, scattering, optical_part, emission_part);
         }
     }
 }

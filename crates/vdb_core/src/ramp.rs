@@ -59,9 +59,56 @@ impl Ramp {
         between(&low, &high, part.clamp(0.0, 1.0))
     }
 
-    /// The largest extinction.
-    pub fn largest_extinction(&self) -> f32 {
-        self.stops.iter().map(|stop| stop.extinction).fold(0.0, f32::max)
+    /// The largest extinction that values from 0 to `largest` have.
+    pub fn largest_extinction(&self, largest: f32) -> f32 {
+        let ends = self.pieces(largest).into_iter().flatten();
+        ends.map(|(_, at)| at.extinction).fold(0.0, f64::max) as f32
+    }
+
+    /// Whether any value emits light.
+    pub fn emits(&self) -> bool {
+        self.stops.iter().flat_map(|stop| stop.emission).any(|emission| emission > 0.0)
+    }
+
+    /// How steep the ramp is for values from 0 to `largest`: the greatest slope of extinction,
+    /// scattering or emission, relative to that of a line from 0 to the greatest property. 1 for such a
+    /// line, 50 for a peak of which each side takes a fiftieth of the values, and infinite for a jump.
+    pub fn steepness(&self, largest: f32) -> f32 {
+        let pieces = self.pieces(largest);
+        let mut most = [0.0_f64; 2];
+        for (k, number) in
+            pieces.iter().flatten().flat_map(|(_, at)| numbers(at).into_iter().enumerate())
+        {
+            most[usize::from(k > 3)] = most[usize::from(k > 3)].max(number);
+        }
+        let mut steepest = 1.0_f64;
+        for [(low, begin), (high, end)] in pieces {
+            let ends = numbers(&begin).into_iter().zip(numbers(&end));
+            for (k, (begin, end)) in ends.enumerate().filter(|(_, (begin, end))| begin != end) {
+                let part = (end - begin).abs() / most[usize::from(k > 3)];
+                steepest = steepest.max(part * f64::from(largest) / (high - low));
+            }
+        }
+        steepest as f32
+    }
+
+    /// The ends of all intervals between stops, for values from 0 to `largest`.
+    fn pieces(&self, largest: f32) -> Vec<[(f64, RampPoint); 2]> {
+        let (first, last) = (self.stops[0], self.stops[self.stops.len() - 1]);
+        let beyond = [RampStop { value: f32::MIN, ..first }, RampStop { value: f32::MAX, ..last }];
+        let all = [&beyond[..1], &self.stops, &beyond[1..]].concat();
+        let pairs =
+            all.array_windows().filter(|[low, high]| low.value <= largest && high.value >= 0.0);
+        pairs
+            .map(|[low, high]| {
+                let [from, to] = [low.value, high.value].map(f64::from);
+                [(from, 0.0), (to, 1.0)].map(|(end, part)| {
+                    let at = end.clamp(0.0, f64::from(largest.max(0.0)));
+                    let part = if from < to { (at - from) / (to - from) } else { part };
+                    (at, between(low, high, part))
+                })
+            })
+            .collect()
     }
 
     /// The differences of the properties between the ends of an interval in which they are linear; 0 if
@@ -321,6 +368,29 @@ mod tests {
                 assert!((f64::from(found) - exact).abs() < bound, "{value}: {found}, not {exact}");
             }
         }
+    }
+
+    #[test]
+    fn steepness_and_extinction_are_those_of_the_values_that_there_are() {
+        let line = Ramp::new(vec![stop(0.0, 0.0, [1.0; 3], 0.0), stop(1.0, 1.0, [1.0; 3], 0.0)]);
+        let line = line.unwrap();
+        for (largest, extinction) in [(1.0, 1.0), (0.25, 0.25), (0.0, 0.0)] {
+            assert_eq!(line.steepness(largest), 1.0, "{largest}");
+            assert_eq!(line.largest_extinction(largest), extinction);
+        }
+        // Beyond the last stop, the line is constant: it takes a quarter of the values.
+        assert_eq!((line.steepness(4.0), line.largest_extinction(4.0)), (4.0, 1.0));
+
+        let shells = shells();
+        let steepest = 1.0 / 0.000_3;
+        assert!((shells.steepness(1.0) / steepest - 1.0).abs() < 1e-3, "{}", shells.steepness(1.0));
+        assert!((shells.largest_extinction(1.0) - 90.0).abs() < 1e-4);
+        assert_eq!((shells.steepness(0.09), shells.largest_extinction(0.09)), (1.0, 0.0));
+        assert_eq!(shells.steepness(1.6), f32::INFINITY, "a jump");
+        let glow =
+            |red| Ramp::new(vec![stop(0.0, 1.0, [1.0; 3], 0.0), stop(0.1, 1.0, [1.0; 3], red)]);
+        assert_eq!(glow(0.0).unwrap().steepness(1.0), 1.0);
+        assert!((glow(5.0).unwrap().steepness(1.0) - 10.0).abs() < 1e-3);
     }
 
     #[test]

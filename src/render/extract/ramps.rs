@@ -21,7 +21,7 @@ const MOST: usize = 8192 / RampTable::ROWS as usize;
 pub(crate) struct ExtractedRamp {
     source: VdbRamp,
     pub table: RampTable,
-    pub largest_extinction: f32,
+    pub ramp: Ramp,
     /// Whether a number was replaced.
     pub is_changed: bool,
     /// Identifies the ramp by what it is.
@@ -51,13 +51,7 @@ impl ExtractedRamp {
         let mut hasher = DefaultHasher::new();
         bytemuck::cast_slice::<_, u8>(table.rows()).hash(&mut hasher);
         [table.low, table.entries_per_value].map(f32::to_bits).hash(&mut hasher);
-        Some(Self {
-            source: source.clone(),
-            largest_extinction: ramp.largest_extinction(),
-            table,
-            is_changed,
-            content: hasher.finish(),
-        })
+        Some(Self { source: source.clone(), ramp, table, is_changed, content: hasher.finish() })
     }
 }
 
@@ -132,7 +126,7 @@ mod tests {
         for bad in [f32::NAN, f32::INFINITY, -1.0] {
             let stop = VdbRampStop { extinction: bad, ..default() };
             let ramp = ExtractedRamp::new(&VdbRamp::new([stop])).unwrap();
-            assert!(ramp.is_changed && ramp.largest_extinction >= 0.0, "{bad}");
+            assert!(ramp.is_changed && ramp.ramp.largest_extinction(1.0) >= 0.0, "{bad}");
             assert!(ramp.table.rows().iter().flatten().all(|number| number.is_finite()), "{bad}");
         }
         assert!(!ExtractedRamp::new(&VdbRamp::default()).unwrap().is_changed);

@@ -20,6 +20,8 @@ const MAX_LOG: u32 = 3;
 /// The shortest and the longest step of a ray, in voxels.
 const MIN_STEP: f64 = 0.25;
 const MAX_STEP: f64 = 8.0;
+/// A ramp alone, however steep, makes no step shorter than this.
+const MIN_RAMP_STEP: f32 = 1.0;
 
 /// The lattice of samples of one fog.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -89,11 +91,17 @@ impl CachedFog {
         Some(Self {
             layout,
             error,
-            step: detail.step(),
+            step: with_ramp(detail.step(), lattice.steepness),
             is_within_error: wanted == Some(layout.log)
                 || shadow_step >= RAY_STEP * (1_u32 << layout.log) as f32,
         })
     }
+}
+
+/// The step through a fog whose ramp is this steep. Between samples, the ramp is integrated over values that
+/// are taken for linear: their error is that of the square of the step, and a ramp multiplies it by its steepness.
+fn with_ramp(step: f32, steepness: f32) -> f32 {
+    step.min((step / steepness.sqrt()).max(MIN_RAMP_STEP))
 }
 
 /// From this many spacings per step of rays to lights, the cache is more accurate than these.

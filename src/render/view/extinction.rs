@@ -102,6 +102,7 @@ pub(super) mod tests {
             world_from_local: DAffine3::IDENTITY,
             occupied: Some(CoordBox { min, max: max - 1 }),
             majorant: density,
+            steepness: 1.0,
             ramp: None,
             material: None,
             content: Some(0),

@@ -15,6 +15,8 @@ pub(crate) struct Lattice {
     pub occupied: Option<CoordBox>,
     /// An upper bound of the density; of a fog with a ramp, of its extinction.
     pub majorant: f32,
+    /// How steep the ramp of a fog is: see [`Ramp::steepness`](vdb_core::Ramp::steepness). 1 without.
+    pub steepness: f32,
     /// Identifies the ramp of a fog.
     pub ramp: Option<u64>,
     /// Identifies the custom material and its parameters.
@@ -30,6 +32,7 @@ impl Lattice {
             world_from_local: world_from_index * DAffine3::from_translation(origin),
             occupied: packed.occupied,
             majorant: packed.majorant,
+            steepness: 1.0,
             ramp: None,
             material: None,
             content,
@@ -39,7 +42,12 @@ impl Lattice {
     /// With the ramp of a fog.
     pub fn with_ramp(self, ramp: Option<&ExtractedRamp>) -> Self {
         let Some(ramp) = ramp else { return self };
-        Self { majorant: ramp.largest_extinction, ramp: Some(ramp.content), ..self }
+        Self {
+            majorant: ramp.ramp.largest_extinction(self.majorant),
+            steepness: ramp.ramp.steepness(self.majorant),
+            ramp: Some(ramp.content),
+            ..self
+        }
     }
 
     /// With the custom material, which only makes a fog thinner.

@@ -227,7 +227,7 @@ fn ramp_data(volume: &ExtractedVolume) -> types::Volume {
         ramp: own.number,
         ramp_low: own.ramp.table.low,
         ramp_scale: own.ramp.table.entries_per_value,
-        ramp_emission: volume.share,
+        ramp_emission: if own.ramp.ramp.emits() { volume.share } else { 0.0 },
         ..default()
     }
 }

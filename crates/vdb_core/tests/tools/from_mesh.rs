@@ -157,7 +157,9 @@ fn slits_are_closed_across() {
     let corners = whole.1.iter().flatten().map(|&corner| whole.0[corner as usize]);
     // At most 0.0049 from the vertex: 0.0098 from each other.
     let moved = (0_u32..).zip(corners).map(|(i, at)| {
-        let part = |axis: u32| ((i * 3 + axis).wrapping_mul(2_654_435_761) >> 16 & 0xff) as f32 / 255.0 - 0.5;
+        let part = |axis: u32| {
+            ((i * 3 + axis).wrapping_mul(2_654_435_761) >> 16 & 0xff) as f32 / 255.0 - 0.5
+        };
         [0, 1, 2].map(|axis| at[axis as usize] + 0.0056 * part(axis))
     });
     let triangles = (0..whole.1.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
