@@ -136,7 +136,7 @@ impl VdbPlayer {
         self
     }
 
-    /// Changes what happens when a frame is not there yet.
+    /// Changes what happens when a frame is not loaded yet.
     pub fn with_late_frames(mut self, late_frames: VdbLateFrames) -> Self {
         self.late_frames = late_frames;
         self
