@@ -22,10 +22,10 @@ use vdb_core::pack::ValueFormat;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct VdbLoaderSettings {
-    /// The names of the grids to load; others are not decompressed. `None`: all.
+    /// The names of the grids to load; others are not decompressed. `None` loads all.
     pub grids: Option<Vec<String>>,
     /// The width of the narrow band to keep on each side of a level set, in voxels. The rest costs
-    /// memory and is never visible. At least 2. `None`: everything in the file.
+    /// memory and is never visible. At least 2. `None` keeps everything in the file.
     pub half_width: Option<f32>,
     /// Whether grids are surfaces or fog.
     pub render_as: VdbRenderAs,

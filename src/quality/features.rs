@@ -315,7 +315,7 @@ pub(crate) const FEATURES: [Feature; 44] = [
 ];
 
 impl Features {
-    /// What shaders with the table of custom materials have.
+    /// The features whose shaders bind the table of custom materials.
     pub const OWN_MATERIALS: Self = Self::MATERIALS.union(Self::FOG_MATERIALS);
 
     /// The features if `on`, otherwise none.

@@ -39,9 +39,10 @@ pub struct VdbQuality {
     /// The largest distance at which a volume or mesh is reflected in a surface, in world units. 0 or
     /// more; infinite by default.
     pub reflection_range: f32,
-    /// Whether the [`reflections`](Self::reflections) of volumes show opaque meshes, as far as the
-    /// camera itself sees them; elsewhere, the environment map. On by default. Only for cameras with
-    /// `Hdr` or without tonemapping: other targets hold no radiance.
+    /// Whether the surfaces of volumes also reflect opaque meshes, as far as the camera itself sees
+    /// them; elsewhere, they reflect the environment map. Requires [`reflections`](Self::reflections).
+    /// On by default. Only for cameras with `Hdr` or without tonemapping, because the targets of
+    /// other cameras do not hold radiance.
     pub mesh_reflections: bool,
     /// The distance in voxels between density samples of evenly lit fog (no lamps nearby, no
     /// shadows) that overlaps no other. From ¼ to 16; 0, the default, integrates exactly, cell by
@@ -63,8 +64,8 @@ pub struct VdbQuality {
     /// The error is estimated for clouds of fractal noise, from the extinction and the number of
     /// voxels. Fog too dense or too large for the cache is lit by rays, along with all other fog on
     /// a view ray that meets it; so is fog on view rays that meet more than eight fogs or more than
-    /// eight emission grids. Shadows of surfaces and meshes on fog are not interpolated; they are evaluated once
-    /// per `fog_light_step`.
+    /// eight emission grids. Shadows of surfaces and meshes on fog are not interpolated; they are
+    /// evaluated once per `fog_light_step`.
     pub fog_light_error: f32,
     /// The number of slabs into which a ray is divided where fogs overlap that are not in the light
     /// cache; within a slab, they are treated as evenly mixed and evenly lit. Reflections use a quarter
@@ -161,7 +162,7 @@ impl VdbQuality {
         ("fast", Self::FAST),
     ];
 
-    /// The nearest valid settings, and the name of the first that was invalid.
+    /// The nearest valid settings, and the name of the first setting that was invalid.
     pub(crate) fn sound(&self) -> (Self, Option<&'static str>) {
         let mut wrong = None;
         let mut within = |name, value: f32, least: f32, most: f32, otherwise: f32| {

@@ -6,11 +6,11 @@ use bevy::reflect::structs::Struct;
 use bevy::shader::ShaderRef;
 
 /// A custom material: a function in WGSL that changes the
-/// [`VdbMaterial`](crate::VdbMaterial) of a surface wherever a ray hits it, in the manner of Bevy's
-/// `MaterialExtension`.
+/// [`VdbMaterial`](crate::VdbMaterial) of a surface wherever a ray hits it, like Bevy's
+/// `MaterialExtension` for meshes.
 ///
-/// The component with its parameters is added to the entity of a [`VdbVolume`](crate::VdbVolume),
-/// and its type is registered with `VdbMaterialPlugin`:
+/// The component holds the parameters. Add it to the entity of a [`VdbVolume`](crate::VdbVolume),
+/// and register its type with [`VdbMaterialPlugin`](crate::VdbMaterialPlugin):
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -19,7 +19,7 @@ use bevy::shader::ShaderRef;
 /// /// Sand that is dark and glossy below the water line.
 /// #[derive(Clone, Component, Reflect)]
 /// struct WetSand {
-///     /// In the space of the entity.
+///     /// A height in the local space of the entity.
 ///     water_line: f32,
 ///     wet_color: Color,
 /// }
@@ -58,25 +58,26 @@ use bevy::shader::ShaderRef;
 /// }
 /// ```
 ///
-/// The struct `WetSand` of the shader is derived from the component. It has the same fields: `f32`,
-/// `i32`, `u32`, [`Vec2`], [`Vec3`] and [`Vec4`] as they are, `bool` as `u32`, and [`Color`] and
-/// [`LinearRgba`] as `vec4<f32>` in linear colours. Fields with `#[reflect(ignore)]` are left out,
-/// and all others together have at most 16 numbers. A component without fields has no struct, and
-/// its function has no third parameter.
+/// The plugin generates the shader's struct `WetSand` from the component. It has the same fields:
+/// `f32`, `i32`, `u32`, [`Vec2`], [`Vec3`] and [`Vec4`] as they are, `bool` as `u32`, and [`Color`]
+/// and [`LinearRgba`] as `vec4<f32>` in linear colours. Fields with `#[reflect(ignore)]` are left
+/// out; all others together may have at most 16 numbers. If the component has no fields, there is
+/// no struct in the shader, and the function has no third parameter.
 ///
 /// [The guide](https://github.com/bevy-vdb/bevy_vdb/blob/main/docs/guide/materials.md) describes
 /// `VdbHit` and `VdbSurface`.
 ///
 /// A function `fog(at: VdbFogPoint, built_in: VdbFog, parameters) -> VdbFog` changes the density and
 /// the albedo of fog in the same way, for all rays that meet it. A shader has one of the two
-/// functions, or both. Fog with a [`VdbRamp`](crate::VdbRamp) ignores it, render modes without light
-/// show surfaces without it, and [`VdbSpatialQuery`](crate::VdbSpatialQuery) knows nothing of it.
+/// functions, or both. Fog with a [`VdbRamp`](crate::VdbRamp) ignores its function, unlit render
+/// modes show surfaces without theirs, and [`VdbSpatialQuery`](crate::VdbSpatialQuery) uses the grid
+/// as it is.
 ///
-/// A volume has one such component; a shader that is not loaded yet, or does not compile, leaves the
-/// volume with its `VdbMaterial`.
+/// A volume uses one custom material. While its shader is not loaded yet, or if it does not compile,
+/// the volume is shown with its `VdbMaterial`.
 pub trait VdbMaterialExtension: Component + Clone + Struct + Typed {
-    /// The shader with the function. While an app runs with Bevy's feature `file_watcher`, changes
-    /// of its file are displayed at once; a file with errors is reported, and the function before
-    /// stays in use.
+    /// The shader with the function. With Bevy's feature `file_watcher`, changes to its file are
+    /// displayed while the app runs; errors in the file are reported, and the previous function stays
+    /// in use.
     fn shader() -> ShaderRef;
 }

@@ -577,7 +577,7 @@ fn errors_name_the_line_and_leave_the_picture() {
         (
             "@group(0) @binding(7) var<uniform> extra: vec4<f32>;\n".to_owned()
                 + &watched("var s = built_in; s.emissive = extra.rgb; return s;"),
-            "no bindings of their own",
+            "cannot have bindings of their own",
         ),
     ] {
         fs::write(&path, &broken).unwrap();

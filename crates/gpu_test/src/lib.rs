@@ -1,4 +1,4 @@
-//! `#[gpu_test]`, which is `#[test]` for what needs a GPU.
+//! `#[gpu_test]`, which is `#[test]` for tests that need a GPU.
 //!
 //! ```text
 //! #[gpu_test]                       #[test]
@@ -9,13 +9,13 @@
 //!                                   }
 //! ```
 //!
-//! A test program has `fn has_gpu() -> bool` at its root, usually by an import; that function says aloud that a
-//! test is left out, or panics. All other attributes stay, and panics and errors of the compiler point to the
-//! lines of the test.
+//! A test program has `fn has_gpu() -> bool` at its root, usually through an import; that function reports that a
+//! test is skipped, or panics. All other attributes stay, and panics and compiler errors point to the lines of
+//! the test.
 
 use proc_macro::{Delimiter, Group, TokenStream, TokenTree};
 
-/// Makes a test of a function without arguments and results. Without a GPU, it returns at once.
+/// Turns a function without arguments and return value into a test. Without a GPU, the test returns at once.
 #[proc_macro_attribute]
 pub fn gpu_test(arguments: TokenStream, function: TokenStream) -> TokenStream {
     // Attributes, the signature, and last the body.

@@ -40,7 +40,7 @@ impl fmt::Display for ConvertedGrid {
 }
 
 impl VdbFile {
-    /// Converts grids of doubles, integers, booleans and states to floats, and grids of vectors of
+    /// Converts grids of doubles, integers, booleans and masks to floats, and grids of vectors of
     /// doubles and integers to vectors of floats. True and active become 1, false and inactive 0.
     /// Grids that share a tree still do.
     ///

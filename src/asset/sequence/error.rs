@@ -10,20 +10,20 @@ use super::frames::MOST_FRAMES;
 pub enum VdbSequenceError {
     /// A pattern has no placeholder for the frame number.
     #[error(
-        "'{0}' has no place for the number of the frame; write `#` for each of its digits, as in \
+        "'{0}' has no placeholder for the frame number; write `#` for each of its digits, as in \
          `fire_####.vdb`"
     )]
     NoPlace(String),
     /// A pattern has several placeholders for the frame number.
     #[error(
-        "'{0}' has more than one place for the number of the frame; keep the one in the name of \
-         the file that counts frames"
+        "'{0}' has more than one placeholder for the frame number; keep the one in the file name \
+         that counts frames"
     )]
     SeveralPlaces(String),
     /// The placeholder is in the name of a folder, or its width is out of range.
     #[error(
-        "'{0}' cannot be counted: the number of the frame must be in the name of the file, and \
-         have at most 15 digits"
+        "'{0}' cannot be used as a pattern: the frame number must be in the file name, and have at \
+         most 15 digits"
     )]
     Place(String),
     /// The path begins with an asset source that the app does not have, or is empty.

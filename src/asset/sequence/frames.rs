@@ -40,7 +40,7 @@ pub struct VdbSequence {
     frames: Vec<VdbFrame>,
     /// Frames per second. More than 0 and at most 1,000; 24 by default.
     pub rate: f32,
-    /// What comes after the last frame.
+    /// The behaviour after the last frame.
     pub repeat: VdbRepeat,
     /// The settings for loading frames. `None`, the default, uses those of the loader or of the
     /// `.meta` files beside the frames.
@@ -56,16 +56,16 @@ pub struct VdbFrame {
     pub path: AssetPath<'static>,
 }
 
-/// What comes after the last frame of a sequence.
+/// The behaviour of a sequence after its last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect, Serialize, Deserialize)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 pub enum VdbRepeat {
-    /// Nothing: the last frame stays.
+    /// Stays on the last frame.
     Once,
-    /// The first frame.
+    /// Starts again with the first frame.
     #[default]
     Loop,
-    /// The frames in reverse, and then forwards again. At each turn, the first or last frame is shown
+    /// Plays the frames in reverse, and then forwards again. At each turn, the first or last frame is shown
     /// once.
     PingPong,
 }
@@ -93,7 +93,7 @@ impl VdbSequence {
         self
     }
 
-    /// Changes what comes after the last frame.
+    /// Changes the behaviour after the last frame.
     pub fn with_repeat(mut self, repeat: VdbRepeat) -> Self {
         self.repeat = repeat;
         self

@@ -193,8 +193,8 @@ mod tests {
     fn patterns_without_one_place_are_errors() {
         let problem = |name: &str| Pattern::parse(name).unwrap_err().to_string();
         assert!(problem("fire_0001.vdb").contains("`fire_####.vdb`"));
-        assert!(problem("fire_%4x.vdb").contains("no place"));
-        assert!(problem("take_$F2_####.vdb").contains("more than one place"));
+        assert!(problem("fire_%4x.vdb").contains("no placeholder"));
+        assert!(problem("take_$F2_####.vdb").contains("more than one placeholder"));
         let digits = "at most 15 digits";
         assert!(problem(&"#".repeat(16)).contains(digits));
         assert!(problem("fire_$F99999999999999999999999.vdb").contains(digits));

@@ -12,10 +12,10 @@ use bevy::render::{Extract, ExtractSchedule, RenderApp};
 use crate::render::gpu::materials::{MOST_WORDS, MaterialKinds, Roles, Words, words_of};
 use crate::{VdbMaterialExtension, VdbVolume};
 
-/// Registers a [`VdbMaterialExtension`]: volumes with the component `M` are shown as its functions
-/// change them.
+/// Registers a [`VdbMaterialExtension`], so that volumes with the component `M` are shown with its
+/// functions.
 ///
-/// Added after [`VdbRenderPlugin`](crate::VdbRenderPlugin). An app can have 32 of them.
+/// Add it after [`VdbRenderPlugin`](crate::VdbRenderPlugin). An app can register 32 custom materials.
 #[derive(Clone, Copy, Debug)]
 pub struct VdbMaterialPlugin<M>(PhantomData<fn() -> M>);
 

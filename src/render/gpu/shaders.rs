@@ -97,7 +97,7 @@ pub(crate) fn embed(app: &mut App) {
 /// A command that reloads the shaders of volumes: from the source folder of the crate if that still
 /// exists, otherwise from the binary.
 ///
-/// For work on the shaders in apps without Bevy's feature `embedded_watcher`:
+/// For developing the shaders, in apps without Bevy's feature `embedded_watcher`:
 ///
 /// ```no_run
 /// # use bevy::prelude::*;
@@ -110,7 +110,7 @@ pub(crate) fn embed(app: &mut App) {
 /// }
 /// ```
 ///
-/// Until the new ones are compiled, and if they cannot be, volumes are drawn with the old ones.
+/// Until the new shaders are compiled, and if they cannot be, volumes are drawn with the old ones.
 /// Errors are logged. Does nothing in an app without a renderer.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct VdbReloadShaders;

@@ -31,7 +31,7 @@ pub(in crate::render) struct LampLightView {
     gathered: AtomicU64,
 }
 
-/// A texture is replaced when less than one texel of so many is needed.
+/// A texture is replaced when less than one in this many of its texels is needed.
 const MAX_SPARE: u64 = 4;
 
 fn texels(size: UVec3) -> u64 {

@@ -42,14 +42,14 @@ pub struct VdbPlayer {
     pub sequence: Handle<VdbSequence>,
     /// Multiplies the rate; negative values play backwards. 1 by default.
     pub speed: f32,
-    /// What comes after the last frame. `None`, the default: the sequence's setting.
+    /// The behaviour after the last frame. `None`, the default, uses the sequence's setting.
     pub repeat: Option<VdbRepeat>,
-    /// Frames of the sequence per second, independent of the screen. `None`, the default: the
-    /// sequence's rate. More than 0 and at most 1,000.
+    /// Frames of the sequence per second, independent of the screen. More than 0 and at most 1,000.
+    /// `None`, the default, uses the sequence's rate.
     pub frame_rate: Option<f32>,
-    /// What happens when the wanted frame is not loaded yet.
+    /// The behaviour when the wanted frame is not loaded yet.
     pub late_frames: VdbLateFrames,
-    /// What is shown between two frames.
+    /// The display between two frames.
     pub blend: VdbFrameBlend,
     /// The label of the grid to show. `None`, the default, selects it by its role.
     pub grid: Option<String>,
@@ -59,7 +59,7 @@ pub struct VdbPlayer {
     seek: Option<Seek>,
 }
 
-/// What happens when a [`VdbPlayer`] wants a frame that is not loaded yet.
+/// The behaviour of a [`VdbPlayer`] when the frame that it wants is not loaded yet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 pub enum VdbLateFrames {
@@ -70,11 +70,11 @@ pub enum VdbLateFrames {
     Wait,
 }
 
-/// What a [`VdbPlayer`] shows between two frames.
+/// The display of a [`VdbPlayer`] between two frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Reflect)]
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 pub enum VdbFrameBlend {
-    /// Each frame until the next one.
+    /// Shows each frame until the next one.
     #[default]
     Hold,
     /// Fog and its emission cross-fade from each frame to the next once the latter is in memory. Costs
@@ -124,7 +124,7 @@ impl VdbPlayer {
         self
     }
 
-    /// Changes what comes after the last frame.
+    /// Changes the behaviour after the last frame.
     pub fn with_repeat(mut self, repeat: VdbRepeat) -> Self {
         self.repeat = Some(repeat);
         self
@@ -136,7 +136,7 @@ impl VdbPlayer {
         self
     }
 
-    /// Changes what happens when a frame is not there yet.
+    /// Changes what happens when a frame is not loaded yet.
     pub fn with_late_frames(mut self, late_frames: VdbLateFrames) -> Self {
         self.late_frames = late_frames;
         self

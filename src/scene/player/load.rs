@@ -96,8 +96,8 @@ fn warn_of(tell: &Tell, path: &str) {
     match tell {
         Tell::Nothing => {}
         Tell::First => warn!(
-            "{path}: this frame of a sequence cannot be shown, and the one before it stays for its \
-             time; the reason is logged, as it is for each further frame that fails"
+            "{path}: this frame of a sequence cannot be shown, so the previous one stays on \
+             screen; the reason is logged, as it is for each further frame that fails"
         ),
         Tell::Patience => warn!(
             "{path}: the last {PATIENCE} frames of the sequence that were tried have failed; from \

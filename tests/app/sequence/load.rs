@@ -59,9 +59,9 @@ fn patterns_and_folders_are_sequences() {
         assert_eq!(frames(&mut stage, &sequence).as_deref(), Ok(expected), "{path}");
     }
     for (path, said) in [
-        ("cache/fire_0001.vdb", "'fire_0001.vdb' has no place for the number of the frame"),
-        ("cache/fire_##_##.vdb", "more than one place"),
-        ("####/fire.vdb", "must be in the name of the file"),
+        ("cache/fire_0001.vdb", "'fire_0001.vdb' has no placeholder for the frame number"),
+        ("cache/fire_##_##.vdb", "more than one placeholder"),
+        ("####/fire.vdb", "must be in the file name"),
         ("cache/rain_####.vdb", "the folder 'cache' has no frame of the sequence 'rain_####.vdb'"),
         ("no_such/fire_####.vdb", "the folder 'no_such' of the sequence cannot be listed"),
         ("no_such", "the folder 'no_such' of the sequence cannot be listed"),

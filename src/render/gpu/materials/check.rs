@@ -109,7 +109,7 @@ pub(super) fn check(
     match bound.next() {
         Some((_, own)) => {
             let name = own.name.as_deref().unwrap_or_default();
-            Err(format!("it binds {name}, but materials have no bindings of their own"))
+            Err(format!("it binds {name}, but materials cannot have bindings of their own"))
         }
         None => Ok(roles),
     }

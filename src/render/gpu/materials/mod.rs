@@ -89,10 +89,10 @@ impl MaterialKinds {
         let parameters = Parameters::of::<M>()?;
         let is_first = world.resource_scope(|world, mut kinds: Mut<Self>| {
             if kinds.all.len() == MOST_KINDS {
-                return Err(format!("the app has {MOST_KINDS} already, which are the most"));
+                return Err(format!("the app already has {MOST_KINDS}, which is the limit"));
             }
             if kinds.all.iter().any(|kind| kind.parameters.name == parameters.name) {
-                return Err(format!("another one is called {}, too", parameters.name));
+                return Err(format!("another custom material is called {}, too", parameters.name));
             }
             let mut shaders = world.resource_mut::<Assets<Shader>>();
             kinds.all.push(Kind {

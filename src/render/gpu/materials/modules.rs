@@ -120,7 +120,7 @@ pub(super) fn caller(kind: usize, parameters: &Parameters, roles: Roles) -> Stri
 /// The most bindings of that program.
 pub(super) const CALLER_BINDINGS: u32 = 5;
 
-/// What a shader of an app has functions for.
+/// The functions that a shader of an app has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Roles {
     pub surface: bool,

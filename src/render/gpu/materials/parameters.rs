@@ -70,10 +70,10 @@ impl Parameters {
         let name = M::type_info().type_path_table().ident().unwrap_or_default();
         // Names of structs and fields go through `naga_oil`, which numbers equal names.
         if name.ends_with(|c: char| c.is_ascii_digit()) {
-            return Err("its name ends with a digit, which no struct of a shader may".into());
+            return Err("its name ends with a digit, which a struct in a shader must not".into());
         }
         let TypeInfo::Struct(info) = M::type_info() else {
-            return Err("it is no struct with named fields".into());
+            return Err("it is not a struct with named fields".into());
         };
         let mut fields = Vec::new();
         for field in info.iter() {
@@ -85,7 +85,7 @@ impl Parameters {
         }
         let words: usize = fields.iter().map(|(_, ty)| ty.words()).sum();
         if words > MOST_WORDS {
-            return Err(format!("its fields have {words} numbers; {MOST_WORDS} are the most"));
+            return Err(format!("its fields have {words} numbers; the limit is {MOST_WORDS}"));
         }
         Ok(Self { name, fields })
     }
