@@ -100,6 +100,19 @@ mod guide {}
 #[doc = include_str!("../docs/guide/sequences.md")]
 mod sequences {}
 
+/// The code in other pages of the guide, also compiled by `cargo test --doc`.
+#[cfg(doctest)]
+mod pages {
+    #[doc = include_str!("../docs/guide/assets.md")]
+    mod assets {}
+    #[doc = include_str!("../docs/guide/fog.md")]
+    mod fog {}
+    #[doc = include_str!("../docs/guide/making-volumes.md")]
+    mod making_volumes {}
+    #[doc = include_str!("../docs/guide/materials.md")]
+    mod materials {}
+}
+
 /// The code in the README, also compiled by `cargo test --doc`.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -87,11 +87,28 @@ pub fn run(args: &Args) -> Result<(), String> {
     // The default ramp is the fog itself: its extinction equals the value.
     studio.app.world_mut().entity_mut(cloud).insert(VdbRamp::default());
     rows(&mut studio, args, ("a ramp", 1), by_cache, still)?;
+    studio.app.world_mut().entity_mut(cloud).insert(shells());
+    rows(&mut studio, args, ("a ramp with shells", 1), by_cache, still)?;
     studio.app.world_mut().entity_mut(cloud).remove::<VdbRamp>();
 
     drop(grid);
     let mut ball = Running::new(&mut studio, cloud, PackKind::Fog, large_fog())?;
     rows(&mut studio, args, ("an edited ball", 1), &presets, |studio| ball.run(studio))
+}
+
+/// The fog itself with two thin shells.
+fn shells() -> VdbRamp {
+    let at = |value, extinction| VdbRampStop { value, extinction, ..default() };
+    VdbRamp::new([
+        at(0.0, 0.0),
+        at(0.295, 0.295),
+        at(0.3, 3.0),
+        at(0.305, 0.305),
+        at(0.495, 0.495),
+        at(0.5, 3.0),
+        at(0.505, 0.505),
+        at(1.0, 1.0),
+    ])
 }
 
 /// The passes with a column of their own.

@@ -31,7 +31,7 @@ const TOUCHING: f64 = 1.0 / (1 << 20) as f64;
 /// interpolant.
 const NOISE: f64 = 1e-6;
 /// Voxels from the eye up to which positions are held to their bound as they are. Farther away, an
-/// f32 has no room for it: 2⁻²⁰ of the way is taken off.
+/// f32 has no room for it: 2⁻¹⁹ of the way is taken off.
 const NEAR: f64 = 1000.0;
 
 /// Rays of each grid of the matrix in the short form, of either kind.

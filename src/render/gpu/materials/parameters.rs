@@ -7,6 +7,7 @@ use std::fmt::Write;
 use bevy::prelude::*;
 use bevy::reflect::structs::Struct;
 use bevy::reflect::{PartialReflect, TypeInfo, Typed};
+use naga_oil::compose::{ComposableModuleDescriptor, Composer, NagaModuleDescriptor};
 
 /// The most 32-bit words of parameters: `material_words` in `assets/shaders/material/table.wgsl`.
 pub(crate) const MOST_WORDS: usize = 16;
@@ -81,6 +82,12 @@ impl Parameters {
             let ty = FieldType::new(field.type_id()).ok_or_else(|| {
                 format!("its field {} has the type {path}, which shaders do not have", field.name())
             })?;
+            if !is_name(field.name()) {
+                return Err(format!(
+                    "its field {} has a name that shaders cannot use; rename it",
+                    field.name()
+                ));
+            }
             fields.push((field.name(), ty));
         }
         let words: usize = fields.iter().map(|(_, ty)| ty.words()).sum();
@@ -113,6 +120,17 @@ impl Parameters {
         }
         format!("{}({})", self.name, all.join(", "))
     }
+}
+
+/// Whether a field of a struct that a module imports can have this name: no keyword, for example, and no name
+/// that ends with a digit.
+fn is_name(name: &str) -> bool {
+    let given = format!("#define_import_path given\nstruct Given {{ {name}: f32 }}");
+    let user = format!("#import given::Given\nfn user(own: Given) -> f32 {{ return own.{name}; }}");
+    let mut composer = Composer::default();
+    let given = ComposableModuleDescriptor { source: &given, ..default() };
+    let user = NagaModuleDescriptor { source: &user, ..default() };
+    composer.add_composable_module(given).is_ok() && composer.make_naga_module(user).is_ok()
 }
 
 /// The parameters of a material in words, field by field.
@@ -241,12 +259,22 @@ mod tests {
             level: f32,
         }
         #[derive(Reflect)]
+        struct Keyword {
+            target: f32,
+        }
+        #[derive(Reflect)]
+        struct Digit {
+            color2: Color,
+        }
+        #[derive(Reflect)]
         struct Tuple(f32);
         let why = |result: Result<Parameters, String>| result.unwrap_err();
         assert!(why(Parameters::of::<Name>()).contains("field name has the type"));
         assert!(why(Parameters::of::<Large>()).contains("field all has the type"));
         assert!(why(Parameters::of::<Many>()).contains("17 numbers"));
         assert!(why(Parameters::of::<Sand2>()).contains("digit"));
+        assert!(why(Parameters::of::<Keyword>()).contains("field target has a name"));
+        assert!(why(Parameters::of::<Digit>()).contains("field color2 has a name"));
         assert!(why(Parameters::of::<Tuple>()).contains("named fields"));
     }
 }
