@@ -2,8 +2,8 @@
 //! ring on a dark plate. All are volumes, and reflect each other, the studio around them, and two
 //! meshes: a red cube and a teal column.
 //!
-//! Rough surfaces reflect in one random direction per pixel; Bevy's temporal anti-aliasing averages
-//! the noise. `cargo run --example glossy` opens a window, where R cycles through numbers of
+//! Rough surfaces reflect in one random direction per pixel; `VdbQuality::denoise` and Bevy's temporal
+//! anti-aliasing smooth the noise. `cargo run --example glossy` opens a window, where R cycles through numbers of
 //! reflections. `… picture.png 800x450` writes an image.
 
 use bevy::anti_alias::taa::TemporalAntiAliasing;
@@ -25,13 +25,15 @@ const COPPER: Color = Color::linear_rgb(0.95, 0.55, 0.4);
 const CHROME: Color = Color::linear_rgb(0.85, 0.87, 0.9);
 
 fn main() -> AppExit {
-    helpers::app()
-        .insert_resource(GlobalAmbientLight::NONE)
-        // Enough frames for temporal anti-aliasing.
-        .insert_resource(helpers::Frames(32))
-        .add_systems(Startup, (things, meshes, camera))
-        .add_systems(Update, keys)
-        .run()
+    let mut app = helpers::app();
+    scene(&mut app);
+    // Enough frames for temporal anti-aliasing.
+    app.insert_resource(helpers::Frames(32)).add_systems(Update, keys).run()
+}
+
+/// The things, the studio and the camera.
+pub fn scene(app: &mut App) {
+    app.insert_resource(GlobalAmbientLight::NONE).add_systems(Startup, (things, meshes, camera));
 }
 
 fn metal(base_color: Color, perceptual_roughness: f32) -> VdbMaterial {

@@ -8,13 +8,14 @@ use bevy::platform::collections::HashMap;
 use bevy::prelude::*;
 
 /// The passes that volumes add to a view, in order.
-pub(crate) const PASSES: [&str; 9] = [
+pub(crate) const PASSES: [&str; 10] = [
     "vdb_cast",
     "vdb_light_cache",
     "vdb_lamp_light",
     "vdb_trace",
     "vdb_edges",
     "vdb_refine",
+    "vdb_denoise",
     "vdb_upscale",
     "vdb_accumulate",
     "vdb_composite",

@@ -53,6 +53,7 @@ bitflags! {
         const MATERIALS = 1 << 41;
         const FOG_MATERIALS = 1 << 42;
         const MESH_REFLECTIONS = 1 << 43;
+        const DENOISED = 1 << 44;
     }
 }
 
@@ -101,7 +102,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 44] = [
+pub(crate) const FEATURES: [Feature; 45] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -312,6 +313,13 @@ pub(crate) const FEATURES: [Feature; 44] = [
          and the camera has Hdr or no tonemapping",
     )
     .without(|_, quality| quality.mesh_reflections = false),
+    row(
+        Features::DENOISED,
+        &["VDB_DENOISE"],
+        "denoised reflections",
+        "VdbQuality::denoise, reflections is more than 0, and a rough surface is in view",
+    )
+    .without(|_, quality| quality.denoise = false),
 ];
 
 impl Features {

@@ -3,6 +3,7 @@
 
 mod accumulate;
 mod composite;
+mod denoise;
 mod drawn;
 mod extract;
 mod gpu;
@@ -37,6 +38,7 @@ impl Plugin for RenderVolumesPlugin {
             view::ViewPlugin,
             light_cache::LightCachePlugin,
             trace::TracePlugin,
+            denoise::DenoisePlugin,
             upscale::UpscalePlugin,
             accumulate::AccumulatePlugin,
             shadow_maps::ShadowMapsPlugin,

@@ -9,6 +9,7 @@ use bevy::render::{Render, RenderApp, RenderSystems};
 
 use super::accumulate::{AccumulateView, Accumulated, Mean};
 use super::composite::CompositeView;
+use super::denoise::DenoiseView;
 use super::light_cache::{LightCache, LightCacheView};
 use super::shadow_maps::CastShadows;
 use super::trace::{EdgesView, TraceView};
@@ -38,7 +39,7 @@ type ViewData<'a> = (
     &'a ViewState,
     &'a ViewPicture,
     (&'a LightCacheView, &'a TraceView, &'a EdgesView),
-    &'a UpscaleView,
+    (&'a DenoiseView, &'a UpscaleView),
     &'a AccumulateView,
     &'a CompositeView,
 );
@@ -60,12 +61,12 @@ fn report(
 }
 
 fn of_view(
-    (camera, state, picture, (light, trace, edges), upscale, accumulate, composite): (
+    (camera, state, picture, (light, trace, edges), (denoise, upscale), accumulate, composite): (
         &MainEntity,
         &ViewState,
         &ViewPicture,
         (&LightCacheView, &TraceView, &EdgesView),
-        &UpscaleView,
+        (&DenoiseView, &UpscaleView),
         &AccumulateView,
         &CompositeView,
     ),
@@ -120,6 +121,11 @@ fn of_view(
             buffers.add("vdb_velocity_means", means, why);
         }
     }
+    if let (Some(reflections), Some(outputs)) = (&trace.reflections, &denoise.outputs) {
+        let why = "reflections in rough surfaces are denoised";
+        buffers.push("vdb_reflections", bytes(reflections), why);
+        buffers.push("vdb_denoised", outputs.iter().map(bytes).sum(), why);
+    }
     if let Some(upscaled) = &upscale.picture {
         let why = "there are fewer rays than pixels";
         buffers.push("vdb_color_upscaled", bytes(&upscaled.color), why);
@@ -139,7 +145,7 @@ fn of_view(
         frames,
         is_compiling: !prepared.is_ready || prepared.is_fallback,
         features: features(prepared),
-        passes: passes(casts_shadows, (light, trace, edges), upscale, frames, composite),
+        passes: passes(casts_shadows, (light, trace, edges), (denoise, upscale), frames, composite),
         buffers: buffers.0,
     };
     Some((camera.id(), report))
@@ -157,7 +163,7 @@ const EDGES: &str = "VdbQuality::edge_samples is more than 0, and a surface is i
 fn passes(
     casts_shadows: bool,
     (light, trace, edges): (&LightCacheView, &TraceView, &EdgesView),
-    upscale: &UpscaleView,
+    (denoise, upscale): (&DenoiseView, &UpscaleView),
     frames: u32,
     composite: &CompositeView,
 ) -> Vec<VdbPassReport> {
@@ -171,6 +177,7 @@ fn passes(
         (true, "a volume is in view"),
         (edges.list.is_some(), EDGES),
         (edges.list.is_some(), EDGES),
+        (denoise.runs(), "VdbQuality::denoise, and a rough surface reflects"),
         (upscale.pipeline.is_some(), "VdbQuality::resolution is less than 1"),
         (frames > 0, "VdbQuality::accumulate, and nothing has changed"),
         (is_composited, "the traced image is displayed"),

@@ -334,6 +334,14 @@ fn the_means_of_frames_are_valid() {
 }
 
 #[test]
+fn denoising_is_valid() {
+    let mut composer = composer();
+    for defs in subsets(&["VDB_ACCUMULATED"]) {
+        check(&mut composer, "denoise/denoise", &[&["VDB_DENOISE"], &defs[..]].concat());
+    }
+}
+
+#[test]
 fn finding_edges_is_valid() {
     check(&mut composer(), "trace/edges", &["VDB_EDGES"]);
 }

@@ -335,7 +335,7 @@ fn grain_is_evened_out() {
     let rough = VdbMaterial { metallic: 1.0, perceptual_roughness: 0.35, ..default() };
     for (what, material, reflections) in [("shadow", white, 0), ("mirror", rough, 1)] {
         stage.world().entity_mut(floor).insert(material);
-        let on = VdbQuality { accumulate: 256, reflections, ..default() };
+        let on = VdbQuality { accumulate: 256, reflections, denoise: false, ..default() };
         let mut mean_of = |samples: u32, frames: usize| {
             stage.world().entity_mut(sun_at).insert(sun(samples));
             with(&mut stage, camera, &target, VdbQuality { accumulate: 0, ..on });

@@ -7,6 +7,7 @@ mod cameras;
 #[path = "../common/mod.rs"]
 mod common;
 mod composition;
+mod denoise;
 mod device_loss;
 mod diagnostics;
 mod edges;

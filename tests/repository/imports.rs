@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The stages of the crate, each of which may import from those before it.
-const STAGES: [&str; 16] = [
+const STAGES: [&str; 17] = [
     "asset",
     "scene",
     "quality",
@@ -16,6 +16,7 @@ const STAGES: [&str; 16] = [
     "render::view",
     "render::light_cache",
     "render::trace",
+    "render::denoise",
     "render::upscale",
     "render::accumulate",
     "render::shadow_maps",

@@ -136,6 +136,11 @@ fn shade(
 #endif
 }
 
+// Whether a surface reflects as a mirror: below this roughness, Bevy's own highlights do not become any smaller.
+fn is_mirror(roughness: f32) -> bool {
+    return roughness < 0.089;
+}
+
 // The direction of a reflected ray, sampled from the distribution of microfacet normals if the surface is
 // rough. `random` is in [0, 1).
 fn sample_reflection(
@@ -145,8 +150,7 @@ fn sample_reflection(
     random: vec2<f32>,
 ) -> vec3<f32> {
     let mirror_dir = reflect(-to_viewer, normal);
-    // Below this roughness, Bevy's own highlights do not become any smaller.
-    if roughness < 0.089 {
+    if is_mirror(roughness) {
         return mirror_dir;
     }
     let alpha = lighting::perceptualRoughnessToRoughness(roughness);

@@ -13,7 +13,7 @@
 #import bevy_vdb::trace::candidates::{volume_end, next_candidate, start_t}
 #import bevy_vdb::view::scene::{target_pixel, view, volumes}
 #ifdef VDB_REFLECTIONS
-#import bevy_vdb::view::scene::{frame_random, interleaved_gradient_noise}
+#import bevy_vdb::view::scene::{interleaved_gradient_noise, random_pair}
 #endif
 #import bevy_vdb::trace::segment::{NONE, Segment, point_at, lattice_ray, view_segment}
 #import bevy_vdb::trace::surface::{Surface, nearer, no_surface}
@@ -31,6 +31,11 @@
 #import bevy_vdb::trace::distance_fog::apply_distance_fog
 #endif
 #import bevy_vdb::trace::lights::shading_point
+#ifdef VDB_DENOISE
+#import bevy_vdb::trace::reflection::{FARTHEST, PathReflection, add_reflected, begin_reflection, continue_reflection}
+#import bevy_vdb::trace::reflection::{final_blur, is_sharp}
+#import bevy_vdb::view::reflection::{Reflection, encoded_reflection}
+#endif
 #ifdef VDB_MESH_REFLECTIONS
 #import bevy_vdb::trace::mesh_reflections::reflected_mesh
 #import bevy_vdb::trace::segment::world_position
@@ -61,6 +66,10 @@
 // The volume that a pixel moves with, as an index into the view's list, or NONE; and the bits of the depth
 // of the point that moves.
 @group(2) @binding(10) var out_moving: texture_storage_2d<rg32uint, write>;
+#endif
+
+#ifdef VDB_DENOISE
+@group(2) @binding(19) var out_reflection: texture_storage_2d<rgba32uint, write>;
 #endif
 
 // Just below the largest finite 16-bit float.
@@ -110,21 +119,26 @@ struct PathResult {
     depth: f32,
     motion_volume: u32,     // the volume that the pixel moves with, or NONE
     motion_depth: f32,
+#ifdef VDB_DENOISE
+    reflection: Reflection, // in the first surface, if it is rough
+#endif
+}
+
+fn nothing_met() -> PathResult {
+    var result = PathResult();
+    result.depth = NO_DEPTH;
+    result.motion_volume = NONE;
+    return result;
 }
 
 #ifdef VDB_LIT
 #ifdef VDB_REFLECTIONS
+// More than the bounces of a path: `VdbQuality::reflections` is at most 16.
+const MAX_BOUNCES: u32 = 17u;
+
 // A number in [0, 1) that is evenly distributed among neighbouring pixels, another one for each bounce.
 fn bounce_noise(pixel: vec2<u32>, bounce: u32) -> f32 {
     return interleaved_gradient_noise(vec2<f32>(pixel) + 5.588238 * f32(bounce));
-}
-
-// Two random numbers in [0, 1), evenly distributed among neighbouring pixels: the R2 sequence (Roberts 2018,
-// "The unreasonable effectiveness of quasirandom sequences"), offset by noise.
-fn random_pair(pixel: vec2<u32>, bounce: u32) -> vec2<f32> {
-    let noise = bounce_noise(pixel, bounce);
-    let rotation = vec2(frame_random(0.41421356), frame_random(0.73205081));
-    return fract(noise + rotation + vec2(0.7548776662, 0.5698402910) * f32(bounce + 1u));
 }
 #endif
 
@@ -155,9 +169,10 @@ fn with_distance_fog(
 }
 #endif
 
-// Radiance along a view ray and its reflections.
-fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
-    var result = PathResult(vec3(0.0), 0.0, NO_DEPTH, NONE, 0.0);
+// Radiance along a view ray and its reflections. `ray` tells apart the rays of a pixel, which have random numbers of
+// their own.
+fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathResult {
+    var result = nothing_met();
     var segment = primary;
     var t_max = t_end;
     // Throughput of the path so far, and the radiance to add if the next segment hits nothing.
@@ -167,9 +182,17 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
     // The contribution of the fog before the first surface.
     var fog_layer = FogLayer(vec3(0.0), 0.0, 0.0);
     var roughness = 0.0;
+#ifdef VDB_DENOISE
+    var reflection = PathReflection();
+#endif
     for (var bounce = 0u; bounce <= view.reflections; bounce++) {
         let surface = nearest_surface(segment, pixel, t_max);
         t_max = select(t_max, surface.t, surface.found);
+#ifdef VDB_DENOISE
+        if bounce > 0u {
+            continue_reflection(&reflection, t_max);
+        }
+#endif
         if surface.found && bounce == 0u {
             first_surface = surface;
             result.coverage = 1.0;
@@ -216,12 +239,23 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
         roughness = max(material.perceptual_roughness, roughness);
         let shaded = shade(material, at, point, to_viewer, roughness);
         result.color += throughput * shaded.radiance;
+#ifdef VDB_DENOISE
+        if bounce > 0u {
+            add_reflected(&reflection, throughput * shaded.radiance, reflection.length);
+        }
+#endif
         miss_radiance = throughput * shaded.ambient_specular;
         throughput *= shaded.specular_weight;
 #ifdef VDB_REFLECTIONS
         // Less than the step of 16-bit floats near 1.
         if bounce < view.reflections && max(max(throughput.x, throughput.y), throughput.z) > 1.0 / 4096.0 {
-            let direction = sample_reflection(roughness, normal, to_viewer, random_pair(pixel, bounce));
+            let direction = sample_reflection(roughness, normal, to_viewer, random_pair(pixel, ray * MAX_BOUNCES + bounce));
+#ifdef VDB_DENOISE
+            if is_sharp(reflection, primary, first_surface.t) {
+                let mirrored = reflect(-to_viewer, normal);
+                begin_reflection(&reflection, result.color, roughness, mirrored, throughput);
+            }
+#endif
             segment = Segment(point, direction, false, 0.0);
             t_max = view.reflection_range;
 #ifdef VDB_MESH_REFLECTIONS
@@ -236,6 +270,17 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
         result.color += miss_radiance;
         break;
     }
+#ifdef VDB_DENOISE
+    let reflectance = reflection.own.reflectance;
+    result.reflection = reflection.own;
+    if any(reflectance > vec3(0.0)) {
+        // The rest, such as the environment map's, comes from far away.
+        add_reflected(&reflection, max(miss_radiance, vec3(0.0)), FARTHEST);
+        let reflected = view.exposure * (result.color - reflection.direct);
+        result.reflection.radiance = finite(reflected / max(reflectance, vec3(1e-30)));
+        result.reflection.sharpness = 1.0 / max(final_blur(reflection, primary, first_surface.t), 1e-30);
+    }
+#endif
     result.color *= view.exposure;
 #ifdef DISTANCE_FOG
     let fog_color = view.exposure * fog_layer.radiance;
@@ -249,6 +294,9 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
             first_surface.t,
             pixel,
         );
+#ifdef VDB_DENOISE
+        result.reflection.reflectance = with_distance_fog(reflectance, 0.0, primary, first_surface.t, pixel);
+#endif
     }
 #endif
     result.color = with_borders(result.color, primary, first_surface);
@@ -256,8 +304,8 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
 }
 #else
 // The surface that a view ray hits, in the colours of the render mode.
-fn trace_path(primary: Segment, pixel: vec2<u32>, t_end: f32) -> PathResult {
-    var result = PathResult(vec3(0.0), 0.0, NO_DEPTH, NONE, 0.0);
+fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathResult {
+    var result = nothing_met();
     let surface = nearest_surface(primary, pixel, t_end);
     if surface.found {
         result.coverage = 1.0;
@@ -331,6 +379,9 @@ fn view_ray(pixel: vec2<u32>, offset: vec2<f32>) -> Segment {
 fn store(pixel: vec2<u32>, result: PathResult) {
     textureStore(out_color, pixel, vec4(finite(result.color), result.coverage));
     textureStore(out_depth, pixel, vec4(result.depth, 0.0, 0.0, 0.0));
+#ifdef VDB_DENOISE
+    textureStore(out_reflection, pixel, encoded_reflection(result.reflection));
+#endif
 #ifdef VDB_MOTION_VECTORS
     let motion_volume = select(result.motion_volume - view.volume_first, NONE, result.motion_volume == NONE);
     textureStore(out_moving, pixel, vec4(motion_volume, bitcast<u32>(result.motion_depth), 0u, 0u));
@@ -349,7 +400,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
 #else
         let ray = view_ray(pixel, vec2(0.0));
 #endif
-        store(pixel, trace_path(ray, pixel, min(mesh_t(pixel), view.t_far)));
+        store(pixel, trace_path(ray, pixel, 0u, min(mesh_t(pixel), view.t_far)));
     }
 }
 #else
@@ -408,6 +459,7 @@ fn trace(
     var pixel = id.xy;
     var offset = vec2(0.0);
     var entry = 0u;
+    var ray = 0u;
     if refines {
         let samples = view.edge_samples;
         let row = group.y * MAX_GROUPS + group.x;
@@ -417,13 +469,14 @@ fn trace(
         let listed = FIRST_EDGE + EDGE_WORDS * min(place, max(count, 1u) - 1u);
         let word = edges[listed];
         pixel = vec2(word & 0x7fffu, (word >> 15u) & 0xffffu);
+        ray = 1u + thread % samples;
         offset = sample_position(thread % samples, samples) - 0.5;
         entry = select(0u, listed, place < count);
     }
     let is_inside = all(pixel < view.size);
-    var result = PathResult(vec3(0.0), 0.0, NO_DEPTH, NONE, 0.0);
+    var result = nothing_met();
     if is_inside {
-        result = trace_path(view_ray(pixel, offset), pixel, min(mesh_t(pixel), view.t_far));
+        result = trace_path(view_ray(pixel, offset), pixel, ray, min(mesh_t(pixel), view.t_far));
     }
     if refines {
         store_mean(pixel, result, entry, thread);

@@ -17,7 +17,7 @@
 #ifdef VDB_SOFT_SUNS
 #import bevy_render::maths::PI
 #import bevy_vdb::gpu::types::MAX_SUNS
-#import bevy_vdb::view::scene::{frame_random, interleaved_gradient_noise, view}
+#import bevy_vdb::view::scene::{random_pair, view}
 #endif
 #endif
 
@@ -34,17 +34,20 @@ fn sun_disk(lights: LightList, light: u32) -> vec4<f32> {
     return disk;
 }
 
+// Of `random_pair`: bounces have the others.
+const SUN_DIMENSION: u32 = 31u;
+
 // Mean transmittance towards a sun with an angular diameter. Samples are spread evenly over its disk after
 // Vogel 1979, "A better way to construct the sunflower head", and rotated per pixel.
 fn soft_transmittance(at: ShadingPoint, point: Point, to_sun: vec3<f32>, tangent: f32, samples: u32) -> f32 {
     let helper = select(vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0), abs(to_sun.x) > 0.5);
     let right = normalize(cross(helper, to_sun));
     let up = cross(to_sun, right);
-    let rotation = 2.0 * PI * fract(interleaved_gradient_noise(at.coord) + view.random_offset);
-    let radial_jitter = fract(0.5 + frame_random(0.73205081));
+    let random = random_pair(vec2<u32>(at.coord), SUN_DIMENSION);
+    let rotation = 2.0 * PI * random.x;
     var sum = 0.0;
     for (var k = 0u; k < samples; k++) {
-        let radius = tangent * sqrt((f32(k) + radial_jitter) / f32(samples));
+        let radius = tangent * sqrt((f32(k) + random.y) / f32(samples));
         let angle = rotation + 2.39996323 * f32(k);
         let direction = normalize(to_sun + radius * (cos(angle) * right + sin(angle) * up));
         if dot(direction, at.normal) > 0.0 {

@@ -57,6 +57,31 @@ fn interleaved_gradient_noise(pixel: vec2<f32>) -> f32 {
     return fract(52.9829189 * fract(dot(pixel, vec2(0.06711056, 0.00583715))));
 }
 
+// The place of a pixel on a Hilbert curve through a tile of 64² pixels.
+fn hilbert_index(pixel: vec2<u32>) -> u32 {
+    var at = pixel & vec2(63u);
+    var index = 0u;
+    for (var size = 32u; size > 0u; size >>= 1u) {
+        let is_far = (at & vec2(size)) != vec2(0u);
+        index += size * size * select(select(0u, 1u, is_far.y), select(3u, 2u, is_far.y), is_far.x);
+        if !is_far.y {
+            at = select(at.yx, 63u - at.yx, is_far.x);
+        }
+    }
+    return index;
+}
+
+// Two numbers in [0, 1) that are evenly distributed over a square among neighbouring pixels and, in another way,
+// over accumulated or jittered frames: the R2 sequence (Roberts 2018, "The unreasonable effectiveness of
+// quasirandom sequences") along a Hilbert curve, whose neighbours are neighbours in the image, too. `dimension` tells
+// apart what a pixel needs several pairs for.
+fn random_pair(pixel: vec2<u32>, dimension: u32) -> vec2<f32> {
+    let index = hilbert_index(pixel) + 4096u * dimension;
+    // In units of 2^-32, whose sums wrap as fractions do.
+    let sequence = vec2<f32>((index * vec2(3242174889u, 2447445414u)) >> vec2(8u)) / 16777216.0;
+    return fract(sequence + vec2(frame_random(0.41421356), frame_random(0.73205081)));
+}
+
 // One past the last volume in the view.
 fn visible_end() -> u32 {
     return view.volume_first + view.volume_count;

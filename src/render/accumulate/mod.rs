@@ -132,7 +132,7 @@ fn bind(
     device: Res<RenderDevice>,
 ) {
     for (view, mut own, picture, depth) in &mut views {
-        let (Some((prepared, uniform)), Some(traced)) = (view.prepared(), &picture.traced) else {
+        let (Some((prepared, uniform)), Some(traced)) = (view.prepared(), &picture.rays) else {
             continue;
         };
         let Some(mean) = own.accumulated.as_ref().and_then(Accumulated::shown) else { continue };

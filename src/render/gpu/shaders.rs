@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 52] = shaders![
+const IMPORTS: [(&str, &[u8]); 54] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -36,6 +36,7 @@ const IMPORTS: [(&str, &[u8]); 52] = shaders![
     "traversal/march",
     "view/depths",
     "view/picture",
+    "view/reflection",
     "view/scene",
     "trace/segment",
     "trace/bvh",
@@ -54,6 +55,7 @@ const IMPORTS: [(&str, &[u8]); 52] = shaders![
     "trace/lights",
     "trace/cached_lights",
     "trace/shade",
+    "trace/reflection",
     "trace/distance_fog",
     "light_cache/lattice",
     "light_cache/store",
@@ -71,11 +73,12 @@ const IMPORTS: [(&str, &[u8]); 52] = shaders![
     "trace/show"
 ];
 /// The shaders with entry points.
-const PROGRAMS: [(&str, &[u8]); 12] = shaders![
+const PROGRAMS: [(&str, &[u8]); 13] = shaders![
     "trace/beams",
     "trace/edges",
     "trace/trace",
     "trace/lamp_light",
+    "denoise/denoise",
     "upscale/upscale",
     "accumulate/accumulate",
     "composite/composite",
@@ -141,6 +144,7 @@ pub(crate) struct Shaders {
     pub edges: Handle<Shader>,
     pub trace: Handle<Shader>,
     pub lamp_light: Handle<Shader>,
+    pub denoise: Handle<Shader>,
     pub upscale: Handle<Shader>,
     pub accumulate: Handle<Shader>,
     pub composite: Handle<Shader>,
@@ -171,6 +175,7 @@ impl Shaders {
             edges,
             trace,
             lamp_light,
+            denoise,
             upscale,
             accumulate,
             composite,
@@ -190,6 +195,7 @@ impl Shaders {
             edges,
             trace,
             lamp_light,
+            denoise,
             upscale,
             accumulate,
             composite,

@@ -62,6 +62,9 @@ pub(crate) struct Volume {
     pub ramp_emission: f32,
 }
 
+/// The roughness below which a surface reflects as a mirror: `is_mirror` in `trace/shade.wgsl`.
+pub(crate) const MIRROR_ROUGHNESS: f32 = 0.089;
+
 /// Bits of [`Volume::flags`].
 pub(crate) const NO_CASTER: u32 = 1;
 pub(crate) const NO_RECEIVER: u32 = 2;

@@ -93,7 +93,7 @@ pub(super) fn bind_edges(
 ) {
     for (view, mut own, picture) in &mut views {
         let (Some((prepared, _)), Some(traced), Some(list)) =
-            (view.prepared(), &picture.traced, &own.list)
+            (view.prepared(), &picture.rays, &own.list)
         else {
             continue;
         };
@@ -116,7 +116,7 @@ pub(super) fn bind_edges(
 }
 
 /// Finds the pixels on edges.
-pub(super) fn find_edges(
+pub(in crate::render) fn find_edges(
     view: ViewQuery<(&ViewState, &EdgesView)>,
     cache: Res<PipelineCache>,
     fallback: Res<PipelineFallback>,
@@ -163,7 +163,7 @@ pub(super) fn refine(
         let [lights, environment] = &bind_groups.lights.groups;
         pass.set_bind_group(0, lights, &bind_groups.lights.offsets);
         pass.set_bind_group(1, environment, &[]);
-        pass.set_bind_group(GROUP, &bind_groups.trace, &[]);
+        pass.set_bind_group(GROUP, bind_groups.refine.as_ref().unwrap_or(&bind_groups.trace), &[]);
         meshes.bind(&prepared.key, target, &mut pass);
         pass.dispatch_workgroups_indirect(list, 0);
     }

@@ -20,7 +20,7 @@ use bevy::render::render_resource::{
     SpecializedComputePipelines, TextureFormat, TextureView,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery};
-use bevy::render::texture::TextureCache;
+use bevy::render::texture::{CachedTexture, TextureCache};
 use bevy::render::view::{ViewDepthTexture, ViewTarget};
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 use bevy::shader::ShaderCacheError;
@@ -40,7 +40,7 @@ use super::view::{
 use crate::quality::features::Features;
 use beams::BeamsPipeline;
 use blackbody::BlackbodyColors;
-use edges::{FindEdges, bind_edges, find_edges, prepare_edges, refine};
+use edges::{FindEdges, bind_edges, prepare_edges, refine};
 use gather::gather_lamp_light;
 use lamp_light::{LampLightPipeline, LampLightView};
 use lights::{AllLights, LightLayouts, ViewLights};
@@ -48,7 +48,7 @@ use mesh_picture::MeshPictures;
 use pipeline::TracePipeline;
 use view::{BindGroups, Pipelines};
 
-pub(super) use edges::EdgesView;
+pub(super) use edges::{EdgesView, find_edges};
 pub(super) use lights::MeshShadowMaps;
 pub(super) use view::TraceView;
 
@@ -176,6 +176,10 @@ fn prepare(
             .then(|| prepared.layout.buffer(own.tiles.as_ref(), &device));
         let mut texture =
             |label, format| textures.get(&device, picture_texture(label, format, prepared.size()));
+        own.reflections = prepared
+            .key
+            .has(Features::DENOISED)
+            .then(|| texture("vdb_reflections", TextureFormat::Rgba32Uint));
         let traced = Picture {
             color: texture("vdb_color", TextureFormat::Rgba16Float),
             depth: texture("vdb_depth", TextureFormat::R32Float),
@@ -184,7 +188,8 @@ fn prepare(
                 .has(Features::MOTION_VECTORS)
                 .then(|| texture("vdb_moving", TextureFormat::Rg32Uint)),
         };
-        *picture = ViewPicture { traced: Some(traced.clone()), shown: Some(traced) };
+        let [rays, shown] = [traced.clone(), traced.clone()].map(Some);
+        *picture = ViewPicture { traced: Some(traced), rays, shown };
     }
 }
 
@@ -209,7 +214,9 @@ fn bind(
     let (Some(pool), Some(volumes)) = (pool.buffers(), volumes.0.buffer()) else { return };
     for (view, mut own, picture, depth, (cached, edges, view_lights)) in &mut views {
         let ready = view.prepared().filter(|(prepared, _)| prepared.is_ready);
-        let (Some((prepared, uniform)), Some(picture)) = (ready, &picture.traced) else {
+        let (Some((prepared, uniform)), ViewPicture { traced: Some(picture), rays, .. }) =
+            (ready, picture)
+        else {
             continue;
         };
         let bind = |features, view| all_lights.bind(features, &trace.lights, view, &device, &cache);
@@ -226,7 +233,9 @@ fn bind(
         else {
             continue;
         };
-        let inputs = Inputs { pool, uniform, volumes, depth, picture, tiles: own.tiles.as_ref() };
+        let tiles = own.tiles.as_ref();
+        let reflections = own.reflections.as_ref();
+        let inputs = Inputs { pool, uniform, volumes, depth, picture, reflections, tiles };
         let table = blackbody.0.as_ref().filter(|_| prepared.key.has(Features::BLACKBODY));
         if prepared.key.has(Features::BLACKBODY) && table.is_none() {
             continue;
@@ -245,7 +254,13 @@ fn bind(
         let layout = cache.get_bind_group_layout(&trace.layout(features));
         let tables = (table, ramps, materials);
         let edges = edges.list.as_ref();
-        let group = inputs.trace_group(&layout, tables, cached.as_ref(), edges, &device);
+        let group = |color: &CachedTexture| {
+            let color = &color.default_view;
+            inputs.trace_group(&layout, color, tables, cached.as_ref(), edges, &device)
+        };
+        let refined = rays.as_ref().filter(|_| features.contains(Features::DENOISED));
+        let refine = refined.filter(|_| edges.is_some()).map(|rays| group(&rays.color));
+        let group = group(&picture.color);
         let layout =
             cache.get_bind_group_layout(beams.layout(features, features.contains(Features::PAGES)));
         let beams = inputs.beams_group(&layout, &device);
@@ -253,7 +268,7 @@ fn bind(
             .contains(Features::LAMP_LIGHT)
             .then(|| bind(Features::LIGHT, view_lights.as_ref()))
             .flatten();
-        own.bind_groups = Some(BindGroups { trace: group, lights, beams, nothing, lamps });
+        own.bind_groups = Some(BindGroups { trace: group, refine, lights, beams, nothing, lamps });
     }
 }
 
@@ -272,6 +287,7 @@ struct Inputs<'a> {
     volumes: &'a Buffer,
     depth: &'a ViewDepthTexture,
     picture: &'a Picture,
+    reflections: Option<&'a CachedTexture>,
     tiles: Option<&'a Buffer>,
 }
 
@@ -279,6 +295,7 @@ impl Inputs<'_> {
     fn trace_group(
         &self,
         layout: &bevy::render::render_resource::BindGroupLayout,
+        color: &TextureView,
         (blackbody, ramps, materials): (
             Option<&TextureView>,
             Option<&TextureView>,
@@ -290,7 +307,7 @@ impl Inputs<'_> {
     ) -> BindGroup {
         let mut entries = self.pool.scene_entries(self.uniform, self.volumes).extend_sequential((
             self.depth.view(),
-            &self.picture.color.default_view,
+            color,
             &self.picture.depth.default_view,
         ));
         if let Some(tiles) = self.tiles {
@@ -298,6 +315,9 @@ impl Inputs<'_> {
         }
         if let Some(moving) = &self.picture.moving {
             entries = entries.extend_with_indices(((10, &moving.default_view),));
+        }
+        if let Some(reflections) = self.reflections {
+            entries = entries.extend_with_indices(((19, &reflections.default_view),));
         }
         if let Some(table) = blackbody {
             entries = entries.extend_with_indices(((11, table),));

@@ -44,6 +44,9 @@ impl TracePipeline {
         if has(Features::MOTION_VECTORS) {
             entries = entries.extend_with_indices(((10, write(TextureFormat::Rg32Uint)),));
         }
+        if has(Features::DENOISED) {
+            entries = entries.extend_with_indices(((19, write(TextureFormat::Rgba32Uint)),));
+        }
         if has(Features::BLACKBODY) {
             entries = entries.extend_with_indices(((11, read()),));
         }

@@ -2,6 +2,7 @@
 
 use bevy::prelude::*;
 use bevy::render::render_resource::{BindGroup, Buffer, CachedComputePipelineId};
+use bevy::render::texture::CachedTexture;
 
 use super::lamp_light::LampLightView;
 use super::lights::LightBindGroups;
@@ -12,6 +13,8 @@ pub(in crate::render) struct TraceView {
     pub(super) pipelines: Option<Pipelines>,
     /// The volumes and ray starts of each tile, in views with beam optimisation.
     pub tiles: Option<Buffer>,
+    /// What rough surfaces reflect, in views that denoise it.
+    pub reflections: Option<CachedTexture>,
     pub(super) bind_groups: Option<BindGroups>,
     /// The light that lamps scatter towards the eye, in views that interpolate it.
     pub lamp_light: Option<LampLightView>,
@@ -28,6 +31,8 @@ pub(super) struct Pipelines {
 /// The bind groups of a view.
 pub(super) struct BindGroups {
     pub trace: BindGroup,
+    /// The same for the refinement, if it adds to the denoised image.
+    pub refine: Option<BindGroup>,
     pub lights: LightBindGroups,
     pub beams: Option<BindGroup>,
     /// The empty groups 0 and 1 of the beam pipeline.

@@ -13,8 +13,8 @@ use bevy::render::view::ViewDepthTexture;
 use bevy::render::{Render, RenderApp, RenderSystems};
 use bevy::shader::Shader;
 
+use super::denoise::denoise;
 use super::gpu::{PipelineFallback, Shaders, picture_texture, read, scene_depth, write};
-use super::trace::trace;
 use super::view::{
     Picture, PicturePass, PicturePipeline, PicturePipelines, PrepareViews, VdbSystems, ViewPicture,
     ViewState, VisibleVolumes, add_picture_pass, run_picture_pass,
@@ -37,7 +37,7 @@ impl Plugin for UpscalePlugin {
                     bind.in_set(RenderSystems::PrepareBindGroups),
                 ),
             )
-            .add_systems(Core3d, upscale.in_set(VdbSystems::Trace).after(trace));
+            .add_systems(Core3d, upscale.in_set(VdbSystems::Trace).after(denoise));
     }
 }
 
@@ -122,7 +122,7 @@ fn bind(
     device: Res<RenderDevice>,
 ) {
     for (view, mut own, picture, depth) in &mut views {
-        let (Some((prepared, uniform)), Some(traced)) = (view.prepared(), &picture.traced) else {
+        let (Some((prepared, uniform)), Some(traced)) = (view.prepared(), &picture.rays) else {
             continue;
         };
         let Some(out) = &own.picture else { continue };

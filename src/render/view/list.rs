@@ -167,6 +167,8 @@ pub(crate) struct ViewList {
     pub fog_steps: bool,
     /// Whether any smooth surface has smooth normals.
     pub smooth_normals: bool,
+    /// Whether any surface in view is too rough to be a mirror, or may be.
+    pub rough: bool,
     /// Whether anything moves within a volume in view.
     pub velocities: bool,
 }
@@ -215,6 +217,13 @@ impl ViewList {
         let smooth_normals = normals.iter().any(is_smooth);
         let volumes = entries[..seen].iter().filter_map(|entry| maker.volumes.0.get(&entry.owner));
         let velocities = volumes.into_iter().any(|volume| volume.velocity.is_some());
+        let is_rough = |(volume, entry): (&types::Volume, &Entry)| {
+            volume.perceptual_roughness >= types::MIRROR_ROUGHNESS || entry.material.is_some()
+        };
+        let surfaces = data.iter().zip(&entries).take(seen);
+        let rough = surfaces
+            .filter(|(volume, _)| [types::KIND_SURFACE, types::KIND_SMOOTH].contains(&volume.kind))
+            .any(is_rough);
         let shaded = if mirrors { entries.len() } else { seen };
         let mut materials = [0; 2];
         for (i, (volume, entry)) in data.iter().zip(&entries).enumerate() {
@@ -235,6 +244,7 @@ impl ViewList {
             materials,
             fog_steps,
             smooth_normals,
+            rough,
             velocities,
         };
         if is_lit {

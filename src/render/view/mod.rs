@@ -67,7 +67,7 @@ impl Plugin for ViewPlugin {
             )
             .configure_sets(
                 Render,
-                (Upload, Trace, Upscale, Accumulate, Composite)
+                (Upload, Trace, Denoise, Upscale, Accumulate, Composite)
                     .chain()
                     .in_set(RenderSystems::PrepareResources),
             )

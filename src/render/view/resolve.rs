@@ -283,6 +283,7 @@ fn view_key(
                 && list.kinds_seen.has(SURFACES)
                 && shows_meshes(of),
         )
+        | Features::DENOISED.when(settings.reflections > 0 && quality.denoise && list.rough)
         | Features::OVERLAYS.when(camera.overlays != VdbOverlays::default())
         | Features::SCALED.when(quality.resolution < 1.0)
         | Features::EDGES.when(shows_edges && pool.spare_bindings() >= 2)

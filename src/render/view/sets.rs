@@ -32,6 +32,7 @@ pub(crate) enum PrepareViews {
     Upload,
     /// Passes create their textures, in the order in which they run.
     Trace,
+    Denoise,
     Upscale,
     Accumulate,
     Composite,

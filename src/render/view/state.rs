@@ -108,6 +108,8 @@ pub(crate) struct Picture {
 pub(crate) struct ViewPicture {
     /// The output of the trace, with one texel per ray.
     pub traced: Option<Picture>,
+    /// The same, denoised in views with denoised reflections.
+    pub rays: Option<Picture>,
     /// The output of the last pass so far.
     pub shown: Option<Picture>,
 }

@@ -1,0 +1,212 @@
+//! Denoising: smooths what rough surfaces reflect, before anything else is made of the traced image. Otherwise
+//! grain would pass for edges.
+
+use bevy::core_pipeline::schedule::Core3d;
+use bevy::prelude::*;
+use bevy::render::diagnostic::RecordDiagnostics;
+use bevy::render::render_resource::binding_types::{texture_2d, uniform_buffer_sized};
+use bevy::render::render_resource::{
+    BindGroup, Buffer, BufferInitDescriptor, BufferUsages, CachedComputePipelineId,
+    ComputePassDescriptor, DynamicBindGroupEntries, DynamicBindGroupLayoutEntries, PipelineCache,
+    ShaderStages, TextureFormat, TextureSampleType,
+};
+use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
+use bevy::render::texture::{CachedTexture, TextureCache};
+use bevy::render::{Render, RenderApp, RenderStartup, RenderSystems};
+use bevy::shader::Shader;
+use bytemuck::{Pod, Zeroable};
+
+use super::gpu::{PipelineFallback, Shaders, picture_texture, read, tiles, write};
+use super::trace::{TraceView, find_edges, trace};
+use super::view::{
+    Picture, PicturePass, PicturePipeline, PicturePipelines, PrepareViews, VdbSystems, ViewPicture,
+    ViewState, VisibleVolumes, add_picture_pass,
+};
+use crate::quality::features::Features;
+
+/// Denoises reflections, in views with rough surfaces.
+pub(super) struct DenoisePlugin;
+
+impl Plugin for DenoisePlugin {
+    fn build(&self, app: &mut App) {
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
+        render_app.world_mut().register_required_components::<VisibleVolumes, DenoiseView>();
+        add_picture_pass::<DenoisePass>(render_app);
+        render_app
+            .add_systems(RenderStartup, init)
+            .add_systems(
+                Render,
+                (
+                    prepare.in_set(PrepareViews::Denoise),
+                    bind.in_set(RenderSystems::PrepareBindGroups),
+                ),
+            )
+            .add_systems(Core3d, denoise.in_set(VdbSystems::Trace).after(trace).before(find_edges));
+    }
+}
+
+/// The number of dispatches. With taps 1, 2 and 4 pixels apart, the filter reaches 14 pixels.
+const ITERATIONS: usize = 3;
+
+/// The struct `Iteration` of the shader.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct Iteration {
+    spacing: u32,
+    is_first: u32,
+    is_last: u32,
+    unused: u32,
+}
+
+/// The uniforms of all dispatches, which are the same in every view.
+#[derive(Debug, Resource)]
+struct Iterations([Buffer; ITERATIONS]);
+
+/// Runs when the renderer starts, and again after a lost device.
+fn init(mut commands: Commands, device: Res<RenderDevice>) {
+    commands.insert_resource(Iterations(std::array::from_fn(|i| {
+        let own = Iteration {
+            spacing: 1 << i,
+            is_first: u32::from(i == 0),
+            is_last: u32::from(i == ITERATIONS - 1),
+            unused: 0,
+        };
+        device.create_buffer_with_data(&BufferInitDescriptor {
+            label: Some("vdb_denoise"),
+            contents: bytemuck::bytes_of(&own),
+            usage: BufferUsages::UNIFORM,
+        })
+    })));
+}
+
+/// The pipeline, textures and bind groups of the pass for a view that denoises reflections.
+#[derive(Component, Default)]
+pub(super) struct DenoiseView {
+    pipeline: Option<CachedComputePipelineId>,
+    /// The output of each dispatch; the last one is the image.
+    pub outputs: Option<[CachedTexture; ITERATIONS]>,
+    bind_groups: Option<[BindGroup; ITERATIONS]>,
+}
+
+impl DenoiseView {
+    /// Whether the pass runs.
+    pub fn runs(&self) -> bool {
+        self.pipeline.is_some()
+    }
+}
+
+struct DenoisePass;
+
+impl PicturePass for DenoisePass {
+    const LABEL: &'static str = "vdb_denoise";
+    const ENTRY_POINT: &'static str = "denoise";
+    const FEATURE: Features = Features::DENOISED;
+    const DEPENDS_ON: Features = Features::DENOISED.union(Features::ACCUMULATED);
+    const OPTION: Features = Features::empty();
+
+    fn shader(shaders: &Shaders) -> &Handle<Shader> {
+        &shaders.denoise
+    }
+
+    fn entries(_multisampled: bool, _option: bool) -> DynamicBindGroupLayoutEntries {
+        DynamicBindGroupLayoutEntries::sequential(
+            ShaderStages::COMPUTE,
+            (
+                uniform_buffer_sized(false, None),
+                uniform_buffer_sized(false, None),
+                read(),
+                texture_2d(TextureSampleType::Uint),
+                read(),
+                write(TextureFormat::Rgba16Float),
+            ),
+        )
+    }
+}
+
+/// Creates the textures that the pass writes, and hands the image on.
+fn prepare(
+    mut views: Query<(&ViewState, &mut DenoiseView, &mut ViewPicture)>,
+    mut pipelines: PicturePipelines<DenoisePass>,
+    device: Res<RenderDevice>,
+    mut textures: ResMut<TextureCache>,
+) {
+    for (view, mut own, mut picture) in &mut views {
+        *own = default();
+        let Some((prepared, _)) = view.prepared() else { continue };
+        let Some(traced) = picture.traced.clone() else { continue };
+        own.pipeline = pipelines.of(&prepared.key);
+        if own.pipeline.is_none() {
+            continue;
+        }
+        let mut texture = |label| {
+            let format = TextureFormat::Rgba16Float;
+            textures.get(&device, picture_texture(label, format, prepared.size()))
+        };
+        let outputs =
+            ["vdb_reflections_1", "vdb_reflections_2", "vdb_color_denoised"].map(&mut texture);
+        let denoised = Picture { color: outputs[ITERATIONS - 1].clone(), ..traced };
+        own.outputs = Some(outputs);
+        picture.rays = Some(denoised.clone());
+        picture.shown = Some(denoised);
+    }
+}
+
+fn bind(
+    mut views: Query<(&ViewState, &TraceView, &mut DenoiseView, &ViewPicture)>,
+    iterations: Res<Iterations>,
+    pipeline: Res<PicturePipeline<DenoisePass>>,
+    cache: Res<PipelineCache>,
+    device: Res<RenderDevice>,
+) {
+    for (view, trace, mut own, picture) in &mut views {
+        let (Some((prepared, uniform)), Some(traced), Some(reflections), Some(outputs)) =
+            (view.prepared(), &picture.traced, &trace.reflections, &own.outputs)
+        else {
+            continue;
+        };
+        let layout = cache.get_bind_group_layout(pipeline.layout(prepared.key.features));
+        let groups = std::array::from_fn(|i| {
+            // The first dispatch reads no other's output.
+            let before = if i == 0 { &traced.color } else { &outputs[i - 1] };
+            let entries = DynamicBindGroupEntries::sequential((
+                uniform.as_entire_binding(),
+                iterations.0[i].as_entire_binding(),
+                &traced.color.default_view,
+                &reflections.default_view,
+                &before.default_view,
+                &outputs[i].default_view,
+            ));
+            device.create_bind_group(DenoisePass::LABEL, &layout, &entries)
+        });
+        own.bind_groups = Some(groups);
+    }
+}
+
+pub(super) fn denoise(
+    view: ViewQuery<(&ViewState, &DenoiseView)>,
+    cache: Res<PipelineCache>,
+    fallback: Res<PipelineFallback>,
+    mut context: RenderContext,
+) {
+    let (state, own) = view.into_inner();
+    let Some((prepared, _)) = state.prepared().filter(|(prepared, _)| prepared.is_ready) else {
+        return;
+    };
+    let (Some(pipeline), Some(bind_groups)) = (own.pipeline, &own.bind_groups) else { return };
+    let Some(pipeline) = fallback.compute(&cache, pipeline) else { return };
+    let diagnostics = context.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let span = diagnostics.time_span(context.command_encoder(), DenoisePass::LABEL);
+    {
+        let label = Some(DenoisePass::LABEL);
+        let descriptor = ComputePassDescriptor { label, timestamp_writes: None };
+        let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
+        pass.set_pipeline(&pipeline);
+        let groups = tiles(prepared.size());
+        for bind_group in bind_groups {
+            pass.set_bind_group(0, bind_group, &[]);
+            pass.dispatch_workgroups(groups.x, groups.y, 1);
+        }
+    }
+    span.end(context.command_encoder());
+}

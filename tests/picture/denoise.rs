@@ -1,0 +1,166 @@
+//! The denoising of reflections in rough surfaces.
+
+use bevy::anti_alias::taa::TemporalAntiAliasing;
+use bevy::camera::RenderTarget;
+use bevy::math::DVec3;
+use bevy::prelude::*;
+use bevy::render::camera::TemporalJitter;
+use bevy_vdb::{VdbGrid, VdbMaterial, VdbQuality, VdbVolume};
+use gpu_test::gpu_test;
+use vdb_core::pack::PackKind;
+use vdb_core::synth::{fog, level_set};
+use vdb_core::tree::CoordBox;
+
+use super::common::{Picture, Stage};
+use super::flip::flip;
+use super::{GREEN, SURFACE, glow, looking};
+
+#[path = "../../examples/glossy.rs"]
+#[allow(dead_code, reason = "it is a program of its own")]
+mod glossy;
+
+const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
+const SIZE: UVec2 = UVec2::new(160, 120);
+/// Where the ball that mirrors is in the picture, in pixels.
+const BALL: Vec2 = Vec2::new(83.0, 49.0);
+const BALL_RADIUS: f32 = 29.0;
+const RED: LinearRgba = LinearRgba::rgb(1.0, 0.1, 0.05);
+
+/// A floor of this roughness, in which a ball and a box shine that stand on it, and a ball of another.
+fn scene(stage: &mut Stage, floor: f32, ball: f32) -> (Handle<Image>, Entity) {
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, looking(Vec3::new(0.5, 3.0, 7.0)));
+    let metal = |perceptual_roughness| VdbMaterial {
+        base_color: Color::linear_rgb(0.9, 0.7, 0.4),
+        metallic: 1.0,
+        perceptual_roughness,
+        ..default()
+    };
+    let plate = CoordBox { min: IVec3::new(-40, -2, -40), max: IVec3::new(39, -1, 39) };
+    let plate = stage.grid(fog::block(plate, -1.0), SURFACE, 0.1);
+    stage.world().spawn((VdbVolume(plate), metal(floor)));
+    let ball_grid = stage.grid(level_set::sphere(DVec3::ZERO, 10.0), SMOOTH, 0.1);
+    let shines = (VdbVolume(ball_grid.clone()), glow(GREEN), Transform::from_xyz(-1.5, 1.0, 0.0));
+    stage.world().spawn(shines);
+    let post = CoordBox { min: IVec3::new(8, 0, -4), max: IVec3::new(13, 24, 1) };
+    let post = stage.grid(fog::block(post, -1.0), SURFACE, 0.1);
+    stage.world().spawn((VdbVolume(post), glow(RED)));
+    let mirrors = (VdbVolume(ball_grid), metal(ball), Transform::from_xyz(0.3, 1.2, 1.8));
+    stage.world().spawn(mirrors);
+    (target, camera)
+}
+
+/// What a camera shows: in one frame, or as the mean of many.
+fn shown(
+    stage: &mut Stage,
+    (target, camera): &(Handle<Image>, Entity),
+    quality: VdbQuality,
+) -> Picture {
+    stage.world().entity_mut(*camera).insert(quality);
+    stage.picture(target);
+    stage.update(quality.accumulate as usize);
+    stage.picture(target)
+}
+
+/// The pixels of which neither a neighbour nor the pixel itself shines: no edges of what is reflected.
+fn dark(without_reflections: &Picture) -> Vec<bool> {
+    let shines = |x: u32, y: u32| without_reflections.at(x, y).truncate().max_element() > 0.5;
+    let pixels = (0..SIZE.y).flat_map(|y| (0..SIZE.x).map(move |x| (x, y)));
+    let near = |at: u32, size: u32| at.saturating_sub(1)..(at + 2).min(size);
+    pixels.map(|(x, y)| !near(y, SIZE.y).any(|y| near(x, SIZE.x).any(|x| shines(x, y)))).collect()
+}
+
+/// The root of the mean of the squares of differences.
+fn error(a: &Picture, b: &Picture, counts: &[bool]) -> f32 {
+    let pairs = a.pixels.iter().zip(&b.pixels).zip(counts).filter(|(_, counts)| **counts);
+    let all: Vec<f32> = pairs.map(|((a, b), _)| (*a - *b).truncate().length_squared()).collect();
+    (all.iter().sum::<f32>() / all.len() as f32).sqrt()
+}
+
+fn check_grain(roughnesses: &[f32], accumulate: u32, reflections: u32) {
+    let mut stage = Stage::new();
+    for &roughness in roughnesses {
+        stage.clear();
+        let view = scene(&mut stage, roughness, roughness);
+        let on = VdbQuality { reflections, ..default() };
+        let off = VdbQuality { denoise: false, ..on };
+        let expected = shown(&mut stage, &view, VdbQuality { accumulate, ..off });
+        let counts = dark(&shown(&mut stage, &view, VdbQuality { reflections: 0, ..off }));
+        let [single, own] = [off, on].map(|quality| shown(&mut stage, &view, quality));
+        for (name, picture) in [("mean", &expected), ("off", &single), ("on", &own)] {
+            picture.save(&format!("denoise_{roughness}_{name}"));
+        }
+        let [before, after] = [&single, &own].map(|picture| error(picture, &expected, &counts));
+        println!("{roughness}: {before:.4} off, denoised {after:.4}");
+        assert!(before > 0.02, "{roughness}: there is no grain: {before}");
+        assert!(after < 0.5 * before, "{roughness}: {after} instead of {before}");
+    }
+}
+
+/// One frame is nearer to the mean of many than without.
+#[gpu_test]
+fn reflections_are_smoother() {
+    check_grain(&[0.35], 64, 1);
+}
+
+#[gpu_test]
+#[ignore = "slow: means of many frames"]
+fn reflections_are_smoother_whatever_the_roughness() {
+    check_grain(&[0.2, 0.35, 0.6], 256, 2);
+}
+
+/// A mirror beside a rough surface stays as it is, to the bit; so do the colours of everything else.
+#[gpu_test]
+fn mirrors_and_what_is_not_reflected_stay() {
+    let mut stage = Stage::new();
+    let view = scene(&mut stage, 0.05, 0.5);
+    let on = VdbQuality { reflections: 1, ..default() };
+    let [own, single] =
+        [on, VdbQuality { denoise: false, ..on }].map(|own| shown(&mut stage, &view, own));
+    own.save("denoise_mirror");
+    let differ: Vec<UVec2> = (0..SIZE.element_product())
+        .map(|i| UVec2::new(i % SIZE.x, i / SIZE.x))
+        .filter(|at| own.at(at.x, at.y) != single.at(at.x, at.y))
+        .collect();
+    // The ball is in the middle of the picture.
+    let ball = |at: &UVec2| at.as_vec2().distance(BALL) < BALL_RADIUS;
+    assert!(differ.len() > 100, "{} pixels of the ball are denoised", differ.len());
+    assert!(differ.iter().all(ball), "{:?}", differ.iter().find(|at| !ball(at)));
+}
+
+/// The example, in one frame with anti-aliasing, beside the mean of 256. `VDB_GLOSSY_SIZE=1920x1080` shows it larger.
+#[gpu_test]
+#[ignore = "slow: means of hundreds of frames"]
+fn the_glossy_example_has_no_visible_grain() {
+    let asked = std::env::var("VDB_GLOSSY_SIZE").unwrap_or("384x216".into());
+    let (x, y) = asked.split_once('x').unwrap();
+    let size = UVec2::new(x.parse().unwrap(), y.parse().unwrap());
+    let mut stage = Stage::new();
+    glossy::scene(&mut stage.app);
+    let target = stage.target(size);
+    stage.update(1);
+    let mut cameras = stage.world().query_filtered::<Entity, With<Camera3d>>();
+    let camera = cameras.single(stage.world()).unwrap();
+    stage.world().entity_mut(camera).remove::<(TemporalAntiAliasing, TemporalJitter)>();
+    stage.world().entity_mut(camera).insert(RenderTarget::Image(target.clone().into()));
+    let start = std::time::Instant::now();
+    while stage.world().resource::<Assets<VdbGrid>>().len() < 5 {
+        assert!(start.elapsed() < std::time::Duration::from_secs(60), "the models do not come");
+        stage.update(1);
+    }
+    let view = (target, camera);
+    let on = VdbQuality { reflections: 2, edge_samples: 8, ..default() };
+    let single = VdbQuality { denoise: false, edge_samples: 0, ..on };
+    let expected = shown(&mut stage, &view, VdbQuality { accumulate: 256, ..single });
+    expected.save("glossy_mean");
+    let ways =
+        [("single", single), ("edges", VdbQuality { denoise: false, ..on }), ("denoised", on)];
+    let [single, edges, denoised] = ways.map(|(name, quality)| {
+        let picture = shown(&mut stage, &view, quality);
+        picture.save(&format!("glossy_{name}"));
+        let errors = flip(&picture, &expected);
+        errors.iter().sum::<f64>() / errors.len() as f64
+    });
+    println!("glossy, {size}: FLIP {single:.4}, rays on edges {edges:.4}, denoised {denoised:.4}");
+    assert!(denoised < 0.7 * single, "{denoised} instead of {single}");
+}
