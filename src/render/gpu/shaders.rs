@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 54] = shaders![
+const IMPORTS: [(&str, &[u8]); 55] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -70,7 +70,8 @@ const IMPORTS: [(&str, &[u8]); 54] = shaders![
     "trace/media",
     "trace/slabs",
     "trace/fogs",
-    "trace/show"
+    "trace/show",
+    "trace/path"
 ];
 /// The shaders with entry points.
 const PROGRAMS: [(&str, &[u8]); 13] = shaders![
