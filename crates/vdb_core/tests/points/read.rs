@@ -135,7 +135,9 @@ fn positions_of_every_codec_beside_other_grids() {
     // which they were made.
     let grid = |name: &str| file.point_grid(name).unwrap().world_positions().collect::<Vec<_>>();
     let exact = self::file("blosc").points[0].world_positions().collect::<Vec<_>>();
-    for (name, voxels) in [("trnc", 2.0_f64.powi(-12)), ("fxpt8", 1.0 / 255.0), ("fxpt16", 1.0 / 65535.0)] {
+    for (name, voxels) in
+        [("trnc", 2.0_f64.powi(-12)), ("fxpt8", 1.0 / 255.0), ("fxpt16", 1.0 / 65535.0)]
+    {
         for (ours, exact) in grid(name).iter().zip(&exact) {
             let error = (*ours - *exact).abs().max_element() / 0.5;
             assert!(error <= voxels * 1.01, "{name}: {error} voxels");

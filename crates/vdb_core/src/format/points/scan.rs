@@ -246,8 +246,12 @@ impl Scan<'_> {
     fn take_memory(&self, budget: &mut Budget<'_>) -> Result<(), Error> {
         let points = self.points as u64;
         let read = self.columns.iter().filter_map(|c| c.decoder.map(|decoder| (c, decoder)));
+        let position = self.columns.get(self.position);
         let of_values = read.clone().map(|(column, decoder)| {
-            points.saturating_mul(u64::from(column.stride)).saturating_mul(decoder.decoded() as u64)
+            // The values of the positions are not kept.
+            let is_kept = position.is_none_or(|position| !std::ptr::eq(position, column));
+            let each = if is_kept { decoder.decoded() as u64 } else { 0 };
+            points.saturating_mul(u64::from(column.stride)).saturating_mul(each)
         });
         let positions = points.saturating_mul(size_of::<glam::DVec3>() as u64);
         let units = read.flat_map(|(column, decoder)| {
