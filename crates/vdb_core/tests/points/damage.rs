@@ -197,3 +197,35 @@ fn a_few_bytes_cannot_ask_for_many_points() {
     }
     assert_eq!(tried, 2);
 }
+
+/// The place of the descriptor of a grid with positions of 16 bits and nothing else.
+fn lonely(bytes: &[u8]) -> usize {
+    find(bytes, b"\x01\x01\0\0\0\0\0\0\0\x05\0\0\0vec3s")
+}
+
+#[test]
+fn what_is_not_read_is_skipped_with_the_reason() {
+    let original = bytes("shared");
+    let at = lonely(&original);
+    let changed = |at: usize, value: u8| {
+        let mut bytes = original.clone();
+        bytes[at] = value;
+        VdbFile::read(&bytes, &ReadOptions::default()).unwrap()
+    };
+    // A descriptor of this leaf alone, of which there is one.
+    assert_eq!(changed(at, 0).point_grid("one_voxel").unwrap().points.len(), 600);
+    let codec = at + 1 + 8 + 9 + 4;
+    let name = codec + 6 + 4;
+    assert_eq!((&original[codec..codec + 6], original[name]), (&b"fxpt16"[..], b'P'));
+    for (at, value, reason) in [
+        (at, 5, "points with the flags 0x5"),
+        (codec, b'F', "positions of type \"vec3s\" with codec \"Fxpt16\""),
+        (name, b'Q', "points without positions (`P`)"),
+    ] {
+        let file = changed(at, value);
+        let [skipped] = &file.skipped[..] else { panic!("{:?}", file.skipped) };
+        assert_eq!((file.points.len(), &*skipped.unique_name), (2, "one_voxel"));
+        let text = skipped.reason.to_string();
+        assert!(text.starts_with("grid \"one_voxel\", byte ") && text.contains(reason), "{text}");
+    }
+}
