@@ -31,7 +31,7 @@ fn attribute(name: &str, scale: f64) -> PointNumber {
 }
 
 /// The centres and the numbers of all points.
-fn numbered<'a>(points: &'a PointGrid, name: &str) -> Vec<(DVec3, f64)> {
+fn numbered(points: &PointGrid, name: &str) -> Vec<(DVec3, f64)> {
     let values = points.points.floats(name).unwrap();
     points.world_positions().zip(values.iter().map(|value| f64::from(*value))).collect()
 }
@@ -238,4 +238,19 @@ fn what_does_not_fit_is_refused() {
     let options = PointsToFog { radius: attribute("pscale", 1.0), ..PointsToFog::new(0.1) };
     let error = points_to_fog(&negative, &options).unwrap_err();
     assert!(matches!(error, ToolError::BadPointValue { point: 0, .. }), "{error}");
+}
+
+/// Whether its kernel is summed or integrated, a ball has its mass.
+#[test]
+fn large_balls_keep_their_mass() {
+    for radius in [31.9, 32.1, 40.0] {
+        let points = PointGrid::new("one", Points::new(vec![DVec3::new(0.31, 0.17, 0.48)]));
+        let radius = PointNumber::Constant(radius);
+        let options = PointsToFog { radius: radius.clone(), ..PointsToFog::new(1.0) };
+        let made = points_to_fog(&points, &options).unwrap();
+        let PointNumber::Constant(r) = radius else { panic!() };
+        let share = sum(floats(&made)) / (4.0 / 3.0 * PI * r.powi(3));
+        // Of the integral, and of the rounding of the values to f32.
+        assert!((share - 1.0).abs() < 1.5e-7, "radius {r}: {share}");
+    }
 }

@@ -186,7 +186,7 @@ pub(super) fn unit_vector(bytes: &[u8]) -> [f32; 3] {
     if x + y > SUM {
         (x, y) = (SUM + 1 - x, SUM + 1 - y);
     }
-    // Damaged bits can have shares that are more than the sum, which wrap as OpenVDB's do.
+    // Shares of 127 in sum, which no vector has, leave −1 for z, as in OpenVDB.
     let parts = [i32::from(x), i32::from(y), i32::from(SUM) - i32::from(x) - i32::from(y)];
     let square: i32 = parts.iter().map(|part| part * part).sum();
     let scale = f64::from(square).sqrt().recip() as f32;

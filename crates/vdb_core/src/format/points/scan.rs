@@ -5,6 +5,7 @@ use super::arrays::{self, Array, Unit};
 use super::codecs::Decoder;
 use super::descriptor::{self, Descriptor};
 use crate::Error;
+use crate::display::quoted;
 use crate::format::budget::Budget;
 use crate::format::cursor::Cursor;
 use crate::format::topology::{LEAF_MASK, LeafCost, scan_nodes};
@@ -164,8 +165,8 @@ impl Scan<'_> {
         {
             return Err(Error::not_supported(format!(
                 "positions of type {} with codec {}",
-                crate::display::quoted(&named.value_type),
-                crate::display::quoted(&named.codec)
+                quoted(&named.value_type),
+                quoted(&named.codec)
             )));
         }
         self.descriptor = descriptor;
@@ -185,7 +186,7 @@ impl Scan<'_> {
                 column.decoder = None;
                 continue;
             };
-            let name = || crate::display::quoted(&named.name).to_string();
+            let name = || quoted(&named.name).to_string();
             for (array, &points) in column.arrays.iter().zip(&positions) {
                 if array.points != points {
                     let own = array.points;

@@ -19,7 +19,7 @@ use crate::work::Work;
 const STEPS: u64 = 1000;
 
 /// Balls between two reports.
-const CHUNK: usize = 256;
+const CHUNK: usize = 64;
 
 /// The tree of the fog of some balls.
 pub(super) fn fog(
@@ -37,12 +37,6 @@ pub(super) fn fog(
     let stopped = |stop| ToolError::stopped(stop, voxels);
     let work = Work::new(options.progress.as_ref(), 2 * STEPS, options.limits.tree_bytes);
     work.take(size_of_val(&*balls.balls) as u64).map_err(stopped)?;
-    let limit = options.limits.tree_bytes;
-    // Before the weights of huge balls are added up.
-    let largest = balls.balls.iter().map(|ball| volume(ball.radius)).fold(0.0, f64::max);
-    if largest * size_of::<f32>() as f64 > limit as f64 {
-        return Err(ToolError::TooManyVoxels { voxels, limit });
-    }
     let (done, all) = (AtomicU64::new(0), balls.balls.len().div_ceil(CHUNK) as u64);
     let weigh = |balls: &mut [Ball]| {
         for ball in balls {
@@ -52,7 +46,7 @@ pub(super) fn fog(
     };
     balls.balls.par_chunks_mut(CHUNK).try_for_each(weigh).map_err(stopped)?;
     let steps = |done, all: u64| STEPS + done * STEPS / all.max(1);
-    let tree = build(&balls.balls, 0.0, &Fog, &work, steps).map_err(stopped)?;
+    let tree = build(&balls.balls, 0.0, &Fog, &work, &steps).map_err(stopped)?;
     work.finish().map_err(stopped)?;
     Ok(tree)
 }
@@ -78,8 +72,13 @@ fn weight(ball: &Ball, voxel: DVec3) -> f64 {
 
 /// The sum of the weights of all voxels.
 fn total_weight(ball: &Ball) -> f64 {
+    /// From here on, the sum is the integral to within 1e-7 of it.
+    const LARGE: f64 = 32.0;
     if ball.radius < LEAST {
         return 1.0;
+    }
+    if ball.radius >= LARGE {
+        return 64.0 / 315.0 * PI * ball.radius.powi(3);
     }
     let [low, high] = ball.voxels(ball.radius);
     let mut sum = 0.0;

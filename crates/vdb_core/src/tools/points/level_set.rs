@@ -27,7 +27,7 @@ pub(super) fn level_set(
     let background = (half_width * options.voxel_size) as f32;
     let union = Union { half_width, scale: options.voxel_size, background };
     let steps = |done, all: u64| done * STEPS / all.max(1);
-    let tree = build(&balls.balls, background, &union, &work, steps).map_err(stopped)?;
+    let tree = build(&balls.balls, background, &union, &work, &steps).map_err(stopped)?;
     work.finish().map_err(stopped)?;
     Ok(tree)
 }

@@ -51,13 +51,14 @@ struct Pair {
 const LOWER_LOG2: u32 = Lower::TOTAL_LOG2_DIM;
 const LEAF_LOG2: u32 = Leaf::TOTAL_LOG2_DIM;
 
-/// Builds the tree of some balls.
+/// Builds the tree of some balls. `steps` makes steps of the work of what is done, and of all there
+/// is to do.
 pub(super) fn build<F: Fill>(
     balls: &[Ball],
     background: f32,
     fill: &F,
     work: &Work<'_>,
-    steps: impl Fn(u64, u64) -> u64 + Sync,
+    steps: &(dyn Fn(u64, u64) -> u64 + Sync),
 ) -> Result<Vdb543<f32>, Stop> {
     let pairs = sorted(balls, fill, work)?;
     let mut jobs: Vec<Range<usize>> = Vec::new();
@@ -68,12 +69,15 @@ pub(super) fn build<F: Fill>(
         }
     }
     let (done, all) = (AtomicU64::new(0), jobs.len() as u64);
+    let report = || work.report(steps(done.load(Ordering::Relaxed), all));
+    let builder = Builder { balls, background, fill, work, report: &report };
     let nodes = jobs
         .into_par_iter()
         .map(|job| {
             let origin = IVec3::from_array(pairs[job.start].node.map(|c| c << LOWER_LOG2));
-            let node = lower(balls, &pairs[job], origin, background, fill, work)?;
-            work.report(steps(done.fetch_add(1, Ordering::Relaxed) + 1, all))?;
+            let node = builder.lower(&pairs[job], origin)?;
+            done.fetch_add(1, Ordering::Relaxed);
+            report()?;
             Ok((origin, node))
         })
         .collect::<Result<Vec<_>, Stop>>()?;
@@ -114,46 +118,61 @@ fn sorted<F: Fill>(balls: &[Ball], fill: &F, work: &Work<'_>) -> Result<Vec<Pair
     Ok(sorted)
 }
 
-/// A node of 128³.
-fn lower<F: Fill>(
-    balls: &[Ball],
-    pairs: &[Pair],
-    origin: IVec3,
+struct Builder<'a, F> {
+    balls: &'a [Ball],
     background: f32,
-    fill: &F,
-    work: &Work<'_>,
-) -> Result<Built<Lower>, Stop> {
-    let mut own: Vec<&Ball> = Vec::new();
-    for pair in pairs {
-        let ball = &balls[pair.ball as usize];
-        match fill.effect(ball, origin, LOWER_LOG2) {
-            Effect::None => {}
-            Effect::Some => own.push(ball),
-            Effect::All((value, active)) => return Ok(Built::Tile(value, active)),
+    fill: &'a F,
+    work: &'a Work<'a>,
+    /// Reports progress; an error if the work was cancelled.
+    report: &'a (dyn Fn() -> Result<(), Stop> + Sync),
+}
+
+impl<F: Fill> Builder<'_, F> {
+    /// A node of 128³.
+    fn lower(&self, pairs: &[Pair], origin: IVec3) -> Result<Built<Lower>, Stop> {
+        let mut own: Vec<&Ball> = Vec::new();
+        for pair in pairs {
+            let ball = &self.balls[pair.ball as usize];
+            match self.fill.effect(ball, origin, LOWER_LOG2) {
+                Effect::None => {}
+                Effect::Some => own.push(ball),
+                Effect::All((value, active)) => return Ok(Built::Tile(value, active)),
+            }
         }
+        let (leaves, bytes) = Leaves::sorted(&own, origin, self.fill, self.work)?;
+        self.work.take((size_of::<Lower>() + Lower::SIZE * size_of::<f32>()) as u64)?;
+        let slots = (0..Lower::SIZE).into_par_iter().with_min_len(16);
+        let slots = slots.map(|slot| self.leaf(&own, &leaves, slot, origin));
+        let slots = slots.collect::<Result<Vec<_>, Stop>>()?;
+        self.work.give_back(bytes);
+        Ok(built(internal(origin, slots)))
     }
-    let (leaves, entries) = Leaves::sorted(&own, origin, fill, work)?;
-    work.take((size_of::<Lower>() + Lower::SIZE * size_of::<f32>()) as u64)?;
-    let slots = (0..Lower::SIZE).into_par_iter().with_min_len(16).map(|slot| {
+
+    /// What is in a slot of a node of 128³.
+    fn leaf(
+        &self,
+        own: &[&Ball],
+        leaves: &Leaves,
+        slot: usize,
+        origin: IVec3,
+    ) -> Result<Built<Leaf>, Stop> {
         if let Some((value, active)) = leaves.decided[slot] {
             return Ok(Built::Tile(value, active));
         }
         let range = leaves.starts[slot]..leaves.starts[slot + 1];
         if range.is_empty() {
-            return Ok(Built::Tile(background, false));
+            return Ok(Built::Tile(self.background, false));
         }
+        (self.report)()?;
         let near = leaves.entries[range].iter().map(|&ball| own[ball as usize]);
-        match fill.fill(near, origin + Lower::slot_offset(slot)) {
+        match self.fill.fill(near, origin + Lower::slot_offset(slot)) {
             Filled::Tile((value, active)) => Ok(Built::Tile(value, active)),
             Filled::Leaf(leaf) => {
-                work.take(size_of::<Leaf>() as u64)?;
+                self.work.take(size_of::<Leaf>() as u64)?;
                 Ok(built(leaf))
             }
         }
-    });
-    let slots = slots.collect::<Result<Vec<_>, Stop>>()?;
-    work.give_back(entries);
-    Ok(built(internal(origin, slots)))
+    }
 }
 
 /// The balls of a node by the leaves that they reach.
