@@ -8,7 +8,7 @@ use vdb_core::tree::{
 };
 use vdb_core::{AnyTree, GridClass, Transform, VdbFile};
 
-use super::{FLOATS, edits, limits, pick, rays, round_trip};
+use super::{FLOATS, edits, limits, pick, points, rays, round_trip};
 
 /// The most trees of a file to process; writing and reading process all of them.
 const TREES: usize = 2;
@@ -23,6 +23,7 @@ const SMALLEST: u64 = 32;
 /// take the others.
 pub(super) fn file(file: &VdbFile, seed: u64) {
     let mut random = Random::new(seed);
+    points::check(file, &mut random);
     if random.below(3) == 0 {
         return round_trip::check(file, &mut random);
     }

@@ -11,6 +11,7 @@ mod edits;
 mod follow;
 mod generate;
 mod nanovdb;
+mod points;
 mod rays;
 mod round_trip;
 mod seeds;

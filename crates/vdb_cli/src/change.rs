@@ -9,7 +9,7 @@ use vdb_core::display::quoted;
 use vdb_core::tools::ToolError;
 use vdb_core::{Grid, ProgressFn, VdbFile, WriteOptions};
 
-use crate::files::{grid_of, open, shown};
+use crate::files::{HAS_POINTS, grid_of, open, shown};
 use crate::limits::LimitArgs;
 use crate::progress::Progress;
 use crate::terminal;
@@ -93,6 +93,10 @@ fn change(
         left_out.extend(file.skipped.iter().map(|skipped| LeftOut {
             grid: skipped.unique_name.clone(),
             reason: skipped.reason.to_string(),
+        }));
+        left_out.extend(file.points.iter().map(|points| LeftOut {
+            grid: points.unique_name.clone(),
+            reason: format!("it has points; {HAS_POINTS}"),
         }));
     }
     for grid in chosen {

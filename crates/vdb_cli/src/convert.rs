@@ -7,7 +7,7 @@ use serde::Serialize;
 use vdb_core::display::quoted;
 use vdb_core::{AnyTree, Codec, Compression, NanoVdbOptions, NanoVdbValues, VdbFile, WriteOptions};
 
-use crate::files::{open, shown};
+use crate::files::{HAS_POINTS, open, shown};
 use crate::limits::LimitArgs;
 use crate::terminal::{self, bytes};
 
@@ -154,6 +154,10 @@ fn convert(args: &Args, format: Format) -> Result<Report, String> {
         .drain(..)
         .map(|grid| LeftOut { grid: grid.unique_name, reason: grid.reason.to_string() })
         .collect();
+    left_out.extend(file.points.drain(..).map(|grid| {
+        let reason = format!("it has points, which cannot be written; {HAS_POINTS}");
+        LeftOut { grid: grid.unique_name, reason }
+    }));
     match format {
         Format::Vdb => {
             if args.half {

@@ -79,7 +79,8 @@ impl Totals {
     fn name_left_out(&mut self, path: &Path, file: &VdbFile) {
         let others = file.grids.iter().filter(|grid| !matches!(grid.tree, AnyTree::Float(_)));
         let skipped = file.skipped.iter().map(|grid| &grid.unique_name);
-        for name in others.map(|grid| &grid.unique_name).chain(skipped) {
+        let points = file.points.iter().map(|grid| &grid.unique_name);
+        for name in others.map(|grid| &grid.unique_name).chain(points).chain(skipped) {
             if self.left_out.insert(name.clone()) {
                 let name = quoted(name);
                 terminal::complain(&format!(

@@ -8,6 +8,9 @@ use vdb_core::{AnyTree, Grid, GridClass, ReadOptions, VdbFile};
 use crate::limits::LimitArgs;
 use crate::progress::Progress;
 
+/// What can be done with points, which have no voxels.
+pub const HAS_POINTS: &str = "`vdb from-points` makes a volume of them";
+
 /// A path for people.
 pub fn shown(path: &Path) -> String {
     escaped(&path.to_string_lossy()).at_most(4096).to_string()
@@ -27,7 +30,10 @@ pub fn open(path: &Path, limits: &LimitArgs) -> Result<VdbFile, String> {
 /// The grid with a name; by default the first level set, or else the first grid of floats.
 pub fn grid_of<'a>(file: &'a VdbFile, path: &Path, name: Option<&str>) -> Result<&'a Grid, String> {
     if let Some(name) = name {
-        let missing = || format!("{}: no grid is called {}", shown(path), quoted(name));
+        let missing = || match file.point_grid(name) {
+            Some(_) => format!("{}: {} has points; {HAS_POINTS}", shown(path), quoted(name)),
+            None => format!("{}: no grid is called {}", shown(path), quoted(name)),
+        };
         return file.grid(name).ok_or_else(missing);
     }
     let floats = || file.grids.iter().filter(|grid| matches!(grid.tree, AnyTree::Float(_)));

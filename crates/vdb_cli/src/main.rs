@@ -10,6 +10,7 @@ mod csg;
 mod diff;
 mod files;
 mod from_mesh;
+mod from_points;
 mod info;
 mod limits;
 mod mesh;
@@ -43,6 +44,7 @@ enum Command {
     Csg(csg::Args),
     Diff(diff::Args),
     FromMesh(from_mesh::Args),
+    FromPoints(from_points::Args),
     Info(info::Args),
     Offset(offset::Args),
     Resample(resample::Args),
@@ -64,6 +66,7 @@ fn main() -> ExitCode {
         Command::Csg(args) => csg::run(&args),
         Command::Diff(args) => diff::run(&args),
         Command::FromMesh(args) => from_mesh::run(&args),
+        Command::FromPoints(args) => from_points::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Offset(args) => offset::run(&args),
         Command::Resample(args) => resample::run(&args),

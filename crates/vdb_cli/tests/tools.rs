@@ -4,6 +4,8 @@
 mod change;
 #[path = "tools/glb.rs"]
 mod glb;
+#[path = "tools/points.rs"]
+mod points;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::tree::{BoolTree, CoordBox, MaskTree, TreeStats, Vdb543};
 use crate::work::debug_options;
-use crate::{Error, Limits, Metadata, Transform};
+use crate::{Error, Limits, Metadata, PointGrid, Transform};
 
 /// A `.vdb` or `.nvdb` file in memory.
 ///
@@ -57,6 +57,8 @@ pub struct VdbFile {
     pub metadata: Metadata,
     /// The grids, in file order.
     pub grids: Vec<Grid>,
+    /// The grids of points, in file order.
+    pub points: Vec<PointGrid>,
     /// Grids that the file lists but that cannot be read, in file order.
     pub skipped: Vec<SkippedGrid>,
 }
@@ -117,7 +119,7 @@ pub struct SkippedGrid {
     pub name: String,
     /// The name, with a number if it is empty or shared.
     pub unique_name: String,
-    /// The type of the tree as the file spells it: `Tree_ptdataidx32_5_4_3`.
+    /// The type of the tree as the file spells it: `Tree_string_5_4_3`.
     pub type_name: String,
     /// The meaning of the values.
     pub class: GridClass,
@@ -320,5 +322,10 @@ impl VdbFile {
     /// The first grid with this name or unique name.
     pub fn grid(&self, name: &str) -> Option<&Grid> {
         self.grids.iter().find(|grid| grid.name == name || grid.unique_name == name)
+    }
+
+    /// The first grid of points with this name or unique name.
+    pub fn point_grid(&self, name: &str) -> Option<&PointGrid> {
+        self.points.iter().find(|grid| grid.name == name || grid.unique_name == name)
     }
 }

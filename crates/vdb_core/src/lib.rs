@@ -27,6 +27,7 @@ mod limits;
 mod metadata;
 mod nanovdb;
 pub mod pack;
+mod points;
 pub mod query;
 mod ramp;
 pub mod reference;
@@ -48,5 +49,6 @@ pub use grid::{
 pub use limits::Limits;
 pub use metadata::{MetaValue, Metadata};
 pub use nanovdb::{NanoVdbOptions, NanoVdbValues};
+pub use points::{PointAttribute, PointGrid, PointGroup, PointValues, Points};
 pub use ramp::{Ramp, RampPoint, RampStop, RampTable};
 pub use transform::Transform;

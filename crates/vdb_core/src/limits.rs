@@ -9,7 +9,9 @@
 /// limits for larger files that you trust, and lower them for files from strangers. Whatever the
 /// limits, nothing is allocated for a node before its masks and the length of its values have been
 /// read from the file. The smallest encoding of a node bounds the memory that a file can demand:
-/// about 17 times its own size for floats, and about 130 times for f64 vectors.
+/// about 17 times its own size for floats, and about 130 times for f64 vectors. Points are an
+/// exception: those with equal values take few bytes, whatever their number, so they can demand
+/// as much as [`Limits::tree_bytes`].
 ///
 /// There is no limit in seconds: whether a file can be shown would depend on the machine and on
 /// what else it does. The time to pack a grid or to generate a level of detail is proportional to
@@ -39,8 +41,8 @@ pub struct Limits {
     /// however large they are. 2³⁴ by default, which only trees of bits can reach within
     /// [`Limits::tree_bytes`].
     pub voxels: u64,
-    /// Bytes of memory of all trees together: 3 GiB by default, which is about 700 million float
-    /// voxels in leaves.
+    /// Bytes of memory of all trees and points together: 3 GiB by default, which is about 700
+    /// million float voxels in leaves, or 100 million points with a radius.
     pub tree_bytes: u64,
     /// Peak memory in bytes for packing a grid, including the packed grid but not its tree: 3 GiB
     /// by default. Grids that are packed [together](crate::pack::PackedTogether) count as one.

@@ -10,6 +10,8 @@ mod fog;
 mod from_mesh;
 #[path = "tools/offset.rs"]
 mod offset;
+#[path = "tools/points.rs"]
+mod points;
 #[path = "tools/resample.rs"]
 mod resample;
 #[path = "tools/shapes.rs"]

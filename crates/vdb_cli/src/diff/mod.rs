@@ -103,7 +103,9 @@ pub fn run(args: &Args) -> ExitCode {
 fn compare(a: &VdbFile, b: &VdbFile, args: &Args) -> Vec<Compared> {
     let names = |file: &VdbFile| {
         let read = file.grids.iter().map(|grid| grid.unique_name.clone());
-        read.chain(file.skipped.iter().map(|grid| grid.unique_name.clone())).collect::<Vec<_>>()
+        let points = file.points.iter().map(|grid| grid.unique_name.clone());
+        let skipped = file.skipped.iter().map(|grid| grid.unique_name.clone());
+        read.chain(points).chain(skipped).collect::<Vec<_>>()
     };
     let mut all = names(a);
     all.extend(names(b));
@@ -121,7 +123,11 @@ fn compare(a: &VdbFile, b: &VdbFile, args: &Args) -> Vec<Compared> {
                 let skipped = [a, b]
                     .iter()
                     .any(|file| file.skipped.iter().any(|grid| grid.unique_name == name));
+                let points = [a, b]
+                    .iter()
+                    .any(|file| file.points.iter().any(|grid| grid.unique_name == name));
                 let what = match (skipped, find(other, &name)) {
+                    _ if points => "cannot be compared, as it has points".to_owned(),
                     (true, _) => "cannot be compared, as it is not read".to_owned(),
                     _ => format!("missing in {}", shown(path)),
                 };

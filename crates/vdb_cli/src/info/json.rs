@@ -8,7 +8,10 @@ use std::path::Path;
 use glam::IVec3;
 use serde::Serialize;
 use vdb_core::tree::{Node, Tree};
-use vdb_core::{AnyTree, Grid, GridClass, SkippedGrid, Transform, VdbFile};
+use vdb_core::{
+    AnyTree, Grid, GridClass, PointAttribute, PointGrid, PointGroup, Points, SkippedGrid,
+    Transform, VdbFile,
+};
 
 use format::Format;
 
@@ -18,6 +21,7 @@ const PLACES: usize = 14;
 
 pub fn file(path: &Path, file: &VdbFile, has_offsets: bool) -> serde_json::Result<String> {
     let mut grids: Vec<GridFigures> = file.grids.iter().map(grid).collect();
+    grids.extend(file.points.iter().map(points));
     grids.extend(file.skipped.iter().map(skipped));
     if has_offsets {
         // OpenVDB lists grids by name, and those with equal names in file order.
@@ -53,6 +57,8 @@ struct GridFigures<'a> {
     value_type: &'a str,
     #[serde(flatten)]
     values: Option<ValueFigures>,
+    #[serde(flatten)]
+    points: Option<PointFigures<'a>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     skipped: Option<String>,
 }
@@ -78,6 +84,28 @@ struct ValueFigures {
     active_bbox: Option<[[i32; 3]; 2]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     samples: Option<Vec<Sample>>,
+}
+
+#[derive(Serialize)]
+struct PointFigures<'a> {
+    points: usize,
+    attributes: Vec<AttributeFigures<'a>>,
+    groups: Vec<GroupFigures<'a>>,
+}
+
+#[derive(Serialize)]
+struct AttributeFigures<'a> {
+    name: &'a str,
+    r#type: &'a str,
+    codec: &'a str,
+    values_per_point: u32,
+    read: bool,
+}
+
+#[derive(Serialize)]
+struct GroupFigures<'a> {
+    name: &'a str,
+    points: usize,
 }
 
 #[derive(Serialize)]
@@ -135,6 +163,34 @@ fn grid(grid: &Grid) -> GridFigures<'_> {
     }
 }
 
+fn points(grid: &PointGrid) -> GridFigures<'_> {
+    let points = &grid.points;
+    GridFigures {
+        value_type: "ptdataidx32",
+        points: Some(PointFigures {
+            points: points.len(),
+            attributes: points.attributes().iter().map(attribute).collect(),
+            groups: points.groups().iter().map(|named| group(points, named)).collect(),
+        }),
+        ..head(&grid.name, &grid.type_name, GridClass::Unknown, false, Some(&grid.transform))
+    }
+}
+
+fn attribute(attribute: &PointAttribute) -> AttributeFigures<'_> {
+    AttributeFigures {
+        name: &attribute.name,
+        r#type: &attribute.value_type,
+        codec: &attribute.codec,
+        values_per_point: attribute.values_per_point,
+        read: attribute.values.is_some() || attribute.name == "P",
+    }
+}
+
+fn group<'a>(points: &Points, group: &'a PointGroup) -> GroupFigures<'a> {
+    let members = points.in_group(&group.name).map_or(0, |all| all.filter(|is| *is).count());
+    GroupFigures { name: &group.name, points: members }
+}
+
 fn skipped(grid: &SkippedGrid) -> GridFigures<'_> {
     let transform = grid.transform.as_ref();
     let value_type = grid.type_name.strip_prefix("Tree_").unwrap_or(&grid.type_name);
@@ -171,6 +227,7 @@ fn head<'a>(
         transform,
         value_type: "",
         values: None,
+        points: None,
         skipped: None,
     }
 }

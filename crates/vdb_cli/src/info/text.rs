@@ -5,7 +5,8 @@ use std::path::Path;
 
 use vdb_core::display::{escaped, quoted};
 use vdb_core::{
-    AnyTree, Codec, Compression, Error, Grid, MetaValue, Metadata, VdbFile, WriteOptions,
+    AnyTree, Codec, Compression, Error, Grid, MetaValue, Metadata, PointGrid, Transform, VdbFile,
+    WriteOptions,
 };
 
 use crate::terminal::bytes;
@@ -31,6 +32,9 @@ pub fn file(path: &Path, file: &VdbFile, with_sizes: bool) -> String {
             sizes(&mut out, grid);
         }
     }
+    for grid in &file.points {
+        points(&mut out, grid);
+    }
     for grid in &file.skipped {
         let _ = writeln!(
             out,
@@ -53,19 +57,7 @@ fn grid(out: &mut String, grid: &Grid) {
     if let Some(parent) = &grid.instance_of {
         let _ = writeln!(out, "  shares the tree of {}", quoted(parent));
     }
-    let size = grid.transform.voxel_size();
-    let origin = grid.transform.world_from_index(glam::DVec3::ZERO);
-    let _ = writeln!(
-        out,
-        "  {}, voxel size {} {} {}, voxel 0 0 0 at {} {} {}",
-        grid.transform.map_type(),
-        size.x,
-        size.y,
-        size.z,
-        origin.x,
-        origin.y,
-        origin.z
-    );
+    transform(out, &grid.transform);
     let _ = writeln!(out, "  background {}", background(&grid.tree));
     match grid.tree.active_bbox() {
         Some(bbox) => {
@@ -93,6 +85,58 @@ fn grid(out: &mut String, grid: &Grid) {
         bytes(stats.bytes),
         bytes(grid.file_bytes),
         compression(grid.compression)
+    );
+    metadata(out, "    ", &grid.metadata);
+}
+
+fn transform(out: &mut String, transform: &Transform) {
+    let size = transform.voxel_size();
+    let origin = transform.world_from_index(glam::DVec3::ZERO);
+    let _ = writeln!(
+        out,
+        "  {}, voxel size {} {} {}, voxel 0 0 0 at {} {} {}",
+        transform.map_type(),
+        size.x,
+        size.y,
+        size.z,
+        origin.x,
+        origin.y,
+        origin.z
+    );
+}
+
+fn points(out: &mut String, grid: &PointGrid) {
+    let points = &grid.points;
+    let _ = writeln!(out, "\n{}: {}, points", quoted(&grid.unique_name), grid.type_name);
+    if let Some(parent) = &grid.instance_of {
+        let _ = writeln!(out, "  shares the points of {}", quoted(parent));
+    }
+    transform(out, &grid.transform);
+    let _ = writeln!(out, "  {} points", points.len());
+    if let Some([low, high]) = points.bounds() {
+        let _ = writeln!(out, "  in index space from {low:.3} to {high:.3}");
+    }
+    for attribute in points.attributes() {
+        let (name, value_type) = (escaped(&attribute.name), escaped(&attribute.value_type));
+        let count = match attribute.values_per_point {
+            0 => ", a different number for each point".to_owned(),
+            1 => String::new(),
+            count => format!(", {count} for each point"),
+        };
+        let is_read = attribute.values.is_some() || attribute.name == "P";
+        let not_read = if is_read { "" } else { ", not read" };
+        let codec = escaped(&attribute.codec);
+        let _ = writeln!(out, "    {name}: {value_type}, codec {codec}{count}{not_read}");
+    }
+    for group in points.groups() {
+        let members = points.in_group(&group.name).map_or(0, |all| all.filter(|is| *is).count());
+        let _ = writeln!(out, "    group {}: {members} points", escaped(&group.name));
+    }
+    let _ = writeln!(
+        out,
+        "  {} in memory, {} in the file",
+        bytes(points.bytes()),
+        bytes(grid.file_bytes)
     );
     metadata(out, "    ", &grid.metadata);
 }

@@ -49,6 +49,17 @@ impl<'a> Budget<'a> {
         Ok(())
     }
 
+    /// Adds the memory of points, which count together with trees.
+    pub(crate) fn add_points(&mut self, points: u64, bytes: u64) -> Result<(), Error> {
+        self.bytes = self.bytes.saturating_add(bytes);
+        let (sum, limit) = (self.bytes, self.limits.tree_bytes);
+        if sum > limit {
+            let what = format!("{sum} bytes of memory for trees and {points} points");
+            return Err(Error::limit(what, "tree_bytes", limit));
+        }
+        Ok(())
+    }
+
     /// Adds `count` nodes of `bytes` bytes and `voxels` voxels each.
     pub(crate) fn add(&mut self, count: usize, bytes: usize, voxels: usize) -> Result<(), Error> {
         let add = |sum: &mut u64, each: usize| {

@@ -1,6 +1,7 @@
 //! Whole files: header, metadata, and one grid after another.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -8,9 +9,10 @@ use super::budget::Budget;
 use super::build::Progress;
 use super::cursor::Cursor;
 use super::descriptor::{self, Descriptor};
-use super::list::{Head, Listed, Selection, Source, list_stream, list_with_offsets};
+use super::list::{Content, Head, Listed, Selection, Source, list_stream, list_with_offsets};
 use super::{header, metadata};
 use crate::display::{escaped, quoted};
+use crate::points::{PointGrid, Points};
 use crate::{AnyTree, Error, Grid, GridClass, Limits, ReadOptions, SkippedGrid, VdbFile};
 
 pub(crate) fn read(bytes: &[u8], options: &ReadOptions) -> Result<VdbFile, Error> {
@@ -30,7 +32,7 @@ pub(crate) fn read(bytes: &[u8], options: &ReadOptions) -> Result<VdbFile, Error
     selection.check(&listed)?;
     let progress = Progress::new(bytes.len(), options.progress.as_deref());
     progress.add(0)?;
-    let (grids, skipped) = finish(listed, &progress)?;
+    let Finished { grids, points, skipped } = finish(listed, &progress)?;
     progress.add(bytes.len())?;
     Ok(VdbFile {
         version: header.version,
@@ -38,8 +40,17 @@ pub(crate) fn read(bytes: &[u8], options: &ReadOptions) -> Result<VdbFile, Error
         uuid: header.uuid,
         metadata: file_metadata,
         grids,
+        points,
         skipped,
     })
+}
+
+/// The grids of a file.
+#[derive(Default)]
+struct Finished {
+    grids: Vec<Grid>,
+    points: Vec<PointGrid>,
+    skipped: Vec<SkippedGrid>,
 }
 
 /// Checks the length of a file.
@@ -68,10 +79,7 @@ fn read_count(cursor: &mut Cursor<'_>, limits: &Limits) -> Result<usize, Error> 
 
 /// Builds the trees, shares them with their instances, and separates the grids that could not be
 /// read.
-fn finish(
-    listed: Vec<Listed<'_>>,
-    progress: &Progress<'_>,
-) -> Result<(Vec<Grid>, Vec<SkippedGrid>), Error> {
+fn finish(listed: Vec<Listed<'_>>, progress: &Progress<'_>) -> Result<Finished, Error> {
     let (entries, sources): (Vec<_>, Vec<_>) =
         listed.into_iter().map(|l| ((l.descriptor, l.selected, l.head), l.tree)).unzip();
     let trees = sources
@@ -100,8 +108,7 @@ fn finish(
         None
     };
     let owners: Vec<Option<usize>> = (0..entries.len()).map(owner).collect();
-    let mut grids = Vec::new();
-    let mut skipped = Vec::new();
+    let mut finished = Finished::default();
     let unique_names: Vec<String> =
         entries.iter().map(|(descriptor, ..)| descriptor.unique_name.clone()).collect();
     for (index, ((descriptor, selected, head), owner)) in
@@ -134,13 +141,20 @@ fn finish(
                     )));
                 }
                 let instance_of = (owner != index).then(|| unique_names[owner].clone());
-                grids.push(grid(descriptor, head, tree, instance_of));
+                match tree {
+                    Content::Tree(tree) => {
+                        finished.grids.push(grid(descriptor, head, tree, instance_of));
+                    }
+                    Content::Points(points) => {
+                        finished.points.push(point_grid(descriptor, head, points, instance_of));
+                    }
+                }
             }
-            (head, Err(reason)) => skipped.push(skip(descriptor, head.ok(), reason)),
-            (Err(reason), Ok(_)) => skipped.push(skip(descriptor, None, reason)),
+            (head, Err(reason)) => finished.skipped.push(skip(descriptor, head.ok(), reason)),
+            (Err(reason), Ok(_)) => finished.skipped.push(skip(descriptor, None, reason)),
         }
     }
-    Ok((grids, skipped))
+    Ok(finished)
 }
 
 fn grid(descriptor: Descriptor, head: Head, tree: AnyTree, instance_of: Option<String>) -> Grid {
@@ -156,6 +170,25 @@ fn grid(descriptor: Descriptor, head: Head, tree: AnyTree, instance_of: Option<S
         transform: head.transform,
         metadata: head.metadata,
         tree,
+    }
+}
+
+fn point_grid(
+    descriptor: Descriptor,
+    head: Head,
+    points: Arc<Points>,
+    instance_of: Option<String>,
+) -> PointGrid {
+    PointGrid {
+        name: descriptor.name,
+        unique_name: descriptor.unique_name,
+        type_name: descriptor.type_name,
+        compression: head.compression,
+        file_bytes: head.file_bytes as u64,
+        instance_of,
+        transform: head.transform,
+        metadata: head.metadata,
+        points,
     }
 }
 

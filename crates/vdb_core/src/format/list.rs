@@ -8,14 +8,31 @@ use super::build::Progress;
 use super::cursor::Cursor;
 use super::descriptor::{self, Descriptor};
 use super::header::{self, Header};
-use super::topology;
 use super::values::Encoding;
-use super::{metadata, transform};
+use super::{metadata, points, topology, transform};
 use crate::display::escaped;
+use crate::points::{PointGrid, Points};
 use crate::{AnyTree, Compression, Error, GridSelection, Metadata, Transform};
 
-/// Builds a scanned tree.
-pub(super) type Build<'a> = Box<dyn FnOnce(&Progress<'_>) -> Result<AnyTree, Error> + Send + 'a>;
+/// Builds a scanned tree, or scanned points.
+pub(super) type Build<'a> = Box<dyn FnOnce(&Progress<'_>) -> Result<Content, Error> + Send + 'a>;
+
+/// What a grid contains.
+#[derive(Clone)]
+pub(super) enum Content {
+    Tree(AnyTree),
+    Points(Arc<Points>),
+}
+
+impl Content {
+    /// The type of the grid's tree, as OpenVDB spells it.
+    pub fn type_name(&self) -> String {
+        match self {
+            Self::Tree(tree) => tree.type_name(),
+            Self::Points(_) => PointGrid::TYPE_NAME.to_owned(),
+        }
+    }
+}
 
 /// A listed grid whose tree is not yet built.
 pub(super) struct Listed<'a> {
@@ -231,11 +248,15 @@ fn read_grid<'a>(
                 half: head.half,
                 has_offsets: header.has_offsets,
             };
-            let build = scan(cursor, encoding, budget).map_err(named)?;
             let name = descriptor.unique_name.clone();
-            Source::Own(Box::new(move |progress| {
-                build(progress).map_err(|error| error.in_grid(&name))
-            }))
+            match scan(cursor, encoding, budget).map_err(named) {
+                Ok(build) => Source::Own(Box::new(move |progress| {
+                    build(progress).map_err(|error| error.in_grid(&name))
+                })),
+                // Sound, but with something that is not read.
+                Err(error @ Error::NotSupported { .. }) => Source::None(error),
+                Err(error) => return Err(error),
+            }
         }
     };
     if let Ok(head) = &mut head {
@@ -268,10 +289,17 @@ fn scanner(type_name: &str) -> Option<Scanner> {
             Some(|cursor, encoding, budget| {
                 let scan = topology::scan(cursor, encoding, budget)?;
                 Ok(Box::new(move |progress| {
-                    scan.build(progress).map(|tree| AnyTree::$variant(Arc::new(tree)))
+                    let tree = scan.build(progress)?;
+                    Ok(Content::Tree(AnyTree::$variant(Arc::new(tree))))
                 }))
             })
         };
+    }
+    if type_name == PointGrid::TYPE_NAME {
+        return Some(|cursor, encoding, budget| {
+            let scan = points::scan(cursor, encoding, budget)?;
+            Ok(Box::new(move |progress| Ok(Content::Points(Arc::new(scan.build(progress)?)))))
+        });
     }
     match type_name.strip_prefix("Tree_")?.strip_suffix("_5_4_3")? {
         "float" => scanner!(Float),

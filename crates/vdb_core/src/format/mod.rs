@@ -13,6 +13,7 @@ pub(crate) mod list;
 pub(crate) mod masks;
 pub(crate) mod metadata;
 pub(crate) mod open;
+mod points;
 pub(crate) mod save;
 pub(crate) mod topology;
 pub(crate) mod transform;

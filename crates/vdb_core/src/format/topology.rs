@@ -39,6 +39,14 @@ pub(crate) struct Scan<'a, L: FileLeaf> {
     pub(crate) middles: Vec<MiddleScan>,
     /// The offset of each leaf's values, in the order of the topology.
     pub(crate) leaves: Vec<usize>,
+    leaf_cost: LeafCost,
+}
+
+/// What a leaf adds to the budget.
+#[derive(Clone, Copy)]
+pub(crate) struct LeafCost {
+    pub(crate) bytes: usize,
+    pub(crate) voxels: usize,
 }
 
 pub(crate) struct UpperScan {
@@ -66,6 +74,20 @@ pub(crate) fn scan<'a, L: FileLeaf>(
     encoding: Encoding,
     budget: &mut Budget<'_>,
 ) -> Result<Scan<'a, L>, Error> {
+    let leaf_cost = LeafCost { bytes: size_of::<L>(), voxels: L::SIZE };
+    let mut scan = scan_nodes(cursor, encoding, leaf_cost, budget)?;
+    scan.find_buffers(cursor)?;
+    scan.cursor = *cursor;
+    Ok(scan)
+}
+
+/// Reads past the nodes, masks and tiles of a tree, up to the values of its leaves.
+pub(crate) fn scan_nodes<'a, L: FileLeaf>(
+    cursor: &mut Cursor<'a>,
+    encoding: Encoding,
+    leaf_cost: LeafCost,
+    budget: &mut Budget<'_>,
+) -> Result<Scan<'a, L>, Error> {
     // Formerly the number of buffers per leaf; now always 1, and OpenVDB ignores it.
     let _buffers = cursor.u32()?;
     let background = L::Value::read(cursor)?;
@@ -78,6 +100,7 @@ pub(crate) fn scan<'a, L: FileLeaf>(
         uppers: Vec::new(),
         middles: Vec::new(),
         leaves: Vec::new(),
+        leaf_cost,
     };
     for _ in 0..tile_count {
         let at = cursor.at();
@@ -91,8 +114,6 @@ pub(crate) fn scan<'a, L: FileLeaf>(
         let origin = root_origin::<L>(cursor)?;
         scan.upper(cursor, origin, budget)?;
     }
-    scan.find_buffers(cursor)?;
-    scan.cursor = *cursor;
     Ok(scan)
 }
 
@@ -140,7 +161,7 @@ impl<L: FileLeaf> Scan<'_, L> {
         cursor.take(leaf_count * LEAF_MASK)?;
         budget
             .add(1, bytes, 0)
-            .and_then(|()| budget.add(leaf_count, size_of::<L>(), L::SIZE))
+            .and_then(|()| budget.add(leaf_count, self.leaf_cost.bytes, self.leaf_cost.voxels))
             .map_err(|error| error.at(at))?;
         let first = self.leaves.len();
         self.leaves.resize(first + leaf_count, 0);
@@ -160,27 +181,44 @@ impl<L: FileLeaf> Scan<'_, L> {
         Ok(child_mask)
     }
 
-    /// Locates the values of all leaves. They are stored by ascending origin of the root's
-    /// children, whatever the order of the children themselves.
+    /// Locates the values of all leaves.
     fn find_buffers(&mut self, cursor: &mut Cursor<'_>) -> Result<(), Error> {
+        for leaf in self.leaves_in_order(cursor)? {
+            self.leaves[leaf.index] = cursor.at();
+            let mask = read_mask(&mut cursor.moved_to(leaf.mask_at)?)?;
+            L::pass(cursor, &self.context, leaf.origin, &mask)?;
+        }
+        Ok(())
+    }
+
+    /// The leaves in the order of their values in the file: by ascending origin of the root's
+    /// children, whatever the order of the children themselves.
+    pub(crate) fn leaves_in_order(&self, cursor: &Cursor<'_>) -> Result<Vec<LeafPlace>, Error> {
         let mut order: Vec<&UpperScan> = self.uppers.iter().collect();
         order.sort_by_key(|upper| upper.origin.to_array());
         if let Some(pair) = order.windows(2).find(|pair| pair[0].origin == pair[1].origin) {
             let what = format!("two nodes have the origin {}", pair[0].origin);
             return Err(Error::invalid(what).at(pair[1].at));
         }
+        let mut places = Vec::with_capacity(self.leaves.len());
         for middle in order.into_iter().flat_map(|upper| &self.middles[upper.middles.clone()]) {
             let child_mask: Mask<4> = read_mask(&mut cursor.moved_to(middle.at)?)?;
-            let mut masks = cursor.moved_to(middle.leaf_masks_at)?;
-            for (leaf, slot) in middle.leaves.clone().zip(child_mask.iter_on()) {
-                let mask = read_mask(&mut masks)?;
+            for (index, slot) in middle.leaves.clone().zip(child_mask.iter_on()) {
+                let mask_at = middle.leaf_masks_at + (index - middle.leaves.start) * LEAF_MASK;
                 let origin = middle.origin + Middle::<L>::slot_offset(slot);
-                self.leaves[leaf] = cursor.at();
-                L::pass(cursor, &self.context, origin, &mask)?;
+                places.push(LeafPlace { index, origin, mask_at });
             }
         }
-        Ok(())
+        Ok(places)
     }
+}
+
+/// A leaf whose mask is known.
+pub(crate) struct LeafPlace {
+    /// Its place in the order of the topology.
+    index: usize,
+    pub(crate) origin: IVec3,
+    mask_at: usize,
 }
 
 /// The memory of an internal node without its children.

@@ -48,6 +48,7 @@ impl VdbFile {
             uuid: String::new(),
             metadata: Metadata::default(),
             grids,
+            points: Vec::new(),
             skipped: Vec::new(),
         }
     }
@@ -55,7 +56,7 @@ impl VdbFile {
     /// Serialises a file in version 224, which OpenVDB has read since version 3.2.
     ///
     /// Grids that share a tree are written as instances. The metadata is written; versions and tag
-    /// are generated, and [`VdbFile::skipped`] is ignored.
+    /// are generated, and [`VdbFile::points`] and [`VdbFile::skipped`] are ignored.
     ///
     /// # Errors
     /// If a name or a value is too long for the format.

@@ -1,5 +1,6 @@
 //! Errors of tools.
 
+use crate::display::quoted;
 use crate::work::Stop;
 
 /// Why a tool could not do its work. `Display` is one line: what is wrong, and what to do.
@@ -54,6 +55,52 @@ pub enum ToolError {
         voxels: f64,
         /// The largest possible coordinate, in voxels.
         limit: f64,
+    },
+    /// A grid of points has none.
+    #[error("the grid has no points; a volume needs some")]
+    NoPoints,
+    /// A level set of points would have no surface.
+    #[error("all points have a radius of 0; a level set needs a radius")]
+    NoRadii,
+    /// Points do not have an attribute.
+    #[error(
+        "the points have no attribute {} with one float per point; `vdb info` lists their attributes",
+        quoted(name)
+    )]
+    NoSuchAttribute {
+        /// The name of the attribute.
+        name: String,
+    },
+    /// A coordinate of a point is NaN or infinite.
+    #[error("point {point} is at {position:?}, which is not a finite point; remove it")]
+    PointNotFinite {
+        /// The index of the point.
+        point: usize,
+        /// Its position in world space.
+        position: [f64; 3],
+    },
+    /// A point is too far from the origin for the size of a voxel.
+    #[error(
+        "point {point} reaches {voxels:.1e} voxels from the origin, more than {limit:.1e}; use \
+         larger voxels, or move the points to the origin"
+    )]
+    PointTooFar {
+        /// The index of the point.
+        point: usize,
+        /// Its largest coordinate plus its radius, in voxels.
+        voxels: f64,
+        /// The largest possible coordinate, in voxels.
+        limit: f64,
+    },
+    /// The radius or the density of a point is negative or not finite.
+    #[error("{setting} of point {point} is {value}; it must be a number from 0")]
+    BadPointValue {
+        /// The name of the setting.
+        setting: &'static str,
+        /// The index of the point.
+        point: usize,
+        /// The value.
+        value: f64,
     },
     /// The result would have too many voxels for the limits.
     #[error(

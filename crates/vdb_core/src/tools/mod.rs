@@ -2,6 +2,7 @@
 //!
 //! - [`mesh_to_level_set`] – converts triangles to a narrow-band level set.
 //! - [`level_set_to_mesh`] – converts an isosurface to triangles.
+//! - [`points_to_fog()`] and [`points_to_level_set()`] – convert points to volumes.
 //! - [`csg()`] – union, intersection and difference of level sets.
 //! - [`redistance()`] – restores distances after a level set has been changed.
 //! - [`offset()`] – grows or shrinks a level set.
@@ -26,6 +27,7 @@ mod grid;
 mod nodes;
 mod offset;
 mod places;
+mod points;
 mod redistance;
 mod resample;
 mod samples;
@@ -39,6 +41,7 @@ pub use error::ToolError;
 pub use fog::{FogFromLevelSet, fog_from_level_set};
 pub use from_mesh::{InsideRule, MeshToLevelSet, mesh_to_level_set};
 pub use offset::{Offset, offset};
+pub use points::{PointNumber, PointsToFog, PointsToLevelSet, points_to_fog, points_to_level_set};
 pub use redistance::{Redistance, redistance};
 pub use resample::{Interpolation, Resample, resample};
 pub use smooth::{Filter, Smooth, smooth};

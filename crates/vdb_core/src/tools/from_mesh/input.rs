@@ -16,7 +16,7 @@ pub(crate) fn any(triangles: &[[u32; 3]]) -> Result<(), ToolError> {
 }
 
 /// The transform of voxels of a size.
-pub(super) fn transform(voxel_size: f64) -> Result<Transform, ToolError> {
+pub(crate) fn transform(voxel_size: f64) -> Result<Transform, ToolError> {
     // The values of the band must be floats with full precision.
     let representable = (f64::from(f32::MIN_POSITIVE)..1e36).contains(&voxel_size);
     let transform = Transform::uniform(voxel_size, DVec3::ZERO).filter(|_| representable);
@@ -28,7 +28,7 @@ pub(super) fn transform(voxel_size: f64) -> Result<Transform, ToolError> {
 }
 
 /// The half width of the band, in voxels.
-pub(super) fn half_width(half_width: f32) -> Result<f64, ToolError> {
+pub(crate) fn half_width(half_width: f32) -> Result<f64, ToolError> {
     let value = f64::from(half_width);
     if (1.0..=100.0).contains(&value) {
         return Ok(value);

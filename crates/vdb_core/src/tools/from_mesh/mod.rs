@@ -164,7 +164,7 @@ fn level_set_of(
 }
 
 /// A tree of lower nodes and of tiles of that size.
-fn assemble(
+pub(super) fn assemble(
     mut nodes: Vec<(IVec3, Built<Lower>)>,
     background: f32,
     work: &Work,

@@ -1,0 +1,149 @@
+//! `vdb from-points`, and what other commands say about points.
+
+use std::io::Read;
+use std::path::Path;
+
+use vdb_core::{GridClass, VdbFile};
+
+use crate::{done, fails, folder, path, value, vdb};
+
+/// A file of points that the crate of the format keeps for its tests.
+fn points(folder: &Path, name: &str) -> String {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../vdb_core/tests/data/points");
+    let packed = std::fs::read(data.join(format!("{name}.vdb.gz"))).unwrap();
+    let mut bytes = Vec::new();
+    flate2::read::GzDecoder::new(&packed[..]).read_to_end(&mut bytes).unwrap();
+    let path = path(folder, &format!("{name}.vdb"));
+    std::fs::write(&path, bytes).unwrap();
+    path
+}
+
+#[test]
+fn points_become_volumes() {
+    let folder = folder("points");
+    let file = points(&folder, "shared");
+    let out = path(&folder, "out.vdb");
+    let make = |more: &[&str]| {
+        done(&[&["from-points", &file, "--out", &out, "--voxel-size"][..], more].concat())
+    };
+    // 600 points at (1, 1, 1), to 16 bits of a voxel: a thousandth of a percent is in the voxels
+    // beside that one.
+    let near = |ijk, expected: f32| {
+        let value = value(&out, ijk);
+        assert!((value - expected).abs() < 1e-4 * expected.abs().max(1.0), "{ijk:?}: {value}");
+    };
+    let said = make(&["0.5", "--as", "fog", "--grid", "one_voxel", "--density", "0.25"]);
+    assert_eq!(said, "600 points became 8 voxels of 0.5\n");
+    near([2, 2, 2], 150.0);
+    near([2, 2, 3], 0.0);
+    let balls = ["--grid", "one_voxel", "--radius", "2", "--half-width", "4"];
+    let said = make(&[&["0.25", "--as", "level-set"][..], &balls].concat());
+    assert!(
+        said.starts_with("600 points became ") && said.ends_with(" voxels of 0.25\n"),
+        "{said}"
+    );
+    // The centre is at voxel 4, and the radius is 8 voxels.
+    for (x, distance) in [(4, -1.0), (0, -1.0), (9, -0.75), (12, 0.0), (14, 0.5), (20, 1.0)] {
+        near([x, 4, 4], distance);
+    }
+    assert_eq!(VdbFile::open(&out).unwrap().grids[0].class, GridClass::LevelSet);
+    // The first grid, with its attribute of radii.
+    let by_attribute = make(&["0.1", "--as", "level-set"]);
+    let scaled =
+        make(&["0.1", "--as", "level-set", "--radius-attribute", "pscale", "--radius-scale", "2"]);
+    assert!(by_attribute.starts_with("24 points became "), "{by_attribute}");
+    assert!(by_attribute != scaled);
+    make(&["0.1", "--as", "fog", "--density-attribute", "pscale"]);
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn what_points_do_not_have_is_named() {
+    let folder = folder("no-points");
+    let file = points(&folder, "codecs");
+    let out = path(&folder, "out.vdb");
+    let make = |more: &[&str]| {
+        let size = ["--voxel-size", "0.5", "--out", &out];
+        [&["from-points", &file][..], &size, more].concat().iter().map(|s| s.to_string()).collect()
+    };
+    let complaint = |more: &[&str]| {
+        let arguments: Vec<String> = make(more);
+        fails(&arguments.iter().map(|s| &**s).collect::<Vec<_>>())
+    };
+    for (more, what) in [
+        (&["--as", "level-set"][..], "no attribute \"pscale\" with one float"),
+        (&["--as", "fog", "--grid", "empty"], "the grid has no points"),
+        (&["--as", "fog", "--grid", "zfog"], "\"zfog\" is no grid of points"),
+        (&["--as", "fog", "--grid", "what"], "no grid is called \"what\""),
+        (&["--as", "level-set", "--radius", "0"], "all points have a radius of 0"),
+        (&["--as", "level-set", "--radius=-1"], "the radius is -1"),
+        (&["--as", "fog", "--density", "nan"], "the density is NaN"),
+    ] {
+        let said = complaint(more);
+        assert!(said.contains(what) && said.contains("codecs.vdb"), "{more:?}: {said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+    }
+    for more in [
+        &["--as", "fog", "--half-width", "3"][..],
+        &["--as", "level-set", "--density", "1"],
+        &["--as", "fog", "--radius", "1", "--radius-attribute", "pscale"],
+        &["--as", "solid"],
+        &[],
+    ] {
+        let arguments: Vec<String> = make(more);
+        let output = vdb(&arguments.iter().map(|s| &**s).collect::<Vec<_>>());
+        assert_eq!(output.status.code(), Some(2), "{more:?}: {output:?}");
+    }
+    assert!(!Path::new(&out).exists(), "something was written");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn other_commands_say_that_points_are_left_out() {
+    let folder = folder("left-out-points");
+    let file = points(&folder, "codecs");
+    let out = path(&folder, "out.vdb");
+    for command in
+        [&["convert", &file, &out][..], &["resample", &file, "--voxel-size", "2", "--out", &out]]
+    {
+        let output = vdb(command);
+        let said =
+            String::from_utf8(output.stderr).unwrap() + &String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{said}");
+        assert!(said.contains("\"fxpt8\"") && said.contains("it has points"), "{said}");
+        assert_eq!(VdbFile::open(&out).unwrap().grids.len(), 1);
+    }
+    let said = fails(&["to-mesh", &file, "--grid", "fxpt8", "--out", &path(&folder, "out.ply")]);
+    assert!(said.contains("`vdb from-points` makes a volume of them"), "{said}");
+    let output = vdb(&["diff", &file, &file]);
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains("cannot be compared, as it has points"), "{said}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn info_lists_points_and_attributes() {
+    let folder = folder("info-points");
+    let file = points(&folder, "blosc");
+    let text = done(&["info", &file]);
+    for line in [
+        "\"null\": Tree_ptdataidx32_5_4_3, points",
+        "  24 points",
+        "    P: vec3s, codec null",
+        "    half: float, codec trnc",
+        "    pair: float, codec null, 2 for each point",
+        "    orient: quats, codec null, not read",
+        "    group odd: 12 points",
+    ] {
+        assert!(text.lines().any(|other| other == line), "{line:?} is missing in {text}");
+    }
+    let json = done(&["info", "--json", &file]);
+    for part in [
+        "\"points\":24,\"attributes\":[",
+        "{\"name\":\"N\",\"type\":\"vec3s\",\"codec\":\"uvec\",\"values_per_point\":1,\"read\":true}",
+        "\"groups\":[{\"name\":\"odd\",\"points\":12},{\"name\":\"third\",\"points\":8}]",
+    ] {
+        assert!(json.contains(part), "{part} is missing in {json}");
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}
