@@ -15,6 +15,7 @@ mod limits;
 mod mesh;
 mod offset;
 mod progress;
+mod render;
 mod resample;
 mod smooth;
 mod terminal;
@@ -45,6 +46,7 @@ enum Command {
     FromMesh(from_mesh::Args),
     Info(info::Args),
     Offset(offset::Args),
+    Render(Box<render::Args>),
     Resample(resample::Args),
     Smooth(smooth::Args),
     ToMesh(to_mesh::Args),
@@ -66,6 +68,7 @@ fn main() -> ExitCode {
         Command::FromMesh(args) => from_mesh::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Offset(args) => offset::run(&args),
+        Command::Render(args) => render::run(&args),
         Command::Resample(args) => resample::run(&args),
         Command::Smooth(args) => smooth::run(&args),
         Command::ToMesh(args) => to_mesh::run(&args),

@@ -30,6 +30,7 @@ pub mod pack;
 pub mod query;
 mod ramp;
 pub mod reference;
+pub mod roles;
 pub mod synth;
 pub mod tools;
 mod transform;

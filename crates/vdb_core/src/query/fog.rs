@@ -1,5 +1,7 @@
 //! Opacity of fog along a ray: the twin of `assets/shaders/traversal/fog.wgsl`, in f64.
 
+use std::ops::ControlFlow;
+
 use glam::IVec3;
 
 use super::cubic::Cubic;
@@ -41,4 +43,29 @@ pub(super) fn first_opaque(
         sum += part;
     }
     None
+}
+
+/// Calls `visit` for each part of the ray within a cell or a tile, in order, with its ends in units of
+/// the index ray's `t` and its mean density.
+pub(super) fn visit(
+    grid: &PackedGrid,
+    samples: &mut Samples,
+    local: &LocalRay,
+    t_max: f64,
+    mut visit: impl FnMut([f64; 2], f64) -> ControlFlow<()>,
+) {
+    for mut passage in local.spans(grid) {
+        let cell = passage.cell.wrapping_add(grid.base);
+        let Some(corners) = samples.corners(cell.to_array().map(i64::from)) else { return };
+        passage.t[1] = passage.t[1].min((t_max - local.t_begin) * local.speed);
+        let [low, high] = passage.t;
+        if low >= high {
+            continue;
+        }
+        let mean = Cubic::through(passage.thirds().map(|t| corners.at(passage.at(t)))).integral();
+        let ends = [low, high].map(|t| local.t_from_dda(t));
+        if mean > 0.0 && visit(ends, mean).is_break() {
+            return;
+        }
+    }
 }
