@@ -206,9 +206,12 @@ fn fog_lets_through_what_the_closed_form_says() {
         let depth = VOXEL * chord(at.length() / VOXEL);
         for (axis, absorb) in [0.2, 0.05, 0.02].into_iter().enumerate() {
             let (is, expected) = (decode(image.at(x, y)[axis]), (-absorb * depth).exp());
-            // A step of eight bits is up to 0.0089. Samples of the density, which has an edge, differ
-            // from it by up to a voxel's share of the soft layer.
-            assert!((is - expected).abs() < 0.012, "{at}, {axis}: {is}, not {expected}");
+            // Half a step of eight bits is up to 0.0045. Where the density bends, at either end of the
+            // soft layer, interpolation is off by up to 1/8 of the change of slope, 1/32, over a chord
+            // of 12.6 voxels within the outermost one: 0.4 voxels, if the ray only grazes the ball.
+            let grazes = at.length() > 0.7 * VOXEL * RADIUS;
+            let tolerance = if grazes { 0.0045 + 0.4 * VOXEL * absorb } else { 0.006 };
+            assert!((is - expected).abs() < tolerance, "{at}, {axis}: {is}, not {expected}");
         }
     }
     // White fog in uniform light sends out as much as it takes away.
@@ -232,11 +235,13 @@ fn fog_is_bright_on_the_side_of_the_sun_and_dark_behind_a_solid() {
     let sun = ["--light", "-1,0,0,1,1,1", "--ambient", "0,0,0", "--background", "black"];
     let dense = ["--scatter", "1,1,1"];
     let image = draw_ball(&file, &[&sun[..], &dense].concat());
-    let sides = |image: &Image| [PIXELS / 4, 3 * PIXELS / 4].map(|x| decode(image.at(x, PIXELS / 2)[0]));
+    let sides =
+        |image: &Image| [PIXELS / 4, 3 * PIXELS / 4].map(|x| decode(image.at(x, PIXELS / 2)[0]));
     let [near, far] = sides(&image);
     assert!(near > 0.1 && near > 3.0 * far, "{near} beside the sun, {far} behind");
     // A plate between the sun and the ball.
-    let distance = |p: DVec3| ((p - DVec3::X * -38.0).abs() - DVec3::new(2.0, 40.0, 40.0)).max_element();
+    let distance =
+        |p: DVec3| ((p - DVec3::X * -38.0).abs() - DVec3::new(2.0, 40.0, 40.0)).max_element();
     let bbox = CoordBox { min: IVec3::new(-44, -44, -44), max: IVec3::new(-32, 44, 44) };
     let plate = grid("plate", level_set::from_distance(bbox, distance), GridClass::LevelSet);
     let file = saved(&folder, "both.vdb", vec![fog_ball(), plate]);
@@ -250,7 +255,7 @@ fn fog_is_bright_on_the_side_of_the_sun_and_dark_behind_a_solid() {
 fn a_turned_camera_sees_what_one_that_looks_at_a_point_sees() {
     let folder = folder("camera");
     let file = saved(&folder, "ball.vdb", vec![solid_ball()]);
-    let view = ["--shader", "normal", "--size", "64x48", "--samples", "1", "--fov", "60"];
+    let view = ["--shader", "normal", "--size", "65x49", "--samples", "1", "--fov", "60"];
     let at = |options: &[&str]| draw(&file, &[&view[..], options].concat()).bytes;
     // Half a turn about y looks along z.
     let turned = at(&["--translate", "1,2,-20", "--rotate", "0,180,0"]);
@@ -267,13 +272,17 @@ fn a_turned_camera_sees_what_one_that_looks_at_a_point_sees() {
         let image = draw(&file, &[&view[..], &eye, &["--background", "black"], options].concat());
         image.at(32, 24).to_vec()
     };
-    let from_outside = middle(&[]);
-    assert_eq!(from_outside, [128, 128, 255]);
-    assert_eq!(middle(&["--far", "39.9"]), [0, 0, 0]);
-    assert_eq!(middle(&["--far", "40.1"]), from_outside);
+    // The normal along z, whose 0.5 is between two bytes.
+    let is_seen = |options: &[&str]| match middle(options)[..] {
+        [0, 0, 0] => false,
+        [127 | 128, 127 | 128, 255] => true,
+        ref other => panic!("{other:?}"),
+    };
+    assert!(is_seen(&[]));
+    assert!(!is_seen(&["--far", "39.9"]) && is_seen(&["--far", "40.1"]));
     // Through the front, to the back of the ball seen from inside.
-    assert_eq!(middle(&["--near", "40.1"]), from_outside);
-    assert_eq!(middle(&["--near", "60.1"]), [0, 0, 0]);
+    assert!(is_seen(&["--near", "40.1"]) && is_seen(&["--near", "59.9"]));
+    assert!(!is_seen(&["--near", "60.1"]));
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -312,7 +321,8 @@ fn everything_is_in_the_picture_by_default() {
 #[test]
 fn the_grids_are_those_of_the_viewer() {
     let folder = folder("roles");
-    let named = |name: &str, grid: Grid| Grid { name: name.into(), unique_name: name.into(), ..grid };
+    let named =
+        |name: &str, grid: Grid| Grid { name: name.into(), unique_name: name.into(), ..grid };
     let report = |file: &str, options: &[&str]| -> serde_json::Value {
         let out = folder.join("x.png").to_str().unwrap().to_owned();
         let own = ["render", file, "--out", &out, "--size", "8x8", "--json"];
@@ -342,9 +352,15 @@ fn the_grids_are_those_of_the_viewer() {
     }
     let file = folder.join("cloud.vdb").to_str().unwrap().to_owned();
     let chosen = report(&file, &["--grid", "distance"]);
-    assert_eq!((&chosen["fog"], &chosen["surfaces"][0]), (&serde_json::Value::Null, &"distance".into()));
+    assert_eq!(
+        (&chosen["fog"], &chosen["surfaces"][0]),
+        (&serde_json::Value::Null, &"distance".into())
+    );
     let solid = report(&file, &["--grid", "density", "--iso", "0.5"]);
-    assert_eq!((&solid["fog"], &solid["surfaces"][0]), (&serde_json::Value::Null, &"density".into()));
+    assert_eq!(
+        (&solid["fog"], &solid["surfaces"][0]),
+        (&serde_json::Value::Null, &"density".into())
+    );
     std::fs::remove_dir_all(&folder).unwrap();
 }
 

@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec2, DVec3, EulerRot};
 
 use super::options::Vector;
+use super::scene::Scene;
 
 /// The default direction from the middle of the volumes to the camera: that of the viewer.
 const DIRECTION: DVec3 = DVec3::new(0.45, 0.35, 0.82);
@@ -139,10 +140,9 @@ pub struct Ray {
 }
 
 impl Camera {
-    /// The camera that the options ask for. `bounds` are the corners of a box around everything, and
-    /// `aspect` is the width of the picture divided by its height.
-    pub fn new(args: &CameraArgs, bounds: [DVec3; 2], aspect: f64) -> Self {
-        let middle = 0.5 * (bounds[0] + bounds[1]);
+    /// The camera that the options ask for. `aspect` is the width of the picture divided by its height.
+    pub fn new(args: &CameraArgs, scene: &Scene, aspect: f64) -> Self {
+        let middle = 0.5 * (scene.bounds[0] + scene.bounds[1]);
         let target = args.lookat.map_or(middle, |at| at.0);
         let turned = args.rotate.map(|Vector(degrees)| {
             let [x, y, z] = degrees.to_array().map(f64::to_radians);
@@ -160,25 +160,18 @@ impl Camera {
             Some(fov) => (0.5 * fov).to_radians().tan(),
             None => 0.5 * args.aperture / args.focal,
         };
-        let corners = || corners(bounds).map(|corner| corner - target);
-        let over = |most: f64, way: f64| most.max(way);
-        let beside =
-            |corner: &DVec3| corner.dot(right).abs().max(corner.dot(up).abs() * aspect) / FILL;
-        let size = (bounds[1] - bounds[0]).length();
-        let (projection, distance) = match args.camera {
-            Kind::Perspective => {
-                let way = |corner: DVec3| corner.dot(back) + beside(&corner) / tan;
-                (Projection::Perspective { tan }, corners().map(way).into_iter().fold(0.0, over))
-            }
+        let centered = args.translate.is_none() && args.lookat.is_none();
+        let fit = Fit::new(scene, target, [right, up, back], args.camera, tan, aspect);
+        let (aside, half_width, distance) = fit.place(centered);
+        let projection = match args.camera {
+            Kind::Perspective => Projection::Perspective { tan },
             Kind::Ortho => {
-                let fit = corners().iter().map(beside).fold(0.0, over);
-                let half_width = args.frame.map_or(fit, |frame| 0.5 * frame);
-                let way = |corner: DVec3| corner.dot(back) + 0.1 * size;
-                (Projection::Ortho { half_width }, corners().map(way).into_iter().fold(0.0, over))
+                let half_width = args.frame.map_or(half_width, |frame| 0.5 * frame);
+                Projection::Ortho { half_width }
             }
         };
-        let distance = distance.max(1e-3 * size) + args.near;
-        let eye = args.translate.map_or(target + distance * back, |at| at.0);
+        let fitting = target + aside.x * right + aside.y * up + (distance + args.near) * back;
+        let eye = args.translate.map_or(fitting, |at| at.0);
         Self { eye, right, up, back, projection, near: args.near, far: args.far }
     }
 
@@ -194,6 +187,66 @@ impl Camera {
         let stretch = dir.length();
         let (origin, dir) = (origin + self.near * dir, dir / stretch);
         Ray { origin, dir, t_max: (self.far - self.near) * stretch }
+    }
+}
+
+/// What a camera must be placed for: maxima over all points that it shows, relative to its target.
+struct Fit {
+    kind: Kind,
+    tan: f64,
+    aspect: f64,
+    /// To the right, to the left, up and down: in perspective, the distance at which a point is at this
+    /// edge of the picture; otherwise half the width of a picture with the point at this edge.
+    edges: [f64; 4],
+    /// Towards the camera.
+    nearest: f64,
+    /// The diagonal of the box around everything.
+    size: f64,
+}
+
+impl Fit {
+    fn new(
+        scene: &Scene,
+        target: DVec3,
+        axes: [DVec3; 3],
+        kind: Kind,
+        tan: f64,
+        aspect: f64,
+    ) -> Self {
+        let (mut edges, mut nearest) = ([f64::NEG_INFINITY; 4], f64::NEG_INFINITY);
+        scene.visit_corners(|corner| {
+            let [x, y, z] = axes.map(|axis| axis.dot(corner - target));
+            for (edge, beside) in edges.iter_mut().zip([x, -x, aspect * y, -aspect * y]) {
+                *edge = edge.max(match kind {
+                    Kind::Perspective => z + beside / (FILL * tan),
+                    Kind::Ortho => beside / FILL,
+                });
+            }
+            nearest = nearest.max(z);
+        });
+        let size = scene.bounds[0].distance(scene.bounds[1]);
+        Self { kind, tan, aspect, edges, nearest, size }
+    }
+
+    /// The shift of the camera to the right and up, half the width of the picture, and the distance. A
+    /// camera that is not `centered` looks at its target.
+    fn place(&self, centered: bool) -> (DVec2, f64, f64) {
+        let [right, left, up, down] = self.edges;
+        let (mut reach, mut aside) = (right.max(left).max(up).max(down), DVec2::ZERO);
+        let width = match self.kind {
+            Kind::Perspective => FILL * self.tan,
+            Kind::Ortho => FILL,
+        };
+        if centered {
+            reach = (0.5 * (right + left)).max(0.5 * (up + down));
+            aside = 0.5 * width * DVec2::new(right - left, (up - down) / self.aspect);
+        }
+        let least = 1e-3 * self.size;
+        let distance = match self.kind {
+            Kind::Perspective => reach.max(self.nearest + least),
+            Kind::Ortho => self.nearest + 0.1 * self.size,
+        };
+        (aside, reach.max(least), distance)
     }
 }
 

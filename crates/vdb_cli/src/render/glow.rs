@@ -11,6 +11,9 @@ use super::scene::Fire;
 /// Colours between a value of 0 and the largest.
 const COLORS: u16 = 256;
 
+/// The luminance of the hottest fire, of which 1 is white before the tone curve.
+const BRIGHTNESS: f64 = 2.5;
+
 /// A fire and its colours.
 pub struct Glow<'a> {
     fire: &'a Fire,
@@ -21,8 +24,7 @@ pub struct Glow<'a> {
 }
 
 impl<'a> Glow<'a> {
-    /// The glow of a fire. As in the plugin, the hottest value through a tenth of the box's diagonal is
-    /// as bright as a white surface in a radiance of 1.
+    /// The glow of a fire: the hottest value through a tenth of the box's diagonal has [`BRIGHTNESS`].
     pub fn new(fire: &'a Fire) -> Self {
         let [none, one] = fire.kelvin.map(f64::from);
         let most = f64::from(fire.volume.most());
@@ -30,7 +32,7 @@ impl<'a> Glow<'a> {
         let [r, g, b] = body(most);
         let luminance = (0.2126 * r + 0.7152 * g + 0.0722 * b).max(1.0);
         let [low, high] = fire.volume.bounds;
-        let strength = 1.0 / (luminance * 0.1 * high.distance(low));
+        let strength = BRIGHTNESS / (luminance * 0.1 * high.distance(low));
         let last = f64::from(COLORS - 1);
         let color = |i: u16| {
             let color = body(most * f64::from(i) / last);

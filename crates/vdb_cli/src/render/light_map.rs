@@ -90,10 +90,10 @@ impl LightMap {
 
 /// Fills the points of one ray; returns the integral along all of it.
 fn fill(scene: &Scene, fog: &Volume, ray: &Ray, step: f64, values: &mut [f32]) -> f32 {
-    let blocked = scene.surfaces.iter().filter_map(|surface| {
-        surface.query().first_hit(&surface.to_index(ray), 0.0).map(|hit| hit.t)
-    });
-    let blocked = blocked.fold(f64::INFINITY, f64::min);
+    // A surface that shades the fog may be anywhere on the way from the sun.
+    let away = 2.0 * scene.bounds[0].distance(scene.bounds[1]);
+    let from_sun = Ray { origin: ray.origin - away * ray.dir, t_max: f64::INFINITY, ..*ray };
+    let blocked = scene.surface_t(&from_sun).map_or(f64::INFINITY, |t| t - away);
     let (mut sum, mut next) = (0.0, 0);
     fog.query().visit_fog(&fog.to_index(ray), |[from, to], density| {
         while next < values.len() && next as f64 * step <= to {

@@ -36,7 +36,7 @@ use crate::terminal;
 /// The optical depth that the denser parts of a fog have by default: opaque, with soft borders.
 const DEPTH: f32 = 9.0;
 /// The same of smoke with a fire in it, which is seen through the smoke.
-const SMOKE_DEPTH: f32 = 2.0;
+const SMOKE_DEPTH: f32 = 0.25;
 /// The share of a fog's rays that are thinner than its denser parts.
 const DENSER: f64 = 0.8;
 
@@ -63,17 +63,17 @@ pub struct Args {
     #[arg(long, value_name = "X", allow_negative_numbers = true)]
     iso: Option<f32>,
 
-    /// Rays for each pixel
-    #[arg(long, value_name = "N", default_value = "4",
+    /// Rays for each pixel: by default 4, or 1 if there is only fog, which has no edges
+    #[arg(long, value_name = "N",
           value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES)))]
-    samples: u32,
+    samples: Option<u32>,
 
     /// What surfaces show
     #[arg(long, value_enum, default_value_t = Shader::Diffuse)]
     shader: Shader,
 
     /// What is behind: `transparent`, `black`, `white` or a colour such as #20262e
-    #[arg(long, value_name = "COLOR", default_value = "#3a4452")]
+    #[arg(long, value_name = "COLOR", default_value = "#262d38")]
     background: Background,
 
     #[command(flatten)]
@@ -171,7 +171,7 @@ fn make(args: &Args) -> Result<Report, String> {
     let begun = Instant::now();
     let size = args.size.0;
     let aspect = f64::from(size.x) / f64::from(size.y);
-    let camera = Camera::new(&args.camera, scene.bounds, aspect);
+    let camera = Camera::new(&args.camera, &scene, aspect);
     let lights = Lights::new(args.lights.light, args.lights.ambient, &camera, args.camera.up());
     let map = scene.fog.as_ref().map(|fog| LightMap::new(&scene, fog, lights.to_sun));
     let medium = map.as_ref().map(|map| medium(&args.lights, map, scene.fire.is_some()));
@@ -192,7 +192,7 @@ fn make(args: &Args) -> Result<Report, String> {
         shadows: !args.lights.no_shadows,
         background: args.background,
         size,
-        samples: args.samples,
+        samples: args.samples.unwrap_or(if scene.surfaces.is_empty() { 1 } else { 4 }),
     };
     let progress = Progress::making(&args.file);
     let pixels = picture.draw(&*progress.callback())?;

@@ -3,12 +3,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, IVec3};
 use vdb_core::display::quoted;
 use vdb_core::pack::{PackKind, PackOptions, PackedGrid, PackedTogether};
 use vdb_core::query::{GridQuery, IndexRay};
 use vdb_core::roles::{Candidate, kelvin, parts};
-use vdb_core::tree::Vdb543;
+use vdb_core::tree::{CoordBox, Node, Vdb543};
 use vdb_core::{AnyTree, Grid, Limits, VdbFile};
 
 use super::camera::{Ray, corners};
@@ -19,6 +19,7 @@ pub struct Volume {
     pub name: String,
     tree: Arc<Vdb543<f32>>,
     packed: PackedGrid,
+    world_from_index: DAffine3,
     index_from_world: DAffine3,
     /// The corners of a box around all that is seen, in world space.
     pub bounds: [DVec3; 2],
@@ -85,6 +86,11 @@ impl Scene {
             return Err(format!("{}: the volumes reach beyond the numbers of f64", shown(path)));
         }
         Ok(scene)
+    }
+
+    /// Calls `visit` for corners of boxes that together contain all that is seen, in world space.
+    pub fn visit_corners(&self, mut visit: impl FnMut(DVec3)) {
+        self.volumes().for_each(|volume| volume.visit_corners(&mut visit));
     }
 
     /// All volumes.
@@ -176,13 +182,48 @@ impl Volume {
                 .iter()
                 .fold([points[0]; 2], |[low, high], p| [low.min(*p), high.max(*p)]),
             voxel: world_from_index.matrix3.determinant().abs().cbrt(),
+            world_from_index,
             index_from_world: world_from_index.inverse(),
             packed,
         }))
     }
 
     pub fn query(&self) -> GridQuery<'_> {
-        GridQuery::new(&self.tree, &self.packed)
+        match self.packed.kind {
+            // Fog has all of its values packed, where a ray finds them sooner than in the tree.
+            PackKind::Fog => GridQuery::of_packed(&self.packed),
+            _ => GridQuery::new(&self.tree, &self.packed),
+        }
+    }
+
+    /// Calls `visit` for corners of boxes that together contain all that is seen, in world space.
+    pub fn visit_corners(&self, visit: &mut impl FnMut(DVec3)) {
+        let Some(cells) = self.packed.occupied else { return };
+        let cells =
+            CoordBox { min: cells.min + self.packed.base, max: cells.max + self.packed.base };
+        let origin = self.packed.kind.lattice_origin();
+        let mut add = |cells: CoordBox| {
+            let bounds = [cells.min.as_dvec3(), cells.max.as_dvec3() + 1.0].map(|at| at + origin);
+            corners(bounds)
+                .iter()
+                .for_each(|at| visit(self.world_from_index.transform_point3(*at)));
+        };
+        // Tiles have no leaves.
+        if self.tree.stats().active_tiles() > 0 {
+            return add(cells);
+        }
+        let is_inside = |value: f32| match self.packed.kind {
+            PackKind::Fog => value > 0.0,
+            PackKind::Smooth { iso } | PackKind::Surface { iso } => value < iso,
+        };
+        for leaf in self.tree.leaves() {
+            if leaf.values_slice().iter().any(|value| is_inside(*value)) {
+                let CoordBox { min, max } = CoordBox::cube(leaf.origin(), 3);
+                // The cells with one of these samples at a corner.
+                let reached = CoordBox { min: min.saturating_sub(IVec3::ONE), max };
+                reached.intersection(cells).into_iter().for_each(&mut add);
+            }
+        }
     }
 
     /// A ray in index space. `t` is the distance in world units.

@@ -42,6 +42,15 @@ impl Scene {
         Some(Hit { t: hit.t, point, normal: visible, outside })
     }
 
+    /// The distance of the nearest surface along a ray.
+    pub fn surface_t(&self, ray: &Ray) -> Option<f64> {
+        let hits = self
+            .surfaces
+            .iter()
+            .filter_map(|volume| Some(volume.query().first_hit(&volume.to_index(ray), 0.0)?.t));
+        hits.min_by(f64::total_cmp)
+    }
+
     /// Whether a surface is in the way of a ray.
     pub fn is_blocked(&self, ray: &Ray) -> bool {
         let mut surfaces = self.surfaces.iter();

@@ -112,6 +112,8 @@ impl LocalRay {
 pub(super) struct Passage {
     /// A local cell of the cube.
     pub cell: IVec3,
+    /// What is there.
+    pub span: Span,
     /// The `t` of the entry and of the exit, in units of the traversal's `t`.
     pub t: [f64; 2],
     /// The start of the ray relative to the cell, in cells.
@@ -142,6 +144,7 @@ impl Passage {
         let (from, down) = (frac - dda.rel.as_dvec3(), mirrored.mirror.cmpne(IVec3::ZERO));
         Some(Self {
             cell,
+            span,
             t,
             from: DVec3::select(down, 1.0 - from, from),
             dir: DVec3::select(down, -speed, speed),
