@@ -201,7 +201,8 @@ fn the_parts_of_a_ray_in_fog_add_up_to_its_depth() {
         let oracle = Fog::new(&tree);
         for i in 0..1_000 {
             let ray = aimed(&mut random, bounds(&grid), if i % 2 == 0 { 0.9 } else { 300.0 });
-            let end = if i % 3 == 0 { f64::INFINITY } else { f64::from(310.0 * random.unit() as f32) };
+            let end =
+                if i % 3 == 0 { f64::INFINITY } else { f64::from(310.0 * random.unit() as f32) };
             let expected = oracle.optical_depth(&ray.with_span(0.0, end as f32)).value;
             for query in [GridQuery::new(&tree, &grid), GridQuery::of_packed(&grid)] {
                 let (mut sum, mut before) = (0.0, 0.0);

@@ -92,6 +92,7 @@ impl LitFog<'_> {
         let mut octaves = [Octaves::default(); 3];
         // The integral of the density, and where it was reached.
         let (mut sum, mut path) = (0.0_f32, Vec::new());
+        let mut passed = Vec3::ONE;
         let stride = self.map.map_or(f64::INFINITY, |map| STRIDE * map.step());
         self.volume.query().visit_fog(&self.volume.to_index(ray), |[from, to], density| {
             let pieces = ((to - from) / stride).ceil().clamp(1.0, 1e4);
@@ -105,8 +106,9 @@ impl LitFog<'_> {
                     let depth = map.depth(ray.origin + middle * ray.dir);
                     for channel in 0..channels {
                         let sigma = extinction[channel];
-                        let [near, far] = [sum, after].map(|sum| (-sigma * sum).exp());
+                        let (near, far) = (passed[channel], (-sigma * after).exp());
                         octaves[channel].add(near, far, sigma * depth);
+                        passed[channel] = far;
                     }
                 }
                 sum = after;

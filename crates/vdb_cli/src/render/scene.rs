@@ -217,8 +217,12 @@ impl Volume {
             PackKind::Smooth { iso } | PackKind::Surface { iso } => value < iso,
         };
         for leaf in self.tree.leaves() {
-            if leaf.values_slice().iter().any(|value| is_inside(*value)) {
-                let CoordBox { min, max } = CoordBox::cube(leaf.origin(), 3);
+            let inside = leaf.values_slice().iter().enumerate().filter(|(_, v)| is_inside(**v));
+            let voxel = |(slot, _): (usize, _)| {
+                let slot = slot as i32;
+                CoordBox::voxel(leaf.origin() + IVec3::new(slot >> 6, slot >> 3 & 7, slot & 7))
+            };
+            if let Some(CoordBox { min, max }) = inside.map(voxel).reduce(CoordBox::union) {
                 // The cells with one of these samples at a corner.
                 let reached = CoordBox { min: min.saturating_sub(IVec3::ONE), max };
                 reached.intersection(cells).into_iter().for_each(&mut add);
