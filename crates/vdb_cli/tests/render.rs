@@ -260,7 +260,10 @@ fn a_turned_camera_sees_what_one_that_looks_at_a_point_sees() {
     // Half a turn about y looks along z.
     let turned = at(&["--translate", "1,2,-20", "--rotate", "0,180,0"]);
     assert_eq!(turned, at(&["--translate", "1,2,-20", "--lookat", "1,2,5"]));
-    // About x first, then about z: up is -x of the world.
+    // About x, down; then about z, to the side.
+    let turned = at(&["--translate", "-30,-1,2.75", "--rotate", "-90,0,90"]);
+    let looking = ["--translate", "-30,-1,2.75", "--lookat", "0,-1,2.75", "--up", "0,0,-1"];
+    assert_eq!(turned, at(&looking));
     let turned = at(&["--translate", "1,30,2", "--rotate", "-90,0,0"]);
     assert_eq!(turned, at(&["--translate", "1,30,2", "--lookat", "1,0,2", "--up", "0,0,-1"]));
     // A focal length and an aperture are a field of view: 2 atan (41.2136 / 2 / 50).
