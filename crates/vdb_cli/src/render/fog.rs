@@ -8,7 +8,7 @@ use glam::Vec3;
 
 use super::camera::Ray;
 use super::glow::Glow;
-use super::light_map::LightMap;
+use super::light_map::{LightMap, finite};
 use super::lights::Lights;
 use super::scene::Volume;
 
@@ -98,7 +98,7 @@ impl LitFog<'_> {
             let pieces = ((to - from) / stride).ceil().clamp(1.0, 1e4);
             let length = (to - from) / pieces;
             for piece in 0..pieces as usize {
-                let after = sum + (density * length) as f32;
+                let after = finite(f64::from(sum) + density * length);
                 if let Some(map) = self.map
                     && thinnest * sum < -UNSEEN.ln()
                 {
@@ -142,6 +142,6 @@ impl LitFog<'_> {
             sum += density * (to - from);
             ControlFlow::Continue(())
         });
-        (-self.medium.extinction * sum as f32).exp()
+        (-self.medium.extinction * finite(sum)).exp()
     }
 }

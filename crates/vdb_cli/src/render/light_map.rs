@@ -98,17 +98,22 @@ fn fill(scene: &Scene, fog: &Volume, ray: &Ray, step: f64, values: &mut [f32]) -
     fog.query().visit_fog(&fog.to_index(ray), |[from, to], density| {
         while next < values.len() && next as f64 * step <= to {
             let into = (next as f64 * step - from).max(0.0);
-            values[next] = (sum + density * into) as f32;
+            values[next] = finite(sum + density * into);
             next += 1;
         }
         sum += density * (to - from);
         ControlFlow::Continue(())
     });
-    values[next..].fill(sum as f32);
+    values[next..].fill(finite(sum));
     for (i, value) in values.iter_mut().enumerate() {
         if i as f64 * step > blocked {
             *value = BLOCKED;
         }
     }
-    sum as f32
+    finite(sum)
+}
+
+/// An integral of any fog as a number that can be interpolated.
+pub fn finite(integral: f64) -> f32 {
+    integral.min(f64::from(BLOCKED)) as f32
 }
