@@ -3,11 +3,8 @@
 use bevy::math::DVec3;
 use bevy::prelude::*;
 
-use crate::asset::parts::{COLORS, Candidate, FIRES, HEAT, VELOCITIES, is, parts};
+use crate::asset::parts::{COLORS, VELOCITIES, candidate, is, kelvin, parts};
 use crate::{VdbColorGrid, VdbEmission, VdbFile, VdbGrid, VdbVectorGrid};
-
-/// Temperatures above this are in kelvin; other units stay far below.
-const KELVIN: f32 = 100.0;
 
 /// The luminance in cd/m² of guessed emission, for the hottest value through a tenth of the grid's
 /// box. White at Bevy's default exposure.
@@ -56,7 +53,7 @@ impl VdbFile {
     pub fn roles(&self, grids: &Assets<VdbGrid>) -> VdbRoles {
         let there = self.grids.iter().filter_map(|handle| Some((handle, grids.get(handle)?)));
         let (handles, grids): (Vec<_>, Vec<_>) = there.unzip();
-        let candidates: Vec<_> = grids.iter().map(|grid| Candidate::of(grid)).collect();
+        let candidates: Vec<_> = grids.iter().map(|grid| candidate(grid)).collect();
         let parts = parts(&candidates);
         let emission =
             parts.fire.map(|fire| VdbEmission::guess(handles[fire].clone(), grids[fire]));
@@ -95,11 +92,8 @@ impl VdbEmission {
     /// value has 1,000 cd/m² through a tenth of the grid's box.
     pub fn guess(handle: Handle<VdbGrid>, grid: &VdbGrid) -> Self {
         let most = grid.packed().majorant;
-        let by_name = FIRES.iter().find(|(name, _)| is(grid.name(), name));
-        let (offset, scale) = match by_name.map_or(HEAT, |(_, kelvin)| *kelvin) {
-            _ if most > KELVIN => (0.0, 1.0),
-            [none, one] => (none, one - none),
-        };
+        let [offset, one] = kelvin(grid.name(), most);
+        let scale = one - offset;
         let hottest = f64::from(scale * most + offset);
         let [r, g, b] = vdb_core::blackbody(hottest);
         let luminance = (0.2126 * r + 0.7152 * g + 0.0722 * b) as f32;

@@ -16,6 +16,7 @@ mod limits;
 mod mesh;
 mod offset;
 mod progress;
+mod render;
 mod resample;
 mod smooth;
 mod terminal;
@@ -47,6 +48,7 @@ enum Command {
     FromPoints(from_points::Args),
     Info(info::Args),
     Offset(offset::Args),
+    Render(Box<render::Args>),
     Resample(resample::Args),
     Smooth(smooth::Args),
     ToMesh(to_mesh::Args),
@@ -69,6 +71,7 @@ fn main() -> ExitCode {
         Command::FromPoints(args) => from_points::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Offset(args) => offset::run(&args),
+        Command::Render(args) => render::run(&args),
         Command::Resample(args) => resample::run(&args),
         Command::Smooth(args) => smooth::run(&args),
         Command::ToMesh(args) => to_mesh::run(&args),

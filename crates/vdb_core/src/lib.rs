@@ -31,6 +31,7 @@ mod points;
 pub mod query;
 mod ramp;
 pub mod reference;
+pub mod roles;
 pub mod synth;
 pub mod tools;
 mod transform;

@@ -1,5 +1,7 @@
 //! Rays and points as games ask about them, against the exact reference tracer.
 
+use std::ops::ControlFlow;
+
 use glam::DVec3;
 use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::query::{GridQuery, IndexHit, IndexRay};
@@ -184,6 +186,65 @@ fn fog_is_met_where_the_optical_depth_is_reached() {
         println!("{met} rays meet the fog, {through} pass through");
         assert!(met > 300 && through > 300, "{met} and {through}");
     }
+}
+
+#[test]
+fn the_parts_of_a_ray_in_fog_add_up_to_its_depth() {
+    let mut random = Random::new(9);
+    let cube = |min, max| CoordBox { min: IVec3::splat(min), max: IVec3::splat(max) };
+    for tree in [
+        fog::sphere(DVec3::new(0.3, 0.1, -5.0), 40.0, 12.0),
+        fog::block(cube(-128, 255), 0.25),
+        fog::from_values(cube(-20, 20), |at| ((at.x * 7 + at.y * 3 + at.z) % 5 - 1) as f32),
+    ] {
+        let grid = PackedGrid::new(&tree, PackKind::Fog).unwrap();
+        let oracle = Fog::new(&tree);
+        for i in 0..1_000 {
+            let ray = aimed(&mut random, bounds(&grid), if i % 2 == 0 { 0.9 } else { 300.0 });
+            let end =
+                if i % 3 == 0 { f64::INFINITY } else { f64::from(310.0 * random.unit() as f32) };
+            let expected = oracle.optical_depth(&ray.with_span(0.0, end as f32)).value;
+            for query in [GridQuery::new(&tree, &grid), GridQuery::of_packed(&grid)] {
+                let (mut sum, mut before) = (0.0, 0.0);
+                query.visit_fog(&IndexRay { t_max: end, ..index_ray(&ray) }, |[from, to], mean| {
+                    assert!(from >= before - 1e-9 && to > from && to <= end && mean > 0.0);
+                    before = to;
+                    sum += (to - from) * mean;
+                    ControlFlow::Continue(())
+                });
+                // The direction of the traversal has 24 bits.
+                assert!((sum - expected).abs() < 1e-3, "{sum}, not {expected}: {ray:?}, {end}");
+            }
+        }
+    }
+    let ball = level_set::sphere(DVec3::ZERO, 10.0);
+    let grid = PackedGrid::new(&ball, SMOOTH).unwrap();
+    let ray = IndexRay { origin: DVec3::X * -50.0, dir: DVec3::X, t_max: f64::INFINITY };
+    GridQuery::new(&ball, &grid).visit_fog(&ray, |_, _| panic!("a surface has no fog"));
+}
+
+#[test]
+fn smooth_gradients_have_no_jumps_and_are_those_of_a_ball() {
+    let (center, radius) = (DVec3::new(0.3, -7.1, 2.0), 21.4);
+    let tree = level_set::sphere(center, radius);
+    let grid = PackedGrid::new(&tree, SMOOTH).unwrap();
+    let query = GridQuery::new(&tree, &grid);
+    let mut random = Random::new(4);
+    for _ in 0..1_000 {
+        let normal = DVec3::new(random.unit(), random.unit(), random.unit()) - 0.5;
+        let normal = normal.normalize();
+        let point = center + radius * normal;
+        let gradient = query.smooth_gradient(point).unwrap();
+        // The mean over a voxel of a slope whose second derivative is of the order of 1/r²; samples are
+        // interpolated to within 1/8r on either side.
+        let angle = gradient.normalize().dot(normal).min(1.0).acos();
+        assert!(angle < 0.25 / radius, "{angle} at {point}");
+        // On either side of the nearest plane between two cells.
+        let plane = DVec3::new(point.x.round(), point.y, point.z);
+        let [a, b] = [-1e-9, 1e-9].map(|x| query.smooth_gradient(plane + x * DVec3::X).unwrap());
+        assert!(a.distance(b) < 1e-7, "{a} and {b} at {plane}");
+    }
+    assert_eq!(GridQuery::of_packed(&grid).smooth_gradient(center), None);
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Opacity of fog along a ray: the twin of `assets/shaders/traversal/fog.wgsl`, in f64.
 
+use std::ops::ControlFlow;
+
 use glam::IVec3;
 
 use super::cubic::Cubic;
@@ -41,4 +43,33 @@ pub(super) fn first_opaque(
         sum += part;
     }
     None
+}
+
+/// Half the distance between the two Gauss–Legendre points on an interval of length 1. They integrate
+/// a cubic exactly.
+const GAUSS: f64 = 0.288_675_134_594_812_9;
+
+/// Calls `visit` for each part of the ray within a cell or a tile, in order, with its ends in units of
+/// the index ray's `t` and its mean density.
+pub(super) fn visit(
+    grid: &PackedGrid,
+    samples: &mut Samples,
+    local: &LocalRay,
+    t_max: f64,
+    mut visit: impl FnMut([f64; 2], f64) -> ControlFlow<()>,
+) {
+    let t_max = (t_max - local.t_begin) * local.speed;
+    for passage in local.spans(grid) {
+        let corners = samples.of_passage(grid, &passage);
+        let [low, high] = [passage.t[0], passage.t[1].min(t_max)];
+        if low >= high {
+            continue;
+        }
+        let at = |s: f64| corners.at(passage.at(low + (high - low) * s));
+        let mean = 0.5 * (at(0.5 - GAUSS) + at(0.5 + GAUSS));
+        let ends = [low, high].map(|t| local.t_from_dda(t));
+        if mean > 0.0 && visit(ends, mean).is_break() {
+            return;
+        }
+    }
 }

@@ -91,18 +91,24 @@ impl LocalRay {
     pub fn spans<'a>(&self, grid: &'a PackedGrid) -> impl Iterator<Item = Passage> + use<'a> {
         let mirrored = MirroredRay::new(grid, &self.ray);
         let mut dda = enter(&mirrored);
+        // The span that the traversal has yet to step out of: a caller may need no more.
+        let mut left = None;
         std::iter::from_fn(move || {
-            while dda.inside {
+            loop {
+                if let Some(span) = left.take() {
+                    dda = advance(&mirrored, &dda, span);
+                }
+                if !dda.inside {
+                    return None;
+                }
                 let span = locate(grid, mirrored.local(dda.rel), mirrored.octant);
-                let here = dda;
-                dda = advance(&mirrored, &here, span);
+                left = Some(span);
                 if span.occupied()
-                    && let Some(passage) = Passage::new(&mirrored, &here, span)
+                    && let Some(passage) = Passage::new(&mirrored, &dda, span)
                 {
                     return Some(passage);
                 }
             }
-            None
         })
     }
 }
@@ -112,6 +118,8 @@ impl LocalRay {
 pub(super) struct Passage {
     /// A local cell of the cube.
     pub cell: IVec3,
+    /// What is there.
+    pub span: Span,
     /// The `t` of the entry and of the exit, in units of the traversal's `t`.
     pub t: [f64; 2],
     /// The start of the ray relative to the cell, in cells.
@@ -121,6 +129,7 @@ pub(super) struct Passage {
 
 impl Passage {
     /// `None` if the ray misses the cube: a traversal also visits cells beside the ray.
+    #[inline]
     fn new(mirrored: &MirroredRay, dda: &Dda, span: Span) -> Option<Self> {
         let size = 1_u32 << span.log_dim;
         let offset = mirrored.cell.as_uvec3().wrapping_add(dda.rel) & UVec3::splat(size - 1);
@@ -142,6 +151,7 @@ impl Passage {
         let (from, down) = (frac - dda.rel.as_dvec3(), mirrored.mirror.cmpne(IVec3::ZERO));
         Some(Self {
             cell,
+            span,
             t,
             from: DVec3::select(down, 1.0 - from, from),
             dir: DVec3::select(down, -speed, speed),
@@ -149,6 +159,7 @@ impl Passage {
     }
 
     /// The position in the cell at `t`, from 0 to 1 on each axis.
+    #[inline]
     pub fn at(&self, t: f64) -> DVec3 {
         (self.from + t * self.dir).clamp(DVec3::ZERO, DVec3::ONE)
     }

@@ -15,6 +15,8 @@ mod local_ray;
 mod samples;
 mod smooth;
 
+use std::ops::ControlFlow;
+
 use glam::DVec3;
 
 use crate::pack::{PackKind, PackedGrid, traverse};
@@ -70,6 +72,37 @@ impl<'a> GridQuery<'a> {
         };
         // On extremely slow rays, the `t` of a hit can exceed the largest f64.
         hit.filter(|hit| hit.t.is_finite() && hit.t <= ray.t_max)
+    }
+
+    /// Calls `visit` for each part of a ray that lies within one cell of fog, or within one tile, in
+    /// order: with the two ends of the part in units of `t`, and with its mean density. The optical
+    /// depth of a part is exact, `σ · mean · length`. A surface has no fog.
+    ///
+    /// Rounding and time are those of [`GridQuery::first_hit`].
+    pub fn visit_fog(&self, ray: &IndexRay, visit: impl FnMut([f64; 2], f64) -> ControlFlow<()>) {
+        if self.packed.kind == PackKind::Fog
+            && let Some(local) = LocalRay::new(self.packed, ray)
+        {
+            fog::visit(self.packed, &mut self.samples(), &local, ray.t_max, visit);
+        }
+    }
+
+    /// The gradient of the interpolant, as the mean over one voxel along each axis, per voxel. Unlike
+    /// the gradient itself, it has no jumps from cell to cell: a normal for shading. `None` where a
+    /// surface without a tree has no value.
+    pub fn smooth_gradient(&self, point: DVec3) -> Option<DVec3> {
+        let mut samples = self.samples();
+        let mut at = |point: DVec3| {
+            let cell = point.floor();
+            let corners = samples.corners(cell.to_array().map(|c| c as i64))?;
+            Some(corners.at(point - cell))
+        };
+        let mut gradient = DVec3::ZERO;
+        for (axis, half) in [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| 0.5 * axis).iter().enumerate()
+        {
+            gradient[axis] = at(point + *half)? - at(point - *half)?;
+        }
+        Some(gradient)
     }
 
     fn samples(&self) -> Samples<'a> {

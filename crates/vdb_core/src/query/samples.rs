@@ -2,6 +2,7 @@
 
 use glam::{DVec3, IVec3};
 
+use super::local_ray::Passage;
 use crate::pack::{PackKind, PackedGrid, density, distance, traverse};
 use crate::tree::{Accessor, Found, InternalNode, LeafNode, Node, Vdb543};
 
@@ -32,6 +33,19 @@ impl<'a> Samples<'a> {
                 let cell = std::array::from_fn(|axis| ijk[axis].saturating_sub(offset[axis]));
                 packed_corners(grid, cell).map(|Corners(values)| values[corner] as f32)
             }),
+        }
+    }
+
+    /// The samples around the cell of a passage through fog.
+    #[inline]
+    pub fn of_passage(&mut self, grid: &PackedGrid, passage: &Passage) -> Corners {
+        match self {
+            Self::Tree(samples) => {
+                samples.corners(passage.cell.wrapping_add(grid.base).to_array().map(i64::from))
+            }
+            Self::Packed(_) => {
+                Corners(traverse::corners(grid, passage.span, passage.cell).map(f64::from))
+            }
         }
     }
 
@@ -145,6 +159,7 @@ fn mix(a: f64, b: f64, u: f64) -> f64 {
 
 impl Corners {
     /// The interpolant at a position in the cell, from 0 to 1 on each axis.
+    #[inline]
     pub fn at(&self, u: DVec3) -> f64 {
         let c = &self.0;
         let z = |i: usize| mix(c[i], c[i + 1], u.z);
