@@ -62,8 +62,8 @@ mod scene;
 pub use asset::{
     VdbAssetServerExt, VdbCookSettings, VdbCooker, VdbFile, VdbFileProgress, VdbFrame, VdbGrid,
     VdbGridError, VdbGridLoader, VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings,
-    VdbMeshError, VdbRenderAs, VdbRepeat, VdbSequence, VdbSequenceError, VdbSequenceLoader,
-    VdbValues, VdbVectorGrid, VdbVectorGridLoader,
+    VdbMeshError, VdbPoints, VdbRenderAs, VdbRepeat, VdbSequence, VdbSequenceError,
+    VdbSequenceLoader, VdbValues, VdbVectorGrid, VdbVectorGridLoader,
 };
 #[cfg(feature = "record")]
 pub use bevy_vdb_record::{

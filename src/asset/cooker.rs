@@ -113,6 +113,7 @@ fn cook(
     file.convert_to_floats(&settings.limits);
     let skipped = file.skipped.iter().map(|grid| grid.unique_name.clone());
     let mut left_out: Vec<String> = skipped.collect();
+    left_out.extend(file.points.iter().map(|points| points.unique_name.clone()));
     for grid in &mut file.grids {
         let AnyTree::Float(tree) = &grid.tree else {
             left_out.push(grid.unique_name.clone());

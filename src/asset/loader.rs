@@ -28,6 +28,7 @@ use super::grid::VdbGrid;
 use super::labels::labels;
 use super::loaded::{LoadedFile, LoadedFiles};
 use super::parts::{VELOCITIES, is};
+use super::points;
 use super::progress::{Job, Running, VdbLoadProgress};
 use super::settings::{VdbLoaderSettings, VdbRenderAs};
 use super::vector_grid::VdbVectorGrid;
@@ -171,9 +172,24 @@ pub(super) fn read(
     drop(bytes);
     let converted = file.convert_to_floats(&settings.limits);
     let skipped = file.skipped.iter();
-    let problems = skipped
+    let mut problems: Vec<String> = skipped
         .map(|grid| format!("grid '{}' was skipped: {}", escaped(&grid.unique_name), grid.reason))
         .collect();
+    for points in std::mem::take(&mut file.points) {
+        let reason = match points::volume(&points, settings) {
+            Some(Ok(grid)) => {
+                file.grids.push(grid);
+                continue;
+            }
+            Some(Err(error)) => error.to_string(),
+            None => {
+                let count = points.points.len();
+                format!("it has {count} points, which `VdbLoaderSettings::points` can display")
+            }
+        };
+        let name = escaped(&points.unique_name);
+        problems.push(format!("grid '{name}' was skipped: {reason}"));
+    }
     Ok((file, problems, converted))
 }
 

@@ -16,6 +16,7 @@ pub(crate) mod loaded;
 mod loader;
 mod mesh;
 pub(crate) mod parts;
+mod points;
 mod progress;
 mod sequence;
 mod settings;
@@ -35,7 +36,7 @@ pub use progress::{VdbFileProgress, VdbLoadProgress};
 pub use sequence::{
     VdbAssetServerExt, VdbFrame, VdbRepeat, VdbSequence, VdbSequenceError, VdbSequenceLoader,
 };
-pub use settings::{VdbLoaderSettings, VdbRenderAs, VdbValues};
+pub use settings::{VdbLoaderSettings, VdbPoints, VdbRenderAs, VdbValues};
 pub use vector_grid::VdbVectorGrid;
 
 use loaded::LoadedFiles;

@@ -35,6 +35,14 @@ pub struct VdbLoaderSettings {
     pub smooth: bool,
     /// The sample format of fog and smooth surfaces on the GPU.
     pub values: VdbValues,
+    /// Whether points are displayed: as fog or as balls. By default, they are left out.
+    pub points: VdbPoints,
+    /// The edge of a voxel in the volumes of points, in world units. `None` takes that of the points' own
+    /// grid, which programs choose for the number of points in it: it may be coarse.
+    pub point_voxel_size: Option<f32>,
+    /// The radius of points in world units. `None` takes each point's attribute `pscale` or, without
+    /// it, the edge of a voxel.
+    pub point_radius: Option<f32>,
     /// The resources that a file may demand before loading is aborted. The defaults protect a
     /// desktop with 8 GB of memory; raise them for larger files that you trust.
     pub limits: Limits,
@@ -48,6 +56,9 @@ impl Default for VdbLoaderSettings {
             render_as: VdbRenderAs::Auto,
             smooth: true,
             values: VdbValues::Exact,
+            points: VdbPoints::Skip,
+            point_voxel_size: None,
+            point_radius: None,
             limits: Limits::default(),
         }
     }
@@ -96,4 +107,17 @@ pub enum VdbRenderAs {
     },
     /// Fog: values are densities.
     Fog,
+}
+
+/// Whether the points of a file are displayed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub enum VdbPoints {
+    /// They are left out, which a message reports.
+    #[default]
+    Skip,
+    /// As fog, with a mean density of 1 in each point.
+    Fog,
+    /// As surfaces: each point is a ball.
+    Balls,
 }

@@ -71,7 +71,7 @@ pub(super) fn loaded<A: Asset + Clone>(app: &mut App, handle: &Handle<A>) -> A {
     until(app, "the asset", |world| world.resource::<Assets<A>>().get(handle).cloned())
 }
 
-fn failure<A: Asset>(app: &mut App, handle: &Handle<A>) -> String {
+pub(super) fn failure<A: Asset>(app: &mut App, handle: &Handle<A>) -> String {
     until(app, "the error", |world| match world.resource::<AssetServer>().load_state(handle) {
         LoadState::Failed(error) => Some(error.to_string()),
         LoadState::Loaded => panic!("it loaded"),

@@ -9,5 +9,6 @@ mod headless;
 mod meshes;
 #[cfg(feature = "picking")]
 mod picking;
+mod points;
 mod sequence;
 mod spatial_query;
