@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::tree::{BoolTree, CoordBox, MaskTree, TreeStats, Vdb543};
 use crate::work::debug_options;
-use crate::{Error, Limits, Metadata, PointGrid, Transform};
+use crate::{Compression, Error, Limits, Metadata, PointGrid, Transform};
 
 /// A `.vdb` or `.nvdb` file in memory.
 ///
@@ -165,34 +165,6 @@ impl GridClass {
             .find(|class| class.name() == name)
             .unwrap_or_default()
     }
-}
-
-/// How the values of a grid are compressed in a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Compression {
-    /// The codec of the values.
-    pub codec: Codec,
-    /// Whether inactive values are omitted where a node has at most two different ones.
-    pub active_mask: bool,
-}
-
-impl Default for Compression {
-    /// OpenVDB's default.
-    fn default() -> Self {
-        Self { codec: Codec::Blosc, active_mask: true }
-    }
-}
-
-/// The codec of the values.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Codec {
-    /// Uncompressed.
-    None,
-    /// zlib. OpenVDB uses it for grids that are neither level sets nor fog volumes.
-    Zip,
-    /// Blosc with LZ4 and byte shuffle, OpenVDB's default.
-    #[default]
-    Blosc,
 }
 
 /// A tree of any value type. Instances share the tree.

@@ -14,6 +14,7 @@ struct Readme;
 pub mod between;
 mod blackbody;
 mod codec;
+mod compression;
 pub mod cooked;
 pub mod display;
 pub mod emitters;
@@ -40,12 +41,13 @@ pub mod view;
 mod work;
 
 pub use blackbody::{BlackbodyTable, blackbody};
+pub use compression::{Codec, Compression};
 pub use error::{Error, Place};
 pub use floats::ConvertedGrid;
 pub use format::{FileBuffer, save_bytes};
 pub use grid::{
-    AnyTree, Codec, Compression, Grid, GridClass, GridSelection, ProgressFn, ReadOptions,
-    SkippedGrid, VdbFile, WriteOptions,
+    AnyTree, Grid, GridClass, GridSelection, ProgressFn, ReadOptions, SkippedGrid, VdbFile,
+    WriteOptions,
 };
 pub use limits::Limits;
 pub use metadata::{MetaValue, Metadata};

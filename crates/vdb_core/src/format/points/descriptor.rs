@@ -1,6 +1,5 @@
 //! The attributes of a leaf: their names, types and groups.
 
-use super::MOST_ATTRIBUTES;
 use super::codecs::GROUP;
 use crate::Error;
 use crate::display::quoted;
@@ -8,6 +7,9 @@ use crate::format::budget::Budget;
 use crate::format::cursor::Cursor;
 use crate::format::metadata;
 use crate::points::PointGroup;
+
+/// The most attributes of a grid: the number of passes has 16 bits, and each attribute has two.
+const MOST_ATTRIBUTES: u64 = (u16::MAX as u64 - 4) / 2;
 
 /// Groups whose membership is in one attribute.
 const GROUP_BITS: u64 = 8;

@@ -22,9 +22,3 @@ mod descriptor;
 mod scan;
 
 pub(crate) use scan::scan;
-
-/// The version of the format that introduced passes. OpenVDB has written points since then.
-const PASSES: u32 = 224;
-
-/// The most attributes of a grid: the number of passes has 16 bits, and each attribute has two.
-const MOST_ATTRIBUTES: u64 = (u16::MAX as u64 - 4) / 2;

@@ -1,6 +1,5 @@
 //! The first pass over the bytes of a grid of points.
 
-use super::PASSES;
 use super::arrays::{self, Array, Unit};
 use super::codecs::Decoder;
 use super::descriptor::{self, Descriptor};
@@ -11,6 +10,9 @@ use crate::format::cursor::Cursor;
 use crate::format::topology::{LEAF_MASK, LeafCost, scan_nodes};
 use crate::format::values::Encoding;
 use crate::tree::{IVec3, LeafNode};
+
+/// The version of the format that introduced passes. OpenVDB has written points since then.
+const PASSES: u32 = 224;
 
 /// The name of the positions.
 const POSITION: &str = "P";

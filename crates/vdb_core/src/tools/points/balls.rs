@@ -2,10 +2,23 @@
 
 use glam::DVec3;
 
-use super::PointNumber;
 use crate::PointGrid;
 use crate::tools::ToolError;
 use crate::tree::IVec3;
+
+/// A number for each point.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PointNumber {
+    /// The same number for all points.
+    Constant(f64),
+    /// An attribute that has one float per point.
+    Attribute {
+        /// The name of the attribute, such as `pscale`.
+        name: String,
+        /// A factor for its values.
+        scale: f64,
+    },
+}
 
 /// The farthest coordinate, in voxels. Coordinates of voxels have 32 bits.
 const FARTHEST: f64 = (1_u32 << 30) as f64;

@@ -12,24 +12,11 @@ mod nodes;
 use std::sync::Arc;
 
 use self::balls::Balls;
+pub use self::balls::PointNumber;
 use super::ToolError;
 use super::from_mesh::input;
 use crate::work::debug_options;
 use crate::{AnyTree, Grid, GridClass, Limits, PointGrid, ProgressFn};
-
-/// A number for each point.
-#[derive(Clone, Debug, PartialEq)]
-pub enum PointNumber {
-    /// The same number for all points.
-    Constant(f64),
-    /// An attribute that has one float per point.
-    Attribute {
-        /// The name of the attribute, such as `pscale`.
-        name: String,
-        /// A factor for its values.
-        scale: f64,
-    },
-}
 
 /// Options of [`points_to_fog`].
 #[derive(Clone)]
