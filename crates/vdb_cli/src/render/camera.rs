@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec2, DVec3, EulerRot};
 
 use super::options::Vector;
+use super::ray::Ray;
 use super::scene::Scene;
 
 /// The default direction from the middle of the volumes to the camera: that of the viewer.
@@ -129,16 +130,6 @@ enum Projection {
     Ortho { half_width: f64 },
 }
 
-/// A ray in world space.
-#[derive(Clone, Copy, Debug)]
-pub struct Ray {
-    pub origin: DVec3,
-    /// Of unit length.
-    pub dir: DVec3,
-    /// The end, in world units from the origin.
-    pub t_max: f64,
-}
-
 impl Camera {
     /// The camera that the options ask for. `aspect` is the width of the picture divided by its height.
     pub fn new(args: &CameraArgs, scene: &Scene, aspect: f64) -> Self {
@@ -248,14 +239,6 @@ impl Fit {
         };
         (aside, reach.max(least), distance)
     }
-}
-
-/// The corners of a box.
-pub fn corners([low, high]: [DVec3; 2]) -> [DVec3; 8] {
-    std::array::from_fn(|i| {
-        let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
-        DVec3::new(pick(0), pick(1), pick(2))
-    })
 }
 
 /// [`DIRECTION`], turned so that y becomes `up`.

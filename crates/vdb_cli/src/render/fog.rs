@@ -6,10 +6,10 @@ use std::ops::ControlFlow;
 
 use glam::Vec3;
 
-use super::camera::Ray;
 use super::glow::Glow;
 use super::light_map::{LightMap, finite};
 use super::lights::Lights;
+use super::ray::Ray;
 use super::scene::Volume;
 
 /// Optical depth at which nothing behind is seen.

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use glam::Vec3;
 use vdb_core::blackbody;
 
-use super::camera::Ray;
+use super::ray::Ray;
 use super::scene::Fire;
 
 /// Colours between a value of 0 and the largest.

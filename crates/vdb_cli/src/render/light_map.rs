@@ -9,7 +9,7 @@ use std::ops::ControlFlow;
 use glam::{DVec3, USizeVec3, Vec3};
 use rayon::prelude::*;
 
-use super::camera::{Ray, corners};
+use super::ray::{Ray, corners};
 use super::scene::{Scene, Volume};
 
 /// The most points on each axis: 4 · 193³ bytes are 29 MB.

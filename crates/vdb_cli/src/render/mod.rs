@@ -7,6 +7,7 @@ mod light_map;
 mod lights;
 mod options;
 mod picture;
+mod ray;
 mod scene;
 mod surface;
 

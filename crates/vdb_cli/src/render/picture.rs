@@ -7,10 +7,11 @@ use glam::{DVec2, UVec2, Vec3, Vec4};
 use rayon::prelude::*;
 use vdb_core::ProgressFn;
 
-use super::camera::{Camera, Ray};
+use super::camera::Camera;
 use super::fog::LitFog;
 use super::lights::Lights;
 use super::options::Background;
+use super::ray::Ray;
 use super::scene::Scene;
 
 /// The albedo of surfaces: light clay.

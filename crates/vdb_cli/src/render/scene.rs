@@ -11,7 +11,7 @@ use vdb_core::roles::{Candidate, kelvin, parts};
 use vdb_core::tree::{CoordBox, Node, Vdb543};
 use vdb_core::{AnyTree, Grid, Limits, VdbFile};
 
-use super::camera::{Ray, corners};
+use super::ray::{Ray, corners};
 use crate::files::{grid_of, shown};
 
 /// A grid, ready for rays.

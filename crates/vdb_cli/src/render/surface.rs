@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::camera::Ray;
+use super::ray::Ray;
 use super::scene::Scene;
 
 /// The distance of shadow rays from surfaces, in voxels: more than the rounding of where a ray meets
