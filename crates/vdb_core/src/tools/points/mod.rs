@@ -98,7 +98,8 @@ debug_options!(PointsToLevelSet { voxel_size, radius, half_width, limits });
 /// let points = PointGrid::new("spray", Points::new(vec![DVec3::ZERO, DVec3::new(1.0, 0.5, 0.0)]));
 /// let radius = PointNumber::Constant(0.3);
 /// let fog = points_to_fog(&points, &PointsToFog { radius, ..PointsToFog::new(0.1) })?;
-/// assert!(fog.tree.active_voxel_count() > 200);
+/// // The voxels that are less than three voxels from either point.
+/// assert_eq!(fog.tree.active_voxel_count(), 2 * 93);
 /// # Ok::<(), vdb_core::tools::ToolError>(())
 /// ```
 pub fn points_to_fog(points: &PointGrid, options: &PointsToFog) -> Result<Grid, ToolError> {
