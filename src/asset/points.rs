@@ -3,12 +3,9 @@
 use vdb_core::tools::{
     PointNumber, PointsToFog, PointsToLevelSet, ToolError, points_to_fog, points_to_level_set,
 };
-use vdb_core::{Grid, PointGrid};
+use vdb_core::{Grid, PointGrid, Points};
 
 use super::settings::{VdbLoaderSettings, VdbPoints};
-
-/// The attribute with the radii of points, of all programs that write any.
-const RADIUS: &str = "pscale";
 
 /// The volume of the points of a grid; `None` if they are to be left out.
 pub(super) fn volume(
@@ -19,8 +16,8 @@ pub(super) fn volume(
     let voxel_size = settings.point_voxel_size.map_or(own_size, f64::from);
     let radius = match settings.point_radius {
         Some(radius) => PointNumber::Constant(radius.into()),
-        None if points.points.floats(RADIUS).is_some() => {
-            PointNumber::Attribute { name: RADIUS.into(), scale: 1.0 }
+        None if points.points.floats(Points::RADIUS).is_some() => {
+            PointNumber::Attribute { name: Points::RADIUS.into(), scale: 1.0 }
         }
         None => PointNumber::Constant(voxel_size),
     };

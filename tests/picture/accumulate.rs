@@ -153,7 +153,7 @@ fn errors(resolutions: &[f32], powers: u32) -> Vec<Errors> {
     all
 }
 
-/// The mean of frames is nearer to the picture of many rays than that of so many rays by chance.
+/// The error of the mean is below that of as many rays at random positions in each pixel.
 fn check_full(full: &Errors) {
     assert!(full.alone > 0.02, "there is nothing to even out: {}", full.alone);
     assert!(full.means[0] == full.alone, "the first of a mean is through the middles");

@@ -26,7 +26,7 @@ const BALL: Vec2 = Vec2::new(83.0, 49.0);
 const BALL_RADIUS: f32 = 29.0;
 const RED: LinearRgba = LinearRgba::rgb(1.0, 0.1, 0.05);
 
-/// A floor of this roughness, in which a ball and a box shine that stand on it, and a ball of another.
+/// A metal floor and a metal ball of these roughnesses, which reflect a ball and a post that shine.
 fn scene(stage: &mut Stage, floor: f32, ball: f32) -> (Handle<Image>, Entity) {
     let target = stage.target(SIZE);
     let camera = stage.camera(&target, looking(Vec3::new(0.5, 3.0, 7.0)));
@@ -62,7 +62,8 @@ fn shown(
     stage.picture(target)
 }
 
-/// The pixels of which neither a neighbour nor the pixel itself shines: no edges of what is reflected.
+/// For each pixel, whether neither it nor a neighbour shines: near what shines, differences are those of
+/// anti-aliasing.
 fn dark(without_reflections: &Picture) -> Vec<bool> {
     let shines = |x: u32, y: u32| without_reflections.at(x, y).truncate().max_element() > 0.5;
     let pixels = (0..SIZE.y).flat_map(|y| (0..SIZE.x).map(move |x| (x, y)));
@@ -97,7 +98,7 @@ fn check_grain(roughnesses: &[f32], accumulate: u32, reflections: u32) {
     }
 }
 
-/// One frame is nearer to the mean of many than without.
+/// Denoising brings a single frame closer to the mean of many frames.
 #[gpu_test]
 fn reflections_are_smoother() {
     check_grain(&[0.35], 64, 1);
@@ -109,7 +110,7 @@ fn reflections_are_smoother_whatever_the_roughness() {
     check_grain(&[0.2, 0.35, 0.6], 256, 2);
 }
 
-/// A mirror beside a rough surface stays as it is, to the bit; so do the colours of everything else.
+/// Only the rough ball changes: the mirror and everything that reflects nothing stay the same, bit for bit.
 #[gpu_test]
 fn mirrors_and_what_is_not_reflected_stay() {
     let mut stage = Stage::new();

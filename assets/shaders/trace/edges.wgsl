@@ -25,7 +25,6 @@ const CONTRAST: f32 = 0.125;
 // The least bend of the depths along three pixels that is an edge, relative to their slope.
 const BEND: f32 = 0.5;
 
-
 var<workgroup> found: atomic<u32>;
 var<workgroup> first: u32;
 

@@ -1,4 +1,4 @@
-// What the denoising of reflections needs to know of a path.
+// The part of a path that the denoising of reflections needs.
 #define_import_path bevy_vdb::trace::reflection
 
 #import bevy_pbr::lighting::perceptualRoughnessToRoughness
@@ -7,9 +7,9 @@
 #import bevy_vdb::view::reflection::Reflection
 #import bevy_vdb::view::scene::view
 
-// What is known so far of the reflection that is to be denoised: of the first surface that blurs it.
+// The reflection that is to be denoised, as far as the path has come: that in the first surface that blurs it.
 struct PathReflection {
-    own: Reflection,
+    own: Reflection,    // as far as it is known
     direct: vec3<f32>,  // luminance without it
     before: f32,        // length of the path between the first surface and this one
     first: f32,         // length of the segment behind it; negative if not known yet
@@ -18,10 +18,11 @@ struct PathReflection {
     closeness: f32,     // the same divided by how far the light has come
 }
 
-// Farther away is as good as infinity.
+// Distances beyond this count as infinite.
 const FARTHEST: f32 = 1e6;
 
-// At a surface whose reflection is to be denoised, with the direction in which a mirror would reflect. The reflectance of a mirror, which has no noise, is 0.
+// At a surface whose reflection is to be denoised. `direction` is the one in which a mirror would reflect. A mirror
+// has no noise, so its reflectance is left at 0.
 fn begin_reflection(
     path: ptr<function, PathReflection>,
     direct: vec3<f32>,
@@ -55,8 +56,8 @@ fn add_reflected(path: ptr<function, PathReflection>, color: vec3<f32>, distance
     (*path).closeness += luminance / max(distance, 1e-30);
 }
 
-// What denoising may blur of what it shows at a distance, in pixels: about half as much as the surface itself blurs
-// it, so that the whole is a tenth wider. A half vector that is turned by an angle turns the direction by twice as
+// The standard deviation in pixels with which denoising may blur the reflection of something at a distance: about
+// half that of the surface's own blur, so that the result is a tenth wider. A half vector that is turned by an angle turns the direction by twice as
 // much. The reflected image appears as far behind the first surface, at `t`, as the path is long.
 fn blur_at(path: PathReflection, distance: f32, primary: Segment, t: f32) -> f32 {
     let t_image = t + (path.before + distance) / max(length(primary.dir), 1e-30);
@@ -69,8 +70,8 @@ fn is_sharp(path: PathReflection, primary: Segment, t: f32) -> bool {
     return blur_at(path, path.first, primary, t) < 1.0;
 }
 
-// The blur for what a path has met. Of reflections in a reflection, edges are those of the nearer one, so it is not
-// for much farther than that.
+// The blur for everything that a path has met. The first segment decides where edges are in the reflection, so light
+// from beyond counts as at most three times as far.
 fn final_blur(path: PathReflection, primary: Segment, t: f32) -> f32 {
     let met = path.luminance / max(path.closeness, 1e-30);
     let distance = select(path.first, clamp(met, path.first, 3.0 * path.first), path.luminance > 0.0);

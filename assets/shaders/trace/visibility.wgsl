@@ -34,7 +34,7 @@ fn sun_disk(lights: LightList, light: u32) -> vec4<f32> {
     return disk;
 }
 
-// Of `random_pair`: bounces have the others.
+// The dimension of `random_pair` for suns. The bounces of a pixel's first ray have lower ones.
 const SUN_DIMENSION: u32 = 31u;
 
 // Mean transmittance towards a sun with an angular diameter. Samples are spread evenly over its disk after

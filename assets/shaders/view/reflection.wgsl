@@ -1,4 +1,4 @@
-// What a rough surface reflects, as the denoising needs it: written by the trace, a texel per ray.
+// The reflection in a rough surface: the trace writes a texel per ray, for the denoising.
 #define_import_path bevy_vdb::view::reflection
 
 struct Reflection {
@@ -30,7 +30,7 @@ fn decoded_reflection(words: vec4<u32>) -> Reflection {
     );
 }
 
-// Within the range of 16-bit floats. A tenth of a pixel is as good as none.
+// Fits in a 16-bit float. A deviation of a thousandth of a pixel smooths nothing.
 const MAX_SHARPNESS: f32 = 1000.0;
 
 // A unit vector as a point of a square (Meyer et al. 2010, "On floating-point normal vectors"), and back.

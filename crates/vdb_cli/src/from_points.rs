@@ -8,15 +8,12 @@ use vdb_core::display::quoted;
 use vdb_core::tools::{
     PointNumber, PointsToFog, PointsToLevelSet, ToolError, points_to_fog, points_to_level_set,
 };
-use vdb_core::{Grid, PointGrid, ProgressFn, VdbFile, WriteOptions};
+use vdb_core::{Grid, PointGrid, Points, ProgressFn, VdbFile, WriteOptions};
 
 use crate::files::{open, shown};
 use crate::limits::LimitArgs;
 use crate::progress::Progress;
 use crate::terminal;
-
-/// The attribute with the radius, by convention.
-const RADIUS: &str = "pscale";
 
 /// Make fog or a level set of the points in a file
 #[derive(clap::Args)]
@@ -133,10 +130,12 @@ fn volume(points: &PointGrid, args: &Args, progress: Arc<ProgressFn>) -> Result<
     let radius = match (args.radius, &args.radius_attribute) {
         (Some(radius), _) => PointNumber::Constant(radius * args.radius_scale),
         (None, Some(name)) => attribute(name, args.radius_scale),
-        (None, None) if args.kind == Kind::Fog && points.points.floats(RADIUS).is_none() => {
+        (None, None)
+            if args.kind == Kind::Fog && points.points.floats(Points::RADIUS).is_none() =>
+        {
             PointNumber::Constant(0.0)
         }
-        (None, None) => attribute(RADIUS, args.radius_scale),
+        (None, None) => attribute(Points::RADIUS, args.radius_scale),
     };
     match args.kind {
         Kind::Fog => {

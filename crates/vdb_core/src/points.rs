@@ -83,6 +83,9 @@ pub struct Points {
 }
 
 impl Points {
+    /// The attribute with the radii, by convention.
+    pub const RADIUS: &str = "pscale";
+
     /// Points at these positions in index space, without attributes.
     pub fn new(positions: Vec<DVec3>) -> Self {
         Self { positions, ..Self::default() }

@@ -70,9 +70,10 @@ impl Ramp {
         self.stops.iter().flat_map(|stop| stop.emission).any(|emission| emission > 0.0)
     }
 
-    /// How steep the ramp is for values from 0 to `largest`: the greatest slope of extinction,
-    /// scattering or emission, relative to that of a line from 0 to the greatest property. 1 for such a
-    /// line, 50 for a peak of which each side takes a fiftieth of the values, and infinite for a jump.
+    /// The steepness of the ramp for values from 0 to `largest`: the greatest slope of extinction,
+    /// scattering or emission, relative to the slope of a straight line from 0 to the greatest value of
+    /// that property. At least 1; 50 for a peak that rises within a fiftieth of the values; infinite for
+    /// a jump.
     pub fn steepness(&self, largest: f32) -> f32 {
         let pieces = self.pieces(largest);
         let mut most = [0.0_f64; 2];

@@ -1,5 +1,5 @@
-//! The roles of a file's grids, identified by the names that programs give them: which of them is the
-//! fog, which is the fire in it, and which surfaces are meant to be seen.
+//! The roles of a file's grids: which one is the fog, which one is its fire, and which surfaces to show.
+//! Programs identify them by name.
 
 /// Names of densities in OpenVDB, Blender, Houdini and `EmberGen`.
 const DENSITIES: [&str; 2] = ["density", "smoke"];

@@ -151,16 +151,20 @@ fn smooth_surfaces_are_where_the_reference_tracer_sees_them() {
     }
 }
 
+/// A ball, a block of tiles of several levels, and voxels of all kinds of neighbours.
+fn fogs() -> [Vdb543<f32>; 3] {
+    let cube = |min, max| CoordBox { min: IVec3::splat(min), max: IVec3::splat(max) };
+    [
+        fog::sphere(DVec3::new(0.3, 0.1, -5.0), 40.0, 12.0),
+        fog::block(cube(-128, 255), 0.25),
+        fog::from_values(cube(-20, 20), |at| ((at.x * 7 + at.y * 3 + at.z) % 5 - 1) as f32),
+    ]
+}
+
 #[test]
 fn fog_is_met_where_the_optical_depth_is_reached() {
     let mut random = Random::new(6);
-    let cube = |min, max| CoordBox { min: IVec3::splat(min), max: IVec3::splat(max) };
-    for tree in [
-        fog::sphere(DVec3::new(0.3, 0.1, -5.0), 40.0, 12.0),
-        // Tiles of several levels.
-        fog::block(cube(-128, 255), 0.25),
-        fog::from_values(cube(-20, 20), |at| ((at.x * 7 + at.y * 3 + at.z) % 5 - 1) as f32),
-    ] {
+    for tree in fogs() {
         let grid = PackedGrid::new(&tree, PackKind::Fog).unwrap();
         let (query, oracle) = (GridQuery::new(&tree, &grid), Fog::new(&tree));
         let (mut met, mut through) = (0, 0);
@@ -191,12 +195,7 @@ fn fog_is_met_where_the_optical_depth_is_reached() {
 #[test]
 fn the_parts_of_a_ray_in_fog_add_up_to_its_depth() {
     let mut random = Random::new(9);
-    let cube = |min, max| CoordBox { min: IVec3::splat(min), max: IVec3::splat(max) };
-    for tree in [
-        fog::sphere(DVec3::new(0.3, 0.1, -5.0), 40.0, 12.0),
-        fog::block(cube(-128, 255), 0.25),
-        fog::from_values(cube(-20, 20), |at| ((at.x * 7 + at.y * 3 + at.z) % 5 - 1) as f32),
-    ] {
+    for tree in fogs() {
         let grid = PackedGrid::new(&tree, PackKind::Fog).unwrap();
         let oracle = Fog::new(&tree);
         for i in 0..1_000 {

@@ -163,7 +163,7 @@ fn accumulate(
     mut context: RenderContext,
 ) {
     let (state, own) = view.into_inner();
-    let (pipeline, bind_group) = (own.pipeline, own.bind_group.as_ref());
+    let (pipeline, bind_group) = (own.pipeline, own.bind_group.as_slice());
     run_picture_pass::<AccumulatePass>(
         state,
         pipeline,

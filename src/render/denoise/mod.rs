@@ -3,12 +3,11 @@
 
 use bevy::core_pipeline::schedule::Core3d;
 use bevy::prelude::*;
-use bevy::render::diagnostic::RecordDiagnostics;
 use bevy::render::render_resource::binding_types::{texture_2d, uniform_buffer_sized};
 use bevy::render::render_resource::{
     BindGroup, Buffer, BufferInitDescriptor, BufferUsages, CachedComputePipelineId,
-    ComputePassDescriptor, DynamicBindGroupEntries, DynamicBindGroupLayoutEntries, PipelineCache,
-    ShaderStages, TextureFormat, TextureSampleType,
+    DynamicBindGroupEntries, DynamicBindGroupLayoutEntries, PipelineCache, ShaderStages,
+    TextureFormat, TextureSampleType,
 };
 use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use bevy::render::texture::{CachedTexture, TextureCache};
@@ -16,11 +15,11 @@ use bevy::render::{Render, RenderApp, RenderStartup, RenderSystems};
 use bevy::shader::Shader;
 use bytemuck::{Pod, Zeroable};
 
-use super::gpu::{PipelineFallback, Shaders, picture_texture, read, tiles, write};
+use super::gpu::{PipelineFallback, Shaders, picture_texture, read, write};
 use super::trace::{TraceView, find_edges, trace};
 use super::view::{
-    Picture, PicturePass, PicturePipeline, PicturePipelines, PrepareViews, VdbSystems, ViewPicture,
-    ViewState, VisibleVolumes, add_picture_pass,
+    Picture, PicturePass, PicturePipeline, PicturePipelines, PrepareViews, PreparedView,
+    VdbSystems, ViewPicture, ViewState, VisibleVolumes, add_picture_pass, run_picture_pass,
 };
 use crate::quality::features::Features;
 
@@ -108,6 +107,10 @@ impl PicturePass for DenoisePass {
         &shaders.denoise
     }
 
+    fn size(prepared: &PreparedView) -> UVec2 {
+        prepared.size()
+    }
+
     fn entries(_multisampled: bool, _option: bool) -> DynamicBindGroupLayoutEntries {
         DynamicBindGroupLayoutEntries::sequential(
             ShaderStages::COMPUTE,
@@ -189,24 +192,7 @@ pub(super) fn denoise(
     mut context: RenderContext,
 ) {
     let (state, own) = view.into_inner();
-    let Some((prepared, _)) = state.prepared().filter(|(prepared, _)| prepared.is_ready) else {
-        return;
-    };
-    let (Some(pipeline), Some(bind_groups)) = (own.pipeline, &own.bind_groups) else { return };
-    let Some(pipeline) = fallback.compute(&cache, pipeline) else { return };
-    let diagnostics = context.diagnostic_recorder();
-    let diagnostics = diagnostics.as_deref();
-    let span = diagnostics.time_span(context.command_encoder(), DenoisePass::LABEL);
-    {
-        let label = Some(DenoisePass::LABEL);
-        let descriptor = ComputePassDescriptor { label, timestamp_writes: None };
-        let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
-        pass.set_pipeline(&pipeline);
-        let groups = tiles(prepared.size());
-        for bind_group in bind_groups {
-            pass.set_bind_group(0, bind_group, &[]);
-            pass.dispatch_workgroups(groups.x, groups.y, 1);
-        }
-    }
-    span.end(context.command_encoder());
+    let bind_groups = own.bind_groups.as_ref().map_or(&[][..], |groups| groups);
+    let pipelines = (&*cache, &*fallback);
+    run_picture_pass::<DenoisePass>(state, own.pipeline, bind_groups, pipelines, &mut context);
 }

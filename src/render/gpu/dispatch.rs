@@ -16,13 +16,13 @@ pub(crate) fn tiles(size: UVec2) -> UVec2 {
     (size + TILE - 1) / TILE
 }
 
-/// Runs a shader with workgroups of 8×8 threads, timed under the name of the pass.
+/// Runs a shader with workgroups of 8×8 threads, once per bind group, timed under the name of the pass.
 pub(crate) fn dispatch_over_picture(
     context: &mut RenderContext,
     name: &'static str,
     pipeline: &ComputePipeline,
-    bind_group: &BindGroup,
-    picture: UVec2,
+    bind_groups: &[BindGroup],
+    size: UVec2,
 ) {
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
@@ -31,9 +31,11 @@ pub(crate) fn dispatch_over_picture(
         let descriptor = ComputePassDescriptor { label: Some(name), timestamp_writes: None };
         let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
         pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, bind_group, &[]);
-        let groups = tiles(picture);
-        pass.dispatch_workgroups(groups.x, groups.y, 1);
+        let groups = tiles(size);
+        for bind_group in bind_groups {
+            pass.set_bind_group(0, bind_group, &[]);
+            pass.dispatch_workgroups(groups.x, groups.y, 1);
+        }
     }
     span.end(context.command_encoder());
 }

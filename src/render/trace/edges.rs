@@ -123,12 +123,12 @@ pub(in crate::render) fn find_edges(
     mut context: RenderContext,
 ) {
     let (state, own) = view.into_inner();
-    let (Some(list), Some(bind_group)) = (&own.list, own.bind_group.as_ref()) else { return };
+    let Some(list) = own.list.as_ref().filter(|_| own.bind_group.is_some()) else { return };
     context.command_encoder().clear_buffer(list, 0, Some(HEADER));
     run_picture_pass::<FindEdges>(
         state,
         own.pipeline,
-        Some(bind_group),
+        own.bind_group.as_slice(),
         (&cache, &fallback),
         &mut context,
     );

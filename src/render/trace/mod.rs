@@ -188,8 +188,8 @@ fn prepare(
                 .has(Features::MOTION_VECTORS)
                 .then(|| texture("vdb_moving", TextureFormat::Rg32Uint)),
         };
-        let [rays, shown] = [traced.clone(), traced.clone()].map(Some);
-        *picture = ViewPicture { traced: Some(traced), rays, shown };
+        let traced = Some(traced);
+        *picture = ViewPicture { rays: traced.clone(), shown: traced.clone(), traced };
     }
 }
 

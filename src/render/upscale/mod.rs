@@ -150,6 +150,6 @@ pub(super) fn upscale(
     mut context: RenderContext,
 ) {
     let (state, own) = view.into_inner();
-    let (pipeline, bind_group) = (own.pipeline, own.bind_group.as_ref());
+    let (pipeline, bind_group) = (own.pipeline, own.bind_group.as_slice());
     run_picture_pass::<UpscalePass>(state, pipeline, bind_group, (&cache, &fallback), &mut context);
 }

@@ -16,7 +16,7 @@ use bevy::shader::Shader;
 
 use super::key::ViewKey;
 use super::sets::PrepareViews;
-use super::state::ViewState;
+use super::state::{PreparedView, ViewState};
 use crate::quality::features::Features;
 use crate::render::gpu::{PipelineFallback, Shaders, dispatch_over_picture, load_shaders};
 
@@ -33,6 +33,11 @@ pub(crate) trait PicturePass: Send + Sync + 'static {
     const OPTION: Features;
 
     fn shader(shaders: &Shaders) -> &Handle<Shader>;
+
+    /// The number of threads along each axis: by default one per pixel.
+    fn size(prepared: &PreparedView) -> UVec2 {
+        prepared.picture()
+    }
 
     /// The bindings, with or without multisampling and [`Self::OPTION`].
     fn entries(multisampled: bool, option: bool) -> DynamicBindGroupLayoutEntries;
@@ -119,18 +124,18 @@ fn ask<P: PicturePass>(
     }
 }
 
-/// Runs a pass for a view that is ready.
+/// Runs a pass for a view that is ready, once per bind group.
 pub(crate) fn run_picture_pass<P: PicturePass>(
     state: &ViewState,
     pipeline: Option<CachedComputePipelineId>,
-    bind_group: Option<&BindGroup>,
+    bind_groups: &[BindGroup],
     (cache, fallback): (&PipelineCache, &PipelineFallback),
     context: &mut RenderContext,
 ) {
-    let (Some(id), Some(bind_group)) = (pipeline, bind_group) else { return };
+    let Some(id) = pipeline.filter(|_| !bind_groups.is_empty()) else { return };
     let Some((prepared, _)) = state.prepared().filter(|(prepared, _)| prepared.is_ready) else {
         return;
     };
     let Some(pipeline) = fallback.compute(cache, id) else { return };
-    dispatch_over_picture(context, P::LABEL, &pipeline, bind_group, prepared.picture());
+    dispatch_over_picture(context, P::LABEL, &pipeline, bind_groups, P::size(prepared));
 }

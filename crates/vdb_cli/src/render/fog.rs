@@ -44,28 +44,37 @@ pub struct LitFog<'a> {
     pub glow: Option<&'a Glow<'a>>,
 }
 
+// The constants of the same names in `assets/shaders/trace/scattering.wgsl`, whose formulas are used here for
+// light that is scattered equally in all directions.
+const OCTAVE_EXTINCTION: [f32; 2] = [0.987, 0.247];
+const BUILD_UP: f32 = 0.678;
+const ESCAPE: [f32; 3] = [1.13, 0.567, 4.54];
+const OCTAVE_AMPLITUDE: [f32; 2] = [2.89, 0.609];
+const OCTAVE_DEPTH: [f32; 2] = [1.1, 29.0];
+
 /// Weights of the sun's light in each octave along a ray, for one channel.
 #[derive(Clone, Copy, Default)]
 struct Octaves([f32; 3]);
 
 impl Octaves {
     /// Adds a stretch that is seen with transmittances `near` and `far` at its ends, behind an optical
-    /// depth `tau` towards the sun. The constants are those of `assets/shaders/trace/scattering.wgsl`
-    /// for light that is scattered equally in all directions.
+    /// depth `tau` towards the sun.
     fn add(&mut self, near: f32, far: f32, tau: f32) {
         let (weight, seen) = (near - far, 0.5 * (near + far));
         let arriving = (-tau).exp();
         self.0[0] += weight * arriving;
-        self.0[1] += weight * (-0.987 * tau - 0.678 * arriving - (1.13 - 0.567) * seen).exp();
-        self.0[2] += weight * (-0.247 * tau - 4.54 * seen).exp();
+        let [first, second] = OCTAVE_EXTINCTION.map(|extinction| -extinction * tau);
+        let escape = ESCAPE[0] - ESCAPE[1];
+        self.0[1] += weight * (first - BUILD_UP * arriving - escape * seen).exp();
+        self.0[2] += weight * (second - ESCAPE[2] * seen).exp();
     }
 
     /// The light towards the viewer for an irradiance of 1, behind an optical depth `d` of the ray.
     fn sum(&self, albedo: f32, d: f32) -> f32 {
         let amplitudes = [
             albedo,
-            2.89 * albedo * albedo * d / (d + 1.1),
-            0.609 * albedo.powi(12) * d / (1.0 + d / 29.0),
+            OCTAVE_AMPLITUDE[0] * albedo * albedo * d / (d + OCTAVE_DEPTH[0]),
+            OCTAVE_AMPLITUDE[1] * albedo.powi(12) * d / (1.0 + d / OCTAVE_DEPTH[1]),
         ];
         let sum: f32 = self.0.iter().zip(amplitudes).map(|(octave, a)| octave * a).sum();
         sum / (4.0 * std::f32::consts::PI)
@@ -143,5 +152,28 @@ impl LitFog<'_> {
             ControlFlow::Continue(())
         });
         (-self.medium.extinction * finite(sum)).exp()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_constants_are_those_of_the_shader() {
+        let shader = include_str!("../../../../assets/shaders/trace/scattering.wgsl");
+        let has = |name: &str, numbers: &[f32]| {
+            let line = shader.lines().find(|line| line.starts_with(&format!("const {name}")));
+            let (_, value) = line.unwrap().split_once('=').unwrap();
+            let value = value.trim_start_matches(" vec2(").trim_start_matches(" vec3(");
+            let value = value.trim().trim_end_matches(';').trim_end_matches(')');
+            let found: Vec<f32> = value.split(", ").map(|number| number.parse().unwrap()).collect();
+            assert_eq!(found, numbers, "{name}");
+        };
+        has("OCTAVE_EXTINCTION", &OCTAVE_EXTINCTION);
+        has("BUILD_UP", &[BUILD_UP]);
+        has("ESCAPE", &ESCAPE);
+        has("OCTAVE_AMPLITUDE", &OCTAVE_AMPLITUDE);
+        has("OCTAVE_DEPTH", &OCTAVE_DEPTH);
     }
 }

@@ -140,7 +140,7 @@ pub(super) trait ReadValues<E> {
     ) -> Result<Vec<T>, E>;
 }
 
-/// The first bytes; zeros if there are not so many, which there always are.
+/// The first `N` bytes. Callers have checked that there are that many; otherwise the result is zeros.
 fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
     bytes.first_chunk().copied().unwrap_or([0; N])
 }
