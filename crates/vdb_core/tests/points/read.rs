@@ -172,13 +172,24 @@ fn points_count_towards_the_limit_of_memory() {
     let grid = &file("shared").points;
     let one_voxel = grid.iter().find(|grid| grid.name == "one_voxel").unwrap();
     assert_eq!(one_voxel.points.bytes(), 600 * 24);
-    let mut limits = Limits::default();
-    limits.tree_bytes = 600 * 24;
-    let grids = GridSelection::Names(vec!["one_voxel".to_owned()]);
-    let options = ReadOptions { limits, grids, ..ReadOptions::default() };
-    let error = VdbFile::read(&bytes("shared"), &options).unwrap_err();
+    let read = |tree_bytes: u64| {
+        let mut limits = Limits::default();
+        limits.tree_bytes = tree_bytes;
+        let grids = GridSelection::Names(vec!["one_voxel".to_owned()]);
+        VdbFile::read(&bytes("shared"), &ReadOptions { limits, grids, ..ReadOptions::default() })
+    };
+    assert!(read(600 * 24).is_err());
+    // The greatest limit that is too low: all nodes are within it, but not the points as well.
+    let (mut low, mut high) = (0, 1 << 30);
+    while high - low > 1 {
+        let middle = (low + high) / 2;
+        let bound = if read(middle).is_ok() { &mut high } else { &mut low };
+        *bound = middle;
+    }
+    let error = read(low).unwrap_err();
     assert!(matches!(error, Error::LimitExceeded { name: "tree_bytes", .. }), "{error}");
     assert!(error.to_string().contains("grid \"one_voxel\""), "{error}");
+    assert!(error.to_string().contains("600 points"), "{error}");
 }
 
 #[test]
