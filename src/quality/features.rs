@@ -54,6 +54,7 @@ bitflags! {
         const FOG_MATERIALS = 1 << 42;
         const MESH_REFLECTIONS = 1 << 43;
         const DENOISED = 1 << 44;
+        const RECT_LIGHTS = 1 << 45;
     }
 }
 
@@ -102,7 +103,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 45] = [
+pub(crate) const FEATURES: [Feature; 46] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -320,6 +321,12 @@ pub(crate) const FEATURES: [Feature; 45] = [
         "VdbQuality::denoise, reflections is more than 0, and a rough surface is in view",
     )
     .without(|_, quality| quality.denoise = false),
+    row(
+        Features::RECT_LIGHTS,
+        &["VDB_RECT_LIGHTS", "AREA_LIGHT_LUTS"],
+        "rectangle lights",
+        "there are rectangle lights, and Bevy has its feature area_light_luts",
+    ),
 ];
 
 impl Features {

@@ -131,6 +131,15 @@ fn every_variant_of_the_trace_is_valid() {
         check(&[&lit, &arrays, &with]);
         check(&[&lit, &volumes, &arrays, &with]);
     }
+    // Rectangle lights.
+    for with in subsets(&["VDB_SURFACES", "VDB_REFLECTIONS", "VDB_LOCAL_LIGHTS"]) {
+        let panes = ["VDB_LIT", "VDB_FOGS", "VDB_RECT_LIGHTS", "AREA_LIGHT_LUTS"];
+        check(&[&panes, &with]);
+        check(&[&panes, &["VDB_DIFFUSE_ONLY"], &with, &shadows]);
+        let media = ["VDB_FOG_SLOTS=2", "VDB_EMITTER_SLOTS=1"];
+        let cache = ["VDB_LIGHT_CACHE", "VDB_CACHED_SUNS=1", "VDB_OTHER_LIGHTS"];
+        check(&[&panes, &cache, &media, &with, &shadows]);
+    }
     // Reflections of meshes.
     for with in subsets(&["VDB_FOGS", "VDB_EDGES", "MULTISAMPLED", "VDB_SCALED"]) {
         let mirrors = ["VDB_LIT", "VDB_SURFACES", "VDB_REFLECTIONS", "VDB_MESH_REFLECTIONS"];

@@ -6,7 +6,7 @@ mod probes;
 use std::f64::consts::PI;
 
 use bevy::light::EnvironmentMapLight;
-use bevy::math::DVec3;
+use bevy::math::{DVec2, DVec3};
 use bevy::prelude::*;
 use bevy_vdb::{VdbCamera, VdbMaterial, VdbQuality, VdbRenderMode, VdbSun, VdbVolume};
 use gpu_test::gpu_test;
@@ -118,6 +118,13 @@ fn spot() -> impl Bundle {
     (light, looking(Vec3::new(1.0, -3.0, 4.0)))
 }
 
+/// A rectangle near the ball, which sees it in part.
+fn rectangle() -> impl Bundle {
+    let light =
+        RectLight { intensity: 200.0, width: 2.5, height: 0.5, range: 15.0, ..default() };
+    (light, looking(Vec3::new(3.0, 1.5, 3.0)))
+}
+
 fn sky(world: &mut World) -> EnvironmentMapLight {
     let mut images = world.resource_mut::<Assets<Image>>();
     let [top, middle, bottom] = [[0.3, 0.5, 1.0], [0.6, 0.6, 0.6], [0.4, 0.2, 0.1]]
@@ -137,6 +144,7 @@ fn under_each_light_a_ball_looks_as_one_of_triangles_does() {
     under("directional", &|world| world.spawn(sun()).id());
     under("point", &|world| world.spawn(point()).id());
     under("spot", &|world| world.spawn(spot()).id());
+    under("rectangle", &|world| world.spawn(rectangle()).id());
     let ambient =
         AmbientLight { brightness: 0.6, color: Color::linear_rgb(1.0, 0.5, 0.2), ..default() };
     pair.stage.world().entity_mut(pair.camera).insert(ambient);
@@ -157,6 +165,7 @@ fn of_each_material_a_ball_looks_as_one_of_triangles_does() {
     world.spawn(sun()).insert(looking(Vec3::new(-1.0, 4.0, 0.0)));
     world.spawn(point());
     world.spawn(spot());
+    world.spawn(rectangle());
     world.entity_mut(camera).insert((map, AmbientLight { brightness: 0.1, ..default() }));
     for (perceptual_roughness, metallic, reflectance) in
         [(0.3, 1.0, 0.5), (0.4, 0.4, 0.8), (1.0, 0.0, 0.0)]
@@ -180,6 +189,7 @@ fn parts_of_the_light_add_up() {
     let world = pair.stage.world();
     let light = world.spawn(sun()).id();
     world.spawn(point());
+    world.spawn(rectangle());
     world.entity_mut(camera).insert((map, AmbientLight { brightness: 0.1, ..default() }));
     let mut show = |mode| {
         pair.stage.world().entity_mut(camera).insert(VdbCamera { mode, ..default() });

@@ -10,9 +10,9 @@
 #import bevy_vdb::trace::illuminance::sun_factor
 #import bevy_vdb::trace::light_cache::NOT_CACHED
 #import bevy_vdb::trace::light_list::ShadingPoint
-#import bevy_vdb::trace::lights::{add_scattered, depth_of, octaves_of, phase}
+#import bevy_vdb::trace::lights::{add_scattered, depth_of, octaves_of}
 #import bevy_vdb::trace::occlusion::is_occluded
-#import bevy_vdb::trace::scattering::{OCTAVES, octave_anisotropies, octaves_of_depth}
+#import bevy_vdb::trace::scattering::{OCTAVES, octave_anisotropies, octaves_of_depth, phase}
 #import bevy_vdb::trace::segment::Point
 #import bevy_vdb::traversal::fog::SamplePoint
 #import bevy_vdb::traversal::hdda::FAR
@@ -31,6 +31,9 @@
 #ifdef VDB_OTHER_LIGHTS
 #import bevy_vdb::trace::illuminance::illuminance_of
 #import bevy_vdb::trace::light_list::{casts_shadows, lights_at, to_light}
+#ifdef VDB_RECT_LIGHTS
+#import bevy_vdb::trace::rect_lights::{nearest_rect_light, scattered_rect_lights}
+#endif
 #ifdef VDB_UNCACHED_LIGHTS
 #import bevy_vdb::trace::visibility::visibility
 #endif
@@ -265,7 +268,7 @@ fn is_cached_lamp(volume: u32, lamp: u32) -> bool {
 #endif
 
 #ifdef VDB_OTHER_LIGHTS
-// Adds the light of all suns and lamps that have no shadows or are not in the light cache.
+// Adds the light of all suns, lamps and rectangle lights that have no shadows or are not in the light cache.
 fn add_other_lights(
     light: ptr<function, LocalLight>,
     at: ShadingPoint,
@@ -306,6 +309,10 @@ fn add_other_lights(
             add_scattered(&octaves, light_vector, illuminance, visibilities, ray, anisotropy);
         }
     }
+#ifdef VDB_RECT_LIGHTS
+    octaves[0] += scattered_rect_lights(at.position, ray, anisotropy);
+    (*light).nearest = nearest_rect_light(at.position, (*light).nearest);
+#endif
     (*light).octaves = octaves;
 }
 #endif

@@ -3,31 +3,24 @@
 #define_import_path bevy_vdb::trace::lights
 
 #import bevy_pbr::mesh_view_bindings as bevy
-#import bevy_render::maths::PI
 #ifdef ENVIRONMENT_MAP
 #import bevy_pbr::environment_map::quat_rotate
 #endif
 #import bevy_vdb::trace::illuminance::illuminance_of
 #import bevy_vdb::trace::light_list::{ShadingPoint, casts_shadows, lights_at, to_light}
-#import bevy_vdb::trace::scattering::{OCTAVES, octave_anisotropies, octaves_of_depth}
+#import bevy_vdb::trace::scattering::{OCTAVES, octave_anisotropies, octaves_of_depth, phase}
 #import bevy_vdb::trace::segment::{Point, world_position}
 #import bevy_vdb::trace::visibility::visibility
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::view::scene::target_pixel
+#ifdef VDB_RECT_LIGHTS
+#import bevy_vdb::trace::rect_lights::scattered_rect_lights
+#endif
 
 // The point to be lit at a pixel of the view's rays. `normal` is zero in fog.
 fn shading_point(point: Point, normal: vec3<f32>, pixel: vec2<u32>, on_view_ray: bool) -> ShadingPoint {
     let coord = vec2<f32>(target_pixel(pixel)) + 0.5;
     return ShadingPoint(world_position(point), normal, coord, on_view_ray);
-}
-
-// Henyey–Greenstein phase function per steradian, normalised over the sphere. Henyey and Greenstein 1941,
-// "Diffuse radiation in the galaxy".
-fn phase(anisotropy: f32, cosine: f32) -> f32 {
-    // 1 + g² - 2·g·cos, from terms that do not cancel.
-    let one_minus_g = 1.0 - anisotropy;
-    let root = inverseSqrt(one_minus_g * one_minus_g + 2.0 * anisotropy * (1.0 - cosine));
-    return (1.0 - anisotropy * anisotropy) / (4.0 * PI) * (root * root * root);
 }
 
 // Optical depth that lets a fraction of light through.
@@ -88,6 +81,9 @@ fn in_scattered(
             add_scattered(&light, to_light(at, lights, i), illuminance, visible, ray, anisotropy);
         }
     }
+#ifdef VDB_RECT_LIGHTS
+    light[0] += scattered_rect_lights(at.position, ray, anisotropy);
+#endif
     return light;
 }
 

@@ -14,6 +14,8 @@
 // docs/reference/fog.md compares the errors of both with those of single scattering.
 #define_import_path bevy_vdb::trace::scattering
 
+#import bevy_render::maths::PI
+
 #ifdef VDB_OCTAVES
 const OCTAVES: u32 = 3u;
 #else
@@ -56,6 +58,15 @@ struct ScatteringSums {
     anisotropy: f32,
     weight: f32,
 #endif
+}
+
+// Henyey–Greenstein phase function per steradian, normalised over the sphere. Henyey and Greenstein 1941,
+// "Diffuse radiation in the galaxy".
+fn phase(anisotropy: f32, cosine: f32) -> f32 {
+    // 1 + g² - 2·g·cos, from terms that do not cancel.
+    let one_minus_g = 1.0 - anisotropy;
+    let root = inverseSqrt(one_minus_g * one_minus_g + 2.0 * anisotropy * (1.0 - cosine));
+    return (1.0 - anisotropy * anisotropy) / (4.0 * PI) * (root * root * root);
 }
 
 // Anisotropy of each octave: scattering n times has the Henyey–Greenstein phase function of gⁿ.

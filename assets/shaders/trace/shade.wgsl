@@ -13,6 +13,9 @@
 #import bevy_vdb::material::VdbSurface
 #import bevy_vdb::trace::illuminance::sun_factor
 #import bevy_vdb::trace::light_list::{ShadingPoint, is_spot, lights_at, local_light, probes_at}
+#ifdef VDB_RECT_LIGHTS
+#import bevy_vdb::trace::rect_lights::reflected_rect_lights
+#endif
 #import bevy_vdb::trace::segment::Point
 #import bevy_vdb::trace::visibility::visibility
 
@@ -80,6 +83,10 @@ fn shade(
             }
         }
     }
+
+#ifdef VDB_RECT_LIGHTS
+    direct_light += reflected_rect_lights(direct_input);
+#endif
 
     let position = vec4(at.position, 1.0);
     let black = vec3(0.0);

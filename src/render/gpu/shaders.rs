@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 55] = shaders![
+const IMPORTS: [(&str, &[u8]); 56] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -52,6 +52,7 @@ const IMPORTS: [(&str, &[u8]); 55] = shaders![
     "trace/mesh_reflections",
     "trace/mesh_shadows",
     "trace/visibility",
+    "trace/rect_lights",
     "trace/lights",
     "trace/cached_lights",
     "trace/shade",

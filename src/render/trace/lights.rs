@@ -7,7 +7,7 @@ use bevy::ecs::query::QueryData;
 use bevy::ecs::system::SystemParam;
 use bevy::light::IrradianceVolume;
 use bevy::pbr::{
-    DfgLut, FogMeta, GlobalClusterableObjectMeta, LightMeta, LightProbesBuffer,
+    AreaLightLuts, DfgLut, FogMeta, GlobalClusterableObjectMeta, LightMeta, LightProbesBuffer,
     MAX_VIEW_LIGHT_PROBES, MeshPipeline, MeshPipelineViewLayoutKey, RenderViewLightProbes,
     ShadowSamplers, ViewClusterBindings, ViewFogUniformOffset, ViewLightProbesUniformOffset,
     ViewLightsUniformOffset, ViewShadowBindings,
@@ -50,12 +50,14 @@ const LIGHTS: [u32; 7] = [0, 1, 8, 9, 10, 11, 12];
 const TABLE: [u32; 2] = [37, 38];
 /// The binding of [`DistanceFog`].
 const FOG: u32 = 13;
+/// The bindings of the look-up tables of rectangle lights.
+const AREA_LIGHTS: [u32; 2] = [35, 36];
 
 /// The layouts of Bevy's two groups, for compute shaders.
 #[derive(Clone, Debug)]
 pub(super) struct LightLayouts {
-    /// Without and with shadow maps, each without and with distance fog.
-    lights: [[BindGroupLayoutDescriptor; 2]; 2],
+    /// Without and with shadow maps, each without and with distance fog, and then rectangle lights.
+    lights: [[[BindGroupLayoutDescriptor; 2]; 2]; 2],
     /// Without and with [`Around::maps`], [`Around::volumes`] and [`Around::arrays`].
     around: [[[BindGroupLayoutDescriptor; 2]; 2]; 2],
     /// Whether shaders can index arrays of textures.
@@ -69,12 +71,13 @@ impl LightLayouts {
         let theirs = meshes.get_view_layout(MeshPipelineViewLayoutKey::DISTANCE_FOG);
         let theirs = theirs.main_layout.entries;
         let has_table = theirs.iter().any(|entry| entry.binding == TABLE[0]);
-        let lights = |shadows: bool, fog: bool| {
+        let lights = |shadows: bool, fog: bool, areas: bool| {
             let wanted = |binding: u32| {
                 LIGHTS.contains(&binding)
                     || TABLE.contains(&binding)
                     || (shadows && SHADOW_MAPS.contains(&binding))
                     || (fog && binding == FOG)
+                    || (areas && AREA_LIGHTS.contains(&binding))
             };
             let mut entries = theirs.clone();
             entries.retain(|entry| wanted(entry.binding));
@@ -83,7 +86,9 @@ impl LightLayouts {
         };
         let both = [false, true];
         Self {
-            lights: both.map(|shadows| both.map(|fog| lights(shadows, fog))),
+            lights: both.map(|shadows| {
+                both.map(|fog| both.map(|areas| lights(shadows, fog, areas)))
+            }),
             around: both.map(|maps| {
                 both.map(|volumes| both.map(|arrays| Around { maps, volumes, arrays }.layout()))
             }),
@@ -100,8 +105,9 @@ impl LightLayouts {
         }
         let Around { maps, volumes, arrays } = self.around(features);
         let lights = &self.lights[usize::from(features.contains(Features::SHADOWS))];
+        let lights = &lights[usize::from(features.contains(Features::DISTANCE_FOG))];
         [
-            &lights[usize::from(features.contains(Features::DISTANCE_FOG))],
+            &lights[usize::from(features.contains(Features::RECT_LIGHTS))],
             &self.around[usize::from(maps)][usize::from(volumes)][usize::from(arrays)],
         ]
     }
@@ -134,6 +140,7 @@ impl LightLayouts {
     pub fn shader_defs(&self, key: &ViewKey) -> impl Iterator<Item = ShaderDefVal> {
         let placed = Features::SHADOWS
             | Features::LAMPS
+            | Features::RECT_LIGHTS
             | Features::MOTION_VECTORS
             | Features::DISTANCE_FOG
             | Features::FOG_COLORS
@@ -234,6 +241,7 @@ pub(super) struct AllLights<'w> {
     samplers: Res<'w, ShadowSamplers>,
     fogs: Res<'w, FogMeta>,
     table: Res<'w, DfgLut>,
+    area_lights: Res<'w, AreaLightLuts>,
     mesh_shadows: Res<'w, MeshShadowMaps>,
     images: Res<'w, RenderAssets<GpuImage>>,
     fallback: Res<'w, FallbackImage>,
@@ -288,6 +296,13 @@ impl AllLights<'_> {
         if features.contains(Features::DISTANCE_FOG) {
             offsets.push(fog?.offset);
             entries = entries.extend_with_indices(((FOG, self.fogs.gpu_fogs.binding()?),));
+        }
+        if features.contains(Features::RECT_LIGHTS) {
+            let image = self.images.get(&self.area_lights.image)?;
+            entries = entries.extend_with_indices((
+                (AREA_LIGHTS[0], &image.texture_view),
+                (AREA_LIGHTS[1], &image.sampler),
+            ));
         }
         if layouts.has_table {
             let image = self.images.get(&self.table.texture).unwrap_or(&self.fallback.d2);

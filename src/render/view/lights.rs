@@ -4,7 +4,8 @@ use bevy::ecs::query::QueryData;
 use bevy::ecs::system::SystemParam;
 use bevy::light::{IrradianceVolume, ShadowFilteringMethod};
 use bevy::pbr::{
-    ExtractedDirectionalLight, ExtractedPointLight, MeshPipeline, RenderViewLightProbes,
+    ExtractedDirectionalLight, ExtractedPointLight, ExtractedRectLight, MeshPipeline,
+    MeshPipelineKey, MeshPipelineViewLayoutKey, RenderViewLightProbes,
 };
 use bevy::prelude::*;
 use bevy::render::render_asset::RenderAssets;
@@ -19,6 +20,7 @@ use crate::render::gpu::types;
 pub(super) struct Lights<'w, 's> {
     suns: Query<'w, 's, &'static ExtractedDirectionalLight>,
     local: Query<'w, 's, &'static ExtractedPointLight>,
+    rectangles: Query<'w, 's, (), With<ExtractedRectLight>>,
     images: Res<'w, RenderAssets<GpuImage>>,
     mesh_casters: Res<'w, MeshCasters>,
     meshes: Res<'w, MeshPipeline>,
@@ -55,7 +57,12 @@ impl Lights<'_, '_> {
         let casting_lamps = self.local.iter().filter(|light| light.shadow_maps_enabled).count();
         let needs_rays =
             casting_suns > types::MAX_CACHED_SUNS || casting_lamps > types::MAX_CACHED_LAMPS;
+        // Bevy lights meshes with them only if it has its feature `area_light_luts`.
+        let areas = MeshPipelineViewLayoutKey::from(MeshPipelineKey::empty())
+            .contains(MeshPipelineViewLayoutKey::AREA_LIGHT_LUTS);
+        let rectangles = areas && !self.rectangles.is_empty();
         let others = needs_rays
+            || rectangles
             || casting_suns < self.suns.iter().len()
             || casting_lamps < self.local.iter().len();
         let soft = shadows && suns.0.iter().any(|sun| sun.angular_diameter > 0.0);
@@ -76,6 +83,7 @@ impl Lights<'_, '_> {
             | Features::UNCACHED_LIGHTS.when(shadows && needs_rays)
             | Features::MESH_CASTERS.when(shadows && self.mesh_casters.0)
             | Features::LAMPS.when(!self.local.is_empty())
+            | Features::RECT_LIGHTS.when(rectangles)
             | Features::ENVIRONMENT.when(has_maps)
             | Features::REFLECTION_PROBES.when(has_probes)
             | Features::IRRADIANCE_VOLUMES.when(around.irradiance_volumes.is_some())

@@ -45,6 +45,16 @@ fn fog_scatters_what_lights_shed_on_it() {
     let cone = (0.5_f32.cos() - outer) / (lamp.inner_angle.cos() - outer);
     check(&mut stage, "spot, aside", expected * cone * cone);
     stage.world().despawn(light);
+    // Of the lumens of a rectangle, a fraction of cos θ / π per steradian goes to one side.
+    let pane = RectLight { intensity: 4e5, range: 2000.0, width: 2.0, height: 0.5, ..default() };
+    let expected = 4.0 * expected;
+    for (turn, cosine) in [(0.0, 1.0), (0.5_f32, 0.5_f32.cos()), (2.0, 0.0)] {
+        let turned = looking(far).rotation * Quat::from_rotation_y(turn);
+        let at = Transform::from_translation(far).with_rotation(turned);
+        let light = stage.world().spawn((pane, at)).id();
+        check(&mut stage, &format!("rectangle, turned by {turn}"), expected * cosine);
+        stage.world().despawn(light);
+    }
 
     stage.world().entity_mut(camera).insert(AmbientLight { brightness: 0.3, ..default() });
     check(&mut stage, "ambient", 0.3);
@@ -79,12 +89,15 @@ fn fog_turns_light_as_its_anisotropy_says() {
         let sun = DirectionalLight { illuminance: 5.0, ..default() };
         let bulb = PointLight { intensity: 4e6, range: 2000.0, ..default() };
         let lamp = SpotLight { intensity: 4e6, range: 2000.0, ..default() };
+        let pane = RectLight { intensity: 1e6, range: 2000.0, ..default() };
         // Lumens go into 4π; of those 100 units away, a 10,000th comes per area.
         let lux = 4e6 / (4.0 * PI) / 1e4;
-        let lights: [(&str, f64, &dyn Fn(&mut World) -> Entity); 3] = [
+        let lights: [(&str, f64, &dyn Fn(&mut World) -> Entity); 4] = [
             ("sun", 5.0, &|world| world.spawn((sun, looking(to_light))).id()),
             ("point", lux, &|world| world.spawn((bulb, looking(100.0 * to_light))).id()),
             ("spot", lux, &|world| world.spawn((lamp, looking(100.0 * to_light))).id()),
+            // A rectangle sends its lumens to one side, by the cosine: four times as many straight ahead.
+            ("rectangle", lux, &|world| world.spawn((pane, looking(100.0 * to_light))).id()),
         ];
         for (name, lux, spawn) in lights {
             let light = spawn(stage.world());
@@ -111,9 +124,14 @@ fn fog_turns_light_as_its_anisotropy_says() {
     }
 }
 
-/// In a thin fog, a ray from its middle sees the light of a bulb beside it, place by place.
-#[gpu_test]
-fn fog_is_lit_place_by_place() {
+/// The largest relative error of a picture of thin fog, seen from its middle beside a light, of which `scattered` is
+/// what fog with an albedo of 1 scatters at a place along a direction.
+fn worst_error(
+    name: &str,
+    anisotropy: f32,
+    light: impl Bundle,
+    scattered: impl Fn(DVec3, DVec3) -> f64,
+) -> f64 {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let view = Transform::default();
@@ -121,14 +139,11 @@ fn fog_is_lit_place_by_place() {
     let block = CoordBox { min: IVec3::splat(-20), max: IVec3::splat(20) };
     let grid = stage.grid(fog::block(block, 1.0), PackKind::Fog, 0.1);
     let density = 0.02;
-    let material = VdbMaterial { density_scale: density, ..default() };
+    let material = VdbMaterial { density_scale: density, anisotropy, ..default() };
     stage.world().spawn((VdbVolume(grid), material));
-    let lumens = 2e3;
-    let bulb = PointLight { intensity: lumens, range: 2000.0, ..default() };
-    let at = DVec3::new(0.6, 1.0, -1.0);
-    stage.world().spawn((bulb, Transform::from_translation(at.as_vec3())));
+    stage.world().spawn(light);
     let picture = stage.picture(&target);
-    picture.save("fog_beside_a_bulb");
+    picture.save(name);
     let (mut worst, step) = (0.0_f64, 1e-3);
     for y in (0..SIZE.y).step_by(4) {
         for x in (0..SIZE.x).step_by(4) {
@@ -143,16 +158,68 @@ fn fog_is_lit_place_by_place() {
                 }
                 // Even to the outermost samples, and then down to nothing in a voxel.
                 let inside = ((2.1 - place.abs().max_element()) / 0.1).clamp(0.0, 1.0);
-                let lux = f64::from(lumens) / (4.0 * PI) / place.distance_squared(at);
                 let part = f64::from(density) * inside * step;
-                expected += (-depth - 0.5 * part).exp() * part * lux / (4.0 * PI);
+                expected += (-depth - 0.5 * part).exp() * part * scattered(place, dir);
                 depth += part;
             }
             worst = worst.max((f64::from(picture.at(x, y).x) / expected - 1.0).abs());
         }
     }
-    println!("off by {worst} at most");
+    println!("{name}: off by {worst} at most");
+    worst
+}
+
+#[gpu_test]
+fn fog_is_lit_by_a_bulb_place_by_place() {
+    let at = DVec3::new(0.6, 1.0, -1.0);
+    let bulb = PointLight { intensity: 2e3, range: 2000.0, ..default() };
+    let bulb = (bulb, Transform::from_translation(at.as_vec3()));
+    let worst = worst_error("fog_beside_a_bulb", 0.0, bulb, |place, _| {
+        2e3 / (4.0 * PI) / place.distance_squared(at) / (4.0 * PI)
+    });
     assert!(worst < 0.01, "off by {worst}");
+}
+
+/// A rectangle is seen as the sum of many small ones.
+#[gpu_test]
+fn fog_is_lit_by_a_rectangle_place_by_place() {
+    let size = DVec2::new(1.2, 0.5);
+    let place = Transform::from_xyz(0.5, 1.0, -1.4).looking_at(Vec3::new(0.2, 0.0, -1.0), Vec3::X);
+    let pane = RectLight {
+        intensity: 2e3,
+        range: 2000.0,
+        width: size.x as f32,
+        height: size.y as f32,
+        ..default()
+    };
+    let radiance = 2e3 / (PI * size.x * size.y);
+    let [right, up, forward] =
+        [place.right(), place.up(), place.forward()].map(|axis| axis.as_dvec3());
+    const PARTS: u32 = 24;
+    let parts = (0..PARTS * PARTS).map(|i| {
+        let part = (DVec2::new(f64::from(i % PARTS), f64::from(i / PARTS)) + 0.5) / f64::from(PARTS);
+        let along = (part - 0.5) * size;
+        place.translation.as_dvec3() + along.x * right + along.y * up
+    });
+    let parts: Vec<DVec3> = parts.collect();
+    let area = size.x * size.y / parts.len() as f64;
+    for (anisotropy, bound) in [(0.0, 0.02), (0.5, 0.05)] {
+        let name = format!("fog_beside_a_rectangle_{anisotropy}");
+        let worst = worst_error(&name, anisotropy, (pane, place), |at, ray| {
+            let seen = |part: &DVec3| {
+                let to_part = *part - at;
+                let height = -to_part.dot(forward);
+                if height <= 0.0 {
+                    return 0.0;
+                }
+                let distance = to_part.length();
+                let cosine = to_part.dot(ray) / distance;
+                area * height / distance.powi(3) * phase(f64::from(anisotropy), cosine)
+            };
+            radiance * parts.iter().map(seen).sum::<f64>()
+        });
+        assert!(worst < bound, "anisotropy {anisotropy}: off by {worst}");
+    }
 }
 
 #[gpu_test]

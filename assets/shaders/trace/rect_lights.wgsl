@@ -1,0 +1,111 @@
+// Light of Bevy's rectangle lights, which have no shadows.
+#define_import_path bevy_vdb::trace::rect_lights
+
+#import bevy_pbr::lighting
+#import bevy_pbr::mesh_view_bindings as bevy
+#import bevy_vdb::trace::scattering::phase
+
+// Light that a surface reflects, cd/m², by Bevy's own function.
+fn reflected_rect_lights(input: lighting::LightingInput) -> vec3<f32> {
+    var surface = input;
+    var light = vec3(0.0);
+    for (var i = 0u; i < bevy::lights.n_rect_lights; i++) {
+        light += lighting::rect_light(i, &surface, true);
+    }
+#ifdef VDB_DIFFUSE_ONLY
+    // Bevy's function has specular light even without reflectance.
+    surface.diffuse_color = vec3(0.0);
+    for (var i = 0u; i < bevy::lights.n_rect_lights; i++) {
+        light -= lighting::rect_light(i, &surface, true);
+    }
+#endif
+    return light;
+}
+
+// Solid angle of a triangle seen from the origin, given the absolute triple product of its corners. Van Oosterom and Strackee 1983, "The solid angle of a plane triangle".
+fn solid_angle(triple: f32, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> f32 {
+    let lengths = vec3(length(a), length(b), length(c));
+    let denominator = lengths.x * lengths.y * lengths.z
+        + dot(a, b) * lengths.z
+        + dot(b, c) * lengths.x
+        + dot(c, a) * lengths.y;
+    return 2.0 * atan2(triple, denominator);
+}
+
+// Where fog is lit by a rectangle light, relative to it.
+struct RectPlace {
+    from_light: vec3<f32>,  // from its centre, world space
+    half_width: vec3<f32>,
+    half_height: vec3<f32>,
+    height: f32,            // above its plane, on the side to which it shines
+}
+
+fn rect_place(i: u32, position: vec3<f32>) -> RectPlace {
+    let right = bevy::lights.rect_lights[i].right;
+    let up = bevy::lights.rect_lights[i].up;
+    let from_light = position - bevy::lights.rect_lights[i].position;
+    let half_width = 0.5 * bevy::lights.rect_lights[i].width * right;
+    let half_height = 0.5 * bevy::lights.rect_lights[i].height * up;
+    return RectPlace(from_light, half_width, half_height, dot(cross(up, right), from_light));
+}
+
+// Distance from a point (world space) to the nearest rectangle light that shines on it.
+fn nearest_rect_light(position: vec3<f32>, otherwise: f32) -> f32 {
+    var nearest = otherwise;
+    for (var i = 0u; i < bevy::lights.n_rect_lights; i++) {
+        let place = rect_place(i, position);
+        let along = vec2(
+            dot(place.from_light, bevy::lights.rect_lights[i].right),
+            dot(place.from_light, bevy::lights.rect_lights[i].up),
+        );
+        let half = 0.5 * vec2(bevy::lights.rect_lights[i].width, bevy::lights.rect_lights[i].height);
+        let beside = max(abs(along) - half, vec2(0.0));
+        if place.height > 0.0 {
+            nearest = min(nearest, length(vec3(beside, place.height)));
+        }
+    }
+    return nearest;
+}
+
+// Light that fog with an albedo of 1 scatters at a point (world space) along a ray (world space, unit length),
+// cd/m²: the radiance of each light, times its solid angle, times the mean of the phase function over four parts.
+fn scattered_rect_lights(position: vec3<f32>, ray: vec3<f32>, anisotropy: f32) -> vec3<f32> {
+    // Of the half-extents: the points of Gauss's rule of two points.
+    let node = 0.57735027;
+    var light = vec3(0.0);
+    for (var i = 0u; i < bevy::lights.n_rect_lights; i++) {
+        let place = rect_place(i, position);
+        if place.height <= 0.0 {
+            continue;
+        }
+        let to_light = -place.from_light;
+        let corners = array(
+            to_light + place.half_width - place.half_height,
+            to_light - place.half_width - place.half_height,
+            to_light - place.half_width + place.half_height,
+            to_light + place.half_width + place.half_height,
+        );
+        let area = bevy::lights.rect_lights[i].width * bevy::lights.rect_lights[i].height;
+        // From the area rather than the corners, whose product would cancel far from the light.
+        let triple = area * place.height;
+        let angle = solid_angle(triple, corners[0], corners[1], corners[2])
+            + solid_angle(triple, corners[0], corners[2], corners[3]);
+        var weights = 0.0;
+        var phases = 0.0;
+        for (var part = 0u; part < 4u; part++) {
+            let sign = select(vec2(-node), vec2(node), (vec2(part) & vec2(1u, 2u)) != vec2(0u));
+            let to_part = to_light + sign.x * place.half_width + sign.y * place.half_height;
+            let inverse = inverseSqrt(max(dot(to_part, to_part), 1e-30));
+            // All parts have the same area and the same height below the point.
+            let weight = inverse * inverse * inverse;
+            weights += weight;
+            phases += weight * phase(anisotropy, clamp(dot(to_part, ray) * inverse, -1.0, 1.0));
+        }
+        let range = max(bevy::lights.rect_lights[i].range, 0.01);
+        let falloff =
+            lighting::getRangeFalloff(dot(to_light, to_light), 1.0 / (range * range));
+        let radiance = bevy::lights.rect_lights[i].color.rgb;
+        light += radiance * (falloff * angle * phases / weights);
+    }
+    return light;
+}
