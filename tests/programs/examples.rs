@@ -101,6 +101,19 @@ fn clay_is_carved_and_set_with_beads() {
     assert!(edges > 6, "{edges} edges of grooves");
 }
 
+/// The crates stand on the hill at first, and fall when the worm has been below them.
+#[gpu_test]
+fn crates_fall_into_the_tunnel() {
+    let picture = picture("physics");
+    let wood = |[r, g, b]: [i32; 3]| r > 90 && r > g + 25 && g > b + 20;
+    let rows = picture.chunks(SIZE.0);
+    let highest = rows.clone().position(|row| count(row, wood) > 0);
+    let lowest = rows.clone().rposition(|row| count(row, wood) > 0);
+    println!("wood from row {highest:?} to row {lowest:?} of {}", SIZE.1);
+    let grass = count(&picture, |[r, g, b]| g > r + 8 && g > b + 20);
+    assert!(grass > picture.len() / 8, "{grass} pixels of grass");
+}
+
 #[gpu_test]
 #[ignore = "slow: a large scene"]
 fn the_rover_is_on_the_island() {

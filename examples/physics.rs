@@ -1,0 +1,232 @@
+//! Physics on a volume: crates and balls stand on a hill while a worm digs through it, and fall into the
+//! tunnel. In a window, the left mouse button digs as well.
+//!
+//! The collider is a mesh of the level set. Whenever voxels have changed, a task makes a new one, so that no frame
+//! waits for it.
+//!
+//! `cargo run --example physics` opens a window, `… picture.png 800x450` writes an image.
+
+use std::f32::consts::PI;
+
+use avian3d::prelude::*;
+use bevy::math::{DAffine3, DVec3};
+use bevy::prelude::*;
+use bevy::tasks::futures::check_ready;
+use bevy::tasks::{AsyncComputeTaskPool, Task};
+use bevy_vdb::prelude::*;
+use bevy_vdb::vdb_core::pack::PackKind;
+use bevy_vdb::vdb_core::synth::level_set;
+use bevy_vdb::vdb_core::tools::LevelSetToMesh;
+use bevy_vdb::vdb_core::tree::CoordBox;
+
+mod helpers;
+
+/// The size of a voxel, in world units.
+const VOXEL: f32 = 0.04;
+/// The hill is the part of a ball above the ground.
+const BALL_RADIUS: f32 = 4.0;
+const HEIGHT: f32 = 1.4;
+/// The edge of a crate.
+const CRATE: f32 = 0.36;
+/// The radius of the tunnel, and the seconds that the worm takes.
+const TUNNEL: f32 = 0.34;
+const SECONDS: f32 = 4.0;
+
+fn main() -> AppExit {
+    helpers::app()
+        .add_plugins(PhysicsPlugins::default())
+        .insert_resource(GlobalAmbientLight { brightness: 500.0, ..default() })
+        .insert_resource(ClearColor(Color::srgb(0.55, 0.68, 0.85)))
+        .insert_resource(helpers::Frames(30 * SECONDS as u32))
+        .init_resource::<Holes>()
+        .add_systems(Startup, (setup, stack))
+        // Queries read the grids of volumes, and edits write them, so they are separate systems.
+        .add_systems(Update, (worm, point, dig, update_collider).chain())
+        .run()
+}
+
+/// The middles of the balls that are dug out in this frame, in world units.
+#[derive(Default, Resource)]
+struct Holes(Vec<Vec3>);
+
+/// Marks the hill.
+#[derive(Component)]
+struct Hill;
+
+fn setup(
+    mut commands: Commands,
+    mut grids: ResMut<Assets<VdbGrid>>,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) -> Result {
+    let radius = f64::from(BALL_RADIUS / VOXEL);
+    let height = f64::from(HEIGHT / VOXEL);
+    let middle = DVec3::Y * (height - radius);
+    let width = (radius * radius - middle.y * middle.y).sqrt();
+    // The bottom lies below the ground.
+    let depth = 4.0;
+    let bbox = CoordBox {
+        min: DVec3::new(-width - 8.0, -depth - 4.0, -width - 8.0).as_ivec3(),
+        max: DVec3::new(width + 8.0, height + 4.0, width + 8.0).as_ivec3(),
+    };
+    let hill = level_set::from_distance(bbox, |at| {
+        (at.distance(middle) - radius).max(-depth - at.y)
+    });
+    let world_from_index = DAffine3::from_scale(DVec3::splat(VOXEL.into()));
+    let kind = PackKind::Smooth { iso: 0.0 };
+    let grid = VdbGrid::new("hill", hill, world_from_index, kind)?;
+    let collider = collider(&grid)?;
+    let look = VdbMaterial {
+        base_color: Color::srgb(0.36, 0.5, 0.2),
+        perceptual_roughness: 0.9,
+        ..default()
+    };
+    commands.spawn((Hill, VdbVolume(grids.add(grid)), look, RigidBody::Static, collider));
+
+    let ground = materials.add(Color::srgb(0.5, 0.45, 0.36));
+    commands.spawn((
+        Mesh3d(meshes.add(Plane3d::default().mesh().size(60.0, 60.0))),
+        MeshMaterial3d(ground),
+        RigidBody::Static,
+        Collider::half_space(Vec3::Y),
+    ));
+    let eye = Transform::from_xyz(-3.4, 2.9, 5.6).looking_at(Vec3::Y * 1.0, Vec3::Y);
+    commands.spawn((Camera3d::default(), eye));
+    let sun = DirectionalLight { illuminance: 9_000.0, shadow_maps_enabled: true, ..default() };
+    commands.spawn((sun, Transform::from_xyz(4.0, 6.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y)));
+    Ok(())
+}
+
+/// Builds a pyramid of crates on the hill, with a ball on top and others around it.
+fn stack(
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    let crate_mesh = meshes.add(Cuboid::from_length(CRATE));
+    let ball_mesh = meshes.add(Sphere::new(0.5 * CRATE));
+    let [wood, red] = [Color::srgb(0.75, 0.5, 0.25), Color::srgb(0.75, 0.12, 0.1)]
+        .map(|color| materials.add(StandardMaterial { perceptual_roughness: 0.6, ..color.into() }));
+    // Bodies that rest would not notice that the hill below them has changed.
+    let body = (RigidBody::Dynamic, SleepingDisabled, Friction::new(0.6));
+    for level in 0..3 {
+        let edge = 3 - level;
+        for i in 0..edge * edge {
+            let [x, z] = [i % edge, i / edge].map(|k| (k as f32 - 0.5 * (edge - 1) as f32) * 1.04);
+            let at = CRATE * Vec3::new(x, level as f32 * 1.02 + 0.6, z) + Vec3::Y * HEIGHT;
+            commands.spawn((
+                Mesh3d(crate_mesh.clone()),
+                MeshMaterial3d(wood.clone()),
+                Transform::from_translation(at),
+                Collider::cuboid(CRATE, CRATE, CRATE),
+                body.clone(),
+            ));
+        }
+    }
+    let top = Vec3::Y * (HEIGHT + 4.0 * CRATE);
+    let around = (0..6).map(|i| {
+        let angle = PI / 3.0 * i as f32;
+        Vec3::new(1.3 * angle.cos(), HEIGHT + 0.2, 1.3 * angle.sin())
+    });
+    for at in around.chain([top]) {
+        commands.spawn((
+            Mesh3d(ball_mesh.clone()),
+            MeshMaterial3d(red.clone()),
+            Transform::from_translation(at),
+            Collider::sphere(0.5 * CRATE),
+            // Balls would roll down the hill.
+            AngularDamping(6.0),
+            body.clone(),
+        ));
+    }
+}
+
+/// Digs a tunnel through the hill, below its top.
+fn worm(time: Res<Time>, mut holes: ResMut<Holes>) {
+    holes.0.clear();
+    let [now, before] =
+        [time.elapsed_secs(), time.elapsed_secs() - time.delta_secs()].map(|t| t / SECONDS);
+    let mut t = before.max(0.0);
+    while t < now.min(1.0) {
+        let x = 3.2 * (1.0 - 2.0 * t);
+        holes.0.push(Vec3::new(x, 0.85 + 0.2 * (3.0 * x).sin(), 0.25 * (2.0 * x).cos()));
+        t += 0.01;
+    }
+}
+
+/// Digs with the mouse, if there is a window.
+fn point(
+    window: Option<Single<&Window>>,
+    camera: Single<(&Camera, &GlobalTransform)>,
+    buttons: Res<ButtonInput<MouseButton>>,
+    volumes: VdbSpatialQuery,
+    mut holes: ResMut<Holes>,
+) {
+    if !buttons.pressed(MouseButton::Left) {
+        return;
+    }
+    let (camera, transform) = *camera;
+    let hit = window
+        .and_then(|window| window.cursor_position())
+        .and_then(|cursor| camera.viewport_to_world(transform, cursor).ok())
+        .and_then(|ray| volumes.cast_ray_nearest(ray, &VdbRayCastSettings::default()));
+    holes.0.extend(hit.map(|hit| hit.position));
+}
+
+/// Removes the holes of this frame from the hill. The maximum of two distances keeps a level set a level set.
+fn dig(
+    holes: Res<Holes>,
+    hill: Single<&VdbVolume, With<Hill>>,
+    mut grids: ResMut<Assets<VdbGrid>>,
+) -> Result {
+    if holes.0.is_empty() {
+        return Ok(());
+    }
+    let Some(mut grid) = grids.get_mut(&hill.0) else { return Ok(()) };
+    grid.edit(|voxels| {
+        for hole in &holes.0 {
+            let (middle, radius) = (*hole / VOXEL, TUNNEL / VOXEL);
+            let reach = radius + level_set::HALF_WIDTH;
+            let bbox = CoordBox {
+                min: (middle - reach).floor().as_ivec3(),
+                max: (middle + reach).ceil().as_ivec3(),
+            };
+            voxels.update(bbox, |ijk, old| {
+                let outside = radius - ijk.as_vec3().distance(middle);
+                let value = old.value.max(outside.min(level_set::HALF_WIDTH));
+                VdbVoxel { value, active: value.abs() < level_set::HALF_WIDTH }
+            });
+        }
+    })?;
+    Ok(())
+}
+
+/// The collider of a level set.
+fn collider(grid: &VdbGrid) -> Result<Collider> {
+    let mesh = grid.to_mesh(&LevelSetToMesh::default())?;
+    Collider::trimesh_from_mesh(&mesh).ok_or_else(|| "the level set has no surface".into())
+}
+
+/// Replaces the collider of the hill after its voxels have changed, as soon as a new one is ready.
+fn update_collider(
+    mut commands: Commands,
+    mut changes: MessageReader<AssetEvent<VdbGrid>>,
+    mut is_stale: Local<bool>,
+    mut task: Local<Option<Task<Result<Collider>>>>,
+    hill: Single<(Entity, &VdbVolume), With<Hill>>,
+    grids: Res<Assets<VdbGrid>>,
+) -> Result {
+    let (entity, volume) = *hill;
+    *is_stale |= changes.read().any(|change| change.is_modified(&volume.0));
+    if let Some(collider) = task.as_mut().and_then(check_ready) {
+        *task = None;
+        commands.entity(entity).insert(collider?);
+    }
+    if *is_stale && task.is_none() && let Some(grid) = grids.get(&volume.0) {
+        *is_stale = false;
+        // A clone shares the tree; the first edit while the task runs copies it.
+        let grid = grid.clone();
+        *task = Some(AsyncComputeTaskPool::get().spawn(async move { collider(&grid) }));
+    }
+    Ok(())
+}
