@@ -55,6 +55,7 @@ bitflags! {
         const MESH_REFLECTIONS = 1 << 43;
         const DENOISED = 1 << 44;
         const RECT_LIGHTS = 1 << 45;
+        const FIRE_LIGHTS = 1 << 46;
     }
 }
 
@@ -103,7 +104,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 46] = [
+pub(crate) const FEATURES: [Feature; 47] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -326,6 +327,13 @@ pub(crate) const FEATURES: [Feature; 46] = [
         &["VDB_RECT_LIGHTS", "AREA_LIGHT_LUTS"],
         "rectangle lights",
         "there are rectangle lights, and Bevy has its feature area_light_luts",
+    ),
+    row(
+        Features::FIRE_LIGHTS,
+        &["VDB_FIRE_LIGHTS"],
+        "highlights of fires by reflection",
+        "VdbQuality::reflections is more than 0, and there are a surface and a fire with a \
+         VdbEmissionLight",
     ),
 ];
 

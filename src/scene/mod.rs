@@ -23,6 +23,7 @@ pub use components::{
     VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
 };
 pub use emission::{VdbColorGrid, VdbEmission, VdbVelocity};
+pub(crate) use emission_light::FireLight;
 pub use emission_light::VdbEmissionLight;
 pub use material_extension::VdbMaterialExtension;
 #[cfg(feature = "picking")]

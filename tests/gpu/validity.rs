@@ -140,6 +140,11 @@ fn every_variant_of_the_trace_is_valid() {
         let cache = ["VDB_LIGHT_CACHE", "VDB_CACHED_SUNS=1", "VDB_OTHER_LIGHTS"];
         check(&[&panes, &cache, &media, &with, &shadows]);
     }
+    // Surfaces that reflect the fire that lights them.
+    for with in subsets(&["VDB_BLACKBODY", "VDB_MULTIPLE_SCATTERING", "VDB_DENOISE"]) {
+        let fire = ["VDB_LIT", "VDB_SURFACES", "VDB_FOGS", "VDB_EMISSION", "VDB_REFLECTIONS"];
+        check(&[&fire, &["VDB_LOCAL_LIGHTS", "VDB_FIRE_LIGHTS"], &with, &shadows]);
+    }
     // Reflections of meshes.
     for with in subsets(&["VDB_FOGS", "VDB_EDGES", "MULTISAMPLED", "VDB_SCALED"]) {
         let mirrors = ["VDB_LIT", "VDB_SURFACES", "VDB_REFLECTIONS", "VDB_MESH_REFLECTIONS"];

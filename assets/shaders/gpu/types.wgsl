@@ -110,6 +110,7 @@ const MAX_SUNS: u32 = 10u;
 const MAX_CACHED_SUNS: u32 = 4u;
 // The most point and spot lights in the light cache.
 const MAX_CACHED_LAMPS: u32 = 32u;
+const MAX_FIRE_LIGHTS: u32 = 32u;
 
 struct View {
     // t = -(x·depth + y) / (z·depth + w), where depth is the value in the depth buffer
@@ -152,12 +153,15 @@ struct View {
     max_frames: u32,        // largest number of frames in a mean
     cached_sun_count: u32,
     edge_samples: u32,      // further rays of a pixel on an edge: 0, 2, 4, 8 or 16
+    fire_light_count: u32,
     // Directions to the suns in the light cache, as Bevy stores them.
     cached_suns: array<vec4<f32>, MAX_CACHED_SUNS>,
     light_texel: vec3<f32>, // 1 / size of the light cache's texture in texels
     cached_lamp_count: u32,
     // Indices of the point and spot lights in the light cache, among Bevy's clustered lights.
     cached_lamps: array<vec4<u32>, MAX_CACHED_LAMPS / 4u>,
+    // Indices of the lights of fires, among Bevy's clustered lights.
+    fire_lights: array<vec4<u32>, MAX_FIRE_LIGHTS / 4u>,
 }
 
 // The velocities within a volume, for motion vectors: means over cubes of voxels, at the points of a lattice.

@@ -6,6 +6,10 @@
 #import bevy_pbr::mesh_view_bindings as bevy
 #import bevy_pbr::mesh_view_types::{DIRECTIONAL_LIGHT_FLAGS_SHADOWS_ENABLED_BIT}
 #import bevy_pbr::mesh_view_types::{POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT, POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT}
+#ifdef VDB_FIRE_LIGHTS
+#import bevy_vdb::gpu::types::MAX_FIRE_LIGHTS
+#import bevy_vdb::view::scene::view
+#endif
 
 // A point to be lit, in the form that Bevy's functions require.
 struct ShadingPoint {
@@ -69,6 +73,17 @@ fn local_light(lights: LightList, i: u32) -> u32 {
 #endif
     return i - lights.suns;
 }
+
+#ifdef VDB_FIRE_LIGHTS
+// Whether a point light stands for a fire.
+fn is_fire_light(light: u32) -> bool {
+    var is_fire = false;
+    for (var i = 0u; i < min(view.fire_light_count, MAX_FIRE_LIGHTS); i++) {
+        is_fire |= view.fire_lights[i / 4u][i % 4u] == light;
+    }
+    return is_fire;
+}
+#endif
 
 fn is_spot(light: u32) -> bool {
     return (bevy::clustered_lights.data[light].flags & POINT_LIGHT_FLAGS_SPOT_LIGHT_BIT) != 0u;

@@ -220,7 +220,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
         // At least that of the surfaces hit before. A path scattered by a rough surface would otherwise find a
         // sharp highlight in a few pixels only, instead of a little of it in all.
         roughness = max(material.perceptual_roughness, roughness);
-        let shaded = shade(material, at, point, to_viewer, roughness);
+        let shaded = shade(material, at, point, to_viewer, roughness, bounce < view.reflections);
         result.color += throughput * shaded.radiance;
 #ifdef VDB_DENOISE
         if bounce > 0u {

@@ -13,6 +13,9 @@
 #import bevy_vdb::material::VdbSurface
 #import bevy_vdb::trace::illuminance::sun_factor
 #import bevy_vdb::trace::light_list::{ShadingPoint, is_spot, lights_at, local_light, probes_at}
+#ifdef VDB_FIRE_LIGHTS
+#import bevy_vdb::trace::light_list::is_fire_light
+#endif
 #ifdef VDB_RECT_LIGHTS
 #import bevy_vdb::trace::rect_lights::reflected_rect_lights
 #endif
@@ -26,13 +29,15 @@ struct Shaded {
     specular_weight: vec3<f32>,     // reflectance for light from other surfaces
 }
 
-// Shades a surface. `roughness` is that of the path (see `trace_path`), not that of the material.
+// Shades a surface. `roughness` is that of the path (see `trace_path`), not that of the material. `reflects` says
+// whether a reflected ray follows, which sees fire itself.
 fn shade(
     material: VdbSurface,
     at: ShadingPoint,
     point: Point,
     to_viewer: vec3<f32>,
     roughness: f32,
+    reflects: bool,
 ) -> Shaded {
     let base_color = material.base_color;
     let metallic = material.metallic;
@@ -63,6 +68,12 @@ fn shade(
     direct_input.diffuse_color = vec3(0.0);
 #endif
 
+#ifdef VDB_FIRE_LIGHTS
+    var diffuse_input = direct_input;
+    diffuse_input.F0_dielectric = vec3(0.0);
+    diffuse_input.F0_metallic = vec3(0.0);
+#endif
+
     var direct_light = vec3(0.0);
     let lights = lights_at(at);
     for (var i = 0u; i < lights.end; i++) {
@@ -74,6 +85,12 @@ fn shade(
             } else {
 #ifdef VDB_LOCAL_LIGHTS
                 let local = local_light(lights, i);
+#ifdef VDB_FIRE_LIGHTS
+                if reflects && is_fire_light(local) {
+                    direct_light += visible * lighting::point_light(local, &diffuse_input, true, true);
+                    continue;
+                }
+#endif
                 if is_spot(local) {
                     direct_light += visible * lighting::spot_light(local, &direct_input, true);
                 } else {

@@ -7,6 +7,7 @@ use bevy::render::Extract;
 use bevy::render::sync_world::RenderEntity;
 
 use crate::VdbSun;
+use crate::scene::FireLight;
 use crate::render::gpu::non_negative;
 
 /// The directional lights that light volumes differently from meshes.
@@ -55,6 +56,18 @@ pub(crate) fn extract_suns(
         angular_diameter: non_negative(sun.angular_diameter).min(WIDEST_SUN),
         samples: sun.samples.clamp(1, MAX_SAMPLES),
     }));
+}
+
+/// The lights of fires, as render entities.
+#[derive(Clone, Debug, Default, Resource)]
+pub(crate) struct ExtractedFireLights(pub Vec<Entity>);
+
+pub(crate) fn extract_fire_lights(
+    lights: Extract<Query<RenderEntity, With<FireLight>>>,
+    mut extracted: ResMut<ExtractedFireLights>,
+) {
+    extracted.0.clear();
+    extracted.0.extend(&lights);
 }
 
 /// Whether any mesh may cast shadows.

@@ -14,7 +14,9 @@ use bevy::render::{ExtractSchedule, RenderApp};
 
 pub(super) use auxiliary::AuxiliaryGrid;
 pub(super) use changes::SceneChanges;
-pub(super) use lights::{ExtractedEnvironment, ExtractedSuns, MeshCasters};
+pub(super) use lights::{
+    ExtractedEnvironment, ExtractedFireLights, ExtractedSuns, MeshCasters,
+};
 pub(super) use materials::{ExtractedMaterials, MaterialRow, ROW_WORDS};
 pub(super) use ramps::{ExtractedRamp, ExtractedRamps};
 pub(super) use volumes::{ExtractedVelocity, ExtractedVolume, ExtractedVolumes};
@@ -33,6 +35,7 @@ impl Plugin for ExtractPlugin {
             .init_resource::<ExtractedRamps>()
             .init_resource::<ExtractedMaterials>()
             .init_resource::<ExtractedSuns>()
+            .init_resource::<ExtractedFireLights>()
             .init_resource::<MeshCasters>()
             .init_resource::<Warned>()
             .init_resource::<SceneChanges>()
@@ -48,6 +51,7 @@ impl Plugin for ExtractPlugin {
                     materials::begin_materials.before(volumes::extract_volumes),
                     volumes::extract_volumes,
                     lights::extract_suns,
+                    lights::extract_fire_lights,
                     lights::extract_mesh_casters,
                     lights::extract_environments,
                     changes::extract_changes,

@@ -83,6 +83,9 @@ pub(crate) const MAX_CACHED_SUNS: usize = 4;
 /// The largest number of point and spot lights in the light cache.
 pub(crate) const MAX_CACHED_LAMPS: usize = 32;
 
+/// The largest number of lights of fires whose highlights a view leaves to reflections.
+pub(crate) const MAX_FIRE_LIGHTS: usize = 32;
+
 /// The uniform of a view.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
@@ -122,11 +125,12 @@ pub(crate) struct View {
     pub max_frames: u32,
     pub cached_sun_count: u32,
     pub edge_samples: u32,
-    pub pad: u32,
+    pub fire_light_count: u32,
     pub cached_suns: [[f32; 4]; MAX_CACHED_SUNS],
     pub light_texel: [f32; 3],
     pub cached_lamp_count: u32,
     pub cached_lamps: [[u32; 4]; MAX_CACHED_LAMPS / 4],
+    pub fire_lights: [[u32; 4]; MAX_FIRE_LIGHTS / 4],
 }
 
 /// The rectangle of the traced image in the target.
@@ -222,8 +226,8 @@ mod tests {
             exposure, eye, volume_first, eye_x, volume_count, eye_y, offscreen_count, size, origin,
             steps_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
             has_tile_starts, picture, shadow_range, reflection_range, suns, disks, random_offset,
-            frame, jitter, max_frames, cached_sun_count, edge_samples, cached_suns,
-            light_texel, cached_lamp_count, cached_lamps);
+            frame, jitter, max_frames, cached_sun_count, edge_samples, fire_light_count, cached_suns,
+            light_texel, cached_lamp_count, cached_lamps, fire_lights);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

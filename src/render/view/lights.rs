@@ -12,7 +12,7 @@ use bevy::render::render_asset::RenderAssets;
 use bevy::render::texture::GpuImage;
 
 use crate::quality::features::Features;
-use crate::render::extract::{ExtractedEnvironment, ExtractedSuns, MeshCasters};
+use crate::render::extract::{ExtractedEnvironment, ExtractedFireLights, ExtractedSuns, MeshCasters};
 use crate::render::gpu::types;
 
 /// The lights in the scene.
@@ -21,6 +21,7 @@ pub(super) struct Lights<'w, 's> {
     suns: Query<'w, 's, &'static ExtractedDirectionalLight>,
     local: Query<'w, 's, &'static ExtractedPointLight>,
     rectangles: Query<'w, 's, (), With<ExtractedRectLight>>,
+    fire_lights: Res<'w, ExtractedFireLights>,
     images: Res<'w, RenderAssets<GpuImage>>,
     mesh_casters: Res<'w, MeshCasters>,
     meshes: Res<'w, MeshPipeline>,
@@ -84,6 +85,7 @@ impl Lights<'_, '_> {
             | Features::MESH_CASTERS.when(shadows && self.mesh_casters.0)
             | Features::LAMPS.when(!self.local.is_empty())
             | Features::RECT_LIGHTS.when(rectangles)
+            | Features::FIRE_LIGHTS.when(!self.fire_lights.0.is_empty())
             | Features::ENVIRONMENT.when(has_maps)
             | Features::REFLECTION_PROBES.when(has_probes)
             | Features::IRRADIANCE_VOLUMES.when(around.irradiance_volumes.is_some())

@@ -5,6 +5,7 @@ mod auxiliary;
 mod bvh;
 mod cached_fog;
 mod extinction;
+mod fire_lights;
 mod key;
 mod lattice;
 mod lights;
@@ -80,6 +81,7 @@ impl Plugin for ViewPlugin {
                     (ramps::drop_unused_ramps, materials::drop_unused_table).in_set(Find),
                     resolve::resolve_views.in_set(Resolve),
                     prepare::prepare_views.in_set(Prepare),
+                    fire_lights::list_fire_lights.in_set(Adjust),
                     prepare::upload_views.in_set(Upload),
                 ),
             );

@@ -246,6 +246,8 @@ fn view_key(
     let lights = settings.lights.difference(CACHE.when(!caches));
     let has_surfaces = list.kinds.has(SURFACES);
     let lights = lights.difference(PROBES.when(!has_surfaces));
+    let reflects_fire = emission && has_surfaces && settings.reflections > 0;
+    let lights = lights.difference(Features::FIRE_LIGHTS.when(!reflects_fire));
     let caches = lights.contains(Features::LIGHT_CACHE);
     let media = list.media(only_seen);
     let shows_edges = settings.smooths_edges && list.kinds_seen.has(SURFACES);

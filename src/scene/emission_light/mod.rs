@@ -14,7 +14,7 @@ use bevy::render::RenderApp;
 
 pub use component::VdbEmissionLight;
 use summary::Summaries;
-use update::FireLight;
+pub(crate) use update::FireLight;
 
 use crate::VdbPlayerSystems;
 

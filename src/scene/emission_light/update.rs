@@ -20,7 +20,7 @@ use crate::{
 
 /// A light of a fire: a child of the volume.
 #[derive(Clone, Copy, Component, Debug)]
-pub(super) struct FireLight;
+pub(crate) struct FireLight;
 
 /// The inputs from which the lights of each volume were made. Lights are remade only if these change.
 pub(super) type Lit = EntityHashMap<Inputs>;
