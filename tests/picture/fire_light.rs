@@ -8,7 +8,7 @@ use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
-use vdb_core::synth::fog;
+use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::{CoordBox, Vdb543};
 
 use super::common::{Picture, Stage};
@@ -223,6 +223,40 @@ fn smoke_around_a_fire_dims_its_light() {
         let tolerance = if shadows { 0.1 } else { 0.02 };
         assert!((ratio - 1.0).abs() < tolerance, "{shadows}: {ratio}");
         assert!(shadows || worst < 0.1, "{worst}");
+    }
+}
+
+/// A metal that reflects by rays shows the flames, and not the highlights of their lights as well.
+#[gpu_test]
+fn metals_reflect_a_fire_once() {
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let camera = stage.camera(&target, view());
+    let (smoke, grid) = (stage.no_smoke(), stage.grid(flame(), PackKind::Fog, 0.1));
+    let fire = stage.world().spawn((smoke, VdbEmission::Scalar { grid, color: COLOR })).id();
+    let slab =
+        level_set::cuboid(DVec3::new(-40.0, -20.0, -40.0), DVec3::new(40.0, -9.0, 40.0));
+    let slab = VdbVolume(stage.grid(slab, PackKind::Smooth { iso: 0.0 }, 0.1));
+    let slab = stage.world().spawn(slab).id();
+    for perceptual_roughness in [0.0, 0.5] {
+        let metal = VdbMaterial { metallic: 1.0, perceptual_roughness, ..default() };
+        stage.world().entity_mut(slab).insert(metal);
+        for reflections in [0, 1] {
+            let quality = VdbQuality { reflections, ..default() };
+            stage.world().entity_mut(camera).insert(quality);
+            stage.world().entity_mut(fire).remove::<VdbEmissionLight>();
+            let alone = stage.picture(&target);
+            let light = VdbEmissionLight { min_illuminance: 1e-4, ..default() };
+            stage.world().entity_mut(fire).insert(light);
+            stage.lit(|count| count > 0);
+            let picture = stage.picture(&target);
+            picture.save(&format!("fire_in_metal_{perceptual_roughness}_{reflections}"));
+            let added = |(a, b): (&Vec4, &Vec4)| (*a - *b).truncate().max_element();
+            let added = picture.pixels.iter().zip(&alone.pixels).map(added).fold(0.0, f32::max);
+            println!("roughness {perceptual_roughness}, {reflections} reflections: {added} more");
+            // Without reflections there are highlights.
+            assert!(if reflections > 0 { added < 1e-3 } else { added > 0.05 }, "{added}");
+        }
     }
 }
 
