@@ -1,6 +1,6 @@
 //! Volumes under lights: a metal teapot, one of clay and a cloud above them on a voxel floor,
 //! beside a pillar and in front of a wall that are meshes, with a sun and a lamp that cast shadows,
-//! a bulb, and a sky to reflect.
+//! a bulb, a luminous rectangle, and a sky to reflect.
 //!
 //! `cargo run --example lights_and_shadows` opens a window: S toggles shadows, P those on meshes, A
 //! the size of the sun, R the number of reflections, L the borders of leaves, and M cycles through
@@ -134,6 +134,17 @@ fn lights(mut commands: Commands) {
         PointLight { color: Color::srgb(1.0, 0.4, 0.2), intensity: 60_000.0, ..default() },
         Transform::from_xyz(0.0, 0.5, 1.2),
     ));
+    // Like Bevy's meshes, volumes are lit by rectangles only with Bevy's feature `area_light_luts`.
+    commands.spawn((
+        RectLight {
+            color: Color::srgb(0.85, 0.95, 1.0),
+            intensity: 150_000.0,
+            width: 1.6,
+            height: 0.5,
+            ..default()
+        },
+        Transform::from_xyz(-4.2, 1.8, 3.2).looking_at(Vec3::new(-1.6, 0.6, 0.0), Vec3::Y),
+    ));
 }
 
 fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
@@ -152,7 +163,7 @@ fn camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
         sky,
         // Shadows are on by default, for lights with `shadow_maps_enabled`.
         VdbQuality { reflections: 2, ..default() },
-        Transform::from_xyz(0.0, 3.2, 7.5).looking_at(Vec3::new(0.0, 1.4, 0.0), Vec3::Y),
+        Transform::from_xyz(0.0, 2.9, 8.6).looking_at(Vec3::new(0.0, 2.0, 0.0), Vec3::Y),
     ));
 }
 
