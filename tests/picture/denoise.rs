@@ -110,6 +110,34 @@ fn reflections_are_smoother_whatever_the_roughness() {
     check_grain(&[0.2, 0.35, 0.6], 256, 2);
 }
 
+/// How much two pictures differ, as seen by people.
+fn difference(a: &Picture, b: &Picture) -> f64 {
+    let errors = flip(a, b);
+    errors.iter().sum::<f64>() / errors.len() as f64
+}
+
+/// While the camera moves by half a pixel, single frames change little more than means of many do.
+#[gpu_test]
+#[ignore = "slow: means of many frames"]
+fn denoised_reflections_do_not_flicker() {
+    let mut stage = Stage::new();
+    for roughness in [0.2, 0.35, 0.6] {
+        stage.clear();
+        let view = scene(&mut stage, roughness, roughness);
+        let on = VdbQuality { reflections: 2, ..default() };
+        let off = VdbQuality { denoise: false, ..on };
+        let mean = VdbQuality { accumulate: 64, ..off };
+        let [before, after] = [0.0, 0.025].map(|x| {
+            let eye = looking(Vec3::new(0.5 + x, 3.0, 7.0));
+            stage.world().entity_mut(view.1).insert(eye);
+            [off, on, mean].map(|quality| shown(&mut stage, &view, quality))
+        });
+        let [single, denoised, mean] = [0, 1, 2].map(|i| difference(&before[i], &after[i]));
+        println!("{roughness}: FLIP between frames {single:.4}, denoised {denoised:.4}, of means {mean:.4}");
+        assert!(denoised < 1.5 * mean, "{roughness}: {denoised} instead of {mean}");
+    }
+}
+
 /// Only the rough ball changes: the mirror and everything that reflects nothing stay the same, bit for bit.
 #[gpu_test]
 fn mirrors_and_what_is_not_reflected_stay() {
@@ -159,8 +187,7 @@ fn the_glossy_example_has_no_visible_grain() {
     let [single, edges, denoised] = ways.map(|(name, quality)| {
         let picture = shown(&mut stage, &view, quality);
         picture.save(&format!("glossy_{name}"));
-        let errors = flip(&picture, &expected);
-        errors.iter().sum::<f64>() / errors.len() as f64
+        difference(&picture, &expected)
     });
     println!("glossy, {size}: FLIP {single:.4}, rays on edges {edges:.4}, denoised {denoised:.4}");
     assert!(denoised < 0.7 * single, "{denoised} instead of {single}");
