@@ -69,9 +69,8 @@ fn setup(
         min: DVec3::new(-width - 8.0, -depth - 4.0, -width - 8.0).as_ivec3(),
         max: DVec3::new(width + 8.0, height + 4.0, width + 8.0).as_ivec3(),
     };
-    let hill = level_set::from_distance(bbox, |at| {
-        (at.distance(middle) - radius).max(-depth - at.y)
-    });
+    let hill =
+        level_set::from_distance(bbox, |at| (at.distance(middle) - radius).max(-depth - at.y));
     let world_from_index = DAffine3::from_scale(DVec3::splat(VOXEL.into()));
     let kind = PackKind::Smooth { iso: 0.0 };
     let grid = VdbGrid::new("hill", hill, world_from_index, kind)?;
@@ -222,7 +221,10 @@ fn update_collider(
         *task = None;
         commands.entity(entity).insert(collider?);
     }
-    if *is_stale && task.is_none() && let Some(grid) = grids.get(&volume.0) {
+    if *is_stale
+        && task.is_none()
+        && let Some(grid) = grids.get(&volume.0)
+    {
         *is_stale = false;
         // A clone shares the tree; the first edit while the task runs copies it.
         let grid = grid.clone();

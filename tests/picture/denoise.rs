@@ -133,7 +133,9 @@ fn denoised_reflections_do_not_flicker() {
             [off, on, mean].map(|quality| shown(&mut stage, &view, quality))
         });
         let [single, denoised, mean] = [0, 1, 2].map(|i| difference(&before[i], &after[i]));
-        println!("{roughness}: FLIP between frames {single:.4}, denoised {denoised:.4}, of means {mean:.4}");
+        println!(
+            "{roughness}: FLIP between frames {single:.4}, denoised {denoised:.4}, of means {mean:.4}"
+        );
         assert!(denoised < 1.5 * mean, "{roughness}: {denoised} instead of {mean}");
     }
 }

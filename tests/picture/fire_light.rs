@@ -234,8 +234,7 @@ fn metals_reflect_a_fire_once() {
     let camera = stage.camera(&target, view());
     let (smoke, grid) = (stage.no_smoke(), stage.grid(flame(), PackKind::Fog, 0.1));
     let fire = stage.world().spawn((smoke, VdbEmission::Scalar { grid, color: COLOR })).id();
-    let slab =
-        level_set::cuboid(DVec3::new(-40.0, -20.0, -40.0), DVec3::new(40.0, -9.0, 40.0));
+    let slab = level_set::cuboid(DVec3::new(-40.0, -20.0, -40.0), DVec3::new(40.0, -9.0, 40.0));
     let slab = VdbVolume(stage.grid(slab, PackKind::Smooth { iso: 0.0 }, 0.1));
     let slab = stage.world().spawn(slab).id();
     for perceptual_roughness in [0.0, 0.5] {
@@ -246,6 +245,7 @@ fn metals_reflect_a_fire_once() {
             stage.world().entity_mut(camera).insert(quality);
             stage.world().entity_mut(fire).remove::<VdbEmissionLight>();
             let alone = stage.picture(&target);
+            alone.save(&format!("fire_in_metal_alone_{perceptual_roughness}_{reflections}"));
             let light = VdbEmissionLight { min_illuminance: 1e-4, ..default() };
             stage.world().entity_mut(fire).insert(light);
             stage.lit(|count| count > 0);

@@ -120,8 +120,7 @@ fn spot() -> impl Bundle {
 
 /// A rectangle near the ball, which sees it in part.
 fn rectangle() -> impl Bundle {
-    let light =
-        RectLight { intensity: 200.0, width: 2.5, height: 0.5, range: 15.0, ..default() };
+    let light = RectLight { intensity: 200.0, width: 2.5, height: 0.5, range: 15.0, ..default() };
     (light, looking(Vec3::new(3.0, 1.5, 3.0)))
 }
 

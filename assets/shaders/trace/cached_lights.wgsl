@@ -310,7 +310,7 @@ fn add_other_lights(
         }
     }
 #ifdef VDB_RECT_LIGHTS
-    octaves[0] += scattered_rect_lights(at.position, ray, anisotropy);
+    octaves[0] += scattered_rect_lights(at.position, ray, extent, anisotropy);
     (*light).nearest = nearest_rect_light(at.position, (*light).nearest);
 #endif
     (*light).octaves = octaves;

@@ -5,6 +5,13 @@
 #import bevy_pbr::mesh_view_bindings as bevy
 #import bevy_vdb::trace::scattering::phase
 
+// The points of Gauss's rule with two points, for an interval from -1 to 1.
+const GAUSS_NODE: f32 = 0.57735027;
+// A stretch of a ray is divided into parts that are at most a third as long as the distance to the light, unless
+// there would be more than eight.
+const PARTS_PER_DISTANCE: f32 = 3.0;
+const MAX_PARTS: f32 = 8.0;
+
 // Light that a surface reflects, cd/m², by Bevy's own function.
 fn reflected_rect_lights(input: lighting::LightingInput) -> vec3<f32> {
     var surface = input;
@@ -22,7 +29,8 @@ fn reflected_rect_lights(input: lighting::LightingInput) -> vec3<f32> {
     return light;
 }
 
-// Solid angle of a triangle seen from the origin, given the absolute triple product of its corners. Van Oosterom and Strackee 1983, "The solid angle of a plane triangle".
+// Solid angle of a triangle seen from the origin, given the absolute triple product of its corners. Van Oosterom
+// and Strackee 1983, "The solid angle of a plane triangle".
 fn solid_angle(triple: f32, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> f32 {
     let lengths = vec3(length(a), length(b), length(c));
     let denominator = lengths.x * lengths.y * lengths.z
@@ -49,63 +57,73 @@ fn rect_place(i: u32, position: vec3<f32>) -> RectPlace {
     return RectPlace(from_light, half_width, half_height, dot(cross(up, right), from_light));
 }
 
-// Distance from a point (world space) to the nearest rectangle light that shines on it.
-fn nearest_rect_light(position: vec3<f32>, otherwise: f32) -> f32 {
-    var nearest = otherwise;
+// Distance from a point (world space) to a rectangle light.
+fn distance_to_rect(i: u32, position: vec3<f32>) -> f32 {
+    let place = rect_place(i, position);
+    let along = vec2(
+        dot(place.from_light, bevy::lights.rect_lights[i].right),
+        dot(place.from_light, bevy::lights.rect_lights[i].up),
+    );
+    let half = 0.5 * vec2(bevy::lights.rect_lights[i].width, bevy::lights.rect_lights[i].height);
+    return length(vec3(max(abs(along) - half, vec2(0.0)), place.height));
+}
+
+// The smaller of a distance and that from a point (world space) to the nearest rectangle light.
+fn nearest_rect_light(position: vec3<f32>, distance: f32) -> f32 {
+    var nearest = distance;
     for (var i = 0u; i < bevy::lights.n_rect_lights; i++) {
-        let place = rect_place(i, position);
-        let along = vec2(
-            dot(place.from_light, bevy::lights.rect_lights[i].right),
-            dot(place.from_light, bevy::lights.rect_lights[i].up),
-        );
-        let half = 0.5 * vec2(bevy::lights.rect_lights[i].width, bevy::lights.rect_lights[i].height);
-        let beside = max(abs(along) - half, vec2(0.0));
-        if place.height > 0.0 {
-            nearest = min(nearest, length(vec3(beside, place.height)));
-        }
+        nearest = min(nearest, distance_to_rect(i, position));
     }
     return nearest;
 }
 
-// Light that fog with an albedo of 1 scatters at a point (world space) along a ray (world space, unit length),
-// cd/m²: the radiance of each light, times its solid angle, times the mean of the phase function over four parts.
-fn scattered_rect_lights(position: vec3<f32>, ray: vec3<f32>, anisotropy: f32) -> vec3<f32> {
-    // Of the half-extents: the points of Gauss's rule of two points.
-    let node = 0.57735027;
+// The mean of `scattered_rect_light` over a stretch of a ray (world space, unit length) around a point, for all
+// lights, cd/m².
+fn scattered_rect_lights(position: vec3<f32>, ray: vec3<f32>, extent: f32, anisotropy: f32) -> vec3<f32> {
     var light = vec3(0.0);
     for (var i = 0u; i < bevy::lights.n_rect_lights; i++) {
-        let place = rect_place(i, position);
-        if place.height <= 0.0 {
-            continue;
+        let wanted = ceil(PARTS_PER_DISTANCE * extent / max(distance_to_rect(i, position), 1e-30));
+        let parts = clamp(wanted, 1.0, MAX_PARTS);
+        for (var part = 0.5; part < parts; part += 1.0) {
+            let at = position + (extent * (part / parts - 0.5)) * ray;
+            light += scattered_rect_light(i, at, ray, anisotropy) / parts;
         }
-        let to_light = -place.from_light;
-        let corners = array(
-            to_light + place.half_width - place.half_height,
-            to_light - place.half_width - place.half_height,
-            to_light - place.half_width + place.half_height,
-            to_light + place.half_width + place.half_height,
-        );
-        let area = bevy::lights.rect_lights[i].width * bevy::lights.rect_lights[i].height;
-        // From the area rather than the corners, whose product would cancel far from the light.
-        let triple = area * place.height;
-        let angle = solid_angle(triple, corners[0], corners[1], corners[2])
-            + solid_angle(triple, corners[0], corners[2], corners[3]);
-        var weights = 0.0;
-        var phases = 0.0;
-        for (var part = 0u; part < 4u; part++) {
-            let sign = select(vec2(-node), vec2(node), (vec2(part) & vec2(1u, 2u)) != vec2(0u));
-            let to_part = to_light + sign.x * place.half_width + sign.y * place.half_height;
-            let inverse = inverseSqrt(max(dot(to_part, to_part), 1e-30));
-            // All parts have the same area and the same height below the point.
-            let weight = inverse * inverse * inverse;
-            weights += weight;
-            phases += weight * phase(anisotropy, clamp(dot(to_part, ray) * inverse, -1.0, 1.0));
-        }
-        let range = max(bevy::lights.rect_lights[i].range, 0.01);
-        let falloff =
-            lighting::getRangeFalloff(dot(to_light, to_light), 1.0 / (range * range));
-        let radiance = bevy::lights.rect_lights[i].color.rgb;
-        light += radiance * (falloff * angle * phases / weights);
     }
     return light;
+}
+
+// Light of a rectangle light that fog with an albedo of 1 scatters at a point (world space) along a ray (world
+// space, unit length), cd/m²: its radiance, times its solid angle, times the mean of the phase function over four
+// points.
+fn scattered_rect_light(i: u32, position: vec3<f32>, ray: vec3<f32>, anisotropy: f32) -> vec3<f32> {
+    let place = rect_place(i, position);
+    if place.height <= 0.0 {
+        return vec3(0.0);
+    }
+    let to_light = -place.from_light;
+    let corners = array(
+        to_light + place.half_width - place.half_height,
+        to_light - place.half_width - place.half_height,
+        to_light - place.half_width + place.half_height,
+        to_light + place.half_width + place.half_height,
+    );
+    let area = bevy::lights.rect_lights[i].width * bevy::lights.rect_lights[i].height;
+    // From the area rather than the corners, whose product would cancel far from the light.
+    let triple = area * place.height;
+    let angle = solid_angle(triple, corners[0], corners[1], corners[2])
+        + solid_angle(triple, corners[0], corners[2], corners[3]);
+    var weights = 0.0;
+    var phases = 0.0;
+    for (var point = 0u; point < 4u; point++) {
+        let sign = select(vec2(-GAUSS_NODE), vec2(GAUSS_NODE), (vec2(point) & vec2(1u, 2u)) != vec2(0u));
+        let to_point = to_light + sign.x * place.half_width + sign.y * place.half_height;
+        let inverse = inverseSqrt(max(dot(to_point, to_point), 1e-30));
+        // All four stand for the same area and have the same distance to the plane.
+        let weight = inverse * inverse * inverse;
+        weights += weight;
+        phases += weight * phase(anisotropy, clamp(dot(to_point, ray) * inverse, -1.0, 1.0));
+    }
+    let range = max(bevy::lights.rect_lights[i].range, 0.01);
+    let falloff = lighting::getRangeFalloff(dot(to_light, to_light), 1.0 / (range * range));
+    return bevy::lights.rect_lights[i].color.rgb * (falloff * angle * phases / weights);
 }

@@ -7,8 +7,8 @@ use bevy::render::Extract;
 use bevy::render::sync_world::RenderEntity;
 
 use crate::VdbSun;
-use crate::scene::FireLight;
 use crate::render::gpu::non_negative;
+use crate::scene::FireLight;
 
 /// The directional lights that light volumes differently from meshes.
 #[derive(Clone, Debug, Default, Resource)]

@@ -14,9 +14,7 @@ use bevy::render::{ExtractSchedule, RenderApp};
 
 pub(super) use auxiliary::AuxiliaryGrid;
 pub(super) use changes::SceneChanges;
-pub(super) use lights::{
-    ExtractedEnvironment, ExtractedFireLights, ExtractedSuns, MeshCasters,
-};
+pub(super) use lights::{ExtractedEnvironment, ExtractedFireLights, ExtractedSuns, MeshCasters};
 pub(super) use materials::{ExtractedMaterials, MaterialRow, ROW_WORDS};
 pub(super) use ramps::{ExtractedRamp, ExtractedRamps};
 pub(super) use volumes::{ExtractedVelocity, ExtractedVolume, ExtractedVolumes};

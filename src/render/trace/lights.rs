@@ -86,9 +86,8 @@ impl LightLayouts {
         };
         let both = [false, true];
         Self {
-            lights: both.map(|shadows| {
-                both.map(|fog| both.map(|areas| lights(shadows, fog, areas)))
-            }),
+            lights: both
+                .map(|shadows| both.map(|fog| both.map(|areas| lights(shadows, fog, areas)))),
             around: both.map(|maps| {
                 both.map(|volumes| both.map(|arrays| Around { maps, volumes, arrays }.layout()))
             }),

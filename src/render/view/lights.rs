@@ -12,7 +12,9 @@ use bevy::render::render_asset::RenderAssets;
 use bevy::render::texture::GpuImage;
 
 use crate::quality::features::Features;
-use crate::render::extract::{ExtractedEnvironment, ExtractedFireLights, ExtractedSuns, MeshCasters};
+use crate::render::extract::{
+    ExtractedEnvironment, ExtractedFireLights, ExtractedSuns, MeshCasters,
+};
 use crate::render::gpu::types;
 
 /// The lights in the scene.

