@@ -234,17 +234,22 @@ def render(bpy, world):
     return pixels.reshape(height, width, -1)[::-1]
 
 
-def read_grid(path, name):
-    """A dense array of a grid's values, and the matrix to the world from indices of the array, with a margin
-    of one voxel of background so that linear interpolation falls to it."""
+def openvdb_module():
+    """OpenVDB's module, which Blender brings along and does not put in the path."""
     import bpy
 
-    # Blender brings OpenVDB's module along, and does not put it in the path.
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     folder = bpy.utils.resource_path("LOCAL")
     sys.path.append(os.path.join(folder, "python", "lib", version, "site-packages"))
     import openvdb
 
+    return openvdb
+
+
+def read_grid(path, name):
+    """A dense array of a grid's values, and the matrix to the world from indices of the array, with a margin
+    of one voxel of background so that linear interpolation falls to it."""
+    openvdb = openvdb_module()
     grid = openvdb.read(path, name)
     low, high = (np.array(corner) for corner in grid.evalActiveVoxelBoundingBox())
     low, high = low - 1, high + 1

@@ -21,7 +21,7 @@ import zlib
 import numpy as np
 import peer_cycles
 
-WIDTH, HEIGHT = 640, 360
+WIDTH, HEIGHT = 480, 270
 # The light of the viewer (examples/viewer/app.rs) at Bevy's default exposure.
 EXPOSURE = 1.0 / (1.2 * 2.0**9.7)
 SUN = 2600.0 * EXPOSURE
@@ -46,13 +46,13 @@ SCENES = {
         "target": [1.0, 4.5, -4.9],
     },
     "fire": {
-        "file": "fire/fire_0012.vdb",
+        "file": "fire/fire_0008.vdb",
         "grid": "density",
-        "density_scale": 3.0,
-        "eye": [1.1, 1.4, 2.2],
-        "target": [0.0, 0.85, 0.05],
+        "density_scale": 4.0,
+        "eye": [0.85, 1.05, 1.95],
+        "target": [0.0, 0.75, 0.05],
         # Kelvin for a flame of 1, and the strength of emission per world unit.
-        "fire": {"grid": "flame", "kelvin": 2000.0, "strength": 0.006},
+        "fire": {"grid": "flame", "kelvin": 1700.0, "strength": 0.01},
     },
 }
 
@@ -168,8 +168,9 @@ def cycles_scene(scene, samples):
         # Fog is white and scatters evenly, as VdbMaterial does by default.
         "albedo": 1.0,
         "anisotropy": 0.0,
-        # A voxel has an optical depth below a half, and there is no difference to shorter steps.
-        "step_rate": 1.0,
+        # In voxels. Steps of the cloud have an optical depth of up to a half, and there is no difference to shorter
+        # ones.
+        "step_rate": 2.0 if "fire" not in scene else 1.0,
     }
     if "fire" in scene:
         fire = scene["fire"]
@@ -180,9 +181,7 @@ def cycles_scene(scene, samples):
 
 def add_surface(bpy, world, scene, casts_shadows):
     """The level set as a mesh: OpenVDB's, with smooth normals, and the material of VdbMaterial."""
-    import openvdb
-
-    grid = openvdb.read(scene["file"], scene["surface"])
+    grid = peer_cycles.openvdb_module().read(scene["file"], scene["surface"])
     points, quads = grid.convertToQuads(0.0)
     mesh = bpy.data.meshes.new("surface")
     mesh.from_pydata(points.tolist(), [], quads[:, ::-1].tolist())
@@ -209,7 +208,7 @@ def add_sky(bpy, world, strength):
     world.world = sky
 
 
-def path_traced(scene, seed, sun=True, sky=True, bounces=None, casts_shadows=True):
+def path_traced(scene, seed, sun=True, sky=SKY, bounces=None, casts_shadows=True):
     """Light and coverage by Cycles."""
     import bpy
 
@@ -220,7 +219,7 @@ def path_traced(scene, seed, sun=True, sky=True, bounces=None, casts_shadows=Tru
     else:
         peer_cycles.add_fog(bpy, world, scene)
     peer_cycles.add_sun(bpy, world, {**scene, "irradiance": scene["irradiance"] if sun else 0.0})
-    add_sky(bpy, world, SKY if sky else 0.0)
+    add_sky(bpy, world, sky)
     peer_cycles.add_camera(bpy, world, scene)
     peer_cycles.settle(world, {**scene, "seed": seed})
     world.render.film_transparent = True
@@ -283,14 +282,18 @@ def compare(label, shown, judge, options, folder):
 
 
 def surface_rows(name, scene, shown, options, folder):
-    def direct(seed):
-        # The sky without occlusion, and no light from one part of the surface to another, as the viewer has it.
-        sun = path_traced(scene, seed, sky=False, bounces=0)
-        sky = path_traced(scene, seed, sun=False, bounces=0, casts_shadows=False)
-        sun[..., :3] += sky[..., :3]
-        return sun
-
-    compare(f"{name}, direct light", shown, judged(direct), options, folder)
+    """Rows for the light that the viewer has, and for all of it."""
+    # No light from one part of the surface to another, and a sky that nothing hides.
+    seeds = (1, 2)
+    sun = [path_traced(scene, seed, sky=0.0, bounces=0) for seed in seeds]
+    sky = [path_traced(scene, seed, False, bounces=0, casts_shadows=False)[..., :3] for seed in seeds]
+    # Bevy's AmbientLight is an approximation: how bright it is shows where the sun does not arrive.
+    ours = light_of(decoded(shown))
+    in_shadow = (sun[0][..., 3] > 0.99) & (sun[0][..., :3].max(axis=-1) < 0.005)
+    ratio = np.median(ours[in_shadow].mean(axis=-1) / sky[0][in_shadow].mean(axis=-1))
+    for label, scale in [(f"direct light, sky × {ratio:.2f}", ratio), ("direct light", 1.0)]:
+        added = [np.dstack([s[..., :3] + scale * k, s[..., 3]]) for s, k in zip(sun, sky)]
+        compare(f"{name}, {label}", shown, judged(lambda seed: added[seed - 1]), options, folder)
     return compare(f"{name}, all light", shown, judged(lambda seed: path_traced(scene, seed)), options, folder)
 
 
@@ -301,7 +304,7 @@ def main():
     parser.add_argument("--viewer", required=True)
     parser.add_argument("--flip", required=True)
     parser.add_argument("--out", required=True)
-    parser.add_argument("--samples", type=int, default=512, help="paths per pixel")
+    parser.add_argument("--samples", type=int, default=256, help="paths per pixel")
     parser.add_argument("scenes", nargs="*", choices=[[], *SCENES], default=[])
     options = parser.parse_args()
     os.makedirs(options.out, exist_ok=True)

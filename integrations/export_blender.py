@@ -66,10 +66,11 @@ def matrix_of(transform):
 class Exporter:
     """What one call of `export` knows."""
 
-    def __init__(self, options):
+    def __init__(self, grids, voxel_size, band, half, z_up):
         self.vdb = openvdb_module()
-        self.options = options
-        self.to_file = np.eye(4) if options["z_up"] else Y_UP
+        self.wanted, self.half = grids, half
+        self.voxel_size, self.band = voxel_size, band
+        self.to_file = np.eye(4) if z_up else Y_UP
 
     def frame(self, objects):
         """The grids of all objects at the current frame, by name."""
@@ -77,13 +78,13 @@ class Exporter:
         found = {}
         for own in objects:
             for grid in self.grids(own, depsgraph):
-                if self.options["grids"] and grid.name not in self.options["grids"]:
+                if self.wanted and grid.name not in self.wanted:
                     continue
                 if grid.name in found:
                     raise ExportError(
                         f"{own.name}: {found[grid.name]} has a grid `{grid.name}`, too; export them one by one"
                     )
-                grid.saveFloatAsHalf = self.options["half"]
+                grid.saveFloatAsHalf = self.half
                 found[grid.name] = grid
         return found
 
@@ -138,8 +139,8 @@ class Exporter:
         grid = self.vdb.FloatGrid.createLevelSetFromPolygons(
             points,
             triangles=triangles.astype(np.uint32),
-            transform=self.vdb.createLinearTransform(voxelSize=self.options["voxel_size"]),
-            halfWidth=self.options["band"],
+            transform=self.vdb.createLinearTransform(voxelSize=self.voxel_size),
+            halfWidth=self.band,
         )
         grid.name = own.name
         return grid
@@ -164,7 +165,16 @@ class Exporter:
         low, size = corners.min(axis=0), np.ptp(corners, axis=0)
         grids = []
         for grid in self.vdb.readAll(path)[0]:
-            to_object = np.eye(4)
+            # The file has the voxels of the domain in a unit of its own, from a corner at the origin.
+            try:
+                domain = np.array(grid["file_base_resolution"]) * grid["file_voxel_size"]
+            except KeyError:
+                raise ExportError(f"{path}: `{grid.name}` does not say what the resolution was") from None
+            to_object = np.diag([*(size / domain), 1.0])
+            to_object[:3, 3] = low
+            to_scene = np.array(evaluated.matrix_world) @ to_object
+            # Cells have their values in their middles.
+            self.place(grid, to_scene @ matrix_of(grid.transform) @ HALF_VOXEL)
             grids.append(grid)
         return grids
 
@@ -194,9 +204,7 @@ def export(
         raise ExportError("no objects to export")
     sequence = Sequence(out)
     sequence.prepare(frames)
-    exporter = Exporter(
-        {"grids": set(grids), "voxel_size": voxel_size, "band": band, "half": half, "z_up": z_up}
-    )
+    exporter = Exporter(set(grids), voxel_size, band, half, z_up)
     before, found = scene.frame_current, False
     try:
         for frame in frames:
