@@ -15,7 +15,7 @@ What an object gives:
     a mesh, a curve, a text or metaballs                                    a level set named like the object
 
 Grids are written in the coordinates of the scene, with the transforms of their objects, turned so that y points up
-as in Bevy; --z-up leaves them as they are in Blender. For Blender 4.2 and later.
+as in Bevy; --z-up leaves them as they are in Blender. Tested with Blender 4.5.
 """
 
 import argparse

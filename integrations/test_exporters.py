@@ -278,6 +278,20 @@ class Exports(unittest.TestCase):
         grids = info(self.out("a/smoke_0004.vdb"))
         self.assertEqual((list(grids), grids["density"]["half"]), (["density"], True))
 
+    def test_the_script_runs_as_a_program(self):
+        def run(*words):
+            command = [sys.executable, "-B", export_blender.__file__, *words, "--out", self.out("p/cube.vdb")]
+            return subprocess.run(command, capture_output=True, text=True)
+
+        # Blender begins with a cube of two units.
+        done = run("Cube", "--frames", "7", "--voxel-size", "0.25")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(info(self.out("p/cube_0007.vdb"))["Cube"]["class"], "level set")
+        self.assertTrue(os.path.exists(self.out("p/cube.vdbseq")))
+        done = run("Ball")
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("export_blender: Ball: no such object", done.stderr)
+
     def test_the_viewer_plays_it(self):
         if "VIEWER" not in os.environ:
             self.skipTest("VIEWER is not set, the path of the viewer")
