@@ -16,6 +16,8 @@ The scene:
     to_sun, irradiance    a sun without extent: its direction, and its light on a surface that faces it
     samples, seed         paths per pixel; another seed gives independent noise
     step_rate             (Cycles alone) its steps, in voxels; 0.25 if left out
+    fire                  (Cycles alone) black bodies: a grid, kelvin for a value of 1, a strength, and
+                          coefficients of the logarithm of their luminance, a polynomial of 1000 K / kelvin
 
 Needs Python 3.11, which bpy 4.5 is built for, and the packages bpy, mitsuba and numpy.
 """
@@ -31,6 +33,8 @@ import numpy as np
 # As many as Cycles accepts.
 MAX_BOUNCES = 1024
 MAX_STEPS = 65536
+# In kelvin; anything colder is black, and the same to the eye.
+COLDEST = 500.0
 
 
 def unit(vector):
@@ -46,10 +50,11 @@ def camera_axes(scene):
 
 
 def write_pfm(path, picture):
-    """Writes rows that are given from the top; the format has them from the bottom."""
-    height, width = picture.shape
+    """Writes rows, gray or coloured, that are given from the top; the format has them from the bottom."""
+    height, width = picture.shape[:2]
+    kind = "Pf" if picture.ndim == 2 else "PF"
     with open(path, "wb") as file:
-        file.write(f"Pf\n{width} {height}\n-1.0\n".encode())
+        file.write(f"{kind}\n{width} {height}\n-1.0\n".encode())
         file.write(np.ascontiguousarray(picture[::-1], dtype="<f4").tobytes())
 
 
@@ -69,7 +74,7 @@ def cycles(scene):
     add_sun(bpy, world, scene)
     add_camera(bpy, world, scene)
     settle(world, scene)
-    return render(bpy, world)
+    return render(bpy, world)[:, :, 0]
 
 
 def add_fog(bpy, world, scene):
@@ -106,6 +111,8 @@ def add_fog(bpy, world, scene):
         scale.inputs["Scale"].default_value = part * scene["density_scale"]
         links.new(density.outputs["Fac"], scale.inputs["Vector"])
         links.new(scale.outputs["Vector"], fog.inputs[name])
+    if "fire" in scene:
+        add_fire(nodes, links, scene["fire"], fog.inputs["Emission Coefficients"])
     output = nodes.new("ShaderNodeOutputMaterial")
     links.new(fog.outputs["Volume"], output.inputs["Volume"])
     volume.materials.append(material)
@@ -113,6 +120,37 @@ def add_fog(bpy, world, scene):
     to_world = np.array(volume.grids[scene["grid"]].matrix_object)
     place.location = to_world[:3, :3] @ np.full(3, -0.5)
     world.collection.objects.link(place)
+
+
+def add_fire(nodes, links, fire, emission):
+    """Black bodies: their colour is that of Cycles' own node, their luminance Planck's law, a polynomial here."""
+
+    def math(operation, *inputs):
+        node = nodes.new("ShaderNodeMath")
+        node.operation = operation
+        for socket, value in zip(node.inputs, inputs):
+            if isinstance(value, float):
+                socket.default_value = value
+            else:
+                links.new(value, socket)
+        return node.outputs["Value"]
+
+    value = nodes.new("ShaderNodeAttribute")
+    value.attribute_name = fire["grid"]
+    kelvin = math("MAXIMUM", math("MULTIPLY", value.outputs["Fac"], fire["kelvin"]), COLDEST)
+    inverse = math("DIVIDE", 1000.0, kelvin)
+    logarithm = 0.0
+    for coefficient in fire["log_luminance"]:
+        logarithm = math("MULTIPLY_ADD", logarithm, inverse, coefficient)
+    luminance = math("MULTIPLY", math("EXPONENT", logarithm), fire["strength"])
+    is_hot = math("GREATER_THAN", kelvin, COLDEST)
+    body = nodes.new("ShaderNodeBlackbody")
+    links.new(kelvin, body.inputs["Temperature"])
+    scale = nodes.new("ShaderNodeVectorMath")
+    scale.operation = "SCALE"
+    links.new(body.outputs["Color"], scale.inputs["Vector"])
+    links.new(math("MULTIPLY", luminance, is_hot), scale.inputs["Scale"])
+    links.new(scale.outputs["Vector"], emission)
 
 
 def matrix(right, up, back, place):
@@ -166,6 +204,7 @@ def settle(world, scene):
     cycles.light_sampling_threshold = 0.0
     cycles.sample_clamp_direct = 0.0
     cycles.sample_clamp_indirect = 0.0
+    cycles.blur_glossy = 0.0
     cycles.max_bounces = MAX_BOUNCES
     cycles.volume_bounces = MAX_BOUNCES
     # Each crossing of the mesh around the fog counts as one.
@@ -181,7 +220,7 @@ def render(bpy, world):
     """The picture, through a file: a result of a render has no pixels to read."""
     image = world.render.image_settings
     image.file_format = "OPEN_EXR"
-    image.color_mode = "RGB"
+    image.color_mode = "RGBA" if world.render.film_transparent else "RGB"
     image.color_depth = "32"
     image.exr_codec = "NONE"
     with tempfile.TemporaryDirectory() as folder:
@@ -192,20 +231,25 @@ def render(bpy, world):
         width, height = picture.size
         pixels = np.empty(width * height * picture.channels, dtype=np.float32)
         picture.pixels.foreach_get(pixels)
-    return pixels.reshape(height, width, -1)[::-1, :, 0]
+    return pixels.reshape(height, width, -1)[::-1]
 
 
-def read_grid(path, name):
-    """A dense array of a grid's values, and the matrix to the world from indices of the array, with a margin
-    of one voxel of background so that linear interpolation falls to it."""
+def openvdb_module():
+    """OpenVDB's module, which Blender brings along and does not put in the path."""
     import bpy
 
-    # Blender brings OpenVDB's module along, and does not put it in the path.
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     folder = bpy.utils.resource_path("LOCAL")
     sys.path.append(os.path.join(folder, "python", "lib", version, "site-packages"))
     import openvdb
 
+    return openvdb
+
+
+def read_grid(path, name):
+    """A dense array of a grid's values, and the matrix to the world from indices of the array, with a margin
+    of one voxel of background so that linear interpolation falls to it."""
+    openvdb = openvdb_module()
     grid = openvdb.read(path, name)
     low, high = (np.array(corner) for corner in grid.evalActiveVoxelBoundingBox())
     low, high = low - 1, high + 1

@@ -7,7 +7,7 @@
 
 use std::f64::consts::PI;
 
-use bevy::math::{DMat3, DVec3, Vec3, Vec4};
+use glam::{DMat3, DVec3, Vec3, Vec4};
 
 use super::common::Picture;
 
@@ -171,7 +171,7 @@ pub fn flip(a: &Picture, b: &Picture) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bevy::math::UVec2;
+    use glam::UVec2;
 
     fn picture(color: impl Fn(u32, u32) -> Vec3) -> Picture {
         let size = UVec2::new(40, 30);

@@ -6,8 +6,18 @@ use std::fs;
 use std::path::{Component, Path, PathBuf};
 
 /// Folders of the repository. Code spans in Markdown that begin with one of them are paths.
-const FOLDERS: [&str; 9] =
-    [".ci/", "assets/", "benches/", "crates/", "docs/", "examples/", "scripts/", "src/", "tests/"];
+const FOLDERS: [&str; 10] = [
+    ".ci/",
+    "assets/",
+    "benches/",
+    "crates/",
+    "docs/",
+    "examples/",
+    "integrations/",
+    "scripts/",
+    "src/",
+    "tests/",
+];
 
 /// Files whose text may name a page of the documentation.
 const SOURCES: [&str; 5] = ["rs", "wgsl", "toml", "md", ""];
