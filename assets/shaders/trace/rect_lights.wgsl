@@ -5,8 +5,8 @@
 #import bevy_pbr::mesh_view_bindings as bevy
 #import bevy_vdb::trace::scattering::phase
 
-// The points of Gauss's rule with two points, for an interval from -1 to 1.
-const GAUSS_NODE: f32 = 0.57735027;
+// Gauss's rule with three points for an interval from -1 to 1: a point, beside those at 0 and opposite to it.
+const GAUSS_NODE: f32 = 0.77459667;
 // A stretch of a ray is divided into parts that are at most a third as long as the distance to the light, unless
 // there would be more than eight.
 const PARTS_PER_DISTANCE: f32 = 3.0;
@@ -93,7 +93,7 @@ fn scattered_rect_lights(position: vec3<f32>, ray: vec3<f32>, extent: f32, aniso
 }
 
 // Light of a rectangle light that fog with an albedo of 1 scatters at a point (world space) along a ray (world
-// space, unit length), cd/m²: its radiance, times its solid angle, times the mean of the phase function over four
+// space, unit length), cd/m²: its radiance, times its solid angle, times the mean of the phase function over nine
 // points.
 fn scattered_rect_light(i: u32, position: vec3<f32>, ray: vec3<f32>, anisotropy: f32) -> vec3<f32> {
     let place = rect_place(i, position);
@@ -114,12 +114,14 @@ fn scattered_rect_light(i: u32, position: vec3<f32>, ray: vec3<f32>, anisotropy:
         + solid_angle(triple, corners[0], corners[2], corners[3]);
     var weights = 0.0;
     var phases = 0.0;
-    for (var point = 0u; point < 4u; point++) {
-        let sign = select(vec2(-GAUSS_NODE), vec2(GAUSS_NODE), (vec2(point) & vec2(1u, 2u)) != vec2(0u));
-        let to_point = to_light + sign.x * place.half_width + sign.y * place.half_height;
+    for (var point = 0u; point < 9u; point++) {
+        let along = vec2(f32(point % 3u), f32(point / 3u)) - 1.0;
+        let node = GAUSS_NODE * along;
+        let to_point = to_light + node.x * place.half_width + node.y * place.half_height;
         let inverse = inverseSqrt(max(dot(to_point, to_point), 1e-30));
-        // All four stand for the same area and have the same distance to the plane.
-        let weight = inverse * inverse * inverse;
+        // The rule's weights are in the ratio 5 to 8; the distance to the plane is the same for all.
+        let rule = vec2(8.0) - 3.0 * abs(along);
+        let weight = rule.x * rule.y * inverse * inverse * inverse;
         weights += weight;
         phases += weight * phase(anisotropy, clamp(dot(to_point, ray) * inverse, -1.0, 1.0));
     }

@@ -206,8 +206,8 @@ fn fog_is_lit_by_a_rectangle_place_by_place() {
     });
     let parts: Vec<DVec3> = parts.collect();
     let area = size.x * size.y / parts.len() as f64;
-    // Rays that pass close to its edges are off by more than others.
-    for (anisotropy, bound) in [(0.0, 0.02), (0.5, 0.03)] {
+    // What docs/guide/fog.md promises of fog that is closer to a rectangle than its width.
+    for (anisotropy, bound) in [(0.0, [0.02, 0.06]), (0.5, [0.06, 0.12])] {
         let name = format!("fog_beside_a_rectangle_{anisotropy}");
         let [most, worst] = errors_in_fog(&name, anisotropy, (pane, place), |at, ray| {
             let seen = |part: &DVec3| {
@@ -222,7 +222,8 @@ fn fog_is_lit_by_a_rectangle_place_by_place() {
             };
             radiance * parts.iter().map(seen).sum::<f64>()
         });
-        assert!(most < bound && worst < 0.1, "anisotropy {anisotropy}: off by {most}, {worst}");
+        let off = format!("anisotropy {anisotropy}: off by {most}, {worst}");
+        assert!(most < bound[0] && worst < bound[1], "{off}");
     }
 }
 
