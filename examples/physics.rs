@@ -1,5 +1,5 @@
 //! Physics on a volume: crates and balls stand on a hill while a worm digs through it, and fall into the
-//! tunnel. In a window, the left mouse button digs as well.
+//! trench. In a window, the left mouse button digs as well.
 //!
 //! The collider is a mesh of the level set. Whenever voxels have changed, a task makes a new one, so that no frame
 //! waits for it.
@@ -28,8 +28,8 @@ const BALL_RADIUS: f32 = 4.0;
 const HEIGHT: f32 = 1.4;
 /// The edge of a crate.
 const CRATE: f32 = 0.36;
-/// The radius of the tunnel, and the seconds that the worm takes.
-const TUNNEL: f32 = 0.34;
+/// The radius of the trench, and the seconds that the worm takes.
+const TRENCH: f32 = 0.4;
 const SECONDS: f32 = 4.0;
 
 fn main() -> AppExit {
@@ -140,15 +140,18 @@ fn stack(
     }
 }
 
-/// Digs a tunnel through the hill, below its top.
+/// Digs a trench through the hill, below the crates.
 fn worm(time: Res<Time>, mut holes: ResMut<Holes>) {
     holes.0.clear();
     let [now, before] =
         [time.elapsed_secs(), time.elapsed_secs() - time.delta_secs()].map(|t| t / SECONDS);
     let mut t = before.max(0.0);
     while t < now.min(1.0) {
-        let x = 3.2 * (1.0 - 2.0 * t);
-        holes.0.push(Vec3::new(x, 0.85 + 0.2 * (3.0 * x).sin(), 0.25 * (2.0 * x).cos()));
+        // So high that the crates have nothing left to stand on.
+        let along = 3.2 * (2.0 * t - 1.0);
+        let beside = 0.2 * (2.0 * along).cos();
+        let turned = Quat::from_rotation_y(0.6) * Vec3::new(beside, 0.0, along);
+        holes.0.push(turned + Vec3::Y * (HEIGHT - 0.3));
         t += 0.01;
     }
 }
@@ -184,7 +187,7 @@ fn dig(
     let Some(mut grid) = grids.get_mut(&hill.0) else { return Ok(()) };
     grid.edit(|voxels| {
         for hole in &holes.0 {
-            let (middle, radius) = (*hole / VOXEL, TUNNEL / VOXEL);
+            let (middle, radius) = (*hole / VOXEL, TRENCH / VOXEL);
             let reach = radius + level_set::HALF_WIDTH;
             let bbox = CoordBox {
                 min: (middle - reach).floor().as_ivec3(),
