@@ -118,7 +118,7 @@ fn stack(
                 MeshMaterial3d(wood.clone()),
                 Transform::from_translation(at),
                 Collider::cuboid(CRATE, CRATE, CRATE),
-                body.clone(),
+                body,
             ));
         }
     }
@@ -135,7 +135,7 @@ fn stack(
             Collider::sphere(0.5 * CRATE),
             // Balls would roll down the hill.
             AngularDamping(6.0),
-            body.clone(),
+            body,
         ));
     }
 }
