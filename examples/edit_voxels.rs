@@ -10,9 +10,11 @@ use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::vdb_core::synth::level_set;
-use bevy_vdb::vdb_core::tree::CoordBox;
+use sculpt::{Dab, under_pointer};
 
 mod helpers;
+#[path = "helpers/sculpt.rs"]
+mod sculpt;
 
 /// The size of a voxel and the radius of the ball, in world units.
 const VOXEL: f32 = 0.02;
@@ -40,13 +42,6 @@ fn main() -> AppExit {
 /// The edits of this frame.
 #[derive(Default, Resource)]
 struct Brush(Vec<Dab>);
-
-/// A ball that is removed from the clay or added to it, in world units.
-struct Dab {
-    at: Vec3,
-    radius: f32,
-    adds: bool,
-}
 
 /// Marks the position of the tool.
 #[derive(Component)]
@@ -119,15 +114,11 @@ fn point(
     if !adds && !buttons.pressed(MouseButton::Left) {
         return;
     }
-    let (camera, transform) = *camera;
-    let hit = window
-        .and_then(|window| window.cursor_position())
-        .and_then(|cursor| camera.viewport_to_world(transform, cursor).ok())
-        .and_then(|ray| volumes.cast_ray_nearest(ray, &VdbRayCastSettings::default()));
+    let hit = under_pointer(window.map(|window| *window), *camera, &volumes);
     brush.0.extend(hit.map(|hit| Dab { at: hit.position, radius: 0.12, adds }));
 }
 
-/// Edits the clay. The minimum or maximum of two distances keeps a level set a level set.
+/// Edits the clay.
 fn carve(
     brush: Res<Brush>,
     clay: Single<&VdbVolume>,
@@ -137,22 +128,5 @@ fn carve(
         return Ok(());
     }
     let Some(mut grid) = grids.get_mut(&clay.0) else { return Ok(()) };
-    grid.edit(|voxels| {
-        for dab in &brush.0 {
-            let (middle, radius) = (dab.at / VOXEL, dab.radius / VOXEL);
-            let reach = radius + level_set::HALF_WIDTH;
-            let bbox = CoordBox {
-                min: (middle - reach).floor().as_ivec3(),
-                max: (middle + reach).ceil().as_ivec3(),
-            };
-            voxels.update(bbox, |ijk, old| {
-                let distance = ijk.as_vec3().distance(middle) - radius;
-                let distance = distance.clamp(-level_set::HALF_WIDTH, level_set::HALF_WIDTH);
-                let value =
-                    if dab.adds { old.value.min(distance) } else { old.value.max(-distance) };
-                VdbVoxel { value, active: value.abs() < level_set::HALF_WIDTH }
-            });
-        }
-    })?;
-    Ok(())
+    sculpt::sculpt(&mut grid, VOXEL, &brush.0)
 }

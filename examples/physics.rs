@@ -18,8 +18,11 @@ use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::vdb_core::synth::level_set;
 use bevy_vdb::vdb_core::tools::LevelSetToMesh;
 use bevy_vdb::vdb_core::tree::CoordBox;
+use sculpt::{Dab, under_pointer};
 
 mod helpers;
+#[path = "helpers/sculpt.rs"]
+mod sculpt;
 
 /// The size of a voxel, in world units.
 const VOXEL: f32 = 0.04;
@@ -45,9 +48,13 @@ fn main() -> AppExit {
         .run()
 }
 
-/// The middles of the balls that are dug out in this frame, in world units.
+/// What is dug in this frame.
 #[derive(Default, Resource)]
-struct Holes(Vec<Vec3>);
+struct Holes(Vec<Dab>);
+
+fn hole(at: Vec3) -> Dab {
+    Dab { at, radius: TRENCH, adds: false }
+}
 
 /// Marks the hill.
 #[derive(Component)]
@@ -151,7 +158,7 @@ fn worm(time: Res<Time>, mut holes: ResMut<Holes>) {
         let along = 3.2 * (2.0 * t - 1.0);
         let beside = 0.2 * (2.0 * along).cos();
         let turned = Quat::from_rotation_y(0.6) * Vec3::new(beside, 0.0, along);
-        holes.0.push(turned + Vec3::Y * (HEIGHT - 0.3));
+        holes.0.push(hole(turned + Vec3::Y * (HEIGHT - 0.3)));
         t += 0.01;
     }
 }
@@ -167,15 +174,11 @@ fn point(
     if !buttons.pressed(MouseButton::Left) {
         return;
     }
-    let (camera, transform) = *camera;
-    let hit = window
-        .and_then(|window| window.cursor_position())
-        .and_then(|cursor| camera.viewport_to_world(transform, cursor).ok())
-        .and_then(|ray| volumes.cast_ray_nearest(ray, &VdbRayCastSettings::default()));
-    holes.0.extend(hit.map(|hit| hit.position));
+    let hit = under_pointer(window.map(|window| *window), *camera, &volumes);
+    holes.0.extend(hit.map(|hit| hole(hit.position)));
 }
 
-/// Removes the holes of this frame from the hill. The maximum of two distances keeps a level set a level set.
+/// Digs the holes of this frame.
 fn dig(
     holes: Res<Holes>,
     hill: Single<&VdbVolume, With<Hill>>,
@@ -185,22 +188,7 @@ fn dig(
         return Ok(());
     }
     let Some(mut grid) = grids.get_mut(&hill.0) else { return Ok(()) };
-    grid.edit(|voxels| {
-        for hole in &holes.0 {
-            let (middle, radius) = (*hole / VOXEL, TRENCH / VOXEL);
-            let reach = radius + level_set::HALF_WIDTH;
-            let bbox = CoordBox {
-                min: (middle - reach).floor().as_ivec3(),
-                max: (middle + reach).ceil().as_ivec3(),
-            };
-            voxels.update(bbox, |ijk, old| {
-                let outside = radius - ijk.as_vec3().distance(middle);
-                let value = old.value.max(outside.min(level_set::HALF_WIDTH));
-                VdbVoxel { value, active: value.abs() < level_set::HALF_WIDTH }
-            });
-        }
-    })?;
-    Ok(())
+    sculpt::sculpt(&mut grid, VOXEL, &holes.0)
 }
 
 /// The collider of a level set.

@@ -56,6 +56,7 @@ bitflags! {
         const DENOISED = 1 << 44;
         const RECT_LIGHTS = 1 << 45;
         const FIRE_LIGHTS = 1 << 46;
+        const LEVELS = 1 << 47;
     }
 }
 
@@ -104,7 +105,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 47] = [
+pub(crate) const FEATURES: [Feature; 48] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -335,6 +336,13 @@ pub(crate) const FEATURES: [Feature; 47] = [
         "VdbQuality::reflections is more than 0, and there are a surface and a fire with a \
          VdbEmissionLight",
     ),
+    row(
+        Features::LEVELS,
+        &["VDB_LEVELS"],
+        "levels of detail within volumes",
+        "VdbQuality::detail is more than 0, and a surface reaches from near to far",
+    )
+    .without(|_, quality| quality.detail = 0.0),
 ];
 
 impl Features {

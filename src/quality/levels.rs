@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use bevy::camera::primitives::Aabb;
+use bevy::math::{BVec3A, Vec3A};
 use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 use bevy::tasks::Task;
@@ -91,8 +92,9 @@ pub(crate) fn make_levels(
     }
 }
 
-/// The factor by which the voxels of a grid may be larger, at the point of a volume nearest to a
-/// camera. At 2 or more, a coarser level is displayed, and should exist by then.
+/// The factor by which the voxels of a grid may be larger, at the point of a fog nearest to a camera, which
+/// determines its level, and at the farthest of a surface. At 2 or more, a coarser level is displayed, and should
+/// exist by then.
 fn need(
     (settings, quality, camera, projection, view): (
         &VdbCamera,
@@ -109,12 +111,25 @@ fn need(
         return 0.0;
     }
     let height = camera.physical_viewport_size().map_or(1, |size| size.y).max(1);
-    let pixel = pixel_size(projection, height, distance(view, at, aabb));
+    let distance = match grid.kind() {
+        PackKind::Fog => distance(view, at, aabb),
+        PackKind::Surface { .. } | PackKind::Smooth { .. } => largest_distance(view, at, aabb),
+    };
+    let pixel = pixel_size(projection, height, distance);
     let world_from_index =
         Mat3::from(at.affine().matrix3) * grid.world_from_index().matrix3.as_mat3();
     let axes = [world_from_index.x_axis, world_from_index.y_axis, world_from_index.z_axis];
     let voxel = axes.into_iter().map(Vec3::length).fold(0.0, f32::max);
     quality.detail.min(64.0) * pixel / voxel
+}
+
+/// The distance of a view from the farthest corner of a volume.
+fn largest_distance(view: &GlobalTransform, at: &GlobalTransform, aabb: &Aabb) -> f32 {
+    let corners = (0..8).map(|i| {
+        let side = BVec3A::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
+        at.transform_point(Vec3A::select(side, aabb.max(), aabb.min()).into())
+    });
+    corners.map(|corner| corner.distance(view.translation())).fold(0.0, f32::max)
 }
 
 fn begin(id: AssetId<VdbGrid>, grid: VdbGrid, tree: Arc<Vdb543<f32>>) -> Pending {

@@ -145,6 +145,11 @@ fn every_variant_of_the_trace_is_valid() {
         let fire = ["VDB_LIT", "VDB_SURFACES", "VDB_FOGS", "VDB_EMISSION", "VDB_REFLECTIONS"];
         check(&[&fire, &["VDB_LOCAL_LIGHTS", "VDB_FIRE_LIGHTS"], &with, &shadows]);
     }
+    // Levels of detail within volumes.
+    for with in subsets(&["VDB_SMOOTH", "VDB_BEAMS", "VDB_REFLECTIONS", "VDB_SMOOTH_NORMALS"]) {
+        check(&[&["VDB_LIT", "VDB_SURFACES", "VDB_LEVELS"], &with, &shadows]);
+        check(&[&["VDB_SHOW_DEPTH", "VDB_SURFACES", "VDB_FOGS", "VDB_LEVELS"], &with]);
+    }
     // Reflections of meshes.
     for with in subsets(&["VDB_FOGS", "VDB_EDGES", "MULTISAMPLED", "VDB_SCALED"]) {
         let mirrors = ["VDB_LIT", "VDB_SURFACES", "VDB_REFLECTIONS", "VDB_MESH_REFLECTIONS"];
@@ -288,8 +293,10 @@ fn every_variant_of_the_trace_is_valid() {
     let (colors, ramps, probes) = (8 * 4, 8 * 4 + 1, 8 * 5);
     let materials = 16 + 16 * 4 + 1;
     let mirrors = 16;
+    let (rectangles, fires, levels) = (8 * 3, 8, 16 * 2);
     let others = filters + many + formats + normals + wide + scaled + accumulated + edges;
-    let others = others + colors + ramps + probes + materials + mirrors;
+    let others =
+        others + colors + ramps + probes + materials + mirrors + rectangles + fires + levels;
     assert_eq!(variants, kinds + light_cache + others);
 }
 
@@ -363,9 +370,15 @@ fn finding_edges_is_valid() {
 #[test]
 fn the_beams_are_valid() {
     let mut composer = composer();
-    for defs in
-        subsets(&["MULTISAMPLED", "VDB_SCALED", "VDB_ACCUMULATED", "VDB_EDGES", "VDB_WIDE_GRIDS"])
-    {
+    let all = [
+        "MULTISAMPLED",
+        "VDB_SCALED",
+        "VDB_ACCUMULATED",
+        "VDB_EDGES",
+        "VDB_WIDE_GRIDS",
+        "VDB_LEVELS",
+    ];
+    for defs in subsets(&all) {
         check(&mut composer, "trace/beams", &defs);
         check(
             &mut composer,

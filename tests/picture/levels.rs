@@ -13,7 +13,7 @@ use super::need::{all_steps, counting};
 use super::{SIZE, SURFACE, looking, pixel_ray};
 
 /// Updates until the pool has `grids` grids with `levels` coarser levels, or the time is up.
-fn wait_for(stage: &mut Stage, grids: u64, levels: u64) {
+pub(super) fn wait_for(stage: &mut Stage, grids: u64, levels: u64) {
     let usage = stage.world().resource::<VdbGpuUsage>().clone();
     for _ in 0..2000 {
         stage.update(1);

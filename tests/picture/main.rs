@@ -22,6 +22,7 @@ mod fog_colors;
 mod golden;
 mod judges;
 mod levels;
+mod levels_within;
 mod light_cache;
 mod lights;
 mod many;

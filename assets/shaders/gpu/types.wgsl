@@ -92,6 +92,10 @@ struct Volume {
     ramp_low: f32,              // value where the ramp's table begins
     ramp_scale: f32,            // entries of the table per unit of value
     ramp_emission: f32,         // factor for the ramp's emission
+    // Depths along the view axis between which this level of detail represents its volume. Secondary rays meet the
+    // level of the depth that they start from.
+    t_first: f32,
+    t_end: f32,
 }
 
 const NO_CASTER: u32 = 1u;
@@ -110,6 +114,7 @@ const MAX_SUNS: u32 = 10u;
 const MAX_CACHED_SUNS: u32 = 4u;
 // The most point and spot lights in the light cache.
 const MAX_CACHED_LAMPS: u32 = 32u;
+// The most lights of fires whose highlights are left to reflections.
 const MAX_FIRE_LIGHTS: u32 = 32u;
 
 struct View {

@@ -80,14 +80,21 @@ fn cull_tile(i: u32, tile: vec2<u32>) {
 #else
     let rays = volume.rays;
 #endif
-    let beam = beam_of(grids[volume.grid], rays, tile, view.size, view.t_near);
+#ifdef VDB_LEVELS
+    let t_near = max(view.t_near, volume.t_first);
+    let t_end = volume.t_end;
+#else
+    let t_near = view.t_near;
+    let t_end = FAR;
+#endif
+    let beam = beam_of(grids[volume.grid], rays, tile, view.size, t_near);
     // Test the box alone before descending into the tree.
     let t_box = beam_box_t(grids[volume.grid], beam);
-    if is_occluded(tile, t_box) {
+    if t_box > t_end || is_occluded(tile, t_box) {
         return;
     }
     let start = beam_start_t(grids[volume.grid], beam);
-    if start >= FAR || (start > t_box && is_occluded(tile, start)) {
+    if start >= FAR || start > t_end || (start > t_box && is_occluded(tile, start)) {
         return;
     }
     let bit = i >> view.group_bits;

@@ -32,7 +32,7 @@
 #import bevy_vdb::trace::illuminance::illuminance_of
 #import bevy_vdb::trace::light_list::{casts_shadows, lights_at, to_light}
 #ifdef VDB_RECT_LIGHTS
-#import bevy_vdb::trace::rect_lights::{nearest_rect_light, scattered_rect_lights}
+#import bevy_vdb::trace::rect_lights::scattered_rect_lights
 #endif
 #ifdef VDB_UNCACHED_LIGHTS
 #import bevy_vdb::trace::visibility::visibility
@@ -310,8 +310,9 @@ fn add_other_lights(
         }
     }
 #ifdef VDB_RECT_LIGHTS
-    octaves[0] += scattered_rect_lights(at.position, ray, extent, anisotropy);
-    (*light).nearest = nearest_rect_light(at.position, (*light).nearest);
+    let rects = scattered_rect_lights(at.position, ray, extent, anisotropy);
+    octaves[0] += rects.light;
+    (*light).nearest = min((*light).nearest, rects.nearest);
 #endif
     (*light).octaves = octaves;
 }

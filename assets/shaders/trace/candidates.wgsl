@@ -2,6 +2,9 @@
 #define_import_path bevy_vdb::trace::candidates
 
 #import bevy_vdb::view::scene::{scene_end, visible_end, view}
+#ifdef VDB_LEVELS
+#import bevy_vdb::view::scene::volumes
+#endif
 #import bevy_vdb::trace::segment::Segment
 #ifdef VDB_MANY
 #import bevy_vdb::trace::bvh::next_intersected
@@ -51,6 +54,11 @@ fn start_t(segment: Segment, volume: u32, pixel: vec2<u32>) -> f32 {
         let size = (view.size + 7u) / 8u;
         let starts = size.x * size.y * (view.tile_words + volume - view.volume_first);
         return bitcast<f32>(tiles[starts + tile_index(pixel)]);
+    }
+#endif
+#ifdef VDB_LEVELS
+    if segment.is_view {
+        return max(segment.t_min, volumes[volume].t_first);
     }
 #endif
     return segment.t_min;

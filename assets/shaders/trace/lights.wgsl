@@ -82,7 +82,7 @@ fn in_scattered(
         }
     }
 #ifdef VDB_RECT_LIGHTS
-    light[0] += scattered_rect_lights(at.position, ray, extent, anisotropy);
+    light[0] += scattered_rect_lights(at.position, ray, extent, anisotropy).light;
 #endif
     return light;
 }

@@ -4,6 +4,7 @@
 #import bevy_pbr::lighting
 #import bevy_pbr::mesh_view_bindings as bevy
 #import bevy_vdb::trace::scattering::phase
+#import bevy_vdb::traversal::hdda::FAR
 
 // Gauss's rule with three points for an interval from -1 to 1: a point, beside those at 0 and opposite to it.
 const GAUSS_NODE: f32 = 0.77459667;
@@ -68,28 +69,31 @@ fn distance_to_rect(i: u32, position: vec3<f32>) -> f32 {
     return length(vec3(max(abs(along) - half, vec2(0.0)), place.height));
 }
 
-// The smaller of a distance and that from a point (world space) to the nearest rectangle light.
-fn nearest_rect_light(position: vec3<f32>, distance: f32) -> f32 {
-    var nearest = distance;
-    for (var i = 0u; i < bevy::lights.n_rect_lights; i++) {
-        nearest = min(nearest, distance_to_rect(i, position));
-    }
-    return nearest;
+// What fog scatters of all rectangle lights.
+struct ScatteredRects {
+    light: vec3<f32>,   // cd/m²
+    nearest: f32,       // distance to the nearest of them
 }
 
 // The mean of `scattered_rect_light` over a stretch of a ray (world space, unit length) around a point, for all
-// lights, cd/m².
-fn scattered_rect_lights(position: vec3<f32>, ray: vec3<f32>, extent: f32, anisotropy: f32) -> vec3<f32> {
-    var light = vec3(0.0);
+// lights.
+fn scattered_rect_lights(
+    position: vec3<f32>,
+    ray: vec3<f32>,
+    extent: f32,
+    anisotropy: f32,
+) -> ScatteredRects {
+    var scattered = ScatteredRects(vec3(0.0), FAR);
     for (var i = 0u; i < bevy::lights.n_rect_lights; i++) {
-        let wanted = ceil(PARTS_PER_DISTANCE * extent / max(distance_to_rect(i, position), 1e-30));
-        let parts = clamp(wanted, 1.0, MAX_PARTS);
+        let distance = distance_to_rect(i, position);
+        scattered.nearest = min(scattered.nearest, distance);
+        let parts = clamp(ceil(PARTS_PER_DISTANCE * extent / max(distance, 1e-30)), 1.0, MAX_PARTS);
         for (var part = 0.5; part < parts; part += 1.0) {
             let at = position + (extent * (part / parts - 0.5)) * ray;
-            light += scattered_rect_light(i, at, ray, anisotropy) / parts;
+            scattered.light += scattered_rect_light(i, at, ray, anisotropy) / parts;
         }
     }
-    return light;
+    return scattered;
 }
 
 // Light of a rectangle light that fog with an albedo of 1 scatters at a point (world space) along a ray (world

@@ -65,11 +65,27 @@ fn lattice_from_world(volume: u32, v: vec3<f32>) -> vec3<f32> {
 // Largest distance from the eye at which a point still has an integer cell, in cells.
 const MAX_CELL: f32 = 1073741824.0;     // 2^30
 
-// The ray of a segment in the lattice of a volume.
+#ifdef VDB_LEVELS
+// The depth of a point along the view axis.
+fn view_depth(point: Point) -> f32 {
+    return point.t + dot(point.offset, view.dir) / dot(view.dir, view.dir);
+}
+
+// Whether a volume is the level of detail that a secondary ray from a depth along the view axis meets.
+fn is_level_at(volume: u32, depth: f32) -> bool {
+    return depth >= volumes[volume].t_first && depth < volumes[volume].t_end;
+}
+#endif
+
+// The ray of a segment in the lattice of a volume. It hits nothing that other levels of detail represent.
 fn lattice_ray(segment: Segment, volume: u32, t_max: f32) -> Ray {
     let start = segment.start;
     var ray = ray_through(volumes[volume].rays, start.ndc, segment.t_min, t_max);
     if segment.is_view {
+#ifdef VDB_LEVELS
+        ray.t_min = max(ray.t_min, volumes[volume].t_first);
+        ray.t_max = min(ray.t_max, volumes[volume].t_end);
+#endif
         return ray;
     }
     let from_cell = ray.frac + start.t * ray.dir + lattice_from_world(volume, start.offset);
@@ -87,6 +103,11 @@ fn lattice_ray(segment: Segment, volume: u32, t_max: f32) -> Ray {
             ray.dir = vec3(0.0);
         }
     }
+#ifdef VDB_LEVELS
+    if !is_level_at(volume, view_depth(start)) {
+        ray.dir = vec3(0.0);
+    }
+#endif
     return ray;
 }
 

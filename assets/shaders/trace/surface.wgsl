@@ -5,11 +5,11 @@
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::rebase::rebased_at
-#import bevy_vdb::traversal::hdda::{FAR, Hit, mirrored_ray, enter_at, first_hit, unmirrored}
+#import bevy_vdb::traversal::hdda::{FAR, Hit, mirrored_ray, enter_at, first_hit, plane_t, unmirrored}
 #import bevy_vdb::view::scene::{scene_end, view, volumes}
 #import bevy_vdb::trace::segment::{Point, Segment, point_at, quantise_frac, lattice_ray}
 #ifdef VDB_SMOOTH
-#import bevy_vdb::traversal::smooth::first_root
+#import bevy_vdb::traversal::smooth::first_root_from
 #endif
 #ifdef VDB_SMOOTH_NORMALS
 #import bevy_vdb::traversal::normals::smooth_gradient
@@ -39,6 +39,15 @@ fn face_normal(mirrored: MirroredRay, axis: u32) -> vec3<f32> {
     return select(vec3(0.0), outwards, axis_mask);
 }
 
+// Whether a ray begins at a coarser level of detail, after a finer one that it has not met.
+fn begins_at_level(ray: Ray) -> bool {
+#ifdef VDB_LEVELS
+    return ray.t_min > view.t_near;
+#else
+    return false;
+#endif
+}
+
 #ifdef VDB_SURFACES
 // The first voxel of a volume on a ray.
 fn intersect_voxels(volume: u32, ray: Ray, start: f32) -> Surface {
@@ -50,7 +59,13 @@ fn intersect_voxels(volume: u32, ray: Ray, start: f32) -> Surface {
     }
     let rel = bitcast<vec3<u32>>((hit.cell ^ mirrored.mirror) - mirrored.cell);
     let frac = unmirrored(mirrored, rebased_at(mirrored, rel, hit.axis, hit.t).frac);
-    let normal = face_normal(mirrored, hit.axis);
+    var axis = hit.axis;
+    if axis == 3u && begins_at_level(ray) {
+        // As if the ray had come from outside.
+        let near = plane_t(mirrored, rel);
+        axis = select(select(2u, 1u, near.y > max(near.x, near.z)), 0u, near.x > max(near.y, near.z));
+    }
+    let normal = face_normal(mirrored, axis);
     return Surface(true, volume, hit.t, hit.cell, frac, normal, normal, true);
 }
 #endif
@@ -60,13 +75,18 @@ fn intersect_voxels(volume: u32, ray: Ray, start: f32) -> Surface {
 fn intersect_smooth(volume: u32, ray: Ray, start: f32) -> Surface {
     let grid = grids[volumes[volume].grid];
     let mirrored = mirrored_ray(grid, ray);
-    let root = first_root(grid, mirrored, enter_at(mirrored, start));
+    let root = first_root_from(grid, mirrored, enter_at(mirrored, start), begins_at_level(ray));
     if !root.found {
         return no_surface();
     }
     let face = face_normal(mirrored, root.axis);
     // The gradient may be zero where all eight corner values are equal.
-    let gradient = gradient_or(root.gradient, face);
+    var gradient = gradient_or(root.gradient, face);
+    let along = dot(gradient, ray.dir);
+    if along > 0.0 && begins_at_level(ray) {
+        // The ray begins just inside, where it may already lead outwards. Seen from outside, a surface faces the eye.
+        gradient -= (1.001 * along / dot(ray.dir, ray.dir)) * ray.dir;
+    }
     var shading = gradient;
 #ifdef VDB_SMOOTH_NORMALS
     if (volumes[volume].flags & SMOOTH_NORMALS) != 0u {

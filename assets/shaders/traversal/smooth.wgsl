@@ -113,6 +113,13 @@ fn no_hit() -> SurfaceHit {
 
 // The first root of the interpolant on a mirrored ray. Values are relative to the iso-value.
 fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
+    return first_root_from(grid, mirrored, entry, false);
+}
+
+// The same for a ray of which another level of detail has told that it begins outside the solid. Where the two
+// levels differ, it may begin inside, and has met the surface then.
+fn first_root_from(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside: bool) -> SurfaceHit {
+    var is_beginning = begins_outside;
     var dda = entry;
     var accessor = new_accessor(local_cell(mirrored, dda.rel));
     // Whether the interpolant was negative at the end of the previous cell. A sign change exactly between
@@ -171,7 +178,7 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
             4.5 * d_3,
         );
         var s = 2.0;
-        if has_previous && was_negative != (f_0 < 0.0) {
+        if (has_previous && was_negative != (f_0 < 0.0)) || (is_beginning && f_0 < 0.0) {
             s = 0.0;
         } else {
             s = first_sign_change(a, f_0, f_3);
@@ -195,6 +202,7 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
                 accessor,
             );
         }
+        is_beginning = false;
         has_previous = true;
         was_negative = f_3 < 0.0;
     }

@@ -60,7 +60,13 @@ pub(crate) struct Volume {
     pub ramp_low: f32,
     pub ramp_scale: f32,
     pub ramp_emission: f32,
+    pub t_first: f32,
+    pub t_end: f32,
+    pub pad: [f32; 2],
 }
+
+/// The largest length of a ray in world units: `FAR` in the shaders.
+pub(crate) const FARTHEST: f32 = 1e30;
 
 /// The roughness below which a surface reflects as a mirror: `is_mirror` in `trace/shade.wgsl`.
 pub(crate) const MIRROR_ROUGHNESS: f32 = 0.089;
@@ -220,7 +226,7 @@ mod tests {
             metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last, color_grids,
             background, temperature_scale, temperature_offset, box_min, flags, box_max, fog_step,
             node_min, light_step, node_max, shadow_step, light_origin, light_log,
-            light_texel, light_planes, ramp, ramp_low, ramp_scale, ramp_emission);
+            light_texel, light_planes, ramp, ramp_low, ramp_scale, ramp_emission, t_first, t_end);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, offscreen_count, size, origin,

@@ -18,7 +18,7 @@ use super::packing::Packing;
 use super::pipeline::{FillPipelines, Job, Place};
 use crate::quality::features::Features;
 use crate::render::gpu::types;
-use crate::render::view::{CacheLayout, CachedFog, Entry, FARTHEST, PreparedView, cell_edge};
+use crate::render::view::{CacheLayout, CachedFog, Entry, PreparedView, cell_edge};
 
 /// The lattices that a view uses, and those that are filled for it in this frame.
 #[derive(Component)]
@@ -319,7 +319,7 @@ fn new_job(prepared: &PreparedView, i: usize, place: Place, layout: CacheLayout)
 /// or end within the fog.
 fn sun_way(job: Job, prepared: &PreparedView, entry: &Entry, layout: CacheLayout) -> Way {
     let world_from_local = entry.lattice.world_from_local;
-    let is_endless = prepared.data.shadow_range >= FARTHEST;
+    let is_endless = prepared.data.shadow_range >= types::FARTHEST;
     let rays = is_endless.then(|| SunRays::new(layout, world_from_local, job.light.into()));
     let Some(rays) = rays.flatten() else { return Way::Samples(job) };
     let Job { origin, volume, axis_x, axis_y, axis_z, place, .. } = job;

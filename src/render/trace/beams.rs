@@ -33,7 +33,8 @@ impl From<&ViewKey> for BeamsKey {
             | Features::SCALED
             | Features::ACCUMULATED
             | Features::EDGES
-            | Features::WIDE_GRIDS;
+            | Features::WIDE_GRIDS
+            | Features::LEVELS;
         Self { features: key.features & own, page_bits: key.page_bits }
     }
 }

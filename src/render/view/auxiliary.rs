@@ -43,6 +43,8 @@ fn entry_data(
         temperature_offset: part.temperature.y,
         background: part.background,
         color_grids: types::NO_COLOR,
+        t_first: -types::FARTHEST,
+        t_end: types::FARTHEST,
         ..default()
     })
 }

@@ -6,10 +6,11 @@ use bevy::render::sync_world::MainEntity;
 
 use super::auxiliary::{color_data, emission_data, world_from_index};
 use super::cached_fog::{CachedFog, find_cached_fogs};
+use super::eye::Eye;
 use super::lattice::Lattice;
 use super::media::MediaSlots;
 use super::tiles::TileRange;
-use super::volume::{Eye, Shown, index_box, volume_data};
+use super::volume::{Shown, index_box, volume_data};
 use crate::VdbQuality;
 use crate::quality::features::Features;
 use crate::render::extract::{AuxiliaryGrid, ExtractedVolume, ExtractedVolumes, Warned};
@@ -99,7 +100,7 @@ impl EntryMaker<'_> {
         let mut all = Vec::new();
         let Some(volume) = self.volumes.0.get(&owner) else { return all };
         let detail = f64::from(self.quality.detail);
-        if let Some(shown) = Shown::new(volume, self.pool, self.eye, detail) {
+        for shown in Shown::levels(volume, self.pool, self.eye, detail) {
             let warned = warned.as_deref_mut();
             let data = volume_data(owner, &shown, self.eye, self.quality, warned);
             all.extend(data.map(|data| (data, Entry::of_volume(owner, &shown, self.pool))));
@@ -165,6 +166,8 @@ pub(crate) struct ViewList {
     pub materials: [u32; 2],
     /// Whether any fog is sampled rather than integrated.
     pub fog_steps: bool,
+    /// Whether several levels of detail represent one volume.
+    pub levels: bool,
     /// Whether any smooth surface has smooth normals.
     pub smooth_normals: bool,
     /// Whether any surface in view is too rough to be a mirror, or may be.
@@ -209,6 +212,7 @@ impl ViewList {
         let kinds = Kinds::of(&data);
         let fog_steps =
             data.iter().any(|volume| volume.kind == types::KIND_FOG && volume.fog_step > 0.0);
+        let levels = data.iter().any(|volume| volume.t_first > -types::FARTHEST);
         let is_smooth = |volume: &types::Volume| {
             volume.kind == types::KIND_SMOOTH && volume.flags & types::SMOOTH_NORMALS != 0
         };
@@ -243,6 +247,7 @@ impl ViewList {
             ramps,
             materials,
             fog_steps,
+            levels,
             smooth_normals,
             rough,
             velocities,

@@ -5,6 +5,7 @@ mod auxiliary;
 mod bvh;
 mod cached_fog;
 mod extinction;
+mod eye;
 mod fire_lights;
 mod key;
 mod lattice;
@@ -30,13 +31,14 @@ use bevy::prelude::*;
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
 pub(super) use cached_fog::{CacheLayout, CachedFog, cell_edge};
+pub(super) use eye::Eye;
 pub(super) use key::ViewKey;
 pub(super) use list::Entry;
 pub(super) use materials::MaterialTable;
 pub(super) use picture_pass::{
     PicturePass, PicturePipeline, PicturePipelines, add_picture_pass, run_picture_pass,
 };
-pub(super) use prepare::{FARTHEST, VolumeBuffer};
+pub(super) use prepare::VolumeBuffer;
 pub(super) use ramps::RampTexture;
 pub(super) use resolve::LightCacheLimit;
 pub(super) use sets::PrepareViews;
@@ -45,7 +47,7 @@ pub(super) use settings::{MEAN_BYTES, edge_bytes};
 pub(super) use state::{Picture, PreparedView, ViewPicture, ViewState};
 pub(super) use uniform::{random_offset, view_data};
 pub(super) use visible::VisibleVolumes;
-pub(super) use volume::{Eye, Shown, volume_data, world_corners};
+pub(super) use volume::{Shown, volume_data, world_corners};
 
 /// Prepares the data of each view that sees volumes.
 pub(super) struct ViewPlugin;

@@ -22,8 +22,6 @@ use crate::render::gpu::{non_negative, types};
 /// The largest exposure. With the bounds of materials, it keeps products within f32, because WGSL
 /// may assume that there are no infinities.
 const MAX_EXPOSURE: f32 = 1e12;
-/// The largest length of a ray in world units: `FAR` in the shaders.
-pub(crate) const FARTHEST: f32 = 1e30;
 
 /// The volumes of all views of the frame.
 #[derive(Resource)]
@@ -122,8 +120,8 @@ fn prepare(
         reflections: settings.reflections,
         slabs: quality.fog_slabs,
         picture: picture.to_array(),
-        shadow_range: quality.shadow_range.min(FARTHEST),
-        reflection_range: quality.reflection_range.min(FARTHEST),
+        shadow_range: quality.shadow_range.min(types::FARTHEST),
+        reflection_range: quality.reflection_range.min(types::FARTHEST),
         overlays: overlay_bits(settings.camera.overlays),
         tile_words: layout.tile_words,
         group_bits: layout.group_bits,
@@ -174,7 +172,10 @@ fn fill_list(
     let mut most_tiles = 0;
     for (i, (data, entry)) in volumes.iter_mut().zip(&list.entries).enumerate() {
         data.kind = key.kind_for(data.kind, entry.sample_format);
-        if data.ramp != 0 && !key.has(Features::RAMPS) {
+        let is_left_out = (data.ramp != 0 && !key.has(Features::RAMPS))
+            // Shaders that do not tell levels apart show the one for the nearest point.
+            || (data.t_first > -types::FARTHEST && !key.has(Features::LEVELS));
+        if is_left_out {
             data.kind = types::KIND_NONE;
         }
         if !owned.get(i).is_some_and(|volume| key.reads_colors(&volume.auxiliary.colors)) {

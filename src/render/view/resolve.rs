@@ -17,6 +17,7 @@ use bevy::render::view::{ExtractedView, Msaa, RenderVisibleEntities, RenderVisib
 use vdb_core::view::ViewRays;
 
 use super::bvh;
+use super::eye::Eye;
 use super::key::ViewKey;
 use super::lights::{Lights, Surroundings};
 use super::list::{EntryMaker, ViewList};
@@ -25,7 +26,6 @@ use super::queue::AskedPipelines;
 use super::settings::{ResolvedSettings, accumulates, smooths_edges};
 use super::state::{PreparedView, ResolvedView, ViewState};
 use super::visible::VisibleVolumes;
-use super::volume::Eye;
 use crate::quality::LeftOut;
 use crate::quality::features::Features;
 use crate::render::extract::{ExtractedSuns, ExtractedVolumes, Trouble, Warned};
@@ -276,6 +276,7 @@ fn view_key(
         | Features::MANY.when(many)
         | Features::PAGES.when(pool.page_bits().is_some())
         | Features::WIDE_GRIDS.when(pool.has_wide_grids())
+        | Features::LEVELS.when(list.levels)
         | Features::MOTION_VECTORS.when(motion_vectors)
         | Features::VELOCITIES.when(motion_vectors && list.velocities)
         | Features::REFLECTIONS.when(settings.reflections > 0)

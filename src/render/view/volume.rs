@@ -4,8 +4,9 @@ use bevy::math::{BVec3, DAffine3, DMat4, DVec3};
 use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
 use vdb_core::pack::{PackKind, PackedGrid};
-use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
+use vdb_core::view::{GpuRays, LatticeRays};
 
+use super::eye::{Eye, Footprint};
 use super::materials::material_flags;
 use super::tiles::TileRange;
 use crate::render::extract::{
@@ -40,41 +41,56 @@ pub(crate) struct Shown<'a> {
     grid: u32,
     /// The level of detail.
     level: u32,
-}
-
-/// The rays, the transform and the image size in pixels of a view.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Eye<'a> {
-    pub rays: &'a ViewRays,
-    pub world_from_view: DAffine3,
-    pub size: UVec2,
+    /// The depths between which this level represents the volume.
+    depths: [f32; 2],
 }
 
 impl<'a> Shown<'a> {
-    /// The coarsest level on the GPU whose voxels cover no more than `detail` pixels. `None` if the
-    /// grid itself is not on the GPU.
-    pub fn new(
+    /// The levels that represent a volume, from near to far: at each depth, the coarsest one on the
+    /// GPU whose voxels cover no more than `detail` pixels. Fog, and whatever an orthographic camera
+    /// sees, has one level for all depths. None if the grid itself is not on the GPU.
+    pub fn levels(
         volume: &'a ExtractedVolume,
         pool: &VdbTreePool,
         eye: Eye,
         detail: f64,
-    ) -> Option<Self> {
-        let finest = Self::finest(volume, pool)?;
-        let wanted = finest.coarseness(eye, detail);
-        let mut level = wanted.min(volume.levels.len() as f64) as usize;
-        while level > 0 {
-            let key = volume.grid.level(level);
-            if let Some(grid) = pool.index(key) {
-                let scale = f64::from(1_u32 << level);
-                let packed = &volume.levels[level - 1];
-                let world_from_index =
-                    finest.world_from_index * DAffine3::from_scale(DVec3::splat(scale));
-                let level = level as u32;
-                return Some(Self { packed, world_from_index, key, grid, level, ..finest });
-            }
-            level -= 1;
+    ) -> Vec<Self> {
+        let Some(finest) = Self::finest(volume, pool) else { return Vec::new() };
+        let (most, world_from_index) = (volume.levels.len(), finest.world_from_index);
+        let bounds = finest.index_box().filter(|_| most > 0 && detail > 0.0);
+        let Some(bounds) = bounds else { return vec![finest] };
+        let [near, far] = eye.depths(world_from_index, bounds);
+        let footprint = Footprint::new(eye, world_from_index, detail);
+        let nearest = (0..=footprint.level(near, most)).rev();
+        let mut nearest = nearest.filter_map(|level| finest.at_level(pool, level));
+        let mut shown = vec![nearest.next().unwrap_or(finest)];
+        if finest.packed.kind == PackKind::Fog {
+            return shown;
         }
-        Some(finest)
+        for level in shown[0].level as usize + 1..=footprint.level(far, most) {
+            let Some(depth) = footprint.depth(level) else { break };
+            let Some(next) = finest.at_level(pool, level) else { continue };
+            if let Some(before) = shown.last_mut() {
+                before.depths[1] = depth;
+            }
+            shown.push(Self { depths: [depth, types::FARTHEST], ..next });
+        }
+        shown
+    }
+
+    /// A level of the grid, if it is on the GPU.
+    fn at_level(self, pool: &VdbTreePool, level: usize) -> Option<Self> {
+        let Some(coarser) = level.checked_sub(1) else { return Some(self) };
+        let key = self.volume.grid.level(level);
+        let scale = DAffine3::from_scale(DVec3::splat(f64::from(1_u32 << level)));
+        Some(Self {
+            packed: self.volume.levels.get(coarser)?,
+            world_from_index: self.world_from_index * scale,
+            key,
+            grid: pool.index(key)?,
+            level: level as u32,
+            ..self
+        })
     }
 
     /// The grid itself, if it is on the GPU.
@@ -82,33 +98,8 @@ impl<'a> Shown<'a> {
         let world_from_index = affine(volume.world_from_local) * volume.local_from_index;
         let grid = pool.index(volume.grid)?;
         let (packed, key) = (&*volume.packed, volume.grid);
-        Some(Self { volume, packed, world_from_index, key, grid, level: 0 })
-    }
-
-    /// log₂ of the factor by which voxels could be larger and still cover at most `detail` pixels
-    /// at the point nearest to the eye.
-    fn coarseness(&self, eye: Eye, detail: f64) -> f64 {
-        let Some((low, high)) = index_box(self.packed).filter(|_| detail > 0.0) else { return 0.0 };
-        let view_from_index = eye.world_from_view.inverse() * self.world_from_index;
-        // The depth of the nearest corner along the view axis, like t.
-        let depth = |i: usize| {
-            let is_high = BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
-            -view_from_index.transform_point3(DVec3::select(is_high, high, low)).z
-        };
-        let nearest = (0..8).map(depth).fold(f64::INFINITY, f64::min).max(eye.rays.t_near);
-        let rays = eye.rays;
-        let across = |eye: DVec3, dir: DVec3, pixels: u32| {
-            (eye + nearest * dir).length() * 2.0 / f64::from(pixels)
-        };
-        let pixel = f64::min(
-            across(rays.eye_x, rays.dir_x, eye.size.x),
-            across(rays.eye_y, rays.dir_y, eye.size.y),
-        );
-        let axes = view_from_index.matrix3;
-        let edges = [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.length());
-        let voxel = edges.into_iter().fold(0.0, f64::max);
-        let coarseness = (detail * pixel / voxel).log2();
-        if coarseness.is_finite() { coarseness.max(0.0) } else { 0.0 }
+        let depths = [-types::FARTHEST, types::FARTHEST];
+        Some(Self { volume, packed, world_from_index, key, grid, level: 0, depths })
     }
 
     /// The sample format, if the grid has samples.
@@ -160,7 +151,7 @@ pub(crate) fn volume_data(
     quality: &VdbQuality,
     warned: Option<&mut Warned>,
 ) -> Option<types::Volume> {
-    let Shown { volume, packed, world_from_index, grid, level, .. } = *shown;
+    let Shown { volume, packed, world_from_index, grid, level, depths, .. } = *shown;
     let lattice = LatticeRays::new(eye.rays, eye.world_from_view, world_from_index, packed);
     let (quality, wrong) = volume.quality.over(quality).sound();
     if let Some(warned) = warned {
@@ -216,6 +207,8 @@ pub(crate) fn volume_data(
             | if quality.smooth_normals { types::SMOOTH_NORMALS } else { 0 }
             | level << types::LEVEL_SHIFT
             | material_flags(volume.own_material),
+        t_first: depths[0],
+        t_end: depths[1],
         ..ramp_data(volume)
     })
 }
