@@ -9,6 +9,7 @@
 use std::f32::consts::PI;
 
 use avian3d::prelude::*;
+use bevy::light::{CascadeShadowConfigBuilder, DirectionalLightShadowMap};
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use bevy::tasks::futures::check_ready;
@@ -41,6 +42,7 @@ fn main() -> AppExit {
         .insert_resource(GlobalAmbientLight { brightness: 500.0, ..default() })
         .insert_resource(ClearColor(Color::srgb(0.55, 0.68, 0.85)))
         .insert_resource(helpers::Frames(30 * SECONDS as u32))
+        .insert_resource(DirectionalLightShadowMap { size: helpers::shadow_map_size(2048) })
         .init_resource::<Holes>()
         .add_systems(Startup, (setup, stack))
         // Queries read the grids of volumes, and edits write them, so they are separate systems.
@@ -99,7 +101,13 @@ fn setup(
     let eye = Transform::from_xyz(-3.4, 2.9, 5.6).looking_at(Vec3::Y * 1.0, Vec3::Y);
     commands.spawn((Camera3d::default(), eye));
     let sun = DirectionalLight { illuminance: 9_000.0, shadow_maps_enabled: true, ..default() };
-    commands.spawn((sun, Transform::from_xyz(4.0, 6.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y)));
+    let shadows =
+        CascadeShadowConfigBuilder { num_cascades: 1, maximum_distance: 14.0, ..default() };
+    commands.spawn((
+        sun,
+        shadows.build(),
+        Transform::from_xyz(4.0, 6.0, 3.0).looking_at(Vec3::ZERO, Vec3::Y),
+    ));
     Ok(())
 }
 

@@ -187,10 +187,11 @@ fn the_picture_comes_before_levels_of_detail() {
     // Of 300 voxels at 1/2 … 1/16: 18 are left.
     assert_eq!((usage.grids(), usage.levels()), (1, 4), "levels are no grids");
 
-    // Nobody asks for those of what is near.
-    stage.world().entity_mut(camera).insert(Transform::from_xyz(0.0, 0.0, 17.0));
-    let near = stage.grid(level_set::sphere(DVec3::ZERO, 150.0), SMOOTH, 0.1);
-    let near = stage.world().spawn((VdbVolume(near), green())).id();
+    // Nobody asks for those of what is near as a whole: at its farthest corner, a pixel is less than a voxel.
+    stage.world().entity_mut(camera).insert(Transform::from_xyz(0.0, 0.0, 30.0));
+    let near = stage.grid(level_set::sphere(DVec3::ZERO, 18.0), SMOOTH, 0.1);
+    let at = Transform::from_xyz(0.0, 0.0, 27.8);
+    let near = stage.world().spawn((VdbVolume(near), green(), at)).id();
     wait_for(&mut stage, near, VdbVolumeState::Drawn);
     stage.update(50);
     assert_eq!(stage.world().resource::<VdbGpuUsage>().levels(), 4);

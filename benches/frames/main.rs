@@ -4,6 +4,7 @@
 #[path = "../common/warm.rs"]
 mod warm;
 
+mod detail;
 mod edits;
 mod fog;
 mod grids;
@@ -36,6 +37,7 @@ recorded as well.
   sequence        the frames in a folder, played in a loop forwards and backwards, and sought at random
   parts           surfaces, fog and fire: each pass, and what VdbMeasureFeatures makes of them
   surfaces        a level set in the sun: smooth normals, and further rays on edges, with the error of each
+  detail          surfaces of 256 to 4096 voxels along an edge, from afar and from within, with levels of detail
 
   --out DIR       where the recordings go, to be deleted at once; a folder for temporary files
   --size WxH      of the picture; 1920x1080
@@ -91,6 +93,7 @@ impl Args {
                 "--scene" => args.scene = Some(options.value(|name| Some(name.to_owned()))?),
                 "--density" => args.density = options.value(number(1e-3..1e6))?,
                 "surfaces" => args.what.push(surfaces::run),
+                "detail" => args.what.push(detail::run),
                 "parts" => args.what.push(parts::run),
                 "--out" => args.out = options.value(|path| Some(PathBuf::from(path)))?,
                 "--size" => args.size = options.value(size(16..=8192))?,

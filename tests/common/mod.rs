@@ -83,6 +83,14 @@ impl Picture {
     }
 }
 
+/// A device that has the features and limits of standard WebGPU and no others. With the environment variable
+/// `VDB_TEST_WEBGPU`, all stages have such a one.
+fn standard_webgpu() -> RenderCreation {
+    let priority = WgpuSettingsPriority::WebGPU;
+    let standard = WgpuSettings { priority, features: WgpuFeatures::empty(), ..default() };
+    RenderCreation::Automatic(Box::new(standard))
+}
+
 impl Stage {
     pub fn new() -> Self {
         Self::with(|_| {})
@@ -96,10 +104,8 @@ impl Stage {
 
     /// With a device that has the features and limits of standard WebGPU and no others.
     pub fn of_standard_webgpu() -> Self {
-        let priority = WgpuSettingsPriority::WebGPU;
-        let standard = WgpuSettings { priority, features: WgpuFeatures::empty(), ..default() };
         let render = RenderPlugin {
-            render_creation: RenderCreation::Automatic(Box::new(standard)),
+            render_creation: standard_webgpu(),
             synchronous_pipeline_compilation: true,
             ..default()
         };
@@ -142,6 +148,10 @@ impl Stage {
         pools: TaskPoolPlugin,
         add: impl FnOnce(&mut App),
     ) -> Self {
+        let render = match std::env::var_os("VDB_TEST_WEBGPU") {
+            Some(_) => RenderPlugin { render_creation: standard_webgpu(), ..render },
+            None => render,
+        };
         let assets = watched.unwrap_or(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/assets")));
         let mut app = App::new();
         app.add_plugins((
