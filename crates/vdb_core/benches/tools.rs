@@ -32,6 +32,11 @@ fn rounds() -> Result<usize> {
     Ok(std::env::var("ROUNDS").ok().map(|own| own.parse()).transpose()?.unwrap_or(ROUNDS).max(1))
 }
 
+/// Whether a row is wanted: all of them, unless `TASKS` lists some, separated by commas.
+fn is_wanted(task: &str) -> bool {
+    std::env::var("TASKS").map_or(true, |tasks| tasks.split(',').any(|wanted| wanted == task))
+}
+
 fn main() -> Result<()> {
     // `cargo bench` adds an option of its own.
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
@@ -193,7 +198,7 @@ fn compare(peer: &str, folder: &Path, mesh_path: &str, voxels: u32) -> Result<Ve
     ];
     let own = std::env::current_exe()?;
     let mut ratios = Vec::new();
-    for (task, arguments, unit) in tasks {
+    for (task, arguments, unit) in tasks.into_iter().filter(|(task, ..)| is_wanted(task)) {
         let (mut ours, mut theirs) = (Vec::new(), Vec::new());
         let with = |result: &String| {
             let mut all: Vec<String> = arguments.iter().map(|&argument| argument.clone()).collect();

@@ -16,7 +16,7 @@ use super::scene::Volume;
 const OPAQUE: f32 = 16.0;
 /// The transmittance below which light adds less than a quarter of a step of eight bits.
 const UNSEEN: f32 = 1e-3;
-/// Steps of the light map that share one look-up in a large tile.
+/// Steps of the light map that share one look-up.
 const STRIDE: f64 = 2.0;
 
 /// The optical properties of fog, linear RGB.
@@ -90,6 +90,46 @@ fn surroundings(albedo: f32, d: f32) -> f32 {
     (1.0 - a) / (1.0 + a) - (-d).exp()
 }
 
+/// The sun's light that fog scatters along a ray.
+struct Scattered<'a> {
+    fog: &'a LitFog<'a>,
+    map: &'a LightMap,
+    ray: &'a Ray,
+    channels: usize,
+    octaves: [Octaves; 3],
+    /// The transmittance up to the stretch that is yet to be lit, and the ends of that stretch.
+    passed: Vec3,
+    stretch: Option<[f64; 2]>,
+}
+
+impl Scattered<'_> {
+    /// Adds a part of the ray, before which the integral of the density is `sum`. Parts that follow
+    /// one another share one look-up in the light map.
+    fn add(&mut self, [from, to]: [f64; 2], sum: f32) {
+        match self.stretch {
+            Some([begin, end]) if from <= end && to - begin <= STRIDE * self.map.step() => {
+                self.stretch = Some([begin, to]);
+            }
+            _ => {
+                self.light(sum);
+                self.stretch = Some([from, to]);
+            }
+        }
+    }
+
+    /// Lights the stretch, which ends where the integral of the density is `sum`.
+    fn light(&mut self, sum: f32) {
+        let Some([from, to]) = self.stretch.take() else { return };
+        let depth = self.map.depth(self.ray.origin + 0.5 * (from + to) * self.ray.dir);
+        for channel in 0..self.channels {
+            let sigma = self.fog.medium.extinction[channel];
+            let (near, far) = (self.passed[channel], (-sigma * sum).exp());
+            self.octaves[channel].add(near, far, sigma * depth);
+            self.passed[channel] = far;
+        }
+    }
+}
+
 impl LitFog<'_> {
     /// What a ray sees.
     pub fn along(&self, ray: &Ray) -> Seen {
@@ -98,29 +138,29 @@ impl LitFog<'_> {
         let gray = extinction.x == extinction.y && extinction.y == extinction.z;
         let channels = if gray { 1 } else { 3 };
         let thinnest = extinction.min_element();
-        let mut octaves = [Octaves::default(); 3];
+        let mut scattered = self.map.map(|map| Scattered {
+            fog: self,
+            map,
+            ray,
+            channels,
+            octaves: [Octaves::default(); 3],
+            passed: Vec3::ONE,
+            stretch: None,
+        });
         // The integral of the density, and where it was reached.
         let (mut sum, mut path) = (0.0_f32, Vec::new());
-        let mut passed = Vec3::ONE;
         let stride = self.map.map_or(f64::INFINITY, |map| STRIDE * map.step());
         self.volume.query().visit_fog(&self.volume.to_index(ray), |[from, to], density| {
             let pieces = ((to - from) / stride).ceil().clamp(1.0, 1e4);
             let length = (to - from) / pieces;
             for piece in 0..pieces as usize {
-                let after = finite(f64::from(sum) + density * length);
-                if let Some(map) = self.map
+                if let Some(scattered) = &mut scattered
                     && thinnest * sum < -UNSEEN.ln()
                 {
-                    let middle = from + (piece as f64 + 0.5) * length;
-                    let depth = map.depth(ray.origin + middle * ray.dir);
-                    for channel in 0..channels {
-                        let sigma = extinction[channel];
-                        let (near, far) = (passed[channel], (-sigma * after).exp());
-                        octaves[channel].add(near, far, sigma * depth);
-                        passed[channel] = far;
-                    }
+                    let [begin, end] = [piece, piece + 1].map(|n| from + n as f64 * length);
+                    scattered.add([begin, end], sum);
                 }
-                sum = after;
+                sum = finite(f64::from(sum) + density * length);
             }
             if self.glow.is_some() {
                 path.push((to, sum));
@@ -129,6 +169,10 @@ impl LitFog<'_> {
                 true => ControlFlow::Continue(()),
                 false => ControlFlow::Break(()),
             }
+        });
+        let octaves = scattered.map_or([Octaves::default(); 3], |mut scattered| {
+            scattered.light(sum);
+            scattered.octaves
         });
         let mut light = Vec3::ZERO;
         for channel in 0..3 {

@@ -188,12 +188,15 @@ impl Volume {
         }))
     }
 
+    /// Queries of rays: the values on their way are packed, where they are found sooner than in the
+    /// tree.
     pub fn query(&self) -> GridQuery<'_> {
-        match self.packed.kind {
-            // Fog has all of its values packed, where a ray finds them sooner than in the tree.
-            PackKind::Fog => GridQuery::of_packed(&self.packed),
-            _ => GridQuery::new(&self.tree, &self.packed),
-        }
+        GridQuery::of_packed(&self.packed)
+    }
+
+    /// Queries of points: of a surface, the packed values do not reach beyond its cells.
+    pub fn query_points(&self) -> GridQuery<'_> {
+        GridQuery::new(&self.tree, &self.packed)
     }
 
     /// Calls `visit` for corners of boxes that together contain all that is seen, in world space.

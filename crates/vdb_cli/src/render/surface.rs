@@ -31,7 +31,7 @@ impl Scene {
         let point = ray.origin + hit.t * ray.dir;
         let shape = volume.normal(hit.normal).normalize_or(-ray.dir);
         let at = volume.to_index(ray).at(hit.t);
-        let smooth = volume.query().smooth_gradient(at);
+        let smooth = volume.query_points().smooth_gradient(at);
         let smooth = smooth.map_or(shape, |gradient| volume.normal(gradient).normalize_or(shape));
         // Seen from inside, both are on the other side.
         let side = if shape.dot(ray.dir) > 0.0 { -1.0 } else { 1.0 };

@@ -22,9 +22,8 @@ pub(super) fn first_opaque(
 ) -> Option<IndexHit> {
     let mut sum = 0.0;
     for passage in local.spans(grid) {
-        let cell = passage.cell.wrapping_add(grid.base);
         // In a constant tile, the samples of any cell will do.
-        let corners = samples.corners(cell.to_array().map(i64::from))?;
+        let corners = samples.of_passage(grid, &passage)?;
         let [low, high] = passage.t;
         let length = (high - low) / local.speed;
         let cubic = Cubic::through(passage.thirds().map(|t| corners.at(passage.at(t))));
@@ -60,7 +59,7 @@ pub(super) fn visit(
 ) {
     let t_max = (t_max - local.t_begin) * local.speed;
     for passage in local.spans(grid) {
-        let corners = samples.of_passage(grid, &passage);
+        let Some(corners) = samples.of_passage(grid, &passage) else { return };
         let [low, high] = [passage.t[0], passage.t[1].min(t_max)];
         if low >= high {
             continue;

@@ -92,9 +92,13 @@ impl<'a> GridQuery<'a> {
     /// surface without a tree has no value.
     pub fn smooth_gradient(&self, point: DVec3) -> Option<DVec3> {
         let mut samples = self.samples();
+        let mut corners = |cell: DVec3| samples.corners(cell.to_array().map(|c| c as i64));
+        // Three of the six points are in the same cell as this one.
+        let own_cell = point.floor();
+        let own = corners(own_cell)?;
         let mut at = |point: DVec3| {
             let cell = point.floor();
-            let corners = samples.corners(cell.to_array().map(|c| c as i64))?;
+            let corners = if cell == own_cell { own } else { corners(cell)? };
             Some(corners.at(point - cell))
         };
         let mut gradient = DVec3::ZERO;

@@ -36,16 +36,15 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// The samples around the cell of a passage through fog.
+    /// The samples around the cell of a passage; `None` if they are not known.
     #[inline]
-    pub fn of_passage(&mut self, grid: &PackedGrid, passage: &Passage) -> Corners {
+    pub fn of_passage(&mut self, grid: &PackedGrid, passage: &Passage) -> Option<Corners> {
         match self {
             Self::Tree(samples) => {
-                samples.corners(passage.cell.wrapping_add(grid.base).to_array().map(i64::from))
+                let cell = passage.cell.wrapping_add(grid.base);
+                Some(samples.corners(cell.to_array().map(i64::from)))
             }
-            Self::Packed(_) => {
-                Corners(traverse::corners(grid, passage.span, passage.cell).map(f64::from))
-            }
+            Self::Packed(_) => occupied_corners(grid, passage.span, passage.cell),
         }
     }
 
@@ -62,11 +61,6 @@ impl<'a> Samples<'a> {
 /// The samples `ijk + {0, 1}³` of a packed grid. Fog has them everywhere, a smooth surface in the
 /// cells that it passes through, a surface of voxels nowhere.
 fn packed_corners(grid: &PackedGrid, ijk: [i64; 3]) -> Option<Corners> {
-    let iso = match grid.kind {
-        PackKind::Fog => 0.0,
-        PackKind::Smooth { iso } => f64::from(iso),
-        PackKind::Surface { .. } => return None,
-    };
     let unoccupied = || (grid.kind == PackKind::Fog).then_some(Corners([0.0; 8]));
     let occupied = |local: &IVec3| {
         let within = |cells: crate::tree::CoordBox| {
@@ -76,13 +70,18 @@ fn packed_corners(grid: &PackedGrid, ijk: [i64; 3]) -> Option<Corners> {
     };
     let Some(local) = local_cell(grid, ijk).filter(occupied) else { return unoccupied() };
     let span = traverse::locate(grid, local, 0);
-    if !span.occupied() {
-        return unoccupied();
-    }
-    // The inside of a solid tile has no values.
-    if span.constant() && grid.kind != PackKind::Fog {
-        return None;
-    }
+    if span.occupied() { occupied_corners(grid, span, local) } else { unoccupied() }
+}
+
+/// The same around a local cell with something in it.
+#[inline]
+fn occupied_corners(grid: &PackedGrid, span: traverse::Span, local: IVec3) -> Option<Corners> {
+    let iso = match grid.kind {
+        PackKind::Fog => 0.0,
+        // The inside of a solid tile has no values.
+        PackKind::Smooth { iso } if !span.constant() => f64::from(iso),
+        PackKind::Smooth { .. } | PackKind::Surface { .. } => return None,
+    };
     Some(Corners(traverse::corners(grid, span, local).map(|value| f64::from(value) + iso)))
 }
 
@@ -125,8 +124,12 @@ impl<'a> TreeSamples<'a> {
     }
 
     fn corners(&mut self, ijk: [i64; 3]) -> Corners {
-        let inner = ijk.iter().all(|c| c & 7 != 7);
-        if inner && let [Ok(x), Ok(y), Ok(z)] = ijk.map(i32::try_from) {
+        // The axes on which the cell reaches into the next leaf, with the bits of a corner's number.
+        let across = [0, 1, 2].map(|axis| usize::from(ijk[axis] & 7 == 7) << (2 - axis));
+        let across = across[0] | across[1] | across[2];
+        if across == 0
+            && let [Ok(x), Ok(y), Ok(z)] = ijk.map(i32::try_from)
+        {
             // The common case: all samples are in one leaf or one tile.
             let cell = IVec3::new(x, y, z);
             return Corners(match self.accessor.find(cell) {
@@ -137,12 +140,18 @@ impl<'a> TreeSamples<'a> {
                 Found::Tile(tile) => [self.sound(tile.value).into(); 8],
             });
         }
-        Corners(CORNERS.map(|corner| {
-            let [x, y, z] = corner.map(|c| c as i64);
-            // The index space ends long before i64 does.
-            let at = [ijk[0].saturating_add(x), ijk[1].saturating_add(y), ijk[2].saturating_add(z)];
-            self.value(at).into()
-        }))
+        let mut values = [0.0; 8];
+        // Leaf by leaf, so that each is looked up once.
+        for leaf in (0..8).filter(|leaf| leaf & !across == 0) {
+            for corner in (0..8).filter(|corner| corner & across == leaf) {
+                let [x, y, z] = CORNERS[corner].map(|c| c as i64);
+                // The index space ends long before i64 does.
+                let at =
+                    [ijk[0].saturating_add(x), ijk[1].saturating_add(y), ijk[2].saturating_add(z)];
+                values[corner] = self.value(at).into();
+            }
+        }
+        Corners(values)
     }
 }
 

@@ -21,8 +21,7 @@ pub(super) fn first_root(
     // exactly between two cells is a root, too.
     let mut before: Option<(f64, bool)> = None;
     for passage in local.spans(grid) {
-        let cell = passage.cell.wrapping_add(grid.base);
-        let corners = samples.corners(cell.to_array().map(i64::from))?;
+        let corners = samples.of_passage(grid, &passage)?;
         let [low, high] = passage.t;
         let f = passage.thirds().map(|t| corners.at(passage.at(t)) - iso);
         let negative = f[0] < 0.0;

@@ -2,11 +2,13 @@
 
 use super::{Found, IVec3, Node, Tree, ValueAt};
 
-/// Reads voxels of a tree, caching the last leaf or tile, so that nearby look-ups need not descend
-/// from the root.
+/// Reads voxels of a tree, caching the last leaf or tile and the last child of the root, so that
+/// nearby look-ups need not descend from the root.
 #[derive(Debug)]
 pub struct Accessor<'a, C: Node> {
     tree: &'a Tree<C>,
+    /// The child of the root that contains the last voxel that was looked up.
+    child: Option<&'a C>,
     last: Option<Last<'a, C::Leaf>>,
 }
 
@@ -25,7 +27,7 @@ impl<C: Node> Tree<C> {
 
 impl<'a, C: Node> Accessor<'a, C> {
     fn new(tree: &'a Tree<C>) -> Self {
-        Self { tree, last: None }
+        Self { tree, child: None, last: None }
     }
 
     /// The leaf or the tile at a voxel.
@@ -40,7 +42,9 @@ impl<'a, C: Node> Accessor<'a, C> {
             }
             _ => {}
         }
-        let found = self.tree.find(ijk);
+        let is_below = |child: &&C| child.origin() == C::origin_of(ijk);
+        self.child = self.child.filter(is_below).or_else(|| self.tree.child_at(ijk));
+        let found = self.child.map_or_else(|| self.tree.find(ijk), |child| child.find(ijk));
         self.last = Some(match &found {
             Found::Leaf(leaf) => Last::Leaf(leaf),
             Found::Tile(tile) => Last::Tile(*tile),

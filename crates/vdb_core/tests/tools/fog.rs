@@ -41,6 +41,62 @@ fn density_rises_below_the_surface() {
     assert_eq!(made.tree.active_voxel_count(), 0);
 }
 
+/// The fog of a level set, made of one voxel or tile after the other.
+fn one_by_one(tree: &Vdb543<f32>, ramp: f32) -> Vdb543<f32> {
+    let mut fog = Vdb543::new(0.0);
+    for own in tree.values().filter(|own| own.value < 0.0) {
+        let density = (own.value * (-1.0 / ramp)).min(1.0);
+        match own.log2_dim {
+            _ if density <= 0.0 => {}
+            0 => fog.set(own.origin, density),
+            12 => fog.insert_tile(own.origin, density, true),
+            log2_dim => {
+                for offset in voxels(0, (1 << log2_dim) - 1, 8) {
+                    fog.fill_leaf(own.origin + offset, density, true);
+                }
+            }
+        }
+    }
+    fog.prune();
+    fog
+}
+
+#[test]
+fn every_voxel_and_every_tile_is_converted_bit_for_bit() {
+    let mut tree = level_set::sphere(DVec3::new(0.3, 0.1, 0.2), 70.0);
+    let mut random = Random::new(11);
+    let odd = [f32::NAN, -0.0, f32::INFINITY, f32::NEG_INFINITY, -1e-45, -1e30, -1.0, 2.5];
+    for _ in 0..2_000 {
+        let mut axis = || random.below(160) as i32 - 80;
+        let at = IVec3::new(axis(), axis(), axis());
+        tree.set(at, odd[random.below(8) as usize]);
+    }
+    // A leaf with nothing inside, one that is all inside, and one of which nothing is left.
+    for (x, value) in [(200, 1.0), (300, -2.0), (400, -1e-45)] {
+        tree.touch_leaf(IVec3::new(x, 0, 0)).values_slice_mut().fill(value);
+    }
+    // Nodes of 128³ and of 4096³, inside and outside.
+    for (x, value) in [(512, -3.0), (1024, -0.5)] {
+        for offset in voxels(0, 127, 8) {
+            tree.fill_leaf(IVec3::new(x, 0, 0) + offset, value, false);
+        }
+    }
+    tree.prune();
+    for (y, value) in [(4096, -3.0), (8192, 3.0), (12288, 1.0)] {
+        tree.insert_tile(IVec3::new(0, y, 0), value, false);
+    }
+    let level_set = grid(tree, GridClass::LevelSet);
+    for (ramp, depth) in [(None, 3.0), (Some(0.7), 0.7), (Some(1e-30), 1e-30)] {
+        let made = fog_from_level_set(&level_set, &FogFromLevelSet { ramp, ..Default::default() });
+        let (made, expected) = (made.unwrap(), one_by_one(floats(&level_set), depth));
+        let bits = |tree: &Vdb543<f32>| -> Vec<_> {
+            let values = tree.values();
+            values.map(|v| (v.origin, v.log2_dim, v.value.to_bits(), v.active)).collect()
+        };
+        assert!(bits(floats(&made)) == bits(&expected), "a ramp of {ramp:?}");
+    }
+}
+
 #[test]
 fn every_voxel_is_composed() {
     let mut random = Random::new(7);
