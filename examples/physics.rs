@@ -32,8 +32,8 @@ const BALL_RADIUS: f32 = 4.0;
 const HEIGHT: f32 = 1.4;
 /// The edge of a crate.
 const CRATE: f32 = 0.36;
-/// The radius of the trench, and the seconds that the worm takes.
-const TRENCH: f32 = 0.4;
+/// The radius of the trench, which is wider than the crates, and the seconds that the worm takes.
+const TRENCH: f32 = 0.75;
 const SECONDS: f32 = 4.0;
 
 fn main() -> AppExit {
@@ -98,7 +98,7 @@ fn setup(
         RigidBody::Static,
         Collider::half_space(Vec3::Y),
     ));
-    let eye = Transform::from_xyz(-3.4, 2.9, 5.6).looking_at(Vec3::Y * 1.0, Vec3::Y);
+    let eye = Transform::from_xyz(2.2, 3.6, 5.6).looking_at(Vec3::Y * 0.8, Vec3::Y);
     commands.spawn((Camera3d::default(), eye));
     let sun = DirectionalLight { illuminance: 9_000.0, shadow_maps_enabled: true, ..default() };
     let shadows =
@@ -162,7 +162,7 @@ fn worm(time: Res<Time>, mut holes: ResMut<Holes>) {
         [time.elapsed_secs(), time.elapsed_secs() - time.delta_secs()].map(|t| t / SECONDS);
     let mut t = before.max(0.0);
     while t < now.min(1.0) {
-        // So high that the crates have nothing left to stand on.
+        // So high that it is open above.
         let along = 3.2 * (2.0 * t - 1.0);
         let beside = 0.2 * (2.0 * along).cos();
         let turned = Quat::from_rotation_y(0.6) * Vec3::new(beside, 0.0, along);

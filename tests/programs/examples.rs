@@ -1,5 +1,6 @@
 //! The examples as people run them: each without a window, into a picture that shows what it is about.
 
+use glam::{Mat4, Vec3};
 use gpu_test::gpu_test;
 
 use crate::files::temporary;
@@ -107,10 +108,15 @@ fn clay_is_carved_and_set_with_beads() {
 fn crates_fall_into_the_trench() {
     let picture = picture("physics");
     let wood = |[r, g, b]: [i32; 3]| r > 90 && r > g + 25 && g > b + 20;
-    let rows = picture.chunks(SIZE.0);
-    let highest = rows.clone().position(|row| count(row, wood) > 0);
-    let lowest = rows.clone().rposition(|row| count(row, wood) > 0);
-    println!("wood from row {highest:?} to row {lowest:?} of {}", SIZE.1);
+    let highest = picture.chunks(SIZE.0).position(|row| count(row, wood) > 0);
+    // The top of the pyramid that stands on the hill, seen from where the example's camera is.
+    let view = Mat4::look_at_rh(Vec3::new(2.2, 3.6, 5.6), Vec3::Y * 0.8, Vec3::Y);
+    let lens = Mat4::perspective_rh(std::f32::consts::FRAC_PI_4, 16.0 / 9.0, 0.1, 100.0);
+    let standing = (lens * view).project_point3(Vec3::Y * (1.4 + 3.0 * 0.36));
+    let standing = 0.5 * (1.0 - standing.y) * SIZE.1 as f32;
+    println!("wood from row {highest:?} of {}, at first from row {standing}", SIZE.1);
+    let highest = highest.expect("no crate is to be seen");
+    assert!(highest as f32 > standing + 5.0, "the crates still stand: row {highest}");
     let grass = count(&picture, |[r, g, b]| g > r + 8 && g > b + 20);
     assert!(grass > picture.len() / 8, "{grass} pixels of grass");
 }
