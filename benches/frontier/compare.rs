@@ -33,8 +33,7 @@ pub fn looks_different(exact: &Picture, found: &Picture) -> f64 {
         size: picture.size,
         pixels: picture.pixels.iter().map(|p| *p / white).collect(),
     });
-    let all = crate::flip::flip(&a, &b);
-    all.iter().sum::<f64>() / all.len() as f64
+    crate::flip::mean(&crate::flip::flip(&a, &b))
 }
 
 pub fn errors(exact: &Shots, found: &Shots, scene: &Scene) -> Errors {

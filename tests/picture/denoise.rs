@@ -12,7 +12,7 @@ use vdb_core::synth::{fog, level_set};
 use vdb_core::tree::CoordBox;
 
 use super::common::{Picture, Stage};
-use super::flip::flip;
+use super::flip::{flip, mean};
 use super::{GREEN, SURFACE, glow, looking};
 
 #[path = "../../examples/glossy.rs"]
@@ -110,12 +110,6 @@ fn reflections_are_smoother_whatever_the_roughness() {
     check_grain(&[0.2, 0.6], 128, 2);
 }
 
-/// How much two pictures differ, as seen by people.
-fn difference(a: &Picture, b: &Picture) -> f64 {
-    let errors = flip(a, b);
-    errors.iter().sum::<f64>() / errors.len() as f64
-}
-
 /// While the camera moves by half a pixel, single frames change little more than means of many do.
 #[gpu_test]
 #[ignore = "slow: means of many frames"]
@@ -126,17 +120,17 @@ fn denoised_reflections_do_not_flicker() {
         let view = scene(&mut stage, roughness, roughness);
         let on = VdbQuality { reflections: 2, ..default() };
         let off = VdbQuality { denoise: false, ..on };
-        let mean = VdbQuality { accumulate: 64, ..off };
+        let many = VdbQuality { accumulate: 64, ..off };
         let [before, after] = [0.0, 0.025].map(|x| {
             let eye = looking(Vec3::new(0.5 + x, 3.0, 7.0));
             stage.world().entity_mut(view.1).insert(eye);
-            [off, on, mean].map(|quality| shown(&mut stage, &view, quality))
+            [off, on, many].map(|quality| shown(&mut stage, &view, quality))
         });
-        let [single, denoised, mean] = [0, 1, 2].map(|i| difference(&before[i], &after[i]));
+        let [single, denoised, means] = [0, 1, 2].map(|i| mean(&flip(&before[i], &after[i])));
         println!(
-            "{roughness}: FLIP between frames {single:.4}, denoised {denoised:.4}, of means {mean:.4}"
+            "{roughness}: FLIP between frames {single:.4}, denoised {denoised:.4}, of means {means:.4}"
         );
-        assert!(denoised < 1.5 * mean, "{roughness}: {denoised} instead of {mean}");
+        assert!(denoised < 1.5 * means, "{roughness}: {denoised} instead of {means}");
     }
 }
 
@@ -189,7 +183,7 @@ fn the_glossy_example_has_no_visible_grain() {
     let [single, edges, denoised] = ways.map(|(name, quality)| {
         let picture = shown(&mut stage, &view, quality);
         picture.save(&format!("glossy_{name}"));
-        difference(&picture, &expected)
+        mean(&flip(&picture, &expected))
     });
     println!("glossy, {size}: FLIP {single:.4}, rays on edges {edges:.4}, denoised {denoised:.4}");
     assert!(denoised < 0.7 * single, "{denoised} instead of {single}");

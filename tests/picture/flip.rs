@@ -168,6 +168,11 @@ pub fn flip(a: &Picture, b: &Picture) -> Vec<f64> {
     (0..a.0.len()).map(pixel).collect()
 }
 
+/// The mean over all pixels, by which pictures are compared.
+pub fn mean(errors: &[f64]) -> f64 {
+    errors.iter().sum::<f64>() / errors.len() as f64
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -177,10 +182,6 @@ mod tests {
         let size = UVec2::new(40, 30);
         let pixels = (0..size.y).flat_map(|y| (0..size.x).map(move |x| (x, y)));
         Picture { size, pixels: pixels.map(|(x, y)| color(x, y).extend(1.0)).collect() }
-    }
-
-    fn mean(errors: &[f64]) -> f64 {
-        errors.iter().sum::<f64>() / errors.len() as f64
     }
 
     /// What the paper says: 0 for equal pictures, 1 for green beside blue, the same either way round, more

@@ -14,7 +14,7 @@ use vdb_core::synth::fog;
 use vdb_core::synth::level_set::{cuboid, sphere, torus};
 
 use super::common::{Picture, Stage};
-use super::flip::flip;
+use super::flip::{flip, mean};
 use super::{SURFACE, looking};
 
 const SIZE: UVec2 = UVec2::new(128, 96);
@@ -58,10 +58,6 @@ fn read(path: &Path) -> Option<Picture> {
 fn kept(name: &str) -> PathBuf {
     let path: PathBuf = [env!("CARGO_MANIFEST_DIR"), "tests", "golden", name].iter().collect();
     path.with_extension("png")
-}
-
-fn mean(errors: &[f64]) -> f64 {
-    errors.iter().sum::<f64>() / errors.len() as f64
 }
 
 /// How different each pixel looks from the picture that was accepted, if there is one of this size.

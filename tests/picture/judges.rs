@@ -15,7 +15,7 @@ use vdb_core::tree::Vdb543;
 use vdb_core::{AnyTree, Transform as VdbTransform, VdbFile};
 
 use super::common::{Picture, Stage};
-use super::flip::flip;
+use super::flip::{flip, mean};
 use super::{SIZE, pixel_ray};
 
 /// World units of a voxel on the stage.
@@ -195,13 +195,12 @@ fn light_of_clouds_beside_cycles_and_mitsuba() {
             ];
             for (judge, right) in &judges {
                 let [a, b] = [&ours, right].map(|picture| exposed(picture, &judges[0].1));
-                let values = flip(&a, &b);
                 println!(
                     "| {name} | {anisotropy} | {judge} | {:.3} | {noise:.3} | {:.3} | {:.3} | {:.3} |",
                     sum(&ours) / sum(right),
                     error(&ours, right),
                     error(&single, right),
-                    values.iter().sum::<f64>() / values.len() as f64,
+                    mean(&flip(&a, &b)),
                 );
                 // The tracers must agree before they can serve as references: within four standard
                 // errors, and 1 % for the steps of Cycles.

@@ -9,7 +9,7 @@ use vdb_core::synth::level_set;
 use vdb_core::tree::{CoordBox, Vdb543};
 
 use super::common::{Picture, Stage};
-use super::flip::flip;
+use super::flip::{flip, mean};
 use super::levels::wait_for;
 use super::need::{all_steps, counting};
 use super::{SIZE, SURFACE, pixel_ray};
@@ -145,11 +145,7 @@ fn levels_do_not_shimmer() {
                 picture
             })
             .collect();
-        let pairs = frames.windows(2).map(|two| {
-            let errors = flip(&two[0], &two[1]);
-            errors.iter().sum::<f64>() / errors.len() as f64
-        });
-        pairs.sum::<f64>() / 5.0
+        frames.windows(2).map(|two| mean(&flip(&two[0], &two[1]))).sum::<f64>() / 5.0
     };
     let [exact, half] = [0.0, 0.5].map(&mut flight);
     println!("FLIP between frames: {exact:.4}, with levels {half:.4}");

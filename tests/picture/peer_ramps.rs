@@ -11,7 +11,7 @@ use vdb_core::pack::PackKind;
 use vdb_core::tree::{CoordBox, Vdb543};
 
 use super::common::{Picture, Stage};
-use super::flip::flip;
+use super::flip::{flip, mean};
 use super::looking;
 
 const SIZE: UVec2 = UVec2::splat(160);
@@ -179,7 +179,7 @@ fn ramps_look_as_vtk_draws_them() {
         };
         both.save(&format!("ramp_vtk_{name}"));
         let differences = flip(&ours, &theirs);
-        let mean = differences.iter().sum::<f64>() / differences.len() as f64;
+        let mean = mean(&differences);
         let most = differences.iter().copied().fold(0.0, f64::max);
         let sum =
             |picture: &Picture| picture.pixels.iter().map(|p| p.truncate().element_sum()).sum();

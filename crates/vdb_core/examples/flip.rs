@@ -64,7 +64,6 @@ fn main() -> ExitCode {
         return ExitCode::FAILURE;
     }
     let all = flip::flip(&a, &b);
-    let mean = all.iter().sum::<f64>() / all.len() as f64;
-    println!("{mean:.6} {:.6}", all.iter().copied().fold(0.0, f64::max));
+    println!("{:.6} {:.6}", flip::mean(&all), all.iter().copied().fold(0.0, f64::max));
     ExitCode::SUCCESS
 }
