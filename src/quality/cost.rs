@@ -1,9 +1,8 @@
 //! Costs of the features of a camera: the time of its passes with a feature, minus the time
 //! without.
 
-use std::time::Instant;
-
 use bevy::diagnostic::DiagnosticsStore;
+use bevy::platform::time::Instant;
 use bevy::prelude::*;
 use bevy::render::extract_component::ExtractComponent;
 

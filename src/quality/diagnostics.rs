@@ -1,10 +1,10 @@
 //! Diagnostics: the passes and buffers of each camera, and the reason for each.
 
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
 
 use bevy::diagnostic::{DiagnosticPath, DiagnosticsStore};
 use bevy::platform::collections::HashMap;
+use bevy::platform::time::Instant;
 use bevy::prelude::*;
 
 /// The passes that volumes add to a view, in order.

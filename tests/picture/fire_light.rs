@@ -228,6 +228,7 @@ fn smoke_around_a_fire_dims_its_light() {
 
 /// A metal that reflects by rays shows the flames, and not the highlights of their lights as well.
 #[gpu_test]
+#[ignore = "slow: fires in mirrors of each roughness"]
 fn metals_reflect_a_fire_once() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);

@@ -125,6 +125,7 @@ fn a_smooth_terrain_is_within_a_pixel() {
 }
 
 #[gpu_test]
+#[ignore = "slow: a large grid"]
 fn a_terrain_of_voxels_is_within_a_pixel() {
     // The corner of a voxel is √3/2 of its edge away from its middle, and levels keep every second sample.
     is_within_a_pixel(SURFACE, "voxels", 1.8);

@@ -4,3 +4,4 @@ mod guide;
 mod ignored;
 mod imports;
 mod links;
+mod portable;

@@ -4,8 +4,8 @@ mod controller;
 
 use bevy::camera::primitives::Aabb;
 use bevy::diagnostic::DiagnosticsStore;
+use bevy::platform::time::Instant;
 use bevy::prelude::*;
-use std::time::Instant;
 
 use crate::quality::diagnostics::gpu_time;
 use crate::{VdbDiagnostics, VdbGrid, VdbMeasureFeatures, VdbQuality, VdbVolume};

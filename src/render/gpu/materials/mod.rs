@@ -6,9 +6,10 @@ mod modules;
 mod parameters;
 
 use std::any::TypeId;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use bevy::asset::AssetEvent;
+use bevy::platform::time::Instant;
 use bevy::prelude::*;
 use bevy::shader::{Shader, ShaderImport, ShaderRef};
 
