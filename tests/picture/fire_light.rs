@@ -189,6 +189,7 @@ fn fire_lights_a_floor_and_a_wall_as_the_sum_over_its_voxels() {
 
 /// In a ball of black smoke around it, fire is as dim as its transmittance says, which shadow maps say, too.
 #[gpu_test]
+#[ignore = "slow: smoke by rays"]
 fn smoke_around_a_fire_dims_its_light() {
     let tree = fog::sphere(DVec3::ZERO, 3.0, 2.0);
     let smoke = fog::sphere(DVec3::ZERO, 8.0, 1.0);
@@ -228,7 +229,7 @@ fn smoke_around_a_fire_dims_its_light() {
 
 /// A metal that reflects by rays shows the flames, and not the highlights of their lights as well.
 #[gpu_test]
-#[ignore = "slow: fires in mirrors of each roughness"]
+#[ignore = "slow: each roughness, with and without reflections"]
 fn metals_reflect_a_fire_once() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
