@@ -1,11 +1,15 @@
 //! Sequences from patterns and folders.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
+#[cfg(not(target_arch = "wasm32"))]
 use std::sync::Arc;
 
-use bevy::asset::io::{AssetReaderError, AssetSourceId};
-use bevy::asset::{AssetPath, AssetServer, AssetServerMode};
+use bevy::asset::io::AssetSourceId;
+use bevy::asset::{AssetPath, AssetServer};
+#[cfg(not(target_arch = "wasm32"))]
+use bevy::asset::{AssetServerMode, io::AssetReaderError};
 use bevy::prelude::*;
+#[cfg(not(target_arch = "wasm32"))]
 use bevy::tasks::futures_lite::StreamExt;
 use vdb_core::display::escaped;
 
@@ -121,25 +125,40 @@ async fn names(
     folder: &AssetPath<'static>,
     wanted: impl Fn(&str) -> bool,
 ) -> Result<Vec<String>, VdbSequenceError> {
-    let shown = || escaped(&folder.to_string()).to_string();
     let mut names = Vec::new();
-    let mut take = |path: &Path| {
+    let take = |path: &Path| {
         if let Some(name) =
             path.file_name().and_then(|name| name.to_str()).filter(|name| wanted(name))
         {
             names.push(name.to_owned());
         }
         let count = names.len() as u64;
-        if count > MOST_FRAMES { Err(VdbSequenceError::TooMany(shown(), count)) } else { Ok(()) }
+        if count > MOST_FRAMES {
+            Err(VdbSequenceError::TooMany(escaped(&folder.to_string()).to_string(), count))
+        } else {
+            Ok(())
+        }
     };
+    visit(server, folder, take).await?;
+    Ok(names)
+}
+
+/// Calls a function with the path of everything in a folder, until it fails.
+#[cfg(not(target_arch = "wasm32"))]
+async fn visit(
+    server: &AssetServer,
+    folder: &AssetPath<'static>,
+    mut take: impl FnMut(&Path) -> Result<(), VdbSequenceError>,
+) -> Result<(), VdbSequenceError> {
+    let shown = || escaped(&folder.to_string()).to_string();
     let failed = |error: AssetReaderError| VdbSequenceError::Folder(shown(), error.to_string());
     // Bevy's reader of files panics where a folder is not below its own.
     if folder.path().is_absolute() && *folder.source() == AssetSourceId::Default {
         let io = |error: std::io::Error| failed(AssetReaderError::Io(Arc::new(error)));
         for entry in std::fs::read_dir(folder.path()).map_err(io)? {
-            take(&PathBuf::from(entry.map_err(io)?.file_name()))?;
+            take(Path::new(&entry.map_err(io)?.file_name()))?;
         }
-        return Ok(names);
+        return Ok(());
     }
     let missing = |error: String| VdbSequenceError::Path(shown(), error);
     let source = server.get_source(folder.source()).map_err(|error| missing(error.to_string()))?;
@@ -153,5 +172,18 @@ async fn names(
     while let Some(path) = entries.next().await {
         take(&path)?;
     }
-    Ok(names)
+    Ok(())
+}
+
+/// Fails: browsers have no folders, and futures of their readers cannot be handed to other threads, as
+/// [`AssetServer::add_async`] requires.
+#[cfg(target_arch = "wasm32")]
+async fn visit(
+    _: &AssetServer,
+    folder: &AssetPath<'static>,
+    _: impl FnMut(&Path) -> Result<(), VdbSequenceError>,
+) -> Result<(), VdbSequenceError> {
+    let shown = escaped(&folder.to_string()).to_string();
+    let why = "browsers have no folders; name the frames in a .vdbseq file";
+    Err(VdbSequenceError::Folder(shown, why.into()))
 }
