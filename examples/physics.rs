@@ -162,7 +162,7 @@ fn worm(time: Res<Time>, mut holes: ResMut<Holes>) {
         [time.elapsed_secs(), time.elapsed_secs() - time.delta_secs()].map(|t| t / SECONDS);
     let mut t = before.max(0.0);
     while t < now.min(1.0) {
-        // So high that it is open above.
+        // High enough that the trench is open at the top.
         let along = 3.2 * (2.0 * t - 1.0);
         let beside = 0.2 * (2.0 * along).cos();
         let turned = Quat::from_rotation_y(0.6) * Vec3::new(beside, 0.0, along);

@@ -20,24 +20,24 @@ use crate::{Args, print_heading, summary};
 const EDGES: [u32; 3] = [256, 1024, 4096];
 /// A gyroid of 4096 voxels would take 6 GB.
 const LARGEST_GYROID: u32 = 2048;
-/// World units across the longest edge of a model, which the camera sees from afar, all over the picture, or from within.
+/// World units across the longest edge of a model, seen from afar, filling the picture, or from within.
 const SIZES: [(&str, f32); 3] = [("from afar", 1.2), ("near", 2.4), ("from within", 9.0)];
 const LIGHTS: [(&str, VdbRenderMode); 2] =
     [("none", VdbRenderMode::Gray), ("a sun", VdbRenderMode::Lit)];
 /// Pixels per voxel.
 const DETAILS: [f32; 3] = [0.0, 0.5, 1.0];
-/// The coarsest level has at most so many voxels along an edge.
+/// The coarsest level has at most this many voxels along an edge.
 const COARSEST: u32 = 32;
 /// The longest wait for levels, which are made in the background.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// Of the camera from the middle of the model.
+/// The distance of the camera from the middle of the model.
 const DISTANCE: f32 = 2.3;
 
 pub fn run(args: &Args) -> Result<(), String> {
     let mut studio = Studio::with_gpu_times(args.size)?;
     print_heading(&studio, "Detail", args.size);
     println!(
-        "Medians of {} frames, all passes, ms; in brackets beside that at the smallest resolution.\n",
+        "Medians of {} frames, all passes, ms; in brackets, the ratio to the time at the lowest resolution.\n",
         args.frames
     );
     let columns = DETAILS.map(|detail| format!("detail {detail}")).join(" | ");
@@ -117,14 +117,17 @@ fn rows(
     Ok(rows)
 }
 
-/// Goes on until the levels are on the GPU, if a camera may want them. They stay until none may want any. Returns how
-/// many there are.
+/// Renders until the levels are on the GPU, if the camera needs any; they stay until no camera has a `detail` above 0.
+/// Returns how many there are.
 fn wait_for_levels(studio: &mut Studio, edge: u32, are_wanted: bool) -> Result<u64, String> {
     let there = |studio: &Studio| studio.app.world().resource::<VdbGpuUsage>().levels();
     let all = u64::from((edge / COARSEST).ilog2());
     let start = Instant::now();
     while are_wanted && there(studio) != all && start.elapsed() < PATIENCE {
         studio.frames(1);
+    }
+    if are_wanted && there(studio) != all {
+        return Err(format!("the levels of {edge} voxels do not come"));
     }
     studio.settle(1)?;
     Ok(there(studio))

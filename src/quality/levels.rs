@@ -92,8 +92,8 @@ pub(crate) fn make_levels(
     }
 }
 
-/// The factor by which the voxels of a grid may be larger, at the point of a fog nearest to a camera, which
-/// determines its level, and at the farthest of a surface. At 2 or more, a coarser level is displayed, and should
+/// The factor by which the voxels of a grid may be larger: for a fog, at the point nearest to the camera, which
+/// determines its level; for a surface, at its farthest corner. At 2 or more, a coarser level is displayed, and should
 /// exist by then.
 fn need(
     (settings, quality, camera, projection, view): (

@@ -77,16 +77,17 @@ pub struct VdbQuality {
     pub fog_slabs: u32,
     /// Levels of detail: what is distant is displayed at half, a quarter … of its resolution, as long
     /// as the voxels of the copy are no larger than this many pixels. At most 64. With 1, the cost of a
-    /// volume is proportional to the pixels that it covers. With 0, the default, grids are shown at
+    /// distant volume follows the pixels that it covers. With 0, the default, grids are shown at
     /// full resolution, and the cost grows with the number of their voxels.
     ///
     /// Each part of a surface is displayed at the level for its depth along the view axis, so a terrain
     /// may reach from the camera's feet to the horizon. Shadows and reflections use the level of the
-    /// point that receives them. Fog, and whatever an orthographic camera sees, has one level, that of
+    /// point that shows them. Fog, and whatever an orthographic camera sees, has one level, that of
     /// its nearest point.
     ///
-    /// Levels are generated in the background, one grid after the other, for volumes in view some of
-    /// whose voxels are no larger than that many pixels. They take a third more memory for a surface,
+    /// Levels are generated in the background, one grid after the other, for volumes in view: for a
+    /// surface once its farthest voxels are no larger than that many pixels, for fog once its nearest
+    /// are. They take a third more memory for a surface,
     /// and a seventh more for fog.
     pub detail: f32,
     /// Rays per pixel along each axis of the image: 0.5 traces one ray per four pixels. The

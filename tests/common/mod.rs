@@ -83,8 +83,8 @@ impl Picture {
     }
 }
 
-/// A device that has the features and limits of standard WebGPU and no others. With the environment variable
-/// `VDB_TEST_WEBGPU`, all stages have such a one.
+/// A device that has the features and limits of standard WebGPU and no others. If the environment
+/// variable `VDB_TEST_WEBGPU` is set, all stages use such a device.
 fn standard_webgpu() -> RenderCreation {
     let priority = WgpuSettingsPriority::WebGPU;
     let standard = WgpuSettings { priority, features: WgpuFeatures::empty(), ..default() };

@@ -115,7 +115,7 @@ fn crates_fall_into_the_trench() {
     let standing = (lens * view).project_point3(Vec3::Y * (1.4 + 3.0 * 0.36));
     let standing = 0.5 * (1.0 - standing.y) * SIZE.1 as f32;
     println!("wood from row {highest:?} of {}, at first from row {standing}", SIZE.1);
-    let highest = highest.expect("no crate is to be seen");
+    let highest = highest.expect("no crate is visible");
     assert!(highest as f32 > standing + 5.0, "the crates still stand: row {highest}");
     let grass = count(&picture, |[r, g, b]| g > r + 8 && g > b + 20);
     assert!(grass > picture.len() / 8, "{grass} pixels of grass");

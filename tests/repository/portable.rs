@@ -8,14 +8,14 @@ use crate::imports::{code_of, rust_files};
 /// What panics or fails in a browser, and what stands in for it.
 const FORBIDDEN: [(&str, &str); 6] = [
     ("time::Instant", "bevy::platform::time::Instant"),
-    ("SystemTime", "bevy::time"),
+    ("SystemTime", "a time that the app passes in"),
     ("thread::spawn", "bevy::tasks"),
     ("thread::sleep", "another frame"),
     ("thread::scope", "bevy::tasks"),
     ("fs::", "bevy::asset::io"),
 ];
 
-/// Files that read folders of the machine that they run on, which may fail.
+/// Files that read the local file system, and handle its absence.
 const EXCEPTIONS: [&str; 2] = ["src/asset/sequence/list.rs", "src/render/gpu/shaders.rs"];
 
 #[test]

@@ -93,7 +93,7 @@ struct Volume {
     ramp_scale: f32,            // entries of the table per unit of value
     ramp_emission: f32,         // factor for the ramp's emission
     // Depths along the view axis between which this level of detail represents its volume. Secondary rays meet the
-    // level of the depth that they start from.
+    // level at the depth where their view ray ends.
     t_first: f32,
     t_end: f32,
 }

@@ -69,7 +69,7 @@ fn distance_to_rect(i: u32, position: vec3<f32>) -> f32 {
     return length(vec3(max(abs(along) - half, vec2(0.0)), place.height));
 }
 
-// What fog scatters of all rectangle lights.
+// Light of all rectangle lights that fog scatters at a point.
 struct ScatteredRects {
     light: vec3<f32>,   // cd/m²
     nearest: f32,       // distance to the nearest of them

@@ -66,18 +66,14 @@ fn lattice_from_world(volume: u32, v: vec3<f32>) -> vec3<f32> {
 const MAX_CELL: f32 = 1073741824.0;     // 2^30
 
 #ifdef VDB_LEVELS
-// The depth of a point along the view axis.
-fn view_depth(point: Point) -> f32 {
-    return point.t + dot(point.offset, view.dir) / dot(view.dir, view.dir);
-}
-
-// Whether a volume is the level of detail that a secondary ray from a depth along the view axis meets.
-fn is_level_at(volume: u32, depth: f32) -> bool {
-    return depth >= volumes[volume].t_first && depth < volumes[volume].t_end;
+// Whether a volume is the level of detail that secondary rays meet: on a whole path, the one where the view ray ends,
+// so that no ray starts inside the surface of another level.
+fn is_level_of_path(volume: u32, start: Point) -> bool {
+    return start.t >= volumes[volume].t_first && start.t < volumes[volume].t_end;
 }
 #endif
 
-// The ray of a segment in the lattice of a volume. It hits nothing that other levels of detail represent.
+// The ray of a segment in the lattice of a volume. It hits nothing that another level of detail represents.
 fn lattice_ray(segment: Segment, volume: u32, t_max: f32) -> Ray {
     let start = segment.start;
     var ray = ray_through(volumes[volume].rays, start.ndc, segment.t_min, t_max);
@@ -104,7 +100,7 @@ fn lattice_ray(segment: Segment, volume: u32, t_max: f32) -> Ray {
         }
     }
 #ifdef VDB_LEVELS
-    if !is_level_at(volume, view_depth(start)) {
+    if !is_level_of_path(volume, start) {
         ray.dir = vec3(0.0);
     }
 #endif

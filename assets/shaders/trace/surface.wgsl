@@ -39,7 +39,7 @@ fn face_normal(mirrored: MirroredRay, axis: u32) -> vec3<f32> {
     return select(vec3(0.0), outwards, axis_mask);
 }
 
-// Whether a ray begins at a coarser level of detail, after a finer one that it has not met.
+// Whether a ray begins at the near end of a coarser level of detail, having hit nothing in the finer one.
 fn begins_at_level(ray: Ray) -> bool {
 #ifdef VDB_LEVELS
     return ray.t_min > view.t_near;

@@ -116,10 +116,10 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
     return first_root_from(grid, mirrored, entry, false);
 }
 
-// The same for a ray of which another level of detail has told that it begins outside the solid. Where the two
-// levels differ, it may begin inside, and has met the surface then.
+// The same; with `begins_outside`, a finer level of detail has shown that the ray begins outside the solid. If it
+// begins inside that of this level, because the two differ, its first point counts as a hit.
 fn first_root_from(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside: bool) -> SurfaceHit {
-    var is_beginning = begins_outside;
+    var expects_outside = begins_outside;
     var dda = entry;
     var accessor = new_accessor(local_cell(mirrored, dda.rel));
     // Whether the interpolant was negative at the end of the previous cell. A sign change exactly between
@@ -178,7 +178,7 @@ fn first_root_from(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside
             4.5 * d_3,
         );
         var s = 2.0;
-        if (has_previous && was_negative != (f_0 < 0.0)) || (is_beginning && f_0 < 0.0) {
+        if (has_previous && was_negative != (f_0 < 0.0)) || (expects_outside && f_0 < 0.0) {
             s = 0.0;
         } else {
             s = first_sign_change(a, f_0, f_3);
@@ -202,7 +202,7 @@ fn first_root_from(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside
                 accessor,
             );
         }
-        is_beginning = false;
+        expects_outside = false;
         has_previous = true;
         was_negative = f_3 < 0.0;
     }

@@ -143,7 +143,7 @@ async fn names(
     Ok(names)
 }
 
-/// Calls a function with the path of everything in a folder, until it fails.
+/// Calls `take` with the path of each entry of a folder, and stops at its first error.
 #[cfg(not(target_arch = "wasm32"))]
 async fn visit(
     server: &AssetServer,
@@ -184,6 +184,6 @@ async fn visit(
     _: impl FnMut(&Path) -> Result<(), VdbSequenceError>,
 ) -> Result<(), VdbSequenceError> {
     let shown = escaped(&folder.to_string()).to_string();
-    let why = "browsers have no folders; name the frames in a .vdbseq file";
+    let why = "browsers have no folders; give `first` and `last` in a .vdbseq file";
     Err(VdbSequenceError::Folder(shown, why.into()))
 }

@@ -13,7 +13,7 @@ pub(crate) struct Eye<'a> {
 }
 
 impl Eye<'_> {
-    /// The smallest and the largest depth along the view axis of a box of index space, not before the near plane.
+    /// The smallest and largest depths along the view axis of a box in index space, clamped to the near plane.
     pub fn depths(&self, world_from_index: DAffine3, (low, high): (DVec3, DVec3)) -> [f64; 2] {
         let view_from_index = self.world_from_view.inverse() * world_from_index;
         let depths = (0..8).map(|i: usize| {
@@ -26,7 +26,8 @@ impl Eye<'_> {
     }
 }
 
-/// How many times larger the voxels of a grid could be, as a function of the depth along the view axis.
+/// How many times larger the voxels of a grid could be and still cover no more pixels than they may, as a function of
+/// the depth along the view axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Footprint {
     /// The factor at a depth of 0 …

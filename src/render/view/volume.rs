@@ -48,7 +48,7 @@ pub(crate) struct Shown<'a> {
 impl<'a> Shown<'a> {
     /// The levels that represent a volume, from near to far: at each depth, the coarsest one on the
     /// GPU whose voxels cover no more than `detail` pixels. Fog, and whatever an orthographic camera
-    /// sees, has one level for all depths. None if the grid itself is not on the GPU.
+    /// sees, has one level for all depths. Empty if the grid itself is not on the GPU.
     pub fn levels(
         volume: &'a ExtractedVolume,
         pool: &VdbTreePool,

@@ -117,7 +117,7 @@ impl Scattered<'_> {
         }
     }
 
-    /// Lights the stretch, which ends where the integral of the density is `sum`.
+    /// Lights the stretch, at whose end the integral of the density is `sum`.
     fn light(&mut self, sum: f32) {
         let Some([from, to]) = self.stretch.take() else { return };
         let depth = self.map.depth(self.ray.origin + 0.5 * (from + to) * self.ray.dir);

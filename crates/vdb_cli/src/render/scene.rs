@@ -194,7 +194,7 @@ impl Volume {
         GridQuery::of_packed(&self.packed)
     }
 
-    /// Queries of points: of a surface, the packed values do not reach beyond its cells.
+    /// For points: reads the tree, because a packed surface has no values outside its own cells.
     pub fn query_points(&self) -> GridQuery<'_> {
         GridQuery::new(&self.tree, &self.packed)
     }

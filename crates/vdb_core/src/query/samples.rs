@@ -73,7 +73,7 @@ fn packed_corners(grid: &PackedGrid, ijk: [i64; 3]) -> Option<Corners> {
     if span.occupied() { occupied_corners(grid, span, local) } else { unoccupied() }
 }
 
-/// The same around a local cell with something in it.
+/// The same for an occupied local cell.
 #[inline]
 fn occupied_corners(grid: &PackedGrid, span: traverse::Span, local: IVec3) -> Option<Corners> {
     let iso = match grid.kind {
@@ -124,7 +124,7 @@ impl<'a> TreeSamples<'a> {
     }
 
     fn corners(&mut self, ijk: [i64; 3]) -> Corners {
-        // The axes on which the cell reaches into the next leaf, with the bits of a corner's number.
+        // One bit for each axis along which the cell reaches into the next leaf, in the order of the bits of corner numbers.
         let across = [0, 1, 2].map(|axis| usize::from(ijk[axis] & 7 == 7) << (2 - axis));
         let across = across[0] | across[1] | across[2];
         if across == 0

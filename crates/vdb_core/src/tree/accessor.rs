@@ -7,7 +7,7 @@ use super::{Found, IVec3, Node, Tree, ValueAt};
 #[derive(Debug)]
 pub struct Accessor<'a, C: Node> {
     tree: &'a Tree<C>,
-    /// The child of the root that contains the last voxel that was looked up.
+    /// The child of the root that contains the last voxel looked up, if it is in one.
     child: Option<&'a C>,
     last: Option<Last<'a, C::Leaf>>,
 }

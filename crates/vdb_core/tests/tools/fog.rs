@@ -41,7 +41,7 @@ fn density_rises_below_the_surface() {
     assert_eq!(made.tree.active_voxel_count(), 0);
 }
 
-/// The fog of a level set, made of one voxel or tile after the other.
+/// The fog of a level set, made one voxel or tile at a time.
 fn one_by_one(tree: &Vdb543<f32>, ramp: f32) -> Vdb543<f32> {
     let mut fog = Vdb543::new(0.0);
     for own in tree.values().filter(|own| own.value < 0.0) {
@@ -75,7 +75,7 @@ fn every_voxel_and_every_tile_is_converted_bit_for_bit() {
     for (x, value) in [(200, 1.0), (300, -2.0), (400, -1e-45)] {
         tree.touch_leaf(IVec3::new(x, 0, 0)).values_slice_mut().fill(value);
     }
-    // Nodes of 128³ and of 4096³, inside and outside.
+    // Tiles of 128³ inside, and of 4096³ inside and outside.
     for (x, value) in [(512, -3.0), (1024, -0.5)] {
         for offset in voxels(0, 127, 8) {
             tree.fill_leaf(IVec3::new(x, 0, 0) + offset, value, false);
