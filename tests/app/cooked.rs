@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use bevy::asset::processor::{AssetProcessor, FileTransactionLogFactory};
 use bevy::asset::{AssetMode, AssetPlugin, LoadState, UnapprovedPathMode};
 use bevy::ecs::system::RunSystemOnce;
 use bevy::math::DVec3;
@@ -286,6 +287,10 @@ fn processing(folder: &Folder) -> App {
     };
     let mut app = app(folder, plugin);
     app.set_default_asset_processor::<VdbCooker>("vdb");
+    // By default, all processors of a project share a log, and one that finds unfinished entries of another there
+    // processes everything anew.
+    let log = FileTransactionLogFactory { file_path: folder.0.join("log") };
+    app.world().resource::<AssetProcessor>().data().set_log_factory(Box::new(log)).unwrap();
     app
 }
 
