@@ -11,7 +11,7 @@ use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::vdb_core::synth::models;
 use bevy_vdb::vdb_core::tree::Vdb543;
-use bevy_vdb::{VdbDiagnostics, VdbGpuUsage, VdbRenderMode};
+use bevy_vdb::{VdbGpuUsage, VdbRenderMode};
 
 use crate::studio::Studio;
 use crate::{Args, print_heading, summary};
@@ -30,8 +30,8 @@ const DETAILS: [f32; 3] = [0.0, 0.5, 1.0];
 const COARSEST: u32 = 32;
 /// The longest wait for levels, which are made in the background.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// The distance of the camera from the middle of the model.
-const DISTANCE: f32 = 2.3;
+/// The distance of the camera from the middle of the model, rounded down.
+const DISTANCE: f32 = 2.29;
 
 pub fn run(args: &Args) -> Result<(), String> {
     let mut studio = Studio::with_gpu_times(args.size)?;
@@ -105,9 +105,9 @@ fn rows(
             studio.app.world_mut().entity_mut(volume).insert(at);
             let quality = VdbQuality { detail, ..default() };
             studio.camera_mut().insert((quality, VdbCamera { mode, ..default() }));
-            // Where the camera is farthest from a corner of a cube of that size.
-            let farthest = DISTANCE + 0.87 * size;
-            let pixel = 2.0 * std::f32::consts::FRAC_PI_8.tan() * farthest / args.size.y as f32;
+            // Of corners around the middle of the world, one is at least as far away as the middle. If a pixel
+            // there covers a voxel, levels are made for certain; otherwise they may be.
+            let pixel = 2.0 * std::f32::consts::FRAC_PI_8.tan() * DISTANCE / args.size.y as f32;
             row.levels = wait_for_levels(studio, edge, detail * pixel * edge as f32 > size)?;
             row.ms[i] = time(studio, args);
         }
@@ -117,16 +117,16 @@ fn rows(
     Ok(rows)
 }
 
-/// Renders until the levels are on the GPU, if the camera needs any; they stay until no camera has a `detail` above 0.
-/// Returns how many there are.
-fn wait_for_levels(studio: &mut Studio, edge: u32, are_wanted: bool) -> Result<u64, String> {
+/// Renders until the levels are on the GPU, if they are certain to be made; they stay until no camera has a `detail`
+/// above 0. Returns how many there are.
+fn wait_for_levels(studio: &mut Studio, edge: u32, are_certain: bool) -> Result<u64, String> {
     let there = |studio: &Studio| studio.app.world().resource::<VdbGpuUsage>().levels();
     let all = u64::from((edge / COARSEST).ilog2());
     let start = Instant::now();
-    while are_wanted && there(studio) != all && start.elapsed() < PATIENCE {
+    while are_certain && there(studio) != all && start.elapsed() < PATIENCE {
         studio.frames(1);
     }
-    if are_wanted && there(studio) != all {
+    if are_certain && there(studio) != all {
         return Err(format!("the levels of {edge} voxels do not come"));
     }
     studio.settle(1)?;
@@ -139,13 +139,6 @@ fn time(studio: &mut Studio, args: &Args) -> f64 {
     store.iter_mut().for_each(Diagnostic::clear_history);
     let mut all = Vec::new();
     studio.begin_round(args.frames);
-    studio.frames_after(args.frames, |studio| {
-        let world = studio.app.world();
-        let store = world.resource::<DiagnosticsStore>();
-        let cameras = world.resource::<VdbDiagnostics>().cameras();
-        let passes = cameras.iter().flat_map(|(_, report)| &report.passes);
-        let ms: f64 = passes.filter_map(|pass| VdbDiagnostics::pass_ms(store, pass.name)).sum();
-        all.extend((ms > 0.0).then_some(ms));
-    });
+    studio.frames_after(args.frames, |studio| all.extend(studio.passes_ms()));
     if all.is_empty() { 0.0 } else { summary(&mut all)[0] }
 }

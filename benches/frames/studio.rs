@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use bevy::app::PluginsState;
 use bevy::asset::UnapprovedPathMode;
 use bevy::camera::RenderTarget;
+use bevy::diagnostic::DiagnosticsStore;
 use bevy::log::LogPlugin;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
@@ -17,10 +18,10 @@ use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::{Render, RenderApp, RenderPlugin, RenderSystems};
 use bevy::window::ExitCondition;
 use bevy::winit::WinitPlugin;
-use bevy_vdb::VdbGpuUsage;
 use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::vdb_core::tree::Vdb543;
+use bevy_vdb::{VdbDiagnostics, VdbGpuUsage};
 
 use crate::warm::keep_warm;
 
@@ -177,6 +178,16 @@ impl Studio {
             }
         }
         Err("no image comes back from the GPU".into())
+    }
+
+    /// The newest time of all passes of volumes on the GPU in ms, once there is one.
+    pub fn passes_ms(&self) -> Option<f64> {
+        let world = self.app.world();
+        let store = world.resource::<DiagnosticsStore>();
+        let cameras = world.resource::<VdbDiagnostics>().cameras();
+        let passes = cameras.iter().flat_map(|(_, report)| &report.passes);
+        let ms: f64 = passes.filter_map(|pass| VdbDiagnostics::pass_ms(store, pass.name)).sum();
+        (ms > 0.0).then_some(ms)
     }
 
     /// Milliseconds that each of some frames took; the camera goes round, unless it is held still.

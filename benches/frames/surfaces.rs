@@ -97,10 +97,7 @@ fn times(studio: &mut Studio, args: &Args) -> ([f64; COLUMNS.len()], f64) {
         for (times, pass) in times.iter_mut().zip(COLUMNS) {
             times.extend(of(pass));
         }
-        let cameras = world.resource::<VdbDiagnostics>().cameras();
-        let passes = cameras.iter().flat_map(|(_, report)| &report.passes);
-        let ms: f64 = passes.filter_map(|pass| of(pass.name)).sum();
-        all.extend((ms > 0.0).then_some(ms));
+        all.extend(studio.passes_ms());
     });
     let median = |mut times: Vec<f64>| if times.is_empty() { 0.0 } else { summary(&mut times)[0] };
     (times.map(median), median(all))

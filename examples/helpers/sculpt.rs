@@ -24,8 +24,8 @@ pub fn under_pointer(
         .and_then(|ray| volumes.cast_ray_nearest(ray, &VdbRayCastSettings::default()))
 }
 
-/// Edits a level set whose voxels have this size in world units, and whose index space begins at the world's origin. The minimum or maximum of
-/// two distances keeps a level set a level set.
+/// Edits a level set whose voxels have this size in world units, and whose index space begins at the world's origin. The
+/// minimum or maximum of two distances keeps a level set a level set.
 pub fn sculpt(grid: &mut VdbGrid, voxel: f32, dabs: &[Dab]) -> Result {
     grid.edit(|voxels| {
         for dab in dabs {

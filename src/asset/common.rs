@@ -1,6 +1,6 @@
 //! Errors, transforms and bounds shared by float and vector grids.
 
-use bevy::math::{DAffine3, DVec3};
+use bevy::math::{BVec3, DAffine3, DVec3};
 use thiserror::Error;
 use vdb_core::display::escaped;
 use vdb_core::pack::{PackError, PackedGrid};
@@ -71,6 +71,13 @@ pub(crate) fn check_transform(world_from_index: DAffine3) -> Result<(), VdbGridE
     Ok(())
 }
 
+/// The corners of a box.
+pub(crate) fn corners((low, high): (DVec3, DVec3)) -> impl Iterator<Item = DVec3> + Clone {
+    (0..8).map(move |i: usize| {
+        DVec3::select(BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0), high, low)
+    })
+}
+
 /// The bounds of everything visible in a packed grid, in index space.
 pub(crate) fn index_bounds(packed: &PackedGrid) -> Option<(DVec3, DVec3)> {
     let cells = packed.occupied?;
@@ -83,11 +90,7 @@ pub(crate) fn world_bounds(
     packed: &PackedGrid,
     world_from_index: DAffine3,
 ) -> Option<(DVec3, DVec3)> {
-    let (low, high) = index_bounds(packed)?;
-    let corners = (0..8).map(|i| {
-        let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
-        world_from_index.transform_point3(DVec3::new(pick(0), pick(1), pick(2)))
-    });
+    let corners = corners(index_bounds(packed)?).map(|at| world_from_index.transform_point3(at));
     let low = corners.clone().fold(DVec3::INFINITY, DVec3::min);
     Some((low, corners.fold(DVec3::NEG_INFINITY, DVec3::max)))
 }

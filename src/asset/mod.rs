@@ -25,6 +25,7 @@ mod vector_grid;
 use bevy::prelude::*;
 
 pub use common::VdbGridError;
+pub(crate) use common::{corners, index_bounds};
 pub use cooker::{VdbCookSettings, VdbCooker};
 pub use error::VdbLoaderError;
 pub use file::VdbFile;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use bevy::camera::primitives::Aabb;
-use bevy::math::{BVec3A, Vec3A};
+use bevy::math::DVec3;
 use bevy::platform::collections::HashSet;
 use bevy::prelude::*;
 use bevy::tasks::Task;
@@ -15,7 +15,7 @@ use vdb_core::pack::{PackError, PackKind, PackOptions, PackedGrid, ValueFormat};
 use vdb_core::tree::{Coarsening, LevelOptions, Vdb543, half_resolution, voxel_in_distances};
 use vdb_core::{GridClass, ProgressFn};
 
-use crate::asset::background;
+use crate::asset::{background, corners};
 use crate::quality::dial::{distance, pixel_size};
 use crate::{VdbCamera, VdbGrid, VdbQuality, VdbVolume, VdbVolumeState};
 
@@ -125,11 +125,10 @@ fn need(
 
 /// The distance of a view from the farthest corner of a volume.
 fn largest_distance(view: &GlobalTransform, at: &GlobalTransform, aabb: &Aabb) -> f32 {
-    let corners = (0..8).map(|i| {
-        let side = BVec3A::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
-        at.transform_point(Vec3A::select(side, aabb.max(), aabb.min()).into())
-    });
-    corners.map(|corner| corner.distance(view.translation())).fold(0.0, f32::max)
+    let corners = corners((aabb.min().as_dvec3(), aabb.max().as_dvec3()));
+    let distance =
+        |corner: DVec3| at.transform_point(corner.as_vec3()).distance(view.translation());
+    corners.map(distance).fold(0.0, f32::max)
 }
 
 fn begin(id: AssetId<VdbGrid>, grid: VdbGrid, tree: Arc<Vdb543<f32>>) -> Pending {

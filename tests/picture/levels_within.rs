@@ -137,7 +137,7 @@ fn a_terrain_of_voxels_is_within_a_pixel() {
 fn levels_do_not_shimmer() {
     let mut land = Land::new(PackKind::Smooth { iso: 0.0 });
     let mut flight = |detail: f32| {
-        let frames: Vec<Picture> = (0..6)
+        (0..6)
             .map(|i| {
                 let at = view().with_translation(view().translation - Vec3::Z * 0.03 * i as f32);
                 *land.stage.world().get_mut::<Transform>(land.camera).unwrap() = at;
@@ -145,8 +145,7 @@ fn levels_do_not_shimmer() {
                 picture.save(&format!("levels_within_{detail}_{i}"));
                 picture
             })
-            .collect();
-        frames
+            .collect::<Vec<Picture>>()
     };
     let [exact, half] = [0.0, 0.5].map(&mut flight);
     let pairs = exact.iter().zip(&half).map(|(a, b)| mean(&flip(a, b)));

@@ -119,6 +119,11 @@ fn tell_of_several(folder: &AssetPath, all: &[Series]) {
     );
 }
 
+/// A folder, as messages show it.
+fn shown(folder: &AssetPath) -> String {
+    escaped(&folder.to_string()).to_string()
+}
+
 /// The names of the wanted files in a folder.
 async fn names(
     server: &AssetServer,
@@ -134,7 +139,7 @@ async fn names(
         }
         let count = names.len() as u64;
         if count > MOST_FRAMES {
-            Err(VdbSequenceError::TooMany(escaped(&folder.to_string()).to_string(), count))
+            Err(VdbSequenceError::TooMany(shown(folder), count))
         } else {
             Ok(())
         }
@@ -150,8 +155,8 @@ async fn visit(
     folder: &AssetPath<'static>,
     mut take: impl FnMut(&Path) -> Result<(), VdbSequenceError>,
 ) -> Result<(), VdbSequenceError> {
-    let shown = || escaped(&folder.to_string()).to_string();
-    let failed = |error: AssetReaderError| VdbSequenceError::Folder(shown(), error.to_string());
+    let failed =
+        |error: AssetReaderError| VdbSequenceError::Folder(shown(folder), error.to_string());
     // Bevy's reader of files panics where a folder is not below its own.
     if folder.path().is_absolute() && *folder.source() == AssetSourceId::Default {
         let io = |error: std::io::Error| failed(AssetReaderError::Io(Arc::new(error)));
@@ -160,7 +165,7 @@ async fn visit(
         }
         return Ok(());
     }
-    let missing = |error: String| VdbSequenceError::Path(shown(), error);
+    let missing = |error: String| VdbSequenceError::Path(shown(folder), error);
     let source = server.get_source(folder.source()).map_err(|error| missing(error.to_string()))?;
     let reader = match server.mode() {
         AssetServerMode::Unprocessed => source.reader(),
@@ -183,7 +188,6 @@ async fn visit(
     folder: &AssetPath<'static>,
     _: impl FnMut(&Path) -> Result<(), VdbSequenceError>,
 ) -> Result<(), VdbSequenceError> {
-    let shown = escaped(&folder.to_string()).to_string();
     let why = "browsers have no folders; give `first` and `last` in a .vdbseq file";
-    Err(VdbSequenceError::Folder(shown, why.into()))
+    Err(VdbSequenceError::Folder(shown(folder), why.into()))
 }

@@ -1,8 +1,10 @@
 //! The eye of a view, and how much of a grid its pixels cover, from which levels of detail follow.
 
-use bevy::math::{BVec3, DAffine3, DVec3};
+use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use vdb_core::view::ViewRays;
+
+use crate::asset::corners;
 
 /// The rays, the transform and the image size in pixels of a view.
 #[derive(Clone, Copy, Debug)]
@@ -14,12 +16,9 @@ pub(crate) struct Eye<'a> {
 
 impl Eye<'_> {
     /// The smallest and largest depths along the view axis of a box in index space, clamped to the near plane.
-    pub fn depths(&self, world_from_index: DAffine3, (low, high): (DVec3, DVec3)) -> [f64; 2] {
+    pub fn depths(&self, world_from_index: DAffine3, bounds: (DVec3, DVec3)) -> [f64; 2] {
         let view_from_index = self.world_from_view.inverse() * world_from_index;
-        let depths = (0..8).map(|i: usize| {
-            let is_high = BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
-            -view_from_index.transform_point3(DVec3::select(is_high, high, low)).z
-        });
+        let depths = corners(bounds).map(|at| -view_from_index.transform_point3(at).z);
         let [near, far] =
             depths.fold([f64::INFINITY, 0.0], |[near, far], t| [near.min(t), far.max(t)]);
         [near, far].map(|depth| depth.max(self.rays.t_near))

@@ -10,8 +10,9 @@ use super::eye::Eye;
 use super::lattice::Lattice;
 use super::media::MediaSlots;
 use super::tiles::TileRange;
-use super::volume::{Shown, index_box, volume_data};
+use super::volume::{Shown, volume_data};
 use crate::VdbQuality;
+use crate::asset::index_bounds;
 use crate::quality::features::Features;
 use crate::render::extract::{AuxiliaryGrid, ExtractedVolume, ExtractedVolumes, Warned};
 use crate::render::gpu::types;
@@ -60,7 +61,7 @@ impl Entry {
         Self {
             owner,
             world_from_index,
-            index_box: index_box(&grid.packed),
+            index_box: index_bounds(&grid.packed),
             sample_format: grid.packed.sample_format(),
             lattice: Lattice::new(&grid.packed, world_from_index, content),
             material: None,

@@ -1,10 +1,11 @@
 //! Tiles of an image: which volumes the rays of each tile can meet, and where they can start.
 
-use bevy::math::{BVec3, DMat4, DVec2, DVec3};
+use bevy::math::{DMat4, DVec2, DVec3};
 use bevy::prelude::*;
 use bevy::render::render_resource::{Buffer, BufferDescriptor, BufferUsages};
 use bevy::render::renderer::RenderDevice;
 
+use crate::asset::corners;
 use crate::render::gpu::{TILE, tiles};
 
 /// The largest tile buffer of a view, in words: 16 MiB.
@@ -26,11 +27,8 @@ impl TileRange {
     pub fn of_box(clip_from_box: DMat4, min: DVec3, max: DVec3, size: UVec2) -> Self {
         let whole = Self { first: UVec2::ZERO, last: tiles(size).saturating_sub(UVec2::ONE) };
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-        let corners: [_; 8] = std::array::from_fn(|i| {
-            let is_max = BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
-            clip_from_box * DVec3::select(is_max, max, min).extend(1.0)
-        });
-        if corners.iter().all(|clip| clip.w <= 0.0) {
+        let corners = corners((min, max)).map(|at| clip_from_box * at.extend(1.0));
+        if corners.clone().all(|clip| clip.w <= 0.0) {
             return Self::NONE;
         }
         for clip in corners {

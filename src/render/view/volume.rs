@@ -1,6 +1,6 @@
 //! The data of a volume in a view: rays, matrices and material.
 
-use bevy::math::{BVec3, DAffine3, DMat4, DVec3};
+use bevy::math::{DAffine3, DMat4, DVec3};
 use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
 use vdb_core::pack::{PackKind, PackedGrid};
@@ -9,6 +9,7 @@ use vdb_core::view::{GpuRays, LatticeRays};
 use super::eye::{Eye, Footprint};
 use super::materials::material_flags;
 use super::tiles::TileRange;
+use crate::asset::{corners, index_bounds};
 use crate::render::extract::{
     ExtractedRamp, ExtractedVolume, MaterialRow, Setting, Trouble, Warned,
 };
@@ -132,12 +133,12 @@ impl<'a> Shown<'a> {
 
     /// The box of everything that can stop or dim a ray, in index space.
     pub fn index_box(&self) -> Option<(DVec3, DVec3)> {
-        index_box(self.packed)
+        index_bounds(self.packed)
     }
 
     /// The tiles that show the volume, in an image of `size` pixels.
     pub fn tile_range(&self, clip_from_world: DMat4, size: UVec2) -> TileRange {
-        let Some((min, max)) = index_box(self.packed) else { return TileRange::NONE };
+        let Some((min, max)) = index_bounds(self.packed) else { return TileRange::NONE };
         TileRange::of_box(clip_from_world * DMat4::from(self.world_from_index), min, max, size)
     }
 }
@@ -238,20 +239,9 @@ pub(crate) fn world_corners(volume: &ExtractedVolume) -> impl Iterator<Item = DV
         volume.auxiliary.emission.iter().map(|part| (&part.packed, part.local_from_index));
     levels.chain(shining).flat_map(move |(packed, local_from_index)| {
         let world_from_index = world_from_local * local_from_index;
-        index_box(packed).into_iter().flat_map(move |(min, max)| {
-            (0..8).map(move |i| {
-                let is_max = BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0);
-                world_from_index.transform_point3(DVec3::select(is_max, max, min))
-            })
-        })
+        let corners = index_bounds(packed).into_iter().flat_map(corners);
+        corners.map(move |at| world_from_index.transform_point3(at))
     })
-}
-
-/// The box of everything in a grid that can stop or dim a ray, in index space.
-pub(super) fn index_box(packed: &PackedGrid) -> Option<(DVec3, DVec3)> {
-    let occupied = packed.occupied?;
-    let origin = packed.base.as_dvec3() + packed.kind.lattice_origin();
-    Some((origin + occupied.min.as_dvec3(), origin + occupied.max.as_dvec3() + 1.0))
 }
 
 /// Clamps to 0–1; NaN becomes 0.

@@ -188,8 +188,7 @@ impl Volume {
         }))
     }
 
-    /// Queries of rays: the values on their way are packed, where they are found sooner than in the
-    /// tree.
+    /// For rays: reads the packed values, which is faster than looking them up in the tree.
     pub fn query(&self) -> GridQuery<'_> {
         GridQuery::of_packed(&self.packed)
     }

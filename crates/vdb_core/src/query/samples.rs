@@ -124,7 +124,8 @@ impl<'a> TreeSamples<'a> {
     }
 
     fn corners(&mut self, ijk: [i64; 3]) -> Corners {
-        // One bit for each axis along which the cell reaches into the next leaf, in the order of the bits of corner numbers.
+        // One bit for each axis along which the cell reaches into the next leaf, in the order of the
+        // bits of corner numbers.
         let across = [0, 1, 2].map(|axis| usize::from(ijk[axis] & 7 == 7) << (2 - axis));
         let across = across[0] | across[1] | across[2];
         if across == 0
