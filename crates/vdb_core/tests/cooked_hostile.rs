@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use glam::{DVec3, IVec3, Vec3};
-use vdb_core::cooked::{CookOptions, CookedError, CookedFile, CookedGrid, checksum};
+use vdb_core::cooked::{CookOptions, CookedError, CookedFile, CookedGrid, VERSION, checksum};
 use vdb_core::pack::{PackKind, ValueFormat, traverse};
 use vdb_core::synth::{self, Random};
 use vdb_core::tree::Vdb543;
@@ -41,7 +41,9 @@ fn other_and_damaged_files_are_refused() {
         let error = read(&bytes).unwrap_err();
         match i {
             0..8 => assert_eq!(error, CookedError::NotCooked),
-            8..12 => assert!(matches!(error, CookedError::Version { read: 1, .. }), "{error}"),
+            8..12 => {
+                assert!(matches!(error, CookedError::Version { read: VERSION, .. }), "{error}")
+            }
             _ => assert!(error.to_string().contains("the checksum is wrong"), "{error}"),
         }
         assert!(error.to_string().contains("`vdb cook`"), "{error}");

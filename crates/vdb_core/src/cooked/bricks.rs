@@ -8,12 +8,15 @@ use half::f16;
 use rayon::prelude::*;
 
 use super::beside::{Owner, Tree};
-use super::rows::{self, Coded, VALUES, Widths};
+use super::counts::{Counts, MOST_CODINGS};
+use super::rows::{self, Coded, Coding, VALUES};
 use super::steps::Steps;
+use super::words::MOST_RATIO;
 use crate::pack::checked::Fault;
 use crate::pack::layout::*;
+use crate::pack::sections::Outline;
 
-/// Leaves whose rows are found together, and which one task decodes.
+/// Leaves that are stored together, and which one task decodes.
 pub(super) const CHUNK: usize = 64;
 
 /// The samples of a brick that each neighbour owns.
@@ -33,10 +36,10 @@ pub(super) trait Sample: Pod + Default + Send + Sync {
 
     /// Restores a leaf's own samples from the bytes that begin with its rows. Returns the number of
     /// its bytes.
-    fn unpack(widths: &[Widths], rows: &[u8], samples: &mut [Self; VALUES]) -> usize;
+    fn unpack(codings: &[Coding], rows: &[u8], samples: &mut [Self; VALUES]) -> usize;
 
     /// Appends a leaf's rows.
-    fn pack(samples: &[Self; VALUES], widths: &mut Vec<Widths>, rows: &mut Vec<u8>);
+    fn pack(samples: &[Self; VALUES], codings: &mut Vec<Coding>, rows: &mut Vec<u8>);
 
     /// The sample for a value, in units of `scale`, or in a leaf's steps.
     fn of_value(value: f32, scale: f32, steps: Steps) -> Self;
@@ -49,13 +52,13 @@ impl Sample for u8 {
     const PARTS: usize = 1;
     const STEPS: usize = 2;
 
-    fn unpack(widths: &[Widths], rows: &[u8], samples: &mut [Self; VALUES]) -> usize {
-        <Self as Coded>::unpack(&widths[0], rows, samples);
-        rows::length(&widths[0])
+    fn unpack(codings: &[Coding], rows: &[u8], samples: &mut [Self; VALUES]) -> usize {
+        <Self as Coded>::unpack(&codings[0], rows, samples);
+        rows::length(&codings[0].widths)
     }
 
-    fn pack(samples: &[Self; VALUES], widths: &mut Vec<Widths>, rows: &mut Vec<u8>) {
-        widths.push(Coded::pack(samples, rows));
+    fn pack(samples: &[Self; VALUES], codings: &mut Vec<Coding>, rows: &mut Vec<u8>) {
+        codings.push(Coded::pack(samples, rows));
     }
 
     fn of_value(value: f32, _scale: f32, steps: Steps) -> Self {
@@ -70,13 +73,13 @@ impl Sample for u8 {
 impl Sample for u16 {
     const PARTS: usize = 1;
 
-    fn unpack(widths: &[Widths], rows: &[u8], samples: &mut [Self; VALUES]) -> usize {
-        <Self as Coded>::unpack(&widths[0], rows, samples);
-        rows::length(&widths[0])
+    fn unpack(codings: &[Coding], rows: &[u8], samples: &mut [Self; VALUES]) -> usize {
+        <Self as Coded>::unpack(&codings[0], rows, samples);
+        rows::length(&codings[0].widths)
     }
 
-    fn pack(samples: &[Self; VALUES], widths: &mut Vec<Widths>, rows: &mut Vec<u8>) {
-        widths.push(Coded::pack(samples, rows));
+    fn pack(samples: &[Self; VALUES], codings: &mut Vec<Coding>, rows: &mut Vec<u8>) {
+        codings.push(Coded::pack(samples, rows));
     }
 
     fn of_value(value: f32, scale: f32, _steps: Steps) -> Self {
@@ -89,20 +92,20 @@ impl Sample for u16 {
 impl Sample for u32 {
     const PARTS: usize = 2;
 
-    fn unpack(widths: &[Widths], rows: &[u8], samples: &mut [Self; VALUES]) -> usize {
+    fn unpack(codings: &[Coding], rows: &[u8], samples: &mut [Self; VALUES]) -> usize {
         let (mut high, mut low) = ([0_u16; VALUES], [0_u16; VALUES]);
-        Coded::unpack(&widths[0], rows, &mut high);
-        let first = rows::length(&widths[0]);
-        Coded::unpack(&widths[1], rows.get(first..).unwrap_or_default(), &mut low);
+        Coded::unpack(&codings[0], rows, &mut high);
+        let first = rows::length(&codings[0].widths);
+        Coded::unpack(&codings[1], rows.get(first..).unwrap_or_default(), &mut low);
         for ((sample, high), low) in samples.iter_mut().zip(high).zip(low) {
             *sample = Self::from(high) << 16 | Self::from(low);
         }
-        first + rows::length(&widths[1])
+        first + rows::length(&codings[1].widths)
     }
 
-    fn pack(samples: &[Self; VALUES], widths: &mut Vec<Widths>, rows: &mut Vec<u8>) {
-        widths.push(Coded::pack(&samples.map(|sample| (sample >> 16) as u16), rows));
-        widths.push(Coded::pack(&samples.map(|sample| sample as u16), rows));
+    fn pack(samples: &[Self; VALUES], codings: &mut Vec<Coding>, rows: &mut Vec<u8>) {
+        codings.push(Coded::pack(&samples.map(|sample| (sample >> 16) as u16), rows));
+        codings.push(Coded::pack(&samples.map(|sample| sample as u16), rows));
     }
 
     fn of_value(value: f32, _scale: f32, _steps: Steps) -> Self {
@@ -115,17 +118,25 @@ impl Sample for u32 {
 pub(super) struct Leaves<'a> {
     /// For each leaf, if samples are bytes.
     pub steps: &'a [Steps],
-    /// For each part of each leaf.
-    pub widths: &'a [Widths],
-    /// For each [`CHUNK`] of leaves, the first byte of its rows and the end of the last one's.
+    /// The codes of the numbers of planes.
+    pub counts: &'a Counts,
+    /// The ends of the chunks of [`CHUNK`] leaves, after a 0.
     pub chunks: &'a [usize],
-    pub rows: &'a [u8],
+    /// For each chunk, the numbers of planes of its leaves, and their rows.
+    pub bytes: &'a [u8],
 }
 
 impl Leaves<'_> {
     fn steps(&self, leaf: usize) -> Steps {
         self.steps.get(leaf).copied().unwrap_or_default()
     }
+}
+
+/// Whether so many bytes can be those of a grid's leaves. Bricks of zeros might be coded in fewer,
+/// but small files shall not take much memory.
+pub(super) fn can_hold<T: Sample>(bytes: usize, outline: &Outline) -> bool {
+    let each = 4 * (outline.brick_words() + LEAF_MASK_WORDS) + T::FACE_BYTES;
+    u64::from(outline.leaves) * each as u64 <= MOST_RATIO as u64 * bytes as u64
 }
 
 /// Restores all bricks.
@@ -140,13 +151,16 @@ pub(super) fn restore<T: Sample>(
     tasks.try_for_each(|(chunk, (bricks, faces))| {
         let mut at = leaves.chunks[chunk];
         let first = chunk * CHUNK;
-        for (i, (brick, faces)) in bricks.chunks_exact_mut(words).zip(faces).enumerate() {
-            let leaf = first + i;
-            let widths = &leaves.widths[leaf * T::PARTS..][..T::PARTS];
+        let bytes = leaves.bytes.get(at..).unwrap_or_default();
+        let mut codings = [Coding::default(); MOST_CODINGS];
+        at += leaves.counts.decode(bytes, &mut codings, faces.len() * T::PARTS)?;
+        let codings = codings.chunks_exact(T::PARTS);
+        let all = bricks.chunks_exact_mut(words).zip(faces).zip(codings).enumerate();
+        for (i, ((brick, faces), codings)) in all {
             let mut samples = [T::default(); VALUES];
-            at += T::unpack(widths, leaves.rows.get(at..).unwrap_or_default(), &mut samples);
+            at += T::unpack(codings, leaves.bytes.get(at..).unwrap_or_default(), &mut samples);
             if T::STEPS > 0 {
-                let steps = leaves.steps(leaf);
+                let steps = leaves.steps(first + i);
                 brick[..2].copy_from_slice(&[steps.offset(), steps.scale()].map(f32::to_bits));
             }
             *faces = place(&samples, bytemuck::cast_slice_mut(&mut brick[T::STEPS..]));
@@ -236,8 +250,7 @@ fn complete<T: Sample>(side: usize, samples: &[T], brick: &mut [T; BRICK_VALUES]
     fn ends<T: Sample>(brick: &mut [T; BRICK_VALUES], first: usize, step: usize, samples: &[T]) {
         for (row, sample) in samples.iter().enumerate() {
             let at = first + row * step + 8;
-            brick[at] = *sample;
-            brick[at + 1] = *sample;
+            brick[at..at + 2].copy_from_slice(&[*sample; 2]);
         }
     }
     let (rows, _) = samples.as_chunks::<8>();
@@ -256,4 +269,23 @@ fn complete<T: Sample>(side: usize, samples: &[T], brick: &mut [T; BRICK_VALUES]
 /// The samples that the leaf of a brick owns.
 pub(super) fn own<T: Copy>(brick: &[T]) -> [T; VALUES] {
     std::array::from_fn(|i| brick[(i >> 6) * 90 + (i >> 3 & 7) * 10 + (i & 7)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pack::{PackKind, PackedGrid, ValueFormat};
+    use crate::synth::fog;
+
+    #[test]
+    fn few_bytes_cannot_hold_many_leaves() {
+        let tree = fog::sphere(glam::DVec3::ZERO, 20.0, 5.0);
+        let packed = PackedGrid::with_format(&tree, PackKind::Fog, ValueFormat::Byte).unwrap();
+        let outline = Outline::of(&packed);
+        let leaves = outline.leaves as usize;
+        assert!(leaves > 50);
+        // A leaf of bytes takes 1,076 bytes of memory.
+        assert!(can_hold::<u8>(5 * leaves, &outline));
+        assert!(!can_hold::<u8>(4 * leaves, &outline));
+    }
 }

@@ -44,6 +44,7 @@
 
 mod beside;
 mod bricks;
+mod counts;
 mod error;
 mod file;
 mod grid;

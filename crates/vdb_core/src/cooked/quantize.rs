@@ -27,8 +27,7 @@ pub(super) fn quantized(exact: &PackedGrid) -> Option<PackedGrid> {
     };
     let steps: Vec<Steps> = (0..leaves).into_par_iter().map(steps_of).collect();
     let bytes = |leaf: usize| super::bricks::own(&values(exact, leaf)).map(|v| steps[leaf].byte(v));
-    let owned = Owned::new::<u8>(leaves, bytes);
-    let owned = Owned { steps, ..owned };
+    let owned = Owned::new::<u8>(steps.clone(), leaves, bytes)?;
     let bricks = restored::<u8>(&owned, &exact.words, &outline, &sections)?;
     let size = outline.brick_words();
     let largest = (0..leaves).into_par_iter().map(|leaf| {

@@ -2,10 +2,10 @@
 
 use super::beside::Tree;
 use super::bricks::{self, CHUNK, Leaves, Sample};
+use super::counts::{Counts, LENGTH_WORDS};
 use super::error::CookedError;
 use super::grid::{CookedFile, CookedGrid, base_name};
 use super::head::{self, Head};
-use super::rows::Widths;
 use super::signature::{CHECKED_FROM, MAGIC, VERSION, checksum};
 use super::steps::Steps;
 use super::words::{Packed, from_le_bytes};
@@ -32,7 +32,7 @@ struct Parts<'a> {
 /// The samples of a grid in the bytes of a file.
 enum Samples<'a> {
     Words(Packed<'a>),
-    Leaves { steps: Vec<Steps>, widths: &'a [Widths], chunks: Vec<usize>, rows: &'a [u8] },
+    Leaves { steps: Packed<'a>, codes: Packed<'a>, chunks: Vec<usize>, bytes: &'a [u8] },
 }
 
 pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<CookedFile, CookedError> {
@@ -138,12 +138,8 @@ impl<'a> Parts<'a> {
             return Err(CookedError::damaged("a surface has no bricks"));
         }
         let is_bytes = outline.stored() == Some(Stored::Byte);
-        let steps = from_le_bytes(cursor.take(if is_bytes { 4 * count } else { 0 })?);
-        let steps: Option<Vec<Steps>> = steps.map(Steps::from_bits).collect();
-        let steps =
-            steps.ok_or_else(|| CookedError::damaged("the steps of a leaf are too large"))?;
-        let parts = if outline.stored() == Some(Stored::Float) { 2 } else { 1 };
-        let (widths, _) = cursor.take(size_of::<Widths>() * parts * count)?.as_chunks();
+        let steps = Packed::read(cursor, if is_bytes { count } else { 0 })?;
+        let codes = Packed::read(cursor, LENGTH_WORDS)?;
         let lengths = cursor.take(4 * count.div_ceil(CHUNK))?;
         let mut chunks = vec![0];
         let mut end = 0_usize;
@@ -151,7 +147,16 @@ impl<'a> Parts<'a> {
             end = end.saturating_add(length as usize);
             chunks.push(end);
         }
-        Ok(Samples::Leaves { steps, widths, chunks, rows: cursor.take(end)? })
+        let bytes = cursor.take(end)?;
+        let can_hold = match outline.stored() {
+            Some(Stored::Byte) => bricks::can_hold::<u8>,
+            Some(Stored::Half) => bricks::can_hold::<u16>,
+            _ => bricks::can_hold::<u32>,
+        };
+        if !can_hold(end, outline) {
+            return Err(CookedError::damaged("there are fewer bytes than the leaves can be of"));
+        }
+        Ok(Samples::Leaves { steps, codes, chunks, bytes })
     }
 
     /// Bytes of memory for the grid's words and for restoring them.
@@ -180,8 +185,9 @@ impl<'a> Parts<'a> {
         let places = checked::complete(tree_words, &outline, &sections).map_err(damaged)?;
         match &self.samples {
             Samples::Words(packed) => packed.unpack(sample_words)?,
-            Samples::Leaves { steps, widths, chunks, rows } => {
-                let leaves = Leaves { steps, widths, chunks, rows };
+            Samples::Leaves { steps, codes, chunks, bytes } => {
+                let (steps, counts) = (&steps_of(steps)?, &counts_of(codes)?);
+                let leaves = Leaves { steps, counts, chunks, bytes };
                 let header = &sections.header;
                 let tree = Tree { header, words: tree_words, palette, places: &places };
                 match outline.stored() {
@@ -196,4 +202,19 @@ impl<'a> Parts<'a> {
         let packed = outline.into_grid(sections.header, words);
         Ok(CookedGrid { name, class, transform, metadata, packed })
     }
+}
+
+/// The steps of all leaves.
+fn steps_of(packed: &Packed) -> Result<Vec<Steps>, CookedError> {
+    let mut words = vec![0; packed.words()];
+    packed.unpack(&mut words)?;
+    let steps = words.into_iter().map(Steps::from_bits).collect::<Option<_>>();
+    steps.ok_or_else(|| CookedError::damaged("the steps of a leaf are too large"))
+}
+
+/// The table of the codes of the numbers of planes.
+fn counts_of(packed: &Packed) -> Result<Counts, CookedError> {
+    let mut lengths = [0; LENGTH_WORDS];
+    packed.unpack(&mut lengths)?;
+    Counts::read(&lengths).map_err(CookedError::damaged)
 }

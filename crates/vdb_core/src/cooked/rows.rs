@@ -2,13 +2,14 @@
 //!
 //! A sample is predicted from its seven lower neighbours within the leaf (L. Ibarria et al.,
 //! "Out-of-core compression and decompression of large n-dimensional scalar fields", Computer
-//! Graphics Forum 22(3), 2003), modulo 2⁸ or 2¹⁶; samples beyond the leaf count as 0. The residuals
-//! are mapped to small unsigned numbers, 0, −1, 1, −2, …, and each row of eight is stored as bit
+//! Graphics Forum 22(3), 2003), modulo 2⁸ or 2¹⁶; samples beyond the leaf count as 0. Or from those
+//! that differ on some axes only, where this takes fewer bits (not for 16-bit samples, whose decoding
+//! it slows by a fifth). The residuals are mapped to small unsigned numbers, 0, −1, 1, −2, …, and each row of eight is stored as bit
 //! planes, the lowest first: a byte for each bit that the row's largest number needs (binary
 //! packing: D. Lemire, L. Boytsov, "Decoding billions of integers per second through
 //! vectorization", Software: Practice and Experience 45(1), 2015). Rows, `x·8 + y`, follow each
-//! other; the number of planes of each is a nibble, low nibble first. For 16-bit samples, 15 in a
-//! nibble stands for 16 planes.
+//! other; the number of planes of each is a nibble, low nibble first, which `counts.rs` codes. For
+//! 16-bit samples, 15 in a nibble stands for 16 planes.
 //!
 //! `docs/reference/cooked.md` compares this with entropy coders, which are a little smaller and
 //! take longer than the whole of a decoding may.
@@ -17,6 +18,16 @@
 pub(super) const VALUES: usize = 512;
 /// The numbers of planes of a leaf's 64 rows.
 pub(super) type Widths = [u8; 32];
+/// The predictor on all axes.
+const ALL_AXES: u8 = 7;
+
+/// What is stored of a leaf before its rows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Coding {
+    /// The axes of the predictor of bytes: 4 for x, 2 for y, 1 for z.
+    pub axes: u8,
+    pub widths: Widths,
+}
 
 /// The most bytes of a leaf's rows: 16 planes in each.
 const MOST: usize = 2 * VALUES;
@@ -66,10 +77,10 @@ pub(super) fn length(widths: &Widths) -> usize {
 pub(super) trait Coded: Copy + Default + 'static {
     /// Restores a leaf's samples, `x·64 + y·8 + z`, from the bytes that begin with its rows. What
     /// lies beyond the bytes counts as 0.
-    fn unpack(widths: &Widths, rows: &[u8], samples: &mut [Self; VALUES]);
+    fn unpack(coding: &Coding, rows: &[u8], samples: &mut [Self; VALUES]);
 
     /// Appends a leaf's rows.
-    fn pack(samples: &[Self; VALUES], rows: &mut Vec<u8>) -> Widths;
+    fn pack(samples: &[Self; VALUES], rows: &mut Vec<u8>) -> Coding;
 }
 
 /// The bytes from which [`REACH`] can be read: `rows`, or a copy of its beginning.
@@ -116,8 +127,13 @@ macro_rules! folded {
 }
 
 impl Coded for u8 {
-    fn unpack(widths: &Widths, rows: &[u8], samples: &mut [Self; VALUES]) {
-        let [mut planes] = planes::<1>(widths, rows);
+    fn unpack(coding: &Coding, rows: &[u8], samples: &mut [Self; VALUES]) {
+        // The leaves at the rim of fog often own no density at all.
+        if coding.widths == [0; 32] {
+            samples.fill(0);
+            return;
+        }
+        let [mut planes] = planes::<1>(&coding.widths, rows);
         planes.iter_mut().for_each(|plane| *plane = transposed(*plane));
         // Loops over whole planes across x, which compilers turn into loops over vectors.
         let mut before = [0; 64];
@@ -127,26 +143,34 @@ impl Coded for u8 {
             for sum in &mut sums {
                 *sum = (*sum >> 1) ^ 0_u8.wrapping_sub(*sum & 1);
             }
-            add_moved_along_z::<1>(&mut sums);
-            add_moved_along_z::<2>(&mut sums);
-            add_moved_along_z::<4>(&mut sums);
-            add_moved_along_y::<1>(&mut sums);
-            add_moved_along_y::<2>(&mut sums);
-            add_moved_along_y::<4>(&mut sums);
-            add(&mut before, &sums);
-            *samples = before;
+            if coding.axes & 1 != 0 {
+                add_moved_along_z::<1>(&mut sums);
+                add_moved_along_z::<2>(&mut sums);
+                add_moved_along_z::<4>(&mut sums);
+            }
+            if coding.axes & 2 != 0 {
+                add_moved_along_y::<1>(&mut sums);
+                add_moved_along_y::<2>(&mut sums);
+                add_moved_along_y::<4>(&mut sums);
+            }
+            if coding.axes & 4 != 0 {
+                add(&mut sums, &before);
+                before = sums;
+            }
+            *samples = sums;
         }
     }
 
-    fn pack(samples: &[Self; VALUES], rows: &mut Vec<u8>) -> Widths {
-        let residuals = residuals(&samples.map(u16::from));
-        pack_rows(&residuals.map(|r| folded!(r & 0xff, 8) & 0xff), rows)
+    fn pack(samples: &[Self; VALUES], rows: &mut Vec<u8>) -> Coding {
+        let samples = samples.map(u16::from);
+        let fold = |residual: u16| folded!(residual & 0xff, 8) & 0xff;
+        pack_best(&[7, 6, 5, 4, 3, 2, 1, 0], |axes| residuals(&samples, axes).map(fold), rows)
     }
 }
 
 impl Coded for u16 {
-    fn unpack(widths: &Widths, rows: &[u8], samples: &mut [Self; VALUES]) {
-        let [low, high] = planes::<2>(widths, rows);
+    fn unpack(coding: &Coding, rows: &[u8], samples: &mut [Self; VALUES]) {
+        let [low, high] = planes::<2>(&coding.widths, rows);
         let (rows, _) = samples.as_chunks_mut::<8>();
         for ((row, low), high) in rows.iter_mut().zip(low).zip(high) {
             let (low, high) = (transposed(low).to_le_bytes(), transposed(high).to_le_bytes());
@@ -171,8 +195,8 @@ impl Coded for u16 {
         }
     }
 
-    fn pack(samples: &[Self; VALUES], rows: &mut Vec<u8>) -> Widths {
-        pack_rows(&residuals(samples).map(|r| folded!(r, 16)), rows)
+    fn pack(samples: &[Self; VALUES], rows: &mut Vec<u8>) -> Coding {
+        pack_best(&[ALL_AXES], |axes| residuals(samples, axes).map(|r| folded!(r, 16)), rows)
     }
 }
 
@@ -198,27 +222,61 @@ fn add_moved_along_y<const Y: usize>(plane: &mut [u8; 64]) {
 }
 
 /// The residuals of a leaf's samples, modulo 2¹⁶.
-fn residuals(samples: &[u16; VALUES]) -> [u16; VALUES] {
+pub(super) fn residuals(samples: &[u16; VALUES], axes: u8) -> [u16; VALUES] {
     let mut residuals = *samples;
-    for axis in [64, 8, 1] {
-        for i in (axis..VALUES).rev().filter(|i| i / axis % 8 > 0) {
-            residuals[i] = residuals[i].wrapping_sub(residuals[i - axis]);
-        }
+    if axes & 4 != 0 {
+        subtract::<64, 512>(&mut residuals);
+    }
+    if axes & 2 != 0 {
+        subtract::<8, 64>(&mut residuals);
+    }
+    if axes & 1 != 0 {
+        subtract::<1, 8>(&mut residuals);
     }
     residuals
 }
 
-fn pack_rows(folded: &[u16; VALUES], rows: &mut Vec<u8>) -> Widths {
+/// Subtracts from each sample the one before it on an axis, whose samples are `STEP` apart and
+/// begin anew after `ALL`.
+fn subtract<const STEP: usize, const ALL: usize>(samples: &mut [u16; VALUES]) {
+    for line in samples.as_chunks_mut::<ALL>().0 {
+        let before = *line;
+        for (sample, before) in line[STEP..].iter_mut().zip(before) {
+            *sample = sample.wrapping_sub(before);
+        }
+    }
+}
+
+/// The number of planes of each row, as nibbles.
+fn widths(folded: &[u16; VALUES]) -> Widths {
     let mut widths = [0; 32];
     for (number, row) in folded.as_chunks::<8>().0.iter().enumerate() {
         let all = row.iter().fold(0, |all, folded| all | folded);
         let nibble = (16 - all.leading_zeros()).min(15) as u8;
         widths[number / 2] |= nibble << (4 * (number % 2));
+    }
+    widths
+}
+
+/// Appends the rows of residuals, folded, on those axes that take the fewest bytes.
+fn pack_best(axes: &[u8], folded: impl Fn(u8) -> [u16; VALUES], rows: &mut Vec<u8>) -> Coding {
+    let on_axes = |axes: &u8| {
+        let folded = folded(*axes);
+        (folded, Coding { axes: *axes, widths: widths(&folded) })
+    };
+    let by_length = |best: &(_, Coding), other: &(_, Coding)| {
+        length(&best.1.widths).cmp(&length(&other.1.widths))
+    };
+    // Of equals, the first one is taken.
+    let best = axes.iter().map(on_axes).min_by(by_length);
+    let (folded, coding) = best.unwrap_or(([0; VALUES], Coding::default()));
+    let nibbles = coding.widths.iter().flat_map(|byte| [byte & 15, byte >> 4]);
+    for (row, nibble) in folded.as_chunks::<8>().0.iter().zip(nibbles) {
         let bytes = |byte: usize| row.map(|folded| folded.to_le_bytes()[byte]);
         let planes = [0, 1].map(|byte| transposed(u64::from_le_bytes(bytes(byte))).to_le_bytes());
         rows.extend(&planes.as_flattened()[..planes_of(nibble.into())]);
     }
-    widths
+    coding
 }
 
 #[cfg(test)]
@@ -228,14 +286,14 @@ mod tests {
 
     fn round_trip<T: Coded + PartialEq + std::fmt::Debug>(samples: &[T; VALUES]) -> usize {
         let mut rows = vec![0xa5; 3];
-        let widths = T::pack(samples, &mut rows);
+        let coding = T::pack(samples, &mut rows);
         let packed = rows.len() - 3;
-        assert_eq!(length(&widths), packed);
+        assert_eq!(length(&coding.widths), packed);
         // With and without bytes of further leaves behind it.
         for more in [0, 1, 2000] {
             rows.extend(vec![0xff; more]);
             let mut again = [T::default(); VALUES];
-            T::unpack(&widths, &rows[3..], &mut again);
+            T::unpack(&coding, &rows[3..], &mut again);
             assert_eq!(&again, samples);
         }
         packed
@@ -273,8 +331,9 @@ mod tests {
     #[test]
     fn nothing_beyond_the_bytes_is_read() {
         let mut samples = [0; VALUES];
-        u16::unpack(&[0xff; 32], &[1, 2, 3], &mut samples);
-        u8::unpack(&[0xff; 32], &[], &mut [0; VALUES]);
+        let coding = Coding { axes: ALL_AXES, widths: [0xff; 32] };
+        u16::unpack(&coding, &[1, 2, 3], &mut samples);
+        u8::unpack(&coding, &[], &mut [0; VALUES]);
         assert_ne!(samples, [0; VALUES]);
     }
 }

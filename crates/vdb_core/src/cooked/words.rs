@@ -8,7 +8,7 @@ use crate::format::cursor::Cursor;
 /// Words of a block.
 const BLOCK: usize = 1 << 20;
 /// No LZ4 block becomes more than this many times its size.
-const MOST_RATIO: usize = 255;
+pub(super) const MOST_RATIO: usize = 255;
 
 /// Words in the form of a file: for each [`BLOCK`] of them, the length of its LZ4 block, and then
 /// the blocks.
@@ -53,6 +53,11 @@ impl<'a> Packed<'a> {
             return Err(CookedError::damaged("there are fewer bytes than the words can be of"));
         }
         Ok(Self { blocks, words })
+    }
+
+    /// The number of the words.
+    pub fn words(&self) -> usize {
+        self.words
     }
 
     /// Unpacks the words into a slice of that many.

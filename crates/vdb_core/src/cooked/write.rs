@@ -4,9 +4,10 @@ use rayon::prelude::*;
 
 use super::beside::Tree;
 use super::bricks::{self, CHUNK, Leaves, Sample};
+use super::counts::{Codes, Counts};
 use super::grid::{CookedFile, CookedGrid};
 use super::head;
-use super::rows::Widths;
+use super::rows::Coding;
 use super::signature::{CHECKED_FROM, MAGIC, VERSION, checksum};
 use super::steps::Steps;
 use super::words::{self, le_bytes};
@@ -61,52 +62,61 @@ fn write_grid(grid: &CookedGrid, out: &mut Vec<u8>) -> Result<(), Error> {
 }
 
 /// The samples that leaves own, coded.
-#[derive(Default)]
 pub(super) struct Owned {
     pub steps: Vec<Steps>,
-    pub widths: Vec<Widths>,
-    /// The ends of the rows of each chunk, after a 0.
-    pub chunks: Vec<usize>,
-    pub rows: Vec<u8>,
+    codes: Codes,
+    counts: Counts,
+    /// The ends of the chunks, after a 0.
+    chunks: Vec<usize>,
+    bytes: Vec<u8>,
 }
 
 impl Owned {
-    /// Codes leaves one by one. `samples` gives a leaf's own samples.
-    pub fn new<T: Sample>(leaves: usize, samples: impl Fn(usize) -> [T; 512] + Sync) -> Self {
+    /// Codes leaves one by one. `samples` gives a leaf's own samples. `None` only if the codes are
+    /// wrong.
+    pub fn new<T: Sample>(
+        steps: Vec<Steps>,
+        leaves: usize,
+        samples: impl Fn(usize) -> [T; 512] + Sync,
+    ) -> Option<Self> {
         let chunks = leaves.div_ceil(CHUNK);
         let code = |chunk: usize| {
-            let (mut widths, mut rows) = (Vec::new(), Vec::new());
+            let (mut codings, mut rows) = (Vec::new(), Vec::new());
             for leaf in chunk * CHUNK..leaves.min((chunk + 1) * CHUNK) {
-                T::pack(&samples(leaf), &mut widths, &mut rows);
+                T::pack(&samples(leaf), &mut codings, &mut rows);
             }
-            (widths, rows)
+            (codings, rows)
         };
-        let coded: Vec<(Vec<Widths>, Vec<u8>)> = (0..chunks).into_par_iter().map(code).collect();
-        let mut all = Self { chunks: vec![0], ..Self::default() };
-        for (widths, rows) in coded {
-            all.widths.extend(widths);
-            all.rows.extend(rows);
-            all.chunks.push(all.rows.len());
+        let coded: Vec<(Vec<Coding>, Vec<u8>)> = (0..chunks).into_par_iter().map(code).collect();
+        let codes = Codes::of(coded.iter().flat_map(|(codings, _)| codings));
+        let counts = Counts::read(&codes.lengths).ok()?;
+        let (mut chunks, mut bytes) = (vec![0], Vec::new());
+        for (codings, rows) in coded {
+            codes.write(&codings, &mut bytes);
+            bytes.extend(rows);
+            chunks.push(bytes.len());
         }
-        all
+        Some(Self { steps, codes, counts, chunks, bytes })
     }
 
     pub fn leaves(&self) -> Leaves<'_> {
-        Leaves { steps: &self.steps, widths: &self.widths, chunks: &self.chunks, rows: &self.rows }
+        let Self { steps, counts, chunks, bytes, .. } = self;
+        Leaves { steps, counts, chunks, bytes }
     }
 
     fn write(&self, out: &mut Vec<u8>) {
-        out.extend(self.steps.iter().flat_map(|steps| steps.bits().to_le_bytes()));
-        out.extend(self.widths.as_flattened());
-        // A chunk of 64 leaves has at most 128 kB.
+        let steps: Vec<u32> = self.steps.iter().map(|steps| steps.bits()).collect();
+        words::write(&steps, out);
+        words::write(&self.codes.lengths, out);
+        // A chunk of 64 leaves has at most 138 kB.
         let lengths = self.chunks.windows(2).map(|ends| (ends[1] - ends[0]) as u32);
         out.extend(lengths.flat_map(u32::to_le_bytes));
-        out.extend(&self.rows);
+        out.extend(&self.bytes);
     }
 }
 
 /// The leaves of fog, if its bricks can be restored from them: the samples that a brick repeats are
-/// those of its neighbours.
+/// those of its neighbours, and so few bytes are not refused when they are read.
 fn own_leaves<T: Sample>(words: &[u32], outline: &Outline, sections: &Sections) -> Option<Owned> {
     let bricks = &words[sections.tree..sections.samples_end];
     let size = outline.brick_words();
@@ -114,7 +124,10 @@ fn own_leaves<T: Sample>(words: &[u32], outline: &Outline, sections: &Sections) 
     let steps = || (0..outline.leaves as usize).map(|i| Steps::of_words(leaf(i)[0], leaf(i)[1]));
     let steps = if T::STEPS > 0 { steps().collect::<Option<_>>()? } else { Vec::new() };
     let samples = |i: usize| bricks::own(bytemuck::cast_slice(&leaf(i)[T::STEPS..]));
-    let owned = Owned { steps, ..Owned::new::<T>(outline.leaves as usize, samples) };
+    let owned = Owned::new::<T>(steps, outline.leaves as usize, samples)?;
+    if !bricks::can_hold::<T>(owned.bytes.len(), outline) {
+        return None;
+    }
     let restored = restored::<T>(&owned, words, outline, sections)?;
     (restored == bricks).then_some(owned)
 }
