@@ -227,8 +227,7 @@ fn transmittance_through_bytes_is_within_two_thousandths() {
     let mut random = Random::new(9);
     // Optical depths per voxel of density 1, and the largest errors. Where a voxel or two decide
     // about a ray, errors of samples do not cancel.
-    // With the nearest bytes, the last one is 4.9e-3: those that take fewer planes are farther off.
-    let mut cases = [(0.01, 2e-3, 0.0_f64), (0.1, 2e-3, 0.0), (1.0, 7e-3, 0.0)];
+    let mut cases = [(0.01, 2e-3, 0.0_f64), (0.1, 2e-3, 0.0), (1.0, 6e-3, 0.0)];
     let mut partial = 0;
     for _ in 0..2000 {
         let origin = DVec3::new(-60.0, random.range(-30.0, 30.0), random.range(-30.0, 30.0));

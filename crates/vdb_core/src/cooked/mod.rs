@@ -31,8 +31,7 @@
 //! - The step of a leaf is a power of two, and its bytes count multiples of it from a base that is
 //!   a multiple, too. It is the smallest whose 256 multiples cover the samples of the leaf's
 //!   brick, its own and those adjacent to it. The error of a sample that the leaf owns is at most
-//!   1/255 of the range of these samples, or half of the last place of f32. Within this bound, a
-//!   byte may be the second nearest, if the file becomes smaller with it; samples of 0 stay 0.
+//!   1/255 of the range of these samples, or half of the last place of f32.
 //! - A sample that a neighbour owns is the value that the neighbour keeps, rounded to the leaf's
 //!   own steps. Where both have the same step, it is the same value in both bricks.
 //!
@@ -50,7 +49,6 @@ mod error;
 mod file;
 mod grid;
 mod head;
-mod nudge;
 mod options;
 mod quantize;
 mod read;

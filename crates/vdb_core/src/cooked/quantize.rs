@@ -5,7 +5,6 @@ use rayon::prelude::*;
 
 use super::steps::Steps;
 use super::write::{Owned, restored};
-use super::{bricks, nudge};
 use crate::pack::layout::BRICK_VALUES;
 use crate::pack::sections::Outline;
 use crate::pack::{PackedGrid, Stored};
@@ -22,21 +21,17 @@ pub(super) fn quantized(exact: &PackedGrid) -> Option<PackedGrid> {
     let mut outline = Outline { sample_words, ..outline };
     let sections = outline.sections()?;
     let steps_of = |leaf: usize| {
-        let (least, largest) = range(&values(exact, leaf));
-        Steps::covering(least, largest)
+        let values = values(exact, leaf);
+        let least = values.iter().copied().fold(f32::INFINITY, f32::min);
+        Steps::covering(least, values.into_iter().fold(0.0, f32::max))
     };
     let steps: Vec<Steps> = (0..leaves).into_par_iter().map(steps_of).collect();
-    let bytes = |leaf: usize| {
-        let values = values(exact, leaf);
-        let (least, largest) = range(&values);
-        let allowed = (f64::from(largest) - f64::from(least)) / 255.0;
-        nudge::nudged(&bricks::own(&values), steps[leaf], allowed)
-    };
+    let bytes = |leaf: usize| super::bricks::own(&values(exact, leaf)).map(|v| steps[leaf].byte(v));
     let owned = Owned::new::<u8>(steps.clone(), leaves, bytes)?;
-    let restored = restored::<u8>(&owned, &exact.words, &outline, &sections)?;
+    let bricks = restored::<u8>(&owned, &exact.words, &outline, &sections)?;
     let size = outline.brick_words();
     let largest = (0..leaves).into_par_iter().map(|leaf| {
-        let brick: &[u8] = bytemuck::cast_slice(&restored[leaf * size + 2..][..size - 2]);
+        let brick: &[u8] = bytemuck::cast_slice(&bricks[leaf * size + 2..][..size - 2]);
         let byte = brick[..BRICK_VALUES].iter().max();
         owned.steps[leaf].value(byte.copied().unwrap_or(0))
     });
@@ -45,15 +40,9 @@ pub(super) fn quantized(exact: &PackedGrid) -> Option<PackedGrid> {
     outline.majorant = largest.reduce(|| tiles, f32::max);
     let mut words = Vec::with_capacity(sections.all);
     words.extend(&exact.words[..sections.tree]);
-    words.extend(restored);
+    words.extend(bricks);
     words.extend(&exact.words[exact.header(0).palette as usize..]);
     Some(outline.into_grid(sections.header, words))
-}
-
-/// The least and the largest of some values.
-fn range(values: &[f32]) -> (f32, f32) {
-    let least = values.iter().copied().fold(f32::INFINITY, f32::min);
-    (least, values.iter().copied().fold(0.0, f32::max))
 }
 
 /// The samples of a brick.

@@ -88,16 +88,6 @@ impl Steps {
         (self.number(value.into()) - i64::from(self.base())).clamp(0, 255) as u8
     }
 
-    /// The byte on the other side of a value than [`byte`](Self::byte), if it is at most `allowed`
-    /// off.
-    pub fn second_byte(self, value: f32, allowed: f64) -> Option<u8> {
-        let (scale, value) = (f64::from(self.scale()), f64::from(value));
-        let nearest = self.number(value);
-        let number = if value < nearest as f64 * scale { nearest - 1 } else { nearest + 1 };
-        let error = (number as f64 * scale - value).abs();
-        u8::try_from(number - i64::from(self.base())).ok().filter(|_| error <= allowed)
-    }
-
     /// Converts bytes of other steps: rounded to the nearest of these steps, halves upwards, and
     /// within the range of a byte.
     pub fn convert(self, from: Self, bytes: &mut [u8]) {
