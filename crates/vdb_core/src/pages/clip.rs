@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn voxels_in_the_box_stay_and_others_are_the_background() {
         let center = DVec3::new(3.0, -120.5, 8.25);
-        let mut tree = level_set::sphere(center, 40.0, 1.0, 3.0);
+        let mut tree = level_set::sphere(center, 40.0);
         tree.insert_tile(IVec3::splat(8192), -3.0, false);
         let boxes = [
             CoordBox { min: IVec3::new(-20, -129, 0), max: IVec3::new(30, -100, 127) },

@@ -91,7 +91,7 @@ impl<S: PageSource> Cooking<'_, S> {
             return Err(PagesError::NotLinear { grid: self.source.name().to_owned() });
         };
         let found = self.source.pages(level, self.options.edge, self.kind);
-        let found = found.map_err(PagesError::Source)?;
+        let found = found.map_err(|error| PagesError::Source(error.into()))?;
         let mut ids: BTreeSet<_> = found.into_iter().map(|at| PageId { level, at }).collect();
         ids.extend(parents);
         if level == 0 {
@@ -129,7 +129,8 @@ impl<S: PageSource> Cooking<'_, S> {
                     packed,
                 }],
             };
-            let bytes = file.write().map_err(|source| PagesError::Page { id, source })?;
+            let bytes =
+                file.write().map_err(|error| PagesError::Page { id, source: error.into() })?;
             drop(file);
             entry.file_bytes = bytes.len() as u64;
             (self.sink)(id, &bytes).map_err(|source| PagesError::Sink { id, source })?;
@@ -150,7 +151,8 @@ impl<S: PageSource> Cooking<'_, S> {
             let last = samples.max.to_array().map(|c| c.saturating_add(1));
             samples.max = glam::IVec3::from_array(last);
         }
-        let tree = self.source.samples(id.level, samples).map_err(PagesError::Source)?;
+        let tree = self.source.samples(id.level, samples);
+        let tree = tree.map_err(|error| PagesError::Source(error.into()))?;
         let options = PackOptions {
             format,
             limits: limits.clone(),
@@ -162,7 +164,7 @@ impl<S: PageSource> Cooking<'_, S> {
             PackError::Cancelled => PagesError::Cancelled,
             source => {
                 let grid = self.source.name().to_owned();
-                PagesError::Page { id, source: CookError::Pack { grid, source } }
+                PagesError::Page { id, source: CookError::Pack { grid, source }.into() }
             }
         })
     }

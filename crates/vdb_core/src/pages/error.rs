@@ -116,14 +116,14 @@ pub enum PagesError {
     },
     /// The source has no samples for a page or a level.
     #[error("{0}")]
-    Source(crate::Error),
+    Source(Box<crate::Error>),
     /// A page could not be packed or written.
     #[error("page {}: {source}", id.file())]
     Page {
         /// The page.
         id: PageId,
         /// The reason.
-        source: CookError,
+        source: Box<CookError>,
     },
     /// A page could not be stored.
     #[error("page {}: {source}", id.file())]
