@@ -221,3 +221,35 @@ fn cooking_stops_when_asked_and_when_a_page_cannot_be_stored() {
     let index = cook_pages(&source(&tree), &options(false), &|_, _| Ok(())).unwrap();
     assert!(last.load(Ordering::Relaxed) >= index.pages.len() as u64 / 2);
 }
+
+/// Prints the time and the size of a gyroid of 2048³ samples.
+#[test]
+#[ignore = "a measurement that takes minutes"]
+fn a_gyroid_that_is_never_in_memory() {
+    let scale = 256.0 / std::f64::consts::TAU;
+    let gyroid = move |p: DVec3| {
+        let q = p / scale;
+        let value = q.x.sin() * q.y.cos() + q.y.sin() * q.z.cos() + q.z.sin() * q.x.cos();
+        value * scale / 3.0_f64.sqrt()
+    };
+    let source = FunctionSource::new(
+        "gyroid",
+        DAffine3::IDENTITY,
+        [DVec3::ZERO, DVec3::splat(2047.0)],
+        gyroid,
+    );
+    let begin = std::time::Instant::now();
+    let smooth = std::env::var_os("SMOOTH").is_some();
+    let options = PageOptions { smooth, ..PageOptions::default() };
+    let index = cook_pages(&source, &options, &|_, _| Ok(())).unwrap();
+    for level in 0..index.levels {
+        let pages = index.pages.iter().filter(|(id, _)| id.level == level);
+        let sums = pages.fold([0; 3], |[count, file, packed], (_, page)| {
+            [count + 1, file + page.file_bytes, packed + page.packed_bytes]
+        });
+        println!("level {level}: pages, bytes of files, bytes on the GPU: {sums:?}");
+    }
+    println!("{:.1?}", begin.elapsed());
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    println!("{}", status.lines().find(|line| line.starts_with("VmHWM")).unwrap_or_default());
+}
