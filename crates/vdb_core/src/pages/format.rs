@@ -1,6 +1,8 @@
 //! Reading and writing of the index.
 
 use std::collections::BTreeMap;
+use std::io;
+use std::path::Path;
 
 use glam::DAffine3;
 
@@ -9,6 +11,7 @@ use super::id::PageId;
 use super::index::{PageEntry, PageIndex};
 use crate::cooked::checksum;
 use crate::format::cursor::Cursor;
+use crate::format::save::save_bytes;
 use crate::format::transform;
 use crate::pack::PackKind;
 use crate::{Limits, Transform};
@@ -28,12 +31,39 @@ pub(super) const MOST_LEVELS: u32 = 25;
 /// No page takes more bytes: words are numbered in 32 bits.
 const MOST_BYTES: u64 = 4 << 32;
 
+impl PageIndex {
+    /// Reads an index, and checks that it is whole and sound.
+    ///
+    /// # Errors
+    /// If the bytes are no index of this version, are damaged, list a page without its parent, or
+    /// exceed [`Limits::file_bytes`] or [`Limits::metadata_bytes`].
+    pub fn read(bytes: &[u8], limits: &Limits) -> Result<Self, PageIndexError> {
+        read(bytes, limits)
+    }
+
+    /// Serialises the index. Parents that are missing are added, without content of their own.
+    pub fn write(&self) -> Vec<u8> {
+        write(self)
+    }
+
+    /// Writes the index to disk as safely as [`VdbFile::save`](crate::VdbFile::save) does: the path
+    /// always has either the old file or the new one. Returns the number of its bytes.
+    ///
+    /// # Errors
+    /// Those of the operating system, without the path.
+    pub fn save(&self, path: impl AsRef<Path>) -> io::Result<u64> {
+        let bytes = self.write();
+        save_bytes(path.as_ref(), &bytes).map_err(io::Error::other)?;
+        Ok(bytes.len() as u64)
+    }
+}
+
 /// Whether pages can have this edge.
 pub(super) fn is_edge(edge: u32) -> bool {
     (128..=1024).contains(&edge) && edge.is_multiple_of(128)
 }
 
-pub(super) fn write(index: &PageIndex) -> Vec<u8> {
+fn write(index: &PageIndex) -> Vec<u8> {
     let pages = with_parents(index);
     let mut out = Vec::with_capacity(256 + index.name.len() + ENTRY * pages.len());
     out.extend(MAGIC);
@@ -87,7 +117,7 @@ fn write_transform(out: &mut Vec<u8>, world_from_index: DAffine3) {
     }
 }
 
-pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<PageIndex, PageIndexError> {
+fn read(bytes: &[u8], limits: &Limits) -> Result<PageIndex, PageIndexError> {
     if bytes.len() as u64 > limits.file_bytes {
         let what = format!("{} bytes of an index of pages", bytes.len());
         let limit = limits.file_bytes;

@@ -1,16 +1,10 @@
 //! The index of pages.
 
 use std::collections::BTreeMap;
-use std::io;
-use std::path::Path;
 
 use glam::{DAffine3, DVec3, IVec3};
 
-use super::error::PageIndexError;
-use super::format;
 use super::id::PageId;
-use crate::Limits;
-use crate::format::save::save_bytes;
 use crate::pack::PackKind;
 
 /// The size of a page.
@@ -44,31 +38,6 @@ pub struct PageIndex {
 }
 
 impl PageIndex {
-    /// Reads an index, and checks that it is whole and sound.
-    ///
-    /// # Errors
-    /// If the bytes are no index of this version, are damaged, list a page without its parent, or
-    /// exceed [`Limits::file_bytes`] or [`Limits::metadata_bytes`].
-    pub fn read(bytes: &[u8], limits: &Limits) -> Result<Self, PageIndexError> {
-        format::read(bytes, limits)
-    }
-
-    /// Serialises the index. Parents that are missing are added, without content of their own.
-    pub fn write(&self) -> Vec<u8> {
-        format::write(self)
-    }
-
-    /// Writes the index to disk as safely as [`VdbFile::save`](crate::VdbFile::save) does: the path
-    /// always has either the old file or the new one. Returns the number of its bytes.
-    ///
-    /// # Errors
-    /// Those of the operating system, without the path.
-    pub fn save(&self, path: impl AsRef<Path>) -> io::Result<u64> {
-        let bytes = self.write();
-        save_bytes(path.as_ref(), &bytes).map_err(io::Error::other)?;
-        Ok(bytes.len() as u64)
-    }
-
     /// The pages of the coarsest level, in order.
     pub fn roots(&self) -> impl Iterator<Item = PageId> + '_ {
         let first = PageId { level: self.levels.saturating_sub(1), at: IVec3::MIN };
