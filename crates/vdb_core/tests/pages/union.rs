@@ -89,6 +89,28 @@ fn a_smooth_page_has_no_cells_but_its_own_and_those_around() {
 }
 
 #[test]
+fn cells_of_tiles_around_a_page_are_not_its_own() {
+    // Tiles of 8³ in the page at 0, and somewhat beyond.
+    let mut tree = Vdb543::new(3.0_f32);
+    let tiles = 20;
+    for i in 0..tiles * tiles * tiles {
+        let at = IVec3::new(i / (tiles * tiles), i / tiles % tiles, i % tiles);
+        tree.fill_leaf(8 * at, -3.0, false);
+    }
+    let pages = Pages::of_tree(&tree, true);
+    for (id, grid) in &pages.grids {
+        let own = cells(&pages.index, *id);
+        let met = grid.occupied.unwrap();
+        let met = [met.min + grid.base, met.max + grid.base];
+        assert!(met.iter().all(|corner| own.contains(*corner)), "{id:?}: {met:?}");
+    }
+    // The one whose cells are all inside has nothing to show; its neighbours on all sides do.
+    let finest = pages.grids.keys().filter(|id| id.level == 0).count();
+    assert_eq!(finest, 26);
+    assert!(pages.grids.keys().all(|id| id.level > 0 || id.at != IVec3::ZERO));
+}
+
+#[test]
 fn solid_tiles_are_voxels_but_no_smooth_surface() {
     let mut tree = Vdb543::new(3.0_f32);
     tree.insert_tile(IVec3::ZERO, -3.0, false);
