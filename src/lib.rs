@@ -30,6 +30,8 @@
 //!   [`VdbMaterialPlugin`] registers.
 //! - **Sequences**: [`VdbSequence`] is a list of files, one per frame, and [`VdbPlayer`] plays it.
 //!   [`VdbFrameCache`] bounds its memory, and [`VdbPlayerStatus`] reports what it shows.
+//! - **Large surfaces**: a [`VdbPagedVolume`] displays a level set larger than memory, whose
+//!   [`VdbPages`] are loaded as cameras need them.
 //! - **Cameras**: [`VdbCamera`] has modes and overlays, [`VdbQuality`] the settings that trade
 //!   accuracy for speed. [`VdbDial`] adjusts these to a frame budget, and [`VdbMeasureFeatures`]
 //!   measures their costs.
@@ -53,6 +55,7 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
 mod asset;
+mod pages;
 mod plugin;
 pub mod prelude;
 mod quality;
@@ -62,14 +65,16 @@ mod scene;
 pub use asset::{
     VdbAssetServerExt, VdbCookSettings, VdbCooker, VdbFile, VdbFileProgress, VdbFrame, VdbGrid,
     VdbGridError, VdbGridLoader, VdbLoadProgress, VdbLoader, VdbLoaderError, VdbLoaderSettings,
-    VdbMeshError, VdbPoints, VdbRenderAs, VdbRepeat, VdbSequence, VdbSequenceError,
-    VdbSequenceLoader, VdbValues, VdbVectorGrid, VdbVectorGridLoader,
+    VdbMeshError, VdbPages, VdbPagesError, VdbPagesLoader, VdbPoints, VdbRenderAs, VdbRepeat,
+    VdbSequence, VdbSequenceError, VdbSequenceLoader, VdbValues, VdbVectorGrid,
+    VdbVectorGridLoader,
 };
 #[cfg(feature = "record")]
 pub use bevy_vdb_record::{
     VdbRecordClock, VdbRecordEnded, VdbRecordError, VdbRecordFormat, VdbRecordPhase,
     VdbRecordPlugin, VdbRecordSettings, VdbRecordStatus, VdbRecordWhenFull, VdbRecorder,
 };
+pub use pages::{VdbPagedVolume, VdbPagesStatus};
 pub use plugin::{VdbPlugins, VdbRenderPlugin};
 pub use quality::{
     VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbDial, VdbFeatureCost, VdbFeatureCosts,
@@ -102,11 +107,13 @@ mod sequences {}
 
 /// The code in other pages of the guide, also compiled by `cargo test --doc`.
 #[cfg(doctest)]
-mod pages {
+mod other_pages {
     #[doc = include_str!("../docs/guide/assets.md")]
     mod assets {}
     #[doc = include_str!("../docs/guide/fog.md")]
     mod fog {}
+    #[doc = include_str!("../docs/guide/large-surfaces.md")]
+    mod large_surfaces {}
     #[doc = include_str!("../docs/guide/making-volumes.md")]
     mod making_volumes {}
     #[doc = include_str!("../docs/guide/materials.md")]

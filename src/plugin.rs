@@ -5,6 +5,7 @@ use bevy::prelude::*;
 use bevy::render::extract_component::ExtractComponentPlugin;
 
 use crate::asset::AssetPlugin;
+use crate::pages::PagesPlugin;
 use crate::quality::{LeftOut, QualityPlugin};
 use crate::render::RenderVolumesPlugin;
 use crate::scene::ScenePlugin;
@@ -19,7 +20,7 @@ pub struct VdbRenderPlugin;
 
 impl Plugin for VdbRenderPlugin {
     fn build(&self, app: &mut App) {
-        app.add_plugins((AssetPlugin, ScenePlugin, QualityPlugin));
+        app.add_plugins((AssetPlugin, ScenePlugin, QualityPlugin, PagesPlugin));
         if app.get_sub_app(bevy::render::RenderApp).is_none() {
             return;
         }

@@ -9,6 +9,7 @@ mod edits;
 mod fog;
 mod grids;
 mod model;
+mod pages;
 mod parts;
 mod recording;
 mod sequence;
@@ -38,12 +39,13 @@ recorded as well.
   parts           surfaces, fog and fire: each pass, and what VdbMeasureFeatures makes of them
   surfaces        a level set in the sun: smooth normals, and further rays on edges, with the error of each
   detail          surfaces of 256 to 4096 voxels along an edge, from afar and from within, with levels of detail
+  pages           a flight over terrains of 140 million and of 10⁹ voxels in pages, from the horizon to the ground
 
-  --out DIR       where the recordings go, to be deleted at once; a folder for temporary files
+  --out DIR       where the recordings go, to be deleted at once; a folder for temporary files; also for pages
   --size WxH      of the picture; 1920x1080
   --ms N          of recording: milliseconds that a frame should take by itself, by longer or shorter steps; 7
   --model FILE    of fog and surfaces: a .vdb file whose first grid is shown; of sequence: the folder
-  --scene NAME    of fog: only this one
+  --scene NAME    of fog: only this one; of pages: only terrains of this edge, 3840 or 10240
   --density N     of fog and sequence: extinction per world unit, with the cloud 4 units across; 4
   --frames N      frames a turn, at least 10; 300
   --rounds N      turns of each kind, or loops of the sequence each way, at least 1; 5
@@ -94,6 +96,7 @@ impl Args {
                 "--density" => args.density = options.value(number(1e-3..1e6))?,
                 "surfaces" => args.what.push(surfaces::run),
                 "detail" => args.what.push(detail::run),
+                "pages" => args.what.push(pages::run),
                 "parts" => args.what.push(parts::run),
                 "--out" => args.out = options.value(|path| Some(PathBuf::from(path)))?,
                 "--size" => args.size = options.value(size(16..=8192))?,

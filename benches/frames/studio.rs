@@ -38,6 +38,8 @@ pub struct Studio {
     pub app: App,
     /// Whether the camera moves, as it does at first.
     pub is_camera_moving: bool,
+    /// Where the camera is instead.
+    pub view: Option<Transform>,
     camera: Entity,
     target: Handle<Image>,
     /// Of the camera, in radians.
@@ -109,7 +111,7 @@ impl Studio {
             Transform::default().looking_to(Vec3::new(-1.0, -2.0, -1.0), Vec3::Y),
         ));
         let camera = world.spawn((Camera3d::default(), RenderTarget::Image(image.into()))).id();
-        Ok(Self { app, is_camera_moving: true, camera, target, angle: 0.0, turn: TURN })
+        Ok(Self { app, is_camera_moving: true, view: None, camera, target, angle: 0.0, turn: TURN })
     }
 
     pub fn camera_mut(&mut self) -> EntityWorldMut<'_> {
@@ -204,7 +206,8 @@ impl Studio {
                 self.angle += if self.is_camera_moving { self.turn } else { 0.0 };
                 let angle = self.angle;
                 let eye = 2.2 * Vec3::new(angle.cos(), 0.3, angle.sin());
-                let view = Transform::from_translation(eye).looking_at(Vec3::ZERO, Vec3::Y);
+                let around = Transform::from_translation(eye).looking_at(Vec3::ZERO, Vec3::Y);
+                let view = self.view.unwrap_or(around);
                 self.camera_mut().insert(view);
                 self.app.update();
                 let now = Instant::now();

@@ -17,7 +17,7 @@ use crate::args::Args;
 use crate::framing::View;
 use crate::sequences::{self, Opening, Played};
 use crate::volumes::Bounds;
-use crate::{select, volumes};
+use crate::{paged, select, volumes};
 
 /// With Bevy's default exposure and the sky, a white surface that faces this sun is just below white.
 pub const SUN_ILLUMINANCE: f32 = 2_600.0;
@@ -44,6 +44,8 @@ pub struct Open(pub Vec<PathBuf>);
 pub struct Status {
     waiting: Vec<(PathBuf, Handle<VdbFile>)>,
     pub opening: Vec<Opening>,
+    /// Surfaces in pages.
+    pub paged: Vec<(PathBuf, Handle<VdbPages>)>,
     pub arrived: Vec<Arrived>,
     /// Files and grids that cannot be displayed, with the reason.
     pub errors: Vec<String>,
@@ -126,6 +128,10 @@ impl Plugin for ViewerPlugin {
 
 fn load(assets: Res<AssetServer>, settings: Res<Settings>, mut status: ResMut<Status>) {
     for file in &settings.0.files {
+        if paged::is_paged(file) {
+            status.paged.push(paged::load(&assets, file));
+            continue;
+        }
         if sequences::is_sequence(file) {
             match sequences::load(&assets, file) {
                 Ok(opening) => status.opening.push(opening),
@@ -185,7 +191,7 @@ fn light(mut commands: Commands, settings: Res<Settings>) {
 fn arrive(
     mut commands: Commands,
     assets: Res<AssetServer>,
-    files: Res<Assets<VdbFile>>,
+    (files, pages): (Res<Assets<VdbFile>>, Res<Assets<VdbPages>>),
     (mut grids, vectors): (ResMut<Assets<VdbGrid>>, Res<Assets<VdbVectorGrid>>),
     settings: Res<Settings>,
     mut status: ResMut<Status>,
@@ -209,10 +215,11 @@ fn arrive(
             _ => status.waiting.push((path, handle)),
         }
     }
-    if !status.waiting.is_empty() || !status.opening.is_empty() {
+    let are_paged = paged::have_arrived(&assets, status);
+    if !status.waiting.is_empty() || !status.opening.is_empty() || !are_paged {
         return;
     }
-    let mut bounds: Option<Bounds> = None;
+    let mut bounds = paged::spawn(&mut commands, status, &pages);
     let args = &settings.0;
     let there: Vec<(&Path, &VdbFile, Option<&Played>)> = status
         .arrived

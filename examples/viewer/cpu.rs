@@ -18,6 +18,11 @@ pub fn check(args: &Args) -> Result<(), String> {
         VdbRenderMode::Lit | VdbRenderMode::Depth => {}
         _ => return Err("on the CPU, only the modes lit and depth are available".into()),
     }
+    if args.files.iter().any(|file| crate::paged::is_paged(file)) {
+        return Err(
+            "on the CPU, surfaces in pages cannot be drawn; load the file as a whole".into()
+        );
+    }
     if args.ground {
         eprintln!("viewer: the CPU tracer does not support meshes: --ground is ignored");
     }

@@ -9,6 +9,7 @@ mod framing;
 mod keys;
 mod offscreen;
 mod overlay;
+mod paged;
 mod png_file;
 mod select;
 mod sequences;

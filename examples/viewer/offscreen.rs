@@ -226,6 +226,10 @@ fn pipelines_ready(app: &App) -> Result<bool, String> {
 
 /// Whether all visible grids are on the GPU.
 fn grids_ready(app: &mut App, frames: u32) -> Result<bool, String> {
+    let mut paged = app.world_mut().query::<&VdbPagesStatus>();
+    if paged.iter(app.world()).any(|status| !status.is_complete) {
+        return Ok(false);
+    }
     let mut volumes = app.world_mut().query::<(&VdbVolume, &ViewVisibility)>();
     let world = app.world();
     let grids = world.resource::<Assets<VdbGrid>>();

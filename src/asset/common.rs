@@ -1,5 +1,6 @@
-//! Errors, transforms and bounds shared by float and vector grids.
+//! Errors, transforms, bounds and paths shared by several kinds of assets.
 
+use bevy::asset::AssetPath;
 use bevy::math::{BVec3, DAffine3, DVec3};
 use thiserror::Error;
 use vdb_core::display::escaped;
@@ -93,4 +94,9 @@ pub(crate) fn world_bounds(
     let corners = corners(index_bounds(packed)?).map(|at| world_from_index.transform_point3(at));
     let low = corners.clone().fold(DVec3::INFINITY, DVec3::min);
     Some((low, corners.fold(DVec3::NEG_INFINITY, DVec3::max)))
+}
+
+/// The path of a file in a folder. Unlike `AssetPath::resolve`, this does not interpret `#` and `..`.
+pub(crate) fn within(folder: &AssetPath<'static>, name: &str) -> AssetPath<'static> {
+    AssetPath::from_path_buf(folder.path().join(name)).with_source(folder.source().clone_owned())
 }

@@ -248,6 +248,7 @@ impl Shared {
             limits: settings.limits.clone(),
             progress: Some(job.packing()),
             together: Some(PackedTogether::default()),
+            ..PackOptions::default()
         };
         Self { options, floats: HashMap::default(), vectors: HashMap::default() }
     }

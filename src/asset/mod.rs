@@ -15,6 +15,7 @@ mod labels;
 pub(crate) mod loaded;
 mod loader;
 mod mesh;
+mod pages;
 pub(crate) mod parts;
 mod points;
 mod progress;
@@ -33,6 +34,7 @@ pub use grid::VdbGrid;
 pub use grid_loader::{VdbGridLoader, VdbVectorGridLoader};
 pub use loader::VdbLoader;
 pub use mesh::VdbMeshError;
+pub use pages::{VdbPages, VdbPagesError, VdbPagesLoader};
 pub use progress::{VdbFileProgress, VdbLoadProgress};
 pub use sequence::{
     VdbAssetServerExt, VdbFrame, VdbRepeat, VdbSequence, VdbSequenceError, VdbSequenceLoader,
@@ -56,12 +58,14 @@ impl Plugin for AssetPlugin {
             .init_asset::<VdbVectorGrid>()
             .init_asset::<VdbFile>()
             .init_asset::<VdbSequence>()
+            .init_asset::<VdbPages>()
             // Where neither the load nor a `.meta` file determines the asset type, Bevy uses the
             // loader registered last.
             .register_asset_loader(VdbGridLoader::new(progress.clone()))
             .register_asset_loader(VdbVectorGridLoader::new(progress.clone()))
             .register_asset_loader(VdbLoader::new(progress.clone(), loaded.clone()))
             .register_asset_loader(listing.loader())
+            .register_asset_loader(VdbPagesLoader)
             .register_asset_processor(VdbCooker)
             .insert_resource(listing)
             .insert_resource(progress)

@@ -18,6 +18,7 @@ pub use diagnostics::{
     VdbBufferReport, VdbCameraReport, VdbDiagnostics, VdbFeatureReport, VdbPassReport,
 };
 pub use dial::VdbDial;
+pub(crate) use dial::pixel_size;
 pub use memory::VdbGpuMemory;
 pub use settings::{VdbQuality, VdbVolumeQuality};
 

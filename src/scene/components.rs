@@ -20,6 +20,11 @@ use crate::{VdbGrid, VdbVolumeState};
 #[component(on_add = add_visibility_class::<VdbVolume>)]
 pub struct VdbVolume(pub Handle<VdbGrid>);
 
+/// Marks the volume of a page of a larger surface. A ray that is already inside the solid where it enters a
+/// page, because the surface of the adjacent page is slightly lower, hits at the border.
+#[derive(Clone, Copy, Component, Debug, Default)]
+pub(crate) struct Page;
+
 /// The appearance of a volume. Surfaces use the terms and defaults of Bevy's `StandardMaterial`,
 /// and match a mesh with the same material in the same light.
 ///

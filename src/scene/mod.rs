@@ -19,6 +19,7 @@ use bevy::asset::{AssetEventSystems, AssetTrackingSystems};
 use bevy::camera::visibility::VisibilitySystems;
 use bevy::prelude::*;
 
+pub(crate) use components::Page;
 pub use components::{
     VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
 };

@@ -5,6 +5,7 @@ use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use vdb_core::query::{GridQuery, IndexRay};
 
+use super::components::Page;
 use super::player::NextFrame;
 use crate::{VdbGrid, VdbMaterial, VdbVolume};
 
@@ -46,6 +47,7 @@ pub struct VdbSpatialQuery<'w, 's> {
             &'static GlobalTransform,
             &'static InheritedVisibility,
             &'static ViewVisibility,
+            Has<Page>,
         ),
         // What fades in belongs to the frame that is shown.
         Without<NextFrame>,
@@ -107,7 +109,8 @@ impl Default for VdbRayCastSettings<'_> {
 #[reflect(Clone, Debug, Default, PartialEq, Hash)]
 #[non_exhaustive]
 pub enum VdbRayVisibility {
-    /// All volumes, hidden or not.
+    /// All volumes, hidden or not, except pages of a [`VdbPagedVolume`](crate::VdbPagedVolume) that others
+    /// are displayed in place of.
     Any,
     /// Volumes that [`Visibility`] does not hide, whether or not a camera sees them.
     #[default]
@@ -150,9 +153,9 @@ impl VdbSpatialQuery<'_, '_> {
     ) -> impl Iterator<Item = impl Fn(f32) -> Option<VdbRayHit>> {
         self.volumes
             .iter()
-            .filter(|(entity, .., inherited, in_view)| {
+            .filter(|(entity, .., inherited, in_view, is_page)| {
                 let visible = match settings.visibility {
-                    VdbRayVisibility::Any => true,
+                    VdbRayVisibility::Any => !is_page || inherited.get(),
                     VdbRayVisibility::Visible => inherited.get(),
                     VdbRayVisibility::VisibleInView => in_view.get(),
                 };

@@ -20,7 +20,7 @@ const EDGE: i32 = 800;
 const LEVELS: u64 = 5;
 
 /// The height of the hills over a point of the plane, and its slope there, in world units.
-fn hills(x: f64, z: f64) -> (f64, DVec3) {
+pub(super) fn hills(x: f64, z: f64) -> (f64, DVec3) {
     let (a, b) = (1.1 * x + 0.4 * z, 0.9 * z - 0.3 * x);
     let height = 0.35 * a.sin() * b.cos();
     let [along_a, along_b] = [0.35 * a.cos() * b.cos(), -0.35 * a.sin() * b.sin()];
@@ -28,7 +28,7 @@ fn hills(x: f64, z: f64) -> (f64, DVec3) {
 }
 
 /// The distance of a point from the hills to first order, in world units.
-fn above_hills(at: DVec3) -> f64 {
+pub(super) fn above_hills(at: DVec3) -> f64 {
     let (height, slope) = hills(at.x, at.z);
     (at.y - height) / (1.0 + slope.length_squared()).sqrt()
 }

@@ -15,6 +15,8 @@ mod edits;
 mod extras;
 mod extremes;
 mod fade;
+#[path = "../common/files.rs"]
+mod files;
 mod film;
 mod fire_light;
 mod flip;
@@ -36,6 +38,7 @@ mod modes;
 mod motion;
 mod need;
 mod normals;
+mod pages;
 mod peer_ramps;
 mod peers;
 mod pool;

@@ -39,10 +39,10 @@ impl VdbMaterialExtension for Unchanged {
 /// All that a function can change, and how.
 #[derive(Clone, Component, Default, Reflect)]
 pub(super) struct Painted {
-    base_color: LinearRgba,
-    emissive: Vec3,
-    perceptual_roughness: f32,
-    metallic: f32,
+    pub base_color: LinearRgba,
+    pub emissive: Vec3,
+    pub perceptual_roughness: f32,
+    pub metallic: f32,
     pub reflectance: f32,
 }
 

@@ -36,6 +36,8 @@ mod framing;
 mod keys;
 #[path = "../../examples/viewer/overlay.rs"]
 mod overlay;
+#[path = "../../examples/viewer/paged.rs"]
+mod paged;
 #[path = "../../examples/viewer/select.rs"]
 mod select;
 #[path = "../../examples/viewer/sequences.rs"]

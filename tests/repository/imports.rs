@@ -6,10 +6,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The stages of the crate, each of which may import from those before it.
-const STAGES: [&str; 17] = [
+const STAGES: [&str; 18] = [
     "asset",
     "scene",
     "quality",
+    "pages",
     "render::gpu",
     "render::extract",
     "render::pool",

@@ -77,7 +77,7 @@ struct Volume {
     temperature_scale: f32,     // of black bodies, kelvin per unit of value
     temperature_offset: f32,    // kelvin added wherever the value is positive
     box_min: vec3<f32>,         // world space, relative to the view's eye; only in scenes with many volumes
-    flags: u32,                 // bits: casts no shadows, receives none, has smooth normals; then see below
+    flags: u32,                 // bits: casts no shadows, receives none, smooth normals, page; then see below
     box_max: vec3<f32>,
     fog_step: f32,              // voxels between samples of fog; 0 to integrate it exactly
     node_min: vec3<f32>,        // of a BVH node (`bvh.wgsl`)
@@ -101,6 +101,9 @@ struct Volume {
 const NO_CASTER: u32 = 1u;
 const NO_RECEIVER: u32 = 2u;
 const SMOOTH_NORMALS: u32 = 4u;
+// One of the pages of a larger surface. A ray that is already inside the solid where it enters the page, because
+// the surface of the adjacent page is slightly lower, hits at the border.
+const PAGE: u32 = 8u;
 // Where the flags have the level of detail and, in the 16 highest bits, the number of the custom material, or
 // 0 for none.
 const LEVEL_SHIFT: u32 = 8u;

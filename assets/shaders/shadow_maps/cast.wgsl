@@ -5,7 +5,7 @@
 #import bevy_vdb::traversal::rays::ndc_of
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter, first_hit, local_cell}
 #import bevy_vdb::view::scene::{fog_grid, view, volumes}
-#import bevy_vdb::trace::segment::{lattice_ray, view_segment}
+#import bevy_vdb::trace::segment::{enters_page, lattice_ray, view_segment}
 #ifdef VDB_SMOOTH
 #import bevy_vdb::traversal::smooth::first_root
 #endif
@@ -75,7 +75,7 @@ fn stop(in: Quad) -> @builtin(frag_depth) f32 {
 #endif
 #ifdef VDB_SMOOTH
     if volumes[volume].kind == KIND_SMOOTH {
-        let root = first_root(grid, mirrored, dda);
+        let root = first_root(grid, mirrored, dda, enters_page(volume, dda.axis));
         t = select(FAR, root.t, root.found);
     }
 #endif

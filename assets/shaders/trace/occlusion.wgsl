@@ -6,7 +6,7 @@
 #import bevy_vdb::traversal::hdda::{Dda, enter, first_hit, mirrored_ray}
 #import bevy_vdb::view::scene::{fog_grid, scene_end, view, volumes}
 #import bevy_vdb::trace::scattering::OPAQUE_DEPTH
-#import bevy_vdb::trace::segment::{Point, Segment, lattice_ray}
+#import bevy_vdb::trace::segment::{Point, Segment, enters_page, lattice_ray}
 #ifdef VDB_MANY
 #import bevy_vdb::trace::bvh::next_intersected
 #endif
@@ -64,7 +64,7 @@ fn meets_surface(volume: u32, grid: Grid, ray: MirroredRay, dda: Dda) -> bool {
 #endif
 #ifdef VDB_SMOOTH
     if volumes[volume].kind == KIND_SMOOTH {
-        is_met = first_root(grid, ray, dda).found;
+        is_met = first_root(grid, ray, dda, enters_page(volume, dda.axis)).found;
     }
 #endif
     return is_met;

@@ -2,7 +2,7 @@
 // expressed in the lattice of any volume.
 #define_import_path bevy_vdb::trace::segment
 
-#import bevy_vdb::gpu::types::Ray
+#import bevy_vdb::gpu::types::{PAGE, Ray}
 #import bevy_vdb::traversal::rays::ray_through
 #import bevy_vdb::view::scene::{view, volumes}
 
@@ -105,6 +105,13 @@ fn lattice_ray(segment: Segment, volume: u32, t_max: f32) -> Ray {
     }
 #endif
     return ray;
+}
+
+// Whether a ray enters a page from outside. `axis` is that of the face through which it enters the grid's box, or 3
+// if it begins inside. If the ray is inside the solid at the entry, it has just crossed the surface, or a nearer
+// hit in another page wins.
+fn enters_page(volume: u32, axis: u32) -> bool {
+    return (volumes[volume].flags & PAGE) != 0u && axis != 3u;
 }
 
 // The point at t on a segment.

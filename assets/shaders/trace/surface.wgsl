@@ -7,9 +7,9 @@
 #import bevy_vdb::traversal::rebase::rebased_at
 #import bevy_vdb::traversal::hdda::{FAR, Hit, mirrored_ray, enter_at, first_hit, plane_t, unmirrored}
 #import bevy_vdb::view::scene::{scene_end, view, volumes}
-#import bevy_vdb::trace::segment::{Point, Segment, point_at, quantise_frac, lattice_ray}
+#import bevy_vdb::trace::segment::{Point, Segment, enters_page, point_at, quantise_frac, lattice_ray}
 #ifdef VDB_SMOOTH
-#import bevy_vdb::traversal::smooth::first_root_from
+#import bevy_vdb::traversal::smooth::first_root
 #endif
 #ifdef VDB_SMOOTH_NORMALS
 #import bevy_vdb::traversal::normals::smooth_gradient
@@ -75,7 +75,9 @@ fn intersect_voxels(volume: u32, ray: Ray, start: f32) -> Surface {
 fn intersect_smooth(volume: u32, ray: Ray, start: f32) -> Surface {
     let grid = grids[volumes[volume].grid];
     let mirrored = mirrored_ray(grid, ray);
-    let root = first_root_from(grid, mirrored, enter_at(mirrored, start), begins_at_level(ray));
+    let entry = enter_at(mirrored, start);
+    let begins_outside = begins_at_level(ray) || enters_page(volume, entry.axis);
+    let root = first_root(grid, mirrored, entry, begins_outside);
     if !root.found {
         return no_surface();
     }
@@ -83,7 +85,7 @@ fn intersect_smooth(volume: u32, ray: Ray, start: f32) -> Surface {
     // The gradient may be zero where all eight corner values are equal.
     var gradient = gradient_or(root.gradient, face);
     let along = dot(gradient, ray.dir);
-    if along > 0.0 && begins_at_level(ray) {
+    if along > 0.0 && begins_outside {
         // The ray begins just inside, where it may already lead outwards. Seen from outside, a surface faces the eye.
         gradient -= (1.001 * along / dot(ray.dir, ray.dir)) * ray.dir;
     }

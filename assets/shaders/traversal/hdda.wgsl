@@ -191,7 +191,9 @@ fn enter_at(mirrored: MirroredRay, t_start: f32) -> Dda {
         return enter(mirrored);
     }
     let inside = mirrored.meets && t_start <= mirrored.t_max && all(rel <= mirrored.last);
-    return Dda(rel, t_start, 0u, inside);
+    // Confirmed later; here, it only matters whether the ray begins inside the box.
+    let axis = select(0u, 3u, all(mirrored.begin >= mirrored.first));
+    return Dda(rel, t_start, axis, inside);
 }
 
 // Planes at the far end of a span, one on each axis, modulo 2^32. Planes beyond the index space wrap around

@@ -45,7 +45,10 @@ fn beside(cell: vec3<i32>, step: vec3<i32>, low: vec4<f32>, high: vec4<f32>, t: 
 
 // The word of the slot around a cell beside that of a hit, and the head of its lower node.
 fn slot_beside(grid: Grid, hit: SurfaceHit, beside: Beside) -> vec2<u32> {
-    let is_outside = any(beside.cell < grid.occupied_min) || any(beside.cell > grid.occupied_max);
+    // Tests the extent of the top-level tree, not the box that rays are clipped to, because a page also stores the
+    // cells around that box.
+    let at = (beside.cell >> vec3(LOWER_BITS)) - grid.top_origin;
+    let is_outside = ((at.x | at.y | at.z) >> (2u * grid.top_levels)) != 0;
     if is_outside || beside.weight == 0.0 {
         return vec2(0u);
     }

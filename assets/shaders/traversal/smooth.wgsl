@@ -112,13 +112,10 @@ fn no_hit() -> SurfaceHit {
 }
 
 // The first root of the interpolant on a mirrored ray. Values are relative to the iso-value.
-fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda) -> SurfaceHit {
-    return first_root_from(grid, mirrored, entry, false);
-}
-
-// The same; with `begins_outside`, a finer level of detail has shown that the ray begins outside the solid. If it
-// begins inside that of this level, because the two differ, its first point counts as a hit.
-fn first_root_from(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside: bool) -> SurfaceHit {
+//
+// With `begins_outside`, a finer level of detail or another page has shown that the ray begins outside the solid. If
+// it begins inside that of this grid, because the two differ, its first point counts as a hit.
+fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside: bool) -> SurfaceHit {
     var expects_outside = begins_outside;
     var dda = entry;
     var accessor = new_accessor(local_cell(mirrored, dda.rel));

@@ -11,6 +11,7 @@ use vdb_core::{AnyTree, VdbFile};
 
 use crate::files::{make_folder, open, shown};
 use crate::limits::LimitArgs;
+use crate::pages::{self, Cut};
 use crate::progress::Progress;
 use crate::terminal::{self, bytes};
 
@@ -24,9 +25,9 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 
-    /// The format of samples
-    #[arg(long, value_enum, default_value_t = Format::Byte)]
-    format: Format,
+    /// The format of samples; `byte` by default, and `half` for pages
+    #[arg(long, value_enum)]
+    format: Option<Format>,
 
     /// Keep all values exactly; the same as `--format exact`
     #[arg(long, conflicts_with = "format")]
@@ -35,6 +36,21 @@ pub struct Args {
     /// Cook level sets as smooth surfaces instead of voxels
     #[arg(long)]
     smooth: bool,
+
+    /// Cut a level set into pages of EDGE³ cells at every level of detail, for surfaces larger than the
+    /// memory of a GPU: DIR/FILE.vdbpages lists them. EDGE is a multiple of 128, at most 1024
+    #[arg(
+        long,
+        value_name = "EDGE",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "256"
+    )]
+    pages: Option<u32>,
+
+    /// The level set to cut into pages; by default the only one
+    #[arg(long, value_name = "NAME", requires = "pages")]
+    grid: Option<String>,
 
     #[command(flatten)]
     limits: LimitArgs,
@@ -92,8 +108,18 @@ impl Totals {
     }
 }
 
+impl Args {
+    /// The requested format of samples, or `default` if none is given.
+    fn format(&self, default: Format) -> ValueFormat {
+        if self.lossless { ValueFormat::Exact } else { self.format.unwrap_or(default).into() }
+    }
+}
+
 /// Cooks all files that can be cooked. The exit code is a failure if any could not.
 pub fn run(args: &Args) -> ExitCode {
+    if let Some(edge) = args.pages {
+        return terminal::finish(cook_pages(args, edge));
+    }
     if let Err(error) = make_folder(&args.out) {
         terminal::complain(&error);
         return ExitCode::FAILURE;
@@ -135,18 +161,40 @@ fn target(path: &Path, out: &Path) -> PathBuf {
     out.join(name)
 }
 
-fn cook(path: &Path, target: &Path, args: &Args, totals: &mut Totals) -> Result<(), String> {
-    let mut file = open(path, &args.limits)?;
-    let length = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+/// Converts grids of other numeric types to floats, and reports it.
+fn convert(file: &mut VdbFile, path: &Path, args: &Args, totals: &mut Totals) {
     for converted in file.convert_to_floats(&args.limits.limits()) {
         if totals.converted.insert(converted.grid.clone()) {
             terminal::complain(&format!("{}: {converted}", shown(path)));
         }
     }
+}
+
+/// Cuts the level set of the only file into pages.
+fn cook_pages(args: &Args, edge: u32) -> Result<String, String> {
+    let [path] = &args.files[..] else {
+        return Err("pages are cut from one file at a time; EDGE is given as `--pages=EDGE`".into());
+    };
+    let mut file = open(path, &args.limits)?;
+    convert(&mut file, path, args, &mut Totals::default());
+    let cut = Cut {
+        edge,
+        grid: args.grid.as_deref(),
+        smooth: args.smooth,
+        format: args.format(Format::Half),
+        limits: args.limits.limits(),
+    };
+    pages::cook(path, file, &args.out, &cut)
+}
+
+fn cook(path: &Path, target: &Path, args: &Args, totals: &mut Totals) -> Result<(), String> {
+    let mut file = open(path, &args.limits)?;
+    let length = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    convert(&mut file, path, args, totals);
     totals.name_left_out(path, &file);
     let progress = Progress::cooking(path);
     let options = CookOptions {
-        format: if args.lossless { ValueFormat::Exact } else { args.format.into() },
+        format: args.format(Format::Byte),
         smooth: args.smooth,
         limits: args.limits.limits(),
         progress: Some(progress.callback()),

@@ -15,6 +15,7 @@ mod info;
 mod limits;
 mod mesh;
 mod offset;
+mod pages;
 mod progress;
 mod render;
 mod resample;

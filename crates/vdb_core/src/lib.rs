@@ -28,6 +28,7 @@ mod limits;
 mod metadata;
 mod nanovdb;
 pub mod pack;
+pub mod pages;
 mod points;
 pub mod query;
 mod ramp;

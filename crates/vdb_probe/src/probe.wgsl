@@ -77,7 +77,7 @@ fn probe_smooth(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = number(id);
     if i < setup.count {
         let mirrored = mirrored_ray(grids[0], ray(i));
-        let hit = first_root(grids[0], mirrored, enters(mirrored, i));
+        let hit = first_root(grids[0], mirrored, enters(mirrored, i), false);
         var gradient = hit.gradient;
 #ifdef VDB_SMOOTH_NORMALS
         if hit.found {

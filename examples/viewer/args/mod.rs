@@ -15,9 +15,10 @@ use values::{
 };
 
 pub const HELP: &str = "\
-Displays OpenVDB files: level sets as surfaces, fog volumes as fog. Plays sequences of them.
+Displays OpenVDB files: level sets as surfaces, fog volumes as fog. Plays sequences of them, and shows
+level sets in pages.
 
-Usage: viewer [FILE.vdb | FOLDER | 'fire_####.vdb' | FILE.vdbseq …] [options]
+Usage: viewer [FILE.vdb | FOLDER | 'fire_####.vdb' | FILE.vdbseq | FILE.vdbpages …] [options]
 
 With a display, opens a window: drop files or a folder onto it, or press F1 for a list of keys.
 Without a display, or with --out, writes a PNG. Without FILE, shows the model bundled with bevy_vdb.

@@ -13,6 +13,7 @@ use bevy::prelude::*;
 use bevy::tasks::futures_lite::StreamExt;
 use vdb_core::display::escaped;
 
+use super::super::common::within;
 use super::error::VdbSequenceError;
 use super::frames::{MOST_FRAMES, VdbFrame, VdbSequence};
 use super::pattern::{EXTENSIONS, Pattern, Series, has_place, is_frame, series};
@@ -89,11 +90,6 @@ pub(super) async fn matching(
     let frame = |name: &String| Some(VdbFrame::new(pattern.number(name)?, within(folder, name)));
     let frames: Vec<_> = names.iter().filter_map(frame).collect();
     if frames.is_empty() { Err(no_frames(folder, pattern.shown())) } else { Ok(frames) }
-}
-
-/// The path of a file in a folder. Unlike `AssetPath::resolve`, this does not interpret `#` and `..`.
-pub(super) fn within(folder: &AssetPath<'static>, name: &str) -> AssetPath<'static> {
-    AssetPath::from_path_buf(folder.path().join(name)).with_source(folder.source().clone_owned())
 }
 
 fn no_frames(folder: &AssetPath, pattern: impl AsRef<str>) -> VdbSequenceError {

@@ -6,9 +6,10 @@ use bevy::asset::io::Reader;
 use bevy::asset::{AssetLoader, AssetPath, AssetServer, AsyncReadExt, LoadContext};
 use bevy::prelude::*;
 
+use super::super::common::within;
 use super::error::VdbSequenceError;
 use super::frames::{VdbFrame, VdbSequence};
-use super::list::{matching, within};
+use super::list::matching;
 use super::text::Description;
 
 /// The largest size of a file in bytes.

@@ -10,7 +10,7 @@ use bevy::render::sync_world::{MainEntity, MainEntityHashMap};
 use bevy::render::{Extract, ExtractSchedule, RenderApp};
 
 use crate::render::gpu::materials::{MOST_WORDS, MaterialKinds, Roles, Words, words_of};
-use crate::{VdbMaterialExtension, VdbVolume};
+use crate::{VdbMaterialExtension, VdbPagedVolume, VdbVolume};
 
 /// Registers a [`VdbMaterialExtension`], so that volumes with the component `M` are shown with its
 /// functions.
@@ -137,7 +137,7 @@ pub(super) fn begin_materials(
 }
 
 fn extract_materials<M: VdbMaterialExtension>(
-    volumes: Extract<Query<(Entity, &M), With<VdbVolume>>>,
+    volumes: Extract<Query<(Entity, &M), Or<(With<VdbVolume>, With<VdbPagedVolume>)>>>,
     kinds: Extract<Res<MaterialKinds>>,
     mut extracted: ResMut<ExtractedMaterials>,
 ) {

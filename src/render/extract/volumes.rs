@@ -15,7 +15,7 @@ use super::auxiliary::AuxiliaryGrids;
 use super::materials::{ExtractedMaterials, MaterialRow};
 use super::ramps::{ExtractedRamps, VolumeRamp};
 use crate::render::gpu::GridKey;
-use crate::scene::{NextFrame, Share};
+use crate::scene::{NextFrame, Page, Share};
 use crate::{
     VdbColorGrid, VdbEmission, VdbGrid, VdbMaterial, VdbRamp, VdbVectorGrid, VdbVelocity,
     VdbVolume, VdbVolumeQuality,
@@ -61,6 +61,8 @@ pub(crate) struct ExtractedVolume {
     pub quality: VdbVolumeQuality,
     /// Whether the volume is not hidden, in view or not.
     pub visible: bool,
+    /// Whether the volume is a page of a larger one.
+    pub is_page: bool,
     /// Whether the volume casts shadows.
     pub casts: bool,
     /// Whether the volume receives shadows.
@@ -110,7 +112,8 @@ pub(crate) fn extract_volumes(
             Option<&RenderLayers>,
             (Option<&VdbEmission>, Option<&VdbColorGrid>),
             (Has<NotShadowCaster>, Has<NotShadowReceiver>),
-            (Option<&VdbVelocity>, Option<&Share>, Option<(&NextFrame, &ChildOf)>),
+            (Option<&VdbVelocity>, Option<&Share>),
+            (Has<NextFrame>, Has<Page>, Option<&ChildOf>),
         )>,
     >,
     settings: Extract<Query<(Option<&VdbVolumeQuality>, Option<&VdbRamp>)>>,
@@ -127,13 +130,15 @@ pub(crate) fn extract_volumes(
     std::mem::swap(&mut extracted.0, &mut *before);
     extracted.0.clear();
     ramps.begin_frame();
-    for (entity, volume, transform, material, visible, layers, auxiliary, without, motion) in
+    for (entity, volume, transform, material, visible, layers, auxiliary, without, motion, part) in
         &volumes
     {
-        let (velocity, share, next) = motion;
+        let (velocity, share) = motion;
         let share = share.map_or(1.0, |share| share.0);
-        // The settings of a player are those of the frame it fades to, too.
-        let set_by = next.map_or(entity, |(_, player)| player.0);
+        // The settings of a player are those of the frame it fades to, too, and those of a paged volume
+        // are those of its pages.
+        let (is_next, is_page, parent) = part;
+        let set_by = parent.filter(|_| is_next || is_page).map_or(entity, |parent| parent.0);
         let (quality, ramp) = settings.get(set_by).unwrap_or_default();
         let quality = quality.copied().unwrap_or_default();
         let Some(grid) = grids.get(&volume.0) else { continue };
@@ -164,6 +169,7 @@ pub(crate) fn extract_volumes(
             material,
             quality,
             visible: visible.get(),
+            is_page,
             casts: !without.0,
             receives: !without.1,
             layers: layers.cloned().unwrap_or_default(),

@@ -75,6 +75,7 @@ pub(crate) const MIRROR_ROUGHNESS: f32 = 0.089;
 pub(crate) const NO_CASTER: u32 = 1;
 pub(crate) const NO_RECEIVER: u32 = 2;
 pub(crate) const SMOOTH_NORMALS: u32 = 4;
+pub(crate) const PAGE: u32 = 8;
 /// Where [`Volume::flags`] have the level of detail.
 pub(crate) const LEVEL_SHIFT: u32 = 8;
 /// Where [`Volume::flags`] have the number of the custom material, in 16 bits.

@@ -203,15 +203,23 @@ pub(crate) fn volume_data(
         light_step: quality.fog_light_step,
         shadow_step: quality.fog_shadow_step,
         base: packed.base.to_array(),
-        flags: if volume.casts { 0 } else { types::NO_CASTER }
-            | if volume.receives { 0 } else { types::NO_RECEIVER }
-            | if quality.smooth_normals { types::SMOOTH_NORMALS } else { 0 }
-            | level << types::LEVEL_SHIFT
-            | material_flags(volume.own_material),
+        flags: flags(volume, quality.smooth_normals, level),
         t_first: depths[0],
         t_end: depths[1],
         ..ramp_data(volume)
     })
+}
+
+/// The bits of a volume, shown at a level of detail.
+fn flags(volume: &ExtractedVolume, has_smooth_normals: bool, level: u32) -> u32 {
+    let bits = [
+        (!volume.casts, types::NO_CASTER),
+        (!volume.receives, types::NO_RECEIVER),
+        (has_smooth_normals, types::SMOOTH_NORMALS),
+        (volume.is_page, types::PAGE),
+    ];
+    let set = bits.into_iter().filter(|(is_set, _)| *is_set).map(|(_, bit)| bit).sum::<u32>();
+    set | level << types::LEVEL_SHIFT | material_flags(volume.own_material)
 }
 
 /// The shader data of a volume's ramp.

@@ -103,6 +103,7 @@ fn packed(
         limits: options.limits.clone(),
         progress: options.progress.clone(),
         together: Some(together.clone()),
+        cells: None,
     };
     // A background with a density is not fog, but bricks beside it blend into it: their samples are
     // those of no leaf and no tile.

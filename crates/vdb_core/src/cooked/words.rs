@@ -7,7 +7,7 @@ use crate::format::cursor::Cursor;
 
 /// Words of a block.
 const BLOCK: usize = 1 << 20;
-/// No LZ4 block becomes more than this many times its size.
+/// LZ4 expands data by at most this factor: each length byte extends a match by at most 255 bytes.
 pub(super) const MOST_RATIO: usize = 255;
 
 /// Words in the form of a file: for each [`BLOCK`] of them, the length of its LZ4 block, and then
@@ -49,7 +49,7 @@ impl<'a> Packed<'a> {
         let blocks = from_le_bytes(lengths).map(|length| cursor.take(length as usize));
         let blocks = blocks.collect::<Result<Vec<_>, _>>()?;
         let length: usize = blocks.iter().map(|block| block.len()).sum();
-        if words.div_ceil(MOST_RATIO / 4) > length {
+        if 4 * words as u64 > (MOST_RATIO * length) as u64 {
             return Err(CookedError::damaged("there are fewer bytes than the words can be of"));
         }
         Ok(Self { blocks, words })
@@ -75,5 +75,23 @@ impl<'a> Packed<'a> {
             }
             Ok(())
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_that_are_all_alike_are_read_again() {
+        for count in [1, 100, BLOCK - 1, BLOCK, 3 * BLOCK + 7] {
+            let words = vec![0x3f80_0000; count];
+            let mut bytes = Vec::new();
+            write(&words, &mut bytes);
+            let packed = Packed::read(&mut Cursor::new(&bytes), count).unwrap();
+            let mut again = vec![0; count];
+            packed.unpack(&mut again).unwrap();
+            assert_eq!(again, words, "{count} words");
+        }
     }
 }

@@ -12,6 +12,7 @@ use super::lower_node;
 use super::options::{Packing, Stage};
 use super::palette::{Palette, TILE_BYTES};
 use super::parts::{Parts, TopTile};
+use super::region::Region;
 use super::skips::{self, Chunk};
 use super::top_tree::{self, SOLID, TopTree};
 use super::values::{self, Steps, Stored, ValueFormat};
@@ -35,8 +36,7 @@ impl TopTile {
 
     /// The box around the tile's cells that can stop or dim a ray.
     fn occupied(&self, kind: PackKind) -> Option<CoordBox> {
-        let shift = LOWER_BITS + 2 * self.level;
-        self.tile.occupied_box(Rule::of(kind), CoordBox::cube(self.at << shift as i32, shift))
+        self.tile.occupied_box(Rule::of(kind), self.cells())
     }
 }
 
@@ -150,12 +150,14 @@ pub(super) fn assemble(
     kind: PackKind,
     format: ValueFormat,
     mut parts: Parts,
+    region: &Region,
     packing: &Packing,
 ) -> Result<PackedGrid, PackError> {
     let frame = Frame::new(&parts);
     let base = frame.base << LOWER_BITS as i32;
     let boxes = parts.lower_nodes.iter().filter_map(|lower_node| lower_node.occupied);
-    let boxes = boxes.chain(parts.tiles.iter().filter_map(|tile| tile.occupied(kind)));
+    let tiles = parts.tiles.iter();
+    let boxes = boxes.chain(tiles.filter_map(|tile| region.met(tile.occupied(kind))));
     let occupied = boxes.reduce(CoordBox::union);
     let occupied = occupied.map(|b| CoordBox { min: b.min - base, max: b.max - base });
     let bounds = occupied.unwrap_or(NOWHERE);

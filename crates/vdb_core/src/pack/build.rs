@@ -20,9 +20,10 @@ use super::layout::*;
 use super::lower_node::{self, Around, Built};
 use super::options::{PackOptions, Packing, Stage};
 use super::parts::{Parts, TopTile};
+use super::region::Region;
 use super::values::ValueFormat;
 use super::wide::{Lower, Wide};
-use crate::tree::{InternalNode, RootEntry, Slot, Vdb543};
+use crate::tree::{CoordBox, InternalNode, RootEntry, Slot, Vdb543};
 
 type Upper = InternalNode<Lower, 5>;
 
@@ -108,9 +109,10 @@ pub(super) fn pack(
     options: &PackOptions,
 ) -> Result<PackedGrid, PackError> {
     let packing = Packing::new(tree, kind, options)?;
-    let parts = parts(tree, kind, &packing)?;
+    let region = Region::new(kind, options.cells);
+    let parts = parts(tree, kind, &region, &packing)?;
     check("lower nodes", parts.lower_nodes.len() as u64)?;
-    let packed = assemble::assemble(kind, options.format, parts, &packing)?;
+    let packed = assemble::assemble(kind, options.format, parts, &region, &packing)?;
     packing.finish(&packed)?;
     Ok(packed)
 }
@@ -119,9 +121,10 @@ pub(super) fn pack(
 fn parts<'a>(
     tree: &'a Vdb543<f32>,
     kind: PackKind,
+    region: &Region,
     packing: &Packing,
 ) -> Result<Parts<'a>, PackError> {
-    let cubes = cubes(tree, kind, packing)?;
+    let cubes = cubes(tree, kind, region, packing)?;
     let progress = packing.begin(Stage::Cubes, cubes.len());
     let found: Vec<(Vec<TopTile>, Vec<Fine>)> = cubes
         .par_chunks(CUBES)
@@ -129,7 +132,8 @@ fn parts<'a>(
             let (mut tiles, mut fine) = (Vec::new(), Vec::new());
             for origin in origins {
                 progress.advance(1)?;
-                let cube = Cube::of(tree, kind, IVec3::from_array(*origin)).resolved();
+                let mut cube = Cube::of(tree, kind, IVec3::from_array(*origin)).resolved();
+                cube.keep(region);
                 let bytes = size_of_val(&*cube.tiles) + size_of_val(&*cube.fine);
                 packing.take(2 * bytes as u64)?;
                 tiles.extend(cube.tiles);
@@ -149,7 +153,8 @@ fn parts<'a>(
         .par_iter()
         .map_init(Around::default, |around, fine| {
             progress.advance(1)?;
-            let built = lower_node::built(kind, fine.at, &fine.sources, fine.is_void, around);
+            let built =
+                lower_node::built(kind, fine.at, &fine.sources, fine.is_void, region, around);
             packing.take(built.bytes())?;
             Ok(built)
         })
@@ -169,6 +174,7 @@ fn parts<'a>(
 fn cubes(
     tree: &Vdb543<f32>,
     kind: PackKind,
+    region: &Region,
     packing: &Packing,
 ) -> Result<Vec<[i32; 3]>, PackError> {
     let solid = matches!(kind, PackKind::Surface { .. });
@@ -186,7 +192,9 @@ fn cubes(
         // The size of an entry in the set and in the list made from it.
         packing.take(8 * 48)?;
         for side in 0..if solid { 1 } else { 8 } {
-            if let Some(at) = origin.checked_sub(corner(side) << UPPER_BITS as i32) {
+            if let Some(at) = origin.checked_sub(corner(side) << UPPER_BITS as i32)
+                && region.touches(CoordBox::cube(at, UPPER_BITS))
+            {
                 cubes.insert(at.to_array());
             }
         }
@@ -223,6 +231,14 @@ impl<'a> Cube<'a> {
             }
         }
         self
+    }
+
+    /// Drops what is not packed.
+    fn keep(&mut self, region: &Region) {
+        self.tiles.retain(|tile| region.touches(tile.cells()));
+        self.fine.retain(|fine| {
+            region.touches(CoordBox::cube(fine.at << LOWER_BITS as i32, LOWER_BITS))
+        });
     }
 
     fn push(&mut self, level: u32, at: IVec3, tile: Tile) {

@@ -4,6 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::IVec3;
 
 use super::kind::PackKind;
+use super::layout::LOWER_BITS;
 use crate::tree::CoordBox;
 
 /// A grid packed into the words that the GPU traverses.
@@ -57,6 +58,12 @@ impl PackedGrid {
     /// The sample format as a number for shaders; `None` for grids without samples.
     pub fn sample_format(&self) -> Option<u32> {
         (!matches!(self.kind, PackKind::Surface { .. })).then_some(self.header.format)
+    }
+
+    /// Whether the top-level tree covers a local cell, so that it can be looked up.
+    pub(crate) fn covers(&self, local: IVec3) -> bool {
+        let at = (local >> LOWER_BITS as i32) - IVec3::from_array(self.header.top_origin);
+        (at.x | at.y | at.z) >> (2 * self.header.top_levels) == 0
     }
 
     /// A copy without words, with everything except what traversal needs.

@@ -2,11 +2,12 @@
 
 use glam::IVec3;
 
-use super::bits::{self, Planes};
+use super::bits::Planes;
 use super::content::{self, Content, Rule, Source, Sources, Tile, corner, one_value};
 use super::kind::PackKind;
 use super::layout::*;
 use super::palette::{Palette, TILE_BYTES};
+use super::region::Region;
 use super::skips::Chunk;
 use super::wide::Wide;
 use crate::tree::{CoordBox, Slot};
@@ -57,6 +58,7 @@ pub(super) fn built<'a>(
     at: IVec3,
     wide: &[Wide<'a>; 8],
     is_void: bool,
+    region: &Region,
     around: &mut Around<'a>,
 ) -> Built<'a> {
     let rule = Rule::of(kind);
@@ -112,15 +114,16 @@ pub(super) fn built<'a>(
         {
             last = (value, content);
         }
+        let origin = (at << LOWER_BITS as i32) + (cube << LEAF_BITS as i32);
+        let content = packed_content(content, origin, region);
         all_alike &= *first.get_or_insert(content) == content;
         if content.is_empty() {
             continue;
         }
-        let origin = (at << LOWER_BITS as i32) + (cube << LEAF_BITS as i32);
         let (word, occupied) = match content {
             Content::Tile(tile) => {
                 let cube = CoordBox::cube(origin, LEAF_BITS);
-                (lower_node.palette.word(tile), tile.occupied_box(rule, cube))
+                (lower_node.palette.word(tile), region.met(tile.occupied_box(rule, cube)))
             }
             Content::Leaf(mask) => {
                 let number = lower_node.masks.len() as u32;
@@ -128,7 +131,7 @@ pub(super) fn built<'a>(
                 if is_sampled {
                     lower_node.sources.push(sources);
                 }
-                (leaf_word(&mask, number), bits::mask_box(&mask, origin))
+                (leaf_word(&mask, number), region.mask_box(&mask, origin))
             }
         };
         lower_node.words[slot] = word;
@@ -140,6 +143,18 @@ pub(super) fn built<'a>(
             Built::Tile(tile)
         }
         _ => Built::LowerNode(Box::new(lower_node)),
+    }
+}
+
+/// The content of a leaf-sized cube within a region. A tile is packed whole if any of it is.
+fn packed_content(content: Content, origin: IVec3, region: &Region) -> Content {
+    match content {
+        Content::EMPTY => content,
+        _ if !region.touches(CoordBox::cube(origin, LEAF_BITS)) => Content::EMPTY,
+        Content::Tile(_) => content,
+        Content::Leaf(mask) => {
+            region.packed_mask(mask, origin).map_or(Content::EMPTY, Content::Leaf)
+        }
     }
 }
 

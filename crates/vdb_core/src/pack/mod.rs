@@ -37,6 +37,7 @@ mod palette;
 mod parts;
 mod ray;
 pub mod rebase;
+mod region;
 pub(crate) mod sections;
 mod skips;
 mod top_tree;

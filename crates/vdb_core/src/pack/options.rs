@@ -7,7 +7,7 @@ use super::error::PackError;
 use super::grid::PackedGrid;
 use super::kind::PackKind;
 use super::values::ValueFormat;
-use crate::tree::Vdb543;
+use crate::tree::{CoordBox, Vdb543};
 use crate::work::{Stop, Work, debug_options};
 use crate::{Limits, ProgressFn};
 
@@ -25,6 +25,10 @@ pub struct PackOptions {
     /// Applies the limits to several grids together, such as those of one file: give each of them a
     /// clone of the same [`PackedTogether`]. With `None`, they apply to this grid alone.
     pub together: Option<PackedTogether>,
+    /// The only cells that rays can meet, in index space; `None` for all. Of a smooth surface, the
+    /// cells around them are also packed, because interpolated normals depend on them; other cells
+    /// are not. For a part of a grid whose borders must look as they do in the whole.
+    pub cells: Option<CoordBox>,
 }
 
 /// A running total over grids that share their limits. Clones share one total.
@@ -44,7 +48,7 @@ impl PackedTogether {
     }
 }
 
-debug_options!(PackOptions { format, limits, together });
+debug_options!(PackOptions { format, limits, together, cells });
 
 /// The stages of packing, in order.
 #[derive(Clone, Copy, Debug)]

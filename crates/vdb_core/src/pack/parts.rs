@@ -3,7 +3,9 @@
 use glam::IVec3;
 
 use super::content::Tile;
+use super::layout::LOWER_BITS;
 use super::lower_node::LowerNode;
+use crate::tree::CoordBox;
 
 /// A tile in the top-level tree.
 #[derive(Clone, Copy, Debug)]
@@ -13,6 +15,14 @@ pub(super) struct TopTile {
     /// Its position in index space, in slots of that level.
     pub at: IVec3,
     pub tile: Tile,
+}
+
+impl TopTile {
+    /// The cells that the tile covers, in index space.
+    pub fn cells(&self) -> CoordBox {
+        let shift = LOWER_BITS + 2 * self.level;
+        CoordBox::cube(self.at << shift as i32, shift)
+    }
 }
 
 /// The parts of a tree that a ray can meet: disjoint cubes in index space.

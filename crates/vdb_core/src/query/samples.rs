@@ -62,13 +62,10 @@ impl<'a> Samples<'a> {
 /// cells that it passes through, a surface of voxels nowhere.
 fn packed_corners(grid: &PackedGrid, ijk: [i64; 3]) -> Option<Corners> {
     let unoccupied = || (grid.kind == PackKind::Fog).then_some(Corners([0.0; 8]));
-    let occupied = |local: &IVec3| {
-        let within = |cells: crate::tree::CoordBox| {
-            local.cmpge(cells.min).all() && local.cmple(cells.max).all()
-        };
-        grid.occupied.is_some_and(within)
-    };
-    let Some(local) = local_cell(grid, ijk).filter(occupied) else { return unoccupied() };
+    // Not only in the box that rays are clipped to: the part of a grid that is a page also has the
+    // cells around it.
+    let covered = |local: &IVec3| grid.covers(*local);
+    let Some(local) = local_cell(grid, ijk).filter(covered) else { return unoccupied() };
     let span = traverse::locate(grid, local, 0);
     if span.occupied() { occupied_corners(grid, span, local) } else { unoccupied() }
 }

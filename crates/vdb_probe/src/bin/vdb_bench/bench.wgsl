@@ -135,7 +135,7 @@ fn trace(@builtin(global_invocation_id) id: vec3<u32>) {
 #endif
     put(number, exp(-depth));
 #else ifdef VDB_SMOOTH
-    let hit = first_root(grids[0], mirrored, enter);
+    let hit = first_root(grids[0], mirrored, enter, false);
     put(number, select(MISS, hit.t, hit.found));
 #ifndef VDB_COUNT_STEPS
     if hit.found {
