@@ -83,11 +83,13 @@ impl Picture {
     }
 }
 
-/// A device that has the features and limits of standard WebGPU and no others. If the environment
-/// variable `VDB_TEST_WEBGPU` is set, all stages use such a device.
+/// A device that has the features and limits of standard WebGPU and no others, except that cameras may
+/// blend into the 32-bit targets of tests. If the environment variable `VDB_TEST_WEBGPU` is set, all
+/// stages use such a device.
 fn standard_webgpu() -> RenderCreation {
     let priority = WgpuSettingsPriority::WebGPU;
-    let standard = WgpuSettings { priority, features: WgpuFeatures::empty(), ..default() };
+    let standard =
+        WgpuSettings { priority, features: WgpuFeatures::FLOAT32_BLENDABLE, ..default() };
     RenderCreation::Automatic(Box::new(standard))
 }
 
