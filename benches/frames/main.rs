@@ -39,7 +39,7 @@ recorded as well.
   parts           surfaces, fog and fire: each pass, and what VdbMeasureFeatures makes of them
   surfaces        a level set in the sun: smooth normals, and further rays on edges, with the error of each
   detail          surfaces of 256 to 4096 voxels along an edge, from afar and from within, with levels of detail
-  pages           a flight over terrains of 140 million and of 10⁹ voxels in pages, from the horizon to the ground
+  pages           a flight over terrains of 170 million and of 1.2·10⁹ voxels in pages, from the horizon to the ground
 
   --out DIR       where the recordings go, to be deleted at once; a folder for temporary files; also for pages
   --size WxH      of the picture; 1920x1080

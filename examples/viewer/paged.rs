@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use bevy::asset::{AssetPath, LoadState};
-use bevy::math::DVec3;
 use bevy::prelude::*;
 use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pages::EXTENSION;
@@ -43,7 +42,8 @@ pub fn have_arrived(assets: &AssetServer, status: &mut Status) -> bool {
 pub fn spawn(commands: &mut Commands, status: &Status, all: &Assets<VdbPages>) -> Option<Bounds> {
     let mut bounds = None;
     for (path, pages) in &status.paged {
-        let Some(index) = all.get(pages).map(VdbPages::index) else { continue };
+        let Some(of) = all.get(pages) else { continue };
+        let index = of.index();
         eprintln!(
             "{}: {} pages of {}³ cells in {} levels",
             path.display(),
@@ -51,18 +51,7 @@ pub fn spawn(commands: &mut Commands, status: &Status, all: &Assets<VdbPages>) -
             index.edge,
             index.levels
         );
-        // The finest pages are closest to the surface.
-        let finest =
-            index.pages.iter().filter(|(page, own)| page.level == 0 && own.packed_bytes > 0);
-        for (page, _) in finest {
-            let (low, high) = index.index_bounds(*page);
-            let corner = |i: usize| {
-                let high_on = DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2 & 1) as f64);
-                index.world_from_index.transform_point3(low + high_on * (high - low))
-            };
-            let corners = (0..8).map(corner).map(|corner| (corner, corner));
-            bounds = corners.fold(bounds, |all, one| union(all, Some(one)));
-        }
+        bounds = union(bounds, of.bounds());
         let name = Name::new(index.name.clone());
         commands.spawn((OfFiles, name, VdbPagedVolume::new(pages.clone())));
     }

@@ -1,6 +1,9 @@
 //! Errors, transforms, bounds and paths shared by several kinds of assets.
 
-use bevy::asset::AssetPath;
+use std::io;
+
+use bevy::asset::io::Reader;
+use bevy::asset::{AssetPath, AsyncReadExt};
 use bevy::math::{BVec3, DAffine3, DVec3};
 use thiserror::Error;
 use vdb_core::display::escaped;
@@ -91,9 +94,24 @@ pub(crate) fn world_bounds(
     packed: &PackedGrid,
     world_from_index: DAffine3,
 ) -> Option<(DVec3, DVec3)> {
-    let corners = corners(index_bounds(packed)?).map(|at| world_from_index.transform_point3(at));
-    let low = corners.clone().fold(DVec3::INFINITY, DVec3::min);
-    Some((low, corners.fold(DVec3::NEG_INFINITY, DVec3::max)))
+    Some(bounds_of(corners(index_bounds(packed)?).map(|at| world_from_index.transform_point3(at))))
+}
+
+/// The low and the high corner of the box around some points.
+pub(crate) fn bounds_of(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
+    points
+        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)))
+}
+
+/// The bytes of a file, or `most` of them and at least one more.
+pub(crate) async fn read_at_most(reader: &mut dyn Reader, most: u64) -> io::Result<Vec<u8>> {
+    let (mut bytes, mut part) = (Vec::new(), vec![0; 1 << 16]);
+    while bytes.len() as u64 <= most {
+        let count = reader.read(&mut part).await?;
+        let Some(read) = part.get(..count).filter(|read| !read.is_empty()) else { break };
+        bytes.extend_from_slice(read);
+    }
+    Ok(bytes)
 }
 
 /// The path of a file in a folder. Unlike `AssetPath::resolve`, this does not interpret `#` and `..`.

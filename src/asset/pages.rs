@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use bevy::asset::io::Reader;
-use bevy::asset::{Asset, AssetLoader, AssetPath, AsyncReadExt, LoadContext};
+use bevy::asset::{Asset, AssetLoader, AssetPath, LoadContext};
+use bevy::math::DVec3;
 use bevy::prelude::*;
 use thiserror::Error;
 use vdb_core::pages::{EXTENSION, PageId, PageIndex, PageIndexError};
 
-use super::common::within;
+use super::common::{bounds_of, corners, read_at_most, within};
 use crate::VdbLimits;
 
 /// A surface cut into pages, of which only those that cameras need are in memory: what a `.vdbpages`
@@ -32,6 +33,17 @@ impl VdbPages {
     /// What pages there are, and their sizes.
     pub fn index(&self) -> &Arc<PageIndex> {
         &self.index
+    }
+
+    /// The low and the high corner of the box around all pages in the space of the entity that shows
+    /// them; `None` if there is nothing to show. It reaches beyond the surface by up to a page.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        // The finest pages are closest to the surface.
+        let pages = self.index.pages.keys().filter(|id| id.level == 0 && self.index.has_grid(**id));
+        let corners = pages.flat_map(|id| corners(self.index.index_bounds(*id)));
+        let (low, high) =
+            bounds_of(corners.map(|at| self.index.world_from_index.transform_point3(at)));
+        low.cmple(high).all().then_some((low, high))
     }
 
     /// The file of a page.
@@ -70,13 +82,8 @@ impl AssetLoader for VdbPagesLoader {
         load_context: &mut LoadContext<'_>,
     ) -> Result<VdbPages, VdbPagesError> {
         let limits = VdbLimits::default();
-        let (mut bytes, mut part) = (Vec::new(), vec![0; 1 << 16]);
         // What exceeds the limit is refused, and need not be read.
-        while bytes.len() as u64 <= limits.file_bytes {
-            let count = reader.read(&mut part).await?;
-            let Some(read) = part.get(..count).filter(|read| !read.is_empty()) else { break };
-            bytes.extend_from_slice(read);
-        }
+        let bytes = read_at_most(reader, limits.file_bytes).await?;
         let index = PageIndex::read(&bytes, &limits)?;
         let path = load_context.path();
         let parent = path.path().parent().unwrap_or(path.path()).to_owned();

@@ -92,15 +92,14 @@ pub(super) fn displayed(
     is_ready: impl Fn(PageId) -> bool,
     has_failed: impl Fn(PageId) -> bool,
 ) -> Vec<PageId> {
-    let has_grid = |id: PageId| index.pages.get(&id).is_some_and(|entry| entry.packed_bytes > 0);
-    let is_there = |id: PageId| !has_grid(id) || is_ready(id);
+    let is_there = |id: PageId| !index.has_grid(id) || is_ready(id);
     let mut shown = Vec::new();
     let mut stack: Vec<_> = index.roots().collect();
     while let Some(id) = stack.pop() {
         let is_safe = is_there(id) || has_failed(id);
         if refined.contains(&id) && is_safe && index.children(id).all(is_there) {
             stack.extend(index.children(id));
-        } else if has_grid(id) && is_ready(id) {
+        } else if index.has_grid(id) && is_ready(id) {
             shown.push(id);
         }
     }

@@ -190,7 +190,7 @@ fn load(
     let free = (volume.max_loading.max(1) as usize).saturating_sub(loading);
     let index = of.index();
     let is_missing = |id: &&PageId| {
-        has_grid(index, **id) && !memory.pages.contains_key(*id) && !memory.failed.contains(*id)
+        index.has_grid(**id) && !memory.pages.contains_key(*id) && !memory.failed.contains(*id)
     };
     let missing: Vec<_> = selection.wanted.iter().filter(is_missing).copied().take(free).collect();
     make_room(memory, volume.max_bytes, commands);
@@ -207,7 +207,7 @@ fn load(
     }
 }
 
-/// Drops pages that are not needed until the others take at most so many bytes.
+/// Evicts pages that no camera needs until the rest take at most `max_bytes`, or none is left to evict.
 fn make_room(memory: &mut PagesInMemory, max_bytes: u64, commands: &mut Commands) {
     let mut bytes = memory.bytes();
     while bytes > max_bytes
@@ -217,11 +217,6 @@ fn make_room(memory: &mut PagesInMemory, max_bytes: u64, commands: &mut Commands
         bytes -= page.bytes;
         despawn(&page, commands);
     }
-}
-
-/// Whether a page has something to show at its own level.
-fn has_grid(index: &PageIndex, id: PageId) -> bool {
-    index.pages.get(&id).is_some_and(|entry| entry.packed_bytes > 0)
 }
 
 /// Hides and unhides pages.
@@ -248,9 +243,9 @@ fn status_of(
     index: &PageIndex,
     displayed: usize,
 ) -> VdbPagesStatus {
-    let has_grid = |id: &PageId| index.pages.get(id).is_some_and(|entry| entry.packed_bytes > 0);
-    let is_missing =
-        |id: &&PageId| has_grid(id) && !memory.is_ready(**id) && !memory.failed.contains(*id);
+    let is_missing = |id: &&PageId| {
+        index.has_grid(**id) && !memory.is_ready(**id) && !memory.failed.contains(*id)
+    };
     let missing = selection.wanted.iter().filter(is_missing).count() as u32;
     VdbPagesStatus {
         displayed: displayed as u32,

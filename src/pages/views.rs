@@ -30,16 +30,7 @@ pub(super) struct Placed<'a> {
 
 impl<'a> Placed<'a> {
     pub fn new(index: &'a PageIndex, at: &GlobalTransform) -> Self {
-        let at = at.affine();
-        let local = DAffine3 {
-            matrix3: bevy::math::DMat3::from_cols(
-                at.matrix3.x_axis.as_dvec3(),
-                at.matrix3.y_axis.as_dvec3(),
-                at.matrix3.z_axis.as_dvec3(),
-            ),
-            translation: at.translation.as_dvec3(),
-        };
-        let world_from_index = local * index.world_from_index;
+        let world_from_index = at.affine().as_daffine3() * index.world_from_index;
         let axes = world_from_index.matrix3;
         let voxel = [axes.x_axis, axes.y_axis, axes.z_axis].map(DVec3::length);
         Self {

@@ -191,7 +191,7 @@ fn enter_at(mirrored: MirroredRay, t_start: f32) -> Dda {
         return enter(mirrored);
     }
     let inside = mirrored.meets && t_start <= mirrored.t_max && all(rel <= mirrored.last);
-    // Confirmed later; here, it only matters whether the ray begins inside the box.
+    // The face is confirmed later. Here, it only matters whether the ray begins inside the box.
     let axis = select(0u, 3u, all(mirrored.begin >= mirrored.first));
     return Dda(rel, t_start, axis, inside);
 }

@@ -15,7 +15,7 @@
 #import bevy_vdb::gpu::bindings::word_at
 #import bevy_vdb::traversal::samples::{record_of, stored_pair, trilinear_gradient}
 #import bevy_vdb::traversal::smooth::SurfaceHit
-#import bevy_vdb::traversal::tree::{CHILD, LEAF_NUMBER, LOWER_BITS, has_block, locate_slot, lower_slot}
+#import bevy_vdb::traversal::tree::{CHILD, LEAF_NUMBER, LOWER_BITS, covers, has_block, locate_slot, lower_slot}
 
 // The cell beside that of a hit, along an axis, from which its derivative is interpolated.
 struct Beside {
@@ -45,11 +45,8 @@ fn beside(cell: vec3<i32>, step: vec3<i32>, low: vec4<f32>, high: vec4<f32>, t: 
 
 // The word of the slot around a cell beside that of a hit, and the head of its lower node.
 fn slot_beside(grid: Grid, hit: SurfaceHit, beside: Beside) -> vec2<u32> {
-    // Tests the extent of the top-level tree, not the box that rays are clipped to, because a page also stores the
-    // cells around that box.
-    let at = (beside.cell >> vec3(LOWER_BITS)) - grid.top_origin;
-    let is_outside = ((at.x | at.y | at.z) >> (2u * grid.top_levels)) != 0;
-    if is_outside || beside.weight == 0.0 {
+    // Not whether it is in the box that rays are clipped to, because a page also stores the cells around that box.
+    if !covers(grid, beside.cell) || beside.weight == 0.0 {
         return vec2(0u);
     }
     var accessor = hit.accessor;

@@ -54,9 +54,21 @@ fn lower_slot(cell: vec3<i32>) -> u32 {
     return (c.x << 8u) | (c.y << 4u) | c.z;
 }
 
+// The place of a local cell's lower node in the top-level tree.
+fn top_place(grid: Grid, cell: vec3<i32>) -> vec3<i32> {
+    return (cell >> vec3(LOWER_BITS)) - grid.top_origin;
+}
+
+// Whether the top-level tree covers a local cell, so that it can be looked up. Rays do not ask, because their box is
+// covered.
+fn covers(grid: Grid, cell: vec3<i32>) -> bool {
+    let at = top_place(grid, cell);
+    return ((at.x | at.y | at.z) >> (2u * grid.top_levels)) == 0;
+}
+
 // The word of the top-level tree that covers a local cell, and its level.
 fn find_top(grid: Grid, cell: vec3<i32>) -> vec2<u32> {
-    let at = (cell >> vec3(LOWER_BITS)) - grid.top_origin;
+    let at = top_place(grid, cell);
     var level = grid.top_levels - 1u;
     var found = word_at(grid.top + top_slot(at, level));
     while (found & CHILD) != 0u && level > 0u {

@@ -94,6 +94,16 @@ pub struct Place {
     pub offset: Option<u64>,
 }
 
+impl Place {
+    /// What is wrong, after the offset of the byte where it is.
+    pub(crate) fn at_byte(&self, what: &str) -> String {
+        match self.offset {
+            Some(offset) => format!("byte {offset}: {what}"),
+            None => what.to_owned(),
+        }
+    }
+}
+
 impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut separator = "";

@@ -3,10 +3,10 @@
 use std::sync::{Arc, Weak};
 
 use bevy::asset::io::Reader;
-use bevy::asset::{AssetLoader, AssetPath, AssetServer, AsyncReadExt, LoadContext};
+use bevy::asset::{AssetLoader, AssetPath, AssetServer, LoadContext};
 use bevy::prelude::*;
 
-use super::super::common::within;
+use super::super::common::{read_at_most, within};
 use super::error::VdbSequenceError;
 use super::frames::{VdbFrame, VdbSequence};
 use super::list::matching;
@@ -76,16 +76,10 @@ impl AssetLoader for VdbSequenceLoader {
 
 /// The text of a file.
 async fn text(reader: &mut dyn Reader) -> Result<String, VdbSequenceError> {
-    let mut bytes = Vec::new();
-    let mut part = [0; 4096];
-    loop {
-        let count = reader.read(&mut part).await;
-        let count = count.map_err(|error| VdbSequenceError::Read(error.to_string()))?;
-        let Some(read) = part.get(..count).filter(|read| !read.is_empty()) else { break };
-        bytes.extend_from_slice(read);
-        if bytes.len() > MOST_BYTES {
-            return Err(VdbSequenceError::Size(MOST_BYTES));
-        }
+    let bytes = read_at_most(reader, MOST_BYTES as u64).await;
+    let bytes = bytes.map_err(|error| VdbSequenceError::Read(error.to_string()))?;
+    if bytes.len() > MOST_BYTES {
+        return Err(VdbSequenceError::Size(MOST_BYTES));
     }
     String::from_utf8(bytes).map_err(|_| VdbSequenceError::Text)
 }

@@ -132,8 +132,8 @@ impl Leaves<'_> {
     }
 }
 
-/// Whether so many bytes can be those of a grid's leaves. Bricks of zeros might be coded in fewer,
-/// but small files shall not take much memory.
+/// Whether a number of bytes is enough for a grid's leaves. Bricks of zeros could be coded in fewer
+/// bytes, but a small file must not be able to claim much memory.
 pub(super) fn can_hold<T: Sample>(bytes: usize, outline: &Outline) -> bool {
     let each = 4 * (outline.brick_words() + LEAF_MASK_WORDS) + T::FACE_BYTES;
     u64::from(outline.leaves) * each as u64 <= MOST_RATIO as u64 * bytes as u64

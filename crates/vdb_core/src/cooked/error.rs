@@ -83,8 +83,7 @@ impl From<crate::Error> for CookedError {
                 Self::LimitExceeded { what, name, limit }
             }
             crate::Error::Invalid { what, place } | crate::Error::NotSupported { what, place } => {
-                let at = place.offset.map(|offset| format!("byte {offset}: ")).unwrap_or_default();
-                Self::damaged(format!("{at}{what}"))
+                Self::damaged(place.at_byte(&what))
             }
             error => Self::Io(error.to_string()),
         }

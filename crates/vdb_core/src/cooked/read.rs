@@ -6,7 +6,7 @@ use super::counts::{Counts, LENGTH_WORDS};
 use super::error::CookedError;
 use super::grid::{CookedFile, CookedGrid, base_name};
 use super::head::{self, Head};
-use super::signature::{CHECKED_FROM, MAGIC, VERSION, checksum};
+use super::signature::{BadHead, MAGIC, VERSION, checked_bytes};
 use super::steps::Steps;
 use super::words::{Packed, from_le_bytes};
 use crate::format::budget::Budget;
@@ -42,7 +42,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<CookedFile, Co
         let limit = limits.file_bytes;
         return Err(CookedError::LimitExceeded { what, name: "file_bytes", limit });
     }
-    let mut cursor = checked_bytes(bytes)?;
+    let mut cursor = checked_bytes(bytes, (MAGIC, VERSION), refused)?;
     let mut budget = Budget::new(limits);
     let metadata = metadata::read(&mut cursor, &mut budget)?;
     let count = cursor.u32()?;
@@ -94,21 +94,12 @@ fn selected<'a>(
     Ok(parts.into_iter().filter(|parts| names.iter().any(|name| is(parts, name))).collect())
 }
 
-/// The bytes after the checksum, if it is that of the bytes.
-fn checked_bytes(bytes: &[u8]) -> Result<Cursor<'_>, CookedError> {
-    let mut cursor = Cursor::new(bytes);
-    if !matches!(cursor.array(), Ok(MAGIC)) {
-        return Err(CookedError::NotCooked);
+fn refused(head: BadHead) -> CookedError {
+    match head {
+        BadHead::Foreign => CookedError::NotCooked,
+        BadHead::Version(found) => CookedError::Version { found, read: VERSION },
+        BadHead::Checksum => CookedError::damaged("the checksum is wrong"),
     }
-    let found = cursor.u32()?;
-    if found != VERSION {
-        return Err(CookedError::Version { found, read: VERSION });
-    }
-    let sum = cursor.u32()?;
-    if bytes.get(CHECKED_FROM..).map(checksum) != Some(sum) {
-        return Err(CookedError::damaged("the checksum is wrong"));
-    }
-    Ok(cursor)
 }
 
 impl<'a> Parts<'a> {

@@ -1,11 +1,13 @@
-//! What cooked files are recognised by.
+//! What cooked files are recognised by, and indices of their pages.
+
+use crate::format::cursor::Cursor;
 
 /// The first bytes of a file; the last four show whether a transfer has changed line ends.
 pub(crate) const MAGIC: [u8; 8] = *b"VDBC\r\n\x1a\n";
 /// The version of the format, the only one that can be read.
 pub const VERSION: u32 = 2;
 /// The first byte that the checksum covers.
-pub(super) const CHECKED_FROM: usize = 16;
+pub(crate) const CHECKED_FROM: usize = 16;
 
 /// The extension of cooked files.
 pub const EXTENSION: &str = "vdbc";
@@ -16,4 +18,35 @@ pub fn checksum(bytes: &[u8]) -> u32 {
     let mut crc = flate2::Crc::new();
     crc.update(bytes);
     crc.sum()
+}
+
+/// Why the head of a file is refused.
+pub(crate) enum BadHead {
+    /// The file is of another format.
+    Foreign,
+    /// It is of this version of the format.
+    Version(u32),
+    /// Its bytes are not those that were written.
+    Checksum,
+}
+
+/// The bytes after the checksum, if it is that of the bytes.
+pub(crate) fn checked_bytes<E: From<crate::Error>>(
+    bytes: &[u8],
+    (magic, version): ([u8; 8], u32),
+    refused: impl Fn(BadHead) -> E,
+) -> Result<Cursor<'_>, E> {
+    let mut cursor = Cursor::new(bytes);
+    if !matches!(cursor.array(), Ok(found) if found == magic) {
+        return Err(refused(BadHead::Foreign));
+    }
+    let found = cursor.u32()?;
+    if found != version {
+        return Err(refused(BadHead::Version(found)));
+    }
+    let sum = cursor.u32()?;
+    if bytes.get(CHECKED_FROM..).map(checksum) != Some(sum) {
+        return Err(refused(BadHead::Checksum));
+    }
+    Ok(cursor)
 }

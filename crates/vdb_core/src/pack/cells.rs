@@ -42,10 +42,7 @@ impl Span {
 /// top-level tree.
 fn find_top(grid: &PackedGrid, cell: IVec3) -> Option<(u32, u32)> {
     let header = grid.header(0);
-    let at = (cell >> LOWER_BITS as i32) - IVec3::from_array(header.top_origin);
-    if (at.x | at.y | at.z) >> (2 * header.top_levels) != 0 {
-        return None;
-    }
+    let at = grid.top_place(cell)?;
     let mut level = header.top_levels - 1;
     let mut node = header.top as usize;
     loop {

@@ -62,8 +62,13 @@ impl PackedGrid {
 
     /// Whether the top-level tree covers a local cell, so that it can be looked up.
     pub(crate) fn covers(&self, local: IVec3) -> bool {
+        self.top_place(local).is_some()
+    }
+
+    /// The place of a local cell's lower node in the top-level tree; `None` outside of it.
+    pub(super) fn top_place(&self, local: IVec3) -> Option<IVec3> {
         let at = (local >> LOWER_BITS as i32) - IVec3::from_array(self.header.top_origin);
-        (at.x | at.y | at.z) >> (2 * self.header.top_levels) == 0
+        ((at.x | at.y | at.z) >> (2 * self.header.top_levels) == 0).then_some(at)
     }
 
     /// A copy without words, with everything except what traversal needs.

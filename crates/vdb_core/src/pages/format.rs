@@ -10,7 +10,7 @@ use super::error::PageIndexError;
 use super::id::PageId;
 use super::index::{PageEntry, PageIndex};
 use crate::cooked::checksum;
-use crate::format::cursor::Cursor;
+use crate::cooked::signature::{BadHead, CHECKED_FROM, checked_bytes};
 use crate::format::save::save_bytes;
 use crate::format::transform;
 use crate::pack::PackKind;
@@ -20,8 +20,6 @@ use crate::{Limits, Transform};
 const MAGIC: [u8; 8] = *b"VDBP\r\n\x1a\n";
 /// The version of the format.
 const VERSION: u32 = 1;
-/// The first byte that the checksum covers.
-const CHECKED_FROM: usize = 16;
 /// Bytes of an entry.
 const ENTRY: usize = 32;
 /// The VDB file version whose encoding of transforms the index uses.
@@ -125,7 +123,7 @@ fn read(bytes: &[u8], limits: &Limits) -> Result<PageIndex, PageIndexError> {
         let limit = limits.file_bytes;
         return Err(PageIndexError::LimitExceeded { what, name: "file_bytes", limit });
     }
-    let mut cursor = checked_bytes(bytes)?;
+    let mut cursor = checked_bytes(bytes, (MAGIC, VERSION), refused)?;
     let name = cursor.string(limits)?;
     let (kind, iso) = (cursor.u32()?, f32::from_bits(cursor.u32()?));
     let kind = match kind {
@@ -165,19 +163,12 @@ fn read(bytes: &[u8], limits: &Limits) -> Result<PageIndex, PageIndexError> {
     Ok(index)
 }
 
-/// The bytes after the checksum, if it is that of the bytes.
-fn checked_bytes(bytes: &[u8]) -> Result<Cursor<'_>, PageIndexError> {
-    let mut cursor = Cursor::new(bytes);
-    if !matches!(cursor.array(), Ok(MAGIC)) {
-        return Err(PageIndexError::NotPages);
+fn refused(head: BadHead) -> PageIndexError {
+    match head {
+        BadHead::Foreign => PageIndexError::NotPages,
+        BadHead::Version(found) => PageIndexError::Version { found, read: VERSION },
+        BadHead::Checksum => PageIndexError::damaged("the checksum is wrong"),
     }
-    let found = cursor.u32()?;
-    if found != VERSION {
-        return Err(PageIndexError::Version { found, read: VERSION });
-    }
-    let sum = cursor.u32()?;
-    require(bytes.get(CHECKED_FROM..).map(checksum) == Some(sum), "the checksum is wrong")?;
-    Ok(cursor)
 }
 
 /// Checks a page and its sizes.

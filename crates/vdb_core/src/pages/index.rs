@@ -51,6 +51,11 @@ impl PageIndex {
         children.into_iter().flatten().filter(|child| self.pages.contains_key(child))
     }
 
+    /// Whether a page has something to show at its own level, and therefore a file.
+    pub fn has_grid(&self, id: PageId) -> bool {
+        self.pages.get(&id).is_some_and(|entry| entry.packed_bytes > 0)
+    }
+
     /// The low and the high corner of a page in index space of the finest level. Pages of all levels
     /// share their planes: a page is exactly the union of its children.
     pub fn index_bounds(&self, id: PageId) -> (DVec3, DVec3) {

@@ -1,4 +1,4 @@
-//! What pages are cut from.
+//! Sources of pages.
 
 use glam::{DAffine3, IVec3};
 

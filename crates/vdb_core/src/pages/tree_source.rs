@@ -5,11 +5,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::{DAffine3, IVec3};
 
-use super::clip::clipped;
 use super::error::PagesError;
 use super::format::MOST_LEVELS;
 use super::source::PageSource;
 use crate::pack::PackKind;
+use crate::tools::voxels_within;
 use crate::tree::{
     Coarsening, CoordBox, InternalNode, LeafNode, LevelOptions, Node, RootEntry, Slot, Vdb543,
     half_resolution, voxel_in_distances,
@@ -135,7 +135,7 @@ impl PageSource for TreeSource {
     }
 
     fn samples(&self, level: u32, bounds: CoordBox) -> Result<Vdb543<f32>, Error> {
-        Ok(clipped(&*self.level(level)?, bounds))
+        Ok(voxels_within(&*self.level(level)?, bounds))
     }
 }
 

@@ -73,17 +73,37 @@ pub fn crop(grid: &Grid, options: &Crop) -> Result<Grid, ToolError> {
     }
     let steps = with_tree!(&grid.tree, tree => tree.entries().len()) * Upper::<Leaf>::SIZE;
     let work = Work::new(options.progress.as_ref(), steps as u64, options.limits.tree_bytes);
-    let cropping = Cropping { bounds, work: &work, done: AtomicU64::new(0) };
+    let cropping = Cropping { area: bounds, work: &work, done: AtomicU64::new(0) };
     macro_rules! cropped {
         ($($kind:ident),*) => {
             match &grid.tree {
-                $(AnyTree::$kind(tree) => AnyTree::$kind(cropping.tree(tree).map_err(stopped)?.into()),)*
+                $(AnyTree::$kind(tree) => {
+                    let cropped = cropping.tree(tree, tree.entries()).map_err(stopped)?;
+                    AnyTree::$kind(cropped.into())
+                })*
             }
         };
     }
     let tree = cropped!(Float, Double, Int32, Int64, Bool, Mask, Vec3s, Vec3d, Vec3i);
     work.finish().map_err(stopped)?;
     Ok(with_any_tree(grid, tree))
+}
+
+/// The voxels of a tree in a box of index space, and the inactive background outside. The time is
+/// proportional to what the box touches.
+pub(crate) fn voxels_within(tree: &Vdb543<f32>, bounds: CoordBox) -> Vdb543<f32> {
+    let work = Work::new(None, 0, u64::MAX);
+    let cropping = Cropping { area: bounds, work: &work, done: AtomicU64::new(0) };
+    let entries = tree.entries_between(bounds.min.x, bounds.max.x);
+    // Nothing stops work without a callback and a limit.
+    cropping.tree(tree, entries).unwrap_or_else(|_| Tree::new(tree.background()))
+}
+
+/// Voxels that a tree is cropped to.
+trait Area: Sync {
+    fn contains(&self, ijk: IVec3) -> bool;
+
+    fn part(&self, cube: CoordBox) -> Part;
 }
 
 /// A box in world space, and where voxels are.
@@ -93,14 +113,14 @@ struct Bounds {
     world_from_index: DAffine3,
 }
 
-/// Which voxels of a cube are in a box.
+/// Which voxels of a cube are in an area.
 enum Part {
     All,
     None,
     Some,
 }
 
-impl Bounds {
+impl Area for Bounds {
     fn contains(&self, ijk: IVec3) -> bool {
         let p = self.world_from_index.transform_point3(ijk.as_dvec3());
         self.low.cmple(p).all() && p.cmple(self.high).all()
@@ -122,7 +142,23 @@ impl Bounds {
             () => Part::Some,
         }
     }
+}
 
+impl Area for CoordBox {
+    fn contains(&self, ijk: IVec3) -> bool {
+        CoordBox::contains(self, ijk)
+    }
+
+    fn part(&self, cube: CoordBox) -> Part {
+        match self.intersection(cube) {
+            None => Part::None,
+            Some(inside) if inside == cube => Part::All,
+            Some(_) => Part::Some,
+        }
+    }
+}
+
+impl Bounds {
     /// The distance to the box in world units, negative inside.
     fn distance(&self, p: DVec3) -> f64 {
         let outside = (self.low - p).max(p - self.high);
@@ -187,19 +223,24 @@ impl Formula for Cut<'_> {
     }
 }
 
-/// The voxels of a tree that are in a box.
-struct Cropping<'a> {
-    bounds: Bounds,
+/// The voxels of a tree that are in an area.
+struct Cropping<'a, A> {
+    area: A,
     work: &'a Work<'a>,
     /// Slots of root children that are done.
     done: AtomicU64,
 }
 
-impl Cropping<'_> {
-    fn tree<L: Node<Leaf = L>>(&self, tree: &Tree<Upper<L>>) -> Result<Tree<Upper<L>>, Stop> {
+impl<A: Area> Cropping<'_, A> {
+    /// Those of some entries of the root.
+    fn tree<'t, L: Node<Leaf = L> + 't>(
+        &self,
+        tree: &Tree<Upper<L>>,
+        entries: impl Iterator<Item = (IVec3, &'t RootEntry<Upper<L>>)>,
+    ) -> Result<Tree<Upper<L>>, Stop> {
         let outside = tree.background();
         let mut cropped = Tree::new(outside);
-        for (i, (origin, entry)) in tree.entries().enumerate() {
+        for (i, (origin, entry)) in entries.enumerate() {
             self.done.store((i * Upper::<L>::SIZE) as u64, Ordering::Relaxed);
             let slot = match entry {
                 RootEntry::Child(child) => Slot::Child(&**child),
@@ -253,7 +294,7 @@ impl Cropping<'_> {
         outside: N::Value,
         node: &impl Fn(&N) -> Result<Built<N>, Stop>,
     ) -> Result<Built<N>, Stop> {
-        let part = self.bounds.part(CoordBox::cube(origin, N::TOTAL_LOG2_DIM));
+        let part = self.area.part(CoordBox::cube(origin, N::TOTAL_LOG2_DIM));
         match (part, slot) {
             (Part::None, _) => Ok(Built::Tile(outside, false)),
             (Part::All, Slot::Child(child)) => {
@@ -280,10 +321,46 @@ impl Cropping<'_> {
         let mut cropped = Box::new(leaf.clone());
         for slot in 0..L::SIZE {
             let ijk = leaf.origin() + L::slot_offset(slot);
-            if !self.bounds.contains(ijk) {
+            if !self.area.contains(ijk) {
                 cropped.set(ijk, outside, false);
             }
         }
         cropped
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::synth::{Random, level_set};
+
+    #[test]
+    fn voxels_in_the_box_stay_and_others_are_the_background() {
+        let center = DVec3::new(3.0, -120.5, 8.25);
+        let mut tree = level_set::sphere(center, 40.0);
+        tree.insert_tile(IVec3::splat(8192), -3.0, false);
+        let boxes = [
+            CoordBox { min: IVec3::new(-20, -129, 0), max: IVec3::new(30, -100, 127) },
+            CoordBox { min: IVec3::splat(8000), max: IVec3::splat(8200) },
+            CoordBox { min: IVec3::MIN, max: IVec3::MAX },
+            CoordBox { min: IVec3::splat(500), max: IVec3::splat(600) },
+        ];
+        let mut random = Random::new(7);
+        for bounds in boxes {
+            let part = voxels_within(&tree, bounds);
+            for origin in [center.as_ivec3(), IVec3::splat(8192)] {
+                for _ in 0..20_000 {
+                    let mut near = || random.below(140) as i32 - 70;
+                    let ijk = origin + IVec3::new(near(), near(), near());
+                    let expected = match bounds.contains(ijk) {
+                        true => tree.probe(ijk),
+                        false => (tree.background(), false),
+                    };
+                    assert_eq!(part.probe(ijk), expected, "{ijk} of {bounds:?}");
+                }
+            }
+        }
     }
 }

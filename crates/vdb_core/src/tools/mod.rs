@@ -35,6 +35,7 @@ mod smooth;
 mod to_mesh;
 
 pub use compose::{Composition, compose};
+pub(crate) use crop::voxels_within;
 pub use crop::{Crop, crop};
 pub use csg::{CsgOperation, csg};
 pub use error::ToolError;
