@@ -83,11 +83,12 @@ pub use quality::{
 };
 pub use render::{VdbGpuUsage, VdbMaterialPlugin, VdbReloadShaders, VdbSystems};
 pub use scene::{
-    VdbCamera, VdbColorGrid, VdbEmission, VdbEmissionLight, VdbFrameBlend, VdbFrameCache,
-    VdbFrameCacheUsage, VdbFrameFailed, VdbLateFrames, VdbMaterial, VdbMaterialExtension,
-    VdbOverlays, VdbPlayer, VdbPlayerFinished, VdbPlayerStatus, VdbPlayerSystems, VdbRamp,
-    VdbRampStop, VdbRayCastSettings, VdbRayHit, VdbRayVisibility, VdbRenderMode, VdbRoles,
-    VdbSpatialQuery, VdbSun, VdbTraversal, VdbVelocity, VdbVolume, VdbVolumeDrawn, VdbVolumeState,
+    VdbCamera, VdbClipPlane, VdbClippedBy, VdbColorGrid, VdbEmission, VdbEmissionLight,
+    VdbFrameBlend, VdbFrameCache, VdbFrameCacheUsage, VdbFrameFailed, VdbLateFrames, VdbMaterial,
+    VdbMaterialExtension, VdbOverlays, VdbPlayer, VdbPlayerFinished, VdbPlayerStatus,
+    VdbPlayerSystems, VdbRamp, VdbRampStop, VdbRayCastSettings, VdbRayHit, VdbRayVisibility,
+    VdbRenderMode, VdbRoles, VdbSpatialQuery, VdbSun, VdbTraversal, VdbVelocity, VdbVolume,
+    VdbVolumeDrawn, VdbVolumeState,
 };
 #[cfg(feature = "picking")]
 pub use scene::{VdbPickingPlugin, VdbPickingSettings};

@@ -1,14 +1,15 @@
 //! The items that most games need: `use bevy_vdb::prelude::*;`
 
 pub use crate::{
-    VdbAssetServerExt, VdbCamera, VdbColorGrid, VdbCooker, VdbDiagnostics, VdbDial, VdbEmission,
-    VdbEmissionLight, VdbFile, VdbFrame, VdbFrameBlend, VdbFrameCache, VdbFrameCacheUsage,
-    VdbFrameFailed, VdbGrid, VdbLateFrames, VdbLoadProgress, VdbLoaderSettings, VdbMaterial,
-    VdbMaterialExtension, VdbMaterialPlugin, VdbOverlays, VdbPagedVolume, VdbPages, VdbPagesStatus,
-    VdbPlayer, VdbPlayerFinished, VdbPlayerStatus, VdbPlugins, VdbQuality, VdbRamp, VdbRampStop,
-    VdbRayCastSettings, VdbRayHit, VdbRenderAs, VdbRenderMode, VdbRenderPlugin, VdbRepeat,
-    VdbSequence, VdbSpatialQuery, VdbSun, VdbTraversal, VdbValues, VdbVectorGrid, VdbVelocity,
-    VdbVolume, VdbVolumeDrawn, VdbVolumeQuality, VdbVolumeState, VdbVoxel,
+    VdbAssetServerExt, VdbCamera, VdbClipPlane, VdbClippedBy, VdbColorGrid, VdbCooker,
+    VdbDiagnostics, VdbDial, VdbEmission, VdbEmissionLight, VdbFile, VdbFrame, VdbFrameBlend,
+    VdbFrameCache, VdbFrameCacheUsage, VdbFrameFailed, VdbGrid, VdbLateFrames, VdbLoadProgress,
+    VdbLoaderSettings, VdbMaterial, VdbMaterialExtension, VdbMaterialPlugin, VdbOverlays,
+    VdbPagedVolume, VdbPages, VdbPagesStatus, VdbPlayer, VdbPlayerFinished, VdbPlayerStatus,
+    VdbPlugins, VdbQuality, VdbRamp, VdbRampStop, VdbRayCastSettings, VdbRayHit, VdbRenderAs,
+    VdbRenderMode, VdbRenderPlugin, VdbRepeat, VdbSequence, VdbSpatialQuery, VdbSun, VdbTraversal,
+    VdbValues, VdbVectorGrid, VdbVelocity, VdbVolume, VdbVolumeDrawn, VdbVolumeQuality,
+    VdbVolumeState, VdbVoxel,
 };
 pub use crate::{VdbFeatureCosts, VdbMeasureFeatures};
 #[cfg(feature = "picking")]

@@ -57,6 +57,7 @@ bitflags! {
         const RECT_LIGHTS = 1 << 45;
         const FIRE_LIGHTS = 1 << 46;
         const LEVELS = 1 << 47;
+        const CLIPPED = 1 << 48;
     }
 }
 
@@ -105,7 +106,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 48] = [
+pub(crate) const FEATURES: [Feature; 49] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -343,6 +344,7 @@ pub(crate) const FEATURES: [Feature; 48] = [
         "VdbQuality::detail is more than 0, and a surface reaches from near to far",
     )
     .without(|_, quality| quality.detail = 0.0),
+    row(Features::CLIPPED, &["VDB_CLIP"], "clip planes", "a volume has a VdbClippedBy"),
 ];
 
 impl Features {

@@ -1,6 +1,7 @@
 //! Volumes as entities: their components, bounds and states, players of sequences, and ray casts on the CPU.
 
 mod bounds;
+mod clip;
 mod components;
 mod emission;
 mod emission_light;
@@ -19,6 +20,8 @@ use bevy::asset::{AssetEventSystems, AssetTrackingSystems};
 use bevy::camera::visibility::VisibilitySystems;
 use bevy::prelude::*;
 
+pub(crate) use clip::ClipPlane;
+pub use clip::{VdbClipPlane, VdbClippedBy};
 pub(crate) use components::Page;
 pub use components::{
     VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSun, VdbTraversal, VdbVolume,
@@ -51,6 +54,8 @@ impl Plugin for ScenePlugin {
             .register_type::<VdbColorGrid>()
             .register_type::<VdbEmission>()
             .register_type::<VdbRamp>()
+            .register_type::<VdbClipPlane>()
+            .register_type::<VdbClippedBy>()
             .register_type::<VdbVelocity>()
             .register_type::<VdbCamera>()
             .register_type::<VdbSun>()

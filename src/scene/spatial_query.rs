@@ -3,11 +3,13 @@
 use bevy::ecs::system::SystemParam;
 use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
+use vdb_core::pack::PackKind;
 use vdb_core::query::{GridQuery, IndexRay};
 
+use super::clip::{ClipPlane, ClippedPart};
 use super::components::Page;
 use super::player::NextFrame;
-use crate::{VdbGrid, VdbMaterial, VdbVolume};
+use crate::{VdbClipPlane, VdbClippedBy, VdbGrid, VdbMaterial, VdbVolume};
 
 /// Casts rays against [`VdbVolume`]s and samples their values. Hits agree with the rendered image:
 /// the visible voxel and face, the root of the trilinear interpolant on a smooth surface, or the
@@ -48,10 +50,12 @@ pub struct VdbSpatialQuery<'w, 's> {
             &'static InheritedVisibility,
             &'static ViewVisibility,
             Has<Page>,
+            Option<&'static VdbClippedBy>,
         ),
         // What fades in belongs to the frame that is shown.
         Without<NextFrame>,
     >,
+    planes: Query<'w, 's, &'static GlobalTransform, With<VdbClipPlane>>,
 }
 
 /// A hit: see [`VdbSpatialQuery::cast_ray`].
@@ -63,7 +67,8 @@ pub struct VdbRayHit {
     pub position: Vec3,
     /// The outward unit normal, in world space: of the voxel face through which the ray enters, or
     /// along the trilinear gradient of a smooth surface or fog (shading may use a different normal,
-    /// see [`VdbQuality::smooth_normals`](crate::VdbQuality::smooth_normals)). Where there is no
+    /// see [`VdbQuality::smooth_normals`](crate::VdbQuality::smooth_normals)), or of the
+    /// [`VdbClipPlane`](crate::VdbClipPlane) that cuts the volume open there. Where there is no
     /// normal, because the ray begins in a voxel or the gradient is zero, the direction opposite to
     /// the ray.
     pub normal: Vec3,
@@ -153,7 +158,7 @@ impl VdbSpatialQuery<'_, '_> {
     ) -> impl Iterator<Item = impl Fn(f32) -> Option<VdbRayHit>> {
         self.volumes
             .iter()
-            .filter(|(entity, .., inherited, in_view, is_page)| {
+            .filter(|(entity, .., inherited, in_view, is_page, _)| {
                 let visible = match settings.visibility {
                     VdbRayVisibility::Any => !is_page || inherited.get(),
                     VdbRayVisibility::Visible => inherited.get(),
@@ -161,8 +166,9 @@ impl VdbSpatialQuery<'_, '_> {
                 };
                 visible && (settings.filter)(*entity)
             })
-            .filter_map(move |(entity, volume, material, transform, ..)| {
-                let placed = Placed::new(self.grids.get(&volume.0)?, transform)?;
+            .filter_map(move |(entity, volume, material, transform, .., by)| {
+                let planes = self.planes(by);
+                let placed = Placed::new(self.grids.get(&volume.0)?, transform, planes)?;
                 // Infinite where the fog has no extinction.
                 let enough =
                     f64::from(settings.optical_depth) / f64::from(material.density_scale.max(0.0));
@@ -185,9 +191,12 @@ impl VdbSpatialQuery<'_, '_> {
     }
 
     /// Whether a point in world space is in a solid voxel, inside a smooth surface, or in fog;
-    /// `false` if the entity shows no grid.
+    /// `false` if the entity shows no grid, or if a clip plane cuts the point away.
     pub fn contains(&self, entity: Entity, place: Vec3) -> bool {
-        self.placed(entity).is_some_and(|placed| placed.query().contains(placed.index(place)))
+        self.placed(entity).is_some_and(|placed| {
+            let is_kept = |plane: &ClipPlane| plane.distance(place.as_dvec3()) >= 0.0;
+            placed.planes.iter().all(is_kept) && placed.query().contains(placed.index(place))
+        })
     }
 
     /// The transform from the index space of an entity's grid, whose voxel `ijk` is the unit cube
@@ -197,8 +206,15 @@ impl VdbSpatialQuery<'_, '_> {
     }
 
     fn placed(&self, entity: Entity) -> Option<Placed<'_>> {
-        let (_, volume, _, transform, ..) = self.volumes.get(entity).ok()?;
-        Placed::new(self.grids.get(&volume.0)?, transform)
+        let (_, volume, _, transform, .., by) = self.volumes.get(entity).ok()?;
+        Placed::new(self.grids.get(&volume.0)?, transform, self.planes(by))
+    }
+
+    /// The planes that cut a volume.
+    fn planes(&self, by: Option<&VdbClippedBy>) -> Vec<ClipPlane> {
+        let entities = by.into_iter().flat_map(|by| &by.0);
+        let transforms = entities.filter_map(|plane| self.planes.get(*plane).ok());
+        transforms.filter_map(ClipPlane::new).collect()
     }
 }
 
@@ -207,13 +223,19 @@ struct Placed<'a> {
     grid: &'a VdbGrid,
     world_from_index: DAffine3,
     index_from_world: DAffine3,
+    planes: Vec<ClipPlane>,
 }
 
 impl<'a> Placed<'a> {
-    fn new(grid: &'a VdbGrid, transform: &GlobalTransform) -> Option<Self> {
+    fn new(grid: &'a VdbGrid, transform: &GlobalTransform, planes: Vec<ClipPlane>) -> Option<Self> {
         let world_from_index = transform.affine().as_daffine3() * grid.world_from_index();
         let index_from_world = world_from_index.inverse();
-        index_from_world.is_finite().then_some(Self { grid, world_from_index, index_from_world })
+        index_from_world.is_finite().then_some(Self {
+            grid,
+            world_from_index,
+            index_from_world,
+            planes,
+        })
     }
 
     fn query(&self) -> GridQuery<'a> {
@@ -229,24 +251,34 @@ impl<'a> Placed<'a> {
 
     fn cast(&self, entity: Entity, ray: Ray3d, most: f32, enough: f64) -> Option<VdbRayHit> {
         let (origin, dir) = (ray.origin.as_dvec3(), ray.direction.as_dvec3().normalize());
-        let index_ray = IndexRay {
-            origin: self.index_from_world.transform_point3(origin),
-            dir: self.index_from_world.transform_vector3(dir),
-            t_max: most.into(),
-        };
-        let hit = self.query().first_hit(&index_ray, enough)?;
-        let normal = self.index_from_world.matrix3.transpose() * hit.normal;
-        Some(VdbRayHit {
+        let part = ClippedPart::new(self.planes.iter().copied(), (origin, dir, most.into()))?;
+        let start = origin + part.t_first * dir;
+        let hit = |t: f64, voxel: IVec3, normal: DVec3, begins_inside| VdbRayHit {
             entity,
-            position: (origin + hit.t * dir).as_vec3(),
+            position: (origin + t * dir).as_vec3(),
             normal: normal.try_normalize().unwrap_or(-dir).as_vec3(),
-            distance: hit.t as f32,
-            voxel: hit.ijk,
+            distance: t as f32,
+            voxel,
             value: match self.grid.tree() {
-                Some(tree) => Some(tree.get(hit.ijk)),
-                None => self.query().nearest(hit.ijk.as_dvec3()),
+                Some(tree) => Some(tree.get(voxel)),
+                None => self.query().nearest(voxel.as_dvec3()),
             },
-            begins_inside: hit.begins_inside,
-        })
+            begins_inside,
+        };
+        let index_ray = IndexRay {
+            origin: self.index_from_world.transform_point3(start),
+            dir: self.index_from_world.transform_vector3(dir),
+            t_max: part.t_last - part.t_first,
+        };
+        if let Some(plane) = part.plane
+            && self.grid.kind() != PackKind::Fog
+            && self.query().contains(index_ray.origin)
+        {
+            let voxel = index_ray.origin.round().as_ivec3();
+            return Some(hit(part.t_first, voxel, -plane.kept, false));
+        }
+        let found = self.query().first_hit(&index_ray, enough)?;
+        let normal = self.index_from_world.matrix3.transpose() * found.normal;
+        Some(hit(part.t_first + found.t, found.ijk, normal, found.begins_inside))
     }
 }

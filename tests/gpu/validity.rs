@@ -145,6 +145,13 @@ fn every_variant_of_the_trace_is_valid() {
         let fire = ["VDB_LIT", "VDB_SURFACES", "VDB_FOGS", "VDB_EMISSION", "VDB_REFLECTIONS"];
         check(&[&fire, &["VDB_LOCAL_LIGHTS", "VDB_FIRE_LIGHTS"], &with, &shadows]);
     }
+    // Clip planes.
+    for with in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_LEVELS", "VDB_MANY"]) {
+        let cut = ["VDB_CLIP", "VDB_BEAMS"];
+        check(&[&cut, &["VDB_SHOW_NORMALS"], &with]);
+        let lit = ["VDB_LIT", "VDB_LOCAL_LIGHTS", "VDB_REFLECTIONS", "VDB_SMOOTH_NORMALS"];
+        check(&[&cut, &lit, &with, &shadows]);
+    }
     // Levels of detail within volumes.
     for with in subsets(&["VDB_SMOOTH", "VDB_BEAMS", "VDB_REFLECTIONS", "VDB_SMOOTH_NORMALS"]) {
         check(&[&["VDB_LIT", "VDB_SURFACES", "VDB_LEVELS"], &with, &shadows]);
@@ -293,10 +300,18 @@ fn every_variant_of_the_trace_is_valid() {
     let (colors, ramps, probes) = (8 * 4, 8 * 4 + 1, 8 * 5);
     let materials = 16 + 16 * 4 + 1;
     let mirrors = 16;
-    let (rectangles, fires, levels) = (8 * 3, 8, 16 * 2);
+    let (rectangles, fires, levels, clips) = (8 * 3, 8, 16 * 2, 32 * 2);
     let others = filters + many + formats + normals + wide + scaled + accumulated + edges;
-    let others =
-        others + colors + ramps + probes + materials + mirrors + rectangles + fires + levels;
+    let others = others
+        + colors
+        + ramps
+        + probes
+        + materials
+        + mirrors
+        + rectangles
+        + fires
+        + levels
+        + clips;
     assert_eq!(variants, kinds + light_cache + others);
 }
 
@@ -320,6 +335,7 @@ fn filling_the_light_cache_is_valid() {
         "VDB_WIDE_GRIDS",
         "VDB_RAMPS",
         "VDB_FOG_MATERIALS",
+        "VDB_CLIP",
     ];
     for defs in subsets(&features) {
         let pages = ["VDB_FOGS", "VDB_PAGED", "VDB_PAGE_BITS=20", "VDB_FORMAT=2"];
@@ -395,6 +411,8 @@ fn what_is_drawn_into_shadow_maps_is_valid() {
         check(&mut composer, "shadow_maps/cast", &kinds);
         let wide = [&kinds, &["VDB_WIDE_GRIDS"][..]].concat();
         check(&mut composer, "shadow_maps/cast", &wide);
+        let cut = [&kinds, &["VDB_CLIP"][..]].concat();
+        check(&mut composer, "shadow_maps/cast", &cut);
         if kinds.contains(&"VDB_FOGS") {
             for with in [&["VDB_RAMPS"][..], &["VDB_FOG_MATERIALS", EVERYTHING_DEF]] {
                 check(&mut composer, "shadow_maps/cast", &[&kinds, with].concat());

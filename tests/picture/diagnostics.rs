@@ -9,8 +9,8 @@ use bevy::math::{DAffine3, DVec3};
 use bevy::prelude::*;
 use bevy::render::diagnostic::RenderDiagnosticsPlugin;
 use bevy_vdb::{
-    VdbCamera, VdbCameraReport, VdbColorGrid, VdbDiagnostics, VdbDial, VdbGrid, VdbQuality,
-    VdbRamp, VdbRenderMode, VdbVectorGrid, VdbVelocity, VdbVolume,
+    VdbCamera, VdbCameraReport, VdbClipPlane, VdbClippedBy, VdbColorGrid, VdbDiagnostics, VdbDial,
+    VdbGrid, VdbQuality, VdbRamp, VdbRenderMode, VdbVectorGrid, VdbVelocity, VdbVolume,
 };
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
@@ -104,6 +104,14 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
     check(&mut stage, "a ramp that is not seen", "voxels, beam optimisation", both, plain);
     stage.world().entity_mut(camera).insert(VdbCamera::default());
     stage.world().entity_mut(cloud).remove::<VdbRamp>();
+    let plane = stage.world().spawn(VdbClipPlane).id();
+    stage.world().entity_mut(cloud).insert(VdbClippedBy(vec![plane]));
+    let seen = "voxels, fog, multiple scattering, beam optimisation, light, clip planes";
+    check(&mut stage, "a clip plane", seen, both, plain);
+    stage.world().despawn(plane);
+    let seen = "voxels, fog, multiple scattering, beam optimisation, light";
+    check(&mut stage, "a clip plane that is gone", seen, both, plain);
+    stage.world().entity_mut(cloud).remove::<VdbClippedBy>();
     let seen = "voxels, fog, multiple scattering, beam optimisation, light";
     check(&mut stage, "no ramp any more", seen, both, plain);
     let with_table = "vdb_view, vdb_placement, vdb_color, vdb_depth, vdb_materials, vdb_tiles";

@@ -4,6 +4,7 @@ mod accumulate;
 mod arrivals;
 mod cached_lamps;
 mod cameras;
+mod clip;
 #[path = "../common/mod.rs"]
 mod common;
 mod composition;

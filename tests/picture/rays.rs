@@ -26,7 +26,11 @@ const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
 
 impl Stage {
     /// What the rays of all pixels of a camera meet first, row by row, with the rays.
-    fn cast(&mut self, camera: Entity, optical_depth: f32) -> Vec<(Ray3d, Option<VdbRayHit>)> {
+    pub(super) fn cast(
+        &mut self,
+        camera: Entity,
+        optical_depth: f32,
+    ) -> Vec<(Ray3d, Option<VdbRayHit>)> {
         let world = self.world();
         let view = *world.get::<GlobalTransform>(camera).unwrap();
         let camera = world.get::<Camera>(camera).unwrap().clone();

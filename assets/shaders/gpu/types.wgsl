@@ -96,6 +96,7 @@ struct Volume {
     // level at the depth where their view ray ends.
     t_first: f32,
     t_end: f32,
+    clip_planes: u32,           // bits: the view's clip planes that cut it
 }
 
 const NO_CASTER: u32 = 1u;
@@ -117,6 +118,8 @@ const MAX_SUNS: u32 = 10u;
 const MAX_CACHED_SUNS: u32 = 4u;
 // The most point and spot lights in the light cache.
 const MAX_CACHED_LAMPS: u32 = 32u;
+// The most clip planes: a bit each in a volume.
+const MAX_CLIP_PLANES: u32 = 32u;
 // The most lights of fires whose highlights are left to reflections.
 const MAX_FIRE_LIGHTS: u32 = 32u;
 
@@ -170,6 +173,8 @@ struct View {
     cached_lamps: array<vec4<u32>, MAX_CACHED_LAMPS / 4u>,
     // Indices of the lights of fires, among Bevy's clustered lights.
     fire_lights: array<vec4<u32>, MAX_FIRE_LIGHTS / 4u>,
+    // Unit normals on the side that is kept, world space, and the distance of the view's eye on that side.
+    clip_planes: array<vec4<f32>, MAX_CLIP_PLANES>,
 }
 
 // The velocities within a volume, for motion vectors: means over cubes of voxels, at the points of a lattice.

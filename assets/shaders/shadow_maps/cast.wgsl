@@ -7,6 +7,9 @@
 #import bevy_vdb::view::scene::{fog_grid, view, volumes}
 #import bevy_vdb::trace::segment::{enters_page, lattice_ray, view_segment}
 #ifdef VDB_SMOOTH
+#ifdef VDB_CLIP
+#import bevy_vdb::trace::caps::first_clipped_root
+#endif
 #import bevy_vdb::traversal::smooth::first_root
 #endif
 #ifdef VDB_FOGS
@@ -75,8 +78,14 @@ fn stop(in: Quad) -> @builtin(frag_depth) f32 {
 #endif
 #ifdef VDB_SMOOTH
     if volumes[volume].kind == KIND_SMOOTH {
-        let root = first_root(grid, mirrored, dda, enters_page(volume, dda.axis));
+        let begins_outside = enters_page(volume, dda.axis);
+#ifdef VDB_CLIP
+        let clipped = first_clipped_root(segment, volume, grid, mirrored, dda, begins_outside);
+        t = select(select(FAR, clipped.root.t, clipped.root.found), dda.t, clipped.is_cap);
+#else
+        let root = first_root(grid, mirrored, dda, begins_outside);
         t = select(FAR, root.t, root.found);
+#endif
     }
 #endif
 #ifdef VDB_FOGS

@@ -141,7 +141,7 @@ const MAX_EMISSION: f32 = 1e20;
 // ∫ ε ds over an interval of a segment, in cd/m². Nothing emits before `start`.
 fn segment_emission(segment: Segment, volume: u32, start: f32, t_min: f32, t_max: f32) -> vec3<f32> {
     var ray = lattice_ray(segment, volume, t_max);
-    ray.t_min = t_min;
+    ray.t_min = max(ray.t_min, t_min);
     let grid = grids[volumes[volume].grid];
     let mirrored = mirrored_ray(grid, ray);
     let entry = enter_at(mirrored, start);

@@ -11,6 +11,9 @@
 #import bevy_vdb::trace::bvh::next_intersected
 #endif
 #ifdef VDB_SMOOTH
+#ifdef VDB_CLIP
+#import bevy_vdb::trace::caps::first_clipped_root
+#endif
 #import bevy_vdb::traversal::smooth::first_root
 #endif
 #ifdef VDB_EMISSION
@@ -54,8 +57,8 @@ fn casts_shadow(volume: u32) -> bool {
     return (volumes[volume].flags & NO_CASTER) == 0u;
 }
 
-// Whether a ray meets the surface of a volume; `false` for fogs.
-fn meets_surface(volume: u32, grid: Grid, ray: MirroredRay, dda: Dda) -> bool {
+// Whether the ray of a segment meets the surface of a volume; `false` for fogs.
+fn meets_surface(segment: Segment, volume: u32, grid: Grid, ray: MirroredRay, dda: Dda) -> bool {
     var is_met = false;
 #ifdef VDB_SURFACES
     if volumes[volume].kind == KIND_SURFACE {
@@ -64,7 +67,13 @@ fn meets_surface(volume: u32, grid: Grid, ray: MirroredRay, dda: Dda) -> bool {
 #endif
 #ifdef VDB_SMOOTH
     if volumes[volume].kind == KIND_SMOOTH {
+#ifdef VDB_CLIP
+        let begins_outside = enters_page(volume, dda.axis);
+        let clipped = first_clipped_root(segment, volume, grid, ray, dda, begins_outside);
+        is_met = clipped.is_cap || clipped.root.found;
+#else
         is_met = first_root(grid, ray, dda, enters_page(volume, dda.axis)).found;
+#endif
     }
 #endif
     return is_met;
@@ -108,7 +117,7 @@ fn transmittance(point: Point, to_light: vec3<f32>, distance: f32, in_fog: bool)
             let ray = mirrored_ray(grid, lattice_ray(segment, i, range));
             let dda = enter(ray);
             if dda.inside {
-                if meets_surface(i, grid, ray, dda) {
+                if meets_surface(segment, i, grid, ray, dda) {
                     depth = SURFACE_DEPTH;
                 }
 #ifdef VDB_FOGS
@@ -162,7 +171,7 @@ fn is_occluded(point: Point, to_light: vec3<f32>, distance: f32) -> bool {
                 let grid = fog_grid(i);
                 let ray = mirrored_ray(grid, lattice_ray(segment, i, range));
                 let dda = enter(ray);
-                is_met = dda.inside && meets_surface(i, grid, ray, dda);
+                is_met = dda.inside && meets_surface(segment, i, grid, ray, dda);
             }
         }
     }

@@ -75,19 +75,23 @@ fn nearest_surface(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Surface {
     let end = volume_end(segment);
     var i = next_candidate(segment, pixel, view.volume_first, t_end);
     for (; i < end; i = next_candidate(segment, pixel, i + 1u, t_end)) {
-        let start = start_t(segment, i, pixel);
+        var start = start_t(segment, i, pixel);
+#ifdef VDB_CLIP
+        // A solid is as empty to beams as the space around it, but a cap may be in front of all of its surface.
+        start = select(start, 0.0, volumes[i].clip_planes != 0u);
+#endif
         if volumes[i].kind == KIND_FOG || start >= t_end {
             continue;
         }
         let ray = lattice_ray(segment, i, t_end);
 #ifdef VDB_SURFACES
         if volumes[i].kind == KIND_SURFACE {
-            nearest = nearer(nearest, intersect_voxels(i, ray, start));
+            nearest = nearer(nearest, intersect_voxels(segment, i, ray, start));
         }
 #endif
 #ifdef VDB_SMOOTH
         if volumes[i].kind == KIND_SMOOTH {
-            nearest = nearer(nearest, intersect_smooth(i, ray, start));
+            nearest = nearer(nearest, intersect_smooth(segment, i, ray, start));
         }
 #endif
         t_end = select(t_end, nearest.t, nearest.found);

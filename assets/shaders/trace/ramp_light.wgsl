@@ -90,7 +90,7 @@ fn visible_albedo(sums: RampSums) -> vec3<f32> {
 fn ramp_between(segment: Segment, volume: u32, start: f32, t_min: f32, t_max: f32) -> RampSums {
     let grid = fog_grid(volume);
     var ray = lattice_ray(segment, volume, t_max);
-    ray.t_min = t_min;
+    ray.t_min = max(ray.t_min, t_min);
     let mirrored = mirrored_ray(grid, ray);
     let entry = enter_at(mirrored, start);
     let dir_length = length(segment.dir);

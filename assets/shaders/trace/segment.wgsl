@@ -2,12 +2,19 @@
 // expressed in the lattice of any volume.
 #define_import_path bevy_vdb::trace::segment
 
-#import bevy_vdb::gpu::types::{PAGE, Ray}
+#import bevy_vdb::gpu::types::{MAX_CLIP_PLANES, PAGE, Ray}
 #import bevy_vdb::traversal::rays::ray_through
 #import bevy_vdb::view::scene::{view, volumes}
 
-// No volume.
+// No volume, and no clip plane.
 const NONE: u32 = 0xffffffffu;
+
+#ifdef VDB_CLIP
+// Farther than any ray goes.
+const MAX_CLIP_T: f32 = 1e30;
+// Rounding of the distance of a point from a plane, relative to their distances from the eye: 2^-20.
+const CLIP_ROUNDING: f32 = 9.5367431640625e-7;
+#endif
 
 // A point in the world. In the lattice of the volume whose surface it lies on, it is exact to 2^-24 of a
 // cell. In other lattices it is derived from the view ray, to within the f32 rounding of its distance.
@@ -73,8 +80,57 @@ fn is_level_of_path(volume: u32, start: Point) -> bool {
 }
 #endif
 
-// The ray of a segment in the lattice of a volume. It hits nothing that another level of detail represents.
+#ifdef VDB_CLIP
+// The part of a segment that the clip planes of a volume leave; empty if `t_last` is less than `t_first`.
+struct ClippedPart {
+    t_first: f32,
+    t_last: f32,
+    plane: u32,     // the clip plane through which the segment enters, or NONE
+}
+
+fn clipped_part(segment: Segment, volume: u32) -> ClippedPart {
+    var part = ClippedPart(-MAX_CLIP_T, MAX_CLIP_T, NONE);
+    let origin = position_from_eye(segment.start);
+    for (var bits = volumes[volume].clip_planes; bits != 0u; bits &= bits - 1u) {
+        let i = countTrailingZeros(bits) & (MAX_CLIP_PLANES - 1u);
+        let plane = view.clip_planes[i];
+        let slope = dot(plane.xyz, segment.dir);
+        var distance = dot(plane.xyz, origin) + plane.w;
+        if !segment.is_view {
+            // From a point on the plane, no rounding may make a ray begin in what is kept.
+            distance -= CLIP_ROUNDING * (length(origin) + abs(plane.w));
+        }
+        if abs(slope) < 1e-20 {
+            part.t_last = select(part.t_last, -2.0 * MAX_CLIP_T, distance < 0.0);
+            continue;
+        }
+        let t = clamp(-distance / slope, -MAX_CLIP_T, MAX_CLIP_T);
+        if slope < 0.0 {
+            part.t_last = min(part.t_last, t);
+        } else if t > part.t_first {
+            part.t_first = t;
+            part.plane = i;
+        }
+    }
+    return part;
+}
+#endif
+
+// The ray of a segment in the lattice of a volume. It hits nothing that another level of detail represents, nor what
+// clip planes cut away.
 fn lattice_ray(segment: Segment, volume: u32, t_max: f32) -> Ray {
+    var ray = unclipped_ray(segment, volume, t_max);
+#ifdef VDB_CLIP
+    if volumes[volume].clip_planes != 0u {
+        let part = clipped_part(segment, volume);
+        ray.t_min = max(ray.t_min, part.t_first);
+        ray.t_max = min(ray.t_max, part.t_last);
+    }
+#endif
+    return ray;
+}
+
+fn unclipped_ray(segment: Segment, volume: u32, t_max: f32) -> Ray {
     let start = segment.start;
     var ray = ray_through(volumes[volume].rays, start.ndc, segment.t_min, t_max);
     if segment.is_view {

@@ -42,7 +42,7 @@ fn fog_depth(
 ) -> f32 {
     let scale = volumes[volume].density_scale * length(segment.dir);
     var ray = lattice_ray(segment, volume, t_max);
-    ray.t_min = t_min;
+    ray.t_min = max(ray.t_min, t_min);
     let grid = fog_grid(volume);
     let mirrored = mirrored_ray(grid, ray);
     let safe_scale = max(scale, 1e-30);

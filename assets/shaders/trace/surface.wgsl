@@ -5,9 +5,13 @@
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::rebase::rebased_at
-#import bevy_vdb::traversal::hdda::{FAR, Hit, mirrored_ray, enter_at, first_hit, plane_t, unmirrored}
+#import bevy_vdb::traversal::hdda::{FAR, Hit, mirrored_ray, enter_at, first_hit, local_cell, plane_t, unmirrored}
 #import bevy_vdb::view::scene::{scene_end, view, volumes}
 #import bevy_vdb::trace::segment::{Point, Segment, enters_page, point_at, quantise_frac, lattice_ray}
+#ifdef VDB_CLIP
+#import bevy_vdb::trace::caps::{begins_at_plane, cap_gradient, first_clipped_root}
+#import bevy_vdb::trace::segment::clipped_part
+#endif
 #ifdef VDB_SMOOTH
 #import bevy_vdb::traversal::smooth::first_root
 #endif
@@ -50,15 +54,25 @@ fn begins_at_level(ray: Ray) -> bool {
 
 #ifdef VDB_SURFACES
 // The first voxel of a volume on a ray.
-fn intersect_voxels(volume: u32, ray: Ray, start: f32) -> Surface {
+fn intersect_voxels(segment: Segment, volume: u32, ray: Ray, start: f32) -> Surface {
     let grid = grids[volumes[volume].grid];
     let mirrored = mirrored_ray(grid, ray);
-    let hit = first_hit(grid, mirrored, enter_at(mirrored, start));
+    let entry = enter_at(mirrored, start);
+    let hit = first_hit(grid, mirrored, entry);
     if !hit.found {
         return no_surface();
     }
     let rel = bitcast<vec3<u32>>((hit.cell ^ mirrored.mirror) - mirrored.cell);
     let frac = unmirrored(mirrored, rebased_at(mirrored, rel, hit.axis, hit.t).frac);
+#ifdef VDB_CLIP
+    if hit.axis == 3u && volumes[volume].clip_planes != 0u {
+        let part = clipped_part(segment, volume);
+        if begins_at_plane(part, mirrored, entry) {
+            let cap = cap_gradient(volume, part.plane);
+            return Surface(true, volume, hit.t, hit.cell, frac, cap, cap, false);
+        }
+    }
+#endif
     var axis = hit.axis;
     if axis == 3u && begins_at_level(ray) {
         // As if the ray had come from outside.
@@ -72,12 +86,22 @@ fn intersect_voxels(volume: u32, ray: Ray, start: f32) -> Surface {
 
 #ifdef VDB_SMOOTH
 // The first root of a volume's interpolant on a ray.
-fn intersect_smooth(volume: u32, ray: Ray, start: f32) -> Surface {
+fn intersect_smooth(segment: Segment, volume: u32, ray: Ray, start: f32) -> Surface {
     let grid = grids[volumes[volume].grid];
     let mirrored = mirrored_ray(grid, ray);
     let entry = enter_at(mirrored, start);
     let begins_outside = begins_at_level(ray) || enters_page(volume, entry.axis);
+#ifdef VDB_CLIP
+    let clipped = first_clipped_root(segment, volume, grid, mirrored, entry, begins_outside);
+    if clipped.is_cap {
+        let frac = unmirrored(mirrored, rebased_at(mirrored, entry.rel, 3u, entry.t).frac);
+        let cap = cap_gradient(volume, clipped.plane);
+        return Surface(true, volume, entry.t, local_cell(mirrored, entry.rel), frac, cap, cap, false);
+    }
+    let root = clipped.root;
+#else
     let root = first_root(grid, mirrored, entry, begins_outside);
+#endif
     if !root.found {
         return no_surface();
     }

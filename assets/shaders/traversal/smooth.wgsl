@@ -21,6 +21,9 @@ struct SurfaceHit {
     // The samples at the corners of the cell, and the path to it.
     corners: Corners,
     accessor: Accessor,
+#ifdef VDB_CLIP
+    begins_inside: bool,    // whether the ray began inside the solid
+#endif
 }
 
 // The root finder stops when its step is below this fraction of the path through the cell: Newton's method
@@ -123,6 +126,11 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside: boo
     // two cells is also a root, which rounding must not lose.
     var has_previous = false;
     var was_negative = false;
+#ifdef VDB_CLIP
+    // Known from the first cell that the surface may pass through.
+    var is_first = true;
+    var begins_inside = false;
+#endif
     while dda.inside {
         count_step();
         var cell = local_cell(mirrored, dda.rel);
@@ -174,6 +182,10 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside: boo
             4.5 * (d_2 - d_3),
             4.5 * d_3,
         );
+#ifdef VDB_CLIP
+        begins_inside = select(begins_inside, f_0 < 0.0, is_first);
+        is_first = false;
+#endif
         var s = 2.0;
         if (has_previous && was_negative != (f_0 < 0.0)) || (expects_outside && f_0 < 0.0) {
             s = 0.0;
@@ -197,6 +209,9 @@ fn first_root(grid: Grid, mirrored: MirroredRay, entry: Dda, begins_outside: boo
                 confirmed.axis,
                 c,
                 accessor,
+#ifdef VDB_CLIP
+                begins_inside,
+#endif
             );
         }
         expects_outside = false;

@@ -2,6 +2,7 @@
 
 mod auxiliary;
 mod changes;
+mod clip;
 mod hash;
 mod lights;
 mod materials;
@@ -14,6 +15,7 @@ use bevy::render::{ExtractSchedule, RenderApp};
 
 pub(super) use auxiliary::AuxiliaryGrid;
 pub(super) use changes::SceneChanges;
+pub(super) use clip::ExtractedClipPlanes;
 pub(super) use lights::{ExtractedEnvironment, ExtractedFireLights, ExtractedSuns, MeshCasters};
 pub(super) use materials::{ExtractedMaterials, MaterialRow, ROW_WORDS};
 pub(super) use ramps::{ExtractedRamp, ExtractedRamps};
@@ -31,6 +33,7 @@ impl Plugin for ExtractPlugin {
         render_app
             .init_resource::<ExtractedVolumes>()
             .init_resource::<ExtractedRamps>()
+            .init_resource::<ExtractedClipPlanes>()
             .init_resource::<ExtractedMaterials>()
             .init_resource::<ExtractedSuns>()
             .init_resource::<ExtractedFireLights>()

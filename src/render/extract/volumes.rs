@@ -12,13 +12,14 @@ use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::tree::VectorLattice;
 
 use super::auxiliary::AuxiliaryGrids;
+use super::clip::{ExtractedClipPlanes, VolumeClip};
 use super::materials::{ExtractedMaterials, MaterialRow};
 use super::ramps::{ExtractedRamps, VolumeRamp};
 use crate::render::gpu::GridKey;
 use crate::scene::{NextFrame, Page, Share};
 use crate::{
-    VdbColorGrid, VdbEmission, VdbGrid, VdbMaterial, VdbRamp, VdbVectorGrid, VdbVelocity,
-    VdbVolume, VdbVolumeQuality,
+    VdbClipPlane, VdbClippedBy, VdbColorGrid, VdbEmission, VdbGrid, VdbMaterial, VdbRamp,
+    VdbVectorGrid, VdbVelocity, VdbVolume, VdbVolumeQuality,
 };
 
 /// All volumes whose grids have been loaded, visible or not.
@@ -76,6 +77,8 @@ pub(crate) struct ExtractedVolume {
     pub ramp: Option<VolumeRamp>,
     /// The custom material of a surface, or of a fog without a ramp; none if the volume is hidden.
     pub own_material: Option<MaterialRow>,
+    /// What cuts the volume.
+    pub clip: VolumeClip,
     /// The share that a frame that fades has of what it emits.
     pub share: f32,
 }
@@ -101,6 +104,10 @@ impl ExtractedVelocity {
     }
 }
 
+/// What is set on a volume, or on the player or the paged volume that shows it.
+type SetOnVolume<'a> =
+    (Option<&'a VdbVolumeQuality>, Option<&'a VdbRamp>, Option<&'a VdbClippedBy>);
+
 pub(crate) fn extract_volumes(
     volumes: Extract<
         Query<(
@@ -116,20 +123,23 @@ pub(crate) fn extract_volumes(
             (Has<NextFrame>, Has<Page>, Option<&ChildOf>),
         )>,
     >,
-    settings: Extract<Query<(Option<&VdbVolumeQuality>, Option<&VdbRamp>)>>,
+    settings: Extract<Query<SetOnVolume>>,
+    planes: Extract<Query<&GlobalTransform, With<VdbClipPlane>>>,
     with_motion: Extract<Query<(), With<MotionVectorPrepass>>>,
     grids: Extract<Res<Assets<VdbGrid>>>,
     vectors: Extract<Res<Assets<VdbVectorGrid>>>,
-    (mut extracted, mut ramps, mut materials): (
+    (mut extracted, mut ramps, mut materials, mut clips): (
         ResMut<ExtractedVolumes>,
         ResMut<ExtractedRamps>,
         ResMut<ExtractedMaterials>,
+        ResMut<ExtractedClipPlanes>,
     ),
     mut before: Local<MainEntityHashMap<ExtractedVolume>>,
 ) {
     std::mem::swap(&mut extracted.0, &mut *before);
     extracted.0.clear();
     ramps.begin_frame();
+    clips.begin_frame();
     for (entity, volume, transform, material, visible, layers, auxiliary, without, motion, part) in
         &volumes
     {
@@ -139,7 +149,7 @@ pub(crate) fn extract_volumes(
         // are those of its pages.
         let (is_next, is_page, parent) = part;
         let set_by = parent.filter(|_| is_next || is_page).map_or(entity, |parent| parent.0);
-        let (quality, ramp) = settings.get(set_by).unwrap_or_default();
+        let (quality, ramp, clipped_by) = settings.get(set_by).unwrap_or_default();
         let quality = quality.copied().unwrap_or_default();
         let Some(grid) = grids.get(&volume.0) else { continue };
         let entity = MainEntity::from(entity);
@@ -156,6 +166,7 @@ pub(crate) fn extract_volumes(
         let own_material = (visible.get() && ramp.is_none())
             .then(|| materials.add(set_by.into(), is_fog, &grid.world_from_index()))
             .flatten();
+        let clipped_by = clipped_by.filter(|_| visible.get() && !is_page);
         let volume = ExtractedVolume {
             grid: volume.0.id().into(),
             packed: grid.outline(),
@@ -179,6 +190,7 @@ pub(crate) fn extract_volumes(
             auxiliary,
             ramp,
             own_material,
+            clip: clipped_by.map(|by| clips.add(by, &planes)).unwrap_or_default(),
             share,
         };
         extracted.0.insert(entity, volume);

@@ -25,6 +25,8 @@ pub(crate) enum Trouble {
     Jittered,
     /// The means of all pixels of the camera exceed the largest buffer.
     TooManyPixels,
+    /// There are more clip planes than bits.
+    TooManyPlanes,
 }
 
 /// A field of a material or an emission.
@@ -116,6 +118,10 @@ impl Warned {
                      anti-aliasing already does; set VdbQuality::accumulate to 0, or remove the \
                      anti-aliasing",
                     entity.id()
+                ),
+                Trouble::TooManyPlanes => format!(
+                    "{volume} is not cut by all of its clip planes: all volumes together can have \
+                     32; let them share planes, or remove some"
                 ),
                 Trouble::TooManyPixels => format!(
                     "the camera of entity {} accumulates no frames of volumes: its image has more \

@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 56] = shaders![
+const IMPORTS: [(&str, &[u8]); 57] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -41,6 +41,7 @@ const IMPORTS: [(&str, &[u8]); 56] = shaders![
     "trace/segment",
     "trace/bvh",
     "trace/candidates",
+    "trace/caps",
     "trace/surface",
     "trace/color",
     "trace/material",

@@ -62,7 +62,8 @@ pub(crate) struct Volume {
     pub ramp_emission: f32,
     pub t_first: f32,
     pub t_end: f32,
-    pub pad: [f32; 2],
+    pub clip_planes: u32,
+    pub pad: f32,
 }
 
 /// The largest length of a ray in world units: `FAR` in the shaders.
@@ -89,6 +90,9 @@ pub(crate) const MAX_CACHED_SUNS: usize = 4;
 
 /// The largest number of point and spot lights in the light cache.
 pub(crate) const MAX_CACHED_LAMPS: usize = 32;
+
+/// The largest number of clip planes: a bit each in [`Volume::clip_planes`].
+pub(crate) const MAX_CLIP_PLANES: usize = 32;
 
 /// The largest number of lights of fires whose highlights a view leaves to reflections.
 pub(crate) const MAX_FIRE_LIGHTS: usize = 32;
@@ -138,6 +142,7 @@ pub(crate) struct View {
     pub cached_lamp_count: u32,
     pub cached_lamps: [[u32; 4]; MAX_CACHED_LAMPS / 4],
     pub fire_lights: [[u32; 4]; MAX_FIRE_LIGHTS / 4],
+    pub clip_planes: [[f32; 4]; MAX_CLIP_PLANES],
 }
 
 /// The rectangle of the traced image in the target.

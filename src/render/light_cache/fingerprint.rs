@@ -6,7 +6,7 @@ use bevy::math::DAffine3;
 
 use crate::quality::features::Features;
 use crate::render::gpu::types;
-use crate::render::view::{Entry, PreparedView};
+use crate::render::view::{Entry, Lattice, PreparedView};
 
 /// Numbers that change whenever the optical depths in a view may change.
 pub(super) struct Fingerprints {
@@ -20,6 +20,8 @@ impl Fingerprints {
         prepared.data.shadow_range.to_bits().hash(&mut common);
         // With multiple scattering, rays go on to larger depths.
         prepared.key.has(Features::MULTIPLE_SCATTERING).hash(&mut common);
+        // Other pipelines may fill the cache while those that cut are being compiled.
+        prepared.key.has(Features::CLIPPED).hash(&mut common);
         let mut common = common.finish();
         for (volume, entry) in prepared.volumes.iter().zip(&prepared.entries) {
             if volume.kind == types::KIND_FOG && volume.flags & types::NO_CASTER == 0 {
@@ -50,5 +52,6 @@ fn add_entry(hasher: &mut DefaultHasher, entry: &Entry) {
     for v in [matrix3.x_axis, matrix3.y_axis, matrix3.z_axis, translation] {
         v.to_array().map(f64::to_bits).hash(hasher);
     }
-    (entry.lattice.content, entry.lattice.ramp, entry.lattice.material).hash(hasher);
+    let Lattice { content, ramp, material, clip, .. } = entry.lattice;
+    (content, ramp, material, clip).hash(hasher);
 }

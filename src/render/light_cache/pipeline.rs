@@ -99,7 +99,8 @@ impl FillPipelines {
             | Features::MANY
             | Features::WIDE_GRIDS
             | Features::RAMPS
-            | Features::FOG_MATERIALS;
+            | Features::FOG_MATERIALS
+            | Features::CLIPPED;
         let features = key.features & own;
         let (page_bits, sample_format) = (key.page_bits, key.sample_format);
         let in_fog = features.contains(Features::FOG_MATERIALS);

@@ -11,7 +11,9 @@ use vdb_core::pack::PackKind;
 use vdb_core::view::ViewRays;
 
 use crate::VdbQuality;
-use crate::render::extract::{ExtractedSuns, ExtractedVolume, ExtractedVolumes};
+use crate::render::extract::{
+    ExtractedClipPlanes, ExtractedSuns, ExtractedVolume, ExtractedVolumes,
+};
 use crate::render::gpu::{affine, types};
 use crate::render::pool::VdbTreePool;
 use crate::render::view::{Eye, Shown, view_data, volume_data, world_corners};
@@ -28,9 +30,14 @@ pub(super) struct Caster<'a> {
 pub(super) struct Cast {
     pub volumes: Vec<types::Volume>,
     pub maps: Vec<(Option<Entity>, Entity, types::View)>,
+    clip_planes: ExtractedClipPlanes,
 }
 
 impl Cast {
+    pub fn new(clip_planes: &ExtractedClipPlanes) -> Self {
+        Self { clip_planes: clip_planes.clone(), ..default() }
+    }
+
     pub fn add(
         &mut self,
         (camera, random_offset): (Option<Entity>, f32),
@@ -66,7 +73,7 @@ impl Cast {
                 volume_count: count as u32,
                 size: size.to_array(),
                 random_offset,
-                ..view_data(&rays, world_from_view, &ExtractedSuns::default())
+                ..view_data(&rays, world_from_view, &ExtractedSuns::default(), &self.clip_planes)
             };
             self.maps.push((camera, map, view));
         }

@@ -30,7 +30,7 @@ use bevy::render::texture::TextureCache;
 use bevy::render::view::{ExtractedView, RenderVisibleEntities};
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems};
 
-use super::extract::{ExtractedMaterials, ExtractedRamps, ExtractedVolumes};
+use super::extract::{ExtractedClipPlanes, ExtractedMaterials, ExtractedRamps, ExtractedVolumes};
 use super::gpu::{
     GROUP, MATERIALS_BINDING, PipelineFallback, RAMPS_BINDING, Shaders, TraversalKey, empty_layout,
     load_shaders, types,
@@ -140,7 +140,7 @@ type MapData<'a> = (Entity, &'a ExtractedView, &'a LightEntity, &'a RenderLayers
 fn prepare_casters(
     mut shadows: ResMut<CastShadows>,
     mut mesh_maps: ResMut<MeshShadowMaps>,
-    (volumes, mut tables): (Res<ExtractedVolumes>, Tables),
+    (volumes, clip_planes, mut tables): (Res<ExtractedVolumes>, Res<ExtractedClipPlanes>, Tables),
     (pool, frame): (Res<VdbTreePool>, Res<FrameCount>),
     cameras: Query<CameraData, With<Camera3d>>,
     maps: Query<MapData, With<ShadowView>>,
@@ -153,7 +153,7 @@ fn prepare_casters(
     *mesh_maps = default();
     let casters = casters(&volumes, &pool);
     let Some(buffers) = pool.buffers().filter(|_| !casters.is_empty()) else { return };
-    let cast = list_maps(&casters, &cameras, &maps, *frame);
+    let cast = list_maps(&casters, &cameras, &maps, (*frame, &clip_planes));
     if cast.maps.is_empty() {
         return;
     }
@@ -165,7 +165,8 @@ fn prepare_casters(
             | Features::FOG.when(has(types::KIND_FOG))
             | Features::WIDE_GRIDS.when(pool.has_wide_grids())
             | Features::RAMPS.when(cast.volumes.iter().any(|volume| volume.ramp != 0))
-            | Features::FOG_MATERIALS.when(materials != 0),
+            | Features::FOG_MATERIALS.when(materials != 0)
+            | Features::CLIPPED.when(cast.volumes.iter().any(|volume| volume.clip_planes != 0)),
         page_bits: pool.page_bits(),
         sample_format: pool.format(),
         materials,
@@ -234,9 +235,9 @@ fn list_maps(
     casters: &[casters::Caster],
     cameras: &Query<CameraData, With<Camera3d>>,
     maps: &Query<MapData, With<ShadowView>>,
-    frame: FrameCount,
+    (frame, clip_planes): (FrameCount, &ExtractedClipPlanes),
 ) -> Cast {
-    let mut cast = Cast::default();
+    let mut cast = Cast::new(clip_planes);
     let mut wanted = false;
     for (camera, (settings, quality), visible, layers, lights, jitter) in cameras {
         let casts = settings.is_none_or(|camera| camera.enabled && camera.mesh_shadows)

@@ -45,6 +45,7 @@ fn entry_data(
         color_grids: types::NO_COLOR,
         t_first: -types::FARTHEST,
         t_end: types::FARTHEST,
+        clip_planes: volume.clip.planes,
         ..default()
     })
 }

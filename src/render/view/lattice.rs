@@ -21,6 +21,8 @@ pub(crate) struct Lattice {
     pub ramp: Option<u64>,
     /// Identifies the custom material and its parameters.
     pub material: Option<u64>,
+    /// Identifies what cuts the volume; 0 if nothing does.
+    pub clip: u64,
     /// Identifies the voxels: see `VdbTreePool::content`.
     pub content: Option<u64>,
 }
@@ -35,6 +37,7 @@ impl Lattice {
             steepness: 1.0,
             ramp: None,
             material: None,
+            clip: 0,
             content,
         }
     }
@@ -53,6 +56,11 @@ impl Lattice {
     /// With the custom material, which only makes a fog thinner.
     pub fn with_material(self, row: Option<MaterialRow>) -> Self {
         Self { material: row.map(|row| row.content), ..self }
+    }
+
+    /// With the planes that cut the volume.
+    pub fn with_clip(self, clip: u64) -> Self {
+        Self { clip, ..self }
     }
 
     /// The corners of the occupied cells' box in the world.

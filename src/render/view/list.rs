@@ -44,7 +44,10 @@ impl Entry {
             world_from_index: shown.world_from_index(),
             index_box: shown.index_box(),
             sample_format: shown.sample_format(),
-            lattice: lattice.with_ramp(shown.ramp()).with_material(shown.own_material()),
+            lattice: lattice
+                .with_ramp(shown.ramp())
+                .with_material(shown.own_material())
+                .with_clip(shown.clip()),
             material: shown.own_material().map(|own| own.kind),
             cached_fog: None,
         }
@@ -169,6 +172,8 @@ pub(crate) struct ViewList {
     pub fog_steps: bool,
     /// Whether several levels of detail represent one volume.
     pub levels: bool,
+    /// Whether planes cut any volume.
+    pub clipped: bool,
     /// Whether any smooth surface has smooth normals.
     pub smooth_normals: bool,
     /// Whether any surface in view is too rough to be a mirror, or may be.
@@ -217,6 +222,7 @@ impl ViewList {
         let is_smooth = |volume: &types::Volume| {
             volume.kind == types::KIND_SMOOTH && volume.flags & types::SMOOTH_NORMALS != 0
         };
+        let clipped = data.iter().any(|volume| volume.clip_planes != 0);
         let ramps = data.iter().any(|volume| volume.ramp != 0);
         let normals = if mirrors { &data[..] } else { &data[..seen] };
         let smooth_normals = normals.iter().any(is_smooth);
@@ -249,6 +255,7 @@ impl ViewList {
             materials,
             fog_steps,
             levels,
+            clipped,
             smooth_normals,
             rough,
             velocities,

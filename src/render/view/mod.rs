@@ -33,6 +33,7 @@ use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSy
 pub(super) use cached_fog::{CacheLayout, CachedFog, cell_edge};
 pub(super) use eye::Eye;
 pub(super) use key::ViewKey;
+pub(super) use lattice::Lattice;
 pub(super) use list::Entry;
 pub(super) use materials::MaterialTable;
 pub(super) use picture_pass::{

@@ -16,7 +16,9 @@ use super::state::{PreparedView, ResolvedView, ViewState};
 use super::tiles::TileLayout;
 use super::uniform::{overlay_bits, random_offset, view_data};
 use crate::quality::features::Features;
-use crate::render::extract::{ExtractedSuns, ExtractedVolume, ExtractedVolumes};
+use crate::render::extract::{
+    ExtractedClipPlanes, ExtractedSuns, ExtractedVolume, ExtractedVolumes,
+};
 use crate::render::gpu::{non_negative, types};
 
 /// The largest exposure. With the bounds of materials, it keeps products within f32, because WGSL
@@ -34,7 +36,11 @@ impl Default for VolumeBuffer {
 }
 
 /// The resources for preparing views.
-type Scene<'w> = (Res<'w, ExtractedVolumes>, Res<'w, ExtractedSuns>, Res<'w, FrameCount>);
+type Scene<'w> = (
+    Res<'w, ExtractedVolumes>,
+    (Res<'w, ExtractedSuns>, Res<'w, ExtractedClipPlanes>),
+    Res<'w, FrameCount>,
+);
 
 /// Chooses the pipelines of each view, and prepares the data of its shaders.
 pub(super) fn prepare_views(
@@ -94,7 +100,7 @@ fn prepare(
     resolved: ResolvedView,
     chosen: Chosen,
     (view, camera, jitter): (&ExtractedView, &ExtractedCamera, Option<&TemporalJitter>),
-    (all, suns, frame): &Scene,
+    (all, (suns, clip_planes), frame): &Scene,
 ) -> PreparedView {
     let ResolvedView { settings, rays: view_rays, world_from_view, clip_from_view, .. } = &resolved;
     let (key, quality) = (chosen.key, &settings.quality);
@@ -130,7 +136,7 @@ fn prepare(
         frame: jitter.map_or(0, |_| frame.0),
         max_frames: quality.accumulate,
         edge_samples: quality.edge_samples,
-        ..view_data(view_rays, *world_from_view, suns)
+        ..view_data(view_rays, *world_from_view, suns, clip_planes)
     };
     let fogs = [types::KIND_FOG, types::KIND_EMISSION, types::KIND_BLACKBODY];
     PreparedView {

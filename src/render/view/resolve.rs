@@ -277,6 +277,7 @@ fn view_key(
         | Features::PAGES.when(pool.page_bits().is_some())
         | Features::WIDE_GRIDS.when(pool.has_wide_grids())
         | Features::LEVELS.when(list.levels)
+        | Features::CLIPPED.when(list.clipped)
         | Features::MOTION_VECTORS.when(motion_vectors)
         | Features::VELOCITIES.when(motion_vectors && list.velocities)
         | Features::REFLECTIONS.when(settings.reflections > 0)

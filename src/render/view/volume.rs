@@ -126,6 +126,11 @@ impl<'a> Shown<'a> {
         self.volume.ramp.as_ref().map(|own| &*own.ramp)
     }
 
+    /// Identifies what cuts the volume.
+    pub fn clip(&self) -> u64 {
+        self.volume.clip.content
+    }
+
     /// The custom material.
     pub fn own_material(&self) -> Option<MaterialRow> {
         self.volume.own_material
@@ -164,7 +169,8 @@ pub(crate) fn volume_data(
         let wrong_ramp = wrong_ramp.then_some(Setting::RampStops);
         let setting = wrong_setting(&volume.material).or(wrong_ramp).map(Trouble::Setting);
         let quality = wrong.map(Trouble::Quality);
-        for trouble in [shown, setting, quality].into_iter().flatten() {
+        let planes = volume.clip.is_too_much.then_some(Trouble::TooManyPlanes);
+        for trouble in [shown, setting, quality, planes].into_iter().flatten() {
             if let Some(text) = warned.note(entity, &volume.name, trouble) {
                 warn!("{text}");
             }
@@ -206,6 +212,7 @@ pub(crate) fn volume_data(
         flags: flags(volume, quality.smooth_normals, level),
         t_first: depths[0],
         t_end: depths[1],
+        clip_planes: volume.clip.planes,
         ..ramp_data(volume)
     })
 }
