@@ -26,7 +26,7 @@ pub const HELP: [(&str, &str); 18] = [
     ("Space", "play, pause"),
     (", .", "one frame back, forwards"),
     ("Page Up, Page Down", "first, last frame"),
-    ("1 … 9", "modes: lit, diffuse, glossy, gray, rgb, voxels, normals, depth, steps"),
+    ("1 … 9, 0", "modes: lit, diffuse, glossy, gray, rgb, voxels, normals, depth, steps, maximum"),
     ("C", "print the command line that reproduces the view"),
     ("Tab, Space, arrows", "control the panel and the timeline"),
     ("Ctrl +, Ctrl -", "larger or smaller text"),
@@ -41,7 +41,7 @@ pub fn are_free(egui: Option<Res<EguiWantsInput>>) -> bool {
     egui.is_none_or(|egui| !egui.wants_any_keyboard_input())
 }
 
-const DIGITS: [KeyCode; 9] = [
+const DIGITS: [KeyCode; 10] = [
     KeyCode::Digit1,
     KeyCode::Digit2,
     KeyCode::Digit3,
@@ -51,6 +51,7 @@ const DIGITS: [KeyCode; 9] = [
     KeyCode::Digit7,
     KeyCode::Digit8,
     KeyCode::Digit9,
+    KeyCode::Digit0,
 ];
 
 pub fn press(

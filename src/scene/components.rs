@@ -106,6 +106,8 @@ pub struct VdbCamera {
     /// The number of traversal steps shown in the hottest colour of [`VdbRenderMode::Steps`]. More
     /// than 0; 200 by default.
     pub steps_scale: f32,
+    /// The value that [`VdbRenderMode::Maximum`] shows in white. More than 0; 1 by default.
+    pub maximum_scale: f32,
 }
 
 impl Default for VdbCamera {
@@ -117,6 +119,7 @@ impl Default for VdbCamera {
             overlays: VdbOverlays::default(),
             multiple_scattering: true,
             steps_scale: 200.0,
+            maximum_scale: 1.0,
         }
     }
 }
@@ -149,7 +152,8 @@ pub enum VdbRenderMode {
     /// The view-dependent part: highlights and reflections on surfaces, attenuated by fog.
     Glossy,
     /// Voxel faces in shades of grey, without lighting: bright above, dark below. Fog is left out
-    /// in this and the following modes, except [`Steps`](Self::Steps).
+    /// in this and the following modes, except [`Steps`](Self::Steps) and
+    /// [`Maximum`](Self::Maximum).
     Gray,
     /// The axes that the surface faces: x red, y green, z blue.
     Rgb,
@@ -162,6 +166,11 @@ pub enum VdbRenderMode {
     Depth,
     /// Traversal steps, from light blue (none) to red ([`VdbCamera::steps_scale`]).
     Steps,
+    /// Maximum intensity projection, an overview of scientific and medical data: the largest value
+    /// of all fog along each ray, up to the first opaque mesh, from black at 0 to white at
+    /// [`VdbCamera::maximum_scale`]. Exact for the trilinear interpolant. Values are those of the
+    /// grids, without `density_scale`, ramps and custom materials; surfaces are left out.
+    Maximum,
 }
 
 impl VdbRenderMode {
@@ -176,6 +185,7 @@ impl VdbRenderMode {
         Self::Normals,
         Self::Depth,
         Self::Steps,
+        Self::Maximum,
     ];
 
     /// The name of the mode for menus and command lines, in lower case.
@@ -236,6 +246,12 @@ impl VdbRenderMode {
                 shader_def: Some("VDB_COUNT_STEPS"),
                 shows_fog: true,
                 shows_background: true,
+                ..surfaces
+            },
+            Self::Maximum => ModeTraits {
+                name: "maximum",
+                shader_def: Some("VDB_SHOW_MAXIMUM"),
+                shows_fog: true,
                 ..surfaces
             },
         }

@@ -40,7 +40,7 @@ fn subsets<'a>(defs: &'a [&'a str]) -> impl Iterator<Item = Vec<&'a str>> + 'a {
 
 /// The shader defs of render modes without light, from the shader that asks for them.
 fn unlit_modes() -> BTreeSet<String> {
-    let trace = source("trace/trace");
+    let trace = source("trace/path");
     let words = trace.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
     words.filter(|word| word.starts_with("VDB_SHOW_")).map(Into::into).collect()
 }
@@ -63,6 +63,7 @@ fn every_variant_of_the_trace_is_valid() {
     };
     let shadows = ["VDB_SHADOWS", "SHADOW_FILTER_METHOD_GAUSSIAN"];
     let modes = unlit_modes();
+    assert_eq!(modes.len(), 6);
     for kinds in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS"]) {
         // What is shown without light.
         for mode in &modes {

@@ -125,7 +125,7 @@ fn fog_and_solids_end_at_clip_planes() {
 
     let ball = stage.grid(level_set::sphere(DVec3::ZERO, 20.0), SMOOTH, 0.1);
     let ball = (VdbVolume(ball), glow(GREEN), VdbClippedBy(planes.to_vec()));
-    stage.world().spawn(ball);
+    stage.world().spawn((ball, Transform::from_scale(Vec3::splat(5.0))));
     // The eye is in the half that is cut away, and nothing but the cap is in front of it.
     stage.world().entity_mut(camera).insert((
         Transform::from_xyz(0.0, 0.0, 1.0).looking_at(Vec3::ZERO, Vec3::Y),
@@ -146,6 +146,7 @@ fn cut_fog_is_lit_as_fog_that_ends_there() {
     let whole = stage.cube_of_fog(12, 0.1);
     // The density of the half falls from 1 to 0 within a voxel about this plane.
     let plane = stage.clip_plane(Vec3::X * -0.05, Vec3::X);
+    let turn = stage.world().get::<Transform>(plane).unwrap().rotation;
     let sun = DirectionalLight { illuminance: 10.0, shadow_maps_enabled: true, ..default() };
     let sun = stage.world().spawn(sun).id();
     let fog = stage.world().spawn((VdbVolume(half.clone()), VdbMaterial::default())).id();
@@ -158,6 +159,11 @@ fn cut_fog_is_lit_as_fog_that_ends_there() {
             let expected = stage.picture(&target);
             let cut = (VdbVolume(whole.clone()), VdbClippedBy(vec![plane]));
             stage.world().entity_mut(fog).insert(cut);
+            // The light that is cached there is not that of another cut.
+            let to = |x| Transform::from_xyz(x, 0.0, 0.0).with_rotation(turn);
+            stage.world().entity_mut(plane).insert(to(0.8));
+            stage.picture(&target);
+            stage.world().entity_mut(plane).insert(to(-0.05));
             let cut = stage.picture(&target);
             cut.save("clip_fog");
             let sum = |picture: &Picture| picture.pixels.iter().map(|pixel| pixel.y).sum::<f32>();
@@ -182,21 +188,22 @@ fn a_slice_casts_its_own_shadow() {
     let down = Transform::from_xyz(0.0, 9.0, 0.0).looking_at(Vec3::ZERO, Vec3::Z);
     stage.world().spawn((sun, down));
     let planes = [
-        stage.clip_plane(Vec3::Y * 0.1, Vec3::Y),
-        stage.clip_plane(Vec3::Y * -0.1, Vec3::NEG_Y),
+        stage.clip_plane(Vec3::Y * 0.13, Vec3::Y),
+        stage.clip_plane(Vec3::Y * -0.13, Vec3::NEG_Y),
         // Half of the slice.
         stage.clip_plane(Vec3::ZERO, Vec3::X),
     ];
     let white = VdbMaterial { reflectance: 0.0, perceptual_roughness: 1.0, ..default() };
-    let ball = stage.grid(level_set::sphere(DVec3::ZERO, 10.0), SMOOTH, 0.1);
-    stage.world().spawn((VdbVolume(ball), white.clone(), VdbClippedBy(planes.to_vec())));
+    let clipped = VdbClippedBy(planes.to_vec());
     let (under, beside) = (Vec3::new(-0.4, -2.0, 0.2), Vec3::new(0.4, -2.0, 0.2));
     let slab = CoordBox { min: IVec3::new(-40, -30, -40), max: IVec3::new(40, -21, 40) };
     let floor = stage.grid(fog::block(slab, 1.0), PackKind::Smooth { iso: 0.5 }, 0.1);
     let mesh = stage.world().resource_mut::<Assets<Mesh>>().add(Cuboid::new(8.0, 1.0, 8.0));
     let lambert = StandardMaterial { reflectance: 0.0, perceptual_roughness: 1.0, ..default() };
     let lambert = stage.world().resource_mut::<Assets<StandardMaterial>>().add(lambert);
-    for is_mesh in [true, false] {
+    for (is_mesh, kind) in [(true, SMOOTH), (false, SMOOTH), (true, SURFACE), (false, SURFACE)] {
+        let ball = stage.grid(level_set::sphere(DVec3::ZERO, 10.0), kind, 0.1);
+        let ball = stage.world().spawn((VdbVolume(ball), white.clone(), clipped.clone())).id();
         let floor = match is_mesh {
             true => {
                 let at = Transform::from_xyz(0.0, -2.5, 0.0);
@@ -208,13 +215,20 @@ fn a_slice_casts_its_own_shadow() {
             false => stage.world().spawn((VdbVolume(floor.clone()), white.clone())).id(),
         };
         let picture = stage.picture(&target);
-        picture.save(&format!("clip_slice_{is_mesh}"));
+        let what = format!("{kind:?}, on a mesh: {is_mesh}");
+        picture.save(&format!("clip_slice_{what}"));
         let [dark, lit] = [under, beside].map(|at| brightness(&picture, view, at));
-        assert!(lit > 0.1, "{is_mesh}: {lit}");
-        assert!(dark < 0.05 * lit, "{is_mesh}: {dark} under the slice, {lit} beside it");
-        // The sun lights the cap as it does any level surface.
-        let cap = brightness(&picture, view, Vec3::new(-0.4, 0.1, 0.2));
-        assert!((cap / lit - 1.0).abs() < 0.05, "{is_mesh}: {cap} on the cap, {lit} on the floor");
+        assert!(lit > 0.1, "{what}: {lit}");
+        assert!(dark < 0.05 * lit, "{what}: {dark} under the slice, {lit} beside it");
+        // The sun lights all of the cap as it does any level surface.
+        for (x, z) in (1..7).flat_map(|x| (-6..7).map(move |z| (-0.1 * x as f32, 0.1 * z as f32))) {
+            let cap = brightness(&picture, view, Vec3::new(x, 0.13, z));
+            assert!(
+                (cap / lit - 1.0).abs() < 0.05,
+                "{what}: {cap} at {x}, {z}, {lit} on the floor"
+            );
+        }
+        stage.world().despawn(ball);
         stage.world().despawn(floor);
     }
 }

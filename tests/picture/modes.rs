@@ -1,16 +1,17 @@
 //! What cameras show besides the picture.
 
 use bevy::camera::ScalingMode;
+use bevy::ecs::system::SystemState;
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbVolume};
+use bevy_vdb::{VdbCamera, VdbMaterial, VdbOverlays, VdbRenderMode, VdbSpatialQuery, VdbVolume};
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
-use vdb_core::tree::CoordBox;
+use vdb_core::tree::{CoordBox, Tree};
 
 use super::common::{Picture, Stage};
-use super::{SIZE, SURFACE, looking};
+use super::{SIZE, SURFACE, looking, pixel_ray};
 
 /// A parallel view of so many world units from bottom to top.
 fn parallel(viewport_height: f32) -> Projection {
@@ -129,8 +130,9 @@ fn borders_are_shown_in_any_mode() {
     let grid = stage.grid(tree, PackKind::Smooth { iso: 0.0 }, 0.1);
     stage.world().spawn((VdbVolume(grid), VdbMaterial::default()));
     stage.world().spawn((DirectionalLight { illuminance: 3.0, ..default() }, looking(Vec3::ONE)));
-    // Depth is in the test above.
-    for mode in VdbRenderMode::ALL.iter().copied().filter(|mode| *mode != VdbRenderMode::Depth) {
+    // Depth is in the test above, and a maximum shows no surface.
+    let without = [VdbRenderMode::Depth, VdbRenderMode::Maximum];
+    for mode in VdbRenderMode::ALL.iter().copied().filter(|mode| !without.contains(mode)) {
         let mut show = |leaves: bool| {
             let overlays = VdbOverlays { leaves, ..default() };
             stage.world().entity_mut(camera).insert(VdbCamera { mode, overlays, ..default() });
@@ -143,4 +145,67 @@ fn borders_are_shown_in_any_mode() {
         let seen = without.count(|p| p.truncate() != Vec3::ZERO);
         assert!((100..1500).contains(&differ), "{mode:?}: {differ} pixels differ of {seen}");
     }
+}
+
+/// What a maximum intensity projection shows is the largest value along the ray, of whichever fog.
+#[gpu_test]
+fn the_largest_value_along_a_ray_is_shown() {
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let view = looking(Vec3::new(1.0, 2.0, 7.0));
+    let scale = 1.25;
+    let camera = stage.camera(&target, view);
+    let mode = VdbCamera { mode: VdbRenderMode::Maximum, maximum_scale: scale, ..default() };
+    stage.world().entity_mut(camera).insert(mode);
+    let waves = |x: IVec3| {
+        let waves = (x.as_dvec3() * DVec3::new(0.9, 0.7, 1.1)).to_array().map(f64::sin);
+        (waves.iter().product::<f64>() + 0.1).max(0.0) as f32
+    };
+    let mut noise = Tree::new(0.0);
+    for (x, y, z) in (0..24 * 24 * 24).map(|i| (i / 576, i / 24 % 24, i % 24)) {
+        let at = IVec3::new(x, y, z) - 12;
+        noise.set(at, waves(at));
+    }
+    let noise = stage.grid(noise, PackKind::Fog, 0.1);
+    let block = CoordBox { min: IVec3::splat(-5), max: IVec3::splat(5) };
+    let block = stage.grid(fog::block(block, 0.6), PackKind::Fog, 0.1);
+    let turned = Transform::from_rotation(Quat::from_euler(EulerRot::XYZ, 0.5, 1.1, -0.3));
+    let beside = Transform::from_xyz(0.8, 0.5, 1.0);
+    let volumes = [(noise, turned), (block, beside)]
+        .map(|(grid, at)| stage.world().spawn((VdbVolume(grid), at)).id());
+    // Behind this surface would be nothing else; rays go through it.
+    stage.green_sphere(Transform::from_xyz(0.0, 0.0, 3.0).with_scale(Vec3::splat(0.3)));
+    let picture = stage.picture(&target);
+    picture.save("maximum");
+    let mut state = SystemState::<VdbSpatialQuery>::new(stage.world());
+    let query = state.get(stage.world()).unwrap();
+    let (mut seen, mut worst) = ([0; 2], 0.0_f32);
+    for y in 0..SIZE.y {
+        for x in 0..SIZE.x {
+            let (origin, dir) = pixel_ray(view, x, y);
+            let value = |volume: Entity, t: f64| {
+                query.trilinear(volume, (origin + dir * t).as_vec3()).unwrap().max(0.0)
+            };
+            // Maxima are often where the ray passes from cell to cell, so the second pass is 200 times finer.
+            let largest = |volume| {
+                let pass = |from: f64, step: f64, count: i32| {
+                    let at = (0..count).map(|i| from + f64::from(i) * step);
+                    at.map(|t| (value(volume, t), t)).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
+                };
+                let (_, t) = pass(3.0, 0.008, 1000);
+                pass(t - 0.008, 0.000_04, 400).0
+            };
+            let both = volumes.map(largest);
+            let expected = both[0].max(both[1]);
+            if expected > 0.0 {
+                seen[usize::from(both[1] > both[0])] += 1;
+            }
+            let shown = scale * picture.at(x, y).y;
+            // 16-bit floats hold 11 bits.
+            worst = worst.max((shown - expected).abs());
+        }
+    }
+    println!("{seen:?} pixels of both fogs, {worst} off");
+    assert!(seen.iter().all(|seen| *seen > 100), "{seen:?}");
+    assert!(worst < 1e-3, "{worst}");
 }

@@ -142,7 +142,7 @@ struct View {
     offscreen_count: u32,   // volumes outside the view, which follow its own
     size: vec2<u32>,        // rays along each axis; equals `picture` at full resolution
     origin: vec2<u32>,      // of the viewport in the target
-    steps_scale: f32,       // number of steps shown as the hottest colour
+    mode_scale: f32,        // number of steps shown as the hottest colour, or value shown in white
     reflections: u32,       // maximum number of reflections of a view ray
     overlays: u32,          // bits: borders of leaves, lower nodes and upper nodes
     sun_count: u32,

@@ -48,6 +48,9 @@
 #ifdef VDB_COUNT_STEPS
 #import bevy_vdb::traversal::hdda::steps
 #endif
+#ifdef VDB_SHOW_MAXIMUM
+#import bevy_vdb::trace::maximum::brightest
+#endif
 
 #ifdef MULTISAMPLED
 @group(2) @binding(6) var scene_depth: texture_depth_multisampled_2d;
@@ -293,7 +296,21 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
 // The surface that a view ray hits, in the colours of the render mode.
 fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathResult {
     var result = nothing_met();
+#ifdef VDB_SHOW_MAXIMUM
+#ifdef VDB_FOGS
+    let found = brightest(primary, pixel, t_end);
+    if found.volume != NONE {
+        result.color = vec3(min(found.value / view.mode_scale, 1.0));
+        result.coverage = 1.0;
+        result.depth = encoded_fog_depth(depth_of_t(found.t));
+        result.motion_volume = found.volume;
+        result.motion_depth = depth_of_t(found.t);
+    }
+#endif
+    let surface = no_surface();
+#else
     let surface = nearest_surface(primary, pixel, t_end);
+#endif
     if surface.found {
         result.coverage = 1.0;
         result.depth = depth_of_t(surface.t);
@@ -322,7 +339,7 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
     let fog = trace_fogs(primary, pixel, t_max);
 #endif
     if steps > 0u {
-        result.color = with_borders(heat_map(f32(steps) / view.steps_scale), primary, surface);
+        result.color = with_borders(heat_map(f32(steps) / view.mode_scale), primary, surface);
         result.coverage = 1.0;
         let fog_depth = encoded_fog_depth(depth_of_t(view.t_near));
         result.depth = select(fog_depth, result.depth, is_surface_depth(result.depth));

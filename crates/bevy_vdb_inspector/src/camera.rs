@@ -34,6 +34,10 @@ pub(super) fn show(
         let scale = super::widgets::slider(&mut new.steps_scale, 1.0..=2_000.0).logarithmic(true);
         ui.add(scale.text("steps shown in red"));
     }
+    if new.mode == VdbRenderMode::Maximum {
+        let scale = super::widgets::slider(&mut new.maximum_scale, 1e-3..=1e3).logarithmic(true);
+        ui.add(scale.text("value shown in white"));
+    }
     ui.checkbox(&mut new.mesh_shadows, "shadows on meshes");
     ui.checkbox(&mut new.multiple_scattering, "multiple scattering");
     ui.label("node borders:");

@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 57] = shaders![
+const IMPORTS: [(&str, &[u8]); 59] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -32,6 +32,7 @@ const IMPORTS: [(&str, &[u8]); 57] = shaders![
     "traversal/normals",
     "traversal/ramps",
     "traversal/fog",
+    "traversal/maximum",
     "trace/emission",
     "traversal/march",
     "view/depths",
@@ -73,6 +74,7 @@ const IMPORTS: [(&str, &[u8]); 57] = shaders![
     "trace/slabs",
     "trace/fogs",
     "trace/show",
+    "trace/maximum",
     "trace/path"
 ];
 /// The shaders with entry points.

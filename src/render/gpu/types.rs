@@ -117,7 +117,7 @@ pub(crate) struct View {
     pub offscreen_count: u32,
     pub size: [u32; 2],
     pub origin: [u32; 2],
-    pub steps_scale: f32,
+    pub mode_scale: f32,
     pub reflections: u32,
     pub overlays: u32,
     pub sun_count: u32,
@@ -236,7 +236,7 @@ mod tests {
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, offscreen_count, size, origin,
-            steps_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
+            mode_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
             has_tile_starts, picture, shadow_range, reflection_range, suns, disks, random_offset,
             frame, jitter, max_frames, cached_sun_count, edge_samples, fire_light_count, cached_suns,
             light_texel, cached_lamp_count, cached_lamps, fire_lights);

@@ -315,13 +315,12 @@ fn new_job(prepared: &PreparedView, i: usize, place: Place, layout: CacheLayout)
     }
 }
 
-/// How a lattice is filled for a sun: from rays that its samples share, unless these would take too much memory,
-/// end within the fog, or be cut by clip planes.
+/// How a lattice is filled for a sun: from rays that its samples share, unless these would take too much memory
+/// or end within the fog.
 fn sun_way(job: Job, prepared: &PreparedView, entry: &Entry, layout: CacheLayout) -> Way {
     let world_from_local = entry.lattice.world_from_local;
     let is_endless = prepared.data.shadow_range >= types::FARTHEST;
-    let is_whole = is_endless && !prepared.key.has(Features::CLIPPED);
-    let rays = is_whole.then(|| SunRays::new(layout, world_from_local, job.light.into()));
+    let rays = is_endless.then(|| SunRays::new(layout, world_from_local, job.light.into()));
     let Some(rays) = rays.flatten() else { return Way::Samples(job) };
     let Job { origin, volume, axis_x, axis_y, axis_z, place, .. } = job;
     // Segments are few, so shorter steps cost little.

@@ -20,6 +20,7 @@ use crate::render::extract::{
     ExtractedClipPlanes, ExtractedSuns, ExtractedVolume, ExtractedVolumes,
 };
 use crate::render::gpu::{non_negative, types};
+use crate::{VdbCamera, VdbRenderMode};
 
 /// The largest exposure. With the bounds of materials, it keeps products within f32, because WGSL
 /// may assume that there are no infinities.
@@ -122,7 +123,7 @@ fn prepare(
         offscreen_count: (list.entries.len() - list.seen) as u32,
         size: size.to_array(),
         origin: view.viewport.xy().to_array(),
-        steps_scale: non_negative(settings.camera.steps_scale).max(1.0),
+        mode_scale: mode_scale(&settings.camera),
         reflections: settings.reflections,
         slabs: quality.fog_slabs,
         picture: picture.to_array(),
@@ -158,6 +159,14 @@ fn prepare(
             || key.has(Features::EDGES),
         uniform: None,
         entries: resolved.list.entries,
+    }
+}
+
+/// What the render mode shows in its last colour.
+fn mode_scale(camera: &VdbCamera) -> f32 {
+    match camera.mode {
+        VdbRenderMode::Maximum => non_negative(camera.maximum_scale).max(f32::MIN_POSITIVE),
+        _ => non_negative(camera.steps_scale).max(1.0),
     }
 }
 

@@ -1,0 +1,99 @@
+// The largest value of fog along a ray.
+#define_import_path bevy_vdb::traversal::maximum
+
+#import bevy_vdb::gpu::types::Grid
+#import bevy_vdb::traversal::exact::MirroredRay
+#import bevy_vdb::traversal::samples::{Corners, fog_cell, tile_value, trilinear}
+#import bevy_vdb::traversal::tree::{empty_cell, locate, new_accessor, span_constant, span_occupied}
+#import bevy_vdb::traversal::rebase::{rebased_at, rebased_exit}
+#import bevy_vdb::traversal::hdda::{Dda, advance, confirm, count_step, exit_planes, local_cell, unmirrored}
+
+struct Largest {
+    value: f32,     // 0 if the ray meets no positive value
+    t: f32,
+}
+
+// The largest value of a cubic from 0 to 1, given its values at 0, 1/3, 2/3 and 1; and where it is.
+fn largest_of_cubic(f: vec4<f32>) -> vec2<f32> {
+    let d_1 = f.y - f.x;
+    let d_2 = f.z - 2.0 * f.y + f.x;
+    let d_3 = f.w - 3.0 * f.z + 3.0 * f.y - f.x;
+    // f.x + a·s + b·s² + c·s³
+    let a = 3.0 * d_1 - 1.5 * d_2 + d_3;
+    let b = 4.5 * (d_2 - d_3);
+    let c = 4.5 * d_3;
+    var largest = select(vec2(f.x, 0.0), vec2(f.w, 1.0), f.w > f.x);
+    // a + 2·b·s + 3·c·s² = 0, without cancellation.
+    let root = b * b - 3.0 * a * c;
+    if root > 0.0 {
+        let q = -(b + select(-sqrt(root), sqrt(root), b >= 0.0));
+        let ends = vec2(
+            select(0.0, q / (3.0 * c), abs(c) > 1e-30),
+            select(0.0, a / q, abs(q) > 1e-30),
+        );
+        for (var i = 0u; i < 2u; i++) {
+            let s = saturate(select(ends.y, ends.x, i == 0u));
+            let value = f.x + s * (a + s * (b + s * c));
+            largest = select(largest, vec2(value, s), value > largest.x);
+        }
+    }
+    return largest;
+}
+
+fn highest_corner(c: Corners) -> f32 {
+    let highest = max(c.low, c.high);
+    return max(max(highest.x, highest.y), max(highest.z, highest.w));
+}
+
+// The largest value along a mirrored ray, if it is more than `least`. In each trilinear cell, the value is a cubic
+// in t, so there is no step size to choose.
+fn largest_value(grid: Grid, mirrored: MirroredRay, entry: Dda, least: f32) -> Largest {
+    var largest = Largest(least, 0.0);
+    var dda = entry;
+    var accessor = new_accessor(local_cell(mirrored, dda.rel));
+    while dda.inside {
+        count_step();
+        let cell = local_cell(mirrored, dda.rel);
+        let span = locate(grid, cell, mirrored.octant, &accessor);
+        let current = dda;
+        if !span_occupied(span) {
+            dda = advance(mirrored, current, span);
+            continue;
+        }
+        let confirmed = confirm(mirrored, current);
+        if !confirmed.inside {
+            dda = advance(mirrored, current, empty_cell());
+            continue;
+        }
+        dda = advance(mirrored, current, span);
+        if span_constant(span) {
+            let value = tile_value(grid, span.word);
+            if value > largest.value {
+                largest = Largest(value, confirmed.t);
+            }
+            continue;
+        }
+        let own = fog_cell(grid, span, cell);
+        if own.offset + own.scale * highest_corner(own.corners) <= largest.value {
+            continue;
+        }
+        let rebased = rebased_at(mirrored, confirmed.rel, confirmed.axis, confirmed.t);
+        let plane = exit_planes(mirrored, current.rel, span);
+        let exit = rebased_exit(rebased, mirrored, plane, dda.axis);
+        let t_length = max(min(exit, rebased.end), 0.0);
+        let start = rebased.frac;
+        let path = t_length * mirrored.speed;
+        let f = vec4(
+            trilinear(own.corners, unmirrored(mirrored, start)),
+            trilinear(own.corners, unmirrored(mirrored, saturate(start + path / 3.0))),
+            trilinear(own.corners, unmirrored(mirrored, saturate(start + path * (2.0 / 3.0)))),
+            trilinear(own.corners, unmirrored(mirrored, saturate(start + path))),
+        );
+        let found = largest_of_cubic(f);
+        let value = own.offset + own.scale * found.x;
+        if value > largest.value {
+            largest = Largest(value, confirmed.t + found.y * t_length);
+        }
+    }
+    return largest;
+}
