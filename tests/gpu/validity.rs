@@ -394,6 +394,7 @@ fn the_beams_are_valid() {
         "VDB_EDGES",
         "VDB_WIDE_GRIDS",
         "VDB_LEVELS",
+        "VDB_CLIP",
     ];
     for defs in subsets(&all) {
         check(&mut composer, "trace/beams", &defs);

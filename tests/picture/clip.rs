@@ -126,13 +126,17 @@ fn fog_and_solids_end_at_clip_planes() {
     let ball = stage.grid(level_set::sphere(DVec3::ZERO, 20.0), SMOOTH, 0.1);
     let ball = (VdbVolume(ball), glow(GREEN), VdbClippedBy(planes.to_vec()));
     stage.world().spawn((ball, Transform::from_scale(Vec3::splat(5.0))));
-    // The eye is in the half that is cut away, and nothing but the cap is in front of it.
-    stage.world().entity_mut(camera).insert((
-        Transform::from_xyz(0.0, 0.0, 1.0).looking_at(Vec3::ZERO, Vec3::Y),
-        VdbCamera { mode: VdbRenderMode::Depth, ..default() },
-    ));
+    // The eye is in the half that is cut away, and nothing of the ball but the cap is in front of it.
+    let view = Transform::from_xyz(0.3, 0.2, 1.0).looking_at(Vec3::new(-0.4, -0.7, -1.0), Vec3::Y);
+    let depths = VdbCamera { mode: VdbRenderMode::Depth, ..default() };
+    stage.world().entity_mut(camera).insert((view, depths));
+    let expected = 0.1 / (1.05 / -view.forward().z);
     let depth = stage.picture(&target).center().x;
-    assert!((depth / (0.1 / 1.05) - 1.0).abs() < 2e-3, "{depth}");
+    assert!((depth / expected - 1.0).abs() < 2e-3, "{depth} in place of {expected}");
+    // A mesh within the solid is behind the cap.
+    stage.red_cube(0.3, Transform::from_translation(view.translation + 1.5 * view.forward()));
+    let depth = stage.picture(&target).center().x;
+    assert!((depth / expected - 1.0).abs() < 2e-3, "{depth} in place of {expected}, before a mesh");
 }
 
 /// Half a cube of fog that a plane cuts, and one of half the voxels, with the sun behind the plane and before it.

@@ -270,6 +270,7 @@ fn rays_do_not_pass_between_levels() {
 
 /// Pages that are cut anew replace those of the index before, at other borders, too.
 #[gpu_test]
+#[ignore = "slow: cooks two surfaces"]
 fn an_index_that_is_loaded_again_brings_its_own_pages() {
     let path = cook("again", SMOOTH);
     let mut land = Land::new(above());

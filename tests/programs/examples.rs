@@ -74,6 +74,7 @@ fn many_volumes_are_of_all_colours() {
 }
 
 #[gpu_test]
+#[ignore = "slow: reflections in reflections"]
 fn gold_and_chrome_mirror_the_studio() {
     let picture = picture("glossy");
     // Gold is yellow, chrome is bright without a hue: screens in it, dark walls elsewhere.
@@ -88,6 +89,7 @@ fn gold_and_chrome_mirror_the_studio() {
 }
 
 #[gpu_test]
+#[ignore = "slow: ten seconds of edits"]
 fn clay_is_carved_and_set_with_beads() {
     let picture = picture("edit_voxels");
     let clay = |[r, g, b]: [i32; 3]| r > 50 && r > g + 15 && g >= b;
@@ -144,6 +146,23 @@ fn volumes_under_lights_are_drawn() {
 }
 
 #[gpu_test]
+#[ignore = "slow: fog in the sun"]
+fn planes_cut_a_teapot_and_a_cloud() {
+    let picture = picture("clip_planes");
+    // The cut is flat, and so evenly lit: most of what is amber has one colour.
+    let amber = |[r, g, b]: [i32; 3]| r > g + 30 && g > b + 30;
+    let (mut most, mut all) = (0, 0);
+    for &pixel in picture.iter().filter(|pixel| amber(pixel.map(i32::from))) {
+        let like = |other: [i32; 3]| (0..3).all(|i| (other[i] - i32::from(pixel[i])).abs() <= 3);
+        most = most.max(count(&picture, like));
+        all += 1;
+    }
+    assert!(all > 400 && 2 * most > all, "{most} of {all} pixels of the teapot are of one colour");
+    let cloud = count(&picture, |[r, g, b]| r.min(g).min(b) > 160);
+    assert!(cloud > 200, "{cloud} pixels of cloud");
+}
+
+#[gpu_test]
 #[ignore = "slow: fire in smoke"]
 fn smoke_and_fire_glow_and_are_mirrored() {
     let picture = picture("smoke_and_fire");
@@ -193,6 +212,7 @@ fn what_cannot_be_drawn_is_an_error() {
 
 /// A pale ghost before a dusky sky, over sand that is darker where it is wet.
 #[gpu_test]
+#[ignore = "slow: a large scene"]
 fn materials_shows_a_ghost_and_wet_sand() {
     let picture = picture("materials");
     let (above, below) = picture.split_at(SIZE.0 * SIZE.1 / 2);

@@ -3,7 +3,7 @@
 // before opaque meshes end them, and where those rays can start.
 
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::gpu::types::Rays
+#import bevy_vdb::gpu::types::{KIND_SMOOTH, Rays}
 #import bevy_vdb::view::picture::{depth_of_meshes, t_of_depth}
 #import bevy_vdb::view::scene::{target_pixel, view, volumes}
 #import bevy_vdb::traversal::beam::{beam_of, beam_start_t, beam_box_t}
@@ -93,7 +93,16 @@ fn cull_tile(i: u32, tile: vec2<u32>) {
     if t_box > t_end || is_occluded(tile, t_box) {
         return;
     }
-    let start = beam_start_t(grids[volume.grid], beam);
+    var start = t_box;
+#ifdef VDB_CLIP
+    // A solid is as empty to beams as the space around it, but a cap may be in front of all of its surface.
+    let has_caps = volume.clip_planes != 0u && volume.kind == KIND_SMOOTH;
+#else
+    let has_caps = false;
+#endif
+    if !has_caps {
+        start = beam_start_t(grids[volume.grid], beam);
+    }
     if start >= FAR || start > t_end || (start > t_box && is_occluded(tile, start)) {
         return;
     }

@@ -78,11 +78,7 @@ fn nearest_surface(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Surface {
     let end = volume_end(segment);
     var i = next_candidate(segment, pixel, view.volume_first, t_end);
     for (; i < end; i = next_candidate(segment, pixel, i + 1u, t_end)) {
-        var start = start_t(segment, i, pixel);
-#ifdef VDB_CLIP
-        // A solid is as empty to beams as the space around it, but a cap may be in front of all of its surface.
-        start = select(start, 0.0, volumes[i].clip_planes != 0u);
-#endif
+        let start = start_t(segment, i, pixel);
         if volumes[i].kind == KIND_FOG || start >= t_end {
             continue;
         }

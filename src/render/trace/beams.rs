@@ -34,7 +34,8 @@ impl From<&ViewKey> for BeamsKey {
             | Features::ACCUMULATED
             | Features::EDGES
             | Features::WIDE_GRIDS
-            | Features::LEVELS;
+            | Features::LEVELS
+            | Features::CLIPPED;
         Self { features: key.features & own, page_bits: key.page_bits }
     }
 }

@@ -110,6 +110,7 @@ fn a_page_lies_in_its_bounds_which_are_those_of_its_children() {
 }
 
 #[test]
+#[ignore = "slow: cooks a surface twice"]
 fn a_function_has_the_pages_of_the_tree_of_the_same_function() {
     let bounds = CoordBox { min: IVec3::splat(-REACH), max: IVec3::splat(REACH) };
     let tree = level_set::from_distance(bounds, distance);
