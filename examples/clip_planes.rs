@@ -45,7 +45,7 @@ fn setup(
         VdbClippedBy(vec![plane]),
     ));
 
-    // A slice is what two planes leave that face away from each other.
+    // Two planes that face away from each other leave a slice.
     let (up, down) = (Quat::IDENTITY, Quat::from_rotation_x(PI));
     let slice = [(up, 1.9), (down, 1.3)].map(|(turn, height)| {
         let from = Vec3::new(2.2, height, 0.0);

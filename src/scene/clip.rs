@@ -24,17 +24,17 @@ use bevy::prelude::*;
 #[require(Transform)]
 pub struct VdbClipPlane;
 
-/// The [`VdbClipPlane`]s that cut a volume. What is left is what none of them cuts away, so that planes can bound a
-/// slice or a box.
+/// The [`VdbClipPlane`]s that cut a volume. Only the part on the kept side of every plane remains, so planes can bound
+/// a slice or a box.
 ///
 /// The solid inside a smooth surface is cut open: it gets a flat face with the material of the volume. Voxels and fog
-/// end at the plane. What is cut away casts no shadow, is not reflected and does not shine; [ray casts and point
-/// queries](crate::VdbSpatialQuery) do not meet it. Only the lights of a
-/// [`VdbEmissionLight`](crate::VdbEmissionLight) remain those of the whole fire.
+/// end at the plane. What is cut away casts no shadow, is not reflected and does not shine; only the lights of a
+/// [`VdbEmissionLight`](crate::VdbEmissionLight) remain those of the whole fire. Ray casts and
+/// [`VdbSpatialQuery::contains`](crate::VdbSpatialQuery::contains) ignore it; point samples still return its values.
 ///
-/// All volumes together can have up to 32 planes. Others cut nothing, with a warning, as do entities that are no
-/// [`VdbClipPlane`]s. A [`VdbPagedVolume`](crate::VdbPagedVolume) cannot be cut, because it has no pages inside the
-/// solid.
+/// At most 32 planes can cut visible volumes at once: a warning names volumes with more, of which the image, but not
+/// ray casts, ignores some. Entities without a [`VdbClipPlane`] are ignored. A
+/// [`VdbPagedVolume`](crate::VdbPagedVolume) cannot be cut, because it has no pages inside the solid.
 #[derive(Clone, Component, Debug, Default, PartialEq, Eq, Reflect)]
 #[reflect(Component, Clone, Debug, Default, PartialEq)]
 pub struct VdbClippedBy(#[entities] pub Vec<Entity>);

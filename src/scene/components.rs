@@ -169,7 +169,8 @@ pub enum VdbRenderMode {
     /// Maximum intensity projection, an overview of scientific and medical data: the largest value
     /// of all fog along each ray, up to the first opaque mesh, from black at 0 to white at
     /// [`VdbCamera::maximum_scale`]. Exact for the trilinear interpolant. Values are those of the
-    /// grids, without `density_scale`, ramps and custom materials; surfaces are left out.
+    /// grids, without `density_scale`, ramps and custom materials; surfaces are left out. While a
+    /// player cross-fades, both frames count in full.
     Maximum,
 }
 

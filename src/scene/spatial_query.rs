@@ -270,14 +270,18 @@ impl<'a> Placed<'a> {
             dir: self.index_from_world.transform_vector3(dir),
             t_max: part.t_last - part.t_first,
         };
+        let is_smooth = matches!(self.grid.kind(), PackKind::Smooth { .. });
         if let Some(plane) = part.plane
-            && self.grid.kind() != PackKind::Fog
+            && is_smooth
             && self.query().contains(index_ray.origin)
         {
-            let voxel = index_ray.origin.round().as_ivec3();
+            let voxel = (index_ray.origin + 0.5).floor().as_ivec3();
             return Some(hit(part.t_first, voxel, -plane.kept, false));
         }
         let found = self.query().first_hit(&index_ray, enough)?;
+        if let Some(plane) = part.plane.filter(|_| found.begins_inside) {
+            return Some(hit(part.t_first, found.ijk, -plane.kept, false));
+        }
         let normal = self.index_from_world.matrix3.transpose() * found.normal;
         Some(hit(part.t_first + found.t, found.ijk, normal, found.begins_inside))
     }

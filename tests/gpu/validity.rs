@@ -146,13 +146,6 @@ fn every_variant_of_the_trace_is_valid() {
         let fire = ["VDB_LIT", "VDB_SURFACES", "VDB_FOGS", "VDB_EMISSION", "VDB_REFLECTIONS"];
         check(&[&fire, &["VDB_LOCAL_LIGHTS", "VDB_FIRE_LIGHTS"], &with, &shadows]);
     }
-    // Clip planes.
-    for with in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_LEVELS", "VDB_MANY"]) {
-        let cut = ["VDB_CLIP", "VDB_BEAMS"];
-        check(&[&cut, &["VDB_SHOW_NORMALS"], &with]);
-        let lit = ["VDB_LIT", "VDB_LOCAL_LIGHTS", "VDB_REFLECTIONS", "VDB_SMOOTH_NORMALS"];
-        check(&[&cut, &lit, &with, &shadows]);
-    }
     // Levels of detail within volumes.
     for with in subsets(&["VDB_SMOOTH", "VDB_BEAMS", "VDB_REFLECTIONS", "VDB_SMOOTH_NORMALS"]) {
         check(&[&["VDB_LIT", "VDB_SURFACES", "VDB_LEVELS"], &with, &shadows]);
@@ -301,19 +294,26 @@ fn every_variant_of_the_trace_is_valid() {
     let (colors, ramps, probes) = (8 * 4, 8 * 4 + 1, 8 * 5);
     let materials = 16 + 16 * 4 + 1;
     let mirrors = 16;
-    let (rectangles, fires, levels, clips) = (8 * 3, 8, 16 * 2, 32 * 2);
+    let (rectangles, fires, levels) = (8 * 3, 8, 16 * 2);
     let others = filters + many + formats + normals + wide + scaled + accumulated + edges;
-    let others = others
-        + colors
-        + ramps
-        + probes
-        + materials
-        + mirrors
-        + rectangles
-        + fires
-        + levels
-        + clips;
+    let others =
+        others + colors + ramps + probes + materials + mirrors + rectangles + fires + levels;
     assert_eq!(variants, kinds + light_cache + others);
+}
+
+#[test]
+fn cutting_volumes_is_valid() {
+    let mut composer = composer();
+    for with in subsets(&["VDB_SURFACES", "VDB_SMOOTH", "VDB_FOGS", "VDB_LEVELS", "VDB_MANY"]) {
+        let cut = [&["VDB_CLIP", "VDB_BEAMS"], &with[..]].concat();
+        for mode in [
+            &["VDB_SHOW_NORMALS"][..],
+            &["VDB_LIT", "VDB_LOCAL_LIGHTS", "VDB_REFLECTIONS", "VDB_SMOOTH_NORMALS"],
+            &["VDB_LIT", "VDB_SHADOWS", "SHADOW_FILTER_METHOD_GAUSSIAN"],
+        ] {
+            check(&mut composer, "trace/trace", &[&cut, mode].concat());
+        }
+    }
 }
 
 #[test]

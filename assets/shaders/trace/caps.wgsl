@@ -5,7 +5,7 @@
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::hdda::{Dda, FAR, enter, mirrored_ray}
 #import bevy_vdb::traversal::smooth::{SurfaceHit, first_root}
-#import bevy_vdb::trace::segment::{ClippedPart, NONE, Segment, clipped_part, lattice_ray}
+#import bevy_vdb::trace::segment::{ClippedPart, NONE, Segment, clipped_part, ray_of_level}
 #import bevy_vdb::view::scene::{view, volumes}
 
 // Whether a ray begins where it passes a clip plane, not at the eye or at the end of another level of detail. The
@@ -43,7 +43,8 @@ fn first_clipped_root(
     var endless = mirrored;
     var dda = entry;
     if at_plane {
-        var ray = lattice_ray(segment, volume, FAR);
+        var ray = ray_of_level(segment, volume, FAR);
+        ray.t_min = max(ray.t_min, part.t_first);
         ray.t_max = FAR;
         endless = mirrored_ray(grid, ray);
         dda = enter(endless);

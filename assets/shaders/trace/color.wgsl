@@ -10,12 +10,12 @@
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::traversal::samples::{fog_cell, tile_value, trilinear}
 #import bevy_vdb::view::scene::volumes
-#import bevy_vdb::trace::segment::{NONE, Segment, lattice_ray}
+#import bevy_vdb::trace::segment::{NONE, Segment, ray_of_level}
 #import bevy_vdb::traversal::tree::{locate, new_accessor, span_constant, span_occupied}
 
 // A point on a segment in the lattice of a volume.
 fn lattice_point_along(segment: Segment, t: f32, volume: u32) -> SamplePoint {
-    let ray = lattice_ray(segment, volume, FAR);
+    let ray = ray_of_level(segment, volume, FAR);
     let position = ray.frac + t * ray.dir;
     let whole = floor(position);
     return SamplePoint(ray.cell + vec3<i32>(whole), position - whole);

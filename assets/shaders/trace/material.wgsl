@@ -9,6 +9,7 @@
 #import bevy_vdb::trace::color::color_along
 #endif
 #ifdef VDB_MATERIALS
+#import bevy_vdb::gpu::types::KIND_SURFACE
 #import bevy_vdb::material::VdbHit
 #import bevy_vdb::material::kinds::surface_of_kind
 #import bevy_vdb::material::table::local_from_index
@@ -53,7 +54,7 @@ fn changed_material(
     built_in: VdbSurface,
 ) -> VdbSurface {
     // Voxels are centred on samples.
-    let offset = select(0.0, 0.5, surface.is_face);
+    let offset = select(0.0, 0.5, volumes[surface.volume].kind == KIND_SURFACE);
     let at = index_position(surface.volume, surface.cell, surface.frac - offset);
     let hit = VdbHit(
         world_position(point_at(segment, surface.t)),

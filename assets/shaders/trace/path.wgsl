@@ -288,25 +288,27 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
     result.color = with_borders(result.color, primary, first_surface);
     return result;
 }
-#else
-// The surface that a view ray hits, in the colours of the render mode.
+#else ifdef VDB_SHOW_MAXIMUM
+// The largest value of fog along a view ray.
 fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathResult {
     var result = nothing_met();
-#ifdef VDB_SHOW_MAXIMUM
 #ifdef VDB_FOGS
     let found = brightest(primary, pixel, t_end);
     if found.volume != NONE {
-        result.color = vec3(min(found.value / view.mode_scale, 1.0));
+        result.color = vec3(min(found.value, view.mode_scale) / view.mode_scale);
         result.coverage = 1.0;
         result.depth = encoded_fog_depth(depth_of_t(found.t));
         result.motion_volume = found.volume;
         result.motion_depth = depth_of_t(found.t);
     }
 #endif
-    let surface = no_surface();
+    return result;
+}
 #else
+// The surface that a view ray hits, in the colours of the render mode.
+fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathResult {
+    var result = nothing_met();
     let surface = nearest_surface(primary, pixel, t_end);
-#endif
     if surface.found {
         result.coverage = 1.0;
         result.depth = depth_of_t(surface.t);

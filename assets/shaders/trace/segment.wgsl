@@ -12,7 +12,7 @@ const NONE: u32 = 0xffffffffu;
 #ifdef VDB_CLIP
 // Farther than any ray goes.
 const MAX_CLIP_T: f32 = 1e30;
-// Rounding of the distance of a point from a plane, relative to their distances from the eye: 2^-20.
+// Rounding of the distance of a point from a plane, relative to the numbers that it is computed from: 2^-20.
 const CLIP_ROUNDING: f32 = 9.5367431640625e-7;
 #endif
 
@@ -90,7 +90,12 @@ struct ClippedPart {
 
 fn clipped_part(segment: Segment, volume: u32) -> ClippedPart {
     var part = ClippedPart(-MAX_CLIP_T, MAX_CLIP_T, NONE);
-    let origin = position_from_eye(segment.start);
+    let start = segment.start;
+    let origin = position_from_eye(start);
+    // Of the terms that add up to a position, whose sum may be much less than they are.
+    let terms = abs(start.t) * length(view.dir + start.ndc.x * view.dir_x + start.ndc.y * view.dir_y)
+        + length(start.ndc.x * view.eye_x + start.ndc.y * view.eye_y)
+        + length(start.offset);
     for (var bits = volumes[volume].clip_planes; bits != 0u; bits &= bits - 1u) {
         let i = countTrailingZeros(bits) & (MAX_CLIP_PLANES - 1u);
         let plane = view.clip_planes[i];
@@ -98,7 +103,7 @@ fn clipped_part(segment: Segment, volume: u32) -> ClippedPart {
         var distance = dot(plane.xyz, origin) + plane.w;
         if !segment.is_view {
             // From a point on the plane, no rounding may make a ray begin in what is kept.
-            distance -= CLIP_ROUNDING * (length(origin) + abs(plane.w));
+            distance -= CLIP_ROUNDING * (terms + abs(plane.w));
         }
         if abs(slope) < 1e-20 {
             part.t_last = select(part.t_last, -2.0 * MAX_CLIP_T, distance < 0.0);
@@ -119,7 +124,7 @@ fn clipped_part(segment: Segment, volume: u32) -> ClippedPart {
 // The ray of a segment in the lattice of a volume. It hits nothing that another level of detail represents, nor what
 // clip planes cut away.
 fn lattice_ray(segment: Segment, volume: u32, t_max: f32) -> Ray {
-    var ray = unclipped_ray(segment, volume, t_max);
+    var ray = ray_of_level(segment, volume, t_max);
 #ifdef VDB_CLIP
     if volumes[volume].clip_planes != 0u {
         let part = clipped_part(segment, volume);
@@ -130,7 +135,8 @@ fn lattice_ray(segment: Segment, volume: u32, t_max: f32) -> Ray {
     return ray;
 }
 
-fn unclipped_ray(segment: Segment, volume: u32, t_max: f32) -> Ray {
+// The same before clip planes shorten it.
+fn ray_of_level(segment: Segment, volume: u32, t_max: f32) -> Ray {
     let start = segment.start;
     var ray = ray_through(volumes[volume].rays, start.ndc, segment.t_min, t_max);
     if segment.is_view {

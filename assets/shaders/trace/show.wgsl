@@ -4,7 +4,7 @@
 #import bevy_vdb::gpu::types::Ray
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::view::scene::{view, volumes}
-#import bevy_vdb::trace::segment::{Segment, lattice_ray}
+#import bevy_vdb::trace::segment::{Segment, ray_of_level}
 #import bevy_vdb::trace::surface::{Surface, safe_normalize}
 
 // Squared components of the unit normal, which sum to 1.
@@ -62,7 +62,7 @@ fn border_coverage(position: vec3<f32>, footprint: vec3<f32>, edge: f32) -> f32 
 // Blends node borders over a colour. They lie on the surface and have the same width in pixels everywhere.
 fn with_overlays(color: vec3<f32>, segment: Segment, surface: Surface) -> vec3<f32> {
     let rays = volumes[surface.volume].rays;
-    let ray = lattice_ray(segment, surface.volume, FAR);
+    let ray = ray_of_level(segment, surface.volume, FAR);
     // Step from this pixel to the next on the tangent plane.
     let n = safe_normalize(surface.gradient);
     let slope = dot(n, ray.dir);

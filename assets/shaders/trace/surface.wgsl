@@ -7,7 +7,7 @@
 #import bevy_vdb::traversal::rebase::rebased_at
 #import bevy_vdb::traversal::hdda::{FAR, Hit, mirrored_ray, enter_at, first_hit, local_cell, plane_t, unmirrored}
 #import bevy_vdb::view::scene::{scene_end, view, volumes}
-#import bevy_vdb::trace::segment::{Point, Segment, enters_page, point_at, quantise_frac, lattice_ray}
+#import bevy_vdb::trace::segment::{Point, Segment, enters_page, point_at, quantise_frac, ray_of_level}
 #ifdef VDB_CLIP
 #import bevy_vdb::trace::caps::{begins_at_plane, cap_gradient, first_clipped_root}
 #import bevy_vdb::trace::segment::clipped_part
@@ -204,7 +204,7 @@ fn offset_origin(segment: Segment, surface: Surface) -> Point {
         point.frac = quantise_frac(select(frac, vec3(0.0), outwards > vec3(0)));
         return point;
     }
-    let ray = lattice_ray(segment, surface.volume, FAR);
+    let ray = ray_of_level(segment, surface.volume, FAR);
     let distance_in_cells = max(max(abs(ray.dir.x), abs(ray.dir.y)), abs(ray.dir.z)) * surface.t;
     let gradient_dir = safe_normalize(surface.gradient);
     let offset_dir = select(gradient_dir, -gradient_dir, dot(gradient_dir, ray.dir) > 0.0);

@@ -13,7 +13,7 @@ use crate::{VdbClipPlane, VdbClippedBy};
 #[derive(Clone, Debug, Default, Resource)]
 pub(crate) struct ExtractedClipPlanes(Vec<(Entity, ClipPlane)>);
 
-/// What cuts a volume.
+/// The clip planes of a volume.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct VolumeClip {
     /// Its planes, a bit each.
@@ -21,7 +21,7 @@ pub(crate) struct VolumeClip {
     /// Identifies these planes and their places; 0 without any.
     pub content: u64,
     /// Whether there is no bit left for one of its planes.
-    pub is_too_much: bool,
+    pub has_too_many: bool,
 }
 
 impl ExtractedClipPlanes {
@@ -43,7 +43,7 @@ impl ExtractedClipPlanes {
             let known = self.0.iter().position(|(own, _)| *own == entity);
             let bit = known.unwrap_or(self.0.len());
             if bit >= types::MAX_CLIP_PLANES {
-                clip.is_too_much = true;
+                clip.has_too_many = true;
                 continue;
             }
             if known.is_none() {
@@ -58,10 +58,12 @@ impl ExtractedClipPlanes {
         clip
     }
 
-    /// The planes for the shaders of a view with its eye at a point in world space.
-    pub fn data(&self, eye: DVec3) -> [[f32; 4]; types::MAX_CLIP_PLANES] {
+    /// The planes for the shaders of a view with its eye at a point in world space: those of the bits in
+    /// `used`. Others are left out, so that the data changes only with what the view sees.
+    pub fn data(&self, used: u32, eye: DVec3) -> [[f32; 4]; types::MAX_CLIP_PLANES] {
         let mut data = [[0.0; 4]; types::MAX_CLIP_PLANES];
-        for (data, (_, plane)) in data.iter_mut().zip(&self.0) {
+        let all = data.iter_mut().zip(&self.0).enumerate();
+        for (_, (data, (_, plane))) in all.filter(|(bit, _)| used >> bit & 1 != 0) {
             let distance = plane.distance(eye) as f32;
             let distance = distance.clamp(-types::FARTHEST, types::FARTHEST);
             *data = plane.kept.as_vec3().extend(distance).to_array();

@@ -5,6 +5,8 @@ use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
 use vdb_core::view::CannotShow;
 
+use crate::render::gpu::types;
+
 /// A problem with a volume in a view, or with a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Trouble {
@@ -120,8 +122,9 @@ impl Warned {
                     entity.id()
                 ),
                 Trouble::TooManyPlanes => format!(
-                    "{volume} is not cut by all of its clip planes: all volumes together can have \
-                     32; let them share planes, or remove some"
+                    "{volume} is not cut by all of its clip planes: at most {} planes can be in use at once; share \
+                     planes between volumes, or remove some",
+                    types::MAX_CLIP_PLANES
                 ),
                 Trouble::TooManyPixels => format!(
                     "the camera of entity {} accumulates no frames of volumes: its image has more \

@@ -232,14 +232,15 @@ mod tests {
             metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last, color_grids,
             background, temperature_scale, temperature_offset, box_min, flags, box_max, fog_step,
             node_min, light_step, node_max, shadow_step, light_origin, light_log,
-            light_texel, light_planes, ramp, ramp_low, ramp_scale, ramp_emission, t_first, t_end);
+            light_texel, light_planes, ramp, ramp_low, ramp_scale, ramp_emission, t_first, t_end,
+            clip_planes);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, offscreen_count, size, origin,
             mode_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
             has_tile_starts, picture, shadow_range, reflection_range, suns, disks, random_offset,
             frame, jitter, max_frames, cached_sun_count, edge_samples, fire_light_count, cached_suns,
-            light_texel, cached_lamp_count, cached_lamps, fire_lights);
+            light_texel, cached_lamp_count, cached_lamps, fire_lights, clip_planes);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

@@ -16,7 +16,7 @@ use crate::render::extract::{
 };
 use crate::render::gpu::{affine, types};
 use crate::render::pool::VdbTreePool;
-use crate::render::view::{Eye, Shown, view_data, volume_data, world_corners};
+use crate::render::view::{Eye, Shown, cut_by, view_data, volume_data, world_corners};
 
 /// A volume that casts shadows.
 pub(super) struct Caster<'a> {
@@ -68,12 +68,14 @@ impl Cast {
         }
         let count = self.volumes.len() - first;
         if count > 0 {
+            let eye = world_from_view.transform_point3(rays.eye);
             let view = types::View {
                 volume_first: first as u32,
                 volume_count: count as u32,
                 size: size.to_array(),
                 random_offset,
-                ..view_data(&rays, world_from_view, &ExtractedSuns::default(), &self.clip_planes)
+                clip_planes: self.clip_planes.data(cut_by(&self.volumes[first..]), eye),
+                ..view_data(&rays, world_from_view, &ExtractedSuns::default())
             };
             self.maps.push((camera, map, view));
         }

@@ -45,7 +45,6 @@ fn entry_data(
         color_grids: types::NO_COLOR,
         t_first: -types::FARTHEST,
         t_end: types::FARTHEST,
-        clip_planes: volume.clip.planes,
         ..default()
     })
 }
@@ -70,7 +69,10 @@ pub(crate) fn emission_data<'a>(
     for part in volume.auxiliary.emission.iter().filter(|part| part.packed.occupied.is_some()) {
         let Some(grid) = pool.index(part.key) else { continue };
         match entry_data(part, volume, grid, view) {
-            Ok(data) => entries.push((data, part)),
+            Ok(data) => {
+                let clip_planes = volume.clip.planes;
+                entries.push((types::Volume { clip_planes, ..data }, part));
+            }
             Err(why) => note(Trouble::NotShown(why)),
         }
     }

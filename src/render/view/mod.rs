@@ -39,7 +39,7 @@ pub(super) use materials::MaterialTable;
 pub(super) use picture_pass::{
     PicturePass, PicturePipeline, PicturePipelines, add_picture_pass, run_picture_pass,
 };
-pub(super) use prepare::VolumeBuffer;
+pub(super) use prepare::{VolumeBuffer, cut_by};
 pub(super) use ramps::RampTexture;
 pub(super) use resolve::LightCacheLimit;
 pub(super) use sets::PrepareViews;

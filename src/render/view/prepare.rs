@@ -26,6 +26,9 @@ use crate::{VdbCamera, VdbRenderMode};
 /// may assume that there are no infinities.
 const MAX_EXPOSURE: f32 = 1e12;
 
+/// The least value that is shown in white.
+const MIN_MAXIMUM: f32 = 1e-30;
+
 /// The volumes of all views of the frame.
 #[derive(Resource)]
 pub(crate) struct VolumeBuffer(pub RawBufferVec<types::Volume>);
@@ -117,6 +120,7 @@ fn prepare(
         hide_surplus(owners.zip(&mut volumes).take(displayed), &chosen.drawn, slots);
     }
     let layout = TileLayout::new(size, list.seen as u32);
+    let eye = world_from_view.transform_point3(view_rays.eye);
     let data = types::View {
         exposure: non_negative(camera.exposure).min(MAX_EXPOSURE),
         volume_count: list.seen as u32,
@@ -137,7 +141,8 @@ fn prepare(
         frame: jitter.map_or(0, |_| frame.0),
         max_frames: quality.accumulate,
         edge_samples: quality.edge_samples,
-        ..view_data(view_rays, *world_from_view, suns, clip_planes)
+        clip_planes: clip_planes.data(cut_by(&volumes), eye),
+        ..view_data(view_rays, *world_from_view, suns)
     };
     let fogs = [types::KIND_FOG, types::KIND_EMISSION, types::KIND_BLACKBODY];
     PreparedView {
@@ -146,7 +151,7 @@ fn prepare(
         is_fallback: chosen.is_fallback,
         data,
         volumes,
-        eye: world_from_view.transform_point3(view_rays.eye),
+        eye,
         layout,
         most_tiles,
         clip_from_view: *clip_from_view,
@@ -162,10 +167,15 @@ fn prepare(
     }
 }
 
+/// The clip planes of volumes, a bit each.
+pub(crate) fn cut_by(volumes: &[types::Volume]) -> u32 {
+    volumes.iter().fold(0, |all, volume| all | volume.clip_planes)
+}
+
 /// What the render mode shows in its last colour.
 fn mode_scale(camera: &VdbCamera) -> f32 {
     match camera.mode {
-        VdbRenderMode::Maximum => non_negative(camera.maximum_scale).max(f32::MIN_POSITIVE),
+        VdbRenderMode::Maximum => non_negative(camera.maximum_scale).max(MIN_MAXIMUM),
         _ => non_negative(camera.steps_scale).max(1.0),
     }
 }

@@ -31,7 +31,7 @@ use crate::quality::features::Features;
 use crate::render::extract::{ExtractedSuns, ExtractedVolumes, Trouble, Warned};
 use crate::render::gpu::{affine, types};
 use crate::render::pool::VdbTreePool;
-use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbTraversal};
+use crate::{VdbCamera, VdbOverlays, VdbQuality, VdbRenderMode, VdbTraversal};
 
 /// The components of a view.
 #[derive(QueryData)]
@@ -250,7 +250,8 @@ fn view_key(
     let lights = lights.difference(Features::FIRE_LIGHTS.when(!reflects_fire));
     let caches = lights.contains(Features::LIGHT_CACHE);
     let media = list.media(only_seen);
-    let shows_edges = settings.smooths_edges && list.kinds_seen.has(SURFACES);
+    let shows_surfaces = camera.mode != VdbRenderMode::Maximum;
+    let shows_edges = settings.smooths_edges && shows_surfaces && list.kinds_seen.has(SURFACES);
     let interpolates = !has_surfaces && !lights.contains(Features::MESH_CASTERS);
     let [on_surfaces, in_fog] = list.materials;
     let on_surfaces = if settings.is_lit() { on_surfaces } else { 0 };
@@ -260,8 +261,8 @@ fn view_key(
         | Features::UNCACHED_FOGS.when(caches && (has_uncached || media.is_too_much()))
         | traversal
         | Features::MULTISAMPLED.when(of.msaa.samples() > 1)
-        | Features::VOXELS.when(list.kinds.has([types::KIND_SURFACE]))
-        | Features::SMOOTH.when(list.kinds.has([types::KIND_SMOOTH]))
+        | Features::VOXELS.when(shows_surfaces && list.kinds.has([types::KIND_SURFACE]))
+        | Features::SMOOTH.when(shows_surfaces && list.kinds.has([types::KIND_SMOOTH]))
         | Features::SMOOTH_NORMALS.when(list.smooth_normals && settings.uses_normals())
         | Features::FOG.when(fog || emission)
         | Features::FOG_STEPS.when(fog && list.fog_steps)

@@ -7,18 +7,17 @@ use bevy::render::camera::TemporalJitter;
 use vdb_core::view::ViewRays;
 
 use crate::VdbOverlays;
-use crate::render::extract::{ExtractedClipPlanes, ExtractedSuns};
+use crate::render::extract::ExtractedSuns;
 use crate::render::gpu::{golden, types};
 
 /// The largest factor of a sun's illuminance.
 const MAX_FACTOR: f32 = 1e6;
 
-/// The part of the uniform with the rays, suns and clip planes of a view.
+/// The part of the uniform with the rays and suns of a view.
 pub(crate) fn view_data(
     rays: &ViewRays,
     world_from_view: DAffine3,
     suns: &ExtractedSuns,
-    clip_planes: &ExtractedClipPlanes,
 ) -> types::View {
     let mut own = [[0.0; 4]; types::MAX_SUNS];
     let mut disks = [[0.0; 4]; types::MAX_SUNS];
@@ -27,21 +26,19 @@ pub(crate) fn view_data(
         *disk = [(0.5 * sun.angular_diameter).tan(), sun.samples as f32, 0.0, 0.0];
     }
     let world = |v| world_from_view.transform_vector3(v).as_vec3().to_array();
-    let eye = world_from_view.transform_point3(rays.eye);
     types::View {
         t_from_depth: rays.t_from_depth.map(|x| x as f32),
         depth_from_t: rays.depth_from_t.map(|x| x as f32),
         dir: world(rays.dir),
         dir_x: world(rays.dir_x),
         dir_y: world(rays.dir_y),
-        eye: eye.as_vec3().to_array(),
+        eye: world_from_view.transform_point3(rays.eye).as_vec3().to_array(),
         eye_x: world(rays.eye_x),
         eye_y: world(rays.eye_y),
         t_near: rays.t_near as f32,
         t_far: rays.t_far as f32,
         suns: own,
         disks,
-        clip_planes: clip_planes.data(eye),
         sun_count: suns.0.len().min(types::MAX_SUNS) as u32,
         ..default()
     }

@@ -169,7 +169,7 @@ pub(crate) fn volume_data(
         let wrong_ramp = wrong_ramp.then_some(Setting::RampStops);
         let setting = wrong_setting(&volume.material).or(wrong_ramp).map(Trouble::Setting);
         let quality = wrong.map(Trouble::Quality);
-        let planes = volume.clip.is_too_much.then_some(Trouble::TooManyPlanes);
+        let planes = volume.clip.has_too_many.then_some(Trouble::TooManyPlanes);
         for trouble in [shown, setting, quality, planes].into_iter().flatten() {
             if let Some(text) = warned.note(entity, &volume.name, trouble) {
                 warn!("{text}");

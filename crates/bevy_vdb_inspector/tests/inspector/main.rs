@@ -66,6 +66,8 @@ fn controls_of_a_camera_change_that() {
         panel.choose("mode", mode.name());
         assert_eq!(panel.get::<VdbCamera>(camera).mode, mode);
     }
+    panel.choose("mode", "maximum");
+    panel.slide("value shown in white", 2.0);
     panel.choose("mode", "steps");
     panel.slide("steps shown in red", 50.0);
     panel.click(Role::CheckBox, "leaves");
@@ -96,6 +98,7 @@ fn controls_of_a_camera_change_that() {
         overlays: VdbOverlays { leaves: true, lower: false, upper: true },
         multiple_scattering: false,
         steps_scale: 50.0,
+        maximum_scale: 2.0,
     };
     assert_eq!(panel.get::<VdbCamera>(camera), &expected);
     let expected = VdbQuality {
