@@ -105,6 +105,7 @@ pub(super) mod tests {
             steepness: 1.0,
             ramp: None,
             material: None,
+            clip: 0,
             content: Some(0),
         };
         (volume, lattice)
