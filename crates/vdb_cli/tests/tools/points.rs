@@ -3,7 +3,8 @@
 use std::io::Read;
 use std::path::Path;
 
-use vdb_core::{Codec, GridClass, VdbFile};
+use glam::DVec3;
+use vdb_core::{Codec, GridClass, PointGrid, Points, VdbFile, WriteOptions};
 
 use crate::{done, fails, folder, path, value, vdb};
 
@@ -118,9 +119,6 @@ fn other_commands_say_that_points_are_left_out() {
     }
     let said = fails(&["to-mesh", &file, "--grid", "fxpt8", "--out", &path(&folder, "out.ply")]);
     assert!(said.contains("`vdb from-points` makes a volume of them"), "{said}");
-    let output = vdb(&["diff", &file, &file]);
-    let said = String::from_utf8(output.stdout).unwrap();
-    assert!(said.contains("cannot be compared, as it has points"), "{said}");
     std::fs::remove_dir_all(folder).unwrap();
 }
 
@@ -170,6 +168,49 @@ fn crop_keeps_the_points_in_the_box() {
         assert_eq!(of_group(cropped), of_group(whole));
         assert!(!of_group(cropped).is_empty());
     }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn diff_compares_points() {
+    let folder = folder("diff-points");
+    let file = points(&folder, "shared");
+    let said = done(&["diff", &file, &file]);
+    assert!(said.contains("\"one_voxel\": equal: 600 points\n"), "{said}");
+    // Two points, with a radius and a position that differ a little.
+    let save = |name: &str, points: &[(f64, f32)], attribute: &str| {
+        let positions = points.iter().map(|(x, _)| DVec3::new(*x, 0.0, 0.0)).collect();
+        let radii = points.iter().map(|(_, radius)| *radius).collect();
+        let points = Points::new(positions).with_floats(attribute, radii).unwrap();
+        let grids = vec![PointGrid::new("spray", points)];
+        let path = path(&folder, name);
+        let file = VdbFile { points: grids, ..VdbFile::new(Vec::new()) };
+        file.save(&path, &WriteOptions::default()).unwrap();
+        path
+    };
+    let first = save("a.vdb", &[(0.0, 0.5), (3.25, 0.25)], "pscale");
+    let near = save("b.vdb", &[(0.0, 0.5), (3.375, 0.0)], "pscale");
+    let fewer = save("c.vdb", &[(0.0, 0.5)], "pscale");
+    let other = save("d.vdb", &[(0.0, 0.5), (3.25, 0.25)], "radius");
+    let different = |b: &str, more: &[&str]| {
+        let output = vdb(&[&["diff", &first, b][..], more].concat());
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let said = different(&near, &[]);
+    let radii = "attribute \"pscale\": 1 of 2 points differ, by up to 0.25";
+    assert!(said.contains("positions: 1 of 2 points differ, by up to 0.125; "), "{said}");
+    assert!(said.contains(radii), "{said}");
+    let said = different(&near, &["--tolerance", "0.125"]);
+    assert!(said.contains(radii) && !said.contains("positions"), "{said}");
+    assert!(done(&["diff", &first, &near, "--tolerance", "0.25"]).ends_with("equal\n"));
+    assert!(different(&fewer, &[]).contains("\"spray\": different: 2 points and 1\n"));
+    let said = different(&other, &["--json"]);
+    for name in ["pscale", "radius"] {
+        assert!(said.contains(&format!("attribute \\\"{name}\\\" is in one file only")), "{said}");
+    }
+    let said = different(&file, &[]);
+    assert!(said.contains("\"one_voxel\": different: missing in "), "{said}");
     std::fs::remove_dir_all(folder).unwrap();
 }
 

@@ -219,10 +219,12 @@ fn openvdb_reads_points_that_we_write() {
     };
     for name in ["blosc", "zip", "codecs", "stream", "shared", "pages"] {
         let file = VdbFile::open(folder.join(format!("points_{name}.vdb"))).unwrap();
-        for (index, way) in ways().enumerate() {
+        // The large one uncompressed, and with pages.
+        let step = if name == "pages" { 4 } else { 1 };
+        for (index, way) in ways().enumerate().step_by(step) {
             check(&format!("{name}_{index}"), &file, &way);
         }
     }
     println!("{compared} values compared");
-    assert!(compared > 4_800_000, "{compared}");
+    assert!(compared > 1_600_000, "{compared}");
 }
