@@ -1,5 +1,7 @@
 //! Indexes of pages: what is written comes back, and what is read is sound.
 
+use std::sync::OnceLock;
+
 use arbitrary::{Result, Unstructured};
 use glam::{DAffine3, DMat3, DVec3, IVec3};
 use vdb_core::Limits;
@@ -45,16 +47,12 @@ fn limits() -> Limits {
 /// An index of any kind, with pages anywhere.
 fn generate(choices: &mut Unstructured) -> Result<PageIndex> {
     let iso = *choices.choose(&[0.0, -1.5, f32::MAX, f32::NAN])?;
-    // Indexes are only made by cooking: of nothing, here.
-    let nothing = FunctionSource::new(
-        choices.arbitrary::<&str>()?,
-        transform(choices)?,
-        [DVec3::ZERO, DVec3::ONE],
-        |_| 1.0,
-    );
-    let options = PageOptions { edge: 128, ..PageOptions::default() };
-    let made = cook_pages(&nothing, &options, &|_, _| Ok(()));
-    let mut index = made.map_err(|_| arbitrary::Error::IncorrectFormat)?;
+    let mut index = cooked()?;
+    index.name = choices.arbitrary::<&str>()?.to_owned();
+    index.world_from_index = transform(choices)?;
+    if choices.arbitrary()? {
+        index.pages.clear();
+    }
     index.kind =
         *choices.choose(&[PackKind::Surface { iso }, PackKind::Smooth { iso }, PackKind::Fog])?;
     index.edge = *choices.choose(&[128, 256, 1024, 0, 130, u32::MAX])?;
@@ -67,6 +65,18 @@ fn generate(choices: &mut Unstructured) -> Result<PageIndex> {
         index.pages.insert(PageId { level, at }, entry);
     }
     Ok(index)
+}
+
+/// The index of a small ball: an index is only made by cooking, which is done once.
+fn cooked() -> Result<PageIndex> {
+    static COOKED: OnceLock<Option<PageIndex>> = OnceLock::new();
+    let cook = || {
+        let bounds = [DVec3::splat(-5.0), DVec3::splat(5.0)];
+        let ball = FunctionSource::new("ball", DAffine3::IDENTITY, bounds, |p| p.length() - 3.0);
+        let options = PageOptions { edge: 128, ..PageOptions::default() };
+        cook_pages(&ball, &options, &|_, _| Ok(())).ok()
+    };
+    COOKED.get_or_init(cook).clone().ok_or(arbitrary::Error::IncorrectFormat)
 }
 
 fn place(choices: &mut Unstructured) -> Result<i32> {
