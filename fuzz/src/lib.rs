@@ -11,6 +11,7 @@ mod edits;
 mod follow;
 mod generate;
 mod nanovdb;
+mod pages;
 mod points;
 mod rays;
 mod round_trip;
@@ -22,6 +23,7 @@ use vdb_core::{Limits, ReadOptions, VdbFile, WriteOptions};
 
 pub use cooked::cooked;
 pub use nanovdb::nanovdb;
+pub use pages::pages;
 pub use seeds::write_seeds;
 
 /// Bytes of memory that the trees of one input may take: four large nodes of floats. Everything

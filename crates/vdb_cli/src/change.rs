@@ -7,9 +7,10 @@ use std::sync::Arc;
 use serde::Serialize;
 use vdb_core::display::quoted;
 use vdb_core::tools::ToolError;
-use vdb_core::{Grid, ProgressFn, VdbFile, WriteOptions};
+use vdb_core::{Grid, PointGrid, ProgressFn, VdbFile, WriteOptions};
 
 use crate::files::{HAS_POINTS, grid_of, open, shown};
+use crate::left_out::LeftOut;
 use crate::limits::LimitArgs;
 use crate::progress::Progress;
 use crate::terminal;
@@ -45,35 +46,38 @@ struct Report {
 }
 
 #[derive(Serialize)]
-struct Made {
-    grid: String,
-    /// Active voxels.
-    voxels_before: u64,
-    voxels: u64,
+#[serde(untagged)]
+enum Made {
+    /// With the numbers of active voxels.
+    Grid {
+        grid: String,
+        voxels_before: u64,
+        voxels: u64,
+    },
+    Points {
+        grid: String,
+        points_before: usize,
+        points: usize,
+    },
 }
 
-#[derive(Serialize)]
-struct LeftOut {
-    grid: String,
-    reason: String,
-}
+/// How grids of points are changed, if they are.
+pub type PointTool<'a> = &'a dyn Fn(&PointGrid) -> Result<PointGrid, ToolError>;
 
-/// Changes the grids of a file with a tool. The exit code is a failure if none could be changed, and 2
-/// if the options do not fit.
+/// Changes the grids of a file with a tool, and those of points with another. The exit code is a
+/// failure if none could be changed, and 2 if the options do not fit.
 pub fn run(
     args: &ChangeArgs,
     tool: impl Fn(&Grid, Arc<ProgressFn>) -> Result<Grid, ToolError>,
+    point_tool: Option<PointTool>,
 ) -> ExitCode {
     if !args.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("vdb")) {
         let out = shown(&args.out);
         terminal::complain(&format!("{out}: the name of the new file must end in .vdb"));
         return ExitCode::from(2);
     }
-    let made = change(args, tool).map(|report| {
-        for LeftOut { grid, reason } in &report.left_out {
-            let (path, name) = (shown(&args.file), quoted(grid));
-            terminal::complain(&format!("{path}: grid {name} is left out: {reason}"));
-        }
+    let made = change(args, tool, point_tool).map(|report| {
+        report.left_out.iter().for_each(|left_out| left_out.complain(&args.file));
         said(&report, args.json)
     });
     terminal::finish(made)
@@ -82,54 +86,67 @@ pub fn run(
 fn change(
     args: &ChangeArgs,
     tool: impl Fn(&Grid, Arc<ProgressFn>) -> Result<Grid, ToolError>,
+    point_tool: Option<PointTool>,
 ) -> Result<Report, String> {
     let file = open(&args.file, &args.limits)?;
-    let chosen = match &args.grid {
-        Some(name) => vec![grid_of(&file, &args.file, Some(name))?],
-        None => file.grids.iter().collect(),
+    let named = args.grid.as_deref();
+    let points = named.and_then(|name| file.point_grid(name)).filter(|_| point_tool.is_some());
+    let (chosen, points): (Vec<&Grid>, Vec<&PointGrid>) = match (named, points) {
+        (None, _) => (file.grids.iter().collect(), file.points.iter().collect()),
+        (Some(_), Some(points)) => (Vec::new(), vec![points]),
+        (Some(name), None) => (vec![grid_of(&file, &args.file, Some(name))?], Vec::new()),
     };
-    let (mut made, mut grids, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
-    if args.grid.is_none() {
-        left_out.extend(file.skipped.iter().map(|skipped| LeftOut {
-            grid: skipped.unique_name.clone(),
-            reason: skipped.reason.to_string(),
-        }));
-        left_out.extend(file.points.iter().map(|points| LeftOut {
-            grid: points.unique_name.clone(),
-            reason: format!("it has points; {HAS_POINTS}"),
-        }));
+    let (mut made, mut new, mut left_out) = (Vec::new(), VdbFile::new(Vec::new()), Vec::new());
+    if named.is_none() {
+        left_out.extend(file.skipped.iter().map(LeftOut::skipped));
     }
+    let failed = |grid: &str, error: ToolError| {
+        format!("{}: grid {}: {error}", shown(&args.file), quoted(grid))
+    };
     for grid in chosen {
         let progress = Progress::making(&args.file);
         match tool(grid, progress.callback()) {
             Ok(changed) => {
-                grids.push(Made {
+                made.push(Made::Grid {
                     grid: grid.unique_name.clone(),
                     voxels_before: grid.tree.active_voxel_count(),
                     voxels: changed.tree.active_voxel_count(),
                 });
-                made.push(changed);
+                new.grids.push(changed);
             }
             Err(error) if does_not_fit(&error) => {
-                left_out.push(LeftOut { grid: grid.unique_name.clone(), reason: error.to_string() })
+                left_out.push(LeftOut::grid(&grid.unique_name, error.to_string()));
             }
-            Err(error) => {
-                let (path, name) = (shown(&args.file), quoted(&grid.unique_name));
-                return Err(format!("{path}: grid {name}: {error}"));
-            }
+            Err(error) => return Err(failed(&grid.unique_name, error)),
         }
+    }
+    for grid in points {
+        let Some(tool) = point_tool else {
+            let reason = format!("it has points; {HAS_POINTS}");
+            left_out.push(LeftOut::grid(&grid.unique_name, reason));
+            continue;
+        };
+        let changed = tool(grid).map_err(|error| failed(&grid.unique_name, error))?;
+        made.push(Made::Points {
+            grid: grid.unique_name.clone(),
+            points_before: grid.points.len(),
+            points: changed.points.len(),
+        });
+        left_out.extend(LeftOut::attributes(grid));
+        new.points.push(changed);
     }
     if made.is_empty() {
         let path = shown(&args.file);
         return Err(match left_out.first() {
-            Some(LeftOut { grid, reason }) => format!("{path}: grid {}: {reason}", quoted(grid)),
+            Some(LeftOut { grid, reason, .. }) => {
+                format!("{path}: grid {}: {reason}", quoted(grid))
+            }
             None => format!("{path}: no grids"),
         });
     }
-    let save = |path: &Path| VdbFile::new(made).save(path, &WriteOptions::default());
-    save(&args.out).map_err(|error| error.to_string())?;
+    new.save(&args.out, &WriteOptions::default()).map_err(|error| error.to_string())?;
     let text = |path: &Path| path.to_string_lossy().into_owned();
-    Ok(Report { from: text(&args.file), to: text(&args.out), grids, left_out })
+    Ok(Report { from: text(&args.file), to: text(&args.out), grids: made, left_out })
 }
 
 /// Whether a tool is not made for a grid, as opposed to having failed.
@@ -143,9 +160,13 @@ fn said(report: &Report, json: bool) -> String {
         let text = serde_json::to_string_pretty(report);
         return text.map_or_else(|error| error.to_string(), |text| text + "\n");
     }
-    let line = |made: &Made| {
-        let Made { grid, voxels_before, voxels } = made;
-        format!("{}: {voxels_before} voxels became {voxels}\n", quoted(grid))
+    let line = |made: &Made| match made {
+        Made::Grid { grid, voxels_before, voxels } => {
+            format!("{}: {voxels_before} voxels became {voxels}\n", quoted(grid))
+        }
+        Made::Points { grid, points_before, points } => {
+            format!("{}: {points_before} points became {points}\n", quoted(grid))
+        }
     };
     report.grids.iter().map(line).collect()
 }

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use serde::Serialize;
-use vdb_core::display::quoted;
 use vdb_core::{AnyTree, Codec, Compression, NanoVdbOptions, NanoVdbValues, VdbFile, WriteOptions};
 
 use crate::files::{HAS_POINTS, open, shown};
+use crate::left_out::LeftOut;
 use crate::limits::LimitArgs;
 use crate::terminal::{self, bytes};
 
@@ -97,12 +97,6 @@ struct Report {
     bytes_written: u64,
 }
 
-#[derive(Serialize)]
-struct LeftOut {
-    grid: String,
-    reason: String,
-}
-
 /// Converts the file. The exit code is a failure if it could not, and 2 if the options do not fit.
 pub fn run(args: &Args) -> ExitCode {
     let format = match format(args) {
@@ -114,10 +108,7 @@ pub fn run(args: &Args) -> ExitCode {
     };
     match convert(args, format) {
         Ok(report) => {
-            for LeftOut { grid, reason } in &report.left_out {
-                let (path, name) = (shown(&args.from), quoted(grid));
-                terminal::complain(&format!("{path}: grid {name} is left out: {reason}"));
-            }
+            report.left_out.iter().for_each(|left_out| left_out.complain(&args.from));
             let said = said(&report, args.json);
             terminal::print(&said, ExitCode::SUCCESS).break_value().unwrap_or(ExitCode::SUCCESS)
         }
@@ -149,15 +140,7 @@ fn convert(args: &Args, format: Format) -> Result<Report, String> {
     let length = |path: &Path| std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     let mut file = open(&args.from, &args.limits)?;
     let bytes_read = length(&args.from);
-    let mut left_out: Vec<LeftOut> = file
-        .skipped
-        .drain(..)
-        .map(|grid| LeftOut { grid: grid.unique_name, reason: grid.reason.to_string() })
-        .collect();
-    left_out.extend(file.points.drain(..).map(|grid| {
-        let reason = format!("it has points, which cannot be written; {HAS_POINTS}");
-        LeftOut { grid: grid.unique_name, reason }
-    }));
+    let mut left_out: Vec<LeftOut> = file.skipped.iter().map(LeftOut::skipped).collect();
     match format {
         Format::Vdb => {
             if args.half {
@@ -165,6 +148,7 @@ fn convert(args: &Args, format: Format) -> Result<Report, String> {
             }
             let codec =
                 args.codec.map(|codec| Compression { codec: codec.into(), active_mask: true });
+            left_out.extend(file.points.iter().flat_map(LeftOut::attributes));
             let options = WriteOptions { compression: codec, stream: false };
             file.save(&args.to, &options)
         }
@@ -180,10 +164,11 @@ fn convert(args: &Args, format: Format) -> Result<Report, String> {
         }
     }
     .map_err(|error| error.to_string())?;
+    let points = file.points.into_iter().map(|grid| grid.unique_name);
     Ok(Report {
         from: args.from.to_string_lossy().into_owned(),
         to: args.to.to_string_lossy().into_owned(),
-        grids: file.grids.into_iter().map(|grid| grid.unique_name).collect(),
+        grids: file.grids.into_iter().map(|grid| grid.unique_name).chain(points).collect(),
         left_out,
         bytes_read,
         bytes_written: length(&args.to),
@@ -206,8 +191,12 @@ fn leave_out(file: &mut VdbFile) -> Vec<LeftOut> {
         AnyTree::Float(_) => "its transform is a frustum".to_owned(),
         tree => format!("{}, not floats", tree.value_type()),
     };
-    let left = others.into_iter();
-    left.map(|grid| LeftOut { reason: reason(&grid), grid: grid.unique_name }).collect()
+    let left = others.iter().map(|grid| LeftOut::grid(&grid.unique_name, reason(grid)));
+    let points = file.points.drain(..).map(|grid| {
+        let reason = format!("it has points, not floats; {HAS_POINTS}");
+        LeftOut::grid(&grid.unique_name, reason)
+    });
+    left.chain(points).collect()
 }
 
 fn said(report: &Report, json: bool) -> String {

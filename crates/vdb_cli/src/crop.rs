@@ -4,7 +4,8 @@ use std::process::ExitCode;
 use std::str::FromStr;
 
 use glam::DVec3;
-use vdb_core::tools::{Crop, crop};
+use vdb_core::tools::{Crop, crop, crop_points};
+use vdb_core::{Grid, PointGrid};
 
 use crate::change::{self, ChangeArgs};
 
@@ -41,12 +42,14 @@ impl FromStr for Corner {
     }
 }
 
-/// Crops the grids. The exit code is a failure if none could be cropped.
+/// Crops the grids, and the points. The exit code is a failure if none could be cropped.
 pub fn run(args: &Args) -> ExitCode {
     let low = args.min.map_or(DVec3::NEG_INFINITY, |corner| corner.0);
     let high = args.max.map_or(DVec3::INFINITY, |corner| corner.0);
-    change::run(&args.change, |grid, progress| {
-        let limits = args.change.limits.limits();
-        crop(grid, &Crop { low, high, limits, progress: Some(progress) })
-    })
+    let limits = args.change.limits.limits();
+    let points = |grid: &PointGrid| crop_points(grid, &Crop::new(low, high));
+    let tool = |grid: &Grid, progress| {
+        crop(grid, &Crop { low, high, limits: limits.clone(), progress: Some(progress) })
+    };
+    change::run(&args.change, tool, Some(&points))
 }

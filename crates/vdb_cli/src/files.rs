@@ -27,6 +27,22 @@ pub fn open(path: &Path, limits: &LimitArgs) -> Result<VdbFile, String> {
     VdbFile::open_with(path, &options).map_err(|error| error.to_string())
 }
 
+/// The bytes of a file of any format, which are no more than a limit.
+pub fn bytes_of(path: &Path, limit: u64) -> Result<Vec<u8>, String> {
+    let named = |error: &dyn std::fmt::Display| format!("{}: {error}", shown(path));
+    let metadata = std::fs::metadata(path).map_err(|error| named(&error))?;
+    if !metadata.is_file() {
+        return Err(named(&"this is not a regular file; name one"));
+    }
+    if metadata.len() > limit {
+        let length = metadata.len();
+        let what =
+            format!("the file has {length} bytes, and the limit is {limit}; use --no-limits");
+        return Err(named(&what));
+    }
+    std::fs::read(path).map_err(|error| named(&error))
+}
+
 /// The grid with a name; by default the first level set, or else the first grid of floats.
 pub fn grid_of<'a>(file: &'a VdbFile, path: &Path, name: Option<&str>) -> Result<&'a Grid, String> {
     if let Some(name) = name {

@@ -12,6 +12,7 @@ mod files;
 mod from_mesh;
 mod from_points;
 mod info;
+mod left_out;
 mod limits;
 mod mesh;
 mod offset;

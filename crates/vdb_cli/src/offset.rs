@@ -28,11 +28,15 @@ pub struct Args {
 
 /// Moves the surfaces. The exit code is a failure if none could be moved.
 pub fn run(args: &Args) -> ExitCode {
-    change::run(&args.change, |grid, progress| {
-        let in_voxels = args.voxels.map(|voxels| voxels * grid.transform.voxel_size().x);
-        // One of both is there, as clap demands.
-        let distance = args.distance.or(in_voxels).unwrap_or(f64::NAN);
-        let limits = args.change.limits.limits();
-        offset(grid, &Offset { distance, limits, progress: Some(progress) })
-    })
+    change::run(
+        &args.change,
+        |grid, progress| {
+            let in_voxels = args.voxels.map(|voxels| voxels * grid.transform.voxel_size().x);
+            // One of both is there, as clap demands.
+            let distance = args.distance.or(in_voxels).unwrap_or(f64::NAN);
+            let limits = args.change.limits.limits();
+            offset(grid, &Offset { distance, limits, progress: Some(progress) })
+        },
+        None,
+    )
 }

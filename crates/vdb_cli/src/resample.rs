@@ -41,15 +41,19 @@ pub fn run(args: &Args) -> ExitCode {
             }
         }
     };
-    change::run(&args.change, |grid, progress| {
-        let options = match (&like, args.voxel_size) {
-            (Some(transform), _) => Resample::new(transform.clone()),
-            // Without a file, clap demands a size.
-            (None, size) => Resample::with_voxel_size(grid, size.unwrap_or(f64::NAN))?,
-        };
-        let interpolation =
-            if args.nearest { Interpolation::Nearest } else { Interpolation::Trilinear };
-        let limits = args.change.limits.limits();
-        resample(grid, &Resample { interpolation, limits, progress: Some(progress), ..options })
-    })
+    change::run(
+        &args.change,
+        |grid, progress| {
+            let options = match (&like, args.voxel_size) {
+                (Some(transform), _) => Resample::new(transform.clone()),
+                // Without a file, clap demands a size.
+                (None, size) => Resample::with_voxel_size(grid, size.unwrap_or(f64::NAN))?,
+            };
+            let interpolation =
+                if args.nearest { Interpolation::Nearest } else { Interpolation::Trilinear };
+            let limits = args.change.limits.limits();
+            resample(grid, &Resample { interpolation, limits, progress: Some(progress), ..options })
+        },
+        None,
+    )
 }

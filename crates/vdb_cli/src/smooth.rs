@@ -42,9 +42,13 @@ pub fn run(args: &Args) -> ExitCode {
         Kind::Mean => Filter::Mean { width: args.width },
         Kind::Curvature => Filter::MeanCurvature,
     };
-    change::run(&args.change, |grid, progress| {
-        let limits = args.change.limits.limits();
-        let iterations = args.iterations;
-        smooth(grid, &Smooth { filter, iterations, limits, progress: Some(progress) })
-    })
+    change::run(
+        &args.change,
+        |grid, progress| {
+            let limits = args.change.limits.limits();
+            let iterations = args.iterations;
+            smooth(grid, &Smooth { filter, iterations, limits, progress: Some(progress) })
+        },
+        None,
+    )
 }

@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 use glam::DVec3;
 use vdb_core::cooked::CookedFile;
 use vdb_core::pack::PackKind;
-use vdb_core::pages::{PageId, PageIndex};
+use vdb_core::pages::{PageEntry, PageId, PageIndex};
 use vdb_core::synth::{fog, level_set};
 use vdb_core::{AnyTree, Grid, GridClass, Limits, ReadOptions, VdbFile, WriteOptions};
 
@@ -126,5 +126,57 @@ fn an_index_never_lies_about_the_pages_beside_it() {
     assert!(!refused.status.success());
     assert!(text(&refused.stderr).contains("thing.vdbpages"), "{}", text(&refused.stderr));
     assert!(Path::new(&listed).exists());
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn info_describes_an_index() {
+    let folder = folder("info", &["ball"]);
+    let (file, out) = (path(&folder, "thing.vdb"), path(&folder, "pages"));
+    assert!(vdb(&["cook", &file, "--out", &out, "--pages=128", "--smooth"]).status.success());
+    let listed = path(&folder, "pages/thing.vdbpages");
+    let index = index(&listed);
+    let said = text(&vdb(&["info", &listed]).stdout);
+    let pages = index.pages.values().filter(|page| page.file_bytes > 0).count();
+    for part in [
+        format!("thing.vdbpages: an index of {pages} pages, "),
+        "\"ball\": a smooth surface at 0, 128³ cells per page".to_owned(),
+        "voxel size 1 1 1".to_owned(),
+        "  pages in index space from [-128, -128, -256] to [128, 128, 0]".to_owned(),
+        "  in world space from [-128, -128, -256] to [128, 128, 0]".to_owned(),
+    ] {
+        assert!(said.contains(&part), "{part} is missing in {said}");
+    }
+    let json = text(&vdb(&["info", "--json", &listed]).stdout);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&json["name"], &json["kind"]), (&"ball".into(), &"smooth".into()));
+    assert_eq!(
+        json["index_bounds"],
+        serde_json::json!([[-128.0, -128.0, -256.0], [128.0, 128.0, 0.0]])
+    );
+    assert_eq!(json["voxel_size"], serde_json::json!([1.0, 1.0, 1.0]));
+    let levels = json["levels"].as_array().unwrap();
+    assert_eq!(levels.len(), index.levels as usize);
+    let sum = |key: &str| levels.iter().map(|level| level[key].as_u64().unwrap()).sum::<u64>();
+    let bytes = |of: fn(&PageEntry) -> u64| index.pages.values().map(of).sum::<u64>();
+    assert_eq!(sum("pages"), pages as u64);
+    assert_eq!(sum("file_bytes"), bytes(|page| page.file_bytes));
+    assert_eq!(sum("packed_bytes"), bytes(|page| page.packed_bytes));
+    for level in levels {
+        assert!(said.contains(&format!("level {}: {} pages, ", level["level"], level["pages"])));
+    }
+    // A damaged index, and one that is none.
+    let mut bytes = std::fs::read(&listed).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    std::fs::write(&listed, &bytes).unwrap();
+    for (bytes, message) in
+        [(&bytes[..], "the checksum is wrong"), (b"text", "not an index of pages")]
+    {
+        std::fs::write(&listed, bytes).unwrap();
+        let failed = vdb(&["info", &listed]);
+        let said = text(&failed.stderr);
+        assert_eq!(failed.status.code(), Some(1), "{said}");
+        assert!(said.contains(message) && said.contains("thing.vdbpages: "), "{said}");
+    }
     std::fs::remove_dir_all(&folder).unwrap();
 }

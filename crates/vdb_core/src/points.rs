@@ -67,6 +67,11 @@ impl PointGrid {
         }
     }
 
+    /// The same grid with other points, which are its own.
+    pub(crate) fn with_points(&self, points: Points) -> Self {
+        Self { points: Arc::new(points), instance_of: None, file_bytes: 0, ..self.clone() }
+    }
+
     /// The positions of the points in world space, in the order of [`Points::positions`].
     pub fn world_positions(&self) -> impl ExactSizeIterator<Item = DVec3> + '_ {
         self.points.positions().iter().map(|position| self.transform.world_from_index(*position))
@@ -83,6 +88,9 @@ pub struct Points {
 }
 
 impl Points {
+    /// The attribute with the positions.
+    pub(crate) const POSITION: &str = "P";
+
     /// The attribute with the radii, by convention.
     pub const RADIUS: &str = "pscale";
 
@@ -94,10 +102,11 @@ impl Points {
     /// The same points with one more attribute of floats, such as the radius `pscale`. One with the
     /// same name is replaced.
     ///
-    /// `None` if there is not one value for each point.
+    /// `None` if there is not one value for each point, or the name is empty or `P`, which is that
+    /// of the positions.
     pub fn with_floats(mut self, name: impl Into<String>, values: Vec<f32>) -> Option<Self> {
         let name = name.into();
-        if values.len() != self.len() {
+        if values.len() != self.len() || name.is_empty() || name == Self::POSITION {
             return None;
         }
         self.attributes.retain(|attribute| attribute.name != name);
@@ -109,6 +118,20 @@ impl Points {
             values: Some(PointValues::Float(values)),
         });
         Some(self)
+    }
+
+    /// The points that are to be kept, given one flag for each.
+    pub(crate) fn kept(&self, flags: &[bool]) -> Self {
+        let attribute = |attribute: &PointAttribute| {
+            let each = attribute.values_per_point as usize;
+            let values = attribute.values.as_ref().map(|values| values.kept(flags, each));
+            PointAttribute { values, ..attribute.clone() }
+        };
+        Self {
+            positions: chosen(&self.positions, flags, 1),
+            attributes: self.attributes.iter().map(attribute).collect(),
+            groups: self.groups.clone(),
+        }
     }
 
     /// The number of points.
@@ -204,6 +227,25 @@ pub struct PointAttribute {
     pub values: Option<PointValues>,
 }
 
+impl PointAttribute {
+    /// Whether the values are read: for `P`, as [`Points::positions`]. Attributes that are not read
+    /// are not written either.
+    pub fn is_read(&self) -> bool {
+        self.values.is_some() || self.name == Points::POSITION
+    }
+
+    /// The positions, in full.
+    pub(crate) fn position() -> Self {
+        Self {
+            name: Points::POSITION.to_owned(),
+            value_type: "vec3s".to_owned(),
+            codec: "null".to_owned(),
+            values_per_point: 1,
+            values: None,
+        }
+    }
+}
+
 /// The values of an attribute, decoded.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
@@ -249,6 +291,21 @@ impl PointValues {
         self.len() == 0
     }
 
+    /// The values of the points whose flag is set, of which each has as many.
+    fn kept(&self, flags: &[bool], each: usize) -> Self {
+        match self {
+            Self::Bool(values) => Self::Bool(chosen(values, flags, each)),
+            Self::Int32(values) => Self::Int32(chosen(values, flags, each)),
+            Self::Int64(values) => Self::Int64(chosen(values, flags, each)),
+            Self::Float(values) => Self::Float(chosen(values, flags, each)),
+            Self::Double(values) => Self::Double(chosen(values, flags, each)),
+            Self::Vec3i(values) => Self::Vec3i(chosen(values, flags, each)),
+            Self::Vec3s(values) => Self::Vec3s(chosen(values, flags, each)),
+            Self::Vec3d(values) => Self::Vec3d(chosen(values, flags, each)),
+            Self::Groups(values) => Self::Groups(chosen(values, flags, each)),
+        }
+    }
+
     /// The memory of the values, in bytes.
     fn bytes(&self) -> usize {
         let each = match self {
@@ -260,6 +317,12 @@ impl PointValues {
         };
         self.len() * each
     }
+}
+
+/// The values whose flag is set; each flag stands for as many values.
+fn chosen<T: Copy>(values: &[T], flags: &[bool], each: usize) -> Vec<T> {
+    let of_points = values.chunks(each.max(1)).zip(flags);
+    of_points.filter(|(_, is_kept)| **is_kept).flat_map(|(values, _)| values).copied().collect()
 }
 
 /// A named group of points.

@@ -76,6 +76,13 @@ fn nanovdb() {
     replay("mutant", pipeline::nanovdb);
 }
 
+/// The same inputs as choices for an index of pages.
+#[test]
+fn pages() {
+    replay("tree", pipeline::pages);
+    replay("mutant", pipeline::pages);
+}
+
 /// Writes the inputs that the fuzzers start from into the folder `VDB_FUZZ_SEEDS`, if there is one.
 #[test]
 fn seeds() {

@@ -1,5 +1,6 @@
 //! `vdb diff`: compares two files, number by number.
 
+mod points;
 mod trees;
 
 use std::path::PathBuf;
@@ -8,7 +9,7 @@ use std::process::ExitCode;
 use glam::DVec3;
 use serde::Serialize;
 use vdb_core::display::quoted;
-use vdb_core::{Grid, Transform, VdbFile};
+use vdb_core::{Grid, PointGrid, Transform, VdbFile};
 
 use crate::files::{open, shown};
 use crate::limits::LimitArgs;
@@ -68,6 +69,9 @@ struct Compared {
     different: Vec<String>,
     #[serde(flatten)]
     values: Option<Differences>,
+    /// The number of points, if both grids have points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    points: Option<usize>,
 }
 
 /// Compares the files.
@@ -111,30 +115,36 @@ fn compare(a: &VdbFile, b: &VdbFile, args: &Args) -> Vec<Compared> {
     all.extend(names(b));
     all.sort();
     all.dedup();
-    let find =
-        |file: &VdbFile, name: &str| file.grids.iter().position(|grid| grid.unique_name == name);
-    all.into_iter()
-        .map(|name| match (find(a, &name), find(b, &name)) {
-            (Some(first), Some(second)) => {
-                grids(name, &a.grids[first], &b.grids[second], args.tolerance)
-            }
-            (first, _) => {
-                let (path, other) = if first.is_none() { (&args.a, b) } else { (&args.b, a) };
-                let skipped = [a, b]
-                    .iter()
-                    .any(|file| file.skipped.iter().any(|grid| grid.unique_name == name));
-                let points = [a, b]
-                    .iter()
-                    .any(|file| file.points.iter().any(|grid| grid.unique_name == name));
-                let what = match (skipped, find(other, &name)) {
-                    _ if points => "cannot be compared, as it has points".to_owned(),
-                    (true, _) => "cannot be compared, as it is not read".to_owned(),
-                    _ => format!("missing in {}", shown(path)),
-                };
-                Compared { grid: name, equal: false, different: vec![what], values: None }
-            }
-        })
-        .collect()
+    all.into_iter().map(|name| compared(name, [a, b], args)).collect()
+}
+
+/// Compares what two files have under a name.
+fn compared(name: String, files: [&VdbFile; 2], args: &Args) -> Compared {
+    let voxels = files.map(|file| file.grids.iter().find(|grid| grid.unique_name == name));
+    let of_points = files.map(|file| file.points.iter().find(|grid| grid.unique_name == name));
+    let is_skipped = |file: &&VdbFile| file.skipped.iter().any(|grid| grid.unique_name == name);
+    let what = match (voxels, of_points) {
+        ([Some(a), Some(b)], _) => return grids(name, a, b, args.tolerance),
+        (_, [Some(a), Some(b)]) => return points(name, a, b, args.tolerance),
+        _ if files.iter().any(is_skipped) => "cannot be compared, as it is not read".to_owned(),
+        ([None, _], [None, _]) => format!("missing in {}", shown(&args.a)),
+        ([_, None], [_, None]) => format!("missing in {}", shown(&args.b)),
+        _ => "has voxels in one file and points in the other".to_owned(),
+    };
+    Compared { grid: name, equal: false, different: vec![what], values: None, points: None }
+}
+
+/// What differs between the transforms of two grids.
+fn transforms(a: &Transform, b: &Transform) -> Option<String> {
+    let far = distance(a, b);
+    (far > ROUNDING).then(|| format!("transform: up to {far} voxels apart"))
+}
+
+fn points(name: String, a: &PointGrid, b: &PointGrid, tolerance: f64) -> Compared {
+    let mut different: Vec<_> = transforms(&a.transform, &b.transform).into_iter().collect();
+    different.extend(points::compare(&a.points, &b.points, tolerance));
+    let equal = different.is_empty();
+    Compared { grid: name, equal, different, values: None, points: Some(a.points.len()) }
 }
 
 fn grids(name: String, a: &Grid, b: &Grid, tolerance: f64) -> Compared {
@@ -142,17 +152,14 @@ fn grids(name: String, a: &Grid, b: &Grid, tolerance: f64) -> Compared {
     if a.class != b.class {
         different.push(format!("class: {} and {}", a.class.name(), b.class.name()));
     }
-    let far = distance(&a.transform, &b.transform);
-    if far > ROUNDING {
-        different.push(format!("transform: up to {far} voxels apart"));
-    }
+    different.extend(transforms(&a.transform, &b.transform));
     let values = trees::compare(&a.tree, &b.tree, tolerance);
     if values.is_none() {
         let (a, b) = (a.tree.value_type(), b.tree.value_type());
         different.push(format!("type: {a} and {b}"));
     }
     let equal = different.is_empty() && values.as_ref().is_some_and(Differences::none);
-    Compared { grid: name, equal, different, values }
+    Compared { grid: name, equal, different, values, points: None }
 }
 
 /// How far apart positions may be in voxels, for the order of operations in f64 differs between
@@ -174,6 +181,9 @@ fn text(report: &Report) -> String {
         let mut parts = compared.different.clone();
         if let Some(values) = &compared.values {
             parts.push(values.to_string());
+        }
+        if let (true, Some(points)) = (compared.equal, compared.points) {
+            parts.push(format!("{points} points"));
         }
         let verdict = if compared.equal { "equal" } else { "different" };
         out += &format!("{}: {verdict}: {}\n", quoted(&compared.grid), parts.join("; "));

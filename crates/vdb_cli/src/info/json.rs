@@ -182,7 +182,7 @@ fn attribute(attribute: &PointAttribute) -> AttributeFigures<'_> {
         r#type: &attribute.value_type,
         codec: &attribute.codec,
         values_per_point: attribute.values_per_point,
-        read: attribute.values.is_some() || attribute.name == "P",
+        read: attribute.is_read(),
     }
 }
 

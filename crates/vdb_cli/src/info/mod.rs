@@ -2,6 +2,7 @@
 
 mod cooked;
 mod json;
+mod pages;
 mod text;
 
 use std::fs::File;
@@ -11,9 +12,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use vdb_core::cooked::CookedFile;
-use vdb_core::display::escaped;
+use vdb_core::pages::{EXTENSION, PageIndex};
 use vdb_core::{Error, ReadOptions, VdbFile};
 
+use crate::files::{bytes_of, shown};
 use crate::limits::LimitArgs;
 use crate::progress::Progress;
 use crate::terminal;
@@ -63,6 +65,9 @@ fn show(path: &Path, args: &Args) -> Result<String, String> {
     if is_cooked(path) {
         return show_cooked(path, args);
     }
+    if path.extension().is_some_and(|extension| extension == EXTENSION) {
+        return show_pages(path, args);
+    }
     let progress = Progress::reading(path);
     let options = ReadOptions {
         limits: args.limits.limits(),
@@ -78,7 +83,7 @@ fn show(path: &Path, args: &Args) -> Result<String, String> {
 }
 
 fn show_cooked(path: &Path, args: &Args) -> Result<String, String> {
-    let shown_path = escaped(&path.to_string_lossy()).at_most(4096).to_string();
+    let shown_path = shown(path);
     if args.json || args.sizes {
         return Err(format!(
             "{shown_path}: `--json` and `--sizes` are for `.vdb` files; this one is cooked"
@@ -89,6 +94,22 @@ fn show_cooked(path: &Path, args: &Args) -> Result<String, String> {
     let file = file.map_err(|error| format!("{shown_path}: {error}"))?;
     let length = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     Ok(cooked::file(path, length, &file))
+}
+
+fn show_pages(path: &Path, args: &Args) -> Result<String, String> {
+    let named = |error: &dyn std::fmt::Display| format!("{}: {error}", shown(path));
+    if args.sizes {
+        return Err(named(&"`--sizes` is for `.vdb` files; this one is an index of pages"));
+    }
+    let limits = args.limits.limits();
+    let bytes = bytes_of(path, limits.file_bytes)?;
+    let index = PageIndex::read(&bytes, &limits).map_err(|error| named(&error))?;
+    let length = bytes.len() as u64;
+    if args.json {
+        pages::json(path, length, &index).map_err(|error| named(&error))
+    } else {
+        Ok(pages::text(path, length, &index))
+    }
 }
 
 /// Whether a regular file begins like a cooked one.

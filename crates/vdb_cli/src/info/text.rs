@@ -89,7 +89,7 @@ fn grid(out: &mut String, grid: &Grid) {
     metadata(out, "    ", &grid.metadata);
 }
 
-fn transform(out: &mut String, transform: &Transform) {
+pub fn transform(out: &mut String, transform: &Transform) {
     let size = transform.voxel_size();
     let origin = transform.world_from_index(glam::DVec3::ZERO);
     let _ = writeln!(
@@ -123,8 +123,7 @@ fn points(out: &mut String, grid: &PointGrid) {
             1 => String::new(),
             count => format!(", {count} for each point"),
         };
-        let is_read = attribute.values.is_some() || attribute.name == "P";
-        let not_read = if is_read { "" } else { ", not read" };
+        let not_read = if attribute.is_read() { "" } else { ", not read" };
         let codec = escaped(&attribute.codec);
         let _ = writeln!(out, "    {name}: {value_type}, codec {codec}{count}{not_read}");
     }

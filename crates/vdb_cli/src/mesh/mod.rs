@@ -10,7 +10,7 @@ use std::path::Path;
 use vdb_core::save_bytes;
 use vdb_core::tools::TriangleMesh;
 
-use crate::files::shown;
+use crate::files::{bytes_of, shown};
 use crate::limits::LimitArgs;
 
 /// Positions, and triangles as indices of them.
@@ -45,8 +45,7 @@ pub fn check_name(path: &Path) -> Result<(), String> {
 /// Reads all triangles of a file. Polygons become fans.
 pub fn read(path: &Path, limits: &LimitArgs) -> Result<Triangles, String> {
     let format = format(path)?;
-    let bytes = bytes(path, limits.limits().file_bytes)
-        .map_err(|error| format!("{}: {error}", shown(path)))?;
+    let bytes = bytes_of(path, limits.limits().file_bytes)?;
     let triangles = match format {
         Format::Glb => glb::read(&bytes, limits.limits().tree_bytes),
         Format::Obj => obj::read(&bytes),
@@ -54,18 +53,6 @@ pub fn read(path: &Path, limits: &LimitArgs) -> Result<Triangles, String> {
         Format::Stl => stl::read(&bytes),
     };
     triangles.map_err(|error| format!("{}: {error}", shown(path)))
-}
-
-fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, String> {
-    let metadata = std::fs::metadata(path).map_err(|error| error.to_string())?;
-    if !metadata.is_file() {
-        return Err("this is not a regular file; name one".into());
-    }
-    if metadata.len() > limit {
-        let len = metadata.len();
-        return Err(format!("the file has {len} bytes, and the limit is {limit}; use --no-limits"));
-    }
-    std::fs::read(path).map_err(|error| error.to_string())
 }
 
 /// Writes a mesh, completely or not at all.

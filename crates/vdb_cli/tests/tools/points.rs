@@ -3,7 +3,8 @@
 use std::io::Read;
 use std::path::Path;
 
-use vdb_core::{GridClass, VdbFile};
+use glam::DVec3;
+use vdb_core::{Codec, GridClass, PointGrid, Points, VdbFile, WriteOptions};
 
 use crate::{done, fails, folder, path, value, vdb};
 
@@ -102,22 +103,114 @@ fn what_points_do_not_have_is_named() {
 fn other_commands_say_that_points_are_left_out() {
     let folder = folder("left-out-points");
     let file = points(&folder, "codecs");
-    let out = path(&folder, "out.vdb");
+    let (out, nvdb) = (path(&folder, "out.vdb"), path(&folder, "out.nvdb"));
     for command in
-        [&["convert", &file, &out][..], &["resample", &file, "--voxel-size", "2", "--out", &out]]
+        [&["convert", &file, &nvdb][..], &["resample", &file, "--voxel-size", "2", "--out", &out]]
     {
         let output = vdb(command);
         let said =
             String::from_utf8(output.stderr).unwrap() + &String::from_utf8_lossy(&output.stdout);
         assert!(output.status.success(), "{said}");
         assert!(said.contains("\"fxpt8\"") && said.contains("it has points"), "{said}");
-        assert_eq!(VdbFile::open(&out).unwrap().grids.len(), 1);
+    }
+    for out in [out, nvdb] {
+        let file = VdbFile::open(&out).unwrap();
+        assert_eq!((file.grids.len(), file.points.len()), (1, 0));
     }
     let said = fails(&["to-mesh", &file, "--grid", "fxpt8", "--out", &path(&folder, "out.ply")]);
     assert!(said.contains("`vdb from-points` makes a volume of them"), "{said}");
-    let output = vdb(&["diff", &file, &file]);
-    let said = String::from_utf8(output.stdout).unwrap();
-    assert!(said.contains("cannot be compared, as it has points"), "{said}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn convert_keeps_points() {
+    let folder = folder("convert-points");
+    let file = points(&folder, "blosc");
+    let out = path(&folder, "out.vdb");
+    let output = vdb(&["convert", "--codec", "zip", "--json", &file, &out]);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("grid \"null\", attribute \"orient\" is left out"), "{said}");
+    assert!(said.contains("attribute \"label\" is left out: type \"uint32\""), "{said}");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["grids"], serde_json::json!(["null"]));
+    assert_eq!(json["left_out"][0]["attribute"], "orient");
+    let [own, theirs] = [&file, &out].map(|path| VdbFile::open(path).unwrap());
+    assert_eq!(own.points[0].points.positions(), theirs.points[0].points.positions());
+    assert_eq!(own.points[0].points.floats("pscale"), theirs.points[0].points.floats("pscale"));
+    assert_eq!(theirs.points[0].compression.codec, Codec::Zip);
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn crop_keeps_the_points_in_the_box() {
+    let folder = folder("crop-points");
+    let file = points(&folder, "blosc");
+    let out = path(&folder, "out.vdb");
+    let whole = VdbFile::open(&file).unwrap();
+    let whole = &whole.points[0];
+    let places = || whole.world_positions().zip(whole.points.floats("pscale").unwrap());
+    let middle = places().map(|(p, _)| p.x).sum::<f64>() / whole.points.len() as f64;
+    let expected: Vec<_> = places().filter(|(p, _)| p.x <= middle).collect();
+    let corner = format!("{middle},inf,inf");
+    for more in [&[][..], &["--grid", "null"]] {
+        let said = done(&[&["crop", &file, "--max", &corner, "--out", &out][..], more].concat());
+        assert_eq!(said, format!("\"null\": 24 points became {}\n", expected.len()));
+        let cropped = VdbFile::open(&out).unwrap();
+        let cropped = &cropped.points[0];
+        let places = cropped.world_positions().zip(cropped.points.floats("pscale").unwrap());
+        assert!(places.eq(expected.iter().map(|(p, radius)| (*p, *radius))));
+        // Every third point is in the group.
+        let of_group = |grid: &vdb_core::PointGrid| -> Vec<_> {
+            let members = grid.points.in_group("third").unwrap();
+            grid.world_positions().zip(members).filter(|(p, is)| *is && p.x <= middle).collect()
+        };
+        assert_eq!(of_group(cropped), of_group(whole));
+        assert!(!of_group(cropped).is_empty());
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn diff_compares_points() {
+    let folder = folder("diff-points");
+    let file = points(&folder, "shared");
+    let said = done(&["diff", &file, &file]);
+    assert!(said.contains("\"one_voxel\": equal: 600 points\n"), "{said}");
+    // Two points, with a radius and a position that differ a little.
+    let save = |name: &str, points: &[(f64, f32)], attribute: &str| {
+        let positions = points.iter().map(|(x, _)| DVec3::new(*x, 0.0, 0.0)).collect();
+        let radii = points.iter().map(|(_, radius)| *radius).collect();
+        let points = Points::new(positions).with_floats(attribute, radii).unwrap();
+        let grids = vec![PointGrid::new("spray", points)];
+        let path = path(&folder, name);
+        let file = VdbFile { points: grids, ..VdbFile::new(Vec::new()) };
+        file.save(&path, &WriteOptions::default()).unwrap();
+        path
+    };
+    let first = save("a.vdb", &[(0.0, 0.5), (3.25, 0.25)], "pscale");
+    let near = save("b.vdb", &[(0.0, 0.5), (3.375, 0.0)], "pscale");
+    let fewer = save("c.vdb", &[(0.0, 0.5)], "pscale");
+    let other = save("d.vdb", &[(0.0, 0.5), (3.25, 0.25)], "radius");
+    let different = |b: &str, more: &[&str]| {
+        let output = vdb(&[&["diff", &first, b][..], more].concat());
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let said = different(&near, &[]);
+    let radii = "attribute \"pscale\": 1 of 2 points differ, by up to 0.25";
+    assert!(said.contains("positions: 1 of 2 points differ, by up to 0.125; "), "{said}");
+    assert!(said.contains(radii), "{said}");
+    let said = different(&near, &["--tolerance", "0.125"]);
+    assert!(said.contains(radii) && !said.contains("positions"), "{said}");
+    assert!(done(&["diff", &first, &near, "--tolerance", "0.25"]).ends_with("equal\n"));
+    assert!(different(&fewer, &[]).contains("\"spray\": different: 2 points and 1\n"));
+    let said = different(&other, &["--json"]);
+    for name in ["pscale", "radius"] {
+        assert!(said.contains(&format!("attribute \\\"{name}\\\" is in one file only")), "{said}");
+    }
+    let said = different(&file, &[]);
+    assert!(said.contains("\"one_voxel\": different: missing in "), "{said}");
     std::fs::remove_dir_all(folder).unwrap();
 }
 

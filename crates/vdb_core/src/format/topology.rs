@@ -251,42 +251,10 @@ pub(crate) fn write<L: FileLeaf>(
     tree: &Tree<Upper<L>>,
     encoding: Encoding,
 ) -> Result<usize, Error> {
-    let half = encoding.half && L::Value::HALF_BYTES.is_some();
-    let background = tree.background();
-    out.extend(1_u32.to_le_bytes());
-    L::Value::to_bytes(&[if half { background.truncated() } else { background }], out);
-    let mut tiles = Vec::new();
-    let mut uppers = Vec::new();
-    for (origin, entry) in tree.entries() {
-        match entry {
-            RootEntry::Tile { value, active } => tiles.push((origin, *value, *active)),
-            RootEntry::Child(upper) => uppers.push(&**upper),
-        }
-    }
-    for count in [tiles.len(), uppers.len()] {
-        // The root can have 2⁶⁰ entries, but memory runs out before.
-        let count = u32::try_from(count)
-            .map_err(|_| Error::not_supported(format!("{count} entries of one root")))?;
-        out.extend(count.to_le_bytes());
-    }
-    for (origin, value, active) in tiles {
-        write_origin(out, origin);
-        L::Value::to_bytes(&[value], out);
-        out.push(active.into());
-    }
-    let context = TreeContext { encoding, background };
-    for upper in &uppers {
-        write_origin(out, upper.origin());
-        write_internal(out, &context, *upper);
-        append(out, upper.children(), |part, middle| {
-            write_internal(part, &context, &**middle);
-            for leaf in middle.children() {
-                write_mask(part, leaf.mask().words());
-            }
-        });
-    }
+    write_nodes(out, tree, encoding)?;
+    let context = TreeContext { encoding, background: tree.background() };
     let values_at = out.len();
-    for upper in &uppers {
+    for upper in children(tree) {
         append(out, upper.children(), |part, middle| {
             SCRATCH.with_borrow_mut(|scratch| {
                 for leaf in middle.children() {
@@ -296,6 +264,52 @@ pub(crate) fn write<L: FileLeaf>(
         });
     }
     Ok(values_at)
+}
+
+/// Writes the nodes, masks and tiles of a tree, up to the values of its leaves.
+pub(crate) fn write_nodes<L: FileLeaf>(
+    out: &mut Vec<u8>,
+    tree: &Tree<Upper<L>>,
+    encoding: Encoding,
+) -> Result<(), Error> {
+    let half = encoding.half && L::Value::HALF_BYTES.is_some();
+    let background = tree.background();
+    out.extend(1_u32.to_le_bytes());
+    L::Value::to_bytes(&[if half { background.truncated() } else { background }], out);
+    let uppers = children(tree).count();
+    for count in [tree.entries().len() - uppers, uppers] {
+        // The root can have 2⁶⁰ entries, but memory runs out before.
+        let count = u32::try_from(count)
+            .map_err(|_| Error::not_supported(format!("{count} entries of one root")))?;
+        out.extend(count.to_le_bytes());
+    }
+    for (origin, entry) in tree.entries() {
+        if let RootEntry::Tile { value, active } = entry {
+            write_origin(out, origin);
+            L::Value::to_bytes(&[*value], out);
+            out.push((*active).into());
+        }
+    }
+    let context = TreeContext { encoding, background };
+    for upper in children(tree) {
+        write_origin(out, upper.origin());
+        write_internal(out, &context, upper);
+        append(out, upper.children(), |part, middle| {
+            write_internal(part, &context, &**middle);
+            for leaf in middle.children() {
+                write_mask(part, leaf.mask().words());
+            }
+        });
+    }
+    Ok(())
+}
+
+/// The children of a root.
+fn children<C: Node>(tree: &Tree<C>) -> impl Iterator<Item = &C> {
+    tree.entries().filter_map(|(_, entry)| match entry {
+        RootEntry::Child(child) => Some(&**child),
+        RootEntry::Tile { .. } => None,
+    })
 }
 
 /// Writes parts on all cores, and appends them in order.

@@ -55,11 +55,17 @@ impl VdbFile {
 
     /// Serialises a file in version 224, which OpenVDB has read since version 3.2.
     ///
-    /// Grids that share a tree are written as instances. The metadata is written; versions and tag
-    /// are generated, and [`VdbFile::points`] and [`VdbFile::skipped`] are ignored.
+    /// Grids that share a tree, or points, are written as instances. The metadata is written;
+    /// versions and tag are generated, and [`VdbFile::skipped`] is ignored.
+    ///
+    /// [`VdbFile::points`] come after all other grids, without the attributes that are not read
+    /// ([`PointAttribute::is_read`](crate::PointAttribute::is_read)). Points are sorted by voxel.
+    /// Positions are rounded to a voxel and an `f32` offset: by at most 2⁻²⁶ of a voxel, and not at
+    /// all if they come from a file.
     ///
     /// # Errors
-    /// If a name or a value is too long for the format.
+    /// If a name or a value is too long for the format, or a point is more than 2³¹ voxels away from
+    /// the origin of index space.
     pub fn write(&self, options: &WriteOptions) -> Result<Vec<u8>, Error> {
         write::write(self, options)
     }

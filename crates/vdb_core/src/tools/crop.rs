@@ -40,6 +40,15 @@ impl Crop {
     pub fn new(low: DVec3, high: DVec3) -> Self {
         Self { low, high, limits: Limits::default(), progress: None }
     }
+
+    /// The corners of the box, which must have an inside.
+    pub(super) fn corners(&self) -> Result<[DVec3; 2], ToolError> {
+        let Self { low, high, .. } = *self;
+        match low.cmplt(high).all() {
+            true => Ok([low, high]),
+            false => Err(ToolError::BadBox { low: low.to_array(), high: high.to_array() }),
+        }
+    }
 }
 
 debug_options!(Crop { low, high, limits });
@@ -55,10 +64,7 @@ debug_options!(Crop { low, high, limits });
 /// If the box has no inside, the transform is not linear, a level set is not of floats, the result
 /// would exceed the limits, or it was cancelled.
 pub fn crop(grid: &Grid, options: &Crop) -> Result<Grid, ToolError> {
-    let Crop { low, high, .. } = *options;
-    if !low.cmplt(high).all() {
-        return Err(ToolError::BadBox { low: low.to_array(), high: high.to_array() });
-    }
+    let [low, high] = options.corners()?;
     let world_from_index = grid.transform.linear().ok_or(ToolError::NotLinear)?;
     let bounds = Bounds { low, high, world_from_index };
     let voxels = grid.tree.active_voxel_count() as f64;

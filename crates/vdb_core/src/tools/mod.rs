@@ -10,7 +10,7 @@
 //! - [`fog_from_level_set()`] – makes the inside of a level set a fog.
 //! - [`compose()`] – sum, maximum and product of fogs.
 //! - [`resample()`] – the same volume with other voxels.
-//! - [`crop()`] – the part inside a box.
+//! - [`crop()`] and [`crop_points()`] – the part inside a box.
 //!
 //! All of them run in parallel on rayon's threads, need neither Bevy nor a GPU, and check the
 //! memory that they need against [`Limits`](crate::Limits) before allocating it.
@@ -19,6 +19,7 @@ mod build;
 mod combine;
 mod compose;
 mod crop;
+mod crop_points;
 mod csg;
 mod error;
 mod fog;
@@ -37,6 +38,7 @@ mod to_mesh;
 pub use compose::{Composition, compose};
 pub(crate) use crop::voxels_within;
 pub use crop::{Crop, crop};
+pub use crop_points::crop_points;
 pub use csg::{CsgOperation, csg};
 pub use error::ToolError;
 pub use fog::{FogFromLevelSet, fog_from_level_set};

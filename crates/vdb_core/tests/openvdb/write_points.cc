@@ -1,7 +1,8 @@
-// Writes grids of points with every codec, and prints what OpenVDB reads back from the files.
+// Writes grids of points with every codec, and prints what OpenVDB reads from files.
 //
 //     g++ -std=c++17 -O1 -o write_points write_points.cc -lopenvdb -ltbb -lImath-3_1
-//     ./write_points FOLDER
+//     ./write_points FOLDER               writes files, and prints what is read back from them
+//     ./write_points --print FILE JSON    prints what is read from a file
 #include <cstdint>
 #include <cstdio>
 #include <fstream>
@@ -216,6 +217,24 @@ static void print(FILE* out, const PointDataGrid& grid)
     std::fputs("}}", out);
 }
 
+static void print_file(const std::string& path, const std::string& json)
+{
+    std::ifstream in(path, std::ios::binary);
+    GridPtrVecPtr read = io::Stream(in, /*delayLoad=*/false).getGrids();
+    FILE* out = std::fopen(json.c_str(), "w");
+    std::fputs("{\"grids\":[", out);
+    const char* between = "";
+    for (const auto& grid : *read) {
+        if (auto points = gridPtrCast<PointDataGrid>(grid)) {
+            std::fputs(between, out);
+            print(out, *points);
+            between = ",\n";
+        }
+    }
+    std::fputs("]}\n", out);
+    std::fclose(out);
+}
+
 static void save(const std::string& folder, const std::string& name, const GridPtrVec& grids,
     uint32_t compression, bool stream = false)
 {
@@ -231,28 +250,18 @@ static void save(const std::string& folder, const std::string& name, const GridP
         writer.write(grids);
     }
     // Printed as it was read back, not as it was made.
-    GridPtrVecPtr read;
-    std::ifstream in(path, std::ios::binary);
-    read = io::Stream(in, /*delayLoad=*/false).getGrids();
-    FILE* out = std::fopen((folder + "/" + name + ".json").c_str(), "w");
-    std::fputs("{\"grids\":[", out);
-    const char* between = "";
-    for (const auto& grid : *read) {
-        if (auto points = gridPtrCast<PointDataGrid>(grid)) {
-            std::fputs(between, out);
-            print(out, *points);
-            between = ",\n";
-        }
-    }
-    std::fputs("]}\n", out);
-    std::fclose(out);
+    print_file(path, folder + "/" + name + ".json");
 }
 
 int main(int argc, char** argv)
 {
+    openvdb::initialize();
+    if (argc == 4 && std::string(argv[1]) == "--print") {
+        print_file(argv[2], argv[3]);
+        return 0;
+    }
     if (argc != 2) return 2;
     const std::string folder = argv[1];
-    openvdb::initialize();
     const uint32_t blosc = io::COMPRESS_BLOSC | io::COMPRESS_ACTIVE_MASK;
     const auto positions = scattered(24, 12.0, 7.0);
     auto null = make<NullCodec>(positions, 0.5, "null");

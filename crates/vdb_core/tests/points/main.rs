@@ -1,7 +1,10 @@
-//! Grids of points: what is read of OpenVDB's files, and what damage does.
+//! Grids of points: what is read of OpenVDB's files, what is written, and what damage does.
 
+#[path = "../corpus_files/mod.rs"]
+mod corpus_files;
 mod damage;
 mod read;
+mod write;
 
 use std::io::Read;
 use std::path::Path;

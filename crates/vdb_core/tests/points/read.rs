@@ -1,13 +1,12 @@
 //! Points compared with what OpenVDB reads from the same files, bit for bit.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 
 use serde_json::Value as Json;
 use vdb_core::{
     AnyTree, Error, GridSelection, Limits, PointGrid, PointValues, ReadOptions, VdbFile,
-    WriteOptions,
 };
 
 use super::{bytes, file};
@@ -92,7 +91,7 @@ fn compare(grid: &PointGrid, json: &Json) -> usize {
     compared
 }
 
-fn compare_file(file: &VdbFile, json: &Json) -> usize {
+pub fn compare_file(file: &VdbFile, json: &Json) -> usize {
     let grids = json["grids"].as_array().unwrap();
     assert_eq!(file.points.len(), grids.len());
     assert!(file.skipped.is_empty(), "{:?}", file.skipped);
@@ -192,21 +191,9 @@ fn points_count_towards_the_limit_of_memory() {
     assert!(error.to_string().contains("600 points"), "{error}");
 }
 
-#[test]
-fn points_are_left_out_of_written_files() {
-    let file = file("codecs");
-    let written = file.write(&WriteOptions::default()).unwrap();
-    let again = VdbFile::read(&written, &ReadOptions::default()).unwrap();
-    assert_eq!((again.grids.len(), again.points.len(), again.skipped.len()), (1, 0, 0));
-}
-
-/// Reads files that OpenVDB writes now, among them one with many pages, and arrays larger than a
-/// page.
-#[test]
-#[ignore = "slow: compiles a program with OpenVDB's headers"]
-fn files_that_openvdb_writes_now() {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("points");
-    std::fs::create_dir_all(&folder).unwrap();
+/// Makes a folder and compiles `write_points` there; `None` if it cannot be compiled.
+pub fn write_points(folder: &Path) -> Option<PathBuf> {
+    std::fs::create_dir_all(folder).unwrap();
     let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/openvdb/write_points.cc");
     let program = folder.join("write_points");
     let compiled = Command::new("g++")
@@ -216,8 +203,18 @@ fn files_that_openvdb_writes_now() {
         .output();
     if !compiled.is_ok_and(|output| output.status.success()) {
         eprintln!("SKIPPED: {source} cannot be compiled; install g++ and libopenvdb-dev");
-        return;
+        return None;
     }
+    Some(program)
+}
+
+/// Reads files that OpenVDB writes now, among them one with many pages, and arrays larger than a
+/// page.
+#[test]
+#[ignore = "slow: compiles a program with OpenVDB's headers"]
+fn files_that_openvdb_writes_now() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("points");
+    let Some(program) = write_points(&folder) else { return };
     assert!(Command::new(&program).arg(&folder).status().unwrap().success());
     let mut compared = 0;
     for name in ["blosc", "zip", "codecs", "stream", "shared", "pages"] {

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::codecs::Decoder;
+use super::codecs::Coding;
 use crate::Error;
 use crate::format::cursor::Cursor;
 
@@ -59,11 +59,23 @@ impl Array {
         Ok(Self { bytes, points, stride, uniform, paged })
     }
 
+    /// Writes what [`read`](Self::read) reads.
+    pub fn write(&self, out: &mut Vec<u8>) {
+        out.extend((HEAD + self.bytes as u64).to_le_bytes());
+        let flags = [(self.stride != 1, STRIDED), (self.uniform, UNIFORM), (self.paged, PAGED)];
+        let set = flags.iter().filter(|(is_set, _)| *is_set).map(|(_, flag)| flag);
+        out.extend([CONSTANT_STRIDE, set.sum()]);
+        out.extend(self.points.to_le_bytes());
+        if self.stride != 1 {
+            out.extend(self.stride.to_le_bytes());
+        }
+    }
+
     /// The bytes of its values.
-    pub fn unpacked(&self, decoder: &Decoder) -> usize {
+    pub fn unpacked(&self, coding: &Coding) -> usize {
         let values = u64::from(self.points) * u64::from(self.stride);
         let values = if self.uniform { 1 } else { usize::try_from(values).unwrap_or(usize::MAX) };
-        values.saturating_mul(decoder.stored())
+        values.saturating_mul(coding.stored())
     }
 }
 

@@ -6,8 +6,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::arrays::{Place, Unit};
-use super::codecs::{Decoder, ReadValues, vec3d, vec3s};
-use super::scan::{Leaf, Scan, VOXEL_BYTES};
+use super::codecs::{Coding, ReadValues, vec3d, vec3s};
+use super::scan::{Leaf, Scan};
+use super::{VOXEL_BYTES, VOXELS};
 use crate::Error;
 use crate::codec::{Scratch, blosc};
 use crate::format::build::Progress;
@@ -18,10 +19,7 @@ thread_local! {
 }
 
 /// OpenVDB fills up shorter data with zeros to this length before it compresses them.
-const PADDED: usize = 128;
-
-/// Voxels of a leaf.
-const VOXELS: usize = 512;
+pub(super) const PADDED: usize = 128;
 
 impl Scan<'_> {
     /// Builds the points.
@@ -32,10 +30,10 @@ impl Scan<'_> {
         progress.add(self.leaves.iter().map(|leaf| leaf.bytes).sum())?;
         for (index, named) in self.descriptor.attributes.iter().enumerate() {
             let column = &self.columns[index];
-            let values = match column.decoder {
-                Some(decoder) if index != self.position => {
-                    let read = OfColumn { scan: &self, index, stored: decoder.stored() };
-                    Some(decoder.values(read)?)
+            let values = match column.coding {
+                Some(coding) if index != self.position => {
+                    let read = OfColumn { scan: &self, index, stored: coding.stored() };
+                    Some(coding.values(read)?)
                 }
                 _ => None,
             };
@@ -69,13 +67,13 @@ impl Scan<'_> {
 
     fn positions(&self) -> Result<Vec<DVec3>, Error> {
         let Some(column) = self.columns.get(self.position) else { return Ok(Vec::new()) };
-        match column.decoder {
-            Some(Decoder::Vec3s(stored)) => {
+        match column.coding {
+            Some(Coding::Vec3s(stored)) => {
                 let decode = vec3s(stored);
                 let vector = |bytes: &[u8]| DVec3::from(decode(bytes).map(f64::from));
-                self.place(Decoder::Vec3s(stored).stored(), vector)
+                self.place(Coding::Vec3s(stored).stored(), vector)
             }
-            Some(decoder @ Decoder::Vec3d) => self.place(decoder.stored(), |b| vec3d(b).into()),
+            Some(coding @ Coding::Vec3d) => self.place(coding.stored(), |b| vec3d(b).into()),
             _ => Ok(Vec::new()),
         }
     }
@@ -149,8 +147,8 @@ impl Scan<'_> {
             self.with_bytes(index, unit, |mut bytes| {
                 for leaf in unit.leaves.clone() {
                     let array = &column.arrays[leaf];
-                    let length = match (&unit.place, column.decoder) {
-                        (Place::Array { .. }, Some(decoder)) => array.unpacked(&decoder),
+                    let length = match (&unit.place, column.coding) {
+                        (Place::Array { .. }, Some(coding)) => array.unpacked(&coding),
                         _ => array.bytes,
                     };
                     let (own, after) = bytes.split_at_checked(length).ok_or_else(too_short)?;
@@ -178,7 +176,7 @@ impl Scan<'_> {
             Place::Page { at, bytes, unpacked, packed } => (at, bytes, unpacked, packed),
             Place::Array { at, bytes, packed } => {
                 let array = &column.arrays[unit.leaves.start];
-                let unpacked = column.decoder.map_or(bytes, |decoder| array.unpacked(&decoder));
+                let unpacked = column.coding.map_or(bytes, |coding| array.unpacked(&coding));
                 (at, bytes, unpacked, packed)
             }
         };

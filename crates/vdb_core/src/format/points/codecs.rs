@@ -24,7 +24,7 @@ pub(super) enum Stored {
 
 /// The type of an attribute that can be decoded.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Decoder {
+pub(super) enum Coding {
     Bool,
     Int8,
     Int16,
@@ -40,8 +40,8 @@ pub(super) enum Decoder {
     Groups,
 }
 
-impl Decoder {
-    /// The decoder of a type and a codec; `None` if values of them are not read.
+impl Coding {
+    /// The coding of a type and a codec; `None` if values of them are not read.
     pub fn new(value_type: &str, codec: &str) -> Option<Self> {
         let stored = match codec {
             "null" => Stored::Full,
@@ -152,7 +152,7 @@ fn half(bytes: &[u8]) -> f32 {
 }
 
 /// OpenVDB divides and subtracts in f32.
-fn float(stored: Stored, bytes: &[u8]) -> f32 {
+pub(super) fn float(stored: Stored, bytes: &[u8]) -> f32 {
     match stored {
         Stored::Full => f32::from_le_bytes(first(bytes)),
         Stored::Truncated => half(bytes),

@@ -14,11 +14,23 @@
 //!
 //! As for other trees, one pass over the bytes locates everything and checks it against the limits;
 //! then `build` decompresses pages on all cores.
+//!
+//! Writing sorts points into voxels (`place`), and encodes and compresses them (`encode`, `write`).
 
 mod arrays;
 mod build;
 mod codecs;
 mod descriptor;
+mod encode;
+mod place;
 mod scan;
+mod write;
 
+pub(crate) use place::Layout;
 pub(crate) use scan::scan;
+pub(crate) use write::write;
+
+/// Voxels of a leaf.
+const VOXELS: usize = 512;
+/// Bytes of the voxels of a leaf.
+const VOXEL_BYTES: usize = VOXELS * 4;

@@ -1,7 +1,8 @@
 //! The first pass over the bytes of a grid of points.
 
+use super::VOXEL_BYTES;
 use super::arrays::{self, Array, Unit};
-use super::codecs::Decoder;
+use super::codecs::Coding;
 use super::descriptor::{self, Descriptor};
 use crate::Error;
 use crate::display::quoted;
@@ -9,18 +10,17 @@ use crate::format::budget::Budget;
 use crate::format::cursor::Cursor;
 use crate::format::topology::{LEAF_MASK, LeafCost, scan_nodes};
 use crate::format::values::Encoding;
+use crate::points::Points;
 use crate::tree::{IVec3, LeafNode};
 
 /// The version of the format that introduced passes. OpenVDB has written points since then.
 const PASSES: u32 = 224;
 
-/// The name of the positions.
-const POSITION: &str = "P";
-
-/// Bytes of the voxels of a leaf.
-pub(super) const VOXEL_BYTES: usize = 512 * 4;
 /// The length of voxels that are not compressed.
-const NOT_PACKED: u16 = u16::MAX;
+pub(super) const NOT_PACKED: u16 = u16::MAX;
+
+/// The flag of attributes that all leaves have.
+pub(super) const SHARED: u8 = 1;
 
 /// The offsets of everything that points are made of.
 pub(crate) struct Scan<'a> {
@@ -48,7 +48,7 @@ pub(super) struct Leaf {
 #[derive(Default)]
 pub(super) struct Column {
     /// `None` if it is not read.
-    pub decoder: Option<Decoder>,
+    pub coding: Option<Coding>,
     pub stride: u32,
     /// One for each leaf.
     pub arrays: Vec<Array>,
@@ -111,8 +111,6 @@ impl Scan<'_> {
         leaves: usize,
         budget: &mut Budget<'_>,
     ) -> Result<(), Error> {
-        /// The descriptor is that of all leaves.
-        const SHARED: u8 = 1;
         /// More data follow, for newer versions of OpenVDB.
         const LONGER: u8 = 2;
         let mut is_shared = false;
@@ -153,18 +151,18 @@ impl Scan<'_> {
                  attributes in the program that made them",
             ));
         }
-        let position = descriptor.attributes.iter().position(|named| named.name == POSITION);
+        let position =
+            descriptor.attributes.iter().position(|named| named.name == Points::POSITION);
         self.position =
             position.ok_or_else(|| Error::not_supported("points without positions (`P`)"))?;
-        let decoder = |named: &descriptor::Named| Decoder::new(&named.value_type, &named.codec);
+        let coding = |named: &descriptor::Named| Coding::new(&named.value_type, &named.codec);
         self.columns = descriptor
             .attributes
             .iter()
-            .map(|named| Column { decoder: decoder(named), ..Column::default() })
+            .map(|named| Column { coding: coding(named), ..Column::default() })
             .collect();
         let named = &descriptor.attributes[self.position];
-        if !matches!(self.columns[self.position].decoder, Some(Decoder::Vec3s(_) | Decoder::Vec3d))
-        {
+        if !matches!(self.columns[self.position].coding, Some(Coding::Vec3s(_) | Coding::Vec3d)) {
             return Err(Error::not_supported(format!(
                 "positions of type {} with codec {}",
                 quoted(&named.value_type),
@@ -184,8 +182,8 @@ impl Scan<'_> {
             if column.arrays.iter().any(|array| array.stride != column.stride) {
                 column.stride = 0;
             }
-            let Some(decoder) = column.decoder.filter(|_| column.stride > 0) else {
-                column.decoder = None;
+            let Some(coding) = column.coding.filter(|_| column.stride > 0) else {
+                column.coding = None;
                 continue;
             };
             let name = || quoted(&named.name).to_string();
@@ -197,7 +195,7 @@ impl Scan<'_> {
                         name()
                     )));
                 }
-                let bytes = array.unpacked(&decoder);
+                let bytes = array.unpacked(&coding);
                 if array.paged && array.bytes != bytes {
                     let own = array.bytes;
                     return Err(Error::invalid(format!(
@@ -248,19 +246,19 @@ impl Scan<'_> {
     /// Adds the memory that the points will take to the budget, with that of their largest page.
     fn take_memory(&self, budget: &mut Budget<'_>) -> Result<(), Error> {
         let points = self.points as u64;
-        let read = self.columns.iter().filter_map(|c| c.decoder.map(|decoder| (c, decoder)));
+        let read = self.columns.iter().filter_map(|c| c.coding.map(|coding| (c, coding)));
         let position = self.columns.get(self.position);
-        let of_values = read.clone().map(|(column, decoder)| {
+        let of_values = read.clone().map(|(column, coding)| {
             // The values of the positions are not kept.
             let is_kept = position.is_none_or(|position| !std::ptr::eq(position, column));
-            let each = if is_kept { decoder.decoded() as u64 } else { 0 };
+            let each = if is_kept { coding.decoded() as u64 } else { 0 };
             points.saturating_mul(u64::from(column.stride)).saturating_mul(each)
         });
         let positions = points.saturating_mul(size_of::<glam::DVec3>() as u64);
-        let units = read.flat_map(|(column, decoder)| {
+        let units = read.flat_map(|(column, coding)| {
             column.units.iter().map(move |unit| {
                 let arrays = &column.arrays[unit.leaves.clone()];
-                arrays.iter().fold(0, |sum: usize, a| sum.saturating_add(a.unpacked(&decoder)))
+                arrays.iter().fold(0, |sum: usize, a| sum.saturating_add(a.unpacked(&coding)))
             })
         });
         let largest = units.max().unwrap_or(0) as u64;
