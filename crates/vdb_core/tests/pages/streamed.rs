@@ -226,8 +226,8 @@ fn memory_is_limited_before_it_is_taken() {
         |limits| limits.nodes = 1000,
         |limits| limits.voxels = 100_000,
         |limits| limits.tree_bytes = 10_000,
-        // Enough for the offsets, but not for a page.
-        |limits| limits.tree_bytes = 200_000,
+        // Enough for the offsets and for children of the root, but not for the leaves of a page.
+        |limits| limits.tree_bytes = 2_000_000,
     ];
     for (name, change) in names.into_iter().zip(changes) {
         let error = limited(change).unwrap_err().to_string();
