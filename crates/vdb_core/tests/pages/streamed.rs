@@ -204,7 +204,7 @@ fn damaged_files_are_refused_or_cooked_without_panicking() {
             }
         }
     }
-    assert!(refused > 50 && cooked > 10, "{refused} refused, {cooked} cooked");
+    assert!(refused > 50 && cooked > 5, "{refused} refused, {cooked} cooked");
 }
 
 #[test]
