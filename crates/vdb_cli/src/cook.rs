@@ -175,8 +175,11 @@ fn cook_pages(args: &Args, edge: u32) -> Result<String, String> {
     let [path] = &args.files[..] else {
         return Err("pages are cut from one file at a time; EDGE is given as `--pages=EDGE`".into());
     };
-    let mut file = open(path, &args.limits)?;
-    convert(&mut file, path, args, &mut Totals::default());
+    let whole = || {
+        let mut file = open(path, &args.limits)?;
+        convert(&mut file, path, args, &mut Totals::default());
+        Ok(file)
+    };
     let cut = Cut {
         edge,
         grid: args.grid.as_deref(),
@@ -184,7 +187,7 @@ fn cook_pages(args: &Args, edge: u32) -> Result<String, String> {
         format: args.format(Format::Half),
         limits: args.limits.limits(),
     };
-    pages::cook(path, file, &args.out, &cut)
+    pages::cook(path, whole, &args.out, &cut)
 }
 
 fn cook(path: &Path, target: &Path, args: &Args, totals: &mut Totals) -> Result<(), String> {

@@ -1,18 +1,19 @@
 //! `vdb cook --pages`: cuts a level set into pages.
 
-use std::collections::HashSet;
+use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::{fs, io};
 
 use vdb_core::display::quoted;
 use vdb_core::pack::ValueFormat;
-use vdb_core::pages::{EXTENSION, PageId, PageIndex, PageOptions, TreeSource, cook_pages};
-use vdb_core::{AnyTree, Grid, GridClass, Limits, VdbFile, save_bytes};
+use vdb_core::pages::{
+    EXTENSION, FileSource, PageIndex, PageOptions, PageSource, PagesError, PagesOnDisk,
+    StreamedFile, TreeSource, cook_pages_to_disk, file_stamp,
+};
+use vdb_core::{AnyTree, Error, GridClass, Limits, VdbFile};
 
-use crate::files::{grid_of, make_folder, shown};
+use crate::files::{HAS_POINTS, make_folder, shown};
 use crate::progress::Progress;
-use crate::terminal::bytes;
+use crate::terminal::{bytes, complain};
 
 /// How a level set is cut.
 pub struct Cut<'a> {
@@ -24,21 +25,61 @@ pub struct Cut<'a> {
 }
 
 /// Writes the pages of a file's level set to a folder, and the index last. Returns what was written,
-/// for people.
-pub fn cook(path: &Path, file: VdbFile, out: &Path, cut: &Cut) -> Result<String, String> {
-    let about_input = |error: &dyn std::fmt::Display| format!("{}: {error}", shown(path));
-    let grid = chosen(&file, path, cut.grid)?.clone();
-    drop(file);
-    let source = TreeSource::new(&grid, cut.limits.clone()).map_err(|error| about_input(&error))?;
+/// for people. `whole` reads the file as a whole, which is done only if its grid cannot be read in
+/// parts.
+pub fn cook(
+    path: &Path,
+    whole: impl FnOnce() -> Result<VdbFile, String>,
+    out: &Path,
+    cut: &Cut,
+) -> Result<String, String> {
+    let about_input = |error: PagesError| match error {
+        // It says where already.
+        PagesError::Source(error) if error.place().path.is_some() => error.to_string(),
+        error => format!("{}: {error}", shown(path)),
+    };
     let target = target(path, out);
     check_folder(out, &target)?;
-    // No index refers to the pages until all of them are written.
-    match fs::remove_file(&target) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => {
-            return Err(format!("{}: {error}", shown(&target)));
+    let source = match in_parts(path, out, cut)? {
+        Ok(source) => source,
+        Err(PagesError::Source(error)) if matches!(*error, Error::NotSupported { .. }) => {
+            complain(&format!("{error}; it is read as a whole"));
+            let file = whole()?;
+            let name = chosen(&of_file(&file), path, cut.grid)?;
+            let grid = file.grid(&name).ok_or_else(|| no_grid(path, &name))?.clone();
+            drop(file);
+            let source = TreeSource::new(&grid, cut.limits.clone()).map_err(about_input)?;
+            return write(&source, path, &target, cut).map_err(about_input);
         }
-        _ => {}
-    }
+        Err(error) => return Err(about_input(error)),
+    };
+    write(&source, path, &target, cut).map_err(about_input)
+}
+
+/// The pages' source, if the grid can be read in parts.
+fn in_parts(path: &Path, out: &Path, cut: &Cut) -> Result<Result<FileSource, PagesError>, String> {
+    let file = match StreamedFile::open(path, &cut.limits) {
+        Ok(file) => file,
+        Err(error) => return Ok(Err(PagesError::Source(error.into()))),
+    };
+    let grids = file.grids().iter().map(|grid| Choice {
+        name: grid.name.clone(),
+        unique_name: grid.unique_name.clone(),
+        class: grid.class,
+        is_float: grid.has_numbers(),
+        is_points: grid.is_points(),
+    });
+    let name = chosen(&grids.collect::<Vec<_>>(), path, cut.grid)?;
+    Ok(FileSource::new(file, &name, out, cut.limits.clone()))
+}
+
+/// Cooks what has not been cooked before.
+fn write(
+    source: &impl PageSource,
+    path: &Path,
+    target: &Path,
+    cut: &Cut,
+) -> Result<String, PagesError> {
     let progress = Progress::cooking(path);
     let options = PageOptions {
         edge: cut.edge,
@@ -47,36 +88,70 @@ pub fn cook(path: &Path, file: VdbFile, out: &Path, cut: &Cut) -> Result<String,
         limits: cut.limits.clone(),
         progress: Some(progress.callback()),
     };
-    let folders = Mutex::new(HashSet::new());
-    let store = |id: PageId, bytes: &[u8]| {
-        let page = out.join(id.file());
-        if let (Some(folder), Ok(mut made)) = (page.parent(), folders.lock())
-            && made.insert(id.level)
-        {
-            fs::create_dir_all(folder)?;
-        }
-        save_bytes(&page, bytes).map_err(io::Error::other)
-    };
-    let index = cook_pages(&source, &options, &store).map_err(|error| about_input(&error))?;
-    index.save(&target).map_err(|error| format!("{}: {error}", shown(&target)))?;
-    Ok(summary(&index, &target))
+    let stamp =
+        file_stamp(path).map_err(|source| PagesError::Folder { path: path.to_owned(), source })?;
+    let PagesOnDisk { index, kept, .. } = cook_pages_to_disk(source, &options, target, &stamp)?;
+    Ok(summary(&index, kept, target))
 }
 
-/// The grid with the given name. By default, the only level set, or the first float grid if there are no level sets.
-fn chosen<'a>(file: &'a VdbFile, path: &Path, name: Option<&str>) -> Result<&'a Grid, String> {
-    let is_level_set =
-        |grid: &&Grid| matches!(grid.tree, AnyTree::Float(_)) && grid.class == GridClass::LevelSet;
-    let level_sets: Vec<_> = file.grids.iter().filter(is_level_set).collect();
-    if name.is_none() && level_sets.len() > 1 {
-        let names: Vec<_> =
-            level_sets.iter().map(|grid| quoted(&grid.unique_name).to_string()).collect();
-        return Err(format!(
-            "{}: there are several level sets, {}; choose one with `--grid`",
-            shown(path),
-            names.join(", ")
-        ));
-    }
-    grid_of(file, path, name)
+/// A grid that can be chosen.
+struct Choice {
+    name: String,
+    unique_name: String,
+    class: GridClass,
+    is_float: bool,
+    is_points: bool,
+}
+
+/// The grids of a file in memory.
+fn of_file(file: &VdbFile) -> Vec<Choice> {
+    let grids = file.grids.iter().map(|grid| Choice {
+        name: grid.name.clone(),
+        unique_name: grid.unique_name.clone(),
+        class: grid.class,
+        is_float: matches!(grid.tree, AnyTree::Float(_)),
+        is_points: false,
+    });
+    let points = file.points.iter().map(|grid| Choice {
+        name: grid.name.clone(),
+        unique_name: grid.unique_name.clone(),
+        class: GridClass::Unknown,
+        is_float: false,
+        is_points: true,
+    });
+    grids.chain(points).collect()
+}
+
+fn no_grid(path: &Path, name: &str) -> String {
+    format!("{}: no grid is called {}", shown(path), quoted(name))
+}
+
+/// The unique name of the grid with the given name. By default, that of the only level set, or of the
+/// first float grid if there are no level sets.
+fn chosen(grids: &[Choice], path: &Path, name: Option<&str>) -> Result<String, String> {
+    let found = if let Some(name) = name {
+        let found = grids.iter().find(|grid| grid.name == name || grid.unique_name == name);
+        let found = found.ok_or_else(|| no_grid(path, name))?;
+        if found.is_points {
+            return Err(format!("{}: {} has points; {HAS_POINTS}", shown(path), quoted(name)));
+        }
+        found
+    } else {
+        let is_level_set = |grid: &&Choice| grid.is_float && grid.class == GridClass::LevelSet;
+        let level_sets: Vec<_> = grids.iter().filter(is_level_set).collect();
+        if level_sets.len() > 1 {
+            let names: Vec<_> =
+                level_sets.iter().map(|grid| quoted(&grid.unique_name).to_string()).collect();
+            return Err(format!(
+                "{}: there are several level sets, {}; choose one with `--grid`",
+                shown(path),
+                names.join(", ")
+            ));
+        }
+        let found = level_sets.first().copied().or_else(|| grids.iter().find(|g| g.is_float));
+        found.ok_or_else(|| format!("{}: no grid of floats", shown(path)))?
+    };
+    Ok(found.unique_name.clone())
 }
 
 /// The path of the index.
@@ -105,8 +180,12 @@ fn check_folder(out: &Path, target: &Path) -> Result<(), String> {
     Ok(())
 }
 
-fn summary(index: &PageIndex, target: &Path) -> String {
-    let mut lines = String::new();
+fn summary(index: &PageIndex, kept: u64, target: &Path) -> String {
+    let mut lines = match kept {
+        0 => String::new(),
+        1 => "1 page was there already, from cooking that was interrupted\n".to_owned(),
+        _ => format!("{kept} pages were there already, from cooking that was interrupted\n"),
+    };
     let mut all = [0, 0, 0];
     for level in 0..index.levels {
         let pages =

@@ -180,3 +180,48 @@ fn info_describes_an_index() {
     }
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+#[test]
+fn what_cannot_be_read_in_parts_is_read_as_a_whole() {
+    let folder = folder("whole", &["ball"]);
+    let (file, out) = (path(&folder, "thing.vdb"), path(&folder, "pages"));
+    let cook = || {
+        let done = vdb(&["cook", &file, "--out", &out, "--pages=128"]);
+        assert!(done.status.success(), "{}", text(&done.stderr));
+        (text(&done.stderr), std::fs::read(path(&folder, "pages/thing.vdbpages")).unwrap())
+    };
+    let (said, in_parts) = cook();
+    assert!(!said.contains("as a whole"), "{said}");
+    let read = VdbFile::open(&file).unwrap();
+    read.save(&file, &WriteOptions { stream: true, ..WriteOptions::default() }).unwrap();
+    let (said, whole) = cook();
+    assert!(said.contains("written as a stream") && said.contains("read as a whole"), "{said}");
+    assert_eq!(whole, in_parts);
+    // Doubles become floats.
+    let mut doubles = vdb_core::tree::Tree::new(3.0_f64);
+    doubles.set(glam::IVec3::ONE, -1.0);
+    let mut grid = Grid::new("ball", AnyTree::Double(doubles.into()));
+    grid.class = GridClass::LevelSet;
+    VdbFile::new(vec![grid]).save(&file, &WriteOptions::default()).unwrap();
+    let (said, _) = cook();
+    assert!(said.contains("Tree_double_5_4_3 cannot be read in parts"), "{said}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn pages_of_interrupted_cooking_are_kept() {
+    let folder = folder("kept", &["ball"]);
+    let (file, out) = (path(&folder, "thing.vdb"), path(&folder, "pages"));
+    let cook = || vdb(&["cook", &file, "--out", &out, "--pages=128"]);
+    // There is a folder in the place of the last page.
+    let page = path(&folder, "pages/0/0_0_-1.vdbc");
+    std::fs::create_dir_all(&page).unwrap();
+    assert!(!cook().status.success());
+    assert!(Path::new(&path(&folder, "pages/thing.vdbpages.cooking")).exists());
+    std::fs::remove_dir(&page).unwrap();
+    let done = cook();
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    assert!(text(&done.stdout).contains("pages were there already"), "{}", text(&done.stdout));
+    assert!(!Path::new(&path(&folder, "pages/thing.vdbpages.cooking")).exists());
+    std::fs::remove_dir_all(&folder).unwrap();
+}

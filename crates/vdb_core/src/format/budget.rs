@@ -3,6 +3,7 @@
 use crate::{Error, Limits};
 
 /// Running totals of what a file has demanded so far.
+#[derive(Clone)]
 pub(crate) struct Budget<'a> {
     pub(crate) limits: &'a Limits,
     nodes: u64,

@@ -22,7 +22,7 @@ use crate::{Error, ProgressFn};
 pub(crate) const LEAVES_PER_TASK: usize = 64;
 
 thread_local! {
-    static SCRATCH: RefCell<Scratch> = RefCell::default();
+    pub(super) static SCRATCH: RefCell<Scratch> = RefCell::default();
 }
 
 /// The children of an upper node, boxed as the node stores them.
@@ -51,13 +51,17 @@ impl<'a> Progress<'a> {
     }
 }
 
-impl<'a, L: FileLeaf> Scan<'a, L> {
-    /// Builds the tree.
-    pub(crate) fn build(self, progress: &Progress<'_>) -> Result<Tree<Upper<L>>, Error> {
+impl<L: FileLeaf> Scan<L> {
+    /// Builds the tree from the bytes of its grid.
+    pub(crate) fn build(
+        self,
+        bytes: Cursor<'_>,
+        progress: &Progress<'_>,
+    ) -> Result<Tree<Upper<L>>, Error> {
         let middles = self
             .middles
             .par_iter()
-            .map(|middle| self.build_middle(middle, progress).map(Some))
+            .map(|middle| self.build_middle(bytes, middle, progress).map(Some))
             .collect::<Result<Vec<_>, _>>()?;
         let mut middles = middles.into_iter();
         // Each upper node takes its own children from the front, in the order of the first pass.
@@ -68,7 +72,7 @@ impl<'a, L: FileLeaf> Scan<'a, L> {
             .collect();
         let uppers = parts
             .into_par_iter()
-            .map(|(upper, children)| self.build_upper(upper, children))
+            .map(|(upper, children)| self.build_upper(bytes, upper, children))
             .collect::<Result<Vec<_>, _>>()?;
         let mut tree = Tree::new(self.context.background);
         for &(origin, value, active) in &self.tiles {
@@ -80,8 +84,13 @@ impl<'a, L: FileLeaf> Scan<'a, L> {
         Ok(tree)
     }
 
-    fn build_upper(&self, scan: &UpperScan, children: Children<L>) -> Result<Box<Upper<L>>, Error> {
-        let mut cursor = self.cursor.moved_to(scan.at)?;
+    fn build_upper(
+        &self,
+        bytes: Cursor<'_>,
+        scan: &UpperScan,
+        children: Children<L>,
+    ) -> Result<Box<Upper<L>>, Error> {
+        let mut cursor = bytes.moved_to(scan.at)?;
         let (child_mask, value_mask, tiles) =
             read_internal(&mut cursor, &self.context).map_err(|error| error.at(scan.at))?;
         Upper::from_parts(scan.origin, child_mask, value_mask, children, tiles)
@@ -90,10 +99,11 @@ impl<'a, L: FileLeaf> Scan<'a, L> {
 
     fn build_middle(
         &self,
+        bytes: Cursor<'_>,
         scan: &MiddleScan,
         progress: &Progress<'_>,
     ) -> Result<Box<Middle<L>>, Error> {
-        let mut cursor = self.cursor.moved_to(scan.at)?;
+        let mut cursor = bytes.moved_to(scan.at)?;
         let (child_mask, value_mask, tiles) =
             read_internal(&mut cursor, &self.context).map_err(|error| error.at(scan.at))?;
         let slots: Vec<usize> = child_mask.iter_on().collect();
@@ -105,8 +115,8 @@ impl<'a, L: FileLeaf> Scan<'a, L> {
             .with_min_len(LEAVES_PER_TASK)
             .map(|(index, (&slot, &at))| {
                 let mask_at = scan.leaf_masks_at + index * LEAF_MASK;
-                let mask = read_mask(&mut self.cursor.moved_to(mask_at)?)?;
-                let mut values = self.cursor.moved_to(at)?;
+                let mask = read_mask(&mut bytes.moved_to(mask_at)?)?;
+                let mut values = bytes.moved_to(at)?;
                 let origin = scan.origin + Middle::<L>::slot_offset(slot);
                 SCRATCH.with_borrow_mut(|scratch| {
                     L::read(&mut values, &self.context, origin, mask, scratch)
@@ -121,14 +131,14 @@ impl<'a, L: FileLeaf> Scan<'a, L> {
 }
 
 /// Unreachable in practice: the first pass counted the children by the same mask.
-fn does_not_fit(at: usize) -> Error {
+pub(super) fn does_not_fit(at: usize) -> Error {
     Error::invalid("the children of a node do not fit its mask").at(at)
 }
 
 /// The masks and tiles of an internal node.
-type Internal<T, const LOG2: u32> = (Mask<LOG2>, Mask<LOG2>, Box<[T]>);
+pub(super) type Internal<T, const LOG2: u32> = (Mask<LOG2>, Mask<LOG2>, Box<[T]>);
 
-fn read_internal<T: FileValue, const LOG2: u32>(
+pub(super) fn read_internal<T: FileValue, const LOG2: u32>(
     cursor: &mut Cursor<'_>,
     context: &TreeContext<T>,
 ) -> Result<Internal<T, LOG2>, Error>

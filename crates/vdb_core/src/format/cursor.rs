@@ -5,59 +5,68 @@ use crate::{Error, Limits};
 /// A position in the bytes of a file. All numbers are little-endian.
 #[derive(Clone, Copy)]
 pub(crate) struct Cursor<'a> {
-    /// The file from its first byte to the end of what this cursor may read.
+    /// The file, from its byte `first` to the end of what this cursor may read.
     bytes: &'a [u8],
-    /// Never past the end of `bytes`.
-    at: usize,
+    first: usize,
+    /// An index of `bytes`, never past their end.
+    next: usize,
 }
 
 impl<'a> Cursor<'a> {
     pub(crate) fn new(bytes: &'a [u8]) -> Self {
-        Self { bytes, at: 0 }
+        Self::within(bytes, 0)
+    }
+
+    /// A cursor at the start of a part of a file, which begins with the file's byte `first`.
+    pub(crate) fn within(bytes: &'a [u8], first: usize) -> Self {
+        Self { bytes, first, next: 0 }
     }
 
     /// Bytes from the start of the file.
     pub(crate) fn at(&self) -> usize {
-        self.at
+        self.first + self.next
     }
 
     pub(crate) fn remaining(&self) -> usize {
-        self.bytes.len() - self.at
+        self.bytes.len() - self.next
     }
 
     /// A cursor at another position in the same bytes, which must not be past their end.
     pub(crate) fn moved_to(&self, at: usize) -> Result<Self, Error> {
-        if at > self.bytes.len() {
-            let what = format!("an offset past the end of the data at byte {}", self.bytes.len());
-            return Err(Error::invalid(what).at(at));
+        match at.checked_sub(self.first) {
+            Some(next) if next <= self.bytes.len() => Ok(Self { next, ..*self }),
+            _ => {
+                let what = format!("an offset past the end of the data at byte {}", self.end());
+                Err(Error::invalid(what).at(at))
+            }
         }
-        Ok(Self { bytes: self.bytes, at })
     }
 
-    /// The end of the bytes.
+    /// The end of the bytes, counted from the start of the file.
     pub(crate) fn end(&self) -> usize {
-        self.bytes.len()
+        self.first + self.bytes.len()
     }
 
     /// A cursor at the start of the same bytes that cannot read beyond `end`.
     pub(crate) fn bounded(&self, end: usize) -> Self {
-        Self::new(&self.bytes[..end.min(self.bytes.len())])
+        let length = end.saturating_sub(self.first).min(self.bytes.len());
+        Self::within(&self.bytes[..length], self.first)
     }
 
     pub(crate) fn take(&mut self, length: usize) -> Result<&'a [u8], Error> {
-        let Some(taken) = self.bytes[self.at..].get(..length) else {
+        let Some(taken) = self.bytes[self.next..].get(..length) else {
             let there = self.remaining();
             let what = format!("{length} bytes are needed, but only {there} are left");
-            return Err(Error::invalid(what).at(self.at));
+            return Err(Error::invalid(what).at(self.at()));
         };
-        self.at += length;
+        self.next += length;
         Ok(taken)
     }
 
     pub(crate) fn array<const N: usize>(&mut self) -> Result<[u8; N], Error> {
         let taken = self.take(N)?;
         // Cannot fail, since `take` returns exactly the bytes requested.
-        taken.try_into().map_err(|_| Error::invalid("a value is cut short").at(self.at))
+        taken.try_into().map_err(|_| Error::invalid("a value is cut short").at(self.at()))
     }
 
     pub(crate) fn u8(&mut self) -> Result<u8, Error> {
@@ -90,7 +99,7 @@ impl<'a> Cursor<'a> {
 
     /// A length (u32) and that many bytes.
     pub(crate) fn sized_bytes(&mut self, limits: &Limits) -> Result<&'a [u8], Error> {
-        let at = self.at;
+        let at = self.at();
         let length = self.u32()?;
         if u64::from(length) > limits.metadata_bytes {
             let what = format!("{length} bytes of one string or metadata value");

@@ -22,7 +22,7 @@ pub(crate) fn read(bytes: &[u8], options: &ReadOptions) -> Result<VdbFile, Error
     let header = header::read(&mut cursor)?;
     let mut budget = Budget::new(limits);
     let file_metadata = metadata::read(&mut cursor, &mut budget)?;
-    let count = read_count(&mut cursor, limits)?;
+    let count = read_count(&mut cursor, bytes.len(), limits)?;
     let selection = Selection::new(&options.grids);
     let listed = if header.has_offsets {
         list_with_offsets(cursor, &header, count, &selection, &mut budget)?
@@ -62,15 +62,20 @@ pub(crate) fn check_length(length: u64, limits: &Limits) -> Result<(), Error> {
     Ok(())
 }
 
-fn read_count(cursor: &mut Cursor<'_>, limits: &Limits) -> Result<usize, Error> {
+/// Reads the number of grids in a file that ends at `end_of_file`.
+pub(super) fn read_count(
+    cursor: &mut Cursor<'_>,
+    end_of_file: usize,
+    limits: &Limits,
+) -> Result<usize, Error> {
     let at = cursor.at();
     let count = cursor.u32()?;
     if u64::from(count) > limits.grids {
         return Err(Error::limit(format!("{count} grids"), "grids", limits.grids).at(at));
     }
     let count = count as usize;
-    if count > cursor.remaining() / descriptor::SMALLEST {
-        let there = cursor.remaining();
+    let there = end_of_file.saturating_sub(cursor.at());
+    if count > there / descriptor::SMALLEST {
         let what = format!("the file is cut short: {there} bytes cannot hold {count} grids");
         return Err(Error::invalid(what).at(at));
     }

@@ -75,7 +75,7 @@ pub(super) fn list_with_offsets<'a>(
     let mut descriptors = Vec::new();
     for _ in 0..count {
         let descriptor = descriptor::read(&mut cursor, budget)?;
-        cursor = cursor.moved_to(check_places(&descriptor, &cursor)?.end)?;
+        cursor = cursor.moved_to(check_places(&descriptor, cursor.end())?.end)?;
         descriptors.push(descriptor);
     }
     // An instance needs the tree of its parent, selected or not.
@@ -93,7 +93,7 @@ pub(super) fn list_with_offsets<'a>(
         if !needed {
             continue;
         }
-        let places = check_places(&descriptor, &cursor)?;
+        let places = check_places(&descriptor, cursor.end())?;
         let mut grid = cursor.bounded(places.end).moved_to(places.start)?;
         listed.push(read_grid(&mut grid, header, descriptor, selection, budget)?);
     }
@@ -101,11 +101,10 @@ pub(super) fn list_with_offsets<'a>(
 }
 
 /// The byte range of a grid, checked.
-fn check_places(
+pub(super) fn check_places(
     descriptor: &Descriptor,
-    cursor: &Cursor<'_>,
+    end_of_file: usize,
 ) -> Result<std::ops::Range<usize>, Error> {
-    let end_of_file = cursor.end();
     let place = |place: i64| usize::try_from(place).ok();
     let invalid =
         |what: String| Err(Error::invalid(what).at(descriptor.at).in_grid(&descriptor.unique_name));
@@ -265,7 +264,7 @@ fn read_grid<'a>(
     Ok(Listed { descriptor, selected, head, tree })
 }
 
-fn read_head(
+pub(super) fn read_head(
     cursor: &mut Cursor<'_>,
     header: &Header,
     descriptor: &Descriptor,
@@ -288,8 +287,9 @@ fn scanner(type_name: &str) -> Option<Scanner> {
         ($variant:ident) => {
             Some(|cursor, encoding, budget| {
                 let scan = topology::scan(cursor, encoding, budget)?;
+                let bytes = *cursor;
                 Ok(Box::new(move |progress| {
-                    let tree = scan.build(progress)?;
+                    let tree = scan.build(bytes, progress)?;
                     Ok(Content::Tree(AnyTree::$variant(Arc::new(tree))))
                 }))
             })

@@ -15,6 +15,7 @@ pub(crate) mod metadata;
 pub(crate) mod open;
 mod points;
 pub(crate) mod save;
+pub(crate) mod streamed;
 pub(crate) mod topology;
 pub(crate) mod transform;
 pub(crate) mod value_types;

@@ -8,12 +8,8 @@ use super::FileBuffer;
 use crate::{Error, Limits, ReadOptions, VdbFile};
 
 pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<VdbFile, Error> {
-    // Checked before opening: opening a pipe would block until someone writes to it.
-    check_regular(&fs::metadata(path).map_err(Error::io)?.file_type())?;
-    let mut file = File::open(path).map_err(Error::io)?;
-    let metadata = file.metadata().map_err(Error::io)?;
-    check_regular(&metadata.file_type())?;
-    let mut buffer = FileBuffer::new(options.limits.clone(), Some(metadata.len()));
+    let (mut file, length) = open_regular(path)?;
+    let mut buffer = FileBuffer::new(options.limits.clone(), Some(length));
     while let Some(room) = buffer.room()? {
         match file.read(room) {
             Ok(count) => buffer.filled(count),
@@ -26,11 +22,8 @@ pub(crate) fn open(path: &Path, options: &ReadOptions) -> Result<VdbFile, Error>
 
 /// Reads all of a regular file of any format.
 pub(crate) fn read_whole(path: &Path, limits: &Limits) -> Result<Vec<u8>, Error> {
-    check_regular(&fs::metadata(path).map_err(Error::io)?.file_type())?;
-    let file = File::open(path).map_err(Error::io)?;
-    let metadata = file.metadata().map_err(Error::io)?;
-    check_regular(&metadata.file_type())?;
-    let (length, limit) = (metadata.len(), limits.file_bytes);
+    let (file, length) = open_regular(path)?;
+    let limit = limits.file_bytes;
     if length > limit {
         return Err(Error::limit(format!("{length} bytes of a file"), "file_bytes", limit));
     }
@@ -38,6 +31,16 @@ pub(crate) fn read_whole(path: &Path, limits: &Limits) -> Result<Vec<u8>, Error>
     // A file that grows meanwhile is not read any further.
     file.take(length).read_to_end(&mut bytes).map_err(Error::io)?;
     Ok(bytes)
+}
+
+/// Opens a regular file, and returns its length, too.
+pub(super) fn open_regular(path: &Path) -> Result<(File, u64), Error> {
+    // Checked before opening: opening a pipe would block until someone writes to it.
+    check_regular(&fs::metadata(path).map_err(Error::io)?.file_type())?;
+    let file = File::open(path).map_err(Error::io)?;
+    let metadata = file.metadata().map_err(Error::io)?;
+    check_regular(&metadata.file_type())?;
+    Ok((file, metadata.len()))
 }
 
 fn check_regular(file_type: &FileType) -> Result<(), Error> {

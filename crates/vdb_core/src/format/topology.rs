@@ -30,29 +30,37 @@ pub(crate) type Middle<L> = InternalNode<L, 4>;
 pub(crate) type Upper<L> = InternalNode<Middle<L>, 5>;
 
 /// The offsets of the nodes of a tree.
-pub(crate) struct Scan<'a, L: FileLeaf> {
+pub(crate) struct Scan<L: FileLeaf> {
     pub(crate) context: TreeContext<L::Value>,
-    /// The bytes of the file, up to the end of the grid.
-    pub(crate) cursor: Cursor<'a>,
     pub(crate) tiles: Vec<(IVec3, L::Value, bool)>,
     pub(crate) uppers: Vec<UpperScan>,
     pub(crate) middles: Vec<MiddleScan>,
     /// The offset of each leaf's values, in the order of the topology.
     pub(crate) leaves: Vec<usize>,
-    leaf_cost: LeafCost,
+    pub(crate) cost: Cost,
 }
 
-/// What a leaf adds to the budget.
+/// What nodes add to the budget.
 #[derive(Clone, Copy)]
-pub(crate) struct LeafCost {
-    pub(crate) bytes: usize,
-    pub(crate) voxels: usize,
+pub(crate) struct Cost {
+    pub(crate) leaf_bytes: usize,
+    pub(crate) leaf_voxels: usize,
+    /// Whether all internal nodes will be in memory at the same time, or only their offsets.
+    pub(crate) are_built: bool,
+}
+
+impl Cost {
+    fn internal<T, const LOG2: u32>(&self, children: usize) -> usize {
+        if self.are_built { internal_bytes::<T, LOG2>(children) } else { size_of::<MiddleScan>() }
+    }
 }
 
 pub(crate) struct UpperScan {
     pub(crate) origin: IVec3,
     /// The offset of its masks.
     pub(crate) at: usize,
+    /// The end of its tiles.
+    pub(crate) tiles_end: usize,
     pub(crate) middles: Range<usize>,
 }
 
@@ -63,58 +71,76 @@ pub(crate) struct MiddleScan {
     /// The offset of its leaves' masks, [`LEAF_MASK`] bytes each.
     pub(crate) leaf_masks_at: usize,
     pub(crate) leaves: Range<usize>,
+    /// The end of the values of its leaves.
+    pub(crate) values_end: usize,
 }
 
 /// Bytes of a leaf's mask.
 pub(crate) const LEAF_MASK: usize = 64;
 
+/// Bytes of a file, for reading past them from node to node.
+pub(crate) trait Feed {
+    /// A cursor at a position in the file, with at least [`AHEAD`] bytes before its end, as far as the
+    /// grid has so many.
+    fn ahead(&mut self, at: usize) -> Result<Cursor<'_>, Error>;
+}
+
+/// More bytes than any node of floats takes without its children, with the masks of its leaves, or a
+/// leaf's values: 280 KB.
+pub(crate) const AHEAD: usize = 512 << 10;
+
+/// The whole grid.
+impl Feed for Cursor<'_> {
+    fn ahead(&mut self, at: usize) -> Result<Cursor<'_>, Error> {
+        self.moved_to(at)
+    }
+}
+
 /// Reads past the tree of a grid.
-pub(crate) fn scan<'a, L: FileLeaf>(
-    cursor: &mut Cursor<'a>,
+pub(crate) fn scan<L: FileLeaf>(
+    cursor: &mut Cursor<'_>,
     encoding: Encoding,
     budget: &mut Budget<'_>,
-) -> Result<Scan<'a, L>, Error> {
-    let leaf_cost = LeafCost { bytes: size_of::<L>(), voxels: L::SIZE };
-    let mut scan = scan_nodes(cursor, encoding, leaf_cost, budget)?;
-    scan.find_buffers(cursor)?;
-    scan.cursor = *cursor;
+) -> Result<Scan<L>, Error> {
+    let cost = Cost { leaf_bytes: size_of::<L>(), leaf_voxels: L::SIZE, are_built: true };
+    let (mut masks, mut values) = (*cursor, *cursor);
+    let (mut scan, at) = scan_nodes(&mut masks, cursor.at(), encoding, cost, budget)?;
+    let at = scan.find_buffers(&mut masks, &mut values, at)?;
+    *cursor = cursor.moved_to(at)?;
     Ok(scan)
 }
 
-/// Reads past the nodes, masks and tiles of a tree, up to the values of its leaves.
-pub(crate) fn scan_nodes<'a, L: FileLeaf>(
-    cursor: &mut Cursor<'a>,
+/// Reads past the nodes, masks and tiles of a tree, up to the values of its leaves, whose offset is
+/// returned, too.
+pub(crate) fn scan_nodes<L: FileLeaf>(
+    feed: &mut impl Feed,
+    at: usize,
     encoding: Encoding,
-    leaf_cost: LeafCost,
+    cost: Cost,
     budget: &mut Budget<'_>,
-) -> Result<Scan<'a, L>, Error> {
+) -> Result<(Scan<L>, usize), Error> {
+    let mut cursor = feed.ahead(at)?;
     // Formerly the number of buffers per leaf; now always 1, and OpenVDB ignores it.
     let _buffers = cursor.u32()?;
-    let background = L::Value::read(cursor)?;
+    let background = L::Value::read(&mut cursor)?;
     let context = TreeContext { encoding, background };
     let (tile_count, child_count) = (cursor.u32()?, cursor.u32()?);
-    let mut scan = Scan {
-        context,
-        cursor: *cursor,
-        tiles: Vec::new(),
-        uppers: Vec::new(),
-        middles: Vec::new(),
-        leaves: Vec::new(),
-        leaf_cost,
-    };
+    let mut at = cursor.at();
+    let (tiles, uppers, middles, leaves) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut scan = Scan { context, tiles, uppers, middles, leaves, cost };
     for _ in 0..tile_count {
-        let at = cursor.at();
-        let origin = root_origin::<L>(cursor)?;
-        let tile = (origin, L::Value::read(cursor)?, cursor.u8()? != 0);
+        let mut cursor = feed.ahead(at)?;
+        let origin = root_origin::<L>(&mut cursor)?;
+        let tile = (origin, L::Value::read(&mut cursor)?, cursor.u8()? != 0);
         // The size of a map entry: the key and the value, doubled for the map's own overhead.
         budget.add(1, 2 * size_of_val(&tile), 0).map_err(|error| error.at(at))?;
         scan.tiles.push(tile);
+        at = cursor.at();
     }
     for _ in 0..child_count {
-        let origin = root_origin::<L>(cursor)?;
-        scan.upper(cursor, origin, budget)?;
+        at = scan.upper(feed, at, budget)?;
     }
-    Ok(scan)
+    Ok((scan, at))
 }
 
 /// The key of an entry of the root.
@@ -128,24 +154,30 @@ fn root_origin<L: FileLeaf>(cursor: &mut Cursor<'_>) -> Result<IVec3, Error> {
     Ok(origin)
 }
 
-impl<L: FileLeaf> Scan<'_, L> {
+impl<L: FileLeaf> Scan<L> {
+    /// Reads past a child of the root, and returns the offset of what follows.
     fn upper(
         &mut self,
-        cursor: &mut Cursor<'_>,
-        origin: IVec3,
+        feed: &mut impl Feed,
+        at: usize,
         budget: &mut Budget<'_>,
-    ) -> Result<(), Error> {
+    ) -> Result<usize, Error> {
+        let mut cursor = feed.ahead(at)?;
+        let origin = root_origin::<L>(&mut cursor)?;
         let at = cursor.at();
-        let child_mask = self.pass_internal::<5>(cursor)?;
-        let bytes = internal_bytes::<L::Value, 5>(child_mask.count());
+        let child_mask = self.pass_internal::<5>(&mut cursor)?;
+        let bytes = self.cost.internal::<L::Value, 5>(child_mask.count());
         budget.add(1, bytes, 0).map_err(|error| error.at(at))?;
         let first = self.middles.len();
+        let tiles_end = cursor.at();
+        let mut next = tiles_end;
         for slot in child_mask.iter_on() {
             let origin = origin + Upper::<L>::slot_offset(slot);
-            self.middle(cursor, origin, budget)?;
+            next = self.middle(&mut feed.ahead(next)?, origin, budget)?;
         }
-        self.uppers.push(UpperScan { origin, at, middles: first..self.middles.len() });
-        Ok(())
+        let middles = first..self.middles.len();
+        self.uppers.push(UpperScan { origin, at, tiles_end, middles });
+        Ok(next)
     }
 
     fn middle(
@@ -153,21 +185,21 @@ impl<L: FileLeaf> Scan<'_, L> {
         cursor: &mut Cursor<'_>,
         origin: IVec3,
         budget: &mut Budget<'_>,
-    ) -> Result<(), Error> {
+    ) -> Result<usize, Error> {
         let at = cursor.at();
         let leaf_count = self.pass_internal::<4>(cursor)?.count();
-        let bytes = internal_bytes::<L::Value, 4>(leaf_count);
+        let bytes = self.cost.internal::<L::Value, 4>(leaf_count);
         let leaf_masks_at = cursor.at();
         cursor.take(leaf_count * LEAF_MASK)?;
         budget
             .add(1, bytes, 0)
-            .and_then(|()| budget.add(leaf_count, self.leaf_cost.bytes, self.leaf_cost.voxels))
+            .and_then(|()| budget.add(leaf_count, self.cost.leaf_bytes, self.cost.leaf_voxels))
             .map_err(|error| error.at(at))?;
         let first = self.leaves.len();
         self.leaves.resize(first + leaf_count, 0);
         let leaves = first..self.leaves.len();
-        self.middles.push(MiddleScan { origin, at, leaf_masks_at, leaves });
-        Ok(())
+        self.middles.push(MiddleScan { origin, at, leaf_masks_at, leaves, values_end: 0 });
+        Ok(cursor.at())
     }
 
     /// Reads past the masks and tiles of an internal node.
@@ -181,44 +213,59 @@ impl<L: FileLeaf> Scan<'_, L> {
         Ok(child_mask)
     }
 
-    /// Locates the values of all leaves.
-    fn find_buffers(&mut self, cursor: &mut Cursor<'_>) -> Result<(), Error> {
-        for leaf in self.leaves_in_order(cursor)? {
-            self.leaves[leaf.index] = cursor.at();
-            let mask = read_mask(&mut cursor.moved_to(leaf.mask_at)?)?;
-            L::pass(cursor, &self.context, leaf.origin, &mask)?;
+    /// Locates the values of all leaves, which begin at an offset, and returns that of their end.
+    pub(crate) fn find_buffers(
+        &mut self,
+        masks: &mut impl Feed,
+        values: &mut impl Feed,
+        mut at: usize,
+    ) -> Result<usize, Error> {
+        for middle in self.middles_in_order()? {
+            let places = self.leaves_of(middle, masks)?;
+            for (index, leaf) in self.middles[middle].leaves.clone().zip(places) {
+                self.leaves[index] = at;
+                let mut cursor = values.ahead(at)?;
+                L::pass(&mut cursor, &self.context, leaf.origin, &leaf.mask)?;
+                at = cursor.at();
+            }
+            self.middles[middle].values_end = at;
         }
-        Ok(())
+        Ok(at)
     }
 
-    /// The leaves in the order of their values in the file: by ascending origin of the root's
-    /// children, whatever the order of the children themselves.
-    pub(crate) fn leaves_in_order(&self, cursor: &Cursor<'_>) -> Result<Vec<LeafPlace>, Error> {
+    /// The nodes above the leaves in the order of their values in the file: by ascending origin of
+    /// the root's children, whatever the order of the children themselves.
+    pub(crate) fn middles_in_order(&self) -> Result<Vec<usize>, Error> {
         let mut order: Vec<&UpperScan> = self.uppers.iter().collect();
         order.sort_by_key(|upper| upper.origin.to_array());
         if let Some(pair) = order.windows(2).find(|pair| pair[0].origin == pair[1].origin) {
             let what = format!("two nodes have the origin {}", pair[0].origin);
             return Err(Error::invalid(what).at(pair[1].at));
         }
-        let mut places = Vec::with_capacity(self.leaves.len());
-        for middle in order.into_iter().flat_map(|upper| &self.middles[upper.middles.clone()]) {
-            let child_mask: Mask<4> = read_mask(&mut cursor.moved_to(middle.at)?)?;
-            for (index, slot) in middle.leaves.clone().zip(child_mask.iter_on()) {
-                let mask_at = middle.leaf_masks_at + (index - middle.leaves.start) * LEAF_MASK;
-                let origin = middle.origin + Middle::<L>::slot_offset(slot);
-                places.push(LeafPlace { index, origin, mask_at });
-            }
-        }
-        Ok(places)
+        Ok(order.into_iter().flat_map(|upper| upper.middles.clone()).collect())
+    }
+
+    /// The leaves of a node, in order.
+    pub(crate) fn leaves_of(
+        &self,
+        middle: usize,
+        masks: &mut impl Feed,
+    ) -> Result<Vec<LeafPlace>, Error> {
+        let middle = &self.middles[middle];
+        let child_mask: Mask<4> = read_mask(&mut masks.ahead(middle.at)?)?;
+        let mut cursor = masks.ahead(middle.leaf_masks_at)?;
+        let place = |slot| {
+            let origin = middle.origin + Middle::<L>::slot_offset(slot);
+            Ok(LeafPlace { origin, mask: read_mask(&mut cursor)? })
+        };
+        child_mask.iter_on().map(place).collect()
     }
 }
 
-/// A leaf whose mask is known.
+/// A leaf and its mask.
 pub(crate) struct LeafPlace {
-    /// Its place in the order of the topology.
-    index: usize,
     pub(crate) origin: IVec3,
-    mask_at: usize,
+    mask: Mask<3>,
 }
 
 /// The memory of an internal node without its children.
@@ -328,7 +375,7 @@ fn append<T: Sync>(out: &mut Vec<u8>, parts: &[T], write: impl Fn(&mut Vec<u8>, 
 }
 
 /// Writes the masks and tiles of an internal node.
-fn write_internal<C: Node, const LOG2: u32>(
+pub(crate) fn write_internal<C: Node, const LOG2: u32>(
     out: &mut Vec<u8>,
     context: &TreeContext<C::Value>,
     node: &InternalNode<C, LOG2>,
@@ -336,17 +383,30 @@ fn write_internal<C: Node, const LOG2: u32>(
     Dim<LOG2>: Cube,
     C::Value: FileValue,
 {
-    let (children, active) = (node.child_mask().words(), node.value_mask().words());
-    write_mask(out, children);
-    write_mask(out, active);
     let tiles: Vec<C::Value> = (0..Mask::<LOG2>::SIZE)
         .map(|slot| match node.slot_at(slot) {
             Slot::Tile(value, _) => value,
             Slot::Child(_) => C::Value::default(),
         })
         .collect();
+    write_slots(out, context, node.child_mask(), node.value_mask(), &tiles);
+}
+
+/// Writes masks and tiles.
+pub(crate) fn write_slots<T: FileValue, const LOG2: u32>(
+    out: &mut Vec<u8>,
+    context: &TreeContext<T>,
+    child_mask: &Mask<LOG2>,
+    value_mask: &Mask<LOG2>,
+    tiles: &[T],
+) where
+    Dim<LOG2>: Cube,
+{
+    let (children, active) = (child_mask.words(), value_mask.words());
+    write_mask(out, children);
+    write_mask(out, active);
     SCRATCH.with_borrow_mut(|scratch| {
         let TreeContext { encoding, background } = context;
-        values::write(out, encoding, *background, &tiles, active, children, scratch);
+        values::write(out, encoding, *background, tiles, active, children, scratch);
     });
 }

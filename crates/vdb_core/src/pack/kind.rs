@@ -26,12 +26,20 @@ impl PackKind {
     /// without a class is treated as a level set if its background is positive and it has negative
     /// values.
     pub fn suited(class: GridClass, tree: &Vdb543<f32>) -> Self {
+        Self::suited_by(class, tree.background(), || tree.values().any(|value| value.value < 0.0))
+    }
+
+    /// The same of a tree with this background; asked only without a class, whether it has negative
+    /// values.
+    pub(crate) fn suited_by(
+        class: GridClass,
+        background: f32,
+        has_negative: impl FnOnce() -> bool,
+    ) -> Self {
         let level_set = match class {
             GridClass::LevelSet => true,
             GridClass::FogVolume => false,
-            GridClass::Unknown | GridClass::Staggered => {
-                tree.background() > 0.0 && tree.values().any(|value| value.value < 0.0)
-            }
+            GridClass::Unknown | GridClass::Staggered => background > 0.0 && has_negative(),
         };
         if level_set { Self::Surface { iso: 0.0 } } else { Self::Fog }
     }

@@ -22,8 +22,27 @@ const ROOTS: usize = 8;
 /// Pages per thread that are cooked before the next are begun, which bounds memory.
 const PAGES_PER_THREAD: usize = 2;
 
-/// Stores the bytes of a page's file.
-type Sink<'a> = dyn Fn(PageId, &[u8]) -> io::Result<()> + Sync + 'a;
+/// Where pages are stored.
+pub(super) trait PageStore: Sync {
+    /// The sizes of a page that is already there, and so is not cooked.
+    fn kept(&self, id: PageId) -> Option<PageEntry>;
+
+    /// Stores a page. One without anything to show has no bytes.
+    fn store(&self, id: PageId, entry: &PageEntry, bytes: &[u8]) -> io::Result<()>;
+}
+
+/// Gets the bytes of the files of pages.
+struct Sink<'a>(&'a (dyn Fn(PageId, &[u8]) -> io::Result<()> + Sync));
+
+impl PageStore for Sink<'_> {
+    fn kept(&self, _: PageId) -> Option<PageEntry> {
+        None
+    }
+
+    fn store(&self, id: PageId, entry: &PageEntry, bytes: &[u8]) -> io::Result<()> {
+        if entry.file_bytes > 0 { (self.0)(id, bytes) } else { Ok(()) }
+    }
+}
 
 /// Cooks all pages of a surface, the finest level first. `sink` gets the bytes of each page's file,
 /// from several threads at once and in no particular order; a page without anything to show has no
@@ -37,18 +56,34 @@ pub fn cook_pages(
     options: &PageOptions,
     sink: &(dyn Fn(PageId, &[u8]) -> io::Result<()> + Sync),
 ) -> Result<PageIndex, PagesError> {
-    let grid = || source.name().to_owned();
+    cook_to(source, options, &Sink(sink))
+}
+
+/// The kind of the pages, if there can be any.
+pub(super) fn checked_kind(
+    source: &impl PageSource,
+    options: &PageOptions,
+) -> Result<PackKind, PagesError> {
     let kind = match source.kind() {
         PackKind::Surface { iso } if options.smooth => PackKind::Smooth { iso },
-        PackKind::Fog => return Err(PagesError::Fog { grid: grid() }),
+        PackKind::Fog => return Err(PagesError::Fog { grid: source.name().to_owned() }),
         kind => kind,
     };
     let PageOptions { edge, .. } = *options;
-    if !is_edge(edge) {
-        return Err(PagesError::Edge { edge });
-    }
+    if is_edge(edge) { Ok(kind) } else { Err(PagesError::Edge { edge }) }
+}
+
+/// Cooks all pages that are not yet stored.
+pub(super) fn cook_to(
+    source: &impl PageSource,
+    options: &PageOptions,
+    store: &dyn PageStore,
+) -> Result<PageIndex, PagesError> {
+    let kind = checked_kind(source, options)?;
+    let edge = options.edge;
+    let grid = || source.name().to_owned();
     let counter = Arc::new(Counter::new(options.progress.clone()));
-    let cooking = Cooking { source, options, kind, sink, counter };
+    let cooking = Cooking { source, options, kind, store, counter };
     let mut pages = BTreeMap::new();
     let mut levels = 0;
     let mut parents = BTreeSet::new();
@@ -74,7 +109,7 @@ struct Cooking<'a, S> {
     source: &'a S,
     options: &'a PageOptions,
     kind: PackKind,
-    sink: &'a Sink<'a>,
+    store: &'a dyn PageStore,
     counter: Arc<Counter>,
 }
 
@@ -115,8 +150,20 @@ impl<S: PageSource> Cooking<'_, S> {
         if self.counter.add(0).is_break() {
             return Err(PagesError::Cancelled);
         }
+        let entry = match self.store.kept(id) {
+            Some(entry) => entry,
+            None => self.cooked(id, transform)?,
+        };
+        if self.counter.add(1).is_break() {
+            return Err(PagesError::Cancelled);
+        }
+        Ok(entry)
+    }
+
+    fn cooked(&self, id: PageId, transform: &Transform) -> Result<PageEntry, PagesError> {
         let packed = self.packed(id)?;
         let mut entry = PageEntry { packed_bytes: 0, file_bytes: 0 };
+        let mut bytes = Vec::new();
         if packed.occupied.is_some() {
             entry.packed_bytes = packed.bytes();
             let file = CookedFile {
@@ -129,15 +176,11 @@ impl<S: PageSource> Cooking<'_, S> {
                     packed,
                 }],
             };
-            let bytes =
-                file.write().map_err(|error| PagesError::Page { id, source: error.into() })?;
-            drop(file);
+            bytes = file.write().map_err(|error| PagesError::Page { id, source: error.into() })?;
             entry.file_bytes = bytes.len() as u64;
-            (self.sink)(id, &bytes).map_err(|source| PagesError::Sink { id, source })?;
         }
-        if self.counter.add(1).is_break() {
-            return Err(PagesError::Cancelled);
-        }
+        let stored = self.store.store(id, &entry, &bytes);
+        stored.map_err(|source| PagesError::Sink { id, source })?;
         Ok(entry)
     }
 

@@ -1,6 +1,7 @@
 //! Errors of pages.
 
 use std::io;
+use std::path::PathBuf;
 
 use thiserror::Error;
 
@@ -129,6 +130,14 @@ pub enum PagesError {
     Sink {
         /// The page.
         id: PageId,
+        /// The reason.
+        source: io::Error,
+    },
+    /// The index, or the journal beside it, could not be read or written.
+    #[error("{}: {source}", escaped(&path.to_string_lossy()).at_most(4096))]
+    Folder {
+        /// The index or the journal.
+        path: PathBuf,
         /// The reason.
         source: io::Error,
     },

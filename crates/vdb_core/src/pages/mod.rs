@@ -5,9 +5,10 @@
 //! the resolution that it can show. A small index, a `.vdbpages` file, lists them. `vdb cook --pages`
 //! makes both; `docs/reference/cooked.md` describes the format and what it promises.
 //!
-//! [`cook_pages`] cuts pages from any [`PageSource`]: a [`TreeSource`] is a tree in memory, and a
-//! [`FunctionSource`] evaluates a signed distance where a page needs it, so that the whole never has
-//! to fit into memory.
+//! [`cook_pages`] cuts pages from any [`PageSource`]: a [`TreeSource`] is a tree in memory. A
+//! [`FileSource`] reads the nodes of a `.vdb` file where a page needs them, and a [`FunctionSource`]
+//! evaluates a signed distance there, so that the whole never has to fit into memory.
+//! [`cook_pages_to_disk`] also writes the index, and goes on with cooking that was interrupted.
 //!
 //! Pages are for surfaces. Fog is refused.
 //!
@@ -48,19 +49,28 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod coarser_file;
 mod cook;
 mod counter;
 mod error;
+mod file_source;
+mod folder;
 mod format;
 mod function_source;
 mod id;
 mod index;
+mod journal;
 mod options;
+mod places;
 mod source;
+mod surface;
 mod tree_source;
 
+pub use crate::format::streamed::{StreamedFile, StreamedGrid};
 pub use cook::cook_pages;
 pub use error::{PageIndexError, PagesError};
+pub use file_source::FileSource;
+pub use folder::{PagesOnDisk, cook_pages_to_disk, file_stamp};
 pub use function_source::FunctionSource;
 pub use id::PageId;
 pub use index::{PageEntry, PageIndex};

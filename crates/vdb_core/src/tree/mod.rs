@@ -33,6 +33,7 @@ pub use aliases::{BoolTree, MaskTree, Vdb543};
 pub use band::trim_narrow_band;
 pub use bits::{Active, BitLeaf, BitValues};
 pub use coarser::{Coarsening, LevelOptions, half_resolution, voxel_in_distances};
+pub(crate) use coarser::{HalfNodes, MEASURED_LEAVES, reach_of, roots_of_half, voxel_of_leaves};
 pub use coords::CoordBox;
 pub use glam::IVec3;
 pub use internal::{InternalNode, Slot};

@@ -3,6 +3,8 @@
 mod hostile;
 mod index;
 mod levels;
+mod resumed;
+mod streamed;
 mod union;
 
 use std::collections::BTreeMap;

@@ -8,7 +8,7 @@ use crate::Error;
 use crate::display::quoted;
 use crate::format::budget::Budget;
 use crate::format::cursor::Cursor;
-use crate::format::topology::{LEAF_MASK, LeafCost, scan_nodes};
+use crate::format::topology::{Cost, LEAF_MASK, LeafPlace, scan_nodes};
 use crate::format::values::Encoding;
 use crate::points::Points;
 use crate::tree::{IVec3, LeafNode};
@@ -69,12 +69,17 @@ pub(crate) fn scan<'a>(
         ))
         .at(at));
     }
-    let cost = LeafCost { bytes: size_of::<Leaf>(), voxels: 0 };
+    let cost = Cost { leaf_bytes: size_of::<Leaf>(), leaf_voxels: 0, are_built: true };
     // The tree is that of 32-bit integers, and only its leaves have points.
-    let nodes = scan_nodes::<LeafNode<i32, 3>>(cursor, encoding, cost, budget)?;
-    let passes_at = cursor.at();
+    let mut masks = *cursor;
+    let (nodes, passes_at) =
+        scan_nodes::<LeafNode<i32, 3>>(&mut masks, at, encoding, cost, budget)?;
+    *cursor = cursor.moved_to(passes_at)?;
     let passes = u16::from_le_bytes(cursor.array()?);
-    let places = nodes.leaves_in_order(cursor)?;
+    let mut places: Vec<LeafPlace> = Vec::new();
+    for middle in nodes.middles_in_order()? {
+        places.extend(nodes.leaves_of(middle, &mut masks)?);
+    }
     let mut scan = Scan {
         cursor: *cursor,
         descriptor: Descriptor::default(),

@@ -18,7 +18,7 @@ use self::alike::{Roots, Samples, each};
 use self::block::{Block, Cubes, TileBits};
 use self::surface::{Rings, widened};
 use super::grow::{Built, built, internal};
-use super::{IVec3, InternalNode, LeafNode, Node, Tree, Vdb543};
+use super::{CoordBox, IVec3, InternalNode, LeafNode, Node, Tree, Vdb543};
 use crate::work::{Stop, Work, debug_options};
 use crate::{Error, Limits, ProgressFn};
 
@@ -87,7 +87,7 @@ pub fn half_resolution(
     options: &LevelOptions,
 ) -> Result<Vdb543<f32>, Error> {
     let limit = options.limits.level(tree.stats().bytes);
-    let uppers = uppers(tree, coarsening);
+    let uppers = roots_of_half(tree.entries().map(|(origin, _)| origin), coarsening);
     let steps = uppers.len() as u64 * Upper::SIZE as u64;
     let work = Work::new(options.progress.as_ref(), steps, limit);
     halved(tree, coarsening, uppers, &work).map_err(|stop| match stop {
@@ -122,11 +122,15 @@ fn halved(
     Ok(coarser)
 }
 
-/// The origins of the root children of the coarser tree that may differ from the background.
-fn uppers(tree: &Vdb543<f32>, coarsening: Coarsening) -> BTreeSet<[i32; 3]> {
+/// The origins of the root children of the coarser tree that may differ from the background, from the
+/// entries of the finer tree's root.
+pub(crate) fn roots_of_half(
+    entries: impl Iterator<Item = IVec3>,
+    coarsening: Coarsening,
+) -> BTreeSet<[i32; 3]> {
     let reach = coarsening.reach();
     let edge = 1_i64 << Upper::TOTAL_LOG2_DIM;
-    let entries = tree.entries().flat_map(|(origin, _)| {
+    let around = entries.flat_map(|origin| {
         let ends = origin.to_array().map(|low| {
             let (low, high) = (i64::from(low) - reach, i64::from(low) + edge - 1 + reach);
             let of = |c: i64| c.div_euclid(2).div_euclid(edge) * edge;
@@ -134,18 +138,71 @@ fn uppers(tree: &Vdb543<f32>, coarsening: Coarsening) -> BTreeSet<[i32; 3]> {
         });
         (0..8).map(move |i| [0, 1, 2].map(|axis| ends[axis][i >> axis & 1] as i32))
     });
-    entries.collect()
+    around.collect()
+}
+
+/// The nodes of a coarser tree one by one, each from a part of the finer tree. They are those of
+/// [`half_resolution`].
+pub(crate) struct HalfNodes<'a>(Halving<'a>);
+
+impl<'a> HalfNodes<'a> {
+    /// From a part of the finer tree.
+    pub fn new(part: &'a Vdb543<f32>, coarsening: Coarsening, work: &'a Work<'a>) -> Self {
+        Self(Halving::new(part, coarsening, work))
+    }
+
+    /// The node of 128³ samples at an origin. The part must have all samples of its [`reach_of`].
+    pub fn node(&self, origin: IVec3) -> Result<Built<Lower>, Stop> {
+        self.0.lower(&Roots::around(self.0.tree, Upper::origin_of(origin)), origin)
+    }
+
+    /// The tile that a child of the root is, if all samples that it depends on have one value.
+    pub fn root_tile(&self, origin: IVec3) -> Option<(f32, bool)> {
+        self.0.tile::<Upper>(&Roots::around(self.0.tree, origin), origin)
+    }
+
+    /// The background of the coarser tree.
+    pub fn background(&self) -> f32 {
+        self.0.uniform(self.0.tree.background()).0
+    }
+}
+
+/// The samples of the finer tree on which a cube of the coarser tree depends, as far as the index
+/// space reaches.
+pub(crate) fn reach_of(coarsening: Coarsening, origin: IVec3, log2_dim: u32) -> CoordBox {
+    let ends = samples(coarsening, origin, log2_dim)
+        .map(|(low, high)| [low, high].map(|c| c.clamp(i32::MIN.into(), i32::MAX.into()) as i32));
+    let [min, max] = [0, 1].map(|end| IVec3::from_array(ends.map(|ends| ends[end])));
+    CoordBox { min, max }
+}
+
+/// The box of samples on which a cube of the coarser tree depends.
+fn samples(coarsening: Coarsening, origin: IVec3, log2_dim: u32) -> Samples {
+    let reach = coarsening.reach();
+    origin.to_array().map(|low| {
+        let low = 2 * i64::from(low);
+        (low - reach, low + 2 * ((1 << log2_dim) - 1) + reach)
+    })
 }
 
 /// The change of a level set's values from one voxel to the next across the surface: the edge of a
 /// voxel in the units of the values. `None` if too little of a band is known.
 pub fn voxel_in_distances(tree: &Vdb543<f32>) -> Option<f32> {
-    // Samples a limited number of leaves, evenly spaced.
-    const LEAVES: usize = 1024;
-    let width = tree.background().abs();
-    let every = tree.leaves().count().div_ceil(LEAVES).max(1);
+    let every = tree.leaves().count().div_ceil(MEASURED_LEAVES).max(1);
+    voxel_of_leaves(tree.leaves().step_by(every), tree.background())
+}
+
+/// The most leaves to measure the edge of a voxel by, evenly spaced.
+pub(crate) const MEASURED_LEAVES: usize = 1024;
+
+/// The edge of a voxel in the units of the values, by some leaves of a level set.
+pub(crate) fn voxel_of_leaves<'a>(
+    leaves: impl Iterator<Item = &'a Leaf>,
+    background: f32,
+) -> Option<f32> {
+    let width = background.abs();
     let mut slopes = Vec::new();
-    for leaf in tree.leaves().step_by(every) {
+    for leaf in leaves {
         let values = leaf.values_slice();
         // Only voxels with all six neighbours in the leaf.
         each([(1, EDGE as i64 - 2); 3], |c| {
@@ -213,17 +270,8 @@ impl<'a> Halving<'a> {
         }
     }
 
-    /// The box of samples on which a cube of the coarser tree depends.
-    fn samples(&self, origin: IVec3, log2_dim: u32) -> Samples {
-        let reach = self.coarsening.reach();
-        origin.to_array().map(|low| {
-            let low = 2 * i64::from(low);
-            (low - reach, low + 2 * ((1 << log2_dim) - 1) + reach)
-        })
-    }
-
     fn tile<N: Node>(&self, roots: &Roots, origin: IVec3) -> Option<(f32, bool)> {
-        let value = roots.one_value(self.samples(origin, N::TOTAL_LOG2_DIM))?;
+        let value = roots.one_value(samples(self.coarsening, origin, N::TOTAL_LOG2_DIM))?;
         Some(self.uniform(value))
     }
 
@@ -275,7 +323,8 @@ impl<'a> Halving<'a> {
     }
 
     fn leaf_at(&self, origin: IVec3) -> Box<Leaf> {
-        let cubes = Cubes::around(self.tree, self.samples(origin, Leaf::TOTAL_LOG2_DIM));
+        let cubes =
+            Cubes::around(self.tree, samples(self.coarsening, origin, Leaf::TOTAL_LOG2_DIM));
         let Some(bits) = cubes.tile_bits() else { return self.leaf_of(origin, &cubes) };
         let known = self.tile_leaves.read().unwrap_or_else(PoisonError::into_inner);
         if let Some(leaf) = known.get(&bits) {
