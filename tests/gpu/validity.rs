@@ -6,15 +6,17 @@ use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga_oil::compose::Composer;
 
 use crate::compose::{composed, composer, source};
+use crate::variants::save;
 
 /// The def with which the functions of `compose::Everything` are compiled.
 const EVERYTHING_DEF: &str = "VDB_MATERIAL_KIND_AA";
 
 fn check(composer: &mut Composer, name: &str, defs: &[&str]) {
     let module = composed(composer, name, defs);
-    Validator::new(ValidationFlags::all(), Capabilities::all())
+    let info = Validator::new(ValidationFlags::all(), Capabilities::all())
         .validate(&module)
         .unwrap_or_else(|error| panic!("with {defs:?}: {}", error.emit_to_string(&source(name))));
+    save(&module, &info, name, defs);
 }
 
 /// The defs of a view that interpolates the light that lamps scatter in fog.

@@ -8,7 +8,7 @@ use vdb_core::pack::{PackedGrid, traverse};
 use vdb_core::view::GpuRays;
 
 use crate::gpu::{Gpu, Kernel};
-use crate::shaders::Defs;
+use crate::shaders::{Defs, compose, to_wgsl};
 
 /// A ray in local lattice coordinates of a grid.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -162,6 +162,8 @@ pub struct Probe<'a> {
     kernels: Mutex<HashMap<Vec<String>, Arc<Kernel>>>,
 }
 
+const SOURCE: &str = include_str!("probe.wgsl");
+
 /// Rays per dispatch along x, as in `probe.wgsl`.
 const ROW: u32 = 64 * 32768;
 
@@ -182,14 +184,25 @@ impl<'a> Probe<'a> {
         Self { gpu, entry, defs, kernels: Mutex::default() }
     }
 
+    /// The shader defs for a grid, with one more if there is one.
+    fn defs(&self, grid: &GpuGrid, more: Option<&str>) -> Vec<String> {
+        self.defs.iter().cloned().chain(grid.defs()).chain(more.map(Into::into)).collect()
+    }
+
+    /// The kernel for given rays through a grid, in WGSL that imports nothing, and the name of its entry point.
+    pub fn wgsl(&self, grid: &GpuGrid) -> (String, &'static str) {
+        let defs = self.defs(grid, None);
+        let defs: Vec<&str> = defs.iter().map(String::as_str).collect();
+        (to_wgsl(&compose(SOURCE, &defs)), self.entry)
+    }
+
     /// The kernel for a grid, with one additional def if there is one.
     fn kernel(&self, grid: &GpuGrid, more: Option<&str>) -> Arc<Kernel> {
-        let mut defs = self.defs.clone();
-        defs.extend(grid.defs().into_iter().chain(more.map(Into::into)));
+        let defs = self.defs(grid, more);
         let mut kernels = self.kernels.lock().expect("no kernel panics half-compiled");
         let kernel = kernels.entry(defs).or_insert_with_key(|defs| {
             let defs: Vec<&str> = defs.iter().map(String::as_str).collect();
-            Arc::new(self.gpu.kernel(include_str!("probe.wgsl"), self.entry, &defs))
+            Arc::new(self.gpu.kernel(SOURCE, self.entry, &defs))
         });
         kernel.clone()
     }

@@ -1,6 +1,7 @@
 //! Composition of shader sources into one module, as in Bevy.
 
-use naga::valid::Capabilities;
+use naga::back::wgsl;
+use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga_oil::compose::{
     ComposableModuleDescriptor, Composer, NagaModuleDescriptor, ShaderDefValue, ShaderLanguage,
 };
@@ -64,4 +65,15 @@ pub fn compose(source: &str, defs: Defs) -> naga::Module {
         ..Default::default()
     });
     made.unwrap_or_else(|error| panic!("{}", error.emit_to_string(&composer)))
+}
+
+/// The WGSL of a module, as wgpu writes it for a browser.
+///
+/// # Panics
+/// If the module is invalid.
+pub fn to_wgsl(module: &naga::Module) -> String {
+    let info = Validator::new(ValidationFlags::all(), Capabilities::all())
+        .validate(module)
+        .unwrap_or_else(|error| panic!("{}", error.emit_to_string("")));
+    wgsl::write_string(module, &info, wgsl::WriterFlags::empty()).expect("WGSL can express WGSL")
 }
