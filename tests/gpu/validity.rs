@@ -42,9 +42,12 @@ fn subsets<'a>(defs: &'a [&'a str]) -> impl Iterator<Item = Vec<&'a str>> + 'a {
 
 /// The shader defs of render modes without light, from the shader that asks for them.
 fn unlit_modes() -> BTreeSet<String> {
-    let trace = source("trace/trace");
-    let words = trace.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
-    words.filter(|word| word.starts_with("VDB_SHOW_")).map(Into::into).collect()
+    let path = source("trace/path");
+    let words = path.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+    let modes: BTreeSet<_> =
+        words.filter(|word| word.starts_with("VDB_SHOW_")).map(Into::into).collect();
+    assert!(!modes.is_empty(), "trace/path has the modes");
+    modes
 }
 
 #[test]
