@@ -8,8 +8,8 @@ use naga::Module;
 use naga::back::wgsl::{WriterFlags, write_string};
 use naga::valid::ModuleInfo;
 
-/// Writes a variant in WGSL that imports nothing, with the shader's name and the defs in the first line, into the folder that
-/// the variable `VDB_VARIANTS` names, if there is one.
+/// Writes a variant into the folder that the variable `VDB_VARIANTS` names, if it is set: in WGSL that imports
+/// nothing, with the shader's name and the defs in the first line.
 pub fn save(module: &Module, info: &ModuleInfo, name: &str, defs: &[&str]) {
     let Some(folder) = std::env::var_os("VDB_VARIANTS").map(PathBuf::from) else { return };
     let text = write_string(module, info, WriterFlags::empty())

@@ -34,15 +34,32 @@ const MODULES: [(&str, &str); 20] = [
     ("single_rays", include_str!("single_rays.wgsl")),
 ];
 
+/// Text of modules, and what takes its place.
+pub type Alterations = &'static [(&'static str, &'static str)];
+
 /// Composes a source and everything it imports into one module.
 ///
 /// # Panics
 /// If the source is invalid, with naga's message and its position.
 pub fn compose(source: &str, defs: Defs) -> naga::Module {
+    compose_altered(source, defs, &[])
+}
+
+/// Composes a source and everything it imports, with alterations, into one module.
+///
+/// # Panics
+/// If the source is invalid, with naga's message and its position, or if text to be altered does not occur exactly
+/// once.
+pub fn compose_altered(source: &str, defs: Defs, alterations: Alterations) -> naga::Module {
+    for (text, _) in alterations {
+        let count: usize = MODULES.iter().map(|(_, module)| module.matches(text).count()).sum();
+        assert_eq!(count, 1, "the shaders have {text}");
+    }
     let mut composer = Composer::default().with_capabilities(Capabilities::all());
     for (name, text) in MODULES {
+        let altered = |module: String, (old, new): &(&str, &str)| module.replace(old, new);
         let added = composer.add_composable_module(ComposableModuleDescriptor {
-            source: text,
+            source: &alterations.iter().fold(text.to_owned(), altered),
             file_path: name,
             language: ShaderLanguage::Wgsl,
             ..Default::default()

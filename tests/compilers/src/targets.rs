@@ -10,7 +10,7 @@ pub struct Target {
     pub name: &'static str,
     /// The bytes that an entry point, given by its number, takes.
     pub translate: fn(&Module, &ModuleInfo, usize) -> Result<usize, String>,
-    /// What makes translations fail, as part of the message, and why that is so.
+    /// What makes translations fail where that is known: part of the message, and the reason.
     pub lacks: &'static [(&'static str, &'static str)],
 }
 
@@ -27,7 +27,25 @@ pub const TARGETS: [Target; 5] = [
         translate: |m, i, e| to_hlsl(m, i, e, hlsl::ShaderModel::V6_0),
         lacks: &[],
     },
-    Target { name: "GLSL ES 3.1", translate: to_glsl, lacks: &[] },
+    Target {
+        name: "GLSL ES 3.1",
+        translate: to_glsl,
+        lacks: &[
+            (
+                "`textureLoad` from depth textures",
+                "GLSL reads depth textures only through samplers that compare",
+            ),
+            ("Features(TEXTURE_SAMPLES)", "`textureNumSamples` needs an extension"),
+            (
+                "Features(TEXTURE_LEVELS)",
+                "`textureNumLevels`, which Bevy's environment maps need, needs GLSL 4.3",
+            ),
+            (
+                "naga panics in writer.rs",
+                "binding arrays, which Bevy's arrays of light probes need, are not supported",
+            ),
+        ],
+    },
 ];
 
 fn named(point: &EntryPoint) -> Option<(ShaderStage, String)> {

@@ -11,6 +11,7 @@
 //! It is a slow test, which runs if it is asked for: with `--include-ignored` all of it, and with parts of names
 //! of cases those that have one of them.
 
+mod altered;
 mod browser;
 mod cameras;
 mod case;
@@ -82,6 +83,7 @@ fn main() -> ExitCode {
     }
     println!("{}", suite.report.heading());
     voxels::run(&mut suite);
+    altered::run(&mut suite);
     smooth::run(&mut suite);
     fog::run(&mut suite);
     cameras::run(&mut suite);
