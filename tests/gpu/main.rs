@@ -6,3 +6,4 @@ mod headless;
 mod size;
 mod top_tree;
 mod validity;
+mod variants;

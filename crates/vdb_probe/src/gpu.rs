@@ -6,7 +6,7 @@ use naga::valid::{Capabilities, GlobalUse, ValidationFlags, Validator};
 use thiserror::Error;
 use wgpu::util::DeviceExt;
 
-use crate::shaders::{Defs, compose};
+use crate::shaders::{Alterations, Defs, compose_altered};
 
 /// A headless GPU device.
 #[derive(Debug)]
@@ -109,9 +109,20 @@ impl Gpu {
     /// # Panics
     /// If the source is invalid, with naga's message.
     pub fn kernel(&self, source: &str, entry: &str, defs: Defs) -> Kernel {
+        self.altered_kernel(source, entry, defs, &[])
+    }
+
+    /// Compiles an entry point, with alterations of the modules that it imports.
+    pub(crate) fn altered_kernel(
+        &self,
+        source: &str,
+        entry: &str,
+        defs: Defs,
+        alterations: Alterations,
+    ) -> Kernel {
         // As the plugin does on software adapters.
         let in_step: Defs = if self.is_software() { &["IN_STEP"] } else { &[] };
-        let module = compose(source, &[defs, in_step].concat());
+        let module = compose_altered(source, &[defs, in_step].concat(), alterations);
         let info = Validator::new(ValidationFlags::all(), Capabilities::all())
             .validate(&module)
             .unwrap_or_else(|error| panic!("{}", error.emit_to_string(source)));

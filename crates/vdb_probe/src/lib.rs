@@ -10,5 +10,5 @@ mod svg;
 
 pub use gpu::{Gpu, Kernel, NoGpu, Step};
 pub use probe::{GpuGrid, Probe, ProbeHit, ProbeKind, ProbeRay};
-pub use shaders::{Defs, compose};
+pub use shaders::{Alterations, Defs, compose};
 pub use svg::{INK, PALE, Svg};

@@ -8,7 +8,7 @@ use vdb_core::pack::{PackedGrid, traverse};
 use vdb_core::view::GpuRays;
 
 use crate::gpu::{Gpu, Kernel};
-use crate::shaders::Defs;
+use crate::shaders::{Alterations, Defs, compose_altered, to_wgsl};
 
 /// A ray in local lattice coordinates of a grid.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -158,9 +158,12 @@ pub struct Probe<'a> {
     gpu: &'a Gpu,
     entry: &'static str,
     defs: Vec<String>,
+    alterations: Alterations,
     /// Kernels compiled so far, by their defs.
     kernels: Mutex<HashMap<Vec<String>, Arc<Kernel>>>,
 }
+
+const SOURCE: &str = include_str!("probe.wgsl");
 
 /// Rays per dispatch along x, as in `probe.wgsl`.
 const ROW: u32 = 64 * 32768;
@@ -179,17 +182,33 @@ impl<'a> Probe<'a> {
             ProbeKind::Fog => "probe_fog",
         };
         let defs = defs.iter().chain(&["COUNT_STEPS"]).map(|def| (*def).to_owned()).collect();
-        Self { gpu, entry, defs, kernels: Mutex::default() }
+        Self { gpu, entry, defs, alterations: &[], kernels: Mutex::default() }
+    }
+
+    /// A probe of a kind that runs altered shaders.
+    pub fn altered(gpu: &'a Gpu, kind: ProbeKind, alterations: Alterations) -> Self {
+        Self { alterations, ..Self::new(gpu, kind) }
+    }
+
+    /// The shader defs for a grid, with one more if there is one.
+    fn defs(&self, grid: &GpuGrid, more: Option<&str>) -> Vec<String> {
+        self.defs.iter().cloned().chain(grid.defs()).chain(more.map(Into::into)).collect()
+    }
+
+    /// The kernel for given rays through a grid, in WGSL that imports nothing, and the name of its entry point.
+    pub fn wgsl(&self, grid: &GpuGrid) -> (String, &'static str) {
+        let defs = self.defs(grid, None);
+        let defs: Vec<&str> = defs.iter().map(String::as_str).collect();
+        (to_wgsl(&compose_altered(SOURCE, &defs, self.alterations)), self.entry)
     }
 
     /// The kernel for a grid, with one additional def if there is one.
     fn kernel(&self, grid: &GpuGrid, more: Option<&str>) -> Arc<Kernel> {
-        let mut defs = self.defs.clone();
-        defs.extend(grid.defs().into_iter().chain(more.map(Into::into)));
+        let defs = self.defs(grid, more);
         let mut kernels = self.kernels.lock().expect("no kernel panics half-compiled");
         let kernel = kernels.entry(defs).or_insert_with_key(|defs| {
             let defs: Vec<&str> = defs.iter().map(String::as_str).collect();
-            Arc::new(self.gpu.kernel(include_str!("probe.wgsl"), self.entry, &defs))
+            Arc::new(self.gpu.altered_kernel(SOURCE, self.entry, &defs, self.alterations))
         });
         kernel.clone()
     }

@@ -1,6 +1,7 @@
 //! Composition of shader sources into one module, as in Bevy.
 
-use naga::valid::Capabilities;
+use naga::back::wgsl;
+use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga_oil::compose::{
     ComposableModuleDescriptor, Composer, NagaModuleDescriptor, ShaderDefValue, ShaderLanguage,
 };
@@ -33,15 +34,32 @@ const MODULES: [(&str, &str); 20] = [
     ("single_rays", include_str!("single_rays.wgsl")),
 ];
 
+/// Text of modules, and what takes its place.
+pub type Alterations = &'static [(&'static str, &'static str)];
+
 /// Composes a source and everything it imports into one module.
 ///
 /// # Panics
 /// If the source is invalid, with naga's message and its position.
 pub fn compose(source: &str, defs: Defs) -> naga::Module {
+    compose_altered(source, defs, &[])
+}
+
+/// Composes a source and everything it imports, with alterations, into one module.
+///
+/// # Panics
+/// If the source is invalid, with naga's message and its position, or if text to be altered does not occur exactly
+/// once.
+pub fn compose_altered(source: &str, defs: Defs, alterations: Alterations) -> naga::Module {
+    for (text, _) in alterations {
+        let count: usize = MODULES.iter().map(|(_, module)| module.matches(text).count()).sum();
+        assert_eq!(count, 1, "the shaders have {text}");
+    }
     let mut composer = Composer::default().with_capabilities(Capabilities::all());
     for (name, text) in MODULES {
+        let altered = |module: String, (old, new): &(&str, &str)| module.replace(old, new);
         let added = composer.add_composable_module(ComposableModuleDescriptor {
-            source: text,
+            source: &alterations.iter().fold(text.to_owned(), altered),
             file_path: name,
             language: ShaderLanguage::Wgsl,
             ..Default::default()
@@ -64,4 +82,15 @@ pub fn compose(source: &str, defs: Defs) -> naga::Module {
         ..Default::default()
     });
     made.unwrap_or_else(|error| panic!("{}", error.emit_to_string(&composer)))
+}
+
+/// The WGSL of a module, as wgpu writes it for a browser.
+///
+/// # Panics
+/// If the module is invalid.
+pub fn to_wgsl(module: &naga::Module) -> String {
+    let info = Validator::new(ValidationFlags::all(), Capabilities::all())
+        .validate(module)
+        .unwrap_or_else(|error| panic!("{}", error.emit_to_string("")));
+    wgsl::write_string(module, &info, wgsl::WriterFlags::empty()).expect("WGSL can express WGSL")
 }

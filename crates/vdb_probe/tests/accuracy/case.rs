@@ -36,6 +36,11 @@ impl<'a> Suite<'a> {
         self.filters.is_empty() || self.filters.iter().any(|part| name.contains(part.as_str()))
     }
 
+    /// The seed of a case, from that of the suite.
+    pub fn seed_of(&self, case: u64) -> u64 {
+        self.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ case
+    }
+
     pub fn probe(&self, kind: PackKind) -> &Probe<'a> {
         match kind {
             PackKind::Surface { .. } => &self.voxels,
@@ -126,7 +131,7 @@ pub fn send(
     make: &(dyn Fn(&mut Random) -> ProbeRay + Sync),
     judge: &(dyn Fn(&ProbeRay, &ProbeHit, &mut Tally) + Sync),
 ) -> Tally {
-    let seed = suite.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ seed;
+    let seed = suite.seed_of(seed);
     let probe = suite.probe(scene.grid.kind);
     std::thread::scope(|scope| {
         let (sender, receiver) = sync_channel(1);
@@ -145,7 +150,8 @@ pub fn send(
     })
 }
 
-fn chunks(
+/// Rays from a source, the same for the same seed.
+pub fn chunks(
     seed: u64,
     first: usize,
     count: usize,

@@ -6,10 +6,13 @@
 //! | `BEVY_VDB_RAYS` | factor on the numbers of rays, 1 by default |
 //! | `BEVY_VDB_SEED` | where the random numbers begin |
 //! | `BEVY_VDB_ACCURACY_OUT` | a folder for `accuracy.txt`, `accuracy.csv` and `accuracy.svg` |
+//! | `BEVY_VDB_BROWSER_OUT` | a folder for rays and the right answers, for `scripts/browser`; no bound is checked then |
 //!
 //! It is a slow test, which runs if it is asked for: with `--include-ignored` all of it, and with parts of names
 //! of cases those that have one of them.
 
+mod altered;
+mod browser;
 mod cameras;
 mod case;
 mod chart;
@@ -69,8 +72,18 @@ fn main() -> ExitCode {
         smooth: Probe::new(&gpu, ProbeKind::Smooth),
         fog: Probe::new(&gpu, ProbeKind::Fog),
     };
+    if let Some(folder) = std::env::var_os("BEVY_VDB_BROWSER_OUT") {
+        return match browser::write(&suite, Path::new(&folder)) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(error) => {
+                eprintln!("{}: {error}", Path::new(&folder).display());
+                ExitCode::FAILURE
+            }
+        };
+    }
     println!("{}", suite.report.heading());
     voxels::run(&mut suite);
+    altered::run(&mut suite);
     smooth::run(&mut suite);
     fog::run(&mut suite);
     cameras::run(&mut suite);

@@ -16,9 +16,9 @@ use crate::tally::Tally;
 pub const KIND: PackKind = PackKind::Surface { iso: 0.0 };
 
 /// Rays of each grid of the matrix in the short form, of either kind.
-const RAYS: usize = 22_000;
+pub const RAYS: usize = 22_000;
 /// The same with ends.
-const ENDED: usize = 40_000;
+pub const ENDED: usize = 40_000;
 
 /// Holds an answer against the reference tracer.
 pub fn judge(
