@@ -85,8 +85,9 @@ def handler(options, reports):
 class Printer:
     """Prints reports as tables, and keeps what decides about success."""
 
-    def __init__(self, allowed):
+    def __init__(self, allowed, wants_variants):
         self.allowed = allowed
+        self.wants_variants = wants_variants
         self.problems = []
         self.sums = collections.Counter()
         self.largest = 0.0
@@ -140,6 +141,8 @@ class Printer:
             self.row("all", self.sums, self.largest)
         else:
             self.problems.append("no ray was traced")
+        if self.wants_variants and not self.variants:
+            self.problems.append("no variant was compiled")
         if self.variants:
             refused = f"{sum(self.expected.values())} refused that have one of {', '.join(self.allowed)}"
             print(f"\n{self.variants} variants given to the browser's compiler, {refused}")
@@ -156,7 +159,7 @@ def main():
     server = http.server.ThreadingHTTPServer(("127.0.0.1", options.port), handler(options, reports))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     address = f"http://localhost:{server.server_address[1]}/"
-    printer = Printer(options.allow)
+    printer = Printer(options.allow, options.variants is not None)
     browser = None
     if options.browser:
         browser = subprocess.Popen([*options.browser, address], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

@@ -100,6 +100,7 @@ fn check_grain(roughnesses: &[f32], accumulate: u32, reflections: u32) {
 
 /// Denoising brings a single frame closer to the mean of many frames.
 #[gpu_test]
+#[ignore = "slow: means of many frames"]
 fn reflections_are_smoother() {
     check_grain(&[0.35], 64, 1);
 }

@@ -48,6 +48,7 @@ fn shown(size: UVec2, msaa: Msaa, samples: &[u32]) -> Vec<Picture> {
 
 /// Against a picture of 64 times as many rays.
 #[gpu_test]
+#[ignore = "slow: means of many rays"]
 fn edges_are_less_jagged() {
     let fine = shown(FINER * SIZE, Msaa::Off, &[0]).remove(0);
     let reference = filtered(&fine, FINER);

@@ -40,20 +40,22 @@ pub fn cook(
     };
     let target = target(path, out);
     check_folder(out, &target)?;
+    // Before anything is read: if the file is replaced meanwhile, its pages are not those of the new one.
+    let stamp = stamp_of(path)?;
     let source = match in_parts(path, out, cut)? {
         Ok(source) => source,
         Err(PagesError::Source(error)) if matches!(*error, Error::NotSupported { .. }) => {
-            complain(&format!("{error}; it is read as a whole"));
+            complain(&format!("{error}; reading the whole file instead"));
             let file = whole()?;
             let name = chosen(&of_file(&file), path, cut.grid)?;
             let grid = file.grid(&name).ok_or_else(|| no_grid(path, &name))?.clone();
             drop(file);
             let source = TreeSource::new(&grid, cut.limits.clone()).map_err(about_input)?;
-            return write(&source, path, &target, cut).map_err(about_input);
+            return write(&source, path, &target, cut, &stamp)?.map_err(about_input);
         }
         Err(error) => return Err(about_input(error)),
     };
-    write(&source, path, &target, cut).map_err(about_input)
+    write(&source, path, &target, cut, &stamp)?.map_err(about_input)
 }
 
 /// The pages' source, if the grid can be read in parts.
@@ -73,13 +75,18 @@ fn in_parts(path: &Path, out: &Path, cut: &Cut) -> Result<Result<FileSource, Pag
     Ok(FileSource::new(file, &name, out, cut.limits.clone()))
 }
 
+fn stamp_of(path: &Path) -> Result<Vec<u8>, String> {
+    file_stamp(path).map_err(|error| format!("{}: {error}", shown(path)))
+}
+
 /// Cooks what has not been cooked before.
 fn write(
     source: &impl PageSource,
     path: &Path,
     target: &Path,
     cut: &Cut,
-) -> Result<String, PagesError> {
+    stamp: &[u8],
+) -> Result<Result<String, PagesError>, String> {
     let progress = Progress::cooking(path);
     let options = PageOptions {
         edge: cut.edge,
@@ -88,10 +95,19 @@ fn write(
         limits: cut.limits.clone(),
         progress: Some(progress.callback()),
     };
-    let stamp =
-        file_stamp(path).map_err(|source| PagesError::Folder { path: path.to_owned(), source })?;
-    let PagesOnDisk { index, kept, .. } = cook_pages_to_disk(source, &options, target, &stamp)?;
-    Ok(summary(&index, kept, target))
+    let made = match cook_pages_to_disk(source, &options, target, stamp) {
+        Ok(made) => made,
+        Err(error) => return Ok(Err(error)),
+    };
+    if stamp_of(path)? != stamp {
+        fs::remove_file(target).map_err(|error| format!("{}: {error}", shown(target)))?;
+        return Err(format!(
+            "{}: changed while its pages were being cooked; cook them again",
+            shown(path)
+        ));
+    }
+    let PagesOnDisk { index, kept, .. } = made;
+    Ok(Ok(summary(&index, kept, target)))
 }
 
 /// A grid that can be chosen.
@@ -168,8 +184,13 @@ fn check_folder(out: &Path, target: &Path) -> Result<(), String> {
     let entries = fs::read_dir(out).map_err(|error| format!("{}: {error}", shown(out)))?;
     for entry in entries.flatten() {
         let other = entry.path();
-        let is_index = other.extension().is_some_and(|extension| extension == EXTENSION);
-        if is_index && other.file_name() != target.file_name() {
+        // What an interrupted cooking has left is named after its index, too.
+        let mut index = other.clone();
+        if index.extension().is_some_and(|extension| extension == "cooking") {
+            index.set_extension("");
+        }
+        let is_index = index.extension().is_some_and(|extension| extension == EXTENSION);
+        if is_index && index.file_name() != target.file_name() {
             return Err(format!(
                 "{}: has pages already, those of {}; choose a folder of its own",
                 shown(out),

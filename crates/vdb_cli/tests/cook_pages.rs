@@ -191,11 +191,14 @@ fn what_cannot_be_read_in_parts_is_read_as_a_whole() {
         (text(&done.stderr), std::fs::read(path(&folder, "pages/thing.vdbpages")).unwrap())
     };
     let (said, in_parts) = cook();
-    assert!(!said.contains("as a whole"), "{said}");
+    assert!(!said.contains("whole file"), "{said}");
     let read = VdbFile::open(&file).unwrap();
     read.save(&file, &WriteOptions { stream: true, ..WriteOptions::default() }).unwrap();
     let (said, whole) = cook();
-    assert!(said.contains("written as a stream") && said.contains("read as a whole"), "{said}");
+    assert!(
+        said.contains("written as a stream") && said.contains("reading the whole file"),
+        "{said}"
+    );
     assert_eq!(whole, in_parts);
     // Doubles become floats.
     let mut doubles = vdb_core::tree::Tree::new(3.0_f64);
@@ -205,6 +208,30 @@ fn what_cannot_be_read_in_parts_is_read_as_a_whole() {
     VdbFile::new(vec![grid]).save(&file, &WriteOptions::default()).unwrap();
     let (said, _) = cook();
     assert!(said.contains("Tree_double_5_4_3 cannot be read in parts"), "{said}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn two_programs_do_not_cook_in_one_folder() {
+    let folder = folder("two", &["ball"]);
+    let (file, out) = (path(&folder, "thing.vdb"), path(&folder, "pages"));
+    let cook = || vdb(&["cook", &file, "--out", &out, "--pages=128"]);
+    std::fs::create_dir_all(&out).unwrap();
+    // The journal of another program, of this file and of another one.
+    let journal = path(&folder, "pages/thing.vdbpages.cooking");
+    let open = std::fs::File::create(&journal).unwrap();
+    open.lock().unwrap();
+    let failed = cook();
+    let said = text(&failed.stderr);
+    assert_eq!(failed.status.code(), Some(1), "{said}");
+    assert!(said.contains("another program is cooking pages here"), "{said}");
+    drop(open);
+    std::fs::rename(&journal, path(&folder, "pages/other.vdbpages.cooking")).unwrap();
+    let failed = cook();
+    let said = text(&failed.stderr);
+    assert!(!failed.status.success() && said.contains("has pages already"), "{said}");
+    std::fs::remove_file(path(&folder, "pages/other.vdbpages.cooking")).unwrap();
+    assert!(cook().status.success());
     std::fs::remove_dir_all(&folder).unwrap();
 }
 

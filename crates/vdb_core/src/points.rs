@@ -109,14 +109,21 @@ impl Points {
         if values.len() != self.len() || name.is_empty() || name == Self::POSITION {
             return None;
         }
-        self.attributes.retain(|attribute| attribute.name != name);
-        self.attributes.push(PointAttribute {
+        let own = PointAttribute {
             name,
             value_type: "float".to_owned(),
             codec: "null".to_owned(),
             values_per_point: 1,
             values: Some(PointValues::Float(values)),
-        });
+        };
+        // Groups refer to attributes by their places, so none may move.
+        match self.attributes.iter().position(|attribute| attribute.name == own.name) {
+            Some(place) => {
+                self.groups.retain(|group| group.attribute != place);
+                self.attributes[place] = own;
+            }
+            None => self.attributes.push(own),
+        }
         Some(self)
     }
 
@@ -291,7 +298,7 @@ impl PointValues {
         self.len() == 0
     }
 
-    /// The values of the points whose flag is set, of which each has as many.
+    /// The values of the points whose flag is set; each point has `each` values.
     fn kept(&self, flags: &[bool], each: usize) -> Self {
         match self {
             Self::Bool(values) => Self::Bool(chosen(values, flags, each)),
@@ -319,7 +326,7 @@ impl PointValues {
     }
 }
 
-/// The values whose flag is set; each flag stands for as many values.
+/// The values whose flag is set; each flag covers `each` values.
 fn chosen<T: Copy>(values: &[T], flags: &[bool], each: usize) -> Vec<T> {
     let of_points = values.chunks(each.max(1)).zip(flags);
     of_points.filter(|(_, is_kept)| **is_kept).flat_map(|(values, _)| values).copied().collect()
@@ -334,4 +341,37 @@ pub struct PointGroup {
     /// The index of the attribute with the membership, and the bit in its values.
     pub(crate) attribute: usize,
     pub(crate) bit: u8,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn attribute(name: &str, value_type: &str) -> PointAttribute {
+        PointAttribute {
+            name: name.to_owned(),
+            value_type: value_type.to_owned(),
+            codec: "null".to_owned(),
+            values_per_point: 1,
+            values: None,
+        }
+    }
+
+    #[test]
+    fn groups_stay_with_their_attribute_when_another_is_replaced() {
+        let group = PointGroup { name: "wet".to_owned(), attribute: 1, bit: 3 };
+        let points = Points {
+            positions: vec![DVec3::ZERO],
+            attributes: vec![attribute("pscale", "half"), attribute("groups", "uint8")],
+            groups: vec![group.clone()],
+        };
+        let replaced = points.clone().with_floats("pscale", vec![2.0]).unwrap();
+        assert_eq!(replaced.attributes.len(), 2);
+        assert_eq!(replaced.attributes[0].values, Some(PointValues::Float(vec![2.0])));
+        assert_eq!(replaced.attributes[1].name, "groups");
+        assert_eq!(replaced.groups, [group]);
+        // Without their attribute, groups have no members.
+        let without = points.with_floats("groups", vec![1.0]).unwrap();
+        assert_eq!((without.attributes.len(), without.groups.len()), (2, 0));
+    }
 }

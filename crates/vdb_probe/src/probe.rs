@@ -195,7 +195,7 @@ impl<'a> Probe<'a> {
         self.defs.iter().cloned().chain(grid.defs()).chain(more.map(Into::into)).collect()
     }
 
-    /// The kernel for given rays through a grid, in WGSL that imports nothing, and the name of its entry point.
+    /// The kernel for a grid, as WGSL without imports, and the name of its entry point.
     pub fn wgsl(&self, grid: &GpuGrid) -> (String, &'static str) {
         let defs = self.defs(grid, None);
         let defs: Vec<&str> = defs.iter().map(String::as_str).collect();

@@ -40,8 +40,8 @@ Without a display, or with --out, writes a PNG. Without FILE, shows the model bu
   --eye X,Y,Z       the position of the camera in the file's world [everything in view]
   --target X,Y,Z    the point that the camera looks at [the middle of everything]
   --fov DEGREES     the vertical field of view [45]
-  --mode NAME       lit, its parts diffuse and glossy, gray, rgb, voxels, normals, depth, or steps
-                    (of the traversal) [lit]
+  --mode NAME       lit, its parts diffuse and glossy, gray, rgb, voxels, normals, depth, steps (of
+                    the traversal), or maximum (of fog) [lit]
   --density X       fog: extinction per unit of density and world unit [1]
   --sun X,Y,Z       the direction towards the sun [-0.6,0.75,0.5]
   --no-shadows      the sun casts no shadows

@@ -68,6 +68,7 @@ fn fog_scatters_what_lights_shed_on_it() {
 /// Fog sends on most of the light in the directions that its anisotropy says, whatever lamp it comes from,
 /// and from what is around it, of which the map below has 0.75·(1.2 - 0.2) more above than below.
 #[gpu_test]
+#[ignore = "slow: many pictures of fog"]
 fn fog_turns_light_as_its_anisotropy_says() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);

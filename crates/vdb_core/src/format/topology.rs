@@ -80,8 +80,8 @@ pub(crate) const LEAF_MASK: usize = 64;
 
 /// Bytes of a file, for reading past them from node to node.
 pub(crate) trait Feed {
-    /// A cursor at a position in the file, with at least [`AHEAD`] bytes before its end, as far as the
-    /// grid has so many.
+    /// A cursor at a position in the file, with at least [`AHEAD`] bytes before its end, or
+    /// whatever is left of the grid.
     fn ahead(&mut self, at: usize) -> Result<Cursor<'_>, Error>;
 }
 

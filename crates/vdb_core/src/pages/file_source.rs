@@ -1,6 +1,7 @@
 //! Pages of a tree in a file.
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::{DAffine3, IVec3};
@@ -9,20 +10,21 @@ use rayon::prelude::*;
 use super::coarser_file::half_in_file;
 use super::error::PagesError;
 use super::format::MOST_LEVELS;
-use super::places::Places;
+use super::places::{Lower, Places, Upper};
 use super::source::PageSource;
 use super::surface::Surface;
 use crate::format::streamed::{StreamedFile, StreamedTree};
 use crate::pack::PackKind;
 use crate::tools::voxels_within;
-use crate::tree::{Coarsening, CoordBox, MEASURED_LEAVES, Vdb543, voxel_of_leaves};
+use crate::tree::{Coarsening, CoordBox, MEASURED_LEAVES, Node, Slot, Vdb543, voxel_of_leaves};
 use crate::{Error, GridClass, Limits};
 
 /// A level set in a `.vdb` file on disk, of which only the offsets of its nodes are in memory, about
 /// 10 bytes per leaf: nodes are read when a page needs them.
 ///
 /// Each coarser level is made from the one before it, as for a [`TreeSource`](super::TreeSource), in a
-/// temporary file, which takes about a quarter of the bytes of the level before. The pages are the
+/// temporary file. The first takes about a third of the size of the file, each further one about a
+/// quarter of the one before. The pages are the
 /// same as those of the tree in memory, bit for bit.
 pub struct FileSource {
     surface: Surface,
@@ -30,6 +32,9 @@ pub struct FileSource {
     scratch: PathBuf,
     limits: Limits,
 }
+
+/// The number of temporary files so far, for their names.
+static TEMPORARY: AtomicU32 = AtomicU32::new(0);
 
 /// The tree of the file, and the last level that was asked for.
 struct Levels {
@@ -69,6 +74,11 @@ impl FileSource {
         Ok(Self { surface, levels, scratch: scratch.into(), limits })
     }
 
+    /// An error in a tree, with its grid and file.
+    fn about(&self, error: Error, tree: &StreamedTree) -> Error {
+        error.in_grid(&self.surface.name).in_file(tree.path())
+    }
+
     /// The tree of a level.
     fn level(&self, level: u32) -> Result<Arc<StreamedTree>, Error> {
         let mut levels = self.levels.lock().unwrap_or_else(PoisonError::into_inner);
@@ -85,7 +95,9 @@ impl FileSource {
                 None
             };
             let coarsening = Coarsening::Surface { iso: self.surface.iso, voxel };
-            let path = self.scratch.join(format!(".level-{next}.tmp"));
+            let number = TEMPORARY.fetch_add(1, Ordering::Relaxed);
+            let name = format!(".level-{next}-{}-{number}.tmp", std::process::id());
+            let path = self.scratch.join(name);
             let coarser = half_in_file(fine, coarsening, &path, &self.limits)?;
             levels.last = (next, Arc::new(coarser));
         }
@@ -95,8 +107,25 @@ impl FileSource {
 
 /// Whether any value of a tree is negative.
 fn has_negative(tree: &StreamedTree) -> Result<bool, Error> {
-    let below = Places::new(128, PackKind::Surface { iso: 0.0 }, 0.0);
-    Ok(!all_places(tree, || below.clone())?.into_vec().is_empty())
+    if tree.root_tiles().iter().any(|(_, value, _)| *value < 0.0) {
+        return Ok(true);
+    }
+    for index in 0..tree.uppers() {
+        let upper = tree.upper_tiles(index)?;
+        let tiles = (0..Upper::SIZE).map(|slot| upper.slot_at(slot));
+        if tiles.into_iter().any(|slot| matches!(slot, Slot::Tile(value, _) if value < 0.0)) {
+            return Ok(true);
+        }
+    }
+    let is_negative = |index| {
+        let lower = tree.lower(index)?;
+        Ok((0..Lower::SIZE).any(|slot| match lower.slot_at(slot) {
+            Slot::Child(leaf) => leaf.values_slice().iter().any(|value| *value < 0.0),
+            Slot::Tile(value, _) => value < 0.0,
+        }))
+    };
+    let found = (0..tree.lowers()).into_par_iter().map(is_negative);
+    found.find_any(|found| !matches!(found, Ok(false))).unwrap_or(Ok(false))
 }
 
 /// The places of pages in all nodes of a tree.
@@ -134,11 +163,13 @@ impl PageSource for FileSource {
 
     fn pages(&self, level: u32, edge: u32, kind: PackKind) -> Result<Vec<IVec3>, Error> {
         let tree = self.level(level)?;
-        let places = all_places(&tree, || Places::new(edge, kind, self.surface.iso))?;
-        Ok(places.into_vec())
+        let places = all_places(&tree, || Places::new(edge, kind, self.surface.iso));
+        places.map(Places::into_vec).map_err(|error| self.about(error, &tree))
     }
 
     fn samples(&self, level: u32, bounds: CoordBox) -> Result<Vdb543<f32>, Error> {
-        Ok(voxels_within(&self.level(level)?.part(bounds)?, bounds))
+        let tree = self.level(level)?;
+        let part = tree.part(bounds).map_err(|error| self.about(error, &tree))?;
+        Ok(voxels_within(&part, bounds))
     }
 }

@@ -19,7 +19,7 @@ use crate::cooked::checksum;
 use crate::cooked::signature::VERSION;
 use crate::save_bytes;
 
-/// What follows the name of the index in the name of the journal.
+/// The suffix of the journal's name, after the name of the index.
 const JOURNAL: &str = ".cooking";
 /// Bytes at the start of a file that its stamp depends on: the unique tag of a `.vdb` file is there, and
 /// the head of its first grid.

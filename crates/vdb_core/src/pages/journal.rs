@@ -1,8 +1,8 @@
 //! The journal of pages that are finished, for cooking that is interrupted.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File, OpenOptions};
-use std::io::{self, Read, Write};
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -10,7 +10,6 @@ use super::id::PageId;
 use super::index::PageEntry;
 use crate::cooked::checksum;
 use crate::format::cursor::Cursor;
-use crate::save_bytes;
 
 /// The first bytes of a journal; the last four show whether a transfer has changed line ends.
 const MAGIC: [u8; 8] = *b"VDBJ\r\n\x1a\n";
@@ -35,22 +34,35 @@ pub(super) struct Record {
 
 impl Journal {
     /// Opens the journal with this signature, or begins one if there is none, and returns its records.
-    /// What follows a damaged record is forgotten.
+    /// What follows a damaged record is forgotten. While it is open, nobody else can open it.
     pub fn open(path: &Path, signature: &[u8]) -> io::Result<(Self, BTreeMap<PageId, Record>)> {
         let mut head = MAGIC.to_vec();
         head.extend(checksum(signature).to_le_bytes());
         head.extend((signature.len() as u64).to_le_bytes());
         head.extend(signature);
-        let old = read(path)?;
+        // Not truncated: the records of an interrupted cooking count.
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create(true).truncate(false);
+        let mut file = options.open(path)?;
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => {
+                return Err(io::Error::other("another program is cooking pages here"));
+            }
+            // Some file systems cannot lock.
+            Ok(()) | Err(TryLockError::Error(_)) => {}
+        }
+        let old = read(&file)?;
         let (records, length) = match old.strip_prefix(&head[..]) {
             Some(rest) => records(rest),
             None => {
-                save_bytes(path, &head).map_err(io::Error::other)?;
+                file.set_len(0)?;
+                file.seek(SeekFrom::Start(0))?;
+                file.write_all(&head)?;
                 (BTreeMap::new(), 0)
             }
         };
-        let file = OpenOptions::new().append(true).open(path)?;
         file.set_len((head.len() + length) as u64)?;
+        file.seek(SeekFrom::End(0))?;
         Ok((Self { path: path.to_owned(), file: Mutex::new(file) }, records))
     }
 
@@ -73,14 +85,11 @@ impl Journal {
     }
 }
 
-/// The bytes of a journal; none if there is no journal, or it is too long for one.
-fn read(path: &Path) -> io::Result<Vec<u8>> {
+/// The bytes of a journal; none if it is too long for one.
+fn read(file: &File) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    match File::open(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-        Err(error) => return Err(error),
-        Ok(file) if file.metadata()?.len() > MOST_BYTES => {}
-        Ok(file) => drop(file.take(MOST_BYTES).read_to_end(&mut bytes)?),
+    if file.metadata()?.len() <= MOST_BYTES {
+        file.take(MOST_BYTES).read_to_end(&mut bytes)?;
     }
     Ok(bytes)
 }

@@ -6,6 +6,11 @@ use super::codecs::Coding;
 use crate::Error;
 use crate::format::cursor::Cursor;
 
+/// Voxels of a leaf.
+pub(super) const VOXELS: usize = 512;
+/// Bytes of the voxels of a leaf.
+pub(super) const VOXEL_BYTES: usize = VOXELS * 4;
+
 /// Bytes of the flags and the size of an array, which its length in bytes includes.
 const HEAD: u64 = 6;
 

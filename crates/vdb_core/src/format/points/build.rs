@@ -5,10 +5,9 @@ use std::cell::RefCell;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::arrays::{Place, Unit};
+use super::arrays::{Place, Unit, VOXEL_BYTES, VOXELS};
 use super::codecs::{Coding, ReadValues, vec3d, vec3s};
 use super::scan::{Leaf, Scan};
-use super::{VOXEL_BYTES, VOXELS};
 use crate::Error;
 use crate::codec::{Scratch, blosc};
 use crate::format::build::Progress;

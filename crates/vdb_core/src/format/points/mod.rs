@@ -29,8 +29,3 @@ mod write;
 pub(crate) use place::Layout;
 pub(crate) use scan::scan;
 pub(crate) use write::write;
-
-/// Voxels of a leaf.
-const VOXELS: usize = 512;
-/// Bytes of the voxels of a leaf.
-const VOXEL_BYTES: usize = VOXELS * 4;

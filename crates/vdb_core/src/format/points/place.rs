@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
-use super::VOXELS;
+use super::arrays::VOXELS;
 use crate::Error;
 use crate::points::{PointValues, Points};
 use crate::tree::{Tree, Vdb543};

@@ -1,7 +1,6 @@
 //! The first pass over the bytes of a grid of points.
 
-use super::VOXEL_BYTES;
-use super::arrays::{self, Array, Unit};
+use super::arrays::{self, Array, Unit, VOXEL_BYTES};
 use super::codecs::Coding;
 use super::descriptor::{self, Descriptor};
 use crate::Error;

@@ -21,6 +21,8 @@ const HEAD: usize = 64 << 10;
 /// Bytes of names and metadata beside those that [`Limits::metadata_bytes`] counts: lengths, and
 /// transforms.
 const MORE: u64 = 32 << 20;
+/// Nothing in front of a tree is longer, whatever the limits.
+const MOST_AHEAD: usize = 1 << 30;
 
 /// A `.vdb` file whose grids of floats can be read in parts, whatever its size: [`Limits::file_bytes`]
 /// does not apply.
@@ -192,7 +194,7 @@ fn ahead<'l, T>(
     read: impl Fn(&mut Cursor<'_>, &mut Budget<'l>) -> Result<T, Error>,
 ) -> Result<T, Error> {
     let most = budget.limits.metadata_bytes.saturating_add(MORE);
-    let most = usize::try_from(most).unwrap_or(usize::MAX);
+    let most = usize::try_from(most).unwrap_or(usize::MAX).min(MOST_AHEAD);
     let mut length = HEAD;
     loop {
         let bytes = input.read(at..at.saturating_add(length))?;

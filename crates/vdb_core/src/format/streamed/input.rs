@@ -59,7 +59,7 @@ impl Input {
     fn fill(&self, at: usize, bytes: &mut [u8]) -> Result<(), Error> {
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         let read = file.seek(SeekFrom::Start(at as u64)).and_then(|_| file.read_exact(bytes));
-        read.map_err(|error| Error::io(error).at(at))
+        read.map_err(|error| Error::io(error).at(at).in_file(&self.path))
     }
 }
 

@@ -71,10 +71,11 @@ impl EncodedNode {
 }
 
 impl Spool {
-    /// Begins a tree in a file at `path`, which is replaced, and deleted with the tree.
+    /// Begins a tree in a new file at `path`, which is deleted with the tree.
     pub fn create(path: &Path, background: f32, limits: &Limits) -> Result<Self, Error> {
         let in_file = |error| Error::io(error).in_file(path);
-        let file = BufWriter::with_capacity(1 << 20, File::create(path).map_err(in_file)?);
+        let file = File::create_new(path).map_err(in_file)?;
+        let file = BufWriter::with_capacity(1 << 20, file);
         let input = Input::temporary(path.to_owned(), File::open(path).map_err(in_file)?);
         let context = TreeContext { encoding: ENCODING, background };
         let (tiles, uppers, middles, leaves) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());

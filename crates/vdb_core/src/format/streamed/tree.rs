@@ -27,7 +27,7 @@ const MASK_WINDOW: usize = 2 << 20;
 /// The most bytes of leaves to read at a time.
 const RUN: usize = 4 << 20;
 /// Leaves are read together if there are no more bytes than this between them: reading those takes
-/// less time than another call of the system.
+/// less time than another system call.
 const GAP: usize = 16 << 10;
 
 /// A tree of floats in a file.
@@ -80,6 +80,11 @@ impl StreamedTree {
         bytes as u64
     }
 
+    /// The path of the file.
+    pub fn path(&self) -> &Path {
+        self.input.path()
+    }
+
     /// The tiles of the root: origin, value, and whether it is active.
     pub fn root_tiles(&self) -> &[(IVec3, f32, bool)] {
         &self.scan.tiles
@@ -119,7 +124,7 @@ impl StreamedTree {
         cubes.filter(move |cube| bounds.intersection(*cube).is_some())
     }
 
-    /// Every `step`-th leaf, in the order of [`Tree::leaves`].
+    /// At most `most` leaves, evenly spaced, in the order of [`Tree::leaves`].
     pub fn some_leaves(&self, most: usize) -> Result<Boxed<Leaf>, Error> {
         let step = self.scan.leaves.len().div_ceil(most).max(1);
         let (mut leaves, mut next, mut passed) = (Vec::new(), 0, 0);
