@@ -1,5 +1,7 @@
 //! A tree in a file, of which only the offsets of nodes are in memory.
 
+use std::path::Path;
+
 use crate::format::budget::Budget;
 use crate::format::buffers::FileLeaf;
 use crate::format::build::{SCRATCH, does_not_fit, read_internal};
