@@ -8,12 +8,10 @@
 #import bevy_vdb::trace::segment::{ClippedPart, NONE, Segment, clipped_part, ray_of_level}
 #import bevy_vdb::view::scene::{view, volumes}
 
-// Whether a ray begins where it passes a clip plane, not at the eye or at the end of another level of detail. The
+// Whether a ray that begins within the grid's box does so where it passes a clip plane, not at the eye or at the end of another level of detail. The
 // part may have been computed twice, with different rounding.
-fn begins_at_plane(part: ClippedPart, mirrored: MirroredRay, entry: Dda) -> bool {
+fn begins_at_plane(part: ClippedPart, mirrored: MirroredRay) -> bool {
     return part.plane != NONE
-        && entry.inside
-        && entry.axis == 3u
         && part.t_first > 0.0
         && part.t_first >= mirrored.t_min * (1.0 - 1e-6);
 }
@@ -36,10 +34,10 @@ fn first_clipped_root(
     begins_outside: bool,
 ) -> ClippedRoot {
     var part = ClippedPart(0.0, 0.0, NONE);
-    if volumes[volume].clip_planes != 0u {
+    if volumes[volume].clip_planes != 0u && entry.inside && entry.axis == 3u {
         part = clipped_part(segment, volume);
     }
-    let at_plane = begins_at_plane(part, mirrored, entry);
+    let at_plane = begins_at_plane(part, mirrored);
     var endless = mirrored;
     var dda = entry;
     if at_plane {

@@ -4,14 +4,15 @@
 
 #import bevy_vdb::gpu::types::{MAX_CLIP_PLANES, PAGE, Ray}
 #import bevy_vdb::traversal::rays::ray_through
+#ifdef VDB_CLIP
+#import bevy_vdb::traversal::hdda::FAR
+#endif
 #import bevy_vdb::view::scene::{view, volumes}
 
 // No volume, and no clip plane.
 const NONE: u32 = 0xffffffffu;
 
 #ifdef VDB_CLIP
-// Farther than any ray goes.
-const MAX_CLIP_T: f32 = 1e30;
 // Rounding of the distance of a point from a plane, relative to the numbers that it is computed from: 2^-20.
 const CLIP_ROUNDING: f32 = 9.5367431640625e-7;
 #endif
@@ -89,7 +90,7 @@ struct ClippedPart {
 }
 
 fn clipped_part(segment: Segment, volume: u32) -> ClippedPart {
-    var part = ClippedPart(-MAX_CLIP_T, MAX_CLIP_T, NONE);
+    var part = ClippedPart(-FAR, FAR, NONE);
     let start = segment.start;
     let origin = position_from_eye(start);
     // Of the terms that add up to a position, whose sum may be much less than they are.
@@ -106,10 +107,10 @@ fn clipped_part(segment: Segment, volume: u32) -> ClippedPart {
             distance -= CLIP_ROUNDING * (terms + abs(plane.w));
         }
         if abs(slope) < 1e-20 {
-            part.t_last = select(part.t_last, -2.0 * MAX_CLIP_T, distance < 0.0);
+            part.t_last = select(part.t_last, -2.0 * FAR, distance < 0.0);
             continue;
         }
-        let t = clamp(-distance / slope, -MAX_CLIP_T, MAX_CLIP_T);
+        let t = clamp(-distance / slope, -FAR, FAR);
         if slope < 0.0 {
             part.t_last = min(part.t_last, t);
         } else if t > part.t_first {

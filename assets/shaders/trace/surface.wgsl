@@ -57,8 +57,7 @@ fn begins_at_level(ray: Ray) -> bool {
 fn intersect_voxels(segment: Segment, volume: u32, ray: Ray, start: f32) -> Surface {
     let grid = grids[volumes[volume].grid];
     let mirrored = mirrored_ray(grid, ray);
-    let entry = enter_at(mirrored, start);
-    let hit = first_hit(grid, mirrored, entry);
+    let hit = first_hit(grid, mirrored, enter_at(mirrored, start));
     if !hit.found {
         return no_surface();
     }
@@ -67,7 +66,7 @@ fn intersect_voxels(segment: Segment, volume: u32, ray: Ray, start: f32) -> Surf
 #ifdef VDB_CLIP
     if hit.axis == 3u && volumes[volume].clip_planes != 0u {
         let part = clipped_part(segment, volume);
-        if begins_at_plane(part, mirrored, entry) {
+        if begins_at_plane(part, mirrored) {
             let cap = cap_gradient(volume, part.plane);
             return Surface(true, volume, hit.t, hit.cell, frac, cap, cap, false);
         }

@@ -1,4 +1,4 @@
-//! What shaders are translated to. As in Bevy, without bounds checks and without bounds on loops.
+//! The targets that shaders are translated to: as in Bevy, without bounds checks or limits on loops.
 
 use naga::back::{glsl, hlsl, msl};
 use naga::proc::BoundsCheckPolicies;
@@ -64,12 +64,14 @@ fn to_msl(
     let pipeline = msl::PipelineOptions { entry_point, ..Default::default() };
     let (text, made) =
         msl::write_string(module, info, &options, &pipeline).map_err(|error| error.to_string())?;
-    made.entry_point_names
-        .into_iter()
-        .next()
-        .ok_or("no entry point")?
-        .map_err(|error| error.to_string())?;
+    check_entry_point(made.entry_point_names)?;
     Ok(text.len())
+}
+
+/// Whether the entry point was translated: a back end lists its error apart from those of the module.
+fn check_entry_point<E: ToString>(names: Vec<Result<String, E>>) -> Result<(), String> {
+    let name = names.into_iter().next().ok_or("no entry point")?;
+    name.map(drop).map_err(|error| error.to_string())
 }
 
 fn to_hlsl(
@@ -89,11 +91,7 @@ fn to_hlsl(
     let made = hlsl::Writer::new(&mut text, &options, &pipeline)
         .write(module, info, None)
         .map_err(|error| error.to_string())?;
-    made.entry_point_names
-        .into_iter()
-        .next()
-        .ok_or("no entry point")?
-        .map_err(|error| error.to_string())?;
+    check_entry_point(made.entry_point_names)?;
     Ok(text.len())
 }
 

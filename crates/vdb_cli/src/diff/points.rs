@@ -3,7 +3,7 @@
 use vdb_core::display::quoted;
 use vdb_core::{PointAttribute, PointValues, Points};
 
-/// What differs between points, which are compared in the order of their files; nothing if they are
+/// The differences between points, which are compared in file order; empty if they are
 /// equal within the tolerance. Positions are those in voxels.
 pub fn compare(a: &Points, b: &Points, tolerance: f64) -> Vec<String> {
     if a.len() != b.len() {
@@ -45,7 +45,7 @@ pub fn compare(a: &Points, b: &Points, tolerance: f64) -> Vec<String> {
     different
 }
 
-/// What differs between two attributes of one name. Their codecs may differ, and the bits of groups
+/// The differences between two attributes of one name. Their codecs may differ, and the bits of groups
 /// are compared by the names of the groups.
 fn attributes(a: &PointAttribute, b: &PointAttribute, tolerance: f64) -> Option<String> {
     let name = format!("attribute {}", quoted(&a.name));
@@ -61,7 +61,7 @@ fn attributes(a: &PointAttribute, b: &PointAttribute, tolerance: f64) -> Option<
     }
 }
 
-/// What differs between values, of which each point has some.
+/// The differences between the values of an attribute, of which each point has one or more.
 fn values(
     name: &str,
     a: &PointValues,

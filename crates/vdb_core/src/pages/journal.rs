@@ -15,7 +15,7 @@ use crate::format::cursor::Cursor;
 const MAGIC: [u8; 8] = *b"VDBJ\r\n\x1a\n";
 /// Bytes of a record: the page, its two sizes, the checksum of its file and that of the record.
 const RECORD: usize = 40;
-/// A journal that is longer is not read: so many pages cannot be.
+/// A longer journal is not read: no index can list that many pages.
 const MOST_BYTES: u64 = (RECORD as u64) << 24;
 
 /// A file with a record of each page that is stored.

@@ -20,7 +20,7 @@ impl Coding {
         }
     }
 
-    /// Encodes the values of some points, of which each has `stride`. `None` if decoding would not
+    /// Encodes the values of some points, `stride` for each. `None` if decoding would not
     /// give them back bit for bit.
     pub fn encode(self, values: &PointValues, points: &[usize], stride: usize) -> Option<Vec<u8>> {
         let places = points.iter().flat_map(|point| point * stride..(point + 1) * stride);

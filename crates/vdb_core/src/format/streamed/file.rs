@@ -185,8 +185,8 @@ fn grid(
     })
 }
 
-/// Reads something of which the length is not known from the start of a part of the file, which is
-/// enlarged until it suffices.
+/// Reads something of unknown length from the start of a part of the file, which is enlarged until it
+/// suffices.
 fn ahead<'l, T>(
     input: &Input,
     at: usize,
