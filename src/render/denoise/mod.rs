@@ -54,7 +54,7 @@ struct Iteration {
     spacing: u32,
     is_first: u32,
     is_last: u32,
-    unused: u32,
+    dispatches: f32,
 }
 
 /// The uniforms of all dispatches, which are the same in every view.
@@ -68,7 +68,7 @@ fn init(mut commands: Commands, device: Res<RenderDevice>) {
             spacing: 1 << i,
             is_first: u32::from(i == 0),
             is_last: u32::from(i == ITERATIONS - 1),
-            unused: 0,
+            dispatches: ITERATIONS as f32,
         };
         device.create_buffer_with_data(&BufferInitDescriptor {
             label: Some("vdb_denoise"),
