@@ -1,5 +1,6 @@
 //! Clip planes: what they leave, its light and its shadows.
 
+use bevy::camera::ScalingMode;
 use bevy::light::DirectionalLightShadowMap;
 use bevy::math::DVec3;
 use bevy::prelude::*;
@@ -26,13 +27,32 @@ impl Stage {
     }
 }
 
-/// Planes through solids, one across the line of sight and one along it.
 #[gpu_test]
 fn rays_meet_what_clip_planes_leave() {
+    check_solids(&PerspectiveProjection::default().into(), |distance| 0.1 / distance);
+}
+
+#[gpu_test]
+fn parallel_rays_meet_what_clip_planes_leave() {
+    let far = 20.0;
+    let parallel = OrthographicProjection {
+        scaling_mode: ScalingMode::FixedVertical { viewport_height: 5.0 },
+        far,
+        ..OrthographicProjection::default_3d()
+    };
+    check_solids(&Projection::Orthographic(parallel), |distance| 1.0 - distance / f64::from(far));
+}
+
+/// Planes through solids, one across the line of sight and one along it. `depth_of` is the depth that the projection
+/// gives to a distance from the camera's plane.
+fn check_solids(projection: &Projection, depth_of: impl Fn(f64) -> f64) {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
     let view = looking(Vec3::new(1.0, 3.0, 7.0));
     let camera = stage.camera(&target, view);
+    stage.world().entity_mut(camera).insert(projection.clone());
+    // A projection takes effect with the next frame, and rays are cast before it.
+    stage.update(1);
     let planes = [
         stage.clip_plane(Vec3::new(0.0, 0.2, 0.6), Vec3::new(0.2, 0.1, 1.0)),
         stage.clip_plane(Vec3::new(0.1, 0.3, 0.0), Vec3::new(0.3, 1.0, 0.2)),
@@ -66,8 +86,8 @@ fn rays_meet_what_clip_planes_leave() {
         };
         let volume = volumes.iter().position(|volume| *volume == hit.entity).unwrap();
         met[volume] += 1;
-        let along = ray.direction.dot(view.forward().as_vec3());
-        let expected = 0.1 / (0.1 + f64::from(hit.distance * along));
+        let from_eye = ray.origin + *ray.direction * hit.distance - view.translation;
+        let expected = depth_of(f64::from(from_eye.dot(*view.forward())));
         let error = (f64::from(depth.pixels[pixel].x) / expected - 1.0).abs();
         let normal = shown.pixels[pixel].truncate() * 2.0 - 1.0;
         let cap = normals.iter().position(|cap| cap.distance(hit.normal) < 1e-4);

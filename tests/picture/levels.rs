@@ -2,7 +2,10 @@
 
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbCamera, VdbGpuUsage, VdbMaterial, VdbQuality, VdbRenderMode, VdbVolume};
+use bevy_vdb::{
+    VdbCamera, VdbClipPlane, VdbClippedBy, VdbGpuUsage, VdbMaterial, VdbQuality, VdbRenderMode,
+    VdbVolume,
+};
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
@@ -127,6 +130,43 @@ fn far_fog_dims_as_much() {
     assert!(least < 0.5, "the fog is thin: {least}");
     assert!((both / all - 1.0).abs() < 2e-3, "{all} of light in all became {both}");
     assert!(coarse != exact, "the coarser grid was not shown");
+}
+
+/// The cap of a ball that is cut in half, and what is left of its outline, at full detail and at an eighth of it.
+#[gpu_test]
+fn clip_planes_cut_every_level_in_the_same_place() {
+    let mut stage = Stage::new();
+    let target = stage.target(SIZE);
+    let view = looking(Vec3::new(8.0, 12.0, 26.0));
+    let camera = stage.camera(&target, view);
+    let grid = level_set::sphere(DVec3::ZERO, RADIUS / VOXEL);
+    let grid = stage.grid(grid, PackKind::Smooth { iso: 0.0 }, VOXEL);
+    let normal = DVec3::new(0.2, 0.3, 1.0).normalize();
+    let turn = Quat::from_rotation_arc(Vec3::Y, normal.as_vec3());
+    let point = 0.1 * RADIUS * normal;
+    let plane = Transform::from_translation(point.as_vec3()).with_rotation(turn);
+    let plane = stage.world().spawn((VdbClipPlane, plane)).id();
+    stage.world().spawn((VdbVolume(grid), VdbMaterial::default(), VdbClippedBy(vec![plane])));
+    for (detail, levels) in [(0.0, 0), (1.0, LEVELS)] {
+        ask(&mut stage, camera, VdbRenderMode::Normals, detail);
+        wait_for(&mut stage, 1, levels);
+        let picture = stage.picture(&target);
+        picture.save(&format!("levels_cut_{detail}"));
+        let (mut on_cap, mut wrong) = (0, 0);
+        for (x, y) in (0..SIZE.x).flat_map(|x| (0..SIZE.y).map(move |y| (x, y))) {
+            let (origin, dir) = pixel_ray(view, x, y);
+            let met = origin + dir * ((point - origin).dot(normal) / dir.dot(normal));
+            // Of the rim, a coarse surface may be off by a quarter of its voxel.
+            let margin = if levels > 0 { 2.0 * VOXEL } else { 0.01 * VOXEL };
+            if met.length() < RADIUS - margin {
+                let own = picture.at(x, y).truncate().as_dvec3() * 2.0 - 1.0;
+                on_cap += 1;
+                wrong += usize::from(own.distance(normal) > 4e-3);
+            }
+        }
+        assert!(on_cap > 300, "the cap has {on_cap} pixels");
+        assert_eq!(wrong, 0, "of {on_cap} pixels of the cap, at detail {detail}");
+    }
 }
 
 /// With levels of detail, what a far volume costs follows the pixels that it covers: with twice as many voxels

@@ -3,7 +3,7 @@
 use bevy::light::EnvironmentMapLight;
 use bevy::math::DVec3;
 use bevy::prelude::*;
-use bevy_vdb::{VdbGrid, VdbMaterial, VdbQuality, VdbVolume};
+use bevy_vdb::{VdbClipPlane, VdbClippedBy, VdbGrid, VdbMaterial, VdbQuality, VdbVolume};
 use gpu_test::gpu_test;
 use vdb_core::pack::PackKind;
 use vdb_core::synth::{fog, level_set};
@@ -22,7 +22,8 @@ pub fn floor(stage: &mut Stage) -> Handle<VdbGrid> {
     stage.grid(fog::block(floor, -1.0), SURFACE, 0.1)
 }
 
-/// A metal plane shows a box above it where the mirrored ray meets the box, and black elsewhere.
+/// A metal plane shows a box above it where the mirrored ray meets the box, and black elsewhere; also what clip planes
+/// leave of the box.
 #[gpu_test]
 fn a_mirror_shows_what_is_before_it() {
     let mut stage = Stage::new();
@@ -34,17 +35,38 @@ fn a_mirror_shows_what_is_before_it() {
     // Out of sight of the camera for the most part: its mirror image is what is looked for.
     let above = CoordBox { min: IVec3::new(-10, 10, -10), max: IVec3::new(9, 29, 9) };
     let block = stage.grid(fog::block(above, -1.0), SURFACE, 0.1);
-    stage.world().spawn((VdbVolume(block), glow(GREEN)));
+    let block = stage.world().spawn((VdbVolume(block), glow(GREEN))).id();
+    let (low, high) = (DVec3::new(-1.05, 0.95, -1.05), DVec3::new(0.95, 2.95, 0.95));
+    check_mirror(&mut stage, &target, (camera, view), low, high);
+
+    let planes = [(DVec3::NEG_X, -0.43), (DVec3::NEG_Y, 1.62)].map(|(normal, at)| {
+        let turn = Quat::from_rotation_arc(Vec3::Y, normal.as_vec3());
+        let plane = Transform::from_translation((at * normal.abs()).as_vec3()).with_rotation(turn);
+        stage.world().spawn((VdbClipPlane, plane)).id()
+    });
+    stage.world().entity_mut(block).insert(VdbClippedBy(planes.to_vec()));
+    let cut = DVec3::new(-0.43, 1.62, low.z);
+    check_mirror(&mut stage, &target, (camera, view), cut, high);
+}
+
+/// Checks the mirror image of a box that reaches from `low` to `high`.
+fn check_mirror(
+    stage: &mut Stage,
+    target: &Handle<Image>,
+    (camera, view): (Entity, Transform),
+    low: DVec3,
+    high: DVec3,
+) {
     let mut show = |reflections: u32| {
         let settings = VdbQuality { reflections, ..default() };
         stage.world().entity_mut(camera).insert(settings);
-        let picture = stage.picture(&target);
-        picture.save(&format!("mirror_{reflections}"));
+        let picture = stage.picture(target);
+        picture.save(&format!("mirror_{reflections}_{}", low.y));
         picture
     };
     let none = show(0);
     let once = show(1);
-    let (top, low, high) = (-0.05, DVec3::new(-1.05, 0.95, -1.05), DVec3::new(0.95, 2.95, 0.95));
+    let top = -0.05;
     let enters = |from: DVec3, dir: DVec3, by: f64| {
         let (a, b) = ((low - by - from) / dir, (high + by - from) / dir);
         let (near, far) = (a.min(b).max_element(), a.max(b).min_element());

@@ -8,8 +8,8 @@
 #import bevy_vdb::trace::segment::{ClippedPart, NONE, Segment, clipped_part, ray_of_level}
 #import bevy_vdb::view::scene::{view, volumes}
 
-// Whether a ray that begins within the grid's box does so where it passes a clip plane, not at the eye or at the end of another level of detail. The
-// part may have been computed twice, with different rounding.
+// Whether a ray that begins within the grid's box does so where it passes a clip plane, not at the eye or at the end
+// of another level of detail. The part may have been computed twice, with different rounding.
 fn begins_at_plane(part: ClippedPart, mirrored: MirroredRay) -> bool {
     return part.plane != NONE
         && part.t_first > 0.0

@@ -235,7 +235,8 @@ fn trace_path(primary: Segment, pixel: vec2<u32>, ray: u32, t_end: f32) -> PathR
 #ifdef VDB_REFLECTIONS
         // Less than the step of 16-bit floats near 1.
         if bounce < view.reflections && max(max(throughput.x, throughput.y), throughput.z) > 1.0 / 4096.0 {
-            let direction = sample_reflection(roughness, normal, to_viewer, random_pair(pixel, ray * MAX_BOUNCES + bounce));
+            let pair = random_pair(pixel, ray * MAX_BOUNCES + bounce);
+            let direction = sample_reflection(roughness, normal, to_viewer, pair);
 #ifdef VDB_DENOISE
             if is_sharp(reflection, primary, first_surface.t) {
                 let mirrored = reflect(-to_viewer, normal);

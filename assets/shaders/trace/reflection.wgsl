@@ -57,8 +57,9 @@ fn add_reflected(path: ptr<function, PathReflection>, color: vec3<f32>, distance
 }
 
 // The standard deviation in pixels with which denoising may blur the reflection of something at a distance: about
-// half that of the surface's own blur, so that the result is a tenth wider. A half vector that is turned by an angle turns the direction by twice as
-// much. The reflected image appears as far behind the first surface, at `t`, as the path is long.
+// half that of the surface's own blur, so that the result is a tenth wider. A half vector that is turned by an angle
+// turns the direction by twice as much. The reflected image appears as far behind the first surface, at `t`, as the
+// path is long.
 fn blur_at(path: PathReflection, distance: f32, primary: Segment, t: f32) -> f32 {
     let t_image = t + (path.before + distance) / max(length(primary.dir), 1e-30);
     let pixel = 2.0 * length(view.eye_x + t_image * view.dir_x) / f32(view.size.x);

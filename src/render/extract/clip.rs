@@ -71,3 +71,40 @@ impl ExtractedClipPlanes {
         data
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use bevy::ecs::system::SystemState;
+
+    use super::*;
+
+    /// Bits go to planes in the order in which volumes name them, once each; those beyond the last bit do not cut.
+    #[test]
+    fn planes_beyond_the_last_bit_do_not_cut() {
+        let mut world = World::new();
+        let planes: Vec<Entity> = (0..types::MAX_CLIP_PLANES + 1)
+            .map(|i| {
+                let at = GlobalTransform::from_translation(Vec3::Y * i as f32);
+                world.spawn((VdbClipPlane, at)).id()
+            })
+            .collect();
+        let mut state = SystemState::<Query<&GlobalTransform, With<VdbClipPlane>>>::new(&mut world);
+        let transforms = state.get(&world).unwrap();
+        let mut own = ExtractedClipPlanes::default();
+        let few = own.add(&VdbClippedBy(vec![planes[2], planes[0]]), &transforms);
+        assert_eq!((few.planes, few.has_too_many), (0b11, false));
+        let all = own.add(&VdbClippedBy(planes.clone()), &transforms);
+        assert_eq!((all.planes, all.has_too_many), (u32::MAX, true));
+        let last = own.add(&VdbClippedBy(planes[types::MAX_CLIP_PLANES..].to_vec()), &transforms);
+        assert_eq!((last.planes, last.content, last.has_too_many), (0, 0, true));
+
+        let data = own.data(0b10, DVec3::Y * 5.0);
+        assert_eq!(data[0], [0.0; 4], "a plane that is not in use");
+        assert_eq!(data[1], [0.0, -1.0, 0.0, -5.0], "what is below the plane y = 0 is kept");
+
+        own.begin_frame();
+        let again = own.add(&VdbClippedBy(vec![planes[0], planes[2]]), &transforms);
+        assert_ne!(again.content, few.content, "the order of planes");
+        assert_eq!(again.planes, 0b11);
+    }
+}
