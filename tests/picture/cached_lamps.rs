@@ -14,8 +14,8 @@ use super::common::Stage;
 use super::light_cache::{BY_RAYS, Cloud, VOXEL, error, error_where};
 
 /// The most by which pictures differ if the cache was filled for another camera, or has its lattices elsewhere in the
-/// texture: samples are computed relative to the eye, and interpolated at texture coordinates that depend on their place, so a few
-/// pixels round differently.
+/// texture: samples are computed relative to the eye, and interpolated at texture coordinates that depend on their
+/// place, so a few pixels round differently.
 const ELSEWHERE: f64 = 1e-4;
 
 fn bulb() -> PointLight {
@@ -180,7 +180,10 @@ fn stored_light_follows_the_error_that_is_asked_for() {
         scene.stage.world().entity_mut(cloud).insert(Visibility::Inherited);
         let fresh = scene.stage.picture(&scene.target);
         let off = error(&changed, &fresh);
-        assert!(off <= ELSEWHERE, "{asked}: off by {off}");
+        // GPUs round the weights of interpolation to a 256th, by which texture coordinates elsewhere may move them.
+        // The larger the error that is asked for, the more neighbouring samples differ.
+        let bound = ELSEWHERE.max(f64::from(asked) / 256.0);
+        assert!(off <= bound, "{asked}: off by {off}");
         last = changed;
     }
 }

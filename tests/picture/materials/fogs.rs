@@ -1,7 +1,6 @@
 //! Functions that change fog.
 
 use bevy::light::{DirectionalLightShadowMap, PointLightShadowMap};
-
 use vdb_core::tree::CoordBox;
 
 use super::*;
