@@ -23,6 +23,7 @@ mod fire_light;
 mod flip;
 mod fog_colors;
 mod golden;
+mod histories;
 mod judges;
 mod levels;
 mod levels_within;
