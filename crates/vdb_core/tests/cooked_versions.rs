@@ -61,12 +61,12 @@ fn cooked_files_of_this_version_are_read_as_they_were_written() {
 #[test]
 fn indices_of_this_version_are_read_as_they_were_written() {
     const CONSTANT: &str = "VERSION in crates/vdb_core/src/pages/format.rs";
-    let bounds = [DVec3::splat(-65.0), DVec3::splat(65.0)];
+    let bounds = [DVec3::splat(-145.0), DVec3::splat(145.0)];
     let place = DAffine3 {
         matrix3: DMat3::from_diagonal(DVec3::new(0.5, 0.25, -2.0)),
         translation: DVec3::new(1.0, 1e6, -0.1),
     };
-    let source = FunctionSource::new("a \"ball\" ❄", place, bounds, |p| p.length() - 60.0);
+    let source = FunctionSource::new("a \"ball\" ❄", place, bounds, |p| p.length() - 140.0);
     let options = PageOptions { edge: 128, ..PageOptions::default() };
     let new = cook_pages(&source, &options, &|_, _| Ok(())).expect("a ball can be cooked");
     let bytes = stored("ball.vdbpages", || new.write());
@@ -77,7 +77,7 @@ fn indices_of_this_version_are_read_as_they_were_written() {
         let PageIndex { name, kind, world_from_index, edge, levels, pages, .. } = index.clone();
         (name, kind, world_from_index, (edge, levels), pages.into_keys().collect::<Vec<_>>())
     };
-    assert!(old.levels > 1, "the ball has one page");
+    assert!(old.levels > 1, "the ball has one level");
     assert_eq!(facts(&old), facts(&new), "raise {CONSTANT}");
     assert!(old.write() == bytes, "indices are written differently: raise {CONSTANT}");
 }
