@@ -128,14 +128,14 @@ impl<'a> Submission<'a> {
         for row in self.rows {
             let _ = writeln!(
                 text,
-                "| {} | {} | {} | {:.1} % | {:.1} | {:.1} % | {:.3} |",
+                "| {} | {} | {} | {:.1} % | {} | {:.1} % | {} |",
                 cell(&row.model),
                 row.kind,
                 row.rays,
                 100.0 * row.hits,
-                row.mrays(row.times.median),
+                significant(row.mrays(row.times.median)),
                 100.0 * row.times.spread,
-                row.times.median,
+                significant(row.times.median),
             );
         }
     }
@@ -149,6 +149,12 @@ fn judged(tally: &Tally) -> u64 {
 /// Text within one cell of a table: drivers may say anything.
 fn cell(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|")
+}
+
+/// A number with three significant digits, as far as four decimals give them.
+fn significant(number: f64) -> String {
+    let decimals = (2.0 - number.log10().floor()).clamp(0.0, 4.0);
+    format!("{number:.*}", decimals as usize)
 }
 
 /// A number with its digits in groups of three.
@@ -193,7 +199,7 @@ mod tests {
 
     #[test]
     fn a_report_has_speed_correctness_and_what_failed() {
-        let rows = [row("primary", 0.5), row("shuffled", 2.0)];
+        let rows = [row("primary", 0.5), row("shuffled", 32.5)];
         let mut tally = Tally { rays: 1_234_567, met: 1_000, cut: 67, ..Tally::default() };
         tally.near_double = 2;
         tally.at_end = 3;
@@ -205,8 +211,8 @@ mod tests {
         has(&text, "| backend | Vulkan |");
         has(&text, "**0 of 1,234,500 rays wrong**, compared one by one with the reference tracer.");
         has(&text, r"| a\|b | voxels | 1,234,500 | 1,000 | 0 | 5 | 67 | 2.0e-7 | 1.9e-6 of t |");
-        has(&text, r"| a\|b | voxels | primary | 25.0 % | 1000.0 | 1.2 % | 0.500 |");
-        has(&text, r"| a\|b | voxels | shuffled | 25.0 % | 250.0 | 1.2 % | 2.000 |");
+        has(&text, r"| a\|b | voxels | primary | 25.0 % | 1000 | 1.2 % | 0.500 |");
+        has(&text, r"| a\|b | voxels | shuffled | 25.0 % | 15.4 | 1.2 % | 32.5 |");
         has(&text, "**Not measured:** c: too large");
         assert!(text.contains("1000×500, medians of 40 runs"), "{text}");
         assert!(!text.contains("wrong rays") && !text.contains("software adapter"), "{text}");
