@@ -88,6 +88,11 @@ impl Gpu {
         }
     }
 
+    /// What the adapter says about itself and its driver.
+    pub fn info(&self) -> &wgpu::AdapterInfo {
+        &self.info
+    }
+
     /// Whether the adapter is a software renderer.
     pub fn is_software(&self) -> bool {
         self.info.device_type == wgpu::DeviceType::Cpu

@@ -3,6 +3,7 @@
 //! utilities that these share.
 
 mod gpu;
+pub mod judge;
 pub mod options;
 mod probe;
 mod shaders;

@@ -3,14 +3,14 @@
 
 use vdb_core::pack::exact::T_ERROR;
 use vdb_core::reference::{Blocky, Occupied};
+use vdb_probe::judge::given::{self, Targets, chunks};
+use vdb_probe::judge::{Scene, Tally, judged, voxels};
 use vdb_probe::{Alterations, Probe, ProbeHit, ProbeKind, ProbeRay};
 
-use crate::case::{Scene, Suite, chunks, hash, judged};
-use crate::given::{self, Targets};
+use crate::case::{Suite, hash};
 use crate::grids::{self, Named};
 use crate::report::{Bound, Row};
-use crate::tally::Tally;
-use crate::voxels::{self, KIND};
+use crate::voxels::KIND;
 
 /// Rays of each grid and each kind.
 const RAYS: usize = 10_000;

@@ -9,14 +9,16 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use serde_json::json;
 use vdb_core::pack::exact::T_ERROR;
+use vdb_core::reference::standard::Upper;
 use vdb_core::reference::{Blocky, Occupied, standard};
 use vdb_core::synth::Random;
 use vdb_core::tree::IVec3;
 use vdb_probe::ProbeRay;
+use vdb_probe::judge::Scene;
+use vdb_probe::judge::given::{self, Targets, chunks};
 
-use crate::case::{Scene, Suite, chunks, hash};
-use crate::given::{self, Targets};
-use crate::grids::{self, Upper};
+use crate::case::{Suite, hash};
+use crate::grids::{self};
 use crate::voxels::{ENDED, KIND, RAYS};
 
 /// Rays that are traced at once, here and in the browser: few enough for a software driver to finish before a

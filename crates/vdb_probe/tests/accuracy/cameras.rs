@@ -5,13 +5,13 @@ use vdb_core::pack::PackKind;
 use vdb_core::pack::exact::T_ERROR;
 use vdb_core::synth::fog as densities;
 use vdb_core::view::{CannotShow, GpuRays, LatticeRays};
+use vdb_probe::judge::fog::TRANSMITTANCE;
+use vdb_probe::judge::{Errors, Judge, Scene, Tally, judged};
 use vdb_probe::{ProbeHit, ProbeRay};
 
-use crate::case::{Scene, Suite, judged};
+use crate::case::Suite;
 use crate::grids::{BALL, OFFSETS, Tree, at_offset, offsets};
-use crate::judge::Judge;
 use crate::report::{Bound, Row};
-use crate::tally::{Errors, Tally};
 use crate::views::{self, DISTANCES, FIELDS, SHAPES, SIZES, View};
 use crate::{fog, smooth, voxels};
 
@@ -199,7 +199,7 @@ fn add_rows(
             suite.report.add(Row { again, ..row }, tally);
         }
         PackKind::Fog => {
-            let row = fog::row(group, name, fog::TRANSMITTANCE, tally);
+            let row = fog::row(group, name, TRANSMITTANCE, tally);
             suite.report.add(Row { again, ..row }, tally);
         }
     }

@@ -4,15 +4,15 @@ use vdb_core::pack::PackKind;
 use vdb_core::pack::exact::T_ERROR;
 use vdb_core::synth::Random;
 use vdb_core::{AnyTree, VdbFile};
+use vdb_probe::judge::fog::TRANSMITTANCE;
+use vdb_probe::judge::given::{self, Targets};
+use vdb_probe::judge::{Judge, Scene, Tally};
 use vdb_probe::{ProbeHit, ProbeRay};
 
-use crate::case::{Scene, Suite, hash, send};
+use crate::case::{Suite, hash, send};
 use crate::corpus_files::{corpus, files};
-use crate::given::{self, Targets};
 use crate::grids::Tree;
-use crate::judge::Judge;
 use crate::report::{Bound, Row};
-use crate::tally::Tally;
 use crate::{fog, smooth, voxels};
 
 /// Rays of each grid in the short form, by what is asked.
@@ -65,7 +65,7 @@ pub fn run(suite: &mut Suite) {
     let case = format!("{} level sets, smooth", surfaces.grids);
     smooth::add_rows(suite, "corpus", &case, &surfaces.tally, false);
     let case = format!("{} fogs ({endless} without an end left out)", fogs.grids);
-    let row = fog::row("corpus", &case, fog::TRANSMITTANCE, &fogs.tally);
+    let row = fog::row("corpus", &case, TRANSMITTANCE, &fogs.tally);
     suite.report.add(row, &fogs.tally);
 }
 

@@ -1,7 +1,6 @@
 //! The grids of the matrix.
 
 use glam::{DVec3, IVec3};
-pub use vdb_core::reference::standard::Upper;
 use vdb_core::synth::{Random, Uniform, build, fog, level_set, sparse};
 use vdb_core::tree::{CoordBox, Node, RootEntry, Vdb543};
 

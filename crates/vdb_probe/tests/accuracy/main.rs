@@ -20,14 +20,11 @@ mod corpus;
 #[path = "../../../vdb_core/tests/corpus_files/mod.rs"]
 mod corpus_files;
 mod fog;
-mod given;
 mod grids;
-mod judge;
 mod nudged;
 mod report;
 mod shift;
 mod smooth;
-mod tally;
 mod views;
 mod voxels;
 

@@ -1,17 +1,18 @@
 //! The same voxels by the traversal of the thesis, which nudges its position: what the design buys. Shown
 //! beside the suite's table, held to nothing.
 
+use vdb_core::reference::standard::Upper;
 use vdb_core::reference::{Blocky, Occupied, standard};
 use vdb_core::synth::Random;
 use vdb_core::tree::IVec3;
 use vdb_core::view::GpuRays;
+use vdb_probe::judge::given::{self, Targets};
+use vdb_probe::judge::{Scene, Tally, judged};
 use vdb_probe::{Kernel, ProbeHit, ProbeRay};
 
-use crate::case::{Scene, Suite, hash, judged};
-use crate::given::{self, Targets};
-use crate::grids::{self, Named, OFFSETS, Upper};
+use crate::case::{Suite, hash};
+use crate::grids::{self, Named, OFFSETS};
 use crate::report::{Bound, Row};
-use crate::tally::Tally;
 use crate::views::{self, DISTANCES};
 use crate::voxels;
 

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::tally::{Errors, Tally};
+use vdb_probe::judge::{Errors, Tally};
 
 /// What a row is held to.
 #[derive(Clone, Copy, Debug)]

@@ -6,12 +6,12 @@ use vdb_core::pack::PackKind;
 use vdb_core::synth::Random;
 use vdb_core::tree::{CoordBox, Vdb543};
 use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
+use vdb_probe::judge::{Scene, Tally};
 use vdb_probe::{ProbeHit, ProbeRay};
 
-use crate::case::{Scene, Suite};
+use crate::case::Suite;
 use crate::grids::Tree;
 use crate::report::{Bound, Row};
-use crate::tally::Tally;
 use crate::{fog, smooth, voxels};
 
 /// Pixels along the edge of a picture.

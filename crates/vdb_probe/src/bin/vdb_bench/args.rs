@@ -19,6 +19,9 @@ quarter of its resolution, from its levels of detail.
   --out DIR           also writes bench.csv, bench.json and bench.svg there
   --dump DIR          writes t (-1 for a miss) or transmittance of each image as f32, row by row
                       from the top
+  --report DIR        measures a choice of views of the models, checks rays against the reference
+                      tracer, and writes report.md there, to be pasted into an issue, beside the
+                      files of --out; the only other option is --runs
   --draw FILE.svg     draws a chart instead of measuring: the models are tables written by this
                       program or by the NanoVDB and Bevy benchmarks, and rows with one of the
                       --sizes are drawn
@@ -50,6 +53,22 @@ pub struct Set {
     pub formats: Vec<ValueFormat>,
 }
 
+impl Set {
+    /// What a report measures: the plugin's own way to trace primary rays, and the same rays without
+    /// neighbours. Images are small on a software adapter, which is a thousand times slower.
+    pub fn of_report(is_software: bool) -> Vec<Self> {
+        let primary = Self {
+            sizes: vec![if is_software { [160, 90] } else { [1920, 1080] }],
+            cameras: vec![Camera::Around(1.8)],
+            smooth: vec![false, true],
+            variants: vec![vec!["BEAMS".into()]],
+            ..Self::default()
+        };
+        let shuffled = Self { shuffled: vec![true], variants: vec![Vec::new()], ..primary.clone() };
+        vec![primary, shuffled]
+    }
+}
+
 impl Default for Set {
     fn default() -> Self {
         Self {
@@ -69,6 +88,8 @@ pub struct Args {
     pub runs: u32,
     pub out: Option<PathBuf>,
     pub dump: Option<PathBuf>,
+    /// The output folder of a report, which is also that of `out`.
+    pub report: Option<PathBuf>,
     /// The drawing to write, and the tables to read.
     pub draw: Option<(PathBuf, Vec<PathBuf>)>,
 }
@@ -158,18 +179,25 @@ impl Args {
             runs: 40,
             out: None,
             dump: None,
+            report: None,
             draw: None,
         };
         let mut words = Vec::new();
         let mut set = Set::default();
+        // The last option that a report does not have.
+        let mut foreign = None;
         let mut options = Options::of_program(HELP);
         let path = |text: &str| Some(PathBuf::from(text));
         while let Some(option) = options.next_word()? {
+            if option.starts_with("--") && !["--report", "--runs"].contains(&option.as_str()) {
+                foreign = Some(option.clone());
+            }
             match option.as_str() {
                 "--then" => args.sets.push(std::mem::take(&mut set)),
                 "--runs" => args.runs = options.value(number(1..))?,
                 "--out" => args.out = Some(options.value(path)?),
                 "--dump" => args.dump = Some(options.value(path)?),
+                "--report" => args.report = Some(options.value(path)?),
                 "--draw" => args.draw = Some((options.value(path)?, Vec::new())),
                 word if !word.starts_with("--") => words.push(option),
                 option if set.take(option, &mut options)? => {}
@@ -189,6 +217,12 @@ impl Args {
         if args.runs < MIN_RUNS && args.dump.is_none() {
             let wants = format!("--runs must be {MIN_RUNS} or more, unless --dump is given");
             return Err(wants.into());
+        }
+        if args.report.is_some() {
+            if let Some(option) = foreign {
+                return Err(format!("{option}: --report itself chooses what to measure").into());
+            }
+            args.out.clone_from(&args.report);
         }
         args.sets.push(set);
         args.sets.iter().try_for_each(Set::check)?;

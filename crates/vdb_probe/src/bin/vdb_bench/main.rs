@@ -1,11 +1,14 @@
-//! Times the shaders; used by `scripts/bench`. See `vdb_bench --help`.
+//! Times the shaders; used by `scripts/bench` and `scripts/bench-report`. See `vdb_bench --help`.
 
 mod args;
 mod camera;
 mod chart;
+mod check;
 mod measure;
 mod model;
 mod report;
+mod submission;
+mod system;
 mod timing;
 
 use std::process::ExitCode;

@@ -5,13 +5,16 @@ use std::time::Instant;
 
 use bytemuck::{Pod, Zeroable};
 use vdb_core::pack::{PackedGrid, ValueFormat};
+use vdb_probe::judge::Scene;
 use vdb_probe::{Gpu, GpuGrid, Kernel, Step};
 
 use crate::args::{Args, Set};
 use crate::camera::Camera;
 use crate::chart::{self, Dot};
+use crate::check::Check;
 use crate::model::{Kind, Model, Source};
 use crate::report::{Report, Row};
+use crate::submission::Submission;
 use crate::timing::Times;
 
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -39,18 +42,32 @@ pub fn run(args: &Args) -> Result<(), String> {
         ));
     }
     let mut report = Report::new(gpu.name(), args.out.as_deref())?;
+    let of_report = args.report.as_ref().map(|_| Set::of_report(gpu.is_software()));
+    let sets = of_report.as_ref().unwrap_or(&args.sets);
+    let mut checks = args.report.is_some().then(Vec::new);
     // A model that fails must not prevent the others from being measured.
-    let mut failed = 0;
+    let mut failed = Vec::new();
     for source in &args.models {
-        if let Err(message) = measure_model(&gpu, args, source, &mut report) {
+        if let Err(message) = measure_model(&gpu, args, sets, source, &mut report, checks.as_mut())
+        {
             eprintln!("vdb_bench: {message}");
-            failed += 1;
+            failed.push(message);
         }
     }
     report.finish()?;
-    match failed {
-        0 => Ok(()),
-        _ => Err(format!("{failed} of {} models failed, see above", args.models.len())),
+    let wrong = checks.iter().flatten().map(|check| check.tally.wrong).sum::<u64>();
+    if let (Some(dir), Some(checks)) = (&args.report, &checks) {
+        let submission = Submission::new(gpu.info(), report.rows(), checks, &failed);
+        let path = dir.join("report.md");
+        std::fs::write(&path, submission.markdown())
+            .map_err(|error| format!("{}: {error}", path.display()))?;
+    }
+    match (failed.len(), wrong) {
+        (0, 0) => Ok(()),
+        (0, wrong) => {
+            Err(format!("{wrong} rays are WRONG on this adapter: please send the report"))
+        }
+        (failed, _) => Err(format!("{failed} of {} models failed, see above", args.models.len())),
     }
 }
 
@@ -72,20 +89,25 @@ fn draw(drawing: &Path, tables: &[PathBuf], sets: &[Set]) -> Result<(), String> 
 fn measure_model(
     gpu: &Gpu,
     args: &Args,
+    sets: &[Set],
     source: &Source,
     report: &mut Report,
+    mut checks: Option<&mut Vec<Check>>,
 ) -> Result<(), String> {
     let model = Model::new(source)?;
     let mut ways: Vec<(Kind, ValueFormat)> = Vec::new();
-    for way in args.sets.iter().flat_map(|set| ways_of(set, &model)) {
+    for way in sets.iter().flat_map(|set| ways_of(set, &model)) {
         if !ways.contains(&way) {
             ways.push(way);
         }
     }
     for (kind, format) in ways {
         let subject = Subject::new(gpu, &model, kind, format)?;
-        for set in args.sets.iter().filter(|set| ways_of(set, &model).contains(&(kind, format))) {
+        for set in sets.iter().filter(|set| ways_of(set, &model).contains(&(kind, format))) {
             subject.measure_set(args, set, report)?;
+        }
+        if let (Some(checks), Some(set)) = (checks.as_mut(), sets.first()) {
+            checks.push(Check::new(gpu, &model, kind, &subject.scene, &set.cameras)?);
         }
     }
     Ok(())
@@ -108,8 +130,7 @@ struct Subject<'a> {
     model: &'a Model,
     kind: Kind,
     format: ValueFormat,
-    packed: PackedGrid,
-    grid: GpuGrid,
+    scene: Scene<'a>,
     pack_ms: f64,
 }
 
@@ -148,10 +169,10 @@ impl<'a> Subject<'a> {
     ) -> Result<Self, String> {
         let name = |error: &dyn std::fmt::Display| format!("{}: {error}", model.name);
         let start = Instant::now();
-        let packed = PackedGrid::with_format(&model.tree, kind.pack(), format);
-        let packed = packed.map_err(|error| name(&error))?;
+        let grid = PackedGrid::with_format(&model.tree, kind.pack(), format);
+        let grid = grid.map_err(|error| name(&error))?;
         let pack_ms = start.elapsed().as_secs_f64() * 1e3;
-        let (words, capacity) = (packed.words.len() as u64, GpuGrid::capacity(gpu));
+        let (words, capacity) = (grid.words.len() as u64, GpuGrid::capacity(gpu));
         if words > capacity {
             return Err(format!(
                 "{}: {} MB, but shaders on {} can access only {} MB; use a smaller model",
@@ -161,13 +182,14 @@ impl<'a> Subject<'a> {
                 (4 * capacity) >> 20
             ));
         }
-        let grid = GpuGrid::new(gpu, &packed);
-        Ok(Self { gpu, model, kind, format, packed, grid, pack_ms })
+        let on_gpu = GpuGrid::new(gpu, &grid);
+        let scene = Scene { tree: &model.tree, grid, on_gpu };
+        Ok(Self { gpu, model, kind, format, scene, pack_ms })
     }
 
     fn measure_set(&self, args: &Args, set: &Set, report: &mut Report) -> Result<(), String> {
         for (variant, &shuffled) in product(&set.variants, &set.shuffled) {
-            let kernels = Kernels::new(self.gpu, &self.grid, self.kind, variant, shuffled);
+            let kernels = Kernels::new(self.gpu, &self.scene.on_gpu, self.kind, variant, shuffled);
             for (&size, camera) in product(&set.sizes, &set.cameras) {
                 report.add(self.measure(args, &kernels, size, camera)?)?;
             }
@@ -185,7 +207,7 @@ impl<'a> Subject<'a> {
     ) -> Result<Row, String> {
         let (gpu, model) = (self.gpu, self.model);
         let rays = camera
-            .rays(model, &self.packed, size)
+            .rays(model, &self.scene.grid, size)
             .map_err(|error| format!("{}: {error}", model.name))?;
         let pixels = size.iter().map(|&edge| u64::from(edge)).product::<u64>();
         if pixels * 16 > gpu.max_binding() {
@@ -203,7 +225,7 @@ impl<'a> Subject<'a> {
         let normals = gpu.output(pixels * 16);
         let tiles = size.map(|edge| edge.div_ceil(8));
         let starts = gpu.output(tiles.iter().map(|&edge| u64::from(edge)).product::<u64>() * 4);
-        let mut buffers = self.grid.bindings();
+        let mut buffers = self.scene.on_gpu.bindings();
         buffers.extend([(4, &setup), (5, &view), (6, &out), (7, &normals), (8, &starts)]);
 
         let groups = [tiles[0], tiles[1].div_ceil(2), 1];
@@ -242,7 +264,7 @@ impl<'a> Subject<'a> {
             times,
             hits: hits as f64 / pixels as f64,
             steps: steps / pixels as f64,
-            bytes: self.packed.bytes(),
+            bytes: self.scene.grid.bytes(),
             active_voxels: model.active_voxels,
             pack_ms: self.pack_ms,
         })

@@ -115,6 +115,11 @@ impl Report {
         self.write("bench.csv", &self.csv)
     }
 
+    /// The rows so far.
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+
     /// Writes the files that summarise all rows.
     pub fn finish(&self) -> Result<(), String> {
         let (date, commit) = (date(), commit());
@@ -133,11 +138,11 @@ impl Report {
 }
 
 /// The current time, in UTC.
-fn date() -> String {
+pub fn date() -> String {
     humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string()
 }
 
-/// The commit of the build, which `scripts/bench` passes to the compiler.
-fn commit() -> &'static str {
+/// The commit of the build, which the scripts pass to the compiler.
+pub fn commit() -> &'static str {
     option_env!("BEVY_VDB_COMMIT").unwrap_or("unknown")
 }

@@ -32,16 +32,19 @@ impl Errors {
         self.bins[bin.clamp(0, (OCTAVES * BINS_PER_OCTAVE - 1) as i64) as usize] += 1;
     }
 
+    /// Adds those of another.
     pub fn merge(&mut self, other: &Self) {
         self.bins.iter_mut().zip(&other.bins).for_each(|(own, other)| *own += other);
         self.count += other.count;
         self.max = self.max.max(other.max);
     }
 
+    /// How many there are.
     pub fn count(&self) -> u64 {
         self.count
     }
 
+    /// The greatest; 0, if there are none.
     pub fn max(&self) -> f64 {
         self.max
     }
@@ -67,6 +70,7 @@ impl Errors {
 /// What the rays of a case have come to.
 #[derive(Clone, Debug, Default)]
 pub struct Tally {
+    /// Rays that were sent.
     pub rays: u64,
     /// Rays that met something, or should have.
     pub met: u64,
@@ -82,11 +86,13 @@ pub struct Tally {
     pub stuck: u64,
     /// Rays through so many cells that llvmpipe ends their shader: not judged.
     pub cut: u64,
+    /// Of what is asked: `t`, voxels or transmittance.
     pub errors: Errors,
     /// Of normals, in degrees; of smooth surfaces only.
     pub angles: Errors,
     /// Normals that are right only close by, and edges of dense fog: excused by a stated rule.
     pub steep: u64,
+    /// Normals that are wrong, which makes their rays wrong, too.
     pub wrong_normals: u64,
     /// The first few wrong rays.
     pub examples: Vec<String>,
@@ -96,6 +102,7 @@ pub struct Tally {
 const EXAMPLES: usize = 4;
 
 impl Tally {
+    /// Adds what the rays of another case have come to.
     pub fn merge(mut self, other: Self) -> Self {
         self.rays += other.rays;
         self.met += other.met;

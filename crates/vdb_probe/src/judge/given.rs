@@ -1,11 +1,13 @@
 //! Rays that are given: at random, made to be hard, with ends, and from far away nearly along an axis.
 
 use glam::{DVec3, IVec3, Vec3};
+use rayon::prelude::*;
 use vdb_core::pack::{PackedGrid, traverse};
 use vdb_core::reference::Ray;
 use vdb_core::synth::{Random, rays};
 use vdb_core::tree::{CoordBox, Node, Vdb543};
-use vdb_probe::ProbeRay;
+
+use crate::probe::ProbeRay;
 
 /// How far from a grid's own origin a ray may begin, in voxels: as far as cameras may be.
 const FARTHEST: i32 = 1 << 30;
@@ -36,6 +38,7 @@ impl Targets {
         Self(boxes.into_iter().step_by(step).filter(near).collect())
     }
 
+    /// Whether nothing is near enough to be aimed at.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -45,6 +48,7 @@ impl Targets {
         DVec3::from_array(self.0[0].dim().map(|edge| edge as f64)).length()
     }
 
+    /// One of them.
     pub fn pick(&self, random: &mut Random) -> CoordBox {
         self.0[random.below(self.0.len() as u64) as usize]
     }
@@ -150,4 +154,23 @@ pub fn creeping(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> Pr
         }
         made(grid, cell.as_ivec3(), (origin - cell).as_vec3(), dir)
     })
+}
+
+/// Rays with a sequence of random numbers of their own.
+const CHUNK: usize = 4096;
+
+/// Rays from a source, the same for the same seed.
+pub fn chunks(
+    seed: u64,
+    first: usize,
+    count: usize,
+    make: &(dyn Fn(&mut Random) -> ProbeRay + Sync),
+) -> Vec<ProbeRay> {
+    let starts: Vec<usize> = (first..first + count).step_by(CHUNK).collect();
+    let chunk = |start: usize| {
+        let mut random = Random::new(seed ^ (start as u64).wrapping_mul(0xa24b_aed4_963e_e407));
+        let rays = (start..(start + CHUNK).min(first + count)).map(|_| make(&mut random));
+        rays.collect::<Vec<_>>()
+    };
+    starts.into_par_iter().flat_map_iter(chunk).collect()
 }

@@ -1,21 +1,35 @@
-//! What judges the answers of one grid, whatever it is shown as.
+//! The reference tracer's verdict on every single answer of a [`Probe`](crate::Probe), within the
+//! bounds of `docs/reference/accuracy.md`: for the accuracy suite, and for the reports of the
+//! benchmark.
+
+pub mod fog;
+pub mod given;
+mod scene;
+pub mod smooth;
+mod tally;
+pub mod voxels;
 
 use vdb_core::pack::PackKind;
+use vdb_core::reference::standard::Upper;
 use vdb_core::reference::{Blocky, Occupied};
-use vdb_probe::{ProbeHit, ProbeRay};
 
-use crate::case::Scene;
-use crate::tally::Tally;
-use crate::{fog, smooth, voxels};
+pub use scene::{Scene, judged, reproduced};
+pub use tally::{Errors, Tally};
 
+use crate::probe::{ProbeHit, ProbeRay};
+
+/// What judges the answers about one grid, whatever it is shown as.
 pub enum Judge<'a> {
-    Voxels(&'a Scene<'a>, Blocky<'a, crate::grids::Upper>),
+    /// First voxels.
+    Voxels(&'a Scene<'a>, Blocky<'a, Upper>),
+    /// Roots and normals.
     Smooth(smooth::Judge<'a>),
+    /// Transmittances.
     Fog(fog::Judge<'a>),
 }
 
 impl<'a> Judge<'a> {
-    /// `reach`: voxels of a fog from end to end.
+    /// The judge of a grid. `reach`: voxels of a fog from end to end.
     pub fn new(scene: &'a Scene<'a>, reach: f64) -> Self {
         match scene.grid.kind {
             PackKind::Surface { iso } => {
@@ -26,6 +40,7 @@ impl<'a> Judge<'a> {
         }
     }
 
+    /// Holds an answer against the reference tracer.
     pub fn judge(&self, ray: &ProbeRay, hit: &ProbeHit, tally: &mut Tally) {
         match self {
             Self::Voxels(scene, oracle) => voxels::judge(scene, oracle, ray, hit, tally),
