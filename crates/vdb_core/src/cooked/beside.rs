@@ -37,6 +37,11 @@ fn corner(side: usize) -> IVec3 {
 }
 
 impl Tree<'_> {
+    /// The numbers of the first leaves of the lower nodes.
+    pub fn heads(&self) -> &[u32] {
+        &self.words[self.header.heads as usize..self.header.lower_nodes as usize]
+    }
+
     /// A lower node and its neighbours.
     pub fn around(&self, lower_node: usize) -> [Wide; 8] {
         std::array::from_fn(|side| match side {
@@ -52,21 +57,11 @@ impl Tree<'_> {
 
     /// What covers a cube of 128³ cells.
     fn find(&self, at: IVec3) -> Wide {
-        if (at.x | at.y | at.z) >> (2 * self.header.top_levels) != 0 {
-            return Wide::Constant(0.0);
+        match find_top(self.words, self.header.top_levels, at) {
+            Some((word, _)) if word & CHILD != 0 => Wide::Lower(word & PAYLOAD),
+            Some((word, _)) => Wide::Constant(self.constant(word)),
+            None => Wide::Constant(0.0),
         }
-        let mut node = 0;
-        for level in (0..self.header.top_levels).rev() {
-            let word = self.words[node + top_slot(at, level)];
-            if word & CHILD == 0 {
-                return Wide::Constant(self.constant(word));
-            }
-            if level == 0 {
-                return Wide::Lower(word & PAYLOAD);
-            }
-            node = (word & PAYLOAD) as usize * TOP_WORDS;
-        }
-        Wide::Constant(0.0)
     }
 
     /// The value of the samples within a tile or an empty slot.
@@ -74,6 +69,14 @@ impl Tree<'_> {
         let value =
             if word & OCCUPIED == 0 { None } else { self.palette.get((word & PAYLOAD) as usize) };
         value.map_or(0.0, |bits| f32::from_bits(*bits))
+    }
+
+    /// What a word stands for in a lower node whose leaves begin with number `head`.
+    pub fn owner_of_word(&self, head: u32, word: u32) -> Owner {
+        match word & CHILD {
+            0 => Owner::Constant(self.constant(word)),
+            _ => Owner::Leaf(head + (word & ((1 << LEAF_NUMBER_BITS) - 1))),
+        }
     }
 
     /// The owner of the samples beyond a side of the leaf in a slot.
@@ -86,11 +89,7 @@ impl Tree<'_> {
         };
         let part: IVec3 = moved & 15;
         let word = self.lower_node(number)[(part.x << 8 | part.y << 4 | part.z) as usize];
-        if word & CHILD == 0 {
-            return Owner::Constant(self.constant(word));
-        }
-        let head = self.words[self.header.heads as usize + number];
-        Owner::Leaf(head + (word & ((1 << LEAF_NUMBER_BITS) - 1)))
+        self.owner_of_word(self.heads()[number], word)
     }
 }
 

@@ -1,7 +1,9 @@
 //! Bricks of fog from the samples that the leaves own.
 //!
-//! Of the 729 samples of a brick, 217 belong to neighbours on the high side. They are not stored:
-//! each leaf's own samples are restored first, and then the bricks are completed from them.
+//! Of the 729 samples of a brick, 217 belong to neighbours on the high side and are not stored.
+//! Memory takes most of the time, so each brick is written once: all leaves of a lower node are
+//! restored in scratch space that stays in the cache, and then its bricks are written. Only what
+//! belongs to neighbours in other lower nodes is added in the end.
 
 use bytemuck::Pod;
 use half::f16;
@@ -9,18 +11,20 @@ use rayon::prelude::*;
 
 use super::beside::{Owner, Tree};
 use super::counts::{Counts, MOST_CODINGS};
-use super::rows::{self, Coded, Coding, VALUES};
+use super::rows::{Coded, Coding, VALUES};
 use super::steps::Steps;
 use super::words::MOST_RATIO;
 use crate::pack::checked::Fault;
 use crate::pack::layout::*;
 use crate::pack::sections::Outline;
 
-/// Leaves that are stored together, and which one task decodes.
+/// Leaves whose numbers of planes are stored together.
 pub(super) const CHUNK: usize = 64;
 
 /// The samples of a brick that each neighbour owns.
 const COUNTS: [usize; 8] = [0, 64, 64, 8, 64, 8, 8, 1];
+/// How far the slots of these neighbours are behind a leaf's own.
+const SLOTS: [usize; 8] = [0, 1, 16, 17, 256, 257, 272, 273];
 
 /// The samples of a leaf that its neighbours on the low side repeat: those with x, y or z of 0.
 type Faces<T> = [[T; 64]; 3];
@@ -53,8 +57,7 @@ impl Sample for u8 {
     const STEPS: usize = 2;
 
     fn unpack(codings: &[Coding], rows: &[u8], samples: &mut [Self; VALUES]) -> usize {
-        <Self as Coded>::unpack(&codings[0], rows, samples);
-        rows::length(&codings[0].widths)
+        <Self as Coded>::unpack(&codings[0], rows, samples)
     }
 
     fn pack(samples: &[Self; VALUES], codings: &mut Vec<Coding>, rows: &mut Vec<u8>) {
@@ -74,8 +77,7 @@ impl Sample for u16 {
     const PARTS: usize = 1;
 
     fn unpack(codings: &[Coding], rows: &[u8], samples: &mut [Self; VALUES]) -> usize {
-        <Self as Coded>::unpack(&codings[0], rows, samples);
-        rows::length(&codings[0].widths)
+        <Self as Coded>::unpack(&codings[0], rows, samples)
     }
 
     fn pack(samples: &[Self; VALUES], codings: &mut Vec<Coding>, rows: &mut Vec<u8>) {
@@ -94,13 +96,12 @@ impl Sample for u32 {
 
     fn unpack(codings: &[Coding], rows: &[u8], samples: &mut [Self; VALUES]) -> usize {
         let (mut high, mut low) = ([0_u16; VALUES], [0_u16; VALUES]);
-        Coded::unpack(&codings[0], rows, &mut high);
-        let first = rows::length(&codings[0].widths);
-        Coded::unpack(&codings[1], rows.get(first..).unwrap_or_default(), &mut low);
+        let first = Coded::unpack(&codings[0], rows, &mut high);
+        let second = Coded::unpack(&codings[1], rows.get(first..).unwrap_or_default(), &mut low);
         for ((sample, high), low) in samples.iter_mut().zip(high).zip(low) {
             *sample = Self::from(high) << 16 | Self::from(low);
         }
-        first + rows::length(&codings[1].widths)
+        first + second
     }
 
     fn pack(samples: &[Self; VALUES], codings: &mut Vec<Coding>, rows: &mut Vec<u8>) {
@@ -120,9 +121,9 @@ pub(super) struct Leaves<'a> {
     pub steps: &'a [Steps],
     /// The codes of the numbers of planes.
     pub counts: &'a Counts,
-    /// The ends of the chunks of [`CHUNK`] leaves, after a 0.
-    pub chunks: &'a [usize],
-    /// For each chunk, the numbers of planes of its leaves, and their rows.
+    /// The ends of the leaves of each lower node, after a 0.
+    pub ends: &'a [usize],
+    /// For each [`CHUNK`] leaves of a lower node, the numbers of planes and then the rows.
     pub bytes: &'a [u8],
 }
 
@@ -139,7 +140,29 @@ pub(super) fn can_hold<T: Sample>(bytes: usize, outline: &Outline) -> bool {
     u64::from(outline.leaves) * each as u64 <= MOST_RATIO as u64 * bytes as u64
 }
 
-/// Restores all bricks.
+/// A lower node and its leaves.
+struct LowerNode<'a> {
+    number: usize,
+    /// The number of the first leaf.
+    head: usize,
+    /// The slots of the leaves.
+    slots: Vec<usize>,
+    bricks: &'a mut [u32],
+}
+
+fn lower_nodes<'a>(tree: &Tree, mut bricks: &'a mut [u32]) -> Vec<LowerNode<'a>> {
+    let words = tree.header.brick_words as usize;
+    let lower_node = |(number, head): (usize, &u32)| {
+        let slots = tree.lower_node(number).iter().enumerate();
+        let slots = slots.filter(|(_, word)| **word & CHILD != 0).map(|(slot, _)| slot);
+        let slots: Vec<usize> = slots.collect();
+        let bricks = bricks.split_off_mut(..slots.len() * words).unwrap_or_default();
+        LowerNode { number, head: *head as usize, slots, bricks }
+    };
+    tree.heads().iter().enumerate().map(lower_node).collect()
+}
+
+/// Restores all bricks, whose words may hold anything.
 pub(super) fn restore<T: Sample>(
     leaves: Leaves,
     tree: &Tree,
@@ -147,84 +170,146 @@ pub(super) fn restore<T: Sample>(
 ) -> Result<(), Fault> {
     let words = tree.header.brick_words as usize;
     let mut faces = vec![[[T::default(); 64]; 3]; bricks.len() / words];
-    let tasks = bricks.par_chunks_mut(CHUNK * words).zip(faces.par_chunks_mut(CHUNK)).enumerate();
-    tasks.try_for_each(|(chunk, (bricks, faces))| {
-        let mut at = leaves.chunks[chunk];
-        let first = chunk * CHUNK;
-        let bytes = leaves.bytes.get(at..).unwrap_or_default();
-        let mut codings = [Coding::default(); MOST_CODINGS];
-        at += leaves.counts.decode(bytes, &mut codings, faces.len() * T::PARTS)?;
-        let codings = codings.chunks_exact(T::PARTS);
-        let all = bricks.chunks_exact_mut(words).zip(faces).zip(codings).enumerate();
-        for (i, ((brick, faces), codings)) in all {
-            let mut samples = [T::default(); VALUES];
-            at += T::unpack(codings, leaves.bytes.get(at..).unwrap_or_default(), &mut samples);
-            if T::STEPS > 0 {
-                let steps = leaves.steps(first + i);
-                brick[..2].copy_from_slice(&[steps.offset(), steps.scale()].map(f32::to_bits));
-            }
-            *faces = place(&samples, bytemuck::cast_slice_mut(&mut brick[T::STEPS..]));
-        }
-        if at == leaves.chunks[chunk + 1] { Ok(()) } else { Err("rows have the wrong length") }
+    let mut lower_nodes = lower_nodes(tree, bricks);
+    let mut rest = &mut *faces;
+    let own_faces = |node: &LowerNode| rest.split_off_mut(..node.slots.len()).unwrap_or_default();
+    let own_faces: Vec<&mut [Faces<T>]> = lower_nodes.iter().map(own_faces).collect();
+    let each = lower_nodes.par_iter_mut().zip(own_faces);
+    each.try_for_each_init(Vec::new, |samples, (lower_node, faces)| {
+        restore_own(leaves, lower_node, samples, faces)?;
+        write_bricks(leaves, tree, lower_node, samples, faces);
+        Ok(())
     })?;
-    share::<T>(leaves, tree, &faces, bricks);
-    Ok(())
-}
-
-/// Writes a leaf's own samples into its brick. Returns those that its neighbours repeat.
-fn place<T: Sample>(samples: &[T; VALUES], brick: &mut [T]) -> Faces<T> {
-    let mut faces = [[T::default(); 64]; 3];
-    faces[0].copy_from_slice(&samples[..64]);
-    let Some(brick) = brick.first_chunk_mut::<BRICK_VALUES>() else { return faces };
-    for (i, row) in samples.as_chunks::<8>().0.iter().enumerate() {
-        let at = (i >> 3) * 90 + (i & 7) * 10;
-        brick[at..at + 8].copy_from_slice(row);
-        faces[2][i] = row[0];
-        if i & 7 == 0 {
-            faces[1][i..i + 8].copy_from_slice(row);
-        }
-    }
-    faces
-}
-
-/// Completes all bricks with the samples of their neighbours.
-fn share<T: Sample>(leaves: Leaves, tree: &Tree, faces: &[Faces<T>], bricks: &mut [u32]) {
-    let words = tree.header.brick_words as usize;
-    let heads = &tree.words[tree.header.heads as usize..tree.header.lower_nodes as usize];
-    let ends = heads.iter().skip(1).map(|head| *head as usize).chain([faces.len()]);
-    let mut rest = bricks;
-    let mut tasks = Vec::with_capacity(heads.len());
-    for (head, end) in heads.iter().map(|head| *head as usize).zip(ends) {
-        let (own, others) = rest.split_at_mut((end - head) * words);
-        tasks.push((head, own));
-        rest = others;
-    }
-    tasks.into_par_iter().enumerate().for_each(|(number, (head, bricks))| {
+    lower_nodes.into_par_iter().for_each(|LowerNode { number, head, slots, bricks }| {
         let around = tree.around(number);
-        let slots = tree.lower_node(number).iter().enumerate();
-        let slots = slots.filter(|(_, word)| **word & CHILD != 0).map(|(slot, _)| slot);
-        for (i, (slot, brick)) in slots.zip(bricks.chunks_exact_mut(words)).enumerate() {
+        for (i, (slot, brick)) in slots.into_iter().zip(bricks.chunks_exact_mut(words)).enumerate()
+        {
             let own = leaves.steps(head + i);
-            let brick: &mut [T] = bytemuck::cast_slice_mut(&mut brick[T::STEPS..]);
-            let Some(brick) = brick.first_chunk_mut() else { continue };
-            for side in 1..8 {
-                let mut samples = [T::default(); 64];
-                let samples = match tree.owner(&around, slot, side) {
+            let high = high_faces(slot);
+            for side in (1..8).filter(|side| side & high != 0) {
+                let brick = samples_mut(brick);
+                match tree.owner(&around, slot, side) {
                     Owner::Constant(value) => {
-                        samples.fill(T::of_value(value, tree.header.scale, own));
-                        &samples[..COUNTS[side]]
+                        repeat_tile(side, T::of_value(value, tree.header.scale, own), brick);
                     }
                     Owner::Leaf(leaf) => {
                         let leaf = leaf as usize;
-                        let samples = of_side(side, &faces[leaf], &mut samples);
-                        T::convert(own, leaves.steps(leaf), samples);
-                        samples
+                        repeat(side, own, leaves.steps(leaf), &faces[leaf], brick);
                     }
-                };
-                complete(side, samples, brick);
+                }
             }
         }
     });
+    Ok(())
+}
+
+/// Restores the samples that the leaves of a lower node own, and those of them that neighbours
+/// repeat.
+fn restore_own<T: Sample>(
+    leaves: Leaves,
+    lower_node: &LowerNode,
+    samples: &mut Vec<[T; VALUES]>,
+    faces: &mut [Faces<T>],
+) -> Result<(), Fault> {
+    let number = lower_node.number;
+    let mut at = leaves.ends[number];
+    // What is left of another lower node is overwritten.
+    samples.resize(faces.len(), [T::default(); VALUES]);
+    let mut codings = [Coding::default(); MOST_CODINGS];
+    for (samples, faces) in samples.chunks_mut(CHUNK).zip(faces.chunks_mut(CHUNK)) {
+        let bytes = leaves.bytes.get(at..).unwrap_or_default();
+        at += leaves.counts.decode(bytes, &mut codings, faces.len() * T::PARTS)?;
+        let codings = codings.chunks_exact(T::PARTS);
+        for ((samples, faces), codings) in samples.iter_mut().zip(faces).zip(codings) {
+            at += T::unpack(codings, leaves.bytes.get(at..).unwrap_or_default(), samples);
+            copy_faces(samples, faces);
+        }
+    }
+    if at == leaves.ends[number + 1] { Ok(()) } else { Err("rows have the wrong length") }
+}
+
+fn copy_faces<T: Sample>(samples: &[T; VALUES], [x, y, z]: &mut Faces<T>) {
+    x.copy_from_slice(&samples[..64]);
+    for (y, plane) in y.as_chunks_mut::<8>().0.iter_mut().zip(samples.as_chunks::<64>().0) {
+        y.copy_from_slice(&plane[..8]);
+    }
+    for (z, row) in z.iter_mut().zip(samples.as_chunks::<8>().0) {
+        *z = row[0];
+    }
+}
+
+/// Writes the bricks of a lower node from its leaves' own samples, except for what leaves of other
+/// lower nodes own.
+fn write_bricks<T: Sample>(
+    leaves: Leaves,
+    tree: &Tree,
+    lower_node: &mut LowerNode,
+    samples: &[[T; VALUES]],
+    faces: &[Faces<T>],
+) {
+    let LowerNode { number, head, ref slots, ref mut bricks } = *lower_node;
+    let words = tree.lower_node(number);
+    let bricks = bricks.chunks_exact_mut(tree.header.brick_words as usize);
+    for ((i, slot), brick) in slots.iter().copied().enumerate().zip(bricks) {
+        let own = leaves.steps(head + i);
+        let brick = begin(&samples[i], own, brick);
+        let high = high_faces(slot);
+        for side in (1..8).filter(|side| side & high == 0) {
+            match tree.owner_of_word(head as u32, words[slot + SLOTS[side]]) {
+                Owner::Constant(value) => {
+                    repeat_tile(side, T::of_value(value, tree.header.scale, own), brick);
+                }
+                Owner::Leaf(leaf) => {
+                    let steps = leaves.steps(leaf as usize);
+                    repeat(side, own, steps, &faces[leaf as usize - head], brick);
+                }
+            }
+        }
+    }
+}
+
+/// The samples in the words that begin with a brick.
+fn samples_mut<T: Sample>(words: &mut [u32]) -> &mut [T; BRICK_VALUES] {
+    let samples = bytemuck::cast_slice_mut(&mut words[T::STEPS..]).first_chunk_mut();
+    samples.expect("a brick has room for its samples")
+}
+
+/// Writes a leaf's steps and its own samples into its brick. Returns the brick's samples.
+fn begin<'a, T: Sample>(
+    samples: &[T; VALUES],
+    steps: Steps,
+    words: &'a mut [u32],
+) -> &'a mut [T; BRICK_VALUES] {
+    // The last word may have room for more samples than there are.
+    words[words.len() - 1] = 0;
+    if T::STEPS > 0 {
+        words[..2].copy_from_slice(&[steps.offset(), steps.scale()].map(f32::to_bits));
+    }
+    let brick = samples_mut(words);
+    for (i, row) in samples.as_chunks::<8>().0.iter().enumerate() {
+        let at = (i >> 3) * 90 + (i & 7) * 10;
+        brick[at..at + 8].copy_from_slice(row);
+    }
+    brick
+}
+
+/// Writes the samples beyond a side of a leaf with steps `own`, which a neighbour owns.
+fn repeat<T: Sample>(
+    side: usize,
+    own: Steps,
+    steps: Steps,
+    faces: &Faces<T>,
+    brick: &mut [T; BRICK_VALUES],
+) {
+    let mut samples = [T::default(); 64];
+    let samples = of_side(side, faces, &mut samples);
+    T::convert(own, steps, samples);
+    complete(side, samples, brick);
+}
+
+/// Writes the samples beyond a side of a leaf, where a tile is.
+fn repeat_tile<T: Sample>(side: usize, sample: T, brick: &mut [T; BRICK_VALUES]) {
+    complete(side, &[sample; 64][..COUNTS[side]], brick);
 }
 
 /// The samples of a neighbour that a leaf repeats: 64 beyond a face, 8 beyond an edge, one beyond

@@ -6,6 +6,7 @@ use super::error::{CookError, CookedError};
 use super::grid::{CookedFile, CookedGrid};
 use super::options::CookOptions;
 use super::signature::MAGIC;
+use super::spare::SpareWords;
 use super::{quantize, read, write};
 use crate::format::{open, save};
 use crate::pack::{PackError, PackKind, PackOptions, PackedGrid, PackedTogether, ValueFormat};
@@ -54,7 +55,19 @@ impl CookedFile {
     /// [`Limits::grids`]: crate::Limits::grids
     /// [`Limits::packed_bytes`]: crate::Limits::packed_bytes
     pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Self, CookedError> {
-        read::read(bytes, options)
+        Self::read_reusing(bytes, options, &SpareWords::new(0))
+    }
+
+    /// As [`CookedFile::read`], in the memory of words that are no longer needed, if there are any.
+    ///
+    /// # Errors
+    /// Those of [`CookedFile::read`].
+    pub fn read_reusing(
+        bytes: &[u8],
+        options: &ReadOptions,
+        spare: &SpareWords,
+    ) -> Result<Self, CookedError> {
+        read::read(bytes, options, spare)
     }
 
     /// Reads and decodes a file from disk.

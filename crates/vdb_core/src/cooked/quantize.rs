@@ -4,7 +4,7 @@ use half::f16;
 use rayon::prelude::*;
 
 use super::steps::Steps;
-use super::write::{Owned, restored};
+use super::write::{Owned, leaf_ranges, restored};
 use crate::pack::layout::BRICK_VALUES;
 use crate::pack::sections::Outline;
 use crate::pack::{PackedGrid, Stored};
@@ -27,7 +27,8 @@ pub(super) fn quantized(exact: &PackedGrid) -> Option<PackedGrid> {
     };
     let steps: Vec<Steps> = (0..leaves).into_par_iter().map(steps_of).collect();
     let bytes = |leaf: usize| super::bricks::own(&values(exact, leaf)).map(|v| steps[leaf].byte(v));
-    let owned = Owned::new::<u8>(steps.clone(), leaves, bytes)?;
+    let ranges = leaf_ranges(&exact.words, &outline, &sections);
+    let owned = Owned::new::<u8>(steps.clone(), ranges, bytes)?;
     let bricks = restored::<u8>(&owned, &exact.words, &outline, &sections)?;
     let size = outline.brick_words();
     let largest = (0..leaves).into_par_iter().map(|leaf| {

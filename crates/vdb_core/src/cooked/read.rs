@@ -1,12 +1,13 @@
 //! Reading of cooked files.
 
 use super::beside::Tree;
-use super::bricks::{self, CHUNK, Leaves, Sample};
+use super::bricks::{self, Leaves, Sample};
 use super::counts::{Counts, LENGTH_WORDS};
 use super::error::CookedError;
 use super::grid::{CookedFile, CookedGrid, base_name};
 use super::head::{self, Head};
 use super::signature::{BadHead, MAGIC, VERSION, checked_bytes};
+use super::spare::SpareWords;
 use super::steps::Steps;
 use super::words::{Packed, from_le_bytes};
 use crate::format::budget::Budget;
@@ -32,10 +33,14 @@ struct Parts<'a> {
 /// The samples of a grid in the bytes of a file.
 enum Samples<'a> {
     Words(Packed<'a>),
-    Leaves { steps: Packed<'a>, codes: Packed<'a>, chunks: Vec<usize>, bytes: &'a [u8] },
+    Leaves { steps: Packed<'a>, codes: Packed<'a>, ends: Vec<usize>, bytes: &'a [u8] },
 }
 
-pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<CookedFile, CookedError> {
+pub(super) fn read(
+    bytes: &[u8],
+    options: &ReadOptions,
+    spare: &SpareWords,
+) -> Result<CookedFile, CookedError> {
     let limits = &options.limits;
     if bytes.len() as u64 > limits.file_bytes {
         let what = format!("{} bytes of a file", bytes.len());
@@ -73,7 +78,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<CookedFile, Co
     report(0)?;
     let restored = parts.into_iter().map(|parts| -> Result<CookedGrid, CookedError> {
         let (name, end) = (parts.head.name.clone(), parts.end);
-        let grid = parts.restore().map_err(|error| error.in_grid(&name))?;
+        let grid = parts.restore(spare).map_err(|error| error.in_grid(&name))?;
         report(end).map(|()| grid)
     });
     Ok(CookedFile { metadata, grids: restored.collect::<Result<_, _>>()? })
@@ -131,12 +136,12 @@ impl<'a> Parts<'a> {
         let is_bytes = outline.stored() == Some(Stored::Byte);
         let steps = Packed::read(cursor, if is_bytes { count } else { 0 })?;
         let codes = Packed::read(cursor, LENGTH_WORDS)?;
-        let lengths = cursor.take(4 * count.div_ceil(CHUNK))?;
-        let mut chunks = vec![0];
+        let lengths = cursor.take(4 * outline.lower_nodes as usize)?;
+        let mut ends = vec![0];
         let mut end = 0_usize;
         for length in from_le_bytes(lengths) {
             end = end.saturating_add(length as usize);
-            chunks.push(end);
+            ends.push(end);
         }
         let bytes = cursor.take(end)?;
         let can_hold = match outline.stored() {
@@ -147,7 +152,7 @@ impl<'a> Parts<'a> {
         if !can_hold(end, outline) {
             return Err(CookedError::damaged("there are fewer bytes than the leaves can be of"));
         }
-        Ok(Samples::Leaves { steps, codes, chunks, bytes })
+        Ok(Samples::Leaves { steps, codes, ends, bytes })
     }
 
     /// Bytes of memory for the grid's words and for restoring them.
@@ -162,23 +167,25 @@ impl<'a> Parts<'a> {
         4 * self.sections.all as u64 + leaves * face_bytes as u64
     }
 
-    fn restore(self) -> Result<CookedGrid, CookedError> {
+    fn restore(self, spare: &SpareWords) -> Result<CookedGrid, CookedError> {
         let Self { head: Head { name, class, transform, metadata, outline, .. }, sections, .. } =
             self;
-        let mut words = vec![0; sections.all];
+        // Everything is written, because the words may be those of another grid.
+        let mut words = spare.take(sections.all);
         let (tree_words, rest) = words.split_at_mut(sections.tree);
         let (sample_words, palette) = rest.split_at_mut(sections.samples_end - sections.tree);
         self.tree.unpack(tree_words)?;
-        for (word, bits) in palette.iter_mut().zip(from_le_bytes(self.palette)) {
+        let padding = std::iter::repeat(0);
+        for (word, bits) in palette.iter_mut().zip(from_le_bytes(self.palette).chain(padding)) {
             *word = bits;
         }
         let damaged = |fault: &'static str| CookedError::damaged(fault);
         let places = checked::complete(tree_words, &outline, &sections).map_err(damaged)?;
         match &self.samples {
             Samples::Words(packed) => packed.unpack(sample_words)?,
-            Samples::Leaves { steps, codes, chunks, bytes } => {
+            Samples::Leaves { steps, codes, ends, bytes } => {
                 let (steps, counts) = (&steps_of(steps)?, &counts_of(codes)?);
-                let leaves = Leaves { steps, counts, chunks, bytes };
+                let leaves = Leaves { steps, counts, ends, bytes };
                 let header = &sections.header;
                 let tree = Tree { header, words: tree_words, palette, places: &places };
                 match outline.stored() {

@@ -14,6 +14,8 @@
 //! `docs/reference/cooked.md` compares this with entropy coders, which are a little smaller and
 //! take longer than the whole of a decoding may.
 
+use crate::pack::transposed;
+
 /// Samples of a leaf.
 pub(super) const VALUES: usize = 512;
 /// The numbers of planes of a leaf's 64 rows.
@@ -56,19 +58,8 @@ const fn planes_of(nibble: usize) -> usize {
     if nibble == 15 { 16 } else { nibble }
 }
 
-/// Transposes a matrix of 8 × 8 bits, of which each byte is a row (H. S. Warren, "Hacker's
-/// Delight", second edition, 7–3). It is its own inverse.
-const fn transposed(rows: u64) -> u64 {
-    let swap = (rows ^ (rows >> 7)) & 0x00aa_00aa_00aa_00aa;
-    let rows = rows ^ swap ^ (swap << 7);
-    let swap = (rows ^ (rows >> 14)) & 0x0000_cccc_0000_cccc;
-    let rows = rows ^ swap ^ (swap << 14);
-    let swap = (rows ^ (rows >> 28)) & 0x0000_0000_f0f0_f0f0;
-    rows ^ swap ^ (swap << 28)
-}
-
 /// Bytes of a leaf's rows.
-pub(super) fn length(widths: &Widths) -> usize {
+fn length(widths: &Widths) -> usize {
     let planes = |byte: &u8| planes_of((byte & 15).into()) + planes_of((byte >> 4).into());
     widths.iter().map(planes).sum()
 }
@@ -76,8 +67,8 @@ pub(super) fn length(widths: &Widths) -> usize {
 /// Samples of 8 or 16 bits.
 pub(super) trait Coded: Copy + Default + 'static {
     /// Restores a leaf's samples, `x·64 + y·8 + z`, from the bytes that begin with its rows. What
-    /// lies beyond the bytes counts as 0.
-    fn unpack(coding: &Coding, rows: &[u8], samples: &mut [Self; VALUES]);
+    /// lies beyond the bytes counts as 0. Returns the number of the rows' bytes.
+    fn unpack(coding: &Coding, rows: &[u8], samples: &mut [Self; VALUES]) -> usize;
 
     /// Appends a leaf's rows.
     fn pack(samples: &[Self; VALUES], rows: &mut Vec<u8>) -> Coding;
@@ -101,8 +92,9 @@ fn eight(window: &[u8; REACH], at: usize) -> u64 {
         .map_or(0, |bytes| u64::from_le_bytes(bytes.try_into().unwrap_or_default()))
 }
 
-/// The planes of all rows: for each of `N` bytes of a sample, a word for each row.
-fn planes<const N: usize>(widths: &Widths, rows: &[u8]) -> [[u64; 64]; N] {
+/// The planes of all rows: for each of `N` bytes of a sample, a word for each row. And the number of
+/// the rows' bytes.
+fn planes<const N: usize>(widths: &Widths, rows: &[u8]) -> ([[u64; 64]; N], usize) {
     let mut copy = [0; REACH];
     let window = window(rows, &mut copy);
     let mut planes = [[0; 64]; N];
@@ -116,7 +108,7 @@ fn planes<const N: usize>(widths: &Widths, rows: &[u8]) -> [[u64; 64]; N] {
             at += if N == 1 { nibble } else { planes_of(nibble) };
         }
     }
-    planes
+    (planes, at)
 }
 
 /// A residual as an unsigned number: 0, −1, 1, −2, … become 0, 1, 2, 3, ….
@@ -127,13 +119,13 @@ macro_rules! folded {
 }
 
 impl Coded for u8 {
-    fn unpack(coding: &Coding, rows: &[u8], samples: &mut [Self; VALUES]) {
+    fn unpack(coding: &Coding, rows: &[u8], samples: &mut [Self; VALUES]) -> usize {
         // The leaves at the rim of fog often own no density at all.
         if coding.widths == [0; 32] {
             samples.fill(0);
-            return;
+            return 0;
         }
-        let [mut planes] = planes::<1>(&coding.widths, rows);
+        let ([mut planes], length) = planes::<1>(&coding.widths, rows);
         planes.iter_mut().for_each(|plane| *plane = transposed(*plane));
         // Loops over whole planes across x, which compilers turn into loops over vectors.
         let mut before = [0; 64];
@@ -159,6 +151,7 @@ impl Coded for u8 {
             }
             *samples = sums;
         }
+        length
     }
 
     fn pack(samples: &[Self; VALUES], rows: &mut Vec<u8>) -> Coding {
@@ -169,8 +162,8 @@ impl Coded for u8 {
 }
 
 impl Coded for u16 {
-    fn unpack(coding: &Coding, rows: &[u8], samples: &mut [Self; VALUES]) {
-        let [low, high] = planes::<2>(&coding.widths, rows);
+    fn unpack(coding: &Coding, rows: &[u8], samples: &mut [Self; VALUES]) -> usize {
+        let ([low, high], length) = planes::<2>(&coding.widths, rows);
         let (rows, _) = samples.as_chunks_mut::<8>();
         for ((row, low), high) in rows.iter_mut().zip(low).zip(high) {
             let (low, high) = (transposed(low).to_le_bytes(), transposed(high).to_le_bytes());
@@ -193,6 +186,7 @@ impl Coded for u16 {
                 }
             }
         }
+        length
     }
 
     fn pack(samples: &[Self; VALUES], rows: &mut Vec<u8>) -> Coding {
@@ -293,7 +287,7 @@ mod tests {
         for more in [0, 1, 2000] {
             rows.extend(vec![0xff; more]);
             let mut again = [T::default(); VALUES];
-            T::unpack(&coding, &rows[3..], &mut again);
+            assert_eq!(T::unpack(&coding, &rows[3..], &mut again), packed);
             assert_eq!(&again, samples);
         }
         packed

@@ -5,7 +5,7 @@ use crate::format::cursor::Cursor;
 /// The first bytes of a file; the last four show whether a transfer has changed line ends.
 pub(crate) const MAGIC: [u8; 8] = *b"VDBC\r\n\x1a\n";
 /// The version of the format, the only one that can be read.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// The first byte that the checksum covers.
 pub(crate) const CHECKED_FROM: usize = 16;
 

@@ -1,5 +1,7 @@
 //! Writing of cooked files.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::beside::Tree;
@@ -51,7 +53,7 @@ fn write_grid(grid: &CookedGrid, out: &mut Vec<u8>) -> Result<(), Error> {
         .flatten();
     head::write(grid, &outline, leaves.is_some(), out)?;
     let mut tree = words[..sections.tree].to_vec();
-    checked::strip(&mut tree, &outline, &sections);
+    checked::strip(&mut tree, &sections);
     words::write(&tree, out);
     out.extend(le_bytes(&words[sections.samples_end..][..outline.palette as usize]));
     match leaves {
@@ -66,53 +68,68 @@ pub(super) struct Owned {
     pub steps: Vec<Steps>,
     codes: Codes,
     counts: Counts,
-    /// The ends of the chunks, after a 0.
-    chunks: Vec<usize>,
+    /// The ends of the leaves of each lower node, after a 0.
+    ends: Vec<usize>,
     bytes: Vec<u8>,
 }
 
 impl Owned {
-    /// Codes leaves one by one. `samples` gives a leaf's own samples. `None` only if the codes are
-    /// wrong.
+    /// Codes leaves one by one. `ranges` are the leaves of each lower node, and `samples` gives a
+    /// leaf's own samples. `None` only if the codes are wrong.
     pub fn new<T: Sample>(
         steps: Vec<Steps>,
-        leaves: usize,
+        ranges: Vec<Range<usize>>,
         samples: impl Fn(usize) -> [T; 512] + Sync,
     ) -> Option<Self> {
-        let chunks = leaves.div_ceil(CHUNK);
-        let code = |chunk: usize| {
+        let code = |chunk: &[usize]| {
             let (mut codings, mut rows) = (Vec::new(), Vec::new());
-            for leaf in chunk * CHUNK..leaves.min((chunk + 1) * CHUNK) {
-                T::pack(&samples(leaf), &mut codings, &mut rows);
-            }
+            chunk.iter().for_each(|leaf| T::pack(&samples(*leaf), &mut codings, &mut rows));
             (codings, rows)
         };
-        let coded: Vec<(Vec<Coding>, Vec<u8>)> = (0..chunks).into_par_iter().map(code).collect();
-        let codes = Codes::of(coded.iter().flat_map(|(codings, _)| codings));
+        let code_all = |range: Range<usize>| -> Vec<(Vec<Coding>, Vec<u8>)> {
+            range.collect::<Vec<_>>().chunks(CHUNK).map(code).collect()
+        };
+        let coded: Vec<_> = ranges.into_par_iter().map(code_all).collect();
+        let codings = coded.iter().flatten().flat_map(|(codings, _)| codings);
+        let codes = Codes::of(codings);
         let counts = Counts::read(&codes.lengths).ok()?;
-        let (mut chunks, mut bytes) = (vec![0], Vec::new());
-        for (codings, rows) in coded {
-            codes.write(&codings, &mut bytes);
-            bytes.extend(rows);
-            chunks.push(bytes.len());
+        let (mut ends, mut bytes) = (vec![0], Vec::new());
+        for chunks in coded {
+            for (codings, rows) in chunks {
+                codes.write(&codings, &mut bytes);
+                bytes.extend(rows);
+            }
+            ends.push(bytes.len());
         }
-        Some(Self { steps, codes, counts, chunks, bytes })
+        Some(Self { steps, codes, counts, ends, bytes })
     }
 
     pub fn leaves(&self) -> Leaves<'_> {
-        let Self { steps, counts, chunks, bytes, .. } = self;
-        Leaves { steps, counts, chunks, bytes }
+        let Self { steps, counts, ends, bytes, .. } = self;
+        Leaves { steps, counts, ends, bytes }
     }
 
     fn write(&self, out: &mut Vec<u8>) {
         let steps: Vec<u32> = self.steps.iter().map(|steps| steps.bits()).collect();
         words::write(&steps, out);
         words::write(&self.codes.lengths, out);
-        // A chunk of 64 leaves has at most 138 kB.
-        let lengths = self.chunks.windows(2).map(|ends| (ends[1] - ends[0]) as u32);
+        // The 4,096 leaves of a lower node have at most 9 MB.
+        let lengths = self.ends.windows(2).map(|ends| (ends[1] - ends[0]) as u32);
         out.extend(lengths.flat_map(u32::to_le_bytes));
         out.extend(&self.bytes);
     }
+}
+
+/// The leaves of each lower node.
+pub(super) fn leaf_ranges(
+    words: &[u32],
+    outline: &Outline,
+    sections: &Sections,
+) -> Vec<Range<usize>> {
+    let header = &sections.header;
+    let heads = &words[header.heads as usize..header.lower_nodes as usize];
+    let ends = heads.iter().skip(1).copied().chain([outline.leaves]);
+    heads.iter().zip(ends).map(|(head, end)| *head as usize..end as usize).collect()
 }
 
 /// The leaves of fog, if its bricks can be restored from them: the samples that a brick repeats are
@@ -124,7 +141,7 @@ fn own_leaves<T: Sample>(words: &[u32], outline: &Outline, sections: &Sections) 
     let steps = || (0..outline.leaves as usize).map(|i| Steps::of_words(leaf(i)[0], leaf(i)[1]));
     let steps = if T::STEPS > 0 { steps().collect::<Option<_>>()? } else { Vec::new() };
     let samples = |i: usize| bricks::own(bytemuck::cast_slice(&leaf(i)[T::STEPS..]));
-    let owned = Owned::new::<T>(steps, outline.leaves as usize, samples)?;
+    let owned = Owned::new::<T>(steps, leaf_ranges(words, outline, sections), samples)?;
     if !bricks::can_hold::<T>(owned.bytes.len(), outline) {
         return None;
     }
@@ -140,7 +157,7 @@ pub(super) fn restored<T: Sample>(
     sections: &Sections,
 ) -> Option<Vec<u32>> {
     let mut tree = words[..sections.tree].to_vec();
-    checked::strip(&mut tree, outline, sections);
+    checked::strip(&mut tree, sections);
     let places = checked::complete(&mut tree, outline, sections).ok()?;
     let palette = &words[words.len() - 1 - outline.palette as usize..words.len() - 1];
     let mut bricks = vec![0; outline.leaves as usize * outline.brick_words()];

@@ -1,4 +1,4 @@
-//! Leaves as bit sets: 512 voxels in eight planes of 64.
+//! Sets of bits: leaves of 512 voxels in eight planes of 64, and matrices of 8 × 8.
 
 use glam::IVec3;
 
@@ -10,6 +10,17 @@ pub(super) type Planes = [u64; 8];
 
 /// Gathers the lowest bits of eight bytes in the highest byte of a product.
 const GATHER: u64 = 0x0102_0408_1020_4080;
+
+/// Transposes a matrix of 8 × 8 bits, of which each byte is a row (H. S. Warren, "Hacker's
+/// Delight", second edition, 7–3). It is its own inverse.
+pub(crate) const fn transposed(rows: u64) -> u64 {
+    let swap = (rows ^ (rows >> 7)) & 0x00aa_00aa_00aa_00aa;
+    let rows = rows ^ swap ^ (swap << 7);
+    let swap = (rows ^ (rows >> 14)) & 0x0000_cccc_0000_cccc;
+    let rows = rows ^ swap ^ (swap << 14);
+    let swap = (rows ^ (rows >> 28)) & 0x0000_0000_f0f0_f0f0;
+    rows ^ swap ^ (swap << 28)
+}
 
 /// The voxels of a leaf that satisfy a predicate.
 pub(super) fn planes(leaf: &LeafNode<f32, 3>, holds: impl Fn(f32) -> bool) -> Planes {

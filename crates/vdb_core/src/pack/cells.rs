@@ -38,23 +38,6 @@ impl Span {
     }
 }
 
-/// The word of the top-level tree that covers a local cell, and its level; `None` outside the
-/// top-level tree.
-fn find_top(grid: &PackedGrid, cell: IVec3) -> Option<(u32, u32)> {
-    let header = grid.header(0);
-    let at = grid.top_place(cell)?;
-    let mut level = header.top_levels - 1;
-    let mut node = header.top as usize;
-    loop {
-        let word = grid.words[node + top_slot(at, level)];
-        if word & CHILD == 0 || level == 0 {
-            return Some((word, level));
-        }
-        node = header.top as usize + (word & PAYLOAD) as usize * TOP_WORDS;
-        level -= 1;
-    }
-}
-
 /// The span of a tile around a local cell.
 fn tile_span(word: u32, log_dim: u32, octant: u32, cell: IVec3) -> Span {
     if word & OCCUPIED == 0 {
@@ -82,7 +65,10 @@ fn tile_span(word: u32, log_dim: u32, octant: u32, cell: IVec3) -> Span {
 pub fn locate(grid: &PackedGrid, cell: IVec3, octant: u32) -> Span {
     let header = grid.header(0);
     // Traversal only visits cells of the grid's box, which the top-level tree covers.
-    let Some((word, level)) = find_top(grid, cell) else { return Span::empty(0, 0) };
+    let top = grid.top_place(cell);
+    let top =
+        top.and_then(|at| find_top(&grid.words[header.top as usize..], header.top_levels, at));
+    let Some((word, level)) = top else { return Span::empty(0, 0) };
     if word & CHILD == 0 {
         return tile_span(word, LOWER_BITS + 2 * level, octant, cell);
     }

@@ -1,21 +1,23 @@
 //! Checks of words that were not packed here. Shaders run unchecked, so every word that leads to
 //! another is tested before a GPU may see it.
 //!
-//! The numbers of leaves follow from the order of the words and are not taken from outside at all.
-//! What remains are the nodes of the top-level tree, places in the palette, records of smooth
-//! surfaces, and the box in which rays are traversed.
+//! Most words of lower nodes follow from others, and are not taken from outside at all: the numbers
+//! and the blocks of leaves, and the skips of empty slots. What remains are the nodes of the
+//! top-level tree, places in the palette, records of smooth surfaces, and the box in which rays are
+//! traversed.
 
 use glam::IVec3;
+use rayon::prelude::*;
 
 use super::assemble::ALL_FIRST;
 use super::kind::PackKind;
 use super::layout::*;
+use super::lower_node::{chunk, leaf_word};
 use super::sections::{Outline, Sections};
-use super::top_tree::{LARGEST, offset_of};
+use super::skips::{self, Chunk};
+use super::top_tree::{LARGEST, SOLID, offset_of};
 use super::values::{MAX_VALUE, Stored};
 
-/// The bits of a leaf's word for its blocks that are not empty.
-const BLOCKS: u32 = 0xff << LEAF_NUMBER_BITS;
 /// The bits of an empty word: a skip for each octant.
 const SKIPS: u32 = (1 << 24) - 1;
 /// The most levels of a top-level tree: its lower nodes then span all 2³² cells.
@@ -28,25 +30,17 @@ fn require(holds: bool, fault: Fault) -> Result<(), Fault> {
     if holds { Ok(()) } else { Err(fault) }
 }
 
-/// Removes from a packed grid's words what [`complete`] restores: the heads and the numbers of
-/// leaves.
-pub(crate) fn strip(words: &mut [u32], outline: &Outline, sections: &Sections) {
-    let (heads, lower_nodes) = parts(words, outline, sections);
-    heads.fill(0);
-    for word in lower_nodes.iter_mut().filter(|word| **word & CHILD != 0) {
-        *word &= CHILD | BLOCKS;
+/// Removes from a packed grid's words what [`complete`] restores: the heads, and in the lower nodes
+/// the numbers and the blocks of leaves, and the skips of empty slots.
+pub(crate) fn strip(words: &mut [u32], sections: &Sections) {
+    let header = &sections.header;
+    words[header.heads as usize..header.lower_nodes as usize].fill(0);
+    for word in &mut words[header.lower_nodes as usize..header.masks as usize] {
+        match *word & (CHILD | OCCUPIED) {
+            OCCUPIED => {}
+            kind => *word = kind & CHILD,
+        }
     }
-}
-
-/// The heads of the lower nodes, and their words.
-fn parts<'a>(
-    words: &'a mut [u32],
-    outline: &Outline,
-    sections: &Sections,
-) -> (&'a mut [u32], &'a mut [u32]) {
-    let first = sections.header.heads as usize;
-    let count = outline.lower_nodes as usize;
-    words[first..sections.header.masks as usize].split_at_mut(count)
 }
 
 /// Checks the numbers of an outline that do not depend on words.
@@ -100,44 +94,80 @@ fn check_samples(outline: &Outline) -> Result<(), Fault> {
     }
 }
 
-/// Checks the traversal tree, and restores the heads and the numbers of leaves. `words` are those
-/// before the samples. Returns the places of the lower nodes in the top-level tree.
+/// Checks the traversal tree, and restores what [`strip`] removes. `words` are those before the
+/// samples. Returns the places of the lower nodes in the top-level tree.
 pub(crate) fn complete(
     words: &mut [u32],
     outline: &Outline,
     sections: &Sections,
 ) -> Result<Vec<IVec3>, Fault> {
     let places = top_tree(words, outline)?;
-    let firsts = sections.header.leaf_records as usize;
-    let firsts = if outline.is_smooth() {
-        words[firsts..][..outline.leaves as usize].to_vec()
-    } else {
-        vec![]
-    };
-    let (heads, lower_nodes) = parts(words, outline, sections);
-    let mut leaf = 0;
-    for (head, words) in heads.iter_mut().zip(lower_nodes.chunks_exact_mut(LOWER_WORDS)) {
-        *head = leaf;
-        for word in words {
-            if *word & CHILD == 0 {
-                check_tile(*word, outline)?;
-                continue;
-            }
-            require(*word & !(CHILD | BLOCKS) == 0, "a leaf's word has unknown bits")?;
-            if outline.is_smooth() {
-                let first = firsts.get(leaf as usize).copied().unwrap_or(u32::MAX);
-                let end = u64::from(first) + u64::from((*word & BLOCKS).count_ones());
-                require(end <= outline.records.into(), "a leaf's records are not there")?;
-            }
-            *word |= leaf - *head;
-            leaf += 1;
-        }
+    let header = &sections.header;
+    let (nodes, after) = words.split_at_mut(header.masks as usize);
+    let (nodes, lower_nodes) = nodes.split_at_mut(header.lower_nodes as usize);
+    let (top, heads) = nodes.split_at_mut(header.heads as usize);
+    let mut leaves = 0;
+    for (head, words) in heads.iter_mut().zip(lower_nodes.chunks_exact(LOWER_WORDS)) {
+        *head = leaves;
+        leaves += words.iter().map(|word| word >> CHILD.trailing_zeros()).sum::<u32>();
     }
-    require(leaf == outline.leaves, "the number of leaves is wrong")?;
+    require(leaves == outline.leaves, "the number of leaves is wrong")?;
+    let (masks, records) = after.split_at(leaves as usize * LEAF_MASK_WORDS);
+    let firsts = if outline.is_smooth() { &records[..leaves as usize] } else { &[] };
+    let leaves = Leaves { masks: masks.as_chunks().0, firsts };
+    let chunks: Vec<Chunk> = lower_nodes.par_chunks(LOWER_WORDS).map(chunk).collect();
+    let chunk_at = |at: IVec3| match find_top(top, outline.top_levels, at)?.0 {
+        word if word & CHILD != 0 => Some(&chunks[(word & PAYLOAD) as usize]),
+        word if word & OCCUPIED != 0 => Some(&SOLID),
+        _ => None,
+    };
+    let lower_nodes = lower_nodes.par_chunks_mut(LOWER_WORDS).zip(&*heads).zip(&places);
+    lower_nodes.try_for_each(|((words, head), place)| {
+        let codes = skips::codes(|beside| chunk_at(*place + beside));
+        complete_lower_node(words, *head as usize, &codes, &leaves, outline)
+    })?;
     if outline.is_smooth() {
-        check_records(&words[sections.header.records as usize..sections.tree], outline)?;
+        check_records(&words[header.records as usize..sections.tree], outline)?;
     }
     Ok(places)
+}
+
+/// The words of all leaves.
+struct Leaves<'a> {
+    masks: &'a [[u32; LEAF_MASK_WORDS]],
+    /// The first records of the leaves of a smooth surface.
+    firsts: &'a [u32],
+}
+
+/// Restores the words of a lower node whose leaves begin with number `head`.
+fn complete_lower_node(
+    words: &mut [u32],
+    head: usize,
+    codes: &[u32],
+    leaves: &Leaves,
+    outline: &Outline,
+) -> Result<(), Fault> {
+    let mut leaf = head;
+    for (word, code) in words.iter_mut().zip(codes) {
+        match *word {
+            0 => *word = *code,
+            CHILD => {
+                *word = leaf_word(&leaves.masks[leaf], (leaf - head) as u32);
+                if let Some(first) = leaves.firsts.get(leaf) {
+                    let blocks = (*word & !CHILD) >> LEAF_NUMBER_BITS;
+                    let end = u64::from(*first) + u64::from(blocks.count_ones());
+                    require(end <= outline.records.into(), "a leaf's records are not there")?;
+                }
+                leaf += 1;
+            }
+            tile => {
+                let has_tile = tile & (CHILD | OCCUPIED) == OCCUPIED;
+                require(has_tile, "the word of a leaf or of an empty slot has unknown bits")?;
+                check_tile(tile, outline)?;
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Checks that the nodes of the top-level tree form a tree with the lower nodes as its leaves.
@@ -234,5 +264,42 @@ pub(crate) fn check_values(
             require(samples.iter().fold(true, |all, word| all & is_half(word)), fault)
         }
         Some(Stored::Byte) | None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{PackedGrid, ValueFormat};
+    use super::*;
+    use crate::synth;
+
+    #[test]
+    fn what_is_stripped_is_restored_and_nothing_else_is_accepted_in_its_place() {
+        let mut tree = synth::fog::sphere(glam::DVec3::new(60.0, 5.0, 5.0), 30.0, 4.0);
+        tree.insert_tile(IVec3::new(4096, 0, 0), 0.5, true);
+        for kind in [PackKind::Fog, PackKind::Smooth { iso: 0.4 }, PackKind::Surface { iso: 0.4 }] {
+            let packed = PackedGrid::with_format(&tree, kind, ValueFormat::Half).unwrap();
+            let outline = Outline::of(&packed);
+            let sections = outline.sections().unwrap();
+            let words = &packed.words[..sections.tree];
+            let mut stripped = words.to_vec();
+            strip(&mut stripped, &sections);
+            let restored = |mut words: Vec<u32>| {
+                complete(&mut words, &outline, &sections).map(|places| (words, places.len()))
+            };
+            let places = outline.lower_nodes as usize;
+            assert_eq!(restored(stripped.clone()), Ok((words.to_vec(), places)), "{kind:?}");
+            // A slot is empty, or has a leaf.
+            let first = sections.header.lower_nodes as usize;
+            let slots = first..sections.header.masks as usize;
+            for kind in [0, CHILD] {
+                let slot = slots.clone().find(|slot| stripped[*slot] == kind).unwrap();
+                for bit in 0..30 {
+                    let mut words = stripped.clone();
+                    words[slot] |= 1 << bit;
+                    assert!(restored(words).is_err(), "bit {bit} of {kind:x}");
+                }
+            }
+        }
     }
 }

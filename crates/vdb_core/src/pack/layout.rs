@@ -111,11 +111,35 @@ pub fn top_slot(lower_node: IVec3, level: u32) -> usize {
     (part.x << 4 | part.y << 2 | part.z) as usize
 }
 
+/// The word of a top-level tree that covers a lower node, and its level; `None` outside the tree.
+#[inline]
+pub(crate) fn find_top(top: &[u32], levels: u32, lower_node: IVec3) -> Option<(u32, u32)> {
+    if (lower_node.x | lower_node.y | lower_node.z) >> (2 * levels) != 0 {
+        return None;
+    }
+    let (mut node, mut level) = (0, levels - 1);
+    loop {
+        let word = top[node + top_slot(lower_node, level)];
+        if word & CHILD == 0 || level == 0 {
+            return Some((word, level));
+        }
+        node = (word & PAYLOAD) as usize * TOP_WORDS;
+        level -= 1;
+    }
+}
+
 /// The slot of a local cell in the lower node that holds it.
 #[inline]
 pub fn lower_slot(cell: IVec3) -> usize {
     let part = |c: i32| (c >> LEAF_BITS) as usize & 15;
     part(cell.x) << 8 | part(cell.y) << 4 | part(cell.z)
+}
+
+/// The high faces of a lower node that a slot lies along: 4, 2 and 1 for x, y and z.
+#[inline]
+pub(crate) fn high_faces(slot: usize) -> usize {
+    let high = |c: usize| usize::from(c & 15 == 15);
+    high(slot >> 8) << 2 | high(slot >> 4) << 1 | high(slot)
 }
 
 /// The sample on the low corner of a local cell in the brick of the leaf that holds it.

@@ -45,6 +45,7 @@ pub mod traverse;
 mod values;
 mod wide;
 
+pub(crate) use bits::transposed;
 pub(crate) use values::{Stored, density, distance};
 
 pub use error::PackError;

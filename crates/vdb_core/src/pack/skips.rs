@@ -5,7 +5,11 @@
 //! therefore be larger than one centred on the cell, and takes three bits per octant. Sizes that
 //! three bits cannot represent are rounded down.
 
+use std::ops::Range;
+
 use glam::IVec3;
+
+use super::bits::transposed;
 
 /// log₂ of the cells per edge of a chunk.
 pub(super) const CHUNK_BITS: i32 = 4;
@@ -17,100 +21,121 @@ pub(super) type Chunk = [[u16; EDGE]; EDGE];
 /// Edges of cubes by code; [`layout::skip`](super::layout::skip) has the same.
 pub(super) const SIZES: [usize; 8] = [1, 2, 3, 4, 6, 8, 12, 16];
 
-/// A chunk and those that follow it in one octant, mirrored so that they follow upwards: rows of 32
-/// cells along z.
-type Window = [[u32; 2 * EDGE]; 2 * EDGE];
+/// Cells per edge of a chunk with its neighbours.
+const AROUND: usize = 3 * EDGE;
+
+/// A set of cells of a chunk and its neighbours: rows along z, one bit per cell.
+type Window = [[u64; AROUND]; AROUND];
+
+/// One bit of the codes of all cells of a chunk: rows `x·16 + y`.
+type Plane = [u16; EDGE * EDGE];
+
+/// The bits of a cell's codes: three for each octant.
+const BITS: usize = 24;
 
 /// Whether a direction is negative on an axis: octant bits 4, 2, 1 for x, y, z.
 fn turned(octant: u32) -> [bool; 3] {
     [octant & 4 != 0, octant & 2 != 0, octant & 1 != 0]
 }
 
-fn empty_cells<'a>(octant: u32, chunk_at: &impl Fn(IVec3) -> Option<&'a Chunk>) -> Window {
-    let turned = turned(octant);
-    let mut window = [[u32::MAX; 2 * EDGE]; 2 * EDGE];
-    for part in 0..8 {
-        let part = IVec3::new(part >> 2, part >> 1 & 1, part & 1);
-        let step = IVec3::from_array(turned.map(|turned| if turned { -1 } else { 1 }));
-        let Some(chunk) = chunk_at(part * step) else { continue };
-        for (x, plane) in chunk.iter().enumerate() {
-            let x = if turned[0] { EDGE - 1 - x } else { x } + EDGE * part.x as usize;
-            for (y, &row) in plane.iter().enumerate() {
-                let y = if turned[1] { EDGE - 1 - y } else { y } + EDGE * part.y as usize;
-                let row = if turned[2] { row.reverse_bits() } else { row };
-                window[x][y] &= !(u32::from(row) << (EDGE * part.z as usize));
+fn empty_cells<'a>(chunk_at: impl Fn(IVec3) -> Option<&'a Chunk>) -> Window {
+    let mut window = [[u64::MAX; AROUND]; AROUND];
+    for part in 0..27 {
+        let part = IVec3::new(part / 9, part / 3 % 3, part % 3);
+        let Some(chunk) = chunk_at(part - 1) else { continue };
+        let [x, y, z] = part.to_array().map(|c| c as usize * EDGE);
+        for (rows, plane) in window[x..].iter_mut().zip(chunk) {
+            for (row, occupied) in rows[y..].iter_mut().zip(plane) {
+                *row &= !(u64::from(*occupied) << z);
             }
         }
     }
     window
 }
 
-/// Given the cells at which a cube of some size is empty, finds those at which a cube larger by
-/// `shift` is empty, for the first `edge` rows and planes. The larger cube is covered by cubes of
-/// the first size at both ends of each axis, provided `shift` does not exceed that size. Cells
-/// beyond the window are never needed: a cube of 16 that begins in the chunk ends at cell 30 or
-/// before.
-fn grown(cubes: &Window, shift: usize, edge: usize) -> Window {
-    let mut window = *cubes;
-    for plane in &mut window[..edge + shift] {
-        for row in &mut plane[..edge + shift] {
-            *row &= *row >> shift;
-        }
-        // Rows further on are still unchanged.
-        for y in 0..edge {
-            plane[y] &= plane[y + shift];
+/// Given the cells at whose high sides a cube of some size is empty, finds those at which a cube
+/// larger by `shift` is empty, for the rows and planes in a range. The larger cube is covered by
+/// cubes of the first size at both ends of each axis, provided `shift` does not exceed that size.
+fn grow(cubes: &Window, shift: usize, range: Range<usize>, larger: &mut Window) {
+    for x in range.start..range.end + shift {
+        let mut rows = cubes[x];
+        rows.iter_mut().for_each(|row| *row &= *row >> shift);
+        for (y, larger) in larger[x].iter_mut().enumerate().take(range.end).skip(range.start) {
+            *larger = rows[y] & rows[y + shift];
         }
     }
-    for x in 0..edge {
-        let (here, ahead) = window.split_at_mut(x + shift);
-        for (row, ahead) in here[x][..edge].iter_mut().zip(&ahead[0]) {
-            *row &= ahead;
+    for x in range.clone() {
+        let (here, ahead) = larger.split_at_mut(x + shift);
+        let rows = here[x][range.clone()].iter_mut();
+        rows.zip(&ahead[0][range.clone()]).for_each(|(row, ahead)| *row &= ahead);
+    }
+}
+
+/// Changes the bits of all cells of a chunk at which the next larger cube is empty, too. `code` is
+/// that of the cube.
+fn add_cubes(code: usize, cubes: &Window, planes: &mut [Plane; BITS]) {
+    let before = SIZES[code] - 1;
+    for octant in 0..8 {
+        // A cube that extends to lower cells begins that much before.
+        let [x, y, z] = turned(octant).map(|turned| EDGE - if turned { before } else { 0 });
+        // A larger empty cube contains all smaller ones, so the code is the number of sizes that
+        // fit, less one. Each bit of a number changes when one more power of two is counted.
+        for bit in (0..3).filter(|bit| code.is_multiple_of(1 << bit)) {
+            let plane = &mut planes[3 * octant as usize + bit];
+            for (own, rows) in plane.as_chunks_mut::<EDGE>().0.iter_mut().zip(&cubes[x..]) {
+                for (own, row) in own.iter_mut().zip(&rows[y..]) {
+                    *own ^= (row >> z) as u16;
+                }
+            }
         }
     }
-    window
+}
+
+/// The words of all cells of a chunk, from their bits.
+fn spread(planes: &[Plane; BITS]) -> Vec<u32> {
+    let mut codes = vec![0; EDGE * EDGE * EDGE];
+    for (row, codes) in codes.as_chunks_mut::<EDGE>().0.iter_mut().enumerate() {
+        let mut bytes = [[0_u8; EDGE]; 3];
+        for (bytes, planes) in bytes.iter_mut().zip(planes.as_chunks::<8>().0) {
+            let bits: [u16; 8] = std::array::from_fn(|bit| planes[bit][row]);
+            let low = transposed(u64::from_le_bytes(bits.map(|bits| bits as u8)));
+            let high = transposed(u64::from_le_bytes(bits.map(|bits| (bits >> 8) as u8)));
+            bytes[..8].copy_from_slice(&low.to_le_bytes());
+            bytes[8..].copy_from_slice(&high.to_le_bytes());
+        }
+        let [low, middle, high] = bytes;
+        for (z, code) in codes.iter_mut().enumerate() {
+            *code = u32::from(low[z]) | u32::from(middle[z]) << 8 | u32::from(high[z]) << 16;
+        }
+    }
+    codes
 }
 
 /// The codes of all cells of a chunk, three bits per octant, z fastest; they are meaningless for
 /// occupied cells. `chunk_at` returns the chunk itself for zero, and its neighbours by their
 /// offset; a missing chunk is empty.
 pub(super) fn codes<'a>(chunk_at: impl Fn(IVec3) -> Option<&'a Chunk>) -> Vec<u32> {
-    let mut codes = vec![0; EDGE * EDGE * EDGE];
-    for octant in 0..8 {
-        let one = empty_cells(octant, &chunk_at);
-        let two = grown(&one, 1, 30);
-        let three = grown(&two, 1, EDGE);
-        let four = grown(&two, 2, 28);
-        let six = grown(&four, 2, EDGE);
-        let eight = grown(&four, 4, 24);
-        let twelve = grown(&eight, 4, EDGE);
-        let sixteen = grown(&eight, 8, EDGE);
-        let turned = turned(octant);
-        let place = |c: usize, turned: bool| if turned { EDGE - 1 - c } else { c };
-        for x in 0..EDGE {
-            for y in 0..EDGE {
-                let first =
-                    place(x, turned[0]) << (2 * CHUNK_BITS) | place(y, turned[1]) << CHUNK_BITS;
-                // A larger empty cube contains all smaller ones, so the code is the number of sizes
-                // that fit, less one.
-                let at = |window: &Window| window[x][y];
-                let high = at(&six);
-                let middle = at(&three) & !high | at(&twelve);
-                let low = at(&two) & !at(&three)
-                    | at(&four) & !high
-                    | at(&eight) & !at(&twelve)
-                    | at(&sixteen);
-                if low | middle | high == 0 {
-                    continue;
-                }
-                for (z, code) in codes[first..first + EDGE].iter_mut().enumerate() {
-                    let z = place(z, turned[2]);
-                    let three_bits = low >> z & 1 | (middle >> z & 1) << 1 | (high >> z & 1) << 2;
-                    *code |= three_bits << (3 * octant);
-                }
-            }
-        }
-    }
-    codes
+    // Cubes are found by their lowest cells, so that all octants share them. A cube of 16 that
+    // begins in the last row of the chunk consists of two of 8, which begin 8 rows apart, and so on.
+    const END: usize = 2 * EDGE;
+    let mut planes = [[0; EDGE * EDGE]; BITS];
+    let one = empty_cells(chunk_at);
+    let [mut two, mut four, mut eight, mut other] = [[[0; AROUND]; AROUND]; 4];
+    grow(&one, 1, 1..END + 14, &mut two);
+    add_cubes(1, &two, &mut planes);
+    grow(&two, 1, EDGE - 2..END, &mut other);
+    add_cubes(2, &other, &mut planes);
+    grow(&two, 2, 1..END + 12, &mut four);
+    add_cubes(3, &four, &mut planes);
+    grow(&four, 2, EDGE - 5..END, &mut other);
+    add_cubes(4, &other, &mut planes);
+    grow(&four, 4, 1..END + 8, &mut eight);
+    add_cubes(5, &eight, &mut planes);
+    grow(&eight, 4, EDGE - 11..END, &mut other);
+    add_cubes(6, &other, &mut planes);
+    grow(&eight, 8, 1..END, &mut other);
+    add_cubes(7, &other, &mut planes);
+    spread(&planes)
 }
 
 /// The occupied cells of a chunk and its neighbours, relative to the chunk's first cell, if there

@@ -146,7 +146,7 @@ impl Commit<'_> {
         let word = lower_node.map_or(0, |lower_node| lower_node.word);
         let tile = self.words.packed.tile_of(word);
         let kept_kind = self.words.packed.kept_kind();
-        let part = |slot: usize| tile.part(kept_kind, sides_of(slot));
+        let part = |slot: usize| tile.part(kept_kind, high_faces(slot));
         let same = |(slot, content): &(usize, Content)| match content {
             Content::Tile(own) => same_tile(self.words.packed.kind, &part(*slot), own),
             Content::Leaf(_) => false,
@@ -168,7 +168,7 @@ impl Commit<'_> {
                 for (word, part) in words.iter_mut().zip(parts) {
                     *word = self.kept_tile(part)?;
                 }
-                (0..LOWER_WORDS).map(|slot| words[sides_of(slot)]).collect()
+                (0..LOWER_WORDS).map(|slot| words[high_faces(slot)]).collect()
             }
         };
         self.words.put(first, &words);
@@ -347,12 +347,6 @@ impl Commit<'_> {
         }
         self.sections.set_box(self.words.packed);
     }
-}
-
-/// The high faces of a lower node that a slot lies along.
-fn sides_of(slot: usize) -> usize {
-    let high = |c: usize| usize::from(c & 15 == 15);
-    high(slot >> 8) << 2 | high(slot >> 4) << 1 | high(slot)
 }
 
 /// Whether a stored tile represents this tile of the tree.
