@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 /// ([`CookedFile::read_reusing`](super::CookedFile::read_reusing)).
 ///
 /// Memory that is new must be cleared before it can be written, by the operating system or the
-/// allocator. For the frames of a sequence, which are all of similar size, this takes a tenth of
+/// allocator. For the frames of a sequence, which are all of similar size, this takes a twelfth of
 /// the time of decoding, and more where new pages are costly.
 #[derive(Debug)]
 pub struct SpareWords {
