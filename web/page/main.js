@@ -199,7 +199,7 @@ const reports = {
   },
   volume(data) {
     volume = data;
-    if (opened.isNew) orbit.frame(data.bounds.slice(0, 3), data.bounds.slice(3));
+    if (opened.isNew) orbit.frame(data.bounds.slice(0, 3), data.bounds.slice(3), kind === "fog" ? 0.14 : 0.3);
     opened.isNew = false;
     say(opened.notes.length > 0 ? `Left out or changed: ${opened.notes.join("; ")}` : "");
     $("volume-bytes").textContent = bytesText(data.bytes);

@@ -40,12 +40,12 @@ export class Orbit {
     canvas.addEventListener("dblclick", () => this.reset());
   }
 
-  // Looks at a box, given by its low and its high corner.
-  frame(low, high) {
+  // Looks at a box, given by its low and its high corner, from a height as an angle.
+  frame(low, high, pitch) {
     const size = [0, 1, 2].map((i) => high[i] - low[i]);
     this.radius = 0.5 * Math.hypot(...size);
     const target = [0, 1, 2].map((i) => 0.5 * (low[i] + high[i]));
-    this.#home = { yaw: 0.55, pitch: 0.3, distance: 3.3 * this.radius, target };
+    this.#home = { yaw: 0.55, pitch, distance: 2.9 * this.radius, target };
     this.reset();
   }
 

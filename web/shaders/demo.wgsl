@@ -77,7 +77,7 @@ fn scattered(start: Point, dir: vec3<f32>) -> vec3<f32> {
         strength *= 0.5;
     }
     // Of sky and ground, the same everywhere.
-    return look.color * (PI * light * SUN + 0.25 * SKY + 0.25 * ground_light());
+    return look.color * (PI * light * SUN + 0.5 / PI * SKY + 0.5 * ground_light());
 }
 
 // Light of the fog and what is behind it.

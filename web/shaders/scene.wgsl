@@ -45,10 +45,10 @@ const PI: f32 = 3.14159265;
 const SUN: vec3<f32> = vec3(3.5, 3.05, 2.5);
 const SUN_RADIUS: f32 = 0.035;
 
-const ZENITH: vec3<f32> = vec3(0.035, 0.085, 0.2);
-const HORIZON: vec3<f32> = vec3(0.42, 0.5, 0.6);
+const ZENITH: vec3<f32> = vec3(0.03, 0.085, 0.21);
+const HORIZON: vec3<f32> = vec3(0.4, 0.48, 0.56);
 // The irradiance of that sky on the ground.
-const SKY: vec3<f32> = vec3(0.5, 0.72, 1.05);
+const SKY: vec3<f32> = vec3(0.45, 0.67, 1.0);
 
 const GROUND: vec3<f32> = vec3(0.2, 0.21, 0.23);
 // The radii of the volume after which the ground has faded into the horizon by 1 - 1/e, and within which it is
@@ -58,7 +58,7 @@ const GROUND_SHADOW: f32 = 9.0;
 
 // Radiance of the sky in a direction of unit length.
 fn sky(dir: vec3<f32>) -> vec3<f32> {
-    let clear = mix(ZENITH, HORIZON, exp(-5.0 * max(dir.y, 0.0)));
+    let clear = mix(ZENITH, HORIZON, exp(-6.5 * max(dir.y, 0.0)));
     let to_sun = saturate(dot(dir, look.to_sun));
     let glow = 0.35 * pow(to_sun, 12.0) + 0.5 * pow(to_sun, 160.0);
     return clear + glow * vec3(1.0, 0.72, 0.45);

@@ -2,8 +2,11 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DAffine3, DMat4, DVec3};
-use vdb_core::pack::PackedGrid;
+use vdb_core::pack::{PackKind, PackedGrid};
 use vdb_core::view::{GpuRays, LatticeRays, ViewRays};
+
+/// The height of fog over the ground, in radii.
+const FLOAT_HEIGHT: f64 = 1.3;
 
 /// A perspective camera.
 #[derive(Clone, Copy, Debug)]
@@ -75,12 +78,15 @@ impl Camera {
             [m.x_axis, m.y_axis, m.z_axis].map(|column| column.as_vec3().extend(0.0).to_array())
         };
         let center = (low + high) * 0.5 - self.eye;
+        let radius = (high - low).length() * 0.5;
+        // Surfaces stand on the ground, and fog floats.
+        let floats = if packed.kind == PackKind::Fog { FLOAT_HEIGHT * radius } else { 0.0 };
         Ok(View {
             rays: GpuRays::from(&lattice),
             dir: dir(rays.dir),
-            eye_height: (self.eye.y - low.y) as f32,
+            eye_height: (self.eye.y - low.y + floats) as f32,
             dir_x: dir(rays.dir_x),
-            radius: ((high - low).length() * 0.5) as f32,
+            radius: radius as f32,
             dir_y: dir(rays.dir_y),
             normal: columns(lattice.normal),
             lattice: columns(world_from_index.matrix3.inverse()),
