@@ -47,8 +47,11 @@ impl Case {
         let axes = DMat3::from_cols(right, right.cross(ahead), ahead);
         let [width, height] = size.map(f64::from);
         let half = (0.5 * fov_y).tan();
-        let on_screen =
-            DVec3::new((2.0 * x / width - 1.0) * half * aspect, (1.0 - 2.0 * y / height) * half, 1.0);
+        let on_screen = DVec3::new(
+            (2.0 * x / width - 1.0) * half * aspect,
+            (1.0 - 2.0 * y / height) * half,
+            1.0,
+        );
         let dir = (axes * on_screen).normalize();
         let origin = index_from_world.transform_point3(eye);
         Ray::from_f64(origin, index_from_world.transform_vector3(dir))

@@ -6,7 +6,7 @@ use glam::{DAffine3, DVec3, IVec3};
 use vdb_core::reference::standard::{self, Upper};
 use vdb_core::reference::{Blocky, Fog, Occupied, Ray, Smooth};
 use vdb_core::tree::Vdb543;
-use vdb_core::{AnyTree, ReadOptions, VdbFile};
+use vdb_core::{AnyTree, VdbFile};
 
 use crate::cases::{Case, Kind};
 use crate::picture::Picture;
@@ -34,7 +34,7 @@ pub fn judge(path: &Path) -> Result<(), String> {
     let size = [picture.width, picture.height];
     let name = format!("{:?}, {}", case.kind, case.model.display());
     let model = root().join(&case.model);
-    let file = VdbFile::open(&model, &ReadOptions::default()).map_err(|e| format!("{name}: {e}"))?;
+    let file = VdbFile::open(&model).map_err(|e| format!("{name}: {e}"))?;
     let [grid] = &file.grids[..] else { return Err(format!("{name}: not a single grid")) };
     let AnyTree::Float(tree) = &grid.tree else { return Err(format!("{name}: not floats")) };
     let world_from_index =
@@ -100,8 +100,8 @@ impl<'a> Tracer<'a> {
     fn tolerance(&self) -> f64 {
         match self {
             Self::Voxels(_) => 0.0,
-            // Rounding to 8 bits, and the model's samples: of bytes, as `docs/reference/cooked.md` says.
-            Self::Smooth(_) => 8.0,
+            // Rounding to 8 bits, and that of the models: their samples are bytes.
+            Self::Smooth(_) => 3.0,
             Self::Fog(_) => 2.0,
         }
     }

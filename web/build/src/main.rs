@@ -29,7 +29,11 @@ fn run(args: &[String]) -> Result<(), String> {
         [command, cases @ ..] if command == "judge" && !cases.is_empty() => {
             let judged = cases.iter().map(|case| judge::judge(Path::new(case)));
             let failed = judged.filter_map(Result::err).map(|error| eprintln!("{error}")).count();
-            if failed == 0 { Ok(()) } else { Err(format!("{failed} of {} pictures", cases.len())) }
+            if failed == 0 {
+                Ok(())
+            } else {
+                Err(format!("{failed} of {} pictures are wrong", cases.len()))
+            }
         }
         _ => Err("name a command: page MODULE.wasm FOLDER, or judge CASE.json…".into()),
     }

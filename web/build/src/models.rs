@@ -4,9 +4,9 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::json;
+use vdb_core::VdbFile;
 use vdb_core::cooked::{CookOptions, CookedFile};
 use vdb_core::pack::ValueFormat;
-use vdb_core::{ReadOptions, VdbFile};
 
 use crate::root;
 
@@ -45,8 +45,7 @@ pub fn write(folder: &Path) -> Result<(), String> {
     let mut list = Vec::new();
     for model in &MODELS {
         let path = root().join(format!("assets/models/{}.vdb", model.file));
-        let file = VdbFile::open(&path, &ReadOptions::default())
-            .map_err(|error| format!("{}: {error}", path.display()))?;
+        let file = VdbFile::open(&path).map_err(|error| format!("{}: {error}", path.display()))?;
         let mut files = serde_json::Map::new();
         for way in model.ways {
             let options =
@@ -60,5 +59,6 @@ pub fn write(folder: &Path) -> Result<(), String> {
         list.push(json!({ "name": model.file, "title": model.title, "files": files }));
     }
     let path = folder.join("models.json");
-    fs::write(&path, json!(list).to_string()).map_err(|error| format!("{}: {error}", path.display()))
+    fs::write(&path, json!(list).to_string())
+        .map_err(|error| format!("{}: {error}", path.display()))
 }

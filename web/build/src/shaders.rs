@@ -96,7 +96,8 @@ fn compose(modules: &[String], source: &str, defs: &[&str]) -> Result<String, St
     let info = Validator::new(ValidationFlags::all(), CORE)
         .validate(&module)
         .map_err(|error| error.emit_to_string(source))?;
-    wgsl::write_string(&module, &info, wgsl::WriterFlags::empty()).map_err(|error| error.to_string())
+    wgsl::write_string(&module, &info, wgsl::WriterFlags::empty())
+        .map_err(|error| error.to_string())
 }
 
 /// Without indentation, comments on lines of their own, and empty lines.

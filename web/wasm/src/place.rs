@@ -25,7 +25,8 @@ impl Placement {
             .ok_or("its transform is not linear; `vdb resample` makes it so")?;
         let occupied = packed.occupied.ok_or("it is empty")?;
         let origin = packed.base.as_dvec3() + packed.kind.lattice_origin();
-        let (low, high) = (occupied.min.as_dvec3() + origin, occupied.max.as_dvec3() + 1.0 + origin);
+        let (low, high) =
+            (occupied.min.as_dvec3() + origin, occupied.max.as_dvec3() + 1.0 + origin);
         Ok(Self { world_from_index, low, high })
     }
 
