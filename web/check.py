@@ -18,7 +18,7 @@ CASES = [("teapot", "voxels"), ("teapot", "smooth"), ("cloud", "fog")]
 SIZE = (640, 480)
 SIZES = [(640, 480), (1280, 720)]
 # Frames of a measurement.
-RUNS = 7
+RUNS = 5
 
 
 def arguments():
