@@ -18,7 +18,7 @@ CASES = [("teapot", "voxels"), ("teapot", "smooth"), ("cloud", "fog")]
 SIZE = (640, 480)
 SIZES = [(640, 480), (1280, 720)]
 # Frames of a measurement.
-RUNS = 5
+RUNS = 7
 
 
 def arguments():
@@ -92,7 +92,7 @@ def transferred(folder):
 
 
 def frame_times(page, wanted):
-    """Milliseconds of frames: the first ones, each after a change of the light, or later ones with the sky's shadows."""
+    """Milliseconds of frames: first ones, each after a change of the light, or later ones with the sky's shadows."""
     change = "document.getElementById('azimuth').dispatchEvent(new Event('input'))"
     times = []
     while len(times) < RUNS:

@@ -23,7 +23,7 @@ async function text(url) {
 
 async function openAdapter() {
   if (!navigator.gpu) {
-    throw new Refused("This browser has no WebGPU. Chrome and Edge from 113, Safari from 26 and Firefox from 141 have it.");
+    throw new Refused("This browser has no WebGPU. Chrome and Edge 113, Safari 26 and Firefox 141 have it.");
   }
   const adapter = await navigator.gpu.requestAdapter({ powerPreference: "high-performance" });
   if (!adapter) {

@@ -116,8 +116,10 @@ async function start({ canvas }) {
 }
 
 function fail(error) {
-  const isFatal = !renderer || error instanceof WebAssembly.RuntimeError;
-  const message = error instanceof WebAssembly.RuntimeError ? "The file takes more memory than a page has." : error.message;
+  // `vdb_core` panics at nothing in a file, so it is memory that a page has no more of.
+  const isOutOfMemory = error instanceof WebAssembly.RuntimeError;
+  const message = isOutOfMemory ? "The file takes more memory than a page has." : error.message;
+  const isFatal = !renderer || isOutOfMemory;
   report("failed", { message, isFatal });
 }
 

@@ -89,7 +89,8 @@ fn radiance(eye: Eye) -> vec3<f32> {
         let mirrored = mirrored_ray(grid, eye.ray);
         let scale = max(look.extinction * length(eye.dir), 1e-30);
         let dir = normalize(eye.dir);
-        var march = begin_march(mirrored, enter_at(mirrored, eye.start), scaled_step(grid, LIGHT_STEP, 96.0));
+        let step = scaled_step(grid, LIGHT_STEP, 96.0);
+        var march = begin_march(mirrored, enter_at(mirrored, eye.start), step);
         // Intervals begin elsewhere in each frame, whose mean therefore shows none of them.
         march.t_box -= select(random_pair(eye.pixel, 2u).x, 0.0, look.frame == 0u) * march.t_step;
         var accessor = new_accessor(local_cell(mirrored, march.dda.rel));
@@ -127,8 +128,7 @@ fn world_normal(gradient: vec3<f32>, dir: vec3<f32>) -> vec3<f32> {
     let n = normalize(
         view.normal[0].xyz * gradient.x + view.normal[1].xyz * gradient.y + view.normal[2].xyz * gradient.z,
     );
-    let outwards = select(n, -n, dot(n, dir) > 0.0 && length(gradient) > 0.0);
-    return outwards;
+    return select(n, -n, dot(n, dir) > 0.0);
 }
 
 // Reflectance of the coat for light from the sun: Trowbridge and Reitz's distribution, 1975, with the visibility of
