@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Component, Path, PathBuf};
 
 /// Folders of the repository. Code spans in Markdown that begin with one of them are paths.
-const FOLDERS: [&str; 10] = [
+const FOLDERS: [&str; 11] = [
     ".ci/",
     "assets/",
     "benches/",
@@ -17,6 +17,7 @@ const FOLDERS: [&str; 10] = [
     "scripts/",
     "src/",
     "tests/",
+    "web/",
 ];
 
 /// Files whose text may name a page of the documentation.
