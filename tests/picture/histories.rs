@@ -265,7 +265,7 @@ impl History {
         }
         let mut suns = world.query::<(&DirectionalLight, &Transform)>();
         for (sun, place) in suns.iter(world) {
-            fresh.world().spawn((sun.clone(), *place));
+            fresh.world().spawn((*sun, *place));
         }
         let mut lamps = world.query::<(&PointLight, &Transform)>();
         for (lamp, place) in lamps.iter(world) {
