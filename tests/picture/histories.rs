@@ -18,6 +18,12 @@ use super::{SIZE, SURFACE, looking};
 const VOXEL: f64 = 0.1;
 const SMOOTH: PackKind = PackKind::Smooth { iso: 0.0 };
 
+/// A sun with shadows, and where it shines from.
+fn sun_from(from: Vec3) -> (DirectionalLight, Transform) {
+    let sun = DirectionalLight { illuminance: 3.0, shadow_maps_enabled: true, ..default() };
+    (sun, Transform::from_translation(from).looking_at(Vec3::ZERO, Vec3::Y))
+}
+
 /// A world that changes at random, and one that is made anew to be compared with it.
 struct History {
     random: Random,
@@ -33,8 +39,7 @@ impl History {
         let mut live = Stage::new();
         let target = live.target(SIZE);
         let camera = live.camera(&target, looking(Vec3::new(2.0, 3.0, 6.0)));
-        let sun = DirectionalLight { illuminance: 3.0, shadow_maps_enabled: true, ..default() };
-        live.world().spawn((sun, Transform::default().looking_to(-Vec3::ONE, Vec3::Y)));
+        live.world().spawn(sun_from(Vec3::ONE));
         let random = Random::new(seed);
         Self { random, live, target, camera, fresh: Stage::new(), log: Vec::new() }
     }
@@ -191,19 +196,8 @@ impl History {
                 let lamp = PointLight { intensity: 300.0, ..default() };
                 world.spawn((lamp, Transform::from_translation(from)));
             }
-            (_, Some(sun), _) => {
-                world
-                    .entity_mut(sun)
-                    .insert(Transform::from_translation(from).looking_at(Vec3::ZERO, Vec3::Y));
-            }
-            (_, None, _) => {
-                let sun =
-                    DirectionalLight { illuminance: 3.0, shadow_maps_enabled: true, ..default() };
-                world.spawn((
-                    sun,
-                    Transform::from_translation(from).looking_at(Vec3::ZERO, Vec3::Y),
-                ));
-            }
+            (_, Some(sun), _) => _ = world.entity_mut(sun).insert(sun_from(from)),
+            (_, None, _) => _ = world.spawn(sun_from(from)),
         }
     }
 
@@ -216,8 +210,9 @@ impl History {
         let mode = modes[self.random.below(4) as usize];
         let from = self.vector(1.0, 3.0).normalize() * 7.0;
         let camera = VdbCamera { mode, multiple_scattering: self.chance(0.5), ..default() };
-        let detail = VdbQuality { detail: 0.0, accumulate: 0, resolution: 1.0, ..quality };
-        self.live.world().entity_mut(self.camera).insert((camera, detail, looking(from)));
+        // Levels of detail arrive in their own time, and means depend on the frames before.
+        let quality = VdbQuality { detail: 0.0, accumulate: 0, resolution: 1.0, ..quality };
+        self.live.world().entity_mut(self.camera).insert((camera, quality, looking(from)));
     }
 
     /// The picture of a world that has just been made of the same components.

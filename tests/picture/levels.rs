@@ -64,16 +64,25 @@ fn errors(picture: &Picture, view: Transform, margin: f64) -> (f64, usize) {
     (worst, wrong)
 }
 
+/// Where a pixel of the ball is ten voxels.
+fn far_view() -> Transform {
+    looking(Vec3::new(8.0, 12.0, 26.0))
+}
+
+/// Spawns the ball.
+fn spawn_ball(stage: &mut Stage) -> Entity {
+    let kind = PackKind::Smooth { iso: 0.0 };
+    let grid = stage.grid(level_set::sphere(DVec3::ZERO, RADIUS / VOXEL), kind, VOXEL);
+    stage.world().spawn((VdbVolume(grid), VdbMaterial::default())).id()
+}
+
 #[gpu_test]
 fn far_surfaces_are_shown_by_coarser_grids() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
-    // A pixel is ten voxels.
-    let view = looking(Vec3::new(8.0, 12.0, 26.0));
+    let view = far_view();
     let camera = stage.camera(&target, view);
-    let kind = PackKind::Smooth { iso: 0.0 };
-    let grid = stage.grid(level_set::sphere(DVec3::ZERO, RADIUS / VOXEL), kind, VOXEL);
-    stage.world().spawn((VdbVolume(grid), VdbMaterial::default()));
+    spawn_ball(&mut stage);
     ask(&mut stage, camera, VdbRenderMode::Normals, 0.0);
     wait_for(&mut stage, 1, 0);
     let exact = stage.picture(&target);
@@ -137,16 +146,15 @@ fn far_fog_dims_as_much() {
 fn clip_planes_cut_every_level_in_the_same_place() {
     let mut stage = Stage::new();
     let target = stage.target(SIZE);
-    let view = looking(Vec3::new(8.0, 12.0, 26.0));
+    let view = far_view();
     let camera = stage.camera(&target, view);
-    let grid = level_set::sphere(DVec3::ZERO, RADIUS / VOXEL);
-    let grid = stage.grid(grid, PackKind::Smooth { iso: 0.0 }, VOXEL);
+    let ball = spawn_ball(&mut stage);
     let normal = DVec3::new(0.2, 0.3, 1.0).normalize();
     let turn = Quat::from_rotation_arc(Vec3::Y, normal.as_vec3());
     let point = 0.1 * RADIUS * normal;
     let plane = Transform::from_translation(point.as_vec3()).with_rotation(turn);
     let plane = stage.world().spawn((VdbClipPlane, plane)).id();
-    stage.world().spawn((VdbVolume(grid), VdbMaterial::default(), VdbClippedBy(vec![plane])));
+    stage.world().entity_mut(ball).insert(VdbClippedBy(vec![plane]));
     for (detail, levels) in [(0.0, 0), (1.0, LEVELS)] {
         ask(&mut stage, camera, VdbRenderMode::Normals, detail);
         wait_for(&mut stage, 1, levels);

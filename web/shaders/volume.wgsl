@@ -4,6 +4,7 @@
 #import bevy_vdb::gpu::types::Ray
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::hdda::{FAR, enter, enter_at, first_hit, mirrored_ray, unmirrored}
+#import bevy_vdb::traversal::rays::quantise_frac
 #ifdef VDB_FOG
 #import bevy_vdb::traversal::fog::{optical_length, stepped_length}
 #import bevy_vdb::traversal::march::scaled_step
@@ -26,15 +27,10 @@ struct Point {
     frac: vec3<f32>,    // a multiple of 2^-24 in [0, 1)
 }
 
-// Rounds fractions of a cell down to multiples of 2^-24, as the traversal requires.
-fn quantise(frac: vec3<f32>) -> vec3<f32> {
-    return clamp(floor(frac * 16777216.0), vec3(0.0), vec3(16777215.0)) / 16777216.0;
-}
-
 // A point near a cell.
 fn point_from(cell: vec3<i32>, offset: vec3<f32>) -> Point {
     let whole = floor(offset);
-    return Point(cell + vec3<i32>(whole), quantise(offset - whole));
+    return Point(cell + vec3<i32>(whole), quantise_frac(offset - whole));
 }
 
 // The point at t on a ray, to within the rounding of f32.
@@ -103,7 +99,7 @@ fn first_surface(ray: Ray, start: f32) -> Surface {
     var frac = unmirrored(mirrored, rebased_at(mirrored, rel, hit.axis, hit.t).frac);
     frac = select(frac, vec3(1.0), outwards < vec3(0));
     frac = select(frac, vec3(0.0), outwards > vec3(0));
-    let outside = Point(hit.cell + outwards, quantise(frac));
+    let outside = Point(hit.cell + outwards, quantise_frac(frac));
     return Surface(true, hit.t, hit.cell, normal, outside);
 }
 

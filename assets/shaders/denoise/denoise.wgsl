@@ -15,7 +15,7 @@ struct Iteration {
     spacing: u32,
     is_first: u32,
     is_last: u32,
-    dispatches: f32, // in all
+    dispatches: f32, // the number of all iterations
 }
 
 @group(0) @binding(0) var<uniform> view: View;
@@ -46,7 +46,8 @@ fn radiance_at(pixel: vec2<u32>, own: Reflection) -> vec4<f32> {
 // The weighted mean of a pixel and its neighbours.
 fn filtered(pixel: vec2<u32>, own: Reflection, middle: vec4<f32>, scale: f32) -> vec4<f32> {
     var kernel = KERNEL;
-    // Variances of consecutive filters add up. Over the screen, the sum leaves less noise than blur.
+    // Variances of consecutive filters add up, so each takes its share. Over the screen each filter is as wide as
+    // their sum should be: there, noise that is left shows more than the additional blur.
     let over_directions = -0.5 * iteration.dispatches / max(own.alpha * own.alpha, 1e-6);
     var sum = kernel[0] * kernel[0] * middle;
     var weights = kernel[0] * kernel[0];

@@ -4,8 +4,9 @@
 #import bevy_vdb::light_cache::columns::{RUN, column_at, depth_index, depths, is_in_plane, job, ray_count}
 #import bevy_vdb::light_cache::columns::{run_index, shift_at}
 #import bevy_vdb::trace::occlusion::fog_depth_to_light
-#import bevy_vdb::trace::segment::{Point, quantise_frac}
+#import bevy_vdb::trace::segment::Point
 #import bevy_vdb::traversal::hdda::FAR
+#import bevy_vdb::traversal::rays::quantise_frac
 #import bevy_vdb::view::scene::{view, volumes}
 
 // The point of a column in a plane.

@@ -3,7 +3,7 @@
 #define_import_path bevy_vdb::trace::segment
 
 #import bevy_vdb::gpu::types::{MAX_CLIP_PLANES, PAGE, Ray}
-#import bevy_vdb::traversal::rays::ray_through
+#import bevy_vdb::traversal::rays::{quantise_frac, ray_through}
 #ifdef VDB_CLIP
 #import bevy_vdb::traversal::hdda::FAR
 #endif
@@ -57,11 +57,6 @@ fn position_from_eye(point: Point) -> vec3<f32> {
 // Position in world space.
 fn world_position(point: Point) -> vec3<f32> {
     return view.eye + position_from_eye(point);
-}
-
-// Rounds fractions of a cell down to multiples of 2^-24, as the traversal requires.
-fn quantise_frac(frac: vec3<f32>) -> vec3<f32> {
-    return clamp(floor(frac * 16777216.0), vec3(0.0), vec3(16777215.0)) / 16777216.0;
 }
 
 fn lattice_from_world(volume: u32, v: vec3<f32>) -> vec3<f32> {

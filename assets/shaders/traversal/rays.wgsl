@@ -3,6 +3,11 @@
 
 #import bevy_vdb::gpu::types::{Ray, Rays}
 
+// Rounds fractions of a cell down to multiples of 2^-24, as the traversal requires.
+fn quantise_frac(frac: vec3<f32>) -> vec3<f32> {
+    return clamp(floor(frac * 16777216.0), vec3(0.0), vec3(16777215.0)) / 16777216.0;
+}
+
 // Normalised device coordinates of a pixel's centre.
 fn ndc_of(pixel: vec2<u32>, size: vec2<u32>) -> vec2<f32> {
     let uv = (vec2<f32>(pixel) + 0.5) / vec2<f32>(size);

@@ -61,7 +61,7 @@ fn attributes(a: &PointAttribute, b: &PointAttribute, tolerance: f64) -> Option<
     }
 }
 
-/// The differences between the values of an attribute, of which each point has one or more.
+/// The differences between the values of an attribute; each point may have several.
 fn values(
     name: &str,
     a: &PointValues,

@@ -11,7 +11,7 @@ pub(super) type Planes = [u64; 8];
 /// Gathers the lowest bits of eight bytes in the highest byte of a product.
 const GATHER: u64 = 0x0102_0408_1020_4080;
 
-/// Transposes a matrix of 8 × 8 bits, of which each byte is a row (H. S. Warren, "Hacker's
+/// Transposes a matrix of 8 × 8 bits with one row per byte (H. S. Warren, "Hacker's
 /// Delight", second edition, 7–3). It is its own inverse.
 pub(crate) const fn transposed(rows: u64) -> u64 {
     let swap = (rows ^ (rows >> 7)) & 0x00aa_00aa_00aa_00aa;

@@ -75,8 +75,8 @@ pub fn reproduced(ray: &ProbeRay) -> String {
 /// Rays that are judged by one thread at a time.
 const JUDGED: usize = 1024;
 
-/// Mesa's llvmpipe ends a shader after 65,535 iterations of all its loops together. From so many
-/// steps of a traversal on, its answers tell nothing; a GPU's do.
+/// Mesa's llvmpipe ends a shader after 65,535 iterations of all its loops together, so its answers to
+/// rays with this many steps or more say nothing about the shader. Those of a GPU do.
 const LLVMPIPE_STEPS: u32 = 2000;
 
 /// Judges the answers to rays.

@@ -166,8 +166,8 @@ impl<'a> Judge<'a> {
         value.abs() / (NOISE * largest).max(f64::MIN_POSITIVE)
     }
 
-    /// The least angle, in degrees, between a gradient and the true ones within so many voxels of a
-    /// place on a ray.
+    /// The smallest angle, in degrees, between a gradient and any true gradient within `reach` voxels
+    /// of a place on a ray.
     fn least_angle(&self, ray: &Ray, t: f64, own: DVec3, reach: f64) -> f64 {
         let reach = reach / ray.dir.as_dvec3().length();
         // One that changes the value by less than its noise has no direction.
