@@ -46,6 +46,8 @@ recorded as well.
   --ms N          of recording: milliseconds that a frame should take by itself, by longer or shorter steps; 7
   --model FILE    of fog and surfaces: a .vdb file whose first grid is shown; of sequence: the folder
   --scene NAME    of fog: only this one; of pages: only terrains of this edge, 3840 or 10240
+  --keep          of pages: leaves the pages in --out, and uses those that are there; only then is the memory of the
+                  process given, because cooking takes more than displaying
   --density N     of fog and sequence: extinction per world unit, with the cloud 4 units across; 4
   --frames N      frames a turn, at least 10; 300
   --rounds N      turns of each kind, or loops of the sequence each way, at least 1; 5
@@ -65,6 +67,7 @@ struct Args {
     rate: u32,
     model: Option<PathBuf>,
     scene: Option<String>,
+    keeps_pages: bool,
     density: f32,
 }
 
@@ -81,6 +84,7 @@ impl Args {
             rate: 60,
             model: None,
             scene: None,
+            keeps_pages: false,
             density: 4.0,
         };
         let mut options = Options::of_program(HELP);
@@ -94,6 +98,7 @@ impl Args {
                 "--model" => args.model = Some(options.value(|path| Some(PathBuf::from(path)))?),
                 "--scene" => args.scene = Some(options.value(|name| Some(name.to_owned()))?),
                 "--density" => args.density = options.value(number(1e-3..1e6))?,
+                "--keep" => args.keeps_pages = true,
                 "surfaces" => args.what.push(surfaces::run),
                 "detail" => args.what.push(detail::run),
                 "pages" => args.what.push(pages::run),

@@ -25,18 +25,33 @@ const EDGES: [(i32, u32); 3] = [(3_840, 256), (3_840, 512), (10_240, 256)];
 const DEPTH: i32 = 40;
 /// Stops of the flight at which times are compared.
 const STOPS: usize = 12;
+/// The file that lists the pages of a terrain.
+const INDEX: &str = "terrain.vdbpages";
 /// The memory of a paged terrain, in bytes.
 const BYTES: u64 = 512 << 20;
 
 pub fn run(args: &Args) -> Result<(), String> {
-    let mut studio = Studio::with_gpu_times(args.size)?;
+    let mut studio = Studio::with_frames_and_gpu_times(args.size)?;
     studio.camera_mut().insert((Hdr, Msaa::Off));
     print_heading(&studio, "Pages", args.size);
     let is_asked = |edge: i32| args.scene.as_ref().is_none_or(|scene| *scene == edge.to_string());
     for (edge, page) in EDGES.into_iter().filter(|(edge, _)| is_asked(*edge)) {
-        let world = World::cook(&args.out.join(format!("terrain_{edge}_{page}")), edge, page)?;
+        let folder = args.out.join(format!("terrain_{edge}_{page}"));
+        let index = folder.join(INDEX);
+        // The index is written last.
+        let is_reused = args.keeps_pages && index.exists();
+        if is_reused {
+            println!(
+                "\nA smooth terrain of {edge}² voxels in pages of {page}³, as cooked before.\n"
+            );
+        } else {
+            cook(&folder, edge, page)?;
+        }
+        let world = World { edge, index, is_reused };
         let result = fly(&mut studio, args, &world);
-        fs::remove_dir_all(&world.folder).map_err(|error| error.to_string())?;
+        if !args.keeps_pages {
+            fs::remove_dir_all(&folder).map_err(|error| error.to_string())?;
+        }
         result?;
     }
     Ok(())
@@ -70,8 +85,9 @@ fn bounds(edge: i32) -> [IVec3; 2] {
 /// Pages of a terrain on disk.
 struct World {
     edge: i32,
-    folder: PathBuf,
     index: PathBuf,
+    /// Whether an earlier process has cooked them.
+    is_reused: bool,
 }
 
 /// Counts the active voxels of the finest level.
@@ -110,41 +126,40 @@ impl<F: Fn(DVec3) -> f64 + Sync> PageSource for Counted<F> {
     }
 }
 
-impl World {
-    fn cook(folder: &Path, edge: i32, page: u32) -> Result<Self, String> {
-        let failed = |error: &dyn std::fmt::Display| {
-            format!("{}: {error}", escaped(&folder.display().to_string()))
-        };
-        let corners = bounds(edge).map(|corner| corner.as_dvec3());
-        let terrain = FunctionSource::new("terrain", DAffine3::IDENTITY, corners, distance);
-        let source = Counted { terrain, voxels: AtomicU64::new(0) };
-        let options = PageOptions { edge: page, smooth: true, ..PageOptions::default() };
-        let start = Instant::now();
-        let index = cook_pages(&source, &options, &|id, bytes| {
-            let path = folder.join(id.file());
-            fs::create_dir_all(path.parent().unwrap_or(folder))?;
-            fs::write(path, bytes)
-        });
-        let index = index.map_err(|error| failed(&error))?;
-        let path = folder.join("terrain.vdbpages");
-        index.save(&path).map_err(|error| failed(&error))?;
-        let mebibytes = |of: fn(&(u64, u64)) -> u64| -> f64 {
-            let pages = index.pages.values().map(|page| (page.packed_bytes, page.file_bytes));
-            pages.map(|page| of(&page)).sum::<u64>() as f64 / f64::from(1 << 20)
-        };
-        println!(
-            "\nA smooth terrain of {edge}² voxels: {:.0} million active voxels (with the borders that pages share) in {} pages of {page}³ in {} levels, \
-             {:.0} MiB on disk and {:.0} MiB on the GPU with all pages loaded; cooked in {:.0} s.\n",
-            source.voxels.load(Ordering::Relaxed) as f64 / 1e6,
-            index.pages.len(),
-            index.levels,
-            mebibytes(|page| page.1),
-            mebibytes(|page| page.0),
-            start.elapsed().as_secs_f64()
-        );
-        Ok(Self { edge, folder: folder.to_owned(), index: path })
-    }
+fn cook(folder: &Path, edge: i32, page: u32) -> Result<(), String> {
+    let failed = |error: &dyn std::fmt::Display| {
+        format!("{}: {error}", escaped(&folder.display().to_string()))
+    };
+    let corners = bounds(edge).map(|corner| corner.as_dvec3());
+    let terrain = FunctionSource::new("terrain", DAffine3::IDENTITY, corners, distance);
+    let source = Counted { terrain, voxels: AtomicU64::new(0) };
+    let options = PageOptions { edge: page, smooth: true, ..PageOptions::default() };
+    let start = Instant::now();
+    let index = cook_pages(&source, &options, &|id, bytes| {
+        let path = folder.join(id.file());
+        fs::create_dir_all(path.parent().unwrap_or(folder))?;
+        fs::write(path, bytes)
+    });
+    let index = index.map_err(|error| failed(&error))?;
+    index.save(folder.join(INDEX)).map_err(|error| failed(&error))?;
+    let mebibytes = |of: fn(&(u64, u64)) -> u64| -> f64 {
+        let pages = index.pages.values().map(|page| (page.packed_bytes, page.file_bytes));
+        pages.map(|page| of(&page)).sum::<u64>() as f64 / f64::from(1 << 20)
+    };
+    println!(
+        "\nA smooth terrain of {edge}² voxels: {:.0} million active voxels (with the borders that pages share) in {} pages of {page}³ in {} levels, \
+         {:.0} MiB on disk and {:.0} MiB on the GPU with all pages loaded; cooked in {:.0} s.\n",
+        source.voxels.load(Ordering::Relaxed) as f64 / 1e6,
+        index.pages.len(),
+        index.levels,
+        mebibytes(|page| page.1),
+        mebibytes(|page| page.0),
+        start.elapsed().as_secs_f64()
+    );
+    Ok(())
+}
 
+impl World {
     /// The camera after a part of the flight, from 0 to 1: from high above to a few voxels over the ground.
     fn view(&self, part: f64) -> Transform {
         let edge = f64::from(self.edge);
@@ -163,6 +178,8 @@ fn fly(studio: &mut Studio, args: &Args, world: &World) -> Result<(), String> {
         far: 4.0 * world.edge as f32,
         ..default()
     }));
+    let rss_before = resident_mib();
+    let mut rss = None;
     let assets = studio.app.world().resource::<AssetServer>().clone();
     let terrain = VdbPagedVolume {
         max_bytes: BYTES,
@@ -186,6 +203,9 @@ fn fly(studio: &mut Studio, args: &Args, world: &World) -> Result<(), String> {
         missing = missing.max(status.missing);
         incomplete += u32::from(status.missing > 0);
         (bytes, displayed) = (bytes.max(status.bytes), displayed.max(status.displayed));
+        if frame % 50 == 0 {
+            rss = rss.max(resident_mib());
+        }
     });
     let ([median, _, late], longest) =
         (summary(&mut times), times.last().copied().unwrap_or_default());
@@ -195,6 +215,13 @@ fn fly(studio: &mut Studio, args: &Args, world: &World) -> Result<(), String> {
         args.frames,
         bytes >> 20
     );
+    if world.is_reused
+        && let (Some(before), Some(most)) = (rss_before, rss)
+    {
+        println!(
+            "\nThe process has at most {most} MiB of memory on the CPU, {before} before it loads the terrain."
+        );
+    }
     let limited = stops(studio, world, |studio| complete(studio, terrain))?;
     set_bytes(studio, terrain, u64::MAX);
     let unlimited = stops(studio, world, |studio| complete(studio, terrain))?;
@@ -224,6 +251,13 @@ fn fly(studio: &mut Studio, args: &Args, world: &World) -> Result<(), String> {
     }
     studio.view = None;
     Ok(())
+}
+
+/// The memory of this process on the CPU, where the system says so in `/proc`.
+fn resident_mib() -> Option<u64> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    Some(resident.trim().trim_end_matches(" kB").parse::<u64>().ok()? >> 10)
 }
 
 fn status(studio: &Studio, terrain: Entity) -> VdbPagesStatus {

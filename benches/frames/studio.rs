@@ -47,6 +47,12 @@ pub struct Studio {
     turn: f32,
 }
 
+/// What is timed besides whole frames.
+struct Timed {
+    passes: bool,
+    at_full_clock: bool,
+}
+
 /// Frames that have gone to the GPU, and those that it is done with.
 #[derive(Clone, Default, Resource)]
 struct InFlight {
@@ -56,15 +62,20 @@ struct InFlight {
 
 impl Studio {
     pub fn new(size: UVec2) -> Result<Self, String> {
-        Self::made(size, false)
+        Self::made(size, Timed { passes: false, at_full_clock: false })
     }
 
-    /// With the GPU's own times of passes, at its full clock.
+    /// With the GPU's own times of passes, at its full clock. Frames take longer by the work that keeps it there.
     pub fn with_gpu_times(size: UVec2) -> Result<Self, String> {
-        Self::made(size, true)
+        Self::made(size, Timed { passes: true, at_full_clock: true })
     }
 
-    fn made(size: UVec2, has_gpu_times: bool) -> Result<Self, String> {
+    /// With the GPU's own times of passes, in scenes that keep the GPU busy, so that frames can be timed, too.
+    pub fn with_frames_and_gpu_times(size: UVec2) -> Result<Self, String> {
+        Self::made(size, Timed { passes: true, at_full_clock: false })
+    }
+
+    fn made(size: UVec2, timed: Timed) -> Result<Self, String> {
         let mut app = App::new();
         let no_window = WindowPlugin {
             primary_window: None,
@@ -86,7 +97,7 @@ impl Studio {
             VdbRenderPlugin,
             VdbRecordPlugin,
         ));
-        if has_gpu_times {
+        if timed.passes {
             app.add_plugins(RenderDiagnosticsPlugin);
         }
         app.sub_app_mut(RenderApp)
@@ -96,7 +107,7 @@ impl Studio {
             bevy::tasks::tick_global_task_pools_on_main_thread();
         }
         app.finish();
-        if has_gpu_times {
+        if timed.at_full_clock {
             keep_warm(&mut app);
         }
         app.cleanup();

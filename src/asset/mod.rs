@@ -69,6 +69,7 @@ impl Plugin for AssetPlugin {
             .register_asset_processor(VdbCooker)
             .insert_resource(listing)
             .insert_resource(progress)
-            .insert_resource(loaded);
+            .insert_resource(loaded)
+            .add_systems(Last, cooked::free_spare_memory);
     }
 }

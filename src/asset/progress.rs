@@ -59,6 +59,11 @@ impl VdbLoadProgress {
         (!files.loading.is_empty()).then(|| (done / all as f64) as f32)
     }
 
+    /// Whether no file is being loaded.
+    pub(super) fn is_idle(&self) -> bool {
+        self.lock().loading.is_empty()
+    }
+
     fn lock(&self) -> MutexGuard<'_, Files> {
         self.files.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,15 +1,17 @@
 //! Cooking, writing and reading files.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use super::error::{CookError, CookedError};
 use super::grid::{CookedFile, CookedGrid};
 use super::options::CookOptions;
 use super::signature::MAGIC;
-use super::spare::SpareWords;
 use super::{quantize, read, write};
 use crate::format::{open, save};
-use crate::pack::{PackError, PackKind, PackOptions, PackedGrid, PackedTogether, ValueFormat};
+use crate::pack::{
+    PackError, PackKind, PackOptions, PackedGrid, PackedTogether, SpareWords, ValueFormat,
+};
 use crate::tree::Vdb543;
 use crate::{AnyTree, GridClass, ReadOptions, VdbFile};
 
@@ -55,19 +57,19 @@ impl CookedFile {
     /// [`Limits::grids`]: crate::Limits::grids
     /// [`Limits::packed_bytes`]: crate::Limits::packed_bytes
     pub fn read(bytes: &[u8], options: &ReadOptions) -> Result<Self, CookedError> {
-        Self::read_reusing(bytes, options, &SpareWords::new(0))
+        read::read(bytes, options, None)
     }
 
-    /// As [`CookedFile::read`], in the memory of words that are no longer needed, if there are any.
+    /// As [`CookedFile::read`], in the memory of grids that were read so before and have been dropped.
     ///
     /// # Errors
     /// Those of [`CookedFile::read`].
     pub fn read_reusing(
         bytes: &[u8],
         options: &ReadOptions,
-        spare: &SpareWords,
+        spare: &Arc<SpareWords>,
     ) -> Result<Self, CookedError> {
-        read::read(bytes, options, spare)
+        read::read(bytes, options, Some(spare))
     }
 
     /// Reads and decodes a file from disk.

@@ -1,5 +1,7 @@
 //! Reading of cooked files.
 
+use std::sync::Arc;
+
 use super::beside::Tree;
 use super::bricks::{self, Leaves, Sample};
 use super::counts::{Counts, LENGTH_WORDS};
@@ -7,15 +9,13 @@ use super::error::CookedError;
 use super::grid::{CookedFile, CookedGrid, base_name};
 use super::head::{self, Head};
 use super::signature::{BadHead, MAGIC, VERSION, checked_bytes};
-use super::spare::SpareWords;
 use super::steps::Steps;
 use super::words::{Packed, from_le_bytes};
 use crate::format::budget::Budget;
 use crate::format::cursor::Cursor;
 use crate::format::metadata;
-use crate::pack::Stored;
-use crate::pack::checked;
 use crate::pack::sections::{Outline, Sections};
+use crate::pack::{SpareWords, Stored, checked};
 use crate::{GridSelection, ReadOptions};
 
 /// A grid in the bytes of a file.
@@ -39,7 +39,7 @@ enum Samples<'a> {
 pub(super) fn read(
     bytes: &[u8],
     options: &ReadOptions,
-    spare: &SpareWords,
+    spare: Option<&Arc<SpareWords>>,
 ) -> Result<CookedFile, CookedError> {
     let limits = &options.limits;
     if bytes.len() as u64 > limits.file_bytes {
@@ -167,11 +167,12 @@ impl<'a> Parts<'a> {
         4 * self.sections.all as u64 + leaves * face_bytes as u64
     }
 
-    fn restore(self, spare: &SpareWords) -> Result<CookedGrid, CookedError> {
+    fn restore(self, spare: Option<&Arc<SpareWords>>) -> Result<CookedGrid, CookedError> {
         let Self { head: Head { name, class, transform, metadata, outline, .. }, sections, .. } =
             self;
         // Everything is written, because the words may be those of another grid.
-        let mut words = spare.take(sections.all);
+        let mut words =
+            spare.map_or_else(|| vec![0; sections.all], |spare| spare.take(sections.all));
         let (tree_words, rest) = words.split_at_mut(sections.tree);
         let (sample_words, palette) = rest.split_at_mut(sections.samples_end - sections.tree);
         self.tree.unpack(tree_words)?;
@@ -197,7 +198,7 @@ impl<'a> Parts<'a> {
             }
         }
         checked::check_values(&words, &outline, &sections).map_err(damaged)?;
-        let packed = outline.into_grid(sections.header, words);
+        let packed = outline.into_grid(sections.header, words).leaving_words_to(spare);
         Ok(CookedGrid { name, class, transform, metadata, packed })
     }
 }

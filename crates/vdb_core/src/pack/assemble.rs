@@ -210,7 +210,7 @@ pub(super) fn assemble(
         words.push(0);
     }
     end(&words)?;
-    Ok(PackedGrid { kind, base, occupied, words, header, majorant })
+    Ok(PackedGrid { kind, base, occupied, words, header, majorant, spare: None })
 }
 
 /// Appends the samples of fog.

@@ -1,10 +1,13 @@
 //! Packed grids.
 
+use std::sync::Arc;
+
 use bytemuck::{Pod, Zeroable};
 use glam::IVec3;
 
 use super::kind::PackKind;
 use super::layout::LOWER_BITS;
+use super::spare::SpareWords;
 use crate::tree::CoordBox;
 
 /// A grid packed into the words that the GPU traverses.
@@ -23,9 +26,26 @@ pub struct PackedGrid {
     pub(super) header: GridHeader,
     /// The majorant: an upper bound of the density anywhere in the grid.
     pub majorant: f32,
+    /// Where the memory of the words goes when the grid is dropped.
+    pub(super) spare: Option<Arc<SpareWords>>,
+}
+
+impl Drop for PackedGrid {
+    fn drop(&mut self) {
+        if let Some(spare) = self.spare.take() {
+            spare.put(std::mem::take(&mut self.words));
+        }
+    }
 }
 
 impl PackedGrid {
+    /// Leaves the memory of its words to grids that are [read](crate::cooked::CookedFile::read_reusing)
+    /// after it.
+    pub(crate) fn leaving_words_to(mut self, spare: Option<&Arc<SpareWords>>) -> Self {
+        self.spare = spare.cloned();
+        self
+    }
+
     /// Whether the grid spans more than 2²² cells on an axis, so that shaders need the def
     /// `VDB_WIDE_GRIDS`.
     ///
@@ -73,7 +93,7 @@ impl PackedGrid {
 
     /// A copy without words, with everything except what traversal needs.
     pub fn outline(&self) -> Self {
-        Self { words: Vec::new(), header: self.header, ..*self }
+        Self { words: Vec::new(), header: self.header, spare: None, ..*self }
     }
 
     /// Bytes of the grid on the GPU.

@@ -135,6 +135,6 @@ impl Outline {
     /// [checked](super::checked::complete).
     pub fn into_grid(self, header: GridHeader, words: Vec<u32>) -> PackedGrid {
         let Self { kind, base, occupied, majorant, .. } = self;
-        PackedGrid { kind, base, occupied, words, header, majorant }
+        PackedGrid { kind, base, occupied, words, header, majorant, spare: None }
     }
 }

@@ -1,13 +1,13 @@
-//! Memory of words that is used again.
+//! Reusable memory for words.
 
 use std::sync::{Mutex, PoisonError};
 
-/// Words of packed grids that are no longer needed, in whose memory others can be decoded
-/// ([`CookedFile::read_reusing`](super::CookedFile::read_reusing)).
+/// The memory of packed grids that have been dropped, in which others can be decoded
+/// ([`CookedFile::read_reusing`](crate::cooked::CookedFile::read_reusing)).
 ///
-/// Memory that is new must be cleared before it can be written, by the operating system or the
-/// allocator. For the frames of a sequence, which are all of similar size, this takes a twelfth of
-/// the time of decoding, and more where new pages are costly.
+/// New memory is cleared by the operating system or the allocator before it is written. For the frames
+/// of a sequence, which are all of similar size, this takes a twelfth of the time of decoding, and
+/// more where new pages are costly.
 #[derive(Debug)]
 pub struct SpareWords {
     /// The most bytes to keep.
@@ -22,8 +22,8 @@ impl SpareWords {
         Self { most_bytes, spare: Mutex::new(Vec::new()) }
     }
 
-    /// Gives the words of a grid to the next ones. The oldest words are freed if there are too many.
-    pub fn put(&self, words: Vec<u32>) {
+    /// Keeps the words of a grid for the next ones. The oldest are freed if there are too many.
+    pub(super) fn put(&self, words: Vec<u32>) {
         let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         spare.push(words);
         let mut kept = 0;
@@ -43,9 +43,15 @@ impl SpareWords {
         spare.iter().map(bytes).sum()
     }
 
-    /// This many words, of any content: of the smallest memory in which they fit and of which they
-    /// need at least half, or new ones.
-    pub(super) fn take(&self, count: usize) -> Vec<u32> {
+    /// Frees all memory that is kept.
+    pub fn clear(&self) {
+        let spare = std::mem::take(&mut *self.spare.lock().unwrap_or_else(PoisonError::into_inner));
+        drop(spare);
+    }
+
+    /// `count` words with arbitrary contents, in the smallest spare memory that is large enough and at
+    /// most twice as large, or in new memory.
+    pub(crate) fn take(&self, count: usize) -> Vec<u32> {
         let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
         let fits = |words: &Vec<u32>| (count..=2 * count).contains(&words.capacity());
         let fitting = spare.iter().enumerate().filter(|(_, words)| fits(words));
@@ -58,12 +64,11 @@ impl SpareWords {
                 words
             }
             // A little more than needed, so that the next grid fits if it is a little larger.
-            None if self.most_bytes > 0 => {
+            None => {
                 let mut words = vec![0; count + count / 8];
                 words.truncate(count);
                 words
             }
-            None => vec![0; count],
         }
     }
 }
@@ -101,6 +106,8 @@ mod tests {
         assert_eq!((words.capacity(), words[999]), (1200, 7));
         spare.put(vec![0; 5000]);
         assert_eq!(spare.bytes(), 0);
-        assert_eq!(SpareWords::new(0).take(9), [0; 9]);
+        spare.put(vec![0; 9]);
+        spare.clear();
+        assert_eq!(spare.bytes(), 0);
     }
 }
