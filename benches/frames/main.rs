@@ -48,6 +48,7 @@ recorded as well.
   --scene NAME    of fog: only this one; of pages: only terrains of this edge, 3840 or 10240
   --keep          of pages: leaves the pages in --out, and uses those that are there; only then is the memory of the
                   process given, because cooking takes more than displaying
+  --pictures      of pages: writes a picture of each stop to --out
   --density N     of fog and sequence: extinction per world unit, with the cloud 4 units across; 4
   --frames N      frames a turn, at least 10; 300
   --rounds N      turns of each kind, or loops of the sequence each way, at least 1; 5
@@ -68,6 +69,7 @@ struct Args {
     model: Option<PathBuf>,
     scene: Option<String>,
     keeps_pages: bool,
+    writes_pictures: bool,
     density: f32,
 }
 
@@ -85,6 +87,7 @@ impl Args {
             model: None,
             scene: None,
             keeps_pages: false,
+            writes_pictures: false,
             density: 4.0,
         };
         let mut options = Options::of_program(HELP);
@@ -99,6 +102,7 @@ impl Args {
                 "--scene" => args.scene = Some(options.value(|name| Some(name.to_owned()))?),
                 "--density" => args.density = options.value(number(1e-3..1e6))?,
                 "--keep" => args.keeps_pages = true,
+                "--pictures" => args.writes_pictures = true,
                 "surfaces" => args.what.push(surfaces::run),
                 "detail" => args.what.push(detail::run),
                 "pages" => args.what.push(pages::run),

@@ -1,6 +1,7 @@
 //! A flight over a terrain of pages: from the horizon of more than 10⁹ voxels down to single ones.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -163,12 +164,24 @@ impl World {
     /// The camera after a part of the flight, from 0 to 1: from high above to a few voxels over the ground.
     fn view(&self, part: f64) -> Transform {
         let edge = f64::from(self.edge);
-        let at = DVec2::new(0.5, 0.15 + 0.6 * part) * edge;
-        let above = 0.12 * edge * (1.0 - part).powi(3) + 6.0;
-        let eye = DVec3::new(at.x, height(at) + above, at.y);
+        let (at, above, eye) = self.place(part);
         let ahead = at + DVec2::new(0.02 * (6.0 * part).sin(), 0.05) * edge;
         let target = DVec3::new(ahead.x, height(at) + 0.3 * above, ahead.y);
         Transform::from_translation(eye.as_vec3()).looking_at(target.as_vec3(), Vec3::Y)
+    }
+
+    /// The same, but looking down, so that the terrain fills the picture.
+    fn view_down(&self, part: f64) -> Transform {
+        let (.., eye) = self.place(part);
+        Transform::from_translation(eye.as_vec3()).looking_to(Vec3::new(0.1, -1.0, 0.2), Vec3::Z)
+    }
+
+    /// Where the camera is: the point below it in the plane, the voxels above the ground, and the eye.
+    fn place(&self, part: f64) -> (DVec2, f64, DVec3) {
+        let edge = f64::from(self.edge);
+        let at = DVec2::new(0.5, 0.15 + 0.6 * part) * edge;
+        let above = 0.12 * edge * (1.0 - part).powi(3) + 6.0;
+        (at, above, DVec3::new(at.x, height(at) + above, at.y))
     }
 }
 
@@ -222,6 +235,10 @@ fn fly(studio: &mut Studio, args: &Args, world: &World) -> Result<(), String> {
             "\nThe process has at most {most} MiB of memory on the CPU, {before} before it loads the terrain."
         );
     }
+    count_holes(studio, args, world)?;
+    if args.writes_pictures {
+        write_pictures(studio, args, world, terrain)?;
+    }
     let limited = stops(studio, world, |studio| complete(studio, terrain))?;
     set_bytes(studio, terrain, u64::MAX);
     let unlimited = stops(studio, world, |studio| complete(studio, terrain))?;
@@ -251,6 +268,57 @@ fn fly(studio: &mut Studio, args: &Args, world: &World) -> Result<(), String> {
     }
     studio.view = None;
     Ok(())
+}
+
+/// Flies over the terrain again, looking down, and counts the pixels that show no terrain.
+fn count_holes(studio: &mut Studio, args: &Args, world: &World) -> Result<(), String> {
+    // No terrain is magenta.
+    let set_background = |studio: &mut Studio, color: ClearColorConfig| {
+        if let Some(mut camera) = studio.camera_mut().get_mut::<Camera>() {
+            camera.clear_color = color;
+        }
+    };
+    set_background(studio, ClearColorConfig::Custom(Color::srgb(1.0, 0.0, 1.0)));
+    studio.view = Some(Transform::from_xyz(0.0, 1e6, 0.0).looking_to(Vec3::Y, Vec3::Z));
+    let behind = studio.picture()?;
+    let (mut holes, mut worst) = (0, 0);
+    for frame in 0..args.frames {
+        studio.view = Some(world.view_down(frame as f64 / args.frames as f64));
+        let picture = studio.picture()?;
+        let pixels = picture.chunks_exact(4).zip(behind.chunks_exact(4));
+        let own = pixels.filter(|(pixel, behind)| pixel == behind).count();
+        (holes, worst) = (holes + own, worst.max(own));
+    }
+    set_background(studio, ClearColorConfig::Default);
+    println!(
+        "\nLooking down, {holes} pixels of {} frames show no terrain, and at most {worst} of one frame.",
+        args.frames
+    );
+    Ok(())
+}
+
+/// Writes a picture of each stop, with all pages that it needs.
+fn write_pictures(
+    studio: &mut Studio,
+    args: &Args,
+    world: &World,
+    terrain: Entity,
+) -> Result<(), String> {
+    for stop in 0..STOPS {
+        studio.view = Some(world.view(stop as f64 / (STOPS - 1) as f64));
+        complete(studio, terrain)?;
+        let bytes = studio.picture()?;
+        let path = args.out.join(format!("stop_{stop:02}.png"));
+        save_png(&path, args.size, &bytes)
+            .map_err(|error| format!("{}: {error}", escaped(&path.display().to_string())))?;
+    }
+    Ok(())
+}
+
+fn save_png(path: &Path, size: UVec2, rgba: &[u8]) -> Result<(), png::EncodingError> {
+    let mut encoder = png::Encoder::new(BufWriter::new(File::create(path)?), size.x, size.y);
+    encoder.set_color(png::ColorType::Rgba);
+    encoder.write_header()?.write_image_data(rgba)
 }
 
 /// The memory of this process on the CPU, where the system says so in `/proc`.

@@ -32,7 +32,9 @@ pub struct PackedGrid {
 
 impl Drop for PackedGrid {
     fn drop(&mut self) {
-        if let Some(spare) = self.spare.take() {
+        if let Some(spare) = self.spare.take()
+            && !self.words.is_empty()
+        {
             spare.put(std::mem::take(&mut self.words));
         }
     }

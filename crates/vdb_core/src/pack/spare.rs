@@ -49,27 +49,21 @@ impl SpareWords {
         drop(spare);
     }
 
-    /// `count` words with arbitrary contents, in the smallest spare memory that is large enough and at
-    /// most twice as large, or in new memory.
+    /// `count` words with arbitrary contents: in the spare memory whose size is nearest, if it is at
+    /// most a quarter larger or an eighth smaller, or in new memory.
     pub(crate) fn take(&self, count: usize) -> Vec<u32> {
         let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
-        let fits = |words: &Vec<u32>| (count..=2 * count).contains(&words.capacity());
+        let fits =
+            |words: &Vec<u32>| (count - count / 8..=count + count / 4).contains(&words.capacity());
         let fitting = spare.iter().enumerate().filter(|(_, words)| fits(words));
-        let best = fitting.min_by_key(|(_, words)| words.capacity()).map(|(i, _)| i);
-        let best = best.map(|i| spare.remove(i));
+        let nearest = fitting.min_by_key(|(_, words)| words.capacity().abs_diff(count));
+        let nearest = nearest.map(|(i, _)| i).map(|i| spare.remove(i));
         drop(spare);
-        match best {
-            Some(mut words) => {
-                words.resize(count, 0);
-                words
-            }
-            // A little more than needed, so that the next grid fits if it is a little larger.
-            None => {
-                let mut words = vec![0; count + count / 8];
-                words.truncate(count);
-                words
-            }
-        }
+        let Some(mut words) = nearest else { return vec![0; count] };
+        // Large memory grows without being copied.
+        words.reserve_exact(count.saturating_sub(words.len()));
+        words.resize(count, 0);
+        words
     }
 }
 
@@ -90,11 +84,11 @@ mod tests {
             spare.put(words);
         }
         assert_eq!(spare.bytes(), 4 * 2400);
-        // The smallest that is large enough, whatever it holds.
-        let words = spare.take(700);
-        assert_eq!((words.len(), words.capacity(), words[0]), (700, 800, 3));
-        // Too small, or so large that more than half would be wasted.
-        for count in [1001, 299] {
+        // The nearest size, whatever it holds.
+        let words = spare.take(750);
+        assert_eq!((words.len(), words.capacity(), words[0]), (750, 800, 3));
+        // Too small, or so large that more than a fifth would be wasted.
+        for count in [1200, 799, 479] {
             let words = spare.take(count);
             assert!(words.len() == count && words.iter().all(|word| *word == 0));
         }
@@ -102,8 +96,10 @@ mod tests {
         // The oldest ones are freed.
         spare.put(vec![7; 1200]);
         assert_eq!(spare.bytes(), 4 * 1800);
-        let words = spare.take(1000);
-        assert_eq!((words.capacity(), words[999]), (1200, 7));
+        // A little too small.
+        let words = spare.take(1300);
+        assert_eq!((words.capacity(), words[1199], words[1299]), (1300, 7, 0));
+        assert_eq!(spare.bytes(), 4 * 600);
         spare.put(vec![0; 5000]);
         assert_eq!(spare.bytes(), 0);
         spare.put(vec![0; 9]);
