@@ -33,7 +33,9 @@ fn clear(folder: &Path) -> Result<(), String> {
     let is_empty = fs::read_dir(folder).map_err(told)?.next().is_none();
     if !is_empty && !folder.join(bindings::SCRIPT).exists() {
         let folder = folder.display();
-        return Err(format!("{folder} has other files; name a new folder, or one with an earlier page"));
+        return Err(format!(
+            "{folder} has other files; name a new folder, or one with an earlier page"
+        ));
     }
     fs::remove_dir_all(folder).map_err(told)
 }

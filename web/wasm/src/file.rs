@@ -1,8 +1,8 @@
 //! Files: `.vdb` and `.nvdb`, which have trees, and `.vdbc`, whose grids are packed already.
 
 use vdb_core::cooked::{CookedFile, CookedGrid};
-use vdb_core::pack::{PackKind, PackOptions, PackedGrid, ValueFormat};
 use vdb_core::display::quoted;
+use vdb_core::pack::{PackKind, PackOptions, PackedGrid, ValueFormat};
 use vdb_core::roles::{Candidate, Parts, main_grid, parts};
 use vdb_core::{AnyTree, Grid, Limits, ReadOptions, SkippedGrid, VdbFile};
 use wasm_bindgen::prelude::*;
@@ -84,7 +84,10 @@ impl VolumeFile {
             let is_shown = |grid: &Grid| matches!(grid.tree, AnyTree::Float(_));
             let (grids, vectors): (Vec<_>, Vec<_>) = file.grids.into_iter().partition(is_shown);
             notes.extend(vectors.iter().map(|grid| {
-                format!("grid {} has vectors, which this page cannot show", quoted(&grid.unique_name))
+                format!(
+                    "grid {} has vectors, which this page cannot show",
+                    quoted(&grid.unique_name)
+                )
             }));
             Self { contents: Contents::Trees(grids), notes }
         };
@@ -148,7 +151,9 @@ impl VolumeFile {
                 let cooked = kind_of(grid.packed.kind);
                 if kind != cooked {
                     let name = quoted(&grid.name);
-                    return Err(failed(format!("grid {name} was cooked for {cooked}, not for {kind}")));
+                    return Err(failed(format!(
+                        "grid {name} was cooked for {cooked}, not for {kind}"
+                    )));
                 }
                 (&grid.name, &grid.transform, grid.packed.clone())
             }
