@@ -1,4 +1,4 @@
-"""A browser without a window, over Chromium's debugging pipe, and a server for a folder."""
+"""Chromium without a window, a page in it over its debugging pipe, and a server for a folder."""
 
 import functools
 import http.server
@@ -11,23 +11,31 @@ import tempfile
 import threading
 import time
 
-# As scripts/browser starts it: a software adapter is offered only to those who ask for WebGPU where it is not
-# supported, and considered hung after seconds.
+# The software adapter is offered only to those who ask for WebGPU where it is not supported, and considered hung after
+# seconds.
 CHROMIUM = [
     "chromium",
     "--headless=new",
-    "--remote-debugging-pipe",
     "--enable-unsafe-webgpu",
     "--enable-webgpu-developer-features",
     "--use-webgpu-adapter=swiftshader",
-    # Otherwise a canvas of WebGPU has no memory that its compositor can read, and the device is lost.
+    "--disable-gpu-watchdog",
+    "--no-first-run",
+]
+# Otherwise a canvas of WebGPU has no memory that its compositor can read, and the device is lost.
+WITH_CANVAS = [
     "--use-angle=swiftshader",
     "--use-vulkan=swiftshader",
     "--enable-features=Vulkan",
     "--disable-vulkan-surface",
-    "--disable-gpu-watchdog",
-    "--no-first-run",
 ]
+
+
+def chromium(profile, *options):
+    """The command that starts Chromium with the software adapter that it brings along."""
+    # Its sandbox does not run as root.
+    sandbox = ["--no-sandbox"] if os.getuid() == 0 else []
+    return [*CHROMIUM, *sandbox, f"--user-data-dir={profile}", *options]
 
 
 class BrowserError(Exception):
@@ -41,10 +49,7 @@ class Browser:
         self.folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         to_browser, self.write_end = os.pipe()
         self.read_end, from_browser = os.pipe()
-        command = [*CHROMIUM, f"--user-data-dir={self.folder.name}"]
-        # Its sandbox does not run as root.
-        if os.getuid() == 0:
-            command.append("--no-sandbox")
+        command = chromium(self.folder.name, "--remote-debugging-pipe", *WITH_CANVAS)
 
         def at_three_and_four():
             # First out of each other's way.

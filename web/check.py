@@ -9,6 +9,7 @@ import pathlib
 import statistics
 import subprocess
 import sys
+import threading
 import time
 
 from browser import Browser, BrowserError, serve
@@ -126,14 +127,24 @@ def measure(address, folder):
     return 0
 
 
+def show(folder):
+    """Serves the page until Ctrl-C, at the same address each time if another program does not have it."""
+    try:
+        address = serve(folder, 8000)
+    except OSError:
+        address = serve(folder)
+    print(f"open {address} (Ctrl-C ends)", flush=True)
+    with contextlib.suppress(KeyboardInterrupt):
+        threading.Event().wait()
+    return 0
+
+
 def main():
     options = arguments()
-    address = serve(options.folder, 8000 if options.command == "serve" else 0)
+    if options.command == "serve":
+        return show(options.folder)
+    address = serve(options.folder)
     try:
-        if options.command == "serve":
-            print(f"open {address}", flush=True)
-            while True:
-                time.sleep(3600)
         if options.command == "check":
             return check(address, options.out, options.judge)
         if options.command == "pictures":

@@ -25,7 +25,7 @@ inputs=$(mktemp -d)
 for target in $(cargo fuzz list); do
     cp "$programs/$target" "$OUT/"
     fuzz/first_inputs "$target" "$inputs/$target"
-    # A target without any starts from nothing.
+    # A target without seeds starts with an empty corpus.
     rmdir "$inputs/$target" 2>/dev/null ||
         zip --quiet --junk-paths --recurse-paths "$OUT/${target}_seed_corpus.zip" "$inputs/$target"
     # The limits of scripts/fuzz: what takes longer, or more memory, breaks the promise of vdb_core::Limits.

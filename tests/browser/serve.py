@@ -13,9 +13,13 @@ import pathlib
 import queue
 import subprocess
 import sys
+import tempfile
 import threading
 
-HERE = pathlib.Path(__file__).parent
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parents[1] / "web"))
+from browser import chromium  # noqa: E402
+
 PAGE = {"/": "index.html", "/page.js": "page.js"}
 TYPES = {".html": "text/html", ".js": "text/javascript"}
 
@@ -27,7 +31,7 @@ def arguments():
     parser.add_argument("--allow", action="append", default=[], help="def of variants that may be refused")
     parser.add_argument("--port", type=int, default=0)
     parser.add_argument("--silence", type=float, default=600.0, help="seconds between reports, at most")
-    parser.add_argument("browser", nargs="*", help="command that opens the address given as its last argument")
+    parser.add_argument("--serve", action="store_true", help="print the address instead of opening it in Chromium")
     return parser.parse_args()
 
 
@@ -160,11 +164,13 @@ def main():
     threading.Thread(target=server.serve_forever, daemon=True).start()
     address = f"http://localhost:{server.server_address[1]}/"
     printer = Printer(options.allow, options.variants is not None)
+    profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
     browser = None
-    if options.browser:
-        browser = subprocess.Popen([*options.browser, address], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    else:
+    if options.serve:
         print(f"open {address} in a browser", flush=True)
+    else:
+        command = [*chromium(profile.name), address]
+        browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     silent = 0.0
     try:
         while not printer.has_ended:
@@ -183,6 +189,7 @@ def main():
         if browser:
             browser.terminate()
             browser.wait()
+        profile.cleanup()
     return printer.finish()
 
 

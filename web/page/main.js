@@ -16,16 +16,19 @@ const canvas = $("picture");
 const worker = new Worker("worker.js", { type: "module" });
 
 let models = [];
-// What is open: its title, its grids, and for a bundled model the file of each kind.
+// Files that the worker has been asked to open.
+let requests = 0;
+// What it has opened: the request for it, its grids, and the grid and the kind that are chosen.
 let opened = null;
+// The volume on the screen, which differs from what is chosen until that has been prepared.
 let volume = null;
-let kind = null;
-let loaded = 0;
+// Why nothing works any more.
+let ended = null;
 // For scripts: the latest frames, whether the picture is finished, and calls that wait until it is.
 let frames = [];
 let isSettled = false;
 let waiting = [];
-// Calls that wait for a picture.
+// Calls that wait for a picture: the worker answers one after another.
 let saving = [];
 
 const orbit = new Orbit(canvas, sendCamera);
@@ -36,7 +39,8 @@ function say(text) {
   $("status").textContent = text;
 }
 
-function showMessage(title, text, button, action) {
+function showMessage(title, text, button = "Close", action = () => canvas.focus()) {
+  if (ended) return;
   say("");
   $("message-title").textContent = title;
   $("message-text").textContent = text;
@@ -49,11 +53,25 @@ function showMessage(title, text, button, action) {
   $("message-button").focus();
 }
 
+function rejectAll(calls, error) {
+  calls.splice(0).forEach(({ reject }) => reject(error));
+}
+
 function failed({ message, isFatal }) {
-  if (isFatal) showMessage("The demo cannot run", message, "Reload", () => location.reload());
-  else showMessage("This cannot be shown", message, "Close", () => canvas.focus());
-  waiting.forEach(({ reject }) => reject(new Error(message)));
-  waiting = [];
+  if (isFatal) {
+    end("The demo cannot run", message);
+    return;
+  }
+  showMessage("This cannot be shown", message);
+  showChoices();
+  rejectAll(waiting, new Error(message));
+}
+
+function end(title, text) {
+  showMessage(title, text, "Reload", () => location.reload());
+  ended ??= new Error(text);
+  rejectAll(waiting, ended);
+  rejectAll(saving, ended);
 }
 
 // What the worker is told
@@ -70,12 +88,8 @@ function sendSize() {
   sendCamera();
 }
 
-function aspect() {
-  return canvas.clientWidth / Math.max(canvas.clientHeight, 1);
-}
-
 function sendCamera() {
-  if (volume) send("camera", { camera: orbit.numbers(aspect()), isMoving: orbit.isMoving });
+  if (volume) send("camera", { camera: orbit.numbers(), isMoving: orbit.isMoving });
 }
 
 function linear(hex) {
@@ -83,13 +97,13 @@ function linear(hex) {
   return parts.map((x) => (x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4));
 }
 
-// Fog is white, or nearly; its colour is what it does not absorb.
+// Fog is nearly white; its colour is its albedo.
 function look() {
   const [azimuth, elevation] = ["azimuth", "elevation"].map((id) => ($(id).valueAsNumber * Math.PI) / 180);
   const [sin, cos] = [Math.sin(elevation), Math.cos(elevation)];
   return {
     toSun: [cos * Math.sin(azimuth), sin, cos * Math.cos(azimuth)],
-    color: kind === "fog" ? [0.97, 0.97, 0.97] : linear($("color").value),
+    color: volume.kind === "fog" ? [0.97, 0.97, 0.97] : linear($("color").value),
     // The slider is a power of ten: the optical depth along the radius at the largest density.
     extinction: 10 ** $("density").valueAsNumber / Math.max(orbit.radius * volume.majorant, 1e-30),
     showsData: $("data").checked,
@@ -102,15 +116,20 @@ function sendLook() {
 
 // Models, files, grids and kinds
 
-function openModel(name, wantedKind) {
-  const model = models.find((own) => own.name === name) ?? models[0];
-  const kinds = Object.keys(model.files);
-  $("model").value = model.name;
-  opened = { title: model.title, files: model.files, isNew: true };
-  chooseKind(kinds.includes(wantedKind) ? wantedKind : kinds[0]);
+// `request` comes back with what has been opened.
+function open(request, source, transfer) {
+  requests += 1;
+  send("open", { request: { ...request, number: requests }, ...source }, transfer);
+}
+
+function openModel(model, wantedKind) {
+  const kind = Object.hasOwn(model.files, wantedKind) ? wantedKind : Object.keys(model.files)[0];
+  say(`Loading ${model.title} …`);
+  open({ title: model.title, model, kind }, { url: model.files[kind] });
 }
 
 async function openFile(file) {
+  if (ended) return;
   if (file.size > LARGEST_FILE) {
     const mebibytes = Math.round(file.size / 2 ** 20);
     failed({ message: `${file.name} has ${mebibytes} MiB; this page reads up to ${LARGEST_FILE / 2 ** 20} MiB.` });
@@ -124,27 +143,48 @@ async function openFile(file) {
     failed({ message: `${file.name} cannot be read: ${error.message}` });
     return;
   }
-  opened = { title: file.name, files: null, isNew: true };
-  send("open", { bytes, name: file.name }, [bytes]);
+  open({ title: file.name, model: null }, { bytes }, [bytes]);
 }
 
-function chooseKind(name) {
-  kind = name;
-  if (opened.files) {
-    say(`Loading ${opened.title} …`);
-    send("open", { url: opened.files[kind], name: opened.title });
-  } else {
-    showVolume();
-  }
+// The ways to show a grid of the open file. A bundled model has a file for each.
+function kindsOf({ kind, isFixed }) {
+  if (opened.request.model) return Object.keys(opened.request.model.files);
+  return isFixed ? [kind] : ["voxels", "smooth"];
 }
 
-function showVolume() {
+function chooseKind(kind) {
+  const { model } = opened.request;
+  if (model) openModel(model, kind);
+  else choose(opened.grid, kind);
+}
+
+// Has the worker show a grid, in the way that is wanted if that is possible.
+function choose(number, wantedKind) {
+  const { request, grids } = opened;
+  const kind = kindsOf(grids[number]).includes(wantedKind) ? wantedKind : grids[number].kind;
+  Object.assign(opened, { grid: number, kind });
+  showChoices();
   say("Preparing the volume …");
-  const grid = opened.files ? 0 : Number($("grid").value);
-  send("show", { grid, kind, zIsUp: $("z-up").checked });
+  const subject = `${request.model?.name ?? request.number}, grid ${number}`;
+  send("show", { number: request.number, grid: number, kind, subject, zIsUp: $("z-up").checked });
 }
 
-function offerKinds(kinds) {
+// Sets the controls to what is chosen.
+function showChoices() {
+  if (!opened) return;
+  const { request, grids, grid, kind } = opened;
+  $("model").querySelector(".own")?.remove();
+  if (request.model) {
+    $("model").value = request.model.name;
+  } else {
+    const option = new Option(request.title, "", true, true);
+    option.className = "own";
+    option.disabled = true;
+    $("model").append(option);
+  }
+  $("grid-row").hidden = grids.length < 2;
+  $("grid").replaceChildren(...grids.map(({ name }, i) => new Option(name || "(no name)", i, false, i === grid)));
+  const kinds = kindsOf(grids[grid]);
   for (const input of document.querySelectorAll("[name=kind]")) {
     input.disabled = !kinds.includes(input.value);
     input.checked = input.value === kind;
@@ -152,26 +192,6 @@ function offerKinds(kinds) {
   $("data-label").textContent = DATA[kind];
   $("density-row").hidden = kind !== "fog";
   $("color-row").hidden = kind === "fog";
-}
-
-function kindsOf({ kind, isFixed }) {
-  return isFixed ? [kind] : ["voxels", "smooth"];
-}
-
-function chooseGrid(number) {
-  const grid = opened.grids[number];
-  kind = kindsOf(grid).includes(kind) ? kind : grid.kind;
-  opened.isNew = true;
-  offerKinds(kindsOf(grid));
-  showVolume();
-}
-
-function nameFile(name) {
-  $("model").querySelector(".own")?.remove();
-  const option = new Option(name, "", true, true);
-  option.className = "own";
-  option.disabled = true;
-  $("model").append(option);
 }
 
 // What the worker reports
@@ -183,31 +203,22 @@ const reports = {
     $("adapter").textContent = adapter + (isSoftware ? " (software)" : "");
     $("frame-time").title = hasTimestamps ? "by the GPU’s clock" : "until the GPU has finished";
   },
-  opened({ grids, main, notes, bytes, name }) {
-    opened.grids = grids;
-    opened.notes = notes;
-    loaded = bytes;
-    $("grid-row").hidden = grids.length < 2;
-    if (opened.files) {
-      offerKinds(Object.keys(opened.files));
-      showVolume();
-      return;
-    }
-    nameFile(name);
-    $("grid").replaceChildren(...grids.map((grid, i) => new Option(grid.name || "(no name)", i, false, i === main)));
-    chooseGrid(main);
+  opened({ main, ...data }) {
+    const wantedKind = data.request.kind ?? opened?.kind;
+    opened = data;
+    choose(main, wantedKind);
   },
   volume(data) {
+    const isOther = data.subject !== volume?.subject || data.zIsUp !== volume.zIsUp;
     volume = data;
-    if (opened.isNew) orbit.frame(data.bounds.slice(0, 3), data.bounds.slice(3), kind === "fog" ? 0.14 : 0.3);
-    opened.isNew = false;
+    if (isOther) orbit.frame(data.bounds.slice(0, 3), data.bounds.slice(3), data.kind === "fog" ? 0.14 : 0.3);
     say(opened.notes.length > 0 ? `Left out or changed: ${opened.notes.join("; ")}` : "");
     $("volume-bytes").textContent = bytesText(data.bytes);
     const own = performance.getEntriesByType("resource").map(({ name, encodedBodySize }) => [name, encodedBodySize]);
     const files = new Map([...own, ...data.loaded].filter(([name]) => !name.includes("/models/")));
     const [page] = performance.getEntriesByType("navigation");
     const code = [...files.values()].reduce((sum, bytes) => sum + bytes, page?.encodedBodySize ?? 0);
-    $("loaded-bytes").textContent = `${bytesText(code)} page, ${bytesText(loaded)} volume`;
+    $("loaded-bytes").textContent = `${bytesText(code)} page, ${bytesText(opened.bytes)} volume`;
     sendLook();
     sendCamera();
   },
@@ -217,25 +228,22 @@ const reports = {
     const rate = (size[0] * size[1]) / time / 1e3;
     $("frame-time").textContent = `${time.toFixed(time < 10 ? 2 : 0)} ms`;
     $("ray-rate").textContent = `${rate.toFixed(rate < 10 ? 2 : 0)} million/s`;
-    $("picture-size").textContent = `${size[0]} × ${size[1]}, ${frame + 1} frames`;
+    $("picture-size").textContent = `${size[0]} × ${size[1]}, ${frame + 1} ${frame > 0 ? "frames" : "frame"}`;
     frames = [...frames.slice(1 - MOST_FRAMES), { ...data, at: performance.now() }];
     if (!isSettled) return;
-    waiting.forEach(({ resolve }) => resolve());
-    waiting = [];
+    waiting.splice(0).forEach(({ resolve }) => resolve());
   },
   pick({ voxel }) {
-    const name = kind === "voxels" ? "voxel " : "";
+    const name = volume.kind === "voxels" ? "voxel " : "";
     $("pick").textContent = voxel ? `${name}${voxel.join(", ")}`.replaceAll("-", "−") : "–";
   },
-  saved({ file }) {
-    saving.forEach((resolve) => resolve(file));
-    saving = [];
+  saved({ file, why }) {
+    const { resolve, reject } = saving.shift();
+    if (file) resolve(file);
+    else reject(new Error(why));
   },
   failed,
-  lost({ why }) {
-    const text = `The graphics device is gone: ${why}.`;
-    showMessage("The picture has stopped", text, "Reload", () => location.reload());
-  },
+  lost: ({ why }) => end("The picture has stopped", `The graphics device is gone: ${why}`),
 };
 worker.onmessage = ({ data }) => reports[data.type](data);
 worker.onerror = (event) => {
@@ -245,13 +253,21 @@ worker.onerror = (event) => {
 
 // The picture as a PNG file.
 function picture() {
+  if (ended) return Promise.reject(ended);
   send("save");
-  return new Promise((resolve) => saving.push(resolve));
+  return new Promise((resolve, reject) => saving.push({ resolve, reject }));
 }
 
 async function download() {
+  let file;
+  try {
+    file = await picture();
+  } catch (error) {
+    showMessage("The picture cannot be saved", error.message);
+    return;
+  }
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(await picture());
+  link.href = URL.createObjectURL(file);
   link.download = "volume.png";
   link.click();
   URL.revokeObjectURL(link.href);
@@ -262,17 +278,11 @@ async function download() {
 function listen() {
   $("save").addEventListener("click", download);
   new ResizeObserver(sendSize).observe(canvas);
-  $("model").addEventListener("change", () => openModel($("model").value));
-  $("grid").addEventListener("change", () => chooseGrid(Number($("grid").value)));
-  $("kinds").addEventListener("change", ({ target }) => {
-    chooseKind(target.value);
-    offerKinds(opened.files ? Object.keys(opened.files) : kindsOf(opened.grids[Number($("grid").value)]));
-  });
+  $("model").addEventListener("change", () => openModel(models[$("model").selectedIndex]));
+  $("grid").addEventListener("change", () => choose(Number($("grid").value), opened.kind));
+  $("kinds").addEventListener("change", ({ target }) => chooseKind(target.value));
   for (const id of ["azimuth", "elevation", "color", "density", "data"]) $(id).addEventListener("input", sendLook);
-  $("z-up").addEventListener("change", () => {
-    if (opened) opened.isNew = true;
-    send("up", { zIsUp: $("z-up").checked });
-  });
+  $("z-up").addEventListener("change", () => send("up", { zIsUp: $("z-up").checked }));
   $("open").addEventListener("click", () => $("file").click());
   $("file").addEventListener("change", () => {
     const [file] = $("file").files;
@@ -315,18 +325,21 @@ async function start() {
   if (!response.ok) throw new Error(`models.json: ${response.status} ${response.statusText}`);
   models = await response.json();
   $("model").replaceChildren(...models.map(({ title, name }) => new Option(title, name)));
-  openModel(query.get("model"), query.get("kind"));
+  openModel(models.find(({ name }) => name === query.get("model")) ?? models[0], query.get("kind"));
 }
 
 // For scripts: see web/check.py.
 globalThis.demo = {
-  settled: () => (isSettled ? null : new Promise((resolve, reject) => waiting.push({ resolve, reject }))),
+  settled: async () => {
+    if (ended) throw ended;
+    if (!isSettled) await new Promise((resolve, reject) => waiting.push({ resolve, reject }));
+  },
   frames: () => frames,
   picture: async () => {
     const bytes = new Uint8Array(await (await picture()).arrayBuffer());
     return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
   },
-  state: () => ({ kind, camera: orbit.numbers(aspect()), extinction: look().extinction }),
+  state: () => ({ kind: volume.kind, camera: orbit.numbers(), extinction: look().extinction }),
 };
 
 start().catch((error) => failed({ message: error.message, isFatal: true }));

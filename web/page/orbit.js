@@ -1,6 +1,6 @@
 // The camera: it orbits a point, by mouse, wheel, touch and keys.
 
-// Vertical field of view, in radians.
+// Vertical field of view of a window that is not taller than wide, in radians.
 const FOV = 0.66;
 // How far a drag across the height of the canvas turns, in radians.
 const TURN = 3.4;
@@ -55,17 +55,24 @@ export class Orbit {
     this.#changed();
   }
 
-  // Eight numbers, as `web/wasm/src/volume.rs` reads them; `aspect` is that of the picture.
-  numbers(aspect) {
+  #aspect() {
+    return this.#canvas.clientWidth / Math.max(this.#canvas.clientHeight, 1);
+  }
+
+  // The vertical field of view: a tall window shows as much to either side as a square one.
+  #fov() {
+    return 2 * Math.atan(Math.tan(FOV / 2) / Math.min(this.#aspect(), 1));
+  }
+
+  // Eight numbers, as `web/wasm/src/volume.rs` reads them.
+  numbers() {
     const back = [
       Math.cos(this.pitch) * Math.sin(this.yaw),
       Math.sin(this.pitch),
       Math.cos(this.pitch) * Math.cos(this.yaw),
     ];
     const eye = this.target.map((x, i) => x + this.distance * back[i]);
-    // A tall window shows as much to either side as a square one.
-    const fov = aspect < 1 ? 2 * Math.atan(Math.tan(FOV / 2) / aspect) : FOV;
-    return [...eye, ...this.target, fov, aspect];
+    return [...eye, ...this.target, this.#fov(), this.#aspect()];
   }
 
   #move() {
@@ -86,7 +93,7 @@ export class Orbit {
 
   // Moves the target with the picture, in heights of the canvas.
   #pan(x, y) {
-    const scale = 2 * this.distance * Math.tan(FOV / 2);
+    const scale = 2 * this.distance * Math.tan(this.#fov() / 2);
     const right = [Math.cos(this.yaw), 0, -Math.sin(this.yaw)];
     const [sin, cos] = [Math.sin(this.pitch), Math.cos(this.pitch)];
     const up = [-sin * Math.sin(this.yaw), cos, -sin * Math.cos(this.yaw)];
@@ -132,6 +139,8 @@ export class Orbit {
   }
 
   #key(event) {
+    // Shortcuts of the browser.
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
     const step = 0.04;
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
     if (event.key in arrows) {

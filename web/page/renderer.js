@@ -1,19 +1,20 @@
 // Traces a volume with WebGPU, in bands of rows, and shows the picture on a canvas.
 
-// The group and the bindings of `web/shaders/scene.wgsl`; groups 0 and 1 are empty, because they are Bevy's in the
-// plugin.
-const GROUP = 2;
+// The bindings of `web/shaders/scene.wgsl` in group 2; groups 0 and 1 are empty, because they are Bevy's in the plugin.
 const BINDINGS = ["read-only-storage", "read-only-storage", null, null, "uniform", "uniform", "storage", "storage"];
 const TILE = 8;
 const LOOK_BYTES = 48;
 const SHOWN_BYTES = 32;
 const VIEW_BYTES = 304;
-// The least and the most that a dispatch should take, in milliseconds: systems reset a GPU that hangs for seconds.
+// The milliseconds that a dispatch should take at most: systems reset a GPU that hangs for seconds.
 const BAND_TIME = 120;
+// Rows of tiles in the first band of a volume, whose cost is unknown, and how much larger the next one may be: its rows
+// may cost more.
 const FIRST_BAND = 4;
+const BAND_GROWTH = 4;
+// Bytes of a ray's light, in each of two buffers.
+const RAY_BYTES = 16;
 const EXPOSURE = 1.0;
-
-export class Refused extends Error {}
 
 async function text(url) {
   const response = await fetch(url);
@@ -22,27 +23,31 @@ async function text(url) {
 }
 
 async function openAdapter() {
+  if (!isSecureContext) throw new Error("Browsers offer WebGPU only to pages that are served over HTTPS.");
   if (!navigator.gpu) {
-    throw new Refused("This browser has no WebGPU. Chrome and Edge 113, Safari 26 and Firefox 141 have it.");
+    throw new Error("This browser has no WebGPU. Chrome and Edge 113, Safari 26 and Firefox 141 have it.");
   }
   const adapter = await navigator.gpu.requestAdapter({ powerPreference: "high-performance" });
   if (!adapter) {
-    throw new Refused("WebGPU finds no graphics adapter here. Updating the browser or the graphics driver may help.");
+    throw new Error("WebGPU finds no graphics adapter here. Updating the browser or the graphics driver may help.");
   }
   return adapter;
 }
 
 export class Renderer {
-  // Calls `lost` with a reason if the device goes away.
-  static async create(canvas, lost) {
+  // Calls `lost` with a reason if the device goes away, and `failed` with the first error of the GPU: others follow
+  // from it.
+  static async create(canvas, { lost, failed }) {
     const adapter = await openAdapter();
     const requiredFeatures = ["timestamp-query"].filter((name) => adapter.features.has(name));
     const device = await adapter.requestDevice({ requiredFeatures });
     const renderer = new Renderer(canvas, device, adapter.info ?? {});
     device.lost.then(({ reason, message }) => {
-      if (reason !== "destroyed") lost(message || "the driver gave no reason");
+      if (reason !== "destroyed") lost(message || "the driver gave no reason.");
     });
-    device.addEventListener("uncapturederror", ({ error }) => console.error(error.message));
+    const described = ({ error }) => `The GPU reports an error: ${error.message || error.constructor.name}`;
+    device.addEventListener("uncapturederror", (event) => console.error(described(event)));
+    device.addEventListener("uncapturederror", (event) => failed(new Error(described(event))), { once: true });
     await renderer.#presentIn(renderer.#format);
     return renderer;
   }
@@ -63,8 +68,9 @@ export class Renderer {
   #group = null;
   #presented = null;
   #timer = null;
-  // Milliseconds per ray, of the frames so far; unknown before the first.
-  #cost = null;
+  // Milliseconds per ray, of the frame before and of its slowest band; 0 while unknown.
+  #cost = 0;
+  #slowest = 0;
 
   constructor(canvas, device, info) {
     this.#device = device;
@@ -76,6 +82,7 @@ export class Renderer {
     this.adapter = [...new Set([vendor, architecture, model, description])].filter((part) => part).join(", ");
     this.isSoftware = Boolean(info.isFallbackAdapter) || /swiftshader|llvmpipe|warp/i.test(this.adapter);
     this.largestVolume = Math.min(device.limits.maxStorageBufferBindingSize, device.limits.maxBufferSize);
+    this.mostRays = Math.floor(this.largestVolume / RAY_BYTES);
     const entries = BINDINGS.flatMap((type, binding) =>
       type ? [{ binding, visibility: GPUShaderStage.COMPUTE, buffer: { type } }] : [],
     );
@@ -97,7 +104,8 @@ export class Renderer {
 
   // Milliseconds that a frame of a number of rays takes, as far as known.
   estimate(rays) {
-    return this.#cost === null ? null : this.#cost * rays;
+    const cost = this.#cost || this.#slowest;
+    return cost > 0 ? cost * rays : null;
   }
 
   #buffer(size, usage) {
@@ -127,7 +135,10 @@ export class Renderer {
     return this.#presents.get(format);
   }
 
-  async #compile(name) {
+  // The pipeline for a kind of volumes.
+  async compile(kind, isWide) {
+    const inStep = kind === "smooth" && this.isSoftware ? "-in-step" : "";
+    const name = `${kind}${inStep}${isWide ? "-wide" : ""}`;
     if (!this.#pipelines.has(name)) {
       const layout = this.#device.createPipelineLayout({ bindGroupLayouts: this.#layouts });
       const module = await this.#module(name);
@@ -138,10 +149,9 @@ export class Renderer {
   }
 
   // Uploads a volume: its header, and its words as a view of memory, which are copied.
-  async show(kind, isWide, header, words) {
-    const inStep = kind === "smooth" && this.isSoftware ? "-in-step" : "";
-    this.#pipeline = await this.#compile(`${kind}${inStep}${isWide ? "-wide" : ""}`);
-    this.#cost = null;
+  show(pipeline, header, words) {
+    this.#pipeline = pipeline;
+    [this.#cost, this.#slowest] = [0, 0];
     this.#volumeBuffers.forEach((buffer) => buffer.destroy());
     const contents = [header, words];
     this.#volumeBuffers = contents.map(({ byteLength }) =>
@@ -158,7 +168,7 @@ export class Renderer {
 
   // Room for the rays of a frame.
   #reserve(rays) {
-    const bytes = 16 * rays;
+    const bytes = RAY_BYTES * rays;
     if ((this.#buffers.first?.size ?? 0) >= bytes) return;
     for (const name of ["first", "sum"]) {
       this.#buffers[name]?.destroy();
@@ -198,19 +208,22 @@ export class Renderer {
     this.#bind();
     this.#device.queue.writeBuffer(this.#buffers.view, 0, view);
     const [columns, rows] = size.map((rays) => Math.ceil(rays / TILE));
-    let time = 0;
-    for (let first = 0; first < rows; ) {
-      const perRow = this.#cost === null ? null : this.#cost * width * TILE;
-      const fitting = perRow === null ? FIRST_BAND : Math.max(Math.floor(BAND_TIME / perRow), 1);
-      const band = Math.min(fitting, rows - first);
+    const rowRays = width * TILE;
+    let [time, slowest, most] = [0, 0, this.#slowest > 0 ? rows : FIRST_BAND];
+    for (let first = 0; first < rows; most *= BAND_GROWTH) {
+      const fitting = Math.floor(BAND_TIME / (this.#slowest * rowRays));
+      const wanted = Math.max(Math.min(fitting, most), 1);
+      const band = Math.min(wanted, rows - first);
       this.#writeLook(look, frame, size, first);
       const own = await this.#dispatch(columns, band);
-      // Before there is an estimate, the first band makes one, or else slow adapters would hang.
-      this.#cost ??= own / (width * TILE * band);
+      // If the end of the picture cuts a band short, most of its time may be overhead.
+      if (band === wanted || own > BAND_TIME) slowest = Math.max(slowest, own / (band * rowRays));
+      this.#slowest = Math.max(this.#slowest, slowest);
       time += own;
       first += band;
       if (first < rows && isStale()) return null;
     }
+    this.#slowest = slowest || this.#slowest;
     this.#cost = time / (width * height);
     return time;
   }

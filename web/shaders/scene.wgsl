@@ -47,7 +47,8 @@ const SUN_RADIUS: f32 = 0.035;
 
 const ZENITH: vec3<f32> = vec3(0.03, 0.085, 0.21);
 const HORIZON: vec3<f32> = vec3(0.4, 0.48, 0.56);
-// The irradiance of that sky on the ground.
+// Irradiance of the sky on the ground, chosen by eye: up to three times the integral of `sky`, with which shadows are
+// too dark.
 const SKY: vec3<f32> = vec3(0.45, 0.67, 1.0);
 
 const GROUND: vec3<f32> = vec3(0.2, 0.21, 0.23);

@@ -13,6 +13,7 @@
 #import bevy_vdb::traversal::rebase::rebased_at
 #endif
 #ifdef VDB_SMOOTH
+#import bevy_vdb::traversal::rays::surface_offset
 #import bevy_vdb::traversal::normals::smooth_gradient
 #import bevy_vdb::traversal::smooth::first_root
 #endif
@@ -111,11 +112,6 @@ fn is_blocked(start: Point, dir: vec3<f32>) -> bool {
 #endif
 
 #ifdef VDB_SMOOTH
-// Cells by which secondary rays begin off the surface: clear of the bumps of the trilinear interpolant.
-const RAY_OFFSET: f32 = 0.1;
-// The same for each cell that the ray has travelled, for the rounding of f32.
-const OFFSET_PER_CELL: f32 = 4.76837158203125e-7;   // 2^-21
-
 // The first root of the interpolant on a ray.
 fn first_surface(ray: Ray, start: f32) -> Surface {
     var surface: Surface;
@@ -128,11 +124,7 @@ fn first_surface(ray: Ray, start: f32) -> Surface {
     let is_flat = all(abs(root.gradient) <= vec3(1e-30));
     let steepest = select(root.gradient, -ray.dir, is_flat);
     let shading = select(smooth_gradient(grids[0], root), -ray.dir, is_flat);
-    let largest = max(max(abs(steepest.x), abs(steepest.y)), abs(steepest.z));
-    let unit = normalize(steepest / largest);
-    let back = select(unit, -unit, dot(unit, ray.dir) > 0.0);
-    let travelled = max(max(abs(ray.dir.x), abs(ray.dir.y)), abs(ray.dir.z)) * root.t;
-    let outside = point_from(root.cell, root.frac + (RAY_OFFSET + OFFSET_PER_CELL * travelled) * back);
+    let outside = point_from(root.cell, root.frac + surface_offset(steepest, ray.dir, root.t));
     return Surface(true, root.t, root.cell, shading, outside);
 }
 

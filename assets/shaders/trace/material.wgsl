@@ -13,8 +13,9 @@
 #import bevy_vdb::material::VdbHit
 #import bevy_vdb::material::kinds::surface_of_kind
 #import bevy_vdb::material::table::local_from_index
+#import bevy_vdb::traversal::rays::safe_normalize
 #import bevy_vdb::trace::segment::{point_at, world_position}
-#import bevy_vdb::trace::surface::{facing_normal, geometric_normal, safe_normalize}
+#import bevy_vdb::trace::surface::{facing_normal, geometric_normal}
 #import bevy_vdb::view::scene::{index_position, material_number}
 #endif
 

@@ -3,9 +3,10 @@
 
 #import bevy_vdb::gpu::types::Ray
 #import bevy_vdb::traversal::hdda::FAR
+#import bevy_vdb::traversal::rays::safe_normalize
 #import bevy_vdb::view::scene::{view, volumes}
 #import bevy_vdb::trace::segment::{Segment, ray_of_level}
-#import bevy_vdb::trace::surface::{Surface, safe_normalize}
+#import bevy_vdb::trace::surface::Surface
 
 // Squared components of the unit normal, which sum to 1.
 fn axis_weights(surface: Surface) -> vec3<f32> {

@@ -4,7 +4,7 @@
 #import bevy_vdb::gpu::types::{KIND_SMOOTH, KIND_SURFACE, Ray, SMOOTH_NORMALS}
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::exact::MirroredRay
-#import bevy_vdb::traversal::rays::quantise_frac
+#import bevy_vdb::traversal::rays::{quantise_frac, safe_normalize, surface_offset}
 #import bevy_vdb::traversal::rebase::rebased_at
 #import bevy_vdb::traversal::hdda::{FAR, Hit, mirrored_ray, enter_at, first_hit, local_cell, plane_t, unmirrored}
 #import bevy_vdb::view::scene::{scene_end, view, volumes}
@@ -136,13 +136,6 @@ fn nearer(a: Surface, b: Surface) -> Surface {
     return a;
 }
 
-// Normalises a vector of any magnitude.
-fn safe_normalize(v: vec3<f32>) -> vec3<f32> {
-    // Scale first, since the squared length may overflow or underflow f32.
-    let largest = max(max(abs(v.x), abs(v.y)), abs(v.z));
-    return normalize(v / max(largest, 1e-30));
-}
-
 // The unit vector in world space along a gradient in the lattice of a volume.
 fn normal_along(volume: u32, gradient: vec3<f32>) -> vec3<f32> {
     let v = volumes[volume].normal_x * gradient.x
@@ -181,13 +174,6 @@ fn visible_normal(surface: Surface, to_viewer: vec3<f32>) -> vec3<f32> {
     return facing_normal(select(outwards, -outwards, is_inside), to_viewer);
 }
 
-// Distance, in cells, by which secondary rays are offset from a smooth surface. The trilinear interpolant of
-// a surface with a radius of curvature of R cells has bumps of 1 / 4R cells, which would cast shadows in
-// grazing light. This offset clears the bumps of every surface with R ≥ 2.5.
-const RAY_OFFSET: f32 = 0.1;
-// Additional offset for each cell that the ray has travelled, to cover f32 rounding of the position.
-const RAY_OFFSET_PER_CELL: f32 = 4.76837158203125e-7;   // 2^-21
-
 // Origin of a secondary ray, on the side of the surface that the segment arrived from.
 //
 // From a voxel face, the ray starts in the empty cell in front of it. The traversal is exact, so the ray
@@ -205,10 +191,7 @@ fn offset_origin(segment: Segment, surface: Surface) -> Point {
         return point;
     }
     let ray = ray_of_level(segment, surface.volume, FAR);
-    let distance_in_cells = max(max(abs(ray.dir.x), abs(ray.dir.y)), abs(ray.dir.z)) * surface.t;
-    let gradient_dir = safe_normalize(surface.gradient);
-    let offset_dir = select(gradient_dir, -gradient_dir, dot(gradient_dir, ray.dir) > 0.0);
-    let start = surface.frac + (RAY_OFFSET + RAY_OFFSET_PER_CELL * distance_in_cells) * offset_dir;
+    let start = surface.frac + surface_offset(surface.gradient, ray.dir, surface.t);
     let whole = floor(start);
     point.cell += vec3<i32>(whole);
     point.frac = quantise_frac(start - whole);

@@ -1,4 +1,4 @@
-// View rays of pixels. Twin: `GpuRays` in `crates/vdb_core/src/view.rs`.
+// View rays of pixels (twin: `GpuRays` in `crates/vdb_core/src/view.rs`), and the origins of rays from a surface.
 #define_import_path bevy_vdb::traversal::rays
 
 #import bevy_vdb::gpu::types::{Ray, Rays}
@@ -6,6 +6,29 @@
 // Rounds fractions of a cell down to multiples of 2^-24, as the traversal requires.
 fn quantise_frac(frac: vec3<f32>) -> vec3<f32> {
     return clamp(floor(frac * 16777216.0), vec3(0.0), vec3(16777215.0)) / 16777216.0;
+}
+
+// Normalises a vector of any magnitude.
+fn safe_normalize(v: vec3<f32>) -> vec3<f32> {
+    // Scale first, since the squared length may overflow or underflow f32.
+    let largest = max(max(abs(v.x), abs(v.y)), abs(v.z));
+    return normalize(v / max(largest, 1e-30));
+}
+
+// Distance, in cells, by which secondary rays are offset from a smooth surface. The trilinear interpolant of
+// a surface with a radius of curvature of R cells has bumps of 1 / 4R cells, which would cast shadows in
+// grazing light. This offset clears the bumps of every surface with R ≥ 2.5.
+const RAY_OFFSET: f32 = 0.1;
+// Additional offset for each cell that the ray has travelled, to cover f32 rounding of the position.
+const RAY_OFFSET_PER_CELL: f32 = 4.76837158203125e-7;   // 2^-21
+
+// Offset of the origin of a secondary ray from a smooth surface, in cells, towards the side from which a ray
+// has arrived at t.
+fn surface_offset(gradient: vec3<f32>, ray_dir: vec3<f32>, t: f32) -> vec3<f32> {
+    let distance_in_cells = max(max(abs(ray_dir.x), abs(ray_dir.y)), abs(ray_dir.z)) * t;
+    let gradient_dir = safe_normalize(gradient);
+    let offset_dir = select(gradient_dir, -gradient_dir, dot(gradient_dir, ray_dir) > 0.0);
+    return (RAY_OFFSET + RAY_OFFSET_PER_CELL * distance_in_cells) * offset_dir;
 }
 
 // Normalised device coordinates of a pixel's centre.

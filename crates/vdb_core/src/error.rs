@@ -41,7 +41,7 @@ pub enum Error {
     },
     /// The file exceeds one of the [`Limits`](crate::Limits).
     #[error(
-        "{place}{} exceed the limit of {limit} (`Limits::{name}`); raise it if the file is to be trusted",
+        "{place}{} exceed the limit of {limit} (`Limits::{name}`); raise it if you trust the file",
         shown(what)
     )]
     LimitExceeded {

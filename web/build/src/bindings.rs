@@ -4,7 +4,10 @@ use std::path::Path;
 
 use wasm_bindgen_cli_support::Bindgen;
 
-/// Writes `vdb_web.js` and `vdb_web_bg.wasm`. The library checks that the module was compiled with its own version.
+/// The script that loads the module.
+pub const SCRIPT: &str = "vdb_web.js";
+
+/// Writes [`SCRIPT`] and `vdb_web_bg.wasm`. The library checks that the module was compiled with its own version.
 pub fn write(module: &Path, folder: &Path) -> Result<(), String> {
     let bind = || {
         let mut bindgen = Bindgen::new();

@@ -1,4 +1,4 @@
-//! A screenshot of the page's data, and what it should show.
+//! A picture of the page's data, and what it should show.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,10 +7,10 @@ use glam::{DAffine3, DMat3, DVec3};
 use serde::Deserialize;
 use vdb_core::reference::Ray;
 
-/// A screenshot, as `web/check.py` describes it.
+/// A picture, as `web/check.py` describes it.
 #[derive(Deserialize)]
 pub struct Case {
-    /// The screenshot.
+    /// The file of the picture.
     pub picture: PathBuf,
     /// The file with the grid, which is the only one in it.
     pub model: PathBuf,

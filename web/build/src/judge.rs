@@ -1,4 +1,4 @@
-//! Compares screenshots of the page's data with the reference tracer, which shares no code with the page.
+//! Compares pictures of the page's data with the reference tracer, which shares no code with the page.
 
 use std::path::Path;
 

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! vdb_web_build page MODULE.wasm FOLDER   bindings, shaders, models and the page itself
-//! vdb_web_build judge CASE.json…          compares screenshots with the reference tracer
+//! vdb_web_build judge CASE.json…          compares pictures with the reference tracer
 //! ```
 
 mod bindings;

@@ -1,4 +1,4 @@
-//! Screenshots.
+//! Pictures in files.
 
 use std::fs::File;
 use std::io::BufReader;

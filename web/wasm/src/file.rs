@@ -1,9 +1,10 @@
 //! Files: `.vdb` and `.nvdb`, which have trees, and `.vdbc`, whose grids are packed already.
 
 use vdb_core::cooked::{CookedFile, CookedGrid};
+use vdb_core::display::quoted;
 use vdb_core::pack::{PackKind, PackOptions, PackedGrid, ValueFormat};
 use vdb_core::roles::{Candidate, Parts, main_grid, parts};
-use vdb_core::{AnyTree, Grid, Limits, ReadOptions, VdbFile};
+use vdb_core::{AnyTree, Grid, Limits, ReadOptions, SkippedGrid, VdbFile};
 use wasm_bindgen::prelude::*;
 
 use crate::Kind;
@@ -39,7 +40,7 @@ pub struct GridInfo {
     pub is_fixed: bool,
 }
 
-/// Half of what a page can address, so that a tree and the words made of it fit.
+/// Together less than the 4 GiB that a page can address: the file, its trees, and the words packed from one.
 fn limits() -> Limits {
     let mut limits = Limits::default();
     limits.file_bytes = 1 << 30;
@@ -75,13 +76,20 @@ impl VolumeFile {
             let mut file = VdbFile::read(bytes, &options).map_err(failed)?;
             let converted = file.convert_to_floats(&options.limits);
             let mut notes: Vec<_> = converted.iter().map(ToString::to_string).collect();
-            notes.extend(file.skipped.iter().map(|grid| grid.reason.to_string()));
-            let points = file.points.iter().map(|grid| &grid.unique_name);
-            notes.extend(points.map(|name| {
-                format!("grid “{name}” has points; `vdb from-points` makes a volume of them")
+            notes.extend(file.skipped.iter().map(skipped));
+            notes.extend(file.points.iter().map(|grid| {
+                let name = quoted(&grid.unique_name);
+                format!("grid {name} has points; `vdb from-points` makes a volume of them")
             }));
-            file.grids.retain(|grid| matches!(grid.tree, AnyTree::Float(_)));
-            Self { contents: Contents::Trees(file.grids), notes }
+            let is_shown = |grid: &Grid| matches!(grid.tree, AnyTree::Float(_));
+            let (grids, vectors): (Vec<_>, Vec<_>) = file.grids.into_iter().partition(is_shown);
+            notes.extend(vectors.iter().map(|grid| {
+                format!(
+                    "grid {} has vectors, which this page cannot show",
+                    quoted(&grid.unique_name)
+                )
+            }));
+            Self { contents: Contents::Trees(grids), notes }
         };
         if file.grids().is_empty() {
             let why: String = file.notes.iter().map(|note| format!("; {note}")).collect();
@@ -130,7 +138,8 @@ impl VolumeFile {
     /// Packs a grid into words. If they would take more than `largest` bytes, samples are rounded to bytes.
     ///
     /// # Errors
-    /// If there is no such grid, if it has nothing to show, or if it is too large even so.
+    /// If there is no such grid, if it has nothing to show, if it was cooked for another kind, or if it is too large
+    /// even so.
     pub fn pack(&self, grid: usize, kind: Kind, largest: f64) -> Result<Volume, JsError> {
         let (name, transform, packed) = match &self.contents {
             Contents::Trees(grids) => {
@@ -139,20 +148,37 @@ impl VolumeFile {
             }
             Contents::Cooked(grids) => {
                 let grid = grids.get(grid).ok_or_else(|| failed("there is no such grid"))?;
+                let cooked = kind_of(grid.packed.kind);
+                if kind != cooked {
+                    let name = quoted(&grid.name);
+                    return Err(failed(format!(
+                        "grid {name} was cooked for {cooked}, not for {kind}"
+                    )));
+                }
                 (&grid.name, &grid.transform, grid.packed.clone())
             }
         };
+        let name = quoted(name);
         if packed.bytes() as f64 > largest {
             let [takes, room] = [packed.bytes() as f64, largest].map(|bytes| bytes / 1048576.0);
             return Err(failed(format!(
-                "grid “{name}” takes {takes:.0} MiB on the GPU, and WebGPU promises {room:.0} MiB; \
+                "grid {name} takes {takes:.0} MiB on the GPU, and WebGPU promises {room:.0} MiB; \
                  `vdb resample` makes it coarser"
             )));
         }
         let placement = Placement::new(transform, &packed);
-        let placement = placement.map_err(|why| failed(format!("grid “{name}”: {why}")))?;
+        let placement = placement.map_err(|why| failed(format!("grid {name}: {why}")))?;
         Ok(Volume::new(packed, placement))
     }
+}
+
+/// Why a grid was not read.
+fn skipped(grid: &SkippedGrid) -> String {
+    // An error in a tree that grids share names only the first of them.
+    if grid.reason.place().grid.as_ref() == Some(&grid.unique_name) {
+        return grid.reason.to_string();
+    }
+    format!("grid {}: {}", quoted(&grid.unique_name), grid.reason)
 }
 
 fn of_tree(grid: &Grid) -> GridInfo {

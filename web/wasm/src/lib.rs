@@ -1,5 +1,5 @@
-//! What the page of the demo needs of `vdb_core`: the bytes of a file become words for the GPU, and a camera becomes
-//! rays. Thin on purpose; everything that draws is in `web/shaders` and `web/page`.
+//! The parts of `vdb_core` that the demo's page needs: the bytes of a file become words for the GPU, and a camera
+//! becomes rays. Thin on purpose; everything that draws is in `web/shaders` and `web/page`.
 
 mod file;
 mod place;
@@ -21,4 +21,14 @@ pub enum Kind {
     Smooth,
     /// A density.
     Fog,
+}
+
+impl std::fmt::Display for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Voxels => "voxels",
+            Self::Smooth => "a smooth surface",
+            Self::Fog => "fog",
+        })
+    }
 }

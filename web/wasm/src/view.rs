@@ -1,4 +1,4 @@
-//! Cameras as shaders get them.
+//! Cameras in the form that the shaders read.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DAffine3, DMat4, DVec3};

@@ -137,7 +137,7 @@ impl Leaves<'_> {
 /// bytes, but a small file must not be able to claim much memory.
 pub(super) fn can_hold<T: Sample>(bytes: usize, outline: &Outline) -> bool {
     let each = 4 * (outline.brick_words() + LEAF_MASK_WORDS) + T::FACE_BYTES;
-    u64::from(outline.leaves) * each as u64 <= MOST_RATIO as u64 * bytes as u64
+    u64::from(outline.leaves) * each as u64 <= MOST_RATIO * bytes as u64
 }
 
 /// A lower node and its leaves.

@@ -7,7 +7,7 @@
 //! longer than [`MOST_BITS`], so that one look-up in a table that fits the first-level cache decodes
 //! it.
 //!
-//! The leaves of a chunk are divided among [`STREAMS`] streams of bits, highest bit first, which
+//! The codings of a chunk are divided among [`STREAMS`] streams of bits, highest bit first, which
 //! are decoded in turns: each waits for the length of its last code, but not for the others.
 
 use std::cmp::Reverse;
@@ -84,14 +84,14 @@ impl Counts {
         each: usize,
     ) -> [usize; STREAMS] {
         let mut at = [0; STREAMS];
-        for leaf in 0..each {
+        for coding in 0..each {
             let mut widths = [Widths::default(); STREAMS];
             let mut entries = [0; STREAMS];
             for row in (0..32).step_by(4) {
                 let mut bits: [u64; STREAMS] = std::array::from_fn(|i| next(streams[i], at[i]));
                 if row == 0 {
                     for (i, bits) in bits.iter_mut().enumerate() {
-                        codings[i * each + leaf].axes = (*bits >> (64 - AXES_BITS)) as u8;
+                        codings[i * each + coding].axes = (*bits >> (64 - AXES_BITS)) as u8;
                         *bits <<= AXES_BITS;
                         at[i] += AXES_BITS as usize;
                     }
@@ -109,7 +109,7 @@ impl Counts {
                 }
             }
             for (i, widths) in widths.into_iter().enumerate() {
-                codings[i * each + leaf].widths = widths;
+                codings[i * each + coding].widths = widths;
             }
         }
         at
@@ -153,7 +153,7 @@ fn symbols(widths: &Widths) -> impl Iterator<Item = (usize, usize)> + '_ {
 }
 
 impl Codes {
-    /// The codes that make these as short as can be.
+    /// Huffman codes for these, of at most [`MOST_BITS`] bits.
     pub fn of<'a>(codings: impl Iterator<Item = &'a Coding>) -> Self {
         let mut frequencies = vec![[0_u64; SYMBOLS]; CONTEXTS];
         for coding in codings {
@@ -174,7 +174,7 @@ impl Codes {
         codes
     }
 
-    /// Appends what [`Counts::decode`] decodes. All streams have equally many leaves: the last leaf
+    /// Appends what [`Counts::decode`] decodes. All streams have equally many codings: the last one
     /// is repeated until they do.
     pub fn write(&self, codings: &[Coding], out: &mut Vec<u8>) {
         let start = out.len();
@@ -184,7 +184,7 @@ impl Codes {
             let first = out.len();
             let own = (stream * each..(stream + 1) * each).map(|i| i.min(codings.len() - 1));
             self.write_stream(own.map(|i| &codings[i]), out);
-            // At most 32 leaves of 323 bits.
+            // At most 32 codings of 323 bits.
             let length = (out.len() - first) as u16;
             out[start + 2 * stream..][..2].copy_from_slice(&length.to_le_bytes());
         }

@@ -50,7 +50,7 @@ pub enum CookedError {
     Cancelled,
     /// The file exceeds one of the [`Limits`](crate::Limits).
     #[error(
-        "{what} exceed the limit of {limit} (`Limits::{name}`); raise it if the cooked file is to be trusted"
+        "{what} exceed the limit of {limit} (`Limits::{name}`); raise it if you trust the cooked file"
     )]
     LimitExceeded {
         /// What exceeds the limit, with the amount requested.
@@ -105,7 +105,8 @@ pub enum CookError {
     /// The file has no grid of floats.
     #[error("there is nothing to cook: the file has no grid of floats")]
     Nothing,
-    /// A name or a value is too long for the format.
+    /// The file cannot be written: a name or a value is too long for the format, a grid has been
+    /// edited, or the operating system refuses.
     #[error("the cooked file cannot be written: {0}")]
     Write(crate::Error),
 }

@@ -45,8 +45,9 @@ impl CookedFile {
         write::write(self).map_err(CookError::Write)
     }
 
-    /// Decodes the selected grids of a file. The memory it takes beside the result is a third of it
-    /// at most. Progress is reported after each grid.
+    /// Decodes the selected grids of a file. Besides the result, this takes at most a quarter of the
+    /// result's size and, on each thread, the samples of one cube of 128³ cells. Progress is
+    /// reported after each grid.
     ///
     /// # Errors
     /// If the bytes are no cooked file of this version, are damaged, or exceed

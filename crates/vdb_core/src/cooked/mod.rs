@@ -1,8 +1,8 @@
 //! Cooked files: grids packed for the GPU beforehand, to be decoded in milliseconds.
 //!
-//! A `.vdbc` file holds the words of [packed grids](crate::pack::PackedGrid), compressed such that
-//! decoding takes no tree: for sequences of smoke, fire or water, of which a frame must be there
-//! every few milliseconds. `vdb cook` makes the files; `docs/reference/cooked.md` describes the
+//! A `.vdbc` file holds the words of [packed grids](crate::pack::PackedGrid), compressed so that
+//! decoding needs no tree. Such files are meant for sequences of smoke, fire or water, which need a
+//! new frame every few milliseconds. `vdb cook` makes them; `docs/reference/cooked.md` describes the
 //! format and what it promises.
 //!
 //! ```
@@ -38,9 +38,9 @@
 //! # Safety
 //!
 //! A file is refused if it is damaged, foreign, of another version, or larger than
-//! [`Limits`](crate::Limits) allow; nothing is allocated that its bytes cannot be the compressed
-//! form of. Shaders follow the words unchecked, so decoding tests every word that leads to another:
-//! no file, whatever its bytes, makes a shader read beyond the words of its grid.
+//! [`Limits`](crate::Limits) allow; memory is allocated only for as many words as its bytes can hold
+//! in compressed form. Shaders follow the words unchecked, so decoding tests every word that leads
+//! to another: no file, whatever its bytes, makes a shader read beyond the words of its grid.
 
 mod beside;
 mod bricks;

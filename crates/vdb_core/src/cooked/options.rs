@@ -18,7 +18,8 @@ pub struct CookOptions {
     pub smooth: bool,
     /// Memory limits, as for [packing](crate::pack::PackOptions::limits). They apply to all grids together.
     pub limits: Limits,
-    /// A callback for the progress of packing each of the grids, as in [`PackOptions::progress`](crate::pack::PackOptions::progress).
+    /// A callback for the progress of packing each of the grids, as in
+    /// [`PackOptions::progress`](crate::pack::PackOptions::progress).
     pub progress: Option<Arc<ProgressFn>>,
 }
 

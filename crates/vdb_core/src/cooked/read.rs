@@ -119,7 +119,7 @@ impl<'a> Parts<'a> {
         let too_many = || CookedError::damaged("there are more words than can be numbered");
         let sections = outline.sections().ok_or_else(too_many)?;
         let tree = Packed::read(cursor, sections.tree)?;
-        let palette = cursor.take(4 * outline.palette as usize)?;
+        let palette = cursor.take((outline.palette as usize).saturating_mul(4))?;
         let samples = if head.is_leaves {
             Self::leaves(outline, cursor)?
         } else {
@@ -150,7 +150,7 @@ impl<'a> Parts<'a> {
             _ => bricks::can_hold::<u32>,
         };
         if !can_hold(end, outline) {
-            return Err(CookedError::damaged("there are fewer bytes than the leaves can be of"));
+            return Err(CookedError::damaged("there are too few bytes for that many leaves"));
         }
         Ok(Samples::Leaves { steps, codes, ends, bytes })
     }

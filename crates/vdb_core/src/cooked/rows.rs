@@ -2,17 +2,17 @@
 //!
 //! A sample is predicted from its seven lower neighbours within the leaf (L. Ibarria et al.,
 //! "Out-of-core compression and decompression of large n-dimensional scalar fields", Computer
-//! Graphics Forum 22(3), 2003), modulo 2⁸ or 2¹⁶; samples beyond the leaf count as 0. Or from those
-//! that differ on some axes only, where this takes fewer bits (not for 16-bit samples, whose
-//! decoding it slows by a fifth). The residuals are mapped to small unsigned numbers, 0, −1, 1, −2,
+//! Graphics Forum 22(3), 2003), modulo 2⁸ or 2¹⁶; samples beyond the leaf count as 0. Where that
+//! takes fewer bits, it is predicted along some of the axes only (not for 16-bit samples, whose
+//! decoding this slows by a fifth). The residuals are mapped to small unsigned numbers, 0, −1, 1, −2,
 //! …, and each row of eight is stored as bit planes, the lowest first: a byte for each bit that the
 //! row's largest number needs (binary packing: D. Lemire, L. Boytsov, "Decoding billions of
 //! integers per second through vectorization", Software: Practice and Experience 45(1), 2015).
 //! Rows, `x·8 + y`, follow each other; the number of planes of each is a nibble, low nibble first,
 //! which `counts.rs` codes. For 16-bit samples, 15 in a nibble stands for 16 planes.
 //!
-//! `docs/reference/cooked.md` compares this with entropy coders, which are a little smaller and
-//! take longer than the whole of a decoding may.
+//! `docs/reference/cooked.md` compares this with entropy coders, which are a little smaller but
+//! would alone exceed the time allowed for decoding.
 
 use crate::pack::transposed;
 

@@ -1,4 +1,4 @@
-//! What cooked files are recognised by, and indices of their pages.
+//! The signatures of cooked files and of page indices.
 
 use crate::format::cursor::Cursor;
 
@@ -12,7 +12,7 @@ pub(crate) const CHECKED_FROM: usize = 16;
 /// The extension of cooked files.
 pub const EXTENSION: &str = "vdbc";
 
-/// The checksum of a file's bytes from the 16th on: CRC-32, as in zip files. It is stored in the four
+/// The checksum of a file's bytes from offset 16 on: CRC-32, as in zip files. It is stored in the four
 /// bytes before them.
 pub fn checksum(bytes: &[u8]) -> u32 {
     let mut crc = flate2::Crc::new();
@@ -24,13 +24,13 @@ pub fn checksum(bytes: &[u8]) -> u32 {
 pub(crate) enum BadHead {
     /// The file is of another format.
     Foreign,
-    /// It is of this version of the format.
+    /// The file is in another version of the format: this one.
     Version(u32),
     /// Its bytes are not those that were written.
     Checksum,
 }
 
-/// The bytes after the checksum, if it is that of the bytes.
+/// The bytes after the checksum, if it matches them.
 pub(crate) fn checked_bytes<E: From<crate::Error>>(
     bytes: &[u8],
     (magic, version): ([u8; 8], u32),

@@ -37,7 +37,7 @@ impl Steps {
         Self(steps.0 | steps.number(least) as u32)
     }
 
-    /// Steps from a file, if no value is infinite.
+    /// Steps from a file; `None` if they could give an infinite value.
     pub fn from_bits(bits: u32) -> Option<Self> {
         (1..=MAX_EXPONENT).contains(&(bits >> BASE_BITS)).then_some(Self(bits))
     }

@@ -8,7 +8,7 @@ use crate::format::cursor::Cursor;
 /// Words of a block.
 const BLOCK: usize = 1 << 20;
 /// LZ4 expands data by at most this factor: each length byte extends a match by at most 255 bytes.
-pub(super) const MOST_RATIO: usize = 255;
+pub(super) const MOST_RATIO: u64 = 255;
 
 /// Words in the form of a file: for each [`BLOCK`] of them, the length of its LZ4 block, and then
 /// the blocks.
@@ -49,8 +49,8 @@ impl<'a> Packed<'a> {
         let blocks = from_le_bytes(lengths).map(|length| cursor.take(length as usize));
         let blocks = blocks.collect::<Result<Vec<_>, _>>()?;
         let length: usize = blocks.iter().map(|block| block.len()).sum();
-        if 4 * words as u64 > (MOST_RATIO * length) as u64 {
-            return Err(CookedError::damaged("there are fewer bytes than the words can be of"));
+        if 4 * words as u64 > MOST_RATIO * length as u64 {
+            return Err(CookedError::damaged("there are too few bytes for that many words"));
         }
         Ok(Self { blocks, words })
     }

@@ -37,11 +37,11 @@ pub(super) fn write(file: &CookedFile) -> Result<Vec<u8>, Error> {
 }
 
 fn write_grid(grid: &CookedGrid, out: &mut Vec<u8>) -> Result<(), Error> {
-    let unsound = |why: &str| Error::not_supported(format!("a packed grid of which {why}"));
+    let unsound = |why: &str| Error::not_supported(format!("a packed grid whose {why}"));
     let outline = Outline::of(&grid.packed);
-    let sections = outline.sections().ok_or_else(|| unsound("the words cannot be numbered"))?;
+    let sections = outline.sections().ok_or_else(|| unsound("words cannot be numbered"))?;
     if sections.header != grid.packed.header(0) {
-        return Err(unsound("the words are not in order, because it has been edited"));
+        return Err(unsound("words are not in order, because it has been edited"));
     }
     let words = &grid.packed.words;
     let leaves = (outline.kind == PackKind::Fog)

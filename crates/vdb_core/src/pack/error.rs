@@ -24,7 +24,7 @@ pub enum PackError {
     /// Packing would take more memory than [`Limits`](crate::Limits) allow.
     #[error(
         "packing the grid takes {needed} bytes or more, which exceeds the limit of {limit} \
-         (`Limits::{name}`); raise it if the file is to be trusted"
+         (`Limits::{name}`); raise it if you trust the file"
     )]
     LimitExceeded {
         /// The field of [`Limits`](crate::Limits).

@@ -39,7 +39,7 @@ pub enum PageIndexError {
     },
     /// The index exceeds one of the [`Limits`](crate::Limits).
     #[error(
-        "{what} exceed the limit of {limit} (`Limits::{name}`); raise it if the index is to be trusted"
+        "{what} exceed the limit of {limit} (`Limits::{name}`); raise it if you trust the index"
     )]
     LimitExceeded {
         /// What exceeds the limit, with the amount requested.

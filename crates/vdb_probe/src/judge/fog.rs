@@ -1,4 +1,4 @@
-//! What part of the light passes a fog.
+//! How much light passes through fog.
 
 use vdb_core::reference::Fog;
 use vdb_core::reference::standard::{self, Upper};
@@ -12,11 +12,13 @@ pub const TRANSMITTANCE: f64 = 1e-3;
 /// The same of a homogeneous medium.
 pub const HOMOGENEOUS: f64 = 1e-4;
 
-/// Optical depths of a grid from end to end, at its greatest density. Each ray is judged at all.
+/// Optical depths of a grid from end to end, at its greatest density. Every ray is judged at each of
+/// them.
 const DEPTHS: [f64; 7] = [1e-9, 1e-3, 1.0, 10.0, 1e3, 1e6, 1e9];
-/// Of the optical depth of the grid from end to end: a ray's is right to this. From a depth of
-/// 1e3 on, light that passes thin edges alone can be off by more than a thousandth for that.
+/// A ray's optical depth is right to this part of the grid's depth from end to end.
 const DEPTH: f64 = 1.0 / (1 << 21) as f64;
+/// The depth of a grid beyond which that alone can change the transmittance of thin edges by about a
+/// thousandth.
 const DENSE: f64 = 2e3;
 
 /// What judges the answers about a grid.

@@ -1,4 +1,4 @@
-//! Rays that are given: at random, made to be hard, with ends, and from far away nearly along an axis.
+//! Sources of test rays: random, hard, with ends, and from far away almost along an axis.
 
 use glam::{DVec3, IVec3, Vec3};
 use rayon::prelude::*;
@@ -129,8 +129,8 @@ pub fn ended(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> Probe
     })
 }
 
-/// From up to 2²⁷ voxels away along one axis, through a target; a ten millionth to a twentieth as fast along
-/// the others.
+/// From up to 2²⁸ voxels away along one axis, through a target; a ten millionth to a twentieth as fast
+/// along the others.
 pub fn creeping(random: &mut Random, targets: &Targets, grid: &PackedGrid) -> ProbeRay {
     persist(|| {
         let target = targets.pick(random);

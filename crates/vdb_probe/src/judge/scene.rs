@@ -49,12 +49,12 @@ impl<'a> Scene<'a> {
         Ray::new(cell, frac, dir).with_span(ray.t_min, ray.t_max).flushed()
     }
 
-    /// More steps than this a traversal does not take: the cells of the box along its three edges.
+    /// The largest number of steps that a traversal takes: the cells of the box along its three edges.
     pub fn most_steps(&self) -> u64 {
         self.grid.occupied.map_or(0, |bounds| bounds.dim().iter().sum())
     }
 
-    /// What holds of every answer.
+    /// Whether an answer meets the conditions that hold for every answer.
     pub fn is_sound(&self, hit: &ProbeHit) -> bool {
         let finite = hit.t.is_finite()
             && hit.optical_length.is_finite()

@@ -9,15 +9,16 @@ use super::scene::{Scene, reproduced};
 use super::tally::Tally;
 use crate::probe::{ProbeHit, ProbeRay};
 
-/// Voxels that 99.99 % of positions may be off.
+/// How far, in voxels, 99.99 % of positions may be off.
 pub const USUALLY_OFF: f64 = 1e-3;
-/// Voxels that any position may be off.
+/// How far, in voxels, any position may be off.
 pub const FARTHEST_OFF: f64 = 1e-2;
-/// Degrees that a normal may be off.
+/// How far, in degrees, a normal may be off.
 pub const NORMAL: f64 = 0.1;
-/// A normal is held to the true ones so near the root, in voxels along the ray: where a gradient is
-/// small or jumps from cell to cell, it turns by any angle within the error of a position. A place
-/// so near one where the interpolant is within its noise of the iso-value counts as near-double.
+/// A normal must match a true one within this distance of the root, in voxels along the ray: where a
+/// gradient is small or jumps from cell to cell, it turns by any angle within the error of a
+/// position. A place this near to one where the interpolant is within its noise of the iso-value
+/// counts as near-double.
 const ROOT_REACH: f64 = 1e-3;
 /// Voxels across the ray within which it touches another cell.
 const TOUCHING: f64 = 1.0 / (1 << 20) as f64;
@@ -25,9 +26,14 @@ const TOUCHING: f64 = 1.0 / (1 << 20) as f64;
 /// parts of the greatest distance of a corner of its cell from the iso-value: a few roundings of an f32
 /// interpolant.
 const NOISE: f64 = 1e-6;
-/// Voxels from the eye up to which positions are held to their bound as they are. Farther away, an
-/// f32 has no room for it: 2⁻¹⁹ of the way is taken off.
+/// The distance from the eye, in voxels, up to which positions are held to their bound as it is.
+/// Farther away, an f32 cannot be that precise: 2⁻¹⁹ of the distance is allowed in addition.
 const NEAR: f64 = 1000.0;
+
+/// The error allowed in addition at a distance from the eye, both in voxels.
+fn allowance(distance: f64) -> f64 {
+    if distance <= NEAR { 0.0 } else { distance * f64::from(T_ERROR) }
+}
 
 /// What judges the answers about a grid.
 pub struct Judge<'a> {
@@ -52,10 +58,7 @@ impl<'a> Judge<'a> {
         let exact = self.scene.exact(ray);
         let speed = exact.dir.as_dvec3().length();
         let found = (hit.hit != 0).then_some(f64::from(hit.t));
-        let granted = found.map_or(0.0, |t| match t * speed {
-            way if way <= NEAR => 0.0,
-            way => way * f64::from(T_ERROR),
-        });
+        let granted = found.map_or(0.0, |t| allowance(t * speed));
         let reach = ROOT_REACH + granted;
         let (verdict, root) = standard::judge(&self.roots, &exact, found, NOISE, 0.5 + granted);
         let own = Vec3::from_array(hit.gradient).as_dvec3();
@@ -105,8 +108,7 @@ impl<'a> Judge<'a> {
     fn is_at_end(&self, ray: &Ray, found: Option<f64>, root: Option<f64>, granted: f64) -> bool {
         let speed = ray.dir.as_dvec3().length();
         let far = found.into_iter().chain(root).fold(0.0, f64::max) * speed;
-        let rounding = if far <= NEAR { 0.0 } else { far * f64::from(T_ERROR) };
-        let reach = (ROOT_REACH + rounding) / speed;
+        let reach = (ROOT_REACH + allowance(far)) / speed;
         let moved = |t: f32, by: f64| (f64::from(t) + by * reach) as f32;
         let spans = [-1.0, 0.0, 1.0].into_iter().flat_map(|begin| {
             [-1.0, 0.0, 1.0].map(|end| (moved(ray.begin(), begin), moved(ray.t_max, end)))

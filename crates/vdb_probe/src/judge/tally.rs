@@ -1,4 +1,4 @@
-//! What many rays add up to, in little memory: a long run has a thousand million of them.
+//! Totals over many rays, in little memory: a long run has a billion.
 
 /// Numbers from 0 up, kept as a histogram of 32 bins an octave, and their exact maximum.
 #[derive(Clone, Debug)]
@@ -49,9 +49,9 @@ impl Errors {
         self.max
     }
 
-    /// The number that a part (0 to 1) of all does not exceed, rounded up by at most 1/32.
-    pub fn quantile(&self, part: f64) -> f64 {
-        let rank = (self.count as f64 * part).ceil().max(1.0) as u64;
+    /// The number that a share (0 to 1) of all numbers does not exceed, rounded up by at most 1/32.
+    pub fn quantile(&self, share: f64) -> f64 {
+        let rank = (self.count as f64 * share).ceil().max(1.0) as u64;
         let mut below = 0;
         for (bin, count) in self.bins.iter().enumerate() {
             below += count;
