@@ -1,6 +1,8 @@
 //! Frame times of whole apps: the cost of recording and of edits, and how a frame's time is spent.
 //! `scripts/bench-frames` builds and runs it; results are in `docs/reference/benchmarks.md`.
 
+#[path = "../../examples/viewer/png_file.rs"]
+mod png_file;
 #[path = "../common/warm.rs"]
 mod warm;
 

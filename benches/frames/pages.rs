@@ -1,7 +1,6 @@
 //! A flight over a terrain of pages: from the horizon of more than 10⁹ voxels down to single ones.
 
-use std::fs::{self, File};
-use std::io::BufWriter;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -18,7 +17,7 @@ use bevy_vdb::vdb_core::tree::{CoordBox, Vdb543};
 use bevy_vdb::vdb_core::{Error, display::escaped};
 
 use crate::studio::{Studio, WARM};
-use crate::{Args, print_heading, summary};
+use crate::{Args, png_file, print_heading, summary};
 
 /// Edges of the terrain and of its pages in voxels: a terrain that fits into memory as a whole, too, and a large one.
 const EDGES: [(i32, u32); 3] = [(3_840, 256), (3_840, 512), (10_240, 256)];
@@ -216,7 +215,7 @@ fn fly(studio: &mut Studio, args: &Args, world: &World) -> Result<(), String> {
         missing = missing.max(status.missing);
         incomplete += u32::from(status.missing > 0);
         (bytes, displayed) = (bytes.max(status.bytes), displayed.max(status.displayed));
-        if frame % 50 == 0 {
+        if frame % 50 == 1 {
             rss = rss.max(resident_mib());
         }
     });
@@ -307,18 +306,12 @@ fn write_pictures(
     for stop in 0..STOPS {
         studio.view = Some(world.view(stop as f64 / (STOPS - 1) as f64));
         complete(studio, terrain)?;
-        let bytes = studio.picture()?;
-        let path = args.out.join(format!("stop_{stop:02}.png"));
-        save_png(&path, args.size, &bytes)
-            .map_err(|error| format!("{}: {error}", escaped(&path.display().to_string())))?;
+        let picture = studio.picture()?;
+        let pixels: Vec<_> =
+            picture.chunks_exact(4).map(|rgba| [rgba[0], rgba[1], rgba[2]]).collect();
+        png_file::write(&args.out.join(format!("stop_{stop:02}.png")), args.size, &pixels)?;
     }
     Ok(())
-}
-
-fn save_png(path: &Path, size: UVec2, rgba: &[u8]) -> Result<(), png::EncodingError> {
-    let mut encoder = png::Encoder::new(BufWriter::new(File::create(path)?), size.x, size.y);
-    encoder.set_color(png::ColorType::Rgba);
-    encoder.write_header()?.write_image_data(rgba)
 }
 
 /// The memory of this process on the CPU, where the system says so in `/proc`.

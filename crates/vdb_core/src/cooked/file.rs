@@ -61,7 +61,8 @@ impl CookedFile {
         read::read(bytes, options, None)
     }
 
-    /// As [`CookedFile::read`], in the memory of grids that were read so before and have been dropped.
+    /// As [`CookedFile::read`], but uses the memory that `spare` has of dropped grids, if it fits. When
+    /// the new grids are dropped, `spare` gets their memory in turn.
     ///
     /// # Errors
     /// Those of [`CookedFile::read`].

@@ -45,8 +45,11 @@ impl SpareWords {
 
     /// Frees all memory that is kept.
     pub fn clear(&self) {
-        let spare = std::mem::take(&mut *self.spare.lock().unwrap_or_else(PoisonError::into_inner));
+        let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
+        let freed = std::mem::take(&mut *spare);
+        // As above.
         drop(spare);
+        drop(freed);
     }
 
     /// `count` words with arbitrary contents: in the spare memory whose size is nearest, if it is at
@@ -60,7 +63,7 @@ impl SpareWords {
         let nearest = nearest.map(|(i, _)| i).map(|i| spare.remove(i));
         drop(spare);
         let Some(mut words) = nearest else { return vec![0; count] };
-        // Large memory grows without being copied.
+        // Allocators grow large memory without copying it, where the system lets them.
         words.reserve_exact(count.saturating_sub(words.len()));
         words.resize(count, 0);
         words
