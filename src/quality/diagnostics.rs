@@ -8,9 +8,10 @@ use bevy::platform::time::Instant;
 use bevy::prelude::*;
 
 /// The passes that volumes add to a view, in order.
-pub(crate) const PASSES: [&str; 10] = [
+pub(crate) const PASSES: [&str; 11] = [
     "vdb_cast",
     "vdb_light_cache",
+    "vdb_scattered_light",
     "vdb_lamp_light",
     "vdb_trace",
     "vdb_edges",

@@ -58,6 +58,8 @@ bitflags! {
         const FIRE_LIGHTS = 1 << 46;
         const LEVELS = 1 << 47;
         const CLIPPED = 1 << 48;
+        const SCATTERED_LIGHT = 1 << 49;
+        const TINTED_FOG = 1 << 50;
     }
 }
 
@@ -106,7 +108,7 @@ impl Feature {
 }
 
 /// All features, in the order of reports.
-pub(crate) const FEATURES: [Feature; 49] = [
+pub(crate) const FEATURES: [Feature; 51] = [
     row(Features::VOXELS, &["VDB_SURFACES"], "voxels", "a surface is shown voxel by voxel")
         .without_grids(),
     row(Features::SMOOTH, &["VDB_SMOOTH"], "smooth surfaces", "a surface is shown between samples")
@@ -345,6 +347,18 @@ pub(crate) const FEATURES: [Feature; 49] = [
     )
     .without(|_, quality| quality.detail = 0.0),
     row(Features::CLIPPED, &["VDB_CLIP"], "clip planes", "a volume has a VdbClippedBy"),
+    row(
+        Features::SCATTERED_LIGHT,
+        &["VDB_SCATTERED"],
+        "scattered light",
+        "with multiple scattering, a light has shadow_maps_enabled",
+    ),
+    row(
+        Features::TINTED_FOG,
+        &["VDB_VARYING_ALBEDO"],
+        "tinted fog",
+        "with scattered light, the base_color of a fog is not grey",
+    ),
 ];
 
 impl Features {

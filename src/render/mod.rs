@@ -10,6 +10,7 @@ mod gpu;
 mod light_cache;
 mod pool;
 mod report;
+mod scattered_light;
 mod shadow_maps;
 mod trace;
 mod upscale;
@@ -37,6 +38,7 @@ impl Plugin for RenderVolumesPlugin {
             pool::PoolPlugin,
             view::ViewPlugin,
             light_cache::LightCachePlugin,
+            scattered_light::ScatteredLightPlugin,
             trace::TracePlugin,
             denoise::DenoisePlugin,
             upscale::UpscalePlugin,

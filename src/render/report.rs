@@ -11,6 +11,7 @@ use super::accumulate::{AccumulateView, Accumulated, Mean};
 use super::composite::CompositeView;
 use super::denoise::DenoiseView;
 use super::light_cache::{LightCache, LightCacheView};
+use super::scattered_light::{ScatteredLight, ScatteredLightView};
 use super::shadow_maps::CastShadows;
 use super::trace::{EdgesView, TraceView};
 use super::upscale::UpscaleView;
@@ -38,7 +39,7 @@ type ViewData<'a> = (
     &'a MainEntity,
     &'a ViewState,
     &'a ViewPicture,
-    (&'a LightCacheView, &'a TraceView, &'a EdgesView),
+    (&'a LightCacheView, &'a ScatteredLightView, &'a TraceView, &'a EdgesView),
     (&'a DenoiseView, &'a UpscaleView),
     &'a AccumulateView,
     &'a CompositeView,
@@ -47,31 +48,41 @@ type ViewData<'a> = (
 fn report(
     views: Query<(Entity, ViewData)>,
     shadows: Res<CastShadows>,
-    (light_cache, ramps, materials): (Res<LightCache>, Res<RampTexture>, Res<MaterialTable>),
+    (light_cache, scattered): (Res<LightCache>, Res<ScatteredLight>),
+    (ramps, materials): (Res<RampTexture>, Res<MaterialTable>),
     diagnostics: Res<VdbDiagnostics>,
 ) {
     let reports: HashMap<_, _> = views
         .iter()
         .filter_map(|(view, data)| {
             let textures = (&*ramps, &*materials);
-            of_view(data, shadows.are_cast_for(view), &light_cache, textures)
+            let light = (&*light_cache, &*scattered);
+            of_view(data, shadows.are_cast_for(view), light, textures)
         })
         .collect();
     diagnostics.set(reports);
 }
 
 fn of_view(
-    (camera, state, picture, (light, trace, edges), (denoise, upscale), accumulate, composite): (
+    (
+        camera,
+        state,
+        picture,
+        (light, solve, trace, edges),
+        (denoise, upscale),
+        accumulate,
+        composite,
+    ): (
         &MainEntity,
         &ViewState,
         &ViewPicture,
-        (&LightCacheView, &TraceView, &EdgesView),
+        (&LightCacheView, &ScatteredLightView, &TraceView, &EdgesView),
         (&DenoiseView, &UpscaleView),
         &AccumulateView,
         &CompositeView,
     ),
     casts_shadows: bool,
-    light_cache: &LightCache,
+    (light_cache, scattered): (&LightCache, &ScatteredLight),
     (ramps, materials): (&RampTexture, &MaterialTable),
 ) -> Option<(Entity, VdbCameraReport)> {
     let (prepared, uniform) = state.prepared()?;
@@ -99,6 +110,14 @@ fn of_view(
         }
         if depths > 0 {
             buffers.push("vdb_light_depths", depths, "the light cache is being filled for a sun");
+        }
+    }
+    if prepared.key.has(Features::SCATTERED_LIGHT) {
+        let [texture, changing] = scattered.bytes();
+        let why = "light that fogs scatter repeatedly, which all cameras share";
+        buffers.push("vdb_scattered_light", texture, why);
+        if changing > 0 {
+            buffers.push("vdb_scattered_changes", changing, "scattered light is being solved for");
         }
     }
     if prepared.key.has(Features::RAMPS) {
@@ -145,7 +164,13 @@ fn of_view(
         frames,
         is_compiling: !prepared.is_ready || prepared.is_fallback,
         features: features(prepared),
-        passes: passes(casts_shadows, (light, trace, edges), (denoise, upscale), frames, composite),
+        passes: passes(
+            casts_shadows,
+            (light, solve, trace, edges),
+            (denoise, upscale),
+            frames,
+            composite,
+        ),
         buffers: buffers.0,
     };
     Some((camera.id(), report))
@@ -162,7 +187,7 @@ const EDGES: &str = "VdbQuality::edge_samples is more than 0, and a surface is i
 /// The passes that run, of [`PASSES`].
 fn passes(
     casts_shadows: bool,
-    (light, trace, edges): (&LightCacheView, &TraceView, &EdgesView),
+    (light, solve, trace, edges): (&LightCacheView, &ScatteredLightView, &TraceView, &EdgesView),
     (denoise, upscale): (&DenoiseView, &UpscaleView),
     frames: u32,
     composite: &CompositeView,
@@ -173,6 +198,7 @@ fn passes(
     let all: [(bool, &'static str); PASSES.len()] = [
         (casts_shadows, "VdbCamera::mesh_shadows, and a light with shadow_maps_enabled"),
         (light.is_filled(), "a fog, its light or an occluder has changed"),
+        (solve.is_solved(), "a fog or its light has changed"),
         (gathers, "lamps light a fog, and the camera or something in their light has moved"),
         (true, "a volume is in view"),
         (edges.list.is_some(), EDGES),

@@ -58,7 +58,7 @@ fn every_variant_of_the_trace_is_valid() {
     let mut check = |defs: &[&[&str]]| {
         let mut defs = defs.concat();
         if ["VDB_MULTIPLE_SCATTERING", "VDB_SHADOWS"].iter().all(|def| defs.contains(def)) {
-            defs.push("VDB_OCTAVES");
+            defs.push("VDB_SCATTERED");
         }
         if defs.contains(&"VDB_EMISSION") {
             defs.push("VDB_EMITS");
@@ -324,7 +324,7 @@ fn cutting_volumes_is_valid() {
 fn gathering_the_light_of_lamps_is_valid() {
     let mut composer = composer();
     for with in
-        [&[][..], &["VDB_MULTIPLE_SCATTERING", "VDB_OCTAVES"], &["VDB_PAGED", "VDB_PAGE_BITS=20"]]
+        [&[][..], &["VDB_MULTIPLE_SCATTERING", "VDB_SCATTERED"], &["VDB_PAGED", "VDB_PAGE_BITS=20"]]
     {
         check(&mut composer, "trace/lamp_light", &[&SCATTERED_LIGHT, with].concat());
     }
@@ -357,6 +357,36 @@ fn filling_the_light_cache_is_valid() {
     }
     check(&mut composer, "light_cache/sun_samples", &[]);
     check(&mut composer, "light_cache/sun_samples", &["VDB_STORABLE_LATTICE"]);
+}
+
+#[test]
+fn solving_for_scattered_light_is_valid() {
+    let mut composer = composer();
+    let features = [
+        "VDB_EMISSION",
+        "VDB_MANY",
+        "VDB_WIDE_GRIDS",
+        "VDB_FOG_COLORS",
+        "VDB_RAMPS",
+        "VDB_FOG_MATERIALS",
+        "VDB_CLIP",
+        "VDB_LIGHT_CACHE",
+        "VDB_CACHED_LAMPS",
+    ];
+    let always = ["VDB_FOGS", "VDB_MULTIPLE_SCATTERING", "VDB_SCATTERED"];
+    for defs in subsets(&features) {
+        let varying = ["VDB_FOG_COLORS", "VDB_RAMPS", "VDB_FOG_MATERIALS"];
+        let albedo = if defs.iter().any(|def| varying.contains(def)) {
+            &["VDB_VARYING_ALBEDO"][..]
+        } else {
+            &[]
+        };
+        let defs = [&always, &defs[..], albedo].concat();
+        let pages = ["VDB_PAGED", "VDB_PAGE_BITS=20", "VDB_FORMAT=2"];
+        check(&mut composer, "scattered_light/octants", &[&defs, &[EVERYTHING_DEF][..]].concat());
+        check(&mut composer, "scattered_light/octants", &[&defs, &pages[..]].concat());
+    }
+    check(&mut composer, "scattered_light/solve", &[]);
 }
 
 #[test]

@@ -97,6 +97,7 @@ struct Volume {
     t_first: f32,
     t_end: f32,
     clip_planes: u32,           // bits: the view's clip planes that cut it
+    scattered: u32,             // number of its lattice of scattered light, from 1; 0 if it has none
 }
 
 const NO_CASTER: u32 = 1u;
@@ -122,6 +123,21 @@ const MAX_CACHED_LAMPS: u32 = 32u;
 const MAX_CLIP_PLANES: u32 = 32u;
 // The most lights of fires whose highlights are left to reflections.
 const MAX_FIRE_LIGHTS: u32 = 32u;
+
+// The most lattices of scattered light in a view.
+const MAX_SCATTERED_LIGHTS: u32 = 16u;
+
+// A lattice of scattered light.
+struct ScatteredLattice {
+    // Place in cells, from the position relative to the view's eye: dot products with its coordinates and 1.
+    x: vec4<f32>,
+    y: vec4<f32>,
+    z: vec4<f32>,
+    size: vec3<f32>,    // cells along each axis
+    first: f32,         // first layer of texels; lattices lie one above the other, and in each its channels
+    scale: vec3<f32>,   // cd/m² per stored unit, in each channel
+    channels: u32,      // 1 if all light has one colour, otherwise 3
+}
 
 struct View {
     // t = -(x·depth + y) / (z·depth + w), where depth is the value in the depth buffer
@@ -175,6 +191,7 @@ struct View {
     fire_lights: array<vec4<u32>, MAX_FIRE_LIGHTS / 4u>,
     // Unit normals on the side that is kept, world space, and the distance of the view's eye on that side.
     clip_planes: array<vec4<f32>, MAX_CLIP_PLANES>,
+    scattered: array<ScatteredLattice, MAX_SCATTERED_LIGHTS>,
 }
 
 // The velocities within a volume, for motion vectors: means over cubes of voxels, at the points of a lattice.

@@ -10,9 +10,12 @@
 #import bevy_vdb::trace::illuminance::sun_factor
 #import bevy_vdb::trace::light_cache::NOT_CACHED
 #import bevy_vdb::trace::light_list::ShadingPoint
-#import bevy_vdb::trace::lights::{add_scattered, depth_of, octaves_of}
+#import bevy_vdb::trace::lights::light_cosine
+#ifdef VDB_OTHER_LIGHTS
+#import bevy_vdb::trace::lights::add_scattered
+#endif
 #import bevy_vdb::trace::occlusion::is_occluded
-#import bevy_vdb::trace::scattering::{OCTAVES, octave_anisotropies, octaves_of_depth, phase}
+#import bevy_vdb::trace::scattering::{InScattered, Scatterer, add_attenuated}
 #import bevy_vdb::trace::segment::Point
 #import bevy_vdb::traversal::fog::SamplePoint
 #import bevy_vdb::traversal::hdda::FAR
@@ -55,12 +58,11 @@ fn cached_slot(light: u32) -> u32 {
 struct CachedSun {
     light: u32,                     // Bevy's index
     illuminance: vec3<f32>,         // lux; 0 if the view does not have the light
-    phases: array<f32, OCTAVES>,
 }
 
-// The light in a slot, without phases.
+// The light in a slot.
 fn cached_sun(slot: u32) -> CachedSun {
-    var sun = CachedSun(0u, vec3(0.0), array<f32, OCTAVES>());
+    var sun = CachedSun(0u, vec3(0.0));
     for (var i = 0u; i < bevy::lights.n_directional_lights; i++) {
         if cached_slot(i) == slot {
             sun.light = i;
@@ -68,18 +70,6 @@ fn cached_sun(slot: u32) -> CachedSun {
         }
     }
     return sun;
-}
-
-// The phase function of each octave, per steradian, for the light in a slot along a ray (world space, unit
-// length).
-fn sun_phases(slot: u32, ray: vec3<f32>, anisotropy: f32) -> array<f32, OCTAVES> {
-    var phases = array<f32, OCTAVES>();
-    let cosine = clamp(dot(view.cached_suns[slot].xyz, ray), -1.0, 1.0);
-    var anisotropies = octave_anisotropies(anisotropy);
-    for (var octave = 0u; octave < OCTAVES; octave++) {
-        phases[octave] = phase(anisotropies[octave], cosine);
-    }
-    return phases;
 }
 
 // Fraction of a cached sun that meshes and surfaces let through to a point in fog.
@@ -113,7 +103,7 @@ fn unoccluded_lamp(at: ShadingPoint, point: Point, lamp: u32, to_lamp: vec3<f32>
 
 // Light scattered along a ray, and the distance to the nearest of the lamps that it comes from.
 struct LocalLight {
-    octaves: array<vec3<f32>, OCTAVES>,
+    light: InScattered,
     nearest: f32,
 }
 
@@ -195,7 +185,7 @@ fn add_cached_lamps(
     point: Point,
     ray: vec3<f32>,
     extent: f32,
-    anisotropy: f32,
+    scatterer: Scatterer,
     volume: u32,
     place: SamplePoint,
 ) {
@@ -205,7 +195,7 @@ fn add_cached_lamps(
     let far = far_from_lamps(volume);
     let near_eye = interpolated_near_eye(volume, at.position);
 #endif
-    var octaves = (*light).octaves;
+    var own = (*light).light;
     var nearest_squared = FAR;
     let groups = (min(view.cached_lamp_count, MAX_CACHED_LAMPS) + 3u) / 4u;
     for (var group = 0u; group < groups; group++) {
@@ -243,15 +233,20 @@ fn add_cached_lamps(
                     // Of all lamps: the ray may meet the cone or the range of this one between samples.
                     nearest_squared = min(nearest_squared, dot(to_lamp, to_lamp));
                     if any(illuminance > vec3(0.0)) {
-                        let occlusion = depth_of(unoccluded_lamp(at, point, lamps[i], to_lamp));
-                        let visible = octaves_of_depth(depths[i] + occlusion, anisotropy);
-                        add_scattered(&octaves, to_lamp, illuminance, visible, ray, anisotropy);
+                        let visible = unoccluded_lamp(at, point, lamps[i], to_lamp);
+                        let cosine = light_cosine(to_lamp, ray);
+#ifdef VDB_SCATTERED
+                        let amount = dot(illuminance, vec3(1.0));
+                        own.all += amount;
+                        own.unoccluded += visible * amount;
+#endif
+                        add_attenuated(&own, visible * illuminance, depths[i], cosine, scatterer);
                     }
                 }
             }
         }
     }
-    (*light).octaves = octaves;
+    (*light).light = own;
     (*light).nearest = min((*light).nearest, sqrt(nearest_squared));
 }
 
@@ -275,10 +270,10 @@ fn add_other_lights(
     point: Point,
     ray: vec3<f32>,
     extent: f32,
-    anisotropy: f32,
+    scatterer: Scatterer,
     volume: u32,
 ) {
-    var octaves = (*light).octaves;
+    var own = (*light).light;
     let lights = lights_at(at);
     for (var i = 0u; i < lights.end; i++) {
         let has_shadows = casts_shadows(lights, i);
@@ -305,15 +300,14 @@ fn add_other_lights(
 #ifdef VDB_UNCACHED_LIGHTS
             visible = visibility(at, point, lights, i);
 #endif
-            let visibilities = octaves_of(visible, has_shadows, anisotropy);
-            add_scattered(&octaves, light_vector, illuminance, visibilities, ray, anisotropy);
+            add_scattered(&own, light_vector, illuminance, visible, has_shadows, ray, scatterer);
         }
     }
 #ifdef VDB_RECT_LIGHTS
-    let rects = scattered_rect_lights(at.position, ray, extent, anisotropy);
-    octaves[0] += rects.light;
+    let rects = scattered_rect_lights(at.position, ray, extent, scatterer.anisotropy);
+    own.whole += rects.light;
     (*light).nearest = min((*light).nearest, rects.nearest);
 #endif
-    (*light).octaves = octaves;
+    (*light).light = own;
 }
 #endif

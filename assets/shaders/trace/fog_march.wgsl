@@ -5,8 +5,12 @@
 #import bevy_vdb::view::scene::{fog_grid, frame_random, volumes}
 #import bevy_vdb::trace::segment::{Segment, lattice_ray, point_at}
 #import bevy_vdb::trace::lights::{EnvironmentLight, environment_light, in_scattered, shading_point}
-#import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, octave_weights}
-#import bevy_vdb::trace::scattering::{scattered_radiance, visibility_between}
+#import bevy_vdb::trace::scattering::{InScattered, Passed, Scatterer, ScatteringSums, Visible, add_environment}
+#import bevy_vdb::trace::scattering::{add_tints, scattered_radiance, tint, visible_stretch}
+#ifdef VDB_SCATTERED
+#import bevy_vdb::trace::scattered_light::{scattered_light_at, scattered_ray}
+#import bevy_vdb::trace::scattering::forward_depth
+#endif
 #ifndef VDB_EVEN_LIGHT
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::color::albedo_along
@@ -55,9 +59,9 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
     let entry = enter_at(mirrored, start_t(segment, volume, pixel));
     let scale = volumes[volume].density_scale * length(segment.dir);
     let max_integral = MAX_DEPTH_OF_STEP / max(scale, 1e-30);
-    let anisotropy = volumes[volume].anisotropy;
     let environment = environment_light(normalize(segment.dir));
     var sums = ScatteringSums();
+    var passed = Passed();
     var march = begin_march(mirrored, entry, light_interval(segment, volume));
     march.t_box -= frame_random(0.41421356) * march.t_step;
     var accessor = new_accessor(local_cell(mirrored, entry.rel));
@@ -66,15 +70,14 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
         let depth = scale * min(interval.density_integral, max_integral);
         if depth > 0.0 {
             let t = clamp(visible_mean_t(interval, depth), interval.t_first, t_max);
-            let light = in_scattered_at(segment, pixel, t, march.t_step, anisotropy, environment);
-            let transmittance = exp(-fog.optical_depth);
-            let weight = transmittance * (1.0 - exp(-depth));
+            let albedo = albedo_along(segment, t, volume);
+            let visible = pass_fog(&passed, depth, albedo, volume);
+            let light = in_scattered_at(segment, pixel, t, march.t_step, volume, albedo, visible);
+            add_fog(&sums, volume, depth, albedo, visible, light, environment);
+            let weight = depth * visible.whole;
             fog.radiance += weight * volumes[volume].emissive;
-            let visible = visibility_between(transmittance, transmittance - weight);
-            let weights = octave_weights(weight, visible, anisotropy);
-            add_sample(&sums, weights, albedo_along(segment, t, volume), light);
             t_sum += weight * t;
-            fog.optical_depth += depth;
+            fog.optical_depth = passed.depth;
         }
     }
     fog.radiance += scattered_radiance(sums, fog.optical_depth);
@@ -83,29 +86,67 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
 }
 #endif
 
-fn with_environment(
-    octaves: array<vec3<f32>, OCTAVES>,
-    environment: EnvironmentLight,
-    anisotropy: f32,
-) -> InScattered {
-    let from_environment = max(environment.mean + anisotropy * environment.forward, vec3(0.0));
-    return InScattered(octaves, from_environment, anisotropy);
+// Moves a ray on through an optical depth of a fog alone. Returns what is visible of it.
+fn pass_fog(passed: ptr<function, Passed>, depth: f32, albedo: vec3<f32>, volume: u32) -> Visible {
+    let before = *passed;
+    (*passed).depth += depth;
+#ifdef VDB_SCATTERED
+    let forward = forward_depth(depth, tint(albedo), volumes[volume].anisotropy);
+    (*passed).forward = add_tints((*passed).forward, forward);
+    return visible_stretch(before, depth, forward);
+#else
+    return visible_stretch(before, depth);
+#endif
 }
 
-// The light around t on a segment.
+// Adds the light of a stretch with an optical depth of a fog.
+fn add_fog(
+    sums: ptr<function, ScatteringSums>,
+    volume: u32,
+    depth: f32,
+    albedo: vec3<f32>,
+    visible: Visible,
+    light: InScattered,
+    environment: EnvironmentLight,
+) {
+    let anisotropy = volumes[volume].anisotropy;
+    (*sums).radiance += (depth * visible.whole) * albedo * light.whole;
+#ifdef VDB_SCATTERED
+    (*sums).radiance += (depth * visible.rest.value) * albedo * light.rest;
+#endif
+    add_environment(sums, depth * visible.whole, albedo, light_around(environment, anisotropy), anisotropy);
+}
+
+// The environment's light that fog scatters, without attenuation.
+fn light_around(environment: EnvironmentLight, anisotropy: f32) -> vec3<f32> {
+    return max(environment.mean + anisotropy * environment.forward, vec3(0.0));
+}
+
+// The light around t on a segment, in a fog.
 fn in_scattered_at(
     segment: Segment,
     pixel: vec2<u32>,
     t: f32,
     t_extent: f32,
-    anisotropy: f32,
-    environment: EnvironmentLight,
+    volume: u32,
+    albedo: vec3<f32>,
+    visible: Visible,
 ) -> InScattered {
     let point = point_at(segment, t);
     let at = shading_point(point, vec3(0.0), pixel, segment.is_view);
     let dir_length = length(segment.dir);
     let ray = segment.dir / dir_length;
-    let octaves = in_scattered(at, point, ray, t_extent * dir_length, anisotropy);
-    return with_environment(octaves, environment, anisotropy);
+    var scatterer = Scatterer();
+    scatterer.anisotropy = volumes[volume].anisotropy;
+    scatterer.albedo = tint(albedo);
+#ifdef VDB_SCATTERED
+    scatterer.forward = visible.forward;
+#endif
+    var light = in_scattered(at, point, ray, t_extent * dir_length, scatterer);
+#ifdef VDB_SCATTERED
+    let scattered = scattered_light_at(scattered_ray(segment, t, volume), 0.0, ray);
+    light.rest += (light.unoccluded / max(light.all, 1e-30)) * scattered;
+#endif
+    return light;
 }
 #endif

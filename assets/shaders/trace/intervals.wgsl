@@ -5,12 +5,10 @@
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::fog_march::light_interval
 #import bevy_vdb::trace::medium::{MAX_FOGS, Medium}
-#ifdef VDB_VARYING_ALBEDO
-#import bevy_vdb::trace::scattering::add_varied_sample
-#endif
-#import bevy_vdb::trace::scattering::{OCTAVES, ScatteringSums, add_sample}
+#import bevy_vdb::trace::scattering::{ScatteringSums, add_environment}
 #import bevy_vdb::trace::segment::Segment
-#import bevy_vdb::trace::shared_light::{CachedLight, FogPoint, SharedLight, begin_interval, mean_light}
+#import bevy_vdb::trace::fog_march::light_around
+#import bevy_vdb::trace::shared_light::{FogPoint, FogSums, SharedLight, begin_interval, interval_light}
 #import bevy_vdb::traversal::fog::point_in_box
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::view::scene::volumes
@@ -18,16 +16,6 @@
 #import bevy_vdb::trace::cached_lights::range_near_lamps
 #import bevy_vdb::trace::segment::{point_at, world_position}
 #endif
-
-// Sums over the steps of one fog in an interval.
-struct FogSums {
-    weights: array<f32, OCTAVES>,   // of the steps
-#ifdef VDB_VARYING_ALBEDO
-    scattered: array<vec3<f32>, OCTAVES>,   // weighted sums of the albedo
-#endif
-    t: f32,                         // weighted sum
-    light: CachedLight,             // weighted sum
-}
 
 // Sums over an interval. Everything but how much fog lets through of cached suns is evaluated once per
 // interval.
@@ -106,21 +94,23 @@ fn add_interval(
     var scattering = (*sums).scattering;
     for (var i = 0u; i < MAX_FOGS; i++) {
         let own = (*interval).fogs[i];
-        if own.weights[0] > 0.0 {
+        if own.weight > 0.0 {
             let volume = (*fogs)[i].volume;
-            let t = own.t / own.weights[0];
+            let t = own.t / own.weight;
             let grid = grids[volumes[volume].grid];
             let place = point_in_box(grid, (*fogs)[i].ray, t - (*fogs)[i].ray.t_origin);
             let extent = (*interval).width * length(segment.dir);
             let at = FogPoint(volume, place, min(t_zero + t, t_max), extent, is_near_lamps);
+            scattering.radiance += interval_light(shared_light, segment, pixel, at, own);
+            let anisotropy = volumes[volume].anisotropy;
+            let around = light_around((*shared_light).environment, anisotropy);
 #ifdef VDB_VARYING_ALBEDO
-            let light = mean_light(shared_light, segment, pixel, at, own.light, own.scattered);
-            add_varied_sample(&scattering, own.weights[0], own.scattered, light);
+            let albedo = own.whole.value / own.weight;
 #else
-            let light = mean_light(shared_light, segment, pixel, at, own.light, own.weights);
-            add_sample(&scattering, own.weights, volumes[volume].base_color, light);
+            let albedo = volumes[volume].base_color;
 #endif
-            (*sums).fogs[i] += own.weights[0];
+            add_environment(&scattering, own.weight, albedo, around, anisotropy);
+            (*sums).fogs[i] += own.weight;
         }
     }
     (*sums).scattering = scattering;

@@ -10,8 +10,12 @@
 #import bevy_vdb::trace::light_cache::{NOT_CACHED, lamp_group_lattices, lamp_light_lattice, light_atlas}
 #import bevy_vdb::trace::light_cache::far_from_lamps
 #import bevy_vdb::trace::cached_lights::{interpolated_near_eye, interpolated_part}
-#import bevy_vdb::trace::lights::add_scattered
-#import bevy_vdb::trace::scattering::{OCTAVES, octaves_of_depth}
+#import bevy_vdb::trace::lights::light_cosine
+#ifdef VDB_SCATTERED
+#import bevy_vdb::trace::scattering::{forward_part, split_phases}
+#else
+#import bevy_vdb::trace::scattering::phase
+#endif
 #import bevy_vdb::view::scene::{view, volumes}
 
 // Where the samples of a fog are.
@@ -36,12 +40,24 @@ fn view_direction(from_eye: vec3<f32>) -> vec3<f32> {
     return normalize(select(from_eye, view.dir, is_parallel || all(from_eye == vec3(0.0))));
 }
 
+// Light of an albedo of 1 that is scattered towards the eye. All of it is attenuated by what fog does not scatter in
+// the forward peak, because 16 bits hold that far into the fog.
+struct LampLight {
+    once: vec3<f32>,    // scattered in the peak once
+#ifdef VDB_SCATTERED
+    twice: vec3<f32>,
+    often: vec3<f32>,   // three times or more
+    rest: vec3<f32>,    // scattered otherwise
+    depth: f32,         // of fog towards the lamps, times the brightness of `twice`
+#endif
+}
+
 fn gather_lamps(
     volume: u32,
     from_eye: vec3<f32>,
     sample: vec3<u32>,
-) -> array<vec3<f32>, OCTAVES> {
-    var octaves = array<vec3<f32>, OCTAVES>();
+) -> LampLight {
+    var light = LampLight();
     let position = view.eye + from_eye;
     let ray = view_direction(from_eye);
     let anisotropy = volumes[volume].anisotropy;
@@ -57,7 +73,7 @@ fn gather_lamps(
             }
             let depth = textureLoad(light_atlas, first_texel(lattices[i]) + sample, 0).x;
             if depth == NO_FOG {
-                return octaves;
+                return light;
             }
             let data = bevy::clustered_lights.data[lamps[i]];
             let to_lamp = data.position_radius.xyz - position;
@@ -65,12 +81,28 @@ fn gather_lamps(
             let illuminance = part * lamp_illuminance(data, to_lamp, ray, 0.0);
             let has_shadows = (data.flags & POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT) != 0u;
             if has_shadows && any(illuminance > vec3(0.0)) {
-                let visible = octaves_of_depth(depth, anisotropy);
-                add_scattered(&octaves, to_lamp, illuminance, visible, ray, anisotropy);
+                let cosine = light_cosine(to_lamp, ray);
+#ifdef VDB_SCATTERED
+                let phases = split_phases(anisotropy, cosine);
+                let peak = depth * forward_part(anisotropy) * saturate(volumes[volume].base_color);
+                let arriving = illuminance * exp(peak - depth);
+                light.once += phases.x * arriving;
+                light.twice += phases.y * arriving;
+                light.often += phases.z * arriving;
+                light.rest += phases.w * arriving;
+                light.depth += depth * dot(phases.y * arriving, vec3(1.0));
+#else
+                light.once += illuminance * (exp(-depth) * phase(anisotropy, cosine));
+#endif
             }
         }
     }
-    return octaves;
+    return light;
+}
+
+fn store_light(texel: vec3<u32>, light: vec3<f32>, other: f32) {
+    let exposed = clamp(light * view.exposure, vec3(-MAX_LIGHT), vec3(MAX_LIGHT));
+    textureStore(gathered, texel, vec4(exposed, clamp(other, -MAX_LIGHT, MAX_LIGHT)));
 }
 
 @compute @workgroup_size(4, 4, 4)
@@ -84,11 +116,17 @@ fn gather(@builtin(global_invocation_id) sample: vec3<u32>) {
         + from_origin.x * samples.axis_x
         + from_origin.y * samples.axis_y
         + from_origin.z * samples.axis_z;
-    var octaves = gather_lamps(volume, from_eye, sample);
+    let light = gather_lamps(volume, from_eye, sample);
     let first = first_texel(lamp_light_lattice(volume)) + sample;
-    for (var octave = 0u; octave < OCTAVES; octave++) {
-        let light = min(octaves[octave] * view.exposure, vec3(MAX_LIGHT));
-        let texel = first + vec3(0u, 0u, octave * samples.count.z);
-        textureStore(gathered, texel, vec4(light, 0.0));
-    }
+#ifdef VDB_SCATTERED
+    let kinds = vec3(0u, 0u, samples.count.z);
+    let brightness = dot(light.twice, vec3(1.0));
+    let is_bright = abs(brightness) > 1e-30;
+    let safe = select(1.0, brightness, is_bright);
+    store_light(first, light.once, select(0.0, light.depth / safe, is_bright));
+    store_light(first + kinds, light.twice, select(0.0, dot(light.often, vec3(1.0)) / safe, is_bright));
+    store_light(first + 2u * kinds, light.rest, 0.0);
+#else
+    store_light(first, light.once, 0.0);
+#endif
 }

@@ -35,7 +35,8 @@ fn lamp_group_lattices(volume: u32, lamps: u32) -> vec4<u32> {
 #endif
 
 #ifdef VDB_LAMP_LIGHT
-// Light of lamps that fog scatters towards the view's eye, times its exposure: a lattice for each octave.
+// Light of lamps that fog scatters towards the view's eye, times its exposure: lattices for light of each kind, as
+// `trace/lamp_light.wgsl` stores them.
 @group(2) @binding(15) var lamp_light: texture_3d<f32>;
 
 // The texel of `lamp_lattices` with the packed position of a fog's lattices of scattered light, and the
@@ -58,12 +59,12 @@ fn far_from_eye(volume: u32) -> f32 {
     return bitcast<f32>(lamp_group_lattices(volume, LAMP_LIGHT_TEXEL).z);
 }
 
-// Light of an octave at a point in a lattice of scattered light.
-fn cached_lamp_light(point: vec3<f32>, lattice: u32, volume: u32, octave: u32) -> vec3<f32> {
+// Light of a kind at a point in a lattice of scattered light.
+fn cached_lamp_light(point: vec3<f32>, lattice: u32, volume: u32, kind: u32) -> vec4<f32> {
     var texel = vec3<f32>(first_texel(lattice)) + 0.5 + point;
-    texel.z += f32(octave * volumes[volume].light_planes);
+    texel.z += f32(kind * volumes[volume].light_planes);
     texel /= vec3<f32>(textureDimensions(lamp_light));
-    return textureSampleLevel(lamp_light, light_sampler, texel, 0.0).rgb;
+    return textureSampleLevel(lamp_light, light_sampler, texel, 0.0);
 }
 #endif
 

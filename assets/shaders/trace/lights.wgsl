@@ -8,7 +8,7 @@
 #endif
 #import bevy_vdb::trace::illuminance::illuminance_of
 #import bevy_vdb::trace::light_list::{ShadingPoint, casts_shadows, lights_at, to_light}
-#import bevy_vdb::trace::scattering::{OCTAVES, octave_anisotropies, octaves_of_depth, phase}
+#import bevy_vdb::trace::scattering::{InScattered, Scatterer, add_attenuated, add_unattenuated}
 #import bevy_vdb::trace::segment::{Point, world_position}
 #import bevy_vdb::trace::visibility::visibility
 #import bevy_vdb::traversal::hdda::FAR
@@ -28,39 +28,37 @@ fn depth_of(visible: f32) -> f32 {
     return select(FAR, -log(max(visible, 1e-37)), visible > 0.0);
 }
 
-// How much of a light arrives in each octave, given how much of it is visible. The first octave is single
-// scattering; the others estimate multiple scattering.
-fn octaves_of(visible: f32, has_shadows: bool, anisotropy: f32) -> array<f32, OCTAVES> {
-    if has_shadows {
-        return octaves_of_depth(depth_of(visible), anisotropy);
-    }
-    // Without shadows, all light is in the first octave.
-    var octaves = array<f32, OCTAVES>();
-    octaves[0] = visible;
-    return octaves;
+// The cosine of the angle between a ray (world space, unit length) and the direction to a light. Forward scattering
+// is towards the viewer from a light straight ahead.
+fn light_cosine(light_vector: vec3<f32>, ray: vec3<f32>) -> f32 {
+    let inverse_length = inverseSqrt(max(dot(light_vector, light_vector), 1e-30));
+    return clamp(dot(light_vector, ray) * inverse_length, -1.0, 1.0);
 }
 
-// Adds the light that is scattered along a ray (world space, unit length) from a light, given its illuminance
-// and how much of it arrives.
+// Adds the light that is scattered along a ray (world space, unit length) from a light, given its illuminance and
+// how much of it is visible.
 fn add_scattered(
-    light: ptr<function, array<vec3<f32>, OCTAVES>>,
+    light: ptr<function, InScattered>,
     light_vector: vec3<f32>,
     illuminance: vec3<f32>,
-    visible: array<f32, OCTAVES>,
+    visible: f32,
+    has_shadows: bool,
     ray: vec3<f32>,
-    anisotropy: f32,
+    scatterer: Scatterer,
 ) {
-    // Forward scattering is towards the viewer from a light straight ahead.
-    let cosine = clamp(
-        dot(light_vector, ray) * inverseSqrt(max(dot(light_vector, light_vector), 1e-30)),
-        -1.0,
-        1.0,
-    );
-    var visibilities = visible;
-    var anisotropies = octave_anisotropies(anisotropy);
-    for (var octave = 0u; octave < OCTAVES; octave++) {
-        (*light)[octave] += (visibilities[octave] * phase(anisotropies[octave], cosine)) * illuminance;
+    let cosine = light_cosine(light_vector, ray);
+    if !has_shadows {
+        // No optical depth towards the light is known.
+        add_unattenuated(light, visible * illuminance, cosine, scatterer.anisotropy);
+        return;
     }
+#ifdef VDB_SCATTERED
+    // Fog alone leaves some of it.
+    let amount = dot(illuminance, vec3(1.0));
+    (*light).all += amount;
+    (*light).unoccluded += select(0.0, amount, visible > 0.0);
+#endif
+    add_attenuated(light, illuminance, depth_of(visible), cosine, scatterer);
 }
 
 // Light scattered over a stretch of a ray (world space, unit length) around a point in fog with an albedo of
@@ -70,19 +68,20 @@ fn in_scattered(
     point: Point,
     ray: vec3<f32>,
     extent: f32,
-    anisotropy: f32,
-) -> array<vec3<f32>, OCTAVES> {
-    var light = array<vec3<f32>, OCTAVES>();
+    scatterer: Scatterer,
+) -> InScattered {
+    var light = InScattered();
     let lights = lights_at(at);
     for (var i = 0u; i < lights.end; i++) {
         let illuminance = illuminance_of(at, lights, i, ray, extent);
         if any(illuminance > vec3(0.0)) {
-            let visible = octaves_of(visibility(at, point, lights, i), casts_shadows(lights, i), anisotropy);
-            add_scattered(&light, to_light(at, lights, i), illuminance, visible, ray, anisotropy);
+            let visible = visibility(at, point, lights, i);
+            let has_shadows = casts_shadows(lights, i);
+            add_scattered(&light, to_light(at, lights, i), illuminance, visible, has_shadows, ray, scatterer);
         }
     }
 #ifdef VDB_RECT_LIGHTS
-    light[0] += scattered_rect_lights(at.position, ray, extent, anisotropy).light;
+    light.whole += scattered_rect_lights(at.position, ray, extent, scatterer.anisotropy).light;
 #endif
     return light;
 }

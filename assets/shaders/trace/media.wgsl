@@ -7,6 +7,7 @@
 
 #ifdef VDB_VARYING_ALBEDO
 #import bevy_vdb::trace::color::albedo_along
+#import bevy_vdb::trace::scattering::Tint
 #endif
 #import bevy_vdb::trace::fog_march::{Fog, MIN_STEP}
 #import bevy_vdb::trace::intervals::{HAS_INTERVALS, IntervalSums, LAMP_INTERVAL, MIN_INTERVAL, SegmentSums}
@@ -14,8 +15,11 @@
 #import bevy_vdb::trace::media_step::{FogStep, add_step, fog_step}
 #import bevy_vdb::trace::medium::{HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia, begun, first_step}
 #import bevy_vdb::trace::medium::{new_medium, no_medium, suitable_step}
-#import bevy_vdb::trace::scattering::{OPAQUE_DEPTH, mean_transmittance, octave_weights, scattered_radiance}
-#import bevy_vdb::trace::scattering::visibility_between
+#import bevy_vdb::trace::scattering::{OPAQUE_DEPTH, Passed, scattered_radiance, visible_stretch}
+#ifdef VDB_SCATTERED
+#import bevy_vdb::trace::scattered_light::{ScatteredRay, scattered_light_at, scattered_ray}
+#import bevy_vdb::trace::scattering::{Tint, add_tints, forward_depth}
+#endif
 #import bevy_vdb::trace::segment::{NONE, Segment}
 #import bevy_vdb::trace::shared_light::begin_light
 #import bevy_vdb::traversal::fog::{next_index, step_length, stride_at}
@@ -24,8 +28,8 @@
 #ifdef VDB_LAMP_LIGHT
 #import bevy_vdb::trace::intervals::{flush_near_lamps, near_lamps}
 #import bevy_vdb::trace::light_cache::{NOT_CACHED, lamp_light_lattice}
-#import bevy_vdb::trace::media_step::add_lamp_light
-#import bevy_vdb::trace::scattering::OCTAVES
+#import bevy_vdb::trace::media_step::step_lamp_light
+#import bevy_vdb::trace::scattering::remaining_color
 #import bevy_vdb::view::scene::view
 #endif
 #ifdef VDB_EMISSION
@@ -95,7 +99,14 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
     }
 #endif
     let dir_length = length(segment.dir);
-    var shared_light = begin_light(normalize(segment.dir));
+    var shared_light = begin_light(segment.dir / dir_length);
+#ifdef VDB_SCATTERED
+    var scattered_rays = array<ScatteredRay, MAX_FOGS>();
+    for (var i = 0u; i < MAX_FOGS; i++) {
+        scattered_rays[i] = scattered_ray(segment, t_zero, fogs[i].volume);
+    }
+#endif
+    var passed = Passed();
     var sums = SegmentSums();
     var interval = IntervalSums();
     // Starts short, because a lamp may be near.
@@ -108,15 +119,13 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
     for (var i = 0u; i < MAX_FOGS; i++) {
         lamp_lattices[i] = lamp_light_lattice(fogs[i].volume);
     }
-    // Of lamps, times the exposure: light in each octave.
-    var lamp_light = array<vec3<f32>, OCTAVES>();
+    var lamp_light = vec3(0.0);     // of lamps, times the exposure
 #endif
 #ifdef VDB_EMITS
     var radiance_sum = 0.0;
     var t_radiance_sum = 0.0;
 #endif
     var is_near_lamps = true;
-    var transmittance = 1.0;
     let t_start = t_first - t_zero;
     var k = first_step(min(t_near, t_end) * inverse_base);
     var is_done = t_near >= t_end;
@@ -143,6 +152,9 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         let t_middle = t_low + 0.5 * width;
         var is_empty = true;
         var extinction = 0.0;
+#ifdef VDB_SCATTERED
+        var forward = Tint();   // extinction by scattering in the forward peak
+#endif
         var steps = array<FogStep, MAX_FOGS>();
         for (var i = 0u; i < MAX_FOGS; i++) {
             if fogs[i].t_next <= t_middle {
@@ -156,45 +168,53 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
 #endif
                 is_empty = is_empty && !steps[i].is_inside;
                 extinction += steps[i].extinction;
+#ifdef VDB_VARYING_ALBEDO
+                if steps[i].extinction > 0.0 {
+                    let own = albedo_along(segment, t_zero + t_middle, fogs[i].volume);
+                    steps[i].albedo = Tint(steps[i].albedo.value * own);
+                }
+#endif
+#ifdef VDB_SCATTERED
+                let anisotropy = volumes[fogs[i].volume].anisotropy;
+                forward = add_tints(forward, forward_depth(steps[i].extinction, steps[i].albedo, anisotropy));
+#endif
             }
         }
         let depth = extinction * width;
-        let visible_width = transmittance * mean_transmittance(depth) * width;
-        let transmittance_after = transmittance * exp(-depth);
-        let visible = visibility_between(transmittance, transmittance_after);
+#ifdef VDB_SCATTERED
+        forward = Tint(width * forward.value);
+        let visible = visible_stretch(passed, depth, forward);
+        passed.forward = add_tints(passed.forward, forward);
+#else
+        let visible = visible_stretch(passed, depth);
+#endif
+        let visible_width = visible.whole * width;
         t_near = FAR;
         for (var i = 0u; i < MAX_FOGS; i++) {
             let weight = steps[i].extinction * visible_width;
-#ifdef VDB_VARYING_ALBEDO
-            var albedo = vec3(0.0);
-            if weight > 0.0 {
-                albedo = albedo_along(segment, t_zero + t_middle, fogs[i].volume);
-            }
 #ifdef VDB_RAMPS
-            albedo *= steps[i].albedo;
             let glow = visible_width * dir_length * steps[i].emission;
             fog.radiance += glow;
             radiance_sum += dot(glow, vec3(1.0));
             t_radiance_sum += dot(glow, vec3(1.0)) * t_middle;
 #endif
-#endif
             if weight > 0.0 {
                 let volume = fogs[i].volume;
-                let weights = octave_weights(weight, visible, volumes[volume].anisotropy);
-                interval.fogs[i].t += weight * t_middle;
+                let own_depth = steps[i].extinction * width;
                 var own = interval.fogs[i];
-#ifdef VDB_VARYING_ALBEDO
-                add_step(&own, volume, weights, steps[i].depths, albedo);
-#else
-                add_step(&own, volume, weights, steps[i].depths);
+                own.t += weight * t_middle;
+                add_step(&own, volume, own_depth, visible, steps[i].depths, steps[i].albedo);
+#ifdef VDB_SCATTERED
+                let scattered = scattered_light_at(scattered_rays[i], t_middle, shared_light.dir);
+                own.scattered += (own_depth * visible.rest.value * steps[i].albedo.value) * scattered;
 #endif
                 interval.fogs[i] = own;
 #ifdef VDB_LAMP_LIGHT
-                if lamp_lattices[i] != NOT_CACHED {
-#ifndef VDB_VARYING_ALBEDO
-                    let albedo = volumes[volume].base_color;
-#endif
-                    add_lamp_light(&lamp_light, steps[i].point, lamp_lattices[i], volume, weights, albedo);
+                let lattice = lamp_lattices[i];
+                if lattice != NOT_CACHED {
+                    let point = steps[i].point;
+                    let light = step_lamp_light(point, lattice, volume, own_depth, visible, steps[i].albedo);
+                    lamp_light += light * remaining_color(volumes[volume].base_color);
                 }
 #endif
             }
@@ -223,7 +243,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         interval.weight += weight;
         interval.t += weight * t_middle;
         fog.optical_depth += depth;
-        transmittance = transmittance_after;
+        passed.depth = fog.optical_depth;
         is_done = k * t_base >= t_end || t_near >= t_end || fog.optical_depth > OPAQUE_DEPTH;
         // The only call: compilers inline it, with rays to all lights.
         if HAS_INTERVALS && (t_high >= t_flush || is_done) && interval.weight > 0.0 {
@@ -247,9 +267,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         add_interval(segment, pixel, &fogs, t_zero, t_max, &shared_light, &interval, is_near_lamps, &sums);
     }
 #ifdef VDB_LAMP_LIGHT
-    for (var octave = 0u; octave < OCTAVES; octave++) {
-        sums.scattering.octaves[octave] += lamp_light[octave] / max(view.exposure, 1e-30);
-    }
+    sums.scattering.radiance += lamp_light / max(view.exposure, 1e-30);
 #endif
 #ifdef VDB_MOTION_VECTORS
     var largest_weight = 0.0;

@@ -3,11 +3,13 @@
 #define_import_path bevy_vdb::trace::media_step
 
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::trace::intervals::FogSums
 #import bevy_vdb::trace::light_cache::{cached_sun_depth, lattice_point}
 #import bevy_vdb::trace::medium::Medium
-#import bevy_vdb::trace::scattering::{OCTAVES, octaves_of_depth}
-#import bevy_vdb::trace::shared_light::{SUN_COUNT, SUN_SLOTS}
+#import bevy_vdb::trace::scattering::{Tint, Visible}
+#ifdef VDB_SCATTERED
+#import bevy_vdb::trace::scattering::{forward_depth, scattered_often_tint}
+#endif
+#import bevy_vdb::trace::shared_light::{FogSums, SUN_COUNT, SUN_SLOTS}
 #import bevy_vdb::traversal::fog::sample_fog
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::view::scene::{fog_grid, volumes}
@@ -29,12 +31,12 @@
 struct FogStep {
     is_inside: bool,                // whether the middle of the step is in the fog
     extinction: f32,                // per t
+    albedo: Tint,                   // where it varies, of the ramp in the mean
     depths: array<f32, SUN_SLOTS>,  // optical depth towards each cached sun
 #ifdef VDB_LAMP_LIGHT
     point: vec3<f32>,               // in the fog's lattice
 #endif
 #ifdef VDB_RAMPS
-    albedo: vec3<f32>,              // the ramp's, in the mean
     emission: vec3<f32>,            // per world unit
 #endif
 }
@@ -51,8 +53,8 @@ fn fog_step(medium: ptr<function, Medium>, t_low: f32, t_middle: f32, t_high: f3
     step.is_inside = !found.is_empty && is_in_box;
     if step.is_inside {
         var density = found.density;
+        step.albedo = (*medium).albedo;
 #ifdef VDB_RAMPS
-        step.albedo = vec3(1.0);
         if volumes[volume].ramp != 0u {
             density = ramp_step(&step, medium, &accessor, t_low, density, t_high, dir_length);
         }
@@ -104,58 +106,75 @@ fn ramp_step(
     add_stretch(&sums, fog_grid(volume), values, length * (*medium).extinction, emission_length);
     let width = max(t_high - t_low, 0.0);
     let visible_length = mean_transmittance(sums.optical_depth) * width * dir_length;
-    (*step).albedo = visible_albedo(sums);
+    (*step).albedo = Tint(visible_albedo(sums));
     (*step).emission = sums.emitted / max(visible_length, 1e-30);
     return sums.optical_depth / max(width * (*medium).extinction, 1e-30);
 }
 #endif
 
-// Adds a step to the sums of a fog, given the step's weight in each octave and the optical depth towards each
-// cached sun.
+// Adds a step of an optical depth to the sums of a fog, given the optical depth towards each cached sun.
 fn add_step(
     sums: ptr<function, FogSums>,
     volume: u32,
-    octave_weights: array<f32, OCTAVES>,
+    depth: f32,
+    visible: Visible,
     sun_depths: array<f32, SUN_SLOTS>,
-#ifdef VDB_VARYING_ALBEDO
-    albedo: vec3<f32>,
-#endif
+    albedo: Tint,
 ) {
-    var weights = octave_weights;
     var depths = sun_depths;
-    for (var octave = 0u; octave < OCTAVES; octave++) {
-        (*sums).weights[octave] += weights[octave];
-#ifdef VDB_VARYING_ALBEDO
-        (*sums).scattered[octave] += weights[octave] * albedo;
+    let weight = depth * visible.whole;
+    let scattered = weight * albedo.value;
+    (*sums).weight += weight;
+    (*sums).whole = Tint((*sums).whole.value + scattered);
+#ifdef VDB_SCATTERED
+    let rest = depth * visible.rest.value * albedo.value;
+    (*sums).rest = Tint((*sums).rest.value + rest);
+    (*sums).forward = Tint((*sums).forward.value + weight * visible.forward.value);
 #endif
-    }
     for (var slot = 0u; slot < SUN_COUNT; slot++) {
-        var arriving = octaves_of_depth(depths[slot], volumes[volume].anisotropy);
-        for (var octave = 0u; octave < OCTAVES; octave++) {
-#ifdef VDB_VARYING_ALBEDO
-            (*sums).light.slots[slot][octave] += weights[octave] * arriving[octave] * albedo;
+        var sun = (*sums).suns[slot];
+        let e = exp(-depths[slot]);
+#ifdef VDB_SCATTERED
+        let forward = forward_depth(depths[slot], albedo, volumes[volume].anisotropy);
+        let events = Tint(visible.forward.value + forward.value);
+        sun.once = Tint(sun.once.value + e * scattered);
+        sun.twice = Tint(sun.twice.value + (0.5 * e) * scattered * events.value);
+        sun.often = Tint(sun.often.value + scattered * scattered_often_tint(events, depths[slot]).value);
+        sun.rest = Tint(sun.rest.value + rest * exp(forward.value - depths[slot]));
 #else
-            (*sums).light.slots[slot][octave] += weights[octave] * arriving[octave];
+        sun.once = Tint(sun.once.value + e * scattered);
 #endif
-        }
+        (*sums).suns[slot] = sun;
     }
 }
 
 #ifdef VDB_LAMP_LIGHT
-// Adds the interpolated light of lamps that a step scatters: in each octave, times the exposure.
-fn add_lamp_light(
-    sums: ptr<function, array<vec3<f32>, OCTAVES>>,
+// The interpolated light of lamps that a step of an optical depth scatters, times the exposure.
+fn step_lamp_light(
     point: vec3<f32>,
     lattice: u32,
     volume: u32,
-    octave_weights: array<f32, OCTAVES>,
-    albedo: vec3<f32>,
-) {
-    var weights = octave_weights;
-    for (var octave = 0u; octave < OCTAVES; octave++) {
-        let light = cached_lamp_light(point, lattice, volume, octave);
-        (*sums)[octave] += weights[octave] * albedo * light;
-    }
+    depth: f32,
+    visible: Visible,
+    albedo: Tint,
+) -> vec3<f32> {
+    let scattered = depth * visible.whole * albedo.value;
+    let once = cached_lamp_light(point, lattice, volume, 0u);
+#ifdef VDB_SCATTERED
+    let often = cached_lamp_light(point, lattice, volume, 1u);
+    let rest = cached_lamp_light(point, lattice, volume, 2u);
+    // The mean depth towards lamps, and what they scatter three times or more, relative to twice.
+    let lamp_depth = max(once.w, 0.0);
+    let forward = forward_depth(lamp_depth, albedo, volumes[volume].anisotropy);
+    let events = Tint(visible.forward.value + forward.value);
+    // In the lattice, light is attenuated by what is not scattered in the peak, so that it stays within 16 bits.
+    let whole = exp(-forward.value);
+    let most = exp(lamp_depth - forward.value) * scattered_often_tint(events, lamp_depth).value;
+    return scattered * (whole * once.rgb + (0.5 * whole * events.value + often.w * most) * often.rgb)
+        + (depth * visible.rest.value * albedo.value) * rest.rgb;
+#else
+    return scattered * once.rgb;
+#endif
 }
 #endif
 

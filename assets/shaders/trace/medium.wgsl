@@ -4,6 +4,11 @@
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::candidates::start_t
 #import bevy_vdb::trace::fog_march::MAX_DEPTH_OF_STEP
+#ifdef VDB_VARYING_ALBEDO
+#import bevy_vdb::trace::scattering::Tint
+#else
+#import bevy_vdb::trace::scattering::{Tint, tint}
+#endif
 #import bevy_vdb::trace::segment::{Segment, lattice_ray}
 #import bevy_vdb::traversal::fog::{SampledRay, sampled_ray}
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray}
@@ -32,6 +37,7 @@ struct Medium {
     volume: u32,
     extinction: f32,    // per unit of density and of t
     max_density: f32,   // keeps products with a step within f32
+    albedo: Tint,       // 1 where it varies
     ray: SampledRay,
     accessor: Accessor,
     t_step: f32,        // the longest step
@@ -71,6 +77,11 @@ fn new_medium(segment: Segment, volume: u32, step: f32, t_max: f32) -> Medium {
     medium.volume = volume;
     medium.extinction = volumes[volume].density_scale * length(segment.dir);
     medium.max_density = MAX_DEPTH_OF_STEP / max(medium.extinction * t_step, 1e-30);
+#ifdef VDB_VARYING_ALBEDO
+    medium.albedo = Tint(vec3(1.0));
+#else
+    medium.albedo = tint(volumes[volume].base_color);
+#endif
     medium.ray = ray;
     medium.accessor = new_accessor(ray.cell);
     medium.t_step = t_step;

@@ -24,8 +24,8 @@
 #import bevy_vdb::traversal::march::scaled_step
 #endif
 
-// Optical depth of fog at which rays to lights end. With multiple scattering, the last octave sees at most a
-// quarter of the optical depth, or less if fog scatters forwards.
+// Optical depth of fog at which rays to lights end. With multiple scattering, fog that scatters forwards lets some
+// light through much larger depths.
 #ifdef VDB_MULTIPLE_SCATTERING
 const DARK_DEPTH: f32 = 5.0 * OPAQUE_DEPTH;
 #else

@@ -4,10 +4,10 @@
 #import bevy_vdb::gpu::types::Grid
 #import bevy_vdb::trace::candidates::start_t
 #import bevy_vdb::trace::color::albedo_along
-#import bevy_vdb::trace::fog_march::{Fog, in_scattered_at, light_interval}
+#import bevy_vdb::trace::fog_march::{Fog, add_fog, in_scattered_at, light_interval, pass_fog}
 #import bevy_vdb::trace::lights::environment_light
-#import bevy_vdb::trace::scattering::{InScattered, OPAQUE_DEPTH, ScatteringSums, add_sample, mean_transmittance}
-#import bevy_vdb::trace::scattering::{octave_weights, scattered_radiance, visibility_between}
+#import bevy_vdb::trace::scattering::{InScattered, OPAQUE_DEPTH, Passed, ScatteringSums, mean_transmittance}
+#import bevy_vdb::trace::scattering::scattered_radiance
 #import bevy_vdb::trace::segment::{Segment, lattice_ray}
 #import bevy_vdb::traversal::hdda::{FAR, enter_at, local_cell, mirrored_ray}
 #import bevy_vdb::traversal::march::{begin_march, next_interval}
@@ -121,9 +121,9 @@ fn march_ramp(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_m
     let dir_length = length(segment.dir);
     let optical_length = volumes[volume].density_scale * dir_length;
     let emission_length = volumes[volume].ramp_emission * dir_length;
-    let anisotropy = volumes[volume].anisotropy;
     let environment = environment_light(normalize(segment.dir));
     var sums = ScatteringSums();
+    var passed = Passed();
     var march = begin_march(mirrored, entry, light_interval(segment, volume));
     march.t_box -= frame_random(0.41421356) * march.t_step;
     var accessor = new_accessor(local_cell(mirrored, entry.rel));
@@ -138,18 +138,18 @@ fn march_ramp(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_m
         let transmittance = exp(-fog.optical_depth);
         fog.radiance += transmittance * own.emitted;
         if own.opacity > 0.0 {
+            let albedo = albedo_along(segment, t, volume) * visible_albedo(own);
+            let visible = pass_fog(&passed, own.optical_depth, albedo, volume);
             if t >= t_lit {
                 t_lit = march.t_box + (floor((t - march.t_box) / march.t_step) + 1.0) * march.t_step;
                 let t_light = clamp(t_lit - 0.5 * march.t_step, t, t_max);
-                light = in_scattered_at(segment, pixel, t_light, march.t_step, anisotropy, environment);
+                light = in_scattered_at(segment, pixel, t_light, march.t_step, volume, albedo, visible);
             }
+            add_fog(&sums, volume, own.optical_depth, albedo, visible, light, environment);
             let weight = transmittance * own.opacity;
-            let visible = visibility_between(transmittance, transmittance - weight);
-            let albedo = albedo_along(segment, t, volume) * visible_albedo(own);
-            add_sample(&sums, octave_weights(weight, visible, anisotropy), albedo, light);
             fog.radiance += weight * volumes[volume].emissive;
             t_sum += weight * t;
-            fog.optical_depth += own.optical_depth;
+            fog.optical_depth = passed.depth;
         }
     }
     fog.radiance += scattered_radiance(sums, fog.optical_depth);

@@ -1,11 +1,12 @@
 // Single and multiple scattering of fog towards the viewer.
 //
-// Light from light sources is split into octaves, after Wrenninge, Kulla and Lundqvist 2013, "Oz: The Great
-// and Volumetric". Light that has been scattered several times reaches deeper into fog, and more evenly from
-// all sides, so each octave has a smaller extinction towards the light, a more isotropic phase function and
-// an amplitude of its own. Here they depend on what decides how often light is scattered: on the optical
-// depth of the ray, on the albedo and the anisotropy, and on how near the point is to where light enters and
-// leaves. The constants are fitted to path tracing by scripts/fit-scattering.
+// The phase function of Henyey and Greenstein with an anisotropy g is divided into a forward peak and a rest that
+// is linear in the cosine (delta-Eddington approximation: Joseph, Wiscombe and Weinman 1976): f q + (1 - f) p',
+// with f = g², p'(c) = (1 + 3 g' c) / 4π and g' = g / (1 + g). Moments of q up to the second are those of a ray
+// that goes straight on, so light that is only scattered in the peak has a closed form: of k such events on a
+// path through the optical depths towards the light and the viewer, the number is distributed as Poisson's, and
+// their phase function is q convolved k times. Light that was scattered otherwise twice or more comes from a
+// coarse lattice (`trace/scattered_light.wgsl`), in which only the rest attenuates.
 //
 // Uniform light from the environment uses the closed form of the two-stream approximation for a layer with
 // the optical depth of the ray (Schuster 1905, "Radiation through a foggy atmosphere"). The light that the
@@ -16,48 +17,41 @@
 
 #import bevy_render::maths::PI
 
-#ifdef VDB_OCTAVES
-const OCTAVES: u32 = 3u;
-#else
-const OCTAVES: u32 = 1u;
-#endif
-
-// The second octave is mostly light that is scattered twice; the third, light that is scattered many times.
-// `u` is 1 - g for an anisotropy g > 0, and otherwise 1.
-//
-// Ratios of the extinction towards the light to that of the first octave, divided by √u.
-const OCTAVE_EXTINCTION = vec2(0.987, 0.247);
-// Close to where light enters, the second octave has not built up yet: it is multiplied by exp(-B T), for a
-// transmittance T towards the light.
-const BUILD_UP: f32 = 0.678;
-// Likewise, close to where light leaves for the viewer, octaves are multiplied by exp(-E T), for a
-// transmittance T towards the viewer. For the second octave, E = ESCAPE.x - u ESCAPE.y; for the third, E =
-// ESCAPE.z.
-const ESCAPE = vec3(1.13, 0.567, 4.54);
-// The amplitude of the second octave is A τ / (τ + D), for a ray of optical depth τ; of the third,
-// A τ / (1 + u τ / D).
-const OCTAVE_AMPLITUDE = vec2(2.89, 0.609);
-const OCTAVE_DEPTH = vec2(1.1, 29.0);
 // Optical depth beyond which nothing is visible: e^-16 is 1/4,000 of the step of 16-bit floats near 1. Rays
 // end there, so the fog beyond it is unknown.
 const OPAQUE_DEPTH: f32 = 16.0;
 
-// Light scattered along a ray at a point in fog with an albedo of 1, cd/m².
-struct InScattered {
-    octaves: array<vec3<f32>, OCTAVES>,     // from lights
-    environment: vec3<f32>,                 // from the environment, without attenuation
-    anisotropy: f32,                        // of the fog
+// A factor for each channel, where albedos vary or have a colour; otherwise one for all channels.
+struct Tint {
+#ifdef VDB_VARYING_ALBEDO
+    value: vec3<f32>,
+#else
+    value: f32,
+#endif
 }
 
-// Sums over points on a ray, weighted by how much of each is visible.
-struct ScatteringSums {
-    octaves: array<vec3<f32>, OCTAVES>,
-#ifdef VDB_MULTIPLE_SCATTERING
-    environment: vec3<f32>,
-    albedo: vec3<f32>,
-    anisotropy: f32,
-    weight: f32,
+// The factor of a colour that is the same in all channels unless factors are for each.
+fn tint(color: vec3<f32>) -> Tint {
+#ifdef VDB_VARYING_ALBEDO
+    return Tint(color);
+#else
+    return Tint(dot(color, vec3(1.0 / 3.0)));
 #endif
+}
+
+// What `tint` leaves of a colour.
+fn remaining_color(color: vec3<f32>) -> vec3<f32> {
+#ifdef VDB_VARYING_ALBEDO
+    return vec3(1.0);
+#else
+    return color / max(dot(color, vec3(1.0 / 3.0)), 1e-30);
+#endif
+}
+
+// Mean transmittance out of a homogeneous slab of an optical depth τ: (1 - e^-τ) / τ.
+fn mean_transmittance(depth: f32) -> f32 {
+    let exact = (1.0 - exp(-depth)) / max(depth, 1e-2);
+    return select(exact, 1.0 - depth * (0.5 - depth / 6.0), depth < 1e-2);
 }
 
 // Henyey–Greenstein phase function per steradian, normalised over the sphere. Henyey and Greenstein 1941,
@@ -69,151 +63,214 @@ fn phase(anisotropy: f32, cosine: f32) -> f32 {
     return (1.0 - anisotropy * anisotropy) / (4.0 * PI) * (root * root * root);
 }
 
-// Anisotropy of each octave: scattering n times has the Henyey–Greenstein phase function of gⁿ.
-fn octave_anisotropies(anisotropy: f32) -> array<f32, OCTAVES> {
-    var octaves = array<f32, OCTAVES>();
-    octaves[0] = anisotropy;
-#ifdef VDB_OCTAVES
-    let squared = anisotropy * anisotropy;
-    octaves[1] = squared;
-    octaves[2] = squared * squared * squared * squared;
+// What is visible of a stretch of a ray, per optical depth of a fog in it.
+struct Visible {
+    whole: f32,
+#ifdef VDB_SCATTERED
+    rest: Tint,         // where only what is scattered outside of the peak, or absorbed, attenuates
+    forward: Tint,      // optical depth of scattering in the peak, between the viewer and what is visible
 #endif
-    return octaves;
 }
 
-fn isotropic_part(anisotropy: f32) -> f32 {
-    return 1.0 - max(anisotropy, 0.0);
-}
-
-// How much light an occluder of an optical depth lets through in each octave.
-fn octave_transmittances(depth: f32, anisotropy: f32) -> array<f32, OCTAVES> {
-    var octaves = array<f32, OCTAVES>();
-    octaves[0] = exp(-depth);
-#ifdef VDB_OCTAVES
-    let depths = (sqrt(isotropic_part(anisotropy)) * depth) * OCTAVE_EXTINCTION;
-    octaves[1] = exp(-depths.x);
-    octaves[2] = exp(-depths.y);
+// Optical depths of a ray from the viewer to where it is.
+struct Passed {
+    depth: f32,
+#ifdef VDB_SCATTERED
+    forward: Tint,      // of scattering in the peak
 #endif
-    return octaves;
 }
 
-// How much light arrives through an optical depth of fog in each octave.
-fn octaves_of_depth(depth: f32, anisotropy: f32) -> array<f32, OCTAVES> {
-    var octaves = octave_transmittances(depth, anisotropy);
-#ifdef VDB_OCTAVES
-    octaves[1] *= exp(-BUILD_UP * octaves[0]);
+// Properties of fog at a point that decide how its light is scattered.
+struct Scatterer {
+    anisotropy: f32,
+    albedo: Tint,
+#ifdef VDB_SCATTERED
+    forward: Tint,      // optical depth of scattering in the peak towards the viewer
 #endif
-    return octaves;
 }
 
-// Transmittances towards the viewer at both ends of a stretch of a ray: mean, and half of the difference.
-struct Visibility {
-    mean: f32,
-    half_range: f32,
-}
-
-fn visibility_between(near: f32, far: f32) -> Visibility {
-    return Visibility(0.5 * (near + far), 0.5 * (near - far));
-}
-
-// Weights of a stretch of a ray in each octave. `weight` is the fraction of the pixel that the stretch
-// covers. The second and third octaves are multiplied by the mean of exp(-E T) over the stretch, in which T
-// is evenly distributed when weighted by visibility: exp(-E mean) sinh(x) / x, by the first terms of its
-// series.
-fn octave_weights(weight: f32, visible: Visibility, anisotropy: f32) -> array<f32, OCTAVES> {
-    var weights = array<f32, OCTAVES>();
-    weights[0] = weight;
-#ifdef VDB_OCTAVES
-    let escape = vec2(ESCAPE.x - ESCAPE.y * isotropic_part(anisotropy), ESCAPE.z);
-    let x = escape * visible.half_range;
-    let x_squared = x * x;
-    let others = weight * exp(-escape * visible.mean) * (1.0 + x_squared / 6.0 * (1.0 + x_squared / 20.0));
-    weights[1] = others.x;
-    weights[2] = others.y;
+// Light at a point in fog that is scattered towards the viewer, for an albedo of 1, cd/m².
+struct InScattered {
+    whole: vec3<f32>,           // has the weight `Visible::whole`
+#ifdef VDB_SCATTERED
+    rest: vec3<f32>,            // has the weight `Visible::rest`
+    // Illuminance of lights with shadows, and what surfaces and meshes let through of it.
+    all: f32,
+    unoccluded: f32,
 #endif
-    return weights;
 }
 
-// Adds a sample with the weights of its octaves.
-fn add_sample(
-    sums: ptr<function, ScatteringSums>,
-    weights: array<f32, OCTAVES>,
-    albedo: vec3<f32>,
-    light: InScattered,
-) {
-    let weight = weights[0];
+// Sums over points on a ray, weighted by how much of each is visible.
+struct ScatteringSums {
+    radiance: vec3<f32>,        // light from lights
 #ifdef VDB_MULTIPLE_SCATTERING
-    for (var i = 0u; i < OCTAVES; i++) {
-        (*sums).octaves[i] += weights[i] * albedo * light.octaves[i];
-    }
-    (*sums).environment += weight * light.environment;
-    (*sums).albedo += weight * albedo;
-    (*sums).anisotropy += weight * light.anisotropy;
-    (*sums).weight += weight;
-#else
-    (*sums).octaves[0] += weight * albedo * (light.octaves[0] + light.environment);
+    environment: vec3<f32>,     // light from the environment, without attenuation
+    albedo: vec3<f32>,
+    anisotropy: f32,
+    weight: f32,
 #endif
 }
 
+fn add_tints(a: Tint, b: Tint) -> Tint {
+    return Tint(a.value + b.value);
+}
+
+#ifdef VDB_SCATTERED
+// The fraction f of the forward peak.
+fn forward_part(anisotropy: f32) -> f32 {
+    let g = max(anisotropy, 0.0);
+    return g * g;
+}
+
+// The anisotropy g' of the rest.
+fn rest_anisotropy(anisotropy: f32) -> f32 {
+    return anisotropy / (1.0 + max(anisotropy, 0.0));
+}
+
+// Below this anisotropy, the terms of the convolved peaks cancel; they are those of an anisotropy of 0.
+const LEAST_PEAK: f32 = 0.1;
+
+// Phase functions, per steradian: of light scattered in the peak once, twice, and more often, times f; and of
+// light scattered otherwise, times 1 - f.
+fn split_phases(anisotropy: f32, cosine: f32) -> vec4<f32> {
+    let f = forward_part(anisotropy);
+    let rest = (1.0 - f) * (1.0 + 3.0 * rest_anisotropy(anisotropy) * cosine) / (4.0 * PI);
+    let once = phase(anisotropy, cosine) - rest;
+    let g = max(anisotropy, LEAST_PEAK);
+    let squared = g * g;
+    let factors = vec2(1.0 / squared, 1.0 / (squared * squared));
+    let peaks = factors * vec2(phase(squared, cosine), phase(squared * g, cosine));
+    let moments = squared - factors + 3.0 * cosine * (squared - vec2(1.0, 1.0 / g));
+    let even = f * (1.0 + 3.0 * cosine + 2.5 * (3.0 * cosine * cosine - 1.0)) / (4.0 * PI);
+    let twice = select(peaks + moments / (4.0 * PI), vec2(even), anisotropy < LEAST_PEAK);
+    return vec4(once, twice, rest);
+}
+
+// ((e^m - 1) / m - 1 - m / 2) e^-τ: of light with m expected events in the peak, the part with three or more. It is
+// finite wherever m - τ is not large, which holds because m is at most τ and the depth towards the viewer.
+fn scattered_often(m: f32, depth: f32) -> f32 {
+    let e = exp(-depth);
+    let exact = (exp(m - depth) - e) / max(m, 0.1) - e * (1.0 + 0.5 * m);
+    return max(select(exact, e * m * m * (1.0 / 6.0 + m / 24.0), m < 0.1), 0.0);
+}
+
+fn scattered_often_tint(m: Tint, depth: f32) -> Tint {
 #ifdef VDB_VARYING_ALBEDO
-// Adds a sample of which `weight` is the weight and `scattered` the products of the weights of its octaves with
-// an albedo that varies within it.
-fn add_varied_sample(
+    return Tint(vec3(
+        scattered_often(m.value.x, depth),
+        scattered_often(m.value.y, depth),
+        scattered_often(m.value.z, depth),
+    ));
+#else
+    return Tint(scattered_often(m.value, depth));
+#endif
+}
+
+fn mean_transmittance_tint(depth: Tint) -> Tint {
+#ifdef VDB_VARYING_ALBEDO
+    return Tint(vec3(
+        mean_transmittance(depth.value.x),
+        mean_transmittance(depth.value.y),
+        mean_transmittance(depth.value.z),
+    ));
+#else
+    return Tint(mean_transmittance(depth.value));
+#endif
+}
+
+// The optical depth of scattering in the peak, for an optical depth of fog.
+fn forward_depth(depth: f32, albedo: Tint, anisotropy: f32) -> Tint {
+    // An albedo above 1 amplifies light; it does not make fog thinner.
+    return Tint((depth * forward_part(anisotropy)) * min(albedo.value, Tint().value + 1.0));
+}
+
+// The fraction of a stretch's optical depth in front of what is visible in the mean: of -ln of the mean of its
+// transmittances at both ends.
+fn visible_middle(depth: f32) -> f32 {
+    let exact = -log(0.5 + 0.5 * exp(-depth)) / max(depth, 0.05);
+    return select(exact, 0.5 - 0.125 * depth, depth < 0.05);
+}
+#endif
+
+// What is visible of a homogeneous stretch with an optical depth, of which `forward` is that of scattering in the peak.
+fn visible_stretch(
+    passed: Passed,
+    depth: f32,
+#ifdef VDB_SCATTERED
+    forward: Tint,
+#endif
+) -> Visible {
+    var visible = Visible();
+    visible.whole = exp(-passed.depth) * mean_transmittance(depth);
+#ifdef VDB_SCATTERED
+    let mean = mean_transmittance_tint(Tint(max(depth - forward.value, Tint().value)));
+    visible.rest = Tint(exp(passed.forward.value - passed.depth) * mean.value);
+    visible.forward = Tint(passed.forward.value + visible_middle(depth) * forward.value);
+#endif
+    return visible;
+}
+
+// Adds light that arrives at a point through an optical depth of fog, from a light whose direction has a cosine with
+// that of the view ray. 1 is straight ahead of the viewer.
+fn add_attenuated(
+    light: ptr<function, InScattered>,
+    illuminance: vec3<f32>,
+    depth: f32,
+    cosine: f32,
+    scatterer: Scatterer,
+) {
+#ifdef VDB_SCATTERED
+    let phases = split_phases(scatterer.anisotropy, cosine);
+    let forward = forward_depth(depth, scatterer.albedo, scatterer.anisotropy);
+    let events = Tint(scatterer.forward.value + forward.value);
+    let e = exp(-depth);
+    let often = scattered_often_tint(events, depth);
+    (*light).whole += illuminance
+        * (e * phases.x + (0.5 * e * phases.y) * events.value + phases.z * often.value);
+    (*light).rest += illuminance * (phases.w * exp(forward.value - depth));
+#else
+    (*light).whole += illuminance * (exp(-depth) * phase(scatterer.anisotropy, cosine));
+#endif
+}
+
+// Adds light that arrives at a point as it is.
+fn add_unattenuated(
+    light: ptr<function, InScattered>,
+    illuminance: vec3<f32>,
+    cosine: f32,
+    anisotropy: f32,
+) {
+    (*light).whole += illuminance * phase(anisotropy, cosine);
+}
+
+// Adds a stretch of fog to the sums for the environment, of whose light it is.
+fn add_environment(
     sums: ptr<function, ScatteringSums>,
     weight: f32,
-    scattered: array<vec3<f32>, OCTAVES>,
-    light: InScattered,
+    albedo: vec3<f32>,
+    environment: vec3<f32>,
+    anisotropy: f32,
 ) {
-    var factors = scattered;
 #ifdef VDB_MULTIPLE_SCATTERING
-    for (var i = 0u; i < OCTAVES; i++) {
-        (*sums).octaves[i] += factors[i] * light.octaves[i];
-    }
-    (*sums).environment += weight * light.environment;
-    (*sums).albedo += factors[0];
-    (*sums).anisotropy += weight * light.anisotropy;
+    (*sums).environment += weight * environment;
+    (*sums).albedo += weight * albedo;
+    (*sums).anisotropy += weight * anisotropy;
     (*sums).weight += weight;
 #else
-    (*sums).octaves[0] += factors[0] * (light.octaves[0] + light.environment);
-#endif
-}
-#endif
-
-// Adds the sums over a slab, times a factor.
-fn add_sums(sums: ptr<function, ScatteringSums>, weight: f32, visible: Visibility, other: ScatteringSums) {
-#ifdef VDB_MULTIPLE_SCATTERING
-    let anisotropy = other.anisotropy / max(other.weight, 1e-30);
-    var weights = octave_weights(weight, visible, anisotropy);
-    for (var i = 0u; i < OCTAVES; i++) {
-        (*sums).octaves[i] += weights[i] * other.octaves[i];
-    }
-    (*sums).environment += weight * other.environment;
-    (*sums).albedo += weight * other.albedo;
-    (*sums).anisotropy += weight * other.anisotropy;
-    (*sums).weight += weight * other.weight;
-#else
-    (*sums).octaves[0] += weight * other.octaves[0];
+    (*sums).radiance += weight * albedo * environment;
 #endif
 }
 
 // Radiance scattered along a ray of an optical depth, from its sums.
 fn scattered_radiance(sums: ScatteringSums, optical_depth: f32) -> vec3<f32> {
-    var radiance = sums.octaves[0];
+    // The rest of a phase function is negative backwards.
+    var radiance = max(sums.radiance, vec3(0.0));
 #ifdef VDB_MULTIPLE_SCATTERING
     let weight = max(sums.weight, 1e-30);
     let mean_albedo = sums.albedo / weight;
     let albedo = saturate(mean_albedo);
     let anisotropy = sums.anisotropy / weight;
     let depth = min(optical_depth, OPAQUE_DEPTH);
-#ifdef VDB_OCTAVES
-    // Light in the second octave has been scattered once more than in the first, in the third eleven times
-    // more.
-    let squared = albedo * albedo;
-    let fourth = squared * squared;
-    radiance += (OCTAVE_AMPLITUDE.x * depth / (depth + OCTAVE_DEPTH.x)) * albedo * sums.octaves[1];
-    radiance += (OCTAVE_AMPLITUDE.y * depth / (1.0 + isotropic_part(anisotropy) * depth / OCTAVE_DEPTH.y))
-        * (fourth * fourth * squared * albedo) * sums.octaves[2];
-#endif
     // Under uniform light, an infinitely deep layer absorbs 2a / (1 + a).
     let absorption = 1.0 - albedo;
     let reduced_extinction = 1.0 - anisotropy * albedo;
@@ -224,10 +281,4 @@ fn scattered_radiance(sums: ScatteringSums, optical_depth: f32) -> vec3<f32> {
     radiance += returned * max(mean_albedo, vec3(1.0)) * sums.environment / weight;
 #endif
     return radiance;
-}
-
-// Mean transmittance out of a homogeneous slab of an optical depth τ: (1 - e^-τ) / τ.
-fn mean_transmittance(depth: f32) -> f32 {
-    let exact = (1.0 - exp(-depth)) / max(depth, 1e-2);
-    return select(exact, 1.0 - depth * (0.5 - depth / 6.0), depth < 1e-2);
 }

@@ -2,32 +2,51 @@
 // per interval.
 #define_import_path bevy_vdb::trace::shared_light
 
-#import bevy_vdb::trace::fog_march::with_environment
 #ifdef VDB_CACHED_LAMPS
 #import bevy_vdb::trace::cached_lights::add_cached_lamps
 #endif
 #ifdef VDB_OTHER_LIGHTS
 #import bevy_vdb::trace::cached_lights::add_other_lights
 #endif
-#import bevy_vdb::trace::cached_lights::{CachedSun, LocalLight, cached_sun, sun_phases, unoccluded}
-#import bevy_vdb::trace::lights::{EnvironmentLight, depth_of, environment_light, shading_point}
-#import bevy_vdb::trace::scattering::{InScattered, OCTAVES, octave_transmittances}
+#import bevy_vdb::trace::cached_lights::{CachedSun, LocalLight, cached_sun, unoccluded}
+#import bevy_vdb::trace::lights::{EnvironmentLight, environment_light, light_cosine, shading_point}
+#import bevy_vdb::trace::scattering::{InScattered, Scatterer, Tint, remaining_color}
+#ifdef VDB_SCATTERED
+#import bevy_vdb::trace::scattering::split_phases
+#else
+#import bevy_vdb::trace::scattering::phase
+#endif
 #import bevy_vdb::trace::segment::{Segment, point_at}
 #import bevy_vdb::traversal::fog::SamplePoint
 #import bevy_vdb::traversal::hdda::FAR
-#import bevy_vdb::view::scene::volumes
+#import bevy_vdb::view::scene::{view, volumes}
 
 const SUN_COUNT: u32 = #{VDB_CACHED_SUNS}u;
 // Arrays are not empty even if only other lights are in the cache.
 const SUN_SLOTS: u32 = max(SUN_COUNT, 1u);
 
-// What fog lets through of each cached sun, in each octave; where the albedo varies, times the albedo.
-struct CachedLight {
-#ifdef VDB_VARYING_ALBEDO
-    slots: array<array<vec3<f32>, OCTAVES>, SUN_SLOTS>,
-#else
-    slots: array<array<f32, OCTAVES>, SUN_SLOTS>,
+// Sums over the steps of one fog in an interval for a cached sun, of what fog lets through times the albedo: light
+// that is scattered in the forward peak once, twice, and more often, and light that is scattered otherwise.
+struct SunSums {
+    once: Tint,
+#ifdef VDB_SCATTERED
+    twice: Tint,
+    often: Tint,
+    rest: Tint,
 #endif
+}
+
+// Sums over the steps of one fog in an interval.
+struct FogSums {
+    weight: f32,            // fraction of the pixel that the steps cover
+    t: f32,                 // times the weight
+    whole: Tint,            // weight times albedo
+#ifdef VDB_SCATTERED
+    rest: Tint,             // the same for light that was scattered outside of the forward peak
+    forward: Tint,          // `Visible::forward` times the weight
+    scattered: vec3<f32>,   // light from the lattice of scattered light
+#endif
+    suns: array<SunSums, SUN_SLOTS>,
 }
 
 // The light along a ray.
@@ -68,50 +87,62 @@ fn begin_interval(shared_light: ptr<function, SharedLight>, segment: Segment, pi
     (*shared_light).nearest = FAR;
 }
 
-// Mean light over the steps of a fog in the interval, whose mean position is `fog_point`. `cached` are sums
-// over these steps, with the weights of the octaves; `weights` are the sums of those weights. Where the albedo
-// varies, both include it, so that the mean is over what is scattered.
-fn mean_light(
+// Light of all lights that the steps of a fog in the interval scatter, given their sums; `at` is their mean position.
+fn interval_light(
     shared_light: ptr<function, SharedLight>,
     segment: Segment,
     pixel: vec2<u32>,
-    fog_point: FogPoint,
-    cached: CachedLight,
-#ifdef VDB_VARYING_ALBEDO
-    weights: array<vec3<f32>, OCTAVES>,
-#else
-    weights: array<f32, OCTAVES>,
-#endif
-) -> InScattered {
-    var totals = weights;
+    at: FogPoint,
+    steps: FogSums,
+) -> vec3<f32> {
+    var sums = steps;
     let ray = (*shared_light).dir;
-    let anisotropy = volumes[fog_point.volume].anisotropy;
-    let point = point_at(segment, fog_point.t);
-    let at = shading_point(point, vec3(0.0), pixel, segment.is_view);
-    var others = LocalLight(array<vec3<f32>, OCTAVES>(), FAR);
+    let color = volumes[at.volume].base_color;
+    var scatterer = Scatterer();
+    scatterer.anisotropy = volumes[at.volume].anisotropy;
+    scatterer.albedo = Tint(sums.whole.value / sums.weight);
+#ifdef VDB_SCATTERED
+    scatterer.forward = Tint(sums.forward.value / sums.weight);
+#endif
+    let point = point_at(segment, at.t);
+    let shaded = shading_point(point, vec3(0.0), pixel, segment.is_view);
+    var others = LocalLight(InScattered(), FAR);
 #ifdef VDB_CACHED_LAMPS
-    if fog_point.is_near_lamps {
-        let place = fog_point.place;
-        add_cached_lamps(&others, at, point, ray, fog_point.extent, anisotropy, fog_point.volume, place);
+    if at.is_near_lamps {
+        add_cached_lamps(&others, shaded, point, ray, at.extent, scatterer, at.volume, at.place);
     }
 #endif
 #ifdef VDB_OTHER_LIGHTS
-    add_other_lights(&others, at, point, ray, fog_point.extent, anisotropy, fog_point.volume);
+    add_other_lights(&others, shaded, point, ray, at.extent, scatterer, at.volume);
 #endif
     (*shared_light).nearest = min((*shared_light).nearest, others.nearest);
-    var light = with_environment(others.octaves, (*shared_light).environment, anisotropy);
-    for (var slot = 0u; slot < SUN_COUNT; slot++) {
-        var phases = sun_phases(slot, ray, anisotropy);
-        var let_through = octave_transmittances(depth_of((*shared_light).visibility[slot]), anisotropy);
-        for (var octave = 0u; octave < OCTAVES; octave++) {
-#ifdef VDB_VARYING_ALBEDO
-            let total = max(totals[octave], vec3(1e-30));
-#else
-            let total = max(totals[octave], 1e-30);
+    var light = others.light;
+    var radiance = sums.whole.value * light.whole;
+#ifdef VDB_SCATTERED
+    radiance += sums.rest.value * light.rest;
 #endif
-            let visible = let_through[octave] * cached.slots[slot][octave] / total;
-            light.octaves[octave] += (visible * phases[octave]) * (*shared_light).suns[slot].illuminance;
-        }
+    for (var slot = 0u; slot < SUN_COUNT; slot++) {
+        let illuminance = (*shared_light).suns[slot].illuminance;
+        let visible = (*shared_light).visibility[slot];
+        let cosine = light_cosine(view.cached_suns[slot].xyz, ray);
+        let sun = sums.suns[slot];
+#ifdef VDB_SCATTERED
+        let phases = split_phases(scatterer.anisotropy, cosine);
+        let scattered = phases.x * sun.once.value
+            + phases.y * sun.twice.value
+            + phases.z * sun.often.value
+            + phases.w * sun.rest.value;
+        let amount = dot(illuminance, vec3(1.0));
+        light.all += amount;
+        light.unoccluded += visible * amount;
+#else
+        let scattered = phase(scatterer.anisotropy, cosine) * sun.once.value;
+#endif
+        radiance += (visible * scattered) * illuminance;
     }
-    return light;
+#ifdef VDB_SCATTERED
+    let unoccluded = select(1.0, light.unoccluded / max(light.all, 1e-30), light.all > 0.0);
+    radiance += unoccluded * sums.scattered;
+#endif
+    return radiance * remaining_color(color);
 }

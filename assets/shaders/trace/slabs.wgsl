@@ -19,10 +19,13 @@
 #ifdef VDB_LIT
 #import bevy_vdb::view::scene::frame_random
 #import bevy_vdb::trace::color::albedo_along
-#import bevy_vdb::trace::fog_march::in_scattered_at
+#import bevy_vdb::trace::fog_march::{in_scattered_at, light_around}
 #import bevy_vdb::trace::lights::environment_light
-#import bevy_vdb::trace::scattering::{ScatteringSums, InScattered, OCTAVES, add_sample, add_sums}
-#import bevy_vdb::trace::scattering::{Visibility, octave_weights, scattered_radiance, visibility_between}
+#import bevy_vdb::trace::scattering::{InScattered, Passed, ScatteringSums, Visible, add_environment}
+#import bevy_vdb::trace::scattering::{scattered_radiance, visible_stretch}
+#ifdef VDB_SCATTERED
+#import bevy_vdb::trace::scattering::{Tint, add_tints, forward_depth, tint}
+#endif
 #ifndef VDB_EVEN_LIGHT
 #import bevy_vdb::trace::fog_march::march_fog
 #endif
@@ -69,6 +72,15 @@ fn fog_depth(
     return scale * min(density_integral, 100.0 / safe_scale);
 }
 
+#ifdef VDB_LIT
+// Whether two fogs have the same phase function and, unless it varies, the same albedo.
+fn scatter_alike(a: u32, b: u32) -> bool {
+    return volumes[a].anisotropy == volumes[b].anisotropy
+        && all(volumes[a].base_color == volumes[b].base_color)
+        && volumes[a].scattered == volumes[b].scattered;
+}
+#endif
+
 // The media that a segment meets.
 struct Met {
     count: u32,
@@ -106,6 +118,7 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
 #ifdef VDB_LIT
     let environment = environment_light(normalize(segment.dir));
     var sums = ScatteringSums();
+    var passed = Passed();
 #endif
     var t_sum = 0.0;
 #ifdef VDB_EMITS
@@ -127,8 +140,18 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
         var thickest_depth = 0.0;
         var source = vec3(0.0);
 #ifdef VDB_LIT
-        var light = InScattered(array<vec3<f32>, OCTAVES>(), vec3(0.0), 2.0);
-        var slab_sums = ScatteringSums();
+        var light = InScattered();
+        var lit = NONE;             // the fog whose light it is
+        // Sums over the fogs of the slab, weighted by their optical depths.
+        var from_lights = InScattered();
+        var around = ScatteringSums();
+        var before = Visible();     // what is visible of the front of the slab
+        before.whole = exp(-passed.depth);
+#ifdef VDB_SCATTERED
+        before.rest = Tint(exp(passed.forward.value - passed.depth));
+        before.forward = passed.forward;
+        var forward = Tint();
+#endif
 #endif
 #ifdef VDB_EMITS
         var emission = vec3(0.0);
@@ -164,18 +187,23 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
                     thickest_depth = max(thickest_depth, volume_depth);
                     depth += volume_depth;
 #ifdef VDB_LIT
-                    // Fogs with the same phase function share their rays to the lights.
-                    if light.anisotropy != volumes[i].anisotropy {
+                    let t_middle = 0.5 * (t_low + t_high);
+                    let albedo = ramp_albedo * albedo_along(segment, t_middle, i);
+                    let anisotropy = volumes[i].anisotropy;
+                    // Fogs that scatter alike share their rays to the lights.
+                    if lit == NONE || !scatter_alike(i, lit) {
                         let jitter = fract(0.5 + frame_random(0.41421356)) - 0.5;
-                        let t = 0.5 * (t_low + t_high) + jitter * (t_high - t_low);
                         let width = t_high - t_low;
-                        light = in_scattered_at(segment, pixel, t, width, volumes[i].anisotropy, environment);
+                        light = in_scattered_at(segment, pixel, t_middle + jitter * width, width, i, albedo, before);
+                        lit = i;
                     }
                     source += volume_depth * volumes[i].emissive;
-                    // How much is visible of the slab is not known yet.
-                    let weights = octave_weights(volume_depth, Visibility(0.0, 0.0), 0.0);
-                    let albedo = ramp_albedo * albedo_along(segment, 0.5 * (t_low + t_high), i);
-                    add_sample(&slab_sums, weights, albedo, light);
+                    from_lights.whole += volume_depth * albedo * light.whole;
+#ifdef VDB_SCATTERED
+                    from_lights.rest += volume_depth * albedo * light.rest;
+                    forward = add_tints(forward, forward_depth(volume_depth, tint(albedo), anisotropy));
+#endif
+                    add_environment(&around, volume_depth, albedo, light_around(environment, anisotropy), anisotropy);
 #endif
                 }
             }
@@ -189,8 +217,21 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
             let weight = transmittance * (1.0 - exp(-depth));
             fog.radiance += weight * (source / max(depth, 1e-30));
 #ifdef VDB_LIT
-            let visible = visibility_between(transmittance, transmittance - weight);
-            add_sums(&sums, weight / max(depth, 1e-30), visible, slab_sums);
+#ifdef VDB_SCATTERED
+            let visible = visible_stretch(passed, depth, forward);
+            passed.forward = add_tints(passed.forward, forward);
+            sums.radiance += visible.rest.value * from_lights.rest;
+#else
+            let visible = visible_stretch(passed, depth);
+#endif
+            passed.depth += depth;
+            sums.radiance += visible.whole * (from_lights.whole + around.radiance);
+#ifdef VDB_MULTIPLE_SCATTERING
+            sums.environment += visible.whole * around.environment;
+            sums.albedo += visible.whole * around.albedo;
+            sums.anisotropy += visible.whole * around.anisotropy;
+            sums.weight += visible.whole * around.weight;
+#endif
 #endif
             t_sum += weight * 0.5 * (t_low + t_high);
             fog.motion_volume = select(fog.motion_volume, thickest, weight > largest_weight);

@@ -16,7 +16,7 @@ macro_rules! shaders {
 }
 
 /// The modules that shaders import.
-const IMPORTS: [(&str, &[u8]); 59] = shaders![
+const IMPORTS: [(&str, &[u8]); 61] = shaders![
     "gpu/types",
     "gpu/bindings",
     "material/table",
@@ -48,6 +48,8 @@ const IMPORTS: [(&str, &[u8]); 59] = shaders![
     "trace/material",
     "trace/occlusion",
     "trace/scattering",
+    "trace/scattered_light",
+    "scattered_light/layout",
     "trace/light_list",
     "trace/illuminance",
     "trace/edge_list",
@@ -78,7 +80,7 @@ const IMPORTS: [(&str, &[u8]); 59] = shaders![
     "trace/path"
 ];
 /// The shaders with entry points.
-const PROGRAMS: [(&str, &[u8]); 13] = shaders![
+const PROGRAMS: [(&str, &[u8]); 15] = shaders![
     "trace/beams",
     "trace/edges",
     "trace/trace",
@@ -91,7 +93,9 @@ const PROGRAMS: [(&str, &[u8]); 13] = shaders![
     "shadow_maps/mesh_depth",
     "light_cache/fill",
     "light_cache/sun_rays",
-    "light_cache/sun_samples"
+    "light_cache/sun_samples",
+    "scattered_light/octants",
+    "scattered_light/solve"
 ];
 
 pub(crate) fn embed(app: &mut App) {
@@ -158,6 +162,8 @@ pub(crate) struct Shaders {
     pub fill: Handle<Shader>,
     pub sun_rays: Handle<Shader>,
     pub sun_samples: Handle<Shader>,
+    pub octants: Handle<Shader>,
+    pub solve: Handle<Shader>,
     /// The shader defs of this adapter, for all pipelines that traverse grids.
     pub adapter_defs: Vec<ShaderDefVal>,
     _imports: [Handle<Shader>; IMPORTS.len()],
@@ -189,6 +195,8 @@ impl Shaders {
             fill,
             sun_rays,
             sun_samples,
+            octants,
+            solve,
         ] = PROGRAMS.map(load);
         let _imports = IMPORTS.map(load);
         // A software driver runs the rays of a group in lockstep, through every branch that any of
@@ -209,6 +217,8 @@ impl Shaders {
             fill,
             sun_rays,
             sun_samples,
+            octants,
+            solve,
             adapter_defs,
             _imports,
         }
@@ -225,7 +235,7 @@ mod tests {
 
     /// Shader defs that belong neither to features of a view nor to render modes: those of formats and adapters,
     /// and those of the programs of `vdb_probe`.
-    const OTHERS: [&str; 11] = [
+    const OTHERS: [&str; 10] = [
         "VDB_CACHED_SUNS",
         "VDB_EMITTER_SLOTS",
         "VDB_EVEN_LIGHT",
@@ -233,7 +243,6 @@ mod tests {
         "VDB_FOG_SLOTS",
         "VDB_FORMAT",
         "VDB_IN_STEP",
-        "VDB_OCTAVES",
         "VDB_PAGED",
         "VDB_PAGE_BITS",
         "VDB_STORABLE_LATTICE",

@@ -63,7 +63,7 @@ pub(crate) struct Volume {
     pub t_first: f32,
     pub t_end: f32,
     pub clip_planes: u32,
-    pub pad: f32,
+    pub scattered: u32,
 }
 
 /// The largest length of a ray in world units: `FAR` in the shaders.
@@ -96,6 +96,22 @@ pub(crate) const MAX_CLIP_PLANES: usize = 32;
 
 /// The largest number of lights of fires whose highlights a view leaves to reflections.
 pub(crate) const MAX_FIRE_LIGHTS: usize = 32;
+
+/// The largest number of lattices of scattered light in a view.
+pub(crate) const MAX_SCATTERED_LIGHTS: usize = 16;
+
+/// A lattice of scattered light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct ScatteredLattice {
+    pub x: [f32; 4],
+    pub y: [f32; 4],
+    pub z: [f32; 4],
+    pub size: [f32; 3],
+    pub first: f32,
+    pub scale: [f32; 3],
+    pub channels: u32,
+}
 
 /// The uniform of a view.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -143,6 +159,7 @@ pub(crate) struct View {
     pub cached_lamps: [[u32; 4]; MAX_CACHED_LAMPS / 4],
     pub fire_lights: [[u32; 4]; MAX_FIRE_LIGHTS / 4],
     pub clip_planes: [[f32; 4]; MAX_CLIP_PLANES],
+    pub scattered: [ScatteredLattice; MAX_SCATTERED_LIGHTS],
 }
 
 /// The rectangle of the traced image in the target.
@@ -233,14 +250,17 @@ mod tests {
             background, temperature_scale, temperature_offset, box_min, flags, box_max, fog_step,
             node_min, light_step, node_max, shadow_step, light_origin, light_log,
             light_texel, light_planes, ramp, ramp_low, ramp_scale, ramp_emission, t_first, t_end,
-            clip_planes);
+            clip_planes, scattered);
         check(&module, "Volume", size_of::<Volume>(), &volume);
         let view = fields!(View: t_from_depth, depth_from_t, dir, t_near, dir_x, t_far, dir_y,
             exposure, eye, volume_first, eye_x, volume_count, eye_y, offscreen_count, size, origin,
             mode_scale, reflections, overlays, sun_count, slabs, tile_words, group_bits,
             has_tile_starts, picture, shadow_range, reflection_range, suns, disks, random_offset,
             frame, jitter, max_frames, cached_sun_count, edge_samples, fire_light_count, cached_suns,
-            light_texel, cached_lamp_count, cached_lamps, fire_lights, clip_planes);
+            light_texel, cached_lamp_count, cached_lamps, fire_lights, clip_planes,
+            scattered);
+        let lattice = fields!(ScatteredLattice: x, y, z, size, first, scale, channels);
+        check(&module, "ScatteredLattice", size_of::<ScatteredLattice>(), &lattice);
         check(&module, "View", size_of::<View>(), &view);
     }
 }

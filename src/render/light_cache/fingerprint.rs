@@ -9,7 +9,7 @@ use crate::render::gpu::types;
 use crate::render::view::{Entry, Lattice, PreparedView};
 
 /// Numbers that change whenever the optical depths in a view may change.
-pub(super) struct Fingerprints {
+pub(crate) struct Fingerprints {
     /// Of all that is common to the view's fogs and lights, in any order of the list.
     common: u64,
     /// Whether the pipelines cut volumes: others may fill the cache while these are being compiled.

@@ -75,7 +75,7 @@ impl LampLight {
         if !prepared.key.has(Features::LAMP_LIGHT) {
             return own;
         }
-        let octaves = if prepared.key.has(Features::MULTIPLE_SCATTERING) { 3 } else { 1 };
+        let kinds = if prepared.key.has(Features::SCATTERED_LIGHT) { 3 } else { 1 };
         let mut hasher = DefaultHasher::new();
         add_eye(&mut hasher, prepared);
         for (i, fog) in fogs {
@@ -91,7 +91,7 @@ impl LampLight {
                 continue;
             }
             let samples = fog.layout.samples;
-            let Some(origin) = packing.place_or_grow(samples.with_z(samples.z * octaves)) else {
+            let Some(origin) = packing.place_or_grow(samples.with_z(samples.z * kinds)) else {
                 continue;
             };
             let spacing = spacing(prepared, *i, fog);
@@ -107,6 +107,7 @@ impl LampLight {
             own.fogs.push(samples);
             bytemuck::bytes_of(&samples).hash(&mut hasher);
             anisotropy.to_bits().hash(&mut hasher);
+            prepared.volumes[*i].base_color.map(f32::to_bits).hash(&mut hasher);
             for (key, slot) in lamps {
                 lights.lamps[slot].appearance.hash(&mut hasher);
                 cache

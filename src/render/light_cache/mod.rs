@@ -29,8 +29,11 @@ use pipeline::FillPipeline;
 
 pub(super) use atlas::texture_size;
 pub(super) use fill::fill_light_cache;
+pub(super) use fingerprint::Fingerprints;
 pub(super) use lamp_light::LampLight;
 pub(super) use lattices::LightCache;
+pub(super) use lights::{CachedLights, Lamp, LightQueries};
+pub(super) use plan::plan_order;
 pub(super) use view::LightCacheView;
 
 /// Caches the light in fog.

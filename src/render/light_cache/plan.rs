@@ -101,7 +101,10 @@ pub(super) fn plan(
 /// The order in which views are planned, of which the first that needs a lattice fills it: that in
 /// which `cameras` draw, so that it is filled before others read it. Views that were not drawn in
 /// the last frame come last, because they may never be.
-fn plan_order(views: impl IntoIterator<Item = (Entity, bool)>, cameras: &[Entity]) -> Vec<Entity> {
+pub(crate) fn plan_order(
+    views: impl IntoIterator<Item = (Entity, bool)>,
+    cameras: &[Entity],
+) -> Vec<Entity> {
     let ranks: HashMap<_, _> = cameras.iter().zip(0..).map(|(view, rank)| (*view, rank)).collect();
     let rank = |view| ranks.get(&view).copied().unwrap_or(usize::MAX);
     let mut order: Vec<_> = views.into_iter().collect();

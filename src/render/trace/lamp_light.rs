@@ -104,6 +104,8 @@ impl From<&ViewKey> for LampLightKey {
             | Features::LAMPS
             | Features::FOG
             | Features::MULTIPLE_SCATTERING
+            | Features::SCATTERED_LIGHT
+            | Features::TINTED_FOG
             | Features::LIGHT_CACHE
             | Features::CACHED_LAMPS
             | Features::LAMP_LIGHT;
@@ -134,11 +136,8 @@ impl SpecializedComputePipeline for LampLightPipeline {
     type Key = LampLightKey;
 
     fn specialize(&self, key: LampLightKey) -> ComputePipelineDescriptor {
-        let has = |feature| key.traversal.features.contains(feature);
         let layout = self.layouts.of(key.traversal.page_bits.is_some(), Features::empty());
-        let octaves = has(Features::MULTIPLE_SCATTERING) && has(Features::SHADOWS);
         let suns = ShaderDefVal::UInt("VDB_CACHED_SUNS".into(), key.cached_suns.unwrap_or(0));
-        let defs = [octaves.then_some("VDB_OCTAVES"), key.shadow_filter];
         ComputePipelineDescriptor {
             label: Some("vdb_lamp_light".into()),
             layout: self.lights.layouts(Features::LIGHT, layout),
@@ -147,7 +146,7 @@ impl SpecializedComputePipeline for LampLightPipeline {
                 .traversal
                 .defs(&self.shaders)
                 .into_iter()
-                .chain(defs.into_iter().flatten().map(ShaderDefVal::from))
+                .chain(key.shadow_filter.map(ShaderDefVal::from))
                 .chain([suns])
                 .collect(),
             entry_point: Some("gather".into()),

@@ -134,8 +134,6 @@ impl LightLayouts {
     ///
     /// Fog is lit evenly (`VDB_EVEN_LIGHT`) only if its position along the ray does not matter.
     /// Position matters for light and albedos that vary in space, and for motion vectors and distance fog.
-    /// Multiple scattering from lights uses octaves (`VDB_OCTAVES`) only with shadows: without
-    /// them, no optical depth towards the light is known.
     pub fn shader_defs(&self, key: &ViewKey) -> impl Iterator<Item = ShaderDefVal> {
         let placed = Features::SHADOWS
             | Features::LAMPS
@@ -147,10 +145,8 @@ impl LightLayouts {
             | Features::FOG_MATERIALS;
         let is_lit = key.has(Features::LIGHT);
         let even = is_lit && !key.features.intersects(placed);
-        let octaves = key.has(Features::MULTIPLE_SCATTERING) && key.has(Features::SHADOWS);
         let defs = [
             key.shadow_filter,
-            octaves.then_some("VDB_OCTAVES"),
             even.then_some("VDB_EVEN_LIGHT"),
             (is_lit && self.has_table).then_some("DFG_LUT"),
             (is_lit && self.around(key.features).arrays)

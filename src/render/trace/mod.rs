@@ -32,6 +32,7 @@ use super::gpu::{
 };
 use super::light_cache::{LightCache, LightCacheView, fill_light_cache};
 use super::pool::{PoolBuffers, VdbTreePool};
+use super::scattered_light::{ScatteredLight, solve_scattered_light};
 use super::view::VdbSystems;
 use super::view::{
     MaterialTable, Picture, PrepareViews, PreparedView, RampTexture, ViewKey, ViewPicture,
@@ -88,7 +89,8 @@ impl Plugin for TracePlugin {
                 (gather_lamp_light, trace, find_edges, refine)
                     .chain()
                     .in_set(VdbSystems::Trace)
-                    .after(fill_light_cache),
+                    .after(fill_light_cache)
+                    .after(solve_scattered_light),
             );
     }
 }
@@ -204,7 +206,8 @@ fn bind(
     )>,
     (pool, volumes): (Res<VdbTreePool>, Res<VolumeBuffer>),
     all_lights: AllLights,
-    (blackbody, light_cache): (Res<BlackbodyColors>, Res<LightCache>),
+    blackbody: Res<BlackbodyColors>,
+    (light_cache, scattered): (Res<LightCache>, Res<ScatteredLight>),
     (mut ramps, all_ramps): (ResMut<RampTexture>, Res<ExtractedRamps>),
     (mut materials, all_materials): (ResMut<MaterialTable>, Res<ExtractedMaterials>),
     (trace, beams): (Res<TracePipeline>, Res<BeamsPipeline>),
@@ -244,11 +247,16 @@ fn bind(
         let binding = |(depths, sampler)| {
             let lamps =
                 cached.lamp_lattices().filter(|_| features.contains(Features::CACHED_LAMPS));
-            let scattered = own.lamp_light.as_ref().map(LampLightView::texture);
-            CacheBinding { depths, sampler, lamps, scattered }
+            let lamp_light = own.lamp_light.as_ref().map(LampLightView::texture);
+            CacheBinding { depths, sampler, lamps, lamp_light }
         };
         let cached = light_cache.binding().filter(|_| caches_light).map(binding);
         if caches_light && cached.is_none() {
+            continue;
+        }
+        let scatters = features.contains(Features::SCATTERED_LIGHT);
+        let scattered = scattered.binding().filter(|_| scatters);
+        if scatters && scattered.is_none() {
             continue;
         }
         let layout = cache.get_bind_group_layout(&trace.layout(features));
@@ -256,7 +264,8 @@ fn bind(
         let edges = edges.list.as_ref();
         let group = |color: &CachedTexture| {
             let color = &color.default_view;
-            inputs.trace_group(&layout, color, tables, cached.as_ref(), edges, &device)
+            let light = (cached.as_ref(), scattered);
+            inputs.trace_group(&layout, color, tables, light, edges, &device)
         };
         let refined = rays.as_ref().filter(|_| features.contains(Features::DENOISED));
         let refine = refined.filter(|_| edges.is_some()).map(|rays| group(&rays.color));
@@ -277,7 +286,7 @@ struct CacheBinding<'a> {
     depths: &'a TextureView,
     sampler: &'a Sampler,
     lamps: Option<&'a TextureView>,
-    scattered: Option<&'a TextureView>,
+    lamp_light: Option<&'a TextureView>,
 }
 
 /// The resources of the crate's own group.
@@ -301,7 +310,7 @@ impl Inputs<'_> {
             Option<&TextureView>,
             Option<&TextureView>,
         ),
-        cached: Option<&CacheBinding>,
+        (cached, scattered): (Option<&CacheBinding>, Option<(&TextureView, &Sampler)>),
         edges: Option<&Buffer>,
         device: &RenderDevice,
     ) -> BindGroup {
@@ -328,14 +337,17 @@ impl Inputs<'_> {
         if let Some(materials) = materials {
             entries = entries.extend_with_indices(((MATERIALS_BINDING, materials),));
         }
-        if let Some(CacheBinding { depths, sampler, lamps, scattered }) = cached {
+        if let Some(CacheBinding { depths, sampler, lamps, lamp_light }) = cached {
             entries = entries.extend_with_indices(((12, *depths), (13, *sampler)));
             if let Some(lamps) = lamps {
                 entries = entries.extend_with_indices(((14, *lamps),));
             }
-            if let Some(scattered) = scattered {
-                entries = entries.extend_with_indices(((15, *scattered),));
+            if let Some(lamp_light) = lamp_light {
+                entries = entries.extend_with_indices(((15, *lamp_light),));
             }
+        }
+        if let Some((light, sampler)) = scattered {
+            entries = entries.extend_with_indices(((20, light), (21, sampler)));
         }
         if let Some(edges) = edges {
             entries = entries.extend_with_indices(((17, edges.as_entire_binding()),));

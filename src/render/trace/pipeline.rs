@@ -62,6 +62,11 @@ impl TracePipeline {
                 entries = entries.extend_with_indices(((15, light),));
             }
         }
+        if has(Features::SCATTERED_LIGHT) {
+            let light = texture_3d(TextureSampleType::Float { filterable: true });
+            let filtering = sampler(SamplerBindingType::Filtering);
+            entries = entries.extend_with_indices(((20, light), (21, filtering)));
+        }
         if has(Features::EDGES) {
             entries = entries.extend_with_indices(((17, storage_read()),));
         }

@@ -106,6 +106,7 @@ pub(super) mod tests {
             ramp: None,
             material: None,
             clip: 0,
+            colors: 0,
             content: Some(0),
         };
         (volume, lattice)

@@ -23,6 +23,8 @@ pub(crate) struct Lattice {
     pub material: Option<u64>,
     /// Identifies what cuts the volume; 0 if nothing does.
     pub clip: u64,
+    /// Identifies the voxels of the grids that colour the volume; 0 without.
+    pub colors: u64,
     /// Identifies the voxels: see `VdbTreePool::content`.
     pub content: Option<u64>,
 }
@@ -38,6 +40,7 @@ impl Lattice {
             ramp: None,
             material: None,
             clip: 0,
+            colors: 0,
             content,
         }
     }

@@ -1,5 +1,7 @@
 //! The volume list of a view: an entry for each grid that rays can meet, with its entity.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
+
 use bevy::math::{DAffine3, DMat4, DVec3};
 use bevy::prelude::*;
 use bevy::render::sync_world::MainEntity;
@@ -163,6 +165,8 @@ pub(crate) struct ViewList {
     pub colors: bool,
     /// Whether grids colour fogs.
     pub fog_colors: bool,
+    /// Whether the albedo of any fog has a colour.
+    pub tinted_fogs: bool,
     /// Whether fogs have ramps.
     pub ramps: bool,
     /// The kinds of custom materials, a bit each: of surfaces in view or reflected, and of
@@ -223,6 +227,11 @@ impl ViewList {
             volume.kind == types::KIND_SMOOTH && volume.flags & types::SMOOTH_NORMALS != 0
         };
         let clipped = data.iter().any(|volume| volume.clip_planes != 0);
+        let is_tinted = |volume: &types::Volume| {
+            let [r, g, b] = volume.base_color;
+            volume.kind == types::KIND_FOG && (r != g || g != b)
+        };
+        let tinted_fogs = data.iter().any(is_tinted);
         let ramps = data.iter().any(|volume| volume.ramp != 0);
         let normals = if mirrors { &data[..] } else { &data[..seen] };
         let smooth_normals = normals.iter().any(is_smooth);
@@ -251,6 +260,7 @@ impl ViewList {
             kinds,
             colors: false,
             fog_colors: false,
+            tinted_fogs,
             ramps,
             materials,
             fog_steps,
@@ -285,7 +295,7 @@ impl ViewList {
     /// Adds the grids that colour surfaces and fogs, after all entries that rays can meet.
     fn add_colors(&mut self, maker: EntryMaker) {
         let view = (maker.eye.rays, maker.eye.world_from_view);
-        for (i, entry) in self.entries.iter().enumerate() {
+        for (i, entry) in self.entries.iter_mut().enumerate() {
             let kind = self.data[i].kind;
             if matches!(kind, types::KIND_SURFACE | types::KIND_SMOOTH | types::KIND_FOG)
                 && let Some(volume) = maker.volumes.0.get(&entry.owner)
@@ -294,6 +304,11 @@ impl ViewList {
                 *(if kind == types::KIND_FOG { &mut self.fog_colors } else { &mut self.colors }) =
                     true;
                 self.data[i].color_grids = self.data.len() as u32;
+                let mut hasher = DefaultHasher::new();
+                for grid in &volume.auxiliary.colors {
+                    maker.pool.content(grid.key).hash(&mut hasher);
+                }
+                entry.lattice.colors = hasher.finish();
                 self.data.extend(colors);
             }
         }

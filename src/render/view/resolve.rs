@@ -244,6 +244,7 @@ fn view_key(
     let only_seen = settings.reflections == 0;
     let [caches, has_uncached] = list.cached_fogs(only_seen);
     let lights = settings.lights.difference(CACHE.when(!caches));
+    let scatters = multiple_scattering && lights.contains(Features::SHADOWS);
     let has_surfaces = list.kinds.has(SURFACES);
     let lights = lights.difference(PROBES.when(!has_surfaces));
     let reflects_fire = emission && has_surfaces && settings.reflections > 0;
@@ -274,6 +275,8 @@ fn view_key(
         | Features::MATERIALS.when(on_surfaces != 0)
         | Features::FOG_MATERIALS.when(in_fog != 0)
         | Features::MULTIPLE_SCATTERING.when(multiple_scattering)
+        | Features::SCATTERED_LIGHT.when(scatters)
+        | Features::TINTED_FOG.when(scatters && list.tinted_fogs)
         | Features::MANY.when(many)
         | Features::PAGES.when(pool.page_bits().is_some())
         | Features::WIDE_GRIDS.when(pool.has_wide_grids())
