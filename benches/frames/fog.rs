@@ -30,9 +30,10 @@ pub fn run(args: &Args) -> Result<(), String> {
     let made = || (format!("a cloud of radius {RADIUS}"), fog::cloud(RADIUS, 7));
     let grid = model::grid(&mut studio, args, PackKind::Fog, EDGE, made)?;
     println!(
-        "| scene | settings | light cache, ms | light of lamps | trace | all passes | memory, MiB |"
+        "| scene | settings | light cache, ms | scattered light | light of lamps | trace | all passes | \
+         memory, MiB |"
     );
-    println!("|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|");
     let material = VdbMaterial { density_scale: args.density, anisotropy: 0.6, ..default() };
     let cloud = studio.app.world_mut().spawn((VdbVolume(grid.clone()), material.clone())).id();
     studio.camera_mut().insert((Hdr, Msaa::Off));
@@ -112,7 +113,8 @@ fn shells() -> VdbRamp {
 }
 
 /// The passes with a column of their own.
-const COLUMNS: [&str; 3] = ["vdb_light_cache", "vdb_lamp_light", "vdb_trace"];
+const COLUMNS: [&str; 4] =
+    ["vdb_light_cache", "vdb_scattered_light", "vdb_lamp_light", "vdb_trace"];
 
 /// Of the lamps, those that shine in all directions. Bevy measures passes for each face of their shadow maps,
 /// and with more of them, there are no measurements left for those of volumes.
@@ -203,7 +205,8 @@ fn row(
     done?;
     let report = camera_report(studio.app.world());
     let buffers = report.buffers.iter().filter(|buffer| {
-        buffer.name.starts_with("vdb_light_") || buffer.name.starts_with("vdb_lamp_")
+        let all = ["vdb_light_", "vdb_lamp_", "vdb_scattered_"];
+        all.iter().any(|prefix| buffer.name.starts_with(prefix))
     });
     let bytes: u64 = buffers.map(|buffer| buffer.bytes).sum();
     let median = |mut times: Vec<f64>| {

@@ -7,7 +7,6 @@
 
 #ifdef VDB_VARYING_ALBEDO
 #import bevy_vdb::trace::color::albedo_along
-#import bevy_vdb::trace::scattering::Tint
 #endif
 #import bevy_vdb::trace::fog_march::{Fog, MIN_STEP}
 #import bevy_vdb::trace::intervals::{HAS_INTERVALS, IntervalSums, LAMP_INTERVAL, MIN_INTERVAL, SegmentSums}
@@ -15,10 +14,10 @@
 #import bevy_vdb::trace::media_step::{FogStep, add_step, fog_step}
 #import bevy_vdb::trace::medium::{HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia, begun, first_step}
 #import bevy_vdb::trace::medium::{new_medium, no_medium, suitable_step}
-#import bevy_vdb::trace::scattering::{OPAQUE_DEPTH, Passed, scattered_radiance, visible_stretch}
+#import bevy_vdb::trace::scattering::{OPAQUE_DEPTH, Tint, nothing_passed, pass_stretch, scattered_radiance}
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattered_light::{ScatteredRay, scattered_light_at, scattered_ray}
-#import bevy_vdb::trace::scattering::{Tint, add_tints, forward_depth}
+#import bevy_vdb::trace::scattering::{add_tints, forward_depth}
 #endif
 #import bevy_vdb::trace::segment::{NONE, Segment}
 #import bevy_vdb::trace::shared_light::begin_light
@@ -106,7 +105,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         scattered_rays[i] = scattered_ray(segment, t_zero, fogs[i].volume);
     }
 #endif
-    var passed = Passed();
+    var passed = nothing_passed();
     var sums = SegmentSums();
     var interval = IntervalSums();
     // Starts short, because a lamp may be near.
@@ -183,10 +182,11 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         let depth = extinction * width;
 #ifdef VDB_SCATTERED
         forward = Tint(width * forward.value);
-        let visible = visible_stretch(passed, depth, forward);
-        passed.forward = add_tints(passed.forward, forward);
+        let visible = pass_stretch(&passed, depth, forward);
+        let gain = Tint(exp(visible.forward.value));
 #else
-        let visible = visible_stretch(passed, depth);
+        let visible = pass_stretch(&passed, depth);
+        let gain = Tint();
 #endif
         let visible_width = visible.whole * width;
         t_near = FAR;
@@ -203,7 +203,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
                 let own_depth = steps[i].extinction * width;
                 var own = interval.fogs[i];
                 own.t += weight * t_middle;
-                add_step(&own, volume, own_depth, visible, steps[i].depths, steps[i].albedo);
+                add_step(&own, volume, own_depth, visible, gain, steps[i].depths, steps[i].albedo);
 #ifdef VDB_SCATTERED
                 let scattered = scattered_light_at(scattered_rays[i], t_middle, shared_light.dir);
                 own.scattered += (own_depth * visible.rest.value * steps[i].albedo.value) * scattered;
@@ -213,7 +213,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
                 let lattice = lamp_lattices[i];
                 if lattice != NOT_CACHED {
                     let point = steps[i].point;
-                    let light = step_lamp_light(point, lattice, volume, own_depth, visible, steps[i].albedo);
+                    let light = step_lamp_light(point, lattice, volume, own_depth, visible, gain, steps[i].albedo);
                     lamp_light += light * remaining_color(volumes[volume].base_color);
                 }
 #endif
@@ -243,7 +243,6 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         interval.weight += weight;
         interval.t += weight * t_middle;
         fog.optical_depth += depth;
-        passed.depth = fog.optical_depth;
         is_done = k * t_base >= t_end || t_near >= t_end || fog.optical_depth > OPAQUE_DEPTH;
         // The only call: compilers inline it, with rays to all lights.
         if HAS_INTERVALS && (t_high >= t_flush || is_done) && interval.weight > 0.0 {

@@ -7,7 +7,7 @@
 #import bevy_vdb::trace::medium::Medium
 #import bevy_vdb::trace::scattering::{Tint, Visible}
 #ifdef VDB_SCATTERED
-#import bevy_vdb::trace::scattering::{forward_depth, scattered_often_tint}
+#import bevy_vdb::trace::scattering::{arriving_light, forward_depth}
 #endif
 #import bevy_vdb::trace::shared_light::{FogSums, SUN_COUNT, SUN_SLOTS}
 #import bevy_vdb::traversal::fog::sample_fog
@@ -118,6 +118,7 @@ fn add_step(
     volume: u32,
     depth: f32,
     visible: Visible,
+    gain: Tint,     // the exponential of `Visible::forward`
     sun_depths: array<f32, SUN_SLOTS>,
     albedo: Tint,
 ) {
@@ -133,16 +134,15 @@ fn add_step(
 #endif
     for (var slot = 0u; slot < SUN_COUNT; slot++) {
         var sun = (*sums).suns[slot];
-        let e = exp(-depths[slot]);
 #ifdef VDB_SCATTERED
         let forward = forward_depth(depths[slot], albedo, volumes[volume].anisotropy);
-        let events = Tint(visible.forward.value + forward.value);
-        sun.once = Tint(sun.once.value + e * scattered);
-        sun.twice = Tint(sun.twice.value + (0.5 * e) * scattered * events.value);
-        sun.often = Tint(sun.often.value + scattered * scattered_often_tint(events, depths[slot]).value);
-        sun.rest = Tint(sun.rest.value + rest * exp(forward.value - depths[slot]));
+        let own = arriving_light(depths[slot], forward, visible.forward, gain);
+        sun.once = Tint(sun.once.value + scattered * own.once);
+        sun.twice = Tint(sun.twice.value + scattered * own.twice.value);
+        sun.often = Tint(sun.often.value + scattered * own.often.value);
+        sun.rest = Tint(sun.rest.value + rest * own.rest.value);
 #else
-        sun.once = Tint(sun.once.value + e * scattered);
+        sun.once = Tint(sun.once.value + scattered * exp(-depths[slot]));
 #endif
         (*sums).suns[slot] = sun;
     }
@@ -156,6 +156,7 @@ fn step_lamp_light(
     volume: u32,
     depth: f32,
     visible: Visible,
+    gain: Tint,
     albedo: Tint,
 ) -> vec3<f32> {
     let scattered = depth * visible.whole * albedo.value;
@@ -166,11 +167,11 @@ fn step_lamp_light(
     // The mean depth towards lamps, and what they scatter three times or more, relative to twice.
     let lamp_depth = max(once.w, 0.0);
     let forward = forward_depth(lamp_depth, albedo, volumes[volume].anisotropy);
-    let events = Tint(visible.forward.value + forward.value);
+    let own = arriving_light(lamp_depth, forward, visible.forward, gain);
     // In the lattice, light is attenuated by what is not scattered in the peak, so that it stays within 16 bits.
-    let whole = exp(-forward.value);
-    let most = exp(lamp_depth - forward.value) * scattered_often_tint(events, lamp_depth).value;
-    return scattered * (whole * once.rgb + (0.5 * whole * events.value + often.w * most) * often.rgb)
+    let stored = 1.0 / max(own.rest.value, Tint().value + 1e-30);
+    return scattered * stored
+        * (own.once * once.rgb + (own.twice.value + often.w * own.often.value) * often.rgb)
         + (depth * visible.rest.value * albedo.value) * rest.rgb;
 #else
     return scattered * once.rgb;

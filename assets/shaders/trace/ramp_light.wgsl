@@ -6,8 +6,8 @@
 #import bevy_vdb::trace::color::albedo_along
 #import bevy_vdb::trace::fog_march::{Fog, add_fog, in_scattered_at, light_interval, pass_fog}
 #import bevy_vdb::trace::lights::environment_light
-#import bevy_vdb::trace::scattering::{InScattered, OPAQUE_DEPTH, Passed, ScatteringSums, mean_transmittance}
-#import bevy_vdb::trace::scattering::scattered_radiance
+#import bevy_vdb::trace::scattering::{InScattered, OPAQUE_DEPTH, ScatteringSums, mean_transmittance}
+#import bevy_vdb::trace::scattering::{nothing_passed, scattered_radiance}
 #import bevy_vdb::trace::segment::{Segment, lattice_ray}
 #import bevy_vdb::traversal::hdda::{FAR, enter_at, local_cell, mirrored_ray}
 #import bevy_vdb::traversal::march::{begin_march, next_interval}
@@ -123,7 +123,7 @@ fn march_ramp(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_m
     let emission_length = volumes[volume].ramp_emission * dir_length;
     let environment = environment_light(normalize(segment.dir));
     var sums = ScatteringSums();
-    var passed = Passed();
+    var passed = nothing_passed();
     var march = begin_march(mirrored, entry, light_interval(segment, volume));
     march.t_box -= frame_random(0.41421356) * march.t_step;
     var accessor = new_accessor(local_cell(mirrored, entry.rel));
@@ -149,7 +149,7 @@ fn march_ramp(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_m
             let weight = transmittance * own.opacity;
             fog.radiance += weight * volumes[volume].emissive;
             t_sum += weight * t;
-            fog.optical_depth = passed.depth;
+            fog.optical_depth += own.optical_depth;
         }
     }
     fog.radiance += scattered_radiance(sums, fog.optical_depth);

@@ -48,10 +48,20 @@ fn remaining_color(color: vec3<f32>) -> vec3<f32> {
 #endif
 }
 
-// Mean transmittance out of a homogeneous slab of an optical depth τ: (1 - e^-τ) / τ.
+// A homogeneous slab of an optical depth τ: its opacity 1 - e^-τ, and its mean transmittance, (1 - e^-τ) / τ.
+struct Slab {
+    opacity: f32,
+    mean: f32,
+}
+
+fn slab(depth: f32) -> Slab {
+    let opacity = 1.0 - exp(-depth);
+    let mean = select(opacity / max(depth, 1e-2), 1.0 - depth * (0.5 - depth / 6.0), depth < 1e-2);
+    return Slab(opacity, mean);
+}
+
 fn mean_transmittance(depth: f32) -> f32 {
-    let exact = (1.0 - exp(-depth)) / max(depth, 1e-2);
-    return select(exact, 1.0 - depth * (0.5 - depth / 6.0), depth < 1e-2);
+    return slab(depth).mean;
 }
 
 // Henyey–Greenstein phase function per steradian, normalised over the sphere. Henyey and Greenstein 1941,
@@ -72,12 +82,22 @@ struct Visible {
 #endif
 }
 
-// Optical depths of a ray from the viewer to where it is.
+// What is visible at the end of a ray from the viewer, as in `Visible`.
 struct Passed {
-    depth: f32,
+    whole: f32,
 #ifdef VDB_SCATTERED
-    forward: Tint,      // of scattering in the peak
+    rest: Tint,
+    forward: Tint,
 #endif
+}
+
+fn nothing_passed() -> Passed {
+    var passed = Passed();
+    passed.whole = 1.0;
+#ifdef VDB_SCATTERED
+    passed.rest = Tint(Tint().value + 1.0);
+#endif
+    return passed;
 }
 
 // Properties of fog at a point that decide how its light is scattered.
@@ -146,36 +166,38 @@ fn split_phases(anisotropy: f32, cosine: f32) -> vec4<f32> {
     return vec4(once, twice, rest);
 }
 
-// ((e^m - 1) / m - 1 - m / 2) e^-τ: of light with m expected events in the peak, the part with three or more. It is
-// finite wherever m - τ is not large, which holds because m is at most τ and the depth towards the viewer.
-fn scattered_often(m: f32, depth: f32) -> f32 {
-    let e = exp(-depth);
-    let exact = (exp(m - depth) - e) / max(m, 0.1) - e * (1.0 + 0.5 * m);
+// Light that arrives through an optical depth τ of fog, for m expected events in the peak up to the viewer: all of it
+// that is scattered once there, twice, and more often, and what is scattered otherwise.
+struct Arriving {
+    once: f32,
+    twice: Tint,
+    often: Tint,
+    rest: Tint,
+}
+
+// ((e^m - 1) / m - 1 - m / 2) e^-τ, given e^-τ and e^(m - τ).
+fn scattered_often(m: f32, e: f32, e_m: f32) -> f32 {
+    let exact = (e_m - e) / max(m, 0.1) - e * (1.0 + 0.5 * m);
     return max(select(exact, e * m * m * (1.0 / 6.0 + m / 24.0), m < 0.1), 0.0);
 }
 
-fn scattered_often_tint(m: Tint, depth: f32) -> Tint {
+// `forward` is the part of the depth that is scattering in the peak, `towards_viewer` the same depth towards the
+// viewer, and `gain` its exponential.
+fn arriving_light(depth: f32, forward: Tint, towards_viewer: Tint, gain: Tint) -> Arriving {
+    let e = exp(-depth);
+    let m = towards_viewer.value + forward.value;
+    let rest = exp(forward.value - depth);
+    let e_m = rest * gain.value;
 #ifdef VDB_VARYING_ALBEDO
-    return Tint(vec3(
-        scattered_often(m.value.x, depth),
-        scattered_often(m.value.y, depth),
-        scattered_often(m.value.z, depth),
-    ));
+    let often = vec3(
+        scattered_often(m.x, e, e_m.x),
+        scattered_often(m.y, e, e_m.y),
+        scattered_often(m.z, e, e_m.z),
+    );
 #else
-    return Tint(scattered_often(m.value, depth));
+    let often = scattered_often(m, e, e_m);
 #endif
-}
-
-fn mean_transmittance_tint(depth: Tint) -> Tint {
-#ifdef VDB_VARYING_ALBEDO
-    return Tint(vec3(
-        mean_transmittance(depth.value.x),
-        mean_transmittance(depth.value.y),
-        mean_transmittance(depth.value.z),
-    ));
-#else
-    return Tint(mean_transmittance(depth.value));
-#endif
+    return Arriving(e, Tint((0.5 * e) * m), Tint(often), Tint(rest));
 }
 
 // The optical depth of scattering in the peak, for an optical depth of fog.
@@ -184,28 +206,40 @@ fn forward_depth(depth: f32, albedo: Tint, anisotropy: f32) -> Tint {
     return Tint((depth * forward_part(anisotropy)) * min(albedo.value, Tint().value + 1.0));
 }
 
-// The fraction of a stretch's optical depth in front of what is visible in the mean: of -ln of the mean of its
-// transmittances at both ends.
-fn visible_middle(depth: f32) -> f32 {
-    let exact = -log(0.5 + 0.5 * exp(-depth)) / max(depth, 0.05);
-    return select(exact, 0.5 - 0.125 * depth, depth < 0.05);
-}
 #endif
 
 // What is visible of a homogeneous stretch with an optical depth, of which `forward` is that of scattering in the peak.
-fn visible_stretch(
-    passed: Passed,
+// Moves the ray on to its end.
+fn pass_stretch(
+    passed: ptr<function, Passed>,
     depth: f32,
 #ifdef VDB_SCATTERED
     forward: Tint,
 #endif
 ) -> Visible {
     var visible = Visible();
-    visible.whole = exp(-passed.depth) * mean_transmittance(depth);
+    let whole = slab(depth);
+    visible.whole = (*passed).whole * whole.mean;
+    (*passed).whole -= (*passed).whole * whole.opacity;
 #ifdef VDB_SCATTERED
-    let mean = mean_transmittance_tint(Tint(max(depth - forward.value, Tint().value)));
-    visible.rest = Tint(exp(passed.forward.value - passed.depth) * mean.value);
-    visible.forward = Tint(passed.forward.value + visible_middle(depth) * forward.value);
+#ifdef VDB_VARYING_ALBEDO
+    let x = slab(max(depth - forward.value.x, 0.0));
+    let y = slab(max(depth - forward.value.y, 0.0));
+    let z = slab(max(depth - forward.value.z, 0.0));
+    let opacity = vec3(x.opacity, y.opacity, z.opacity);
+    let mean = vec3(x.mean, y.mean, z.mean);
+#else
+    let rest = slab(max(depth - forward.value, 0.0));
+    let opacity = rest.opacity;
+    let mean = rest.mean;
+#endif
+    visible.rest = Tint((*passed).rest.value * mean);
+    (*passed).rest = Tint((*passed).rest.value * (1.0 - opacity));
+    // What is visible in the mean is behind the optical depth -ln(1 - opacity / 2): the first terms of its series,
+    // and a last one that makes it right for all that is opaque.
+    let series = 0.5 + whole.opacity * (0.125 + whole.opacity * (0.041667 + whole.opacity * 0.02648));
+    visible.forward = Tint((*passed).forward.value + (whole.mean * series) * forward.value);
+    (*passed).forward = add_tints((*passed).forward, forward);
 #endif
     return visible;
 }
@@ -222,12 +256,10 @@ fn add_attenuated(
 #ifdef VDB_SCATTERED
     let phases = split_phases(scatterer.anisotropy, cosine);
     let forward = forward_depth(depth, scatterer.albedo, scatterer.anisotropy);
-    let events = Tint(scatterer.forward.value + forward.value);
-    let e = exp(-depth);
-    let often = scattered_often_tint(events, depth);
+    let own = arriving_light(depth, forward, scatterer.forward, Tint(exp(scatterer.forward.value)));
     (*light).whole += illuminance
-        * (e * phases.x + (0.5 * e * phases.y) * events.value + phases.z * often.value);
-    (*light).rest += illuminance * (phases.w * exp(forward.value - depth));
+        * (phases.x * own.once + phases.y * own.twice.value + phases.z * own.often.value);
+    (*light).rest += illuminance * (phases.w * own.rest.value);
 #else
     (*light).whole += illuminance * (exp(-depth) * phase(scatterer.anisotropy, cosine));
 #endif

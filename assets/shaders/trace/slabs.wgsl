@@ -21,8 +21,8 @@
 #import bevy_vdb::trace::color::albedo_along
 #import bevy_vdb::trace::fog_march::{in_scattered_at, light_around}
 #import bevy_vdb::trace::lights::environment_light
-#import bevy_vdb::trace::scattering::{InScattered, Passed, ScatteringSums, Visible, add_environment}
-#import bevy_vdb::trace::scattering::{scattered_radiance, visible_stretch}
+#import bevy_vdb::trace::scattering::{InScattered, ScatteringSums, Visible, add_environment}
+#import bevy_vdb::trace::scattering::{nothing_passed, pass_stretch, scattered_radiance}
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattering::{Tint, add_tints, forward_depth, tint}
 #endif
@@ -118,7 +118,7 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
 #ifdef VDB_LIT
     let environment = environment_light(normalize(segment.dir));
     var sums = ScatteringSums();
-    var passed = Passed();
+    var passed = nothing_passed();
 #endif
     var t_sum = 0.0;
 #ifdef VDB_EMITS
@@ -146,9 +146,9 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
         var from_lights = InScattered();
         var around = ScatteringSums();
         var before = Visible();     // what is visible of the front of the slab
-        before.whole = exp(-passed.depth);
+        before.whole = passed.whole;
 #ifdef VDB_SCATTERED
-        before.rest = Tint(exp(passed.forward.value - passed.depth));
+        before.rest = passed.rest;
         before.forward = passed.forward;
         var forward = Tint();
 #endif
@@ -218,13 +218,11 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
             fog.radiance += weight * (source / max(depth, 1e-30));
 #ifdef VDB_LIT
 #ifdef VDB_SCATTERED
-            let visible = visible_stretch(passed, depth, forward);
-            passed.forward = add_tints(passed.forward, forward);
+            let visible = pass_stretch(&passed, depth, forward);
             sums.radiance += visible.rest.value * from_lights.rest;
 #else
-            let visible = visible_stretch(passed, depth);
+            let visible = pass_stretch(&passed, depth);
 #endif
-            passed.depth += depth;
             sums.radiance += visible.whole * (from_lights.whole + around.radiance);
 #ifdef VDB_MULTIPLE_SCATTERING
             sums.environment += visible.whole * around.environment;
