@@ -133,7 +133,7 @@ struct ScatteredLattice {
     x: vec4<f32>,
     y: vec4<f32>,
     z: vec4<f32>,
-    size: vec3<f32>,    // cells along each axis
+    size: vec3<f32>,    // cells along each axis, without the border of texels around them
     first: f32,         // first layer of texels; lattices lie one above the other, and in each its channels
     scale: vec3<f32>,   // cd/m² per stored unit, in each channel
     channels: u32,      // 1 if all light has one colour, otherwise 3

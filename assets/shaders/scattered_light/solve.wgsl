@@ -272,16 +272,18 @@ fn refine(@builtin(global_invocation_id) place: vec3<u32>) {
     }
 }
 
-// Stores the solution, with fluxes in world space.
+// Stores the solution, with fluxes in world space, and with a border of one texel around each channel, where the
+// outermost cells continue.
 @compute @workgroup_size(4, 4, 4)
-fn store(@builtin(global_invocation_id) place: vec3<u32>) {
-    if any(place >= job.size) {
+fn store(@builtin(global_invocation_id) id: vec3<u32>) {
+    let layers = job.size.z + 2u;
+    let channel = id.z / layers;
+    if any(id.xy >= job.size.xy + 2u) || channel >= job.channels {
         return;
     }
-    for (var channel = 0u; channel < job.channels; channel++) {
-        let own = light[cell_at(place, channel)];
-        let flux = own.y * job.axis_x.xyz + own.z * job.axis_y.xyz + own.w * job.axis_z.xyz;
-        let texel = place + vec3(0u, 0u, job.first_layer + channel * job.size.z);
-        textureStore(scattered, texel, clamp(vec4(own.x, flux), vec4(-MAX_LIGHT), vec4(MAX_LIGHT)));
-    }
+    let place = clamp(vec3(id.xy, id.z % layers), vec3(1u), job.size) - 1u;
+    let own = light[cell_at(place, channel)];
+    let flux = own.y * job.axis_x.xyz + own.z * job.axis_y.xyz + own.w * job.axis_z.xyz;
+    let texel = vec3(id.xy, job.first_layer + id.z);
+    textureStore(scattered, texel, clamp(vec4(own.x, flux), vec4(-MAX_LIGHT), vec4(MAX_LIGHT)));
 }

@@ -8,7 +8,7 @@
 #import bevy_vdb::trace::scattering::{InScattered, Passed, Scatterer, ScatteringSums, Visible, add_environment}
 #import bevy_vdb::trace::scattering::{nothing_passed, pass_stretch, scattered_radiance, tint}
 #ifdef VDB_SCATTERED
-#import bevy_vdb::trace::scattered_light::{scattered_light_at, scattered_ray}
+#import bevy_vdb::trace::scattered_light::{scattered_factor, scattered_light_at, scattered_ray}
 #import bevy_vdb::trace::scattering::forward_depth
 #endif
 #ifndef VDB_EVEN_LIGHT
@@ -140,8 +140,8 @@ fn in_scattered_at(
 #endif
     var light = in_scattered(at, point, ray, t_extent * dir_length, scatterer);
 #ifdef VDB_SCATTERED
-    let scattered = scattered_light_at(scattered_ray(segment, t, volume), 0.0, ray);
-    light.rest += (light.unoccluded / max(light.all, 1e-30)) * scattered;
+    let scattered = scattered_light_at(scattered_ray(segment, t, volume), 0.0);
+    light.rest += (light.unoccluded / max(light.all, 1e-30)) * scattered_factor(volume) * scattered;
 #endif
     return light;
 }

@@ -205,7 +205,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
                 own.t += weight * t_middle;
                 add_step(&own, volume, own_depth, visible, gain, steps[i].depths, steps[i].albedo);
 #ifdef VDB_SCATTERED
-                let scattered = scattered_light_at(scattered_rays[i], t_middle, shared_light.dir);
+                let scattered = scattered_light_at(scattered_rays[i], t_middle);
                 own.scattered += (own_depth * visible.rest.value * steps[i].albedo.value) * scattered;
 #endif
                 interval.fogs[i] = own;

@@ -12,6 +12,7 @@
 #import bevy_vdb::trace::lights::{EnvironmentLight, environment_light, light_cosine, shading_point}
 #import bevy_vdb::trace::scattering::{InScattered, Scatterer, Tint, remaining_color}
 #ifdef VDB_SCATTERED
+#import bevy_vdb::trace::scattered_light::scattered_factor
 #import bevy_vdb::trace::scattering::split_phases
 #else
 #import bevy_vdb::trace::scattering::phase
@@ -44,7 +45,7 @@ struct FogSums {
 #ifdef VDB_SCATTERED
     rest: Tint,             // the same for light that was scattered outside of the forward peak
     forward: Tint,          // `Visible::forward` times the weight
-    scattered: vec3<f32>,   // light from the lattice of scattered light
+    scattered: vec3<f32>,   // light from the lattice of scattered light, up to `scattered_factor`
 #endif
     suns: array<SunSums, SUN_SLOTS>,
 }
@@ -142,7 +143,7 @@ fn interval_light(
     }
 #ifdef VDB_SCATTERED
     let unoccluded = select(1.0, light.unoccluded / max(light.all, 1e-30), light.all > 0.0);
-    radiance += unoccluded * sums.scattered;
+    radiance += unoccluded * scattered_factor(at.volume) * sums.scattered;
 #endif
     return radiance * remaining_color(color);
 }

@@ -21,6 +21,8 @@ const TEXEL_BYTES: u64 = 8;
 const CELL_BYTES: u64 = 32;
 const LIGHT_BYTES: u64 = 16;
 const RADIANCE_BYTES: u64 = 4;
+/// Texels of the texture along its first two axes: of a lattice with a border of one texel.
+const EDGE: u32 = MAX_CELLS + 2;
 /// Frames without changes after which the buffers are freed.
 const IDLE_FRAMES: u32 = 60;
 
@@ -33,8 +35,9 @@ pub(super) struct Key {
 }
 
 impl Key {
+    /// Layers of texels: each channel has a border of one texel.
     fn layers(&self) -> u32 {
-        self.size.z * self.channels
+        (self.size.z + 2) * self.channels
     }
 
     fn cells(&self) -> u32 {
@@ -153,8 +156,8 @@ impl ScatteredLight {
                     aspect: TextureAspect::All,
                 };
                 let size = Extent3d {
-                    width: key.size.x,
-                    height: key.size.y,
+                    width: key.size.x + 2,
+                    height: key.size.y + 2,
                     depth_or_array_layers: key.layers(),
                 };
                 encoder.copy_texture_to_texture(
@@ -246,7 +249,7 @@ fn octant_bytes(size: UVec3, channels: u32) -> u64 {
 fn new_texture(layers: u32, device: &RenderDevice) -> (Texture, TextureView, Sampler) {
     let texture = device.create_texture(&TextureDescriptor {
         label: Some("vdb_scattered_light"),
-        size: Extent3d { width: MAX_CELLS, height: MAX_CELLS, depth_or_array_layers: layers },
+        size: Extent3d { width: EDGE, height: EDGE, depth_or_array_layers: layers },
         mip_level_count: 1,
         sample_count: 1,
         dimension: TextureDimension::D3,

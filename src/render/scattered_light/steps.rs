@@ -130,7 +130,9 @@ pub(super) fn steps(lattice: &CellLattice, place: Place, way: Way) -> Vec<Dispat
             iterate(&mut all, levels[0], &next);
         }
     }
-    all.push((Program::Store, cells(levels[0].size), levels[0]));
+    let [x, y, z] = levels[0].size.map(|cells| cells + 2);
+    let texels = [x, y, z * place.channels];
+    all.push((Program::Store, cells(texels), levels[0]));
     all
 }
 
