@@ -236,11 +236,15 @@ fn plan_group(
         let [r, g, b] = volume.base_color;
         let numbers = [volume.density_scale, volume.anisotropy, r, g, b];
         numbers.map(f32::to_bits).hash(&mut hasher);
-        volume.flags.hash(&mut hasher);
+        // Where depths come from the light cache, they depend on its lattice.
+        (volume.flags, volume.light_origin, volume.light_log, volume.light_planes)
+            .hash(&mut hasher);
     }
     for i in &group.fogs {
         prepared.volumes[*i].scattered = slot as u32 + 1;
     }
+    let anisotropies = group.fogs.iter().map(|i| prepared.volumes[*i].anisotropy);
+    let least_anisotropy = anisotropies.fold(0.0, f32::min);
     let (way, number) = scattered.plan(solution, hasher.finish())?;
     let octants = 2 * size;
     let half = 0.5 * group.lattice.edge;
@@ -264,7 +268,7 @@ fn plan_group(
         job,
         fogs: group.fogs.iter().map(|i| *i as u32).collect(),
         octants,
-        steps: steps(&group.lattice, place, way),
+        steps: steps(&group.lattice, place, way, least_anisotropy),
         number,
     })
 }

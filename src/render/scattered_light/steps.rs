@@ -61,12 +61,12 @@ const UPDATES: usize = 2;
 const ORDER_8: [usize; 8] = [0, 7, 3, 5, 2, 6, 1, 4];
 const ORDER_12: [usize; 12] = [0, 11, 5, 8, 3, 7, 2, 10, 4, 1, 9, 6];
 
-/// The factors of Chebyshev's iteration for eigenvalues from `least` to 1.
-fn relaxations((count, least): (usize, f64)) -> Vec<f32> {
+/// The factors of Chebyshev's iteration for eigenvalues from `least` to `most`.
+fn relaxations((count, least): (usize, f64), most: f64) -> Vec<f32> {
     let order: &[usize] = if count == ORDER_8.len() { &ORDER_8 } else { &ORDER_12 };
     let factor = |i: &usize| {
         let cosine = (PI * (2 * i + 1) as f64 / (2 * count) as f64).cos();
-        (2.0 / (1.0 + least + (1.0 - least) * cosine)) as f32
+        (2.0 / (most + least + (most - least) * cosine)) as f32
     };
     order.iter().map(factor).collect()
 }
@@ -85,6 +85,12 @@ pub(super) struct Place {
     /// Its first layer of texels.
     pub first_layer: u32,
     pub channels: u32,
+}
+
+/// The largest eigenvalue of what escapes, is absorbed, or is turned back, for the least anisotropy of all fogs: in
+/// fog that scatters backwards, the flux changes its sign with each event.
+fn largest_eigenvalue(least_anisotropy: f32) -> f64 {
+    1.0 + f64::from(-least_anisotropy.min(0.0))
 }
 
 /// How a solution is found.
@@ -109,8 +115,14 @@ impl Way {
 /// A shader to run, its workgroups, and its uniform.
 pub(super) type Dispatch = (Program, UVec3, Step);
 
-/// The shaders of a solution, in their order, after the octants are sampled.
-pub(super) fn steps(lattice: &CellLattice, place: Place, way: Way) -> Vec<Dispatch> {
+/// The shaders of a solution, in their order, after the octants are sampled. `least_anisotropy` is that of all fogs.
+pub(super) fn steps(
+    lattice: &CellLattice,
+    place: Place,
+    way: Way,
+    least_anisotropy: f32,
+) -> Vec<Dispatch> {
+    let most = largest_eigenvalue(least_anisotropy);
     let levels = levels(lattice, place);
     let cells = |size: [u32; 3]| UVec3::from(size).map(|cells| cells.div_ceil(GROUP_EDGE));
     let mut all = vec![(Program::Gather, cells(levels[0].size), levels[0])];
@@ -121,11 +133,11 @@ pub(super) fn steps(lattice: &CellLattice, place: Place, way: Way) -> Vec<Dispat
             }
             for (level, iterations) in levels.iter().rev().zip(ITERATIONS) {
                 all.push((Program::Refine, cells(level.size), *level));
-                iterate(&mut all, *level, &relaxations(iterations));
+                iterate(&mut all, *level, &relaxations(iterations, most));
             }
         }
         Way::Onwards(done) => {
-            let cycle = relaxations(UPDATE_CYCLE);
+            let cycle = relaxations(UPDATE_CYCLE, most);
             let next: Vec<f32> = cycle.iter().cycle().skip(done).take(UPDATES).copied().collect();
             iterate(&mut all, levels[0], &next);
         }
@@ -196,14 +208,16 @@ mod tests {
 
     #[test]
     fn iterations_are_those_of_chebyshev() {
-        for (count, least) in ITERATIONS {
-            let factors = relaxations((count, least));
+        let all = ITERATIONS.into_iter().flat_map(|own| [0.8, -0.4, -0.99].map(|g| (own, g)));
+        for ((count, least), anisotropy) in all {
+            let most = largest_eigenvalue(anisotropy);
+            let factors = relaxations((count, least), most);
             assert_eq!(factors.len(), count);
             // The error of an eigenvalue is at most 2 / (c^n + c^-n), for c of the interval.
-            let ratio = ((1.0 + least) / (1.0 - least)).acosh();
+            let ratio = ((most + least) / (most - least)).acosh();
             let bound = 1.0 / (count as f64 * ratio).cosh();
             for i in 0..=100 {
-                let eigenvalue = least + (1.0 - least) * f64::from(i) / 100.0;
+                let eigenvalue = least + (most - least) * f64::from(i) / 100.0;
                 let error: f64 = factors.iter().map(|k| 1.0 - f64::from(*k) * eigenvalue).product();
                 assert!(error.abs() <= bound * (1.0 + 1e-4), "{count}, {eigenvalue}: {error}");
             }
@@ -229,12 +243,12 @@ mod tests {
 
     #[test]
     fn a_solution_goes_from_coarse_to_fine_or_onwards() {
-        let anew = steps(&lattice(UVec3::splat(32)), PLACE, Way::Anew);
+        let anew = steps(&lattice(UVec3::splat(32)), PLACE, Way::Anew, 0.0);
         let count = |of: &[Dispatch], program| of.iter().filter(|step| step.0 == program).count();
         assert_eq!(count(&anew, Program::Sweep), 28);
         assert_eq!(count(&anew, Program::Coarsen), 2);
         assert_eq!(count(&anew, Program::Refine), 3);
-        let onwards = steps(&lattice(UVec3::splat(32)), PLACE, Way::Onwards(6));
+        let onwards = steps(&lattice(UVec3::splat(32)), PLACE, Way::Onwards(6), 0.0);
         assert_eq!(count(&onwards, Program::Sweep), UPDATES);
         assert_eq!(onwards.len(), 2 + 2 * UPDATES);
         assert_eq!(Way::Onwards(6).done(), 0);
