@@ -99,7 +99,7 @@ impl Phase {
 fn henyey_greenstein(g: f64, cosine: f64) -> f64 {
     // Exact where the cosine is near 1, unlike 1 + g² - 2gc.
     let square = (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 - cosine);
-    (1.0 - g * g) / (4.0 * PI * square.powf(1.5))
+    (1.0 - g * g) / (4.0 * PI * square * square.sqrt())
 }
 
 #[cfg(test)]

@@ -30,6 +30,7 @@ pub struct Optics {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScatteredLight {
     lattice: Lattice,
+    cells_per_unit: f64,
     /// `(φ, F)` in the middle of each cell.
     light: Vec<Vec4>,
 }
@@ -67,20 +68,23 @@ impl ScatteredLight {
                 level.sweep(&mut light, scattering, factor);
             }
         }
-        Self { lattice: octants.lattice, light }
+        let lattice = octants.lattice;
+        Self { lattice, cells_per_unit: 1.0 / lattice.edge, light }
     }
 
     /// The fluence φ (the integral of radiance over all directions) and the three components of the flux F
     /// at a point in the frame of the lattice: interpolated between the middles of cells, and constant outside of
     /// them. Without light that has not been scattered, or in the forward peak alone.
+    #[inline]
     pub fn at(&self, point: DVec3) -> Vec4 {
-        let at = ((point - self.lattice.low) / self.lattice.edge - 0.5).as_vec3();
+        let at = ((point - self.lattice.low) * self.cells_per_unit - 0.5).as_vec3();
         trilinear(&self.light, self.lattice.size, at)
     }
 }
 
 /// The value at a point, given in cells from the middle of the first one; constant beyond the middles of
 /// the outermost ones.
+#[inline]
 fn trilinear(values: &[Vec4], size: UVec3, at: Vec3) -> Vec4 {
     let at = at.clamp(Vec3::ZERO, (size - 1).as_vec3());
     let low = at.as_uvec3();

@@ -48,6 +48,7 @@ impl InScattering {
     /// `near` and `far` are the transmittances from the viewer to the ends of the step. Of its middle,
     /// `depth` is the optical depth towards the light, and `scattered` is
     /// [`ScatteredLight::at`](super::ScatteredLight::at).
+    #[inline]
     pub fn step(&self, [near, far]: [f32; 2], depth: f32, scattered: Vec4) -> f32 {
         let (peak, scale) = (self.albedo * self.peak, self.extinction_scale);
         let depth = depth.min(DEEP);
