@@ -10,6 +10,7 @@ use vdb_core::scattering::InScattering;
 use super::glow::Glow;
 use super::light_map::finite;
 use super::lights::Lights;
+use super::medium::Medium;
 use super::ray::Ray;
 use super::scene::Volume;
 use super::sun_in_fog::SunInFog;
@@ -20,23 +21,6 @@ const OPAQUE: f32 = 16.0;
 const UNSEEN: f32 = 1e-3;
 /// Steps of the light map that share one look-up.
 const STRIDE: f64 = 2.0;
-
-/// The optical properties of fog, linear RGB.
-#[derive(Clone, Copy, Debug)]
-pub struct Medium {
-    /// The extinction coefficient at a density of 1, per world unit.
-    pub extinction: Vec3,
-    /// The fraction of it that is scattered.
-    pub albedo: Vec3,
-}
-
-impl Medium {
-    /// The number of channels that differ: a grey fog has the same light in all of them.
-    pub fn channels(&self) -> usize {
-        let is_gray = |color: Vec3| color.x == color.y && color.y == color.z;
-        if is_gray(self.extinction) && is_gray(self.albedo) { 1 } else { 3 }
-    }
-}
 
 /// What a ray sees of fog: its light, and the share of what is behind that passes.
 pub struct Seen {

@@ -6,8 +6,8 @@ use vdb_core::scattering::{
     FogOctants, FogSample, InScattering, Lattice, MAX_CELLS, Optics, Phase, ScatteredLight,
 };
 
-use super::fog::Medium;
 use super::light_map::LightMap;
+use super::medium::Medium;
 use super::scene::Volume;
 
 /// A sun and a fog.
