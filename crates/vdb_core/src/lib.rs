@@ -34,6 +34,7 @@ pub mod query;
 mod ramp;
 pub mod reference;
 pub mod roles;
+pub mod scattering;
 pub mod synth;
 pub mod tools;
 mod transform;

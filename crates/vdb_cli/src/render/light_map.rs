@@ -73,6 +73,7 @@ impl LightMap {
     }
 
     /// The integral from the sun to a point in world space.
+    #[inline]
     pub fn depth(&self, point: DVec3) -> f32 {
         let along = DVec3::from_array(self.axes.map(|axis| axis.dot(point)));
         let last = (self.size - 1).as_vec3();

@@ -5,10 +5,12 @@ mod fog;
 mod glow;
 mod light_map;
 mod lights;
+mod medium;
 mod options;
 mod picture;
 mod ray;
 mod scene;
+mod sun_in_fog;
 mod surface;
 
 use std::path::{Path, PathBuf};
@@ -21,13 +23,15 @@ use vdb_core::display::quoted;
 use vdb_core::save_bytes;
 
 use camera::{Camera, CameraArgs};
-use fog::{LitFog, Medium};
+use fog::LitFog;
 use glow::Glow;
 use light_map::LightMap;
 use lights::Lights;
+use medium::Medium;
 use options::{Background, Light, MAX_SAMPLES, Rgb, Size};
 use picture::{Picture, Shader};
 use scene::Scene;
+use sun_in_fog::SunInFog;
 
 use crate::files::{open, shown};
 use crate::limits::LimitArgs;
@@ -177,10 +181,16 @@ fn make(args: &Args) -> Result<Report, String> {
     let map = scene.fog.as_ref().map(|fog| LightMap::new(&scene, fog, lights.to_sun));
     let medium = map.as_ref().map(|map| medium(&args.lights, map, scene.fire.is_some()));
     let glow = scene.fire.as_ref().map(Glow::new);
+    let sun = match (&scene.fog, &medium, &map) {
+        (Some(fog), Some(medium), Some(map)) if lights.has_sun() => {
+            Some(SunInFog::new(fog, medium, map, lights.to_sun))
+        }
+        _ => None,
+    };
     let fog = scene.fog.as_ref().zip(medium).map(|(volume, medium)| LitFog {
         volume,
         medium,
-        map: map.as_ref().filter(|_| lights.has_sun()),
+        sun: sun.as_ref(),
         lights: &lights,
         glow: glow.as_ref(),
     });

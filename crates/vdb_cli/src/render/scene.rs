@@ -241,6 +241,11 @@ impl Volume {
         }
     }
 
+    /// A point in index space.
+    pub fn point_to_index(&self, point: DVec3) -> DVec3 {
+        self.index_from_world.transform_point3(point)
+    }
+
     /// A direction in world space for a gradient in index space.
     pub fn normal(&self, gradient: DVec3) -> DVec3 {
         self.index_from_world.matrix3.transpose() * gradient

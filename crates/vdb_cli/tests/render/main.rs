@@ -1,13 +1,15 @@
 //! `vdb render`: pictures against closed forms, what is in the picture by default, and mistakes.
 
+mod light_in_fog;
+
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use glam::{DVec2, DVec3, IVec3};
+use glam::{DVec2, DVec3};
 use vdb_core::synth::{fog, level_set};
-use vdb_core::tree::{CoordBox, Vdb543};
+use vdb_core::tree::Vdb543;
 use vdb_core::{AnyTree, Grid, GridClass, Transform, VdbFile, WriteOptions};
 
 /// The middle of the balls, in voxels, and their radius.
@@ -179,75 +181,6 @@ fn a_ball_is_as_bright_as_its_angle_to_the_light() {
         }
         assert!(compared > 4_000, "{compared}");
     }
-    std::fs::remove_dir_all(&folder).unwrap();
-}
-
-/// The integral of the ball's density, in voxels, on a line that passes its middle at a distance.
-fn chord(distance: f64) -> f64 {
-    // ∫ (R - r) ds and ∫ r ds of lines within a radius, in closed form.
-    let half = |radius: f64| (radius * radius - distance * distance).max(0.0).sqrt();
-    let of_r = |s: f64| {
-        let r = (s * s + distance * distance).sqrt();
-        0.5 * (s * r + distance * distance * (s / distance.max(1e-9)).asinh())
-    };
-    let (outer, inner) = (half(RADIUS), half(RADIUS - SOFT));
-    let soft = RADIUS * (outer - inner) - (of_r(outer) - of_r(inner));
-    2.0 * (inner + soft / SOFT)
-}
-
-#[test]
-fn fog_lets_through_what_the_closed_form_says() {
-    let folder = folder("fog");
-    let file = saved(&folder, "ball.vdb", vec![fog_ball()]);
-    let dark = ["--light", "0,1,0,0,0,0", "--ambient", "0,0,0", "--background", "white"];
-    let fog = ["--absorb", "0.2,0.05,0.02", "--scatter", "0,0,0"];
-    let image = draw_ball(&file, &[&dark[..], &fog].concat());
-    for (x, y, at) in pixels() {
-        let depth = VOXEL * chord(at.length() / VOXEL);
-        for (axis, absorb) in [0.2, 0.05, 0.02].into_iter().enumerate() {
-            let (is, expected) = (decode(image.at(x, y)[axis]), (-absorb * depth).exp());
-            // Half a step of eight bits is up to 0.0045. Where the density bends, at either end of the
-            // soft layer, interpolation is off by up to 1/8 of the change of slope, 1/32, over a chord
-            // of 12.6 voxels within the outermost one: 0.4 voxels, if the ray only grazes the ball.
-            let grazes = at.length() > 0.7 * VOXEL * RADIUS;
-            let tolerance = if grazes { 0.0045 + 0.4 * VOXEL * absorb } else { 0.006 };
-            assert!((is - expected).abs() < tolerance, "{at}, {axis}: {is}, not {expected}");
-        }
-    }
-    // White fog in uniform light sends out as much as it takes away.
-    let furnace = ["--light", "0,1,0,0,0,0", "--ambient", "0.5,0.5,0.5", "--background", "#bcbcbc"];
-    let image = draw_ball(&file, &furnace);
-    assert!(image.bytes.iter().all(|byte| byte.abs_diff(0xbc) <= 1), "white fog is seen");
-    // Thin fog scatters a quarter of the sun's light, once: E / 4π is a quarter of the radiance.
-    let thin = ["--light", "0,1,0,2,2,2", "--ambient", "0,0,0", "--background", "black"];
-    let image = draw_ball(&file, &[&thin[..], &["--scatter", "0.002,0.002,0.002"]].concat());
-    let middle = decode(image.at(PIXELS / 2, PIXELS / 2)[1]);
-    let once = 0.002 * VOXEL * chord(0.0) * 2.0 / 4.0;
-    // The second octave adds a few hundredths, and a step of eight bits is 0.0008 here.
-    assert!((0.9..1.15).contains(&(middle / once)), "{middle}, not {once}");
-    std::fs::remove_dir_all(&folder).unwrap();
-}
-
-#[test]
-fn fog_is_bright_on_the_side_of_the_sun_and_dark_behind_a_solid() {
-    let folder = folder("sides");
-    let file = saved(&folder, "ball.vdb", vec![fog_ball()]);
-    let sun = ["--light", "-1,0,0,1,1,1", "--ambient", "0,0,0", "--background", "black"];
-    let dense = ["--scatter", "1,1,1"];
-    let image = draw_ball(&file, &[&sun[..], &dense].concat());
-    let sides =
-        |image: &Image| [PIXELS / 4, 3 * PIXELS / 4].map(|x| decode(image.at(x, PIXELS / 2)[0]));
-    let [near, far] = sides(&image);
-    assert!(near > 0.1 && near > 3.0 * far, "{near} beside the sun, {far} behind");
-    // A plate between the sun and the ball.
-    let distance =
-        |p: DVec3| ((p - DVec3::X * -38.0).abs() - DVec3::new(2.0, 40.0, 40.0)).max_element();
-    let bbox = CoordBox { min: IVec3::new(-44, -44, -44), max: IVec3::new(-32, 44, 44) };
-    let plate = grid("plate", level_set::from_distance(bbox, distance), GridClass::LevelSet);
-    let file = saved(&folder, "both.vdb", vec![fog_ball(), plate]);
-    let image = draw_ball(&file, &[&sun[..], &dense].concat());
-    let [near, far] = sides(&image);
-    assert!(near < 0.002 && far < 0.002, "{near} and {far} in the shadow");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
