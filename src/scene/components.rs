@@ -99,7 +99,7 @@ pub struct VdbCamera {
     /// The tree nodes whose borders are drawn on surfaces, in any mode.
     pub overlays: VdbOverlays,
     /// Multiple scattering: whether fog scatters light more than once, which makes clouds white. On
-    /// by default. The approximation costs almost nothing on top of single scattering;
+    /// by default. The approximation takes a quarter more time than single scattering;
     /// `docs/reference/fog.md` has the errors of both. Light from lamps and suns without shadows is
     /// scattered once in either case, because it is not attenuated on its way in.
     pub multiple_scattering: bool,

@@ -1,13 +1,11 @@
 //! The place of a lattice in the world.
 
 use bevy::math::{DMat3, DVec3, UVec3};
+use vdb_core::scattering::MAX_CELLS;
 use vdb_core::tree::CoordBox;
 
 use crate::render::gpu::types;
 use crate::render::view::Lattice;
-
-/// The most cells along an axis.
-pub(super) const MAX_CELLS: u32 = 32;
 
 /// A lattice of cubic cells through a group of fogs. Its axes are those of the largest fog, so that it turns with
 /// it.

@@ -11,8 +11,8 @@ use bevy::render::render_resource::{
 };
 use bevy::render::renderer::{RenderDevice, RenderQueue};
 use bevy::render::sync_world::MainEntity;
+use vdb_core::scattering::MAX_CELLS;
 
-use super::lattice::MAX_CELLS;
 use super::steps::{DIRECTIONS, Place, Way, coarse_cells};
 
 pub(super) const FORMAT: TextureFormat = TextureFormat::Rgba16Float;

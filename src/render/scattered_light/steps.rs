@@ -1,11 +1,10 @@
 //! The steps of a solution: which shader runs on which lattice, from coarse to fine.
 
-use std::f64::consts::PI;
-
 use bevy::math::UVec3;
 use bytemuck::{Pod, Zeroable};
+use vdb_core::scattering::{MAX_CELLS, relaxation_factors};
 
-use super::lattice::{CellLattice, MAX_CELLS};
+use super::lattice::CellLattice;
 
 /// The struct of `scattered_light/solve.wgsl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -56,20 +55,6 @@ const ITERATIONS: [(usize, f64); 3] = [(12, 0.02), (8, 0.05), (8, 0.1)];
 /// The same for a frame in which light or fog has changed a little, of which each takes the next `UPDATES`.
 const UPDATE_CYCLE: (usize, f64) = (8, 0.3);
 const UPDATES: usize = 2;
-
-/// Orders in which rounding errors of Chebyshev's iteration do not grow.
-const ORDER_8: [usize; 8] = [0, 7, 3, 5, 2, 6, 1, 4];
-const ORDER_12: [usize; 12] = [0, 11, 5, 8, 3, 7, 2, 10, 4, 1, 9, 6];
-
-/// The factors of Chebyshev's iteration for eigenvalues from `least` to `most`.
-fn relaxations((count, least): (usize, f64), most: f64) -> Vec<f32> {
-    let order: &[usize] = if count == ORDER_8.len() { &ORDER_8 } else { &ORDER_12 };
-    let factor = |i: &usize| {
-        let cosine = (PI * (2 * i + 1) as f64 / (2 * count) as f64).cos();
-        (2.0 / (most + least + (most - least) * cosine)) as f32
-    };
-    order.iter().map(factor).collect()
-}
 
 /// Cells in front of the lattices of all solutions, for the coarser lattices of one.
 pub(super) fn coarse_cells(channels: u32) -> u32 {
@@ -131,13 +116,14 @@ pub(super) fn steps(
             for level in levels.iter().filter(|level| level.coarse_size[0] > 0) {
                 all.push((Program::Coarsen, cells(level.coarse_size), *level));
             }
-            for (level, iterations) in levels.iter().rev().zip(ITERATIONS) {
+            for (level, (count, least)) in levels.iter().rev().zip(ITERATIONS) {
                 all.push((Program::Refine, cells(level.size), *level));
-                iterate(&mut all, *level, &relaxations(iterations, most));
+                iterate(&mut all, *level, &relaxation_factors(count, [least, most]));
             }
         }
         Way::Onwards(done) => {
-            let cycle = relaxations(UPDATE_CYCLE, most);
+            let (count, least) = UPDATE_CYCLE;
+            let cycle = relaxation_factors(count, [least, most]);
             let next: Vec<f32> = cycle.iter().cycle().skip(done).take(UPDATES).copied().collect();
             iterate(&mut all, levels[0], &next);
         }
@@ -207,21 +193,14 @@ mod tests {
     const PLACE: Place = Place { first: 100_000, first_layer: 7, channels: 3 };
 
     #[test]
-    fn iterations_are_those_of_chebyshev() {
-        let all = ITERATIONS.into_iter().flat_map(|own| [0.8, -0.4, -0.99].map(|g| (own, g)));
-        for ((count, least), anisotropy) in all {
-            let most = largest_eigenvalue(anisotropy);
-            let factors = relaxations((count, least), most);
-            assert_eq!(factors.len(), count);
-            // The error of an eigenvalue is at most 2 / (c^n + c^-n), for c of the interval.
-            let ratio = ((most + least) / (most - least)).acosh();
-            let bound = 1.0 / (count as f64 * ratio).cosh();
-            for i in 0..=100 {
-                let eigenvalue = least + (most - least) * f64::from(i) / 100.0;
-                let error: f64 = factors.iter().map(|k| 1.0 - f64::from(*k) * eigenvalue).product();
-                assert!(error.abs() <= bound * (1.0 + 1e-4), "{count}, {eigenvalue}: {error}");
-            }
-        }
+    fn fog_that_scatters_backwards_takes_smaller_steps() {
+        let least = |anisotropy| {
+            let all = steps(&lattice(UVec3::splat(32)), PLACE, Way::Anew, anisotropy);
+            all.iter().map(|step| step.2.relaxation).filter(|own| *own > 0.0).fold(2.0, f32::min)
+        };
+        // The inverse of the largest eigenvalue, nearly.
+        assert!((least(0.8) - 1.0).abs() < 0.01);
+        assert!((least(-0.5) - 1.0 / 1.5).abs() < 0.01);
     }
 
     #[test]

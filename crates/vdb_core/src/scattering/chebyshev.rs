@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 /// Some factors are large, and errors grow until others damp them. So each factor is, of those that are left,
 /// the one that keeps the errors smallest: the root farthest from those used, by the product of distances (Leja's
 /// order).
-pub(super) fn factors(steps: usize, [lowest, highest]: [f64; 2]) -> Vec<f32> {
+pub fn relaxation_factors(steps: usize, [lowest, highest]: [f64; 2]) -> Vec<f32> {
     let root = |i: usize| {
         let cosine = (PI * (i as f64 + 0.5) / steps as f64).cos();
         0.5 * (highest + lowest) + 0.5 * (highest - lowest) * cosine
@@ -39,7 +39,7 @@ mod tests {
         let middle = [1.009, 16.913, 1.619, 3.83, 1.268, 7.689, 1.087, 2.313];
         let fine = [1.009, 9.204, 2.164, 1.25, 3.333, 1.082, 5.687, 1.568];
         for (lowest, expected) in [(0.02, &coarse[..]), (0.05, &middle), (0.1, &fine)] {
-            let mut found = factors(expected.len(), [lowest, 1.0]);
+            let mut found = relaxation_factors(expected.len(), [lowest, 1.0]);
             assert!((found[0] - expected[0]).abs() < 6e-4 && (found[1] - expected[1]).abs() < 6e-4);
             let mut expected = expected.to_vec();
             found.sort_by(f32::total_cmp);
@@ -57,7 +57,7 @@ mod tests {
         for (steps, [lowest, highest]) in
             [(12, [0.02, 1.0]), (8, [0.05, 1.0]), (8, [0.1, 1.0]), (12, [0.02, 1.9])]
         {
-            let factors = factors(steps, [lowest, highest]);
+            let factors = relaxation_factors(steps, [lowest, highest]);
             let at_zero: f64 = (highest + lowest) / (highest - lowest);
             let bound = 1.0 / (steps as f64 * at_zero.acosh()).cosh();
             let (mut left, mut most) = (0.0_f64, 0.0_f64);

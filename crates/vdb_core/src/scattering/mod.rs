@@ -20,6 +20,7 @@ mod sweep;
 mod tests;
 mod view_ray;
 
+pub use chebyshev::relaxation_factors;
 pub use lattice::{Lattice, MAX_CELLS};
 pub use octants::{FogOctants, FogSample};
 pub use phase::{MAX_ANISOTROPY, Phase};

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, UVec3, Vec3, Vec4};
 
-use super::chebyshev::factors;
+use super::chebyshev::relaxation_factors;
 use super::lattice::{Lattice, cells, index};
 use super::medium::Medium;
 use super::octants::FogOctants;
@@ -64,7 +64,7 @@ impl ScatteredLight {
             light = refined(&light, coarser, medium.size);
             coarser = medium.size;
             let mut level = Level::new(medium, &directions(), -to_light.as_vec3());
-            for factor in factors(sweeps, [lowest, highest]) {
+            for factor in relaxation_factors(sweeps, [lowest, highest]) {
                 level.sweep(&mut light, scattering, factor);
             }
         }

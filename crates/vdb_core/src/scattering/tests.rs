@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, UVec3, Vec3, Vec4};
 
-use super::chebyshev::factors;
+use super::chebyshev::relaxation_factors;
 use super::lattice::{cells, count, index};
 use super::medium::Medium;
 use super::octants::{FogOctants, FogSample};
@@ -90,7 +90,7 @@ fn balance(longest: u32, extinction: f64, albedo: f64) -> f64 {
     let mut light = vec![Vec4::ZERO; count(medium.size)];
     let mut level = Level::new(&medium, &directions(), -to_light.as_vec3());
     let scattering = Vec4::X * (albedo / (4.0 * PI)) as f32;
-    for factor in factors(12, [0.02, 1.0]).repeat(4) {
+    for factor in relaxation_factors(12, [0.02, 1.0]).repeat(4) {
         level.sweep(&mut light, scattering, factor);
     }
     // Makes the intensities those of the converged light.
@@ -203,7 +203,7 @@ fn the_sweeps_converge() {
         let turned = 3.0 * phase.remainder_anisotropy() as f32;
         let scattering = Vec4::new(1.0, turned, turned, turned) / (4.0 * PI) as f32;
         let damped = [0.02, 1.3 - anisotropy.min(0.0)];
-        for factor in factors(12, damped).repeat(16) {
+        for factor in relaxation_factors(12, damped).repeat(16) {
             level.sweep(&mut light, scattering, factor);
         }
         let (mut off, mut sum) = (0.0, 0.0);
