@@ -99,8 +99,8 @@ pub struct VdbCamera {
     /// The tree nodes whose borders are drawn on surfaces, in any mode.
     pub overlays: VdbOverlays,
     /// Multiple scattering: whether fog scatters light more than once, which makes clouds white. On
-    /// by default. The approximation takes a quarter more time than single scattering;
-    /// `docs/reference/fog.md` has the errors of both. Light from lamps and suns without shadows is
+    /// by default. `docs/reference/fog.md` has the errors of this approximation, and of light that is
+    /// scattered once. Light from lamps and suns without shadows is
     /// scattered once in either case, because it is not attenuated on its way in.
     pub multiple_scattering: bool,
     /// The number of traversal steps shown in the hottest colour of [`VdbRenderMode::Steps`]. More

@@ -50,6 +50,7 @@ mod rays;
 mod reflections;
 mod reload;
 mod scatter;
+mod scattered_light;
 mod scene;
 mod shadows;
 mod sky;

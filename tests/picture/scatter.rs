@@ -130,7 +130,7 @@ fn a_slab_under_the_sun_scatters_as_paths_do() {
     slab.stage.world().spawn(sun(to_sun));
     let tree = fog::block(BLOCK, 1.0);
     let all = Paths::new(&tree).expect("the block has an end");
-    slab.check([0.01, 0.14, 0.01, 0.04], |depth, anisotropy| {
+    slab.check([0.01, 0.14, 0.02, 0.05], |depth, anisotropy| {
         let extinction = depth / 20.0;
         let scattering = Scattering { extinction, anisotropy, to_sun, orders: u32::MAX };
         let ray = (DVec3::new(0.0, 0.0, 120.0), DVec3::NEG_Z);

@@ -285,7 +285,7 @@ mod tests {
     #[test]
     fn solutions_follow_changes_and_settle() {
         let mut all = scattered();
-        let mut frame = |all: &mut ScatteredLight, fingerprint| {
+        let frame = |all: &mut ScatteredLight, fingerprint| {
             all.begin_frame();
             let planned = all.plan(0, fingerprint);
             if let Some((_, number)) = planned {
