@@ -99,9 +99,9 @@ pub struct VdbCamera {
     /// The tree nodes whose borders are drawn on surfaces, in any mode.
     pub overlays: VdbOverlays,
     /// Multiple scattering: whether fog scatters light more than once, which makes clouds white. On
-    /// by default. `docs/reference/fog.md` has the errors of this approximation, and of light that is
-    /// scattered once. Light from lamps and suns without shadows is
-    /// scattered once in either case, because it is not attenuated on its way in.
+    /// by default. `docs/reference/fog.md` compares its errors with those of single scattering. Light
+    /// from lamps and suns without shadows is scattered once in either case, because it is not
+    /// attenuated on its way in.
     pub multiple_scattering: bool,
     /// The number of traversal steps shown in the hottest colour of [`VdbRenderMode::Steps`]. More
     /// than 0; 200 by default.

@@ -124,6 +124,9 @@ const MAX_CLIP_PLANES: u32 = 32u;
 // The most lights of fires whose highlights are left to reflections.
 const MAX_FIRE_LIGHTS: u32 = 32u;
 
+// The largest 16-bit float.
+const MAX_HALF: f32 = 65504.0;
+
 // The most lattices of scattered light in a view.
 const MAX_SCATTERED_LIGHTS: u32 = 16u;
 

@@ -4,6 +4,11 @@
 // and the sum of its directions.
 #define_import_path bevy_vdb::scattered_light::layout
 
+// The number of a place in a box, `x` fastest.
+fn number_in(place: vec3<u32>, size: vec3<u32>) -> u32 {
+    return (place.z * size.y + place.y) * size.x + place.x;
+}
+
 // Words of an octant.
 fn octant_words(channels: u32) -> u32 {
     return 1u + 3u * channels;
@@ -11,5 +16,5 @@ fn octant_words(channels: u32) -> u32 {
 
 // The first word of an octant.
 fn octant_word(octant: vec3<u32>, size: vec3<u32>, channels: u32) -> u32 {
-    return ((octant.z * size.y + octant.y) * size.x + octant.x) * octant_words(channels);
+    return number_in(octant, size) * octant_words(channels);
 }

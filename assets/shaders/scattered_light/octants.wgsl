@@ -1,12 +1,12 @@
 // What the lattice of scattered light is made from: fog and the light that arrives in it, in the eight octants of each
 // cell.
 
-#import bevy_vdb::gpu::types::{KIND_FOG, MAX_CACHED_LAMPS, MAX_CACHED_SUNS}
+#import bevy_vdb::gpu::types::{KIND_FOG, MAX_CACHED_LAMPS, MAX_CACHED_SUNS, MAX_HALF}
 #import bevy_vdb::scattered_light::layout::{octant_word, octant_words}
 #import bevy_vdb::trace::color::albedo_along
 #import bevy_vdb::trace::occlusion::{casts_shadow, fog_depth, fog_depth_to_light}
 #import bevy_vdb::trace::scattering::{forward_part, rest_anisotropy}
-#import bevy_vdb::trace::segment::{NONE, Point, Segment, lattice_ray}
+#import bevy_vdb::trace::segment::{NONE, Point, Segment, lattice_from_world, lattice_ray, point_at}
 #import bevy_vdb::traversal::hdda::{FAR, enter, mirrored_ray}
 #import bevy_vdb::view::scene::{fog_grid, view, volumes}
 #ifdef VDB_RAMPS
@@ -55,12 +55,12 @@ struct Job {
 // Volumes of the view.
 @group(2) @binding(8) var<storage, read> fogs: array<u32>;
 
-// Fogs in an octant. Factors are per optical depth of an edge.
+// The fogs in an octant, as optical depths along one of its edges.
 struct Mixture {
-    depth: f32,             // optical depth of an edge
-    scattered: vec3<f32>,   // of light that is scattered outside of the forward peak
-    forward: vec3<f32>,     // of light that is scattered in it
-    anisotropy: f32,        // of the rest, times the mean of `scattered`
+    depth: f32,
+    scattered: vec3<f32>,   // of scattering outside of the forward peak
+    forward: vec3<f32>,     // of scattering in the peak
+    anisotropy: f32,        // of scattering outside of it, times the mean of `scattered`
     thickest: u32,          // the fog that attenuates most, or NONE
     thickest_depth: f32,
 }
@@ -84,7 +84,7 @@ fn mixture_at(segment: Segment) -> Mixture {
     mixture.thickest = NONE;
     for (var i = 0u; i < min(job.fog_count, arrayLength(&fogs)); i++) {
         let volume = view.volume_first + fogs[i];
-        // Of fogs that cast no shadows, none of the light is lost.
+        // Fogs that cast no shadows attenuate nothing.
         if volumes[volume].kind != KIND_FOG || !casts_shadow(volume) {
             continue;
         }
@@ -135,17 +135,12 @@ fn depth_towards(
 #endif
     }
 #endif
-    let start = segment.start;
-    let offset = start.offset + (0.5 * job.edge) * segment.dir;
-    let middle = Point(vec2(0.0), 0.0, offset, NONE, vec3(0), vec3(0.0));
     // Rays take about two samples in each octant.
-    let cells = job.edge * length(volumes[volume].lattice_x * direction.x
-        + volumes[volume].lattice_y * direction.y
-        + volumes[volume].lattice_z * direction.z);
-    return fog_depth_to_light(middle, direction, distance, 0.5 * cells);
+    let cells = job.edge * length(lattice_from_world(volume, direction));
+    return fog_depth_to_light(point_at(segment, 0.5 * job.edge), direction, distance, 0.5 * cells);
 }
 
-// Illuminance by a light, without shadows, and its depth.
+// Illuminance by a light, without shadows.
 fn arriving(light: Light, to_light: vec3<f32>) -> vec3<f32> {
     if light.inverse_square_range < 0.0 {
         return light.color;
@@ -197,12 +192,12 @@ fn sample_octants(@builtin(global_invocation_id) id: vec3<u32>) {
     let first = octant_word(id, job.size, job.channels);
     let rest_anisotropy = mixture.anisotropy / max(dot(mixture.scattered, vec3(1.0 / 3.0)), 1e-30);
     // Depths are those of a cell.
-    octants[first] = pack2x16float(vec2(min(2.0 * mixture.depth, 60000.0), rest_anisotropy));
+    octants[first] = pack2x16float(vec2(min(2.0 * mixture.depth, MAX_HALF), rest_anisotropy));
     for (var channel = 0u; channel < job.channels; channel++) {
         let rest = max(mixture.depth - mixture.forward[channel], 0.0);
-        let depths = min(2.0 * vec2(rest, mixture.scattered[channel]), vec2(60000.0));
+        let depths = min(2.0 * vec2(rest, mixture.scattered[channel]), vec2(MAX_HALF));
         let own = vec4(light[0][channel], light[1][channel], light[2][channel], light[3][channel]);
-        let bounded = clamp(own, vec4(-60000.0), vec4(60000.0));
+        let bounded = clamp(own, vec4(-MAX_HALF), vec4(MAX_HALF));
         let word = first + octant_words(0u) + 3u * channel;
         octants[word] = pack2x16float(depths);
         octants[word + 1u] = pack2x16float(bounded.xy);

@@ -7,7 +7,9 @@
 // coarse to fine lattices converges in a few sweeps (Golub and Varga 1961).
 
 #import bevy_render::maths::PI
-#import bevy_vdb::scattered_light::layout::{octant_word, octant_words}
+#import bevy_vdb::gpu::types::MAX_HALF
+#import bevy_vdb::scattered_light::layout::{number_in, octant_word, octant_words}
+#import bevy_vdb::trace::scattering::slab
 
 struct Step {
     size: vec3<u32>,        // cells of the lattice
@@ -46,9 +48,18 @@ const DIRECTIONS: u32 = 14u;
 // Weights of the directions along axes and along diagonals: Lebedev's quadrature of degree 5.
 const AXIS_WEIGHT: f32 = 4.0 * PI / 15.0;
 const DIAGONAL_WEIGHT: f32 = 3.0 * PI / 10.0;
-const SQRT_3: f32 = 1.7320508;
-// The largest 16-bit float.
-const MAX_LIGHT: f32 = 65504.0;
+
+// The coordinates of a direction along axes: six along one of them, then eight diagonals. -1, 0 or 1.
+fn steps_of(direction: u32) -> vec3<f32> {
+    var steps = vec3(0.0);
+    if direction < 6u {
+        steps[direction / 2u] = select(1.0, -1.0, (direction & 1u) != 0u);
+    } else {
+        let bits = direction - 6u;
+        steps = select(vec3(1.0), vec3(-1.0), vec3(bits & 1u, bits & 2u, bits & 4u) != vec3(0u));
+    }
+    return steps;
+}
 
 fn cell_count() -> u32 {
     return job.size.x * job.size.y * job.size.z;
@@ -56,12 +67,12 @@ fn cell_count() -> u32 {
 
 // The number of a cell in one channel; channels follow each other.
 fn cell_at(place: vec3<u32>, channel: u32) -> u32 {
-    return job.first + channel * cell_count() + (place.z * job.size.y + place.y) * job.size.x + place.x;
+    return job.first + channel * cell_count() + number_in(place, job.size);
 }
 
 fn coarse_cell_at(place: vec3<u32>, channel: u32) -> u32 {
     let size = job.coarse_size;
-    return job.coarse_first + ((channel * size.z + place.z) * size.y + place.y) * size.x + place.x;
+    return job.coarse_first + channel * size.x * size.y * size.z + number_in(place, size);
 }
 
 // What the octants say of a cell.
@@ -146,8 +157,8 @@ fn coarsen(@builtin(global_invocation_id) place: vec3<u32>) {
     }
 }
 
-// Where a line of cells begins: `line` counts those of each face through which lines enter. Coordinates along `axes`
-// are counted upwind first. Outside of the lattice if there are fewer lines.
+// Where a line of cells begins, counted from the corner that light of this direction meets first. `line` counts the
+// lines of all faces through which it enters; beyond the last one, the place is outside of the lattice.
 fn line_start(direction: u32, line: u32) -> vec3<u32> {
     let size = job.size;
     let layer = size.x * size.y;
@@ -181,24 +192,12 @@ fn sweep(@builtin(global_invocation_id) id: vec3<u32>) {
     let direction = id.y;
     let channel = id.z;
     var place = line_start(direction, id.x);
-    var signs = vec3(1.0);
-    var ordinate = vec3(0.0);
-    var moves = vec3(0u);
-    var stride = 1.0;
-    if direction < 6u {
-        let axis = direction / 2u;
-        moves[axis] = 1u;
-        signs[axis] = select(1.0, -1.0, (direction & 1u) != 0u);
-        ordinate[axis] = signs[axis];
-    } else {
-        let bits = direction - 6u;
-        moves = vec3(1u);
-        signs = select(vec3(1.0), vec3(-1.0), vec3(bits & 1u, bits & 2u, bits & 4u) != vec3(0u));
-        ordinate = signs / SQRT_3;
-        stride = SQRT_3;
-    }
-    stride *= job.edge;
-    let is_reversed = signs < vec3(0.0);
+    let steps = steps_of(direction);
+    let distance = length(steps);
+    let ordinate = steps / distance;
+    let moves = vec3<u32>(abs(steps));
+    let stride = distance * job.edge;
+    let is_reversed = steps < vec3(0.0);
     let first = ((direction * job.channels) + channel) * cell_count();
     var carried = 0.0;      // in the middle of the cell upwind
     var source_before = 0.0;
@@ -212,10 +211,10 @@ fn sweep(@builtin(global_invocation_id) id: vec3<u32>) {
         let source = cell.scattering * (total.x + cell.anisotropy * dot(ordinate, total.yzw));
         let before = select(source_before, source, is_first);
         let depth = 0.5 * stride * (cell.depth + depth_before);
-        let e = exp(-depth);
-        let mean = select((1.0 - e) / max(depth, 1e-3), 1.0 - depth * (0.5 - depth / 6.0), depth < 1e-3);
-        carried = e * carried + (mean - e) * before + (1.0 - mean) * source;
-        radiance[first + (at.z * job.size.y + at.y) * job.size.x + at.x] = carried;
+        let part = slab(depth);
+        let transmittance = 1.0 - part.opacity;
+        carried = transmittance * carried + (part.mean - transmittance) * before + (1.0 - part.mean) * source;
+        radiance[first + number_in(at, job.size)] = carried;
         source_before = source;
         depth_before = cell.depth;
         is_first = false;
@@ -235,15 +234,9 @@ fn relax(@builtin(global_invocation_id) id: vec3<u32>) {
     var sum = vec4(0.0);
     for (var direction = 0u; direction < DIRECTIONS; direction++) {
         let own = radiance[(direction * job.channels + channel) * count + place];
-        if direction < 6u {
-            var flux = vec3(0.0);
-            flux[direction / 2u] = select(own, -own, (direction & 1u) != 0u);
-            sum += AXIS_WEIGHT * vec4(own, flux);
-        } else {
-            let bits = direction - 6u;
-            let flux = select(vec3(own), vec3(-own), vec3(bits & 1u, bits & 2u, bits & 4u) != vec3(0u));
-            sum += DIAGONAL_WEIGHT * vec4(own, flux / SQRT_3);
-        }
+        let steps = steps_of(direction);
+        let weight = select(DIAGONAL_WEIGHT, AXIS_WEIGHT, direction < 6u);
+        sum += (weight * own) * vec4(1.0, normalize(steps));
     }
     let index = job.first + channel * count + place;
     light[index] += job.relaxation * (sum - light[index]);
@@ -285,5 +278,5 @@ fn store(@builtin(global_invocation_id) id: vec3<u32>) {
     let own = light[cell_at(place, channel)];
     let flux = own.y * job.axis_x.xyz + own.z * job.axis_y.xyz + own.w * job.axis_z.xyz;
     let texel = vec3(id.xy, job.first_layer + id.z);
-    textureStore(scattered, texel, clamp(vec4(own.x, flux), vec4(-MAX_LIGHT), vec4(MAX_LIGHT)));
+    textureStore(scattered, texel, clamp(vec4(own.x, flux), vec4(-MAX_HALF), vec4(MAX_HALF)));
 }

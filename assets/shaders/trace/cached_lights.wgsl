@@ -16,6 +16,9 @@
 #endif
 #import bevy_vdb::trace::occlusion::is_occluded
 #import bevy_vdb::trace::scattering::{InScattered, Scatterer, add_attenuated}
+#ifdef VDB_SCATTERED
+#import bevy_vdb::trace::scattering::add_occlusion
+#endif
 #import bevy_vdb::trace::segment::Point
 #import bevy_vdb::traversal::fog::SamplePoint
 #import bevy_vdb::traversal::hdda::FAR
@@ -236,9 +239,7 @@ fn add_cached_lamps(
                         let visible = unoccluded_lamp(at, point, lamps[i], to_lamp);
                         let cosine = light_cosine(to_lamp, ray);
 #ifdef VDB_SCATTERED
-                        let amount = dot(illuminance, vec3(1.0));
-                        own.all += amount;
-                        own.unoccluded += visible * amount;
+                        add_occlusion(&own, illuminance, visible);
 #endif
                         add_attenuated(&own, visible * illuminance, depths[i], cosine, scatterer);
                     }

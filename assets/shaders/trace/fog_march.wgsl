@@ -5,8 +5,8 @@
 #import bevy_vdb::view::scene::{fog_grid, frame_random, volumes}
 #import bevy_vdb::trace::segment::{Segment, lattice_ray, point_at}
 #import bevy_vdb::trace::lights::{EnvironmentLight, environment_light, in_scattered, shading_point}
-#import bevy_vdb::trace::scattering::{InScattered, Passed, Scatterer, ScatteringSums, Visible, add_environment}
-#import bevy_vdb::trace::scattering::{nothing_passed, pass_stretch, scattered_radiance, tint}
+#import bevy_vdb::trace::scattering::{InScattered, Scatterer, ScatteringSums, Visible, add_environment}
+#import bevy_vdb::trace::scattering::{all_visible, pass_stretch, scattered_radiance, tint}
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattered_light::{scattered_factor, scattered_light_at, scattered_ray}
 #import bevy_vdb::trace::scattering::forward_depth
@@ -61,7 +61,7 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
     let max_integral = MAX_DEPTH_OF_STEP / max(scale, 1e-30);
     let environment = environment_light(normalize(segment.dir));
     var sums = ScatteringSums();
-    var passed = nothing_passed();
+    var passed = all_visible();
     var march = begin_march(mirrored, entry, light_interval(segment, volume));
     march.t_box -= frame_random(0.41421356) * march.t_step;
     var accessor = new_accessor(local_cell(mirrored, entry.rel));
@@ -87,7 +87,7 @@ fn march_fog(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_ma
 #endif
 
 // Moves a ray on through an optical depth of a fog alone. Returns what is visible of it.
-fn pass_fog(passed: ptr<function, Passed>, depth: f32, albedo: vec3<f32>, volume: u32) -> Visible {
+fn pass_fog(passed: ptr<function, Visible>, depth: f32, albedo: vec3<f32>, volume: u32) -> Visible {
 #ifdef VDB_SCATTERED
     return pass_stretch(passed, depth, forward_depth(depth, tint(albedo), volumes[volume].anisotropy));
 #else

@@ -4,7 +4,7 @@
 
 #import bevy_pbr::mesh_view_bindings as bevy
 #import bevy_pbr::mesh_view_types::POINT_LIGHT_FLAGS_SHADOWS_ENABLED_BIT
-#import bevy_vdb::gpu::types::MAX_CACHED_LAMPS
+#import bevy_vdb::gpu::types::{MAX_CACHED_LAMPS, MAX_HALF}
 #import bevy_vdb::light_cache::lattice::{NO_FOG, first_texel}
 #import bevy_vdb::trace::illuminance::lamp_illuminance
 #import bevy_vdb::trace::light_cache::{NOT_CACHED, lamp_group_lattices, lamp_light_lattice, light_atlas}
@@ -30,9 +30,6 @@ struct Samples {
 
 @group(2) @binding(6) var<uniform> samples: Samples;
 @group(2) @binding(7) var gathered: texture_storage_3d<rgba16float, write>;
-
-// The largest 16-bit float.
-const MAX_LIGHT: f32 = 65504.0;
 
 // The direction of the view ray through a point relative to the eye, of unit length.
 fn view_direction(from_eye: vec3<f32>) -> vec3<f32> {
@@ -101,8 +98,8 @@ fn gather_lamps(
 }
 
 fn store_light(texel: vec3<u32>, light: vec3<f32>, other: f32) {
-    let exposed = clamp(light * view.exposure, vec3(-MAX_LIGHT), vec3(MAX_LIGHT));
-    textureStore(gathered, texel, vec4(exposed, clamp(other, -MAX_LIGHT, MAX_LIGHT)));
+    let exposed = clamp(light * view.exposure, vec3(-MAX_HALF), vec3(MAX_HALF));
+    textureStore(gathered, texel, vec4(exposed, clamp(other, -MAX_HALF, MAX_HALF)));
 }
 
 @compute @workgroup_size(4, 4, 4)

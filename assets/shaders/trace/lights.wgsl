@@ -9,6 +9,9 @@
 #import bevy_vdb::trace::illuminance::illuminance_of
 #import bevy_vdb::trace::light_list::{ShadingPoint, casts_shadows, lights_at, to_light}
 #import bevy_vdb::trace::scattering::{InScattered, Scatterer, add_attenuated, add_unattenuated}
+#ifdef VDB_SCATTERED
+#import bevy_vdb::trace::scattering::add_occlusion
+#endif
 #import bevy_vdb::trace::segment::{Point, world_position}
 #import bevy_vdb::trace::visibility::visibility
 #import bevy_vdb::traversal::hdda::FAR
@@ -54,9 +57,7 @@ fn add_scattered(
     }
 #ifdef VDB_SCATTERED
     // Fog alone leaves some of it.
-    let amount = dot(illuminance, vec3(1.0));
-    (*light).all += amount;
-    (*light).unoccluded += select(0.0, amount, visible > 0.0);
+    add_occlusion(light, illuminance, select(0.0, 1.0, visible > 0.0));
 #endif
     add_attenuated(light, illuminance, depth_of(visible), cosine, scatterer);
 }

@@ -14,7 +14,7 @@
 #import bevy_vdb::trace::media_step::{FogStep, add_step, fog_step}
 #import bevy_vdb::trace::medium::{HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia, begun, first_step}
 #import bevy_vdb::trace::medium::{new_medium, no_medium, suitable_step}
-#import bevy_vdb::trace::scattering::{OPAQUE_DEPTH, Tint, nothing_passed, pass_stretch, scattered_radiance}
+#import bevy_vdb::trace::scattering::{OPAQUE_DEPTH, Tint, all_visible, pass_stretch, scattered_radiance}
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattered_light::{ScatteredRay, scattered_light_at, scattered_ray}
 #import bevy_vdb::trace::scattering::{add_tints, forward_depth}
@@ -105,7 +105,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_first: f32, 
         scattered_rays[i] = scattered_ray(segment, t_zero, fogs[i].volume);
     }
 #endif
-    var passed = nothing_passed();
+    var passed = all_visible();
     var sums = SegmentSums();
     var interval = IntervalSums();
     // Starts short, because a lamp may be near.

@@ -7,7 +7,7 @@
 #import bevy_vdb::trace::fog_march::{Fog, add_fog, in_scattered_at, light_interval, pass_fog}
 #import bevy_vdb::trace::lights::environment_light
 #import bevy_vdb::trace::scattering::{InScattered, OPAQUE_DEPTH, ScatteringSums, mean_transmittance}
-#import bevy_vdb::trace::scattering::{nothing_passed, scattered_radiance}
+#import bevy_vdb::trace::scattering::{all_visible, scattered_radiance}
 #import bevy_vdb::trace::segment::{Segment, lattice_ray}
 #import bevy_vdb::traversal::hdda::{FAR, enter_at, local_cell, mirrored_ray}
 #import bevy_vdb::traversal::march::{begin_march, next_interval}
@@ -123,7 +123,7 @@ fn march_ramp(segment: Segment, volume: u32, pixel: vec2<u32>, t_first: f32, t_m
     let emission_length = volumes[volume].ramp_emission * dir_length;
     let environment = environment_light(normalize(segment.dir));
     var sums = ScatteringSums();
-    var passed = nothing_passed();
+    var passed = all_visible();
     var march = begin_march(mirrored, entry, light_interval(segment, volume));
     march.t_box -= frame_random(0.41421356) * march.t_step;
     var accessor = new_accessor(local_cell(mirrored, entry.rel));

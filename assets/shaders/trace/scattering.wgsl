@@ -73,7 +73,7 @@ fn phase(anisotropy: f32, cosine: f32) -> f32 {
     return (1.0 - anisotropy * anisotropy) / (4.0 * PI) * (root * root * root);
 }
 
-// What is visible of a stretch of a ray, per optical depth of a fog in it.
+// What is visible of a point on a ray or, in the mean, of a stretch of it.
 struct Visible {
     whole: f32,
 #ifdef VDB_SCATTERED
@@ -82,22 +82,14 @@ struct Visible {
 #endif
 }
 
-// What is visible at the end of a ray from the viewer, as in `Visible`.
-struct Passed {
-    whole: f32,
+// What is visible where a ray from the viewer starts: everything.
+fn all_visible() -> Visible {
+    var visible = Visible();
+    visible.whole = 1.0;
 #ifdef VDB_SCATTERED
-    rest: Tint,
-    forward: Tint,
+    visible.rest = Tint(Tint().value + 1.0);
 #endif
-}
-
-fn nothing_passed() -> Passed {
-    var passed = Passed();
-    passed.whole = 1.0;
-#ifdef VDB_SCATTERED
-    passed.rest = Tint(Tint().value + 1.0);
-#endif
-    return passed;
+    return visible;
 }
 
 // Properties of fog at a point that decide how its light is scattered.
@@ -209,9 +201,9 @@ fn forward_depth(depth: f32, albedo: Tint, anisotropy: f32) -> Tint {
 #endif
 
 // What is visible of a homogeneous stretch with an optical depth, of which `forward` is that of scattering in the peak.
-// Moves the ray on to its end.
+// `end` is what is visible of its start, and then of its end.
 fn pass_stretch(
-    passed: ptr<function, Passed>,
+    end: ptr<function, Visible>,
     depth: f32,
 #ifdef VDB_SCATTERED
     forward: Tint,
@@ -219,8 +211,8 @@ fn pass_stretch(
 ) -> Visible {
     var visible = Visible();
     let whole = slab(depth);
-    visible.whole = (*passed).whole * whole.mean;
-    (*passed).whole -= (*passed).whole * whole.opacity;
+    visible.whole = (*end).whole * whole.mean;
+    (*end).whole -= (*end).whole * whole.opacity;
 #ifdef VDB_SCATTERED
 #ifdef VDB_VARYING_ALBEDO
     let x = slab(max(depth - forward.value.x, 0.0));
@@ -233,16 +225,25 @@ fn pass_stretch(
     let opacity = rest.opacity;
     let mean = rest.mean;
 #endif
-    visible.rest = Tint((*passed).rest.value * mean);
-    (*passed).rest = Tint((*passed).rest.value * (1.0 - opacity));
+    visible.rest = Tint((*end).rest.value * mean);
+    (*end).rest = Tint((*end).rest.value * (1.0 - opacity));
     // What is visible in the mean is behind the optical depth -ln(1 - opacity / 2): the first terms of its series,
     // and a last one that makes it right for all that is opaque.
     let series = 0.5 + whole.opacity * (0.125 + whole.opacity * (0.041667 + whole.opacity * 0.02648));
-    visible.forward = Tint((*passed).forward.value + (whole.mean * series) * forward.value);
-    (*passed).forward = add_tints((*passed).forward, forward);
+    visible.forward = Tint((*end).forward.value + (whole.mean * series) * forward.value);
+    (*end).forward = add_tints((*end).forward, forward);
 #endif
     return visible;
 }
+
+#ifdef VDB_SCATTERED
+// Adds a light with shadows, of which surfaces and meshes let a fraction through.
+fn add_occlusion(light: ptr<function, InScattered>, illuminance: vec3<f32>, unoccluded: f32) {
+    let amount = dot(illuminance, vec3(1.0));
+    (*light).all += amount;
+    (*light).unoccluded += unoccluded * amount;
+}
+#endif
 
 // Adds light that arrives at a point through an optical depth of fog, from a light whose direction has a cosine with
 // that of the view ray. 1 is straight ahead of the viewer.

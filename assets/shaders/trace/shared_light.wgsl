@@ -13,7 +13,7 @@
 #import bevy_vdb::trace::scattering::{InScattered, Scatterer, Tint, remaining_color}
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattered_light::scattered_factor
-#import bevy_vdb::trace::scattering::split_phases
+#import bevy_vdb::trace::scattering::{add_occlusion, split_phases}
 #else
 #import bevy_vdb::trace::scattering::phase
 #endif
@@ -133,9 +133,7 @@ fn interval_light(
             + phases.y * sun.twice.value
             + phases.z * sun.often.value
             + phases.w * sun.rest.value;
-        let amount = dot(illuminance, vec3(1.0));
-        light.all += amount;
-        light.unoccluded += visible * amount;
+        add_occlusion(&light, illuminance, visible);
 #else
         let scattered = phase(scatterer.anisotropy, cosine) * sun.once.value;
 #endif

@@ -21,8 +21,8 @@
 #import bevy_vdb::trace::color::albedo_along
 #import bevy_vdb::trace::fog_march::{in_scattered_at, light_around}
 #import bevy_vdb::trace::lights::environment_light
-#import bevy_vdb::trace::scattering::{InScattered, ScatteringSums, Visible, add_environment}
-#import bevy_vdb::trace::scattering::{nothing_passed, pass_stretch, scattered_radiance}
+#import bevy_vdb::trace::scattering::{InScattered, ScatteringSums, add_environment}
+#import bevy_vdb::trace::scattering::{all_visible, pass_stretch, scattered_radiance}
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattering::{Tint, add_tints, forward_depth, tint}
 #endif
@@ -118,7 +118,7 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
 #ifdef VDB_LIT
     let environment = environment_light(normalize(segment.dir));
     var sums = ScatteringSums();
-    var passed = nothing_passed();
+    var passed = all_visible();
 #endif
     var t_sum = 0.0;
 #ifdef VDB_EMITS
@@ -145,11 +145,7 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
         // Sums over the fogs of the slab, weighted by their optical depths.
         var from_lights = InScattered();
         var around = ScatteringSums();
-        var before = Visible();     // what is visible of the front of the slab
-        before.whole = passed.whole;
 #ifdef VDB_SCATTERED
-        before.rest = passed.rest;
-        before.forward = passed.forward;
         var forward = Tint();
 #endif
 #endif
@@ -194,7 +190,7 @@ fn trace_slabs(segment: Segment, pixel: vec2<u32>, met: Met, t_max: f32) -> Fog 
                     if lit == NONE || !scatter_alike(i, lit) {
                         let jitter = fract(0.5 + frame_random(0.41421356)) - 0.5;
                         let width = t_high - t_low;
-                        light = in_scattered_at(segment, pixel, t_middle + jitter * width, width, i, albedo, before);
+                        light = in_scattered_at(segment, pixel, t_middle + jitter * width, width, i, albedo, passed);
                         lit = i;
                     }
                     source += volume_depth * volumes[i].emissive;

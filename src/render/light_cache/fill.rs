@@ -31,7 +31,7 @@ pub(crate) fn fill_light_cache(
     mut context: RenderContext,
 ) {
     let (state, own) = view.into_inner();
-    own.set_drawn();
+    own.drawn.set();
     if own.jobs.is_empty() {
         return;
     }

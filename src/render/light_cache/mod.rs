@@ -6,6 +6,7 @@
 
 mod atlas;
 mod columns;
+mod drawn;
 mod fill;
 mod fingerprint;
 mod lamp_light;
@@ -19,15 +20,21 @@ mod view;
 
 use bevy::core_pipeline::schedule::Core3d;
 use bevy::prelude::*;
-use bevy::render::render_resource::SpecializedComputePipelines;
+use bevy::render::render_resource::binding_types::{sampler, texture_2d, texture_3d};
+use bevy::render::render_resource::{
+    DynamicBindGroupLayoutEntries, SamplerBindingType, SpecializedComputePipelines,
+    TextureSampleType,
+};
 use bevy::render::renderer::{RenderAdapter, RenderDevice};
 use bevy::render::{GpuResourceAppExt, Render, RenderApp, RenderStartup};
 
 use super::gpu::{Shaders, load_shaders};
 use super::view::{PrepareViews, VdbSystems, VisibleVolumes};
+use crate::quality::features::Features;
 use pipeline::FillPipeline;
 
 pub(super) use atlas::texture_size;
+pub(super) use drawn::Drawn;
 pub(super) use fill::fill_light_cache;
 pub(super) use fingerprint::Fingerprints;
 pub(super) use lamp_light::LampLight;
@@ -35,6 +42,23 @@ pub(super) use lattices::LightCache;
 pub(super) use lights::{CachedLights, Lamp, LightQueries};
 pub(super) use plan::plan_order;
 pub(super) use view::LightCacheView;
+
+/// Adds the bindings of shaders that read the light cache to those of the crate's own group.
+pub(super) fn add_layout(
+    entries: DynamicBindGroupLayoutEntries,
+    features: Features,
+) -> DynamicBindGroupLayoutEntries {
+    if !features.contains(Features::LIGHT_CACHE) {
+        return entries;
+    }
+    let depths = texture_3d(TextureSampleType::Float { filterable: true });
+    let filtering = sampler(SamplerBindingType::Filtering);
+    let entries = entries.extend_with_indices(((12, depths), (13, filtering)));
+    if !features.contains(Features::CACHED_LAMPS) {
+        return entries;
+    }
+    entries.extend_with_indices(((14, texture_2d(TextureSampleType::Uint)),))
+}
 
 /// Caches the light in fog.
 pub(super) struct LightCachePlugin;

@@ -1,7 +1,5 @@
 //! The lattices of one view: which it asks for, what its shaders read, and what is filled for it.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use bevy::math::{DVec3, UVec3};
 use bevy::prelude::*;
 use bevy::render::render_resource::TextureView;
@@ -9,6 +7,7 @@ use bevy::render::renderer::{RenderDevice, RenderQueue};
 
 use super::atlas::packed;
 use super::columns::{self, SunRays};
+use super::drawn::Drawn;
 use super::fingerprint::Fingerprints;
 use super::lamp_light::LampLight;
 use super::lamp_table::{LampTable, MAX_ROWS};
@@ -21,7 +20,7 @@ use crate::render::gpu::types;
 use crate::render::view::{CacheLayout, CachedFog, Entry, PreparedView, cell_edge};
 
 /// The lattices that a view uses, and those that are filled for it in this frame.
-#[derive(Component)]
+#[derive(Component, Default)]
 pub(crate) struct LightCacheView {
     pub(super) pipelines: Option<FillPipelines>,
     /// Its fogs in the cache, by their index in the volume list.
@@ -32,9 +31,7 @@ pub(crate) struct LightCacheView {
     /// Where the lattices of lamps are.
     table: LampTable,
     lamp_light: LampLight,
-    /// Whether the view has been drawn since it was planned. Not every camera draws: its window may
-    /// be minimized.
-    was_drawn: AtomicBool,
+    pub(super) drawn: Drawn,
 }
 
 /// A lattice that is filled for one light.
@@ -65,21 +62,6 @@ impl Fill {
     }
 }
 
-impl Default for LightCacheView {
-    fn default() -> Self {
-        Self {
-            pipelines: None,
-            fogs: default(),
-            lattices: default(),
-            jobs: default(),
-            table: default(),
-            lamp_light: default(),
-            // It is not known yet whether a new view draws; usually it does.
-            was_drawn: AtomicBool::new(true),
-        }
-    }
-}
-
 impl LightCacheView {
     /// Whether the pass runs.
     pub fn is_filled(&self) -> bool {
@@ -106,10 +88,6 @@ impl LightCacheView {
         self.table.bytes()
     }
 
-    pub(super) fn set_drawn(&self) {
-        self.was_drawn.store(true, Ordering::Relaxed);
-    }
-
     /// Forgets the plan of the last frame. Returns whether the view was drawn in it.
     pub(super) fn begin_frame(&mut self) -> bool {
         self.pipelines = None;
@@ -117,7 +95,7 @@ impl LightCacheView {
         self.lattices.clear();
         self.jobs.clear();
         self.lamp_light = default();
-        std::mem::take(self.was_drawn.get_mut())
+        self.drawn.take()
     }
 
     /// Asks for lattices of suns for the view's fogs: those within the accepted error, or the
@@ -348,7 +326,7 @@ mod tests {
         let mut view = LightCacheView::default();
         assert!(view.begin_frame(), "a new one");
         assert!(!view.begin_frame());
-        view.set_drawn();
+        view.drawn.set();
         assert!(view.begin_frame() && !view.begin_frame());
     }
 

@@ -79,17 +79,8 @@ mod tests {
     use super::*;
 
     fn fog(world_from_local: DAffine3, max: IVec3) -> Lattice {
-        Lattice {
-            world_from_local,
-            occupied: Some(CoordBox { min: IVec3::ZERO, max: max - 1 }),
-            majorant: 1.0,
-            steepness: 1.0,
-            ramp: None,
-            material: None,
-            clip: 0,
-            colors: 0,
-            content: Some(0),
-        }
+        let occupied = CoordBox { min: IVec3::ZERO, max: max - 1 };
+        Lattice::of_cells(world_from_local, occupied, 1.0)
     }
 
     #[test]

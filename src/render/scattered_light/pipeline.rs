@@ -2,13 +2,12 @@
 
 use bevy::prelude::*;
 use bevy::render::render_resource::binding_types::{
-    sampler, storage_buffer_read_only_sized, storage_buffer_sized, texture_2d, texture_3d,
-    texture_storage_3d, uniform_buffer_sized,
+    storage_buffer_read_only_sized, storage_buffer_sized, texture_storage_3d, uniform_buffer_sized,
 };
 use bevy::render::render_resource::{
     BindGroupLayoutDescriptor, BindGroupLayoutEntries, CachedComputePipelineId,
-    ComputePipelineDescriptor, PipelineCache, SamplerBindingType, ShaderStages,
-    SpecializedComputePipeline, StorageTextureAccess, TextureSampleType,
+    ComputePipelineDescriptor, PipelineCache, ShaderStages, SpecializedComputePipeline,
+    StorageTextureAccess,
 };
 use bevy::shader::ShaderDefVal;
 
@@ -19,6 +18,7 @@ use crate::render::gpu::{
     GROUP, MATERIALS_BINDING, RAMPS_BINDING, Shaders, TraversalKey, empty_layout, material_table,
     read, scene_layout,
 };
+use crate::render::light_cache;
 use crate::render::view::ViewKey;
 
 /// The pipeline that samples octants.
@@ -71,14 +71,7 @@ impl OctantPipeline {
             (7, storage_buffer_sized(false, None)),
             (8, storage_buffer_read_only_sized(false, None)),
         ));
-        if has(Features::LIGHT_CACHE) {
-            let depths = texture_3d(TextureSampleType::Float { filterable: true });
-            let filtering = sampler(SamplerBindingType::Filtering);
-            entries = entries.extend_with_indices(((12, depths), (13, filtering)));
-            if has(Features::CACHED_LAMPS) {
-                entries = entries.extend_with_indices(((14, texture_2d(TextureSampleType::Uint)),));
-            }
-        }
+        entries = light_cache::add_layout(entries, features);
         if has(Features::RAMPS) {
             entries = entries.extend_with_indices(((RAMPS_BINDING, read()),));
         }

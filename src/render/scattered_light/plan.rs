@@ -1,7 +1,6 @@
 //! Decides which lattices of scattered light there are, and which are solved in a frame.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use bevy::math::{DVec3, UVec3};
 use bevy::prelude::*;
@@ -20,7 +19,7 @@ use super::sources::{MAX_SOURCES, Source, Sources};
 use super::steps::{Dispatch, steps};
 use crate::quality::features::Features;
 use crate::render::gpu::{PipelineFallback, types};
-use crate::render::light_cache::{CachedLights, Fingerprints, LightQueries, plan_order};
+use crate::render::light_cache::{CachedLights, Drawn, Fingerprints, LightQueries, plan_order};
 use crate::render::view::{Entry, PreparedView, ViewState};
 
 /// The struct of `scattered_light/octants.wgsl`.
@@ -52,18 +51,11 @@ pub(super) struct Solve {
 }
 
 /// The solutions that are found for a view in this frame.
-#[derive(Component)]
+#[derive(Component, Default)]
 pub(crate) struct ScatteredLightView {
     pub(super) octants: Option<CachedComputePipelineId>,
     pub(super) solves: Vec<Solve>,
-    /// Whether the view has been drawn since it was planned.
-    was_drawn: AtomicBool,
-}
-
-impl Default for ScatteredLightView {
-    fn default() -> Self {
-        Self { octants: None, solves: Vec::new(), was_drawn: AtomicBool::new(true) }
-    }
+    pub(super) drawn: Drawn,
 }
 
 impl ScatteredLightView {
@@ -72,14 +64,10 @@ impl ScatteredLightView {
         !self.solves.is_empty()
     }
 
-    pub(super) fn set_drawn(&self) {
-        self.was_drawn.store(true, Ordering::Relaxed);
-    }
-
     fn begin_frame(&mut self) -> bool {
         self.octants = None;
         self.solves.clear();
-        std::mem::take(self.was_drawn.get_mut())
+        self.drawn.take()
     }
 }
 
@@ -104,10 +92,13 @@ pub(super) fn ask(
     }
 }
 
-/// A group of fogs of a view.
-struct Group {
+/// A group of fogs of a view, and the lights that reach it.
+struct Group<'a> {
     fogs: Vec<usize>,
     lattice: CellLattice,
+    sources: Sources<'a>,
+    /// The colour of all light, if one channel is enough.
+    common: Option<Vec3>,
     key: Key,
 }
 
@@ -156,12 +147,8 @@ pub(super) fn plan(
         for (slot, group) in groups.iter().enumerate() {
             let solution = keys.iter().position(|key| *key == group.key);
             let Some(solution) = solution else { continue };
-            let solve = plan_group(
-                prepared,
-                (slot, group),
-                (&lights, &fingerprints),
-                (&mut scattered, solution),
-            );
+            let solve =
+                plan_group(prepared, (slot, group), &fingerprints, (&mut scattered, solution));
             own.solves.extend(solve);
         }
     }
@@ -169,7 +156,7 @@ pub(super) fn plan(
 }
 
 /// The groups of fogs that a view displays and that lights with shadows reach.
-fn groups_of(prepared: &PreparedView, lights: &CachedLights) -> Vec<Group> {
+fn groups_of<'a>(prepared: &PreparedView, lights: &'a CachedLights) -> Vec<Group<'a>> {
     let displayed = prepared.volumes.iter().zip(&prepared.entries).take(prepared.displayed());
     let fogs = displayed.enumerate().filter_map(|(entry, (volume, own))| {
         let is_fog = volume.kind == types::KIND_FOG && volume.density_scale > 0.0;
@@ -185,10 +172,11 @@ fn groups_of(prepared: &PreparedView, lights: &CachedLights) -> Vec<Group> {
             return None;
         }
         let is_grey = fogs.iter().all(|i| is_grey(&prepared.volumes[*i]));
-        let channels = if is_grey && sources.common_color().is_some() { 1 } else { 3 };
+        let common = sources.common_color().filter(|_| is_grey);
+        let channels = if common.is_some() { 1 } else { 3 };
         let owners = entries.iter().map(|entry| entry.owner).collect();
         let key = Key { owners, size: lattice.size, channels };
-        Some(Group { fogs, lattice, key })
+        Some(Group { fogs, lattice, sources, common, key })
     };
     groups(fogs.collect(), types::MAX_SCATTERED_LIGHTS).into_iter().filter_map(group).collect()
 }
@@ -212,15 +200,13 @@ fn is_grey(volume: &types::Volume) -> bool {
 fn plan_group(
     prepared: &mut PreparedView,
     (slot, group): (usize, &Group),
-    (lights, fingerprints): (&CachedLights, &Fingerprints),
+    fingerprints: &Fingerprints,
     (scattered, solution): (&mut ScatteredLight, usize),
 ) -> Option<Solve> {
     let entries: Vec<&Entry> = group.fogs.iter().map(|i| &prepared.entries[*i]).collect();
-    let sources = Sources::new(lights, bounds(&entries));
     let Key { size, channels, .. } = group.key;
     let place = scattered.place(solution);
-    let common = sources.common_color().filter(|_| channels == 1);
-    let (relative, scale) = sources.relative(&group.lattice, prepared.eye, common);
+    let (relative, scale) = group.sources.relative(&group.lattice, prepared.eye, group.common);
     prepared.data.scattered[slot] = types::ScatteredLattice {
         first: place.first_layer as f32,
         scale: scale.to_array(),
@@ -228,7 +214,7 @@ fn plan_group(
         ..group.lattice.seen_from(prepared.eye)
     };
     let mut hasher = DefaultHasher::new();
-    sources.hash(&mut hasher);
+    group.sources.hash(&mut hasher);
     for (i, entry) in group.fogs.iter().zip(&entries) {
         let volume = &prepared.volumes[*i];
         fingerprints.of(entry, &[]).hash(&mut hasher);

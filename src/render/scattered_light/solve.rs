@@ -11,7 +11,7 @@ use bevy::render::renderer::{RenderContext, RenderDevice, ViewQuery};
 use super::pipeline::{OctantPipeline, SolvePipelines};
 use super::plan::{ScatteredLightView, Solve};
 use super::solutions::{Buffers, ScatteredLight};
-use super::steps::{Program, Step};
+use super::steps::Step;
 use crate::quality::features::Features;
 use crate::render::gpu::{GROUP, MATERIALS_BINDING, PipelineFallback, RAMPS_BINDING, empty_layout};
 use crate::render::light_cache::{LightCache, LightCacheView};
@@ -37,29 +37,34 @@ pub(crate) fn solve_scattered_light(
     view: ViewQuery<(&ViewState, &ScatteredLightView, &LightCacheView)>,
     scattered: Res<ScatteredLight>,
     scene: Scene,
-    (solve, pipelines): (Res<SolvePipelines>, Res<PipelineCache>),
+    (programs, pipelines): (Res<SolvePipelines>, Res<PipelineCache>),
     fallback: Res<PipelineFallback>,
     device: Res<RenderDevice>,
     mut context: RenderContext,
 ) {
     let (state, own, cached) = view.into_inner();
-    own.set_drawn();
+    own.drawn.set();
     if own.solves.is_empty() {
         return;
     }
     let Some(octants) = own.octants.and_then(|id| fallback.compute(&pipelines, id)) else { return };
-    let programs = Program::ALL
-        .map(|(program, _)| solve.of(program).and_then(|id| fallback.compute(&pipelines, id)));
     let (Some(buffers), Some((target, _))) = (scattered.buffers(), scattered.binding()) else {
         return;
     };
-    let layout = pipelines.get_bind_group_layout(solve.layout());
+    let layout = pipelines.get_bind_group_layout(programs.layout());
+    let empty = pipelines.get_bind_group_layout(&empty_layout());
+    let empty = device.create_bind_group("vdb_empty", &empty, &[]);
     let diagnostics = context.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(context.command_encoder(), "vdb_scattered_light");
     for solve in &own.solves {
         let group = octant_group(state, cached, &scene, (solve, buffers), (&pipelines, &device));
-        let Some(group) = group else { continue };
+        let steps = solve.steps.iter().map(|(program, groups, _)| {
+            Some((fallback.compute(&pipelines, programs.of(*program)?)?, *groups))
+        });
+        let (Some(group), Some(steps)) = (group, steps.collect::<Option<Vec<_>>>()) else {
+            continue;
+        };
         let uniforms = uniforms(solve, &device);
         let step = BindingResource::Buffer(BufferBinding {
             buffer: &uniforms,
@@ -75,8 +80,6 @@ pub(crate) fn solve_scattered_light(
             target,
         ));
         let solving = device.create_bind_group("vdb_scattered_light", &layout, &entries);
-        let empty = pipelines.get_bind_group_layout(&empty_layout());
-        let empty = device.create_bind_group("vdb_empty", &empty, &[]);
         let descriptor =
             ComputePassDescriptor { label: Some("vdb_scattered_light"), timestamp_writes: None };
         let mut pass = context.command_encoder().begin_compute_pass(&descriptor);
@@ -87,21 +90,13 @@ pub(crate) fn solve_scattered_light(
         pass.set_bind_group(GROUP, &group, &[]);
         let groups = (solve.octants + GROUP_EDGE - 1) / GROUP_EDGE;
         pass.dispatch_workgroups(groups.x, groups.y, groups.z);
-        let mut is_complete = true;
-        for (i, (program, groups, _)) in solve.steps.iter().enumerate() {
-            let own = Program::ALL.iter().position(|known| known.0 == *program);
-            let Some(pipeline) = own.and_then(|own| programs[own].as_ref()) else {
-                is_complete = false;
-                break;
-            };
+        for (i, (pipeline, groups)) in steps.iter().enumerate() {
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &solving, &[(i * STEP_BYTES) as u32]);
             pass.dispatch_workgroups(groups.x, groups.y, groups.z);
         }
         drop(pass);
-        if is_complete {
-            scattered.set_run(solve.number);
-        }
+        scattered.set_run(solve.number);
     }
     span.end(context.command_encoder());
 }

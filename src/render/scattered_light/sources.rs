@@ -78,8 +78,8 @@ impl<'a> Sources<'a> {
         suns.chain(lamps).fold(0.0_f32, f32::max).clamp(1e-20, 1e20)
     }
 
-    /// The lights relative to an eye, of which each channel is divided by the scale that is returned, too. With a
-    /// `common` colour, the first channel stands for all.
+    /// The lights relative to an eye, and a scale: each channel of a light is divided by it, so that 16-bit floats
+    /// hold the result. If all lights have a `common` colour, all channels are the same.
     pub fn relative(
         &self,
         lattice: &CellLattice,

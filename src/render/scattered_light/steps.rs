@@ -52,7 +52,8 @@ const GROUP_SIZE: u32 = 64;
 /// The iterations on each lattice, from the coarsest, and the least eigenvalue that they are made for: of the part
 /// that escapes or is absorbed.
 const ITERATIONS: [(usize, f64); 3] = [(12, 0.02), (8, 0.05), (8, 0.1)];
-/// The same for a frame in which light or fog has changed a little, of which each takes the next `UPDATES`.
+/// The same while light or fog changes a little from frame to frame: each frame goes on with the next `UPDATES`
+/// iterations of this cycle.
 const UPDATE_CYCLE: (usize, f64) = (8, 0.3);
 const UPDATES: usize = 2;
 

@@ -1,7 +1,7 @@
 //! The pipeline that traces rays.
 
 use bevy::prelude::*;
-use bevy::render::render_resource::binding_types::{sampler, texture_2d, texture_3d};
+use bevy::render::render_resource::binding_types::{sampler, texture_3d};
 use bevy::render::render_resource::{
     BindGroupLayoutDescriptor, ComputePipelineDescriptor, SamplerBindingType, ShaderStages,
     SpecializedComputePipeline, TextureFormat, TextureSampleType,
@@ -16,6 +16,7 @@ use crate::render::gpu::{
     MATERIALS_BINDING, RAMPS_BINDING, Shaders, material_table, page_defs, read, sample_format_def,
     scene_depth, scene_layout, storage_read, write,
 };
+use crate::render::light_cache;
 use crate::render::view::ViewKey;
 
 #[derive(Debug, Resource)]
@@ -50,17 +51,10 @@ impl TracePipeline {
         if has(Features::BLACKBODY) {
             entries = entries.extend_with_indices(((11, read()),));
         }
-        if has(Features::LIGHT_CACHE) {
-            let depths = texture_3d(TextureSampleType::Float { filterable: true });
-            let filtering = sampler(SamplerBindingType::Filtering);
-            entries = entries.extend_with_indices(((12, depths), (13, filtering)));
-            if has(Features::CACHED_LAMPS) {
-                entries = entries.extend_with_indices(((14, texture_2d(TextureSampleType::Uint)),));
-            }
-            if has(Features::LAMP_LIGHT) {
-                let light = texture_3d(TextureSampleType::Float { filterable: true });
-                entries = entries.extend_with_indices(((15, light),));
-            }
+        entries = light_cache::add_layout(entries, features);
+        if has(Features::LAMP_LIGHT) {
+            let light = texture_3d(TextureSampleType::Float { filterable: true });
+            entries = entries.extend_with_indices(((15, light),));
         }
         if has(Features::SCATTERED_LIGHT) {
             let light = texture_3d(TextureSampleType::Float { filterable: true });

@@ -98,17 +98,8 @@ pub(super) mod tests {
     pub fn fog(min: IVec3, max: IVec3, density: f32) -> (types::Volume, Lattice) {
         let volume =
             types::Volume { kind: types::KIND_FOG, density_scale: 1.0, ..Default::default() };
-        let lattice = Lattice {
-            world_from_local: DAffine3::IDENTITY,
-            occupied: Some(CoordBox { min, max: max - 1 }),
-            majorant: density,
-            steepness: 1.0,
-            ramp: None,
-            material: None,
-            clip: 0,
-            colors: 0,
-            content: Some(0),
-        };
+        let occupied = CoordBox { min, max: max - 1 };
+        let lattice = Lattice::of_cells(DAffine3::IDENTITY, occupied, density);
         (volume, lattice)
     }
 

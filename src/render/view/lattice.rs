@@ -45,6 +45,22 @@ impl Lattice {
         }
     }
 
+    /// Of these local cells, with nothing else to it, for tests.
+    #[cfg(test)]
+    pub fn of_cells(world_from_local: DAffine3, occupied: CoordBox, majorant: f32) -> Self {
+        Self {
+            world_from_local,
+            occupied: Some(occupied),
+            majorant,
+            steepness: 1.0,
+            ramp: None,
+            material: None,
+            clip: 0,
+            colors: 0,
+            content: Some(0),
+        }
+    }
+
     /// With the ramp of a fog.
     pub fn with_ramp(self, ramp: Option<&ExtractedRamp>) -> Self {
         let Some(ramp) = ramp else { return self };

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-/// The factors of so many steps of Richardson's iteration for a system whose eigenvalues are between `lowest`
+/// The factors of Richardson's iteration in `steps` steps, for a system whose eigenvalues lie between `lowest`
 /// and `highest`: the inverse roots of a Chebyshev polynomial (Young 1953, "On Richardson's method for solving
 /// linear systems with positive definite matrices").
 ///

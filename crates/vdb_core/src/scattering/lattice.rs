@@ -17,8 +17,8 @@ pub struct Lattice {
 }
 
 impl Lattice {
-    /// The lattice with so many cells along the longest side of a box, 2 to [`MAX_CELLS`], and a margin of
-    /// half a cell around it, or more along the shorter sides. The box must be finite; if it has no extent,
+    /// A lattice around a box, with a margin of half a cell, or more along its shorter sides. Its longest side
+    /// has `longest` cells, 2 to [`MAX_CELLS`]. The box must be finite; if it has no extent,
     /// it gets one cell with an edge of 1.
     pub fn around([low, high]: [DVec3; 2], longest: u32) -> Self {
         let extent = (high - low).max(DVec3::ZERO);

@@ -57,8 +57,8 @@ impl InScattering {
         if peak == 0.0 {
             return self.albedo * (near - far) * (arriving * self.remainder + from_lattice);
         }
-        // On the whole path, straight to here and on to the viewer, there are on average so many events in
-        // the peak.
+        // The mean number of events in the peak on the whole path: straight to this point, and on to the
+        // viewer.
         let events = peak * (depth - (0.5 * (near + far)).max(FAINT).ln());
         let forward = arriving * (self.peaks[0] + 0.5 * events * self.peaks[1])
             + tail(events, depth) * self.peaks[2];
