@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use bevy::app::PluginsState;
 use bevy::asset::UnapprovedPathMode;
 use bevy::camera::RenderTarget;
+use bevy::core_pipeline::tonemapping::{DebandDither, Tonemapping};
 use bevy::diagnostic::DiagnosticsStore;
 use bevy::log::LogPlugin;
 use bevy::math::{DAffine3, DVec3};
@@ -22,6 +23,7 @@ use bevy_vdb::prelude::*;
 use bevy_vdb::vdb_core::pack::PackKind;
 use bevy_vdb::vdb_core::tree::Vdb543;
 use bevy_vdb::{VdbDiagnostics, VdbGpuUsage};
+use half::f16;
 
 use crate::warm::keep_warm;
 
@@ -175,13 +177,48 @@ impl Studio {
 
     /// The image after the next frames: four bytes per pixel, in sRGB.
     pub fn picture(&mut self) -> Result<Vec<u8>, String> {
+        self.read_back(self.target.clone())
+    }
+
+    /// The radiance of each pixel of an image of that size, without tone mapping, once so many grids are on the GPU;
+    /// seen from where the camera starts its rounds. The width is a multiple of 32: then lines have no padding.
+    pub fn radiance(&mut self, size: UVec2, grids: u64) -> Result<Vec<Vec3>, String> {
+        let mut image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba16Float, None);
+        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+        let image = self.app.world_mut().resource_mut::<Assets<Image>>().add(image);
+        self.show_in(image.clone(), (Tonemapping::None, DebandDither::Disabled));
+        self.begin_round(1);
+        let was_moving = std::mem::replace(&mut self.is_camera_moving, false);
+        let bytes = self.settle(grids).and_then(|()| self.read_back(image));
+        self.is_camera_moving = was_moving;
+        self.show_in(self.target.clone(), (Tonemapping::default(), DebandDither::Enabled));
+        let bytes = bytes?;
+        let channel = |texel: &[u8; 8], i: usize| {
+            f16::from_le_bytes([texel[2 * i], texel[2 * i + 1]]).to_f32()
+        };
+        let (texels, _) = bytes.as_chunks();
+        let rgb = |texel| Vec3::new(channel(texel, 0), channel(texel, 1), channel(texel, 2));
+        Ok(texels.iter().map(rgb).collect())
+    }
+
+    /// Makes an image the camera's target.
+    fn show_in(&mut self, image: Handle<Image>, colors: (Tonemapping, DebandDither)) {
+        let mut camera = self.camera_mut();
+        camera.insert((colors, RenderTarget::Image(image.into())));
+        // Bevy looks at the size of a target again only when something else has changed.
+        if let Some(mut projection) = camera.get_mut::<Projection>() {
+            projection.set_changed();
+        }
+    }
+
+    /// The bytes of an image after the next frames.
+    fn read_back(&mut self, image: Handle<Image>) -> Result<Vec<u8>, String> {
         let arrived = Arc::new(Mutex::new(None));
         let arriving = arrived.clone();
         let take = move |data: On<ReadbackComplete>| {
             *arriving.lock().unwrap_or_else(PoisonError::into_inner) = Some(data.data.clone());
         };
-        let target = Readback::texture(self.target.clone());
-        let reader = self.app.world_mut().spawn(target).observe(take).id();
+        let reader = self.app.world_mut().spawn(Readback::texture(image)).observe(take).id();
         for _ in 0..200 {
             self.frames(1);
             let bytes = arrived.lock().unwrap_or_else(PoisonError::into_inner).take();

@@ -8,15 +8,16 @@ use crate::render::gpu::types;
 /// The largest extinctions per world unit that rays meet in a fog.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Extinction {
-    /// Of all fogs, which view rays meet.
+    /// Of all fogs, which view rays meet: the root of the sum of their squares. It stands for details that a step
+    /// misses, and those of different fogs are independent.
     pub all: f64,
-    /// Of fogs that cast shadows, which rays to lights meet.
+    /// Of fogs that cast shadows, which rays to lights meet: their sum.
     pub casters: f64,
 }
 
 impl Extinction {
     fn add(&mut self, other: Self, weight: f64) {
-        self.all += other.all * weight;
+        self.all = self.all.hypot(other.all * weight);
         self.casters += other.casters * weight;
     }
 }
@@ -117,7 +118,7 @@ pub(super) mod tests {
     fn extinctions_of_overlapping_fogs_add_up() {
         let cube = |at: IVec3, edge, density| fog(at, at + edge, density);
         let same = [cube(IVec3::ZERO, 64, 0.25), cube(IVec3::ZERO, 64, 0.5)];
-        assert_eq!(totals(&same), [[0.75; 2]; 2]);
+        assert_eq!(totals(&same), [[0.25_f64.hypot(0.5), 0.75]; 2]);
         let apart = |axis| {
             let mut at = IVec3::ZERO;
             at[axis] = 100;
@@ -126,9 +127,12 @@ pub(super) mod tests {
         for axis in 0..3 {
             let found = totals(&apart(axis));
             let share = (14.0_f64 / 64.0).sqrt();
-            let expected = [0.25 + share, 0.5 + share, 1.0 + 0.75 * share];
-            for (found, expected) in found.into_iter().zip(expected) {
-                assert!(found.into_iter().all(|own| (own - expected).abs() < 1e-12), "{found:?}");
+            let middle = 1.0_f64.hypot(0.25 * share).hypot(0.5 * share);
+            let all = [0.25_f64.hypot(share), 0.5_f64.hypot(share), middle];
+            let casters = [0.25 + share, 0.5 + share, 1.0 + 0.75 * share];
+            for (found, expected) in found.into_iter().zip(all.into_iter().zip(casters)) {
+                assert!((found[0] - expected.0).abs() < 1e-12, "{found:?}");
+                assert!((found[1] - expected.1).abs() < 1e-12, "{found:?}");
             }
             assert_eq!(totals(&apart(axis)[..2]), [[0.25; 2], [0.5; 2]]);
         }
@@ -139,7 +143,7 @@ pub(super) mod tests {
         let mut fogs = [fog(IVec3::ZERO, IVec3::splat(64), 0.25); 2];
         fogs[1].0.flags = types::NO_CASTER;
         fogs[1].1.majorant = 0.5;
-        assert_eq!(totals(&fogs), [[0.75, 0.25]; 2]);
+        assert_eq!(totals(&fogs), [[0.25_f64.hypot(0.5), 0.25]; 2]);
         assert_eq!(totals(&fogs[1..]), [[0.5, 0.0]]);
         fogs[1].0.kind = types::KIND_EMISSION;
         assert_eq!(totals(&fogs), [[0.25; 2]], "only fogs attenuate");
@@ -151,7 +155,9 @@ pub(super) mod tests {
         let small = fog(IVec3::splat(240), IVec3::splat(256), 4.0);
         let share = (16.0_f64 / 512.0).powf(1.5);
         let found = totals(&[large, small]);
-        assert!((found[0][0] - (f64::from(0.01_f32) + 4.0 * share)).abs() < 1e-12, "{found:?}");
-        assert!((found[1][0] - (f64::from(0.01_f32) + 4.0)).abs() < 1e-12, "{found:?}");
+        let thin = f64::from(0.01_f32);
+        assert!((found[0][0] - thin.hypot(4.0 * share)).abs() < 1e-12, "{found:?}");
+        assert!((found[0][1] - (thin + 4.0 * share)).abs() < 1e-12, "{found:?}");
+        assert!((found[1][1] - (thin + 4.0)).abs() < 1e-12, "{found:?}");
     }
 }
