@@ -168,15 +168,16 @@ fn fire(studio: &mut Studio) -> Result<VdbEmission, String> {
     Ok(VdbEmission::Temperature { grid, scale: HOTTEST, offset: 0.0, strength: STRENGTH })
 }
 
-/// What is done before each frame, where a scene changes.
+/// The change to a scene before each frame; `None` if only the camera moves.
 type Act<'a> = Option<&'a mut dyn FnMut(&mut Studio) -> Result<(), String>>;
 
-/// Scenes in which media overlap, where `EXACT` has slabs. Their errors are beside finer samples of the cache.
+/// Scenes in which media overlap. `EXACT` approximates these by slabs, so their reference is the cache with finer
+/// samples.
 const OVERLAPPING: [&str; 3] = ["four clouds", "fire in smoke", "fire that lights its smoke"];
-/// About the least error for which the samples of cloud_512 fit, four times in one place.
+/// The reference for them: about the smallest error at which four overlapping copies of cloud_512 fit into the cache.
 const FINER: VdbQuality = VdbQuality { fog_light_error: 0.004, ..VdbQuality::EXACT };
 
-/// A scene's rows of the table: one for each of the settings, with the error beside `EXACT`.
+/// A scene's rows of the table, one for each of the settings. Only scenes that do not change have an error.
 fn rows(
     studio: &mut Studio,
     args: &Args,
@@ -206,7 +207,8 @@ fn rows(
     Ok(())
 }
 
-/// Root of the mean square of the difference, relative to the mean radiance, over all that show something.
+/// The root mean square difference relative to the mean radiance, over all pixels but those that are black in both
+/// images.
 fn error(found: &[Vec3], exact: &[Vec3]) -> f64 {
     let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
     for (a, b) in found.iter().zip(exact).filter(|(a, b)| **a != Vec3::ZERO || **b != Vec3::ZERO) {

@@ -180,8 +180,9 @@ impl Studio {
         self.read_back(self.target.clone())
     }
 
-    /// The radiance of each pixel of an image of that size, without tone mapping, once so many grids are on the GPU;
-    /// seen from where the camera starts its rounds. The width is a multiple of 32: then lines have no padding.
+    /// The radiance of each pixel of an image of this size, without tone mapping, from the camera's first position.
+    /// Waits until this number of grids is on the GPU. The width must be a multiple of 32, so that rows of 8-byte
+    /// texels have no padding.
     pub fn radiance(&mut self, size: UVec2, grids: u64) -> Result<Vec<Vec3>, String> {
         let mut image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba16Float, None);
         image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
@@ -201,11 +202,11 @@ impl Studio {
         Ok(texels.iter().map(rgb).collect())
     }
 
-    /// Makes an image the camera's target.
+    /// Makes an image the camera's target, with this tone mapping and dithering.
     fn show_in(&mut self, image: Handle<Image>, colors: (Tonemapping, DebandDither)) {
         let mut camera = self.camera_mut();
         camera.insert((colors, RenderTarget::Image(image.into())));
-        // Bevy looks at the size of a target again only when something else has changed.
+        // Switching targets does not make Bevy update the camera's size, but a changed projection does.
         if let Some(mut projection) = camera.get_mut::<Projection>() {
             projection.set_changed();
         }

@@ -149,8 +149,9 @@ impl Detail {
 
     /// Cells between samples of density along a ray that keep the error.
     ///
-    /// For clouds of fractal noise, it is 1.5 times the optical depth per cell and the square of the step, divided by
-    /// the cells across. In thin fog, what counts is that no detail is missed: their size is a fixed part of the whole.
+    /// For clouds of fractal noise, the error is 1.5 times the optical depth per cell and the square of the step,
+    /// divided by the cells across. In thin fog, this would permit steps that miss details. The size of details is
+    /// a fixed part of the whole, so the step is at most a fixed part of the longest edge.
     fn step(&self) -> f32 {
         let by_depth = (f64::from(self.error) * self.edge / (1.5 * self.depth_per_cell)).sqrt();
         let by_size = self.edge / STEPS * (f64::from(self.error) / 0.01).sqrt();

@@ -8,10 +8,10 @@ use crate::render::gpu::types;
 /// The largest extinctions per world unit that rays meet in a fog.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Extinction {
-    /// Of all fogs, which view rays meet: the root of the sum of their squares. It stands for details that a step
-    /// misses, and those of different fogs are independent.
+    /// For view rays: the root of the sum of squares over all fogs. Errors of steps come from details that a step
+    /// misses, and details of different fogs are taken to be independent.
     pub all: f64,
-    /// Of fogs that cast shadows, which rays to lights meet: their sum.
+    /// For rays to lights: the sum over fogs that cast shadows, because optical depths add up.
     pub casters: f64,
 }
 
@@ -71,7 +71,7 @@ fn sweep_axis(fogs: &[FogBox]) -> usize {
     (0..3).min_by(|&a, &b| crowdings[a].total_cmp(&crowdings[b])).unwrap_or(0)
 }
 
-/// Adds up the extinctions of fogs that overlap.
+/// Combines the extinctions of each fog and of all that overlap it.
 pub(super) fn add_overlapping(fogs: &mut [FogBox]) {
     let axis = sweep_axis(fogs);
     fogs.sort_unstable_by(|a, b| a.min[axis].total_cmp(&b.min[axis]));
@@ -115,7 +115,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn extinctions_of_overlapping_fogs_add_up() {
+    fn extinctions_of_overlapping_fogs_are_combined() {
         let cube = |at: IVec3, edge, density| fog(at, at + edge, density);
         let same = [cube(IVec3::ZERO, 64, 0.25), cube(IVec3::ZERO, 64, 0.5)];
         assert_eq!(totals(&same), [[0.25_f64.hypot(0.5), 0.75]; 2]);
