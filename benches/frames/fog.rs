@@ -174,7 +174,8 @@ type Act<'a> = Option<&'a mut dyn FnMut(&mut Studio) -> Result<(), String>>;
 /// Scenes in which media overlap. `EXACT` approximates these by slabs, so their reference is the cache with finer
 /// samples.
 const OVERLAPPING: [&str; 3] = ["four clouds", "fire in smoke", "fire that lights its smoke"];
-/// The reference for them: about the smallest error at which four overlapping copies of cloud_512 fit into the cache.
+/// The reference for them: about the smallest error at which four overlapping copies of
+/// `cloud_512` fit into the cache.
 const FINER: VdbQuality = VdbQuality { fog_light_error: 0.004, ..VdbQuality::EXACT };
 
 /// A scene's rows of the table, one for each of the settings. Only scenes that do not change have an error.
