@@ -46,18 +46,13 @@ pub fn run(args: &Args) -> Result<(), String> {
     ];
     let by_cache = &presets[1..];
     rows(&mut studio, args, ("still", 1), &presets, None)?;
-    rows(
-        &mut studio,
-        args,
-        ("the sun moves", 1),
-        by_cache,
-        Some(&mut |studio| {
-            let world = studio.app.world_mut();
-            let mut suns = world.query_filtered::<&mut Transform, With<DirectionalLight>>();
-            suns.iter_mut(world).for_each(|mut sun| sun.rotate_y(0.01));
-            Ok(())
-        }),
-    )?;
+    let mut turn_sun = |studio: &mut Studio| {
+        let world = studio.app.world_mut();
+        let mut suns = world.query_filtered::<&mut Transform, With<DirectionalLight>>();
+        suns.iter_mut(world).for_each(|mut sun| sun.rotate_y(0.01));
+        Ok(())
+    };
+    rows(&mut studio, args, ("the sun moves", 1), by_cache, Some(&mut turn_sun))?;
 
     let lamps = lamps(&mut studio);
     // By rays, a frame would take seconds. While the camera moves, the light that fog scatters
@@ -66,18 +61,12 @@ pub fn run(args: &Args) -> Result<(), String> {
     rows(&mut studio, args, ("16 lamps, a still camera", 1), by_cache, None)?;
     studio.is_camera_moving = true;
     rows(&mut studio, args, ("16 lamps, a moving camera", 1), by_cache, None)?;
-    rows(
-        &mut studio,
-        args,
-        ("a lamp moves", 1),
-        by_cache,
-        Some(&mut |studio| {
-            let mut lamp =
-                studio.app.world_mut().get_mut::<Transform>(lamps[0]).ok_or("no lamp")?;
-            lamp.rotate_around(Vec3::ZERO, Quat::from_rotation_y(0.01));
-            Ok(())
-        }),
-    )?;
+    let mut turn_lamp = |studio: &mut Studio| {
+        let mut lamp = studio.app.world_mut().get_mut::<Transform>(lamps[0]).ok_or("no lamp")?;
+        lamp.rotate_around(Vec3::ZERO, Quat::from_rotation_y(0.01));
+        Ok(())
+    };
+    rows(&mut studio, args, ("a lamp moves", 1), by_cache, Some(&mut turn_lamp))?;
     lamps.into_iter().for_each(|lamp| _ = studio.app.world_mut().despawn(lamp));
 
     let others = [1, 2, 3].map(|i| {
@@ -191,17 +180,18 @@ fn rows(
     }
     // A quarter of the resolution: under many lights, a picture of `EXACT` takes seconds.
     let size = (args.size / 4).max(UVec2::splat(32)) / 32 * 32;
-    let has_error = act.is_none();
-    let mut exact = Vec::new();
-    if has_error {
+    let mut exact = None;
+    if act.is_none() {
         let is_overlapping = OVERLAPPING.contains(&scene);
         studio.camera_mut().insert(if is_overlapping { FINER } else { VdbQuality::EXACT });
-        exact = studio.radiance(size, grids)?;
+        exact = Some(studio.radiance(size, grids)?);
     }
     for (name, quality) in settings {
         studio.camera_mut().insert(*quality);
-        let error =
-            if has_error { Some(error(&studio.radiance(size, grids)?, &exact)) } else { None };
+        let error = match &exact {
+            Some(exact) => Some(error(&studio.radiance(size, grids)?, exact)),
+            None => None,
+        };
         studio.settle(grids)?;
         row(studio, args, (scene, name, error), &mut act)?;
     }

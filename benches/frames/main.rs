@@ -36,7 +36,7 @@ recorded as well.
   edits           a ball of 100,000 voxels that runs around in a larger one, or stands still, in turns
   fog             a cloud in the sun all over the picture: still, under a moving sun, under 16 lamps with a still
                   and with a moving camera, under a lamp that moves, four clouds, fire in one; and the ball of edits.
-                  With the errors of the pictures of scenes that do not change
+                  The error of a picture, too, where the scene does not change
   grids           a small grid that comes and goes beside ten large ones; a grid that is replaced in each frame
   sequence        the frames in a folder, played in a loop forwards and backwards, and sought at random
   parts           surfaces, fog and fire: each pass, and what VdbMeasureFeatures makes of them

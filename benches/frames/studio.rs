@@ -113,11 +113,8 @@ impl Studio {
             keep_warm(&mut app);
         }
         app.cleanup();
-        let mut image =
-            Image::new_target_texture(size.x, size.y, TextureFormat::Rgba8UnormSrgb, None);
-        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
         let world = app.world_mut();
-        let image = world.resource_mut::<Assets<Image>>().add(image);
+        let image = target(world, size, TextureFormat::Rgba8UnormSrgb);
         let target = image.clone();
         world.spawn((
             DirectionalLight { illuminance: 6_000.0, shadow_maps_enabled: true, ..default() },
@@ -184,9 +181,7 @@ impl Studio {
     /// Waits until this number of grids is on the GPU. The width must be a multiple of 32, so that rows of 8-byte
     /// texels have no padding.
     pub fn radiance(&mut self, size: UVec2, grids: u64) -> Result<Vec<Vec3>, String> {
-        let mut image = Image::new_target_texture(size.x, size.y, TextureFormat::Rgba16Float, None);
-        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
-        let image = self.app.world_mut().resource_mut::<Assets<Image>>().add(image);
+        let image = target(self.app.world_mut(), size, TextureFormat::Rgba16Float);
         self.show_in(image.clone(), (Tonemapping::None, DebandDither::Disabled));
         self.begin_round(1);
         let was_moving = std::mem::replace(&mut self.is_camera_moving, false);
@@ -266,6 +261,13 @@ impl Studio {
             })
             .collect()
     }
+}
+
+/// An image that a camera can draw into and that can be read back.
+fn target(world: &mut World, size: UVec2, format: TextureFormat) -> Handle<Image> {
+    let mut image = Image::new_target_texture(size.x, size.y, format, None);
+    image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+    world.resource_mut::<Assets<Image>>().add(image)
 }
 
 /// Without a window, nothing keeps the app from going far ahead of the GPU, and its frames would take as

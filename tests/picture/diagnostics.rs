@@ -196,7 +196,8 @@ fn there_is_what_a_scene_asks_for_and_nothing_else() {
 /// Frames after which the time of a frame arrives.
 const LATE: usize = 5;
 
-/// Milliseconds that a frame takes on a GPU of which this is known. Those of a real one depend on what else it does.
+/// The GPU time of a frame in milliseconds, as a known function of its settings. Times of a real GPU depend on what
+/// else runs on it.
 fn takes(quality: &VdbQuality) -> f64 {
     f64::from(8.0 * quality.resolution * quality.resolution / quality.fog_light_step)
 }
@@ -230,7 +231,7 @@ fn the_dial_is_turned_by_what_the_gpu_takes() {
             }
             stage.update(1);
             let now = *stage.world().get::<VdbQuality>(camera).unwrap();
-            if now != frames[frames.len() - 1] {
+            if frames.last() != Some(&now) {
                 since = frames.len();
             }
             frames.push(now);

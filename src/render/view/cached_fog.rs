@@ -114,9 +114,9 @@ const STEPS: f64 = 65.0;
 struct Detail {
     /// The relative error of the radiance (root mean square) that is accepted.
     error: f32,
-    /// Optical depth through the densest cell.
+    /// Optical depth through the densest cell for view rays: see [`Extinction::all`].
     depth_per_cell: f64,
-    /// Optical depth through the densest cell for rays to lights.
+    /// The same for rays to lights: see [`Extinction::casters`].
     shadow_per_cell: f64,
     /// The longest edge of the occupied cells.
     edge: f64,
@@ -153,8 +153,9 @@ impl Detail {
     /// divided by the cells across. In thin fog, this would permit steps that miss details. The size of details is
     /// a fixed part of the whole, so the step is at most a fixed part of the longest edge.
     fn step(&self) -> f32 {
-        let by_depth = (f64::from(self.error) * self.edge / (1.5 * self.depth_per_cell)).sqrt();
-        let by_size = self.edge / STEPS * (f64::from(self.error) / 0.01).sqrt();
+        let error = f64::from(self.error);
+        let by_depth = (error * self.edge / (1.5 * self.depth_per_cell)).sqrt();
+        let by_size = self.edge / STEPS * (error / 0.01).sqrt();
         by_depth.min(by_size).clamp(MIN_STEP, MAX_STEP) as f32
     }
 }
