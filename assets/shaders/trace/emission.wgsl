@@ -164,6 +164,8 @@ const SCALAR_SAMPLES: u32 = 2u;
 struct EmissionStep {
     t_low: f32,     // from the origin of the sampled ray
     t_high: f32,
+    t_first: f32,   // where the ray enters the grid's box, and where it leaves it or ends
+    t_last: f32,
     visible: f32,   // what an emission of 1 would add to the pixel's value
     shown: f32,     // the part of the pixel's value that emission before this step adds
 }
@@ -177,7 +179,7 @@ fn sampled_scalar(grid: Grid, ray: SampledRay, accessor: ptr<function, Accessor>
     var sum = 0.0;
     for (var i = 0u; i < SCALAR_SAMPLES; i++) {
         let t = mix(step.t_low, step.t_high, (f32(i) + 0.5) / f32(SCALAR_SAMPLES));
-        if t >= ray.t_first && t < ray.t_last {
+        if t >= step.t_first && t < step.t_last {
             sum += clamp(sample_fog(grid, ray, accessor, t).density, 0.0, MAX_EMISSION);
         }
     }
@@ -200,9 +202,10 @@ fn bounded_temperature(
     grid: Grid,
     ray: SampledRay,
     accessor: ptr<function, Accessor>,
+    step: EmissionStep,
     t: f32,
 ) -> BoundedDensity {
-    if t < ray.t_first || t >= ray.t_last {
+    if t < step.t_first || t >= step.t_last {
         return BoundedDensity(0.0, 0.0);
     }
     return bounded_density(grid, ray, accessor, t);
@@ -224,7 +227,7 @@ fn sampled_blackbody(
         var probed = vec3(0.0);
         for (var i = 0u; i < probes; i++) {
             let t = mix(step.t_low, step.t_high, (f32(i) + 0.5) / f32(probes));
-            let found = bounded_temperature(grid, ray, accessor, t);
+            let found = bounded_temperature(grid, ray, accessor, step, t);
             highest = max(highest, found.highest);
             probed += blackbody_emission(volume, found.density);
         }
@@ -236,7 +239,7 @@ fn sampled_blackbody(
     var sum = vec3(0.0);
     for (var i = 0u; i < BLACKBODY_SAMPLES; i++) {
         let t = mix(step.t_low, step.t_high, (f32(i) + 0.5) / f32(BLACKBODY_SAMPLES));
-        if t >= ray.t_first && t < ray.t_last {
+        if t >= step.t_first && t < step.t_last {
             sum += blackbody_emission(volume, sample_fog(grid, ray, accessor, t).density);
         }
     }

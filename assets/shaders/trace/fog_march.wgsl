@@ -8,7 +8,8 @@
 #import bevy_vdb::trace::scattering::{InScattered, Scatterer, ScatteringSums, Visible, add_environment}
 #import bevy_vdb::trace::scattering::{all_visible, pass_stretch, scattered_radiance, tint}
 #ifdef VDB_SCATTERED
-#import bevy_vdb::trace::scattered_light::{scattered_factor, scattered_light_at, scattered_ray}
+#import bevy_vdb::trace::scattered_light::{scattered_light_at, scattered_ray, scattered_slot}
+#import bevy_vdb::trace::scattered_light::scattered_towards_viewer
 #import bevy_vdb::trace::scattering::forward_depth
 #endif
 #ifndef VDB_EVEN_LIGHT
@@ -140,8 +141,9 @@ fn in_scattered_at(
 #endif
     var light = in_scattered(at, point, ray, t_extent * dir_length, scatterer);
 #ifdef VDB_SCATTERED
-    let scattered = scattered_light_at(scattered_ray(segment, t, volume), 0.0);
-    light.rest += (light.unoccluded / max(light.all, 1e-30)) * scattered_factor(volume) * scattered;
+    let in_lattice = scattered_ray(segment, t, scattered_slot(volume));
+    let scattered = scattered_towards_viewer(scattered_light_at(in_lattice, ray, 0.0), volume);
+    light.rest += (light.unoccluded / max(light.all, 1e-30)) * scattered;
 #endif
     return light;
 }

@@ -58,6 +58,32 @@ fn have_slots(media: MetMedia) -> bool {
 #endif
 #endif
 
+// Whether it must be known before a segment is marched which media it meets. Candidates may miss a segment.
+#ifdef VDB_EMISSION
+const NEEDS_MET: bool = true;
+#else ifdef VDB_UNCACHED_FOGS
+const NEEDS_MET: bool = true;
+#else ifdef VDB_LIGHT_CACHE
+const NEEDS_MET: bool = false;
+#else
+const NEEDS_MET: bool = true;
+#endif
+
+// Adds a medium that a segment meets; false if it misses it.
+fn meets(met: ptr<function, Met>, segment: Segment, volume: u32, t_max: f32) -> bool {
+    let mirrored = mirrored_ray(grids[volumes[volume].grid], lattice_ray(segment, volume, t_max));
+    let dda = enter(mirrored);
+    if !dda.inside || dda.t >= t_max {
+        return false;
+    }
+    (*met).count += 1u;
+    (*met).fog_count += u32(volumes[volume].kind == KIND_FOG);
+    (*met).last = volume;
+    (*met).t_first = min((*met).t_first, dda.t);
+    (*met).t_last = max((*met).t_last, min(box_exit(mirrored), t_max));
+    return true;
+}
+
 // Radiance and optical depth of all fogs and emission grids along a segment up to `t_max`.
 fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     let first = next_candidate(segment, pixel, view.volume_first, t_max);
@@ -70,26 +96,21 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     var is_cached = true;
 #endif
     for (var i = first; i < end; i = next_candidate(segment, pixel, i + 1u, t_max)) {
-        if !is_medium(i) {
-            continue;
-        }
-        let mirrored = mirrored_ray(grids[volumes[i].grid], lattice_ray(segment, i, t_max));
-        let dda = enter(mirrored);
-        if dda.inside && dda.t < t_max {
+        if is_medium(i) && (!NEEDS_MET || meets(&met, segment, i, t_max)) {
 #ifdef VDB_LIGHT_CACHE
             add_medium(&media, i);
 #endif
 #ifdef VDB_UNCACHED_FOGS
             is_cached = is_cached && (volumes[i].kind != KIND_FOG || has_light_cache(i));
 #endif
-            met.count += 1u;
-            met.fog_count += u32(volumes[i].kind == KIND_FOG);
-            met.last = i;
-            met.t_first = min(met.t_first, dda.t);
-            met.t_last = max(met.t_last, min(box_exit(mirrored), t_max));
         }
     }
-    if met.count == 0u {
+#ifdef VDB_LIGHT_CACHE
+    let has_none = select(media.fog_count == 0u, met.count == 0u, NEEDS_MET);
+#else
+    let has_none = met.count == 0u;
+#endif
+    if has_none {
         return Fog(vec3(0.0), 0.0, FAR, FAR, NONE);
     }
 #ifdef VDB_EMISSION
@@ -103,7 +124,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
         return trace_slabs(segment, pixel, met, t_max);
     }
 #endif
-    return march_media(segment, pixel, media, met.t_first, t_max);
+    return march_media(segment, pixel, media, t_max);
 #else
     return trace_slabs(segment, pixel, met, t_max);
 #endif

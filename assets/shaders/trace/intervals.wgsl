@@ -8,7 +8,8 @@
 #import bevy_vdb::trace::scattering::{ScatteringSums, add_environment}
 #import bevy_vdb::trace::segment::Segment
 #import bevy_vdb::trace::fog_march::light_around
-#import bevy_vdb::trace::shared_light::{FogPoint, FogSums, SharedLight, begin_interval, interval_light}
+#import bevy_vdb::trace::shared_light::{FogPoint, FogSums, HAS_OCCLUDERS, HAS_OTHER_LIGHTS, HAS_VARYING_ALBEDO}
+#import bevy_vdb::trace::shared_light::{SharedLight, begin_interval, interval_light}
 #import bevy_vdb::traversal::fog::point_in_box
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::view::scene::volumes
@@ -24,6 +25,9 @@ struct IntervalSums {
     weight: f32,
     t: f32,
     fogs: array<FogSums, MAX_FOGS>,
+#ifdef VDB_SCATTERED
+    scattered: vec3<f32>,   // light from lattices of scattered light, of all fogs
+#endif
 }
 
 // Sums over a segment.
@@ -34,23 +38,6 @@ struct SegmentSums {
     fogs: array<f32, MAX_FOGS>,     // weights
 }
 
-// Meshes or surfaces may stand between fog and its lights.
-#ifdef VDB_MESH_CASTERS
-const HAS_OCCLUDERS: bool = true;
-#else ifdef VDB_SURFACES
-const HAS_OCCLUDERS: bool = true;
-#else ifdef VDB_SMOOTH
-const HAS_OCCLUDERS: bool = true;
-#else
-const HAS_OCCLUDERS: bool = false;
-#endif
-#ifdef VDB_OTHER_LIGHTS
-const HAS_OTHER_LIGHTS: bool = true;
-#else ifdef VDB_CACHED_LAMPS
-const HAS_OTHER_LIGHTS: bool = true;
-#else
-const HAS_OTHER_LIGHTS: bool = false;
-#endif
 // If false, light varies along a ray only through the cache of suns, which is read at every step.
 const HAS_INTERVALS: bool = HAS_OCCLUDERS || HAS_OTHER_LIGHTS;
 // Intervals are at most this fraction of the distance to a lamp.
@@ -82,6 +69,7 @@ fn add_interval(
     segment: Segment,
     pixel: vec2<u32>,
     fogs: ptr<function, array<Medium, MAX_FOGS>>,
+    fog_count: u32,
     t_zero: f32,
     t_max: f32,
     shared_light: ptr<function, SharedLight>,
@@ -92,7 +80,8 @@ fn add_interval(
     let t_mean = (*interval).t / (*interval).weight;
     begin_interval(shared_light, segment, pixel, min(t_zero + t_mean, t_max));
     var scattering = (*sums).scattering;
-    for (var i = 0u; i < MAX_FOGS; i++) {
+    var unoccluded = 0.0;   // the mean over fogs, times the weight
+    for (var i = 0u; i < fog_count; i++) {
         let own = (*interval).fogs[i];
         if own.weight > 0.0 {
             let volume = (*fogs)[i].volume;
@@ -101,18 +90,22 @@ fn add_interval(
             let place = point_in_box(grid, (*fogs)[i].ray, t - (*fogs)[i].ray.t_origin);
             let extent = (*interval).width * length(segment.dir);
             let at = FogPoint(volume, place, min(t_zero + t, t_max), extent, is_near_lamps);
-            scattering.radiance += interval_light(shared_light, segment, pixel, at, own);
+            let light = interval_light(shared_light, segment, pixel, at, own);
+            scattering.radiance += light.radiance;
+            unoccluded += own.weight * light.visibility;
             let anisotropy = volumes[volume].anisotropy;
             let around = light_around((*shared_light).environment, anisotropy);
-#ifdef VDB_VARYING_ALBEDO
-            let albedo = own.whole.value / own.weight;
-#else
-            let albedo = volumes[volume].base_color;
-#endif
+            var albedo = volumes[volume].base_color;
+            if HAS_VARYING_ALBEDO {
+                albedo = vec3(own.whole.value / own.weight);
+            }
             add_environment(&scattering, own.weight, albedo, around, anisotropy);
             (*sums).fogs[i] += own.weight;
         }
     }
+#ifdef VDB_SCATTERED
+    scattering.radiance += unoccluded / (*interval).weight * (*interval).scattered;
+#endif
     (*sums).scattering = scattering;
     (*sums).weight += (*interval).weight;
     (*sums).t += (*interval).t;
@@ -130,11 +123,9 @@ fn near_lamps(
     let dir_length = length(segment.dir);
     let origin = world_position(point_at(segment, t_zero));
     var near = vec2(FAR, -FAR);
-    for (var i = 0u; i < MAX_FOGS; i++) {
-        if i < fog_count {
-            let range = range_near_lamps(origin, segment.dir / dir_length, (*fogs)[i].volume);
-            near = vec2(min(near.x, range.x / dir_length), max(near.y, range.y / dir_length));
-        }
+    for (var i = 0u; i < fog_count; i++) {
+        let range = range_near_lamps(origin, segment.dir / dir_length, (*fogs)[i].volume);
+        near = vec2(min(near.x, range.x / dir_length), max(near.y, range.y / dir_length));
     }
 #ifdef VDB_OTHER_LIGHTS
     return vec2(-FAR, FAR);

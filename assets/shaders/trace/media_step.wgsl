@@ -5,18 +5,19 @@
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::light_cache::{cached_sun_depth, lattice_point}
 #import bevy_vdb::trace::medium::Medium
-#import bevy_vdb::trace::scattering::{Tint, Visible}
+#import bevy_vdb::trace::fog_march::MAX_DEPTH_OF_STEP
+#import bevy_vdb::trace::scattering::{Tint, Visible, tint}
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattering::{arriving_light, forward_depth}
 #endif
-#import bevy_vdb::trace::shared_light::{FogSums, SUN_COUNT, SUN_SLOTS}
+#import bevy_vdb::trace::shared_light::{FogSums, HAS_OTHER_LIGHTS, HAS_VARYING_ALBEDO, SUN_COUNT, SUN_SLOTS}
 #import bevy_vdb::traversal::fog::sample_fog
 #import bevy_vdb::traversal::hdda::FAR
+#import bevy_vdb::traversal::tree::Accessor
 #import bevy_vdb::view::scene::{fog_grid, volumes}
 #ifdef VDB_RAMPS
 #import bevy_vdb::trace::ramp_light::{RampSums, add_stretch, visible_albedo}
 #import bevy_vdb::trace::scattering::mean_transmittance
-#import bevy_vdb::traversal::tree::Accessor
 #endif
 #ifdef VDB_LAMP_LIGHT
 #import bevy_vdb::trace::light_cache::cached_lamp_light
@@ -29,9 +30,10 @@
 
 // A fog in a step.
 struct FogStep {
-    is_inside: bool,                // whether the middle of the step is in the fog
     extinction: f32,                // per t
-    albedo: Tint,                   // where it varies, of the ramp in the mean
+#ifdef VDB_VARYING_ALBEDO
+    albedo: Tint,                   // of the ramp in the mean
+#endif
     depths: array<f32, SUN_SLOTS>,  // optical depth towards each cached sun
 #ifdef VDB_LAMP_LIGHT
     point: vec3<f32>,               // in the fog's lattice
@@ -41,25 +43,44 @@ struct FogStep {
 #endif
 }
 
-// A fog between two t, and when to look for it next.
-fn fog_step(medium: ptr<function, Medium>, t_low: f32, t_middle: f32, t_high: f32, dir_length: f32) -> FogStep {
+// The albedo of a fog in a step.
+fn step_albedo(volume: u32, step: FogStep) -> Tint {
+#ifdef VDB_VARYING_ALBEDO
+    return step.albedo;
+#else
+    return tint(volumes[volume].base_color);
+#endif
+}
+
+// A fog between two t, and when to look for it next: at the middle of the step if that is in the fog.
+fn fog_step(
+    medium: ptr<function, Medium>,
+    accessor: ptr<function, Accessor>,
+    t_low: f32,
+    t_middle: f32,
+    t_high: f32,
+    dir_length: f32,
+) -> FogStep {
     var step = FogStep();
     let volume = (*medium).volume;
     let t_origin = (*medium).ray.t_origin;
-    var accessor = (*medium).accessor;
-    let found = sample_fog(fog_grid(volume), (*medium).ray, &accessor, t_middle - t_origin);
+    let found = sample_fog(fog_grid(volume), (*medium).ray, accessor, t_middle - t_origin);
     let is_in_box = t_middle < (*medium).t_last;
     (*medium).t_next = select(FAR, select(t_middle, t_origin + found.t_out, found.is_empty), is_in_box);
-    step.is_inside = !found.is_empty && is_in_box;
-    if step.is_inside {
+    if !found.is_empty && is_in_box {
         var density = found.density;
-        step.albedo = (*medium).albedo;
+#ifdef VDB_VARYING_ALBEDO
+        step.albedo = Tint(vec3(1.0));
+#endif
 #ifdef VDB_RAMPS
         if volumes[volume].ramp != 0u {
-            density = ramp_step(&step, medium, &accessor, t_low, density, t_high, dir_length);
+            density = ramp_step(&step, medium, accessor, t_low, density, t_high, dir_length);
         }
 #endif
-        step.extinction = (*medium).extinction * min(density, (*medium).max_density);
+        // Per t. The largest densities would overflow.
+        let extinction = volumes[volume].density_scale * dir_length;
+        let max_density = MAX_DEPTH_OF_STEP / max(extinction * (t_high - t_low), 1e-30);
+        step.extinction = extinction * min(density, max_density);
         let point = lattice_point(volume, found.point.cell, found.point.u);
 #ifdef VDB_LAMP_LIGHT
         step.point = point;
@@ -68,7 +89,6 @@ fn fog_step(medium: ptr<function, Medium>, t_low: f32, t_middle: f32, t_high: f3
             step.depths[slot] = cached_sun_depth(point, volume, slot);
         }
     }
-    (*medium).accessor = accessor;
     return step;
 }
 
@@ -89,7 +109,7 @@ fn ramp_step(
     let ray = (*medium).ray;
     // Values are sampled at both ends, too, so that no shell between them is missed. Where the last step ends, the
     // value is known.
-    let low = max(t_low - ray.t_origin, ray.t_first);
+    let low = max(t_low, (*medium).t_first) - ray.t_origin;
     let high = min(t_high, (*medium).t_last) - ray.t_origin;
     var near = (*medium).value;
     if t_low > (*medium).t_known {
@@ -103,12 +123,13 @@ fn ramp_step(
     let length = select(0.0, high - low, any(values > vec3(0.0)));
     let emission_length = length * dir_length * volumes[volume].ramp_emission;
     var sums = RampSums();
-    add_stretch(&sums, fog_grid(volume), values, length * (*medium).extinction, emission_length);
+    let extinction = volumes[volume].density_scale * dir_length;
+    add_stretch(&sums, fog_grid(volume), values, length * extinction, emission_length);
     let width = max(t_high - t_low, 0.0);
     let visible_length = mean_transmittance(sums.optical_depth) * width * dir_length;
     (*step).albedo = Tint(visible_albedo(sums));
     (*step).emission = sums.emitted / max(visible_length, 1e-30);
-    return sums.optical_depth / max(width * (*medium).extinction, 1e-30);
+    return sums.optical_depth / max(width * extinction, 1e-30);
 }
 #endif
 
@@ -126,11 +147,15 @@ fn add_step(
     let weight = depth * visible.whole;
     let scattered = weight * albedo.value;
     (*sums).weight += weight;
-    (*sums).whole = Tint((*sums).whole.value + scattered);
+    if HAS_OTHER_LIGHTS || HAS_VARYING_ALBEDO {
+        (*sums).whole = Tint((*sums).whole.value + scattered);
+    }
 #ifdef VDB_SCATTERED
     let rest = depth * visible.rest.value * albedo.value;
-    (*sums).rest = Tint((*sums).rest.value + rest);
-    (*sums).forward = Tint((*sums).forward.value + weight * visible.forward.value);
+    if HAS_OTHER_LIGHTS {
+        (*sums).rest = Tint((*sums).rest.value + rest);
+        (*sums).forward = Tint((*sums).forward.value + weight * visible.forward.value);
+    }
 #endif
     for (var slot = 0u; slot < SUN_COUNT; slot++) {
         var sun = (*sums).suns[slot];
@@ -184,6 +209,7 @@ fn step_lamp_light(
 // next. `visible_length` is the length of the step in world units times what is visible of it.
 fn emitted_in_step(
     medium: ptr<function, Medium>,
+    accessor: ptr<function, Accessor>,
     t_low: f32,
     t_high: f32,
     visible_length: f32,
@@ -192,16 +218,16 @@ fn emitted_in_step(
     let volume = (*medium).volume;
     let grid = grids[volumes[volume].grid];
     let t_origin = (*medium).ray.t_origin;
-    var accessor = (*medium).accessor;
     let step = EmissionStep(
         t_low - t_origin,
         t_high - t_origin,
+        (*medium).t_first - t_origin,
+        (*medium).t_last - t_origin,
         view.exposure * visible_length,
         view.exposure * max3(radiance),
     );
-    let emitted = visible_length * sampled_emission(volume, grid, (*medium).ray, &accessor, step);
-    let probe = probe_fog(grid, (*medium).ray, &accessor, t_high - t_origin);
-    (*medium).accessor = accessor;
+    let emitted = visible_length * sampled_emission(volume, grid, (*medium).ray, accessor, step);
+    let probe = probe_fog(grid, (*medium).ray, accessor, t_high - t_origin);
     let t_next = select(t_high, max(t_origin + probe.t_out, t_high), probe.is_empty);
     (*medium).t_next = select(FAR, t_next, t_high < (*medium).t_last);
     return emitted;

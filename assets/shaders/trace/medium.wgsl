@@ -3,16 +3,10 @@
 
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::trace::candidates::start_t
-#import bevy_vdb::trace::fog_march::MAX_DEPTH_OF_STEP
-#ifdef VDB_VARYING_ALBEDO
-#import bevy_vdb::trace::scattering::Tint
-#else
-#import bevy_vdb::trace::scattering::{Tint, tint}
-#endif
+#import bevy_vdb::trace::fog_march::MIN_STEP
 #import bevy_vdb::trace::segment::{Segment, lattice_ray}
-#import bevy_vdb::traversal::fog::{SampledRay, sampled_ray}
+#import bevy_vdb::traversal::fog::{SampledRay, sampled_part}
 #import bevy_vdb::traversal::hdda::{FAR, mirrored_ray}
-#import bevy_vdb::traversal::tree::{Accessor, new_accessor}
 #import bevy_vdb::view::scene::volumes
 
 // The most fogs and emission grids that are marched together. Each kind has slots of its own, so that no slot
@@ -32,17 +26,16 @@ struct MetMedia {
 #endif
 }
 
-// A medium along a segment. Every t is relative to where the march begins.
+// A medium along a segment. Every t is relative to where the march begins. With several media, these are in memory
+// rather than in registers, so there is nothing here that can be computed from the volume.
 struct Medium {
     volume: u32,
-    extinction: f32,    // per unit of density and of t
-    max_density: f32,   // keeps products with a step within f32
-    albedo: Tint,       // 1 where it varies
     ray: SampledRay,
-    accessor: Accessor,
-    t_step: f32,        // the longest step
     t_next: f32,        // there is nothing before this t; FAR if there is nothing left
     t_last: f32,        // there is nothing after this t
+#ifdef VDB_EMITS
+    t_first: f32,       // where the ray enters the grid's box
+#endif
 #ifdef VDB_RAMPS
     t_known: f32,       // where the last sample at the end of a step was taken; its value
     value: f32,
@@ -55,38 +48,36 @@ const HAS_MANY_MEDIA: bool = true;
 #else
 const HAS_MANY_MEDIA: bool = MAX_FOGS > 1u;
 #endif
+// Steps in a block.
+const BLOCK: u32 = select(1u, 4u, MAX_FOGS > 1u);
 
 // Voxels of a step through an emission grid.
 const EMISSION_STEP: f32 = 2.0;
 
-// A slot for which there is no medium.
-fn no_medium() -> Medium {
+// A volume that a segment misses.
+fn missed_medium(volume: u32) -> Medium {
     var medium = Medium();
-    medium.t_step = FAR;
+    medium.volume = volume;
     medium.t_next = FAR;
+    medium.t_last = -FAR;
     return medium;
 }
 
-// A medium before it is known where the march begins. Steps are at most `step` voxels.
-fn new_medium(segment: Segment, volume: u32, step: f32, t_max: f32) -> Medium {
+// A volume along a segment, before it is known where the march begins: every t is that of the segment.
+fn new_medium(segment: Segment, volume: u32, t_max: f32) -> Medium {
     let grid = grids[volumes[volume].grid];
-    let mirrored = mirrored_ray(grid, lattice_ray(segment, volume, t_max));
-    let ray = sampled_ray(mirrored);
-    let t_step = step / max(length(mirrored.speed), 1e-30);
+    let part = sampled_part(mirrored_ray(grid, lattice_ray(segment, volume, t_max)));
+    if part.t_last < part.t_first {
+        return missed_medium(volume);
+    }
     var medium = Medium();
     medium.volume = volume;
-    medium.extinction = volumes[volume].density_scale * length(segment.dir);
-    medium.max_density = MAX_DEPTH_OF_STEP / max(medium.extinction * t_step, 1e-30);
-#ifdef VDB_VARYING_ALBEDO
-    medium.albedo = Tint(vec3(1.0));
-#else
-    medium.albedo = tint(volumes[volume].base_color);
+    medium.ray = part.ray;
+    medium.t_next = part.ray.t_origin + part.t_first;
+    medium.t_last = part.ray.t_origin + part.t_last;
+#ifdef VDB_EMITS
+    medium.t_first = medium.t_next;
 #endif
-    medium.ray = ray;
-    medium.accessor = new_accessor(ray.cell);
-    medium.t_step = t_step;
-    medium.t_next = FAR;
-    medium.t_last = FAR;
 #ifdef VDB_RAMPS
     medium.t_known = -FAR;
 #endif
@@ -96,17 +87,36 @@ fn new_medium(segment: Segment, volume: u32, step: f32, t_max: f32) -> Medium {
 // The medium when it is known that the march begins at `t_zero`.
 fn begun(medium: Medium, segment: Segment, pixel: vec2<u32>, t_zero: f32) -> Medium {
     var moved = medium;
-    let t_origin = medium.ray.t_origin - t_zero;
-    let t_begin = max(t_origin + medium.ray.t_first, start_t(segment, medium.volume, pixel) - t_zero);
-    moved.ray.t_origin = t_origin;
-    moved.t_last = t_origin + medium.ray.t_last;
-    moved.t_next = select(FAR, t_begin, t_begin < moved.t_last);
+    let t_begin = max(medium.t_next, start_t(segment, medium.volume, pixel));
+    moved.ray.t_origin -= t_zero;
+    moved.t_last -= t_zero;
+#ifdef VDB_EMITS
+    moved.t_first -= t_zero;
+#endif
+    moved.t_next = select(FAR, t_begin - t_zero, t_begin < medium.t_last);
     return moved;
 }
 
-// The longest step from `t_low` that suits a medium: it is there, or begins after the step.
-fn suitable_step(medium: Medium, t_low: f32, t_end: f32, t_base: f32, inverse_base: f32) -> f32 {
-    return max(medium.t_step, floor((min(medium.t_next, t_end) - t_low) * inverse_base) * t_base);
+// The longest step through a medium, in t, if it is at most `voxels` long.
+fn longest_step(medium: Medium, voxels: f32) -> f32 {
+    return voxels / max(length(medium.ray.dir), 1e-30);
+}
+
+fn fog_step_voxels(volume: u32) -> f32 {
+    return max(volumes[volume].fog_step, MIN_STEP);
+}
+
+// The longest steps from `t_low` that suit a medium, for each step of a block: it is there, or begins after them.
+fn suitable_step(
+    medium: Medium,
+    t_longest: f32,
+    t_low: f32,
+    t_end: f32,
+    t_base: f32,
+    inverse_base: f32,
+) -> f32 {
+    let t_ahead = (min(medium.t_next, t_end) - t_low) * (1.0 / f32(BLOCK));
+    return select(max(t_longest, floor(t_ahead * inverse_base) * t_base), FAR, medium.t_next >= t_end);
 }
 
 // The first step that may contain something, in base steps, if it begins at `next`. Steps that may contain

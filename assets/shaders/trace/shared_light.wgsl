@@ -12,7 +12,6 @@
 #import bevy_vdb::trace::lights::{EnvironmentLight, environment_light, light_cosine, shading_point}
 #import bevy_vdb::trace::scattering::{InScattered, Scatterer, Tint, remaining_color}
 #ifdef VDB_SCATTERED
-#import bevy_vdb::trace::scattered_light::scattered_factor
 #import bevy_vdb::trace::scattering::{add_occlusion, split_phases}
 #else
 #import bevy_vdb::trace::scattering::phase
@@ -37,17 +36,45 @@ struct SunSums {
 #endif
 }
 
-// Sums over the steps of one fog in an interval.
+// Meshes or surfaces may stand between fog and its lights.
+#ifdef VDB_MESH_CASTERS
+const HAS_OCCLUDERS: bool = true;
+#else ifdef VDB_SURFACES
+const HAS_OCCLUDERS: bool = true;
+#else ifdef VDB_SMOOTH
+const HAS_OCCLUDERS: bool = true;
+#else
+const HAS_OCCLUDERS: bool = false;
+#endif
+#ifdef VDB_OTHER_LIGHTS
+const HAS_OTHER_LIGHTS: bool = true;
+#else ifdef VDB_CACHED_LAMPS
+const HAS_OTHER_LIGHTS: bool = true;
+#else
+const HAS_OTHER_LIGHTS: bool = false;
+#endif
+#ifdef VDB_VARYING_ALBEDO
+const HAS_VARYING_ALBEDO: bool = true;
+#else
+const HAS_VARYING_ALBEDO: bool = false;
+#endif
+
+// Sums over the steps of one fog in an interval. Those that are not needed stay 0, and take no registers.
 struct FogSums {
     weight: f32,            // fraction of the pixel that the steps cover
-    t: f32,                 // times the weight
-    whole: Tint,            // weight times albedo
+    t: f32,                 // times the weight; for other lights than cached suns
+    whole: Tint,            // weight times albedo; for these lights, and where the albedo varies
 #ifdef VDB_SCATTERED
-    rest: Tint,             // the same for light that was scattered outside of the forward peak
-    forward: Tint,          // `Visible::forward` times the weight
-    scattered: vec3<f32>,   // light from the lattice of scattered light, up to `scattered_factor`
+    rest: Tint,             // the same for light that was scattered outside of the forward peak; for these lights
+    forward: Tint,          // `Visible::forward` times the weight; for these lights
 #endif
     suns: array<SunSums, SUN_SLOTS>,
+}
+
+// Light that the steps of a fog in an interval scatter towards the viewer.
+struct IntervalLight {
+    radiance: vec3<f32>,    // without what comes from the lattice of scattered light
+    visibility: f32,        // the fraction of the illuminance that surfaces and meshes let through
 }
 
 // The light along a ray.
@@ -88,17 +115,10 @@ fn begin_interval(shared_light: ptr<function, SharedLight>, segment: Segment, pi
     (*shared_light).nearest = FAR;
 }
 
-// Light of all lights that the steps of a fog in the interval scatter, given their sums; `at` is their mean position.
-fn interval_light(
-    shared_light: ptr<function, SharedLight>,
-    segment: Segment,
-    pixel: vec2<u32>,
-    at: FogPoint,
-    steps: FogSums,
-) -> vec3<f32> {
-    var sums = steps;
-    let ray = (*shared_light).dir;
-    let color = volumes[at.volume].base_color;
+// Light of others than the cached suns at the mean position of the steps of a fog in the interval.
+fn other_light(segment: Segment, pixel: vec2<u32>, at: FogPoint, sums: FogSums) -> LocalLight {
+    var light = LocalLight(InScattered(), FAR);
+    let ray = normalize(segment.dir);
     var scatterer = Scatterer();
     scatterer.anisotropy = volumes[at.volume].anisotropy;
     scatterer.albedo = Tint(sums.whole.value / sums.weight);
@@ -107,41 +127,59 @@ fn interval_light(
 #endif
     let point = point_at(segment, at.t);
     let shaded = shading_point(point, vec3(0.0), pixel, segment.is_view);
-    var others = LocalLight(InScattered(), FAR);
 #ifdef VDB_CACHED_LAMPS
     if at.is_near_lamps {
-        add_cached_lamps(&others, shaded, point, ray, at.extent, scatterer, at.volume, at.place);
+        add_cached_lamps(&light, shaded, point, ray, at.extent, scatterer, at.volume, at.place);
     }
 #endif
 #ifdef VDB_OTHER_LIGHTS
-    add_other_lights(&others, shaded, point, ray, at.extent, scatterer, at.volume);
+    add_other_lights(&light, shaded, point, ray, at.extent, scatterer, at.volume);
 #endif
-    (*shared_light).nearest = min((*shared_light).nearest, others.nearest);
-    var light = others.light;
-    var radiance = sums.whole.value * light.whole;
+    return light;
+}
+
+// Light of all lights that the steps of a fog in the interval scatter, given their sums. `at` is their mean position;
+// it only matters if there are other lights than cached suns.
+fn interval_light(
+    shared_light: ptr<function, SharedLight>,
+    segment: Segment,
+    pixel: vec2<u32>,
+    at: FogPoint,
+    steps: FogSums,
+) -> IntervalLight {
+    var sums = steps;
+    let anisotropy = volumes[at.volume].anisotropy;
+    var light = InScattered();
+    var radiance = vec3(0.0);
+    if HAS_OTHER_LIGHTS {
+        let others = other_light(segment, pixel, at, sums);
+        (*shared_light).nearest = min((*shared_light).nearest, others.nearest);
+        light = others.light;
+        radiance = sums.whole.value * light.whole;
 #ifdef VDB_SCATTERED
-    radiance += sums.rest.value * light.rest;
+        radiance += sums.rest.value * light.rest;
 #endif
+    }
     for (var slot = 0u; slot < SUN_COUNT; slot++) {
         let illuminance = (*shared_light).suns[slot].illuminance;
         let visible = (*shared_light).visibility[slot];
-        let cosine = light_cosine(view.cached_suns[slot].xyz, ray);
+        let cosine = light_cosine(view.cached_suns[slot].xyz, (*shared_light).dir);
         let sun = sums.suns[slot];
 #ifdef VDB_SCATTERED
-        let phases = split_phases(scatterer.anisotropy, cosine);
+        let phases = split_phases(anisotropy, cosine);
         let scattered = phases.x * sun.once.value
             + phases.y * sun.twice.value
             + phases.z * sun.often.value
             + phases.w * sun.rest.value;
         add_occlusion(&light, illuminance, visible);
 #else
-        let scattered = phase(scatterer.anisotropy, cosine) * sun.once.value;
+        let scattered = phase(anisotropy, cosine) * sun.once.value;
 #endif
         radiance += (visible * scattered) * illuminance;
     }
+    var visibility = 1.0;
 #ifdef VDB_SCATTERED
-    let unoccluded = select(1.0, light.unoccluded / max(light.all, 1e-30), light.all > 0.0);
-    radiance += unoccluded * scattered_factor(at.volume) * sums.scattered;
+    visibility = select(1.0, light.unoccluded / max(light.all, 1e-30), light.all > 0.0);
 #endif
-    return radiance * remaining_color(color);
+    return IntervalLight(radiance * remaining_color(volumes[at.volume].base_color), visibility);
 }

@@ -91,7 +91,7 @@ impl CachedFog {
         Some(Self {
             layout,
             error,
-            step: with_ramp(detail.step(), lattice.steepness),
+            step: with_ramp(detail.step(layout.log), lattice.steepness),
             is_within_error: wanted == Some(layout.log)
                 || shadow_step >= RAY_STEP * (1_u32 << layout.log) as f32,
         })
@@ -106,6 +106,12 @@ fn with_ramp(step: f32, steepness: f32) -> f32 {
 
 /// From this many spacings per step of rays to lights, the cache is more accurate than these.
 const RAY_STEP: f32 = 2.0;
+/// Errors of spacings and of steps, for an optical depth of 1 per cell and a spacing of 1 cell in a fog one cell
+/// across: the largest that were measured in clouds.
+const SPACING_ERROR: f64 = 2.0;
+const STEP_ERROR: f64 = 1.0;
+/// The part of the accepted error that the spacing may take.
+const SPACING_PART: f64 = 0.8;
 /// Steps of a ray along the longest edge of a fog, however thin, for a relative error of 1 %.
 const STEPS: f64 = 65.0;
 
@@ -133,28 +139,32 @@ impl Detail {
         }
     }
 
-    /// log₂ of the largest spacing of samples, in cells, that keeps the error; `None` if even a spacing
-    /// of one cell does not.
+    /// The error of linear interpolation between samples so many cells apart.
     ///
-    /// Linear interpolation errs by the square of the spacing. For clouds of fractal noise, whose
-    /// details are a fixed part of the whole, the error is 2.5 times the optical depth per cell and
-    /// the square of the spacing, divided by the cells across. `docs/internals/notebook.md` has the
-    /// measurements.
-    fn spacing_log(&self) -> Option<u32> {
-        let spacing = (f64::from(self.error) * self.edge / (2.5 * self.shadow_per_cell)).sqrt();
-        // An error of 0.01 is a little less in f32.
-        let log = spacing.log2() + 1e-6;
-        (log >= 0.0).then(|| (log as u32).min(MAX_LOG))
+    /// It is of second order. For clouds of fractal noise, whose details are a fixed part of the whole, it is
+    /// [`SPACING_ERROR`] times the optical depth per cell and the square of the spacing, divided by the cells across.
+    /// `docs/internals/notebook.md` has the measurements.
+    fn spacing_error(&self, log: u32) -> f64 {
+        SPACING_ERROR * self.shadow_per_cell * f64::from(1_u32 << (2 * log)) / self.edge
     }
 
-    /// Cells between samples of density along a ray that keep the error.
+    /// log₂ of the largest spacing of samples, in cells, that keeps the error; `None` if even a spacing
+    /// of one cell does not.
+    fn spacing_log(&self) -> Option<u32> {
+        let permitted = SPACING_PART * f64::from(self.error);
+        (0..=MAX_LOG).rev().find(|log| self.spacing_error(*log) <= permitted)
+    }
+
+    /// Cells between samples of density along a ray that keep the error, given the spacing of the samples of light.
     ///
-    /// For clouds of fractal noise, the error is 1.5 times the optical depth per cell and the square of the step,
-    /// divided by the cells across. In thin fog, this would permit steps that miss details. The size of details is
+    /// The error of both is the root of the sum of their squares. That of steps follows the same law as that of
+    /// spacings, with [`STEP_ERROR`]. In thin fog, it would permit steps that miss details. The size of details is
     /// a fixed part of the whole, so the step is at most a fixed part of the longest edge.
-    fn step(&self) -> f32 {
+    fn step(&self, log: u32) -> f32 {
         let error = f64::from(self.error);
-        let by_depth = (error * self.edge / (1.5 * self.depth_per_cell)).sqrt();
+        let spacing_error = self.spacing_error(log).min(SPACING_PART * error);
+        let left = (error * error - spacing_error * spacing_error).sqrt();
+        let by_depth = (left * self.edge / (STEP_ERROR * self.depth_per_cell)).sqrt();
         let by_size = self.edge / STEPS * (error / 0.01).sqrt();
         by_depth.min(by_size).clamp(MIN_STEP, MAX_STEP) as f32
     }
@@ -201,12 +211,20 @@ mod tests {
         let of = |error, depth_per_cell, edge| {
             let shadow_per_cell = depth_per_cell;
             let detail = Detail { error, depth_per_cell, shadow_per_cell, edge };
-            (detail.spacing_log(), detail.step())
+            let log = detail.spacing_log();
+            (log, detail.step(log.unwrap_or(0)))
         };
         let (log, step) = of(0.01, 0.03, 512.0);
         assert!(log == Some(3) && (7.8..7.9).contains(&step), "{log:?} {step}");
         let (log, step) = of(0.01, 0.12, 512.0);
         assert!(log == Some(2) && (5.3..5.4).contains(&step), "{log:?} {step}");
+        let (log, step) = of(0.01, 0.1, 512.0);
+        assert!(
+            log == Some(2) && (6.3..6.4).contains(&step),
+            "less is left by the spacing: {step}"
+        );
+        let (log, step) = of(0.01, 0.5, 64.0);
+        assert!(log.is_none() && (0.87..0.88).contains(&step), "{log:?} {step}");
         assert_eq!(of(0.01, 0.03, 65.0), (Some(1), 1.0), "small grids have small details");
         assert_eq!(of(0.01, 0.4, 64.0).0, None, "light fades within a cell");
         assert_eq!(of(1.0, 0.0, 1e6), (Some(MAX_LOG), MAX_STEP as f32));
