@@ -1,4 +1,4 @@
-//! The variants that `validity.rs` composes, as files for other compilers: `scripts/compilers` and `scripts/browser`.
+//! The variants that `validity` composes, as files for other compilers: `scripts/compilers` and `scripts/browser`.
 
 use std::fs;
 use std::hash::{DefaultHasher, Hash, Hasher};
