@@ -1,10 +1,11 @@
 //! How long the driver takes to compile the trace when it has no cache, as at the first start of an app.
-//! Results are in `docs/internals/notebook.md`, "What drivers compile".
+//! And what the driver says about the code that comes out of it. Results are in `docs/internals/notebook.md`, "What drivers compile".
 
 #[path = "../../tests/gpu/compose.rs"]
 mod compose;
 #[path = "../../tests/common/headless.rs"]
 mod headless;
+mod statistics;
 
 use std::borrow::Cow;
 use std::error::Error;
@@ -17,10 +18,12 @@ use wgpu::{
 };
 
 const HELP: &str = "\
-compile [DEFS…]
+compile [--statistics] [DEFS…]
 Seconds that the driver takes to compile the trace with sets of shader defs. Drivers keep what they compile: set
 __GL_SHADER_DISK_CACHE=0 for NVIDIA's, MESA_SHADER_CACHE_DISABLE=true for Mesa's.
 
+  --statistics
+          instead of seconds, what the driver says about the machine code, such as registers; not all drivers do
   DEFS    names separated by spaces, as one argument; without any, eight views of growing content
 
 The variable VDB_SHADERS names a folder with other shaders than the repository's, to compare the two.
@@ -83,12 +86,47 @@ fn seconds(device: &wgpu::Device, module: &naga::Module) -> f64 {
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let own: Vec<String> =
-        std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
-    if own.iter().any(|argument| argument == "--help") {
-        print!("{HELP}");
-        return Ok(());
+    let own = std::env::args().skip(1).filter(|argument| argument != "--bench");
+    let (options, own): (Vec<String>, Vec<String>) = own.partition(|own| own.starts_with("--"));
+    let views: Vec<(&str, &str)> = match own.is_empty() {
+        true => VIEWS.to_vec(),
+        false => own.iter().map(|defs| (defs.as_str(), defs.as_str())).collect(),
+    };
+    match options.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        [] => print_seconds(&views),
+        ["--statistics"] => print_statistics(&views),
+        ["--help"] => {
+            print!("{HELP}");
+            Ok(())
+        }
+        _ => Err(format!("no option {}; --help lists them", options.join(" ")).into()),
     }
+}
+
+/// Calls `with` with the name and the shader of each view.
+fn for_each_shader(
+    views: &[(&str, &str)],
+    mut with: impl FnMut(&str, &naga::Module) -> Result<(), Box<dyn Error>>,
+) -> Result<(), Box<dyn Error>> {
+    let mut composer = compose::composer();
+    views.iter().try_for_each(|(name, defs)| {
+        let defs: Vec<&str> = defs.split_whitespace().collect();
+        with(name, &compose::composed(&mut composer, "trace/trace", &defs))
+    })
+}
+
+fn print_statistics(views: &[(&str, &str)]) -> Result<(), Box<dyn Error>> {
+    let driver = statistics::Driver::new()?;
+    println!("{}", driver.name);
+    for_each_shader(views, |name, shader| {
+        let found = driver.statistics(shader)?;
+        let found: Vec<_> = found.iter().map(|(what, n)| format!("{what} {n}")).collect();
+        println!("{}  {name}", found.join(", "));
+        Ok(())
+    })
+}
+
+fn print_seconds(views: &[(&str, &str)]) -> Result<(), Box<dyn Error>> {
     let instance = Instance::new(InstanceDescriptor::new_without_display_handle());
     let adapter = block_on(instance.request_adapter(&RequestAdapterOptions::default()))?;
     println!("{}", adapter.get_info().name);
@@ -98,15 +136,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         ..Default::default()
     };
     let (device, _queue) = block_on(adapter.request_device(&descriptor))?;
-    let mut composer = compose::composer();
-    let views: Vec<(&str, &str)> = match own.is_empty() {
-        true => VIEWS.to_vec(),
-        false => own.iter().map(|defs| (defs.as_str(), defs.as_str())).collect(),
-    };
-    for (name, defs) in views {
-        let defs: Vec<&str> = defs.split_whitespace().collect();
-        let module = compose::composed(&mut composer, "trace/trace", &defs);
-        println!("{:8.2} s  {name}", seconds(&device, &module));
-    }
-    Ok(())
+    for_each_shader(views, |name, shader| {
+        println!("{:8.2} s  {name}", seconds(&device, shader));
+        Ok(())
+    })
 }
