@@ -8,6 +8,7 @@ mod clip;
 #[path = "../common/mod.rs"]
 mod common;
 mod composition;
+mod corners;
 mod denoise;
 mod device_loss;
 mod diagnostics;

@@ -69,8 +69,8 @@ const NEEDS_MET: bool = false;
 const NEEDS_MET: bool = true;
 #endif
 
-// Adds a medium that a segment meets; false if it misses it.
-fn meets(met: ptr<function, Met>, segment: Segment, volume: u32, t_max: f32) -> bool {
+// Adds a medium to those met if the segment meets it. Returns whether it does.
+fn add_if_met(met: ptr<function, Met>, segment: Segment, volume: u32, t_max: f32) -> bool {
     let mirrored = mirrored_ray(grids[volumes[volume].grid], lattice_ray(segment, volume, t_max));
     let dda = enter(mirrored);
     if !dda.inside || dda.t >= t_max {
@@ -96,7 +96,7 @@ fn trace_fogs(segment: Segment, pixel: vec2<u32>, t_max: f32) -> Fog {
     var is_cached = true;
 #endif
     for (var i = first; i < end; i = next_candidate(segment, pixel, i + 1u, t_max)) {
-        if is_medium(i) && (!NEEDS_MET || meets(&met, segment, i, t_max)) {
+        if is_medium(i) && (!NEEDS_MET || add_if_met(&met, segment, i, t_max)) {
 #ifdef VDB_LIGHT_CACHE
             add_medium(&media, i);
 #endif

@@ -3,11 +3,10 @@
 #define_import_path bevy_vdb::trace::intervals
 
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::trace::fog_march::light_interval
+#import bevy_vdb::trace::fog_march::{light_around, light_interval}
 #import bevy_vdb::trace::medium::{MAX_FOGS, Medium}
 #import bevy_vdb::trace::scattering::{ScatteringSums, add_environment}
 #import bevy_vdb::trace::segment::Segment
-#import bevy_vdb::trace::fog_march::light_around
 #import bevy_vdb::trace::shared_light::{FogPoint, FogSums, HAS_OCCLUDERS, HAS_OTHER_LIGHTS, HAS_VARYING_ALBEDO}
 #import bevy_vdb::trace::shared_light::{SharedLight, begin_interval, interval_light}
 #import bevy_vdb::traversal::fog::point_in_box
@@ -18,8 +17,8 @@
 #import bevy_vdb::trace::segment::{point_at, world_position}
 #endif
 
-// Sums over an interval. Everything but how much fog lets through of cached suns is evaluated once per
-// interval.
+// Sums over an interval. What is interpolated is read at every step: depths towards cached suns, scattered light, and
+// the light of lamps. All else is evaluated once per interval.
 struct IntervalSums {
     width: f32,     // in t
     weight: f32,

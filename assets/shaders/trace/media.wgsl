@@ -5,8 +5,8 @@
 // closed form, so overlap adds no error.
 //
 // Steps come in blocks. Each fog is sampled at all steps of a block before the next fog is, because several fogs do
-// not fit into registers: a fog is read from memory once per block. Then the light of the steps is added up, step by
-// step. A single fog stays in registers, and its blocks are single steps.
+// not fit into registers: what it takes to sample a fog is read from memory once per block. Then the light of the steps
+// is added up, step by step. A single fog stays in registers, and its blocks are single steps.
 #define_import_path bevy_vdb::trace::media
 
 #ifdef VDB_VARYING_ALBEDO
@@ -17,7 +17,7 @@
 #import bevy_vdb::trace::intervals::{add_interval, interval_voxels, next_multiple}
 #import bevy_vdb::trace::media_step::{FogStep, add_step, fog_step, step_albedo}
 #import bevy_vdb::trace::medium::{BLOCK, HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia, begun, first_step}
-#import bevy_vdb::trace::medium::{fog_step_voxels, longest_step, new_medium, suitable_step}
+#import bevy_vdb::trace::medium::{fog_step_voxels, new_medium, step_of_voxels, suitable_step}
 #import bevy_vdb::trace::scattering::{OPAQUE_DEPTH, Tint, all_visible, pass_stretch, scattered_radiance}
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattered_light::{ScatteredLight, has_scattered_light, scattered_light_at, scattered_ray}
@@ -28,7 +28,7 @@
 #import bevy_vdb::trace::shared_light::{HAS_OTHER_LIGHTS, begin_light}
 #import bevy_vdb::traversal::fog::{next_index, step_length, stride_at}
 #import bevy_vdb::traversal::hdda::FAR
-#import bevy_vdb::traversal::tree::{Accessor, new_accessor}
+#import bevy_vdb::traversal::tree::{Accessor, empty_accessor}
 #import bevy_vdb::view::scene::volumes
 #ifdef VDB_LAMP_LIGHT
 #import bevy_vdb::trace::intervals::{flush_near_lamps, near_lamps}
@@ -49,9 +49,10 @@ struct StepPlace {
     t_high: f32,
 }
 
-fn step_place(index: f32, stride: f32, t_base: f32, t_start: f32, t_end: f32) -> StepPlace {
-    let t_low = min(max(index * t_base, t_start), t_end);
-    let t_high = clamp((index + stride) * t_base, t_low, t_end);
+// Between two multiples of the shortest step.
+fn step_place(first: f32, last: f32, t_base: f32, t_start: f32, t_end: f32) -> StepPlace {
+    let t_low = min(max(first * t_base, t_start), t_end);
+    let t_high = clamp(last * t_base, t_low, t_end);
     return StepPlace(t_low, t_low + 0.5 * (t_high - t_low), t_high);
 }
 
@@ -60,7 +61,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
     var fog = Fog(vec3(0.0), 0.0, FAR, FAR, NONE);
     var list = met.fogs;
     var fogs = array<Medium, MAX_FOGS>();
-    // There is at least one. A single slot is a constant number, so that it stays in registers.
+    // There is at least one. With a single slot, the count is a constant, so that the slot stays in registers.
     let fog_count = select(min(met.fog_count, MAX_FOGS), 1u, MAX_FOGS == 1u);
     var t_base = FAR;
     var t_first = FAR;
@@ -71,9 +72,9 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
         fogs[i] = medium;
         t_first = min(t_first, medium.t_next);
         t_last = max(t_last, medium.t_last);
-        t_base = min(t_base, longest_step(medium, fog_step_voxels(list[i])));
+        t_base = min(t_base, step_of_voxels(medium, fog_step_voxels(list[i])));
         if HAS_INTERVALS {
-            t_interval = min(t_interval, longest_step(medium, interval_voxels(segment, list[i])));
+            t_interval = min(t_interval, step_of_voxels(medium, interval_voxels(segment, list[i])));
         }
     }
 #ifdef VDB_EMISSION
@@ -87,10 +88,10 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
             medium = new_medium(segment, emitter_list[i], t_max);
         }
         emitters[i] = medium;
-        emitter_accessors[i] = new_accessor(medium.ray.cell);
+        emitter_accessors[i] = empty_accessor();
         t_first = min(t_first, medium.t_next);
         t_last = max(t_last, medium.t_last);
-        t_base = min(t_base, longest_step(medium, EMISSION_STEP));
+        t_base = min(t_base, step_of_voxels(medium, EMISSION_STEP));
     }
 #endif
     if t_first >= t_last {
@@ -143,7 +144,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
     var is_near_lamps = true;
     var k = first_step(min(t_near, t_end) * inverse_base);
     var is_done = t_near >= t_end;
-    var accessor = new_accessor(fogs[0].ray.cell);
+    var accessor = empty_accessor();
     var steps = array<FogStep, MAX_FOGS * BLOCK>();
     // Ends by its condition only: llvmpipe drops invocations of a group whose neighbours leave nested loops
     // by `break` or `continue`.
@@ -154,12 +155,12 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
             let t_low = max(k * t_base, t_start);
             var t_step = FAR;
             for (var i = 0u; i < fog_count; i++) {
-                let t_longest = longest_step(fogs[i], fog_step_voxels(fogs[i].volume));
+                let t_longest = step_of_voxels(fogs[i], fog_step_voxels(fogs[i].volume));
                 t_step = min(t_step, suitable_step(fogs[i], t_longest, t_low, t_end, t_base, inverse_base));
             }
 #ifdef VDB_EMISSION
             for (var i = 0u; i < emitter_count; i++) {
-                let t_longest = longest_step(emitters[i], EMISSION_STEP);
+                let t_longest = step_of_voxels(emitters[i], EMISSION_STEP);
                 t_step = min(t_step, suitable_step(emitters[i], t_longest, t_low, t_end, t_base, inverse_base));
             }
 #endif
@@ -174,10 +175,10 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
         for (var i = 0u; i < fog_count; i++) {
             var medium = fogs[i];
             if MAX_FOGS > 1u {
-                accessor = new_accessor(medium.ray.cell);
+                accessor = empty_accessor();
             }
             for (var j = 0u; j < BLOCK; j++) {
-                let place = step_place(k + f32(j) * stride, stride, t_base, t_start, t_end);
+                let place = step_place(k + f32(j) * stride, k + f32(j + 1u) * stride, t_base, t_start, t_end);
                 var step = FogStep();
                 if medium.t_next <= place.t_middle {
                     step = fog_step(&medium, &accessor, place.t_low, place.t_middle, place.t_high, dir_length);
@@ -205,11 +206,12 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
             t_near = min(t_near, medium.t_next);
         }
         for (var j = 0u; j < BLOCK; j++) {
-            let place = step_place(k + f32(j) * stride, stride, t_base, t_start, t_end);
+            let place = step_place(k + f32(j) * stride, k + f32(j + 1u) * stride, t_base, t_start, t_end);
             let width = place.t_high - place.t_low;
             let depth = extinctions[j] * width;
 #ifdef VDB_SCATTERED
             let visible = pass_stretch(&passed, depth, Tint(width * forwards[j].value));
+            // May overflow behind an opaque step of the same block, where nothing has a weight.
             let gain = Tint(exp(visible.forward.value));
             var scattered = ScatteredLight();
             if depth > 0.0 {
@@ -245,6 +247,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
                         in_lattice = scattered_ray(segment, t_zero, slot);
                         scattered = scattered_light_at(in_lattice, dir, place.t_middle);
                     }
+                    // Without `remaining_color`: where light is scattered, tinted fogs have a factor for each channel.
                     interval.scattered += (own_depth * visible.rest.value * albedo.value)
                         * scattered_towards_viewer(scattered, volume);
 #endif

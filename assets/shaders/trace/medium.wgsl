@@ -26,8 +26,8 @@ struct MetMedia {
 #endif
 }
 
-// A medium along a segment. Every t is relative to where the march begins. With several media, these are in memory
-// rather than in registers, so there is nothing here that can be computed from the volume.
+// A medium along a segment. Every t is relative to where the march begins. With several fogs, these are in memory
+// rather than in registers, so they hold nothing that can be computed from the volume.
 struct Medium {
     volume: u32,
     ray: SampledRay,
@@ -48,7 +48,7 @@ const HAS_MANY_MEDIA: bool = true;
 #else
 const HAS_MANY_MEDIA: bool = MAX_FOGS > 1u;
 #endif
-// Steps in a block.
+// Steps in a block. A single fog needs no blocks.
 const BLOCK: u32 = select(1u, 4u, MAX_FOGS > 1u);
 
 // Voxels of a step through an emission grid.
@@ -97,8 +97,8 @@ fn begun(medium: Medium, segment: Segment, pixel: vec2<u32>, t_zero: f32) -> Med
     return moved;
 }
 
-// The longest step through a medium, in t, if it is at most `voxels` long.
-fn longest_step(medium: Medium, voxels: f32) -> f32 {
+// The length in t of a step of so many voxels through a medium.
+fn step_of_voxels(medium: Medium, voxels: f32) -> f32 {
     return voxels / max(length(medium.ray.dir), 1e-30);
 }
 
@@ -106,7 +106,8 @@ fn fog_step_voxels(volume: u32) -> f32 {
     return max(volumes[volume].fog_step, MIN_STEP);
 }
 
-// The longest steps from `t_low` that suit a medium, for each step of a block: it is there, or begins after them.
+// How long each step of a block from `t_low` may be for a medium: `t_longest` where it is, longer if it begins after the
+// block, FAR if nothing of it is left.
 fn suitable_step(
     medium: Medium,
     t_longest: f32,

@@ -53,7 +53,7 @@ fn scattered_ray(segment: Segment, t_zero: f32, slot: u32) -> ScatteredRay {
     );
 }
 
-// The light at a t of a ray, whose direction has a length of 1.
+// The light at a t of a ray. `dir` is its direction in world space, of length 1.
 fn scattered_light_at(ray: ScatteredRay, dir: vec3<f32>, t: f32) -> ScatteredLight {
     var texel = ray.origin + t * ray.dir;
     let first = textureSampleLevel(scattered_light, scattered_sampler, texel, 0.0);

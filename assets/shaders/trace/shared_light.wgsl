@@ -62,11 +62,12 @@ const HAS_VARYING_ALBEDO: bool = false;
 // Sums over the steps of one fog in an interval. Those that are not needed stay 0, and take no registers.
 struct FogSums {
     weight: f32,            // fraction of the pixel that the steps cover
-    t: f32,                 // times the weight; for other lights than cached suns
-    whole: Tint,            // weight times albedo; for these lights, and where the albedo varies
+    t: f32,                 // times the weight; only for lights other than cached suns
+    whole: Tint,            // weight times albedo; only for those, and where the albedo varies
 #ifdef VDB_SCATTERED
-    rest: Tint,             // the same for light that was scattered outside of the forward peak; for these lights
-    forward: Tint,          // `Visible::forward` times the weight; for these lights
+    // Only for lights other than cached suns:
+    rest: Tint,             // the same for light that was scattered outside of the forward peak
+    forward: Tint,          // `Visible::forward` times the weight
 #endif
     suns: array<SunSums, SUN_SLOTS>,
 }
@@ -138,8 +139,8 @@ fn other_light(segment: Segment, pixel: vec2<u32>, at: FogPoint, sums: FogSums) 
     return light;
 }
 
-// Light of all lights that the steps of a fog in the interval scatter, given their sums. `at` is their mean position;
-// it only matters if there are other lights than cached suns.
+// Light of all lights that the steps of a fog in the interval scatter, given their sums. `at` is their mean position.
+// Without other lights than cached suns, only its volume is used.
 fn interval_light(
     shared_light: ptr<function, SharedLight>,
     segment: Segment,

@@ -77,7 +77,8 @@ fn beam_start_t(grid: Grid, beam: Beam) -> f32 {
     // Further behind than 32 bits can express.
     let lowest = select(box_low, vec3(-MAX_CELLS_BEHIND), !mirrored.before & (box_low > vec3(0)));
     var t = beam_box_t(grid, beam);
-    var accessor = new_accessor(mirrored.cell ^ mirrored.mirror);
+    let first = max(vec3<i32>(floor(beam.low + t * beam.slowest)), lowest);
+    var accessor = new_accessor((mirrored.cell + first) ^ mirrored.mirror);
     for (var skip = 0u; skip < MAX_SKIPS; skip++) {
         // Low corner of the beam. Cells below the box are as empty as those in it.
         let corner = vec3<i32>(floor(beam.low + t * beam.slowest));

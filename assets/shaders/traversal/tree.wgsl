@@ -89,9 +89,15 @@ struct Accessor {
     head: u32,
 }
 
-// An accessor that caches nothing: its cell differs from `cell` in every bit.
+// An accessor that caches nothing. `cell` must be the first that is looked up: the cell of the accessor differs from it
+// in every bit.
 fn new_accessor(cell: vec3<i32>) -> Accessor {
     return Accessor(~cell, 0u, 0u, 0u, 0u);
+}
+
+// An accessor that caches nothing, for `slot_at`, whose first cell may be any.
+fn empty_accessor() -> Accessor {
+    return Accessor();
 }
 
 // Number of further slots that a ray of an octant can skip from an empty slot.

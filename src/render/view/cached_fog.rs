@@ -106,8 +106,8 @@ fn with_ramp(step: f32, steepness: f32) -> f32 {
 
 /// From this many spacings per step of rays to lights, the cache is more accurate than these.
 const RAY_STEP: f32 = 2.0;
-/// Errors of spacings and of steps, for an optical depth of 1 per cell and a spacing of 1 cell in a fog one cell
-/// across: the largest that were measured in clouds.
+/// Errors of spacings and of steps, for an optical depth of 1 per cell and a spacing or step of 1 cell in a fog one
+/// cell across: a little more than the largest that were measured in clouds.
 const SPACING_ERROR: f64 = 2.0;
 const STEP_ERROR: f64 = 1.0;
 /// The part of the accepted error that the spacing may take.
@@ -139,7 +139,7 @@ impl Detail {
         }
     }
 
-    /// The error of linear interpolation between samples so many cells apart.
+    /// The error of linear interpolation between samples `2^log` cells apart.
     ///
     /// It is of second order. For clouds of fractal noise, whose details are a fixed part of the whole, it is
     /// [`SPACING_ERROR`] times the optical depth per cell and the square of the spacing, divided by the cells across.
@@ -158,10 +158,11 @@ impl Detail {
     /// Cells between samples of density along a ray that keep the error, given the spacing of the samples of light.
     ///
     /// The error of both is the root of the sum of their squares. That of steps follows the same law as that of
-    /// spacings, with [`STEP_ERROR`]. In thin fog, it would permit steps that miss details. The size of details is
+    /// spacings, with [`STEP_ERROR`]. In thin fog, this law would permit steps that miss details. The size of details is
     /// a fixed part of the whole, so the step is at most a fixed part of the longest edge.
     fn step(&self, log: u32) -> f32 {
         let error = f64::from(self.error);
+        // If no spacing keeps its part, steps are as short as if one just did.
         let spacing_error = self.spacing_error(log).min(SPACING_PART * error);
         let left = (error * error - spacing_error * spacing_error).sqrt();
         let by_depth = (left * self.edge / (STEP_ERROR * self.depth_per_cell)).sqrt();
@@ -219,10 +220,7 @@ mod tests {
         let (log, step) = of(0.01, 0.12, 512.0);
         assert!(log == Some(2) && (5.3..5.4).contains(&step), "{log:?} {step}");
         let (log, step) = of(0.01, 0.1, 512.0);
-        assert!(
-            log == Some(2) && (6.3..6.4).contains(&step),
-            "less is left by the spacing: {step}"
-        );
+        assert!(log == Some(2) && (6.3..6.4).contains(&step), "the spacing leaves more: {step}");
         let (log, step) = of(0.01, 0.5, 64.0);
         assert!(log.is_none() && (0.87..0.88).contains(&step), "{log:?} {step}");
         assert_eq!(of(0.01, 0.03, 65.0), (Some(1), 1.0), "small grids have small details");

@@ -57,13 +57,18 @@ fn fog_with_interpolated_lamps_is_valid() {
     for media in
         [["VDB_FOG_SLOTS=1", "VDB_EMITTER_SLOTS=8"], ["VDB_FOG_SLOTS=8", "VDB_EMITTER_SLOTS=1"]]
     {
-        let with =
-            ["VDB_EMISSION", "VDB_MULTIPLE_SCATTERING", "VDB_UNCACHED_FOGS", "VDB_OTHER_LIGHTS"];
+        let with = [
+            "VDB_EMISSION",
+            "VDB_MULTIPLE_SCATTERING",
+            "VDB_UNCACHED_FOGS",
+            "VDB_OTHER_LIGHTS",
+            "VDB_MOTION_VECTORS",
+        ];
         for with in subsets(&with) {
             trace.check(&[&SCATTERED_LIGHT, &media, &with]);
         }
     }
-    assert_eq!(trace.variants, 2 * 16);
+    assert_eq!(trace.variants, 2 * 32);
 }
 
 #[test]
@@ -94,6 +99,8 @@ fn ramps_are_valid() {
         let cache = ["VDB_LIGHT_CACHE", "VDB_CACHED_SUNS=1", "VDB_UNCACHED_FOGS"];
         trace.check(&[&ramps, &cache, &media, &with, &SHADOWS]);
         trace.check(&[&SCATTERED_LIGHT, &ramps[2..], &media, &with]);
+        let single = ["VDB_FOG_SLOTS=1", "VDB_EMITTER_SLOTS=1"];
+        trace.check(&[&ramps, &cache[..2], &single, &with, &SHADOWS]);
     }
     trace.check(&[&[
         "VDB_COUNT_STEPS",
@@ -102,7 +109,7 @@ fn ramps_are_valid() {
         "VDB_VARYING_ALBEDO",
         "VDB_EMITS",
     ]]);
-    assert_eq!(trace.variants, 8 * 4 + 1);
+    assert_eq!(trace.variants, 8 * 5 + 1);
 }
 
 /// On surfaces and in fog.
