@@ -1,7 +1,7 @@
 //! A grid is as visible from beyond one of its corners as from beyond any other.
 //!
-//! Local cells start at zero, so all coordinates of an eye beyond the lowest corner are negative: no cell of the grid
-//! has such.
+//! Local cells start at zero. The coordinates of an eye beyond the lowest corner are therefore all negative, as those of
+//! no cell of the grid are.
 
 use bevy::math::DVec3;
 use bevy::prelude::*;

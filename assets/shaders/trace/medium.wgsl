@@ -97,7 +97,7 @@ fn begun(medium: Medium, segment: Segment, pixel: vec2<u32>, t_zero: f32) -> Med
     return moved;
 }
 
-// The length in t of a step of so many voxels through a medium.
+// How far t advances over this many voxels of a medium.
 fn step_of_voxels(medium: Medium, voxels: f32) -> f32 {
     return voxels / max(length(medium.ray.dir), 1e-30);
 }

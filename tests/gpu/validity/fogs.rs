@@ -1,6 +1,6 @@
 //! Variants of the trace, for fog.
 
-use super::{EVERYTHING_DEF, SCATTERED_LIGHT, SHADOWS, Trace, subsets};
+use super::{EVERYTHING_DEF, SCATTERED_LIGHT, SHADOWS, TWO_FOGS, Trace, subsets};
 
 /// For each set of kinds and of further defs, the lights of the cache.
 #[test]
@@ -79,10 +79,9 @@ fn coloured_fog_is_valid() {
         let colors = ["VDB_LIT", "VDB_FOGS", "VDB_FOG_COLORS", "VDB_VARYING_ALBEDO"];
         trace.check(&[&colors, &with]);
         trace.check(&[&colors, &with, &SHADOWS]);
-        let media = ["VDB_FOG_SLOTS=2", "VDB_EMITTER_SLOTS=1"];
         let cache = ["VDB_LIGHT_CACHE", "VDB_CACHED_SUNS=1", "VDB_UNCACHED_FOGS"];
-        trace.check(&[&colors, &cache, &media, &with, &SHADOWS]);
-        trace.check(&[&SCATTERED_LIGHT, &colors[2..], &media, &with]);
+        trace.check(&[&colors, &cache, &TWO_FOGS, &with, &SHADOWS]);
+        trace.check(&[&SCATTERED_LIGHT, &colors[2..], &TWO_FOGS, &with]);
     }
     assert_eq!(trace.variants, 8 * 4);
 }
@@ -95,10 +94,9 @@ fn ramps_are_valid() {
         let ramps = ["VDB_LIT", "VDB_FOGS", "VDB_RAMPS", "VDB_VARYING_ALBEDO", "VDB_EMITS"];
         trace.check(&[&ramps, &with]);
         trace.check(&[&ramps, &with, &SHADOWS]);
-        let media = ["VDB_FOG_SLOTS=2", "VDB_EMITTER_SLOTS=1"];
         let cache = ["VDB_LIGHT_CACHE", "VDB_CACHED_SUNS=1", "VDB_UNCACHED_FOGS"];
-        trace.check(&[&ramps, &cache, &media, &with, &SHADOWS]);
-        trace.check(&[&SCATTERED_LIGHT, &ramps[2..], &media, &with]);
+        trace.check(&[&ramps, &cache, &TWO_FOGS, &with, &SHADOWS]);
+        trace.check(&[&SCATTERED_LIGHT, &ramps[2..], &TWO_FOGS, &with]);
         let single = ["VDB_FOG_SLOTS=1", "VDB_EMITTER_SLOTS=1"];
         trace.check(&[&ramps, &cache[..2], &single, &with, &SHADOWS]);
     }
@@ -127,10 +125,9 @@ fn custom_materials_are_valid() {
         let emits = if with.contains(&"VDB_RAMPS") { &["VDB_EMITS"][..] } else { &[] };
         trace.check(&[&["VDB_LIT"], &own, &with, emits]);
         trace.check(&[&["VDB_LIT", "VDB_MATERIALS", "VDB_SMOOTH"], &own, &with, emits, &SHADOWS]);
-        let media = ["VDB_FOG_SLOTS=2", "VDB_EMITTER_SLOTS=1"];
         let cache = ["VDB_LIT", "VDB_LIGHT_CACHE", "VDB_CACHED_SUNS=1", "VDB_UNCACHED_FOGS"];
-        trace.check(&[&cache, &own, &media, &with, emits, &SHADOWS]);
-        trace.check(&[&SCATTERED_LIGHT, &own, &media, &with, emits]);
+        trace.check(&[&cache, &own, &TWO_FOGS, &with, emits, &SHADOWS]);
+        trace.check(&[&SCATTERED_LIGHT, &own, &TWO_FOGS, &with, emits]);
     }
     trace.check(&[&["VDB_COUNT_STEPS", "VDB_FOGS", "VDB_FOG_MATERIALS", EVERYTHING_DEF]]);
     assert_eq!(trace.variants, 16 + 16 * 4 + 1);

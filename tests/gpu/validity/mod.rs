@@ -46,6 +46,9 @@ impl Trace {
     }
 }
 
+/// Up to two fogs and one emission grid on a ray.
+const TWO_FOGS: [&str; 2] = ["VDB_FOG_SLOTS=2", "VDB_EMITTER_SLOTS=1"];
+
 const SHADOWS: [&str; 2] = ["VDB_SHADOWS", "SHADOW_FILTER_METHOD_GAUSSIAN"];
 
 /// The defs of a view that interpolates the light that lamps scatter in fog.

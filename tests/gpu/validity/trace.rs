@@ -1,6 +1,6 @@
 //! Variants of the trace, for surfaces and for all kinds of volumes.
 
-use super::{SHADOWS, Trace, subsets, unlit_modes};
+use super::{SHADOWS, TWO_FOGS, Trace, subsets, unlit_modes};
 
 /// Modes and steps, for each set of kinds of volumes.
 #[test]
@@ -104,9 +104,8 @@ fn lights_of_all_kinds_are_valid() {
         let panes = ["VDB_LIT", "VDB_FOGS", "VDB_RECT_LIGHTS", "AREA_LIGHT_LUTS"];
         trace.check(&[&panes, &with]);
         trace.check(&[&panes, &["VDB_DIFFUSE_ONLY"], &with, &SHADOWS]);
-        let media = ["VDB_FOG_SLOTS=2", "VDB_EMITTER_SLOTS=1"];
         let cache = ["VDB_LIGHT_CACHE", "VDB_CACHED_SUNS=1", "VDB_OTHER_LIGHTS"];
-        trace.check(&[&panes, &cache, &media, &with, &SHADOWS]);
+        trace.check(&[&panes, &cache, &TWO_FOGS, &with, &SHADOWS]);
     }
     // Surfaces that reflect the fire that lights them.
     for with in subsets(&["VDB_BLACKBODY", "VDB_MULTIPLE_SCATTERING", "VDB_DENOISE"]) {
@@ -150,7 +149,7 @@ fn levels_pages_and_many_volumes_are_valid() {
 /// Normals, reflections, further rays, fewer rays, and means of frames.
 #[test]
 #[ignore = "slow: hundreds of variants"]
-fn what_images_are_made_of_is_valid() {
+fn normals_reflections_and_kinds_of_rays_are_valid() {
     let mut trace = Trace::new();
     // Smooth normals.
     for with in subsets(&["VDB_SURFACES", "VDB_FOGS", "VDB_REFLECTIONS", "VDB_WIDE_GRIDS"]) {
