@@ -3,12 +3,15 @@
 #define_import_path bevy_vdb::trace::intervals
 
 #import bevy_vdb::gpu::bindings::grids
-#import bevy_vdb::trace::fog_march::{light_around, light_interval}
+#import bevy_vdb::trace::fog_march::light_interval
 #import bevy_vdb::trace::medium::{MAX_FOGS, Medium}
-#import bevy_vdb::trace::scattering::{ScatteringSums, add_environment}
+#import bevy_vdb::trace::scattering::{ScatteringSums, Tint, remaining_color}
 #import bevy_vdb::trace::segment::Segment
-#import bevy_vdb::trace::shared_light::{FogPoint, FogSums, HAS_OCCLUDERS, HAS_OTHER_LIGHTS, HAS_VARYING_ALBEDO}
-#import bevy_vdb::trace::shared_light::{SharedLight, begin_interval, interval_light}
+#import bevy_vdb::trace::shared_light::{FogPoint, FogSums, HAS_OCCLUDERS, HAS_OTHER_LIGHTS, SUN_COUNT, SUN_SLOTS}
+#import bevy_vdb::trace::shared_light::{SharedLight, begin_interval, other_light}
+#ifdef VDB_SCATTERED
+#import bevy_vdb::trace::shared_light::{let_through, sun_occlusion}
+#endif
 #import bevy_vdb::traversal::fog::point_in_box
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::view::scene::volumes
@@ -23,9 +26,19 @@ struct IntervalSums {
     width: f32,     // in t
     weight: f32,
     t: f32,
-    fogs: array<FogSums, MAX_FOGS>,
+    suns: array<SunSum, SUN_SLOTS>,
+    fogs: array<FogSums, OTHER_SLOTS>,
 #ifdef VDB_SCATTERED
     scattered: vec3<f32>,   // light from lattices of scattered light, of all fogs
+#endif
+}
+
+// What all fogs scatter towards the viewer, for an illuminance of 1 from a cached sun.
+struct SunSum {
+#ifdef VDB_SCATTERED
+    light: Tint,
+#else
+    light: vec3<f32>,
 #endif
 }
 
@@ -35,10 +48,15 @@ struct SegmentSums {
     t: f32,
     scattering: ScatteringSums,
     fogs: array<f32, MAX_FOGS>,     // weights
+#ifdef VDB_VARYING_ALBEDO
+    albedos: array<vec3<f32>, MAX_FOGS>,    // times the weights
+#endif
 }
 
 // If false, light varies along a ray only through the cache of suns, which is read at every step.
 const HAS_INTERVALS: bool = HAS_OCCLUDERS || HAS_OTHER_LIGHTS;
+// Only lights other than cached suns are evaluated for each fog.
+const OTHER_SLOTS: u32 = select(1u, MAX_FOGS, HAS_OTHER_LIGHTS);
 // Intervals are at most this fraction of the distance to a lamp.
 const LAMP_INTERVAL: f32 = 0.25;
 // The shortest interval near lamps, as a fraction of the longest.
@@ -78,34 +96,51 @@ fn add_interval(
 ) {
     let t_mean = (*interval).t / (*interval).weight;
     begin_interval(shared_light, segment, pixel, min(t_zero + t_mean, t_max));
-    var scattering = (*sums).scattering;
-    var unoccluded = 0.0;   // the mean over fogs, times the weight
-    for (var i = 0u; i < fog_count; i++) {
-        let own = (*interval).fogs[i];
-        if own.weight > 0.0 {
-            let volume = (*fogs)[i].volume;
-            let t = own.t / own.weight;
-            let grid = grids[volumes[volume].grid];
-            let place = point_in_box(grid, (*fogs)[i].ray, t - (*fogs)[i].ray.t_origin);
-            let extent = (*interval).width * length(segment.dir);
-            let at = FogPoint(volume, place, min(t_zero + t, t_max), extent, is_near_lamps);
-            let light = interval_light(shared_light, segment, pixel, at, own);
-            scattering.radiance += light.radiance;
-            unoccluded += own.weight * light.visibility;
-            let anisotropy = volumes[volume].anisotropy;
-            let around = light_around((*shared_light).environment, anisotropy);
-            var albedo = volumes[volume].base_color;
-            if HAS_VARYING_ALBEDO {
-                albedo = vec3(own.whole.value / own.weight);
-            }
-            add_environment(&scattering, own.weight, albedo, around, anisotropy);
-            (*sums).fogs[i] += own.weight;
-        }
+    var radiance = vec3(0.0);
+    for (var slot = 0u; slot < SUN_COUNT; slot++) {
+        let illuminance = (*shared_light).visibility[slot] * (*shared_light).suns[slot].illuminance;
+#ifdef VDB_SCATTERED
+        radiance += illuminance * (*interval).suns[slot].light.value;
+#else
+        radiance += illuminance * (*interval).suns[slot].light;
+#endif
     }
 #ifdef VDB_SCATTERED
-    scattering.radiance += unoccluded / (*interval).weight * (*interval).scattered;
+    let suns = sun_occlusion(shared_light);
+    var visibility = let_through(suns);
+    var visible_weight = 0.0;
 #endif
-    (*sums).scattering = scattering;
+    if HAS_OTHER_LIGHTS {
+        for (var i = 0u; i < fog_count; i++) {
+            let own = (*interval).fogs[i];
+            if own.weight > 0.0 {
+                let volume = (*fogs)[i].volume;
+                let t = own.t / own.weight;
+                let grid = grids[volumes[volume].grid];
+                let place = point_in_box(grid, (*fogs)[i].ray, t - (*fogs)[i].ray.t_origin);
+                let extent = (*interval).width * length(segment.dir);
+                let at = FogPoint(volume, place, min(t_zero + t, t_max), extent, is_near_lamps);
+                let others = other_light(segment, pixel, at, own);
+                (*shared_light).nearest = min((*shared_light).nearest, others.nearest);
+                var scattered = own.whole.value * others.light.whole;
+#ifdef VDB_SCATTERED
+                scattered += own.rest.value * others.light.rest;
+                var light = suns;
+                light.all += others.light.all;
+                light.unoccluded += others.light.unoccluded;
+                visible_weight += own.weight * let_through(light);
+#endif
+                radiance += scattered * remaining_color(volumes[volume].base_color);
+            }
+        }
+#ifdef VDB_SCATTERED
+        visibility = visible_weight / (*interval).weight;
+#endif
+    }
+#ifdef VDB_SCATTERED
+    radiance += visibility * (*interval).scattered;
+#endif
+    (*sums).scattering.radiance += radiance;
     (*sums).weight += (*interval).weight;
     (*sums).t += (*interval).t;
     *interval = IntervalSums();

@@ -4,28 +4,28 @@
 // middle of the step, and emission has its mean over a few samples. The integral of transmittance then has a
 // closed form, so overlap adds no error.
 //
-// Steps come in blocks. Each fog is sampled at all steps of a block before the next fog is, because several fogs do
-// not fit into registers: what it takes to sample a fog is read from memory once per block. Then the light of the steps
-// is added up, step by step. A single fog stays in registers, and its blocks are single steps.
+// A single fog stays in registers. Several do not fit, and what is kept for each of them passes through the memory of
+// its thread: only what cannot be computed anew from the volume is kept, and sums are over all fogs where possible.
 #define_import_path bevy_vdb::trace::media
 
 #ifdef VDB_VARYING_ALBEDO
 #import bevy_vdb::trace::color::albedo_along
 #endif
-#import bevy_vdb::trace::fog_march::Fog
+#import bevy_vdb::trace::fog_march::{Fog, light_around}
 #import bevy_vdb::trace::intervals::{HAS_INTERVALS, IntervalSums, LAMP_INTERVAL, MIN_INTERVAL, SegmentSums}
 #import bevy_vdb::trace::intervals::{add_interval, interval_voxels, next_multiple}
-#import bevy_vdb::trace::media_step::{FogStep, add_step, fog_step, step_albedo}
-#import bevy_vdb::trace::medium::{BLOCK, HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia, begun, first_step}
+#import bevy_vdb::trace::media_step::{FogStep, add_for_others, add_suns, fog_step, fog_traits, step_albedo}
+#import bevy_vdb::trace::medium::{HAS_MANY_MEDIA, MAX_FOGS, Medium, MetMedia, begun, first_step}
 #import bevy_vdb::trace::medium::{fog_step_voxels, new_medium, step_of_voxels, suitable_step}
-#import bevy_vdb::trace::scattering::{OPAQUE_DEPTH, Tint, all_visible, pass_stretch, scattered_radiance}
+#import bevy_vdb::trace::scattering::{OPAQUE_DEPTH, Tint, add_environment, all_visible, pass_stretch}
+#import bevy_vdb::trace::scattering::scattered_radiance
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattered_light::{ScatteredLight, has_scattered_light, scattered_light_at, scattered_ray}
 #import bevy_vdb::trace::scattered_light::{scattered_slot, scattered_towards_viewer}
 #import bevy_vdb::trace::scattering::{add_tints, forward_depth}
 #endif
 #import bevy_vdb::trace::segment::{NONE, Segment}
-#import bevy_vdb::trace::shared_light::{HAS_OTHER_LIGHTS, begin_light}
+#import bevy_vdb::trace::shared_light::{HAS_OTHER_LIGHTS, begin_light, sun_phases}
 #import bevy_vdb::traversal::fog::{next_index, step_length, stride_at}
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::traversal::tree::{Accessor, empty_accessor}
@@ -41,20 +41,6 @@
 #import bevy_vdb::trace::media_step::emitted_in_step
 #import bevy_vdb::trace::medium::{EMISSION_STEP, MAX_EMITTERS, missed_medium}
 #endif
-
-// The ends of a step, and its middle.
-struct StepPlace {
-    t_low: f32,
-    t_middle: f32,
-    t_high: f32,
-}
-
-// Between two multiples of the shortest step.
-fn step_place(first: f32, last: f32, t_base: f32, t_start: f32, t_end: f32) -> StepPlace {
-    let t_low = min(max(first * t_base, t_start), t_end);
-    let t_high = clamp(last * t_base, t_low, t_end);
-    return StepPlace(t_low, t_low + 0.5 * (t_high - t_low), t_high);
-}
 
 // Radiance and optical depth of the media along a segment up to `t_max`: of at least one fog.
 fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) -> Fog {
@@ -122,6 +108,7 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
     let dir_length = length(segment.dir);
     let dir = segment.dir / dir_length;
     var shared_light = begin_light(dir);
+    var phases = sun_phases(dir, volumes[list[0]].anisotropy);
 #ifdef VDB_SCATTERED
     // Fogs that overlap usually share a lattice.
     var in_lattice = scattered_ray(segment, t_zero, scattered_slot(list[0]));
@@ -145,14 +132,15 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
     var k = first_step(min(t_near, t_end) * inverse_base);
     var is_done = t_near >= t_end;
     var accessor = empty_accessor();
-    var steps = array<FogStep, MAX_FOGS * BLOCK>();
+    var traits = fog_traits(list[0], dir_length);
+    var steps = array<FogStep, MAX_FOGS>();
     // Ends by its condition only: llvmpipe drops invocations of a group whose neighbours leave nested loops
     // by `break` or `continue`.
     while !is_done {
+        let t_low = max(k * t_base, t_start);
         var stride = stride_at(fog.optical_depth);
         if HAS_MANY_MEDIA {
-            // The longest step that suits the media here and those that begin within the block.
-            let t_low = max(k * t_base, t_start);
+            // The longest step that suits the media here and those that begin within it.
             var t_step = FAR;
             for (var i = 0u; i < fog_count; i++) {
                 let t_longest = step_of_voxels(fogs[i], fog_step_voxels(fogs[i].volume));
@@ -166,156 +154,149 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
 #endif
             stride *= max(t_step * inverse_base, 1.0);
         }
+        let t_high = clamp((k + stride) * t_base, t_low, t_end);
+        let width = t_high - t_low;
+        let t_middle = t_low + 0.5 * width;
         var is_empty = true;
-        var extinctions = array<f32, BLOCK>();
+        var extinction = 0.0;
 #ifdef VDB_SCATTERED
-        var forwards = array<Tint, BLOCK>();    // extinction by scattering in the forward peak
+        var forward = Tint();   // extinction by scattering in the forward peak
 #endif
         t_near = FAR;
         for (var i = 0u; i < fog_count; i++) {
             var medium = fogs[i];
-            if MAX_FOGS > 1u {
-                accessor = empty_accessor();
-            }
-            for (var j = 0u; j < BLOCK; j++) {
-                let place = step_place(k + f32(j) * stride, k + f32(j + 1u) * stride, t_base, t_start, t_end);
-                var step = FogStep();
-                if medium.t_next <= place.t_middle {
-                    step = fog_step(&medium, &accessor, place.t_low, place.t_middle, place.t_high, dir_length);
-                    is_empty = is_empty && medium.t_next != place.t_middle;
-#ifdef VDB_VARYING_ALBEDO
-                    if step.extinction > 0.0 {
-                        let own = albedo_along(segment, t_zero + place.t_middle, medium.volume);
-                        step.albedo = Tint(step.albedo.value * own);
-                    }
-#endif
-                    extinctions[j] += step.extinction;
-#ifdef VDB_SCATTERED
-                    let anisotropy = volumes[medium.volume].anisotropy;
-                    let own_forward = forward_depth(step.extinction, step_albedo(medium.volume, step), anisotropy);
-                    forwards[j] = add_tints(forwards[j], own_forward);
-#endif
+            var step = FogStep();
+            if medium.t_next <= t_middle {
+                if MAX_FOGS > 1u {
+                    accessor = empty_accessor();
+                    traits = fog_traits(medium.volume, dir_length);
                 }
-                steps[i * BLOCK + j] = step;
-            }
-            fogs[i].t_next = medium.t_next;
-#ifdef VDB_RAMPS
-            fogs[i].t_known = medium.t_known;
-            fogs[i].value = medium.value;
+                step = fog_step(&medium, &accessor, t_low, t_middle, t_high, dir_length, traits);
+                is_empty = is_empty && medium.t_next != t_middle;
+#ifdef VDB_VARYING_ALBEDO
+                if step.extinction > 0.0 {
+                    let own = albedo_along(segment, t_zero + t_middle, medium.volume);
+                    step.albedo = Tint(step.albedo.value * own);
+                }
 #endif
+                extinction += step.extinction;
+#ifdef VDB_SCATTERED
+                let own_forward = forward_depth(step.extinction, step_albedo(traits, step), traits.anisotropy);
+                forward = add_tints(forward, own_forward);
+#endif
+                fogs[i].t_next = medium.t_next;
+#ifdef VDB_RAMPS
+                fogs[i].t_known = medium.t_known;
+                fogs[i].value = medium.value;
+#endif
+            }
+            steps[i] = step;
             t_near = min(t_near, medium.t_next);
         }
-        for (var j = 0u; j < BLOCK; j++) {
-            let place = step_place(k + f32(j) * stride, k + f32(j + 1u) * stride, t_base, t_start, t_end);
-            let width = place.t_high - place.t_low;
-            let depth = extinctions[j] * width;
+        let depth = extinction * width;
 #ifdef VDB_SCATTERED
-            let visible = pass_stretch(&passed, depth, Tint(width * forwards[j].value));
-            // May overflow behind an opaque step of the same block, where nothing has a weight.
-            let gain = Tint(exp(visible.forward.value));
-            var scattered = ScatteredLight();
-            if depth > 0.0 {
-                scattered = scattered_light_at(in_lattice, dir, place.t_middle);
-            }
+        let visible = pass_stretch(&passed, depth, Tint(width * forward.value));
+        let gain = Tint(exp(visible.forward.value));
+        var scattered = ScatteredLight();
+        if depth > 0.0 {
+            scattered = scattered_light_at(in_lattice, dir, t_middle);
+        }
 #else
-            let visible = pass_stretch(&passed, depth);
-            let gain = Tint();
+        let visible = pass_stretch(&passed, depth);
+        let gain = Tint();
 #endif
-            let visible_width = visible.whole * width;
-            for (var i = 0u; i < fog_count; i++) {
-                let step = steps[i * BLOCK + j];
-                let weight = step.extinction * visible_width;
+        let visible_width = visible.whole * width;
+        for (var i = 0u; i < fog_count; i++) {
+            let step = steps[i];
+            let weight = step.extinction * visible_width;
 #ifdef VDB_RAMPS
-                let glow = visible_width * dir_length * step.emission;
-                fog.radiance += glow;
-                radiance_sum += dot(glow, vec3(1.0));
-                t_radiance_sum += dot(glow, vec3(1.0)) * place.t_middle;
+            let glow = visible_width * dir_length * step.emission;
+            fog.radiance += glow;
+            radiance_sum += dot(glow, vec3(1.0));
+            t_radiance_sum += dot(glow, vec3(1.0)) * t_middle;
 #endif
-                if weight > 0.0 {
-                    let volume = fogs[i].volume;
-                    let own_depth = step.extinction * width;
-                    let albedo = step_albedo(volume, step);
+            if weight > 0.0 {
+                let volume = fogs[i].volume;
+                let own_depth = step.extinction * width;
+                if MAX_FOGS > 1u {
+                    traits = fog_traits(volume, dir_length);
+                }
+                let albedo = step_albedo(traits, step);
+                sums.fogs[i] += weight;
+#ifdef VDB_VARYING_ALBEDO
+                sums.albedos[i] += weight * albedo.value;
+#endif
+                // Fogs that overlap usually have the same phase function.
+                if MAX_FOGS > 1u && traits.anisotropy != phases.anisotropy {
+                    phases = sun_phases(dir, traits.anisotropy);
+                }
+                add_suns(&interval, volume, phases, own_depth, visible, gain, step.depths, albedo);
+                if HAS_OTHER_LIGHTS {
                     var own = interval.fogs[i];
-                    if HAS_OTHER_LIGHTS {
-                        own.t += weight * place.t_middle;
-                    }
-                    add_step(&own, volume, own_depth, visible, gain, step.depths, albedo);
+                    add_for_others(&own, own_depth, t_middle, visible, albedo);
                     interval.fogs[i] = own;
+                }
 #ifdef VDB_SCATTERED
-                    let slot = scattered_slot(volume);
-                    if MAX_FOGS > 1u && slot != in_lattice.slot && has_scattered_light(volume) {
-                        in_lattice = scattered_ray(segment, t_zero, slot);
-                        scattered = scattered_light_at(in_lattice, dir, place.t_middle);
-                    }
-                    // Without `remaining_color`: where light is scattered, tinted fogs have a factor for each channel.
-                    interval.scattered += (own_depth * visible.rest.value * albedo.value)
-                        * scattered_towards_viewer(scattered, volume);
+                let slot = scattered_slot(volume);
+                if MAX_FOGS > 1u && slot != in_lattice.slot && has_scattered_light(volume) {
+                    in_lattice = scattered_ray(segment, t_zero, slot);
+                    scattered = scattered_light_at(in_lattice, dir, t_middle);
+                }
+                // Without `remaining_color`: where light is scattered, tinted fogs have a factor for each channel.
+                interval.scattered += (own_depth * visible.rest.value * albedo.value)
+                    * scattered_towards_viewer(scattered, volume);
 #endif
 #ifdef VDB_LAMP_LIGHT
-                    let lattice = lamp_light_lattice(volume);
-                    if lattice != NOT_CACHED {
-                        let light = step_lamp_light(step.point, lattice, volume, own_depth, visible, gain, albedo);
-                        lamp_light += light * remaining_color(volumes[volume].base_color);
-                    }
-#endif
+                let lattice = lamp_light_lattice(volume);
+                if lattice != NOT_CACHED {
+                    let light = step_lamp_light(step.point, lattice, volume, own_depth, visible, gain, albedo);
+                    lamp_light += light * remaining_color(volumes[volume].base_color);
                 }
+#endif
             }
+        }
 #ifdef VDB_EMISSION
-            for (var i = 0u; i < emitter_count; i++) {
-                if emitters[i].t_next < place.t_high {
-                    is_empty = false;
-                    var medium = emitters[i];
-                    var emitter_accessor = emitter_accessors[i];
-                    let visible_length = visible_width * dir_length;
-                    let added = emitted_in_step(
-                        &medium,
-                        &emitter_accessor,
-                        place.t_low,
-                        place.t_high,
-                        visible_length,
-                        fog.radiance,
-                    );
-                    emitter_accessors[i] = emitter_accessor;
-                    emitters[i].t_next = medium.t_next;
-                    fog.radiance += added;
-                    radiance_sum += dot(added, vec3(1.0));
-                    t_radiance_sum += dot(added, vec3(1.0)) * place.t_middle;
-                }
-                if j + 1u == BLOCK {
-                    t_near = min(t_near, emitters[i].t_next);
-                }
+        for (var i = 0u; i < emitter_count; i++) {
+            if emitters[i].t_next < t_high {
+                is_empty = false;
+                var medium = emitters[i];
+                var emitter_accessor = emitter_accessors[i];
+                let visible_length = visible_width * dir_length;
+                let added =
+                    emitted_in_step(&medium, &emitter_accessor, t_low, t_high, visible_length, fog.radiance);
+                emitter_accessors[i] = emitter_accessor;
+                emitters[i].t_next = medium.t_next;
+                fog.radiance += added;
+                radiance_sum += dot(added, vec3(1.0));
+                t_radiance_sum += dot(added, vec3(1.0)) * t_middle;
             }
+            t_near = min(t_near, emitters[i].t_next);
+        }
 #endif
-            let weight = extinctions[j] * visible_width;
-            interval.width += select(0.0, width, weight > 0.0);
-            interval.weight += weight;
-            interval.t += weight * place.t_middle;
-            fog.optical_depth += depth;
-            var t_next = place.t_high;
-            if j + 1u == BLOCK {
-                let k_near = first_step(min(t_near, t_end) * inverse_base);
-                let k_end = k + select(f32(BLOCK) * stride, 1.0, is_empty);
-                k = next_index(k, max(k_end, k_near));
-                is_done = k * t_base >= t_end || t_near >= t_end || fog.optical_depth > OPAQUE_DEPTH;
-                t_next = max(t_next, t_near);
-            }
-            // The only call: compilers inline it, with rays to all lights.
-            if HAS_INTERVALS && (place.t_high >= t_flush || is_done) && interval.weight > 0.0 {
+        let k_near = max(k + 1.0, first_step(min(t_near, t_end) * inverse_base));
+        k = next_index(k, select(k + stride, k_near, is_empty));
+        let weight = extinction * visible_width;
+        interval.width += select(0.0, width, weight > 0.0);
+        interval.weight += weight;
+        interval.t += weight * t_middle;
+        fog.optical_depth += depth;
+        is_done = k * t_base >= t_end || t_near >= t_end || fog.optical_depth > OPAQUE_DEPTH;
+        // The only call: compilers inline it, with rays to all lights.
+        if HAS_INTERVALS && (t_high >= t_flush || is_done) && interval.weight > 0.0 {
 #ifdef VDB_LAMP_LIGHT
-                is_near_lamps = near.x < place.t_high && near.y > t_interval_begin;
-                t_interval_begin = place.t_high;
+            is_near_lamps = near.x < t_high && near.y > t_interval_begin;
+            t_interval_begin = t_high;
 #endif
-                add_interval(segment, pixel, &fogs, fog_count, t_zero, t_max, &shared_light, &interval, is_near_lamps, &sums);
-                // Ends at multiples of a length, so that neighbouring rays evaluate light at the same time, and
-                // grows like the steps.
-                let longest = LAMP_INTERVAL * shared_light.nearest / (dir_length * t_interval);
-                let part = max(min(stride_at(fog.optical_depth), longest), MIN_INTERVAL);
-                let t_part = t_interval * exp2(floor(log2(part)));
-                t_flush = next_multiple(t_zero + t_next, t_part) - t_zero;
+            add_interval(segment, pixel, &fogs, fog_count, t_zero, t_max, &shared_light, &interval, is_near_lamps, &sums);
+            // Ends at multiples of a length, so that neighbouring rays evaluate light at the same time, and
+            // grows like the steps.
+            let longest = LAMP_INTERVAL * shared_light.nearest / (dir_length * t_interval);
+            let part = max(min(stride_at(fog.optical_depth), longest), MIN_INTERVAL);
+            let t_part = t_interval * exp2(floor(log2(part)));
+            t_flush = next_multiple(t_zero + max(t_high, t_near), t_part) - t_zero;
 #ifdef VDB_LAMP_LIGHT
-                t_flush = flush_near_lamps(t_flush, place.t_high, near);
+            t_flush = flush_near_lamps(t_flush, t_high, near);
 #endif
-            }
         }
     }
     if !HAS_INTERVALS && interval.weight > 0.0 {
@@ -331,10 +312,21 @@ fn march_media(segment: Segment, pixel: vec2<u32>, met: MetMedia, t_max: f32) ->
         largest_weight = max(largest_weight, sums.fogs[i]);
     }
 #endif
+    var scattering = sums.scattering;
     for (var i = 0u; i < fog_count; i++) {
-        fog.radiance += sums.fogs[i] * volumes[fogs[i].volume].emissive;
+        let volume = fogs[i].volume;
+        let weight = sums.fogs[i];
+        fog.radiance += weight * volumes[volume].emissive;
+        let anisotropy = volumes[volume].anisotropy;
+        let around = light_around(shared_light.environment, anisotropy);
+#ifdef VDB_VARYING_ALBEDO
+        let albedo = sums.albedos[i] / max(weight, 1e-30);
+#else
+        let albedo = volumes[volume].base_color;
+#endif
+        add_environment(&scattering, weight, albedo, around, anisotropy);
     }
-    fog.radiance += scattered_radiance(sums.scattering, fog.optical_depth);
+    fog.radiance += scattered_radiance(scattering, fog.optical_depth);
     fog.t_mean = t_zero + sums.t / max(sums.weight, 1e-30);
 #ifdef VDB_EMITS
     // Emission need not attenuate anything, so weight t by radiance.

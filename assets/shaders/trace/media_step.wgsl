@@ -9,8 +9,11 @@
 #import bevy_vdb::trace::scattering::{Tint, Visible, tint}
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattering::{arriving_light, forward_depth}
+#else
+#import bevy_vdb::trace::scattering::remaining_color
 #endif
-#import bevy_vdb::trace::shared_light::{FogSums, HAS_OTHER_LIGHTS, HAS_VARYING_ALBEDO, SUN_COUNT, SUN_SLOTS}
+#import bevy_vdb::trace::intervals::{IntervalSums, SunSum}
+#import bevy_vdb::trace::shared_light::{FogSums, SUN_COUNT, SUN_SLOTS, SunPhases}
 #import bevy_vdb::traversal::fog::sample_fog
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::traversal::tree::Accessor
@@ -43,12 +46,31 @@ struct FogStep {
 #endif
 }
 
+// What of a fog every step needs.
+struct FogTraits {
+    extinction: f32,    // per unit of density and of t
+    anisotropy: f32,
+#ifndef VDB_VARYING_ALBEDO
+    albedo: Tint,
+#endif
+}
+
+fn fog_traits(volume: u32, dir_length: f32) -> FogTraits {
+    var traits = FogTraits();
+    traits.extinction = volumes[volume].density_scale * dir_length;
+    traits.anisotropy = volumes[volume].anisotropy;
+#ifndef VDB_VARYING_ALBEDO
+    traits.albedo = tint(volumes[volume].base_color);
+#endif
+    return traits;
+}
+
 // The albedo of a fog in a step.
-fn step_albedo(volume: u32, step: FogStep) -> Tint {
+fn step_albedo(traits: FogTraits, step: FogStep) -> Tint {
 #ifdef VDB_VARYING_ALBEDO
     return step.albedo;
 #else
-    return tint(volumes[volume].base_color);
+    return traits.albedo;
 #endif
 }
 
@@ -60,6 +82,7 @@ fn fog_step(
     t_middle: f32,
     t_high: f32,
     dir_length: f32,
+    traits: FogTraits,
 ) -> FogStep {
     var step = FogStep();
     let volume = (*medium).volume;
@@ -78,7 +101,7 @@ fn fog_step(
         }
 #endif
         // Per t. The largest densities would overflow.
-        let extinction = volumes[volume].density_scale * dir_length;
+        let extinction = traits.extinction;
         let max_density = MAX_DEPTH_OF_STEP / max(extinction * (t_high - t_low), 1e-30);
         step.extinction = extinction * min(density, max_density);
         let point = lattice_point(volume, found.point.cell, found.point.u);
@@ -133,10 +156,11 @@ fn ramp_step(
 }
 #endif
 
-// Adds a step of an optical depth to the sums of a fog, given the optical depth towards each cached sun.
-fn add_step(
-    sums: ptr<function, FogSums>,
+// Adds the light of cached suns that a step of an optical depth scatters, given the optical depth towards each.
+fn add_suns(
+    interval: ptr<function, IntervalSums>,
     volume: u32,
+    phases: SunPhases,
     depth: f32,
     visible: Visible,
     gain: Tint,     // the exponential of `Visible::forward`
@@ -144,33 +168,37 @@ fn add_step(
     albedo: Tint,
 ) {
     var depths = sun_depths;
-    let weight = depth * visible.whole;
-    let scattered = weight * albedo.value;
-    (*sums).weight += weight;
-    if HAS_OTHER_LIGHTS || HAS_VARYING_ALBEDO {
-        (*sums).whole = Tint((*sums).whole.value + scattered);
-    }
+    var of_suns = phases.suns;
+    let scattered = (depth * visible.whole) * albedo.value;
 #ifdef VDB_SCATTERED
     let rest = depth * visible.rest.value * albedo.value;
-    if HAS_OTHER_LIGHTS {
-        (*sums).rest = Tint((*sums).rest.value + rest);
-        (*sums).forward = Tint((*sums).forward.value + weight * visible.forward.value);
-    }
+#else
+    let colored = scattered * remaining_color(volumes[volume].base_color);
 #endif
     for (var slot = 0u; slot < SUN_COUNT; slot++) {
-        var sun = (*sums).suns[slot];
+        let phase = of_suns[slot];
+        let sum = (*interval).suns[slot].light;
 #ifdef VDB_SCATTERED
-        let forward = forward_depth(depths[slot], albedo, volumes[volume].anisotropy);
+        let forward = forward_depth(depths[slot], albedo, phases.anisotropy);
         let own = arriving_light(depths[slot], forward, visible.forward, gain);
-        sun.once = Tint(sun.once.value + scattered * own.once);
-        sun.twice = Tint(sun.twice.value + scattered * own.twice.value);
-        sun.often = Tint(sun.often.value + scattered * own.often.value);
-        sun.rest = Tint(sun.rest.value + rest * own.rest.value);
+        let peak = phase.x * own.once + phase.y * own.twice.value + phase.z * own.often.value;
+        (*interval).suns[slot] = SunSum(Tint(sum.value + scattered * peak + (phase.w * rest) * own.rest.value));
 #else
-        sun.once = Tint(sun.once.value + scattered * exp(-depths[slot]));
+        (*interval).suns[slot] = SunSum(sum + (phase * exp(-depths[slot])) * colored);
 #endif
-        (*sums).suns[slot] = sun;
     }
+}
+
+// Adds a step to the sums of its fog for other lights.
+fn add_for_others(sums: ptr<function, FogSums>, depth: f32, t: f32, visible: Visible, albedo: Tint) {
+    let weight = depth * visible.whole;
+    (*sums).weight += weight;
+    (*sums).t += weight * t;
+    (*sums).whole = Tint((*sums).whole.value + weight * albedo.value);
+#ifdef VDB_SCATTERED
+    (*sums).rest = Tint((*sums).rest.value + depth * visible.rest.value * albedo.value);
+    (*sums).forward = Tint((*sums).forward.value + weight * visible.forward.value);
+#endif
 }
 
 #ifdef VDB_LAMP_LIGHT

@@ -48,8 +48,6 @@ const HAS_MANY_MEDIA: bool = true;
 #else
 const HAS_MANY_MEDIA: bool = MAX_FOGS > 1u;
 #endif
-// Steps in a block. A single fog needs no blocks.
-const BLOCK: u32 = select(1u, 4u, MAX_FOGS > 1u);
 
 // Voxels of a step through an emission grid.
 const EMISSION_STEP: f32 = 2.0;
@@ -106,8 +104,8 @@ fn fog_step_voxels(volume: u32) -> f32 {
     return max(volumes[volume].fog_step, MIN_STEP);
 }
 
-// How long each step of a block from `t_low` may be for a medium: `t_longest` where it is, longer if it begins after the
-// block, FAR if nothing of it is left.
+// How long a step from `t_low` may be for a medium: `t_longest` where it is, longer if it begins after the step, FAR if
+// nothing of it is left.
 fn suitable_step(
     medium: Medium,
     t_longest: f32,
@@ -116,7 +114,7 @@ fn suitable_step(
     t_base: f32,
     inverse_base: f32,
 ) -> f32 {
-    let t_ahead = (min(medium.t_next, t_end) - t_low) * (1.0 / f32(BLOCK));
+    let t_ahead = min(medium.t_next, t_end) - t_low;
     return select(max(t_longest, floor(t_ahead * inverse_base) * t_base), FAR, medium.t_next >= t_end);
 }
 

@@ -10,7 +10,7 @@
 #endif
 #import bevy_vdb::trace::cached_lights::{CachedSun, LocalLight, cached_sun, unoccluded}
 #import bevy_vdb::trace::lights::{EnvironmentLight, environment_light, light_cosine, shading_point}
-#import bevy_vdb::trace::scattering::{InScattered, Scatterer, Tint, remaining_color}
+#import bevy_vdb::trace::scattering::{InScattered, Scatterer, Tint}
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattering::{add_occlusion, split_phases}
 #else
@@ -24,17 +24,6 @@
 const SUN_COUNT: u32 = #{VDB_CACHED_SUNS}u;
 // Arrays are not empty even if only other lights are in the cache.
 const SUN_SLOTS: u32 = max(SUN_COUNT, 1u);
-
-// Sums over the steps of one fog in an interval for a cached sun, of what fog lets through times the albedo: light
-// that is scattered in the forward peak once, twice, and more often, and light that is scattered otherwise.
-struct SunSums {
-    once: Tint,
-#ifdef VDB_SCATTERED
-    twice: Tint,
-    often: Tint,
-    rest: Tint,
-#endif
-}
 
 // Meshes or surfaces may stand between fog and its lights.
 #ifdef VDB_MESH_CASTERS
@@ -53,29 +42,25 @@ const HAS_OTHER_LIGHTS: bool = true;
 #else
 const HAS_OTHER_LIGHTS: bool = false;
 #endif
-#ifdef VDB_VARYING_ALBEDO
-const HAS_VARYING_ALBEDO: bool = true;
-#else
-const HAS_VARYING_ALBEDO: bool = false;
-#endif
-
-// Sums over the steps of one fog in an interval. Those that are not needed stay 0, and take no registers.
+// Sums over the steps of one fog in an interval, for lights other than cached suns.
 struct FogSums {
     weight: f32,            // fraction of the pixel that the steps cover
-    t: f32,                 // times the weight; only for lights other than cached suns
-    whole: Tint,            // weight times albedo; only for those, and where the albedo varies
+    t: f32,                 // times the weight
+    whole: Tint,            // weight times albedo
 #ifdef VDB_SCATTERED
-    // Only for lights other than cached suns:
     rest: Tint,             // the same for light that was scattered outside of the forward peak
     forward: Tint,          // `Visible::forward` times the weight
 #endif
-    suns: array<SunSums, SUN_SLOTS>,
 }
 
-// Light that the steps of a fog in an interval scatter towards the viewer.
-struct IntervalLight {
-    radiance: vec3<f32>,    // without what comes from the lattice of scattered light
-    visibility: f32,        // the fraction of the illuminance that surfaces and meshes let through
+// Phase functions of a fog for each cached sun, for a direction of view.
+struct SunPhases {
+    anisotropy: f32,
+#ifdef VDB_SCATTERED
+    suns: array<vec4<f32>, SUN_SLOTS>,      // as `split_phases` returns them
+#else
+    suns: array<f32, SUN_SLOTS>,
+#endif
 }
 
 // The light along a ray.
@@ -94,6 +79,20 @@ struct FogPoint {
     t: f32,
     extent: f32,        // of the interval, world units
     is_near_lamps: bool,    // whether not all light of cached lamps is interpolated
+}
+
+fn sun_phases(dir: vec3<f32>, anisotropy: f32) -> SunPhases {
+    var phases = SunPhases();
+    phases.anisotropy = anisotropy;
+    for (var slot = 0u; slot < SUN_COUNT; slot++) {
+        let cosine = light_cosine(view.cached_suns[slot].xyz, dir);
+#ifdef VDB_SCATTERED
+        phases.suns[slot] = split_phases(anisotropy, cosine);
+#else
+        phases.suns[slot] = phase(anisotropy, cosine);
+#endif
+    }
+    return phases;
 }
 
 fn begin_light(dir: vec3<f32>) -> SharedLight {
@@ -139,48 +138,18 @@ fn other_light(segment: Segment, pixel: vec2<u32>, at: FogPoint, sums: FogSums) 
     return light;
 }
 
-// Light of all lights that the steps of a fog in the interval scatter, given their sums. `at` is their mean position.
-// Without other lights than cached suns, only its volume is used.
-fn interval_light(
-    shared_light: ptr<function, SharedLight>,
-    segment: Segment,
-    pixel: vec2<u32>,
-    at: FogPoint,
-    steps: FogSums,
-) -> IntervalLight {
-    var sums = steps;
-    let anisotropy = volumes[at.volume].anisotropy;
+#ifdef VDB_SCATTERED
+// The illuminance of the cached suns in this interval, and what surfaces and meshes let through of it.
+fn sun_occlusion(shared_light: ptr<function, SharedLight>) -> InScattered {
     var light = InScattered();
-    var radiance = vec3(0.0);
-    if HAS_OTHER_LIGHTS {
-        let others = other_light(segment, pixel, at, sums);
-        (*shared_light).nearest = min((*shared_light).nearest, others.nearest);
-        light = others.light;
-        radiance = sums.whole.value * light.whole;
-#ifdef VDB_SCATTERED
-        radiance += sums.rest.value * light.rest;
-#endif
-    }
     for (var slot = 0u; slot < SUN_COUNT; slot++) {
-        let illuminance = (*shared_light).suns[slot].illuminance;
-        let visible = (*shared_light).visibility[slot];
-        let cosine = light_cosine(view.cached_suns[slot].xyz, (*shared_light).dir);
-        let sun = sums.suns[slot];
-#ifdef VDB_SCATTERED
-        let phases = split_phases(anisotropy, cosine);
-        let scattered = phases.x * sun.once.value
-            + phases.y * sun.twice.value
-            + phases.z * sun.often.value
-            + phases.w * sun.rest.value;
-        add_occlusion(&light, illuminance, visible);
-#else
-        let scattered = phase(anisotropy, cosine) * sun.once.value;
-#endif
-        radiance += (visible * scattered) * illuminance;
+        add_occlusion(&light, (*shared_light).suns[slot].illuminance, (*shared_light).visibility[slot]);
     }
-    var visibility = 1.0;
-#ifdef VDB_SCATTERED
-    visibility = select(1.0, light.unoccluded / max(light.all, 1e-30), light.all > 0.0);
-#endif
-    return IntervalLight(radiance * remaining_color(volumes[at.volume].base_color), visibility);
+    return light;
 }
+
+// The fraction of the illuminance that surfaces and meshes let through.
+fn let_through(light: InScattered) -> f32 {
+    return select(1.0, light.unoccluded / max(light.all, 1e-30), light.all > 0.0);
+}
+#endif
