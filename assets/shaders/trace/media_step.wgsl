@@ -3,16 +3,16 @@
 #define_import_path bevy_vdb::trace::media_step
 
 #import bevy_vdb::gpu::bindings::grids
+#import bevy_vdb::trace::fog_march::MAX_DEPTH_OF_STEP
+#import bevy_vdb::trace::intervals::{IntervalSums, SunSum}
 #import bevy_vdb::trace::light_cache::{cached_sun_depth, lattice_point}
 #import bevy_vdb::trace::medium::Medium
-#import bevy_vdb::trace::fog_march::MAX_DEPTH_OF_STEP
 #import bevy_vdb::trace::scattering::{Tint, Visible, tint}
 #ifdef VDB_SCATTERED
 #import bevy_vdb::trace::scattering::{arriving_light, forward_depth}
 #else
 #import bevy_vdb::trace::scattering::remaining_color
 #endif
-#import bevy_vdb::trace::intervals::{IntervalSums, SunSum}
 #import bevy_vdb::trace::shared_light::{FogSums, SUN_COUNT, SUN_SLOTS, SunPhases}
 #import bevy_vdb::traversal::fog::sample_fog
 #import bevy_vdb::traversal::hdda::FAR

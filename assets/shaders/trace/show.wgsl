@@ -1,7 +1,6 @@
 // Render modes without lighting, and the overlay of tree node borders.
 #define_import_path bevy_vdb::trace::show
 
-#import bevy_vdb::gpu::types::Ray
 #import bevy_vdb::traversal::hdda::FAR
 #import bevy_vdb::traversal::rays::safe_normalize
 #import bevy_vdb::view::scene::{view, volumes}

@@ -1,13 +1,13 @@
 // The nearest surface on a ray, and the origins of secondary rays.
 #define_import_path bevy_vdb::trace::surface
 
-#import bevy_vdb::gpu::types::{KIND_SMOOTH, KIND_SURFACE, Ray, SMOOTH_NORMALS}
+#import bevy_vdb::gpu::types::{Ray, SMOOTH_NORMALS}
 #import bevy_vdb::gpu::bindings::grids
 #import bevy_vdb::traversal::exact::MirroredRay
 #import bevy_vdb::traversal::rays::{quantise_frac, safe_normalize, surface_offset}
 #import bevy_vdb::traversal::rebase::rebased_at
-#import bevy_vdb::traversal::hdda::{FAR, Hit, mirrored_ray, enter_at, first_hit, local_cell, plane_t, unmirrored}
-#import bevy_vdb::view::scene::{scene_end, view, volumes}
+#import bevy_vdb::traversal::hdda::{FAR, mirrored_ray, enter_at, first_hit, local_cell, plane_t, unmirrored}
+#import bevy_vdb::view::scene::{view, volumes}
 #import bevy_vdb::trace::segment::{Point, Segment, enters_page, point_at, ray_of_level}
 #ifdef VDB_CLIP
 #import bevy_vdb::trace::caps::{begins_at_plane, cap_gradient, first_clipped_root}
