@@ -85,7 +85,7 @@ struct Volume {
     node_max: vec3<f32>,
     shadow_step: f32,           // voxels between samples of fog on rays from points in fog to lights
     light_origin: vec3<i32>,    // local cell at the first sample of the light cache
-    light_log: u32,             // log₂ of the cells between samples of the light cache
+    light_scale: f32,           // samples of the light cache per cell along each axis
     light_texel: vec3<f32>,     // centre of the first sun's first sample in the cache's texture, in texels
     light_planes: u32,          // texels from one sun to the next; 0 if it is not in the light cache
     ramp: u32,                  // number of a fog's ramp, from 1; 0 for none

@@ -18,7 +18,8 @@ struct Job {
     axis_x: vec3<f32>,      // world units per cell of the volume's lattice
     range: f32,             // samples farther from a lamp are never read, world units
     axis_y: vec3<f32>,
-    step: f32,              // least voxels between samples of density on the way to the light
+    // Cells between samples, and the least between samples of density on the way to the light.
+    spacing: f32,
     axis_z: vec3<f32>,
     is_lamp: u32,           // 1 for a point or spot light, 0 for a sun
     // The position of a lamp relative to the view's eye; the direction to a sun, of unit length. World space.
@@ -30,7 +31,8 @@ struct Job {
 
 const LEAF_CELLS: i32 = 8;
 
-// Whether fog may touch any of the eight cubes between samples around a sample.
+// Whether fog may touch any of the eight cubes between samples around a sample. `size` is their edge, or 1 if that
+// is less than a cell.
 fn is_beside_fog(grid: Grid, cell: vec3<i32>, size: i32) -> bool {
     let low = max(cell - size, grid.occupied_min);
     let high = min(cell + size - 1, grid.occupied_max);
@@ -50,27 +52,26 @@ fn is_beside_fog(grid: Grid, cell: vec3<i32>, size: i32) -> bool {
 }
 
 fn depth_at_sample(volume: u32, grid: Grid, sample: vec3<u32>) -> f32 {
-    let log_size = volumes[volume].light_log;
-    let offset = vec3<i32>(sample << vec3(log_size));
-    let cell = volumes[volume].light_origin + offset;
-    if !is_beside_fog(grid, cell, 1i << log_size) {
+    let from_origin = vec3<f32>(sample) * job.spacing;
+    let offset = floor(from_origin);
+    let cell = volumes[volume].light_origin + vec3<i32>(offset);
+    if !is_beside_fog(grid, cell, i32(ceil(job.spacing))) {
         return NO_FOG;
     }
-    let from_origin = vec3<f32>(offset);
     let from_eye = job.origin
         + from_origin.x * job.axis_x
         + from_origin.y * job.axis_y
         + from_origin.z * job.axis_z;
-    let point = Point(vec2(0.0), 0.0, from_eye, volume, cell, vec3(0.0));
+    let point = Point(vec2(0.0), 0.0, from_eye, volume, cell, from_origin - offset);
     if job.is_lamp == 0u {
-        return fog_depth_to_light(point, job.light, FAR, job.step);
+        return fog_depth_to_light(point, job.light, FAR, job.spacing);
     }
     let to_lamp = job.light - from_eye;
     let distance = length(to_lamp);
     if distance > job.range || distance <= 0.0 {
         return 0.0;
     }
-    return fog_depth_to_light(point, to_lamp / distance, distance, job.step);
+    return fog_depth_to_light(point, to_lamp / distance, distance, job.spacing);
 }
 
 // Each thread writes two samples along x.

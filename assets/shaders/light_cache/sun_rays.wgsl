@@ -20,7 +20,7 @@ fn column_point(column: vec2<i32>, plane: u32) -> Point {
     } else if job.major == 2u {
         position = position.yzx;
     }
-    let cells = position * exp2(f32(volumes[volume].light_log));
+    let cells = position / volumes[volume].light_scale;
     let whole = floor(cells);
     let from_eye = job.origin + cells.x * job.axis_x + cells.y * job.axis_y + cells.z * job.axis_z;
     let cell = volumes[volume].light_origin + vec3<i32>(whole);

@@ -72,7 +72,7 @@ fn next_multiple(t: f32, factor: f32) -> f32 {
 fn interval_voxels(segment: Segment, volume: u32) -> f32 {
     var voxels = FAR;
     if HAS_OTHER_LIGHTS {
-        voxels = SAMPLES_OF_INTERVAL * exp2(f32(volumes[volume].light_log));
+        voxels = SAMPLES_OF_INTERVAL / volumes[volume].light_scale;
     }
     if HAS_OCCLUDERS {
         voxels = min(voxels, light_interval(segment, volume));

@@ -108,7 +108,7 @@ fn gather(@builtin(global_invocation_id) sample: vec3<u32>) {
         return;
     }
     let volume = view.volume_first + samples.volume;
-    let from_origin = vec3<f32>(sample << vec3(volumes[volume].light_log));
+    let from_origin = vec3<f32>(sample) / volumes[volume].light_scale;
     let from_eye = samples.origin
         + from_origin.x * samples.axis_x
         + from_origin.y * samples.axis_y

@@ -73,7 +73,7 @@ fn cached_lamp_light(point: vec3<f32>, lattice: u32, volume: u32, kind: u32) -> 
 // grid's box.
 fn lattice_point(volume: u32, cell: vec3<i32>, frac: vec3<f32>) -> vec3<f32> {
     let from_origin = vec3<f32>(cell - volumes[volume].light_origin) + frac;
-    return from_origin * exp2(-f32(volumes[volume].light_log));
+    return from_origin * volumes[volume].light_scale;
 }
 
 // Optical depth towards the sun in a slot at a point in a lattice.

@@ -53,7 +53,7 @@ pub(crate) struct Volume {
     pub node_max: [f32; 3],
     pub shadow_step: f32,
     pub light_origin: [i32; 3],
-    pub light_log: u32,
+    pub light_scale: f32,
     pub light_texel: [f32; 3],
     pub light_planes: u32,
     pub ramp: u32,
@@ -248,7 +248,7 @@ mod tests {
             density_scale, lattice_x, anisotropy, lattice_y, perceptual_roughness, lattice_z,
             metallic, base_color, reflectance, emissive, tiles_first, base, tiles_last, color_grids,
             background, temperature_scale, temperature_offset, box_min, flags, box_max, fog_step,
-            node_min, light_step, node_max, shadow_step, light_origin, light_log,
+            node_min, light_step, node_max, shadow_step, light_origin, light_scale,
             light_texel, light_planes, ramp, ramp_low, ramp_scale, ramp_emission, t_first, t_end,
             clip_planes, scattered);
         check(&module, "Volume", size_of::<Volume>(), &volume);

@@ -82,7 +82,7 @@ impl SunRays {
         let groups = groups.extend(runs);
         let fits = bytes <= MAX_BYTES && groups.max_element() <= MAX_GROUPS;
         let job = Job {
-            segment: (f64::from(1_u32 << layout.log) / steepness) as f32,
+            segment: (layout.spacing() / steepness) as f32,
             light: to_sun.to_array(),
             major: major as u32,
             is_reversed: u32::from(to_sun_in_cells[major] > 0.0),

@@ -125,7 +125,7 @@ impl LampLight {
 
 /// The distance between the samples of a fog, in world units.
 fn spacing(prepared: &PreparedView, i: usize, fog: &CachedFog) -> f64 {
-    f64::from(1_u32 << fog.layout.log) * cell_edge(&prepared.entries[i].lattice)
+    fog.layout.spacing() * cell_edge(&prepared.entries[i].lattice)
 }
 
 /// The distance from a point light at which its light begins to be interpolated in an isotropic fog, in

@@ -24,7 +24,7 @@ pub(super) struct Job {
     pub axis_x: [f32; 3],
     pub range: f32,
     pub axis_y: [f32; 3],
-    pub step: f32,
+    pub spacing: f32,
     pub axis_z: [f32; 3],
     pub is_lamp: u32,
     pub light: [f32; 3],

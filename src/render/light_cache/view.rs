@@ -181,7 +181,7 @@ impl LightCacheView {
             let volume = &mut prepared.volumes[*i];
             volume.light_origin = layout.origin.to_array();
             volume.light_planes = layout.samples.z;
-            volume.light_log = layout.log;
+            volume.light_scale = layout.spacing().recip() as f32;
             volume.fog_step = volume.fog_step.max(*step);
         }
         for (i, key) in &self.lattices {
@@ -287,7 +287,7 @@ fn new_job(prepared: &PreparedView, i: usize, place: Place, layout: CacheLayout)
         axis_x: array(axes.x_axis),
         axis_y: array(axes.y_axis),
         axis_z: array(axes.z_axis),
-        step: (1 << layout.log) as f32,
+        spacing: layout.spacing() as f32,
         place,
         ..default()
     }
@@ -302,7 +302,7 @@ fn sun_way(job: Job, prepared: &PreparedView, entry: &Entry, layout: CacheLayout
     let Some(rays) = rays.flatten() else { return Way::Samples(job) };
     let Job { origin, volume, axis_x, axis_y, axis_z, place, .. } = job;
     // Segments are few, so shorter steps cost little.
-    let step = (0.5 * job.step).max(1.0);
+    let step = (0.5 * job.spacing).max(1.0);
     let own = columns::Job { origin, volume, axis_x, axis_y, axis_z, step, place, ..rays.job };
     Way::Sun(SunRays { job: own, ..rays })
 }

@@ -223,7 +223,7 @@ fn plan_group(
         let numbers = [volume.density_scale, volume.anisotropy, r, g, b];
         numbers.map(f32::to_bits).hash(&mut hasher);
         // Where depths come from the light cache, they depend on its lattice.
-        (volume.flags, volume.light_origin, volume.light_log, volume.light_planes)
+        (volume.flags, volume.light_origin, volume.light_scale.to_bits(), volume.light_planes)
             .hash(&mut hasher);
     }
     for i in &group.fogs {

@@ -15,8 +15,11 @@ const MAX_SAMPLES: u32 = 2048;
 const MAX_BYTES: u64 = 128 << 20;
 /// Bytes of which lines are a multiple when they are copied to a texture.
 const LINE_BYTES: u64 = 256;
-/// log₂ of the largest spacing in cells: an edge of a leaf.
-const MAX_LOG: u32 = 3;
+/// log₂ of the smallest and the largest spacing in cells. The largest is an edge of a leaf.
+const MIN_LOG: i32 = -2;
+const MAX_LOG: i32 = 3;
+/// log₂ of the smallest spacing for pipelines that cannot light fog by rays. They draw only until others are compiled.
+const MIN_COARSE_LOG: i32 = 0;
 /// The shortest and the longest step of a ray, in voxels.
 const MIN_STEP: f64 = 0.25;
 const MAX_STEP: f64 = 16.0;
@@ -31,22 +34,27 @@ pub(crate) struct CacheLayout {
     /// Samples along each axis.
     pub samples: UVec3,
     /// log₂ of the cells between samples.
-    pub log: u32,
+    pub log: i32,
 }
 
 impl CacheLayout {
     /// The samples for the occupied cells of a grid at a spacing; `None` if they are too many.
-    fn new(occupied: CoordBox, log: u32) -> Option<Self> {
-        let shift = log + ALIGNMENT.ilog2();
-        let first = occupied.min >> shift as i32;
-        let last = occupied.max >> shift as i32;
+    fn new(occupied: CoordBox, log: i32) -> Option<Self> {
+        let shift = log + ALIGNMENT.ilog2() as i32;
+        let first = occupied.min >> shift;
+        let last = occupied.max >> shift;
         let blocks = last.checked_sub(first)?.as_uvec3() + 1;
         if blocks.max_element() >= MAX_SAMPLES / ALIGNMENT {
             return None;
         }
         let samples = blocks * ALIGNMENT + 1;
-        let layout = Self { origin: first << shift as i32, samples, log };
+        let layout = Self { origin: first << shift, samples, log };
         (layout.staging_bytes() <= MAX_BYTES).then_some(layout)
+    }
+
+    /// Cells between samples.
+    pub fn spacing(&self) -> f64 {
+        f64::from(self.log).exp2()
     }
 
     /// Words of a line of samples, which are 16-bit floats, in a buffer that is copied to a texture.
@@ -74,8 +82,8 @@ pub(crate) struct CachedFog {
 }
 
 impl CachedFog {
-    /// The samples that keep the radiance of a fog within a relative error or, if there are none,
-    /// the finest that fit. `None` if the fog is empty or too large. `shadow_step` is that of rays to lights, in
+    /// The samples that keep the radiance of a fog within a relative error or, if there are none that fit, the
+    /// finest of those at least a cell apart that do. `None` if the fog is empty or too large. `shadow_step` is that of rays to lights, in
     /// voxels.
     fn new(
         error: f32,
@@ -86,14 +94,15 @@ impl CachedFog {
         let occupied = lattice.occupied?;
         let detail = Detail::new(error, extinction, cell_edge(lattice), occupied);
         let wanted = detail.spacing_log();
+        let coarse = wanted.unwrap_or(MIN_COARSE_LOG).max(MIN_COARSE_LOG)..=MAX_LOG;
         let layout =
-            (wanted.unwrap_or(0)..=MAX_LOG).find_map(|log| CacheLayout::new(occupied, log))?;
+            wanted.into_iter().chain(coarse).find_map(|log| CacheLayout::new(occupied, log))?;
         Some(Self {
             layout,
             error,
             step: with_ramp(detail.step(layout.log), lattice.steepness),
             is_within_error: wanted == Some(layout.log)
-                || shadow_step >= RAY_STEP * (1_u32 << layout.log) as f32,
+                || f64::from(shadow_step) >= RAY_STEP * layout.spacing(),
         })
     }
 }
@@ -105,7 +114,7 @@ fn with_ramp(step: f32, steepness: f32) -> f32 {
 }
 
 /// From this many spacings per step of rays to lights, the cache is more accurate than these.
-const RAY_STEP: f32 = 2.0;
+const RAY_STEP: f64 = 2.0;
 /// Errors of spacings and of steps, for an optical depth of 1 per cell and a spacing or step of 1 cell in a fog one
 /// cell across: a little more than the largest that were measured in clouds.
 const SPACING_ERROR: f64 = 2.0;
@@ -144,15 +153,15 @@ impl Detail {
     /// It is of second order. For clouds of fractal noise, whose details are a fixed part of the whole, it is
     /// [`SPACING_ERROR`] times the optical depth per cell and the square of the spacing, divided by the cells across.
     /// `docs/internals/notebook.md` has the measurements.
-    fn spacing_error(&self, log: u32) -> f64 {
-        SPACING_ERROR * self.shadow_per_cell * f64::from(1_u32 << (2 * log)) / self.edge
+    fn spacing_error(&self, log: i32) -> f64 {
+        SPACING_ERROR * self.shadow_per_cell * f64::from(2 * log).exp2() / self.edge
     }
 
-    /// log₂ of the largest spacing of samples, in cells, that keeps the error; `None` if even a spacing
-    /// of one cell does not.
-    fn spacing_log(&self) -> Option<u32> {
+    /// log₂ of the largest spacing of samples, in cells, that keeps the error; `None` if even the smallest
+    /// spacing does not.
+    fn spacing_log(&self) -> Option<i32> {
         let permitted = SPACING_PART * f64::from(self.error);
-        (0..=MAX_LOG).rev().find(|log| self.spacing_error(*log) <= permitted)
+        (MIN_LOG..=MAX_LOG).rev().find(|log| self.spacing_error(*log) <= permitted)
     }
 
     /// Cells between samples of density along a ray that keep the error, given the spacing of the samples of light.
@@ -160,7 +169,7 @@ impl Detail {
     /// The error of both is the root of the sum of their squares. That of steps follows the same law as that of
     /// spacings, with [`STEP_ERROR`]. In thin fog, this law would permit steps that miss details. The size of details is
     /// a fixed part of the whole, so the step is at most a fixed part of the longest edge.
-    fn step(&self, log: u32) -> f32 {
+    fn step(&self, log: i32) -> f32 {
         let error = f64::from(self.error);
         // If no spacing keeps its part, steps are as short as if one just did.
         let spacing_error = self.spacing_error(log).min(SPACING_PART * error);
@@ -222,9 +231,16 @@ mod tests {
         let (log, step) = of(0.01, 0.1, 512.0);
         assert!(log == Some(2) && (6.3..6.4).contains(&step), "the spacing leaves more: {step}");
         let (log, step) = of(0.01, 0.5, 64.0);
-        assert!(log.is_none() && (0.87..0.88).contains(&step), "{log:?} {step}");
+        assert!(
+            log == Some(-1) && (0.98..0.99).contains(&step),
+            "less than a cell: {log:?} {step}"
+        );
+        let (log, step) = of(0.01, 5.0, 64.0);
+        assert!(log.is_none() && (0.27..0.28).contains(&step), "{log:?} {step}");
         assert_eq!(of(0.01, 0.03, 65.0), (Some(1), 1.0), "small grids have small details");
-        assert_eq!(of(0.01, 0.4, 64.0).0, None, "light fades within a cell");
+        assert_eq!(of(0.01, 0.26, 64.0).0, Some(-1));
+        assert_eq!(of(0.01, 1.1, 64.0).0, Some(-2));
+        assert_eq!(of(0.01, 4.2, 64.0).0, None, "light fades within a quarter of a cell");
         assert_eq!(of(1.0, 0.0, 1e6), (Some(MAX_LOG), MAX_STEP as f32));
         for bad in [f64::NAN, f64::INFINITY] {
             assert_eq!(of(0.01, bad, 64.0).0, None);
@@ -234,11 +250,12 @@ mod tests {
     #[test]
     fn all_cells_are_between_samples() {
         for (min, max) in [(IVec3::ZERO, IVec3::ZERO), (IVec3::new(-5, 31, 33), IVec3::splat(64))] {
-            for log in 0..=MAX_LOG {
+            for log in MIN_LOG..=MAX_LOG {
                 let layout = CacheLayout::new(CoordBox { min, max }, log).unwrap();
-                let size = (ALIGNMENT << log) as i32;
+                let size = (ALIGNMENT << (log - MIN_LOG)) as i32 >> -MIN_LOG;
                 assert!(layout.origin.cmple(min).all());
-                let end = layout.origin + (layout.samples.as_ivec3() - 1) * (1 << log);
+                let cells = (layout.samples - 1).as_dvec3() * layout.spacing();
+                let end = layout.origin + cells.as_ivec3();
                 assert!(end.cmpgt(max).all() && (end - size).cmple(max).all(), "{layout:?}");
             }
         }
@@ -253,7 +270,7 @@ mod tests {
     #[test]
     fn a_small_dense_fog_in_a_large_thin_one_leaves_it_in_the_cache() {
         let large = fog(IVec3::ZERO, IVec3::splat(512), 0.01);
-        let small = fog(IVec3::splat(240), IVec3::splat(256), 4.0);
+        let small = fog(IVec3::splat(240), IVec3::splat(256), 8.0);
         let of = |fogs: &[(types::Volume, Lattice)]| {
             let volumes: Vec<_> = fogs.iter().map(|fog| fog.0).collect();
             let lattices: Vec<_> = fogs.iter().map(|fog| &fog.1).collect();
@@ -275,7 +292,9 @@ mod tests {
             found.map(|fog| (fog.layout.log, fog.is_within_error))
         };
         assert_eq!(of(64, 0.03), Some((1, true)));
-        assert_eq!(of(64, 4.0), Some((0, false)), "too dense");
+        assert_eq!(of(64, 1.0), Some((-1, true)));
+        assert_eq!(of(64, 4.0), Some((-2, true)));
+        assert_eq!(of(64, 5.0), Some((0, false)), "too dense");
         assert_eq!(of(512, 4.0), Some((1, false)), "too dense, and too large for the finest");
         assert_eq!(of(4096, 0.001), None, "too large");
         assert_eq!(of(64, f32::INFINITY), Some((0, false)));
@@ -284,7 +303,7 @@ mod tests {
     #[test]
     fn rays_take_the_place_of_the_cache_only_if_they_are_finer() {
         let of = |edge, shadow_step| {
-            let (mut volume, lattice) = fog(IVec3::ZERO, IVec3::splat(edge), 4.0);
+            let (mut volume, lattice) = fog(IVec3::ZERO, IVec3::splat(edge), 5.0);
             volume.shadow_step = shadow_step;
             let found = find_cached_fogs(0.01, &[volume], &[&lattice])[0];
             found.map(|fog| (fog.layout.log, fog.is_within_error))
