@@ -42,8 +42,9 @@ fn lamps(scene: &mut Cloud) -> [Entity; 2] {
 #[gpu_test]
 #[ignore = "slow: its references are by rays"]
 fn lamps_are_within_the_error_that_is_asked_for() {
-    for name in ["lamps alone", "beside a sun", "a lamp within the cloud"] {
-        let mut scene = Cloud::new(1.0);
+    for name in ["lamps alone", "beside a sun", "a lamp within the cloud", "a dense cloud"] {
+        // At 0.01, samples in the dense cloud are half a voxel apart.
+        let mut scene = Cloud::new(if name == "a dense cloud" { 4.0 } else { 1.0 });
         if name == "a lamp within the cloud" {
             let lamp = PointLight { intensity: 1000.0, ..bulb() };
             scene.stage.world().spawn((lamp, Transform::from_xyz(0.5, 1.0, 2.0)));
@@ -70,7 +71,9 @@ fn lamps_are_within_the_error_that_is_asked_for() {
             let picture = scene.with(VdbQuality { fog_light_error: asked, ..VdbQuality::HIGH });
             picture.save(&format!("{name}, {asked}"));
             let report = scene.report().unwrap();
-            assert!(report.has("light cache") && !report.has("uncached lights"), "{report:?}");
+            assert!(report.has("light cache"), "{report:?}");
+            let uncached = ["uncached lights", "fogs beside the cache"];
+            assert!(!uncached.iter().any(|what| report.has(what)), "{report:?}");
             let found = error_where(&picture, &reference, |at| !near_lamp(at));
             println!("{name}: asked for {asked}, off by {found:.5}");
             // Around a lamp in the fog itself, depths have a kink, and light varies most.

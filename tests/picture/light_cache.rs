@@ -105,6 +105,9 @@ fn radiance_is_within_the_error_that_is_asked_for() {
             for asked in [0.03, 0.01] {
                 let picture = cloud.with(VdbQuality { fog_light_error: asked, ..VdbQuality::HIGH });
                 picture.save(&format!("light_cache_{density}_{asked}_{multiple_scattering}"));
+                let report = cloud.report().unwrap();
+                assert!(report.has("light cache"), "{report:?}");
+                assert!(!report.has("fogs beside the cache"), "{report:?}");
                 errors.push(error(&picture, &reference));
             }
             let what = format!("extinction {density}, multiple scattering: {multiple_scattering}");

@@ -184,7 +184,7 @@ fn fogs_that_do_not_fit_are_lit_by_rays() {
     });
     scene.with(quality);
     assert_eq!(uses(&mut scene), [true, false]);
-    let dense = VdbMaterial { density_scale: 30.0, ..default() };
+    let dense = VdbMaterial { density_scale: 1000.0, ..default() };
     scene.cloud(5, Transform::from_xyz(4.0, 0.0, 0.0).with_scale(Vec3::splat(0.3)), dense);
     scene.with(quality);
     assert_eq!(uses(&mut scene), [true, true]);

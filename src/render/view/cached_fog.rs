@@ -171,8 +171,11 @@ impl Detail {
     /// a fixed part of the whole, so the step is at most a fixed part of the longest edge.
     fn step(&self, log: i32) -> f32 {
         let error = f64::from(self.error);
-        // If no spacing keeps its part, steps are as short as if one just did.
-        let spacing_error = self.spacing_error(log).min(SPACING_PART * error);
+        // If no spacing keeps its part, steps are as short as if one just did. So they are below a cell: light in fog
+        // as dense as that fades within a step, and single scattering in a cloud of 0.4 per cell was off by 1.06 % at
+        // 1 % with what such a spacing would leave.
+        let limit = SPACING_PART * error;
+        let spacing_error = if log < 0 { limit } else { self.spacing_error(log).min(limit) };
         let left = (error * error - spacing_error * spacing_error).sqrt();
         let by_depth = (left * self.edge / (STEP_ERROR * self.depth_per_cell)).sqrt();
         let by_size = self.edge / STEPS * (error / 0.01).sqrt();
@@ -232,7 +235,7 @@ mod tests {
         assert!(log == Some(2) && (6.3..6.4).contains(&step), "the spacing leaves more: {step}");
         let (log, step) = of(0.01, 0.5, 64.0);
         assert!(
-            log == Some(-1) && (0.98..0.99).contains(&step),
+            log == Some(-1) && (0.87..0.88).contains(&step),
             "less than a cell: {log:?} {step}"
         );
         let (log, step) = of(0.01, 5.0, 64.0);

@@ -19,8 +19,8 @@ pub(crate) struct Lattice {
     pub steepness: f32,
     /// Identifies the ramp of a fog.
     pub ramp: Option<u64>,
-    /// Identifies the custom material and its parameters.
-    pub material: Option<u64>,
+    /// The custom material.
+    pub material: Option<MaterialRow>,
     /// Identifies what cuts the volume; 0 if nothing does.
     pub clip: u64,
     /// Identifies the voxels of the grids that colour the volume; 0 without.
@@ -74,7 +74,7 @@ impl Lattice {
 
     /// With the custom material, which only makes a fog thinner.
     pub fn with_material(self, row: Option<MaterialRow>) -> Self {
-        Self { material: row.map(|row| row.content), ..self }
+        Self { material: row, ..self }
     }
 
     /// With the planes that cut the volume.
