@@ -83,8 +83,8 @@ pub(crate) struct CachedFog {
 
 impl CachedFog {
     /// The samples that keep the radiance of a fog within a relative error or, if there are none that fit, the
-    /// finest of those at least a cell apart that do. `None` if the fog is empty or too large. `shadow_step` is that of rays to lights, in
-    /// voxels.
+    /// finest of those at least a cell apart that do. `None` if the fog is empty or too large. `shadow_step` is
+    /// that of rays to lights, in voxels.
     fn new(
         error: f32,
         extinction: Extinction,
@@ -171,9 +171,9 @@ impl Detail {
     /// a fixed part of the whole, so the step is at most a fixed part of the longest edge.
     fn step(&self, log: i32) -> f32 {
         let error = f64::from(self.error);
-        // If no spacing keeps its part, steps are as short as if one just did. So they are below a cell: light in fog
-        // as dense as that fades within a step, and single scattering in a cloud of 0.4 per cell was off by 1.06 % at
-        // 1 % with what such a spacing would leave.
+        // If no spacing keeps its part, steps are as short as if one just did. So they are with spacings below a cell:
+        // fog that needs them is so dense that light fades within a step. With all that such a spacing leaves, single
+        // scattering in a cloud of 0.4 per cell was off by 1.06 % where 1 % was asked for.
         let limit = SPACING_PART * error;
         let spacing_error = if log < 0 { limit } else { self.spacing_error(log).min(limit) };
         let left = (error * error - spacing_error * spacing_error).sqrt();
