@@ -248,9 +248,10 @@ impl Stage {
         }
     }
 
-    /// Updates without time until this many frames of a player are in memory.
+    /// Updates without time until at least this many frames of a player are in memory: several may arrive in one
+    /// update.
     pub fn until_loaded(&mut self, player: Entity, count: usize) {
-        self.until("the frames", |stage| stage.status(player).loaded().len() == count);
+        self.until("the frames", |stage| stage.status(player).loaded().len() >= count);
     }
 
     /// The frames that are shown in updates after equal steps of time; the first before any.
